@@ -578,3 +578,3730 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 #endif /* SBL_INCLUDED */
 
 /* Stop here if you only want to use it: all that follows is the implementation. */
+
+#ifdef SBL_IMPLEMENTATION
+#ifndef SBL_IMPLEMENTATION_INCLUDED
+#define SBL_IMPLEMENTATION_INCLUDED
+
+/* The rooms, in the order of execution; each calls only rooms above it. Search for the tag:
+
+       >>shaders  the GLSL of shaders_embedded/        >>gather   points -> light, with rasterised views
+       >>base     config, log, memory, math            >>refine   which points get sensors; interpolation
+       >>gl       loader, state guard, objects         >>filter   smoothing of R
+       >>scene    meshes, materials, textures -> GPU   >>resolve  composition, anti-aliasing, readback
+       >>surface  the camera's G-buffer                >>picture  the stages in steps
+       >>sensors  frames, views, weights               >>public   the functions declared above               */
+
+#include <float.h>
+#include <limits.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#ifdef _WIN32
+  /* declared here so that windows.h stays out of the host's file */
+  #ifdef __cplusplus
+  extern "C" {
+  #endif
+  __declspec(dllimport) int __stdcall QueryPerformanceCounter(void *count);
+  __declspec(dllimport) int __stdcall QueryPerformanceFrequency(void *frequency);
+  #ifdef __cplusplus
+  }
+  #endif
+#else
+  #include <sys/time.h>
+#endif
+#ifdef SBL_EGL
+  #include <EGL/egl.h>
+  #include <EGL/eglext.h>
+#endif
+
+/* >>shaders: made by scripts/embed_shaders from shaders_embedded, do not edit here */
+static const char *const sbl__glsl_belongs[] = {
+    "// How far two surface points of one id belong together, 0 to 1: by their normals and by how far each lies off the other's plane.\n",
+    "// sbl__belongs in sbl.h is the same for the CPU.\n",
+    "float sbl_belongs(vec3 p, vec3 n, vec3 q, vec3 m) {\n",
+    "    float turn = clamp((dot(n, m) - 0.8) / 0.2, 0.0, 1.0);\n",
+    "    vec3 d = q - p;\n",
+    "    float off = max(abs(dot(d, n)), abs(dot(d, m))), apart = length(d);\n",
+    "    return turn * turn * clamp(2.0 - 8.0 * off / max(apart, 1e-30), 0.0, 1.0);\n",
+    "}\n",
+    0 };
+static const char *const sbl__glsl_copy[] = {
+    "// Reads a host's texture as sampling it gives it: sRGB decoded, swizzled.\n",
+    "uniform sampler2D source;\n",
+    "layout(location = 0) out vec4 out_color;\n",
+    "\n",
+    "void main() { out_color = texelFetch(source, ivec2(gl_FragCoord.xy), 0); }\n",
+    0 };
+static const char *const sbl__glsl_filter[] = {
+    "// The Gaussian of section III-H: over pixels of the same id, its weights renormalised to one.\n",
+    "// Outside paper mode a pixel also counts the less the more its normal and its plane differ.\n",
+    "uniform sampler2D radiance;  // R; a: 1 where there is a surface\n",
+    "uniform sampler2D positions, normals;\n",
+    "uniform usampler2D ids;\n",
+    "uniform int radius;\n",
+    "uniform float falloff;       // 1 / (2 sigma^2), sigma in pixels\n",
+    "uniform int geometry_aware;\n",
+    "layout(location = 0) out vec4 out_radiance;\n",
+    "\n",
+    "void main() {\n",
+    "    ivec2 at = ivec2(gl_FragCoord.xy), size = textureSize(radiance, 0);\n",
+    "    uint id = texelFetch(ids, at, 0).x;\n",
+    "    out_radiance = vec4(0);\n",
+    "    if (id == 0u) return;\n",
+    "    vec3 p = texelFetch(positions, at, 0).xyz, n = texelFetch(normals, at, 0).xyz;\n",
+    "    vec4 sum = vec4(0);\n",
+    "    for (int y = max(-radius, -at.y); y <= min(radius, size.y - 1 - at.y); y++)\n",
+    "        for (int x = max(-radius, -at.x); x <= min(radius, size.x - 1 - at.x); x++) {\n",
+    "            ivec2 there = at + ivec2(x, y);\n",
+    "            if (texelFetch(ids, there, 0).x != id) continue;\n",
+    "            float weight = exp(-falloff * float(x * x + y * y));\n",
+    "            if (geometry_aware != 0 && (x != 0 || y != 0))\n",
+    "                weight *= sbl_belongs(p, n, texelFetch(positions, there, 0).xyz, texelFetch(normals, there, 0).xyz);\n",
+    "            sum += weight * vec4(texelFetch(radiance, there, 0).rgb, 1);\n",
+    "        }\n",
+    "    out_radiance = vec4(sum.rgb / sum.a, 1);\n",
+    "}\n",
+    0 };
+static const char *const sbl__glsl_fullscreen_vertex[] = {
+    "// One triangle that covers the viewport; drawn with three vertices and no buffers.\n",
+    "void main() { gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0, 1); }\n",
+    0 };
+static const char *const sbl__glsl_gbuffer_fragment[] = {
+    "uniform vec3 origin_0, origin_x, origin_y;           // a pixel's ray, affine in its position\n",
+    "uniform vec3 direction_0, direction_x, direction_y;\n",
+    "uniform vec2 depth_from_w;                           // depth = x * gl_FragCoord.w + y, where the driver has no clip control\n",
+    "layout(location = 0) out vec4 out_position;\n",
+    "layout(location = 1) out vec4 out_normal;\n",
+    "layout(location = 2) out vec4 out_geometric_normal;\n",
+    "layout(location = 3) out vec4 out_albedo;\n",
+    "layout(location = 4) out vec4 out_emission;\n",
+    "layout(location = 5) out uint out_id;\n",
+    "\n",
+    "void main() {\n",
+    "    vec2 at = gl_FragCoord.xy;\n",
+    "    sbl_Surface s = sbl_surface(gl_PrimitiveID, origin_0 + at.x * origin_x + at.y * origin_y, direction_0 + at.x * direction_x + at.y * direction_y);\n",
+    "    if (s.albedo.a == 0.0) discard;\n",
+    "    out_position = vec4(s.position, 0);\n",
+    "    out_normal = vec4(s.normal, 0);\n",
+    "    out_geometric_normal = vec4(s.geometric_normal, 0);\n",
+    "    out_albedo = vec4(s.albedo.rgb, 1);\n",
+    "    out_emission = vec4(s.emission, 0);\n",
+    "    out_id = s.id;\n",
+    "#ifdef SBL_WRITE_DEPTH\n",
+    "    gl_FragDepth = depth_from_w.x > 0.0 ? depth_from_w.x * gl_FragCoord.w : 2.0 * gl_FragCoord.z - 1.0;\n",
+    "#endif\n",
+    "}\n",
+    0 };
+static const char *const sbl__glsl_gbuffer_vertex[] = {
+    "// The camera's view of the scene. Depth is reversed: 1 at the near end, 0 at infinity.\n",
+    "layout(location = 0) in vec3 position;\n",
+    "layout(location = 1) in uint object;\n",
+    "uniform vec3 eye;\n",
+    "uniform vec4 clip_x, clip_y, clip_z, clip_w;  // rows of world to clip, the world taken relative to the eye\n",
+    "\n",
+    "void main() {\n",
+    "    vec4 p = vec4(position - eye, 1);\n",
+    "    gl_Position = vec4(dot(clip_x, p), dot(clip_y, p), dot(clip_z, p), dot(clip_w, p));\n",
+    "    if ((sbl_object(object, 1).w & SBL_HIDDEN_FROM_CAMERA) != 0u) gl_Position = vec4(2, 2, 2, 1);\n",
+    "}\n",
+    0 };
+static const char *const sbl__glsl_reduce_blocks[] = {
+    "// First half of a sensor's sum: every output texel adds up one block of the atlas.\n",
+    "uniform sampler2D atlas;    // Ck r g b, signed distance\n",
+    "uniform sampler2D weights;  // of one sheet: the texel's projected solid angle over pi, its ray's length at unit distance\n",
+    "uniform int block;          // texels across a block\n",
+    "uniform ivec2 blocks;       // of one sheet\n",
+    "layout(location = 0) out vec4 out_sum;   // sum of weight * Ck; weight that sees back faces\n",
+    "layout(location = 1) out vec4 out_hits;  // weight that sees surfaces; weight * distance; nearest distance\n",
+    "\n",
+    "void main() {\n",
+    "    ivec2 at = ivec2(gl_FragCoord.xy), corner = at * block, sheet_corner = (at % blocks) * block;\n",
+    "    vec4 sum = vec4(0), hits = vec4(0, 0, 1e30, 0);\n",
+    "    for (int y = 0; y < block; y++) {\n",
+    "        vec3 row = vec3(0);\n",
+    "        float back = 0.0;\n",
+    "        for (int x = 0; x < block; x++) {\n",
+    "            vec4 texel = texelFetch(atlas, corner + ivec2(x, y), 0);\n",
+    "            vec2 weight = texelFetch(weights, sheet_corner + ivec2(x, y), 0).xy;\n",
+    "            row += weight.x * texel.rgb;\n",
+    "            float seen = weight.x > 0.0 && texel.a != 0.0 ? weight.x : 0.0;\n",
+    "            float distance = abs(texel.a) * weight.y;\n",
+    "            back += texel.a < 0.0 ? seen : 0.0;\n",
+    "            hits.x += seen;\n",
+    "            hits.y += seen * min(distance, 1e30);\n",
+    "            hits.z = seen > 0.0 ? min(hits.z, distance) : hits.z;\n",
+    "        }\n",
+    "        sum += vec4(row, back);\n",
+    "    }\n",
+    "    out_sum = sum;\n",
+    "    out_hits = hits;\n",
+    "}\n",
+    0 };
+static const char *const sbl__glsl_reduce_sum[] = {
+    "// Second half: every output texel adds up the blocks of one sensor and is its result.\n",
+    "uniform sampler2D block_sums, block_hits;\n",
+    "uniform ivec2 blocks;  // of one sheet\n",
+    "uniform int columns;   // sheets across the atlas\n",
+    "uniform int slots;     // sheets in the atlas\n",
+    "uniform int width;     // of the results' texture\n",
+    "uniform int first, last;\n",
+    "layout(location = 0) out vec4 out_sum;\n",
+    "layout(location = 1) out vec4 out_hits;\n",
+    "\n",
+    "void main() {\n",
+    "    int sensor = int(gl_FragCoord.y) * width + int(gl_FragCoord.x);\n",
+    "    if (sensor < first || sensor > last) discard;\n",
+    "    int slot = sensor % slots;\n",
+    "    ivec2 corner = ivec2(slot % columns, slot / columns) * blocks;\n",
+    "    vec4 sum = vec4(0), hits = vec4(0, 0, 1e30, 0);\n",
+    "    for (int y = 0; y < blocks.y; y++) {\n",
+    "        vec4 row = vec4(0), row_hits = vec4(0);\n",
+    "        for (int x = 0; x < blocks.x; x++) {\n",
+    "            row += texelFetch(block_sums, corner + ivec2(x, y), 0);\n",
+    "            vec4 h = texelFetch(block_hits, corner + ivec2(x, y), 0);\n",
+    "            row_hits.xy += h.xy;\n",
+    "            hits.z = min(hits.z, h.z);\n",
+    "        }\n",
+    "        sum += row;\n",
+    "        hits.xy += row_hits.xy;\n",
+    "    }\n",
+    "    out_sum = sum;\n",
+    "    out_hits = hits;\n",
+    "}\n",
+    0 };
+static const char *const sbl__glsl_resolve[] = {
+    "// Composition (section III-H) of one anti-aliasing sample of every pixel: emission + albedo * R. The sample has its own G-buffer;\n",
+    "// R is looked up among the nearest pixel centres that show the same surface, so that light never bleeds over an edge.\n",
+    "uniform sampler2D radiance;                 // R at pixel centres\n",
+    "uniform sampler2D positions, normals;       // at pixel centres\n",
+    "uniform usampler2D ids;\n",
+    "uniform sampler2D sample_positions, sample_normals, sample_albedo, sample_emission;\n",
+    "uniform usampler2D sample_ids;\n",
+    "uniform vec2 offset;                        // of the sample from the pixel's centre, pixels\n",
+    "uniform vec3 sky;\n",
+    "uniform sampler2D previous;                 // what the samples before this one gave\n",
+    "uniform float first, share;               // first: 0 for the first sample, else 1; share: 1 / samples\n",
+    "layout(location = 0) out vec4 out_color;\n",
+    "\n",
+    "void main() {\n",
+    "    ivec2 at = ivec2(gl_FragCoord.xy), size = textureSize(radiance, 0);\n",
+    "    uint id = texelFetch(sample_ids, at, 0).x;\n",
+    "    vec4 before = first == 0.0 ? vec4(0) : texelFetch(previous, at, 0);\n",
+    "    if (id == 0u) { out_color = before + share * vec4(sky, 1); return; }\n",
+    "    vec3 p = texelFetch(sample_positions, at, 0).xyz, n = texelFetch(sample_normals, at, 0).xyz;\n",
+    "    vec3 light = vec3(0);\n",
+    "    if (offset == vec2(0)) light = texelFetch(radiance, at, 0).rgb;\n",
+    "    else {\n",
+    "        vec4 near = vec4(0), far = vec4(0), any = vec4(0);\n",
+    "        for (int y = -2; y <= 2; y++)\n",
+    "            for (int x = -2; x <= 2; x++) {\n",
+    "                ivec2 there = clamp(at + ivec2(x, y), ivec2(0), size - 1);\n",
+    "                uint there_id = texelFetch(ids, there, 0).x;\n",
+    "                if (there_id == 0u) continue;\n",
+    "                vec3 q = texelFetch(positions, there, 0).xyz, m = texelFetch(normals, there, 0).xyz;\n",
+    "                vec4 r = vec4(texelFetch(radiance, there, 0).rgb, 1);\n",
+    "                vec2 d = abs(vec2(x, y) - offset);\n",
+    "                float tent = max(0.0, 1.0 - d.x) * max(0.0, 1.0 - d.y), reach = exp(-dot(d, d));\n",
+    "                float belongs = there_id == id ? sbl_belongs(p, n, q, m) : 0.0;\n",
+    "                near += r * tent * belongs;\n",
+    "                far += r * reach * (belongs + (there_id == id ? 1e-3 : 0.0));\n",
+    "                any += r * reach * (0.01 + max(0.0, dot(n, m)));\n",
+    "            }\n",
+    "        if (near.a > 0.05) light = near.rgb / near.a;\n",
+    "        else if (far.a > 0.0) light = far.rgb / far.a;\n",
+    "        else if (any.a > 0.0) light = any.rgb / any.a;\n",
+    "    }\n",
+    "    out_color = before + share * vec4(texelFetch(sample_emission, at, 0).rgb + texelFetch(sample_albedo, at, 0).rgb * light, 1);\n",
+    "}\n",
+    0 };
+static const char *const sbl__glsl_scene[] = {
+    "// The scene as a shader sees it: triangles, objects and texels, all read by number.\n",
+    "// One object record per mesh (see sbl__object_record in sbl.h):\n",
+    "//   0  albedo r g b, alpha cutoff      floats as bits\n",
+    "//   1  emission r g b                  floats as bits;  flags\n",
+    "//   2  albedo texture:   first row in the texel store, width, height, kind (0 none, 1 8-bit sRGB, 2 16-bit float, +4 clamps)\n",
+    "//   3  emission texture: likewise\n",
+    "//   4  id, 0, 0, 0\n",
+    "uniform usamplerBuffer sbl_objects;\n",
+    "uniform sampler2D sbl_texels_srgb;   // all 8-bit sRGB textures, each starting on a row of its own, texel n of a texture at n % width, n / width\n",
+    "uniform sampler2D sbl_texels_float;  // all others\n",
+    "\n",
+    "const int SBL_OBJECT_TEXELS = 5;\n",
+    "const uint SBL_ONE_SIDED_EMISSION = 1u;\n",
+    "const uint SBL_HIDDEN_FROM_CAMERA = 2u;\n",
+    "const uint SBL_HIDDEN_FROM_SENSORS = 4u;\n",
+    "\n",
+    "uvec4 sbl_object(uint object, int field) { return texelFetch(sbl_objects, int(object) * SBL_OBJECT_TEXELS + field); }\n",
+    "\n",
+    "vec4 sbl_texel(uvec4 texture_record, ivec2 at) {\n",
+    "    ivec2 size = ivec2(texture_record.yz);\n",
+    "    at = (texture_record.w & 4u) != 0u ? clamp(at, ivec2(0), size - 1) : at - size * ivec2(floor(vec2(at) / vec2(size)));\n",
+    "    at = clamp(at, ivec2(0), size - 1);  // the division above may round up for far repeats\n",
+    "    int index = at.y * size.x + at.x;\n",
+    "    if ((texture_record.w & 3u) == 1u) {\n",
+    "        int width = textureSize(sbl_texels_srgb, 0).x;\n",
+    "        return texelFetch(sbl_texels_srgb, ivec2(index % width, int(texture_record.x) + index / width), 0);\n",
+    "    }\n",
+    "    int width = textureSize(sbl_texels_float, 0).x;\n",
+    "    return texelFetch(sbl_texels_float, ivec2(index % width, int(texture_record.x) + index / width), 0);\n",
+    "}\n",
+    "\n",
+    "// Bilinear, decoded before it is filtered; (0, 0) is the first texel's outer corner.\n",
+    "vec4 sbl_texture(uvec4 texture_record, vec2 uv) {\n",
+    "    if (texture_record.w == 0u) return vec4(1);\n",
+    "    if ((texture_record.w & 4u) == 0u) uv -= floor(uv);\n",
+    "    vec2 at = uv * vec2(texture_record.yz) - 0.5, corner = floor(at), f = at - corner;\n",
+    "    ivec2 c = ivec2(clamp(corner, vec2(-1e9), vec2(1e9)));\n",
+    "    return mix(mix(sbl_texel(texture_record, c), sbl_texel(texture_record, c + ivec2(1, 0)), f.x),\n",
+    "               mix(sbl_texel(texture_record, c + ivec2(0, 1)), sbl_texel(texture_record, c + ivec2(1, 1)), f.x), f.y);\n",
+    "}\n",
+    0 };
+static const char *const sbl__glsl_sensor_fragment[] = {
+    "// What a sensor's texel holds: Ck, and the distance along the view axis, negative where a back face is seen.\n",
+    "layout(location = 0) out vec4 out_radiance;\n",
+    "#ifdef SBL_TEXTURED\n",
+    "uniform float epsilon, radiance_scale;\n",
+    "flat in uint fragment_object;\n",
+    "in vec2 fragment_uv;\n",
+    "in vec4 fragment_color;\n",
+    "#else\n",
+    "flat in vec3 radiance_front, radiance_back;\n",
+    "#endif\n",
+    "#ifdef SBL_WRITE_DEPTH\n",
+    "uniform float depth_scale;\n",
+    "#endif\n",
+    "\n",
+    "void main() {\n",
+    "#ifdef SBL_TEXTURED\n",
+    "    uvec4 material = sbl_object(fragment_object, 0), light = sbl_object(fragment_object, 1);\n",
+    "    vec3 emission = uintBitsToFloat(light.rgb);\n",
+    "    bool emits = max(max(emission.r, emission.g), emission.b) > 0.0;\n",
+    "    if (emits && !gl_FrontFacing && (light.w & SBL_ONE_SIDED_EMISSION) != 0u) emits = false;\n",
+    "    vec3 radiance = vec3(0);\n",
+    "    float cutoff = uintBitsToFloat(material.w);\n",
+    "    if (cutoff > 0.0 || (!emits && epsilon > 0.0)) {\n",
+    "        vec4 albedo = fragment_color * sbl_texture(sbl_object(fragment_object, 2), fragment_uv);\n",
+    "        if (albedo.a < cutoff) discard;\n",
+    "        radiance = epsilon * uintBitsToFloat(material.rgb) * albedo.rgb;\n",
+    "    }\n",
+    "    if (emits) radiance = emission * sbl_texture(sbl_object(fragment_object, 3), fragment_uv).rgb;\n",
+    "    radiance *= radiance_scale;\n",
+    "#else\n",
+    "    vec3 radiance = gl_FrontFacing ? radiance_front : radiance_back;\n",
+    "#endif\n",
+    "    out_radiance = vec4(radiance, gl_FrontFacing ? 1.0 / gl_FragCoord.w : -1.0 / gl_FragCoord.w);\n",
+    "#ifdef SBL_WRITE_DEPTH\n",
+    "    gl_FragDepth = depth_scale * gl_FragCoord.w;\n",
+    "#endif\n",
+    "}\n",
+    0 };
+static const char *const sbl__glsl_sensor_vertex[] = {
+    "// Draws the scene into many sensors' views at once: an instance is one view, cut to its rectangle of the atlas by four planes.\n",
+    "layout(location = 0) in vec3 position;\n",
+    "layout(location = 1) in uint object;\n",
+    "layout(location = 4) in vec3 view_eye;\n",
+    "layout(location = 5) in vec4 view_right;    // right over half the view's width at unit distance;  scale of x in the atlas\n",
+    "layout(location = 6) in vec4 view_up;       // up over half its height;                            scale of y\n",
+    "layout(location = 7) in vec4 view_forward;  // forward;                                            lowest y: -1, or 0 where the horizon cuts the view\n",
+    "layout(location = 8) in vec2 view_offset;   // of the rectangle in the atlas\n",
+    "uniform float per_length;                   // 1 / extent of the scene\n",
+    "uniform float depth_scale;                  // depth is depth_scale / distance: reversed, without a far plane\n",
+    "#ifdef SBL_TEXTURED\n",
+    "layout(location = 2) in vec2 vertex_uv;\n",
+    "layout(location = 3) in vec4 vertex_color;\n",
+    "flat out uint fragment_object;\n",
+    "out vec2 fragment_uv;\n",
+    "out vec4 fragment_color;\n",
+    "#else\n",
+    "uniform float epsilon, radiance_scale;\n",
+    "flat out vec3 radiance_front, radiance_back;\n",
+    "#endif\n",
+    "\n",
+    "void main() {\n",
+    "    uvec4 light = sbl_object(object, 1);\n",
+    "#ifdef SBL_TEXTURED\n",
+    "    fragment_object = object;\n",
+    "    fragment_uv = vertex_uv;\n",
+    "    fragment_color = vertex_color;\n",
+    "#else\n",
+    "    // Ck of equations 1 and 2: a light's radiance, or the ambient factor times the colour\n",
+    "    vec3 emission = uintBitsToFloat(light.rgb);\n",
+    "    vec3 ambient = epsilon * uintBitsToFloat(sbl_object(object, 0).rgb);\n",
+    "    radiance_front = radiance_scale * (max(max(emission.r, emission.g), emission.b) > 0.0 ? emission : ambient);\n",
+    "    radiance_back = (light.w & SBL_ONE_SIDED_EMISSION) != 0u ? radiance_scale * ambient : radiance_front;\n",
+    "#endif\n",
+    "    vec3 p = (position - view_eye) * per_length;\n",
+    "    float x = dot(view_right.xyz, p), y = dot(view_up.xyz, p), w = dot(view_forward.xyz, p);\n",
+    "    gl_Position = vec4(x * view_right.w + w * view_offset.x, y * view_up.w + w * view_offset.y, depth_scale, w);\n",
+    "    gl_ClipDistance[0] = w + x;\n",
+    "    gl_ClipDistance[1] = w - x;\n",
+    "    gl_ClipDistance[2] = y - w * view_forward.w;\n",
+    "    gl_ClipDistance[3] = w - y;\n",
+    "    if ((light.w & SBL_HIDDEN_FROM_SENSORS) != 0u) gl_ClipDistance[0] = -1.0;\n",
+    "}\n",
+    0 };
+static const char *const sbl__glsl_surface[] = {
+    "// From a triangle's number and a ray to the surface point. Exact where rasterised attributes are not: a point interpolated across a\n",
+    "// large clipped triangle strays off its plane, and a sensor standing there would see its own surface.\n",
+    "uniform usamplerBuffer sbl_positions;   // a vertex: x y z as float bits, object\n",
+    "uniform usamplerBuffer sbl_attributes;  // a vertex, two texels: normal x y z, u | v, colour r g (16 bits each), colour b a, 0\n",
+    "uniform usamplerBuffer sbl_indices;     // three a triangle\n",
+    "\n",
+    "struct sbl_Surface {\n",
+    "    vec3 position, normal, geometric_normal;  // normals point against the ray\n",
+    "    vec4 albedo;                              // a: 0 where the cutout leaves nothing\n",
+    "    vec3 emission;\n",
+    "    uint id, flags;\n",
+    "};\n",
+    "\n",
+    "sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {\n",
+    "    ivec3 v = ivec3(int(texelFetch(sbl_indices, 3 * triangle).x), int(texelFetch(sbl_indices, 3 * triangle + 1).x),\n",
+    "                    int(texelFetch(sbl_indices, 3 * triangle + 2).x));\n",
+    "    uvec4 record = texelFetch(sbl_positions, v.x);\n",
+    "    vec3 p0 = uintBitsToFloat(record.xyz);\n",
+    "    vec3 e1 = uintBitsToFloat(texelFetch(sbl_positions, v.y).xyz) - p0;\n",
+    "    vec3 e2 = uintBitsToFloat(texelFetch(sbl_positions, v.z).xyz) - p0;\n",
+    "\n",
+    "    // Barycentrics of the ray's hit by Cramer's rule (Moeller and Trumbore 1997), kept inside the triangle.\n",
+    "    // The cross product is scaled to the edges' size first, so that small triangles do not underflow.\n",
+    "    float size = max(max(max(abs(e1.x), abs(e1.y)), abs(e1.z)), max(max(abs(e2.x), abs(e2.y)), abs(e2.z)));\n",
+    "    vec3 s1 = e1 / size, s2 = e2 / size;\n",
+    "    vec3 t = (origin - p0) / size, q = cross(t, s1), h = cross(direction, s2);\n",
+    "    float determinant = dot(s1, h);\n",
+    "    float b1 = clamp(dot(t, h) / determinant, 0.0, 1.0);\n",
+    "    float b2 = clamp(dot(direction, q) / determinant, 0.0, 1.0 - b1);\n",
+    "    if (!(abs(determinant) > 0.0)) { b1 = 1.0 / 3.0; b2 = 1.0 / 3.0; }\n",
+    "    float b0 = 1.0 - b1 - b2;\n",
+    "\n",
+    "    sbl_Surface s;\n",
+    "    s.position = p0 + (b1 * e1 + b2 * e2);\n",
+    "    vec3 face = normalize(cross(s1, s2));\n",
+    "    bool back = dot(face, direction) > 0.0;\n",
+    "    s.geometric_normal = back ? -face : face;\n",
+    "\n",
+    "    uvec4 n0 = texelFetch(sbl_attributes, 2 * v.x), n1 = texelFetch(sbl_attributes, 2 * v.y), n2 = texelFetch(sbl_attributes, 2 * v.z);\n",
+    "    uvec4 c0 = texelFetch(sbl_attributes, 2 * v.x + 1), c1 = texelFetch(sbl_attributes, 2 * v.y + 1), c2 = texelFetch(sbl_attributes, 2 * v.z + 1);\n",
+    "    vec3 normal = b0 * uintBitsToFloat(n0.xyz) + b1 * uintBitsToFloat(n1.xyz) + b2 * uintBitsToFloat(n2.xyz);\n",
+    "    float length2 = dot(normal, normal);\n",
+    "    normal = length2 > 1e-12 ? normal * inversesqrt(length2) : face;\n",
+    "    normal = dot(normal, s.geometric_normal) < 0.0 ? -normal : normal;\n",
+    "    // A shading normal that turns away from the viewer would aim the sensor at the surface itself: bend it back to grazing.\n",
+    "    float grazing = dot(normal, normalize(direction));\n",
+    "    if (grazing > -0.01) normal = normalize(normal - (grazing + 0.01) * normalize(direction));\n",
+    "    s.normal = normal;\n",
+    "\n",
+    "    vec2 uv = b0 * uintBitsToFloat(uvec2(n0.w, c0.x)) + b1 * uintBitsToFloat(uvec2(n1.w, c1.x)) + b2 * uintBitsToFloat(uvec2(n2.w, c2.x));\n",
+    "    vec4 color = b0 * vec4(c0.y & 65535u, c0.y >> 16, c0.z & 65535u, c0.z >> 16) +\n",
+    "                 b1 * vec4(c1.y & 65535u, c1.y >> 16, c1.z & 65535u, c1.z >> 16) +\n",
+    "                 b2 * vec4(c2.y & 65535u, c2.y >> 16, c2.z & 65535u, c2.z >> 16);\n",
+    "\n",
+    "    uvec4 material = sbl_object(record.w, 0), light = sbl_object(record.w, 1);\n",
+    "    s.albedo = color / 65535.0 * sbl_texture(sbl_object(record.w, 2), uv);\n",
+    "    s.albedo = vec4(s.albedo.rgb * uintBitsToFloat(material.rgb), s.albedo.a < uintBitsToFloat(material.w) ? 0.0 : 1.0);\n",
+    "    s.emission = uintBitsToFloat(light.rgb) * sbl_texture(sbl_object(record.w, 3), uv).rgb;\n",
+    "    if (back && (light.w & SBL_ONE_SIDED_EMISSION) != 0u) s.emission = vec3(0);\n",
+    "    s.id = sbl_object(record.w, 4).x;\n",
+    "    s.flags = light.w;\n",
+    "    return s;\n",
+    "}\n",
+    0 };
+/* <<shaders */
+
+/* ======================================================================================================== >>base
+   Config, log, memory, math. */
+
+#define SBL__CANARY_OK(desc) ((desc)->start_canary == 0 && (desc)->end_canary == 0)
+#define SBL__COUNT(array) ((int)(sizeof(array) / sizeof((array)[0])))
+
+static double sbl__now(void) {
+#ifdef _WIN32
+    int64_t count, frequency;
+    QueryPerformanceCounter(&count);
+    QueryPerformanceFrequency(&frequency);
+    return (double)count / (double)frequency;
+#else
+    struct timeval t;
+    gettimeofday(&t, NULL);
+    return (double)t.tv_sec + 1e-6 * (double)t.tv_usec;
+#endif
+}
+
+typedef struct sbl__base {  /* what every room needs of the context */
+    sbl_allocator allocator;
+    sbl_logger logger;
+    sbl_memory memory;
+} sbl__base;
+
+static void sbl__log(const sbl__base *base, sbl_log_level level, sbl_log_item item, const char *format, ...) {
+    char text[512];
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(text, sizeof text, format, arguments);
+    va_end(arguments);
+    if (base->logger.log) base->logger.log(level, item, text, base->logger.user);
+}
+
+static void sbl__default_log(sbl_log_level level, sbl_log_item item, const char *message, void *user) {
+    (void)item; (void)user;
+#ifndef SBL_NO_STDIO
+    if (level <= SBL_LOG_WARNING) fprintf(stderr, "sbl: %s: %s\n", level == SBL_LOG_ERROR ? "error" : "warning", message);
+#else
+    (void)level; (void)message;
+#endif
+}
+
+static void *sbl__default_alloc(size_t bytes, void *user) { (void)user; return malloc(bytes); }
+static void sbl__default_free(void *pointer, void *user) { (void)user; free(pointer); }
+
+#define SBL__ALLOC_PREFIX 16  /* holds the size; keeps malloc's alignment */
+
+/* count * size bytes, zeroed; NULL (logged) on overflow or out of memory. A count of 0 gives a pointer all the same. */
+static void *sbl__alloc(sbl__base *base, size_t count, size_t size) {
+    char *block = NULL;
+    size_t bytes = count * size;
+    if (size == 0 || count <= (SIZE_MAX - SBL__ALLOC_PREFIX) / size)
+        block = (char *)base->allocator.alloc(bytes + SBL__ALLOC_PREFIX, base->allocator.user);
+    if (!block) {
+        sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_OUT_OF_MEMORY, "out of memory: %.0f bytes of host memory were refused; use a smaller scene or picture",
+                 (double)count * (double)size);
+        return NULL;
+    }
+    memcpy(block, &bytes, sizeof bytes);
+    memset(block + SBL__ALLOC_PREFIX, 0, bytes);
+    base->memory.host_bytes += bytes;
+    if (base->memory.host_bytes > base->memory.host_peak_bytes) base->memory.host_peak_bytes = base->memory.host_bytes;
+    return block + SBL__ALLOC_PREFIX;
+}
+
+static void sbl__free(sbl__base *base, void *pointer) {
+    size_t bytes;
+    if (!pointer) return;
+    memcpy(&bytes, (char *)pointer - SBL__ALLOC_PREFIX, sizeof bytes);
+    base->memory.host_bytes -= bytes;
+    base->allocator.free((char *)pointer - SBL__ALLOC_PREFIX, base->allocator.user);
+}
+
+#define SBL__PI 3.14159265358979323846
+#define SBL__MIN(a, b) ((a) < (b) ? (a) : (b))
+#define SBL__MAX(a, b) ((a) > (b) ? (a) : (b))
+
+static int sbl__finite(float x) { return x - x == 0.0f; }
+
+static int sbl__all_finite(const float *x, int count) {
+    int i;
+    for (i = 0; i < count; i++) if (!sbl__finite(x[i])) return 0;
+    return 1;
+}
+
+static int sbl__all_zero(const float *x, int count) {
+    int i;
+    for (i = 0; i < count; i++) if (x[i] != 0.0f) return 0;
+    return 1;
+}
+
+static float sbl__dot(const float a[3], const float b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+static float sbl__max3(const float a[3]) { return SBL__MAX(a[0], SBL__MAX(a[1], a[2])); }
+
+/* 0 where the vector is too short to have a direction */
+static int sbl__normalize(double v[3]) {
+    double length = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+    if (!(length > 0.0) || !(length < DBL_MAX)) return 0;
+    v[0] /= length; v[1] /= length; v[2] /= length;
+    return 1;
+}
+
+static void sbl__multiply(float out[16], const float a[16], const float b[16]) {
+    int column, row, k;
+    for (column = 0; column < 4; column++)
+        for (row = 0; row < 4; row++) {
+            double sum = 0;
+            for (k = 0; k < 4; k++) sum += (double)a[4 * k + row] * (double)b[4 * column + k];
+            out[4 * column + row] = (float)sum;
+        }
+}
+
+static void sbl__identity(float m[16]) {
+    int i;
+    for (i = 0; i < 16; i++) m[i] = i % 5 == 0 ? 1.0f : 0.0f;
+}
+
+/* PCG hash (Jarzynski and Olano 2020, "Hash Functions for GPU Rendering") */
+static uint32_t sbl__hash(uint32_t x) {
+    uint32_t word;
+    x = x * 747796405u + 2891336453u;
+    word = ((x >> ((x >> 28) + 4u)) ^ x) * 277803737u;
+    return (word >> 22) ^ word;
+}
+
+/* 16-bit float, rounded to nearest even; too large values become the largest */
+static uint16_t sbl__to_half(float value) {
+    uint32_t bits, sign, mantissa, rest, half;
+    int exponent, shift;
+    memcpy(&bits, &value, sizeof bits);
+    sign = (bits >> 16) & 0x8000u;
+    exponent = (int)((bits >> 23) & 255u) - 127;
+    mantissa = (bits & 0x7fffffu) | 0x800000u;
+    if (exponent > 15) return (uint16_t)(sign | 0x7bffu);
+    if (exponent < -25) return (uint16_t)sign;
+    shift = exponent < -14 ? -1 - exponent : 13;
+    half = exponent < -14 ? mantissa >> shift : (uint32_t)(exponent + 14) * 1024u + (mantissa >> 13);
+    rest = mantissa & ((1u << shift) - 1u);
+    if (rest > (1u << (shift - 1)) || (rest == (1u << (shift - 1)) && (half & 1u))) half++;
+    return (uint16_t)(sign | SBL__MIN(half, 0x7bffu));
+}
+
+static float sbl__from_half(uint16_t half) {
+    int exponent = (half >> 10) & 31, mantissa = half & 1023;
+    float value = exponent == 31 ? (mantissa ? (float)NAN : (float)HUGE_VAL)
+                : exponent ? (float)ldexp((double)(mantissa + 1024), exponent - 25) : (float)ldexp((double)mantissa, -24);
+    return half & 0x8000 ? -value : value;
+}
+
+static float sbl__linear_to_srgb(float x) { return x <= 0.0031308f ? 12.92f * x : (float)(1.055 * pow(x, 1 / 2.4) - 0.055); }
+
+/* ======================================================================================================== >>gl
+   Loader, state guard, objects. All GL calls of the pipeline go through the function table of the context. */
+
+#ifdef _WIN32
+  #define SBL__GLAPI __stdcall
+#else
+  #define SBL__GLAPI
+#endif
+
+#define SBL__GL_FUNCTIONS(X)                                                                                              \
+    X(void, ActiveTexture, (unsigned unit))                                                                               \
+    X(void, AttachShader, (unsigned program, unsigned shader))                                                            \
+    X(void, BindBuffer, (unsigned target, unsigned buffer))                                                               \
+    X(void, BindFramebuffer, (unsigned target, unsigned framebuffer))                                                     \
+    X(void, BindSampler, (unsigned unit, unsigned sampler))                                                               \
+    X(void, BindTexture, (unsigned target, unsigned texture))                                                             \
+    X(void, BindVertexArray, (unsigned array))                                                                            \
+    X(void, BufferData, (unsigned target, ptrdiff_t size, const void *data, unsigned usage))                              \
+    X(void, BufferSubData, (unsigned target, ptrdiff_t offset, ptrdiff_t size, const void *data))                         \
+    X(unsigned, CheckFramebufferStatus, (unsigned target))                                                                \
+    X(void, ClearBufferfv, (unsigned buffer, int index, const float *value))                                              \
+    X(void, ClearBufferuiv, (unsigned buffer, int index, const unsigned *value))                                          \
+    X(void, ColorMaski, (unsigned index, unsigned char r, unsigned char g, unsigned char b, unsigned char a))             \
+    X(void, CompileShader, (unsigned shader))                                                                             \
+    X(unsigned, CreateProgram, (void))                                                                                    \
+    X(unsigned, CreateShader, (unsigned type))                                                                            \
+    X(void, DeleteBuffers, (int count, const unsigned *names))                                                            \
+    X(void, DeleteFramebuffers, (int count, const unsigned *names))                                                       \
+    X(void, DeleteProgram, (unsigned program))                                                                            \
+    X(void, DeleteShader, (unsigned shader))                                                                              \
+    X(void, DeleteTextures, (int count, const unsigned *names))                                                           \
+    X(void, DeleteVertexArrays, (int count, const unsigned *names))                                                       \
+    X(void, DepthFunc, (unsigned function))                                                                               \
+    X(void, DepthMask, (unsigned char on))                                                                                \
+    X(void, DepthRange, (double nearest, double farthest))                                                                \
+    X(void, Disable, (unsigned capability))                                                                               \
+    X(void, Disablei, (unsigned capability, unsigned index))                                                              \
+    X(void, DrawArrays, (unsigned mode, int first, int count))                                                            \
+    X(void, DrawBuffers, (int count, const unsigned *buffers))                                                            \
+    X(void, DrawElements, (unsigned mode, int count, unsigned type, const void *offset))                                  \
+    X(void, DrawElementsInstanced, (unsigned mode, int count, unsigned type, const void *offset, int instances))          \
+    X(void, Enable, (unsigned capability))                                                                                \
+    X(void, Enablei, (unsigned capability, unsigned index))                                                               \
+    X(void, EnableVertexAttribArray, (unsigned index))                                                                    \
+    X(void, Finish, (void))                                                                                               \
+    X(void, Flush, (void))                                                                                                \
+    X(void, FramebufferTexture2D, (unsigned target, unsigned attachment, unsigned kind, unsigned texture, int level))     \
+    X(void, GenBuffers, (int count, unsigned *names))                                                                     \
+    X(void, GenFramebuffers, (int count, unsigned *names))                                                                \
+    X(void, GenTextures, (int count, unsigned *names))                                                                    \
+    X(void, GenVertexArrays, (int count, unsigned *names))                                                                \
+    X(void, GetBooleani_v, (unsigned name, unsigned index, unsigned char *out))                                           \
+    X(void, GetBooleanv, (unsigned name, unsigned char *out))                                                             \
+    X(void, GetBufferParameteri64v, (unsigned target, unsigned name, int64_t *out))                                       \
+    X(void, GetBufferSubData, (unsigned target, ptrdiff_t offset, ptrdiff_t size, void *data))                            \
+    X(void, GetDoublev, (unsigned name, double *out))                                                                     \
+    X(unsigned, GetError, (void))                                                                                         \
+    X(void, GetIntegerv, (unsigned name, int *out))                                                                       \
+    X(void, GetProgramInfoLog, (unsigned program, int room, int *length, char *text))                                     \
+    X(void, GetProgramiv, (unsigned program, unsigned name, int *out))                                                    \
+    X(void, GetShaderInfoLog, (unsigned shader, int room, int *length, char *text))                                       \
+    X(void, GetShaderiv, (unsigned shader, unsigned name, int *out))                                                      \
+    X(const unsigned char *, GetString, (unsigned name))                                                                  \
+    X(const unsigned char *, GetStringi, (unsigned name, unsigned index))                                                 \
+    X(void, GetTexLevelParameteriv, (unsigned target, int level, unsigned name, int *out))                                \
+    X(int, GetUniformLocation, (unsigned program, const char *name))                                                      \
+    X(unsigned char, IsBuffer, (unsigned name))                                                                           \
+    X(unsigned char, IsEnabled, (unsigned capability))                                                                    \
+    X(unsigned char, IsEnabledi, (unsigned capability, unsigned index))                                                   \
+    X(unsigned char, IsTexture, (unsigned name))                                                                          \
+    X(void, LinkProgram, (unsigned program))                                                                              \
+    X(void, PixelStorei, (unsigned name, int value))                                                                      \
+    X(void, PolygonMode, (unsigned face, unsigned mode))                                                                  \
+    X(void, ReadBuffer, (unsigned buffer))                                                                                \
+    X(void, ReadPixels, (int x, int y, int width, int height, unsigned format, unsigned type, void *pixels))              \
+    X(void, Scissor, (int x, int y, int width, int height))                                                               \
+    X(void, ShaderSource, (unsigned shader, int count, const char *const *strings, const int *lengths))                   \
+    X(void, TexBuffer, (unsigned target, unsigned format, unsigned buffer))                                               \
+    X(void, TexImage2D, (unsigned target, int level, int internal_format, int width, int height, int border, unsigned format, unsigned type, const void *pixels)) \
+    X(void, TexParameteri, (unsigned target, unsigned name, int value))                                                   \
+    X(void, TexSubImage2D, (unsigned target, int level, int x, int y, int width, int height, unsigned format, unsigned type, const void *pixels)) \
+    X(void, Uniform1f, (int location, float x))                                                                           \
+    X(void, Uniform1i, (int location, int x))                                                                             \
+    X(void, Uniform2f, (int location, float x, float y))                                                                  \
+    X(void, Uniform2i, (int location, int x, int y))                                                                      \
+    X(void, Uniform3f, (int location, float x, float y, float z))                                                         \
+    X(void, Uniform4f, (int location, float x, float y, float z, float w))                                                \
+    X(void, UseProgram, (unsigned program))                                                                               \
+    X(void, VertexAttribDivisor, (unsigned index, unsigned divisor))                                                      \
+    X(void, VertexAttribIPointer, (unsigned index, int size, unsigned type, int stride, const void *offset))              \
+    X(void, VertexAttribPointer, (unsigned index, int size, unsigned type, unsigned char normalized, int stride, const void *offset)) \
+    X(void, Viewport, (int x, int y, int width, int height))
+
+/* used where present; missing is no error */
+#define SBL__GL_OPTIONAL_FUNCTIONS(X)                        \
+    X(void, ClipControl, (unsigned origin, unsigned depth))
+
+typedef struct sbl__gl {
+    sbl__base *base;
+#define SBL__X(type, name, parameters) type (SBL__GLAPI *name) parameters;
+    SBL__GL_FUNCTIONS(SBL__X)
+    SBL__GL_OPTIONAL_FUNCTIONS(SBL__X)
+#undef SBL__X
+    sbl_capabilities capabilities;
+    int max_draw_buffers;
+} sbl__gl;
+
+enum {
+    SBL__GL_NO_ERROR = 0, SBL__GL_OUT_OF_MEMORY = 0x0505,
+    SBL__GL_TRIANGLES = 0x0004, SBL__GL_ALWAYS = 0x0207, SBL__GL_GREATER = 0x0204,
+    SBL__GL_FRONT_AND_BACK = 0x0408, SBL__GL_POLYGON_MODE = 0x0B40, SBL__GL_FILL = 0x1B02, SBL__GL_CULL_FACE = 0x0B44,
+    SBL__GL_FRONT_FACE = 0x0B46, SBL__GL_CW = 0x0900, SBL__GL_CCW = 0x0901,
+    SBL__GL_DEPTH_RANGE = 0x0B70, SBL__GL_DEPTH_TEST = 0x0B71, SBL__GL_DEPTH_WRITEMASK = 0x0B72, SBL__GL_DEPTH_FUNC = 0x0B74,
+    SBL__GL_STENCIL_TEST = 0x0B90, SBL__GL_VIEWPORT = 0x0BA2, SBL__GL_BLEND = 0x0BE2, SBL__GL_COLOR_LOGIC_OP = 0x0BF2,
+    SBL__GL_SCISSOR_BOX = 0x0C10, SBL__GL_SCISSOR_TEST = 0x0C11, SBL__GL_COLOR_WRITEMASK = 0x0C23, SBL__GL_DITHER = 0x0BD0,
+    SBL__GL_UNPACK_SWAP_BYTES = 0x0CF0, SBL__GL_UNPACK_LSB_FIRST = 0x0CF1, SBL__GL_UNPACK_ROW_LENGTH = 0x0CF2,
+    SBL__GL_UNPACK_SKIP_ROWS = 0x0CF3, SBL__GL_UNPACK_SKIP_PIXELS = 0x0CF4, SBL__GL_UNPACK_ALIGNMENT = 0x0CF5,
+    SBL__GL_PACK_SWAP_BYTES = 0x0D00, SBL__GL_PACK_LSB_FIRST = 0x0D01, SBL__GL_PACK_ROW_LENGTH = 0x0D02,
+    SBL__GL_PACK_SKIP_ROWS = 0x0D03, SBL__GL_PACK_SKIP_PIXELS = 0x0D04, SBL__GL_PACK_ALIGNMENT = 0x0D05,
+    SBL__GL_PACK_SKIP_IMAGES = 0x806B, SBL__GL_PACK_IMAGE_HEIGHT = 0x806C, SBL__GL_UNPACK_SKIP_IMAGES = 0x806D, SBL__GL_UNPACK_IMAGE_HEIGHT = 0x806E,
+    SBL__GL_MAX_TEXTURE_SIZE = 0x0D33, SBL__GL_TEXTURE_2D = 0x0DE1, SBL__GL_TEXTURE_WIDTH = 0x1000, SBL__GL_TEXTURE_HEIGHT = 0x1001,
+    SBL__GL_UNSIGNED_BYTE = 0x1401, SBL__GL_UNSIGNED_SHORT = 0x1403, SBL__GL_UNSIGNED_INT = 0x1405, SBL__GL_FLOAT = 0x1406, SBL__GL_HALF_FLOAT = 0x140B,
+    SBL__GL_COLOR = 0x1800, SBL__GL_DEPTH = 0x1801, SBL__GL_DEPTH_COMPONENT = 0x1902, SBL__GL_RED = 0x1903, SBL__GL_RGB = 0x1907, SBL__GL_RGBA = 0x1908,
+    SBL__GL_RENDERER = 0x1F01, SBL__GL_VERSION = 0x1F02, SBL__GL_EXTENSIONS = 0x1F03,
+    SBL__GL_NEAREST = 0x2600, SBL__GL_TEXTURE_MAG_FILTER = 0x2800, SBL__GL_TEXTURE_MIN_FILTER = 0x2801, SBL__GL_TEXTURE_WRAP_S = 0x2802,
+    SBL__GL_TEXTURE_WRAP_T = 0x2803, SBL__GL_TEXTURE_MAX_LEVEL = 0x813D, SBL__GL_CLAMP_TO_EDGE = 0x812F,
+    SBL__GL_POLYGON_OFFSET_FILL = 0x8037, SBL__GL_RGBA16 = 0x805B, SBL__GL_TEXTURE_BINDING_2D = 0x8069, SBL__GL_POLYGON_SMOOTH = 0x0B41,
+    SBL__GL_MULTISAMPLE = 0x809D, SBL__GL_SAMPLE_ALPHA_TO_COVERAGE = 0x809E, SBL__GL_SAMPLE_ALPHA_TO_ONE = 0x809F, SBL__GL_SAMPLE_COVERAGE = 0x80A0,
+    SBL__GL_SAMPLE_SHADING = 0x8C36, SBL__GL_SAMPLE_MASK = 0x8E51,
+    SBL__GL_MAJOR_VERSION = 0x821B, SBL__GL_MINOR_VERSION = 0x821C, SBL__GL_NUM_EXTENSIONS = 0x821D, SBL__GL_RG = 0x8227, SBL__GL_RED_INTEGER = 0x8D94,
+    SBL__GL_R32F = 0x822E, SBL__GL_RG32F = 0x8230, SBL__GL_R32UI = 0x8236, SBL__GL_RGBA32UI = 0x8D70, SBL__GL_RGBA32F = 0x8814, SBL__GL_RGBA16F = 0x881A,
+    SBL__GL_SRGB8_ALPHA8 = 0x8C43, SBL__GL_DEPTH_COMPONENT32F = 0x8CAC,
+    SBL__GL_TEXTURE0 = 0x84C0, SBL__GL_ACTIVE_TEXTURE = 0x84E0, SBL__GL_DEPTH_CLAMP = 0x864F, SBL__GL_VERTEX_ARRAY_BINDING = 0x85B5,
+    SBL__GL_MAX_DRAW_BUFFERS = 0x8824, SBL__GL_BUFFER_SIZE = 0x8764,
+    SBL__GL_ARRAY_BUFFER = 0x8892, SBL__GL_ELEMENT_ARRAY_BUFFER = 0x8893, SBL__GL_ARRAY_BUFFER_BINDING = 0x8894,
+    SBL__GL_STREAM_DRAW = 0x88E0, SBL__GL_STATIC_DRAW = 0x88E4, SBL__GL_PIXEL_PACK_BUFFER = 0x88EB, SBL__GL_PIXEL_UNPACK_BUFFER = 0x88EC,
+    SBL__GL_PIXEL_PACK_BUFFER_BINDING = 0x88ED, SBL__GL_PIXEL_UNPACK_BUFFER_BINDING = 0x88EF, SBL__GL_SAMPLER_BINDING = 0x8919,
+    SBL__GL_FRAGMENT_SHADER = 0x8B30, SBL__GL_VERTEX_SHADER = 0x8B31, SBL__GL_COMPILE_STATUS = 0x8B81, SBL__GL_LINK_STATUS = 0x8B82,
+    SBL__GL_CURRENT_PROGRAM = 0x8B8D, SBL__GL_TEXTURE_BUFFER = 0x8C2A, SBL__GL_MAX_TEXTURE_BUFFER_SIZE = 0x8C2B, SBL__GL_TEXTURE_BINDING_BUFFER = 0x8C2C,
+    SBL__GL_RASTERIZER_DISCARD = 0x8C89, SBL__GL_DRAW_FRAMEBUFFER_BINDING = 0x8CA6, SBL__GL_READ_FRAMEBUFFER = 0x8CA8, SBL__GL_DRAW_FRAMEBUFFER = 0x8CA9,
+    SBL__GL_READ_FRAMEBUFFER_BINDING = 0x8CAA, SBL__GL_FRAMEBUFFER_COMPLETE = 0x8CD5, SBL__GL_COLOR_ATTACHMENT0 = 0x8CE0, SBL__GL_DEPTH_ATTACHMENT = 0x8D00,
+    SBL__GL_FRAMEBUFFER = 0x8D40, SBL__GL_FRAMEBUFFER_SRGB = 0x8DB9, SBL__GL_PRIMITIVE_RESTART_FIXED_INDEX = 0x8D69, SBL__GL_COPY_READ_BUFFER = 0x8F36,
+    SBL__GL_PRIMITIVE_RESTART = 0x8F9D, SBL__GL_CLIP_DISTANCE0 = 0x3000,
+    SBL__GL_CLIP_ORIGIN = 0x935C, SBL__GL_CLIP_DEPTH_MODE = 0x935D, SBL__GL_LOWER_LEFT = 0x8CA1, SBL__GL_NEGATIVE_ONE_TO_ONE = 0x935E, SBL__GL_ZERO_TO_ONE = 0x935F
+};
+
+/* Clears the error flags; the worst found becomes the result. what: the work that was done, for the message. */
+static sbl_result sbl__gl_check(const sbl__gl *gl, const char *what) {
+    sbl_result result = SBL_SUCCESS;
+    int i;
+    for (i = 0; i < 32; i++) {  /* a lost context reports errors for ever */
+        unsigned error = gl->GetError();
+        if (error == SBL__GL_NO_ERROR) break;
+        if (error == SBL__GL_OUT_OF_MEMORY) {
+            sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_OUT_OF_MEMORY, "the GPU is out of memory while %s; use a smaller scene, picture or atlas", what);
+            result = SBL_ERROR_OUT_OF_MEMORY;
+        } else {
+            sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_ERROR, "GL error 0x%04x while %s", error, what);
+            if (result == SBL_SUCCESS) result = SBL_ERROR_GL;
+        }
+    }
+    return result;
+}
+
+static void sbl__gl_clear_errors(const sbl__gl *gl) {
+    int i;
+    for (i = 0; i < 32 && gl->GetError() != SBL__GL_NO_ERROR; i++) {}
+}
+
+static int sbl__gl_has_extension(const sbl__gl *gl, const char *name) {
+    int i, count = 0;
+    gl->GetIntegerv(SBL__GL_NUM_EXTENSIONS, &count);
+    for (i = 0; i < count; i++) {
+        const char *extension = (const char *)gl->GetStringi(SBL__GL_EXTENSIONS, (unsigned)i);
+        if (extension && strcmp(extension, name) == 0) return 1;
+    }
+    return 0;
+}
+
+static sbl_result sbl__gl_load(sbl__gl *gl, sbl__base *base, const sbl_context_desc *desc) {
+    int missing = 0;
+    sbl_capabilities *c = &gl->capabilities;
+    const char *text;
+    gl->base = base;
+#define SBL__X(type, name, parameters)                                                                                  \
+    gl->name = (type (SBL__GLAPI *) parameters)desc->get_gl_function("gl" #name, desc->gl_user);                        \
+    if (!gl->name) {                                                                                                    \
+        missing++;                                                                                                      \
+        sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_FUNCTION_MISSING,                                                 \
+                 "the GL loader does not know gl" #name "; sbl.h needs OpenGL 3.3 core, current in this thread");        \
+    }
+    SBL__GL_FUNCTIONS(SBL__X)
+#undef SBL__X
+    if (missing) return SBL_ERROR_UNSUPPORTED;
+#define SBL__X(type, name, parameters) gl->name = (type (SBL__GLAPI *) parameters)desc->get_gl_function("gl" #name, desc->gl_user);
+    SBL__GL_OPTIONAL_FUNCTIONS(SBL__X)
+#undef SBL__X
+    sbl__gl_clear_errors(gl);
+    text = (const char *)gl->GetString(SBL__GL_VERSION);
+    if (text) snprintf(c->version, sizeof c->version, "%s", text);
+    text = (const char *)gl->GetString(SBL__GL_RENDERER);
+    if (text) snprintf(c->renderer, sizeof c->renderer, "%s", text);
+    gl->GetIntegerv(SBL__GL_MAJOR_VERSION, &c->gl_major);
+    gl->GetIntegerv(SBL__GL_MINOR_VERSION, &c->gl_minor);
+    if (c->gl_major * 10 + c->gl_minor < 33 || strstr(c->version, "OpenGL ES")) {
+        sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_NO_GL, "the current GL context is \"%s\"; sbl.h needs OpenGL 3.3 or later, and the context current in this thread",
+                 c->version[0] ? c->version : "none");
+        return SBL_ERROR_UNSUPPORTED;
+    }
+    gl->GetIntegerv(SBL__GL_MAX_TEXTURE_SIZE, &c->max_texture_size);
+    gl->GetIntegerv(SBL__GL_MAX_TEXTURE_BUFFER_SIZE, &c->max_texture_buffer_size);
+    if (gl->ClipControl && (c->gl_major * 10 + c->gl_minor >= 45 || sbl__gl_has_extension(gl, "GL_ARB_clip_control")))
+        c->available |= SBL_CAPABILITY_CLIP_CONTROL;
+    c->used = c->available & ~desc->disabled;
+    sbl__gl_clear_errors(gl);
+    return SBL_SUCCESS;
+}
+
+static int sbl__gl_at_least(const sbl__gl *gl, int version) { return gl->capabilities.gl_major * 10 + gl->capabilities.gl_minor >= version; }
+
+/* The state guard: everything sbl.h changes, saved on the way in and put back on the way out.
+   sbl__guard_force sets what all passes rely on; it is called again after the host's draw callback. */
+
+#define SBL__GUARD_UNITS 10
+#define SBL__GUARD_DRAW_BUFFERS 6
+
+static const struct { unsigned name; int needed; } sbl__guard_switches[] = {  /* needed: GL version that has it */
+    { SBL__GL_CULL_FACE, 33 }, { SBL__GL_DEPTH_TEST, 33 }, { SBL__GL_STENCIL_TEST, 33 }, { SBL__GL_SCISSOR_TEST, 33 }, { SBL__GL_COLOR_LOGIC_OP, 33 },
+    { SBL__GL_DITHER, 33 }, { SBL__GL_POLYGON_OFFSET_FILL, 33 }, { SBL__GL_POLYGON_SMOOTH, 33 }, { SBL__GL_MULTISAMPLE, 33 },
+    { SBL__GL_SAMPLE_ALPHA_TO_COVERAGE, 33 }, { SBL__GL_SAMPLE_ALPHA_TO_ONE, 33 }, { SBL__GL_SAMPLE_COVERAGE, 33 }, { SBL__GL_SAMPLE_MASK, 33 },
+    { SBL__GL_DEPTH_CLAMP, 33 }, { SBL__GL_RASTERIZER_DISCARD, 33 }, { SBL__GL_FRAMEBUFFER_SRGB, 33 }, { SBL__GL_PRIMITIVE_RESTART, 33 },
+    { SBL__GL_CLIP_DISTANCE0, 33 }, { SBL__GL_CLIP_DISTANCE0 + 1, 33 }, { SBL__GL_CLIP_DISTANCE0 + 2, 33 }, { SBL__GL_CLIP_DISTANCE0 + 3, 33 },
+    { SBL__GL_CLIP_DISTANCE0 + 4, 33 }, { SBL__GL_CLIP_DISTANCE0 + 5, 33 }, { SBL__GL_CLIP_DISTANCE0 + 6, 33 }, { SBL__GL_CLIP_DISTANCE0 + 7, 33 },
+    { SBL__GL_SAMPLE_SHADING, 40 }, { SBL__GL_PRIMITIVE_RESTART_FIXED_INDEX, 43 }
+};
+
+static const struct { unsigned name; int value; } sbl__guard_pixel_store[] = {
+    { SBL__GL_UNPACK_SWAP_BYTES, 0 }, { SBL__GL_UNPACK_LSB_FIRST, 0 }, { SBL__GL_UNPACK_ROW_LENGTH, 0 }, { SBL__GL_UNPACK_SKIP_ROWS, 0 },
+    { SBL__GL_UNPACK_SKIP_PIXELS, 0 }, { SBL__GL_UNPACK_ALIGNMENT, 1 }, { SBL__GL_UNPACK_SKIP_IMAGES, 0 }, { SBL__GL_UNPACK_IMAGE_HEIGHT, 0 },
+    { SBL__GL_PACK_SWAP_BYTES, 0 }, { SBL__GL_PACK_LSB_FIRST, 0 }, { SBL__GL_PACK_ROW_LENGTH, 0 }, { SBL__GL_PACK_SKIP_ROWS, 0 },
+    { SBL__GL_PACK_SKIP_PIXELS, 0 }, { SBL__GL_PACK_ALIGNMENT, 1 }, { SBL__GL_PACK_SKIP_IMAGES, 0 }, { SBL__GL_PACK_IMAGE_HEIGHT, 0 }
+};
+
+typedef struct sbl__guard {
+    unsigned char switches[32], blend[SBL__GUARD_DRAW_BUFFERS], color_mask[SBL__GUARD_DRAW_BUFFERS][4], depth_mask;
+    int pixel_store[16], polygon_mode[2], front_face, depth_function, viewport[4], scissor[4], clip_origin, clip_depth;
+    double depth_range[2];
+    int program, vertex_array, array_buffer, texture_buffer, copy_buffer, pack_buffer, unpack_buffer, draw_framebuffer, read_framebuffer, active_texture;
+    int textures_2d[SBL__GUARD_UNITS], textures_buffer[SBL__GUARD_UNITS], samplers[SBL__GUARD_UNITS];
+} sbl__guard;
+
+static void sbl__guard_save(const sbl__gl *gl, sbl__guard *g) {
+    int i;
+    memset(g, 0, sizeof *g);
+    sbl__gl_clear_errors(gl);
+    for (i = 0; i < SBL__COUNT(sbl__guard_switches); i++)
+        if (sbl__gl_at_least(gl, sbl__guard_switches[i].needed)) g->switches[i] = gl->IsEnabled(sbl__guard_switches[i].name);
+    for (i = 0; i < SBL__GUARD_DRAW_BUFFERS; i++) {
+        g->blend[i] = gl->IsEnabledi(SBL__GL_BLEND, (unsigned)i);
+        gl->GetBooleani_v(SBL__GL_COLOR_WRITEMASK, (unsigned)i, g->color_mask[i]);
+    }
+    gl->GetBooleanv(SBL__GL_DEPTH_WRITEMASK, &g->depth_mask);
+    for (i = 0; i < SBL__COUNT(sbl__guard_pixel_store); i++) gl->GetIntegerv(sbl__guard_pixel_store[i].name, &g->pixel_store[i]);
+    gl->GetIntegerv(SBL__GL_POLYGON_MODE, g->polygon_mode);
+    gl->GetIntegerv(SBL__GL_FRONT_FACE, &g->front_face);
+    gl->GetIntegerv(SBL__GL_DEPTH_FUNC, &g->depth_function);
+    gl->GetIntegerv(SBL__GL_VIEWPORT, g->viewport);
+    gl->GetIntegerv(SBL__GL_SCISSOR_BOX, g->scissor);
+    gl->GetDoublev(SBL__GL_DEPTH_RANGE, g->depth_range);
+    if (gl->capabilities.available & SBL_CAPABILITY_CLIP_CONTROL) {
+        gl->GetIntegerv(SBL__GL_CLIP_ORIGIN, &g->clip_origin);
+        gl->GetIntegerv(SBL__GL_CLIP_DEPTH_MODE, &g->clip_depth);
+    }
+    gl->GetIntegerv(SBL__GL_CURRENT_PROGRAM, &g->program);
+    gl->GetIntegerv(SBL__GL_VERTEX_ARRAY_BINDING, &g->vertex_array);
+    gl->GetIntegerv(SBL__GL_ARRAY_BUFFER_BINDING, &g->array_buffer);
+    gl->GetIntegerv(SBL__GL_TEXTURE_BUFFER, &g->texture_buffer);   /* the buffer's binding is asked by the target's name */
+    gl->GetIntegerv(SBL__GL_COPY_READ_BUFFER, &g->copy_buffer);    /* likewise */
+    gl->GetIntegerv(SBL__GL_PIXEL_PACK_BUFFER_BINDING, &g->pack_buffer);
+    gl->GetIntegerv(SBL__GL_PIXEL_UNPACK_BUFFER_BINDING, &g->unpack_buffer);
+    gl->GetIntegerv(SBL__GL_DRAW_FRAMEBUFFER_BINDING, &g->draw_framebuffer);
+    gl->GetIntegerv(SBL__GL_READ_FRAMEBUFFER_BINDING, &g->read_framebuffer);
+    gl->GetIntegerv(SBL__GL_ACTIVE_TEXTURE, &g->active_texture);
+    for (i = 0; i < SBL__GUARD_UNITS; i++) {
+        gl->ActiveTexture(SBL__GL_TEXTURE0 + (unsigned)i);
+        gl->GetIntegerv(SBL__GL_TEXTURE_BINDING_2D, &g->textures_2d[i]);
+        gl->GetIntegerv(SBL__GL_TEXTURE_BINDING_BUFFER, &g->textures_buffer[i]);
+        gl->GetIntegerv(SBL__GL_SAMPLER_BINDING, &g->samplers[i]);
+    }
+    sbl__gl_clear_errors(gl);  /* a binding that an old driver cannot be asked for reads 0 */
+}
+
+static void sbl__guard_force(const sbl__gl *gl) {
+    int i;
+    for (i = 0; i < SBL__COUNT(sbl__guard_switches); i++)
+        if (sbl__gl_at_least(gl, sbl__guard_switches[i].needed)) gl->Disable(sbl__guard_switches[i].name);
+    gl->Enable(SBL__GL_DEPTH_CLAMP);
+    for (i = 0; i < SBL__GUARD_DRAW_BUFFERS; i++) {
+        gl->Disablei(SBL__GL_BLEND, (unsigned)i);
+        gl->ColorMaski((unsigned)i, 1, 1, 1, 1);
+    }
+    gl->DepthMask(1);
+    for (i = 0; i < SBL__COUNT(sbl__guard_pixel_store); i++) gl->PixelStorei(sbl__guard_pixel_store[i].name, sbl__guard_pixel_store[i].value);
+    gl->PolygonMode(SBL__GL_FRONT_AND_BACK, SBL__GL_FILL);
+    gl->DepthFunc(SBL__GL_GREATER);
+    gl->DepthRange(0, 1);
+    if (gl->capabilities.available & SBL_CAPABILITY_CLIP_CONTROL)
+        gl->ClipControl(SBL__GL_LOWER_LEFT, gl->capabilities.used & SBL_CAPABILITY_CLIP_CONTROL ? SBL__GL_ZERO_TO_ONE : SBL__GL_NEGATIVE_ONE_TO_ONE);
+    gl->BindBuffer(SBL__GL_PIXEL_PACK_BUFFER, 0);
+    gl->BindBuffer(SBL__GL_PIXEL_UNPACK_BUFFER, 0);
+    for (i = 0; i < SBL__GUARD_UNITS; i++) gl->BindSampler((unsigned)i, 0);
+}
+
+static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
+    int i;
+    for (i = 0; i < SBL__COUNT(sbl__guard_switches); i++)
+        if (sbl__gl_at_least(gl, sbl__guard_switches[i].needed)) {
+            if (g->switches[i]) gl->Enable(sbl__guard_switches[i].name); else gl->Disable(sbl__guard_switches[i].name);
+        }
+    for (i = 0; i < SBL__GUARD_DRAW_BUFFERS; i++) {
+        if (g->blend[i]) gl->Enablei(SBL__GL_BLEND, (unsigned)i); else gl->Disablei(SBL__GL_BLEND, (unsigned)i);
+        gl->ColorMaski((unsigned)i, g->color_mask[i][0], g->color_mask[i][1], g->color_mask[i][2], g->color_mask[i][3]);
+    }
+    gl->DepthMask(g->depth_mask);
+    for (i = 0; i < SBL__COUNT(sbl__guard_pixel_store); i++) gl->PixelStorei(sbl__guard_pixel_store[i].name, g->pixel_store[i]);
+    gl->PolygonMode(SBL__GL_FRONT_AND_BACK, (unsigned)g->polygon_mode[0]);
+    gl->DepthFunc((unsigned)g->depth_function);
+    gl->DepthRange(g->depth_range[0], g->depth_range[1]);
+    gl->Viewport(g->viewport[0], g->viewport[1], g->viewport[2], g->viewport[3]);
+    gl->Scissor(g->scissor[0], g->scissor[1], g->scissor[2], g->scissor[3]);
+    if (gl->capabilities.available & SBL_CAPABILITY_CLIP_CONTROL) gl->ClipControl((unsigned)g->clip_origin, (unsigned)g->clip_depth);
+    for (i = 0; i < SBL__GUARD_UNITS; i++) {
+        gl->ActiveTexture(SBL__GL_TEXTURE0 + (unsigned)i);
+        gl->BindTexture(SBL__GL_TEXTURE_2D, (unsigned)g->textures_2d[i]);
+        gl->BindTexture(SBL__GL_TEXTURE_BUFFER, (unsigned)g->textures_buffer[i]);
+        gl->BindSampler((unsigned)i, (unsigned)g->samplers[i]);
+    }
+    gl->ActiveTexture((unsigned)g->active_texture);
+    gl->UseProgram((unsigned)g->program);
+    gl->BindVertexArray((unsigned)g->vertex_array);
+    gl->BindBuffer(SBL__GL_ARRAY_BUFFER, (unsigned)g->array_buffer);
+    gl->BindBuffer(SBL__GL_TEXTURE_BUFFER, (unsigned)g->texture_buffer);
+    gl->BindBuffer(SBL__GL_COPY_READ_BUFFER, (unsigned)g->copy_buffer);
+    gl->BindBuffer(SBL__GL_PIXEL_PACK_BUFFER, (unsigned)g->pack_buffer);
+    gl->BindBuffer(SBL__GL_PIXEL_UNPACK_BUFFER, (unsigned)g->unpack_buffer);
+    gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, (unsigned)g->draw_framebuffer);
+    gl->BindFramebuffer(SBL__GL_READ_FRAMEBUFFER, (unsigned)g->read_framebuffer);
+}
+
+/* GL objects. Creation logs and returns what failed; deletion ignores objects that were never made. */
+
+typedef struct sbl__texture { unsigned id; int width, height; unsigned internal_format; size_t bytes; } sbl__texture;
+typedef struct sbl__buffer { unsigned id; size_t bytes; } sbl__buffer;
+
+static const struct { unsigned internal_format, format, type; int bytes, components; } sbl__formats[] = {
+    { SBL__GL_R32F, SBL__GL_RED, SBL__GL_FLOAT, 4, 1 },
+    { SBL__GL_R32UI, SBL__GL_RED_INTEGER, SBL__GL_UNSIGNED_INT, 4, 1 },
+    { SBL__GL_RG32F, SBL__GL_RG, SBL__GL_FLOAT, 8, 2 },
+    { SBL__GL_RGBA16F, SBL__GL_RGBA, SBL__GL_HALF_FLOAT, 8, 4 },
+    { SBL__GL_RGBA32F, SBL__GL_RGBA, SBL__GL_FLOAT, 16, 4 },
+    { SBL__GL_SRGB8_ALPHA8, SBL__GL_RGBA, SBL__GL_UNSIGNED_BYTE, 4, 4 },
+    { SBL__GL_DEPTH_COMPONENT32F, SBL__GL_DEPTH_COMPONENT, SBL__GL_FLOAT, 4, 1 }
+};
+
+static int sbl__format(unsigned internal_format) {
+    int i = 0;
+    while (sbl__formats[i].internal_format != internal_format) i++;
+    return i;
+}
+
+static void sbl__gpu_account(sbl__base *base, size_t before, size_t after) {
+    base->memory.gpu_bytes = base->memory.gpu_bytes - before + after;
+    if (base->memory.gpu_bytes > base->memory.gpu_peak_bytes) base->memory.gpu_peak_bytes = base->memory.gpu_bytes;
+}
+
+static void sbl__texture_delete(const sbl__gl *gl, sbl__texture *t) {
+    if (t->id) gl->DeleteTextures(1, &t->id);
+    sbl__gpu_account(gl->base, t->bytes, 0);
+    memset(t, 0, sizeof *t);
+}
+
+/* pixels: NULL, or the whole texture in the format's own layout. Keeps the object where size and format are the same. */
+static sbl_result sbl__texture_make(const sbl__gl *gl, sbl__texture *t, int width, int height, unsigned internal_format, const void *pixels, const char *what) {
+    int f = sbl__format(internal_format);
+    sbl_result result;
+    if (t->id && t->width == width && t->height == height && t->internal_format == internal_format) {
+        if (pixels) {
+            gl->BindTexture(SBL__GL_TEXTURE_2D, t->id);
+            gl->TexSubImage2D(SBL__GL_TEXTURE_2D, 0, 0, 0, width, height, sbl__formats[f].format, sbl__formats[f].type, pixels);
+            return sbl__gl_check(gl, what);
+        }
+        return SBL_SUCCESS;
+    }
+    sbl__texture_delete(gl, t);
+    gl->GenTextures(1, &t->id);
+    gl->BindTexture(SBL__GL_TEXTURE_2D, t->id);
+    gl->TexImage2D(SBL__GL_TEXTURE_2D, 0, (int)internal_format, width, height, 0, sbl__formats[f].format, sbl__formats[f].type, pixels);
+    gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_MIN_FILTER, SBL__GL_NEAREST);
+    gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_MAG_FILTER, SBL__GL_NEAREST);
+    gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_WRAP_S, SBL__GL_CLAMP_TO_EDGE);
+    gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_WRAP_T, SBL__GL_CLAMP_TO_EDGE);
+    gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_MAX_LEVEL, 0);
+    result = sbl__gl_check(gl, what);
+    if (result == SBL_SUCCESS && !t->id) {
+        sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_ERROR, "GL gave no texture name while %s", what);
+        result = SBL_ERROR_GL;
+    }
+    if (result != SBL_SUCCESS) { sbl__texture_delete(gl, t); return result; }
+    t->width = width; t->height = height; t->internal_format = internal_format;
+    t->bytes = (size_t)width * (size_t)height * (size_t)sbl__formats[f].bytes;
+    sbl__gpu_account(gl->base, 0, t->bytes);
+    return SBL_SUCCESS;
+}
+
+static void sbl__buffer_delete(const sbl__gl *gl, sbl__buffer *b) {
+    if (b->id) gl->DeleteBuffers(1, &b->id);
+    sbl__gpu_account(gl->base, b->bytes, 0);
+    memset(b, 0, sizeof *b);
+}
+
+static sbl_result sbl__buffer_make(const sbl__gl *gl, sbl__buffer *b, size_t bytes, const void *data, unsigned usage, const char *what) {
+    sbl_result result;
+    if (!b->id) gl->GenBuffers(1, &b->id);
+    gl->BindBuffer(SBL__GL_ARRAY_BUFFER, b->id);
+    gl->BufferData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)SBL__MAX(bytes, 16), data && bytes >= 16 ? data : NULL, usage);
+    if (data && bytes && bytes < 16) gl->BufferSubData(SBL__GL_ARRAY_BUFFER, 0, (ptrdiff_t)bytes, data);
+    result = sbl__gl_check(gl, what);
+    if (result == SBL_SUCCESS && !b->id) {
+        sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_ERROR, "GL gave no buffer name while %s", what);
+        result = SBL_ERROR_GL;
+    }
+    if (result != SBL_SUCCESS) { sbl__buffer_delete(gl, b); return result; }
+    sbl__gpu_account(gl->base, b->bytes, bytes);
+    b->bytes = bytes;
+    return SBL_SUCCESS;
+}
+
+/* A buffer seen by shaders as texels. */
+static sbl_result sbl__buffer_texture_make(const sbl__gl *gl, unsigned *id, unsigned internal_format, const sbl__buffer *b, const char *what) {
+    if (!*id) gl->GenTextures(1, id);
+    gl->BindTexture(SBL__GL_TEXTURE_BUFFER, *id);
+    gl->TexBuffer(SBL__GL_TEXTURE_BUFFER, internal_format, b->id);
+    return sbl__gl_check(gl, what);
+}
+
+static void sbl__name_delete(void (SBL__GLAPI *delete_names)(int, const unsigned *), unsigned *id) {
+    if (*id) delete_names(1, id);
+    *id = 0;
+}
+
+/* Makes (or makes anew) a framebuffer of the given colour attachments, and depth where not NULL, and leaves it bound to draw. */
+static sbl_result sbl__framebuffer_make(const sbl__gl *gl, unsigned *id, const sbl__texture *const *colors, int count, const sbl__texture *depth, const char *what) {
+    unsigned buffers[8], status;
+    int i;
+    sbl_result result;
+    if (!*id) gl->GenFramebuffers(1, id);
+    gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, *id);
+    for (i = 0; i < count; i++) {
+        buffers[i] = SBL__GL_COLOR_ATTACHMENT0 + (unsigned)i;
+        gl->FramebufferTexture2D(SBL__GL_DRAW_FRAMEBUFFER, buffers[i], SBL__GL_TEXTURE_2D, colors[i]->id, 0);
+    }
+    if (depth) gl->FramebufferTexture2D(SBL__GL_DRAW_FRAMEBUFFER, SBL__GL_DEPTH_ATTACHMENT, SBL__GL_TEXTURE_2D, depth->id, 0);
+    gl->DrawBuffers(count, buffers);
+    status = gl->CheckFramebufferStatus(SBL__GL_DRAW_FRAMEBUFFER);
+    result = sbl__gl_check(gl, what);
+    if (result == SBL_SUCCESS && status != SBL__GL_FRAMEBUFFER_COMPLETE) {
+        sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_FRAMEBUFFER, "framebuffer status 0x%04x while %s; the driver cannot render to that format", status, what);
+        result = SBL_ERROR_GL;
+    }
+    return result;
+}
+
+/* Reads pixels of a colour attachment of framebuffer id, in the texture's own components, floats or unsigned ints. */
+static sbl_result sbl__read_pixels(const sbl__gl *gl, unsigned framebuffer, int attachment, const sbl__texture *t, int rows, void *out, const char *what) {
+    int f = sbl__format(t->internal_format);
+    unsigned type = sbl__formats[f].type == SBL__GL_UNSIGNED_INT ? (unsigned)SBL__GL_UNSIGNED_INT : (unsigned)SBL__GL_FLOAT;
+    gl->BindFramebuffer(SBL__GL_READ_FRAMEBUFFER, framebuffer);
+    gl->ReadBuffer(SBL__GL_COLOR_ATTACHMENT0 + (unsigned)attachment);
+    gl->ReadPixels(0, 0, t->width, rows, sbl__formats[f].format, type, out);
+    return sbl__gl_check(gl, what);
+}
+
+/* Shaders are lists of lines, see >>shaders; a program is GLSL version, defines, bodies. */
+
+#define SBL__MAX_LINES 512
+
+static sbl_result sbl__shader_make(const sbl__gl *gl, unsigned *out, unsigned type, const char *name, const char *defines, const char *const *const *bodies) {
+    const char *lines[SBL__MAX_LINES];
+    int count = 0, ok = 0, body, line;
+    char text[400];
+    lines[count++] = "#version 330 core\n";
+    lines[count++] = defines;
+    for (body = 0; bodies[body]; body++)
+        for (line = 0; bodies[body][line] && count < SBL__MAX_LINES; line++) lines[count++] = bodies[body][line];
+    *out = gl->CreateShader(type);
+    if (*out) {
+        gl->ShaderSource(*out, count, lines, NULL);
+        gl->CompileShader(*out);
+        gl->GetShaderiv(*out, SBL__GL_COMPILE_STATUS, &ok);
+    }
+    if (ok) return SBL_SUCCESS;
+    memset(text, 0, sizeof text);
+    if (*out) gl->GetShaderInfoLog(*out, (int)sizeof text - 1, NULL, text);
+    sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_SHADER_COMPILE, "the driver refuses the shader \"%s\": %s", name, text);
+    return SBL_ERROR_GL;
+}
+
+static sbl_result sbl__program_make(const sbl__gl *gl, unsigned *out, const char *name, const char *defines, const char *const *const *vertex, const char *const *const *fragment) {
+    unsigned shaders[2] = { 0, 0 };
+    int ok = 0;
+    char text[400];
+    sbl_result result = sbl__shader_make(gl, &shaders[0], SBL__GL_VERTEX_SHADER, name, defines, vertex);
+    if (result == SBL_SUCCESS) result = sbl__shader_make(gl, &shaders[1], SBL__GL_FRAGMENT_SHADER, name, defines, fragment);
+    if (result == SBL_SUCCESS) {
+        *out = gl->CreateProgram();
+        if (*out) {
+            gl->AttachShader(*out, shaders[0]);
+            gl->AttachShader(*out, shaders[1]);
+            gl->LinkProgram(*out);
+            gl->GetProgramiv(*out, SBL__GL_LINK_STATUS, &ok);
+        }
+        if (!ok) {
+            memset(text, 0, sizeof text);
+            if (*out) gl->GetProgramInfoLog(*out, (int)sizeof text - 1, NULL, text);
+            sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_SHADER_LINK, "the driver does not link the program \"%s\": %s", name, text);
+            result = SBL_ERROR_GL;
+        }
+    }
+    if (shaders[0]) gl->DeleteShader(shaders[0]);
+    if (shaders[1]) gl->DeleteShader(shaders[1]);
+    if (result == SBL_SUCCESS) result = sbl__gl_check(gl, "making shader programs");
+    if (result != SBL_SUCCESS && *out) { gl->DeleteProgram(*out); *out = 0; }
+    return result;
+}
+
+static int sbl__uniform(const sbl__gl *gl, unsigned program, const char *name) { return gl->GetUniformLocation(program, name); }
+static void sbl__uniform_i(const sbl__gl *gl, unsigned program, const char *name, int x) { gl->Uniform1i(sbl__uniform(gl, program, name), x); }
+static void sbl__uniform_f(const sbl__gl *gl, unsigned program, const char *name, float x) { gl->Uniform1f(sbl__uniform(gl, program, name), x); }
+
+static void sbl__uniform_3(const sbl__gl *gl, unsigned program, const char *name, const float v[3]) {
+    gl->Uniform3f(sbl__uniform(gl, program, name), v[0], v[1], v[2]);
+}
+
+/* Binds a texture to a unit and names the unit to the program in use. */
+static void sbl__bind(const sbl__gl *gl, unsigned program, const char *name, int unit, unsigned target, unsigned texture) {
+    gl->ActiveTexture(SBL__GL_TEXTURE0 + (unsigned)unit);
+    gl->BindTexture(target, texture);
+    sbl__uniform_i(gl, program, name, unit);
+}
+
+/* ======================================================================================================== >>scene
+   Meshes, materials, textures, sky: checked whole, then copied into a handful of GPU buffers that every later stage reads.
+
+       positions   a vertex: x y z (float), object number                  16 bytes
+       attributes  a vertex: normal, u, v, colour in 4 x 16 bits, 0        32 bytes
+       indices     three 32-bit vertex numbers a triangle; triangle t of mesh m stands at meshes[m].first_triangle + t
+       objects     a record of 5 x 4 32-bit words per mesh, see shaders_embedded/scene.glsl                           */
+
+typedef struct sbl__attribute { float normal[3], uv[2]; uint16_t color[4]; uint32_t unused; } sbl__attribute;
+typedef struct sbl__vertex { float position[3]; uint32_t object; } sbl__vertex;
+
+typedef struct sbl__mesh {
+    int first_vertex, vertex_count, first_triangle, triangle_count;
+    float transform[16];
+} sbl__mesh;
+
+typedef struct sbl__scene {
+    sbl__mesh *meshes;
+    int mesh_count;
+    float *positions, *normals;    /* object space, 3 floats a vertex: what sbl_set_mesh_transform starts from */
+    sbl__vertex *vertices;         /* world space, as on the GPU */
+    sbl__attribute *attributes;
+    uint32_t *indices;
+    uint32_t *objects;
+    int vertex_count, triangle_count;
+    int textured;                  /* some material has a texture or a cutout, or some mesh vertex colours */
+    int hidden;                    /* some material is hidden from someone */
+    float sky[3], max_radiance;    /* highest radiance of any emitter or the sky */
+    float max_albedo;
+    float bounds[2][3];
+    float extent;                  /* longest distance inside the bounds, plus how far they lie from the origin: sets offsets and depth */
+    sbl_draw_function draw;
+    void *draw_user;
+    float draw_bounds[2][3];
+    sbl__buffer position_buffer, attribute_buffer, index_buffer, object_buffer;
+    unsigned position_texels, attribute_texels, index_texels, object_texels;  /* buffer textures */
+    sbl__texture texels_srgb, texels_float;
+    unsigned vertex_array;         /* positions, object, uv, colour; the sensors' views come with each batch */
+} sbl__scene;
+
+#define SBL__OBJECT_WORDS 20
+#define SBL__TEXEL_STORE_WIDTH 4096
+
+static const struct { int bytes; double scale; } sbl__types[SBL_TYPE_COUNT] = {
+    { 4, 1 }, { 2, 1 }, { 1, 1 / 255.0 }, { 2, 1 / 65535.0 }, { 1, 1 / 127.0 }, { 2, 1 / 32767.0 }, { 1, 1 }, { 2, 1 }, { 4, 1 }
+};
+
+static float sbl__component(const unsigned char *at, sbl_type type) {
+    float f; uint16_t u16; int16_t i16; uint32_t u32;
+    switch (type) {
+        case SBL_FLOAT32: memcpy(&f, at, 4); return f;
+        case SBL_FLOAT16: memcpy(&u16, at, 2); return sbl__from_half(u16);
+        case SBL_UINT8_NORM: return (float)(*at * sbl__types[type].scale);
+        case SBL_UINT16_NORM: memcpy(&u16, at, 2); return (float)(u16 * sbl__types[type].scale);
+        case SBL_INT8_NORM: { int8_t i8; memcpy(&i8, at, 1); return (float)SBL__MAX(-1.0, i8 * sbl__types[type].scale); }
+        case SBL_INT16_NORM: memcpy(&i16, at, 2); return (float)SBL__MAX(-1.0, i16 * sbl__types[type].scale);
+        case SBL_UINT8: return (float)*at;
+        case SBL_UINT16: memcpy(&u16, at, 2); return (float)u16;
+        case SBL_UINT32: memcpy(&u32, at, 4); return (float)u32;
+        default: return 0;
+    }
+}
+
+static uint32_t sbl__index(const unsigned char *at, sbl_type type) {
+    uint16_t u16; uint32_t u32;
+    if (type == SBL_UINT8) return *at;
+    if (type == SBL_UINT16) { memcpy(&u16, at, 2); return u16; }
+    memcpy(&u32, at, 4);
+    return u32;
+}
+
+/* A stream made readable: bytes start at element 0. `copy` is freed by the caller; it holds what came from a GL buffer. */
+typedef struct sbl__reader { const unsigned char *bytes; size_t stride; sbl_type type; void *copy; } sbl__reader;
+
+static int sbl__stream_present(const sbl_stream *s) { return s->data != NULL || s->gl_buffer != 0; }
+static size_t sbl__stream_stride(const sbl_stream *s, int components) { return s->stride ? s->stride : (size_t)sbl__types[s->type].bytes * (size_t)components; }
+
+typedef struct sbl__check { const sbl__base *base; int mistakes; } sbl__check;
+
+#define SBL__MISTAKE(check, item, ...) ((check)->mistakes++, sbl__log((check)->base, SBL_LOG_ERROR, item, __VA_ARGS__))
+
+/* name: the field, as "positions". integer: indices, whose types differ. Reports what is wrong; GL buffers are looked at, not read. */
+static void sbl__check_stream(sbl__check *check, const sbl__gl *gl, int mesh, const char *name, const sbl_stream *s, int components, int count, int integer) {
+    size_t element, stride;
+    if (!sbl__stream_present(s)) return;
+    if (s->data && s->gl_buffer)
+        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: %s.data and %s.gl_buffer (%u) are both set; give one", mesh, name, name, s->gl_buffer);
+    if ((int)s->type < 0 || (int)s->type >= SBL_TYPE_COUNT || (s->type >= SBL_UINT8) != integer) {
+        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: %s.type is %d; %s", mesh, name, (int)s->type,
+                     integer ? "indices are SBL_UINT8, SBL_UINT16 or SBL_UINT32" : "use a float or normalised type");
+        return;
+    }
+    element = (size_t)sbl__types[s->type].bytes * (size_t)components;
+    stride = sbl__stream_stride(s, components);
+    if (stride < element)
+        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: %s.stride is %.0f, less than the %.0f bytes of an element", mesh, name, (double)stride, (double)element);
+    else if (count > 0 && ((size_t)count - 1 > (SIZE_MAX / 2 - element) / stride || s->offset > SIZE_MAX / 2))
+        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: %s.offset %.0f and stride %.0f reach past the address space with %d elements", mesh, name,
+                     (double)s->offset, (double)stride, count);
+    else if (s->gl_buffer && count > 0) {
+        int64_t size = 0;
+        if (gl->IsBuffer(s->gl_buffer)) {
+            gl->BindBuffer(SBL__GL_COPY_READ_BUFFER, s->gl_buffer);
+            gl->GetBufferParameteri64v(SBL__GL_COPY_READ_BUFFER, SBL__GL_BUFFER_SIZE, &size);
+        }
+        if ((double)size < (double)s->offset + (double)stride * (count - 1) + (double)element)
+            SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: %s.gl_buffer %u holds %.0f bytes, %d elements from offset %.0f need %.0f", mesh, name,
+                         s->gl_buffer, (double)size, count, (double)s->offset, (double)stride * (count - 1) + (double)element);
+    }
+}
+
+static sbl_result sbl__reader_open(const sbl__gl *gl, sbl__reader *reader, const sbl_stream *s, int components, int count) {
+    size_t bytes;
+    memset(reader, 0, sizeof *reader);
+    if (!sbl__stream_present(s) || count == 0) return SBL_SUCCESS;
+    reader->stride = sbl__stream_stride(s, components);
+    reader->type = s->type;
+    reader->bytes = (const unsigned char *)s->data + s->offset;
+    if (!s->gl_buffer) return SBL_SUCCESS;
+    bytes = reader->stride * ((size_t)count - 1) + (size_t)sbl__types[s->type].bytes * (size_t)components;
+    reader->bytes = (const unsigned char *)(reader->copy = sbl__alloc(gl->base, bytes, 1));
+    if (!reader->copy) return SBL_ERROR_OUT_OF_MEMORY;
+    gl->BindBuffer(SBL__GL_COPY_READ_BUFFER, s->gl_buffer);
+    gl->GetBufferSubData(SBL__GL_COPY_READ_BUFFER, (ptrdiff_t)s->offset, (ptrdiff_t)bytes, reader->copy);
+    return sbl__gl_check(gl, "reading a mesh from a GL buffer");
+}
+
+static void sbl__reader_close(const sbl__gl *gl, sbl__reader *reader) { sbl__free(gl->base, reader->copy); reader->copy = NULL; }
+
+static void sbl__read_element(const sbl__reader *reader, int element, int components, float *out) {
+    const unsigned char *at = reader->bytes + reader->stride * (size_t)element;
+    int i;
+    for (i = 0; i < components; i++) out[i] = sbl__component(at + i * sbl__types[reader->type].bytes, reader->type);
+}
+
+/* Determinant of the linear part; 0 where it is singular or the matrix is not affine. */
+static double sbl__affine_determinant(const float m[16]) {
+    if (m[3] != 0.0f || m[7] != 0.0f || m[11] != 0.0f || m[15] != 1.0f) return 0;
+    return (double)m[0] * ((double)m[5] * m[10] - (double)m[6] * m[9]) - (double)m[4] * ((double)m[1] * m[10] - (double)m[2] * m[9]) +
+           (double)m[8] * ((double)m[1] * m[6] - (double)m[2] * m[5]);
+}
+
+static void sbl__check_transform(sbl__check *check, int mesh, const float m[16]) {
+    int i;
+    for (i = 0; i < 16; i++)
+        if (!sbl__finite(m[i])) { SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: transform[%d] is %g; it must be finite", mesh, i, (double)m[i]); return; }
+    if (!sbl__all_zero(m, 16) && sbl__affine_determinant(m) == 0)
+        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MESH,
+                     "mesh %d: transform is singular or not affine (its last row is %g %g %g %g, its determinant %g); it must be invertible with last row 0 0 0 1",
+                     mesh, (double)m[3], (double)m[7], (double)m[11], (double)m[15], sbl__affine_determinant(m));
+}
+
+static void sbl__check_mesh(sbl__check *check, const sbl__gl *gl, const sbl_scene_desc *desc, int number) {
+    const sbl_mesh *m = &desc->meshes[number];
+    if (m->vertex_count < 0) { SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: vertex_count is %d; it cannot be negative", number, m->vertex_count); return; }
+    if (m->vertex_count > 0 && !sbl__stream_present(&m->positions))
+        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: positions are missing (data and gl_buffer are both 0) for vertex_count %d", number, m->vertex_count);
+    sbl__check_stream(check, gl, number, "positions", &m->positions, 3, m->vertex_count, 0);
+    sbl__check_stream(check, gl, number, "normals", &m->normals, 3, m->vertex_count, 0);
+    sbl__check_stream(check, gl, number, "texcoords", &m->texcoords, 2, m->vertex_count, 0);
+    sbl__check_stream(check, gl, number, "colors", &m->colors, 4, m->vertex_count, 0);
+    if (sbl__stream_present(&m->indices)) {
+        if (m->index_count < 0 || m->index_count % 3 != 0)
+            SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: index_count is %d; it must be a multiple of 3", number, m->index_count);
+        else sbl__check_stream(check, gl, number, "indices", &m->indices, 1, m->index_count, 1);
+    } else if (m->vertex_count % 3 != 0)
+        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: vertex_count is %d; without indices it must be a multiple of 3", number, m->vertex_count);
+    sbl__check_transform(check, number, m->transform);
+    if (m->material < 0 || m->material >= desc->material_count)
+        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: material is %d; the scene has %d", number, m->material, desc->material_count);
+}
+
+static void sbl__check_material(sbl__check *check, const sbl_scene_desc *desc, int number) {
+    const sbl_material *m = &desc->materials[number];
+    int i;
+    for (i = 0; i < 3; i++) {
+        if (!(m->albedo[i] >= 0.0f && m->albedo[i] <= 1.0f))
+            SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MATERIAL, "material %d: albedo[%d] is %g; it must be 0 to 1", number, i, (double)m->albedo[i]);
+        if (!(m->emission[i] >= 0.0f && sbl__finite(m->emission[i])))
+            SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MATERIAL, "material %d: emission[%d] is %g; it must be finite and not negative", number, i, (double)m->emission[i]);
+    }
+    if (m->albedo_texture < 0 || m->albedo_texture > desc->texture_count)
+        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MATERIAL, "material %d: albedo_texture is %d; it must be 0 (none) to %d", number, m->albedo_texture, desc->texture_count);
+    if (m->emission_texture < 0 || m->emission_texture > desc->texture_count)
+        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MATERIAL, "material %d: emission_texture is %d; it must be 0 (none) to %d", number, m->emission_texture, desc->texture_count);
+    if (!(m->alpha_cutoff >= 0.0f && m->alpha_cutoff <= 1.0f))
+        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MATERIAL, "material %d: alpha_cutoff is %g; it must be 0 to 1", number, (double)m->alpha_cutoff);
+    if (m->flags & ~(uint32_t)SBL_MATERIAL_FLAGS_ALL)
+        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MATERIAL, "material %d: flags is 0x%x; only the bits 0x%x exist", number, m->flags, (unsigned)SBL_MATERIAL_FLAGS_ALL);
+}
+
+static int sbl__texture_channels(const sbl_texture *t) { return t->channels ? t->channels : 4; }
+static size_t sbl__texture_texel(const sbl_texture *t) { return (size_t)sbl__texture_channels(t) * (t->format == SBL_PIXELS_FLOAT ? 4u : 1u); }
+
+static void sbl__check_texture(sbl__check *check, const sbl__gl *gl, const sbl_scene_desc *desc, int index) {
+    const sbl_texture *t = &desc->textures[index];
+    int number = index + 1;  /* as materials count them */
+    if ((int)t->format < 0 || (int)t->format >= SBL_PIXEL_FORMAT_COUNT) {
+        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: format is %d; it must be 0 to %d", number, (int)t->format, SBL_PIXEL_FORMAT_COUNT - 1);
+        return;
+    }
+    if ((int)t->wrap < 0 || (int)t->wrap >= SBL_WRAP_COUNT)
+        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: wrap is %d; it must be 0 to %d", number, (int)t->wrap, SBL_WRAP_COUNT - 1);
+    if (t->pixels && t->gl_texture)
+        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: pixels and gl_texture (%u) are both set; give one", number, t->gl_texture);
+    else if (!t->pixels && !t->gl_texture)
+        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: pixels and gl_texture are both 0; a texture needs pixels", number);
+    else if (t->gl_texture) {
+        if (!gl->IsTexture(t->gl_texture))
+            SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: gl_texture %u is not a texture of the current GL context", number, t->gl_texture);
+        return;
+    }
+    if (t->channels < 0 || t->channels > 4)
+        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: channels is %d; it must be 1 to 4, or 0 for 4", number, t->channels);
+    if (t->width < 1 || t->height < 1 || t->width > 65536 || t->height > 65536)
+        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: size is %d x %d; both must be 1 to 65536", number, t->width, t->height);
+    else if (t->channels >= 0 && t->channels <= 4 && t->stride && t->stride < (size_t)t->width * sbl__texture_texel(t))
+        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: stride is %.0f, less than a row's %.0f bytes", number, (double)t->stride, (double)t->width * (double)sbl__texture_texel(t));
+}
+
+static sbl_result sbl__check_scene(const sbl__gl *gl, const sbl_scene_desc *desc) {
+    sbl__check check;
+    int i, k;
+    check.base = gl->base;
+    check.mistakes = 0;
+    if (!SBL__CANARY_OK(desc)) {
+        SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc: start_canary is 0x%x, end_canary 0x%x; zero the whole struct before use", desc->start_canary, desc->end_canary);
+        return SBL_ERROR_INVALID_ARGUMENT;
+    }
+    if (desc->mesh_count < 0 || (desc->mesh_count > 0 && !desc->meshes))
+        SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc: mesh_count is %d with meshes %s", desc->mesh_count, desc->meshes ? "given" : "NULL");
+    if (desc->material_count < 0 || (desc->material_count > 0 && !desc->materials))
+        SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc: material_count is %d with materials %s", desc->material_count, desc->materials ? "given" : "NULL");
+    if (desc->texture_count < 0 || (desc->texture_count > 0 && !desc->textures))
+        SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc: texture_count is %d with textures %s", desc->texture_count, desc->textures ? "given" : "NULL");
+    for (i = 0; i < 3; i++)
+        if (!(desc->sky[i] >= 0.0f && sbl__finite(desc->sky[i])))
+            SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc: sky[%d] is %g; it must be finite and not negative", i, (double)desc->sky[i]);
+    if (desc->draw)
+        for (i = 0; i < 2; i++)
+            for (k = 0; k < 3; k++)
+                if (!sbl__finite(desc->draw_bounds[i][k]) || desc->draw_bounds[0][k] > desc->draw_bounds[1][k])
+                    SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc: draw_bounds[%d][%d] is %g; bounds must be finite, lowest corner first", i, k, (double)desc->draw_bounds[i][k]);
+    if (!(desc->draw_max_radiance >= 0.0f && sbl__finite(desc->draw_max_radiance)))
+        SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc: draw_max_radiance is %g; it must be finite and not negative", (double)desc->draw_max_radiance);
+    if (check.mistakes) return SBL_ERROR_INVALID_ARGUMENT;
+    for (i = 0; i < desc->mesh_count; i++) sbl__check_mesh(&check, gl, desc, i);
+    for (i = 0; i < desc->material_count; i++) sbl__check_material(&check, desc, i);
+    for (i = 0; i < desc->texture_count; i++) sbl__check_texture(&check, gl, desc, i);
+    return check.mistakes ? SBL_ERROR_INVALID_ARGUMENT : SBL_SUCCESS;
+}
+
+static void sbl__scene_free(const sbl__gl *gl, sbl__scene *s) {
+    sbl__free(gl->base, s->meshes);
+    sbl__free(gl->base, s->positions);
+    sbl__free(gl->base, s->normals);
+    sbl__free(gl->base, s->vertices);
+    sbl__free(gl->base, s->attributes);
+    sbl__free(gl->base, s->indices);
+    sbl__free(gl->base, s->objects);
+    sbl__name_delete(gl->DeleteVertexArrays, &s->vertex_array);
+    sbl__name_delete(gl->DeleteTextures, &s->position_texels);
+    sbl__name_delete(gl->DeleteTextures, &s->attribute_texels);
+    sbl__name_delete(gl->DeleteTextures, &s->index_texels);
+    sbl__name_delete(gl->DeleteTextures, &s->object_texels);
+    sbl__buffer_delete(gl, &s->position_buffer);
+    sbl__buffer_delete(gl, &s->attribute_buffer);
+    sbl__buffer_delete(gl, &s->index_buffer);
+    sbl__buffer_delete(gl, &s->object_buffer);
+    sbl__texture_delete(gl, &s->texels_srgb);
+    sbl__texture_delete(gl, &s->texels_float);
+    memset(s, 0, sizeof *s);
+}
+
+/* Object to world for one mesh: positions, normals. Returns 0 where a vertex leaves the range of floats (logged). */
+static int sbl__mesh_transform(const sbl__base *base, sbl__scene *s, int number, const float m[16]) {
+    const sbl__mesh *mesh = &s->meshes[number];
+    double n[9], d = sbl__affine_determinant(m);
+    int v, i;
+    /* normals go by the cofactors: the inverse transpose but for scale */
+    n[0] = (double)m[5] * m[10] - (double)m[6] * m[9]; n[1] = (double)m[6] * m[8] - (double)m[4] * m[10]; n[2] = (double)m[4] * m[9] - (double)m[5] * m[8];
+    n[3] = (double)m[9] * m[2] - (double)m[10] * m[1]; n[4] = (double)m[10] * m[0] - (double)m[8] * m[2]; n[5] = (double)m[8] * m[1] - (double)m[9] * m[0];
+    n[6] = (double)m[1] * m[6] - (double)m[2] * m[5]; n[7] = (double)m[2] * m[4] - (double)m[0] * m[6]; n[8] = (double)m[0] * m[5] - (double)m[1] * m[4];
+    for (v = mesh->first_vertex; v < mesh->first_vertex + mesh->vertex_count; v++) {
+        const float *p = s->positions + 3 * (size_t)v, *q = s->normals + 3 * (size_t)v;
+        double normal[3];
+        for (i = 0; i < 3; i++) {
+            s->vertices[v].position[i] = (float)((double)m[i] * p[0] + (double)m[4 + i] * p[1] + (double)m[8 + i] * p[2] + m[12 + i]);
+            normal[i] = n[i] * q[0] + n[3 + i] * q[1] + n[6 + i] * q[2];
+            if (d < 0) normal[i] = -normal[i];
+        }
+        if (!(fabs((double)s->vertices[v].position[0]) < 1e18 && fabs((double)s->vertices[v].position[1]) < 1e18 && fabs((double)s->vertices[v].position[2]) < 1e18)) {
+            sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: vertex %d stands at %g %g %g in the world; coordinates must stay below 1e18", number,
+                     v - mesh->first_vertex, (double)s->vertices[v].position[0], (double)s->vertices[v].position[1], (double)s->vertices[v].position[2]);
+            return 0;
+        }
+        if (!sbl__normalize(normal)) normal[0] = normal[1] = normal[2] = 0;  /* no normal: flat */
+        for (i = 0; i < 3; i++) s->attributes[v].normal[i] = (float)normal[i];
+    }
+    return 1;
+}
+
+/* One mesh into the scene's arrays. Triangles without area are left out. */
+static sbl_result sbl__scene_add_mesh(const sbl__gl *gl, sbl__scene *s, const sbl_mesh *in, int number, int *degenerate) {
+    sbl__mesh *mesh = &s->meshes[number];
+    sbl__reader positions, normals, texcoords, colors, indices;
+    int v, i, t, indexed = sbl__stream_present(&in->indices), count = indexed ? in->index_count : in->vertex_count;
+    int bad = 0, first_vertex = s->vertex_count;
+    sbl_result result;
+    memset(&normals, 0, sizeof normals); memset(&texcoords, 0, sizeof texcoords); memset(&colors, 0, sizeof colors); memset(&indices, 0, sizeof indices);
+    result = sbl__reader_open(gl, &positions, &in->positions, 3, in->vertex_count);
+    if (result == SBL_SUCCESS) result = sbl__reader_open(gl, &normals, &in->normals, 3, in->vertex_count);
+    if (result == SBL_SUCCESS) result = sbl__reader_open(gl, &texcoords, &in->texcoords, 2, in->vertex_count);
+    if (result == SBL_SUCCESS) result = sbl__reader_open(gl, &colors, &in->colors, 4, in->vertex_count);
+    if (result == SBL_SUCCESS && indexed) result = sbl__reader_open(gl, &indices, &in->indices, 1, count);
+    mesh->first_vertex = first_vertex;
+    mesh->vertex_count = in->vertex_count;
+    mesh->first_triangle = s->triangle_count;
+    if (sbl__all_zero(in->transform, 16)) sbl__identity(mesh->transform);
+    else memcpy(mesh->transform, in->transform, sizeof mesh->transform);
+
+    for (v = 0; result == SBL_SUCCESS && v < in->vertex_count && bad < 1; v++) {
+        sbl__attribute *a = &s->attributes[first_vertex + v];
+        float *p = s->positions + 3 * (size_t)(first_vertex + v), color[4];
+        sbl__read_element(&positions, v, 3, p);
+        if (!sbl__all_finite(p, 3)) {
+            bad++;
+            sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: positions: vertex %d is %g %g %g; it must be finite", number, v, (double)p[0], (double)p[1], (double)p[2]);
+        }
+        if (normals.bytes) {
+            float *n = s->normals + 3 * (size_t)(first_vertex + v);
+            sbl__read_element(&normals, v, 3, n);
+            if (!sbl__all_finite(n, 3)) {
+                bad++;
+                sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: normals: vertex %d is %g %g %g; it must be finite", number, v, (double)n[0], (double)n[1], (double)n[2]);
+            }
+        }
+        if (texcoords.bytes) {
+            sbl__read_element(&texcoords, v, 2, a->uv);
+            if (!sbl__all_finite(a->uv, 2)) {
+                bad++;
+                sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: texcoords: vertex %d is %g %g; it must be finite", number, v, (double)a->uv[0], (double)a->uv[1]);
+            }
+        }
+        for (i = 0; i < 4; i++) color[i] = 1;
+        if (colors.bytes) sbl__read_element(&colors, v, 4, color);
+        for (i = 0; i < 4; i++) {
+            if (!(color[i] >= 0.0f && color[i] <= 1.0f)) {
+                bad++;
+                sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: colors: component %d of vertex %d is %g; it must be 0 to 1", number, i, v, (double)color[i]);
+                break;
+            }
+            a->color[i] = (uint16_t)(color[i] * 65535.0f + 0.5f);
+        }
+        s->vertices[first_vertex + v].object = (uint32_t)number;
+    }
+    if (colors.bytes) s->textured = 1;
+
+    for (t = 0; result == SBL_SUCCESS && !bad && t < count / 3; t++) {
+        uint32_t corner[3];
+        const float *p[3];
+        double e1[3], e2[3], c[3];
+        for (i = 0; i < 3; i++) {
+            corner[i] = indexed ? sbl__index(indices.bytes + indices.stride * (size_t)(3 * t + i), indices.type) : (uint32_t)(3 * t + i);
+            if (corner[i] >= (uint32_t)in->vertex_count) {
+                bad++;
+                sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: indices: index %d is %u; the mesh has %d vertices", number, 3 * t + i, corner[i], in->vertex_count);
+                break;
+            }
+            p[i] = s->positions + 3 * ((size_t)first_vertex + corner[i]);
+        }
+        if (bad) break;
+        for (i = 0; i < 3; i++) { e1[i] = (double)p[1][i] - p[0][i]; e2[i] = (double)p[2][i] - p[0][i]; }
+        c[0] = e1[1] * e2[2] - e1[2] * e2[1]; c[1] = e1[2] * e2[0] - e1[0] * e2[2]; c[2] = e1[0] * e2[1] - e1[1] * e2[0];
+        if (c[0] == 0 && c[1] == 0 && c[2] == 0) { (*degenerate)++; continue; }
+        for (i = 0; i < 3; i++) s->indices[3 * (size_t)s->triangle_count + (size_t)i] = (uint32_t)first_vertex + corner[i];
+        s->triangle_count++;
+    }
+    mesh->triangle_count = s->triangle_count - mesh->first_triangle;
+    s->vertex_count += in->vertex_count;
+    if (result == SBL_SUCCESS && !bad) {
+        if (sbl__affine_determinant(mesh->transform) < 0)  /* a mirror turns the corners round: turn them back, so that the front stays the front */
+            for (t = mesh->first_triangle; t < s->triangle_count; t++) {
+                uint32_t swap = s->indices[3 * (size_t)t + 1];
+                s->indices[3 * (size_t)t + 1] = s->indices[3 * (size_t)t + 2];
+                s->indices[3 * (size_t)t + 2] = swap;
+            }
+        bad = !sbl__mesh_transform(gl->base, s, number, mesh->transform);
+    }
+    sbl__reader_close(gl, &positions);
+    sbl__reader_close(gl, &normals);
+    sbl__reader_close(gl, &texcoords);
+    sbl__reader_close(gl, &colors);
+    sbl__reader_close(gl, &indices);
+    return result == SBL_SUCCESS && bad ? SBL_ERROR_INVALID_ARGUMENT : result;
+}
+
+static void sbl__scene_measure(sbl__scene *s) {
+    double diagonal = 0, farthest = 0;
+    int i, v, k, any = 0;
+    for (k = 0; k < 3; k++) { s->bounds[0][k] = FLT_MAX; s->bounds[1][k] = -FLT_MAX; }
+    for (i = 0; i < 3 * s->triangle_count; i++) {
+        v = (int)s->indices[i];
+        for (k = 0; k < 3; k++) {
+            s->bounds[0][k] = SBL__MIN(s->bounds[0][k], s->vertices[v].position[k]);
+            s->bounds[1][k] = SBL__MAX(s->bounds[1][k], s->vertices[v].position[k]);
+        }
+        any = 1;
+    }
+    if (s->draw) {
+        for (k = 0; k < 3; k++) {
+            s->bounds[0][k] = SBL__MIN(s->bounds[0][k], s->draw_bounds[0][k]);
+            s->bounds[1][k] = SBL__MAX(s->bounds[1][k], s->draw_bounds[1][k]);
+        }
+        any = 1;
+    }
+    if (!any) memset(s->bounds, 0, sizeof s->bounds);
+    for (k = 0; k < 3; k++) {
+        double side = (double)s->bounds[1][k] - s->bounds[0][k];
+        diagonal += side * side;
+        farthest = SBL__MAX(farthest, SBL__MAX(fabs((double)s->bounds[0][k]), fabs((double)s->bounds[1][k])));
+    }
+    s->extent = (float)(sqrt(diagonal) + farthest);
+    if (!(s->extent > 0)) s->extent = 1;
+}
+
+static sbl_result sbl__scene_upload(const sbl__gl *gl, sbl__scene *s) {
+    sbl_result result;
+    if (s->vertex_count > gl->capabilities.max_texture_buffer_size / 2 || s->triangle_count > gl->capabilities.max_texture_buffer_size / 3) {
+        sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the scene has %d vertices and %d triangles; this driver's texture buffers hold %d and %d", s->vertex_count,
+                 s->triangle_count, gl->capabilities.max_texture_buffer_size / 2, gl->capabilities.max_texture_buffer_size / 3);
+        return SBL_ERROR_UNSUPPORTED;
+    }
+    gl->BindVertexArray(0);
+    result = sbl__buffer_make(gl, &s->position_buffer, sizeof(sbl__vertex) * (size_t)s->vertex_count, s->vertices, SBL__GL_STATIC_DRAW, "storing positions");
+    if (result == SBL_SUCCESS) result = sbl__buffer_make(gl, &s->attribute_buffer, sizeof(sbl__attribute) * (size_t)s->vertex_count, s->attributes, SBL__GL_STATIC_DRAW, "storing attributes");
+    if (result == SBL_SUCCESS) result = sbl__buffer_make(gl, &s->index_buffer, 12 * (size_t)s->triangle_count, s->indices, SBL__GL_STATIC_DRAW, "storing indices");
+    if (result == SBL_SUCCESS) result = sbl__buffer_make(gl, &s->object_buffer, 4 * SBL__OBJECT_WORDS * (size_t)s->mesh_count, s->objects, SBL__GL_STATIC_DRAW, "storing objects");
+    if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &s->position_texels, SBL__GL_RGBA32UI, &s->position_buffer, "making the positions' texture");
+    if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &s->attribute_texels, SBL__GL_RGBA32UI, &s->attribute_buffer, "making the attributes' texture");
+    if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &s->index_texels, SBL__GL_R32UI, &s->index_buffer, "making the indices' texture");
+    if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &s->object_texels, SBL__GL_RGBA32UI, &s->object_buffer, "making the objects' texture");
+    if (result != SBL_SUCCESS) return result;
+    if (!s->vertex_array) gl->GenVertexArrays(1, &s->vertex_array);
+    gl->BindVertexArray(s->vertex_array);
+    gl->BindBuffer(SBL__GL_ELEMENT_ARRAY_BUFFER, s->index_buffer.id);
+    gl->BindBuffer(SBL__GL_ARRAY_BUFFER, s->position_buffer.id);
+    gl->VertexAttribPointer(0, 3, SBL__GL_FLOAT, 0, (int)sizeof(sbl__vertex), (const void *)0);
+    gl->VertexAttribIPointer(1, 1, SBL__GL_UNSIGNED_INT, (int)sizeof(sbl__vertex), (const void *)offsetof(sbl__vertex, object));
+    gl->BindBuffer(SBL__GL_ARRAY_BUFFER, s->attribute_buffer.id);
+    gl->VertexAttribPointer(2, 2, SBL__GL_FLOAT, 0, (int)sizeof(sbl__attribute), (const void *)offsetof(sbl__attribute, uv));
+    gl->VertexAttribPointer(3, 4, SBL__GL_UNSIGNED_SHORT, 1, (int)sizeof(sbl__attribute), (const void *)offsetof(sbl__attribute, color));
+    gl->EnableVertexAttribArray(0);
+    gl->EnableVertexAttribArray(1);
+    gl->EnableVertexAttribArray(2);
+    gl->EnableVertexAttribArray(3);
+    gl->BindVertexArray(0);
+    return sbl__gl_check(gl, "making the scene's vertex array");
+}
+
+/* Texels of all textures of one kind stand in one GL texture, each texture from a row of its own on. */
+typedef struct sbl__texel_store { unsigned char *bytes; size_t texel; int width, rows, is_float; } sbl__texel_store;
+
+static void sbl__store_texel(const sbl__texel_store *store, size_t at, const float rgba[4]) {
+    int i;
+    if (store->is_float) {
+        uint16_t half[4];
+        for (i = 0; i < 4; i++) half[i] = sbl__to_half(rgba[i]);
+        memcpy(store->bytes + 8 * at, half, 8);
+    } else
+        for (i = 0; i < 4; i++) {
+            float x = i < 3 ? sbl__linear_to_srgb(rgba[i]) : rgba[i];
+            store->bytes[4 * at + (size_t)i] = (unsigned char)(255.0f * SBL__MIN(SBL__MAX(x, 0.0f), 1.0f) + 0.5f);
+        }
+}
+
+/* The GL textures that desc names, read through a shader as sampling gives them: 4 floats a texel. The caller frees *out. */
+static sbl_result sbl__read_gl_texture(const sbl__gl *gl, unsigned copy_program, unsigned empty_array, unsigned name, int width, int height, float **out) {
+    sbl__texture target;
+    const sbl__texture *colors[1];
+    unsigned framebuffer = 0;
+    sbl_result result;
+    memset(&target, 0, sizeof target);
+    colors[0] = &target;
+    *out = (float *)sbl__alloc(gl->base, (size_t)width * (size_t)height, 16);
+    if (!*out) return SBL_ERROR_OUT_OF_MEMORY;
+    result = sbl__texture_make(gl, &target, width, height, SBL__GL_RGBA32F, NULL, "reading a GL texture");
+    if (result == SBL_SUCCESS) result = sbl__framebuffer_make(gl, &framebuffer, colors, 1, NULL, "reading a GL texture");
+    if (result == SBL_SUCCESS) {
+        gl->UseProgram(copy_program);
+        sbl__bind(gl, copy_program, "source", 0, SBL__GL_TEXTURE_2D, name);
+        gl->BindVertexArray(empty_array);
+        gl->Disable(SBL__GL_DEPTH_TEST);
+        gl->Viewport(0, 0, width, height);
+        gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
+        result = sbl__read_pixels(gl, framebuffer, 0, &target, height, *out, "reading a GL texture");
+    }
+    sbl__name_delete(gl->DeleteFramebuffers, &framebuffer);
+    sbl__texture_delete(gl, &target);
+    if (result != SBL_SUCCESS) { sbl__free(gl->base, *out); *out = NULL; }
+    return result;
+}
+
+static sbl_result sbl__scene_add_textures(const sbl__gl *gl, sbl__scene *s, const sbl_scene_desc *desc, unsigned copy_program, unsigned empty_array, uint32_t (*records)[4], float *brightest) {
+    sbl__texel_store stores[2];
+    sbl_result result = SBL_SUCCESS;
+    int i, k, x, y;
+    memset(stores, 0, sizeof stores);
+    stores[0].texel = 4;
+    stores[1].texel = 8; stores[1].is_float = 1;
+    for (k = 0; k < 2; k++) stores[k].width = SBL__MIN(SBL__TEXEL_STORE_WIDTH, gl->capabilities.max_texture_size);
+    for (i = 0; i < desc->texture_count; i++) {
+        const sbl_texture *t = &desc->textures[i];
+        int width = t->width, height = t->height;
+        sbl__texel_store *store = &stores[t->format != SBL_PIXELS_SRGB8];
+        double rows;
+        if (t->gl_texture) {
+            gl->ActiveTexture(SBL__GL_TEXTURE0);
+            gl->BindTexture(SBL__GL_TEXTURE_2D, t->gl_texture);
+            gl->GetTexLevelParameteriv(SBL__GL_TEXTURE_2D, 0, SBL__GL_TEXTURE_WIDTH, &width);
+            gl->GetTexLevelParameteriv(SBL__GL_TEXTURE_2D, 0, SBL__GL_TEXTURE_HEIGHT, &height);
+            if (sbl__gl_check(gl, "looking at a GL texture") != SBL_SUCCESS || width < 1 || height < 1) {
+                sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: gl_texture %u is not a GL_TEXTURE_2D with pixels in level 0", i + 1, t->gl_texture);
+                return SBL_ERROR_INVALID_ARGUMENT;
+            }
+        }
+        rows = ceil((double)width * height / store->width);
+        if (store->rows + rows > gl->capabilities.max_texture_size) {
+            sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "texture %d: all textures together need more than %d x %d texels; use smaller ones", i + 1, store->width, gl->capabilities.max_texture_size);
+            return SBL_ERROR_UNSUPPORTED;
+        }
+        records[i][0] = (uint32_t)store->rows;
+        records[i][1] = (uint32_t)width;
+        records[i][2] = (uint32_t)height;
+        records[i][3] = (store->is_float ? 2u : 1u) | (t->wrap == SBL_WRAP_CLAMP ? 4u : 0u);
+        store->rows += (int)rows;
+    }
+    for (k = 0; k < 2 && result == SBL_SUCCESS; k++) {
+        if (!stores[k].rows) continue;
+        stores[k].bytes = (unsigned char *)sbl__alloc(gl->base, (size_t)stores[k].rows * (size_t)stores[k].width, stores[k].texel);
+        if (!stores[k].bytes) result = SBL_ERROR_OUT_OF_MEMORY;
+    }
+    for (i = 0; i < desc->texture_count && result == SBL_SUCCESS; i++) {
+        const sbl_texture *t = &desc->textures[i];
+        const sbl__texel_store *store = &stores[t->format != SBL_PIXELS_SRGB8];
+        int width = (int)records[i][1], height = (int)records[i][2], channels = sbl__texture_channels(t);
+        size_t at = (size_t)records[i][0] * (size_t)store->width, stride = t->stride ? t->stride : (size_t)t->width * sbl__texture_texel(t);
+        float *copy = NULL, highest = 0;
+        if (t->gl_texture) result = sbl__read_gl_texture(gl, copy_program, empty_array, t->gl_texture, width, height, &copy);
+        for (y = 0; y < height && result == SBL_SUCCESS; y++)
+            for (x = 0; x < width; x++, at++) {
+                float c[4] = { 0, 0, 0, 1 };
+                if (copy) memcpy(c, copy + 4 * ((size_t)y * (size_t)width + (size_t)x), sizeof c);
+                else {
+                    const unsigned char *row = (const unsigned char *)t->pixels + (size_t)y * stride;
+                    if (t->format == SBL_PIXELS_FLOAT) memcpy(c, row + 4 * (size_t)channels * (size_t)x, 4 * (size_t)channels);
+                    else if (t->format == SBL_PIXELS_SRGB8) {  /* bytes go as they are: GL decodes them */
+                        const unsigned char *p = row + (size_t)channels * (size_t)x;
+                        unsigned char *q = store->bytes + 4 * at;
+                        q[0] = p[0];
+                        q[1] = p[channels < 3 ? 0 : 1];
+                        q[2] = p[channels < 3 ? 0 : 2];
+                        q[3] = channels == 2 ? p[1] : channels == 4 ? p[3] : 255;
+                        highest = 1;
+                        continue;
+                    } else for (k = 0; k < channels; k++) c[k] = (float)row[channels * x + k] / 255.0f;
+                    if (channels == 2) c[3] = c[1];
+                    if (channels < 3) c[1] = c[2] = c[0];
+                }
+                for (k = 0; k < 4; k++)
+                    if (!(c[k] >= 0.0f && sbl__finite(c[k]))) {
+                        sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: component %d of pixel %d %d is %g; it must be finite and not negative", i + 1, k, x, y, (double)c[k]);
+                        result = SBL_ERROR_INVALID_ARGUMENT;
+                        x = width; k = 4;
+                        break;
+                    }
+                if (result != SBL_SUCCESS) break;
+                highest = SBL__MAX(highest, sbl__max3(c));
+                sbl__store_texel(store, at, c);
+            }
+        brightest[i] = highest;
+        sbl__free(gl->base, copy);
+    }
+    if (result == SBL_SUCCESS && stores[0].rows)
+        result = sbl__texture_make(gl, &s->texels_srgb, stores[0].width, stores[0].rows, SBL__GL_SRGB8_ALPHA8, stores[0].bytes, "storing textures");
+    if (result == SBL_SUCCESS && stores[1].rows)
+        result = sbl__texture_make(gl, &s->texels_float, stores[1].width, stores[1].rows, SBL__GL_RGBA16F, stores[1].bytes, "storing textures");
+    sbl__free(gl->base, stores[0].bytes);
+    sbl__free(gl->base, stores[1].bytes);
+    return result;
+}
+
+static sbl_result sbl__scene_make(const sbl__gl *gl, sbl__scene *s, const sbl_scene_desc *desc, unsigned copy_program, unsigned empty_array) {
+    sbl_result result = sbl__check_scene(gl, desc);
+    uint32_t (*records)[4];
+    float *brightest;
+    double vertices = 0, triangles = 0;
+    int i, k, degenerate = 0;
+    if (result != SBL_SUCCESS) return result;
+    for (i = 0; i < desc->mesh_count; i++) {
+        vertices += desc->meshes[i].vertex_count;
+        triangles += (sbl__stream_present(&desc->meshes[i].indices) ? desc->meshes[i].index_count : desc->meshes[i].vertex_count) / 3;
+    }
+    if (vertices > INT_MAX / 4 || triangles > INT_MAX / 4) {
+        sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the scene has %.0f vertices and %.0f triangles; at most %d of each can be numbered", vertices, triangles, INT_MAX / 4);
+        return SBL_ERROR_UNSUPPORTED;
+    }
+    s->mesh_count = desc->mesh_count;
+    s->meshes = (sbl__mesh *)sbl__alloc(gl->base, (size_t)desc->mesh_count, sizeof(sbl__mesh));
+    s->positions = (float *)sbl__alloc(gl->base, (size_t)vertices, 12);
+    s->normals = (float *)sbl__alloc(gl->base, (size_t)vertices, 12);
+    s->vertices = (sbl__vertex *)sbl__alloc(gl->base, (size_t)vertices, sizeof(sbl__vertex));
+    s->attributes = (sbl__attribute *)sbl__alloc(gl->base, (size_t)vertices, sizeof(sbl__attribute));
+    s->indices = (uint32_t *)sbl__alloc(gl->base, (size_t)triangles, 12);
+    s->objects = (uint32_t *)sbl__alloc(gl->base, (size_t)desc->mesh_count, 4 * SBL__OBJECT_WORDS);
+    records = (uint32_t (*)[4])sbl__alloc(gl->base, (size_t)desc->texture_count, sizeof *records);
+    brightest = (float *)sbl__alloc(gl->base, (size_t)desc->texture_count, sizeof(float));
+    if (!s->meshes || !s->positions || !s->normals || !s->vertices || !s->attributes || !s->indices || !s->objects || !records || !brightest) result = SBL_ERROR_OUT_OF_MEMORY;
+
+    for (i = 0; i < desc->mesh_count && (result == SBL_SUCCESS || result == SBL_ERROR_INVALID_ARGUMENT); i++) {  /* all mistakes are reported, not only the first mesh's */
+        sbl_result mesh = sbl__scene_add_mesh(gl, s, &desc->meshes[i], i, &degenerate);
+        if (mesh != SBL_SUCCESS) result = mesh;
+    }
+    if (result == SBL_SUCCESS) result = sbl__scene_add_textures(gl, s, desc, copy_program, empty_array, records, brightest);
+    if (result == SBL_SUCCESS) {
+        memcpy(s->sky, desc->sky, sizeof s->sky);
+        s->max_radiance = sbl__max3(s->sky);
+        s->draw = desc->draw;
+        s->draw_user = desc->draw_user;
+        memcpy(s->draw_bounds, desc->draw_bounds, sizeof s->draw_bounds);
+        if (s->draw) s->max_radiance = SBL__MAX(s->max_radiance, desc->draw_max_radiance > 0 ? desc->draw_max_radiance : 1.0f);
+        for (i = 0; i < desc->mesh_count; i++) {
+            const sbl_mesh *mesh = &desc->meshes[i];
+            const sbl_material *m = &desc->materials[mesh->material];
+            uint32_t *words = s->objects + (size_t)SBL__OBJECT_WORDS * (size_t)i;
+            float scale = m->emission_texture ? brightest[m->emission_texture - 1] : 1.0f;
+            memcpy(words, m->albedo, 12);
+            memcpy(words + 3, &m->alpha_cutoff, 4);
+            memcpy(words + 4, m->emission, 12);
+            words[7] = m->flags;
+            for (k = 0; k < 4; k++) {
+                words[8 + k] = m->albedo_texture ? records[m->albedo_texture - 1][k] : 0;
+                words[12 + k] = m->emission_texture ? records[m->emission_texture - 1][k] : 0;
+            }
+            words[16] = mesh->id ? mesh->id : (uint32_t)i + 1;
+            if (m->albedo_texture || m->emission_texture || m->alpha_cutoff > 0) s->textured = 1;
+            s->max_radiance = SBL__MAX(s->max_radiance, scale * sbl__max3(m->emission));
+        }
+        sbl__scene_measure(s);
+        if (degenerate)
+            sbl__log(gl->base, SBL_LOG_WARNING, SBL_LOG_ITEM_DEGENERATE_TRIANGLES, "%d triangles without area were left out of %.0f", degenerate, triangles);
+        result = sbl__scene_upload(gl, s);
+    }
+    sbl__free(gl->base, records);
+    sbl__free(gl->base, brightest);
+    if (result != SBL_SUCCESS) sbl__scene_free(gl, s);
+    return result;
+}
+
+static sbl_result sbl__scene_move(const sbl__gl *gl, sbl__scene *s, int number, const float transform[16]) {
+    sbl__mesh *mesh = &s->meshes[number];
+    float identity[16], before[16];
+    int t, turned;
+    sbl_result result;
+    sbl__identity(identity);
+    memcpy(before, mesh->transform, sizeof before);
+    if (sbl__all_zero(transform, 16)) transform = identity;
+    if (!sbl__mesh_transform(gl->base, s, number, transform)) {
+        sbl__mesh_transform(gl->base, s, number, before);
+        return SBL_ERROR_INVALID_ARGUMENT;
+    }
+    memcpy(mesh->transform, transform, sizeof before);
+    turned = (sbl__affine_determinant(before) < 0) != (sbl__affine_determinant(transform) < 0);
+    for (t = mesh->first_triangle; turned && t < mesh->first_triangle + mesh->triangle_count; t++) {
+        uint32_t swap = s->indices[3 * (size_t)t + 1];
+        s->indices[3 * (size_t)t + 1] = s->indices[3 * (size_t)t + 2];
+        s->indices[3 * (size_t)t + 2] = swap;
+    }
+    sbl__scene_measure(s);
+    gl->BindVertexArray(0);
+    gl->BindBuffer(SBL__GL_ARRAY_BUFFER, s->position_buffer.id);
+    gl->BufferSubData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)(sizeof(sbl__vertex) * (size_t)mesh->first_vertex), (ptrdiff_t)(sizeof(sbl__vertex) * (size_t)mesh->vertex_count), s->vertices + mesh->first_vertex);
+    gl->BindBuffer(SBL__GL_ARRAY_BUFFER, s->attribute_buffer.id);
+    gl->BufferSubData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)(sizeof(sbl__attribute) * (size_t)mesh->first_vertex), (ptrdiff_t)(sizeof(sbl__attribute) * (size_t)mesh->vertex_count), s->attributes + mesh->first_vertex);
+    if (turned) {
+        gl->BindBuffer(SBL__GL_ARRAY_BUFFER, s->index_buffer.id);
+        gl->BufferSubData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)(12 * (size_t)mesh->first_triangle), (ptrdiff_t)(12 * (size_t)mesh->triangle_count), s->indices + 3 * (size_t)mesh->first_triangle);
+    }
+    result = sbl__gl_check(gl, "moving a mesh");
+    return result;
+}
+
+/* Binds what scene.glsl and surface.glsl read to units 0 to 5. */
+static void sbl__scene_bind(const sbl__gl *gl, const sbl__scene *s, unsigned program) {
+    sbl__bind(gl, program, "sbl_objects", 0, SBL__GL_TEXTURE_BUFFER, s->object_texels);
+    sbl__bind(gl, program, "sbl_texels_srgb", 1, SBL__GL_TEXTURE_2D, s->texels_srgb.id);
+    sbl__bind(gl, program, "sbl_texels_float", 2, SBL__GL_TEXTURE_2D, s->texels_float.id);
+    sbl__bind(gl, program, "sbl_positions", 3, SBL__GL_TEXTURE_BUFFER, s->position_texels);
+    sbl__bind(gl, program, "sbl_attributes", 4, SBL__GL_TEXTURE_BUFFER, s->attribute_texels);
+    sbl__bind(gl, program, "sbl_indices", 5, SBL__GL_TEXTURE_BUFFER, s->index_texels);
+}
+
+/* ======================================================================================================== >>surface
+   Where light is wanted: the camera's G-buffer (section III-F), once per picture at pixel centres and once per anti-aliasing sample. */
+
+typedef struct sbl__gbuffer {
+    sbl__texture position, normal, geometric_normal, albedo, emission, id, depth;
+    unsigned framebuffer;
+} sbl__gbuffer;
+
+/* What the rasteriser and the rays of the G-buffer need; rows are of world to view, the world taken relative to the eye. */
+typedef struct sbl__camera {
+    double eye[3], right[3], up[3], back[3];
+    float world_to_view[16], view_to_clip[16];
+    int orthographic;
+    double nearest, farthest;  /* orthographic: distances that depth 1 and 0 stand for */
+    float depth_scale;         /* perspective: depth is depth_scale / w */
+} sbl__camera;
+
+static sbl_result sbl__gbuffer_make(const sbl__gl *gl, sbl__gbuffer *g, int width, int height) {
+    const char *what = "making the G-buffer";
+    const sbl__texture *colors[6];
+    sbl_result result = sbl__texture_make(gl, &g->position, width, height, SBL__GL_RGBA32F, NULL, what);
+    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->normal, width, height, SBL__GL_RGBA32F, NULL, what);
+    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->geometric_normal, width, height, SBL__GL_RGBA32F, NULL, what);
+    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->albedo, width, height, SBL__GL_RGBA16F, NULL, what);
+    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->emission, width, height, SBL__GL_RGBA32F, NULL, what);
+    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->id, width, height, SBL__GL_R32UI, NULL, what);
+    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->depth, width, height, SBL__GL_DEPTH_COMPONENT32F, NULL, what);
+    if (result != SBL_SUCCESS) return result;
+    colors[0] = &g->position; colors[1] = &g->normal; colors[2] = &g->geometric_normal;
+    colors[3] = &g->albedo; colors[4] = &g->emission; colors[5] = &g->id;
+    return sbl__framebuffer_make(gl, &g->framebuffer, colors, 6, &g->depth, what);
+}
+
+static void sbl__gbuffer_free(const sbl__gl *gl, sbl__gbuffer *g) {
+    sbl__name_delete(gl->DeleteFramebuffers, &g->framebuffer);
+    sbl__texture_delete(gl, &g->position);
+    sbl__texture_delete(gl, &g->normal);
+    sbl__texture_delete(gl, &g->geometric_normal);
+    sbl__texture_delete(gl, &g->albedo);
+    sbl__texture_delete(gl, &g->emission);
+    sbl__texture_delete(gl, &g->id);
+    sbl__texture_delete(gl, &g->depth);
+}
+
+/* desc's matrices are checked already. */
+static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const sbl__scene *scene) {
+    const float *m = desc->world_to_view;
+    int i, k;
+    memcpy(c->world_to_view, m, sizeof c->world_to_view);
+    memcpy(c->view_to_clip, desc->view_to_clip, sizeof c->view_to_clip);
+    for (k = 0; k < 3; k++) { c->right[k] = m[4 * k]; c->up[k] = m[4 * k + 1]; c->back[k] = m[4 * k + 2]; }
+    for (k = 0; k < 3; k++) c->eye[k] = -(c->right[k] * m[12] + c->up[k] * m[13] + c->back[k] * m[14]);
+    c->orthographic = desc->view_to_clip[11] == 0.0f;
+    c->depth_scale = 1e-6f * scene->extent;
+    c->nearest = DBL_MAX;
+    c->farthest = -DBL_MAX;
+    for (i = 0; i < 8; i++) {
+        double distance = 0;
+        for (k = 0; k < 3; k++) distance -= c->back[k] * ((double)scene->bounds[(i >> k) & 1][k] - c->eye[k]);
+        c->nearest = SBL__MIN(c->nearest, distance);
+        c->farthest = SBL__MAX(c->farthest, distance);
+    }
+    c->nearest -= 1e-3 * scene->extent;
+    c->farthest += 1e-3 * scene->extent;
+}
+
+/* view_to_clip as the G-buffer is drawn: shifted by the sample's offset (pixels), top row first, reversed depth. */
+static void sbl__camera_clip(const sbl__camera *c, const float offset[2], int width, int height, float out[16]) {
+    const float *m = c->view_to_clip;
+    int k;
+    memset(out, 0, 16 * sizeof(float));
+    for (k = 0; k < 4; k++) {
+        float w = m[4 * k + 3];
+        out[4 * k] = m[4 * k] - 2 * offset[0] / (float)width * w;
+        out[4 * k + 1] = -m[4 * k + 1] - 2 * offset[1] / (float)height * w;
+        out[4 * k + 3] = w;
+    }
+    if (c->orthographic) {  /* depth falls from 1 at the nearest to 0 at the farthest point of the scene */
+        out[10] = (float)(1 / (c->farthest - c->nearest));
+        out[14] = (float)(c->farthest / (c->farthest - c->nearest));
+    } else out[14] = c->depth_scale;
+}
+
+static void sbl__surface_draw(const sbl__gl *gl, unsigned program, const sbl__scene *scene, const sbl__camera *c, sbl__gbuffer *g, const float offset[2], float epsilon) {
+    static const float zero[4] = { 0, 0, 0, 0 };
+    static const unsigned none[4] = { 0, 0, 0, 0 };
+    int width = g->position.width, height = g->position.height, i, k;
+    float clip[16];
+    double ray[6][3];  /* origin and direction: constant, per pixel of x, per pixel of y */
+    const float *m = c->view_to_clip;
+    double a = c->orthographic ? 1 : -(double)m[11], step_x = 2.0 / width, step_y = -2.0 / height;
+    double x0 = -1 + offset[0] * step_x, y0 = 1 + offset[1] * step_y;
+
+    gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->framebuffer);
+    gl->Viewport(0, 0, width, height);
+    gl->Enable(SBL__GL_DEPTH_TEST);
+    for (i = 0; i < 5; i++) gl->ClearBufferfv(SBL__GL_COLOR, i, zero);
+    gl->ClearBufferuiv(SBL__GL_COLOR, 5, none);
+    gl->ClearBufferfv(SBL__GL_DEPTH, 0, zero);
+    sbl__camera_clip(c, offset, width, height, clip);
+
+    /* x of the view at unit distance (perspective) or everywhere (orthographic) is linear in the pixel: x = (a ndc + m8) / m0 or (ndc - m12) / m0 */
+    for (k = 0; k < 3; k++) {
+        double across = c->orthographic ? (x0 - m[12]) / m[0] : (a * x0 + m[8]) / m[0];
+        double down = c->orthographic ? (y0 - m[13]) / m[5] : (a * y0 + m[9]) / m[5];
+        double dx = a * step_x / m[0], dy = a * step_y / m[5];
+        int moving = c->orthographic ? 0 : 3, still = 3 - moving;
+        ray[moving][k] = across * c->right[k] + down * c->up[k] + (c->orthographic ? c->eye[k] : -c->back[k]);
+        ray[moving + 1][k] = dx * c->right[k];
+        ray[moving + 2][k] = dy * c->up[k];
+        ray[still][k] = c->orthographic ? -c->back[k] : c->eye[k];
+        ray[still + 1][k] = ray[still + 2][k] = 0;
+    }
+    if (scene->triangle_count) {
+        static const char *const names[6] = { "origin_0", "origin_x", "origin_y", "direction_0", "direction_x", "direction_y" };
+        static const char *const rows[4] = { "clip_x", "clip_y", "clip_z", "clip_w" };
+        gl->UseProgram(program);
+        sbl__scene_bind(gl, scene, program);
+        for (i = 0; i < 6; i++) gl->Uniform3f(sbl__uniform(gl, program, names[i]), (float)ray[i][0], (float)ray[i][1], (float)ray[i][2]);
+        for (i = 0; i < 4; i++) {
+            double row[3];
+            for (k = 0; k < 3; k++) row[k] = clip[i] * c->right[k] + clip[4 + i] * c->up[k] + clip[8 + i] * c->back[k];
+            gl->Uniform4f(sbl__uniform(gl, program, rows[i]), (float)row[0], (float)row[1], (float)row[2], clip[12 + i]);
+        }
+        gl->Uniform3f(sbl__uniform(gl, program, "eye"), (float)c->eye[0], (float)c->eye[1], (float)c->eye[2]);
+        gl->Uniform2f(sbl__uniform(gl, program, "depth_from_w"), c->orthographic ? 0 : c->depth_scale, 0);
+        gl->BindVertexArray(scene->vertex_array);
+        gl->DrawElements(SBL__GL_TRIANGLES, 3 * scene->triangle_count, SBL__GL_UNSIGNED_INT, NULL);
+    }
+    if (scene->draw) {
+        sbl_draw_view view;
+        memset(&view, 0, sizeof view);
+        view.kind = SBL_VIEW_CAMERA;
+        view.viewport[2] = width;
+        view.viewport[3] = height;
+        memcpy(view.world_to_view, c->world_to_view, sizeof view.world_to_view);
+        memcpy(view.view_to_clip, clip, sizeof view.view_to_clip);
+        sbl__multiply(view.world_to_clip, clip, c->world_to_view);
+        for (k = 0; k < 3; k++) view.eye[k] = (float)c->eye[k];
+        view.radiance_scale = 1;
+        view.depth_scale = c->depth_scale;
+        view.write_depth = !(gl->capabilities.used & SBL_CAPABILITY_CLIP_CONTROL);
+        view.epsilon = epsilon;
+        gl->Scissor(0, 0, width, height);
+        gl->Enable(SBL__GL_SCISSOR_TEST);
+        scene->draw(&view, scene->draw_user);
+        sbl__guard_force(gl);
+    }
+}
+
+/* ======================================================================================================== >>sensors
+   Where a sensor stands and looks, how its views lie on its sheet, and what each texel weighs. */
+
+typedef struct sbl__point {
+    float position[3];          /* already moved off the surface */
+    float normal[3];            /* unit */
+    float turn;                 /* rotation about the normal, radians */
+} sbl__point;
+
+typedef struct sbl__layout {
+    int hemicube, size, view_count;
+    double tangent;             /* of half the view's width: 1 for a hemicube */
+    int rects[5][4];            /* x, y, width, height in the sheet */
+    int sheet_width, sheet_height;            /* without padding */
+    int block, blocks[2];       /* the reduction's first step adds block x block texels; the sheet is padded to whole blocks */
+} sbl__layout;
+
+/* As the vertex shader takes it, see sensor_vertex.glsl. */
+typedef struct sbl__view { float eye[3], right[4], up[4], forward[4], offset[2]; } sbl__view;
+
+static void sbl__layout_make(sbl__layout *l, int hemicube, int size, float fov) {
+    int half = (size + 1) / 2, i;
+    memset(l, 0, sizeof *l);
+    l->hemicube = hemicube;
+    l->size = size;
+    l->view_count = hemicube ? 5 : 1;
+    l->tangent = hemicube ? 1 : tan(0.5 * (double)fov * SBL__PI / 180);
+    l->sheet_width = hemicube ? 2 * size : size;
+    l->sheet_height = hemicube ? SBL__MAX(size, 2 * half) + half : size;
+    l->rects[0][2] = l->rects[0][3] = size;
+    for (i = 1; i < l->view_count; i++) {
+        l->rects[i][0] = i == 3 ? 0 : size;
+        l->rects[i][1] = i == 1 ? 0 : i == 2 ? half : 2 * half;
+        l->rects[i][2] = size;
+        l->rects[i][3] = half;
+    }
+    l->block = size < 128 ? 8 : size < 256 ? 16 : 32;
+    l->blocks[0] = (l->sheet_width + l->block - 1) / l->block;
+    l->blocks[1] = (l->sheet_height + l->block - 1) / l->block;
+}
+
+/* Tangents to a normal: Duff et al. 2017, "Building an Orthonormal Basis, Revisited". right x up = -normal, as in a view that looks along it. */
+static void sbl__frame(const float n[3], double turn, double right[3], double up[3]) {
+    double s = n[2] < 0.0f ? -1 : 1, a = -1 / (s + n[2]), b = (double)n[0] * n[1] * a, c = cos(turn), d = sin(turn);
+    double t[3], u[3];
+    int k;
+    t[0] = 1 + s * n[0] * n[0] * a; t[1] = s * b; t[2] = -s * n[0];
+    u[0] = -b; u[1] = -(s + (double)n[1] * n[1] * a); u[2] = n[1];
+    for (k = 0; k < 3; k++) { right[k] = c * t[k] + d * u[k]; up[k] = c * u[k] - d * t[k]; }
+}
+
+/* Directions of view `face`: 0 looks along the normal, 1 to 4 to the sides with the normal up. */
+static void sbl__view_axes(const sbl__point *p, int face, double right[3], double up[3], double forward[3]) {
+    double t[3], u[3];
+    int k;
+    sbl__frame(p->normal, p->turn, t, u);
+    for (k = 0; k < 3; k++) {
+        double n = p->normal[k];
+        forward[k] = face == 0 ? n : face == 1 ? t[k] : face == 2 ? u[k] : face == 3 ? -t[k] : -u[k];
+        up[k] = face == 0 ? u[k] : n;
+        right[k] = face == 0 ? t[k] : face == 1 ? -u[k] : face == 2 ? t[k] : face == 3 ? u[k] : -t[k];
+    }
+}
+
+static void sbl__view_make(const sbl__layout *l, const sbl__point *p, int face, int corner_x, int corner_y, int atlas_width, int atlas_height, sbl__view *out) {
+    double right[3], up[3], forward[3];
+    const int *r = l->rects[face];
+    int k;
+    sbl__view_axes(p, face, right, up, forward);
+    for (k = 0; k < 3; k++) {
+        out->eye[k] = p->position[k];
+        out->right[k] = (float)(right[k] / l->tangent);
+        out->up[k] = (float)(up[k] / l->tangent);
+        out->forward[k] = (float)forward[k];
+    }
+    out->right[3] = (float)r[2] / (float)atlas_width;
+    out->offset[0] = (float)(2 * (corner_x + r[0]) + r[2]) / (float)atlas_width - 1;
+    out->up[3] = (float)(face ? 2 * r[3] : r[3]) / (float)atlas_height;
+    out->offset[1] = (float)(2 * (corner_y + r[1]) + (face ? 0 : r[3])) / (float)atlas_height - 1;
+    out->forward[3] = face ? 0.0f : -1.0f;
+}
+
+/* The range of x and y, in tangents, that a view's rectangle spans. */
+static void sbl__view_range(const sbl__layout *l, int face, double range[4]) {
+    range[0] = -l->tangent; range[1] = l->tangent;
+    range[2] = face ? 0 : -l->tangent; range[3] = l->tangent;
+}
+
+/* Projected solid angle over pi of the corner rectangle [0, x] x [0, y] at unit distance. Top: in a plane across the normal; the integral of
+   1 / (pi (1 + x^2 + y^2)^2). Side: in a plane along the normal, y up; the integral of y / (pi (1 + x^2 + y^2)^2), less its value at y = 0.
+   These are the form factors of Cohen and Greenberg 1985, "The Hemi-Cube", integrated. */
+static double sbl__corner_top(double x, double y) {
+    double a = sqrt(1 + x * x), b = sqrt(1 + y * y);
+    return (x / a * atan(y / a) + y / b * atan(x / b)) / (2 * SBL__PI);
+}
+
+static double sbl__corner_side(double x, double y) {
+    double b = sqrt(1 + y * y);
+    return (atan(x) - atan(x / b) / b) / (2 * SBL__PI);
+}
+
+/* The paper's V'' of equation 4: onto the unit sphere, then down onto the tangent plane. */
+static void sbl__paper_project(double x, double y, double out[2]) {
+    double length = sqrt(x * x + y * y + 1);
+    out[0] = x / length;
+    out[1] = y / length;
+}
+
+/* weights: two floats a texel of the padded sheet: share of the hemisphere's projected solid angle; length of the texel's ray at unit depth. */
+static void sbl__weights_make(const sbl__layout *l, int paper, float *weights) {
+    size_t pitch = (size_t)(l->blocks[0] * l->block);
+    int face, i, j;
+    for (face = 0; face < l->view_count; face++) {
+        const int *r = l->rects[face];
+        double range[4], dx, dy;
+        sbl__view_range(l, face, range);
+        dx = (range[1] - range[0]) / r[2];
+        dy = (range[3] - range[2]) / r[3];
+        for (j = 0; j < r[3]; j++)
+            for (i = 0; i < r[2]; i++) {
+                float *out = weights + 2 * ((size_t)(r[1] + j) * pitch + (size_t)(r[0] + i));
+                double x0 = range[0] + i * dx, y0 = range[2] + j * dy, x1 = x0 + dx, y1 = y0 + dy, x = x0 + 0.5 * dx, y = y0 + 0.5 * dy;
+                if (paper) {  /* equation 4 over pi; section III-E's factor rdx * rdy and the mean over as many texels cancel */
+                    double v0[2], v1[2], v2[2];
+                    sbl__paper_project(x0, y0, v0);
+                    sbl__paper_project(x1, y0, v1);
+                    sbl__paper_project(x0, y1, v2);
+                    out[0] = (float)(fabs((v1[0] - v0[0]) * (v2[1] - v0[1]) - (v1[1] - v0[1]) * (v2[0] - v0[0])) / SBL__PI);
+                } else if (face)
+                    out[0] = (float)(sbl__corner_side(x1, y1) - sbl__corner_side(x0, y1) - sbl__corner_side(x1, y0) + sbl__corner_side(x0, y0));
+                else out[0] = (float)(sbl__corner_top(x1, y1) - sbl__corner_top(x0, y1) - sbl__corner_top(x1, y0) + sbl__corner_top(x0, y0));
+                out[1] = (float)sqrt(1 + x * x + y * y);
+            }
+    }
+}
+
+/* ======================================================================================================== >>gather
+   The primitive: points and normals in, light out. It does not know what the points are for, and nothing above knows how it sees.
+
+   This back end rasterises. Sensor i of a job stands in slot i % slots of the atlas, whatever the batch: a picture never depends on it.
+
+       atlas  +-------+-------+-------+      one instanced draw: every view of every sensor of a batch
+              | sheet | sheet | sheet |
+              +-------+-------+-------+      reduce_blocks: block x block texels -> one        (atlas -> block sums)
+              | sheet |  ...          |      reduce_sum:    the blocks of a sheet -> one       (block sums -> results)
+              +-------+---------------+      one readback for the whole job                                            */
+
+#define SBL__RESULTS_WIDTH 1024
+#define SBL__MAX_SLOTS 4096
+#define SBL__DEPTH_SCALE 1e-6f  /* depth is this over distance, lengths in scene extents: surfaces nearer than it share depth 1 */
+
+typedef struct sbl__light {     /* what gather gives for a point */
+    float radiance[3];          /* R */
+    float back_share;           /* of the weight that sees surfaces, what sees back faces */
+    float hit_share;            /* weight that sees surfaces */
+    float hit_mean, hit_min;    /* distances, world units; 0 where nothing is seen */
+} sbl__light;
+
+typedef struct sbl__gather {
+    sbl__layout layout;
+    int paper;
+    float epsilon, radiance_scale;
+    int columns, slots;
+    sbl__texture atlas, depth, weights, block_sums, block_hits, sums, hits;
+    unsigned atlas_framebuffer, block_framebuffer, result_framebuffer;
+    sbl__buffer view_buffer;
+    sbl__view *views;           /* one batch, before it is sent */
+    const sbl__point *points;   /* the job; owned by the caller */
+    int count, next;
+    int draw_limit;             /* sensors in one draw that keep it short on any machine */
+} sbl__gather;
+
+static void sbl__gather_free(const sbl__gl *gl, sbl__gather *g) {
+    sbl__name_delete(gl->DeleteFramebuffers, &g->atlas_framebuffer);
+    sbl__name_delete(gl->DeleteFramebuffers, &g->block_framebuffer);
+    sbl__name_delete(gl->DeleteFramebuffers, &g->result_framebuffer);
+    sbl__texture_delete(gl, &g->atlas);
+    sbl__texture_delete(gl, &g->depth);
+    sbl__texture_delete(gl, &g->weights);
+    sbl__texture_delete(gl, &g->block_sums);
+    sbl__texture_delete(gl, &g->block_hits);
+    sbl__texture_delete(gl, &g->sums);
+    sbl__texture_delete(gl, &g->hits);
+    sbl__buffer_delete(gl, &g->view_buffer);
+    sbl__free(gl->base, g->views);
+    memset(g, 0, sizeof *g);
+}
+
+/* Sets up for sensors of one kind and size. Keeps what an earlier set-up made where it fits. */
+static sbl_result sbl__gather_setup(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, int hemicube, int paper, int size, float fov, float epsilon, int atlas_size, int batch) {
+    const char *what = "making the sensors' atlas";
+    const sbl__texture *colors[2];
+    int pitch[2], rows, limit;
+    float *weights;
+    double brightest;
+    sbl_result result;
+    sbl__layout_make(&g->layout, hemicube, size, fov);
+    g->paper = paper;
+    g->epsilon = epsilon;
+    /* a power of two brings the brightest light near 1024: inside 16-bit floats, with room below */
+    brightest = SBL__MAX(scene->max_radiance, epsilon);
+    g->radiance_scale = brightest > 0 ? (float)ldexp(1, 10 - (int)ceil(log(brightest) / log(2.0))) : 1;
+    pitch[0] = g->layout.blocks[0] * g->layout.block;
+    pitch[1] = g->layout.blocks[1] * g->layout.block;
+    atlas_size = SBL__MIN(SBL__MAX(atlas_size, SBL__MAX(pitch[0], pitch[1])), gl->capabilities.max_texture_size);
+    g->columns = atlas_size / pitch[0];
+    rows = SBL__MIN(atlas_size / pitch[1], (SBL__MAX_SLOTS + g->columns - 1) / g->columns);
+    if (g->columns < 1 || rows < 1) {
+        sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "a sensor of size %d needs a texture of %d x %d, the driver has %d; use a smaller sensor_size", size, pitch[0], pitch[1], gl->capabilities.max_texture_size);
+        return SBL_ERROR_UNSUPPORTED;
+    }
+    g->slots = g->columns * rows;
+    limit = (int)(3e7 / (double)SBL__MAX(scene->triangle_count, 1) / g->layout.view_count);
+    g->draw_limit = SBL__MAX(1, SBL__MIN(limit, batch > 0 ? SBL__MIN(batch, g->slots) : g->slots));
+
+    weights = (float *)sbl__alloc(gl->base, (size_t)pitch[0] * (size_t)pitch[1], 8);
+    if (!weights) return SBL_ERROR_OUT_OF_MEMORY;
+    sbl__weights_make(&g->layout, paper, weights);
+    result = sbl__texture_make(gl, &g->weights, pitch[0], pitch[1], SBL__GL_RG32F, weights, what);
+    sbl__free(gl->base, weights);
+    sbl__free(gl->base, g->views);
+    g->views = (sbl__view *)sbl__alloc(gl->base, (size_t)g->draw_limit * (size_t)g->layout.view_count, sizeof(sbl__view));
+    if (!g->views) return SBL_ERROR_OUT_OF_MEMORY;
+    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->atlas, g->columns * pitch[0], rows * pitch[1], SBL__GL_RGBA16F, NULL, what);
+    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->depth, g->columns * pitch[0], rows * pitch[1], SBL__GL_DEPTH_COMPONENT32F, NULL, what);
+    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->block_sums, g->columns * g->layout.blocks[0], rows * g->layout.blocks[1], SBL__GL_RGBA32F, NULL, what);
+    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->block_hits, g->columns * g->layout.blocks[0], rows * g->layout.blocks[1], SBL__GL_RGBA32F, NULL, what);
+    colors[0] = &g->atlas;
+    if (result == SBL_SUCCESS) result = sbl__framebuffer_make(gl, &g->atlas_framebuffer, colors, 1, &g->depth, what);
+    colors[0] = &g->block_sums;
+    colors[1] = &g->block_hits;
+    if (result == SBL_SUCCESS) result = sbl__framebuffer_make(gl, &g->block_framebuffer, colors, 2, NULL, what);
+    return result;
+}
+
+/* Starts a job: R for `count` points. The points must stay until sbl__gather_finish. */
+static sbl_result sbl__gather_begin(const sbl__gl *gl, sbl__gather *g, const sbl__point *points, int count) {
+    const char *what = "making the sensors' results";
+    const sbl__texture *colors[2];
+    int rows = (count + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH;
+    sbl_result result = SBL_SUCCESS;
+    g->points = points;
+    g->count = count;
+    g->next = 0;
+    if (rows > gl->capabilities.max_texture_size) {
+        sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "%d sensors in one job; the driver's textures hold %d; use a smaller picture", count, gl->capabilities.max_texture_size * SBL__RESULTS_WIDTH);
+        return SBL_ERROR_UNSUPPORTED;
+    }
+    if (g->sums.height < rows || g->hits.height < rows) {
+        result = sbl__texture_make(gl, &g->sums, SBL__RESULTS_WIDTH, rows, SBL__GL_RGBA32F, NULL, what);
+        if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->hits, SBL__RESULTS_WIDTH, rows, SBL__GL_RGBA32F, NULL, what);
+        colors[0] = &g->sums;
+        colors[1] = &g->hits;
+        if (result == SBL_SUCCESS) result = sbl__framebuffer_make(gl, &g->result_framebuffer, colors, 2, NULL, what);
+    }
+    return result;
+}
+
+/* The host's own geometry, view by view. */
+static void sbl__gather_draw_host(const sbl__gl *gl, const sbl__gather *g, const sbl__scene *scene, int first, int count, int base) {
+    int pitch_x = g->layout.blocks[0] * g->layout.block, pitch_y = g->layout.blocks[1] * g->layout.block, i, face, k;
+    for (i = first; i < first + count; i++)
+        for (face = 0; face < g->layout.view_count; face++) {
+            const sbl__point *p = &g->points[i];
+            const int *r = g->layout.rects[face];
+            int slot = i % g->slots;
+            double right[3], up[3], forward[3], per_length = 1 / (double)scene->extent;
+            sbl_draw_view v;
+            memset(&v, 0, sizeof v);
+            v.kind = SBL_VIEW_SENSOR;
+            v.viewport[0] = slot % g->columns * pitch_x + r[0];
+            v.viewport[1] = slot / g->columns * pitch_y + r[1];
+            v.viewport[2] = r[2];
+            v.viewport[3] = r[3];
+            sbl__view_axes(p, face, right, up, forward);
+            for (k = 0; k < 3; k++) {
+                v.world_to_view[4 * k] = (float)right[k];
+                v.world_to_view[4 * k + 1] = (float)up[k];
+                v.world_to_view[4 * k + 2] = (float)-forward[k];
+                v.world_to_view[12] -= (float)(right[k] * p->position[k]);
+                v.world_to_view[13] -= (float)(up[k] * p->position[k]);
+                v.world_to_view[14] += (float)(forward[k] * p->position[k]);
+                v.eye[k] = p->position[k];
+            }
+            v.world_to_view[15] = 1;
+            v.view_to_clip[0] = (float)(per_length / g->layout.tangent);
+            v.view_to_clip[5] = (float)(per_length / g->layout.tangent) * (face ? 2.0f : 1.0f);
+            v.view_to_clip[9] = face ? (float)per_length : 0.0f;  /* a side shows y from 0 to 1 */
+            v.view_to_clip[11] = (float)-per_length;
+            v.view_to_clip[14] = SBL__DEPTH_SCALE;
+            sbl__multiply(v.world_to_clip, v.view_to_clip, v.world_to_view);
+            v.radiance_scale = g->radiance_scale;
+            v.depth_scale = SBL__DEPTH_SCALE;
+            v.write_depth = !(gl->capabilities.used & SBL_CAPABILITY_CLIP_CONTROL);
+            v.epsilon = g->epsilon;
+            v.sensor = base + i;
+            v.face = face;
+            gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->atlas_framebuffer);
+            gl->Enable(SBL__GL_DEPTH_TEST);
+            gl->Enable(SBL__GL_SCISSOR_TEST);
+            gl->Viewport(v.viewport[0], v.viewport[1], v.viewport[2], v.viewport[3]);
+            gl->Scissor(v.viewport[0], v.viewport[1], v.viewport[2], v.viewport[3]);
+            scene->draw(&v, scene->draw_user);
+            sbl__guard_force(gl);
+        }
+}
+
+/* Draws sensors first .. first + count - 1, which lie in one filling of the atlas. */
+static sbl_result sbl__gather_draw(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, unsigned program, int first, int count) {
+    const sbl__layout *l = &g->layout;
+    int pitch_x = l->blocks[0] * l->block, pitch_y = l->blocks[1] * l->block, i, face;
+    sbl_result result = SBL_SUCCESS;
+    gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->atlas_framebuffer);
+    gl->Viewport(0, 0, g->atlas.width, g->atlas.height);
+    if (first % g->slots == 0) {
+        float sky[4], zero = 0;
+        for (i = 0; i < 3; i++) sky[i] = scene->sky[i] * g->radiance_scale;
+        sky[3] = 0;
+        gl->ClearBufferfv(SBL__GL_COLOR, 0, sky);
+        gl->ClearBufferfv(SBL__GL_DEPTH, 0, &zero);
+    }
+    if (scene->triangle_count) {
+        for (i = 0; i < count; i++)
+            for (face = 0; face < l->view_count; face++) {
+                int slot = (first + i) % g->slots;
+                sbl__view_make(l, &g->points[first + i], face, slot % g->columns * pitch_x, slot / g->columns * pitch_y, g->atlas.width, g->atlas.height,
+                               &g->views[i * l->view_count + face]);
+            }
+        result = sbl__buffer_make(gl, &g->view_buffer, (size_t)(count * l->view_count) * sizeof(sbl__view), g->views, SBL__GL_STREAM_DRAW, "sending views");
+        if (result != SBL_SUCCESS) return result;
+        gl->BindVertexArray(scene->vertex_array);
+        gl->BindBuffer(SBL__GL_ARRAY_BUFFER, g->view_buffer.id);
+        gl->VertexAttribPointer(4, 3, SBL__GL_FLOAT, 0, (int)sizeof(sbl__view), (const void *)offsetof(sbl__view, eye));
+        gl->VertexAttribPointer(5, 4, SBL__GL_FLOAT, 0, (int)sizeof(sbl__view), (const void *)offsetof(sbl__view, right));
+        gl->VertexAttribPointer(6, 4, SBL__GL_FLOAT, 0, (int)sizeof(sbl__view), (const void *)offsetof(sbl__view, up));
+        gl->VertexAttribPointer(7, 4, SBL__GL_FLOAT, 0, (int)sizeof(sbl__view), (const void *)offsetof(sbl__view, forward));
+        gl->VertexAttribPointer(8, 2, SBL__GL_FLOAT, 0, (int)sizeof(sbl__view), (const void *)offsetof(sbl__view, offset));
+        for (i = 4; i <= 8; i++) {
+            gl->EnableVertexAttribArray((unsigned)i);
+            gl->VertexAttribDivisor((unsigned)i, 1);
+        }
+        gl->Enable(SBL__GL_DEPTH_TEST);
+        for (i = 0; i < 4; i++) gl->Enable(SBL__GL_CLIP_DISTANCE0 + (unsigned)i);
+        gl->UseProgram(program);
+        sbl__scene_bind(gl, scene, program);
+        sbl__uniform_f(gl, program, "per_length", 1 / scene->extent);
+        sbl__uniform_f(gl, program, "depth_scale", SBL__DEPTH_SCALE);
+        sbl__uniform_f(gl, program, "epsilon", g->epsilon);
+        sbl__uniform_f(gl, program, "radiance_scale", g->radiance_scale);
+        gl->DrawElementsInstanced(SBL__GL_TRIANGLES, 3 * scene->triangle_count, SBL__GL_UNSIGNED_INT, NULL, count * l->view_count);
+        for (i = 0; i < 4; i++) gl->Disable(SBL__GL_CLIP_DISTANCE0 + (unsigned)i);
+    }
+    if (scene->draw) sbl__gather_draw_host(gl, g, scene, first, count, 0);
+    return result;
+}
+
+/* Reduces the sensors of the atlas's present filling, the last of which is `last`. */
+static void sbl__gather_reduce(const sbl__gl *gl, const sbl__gather *g, const unsigned programs[2], unsigned empty_array, int last) {
+    int first = last - last % g->slots, used = last - first + 1, sheet_rows = (used + g->columns - 1) / g->columns;
+    int row_first = first / SBL__RESULTS_WIDTH, row_last = last / SBL__RESULTS_WIDTH;
+    gl->BindVertexArray(empty_array);
+    gl->Disable(SBL__GL_DEPTH_TEST);
+    gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->block_framebuffer);
+    gl->Viewport(0, 0, g->block_sums.width, sheet_rows * g->layout.blocks[1]);
+    gl->UseProgram(programs[0]);
+    sbl__bind(gl, programs[0], "atlas", 0, SBL__GL_TEXTURE_2D, g->atlas.id);
+    sbl__bind(gl, programs[0], "weights", 1, SBL__GL_TEXTURE_2D, g->weights.id);
+    sbl__uniform_i(gl, programs[0], "block", g->layout.block);
+    gl->Uniform2i(sbl__uniform(gl, programs[0], "blocks"), g->layout.blocks[0], g->layout.blocks[1]);
+    gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
+
+    gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->result_framebuffer);
+    gl->Viewport(0, row_first, SBL__RESULTS_WIDTH, row_last - row_first + 1);
+    gl->UseProgram(programs[1]);
+    sbl__bind(gl, programs[1], "block_sums", 0, SBL__GL_TEXTURE_2D, g->block_sums.id);
+    sbl__bind(gl, programs[1], "block_hits", 1, SBL__GL_TEXTURE_2D, g->block_hits.id);
+    gl->Uniform2i(sbl__uniform(gl, programs[1], "blocks"), g->layout.blocks[0], g->layout.blocks[1]);
+    sbl__uniform_i(gl, programs[1], "columns", g->columns);
+    sbl__uniform_i(gl, programs[1], "slots", g->slots);
+    sbl__uniform_i(gl, programs[1], "width", SBL__RESULTS_WIDTH);
+    sbl__uniform_i(gl, programs[1], "first", first);
+    sbl__uniform_i(gl, programs[1], "last", last);
+    gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
+    gl->Flush();
+}
+
+/* One bounded piece of the job: at most `limit` sensors. Done when next == count. */
+static sbl_result sbl__gather_step(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, unsigned draw_program, const unsigned reduce_programs[2], unsigned empty_array, int limit) {
+    int filled = g->next % g->slots, count = SBL__MIN(SBL__MIN(g->count - g->next, g->slots - filled), SBL__MAX(1, SBL__MIN(limit, g->draw_limit)));
+    sbl_result result = sbl__gather_draw(gl, g, scene, draw_program, g->next, count);
+    if (result != SBL_SUCCESS) return result;
+    g->next += count;
+    if (g->next == g->count || g->next % g->slots == 0) sbl__gather_reduce(gl, g, reduce_programs, empty_array, g->next - 1);
+    return SBL_SUCCESS;
+}
+
+/* Ends the job: lights[i] is what point i receives. */
+static sbl_result sbl__gather_finish(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, sbl__light *lights) {
+    int rows = (g->count + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH, i, k;
+    size_t floats = (size_t)rows * SBL__RESULTS_WIDTH * 4;
+    float *data = (float *)sbl__alloc(gl->base, 2 * floats, sizeof(float));
+    sbl_result result;
+    if (!data) return SBL_ERROR_OUT_OF_MEMORY;
+    result = sbl__read_pixels(gl, g->result_framebuffer, 0, &g->sums, rows, data, "reading sensors");
+    if (result == SBL_SUCCESS) result = sbl__read_pixels(gl, g->result_framebuffer, 1, &g->hits, rows, data + floats, "reading sensors");
+    for (i = 0; i < g->count && result == SBL_SUCCESS; i++) {
+        const float *sum = data + 4 * (size_t)i, *hits = data + floats + 4 * (size_t)i;
+        for (k = 0; k < 3; k++) lights[i].radiance[k] = sum[k] / g->radiance_scale;
+        lights[i].hit_share = hits[0];
+        lights[i].back_share = hits[0] > 0 ? sum[3] / hits[0] : 0;
+        lights[i].hit_mean = hits[0] > 0 ? hits[1] / hits[0] * scene->extent : 0;
+        lights[i].hit_min = hits[0] > 0 ? hits[2] * scene->extent : 0;
+    }
+    sbl__free(gl->base, data);
+    return result;
+}
+
+/* ======================================================================================================== >>refine
+   Which points get sensors (section III-G), level by level, and what the other pixels get from them.
+
+   A cell is a rectangle of pixels with sensors at its four corners. It is split where two corners that belong together differ by more than
+   the threshold, or where some pixel inside belongs to no corner. Neighbours share corners; a sensor that a split puts on the edge
+   of a neighbour tests that neighbour too, so that a shadow's edge is followed even where it slips between the corners.
+
+       +-------+-------+      +---+---+-------+      o sensor of the first level
+       o       o       o      o   *   o       o      * sensor that the split of the left cell adds; the right cell's
+       |       |       |      *   *   *       |        interpolation is tested against the one on their common edge
+       o       o       o      o   *   o       o                                                                      */
+
+typedef struct sbl__pixel {
+    float position[3], normal[3], geometric_normal[3];
+    float radiance[3];
+    uint32_t id;              /* 0: nothing is seen here */
+    int job;                  /* index of the pixel's sensor in the running job */
+    unsigned char level;      /* 0: interpolated, else 1 + level */
+    unsigned char sensed;     /* 1: its own sensor's light stands in radiance */
+    unsigned char invalid;    /* the sensor was stuck inside geometry */
+    unsigned char queued;     /* a sensor is on its way */
+} sbl__pixel;
+
+typedef struct sbl__cell { int x0, y0, x1, y1; int level; int split; } sbl__cell;
+
+typedef struct sbl__refine {
+    int width, height, tile;
+    int geometry_aware, relative;
+    float threshold, offset;
+    uint32_t seed;
+    sbl__pixel *pixels;
+    sbl__cell *cells;
+    int cell_count, cell_room;
+    int fresh;                /* cells from here on have not been judged */
+    int rounds;
+    sbl__point *points;       /* the job, its pixels, and its answers */
+    int *point_pixels;
+    sbl__light *lights;
+    int point_count, point_room;
+    float floor;              /* radiance below which differences do not count, from the first level's mean */
+} sbl__refine;
+
+/* belongs.glsl, for the CPU */
+static float sbl__belongs(const sbl__pixel *a, const sbl__pixel *b, int geometry_aware) {
+    float d[3], off, apart, turn, plane;
+    int k;
+    if (a->id != b->id || a->id == 0) return 0;
+    if (!geometry_aware || a == b) return 1;
+    turn = (sbl__dot(a->normal, b->normal) - 0.8f) / 0.2f;
+    if (turn <= 0) return 0;
+    turn = SBL__MIN(turn, 1.0f);
+    for (k = 0; k < 3; k++) d[k] = b->position[k] - a->position[k];
+    off = SBL__MAX((float)fabs((double)sbl__dot(d, a->normal)), (float)fabs((double)sbl__dot(d, b->normal)));
+    apart = (float)sqrt((double)sbl__dot(d, d));
+    plane = 2 - 8 * off / SBL__MAX(apart, 1e-30f);
+    return turn * turn * SBL__MIN(SBL__MAX(plane, 0.0f), 1.0f);
+}
+
+/* Can its light be used for others? */
+static int sbl__usable(const sbl__pixel *p) { return p->sensed && !p->invalid; }
+
+/* Is the difference between two radiances worth more sensors? */
+static int sbl__differ(const sbl__refine *r, const float a[3], const float b[3]) {
+    float most = 0, mean = 0;
+    int k;
+    for (k = 0; k < 3; k++) {
+        most = SBL__MAX(most, (float)fabs((double)a[k] - b[k]));
+        mean = SBL__MAX(mean, 0.5f * (a[k] + b[k]));
+    }
+    return most > r->threshold * (r->relative ? mean + r->floor : 1.0f);
+}
+
+/* Light at pixel (x, y) from a cell's corners; out may be NULL. Returns how well the corners cover it, 0 to 1. */
+static float sbl__interpolate(const sbl__refine *r, const sbl__cell *c, int x, int y, float out[3]) {
+    const sbl__pixel *pixel = &r->pixels[(size_t)y * (size_t)r->width + (size_t)x];
+    float fx = c->x1 > c->x0 ? (float)(x - c->x0) / (float)(c->x1 - c->x0) : 0, fy = c->y1 > c->y0 ? (float)(y - c->y0) / (float)(c->y1 - c->y0) : 0;
+    float sum[3] = { 0, 0, 0 }, weights = 0;
+    int corner, k;
+    for (corner = 0; corner < 4; corner++) {
+        const sbl__pixel *p = &r->pixels[(size_t)(corner & 2 ? c->y1 : c->y0) * (size_t)r->width + (size_t)(corner & 1 ? c->x1 : c->x0)];
+        float weight = (corner & 1 ? fx : 1 - fx) * (corner & 2 ? fy : 1 - fy);
+        if (weight <= 0 || !sbl__usable(p)) continue;
+        weight *= sbl__belongs(pixel, p, r->geometry_aware);
+        for (k = 0; k < 3; k++) sum[k] += weight * p->radiance[k];
+        weights += weight;
+    }
+    if (out && weights > 0) for (k = 0; k < 3; k++) out[k] = sum[k] / weights;
+    return weights;
+}
+
+static sbl_result sbl__refine_add_cell(sbl__base *base, sbl__refine *r, int x0, int y0, int x1, int y1, int level) {
+    sbl__cell *c;
+    if (r->cell_count == r->cell_room) {
+        int room = r->cell_room * 2 + 1024;
+        sbl__cell *cells = (sbl__cell *)sbl__alloc(base, (size_t)room, sizeof *cells);
+        if (!cells) return SBL_ERROR_OUT_OF_MEMORY;
+        if (r->cell_count) memcpy(cells, r->cells, (size_t)r->cell_count * sizeof *cells);
+        sbl__free(base, r->cells);
+        r->cells = cells;
+        r->cell_room = room;
+    }
+    c = &r->cells[r->cell_count++];
+    c->x0 = x0; c->y0 = y0; c->x1 = x1; c->y1 = y1;
+    c->level = level;
+    c->split = 0;
+    return SBL_SUCCESS;
+}
+
+/* Pixels that a cell answers for: up to its right and lower edge, with them at the picture's border. */
+static int sbl__cell_end_x(const sbl__refine *r, const sbl__cell *c) { return c->x1 == r->width - 1 ? c->x1 : c->x1 - 1; }
+static int sbl__cell_end_y(const sbl__refine *r, const sbl__cell *c) { return c->y1 == r->height - 1 ? c->y1 : c->y1 - 1; }
+
+static int sbl__cell_must_split(const sbl__refine *r, const sbl__cell *c) {
+    const sbl__pixel *corners[4];
+    int i, k, x, y;
+    if (c->x1 - c->x0 <= 1 && c->y1 - c->y0 <= 1) return 0;
+    for (i = 0; i < 4; i++) corners[i] = &r->pixels[(size_t)(i & 2 ? c->y1 : c->y0) * (size_t)r->width + (size_t)(i & 1 ? c->x1 : c->x0)];
+    for (i = 0; i < 4; i++)
+        for (k = i + 1; k < 4; k++)
+            if (sbl__usable(corners[i]) && sbl__usable(corners[k]) && sbl__belongs(corners[i], corners[k], r->geometry_aware) > 0 &&
+                sbl__differ(r, corners[i]->radiance, corners[k]->radiance)) return 1;
+    for (y = c->y0; y <= sbl__cell_end_y(r, c); y++)
+        for (x = c->x0; x <= sbl__cell_end_x(r, c); x++) {
+            const sbl__pixel *p = &r->pixels[(size_t)y * (size_t)r->width + (size_t)x];
+            if (p->id && !p->sensed && sbl__interpolate(r, c, x, y, NULL) < 0.25f) return 1;
+        }
+    return 0;
+}
+
+/* Does a sensor on the cell's rim contradict what the cell would have put there? Corners are skipped: they are the cell's own. */
+static int sbl__cell_contradicted(const sbl__refine *r, const sbl__cell *c) {
+    int side, i;
+    if (c->x1 - c->x0 <= 1 && c->y1 - c->y0 <= 1) return 0;
+    for (side = 0; side < 4; side++) {
+        int length = side & 1 ? c->y1 - c->y0 : c->x1 - c->x0;
+        for (i = 1; i < length; i++) {
+            int x = side == 0 || side == 2 ? c->x0 + i : side == 1 ? c->x0 : c->x1;
+            int y = side == 1 || side == 3 ? c->y0 + i : side == 0 ? c->y0 : c->y1;
+            const sbl__pixel *p = &r->pixels[(size_t)y * (size_t)r->width + (size_t)x];
+            float guess[3];
+            if (sbl__usable(p) && sbl__interpolate(r, c, x, y, guess) > 0 && sbl__differ(r, guess, p->radiance)) return 1;
+        }
+    }
+    return 0;
+}
+
+static sbl_result sbl__cell_split(sbl__base *base, sbl__refine *r, int index) {
+    sbl__cell c = r->cells[index];
+    int xm = (c.x0 + c.x1) / 2, ym = (c.y0 + c.y1) / 2, i, j;
+    int xs[3], ys[3], columns = c.x1 - c.x0 > 1 ? 2 : 1, rows = c.y1 - c.y0 > 1 ? 2 : 1;
+    sbl_result result = SBL_SUCCESS;
+    xs[0] = c.x0; xs[1] = columns == 2 ? xm : c.x1; xs[2] = c.x1;
+    ys[0] = c.y0; ys[1] = rows == 2 ? ym : c.y1; ys[2] = c.y1;
+    r->cells[index].split = 1;
+    for (j = 0; j < rows && result == SBL_SUCCESS; j++)
+        for (i = 0; i < columns && result == SBL_SUCCESS; i++)
+            result = sbl__refine_add_cell(base, r, xs[i], ys[j], xs[i + 1], ys[j + 1], c.level + 1);
+    return result;
+}
+
+/* The sensor of pixel number `index`: off the surface along the geometric normal, turned by the pixel's hash or (paper) not. */
+static void sbl__refine_point(const sbl__refine *r, int index, int hashed_turn, sbl__point *out) {
+    const sbl__pixel *p = &r->pixels[index];
+    int k;
+    for (k = 0; k < 3; k++) {
+        out->position[k] = p->position[k] + r->offset * p->geometric_normal[k];
+        out->normal[k] = p->normal[k];
+    }
+    out->turn = hashed_turn ? (float)(sbl__hash((uint32_t)index ^ sbl__hash(r->seed)) * (0.5 * SBL__PI / 4294967296.0)) : 0;
+}
+
+/* Queues sensors for the corners of the cells not judged yet. Their number is r->point_count. */
+static sbl_result sbl__refine_collect(sbl__base *base, sbl__refine *r, int hashed_turn) {
+    int i, corner;
+    r->point_count = 0;
+    for (i = r->fresh; i < r->cell_count; i++) {
+        const sbl__cell *c = &r->cells[i];
+        for (corner = 0; corner < 4; corner++) {
+            int x = corner & 1 ? c->x1 : c->x0, y = corner & 2 ? c->y1 : c->y0, index = y * r->width + x;
+            sbl__pixel *p = &r->pixels[index];
+            if (!p->id || p->sensed || p->queued) continue;
+            if (r->point_count == r->point_room) {
+                int room = r->point_room * 2 + 1024;
+                sbl__point *points = (sbl__point *)sbl__alloc(base, (size_t)room, sizeof *points);
+                int *pixels = (int *)sbl__alloc(base, (size_t)room, sizeof *pixels);
+                sbl__light *lights = (sbl__light *)sbl__alloc(base, (size_t)room, sizeof *lights);
+                if (!points || !pixels || !lights) {
+                    sbl__free(base, points); sbl__free(base, pixels); sbl__free(base, lights);
+                    return SBL_ERROR_OUT_OF_MEMORY;
+                }
+                if (r->point_count) {
+                    memcpy(points, r->points, (size_t)r->point_count * sizeof *points);
+                    memcpy(pixels, r->point_pixels, (size_t)r->point_count * sizeof *pixels);
+                }
+                sbl__free(base, r->points); sbl__free(base, r->point_pixels); sbl__free(base, r->lights);
+                r->points = points; r->point_pixels = pixels; r->lights = lights;
+                r->point_room = room;
+            }
+            p->queued = 1;
+            p->level = (unsigned char)(1 + SBL__MIN(c->level, SBL_MAX_LEVELS - 1));
+            p->job = r->point_count;
+            r->point_pixels[r->point_count] = index;
+            sbl__refine_point(r, index, hashed_turn, &r->points[r->point_count++]);
+        }
+    }
+    return SBL_SUCCESS;
+}
+
+/* A sensor is stuck when something lies within the little way it was moved off its surface and nearly all it sees are back faces: it then stands inside
+   what it was moved into. Either alone proves nothing: corners are near, and whole rooms are modelled inside out. */
+static int sbl__light_stuck(const sbl__light *light, float offset) {
+    return light->hit_share > 0 && light->hit_min < 2 * offset && light->back_share > 0.75f;
+}
+
+/* Takes the answers of the job, then judges cells: the fresh ones, and older ones that new sensors contradict. */
+static sbl_result sbl__refine_judge(sbl__base *base, sbl__refine *r, sbl_stats *stats) {
+    int i, k, end = r->cell_count;
+    sbl_result result = SBL_SUCCESS;
+    for (i = 0; i < r->point_count; i++) {
+        sbl__pixel *p = &r->pixels[r->point_pixels[i]];
+        memcpy(p->radiance, r->lights[i].radiance, sizeof p->radiance);
+        p->sensed = 1;
+        p->queued = 0;
+        p->invalid = (unsigned char)sbl__light_stuck(&r->lights[i], r->offset);
+        stats->invalid_sensors += p->invalid;
+        stats->levels[p->level - 1].sensors++;
+        stats->level_count = SBL__MAX(stats->level_count, p->level);
+    }
+    stats->sensors += r->point_count;
+    if (r->rounds == 0) {
+        double mean = 0;
+        for (i = 0; i < r->point_count; i++) for (k = 0; k < 3; k++) mean = mean + (double)r->lights[i].radiance[k] / 3;
+        r->floor = r->point_count ? (float)(0.02 * mean / r->point_count) : 0;
+    }
+    r->rounds++;
+    for (i = 0; i < end && result == SBL_SUCCESS; i++) {
+        const sbl__cell *c = &r->cells[i];
+        if (c->split) continue;
+        if (i >= r->fresh ? sbl__cell_must_split(r, c) : r->rounds <= 3 * SBL_MAX_LEVELS && sbl__cell_contradicted(r, c)) result = sbl__cell_split(base, r, i);
+    }
+    r->fresh = end;
+    return result;
+}
+
+/* What the nearest usable sensor of the same surface gives, for pixels that no cell covers and for stuck sensors. */
+static int sbl__refine_nearest(const sbl__refine *r, int x, int y, float out[3]) {
+    const sbl__pixel *pixel = &r->pixels[(size_t)y * (size_t)r->width + (size_t)x];
+    int reach, i, j;
+    for (reach = 1; reach <= 8; reach++) {
+        float best = 0;
+        for (j = SBL__MAX(y - reach, 0); j <= SBL__MIN(y + reach, r->height - 1); j++)
+            for (i = SBL__MAX(x - reach, 0); i <= SBL__MIN(x + reach, r->width - 1); i++) {
+                const sbl__pixel *p = &r->pixels[(size_t)j * (size_t)r->width + (size_t)i];
+                float belongs;
+                if (!sbl__usable(p)) continue;
+                belongs = sbl__belongs(pixel, p, r->geometry_aware) / (float)(1 + (i - x) * (i - x) + (j - y) * (j - y));
+                if (belongs > best) { best = belongs; memcpy(out, p->radiance, 3 * sizeof(float)); }
+            }
+        if (best > 0) return 1;
+    }
+    return 0;
+}
+
+/* Fills the pixels without sensors. rgba: the radiance map, a = 1 where there is a surface. */
+static void sbl__refine_fill(const sbl__refine *r, float *rgba) {
+    int i, x, y;
+    for (i = 0; i < r->cell_count; i++) {
+        const sbl__cell *c = &r->cells[i];
+        if (c->split) continue;
+        for (y = c->y0; y <= sbl__cell_end_y(r, c); y++)
+            for (x = c->x0; x <= sbl__cell_end_x(r, c); x++) {
+                size_t at = (size_t)y * (size_t)r->width + (size_t)x;
+                const sbl__pixel *p = &r->pixels[at];
+                float *out = rgba + 4 * at;
+                if (!p->id) continue;
+                out[3] = 1;
+                if (sbl__usable(p)) memcpy(out, p->radiance, 3 * sizeof(float));
+                else if (!(sbl__interpolate(r, c, x, y, out) > 0) && !sbl__refine_nearest(r, x, y, out)) memcpy(out, p->radiance, 3 * sizeof(float));
+            }
+    }
+}
+
+static sbl_result sbl__refine_begin(sbl__base *base, sbl__refine *r) {
+    int x, y;
+    sbl_result result = SBL_SUCCESS;
+    for (y = 0; y == 0 || y < r->height - 1; y += r->tile)
+        for (x = 0; (x == 0 || x < r->width - 1) && result == SBL_SUCCESS; x += r->tile)
+            result = sbl__refine_add_cell(base, r, x, y, SBL__MIN(x + r->tile, r->width - 1), SBL__MIN(y + r->tile, r->height - 1), 0);
+    return result;
+}
+
+static void sbl__refine_free(sbl__base *base, sbl__refine *r) {
+    sbl__free(base, r->pixels);
+    sbl__free(base, r->cells);
+    sbl__free(base, r->points);
+    sbl__free(base, r->point_pixels);
+    sbl__free(base, r->lights);
+    memset(r, 0, sizeof *r);
+}
+
+/* ======================================================================================================== >>filter
+   Smoothing of R (section III-H), see filter.glsl. Draws into the framebuffer bound by the caller. */
+
+static void sbl__filter_draw(const sbl__gl *gl, unsigned program, unsigned empty_array, const sbl__gbuffer *g, const sbl__texture *radiance, int radius, int geometry_aware) {
+    double sigma = SBL__MAX(0.5 * radius, 0.1);
+    gl->BindVertexArray(empty_array);
+    gl->Disable(SBL__GL_DEPTH_TEST);
+    gl->Viewport(0, 0, radiance->width, radiance->height);
+    gl->UseProgram(program);
+    sbl__bind(gl, program, "radiance", 0, SBL__GL_TEXTURE_2D, radiance->id);
+    sbl__bind(gl, program, "positions", 1, SBL__GL_TEXTURE_2D, g->position.id);
+    sbl__bind(gl, program, "normals", 2, SBL__GL_TEXTURE_2D, g->normal.id);
+    sbl__bind(gl, program, "ids", 3, SBL__GL_TEXTURE_2D, g->id.id);
+    sbl__uniform_i(gl, program, "radius", radius);
+    sbl__uniform_f(gl, program, "falloff", (float)(1 / (2 * sigma * sigma)));
+    sbl__uniform_i(gl, program, "geometry_aware", geometry_aware);
+    gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
+}
+
+/* ======================================================================================================== >>resolve
+   Composition and anti-aliasing, see resolve.glsl. Draws into the framebuffer bound by the caller. */
+
+/* Where sample i of count lies in the pixel, from its centre: the R2 sequence (Roberts 2018, "The Unreasonable Effectiveness of Quasirandom
+   Sequences"); one sample is the centre. */
+static void sbl__sample_offset(int i, int count, float out[2]) {
+    double x = 0.5 + (i + 0.5) * 0.7548776662466927, y = 0.5 + (i + 0.5) * 0.5698402909980532;
+    out[0] = count == 1 ? 0 : (float)(x - floor(x) - 0.5);
+    out[1] = count == 1 ? 0 : (float)(y - floor(y) - 0.5);
+}
+
+static void sbl__resolve_draw(const sbl__gl *gl, unsigned program, unsigned empty_array, const sbl__gbuffer *g, const sbl__gbuffer *sample, const sbl__texture *radiance,
+                              const sbl__texture *previous, const float offset[2], int index, int count, const float sky[3]) {
+    gl->BindVertexArray(empty_array);
+    gl->Disable(SBL__GL_DEPTH_TEST);
+    gl->Viewport(0, 0, radiance->width, radiance->height);
+    gl->UseProgram(program);
+    sbl__bind(gl, program, "radiance", 0, SBL__GL_TEXTURE_2D, radiance->id);
+    sbl__bind(gl, program, "positions", 1, SBL__GL_TEXTURE_2D, g->position.id);
+    sbl__bind(gl, program, "normals", 2, SBL__GL_TEXTURE_2D, g->normal.id);
+    sbl__bind(gl, program, "ids", 3, SBL__GL_TEXTURE_2D, g->id.id);
+    sbl__bind(gl, program, "sample_positions", 4, SBL__GL_TEXTURE_2D, sample->position.id);
+    sbl__bind(gl, program, "sample_normals", 5, SBL__GL_TEXTURE_2D, sample->normal.id);
+    sbl__bind(gl, program, "sample_albedo", 6, SBL__GL_TEXTURE_2D, sample->albedo.id);
+    sbl__bind(gl, program, "sample_emission", 7, SBL__GL_TEXTURE_2D, sample->emission.id);
+    sbl__bind(gl, program, "sample_ids", 8, SBL__GL_TEXTURE_2D, sample->id.id);
+    sbl__bind(gl, program, "previous", 9, SBL__GL_TEXTURE_2D, previous->id);
+    gl->Uniform2f(sbl__uniform(gl, program, "offset"), offset[0], offset[1]);
+    sbl__uniform_3(gl, program, "sky", sky);
+    sbl__uniform_f(gl, program, "first", index ? 1.0f : 0.0f);
+    sbl__uniform_f(gl, program, "share", 1.0f / (float)count);
+    gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
+}
+
+/* ======================================================================================================== >>picture
+   The stages in steps. Every call of sbl__picture_work does one bounded piece. */
+
+typedef enum sbl__stage { SBL__STAGE_NONE, SBL__STAGE_SURFACE, SBL__STAGE_COLLECT, SBL__STAGE_GATHER, SBL__STAGE_JUDGE, SBL__STAGE_FILL, SBL__STAGE_FILTER,
+                          SBL__STAGE_RESOLVE, SBL__STAGE_DONE } sbl__stage;
+
+typedef struct sbl__picture {
+    sbl__stage stage;
+    sbl_picture_desc desc;      /* defaults filled in */
+    sbl__camera camera;
+    sbl__gbuffer gbuffer, sample;
+    sbl__refine refine;
+    sbl__texture radiance, filtered, finals[2], scalars[2];  /* scalars: DEPTH and SENSORS for sbl_channel_texture */
+    unsigned filter_framebuffer, final_framebuffers[2];
+    int resolved;               /* anti-aliasing samples done */
+    float progress;
+} sbl__picture;
+
+struct sbl_context {
+    sbl__base base;
+    sbl__gl gl;
+    sbl_context_desc desc;
+    struct { unsigned copy, gbuffer, sensor, sensor_textured, reduce_blocks, reduce_sum, filter, resolve; } programs;
+    unsigned empty_array;       /* a vertex array without attributes */
+    sbl__gather gather;
+    sbl__scene scene;
+    int has_scene;
+    sbl__picture picture;
+    sbl_stats stats;
+#ifdef SBL_EGL
+    EGLDisplay egl_display;
+    EGLContext egl_context;
+    EGLSurface egl_surface;
+#endif
+    int owns_egl;
+};
+
+static void sbl__picture_free(sbl_context *c) {
+    sbl__picture *p = &c->picture;
+    sbl__name_delete(c->gl.DeleteFramebuffers, &p->filter_framebuffer);
+    sbl__name_delete(c->gl.DeleteFramebuffers, &p->final_framebuffers[0]);
+    sbl__name_delete(c->gl.DeleteFramebuffers, &p->final_framebuffers[1]);
+    sbl__texture_delete(&c->gl, &p->radiance);
+    sbl__texture_delete(&c->gl, &p->filtered);
+    sbl__texture_delete(&c->gl, &p->finals[0]);
+    sbl__texture_delete(&c->gl, &p->finals[1]);
+    sbl__texture_delete(&c->gl, &p->scalars[0]);
+    sbl__texture_delete(&c->gl, &p->scalars[1]);
+    sbl__gbuffer_free(&c->gl, &p->gbuffer);
+    sbl__gbuffer_free(&c->gl, &p->sample);
+    sbl__refine_free(&c->base, &p->refine);
+    sbl__gather_free(&c->gl, &c->gather);
+    memset(p, 0, sizeof *p);
+}
+
+static int sbl__picture_hemicube(const sbl_picture_desc *d) { return d->sensor_kind == SBL_SENSOR_HEMICUBE; }
+static float sbl__picture_epsilon(const sbl_picture_desc *d) { return d->mode == SBL_MODE_DIRECT ? 0.0f : d->epsilon; }
+
+static sbl_result sbl__picture_begin(sbl_context *c) {
+    sbl__picture *p = &c->picture;
+    const sbl_picture_desc *d = &p->desc;
+    const char *what = "making the picture's textures";
+    const sbl__gl *gl = &c->gl;
+    const sbl__texture *colors[1];
+    int i;
+    sbl_result result;
+    sbl__camera_make(&p->camera, d, &c->scene);
+    p->refine.width = d->width;
+    p->refine.height = d->height;
+    p->refine.tile = d->tile;
+    p->refine.threshold = d->threshold;
+    p->refine.geometry_aware = p->refine.relative = d->mode != SBL_MODE_PAPER;
+    p->refine.offset = 4e-6f * c->scene.extent;
+    p->refine.seed = d->seed;
+    p->refine.pixels = (sbl__pixel *)sbl__alloc(&c->base, (size_t)d->width * (size_t)d->height, sizeof(sbl__pixel));
+    if (!p->refine.pixels) return SBL_ERROR_OUT_OF_MEMORY;
+    result = sbl__gbuffer_make(gl, &p->gbuffer, d->width, d->height);
+    if (result == SBL_SUCCESS && d->samples > 1) result = sbl__gbuffer_make(gl, &p->sample, d->width, d->height);
+    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &p->filtered, d->width, d->height, SBL__GL_RGBA32F, NULL, what);
+    colors[0] = &p->filtered;
+    if (result == SBL_SUCCESS) result = sbl__framebuffer_make(gl, &p->filter_framebuffer, colors, 1, NULL, what);
+    for (i = 0; i < 2 && result == SBL_SUCCESS; i++) {
+        result = sbl__texture_make(gl, &p->finals[i], d->width, d->height, SBL__GL_RGBA32F, NULL, what);
+        colors[0] = &p->finals[i];
+        if (result == SBL_SUCCESS) result = sbl__framebuffer_make(gl, &p->final_framebuffers[i], colors, 1, NULL, what);
+    }
+    if (result == SBL_SUCCESS)
+        result = sbl__gather_setup(gl, &c->gather, &c->scene, sbl__picture_hemicube(d), d->mode == SBL_MODE_PAPER, d->sensor_size, d->sensor_fov, sbl__picture_epsilon(d),
+                                   c->desc.atlas_size, c->desc.batch);
+    if (result == SBL_SUCCESS) result = sbl__refine_begin(&c->base, &p->refine);
+    p->stage = SBL__STAGE_SURFACE;
+    return result;
+}
+
+/* Draws the G-buffer and brings to the host what refinement decides by. */
+static sbl_result sbl__picture_surface(sbl_context *c) {
+    static const float centre[2] = { 0, 0 };
+    sbl__picture *p = &c->picture;
+    size_t pixels = (size_t)p->desc.width * (size_t)p->desc.height, i;
+    const sbl__texture *textures[4];
+    int attachments[4] = { 0, 1, 2, 5 }, t, k;
+    float *data;
+    sbl_result result;
+    sbl__surface_draw(&c->gl, c->programs.gbuffer, &c->scene, &p->camera, &p->gbuffer, centre, sbl__picture_epsilon(&p->desc));
+    result = sbl__gl_check(&c->gl, "drawing the G-buffer");
+    if (result != SBL_SUCCESS) return result;
+    data = (float *)sbl__alloc(&c->base, pixels, 16);
+    if (!data) return SBL_ERROR_OUT_OF_MEMORY;
+    textures[0] = &p->gbuffer.position; textures[1] = &p->gbuffer.normal; textures[2] = &p->gbuffer.geometric_normal; textures[3] = &p->gbuffer.id;
+    for (t = 0; t < 4 && result == SBL_SUCCESS; t++) {
+        result = sbl__read_pixels(&c->gl, p->gbuffer.framebuffer, attachments[t], textures[t], p->desc.height, data, "reading the G-buffer");
+        c->stats.readbacks++;
+        for (i = 0; i < pixels && result == SBL_SUCCESS; i++) {
+            sbl__pixel *pixel = &p->refine.pixels[i];
+            float *to = t == 0 ? pixel->position : t == 1 ? pixel->normal : pixel->geometric_normal;
+            if (t == 3) { memcpy(&pixel->id, data + i, 4); c->stats.visible_pixels += pixel->id != 0; }
+            else for (k = 0; k < 3; k++) to[k] = data[4 * i + (size_t)k];
+        }
+    }
+    sbl__free(&c->base, data);
+    if (result == SBL_SUCCESS && c->stats.visible_pixels == 0)
+        sbl__log(&c->base, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, "the camera sees no surface; check world_to_view, view_to_clip and the scene's bounds");
+    return result;
+}
+
+static sbl_result sbl__picture_fill(sbl_context *c) {
+    sbl__picture *p = &c->picture;
+    size_t pixels = (size_t)p->desc.width * (size_t)p->desc.height;
+    float *rgba = (float *)sbl__alloc(&c->base, pixels, 16);
+    sbl_result result;
+    if (!rgba) return SBL_ERROR_OUT_OF_MEMORY;
+    sbl__refine_fill(&p->refine, rgba);
+    result = sbl__texture_make(&c->gl, &p->radiance, p->desc.width, p->desc.height, SBL__GL_RGBA32F, rgba, "sending the radiance map");
+    sbl__free(&c->base, rgba);
+    return result;
+}
+
+/* One piece of the work; limit: sensors at most. */
+static sbl_result sbl__picture_work(sbl_context *c, int limit) {
+    sbl__picture *p = &c->picture;
+    const sbl__gl *gl = &c->gl;
+    const unsigned reduce[2] = { c->programs.reduce_blocks, c->programs.reduce_sum };
+    unsigned sensor = c->scene.textured ? c->programs.sensor_textured : c->programs.sensor;
+    double start = sbl__now(), *seconds = NULL;
+    sbl_result result = SBL_SUCCESS;
+    switch (p->stage) {
+        case SBL__STAGE_SURFACE:
+            seconds = &c->stats.seconds.surface;
+            result = sbl__picture_surface(c);
+            p->stage = SBL__STAGE_COLLECT;
+            break;
+        case SBL__STAGE_COLLECT:
+            seconds = &c->stats.seconds.refine;
+            result = sbl__refine_collect(&c->base, &p->refine, p->desc.mode != SBL_MODE_PAPER);
+            if (result == SBL_SUCCESS && p->refine.point_count) result = sbl__gather_begin(gl, &c->gather, p->refine.points, p->refine.point_count);
+            p->stage = p->refine.point_count ? SBL__STAGE_GATHER : SBL__STAGE_JUDGE;
+            break;
+        case SBL__STAGE_GATHER:
+            seconds = &c->stats.seconds.gather;
+            result = sbl__gather_step(gl, &c->gather, &c->scene, sensor, reduce, c->empty_array, limit);
+            if (result == SBL_SUCCESS && c->gather.next == c->gather.count) {
+                result = sbl__gather_finish(gl, &c->gather, &c->scene, p->refine.lights);
+                c->stats.readbacks += 2;
+                c->stats.sensor_views += (int64_t)c->gather.count * c->gather.layout.view_count;
+                c->stats.sensor_texels += (int64_t)c->gather.count * (sbl__picture_hemicube(&p->desc) ? c->gather.layout.sheet_width * c->gather.layout.sheet_height
+                                                                                                     : p->desc.sensor_size * p->desc.sensor_size);
+                p->stage = SBL__STAGE_JUDGE;
+            }
+            break;
+        case SBL__STAGE_JUDGE:
+            seconds = &c->stats.seconds.refine;
+            result = sbl__refine_judge(&c->base, &p->refine, &c->stats);
+            p->stage = p->refine.fresh < p->refine.cell_count ? SBL__STAGE_COLLECT : SBL__STAGE_FILL;
+            break;
+        case SBL__STAGE_FILL:
+            seconds = &c->stats.seconds.refine;
+            result = sbl__picture_fill(c);
+            p->stage = SBL__STAGE_FILTER;
+            break;
+        case SBL__STAGE_FILTER:
+            seconds = &c->stats.seconds.filter;
+            gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, p->filter_framebuffer);
+            sbl__filter_draw(gl, c->programs.filter, c->empty_array, &p->gbuffer, &p->radiance, SBL__MAX(p->desc.filter_radius, 0), p->desc.mode != SBL_MODE_PAPER);
+            gl->Finish();
+            result = sbl__gl_check(gl, "filtering");
+            p->stage = SBL__STAGE_RESOLVE;
+            break;
+        case SBL__STAGE_RESOLVE: {
+            int from = p->resolved & 1, samples = p->desc.samples;
+            const sbl__gbuffer *sample = samples > 1 ? &p->sample : &p->gbuffer;
+            float offset[2];
+            seconds = &c->stats.seconds.resolve;
+            sbl__sample_offset(p->resolved, samples, offset);
+            if (samples > 1) sbl__surface_draw(gl, c->programs.gbuffer, &c->scene, &p->camera, &p->sample, offset, sbl__picture_epsilon(&p->desc));
+            gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, p->final_framebuffers[1 - from]);
+            sbl__resolve_draw(gl, c->programs.resolve, c->empty_array, &p->gbuffer, sample, &p->filtered, &p->finals[from], offset, p->resolved, samples, c->scene.sky);
+            gl->Finish();
+            result = sbl__gl_check(gl, "composing the picture");
+            p->resolved++;
+            if (p->resolved == samples) p->stage = SBL__STAGE_DONE;
+            break;
+        }
+        default: break;
+    }
+    if (seconds) *seconds += sbl__now() - start;
+    return result;
+}
+
+/* An estimate: half of the bar for the first rounds' sensors, as a share of what the present job will take. */
+static float sbl__picture_progress(const sbl_context *c) {
+    const sbl__picture *p = &c->picture;
+    float round;
+    switch (p->stage) {
+        case SBL__STAGE_NONE: return 0;
+        case SBL__STAGE_SURFACE: return 0;
+        case SBL__STAGE_COLLECT: case SBL__STAGE_GATHER: case SBL__STAGE_JUDGE:
+            /* round k of about log2(tile) + 1 costs about twice the one before */
+            round = (float)p->refine.rounds + (p->stage == SBL__STAGE_GATHER && c->gather.count ? (float)c->gather.next / (float)c->gather.count : 0.0f);
+            { float rounds = 1 + (float)(log((double)p->desc.tile) / log(2.0)); float share = (float)((pow(2, SBL__MIN(round / rounds, 1.0f) * rounds) - 1) / (pow(2, rounds) - 1));
+              return 0.02f + 0.9f * SBL__MIN(share, 1.0f); }
+        case SBL__STAGE_FILL: return 0.93f;
+        case SBL__STAGE_FILTER: return 0.94f;
+        case SBL__STAGE_RESOLVE: return 0.95f + 0.05f * (float)p->resolved / (float)p->desc.samples;
+        default: return 1;
+    }
+}
+
+/* ======================================================================================================== >>public
+   Thin: validate, run the stages, put GL back. */
+
+#ifdef SBL_EGL
+static sbl_gl_function sbl__egl_proc(const char *name, void *user) { (void)user; return (sbl_gl_function)eglGetProcAddress(name); }
+
+static int sbl__egl_try(sbl_context *c, EGLDisplay display, int pbuffer) {
+    static const EGLint context_attributes[] = { EGL_CONTEXT_MAJOR_VERSION, 3, EGL_CONTEXT_MINOR_VERSION, 3, EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT, EGL_NONE };
+    static const EGLint surface_attributes[] = { EGL_WIDTH, 16, EGL_HEIGHT, 16, EGL_NONE };
+    EGLint config_attributes[] = { EGL_SURFACE_TYPE, 0, EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT, EGL_NONE };
+    EGLConfig config = NULL;
+    EGLint count = 0;
+    if (display == EGL_NO_DISPLAY || !eglInitialize(display, NULL, NULL) || !eglBindAPI(EGL_OPENGL_API)) return 0;
+    config_attributes[1] = pbuffer ? EGL_PBUFFER_BIT : 0;
+    if (!eglChooseConfig(display, config_attributes, &config, 1, &count) || count < 1) return 0;
+    c->egl_context = eglCreateContext(display, config, EGL_NO_CONTEXT, context_attributes);
+    if (c->egl_context == EGL_NO_CONTEXT) return 0;
+    c->egl_surface = pbuffer ? eglCreatePbufferSurface(display, config, surface_attributes) : EGL_NO_SURFACE;
+    if ((pbuffer && c->egl_surface == EGL_NO_SURFACE) || !eglMakeCurrent(display, c->egl_surface, c->egl_surface, c->egl_context)) {
+        if (c->egl_surface != EGL_NO_SURFACE) eglDestroySurface(display, c->egl_surface);
+        eglDestroyContext(display, c->egl_context);
+        c->egl_context = EGL_NO_CONTEXT;
+        return 0;
+    }
+    c->egl_display = display;
+    return 1;
+}
+
+/* Surfaceless, then each device, then a pbuffer on the default display. Displays are shared process-wide and stay initialised. */
+static sbl_result sbl__egl_create(sbl_context *c) {
+    PFNEGLGETPLATFORMDISPLAYEXTPROC get_display = (PFNEGLGETPLATFORMDISPLAYEXTPROC)eglGetProcAddress("eglGetPlatformDisplayEXT");
+    PFNEGLQUERYDEVICESEXTPROC query_devices = (PFNEGLQUERYDEVICESEXTPROC)eglGetProcAddress("eglQueryDevicesEXT");
+    const char *extensions = eglQueryString(EGL_NO_DISPLAY, EGL_EXTENSIONS);
+    EGLDeviceEXT devices[16];
+    EGLint count = 0, i;
+    int made = 0;
+    if (get_display && extensions && strstr(extensions, "EGL_MESA_platform_surfaceless")) made = sbl__egl_try(c, get_display(EGL_PLATFORM_SURFACELESS_MESA, EGL_DEFAULT_DISPLAY, NULL), 0);
+    if (!made && get_display && query_devices && extensions && strstr(extensions, "EGL_EXT_platform_device") && query_devices(16, devices, &count))
+        for (i = 0; i < count && !made; i++) made = sbl__egl_try(c, get_display(EGL_PLATFORM_DEVICE_EXT, devices[i], NULL), 0);
+    if (!made) made = sbl__egl_try(c, eglGetDisplay(EGL_DEFAULT_DISPLAY), 1);
+    if (!made) {
+        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_NO_GL, "no headless OpenGL 3.3 context could be made (tried surfaceless, devices, pbuffer; EGL error 0x%04x); "
+                 "install a GL driver such as Mesa's, or hand over get_gl_function", (unsigned)eglGetError());
+        return SBL_ERROR_UNSUPPORTED;
+    }
+    c->owns_egl = 1;
+    return SBL_SUCCESS;
+}
+#endif
+
+/* What every function that uses GL does first and last: own context made current, state saved and forced; and the way back. */
+typedef struct sbl__visit {
+    sbl__guard guard;
+#ifdef SBL_EGL
+    EGLDisplay display;
+    EGLContext context;
+    EGLSurface draw, read;
+    EGLenum api;
+    int switched;
+#endif
+} sbl__visit;
+
+static void sbl__visit_enter(sbl_context *c, sbl__visit *v) {
+#ifdef SBL_EGL
+    v->switched = 0;
+    if (c->owns_egl && eglGetCurrentContext() != c->egl_context) {
+        v->display = eglGetCurrentDisplay();
+        v->api = eglQueryAPI();
+        v->context = eglGetCurrentContext();
+        v->draw = eglGetCurrentSurface(EGL_DRAW);
+        v->read = eglGetCurrentSurface(EGL_READ);
+        eglBindAPI(EGL_OPENGL_API);
+        eglMakeCurrent(c->egl_display, c->egl_surface, c->egl_surface, c->egl_context);
+        v->switched = 1;
+    }
+#endif
+    sbl__guard_save(&c->gl, &v->guard);
+    sbl__guard_force(&c->gl);
+}
+
+static void sbl__visit_leave(sbl_context *c, const sbl__visit *v) {
+    sbl__guard_restore(&c->gl, &v->guard);
+    sbl__gl_clear_errors(&c->gl);
+#ifdef SBL_EGL
+    if (v->switched) {
+        if (v->context != EGL_NO_CONTEXT) {
+            eglBindAPI(v->api);
+            eglMakeCurrent(v->display, v->draw, v->read, v->context);
+        } else eglMakeCurrent(c->egl_display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
+    }
+#endif
+}
+
+static sbl_result sbl__programs_make(sbl_context *c) {
+    const sbl__gl *gl = &c->gl;
+    static const char *const *const fullscreen[] = { sbl__glsl_fullscreen_vertex, NULL };
+    static const char *const *const copy[] = { sbl__glsl_copy, NULL };
+    static const char *const *const gbuffer_vertex[] = { sbl__glsl_scene, sbl__glsl_gbuffer_vertex, NULL };
+    static const char *const *const gbuffer_fragment[] = { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_gbuffer_fragment, NULL };
+    static const char *const *const sensor_vertex[] = { sbl__glsl_scene, sbl__glsl_sensor_vertex, NULL };
+    static const char *const *const sensor_fragment[] = { sbl__glsl_scene, sbl__glsl_sensor_fragment, NULL };
+    static const char *const *const reduce_blocks[] = { sbl__glsl_reduce_blocks, NULL };
+    static const char *const *const reduce_sum[] = { sbl__glsl_reduce_sum, NULL };
+    static const char *const *const filter[] = { sbl__glsl_belongs, sbl__glsl_filter, NULL };
+    static const char *const *const resolve[] = { sbl__glsl_belongs, sbl__glsl_resolve, NULL };
+    int clip = (gl->capabilities.used & SBL_CAPABILITY_CLIP_CONTROL) != 0;
+    const char *depth = clip ? "" : "#define SBL_WRITE_DEPTH\n", *textured = clip ? "#define SBL_TEXTURED\n" : "#define SBL_TEXTURED\n#define SBL_WRITE_DEPTH\n";
+    sbl_result result = sbl__program_make(gl, &c->programs.copy, "copy", "", fullscreen, copy);
+    if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.gbuffer, "gbuffer", depth, gbuffer_vertex, gbuffer_fragment);
+    if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.sensor, "sensor", depth, sensor_vertex, sensor_fragment);
+    if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.sensor_textured, "sensor, textured", textured, sensor_vertex, sensor_fragment);
+    if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.reduce_blocks, "reduce_blocks", "", fullscreen, reduce_blocks);
+    if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.reduce_sum, "reduce_sum", "", fullscreen, reduce_sum);
+    if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.filter, "filter", "", fullscreen, filter);
+    if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.resolve, "resolve", "", fullscreen, resolve);
+    if (result == SBL_SUCCESS) {
+        gl->GenVertexArrays(1, &c->empty_array);
+        result = sbl__gl_check(gl, "making a vertex array");
+    }
+    return result;
+}
+
+static sbl_result sbl__check_context_desc(const sbl__base *base, const sbl_context_desc *d) {
+    sbl__check check;
+    check.base = base;
+    check.mistakes = 0;
+    if (!SBL__CANARY_OK(d)) {
+        SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "sbl_context_desc: start_canary is 0x%x, end_canary 0x%x; zero the whole struct before use", d->start_canary, d->end_canary);
+        return SBL_ERROR_INVALID_ARGUMENT;
+    }
+    if (!d->allocator.alloc != !d->allocator.free)
+        SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "sbl_context_desc: allocator.%s is NULL; give both functions or none", d->allocator.alloc ? "free" : "alloc");
+    if (d->disabled & ~(uint32_t)SBL_CAPABILITY_ALL)
+        SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "sbl_context_desc: disabled is 0x%x; only the bits 0x%x exist", d->disabled, (unsigned)SBL_CAPABILITY_ALL);
+    if (d->atlas_size != 0 && (d->atlas_size < 256 || d->atlas_size > 16384))
+        SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "sbl_context_desc: atlas_size is %d; it must be 256 to 16384, or 0 for the default", d->atlas_size);
+    if (d->batch < 0)
+        SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "sbl_context_desc: batch is %d; it cannot be negative", d->batch);
+    return check.mistakes ? SBL_ERROR_INVALID_ARGUMENT : SBL_SUCCESS;
+}
+
+SBL_API sbl_context_desc sbl_context_desc_defaults(const sbl_context_desc *desc) {
+    sbl_context_desc d;
+    memset(&d, 0, sizeof d);
+    if (desc) d = *desc;
+    if (!d.allocator.alloc && !d.allocator.free) {
+        d.allocator.alloc = sbl__default_alloc;
+        d.allocator.free = sbl__default_free;
+    }
+    if (!d.logger.log) d.logger.log = sbl__default_log;
+    if (!d.atlas_size) d.atlas_size = 2048;
+    return d;
+}
+
+SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc) {
+    sbl_picture_desc d;
+    int draft, high, paper;
+    memset(&d, 0, sizeof d);
+    if (desc) d = *desc;
+    draft = d.preset == SBL_PRESET_DRAFT;
+    high = d.preset == SBL_PRESET_HIGH;
+    if (d.mode == SBL_MODE_DEFAULT) d.mode = SBL_MODE_AMBIENT;
+    paper = d.mode == SBL_MODE_PAPER;
+    if (!d.width && !d.height) { d.width = 640; d.height = 480; }
+    if (d.width > 0 && d.height > 0 && sbl__all_zero(d.view_to_clip, 16)) sbl_perspective(d.view_to_clip, 40, (float)d.width / (float)d.height);
+    if (d.sensor_kind == SBL_SENSOR_DEFAULT) d.sensor_kind = paper ? SBL_SENSOR_SINGLE : SBL_SENSOR_HEMICUBE;
+    if (!d.sensor_size) d.sensor_size = draft ? 32 : high ? 128 : 64;
+    if (d.sensor_fov == 0.0f) d.sensor_fov = 135;
+    if (!d.tile) d.tile = high ? 8 : 16;
+    if (d.threshold == 0.0f) d.threshold = paper ? 0.05f : draft ? 0.2f : high ? 0.05f : 0.1f;
+    if (d.epsilon == 0.0f) d.epsilon = 0.02f;
+    if (!d.filter_radius) d.filter_radius = 2;
+    if (!d.samples) d.samples = draft ? 1 : high ? 16 : 4;
+    return d;
+}
+
+/* d has its defaults filled in; `given` is what the host wrote. */
+static sbl_result sbl__check_picture_desc(const sbl_context *c, const sbl_picture_desc *given, const sbl_picture_desc *d) {
+    const sbl_log_item item = SBL_LOG_ITEM_INVALID_PICTURE_DESC;
+    const float *m = d->view_to_clip;
+    sbl__check check;
+    int i, k;
+    check.base = &c->base;
+    check.mistakes = 0;
+    if (given && !SBL__CANARY_OK(given)) {
+        SBL__MISTAKE(&check, item, "sbl_picture_desc: start_canary is 0x%x, end_canary 0x%x; zero the whole struct before use", given->start_canary, given->end_canary);
+        return SBL_ERROR_INVALID_ARGUMENT;
+    }
+    if (d->width < 1 || d->width > 16384) SBL__MISTAKE(&check, item, "sbl_picture_desc: width is %d; it must be 1 to 16384", d->width);
+    if (d->height < 1 || d->height > 16384) SBL__MISTAKE(&check, item, "sbl_picture_desc: height is %d; it must be 1 to 16384", d->height);
+    if ((int)d->mode < 0 || d->mode >= SBL_MODE_COUNT) SBL__MISTAKE(&check, item, "sbl_picture_desc: mode is %d; it must be 0 to %d", (int)d->mode, SBL_MODE_COUNT - 1);
+    if ((int)d->preset < 0 || d->preset >= SBL_PRESET_COUNT) SBL__MISTAKE(&check, item, "sbl_picture_desc: preset is %d; it must be 0 to %d", (int)d->preset, SBL_PRESET_COUNT - 1);
+    if ((int)d->sensor_kind < 0 || d->sensor_kind >= SBL_SENSOR_KIND_COUNT)
+        SBL__MISTAKE(&check, item, "sbl_picture_desc: sensor_kind is %d; it must be 0 to %d", (int)d->sensor_kind, SBL_SENSOR_KIND_COUNT - 1);
+    if (d->mode == SBL_MODE_PAPER && d->sensor_kind == SBL_SENSOR_HEMICUBE)
+        SBL__MISTAKE(&check, item, "sbl_picture_desc: sensor_kind is SBL_SENSOR_HEMICUBE in SBL_MODE_PAPER; the paper's sensor is SBL_SENSOR_SINGLE");
+    if (d->sensor_size < 4 || d->sensor_size > 512) SBL__MISTAKE(&check, item, "sbl_picture_desc: sensor_size is %d; it must be 4 to 512", d->sensor_size);
+    if (!(d->sensor_fov >= 1.0f && d->sensor_fov <= 179.0f)) SBL__MISTAKE(&check, item, "sbl_picture_desc: sensor_fov is %g; it must be 1 to 179 degrees", (double)d->sensor_fov);
+    if (d->tile < 1 || d->tile > 1024) SBL__MISTAKE(&check, item, "sbl_picture_desc: tile is %d; it must be 1 to 1024", d->tile);
+    if (!(d->threshold > 0.0f && sbl__finite(d->threshold))) SBL__MISTAKE(&check, item, "sbl_picture_desc: threshold is %g; it must be positive and finite", (double)d->threshold);
+    if (!(d->epsilon >= 0.0f && sbl__finite(d->epsilon))) SBL__MISTAKE(&check, item, "sbl_picture_desc: epsilon is %g; it must be finite and not negative", (double)d->epsilon);
+    if (d->filter_radius > 32) SBL__MISTAKE(&check, item, "sbl_picture_desc: filter_radius is %d; it must be at most 32", d->filter_radius);
+    if (d->samples < 1 || d->samples > 64) SBL__MISTAKE(&check, item, "sbl_picture_desc: samples is %d; it must be 1 to 64", d->samples);
+    if (!sbl__all_finite(d->world_to_view, 16)) {
+        for (i = 0; i < 16; i++)
+            if (!sbl__finite(d->world_to_view[i])) SBL__MISTAKE(&check, item, "sbl_picture_desc: world_to_view[%d] is %g; it must be finite", i, (double)d->world_to_view[i]);
+    } else {
+        const float *v = d->world_to_view;
+        int rigid = v[3] == 0.0f && v[7] == 0.0f && v[11] == 0.0f && v[15] == 1.0f;
+        for (i = 0; i < 3; i++)
+            for (k = 0; k < 3; k++)
+                if (fabs((double)v[i] * v[k] + (double)v[4 + i] * v[4 + k] + (double)v[8 + i] * v[8 + k] - (i == k)) > 1e-3) rigid = 0;
+        if (sbl__affine_determinant(v) < 0) rigid = 0;
+        if (!rigid) SBL__MISTAKE(&check, item, "sbl_picture_desc: world_to_view is not rigid (a rotation and a translation, column-major); sbl_look_at makes one");
+    }
+    if (!sbl__all_finite(m, 16)) {
+        for (i = 0; i < 16; i++)
+            if (!sbl__finite(m[i])) SBL__MISTAKE(&check, item, "sbl_picture_desc: view_to_clip[%d] is %g; it must be finite", i, (double)m[i]);
+    } else if (check.mistakes == 0 || (d->width > 0 && d->height > 0)) {
+        int perspective = m[3] == 0.0f && m[7] == 0.0f && m[11] < 0.0f && m[15] == 0.0f && m[12] == 0.0f && m[13] == 0.0f;
+        int orthographic = m[3] == 0.0f && m[7] == 0.0f && m[11] == 0.0f && m[15] == 1.0f && m[8] == 0.0f && m[9] == 0.0f;
+        if (!(perspective || orthographic) || m[0] == 0.0f || m[5] == 0.0f || m[1] != 0.0f || m[4] != 0.0f)
+            SBL__MISTAKE(&check, item, "sbl_picture_desc: view_to_clip is neither a perspective nor an orthographic projection (column-major, looking down -z; "
+                         "its last row is %g %g %g %g); sbl_perspective makes one", (double)m[3], (double)m[7], (double)m[11], (double)m[15]);
+    }
+    if (check.mistakes) return SBL_ERROR_INVALID_ARGUMENT;
+    if (d->mode == SBL_MODE_GI) {
+        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_NOT_IMPLEMENTED, "sbl_picture_desc: mode is SBL_MODE_GI; this version has no bounced light yet, use SBL_MODE_AMBIENT or SBL_MODE_DIRECT");
+        return SBL_ERROR_UNSUPPORTED;
+    }
+    if (d->width > c->gl.capabilities.max_texture_size || d->height > c->gl.capabilities.max_texture_size) {
+        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "sbl_picture_desc: size is %d x %d; this driver's textures are at most %d across", d->width, d->height, c->gl.capabilities.max_texture_size);
+        return SBL_ERROR_UNSUPPORTED;
+    }
+    return SBL_SUCCESS;
+}
+
+/* A camera that frames the scene: from the front (+z), a little to the right and above. */
+static void sbl__default_camera(const sbl__scene *s, sbl_picture_desc *d) {
+    double radius = 0, distance;
+    float c[3];
+    int k;
+    for (k = 0; k < 3; k++) {
+        double half = 0.5 * ((double)s->bounds[1][k] - s->bounds[0][k]);
+        radius += half * half;
+        c[k] = (float)(0.5 * ((double)s->bounds[1][k] + s->bounds[0][k]));
+    }
+    radius = radius > 0 ? sqrt(radius) : 1;
+    distance = d->view_to_clip[11] != 0.0f ? radius * sqrt(1 + pow(SBL__MIN(fabs((double)d->view_to_clip[0]), fabs((double)d->view_to_clip[5])), 2)) : 2 * radius;
+    sbl_look_at(d->world_to_view, c[0] + (float)(0.35 * distance), c[1] + (float)(0.3 * distance), c[2] + (float)(0.89 * distance), c[0], c[1], c[2], 0, 1, 0);
+}
+
+static void sbl__log_state(const sbl_context *c, const char *function, const char *needs) {
+    sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_WRONG_ORDER, "%s: %s", function, needs);
+}
+
+SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
+    sbl_context_desc d = sbl_context_desc_defaults(desc);
+    sbl_context *c;
+    sbl__base base;
+    sbl_result result;
+    sbl__visit visit;
+    memset(&base, 0, sizeof base);
+    base.allocator = d.allocator;
+    base.logger = d.logger;
+    if (!out) {
+        sbl__log(&base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_create: out is NULL; it receives the context");
+        return SBL_ERROR_INVALID_ARGUMENT;
+    }
+    *out = NULL;
+    result = sbl__check_context_desc(&base, &d);
+    if (result != SBL_SUCCESS) return result;
+    c = (sbl_context *)sbl__alloc(&base, 1, sizeof *c);
+    if (!c) return SBL_ERROR_OUT_OF_MEMORY;
+    c->base = base;
+    c->desc = d;
+    c->gl.base = &c->base;
+    memset(&visit, 0, sizeof visit);
+    if (!d.get_gl_function) {
+#ifdef SBL_EGL
+        visit.display = eglGetCurrentDisplay();
+        visit.api = eglQueryAPI();
+        visit.context = eglGetCurrentContext();
+        visit.draw = eglGetCurrentSurface(EGL_DRAW);
+        visit.read = eglGetCurrentSurface(EGL_READ);
+        result = sbl__egl_create(c);
+        visit.switched = c->owns_egl;
+        d.get_gl_function = sbl__egl_proc;
+#else
+        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "sbl_context_desc: get_gl_function is NULL; give the loader of your GL context, or define SBL_EGL for a headless one");
+        result = SBL_ERROR_INVALID_ARGUMENT;
+#endif
+    }
+    if (result == SBL_SUCCESS) result = sbl__gl_load(&c->gl, &c->base, &d);
+    if (result == SBL_SUCCESS) {
+        sbl__guard_save(&c->gl, &visit.guard);
+        sbl__guard_force(&c->gl);
+        result = sbl__programs_make(c);
+        sbl__visit_leave(c, &visit);
+    }
+    if (result != SBL_SUCCESS) { sbl_destroy(c); return result; }
+    *out = c;
+    return SBL_SUCCESS;
+}
+
+SBL_API void sbl_destroy(sbl_context *c) {
+    sbl__visit visit;
+    sbl__base base;
+    if (!c) return;
+    if (c->gl.GetError && c->gl.capabilities.gl_major) {
+        unsigned *programs = &c->programs.copy;
+        int i;
+        sbl__visit_enter(c, &visit);
+        sbl__picture_free(c);
+        sbl__scene_free(&c->gl, &c->scene);
+        for (i = 0; i < (int)(sizeof c->programs / sizeof(unsigned)); i++) if (programs[i]) c->gl.DeleteProgram(programs[i]);
+        sbl__name_delete(c->gl.DeleteVertexArrays, &c->empty_array);
+        sbl__visit_leave(c, &visit);
+    }
+#ifdef SBL_EGL
+    if (c->owns_egl) {
+        EGLDisplay display = eglGetCurrentDisplay();
+        EGLContext current = eglGetCurrentContext();
+        if (current == c->egl_context && display == c->egl_display) eglMakeCurrent(c->egl_display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
+        if (c->egl_surface != EGL_NO_SURFACE) eglDestroySurface(c->egl_display, c->egl_surface);
+        eglDestroyContext(c->egl_display, c->egl_context);
+    }
+#endif
+    base = c->base;
+    sbl__free(&base, c);
+}
+
+SBL_API sbl_result sbl_set_scene(sbl_context *c, const sbl_scene_desc *desc) {
+    double start = sbl__now();
+    sbl__scene scene;
+    sbl__visit visit;
+    sbl_result result;
+    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
+    if (!desc) {
+        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_set_scene: desc is NULL");
+        return SBL_ERROR_INVALID_ARGUMENT;
+    }
+    memset(&scene, 0, sizeof scene);
+    sbl__visit_enter(c, &visit);
+    result = sbl__scene_make(&c->gl, &scene, desc, c->programs.copy, c->empty_array);
+    if (result == SBL_SUCCESS) {
+        sbl__picture_free(c);
+        sbl__scene_free(&c->gl, &c->scene);
+        c->scene = scene;
+        c->has_scene = 1;
+        memset(&c->stats, 0, sizeof c->stats);
+        c->stats.triangles = scene.triangle_count;
+        c->stats.seconds.scene = sbl__now() - start;
+    }
+    sbl__visit_leave(c, &visit);
+    return result;
+}
+
+SBL_API sbl_result sbl_set_mesh_transform(sbl_context *c, int mesh, const float transform[16]) {
+    sbl__visit visit;
+    sbl__check check;
+    sbl_result result;
+    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
+    if (!c->has_scene) { sbl__log_state(c, "sbl_set_mesh_transform", "there is no scene yet; call sbl_set_scene first"); return SBL_ERROR_STATE; }
+    check.base = &c->base;
+    check.mistakes = 0;
+    if (mesh < 0 || mesh >= c->scene.mesh_count) SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_set_mesh_transform: mesh is %d; the scene has %d", mesh, c->scene.mesh_count);
+    if (!transform) SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_set_mesh_transform: transform is NULL");
+    else sbl__check_transform(&check, mesh, transform);
+    if (check.mistakes) return SBL_ERROR_INVALID_ARGUMENT;
+    sbl__visit_enter(c, &visit);
+    sbl__picture_free(c);
+    result = sbl__scene_move(&c->gl, &c->scene, mesh, transform);
+    sbl__visit_leave(c, &visit);
+    return result;
+}
+
+SBL_API sbl_result sbl_query_bounds(const sbl_context *c, float lowest[3], float highest[3]) {
+    if (!c || !lowest || !highest) return SBL_ERROR_INVALID_ARGUMENT;
+    if (!c->has_scene) { sbl__log_state(c, "sbl_query_bounds", "there is no scene yet; call sbl_set_scene first"); return SBL_ERROR_STATE; }
+    memcpy(lowest, c->scene.bounds[0], 3 * sizeof(float));
+    memcpy(highest, c->scene.bounds[1], 3 * sizeof(float));
+    return SBL_SUCCESS;
+}
+
+SBL_API sbl_result sbl_begin(sbl_context *c, const sbl_picture_desc *desc) {
+    sbl_picture_desc d = sbl_picture_desc_defaults(desc);
+    sbl__visit visit;
+    sbl_result result;
+    double start = sbl__now(), scene_seconds;
+    int triangles, level;
+    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
+    if (!c->has_scene) { sbl__log_state(c, "sbl_begin", "there is no scene yet; call sbl_set_scene first"); return SBL_ERROR_STATE; }
+    if (sbl__all_zero(d.world_to_view, 16)) sbl__default_camera(&c->scene, &d);
+    result = sbl__check_picture_desc(c, desc, &d);
+    if (result != SBL_SUCCESS) return result;
+    sbl__visit_enter(c, &visit);
+    sbl__picture_free(c);
+    scene_seconds = c->stats.seconds.scene;
+    triangles = c->stats.triangles;
+    memset(&c->stats, 0, sizeof c->stats);
+    c->stats.triangles = triangles;
+    c->stats.mode = d.mode;
+    c->stats.width = d.width;
+    c->stats.height = d.height;
+    for (level = 0; level < SBL_MAX_LEVELS; level++) c->stats.levels[level].tile = SBL__MAX(1, d.tile >> level);
+    c->picture.desc = d;
+    result = sbl__picture_begin(c);
+    if (result != SBL_SUCCESS) sbl__picture_free(c);
+    c->stats.seconds.scene = scene_seconds;
+    c->stats.seconds.total = sbl__now() - start;
+    sbl__visit_leave(c, &visit);
+    return result;
+}
+
+SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
+    double start = sbl__now(), before = start, rate = 0;
+    sbl__visit visit;
+    sbl_result result = SBL_SUCCESS;
+    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
+    if (c->picture.stage == SBL__STAGE_NONE) { sbl__log_state(c, "sbl_step", "there is no picture; call sbl_begin first"); return SBL_ERROR_STATE; }
+    if (c->picture.stage == SBL__STAGE_DONE) return SBL_SUCCESS;
+    sbl__visit_enter(c, &visit);
+    while (result == SBL_SUCCESS && c->picture.stage != SBL__STAGE_DONE) {
+        int limit = INT_MAX, gathering = c->picture.stage == SBL__STAGE_GATHER, from = c->gather.next;
+        double now = sbl__now();
+        if (seconds > 0) {
+            if (now - start >= seconds) break;
+            limit = rate > 0 ? (int)SBL__MIN(1e6, (seconds - (now - start)) * rate) : 16;
+        }
+        result = sbl__picture_work(c, limit);
+        if (seconds > 0 && gathering) {  /* how fast sensors go here, for the next limit */
+            c->gl.Finish();
+            rate = SBL__MAX(1, c->gather.next - from) / SBL__MAX(sbl__now() - now, 1e-6);
+        }
+        if (result == SBL_SUCCESS) result = sbl__gl_check(&c->gl, "rendering");
+        c->picture.progress = SBL__MAX(c->picture.progress, sbl__picture_progress(c));
+        c->stats.seconds.total += sbl__now() - before;
+        before = sbl__now();
+        if (result == SBL_SUCCESS && c->picture.desc.progress && c->picture.desc.progress(c->picture.progress, c->picture.desc.progress_user)) result = SBL_CANCELLED;
+    }
+    c->stats.microseconds_per_sensor = c->stats.sensors ? 1e6 * c->stats.seconds.total / (double)c->stats.sensors : 0;
+    if (result == SBL_SUCCESS && c->picture.stage != SBL__STAGE_DONE) result = SBL_UNFINISHED;
+    else if (result != SBL_SUCCESS) sbl__picture_free(c);
+    sbl__visit_leave(c, &visit);
+    return result;
+}
+
+SBL_API sbl_result sbl_render(sbl_context *c, const sbl_picture_desc *desc) {
+    sbl_result result = sbl_begin(c, desc);
+    return result == SBL_SUCCESS ? sbl_step(c, 0) : result;
+}
+
+SBL_API float sbl_progress(const sbl_context *c) { return c ? c->picture.progress : 0; }
+
+SBL_API void sbl_end(sbl_context *c) {
+    sbl__visit visit;
+    if (!c || c->picture.stage == SBL__STAGE_NONE) return;
+    sbl__visit_enter(c, &visit);
+    sbl__picture_free(c);
+    sbl__visit_leave(c, &visit);
+}
+
+SBL_API int sbl_channel_components(sbl_channel channel) {
+    if ((int)channel < 0 || channel >= SBL_CHANNEL_COUNT) return 0;
+    return channel >= SBL_CHANNEL_ID ? 1 : 3;
+}
+
+/* DEPTH or SENSORS of pixel i */
+static float sbl__scalar(const sbl_context *c, sbl_channel channel, size_t i) {
+    const sbl__pixel *p = &c->picture.refine.pixels[i];
+    double depth = 0;
+    int k;
+    if (!p->id) return 0;
+    if (channel == SBL_CHANNEL_SENSORS) return p->level;
+    for (k = 0; k < 3; k++) depth -= c->picture.camera.back[k] * ((double)p->position[k] - c->picture.camera.eye[k]);
+    return (float)depth;
+}
+
+SBL_API sbl_result sbl_read_channel(sbl_context *c, sbl_channel channel, float *out, size_t count) {
+    sbl__picture *p;
+    size_t pixels, i;
+    int components = sbl_channel_components(channel), k;
+    sbl_result result = SBL_SUCCESS;
+    sbl__visit visit;
+    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
+    p = &c->picture;
+    if (!components || !out) {
+        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_read_channel: channel is %d (0 to %d exist), out is %s", (int)channel, SBL_CHANNEL_COUNT - 1, out ? "given" : "NULL");
+        return SBL_ERROR_INVALID_ARGUMENT;
+    }
+    if (p->stage != SBL__STAGE_DONE) { sbl__log_state(c, "sbl_read_channel", "there is no finished picture; call sbl_render, or sbl_step until it gives SBL_SUCCESS"); return SBL_ERROR_STATE; }
+    pixels = (size_t)p->desc.width * (size_t)p->desc.height;
+    if (count < pixels * (size_t)components) {
+        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_read_channel: count is %.0f; channel %d of %d x %d pixels needs %.0f floats", (double)count, (int)channel,
+                 p->desc.width, p->desc.height, (double)pixels * components);
+        return SBL_ERROR_INVALID_ARGUMENT;
+    }
+    if (channel == SBL_CHANNEL_FINAL || channel == SBL_CHANNEL_RADIANCE || channel == SBL_CHANNEL_ALBEDO) {
+        float *data = (float *)sbl__alloc(&c->base, pixels, 16);
+        int final = p->resolved & 1;
+        if (!data) return SBL_ERROR_OUT_OF_MEMORY;
+        sbl__visit_enter(c, &visit);
+        if (channel == SBL_CHANNEL_FINAL) result = sbl__read_pixels(&c->gl, p->final_framebuffers[final], 0, &p->finals[final], p->desc.height, data, "reading a channel");
+        else if (channel == SBL_CHANNEL_RADIANCE) result = sbl__read_pixels(&c->gl, p->filter_framebuffer, 0, &p->filtered, p->desc.height, data, "reading a channel");
+        else result = sbl__read_pixels(&c->gl, p->gbuffer.framebuffer, 3, &p->gbuffer.albedo, p->desc.height, data, "reading a channel");
+        sbl__visit_leave(c, &visit);
+        for (i = 0; i < pixels && result == SBL_SUCCESS; i++) for (k = 0; k < 3; k++) out[3 * i + (size_t)k] = data[4 * i + (size_t)k];
+        sbl__free(&c->base, data);
+        return result;
+    }
+    for (i = 0; i < pixels; i++) {
+        const sbl__pixel *pixel = &p->refine.pixels[i];
+        if (channel == SBL_CHANNEL_ID) out[i] = (float)pixel->id;
+        else if (components == 1) out[i] = sbl__scalar(c, channel, i);
+        else for (k = 0; k < 3; k++) out[3 * i + (size_t)k] = !pixel->id ? 0 : channel == SBL_CHANNEL_NORMAL ? pixel->normal[k] : pixel->position[k];
+    }
+    return SBL_SUCCESS;
+}
+
+SBL_API uint32_t sbl_channel_texture(sbl_context *c, sbl_channel channel) {
+    sbl__picture *p;
+    size_t pixels, i;
+    float *data;
+    sbl__visit visit;
+    if (!c || c->picture.stage != SBL__STAGE_DONE) return 0;
+    p = &c->picture;
+    switch (channel) {
+        case SBL_CHANNEL_FINAL: return p->finals[p->resolved & 1].id;
+        case SBL_CHANNEL_RADIANCE: return p->filtered.id;
+        case SBL_CHANNEL_ALBEDO: return p->gbuffer.albedo.id;
+        case SBL_CHANNEL_NORMAL: return p->gbuffer.normal.id;
+        case SBL_CHANNEL_POSITION: return p->gbuffer.position.id;
+        case SBL_CHANNEL_ID: return p->gbuffer.id.id;
+        case SBL_CHANNEL_DEPTH: case SBL_CHANNEL_SENSORS: break;
+        default: return 0;
+    }
+    pixels = (size_t)p->desc.width * (size_t)p->desc.height;
+    data = (float *)sbl__alloc(&c->base, pixels, sizeof(float));
+    if (!data) return 0;
+    for (i = 0; i < pixels; i++) data[i] = sbl__scalar(c, channel, i);
+    sbl__visit_enter(c, &visit);
+    sbl__texture_make(&c->gl, &p->scalars[channel == SBL_CHANNEL_SENSORS], p->desc.width, p->desc.height, SBL__GL_R32F, data, "making a channel's texture");
+    sbl__visit_leave(c, &visit);
+    sbl__free(&c->base, data);
+    return p->scalars[channel == SBL_CHANNEL_SENSORS].id;
+}
+
+/* Gathers for pixel p in the slot that its sensor had, so that every rounding is the same, and reads its sheet. */
+static sbl_result sbl__inspect(sbl_context *c, const sbl__point *point, int index, sbl__light *light, float *radiance, float *weights) {
+    sbl__gather *g = &c->gather;
+    const sbl__layout *l = &g->layout;
+    const unsigned reduce[2] = { c->programs.reduce_blocks, c->programs.reduce_sum };
+    unsigned program = c->scene.textured ? c->programs.sensor_textured : c->programs.sensor;
+    int pitch_x = l->blocks[0] * l->block, slot = index % g->slots, x, y, k;
+    sbl__point *points = (sbl__point *)sbl__alloc(&c->base, (size_t)slot + 1, sizeof *points);
+    sbl__light *lights = (sbl__light *)sbl__alloc(&c->base, (size_t)slot + 1, sizeof *lights);
+    float *atlas = radiance ? (float *)sbl__alloc(&c->base, (size_t)g->atlas.width * (size_t)g->atlas.height, 16) : NULL;
+    float *table = weights ? (float *)sbl__alloc(&c->base, (size_t)pitch_x * (size_t)(l->blocks[1] * l->block), 8) : NULL;
+    sbl_result result = SBL_SUCCESS;
+    if (!points || !lights || (radiance && !atlas) || (weights && !table)) result = SBL_ERROR_OUT_OF_MEMORY;
+    if (result == SBL_SUCCESS) {
+        float sky[4], zero = 0;
+        points[slot] = *point;
+        result = sbl__gather_begin(&c->gl, g, points, slot + 1);
+        c->gl.BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->atlas_framebuffer);
+        for (k = 0; k < 3; k++) sky[k] = c->scene.sky[k] * g->radiance_scale;
+        sky[3] = 0;
+        c->gl.ClearBufferfv(SBL__GL_COLOR, 0, sky);
+        c->gl.ClearBufferfv(SBL__GL_DEPTH, 0, &zero);
+    }
+    if (result == SBL_SUCCESS) result = sbl__gather_draw(&c->gl, g, &c->scene, program, slot, 1);
+    if (result == SBL_SUCCESS) {
+        sbl__gather_reduce(&c->gl, g, reduce, c->empty_array, slot);
+        result = sbl__gather_finish(&c->gl, g, &c->scene, lights);
+    }
+    if (result == SBL_SUCCESS) *light = lights[slot];
+    if (result == SBL_SUCCESS && radiance) {
+        result = sbl__read_pixels(&c->gl, g->atlas_framebuffer, 0, &g->atlas, g->atlas.height, atlas, "reading a sensor's sheet");
+        for (y = 0; y < l->sheet_height && result == SBL_SUCCESS; y++)
+            for (x = 0; x < l->sheet_width; x++) {
+                const float *from = atlas + 4 * ((size_t)(slot / g->columns * l->blocks[1] * l->block + y) * (size_t)g->atlas.width + (size_t)(slot % g->columns * pitch_x + x));
+                float *to = radiance + 4 * ((size_t)y * (size_t)l->sheet_width + (size_t)x);
+                for (k = 0; k < 3; k++) to[k] = from[k] / g->radiance_scale;
+                to[3] = from[3] * c->scene.extent;
+            }
+    }
+    if (result == SBL_SUCCESS && weights) {
+        sbl__weights_make(l, g->paper, table);
+        for (y = 0; y < l->sheet_height; y++)
+            for (x = 0; x < l->sheet_width; x++) weights[(size_t)y * (size_t)l->sheet_width + (size_t)x] = table[2 * ((size_t)y * (size_t)pitch_x + (size_t)x)];
+    }
+    sbl__free(&c->base, points);
+    sbl__free(&c->base, lights);
+    sbl__free(&c->base, atlas);
+    sbl__free(&c->base, table);
+    return result;
+}
+
+SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *sensor, float *radiance, float *weights, size_t count) {
+    const sbl__pixel *p;
+    const sbl__layout *l;
+    sbl__point point;
+    sbl__light light = { { 0, 0, 0 }, 0, 0, 0, 0 };
+    sbl__visit visit;
+    float *table;
+    double sum = 0;
+    size_t i, texels;
+    int face, k;
+    sbl_result result;
+    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
+    if (!sensor) {
+        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor: sensor is NULL");
+        return SBL_ERROR_INVALID_ARGUMENT;
+    }
+    if (c->picture.stage != SBL__STAGE_DONE) { sbl__log_state(c, "sbl_inspect_sensor", "there is no finished picture; call sbl_render first"); return SBL_ERROR_STATE; }
+    if (x < 0 || y < 0 || x >= c->picture.desc.width || y >= c->picture.desc.height) {
+        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor: pixel %d %d lies outside of the picture's %d x %d", x, y, c->picture.desc.width, c->picture.desc.height);
+        return SBL_ERROR_INVALID_ARGUMENT;
+    }
+    p = &c->picture.refine.pixels[(size_t)y * (size_t)c->picture.desc.width + (size_t)x];
+    if (!p->id) {
+        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor: pixel %d %d shows no surface", x, y);
+        return SBL_ERROR_INVALID_ARGUMENT;
+    }
+    l = &c->gather.layout;
+    texels = (size_t)l->sheet_width * (size_t)l->sheet_height;
+    if ((radiance || weights) && count < texels) {
+        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor: count is %.0f; the sheet has %d x %d texels", (double)count, l->sheet_width, l->sheet_height);
+        return SBL_ERROR_INVALID_ARGUMENT;
+    }
+    table = weights ? NULL : (float *)sbl__alloc(&c->base, texels, sizeof(float));
+    if (!weights && !table) return SBL_ERROR_OUT_OF_MEMORY;
+    sbl__refine_point(&c->picture.refine, y * c->picture.desc.width + x, c->picture.desc.mode != SBL_MODE_PAPER, &point);
+    sbl__visit_enter(c, &visit);
+    result = sbl__inspect(c, &point, p->job, &light, radiance, weights ? weights : table);
+    sbl__visit_leave(c, &visit);
+    if (result == SBL_SUCCESS) {
+        memset(sensor, 0, sizeof *sensor);
+        for (i = 0; i < texels; i++) sum += (double)(weights ? weights : table)[i];
+        for (k = 0; k < 3; k++) {
+            sensor->position[k] = point.position[k];
+            sensor->normal[k] = point.normal[k];
+            sensor->radiance[k] = light.radiance[k];
+        }
+        sensor->weight_sum = (float)sum;
+        sensor->back_share = light.back_share;
+        sensor->hit_min = light.hit_min;
+        sensor->hit_mean = light.hit_mean;
+        sensor->valid = !sbl__light_stuck(&light, c->picture.refine.offset);
+        sensor->sensed = p->sensed;
+        sensor->level = p->level ? p->level - 1 : 0;
+        sensor->view_count = l->view_count;
+        sensor->sheet_width = l->sheet_width;
+        sensor->sheet_height = l->sheet_height;
+        for (face = 0; face < l->view_count; face++) {
+            sbl_sensor_view *v = &sensor->views[face];
+            double right[3], up[3], forward[3], range[4];
+            memcpy(v->rect, l->rects[face], sizeof v->rect);
+            sbl__view_axes(&point, face, right, up, forward);
+            sbl__view_range(l, face, range);
+            for (k = 0; k < 3; k++) { v->right[k] = (float)right[k]; v->up[k] = (float)up[k]; v->forward[k] = (float)forward[k]; }
+            v->x0 = (float)range[0]; v->x1 = (float)range[1]; v->y0 = (float)range[2]; v->y1 = (float)range[3];
+        }
+    }
+    sbl__free(&c->base, table);
+    return result;
+}
+
+SBL_API int sbl_look_at(float m[16], float eye_x, float eye_y, float eye_z, float at_x, float at_y, float at_z, float up_x, float up_y, float up_z) {
+    double eye[3], f[3], u[3], r[3];
+    int k;
+    eye[0] = eye_x; eye[1] = eye_y; eye[2] = eye_z;
+    f[0] = at_x - eye[0]; f[1] = at_y - eye[1]; f[2] = at_z - eye[2];
+    u[0] = up_x; u[1] = up_y; u[2] = up_z;
+    if (!sbl__normalize(f) || !sbl__normalize(u)) return 0;
+    r[0] = f[1] * u[2] - f[2] * u[1]; r[1] = f[2] * u[0] - f[0] * u[2]; r[2] = f[0] * u[1] - f[1] * u[0];
+    if (r[0] * r[0] + r[1] * r[1] + r[2] * r[2] < 1e-12 || !sbl__normalize(r)) return 0;
+    u[0] = r[1] * f[2] - r[2] * f[1]; u[1] = r[2] * f[0] - r[0] * f[2]; u[2] = r[0] * f[1] - r[1] * f[0];
+    for (k = 0; k < 3; k++) {
+        m[4 * k] = (float)r[k];
+        m[4 * k + 1] = (float)u[k];
+        m[4 * k + 2] = (float)-f[k];
+        m[4 * k + 3] = 0;
+    }
+    m[12] = (float)-(r[0] * eye[0] + r[1] * eye[1] + r[2] * eye[2]);
+    m[13] = (float)-(u[0] * eye[0] + u[1] * eye[1] + u[2] * eye[2]);
+    m[14] = (float)(f[0] * eye[0] + f[1] * eye[1] + f[2] * eye[2]);
+    m[15] = 1;
+    return 1;
+}
+
+SBL_API int sbl_perspective(float m[16], float fov_y, float aspect) {
+    double t;
+    if (!(fov_y > 0 && fov_y < 180 && aspect > 0 && sbl__finite(aspect))) return 0;
+    t = tan(0.5 * fov_y * SBL__PI / 180);
+    memset(m, 0, 16 * sizeof(float));
+    m[0] = (float)(1 / (t * aspect));
+    m[5] = (float)(1 / t);
+    m[10] = -1;
+    m[11] = -1;
+    m[14] = -0.2f;  /* near 0.1, no far plane; sbl.h itself ignores both */
+    return 1;
+}
+
+SBL_API sbl_context_desc sbl_query_desc(const sbl_context *c) { return c ? c->desc : sbl_context_desc_defaults(NULL); }
+
+SBL_API sbl_capabilities sbl_query_capabilities(const sbl_context *c) {
+    sbl_capabilities none;
+    memset(&none, 0, sizeof none);
+    return c ? c->gl.capabilities : none;
+}
+
+SBL_API sbl_stats sbl_query_stats(const sbl_context *c) {
+    sbl_stats none;
+    memset(&none, 0, sizeof none);
+    return c ? c->stats : none;
+}
+
+SBL_API sbl_memory sbl_query_memory(const sbl_context *c) {
+    sbl_memory none;
+    memset(&none, 0, sizeof none);
+    return c ? c->base.memory : none;
+}
+
+SBL_API const char *sbl_version(void) { return "0.1.0"; }
+
+SBL_API const char *sbl_result_string(sbl_result result) {
+    static const char *const words[SBL_RESULT_COUNT] = {
+        "success", "unfinished: call sbl_step again", "cancelled by the progress callback", "invalid argument", "out of memory",
+        "unsupported by the GL context or this version", "called in the wrong order", "GL error"
+    };
+    return (int)result >= 0 && result < SBL_RESULT_COUNT ? words[result] : "unknown result";
+}
+
+SBL_API const char *sbl_log_item_string(sbl_log_item item) {
+#define SBL__X(name, text) text,
+    static const char *const words[SBL_LOG_ITEM_COUNT] = { SBL_LOG_ITEMS(SBL__X) };
+#undef SBL__X
+    return (int)item >= 0 && item < SBL_LOG_ITEM_COUNT ? words[item] : "unknown log item";
+}
+
+#endif /* SBL_IMPLEMENTATION_INCLUDED */
+#endif /* SBL_IMPLEMENTATION */

@@ -1,0 +1,5 @@
+// Reads a host's texture as sampling it gives it: sRGB decoded, swizzled.
+uniform sampler2D source;
+layout(location = 0) out vec4 out_color;
+
+void main() { out_color = texelFetch(source, ivec2(gl_FragCoord.xy), 0); }

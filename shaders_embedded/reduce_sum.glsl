@@ -1,0 +1,30 @@
+// Second half: every output texel adds up the blocks of one sensor and is its result.
+uniform sampler2D block_sums, block_hits;
+uniform ivec2 blocks;  // of one sheet
+uniform int columns;   // sheets across the atlas
+uniform int slots;     // sheets in the atlas
+uniform int width;     // of the results' texture
+uniform int first, last;
+layout(location = 0) out vec4 out_sum;
+layout(location = 1) out vec4 out_hits;
+
+void main() {
+    int sensor = int(gl_FragCoord.y) * width + int(gl_FragCoord.x);
+    if (sensor < first || sensor > last) discard;
+    int slot = sensor % slots;
+    ivec2 corner = ivec2(slot % columns, slot / columns) * blocks;
+    vec4 sum = vec4(0), hits = vec4(0, 0, 1e30, 0);
+    for (int y = 0; y < blocks.y; y++) {
+        vec4 row = vec4(0), row_hits = vec4(0);
+        for (int x = 0; x < blocks.x; x++) {
+            row += texelFetch(block_sums, corner + ivec2(x, y), 0);
+            vec4 h = texelFetch(block_hits, corner + ivec2(x, y), 0);
+            row_hits.xy += h.xy;
+            hits.z = min(hits.z, h.z);
+        }
+        sum += row;
+        hits.xy += row_hits.xy;
+    }
+    out_sum = sum;
+    out_hits = hits;
+}

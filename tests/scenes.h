@@ -1,0 +1,259 @@
+/* Scenes for the tests, built with the public types only, and the few calls that every picture needs.
+
+       test_scene s = { 0 };
+       int white = scene_material(&s, 0.7f, 0.7f, 0.7f);
+       scene_box(&s, white, -1, -1, -1, 1, 1, 1);
+       ... scene_desc(&s) ... scene_free(&s);
+
+   Include after sbl.h and test.h. */
+#ifndef SCENES_H
+#define SCENES_H
+
+#include <math.h>
+#include <stdint.h>
+#include <stdlib.h>
+
+enum { SCENE_MESHES = 96, SCENE_MATERIALS = 96, SCENE_TEXTURES = 64, SCENE_BLOCKS = 512 };
+
+typedef struct test_scene {
+    sbl_mesh meshes[SCENE_MESHES];
+    sbl_material materials[SCENE_MATERIALS];
+    sbl_texture textures[SCENE_TEXTURES];
+    int mesh_count, material_count, texture_count;
+    float sky[3];
+    void *blocks[SCENE_BLOCKS];  /* what the meshes and textures point to */
+    int block_count;
+} test_scene;
+
+static inline void *scene_alloc(test_scene *s, size_t bytes) {
+    void *block = calloc(1, bytes ? bytes : 1);
+    if (!block || s->block_count == SCENE_BLOCKS) abort();
+    s->blocks[s->block_count++] = block;
+    return block;
+}
+
+static inline void scene_free(test_scene *s) {
+    while (s->block_count) free(s->blocks[--s->block_count]);
+    memset(s, 0, sizeof *s);
+}
+
+static inline sbl_scene_desc scene_desc(const test_scene *s) {
+    sbl_scene_desc desc;
+    memset(&desc, 0, sizeof desc);
+    desc.meshes = s->meshes;
+    desc.mesh_count = s->mesh_count;
+    desc.materials = s->materials;
+    desc.material_count = s->material_count;
+    desc.textures = s->textures;
+    desc.texture_count = s->texture_count;
+    memcpy(desc.sky, s->sky, sizeof desc.sky);
+    return desc;
+}
+
+static inline void scene_sky(test_scene *s, float r, float g, float b) {
+    s->sky[0] = r; s->sky[1] = g; s->sky[2] = b;
+}
+
+static inline int scene_material(test_scene *s, float r, float g, float b) {
+    sbl_material *m = &s->materials[s->material_count];
+    if (s->material_count == SCENE_MATERIALS) abort();
+    memset(m, 0, sizeof *m);
+    m->albedo[0] = r; m->albedo[1] = g; m->albedo[2] = b;
+    return s->material_count++;
+}
+
+/* Black but for its own light. */
+static inline int scene_lamp(test_scene *s, float r, float g, float b) {
+    int material = scene_material(s, 0, 0, 0);
+    float *emission = s->materials[material].emission;
+    emission[0] = r; emission[1] = g; emission[2] = b;
+    return material;
+}
+
+/* Copies the pixels; `bytes` is height rows of the stride. Returns the number that materials use, counted from 1. */
+static inline int scene_texture(test_scene *s, const void *pixels, size_t bytes, sbl_pixel_format format, int width, int height, int channels) {
+    sbl_texture *t = &s->textures[s->texture_count];
+    void *copy = scene_alloc(s, bytes);
+    if (s->texture_count == SCENE_TEXTURES) abort();
+    memcpy(copy, pixels, bytes);
+    memset(t, 0, sizeof *t);
+    t->pixels = copy;
+    t->format = format;
+    t->width = width;
+    t->height = height;
+    t->channels = channels;
+    return ++s->texture_count;
+}
+
+static inline const float *scene_copy(test_scene *s, const float *values, int count) {
+    float *copy = (float *)scene_alloc(s, sizeof(float) * (size_t)count);
+    memcpy(copy, values, sizeof(float) * (size_t)count);
+    return copy;
+}
+
+/* normals, texcoords: NULL or 3 and 2 floats a vertex. */
+static inline sbl_mesh *scene_mesh(test_scene *s, int material, const float *positions, const float *normals, const float *texcoords, int vertex_count,
+                                   const uint32_t *indices, int index_count) {
+    sbl_mesh *m = &s->meshes[s->mesh_count];
+    uint32_t *copy = (uint32_t *)scene_alloc(s, sizeof *indices * (size_t)index_count);
+    if (s->mesh_count++ == SCENE_MESHES) abort();
+    memset(m, 0, sizeof *m);
+    memcpy(copy, indices, sizeof *indices * (size_t)index_count);
+    m->positions.data = scene_copy(s, positions, 3 * vertex_count);
+    if (normals) m->normals.data = scene_copy(s, normals, 3 * vertex_count);
+    if (texcoords) m->texcoords.data = scene_copy(s, texcoords, 2 * vertex_count);
+    m->vertex_count = vertex_count;
+    m->indices.data = copy;
+    m->indices.type = SBL_UINT32;
+    m->index_count = index_count;
+    m->material = material;
+    return m;
+}
+
+/* Convex, corners in order. */
+static inline sbl_mesh *scene_polygon(test_scene *s, int material, const float *corners, int count) {
+    uint32_t indices[3 * 16];
+    int i;
+    if (count > 18) abort();
+    for (i = 0; i < count - 2; i++) {
+        indices[3 * i] = 0;
+        indices[3 * i + 1] = (uint32_t)i + 1;
+        indices[3 * i + 2] = (uint32_t)i + 2;
+    }
+    return scene_mesh(s, material, corners, NULL, NULL, count, indices, 3 * (count - 2));
+}
+
+/* Corners a b c d in order; texture coordinates 0 0, u 0, u v, 0 v. */
+static inline sbl_mesh *scene_quad_uv(test_scene *s, int material, const float corners[12], float u, float v) {
+    static const uint32_t indices[6] = { 0, 1, 2, 0, 2, 3 };
+    float uv[8] = { 0, 0, 0, 0, 0, 0, 0, 0 };
+    uv[2] = uv[4] = u;
+    uv[5] = uv[7] = v;
+    return scene_mesh(s, material, corners, NULL, uv, 4, indices, 6);
+}
+
+static inline sbl_mesh *scene_quad(test_scene *s, int material, float ax, float ay, float az, float bx, float by, float bz,
+                                   float cx, float cy, float cz, float dx, float dy, float dz) {
+    const float corners[12] = { ax, ay, az, bx, by, bz, cx, cy, cz, dx, dy, dz };
+    return scene_quad_uv(s, material, corners, 1, 1);
+}
+
+/* A square floor about (0, y, 0), seen from above counter-clockwise. */
+static inline sbl_mesh *scene_floor(test_scene *s, int material, float y, float half) {
+    return scene_quad(s, material, -half, y, -half, -half, y, half, half, y, half, half, y, -half);
+}
+
+/* Six quads, each a mesh with an id of its own, facing outward. */
+static inline void scene_box(test_scene *s, int material, float x0, float y0, float z0, float x1, float y1, float z1) {
+    scene_quad(s, material, x0, y0, z0, x0, y0, z1, x0, y1, z1, x0, y1, z0);
+    scene_quad(s, material, x1, y0, z0, x1, y1, z0, x1, y1, z1, x1, y0, z1);
+    scene_quad(s, material, x0, y0, z0, x1, y0, z0, x1, y0, z1, x0, y0, z1);
+    scene_quad(s, material, x0, y1, z0, x0, y1, z1, x1, y1, z1, x1, y1, z0);
+    scene_quad(s, material, x0, y0, z0, x0, y1, z0, x1, y1, z0, x1, y0, z0);
+    scene_quad(s, material, x0, y0, z1, x1, y0, z1, x1, y1, z1, x0, y1, z1);
+}
+
+static inline sbl_mesh *scene_sphere(test_scene *s, int material, float x, float y, float z, float radius, int slices, int stacks, int smooth) {
+    int row = slices + 1, vertices = row * (stacks + 1), i, j, n = 0;
+    float *positions = (float *)scene_alloc(s, sizeof(float) * 3 * (size_t)vertices), *normals = (float *)scene_alloc(s, sizeof(float) * 3 * (size_t)vertices);
+    uint32_t *indices = (uint32_t *)scene_alloc(s, sizeof *indices * 6 * (size_t)(slices * stacks));
+    const double pi = 3.14159265358979323846;
+    for (i = 0; i <= stacks; i++)
+        for (j = 0; j <= slices; j++) {
+            double theta = pi * i / stacks, phi = 2 * pi * (j % slices) / slices, ring = i == 0 || i == stacks ? 0 : sin(theta);
+            float *p = positions + 3 * (i * row + j), *q = normals + 3 * (i * row + j);
+            q[0] = (float)(ring * cos(phi)); q[1] = (float)cos(theta); q[2] = (float)(-ring * sin(phi));
+            p[0] = x + radius * q[0]; p[1] = y + radius * q[1]; p[2] = z + radius * q[2];
+        }
+    for (i = 0; i < stacks; i++)
+        for (j = 0; j < slices; j++) {
+            uint32_t a = (uint32_t)(i * row + j), b = a + (uint32_t)row;
+            if (i > 0) { indices[n++] = a; indices[n++] = b; indices[n++] = a + 1; }
+            if (i < stacks - 1) { indices[n++] = a + 1; indices[n++] = b; indices[n++] = b + 1; }
+        }
+    return scene_mesh(s, material, positions, smooth ? normals : NULL, NULL, vertices, indices, n);
+}
+
+/* scale * (everything) + offset, in the vertices themselves, for scenes without transforms. */
+static inline void scene_scale_and_move(test_scene *s, float scale, float x, float y, float z) {
+    float offset[3];
+    int i, j;
+    offset[0] = x; offset[1] = y; offset[2] = z;
+    for (i = 0; i < s->mesh_count; i++) {
+        const float *from = (const float *)s->meshes[i].positions.data;
+        float *to = (float *)scene_alloc(s, sizeof(float) * 3 * (size_t)s->meshes[i].vertex_count);
+        for (j = 0; j < 3 * s->meshes[i].vertex_count; j++) to[j] = from[j] * scale + offset[j % 3];
+        s->meshes[i].positions.data = to;
+    }
+}
+
+/* The Cornell box after Cornell's published measurements, millimetres, open at the front (z = 0), lit by one quad:
+   meshes 0 floor, 1 lamp, 2 ceiling, 3 back, 4 right, 5 left, 6 to 10 short block, 11 to 15 tall block. */
+static inline void scene_cornell_box(test_scene *s) {
+    static const float quads[16][12] = {
+        { 552.8f, 0, 0, 0, 0, 0, 0, 0, 559.2f, 549.6f, 0, 559.2f },
+        { 343, 548.7f, 227, 343, 548.7f, 332, 213, 548.7f, 332, 213, 548.7f, 227 },
+        { 556, 548.8f, 0, 556, 548.8f, 559.2f, 0, 548.8f, 559.2f, 0, 548.8f, 0 },
+        { 549.6f, 0, 559.2f, 0, 0, 559.2f, 0, 548.8f, 559.2f, 556, 548.8f, 559.2f },
+        { 0, 0, 559.2f, 0, 0, 0, 0, 548.8f, 0, 0, 548.8f, 559.2f },
+        { 552.8f, 0, 0, 549.6f, 0, 559.2f, 556, 548.8f, 559.2f, 556, 548.8f, 0 },
+        { 130, 165, 65, 82, 165, 225, 240, 165, 272, 290, 165, 114 },
+        { 290, 0, 114, 290, 165, 114, 240, 165, 272, 240, 0, 272 },
+        { 130, 0, 65, 130, 165, 65, 290, 165, 114, 290, 0, 114 },
+        { 82, 0, 225, 82, 165, 225, 130, 165, 65, 130, 0, 65 },
+        { 240, 0, 272, 240, 165, 272, 82, 165, 225, 82, 0, 225 },
+        { 423, 330, 247, 265, 330, 296, 314, 330, 456, 472, 330, 406 },
+        { 423, 0, 247, 423, 330, 247, 472, 330, 406, 472, 0, 406 },
+        { 472, 0, 406, 472, 330, 406, 314, 330, 456, 314, 0, 456 },
+        { 314, 0, 456, 314, 330, 456, 265, 330, 296, 265, 0, 296 },
+        { 265, 0, 296, 265, 330, 296, 423, 330, 247, 423, 0, 247 } };
+    int white = scene_material(s, 0.75f, 0.75f, 0.75f), green = scene_material(s, 0.1f, 0.6f, 0.1f);
+    int red = scene_material(s, 0.6f, 0.1f, 0.1f), lamp = scene_lamp(s, 17, 12, 4), i;
+    for (i = 0; i < 16; i++) scene_quad_uv(s, i == 1 ? lamp : i == 4 ? green : i == 5 ? red : white, quads[i], 1, 1);
+}
+
+/* >>pictures */
+
+static inline sbl_picture_desc scene_view(int width, int height, float fov, float ex, float ey, float ez, float ax, float ay, float az) {
+    sbl_picture_desc view;
+    memset(&view, 0, sizeof view);
+    view.width = width;
+    view.height = height;
+    if (!sbl_look_at(view.world_to_view, ex, ey, ez, ax, ay, az, 0, 1, 0)) sbl_look_at(view.world_to_view, ex, ey, ez, ax, ay, az, 0, 0, -1);
+    sbl_perspective(view.view_to_clip, fov, (float)width / (float)height);
+    return view;
+}
+
+static inline sbl_picture_desc scene_cornell_view(int width, int height) {
+    return scene_view(width, height, 39.3077f, 278, 273, -800, 278, 273, 0);
+}
+
+/* A sensor at every pixel, no filter: what is measured is the gathering alone. */
+static inline sbl_picture_desc scene_plain(sbl_picture_desc view, sbl_mode mode, int sensor_size) {
+    view.mode = mode;
+    view.tile = 1;
+    view.filter_radius = -1;
+    view.samples = 1;
+    view.sensor_size = sensor_size;
+    return view;
+}
+
+static inline int scene_render(sbl_context *context, const test_scene *s, const sbl_picture_desc *view) {
+    sbl_scene_desc desc = scene_desc(s);
+    sbl_result result = sbl_set_scene(context, &desc);
+    if (result == SBL_SUCCESS) result = sbl_render(context, view);
+    CHECK(result == SBL_SUCCESS, "the picture failed: %s", sbl_result_string(result));
+    return result == SBL_SUCCESS;
+}
+
+/* A channel of the finished picture; the caller frees it. NaN where it could not be read, so that every comparison fails. */
+static inline float *scene_channel(sbl_context *context, const sbl_picture_desc *view, sbl_channel channel) {
+    size_t count = (size_t)view->width * (size_t)view->height * (size_t)(sbl_channel_components(channel) > 1 ? 3 : 1), i;
+    float *values = (float *)malloc(count * sizeof *values);
+    if (!values) abort();
+    for (i = 0; i < count; i++) values[i] = (float)NAN;
+    CHECK(sbl_read_channel(context, channel, values, count) == SBL_SUCCESS, "channel %d cannot be read", (int)channel);
+    return values;
+}
+
+#endif

@@ -1,0 +1,40 @@
+/* The tests' harness: a test program is a list of TEST functions and a main of RUN lines.
+
+       TEST(sum_is_one) { CHECK(fabs(sum - 1) < 1e-5, "sum %.9g, expected 1", sum); }
+       int main(void) { RUN(sum_is_one); return test_report(); }
+
+   CHECK reports and goes on; REQUIRE reports and leaves the test. SKIP leaves it, saying why. The last line of a program's output is
+   "N passed, N failed, N skipped"; scripts/test adds them up. A test that checks nothing counts as failed. */
+#ifndef TEST_H
+#define TEST_H
+
+#include <stdio.h>
+#include <string.h>
+
+static int test_passed, test_failed, test_skipped;
+static int test_checks, test_errors, test_left_out;
+
+#define TEST(name) static void test_##name(void)
+#define RUN(name) test_run(#name, test_##name)
+#define TEST__FAIL(...) (test_errors++, printf("  %s:%d: ", __FILE__, __LINE__), printf(__VA_ARGS__), printf("\n"))
+#define CHECK(condition, ...) do { test_checks++; if (!(condition)) TEST__FAIL(__VA_ARGS__); } while (0)
+#define REQUIRE(condition, ...) do { test_checks++; if (!(condition)) { TEST__FAIL(__VA_ARGS__); return; } } while (0)
+#define SKIP(...) do { test_left_out = 1; printf("  skipped: "); printf(__VA_ARGS__); printf("\n"); return; } while (0)
+
+static void test_run(const char *name, void (*function)(void)) {
+    test_checks = test_errors = test_left_out = 0;
+    function();
+    if (!test_left_out && test_checks == 0) { test_errors++; printf("  %s checks nothing\n", name); }
+    if (test_errors) test_failed++;
+    else if (test_left_out) test_skipped++;
+    else test_passed++;
+    printf("%s %s\n", test_errors ? "FAIL" : test_left_out ? "skip" : "ok  ", name);
+    fflush(stdout);
+}
+
+static int test_report(void) {
+    printf("%d passed, %d failed, %d skipped\n", test_passed, test_failed, test_skipped);
+    return test_failed != 0;
+}
+
+#endif

@@ -1,0 +1,478 @@
+/* The paper's own mode against its sums done on the CPU, and what holds of tiles, thresholds and filter in any mode. */
+#define SBL_IMPLEMENTATION
+#define SBL_EGL
+#include "../sbl.h"
+#include "test.h"
+#include "scenes.h"
+#include "reference.h"
+
+static sbl_context *context;
+
+/* >>the paper's sensor */
+
+/* Two axes that make a right-handed frame with n: Duff et al. 2017, Building an Orthonormal Basis, Revisited. */
+static void frame(v3 n, v3 *right, v3 *up) {
+    if (n.z < 0) {
+        double a = 1 / (1 - n.z), b = n.x * n.y * a;
+        *right = v3_of(1 - n.x * n.x * a, -b, n.x);
+        *up = v3_of(b, n.y * n.y * a - 1, -n.y);
+    } else {
+        double a = 1 / (1 + n.z), b = -n.x * n.y * a;
+        *right = v3_of(1 - n.x * n.x * a, b, -n.x);
+        *up = v3_of(b, 1 - n.y * n.y * a, -n.y);
+    }
+}
+
+/* V'': onto the unit sphere, then down into the tangent plane. */
+static v3 project(double x, double y) { return v3_scale(v3_of(x, y, 0), 1 / sqrt(x * x + y * y + 1)); }
+
+/* Equation 4 over pi for texel (j, i) of rd x rd. */
+static double paper_weight(double fov, int rd, int j, int i) {
+    double s = tan(fov / 2 * REF_PI / 180);
+    double x0 = 2 * s * ((double)j / rd - 0.5), x1 = 2 * s * ((j + 1.0) / rd - 0.5);
+    double y0 = 2 * s * ((double)i / rd - 0.5), y1 = 2 * s * ((i + 1.0) / rd - 0.5);
+    v3 v0 = project(x0, y0), v1 = project(x1, y0), v2 = project(x0, y1);
+    return v3_length(v3_cross(v3_sub(v1, v0), v3_sub(v2, v0))) / REF_PI;
+}
+
+/* Section III-E: the sum of Ck d / pi over the texels, Ck found by a ray through the texel's centre. */
+static void paper_sum(const ref_scene *scene, v3 p, v3 n, double epsilon, double fov, int rd, const double *weights, double rgb[3]) {
+    double s = tan(fov / 2 * REF_PI / 180), light[3];
+    v3 right, up;
+    int i, j, k;
+    frame(n, &right, &up);
+    rgb[0] = rgb[1] = rgb[2] = 0;
+    for (i = 0; i < rd; i++)
+        for (j = 0; j < rd; j++) {
+            v3 d = v3_mad(v3_mad(n, right, 2 * s * ((j + 0.5) / rd - 0.5)), up, 2 * s * ((i + 0.5) / rd - 0.5));
+            ref_point seen = ref_surface(scene, ref_trace(scene, p, d, 1e-6, HUGE_VAL, SBL_MATERIAL_HIDDEN_FROM_SENSORS), d);
+            ref_light(scene, &seen, epsilon, light);
+            for (k = 0; k < 3; k++) rgb[k] += light[k] * weights[i * rd + j];
+        }
+}
+
+static void check_paper(const test_scene *s, sbl_picture_desc view, double fov, const char *name) {
+    sbl_scene_desc desc = scene_desc(s);
+    ref_scene *reference = ref_create(&desc);
+    int rd = view.sensor_size, x, y, k, count = 0;
+    double *weights = (double *)calloc((size_t)(rd * rd), sizeof *weights), worst = 0, sum = 0, expected_sum = 0;
+    if (!weights) abort();
+    for (k = 0; k < rd * rd; k++) weights[k] = paper_weight(fov, rd, k % rd, k / rd);
+    if (scene_render(context, s, &view)) {
+        float *radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+        for (y = 0; y < view.height; y++)
+            for (x = 0; x < view.width; x++) {
+                ref_point p = ref_pixel(reference, &view, x, y);
+                double expected[3], luminance, off = 0;
+                if (!p.hit || ref_is_edge(reference, &view, x, y)) continue;
+                paper_sum(reference, p.position, p.normal, (double)view.epsilon, fov, rd, weights, expected);
+                luminance = (expected[0] + expected[1] + expected[2]) / 3;
+                for (k = 0; k < 3; k++) {
+                    double r = (double)radiance[3 * (y * view.width + x) + k];
+                    off = fmax(off, fabs(r - expected[k]) / luminance);
+                    if (r != r) off = 1e30;
+                    sum += r;
+                    expected_sum += expected[k];
+                }
+                count++;
+                if (off > worst) worst = off;
+            }
+        free(radiance);
+    }
+    printf("  %s: %d pixels, %.3f %% at worst\n", name, count, 100 * worst);
+    CHECK(count > view.width * view.height * 8 / 10, "%s: only %d pixels can be compared", name, count);
+    CHECK(worst < 0.01, "%s: a pixel is off by %.3f %%", name, 100 * worst);
+    CHECK(fabs(sum / expected_sum - 1) < 0.001, "%s: the mean is off by %+.4f %%", name, 100 * (sum / expected_sum - 1));
+    free(weights);
+    ref_destroy(reference);
+}
+
+TEST(paper_sums) {
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_plain(scene_view(20, 20, 37, 278, 273, -800, 278, 273, 0), SBL_MODE_PAPER, 64);
+    scene_cornell_box(&s);
+    view.epsilon = 0.02f;
+    check_paper(&s, view, 135, "Cornell box");
+    view.epsilon = 0.5f;
+    view.sensor_size = 33;
+    view.sensor_fov = 100;
+    check_paper(&s, view, 100, "Cornell box, 33 texels, 100 degrees");
+    scene_free(&s);
+}
+
+/* Normals in all directions, so that both halves of the frame's definition and its turning matter. */
+TEST(paper_sums_on_sphere) {
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_plain(scene_view(16, 12, 60, 0.2f, 0.3f, 0.1f, 0.5f, -0.2f, -1), SBL_MODE_PAPER, 24);
+    static const float eyes[3][3] = { { 2, 1, -1 }, { -1, -2, 0.5f }, { 0.3f, 0.2f, 2 } };
+    int i;
+    view.epsilon = 0.25f;
+    scene_sphere(&s, scene_material(&s, 0.7f, 0.2f, 0.4f), 0, 0, 0, 3, 17, 11, 0);
+    scene_box(&s, scene_lamp(&s, 2, 3, 1), 0.5f, 0.9f, -1.1f, 0.9f, 1.2f, -0.6f);
+    scene_box(&s, scene_material(&s, 0.1f, 0.9f, 0.9f), -1.2f, -0.7f, -0.3f, -0.6f, 0.4f, 0.5f);
+    for (i = 0; i < 3; i++) {
+        sbl_look_at(view.world_to_view, 0.1f, 0.2f, 0.1f, eyes[i][0], eyes[i][1], eyes[i][2], 0, 1, 0);
+        check_paper(&s, view, 135, "inside a sphere");
+    }
+    scene_free(&s);
+}
+
+TEST(paper_frame_and_weights) {
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_plain(scene_view(9, 9, 60, 0.1f, 0.2f, 0.1f, 2, 1, -1), SBL_MODE_PAPER, 16);
+    int x, y, i, j;
+    scene_sphere(&s, scene_material(&s, 0.7f, 0.2f, 0.4f), 0, 0, 0, 3, 9, 7, 0);
+    if (!scene_render(context, &s, &view)) { scene_free(&s); return; }
+    for (y = 0; y < 9; y += 4)
+        for (x = 0; x < 9; x += 4) {
+            sbl_sensor sensor;
+            float weights[256], radiance[1024];
+            double worst = 0, s_max = tan(67.5 * REF_PI / 180);
+            v3 right, up;
+            memset(&sensor, 0, sizeof sensor);
+            memset(weights, 0, sizeof weights);
+            CHECK(sbl_inspect_sensor(context, x, y, &sensor, radiance, weights, 256) == SBL_SUCCESS, "the sensor cannot be looked at");
+            CHECK(sensor.view_count == 1 && sensor.sheet_width == 16 && sensor.sheet_height == 16, "%d views on %d x %d", sensor.view_count, sensor.sheet_width, sensor.sheet_height);
+            frame(v3_from(sensor.normal), &right, &up);
+            CHECK(v3_dot(v3_from(sensor.views[0].right), right) > 0.99999 && v3_dot(v3_from(sensor.views[0].up), up) > 0.99999 &&
+                  v3_dot(v3_from(sensor.views[0].forward), v3_from(sensor.normal)) > 0.99999, "pixel %d %d: another frame", x, y);
+            CHECK(fabs((double)sensor.views[0].x0 + s_max) < 1e-5 && fabs((double)sensor.views[0].x1 - s_max) < 1e-5 &&
+                  fabs((double)sensor.views[0].y0 + s_max) < 1e-5 && fabs((double)sensor.views[0].y1 - s_max) < 1e-5, "another field of view: %g", (double)sensor.views[0].x1);
+            for (i = 0; i < 16; i++)
+                for (j = 0; j < 16; j++) worst = fmax(worst, fabs((double)weights[16 * i + j] - paper_weight(135, 16, j, i)));
+            CHECK(worst < 1e-7, "weights are off by %.3g", worst);
+        }
+    scene_free(&s);
+}
+
+/* >>filter */
+
+/* The step: a top that sees the whole sky, R = 1, and a front that black ground takes half of it from, R = 0.5. Its edge runs across the picture. */
+static void step_scene(test_scene *s) {
+    int black = scene_material(s, 0, 0, 0);
+    scene_quad(s, black, -50, 0, -50, -50, 0, 0, 50, 0, 0, 50, 0, -50);
+    scene_quad(s, black, -50, -1, 0, 50, -1, 0, 50, 0, 0, -50, 0, 0);
+    scene_floor(s, black, -1, 1000000);
+    scene_sky(s, 1, 1, 1);
+}
+
+static sbl_picture_desc step_view(int width, int height) { return scene_view(width, height, 20, 0.3f, 2, 2, 0.3f, 0, 0); }
+
+/* Worst distance of R from what the step's geometry says, and how many pixels lie between the two values by more than 0.1. */
+static double step_error(const test_scene *s, const sbl_picture_desc *view, int *between) {
+    double worst = 0;
+    int i, tops = 0, fronts = 0;
+    float *radiance, *normal;
+    *between = 0;
+    if (!scene_render(context, s, view)) return 1e30;
+    radiance = scene_channel(context, view, SBL_CHANNEL_RADIANCE);
+    normal = scene_channel(context, view, SBL_CHANNEL_NORMAL);
+    for (i = 0; i < view->width * view->height; i++) {
+        double expected = normal[3 * i + 1] > 0.5f ? 1 : 0.5, off = fabs((double)radiance[3 * i] - expected);
+        tops += expected == 1;
+        fronts += expected < 1;
+        *between += radiance[3 * i] > 0.6f && radiance[3 * i] < 0.9f;
+        if (!(off <= worst)) worst = off;
+    }
+    CHECK(tops > view->width * view->height / 5 && fronts > view->width * view->height / 5, "%d pixels of top, %d of front", tops, fronts);
+    free(radiance);
+    free(normal);
+    return worst;
+}
+
+TEST(filter_stays_on_its_surface) {
+    test_scene s = { 0 };
+    sbl_picture_desc view = step_view(24, 24);
+    double worst;
+    int between;
+    step_scene(&s);
+    view = scene_plain(view, SBL_MODE_DIRECT, 64);
+    view.filter_radius = 6;
+    worst = step_error(&s, &view, &between);
+    CHECK(worst < 0.005 && between == 0, "two ids: R is off by %.4f, %d pixels are mixed", worst, between);
+    s.meshes[0].id = s.meshes[1].id = 7;
+    worst = step_error(&s, &view, &between);
+    CHECK(worst < 0.005 && between == 0, "one id, two normals: R is off by %.4f, %d pixels are mixed", worst, between);
+    view.mode = SBL_MODE_PAPER;
+    view.sensor_size = 64;
+    worst = step_error(&s, &view, &between);
+    CHECK(between >= 24, "the paper's filter knows only ids, yet %d pixels are mixed", between);
+    scene_free(&s);
+}
+
+/* In paper mode one view sees s = 0.877 of the sky, the front half of that by symmetry; the ground's horizon runs through the middle. */
+TEST(paper_filter_stays_on_its_id) {
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_plain(step_view(24, 24), SBL_MODE_PAPER, 64);
+    double low[2] = { 9, 9 }, high[2] = { 0, 0 };
+    float *radiance, *id;
+    int i;
+    step_scene(&s);
+    view.filter_radius = 8;
+    view.epsilon = 0.02f;
+    if (!scene_render(context, &s, &view)) { scene_free(&s); return; }
+    radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+    id = scene_channel(context, &view, SBL_CHANNEL_ID);
+    for (i = 0; i < 24 * 24; i++) {
+        int which = (int)id[i] - 1;
+        if (which < 0 || which > 1) { CHECK(0, "id %g", (double)id[i]); continue; }
+        low[which] = fmin(low[which], (double)radiance[3 * i]);
+        high[which] = fmax(high[which], (double)radiance[3 * i]);
+    }
+    CHECK(low[0] > 0.8765 && high[0] < 0.8780, "the top's R runs from %.4f to %.4f, expected 0.8773", low[0], high[0]);
+    CHECK(low[1] > 0.4380 && high[1] < 0.4395, "the front's R runs from %.4f to %.4f, expected 0.4387", low[1], high[1]);
+    free(radiance);
+    free(id);
+    scene_free(&s);
+}
+
+/* A noisy picture: the filter keeps its mean (up to the borders) and takes most of its noise. */
+TEST(filter_smooths) {
+    static const sbl_mode modes[] = { SBL_MODE_PAPER, SBL_MODE_DIRECT };
+    int mode, filtered, i;
+    for (mode = 0; mode < 2; mode++) {
+        test_scene s = { 0 };
+        double mean[2], variance[2];
+        scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 1000);
+        scene_sphere(&s, scene_lamp(&s, 50, 50, 50), 1, 30, 2, 5, 24, 16, 0);
+        for (filtered = 0; filtered < 2; filtered++) {
+            sbl_picture_desc view = scene_plain(scene_view(48, 48, 30, 0, 9, 1, 0, 0, 0), modes[mode], 8);
+            double sum = 0, squares = 0;
+            view.filter_radius = filtered ? 4 : -1;
+            if (scene_render(context, &s, &view)) {
+                float *radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+                for (i = 0; i < 48 * 48; i++) {
+                    sum += (double)radiance[3 * i];
+                    squares += (double)radiance[3 * i] * (double)radiance[3 * i];
+                }
+                free(radiance);
+            }
+            mean[filtered] = sum / (48 * 48);
+            variance[filtered] = squares / (48 * 48) - mean[filtered] * mean[filtered];
+        }
+        CHECK(mean[0] > 0 && fabs(mean[1] / mean[0] - 1) < 0.02, "mode %d: the mean goes from %.4f to %.4f", (int)modes[mode], mean[0], mean[1]);
+        if (modes[mode] == SBL_MODE_DIRECT) {  /* the paper's unturned sensors err all alike: nothing to smooth */
+            CHECK(variance[0] > 1e-4 * mean[0] * mean[0], "there is no noise to smooth: %g", variance[0]);
+            CHECK(variance[1] < 0.2 * variance[0], "the variance goes from %g to %g", variance[0], variance[1]);
+        }
+        scene_free(&s);
+    }
+}
+
+/* >>refinement */
+
+static void glowing_box(test_scene *s) { scene_box(s, scene_lamp(s, 1, 1, 1), -1, -1, -1, 1, 1, 1); }
+
+static sbl_picture_desc inside_view(int width, int height) { return scene_view(width, height, 80, 0.2f, -0.3f, 0.8f, -0.1f, 0.1f, -1); }
+
+/* Any size of picture against any tile: R = 1 at every pixel, whatever was interpolated. */
+TEST(odd_sizes) {
+    static const int pictures[][2] = { { 1, 1 }, { 1, 7 }, { 7, 1 }, { 3, 2 }, { 2, 2 }, { 16, 16 }, { 17, 16 }, { 33, 15 }, { 31, 47 }, { 50, 3 } };
+    static const int tiles[] = { 0, 1, 2, 3, 5, 16, 64, 1024 };
+    static const sbl_mode modes[] = { SBL_MODE_DIRECT, SBL_MODE_PAPER };
+    test_scene s = { 0 };
+    int p, t, m, i;
+    glowing_box(&s);
+    for (m = 0; m < 2; m++)
+        for (p = 0; p < (int)(sizeof pictures / sizeof *pictures); p++)
+            for (t = 0; t < (int)(sizeof tiles / sizeof *tiles); t++) {
+                sbl_picture_desc view = inside_view(pictures[p][0], pictures[p][1]);
+                double worst = 0, expected = m ? 0.8773 : 1;
+                float *radiance, *final, *sensed;
+                int marked = 0, pixels = view.width * view.height;
+                sbl_stats stats;
+                view.mode = modes[m];
+                view.tile = tiles[t];
+                view.sensor_size = m ? 32 : 8;
+                if (!scene_render(context, &s, &view)) continue;
+                radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+                final = scene_channel(context, &view, SBL_CHANNEL_FINAL);
+                sensed = scene_channel(context, &view, SBL_CHANNEL_SENSORS);
+                for (i = 0; i < 3 * pixels; i++) worst = fmax(worst, fmax(fabs((double)radiance[i] - expected), fabs((double)final[i] - 1)));
+                for (i = 0; i < 3 * pixels; i++) if (!(radiance[i] == radiance[i]) || !(final[i] == final[i])) worst = 1e30;
+                for (i = 0; i < pixels; i++) marked += sensed[i] > 0;
+                stats = sbl_query_stats(context);
+                CHECK(worst < 0.005, "mode %d, %d x %d, tile %d: R is off by %.4f", (int)modes[m], view.width, view.height, tiles[t], worst);
+                CHECK(stats.visible_pixels == pixels, "%d x %d: %d pixels are visible", view.width, view.height, stats.visible_pixels);
+                CHECK(marked == stats.sensors && marked > 0, "%d x %d, tile %d: %d pixels are marked, %d sensors counted", view.width, view.height, tiles[t], marked, (int)stats.sensors);
+                CHECK(tiles[t] != 1 || marked == pixels, "%d x %d: tile 1 sensed %d pixels", view.width, view.height, marked);
+                free(radiance); free(final); free(sensed);
+            }
+    scene_free(&s);
+}
+
+/* Nothing changes across a surface, so only the first, coarse level is needed (and what its borders want). */
+TEST(constant_light_needs_few_sensors) {
+    static const sbl_mode modes[] = { SBL_MODE_DIRECT, SBL_MODE_PAPER };
+    int m, i;
+    for (m = 0; m < 2; m++) {
+        test_scene s = { 0 };
+        sbl_picture_desc view = scene_view(96, 64, 30, 1, 3, 4, 0, 0, 0);
+        double off[2] = { 0, 0 };
+        int fine;
+        scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 1000);
+        scene_sky(&s, 1, 1, 1);
+        view.mode = modes[m];
+        view.sensor_size = 32;
+        for (fine = 0; fine < 2; fine++) {
+            float *radiance;
+            sbl_stats stats;
+            view.tile = fine ? 1 : 16;
+            if (!scene_render(context, &s, &view)) continue;
+            radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+            stats = sbl_query_stats(context);
+            for (i = 0; i < 96 * 64; i++) off[fine] = fmax(off[fine], fabs((double)radiance[3 * i] - (m ? 0.8773 : 1)));
+            if (fine) CHECK(stats.sensors == 96 * 64, "tile 1: %d sensors", (int)stats.sensors);
+            else CHECK(stats.sensors >= 4 * 6 && stats.sensors <= 5 * 7 * 2, "tile 16: %d sensors for 24 tiles", (int)stats.sensors);
+            free(radiance);
+        }
+        CHECK(off[0] < 0.002 && off[1] < 0.002, "mode %d: R is off by %.5f with tiles, by %.5f without", (int)modes[m], off[0], off[1]);
+        scene_free(&s);
+    }
+}
+
+/* Interpolation never crosses the step's edge, where R halves: every interpolated pixel has its own surface's value. */
+TEST(interpolation_stays_on_its_surface) {
+    test_scene s = { 0 };
+    int between, shared;
+    step_scene(&s);
+    for (shared = 0; shared < 2; shared++) {
+        sbl_picture_desc view = step_view(64, 64);
+        sbl_stats stats;
+        double worst;
+        view.mode = SBL_MODE_DIRECT;
+        view.sensor_size = 32;
+        if (shared) s.meshes[0].id = s.meshes[1].id = 7;
+        worst = step_error(&s, &view, &between);
+        stats = sbl_query_stats(context);
+        CHECK(worst < 0.02 && between == 0, "%s: R is off by %.4f, %d pixels are mixed", shared ? "one id" : "two ids", worst, between);
+        CHECK(stats.sensors < 64 * 64 / 2, "%s: %d sensors", shared ? "one id" : "two ids", (int)stats.sensors);
+    }
+    scene_free(&s);
+}
+
+/* Only pixels that show a surface are sensed, and with tile 1 all of them. */
+TEST(tile_1_senses_what_is_visible) {
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_plain(scene_view(40, 30, 40, 0, 1, 6, 0, 0, 0), SBL_MODE_DIRECT, 8);
+    float *id, *sensed;
+    int i, visible = 0, wrong = 0;
+    sbl_stats stats;
+    scene_sphere(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 0, 0, 1, 24, 16, 0);
+    scene_sky(&s, 1, 1, 1);
+    if (!scene_render(context, &s, &view)) { scene_free(&s); return; }
+    id = scene_channel(context, &view, SBL_CHANNEL_ID);
+    sensed = scene_channel(context, &view, SBL_CHANNEL_SENSORS);
+    stats = sbl_query_stats(context);
+    for (i = 0; i < 40 * 30; i++) {
+        visible += id[i] != 0;
+        wrong += (id[i] != 0) != (sensed[i] != 0);
+    }
+    CHECK(visible > 100 && visible < 1000, "%d pixels show the sphere", visible);
+    CHECK(wrong == 0, "%d pixels are wrongly sensed or not", wrong);
+    CHECK(stats.sensors == visible && stats.visible_pixels == visible, "%d sensors, %d visible, expected %d", (int)stats.sensors, stats.visible_pixels, visible);
+    CHECK(stats.sensor_views == 5 * stats.sensors, "%d views", (int)stats.sensor_views);
+    free(id);
+    free(sensed);
+    scene_free(&s);
+}
+
+/* Levels halve the tile; a lower threshold wants more sensors; the threshold bounds what interpolation costs. */
+static void check_threshold(sbl_mode mode, const float thresholds[3]) {
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_cornell_view(64, 64);
+    int64_t sensors[3] = { 0, 0, 0 };
+    double off[3] = { 0, 0, 0 };
+    float *exact = NULL;
+    int i, k;
+    scene_cornell_box(&s);
+    view.mode = mode;
+    view.sensor_size = 32;
+    view.filter_radius = -1;
+    view.tile = 1;
+    if (scene_render(context, &s, &view)) exact = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+    view.tile = 16;
+    for (k = 0; k < 3 && exact; k++) {
+        float *radiance;
+        sbl_stats stats;
+        int64_t sum = 0;
+        double mean = 0;
+        view.threshold = thresholds[k];
+        if (!scene_render(context, &s, &view)) continue;
+        radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+        stats = sbl_query_stats(context);
+        sensors[k] = stats.sensors;
+        for (i = 0; i < 64 * 64; i++) {
+            mean += (double)exact[3 * i] / (64 * 64);
+            off[k] += fabs((double)radiance[3 * i] - (double)exact[3 * i]) / (64 * 64);
+        }
+        off[k] /= mean;
+        CHECK(stats.level_count == 5, "%d levels", stats.level_count);
+        for (i = 0; i < stats.level_count && i < SBL_MAX_LEVELS; i++) {
+            sum += stats.levels[i].sensors;
+            CHECK(stats.levels[i].tile == 16 >> i, "level %d has tile %d", i, stats.levels[i].tile);
+        }
+        CHECK(sum == stats.sensors, "the levels sum to %d, not %d", (int)sum, (int)stats.sensors);
+        free(radiance);
+    }
+    printf("  thresholds %g %g %g: %d %d %d sensors of %d, mean error %.2f %.2f %.2f %%\n", (double)thresholds[0], (double)thresholds[1], (double)thresholds[2],
+           (int)sensors[0], (int)sensors[1], (int)sensors[2], 64 * 64, 100 * off[0], 100 * off[1], 100 * off[2]);
+    CHECK(sensors[0] > sensors[1] && sensors[1] > sensors[2] && sensors[2] > 0, "sensors %d %d %d", (int)sensors[0], (int)sensors[1], (int)sensors[2]);
+    CHECK(off[0] < off[1] + 1e-9 && off[1] < off[2], "errors %.4f %.4f %.4f", off[0], off[1], off[2]);
+    CHECK(off[0] < 0.01, "the finest threshold still costs %.2f %%", 100 * off[0]);
+    free(exact);
+    scene_free(&s);
+}
+
+TEST(relative_threshold) {
+    static const float thresholds[] = { 0.001f, 0.1f, 100 };
+    check_threshold(SBL_MODE_DIRECT, thresholds);
+}
+
+TEST(absolute_threshold) {
+    static const float thresholds[] = { 0.0001f, 0.05f, 100 };
+    check_threshold(SBL_MODE_PAPER, thresholds);
+}
+
+/* The paper's threshold is a radiance: eight times the light, eight times the threshold, the same sensors. A relative one needs no change. */
+TEST(threshold_units) {
+    static const sbl_mode modes[] = { SBL_MODE_PAPER, SBL_MODE_DIRECT };
+    int m, k;
+    for (m = 0; m < 2; m++) {
+        int64_t sensors[3] = { 0, 0, 0 };
+        for (k = 0; k < 3; k++) {  /* plain; eight times the light; and eight times the threshold as well */
+            test_scene s = { 0 };
+            sbl_picture_desc view = scene_cornell_view(48, 48);
+            int i;
+            scene_cornell_box(&s);
+            for (i = 0; i < 3; i++) s.materials[3].emission[i] *= k ? 8 : 1;
+            view.mode = modes[m];
+            view.sensor_size = 16;
+            view.threshold = k == 2 ? 0.4f : 0.05f;
+            view.epsilon = 1e-9f;
+            if (scene_render(context, &s, &view)) sensors[k] = sbl_query_stats(context).sensors;
+            scene_free(&s);
+        }
+        if (m == 0) CHECK(sensors[1] > sensors[0] && sensors[2] == sensors[0], "paper: %d, %d, %d sensors", (int)sensors[0], (int)sensors[1], (int)sensors[2]);
+        else CHECK(sensors[1] == sensors[0] && sensors[2] < sensors[0], "relative: %d, %d, %d sensors", (int)sensors[0], (int)sensors[1], (int)sensors[2]);
+    }
+}
+
+int main(void) {
+    if (sbl_create(NULL, &context) != SBL_SUCCESS) { printf("no context\n0 passed, 1 failed, 0 skipped\n"); return 1; }
+    RUN(paper_sums);
+    RUN(paper_sums_on_sphere);
+    RUN(paper_frame_and_weights);
+    RUN(filter_stays_on_its_surface);
+    RUN(paper_filter_stays_on_its_id);
+    RUN(filter_smooths);
+    RUN(odd_sizes);
+    RUN(constant_light_needs_few_sensors);
+    RUN(interpolation_stays_on_its_surface);
+    RUN(tile_1_senses_what_is_visible);
+    RUN(relative_threshold);
+    RUN(absolute_threshold);
+    RUN(threshold_units);
+    sbl_destroy(context);
+    return test_report();
+}

@@ -1,0 +1,421 @@
+/* The pipeline against the ray caster of reference.h, pixel by pixel: what the camera sees, what arrives there, what single sensors
+   see; every vertex format, texture format and kind of camera. */
+#define SBL_IMPLEMENTATION
+#define SBL_EGL
+#include "../sbl.h"
+#include "test.h"
+#include "scenes.h"
+#include "reference.h"
+
+static sbl_context *context;
+
+/* >>scene */
+
+/* Random texels; alpha, where there is any, makes holes of about half the area. */
+static int random_texture(test_scene *s, sbl_pixel_format format, int width, int height, int channels, uint64_t *seed) {
+    static unsigned char pixels[32 * 32 * 4 * 4];
+    int i, count = width * height * channels;
+    for (i = 0; i < count; i++) {
+        float f = (float)(0.125 + 0.875 * ref_random(seed));
+        if (format == SBL_PIXELS_FLOAT) memcpy(pixels + 4 * i, &f, 4);
+        else pixels[i] = (unsigned char)(f * 255.0f);
+        if (channels % 2 == 0 && i % channels == channels - 1) {
+            f = ref_random(seed) < 0.4 ? 0 : 1;
+            if (format == SBL_PIXELS_FLOAT) memcpy(pixels + 4 * i, &f, 4);
+            else pixels[i] = (unsigned char)(f * 255.0f);
+        }
+    }
+    return scene_texture(s, pixels, (size_t)count * (format == SBL_PIXELS_FLOAT ? 4 : 1), format, width, height, channels);
+}
+
+/* A room open to the sky: textured floor and walls, a smooth ball, a box with coloured corners, a pierced screen between lamp and floor. */
+static void textured_scene(test_scene *s) {
+    static const float floor[12] = { -3, 0, -3, -3, 0, 3, 3, 0, 3, 3, 0, -3 }, back[12] = { -3, 0, -3, 3, 0, -3, 3, 3, -3, -3, 3, -3 };
+    static const float left[12] = { -3, 0, 3, -3, 0, -3, -3, 3, -3, -3, 3, 3 }, screen[12] = { -2, 1.9f, -1.2f, 2, 1.6f, -1.2f, 2, 2, 1, -2, 2.3f, 1 };
+    static const float lamp[12] = { -1, 3.5f, -1, 1, 3.5f, -1, 1, 3.5f, 1, -1, 3.5f, 1 }, fence[12] = { 0.4f, 0, 1.5f, 2.6f, 0, 1.1f, 2.6f, 1, 1.1f, 0.4f, 1, 1.5f };
+    uint64_t seed = 7;
+    float *colors;
+    int m, i, first;
+    m = scene_material(s, 0.9f, 0.8f, 0.7f);
+    s->materials[m].albedo_texture = random_texture(s, SBL_PIXELS_SRGB8, 8, 8, 3, &seed);
+    scene_quad_uv(s, m, floor, 2, 2);
+    m = scene_material(s, 1, 1, 1);
+    s->materials[m].albedo_texture = random_texture(s, SBL_PIXELS_LINEAR8, 7, 5, 1, &seed);
+    s->textures[s->materials[m].albedo_texture - 1].wrap = SBL_WRAP_CLAMP;
+    scene_quad_uv(s, m, back, 1.25f, 1.25f);
+    m = scene_material(s, 0.5f, 1, 0.5f);
+    s->materials[m].albedo_texture = random_texture(s, SBL_PIXELS_FLOAT, 4, 9, 3, &seed);
+    scene_quad_uv(s, m, left, 1, 1);
+    m = scene_material(s, 1, 1, 1);
+    s->materials[m].albedo_texture = random_texture(s, SBL_PIXELS_SRGB8, 8, 8, 4, &seed);
+    s->materials[m].alpha_cutoff = 0.5f;
+    scene_quad_uv(s, m, screen, 1, 1);
+    scene_quad_uv(s, m, fence, 0.5f, 0.25f)->id = 77;
+    m = scene_lamp(s, 6, 5, 4);
+    s->materials[m].emission_texture = random_texture(s, SBL_PIXELS_FLOAT, 3, 3, 3, &seed);
+    scene_quad_uv(s, m, lamp, 1, 1);
+    scene_sphere(s, scene_material(s, 0.3f, 0.6f, 0.9f), -1.2f, 0.7f, 0.6f, 0.7f, 40, 24, 1);
+    first = s->mesh_count;
+    scene_box(s, scene_material(s, 1, 0.9f, 0.8f), 0.3f, 0, -1.4f, 1.3f, 1.1f, -0.4f);
+    colors = (float *)scene_alloc(s, sizeof *colors * 16);
+    for (i = 0; i < 16; i++) colors[i] = i % 4 == 3 ? 1 : (float)ref_random(&seed);
+    for (i = first; i < s->mesh_count; i++) s->meshes[i].colors.data = colors;
+    scene_sky(s, 0.3f, 0.4f, 0.5f);
+}
+
+static sbl_picture_desc textured_view(int width, int height) { return scene_view(width, height, 50, 1.5f, 2.2f, 5.5f, -0.1f, 0.9f, 0); }
+
+/* >>camera */
+
+/* What the camera sees, at every pixel but those on an edge. Positions lie within float rounding of the exact ones: `ulps` roundings of the
+   largest coordinate, more where the surface is seen at a slant. Albedo: 8 bits decoded, or 16-bit floats, then filtered. */
+static void check_camera(const test_scene *s, const sbl_picture_desc *view, const char *name, int least_seen) {
+    sbl_scene_desc desc = scene_desc(s);
+    ref_scene *reference = ref_create(&desc);
+    float *position = scene_channel(context, view, SBL_CHANNEL_POSITION), *normal = scene_channel(context, view, SBL_CHANNEL_NORMAL);
+    float *albedo = scene_channel(context, view, SBL_CHANNEL_ALBEDO), *id = scene_channel(context, view, SBL_CHANNEL_ID);
+    float *depth = scene_channel(context, view, SBL_CHANNEL_DEPTH);
+    double off_position = 0, off_depth = 0, off_normal = 0, off_albedo = 0, extent = 0;
+    int x, y, k, edges = 0, seen = 0, wrong_id = 0, pixels = view->width * view->height;
+    for (k = 0; k < reference->triangle_count; k++)
+        for (x = 0; x < 3; x++) extent = fmax(extent, v3_length(reference->triangles[k].p[x]));
+    for (y = 0; y < view->height; y++)
+        for (x = 0; x < view->width; x++) {
+            int i = y * view->width + x;
+            ref_point p = ref_pixel(reference, view, x, y);
+            v3 origin, direction;
+            double slant, size;
+            if (ref_is_edge(reference, view, x, y)) { edges++; continue; }
+            wrong_id += id[i] != (float)p.id;
+            if (!p.hit || id[i] != (float)p.id) continue;
+            seen++;
+            ref_camera_ray(view, x + 0.5, y + 0.5, &origin, &direction);
+            slant = -v3_dot(direction, p.face);
+            size = (extent + v3_length(origin)) / slant;
+            off_position = fmax(off_position, v3_length(v3_sub(v3_from(position + 3 * i), p.position)) / size);
+            off_depth = fmax(off_depth, fabs((double)depth[i] - ref_depth(view, p.position)) / size);
+            if (-v3_dot(direction, p.normal) > 0.02) off_normal = fmax(off_normal, v3_length(v3_sub(v3_from(normal + 3 * i), p.normal)));
+            for (k = 0; k < 3; k++) off_albedo = fmax(off_albedo, fabs((double)albedo[3 * i + k] - p.albedo[k]));
+            if (!(position[3 * i] == position[3 * i] && depth[i] == depth[i] && normal[3 * i] == normal[3 * i] && albedo[3 * i] == albedo[3 * i])) off_position = 1e30;
+        }
+    CHECK(seen >= least_seen, "%s: only %d pixels can be compared", name, seen);
+    CHECK(edges <= pixels / 10, "%s: %d of %d pixels are edges", name, edges, pixels);
+    CHECK(wrong_id == 0, "%s: %d pixels show another surface", name, wrong_id);
+    CHECK(off_position < 1e-6, "%s: positions are off by %.3g of the scene's size", name, off_position);
+    CHECK(off_depth < 1e-6, "%s: depths are off by %.3g of the scene's size", name, off_depth);
+    CHECK(off_normal < 1e-3, "%s: normals are off by %.3g", name, off_normal);
+    CHECK(off_albedo < 2e-3, "%s: albedo is off by %.3g", name, off_albedo);
+    free(position); free(normal); free(albedo); free(id); free(depth);
+    ref_destroy(reference);
+}
+
+TEST(camera_sees_textured_scene) {
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_plain(textured_view(200, 150), SBL_MODE_DIRECT, 4);
+    view.tile = 64;
+    view.threshold = 1e6f;
+    textured_scene(&s);
+    if (scene_render(context, &s, &view)) check_camera(&s, &view, "textured scene", 20000);
+    scene_free(&s);
+}
+
+TEST(cameras) {
+    static const char *const names[] = { "off-centre", "oblong pixels", "parallel", "parallel, off-centre", "turned upside down" };
+    int kind;
+    for (kind = 0; kind < 5; kind++) {
+        test_scene s = { 0 };
+        sbl_picture_desc view = scene_plain(textured_view(61, 47), SBL_MODE_DIRECT, 4);
+        float *c = view.view_to_clip;
+        view.tile = 64;
+        view.threshold = 1e6f;
+        textured_scene(&s);
+        if (kind == 0) { c[8] = 0.3f; c[9] = -0.2f; }
+        if (kind == 1) c[0] *= 1.7f;
+        if (kind == 2 || kind == 3) {
+            memset(c, 0, sizeof view.view_to_clip);
+            c[0] = 0.3f; c[5] = 0.4f; c[10] = -0.1f; c[15] = 1;
+            if (kind == 3) { c[12] = 0.25f; c[13] = -0.125f; }
+        }
+        if (kind == 4) sbl_look_at(view.world_to_view, 1.5f, 2.2f, 5.5f, -0.1f, 0.9f, 0, 0.3f, -1, 0.2f);
+        if (scene_render(context, &s, &view)) check_camera(&s, &view, names[kind], 1500);
+        scene_free(&s);
+    }
+}
+
+/* >>light */
+
+/* R at every pixel but edges. The caster's estimate has a standard error of its own, found from independent rounds; the sensor's texels
+   (size 128) misjudge the rims of lamp, holes and shadows. Both are unbiased: the mean must agree closely, single pixels loosely. */
+static void check_light(sbl_mode mode, double epsilon) {
+    test_scene s = { 0 };
+    sbl_scene_desc desc;
+    ref_scene *reference;
+    sbl_picture_desc view = scene_plain(textured_view(40, 30), mode, 128);
+    double sum[3] = { 0, 0, 0 }, expected_sum[3] = { 0, 0, 0 }, squares = 0, errors = 0, worst = 0, mean;
+    int x, y, k, count = 0;
+    uint64_t seed = 11;
+    textured_scene(&s);
+    desc = scene_desc(&s);
+    reference = ref_create(&desc);
+    view.epsilon = (float)epsilon;
+    if (scene_render(context, &s, &view)) {
+        float *radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+        for (y = 0; y < view.height; y++)
+            for (x = 0; x < view.width; x++) {
+                ref_point p = ref_pixel(reference, &view, x, y);
+                double expected[3], error[3];
+                v3 origin, direction;
+                if (!p.hit || ref_is_edge(reference, &view, x, y)) continue;
+                ref_camera_ray(&view, x + 0.5, y + 0.5, &origin, &direction);
+                if (v3_dot(direction, p.normal) > -0.02) continue;  /* the shading normal turns away: bent by design */
+                ref_gather(reference, p.position, p.normal, epsilon, 16, 10, 4, &seed, expected, error);
+                count++;
+                for (k = 0; k < 3; k++) {
+                    double off = (double)radiance[3 * (y * view.width + x) + k] - expected[k];
+                    sum[k] += (double)radiance[3 * (y * view.width + x) + k];
+                    expected_sum[k] += expected[k];
+                    squares += off * off;
+                    errors += error[k] * error[k];
+                    if (!(fabs(off) - 4 * error[k] <= worst)) worst = fabs(off) - 4 * error[k];
+                }
+            }
+        free(radiance);
+    }
+    mean = (expected_sum[0] + expected_sum[1] + expected_sum[2]) / (3 * count);
+    squares = sqrt(squares / (3 * count)) / mean;
+    errors = sqrt(errors / (3 * count)) / mean;
+    printf("  %d pixels: rms %.2f %% of the mean, of which the reference %.2f %%; bias %+.3f %%\n", count, 100 * squares, 100 * errors, 100 * (sum[0] / expected_sum[0] - 1));
+    CHECK(count > 600, "only %d pixels can be compared", count);
+    CHECK(errors < 0.02, "the reference's own error is %.2f %%", 100 * errors);
+    for (k = 0; k < 3; k++)
+        CHECK(fabs(sum[k] / expected_sum[k] - 1) < 0.004, "mean R, colour %d, is off by %+.3f %%", k, 100 * (sum[k] / expected_sum[k] - 1));
+    CHECK(squares < 0.03, "R is off by %.2f %% rms", 100 * squares);
+    CHECK(worst < 0.12 * mean, "R is off by %.4f beyond the reference's error at one pixel, the mean is %.4f", worst, mean);
+    ref_destroy(reference);
+    scene_free(&s);
+}
+
+TEST(direct_light) { check_light(SBL_MODE_DIRECT, 0); }
+TEST(ambient_light) { check_light(SBL_MODE_AMBIENT, 0.5); }
+
+/* Each texel of a sensor against a ray through its centre. Texels on an edge (rays a tenth of a texel aside see something else) may differ. */
+TEST(sensors_see_what_rays_see) {
+    static const int pixels[][2] = { { 12, 9 }, { 30, 25 }, { 33, 16 }, { 5, 12 }, { 20, 28 }, { 10, 17 } };
+    test_scene s = { 0 };
+    sbl_scene_desc desc;
+    ref_scene *reference;
+    sbl_picture_desc view = scene_plain(textured_view(40, 30), SBL_MODE_AMBIENT, 48);
+    int n, v, i, j, k, q, texels = 0, edges = 0, wrong_light = 0, wrong_distance = 0, holes = 0;
+    textured_scene(&s);
+    desc = scene_desc(&s);
+    reference = ref_create(&desc);
+    view.epsilon = 0.5f;
+    if (!scene_render(context, &s, &view)) goto done;
+    for (n = 0; n < (int)(sizeof pixels / sizeof *pixels); n++) {
+        ref_point p = ref_pixel(reference, &view, pixels[n][0], pixels[n][1]);
+        sbl_sensor sensor;
+        float *radiance, *weights;
+        size_t count;
+        memset(&sensor, 0, sizeof sensor);
+        CHECK(p.hit, "pixel %d %d is empty", pixels[n][0], pixels[n][1]);
+        if (sbl_inspect_sensor(context, pixels[n][0], pixels[n][1], &sensor, NULL, NULL, 0) != SBL_SUCCESS) { CHECK(0, "the sensor cannot be looked at"); continue; }
+        count = (size_t)sensor.sheet_width * (size_t)sensor.sheet_height;
+        radiance = (float *)calloc(4 * count + 1, sizeof *radiance);
+        weights = (float *)calloc(count + 1, sizeof *weights);
+        if (!radiance || !weights) abort();
+        CHECK(sbl_inspect_sensor(context, pixels[n][0], pixels[n][1], &sensor, radiance, weights, count) == SBL_SUCCESS, "the sensor cannot be looked at");
+        CHECK(v3_length(v3_sub(v3_from(sensor.position), p.position)) < 0.01, "the sensor stands %.4f from its point", v3_length(v3_sub(v3_from(sensor.position), p.position)));
+        CHECK(v3_dot(v3_from(sensor.normal), p.normal) > 0.9999, "the sensor looks elsewhere");
+        CHECK(sensor.valid == 1 && sensor.sensed == 1, "valid %d, sensed %d", sensor.valid, sensor.sensed);
+        for (v = 0; v < sensor.view_count; v++) {
+            const sbl_sensor_view *w = &sensor.views[v];
+            for (j = 0; j < w->rect[3]; j++)
+                for (i = 0; i < w->rect[2]; i++) {
+                    const float *texel = radiance + 4 * ((size_t)(w->rect[1] + j) * (size_t)sensor.sheet_width + (size_t)(w->rect[0] + i));
+                    ref_point seen[5];
+                    double light[3], off = 0, distance = 0;
+                    int edge = 0;
+                    for (q = 0; q < 5; q++) {
+                        static const double aside[5][2] = { { 0.5, 0.5 }, { 0.4, 0.4 }, { 0.6, 0.4 }, { 0.4, 0.6 }, { 0.6, 0.6 } };
+                        double x = (double)w->x0 + (double)(w->x1 - w->x0) * (i + aside[q][0]) / w->rect[2];
+                        double y = (double)w->y0 + (double)(w->y1 - w->y0) * (j + aside[q][1]) / w->rect[3];
+                        v3 d = v3_unit(v3_mad(v3_mad(v3_from(w->forward), v3_from(w->right), x), v3_from(w->up), y));
+                        ref_hit hit = ref_trace(reference, v3_from(sensor.position), d, 0, HUGE_VAL, SBL_MATERIAL_HIDDEN_FROM_SENSORS);
+                        seen[q] = ref_surface(reference, hit, d);
+                        if (q == 0) distance = seen[0].hit ? hit.t * (seen[0].back ? -1 : 1) : 0;
+                        edge |= seen[q].id != seen[0].id || seen[q].back != seen[0].back;
+                    }
+                    texels++;
+                    edges += edge;
+                    if (edge) continue;
+                    ref_light(reference, &seen[0], 0.5, light);
+                    for (k = 0; k < 3; k++) off = fmax(off, fabs((double)texel[k] - light[k]) - 0.01 * light[k]);
+                    holes += seen[0].mesh == 3 || seen[0].mesh == 4;
+                    /* light: stored with 16 bits, textures with 8 or 16 */
+                    if (!(off < 3e-3)) wrong_light++;
+                    if (!(fabs((double)texel[3] - distance) <= 2e-3 * fabs(distance))) wrong_distance++;
+                }
+        }
+        free(radiance);
+        free(weights);
+    }
+    printf("  %d texels, %d on edges, %d on pierced surfaces\n", texels, edges, holes);
+    CHECK(texels > 6 * 48 * 48 * 2 && holes > 500, "%d texels, %d on pierced surfaces", texels, holes);
+    CHECK(edges < texels / 5, "%d of %d texels are on edges", edges, texels);
+    /* sensors very close to the pierced surfaces' rims may differ in a few */
+    CHECK(wrong_light * 1000 < texels, "%d of %d texels have other light", wrong_light, texels);
+    CHECK(wrong_distance * 1000 < texels, "%d of %d texels have another distance", wrong_distance, texels);
+done:
+    ref_destroy(reference);
+    scene_free(&s);
+}
+
+/* >>vertex formats */
+
+static uint16_t to_half(double value) {  /* values up to some thousand, not subnormal */
+    int exponent;
+    double fraction = frexp(fabs(value), &exponent);
+    unsigned sign = value < 0 ? 0x8000u : 0;
+    if (value == 0 || exponent < -13) return (uint16_t)sign;
+    return (uint16_t)(sign | ((unsigned)(exponent + 14) << 10 | 0) | ((unsigned)(fraction * 2048) & 1023));
+}
+
+static size_t encode(unsigned char *at, double value, sbl_type type) {
+    float f = (float)value;
+    uint16_t u;
+    uint32_t w;
+    switch (type) {
+    case SBL_FLOAT32: memcpy(at, &f, 4); return 4;
+    case SBL_FLOAT16: u = to_half(value); memcpy(at, &u, 2); return 2;
+    case SBL_UINT8_NORM: *at = (unsigned char)(value * 255 + 0.5); return 1;
+    case SBL_UINT16_NORM: u = (uint16_t)(value * 65535 + 0.5); memcpy(at, &u, 2); return 2;
+    case SBL_INT8_NORM: *at = (unsigned char)((int)floor(value * 127 + 0.5) & 255); return 1;
+    case SBL_INT16_NORM: u = (uint16_t)((int)floor(value * 32767 + 0.5) & 65535); memcpy(at, &u, 2); return 2;
+    case SBL_UINT8: *at = (unsigned char)value; return 1;
+    case SBL_UINT16: u = (uint16_t)value; memcpy(at, &u, 2); return 2;
+    default: w = (uint32_t)value; memcpy(at, &w, 4); return 4;
+    }
+}
+
+/* Encodes with `gap` bytes of rubbish before and between elements. */
+static sbl_stream make_stream(test_scene *s, const double *values, int count, int components, sbl_type type, int gap) {
+    sbl_stream stream;
+    size_t element = ref_type_bytes(type) * (size_t)components + (size_t)gap, at;
+    unsigned char *bytes = (unsigned char *)scene_alloc(s, element * (size_t)count + (size_t)gap);
+    int i, k;
+    memset(&stream, 0, sizeof stream);
+    memset(bytes, 0xFF, element * (size_t)count + (size_t)gap);
+    for (i = 0; i < count; i++)
+        for (k = 0, at = (size_t)gap + element * (size_t)i; k < components; k++) at += encode(bytes + at, values[components * i + k], type);
+    stream.data = bytes;
+    stream.offset = (size_t)gap;
+    stream.stride = gap ? element : 0;
+    stream.type = type;
+    return stream;
+}
+
+TEST(vertex_formats) {
+    enum { N = 6, VERTICES = N * N, CORNERS = 6 * (N - 1) * (N - 1) };
+    static const struct { sbl_type position, normal, texcoord, color, index; int gap; } kinds[] = {  /* SBL_TYPE_COUNT: without */
+        { SBL_FLOAT32, SBL_FLOAT32, SBL_FLOAT32, SBL_FLOAT32, SBL_UINT32, 0 },
+        { SBL_FLOAT32, SBL_INT8_NORM, SBL_UINT8_NORM, SBL_UINT8_NORM, SBL_UINT8, 4 },
+        { SBL_FLOAT16, SBL_FLOAT16, SBL_FLOAT16, SBL_FLOAT16, SBL_UINT16, 2 },
+        { SBL_INT16_NORM, SBL_INT16_NORM, SBL_UINT16_NORM, SBL_UINT16_NORM, SBL_UINT16, 0 },
+        { SBL_UINT16_NORM, SBL_INT8_NORM, SBL_INT16_NORM, SBL_UINT8_NORM, SBL_TYPE_COUNT, 6 },
+        { SBL_FLOAT32, SBL_TYPE_COUNT, SBL_UINT16_NORM, SBL_TYPE_COUNT, SBL_UINT32, 12 },
+        { SBL_FLOAT16, SBL_TYPE_COUNT, SBL_FLOAT32, SBL_UINT16_NORM, SBL_TYPE_COUNT, 3 },
+        { SBL_INT16_NORM, SBL_INT8_NORM, SBL_FLOAT16, SBL_FLOAT32, SBL_UINT8, 5 } };
+    int kind;
+    for (kind = 0; kind < (int)(sizeof kinds / sizeof *kinds); kind++) {
+        test_scene s = { 0 };
+        sbl_picture_desc view = scene_plain(scene_view(64, 48, 40, 0.6f, 1.4f, 1.3f, 0.5f, 0.3f, 0.45f), SBL_MODE_DIRECT, 4);
+        double grid[VERTICES][12], flat[12 * CORNERS], index[CORNERS];
+        int indexed = kinds[kind].index != SBL_TYPE_COUNT, corners = 0, i, j, k, count, at = 0;
+        char name[64];
+        uint64_t seed = 3;
+        sbl_mesh *m = &s.meshes[s.mesh_count++];
+        for (i = 0; i < VERTICES; i++) {  /* position, normal, texture coordinates, colour; all in 0 to 1 but the normal */
+            double x = (i % N) / (N - 1.0), z = (double)(i / N) / (N - 1);
+            v3 n = v3_unit(v3_of(0.3 * cos(4 * x), 1, -0.4 * sin(3 * z)));
+            grid[i][0] = x; grid[i][1] = 0.3 + 0.1 * sin(4 * x) - 0.1 * cos(3 * z); grid[i][2] = z;
+            grid[i][3] = n.x; grid[i][4] = n.y; grid[i][5] = n.z;
+            grid[i][6] = 0.1 + 0.8 * x; grid[i][7] = 1 - 0.9 * z;
+            for (k = 8; k < 12; k++) grid[i][k] = k == 11 ? 1 : ref_random(&seed);
+        }
+        for (i = 0; i < N - 1; i++)
+            for (j = 0; j < N - 1; j++)
+                for (k = 0; k < 6; k++) index[corners++] = (i + (k == 1 || k == 2 || k == 4)) * N + j + (k == 2 || k == 4 || k == 5);
+        count = indexed ? VERTICES : corners;
+        memset(m, 0, sizeof *m);
+        for (k = 0; k < 4; k++) {
+            static const int components[4] = { 3, 3, 2, 4 };
+            sbl_type type = k == 0 ? kinds[kind].position : k == 1 ? kinds[kind].normal : k == 2 ? kinds[kind].texcoord : kinds[kind].color;
+            sbl_stream *stream = k == 0 ? &m->positions : k == 1 ? &m->normals : k == 2 ? &m->texcoords : &m->colors;
+            for (i = 0; i < count; i++)
+                for (j = 0; j < components[k]; j++) flat[components[k] * i + j] = grid[indexed ? i : (int)index[i]][at + j];
+            at += components[k];
+            if (type != SBL_TYPE_COUNT) *stream = make_stream(&s, flat, count, components[k], type, kinds[kind].gap);
+        }
+        m->vertex_count = count;
+        if (indexed) { m->indices = make_stream(&s, index, corners, 1, kinds[kind].index, kinds[kind].gap); m->index_count = corners; }
+        m->material = scene_material(&s, 0.9f, 0.95f, 1);
+        s.materials[0].albedo_texture = random_texture(&s, SBL_PIXELS_LINEAR8, 4, 4, 3, &seed);
+        view.tile = 64;
+        view.threshold = 1e6f;
+        sprintf(name, "vertex formats %d", kind);
+        if (scene_render(context, &s, &view)) check_camera(&s, &view, name, 1000);
+        scene_free(&s);
+    }
+}
+
+/* >>texture formats */
+
+/* A wall of quads, one for every format, number of channels and wrap mode, with coordinates that go beyond the texture. */
+TEST(texture_formats) {
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_plain(scene_view(150, 100, 40, 3, 2, 6, 3, 2, 0), SBL_MODE_DIRECT, 4);
+    uint64_t seed = 5;
+    int i;
+    for (i = 0; i < 24; i++) {
+        int format = i % 3, channels = 1 + i / 3 % 4, wrap = i / 12, m = scene_material(&s, 1, 0.75f, 0.5f), k;
+        float x = (float)(i % 6), y = (float)(i / 6), corners[12];
+        float *uv = (float *)scene_alloc(&s, 8 * sizeof *uv);
+        for (k = 0; k < 4; k++) {
+            corners[3 * k] = x + (k == 1 || k == 2 ? 0.9f : 0);
+            corners[3 * k + 1] = y + (k >= 2 ? 0.9f : 0);
+            corners[3 * k + 2] = 0;
+            uv[2 * k] = k == 1 || k == 2 ? 1.6f : -0.7f;
+            uv[2 * k + 1] = k >= 2 ? -1.3f : 1.4f;
+        }
+        s.materials[m].albedo_texture = random_texture(&s, (sbl_pixel_format)format, 3 + i % 4, 2 + i % 3, channels, &seed);
+        s.textures[i].wrap = wrap ? SBL_WRAP_CLAMP : SBL_WRAP_REPEAT;
+        if (channels == 4 && i % 2) s.textures[i].channels = 0;  /* means 4 */
+        if (channels % 2 == 0) s.materials[m].alpha_cutoff = 0.5f;
+        scene_quad_uv(&s, m, corners, 1, 1)->texcoords.data = uv;
+    }
+    /* one with its rows apart */
+    {
+        static const unsigned char rows[2][8] = { { 255, 0, 0, 0, 255, 0, 99, 99 }, { 0, 0, 255, 255, 255, 255, 99, 99 } };
+        int m = scene_material(&s, 1, 1, 1);
+        s.materials[m].albedo_texture = scene_texture(&s, rows, sizeof rows, SBL_PIXELS_SRGB8, 2, 2, 3);
+        s.textures[s.texture_count - 1].stride = 8;
+        scene_quad(&s, m, 0, -1, 0, 6, -1, 0, 6, -0.1f, 0, 0, -0.1f, 0);
+    }
+    view.tile = 64;
+    view.threshold = 1e6f;
+    if (scene_render(context, &s, &view)) check_camera(&s, &view, "texture formats", 5000);
+    scene_free(&s);
+}
+
+int main(void) {
+    if (sbl_create(NULL, &context) != SBL_SUCCESS) { printf("no context\n0 passed, 1 failed, 0 skipped\n"); return 1; }
+    RUN(camera_sees_textured_scene);
+    RUN(cameras);
+    RUN(vertex_formats);
+    RUN(texture_formats);
+    RUN(sensors_see_what_rays_see);
+    RUN(direct_light);
+    RUN(ambient_light);
+    sbl_destroy(context);
+    return test_report();
+}
