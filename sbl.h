@@ -424,7 +424,7 @@ typedef struct sbl_picture_desc {
     int sensor_size;           /* texels across a view, 4 to 512. Default: 32 / 64 / 128 */
     float sensor_fov;          /* degrees, SBL_SENSOR_SINGLE only, 1 to 179. Default: 135 */
     int tile;                  /* first distance between sensors in pixels, 1 (every pixel) to 1024. Default: 16 / 16 / 8 */
-    float threshold;           /* refine where neighbours differ by more: a share of their mean, in SBL_MODE_PAPER a radiance. Default: 0.2 / 0.1 / 0.05, paper 0.05 */
+    float threshold;           /* refine where neighbours differ by more: a share of their mean, in SBL_MODE_PAPER a radiance. Default: 0.3 / 0.15 / 0.07, paper 0.05 */
     float epsilon;             /* ambient factor. Default: 0.02 (SBL_MODE_DIRECT: always 0) */
     int filter_radius;         /* of the Gaussian, pixels, at most 32; negative: no filter. Default: 2 */
     int samples;               /* anti-aliasing of `final`, samples a pixel, 1 to 64. Default: 1 / 4 / 16 */
@@ -455,7 +455,7 @@ typedef struct sbl_stats {
     int triangles;            /* in the scene, degenerate ones left out */
     int visible_pixels;       /* pixels that show a surface */
     int64_t sensors;          /* points at which light was gathered */
-    int64_t sensor_views;     /* views drawn for them */
+    int64_t sensor_views;     /* views drawn for them; a sensor that stands for many pixels looks up to four times */
     int64_t sensor_texels;
     int64_t invalid_sensors;  /* stuck inside geometry; their neighbours' light was used instead */
     int level_count;
@@ -485,7 +485,8 @@ typedef struct sbl_sensor_view {
 typedef struct sbl_sensor {
     float position[3];        /* where it stands: the surface point moved off the surface */
     float normal[3];
-    float radiance[3];        /* R: the sum over texels of weight * radiance, before interpolation and filter */
+    float radiance[3];        /* R: the sum over texels of weight * radiance, before interpolation and filter. Sensors of tiles of 4 and
+                                 more pixels look several times, turned, and take the mean: this is the first look */
     float weight_sum;         /* 1 for a hemicube */
     float back_share;         /* share of the weight that sees back faces */
     float hit_min, hit_mean;  /* distance to the nearest surface seen, and the mean; 0 where none is seen */
@@ -3004,6 +3005,8 @@ typedef struct sbl__pixel {
     unsigned char queued;     /* a sensor is on its way */
 } sbl__pixel;
 
+#define SBL__COVERAGE 0.75f   /* share of the bilinear weight that must belong: with less, light is extrapolated, badly */
+
 typedef struct sbl__cell { int x0, y0, x1, y1; int level; int split; } sbl__cell;
 
 typedef struct sbl__refine {
@@ -3105,7 +3108,7 @@ static int sbl__cell_must_split(const sbl__refine *r, const sbl__cell *c) {
     for (y = c->y0; y <= sbl__cell_end_y(r, c); y++)
         for (x = c->x0; x <= sbl__cell_end_x(r, c); x++) {
             const sbl__pixel *p = &r->pixels[(size_t)y * (size_t)r->width + (size_t)x];
-            if (p->id && !p->sensed && sbl__interpolate(r, c, x, y, NULL) < 0.25f) return 1;
+            if (p->id && !p->sensed && sbl__interpolate(r, c, x, y, NULL) < SBL__COVERAGE) return 1;
         }
     return 0;
 }
@@ -3141,20 +3144,28 @@ static sbl_result sbl__cell_split(sbl__base *base, sbl__refine *r, int index) {
     return result;
 }
 
-/* The sensor of pixel number `index`: off the surface along the geometric normal, turned by the pixel's hash or (paper) not. */
-static void sbl__refine_point(const sbl__refine *r, int index, int hashed_turn, sbl__point *out) {
+/* How often a sensor looks, each time turned a little further, outside paper mode. One that stands for many pixels is worth the more: what noise it
+   has left would show as blotches the size of its tile. */
+#define SBL__MAX_LOOKS 4
+static int sbl__looks(const sbl__refine *r, int level) {
+    int tile = level < 31 ? r->tile >> level : 0;
+    return !r->geometry_aware ? 1 : tile >= 8 ? 4 : tile >= 4 ? 2 : 1;
+}
+
+/* The sensor of pixel number `index`: off the surface along the geometric normal, turned by the pixel's hash and the look, or (paper) not. */
+static void sbl__refine_point(const sbl__refine *r, int index, double look, sbl__point *out) {
     const sbl__pixel *p = &r->pixels[index];
     int k;
     for (k = 0; k < 3; k++) {
         out->position[k] = p->position[k] + r->offset * p->geometric_normal[k];
         out->normal[k] = p->normal[k];
     }
-    out->turn = hashed_turn ? (float)(sbl__hash((uint32_t)index ^ sbl__hash(r->seed)) * (0.5 * SBL__PI / 4294967296.0)) : 0;
+    out->turn = r->geometry_aware ? (float)(0.5 * SBL__PI * (sbl__hash((uint32_t)index ^ sbl__hash(r->seed)) / 4294967296.0 + look)) : 0;
 }
 
 /* Queues sensors for the corners of the cells not judged yet. Their number is r->point_count. */
-static sbl_result sbl__refine_collect(sbl__base *base, sbl__refine *r, int hashed_turn) {
-    int i, corner;
+static sbl_result sbl__refine_collect(sbl__base *base, sbl__refine *r) {
+    int i, corner, look;
     r->point_count = 0;
     for (i = r->fresh; i < r->cell_count; i++) {
         const sbl__cell *c = &r->cells[i];
@@ -3162,7 +3173,7 @@ static sbl_result sbl__refine_collect(sbl__base *base, sbl__refine *r, int hashe
             int x = corner & 1 ? c->x1 : c->x0, y = corner & 2 ? c->y1 : c->y0, index = y * r->width + x;
             sbl__pixel *p = &r->pixels[index];
             if (!p->id || p->sensed || p->queued) continue;
-            if (r->point_count == r->point_room) {
+            if (r->point_count + SBL__MAX_LOOKS > r->point_room) {
                 int room = r->point_room * 2 + 1024;
                 sbl__point *points = (sbl__point *)sbl__alloc(base, (size_t)room, sizeof *points);
                 int *pixels = (int *)sbl__alloc(base, (size_t)room, sizeof *pixels);
@@ -3182,8 +3193,10 @@ static sbl_result sbl__refine_collect(sbl__base *base, sbl__refine *r, int hashe
             p->queued = 1;
             p->level = (unsigned char)(1 + SBL__MIN(c->level, SBL_MAX_LEVELS - 1));
             p->job = r->point_count;
-            r->point_pixels[r->point_count] = index;
-            sbl__refine_point(r, index, hashed_turn, &r->points[r->point_count++]);
+            for (look = 0; look < sbl__looks(r, c->level); look++) {
+                r->point_pixels[r->point_count] = index;
+                sbl__refine_point(r, index, (double)look / sbl__looks(r, c->level), &r->points[r->point_count++]);
+            }
         }
     }
     return SBL_SUCCESS;
@@ -3197,24 +3210,28 @@ static int sbl__light_stuck(const sbl__light *light, float offset) {
 
 /* Takes the answers of the job, then judges cells: the fresh ones, and older ones that new sensors contradict. */
 static sbl_result sbl__refine_judge(sbl__base *base, sbl__refine *r, sbl_stats *stats) {
-    int i, k, end = r->cell_count;
+    int i, k, look, looks = 1, sensors = 0, end = r->cell_count;
+    double mean = 0;
     sbl_result result = SBL_SUCCESS;
-    for (i = 0; i < r->point_count; i++) {
+    for (i = 0; i < r->point_count; i += looks) {
         sbl__pixel *p = &r->pixels[r->point_pixels[i]];
-        memcpy(p->radiance, r->lights[i].radiance, sizeof p->radiance);
+        looks = sbl__looks(r, p->level - 1);
+        for (k = 0; k < 3; k++) {
+            float sum = 0;
+            for (look = 0; look < looks; look++) sum += r->lights[i + look].radiance[k];
+            p->radiance[k] = sum / (float)looks;
+            mean += (double)p->radiance[k] / 3;
+        }
         p->sensed = 1;
         p->queued = 0;
         p->invalid = (unsigned char)sbl__light_stuck(&r->lights[i], r->offset);
         stats->invalid_sensors += p->invalid;
         stats->levels[p->level - 1].sensors++;
         stats->level_count = SBL__MAX(stats->level_count, p->level);
+        stats->sensors++;
+        sensors++;
     }
-    stats->sensors += r->point_count;
-    if (r->rounds == 0) {
-        double mean = 0;
-        for (i = 0; i < r->point_count; i++) for (k = 0; k < 3; k++) mean = mean + (double)r->lights[i].radiance[k] / 3;
-        r->floor = r->point_count ? (float)(0.02 * mean / r->point_count) : 0;
-    }
+    if (r->rounds == 0) r->floor = sensors ? (float)(0.02 * mean / sensors) : 0;
     r->rounds++;
     for (i = 0; i < end && result == SBL_SUCCESS; i++) {
         const sbl__cell *c = &r->cells[i];
@@ -3487,7 +3504,7 @@ static sbl_result sbl__picture_work(sbl_context *c, int limit) {
             break;
         case SBL__STAGE_COLLECT:
             seconds = &c->stats.seconds.refine;
-            result = sbl__refine_collect(&c->base, &p->refine, p->desc.mode != SBL_MODE_PAPER);
+            result = sbl__refine_collect(&c->base, &p->refine);
             if (result == SBL_SUCCESS && p->refine.point_count) result = sbl__gather_begin(gl, &c->gather, p->refine.points, p->refine.point_count);
             p->stage = p->refine.point_count ? SBL__STAGE_GATHER : SBL__STAGE_JUDGE;
             break;
@@ -3730,7 +3747,7 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
     if (!d.sensor_size) d.sensor_size = draft ? 32 : high ? 128 : 64;
     if (d.sensor_fov == 0.0f) d.sensor_fov = 135;
     if (!d.tile) d.tile = high ? 8 : 16;
-    if (d.threshold == 0.0f) d.threshold = paper ? 0.05f : draft ? 0.2f : high ? 0.05f : 0.1f;
+    if (d.threshold == 0.0f) d.threshold = paper ? 0.05f : draft ? 0.3f : high ? 0.07f : 0.15f;
     if (d.epsilon == 0.0f) d.epsilon = 0.02f;
     if (!d.filter_radius) d.filter_radius = 2;
     if (!d.samples) d.samples = draft ? 1 : high ? 16 : 4;
@@ -4194,7 +4211,7 @@ SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *
     }
     table = weights ? NULL : (float *)sbl__alloc(&c->base, texels, sizeof(float));
     if (!weights && !table) return SBL_ERROR_OUT_OF_MEMORY;
-    sbl__refine_point(&c->picture.refine, y * c->picture.desc.width + x, c->picture.desc.mode != SBL_MODE_PAPER, &point);
+    sbl__refine_point(&c->picture.refine, y * c->picture.desc.width + x, 0, &point);
     sbl__visit_enter(c, &visit);
     result = sbl__inspect(c, &point, p->job, &light, radiance, weights ? weights : table);
     sbl__visit_leave(c, &visit);

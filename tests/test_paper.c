@@ -10,16 +10,17 @@ static sbl_context *context;
 
 /* >>the paper's sensor */
 
-/* Two axes that make a right-handed frame with n: Duff et al. 2017, Building an Orthonormal Basis, Revisited. */
+/* Two axes across n by Duff et al. 2017, Building an Orthonormal Basis, Revisited; the second turned round, so that a view along n has
+   its right hand where it belongs: right x up = -n. */
 static void frame(v3 n, v3 *right, v3 *up) {
     if (n.z < 0) {
         double a = 1 / (1 - n.z), b = n.x * n.y * a;
         *right = v3_of(1 - n.x * n.x * a, -b, n.x);
-        *up = v3_of(b, n.y * n.y * a - 1, -n.y);
+        *up = v3_of(-b, 1 - n.y * n.y * a, n.y);
     } else {
         double a = 1 / (1 + n.z), b = -n.x * n.y * a;
         *right = v3_of(1 - n.x * n.x * a, b, -n.x);
-        *up = v3_of(b, 1 - n.y * n.y * a, -n.y);
+        *up = v3_of(-b, n.y * n.y * a - 1, n.y);
     }
 }
 
@@ -152,7 +153,7 @@ static void step_scene(test_scene *s) {
     int black = scene_material(s, 0, 0, 0);
     scene_quad(s, black, -50, 0, -50, -50, 0, 0, 50, 0, 0, 50, 0, -50);
     scene_quad(s, black, -50, -1, 0, 50, -1, 0, 50, 0, 0, -50, 0, 0);
-    scene_floor(s, black, -1, 1000000);
+    scene_floor(s, black, -1, 1000);
     scene_sky(s, 1, 1, 1);
 }
 

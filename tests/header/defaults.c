@@ -1,0 +1,37 @@
+/* Prints the defaults as sbl.h fills them in, one field a line: NAME DRAFT DEFAULT HIGH, then those that depend on the mode.
+   tests/test_header.sh compares them with the comments beside the fields. */
+#define SBL_IMPLEMENTATION
+#include "../../sbl.h"
+#include <stdio.h>
+
+int main(void) {
+    static const sbl_preset presets[3] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL_PRESET_HIGH };
+    sbl_picture_desc zero = { 0 }, d[3], direct, paper;
+    int i;
+    for (i = 0; i < 3; i++) {
+        zero.preset = presets[i];
+        d[i] = sbl_picture_desc_defaults(&zero);
+    }
+    zero.preset = SBL_PRESET_DEFAULT;
+    zero.mode = SBL_MODE_DIRECT;
+    direct = sbl_picture_desc_defaults(&zero);
+    zero.mode = SBL_MODE_PAPER;
+    paper = sbl_picture_desc_defaults(&zero);
+#define PRINT(field) printf(#field " %g %g %g\n", (double)d[0].field, (double)d[1].field, (double)d[2].field)
+    PRINT(width);
+    PRINT(height);
+    PRINT(sensor_size);
+    PRINT(sensor_fov);
+    PRINT(tile);
+    PRINT(threshold);
+    PRINT(epsilon);
+    PRINT(filter_radius);
+    PRINT(samples);
+    printf("atlas_size %d\n", sbl_context_desc_defaults(NULL).atlas_size);
+    printf("threshold in paper mode %g\n", (double)paper.threshold);
+    printf("epsilon in direct mode %g\n", (double)direct.epsilon);
+    printf("mode %s\n", d[1].mode == SBL_MODE_AMBIENT ? "AMBIENT" : "another");
+    printf("sensor_kind %s, in paper mode %s\n", d[1].sensor_kind == SBL_SENSOR_HEMICUBE ? "HEMICUBE" : "another",
+           paper.sensor_kind == SBL_SENSOR_SINGLE ? "SINGLE" : "another");
+    return 0;
+}
