@@ -3005,6 +3005,7 @@ typedef struct sbl__pixel {
     unsigned char queued;     /* a sensor is on its way */
 } sbl__pixel;
 
+#define SBL__CURVATURE_WEIGHT 8.0f  /* how much stricter the threshold is for what interpolation is known to miss */
 #define SBL__COVERAGE 0.75f   /* share of the bilinear weight that must belong: with less, light is extrapolated, badly */
 
 typedef struct sbl__cell { int x0, y0, x1, y1; int level; int split; } sbl__cell;
@@ -3096,6 +3097,28 @@ static sbl_result sbl__refine_add_cell(sbl__base *base, sbl__refine *r, int x0, 
 static int sbl__cell_end_x(const sbl__refine *r, const sbl__cell *c) { return c->x1 == r->width - 1 ? c->x1 : c->x1 - 1; }
 static int sbl__cell_end_y(const sbl__refine *r, const sbl__cell *c) { return c->y1 == r->height - 1 ? c->y1 : c->y1 - 1; }
 
+/* Bends the light along a cell's edge so much that a straight line misses its middle? Judged by the edge's two corners and the sensors as far
+   beyond them: neighbours that are alike may still have a peak between them. */
+static int sbl__edge_curved(const sbl__refine *r, int x0, int y0, int x1, int y1) {
+    int dx = x1 - x0, dy = y1 - y0, ends = 0, end, k;
+    const sbl__pixel *a = &r->pixels[(size_t)y0 * (size_t)r->width + (size_t)x0], *b = &r->pixels[(size_t)y1 * (size_t)r->width + (size_t)x1];
+    float bend[3] = { 0, 0, 0 }, straight[3], curved[3];
+    if (dx + dy <= 1 || !r->geometry_aware || !sbl__usable(a) || !sbl__usable(b) || !(sbl__belongs(a, b, 1) > 0)) return 0;
+    for (end = 0; end < 2; end++) {
+        int x = end ? x1 + dx : x0 - dx, y = end ? y1 + dy : y0 - dy;
+        const sbl__pixel *p = &r->pixels[(size_t)y * (size_t)r->width + (size_t)x], *near = end ? b : a, *far = end ? a : b;
+        if (x < 0 || y < 0 || x >= r->width || y >= r->height || !sbl__usable(p) || !(sbl__belongs(near, p, 1) > 0)) continue;
+        for (k = 0; k < 3; k++) bend[k] += p->radiance[k] - 2 * near->radiance[k] + far->radiance[k];
+        ends++;
+    }
+    if (!ends) return 0;
+    for (k = 0; k < 3; k++) {  /* a parabola's middle lies an eighth of its second difference off the line */
+        straight[k] = 0.5f * (a->radiance[k] + b->radiance[k]);
+        curved[k] = straight[k] - SBL__CURVATURE_WEIGHT * bend[k] / (float)(8 * ends);
+    }
+    return sbl__differ(r, straight, curved);
+}
+
 static int sbl__cell_must_split(const sbl__refine *r, const sbl__cell *c) {
     const sbl__pixel *corners[4];
     int i, k, x, y;
@@ -3105,6 +3128,8 @@ static int sbl__cell_must_split(const sbl__refine *r, const sbl__cell *c) {
         for (k = i + 1; k < 4; k++)
             if (sbl__usable(corners[i]) && sbl__usable(corners[k]) && sbl__belongs(corners[i], corners[k], r->geometry_aware) > 0 &&
                 sbl__differ(r, corners[i]->radiance, corners[k]->radiance)) return 1;
+    if (sbl__edge_curved(r, c->x0, c->y0, c->x1, c->y0) || sbl__edge_curved(r, c->x0, c->y1, c->x1, c->y1) ||
+        sbl__edge_curved(r, c->x0, c->y0, c->x0, c->y1) || sbl__edge_curved(r, c->x1, c->y0, c->x1, c->y1)) return 1;
     for (y = c->y0; y <= sbl__cell_end_y(r, c); y++)
         for (x = c->x0; x <= sbl__cell_end_x(r, c); x++) {
             const sbl__pixel *p = &r->pixels[(size_t)y * (size_t)r->width + (size_t)x];

@@ -97,7 +97,10 @@ TEST(sphere_under_sky) {
                 for (x = 0; x < view.width; x++) {
                     ref_point p = ref_pixel(reference, &view, x, y);
                     double expected = 0.5 + 0.5 * v3_dot(p.normal, p.face), off = fabs((double)radiance[3 * (y * view.width + x)] - expected);
-                    if (!p.hit || ref_is_edge(reference, &view, x, y)) continue;
+                    int corner, seam = 0;
+                    for (corner = 0; corner < 4; corner++)  /* right at a facet's edge the sensor looks past it */
+                        seam |= v3_dot(p.face, ref_camera_point(reference, &view, x + 0.4 + 0.2 * (corner & 1), y + 0.4 + 0.2 * (corner >> 1)).face) < 0.9999;
+                    if (!p.hit || seam) continue;
                     /* where the normal turns from the camera the renderer may bend it: design, not physics */
                     if (smooth && v3_dot(p.normal, v3_unit(v3_sub(v3_of(0.3, 0.4, 3.2), p.position))) < 0.05) continue;
                     seen++;
@@ -346,10 +349,10 @@ TEST(lambert_formula_against_quadrature) {
 
 /* >>occlusion */
 
-/* An endless wall whose top stands at elevation a takes the directions below a on one side: of the cosine-weighted hemisphere
+/* An endless wall (as good as: 200 long) whose top stands at elevation a takes the directions below a on one side: of the cosine-weighted hemisphere
    (1 - cos a) / 2, so (1 + cos a) / 2 is left. */
 TEST(wall) {
-    static const float heights[] = { 0.25f, 1, 4, 2000 };
+    static const float heights[] = { 0.25f, 1, 4, 200 };
     int i, x, y;
     for (i = 0; i < 4; i++) {
         test_scene s = { 0 };
@@ -359,7 +362,7 @@ TEST(wall) {
         double sum = 0, expected_sum = 0, worst = 0;
         int black = scene_material(&s, 0, 0, 0);
         scene_floor(&s, black, 0, 100);
-        scene_quad(&s, black, -1, 0, -2000, -1, 0, 2000, -1, heights[i], 2000, -1, heights[i], -2000);
+        scene_quad(&s, black, -1, 0, -200, -1, 0, 200, -1, heights[i], 200, -1, heights[i], -200);
         scene_sky(&s, 1, 1, 1);
         desc = scene_desc(&s);
         reference = ref_create(&desc);
@@ -394,7 +397,7 @@ TEST(slope) {
         sbl_picture_desc view = scene_plain(scene_view(8, 6, 10, 0.3f, 3 * c, 3 * n, 0, 0, 0), SBL_MODE_DIRECT, 128);
         int black = scene_material(&s, 0, 0, 0);
         scene_quad(&s, black, -2, -2 * n, 2 * c, 2, -2 * n, 2 * c, 2, 2 * n, -2 * c, -2, 2 * n, -2 * c);
-        scene_floor(&s, black, -2.5f, 2000);
+        scene_floor(&s, black, -2.5f, 1000);
         scene_sky(&s, 1, 1, 1);
         worst = worst_radiance(&s, &view, expected, expected, expected, 0);
         CHECK(worst < 0.005, "tilt %d: R is off by %.4f from %.4f", tilts[i], worst, expected);

@@ -88,10 +88,28 @@ static void check_paper(const test_scene *s, sbl_picture_desc view, double fov, 
     ref_destroy(reference);
 }
 
+/* Turns scene and camera together about x and y: the frame of a normal with z = 0 hangs on the sign of that zero, so none may have it. */
+static void turn(test_scene *s, sbl_picture_desc *view, double yaw, double pitch) {
+    double m[3][3], v[3][3];  /* columns */
+    int i, j, k;
+    m[0][0] = cos(yaw); m[0][1] = 0; m[0][2] = -sin(yaw);
+    m[1][0] = sin(yaw) * sin(pitch); m[1][1] = cos(pitch); m[1][2] = cos(yaw) * sin(pitch);
+    m[2][0] = sin(yaw) * cos(pitch); m[2][1] = -sin(pitch); m[2][2] = cos(yaw) * cos(pitch);
+    for (i = 0; i < s->mesh_count; i++) {
+        memset(s->meshes[i].transform, 0, sizeof s->meshes[i].transform);
+        for (j = 0; j < 3; j++) for (k = 0; k < 3; k++) s->meshes[i].transform[4 * j + k] = (float)m[j][k];
+        s->meshes[i].transform[15] = 1;
+    }
+    for (j = 0; j < 3; j++) for (k = 0; k < 3; k++) v[j][k] = (double)view->world_to_view[4 * j + k];
+    for (j = 0; j < 3; j++)  /* times the transposed matrix: turn back first */
+        for (k = 0; k < 3; k++) view->world_to_view[4 * j + k] = (float)(v[0][k] * m[0][j] + v[1][k] * m[1][j] + v[2][k] * m[2][j]);
+}
+
 TEST(paper_sums) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(20, 20, 37, 278, 273, -800, 278, 273, 0), SBL_MODE_PAPER, 64);
     scene_cornell_box(&s);
+    turn(&s, &view, 0.5, 0.3);
     view.epsilon = 0.02f;
     check_paper(&s, view, 135, "Cornell box");
     view.epsilon = 0.5f;
@@ -108,11 +126,12 @@ TEST(paper_sums_on_sphere) {
     static const float eyes[3][3] = { { 2, 1, -1 }, { -1, -2, 0.5f }, { 0.3f, 0.2f, 2 } };
     int i;
     view.epsilon = 0.25f;
-    scene_sphere(&s, scene_material(&s, 0.7f, 0.2f, 0.4f), 0, 0, 0, 3, 17, 11, 0);
+    scene_sphere(&s, scene_material(&s, 0.7f, 0.2f, 0.4f), 0, 0, 0, 3, 16, 11, 0);
     scene_box(&s, scene_lamp(&s, 2, 3, 1), 0.5f, 0.9f, -1.1f, 0.9f, 1.2f, -0.6f);
     scene_box(&s, scene_material(&s, 0.1f, 0.9f, 0.9f), -1.2f, -0.7f, -0.3f, -0.6f, 0.4f, 0.5f);
     for (i = 0; i < 3; i++) {
         sbl_look_at(view.world_to_view, 0.1f, 0.2f, 0.1f, eyes[i][0], eyes[i][1], eyes[i][2], 0, 1, 0);
+        turn(&s, &view, 0.5, 0.3);
         check_paper(&s, view, 135, "inside a sphere");
     }
     scene_free(&s);
@@ -201,14 +220,23 @@ TEST(filter_stays_on_its_surface) {
     scene_free(&s);
 }
 
-/* In paper mode one view sees s = 0.877 of the sky, the front half of that by symmetry; the ground's horizon runs through the middle. */
+/* In paper mode one view sees 0.877 of the sky; the front, of normal +z, that of the texels that look up. Equation 4 takes a texel's size at
+   one of its corners, so this is not quite the half. */
 TEST(paper_filter_stays_on_its_id) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(step_view(24, 24), SBL_MODE_PAPER, 64);
     double low[2] = { 9, 9 }, high[2] = { 0, 0 };
+    double expected[2] = { 0, 0 };
     float *radiance, *id;
-    int i;
+    v3 right, up;
+    int i, j;
     step_scene(&s);
+    frame(v3_of(0, 0, 1), &right, &up);
+    for (i = 0; i < 64; i++)
+        for (j = 0; j < 64; j++) {
+            expected[0] += paper_weight(135, 64, j, i);
+            if (right.y * (j - 31.5) + up.y * (i - 31.5) > 0) expected[1] += paper_weight(135, 64, j, i);
+        }
     view.filter_radius = 8;
     view.epsilon = 0.02f;
     if (!scene_render(context, &s, &view)) { scene_free(&s); return; }
@@ -220,8 +248,8 @@ TEST(paper_filter_stays_on_its_id) {
         low[which] = fmin(low[which], (double)radiance[3 * i]);
         high[which] = fmax(high[which], (double)radiance[3 * i]);
     }
-    CHECK(low[0] > 0.8765 && high[0] < 0.8780, "the top's R runs from %.4f to %.4f, expected 0.8773", low[0], high[0]);
-    CHECK(low[1] > 0.4380 && high[1] < 0.4395, "the front's R runs from %.4f to %.4f, expected 0.4387", low[1], high[1]);
+    for (i = 0; i < 2; i++)
+        CHECK(low[i] > expected[i] - 1e-3 && high[i] < expected[i] + 1e-3, "the %s's R runs from %.4f to %.4f, expected %.4f", i ? "front" : "top", low[i], high[i], expected[i]);
     free(radiance);
     free(id);
     scene_free(&s);
@@ -235,7 +263,7 @@ TEST(filter_smooths) {
         test_scene s = { 0 };
         double mean[2], variance[2];
         scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 1000);
-        scene_sphere(&s, scene_lamp(&s, 50, 50, 50), 1, 30, 2, 5, 24, 16, 0);
+        scene_sphere(&s, scene_lamp(&s, 5, 5, 5), 1, 30, 2, 16, 24, 16, 0);
         for (filtered = 0; filtered < 2; filtered++) {
             sbl_picture_desc view = scene_plain(scene_view(48, 48, 30, 0, 9, 1, 0, 0, 0), modes[mode], 8);
             double sum = 0, squares = 0;
@@ -253,7 +281,7 @@ TEST(filter_smooths) {
         }
         CHECK(mean[0] > 0 && fabs(mean[1] / mean[0] - 1) < 0.02, "mode %d: the mean goes from %.4f to %.4f", (int)modes[mode], mean[0], mean[1]);
         if (modes[mode] == SBL_MODE_DIRECT) {  /* the paper's unturned sensors err all alike: nothing to smooth */
-            CHECK(variance[0] > 1e-4 * mean[0] * mean[0], "there is no noise to smooth: %g", variance[0]);
+            CHECK(variance[0] > 1e-5 * mean[0] * mean[0], "there is no noise to smooth: %g", variance[0]);
             CHECK(variance[1] < 0.2 * variance[0], "the variance goes from %g to %g", variance[0], variance[1]);
         }
         scene_free(&s);

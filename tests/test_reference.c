@@ -67,15 +67,16 @@ static sbl_picture_desc textured_view(int width, int height) { return scene_view
 
 /* >>camera */
 
-/* What the camera sees, at every pixel but those on an edge. Positions lie within float rounding of the exact ones: `ulps` roundings of the
-   largest coordinate, more where the surface is seen at a slant. Albedo: 8 bits decoded, or 16-bit floats, then filtered. */
+/* What the camera sees, at every pixel but those on an edge. Positions must lie in the surface's plane within float rounding (a sensor off it
+   would see its own surface), and on the pixel's ray within 1/256 pixel, the precision to which GL places a triangle's corners: right at a
+   seam it may choose the neighbour. Albedo: 8 bits decoded, or 16-bit floats, then filtered. */
 static void check_camera(const test_scene *s, const sbl_picture_desc *view, const char *name, int least_seen) {
     sbl_scene_desc desc = scene_desc(s);
     ref_scene *reference = ref_create(&desc);
     float *position = scene_channel(context, view, SBL_CHANNEL_POSITION), *normal = scene_channel(context, view, SBL_CHANNEL_NORMAL);
     float *albedo = scene_channel(context, view, SBL_CHANNEL_ALBEDO), *id = scene_channel(context, view, SBL_CHANNEL_ID);
     float *depth = scene_channel(context, view, SBL_CHANNEL_DEPTH);
-    double off_position = 0, off_depth = 0, off_normal = 0, off_albedo = 0, extent = 0;
+    double off_plane = 0, off_ray = 0, off_depth = 0, off_normal = 0, off_albedo = 0, extent = 0;
     int x, y, k, edges = 0, seen = 0, wrong_id = 0, pixels = view->width * view->height;
     for (k = 0; k < reference->triangle_count; k++)
         for (x = 0; x < 3; x++) extent = fmax(extent, v3_length(reference->triangles[k].p[x]));
@@ -83,26 +84,31 @@ static void check_camera(const test_scene *s, const sbl_picture_desc *view, cons
         for (x = 0; x < view->width; x++) {
             int i = y * view->width + x;
             ref_point p = ref_pixel(reference, view, x, y);
-            v3 origin, direction;
-            double slant, size;
+            v3 origin, direction, next_origin, next_direction, off;
+            double size, along, pixel;
             if (ref_is_edge(reference, view, x, y)) { edges++; continue; }
             wrong_id += id[i] != (float)p.id;
             if (!p.hit || id[i] != (float)p.id) continue;
             seen++;
             ref_camera_ray(view, x + 0.5, y + 0.5, &origin, &direction);
-            slant = -v3_dot(direction, p.face);
-            size = (extent + v3_length(origin)) / slant;
-            off_position = fmax(off_position, v3_length(v3_sub(v3_from(position + 3 * i), p.position)) / size);
-            off_depth = fmax(off_depth, fabs((double)depth[i] - ref_depth(view, p.position)) / size);
+            ref_camera_ray(view, x + 1.5, y + 0.5, &next_origin, &next_direction);
+            size = extent + v3_length(origin);
+            along = v3_dot(v3_sub(p.position, origin), direction);
+            pixel = v3_length(v3_sub(v3_mad(origin, direction, along), v3_mad(next_origin, next_direction, along)));
+            off = v3_sub(v3_from(position + 3 * i), p.position);
+            off_plane = fmax(off_plane, fabs(v3_dot(off, p.face)) / size);
+            off_ray = fmax(off_ray, v3_length(v3_mad(off, direction, -v3_dot(off, direction))) / pixel);
+            off_depth = fmax(off_depth, fabs((double)depth[i] - ref_depth(view, v3_from(position + 3 * i))) / size);
             if (-v3_dot(direction, p.normal) > 0.02) off_normal = fmax(off_normal, v3_length(v3_sub(v3_from(normal + 3 * i), p.normal)));
             for (k = 0; k < 3; k++) off_albedo = fmax(off_albedo, fabs((double)albedo[3 * i + k] - p.albedo[k]));
-            if (!(position[3 * i] == position[3 * i] && depth[i] == depth[i] && normal[3 * i] == normal[3 * i] && albedo[3 * i] == albedo[3 * i])) off_position = 1e30;
+            if (!(position[3 * i] == position[3 * i] && depth[i] == depth[i] && normal[3 * i] == normal[3 * i] && albedo[3 * i] == albedo[3 * i])) off_plane = 1e30;
         }
     CHECK(seen >= least_seen, "%s: only %d pixels can be compared", name, seen);
     CHECK(edges <= pixels / 10, "%s: %d of %d pixels are edges", name, edges, pixels);
     CHECK(wrong_id == 0, "%s: %d pixels show another surface", name, wrong_id);
-    CHECK(off_position < 1e-6, "%s: positions are off by %.3g of the scene's size", name, off_position);
-    CHECK(off_depth < 1e-6, "%s: depths are off by %.3g of the scene's size", name, off_depth);
+    CHECK(off_plane < 2e-7, "%s: positions are off their plane by %.3g of the scene's size", name, off_plane);
+    CHECK(off_ray < 1 / 256.0, "%s: positions are off their ray by %.5f pixels", name, off_ray);
+    CHECK(off_depth < 5e-7, "%s: depth and position differ by %.3g of the scene's size", name, off_depth);
     CHECK(off_normal < 1e-3, "%s: normals are off by %.3g", name, off_normal);
     CHECK(off_albedo < 2e-3, "%s: albedo is off by %.3g", name, off_albedo);
     free(position); free(normal); free(albedo); free(id); free(depth);

@@ -4,6 +4,8 @@
 #include "../../sbl.h"
 #include <stdio.h>
 
+static double fov_y(const sbl_picture_desc *d) { return 2 * atan(1 / (double)d->view_to_clip[5]) * 180 / SBL__PI; }
+
 int main(void) {
     static const sbl_preset presets[3] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL_PRESET_HIGH };
     sbl_picture_desc zero = { 0 }, d[3], direct, paper;
@@ -20,6 +22,7 @@ int main(void) {
 #define PRINT(field) printf(#field " %g %g %g\n", (double)d[0].field, (double)d[1].field, (double)d[2].field)
     PRINT(width);
     PRINT(height);
+    printf("view_to_clip %.4g %.4g %.4g\n", fov_y(&d[0]), fov_y(&d[1]), fov_y(&d[2]));
     PRINT(sensor_size);
     PRINT(sensor_fov);
     PRINT(tile);
