@@ -2625,7 +2625,7 @@ static void sbl__view_axes(const sbl__point *p, int face, double right[3], doubl
         double n = p->normal[k];
         forward[k] = face == 0 ? n : face == 1 ? t[k] : face == 2 ? u[k] : face == 3 ? -t[k] : -u[k];
         up[k] = face == 0 ? u[k] : n;
-        right[k] = face == 0 ? t[k] : face == 1 ? -u[k] : face == 2 ? t[k] : face == 3 ? u[k] : -t[k];
+        right[k] = face == 0 ? t[k] : face == 1 ? u[k] : face == 2 ? -t[k] : face == 3 ? -u[k] : t[k];
     }
 }
 
@@ -3006,6 +3006,7 @@ typedef struct sbl__pixel {
 } sbl__pixel;
 
 #define SBL__CURVATURE_WEIGHT 8.0f  /* how much stricter the threshold is for what interpolation is known to miss */
+#define SBL__MAX_ROUNDS 24            /* of following edges into neighbours; bounds the transfers of a picture */
 #define SBL__COVERAGE 0.75f   /* share of the bilinear weight that must belong: with less, light is extrapolated, badly */
 
 typedef struct sbl__cell { int x0, y0, x1, y1; int level; int split; } sbl__cell;
@@ -3261,7 +3262,7 @@ static sbl_result sbl__refine_judge(sbl__base *base, sbl__refine *r, sbl_stats *
     for (i = 0; i < end && result == SBL_SUCCESS; i++) {
         const sbl__cell *c = &r->cells[i];
         if (c->split) continue;
-        if (i >= r->fresh ? sbl__cell_must_split(r, c) : r->rounds <= 3 * SBL_MAX_LEVELS && sbl__cell_contradicted(r, c)) result = sbl__cell_split(base, r, i);
+        if (i >= r->fresh ? sbl__cell_must_split(r, c) : r->rounds <= SBL__MAX_ROUNDS && sbl__cell_contradicted(r, c)) result = sbl__cell_split(base, r, i);
     }
     r->fresh = end;
     return result;
@@ -4161,9 +4162,9 @@ static sbl_result sbl__inspect(sbl_context *c, const sbl__point *point, int inde
     sbl__point *points = (sbl__point *)sbl__alloc(&c->base, (size_t)slot + 1, sizeof *points);
     sbl__light *lights = (sbl__light *)sbl__alloc(&c->base, (size_t)slot + 1, sizeof *lights);
     float *atlas = radiance ? (float *)sbl__alloc(&c->base, (size_t)g->atlas.width * (size_t)g->atlas.height, 16) : NULL;
-    float *table = weights ? (float *)sbl__alloc(&c->base, (size_t)pitch_x * (size_t)(l->blocks[1] * l->block), 8) : NULL;
+    float *table = (float *)sbl__alloc(&c->base, (size_t)pitch_x * (size_t)(l->blocks[1] * l->block), 8);
     sbl_result result = SBL_SUCCESS;
-    if (!points || !lights || (radiance && !atlas) || (weights && !table)) result = SBL_ERROR_OUT_OF_MEMORY;
+    if (!points || !lights || (radiance && !atlas) || !table) result = SBL_ERROR_OUT_OF_MEMORY;
     if (result == SBL_SUCCESS) {
         float sky[4], zero = 0;
         points[slot] = *point;
@@ -4180,6 +4181,7 @@ static sbl_result sbl__inspect(sbl_context *c, const sbl__point *point, int inde
         result = sbl__gather_finish(&c->gl, g, &c->scene, lights);
     }
     if (result == SBL_SUCCESS) *light = lights[slot];
+    if (result == SBL_SUCCESS) sbl__weights_make(l, g->paper, table);
     if (result == SBL_SUCCESS && radiance) {
         result = sbl__read_pixels(&c->gl, g->atlas_framebuffer, 0, &g->atlas, g->atlas.height, atlas, "reading a sensor's sheet");
         for (y = 0; y < l->sheet_height && result == SBL_SUCCESS; y++)
@@ -4187,11 +4189,10 @@ static sbl_result sbl__inspect(sbl_context *c, const sbl__point *point, int inde
                 const float *from = atlas + 4 * ((size_t)(slot / g->columns * l->blocks[1] * l->block + y) * (size_t)g->atlas.width + (size_t)(slot % g->columns * pitch_x + x));
                 float *to = radiance + 4 * ((size_t)y * (size_t)l->sheet_width + (size_t)x);
                 for (k = 0; k < 3; k++) to[k] = from[k] / g->radiance_scale;
-                to[3] = from[3] * c->scene.extent;
+                to[3] = from[3] * c->scene.extent * table[2 * ((size_t)y * (size_t)pitch_x + (size_t)x) + 1];
             }
     }
     if (result == SBL_SUCCESS && weights) {
-        sbl__weights_make(l, g->paper, table);
         for (y = 0; y < l->sheet_height; y++)
             for (x = 0; x < l->sheet_width; x++) weights[(size_t)y * (size_t)l->sheet_width + (size_t)x] = table[2 * ((size_t)y * (size_t)pitch_x + (size_t)x)];
     }

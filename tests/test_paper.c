@@ -36,26 +36,35 @@ static double paper_weight(double fov, int rd, int j, int i) {
     return v3_length(v3_cross(v3_sub(v1, v0), v3_sub(v2, v0))) / REF_PI;
 }
 
-/* Section III-E: the sum of Ck d / pi over the texels, Ck found by a ray through the texel's centre. */
-static void paper_sum(const ref_scene *scene, v3 p, v3 n, double epsilon, double fov, int rd, const double *weights, double rgb[3]) {
-    double s = tan(fov / 2 * REF_PI / 180), light[3];
+/* Section III-E: the sum of Ck d / pi over the texels, Ck found by a ray through the texel's centre. slack, unless NULL: how much of it hangs on
+   texels whose centre lies within 1/128 texel of an edge. GL places corners to 1/256, so there the renderer may see either side. */
+static void paper_sum(const ref_scene *scene, v3 p, v3 n, double epsilon, double fov, int rd, const double *weights, double rgb[3], double *slack) {
+    static const double aside[5][2] = { { 0, 0 }, { 1, 1 }, { 1, -1 }, { -1, 1 }, { -1, -1 } };
+    double s = tan(fov / 2 * REF_PI / 180), light[5][3];
     v3 right, up;
-    int i, j, k;
+    int i, j, k, q;
     frame(n, &right, &up);
     rgb[0] = rgb[1] = rgb[2] = 0;
+    if (slack) *slack = 0;
     for (i = 0; i < rd; i++)
         for (j = 0; j < rd; j++) {
-            v3 d = v3_mad(v3_mad(n, right, 2 * s * ((j + 0.5) / rd - 0.5)), up, 2 * s * ((i + 0.5) / rd - 0.5));
-            ref_point seen = ref_surface(scene, ref_trace(scene, p, d, 1e-6, HUGE_VAL, SBL_MATERIAL_HIDDEN_FROM_SENSORS), d);
-            ref_light(scene, &seen, epsilon, light);
-            for (k = 0; k < 3; k++) rgb[k] += light[k] * weights[i * rd + j];
+            double difference = 0;
+            for (q = 0; q < (slack ? 5 : 1); q++) {
+                double x = 2 * s * ((j + 0.5 + aside[q][0] / 128) / rd - 0.5), y = 2 * s * ((i + 0.5 + aside[q][1] / 128) / rd - 0.5);
+                v3 d = v3_mad(v3_mad(n, right, x), up, y);
+                ref_point seen = ref_surface(scene, ref_trace(scene, p, d, 1e-6, HUGE_VAL, SBL_MATERIAL_HIDDEN_FROM_SENSORS), d);
+                ref_light(scene, &seen, epsilon, light[q]);
+                for (k = 0; k < 3; k++) difference = fmax(difference, fabs(light[q][k] - light[0][k]));
+            }
+            for (k = 0; k < 3; k++) rgb[k] += light[0][k] * weights[i * rd + j];
+            if (slack) *slack += difference * weights[i * rd + j];
         }
 }
 
 static void check_paper(const test_scene *s, sbl_picture_desc view, double fov, const char *name) {
     sbl_scene_desc desc = scene_desc(s);
     ref_scene *reference = ref_create(&desc);
-    int rd = view.sensor_size, x, y, k, count = 0;
+    int rd = view.sensor_size, x, y, k, count = 0, doubtful = 0;
     double *weights = (double *)calloc((size_t)(rd * rd), sizeof *weights), worst = 0, sum = 0, expected_sum = 0;
     if (!weights) abort();
     for (k = 0; k < rd * rd; k++) weights[k] = paper_weight(fov, rd, k % rd, k / rd);
@@ -64,24 +73,31 @@ static void check_paper(const test_scene *s, sbl_picture_desc view, double fov, 
         for (y = 0; y < view.height; y++)
             for (x = 0; x < view.width; x++) {
                 ref_point p = ref_pixel(reference, &view, x, y);
-                double expected[3], luminance, off = 0;
+                double expected[3], luminance, slack, off = 0;
                 if (!p.hit || ref_is_edge(reference, &view, x, y)) continue;
-                paper_sum(reference, p.position, p.normal, (double)view.epsilon, fov, rd, weights, expected);
+                paper_sum(reference, p.position, p.normal, (double)view.epsilon, fov, rd, weights, expected, NULL);
                 luminance = (expected[0] + expected[1] + expected[2]) / 3;
                 for (k = 0; k < 3; k++) {
                     double r = (double)radiance[3 * (y * view.width + x) + k];
                     off = fmax(off, fabs(r - expected[k]) / luminance);
                     if (r != r) off = 1e30;
-                    sum += r;
-                    expected_sum += expected[k];
                 }
                 count++;
+                if (off > 0.01) {  /* a lamp may cover few texels: one at its rim is more than 1 % of the light */
+                    paper_sum(reference, p.position, p.normal, (double)view.epsilon, fov, rd, weights, expected, &slack);
+                    off -= slack / luminance;
+                    doubtful++;
+                } else for (k = 0; k < 3; k++) {
+                    sum += (double)radiance[3 * (y * view.width + x) + k];
+                    expected_sum += expected[k];
+                }
                 if (off > worst) worst = off;
             }
         free(radiance);
     }
-    printf("  %s: %d pixels, %.3f %% at worst\n", name, count, 100 * worst);
+    printf("  %s: %d pixels, %d of them hang on texels on an edge; the others are off by %.3f %% at worst\n", name, count, doubtful, 100 * worst);
     CHECK(count > view.width * view.height * 8 / 10, "%s: only %d pixels can be compared", name, count);
+    CHECK(doubtful < count / 8, "%s: %d pixels of %d hang on texels on an edge", name, doubtful, count);
     CHECK(worst < 0.01, "%s: a pixel is off by %.3f %%", name, 100 * worst);
     CHECK(fabs(sum / expected_sum - 1) < 0.001, "%s: the mean is off by %+.4f %%", name, 100 * (sum / expected_sum - 1));
     free(weights);

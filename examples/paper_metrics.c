@@ -1,0 +1,227 @@
+/* Demonstrates the paper's four measurements, on the Cornell box in SBL_MODE_PAPER:
+
+       table_1    time per sensor against the picture's resolution, the sensors' size fixed
+       figure_10  time per sensor against the sensors' size, at three resolutions
+       figure_11  number of sensors against the sensors' size, at the same three
+       figure_12  noise: the picture with small sensors beside the one with large sensors
+
+   Each is written as .csv and .png to the folder that the first argument names. --quick measures small pictures only, in seconds;
+   otherwise it takes up to five minutes: measurements that do not fit into the time left are given up and said to be. */
+#define SBL_IMPLEMENTATION
+#define SBL_EGL
+#include "../sbl.h"
+#include "cornell_box.h"
+#include "plot.h"
+#define STB_IMAGE_WRITE_IMPLEMENTATION
+#include <stb/stb_image_write.h>
+#include <time.h>
+
+enum { RESOLUTIONS = 3, MOST = 16 };
+
+typedef struct plan {
+    double seconds;                           /* all measurements together may take */
+    int table_size, table_count, table[MOST][2];  /* table 1: sensor size and resolutions */
+    int sizes_count, sizes[MOST];             /* figures 10 and 11 */
+    int resolutions[RESOLUTIONS][2];
+    int noise_size, noise_resolution, large_size;
+} plan;
+
+static const plan full_plan = {
+    280, 64, 12, { { 200, 200 }, { 300, 200 }, { 400, 300 }, { 500, 300 }, { 500, 400 }, { 600, 400 }, { 600, 500 }, { 700, 500 }, { 700, 600 },
+                   { 800, 600 }, { 900, 700 }, { 1024, 768 } },
+    6, { 8, 16, 32, 64, 128, 256 }, { { 120, 90 }, { 160, 120 }, { 200, 200 } }, 32, 200, 256 };
+static const plan quick_plan = {
+    30, 16, 4, { { 64, 48 }, { 100, 75 }, { 128, 96 }, { 160, 120 } },
+    4, { 8, 16, 32, 64 }, { { 40, 30 }, { 48, 48 }, { 80, 60 } }, 32, 64, 256 };
+
+typedef struct metrics {
+    sbl_context *context;
+    const char *folder;
+    const plan *plan;
+    time_t start;
+} metrics;
+
+static int out_of_time(float done, void *user) {
+    const metrics *m = (const metrics *)user;
+    (void)done;
+    return difftime(time(NULL), m->start) > m->plan->seconds;
+}
+
+enum { FAILED, GIVEN_UP, MEASURED };
+
+/* One picture as the paper makes it; short ones three times, of which the fastest counts. */
+static int measure(metrics *m, int width, int height, int sensor_size, sbl_stats *stats) {
+    sbl_picture_desc view = { 0 };
+    int run;
+    cornell_box_view(&view, width, height);
+    view.mode = SBL_MODE_PAPER;
+    view.sensor_size = sensor_size;
+    view.samples = 1;
+    view.progress = out_of_time;
+    view.progress_user = m;
+    memset(stats, 0, sizeof *stats);
+    for (run = 0; run < 3 && (run == 0 || stats->seconds.total < 1); run++) {
+        sbl_result result = sbl_render(m->context, &view);
+        sbl_stats latest = sbl_query_stats(m->context);
+        if (result == SBL_CANCELLED && run == 0) {
+            printf("  %dx%d, sensors of %d: given up, out of time\n", width, height, sensor_size);
+            return GIVEN_UP;
+        }
+        if (result == SBL_CANCELLED) break;
+        if (result != SBL_SUCCESS) return FAILED;  /* sbl.h says what is wrong on stderr */
+        if (run == 0 || latest.seconds.total < stats->seconds.total) *stats = latest;
+    }
+    printf("  %dx%d, sensors of %d: %lld sensors, %.1f us each\n", width, height, sensor_size, (long long)stats->sensors, stats->microseconds_per_sensor);
+    fflush(stdout);
+    return MEASURED;
+}
+
+/* ---- files */
+
+static void path_make(const metrics *m, char path[1024], const char *name) { snprintf(path, 1024, "%s/%s", m->folder, name); }
+
+static FILE *csv_open(const metrics *m, const char *name, const char *columns) {
+    char path[1024];
+    FILE *file;
+    path_make(m, path, name);
+    file = fopen(path, "w");
+    if (file) fprintf(file, "%s\n", columns);
+    else fprintf(stderr, "paper_metrics: cannot write %s\n", path);
+    return file;
+}
+
+static int csv_close(FILE *file, const char *name) {
+    int bad = ferror(file);
+    if (fclose(file) || bad) return fprintf(stderr, "paper_metrics: %s is not complete; is the disk full?\n", name), 0;
+    return 1;
+}
+
+static int png_write(const metrics *m, const char *name, int width, int height, const unsigned char *pixels) {
+    char path[1024];
+    path_make(m, path, name);
+    if (pixels && stbi_write_png(path, width, height, 3, pixels, 0)) return 1;
+    return fprintf(stderr, "paper_metrics: cannot write %s\n", path), 0;
+}
+
+static int plot_write(const metrics *m, const char *name, const plot *p) {
+    unsigned char *pixels = plot_draw(p);
+    int ok = png_write(m, name, PLOT_WIDTH, PLOT_HEIGHT, pixels);
+    free(pixels);
+    return ok;
+}
+
+/* ---- the measurements */
+
+static int table_1(metrics *m) {
+    plot p = plot_make("TABLE 1: TIME PER SENSOR, SENSOR SIZE FIXED", "THOUSANDS OF PIXELS", "MICROSECONDS PER SENSOR", 0, 0);
+    plot_series *series = plot_add(&p, "");
+    FILE *csv = csv_open(m, "table_1.csv", "width,height,sensor_size,sensors,microseconds_per_sensor");
+    int i, size = m->plan->table_size, outcome = MEASURED;
+    sbl_stats stats;
+    if (!csv) return 0;
+    printf("table 1\n");
+    for (i = 0; i < m->plan->table_count && outcome == MEASURED; i++) {
+        int width = m->plan->table[i][0], height = m->plan->table[i][1];
+        outcome = measure(m, width, height, size, &stats);
+        if (outcome != MEASURED) break;
+        fprintf(csv, "%d,%d,%d,%lld,%.3f\n", width, height, size, (long long)stats.sensors, stats.microseconds_per_sensor);
+        plot_point(series, width * height / 1000.0, stats.microseconds_per_sensor);
+    }
+    return csv_close(csv, "table_1.csv") && outcome != FAILED && plot_write(m, "table_1.png", &p);
+}
+
+static int figures_10_and_11(metrics *m) {
+    plot times = plot_make("FIGURE 10: TIME PER SENSOR", "SENSOR SIZE (TEXELS ACROSS)", "MICROSECONDS PER SENSOR", 1, 1);
+    plot counts = plot_make("FIGURE 11: SENSORS NEEDED", "SENSOR SIZE (TEXELS ACROSS)", "SENSORS", 1, 0);
+    FILE *times_csv = csv_open(m, "figure_10.csv", "width,height,sensor_size,microseconds_per_sensor");
+    FILE *counts_csv = csv_open(m, "figure_11.csv", "width,height,sensor_size,sensors");
+    char names[RESOLUTIONS][32];
+    plot_series *series[RESOLUTIONS][2];
+    int i, k, ok, outcome = MEASURED;
+    sbl_stats stats;
+    printf("figures 10 and 11\n");
+    for (k = 0; k < RESOLUTIONS; k++) {
+        snprintf(names[k], sizeof names[k], "%dX%d", m->plan->resolutions[k][0], m->plan->resolutions[k][1]);
+        series[k][0] = plot_add(&times, names[k]);
+        series[k][1] = plot_add(&counts, names[k]);
+    }
+    for (i = 0; i < m->plan->sizes_count && times_csv && counts_csv; i++)
+        for (k = 0; k < RESOLUTIONS && outcome == MEASURED; k++) {
+            int width = m->plan->resolutions[k][0], height = m->plan->resolutions[k][1], size = m->plan->sizes[i];
+            outcome = measure(m, width, height, size, &stats);
+            if (outcome != MEASURED) break;
+            fprintf(times_csv, "%d,%d,%d,%.3f\n", width, height, size, stats.microseconds_per_sensor);
+            fprintf(counts_csv, "%d,%d,%d,%lld\n", width, height, size, (long long)stats.sensors);
+            plot_point(series[k][0], size, stats.microseconds_per_sensor);
+            plot_point(series[k][1], size, (double)stats.sensors);
+        }
+    ok = times_csv && csv_close(times_csv, "figure_10.csv");
+    ok = counts_csv && csv_close(counts_csv, "figure_11.csv") && ok;
+    return ok && outcome != FAILED && plot_write(m, "figure_10.png", &times) && plot_write(m, "figure_11.png", &counts);
+}
+
+/* How much the radiance map jumps from pixel to pixel within one surface, as a share of its mean. Shadows' edges count too, but alike for
+   all sizes. */
+static double roughness(const float *radiance, const float *id, int size) {
+    double jumps = 0, sum = 0;
+    int pairs = 0, x, y;
+    for (y = 0; y < size; y++)
+        for (x = 0; x + 1 < size; x++) {
+            int at = y * size + x;
+            if (id[at] < 0.5f || fabs((double)(id[at] - id[at + 1])) > 0.5) continue;
+            jumps += fabs((double)(radiance[3 * at + 1] - radiance[3 * at + 4]));
+            sum += (double)radiance[3 * at + 1];
+            pairs++;
+        }
+    return pairs && sum > 0 ? jumps / sum : 0;
+}
+
+static unsigned char srgb(float x) {
+    double v = x <= 0 ? 0 : x >= 1 ? 1 : x <= 0.0031308f ? 12.92 * (double)x : 1.055 * pow((double)x, 1 / 2.4) - 0.055;
+    return (unsigned char)(255 * v + 0.5);
+}
+
+static int figure_12(metrics *m) {
+    int side = m->plan->noise_resolution, gap = 4, width = 2 * side + gap, i, x, y, ok = 1, outcome = MEASURED;
+    size_t pixels = (size_t)side * (size_t)side;
+    unsigned char *sheet = (unsigned char *)calloc((size_t)width * (size_t)side, 3);
+    float *values = (float *)malloc(pixels * 7 * sizeof(float)), *picture = values, *radiance = values + 3 * pixels, *id = values + 6 * pixels;
+    FILE *csv = csv_open(m, "figure_12.csv", "sensor_size,sensors,roughness");
+    sbl_stats stats;
+    if (!sheet || !values) fprintf(stderr, "paper_metrics: out of memory\n");
+    printf("figure 12\n");
+    for (i = 0; i < 2 && sheet && values && csv && outcome == MEASURED; i++) {
+        int size = i ? m->plan->large_size : m->plan->noise_size;
+        outcome = measure(m, side, side, size, &stats);
+        if (outcome != MEASURED) break;
+        ok = ok && sbl_read_channel(m->context, SBL_CHANNEL_FINAL, picture, 3 * pixels) == SBL_SUCCESS &&
+             sbl_read_channel(m->context, SBL_CHANNEL_RADIANCE, radiance, 3 * pixels) == SBL_SUCCESS &&
+             sbl_read_channel(m->context, SBL_CHANNEL_ID, id, pixels) == SBL_SUCCESS;
+        if (!ok) break;
+        fprintf(csv, "%d,%lld,%.5f\n", size, (long long)stats.sensors, roughness(radiance, id, side));
+        for (y = 0; y < side; y++)
+            for (x = 0; x < 3 * side; x++) sheet[3 * (y * width + i * (side + gap)) + x] = srgb(picture[3 * y * side + x]);
+    }
+    ok = csv && csv_close(csv, "figure_12.csv") && ok && sheet && values && outcome != FAILED && png_write(m, "figure_12.png", width, side, sheet);
+    free(sheet);
+    free(values);
+    return ok;
+}
+
+int main(int argc, char **argv) {
+    metrics m = { NULL, ".", &full_plan, 0 };
+    cornell_box box;
+    sbl_stats stats;
+    int i, ok;
+    for (i = 1; i < argc; i++) {
+        if (strcmp(argv[i], "--quick") == 0) m.plan = &quick_plan;
+        else m.folder = argv[i];
+    }
+    if (sbl_create(NULL, &m.context) != SBL_SUCCESS) return 1;
+    m.start = time(NULL);
+    printf("on %s\nwarming up\n", sbl_query_capabilities(m.context).renderer);
+    ok = sbl_set_scene(m.context, cornell_box_make(&box)) == SBL_SUCCESS && measure(&m, 64, 64, 16, &stats) == MEASURED &&
+         table_1(&m) && figure_12(&m) && figures_10_and_11(&m);
+    sbl_destroy(m.context);
+    return !ok;
+}

@@ -1,0 +1,96 @@
+/* What a context under test is watched with: a logger that keeps the messages, and an allocator that counts, fills what it hands out
+   with rubbish, checks what comes back, and can refuse.
+
+       watch w = { 0 };
+       sbl_context_desc desc = watch_desc(&w);
+       w.refuse_at = w.allocations + 3;   // the third allocation from here on fails, once
+
+   Include after sbl.h and test.h. */
+#ifndef GL_WATCH_H
+#define GL_WATCH_H
+
+#include <stdint.h>
+#include <stdlib.h>
+
+enum { WATCH_MESSAGES = 64, WATCH_TEXT = 512 };
+
+typedef struct watch {
+    int count, errors, warnings;  /* since watch_forget; the first WATCH_MESSAGES are kept */
+    struct { sbl_log_level level; sbl_log_item item; char text[WATCH_TEXT]; } messages[WATCH_MESSAGES];
+    int allocations, refuse_at, refused;
+    int blocks;                   /* handed out and not yet given back */
+    size_t bytes;
+    int strangers;                /* blocks given back that were never handed out, or twice, or written past their ends */
+} watch;
+
+#define WATCH_MAGIC 0x5b10c0deu
+
+typedef struct watch__block { size_t bytes; uint32_t magic, rubbish; } watch__block;
+
+static inline void *watch_alloc(size_t bytes, void *user) {
+    watch *w = (watch *)user;
+    watch__block *block;
+    uint32_t magic = WATCH_MAGIC;
+    if (++w->allocations == w->refuse_at) { w->refused++; return NULL; }
+    block = bytes < SIZE_MAX - 64 ? (watch__block *)malloc(sizeof *block + bytes + sizeof magic) : NULL;
+    if (!block) return NULL;
+    block->bytes = bytes;
+    block->magic = magic;
+    memset(block + 1, 0xcd, bytes);
+    memcpy((char *)(block + 1) + bytes, &magic, sizeof magic);
+    w->blocks++;
+    w->bytes += bytes;
+    return block + 1;
+}
+
+static inline void watch_free(void *pointer, void *user) {
+    watch *w = (watch *)user;
+    watch__block *block = (watch__block *)pointer - 1;
+    uint32_t magic = 0;
+    if (!pointer) { w->strangers++; return; }  /* sbl_allocator: never called with NULL */
+    if (block->magic == WATCH_MAGIC) memcpy(&magic, (char *)pointer + block->bytes, sizeof magic);
+    if (magic != WATCH_MAGIC) { w->strangers++; return; }
+    block->magic = 0;
+    w->blocks--;
+    w->bytes -= block->bytes;
+    free(block);
+}
+
+static inline void watch_log(sbl_log_level level, sbl_log_item item, const char *message, void *user) {
+    watch *w = (watch *)user;
+    if (level == SBL_LOG_ERROR) w->errors++;
+    if (level == SBL_LOG_WARNING) w->warnings++;
+    if (w->count < WATCH_MESSAGES) {
+        w->messages[w->count].level = level;
+        w->messages[w->count].item = item;
+        snprintf(w->messages[w->count].text, WATCH_TEXT, "%s", message);
+    }
+    w->count++;
+}
+
+static inline void watch_forget(watch *w) { w->count = w->errors = w->warnings = 0; }
+
+/* Is there a message of this level and item that holds the three words? NULL words are not looked for. */
+static inline int watch_said(const watch *w, sbl_log_level level, sbl_log_item item, const char *a, const char *b, const char *c) {
+    int i;
+    for (i = 0; i < w->count && i < WATCH_MESSAGES; i++) {
+        const char *text = w->messages[i].text;
+        if (w->messages[i].level == level && w->messages[i].item == item && (!a || strstr(text, a)) && (!b || strstr(text, b)) && (!c || strstr(text, c))) return 1;
+    }
+    return 0;
+}
+
+static inline const char *watch_last(const watch *w) { return w->count ? w->messages[(w->count < WATCH_MESSAGES ? w->count : WATCH_MESSAGES) - 1].text : "(no message)"; }
+
+static inline sbl_context_desc watch_desc(watch *w) {
+    sbl_context_desc desc;
+    memset(&desc, 0, sizeof desc);
+    desc.allocator.alloc = watch_alloc;
+    desc.allocator.free = watch_free;
+    desc.allocator.user = w;
+    desc.logger.log = watch_log;
+    desc.logger.user = w;
+    return desc;
+}
+
+#endif

@@ -1,0 +1,273 @@
+#!/bin/sh
+# The header as others meet it: every language and compiler it promises, what it lets out, and what its manual says of it.
+set -u
+export LC_ALL=C
+cd "$(dirname "$0")/.." || exit 1
+passed=0 failed=0 skipped=0
+folder=$(mktemp -d) || exit 1
+trap 'rm -rf "$folder"' EXIT
+warnings='-Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror'
+
+# check NAME COMMAND...: a test; what the command prints is shown where it fails
+check() {
+    name=$1
+    shift
+    if "$@" > "$folder/log" 2>&1; then
+        echo "ok   $name"; passed=$((passed + 1))
+    else
+        head -n 40 "$folder/log" | sed 's/^/  /'
+        echo "FAIL $name"; failed=$((failed + 1))
+    fi
+}
+skip() { echo "  skipped: $2"; echo "skip $1"; skipped=$((skipped + 1)); }
+
+# same EXPECTED ACTUAL: two files are equal and not empty
+same() { [ -s "$1" ] && [ -s "$2" ] && diff "$1" "$2"; }
+# nothing FILE: a list of mistakes is empty
+nothing() { cat "$1"; [ ! -s "$1" ]; }
+
+# >>compilers
+
+# language STANDARD: the compiler's name for it
+language() { case $1 in c++*) echo c++ ;; *) echo c ;; esac; }
+
+# compiles COMPILER STANDARD DEFINES...: included twice, first for the declarations alone
+compiles() {
+    compiler=$1 standard=$2
+    shift 2
+    {
+        echo '#include "sbl.h"'
+        for define in "$@"; do echo "#define $define"; done
+        echo '#include "sbl.h"'
+        echo '#include "sbl.h"'
+        echo 'int sbl_test_unit(void);'
+        echo 'int sbl_test_unit(void) { return SBL_SUCCESS; }'
+    } > "$folder/unit.c"
+    # SBL_STATIC has to be known from the start
+    case " $* " in *" SBL_STATIC "*) sed -i 1d "$folder/unit.c" ;; esac
+    # $warnings is several words
+    $compiler -x "$(language "$standard")" -std="$standard" $warnings -I . -c "$folder/unit.c" -o "$folder/unit.o"
+}
+
+for compiler in gcc clang; do
+    command -v $compiler > /dev/null || { skip "compiles_with_$compiler" "no $compiler"; continue; }
+    for standard in c99 c11 c17 c++11 c++17; do
+        check "declarations_${compiler}_$standard" compiles $compiler $standard
+        check "implementation_${compiler}_$standard" compiles $compiler $standard SBL_IMPLEMENTATION
+        check "implementation_egl_${compiler}_$standard" compiles $compiler $standard SBL_IMPLEMENTATION SBL_EGL
+        check "implementation_static_${compiler}_$standard" compiles $compiler $standard SBL_IMPLEMENTATION SBL_EGL SBL_STATIC
+        check "implementation_no_stdio_${compiler}_$standard" compiles $compiler $standard SBL_IMPLEMENTATION SBL_NO_STDIO
+    done
+done
+
+# program NAME C-COMPILER C++-COMPILER LANGUAGE-OF-THE-IMPLEMENTATION
+program() {
+    implementation=$4
+    case $implementation in c) compiler=$2 standard=c99 ;; *) compiler=$3 standard=c++11 ;; esac
+    $compiler -x "$implementation" -std=$standard $warnings -c tests/header/implementation.c -o "$folder/implementation.o" &&
+    $2 -std=c99 $warnings -c tests/header/caller.c -o "$folder/caller.o" &&
+    $3 -std=c++11 $warnings -c tests/header/main.cpp -o "$folder/main.o" &&
+    $3 "$folder/main.o" "$folder/caller.o" "$folder/implementation.o" -lEGL -lm -o "$folder/$1" &&
+    "$folder/$1" > "$folder/$1.out" || { cat "$folder/$1.out"; return 1; }
+}
+check c_implementation_c_and_cpp_callers program mixed gcc g++ c
+check cpp_implementation_c_and_cpp_callers program mixed_cpp gcc g++ c++
+
+# >>what it lets out
+
+# object FLAGS...: the implementation as an object, its symbols in $folder/symbols
+object() { gcc -I . -fno-pie -O1 -w "$@" -c -o "$folder/object.o" tests/header/implementation.c && nm "$folder/object.o" > "$folder/symbols"; }
+
+exports_only() {
+    object "$@" || return
+    awk '$2 ~ /^[A-Z]$/ && $2 != "U" && $3 !~ /^sbl_[a-z]/' "$folder/symbols" > "$folder/strangers"
+    awk '$2 == "T" { print $3 }' "$folder/symbols" | sort > "$folder/exports"
+    [ -s "$folder/exports" ] && nothing "$folder/strangers"
+}
+exports_nothing() { object -DSBL_STATIC && awk '$2 ~ /^[A-Z]$/ && $2 != "U"' "$folder/symbols" > "$folder/strangers" && nothing "$folder/strangers"; }
+no_globals() { object && awk '$2 ~ /^[bBdDC]$/' "$folder/symbols" > "$folder/strangers" && nothing "$folder/strangers"; }
+no_stdio() {
+    object -DSBL_NO_STDIO && awk '$1 == "U" && $2 ~ /^(std(err|out|in)|f?printf|v?fprintf|f?puts|fputc|fwrite|putchar)$/' "$folder/symbols" \
+        > "$folder/strangers" && nothing "$folder/strangers"
+}
+check exports_nothing_but_sbl_functions exports_only
+check exports_nothing_but_sbl_functions_from_cpp exports_only -x c++
+check static_exports_nothing exports_nothing
+check no_mutable_globals no_globals
+check no_stdio_writes_nowhere no_stdio
+
+# includes: what the header includes at this place, in the order of the file
+includes() { sed -n 's/^ *# *include *\(<[^>]*>\).*/\1/p' "$@"; }
+only_system_includes() {
+    grep -n '^ *# *include *"' sbl.h | grep -v '^[0-9]*:       #include "sbl.h"' > "$folder/strangers"  # the manual's own lines
+    includes sbl.h | grep -vxE '<(assert|float|limits|math|stdarg|stddef|stdint|stdio|stdlib|string|sys/time|time|EGL/egl|EGL/eglext)\.h>' >> "$folder/strangers"
+    nothing "$folder/strangers"
+}
+# direct FLAGS...: files that sbl.h itself includes
+direct() { gcc -x c -std=c99 -H -fsyntax-only "$@" sbl.h 2>&1 | sed -n 's/^\. \(.*\)/\1/p' | sed 's/.*include\///' | sort -u; }
+declarations_include_little() {
+    direct > "$folder/direct"
+    printf 'stddef.h\nstdint.h\n' > "$folder/expected"
+    same "$folder/expected" "$folder/direct"
+}
+egl_only_when_asked() {
+    direct -DSBL_IMPLEMENTATION > "$folder/direct"
+    direct -DSBL_IMPLEMENTATION -DSBL_EGL > "$folder/direct_egl"
+    ! grep EGL "$folder/direct" && [ -s "$folder/direct" ] && grep -q EGL/egl.h "$folder/direct_egl"
+}
+check only_system_includes only_system_includes
+check declarations_include_stddef_and_stdint declarations_include_little
+check egl_only_when_asked egl_only_when_asked
+
+# The names that a file brings, macros or declarations, less those that its system headers bring.
+macros() { gcc -x c -std=c99 -I . -dM -E "$@" "$folder/names.c" | awk '{ sub(/\(.*/, "", $2); print $2 }' | sort -u; }
+declarations() {
+    clang -x c -std=c99 -I . -w -fsyntax-only -fno-color-diagnostics -Xclang -ast-dump "$@" "$folder/names.c" | awk '
+        /^[|`]-(Typedef|Function|Var|Record|Enum)Decl / || /^[| ] [|`]-EnumConstantDecl / {
+            sub(/\047.*/, "")             # the type
+            sub(/ definition *$/, "")
+            if ($NF !~ /[:>]|^(struct|union)$/) print $NF  # those have no name
+        }' | sort -u
+}
+leaks() {
+    list=$1
+    shift
+    includes sbl.h | sort -u > "$folder/system"
+    case " $* " in *SBL_EGL*) ;; *) sed -i '/EGL/d' "$folder/system" ;; esac
+    case " $* " in *SBL_IMPLEMENTATION*) ;; *) sed -i '/std\(def\|int\)\.h/!d' "$folder/system" ;; esac
+    sed 's/^/#include /' "$folder/system" > "$folder/names.c"
+    $list > "$folder/without"
+    echo '#include "sbl.h"' >> "$folder/names.c"
+    $list "$@" > "$folder/with"
+    comm -13 "$folder/without" "$folder/with" > "$folder/new"
+    grep -qxE 'SBL_MAX_LEVELS|sbl_render' "$folder/new" || { echo "not even what must be there was found: is $list broken?"; return 1; }
+    grep -vE '^(SBL_|sbl_|__builtin_)' "$folder/new" > "$folder/strangers"
+    nothing "$folder/strangers"
+}
+check macros_have_the_prefix leaks macros
+check macros_of_the_implementation_have_the_prefix leaks macros -DSBL_IMPLEMENTATION -DSBL_EGL
+if command -v clang > /dev/null; then
+    check names_have_the_prefix leaks declarations
+    check names_of_the_implementation_have_the_prefix leaks declarations -DSBL_IMPLEMENTATION -DSBL_EGL
+else
+    skip names_have_the_prefix "no clang"
+fi
+
+# >>what is said of it
+
+# the manual: the comment on top
+sed '/^\*\/$/q' sbl.h > "$folder/manual"
+
+index_is_complete() {
+    sed -n '/^   FUNCTIONS$/,/^   ON UNITS$/p' "$folder/manual" | awk '$1 ~ /^sbl_/ { print $1 }' | sort > "$folder/index"
+    same "$folder/index" "$folder/exports"
+}
+declared_is_exported() {
+    sed -n '/^#ifndef SBL_INCLUDED$/,/^#endif \/\* SBL_INCLUDED \*\/$/p' sbl.h | sed -n 's/^SBL_API [^(]*\(sbl_[a-z_]*\)(.*/\1/p' | sort > "$folder/declared"
+    same "$folder/declared" "$folder/exports"
+}
+exports_only > "$folder/log" 2>&1
+check function_index_is_complete index_is_complete
+check all_declared_functions_exist declared_is_exported
+
+version_agrees() {
+    {
+        sed -n '1s/^.* - v\([0-9.]*\) - .*/\1/p' sbl.h
+        sed -n 's/^ *sbl_version  *"\(.*\)"$/\1/p' "$folder/manual"
+    } > "$folder/said"
+    cat "$folder/mixed.out" "$folder/mixed.out" > "$folder/is"
+    same "$folder/said" "$folder/is"
+}
+check version_agrees_everywhere version_agrees
+
+defaults_agree() {
+    gcc -std=c99 $warnings tests/header/defaults.c -lm -o "$folder/defaults" && "$folder/defaults" > "$folder/is" || return
+    awk '
+        /^typedef struct sbl_picture_desc \{/ { inside = 1 }
+        /^\}/ { inside = 0 }
+        inside && /Default: / {
+            text = $0
+            sub(/.*Default: /, "", text)
+            match(text, /^[0-9. \/]+/)
+            values = substr(text, 1, RLENGTH)
+            names = $0
+            sub(/;.*/, "", names)
+            sub(/^ *[a-z_0-9]+ /, "", names)
+            gsub(/,|\[[^]]*\]/, " ", names)
+            count = split(names, name, " ")
+            split(values, value, " ")
+            for (i = 1; i <= count; i++) {
+                if (values ~ /\//) print name[i], value[1], value[3], value[5]
+                else print name[i], value[i], value[i], value[i]
+            }
+        }' sbl.h > "$folder/said"
+    sed -n '/^typedef struct sbl_context_desc {/,/^}/s/^ *int \([a-z_]*\);.* 0: \([0-9][0-9]*\).*/\1 \2/p
+        s/^ *float \([a-z]*\);.*Default: .*, paper \([0-9.]*\).*/\1 in paper mode \2/p
+        s/^ *float \([a-z]*\);.*Default: .*SBL_MODE_DIRECT: always \([0-9.]*\).*/\1 in direct mode \2/p
+        s/^ *SBL_MODE_DEFAULT = 0, *\/\* \([A-Z]*\),.*/mode \1/p
+        s/^ *SBL_SENSOR_DEFAULT = 0, *\/\* \([A-Z]*\); \([A-Z]*\) in SBL_MODE_PAPER.*/sensor_kind \1, in paper mode \2/p' sbl.h >> "$folder/said"
+    sort -o "$folder/said" "$folder/said"
+    sort -o "$folder/is" "$folder/is"
+    same "$folder/said" "$folder/is"
+}
+check comments_name_the_defaults defaults_agree
+
+# The quick start as it stands, but its last line looks at the picture.
+quick_start_runs() {
+    sed -n '/^   QUICK START$/,/^   FUNCTIONS$/s/^       //p' "$folder/manual" > "$folder/quick.c"
+    grep -q '^int main' "$folder/quick.c" || return
+    sed 's|^    return 0;$|    for (i = 0; i < 64 * 64 * 3; i++) if (picture[i] > 0) return 0;\n    return 2;|' "$folder/quick.c" > "$folder/quick_look.c"
+    cmp -s "$folder/quick.c" "$folder/quick_look.c" && { echo "where does the quick start return 0?"; return 1; }
+    gcc -std=c99 $warnings -I . "$folder/quick.c" -lEGL -lm -o "$folder/quick" &&
+    gcc -std=c99 $warnings -I . "$folder/quick_look.c" -lEGL -lm -o "$folder/quick" && "$folder/quick"
+}
+check quick_start_compiles_and_draws quick_start_runs
+
+# The README's blocks marked c: those with a main are whole programs and run; those with an #include compile as a file;
+# all others compile as statements with a context, a scene and a picture at hand.
+snippet_compiles() {
+    code=$1
+    if ! grep -q '^ *# *include' "$code"; then
+        {
+            printf '#define SBL_IMPLEMENTATION\n#include "sbl.h"\n#include <stdio.h>\n'
+            echo 'void snippet(sbl_context *context, sbl_scene_desc scene, sbl_picture_desc picture);'
+            echo 'void snippet(sbl_context *context, sbl_scene_desc scene, sbl_picture_desc picture) {'
+            echo '(void)context; (void)scene; (void)picture;'
+            cat "$code"
+            echo '}'
+        } > "$code.wrapped.c"
+        code=$code.wrapped.c
+    fi
+    if grep -q '^int main' "$code"; then
+        gcc -std=c99 $warnings -I . "$code" -lEGL -lm -o "$code.program" && (cd "$folder" && "$code.program")
+    else
+        gcc -std=c99 $warnings -Wno-unused -I . -c "$code" -o "$code.o"
+    fi || { cat "$code"; return 1; }
+}
+if [ -f README.md ]; then
+    awk -v folder="$folder" '
+        /^```/ { if (file) { close(file); file = "" } else if (/^```c$/) file = sprintf("%s/readme_%02d.c", folder, ++count); next }
+        file { print > file }' README.md
+    for code in "$folder"/readme_*.c; do
+        [ -f "$code" ] || { skip readme "no C in README.md"; break; }
+        check "$(basename "$code" .c)_compiles" snippet_compiles "$code"
+    done
+else
+    skip readme "no README.md"
+fi
+
+# >>the repository
+
+check shaders_in_the_header_are_the_files scripts/embed_shaders --check
+nothing_left_to_do() { grep -rnE '\b(TODO|FIXME|XXX|HACK)\b' sbl.h shaders_embedded examples > "$folder/strangers"; nothing "$folder/strangers"; }
+check nothing_left_to_do nothing_left_to_do
+top_level() {
+    # git knows what belongs to the repository; without git all that lies there does, but for what was built
+    { git ls-files 2> /dev/null | grep . || ls -A; } | sed 's|/.*||' | sort -u |
+        grep -vxE 'sbl\.h|examples|shaders_embedded|tests|scripts|LICENSE|README\.md|build|\..*' > "$folder/strangers"
+    nothing "$folder/strangers"
+}
+check top_level_is_tidy top_level
+
+echo "$passed passed, $failed failed, $skipped skipped"
+[ "$failed" = 0 ]
