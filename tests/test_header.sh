@@ -3,28 +3,8 @@
 set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
-passed=0 failed=0 skipped=0
-folder=$(mktemp -d) || exit 1
-trap 'rm -rf "$folder"' EXIT
+. tests/check.sh
 warnings='-Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror'
-
-# check NAME COMMAND...: a test; what the command prints is shown where it fails
-check() {
-    name=$1
-    shift
-    if "$@" > "$folder/log" 2>&1; then
-        echo "ok   $name"; passed=$((passed + 1))
-    else
-        head -n 40 "$folder/log" | sed 's/^/  /'
-        echo "FAIL $name"; failed=$((failed + 1))
-    fi
-}
-skip() { echo "  skipped: $2"; echo "skip $1"; skipped=$((skipped + 1)); }
-
-# same EXPECTED ACTUAL: two files are equal and not empty
-same() { [ -s "$1" ] && [ -s "$2" ] && diff "$1" "$2"; }
-# nothing FILE: a list of mistakes is empty
-nothing() { cat "$1"; [ ! -s "$1" ]; }
 
 # >>compilers
 
@@ -269,5 +249,4 @@ top_level() {
 }
 check top_level_is_tidy top_level
 
-echo "$passed passed, $failed failed, $skipped skipped"
-[ "$failed" = 0 ]
+report

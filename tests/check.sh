@@ -1,0 +1,25 @@
+# The shell tests' harness, as test.h is for C; to be sourced from the repository's root. Ends with: report
+
+passed=0 failed=0 skipped=0
+folder=$(mktemp -d) || exit 1
+trap 'rm -rf "$folder"' EXIT
+
+# check NAME COMMAND...: a test; what the command prints is shown where it fails
+check() {
+    name=$1
+    shift
+    if "$@" > "$folder/log" 2>&1; then
+        echo "ok   $name"; passed=$((passed + 1))
+    else
+        head -n 40 "$folder/log" | sed 's/^/  /'
+        echo "FAIL $name"; failed=$((failed + 1))
+    fi
+}
+# skip NAME WHY
+skip() { echo "  skipped: $2"; echo "skip $1"; skipped=$((skipped + 1)); }
+report() { echo "$passed passed, $failed failed, $skipped skipped"; [ "$failed" = 0 ]; exit; }
+
+# same EXPECTED ACTUAL: two files are equal and not empty
+same() { [ -s "$1" ] && [ -s "$2" ] && diff "$1" "$2"; }
+# nothing FILE: a list of mistakes is empty
+nothing() { cat "$1"; [ ! -s "$1" ]; }

@@ -1,0 +1,101 @@
+#!/bin/sh
+# The scripts that judge all else: embed_shaders finds and mends what differs, test counts right, the sanitizers are awake.
+set -u
+export LC_ALL=C
+cd "$(dirname "$0")/.." || exit 1
+. tests/check.sh
+
+# >>embed_shaders, in a copy
+
+copy="$folder/a copy"
+mkdir -p "$copy/shaders_embedded"
+cp -r scripts sbl.h "$copy"
+printf 'void first() {}  // "quoted", back\\slash, \\n, what??= and %%d\n\n\tlast line without an end' > "$copy/shaders_embedded/odd.glsl"
+
+finds_the_difference() {
+    cp "$copy/sbl.h" "$folder/before"
+    ! "$copy/scripts/embed_shaders" --check && cmp "$folder/before" "$copy/sbl.h"
+}
+mends_it() {
+    "$copy/scripts/embed_shaders" && "$copy/scripts/embed_shaders" --check && cp "$copy/sbl.h" "$folder/once" &&
+    "$copy/scripts/embed_shaders" && cmp "$folder/once" "$copy/sbl.h"
+}
+# all outside the markers is what it was
+keeps_the_rest() {
+    for file in before once; do sed '/^\/\* >>shaders: /,/^\/\* <<shaders /d' "$folder/$file" > "$folder/$file.rest"; done
+    same "$folder/before.rest" "$folder/once.rest"
+}
+strings_are_the_file() {
+    {
+        echo '#include <stdio.h>'
+        sed -n '/^\/\* >>shaders: /,/^\/\* <<shaders /p' "$copy/sbl.h"
+        echo 'int main(void) { const char *const *line; for (line = sbl__glsl_odd; *line; line++) fputs(*line, stdout); return 0; }'
+    } > "$folder/print.c"
+    { cat "$copy/shaders_embedded/odd.glsl"; echo; } > "$folder/expected"
+    gcc -std=c99 -Wall -Wextra -Wpedantic -Werror "$folder/print.c" -o "$folder/print" && "$folder/print" > "$folder/printed" &&
+    same "$folder/expected" "$folder/printed"
+}
+refuses_without_markers() {
+    for marker in '>>shaders: ' '<<shaders '; do
+        grep -v "^/\* $marker" "$folder/once" > "$copy/sbl.h"
+        cp "$copy/sbl.h" "$folder/broken"
+        "$copy/scripts/embed_shaders" && return 1
+        cmp "$folder/broken" "$copy/sbl.h" || return
+    done
+}
+check embed_shaders_finds_the_difference finds_the_difference
+check embed_shaders_mends_it_once mends_it
+check embed_shaders_keeps_the_rest keeps_the_rest
+check embed_shaders_strings_are_the_file strings_are_the_file
+check embed_shaders_refuses_without_markers refuses_without_markers
+
+# >>test, on a repository of small fakes
+
+fake="$folder/fake repository"
+# fake_tests NAME|END|LAST-LINE...: runs scripts/test over programs that print LAST-LINE and then do END; its output in $folder/verdict
+fake_tests() {
+    rm -rf "$fake"
+    mkdir -p "$fake/tests"
+    cp -r scripts "$fake"
+    for spec in "$@"; do
+        body=${spec#*|}
+        printf '#include <stdio.h>\n#include <stdlib.h>\nint main(void) { printf("words\\n%%s\\n", "%s"); fflush(stdout); %s; return 0; }\n' \
+            "${body#*|}" "${body%%|*}" > "$fake/tests/test_${spec%%|*}.c"
+    done
+    "$fake/scripts/test" > "$folder/verdict" 2>&1
+}
+# fails_with COUNTS NAME...: scripts/test fails and says so
+fails_with() {
+    counts=$1
+    shift
+    if fake_tests "$@"; then echo "scripts/test is content with:"; cat "$folder/verdict"; return 1; fi
+    tail -n 1 "$folder/verdict" | grep -qx "$counts" || { cat "$folder/verdict"; return 1; }
+}
+# all tests run twice: plain and sanitized
+adds_up() {
+    fake_tests "one|exit(0)|3 passed, 0 failed, 1 skipped" "two|exit(0)|4 passed, 0 failed, 0 skipped" || { cat "$folder/verdict"; return 1; }
+    tail -n 1 "$folder/verdict" | grep -qx '14 passed, 0 failed, 2 skipped' || { cat "$folder/verdict"; return 1; }
+}
+good="good|exit(0)|1 passed, 0 failed, 0 skipped"
+check test_adds_up adds_up
+check test_fails_on_a_failure fails_with '6 passed, 2 failed, 0 skipped' "$good" "bad|exit(1)|2 passed, 1 failed, 0 skipped"
+check test_fails_on_a_crash fails_with '2 passed, 2 failed, 0 skipped' "$good" "crash|abort()|words"
+check test_fails_on_an_early_exit fails_with '2 passed, 2 failed, 0 skipped' "$good" "early|exit(0)|words"
+check test_fails_on_a_crash_after_the_counts fails_with '2 passed, 2 failed, 0 skipped' "$good" "late|abort()|3 passed, 0 failed, 0 skipped"
+check test_fails_on_a_bad_exit_status fails_with '8 passed, 2 failed, 0 skipped' "$good" "status|exit(3)|3 passed, 0 failed, 0 skipped"
+check test_fails_on_a_test_that_runs_nothing fails_with '2 passed, 2 failed, 0 skipped' "$good" "empty|exit(0)|0 passed, 0 failed, 0 skipped"
+check test_fails_on_what_does_not_compile fails_with '0 passed, 1 failed, 0 skipped' "$good" "typo|x|1 passed, 0 failed, 0 skipped"
+check test_fails_without_tests fails_with '0 passed, 0 failed, 0 skipped'
+# only sanitizers see these
+check test_sees_a_heap_overflow fails_with '3 passed, 1 failed, 0 skipped' "$good" \
+    "overflow|volatile char *p = malloc(5); p[getenv(\"PATH\") != 0 ? 5 : 0] = 1; free((void *)p)|1 passed, 0 failed, 0 skipped"
+check test_sees_undefined_behaviour fails_with '3 passed, 1 failed, 0 skipped' "$good" \
+    "undefined|volatile int i = 0x7fffffff; i = i + 1|1 passed, 0 failed, 0 skipped"
+
+leak_is_seen() {
+    gcc -std=c99 -g -fsanitize=address,undefined tests/header/leak.c -lEGL -lm -o "$folder/leak" || return
+    ! ASAN_OPTIONS=detect_leaks=1 LSAN_OPTIONS=suppressions=tests/lsan.supp "$folder/leak" && grep -q 'LeakSanitizer: detected' "$folder/log"
+}
+check a_lost_context_is_seen leak_is_seen
+
+report

@@ -1,0 +1,111 @@
+/* Sensors stuck inside geometry. A sensor stands a little off its surface; where a closed box hovers over a floor by less than that, the sensors of
+   the floor that the camera still sees in the gap stand inside the box. They must be found out, and must not bring to the floor the light
+   that shines inside. A room modelled inside out, where every surface shows its back, must not be mistaken for that. */
+#define SBL_IMPLEMENTATION
+#define SBL_EGL
+#include "../sbl.h"
+#include "test.h"
+#include "scenes.h"
+
+static sbl_context *context;
+
+/* An orthographic camera that grazes the floor: rows of its picture lie 2 / height apart on it, from x = -2.2 to -0.2. */
+static sbl_picture_desc grazing_view(int width, int height) {
+    sbl_picture_desc view;
+    const float slope = 1e-4f;
+    memset(&view, 0, sizeof view);
+    view.width = width;
+    view.height = height;
+    sbl_look_at(view.world_to_view, -1.2f - 3, 3 * slope, 0, -1.2f, 0, 0, 0, 1, 0);
+    view.view_to_clip[0] = 2;
+    view.view_to_clip[5] = 1 / slope;
+    view.view_to_clip[10] = -1;
+    view.view_to_clip[15] = 1;
+    return scene_plain(view, SBL_MODE_DIRECT, 32);
+}
+
+/* A floor under the sky; over it a box with a red lamp inside, higher by `gap`. */
+static void gap_scene(test_scene *s, float gap) {
+    int grey = scene_material(s, 0.5f, 0.5f, 0.5f), red = scene_lamp(s, 5, 0, 0);
+    scene_sky(s, 0, 1, 0);
+    scene_floor(s, grey, 0, 10);
+    scene_box(s, grey, -1, gap, -1, 1, 1, 1);
+    scene_box(s, red, -0.9f, 0.5f, -0.9f, 0.9f, 0.6f, 0.9f);
+}
+
+TEST(stuck_sensors_bring_no_light_from_inside) {
+    test_scene s = { 0 };
+    sbl_picture_desc view = grazing_view(16, 64);
+    sbl_stats stats;
+    sbl_sensor sensor;
+    float *radiance, *position, red = 0, lowest_green = 1;
+    float low[3], high[3];
+    double offset;
+    int i, gap_row = -1, open_row = -1;
+    view.filter_radius = -1;
+    gap_scene(&s, 0);  /* for its bounds: the offset is 4e-6 of the extent, about 1.5e-4 here */
+    REQUIRE(scene_render(context, &s, &view), "no picture");
+    sbl_query_bounds(context, low, high);
+    scene_free(&s);
+    offset = 4e-6 * (sqrt(20 * 20 + 20 * 20 + (double)high[1] * high[1]) + 10);
+    gap_scene(&s, (float)(0.4 * offset));
+    REQUIRE(scene_render(context, &s, &view), "no picture");
+    stats = sbl_query_stats(context);
+    radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+    position = scene_channel(context, &view, SBL_CHANNEL_POSITION);
+    REQUIRE(radiance && position, "no channels");
+    for (i = 0; i < view.width * view.height; i++) {
+        const float *p = position + 3 * i;
+        if (p[1] != 0 || p[0] == 0) continue;  /* the floor */
+        if (p[0] > -0.9f && gap_row < 0) gap_row = i;
+        if (p[0] < -1.5f) open_row = i;
+        red = radiance[3 * i] > red ? radiance[3 * i] : red;
+        lowest_green = radiance[3 * i + 1] < lowest_green ? radiance[3 * i + 1] : lowest_green;
+    }
+    CHECK(gap_row >= 0 && open_row >= 0, "the camera does not see the floor in the gap and before it");
+    CHECK(stats.invalid_sensors > 100, "%d sensors were found stuck", (int)stats.invalid_sensors);
+    CHECK(red < 0.01f, "red light of %g came out of the box", (double)red);
+    CHECK(lowest_green > 0.2f, "a pixel got %g of the sky: it took nothing from its neighbours", (double)lowest_green);
+    if (gap_row >= 0 && open_row >= 0) {
+        REQUIRE(sbl_inspect_sensor(context, gap_row % view.width, gap_row / view.width, &sensor, NULL, NULL, 0) == SBL_SUCCESS, "no sensor");
+        CHECK(!sensor.valid && sensor.radiance[0] > 0.5f && sensor.back_share > 0.1f, "in the gap: valid %d, red %g, back %g", sensor.valid, (double)sensor.radiance[0], (double)sensor.back_share);
+        REQUIRE(sbl_inspect_sensor(context, open_row % view.width, open_row / view.width, &sensor, NULL, NULL, 0) == SBL_SUCCESS, "no sensor");
+        CHECK(sensor.valid, "before the gap: valid %d", sensor.valid);
+    }
+    free(radiance);
+    free(position);
+    scene_free(&s);
+}
+
+TEST(a_room_inside_out_is_valid) {
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_plain(scene_view(48, 48, 80, 0.05f, 0.02f, 0.9f, 0.1f, 0.03f, -1), SBL_MODE_DIRECT, 16);
+    float *pictures[2] = { NULL, NULL };
+    int i, turned;
+    for (turned = 0; turned < 2; turned++) {  /* a box shows its back to a camera inside; swapped corners turn it round */
+        sbl_stats stats;
+        int grey = scene_material(&s, 0.5f, 0.5f, 0.5f), lamp = scene_lamp(&s, 3, 2, 1);
+        scene_box(&s, grey, turned ? 1 : -1, -1, -1, turned ? -1 : 1, 1, 1);
+        scene_box(&s, lamp, -0.3f, 0.7f, -0.3f, 0.3f, 0.8f, 0.3f);
+        REQUIRE(scene_render(context, &s, &view), "no picture");
+        stats = sbl_query_stats(context);
+        CHECK(stats.invalid_sensors == 0, "%d sensors were taken for stuck", (int)stats.invalid_sensors);
+        pictures[turned] = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+        scene_free(&s);
+    }
+    REQUIRE(pictures[0] && pictures[1], "no channels");
+    for (i = 0; i < 48 * 48 * 3; i++)
+        if (fabs((double)pictures[0][i] - (double)pictures[1][i]) > 0.02 * (double)pictures[1][i] + 1e-3) break;
+    CHECK(i == 48 * 48 * 3, "inside out, pixel %d has %g instead of %g", i / 3, (double)pictures[0][i % (48 * 48 * 3)], (double)pictures[1][i % (48 * 48 * 3)]);
+    CHECK(pictures[0][3 * (24 * 48 + 24)] > 0.01f, "the wall is dark");
+    free(pictures[0]);
+    free(pictures[1]);
+}
+
+int main(void) {
+    if (sbl_create(NULL, &context) != SBL_SUCCESS) return 1;
+    RUN(stuck_sensors_bring_no_light_from_inside);
+    RUN(a_room_inside_out_is_valid);
+    sbl_destroy(context);
+    return test_report();
+}
