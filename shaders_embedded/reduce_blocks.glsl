@@ -17,11 +17,11 @@ void main() {
             vec2 weight = texelFetch(weights, sheet_corner + ivec2(x, y), 0).xy;
             row += weight.x * texel.rgb;
             float seen = weight.x > 0.0 && texel.a != 0.0 ? weight.x : 0.0;
-            float distance = abs(texel.a) * weight.y;
+            float length_to_hit = abs(texel.a) * weight.y;
             back += texel.a < 0.0 ? seen : 0.0;
             hits.x += seen;
-            hits.y += seen * min(distance, 1e30);
-            hits.z = seen > 0.0 ? min(hits.z, distance) : hits.z;
+            hits.y += seen * min(length_to_hit, 1e30);
+            hits.z = seen > 0.0 ? min(hits.z, length_to_hit) : hits.z;
         }
         sum += vec4(row, back);
     }

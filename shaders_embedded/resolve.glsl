@@ -20,7 +20,7 @@ void main() {
     vec3 light = vec3(0);
     if (offset == vec2(0)) light = texelFetch(radiance, at, 0).rgb;
     else {
-        vec4 near = vec4(0), far = vec4(0), any = vec4(0);
+        vec4 near = vec4(0), far = vec4(0), rest = vec4(0);
         for (int y = -2; y <= 2; y++)
             for (int x = -2; x <= 2; x++) {
                 ivec2 there = clamp(at + ivec2(x, y), ivec2(0), size - 1);
@@ -33,11 +33,11 @@ void main() {
                 float belongs = there_id == id ? sbl_belongs(p, n, q, m) : 0.0;
                 near += r * tent * belongs;
                 far += r * reach * (belongs + (there_id == id ? 1e-3 : 0.0));
-                any += r * reach * (0.01 + max(0.0, dot(n, m)));
+                rest += r * reach * (0.01 + max(0.0, dot(n, m)));
             }
         if (near.a > 0.05) light = near.rgb / near.a;
         else if (far.a > 0.0) light = far.rgb / far.a;
-        else if (any.a > 0.0) light = any.rgb / any.a;
+        else if (rest.a > 0.0) light = rest.rgb / rest.a;
     }
     out_color = before + share * vec4(texelFetch(sample_emission, at, 0).rgb + texelFetch(sample_albedo, at, 0).rgb * light, 1);
 }
