@@ -2996,6 +2996,9 @@ static sbl_result sbl__gather_finish(const sbl__gl *gl, sbl__gather *g, const sb
        |       |       |      *   *   *       |        interpolation is tested against the one on their common edge
        o       o       o      o   *   o       o                                                                      */
 
+/* Sensors stand this share of the scene's extent off their surface: six times what float rounding needs (from 2.5e-7 down, spheres see themselves). */
+#define SBL__OFFSET 1.5e-6f
+
 typedef struct sbl__pixel {
     float position[3], normal[3], geometric_normal[3];
     float radiance[3];
@@ -3515,7 +3518,7 @@ static sbl_result sbl__picture_begin(sbl_context *c) {
     p->refine.tile = d->tile;
     p->refine.threshold = d->threshold;
     p->refine.geometry_aware = p->refine.relative = d->mode != SBL_MODE_PAPER;
-    p->refine.offset = 4e-6f * c->scene.extent;
+    p->refine.offset = SBL__OFFSET * c->scene.extent;
     p->refine.seed = d->seed;
     p->refine.pixels = (sbl__pixel *)sbl__alloc(&c->base, (size_t)d->width * (size_t)d->height, sizeof(sbl__pixel));
     if (!p->refine.pixels) return SBL_ERROR_OUT_OF_MEMORY;
@@ -4342,7 +4345,7 @@ SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *
             sensor->radiance[k] = light.radiance[k];
         }
         sensor->weight_sum = (float)sum;
-        sensor->back_share = light.back_share;
+        sensor->back_share = light.back_share * light.hit_share;
         sensor->hit_min = light.hit_min;
         sensor->hit_mean = light.hit_mean;
         sensor->valid = !light.stuck;

@@ -185,12 +185,13 @@ static void watch(float values[WATCHED][4]) {
 
 /* Returns 0 and names the first difference where there is one. */
 static int compare(float before[WATCHED][4], float after[WATCHED][4], int frame) {
-    int i;
-    for (i = 0; i < WATCHED; i++) {
-        if (memcmp(before[i], after[i], sizeof before[i]) == 0) continue;
-        fprintf(stderr, "host_context: in frame %d sbl.h changed %s from %g to %g\n", frame, watched[i].words, (double)before[i][0], (double)after[i][0]);
-        return 0;
-    }
+    int i, k;
+    for (i = 0; i < WATCHED; i++)
+        for (k = 0; k < watched[i].count; k++) {
+            if (!(before[i][k] < after[i][k] || before[i][k] > after[i][k])) continue;
+            fprintf(stderr, "host_context: in frame %d sbl.h changed %s from %g to %g\n", frame, watched[i].words, (double)before[i][k], (double)after[i][k]);
+            return 0;
+        }
     return 1;
 }
 
@@ -242,6 +243,7 @@ static int run(sbl_context *context, unsigned char *pixels) {
     if (sbl_set_scene(context, cornell_box_make(&box)) != SBL_SUCCESS) return 0;
     cornell_box_view(&view, PICTURE, PICTURE);
     view.preset = SBL_PRESET_DRAFT;
+    view.samples = 4;
     for (frame = 0; frame < FRAMES_MOST && frames_after < FRAMES_AFTER; frame++) {
         host_state(0.05f * (float)frame);
         shape_draw(shape_before);

@@ -58,15 +58,14 @@ static inline int host_gl_try(EGLDisplay display) {
             return 1;
         }
     }
-    eglTerminate(display);
     return 0;
 }
 
+/* The display stays: it is the whole process's, and sbl.h or another library may use it too. */
 static inline void host_gl_close(void) {
     if (gl.display == EGL_NO_DISPLAY) return;
     eglMakeCurrent(gl.display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
     eglDestroyContext(gl.display, gl.context);
-    eglTerminate(gl.display);
     gl.display = EGL_NO_DISPLAY;
 }
 

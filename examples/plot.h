@@ -167,8 +167,8 @@ static inline unsigned char *plot_draw(const plot *p) {
     }
     plot_line(pixels, left, bottom, right, bottom, 0.5, frame);
     plot_line(pixels, left, bottom, left, top, 0.5, frame);
-    plot_text(pixels, PLOT_WIDTH / 2.0, 16, p->title, 0, 2);
-    plot_text(pixels, 12, 44, p->y_name, -1, 2);
+    plot_text(pixels, PLOT_WIDTH / 2.0, 14, p->title, 0, 2);
+    plot_text(pixels, 12, 40, p->y_name, -1, 2);
     plot_text(pixels, (left + right) / 2, bottom + 46, p->x_name, 0, 2);
     for (i = 0; i < p->count; i++) {
         const plot_series *s = &p->series[i];
@@ -181,7 +181,7 @@ static inline unsigned char *plot_draw(const plot *p) {
             before_y = y;
         }
         if (p->count > 1) {
-            double x = right - 110.0 * (p->count - i) + 24, y = 44;
+            double x = right - 132.0 * (p->count - i) + 24, y = 40;
             plot_line(pixels, x - 20, y, x - 6, y, 1, colors[i]);
             plot_line(pixels, x - 13, y, x - 13, y, 3.5, colors[i]);
             plot_text(pixels, x, y, s->name, -1, 2);

@@ -11,7 +11,7 @@ check() {
     if "$@" > "$folder/log" 2>&1; then
         echo "ok   $name"; passed=$((passed + 1))
     else
-        head -n 40 "$folder/log" | sed 's/^/  /'
+        head -n 15 "$folder/log" | sed 's/^/  /'
         echo "FAIL $name"; failed=$((failed + 1))
     fi
 }

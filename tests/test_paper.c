@@ -376,22 +376,27 @@ TEST(constant_light_needs_few_sensors) {
     }
 }
 
-/* Interpolation never crosses the step's edge, where R halves: every interpolated pixel has its own surface's value. */
+/* Interpolation never crosses the step's edge, where R halves: every interpolated pixel has its own surface's value. Also with a threshold
+   that finds nothing to refine, when there is only interpolation to keep the two apart. */
 TEST(interpolation_stays_on_its_surface) {
     test_scene s = { 0 };
-    int between, shared;
+    int between, kind;
     step_scene(&s);
-    for (shared = 0; shared < 2; shared++) {
+    for (kind = 0; kind < 4; kind++) {
+        const char *name = kind % 2 ? "one id" : "two ids";
         sbl_picture_desc view = step_view(64, 64);
         sbl_stats stats;
         double worst;
         view.mode = SBL_MODE_DIRECT;
         view.sensor_size = 32;
-        if (shared) s.meshes[0].id = s.meshes[1].id = 7;
+        view.threshold = kind < 2 ? 0 : 1e6f;
+        view.filter_radius = kind < 2 ? 0 : -1;
+        s.meshes[0].id = kind % 2 ? 7 : 0;
+        s.meshes[1].id = s.meshes[0].id;
         worst = step_error(&s, &view, &between);
         stats = sbl_query_stats(context);
-        CHECK(worst < 0.02 && between == 0, "%s: R is off by %.4f, %d pixels are mixed", shared ? "one id" : "two ids", worst, between);
-        CHECK(stats.sensors < 64 * 64 / 2, "%s: %d sensors", shared ? "one id" : "two ids", (int)stats.sensors);
+        CHECK(worst < 0.02 && between == 0, "%s, threshold %g: R is off by %.4f, %d pixels are mixed", name, (double)view.threshold, worst, between);
+        CHECK(stats.sensors < 64 * 64 / 2, "%s: %d sensors", name, (int)stats.sensors);
     }
     scene_free(&s);
 }

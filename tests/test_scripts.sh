@@ -57,6 +57,7 @@ fake_tests() {
     rm -rf "$fake"
     mkdir -p "$fake/tests"
     cp -r scripts "$fake"
+    cp tests/keep_loaded.c tests/lsan.supp "$fake/tests"
     for spec in "$@"; do
         body=${spec#*|}
         printf '#include <stdio.h>\n#include <stdlib.h>\nint main(void) { printf("words\\n%%s\\n", "%s"); fflush(stdout); %s; return 0; }\n' \

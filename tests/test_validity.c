@@ -12,7 +12,7 @@ static sbl_context *context;
 /* An orthographic camera that grazes the floor: rows of its picture lie 2 / height apart on it, from x = -2.2 to -0.2. */
 static sbl_picture_desc grazing_view(int width, int height) {
     sbl_picture_desc view;
-    const float slope = 1e-4f;
+    const float slope = 3e-5f;
     memset(&view, 0, sizeof view);
     view.width = width;
     view.height = height;
@@ -43,11 +43,11 @@ TEST(stuck_sensors_bring_no_light_from_inside) {
     double offset;
     int i, gap_row = -1, open_row = -1;
     view.filter_radius = -1;
-    gap_scene(&s, 0);  /* for its bounds: the offset is 4e-6 of the extent, about 1.5e-4 here */
+    gap_scene(&s, 0);  /* for its bounds: the offset is 1.5e-6 of the extent, about 6e-5 here */
     REQUIRE(scene_render(context, &s, &view), "no picture");
     sbl_query_bounds(context, low, high);
     scene_free(&s);
-    offset = 4e-6 * (sqrt(20 * 20 + 20 * 20 + (double)high[1] * high[1]) + 10);
+    offset = 1.5e-6 * (sqrt(20 * 20 + 20 * 20 + (double)high[1] * high[1]) + 10);
     gap_scene(&s, (float)(0.4 * offset));
     REQUIRE(scene_render(context, &s, &view), "no picture");
     stats = sbl_query_stats(context);

@@ -1,0 +1,691 @@
+/* Demonstrates a whole tool on top of sbl.h: reads a scene file, renders it and writes a picture and statistics. `sbl_render --help` says how. */
+#define _DEFAULT_SOURCE
+#define SBL_IMPLEMENTATION
+#define SBL_EGL
+#include "../sbl.h"
+#include "scene_file.h"
+#include <sys/time.h>
+#define STB_IMAGE_WRITE_IMPLEMENTATION
+#include <stb/stb_image_write.h>
+#ifdef SBL_RENDER_OPENEXR
+  #include <openexr.h>
+#endif
+
+enum { DONE = 0, FAILED = 1, BAD_USAGE = 2, INTERRUPTED = 130 };
+
+static volatile sig_atomic_t interrupted;
+
+static void on_interrupt(int number) { (void)number; interrupted = 1; }
+
+static double now(void) {
+    struct timeval t;
+    gettimeofday(&t, NULL);
+    return (double)t.tv_sec + 1e-6 * (double)t.tv_usec;
+}
+
+/* ---- what is said: one line each, whatever the names of files and meshes hold ---- */
+
+static void say(const char *kind, const char *format, va_list arguments) {
+    char text[1024], *c;
+    vsnprintf(text, sizeof text, format, arguments);
+    for (c = text; *c; c++)
+        if ((unsigned char)*c < 32 || *c == 127) *c = '?';
+    fprintf(stderr, "sbl_render: %s%s\n", kind, text);
+}
+
+/* Both return the exit status. */
+static int fail(const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    say("", format, arguments);
+    va_end(arguments);
+    return FAILED;
+}
+static int misuse(const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    say("", format, arguments);
+    va_end(arguments);
+    return BAD_USAGE;
+}
+
+static void warn(const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    say("warning: ", format, arguments);
+    va_end(arguments);
+}
+
+/* What sbl.h logs: the first error becomes the one line of a failure, warnings are shown when all went well. */
+typedef struct messages {
+    char error[640];
+    int errors;
+    char warnings[8][512];
+    int warnings_kept;
+    const scene_file *file;
+} messages;
+
+static void on_log(sbl_log_level level, sbl_log_item item, const char *message, void *user) {
+    messages *m = (messages *)user;
+    int mesh;
+    (void)item;
+    if (level == SBL_LOG_ERROR && m->errors++ == 0) {
+        if (m->file && sscanf(message, "mesh %d:", &mesh) == 1 && mesh >= 0 && mesh < m->file->scene.mesh_count)
+            snprintf(m->error, sizeof m->error, "%.500s (mesh %d is \"%.100s\")", message, mesh, m->file->names[mesh]);
+        else snprintf(m->error, sizeof m->error, "%.600s", message);
+    }
+    if (level == SBL_LOG_WARNING && m->warnings_kept < 8) snprintf(m->warnings[m->warnings_kept++], sizeof m->warnings[0], "%.500s", message);
+}
+
+static int fail_with(const messages *m, const char *where, sbl_result result) {
+    if (!m->errors) return fail("%s: %s", where, sbl_result_string(result));
+    if (m->errors == 1) return fail("%s: %s", where, m->error);
+    return fail("%s: %s, and %d mistakes more", where, m->error, m->errors - 1);
+}
+
+/* ---- the command line ---- */
+
+static struct options {
+    const char *scene, *output, *stats;
+    int channel, mode, preset, backend;
+    int size[2], inspect[2];
+    double eye[3], look_at[3], up[3], fov, sky[3], epsilon, sensor_fov, threshold, exposure;
+    int rays, sensor_size, tile, filter_radius, samples, seed;
+} options = { .output = "sbl.png", .size = { 640, 480 }, .up = { 0, 1, 0 }, .fov = 40 };
+
+typedef enum option_kind { FLAG, TEXT, CHOICE, INTEGERS, NUMBERS } option_kind;
+
+enum { CHANNEL_WORDS, MODE_WORDS, PRESET_WORDS, BACKEND_WORDS };
+static const char *const words[][SBL_CHANNEL_COUNT + 1] = {
+    { "final", "radiance", "albedo", "normal", "position", "id", "depth", "sensors", NULL },  /* as sbl_channel */
+    { "gi", "ambient", "direct", "paper", NULL },
+    { "draft", "default", "high", NULL },
+    { "auto", "raster", "trace", NULL } };
+static const sbl_mode modes[] = { SBL_MODE_GI, SBL_MODE_AMBIENT, SBL_MODE_DIRECT, SBL_MODE_PAPER };
+static const sbl_preset presets[] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL_PRESET_HIGH };
+
+enum {
+    OUTPUT, CHANNEL, SIZE, EYE, LOOK_AT, UP, FOV, SKY, MODE, PRESET, BACKEND, RAYS, EPSILON, SENSOR_SIZE, SENSOR_FOV, TILE, THRESHOLD, FILTER_RADIUS,
+    SAMPLES, EXPOSURE, SEED, INSPECT, STATS, QUIET, HELP, VERSION, OPTION_COUNT
+};
+
+static const struct option {
+    const char *name, *argument;
+    option_kind kind;
+    void *value;
+    int count;         /* of numbers, or which words */
+    double low, high;  /* of each number */
+    const char *help;
+} table[OPTION_COUNT] = {
+    [OUTPUT]        = { "--output", "FILE", TEXT, &options.output, 0, 0, 0, "also -o; .png (8-bit sRGB), .pfm or .exr (linear float32); default sbl.png" },
+    [CHANNEL]       = { "--channel", "NAME", CHOICE, &options.channel, CHANNEL_WORDS, 0, 0,
+                        "final (default) | radiance (R: light without surface colour) | albedo | normal | position | id | depth |\n"
+                        "sensors (which pixels had a sensor, by level)" },
+    [SIZE]          = { "--size", "WxH", INTEGERS, options.size, 2, 1, 16384, "pixels; default 640x480" },
+    [EYE]           = { "--eye", "X,Y,Z", NUMBERS, options.eye, 3, -1e18, 1e18, "where the camera stands" },
+    [LOOK_AT]       = { "--look-at", "X,Y,Z", NUMBERS, options.look_at, 3, -1e18, 1e18, "what it looks at" },
+    [UP]            = { "--up", "X,Y,Z", NUMBERS, options.up, 3, -1e18, 1e18, "what is up" },
+    [FOV]           = { "--fov", "DEGREES", NUMBERS, &options.fov, 1, 1, 179, "vertical; the defaults of these four: the file's camera, else one that frames the scene" },
+    [SKY]           = { "--sky", "R,G,B", NUMBERS, options.sky, 3, 0, 1e30, "constant radiance of all that is not hit; default 0,0,0" },
+    [MODE]          = { "--mode", "NAME", CHOICE, &options.mode, MODE_WORDS, 0, 0,
+                        "ambient (default: lamps, sky, and a faint glow of every surface) | direct (lamps and sky only) |\n"
+                        "paper (exactly the paper: one 135 degree view, epsilon, tiles, Gaussian) | gi (all bounces; not yet)" },
+    [PRESET]        = { "--preset", "NAME", CHOICE, &options.preset, PRESET_WORDS, 0, 0, "draft | default | high" },
+    [BACKEND]       = { "--backend", "NAME", CHOICE, &options.backend, BACKEND_WORDS, 0, 0, "auto (default) | raster | trace (not yet)" },
+    [RAYS]          = { "--rays", "N", INTEGERS, &options.rays, 1, 1, 1e6, "samples of a traced sensor (not yet)" },
+    [EPSILON]       = { "--epsilon", "E", NUMBERS, &options.epsilon, 1, 0, 1e30, "ambient factor of the modes paper and ambient; default 0.02" },
+    [SENSOR_SIZE]   = { "--sensor-size", "N", INTEGERS, &options.sensor_size, 1, 4, 512, "texels across a sensor's view; default 32, 64, 128 by preset" },
+    [SENSOR_FOV]    = { "--sensor-fov", "DEGREES", NUMBERS, &options.sensor_fov, 1, 1, 179, "mode paper only; default 135" },
+    [TILE]          = { "--tile", "N", INTEGERS, &options.tile, 1, 1, 1024, "first distance between sensors in pixels, 1 senses every pixel; default 16, 16, 8 by preset" },
+    [THRESHOLD]     = { "--threshold", "T", NUMBERS, &options.threshold, 1, 0, 1e30,
+                        "refine where neighbours differ by more: a share of their mean, default 0.3, 0.15, 0.07 by preset;\n"
+                        "in mode paper a radiance, default 0.05" },
+    [FILTER_RADIUS] = { "--filter-radius", "N", INTEGERS, &options.filter_radius, 1, 0, 32, "of the Gaussian, pixels, 0 for none; default 2" },
+    [SAMPLES]       = { "--samples", "N", INTEGERS, &options.samples, 1, 1, 64, "anti-aliasing of final, samples a pixel; default 1, 4, 16 by preset" },
+    [EXPOSURE]      = { "--exposure", "STOPS", NUMBERS, &options.exposure, 1, -100, 100, "brightens final and radiance in a .png; default 0" },
+    [SEED]          = { "--seed", "N", INTEGERS, &options.seed, 1, 0, INT_MAX, "of the sensors' rotations; default 0" },
+    [INSPECT]       = { "--inspect", "X,Y", INTEGERS, options.inspect, 2, 0, 16383,
+                        "writes what the sensor of that pixel sees instead of the picture, and prints its sums" },
+    [STATS]         = { "--stats", "FILE", TEXT, &options.stats, 0, 0, 0, "counts, seconds (total: from start to picture) and peak memory as JSON" },
+    [QUIET]         = { "--quiet", NULL, FLAG, NULL, 0, 0, 0, "no progress bar, no warnings" },
+    [HELP]          = { "--help", NULL, FLAG, NULL, 0, 0, 0, "this text" },
+    [VERSION]       = { "--version", NULL, FLAG, NULL, 0, 0, 0, "the version" },
+};
+static int given[OPTION_COUNT];
+
+static void print_help(void) {
+    const char *line;
+    int i;
+    printf("usage: sbl_render SCENE [options]\n\n"
+           "Renders a scene file by sensor based lighting.\n"
+           "SCENE: .obj .gltf .glb, and what else assimp reads (.fbx, .ply, ...)\n\n");
+    for (i = 0; i < OPTION_COUNT; i++) {
+        int width = printf("  %s%s%s", table[i].name, table[i].argument ? " " : "", table[i].argument ? table[i].argument : "");
+        for (line = table[i].help; line; line = strchr(line, '\n') ? strchr(line, '\n') + 1 : NULL) {
+            printf("%*s%.*s\n", 26 - width, "", (int)strcspn(line, "\n"), line);
+            width = 0;
+        }
+    }
+    printf("\nMaterials: OBJ Kd map_Kd Ke map_Ke d map_d (cutout at 0.5); glTF base colour, emission with KHR_materials_emissive_strength,\n"
+           "alphaMode MASK (BLEND as a cutout at 0.5). Metal and gloss are read as their base colour. A surface emits to both sides.\n"
+           "In a .png a normal is 0.5 + 0.5 n, a position is relative to what is visible, near is light in a depth, ids are random\n"
+           "colours, and sensors run from blue (first level) over green and yellow to red (last). In .pfm and .exr all values are raw.\n"
+           "\nExit status: 0 done; 1 failed, with one line on stderr; 2 bad usage; 130 interrupted. A file is written whole or not at all.\n");
+}
+
+/* count numbers, separated by commas or, for a size, by an x; 0 where the text is anything else. */
+static int parse_numbers(const struct option *o, const char *text) {
+    double numbers[3];
+    char *end;
+    int i;
+    for (i = 0; i < o->count; i++) {
+        if (i && *text++ != (o == &table[SIZE] ? 'x' : ',')) return 0;
+        if (!*text || strchr(" \t\n\v\f\r", *text)) return 0;
+        if (o->kind == INTEGERS) {
+            size_t digits = strspn(text, "0123456789");
+            if (!digits || digits > 10) return 0;
+            numbers[i] = strtod(text, NULL);
+            text += digits;
+        } else {
+            numbers[i] = strtod(text, &end);
+            if (end == text) return 0;
+            text = end;
+        }
+        if (!(numbers[i] >= o->low && numbers[i] <= o->high)) return 0;
+    }
+    if (*text) return 0;
+    for (i = 0; i < o->count; i++) {
+        if (o->kind == INTEGERS) ((int *)o->value)[i] = (int)numbers[i];
+        else ((double *)o->value)[i] = numbers[i];
+    }
+    return 1;
+}
+
+static int ends_with(const char *path, const char *ending) { return scene__ends_with(path, ending); }
+
+static int parse(int argc, char **argv) {
+    int i, k, only_files = 0;
+    for (i = 1; i < argc; i++) {
+        const char *argument = argv[i], *value = strchr(argument, '='), *name = argument;
+        const struct option *o = NULL;
+        if (only_files || argument[0] != '-' || !argument[1]) {
+            if (options.scene) return misuse("two scenes, %s and %s; give one", options.scene, argument);
+            options.scene = argument;
+            continue;
+        }
+        if (strcmp(argument, "--") == 0) { only_files = 1; continue; }
+        if (strcmp(argument, "-o") == 0) name = "--output";
+        if (strcmp(argument, "-h") == 0) name = "--help";
+        for (k = 0; k < OPTION_COUNT && !o; k++)
+            if (strcmp(name, table[k].name) == 0 ||
+                (value && strlen(table[k].name) == (size_t)(value - name) && strncmp(name, table[k].name, (size_t)(value - name)) == 0)) o = &table[k];
+        if (!o) return misuse("there is no option %s; see --help", argument);
+        given[o - table] = 1;
+        if (o->kind == FLAG) {
+            if (value) return misuse("%s takes no value", o->name);
+            continue;
+        }
+        if (value && name == argument) value++;
+        else if (i + 1 < argc) value = argv[++i];
+        else return misuse("%s needs a value: %s", o->name, o->argument);
+        if (o->kind == TEXT) *(const char **)o->value = value;
+        else if (o->kind == CHOICE) {
+            for (k = 0; words[o->count][k] && strcmp(words[o->count][k], value) != 0; k++) continue;
+            if (!words[o->count][k]) {
+                char list[256] = "";
+                for (k = 0; words[o->count][k]; k++) sprintf(list + strlen(list), " %s", words[o->count][k]);
+                return misuse("%s %s: it must be one of%s", o->name, value, list);
+            }
+            *(int *)o->value = k;
+        } else if (!parse_numbers(o, value)) {
+            if (o == &table[SKY] && (ends_with(value, ".hdr") || ends_with(value, ".exr")))
+                return misuse("--sky %s: sky pictures are not read yet; give a colour R,G,B", value);
+            return misuse("%s %s: it must be %s with %s from %g to %g", o->name, value, o->argument, o->kind == INTEGERS ? "whole numbers" : "numbers", o->low, o->high);
+        }
+    }
+    if (given[HELP] || given[VERSION]) return DONE;
+    if (!options.scene) return misuse("usage: sbl_render SCENE [options]; see --help");
+    if (!ends_with(options.output, ".png") && !ends_with(options.output, ".pfm") && !ends_with(options.output, ".exr"))
+        return misuse("--output %s: the name must end in .png, .pfm or .exr", options.output);
+#ifndef SBL_RENDER_OPENEXR
+    if (ends_with(options.output, ".exr")) return fail("--output %s: built without OpenEXR; write a .pfm", options.output);
+#endif
+    if (given[SENSOR_FOV] && (!given[MODE] || modes[options.mode] != SBL_MODE_PAPER)) return misuse("--sensor-fov needs --mode paper: other sensors see the whole hemisphere");
+    if (given[INSPECT] && given[CHANNEL]) return misuse("--inspect writes a sensor's view, --channel chooses a picture; give one of them");
+    if (given[BACKEND] && strcmp(words[BACKEND_WORDS][options.backend], "trace") == 0)
+        return fail("--backend trace: this version only rasterises; leave it out or give --backend raster");
+    if (given[RAYS]) return fail("--rays %d: this version only rasterises; --sensor-size is what its sensors have", options.rays);
+    return DONE;
+}
+
+/* ---- the camera ---- */
+
+static void place_camera(sbl_picture_desc *desc, const sbl_context *context, const scene_file *file) {
+    static const double from[3] = { 0.35, 0.3, 0.89 };  /* unit: the front, a little to the right and above */
+    const double radians = atan(1.0) / 45, aspect = (double)options.size[0] / options.size[1];
+    const scene_file_camera *c = &file->camera;
+    double eye[3], at[3], up[3], fov = options.fov, half, distance = 0;
+    float lowest[3], highest[3];
+    int i, use_file = file->has_camera;
+    if (use_file) {  /* a damaged one is as good as none */
+        float unused[16];
+        fov = (double)c->fov_y;
+        if (c->fov_x > 0 && c->fov_x < 179) fov = 2 * atan(tan(0.5 * (double)c->fov_x * radians) / aspect) / radians;
+        use_file = fov >= 1 && fov <= 179 && sbl_look_at(unused, 0, 0, 0, c->forward[0], c->forward[1], c->forward[2], c->up[0], c->up[1], c->up[2]);
+        for (i = 0; i < 3; i++) use_file = use_file && fabs((double)c->eye[i]) < 1e18;
+    }
+    if (!use_file || given[FOV]) fov = options.fov;
+    sbl_query_bounds(context, lowest, highest);
+    for (i = 0; i < 3; i++) {
+        at[i] = 0.5 * ((double)lowest[i] + (double)highest[i]);
+        distance += 0.25 * pow((double)highest[i] - (double)lowest[i], 2);
+    }
+    half = 0.5 * fov * radians;
+    if (aspect < 1) half = atan(tan(half) * aspect);
+    distance = (distance > 0 ? sqrt(distance) : 1) / sin(half);
+    for (i = 0; i < 3; i++) {
+        double forward = use_file ? (double)c->forward[i] : -from[i];
+        if (given[LOOK_AT]) at[i] = options.look_at[i];
+        eye[i] = given[EYE] ? options.eye[i] : use_file ? (double)c->eye[i] : at[i] + distance * from[i];
+        if (use_file && !given[LOOK_AT]) at[i] = eye[i] + forward;
+        up[i] = use_file && !given[UP] ? (double)c->up[i] : options.up[i];
+    }
+    /* Only the direction counts; taken in double, it survives an eye far from the origin. */
+    for (i = 0; i < 3; i++) at[i] -= eye[i];
+    if (!given[LOOK_AT] && at[0] == 0.0 && at[1] == 0.0 && at[2] == 0.0) at[2] = -1;  /* the eye stands in the centre */
+    if (!given[UP] && at[0] == 0.0 && at[2] == 0.0) { up[0] = up[1] = 0; up[2] = at[1] < 0 ? -1 : 1; }
+    if (!sbl_look_at(desc->world_to_view, (float)eye[0], (float)eye[1], (float)eye[2], (float)(eye[0] + at[0]), (float)(eye[1] + at[1]), (float)(eye[2] + at[2]),
+                     (float)up[0], (float)up[1], (float)up[2])) memset(desc->world_to_view, 0, sizeof desc->world_to_view);
+    sbl_perspective(desc->view_to_clip, (float)fov, (float)aspect);
+}
+
+/* ---- progress ---- */
+
+typedef struct progress { int shown; double start, last; } progress;
+
+static int on_progress(float done, void *user) {
+    progress *p = (progress *)user;
+    double time = now();
+    if (p->shown && (p->last <= 0 || time - p->last > 0.1)) {
+        double left = done > 0.01f ? (time - p->start) * (1 - (double)done) / (double)done : -1;
+        char bar[41];
+        int i;
+        for (i = 0; i < 40; i++) bar[i] = (float)i < 40 * done ? '#' : '.';
+        bar[40] = 0;
+        fprintf(stderr, "\r[%s] %3d %%", bar, (int)(100 * done));
+        if (left >= 0) fprintf(stderr, "  %d:%02d left ", (int)left / 60, (int)left % 60);
+        fflush(stderr);
+        p->last = time;
+    }
+    return interrupted;
+}
+
+/* ---- pictures ---- */
+
+typedef struct image { int width, height, components; float *values; } image;  /* top row first */
+
+static unsigned char to_byte(double x) { return (unsigned char)(255 * (x > 0 ? x < 1 ? x : 1 : 0) + 0.5); }  /* 0 for NaN */
+
+static double encode_srgb(double x) { return x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1 / 2.4) - 0.055; }
+
+static void hue(double h, unsigned char *out) {
+    int k;
+    for (k = 0; k < 3; k++) out[k] = to_byte(fabs(fmod(h * 6 + 4 * ((k * 2) % 3) / 2.0, 6) - 3) - 1);  /* h in 0..1: red, green, blue, red */
+}
+
+/* The picture's three bytes a pixel; each channel so that its values can be told apart. */
+static unsigned char *make_visible(const image *in, sbl_channel channel) {
+    const size_t pixels = (size_t)in->width * (size_t)in->height;
+    const int n = in->components;
+    const double exposure = pow(2, options.exposure);
+    unsigned char *out = (unsigned char *)malloc(pixels * 3);
+    double low[3] = { 1e30, 1e30, 1e30 }, high[3] = { -1e30, -1e30, -1e30 };
+    size_t i;
+    int k;
+    if (!out) return NULL;
+    for (i = 0; i < pixels; i++) {  /* where there is a surface: extent of positions, depths and levels */
+        const float *v = in->values + i * (size_t)n;
+        int surface = 0;
+        for (k = 0; k < n; k++) surface |= v[k] != 0.0f;
+        for (k = 0; k < n && surface; k++) {
+            if ((double)v[k] < low[k]) low[k] = (double)v[k];
+            if ((double)v[k] > high[k]) high[k] = (double)v[k];
+        }
+    }
+    for (i = 0; i < pixels; i++) {
+        const float *v = in->values + i * (size_t)n;
+        unsigned char *to = out + 3 * i;
+        int surface = 0;
+        for (k = 0; k < n; k++) surface |= v[k] != 0.0f;
+        for (k = 0; k < 3; k++) {
+            double x = (double)v[n == 3 ? k : 0];
+            int c = n == 3 ? k : 0;
+            switch (channel) {
+                case SBL_CHANNEL_FINAL: case SBL_CHANNEL_RADIANCE: to[k] = to_byte(encode_srgb(exposure * x)); break;
+                case SBL_CHANNEL_ALBEDO: to[k] = to_byte(encode_srgb(x)); break;
+                case SBL_CHANNEL_NORMAL: to[k] = surface ? to_byte(0.5 + 0.5 * x) : 0; break;
+                case SBL_CHANNEL_POSITION: to[k] = surface ? to_byte(high[c] > low[c] ? (x - low[c]) / (high[c] - low[c]) : 0.5) : 0; break;
+                case SBL_CHANNEL_DEPTH: to[k] = surface ? to_byte(high[0] > low[0] ? 1 - 0.9 * (x - low[0]) / (high[0] - low[0]) : 1) : 0; break;
+                default: to[k] = 0; break;
+            }
+        }
+        /* Golden ratio steps keep neighbouring ids apart. */
+        if (channel == SBL_CHANNEL_ID && surface) hue(fmod((double)v[0] * 0.6180339887498949, 1), to);
+        if (channel == SBL_CHANNEL_SENSORS && surface) hue(high[0] > 1 ? (1 - ((double)v[0] - 1) / (high[0] - 1)) * 2 / 3 : 2.0 / 3, to);
+    }
+    return out;
+}
+
+static void write_bytes(void *user, void *data, int size) { fwrite(data, 1, (size_t)size, (FILE *)user); }
+
+/* The writers return 0 where they fail; errno says why, where it is not 0. */
+static int write_png(const char *path, const image *picture, sbl_channel channel) {
+    unsigned char *bytes = make_visible(picture, channel);
+    FILE *out = bytes ? fopen(path, "wb") : NULL;
+    int ok = out && stbi_write_png_to_func(write_bytes, out, picture->width, picture->height, 3, bytes, 3 * picture->width) && !ferror(out);
+    if (out && fclose(out) != 0) ok = 0;
+    free(bytes);
+    return ok;
+}
+
+static int write_pfm(const char *path, const image *picture) {
+    FILE *out = fopen(path, "wb");
+    int x, y, k, ok;
+    if (!out) return 0;
+    fprintf(out, "PF\n%d %d\n-1.0\n", picture->width, picture->height);  /* negative: little-endian */
+    for (y = picture->height - 1; y >= 0; y--)  /* bottom row first */
+        for (x = 0; x < picture->width; x++) {
+            const float *v = picture->values + ((size_t)y * (size_t)picture->width + (size_t)x) * (size_t)picture->components;
+            unsigned char bytes[12];
+            for (k = 0; k < 3; k++) {
+                uint32_t bits;
+                int b;
+                memcpy(&bits, &v[picture->components == 3 ? k : 0], 4);
+                for (b = 0; b < 4; b++) bytes[4 * k + b] = (unsigned char)(bits >> 8 * b & 255);
+            }
+            fwrite(bytes, 1, sizeof bytes, out);
+        }
+    ok = !ferror(out);
+    return fclose(out) == 0 && ok;
+}
+
+#ifdef SBL_RENDER_OPENEXR
+static void on_exr_error(exr_const_context_t context, exr_result_t code, const char *message) { (void)context; (void)code; (void)message; }
+
+static int write_exr(const char *path, const image *picture) {
+    static const char *const names[2][3] = { { "Y", NULL, NULL }, { "R", "G", "B" } };
+    exr_context_initializer_t settings = EXR_DEFAULT_CONTEXT_INITIALIZER;
+    exr_context_t context = NULL;
+    exr_encode_pipeline_t encoder;
+    exr_chunk_info_t chunk;
+    int part, y, k, begun = 0;
+    int32_t rows = 1;
+    exr_result_t result;
+    settings.error_handler_fn = on_exr_error;
+    result = exr_start_write(&context, path, EXR_WRITE_FILE_DIRECTLY, &settings);
+    if (result == EXR_ERR_SUCCESS) result = exr_add_part(context, "picture", EXR_STORAGE_SCANLINE, &part);
+    if (result == EXR_ERR_SUCCESS) result = exr_initialize_required_attr_simple(context, part, picture->width, picture->height, EXR_COMPRESSION_ZIP);
+    for (k = 0; k < picture->components && result == EXR_ERR_SUCCESS; k++)
+        result = exr_add_channel(context, part, names[picture->components == 3][k], EXR_PIXEL_FLOAT, EXR_PERCEPTUALLY_LINEAR, 1, 1);
+    if (result == EXR_ERR_SUCCESS) result = exr_write_header(context);
+    if (result == EXR_ERR_SUCCESS) result = exr_get_scanlines_per_chunk(context, part, &rows);
+    for (y = 0; y < picture->height && result == EXR_ERR_SUCCESS; y += rows) {
+        result = exr_write_scanline_chunk_info(context, part, y, &chunk);
+        if (result == EXR_ERR_SUCCESS) result = begun ? exr_encoding_update(context, part, &chunk, &encoder) : exr_encoding_initialize(context, part, &chunk, &encoder);
+        for (k = 0; k < picture->components && result == EXR_ERR_SUCCESS; k++) {
+            exr_coding_channel_info_t *channel = &encoder.channels[k];  /* in the order of their names */
+            int component = channel->channel_name[0] == 'G' ? 1 : channel->channel_name[0] == 'B' ? 2 : 0;
+            channel->encode_from_ptr = (const uint8_t *)(picture->values + (size_t)y * (size_t)picture->width * (size_t)picture->components + component);
+            channel->user_bytes_per_element = 4;
+            channel->user_data_type = EXR_PIXEL_FLOAT;
+            channel->user_pixel_stride = 4 * picture->components;
+            channel->user_line_stride = 4 * picture->components * picture->width;
+        }
+        if (result == EXR_ERR_SUCCESS && !begun) result = exr_encoding_choose_default_routines(context, part, &encoder);
+        begun = 1;
+        if (result == EXR_ERR_SUCCESS) result = exr_encoding_run(context, part, &encoder);
+    }
+    if (begun) exr_encoding_destroy(context, &encoder);
+    if (context && exr_finish(&context) != EXR_ERR_SUCCESS && result == EXR_ERR_SUCCESS) result = EXR_ERR_WRITE_IO;
+    return result == EXR_ERR_SUCCESS;
+}
+#endif
+
+static int write_picture(const char *path, const image *picture, sbl_channel channel) {
+    if (ends_with(options.output, ".png")) return write_png(path, picture, channel);
+#ifdef SBL_RENDER_OPENEXR
+    if (ends_with(options.output, ".exr")) return write_exr(path, picture);
+#endif
+    return write_pfm(path, picture);
+}
+
+/* ---- statistics ---- */
+
+static int write_stats(const char *path, const sbl_context *context, double load, double total) {
+    const sbl_stats s = sbl_query_stats(context);
+    const sbl_capabilities capabilities = sbl_query_capabilities(context);
+    const char *c;
+    struct rusage self, child;
+    FILE *out = fopen(path, "w");
+    int i, ok;
+    if (!out) return 0;
+    getrusage(RUSAGE_SELF, &self);
+    getrusage(RUSAGE_CHILDREN, &child);  /* the one that read the scene; it was gone before this one grew */
+    if (child.ru_maxrss > self.ru_maxrss) self.ru_maxrss = child.ru_maxrss;
+    fprintf(out, "{\n  \"version\": \"%s\",\n  \"renderer\": \"", sbl_version());
+    for (c = capabilities.renderer; *c; c++) {
+        if (*c == '"' || *c == '\\') fputc('\\', out);
+        fputc((unsigned char)*c < 32 ? ' ' : *c, out);
+    }
+    fprintf(out, "\",\n  \"mode\": \"%s\",\n  \"size\": [%d, %d],\n  \"triangles\": %d,\n  \"visible_pixels\": %d,\n  \"backend\": \"raster\",\n",
+            s.mode == SBL_MODE_GI ? "gi" : s.mode == SBL_MODE_DIRECT ? "direct" : s.mode == SBL_MODE_PAPER ? "paper" : "ambient",
+            s.width, s.height, s.triangles, s.visible_pixels);
+    fprintf(out, "  \"sensors\": %.0f,\n  \"sensor_views\": %.0f,\n  \"sensor_texels\": %.0f,\n  \"rays\": 0,\n  \"levels\": [",
+            (double)s.sensors, (double)s.sensor_views, (double)s.sensor_texels);
+    for (i = 0; i < s.level_count; i++) fprintf(out, "%s{\"tile\": %d, \"sensors\": %.0f}", i ? ", " : "", s.levels[i].tile, (double)s.levels[i].sensors);
+    fprintf(out, "],\n  \"seconds\": {\"load\": %.6f, \"scene\": %.6f, \"surface\": %.6f, \"gather\": %.6f, \"bounce\": 0, \"refine\": %.6f, \"filter\": %.6f, "
+                 "\"resolve\": %.6f, \"total\": %.6f},\n", load, s.seconds.scene, s.seconds.surface, s.seconds.gather, s.seconds.refine, s.seconds.filter,
+            s.seconds.resolve, total);
+    fprintf(out, "  \"microseconds_per_sensor\": %.6f,\n  \"peak_gpu_bytes\": %.0f,\n  \"peak_host_bytes\": %.0f\n}\n", s.microseconds_per_sensor,
+            (double)sbl_query_memory(context).gpu_peak_bytes, 1024.0 * (double)self.ru_maxrss);
+    ok = !ferror(out);
+    return fclose(out) == 0 && ok;
+}
+
+/* ---- files: whole or not at all ---- */
+
+/* A path to write to first, to be renamed: beside the file that `target` names (links followed), or a copy of `target` where that is no
+   regular file but a device or pipe. `final` becomes what to rename to, NULL for nothing. Both are to be freed. */
+static char *temporary_path(const char *target, char **final) {
+    struct stat info;
+    char *path;
+    size_t size;
+    *final = NULL;
+    if (stat(target, &info) == 0) {
+        if (S_ISDIR(info.st_mode)) { errno = EISDIR; return NULL; }
+        if (!S_ISREG(info.st_mode)) return scene__copy_name(target);
+        *final = realpath(target, NULL);
+    } else *final = scene__copy_name(target);
+    if (!*final) return NULL;
+    size = strlen(*final) + 32;
+    path = (char *)malloc(size);
+    if (path) snprintf(path, size, "%s.%ld.part", *final, (long)getpid());
+    return path;
+}
+
+/* Found out before the work, not after it. */
+static int check_writable(const char *target) {
+    char *final, *path = temporary_path(target, &final);
+    int handle = -1, ok = path && !final;
+    if (path && final) {
+        handle = open(path, O_WRONLY | O_CREAT | O_EXCL, 0666);
+        ok = handle >= 0;
+        if (ok) { close(handle); unlink(path); }
+    }
+    if (!ok) fail("%s: cannot be written: %s; give another file name", target, strerror(errno));
+    free(path);
+    free(final);
+    return ok;
+}
+
+/* picture NULL: the statistics. */
+static int write_whole(const char *target, const image *picture, sbl_channel channel, const sbl_context *context, double load, double total) {
+    char *final, *path = temporary_path(target, &final);
+    int status = DONE;
+    errno = 0;
+    if (!path || !(picture ? write_picture(path, picture, channel) : write_stats(path, context, load, total)) || (final && !interrupted && rename(path, final) != 0))
+        status = fail("%s: cannot be written: %s; free some space or give another file name", target, errno ? strerror(errno) : "the writer failed");
+    else if (final && interrupted) status = INTERRUPTED;
+    if (status != DONE && path && final) unlink(path);
+    free(path);
+    free(final);
+    return status;
+}
+
+/* ---- one sensor ---- */
+
+static sbl_result inspect(sbl_context *context, image *sheet) {
+    sbl_sensor s;
+    const int x = options.inspect[0], y = options.inspect[1];
+    sbl_result result = sbl_inspect_sensor(context, x, y, &s, NULL, NULL, 0);
+    float *radiance, *weights;
+    double sum[3] = { 0, 0, 0 }, weight = 0;
+    size_t texels, i;
+    int k;
+    if (result != SBL_SUCCESS) return result;
+    texels = (size_t)s.sheet_width * (size_t)s.sheet_height;
+    radiance = (float *)malloc(texels * 4 * sizeof *radiance);
+    weights = (float *)malloc(texels * sizeof *weights);
+    sheet->values = (float *)malloc(texels * 3 * sizeof *sheet->values);
+    result = radiance && weights && sheet->values ? sbl_inspect_sensor(context, x, y, &s, radiance, weights, texels) : SBL_ERROR_OUT_OF_MEMORY;
+    if (result == SBL_SUCCESS) {
+        sheet->width = s.sheet_width;
+        sheet->height = s.sheet_height;
+        sheet->components = 3;
+        for (i = 0; i < texels; i++) {
+            weight += (double)weights[i];
+            for (k = 0; k < 3; k++) {
+                sheet->values[3 * i + (size_t)k] = radiance[4 * i + (size_t)k];
+                sum[k] += (double)weights[i] * (double)radiance[4 * i + (size_t)k];
+            }
+        }
+        printf("pixel %d,%d: %s, level %d%s\n", x, y, s.sensed ? "had a sensor" : "was interpolated; this is what a sensor would see", s.level,
+               s.valid ? "" : ", judged to be stuck inside geometry");
+        printf("position %g %g %g\nnormal %g %g %g\n", (double)s.position[0], (double)s.position[1], (double)s.position[2], (double)s.normal[0],
+               (double)s.normal[1], (double)s.normal[2]);
+        printf("R %g %g %g\n", (double)s.radiance[0], (double)s.radiance[1], (double)s.radiance[2]);
+        printf("sum of weight * radiance over the sheet %g %g %g\nsum of weights %.6f, %d views, %d x %d texels\n", sum[0], sum[1], sum[2], weight, s.view_count,
+               s.sheet_width, s.sheet_height);
+        printf("back faces %.2f %%, nearest surface %g, mean distance %g\n", 100 * (double)s.back_share, (double)s.hit_min, (double)s.hit_mean);
+    }
+    free(radiance);
+    free(weights);
+    return result;
+}
+
+/* ---- all of it ---- */
+
+static void fill_desc(sbl_picture_desc *desc, progress *bar) {
+    const float least = 1e-30f;  /* to sbl.h zero means the default; here it means zero */
+    memset(desc, 0, sizeof *desc);
+    desc->width = options.size[0];
+    desc->height = options.size[1];
+    if (given[MODE]) desc->mode = modes[options.mode];
+    if (given[PRESET]) desc->preset = presets[options.preset];
+    desc->sensor_size = options.sensor_size;
+    desc->sensor_fov = (float)options.sensor_fov;
+    desc->tile = options.tile;
+    if (given[THRESHOLD]) desc->threshold = options.threshold > (double)least ? (float)options.threshold : least;
+    if (given[EPSILON]) desc->epsilon = options.epsilon > (double)least ? (float)options.epsilon : least;
+    if (given[FILTER_RADIUS]) desc->filter_radius = options.filter_radius ? options.filter_radius : -1;
+    desc->samples = options.samples;
+    desc->seed = (uint32_t)options.seed;
+    desc->progress = on_progress;
+    desc->progress_user = bar;
+}
+
+static int render(const scene_file *file, sbl_context *context, messages *said, double start, double load) {
+    const sbl_channel channel = given[INSPECT] ? SBL_CHANNEL_FINAL : (sbl_channel)options.channel;
+    progress bar = { !given[QUIET] && isatty(STDERR_FILENO), now(), 0 };
+    sbl_picture_desc desc;
+    image picture = { 0, 0, 0, NULL };
+    sbl_scene_desc scene = file->scene;
+    sbl_result result;
+    double total;
+    size_t count;
+    int i, status = DONE;
+    for (i = 0; i < 3; i++) scene.sky[i] = (float)options.sky[i];
+    result = sbl_set_scene(context, &scene);
+    if (result != SBL_SUCCESS) return fail_with(said, options.scene, result);
+    if (interrupted) return INTERRUPTED;
+    fill_desc(&desc, &bar);
+    place_camera(&desc, context, file);
+    if (desc.world_to_view[15] == 0.0f)
+        return misuse("--eye, --look-at, --up: the camera looks along its up vector, or stands where it looks; change one of them");
+    result = sbl_render(context, &desc);
+    if (bar.shown) fprintf(stderr, "\r%70s\r", "");
+    if (result == SBL_CANCELLED || interrupted) return INTERRUPTED;
+    if (result != SBL_SUCCESS) return fail_with(said, options.scene, result);
+    picture.width = desc.width;
+    picture.height = desc.height;
+    picture.components = sbl_channel_components(channel);
+    if (given[INSPECT]) result = inspect(context, &picture);
+    else {
+        count = (size_t)desc.width * (size_t)desc.height * (size_t)picture.components;
+        picture.values = (float *)malloc(count * sizeof(float));
+        result = picture.values ? sbl_read_channel(context, channel, picture.values, count) : SBL_ERROR_OUT_OF_MEMORY;
+    }
+    total = now() - start;
+    if (result != SBL_SUCCESS) status = fail_with(said, options.scene, result);
+    if (status == DONE) status = write_whole(options.output, &picture, channel, NULL, 0, 0);
+    if (status == DONE && options.stats) status = write_whole(options.stats, NULL, channel, context, load, total);
+    free(picture.values);
+    if (status == DONE && bar.shown) fprintf(stderr, "%s: %d x %d, %.0f sensors, %.1f s\n", options.output, picture.width, picture.height,
+                                            (double)sbl_query_stats(context).sensors, total);
+    return status;
+}
+
+int main(int argc, char **argv) {
+    const double start = now();
+    struct sigaction action;
+    sbl_context_desc context_desc;
+    sbl_context *context = NULL;
+    scene_file *file;
+    messages said;
+    sbl_result result;
+    char error[512];
+    double load;
+    int i, status = parse(argc, argv);
+    if (status != DONE) return status;
+    if (given[HELP]) { print_help(); return fflush(stdout) == 0 ? DONE : FAILED; }
+    if (given[VERSION]) { printf("sbl_render %s\n", sbl_version()); return fflush(stdout) == 0 ? DONE : FAILED; }
+    if (!check_writable(options.output) || (options.stats && !check_writable(options.stats))) return FAILED;
+
+    memset(&action, 0, sizeof action);
+    action.sa_handler = on_interrupt;
+    action.sa_flags = (int)SA_RESETHAND;  /* who asks twice is not made to wait */
+    sigaction(SIGINT, &action, NULL);
+    signal(SIGPIPE, SIG_IGN);  /* a closed pipe is a failed write */
+
+    file = scene_file_load(options.scene, &interrupted, error, sizeof error);
+    load = now() - start;
+    if (!file) status = interrupted ? INTERRUPTED : fail("%s", error);
+    else {
+        memset(&said, 0, sizeof said);
+        said.file = file;
+        memset(&context_desc, 0, sizeof context_desc);
+        context_desc.logger.log = on_log;
+        context_desc.logger.user = &said;
+        result = sbl_create(&context_desc, &context);
+        status = result == SBL_SUCCESS ? render(file, context, &said, start, load) : fail_with(&said, "OpenGL", result);
+        sbl_destroy(context);
+        if (status == DONE && !given[QUIET]) {
+            for (i = 0; i < file->warning_count && i < SCENE_FILE_WARNINGS; i++) warn("%s: %s", options.scene, file->warnings[i]);
+            if (file->warning_count > SCENE_FILE_WARNINGS) warn("%s: and %d warnings more", options.scene, file->warning_count - SCENE_FILE_WARNINGS);
+            for (i = 0; i < said.warnings_kept; i++) warn("%s: %s", options.scene, said.warnings[i]);
+        }
+        scene_file_free(file);
+    }
+    if (status == INTERRUPTED && !given[QUIET]) fprintf(stderr, "sbl_render: interrupted\n");
+    return status;
+}

@@ -1,0 +1,123 @@
+#!/bin/sh
+# Every example runs, and what it writes is looked at: see picture.c for what is asked of the pictures.
+set -u
+export LC_ALL=C
+cd "$(dirname "$0")/.." || exit 1
+. tests/check.sh
+: "${BUILD_DIR:=build}"
+gcc -std=c99 -O2 -Wall -Wextra tests/picture.c -lm -o "$folder/picture" || exit 1
+
+# run NAME FOLDER ARGUMENTS...: an example ends well, says nothing on stderr, and leaves what it printed in FOLDER/said
+run() {
+    example=$1 out=$folder/$2
+    shift 2
+    mkdir -p "$out"
+    "$BUILD_DIR/$example" "$out" "$@" > "$out/said" 2> "$out/errors"
+    status=$?
+    cat "$out/said" "$out/errors"
+    [ "$status" = 0 ] && [ ! -s "$out/errors" ]
+}
+# picture COMMAND FILES...: a look at pictures under $folder
+look() { (cd "$folder" && ./picture "$@"); }
+
+for source in examples/*.c; do
+    example=$(basename "$source" .c)
+    says_what_it_demonstrates() { head -n 1 "$source" | grep -q '^/\* Demonstrates '; }
+    check "${example}_says_what_it_demonstrates" says_what_it_demonstrates
+done
+
+# >>minimal
+
+minimal_is_short() { lines=$(wc -l < examples/minimal.c); echo "$lines lines"; [ "$lines" -gt 0 ] && [ "$lines" -le 60 ]; }
+minimal_picture() { run minimal minimal && look varied minimal/minimal.png 480 360 && look pyramid minimal/minimal.png; }
+check minimal_is_short minimal_is_short
+check minimal_picture minimal_picture
+
+# >>host_context
+
+host_context_state() { run host_context host_context && grep -Eq 'state intact, [0-9]{2,} values' "$folder/host_context/said"; }
+# slices of a frame's time: sbl_step came back unfinished many times
+host_context_slices() {
+    cat "$folder/host_context/said"
+    frames=$(sed -n 's/.*sbl.h at work in \([0-9]*\) of them.*/\1/p' "$folder/host_context/said")
+    [ "${frames:-0}" -gt 3 ]
+}
+host_context_picture() { look varied host_context/host_context.png 480 320 && look cornell host_context/host_context.png; }
+check host_context_state host_context_state
+check host_context_slices host_context_slices
+check host_context_picture host_context_picture
+
+# >>host_draw
+
+host_draw_picture() {
+    run host_draw with && run host_draw bare --bare && look varied with/host_draw.png 400 320 && look slabs with/host_draw.png bare/host_draw.png
+}
+# where the driver has no clip control the host's shaders write their own depth
+host_draw_writes_depth() {
+    (
+        export MESA_GL_VERSION_OVERRIDE=3.3 MESA_GLSL_VERSION_OVERRIDE=330 MESA_EXTENSION_OVERRIDE=-GL_ARB_clip_control
+        run host_draw old
+    ) && look alike with/host_draw.png old/host_draw.png
+}
+check host_draw_picture host_draw_picture
+check host_draw_writes_depth host_draw_writes_depth
+
+# >>paper_metrics
+
+# rows FILE COLUMNS ROWS: a header and so many rows of that many numbers above 0
+rows() {
+    awk -F, -v columns="$2" -v rows="$3" '
+        NF != columns { print "line " NR " has " NF " columns"; bad = 1 }
+        NR > 1 { for (i = 1; i <= NF; i++) if ($i !~ /^[0-9.]+$/ || $i + 0 <= 0) { print "line " NR ": " $0; bad = 1 } }
+        END { if (NR != rows + 1) print NR - 1 " rows"; exit bad || NR != rows + 1 }' "$folder/metrics/$1"
+}
+# rising FILE COLUMN: from row to row
+rising() { awk -F, -v c="$2" 'NR > 2 && $c + 0 <= last { print FILENAME ": " $0; bad = 1 } { last = $c + 0 } END { exit bad }' "$folder/metrics/$1"; }
+metrics_run() { run paper_metrics metrics --quick; }
+metrics_table_1() { rows table_1.csv 5 4 && rising table_1.csv 4 && look plot metrics/table_1.png 1; }
+metrics_figure_10() { rows figure_10.csv 4 12 && look plot metrics/figure_10.png 3; }
+metrics_figure_11() { rows figure_11.csv 4 12 && look plot metrics/figure_11.png 3; }
+metrics_figure_12() {
+    rows figure_12.csv 3 2 && look halves metrics/figure_12.png &&
+    awk -F, 'NR == 2 { small = $3 } NR == 3 { large = $3 } END { print small, large; exit !(small > 1.1 * large) }' "$folder/metrics/figure_12.csv"
+}
+check paper_metrics_run metrics_run
+check paper_metrics_table_1 metrics_table_1
+check paper_metrics_figure_10 metrics_figure_10
+check paper_metrics_figure_11 metrics_figure_11
+check paper_metrics_figure_12 metrics_figure_12
+
+# >>bench: that it works, not how fast
+
+bench_rows() {
+    "$BUILD_DIR/bench" --quick --json > "$folder/bench.json" || return
+    cat "$folder/bench.json"
+    python3 - "$folder/bench.json" << 'END'
+import json, sys
+rows = json.load(open(sys.argv[1]))["rows"]
+assert [(r["kind"], r["size"]) for r in rows] == [("hemicube", 16), ("single", 16), ("hemicube", 32), ("single", 32)], "the rows"
+for r in rows:
+    for key in ("sensors", "sbl_us", "sbl_total_us", "plain_us", "speedup", "fill_us", "over_fill", "draw_us", "reduce_us"):
+        assert r[key] > 0, key
+    assert 0.5 < r["depth_complexity"] < 3, "depth complexity"
+    assert r["sbl_total_us"] >= r["sbl_us"], "the whole is more than its part"
+END
+}
+check bench_rows bench_rows
+
+# >>failures: a status that is not 0, one line on stderr
+
+# fails_in_words PROGRAM ARGUMENTS...
+fails_in_words() {
+    status=0
+    "$BUILD_DIR/$@" > "$folder/said" 2> "$folder/errors" || status=$?
+    cat "$folder/errors"
+    [ "$status" -gt 0 ] && [ "$status" -lt 126 ] && [ "$(wc -l < "$folder/errors")" = 1 ]
+}
+without_gl() { (export __EGL_VENDOR_LIBRARY_FILENAMES=/dev/null; fails_in_words "$1" "$folder"); }
+for example in minimal host_context host_draw paper_metrics; do
+    check "${example}_without_folder" fails_in_words "$example" "$folder/no such folder"
+    check "${example}_without_gl" without_gl "$example"
+done
+
+report
