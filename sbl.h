@@ -40,13 +40,13 @@
                -.3f, 1, -.3f,   .3f, 1, -.3f,   .3f, 1, .3f,   -.3f, 1, .3f };
            static const unsigned short quad[] = { 0, 1, 2, 0, 2, 3 };
            static float picture[64 * 64 * 3];
-           sbl_material materials[2] = { { { 0.7f, 0.7f, 0.7f } }, { { 0, 0, 0 } } };
-           sbl_mesh meshes[2] = { { 0 }, { 0 } };
+           static sbl_material materials[2];
+           static sbl_mesh meshes[2];
            sbl_scene_desc scene = { 0 };
            sbl_picture_desc view = { 0 };
            sbl_context *context;
            int i;
-           for (i = 0; i < 3; i++) materials[1].emission[i] = 5;
+           for (i = 0; i < 3; i++) { materials[0].albedo[i] = 0.7f; materials[1].emission[i] = 5; }
            for (i = 0; i < 2; i++) {
                meshes[i].positions.data = corners + 12 * i;
                meshes[i].vertex_count = 4;

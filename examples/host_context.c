@@ -262,7 +262,8 @@ static int run(sbl_context *context, unsigned char *pixels) {
         if (!compare(before, after, frame)) return 0;
         if (gl.GetError() != GL_NO_ERROR) return fprintf(stderr, "host_context: sbl.h left a GL error in frame %d\n", frame), 0;
         shape_draw(shape_after);
-        if (memcmp(shape_before, shape_after, sizeof shape_before)) return fprintf(stderr, "host_context: the shape drawn after sbl.h in frame %d differs from the one before\n", frame), 0;
+        if (memcmp(shape_before, shape_after, sizeof shape_before))
+            return fprintf(stderr, "host_context: the shape drawn after sbl.h in frame %d differs from the one before\n", frame), 0;
         if (shape_size(shape_after) < SHAPE * SHAPE / 8) return fprintf(stderr, "host_context: the shape is missing in frame %d\n", frame), 0;
         if (texture) picture_draw(texture);
         else bar_draw(sbl_progress(context));

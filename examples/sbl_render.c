@@ -184,8 +184,7 @@ static int parse_numbers(const struct option *o, const char *text) {
         if (o->kind == INTEGERS) {
             size_t digits = strspn(text, "0123456789");
             if (!digits || digits > 10) return 0;
-            numbers[i] = strtod(text, NULL);
-            text += digits;
+            for (numbers[i] = 0; digits > 0; digits--) numbers[i] = 10 * numbers[i] + (*text++ - '0');
         } else {
             numbers[i] = strtod(text, &end);
             if (end == text) return 0;
@@ -665,7 +664,8 @@ int main(int argc, char **argv) {
     action.sa_handler = on_interrupt;
     action.sa_flags = (int)SA_RESETHAND;  /* who asks twice is not made to wait */
     sigaction(SIGINT, &action, NULL);
-    signal(SIGPIPE, SIG_IGN);  /* a closed pipe is a failed write */
+    signal(SIGPIPE, SIG_IGN);  /* a closed pipe is a failed write, */
+    signal(SIGXFSZ, SIG_IGN);  /* and so is a file that may not grow */
 
     file = scene_file_load(options.scene, &interrupted, error, sizeof error);
     load = now() - start;

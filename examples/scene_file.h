@@ -273,6 +273,37 @@ static void scene__mend_gltf(scene_file *file, scene__bytes *bytes) {
 #endif
 }
 
+/* assimp takes "v .5 -.5 0" for a line with one number: the noughts before the points are put in beforehand. */
+static void scene__mend_obj(scene_file *file, scene__bytes *bytes) {
+    size_t i, inserted = 0, pass;
+    char *out = NULL;
+    for (pass = 0; pass < 2; pass++) {  /* count, then copy */
+        int vertex = 0, line_start = 1;
+        char last = '\n';
+        if (pass == 1) {
+            if (!inserted) return;
+            out = (char *)malloc(bytes->size + inserted + 1);
+            if (!out) { scene__fail(file, "out of memory while mending it"); return; }
+            inserted = 0;
+        }
+        for (i = 0; i < bytes->size; i++) {
+            char c = bytes->data[i];
+            if (c == '\n' || c == '\r') line_start = 1;
+            else if (line_start && c != ' ' && c != '\t') { vertex = c == 'v'; line_start = 0; }
+            if (vertex && c == '.' && (last == ' ' || last == '\t' || last == '-' || last == '+')) {
+                if (out) out[i + inserted] = '0';
+                inserted++;
+            }
+            if (out) out[i + inserted] = c;
+            last = c;
+        }
+    }
+    out[bytes->size + inserted] = 0;
+    free(bytes->data);
+    bytes->data = out;
+    bytes->size += inserted;
+}
+
 /* ---- textures and materials ---- */
 
 typedef struct scene__picture { const char *path; enum aiTextureMapMode wrap[2]; unsigned set; } scene__picture;
@@ -586,7 +617,8 @@ static void scene__camera(scene_file *file, const struct aiCamera *in, const dou
     scene_file_camera *c = &file->camera;
     double x = 0.5 * in->mHorizontalFOV;
     int i;
-    scene__direction(c->eye, m, &in->mPosition);
+    memset(c->eye, 0, sizeof c->eye);
+    if (!is_gltf) scene__direction(c->eye, m, &in->mPosition);  /* of a glTF camera assimp gives the node's own translation here, once more */
     for (i = 0; i < 3; i++) c->eye[i] += (float)m[4 * i + 3];
     scene__direction(c->forward, m, &in->mLookAt);
     scene__direction(c->up, m, &in->mUp);
@@ -711,6 +743,7 @@ static void scene__load_here(scene_file *file, const char *path) {
         return;
     }
     if (scene__ends_with(path, ".gltf") || scene__ends_with(path, ".glb")) scene__mend_gltf(file, &main_file.bytes);
+    if (scene__ends_with(path, ".obj")) scene__mend_obj(file, &main_file.bytes);
     io.OpenProc = scene__open;
     io.CloseProc = scene__close;
     io.UserData = (char *)&main_file;
@@ -720,7 +753,8 @@ static void scene__load_here(scene_file *file, const char *path) {
     reader.path = path;
     reader.in = aiImportFileExWithProperties(path, aiProcess_Triangulate | aiProcess_SortByPType | aiProcess_TransformUVCoords, &io, properties);
     if (reader.in && reader.in->mRootNode) scene__convert(&reader);
-    else scene__fail(file, "assimp cannot read it: %s", aiGetErrorString()[0] ? aiGetErrorString() : "it holds no scene");
+    else if (strcmp(aiGetErrorString(), "No meshes remaining") == 0) scene__fail(file, "there are no triangles in it");
+    else scene__fail(file, "assimp cannot read it (%s); repair it or convert it to .glb or .obj", aiGetErrorString()[0] ? aiGetErrorString() : "it holds no scene");
     if (reader.in) aiReleaseImport(reader.in);
     aiReleasePropertyStore(properties);
     free(main_file.bytes.data);

@@ -420,7 +420,8 @@ static int sbl_gather(sbl_context *context, int hemicube, int size, int side, sb
 /* Every stride-th surface point of the finished picture, and the mean of what sbl.h found there. */
 static int points_read(sbl_context *context, int side, int most, points *p, double mean[3]) {
     size_t pixels = (size_t)side * (size_t)side, i, count = 0, stride;
-    float *values = (float *)malloc(pixels * 10 * sizeof(float)), *position = values, *normal = values + 3 * pixels, *radiance = values + 6 * pixels, *id = values + 9 * pixels;
+    float *values = (float *)malloc(pixels * 10 * sizeof(float));
+    float *position = values, *normal = values + 3 * pixels, *radiance = values + 6 * pixels, *id = values + 9 * pixels;
     int k, ok;
     p->count = 0;
     p->positions = (vec3 *)malloc(2 * (size_t)most * sizeof(vec3));
@@ -519,7 +520,8 @@ static void print_table(const row *rows, int count, const char *renderer) {
            "kind      size |   clear     draw   reduce     read\n");
     for (i = 0; i < count; i++) {
         const row *r = &rows[i];
-        printf("%-8s  %4d | %7.2f %8.2f %8.2f %8.2f\n", r->hemicube ? "hemicube" : "single", r->size, r->parts[CLEAR], r->parts[DRAW], r->parts[REDUCE], r->parts[READ]);
+        printf("%-8s  %4d | %7.2f %8.2f %8.2f %8.2f\n", r->hemicube ? "hemicube" : "single", r->size,
+               r->parts[CLEAR], r->parts[DRAW], r->parts[REDUCE], r->parts[READ]);
     }
     printf("\nplain/sbl: how many times as many sensors a second as a draw per view, a reduction and a readback per sensor\n"
            "sbl/fill:  drawing and reducing over filling the same texels as often as the depth complexity\n"
@@ -565,7 +567,8 @@ int main(int argc, char **argv) {
         ok = row_measure(context, r, quick ? 1 : 5, quick ? 32 : r->size > 64 ? 48 : 72, quick ? 64 : r->size > 64 ? 128 : 384);
         /* few texels across the lamp, and at the plain way's one orientation: coarse sensors agree coarsely */
         if (ok && !(fabs(r->light_ratio - 1) < (r->size < 64 ? 0.3 : 0.05))) {
-            fprintf(stderr, "bench: at %s %d sbl.h finds %.3f times the plain way's light: not the same work\n", r->hemicube ? "hemicube" : "single", r->size, r->light_ratio);
+            fprintf(stderr, "bench: at %s %d sbl.h finds %.3f times the plain way's light: not the same work\n",
+                    r->hemicube ? "hemicube" : "single", r->size, r->light_ratio);
             ok = 0;
         }
         count += ok;

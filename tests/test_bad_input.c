@@ -1,0 +1,926 @@
+/* What a host can get wrong: every field of every descriptor, NULL, the wrong order, too little room, cancelling, giving up. Each mistake gives its
+   result and a message that names the place, the field and the value; nothing changes, nothing leaks, and a known picture comes out
+   of the context as before, bit for bit. */
+#define SBL_IMPLEMENTATION
+#define SBL_EGL
+#include "../sbl.h"
+#include "test.h"
+#include "scenes.h"
+#include "gl_watch.h"
+#include "gl_scene.h"
+#include "fuzz_scene.c"
+#include <limits.h>
+
+#define INF ((float)HUGE_VAL)
+#define NOT ((float)NAN)
+
+static watch seen;
+static sbl_context *context;
+static test_scene small;
+static small_picture expected;
+static sbl_memory memory;  /* with the small picture finished */
+static int blocks;
+static sbl_picture_desc view;
+
+/* The context as every test finds and leaves it: the small scene set, its picture finished. */
+static void known_picture(void) {
+    sbl_scene_desc desc = scene_desc(&small);
+    view = small_view();
+    if (sbl_set_scene(context, &desc) != SBL_SUCCESS || small_render(context, &view, &expected) != SBL_SUCCESS) abort();
+    memory = sbl_query_memory(context);
+    blocks = seen.blocks;
+}
+
+/* Renders the known picture once more and compares it and the memory in use. The scene is the small one, or the last set_scene did not keep it. */
+static int usable(const char *after) {
+    static small_picture picture;
+    sbl_result result;
+    sbl_memory now;
+    view = small_view();
+    result = small_render(context, &view, &picture);
+    now = sbl_query_memory(context);
+    CHECK(result == SBL_SUCCESS, "after %s: the known picture gives \"%s\": %s", after, sbl_result_string(result), watch_last(&seen));
+    CHECK(result != SBL_SUCCESS || small_same(&picture, &expected), "after %s: the known picture has changed", after);
+    CHECK(now.host_bytes == memory.host_bytes && now.gpu_bytes == memory.gpu_bytes, "after %s: %.0f host and %.0f GPU bytes in use, before %.0f and %.0f", after,
+          (double)now.host_bytes, (double)now.gpu_bytes, (double)memory.host_bytes, (double)memory.gpu_bytes);
+    CHECK(seen.blocks == blocks, "after %s: %d blocks of memory in use, before %d", after, seen.blocks, blocks);
+    CHECK(seen.strangers == 0, "after %s: a block was freed that was not allocated, or twice", after);
+    return result == SBL_SUCCESS;
+}
+
+static void refused(sbl_result result, sbl_result right, sbl_log_item item, const char *mistake, const char *where, const char *field, const char *value) {
+    CHECK(result == right, "%s: \"%s\", expected \"%s\"", mistake, sbl_result_string(result), sbl_result_string(right));
+    CHECK(watch_said(&seen, SBL_LOG_ERROR, item, where, field, value), "%s: no message with \"%s\", \"%s\", \"%s\" (%s); the last of %d: %s", mistake, where ? where : "",
+          field ? field : "", value ? value : "", sbl_log_item_string(item), seen.count, watch_last(&seen));
+}
+
+/* >>sbl_context_desc */
+
+static void bad_context(const sbl_context_desc *desc, const char *mistake, const char *field, const char *value) {
+    sbl_context *out = (sbl_context *)&seen;
+    int before = seen.blocks;
+    watch_forget(&seen);
+    refused(sbl_create(desc, &out), SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, mistake, "sbl_context_desc", field, value);
+    CHECK(out == NULL, "%s: a context came out of it", mistake);
+    CHECK(seen.blocks == before, "%s: %d blocks leaked", mistake, seen.blocks - before);
+}
+
+#define BAD_CONTEXT(change, field, value) do { sbl_context_desc d = watch_desc(&seen); change; bad_context(&d, #change, field, value); } while (0)
+
+TEST(context_desc) {
+    BAD_CONTEXT(d.start_canary = 0xabc, "start_canary", "abc");
+    BAD_CONTEXT(d.end_canary = 0xabc, "end_canary", "abc");
+    BAD_CONTEXT(d.allocator.free = NULL, "allocator.free", "NULL");
+    BAD_CONTEXT(d.allocator.alloc = NULL, "allocator.alloc", "NULL");
+    BAD_CONTEXT(d.disabled = 0x80000000u, "disabled", "0x80000000");
+    BAD_CONTEXT(d.disabled = SBL_CAPABILITY_ALL + 1, "disabled", "0x");
+    BAD_CONTEXT(d.atlas_size = -1, "atlas_size", "-1");
+    BAD_CONTEXT(d.atlas_size = 255, "atlas_size", "255");
+    BAD_CONTEXT(d.atlas_size = 16385, "atlas_size", "16385");
+    BAD_CONTEXT(d.atlas_size = INT_MIN, "atlas_size", "-2147483648");
+    BAD_CONTEXT(d.batch = -1, "batch", "-1");
+    BAD_CONTEXT(d.batch = INT_MIN, "batch", "-2147483648");
+    usable("bad context descriptors");
+}
+
+TEST(context_desc_all_at_once) {
+    sbl_context_desc d = watch_desc(&seen);
+    sbl_context *out = NULL;
+    d.allocator.free = NULL;
+    d.disabled = 0xff00;
+    d.atlas_size = 7;
+    d.batch = -3;
+    watch_forget(&seen);
+    CHECK(sbl_create(&d, &out) == SBL_ERROR_INVALID_ARGUMENT && !out, "four mistakes are accepted");
+    CHECK(seen.errors == 4, "%d errors for four mistakes", seen.errors);
+    refused(SBL_ERROR_INVALID_ARGUMENT, SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "of four", NULL, "allocator.free", NULL);
+    refused(SBL_ERROR_INVALID_ARGUMENT, SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "of four", NULL, "disabled", "ff00");
+    refused(SBL_ERROR_INVALID_ARGUMENT, SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "of four", NULL, "atlas_size", "7");
+    refused(SBL_ERROR_INVALID_ARGUMENT, SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "of four", NULL, "batch", "-3");
+}
+
+/* >>sbl_scene_desc, sbl_mesh, sbl_stream, sbl_material, sbl_texture: a scene without mistakes, and one field of it changed.
+   The mistakes stand in the second mesh, material and texture, so that a message that always says 0 is found. */
+
+typedef struct fixture {
+    float positions[12], normals[12], texcoords[8], colors[16];
+    uint8_t indices8[6];
+    uint16_t indices16[6];
+    uint32_t indices32[6];
+    unsigned char bytes[4 * 4];
+    float floats[4 * 4];
+    sbl_mesh meshes[2];
+    sbl_material materials[2];
+    sbl_texture textures[2];
+    sbl_scene_desc scene;
+} fixture;
+
+static fixture f;
+
+static void fixture_reset(void) {
+    static const float corners[12] = { -1, 0, -1, -1, 0, 1, 1, 0, 1, 1, 0, -1 };
+    static const uint32_t indices[6] = { 0, 1, 2, 0, 2, 3 };
+    int i;
+    memset(&f, 0, sizeof f);
+    memcpy(f.positions, corners, sizeof corners);
+    memcpy(f.indices32, indices, sizeof indices);
+    for (i = 0; i < 6; i++) { f.indices8[i] = (uint8_t)indices[i]; f.indices16[i] = (uint16_t)indices[i]; }
+    for (i = 0; i < 4; i++) f.normals[3 * i + 1] = 1;
+    for (i = 0; i < 16; i++) { f.colors[i] = 0.5f; f.floats[i] = 0.5f; f.bytes[i] = 99; }
+    for (i = 0; i < 2; i++) {
+        sbl_mesh *m = &f.meshes[i];
+        m->positions.data = f.positions;
+        m->normals.data = f.normals;
+        m->texcoords.data = f.texcoords;
+        m->colors.data = f.colors;
+        m->indices.data = f.indices32;
+        m->indices.type = SBL_UINT32;
+        m->vertex_count = 4;
+        m->index_count = 6;
+        m->material = i;
+        f.materials[i].albedo[1] = 0.5f;
+        f.materials[i].albedo_texture = 1;
+        f.materials[i].emission_texture = 2;
+        f.textures[i].width = f.textures[i].height = 2;
+    }
+    f.textures[0].pixels = f.bytes;
+    f.textures[1].pixels = f.floats;
+    f.textures[1].format = SBL_PIXELS_FLOAT;
+    f.scene.meshes = f.meshes;
+    f.scene.mesh_count = 2;
+    f.scene.materials = f.materials;
+    f.scene.material_count = 2;
+    f.scene.textures = f.textures;
+    f.scene.texture_count = 2;
+}
+
+static void identity(float m[16]) {
+    int i;
+    for (i = 0; i < 16; i++) m[i] = i % 5 == 0;
+}
+
+static void draws_nothing(const sbl_draw_view *v, void *user) { (void)v; (void)user; }
+
+static void bad_scene(sbl_result right, sbl_log_item item, const char *mistake, const char *where, const char *field, const char *value) {
+    sbl_result result;
+    watch_forget(&seen);
+    result = sbl_set_scene(context, &f.scene);
+    refused(result, right, item, mistake, where, field, value);
+    if (result == SBL_SUCCESS) known_picture();  /* one mistake that gets through must not fail all tests after it */
+    CHECK(seen.blocks == blocks, "%s: %d blocks leaked", mistake, seen.blocks - blocks);
+}
+
+#define BAD_SCENE(change, item, where, field, value) \
+    do { fixture_reset(); change; bad_scene(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_##item, #change, where, field, value); } while (0)
+
+/* The fixture itself must be good, or every refusal below would prove nothing. */
+TEST(scene_without_mistakes) {
+    sbl_result result;
+    fixture_reset();
+    watch_forget(&seen);
+    result = sbl_set_scene(context, &f.scene);
+    CHECK(result == SBL_SUCCESS && seen.errors == 0 && seen.warnings == 0, "\"%s\": %s", sbl_result_string(result), watch_last(&seen));
+    known_picture();
+    CHECK(seen.blocks == blocks, "blocks leaked");
+}
+
+TEST(scene_desc) {
+    int i, k;
+    BAD_SCENE(f.scene.start_canary = 0xabc, SCENE_DESC, "sbl_scene_desc", "start_canary", "abc");
+    BAD_SCENE(f.scene.end_canary = 0xabc, SCENE_DESC, "sbl_scene_desc", "end_canary", "abc");
+    BAD_SCENE(f.scene.mesh_count = -1, SCENE_DESC, "sbl_scene_desc", "mesh_count", "-1");
+    BAD_SCENE(f.scene.mesh_count = INT_MIN, SCENE_DESC, "sbl_scene_desc", "mesh_count", "-2147483648");
+    BAD_SCENE(f.scene.meshes = NULL, SCENE_DESC, "sbl_scene_desc", "mesh_count is 2", "NULL");
+    BAD_SCENE(f.scene.material_count = -1, SCENE_DESC, "sbl_scene_desc", "material_count", "-1");
+    BAD_SCENE(f.scene.materials = NULL, SCENE_DESC, "sbl_scene_desc", "material_count is 2", "NULL");
+    BAD_SCENE(f.scene.texture_count = -1, SCENE_DESC, "sbl_scene_desc", "texture_count", "-1");
+    BAD_SCENE(f.scene.textures = NULL, SCENE_DESC, "sbl_scene_desc", "texture_count is 2", "NULL");
+    for (i = 0; i < 3; i++) {
+        char field[32];
+        snprintf(field, sizeof field, "sky[%d]", i);
+        BAD_SCENE(f.scene.sky[i] = NOT, SCENE_DESC, "sbl_scene_desc", field, "nan");
+        BAD_SCENE(f.scene.sky[i] = INF, SCENE_DESC, "sbl_scene_desc", field, "inf");
+        BAD_SCENE(f.scene.sky[i] = -0.5f, SCENE_DESC, "sbl_scene_desc", field, "-0.5");
+    }
+    for (i = 0; i < 2; i++)
+        for (k = 0; k < 3; k++) {
+            char field[32];
+            snprintf(field, sizeof field, "draw_bounds[%d][%d]", i, k);
+            BAD_SCENE((f.scene.draw = draws_nothing, f.scene.draw_bounds[i][k] = NOT), SCENE_DESC, "sbl_scene_desc", field, "nan");
+            BAD_SCENE((f.scene.draw = draws_nothing, f.scene.draw_bounds[i][k] = INF), SCENE_DESC, "sbl_scene_desc", field, "inf");
+        }
+    BAD_SCENE((f.scene.draw = draws_nothing, f.scene.draw_bounds[0][1] = 2), SCENE_DESC, "sbl_scene_desc", "draw_bounds[0][1]", "2");
+    BAD_SCENE(f.scene.draw_max_radiance = NOT, SCENE_DESC, "sbl_scene_desc", "draw_max_radiance", "nan");
+    BAD_SCENE(f.scene.draw_max_radiance = INF, SCENE_DESC, "sbl_scene_desc", "draw_max_radiance", "inf");
+    BAD_SCENE(f.scene.draw_max_radiance = -2, SCENE_DESC, "sbl_scene_desc", "draw_max_radiance", "-2");
+    usable("bad scene descriptors");
+}
+
+TEST(mesh_counts_and_material) {
+    BAD_SCENE(f.meshes[1].vertex_count = -1, MESH, "mesh 1", "vertex_count", "-1");
+    BAD_SCENE(f.meshes[1].vertex_count = INT_MIN, MESH, "mesh 1", "vertex_count", "-2147483648");
+    BAD_SCENE((f.meshes[1].indices.data = NULL, f.meshes[1].vertex_count = 4), MESH, "mesh 1", "vertex_count", "4");
+    BAD_SCENE(f.meshes[1].index_count = -3, MESH, "mesh 1", "index_count", "-3");
+    BAD_SCENE(f.meshes[1].index_count = 4, MESH, "mesh 1", "index_count", "4");
+    BAD_SCENE(f.meshes[1].positions.data = NULL, MESH, "mesh 1", "positions", "4");
+    BAD_SCENE(f.meshes[1].material = -1, MESH, "mesh 1", "material", "-1");
+    BAD_SCENE(f.meshes[1].material = 2, MESH, "mesh 1", "material is 2", "2");
+    BAD_SCENE(f.meshes[1].material = INT_MAX, MESH, "mesh 1", "material", "2147483647");
+    BAD_SCENE((f.scene.material_count = 0, f.scene.materials = NULL), MESH, "mesh 1", "material is 1", "0");
+    usable("bad meshes");
+}
+
+TEST(mesh_indices_past_the_end) {
+    BAD_SCENE(f.indices32[4] = 4, MESH, "mesh 0", "index 4", "4");
+    BAD_SCENE(f.indices32[4] = 0xffffffffu, MESH, "mesh 0", "index 4", "4294967295");
+    BAD_SCENE(f.indices32[0] = 0x80000000u, MESH, "mesh 0", "index 0", "2147483648");
+    BAD_SCENE((f.meshes[1].indices.data = f.indices16, f.meshes[1].indices.type = SBL_UINT16, f.indices16[5] = 65535), MESH, "mesh 1", "index 5", "65535");
+    BAD_SCENE((f.meshes[1].indices.data = f.indices8, f.meshes[1].indices.type = SBL_UINT8, f.indices8[5] = 255), MESH, "mesh 1", "index 5", "255");
+    BAD_SCENE((f.meshes[1].vertex_count = 0, f.meshes[1].positions.data = NULL), MESH, "mesh 1", "index 0", "0 vertices");
+    usable("indices past the end");
+}
+
+static sbl_stream *stream(int which) {
+    sbl_mesh *m = &f.meshes[1];
+    return which == 0 ? &m->positions : which == 1 ? &m->normals : which == 2 ? &m->texcoords : which == 3 ? &m->colors : &m->indices;
+}
+
+TEST(streams) {
+    static const char *const names[5] = { "positions", "normals", "texcoords", "colors", "indices" };
+    static const int components[5] = { 3, 3, 2, 4, 1 };
+    int i, type;
+    for (i = 0; i < 5; i++) {
+        char field[32];
+        snprintf(field, sizeof field, "%s.type", names[i]);
+        BAD_SCENE(stream(i)->type = (sbl_type)-1, MESH, "mesh 1", field, "-1");
+        BAD_SCENE(stream(i)->type = SBL_TYPE_COUNT, MESH, "mesh 1", field, "9");
+        BAD_SCENE(stream(i)->type = (sbl_type)1000, MESH, "mesh 1", field, "1000");
+        for (type = 0; type < SBL_TYPE_COUNT; type++) {
+            char value[16];
+            snprintf(value, sizeof value, "is %d", type);
+            if ((i == 4) != (type >= SBL_UINT8)) BAD_SCENE(stream(i)->type = (sbl_type)type, MESH, "mesh 1", field, value);
+        }
+        snprintf(field, sizeof field, "%s.stride", names[i]);
+        BAD_SCENE(stream(i)->stride = (size_t)(4 * components[i] - 1), MESH, "mesh 1", field, components[i] == 1 ? "3" : "1");
+        BAD_SCENE(stream(i)->stride = 1, MESH, "mesh 1", field, "1");
+        /* sizes whose products overflow */
+        snprintf(field, sizeof field, "%s.", names[i]);
+        BAD_SCENE(stream(i)->stride = SIZE_MAX, MESH, "mesh 1", field, "stride");
+        BAD_SCENE(stream(i)->stride = SIZE_MAX / 2, MESH, "mesh 1", field, "stride");
+        BAD_SCENE(stream(i)->stride = SIZE_MAX / 4 + 1, MESH, "mesh 1", field, "stride");
+        BAD_SCENE(stream(i)->offset = SIZE_MAX, MESH, "mesh 1", field, "offset");
+        BAD_SCENE(stream(i)->offset = SIZE_MAX - 8, MESH, "mesh 1", field, "offset");
+        snprintf(field, sizeof field, "%s.gl_buffer", names[i]);
+        BAD_SCENE(stream(i)->gl_buffer = 12345, MESH, "mesh 1", field, "12345");  /* beside data */
+        BAD_SCENE((stream(i)->gl_buffer = 12345, stream(i)->data = NULL), MESH, "mesh 1", field, "12345");
+    }
+    /* sbl_type says that 8 bits are for colours and texture coordinates only */
+    BAD_SCENE(f.meshes[1].positions.type = SBL_UINT8_NORM, MESH, "mesh 1", "positions.type", "2");
+    BAD_SCENE(f.meshes[1].normals.type = SBL_UINT8_NORM, MESH, "mesh 1", "normals.type", "2");
+    usable("bad streams");
+}
+
+TEST(vertices_that_are_no_numbers) {
+    static const float values[3] = { NOT, INF, -INF };
+    static const char *const words[3] = { "nan", "inf", "-inf" };
+    int i, v;
+    for (v = 0; v < 3; v++) {
+        for (i = 0; i < 12; i++) {
+            char vertex[32];
+            snprintf(vertex, sizeof vertex, "vertex %d", i / 3);
+            BAD_SCENE(f.positions[i] = values[v], MESH, "mesh 0: positions", vertex, words[v]);
+            BAD_SCENE(f.normals[i] = values[v], MESH, "mesh 1: normals", vertex, words[v]);
+        }
+        for (i = 0; i < 8; i++) {
+            char vertex[32];
+            snprintf(vertex, sizeof vertex, "vertex %d", i / 2);
+            BAD_SCENE(f.texcoords[i] = values[v], MESH, "mesh 1: texcoords", vertex, words[v]);
+        }
+        for (i = 0; i < 16; i++) {
+            char vertex[32];
+            snprintf(vertex, sizeof vertex, "vertex %d", i / 4);
+            BAD_SCENE(f.colors[i] = values[v], MESH, "mesh 1: colors", vertex, words[v]);
+        }
+    }
+    BAD_SCENE(f.colors[6] = -0.25f, MESH, "mesh 1: colors", "vertex 1", "-0.25");
+    BAD_SCENE(f.colors[6] = 1.25f, MESH, "mesh 1: colors", "vertex 1", "1.25");
+    BAD_SCENE(f.positions[3] = 1e30f, MESH, "mesh 0", "vertex 1", "1e+30");
+    BAD_SCENE((identity(f.meshes[1].transform), f.meshes[1].transform[12] = 1e30f), MESH, "mesh 1", "vertex 0", "1e+30");
+    usable("vertices that are no numbers");
+}
+
+TEST(mesh_transforms) {
+    int i;
+    for (i = 0; i < 16; i++) {
+        char field[32];
+        snprintf(field, sizeof field, "transform[%d]", i);
+        BAD_SCENE((identity(f.meshes[1].transform), f.meshes[1].transform[i] = NOT), MESH, "mesh 1", field, "nan");
+        BAD_SCENE((identity(f.meshes[1].transform), f.meshes[1].transform[i] = -INF), MESH, "mesh 1", field, "-inf");
+    }
+    BAD_SCENE((identity(f.meshes[1].transform), f.meshes[1].transform[5] = 0), MESH, "mesh 1", "transform", "singular");
+    for (i = 3; i < 16; i += 4) BAD_SCENE((identity(f.meshes[1].transform), f.meshes[1].transform[i] += 0.5f), MESH, "mesh 1", "transform", i < 15 ? "0.5" : "1.5");
+    usable("bad transforms");
+}
+
+TEST(materials) {
+    int i;
+    for (i = 0; i < 3; i++) {
+        char field[32];
+        snprintf(field, sizeof field, "albedo[%d]", i);
+        BAD_SCENE(f.materials[1].albedo[i] = NOT, MATERIAL, "material 1", field, "nan");
+        BAD_SCENE(f.materials[1].albedo[i] = INF, MATERIAL, "material 1", field, "inf");
+        BAD_SCENE(f.materials[1].albedo[i] = -0.5f, MATERIAL, "material 1", field, "-0.5");
+        BAD_SCENE(f.materials[1].albedo[i] = 1.5f, MATERIAL, "material 1", field, "1.5");
+        snprintf(field, sizeof field, "emission[%d]", i);
+        BAD_SCENE(f.materials[1].emission[i] = NOT, MATERIAL, "material 1", field, "nan");
+        BAD_SCENE(f.materials[1].emission[i] = INF, MATERIAL, "material 1", field, "inf");
+        BAD_SCENE(f.materials[1].emission[i] = -4, MATERIAL, "material 1", field, "-4");
+    }
+    BAD_SCENE(f.materials[1].albedo_texture = -1, MATERIAL, "material 1", "albedo_texture", "-1");
+    BAD_SCENE(f.materials[1].albedo_texture = 3, MATERIAL, "material 1", "albedo_texture", "3");
+    BAD_SCENE(f.materials[1].albedo_texture = INT_MAX, MATERIAL, "material 1", "albedo_texture", "2147483647");
+    BAD_SCENE(f.materials[1].emission_texture = -1, MATERIAL, "material 1", "emission_texture", "-1");
+    BAD_SCENE(f.materials[1].emission_texture = 3, MATERIAL, "material 1", "emission_texture", "3");
+    BAD_SCENE(f.materials[1].alpha_cutoff = NOT, MATERIAL, "material 1", "alpha_cutoff", "nan");
+    BAD_SCENE(f.materials[1].alpha_cutoff = -1, MATERIAL, "material 1", "alpha_cutoff", "-1");
+    BAD_SCENE(f.materials[1].alpha_cutoff = 1.5f, MATERIAL, "material 1", "alpha_cutoff", "1.5");
+    BAD_SCENE(f.materials[1].flags = SBL_MATERIAL_FLAGS_ALL + 1, MATERIAL, "material 1", "flags", "0x8");
+    BAD_SCENE(f.materials[1].flags = 0xffffffffu, MATERIAL, "material 1", "flags", "0xffffffff");
+    usable("bad materials");
+}
+
+TEST(textures) {
+    int i;
+    BAD_SCENE(f.textures[1].pixels = NULL, TEXTURE, "texture 2", "pixels", "0");
+    BAD_SCENE(f.textures[1].gl_texture = 777, TEXTURE, "texture 2", "gl_texture", "777");
+    BAD_SCENE((f.textures[1].pixels = NULL, f.textures[1].gl_texture = 777), TEXTURE, "texture 2", "gl_texture", "777");
+    BAD_SCENE(f.textures[1].format = (sbl_pixel_format)-1, TEXTURE, "texture 2", "format", "-1");
+    BAD_SCENE(f.textures[1].format = SBL_PIXEL_FORMAT_COUNT, TEXTURE, "texture 2", "format", "3");
+    BAD_SCENE(f.textures[1].wrap = (sbl_wrap)-1, TEXTURE, "texture 2", "wrap", "-1");
+    BAD_SCENE(f.textures[1].wrap = SBL_WRAP_COUNT, TEXTURE, "texture 2", "wrap", "2");
+    BAD_SCENE(f.textures[1].channels = -1, TEXTURE, "texture 2", "channels", "-1");
+    BAD_SCENE(f.textures[1].channels = 5, TEXTURE, "texture 2", "channels", "5");
+    BAD_SCENE(f.textures[1].width = 0, TEXTURE, "texture 2", "size", "0 x 2");
+    BAD_SCENE(f.textures[1].width = -2, TEXTURE, "texture 2", "size", "-2 x 2");
+    BAD_SCENE(f.textures[1].width = INT_MAX, TEXTURE, "texture 2", "size", "2147483647 x 2");
+    BAD_SCENE(f.textures[1].height = 0, TEXTURE, "texture 2", "size", "2 x 0");
+    BAD_SCENE(f.textures[1].height = INT_MIN, TEXTURE, "texture 2", "size", "2 x -2147483648");
+    BAD_SCENE(f.textures[1].stride = 31, TEXTURE, "texture 2", "stride", "31");
+    BAD_SCENE(f.textures[0].stride = 7, TEXTURE, "texture 1", "stride", "7");
+    BAD_SCENE(f.textures[1].stride = SIZE_MAX, TEXTURE, "texture 2", "stride", NULL);  /* height rows of it reach past the address space */
+    BAD_SCENE(f.textures[1].stride = SIZE_MAX / 2 + 1, TEXTURE, "texture 2", "stride", NULL);
+    for (i = 0; i < 16; i++) {
+        char pixel[32];
+        snprintf(pixel, sizeof pixel, "component %d of pixel %d %d", i % 4, i / 4 % 2, i / 8);
+        BAD_SCENE(f.floats[i] = NOT, TEXTURE, "texture 2", pixel, "nan");
+        BAD_SCENE(f.floats[i] = INF, TEXTURE, "texture 2", pixel, "inf");
+        BAD_SCENE(f.floats[i] = -0.25f, TEXTURE, "texture 2", pixel, "-0.25");
+    }
+    usable("bad textures");
+}
+
+/* Too large is not a mistake of form, but is refused all the same, before anything is read. */
+TEST(scenes_too_large) {
+    fixture_reset();
+    f.meshes[1].vertex_count = INT_MAX;
+    f.meshes[1].normals.data = f.meshes[1].texcoords.data = f.meshes[1].colors.data = NULL;
+    bad_scene(SBL_ERROR_UNSUPPORTED, SBL_LOG_ITEM_TOO_LARGE, "INT_MAX vertices", "2147483651", NULL, NULL);
+    fixture_reset();
+    f.meshes[0].index_count = f.meshes[1].index_count = INT_MAX / 3 * 3;
+    bad_scene(SBL_ERROR_UNSUPPORTED, SBL_LOG_ITEM_TOO_LARGE, "INT_MAX indices, twice", "triangles", NULL, NULL);
+    fixture_reset();
+    f.textures[1].width = f.textures[1].height = 65536;
+    bad_scene(SBL_ERROR_UNSUPPORTED, SBL_LOG_ITEM_TOO_LARGE, "a texture of 65536 x 65536", "texture 2", NULL, NULL);
+    usable("scenes too large");
+}
+
+TEST(scene_all_at_once) {
+    static const struct { sbl_log_item item; const char *where, *field; } mistakes[] = {
+        { SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc", "sky[2]" }, { SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc", "draw_max_radiance" },
+        { SBL_LOG_ITEM_INVALID_MESH, "mesh 0", "positions.stride" }, { SBL_LOG_ITEM_INVALID_MESH, "mesh 0", "material" }, { SBL_LOG_ITEM_INVALID_MESH, "mesh 0", "transform[3]" },
+        { SBL_LOG_ITEM_INVALID_MESH, "mesh 1", "index_count" }, { SBL_LOG_ITEM_INVALID_MESH, "mesh 1", "colors.type" }, { SBL_LOG_ITEM_INVALID_MATERIAL, "material 0", "albedo[0]" },
+        { SBL_LOG_ITEM_INVALID_MATERIAL, "material 1", "flags" }, { SBL_LOG_ITEM_INVALID_MATERIAL, "material 1", "alpha_cutoff" }, { SBL_LOG_ITEM_INVALID_TEXTURE, "texture 1", "channels" },
+        { SBL_LOG_ITEM_INVALID_TEXTURE, "texture 2", "size" }, { SBL_LOG_ITEM_INVALID_TEXTURE, "texture 2", "wrap" } };
+    int i, count = (int)(sizeof mistakes / sizeof *mistakes);
+    fixture_reset();
+    f.scene.sky[2] = NOT;
+    f.scene.draw_max_radiance = -1;
+    f.meshes[0].positions.stride = 5;
+    f.meshes[0].material = 9;
+    identity(f.meshes[0].transform);
+    f.meshes[0].transform[3] = INF;
+    f.meshes[1].index_count = 5;
+    f.meshes[1].colors.type = SBL_UINT32;
+    f.materials[0].albedo[0] = 2;
+    f.materials[1].flags = 0x100;
+    f.materials[1].alpha_cutoff = 7;
+    f.textures[0].channels = 8;
+    f.textures[1].width = 0;
+    f.textures[1].wrap = SBL_WRAP_COUNT;
+    watch_forget(&seen);
+    CHECK(sbl_set_scene(context, &f.scene) == SBL_ERROR_INVALID_ARGUMENT, "%d mistakes are accepted", count);
+    for (i = 0; i < count; i++)
+        CHECK(watch_said(&seen, SBL_LOG_ERROR, mistakes[i].item, mistakes[i].where, mistakes[i].field, NULL), "%s: nothing is said about %s", mistakes[i].where, mistakes[i].field);
+    CHECK(seen.errors == count, "%d errors for %d mistakes", seen.errors, count);
+    /* in the vertices too: each mesh that has some is named */
+    fixture_reset();
+    f.meshes[0].positions.offset = 0;
+    f.positions[1] = NOT;
+    watch_forget(&seen);
+    CHECK(sbl_set_scene(context, &f.scene) == SBL_ERROR_INVALID_ARGUMENT, "NaN in two meshes is accepted");
+    CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh 0", "positions", "nan"), "nothing is said about mesh 0");
+    CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh 1", "positions", "nan"), "nothing is said about mesh 1");
+    usable("many mistakes");
+}
+
+/* What looks like a mistake and is none. */
+TEST(empty_scenes_and_meshes) {
+    sbl_scene_desc nothing;
+    static small_picture picture;
+    int i;
+    float low[3] = { 9, 9, 9 }, high[3] = { 9, 9, 9 };
+    memset(&nothing, 0, sizeof nothing);
+    nothing.sky[1] = 0.5f;
+    watch_forget(&seen);
+    REQUIRE(sbl_set_scene(context, &nothing) == SBL_SUCCESS, "an empty scene is refused: %s", watch_last(&seen));
+    CHECK(sbl_query_bounds(context, low, high) == SBL_SUCCESS && low[0] == 0 && low[2] == 0 && high[1] == 0, "its bounds are not 0");
+    view = small_view();
+    REQUIRE(small_render(context, &view, &picture) == SBL_SUCCESS, "an empty scene is not rendered: %s", watch_last(&seen));
+    for (i = 0; i < 3 * SMALL_PIXELS; i++) if (picture.values[i] != nothing.sky[i % 3]) break;
+    CHECK(i == 3 * SMALL_PIXELS, "float %d of the sky is %g", i, (double)picture.values[i % SMALL_FLOATS]);
+    CHECK(watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, NULL, NULL, NULL), "no warning that nothing is visible");
+    memset(&view, 0, sizeof view);
+    view.width = view.height = 4;
+    view.sensor_size = 4;
+    CHECK(sbl_render(context, &view) == SBL_SUCCESS, "the default camera fails in an empty scene: %s", watch_last(&seen));
+
+    fixture_reset();  /* a mesh without vertices, one without triangles, one whose indices are given and none */
+    memset(&f.meshes[1], 0, sizeof f.meshes[1]);
+    CHECK(sbl_set_scene(context, &f.scene) == SBL_SUCCESS && sbl_query_stats(context).triangles == 2, "an empty mesh is refused: %s", watch_last(&seen));
+    fixture_reset();
+    f.meshes[0].index_count = f.meshes[1].index_count = 0;
+    CHECK(sbl_set_scene(context, &f.scene) == SBL_SUCCESS && sbl_query_stats(context).triangles == 0, "meshes without triangles are refused: %s", watch_last(&seen));
+    view = small_view();
+    CHECK(sbl_render(context, &view) == SBL_SUCCESS, "meshes without triangles are not rendered: %s", watch_last(&seen));
+    known_picture();
+    usable("empty scenes");
+}
+
+TEST(degenerate_triangles) {
+    static small_picture without, with;
+    static const uint32_t spoiled[18] = { 0, 1, 2, 0, 0, 1, 0, 2, 3, 2, 2, 2, 0, 4, 5, 1, 6, 2 };  /* 2 good ones; corners twice, thrice; on a line; of one place */
+    static const float corners[21] = { -1, 0, -1, -1, 0, 1, 1, 0, 1, 1, 0, -1,  0, 0, 0, 1, 0, 1, 1, 0, 1 };
+    float lamp[12] = { -1, 1, -1, -1, 1, 1, 1, 1, 1, 1, 1, -1 };
+    test_scene good = { 0 }, bad = { 0 };
+    sbl_scene_desc desc;
+    int i;
+    static const uint32_t quad[6] = { 0, 1, 2, 0, 2, 3 };
+    for (i = 0; i < 2; i++) {
+        test_scene *s = i ? &bad : &good;
+        scene_mesh(s, scene_material(s, 0.5f, 0.5f, 0.5f), corners, NULL, NULL, 7, i ? spoiled : quad, i ? 18 : 6);
+        scene_mesh(s, scene_lamp(s, 1, 2, 3), lamp, NULL, NULL, 4, quad, 6);
+    }
+    view = small_view();
+    desc = scene_desc(&good);
+    watch_forget(&seen);
+    REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS && small_render(context, &view, &without) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(seen.warnings == 0, "a warning without reason: %s", watch_last(&seen));
+    desc = scene_desc(&bad);
+    watch_forget(&seen);
+    REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS, "degenerate triangles are an error: %s", watch_last(&seen));
+    CHECK(seen.warnings == 1 && seen.errors == 0 && watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_DEGENERATE_TRIANGLES, "4", NULL, NULL), "%d warnings, the last: %s",
+          seen.warnings, watch_last(&seen));
+    CHECK(sbl_query_stats(context).triangles == 4, "%d triangles are left, expected 4", sbl_query_stats(context).triangles);
+    REQUIRE(small_render(context, &view, &with) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(small_same(&with, &without), "degenerate triangles change the picture");
+    scene_free(&good);
+    scene_free(&bad);
+    known_picture();
+}
+
+/* The brightest and the dimmest lights that are allowed. */
+TEST(extreme_light) {
+    static const float lights[] = { 1e-45f, 1e-40f, 1e-37f, 1e-20f, 1e20f, 1e37f };
+    int i, k;
+    for (i = 0; i < (int)(sizeof lights / sizeof *lights); i++) {
+        test_scene s = { 0 };
+        sbl_scene_desc desc;
+        static small_picture picture;
+        scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 2);
+        scene_floor(&s, scene_lamp(&s, lights[i], lights[i], lights[i]), 1, 1);
+        desc = scene_desc(&s);
+        view = small_view();
+        view.mode = SBL_MODE_DIRECT;
+        CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS && small_render(context, &view, &picture) == SBL_SUCCESS, "light of %g fails", (double)lights[i]);
+        for (k = 0; k < 3 * SMALL_PIXELS; k++) if (!(picture.values[k] >= 0 && picture.values[k] <= lights[i] * 1.01f)) break;
+        CHECK(k == 3 * SMALL_PIXELS, "light of %g: float %d of the picture is %g", (double)lights[i], k, (double)picture.values[k]);
+        scene_free(&s);
+    }
+    known_picture();
+}
+
+/* >>sbl_picture_desc */
+
+static void bad_picture(const sbl_picture_desc *desc, sbl_result right, sbl_log_item item, const char *mistake, const char *field, const char *value) {
+    static small_picture picture;
+    watch_forget(&seen);
+    refused(sbl_begin(context, desc), right, item, mistake, "sbl_picture_desc", field, value);
+    CHECK(small_read(context, &picture) == SBL_SUCCESS && small_same(&picture, &expected), "%s: the finished picture is gone", mistake);
+    CHECK(seen.blocks == blocks, "%s: %d blocks leaked", mistake, seen.blocks - blocks);
+}
+
+#define BAD_PICTURE(change, field, value) \
+    do { sbl_picture_desc d = small_view(); change; bad_picture(&d, SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_PICTURE_DESC, #change, field, value); } while (0)
+
+TEST(picture_desc) {
+    int i;
+    BAD_PICTURE(d.start_canary = 0xabc, "start_canary", "abc");
+    BAD_PICTURE(d.end_canary = 0xabc, "end_canary", "abc");
+    BAD_PICTURE(d.width = 0, "width", "0");
+    BAD_PICTURE(d.width = -1, "width", "-1");
+    BAD_PICTURE(d.width = 16385, "width", "16385");
+    BAD_PICTURE(d.width = INT_MIN, "width", "-2147483648");
+    BAD_PICTURE(d.height = 0, "height", "0");
+    BAD_PICTURE(d.height = -1, "height", "-1");
+    BAD_PICTURE(d.height = INT_MAX, "height", "2147483647");
+    BAD_PICTURE(d.mode = (sbl_mode)-1, "mode", "-1");
+    BAD_PICTURE(d.mode = SBL_MODE_COUNT, "mode", "5");
+    BAD_PICTURE(d.preset = (sbl_preset)-1, "preset", "-1");
+    BAD_PICTURE(d.preset = SBL_PRESET_COUNT, "preset", "3");
+    BAD_PICTURE(d.sensor_kind = (sbl_sensor_kind)-1, "sensor_kind", "-1");
+    BAD_PICTURE(d.sensor_kind = SBL_SENSOR_KIND_COUNT, "sensor_kind", "3");
+    BAD_PICTURE((d.mode = SBL_MODE_PAPER, d.sensor_kind = SBL_SENSOR_HEMICUBE), "sensor_kind", "HEMICUBE");
+    BAD_PICTURE(d.sensor_size = -1, "sensor_size", "-1");
+    BAD_PICTURE(d.sensor_size = 3, "sensor_size", "3");
+    BAD_PICTURE(d.sensor_size = 513, "sensor_size", "513");
+    BAD_PICTURE(d.sensor_fov = NOT, "sensor_fov", "nan");
+    BAD_PICTURE(d.sensor_fov = INF, "sensor_fov", "inf");
+    BAD_PICTURE(d.sensor_fov = 0.5f, "sensor_fov", "0.5");
+    BAD_PICTURE(d.sensor_fov = 179.5f, "sensor_fov", "179.5");
+    BAD_PICTURE(d.sensor_fov = -90, "sensor_fov", "-90");
+    BAD_PICTURE(d.tile = -1, "tile", "-1");
+    BAD_PICTURE(d.tile = 1025, "tile", "1025");
+    BAD_PICTURE(d.threshold = -0.25f, "threshold", "-0.25");
+    BAD_PICTURE(d.threshold = NOT, "threshold", "nan");
+    BAD_PICTURE(d.threshold = INF, "threshold", "inf");
+    BAD_PICTURE(d.epsilon = -0.25f, "epsilon", "-0.25");
+    BAD_PICTURE(d.epsilon = NOT, "epsilon", "nan");
+    BAD_PICTURE(d.epsilon = INF, "epsilon", "inf");
+    BAD_PICTURE(d.filter_radius = 33, "filter_radius", "33");
+    BAD_PICTURE(d.filter_radius = INT_MAX, "filter_radius", "2147483647");
+    BAD_PICTURE(d.samples = -1, "samples", "-1");
+    BAD_PICTURE(d.samples = 65, "samples", "65");
+    for (i = 0; i < 16; i++) {
+        char field[32];
+        snprintf(field, sizeof field, "world_to_view[%d]", i);
+        BAD_PICTURE(d.world_to_view[i] = NOT, field, "nan");
+        BAD_PICTURE(d.world_to_view[i] = INF, field, "inf");
+        snprintf(field, sizeof field, "view_to_clip[%d]", i);
+        BAD_PICTURE(d.view_to_clip[i] = NOT, field, "nan");
+        BAD_PICTURE(d.view_to_clip[i] = -INF, field, "-inf");
+    }
+    for (i = 0; i < 3; i++) BAD_PICTURE((identity(d.world_to_view), d.world_to_view[5 * i] = 1.1f), "world_to_view", "rigid");
+    for (i = 3; i < 16; i += 4) BAD_PICTURE((identity(d.world_to_view), d.world_to_view[i] += 0.5f), "world_to_view", "rigid");
+    BAD_PICTURE((identity(d.world_to_view), d.world_to_view[0] = -1), "world_to_view", "rigid");  /* a mirror */
+    BAD_PICTURE((identity(d.world_to_view), d.world_to_view[4] = 0.5f), "world_to_view", "rigid");  /* a shear */
+    BAD_PICTURE(d.view_to_clip[11] = 1, "view_to_clip", "1");    /* looks along +z */
+    BAD_PICTURE(d.view_to_clip[0] = 0, "view_to_clip", NULL);
+    BAD_PICTURE(d.view_to_clip[5] = 0, "view_to_clip", NULL);
+    BAD_PICTURE(d.view_to_clip[15] = 1, "view_to_clip", NULL);   /* neither perspective nor orthographic */
+    BAD_PICTURE(d.view_to_clip[3] = 0.5f, "view_to_clip", "0.5");
+    BAD_PICTURE(d.view_to_clip[4] = 0.5f, "view_to_clip", NULL);
+    usable("bad picture descriptors");
+}
+
+TEST(picture_desc_all_at_once) {
+    static const char *const fields[] = { "width", "height", "mode", "preset", "sensor_kind", "sensor_size", "sensor_fov", "tile", "threshold", "epsilon", "filter_radius", "samples",
+                                          "world_to_view[2]", "world_to_view[9]", "view_to_clip[7]" };
+    int i, count = (int)(sizeof fields / sizeof *fields);
+    sbl_picture_desc d = small_view();
+    d.width = d.height = -5;
+    d.mode = SBL_MODE_COUNT;
+    d.preset = SBL_PRESET_COUNT;
+    d.sensor_kind = SBL_SENSOR_KIND_COUNT;
+    d.sensor_size = d.tile = d.samples = -1;
+    d.sensor_fov = d.threshold = d.epsilon = NOT;
+    d.filter_radius = 99;
+    d.world_to_view[2] = d.world_to_view[9] = d.view_to_clip[7] = INF;
+    watch_forget(&seen);
+    CHECK(sbl_render(context, &d) == SBL_ERROR_INVALID_ARGUMENT, "%d mistakes are accepted", count);
+    for (i = 0; i < count; i++)
+        CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_PICTURE_DESC, "sbl_picture_desc", fields[i], NULL), "nothing is said about %s", fields[i]);
+    CHECK(seen.errors == count, "%d errors for %d mistakes", seen.errors, count);
+    usable("many mistakes");
+}
+
+/* The ends of every range are inside. */
+TEST(picture_desc_ends_of_ranges) {
+    sbl_picture_desc d = small_view();
+    d.width = d.height = 1;
+    d.sensor_size = 4;
+    d.sensor_kind = SBL_SENSOR_SINGLE;
+    d.sensor_fov = 179;
+    d.tile = 1024;
+    d.filter_radius = 32;
+    d.samples = 64;
+    d.threshold = 1e-30f;
+    d.seed = 0xffffffffu;
+    CHECK(sbl_render(context, &d) == SBL_SUCCESS, "%s", watch_last(&seen));
+    d.width = 3;
+    d.height = 1;
+    d.sensor_fov = 1;
+    d.sensor_size = 512;
+    d.tile = 1;
+    d.filter_radius = INT_MIN;
+    d.samples = 1;
+    d.threshold = 3e38f;
+    CHECK(sbl_render(context, &d) == SBL_SUCCESS, "%s", watch_last(&seen));
+    usable("the ends of ranges");
+}
+
+TEST(gi_is_refused) {
+    sbl_picture_desc d = small_view();
+    d.mode = SBL_MODE_GI;
+    bad_picture(&d, SBL_ERROR_UNSUPPORTED, SBL_LOG_ITEM_NOT_IMPLEMENTED, "mode = SBL_MODE_GI", "mode", "SBL_MODE_GI");
+    CHECK(sbl_render(context, &d) == SBL_ERROR_UNSUPPORTED, "sbl_render accepts it");
+    usable("SBL_MODE_GI");
+}
+
+/* >>calls */
+
+#define SAID(call, right, item, a, b) do { watch_forget(&seen); refused(call, right, SBL_LOG_ITEM_##item, #call, a, b, NULL); } while (0)
+
+TEST(null_parameters) {
+    float three[3], matrix[16];
+    sbl_sensor sensor;
+    sbl_context *out;
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_scene_desc scene = scene_desc(&small);
+    view = small_view();
+    identity(matrix);
+    SAID(sbl_create(&desc, NULL), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_create", "out");
+    SAID(sbl_set_scene(context, NULL), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_set_scene", "desc");
+    SAID(sbl_set_mesh_transform(context, 0, NULL), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_set_mesh_transform", "transform");
+    SAID(sbl_set_mesh_transform(context, -1, matrix), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_set_mesh_transform", "mesh is -1");
+    SAID(sbl_set_mesh_transform(context, 8, matrix), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_set_mesh_transform", "mesh is 8");
+    SAID(sbl_query_bounds(context, NULL, three), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_query_bounds", "lowest");
+    SAID(sbl_query_bounds(context, three, NULL), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_query_bounds", "highest");
+    SAID(sbl_read_channel(context, SBL_CHANNEL_FINAL, NULL, 1000000), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_read_channel", "out");
+    SAID(sbl_inspect_sensor(context, 1, 1, NULL, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_inspect_sensor", "sensor");
+
+    CHECK(sbl_set_scene(NULL, &scene) == SBL_ERROR_INVALID_ARGUMENT, "sbl_set_scene without context");
+    CHECK(sbl_set_mesh_transform(NULL, 0, matrix) == SBL_ERROR_INVALID_ARGUMENT, "sbl_set_mesh_transform without context");
+    CHECK(sbl_query_bounds(NULL, three, three) == SBL_ERROR_INVALID_ARGUMENT, "sbl_query_bounds without context");
+    CHECK(sbl_render(NULL, &view) == SBL_ERROR_INVALID_ARGUMENT, "sbl_render without context");
+    CHECK(sbl_begin(NULL, &view) == SBL_ERROR_INVALID_ARGUMENT, "sbl_begin without context");
+    CHECK(sbl_step(NULL, 0) == SBL_ERROR_INVALID_ARGUMENT, "sbl_step without context");
+    CHECK(sbl_read_channel(NULL, SBL_CHANNEL_FINAL, three, 3) == SBL_ERROR_INVALID_ARGUMENT, "sbl_read_channel without context");
+    CHECK(sbl_inspect_sensor(NULL, 0, 0, &sensor, NULL, NULL, 0) == SBL_ERROR_INVALID_ARGUMENT, "sbl_inspect_sensor without context");
+    CHECK(sbl_channel_texture(NULL, SBL_CHANNEL_FINAL) == 0, "sbl_channel_texture without context");
+    CHECK(sbl_progress(NULL) == 0, "sbl_progress without context");
+    CHECK(sbl_query_desc(NULL).atlas_size == sbl_context_desc_defaults(NULL).atlas_size, "sbl_query_desc without context");
+    CHECK(sbl_query_capabilities(NULL).gl_major == 0 && sbl_query_stats(NULL).width == 0 && sbl_query_memory(NULL).host_bytes == 0, "queries without context");
+    sbl_end(NULL);
+    sbl_destroy(NULL);
+
+    /* all defaults, logging to stderr: nothing is wrong, so nothing is written */
+    CHECK(sbl_create(NULL, &out) == SBL_SUCCESS, "sbl_create without a descriptor");
+    CHECK(sbl_begin(out, NULL) == SBL_ERROR_STATE, "sbl_begin without a scene");
+    sbl_destroy(out);
+    usable("NULL parameters");
+}
+
+TEST(values_that_do_not_exist) {
+    float some[3];
+    small_picture picture;
+    SAID(sbl_read_channel(context, (sbl_channel)-1, some, 3), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_read_channel", "channel is -1");
+    SAID(sbl_read_channel(context, SBL_CHANNEL_COUNT, picture.values, SMALL_FLOATS), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_read_channel", "channel is 8");
+    CHECK(sbl_channel_texture(context, (sbl_channel)-1) == 0 && sbl_channel_texture(context, SBL_CHANNEL_COUNT) == 0, "textures of channels that do not exist");
+    CHECK(sbl_channel_components((sbl_channel)-1) == 0 && sbl_channel_components(SBL_CHANNEL_COUNT) == 0, "components of channels that do not exist");
+    CHECK(sbl_result_string((sbl_result)-1) && sbl_result_string(SBL_RESULT_COUNT) && *sbl_result_string((sbl_result)99), "results that do not exist");
+    CHECK(sbl_log_item_string((sbl_log_item)-1) && sbl_log_item_string(SBL_LOG_ITEM_COUNT), "log items that do not exist");
+    usable("values that do not exist");
+}
+
+TEST(helpers_out_of_range) {
+    float m[16], before[16];
+    int i;
+    for (i = 0; i < 16; i++) m[i] = before[i] = (float)i;
+    CHECK(!sbl_look_at(m, 1, 1, 1, 1, 1, 1, 0, 1, 0), "sbl_look_at at the eye itself");
+    CHECK(!sbl_look_at(m, 0, 0, 0, 0, 1, 0, 0, 2, 0), "sbl_look_at along up");
+    CHECK(!sbl_look_at(m, 0, 0, 0, 0, 0, 1, 0, 0, 0), "sbl_look_at without up");
+    CHECK(!sbl_look_at(m, NOT, 0, 0, 0, 0, 1, 0, 1, 0), "sbl_look_at from nan");
+    CHECK(!sbl_look_at(m, 0, 0, 0, INF, 0, 1, 0, 1, 0), "sbl_look_at at inf");
+    CHECK(!sbl_perspective(m, 0, 1) && !sbl_perspective(m, 180, 1) && !sbl_perspective(m, -10, 1) && !sbl_perspective(m, NOT, 1), "sbl_perspective: fov_y");
+    CHECK(!sbl_perspective(m, 40, 0) && !sbl_perspective(m, 40, -1) && !sbl_perspective(m, 40, NOT) && !sbl_perspective(m, 40, INF), "sbl_perspective: aspect");
+    CHECK(memcmp(m, before, sizeof m) == 0, "a helper wrote though it failed");
+}
+
+TEST(too_little_room) {
+    static float floats[SMALL_FLOATS], radiance[4 * 64 * 64], weights[64 * 64];
+    sbl_sensor sensor;
+    int channel, i;
+    size_t texels;
+    for (channel = 0; channel < SBL_CHANNEL_COUNT; channel++) {
+        size_t needed = (size_t)(SMALL_PIXELS * sbl_channel_components((sbl_channel)channel));
+        for (i = 0; i < SMALL_FLOATS; i++) floats[i] = 7;
+        SAID(sbl_read_channel(context, (sbl_channel)channel, floats, needed - 1), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_read_channel", "count");
+        SAID(sbl_read_channel(context, (sbl_channel)channel, floats, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "count is 0", NULL);
+        for (i = 0; i < SMALL_FLOATS && floats[i] == 7; i++) {}
+        CHECK(i == SMALL_FLOATS, "channel %d: float %d was written though there is too little room", channel, i);
+        CHECK(sbl_read_channel(context, (sbl_channel)channel, floats, needed) == SBL_SUCCESS, "channel %d: exactly enough room is refused", channel);
+        for (i = (int)needed; i < SMALL_FLOATS && floats[i] == 7; i++) {}
+        CHECK(i == SMALL_FLOATS, "channel %d: float %d was written past the end", channel, i);
+    }
+    REQUIRE(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, NULL, NULL, 0) == SBL_SUCCESS, "sbl_inspect_sensor: %s", watch_last(&seen));
+    texels = (size_t)(sensor.sheet_width * sensor.sheet_height);
+    REQUIRE(texels > 1 && texels <= 64 * 64, "a sheet of %d x %d", sensor.sheet_width, sensor.sheet_height);
+    for (i = 0; i < 64 * 64; i++) weights[i] = radiance[4 * i] = 7;
+    SAID(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, NULL, texels - 1), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_inspect_sensor", "count");
+    SAID(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, NULL, weights, texels - 1), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_inspect_sensor", "count");
+    SAID(sbl_inspect_sensor(context, -1, 0, &sensor, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_inspect_sensor", "-1 0");
+    SAID(sbl_inspect_sensor(context, 0, -1, &sensor, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_inspect_sensor", "0 -1");
+    SAID(sbl_inspect_sensor(context, SMALL_WIDTH, 0, &sensor, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_inspect_sensor", "11 0");
+    SAID(sbl_inspect_sensor(context, 0, INT_MAX, &sensor, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_inspect_sensor", "2147483647");
+    SAID(sbl_inspect_sensor(context, 0, 0, &sensor, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_inspect_sensor", "no surface");
+    for (i = 0; i < 64 * 64 && weights[i] == 7 && radiance[4 * i] == 7; i++) {}
+    CHECK(i == 64 * 64, "texel %d was written though there is too little room", i);
+    CHECK(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, weights, texels) == SBL_SUCCESS, "exactly enough room is refused: %s", watch_last(&seen));
+    for (i = (int)texels; i < 64 * 64 && weights[i] == 7; i++) {}
+    CHECK(i == 64 * 64, "weight %d was written past the end", i);
+    usable("too little room");
+}
+
+TEST(wrong_order) {
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_scene_desc scene = scene_desc(&small);
+    sbl_context *fresh;
+    sbl_sensor sensor;
+    float three[3], matrix[16];
+    static float floats[SMALL_FLOATS];
+    int before = seen.blocks;
+    identity(matrix);
+    view = small_view();
+    REQUIRE(sbl_create(&desc, &fresh) == SBL_SUCCESS, "%s", watch_last(&seen));
+#define NOT_YET(call, function) SAID(call, SBL_ERROR_STATE, WRONG_ORDER, function, NULL)
+    NOT_YET(sbl_set_mesh_transform(fresh, 0, matrix), "sbl_set_mesh_transform");
+    NOT_YET(sbl_query_bounds(fresh, three, three), "sbl_query_bounds");
+    NOT_YET(sbl_begin(fresh, &view), "sbl_begin");
+    NOT_YET(sbl_begin(fresh, NULL), "sbl_begin");
+    NOT_YET(sbl_render(fresh, &view), "sbl_begin");
+    NOT_YET(sbl_step(fresh, 0), "sbl_step");
+    NOT_YET(sbl_read_channel(fresh, SBL_CHANNEL_FINAL, floats, SMALL_FLOATS), "sbl_read_channel");
+    NOT_YET(sbl_inspect_sensor(fresh, 0, 0, &sensor, NULL, NULL, 0), "sbl_inspect_sensor");
+    CHECK(sbl_channel_texture(fresh, SBL_CHANNEL_FINAL) == 0 && sbl_progress(fresh) == 0, "a picture where there is none");
+    sbl_end(fresh);
+    REQUIRE(sbl_set_scene(fresh, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
+    NOT_YET(sbl_step(fresh, 0), "sbl_step");
+    NOT_YET(sbl_read_channel(fresh, SBL_CHANNEL_ID, floats, SMALL_FLOATS), "sbl_read_channel");
+    REQUIRE(sbl_begin(fresh, &view) == SBL_SUCCESS && sbl_step(fresh, 1e-9) == SBL_UNFINISHED, "%s", watch_last(&seen));
+    NOT_YET(sbl_read_channel(fresh, SBL_CHANNEL_FINAL, floats, SMALL_FLOATS), "sbl_read_channel");
+    NOT_YET(sbl_inspect_sensor(fresh, 5, 5, &sensor, NULL, NULL, 0), "sbl_inspect_sensor");
+    CHECK(sbl_channel_texture(fresh, SBL_CHANNEL_FINAL) == 0, "a texture of an unfinished picture");
+    REQUIRE(sbl_step(fresh, 0) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(sbl_step(fresh, 0) == SBL_SUCCESS && sbl_progress(fresh) == 1, "stepping on after the end");
+    CHECK(sbl_read_channel(fresh, SBL_CHANNEL_FINAL, floats, SMALL_FLOATS) == SBL_SUCCESS, "%s", watch_last(&seen));
+    sbl_end(fresh);
+    sbl_end(fresh);
+    NOT_YET(sbl_step(fresh, 0), "sbl_step");
+    NOT_YET(sbl_read_channel(fresh, SBL_CHANNEL_FINAL, floats, SMALL_FLOATS), "sbl_read_channel");
+    CHECK(sbl_set_mesh_transform(fresh, 0, matrix) == SBL_SUCCESS && sbl_query_bounds(fresh, three, three) == SBL_SUCCESS, "%s", watch_last(&seen));
+    sbl_destroy(fresh);
+    CHECK(seen.blocks == before && seen.strangers == 0, "%d blocks leaked", seen.blocks - before);
+    usable("the wrong order");
+}
+
+/* >>cancelling and giving up */
+
+typedef struct canceller { int calls, stop_at, out_of_order; float last; } canceller;
+
+static int cancel(float done, void *user) {
+    canceller *c = (canceller *)user;
+    if (!(done >= c->last && done <= 1)) c->out_of_order++;
+    c->last = done;
+    return ++c->calls == c->stop_at;
+}
+
+TEST(cancel_at_every_call) {
+    int stop, budget, steps, most = 0;
+    for (budget = 0; budget < 2; budget++)
+        for (stop = 1; stop < 500; stop++) {
+            canceller c = { 0, 0, 0, 0 };
+            sbl_result result;
+            float value;
+            c.stop_at = stop;
+            view = small_view();
+            view.progress = cancel;
+            view.progress_user = &c;
+            result = sbl_begin(context, &view);
+            for (steps = 0; steps < 10000 && (steps == 0 ? result == SBL_SUCCESS : result == SBL_UNFINISHED); steps++) result = sbl_step(context, budget ? 1e-9 : 0);
+            REQUIRE(steps < 10000, "the picture is not done after %d calls of sbl_step", steps);
+            CHECK(c.out_of_order == 0, "progress went back or out of 0 to 1");
+            if (c.calls < stop) {
+                CHECK(result == SBL_SUCCESS && c.last == 1, "not cancelled: \"%s\", progress %g", sbl_result_string(result), (double)c.last);
+                break;
+            }
+            CHECK(result == SBL_CANCELLED, "cancelled at call %d: \"%s\"", stop, sbl_result_string(result));
+            CHECK(sbl_read_channel(context, SBL_CHANNEL_ID, &value, 1) == SBL_ERROR_STATE && sbl_step(context, 0) == SBL_ERROR_STATE && sbl_progress(context) == 0,
+                  "cancelled at call %d: the picture is not gone", stop);
+            if (!usable("cancelling")) return;
+            most = stop;
+        }
+    CHECK(most >= 5, "only %d calls of the progress callback", most);
+    usable("cancelling");
+}
+
+TEST(giving_up_midway) {
+    sbl_scene_desc scene = scene_desc(&small);
+    float matrix[16];
+    int way, steps, k;
+    identity(matrix);
+    for (way = 0; way < 5; way++)
+        for (steps = 0; steps < 12; steps++) {
+            sbl_context_desc desc = watch_desc(&seen);
+            sbl_context *c = context;
+            int before = seen.blocks;
+            view = small_view();
+            if (way == 4) REQUIRE(sbl_create(&desc, &c) == SBL_SUCCESS && sbl_set_scene(c, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
+            REQUIRE(sbl_begin(c, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+            for (k = 0; k < steps; k++) if (sbl_step(c, 1e-9) != SBL_UNFINISHED) break;
+            if (way == 0) sbl_end(c);
+            else if (way == 1) CHECK(sbl_set_scene(c, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
+            else if (way == 2) CHECK(sbl_set_mesh_transform(c, 0, matrix) == SBL_SUCCESS, "%s", watch_last(&seen));
+            else if (way == 3) CHECK(sbl_begin(c, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+            else sbl_destroy(c);
+            if (way < 3) CHECK(sbl_progress(c) == 0 && sbl_step(c, 0) == SBL_ERROR_STATE, "the picture goes on");
+            if (way == 4) CHECK(seen.blocks == before, "%d blocks leaked by sbl_destroy after %d steps", seen.blocks - before, steps);
+        }
+    usable("giving up midway");
+}
+
+/* >>fuzz: see fuzz_scene.c */
+
+TEST(fuzz) {
+    static unsigned char data[512];
+    uint32_t state = 12345;
+    int round, i;
+    fuzz_messages = &seen.count;
+    for (round = 0; round < 400; round++) {
+        for (i = 0; i < (int)sizeof data; i++) {
+            state = state * 1664525u + 1013904223u;
+            data[i] = (unsigned char)(state >> 24);
+        }
+        fuzz_one(context, data, sizeof data - (size_t)(round % 300));
+    }
+    CHECK(fuzz_accepted > 20 && fuzz_refused > 20, "%d scenes accepted, %d refused: the fuzzer reaches one side only", fuzz_accepted, fuzz_refused);
+    CHECK(fuzz_rendered > 20, "%d pictures rendered", fuzz_rendered);
+    CHECK(fuzz_silent == 0, "%d refusals without a message", fuzz_silent);
+    CHECK(fuzz_odd == 0, "%d pictures hold NaN", fuzz_odd);
+    known_picture();
+    usable("fuzzing");
+}
+
+TEST(nothing_leaked) {
+    sbl_destroy(context);
+    CHECK(seen.blocks == 0 && seen.bytes == 0, "%d blocks, %.0f bytes leaked", seen.blocks, (double)seen.bytes);
+    CHECK(seen.strangers == 0, "%d blocks were freed that were not allocated", seen.strangers);
+}
+
+int main(void) {
+    sbl_context_desc desc = watch_desc(&seen);
+    if (sbl_create(&desc, &context) != SBL_SUCCESS) { printf("no context: %s\n", watch_last(&seen)); return 1; }
+    small_scene(&small);
+    known_picture();
+    if (!small_plausible(&expected)) { printf("the known picture is not usable as a reference\n"); return 1; }
+    RUN(context_desc);
+    RUN(context_desc_all_at_once);
+    RUN(scene_without_mistakes);
+    RUN(scene_desc);
+    RUN(mesh_counts_and_material);
+    RUN(mesh_indices_past_the_end);
+    RUN(streams);
+    RUN(vertices_that_are_no_numbers);
+    RUN(mesh_transforms);
+    RUN(materials);
+    RUN(textures);
+    RUN(scenes_too_large);
+    RUN(scene_all_at_once);
+    RUN(empty_scenes_and_meshes);
+    RUN(degenerate_triangles);
+    RUN(extreme_light);
+    RUN(picture_desc);
+    RUN(picture_desc_all_at_once);
+    RUN(picture_desc_ends_of_ranges);
+    RUN(gi_is_refused);
+    RUN(null_parameters);
+    RUN(values_that_do_not_exist);
+    RUN(helpers_out_of_range);
+    RUN(too_little_room);
+    RUN(wrong_order);
+    RUN(cancel_at_every_call);
+    RUN(giving_up_midway);
+    RUN(fuzz);
+    RUN(nothing_leaked);
+    scene_free(&small);
+    return test_report();
+}

@@ -1,0 +1,870 @@
+/* The command line tool, run as a user runs it: build/sbl_render beside this program. Its files are made here, so that what must come out is known. */
+#define _XOPEN_SOURCE 700
+#define _DEFAULT_SOURCE
+#include "test.h"
+#include <ctype.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <ftw.h>
+#include <math.h>
+#include <poll.h>
+#include <signal.h>
+#include <stdarg.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+#define STB_IMAGE_IMPLEMENTATION
+#include <stb/stb_image.h>
+#define STB_IMAGE_WRITE_IMPLEMENTATION
+#include <stb/stb_image_write.h>
+#if defined(__SANITIZE_ADDRESS__)
+  #define SANITIZED 1
+#elif defined(__has_feature)
+  #if __has_feature(address_sanitizer)
+    #define SANITIZED 1
+  #endif
+#endif
+#ifndef SANITIZED
+  #define SANITIZED 0
+#endif
+
+static char tool[1024], folder[64];
+
+/* >>running the tool */
+
+static struct {
+    int status;         /* exit status, or -signal */
+    char out[16384], err[16384];
+    int out_lines, err_lines;
+} ran;
+
+static void read_text(const char *path, char *text, size_t size, int *lines) {
+    FILE *in = fopen(path, "rb");
+    size_t n = in ? fread(text, 1, size - 1, in) : 0, i;
+    if (in) fclose(in);
+    text[n] = 0;
+    *lines = n && text[n - 1] != '\n';
+    for (i = 0; i < n; i++) *lines += text[i] == '\n';
+}
+
+enum { MOST_ARGUMENTS = 48 };
+
+/* Starts the tool in the test's folder; terminal: -1, or what its stderr is. file_limit: bytes a file may have, 0 for any. */
+static pid_t start(const char *const *arguments, int terminal, rlim_t file_limit) {
+    char *argv[MOST_ARGUMENTS + 2];
+    int i = 0;
+    pid_t child;
+    argv[0] = tool;
+    for (; arguments[i] && i < MOST_ARGUMENTS; i++) argv[i + 1] = (char *)(uintptr_t)arguments[i];
+    argv[i + 1] = NULL;
+    fflush(NULL);
+    child = fork();
+    if (child == 0) {
+        int in = open("/dev/null", O_RDONLY), out, err;
+        if (chdir(folder) != 0) _exit(99);
+        out = open("stdout", O_WRONLY | O_CREAT | O_TRUNC, 0666);
+        err = terminal >= 0 ? terminal : open("stderr", O_WRONLY | O_CREAT | O_TRUNC, 0666);
+        dup2(in, 0);
+        dup2(out, 1);
+        dup2(err, 2);
+        if (file_limit) {
+            struct rlimit limit;
+            limit.rlim_cur = limit.rlim_max = file_limit;
+            setrlimit(RLIMIT_FSIZE, &limit);
+        }
+        execv(tool, argv);
+        _exit(99);
+    }
+    return child;
+}
+
+static void finish(pid_t child) {
+    char path[128];
+    int status = 0;
+    while (waitpid(child, &status, 0) < 0 && errno == EINTR) continue;
+    ran.status = WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
+    snprintf(path, sizeof path, "%s/stdout", folder);
+    read_text(path, ran.out, sizeof ran.out, &ran.out_lines);
+    snprintf(path, sizeof path, "%s/stderr", folder);
+    read_text(path, ran.err, sizeof ran.err, &ran.err_lines);
+}
+
+static int run(const char *const *arguments) {
+    finish(start(arguments, -1, 0));
+    return ran.status;
+}
+#define TOOL(...) run((const char *const[]){ __VA_ARGS__, NULL })
+#define SMALL "--sensor-size", "8", "--samples", "1"
+
+static char *in_folder(const char *name) {
+    static char path[8][256];
+    static int next;
+    next = (next + 1) % 8;
+    snprintf(path[next], sizeof path[next], "%s/%s", folder, name);
+    return path[next];
+}
+static int exists(const char *name) { struct stat info; return stat(in_folder(name), &info) == 0; }
+
+static void write_file(const char *name, const void *data, size_t size) {
+    FILE *out = fopen(in_folder(name), "wb");
+    if (out) { fwrite(data, 1, size, out); fclose(out); }
+}
+static void write_text(const char *name, const char *text) { write_file(name, text, strlen(text)); }
+
+static int leftovers;
+static int count_leftover(const char *path, const struct stat *info, int kind, struct FTW *where) {
+    (void)info; (void)kind; (void)where;
+    leftovers += strstr(path, ".part") != NULL;
+    return 0;
+}
+static int parts_left(void) { leftovers = 0; nftw(folder, count_leftover, 8, FTW_PHYS); return leftovers; }
+
+/* >>pictures */
+
+typedef struct picture { int width, height; float *values; } picture;  /* three a pixel, top row first */
+
+static picture read_pfm(const char *name) {
+    picture p = { 0, 0, NULL };
+    FILE *in = fopen(in_folder(name), "rb");
+    float scale = 0;
+    int y, head = 0, length;
+    char line[64];
+    if (!in) return p;
+    if (fgets(line, sizeof line, in) && strcmp(line, "PF\n") == 0 && fscanf(in, "%d %d\n%f%n", &p.width, &p.height, &scale, &head) == 3 && fgetc(in) == '\n' &&
+        scale < 0 && p.width > 0 && p.height > 0 && p.width < 1000 && p.height < 1000) {
+        length = 3 * p.width;
+        p.values = (float *)calloc((size_t)(length * p.height), sizeof(float));
+        for (y = p.height - 1; y >= 0; y--)
+            if (fread(p.values + y * length, sizeof(float), (size_t)length, in) != (size_t)length) break;
+        if (y >= 0 || fgetc(in) != EOF) { free(p.values); p.values = NULL; }
+    }
+    fclose(in);
+    return p;
+}
+static double at(const picture *p, int x, int y, int k) { return p->values ? (double)p->values[3 * (y * p->width + x) + k] : -1; }
+
+static double decode_srgb(double x) { return x <= 0.04045 ? x / 12.92 : pow((x + 0.055) / 1.055, 2.4); }
+static int encode_srgb(double x) {
+    double v = x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1 / 2.4) - 0.055;
+    return (int)(255 * (v > 1 ? 1 : v) + 0.5);
+}
+
+/* Four by four texels, all different, with a different value in every corner of the picture. */
+static int texel(int x, int y, int k) { return k == 3 ? 17 * (4 * y + x) : k == 0 ? 60 + 50 * x : k == 1 ? 250 - 60 * y : 40 + 12 * (4 * y + x); }
+static void make_texels(unsigned char *out, int channels) {
+    int x, y, k;
+    for (y = 0; y < 4; y++)
+        for (x = 0; x < 4; x++)
+            for (k = 0; k < channels; k++) *out++ = (unsigned char)texel(x, y, k);
+}
+
+/* >>scenes: a wall of four by four cells seen from the front, each four by four pixels of a picture of 16 by 16 */
+
+#define WALL_CAMERA "--eye", "0,0,1", "--look-at", "0,0,0", "--fov", "90"
+#define WALL_SIZE "--size", "16x16"
+
+static void wall_obj(void) {
+    unsigned char rgb[48], rgba[64], mask[64], wide_mask[64];
+    static const char *const materials[] = {
+        "Kd .2 .4 .6", "Kd 1 1 1\nmap_Kd rgb.png", "Kd .5 .25 1\nmap_Kd rgb.png", "Kd 0 0 0\nKe 1 2 3",
+        "Kd 0 0 0\nKe 2 4 8\nmap_Ke rgb.png", "Kd 0 0 0\nmap_Ke rgb.png", "Kd .5 .5 .5\nmap_d mask.png", "Kd 1 1 1\nmap_Kd rgb.png\nmap_d wide.png",
+        "Kd .5 .5 .5\nd 0.3", "Kd .5 .5 .5\nd 0.7", "Kd 1 1 1\nmap_Kd rgba.png", "Kd .3 .3 .3\nmap_Kd absent.png",
+        "Kd .5 .5 .5\nTr 0.8", "Kd 1 1 1\nmap_Kd sub\\again.png", "Kd 1 1 1\nmap_Kd rgba.png\nmap_d rgba.png", "Kd 1 1 1\nmap_Kd -s 1 1 1 rgb.png" };
+    FILE *obj, *mtl;
+    int i, x, y;
+    make_texels(rgb, 3);
+    make_texels(rgba, 4);
+    for (i = 0; i < 16; i++) mask[i] = (unsigned char)((i ^ i >> 2) & 1 ? 255 : 0);           /* a checkerboard */
+    for (y = 0; y < 8; y++)
+        for (x = 0; x < 8; x++) wide_mask[8 * y + x] = (unsigned char)(y / 2 >= x / 2 ? 200 : 100);  /* its lower left half */
+    mkdir(in_folder("sub"), 0777);
+    stbi_write_png(in_folder("rgb.png"), 4, 4, 3, rgb, 12);
+    stbi_write_png(in_folder("sub/again.png"), 4, 4, 3, rgb, 12);
+    stbi_write_png(in_folder("rgba.png"), 4, 4, 4, rgba, 16);
+    stbi_write_png(in_folder("mask.png"), 4, 4, 1, mask, 4);
+    stbi_write_png(in_folder("wide.png"), 8, 8, 1, wide_mask, 8);
+    mtl = fopen(in_folder("wall.mtl"), "w");
+    obj = fopen(in_folder("wall.obj"), "w");
+    fprintf(obj, "mtllib wall.mtl\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n");
+    for (i = 0; i < 16; i++) {
+        double left = -1 + 0.5 * (i % 4), top = 1 - 0.5 * (i / 4);
+        fprintf(mtl, "newmtl m%d\n%s\n", i, materials[i]);
+        fprintf(obj, "g cell%d\nusemtl m%d\nv %g %g 0\nv %g %g 0\nv %g %g 0\nv %g %g 0\nf %d/1 %d/2 %d/3 %d/4\n", i, i, left, top - 0.5, left + 0.5, top - 0.5,
+                left + 0.5, top, left, top, 4 * i + 1, 4 * i + 2, 4 * i + 3, 4 * i + 4);
+    }
+    fclose(mtl);
+    fclose(obj);
+}
+
+/* Compares a cell of a picture with what each pixel of it should hold. */
+typedef double (*expected_value)(int x, int y, int k);
+static void check_cell(const picture *p, int cell, expected_value expected, double tolerance, const char *what) {
+    int x, y, k, bad = 0, bx = 0, by = 0, bk = 0;
+    for (y = 0; y < 4; y++)
+        for (x = 0; x < 4; x++)
+            for (k = 0; k < 3; k++) {
+                double value = at(p, cell % 4 * 4 + x, cell / 4 * 4 + y, k);
+                if (!(fabs(value - expected(x, y, k)) <= tolerance) && !bad++) { bx = x; by = y; bk = k; }
+            }
+    CHECK(!bad, "%s: %d values of 48 differ, the first at %d %d component %d: %g, expected %g", what, bad, bx, by, bk,
+          at(p, cell % 4 * 4 + bx, cell / 4 * 4 + by, bk), expected(bx, by, bk));
+}
+static double nothing(int x, int y, int k) { (void)x; (void)y; (void)k; return 0; }
+static double one(int x, int y, int k) { (void)x; (void)y; (void)k; return 1; }
+static double half(int x, int y, int k) { (void)x; (void)y; (void)k; return 0.5; }
+static double three_tenths(int x, int y, int k) { (void)x; (void)y; (void)k; return 0.3; }
+static double kd(int x, int y, int k) { (void)x; (void)y; return 0.2 * (k + 1); }
+static double tex(int x, int y, int k) { return decode_srgb(texel(x, y, k) / 255.0); }
+static double tinted(int x, int y, int k) { return (k == 0 ? 0.5 : k == 1 ? 0.25 : 1) * tex(x, y, k); }
+static double ke(int x, int y, int k) { (void)x; (void)y; return k + 1; }
+static double ke_tex(int x, int y, int k) { return (2 << k) * tex(x, y, k); }
+static double checkered(int x, int y, int k) { (void)k; return (x ^ y) & 1 ? 0.5 : 0; }
+static double lower_left(int x, int y, int k) { return y >= x ? tex(x, y, k) : 0; }
+static double by_alpha(int x, int y, int k) { return texel(x, y, 3) >= 128 ? tex(x, y, k) : 0; }
+
+TEST(obj_materials_and_textures) {
+    picture albedo, final;
+    wall_obj();
+    CHECK(TOOL("wall.obj", WALL_CAMERA, WALL_SIZE, SMALL, "--mode", "direct", "--channel", "albedo", "-o", "albedo.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
+    CHECK(ran.err_lines == 1 && strstr(ran.err, "warning") && strstr(ran.err, "absent.png"), "the missing texture should be the one warning: %s", ran.err);
+    albedo = read_pfm("albedo.pfm");
+    CHECK(TOOL("wall.obj", WALL_CAMERA, WALL_SIZE, SMALL, "--mode", "direct", "--quiet", "-o", "final.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
+    CHECK(!ran.err[0], "--quiet should say nothing: %s", ran.err);
+    final = read_pfm("final.pfm");
+    REQUIRE(albedo.values && final.values && albedo.width == 16 && albedo.height == 16, "the pictures are not there");
+    check_cell(&albedo, 0, kd, 0.002, "Kd");
+    check_cell(&albedo, 1, tex, 0.004, "map_Kd");
+    check_cell(&albedo, 2, tinted, 0.004, "Kd times map_Kd");
+    check_cell(&final, 3, ke, 0.004, "Ke");
+    check_cell(&final, 4, ke_tex, 0.03, "Ke times map_Ke");
+    check_cell(&final, 5, tex, 0.004, "map_Ke alone");
+    check_cell(&final, 1, nothing, 1e-4, "light where there is no lamp");
+    check_cell(&albedo, 6, checkered, 0.002, "map_d");
+    check_cell(&albedo, 7, lower_left, 0.004, "map_d of another size");
+    check_cell(&albedo, 8, nothing, 0, "d 0.3");
+    check_cell(&albedo, 9, half, 0.002, "d 0.7");
+    check_cell(&albedo, 10, tex, 0.004, "alpha that no map_d asks for");
+    check_cell(&albedo, 11, three_tenths, 0.002, "missing texture");
+    check_cell(&albedo, 12, nothing, 0, "Tr 0.8");
+    check_cell(&albedo, 13, tex, 0.004, "texture in a folder, with a backslash");
+    check_cell(&albedo, 14, by_alpha, 0.004, "map_d with an alpha channel");
+    check_cell(&albedo, 15, tex, 0.004, "map_Kd with an option");
+    free(albedo.values);
+    free(final.values);
+}
+
+/* The wall as glTF. Materials are used in another order than they are listed in, two have no name; there is a camera of 90 degrees. */
+enum { GLTF_CELLS = 16 };
+static const char *const gltf_materials[GLTF_CELLS] = {
+    "\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.2,0.4,0.6,1]}",
+    "\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.5,0.25,1,1],\"baseColorTexture\":{\"index\":0}}",
+    "\"emissiveFactor\":[0.125,0.25,0.375],\"extensions\":{\"KHR_materials_emissive_strength\":{\"emissiveStrength\":8}}",
+    "\"emissiveFactor\":[0.125,0.25,0.375],\"extensions\":{\"KHR_materials_emissive_strength\":{\"emissiveStrength\":800}}",
+    "\"emissiveFactor\":[0.5,1,1],\"emissiveTexture\":{\"index\":1},\"extensions\":{\"KHR_materials_emissive_strength\":{\"emissiveStrength\":4}}",
+    "\"alphaMode\":\"MASK\",\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0}}",
+    "\"alphaMode\":\"MASK\",\"alphaCutoff\":0.25,\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0}}",
+    "\"alphaMode\":\"BLEND\",\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0}}",
+    "\"alphaMode\":\"OPAQUE\",\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0}}",
+    "\"alphaMode\":\"MASK\",\"pbrMetallicRoughness\":{\"baseColorFactor\":[1,1,1,0.4]}",
+    "\"alphaMode\":\"MASK\",\"alphaCutoff\":0.25,\"pbrMetallicRoughness\":{\"baseColorFactor\":[1,1,1,0.5],\"baseColorTexture\":{\"index\":0}}",
+    "\"pbrMetallicRoughness\":{\"baseColorFactor\":[1,1,1,0.1]}",
+    "\"emissiveFactor\":[1,1,1]", "\"name\":\"unused\",\"emissiveFactor\":[1,1,1],\"extensions\":{\"KHR_materials_emissive_strength\":{\"emissiveStrength\":70}}",
+    "\"name\":\"m\"", "\"name\":\"m\",\"pbrMetallicRoughness\":{\"metallicFactor\":1,\"baseColorFactor\":[0.5,0.5,0.5,1]}" };
+
+static size_t base64(const unsigned char *data, size_t size, char *out) {
+    static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    size_t i, n = 0;
+    for (i = 0; i < size; i += 3) {
+        unsigned b = (unsigned)data[i] << 16 | (i + 1 < size ? (unsigned)data[i + 1] << 8 : 0) | (i + 2 < size ? data[i + 2] : 0u);
+        out[n++] = digits[b >> 18];
+        out[n++] = digits[b >> 12 & 63];
+        out[n++] = i + 1 < size ? digits[b >> 6 & 63] : '=';
+        out[n++] = i + 2 < size ? digits[b & 63] : '=';
+    }
+    out[n] = 0;
+    return n;
+}
+
+static void wall_gltf(const char *name, int binary) {
+    static unsigned char buffer[4096];
+    static char json[32768], text[8192];
+    const float positions[12] = { 0, -0.5f, 0, 0.5f, -0.5f, 0, 0.5f, 0, 0, 0, 0, 0 }, texcoords[8] = { 0, 1, 1, 1, 1, 0, 0, 0 };  /* v = 0 is the top */
+    const float colors[16] = { 0, 0, 0, 1, 1, 0, 0, 1, 1, 1, 0, 1, 0, 1, 0, 1 };
+    const unsigned short indices[6] = { 0, 1, 2, 0, 2, 3 };
+    unsigned char rgba[64], *png;
+    int png_size, i, n = 0;
+    size_t size = 48 + 32 + 64 + 12;
+    make_texels(rgba, 4);
+    memcpy(buffer, positions, 48);
+    memcpy(buffer + 48, texcoords, 32);
+    memcpy(buffer + 80, colors, 64);
+    memcpy(buffer + 144, indices, 12);
+    png = stbi_write_png_to_mem(rgba, 16, 4, 4, 4, &png_size);
+    memcpy(buffer + size, png, (size_t)png_size);
+    size = (size + (size_t)png_size + 3) & ~(size_t)3;
+    n += sprintf(json + n, "{\"asset\":{\"version\":\"2.0\"},\"extensionsUsed\":[\"KHR_materials_emissive_strength\"],\"scene\":0,\"scenes\":[{\"nodes\":[");
+    for (i = 0; i < GLTF_CELLS; i++) n += sprintf(json + n, "%d,", GLTF_CELLS - 1 - i);
+    n += sprintf(json + n, "%d]}],\"cameras\":[{\"type\":\"perspective\",\"perspective\":{\"yfov\":1.5707963267948966,\"aspectRatio\":1.7,\"znear\":0.01}}],\"nodes\":[", GLTF_CELLS);
+    for (i = 0; i < GLTF_CELLS; i++) {
+        /* 14 and 15 are uses of the meshes 0 and 12, by a parent that shifts and a child that scales */
+        if (i == 14) n += sprintf(json + n, "{\"translation\":[0,-0.75,0],\"children\":[%d]},", GLTF_CELLS + 1);
+        else n += sprintf(json + n, "{\"mesh\":%d,\"translation\":[%g,%g,0]},", i == 15 ? 0 : i, -1 + 0.5 * (i % 4), 1 - 0.5 * (i / 4));
+    }
+    n += sprintf(json + n, "{\"camera\":0,\"translation\":[0,0,1]},{\"mesh\":12,\"scale\":[0.5,0.5,1]}],\"meshes\":[");
+    for (i = 0; i < GLTF_CELLS; i++)
+        n += sprintf(json + n, "%s{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"TEXCOORD_0\":1%s},\"indices\":3,\"material\":%d}]}", i ? "," : "",
+                     i == 11 ? ",\"COLOR_0\":2" : "", (i + 3) % GLTF_CELLS);
+    n += sprintf(json + n, "],\"materials\":[");
+    for (i = 0; i < GLTF_CELLS; i++) n += sprintf(json + n, "%s{%s}", i ? "," : "", gltf_materials[(i + GLTF_CELLS - 3) % GLTF_CELLS]);
+    n += sprintf(json + n, "],\"samplers\":[{}],\"textures\":[{\"source\":0,\"sampler\":0},{\"source\":0}],\"images\":[");
+    base64(png, (size_t)png_size, text);
+    n += binary ? sprintf(json + n, "{\"bufferView\":4,\"mimeType\":\"image/png\"}") : sprintf(json + n, "{\"uri\":\"data:image/png;base64,%s\"}", text);
+    n += sprintf(json + n, "],\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\",\"min\":[0,-0.5,0],\"max\":[0.5,0,0]},"
+                           "{\"bufferView\":1,\"componentType\":5126,\"count\":4,\"type\":\"VEC2\"},{\"bufferView\":2,\"componentType\":5126,\"count\":4,\"type\":\"VEC4\"},"
+                           "{\"bufferView\":3,\"componentType\":5123,\"count\":6,\"type\":\"SCALAR\"}],"
+                           "\"bufferViews\":[{\"buffer\":0,\"byteLength\":48},{\"buffer\":0,\"byteOffset\":48,\"byteLength\":32},"
+                           "{\"buffer\":0,\"byteOffset\":80,\"byteLength\":64},{\"buffer\":0,\"byteOffset\":144,\"byteLength\":12}");
+    if (binary) n += sprintf(json + n, ",{\"buffer\":0,\"byteOffset\":156,\"byteLength\":%d}", png_size);
+    base64(buffer, size, text);
+    if (binary) n += sprintf(json + n, "],\"buffers\":[{\"byteLength\":%d}]}", (int)size);
+    else n += sprintf(json + n, "],\"buffers\":[{\"byteLength\":%d,\"uri\":\"data:application/octet-stream;base64,%s\"}]}", (int)size, text);
+    if (binary) {
+        uint32_t head[5], chunk[2];
+        FILE *out = fopen(in_folder(name), "wb");
+        while (n % 4) json[n++] = ' ';
+        head[0] = 0x46546c67; head[1] = 2; head[2] = (uint32_t)(20 + n + 8) + (uint32_t)size; head[3] = (uint32_t)n; head[4] = 0x4e4f534a;
+        chunk[0] = (uint32_t)size; chunk[1] = 0x004e4942;
+        fwrite(head, 4, 5, out);
+        fwrite(json, 1, (size_t)n, out);
+        fwrite(chunk, 4, 2, out);
+        fwrite(buffer, 1, size, out);
+        fclose(out);
+    } else write_file(name, json, (size_t)n);
+    free(png);
+}
+
+static double ke_glb(int x, int y, int k) { return ke(x, y, k); }
+static double ke_strong(int x, int y, int k) { return 100 * ke(x, y, k); }
+static double ke_tex_glb(int x, int y, int k) { return (k ? 4 : 2) * tex(x, y, k); }
+static double alpha_quarter(int x, int y, int k) { return texel(x, y, 3) >= 64 ? tex(x, y, k) : 0; }
+static double vertex_colors(int x, int y, int k) {  /* two triangles: lower right and upper left of the diagonal */
+    double u = (x + 0.5) / 4, v = 1 - (y + 0.5) / 4;
+    if (k == 2) return 0;
+    return k == 0 ? (u > v ? u : u) : v;
+}
+
+static void check_gltf(const char *scene) {
+    picture albedo, final;
+    int x, y, k, lit = 0;
+    char channel[64];
+    snprintf(channel, sizeof channel, "%s.albedo.pfm", scene);
+    CHECK(TOOL(scene, WALL_SIZE, SMALL, "--mode", "direct", "--channel", "albedo", "-o", channel) == 0, "exit status %d: %s", ran.status, ran.err);
+    CHECK(!ran.err[0], "there is nothing to warn of: %s", ran.err);
+    albedo = read_pfm(channel);
+    CHECK(TOOL(scene, WALL_SIZE, SMALL, "--mode", "direct", "-o", "final.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
+    final = read_pfm("final.pfm");
+    REQUIRE(albedo.values && final.values, "the pictures are not there");
+    check_cell(&albedo, 0, kd, 0.002, "baseColorFactor");
+    check_cell(&albedo, 1, tinted, 0.004, "factor times texture");
+    check_cell(&final, 2, ke_glb, 0.004, "emissive strength 8");
+    check_cell(&final, 3, ke_strong, 0.4, "emissive strength 800 beside it");
+    check_cell(&final, 4, ke_tex_glb, 0.02, "emissive texture times factor times strength");
+    check_cell(&albedo, 5, by_alpha, 0.004, "MASK");
+    check_cell(&albedo, 6, alpha_quarter, 0.004, "MASK with a cutoff of a quarter");
+    check_cell(&albedo, 7, by_alpha, 0.004, "BLEND");
+    check_cell(&albedo, 8, tex, 0.004, "OPAQUE");
+    check_cell(&albedo, 9, nothing, 0, "MASK with a factor below the cutoff");
+    check_cell(&albedo, 10, by_alpha, 0.004, "MASK with a factor and a texture");
+    check_cell(&albedo, 11, vertex_colors, 0.004, "COLOR_0 in an opaque material");
+    check_cell(&final, 12, one, 0.002, "emission without strength");
+    check_cell(&albedo, 15, kd, 0.002, "a second use of a mesh");
+    for (y = 0; y < 4; y++)  /* moved by its parent and half as large: columns 8 and 9, rows 14 and 15 */
+        for (x = 0; x < 4; x++)
+            for (k = 0; k < 3; k++) lit += fabs(at(&final, 8 + x, 12 + y, k) - (x < 2 && y >= 2)) < 0.002;
+    CHECK(lit == 48, "a use with a parent: %d values of 48 are right", lit);
+    free(albedo.values);
+    free(final.values);
+}
+TEST(gltf_materials_and_camera) { wall_gltf("wall.gltf", 0); check_gltf("wall.gltf"); }
+TEST(glb_materials_and_camera) { wall_gltf("wall.glb", 1); check_gltf("wall.glb"); }
+
+TEST(ids_are_of_uses_of_meshes) {
+    picture id;
+    int cell, other;
+    wall_gltf("wall.glb", 1);
+    REQUIRE(TOOL("wall.glb", WALL_SIZE, SMALL, "--channel", "id", "-o", "id.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
+    id = read_pfm("id.pfm");
+    REQUIRE(id.values, "the picture is not there");
+    for (cell = 0; cell < 16; cell++) {
+        if (cell == 9 || cell == 14) continue;  /* cut out; not filled */
+        CHECK(at(&id, cell % 4 * 4 + 3, cell / 4 * 4 + 3, 0) > 0, "cell %d has no id", cell);
+        for (other = 0; other < cell; other++)
+            CHECK(other == 9 || other == 14 || at(&id, cell % 4 * 4 + 3, cell / 4 * 4 + 3, 0) != at(&id, other % 4 * 4 + 3, other / 4 * 4 + 3, 0), "cells %d and %d share an id", cell, other);
+    }
+    free(id.values);
+}
+
+/* >>cameras */
+
+TEST(options_override_the_files_camera) {
+    picture a, b;
+    wall_gltf("wall.glb", 1);
+    CHECK(TOOL("wall.glb", WALL_SIZE, SMALL, "--channel", "position", "-o", "a.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
+    CHECK(TOOL("wall.glb", WALL_SIZE, SMALL, "--channel", "position", "--eye=0,0,1", "--look-at", "0,0,-5", "--up", "0,2,0", "--fov", "90", "-o", "b.pfm") == 0,
+          "exit status %d: %s", ran.status, ran.err);
+    a = read_pfm("a.pfm");
+    b = read_pfm("b.pfm");
+    REQUIRE(a.values && b.values, "the pictures are not there");
+    CHECK(fabs(at(&a, 0, 0, 0) + 15 / 16.0) < 1e-4 && fabs(at(&a, 0, 0, 1) - 15 / 16.0) < 1e-4, "the top left pixel shows %g %g", at(&a, 0, 0, 0), at(&a, 0, 0, 1));
+    CHECK(memcmp(a.values, b.values, 16 * 16 * 3 * sizeof(float)) == 0, "the file's camera and the same one in options differ");
+    free(a.values);
+    free(b.values);
+    CHECK(TOOL("wall.glb", WALL_SIZE, SMALL, "--channel", "position", "--fov", "45.0", "--up", "1,0,0", "-o", "a.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
+    a = read_pfm("a.pfm");
+    REQUIRE(a.values, "the picture is not there");
+    /* turned by a quarter: up is +x, so the right side is -y; tan(22.5 degrees) of it is seen */
+    CHECK(fabs(at(&a, 1, 1, 0) - 13 / 16.0 * tan(atan(1.0) / 2)) < 1e-4 && fabs(at(&a, 1, 1, 1) - 13 / 16.0 * tan(atan(1.0) / 2)) < 1e-4,
+          "turned: pixel 1 1 shows %g %g", at(&a, 1, 1, 0), at(&a, 1, 1, 1));
+    free(a.values);
+}
+
+static void check_framed(const char *size, int width, int height) {
+    picture depth;
+    int x, y, seen = 0, border = 0;
+    REQUIRE(TOOL("block.obj", "--size", size, SMALL, "--quiet", "--channel", "depth", "-o", "depth.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
+    depth = read_pfm("depth.pfm");
+    REQUIRE(depth.values, "the picture is not there");
+    for (y = 0; y < height; y++)
+        for (x = 0; x < width; x++)
+            if (at(&depth, x, y, 0) > 0) { seen++; border += x == 0 || y == 0 || x == width - 1 || y == height - 1; }
+    CHECK(seen * 12 > (width < height ? width * width : height * height) && !border, "%s: %d pixels of the scene are seen, %d of them at the border", size, seen, border);
+    free(depth.values);
+}
+TEST(without_a_camera_the_scene_is_framed) {
+    int i;
+    char text[2048] = "";
+    for (i = 0; i < 8; i++) sprintf(text + strlen(text), "v %d %d %d\n", 1000 + 40 * (i & 1), -500 + 30 * (i >> 1 & 1), 20 * (i >> 2));
+    strcat(text, "f 1 2 4 3\nf 5 6 8 7\nf 1 2 6 5\nf 3 4 8 7\nf 1 3 7 5\nf 2 4 8 6\n");
+    write_text("block.obj", text);
+    check_framed("32x32", 32, 32);
+    check_framed("48x24", 48, 24);
+    check_framed("20x60", 20, 60);
+}
+
+/* >>outputs */
+
+/* One lamp over a floor before a wall; numbers without a nought before the point are in use, too. */
+static void room_obj(void) {
+    write_text("room.mtl", "newmtl floor\nKd .7 .5 .3\nnewmtl lamp\nKd 0 0 0\nKe 5 6 7\n");
+    write_text("room.obj", "mtllib room.mtl\nv -2 0 -2\nv -2 0 2\nv 2 0 2\nv 2 0 -2\nv -.5 1 -.5\nv .5 1 -.5\nv .5 1 .5\nv -.5 1 .5\n"
+                           "v -2 2 -2\nv 2 2 -2\nusemtl floor\nf 1 2 3 4\nf 1 4 10 9\nusemtl lamp\nf 5 6 7 8\n");
+}
+#define ROOM "room.obj", "--eye", "0,1.4,3", "--look-at", "0,.5,0", "--size", "24x16", SMALL
+
+TEST(png_is_the_encoded_pfm) {
+    picture p;
+    unsigned char *png;
+    int width = 0, height = 0, channels, i, bad = 0, bright = 0;
+    room_obj();
+    CHECK(TOOL(ROOM, "-o", "room.pfm") == 0 && !ran.err[0] && !ran.out[0], "exit status %d: %s", ran.status, ran.err);
+    CHECK(TOOL(ROOM, "--exposure", "-1.5", "--output=room.png") == 0, "exit status %d: %s", ran.status, ran.err);
+    p = read_pfm("room.pfm");
+    png = stbi_load(in_folder("room.png"), &width, &height, &channels, 0);
+    REQUIRE(p.values && png && p.width == 24 && p.height == 16 && width == 24 && height == 16 && channels == 3, "the pictures are not there");
+    for (i = 0; i < 24 * 16 * 3; i++) {
+        double exposed = (double)p.values[i] / pow(2, 1.5);
+        bad += abs(encode_srgb(exposed) - png[i]) > 1;
+        bright += exposed > 0.1;
+    }
+    CHECK(!bad && bright > 30, "%d of 1152 bytes differ, %d are bright", bad, bright);
+    CHECK(at(&p, 12, 4, 1) > 5.9 || at(&p, 12, 3, 1) > 5.9, "the lamp should be in the upper half");
+    CHECK(at(&p, 12, 14, 0) > at(&p, 12, 14, 2) && at(&p, 12, 14, 2) > 0, "the floor should be below, lit and reddish");
+    stbi_image_free(png);
+    free(p.values);
+}
+
+TEST(every_channel_is_written) {
+    static const char *const names[] = { "final", "radiance", "albedo", "normal", "position", "id", "depth", "sensors" };
+    int i, k;
+    room_obj();
+    for (i = 0; i < 8; i++) {
+        picture p;
+        unsigned char *png;
+        int width = 0, height = 0, channels, differing = 0, colors = 0;
+        CHECK(TOOL(ROOM, "--channel", names[i], "-o", "channel.pfm") == 0, "%s: exit status %d: %s", names[i], ran.status, ran.err);
+        CHECK(TOOL(ROOM, "--channel", names[i], "-o", "channel.png") == 0, "%s: exit status %d: %s", names[i], ran.status, ran.err);
+        p = read_pfm("channel.pfm");
+        png = stbi_load(in_folder("channel.png"), &width, &height, &channels, 0);
+        REQUIRE(p.values && png && width == 24, "%s: the pictures are not there", names[i]);
+        for (k = 0; k < 24 * 16; k++) {
+            if (i >= 5) differing += p.values[3 * k] != p.values[3 * k + 1] || p.values[3 * k] != p.values[3 * k + 2];
+            colors += memcmp(png, png + 3 * k, 3) != 0;
+        }
+        CHECK(!differing, "%s: a grey channel should have three equal components", names[i]);
+        CHECK(colors > 0, "%s: the .png is of one colour", names[i]);
+        stbi_image_free(png);
+        free(p.values);
+    }
+}
+
+TEST(exr_is_written_or_refused) {
+    unsigned char head[4] = { 0 };
+    FILE *in;
+    room_obj();
+    TOOL(ROOM, "-o", "room.exr");
+    if (ran.status == 1) {
+        CHECK(strstr(ran.err, "OpenEXR") && ran.err_lines == 1 && !exists("room.exr"), "a build without OpenEXR should say so: %s", ran.err);
+        return;
+    }
+    CHECK(ran.status == 0 && !ran.err[0], "exit status %d: %s", ran.status, ran.err);
+    in = fopen(in_folder("room.exr"), "rb");
+    REQUIRE(in && fread(head, 1, 4, in) == 4, "the picture is not there");
+    fclose(in);
+    CHECK(head[0] == 0x76 && head[1] == 0x2f && head[2] == 0x31 && head[3] == 0x01, "the file is no OpenEXR");
+}
+
+/* The number after "key": in the text, and where it goes on. */
+static double json_number(const char *text, const char *key) {
+    char quoted[64];
+    const char *found;
+    snprintf(quoted, sizeof quoted, "\"%s\":", key);
+    found = strstr(text, quoted);
+    return found ? strtod(found + strlen(quoted), NULL) : -1;
+}
+
+TEST(statistics_have_every_field) {
+    static const char *const counts[] = { "triangles", "visible_pixels", "sensors", "sensor_views", "sensor_texels", "rays", "microseconds_per_sensor", "peak_gpu_bytes", "peak_host_bytes" };
+    static const char *const seconds[] = { "load", "scene", "surface", "gather", "bounce", "refine", "filter", "resolve", "total" };
+    char text[8192];
+    const char *level;
+    double sum = 0, parts = 0;
+    int i, lines;
+    room_obj();
+    REQUIRE(TOOL(ROOM, "--mode", "direct", "--stats", "stats.json", "--quiet", "-o", "room.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
+    read_text(in_folder("stats.json"), text, sizeof text, &lines);
+    REQUIRE(text[0] == '{' && strstr(text, "}\n"), "it is no JSON object: %s", text);
+    CHECK(strstr(text, "\"version\": \"") && strstr(text, "\"renderer\": \"") && strstr(text, "\"mode\": \"direct\"") && strstr(text, "\"backend\": \"raster\"") &&
+          strstr(text, "\"size\": [24, 16]"), "a field is missing or wrong: %s", text);
+    for (i = 0; i < 9; i++) CHECK(json_number(text, counts[i]) >= 0, "%s is missing", counts[i]);
+    for (i = 0; i < 9; i++) {
+        CHECK(json_number(text, seconds[i]) >= 0, "seconds: %s is missing", seconds[i]);
+        if (i < 8) parts += json_number(text, seconds[i]);
+    }
+    CHECK(json_number(text, "triangles") == 6.0, "%g triangles", json_number(text, "triangles"));
+    CHECK(json_number(text, "rays") == 0.0, "rays without the back end that casts them");
+    CHECK(json_number(text, "sensors") > 0 && json_number(text, "sensor_texels") >= json_number(text, "sensors") * 64, "%g sensors, %g texels", json_number(text, "sensors"),
+          json_number(text, "sensor_texels"));
+    for (level = strstr(text, "\"levels\""); level && (level = strstr(level, "{\"tile\"")) != NULL; level++) sum += json_number(level, "sensors");
+    CHECK(sum == json_number(text, "sensors"), "the levels' sensors add up to %g of %g", sum, json_number(text, "sensors"));
+    CHECK(json_number(text, "total") >= parts && json_number(text, "load") > 0, "the parts take %g s, all takes %g s", parts, json_number(text, "total"));
+    CHECK(json_number(text, "peak_host_bytes") > 1e6 && json_number(text, "peak_gpu_bytes") > 1e5, "peak memory is %g and %g bytes", json_number(text, "peak_host_bytes"),
+          json_number(text, "peak_gpu_bytes"));
+    CHECK(!parts_left(), "%d temporary files are left", leftovers);
+}
+
+TEST(a_sensor_can_be_inspected) {
+    double sum[3], r[3], weights;
+    const char *line;
+    room_obj();
+    CHECK(TOOL(ROOM, "--mode", "direct", "--inspect", "12,14", "-o", "sheet.png") == 0, "exit status %d: %s", ran.status, ran.err);
+    CHECK(exists("sheet.png"), "the picture is not there");
+    line = strstr(ran.out, "\nR ");
+    REQUIRE(line && sscanf(line, "\nR %lf %lf %lf", &r[0], &r[1], &r[2]) == 3, "R is missing: %s", ran.out);
+    line = strstr(ran.out, "over the sheet ");
+    REQUIRE(line && sscanf(line, "over the sheet %lf %lf %lf", &sum[0], &sum[1], &sum[2]) == 3, "the sum is missing: %s", ran.out);
+    line = strstr(ran.out, "sum of weights ");
+    REQUIRE(line && sscanf(line, "sum of weights %lf", &weights) == 1, "the weights are missing: %s", ran.out);
+    CHECK(fabs(weights - 1) < 1e-4, "the weights sum to %g", weights);
+    CHECK(r[0] > 0 && fabs(r[0] - sum[0]) < 1e-3 * r[0] && fabs(r[2] / r[0] - 7.0 / 5) < 0.02, "R is %g %g %g, the sum %g", r[0], r[1], r[2], sum[0]);
+    CHECK(TOOL(ROOM, "--inspect", "24,0", "-o", "outside.png") == 1 && ran.err_lines == 1 && !exists("outside.png"), "outside of the picture: exit status %d: %s", ran.status, ran.err);
+}
+
+/* To sbl.h a zero means the default; on the command line it means zero. */
+TEST(zero_is_zero) {
+    picture direct, dark, glow, raw, smooth, all;
+    int i, k, sensed = 0;
+    room_obj();
+    TOOL(ROOM, "--mode", "direct", "-o", "direct.pfm");
+    TOOL(ROOM, "--mode", "ambient", "--epsilon", "0", "-o", "dark.pfm");
+    TOOL(ROOM, "--mode", "ambient", "--epsilon", "0.5", "--channel", "radiance", "-o", "glow.pfm");
+    TOOL(ROOM, "--mode", "direct", "--filter-radius", "0", "--channel", "radiance", "-o", "raw.pfm");
+    TOOL(ROOM, "--mode", "direct", "--channel", "radiance", "-o", "smooth.pfm");
+    TOOL(ROOM, "--mode", "direct", "--threshold", "0", "--channel", "sensors", "-o", "all.pfm");
+    direct = read_pfm("direct.pfm"); dark = read_pfm("dark.pfm"); glow = read_pfm("glow.pfm");
+    raw = read_pfm("raw.pfm"); smooth = read_pfm("smooth.pfm"); all = read_pfm("all.pfm");
+    REQUIRE(direct.values && dark.values && glow.values && raw.values && smooth.values && all.values, "a picture is not there");
+    CHECK(memcmp(direct.values, dark.values, 24 * 16 * 3 * sizeof(float)) == 0, "ambient light with epsilon 0 should be direct light");
+    CHECK(memcmp(smooth.values, glow.values, 24 * 16 * 3 * sizeof(float)) != 0, "epsilon makes no difference");
+    CHECK(memcmp(raw.values, smooth.values, 24 * 16 * 3 * sizeof(float)) != 0, "filter radius 0 should not be the default");
+    for (i = 8; i < 16; i++)
+        for (k = 0; k < 24; k++) sensed += at(&all, k, i, 0) > 0 || at(&smooth, k, i, 0) <= 0;
+    CHECK(sensed > 8 * 24 * 9 / 10, "threshold 0 should put a sensor almost everywhere: %d of %d", sensed, 8 * 24);
+    free(direct.values); free(dark.values); free(glow.values); free(raw.values); free(smooth.values); free(all.values);
+}
+
+/* >>failures */
+
+TEST(bad_usage_is_two) {
+    static const char *const lines[][6] = {
+        { NULL }, { "--size" }, { "room.obj", "--size", "0x5" }, { "room.obj", "--size", "640" }, { "room.obj", "--size", "640x480x2" }, { "room.obj", "--size", "16385x16" },
+        { "room.obj", "--size", "-5x5" }, { "room.obj", "--eye", "1,2" }, { "room.obj", "--eye", "1,2,x" }, { "room.obj", "--eye", "1,2,nan" }, { "room.obj", "--look-at", "1,2,inf" },
+        { "room.obj", "--eye", "1, 2,3" }, { "room.obj", "--up", "" }, { "room.obj", "--fov", "180" }, { "room.obj", "--fov", "0" }, { "room.obj", "--fov", "40deg" },
+        { "room.obj", "--sky", "1,1,-1" }, { "room.obj", "--sky", "sky.hdr" }, { "room.obj", "--mode", "fast" }, { "room.obj", "--preset", "High" }, { "room.obj", "--channel", "beauty" },
+        { "room.obj", "--backend", "metal" }, { "room.obj", "--sensor-size", "3" }, { "room.obj", "--sensor-size", "513" }, { "room.obj", "--sensor-size", "12.5" },
+        { "room.obj", "--sensor-fov", "100" }, { "room.obj", "--mode", "paper", "--sensor-fov", "180" }, { "room.obj", "--tile", "0" }, { "room.obj", "--threshold", "-1" },
+        { "room.obj", "--filter-radius", "33" }, { "room.obj", "--samples", "65" }, { "room.obj", "--exposure", "bright" }, { "room.obj", "--seed", "99999999999" },
+        { "room.obj", "--epsilon", "-0.1" }, { "room.obj", "-o", "out.jpg" }, { "room.obj", "-o" }, { "room.obj", "--fast" }, { "room.obj", "--quiet=yes" }, { "room.obj", "-x" },
+        { "room.obj", "other.obj" }, { "room.obj", "--inspect", "5" }, { "room.obj", "--inspect", "5,5", "--channel", "id" }, { "room.obj", "--stats" },
+        { "room.obj", "--eye", "0,0,0", "--look-at", "0,0,0" }, { "room.obj", "--up", "0,0,0" } };
+    size_t i, k;
+    room_obj();
+    for (i = 0; i < sizeof lines / sizeof lines[0]; i++) {
+        char shown[256] = "";
+        for (k = 0; k < 6 && lines[i][k]; k++) { strcat(shown, " "); strcat(shown, lines[i][k]); }
+        remove(in_folder("sbl.png"));
+        run(lines[i]);
+        CHECK(ran.status == 2, "sbl_render%s: exit status %d, expected 2: %s", shown, ran.status, ran.err);
+        CHECK(ran.err_lines == 1 && strncmp(ran.err, "sbl_render: ", 12) == 0 && !ran.out[0], "sbl_render%s: expected one line on stderr: %s%s", shown, ran.err, ran.out);
+        CHECK(!exists("sbl.png"), "sbl_render%s: a picture was written", shown);
+    }
+}
+
+/* The last run failed, with one line that holds the words, and left nothing behind. */
+static void check_refused(const char *what, const char *words) {
+    CHECK(ran.status == 1, "%s: exit status %d, expected 1: %s", what, ran.status, ran.err);
+    CHECK(ran.err_lines == 1 && strncmp(ran.err, "sbl_render: ", 12) == 0, "%s: expected one line on stderr: %s", what, ran.err);
+    CHECK(strstr(ran.err, words), "%s: expected \"%s\" in: %s", what, words, ran.err);
+    CHECK(!exists("refused.png") && !parts_left(), "%s: something was written", what);
+}
+
+TEST(failures_are_one) {
+    room_obj();
+    TOOL(ROOM, "--mode", "gi", "-o", "refused.png"); check_refused("--mode gi", "bounced light");
+    TOOL(ROOM, "--backend", "trace", "-o", "refused.png"); check_refused("--backend trace", "--backend trace");
+    TOOL(ROOM, "--rays", "64", "-o", "refused.png"); check_refused("--rays", "--rays");
+    TOOL("absent.obj", "-o", "refused.png"); check_refused("no scene", "absent.obj: No such file");
+    TOOL(".", "-o", "refused.png"); check_refused("a folder", "directory");
+    TOOL("/dev/null", "-o", "refused.png"); check_refused("a device", "/dev/null");
+    TOOL(ROOM, "-o", "nowhere/refused.png"); check_refused("no such folder", "nowhere/refused.png");
+    TOOL(ROOM, "-o", "refused.png", "--stats", "nowhere/stats"); check_refused("no folder for the statistics", "nowhere/stats");
+    mkdir(in_folder("folder.png"), 0777);
+    TOOL(ROOM, "-o", "folder.png"); check_refused("a folder for the picture", "folder.png");
+    CHECK(TOOL(ROOM, "--backend", "raster", "-o", "raster.pfm") == 0, "--backend raster: exit status %d: %s", ran.status, ran.err);
+    CHECK(TOOL(ROOM, "--backend", "auto", "-o", "auto.pfm") == 0, "--backend auto: exit status %d: %s", ran.status, ran.err);
+}
+
+TEST(hostile_files_are_refused) {
+    static const struct { const char *name, *text, *words; } files[] = {
+        { "empty.obj", "", "empty.obj" },
+        { "points.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\np 1 2 3\n", "no triangles" },
+        { "index.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9999\n", "index.obj" },
+        { "nan.obj", "g door\nv nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "finite" },
+        { "far.obj", "v 1e30 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "vertex 0" },
+        { "text.gltf", "this is no JSON KHR_materials_emissive_strength", "text.gltf" },
+        { "nodes.gltf", "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"children\":[0]}]}", "nodes.gltf" },
+        { "types.gltf", "{\"asset\":{\"version\":\"2.0\"},\"materials\":{\"extensions\":\"KHR_materials_emissive_strength\"},\"cameras\":7,\"scene\":[]}", "types.gltf" },
+        { "short.glb", "glTF\2\0\0\0", "short.glb" },
+        { "lies.glb", "glTF\2\1\1\1\377\377\377\177\377\377\377\177JSON{\"aspectRatio\":1}", "lies.glb" },
+        { "kind.unknown", "hello", "kind.unknown" },
+        { "line\nfeed.obj", "v 0 0 0\n", "line?feed.obj" } };
+    char deep[3000], *text;
+    size_t i;
+    for (i = 0; i < sizeof files / sizeof files[0]; i++) {
+        write_text(files[i].name, files[i].text);
+        TOOL(files[i].name, "--size", "8x8", SMALL, "-o", "refused.png");
+        check_refused(files[i].name, files[i].words);
+    }
+    memset(deep, '[', sizeof deep - 1);
+    deep[sizeof deep - 1] = 0;
+    text = (char *)malloc(4096);
+    sprintf(text, "{\"KHR_materials_emissive_strength\":%s", deep);
+    write_text("deep.gltf", text);
+    free(text);
+    TOOL("deep.gltf", "-o", "refused.png");
+    check_refused("deep.gltf", "deep.gltf");
+    TOOL("nan.obj", "--quiet", "-o", "refused.png");
+    check_refused("nan.obj with --quiet", "door");
+}
+
+static int tried;
+static int try_file(const char *path, const struct stat *info, int kind, struct FTW *where) {
+    static const char *const kinds[] = { ".obj", ".gltf", ".glb", ".off", ".dae", ".ply", ".3ds", ".ase", ".lwo", ".md5mesh", ".raw", ".smd", ".x", ".xml", NULL };
+    const char *ending = strrchr(path + where->base, '.');
+    char full[4096];
+    int i;
+    (void)info;
+    if (kind != FTW_F) return 0;
+    for (i = 0; ending && kinds[i] && strcmp(ending, kinds[i]) != 0; i++) continue;
+    if ((ending && !kinds[i]) || !realpath(path, full)) return 0;
+    tried++;
+    TOOL(full, "--quiet", "--size", "8x6", "--sensor-size", "4", "--samples", "1", "--tile", "8", "--threshold", "100", "-o", "hostile.png");
+    if (SANITIZED && ran.status == 1 && strstr(ran.err, "SUMMARY: AddressSanitizer")) {
+        /* a reader that dies in its own process does it aloud here; our code must not be where it happens */
+        const char *summary = strstr(ran.err, "SUMMARY: AddressSanitizer"), *memory = strstr(ran.err, "ERROR: AddressSanitizer: requested allocation size");
+        CHECK((strstr(summary, "libassimp") || (memory && strstr(memory, "libassimp"))) && strstr(summary, "sbl_render: "), "%s: %s", path, ran.err);
+    } else CHECK((ran.status == 0 && !ran.err[0]) || (ran.status == 1 && ran.err_lines == 1), "%s: exit status %d: %s", path, ran.status, ran.err);
+    CHECK(exists("hostile.png") == (ran.status == 0) && !parts_left(), "%s: exit status %d, but the picture is%s there", path, ran.status, exists("hostile.png") ? "" : " not");
+    remove(in_folder("hostile.png"));
+    return 0;
+}
+TEST(collected_hostile_files) {
+    struct stat info;
+    if (stat("../shared/scenes/hostile", &info) != 0) SKIP("no ../shared/scenes/hostile beside the repository");
+    nftw("../shared/scenes/hostile", try_file, 16, FTW_PHYS);
+    CHECK(tried > 50, "only %d files were tried", tried);
+}
+
+TEST(a_file_is_written_whole_or_not_at_all) {
+    static const char *const arguments[] = { "room.obj", "--size", "64x48", SMALL, "-o", "whole.pfm", NULL };
+    static const char *const png[] = { "room.obj", "--size", "64x48", SMALL, "--channel", "position", "-o", "whole.png", NULL };
+    static const char *const exr[] = { "room.obj", "--size", "64x48", SMALL, "--channel", "position", "-o", "whole.exr", NULL };
+    static const char *const link_to[] = { "room.obj", "--size", "8x8", SMALL, "-o", "link.pfm", NULL };
+    static const char *const *const all[] = { arguments, png, exr };
+    static const char *const names[] = { "whole.pfm", "whole.png", "whole.exr" };
+    char text[64];
+    struct stat info;
+    int i, lines;
+    room_obj();
+    for (i = 0; i < 3; i++) {
+        write_text(names[i], "old\n");
+        finish(start(all[i], -1, 500));  /* the disk is full */
+        CHECK(ran.status == 1 && strstr(ran.err, names[i]) && ran.err_lines == 1, "%s: exit status %d: %s", names[i], ran.status, ran.err);
+        read_text(in_folder(names[i]), text, sizeof text, &lines);
+        CHECK(strcmp(text, "old\n") == 0, "%s: the old file should have stayed", names[i]);
+        CHECK(!parts_left(), "%s: %d temporary files are left", names[i], leftovers);
+    }
+    CHECK(run(arguments) == 0 && stat(in_folder("whole.pfm"), &info) == 0 && info.st_size > 64 * 48 * 12, "exit status %d: %s", ran.status, ran.err);
+    /* through a link to the file, which stays a link; into a device */
+    CHECK(symlink("whole.pfm", in_folder("link.pfm")) == 0 && run(link_to) == 0 && lstat(in_folder("link.pfm"), &info) == 0 && S_ISLNK(info.st_mode) &&
+          stat(in_folder("whole.pfm"), &info) == 0 && info.st_size < 1000, "a link should be written through: %s", ran.err);
+    CHECK(TOOL(ROOM, "-o", "room.pfm", "--stats", "/dev/stdout") == 0 && json_number(ran.out, "triangles") == 6.0, "statistics into a pipe: exit status %d: %s", ran.status, ran.err);
+    CHECK(stat("/dev/null", &info) == 0 && S_ISCHR(info.st_mode) && TOOL(ROOM, "-o", "room.pfm", "--stats", "/dev/null") == 0 && stat("/dev/null", &info) == 0 &&
+          S_ISCHR(info.st_mode), "a device should stay one");
+}
+
+TEST(interrupt_is_130) {
+    static const char *const arguments[] = { "room.obj", "--size", "2000x1500", "--tile", "1", "--sensor-size", "32", "-o", "interrupted.png", "--stats", "interrupted.json", NULL };
+    pid_t child;
+    time_t asked;
+    room_obj();
+    child = start(arguments, -1, 0);
+    poll(NULL, 0, SANITIZED ? 4000 : 1500);  /* well into the picture, which takes a minute and more */
+    CHECK(waitpid(child, NULL, WNOHANG) == 0, "it should still be at work");
+    asked = time(NULL);
+    kill(child, SIGINT);
+    finish(child);
+    CHECK(time(NULL) - asked < 15, "it took %d s to stop", (int)(time(NULL) - asked));
+    CHECK(ran.status == 130, "exit status %d: %s", ran.status, ran.err);
+    CHECK(!exists("interrupted.png") && !exists("interrupted.json") && !parts_left(), "an interrupted picture was written");
+}
+
+TEST(progress_is_for_terminals) {
+    static const char *const arguments[] = { "room.obj", "--size", "160x120", "--tile", "1", "--sensor-size", "16", "-o", "bar.png", NULL };
+    static const char *const quiet[] = { "room.obj", "--size", "16x12", SMALL, "--quiet", "-o", "bar.png", NULL };
+    static char shown[1 << 16];
+    size_t n;
+    int i, master, slave;
+    room_obj();
+    for (i = 0; i < 2; i++) {
+        pid_t child;
+        struct pollfd waiting;
+        const char *name;
+        master = posix_openpt(O_RDWR | O_NOCTTY);
+        if (master < 0 || grantpt(master) != 0 || unlockpt(master) != 0 || (name = ptsname(master)) == NULL || (slave = open(name, O_RDWR | O_NOCTTY)) < 0) SKIP("no pseudo-terminals");
+        child = start(i ? quiet : arguments, slave, 0);
+        close(slave);
+        waiting.fd = master;
+        waiting.events = POLLIN;
+        for (n = 0; poll(&waiting, 1, 60000) > 0 && n < sizeof shown - 1;) {
+            ssize_t got = read(master, shown + n, sizeof shown - 1 - n);
+            if (got <= 0) break;
+            n += (size_t)got;
+        }
+        shown[n] = 0;
+        finish(child);
+        close(master);
+        CHECK(ran.status == 0, "exit status %d: %s", ran.status, shown);
+        if (i) CHECK(n == 0, "--quiet should say nothing: %s", shown);
+        else CHECK(strstr(shown, "%") && strstr(shown, " left") && strstr(shown, "\r["), "expected a bar with percentage and time left: %s", shown);
+    }
+    CHECK(run(arguments) == 0 && !ran.err[0], "no bar belongs into a file: %s", ran.err);
+}
+
+TEST(help_names_every_option) {
+    static const char *const names[] = { "--output", "-o", "--channel", "--size", "--eye", "--look-at", "--up", "--fov", "--sky", "--mode", "--preset", "--backend", "--rays", "--epsilon",
+        "--sensor-size", "--sensor-fov", "--tile", "--threshold", "--filter-radius", "--exposure", "--seed", "--quiet", "--stats", "--samples", "--inspect", "130", "640x480", "sbl.png" };
+    size_t i;
+    CHECK(TOOL("--help") == 0 && !ran.err[0], "exit status %d: %s", ran.status, ran.err);
+    for (i = 0; i < sizeof names / sizeof names[0]; i++) CHECK(strstr(ran.out, names[i]), "--help does not mention %s", names[i]);
+    CHECK(TOOL("--version") == 0 && strncmp(ran.out, "sbl_render ", 11) == 0 && isdigit((unsigned char)ran.out[11]), "--version: %s", ran.out);
+}
+
+TEST(the_cornell_box_of_the_repository) {
+    picture albedo;
+    char text[8192];
+    int lines;
+    char scene[4096];
+    if (!realpath("examples/scenes/cornell_box.obj", scene)) SKIP("not run in the repository's root");
+    REQUIRE(TOOL(scene, "--size", "64x64", "--eye", "278,273,-800", "--look-at", "278,273,0", "--fov", "39.3077", SMALL, "--channel", "albedo", "--stats", "stats.json", "-o", "box.pfm") == 0,
+            "exit status %d: %s", ran.status, ran.err);
+    read_text(in_folder("stats.json"), text, sizeof text, &lines);
+    CHECK(json_number(text, "triangles") == 32.0, "%g triangles", json_number(text, "triangles"));
+    albedo = read_pfm("box.pfm");
+    REQUIRE(albedo.values, "the picture is not there");
+    CHECK(fabs(at(&albedo, 4, 32, 0) - 0.6) < 0.01 && fabs(at(&albedo, 4, 32, 1) - 0.1) < 0.01, "the left wall should be red");
+    CHECK(fabs(at(&albedo, 59, 32, 1) - 0.6) < 0.01 && fabs(at(&albedo, 59, 32, 0) - 0.1) < 0.01, "the right wall should be green");
+    CHECK(fabs(at(&albedo, 32, 20, 2) - 0.75) < 0.01, "the back wall should be white");
+    free(albedo.values);
+}
+
+static int remove_entry(const char *path, const struct stat *info, int kind, struct FTW *where) { (void)info; (void)kind; (void)where; return remove(path); }
+
+int main(int argc, char **argv) {
+    const char *slash = strrchr(argv[0], '/'), *temporary = getenv("TMPDIR");
+    char here[700], *full;
+    (void)argc;
+    snprintf(here, sizeof here, "%.*s", slash ? (int)(slash - argv[0]) : 1, slash ? argv[0] : ".");
+    full = realpath(here, NULL);
+    snprintf(tool, sizeof tool, "%.900s/sbl_render", full ? full : here);
+    free(full);
+    if (SANITIZED) {
+        /* Files that ask for dozens of gigabytes: the sanitizer has to refuse what the limit on memory refuses otherwise. */
+        const char *options = getenv("ASAN_OPTIONS");
+        char more[512];
+        snprintf(more, sizeof more, "%.400s%smax_allocation_size_mb=1024", options ? options : "", options && *options ? ":" : "");
+        setenv("ASAN_OPTIONS", more, 1);
+        full = realpath("tests/lsan.supp", NULL);  /* the tool runs in another folder */
+        snprintf(more, sizeof more, "suppressions=%.400s:print_suppressions=0", full ? full : "");
+        setenv("LSAN_OPTIONS", full ? more : "", 1);
+        free(full);
+    }
+    snprintf(folder, sizeof folder, "%.40s/sbl_cli_XXXXXX", temporary && *temporary ? temporary : "/tmp");
+    if (!mkdtemp(folder)) { printf("no temporary folder %s\n0 passed, 1 failed, 0 skipped\n", folder); return 1; }
+    RUN(help_names_every_option);
+    RUN(bad_usage_is_two);
+    RUN(failures_are_one);
+    RUN(obj_materials_and_textures);
+    RUN(gltf_materials_and_camera);
+    RUN(glb_materials_and_camera);
+    RUN(ids_are_of_uses_of_meshes);
+    RUN(options_override_the_files_camera);
+    RUN(without_a_camera_the_scene_is_framed);
+    RUN(png_is_the_encoded_pfm);
+    RUN(every_channel_is_written);
+    RUN(exr_is_written_or_refused);
+    RUN(statistics_have_every_field);
+    RUN(a_sensor_can_be_inspected);
+    RUN(zero_is_zero);
+    RUN(hostile_files_are_refused);
+    RUN(collected_hostile_files);
+    RUN(a_file_is_written_whole_or_not_at_all);
+    RUN(interrupt_is_130);
+    RUN(progress_is_for_terminals);
+    RUN(the_cornell_box_of_the_repository);
+    nftw(folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
+    return test_report();
+}
