@@ -1805,6 +1805,8 @@ static void sbl__check_stream(sbl__check *check, const sbl__gl *gl, int mesh, co
                      integer ? "indices are SBL_UINT8, SBL_UINT16 or SBL_UINT32" : "use a float or normalised type");
         return;
     }
+    if (s->type == SBL_UINT8_NORM && components == 3)
+        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: %s.type is %d, SBL_UINT8_NORM; it is for colours and texture coordinates only", mesh, name, (int)s->type);
     element = (size_t)sbl__types[s->type].bytes * (size_t)components;
     stride = sbl__stream_stride(s, components);
     if (stride < element)
@@ -1931,6 +1933,8 @@ static void sbl__check_texture(sbl__check *check, const sbl__gl *gl, const sbl_s
         SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: size is %d x %d; both must be 1 to 65536", number, t->width, t->height);
     else if (t->channels >= 0 && t->channels <= 4 && t->stride && t->stride < (size_t)t->width * sbl__texture_texel(t))
         SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: stride is %.0f, less than a row's %.0f bytes", number, (double)t->stride, (double)t->width * (double)sbl__texture_texel(t));
+    else if (t->stride > SIZE_MAX / 4 / (size_t)t->height)
+        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: stride is %.0f; %d rows of it reach past the address space", number, (double)t->stride, t->height);
 }
 
 static sbl_result sbl__check_scene(const sbl__gl *gl, const sbl_scene_desc *desc) {
@@ -1958,10 +1962,9 @@ static sbl_result sbl__check_scene(const sbl__gl *gl, const sbl_scene_desc *desc
                     SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc: draw_bounds[%d][%d] is %g; bounds must be finite, lowest corner first", i, k, (double)desc->draw_bounds[i][k]);
     if (!(desc->draw_max_radiance >= 0.0f && sbl__finite(desc->draw_max_radiance)))
         SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc: draw_max_radiance is %g; it must be finite and not negative", (double)desc->draw_max_radiance);
-    if (check.mistakes) return SBL_ERROR_INVALID_ARGUMENT;
-    for (i = 0; i < desc->mesh_count; i++) sbl__check_mesh(&check, gl, desc, i);
-    for (i = 0; i < desc->material_count; i++) sbl__check_material(&check, desc, i);
-    for (i = 0; i < desc->texture_count; i++) sbl__check_texture(&check, gl, desc, i);
+    for (i = 0; desc->meshes && i < desc->mesh_count; i++) sbl__check_mesh(&check, gl, desc, i);
+    for (i = 0; desc->materials && i < desc->material_count; i++) sbl__check_material(&check, desc, i);
+    for (i = 0; desc->textures && i < desc->texture_count; i++) sbl__check_texture(&check, gl, desc, i);
     return check.mistakes ? SBL_ERROR_INVALID_ARGUMENT : SBL_SUCCESS;
 }
 
@@ -2767,7 +2770,7 @@ static sbl_result sbl__gather_setup(const sbl__gl *gl, sbl__gather *g, const sbl
     g->epsilon = epsilon;
     /* a power of two brings the brightest light near 1024: inside 16-bit floats, with room below */
     brightest = SBL__MAX(scene->max_radiance, epsilon);
-    g->radiance_scale = brightest > 0 ? (float)ldexp(1, 10 - (int)ceil(log(brightest) / log(2.0))) : 1;
+    g->radiance_scale = brightest > 0 ? (float)ldexp(1, SBL__MIN(10 - (int)ceil(log(brightest) / log(2.0)), 100)) : 1;
     pitch[0] = g->layout.blocks[0] * g->layout.block;
     pitch[1] = g->layout.blocks[1] * g->layout.block;
     atlas_size = SBL__MIN(SBL__MAX(atlas_size, SBL__MAX(pitch[0], pitch[1])), gl->capabilities.max_texture_size);
@@ -4069,7 +4072,11 @@ SBL_API sbl_result sbl_set_mesh_transform(sbl_context *c, int mesh, const float 
 }
 
 SBL_API sbl_result sbl_query_bounds(const sbl_context *c, float lowest[3], float highest[3]) {
-    if (!c || !lowest || !highest) return SBL_ERROR_INVALID_ARGUMENT;
+    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
+    if (!lowest || !highest) {
+        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_query_bounds: %s is NULL", lowest ? "highest" : "lowest");
+        return SBL_ERROR_INVALID_ARGUMENT;
+    }
     if (!c->has_scene) { sbl__log_state(c, "sbl_query_bounds", "there is no scene yet; call sbl_set_scene first"); return SBL_ERROR_STATE; }
     memcpy(lowest, c->scene.bounds[0], 3 * sizeof(float));
     memcpy(highest, c->scene.bounds[1], 3 * sizeof(float));
@@ -4108,6 +4115,7 @@ SBL_API sbl_result sbl_begin(sbl_context *c, const sbl_picture_desc *desc) {
 
 SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
     double start = sbl__now(), before = start, rate = 0;
+    int worked = 0;
     sbl__visit visit;
     sbl_result result = SBL_SUCCESS;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
@@ -4118,10 +4126,11 @@ SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
         int limit = INT_MAX, gathering = c->picture.stage == SBL__STAGE_GATHER, from = c->gather.next;
         double now = sbl__now();
         if (seconds > 0) {
-            if (now - start >= seconds) break;
+            if (worked && now - start >= seconds) break;
             limit = rate > 0 ? (int)SBL__MIN(1e6, (seconds - (now - start)) * rate) : 16;
         }
         result = sbl__picture_work(c, limit);
+        worked = 1;
         if (seconds > 0 && gathering) {  /* how fast sensors go here, for the next limit */
             c->gl.Finish();
             rate = SBL__MAX(1, c->gather.next - from) / SBL__MAX(sbl__now() - now, 1e-6);

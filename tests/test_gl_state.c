@@ -1,0 +1,552 @@
+/* What sbl.h leaves behind in a host's GL context: nothing. All state is compared before and after every function, on success, failure and cancel,
+   once with GL's defaults and once with values that no program has by accident; the pictures of both are the same, bit for bit.
+   And contexts side by side, in one GL context and headless ones: none disturbs another. */
+#include <EGL/egl.h>
+#include <string.h>
+static __eglMustCastToProperFunctionPointerType missing_proc(const char *name);
+#define eglGetProcAddress missing_proc  /* for headless contexts: see headless_creation_fails */
+#define SBL_IMPLEMENTATION
+#define SBL_EGL
+#include "../sbl.h"
+#undef eglGetProcAddress
+#include "test.h"
+#include "scenes.h"
+#include "gl_watch.h"
+#include "gl_scene.h"
+#include "gl_host.h"
+#include "gl_state.h"
+#include "gl_fake.h"
+
+static const char *missing;  /* the function that the headless contexts' loader does not know */
+
+static __eglMustCastToProperFunctionPointerType missing_proc(const char *name) {
+    return missing && strcmp(name, missing) == 0 ? NULL : eglGetProcAddress(name);
+}
+
+static watch seen;
+static gl_state before, after;
+static gl_odd odd;
+static const char *situation = "";
+
+/* Calls and compares. */
+#define KEPT(call) do {                                                                              \
+        const char *difference_;                                                                     \
+        gl_state_take(&before);                                                                      \
+        call;                                                                                        \
+        gl_state_take(&after);                                                                       \
+        difference_ = gl_state_difference(&before, &after);                                          \
+        CHECK(!difference_, "%s%s left behind: %s", #call, situation, difference_ ? difference_ : ""); \
+    } while (0)
+
+#define GIVES(call, right) do {                                                                      \
+        sbl_result result_ = SBL_RESULT_COUNT;                                                       \
+        KEPT(result_ = (call));                                                                      \
+        CHECK(result_ == (right), "%s%s gives \"%s\", expected \"%s\": %s", #call, situation, sbl_result_string(result_), sbl_result_string(right), watch_last(&seen)); \
+    } while (0)
+
+/* >>the host's scene: positions and indices of one mesh in GL buffers, one texture a GL texture */
+
+typedef struct host_scene { test_scene small; GLuint buffers[2], texture; sbl_scene_desc desc; } host_scene;
+
+static void host_scene_make(host_scene *h) {
+    static const unsigned char texels[4 * 4] = { 255, 128, 0, 255, 0, 128, 255, 255, 90, 180, 45, 255, 200, 200, 10, 255 };
+    static const float corners[12] = { -1, 0.2f, -1, -1, 0.4f, 1, 1, 0.4f, 1, 1, 0.2f, -1 };
+    static const uint16_t quad[6] = { 0, 1, 2, 0, 2, 3 };
+    sbl_mesh *m;
+    small_scene(&h->small);
+    gl.GenBuffers(2, h->buffers);
+    gl.BindBuffer(GL_ARRAY_BUFFER, h->buffers[0]);
+    gl.BufferData(GL_ARRAY_BUFFER, sizeof corners, corners, GL_STATIC_DRAW);
+    gl.BindBuffer(GL_ARRAY_BUFFER, h->buffers[1]);
+    gl.BufferData(GL_ARRAY_BUFFER, sizeof quad, quad, GL_STATIC_DRAW);
+    gl.BindBuffer(GL_ARRAY_BUFFER, 0);
+    gl.GenTextures(1, &h->texture);
+    gl.BindTexture(GL_TEXTURE_2D, h->texture);
+    gl.TexImage2D(GL_TEXTURE_2D, 0, GL_SRGB8_ALPHA8, 2, 2, 0, GL_RGBA, GL_UNSIGNED_BYTE, texels);
+    gl.TexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+    gl.BindTexture(GL_TEXTURE_2D, 0);
+    m = &h->small.meshes[h->small.mesh_count++];
+    memset(m, 0, sizeof *m);
+    m->positions.gl_buffer = h->buffers[0];
+    m->vertex_count = 4;
+    m->indices.gl_buffer = h->buffers[1];
+    m->indices.type = SBL_UINT16;
+    m->index_count = 6;
+    m->material = scene_material(&h->small, 0.9f, 0.8f, 0.7f);
+    h->small.textures[h->small.texture_count++].gl_texture = h->texture;
+    h->small.materials[m->material].albedo_texture = h->small.texture_count;
+    h->desc = scene_desc(&h->small);
+}
+
+static host_scene scene;
+
+static int cancel_second(float done, void *user) { (void)done; return ++*(int *)user == 2; }
+
+/* Every function that touches GL, in every way that it can end. The picture is the last good one. */
+static void every_function(small_picture *picture) {
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_picture_desc view = small_view(), bad = small_view();
+    sbl_scene_desc wrong = scene.desc;
+    sbl_context *context = NULL;
+    sbl_sensor sensor;
+    static float radiance[4 * 64 * 64], weights[64 * 64], room[SMALL_FLOATS];
+    float moved[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.1f, 0.05f, 0, 1 }, back[16] = { 0 };
+    int channel, steps, calls = 0, start = seen.blocks, i;
+    GLuint name = 0;
+    desc.get_gl_function = fake_proc;
+    desc.batch = 7;
+
+    for (i = 1; i <= 8; i++) {
+        fake_arm(FAKE_COMPILE, 2 * i - 1, 0);
+        GIVES(sbl_create(&desc, &context), SBL_ERROR_GL);
+        fake_arm(FAKE_LINK, i, 0);
+        GIVES(sbl_create(&desc, &context), SBL_ERROR_GL);
+    }
+    fake_arm(FAKE_LOOKUP, 20, 0);
+    GIVES(sbl_create(&desc, &context), SBL_ERROR_UNSUPPORTED);
+    fake_disarm();
+    seen.refuse_at = seen.allocations + 1;
+    GIVES(sbl_create(&desc, &context), SBL_ERROR_OUT_OF_MEMORY);
+    GIVES(sbl_create(&desc, &context), SBL_SUCCESS);
+    if (!context) return;
+
+    GIVES(sbl_begin(context, &view), SBL_ERROR_STATE);
+    GIVES(sbl_step(context, 0), SBL_ERROR_STATE);
+    GIVES(sbl_set_scene(context, NULL), SBL_ERROR_INVALID_ARGUMENT);
+    wrong.sky[0] = -1;
+    GIVES(sbl_set_scene(context, &wrong), SBL_ERROR_INVALID_ARGUMENT);
+    wrong = scene.desc;
+    scene.small.meshes[1].material = 77;
+    GIVES(sbl_set_scene(context, &wrong), SBL_ERROR_INVALID_ARGUMENT);
+    scene.small.meshes[1].material = 1;
+    GIVES(sbl_set_scene(context, &scene.desc), SBL_SUCCESS);
+    for (i = 1; i < 1000; i++) {  /* each place at which GL can refuse */
+        sbl_result result = SBL_RESULT_COUNT;
+        fake_arm(FAKE_REFUSE, i, GL_OUT_OF_MEMORY);
+        KEPT(result = sbl_set_scene(context, &scene.desc));
+        if (!fake.hits) break;
+        CHECK(result == SBL_ERROR_OUT_OF_MEMORY, "sbl_set_scene, refusal %d%s: \"%s\"", i, situation, sbl_result_string(result));
+    }
+    CHECK(i > 5 && i < 1000, "%d refusals of sbl_set_scene", i);
+    for (i = 1; i < 1000; i++) {  /* and at which the allocator can */
+        sbl_result result = SBL_RESULT_COUNT;
+        seen.refused = 0;
+        seen.refuse_at = seen.allocations + i;
+        KEPT(result = sbl_set_scene(context, &scene.desc));
+        if (!seen.refused) break;
+        CHECK(result == SBL_ERROR_OUT_OF_MEMORY, "sbl_set_scene, allocation %d%s: \"%s\"", i, situation, sbl_result_string(result));
+    }
+    seen.refuse_at = 0;
+    fake_disarm();
+
+    GIVES(sbl_set_mesh_transform(context, -1, moved), SBL_ERROR_INVALID_ARGUMENT);
+    GIVES(sbl_set_mesh_transform(context, SMALL_BOX, moved), SBL_SUCCESS);
+    fake_arm(FAKE_REFUSE, 1, GL_OUT_OF_MEMORY);
+    GIVES(sbl_set_mesh_transform(context, SMALL_BOX, back), SBL_ERROR_OUT_OF_MEMORY);
+    fake_disarm();
+    GIVES(sbl_set_mesh_transform(context, SMALL_BOX, back), SBL_SUCCESS);
+
+    bad.width = -1;
+    GIVES(sbl_begin(context, &bad), SBL_ERROR_INVALID_ARGUMENT);
+    bad = small_view();
+    bad.mode = SBL_MODE_GI;
+    GIVES(sbl_begin(context, &bad), SBL_ERROR_UNSUPPORTED);
+    fake_arm(FAKE_FRAMEBUFFER, 2, 0);
+    GIVES(sbl_begin(context, &view), SBL_ERROR_GL);
+    fake_disarm();
+    GIVES(sbl_begin(context, NULL), SBL_SUCCESS);
+    KEPT(sbl_end(context));
+    view.progress = cancel_second;
+    view.progress_user = &calls;
+    GIVES(sbl_begin(context, &view), SBL_SUCCESS);
+    GIVES(sbl_step(context, 0), SBL_CANCELLED);
+    view.progress = NULL;
+    for (i = 1; i < 1000; i++) {
+        fake_arm(FAKE_REFUSE, i, GL_INVALID_OPERATION);
+        KEPT(sbl_render(context, &view));
+        if (!fake.hits) break;
+    }
+    fake_disarm();
+
+    GIVES(sbl_begin(context, &view), SBL_SUCCESS);
+    for (steps = 0; steps < 10000; steps++) {
+        sbl_result result = SBL_RESULT_COUNT;
+        KEPT(result = sbl_step(context, 1e-9));
+        if (result != SBL_UNFINISHED) break;
+    }
+    CHECK(steps >= 5 && steps < 10000, "%d steps", steps);
+    for (channel = 0; channel < SBL_CHANNEL_COUNT; channel++) {
+        GIVES(sbl_read_channel(context, (sbl_channel)channel, room, SMALL_FLOATS), SBL_SUCCESS);
+        GIVES(sbl_read_channel(context, (sbl_channel)channel, room, 1), SBL_ERROR_INVALID_ARGUMENT);
+        KEPT(name = sbl_channel_texture(context, (sbl_channel)channel));
+        CHECK(name != 0, "channel %d has no texture%s", channel, situation);
+    }
+    GIVES(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, weights, 64 * 64), SBL_SUCCESS);
+    GIVES(sbl_inspect_sensor(context, -1, 0, &sensor, radiance, weights, 64 * 64), SBL_ERROR_INVALID_ARGUMENT);
+    fake_arm(FAKE_REFUSE, 2, GL_OUT_OF_MEMORY);
+    GIVES(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, weights, 64 * 64), SBL_ERROR_OUT_OF_MEMORY);
+    fake_disarm();
+
+    gl.Enable(0xdead);  /* an error that the host left behind */
+    GIVES(sbl_render(context, &view), SBL_SUCCESS);
+    CHECK(gl.GetError() == GL_NO_ERROR, "sbl_render%s leaves a GL error", situation);
+    CHECK(small_read(context, picture) == SBL_SUCCESS, "the picture%s cannot be read: %s", situation, watch_last(&seen));
+    KEPT(sbl_destroy(context));
+    CHECK(seen.blocks == start && seen.strangers == 0, "%d blocks leaked%s", seen.blocks - start, situation);
+    CHECK(fake_live() == 0 && fake.strangers == 0, "%d GL objects leaked, %d others deleted%s", fake_live(), fake.strangers, situation);
+}
+
+static small_picture by_default, by_odd;
+
+TEST(default_state) {
+    situation = ", GL's state being the default,";
+    every_function(&by_default);
+    CHECK(small_plausible(&by_default), "the picture is of one colour, or holds NaN");
+}
+
+/* The unusual state must be unusual: whatever it does not change, the comparison above could not see forgotten. */
+TEST(unusual_state) {
+    static gl_state usual, unusual;
+    int i, k, left = 0;
+    gl_state_take(&usual);
+    gl_odd_make(&odd);
+    gl_state_odd(&odd);
+    gl_state_take(&unusual);
+    for (i = 0; i < GL_STATE__COUNT(gl_state__switches) + GL_STATE__COUNT(gl_state__numbers); i++) {
+        int is_switch = i < GL_STATE__COUNT(gl_state__switches), at = i - GL_STATE__COUNT(gl_state__switches);
+        const char *name = is_switch ? gl_state__switches[i].name : gl_state__numbers[at].name;
+        if (!is_switch && !gl_state__numbers[at].odd) continue;
+        for (k = 0; k < usual.count && k < unusual.count; k++) {
+            if (strcmp(usual.entries[k].name, name) != 0) continue;
+            if (memcmp(usual.entries[k].value, unusual.entries[k].value, sizeof usual.entries[k].value) == 0) { left++; printf("  %s is still the default\n", name); }
+        }
+    }
+    CHECK(left == 0, "%d values are still the default", left);
+    situation = ", GL's state being unusual,";
+    every_function(&by_odd);
+    CHECK(small_same(&by_default, &by_odd), "the host's state changes the picture");
+    CHECK(gl_odd_changed(&odd) == 0, "the contents of %d of the host's buffers and framebuffers have changed", gl_odd_changed(&odd));
+    gl_state_odd(&odd);
+}
+
+/* Each switch and the winding by itself, since one may hide another (discarding hides all). */
+TEST(one_by_one) {
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_picture_desc view = small_view();
+    sbl_context *context;
+    static small_picture alone, picture;
+    int i;
+    if (!host_gl_open("test")) SKIP("no second GL context");  /* a fresh one: all is default again */
+    desc.get_gl_function = gl_host_proc;
+    situation = ", one value being unusual,";
+    host_scene_make(&scene);
+    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene.desc) == SBL_SUCCESS && small_render(context, &view, &alone) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(small_same(&alone, &by_default), "another GL context gives another picture");
+    for (i = 0; i < GL_STATE__COUNT(gl_state__switches) + 7; i++) {
+        int n = i - GL_STATE__COUNT(gl_state__switches);
+        const char *name = n < 0 ? gl_state__switches[i].name : n == 0 ? "FRONT_FACE" : n == 1 ? "PROVOKING_VERTEX" : n == 2 ? "CLIP_CONTROL" : n == 3 ? "POLYGON_MODE" :
+                           n == 4 ? "DEPTH_RANGE" : n == 5 ? "DEPTH_MASK" : "a sampler";
+        if (n < 0 && gl_state__switches[i].version > more_gl.version) continue;
+        if (n < 0) { if (gl.IsEnabled(gl_state__switches[i].id)) gl.Disable(gl_state__switches[i].id); else gl.Enable(gl_state__switches[i].id); }
+        if (n == 0) gl.FrontFace(GL_CW);
+        if (n == 1) more_gl.ProvokingVertex(GL_FIRST_VERTEX_CONVENTION);
+        if (n == 2 && more_gl.ClipControl) more_gl.ClipControl(GL_UPPER_LEFT, GL_ZERO_TO_ONE);
+        if (n == 3) more_gl.PolygonMode(GL_FRONT_AND_BACK, GL_POINT);
+        if (n == 4) gl.DepthRange(1, 0.5);
+        if (n == 5) gl.DepthMask(GL_FALSE);
+        if (n == 6) { GLuint sampler; gl.GenSamplers(1, &sampler); for (n = 0; n < 16; n++) gl.BindSampler((GLuint)n, sampler); }
+        KEPT(small_render(context, &view, &picture));
+        CHECK(small_same(&picture, &alone), "%s changes the picture", name);
+        KEPT(sbl_set_scene(context, &scene.desc));
+        if (i < GL_STATE__COUNT(gl_state__switches)) { if (gl.IsEnabled(gl_state__switches[i].id)) gl.Disable(gl_state__switches[i].id); else gl.Enable(gl_state__switches[i].id); }
+    }
+    sbl_destroy(context);
+}
+
+/* >>the draw callback */
+
+typedef struct mess { int on; GLuint objects[4]; int calls; } mess;
+
+/* Draws nothing, but behaves as programs do that have drawn: nothing is put back. */
+static void make_mess(const sbl_draw_view *v, void *user) {
+    mess *m = (mess *)user;
+    m->calls++;
+    (void)v;
+    if (!m->on) return;
+    if (!m->objects[0]) {
+        gl.GenTextures(1, &m->objects[0]);
+        gl.GenBuffers(1, &m->objects[1]);
+        gl.GenVertexArrays(1, &m->objects[2]);
+        gl.GenSamplers(1, &m->objects[3]);
+    }
+    gl.UseProgram(odd.program);
+    gl.BindVertexArray(m->objects[2]);
+    gl.BindBuffer(GL_ARRAY_BUFFER, m->objects[1]);
+    gl.BindBuffer(GL_PIXEL_UNPACK_BUFFER, m->objects[1]);
+    gl.BindBuffer(GL_PIXEL_PACK_BUFFER, m->objects[1]);
+    gl.BindSampler(0, m->objects[3]);
+    gl.ActiveTexture(GL_TEXTURE0 + 3);
+    gl.BindTexture(GL_TEXTURE_2D, m->objects[0]);
+    gl.ActiveTexture(GL_TEXTURE0 + 13);  /* a unit that sbl.h does not use: what stands there is the callback's from now on */
+    gl.BindTexture(GL_TEXTURE_2D, m->objects[0]);
+    gl.Enable(GL_BLEND);
+    gl.Enable(GL_CULL_FACE);
+    gl.Enable(GL_STENCIL_TEST);
+    gl.Enable(GL_RASTERIZER_DISCARD);
+    gl.Enable(GL_FRAMEBUFFER_SRGB);
+    gl.Enable(GL_CLIP_DISTANCE0);
+    gl.Enable(GL_CLIP_DISTANCE1 + 4);
+    gl.Enable(GL_POLYGON_OFFSET_FILL);
+    gl.Disable(GL_DEPTH_CLAMP);
+    gl.Disable(GL_DEPTH_TEST);
+    gl.Disable(GL_SCISSOR_TEST);
+    gl.FrontFace(GL_CW);
+    gl.DepthMask(GL_FALSE);
+    gl.DepthFunc(GL_NEVER);
+    gl.DepthRange(1, 0);
+    gl.ColorMask(0, 1, 0, 1);
+    gl.Viewport(0, 0, 1, 1);
+    gl.Scissor(0, 0, 1, 1);
+    gl.PixelStorei(GL_PACK_ROW_LENGTH, 3);
+    gl.PixelStorei(GL_UNPACK_SKIP_PIXELS, 2);
+    more_gl.PolygonMode(GL_FRONT_AND_BACK, GL_LINE);
+    if (more_gl.ClipControl) more_gl.ClipControl(GL_UPPER_LEFT, GL_NEGATIVE_ONE_TO_ONE);
+    gl.BindFramebuffer(GL_FRAMEBUFFER, 0);
+    gl.Enable(0xdead);  /* an error */
+}
+
+TEST(draw_callback_that_puts_nothing_back) {
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_picture_desc view = small_view();
+    sbl_scene_desc with = scene.desc;
+    sbl_context *context;
+    static small_picture polite, rude;
+    static mess m;
+    const char *difference;
+    GLint unit_13 = 0, unit_13_buffer = 0;
+    int i;
+    desc.get_gl_function = gl_host_proc;
+    with.draw = make_mess;
+    with.draw_user = &m;
+    for (i = 0; i < 3; i++) { with.draw_bounds[0][i] = -1; with.draw_bounds[1][i] = 1; }
+    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &with) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(small_render(context, &view, &polite) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(m.calls > 10, "the callback was called %d times", m.calls);
+    m.on = 1;
+    gl_state_take(&before);
+    CHECK(small_render(context, &view, &rude) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(gl.GetError() == GL_NO_ERROR, "the callback's GL error is left");
+    gl_state_take(&after);
+    gl.ActiveTexture(GL_TEXTURE0 + 13);
+    gl.GetIntegerv(GL_TEXTURE_BINDING_2D, &unit_13);
+    gl.GetIntegerv(GL_TEXTURE_BINDING_BUFFER, &unit_13_buffer);
+    CHECK((GLuint)unit_13 == m.objects[0] && unit_13_buffer == 0, "texture unit 13 holds %d and %d, the callback bound %u", unit_13, unit_13_buffer, m.objects[0]);
+    for (i = 0; i < after.count; i++) if (strcmp(after.entries[i].name, "TEXTURE_2D 13") == 0) memcpy(after.entries[i].value, before.entries[i].value, sizeof after.entries[i].value);
+    difference = gl_state_difference(&before, &after);
+    CHECK(!difference, "left behind by the callback: %s", difference ? difference : "");
+    CHECK(small_same(&polite, &rude), "what the callback leaves behind changes the picture");
+    sbl_destroy(context);
+}
+
+/* >>contexts side by side */
+
+static test_scene other;
+
+static sbl_picture_desc other_view(void) {
+    sbl_picture_desc view = small_view();
+    view.tile = 3;
+    view.sensor_size = 12;
+    view.samples = 1;
+    view.mode = SBL_MODE_DIRECT;
+    view.seed = 5;
+    return view;
+}
+
+/* Two contexts made from desc: alone one after the other, then with their steps in turns. */
+static void side_by_side(const sbl_context_desc *desc, const char *where) {
+    static small_picture alone[2], together[2];
+    static test_scene first;
+    sbl_scene_desc scenes[2];
+    sbl_picture_desc views[2];
+    sbl_context *contexts[2] = { NULL, NULL };
+    int i, round, done = 0;
+    small_scene(&first);
+    scenes[0] = scene_desc(&first);
+    scenes[1] = scene_desc(&other);
+    views[0] = small_view();
+    views[1] = other_view();
+    for (i = 0; i < 2; i++) {
+        sbl_context *c;
+        REQUIRE(sbl_create(desc, &c) == SBL_SUCCESS && sbl_set_scene(c, &scenes[i]) == SBL_SUCCESS && small_render(c, &views[i], &alone[i]) == SBL_SUCCESS, "%s: %s", where, watch_last(&seen));
+        sbl_destroy(c);
+    }
+    CHECK(!small_same(&alone[0], &alone[1]), "%s: the two pictures are the same", where);
+    for (i = 0; i < 2; i++) REQUIRE(sbl_create(desc, &contexts[i]) == SBL_SUCCESS, "%s: %s", where, watch_last(&seen));
+    for (i = 0; i < 2; i++) CHECK(sbl_set_scene(contexts[i], &scenes[i]) == SBL_SUCCESS, "%s: %s", where, watch_last(&seen));
+    for (i = 0; i < 2; i++) CHECK(sbl_begin(contexts[i], &views[i]) == SBL_SUCCESS, "%s: %s", where, watch_last(&seen));
+    for (round = 0; round < 10000 && done != 3; round++)
+        for (i = 0; i < 2; i++) {
+            sbl_result result = sbl_step(contexts[i], 1e-9);
+            CHECK(result == SBL_SUCCESS || result == SBL_UNFINISHED, "%s: %s", where, watch_last(&seen));
+            if (result != SBL_UNFINISHED) done |= 1 << i;
+        }
+    CHECK(round > 3 && done == 3, "%s: %d rounds", where, round);
+    for (i = 0; i < 2; i++) {
+        CHECK(small_read(contexts[i], &together[i]) == SBL_SUCCESS, "%s: %s", where, watch_last(&seen));
+        CHECK(small_same(&together[i], &alone[i]), "%s: picture %d differs from the one made alone", where, i);
+    }
+    sbl_destroy(contexts[0]);  /* the other goes on */
+    CHECK(small_render(contexts[1], &views[1], &together[1]) == SBL_SUCCESS && small_same(&together[1], &alone[1]), "%s: the other context does not outlive the first", where);
+    sbl_destroy(contexts[1]);
+    scene_free(&first);
+}
+
+TEST(two_contexts_in_one_gl_context) {
+    sbl_context_desc desc = watch_desc(&seen);
+    desc.get_gl_function = gl_host_proc;
+    side_by_side(&desc, "in one GL context");
+}
+
+TEST(two_headless_contexts) {
+    sbl_context_desc desc = watch_desc(&seen);
+    side_by_side(&desc, "headless");
+}
+
+/* >>EGL's binding, with headless contexts */
+
+typedef struct binding { EGLDisplay display; EGLContext context; EGLSurface draw, read; EGLenum api; } binding;
+
+static binding binding_take(void) {
+    binding b;
+    b.api = eglQueryAPI();
+    b.display = eglGetCurrentDisplay();
+    b.context = eglGetCurrentContext();
+    b.draw = eglGetCurrentSurface(EGL_DRAW);
+    b.read = eglGetCurrentSurface(EGL_READ);
+    return b;
+}
+
+static int binding_same(binding a, binding b) {
+    return a.api == b.api && a.display == b.display && a.context == b.context && a.draw == b.draw && a.read == b.read;
+}
+
+#define BOUND(call) do {                                                                                                          \
+        binding before_ = binding_take(), after_;                                                                                 \
+        call;                                                                                                                     \
+        after_ = binding_take();                                                                                                  \
+        CHECK(binding_same(before_, after_), "%s%s changes EGL's binding: context %p, API 0x%x; now %p, 0x%x", #call, situation, before_.context, before_.api, after_.context, after_.api); \
+    } while (0)
+
+static void headless_functions(void) {
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_picture_desc view = other_view();
+    sbl_scene_desc s = scene_desc(&other);
+    sbl_context *context = NULL;
+    sbl_sensor sensor;
+    static float room[SMALL_FLOATS];
+    float back[16] = { 0 };
+    int calls = 0;
+    BOUND(CHECK(sbl_create(&desc, &context) == SBL_SUCCESS, "%s", watch_last(&seen)));
+    if (!context) return;
+    BOUND(CHECK(sbl_set_scene(context, &s) == SBL_SUCCESS, "%s", watch_last(&seen)));
+    BOUND(CHECK(sbl_set_scene(context, NULL) != SBL_SUCCESS, "NULL"));
+    BOUND(CHECK(sbl_set_mesh_transform(context, 0, back) == SBL_SUCCESS, "%s", watch_last(&seen)));
+    BOUND(CHECK(sbl_begin(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen)));
+    BOUND(CHECK(sbl_step(context, 1e-9) == SBL_UNFINISHED, "%s", watch_last(&seen)));
+    BOUND(CHECK(sbl_step(context, 0) == SBL_SUCCESS, "%s", watch_last(&seen)));
+    BOUND(CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, room, SMALL_FLOATS) == SBL_SUCCESS, "%s", watch_last(&seen)));
+    BOUND(CHECK(sbl_channel_texture(context, SBL_CHANNEL_DEPTH) != 0, "%s", watch_last(&seen)));
+    BOUND(CHECK(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, NULL, NULL, 0) == SBL_SUCCESS, "%s", watch_last(&seen)));
+    view.progress = cancel_second;
+    view.progress_user = &calls;
+    BOUND(CHECK(sbl_render(context, &view) == SBL_CANCELLED, "%s", watch_last(&seen)));
+    BOUND(CHECK(sbl_begin(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen)));
+    BOUND(sbl_end(context));
+    BOUND(sbl_destroy(context));
+}
+
+static void headless_fails(void) {
+    static const char *const names[] = { "glActiveTexture", "glFlush", "glViewport" };
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_context *context = NULL;
+    int i, blocks = seen.blocks;
+    for (i = 0; i < 3; i++) {
+        missing = names[i];
+        BOUND(CHECK(sbl_create(&desc, &context) == SBL_ERROR_UNSUPPORTED && !context, "%s is missing: %s", names[i], watch_last(&seen)));
+        missing = NULL;
+    }
+    CHECK(seen.blocks == blocks, "%d blocks leaked", seen.blocks - blocks);
+}
+
+TEST(headless_beside_the_hosts_context) {
+    EGLContext host = eglGetCurrentContext();
+    situation = ", the host's GL context being current,";
+    REQUIRE(host != EGL_NO_CONTEXT, "no context of the host");
+    headless_functions();
+    CHECK(eglGetCurrentContext() == host, "the host's context is no longer current");
+    gl_state_take(&before);
+    headless_functions();
+    gl_state_take(&after);
+    CHECK(!gl_state_difference(&before, &after), "the host's state: %s", gl_state_difference(&before, &after));
+}
+
+TEST(headless_creation_fails) {
+    EGLContext host = eglGetCurrentContext();
+    situation = ", the host's GL context being current,";
+    headless_fails();
+    eglMakeCurrent(gl.display, EGL_NO_SURFACE, EGL_NO_SURFACE, host);
+}
+
+TEST(headless_with_nothing_current) {
+    EGLContext host = eglGetCurrentContext();
+    eglMakeCurrent(gl.display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
+    situation = ", nothing being current,";
+    headless_functions();
+    headless_fails();
+    if (eglBindAPI(EGL_OPENGL_ES_API)) {
+        situation = ", the API being OpenGL ES,";
+        headless_functions();
+        headless_fails();
+    }
+    eglBindAPI(EGL_OPENGL_API);
+    eglMakeCurrent(gl.display, EGL_NO_SURFACE, EGL_NO_SURFACE, host);
+}
+
+/* >>what cannot be put aside must at least be said */
+
+TEST(limits_are_documented) {
+    static char text[1 << 16];
+    static const char *const words[] = { "conditional render", "transform feedback", "quer" };
+    FILE *file = fopen("sbl.h", "rb");
+    char *chapter, *end;
+    int i;
+    if (!file) SKIP("sbl.h is not in the current directory");
+    text[fread(text, 1, sizeof text - 1, file)] = 0;
+    fclose(file);
+    chapter = strstr(text, "ON GL STATE");
+    end = chapter ? strstr(chapter, "ON DETERMINISM") : NULL;
+    REQUIRE(chapter && end, "no chapter ON GL STATE");
+    *end = 0;
+    for (i = 0; i < 3; i++) CHECK(strstr(chapter, words[i]), "ON GL STATE does not say what becomes of a %s... that is active", words[i]);
+}
+
+int main(void) {
+    if (!gl_host_open()) { printf("no GL context\n"); return 1; }
+    if (eglGetCurrentContext() == EGL_NO_CONTEXT) return 1;
+    host_scene_make(&scene);
+    scene_floor(&other, scene_material(&other, 0.5f, 0.4f, 0.3f), 0, 3);
+    scene_box(&other, scene_lamp(&other, 3, 2, 1), -0.3f, 0.4f, -0.3f, 0.3f, 1, 0.3f);
+    RUN(default_state);
+    RUN(unusual_state);
+    RUN(one_by_one);
+    RUN(draw_callback_that_puts_nothing_back);
+    RUN(two_contexts_in_one_gl_context);
+    RUN(two_headless_contexts);
+    RUN(headless_beside_the_hosts_context);
+    RUN(headless_creation_fails);
+    RUN(headless_with_nothing_current);
+    RUN(limits_are_documented);
+    scene_free(&scene.small);
+    scene_free(&other);
+    return test_report();
+}
