@@ -132,7 +132,8 @@
    cancel too: framebuffers, program, vertex array, buffers, textures and samplers of the units they use, viewport,
    scissor, depth, stencil, blend, cull, masks, clear values, polygon mode, pixel store, sRGB, clip distances, depth
    clamp, clip control, and so on. With a headless context of its own the EGL binding is put back instead. GL errors
-   that the host left behind are cleared. All sbl functions that touch GL need the same GL context current that
+   that the host left behind are cleared. A conditional render, a transform feedback and queries that count samples or primitives must not be
+   active during the calls: they cannot be set aside, and would drop or count sbl.h's own drawing. All sbl functions that touch GL need the same GL context current that
    sbl_create was called in; sbl_destroy too.
 
    ON DETERMINISM
@@ -1209,6 +1210,7 @@ static float sbl__linear_to_srgb(float x) { return x <= 0.0031308f ? 12.92f * x 
     X(void, EnableVertexAttribArray, (unsigned index))                                                                    \
     X(void, Finish, (void))                                                                                               \
     X(void, Flush, (void))                                                                                                \
+    X(void, FrontFace, (unsigned direction))                                                                              \
     X(void, FramebufferTexture2D, (unsigned target, unsigned attachment, unsigned kind, unsigned texture, int level))     \
     X(void, GenBuffers, (int count, unsigned *names))                                                                     \
     X(void, GenFramebuffers, (int count, unsigned *names))                                                                \
@@ -1258,7 +1260,17 @@ static float sbl__linear_to_srgb(float x) { return x <= 0.0031308f ? 12.92f * x 
 
 /* used where present; missing is no error */
 #define SBL__GL_OPTIONAL_FUNCTIONS(X)                        \
-    X(void, ClipControl, (unsigned origin, unsigned depth))
+    X(void, ClipControl, (unsigned origin, unsigned depth))  \
+    X(void, DepthRangeIndexed, (unsigned index, double nearest, double farthest)) \
+    X(void, GetDoublei_v, (unsigned name, unsigned index, double *out)) \
+    X(void, GetFloati_v, (unsigned name, unsigned index, float *out)) \
+    X(void, GetIntegeri_v, (unsigned name, unsigned index, int *out)) \
+    X(void, ScissorIndexedv, (unsigned index, const int *box)) \
+    X(void, ViewportIndexedfv, (unsigned index, const float *box))
+
+#define SBL__GUARD_UNITS 10
+#define SBL__GUARD_DRAW_BUFFERS 8
+#define SBL__GUARD_VIEWPORTS 16
 
 typedef struct sbl__gl {
     sbl__base *base;
@@ -1267,7 +1279,7 @@ typedef struct sbl__gl {
     SBL__GL_OPTIONAL_FUNCTIONS(SBL__X)
 #undef SBL__X
     sbl_capabilities capabilities;
-    int max_draw_buffers;
+    int viewports;  /* of the viewport array (GL 4.1); 1 without */
 } sbl__gl;
 
 enum {
@@ -1296,7 +1308,7 @@ enum {
     SBL__GL_R32F = 0x822E, SBL__GL_RG32F = 0x8230, SBL__GL_R32UI = 0x8236, SBL__GL_RGBA32UI = 0x8D70, SBL__GL_RGBA32F = 0x8814, SBL__GL_RGBA16F = 0x881A,
     SBL__GL_SRGB8_ALPHA8 = 0x8C43, SBL__GL_DEPTH_COMPONENT32F = 0x8CAC,
     SBL__GL_TEXTURE0 = 0x84C0, SBL__GL_ACTIVE_TEXTURE = 0x84E0, SBL__GL_DEPTH_CLAMP = 0x864F, SBL__GL_VERTEX_ARRAY_BINDING = 0x85B5,
-    SBL__GL_MAX_DRAW_BUFFERS = 0x8824, SBL__GL_BUFFER_SIZE = 0x8764,
+    SBL__GL_MAX_VIEWPORTS = 0x825B, SBL__GL_BUFFER_SIZE = 0x8764,
     SBL__GL_ARRAY_BUFFER = 0x8892, SBL__GL_ELEMENT_ARRAY_BUFFER = 0x8893, SBL__GL_ARRAY_BUFFER_BINDING = 0x8894,
     SBL__GL_STREAM_DRAW = 0x88E0, SBL__GL_STATIC_DRAW = 0x88E4, SBL__GL_PIXEL_PACK_BUFFER = 0x88EB, SBL__GL_PIXEL_UNPACK_BUFFER = 0x88EC,
     SBL__GL_PIXEL_PACK_BUFFER_BINDING = 0x88ED, SBL__GL_PIXEL_UNPACK_BUFFER_BINDING = 0x88EF, SBL__GL_SAMPLER_BINDING = 0x8919,
@@ -1377,6 +1389,11 @@ static sbl_result sbl__gl_load(sbl__gl *gl, sbl__base *base, const sbl_context_d
     if (gl->ClipControl && (c->gl_major * 10 + c->gl_minor >= 45 || sbl__gl_has_extension(gl, "GL_ARB_clip_control")))
         c->available |= SBL_CAPABILITY_CLIP_CONTROL;
     c->used = c->available & ~desc->disabled;
+    gl->viewports = 1;
+    if (c->gl_major * 10 + c->gl_minor >= 41 && gl->DepthRangeIndexed && gl->GetDoublei_v && gl->GetFloati_v && gl->GetIntegeri_v && gl->ScissorIndexedv && gl->ViewportIndexedfv) {
+        gl->GetIntegerv(SBL__GL_MAX_VIEWPORTS, &gl->viewports);
+        gl->viewports = SBL__MAX(1, SBL__MIN(gl->viewports, SBL__GUARD_VIEWPORTS));
+    }
     sbl__gl_clear_errors(gl);
     return SBL_SUCCESS;
 }
@@ -1386,8 +1403,6 @@ static int sbl__gl_at_least(const sbl__gl *gl, int version) { return gl->capabil
 /* The state guard: everything sbl.h changes, saved on the way in and put back on the way out.
    sbl__guard_force sets what all passes rely on; it is called again after the host's draw callback. */
 
-#define SBL__GUARD_UNITS 10
-#define SBL__GUARD_DRAW_BUFFERS 6
 
 static const struct { unsigned name; int needed; } sbl__guard_switches[] = {  /* needed: GL version that has it */
     { SBL__GL_CULL_FACE, 33 }, { SBL__GL_DEPTH_TEST, 33 }, { SBL__GL_STENCIL_TEST, 33 }, { SBL__GL_SCISSOR_TEST, 33 }, { SBL__GL_COLOR_LOGIC_OP, 33 },
@@ -1408,8 +1423,11 @@ static const struct { unsigned name; int value; } sbl__guard_pixel_store[] = {
 
 typedef struct sbl__guard {
     unsigned char switches[32], blend[SBL__GUARD_DRAW_BUFFERS], color_mask[SBL__GUARD_DRAW_BUFFERS][4], depth_mask;
-    int pixel_store[16], polygon_mode[2], front_face, depth_function, viewport[4], scissor[4], clip_origin, clip_depth;
-    double depth_range[2];
+    int pixel_store[16], polygon_mode[2], front_face, depth_function, clip_origin, clip_depth;
+    unsigned char scissor_test[SBL__GUARD_VIEWPORTS];
+    int viewport[4], scissor[4], scissors[SBL__GUARD_VIEWPORTS][4];  /* the arrays where there are such */
+    float viewports[SBL__GUARD_VIEWPORTS][4];
+    double depth_range[2], depth_ranges[SBL__GUARD_VIEWPORTS][2];
     int program, vertex_array, array_buffer, texture_buffer, copy_buffer, pack_buffer, unpack_buffer, draw_framebuffer, read_framebuffer, active_texture;
     int textures_2d[SBL__GUARD_UNITS], textures_buffer[SBL__GUARD_UNITS], samplers[SBL__GUARD_UNITS];
 } sbl__guard;
@@ -1432,6 +1450,12 @@ static void sbl__guard_save(const sbl__gl *gl, sbl__guard *g) {
     gl->GetIntegerv(SBL__GL_VIEWPORT, g->viewport);
     gl->GetIntegerv(SBL__GL_SCISSOR_BOX, g->scissor);
     gl->GetDoublev(SBL__GL_DEPTH_RANGE, g->depth_range);
+    for (i = 0; gl->viewports > 1 && i < gl->viewports; i++) {
+        g->scissor_test[i] = gl->IsEnabledi(SBL__GL_SCISSOR_TEST, (unsigned)i);
+        gl->GetFloati_v(SBL__GL_VIEWPORT, (unsigned)i, g->viewports[i]);
+        gl->GetIntegeri_v(SBL__GL_SCISSOR_BOX, (unsigned)i, g->scissors[i]);
+        gl->GetDoublei_v(SBL__GL_DEPTH_RANGE, (unsigned)i, g->depth_ranges[i]);
+    }
     if (gl->capabilities.available & SBL_CAPABILITY_CLIP_CONTROL) {
         gl->GetIntegerv(SBL__GL_CLIP_ORIGIN, &g->clip_origin);
         gl->GetIntegerv(SBL__GL_CLIP_DEPTH_MODE, &g->clip_depth);
@@ -1467,6 +1491,7 @@ static void sbl__guard_force(const sbl__gl *gl) {
     gl->DepthMask(1);
     for (i = 0; i < SBL__COUNT(sbl__guard_pixel_store); i++) gl->PixelStorei(sbl__guard_pixel_store[i].name, sbl__guard_pixel_store[i].value);
     gl->PolygonMode(SBL__GL_FRONT_AND_BACK, SBL__GL_FILL);
+    gl->FrontFace(SBL__GL_CCW);
     gl->DepthFunc(SBL__GL_GREATER);
     gl->DepthRange(0, 1);
     if (gl->capabilities.available & SBL_CAPABILITY_CLIP_CONTROL)
@@ -1489,10 +1514,17 @@ static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
     gl->DepthMask(g->depth_mask);
     for (i = 0; i < SBL__COUNT(sbl__guard_pixel_store); i++) gl->PixelStorei(sbl__guard_pixel_store[i].name, g->pixel_store[i]);
     gl->PolygonMode(SBL__GL_FRONT_AND_BACK, (unsigned)g->polygon_mode[0]);
+    gl->FrontFace((unsigned)g->front_face);
     gl->DepthFunc((unsigned)g->depth_function);
     gl->DepthRange(g->depth_range[0], g->depth_range[1]);
     gl->Viewport(g->viewport[0], g->viewport[1], g->viewport[2], g->viewport[3]);
     gl->Scissor(g->scissor[0], g->scissor[1], g->scissor[2], g->scissor[3]);
+    for (i = 0; gl->viewports > 1 && i < gl->viewports; i++) {
+        if (g->scissor_test[i]) gl->Enablei(SBL__GL_SCISSOR_TEST, (unsigned)i); else gl->Disablei(SBL__GL_SCISSOR_TEST, (unsigned)i);
+        gl->ViewportIndexedfv((unsigned)i, g->viewports[i]);
+        gl->ScissorIndexedv((unsigned)i, g->scissors[i]);
+        gl->DepthRangeIndexed((unsigned)i, g->depth_ranges[i][0], g->depth_ranges[i][1]);
+    }
     if (gl->capabilities.available & SBL_CAPABILITY_CLIP_CONTROL) gl->ClipControl((unsigned)g->clip_origin, (unsigned)g->clip_depth);
     for (i = 0; i < SBL__GUARD_UNITS; i++) {
         gl->ActiveTexture(SBL__GL_TEXTURE0 + (unsigned)i);
@@ -3756,18 +3788,31 @@ typedef struct sbl__visit {
 #endif
 } sbl__visit;
 
+#ifdef SBL_EGL
+static void sbl__egl_save(sbl__visit *v) {
+    v->api = eglQueryAPI();
+    v->display = eglGetCurrentDisplay();
+    v->context = eglGetCurrentContext();
+    v->draw = eglGetCurrentSurface(EGL_DRAW);
+    v->read = eglGetCurrentSurface(EGL_READ);
+    v->switched = 1;
+}
+
+static void sbl__egl_restore(const sbl_context *c, const sbl__visit *v) {
+    if (!v->switched) return;
+    if (c->egl_display != EGL_NO_DISPLAY) eglMakeCurrent(c->egl_display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
+    eglBindAPI(v->api);
+    if (v->context != EGL_NO_CONTEXT) eglMakeCurrent(v->display, v->draw, v->read, v->context);
+}
+#endif
+
 static void sbl__visit_enter(sbl_context *c, sbl__visit *v) {
 #ifdef SBL_EGL
     v->switched = 0;
     if (c->owns_egl && eglGetCurrentContext() != c->egl_context) {
-        v->display = eglGetCurrentDisplay();
-        v->api = eglQueryAPI();
-        v->context = eglGetCurrentContext();
-        v->draw = eglGetCurrentSurface(EGL_DRAW);
-        v->read = eglGetCurrentSurface(EGL_READ);
+        sbl__egl_save(v);
         eglBindAPI(EGL_OPENGL_API);
         eglMakeCurrent(c->egl_display, c->egl_surface, c->egl_surface, c->egl_context);
-        v->switched = 1;
     }
 #endif
     sbl__guard_save(&c->gl, &v->guard);
@@ -3778,12 +3823,7 @@ static void sbl__visit_leave(sbl_context *c, const sbl__visit *v) {
     sbl__guard_restore(&c->gl, &v->guard);
     sbl__gl_clear_errors(&c->gl);
 #ifdef SBL_EGL
-    if (v->switched) {
-        if (v->context != EGL_NO_CONTEXT) {
-            eglBindAPI(v->api);
-            eglMakeCurrent(v->display, v->draw, v->read, v->context);
-        } else eglMakeCurrent(c->egl_display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
-    }
+    sbl__egl_restore(c, v);
 #endif
 }
 
@@ -3950,6 +3990,28 @@ static void sbl__log_state(const sbl_context *c, const char *function, const cha
     sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_WRONG_ORDER, "%s: %s", function, needs);
 }
 
+/* All but the struct itself. A context that sbl_create gave up half-way is freed too. */
+static void sbl__context_free(sbl_context *c) {
+    if (c->gl.GetError && c->gl.capabilities.gl_major) {
+        unsigned *programs = &c->programs.copy;
+        sbl__visit visit;
+        int i;
+        sbl__visit_enter(c, &visit);
+        sbl__picture_free(c);
+        sbl__scene_free(&c->gl, &c->scene);
+        for (i = 0; i < (int)(sizeof c->programs / sizeof(unsigned)); i++) if (programs[i]) c->gl.DeleteProgram(programs[i]);
+        sbl__name_delete(c->gl.DeleteVertexArrays, &c->empty_array);
+        sbl__visit_leave(c, &visit);
+    }
+#ifdef SBL_EGL
+    if (c->owns_egl) {
+        if (eglGetCurrentContext() == c->egl_context) eglMakeCurrent(c->egl_display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
+        if (c->egl_surface != EGL_NO_SURFACE) eglDestroySurface(c->egl_display, c->egl_surface);
+        eglDestroyContext(c->egl_display, c->egl_context);
+    }
+#endif
+}
+
 SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
     sbl_context_desc d = sbl_context_desc_defaults(desc);
     sbl_context *c;
@@ -3959,6 +4021,7 @@ SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
     memset(&base, 0, sizeof base);
     base.allocator = d.allocator;
     base.logger = d.logger;
+    memset(&visit, 0, sizeof visit);
     if (!out) {
         sbl__log(&base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_create: out is NULL; it receives the context");
         return SBL_ERROR_INVALID_ARGUMENT;
@@ -3971,16 +4034,10 @@ SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
     c->base = base;
     c->desc = d;
     c->gl.base = &c->base;
-    memset(&visit, 0, sizeof visit);
     if (!d.get_gl_function) {
 #ifdef SBL_EGL
-        visit.display = eglGetCurrentDisplay();
-        visit.api = eglQueryAPI();
-        visit.context = eglGetCurrentContext();
-        visit.draw = eglGetCurrentSurface(EGL_DRAW);
-        visit.read = eglGetCurrentSurface(EGL_READ);
+        sbl__egl_save(&visit);
         result = sbl__egl_create(c);
-        visit.switched = c->owns_egl;
         d.get_gl_function = sbl__egl_proc;
 #else
         sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "sbl_context_desc: get_gl_function is NULL; give the loader of your GL context, or define SBL_EGL for a headless one");
@@ -3992,36 +4049,26 @@ SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
         sbl__guard_save(&c->gl, &visit.guard);
         sbl__guard_force(&c->gl);
         result = sbl__programs_make(c);
-        sbl__visit_leave(c, &visit);
+        sbl__guard_restore(&c->gl, &visit.guard);
+        sbl__gl_clear_errors(&c->gl);
     }
-    if (result != SBL_SUCCESS) { sbl_destroy(c); return result; }
+    if (result != SBL_SUCCESS) sbl__context_free(c);
+#ifdef SBL_EGL
+    sbl__egl_restore(c, &visit);
+#endif
+    if (result != SBL_SUCCESS) {
+        base = c->base;
+        sbl__free(&base, c);
+        return result;
+    }
     *out = c;
     return SBL_SUCCESS;
 }
 
 SBL_API void sbl_destroy(sbl_context *c) {
-    sbl__visit visit;
     sbl__base base;
     if (!c) return;
-    if (c->gl.GetError && c->gl.capabilities.gl_major) {
-        unsigned *programs = &c->programs.copy;
-        int i;
-        sbl__visit_enter(c, &visit);
-        sbl__picture_free(c);
-        sbl__scene_free(&c->gl, &c->scene);
-        for (i = 0; i < (int)(sizeof c->programs / sizeof(unsigned)); i++) if (programs[i]) c->gl.DeleteProgram(programs[i]);
-        sbl__name_delete(c->gl.DeleteVertexArrays, &c->empty_array);
-        sbl__visit_leave(c, &visit);
-    }
-#ifdef SBL_EGL
-    if (c->owns_egl) {
-        EGLDisplay display = eglGetCurrentDisplay();
-        EGLContext current = eglGetCurrentContext();
-        if (current == c->egl_context && display == c->egl_display) eglMakeCurrent(c->egl_display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
-        if (c->egl_surface != EGL_NO_SURFACE) eglDestroySurface(c->egl_display, c->egl_surface);
-        eglDestroyContext(c->egl_display, c->egl_context);
-    }
-#endif
+    sbl__context_free(c);
     base = c->base;
     sbl__free(&base, c);
 }

@@ -502,7 +502,7 @@ static char *temporary_path(const char *target, char **final) {
     *final = NULL;
     if (stat(target, &info) == 0) {
         if (S_ISDIR(info.st_mode)) { errno = EISDIR; return NULL; }
-        if (!S_ISREG(info.st_mode)) return scene__copy_name(target);
+        if (!S_ISREG(info.st_mode) || strncmp(target, "/dev/", 5) == 0) return scene__copy_name(target);  /* /dev/stdout may be a file */
         *final = realpath(target, NULL);
     } else *final = scene__copy_name(target);
     if (!*final) return NULL;

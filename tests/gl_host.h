@@ -10,7 +10,7 @@
 
 #define GL_HOST_FUNCTIONS(X)                                                                                                              \
     X(BEGINCONDITIONALRENDER, BeginConditionalRender) X(BINDBUFFERBASE, BindBufferBase) X(BINDBUFFERRANGE, BindBufferRange)               \
-    X(BINDRENDERBUFFER, BindRenderbuffer)                                                                                                 \
+    X(BINDRENDERBUFFER, BindRenderbuffer) X(FRAMEBUFFERRENDERBUFFER, FramebufferRenderbuffer)                                             \
     X(BLENDCOLOR, BlendColor) X(BLENDEQUATIONSEPARATE, BlendEquationSeparate) X(BLENDFUNCSEPARATE, BlendFuncSeparate)                     \
     X(CLAMPCOLOR, ClampColor) X(COLORMASKI, ColorMaski) X(DELETERENDERBUFFERS, DeleteRenderbuffers) X(DISABLEI, Disablei)                 \
     X(DRAWBUFFERS, DrawBuffers) X(DRAWELEMENTS, DrawElements) X(ENABLEI, Enablei) X(GENRENDERBUFFERS, GenRenderbuffers)                   \

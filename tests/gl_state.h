@@ -7,7 +7,7 @@ enum { GL_STATE_ENTRIES = 1024, GL_STATE_UNITS = 32 };
 
 typedef struct gl_state {
     int count;
-    struct { char name[48]; double value[4]; } entries[GL_STATE_ENTRIES];
+    struct { char name[64]; double value[4]; } entries[GL_STATE_ENTRIES];
 } gl_state;
 
 static inline double *gl_state__add(gl_state *s, const char *name, int index) {
@@ -201,6 +201,7 @@ static inline void gl_odd_make(gl_odd *o) {
     gl.BindFramebuffer(GL_FRAMEBUFFER, o->framebuffers[0]);
     gl.FramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, o->colors[0], 0);
     gl.FramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT1, GL_TEXTURE_2D, o->colors[1], 0);
+    more_gl.FramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_STENCIL_ATTACHMENT, GL_RENDERBUFFER, o->renderbuffers[0]);
     gl.BindFramebuffer(GL_FRAMEBUFFER, o->framebuffers[1]);
     gl.FramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, o->colors[2], 0);
     gl.FramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT1, GL_TEXTURE_2D, o->colors[1], 0);
@@ -251,7 +252,7 @@ static inline void gl_state_odd(gl_odd *o) {
     gl.Viewport(1, 2, 3, 4);
     gl.Scissor(2, 1, 1, 2);
     more_gl.PointSize(5);
-    more_gl.PrimitiveRestartIndex(0);  /* an index that every mesh has */
+    more_gl.PrimitiveRestartIndex(2);  /* an index that every mesh has */
     more_gl.ProvokingVertex(GL_FIRST_VERTEX_CONVENTION);
     more_gl.ClampColor(GL_CLAMP_READ_COLOR, GL_TRUE);
     more_gl.Hint(GL_LINE_SMOOTH_HINT, GL_NICEST);

@@ -15,7 +15,7 @@
 enum { WATCH_MESSAGES = 64, WATCH_TEXT = 512 };
 
 typedef struct watch {
-    int count, errors, warnings;  /* since watch_forget; the first WATCH_MESSAGES are kept */
+    int count, errors, warnings;  /* since watch_forget; the first WATCH_MESSAGES - 1 and the last are kept */
     struct { sbl_log_level level; sbl_log_item item; char text[WATCH_TEXT]; } messages[WATCH_MESSAGES];
     int allocations, refuse_at, refused;
     int blocks;                   /* handed out and not yet given back */
@@ -58,13 +58,13 @@ static inline void watch_free(void *pointer, void *user) {
 
 static inline void watch_log(sbl_log_level level, sbl_log_item item, const char *message, void *user) {
     watch *w = (watch *)user;
+    int at;
     if (level == SBL_LOG_ERROR) w->errors++;
     if (level == SBL_LOG_WARNING) w->warnings++;
-    if (w->count < WATCH_MESSAGES) {
-        w->messages[w->count].level = level;
-        w->messages[w->count].item = item;
-        snprintf(w->messages[w->count].text, WATCH_TEXT, "%s", message);
-    }
+    at = w->count < WATCH_MESSAGES ? w->count : WATCH_MESSAGES - 1;
+    w->messages[at].level = level;
+    w->messages[at].item = item;
+    snprintf(w->messages[at].text, WATCH_TEXT, "%s", message);
     w->count++;
 }
 
