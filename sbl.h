@@ -1184,6 +1184,7 @@ static float sbl__linear_to_srgb(float x) { return x <= 0.0031308f ? 12.92f * x 
     X(void, BufferData, (unsigned target, ptrdiff_t size, const void *data, unsigned usage))                              \
     X(void, BufferSubData, (unsigned target, ptrdiff_t offset, ptrdiff_t size, const void *data))                         \
     X(unsigned, CheckFramebufferStatus, (unsigned target))                                                                \
+    X(void, ClampColor, (unsigned target, unsigned clamp))                                                                \
     X(void, ClearBufferfv, (unsigned buffer, int index, const float *value))                                              \
     X(void, ClearBufferuiv, (unsigned buffer, int index, const unsigned *value))                                          \
     X(void, ColorMaski, (unsigned index, unsigned char r, unsigned char g, unsigned char b, unsigned char a))             \
@@ -1308,7 +1309,7 @@ enum {
     SBL__GL_R32F = 0x822E, SBL__GL_RG32F = 0x8230, SBL__GL_R32UI = 0x8236, SBL__GL_RGBA32UI = 0x8D70, SBL__GL_RGBA32F = 0x8814, SBL__GL_RGBA16F = 0x881A,
     SBL__GL_SRGB8_ALPHA8 = 0x8C43, SBL__GL_DEPTH_COMPONENT32F = 0x8CAC,
     SBL__GL_TEXTURE0 = 0x84C0, SBL__GL_ACTIVE_TEXTURE = 0x84E0, SBL__GL_DEPTH_CLAMP = 0x864F, SBL__GL_VERTEX_ARRAY_BINDING = 0x85B5,
-    SBL__GL_MAX_VIEWPORTS = 0x825B, SBL__GL_BUFFER_SIZE = 0x8764,
+    SBL__GL_MAX_VIEWPORTS = 0x825B, SBL__GL_CLAMP_READ_COLOR = 0x891C, SBL__GL_BUFFER_SIZE = 0x8764,
     SBL__GL_ARRAY_BUFFER = 0x8892, SBL__GL_ELEMENT_ARRAY_BUFFER = 0x8893, SBL__GL_ARRAY_BUFFER_BINDING = 0x8894,
     SBL__GL_STREAM_DRAW = 0x88E0, SBL__GL_STATIC_DRAW = 0x88E4, SBL__GL_PIXEL_PACK_BUFFER = 0x88EB, SBL__GL_PIXEL_UNPACK_BUFFER = 0x88EC,
     SBL__GL_PIXEL_PACK_BUFFER_BINDING = 0x88ED, SBL__GL_PIXEL_UNPACK_BUFFER_BINDING = 0x88EF, SBL__GL_SAMPLER_BINDING = 0x8919,
@@ -1423,7 +1424,7 @@ static const struct { unsigned name; int value; } sbl__guard_pixel_store[] = {
 
 typedef struct sbl__guard {
     unsigned char switches[32], blend[SBL__GUARD_DRAW_BUFFERS], color_mask[SBL__GUARD_DRAW_BUFFERS][4], depth_mask;
-    int pixel_store[16], polygon_mode[2], front_face, depth_function, clip_origin, clip_depth;
+    int pixel_store[16], polygon_mode[2], front_face, clamp_read, depth_function, clip_origin, clip_depth;
     unsigned char scissor_test[SBL__GUARD_VIEWPORTS];
     int viewport[4], scissor[4], scissors[SBL__GUARD_VIEWPORTS][4];  /* the arrays where there are such */
     float viewports[SBL__GUARD_VIEWPORTS][4];
@@ -1446,6 +1447,7 @@ static void sbl__guard_save(const sbl__gl *gl, sbl__guard *g) {
     for (i = 0; i < SBL__COUNT(sbl__guard_pixel_store); i++) gl->GetIntegerv(sbl__guard_pixel_store[i].name, &g->pixel_store[i]);
     gl->GetIntegerv(SBL__GL_POLYGON_MODE, g->polygon_mode);
     gl->GetIntegerv(SBL__GL_FRONT_FACE, &g->front_face);
+    gl->GetIntegerv(SBL__GL_CLAMP_READ_COLOR, &g->clamp_read);
     gl->GetIntegerv(SBL__GL_DEPTH_FUNC, &g->depth_function);
     gl->GetIntegerv(SBL__GL_VIEWPORT, g->viewport);
     gl->GetIntegerv(SBL__GL_SCISSOR_BOX, g->scissor);
@@ -1491,6 +1493,7 @@ static void sbl__guard_force(const sbl__gl *gl) {
     gl->DepthMask(1);
     for (i = 0; i < SBL__COUNT(sbl__guard_pixel_store); i++) gl->PixelStorei(sbl__guard_pixel_store[i].name, sbl__guard_pixel_store[i].value);
     gl->PolygonMode(SBL__GL_FRONT_AND_BACK, SBL__GL_FILL);
+    gl->ClampColor(SBL__GL_CLAMP_READ_COLOR, 0);
     gl->FrontFace(SBL__GL_CCW);
     gl->DepthFunc(SBL__GL_GREATER);
     gl->DepthRange(0, 1);
@@ -1514,6 +1517,7 @@ static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
     gl->DepthMask(g->depth_mask);
     for (i = 0; i < SBL__COUNT(sbl__guard_pixel_store); i++) gl->PixelStorei(sbl__guard_pixel_store[i].name, g->pixel_store[i]);
     gl->PolygonMode(SBL__GL_FRONT_AND_BACK, (unsigned)g->polygon_mode[0]);
+    gl->ClampColor(SBL__GL_CLAMP_READ_COLOR, (unsigned)g->clamp_read);
     gl->FrontFace((unsigned)g->front_face);
     gl->DepthFunc((unsigned)g->depth_function);
     gl->DepthRange(g->depth_range[0], g->depth_range[1]);

@@ -757,12 +757,12 @@ TEST(a_file_is_written_whole_or_not_at_all) {
 }
 
 TEST(interrupt_is_130) {
-    static const char *const arguments[] = { "room.obj", "--size", "2000x1500", "--tile", "1", "--sensor-size", "32", "-o", "interrupted.png", "--stats", "interrupted.json", NULL };
+    static const char *const arguments[] = { "room.obj", "--size", "1000x800", "--tile", "1", "--sensor-size", "256", "-o", "interrupted.png", "--stats", "interrupted.json", NULL };
     pid_t child;
     time_t asked;
     room_obj();
     child = start(arguments, -1, 0);
-    poll(NULL, 0, SANITIZED ? 4000 : 1500);  /* well into the picture, which takes a minute and more */
+    poll(NULL, 0, SANITIZED ? 4000 : 1500);  /* well into the picture, which takes minutes */
     CHECK(waitpid(child, NULL, WNOHANG) == 0, "it should still be at work");
     asked = time(NULL);
     kill(child, SIGINT);

@@ -557,7 +557,8 @@ TEST(limits_are_documented) {
 /* glViewport, glScissor and glDepthRange set all sixteen viewports of GL 4.1. */
 TEST(viewport_array) {
     sbl_context_desc desc = watch_desc(&seen);
-    sbl_context *context;
+    sbl_picture_desc view = small_view();
+    sbl_context *context = NULL;
     const char *text = chapter();
     if (!more_gl.ViewportIndexedf) SKIP("GL %d.%d has no viewport array", more_gl.version / 10, more_gl.version % 10);
     if (text && strstr(text, "viewport array")) SKIP("documented as a limit");
@@ -568,8 +569,9 @@ TEST(viewport_array) {
     more_gl.Enablei(GL_SCISSOR_TEST, 1);
     desc.get_gl_function = gl_host_proc;
     GIVES(sbl_create(&desc, &context), SBL_SUCCESS);
+    if (!context) return;
     GIVES(sbl_set_scene(context, &scene.desc), SBL_SUCCESS);
-    GIVES(sbl_render(context, NULL), SBL_SUCCESS);
+    GIVES(sbl_render(context, &view), SBL_SUCCESS);
     sbl_destroy(context);
 }
 

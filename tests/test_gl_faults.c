@@ -1,0 +1,328 @@
+/* What happens when GL or the allocator fails, at every place at which it can: the right result and a message, nothing leaked, GL's state as it was, and
+   the same picture as ever from the context afterwards. Never success with another picture. */
+#define SBL_IMPLEMENTATION
+#define SBL_EGL
+#include "../sbl.h"
+#include "test.h"
+#include "scenes.h"
+#include "gl_watch.h"
+#include "gl_scene.h"
+#include "gl_host.h"
+#include "gl_state.h"
+#include "gl_fake.h"
+
+enum { MOST_PLACES = 2000 };  /* a loop over places that ends here does not end by itself */
+
+static watch seen;
+static gl_state before, after;
+static test_scene scene, second;   /* second: the small scene with a box moved */
+static GLuint buffer, texture;
+static small_picture expected, expected_moved;
+static float bounds[2][3];
+static const float moved[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 3, 0.1f, 0.2f, 1 };  /* out of the scene's bounds */
+
+static sbl_context_desc faulty_desc(void) {
+    sbl_context_desc desc = watch_desc(&seen);
+    desc.get_gl_function = fake_proc;
+    desc.atlas_size = 256;
+    return desc;
+}
+
+static void scenes_make(void) {
+    static const unsigned char texels[16] = { 255, 128, 0, 255, 0, 128, 255, 255, 90, 180, 45, 255, 200, 200, 10, 255 };
+    sbl_mesh *m;
+    small_scene(&scene);
+    gl.GenBuffers(1, &buffer);
+    gl.BindBuffer(GL_ARRAY_BUFFER, buffer);
+    gl.BufferData(GL_ARRAY_BUFFER, (GLsizeiptr)(3 * 4 * sizeof(float)), scene.meshes[SMALL_FLOOR].positions.data, GL_STATIC_DRAW);
+    gl.BindBuffer(GL_ARRAY_BUFFER, 0);
+    gl.GenTextures(1, &texture);
+    gl.BindTexture(GL_TEXTURE_2D, texture);
+    gl.TexImage2D(GL_TEXTURE_2D, 0, GL_RGBA8, 2, 2, 0, GL_RGBA, GL_UNSIGNED_BYTE, texels);
+    gl.TexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+    gl.BindTexture(GL_TEXTURE_2D, 0);
+    m = &scene.meshes[SMALL_FLOOR];
+    m->positions.data = NULL;
+    m->positions.gl_buffer = buffer;
+    memset(&scene.textures[0], 0, sizeof scene.textures[0]);
+    scene.textures[0].gl_texture = texture;
+    second = scene;
+    memcpy(second.meshes[SMALL_BOX].transform, moved, sizeof moved);
+}
+
+/* >>the calls that can fail, each from a context in which all before it went well */
+
+typedef enum phase { PHASE_SCENE, PHASE_MOVE, PHASE_BEGIN, PHASE_RENDER, PHASE_READ, PHASE_TEXTURE, PHASE_INSPECT, PHASES } phase;
+static const char *const phase_names[PHASES] = { "sbl_set_scene", "sbl_set_mesh_transform", "sbl_begin", "sbl_step", "sbl_read_channel", "sbl_channel_texture", "sbl_inspect_sensor" };
+
+static small_picture picture;
+static float radiance[4 * 64 * 64], weights[64 * 64];
+static sbl_sensor sensor, expected_sensor;
+static float expected_radiance[4 * 64 * 64], expected_weights[64 * 64];
+
+/* What must have happened before. */
+static int phase_prepare(sbl_context *context, phase p) {
+    sbl_picture_desc view = small_view();
+    if (p == PHASE_RENDER) return sbl_begin(context, &view) == SBL_SUCCESS;
+    if (p >= PHASE_READ) return sbl_render(context, &view) == SBL_SUCCESS;
+    return 1;
+}
+
+static sbl_result phase_run(sbl_context *context, phase p) {
+    sbl_picture_desc view = small_view();
+    sbl_scene_desc desc = scene_desc(&second);
+    switch (p) {
+        case PHASE_SCENE: return sbl_set_scene(context, &desc);
+        case PHASE_MOVE: return sbl_set_mesh_transform(context, SMALL_BOX, moved);
+        case PHASE_BEGIN: return sbl_begin(context, &view);
+        case PHASE_RENDER: return sbl_step(context, 0);
+        case PHASE_READ: return small_read(context, &picture);
+        case PHASE_TEXTURE: return sbl_channel_texture(context, SBL_CHANNEL_DEPTH) && sbl_channel_texture(context, SBL_CHANNEL_SENSORS) ? SBL_SUCCESS : SBL_ERROR_GL;
+        default: return sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, weights, 64 * 64);
+    }
+}
+
+/* Is what the phase gave what it gives without faults? */
+static int phase_right(sbl_context *context, phase p) {
+    sbl_picture_desc view = small_view();
+    if (p == PHASE_READ) return small_same(&picture, &expected);
+    if (p == PHASE_INSPECT)
+        return memcmp(&sensor, &expected_sensor, sizeof sensor) == 0 && memcmp(radiance, expected_radiance, sizeof radiance) == 0 && memcmp(weights, expected_weights, sizeof weights) == 0;
+    if (p == PHASE_BEGIN && sbl_step(context, 0) != SBL_SUCCESS) return 0;
+    if ((p == PHASE_SCENE || p == PHASE_MOVE) && sbl_render(context, &view) != SBL_SUCCESS) return 0;
+    return small_read(context, &picture) == SBL_SUCCESS && small_same(&picture, p == PHASE_SCENE || p == PHASE_MOVE ? &expected_moved : &expected);
+}
+
+/* The context as before: the scene and its picture. Undone is what a success did. */
+static void still_usable(sbl_context *context, phase p, int succeeded, const char *fault, int place) {
+    sbl_picture_desc view = small_view();
+    float low[3], high[3];
+    static small_picture again;
+    sbl_result result;
+    if (succeeded && (p == PHASE_SCENE || p == PHASE_MOVE)) {
+        sbl_scene_desc desc = scene_desc(&scene);
+        CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS, "%s, %s %d: the scene cannot be set again: %s", phase_names[p], fault, place, watch_last(&seen));
+    }
+    result = small_render(context, &view, &again);
+    CHECK(result == SBL_SUCCESS && small_same(&again, &expected), "%s, %s %d: afterwards the context gives \"%s\" or another picture", phase_names[p], fault, place, sbl_result_string(result));
+    CHECK(sbl_query_bounds(context, low, high) == SBL_SUCCESS && memcmp(low, bounds[0], sizeof low) == 0 && memcmp(high, bounds[1], sizeof high) == 0,
+          "%s, %s %d: the scene's bounds have changed", phase_names[p], fault, place);
+}
+
+/* What is in use once the known picture is finished: nothing may add to it. */
+typedef struct usage { int blocks, objects[FAKE_KINDS]; size_t host, gpu; } usage;
+
+static usage usage_take(sbl_context *context) {
+    usage u;
+    sbl_memory memory = sbl_query_memory(context);
+    u.blocks = seen.blocks;
+    memcpy(u.objects, fake.live, sizeof u.objects);
+    u.host = memory.host_bytes;
+    u.gpu = memory.gpu_bytes;
+    return u;
+}
+
+/* Every place of one fault in one phase. Returns how many there are. */
+static int every_place(sbl_context *context, phase p, fake_fault fault, GLenum error, sbl_result right, const char *name) {
+    usage start, end;
+    sbl_picture_desc view = small_view();
+    int place;
+    if (sbl_render(context, &view) != SBL_SUCCESS) return 0;
+    start = usage_take(context);
+    for (place = 1; place < MOST_PLACES; place++) {
+        sbl_result result;
+        int hit, errors = test_errors;
+        if (!phase_prepare(context, p)) { CHECK(0, "%s, %s %d: cannot be prepared: %s", phase_names[p], name, place, watch_last(&seen)); return place; }
+        watch_forget(&seen);
+        gl_state_take(&before);
+        if (fault == FAKE_NONE) { seen.refused = 0; seen.refuse_at = seen.allocations + place; }
+        else fake_arm(fault, place, error);
+        result = phase_run(context, p);
+        hit = fault == FAKE_NONE ? seen.refused : fake.hits;
+        seen.refuse_at = 0;
+        fake_disarm();
+        gl_state_take(&after);
+        CHECK(!gl_state_difference(&before, &after), "%s, %s %d left behind: %s", phase_names[p], name, place, gl_state_difference(&before, &after));
+        CHECK(gl.GetError() == GL_NO_ERROR, "%s, %s %d leaves a GL error", phase_names[p], name, place);
+        if (result == SBL_SUCCESS)
+            CHECK(phase_right(context, p), "%s, %s %d: success, but not the right picture", phase_names[p], name, place);
+        else {
+            CHECK(result == right || p == PHASE_TEXTURE, "%s, %s %d: \"%s\", expected \"%s\"", phase_names[p], name, place, sbl_result_string(result), sbl_result_string(right));
+            CHECK(seen.errors > 0, "%s, %s %d fails without a message", phase_names[p], name, place);
+        }
+        still_usable(context, p, result == SBL_SUCCESS, name, place);
+        end = usage_take(context);
+        CHECK(memcmp(&start, &end, sizeof start) == 0, "%s, %s %d: in use %d blocks, %.0f and %.0f bytes, %d GL objects; before %d, %.0f, %.0f", phase_names[p], name, place, end.blocks,
+              (double)end.host, (double)end.gpu, fake_live(), start.blocks, (double)start.host, (double)start.gpu);
+        if (!hit) break;
+        if (test_errors > errors + 20 || test_errors > 60) { printf("  and so on\n"); return place; }
+    }
+    CHECK(place < MOST_PLACES, "%s, %s: no end", phase_names[p], name);
+    return place - 1;
+}
+
+static void every_phase(fake_fault fault, GLenum error, sbl_result right, const char *name, int least) {
+    sbl_context_desc desc = faulty_desc();
+    sbl_scene_desc first = scene_desc(&scene);
+    sbl_context *context;
+    int p, places = 0, blocks = seen.blocks;
+    fake_disarm();
+    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &first) == SBL_SUCCESS, "%s", watch_last(&seen));
+    for (p = 0; p < PHASES; p++) {
+        int found = every_place(context, (phase)p, fault, error, right, name);
+        places += found;
+    }
+    CHECK(places >= least, "%s could strike at %d places only", name, places);
+    sbl_destroy(context);
+    CHECK(seen.blocks == blocks && seen.strangers == 0, "%d blocks leaked, %d strangers freed", seen.blocks - blocks, seen.strangers);
+    CHECK(fake_live() == 0 && fake.strangers == 0, "%d GL objects leaked (buffers %d, framebuffers %d, textures %d, arrays %d, programs %d, shaders %d), %d strangers deleted", fake_live(),
+          fake.live[0], fake.live[1], fake.live[2], fake.live[3], fake.live[4], fake.live[5], fake.strangers);
+}
+
+TEST(allocations) { every_phase(FAKE_NONE, 0, SBL_ERROR_OUT_OF_MEMORY, "allocation", 20); }
+TEST(calls_out_of_memory) { every_phase(FAKE_REFUSE, GL_OUT_OF_MEMORY, SBL_ERROR_OUT_OF_MEMORY, "GL_OUT_OF_MEMORY by call", 40); }
+TEST(calls_invalid) { every_phase(FAKE_REFUSE, GL_INVALID_OPERATION, SBL_ERROR_GL, "GL_INVALID_OPERATION by call", 40); }
+TEST(errors_out_of_memory) { every_phase(FAKE_ERROR, GL_OUT_OF_MEMORY, SBL_ERROR_OUT_OF_MEMORY, "GL_OUT_OF_MEMORY at glGetError", 40); }
+TEST(no_names) { every_phase(FAKE_NO_NAME, 0, SBL_ERROR_GL, "no name by glGen", 20); }
+TEST(framebuffers) { every_phase(FAKE_FRAMEBUFFER, 0, SBL_ERROR_GL, "framebuffer status", 5); }
+
+/* >>sbl_create */
+
+static void every_creation(fake_fault fault, GLenum error, sbl_result right, const char *name, int least) {
+    sbl_context_desc desc = faulty_desc();
+    int place, blocks = seen.blocks;
+    for (place = 1; place < MOST_PLACES; place++) {
+        sbl_context *context = (sbl_context *)&seen;
+        sbl_result result;
+        int hit;
+        watch_forget(&seen);
+        gl_state_take(&before);
+        if (fault == FAKE_NONE) { seen.refused = 0; seen.refuse_at = seen.allocations + place; }
+        else fake_arm(fault, place, error);
+        result = sbl_create(&desc, &context);
+        hit = fault == FAKE_NONE ? seen.refused : fake.hits;
+        seen.refuse_at = 0;
+        fake_disarm();
+        gl_state_take(&after);
+        CHECK(!gl_state_difference(&before, &after), "%s %d left behind: %s", name, place, gl_state_difference(&before, &after));
+        if (result == SBL_SUCCESS) {  /* then all must work */
+            sbl_scene_desc desc_of_scene = scene_desc(&scene);
+            sbl_picture_desc view = small_view();
+            CHECK(sbl_set_scene(context, &desc_of_scene) == SBL_SUCCESS && small_render(context, &view, &picture) == SBL_SUCCESS && small_same(&picture, &expected),
+                  "%s %d: sbl_create gives success, but the context does not work: %s", name, place, watch_last(&seen));
+            sbl_destroy(context);
+        } else {
+            CHECK(result == right, "%s %d: \"%s\", expected \"%s\"", name, place, sbl_result_string(result), sbl_result_string(right));
+            CHECK(context == NULL, "%s %d: a context came out", name, place);
+            CHECK(seen.errors > 0, "%s %d fails without a message", name, place);
+            if (fault == FAKE_LOOKUP)
+                CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_FUNCTION_MISSING, fake.lookup, NULL, NULL), "nothing is said about %s: %s", fake.lookup, watch_last(&seen));
+        }
+        if (fault == FAKE_LOOKUP && hit)
+            CHECK((result == SBL_SUCCESS) == (strcmp(fake.lookup, "glClipControl") == 0), "without %s: \"%s\"", fake.lookup, sbl_result_string(result));
+        CHECK(seen.blocks == blocks && seen.strangers == 0, "%s %d: %d blocks leaked", name, place, seen.blocks - blocks);
+        CHECK(fake_live() == 0 && fake.strangers == 0, "%s %d: %d GL objects leaked, %d strangers deleted", name, place, fake_live(), fake.strangers);
+        if (!hit) break;
+    }
+    CHECK(place > least && place < MOST_PLACES, "%s could strike at %d places only", name, place - 1);
+}
+
+TEST(create_functions_missing) { every_creation(FAKE_LOOKUP, 0, SBL_ERROR_UNSUPPORTED, "function", 80); }
+TEST(create_allocations) { every_creation(FAKE_NONE, 0, SBL_ERROR_OUT_OF_MEMORY, "allocation", 0); }
+TEST(create_no_names) { every_creation(FAKE_NO_NAME, 0, SBL_ERROR_GL, "no name", 20); }
+TEST(create_errors) {
+    every_creation(FAKE_ERROR, GL_OUT_OF_MEMORY, SBL_ERROR_OUT_OF_MEMORY, "GL_OUT_OF_MEMORY", 8);
+    every_creation(FAKE_ERROR, GL_INVALID_OPERATION, SBL_ERROR_GL, "GL_INVALID_OPERATION", 8);
+}
+TEST(create_shaders) {
+    every_creation(FAKE_COMPILE, 0, SBL_ERROR_GL, "shader", 14);
+    every_creation(FAKE_LINK, 0, SBL_ERROR_GL, "program", 7);
+}
+
+static sbl_gl_function knows_nothing(const char *name, void *user) { (void)name; ++*(int *)user; return NULL; }
+
+TEST(create_without_any_function) {
+    sbl_context_desc desc = faulty_desc();
+    sbl_context *context = NULL;
+    int calls = 0, blocks = seen.blocks;
+    desc.get_gl_function = knows_nothing;
+    desc.gl_user = &calls;
+    watch_forget(&seen);
+    CHECK(sbl_create(&desc, &context) == SBL_ERROR_UNSUPPORTED && !context, "a loader that knows nothing");
+    CHECK(calls > 80 && seen.errors >= calls - 1, "%d functions were looked for, %d reported", calls, seen.errors);
+    CHECK(seen.blocks == blocks, "%d blocks leaked", seen.blocks - blocks);
+}
+
+TEST(create_old_gl) {
+    static const struct { const char *version; int major, minor; } old[] = { { "2.1 Mesa", 2, 1 }, { "3.2 (Core Profile)", 3, 2 }, { "OpenGL ES 3.2 Mesa", 3, 2 }, { "OpenGL ES 4.6", 4, 6 } };
+    sbl_context_desc desc = faulty_desc();
+    sbl_context *context = NULL;
+    int i, blocks = seen.blocks;
+    for (i = 0; i < 4; i++) {
+        fake.version = old[i].version;
+        fake.major = old[i].major;
+        fake.minor = old[i].minor;
+        watch_forget(&seen);
+        CHECK(sbl_create(&desc, &context) == SBL_ERROR_UNSUPPORTED && !context, "\"%s\" is accepted", old[i].version);
+        CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_NO_GL, old[i].version, "3.3", NULL), "\"%s\": %s", old[i].version, watch_last(&seen));
+    }
+    fake.version = NULL;
+    fake.major = fake.minor = 0;
+    CHECK(seen.blocks == blocks && fake_live() == 0, "%d blocks and %d GL objects leaked", seen.blocks - blocks, fake_live());
+}
+
+/* A driver error that never ends, as a lost context reports it. */
+static GLenum APIENTRY lost(void) { return 0x0507; }
+static int lose;
+static sbl_gl_function losing_proc(const char *name, void *user) { return lose && strcmp(name, "glGetError") == 0 ? (sbl_gl_function)lost : gl_host_proc(name, user); }
+
+TEST(context_lost) {
+    sbl_context_desc desc = faulty_desc();
+    sbl_context *context = NULL;
+    int blocks = seen.blocks;
+    desc.get_gl_function = losing_proc;
+    lose = 1;
+    watch_forget(&seen);
+    CHECK(sbl_create(&desc, &context) == SBL_ERROR_GL && !context && seen.errors > 0, "a lost context is accepted");
+    lose = 0;
+    CHECK(seen.blocks == blocks, "%d blocks leaked", seen.blocks - blocks);
+    while (gl.GetError() != GL_NO_ERROR) {}
+}
+
+int main(void) {
+    sbl_context_desc desc;
+    sbl_context *context;
+    sbl_scene_desc first, other;
+    sbl_picture_desc view = small_view();
+    if (!gl_host_open()) { printf("no GL context\n"); return 1; }
+    scenes_make();
+    desc = faulty_desc();
+    first = scene_desc(&scene);
+    other = scene_desc(&second);
+    if (sbl_create(&desc, &context) != SBL_SUCCESS || sbl_set_scene(context, &first) != SBL_SUCCESS || small_render(context, &view, &expected) != SBL_SUCCESS ||
+        sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &expected_sensor, expected_radiance, expected_weights, 64 * 64) != SBL_SUCCESS ||
+        sbl_query_bounds(context, bounds[0], bounds[1]) != SBL_SUCCESS ||
+        sbl_set_scene(context, &other) != SBL_SUCCESS || small_render(context, &view, &expected_moved) != SBL_SUCCESS || !small_plausible(&expected) ||
+        small_same(&expected, &expected_moved)) {
+        printf("without faults: %s\n", watch_last(&seen));
+        return 1;
+    }
+    sbl_destroy(context);
+    if (fake.made < 20 || fake_live() != 0) { printf("%d GL objects were made, %d are left\n", fake.made, fake_live()); return 1; }
+    RUN(create_functions_missing);
+    RUN(create_allocations);
+    RUN(create_no_names);
+    RUN(create_errors);
+    RUN(create_shaders);
+    RUN(create_without_any_function);
+    RUN(create_old_gl);
+    RUN(context_lost);
+    RUN(allocations);
+    RUN(calls_out_of_memory);
+    RUN(calls_invalid);
+    RUN(errors_out_of_memory);
+    RUN(no_names);
+    RUN(framebuffers);
+    scene_free(&scene);
+    return test_report();
+}
