@@ -413,6 +413,14 @@ typedef enum sbl_sensor_kind {
     SBL_SENSOR_KIND_COUNT
 } sbl_sensor_kind;
 
+/* How sensors see. Both give the same light up to their noise. */
+typedef enum sbl_backend {
+    SBL_BACKEND_AUTO = 0,    /* TRACE for scenes of more than 32,768 triangles; RASTER for smaller ones, in SBL_MODE_PAPER and with a draw callback */
+    SBL_BACKEND_RASTER,      /* views drawn into texels, as in the paper: cost grows with the number of triangles */
+    SBL_BACKEND_TRACE,       /* rays through a bounding volume hierarchy in a shader: cost grows with its logarithm. No draw callback, not in SBL_MODE_PAPER */
+    SBL_BACKEND_COUNT
+} sbl_backend;
+
 /* Zero is the default everywhere. Where two or three numbers stand: draft / default / high preset. */
 typedef struct sbl_picture_desc {
     uint32_t start_canary;
@@ -422,7 +430,9 @@ typedef struct sbl_picture_desc {
     sbl_mode mode;
     sbl_preset preset;
     sbl_sensor_kind sensor_kind;
-    int sensor_size;           /* texels across a view, 4 to 512. Default: 32 / 64 / 128 */
+    sbl_backend backend;
+    int rays;                  /* of a traced sensor, 1 to 4096. Default: 64 / 256 / 1024 */
+    int sensor_size;           /* of a rasterised sensor: texels across a view, 4 to 512. Default: 32 / 64 / 128 */
     float sensor_fov;          /* degrees, SBL_SENSOR_SINGLE only, 1 to 179. Default: 135 */
     int tile;                  /* first distance between sensors in pixels, 1 (every pixel) to 1024. Default: 16 / 16 / 8 */
     float threshold;           /* refine where neighbours differ by more: a share of their mean, in SBL_MODE_PAPER a radiance. Default: 0.3 / 0.15 / 0.07, paper 0.05 */
@@ -452,12 +462,16 @@ typedef enum sbl_channel {
 
 typedef struct sbl_stats {
     sbl_mode mode;
+    sbl_backend backend;      /* RASTER or TRACE */
     int width, height;
     int triangles;            /* in the scene, degenerate ones left out */
     int visible_pixels;       /* pixels that show a surface */
     int64_t sensors;          /* points at which light was gathered */
     int64_t sensor_views;     /* views drawn for them; a sensor that stands for many pixels looks up to four times */
     int64_t sensor_texels;
+    int64_t rays;             /* traced */
+    double bvh_seconds;       /* building the hierarchy, once per scene, part of seconds.surface of its first traced picture */
+    size_t bvh_bytes;         /* on the GPU */
     int64_t invalid_sensors;  /* stuck inside geometry; their neighbours' light was used instead */
     int level_count;
     struct { int tile; int64_t sensors; } levels[SBL_MAX_LEVELS];
@@ -1010,6 +1024,183 @@ static const char *const sbl__glsl_surface[] = {
     "    return s;\n",
     "}\n",
     0 };
+static const char *const sbl__glsl_trace[] = {
+    "// A chunk of one sensor's rays: cosine-distributed directions, so that all weigh the same. The outputs are those of reduce_blocks.glsl.\n",
+    "uniform usamplerBuffer sbl_points;    // a sensor, three texels: position, hash; normal, hash; first ray\n",
+    "uniform usamplerBuffer sbl_sequence;  // the first points of the Sobol sequence, two 32-bit fractions each\n",
+    "uniform int rays, chunk;              // of a sensor; of an invocation\n",
+    "uniform ivec2 blocks;                 // chunks of a sensor\n",
+    "uniform int columns;                  // sensors across the target\n",
+    "uniform int first_slot, count;        // this many sensors stand from first_slot on\n",
+    "uniform float epsilon;\n",
+    "uniform float spread;                 // 1: the cosine's whole hemisphere; 0: all rays go along the normal\n",
+    "uniform vec3 sky;\n",
+    "layout(location = 0) out vec4 out_sum;\n",
+    "layout(location = 1) out vec4 out_hits;\n",
+    "\n",
+    "vec3 sbl_radiance(sbl_Hit hit) {\n",
+    "    uint object = texelFetch(sbl_triangles, 3 * hit.triangle).w;\n",
+    "    uvec4 material = sbl_object(object, 0), light = sbl_object(object, 1);\n",
+    "    vec3 emission = uintBitsToFloat(light.rgb);\n",
+    "    bool emits = max(max(emission.r, emission.g), emission.b) > 0.0 && !(hit.back && (light.w & SBL_ONE_SIDED_EMISSION) != 0u);\n",
+    "    vec3 ambient = epsilon * uintBitsToFloat(material.rgb);\n",
+    "#ifdef SBL_TEXTURED\n",
+    "    for (int once = 0; once < (emits || epsilon > 0.0 ? 1 : 0); once++) {  // a loop, see sbl_trace\n",
+    "        sbl_Attributes at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);\n",
+    "        ambient *= (at.color * sbl_texture(sbl_object(object, 2), at.uv)).rgb;\n",
+    "        emission *= sbl_texture(sbl_object(object, 3), at.uv).rgb;\n",
+    "    }\n",
+    "#endif\n",
+    "    return emits ? emission : ambient;\n",
+    "}\n",
+    "\n",
+    "void main() {\n",
+    "    ivec2 at = ivec2(gl_FragCoord.xy), sheet = at / blocks, within = at % blocks;\n",
+    "    int sensor = sheet.y * columns + sheet.x - first_slot;\n",
+    "    if (sensor < 0 || sensor >= count) discard;\n",
+    "    uvec4 a = texelFetch(sbl_points, 3 * sensor), b = texelFetch(sbl_points, 3 * sensor + 1);\n",
+    "    int skip = int(texelFetch(sbl_points, 3 * sensor + 2).x);\n",
+    "    vec3 position = uintBitsToFloat(a.xyz), n = uintBitsToFloat(b.xyz);\n",
+    "    float s = n.z < 0.0 ? -1.0 : 1.0, f = -1.0 / (s + n.z), g = n.x * n.y * f;  // Duff et al. 2017\n",
+    "    vec3 right = vec3(1.0 + s * n.x * n.x * f, s * g, -s * n.x), up = vec3(g, s + n.y * n.y * f, -n.y);\n",
+    "\n",
+    "    vec4 sum = vec4(0), hits = vec4(0, 0, 1e30, 0);\n",
+    "    int from = (within.y * blocks.x + within.x) * chunk, to = min(from + chunk, rays);\n",
+    "    for (int i = from; i < to; i++) {\n",
+    "        uvec2 fraction = texelFetch(sbl_sequence, skip + i).xy ^ uvec2(a.w, b.w);\n",
+    "        vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0 * vec2(spread, 1.0);\n",
+    "        float radius = sqrt(u.x), angle = 6.283185307 * u.y;\n",
+    "        vec3 direction = radius * cos(angle) * right + radius * sin(angle) * up + sqrt(1.0 - u.x) * n;\n",
+    "        sbl_Hit hit = sbl_trace(position, direction);\n",
+    "        if (hit.triangle < 0) sum.rgb += sky;\n",
+    "        else {\n",
+    "            sum += vec4(sbl_radiance(hit), hit.back ? 1.0 : 0.0);\n",
+    "            hits.xy += vec2(1.0, hit.distance);\n",
+    "            hits.z = min(hits.z, hit.distance);\n",
+    "        }\n",
+    "    }\n",
+    "    out_sum = sum / float(rays);\n",
+    "    out_hits = vec4(hits.xy / float(rays), hits.zw);\n",
+    "}\n",
+    0 };
+static const char *const sbl__glsl_traverse[] = {
+    "// A ray through the bounding volume hierarchy (see >>bvh in sbl.h). Two texels a node, one a child:\n",
+    "//   lowest x | y << 16, lowest z | highest x << 16, highest y | highest z << 16, child\n",
+    "// in steps of a grid over the scene; a child is a node's number, or 1 << 31 | (triangles - 1) << 28 | first triangle.\n",
+    "// A triangle is three texels: corner, object; corner, number in the scene; corner, 1 where a cutout may leave nothing.\n",
+    "uniform usamplerBuffer sbl_nodes, sbl_triangles;\n",
+    "uniform vec3 grid_origin, grid_per_length;  // grid coordinates are (p - grid_origin) * grid_per_length\n",
+    "uniform int node_count;                     // 0: an empty scene\n",
+    "\n",
+    "#ifdef SBL_TEXTURED\n",
+    "struct sbl_Attributes { vec2 uv; vec4 color; };\n",
+    "\n",
+    "sbl_Attributes sbl_attributes_at(int triangle, float b1, float b2) {\n",
+    "    int number = int(texelFetch(sbl_triangles, 3 * triangle + 1).w);\n",
+    "    vec3 b = vec3(1.0 - b1 - b2, b1, b2);\n",
+    "    sbl_Attributes at = sbl_Attributes(vec2(0), vec4(0));\n",
+    "    for (int k = 0; k < 3; k++) {\n",
+    "        int v = int(texelFetch(sbl_indices, 3 * number + k).x);\n",
+    "        uint u = texelFetch(sbl_attributes, 2 * v).w;\n",
+    "        uvec4 c = texelFetch(sbl_attributes, 2 * v + 1);\n",
+    "        at.uv += b[k] * uintBitsToFloat(uvec2(u, c.x));\n",
+    "        at.color += b[k] / 65535.0 * vec4(c.y & 65535u, c.y >> 16, c.z & 65535u, c.z >> 16);\n",
+    "    }\n",
+    "    return at;\n",
+    "}\n",
+    "\n",
+    "// Is the cutout solid here?\n",
+    "bool sbl_solid(int triangle, float b1, float b2) {\n",
+    "    uint object = texelFetch(sbl_triangles, 3 * triangle).w;\n",
+    "    float cutoff = uintBitsToFloat(sbl_object(object, 0).w);\n",
+    "    sbl_Attributes at = sbl_attributes_at(triangle, b1, b2);\n",
+    "    return at.color.a * sbl_texture(sbl_object(object, 2), at.uv).a >= cutoff;\n",
+    "}\n",
+    "#endif\n",
+    "\n",
+    "const uint SBL_LEAF = 0x80000000u;\n",
+    "\n",
+    "struct sbl_Hit {\n",
+    "    float distance;   // in lengths of the direction; negative: nothing was hit\n",
+    "    int triangle;     // as sbl_triangles counts\n",
+    "    float b1, b2;     // barycentrics of the second and third corner\n",
+    "    bool back;\n",
+    "};\n",
+    "\n",
+    "// Does the ray's stretch up to `nearest` cross the box? Its entry distance, or 1e30.\n",
+    "float sbl_box(uvec4 box, vec3 start, vec3 inverse, float nearest) {\n",
+    "    vec3 low = vec3(box.x & 65535u, box.x >> 16, box.y & 65535u), high = vec3(box.y >> 16, box.z & 65535u, box.z >> 16);\n",
+    "    vec3 a = (low - start) * inverse, b = (high - start) * inverse;\n",
+    "    vec3 entry = min(a, b), leave = max(a, b);\n",
+    "    float from = max(max(entry.x, entry.y), max(entry.z, 0.0)), to = min(min(leave.x, leave.y), min(leave.z, nearest));\n",
+    "    return from <= to * 1.0000004 ? from : 1e30;  // Ize 2013, \"Robust BVH Ray Traversal\"\n",
+    "}\n",
+    "\n",
+    "sbl_Hit sbl_trace(vec3 origin, vec3 direction) {\n",
+    "    sbl_Hit hit = sbl_Hit(-1.0, -1, 0.0, 0.0, false);\n",
+    "    if (node_count == 0) return hit;\n",
+    "\n",
+    "    // Watertight against shared edges: Woop, Benthin and Wald 2013. The axis along which the direction is longest becomes z, the ray is sheared onto it.\n",
+    "    vec3 size = abs(direction);\n",
+    "    int axis = size.x > size.y ? (size.x > size.z ? 0 : 2) : (size.y > size.z ? 1 : 2);\n",
+    "    vec3 d = axis == 0 ? direction.yzx : axis == 1 ? direction.zxy : direction;\n",
+    "    float shear_x = d.x / d.z, shear_y = d.y / d.z, per_z = 1.0 / d.z;\n",
+    "\n",
+    "    vec3 start = (origin - grid_origin) * grid_per_length, along = direction * grid_per_length;\n",
+    "    vec3 inverse = 1.0 / vec3(abs(along.x) > 1e-20 ? along.x : 1e-20, abs(along.y) > 1e-20 ? along.y : 1e-20, abs(along.z) > 1e-20 ? along.z : 1e-20);\n",
+    "    float nearest = 1e30;\n",
+    "    uint stack[SBL_STACK];\n",
+    "    int top = 0;\n",
+    "    uint node = 0u;\n",
+    "    bool running = true;\n",
+    "    while (running) {\n",
+    "        while (node < SBL_LEAF) {  // down to a leaf, the nearer child first\n",
+    "            uvec4 first = texelFetch(sbl_nodes, int(node) * 2), second = texelFetch(sbl_nodes, int(node) * 2 + 1);\n",
+    "            float a = sbl_box(first, start, inverse, nearest), b = sbl_box(second, start, inverse, nearest);\n",
+    "            if (a == 1e30 && b == 1e30) {\n",
+    "                if (top == 0) { running = false; break; }\n",
+    "                node = stack[--top];\n",
+    "            } else if (b == 1e30) node = first.w;\n",
+    "            else if (a == 1e30) node = second.w;\n",
+    "            else {\n",
+    "                stack[top++] = a <= b ? second.w : first.w;\n",
+    "                node = a <= b ? first.w : second.w;\n",
+    "            }\n",
+    "        }\n",
+    "        if (!running) break;\n",
+    "        int from = int(node & 0x0fffffffu), to = from + int((node >> 28) & 7u);\n",
+    "        for (int t = from; t <= to; t++) {\n",
+    "            vec3 p = uintBitsToFloat(texelFetch(sbl_triangles, 3 * t).xyz) - origin;\n",
+    "            vec3 q = uintBitsToFloat(texelFetch(sbl_triangles, 3 * t + 1).xyz) - origin;\n",
+    "            uvec4 last = texelFetch(sbl_triangles, 3 * t + 2);\n",
+    "            vec3 r = uintBitsToFloat(last.xyz) - origin;\n",
+    "            p = axis == 0 ? p.yzx : axis == 1 ? p.zxy : p;\n",
+    "            q = axis == 0 ? q.yzx : axis == 1 ? q.zxy : q;\n",
+    "            r = axis == 0 ? r.yzx : axis == 1 ? r.zxy : r;\n",
+    "            p.xy -= vec2(shear_x, shear_y) * p.z;\n",
+    "            q.xy -= vec2(shear_x, shear_y) * q.z;\n",
+    "            r.xy -= vec2(shear_x, shear_y) * r.z;\n",
+    "            float u = r.x * q.y - r.y * q.x, v = p.x * r.y - p.y * r.x, w = q.x * p.y - q.y * p.x;\n",
+    "            float determinant = u + v + w;\n",
+    "            if ((min(u, min(v, w)) >= 0.0 || max(u, max(v, w)) <= 0.0) && determinant != 0.0) {\n",
+    "                float distance_to = (u * p.z + v * q.z + w * r.z) * per_z / determinant;\n",
+    "                if (distance_to > 0.0 && distance_to < nearest) {\n",
+    "#ifdef SBL_TEXTURED\n",
+    "                    bool solid = true;  // a loop, since software renderers run both sides of every if, but leave loops that no lane enters\n",
+    "                    for (uint cut = last.w; cut != 0u; cut = 0u) solid = sbl_solid(t, v / determinant, w / determinant);\n",
+    "                    if (!solid) continue;\n",
+    "#endif\n",
+    "                    nearest = distance_to;\n",
+    "                    hit = sbl_Hit(distance_to, t, v / determinant, w / determinant, (determinant < 0.0) == (d.z > 0.0));\n",
+    "                }\n",
+    "            }\n",
+    "        }\n",
+    "        if (top == 0) break;\n",
+    "        node = stack[--top];\n",
+    "    }\n",
+    "    return hit;\n",
+    "}\n",
+    0 };
 /* <<shaders */
 
 /* ======================================================================================================== >>base
@@ -1306,7 +1497,7 @@ enum {
     SBL__GL_MULTISAMPLE = 0x809D, SBL__GL_SAMPLE_ALPHA_TO_COVERAGE = 0x809E, SBL__GL_SAMPLE_ALPHA_TO_ONE = 0x809F, SBL__GL_SAMPLE_COVERAGE = 0x80A0,
     SBL__GL_SAMPLE_SHADING = 0x8C36, SBL__GL_SAMPLE_MASK = 0x8E51,
     SBL__GL_MAJOR_VERSION = 0x821B, SBL__GL_MINOR_VERSION = 0x821C, SBL__GL_NUM_EXTENSIONS = 0x821D, SBL__GL_RG = 0x8227, SBL__GL_RED_INTEGER = 0x8D94,
-    SBL__GL_R32F = 0x822E, SBL__GL_RG32F = 0x8230, SBL__GL_R32UI = 0x8236, SBL__GL_RGBA32UI = 0x8D70, SBL__GL_RGBA32F = 0x8814, SBL__GL_RGBA16F = 0x881A,
+    SBL__GL_R32F = 0x822E, SBL__GL_RG32F = 0x8230, SBL__GL_R32UI = 0x8236, SBL__GL_RGBA32UI = 0x8D70, SBL__GL_RGBA32F = 0x8814, SBL__GL_RGBA16F = 0x881A, SBL__GL_RG32UI = 0x823C,
     SBL__GL_SRGB8_ALPHA8 = 0x8C43, SBL__GL_DEPTH_COMPONENT32F = 0x8CAC,
     SBL__GL_TEXTURE0 = 0x84C0, SBL__GL_ACTIVE_TEXTURE = 0x84E0, SBL__GL_DEPTH_CLAMP = 0x864F, SBL__GL_VERTEX_ARRAY_BINDING = 0x85B5,
     SBL__GL_MAX_VIEWPORTS = 0x825B, SBL__GL_CLAMP_READ_COLOR = 0x891C, SBL__GL_BUFFER_SIZE = 0x8764,
@@ -1765,6 +1956,14 @@ typedef struct sbl__mesh {
     float transform[16];
 } sbl__mesh;
 
+typedef struct sbl__bvh {     /* see >>bvh */
+    uint32_t *nodes;             /* 8 words a node */
+    uint32_t *order;             /* triangle numbers, leaf after leaf */
+    int node_count, triangle_count, depth;
+    float grid_origin[3], grid_per_length[3];
+    double seconds;
+} sbl__bvh;
+
 typedef struct sbl__scene {
     sbl__mesh *meshes;
     int mesh_count;
@@ -1786,6 +1985,10 @@ typedef struct sbl__scene {
     sbl__buffer position_buffer, attribute_buffer, index_buffer, object_buffer;
     unsigned position_texels, attribute_texels, index_texels, object_texels;  /* buffer textures */
     sbl__texture texels_srgb, texels_float;
+    sbl__bvh bvh;                  /* built when a picture first traces rays; again after a mesh has moved */
+    sbl__buffer node_buffer, triangle_buffer;
+    unsigned node_texels, triangle_texels;
+    int bvh_ready;
     unsigned vertex_array;         /* positions, object, uv, colour; the sensors' views come with each batch */
 } sbl__scene;
 
@@ -2023,6 +2226,12 @@ static void sbl__scene_free(const sbl__gl *gl, sbl__scene *s) {
     sbl__buffer_delete(gl, &s->object_buffer);
     sbl__texture_delete(gl, &s->texels_srgb);
     sbl__texture_delete(gl, &s->texels_float);
+    sbl__free(gl->base, s->bvh.nodes);
+    sbl__free(gl->base, s->bvh.order);
+    sbl__name_delete(gl->DeleteTextures, &s->node_texels);
+    sbl__name_delete(gl->DeleteTextures, &s->triangle_texels);
+    sbl__buffer_delete(gl, &s->node_buffer);
+    sbl__buffer_delete(gl, &s->triangle_buffer);
     memset(s, 0, sizeof *s);
 }
 
@@ -2430,6 +2639,7 @@ static sbl_result sbl__scene_move(const sbl__gl *gl, sbl__scene *s, int number, 
         s->indices[3 * (size_t)t + 1] = s->indices[3 * (size_t)t + 2];
         s->indices[3 * (size_t)t + 2] = swap;
     }
+    s->bvh_ready = 0;
     sbl__scene_measure(s);
     gl->BindVertexArray(0);
     gl->BindBuffer(SBL__GL_ARRAY_BUFFER, s->position_buffer.id);
@@ -2452,6 +2662,238 @@ static void sbl__scene_bind(const sbl__gl *gl, const sbl__scene *s, unsigned pro
     sbl__bind(gl, program, "sbl_positions", 3, SBL__GL_TEXTURE_BUFFER, s->position_texels);
     sbl__bind(gl, program, "sbl_attributes", 4, SBL__GL_TEXTURE_BUFFER, s->attribute_texels);
     sbl__bind(gl, program, "sbl_indices", 5, SBL__GL_TEXTURE_BUFFER, s->index_texels);
+}
+
+/* ======================================================================================================== >>bvh
+   A bounding volume hierarchy over the scene's triangles: binned surface-area heuristic (Wald 2007, "On fast Construction of SAH-based Bounding
+   Volume Hierarchies"), boxes on a 16-bit grid over the scene, two texels a node; see traverse.glsl for the layout. */
+
+#define SBL__BVH_BINS 16
+#define SBL__BVH_LEAF 4          /* triangles in a leaf, at most 8 */
+#define SBL__BVH_SAH_DEPTH 32    /* below it halves are split off by number, so that the depth stays under the stack's */
+#define SBL__BVH_STACK 64
+
+typedef struct sbl__box { float low[3], high[3]; } sbl__box;
+
+static void sbl__box_clear(sbl__box *b) {
+    int k;
+    for (k = 0; k < 3; k++) { b->low[k] = FLT_MAX; b->high[k] = -FLT_MAX; }
+}
+
+static void sbl__box_add(sbl__box *b, const sbl__box *other) {
+    int k;
+    for (k = 0; k < 3; k++) {
+        b->low[k] = SBL__MIN(b->low[k], other->low[k]);
+        b->high[k] = SBL__MAX(b->high[k], other->high[k]);
+    }
+}
+
+static float sbl__box_area(const sbl__box *b) {
+    float x = b->high[0] - b->low[0], y = b->high[1] - b->low[1], z = b->high[2] - b->low[2];
+    return x < 0 ? 0 : x * y + y * z + z * x;
+}
+
+/* What is left to build: triangles first .. first + count - 1 of the order, and the word that will name them. */
+typedef struct sbl__bvh_task { int first, count, depth; int parent; int child; } sbl__bvh_task;
+
+/* Splits the task's triangles in two; returns how many come first. `boxes` are of the triangles by number, `out` of the two halves. */
+static int sbl__bvh_split(const sbl__bvh_task *t, uint32_t *order, const sbl__box *boxes, sbl__box out[2]) {
+    sbl__box centroids, bins[SBL__BVH_BINS];
+    int counts[SBL__BVH_BINS], axis, k, i, best_axis = -1, best_bin = 0, left;
+    float best = FLT_MAX, scale[3];
+    sbl__box_clear(&centroids);
+    for (i = t->first; i < t->first + t->count; i++) {
+        const sbl__box *b = &boxes[order[i]];
+        for (k = 0; k < 3; k++) {
+            float c = b->low[k] + b->high[k];
+            centroids.low[k] = SBL__MIN(centroids.low[k], c);
+            centroids.high[k] = SBL__MAX(centroids.high[k], c);
+        }
+    }
+    for (k = 0; k < 3; k++) {
+        float size = centroids.high[k] - centroids.low[k];
+        scale[k] = size > 0 ? (float)SBL__BVH_BINS * 0.99999f / size : 0;
+        if (!sbl__finite(scale[k])) scale[k] = 0;
+    }
+    for (axis = 0; axis < 3 && t->depth < SBL__BVH_SAH_DEPTH; axis++) {
+        float areas[SBL__BVH_BINS];
+        sbl__box sweep;
+        int n;
+        if (scale[axis] <= 0) continue;
+        for (k = 0; k < SBL__BVH_BINS; k++) { sbl__box_clear(&bins[k]); counts[k] = 0; }
+        for (i = t->first; i < t->first + t->count; i++) {
+            const sbl__box *b = &boxes[order[i]];
+            int bin = (int)((b->low[axis] + b->high[axis] - centroids.low[axis]) * scale[axis]);
+            sbl__box_add(&bins[bin], b);
+            counts[bin]++;
+        }
+        sbl__box_clear(&sweep);
+        n = 0;
+        for (k = SBL__BVH_BINS - 1; k > 0; k--) {
+            sbl__box_add(&sweep, &bins[k]);
+            n += counts[k];
+            areas[k] = n ? sbl__box_area(&sweep) * (float)n : 0;
+        }
+        sbl__box_clear(&sweep);
+        n = 0;
+        for (k = 0; k < SBL__BVH_BINS - 1; k++) {
+            float cost;
+            sbl__box_add(&sweep, &bins[k]);
+            n += counts[k];
+            if (n == 0 || n == t->count) continue;
+            cost = sbl__box_area(&sweep) * (float)n + areas[k + 1];
+            if (cost < best) { best = cost; best_axis = axis; best_bin = k; }
+        }
+    }
+    sbl__box_clear(&out[0]);
+    sbl__box_clear(&out[1]);
+    if (best_axis < 0) {  /* all at one place, or too deep */
+        left = t->count / 2;
+        for (i = 0; i < t->count; i++) sbl__box_add(&out[i >= left], &boxes[order[t->first + i]]);
+        return left;
+    }
+    left = 0;
+    for (i = t->first; i < t->first + t->count; i++) {
+        const sbl__box *b = &boxes[order[i]];
+        int bin = (int)((b->low[best_axis] + b->high[best_axis] - centroids.low[best_axis]) * scale[best_axis]);
+        sbl__box_add(&out[bin > best_bin], b);
+        if (bin <= best_bin) {
+            uint32_t swap = order[t->first + left];
+            order[t->first + left++] = order[i];
+            order[i] = swap;
+        }
+    }
+    return left;
+}
+
+/* A box onto the grid, a little outwards. */
+static void sbl__bvh_quantise(const sbl__bvh *bvh, const sbl__box *b, uint32_t out[3]) {
+    uint32_t low[3], high[3];
+    int k;
+    for (k = 0; k < 3; k++) {
+        double a = ((double)b->low[k] - bvh->grid_origin[k]) * bvh->grid_per_length[k], c = ((double)b->high[k] - bvh->grid_origin[k]) * bvh->grid_per_length[k];
+        low[k] = (uint32_t)SBL__MIN(SBL__MAX(floor(a - 0.02), 0), 65535);
+        high[k] = (uint32_t)SBL__MIN(SBL__MAX(ceil(c + 0.02), 0), 65535);
+    }
+    out[0] = low[0] | low[1] << 16;
+    out[1] = low[2] | high[0] << 16;
+    out[2] = high[1] | high[2] << 16;
+}
+
+static void sbl__bvh_free(sbl__base *base, sbl__bvh *bvh) {
+    sbl__free(base, bvh->nodes);
+    sbl__free(base, bvh->order);
+    memset(bvh, 0, sizeof *bvh);
+}
+
+static sbl_result sbl__bvh_build(sbl__base *base, sbl__bvh *bvh, const sbl__scene *s) {
+    double start = sbl__now();
+    sbl__box *boxes;
+    sbl__bvh_task stack[2 * SBL__BVH_STACK];
+    int top = 0, i, k, room = SBL__MAX(1, s->triangle_count);
+    memset(bvh, 0, sizeof *bvh);
+    if (!s->triangle_count) return SBL_SUCCESS;
+    bvh->nodes = (uint32_t *)sbl__alloc(base, (size_t)room, 32);
+    bvh->order = (uint32_t *)sbl__alloc(base, (size_t)room, 4);
+    boxes = (sbl__box *)sbl__alloc(base, (size_t)room, sizeof *boxes);
+    if (!bvh->nodes || !bvh->order || !boxes) {
+        sbl__bvh_free(base, bvh);
+        sbl__free(base, boxes);
+        return SBL_ERROR_OUT_OF_MEMORY;
+    }
+    for (k = 0; k < 3; k++) {  /* the grid has a cell to spare at either end */
+        double size = SBL__MAX((double)s->bounds[1][k] - s->bounds[0][k], 1e-4 * s->extent);
+        bvh->grid_per_length[k] = (float)(65533 / size);
+        bvh->grid_origin[k] = (float)(s->bounds[0][k] - 1.0 / bvh->grid_per_length[k]);
+    }
+    for (i = 0; i < s->triangle_count; i++) {
+        int corner;
+        const uint32_t *object = s->objects + (size_t)SBL__OBJECT_WORDS * s->vertices[s->indices[3 * (size_t)i]].object;
+        if (object[7] & SBL_MATERIAL_HIDDEN_FROM_SENSORS) continue;
+        bvh->order[bvh->triangle_count++] = (uint32_t)i;
+        sbl__box_clear(&boxes[i]);
+        for (corner = 0; corner < 3; corner++) {
+            const float *p = s->vertices[s->indices[3 * (size_t)i + (size_t)corner]].position;
+            for (k = 0; k < 3; k++) {
+                boxes[i].low[k] = SBL__MIN(boxes[i].low[k], p[k]);
+                boxes[i].high[k] = SBL__MAX(boxes[i].high[k], p[k]);
+            }
+        }
+    }
+    /* sensors may see nothing at all */
+    if (!bvh->triangle_count) { sbl__free(base, boxes); return SBL_SUCCESS; }
+    /* the root is a node even where one leaf would do: its second child is then a box that nothing enters */
+    stack[top].first = 0; stack[top].count = bvh->triangle_count; stack[top].depth = 0; stack[top].parent = -1; stack[top].child = 0;
+    top++;
+    while (top) {
+        sbl__bvh_task t = stack[--top];
+        uint32_t *node = bvh->nodes + 8 * (size_t)bvh->node_count;
+        sbl__box halves[2];
+        int left, side;
+        if (t.parent >= 0) bvh->nodes[8 * (size_t)t.parent + 4 * (size_t)t.child + 3] = (uint32_t)bvh->node_count;
+        bvh->depth = SBL__MAX(bvh->depth, t.depth + 1);
+        if (t.count == 1) {
+            sbl__bvh_quantise(bvh, &boxes[bvh->order[t.first]], node);
+            node[3] = 0x80000000u | (uint32_t)t.first;
+            node[4] = node[5] = 0xffffffffu;  /* lowest above highest */
+            node[6] = 0;
+            node[7] = node[3];
+            bvh->node_count++;
+            continue;
+        }
+        left = sbl__bvh_split(&t, bvh->order, boxes, halves);
+        for (side = 0; side < 2; side++) {
+            int first = side ? t.first + left : t.first, count = side ? t.count - left : left;
+            sbl__bvh_quantise(bvh, &halves[side], node + 4 * side);
+            if (count <= SBL__BVH_LEAF) node[4 * side + 3] = 0x80000000u | (uint32_t)(count - 1) << 28 | (uint32_t)first;
+            else {
+                sbl__bvh_task *child = &stack[top++];
+                child->first = first; child->count = count; child->depth = t.depth + 1;
+                child->parent = bvh->node_count; child->child = side;
+            }
+        }
+        bvh->node_count++;
+    }
+    sbl__free(base, boxes);
+    bvh->seconds = sbl__now() - start;
+    return SBL_SUCCESS;
+}
+
+/* Builds what is not there yet and brings it to the GPU. */
+static sbl_result sbl__bvh_ready(const sbl__gl *gl, sbl__scene *s) {
+    uint32_t *words;
+    size_t i;
+    int corner;
+    sbl_result result;
+    if (s->bvh_ready) return SBL_SUCCESS;
+    sbl__bvh_free(gl->base, &s->bvh);
+    result = sbl__bvh_build(gl->base, &s->bvh, s);
+    if (result != SBL_SUCCESS) return result;
+    if (s->bvh.triangle_count > gl->capabilities.max_texture_buffer_size / 3) {
+        sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the scene has %d triangles; this driver's texture buffers hold %d for tracing, use SBL_BACKEND_RASTER",
+                 s->bvh.triangle_count, gl->capabilities.max_texture_buffer_size / 3);
+        return SBL_ERROR_UNSUPPORTED;
+    }
+    words = (uint32_t *)sbl__alloc(gl->base, (size_t)s->bvh.triangle_count, 48);
+    if (!words) return SBL_ERROR_OUT_OF_MEMORY;
+    for (i = 0; i < (size_t)s->bvh.triangle_count; i++)
+        for (corner = 0; corner < 3; corner++) {
+            uint32_t *to = words + 12 * i + 4 * (size_t)corner;
+            const sbl__vertex *v = &s->vertices[s->indices[3 * (size_t)s->bvh.order[i] + (size_t)corner]];
+            memcpy(to, v->position, 12);
+            to[3] = corner == 0 ? v->object : corner == 1 ? s->bvh.order[i] : s->objects[(size_t)SBL__OBJECT_WORDS * v->object + 3] != 0;
+        }
+    gl->BindVertexArray(0);
+    result = sbl__buffer_make(gl, &s->triangle_buffer, 48 * (size_t)s->bvh.triangle_count, words, SBL__GL_STATIC_DRAW, "storing triangles");
+    sbl__free(gl->base, words);
+    if (result == SBL_SUCCESS) result = sbl__buffer_make(gl, &s->node_buffer, 32 * (size_t)s->bvh.node_count, s->bvh.nodes, SBL__GL_STATIC_DRAW, "storing the hierarchy");
+    if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &s->node_texels, SBL__GL_RGBA32UI, &s->node_buffer, "making the hierarchy's texture");
+    if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &s->triangle_texels, SBL__GL_RGBA32UI, &s->triangle_buffer, "making the triangles' texture");
+    sbl__free(gl->base, s->bvh.nodes);   /* the GPU has them; the build is repeated when a mesh moves */
+    sbl__free(gl->base, s->bvh.order);
+    s->bvh.nodes = s->bvh.order = NULL;
+    s->bvh_ready = result == SBL_SUCCESS;
+    return result;
 }
 
 /* ======================================================================================================== >>surface
@@ -2607,10 +3049,14 @@ static void sbl__surface_draw(const sbl__gl *gl, unsigned program, const sbl__sc
 /* ======================================================================================================== >>sensors
    Where a sensor stands and looks, how its views lie on its sheet, and what each texel weighs. */
 
+#define SBL__MAX_LOOKS 4         /* see sbl__looks */
+
 typedef struct sbl__point {
     float position[3];          /* already moved off the surface */
     float normal[3];            /* unit */
-    float turn;                 /* rotation about the normal, radians */
+    float turn;                 /* rotation about the normal, radians: rasterised sensors */
+    uint32_t seed;              /* scrambles the directions: traced sensors */
+    uint32_t first_ray;         /* in the sequence of directions */
 } sbl__point;
 
 typedef struct sbl__layout {
@@ -2774,6 +3220,12 @@ typedef struct sbl__gather {
     sbl__view *views;           /* one batch, before it is sent */
     const sbl__point *points;   /* the job; owned by the caller */
     int count, next;
+    float spread;               /* traced: 1 for the hemisphere, 0 for rays along the normal only */
+    int rays, chunk;            /* traced: directions of a sensor, of which one shader invocation takes a chunk. rays 0: rasterised */
+    float length;               /* world units of a distance that the shaders give */
+    sbl__buffer point_buffer, sequence_buffer;
+    unsigned point_texels, sequence_texels;
+    uint32_t *point_words;
     int draw_limit;             /* sensors in one draw that keep it short on any machine */
 } sbl__gather;
 
@@ -2789,6 +3241,11 @@ static void sbl__gather_free(const sbl__gl *gl, sbl__gather *g) {
     sbl__texture_delete(gl, &g->sums);
     sbl__texture_delete(gl, &g->hits);
     sbl__buffer_delete(gl, &g->view_buffer);
+    sbl__name_delete(gl->DeleteTextures, &g->point_texels);
+    sbl__name_delete(gl->DeleteTextures, &g->sequence_texels);
+    sbl__buffer_delete(gl, &g->point_buffer);
+    sbl__buffer_delete(gl, &g->sequence_buffer);
+    sbl__free(gl->base, g->point_words);
     sbl__free(gl->base, g->views);
     memset(g, 0, sizeof *g);
 }
@@ -2804,6 +3261,7 @@ static sbl_result sbl__gather_setup(const sbl__gl *gl, sbl__gather *g, const sbl
     sbl__layout_make(&g->layout, hemicube, size, fov);
     g->paper = paper;
     g->epsilon = epsilon;
+    g->length = scene->extent;
     /* a power of two brings the brightest light near 1024: inside 16-bit floats, with room below */
     brightest = SBL__MAX(scene->max_radiance, epsilon);
     g->radiance_scale = brightest > 0 ? (float)ldexp(1, SBL__MIN(10 - (int)ceil(log(brightest) / log(2.0)), 100)) : 1;
@@ -2967,15 +3425,16 @@ static void sbl__gather_reduce(const sbl__gl *gl, const sbl__gather *g, const un
     int row_first = first / SBL__RESULTS_WIDTH, row_last = last / SBL__RESULTS_WIDTH;
     gl->BindVertexArray(empty_array);
     gl->Disable(SBL__GL_DEPTH_TEST);
-    gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->block_framebuffer);
-    gl->Viewport(0, 0, g->block_sums.width, sheet_rows * g->layout.blocks[1]);
-    gl->UseProgram(programs[0]);
-    sbl__bind(gl, programs[0], "atlas", 0, SBL__GL_TEXTURE_2D, g->atlas.id);
-    sbl__bind(gl, programs[0], "weights", 1, SBL__GL_TEXTURE_2D, g->weights.id);
-    sbl__uniform_i(gl, programs[0], "block", g->layout.block);
-    gl->Uniform2i(sbl__uniform(gl, programs[0], "blocks"), g->layout.blocks[0], g->layout.blocks[1]);
-    gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
-
+    if (!g->rays) {
+        gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->block_framebuffer);
+        gl->Viewport(0, 0, g->block_sums.width, sheet_rows * g->layout.blocks[1]);
+        gl->UseProgram(programs[0]);
+        sbl__bind(gl, programs[0], "atlas", 0, SBL__GL_TEXTURE_2D, g->atlas.id);
+        sbl__bind(gl, programs[0], "weights", 1, SBL__GL_TEXTURE_2D, g->weights.id);
+        sbl__uniform_i(gl, programs[0], "block", g->layout.block);
+        gl->Uniform2i(sbl__uniform(gl, programs[0], "blocks"), g->layout.blocks[0], g->layout.blocks[1]);
+        gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
+    }
     gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->result_framebuffer);
     gl->Viewport(0, row_first, SBL__RESULTS_WIDTH, row_last - row_first + 1);
     gl->UseProgram(programs[1]);
@@ -2991,10 +3450,106 @@ static void sbl__gather_reduce(const sbl__gl *gl, const sbl__gather *g, const un
     gl->Flush();
 }
 
+/* The second way to see: rays. Sensors stand in the block textures as if their texels were already reduced, and go on as rasterised ones do. */
+
+#define SBL__CHUNK 16            /* rays of one shader invocation: some software renderers end one silently after about 65,000 loop turns */
+#define SBL__RAYS_A_DRAW 1000000 /* keeps a draw short on any machine */
+
+/* The first `count` points of the Sobol sequence's first two dimensions (Joe and Kuo 2008), 32-bit fractions. */
+static void sbl__sobol(uint32_t *out, int count) {
+    int i, bit;
+    for (i = 0; i < count; i++) {
+        uint32_t x = 0, y = 0, direction = 0x80000000u;
+        for (bit = 0; bit < 32; bit++, direction ^= direction >> 1)
+            if ((uint32_t)i >> bit & 1u) { x |= 0x80000000u >> bit; y ^= direction; }
+        out[2 * i] = x;
+        out[2 * i + 1] = y;
+    }
+}
+
+static sbl_result sbl__trace_setup(const sbl__gl *gl, sbl__gather *g, int rays, float spread, float epsilon, int batch) {
+    const char *what = "making the rays' textures";
+    const sbl__texture *colors[2];
+    int chunks = (rays + SBL__CHUNK - 1) / SBL__CHUNK, rows;
+    uint32_t *sequence;
+    sbl_result result;
+    memset(&g->layout, 0, sizeof g->layout);
+    g->layout.view_count = 1;
+    g->layout.blocks[0] = SBL__MIN(chunks, 16);
+    g->layout.blocks[1] = (chunks + 15) / 16;
+    g->rays = rays;
+    g->chunk = SBL__CHUNK;
+    g->spread = spread;
+    g->epsilon = epsilon;
+    g->length = g->radiance_scale = 1;
+    g->columns = SBL__MAX(1, SBL__MIN(256, SBL__MIN(1024, gl->capabilities.max_texture_size) / g->layout.blocks[0]));
+    rows = SBL__MAX(1, SBL__MIN(1024 / g->layout.blocks[1], SBL__MAX_SLOTS / g->columns));
+    g->slots = g->columns * rows;
+    g->draw_limit = SBL__MAX(1, SBL__MIN(SBL__RAYS_A_DRAW / rays, batch > 0 ? SBL__MIN(batch, g->slots) : g->slots));
+    sequence = (uint32_t *)sbl__alloc(gl->base, (size_t)rays * SBL__MAX_LOOKS, 8);
+    g->point_words = (uint32_t *)sbl__alloc(gl->base, (size_t)g->draw_limit, 48);
+    if (!sequence || !g->point_words) { sbl__free(gl->base, sequence); return SBL_ERROR_OUT_OF_MEMORY; }
+    sbl__sobol(sequence, rays * SBL__MAX_LOOKS);
+    gl->BindVertexArray(0);
+    result = sbl__buffer_make(gl, &g->sequence_buffer, (size_t)rays * SBL__MAX_LOOKS * 8, sequence, SBL__GL_STATIC_DRAW, what);
+    sbl__free(gl->base, sequence);
+    if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &g->sequence_texels, SBL__GL_RG32UI, &g->sequence_buffer, what);
+    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->block_sums, g->columns * g->layout.blocks[0], rows * g->layout.blocks[1], SBL__GL_RGBA32F, NULL, what);
+    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->block_hits, g->columns * g->layout.blocks[0], rows * g->layout.blocks[1], SBL__GL_RGBA32F, NULL, what);
+    colors[0] = &g->block_sums;
+    colors[1] = &g->block_hits;
+    if (result == SBL_SUCCESS) result = sbl__framebuffer_make(gl, &g->block_framebuffer, colors, 2, NULL, what);
+    return result;
+}
+
+/* Traces sensors first .. first + count - 1, which lie in one filling of the block textures. */
+static sbl_result sbl__trace_draw(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, unsigned program, unsigned empty_array, int first, int count) {
+    const sbl__bvh *bvh = &scene->bvh;
+    int i, slot = first % g->slots, row = slot / g->columns, last_row = (slot + count - 1) / g->columns;
+    sbl_result result;
+    for (i = 0; i < count; i++) {
+        const sbl__point *p = &g->points[first + i];
+        uint32_t *words = g->point_words + 12 * i;
+        memcpy(words, p->position, 12);
+        words[3] = sbl__hash(p->seed);
+        memcpy(words + 4, p->normal, 12);
+        words[7] = sbl__hash(p->seed + 1u);
+        words[8] = p->first_ray * (uint32_t)g->rays;
+    }
+    gl->BindVertexArray(empty_array);
+    result = sbl__buffer_make(gl, &g->point_buffer, 48 * (size_t)count, g->point_words, SBL__GL_STREAM_DRAW, "sending points");
+    if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &g->point_texels, SBL__GL_RGBA32UI, &g->point_buffer, "sending points");
+    if (result != SBL_SUCCESS) return result;
+    gl->Disable(SBL__GL_DEPTH_TEST);
+    gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->block_framebuffer);
+    gl->Viewport(0, row * g->layout.blocks[1], g->block_sums.width, (last_row - row + 1) * g->layout.blocks[1]);
+    gl->UseProgram(program);
+    sbl__scene_bind(gl, scene, program);
+    sbl__bind(gl, program, "sbl_nodes", 6, SBL__GL_TEXTURE_BUFFER, scene->node_texels);
+    sbl__bind(gl, program, "sbl_triangles", 7, SBL__GL_TEXTURE_BUFFER, scene->triangle_texels);
+    sbl__bind(gl, program, "sbl_points", 8, SBL__GL_TEXTURE_BUFFER, g->point_texels);
+    sbl__bind(gl, program, "sbl_sequence", 9, SBL__GL_TEXTURE_BUFFER, g->sequence_texels);
+    sbl__uniform_3(gl, program, "grid_origin", bvh->grid_origin);
+    sbl__uniform_3(gl, program, "grid_per_length", bvh->grid_per_length);
+    sbl__uniform_i(gl, program, "node_count", bvh->node_count);
+    sbl__uniform_i(gl, program, "rays", g->rays);
+    sbl__uniform_i(gl, program, "chunk", g->chunk);
+    gl->Uniform2i(sbl__uniform(gl, program, "blocks"), g->layout.blocks[0], g->layout.blocks[1]);
+    sbl__uniform_i(gl, program, "columns", g->columns);
+    sbl__uniform_i(gl, program, "first_slot", slot);
+    sbl__uniform_i(gl, program, "count", count);
+    sbl__uniform_f(gl, program, "epsilon", g->epsilon);
+    sbl__uniform_f(gl, program, "spread", g->spread);
+    sbl__uniform_3(gl, program, "sky", scene->sky);
+    gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
+    gl->Flush();
+    return sbl__gl_check(gl, "tracing rays");
+}
+
 /* One bounded piece of the job: at most `limit` sensors. Done when next == count. */
 static sbl_result sbl__gather_step(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, unsigned draw_program, const unsigned reduce_programs[2], unsigned empty_array, int limit) {
     int filled = g->next % g->slots, count = SBL__MIN(SBL__MIN(g->count - g->next, g->slots - filled), SBL__MAX(1, SBL__MIN(limit, g->draw_limit)));
-    sbl_result result = sbl__gather_draw(gl, g, scene, draw_program, g->next, count);
+    sbl_result result = g->rays ? sbl__trace_draw(gl, g, scene, draw_program, empty_array, g->next, count) : sbl__gather_draw(gl, g, scene, draw_program, g->next, count);
     if (result != SBL_SUCCESS) return result;
     g->next += count;
     if (g->next == g->count || g->next % g->slots == 0) sbl__gather_reduce(gl, g, reduce_programs, empty_array, g->next - 1);
@@ -3002,7 +3557,7 @@ static sbl_result sbl__gather_step(const sbl__gl *gl, sbl__gather *g, const sbl_
 }
 
 /* Ends the job: lights[i] is what point i receives. */
-static sbl_result sbl__gather_finish(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, sbl__light *lights) {
+static sbl_result sbl__gather_finish(const sbl__gl *gl, sbl__gather *g, sbl__light *lights) {
     int rows = (g->count + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH, i, k;
     size_t floats = (size_t)rows * SBL__RESULTS_WIDTH * 4;
     float *data = (float *)sbl__alloc(gl->base, 2 * floats, sizeof(float));
@@ -3015,8 +3570,8 @@ static sbl_result sbl__gather_finish(const sbl__gl *gl, sbl__gather *g, const sb
         for (k = 0; k < 3; k++) lights[i].radiance[k] = sum[k] / g->radiance_scale;
         lights[i].hit_share = hits[0];
         lights[i].back_share = hits[0] > 0 ? sum[3] / hits[0] : 0;
-        lights[i].hit_mean = hits[0] > 0 ? hits[1] / hits[0] * scene->extent : 0;
-        lights[i].hit_min = hits[0] > 0 ? hits[2] * scene->extent : 0;
+        lights[i].hit_mean = hits[0] > 0 ? hits[1] / hits[0] * g->length : 0;
+        lights[i].hit_min = hits[0] > 0 ? hits[2] * g->length : 0;
         lights[i].stuck = 0;
     }
     sbl__free(gl->base, data);
@@ -3219,7 +3774,6 @@ static sbl_result sbl__cell_split(sbl__base *base, sbl__refine *r, int index) {
 
 /* How often a sensor looks, each time turned a little further, outside paper mode. One that stands for many pixels is worth the more: what noise it
    has left would show as blotches the size of its tile. */
-#define SBL__MAX_LOOKS 4
 static int sbl__looks(const sbl__refine *r, int level) {
     int tile = level < 31 ? r->tile >> level : 0;
     return !r->geometry_aware ? 1 : tile >= 8 ? 4 : tile >= 4 ? 2 : 1;
@@ -3234,6 +3788,8 @@ static void sbl__refine_point(const sbl__refine *r, int index, double look, sbl_
         out->normal[k] = p->normal[k];
     }
     out->turn = r->geometry_aware ? (float)(0.5 * SBL__PI * (sbl__hash((uint32_t)index ^ sbl__hash(r->seed)) / 4294967296.0 + look)) : 0;
+    out->seed = sbl__hash((uint32_t)index ^ sbl__hash(r->seed));
+    out->first_ray = (uint32_t)(look * SBL__MAX_LOOKS);
 }
 
 /* Queues sensors for the corners of the cells not judged yet. Their number is r->point_count. */
@@ -3506,9 +4062,9 @@ struct sbl_context {
     sbl__base base;
     sbl__gl gl;
     sbl_context_desc desc;
-    struct { unsigned copy, gbuffer, sensor, sensor_textured, reduce_blocks, reduce_sum, filter, resolve; } programs;
+    struct { unsigned copy, gbuffer, sensor, sensor_textured, trace, trace_textured, reduce_blocks, reduce_sum, filter, resolve; } programs;
     unsigned empty_array;       /* a vertex array without attributes */
-    sbl__gather gather, probe;  /* probe: sensors that look back at their surface, see sbl__refine_suspects */
+    sbl__gather gather, probe, inspected;  /* probe: sensors that look back at their surface, see sbl__refine_suspects; inspected: one sensor's views */
     sbl__scene scene;
     int has_scene;
     sbl__picture picture;
@@ -3537,11 +4093,19 @@ static void sbl__picture_free(sbl_context *c) {
     sbl__refine_free(&c->base, &p->refine);
     sbl__gather_free(&c->gl, &c->gather);
     sbl__gather_free(&c->gl, &c->probe);
+    sbl__gather_free(&c->gl, &c->inspected);
     memset(p, 0, sizeof *p);
 }
 
 static int sbl__picture_hemicube(const sbl_picture_desc *d) { return d->sensor_kind == SBL_SENSOR_HEMICUBE; }
 static float sbl__picture_epsilon(const sbl_picture_desc *d) { return d->mode == SBL_MODE_DIRECT ? 0.0f : d->epsilon; }
+
+/* Sets up sensors that rasterise, as the picture wants them. */
+static sbl_result sbl__picture_raster(sbl_context *c, sbl__gather *g) {
+    const sbl_picture_desc *d = &c->picture.desc;
+    return sbl__gather_setup(&c->gl, g, &c->scene, sbl__picture_hemicube(d), d->mode == SBL_MODE_PAPER, d->sensor_size, d->sensor_fov, sbl__picture_epsilon(d),
+                             c->desc.atlas_size, c->desc.batch);
+}
 
 static sbl_result sbl__picture_begin(sbl_context *c) {
     sbl__picture *p = &c->picture;
@@ -3572,8 +4136,7 @@ static sbl_result sbl__picture_begin(sbl_context *c) {
         if (result == SBL_SUCCESS) result = sbl__framebuffer_make(gl, &p->final_framebuffers[i], colors, 1, NULL, what);
     }
     if (result == SBL_SUCCESS)
-        result = sbl__gather_setup(gl, &c->gather, &c->scene, sbl__picture_hemicube(d), d->mode == SBL_MODE_PAPER, d->sensor_size, d->sensor_fov, sbl__picture_epsilon(d),
-                                   c->desc.atlas_size, c->desc.batch);
+        result = d->backend == SBL_BACKEND_TRACE ? sbl__trace_setup(gl, &c->gather, d->rays, 1, sbl__picture_epsilon(d), c->desc.batch) : sbl__picture_raster(c, &c->gather);
     if (result == SBL_SUCCESS) result = sbl__refine_begin(&c->base, &p->refine);
     p->stage = SBL__STAGE_SURFACE;
     return result;
@@ -3587,7 +4150,10 @@ static sbl_result sbl__picture_surface(sbl_context *c) {
     const sbl__texture *textures[4];
     int attachments[4] = { 0, 1, 2, 5 }, t, k;
     float *data;
-    sbl_result result;
+    sbl_result result = p->desc.backend == SBL_BACKEND_TRACE ? sbl__bvh_ready(&c->gl, &c->scene) : SBL_SUCCESS;
+    if (result != SBL_SUCCESS) return result;
+    c->stats.bvh_seconds = c->scene.bvh.seconds;
+    c->stats.bvh_bytes = c->scene.node_buffer.bytes + c->scene.triangle_buffer.bytes;
     sbl__surface_draw(&c->gl, c->programs.gbuffer, &c->scene, &p->camera, &p->gbuffer, centre, sbl__picture_epsilon(&p->desc));
     result = sbl__gl_check(&c->gl, "drawing the G-buffer");
     if (result != SBL_SUCCESS) return result;
@@ -3624,7 +4190,8 @@ static sbl_result sbl__picture_fill(sbl_context *c) {
 
 static sbl_result sbl__probe_begin(sbl_context *c, const sbl__point *points, int count) {
     sbl_result result = SBL_SUCCESS;
-    if (!c->probe.atlas.id) result = sbl__gather_setup(&c->gl, &c->probe, &c->scene, 0, 0, SBL__PROBE_SIZE, SBL__PROBE_FOV, 0, SBL__MIN(c->desc.atlas_size, 512), c->desc.batch);
+    if (!c->probe.slots && c->gather.rays) result = sbl__trace_setup(&c->gl, &c->probe, 1, 0, 0, c->desc.batch);
+    else if (!c->probe.slots) result = sbl__gather_setup(&c->gl, &c->probe, &c->scene, 0, 0, SBL__PROBE_SIZE, SBL__PROBE_FOV, 0, SBL__MIN(c->desc.atlas_size, 512), c->desc.batch);
     return result == SBL_SUCCESS ? sbl__gather_begin(&c->gl, &c->probe, points, count) : result;
 }
 
@@ -3633,7 +4200,8 @@ static sbl_result sbl__picture_work(sbl_context *c, int limit) {
     sbl__picture *p = &c->picture;
     const sbl__gl *gl = &c->gl;
     const unsigned reduce[2] = { c->programs.reduce_blocks, c->programs.reduce_sum };
-    unsigned sensor = c->scene.textured ? c->programs.sensor_textured : c->programs.sensor;
+    unsigned draw = c->scene.textured ? c->programs.sensor_textured : c->programs.sensor;
+    unsigned trace = c->scene.textured ? c->programs.trace_textured : c->programs.trace;
     double start = sbl__now(), *seconds = NULL;
     sbl_result result = SBL_SUCCESS;
     switch (p->stage) {
@@ -3650,11 +4218,13 @@ static sbl_result sbl__picture_work(sbl_context *c, int limit) {
             break;
         case SBL__STAGE_GATHER:
             seconds = &c->stats.seconds.gather;
-            result = sbl__gather_step(gl, &c->gather, &c->scene, sensor, reduce, c->empty_array, limit);
+            result = sbl__gather_step(gl, &c->gather, &c->scene, c->gather.rays ? trace : draw, reduce, c->empty_array, limit);
             if (result == SBL_SUCCESS && c->gather.next == c->gather.count) {
-                result = sbl__gather_finish(gl, &c->gather, &c->scene, p->refine.lights);
+                result = sbl__gather_finish(gl, &c->gather, p->refine.lights);
                 c->stats.readbacks += 2;
-                c->stats.sensor_views += (int64_t)c->gather.count * c->gather.layout.view_count;
+                c->stats.rays += (int64_t)c->gather.count * c->gather.rays;
+                if (!c->gather.rays) c->stats.sensor_views += (int64_t)c->gather.count * c->gather.layout.view_count;
+                if (!c->gather.rays)
                 c->stats.sensor_texels += (int64_t)c->gather.count * (sbl__picture_hemicube(&p->desc) ? c->gather.layout.sheet_width * c->gather.layout.sheet_height
                                                                                                      : p->desc.sensor_size * p->desc.sensor_size);
                 if (result == SBL_SUCCESS) result = sbl__refine_suspects(&c->base, &p->refine);
@@ -3664,9 +4234,9 @@ static sbl_result sbl__picture_work(sbl_context *c, int limit) {
             break;
         case SBL__STAGE_PROBE:
             seconds = &c->stats.seconds.gather;
-            result = sbl__gather_step(gl, &c->probe, &c->scene, sensor, reduce, c->empty_array, limit);
+            result = sbl__gather_step(gl, &c->probe, &c->scene, c->probe.rays ? trace : draw, reduce, c->empty_array, limit);
             if (result == SBL_SUCCESS && c->probe.next == c->probe.count) {
-                result = sbl__gather_finish(gl, &c->probe, &c->scene, p->refine.suspect_lights);
+                result = sbl__gather_finish(gl, &c->probe, p->refine.suspect_lights);
                 c->stats.readbacks += 2;
                 if (result == SBL_SUCCESS) sbl__refine_convict(&c->base, &p->refine);
                 p->stage = SBL__STAGE_JUDGE;
@@ -3839,6 +4409,7 @@ static sbl_result sbl__programs_make(sbl_context *c) {
     static const char *const *const gbuffer_fragment[] = { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_gbuffer_fragment, NULL };
     static const char *const *const sensor_vertex[] = { sbl__glsl_scene, sbl__glsl_sensor_vertex, NULL };
     static const char *const *const sensor_fragment[] = { sbl__glsl_scene, sbl__glsl_sensor_fragment, NULL };
+    static const char *const *const trace[] = { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_traverse, sbl__glsl_trace, NULL };
     static const char *const *const reduce_blocks[] = { sbl__glsl_reduce_blocks, NULL };
     static const char *const *const reduce_sum[] = { sbl__glsl_reduce_sum, NULL };
     static const char *const *const filter[] = { sbl__glsl_belongs, sbl__glsl_filter, NULL };
@@ -3849,6 +4420,8 @@ static sbl_result sbl__programs_make(sbl_context *c) {
     if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.gbuffer, "gbuffer", depth, gbuffer_vertex, gbuffer_fragment);
     if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.sensor, "sensor", depth, sensor_vertex, sensor_fragment);
     if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.sensor_textured, "sensor, textured", textured, sensor_vertex, sensor_fragment);
+    if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.trace, "trace", "#define SBL_STACK 64\n", fullscreen, trace);
+    if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.trace_textured, "trace, textured", "#define SBL_STACK 64\n#define SBL_TEXTURED\n", fullscreen, trace);
     if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.reduce_blocks, "reduce_blocks", "", fullscreen, reduce_blocks);
     if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.reduce_sum, "reduce_sum", "", fullscreen, reduce_sum);
     if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.filter, "filter", "", fullscreen, filter);
@@ -3906,6 +4479,7 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
     if (d.sensor_kind == SBL_SENSOR_DEFAULT) d.sensor_kind = paper ? SBL_SENSOR_SINGLE : SBL_SENSOR_HEMICUBE;
     if (!d.sensor_size) d.sensor_size = draft ? 32 : high ? 128 : 64;
     if (d.sensor_fov == 0.0f) d.sensor_fov = 135;
+    if (!d.rays) d.rays = draft ? 64 : high ? 1024 : 256;
     if (!d.tile) d.tile = high ? 8 : 16;
     if (d.threshold == 0.0f) d.threshold = paper ? 0.05f : draft ? 0.3f : high ? 0.07f : 0.15f;
     if (d.epsilon == 0.0f) d.epsilon = 0.02f;
@@ -3934,6 +4508,11 @@ static sbl_result sbl__check_picture_desc(const sbl_context *c, const sbl_pictur
         SBL__MISTAKE(&check, item, "sbl_picture_desc: sensor_kind is %d; it must be 0 to %d", (int)d->sensor_kind, SBL_SENSOR_KIND_COUNT - 1);
     if (d->mode == SBL_MODE_PAPER && d->sensor_kind == SBL_SENSOR_HEMICUBE)
         SBL__MISTAKE(&check, item, "sbl_picture_desc: sensor_kind is SBL_SENSOR_HEMICUBE in SBL_MODE_PAPER; the paper's sensor is SBL_SENSOR_SINGLE");
+    if ((int)d->backend < 0 || d->backend >= SBL_BACKEND_COUNT) SBL__MISTAKE(&check, item, "sbl_picture_desc: backend is %d; it must be 0 to %d", (int)d->backend, SBL_BACKEND_COUNT - 1);
+    if (d->backend == SBL_BACKEND_TRACE && (d->mode == SBL_MODE_PAPER || d->sensor_kind == SBL_SENSOR_SINGLE || c->scene.draw))
+        SBL__MISTAKE(&check, item, "sbl_picture_desc: backend is SBL_BACKEND_TRACE %s; use SBL_BACKEND_AUTO or SBL_BACKEND_RASTER",
+                     c->scene.draw ? "in a scene with a draw callback" : "with the paper's single view");
+    if (d->rays < 1 || d->rays > 4096) SBL__MISTAKE(&check, item, "sbl_picture_desc: rays is %d; it must be 1 to 4096", d->rays);
     if (d->sensor_size < 4 || d->sensor_size > 512) SBL__MISTAKE(&check, item, "sbl_picture_desc: sensor_size is %d; it must be 4 to 512", d->sensor_size);
     if (!(d->sensor_fov >= 1.0f && d->sensor_fov <= 179.0f)) SBL__MISTAKE(&check, item, "sbl_picture_desc: sensor_fov is %g; it must be 1 to 179 degrees", (double)d->sensor_fov);
     if (d->tile < 1 || d->tile > 1024) SBL__MISTAKE(&check, item, "sbl_picture_desc: tile is %d; it must be 1 to 1024", d->tile);
@@ -3989,6 +4568,8 @@ static void sbl__default_camera(const sbl__scene *s, sbl_picture_desc *d) {
     distance = d->view_to_clip[11] != 0.0f ? radius * sqrt(1 + pow(SBL__MIN(fabs((double)d->view_to_clip[0]), fabs((double)d->view_to_clip[5])), 2)) : 2 * radius;
     sbl_look_at(d->world_to_view, c[0] + (float)(0.35 * distance), c[1] + (float)(0.3 * distance), c[2] + (float)(0.89 * distance), c[0], c[1], c[2], 0, 1, 0);
 }
+
+#define SBL__RASTER_TRIANGLES 32768  /* SBL_BACKEND_AUTO rasterises up to so many */
 
 static void sbl__log_state(const sbl_context *c, const char *function, const char *needs) {
     sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_WRONG_ORDER, "%s: %s", function, needs);
@@ -4143,6 +4724,8 @@ SBL_API sbl_result sbl_begin(sbl_context *c, const sbl_picture_desc *desc) {
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
     if (!c->has_scene) { sbl__log_state(c, "sbl_begin", "there is no scene yet; call sbl_set_scene first"); return SBL_ERROR_STATE; }
     if (sbl__all_zero(d.world_to_view, 16)) sbl__default_camera(&c->scene, &d);
+    if (d.backend == SBL_BACKEND_AUTO)  /* a rule, not a stopwatch: the same input gives the same picture */
+        d.backend = d.mode == SBL_MODE_PAPER || c->scene.draw || d.sensor_kind == SBL_SENSOR_SINGLE || c->scene.triangle_count <= SBL__RASTER_TRIANGLES ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
     result = sbl__check_picture_desc(c, desc, &d);
     if (result != SBL_SUCCESS) return result;
     sbl__visit_enter(c, &visit);
@@ -4152,6 +4735,7 @@ SBL_API sbl_result sbl_begin(sbl_context *c, const sbl_picture_desc *desc) {
     memset(&c->stats, 0, sizeof c->stats);
     c->stats.triangles = triangles;
     c->stats.mode = d.mode;
+    c->stats.backend = d.backend;
     c->stats.width = d.width;
     c->stats.height = d.height;
     for (level = 0; level < SBL_MAX_LEVELS; level++) c->stats.levels[level].tile = SBL__MAX(1, d.tile >> level);
@@ -4301,7 +4885,7 @@ SBL_API uint32_t sbl_channel_texture(sbl_context *c, sbl_channel channel) {
 
 /* Gathers for a pixel in the slot that its sensor had, so that every rounding is the same, and reads its sheet. */
 static sbl_result sbl__inspect(sbl_context *c, const sbl__point *point, int pixel, int index, sbl__light *light, float *radiance, float *weights) {
-    sbl__gather *g = &c->gather;
+    sbl__gather *g = c->gather.rays ? &c->inspected : &c->gather;
     const sbl__layout *l = &g->layout;
     const unsigned reduce[2] = { c->programs.reduce_blocks, c->programs.reduce_sum };
     unsigned program = c->scene.textured ? c->programs.sensor_textured : c->programs.sensor;
@@ -4325,15 +4909,15 @@ static sbl_result sbl__inspect(sbl_context *c, const sbl__point *point, int pixe
     if (result == SBL_SUCCESS) result = sbl__gather_draw(&c->gl, g, &c->scene, program, slot, 1);
     if (result == SBL_SUCCESS) {
         sbl__gather_reduce(&c->gl, g, reduce, c->empty_array, slot);
-        result = sbl__gather_finish(&c->gl, g, &c->scene, lights);
+        result = sbl__gather_finish(&c->gl, g, lights);
     }
     if (result == SBL_SUCCESS) *light = lights[slot];
     if (result == SBL_SUCCESS && light->back_share > SBL__SUSPECT_SHARE) {
         sbl__light answer = { { 0, 0, 0 }, 0, 0, 0, 0, 0 };
         sbl__probe_point(&c->picture.refine, pixel, point, &points[0]);
         result = sbl__probe_begin(c, points, 1);
-        if (result == SBL_SUCCESS) result = sbl__gather_step(&c->gl, &c->probe, &c->scene, program, reduce, c->empty_array, 1);
-        if (result == SBL_SUCCESS) result = sbl__gather_finish(&c->gl, &c->probe, &c->scene, &answer);
+        if (result == SBL_SUCCESS) result = sbl__gather_step(&c->gl, &c->probe, &c->scene, c->probe.rays ? c->scene.textured ? c->programs.trace_textured : c->programs.trace : program, reduce, c->empty_array, 1);
+        if (result == SBL_SUCCESS) result = sbl__gather_finish(&c->gl, &c->probe, &answer);
         light->stuck = sbl__probe_stuck(&c->picture.refine, &answer);
     }
     if (result == SBL_SUCCESS) sbl__weights_make(l, g->paper, table);
@@ -4384,7 +4968,13 @@ SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *
         sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor: pixel %d %d shows no surface", x, y);
         return SBL_ERROR_INVALID_ARGUMENT;
     }
-    l = &c->gather.layout;
+    if (c->gather.rays && !c->inspected.atlas.id) {  /* traced sensors have no texels: show what one that rasterises sees */
+        sbl__visit_enter(c, &visit);
+        result = sbl__picture_raster(c, &c->inspected);
+        sbl__visit_leave(c, &visit);
+        if (result != SBL_SUCCESS) return result;
+    }
+    l = c->gather.rays ? &c->inspected.layout : &c->gather.layout;
     texels = (size_t)l->sheet_width * (size_t)l->sheet_height;
     if ((radiance || weights) && count < texels) {
         sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor: count is %.0f; the sheet has %d x %d texels", (double)count, l->sheet_width, l->sheet_height);

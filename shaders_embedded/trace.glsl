@@ -1,0 +1,57 @@
+// A chunk of one sensor's rays: cosine-distributed directions, so that all weigh the same. The outputs are those of reduce_blocks.glsl.
+uniform usamplerBuffer sbl_points;    // a sensor, three texels: position, hash; normal, hash; first ray
+uniform usamplerBuffer sbl_sequence;  // the first points of the Sobol sequence, two 32-bit fractions each
+uniform int rays, chunk;              // of a sensor; of an invocation
+uniform ivec2 blocks;                 // chunks of a sensor
+uniform int columns;                  // sensors across the target
+uniform int first_slot, count;        // this many sensors stand from first_slot on
+uniform float epsilon;
+uniform float spread;                 // 1: the cosine's whole hemisphere; 0: all rays go along the normal
+uniform vec3 sky;
+layout(location = 0) out vec4 out_sum;
+layout(location = 1) out vec4 out_hits;
+
+vec3 sbl_radiance(sbl_Hit hit) {
+    uint object = texelFetch(sbl_triangles, 3 * hit.triangle).w;
+    uvec4 material = sbl_object(object, 0), light = sbl_object(object, 1);
+    vec3 emission = uintBitsToFloat(light.rgb);
+    bool emits = max(max(emission.r, emission.g), emission.b) > 0.0 && !(hit.back && (light.w & SBL_ONE_SIDED_EMISSION) != 0u);
+    vec3 ambient = epsilon * uintBitsToFloat(material.rgb);
+#ifdef SBL_TEXTURED
+    for (int once = 0; once < (emits || epsilon > 0.0 ? 1 : 0); once++) {  // a loop, see sbl_trace
+        sbl_Attributes at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);
+        ambient *= (at.color * sbl_texture(sbl_object(object, 2), at.uv)).rgb;
+        emission *= sbl_texture(sbl_object(object, 3), at.uv).rgb;
+    }
+#endif
+    return emits ? emission : ambient;
+}
+
+void main() {
+    ivec2 at = ivec2(gl_FragCoord.xy), sheet = at / blocks, within = at % blocks;
+    int sensor = sheet.y * columns + sheet.x - first_slot;
+    if (sensor < 0 || sensor >= count) discard;
+    uvec4 a = texelFetch(sbl_points, 3 * sensor), b = texelFetch(sbl_points, 3 * sensor + 1);
+    int skip = int(texelFetch(sbl_points, 3 * sensor + 2).x);
+    vec3 position = uintBitsToFloat(a.xyz), n = uintBitsToFloat(b.xyz);
+    float s = n.z < 0.0 ? -1.0 : 1.0, f = -1.0 / (s + n.z), g = n.x * n.y * f;  // Duff et al. 2017
+    vec3 right = vec3(1.0 + s * n.x * n.x * f, s * g, -s * n.x), up = vec3(g, s + n.y * n.y * f, -n.y);
+
+    vec4 sum = vec4(0), hits = vec4(0, 0, 1e30, 0);
+    int from = (within.y * blocks.x + within.x) * chunk, to = min(from + chunk, rays);
+    for (int i = from; i < to; i++) {
+        uvec2 fraction = texelFetch(sbl_sequence, skip + i).xy ^ uvec2(a.w, b.w);
+        vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0 * vec2(spread, 1.0);
+        float radius = sqrt(u.x), angle = 6.283185307 * u.y;
+        vec3 direction = radius * cos(angle) * right + radius * sin(angle) * up + sqrt(1.0 - u.x) * n;
+        sbl_Hit hit = sbl_trace(position, direction);
+        if (hit.triangle < 0) sum.rgb += sky;
+        else {
+            sum += vec4(sbl_radiance(hit), hit.back ? 1.0 : 0.0);
+            hits.xy += vec2(1.0, hit.distance);
+            hits.z = min(hits.z, hit.distance);
+        }
+    }
+    out_sum = sum / float(rays);
+    out_hits = vec4(hits.xy / float(rays), hits.zw);
+}

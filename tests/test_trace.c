@@ -1,0 +1,266 @@
+/* Sensors that trace rays: they see what rasterised ones and closed forms say, let no light through closed walls, and do not depend on how the work is cut. */
+#define SBL_IMPLEMENTATION
+#define SBL_EGL
+#include "../sbl.h"
+#include "test.h"
+#include "scenes.h"
+
+static sbl_context *context;
+
+static sbl_picture_desc traced(sbl_picture_desc view, sbl_mode mode, int rays) {
+    view = scene_plain(view, mode, 0);
+    view.sensor_size = 0;
+    view.backend = SBL_BACKEND_TRACE;
+    view.rays = rays;
+    return view;
+}
+
+static double luminance(const float *rgb) { return 0.2126 * (double)rgb[0] + 0.7152 * (double)rgb[1] + 0.0722 * (double)rgb[2]; }
+
+/* Root mean square of the differences in luminance over the mean of the second, over pixels that show something. */
+static double difference(const float *a, const float *b, int pixels) {
+    double squares = 0, sum = 0;
+    int i, count = 0;
+    for (i = 0; i < pixels; i++) {
+        double x = luminance(a + 3 * i), y = luminance(b + 3 * i);
+        if (y == 0) continue;
+        squares += (x - y) * (x - y);
+        sum += y;
+        count++;
+    }
+    return count ? sqrt(squares / count) / (sum / count) : 1;
+}
+
+/* A room whose walls glow in several colours, with boxes in it: smooth light. */
+static void glowing_room(test_scene *s) {
+    int i;
+    scene_cornell_box(s);
+    for (i = 0; i < s->material_count; i++) memset(s->materials[i].emission, 0, sizeof s->materials[i].emission);
+}
+
+TEST(agrees_with_raster_on_smooth_light) {
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_cornell_view(64, 64), raster = scene_plain(view, SBL_MODE_AMBIENT, 256), ray = traced(view, SBL_MODE_AMBIENT, 4096);
+    float *a, *b;
+    double error;
+    glowing_room(&s);
+    raster.epsilon = ray.epsilon = 1;
+    REQUIRE(scene_render(context, &s, &raster), "no picture");
+    CHECK(sbl_query_stats(context).backend == SBL_BACKEND_RASTER && sbl_query_stats(context).rays == 0, "the stats do not say raster");
+    a = scene_channel(context, &raster, SBL_CHANNEL_RADIANCE);
+    REQUIRE(scene_render(context, &s, &ray), "no picture");
+    CHECK(sbl_query_stats(context).backend == SBL_BACKEND_TRACE && sbl_query_stats(context).rays >= 4096 * (int64_t)sbl_query_stats(context).sensors, "the stats do not say trace");
+    b = scene_channel(context, &ray, SBL_CHANNEL_RADIANCE);
+    error = difference(b, a, 64 * 64);
+    CHECK(error < 0.01, "traced and rasterised differ by %.2f %% rms", 100 * error);
+    printf("  %.2f %%\n", 100 * error);
+    free(a);
+    free(b);
+    scene_free(&s);
+}
+
+/* What is asked of the samples: design figures of Sobol points on smooth light. */
+TEST(error_falls_with_the_rays) {
+    static const struct { int rays; double most; } steps[3] = { { 64, 0.033 }, { 256, 0.013 }, { 1024, 0.005 } };
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_cornell_view(48, 48);
+    float *truth, *r;
+    int i;
+    sbl_picture_desc best = traced(view, SBL_MODE_AMBIENT, 4096);
+    best.epsilon = 1;
+    best.seed = 77;
+    glowing_room(&s);
+    REQUIRE(scene_render(context, &s, &best), "no picture");
+    truth = scene_channel(context, &best, SBL_CHANNEL_RADIANCE);
+    for (i = 0; i < 3; i++) {
+        sbl_picture_desc ray = traced(view, SBL_MODE_AMBIENT, steps[i].rays);
+        double error;
+        ray.epsilon = 1;
+        REQUIRE(scene_render(context, &s, &ray), "no picture");
+        r = scene_channel(context, &ray, SBL_CHANNEL_RADIANCE);
+        error = difference(r, truth, 48 * 48);
+        printf("  %d rays: %.2f %%\n", steps[i].rays, 100 * error);
+        CHECK(error < steps[i].most, "%d rays leave %.2f %%", steps[i].rays, 100 * error);
+        free(r);
+    }
+    free(truth);
+    scene_free(&s);
+}
+
+/* A closed black sphere, finely tessellated, under a bright sky, seen from inside: any ray that slips between two triangles brings light in. */
+TEST(closed_walls_are_tight) {
+    test_scene s = { 0 };
+    sbl_picture_desc view = traced(scene_view(64, 64, 100, 0.1f, 0.2f, 0.05f, 0.7f, 0.3f, -1), SBL_MODE_DIRECT, 1024);
+    float *r;
+    int i;
+    double escaped = 0;
+    scene_sky(&s, 1e6f, 1e6f, 1e6f);
+    scene_sphere(&s, scene_material(&s, 0, 0, 0), 0, 0, 0, 1, 256, 128, 0);
+    for (i = 0; i < s.mesh_count; i++) {  /* turned, so that no edge lies along an axis */
+        const float turn[16] = { 0.36f, 0.48f, -0.8f, 0, -0.8f, 0.6f, 0, 0, 0.48f, 0.64f, 0.6f, 0, 0, 0, 0, 1 };
+        memcpy(s.meshes[i].transform, turn, sizeof turn);
+    }
+    REQUIRE(scene_render(context, &s, &view), "no picture");
+    CHECK(sbl_query_stats(context).rays > 4000000, "only %.0f rays", (double)sbl_query_stats(context).rays);
+    r = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+    for (i = 0; i < 64 * 64 * 3; i++) escaped += (double)r[i];
+    CHECK(escaped == 0, "light of %g came in", escaped);
+    free(r);
+    scene_free(&s);
+}
+
+TEST(furnaces) {
+    test_scene s = { 0 };
+    sbl_picture_desc view = traced(scene_view(32, 32, 90, 0.1f, 0, 0, 1, 0.2f, 0.3f), SBL_MODE_DIRECT, 64);
+    float *r;
+    double worst = 0;
+    int i;
+    scene_box(&s, scene_lamp(&s, 2, 2, 2), -1, -1, -1, 1, 1, 1);
+    REQUIRE(scene_render(context, &s, &view), "no picture");
+    r = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+    for (i = 0; i < 32 * 32 * 3; i++) worst = fmax(worst, fabs((double)r[i] - 2));
+    CHECK(worst < 1e-4, "inside a glowing box R is off by %g", worst);
+    free(r);
+    scene_free(&s);
+}
+
+/* Cutouts and hidden materials: a black lid over a floor under the sky. Its texture leaves the half x < 0 open. */
+TEST(cutouts_and_hidden_materials) {
+    static const unsigned char texels[2 * 4] = { 0, 0, 0, 0, 0, 0, 0, 255 };
+    static const float lid[12] = { -4, 1, -4, 4, 1, -4, 4, 1, 4, -4, 1, 4 };
+    float light[3] = { 0, 0, 0 };
+    int kind;
+    for (kind = 0; kind < 3; kind++) {  /* solid, cut out, hidden */
+        test_scene s = { 0 };
+        sbl_picture_desc view = traced(scene_view(16, 16, 10, 0, 0.5f, 0.01f, -0.2f, 0, 0), SBL_MODE_DIRECT, 1024);
+        int white = scene_material(&s, 0.5f, 0.5f, 0.5f), black = scene_material(&s, 0, 0, 0);
+        float *r;
+        scene_sky(&s, 1, 1, 1);
+        scene_floor(&s, white, 0, 50);
+        scene_quad_uv(&s, black, lid, 1, 1);
+        s.textures[0].wrap = SBL_WRAP_CLAMP;
+        s.materials[black].albedo_texture = scene_texture(&s, texels, sizeof texels, SBL_PIXELS_SRGB8, 2, 1, 4);
+        s.textures[0].wrap = SBL_WRAP_CLAMP;
+        if (kind == 1) s.materials[black].alpha_cutoff = 0.5f;
+        if (kind == 2) s.materials[black].flags = SBL_MATERIAL_HIDDEN_FROM_SENSORS;
+        REQUIRE(scene_render(context, &s, &view), "no picture");
+        r = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+        light[kind] = r[3 * (8 * 16 + 8)];
+        free(r);
+        scene_free(&s);
+    }
+    CHECK(light[0] < 0.1f, "under a solid lid R is %g", (double)light[0]);
+    CHECK(light[1] > 0.4f && light[1] < 0.75f, "under half a lid R is %g", (double)light[1]);
+    CHECK(fabsf(light[2] - 1) < 1e-3f, "under a hidden lid R is %g", (double)light[2]);
+}
+
+TEST(the_picture_does_not_depend_on_the_slices) {
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_cornell_view(48, 40);
+    float *first = NULL;
+    int i;
+    view.backend = SBL_BACKEND_TRACE;
+    view.rays = 40;
+    scene_cornell_box(&s);
+    for (i = 0; i < 4; i++) {
+        sbl_context_desc desc;
+        sbl_context *other = NULL;
+        sbl_scene_desc scene = scene_desc(&s);
+        sbl_result result;
+        float *r;
+        memset(&desc, 0, sizeof desc);
+        desc.batch = i == 1 ? 1 : i == 2 ? 77 : 0;
+        REQUIRE(sbl_create(&desc, &other) == SBL_SUCCESS && sbl_set_scene(other, &scene) == SBL_SUCCESS, "no context");
+        if (i < 3) result = sbl_render(other, &view);
+        else for (result = sbl_begin(other, &view), result = SBL_UNFINISHED; result == SBL_UNFINISHED;) result = sbl_step(other, 1e-4);
+        REQUIRE(result == SBL_SUCCESS, "%s", sbl_result_string(result));
+        r = scene_channel(other, &view, SBL_CHANNEL_RADIANCE);
+        if (!first) first = r;
+        else {
+            CHECK(memcmp(first, r, sizeof(float) * 48 * 40 * 3) == 0, "run %d gives another picture", i);
+            free(r);
+        }
+        sbl_destroy(other);
+    }
+    free(first);
+    scene_free(&s);
+}
+
+/* Where a mesh has moved, rays find it there. */
+TEST(moved_meshes_are_found) {
+    test_scene s = { 0 };
+    sbl_picture_desc view = traced(scene_view(24, 24, 40, 0, 3, 5, 0, 0, 0), SBL_MODE_DIRECT, 64);
+    const float up[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.3f, 0.4f, 0, 1 };
+    float *moved, *fresh;
+    int i, last;
+    scene_sky(&s, 1, 1, 1);
+    scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 5);
+    scene_sphere(&s, scene_lamp(&s, 3, 0, 0), 0, 0.5f, 0, 0.5f, 16, 8, 0);
+    last = s.mesh_count - 1;
+    REQUIRE(scene_render(context, &s, &view), "no picture");
+    REQUIRE(sbl_set_mesh_transform(context, last, up) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS, "not moved");
+    moved = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+    memcpy(s.meshes[last].transform, up, sizeof up);
+    REQUIRE(scene_render(context, &s, &view), "no picture");
+    fresh = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+    for (i = 0; i < 24 * 24 * 3 && moved[i] == fresh[i];) i++;
+    CHECK(i == 24 * 24 * 3, "float %d is %g, in a fresh scene %g", i, (double)moved[i % (24 * 24 * 3)], (double)fresh[i % (24 * 24 * 3)]);
+    free(moved);
+    free(fresh);
+    scene_free(&s);
+}
+
+/* Many triangles at one place, and extents from tiny to huge in one scene: the hierarchy ends, and misses nothing. */
+TEST(nasty_triangles) {
+    test_scene s = { 0 };
+    sbl_picture_desc view = traced(scene_view(16, 16, 60, 0, 0, 0.5f, 0, 0, -1), SBL_MODE_DIRECT, 64);
+    float *r;
+    double worst = 0;
+    int i, lamp = scene_lamp(&s, 1, 1, 1);
+    scene_box(&s, lamp, -1, -1, -1, 1, 1, 1);
+    for (i = 0; i < 40; i++) scene_quad(&s, lamp, -1, -1, -0.9f, 1, -1, -0.9f, 1, 1, -0.9f, -1, 1, -0.9f);  /* one upon the other */
+    scene_box(&s, lamp, -1e6f, -1e6f, -1e6f, 1e6f, 1e6f, 1e6f);
+    scene_box(&s, lamp, 0.5f, 0.5f, -0.5f, 0.501f, 0.501f, -0.499f);
+    REQUIRE(scene_render(context, &s, &view), "no picture");
+    r = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+    for (i = 0; i < 16 * 16 * 3; i++) worst = fmax(worst, fabs((double)r[i] - 1));
+    CHECK(worst < 1e-4, "R is off by %g", worst);
+    free(r);
+    scene_free(&s);
+}
+
+TEST(refusals) {
+    test_scene s = { 0 };
+    sbl_scene_desc desc;
+    sbl_picture_desc view = scene_cornell_view(8, 8);
+    scene_cornell_box(&s);
+    desc = scene_desc(&s);
+    REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS, "no scene");
+    view.backend = SBL_BACKEND_TRACE;
+    view.mode = SBL_MODE_PAPER;
+    CHECK(sbl_begin(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "the paper's mode was traced");
+    view.mode = SBL_MODE_DIRECT;
+    view.rays = 4097;
+    CHECK(sbl_begin(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "4097 rays were taken");
+    view.rays = -1;
+    CHECK(sbl_begin(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "-1 rays were taken");
+    view.rays = 0;
+    view.backend = SBL_BACKEND_COUNT;
+    CHECK(sbl_begin(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "a backend that does not exist was taken");
+    scene_free(&s);
+}
+
+int main(void) {
+    if (sbl_create(NULL, &context) != SBL_SUCCESS) return 1;
+    RUN(agrees_with_raster_on_smooth_light);
+    RUN(error_falls_with_the_rays);
+    RUN(closed_walls_are_tight);
+    RUN(furnaces);
+    RUN(cutouts_and_hidden_materials);
+    RUN(the_picture_does_not_depend_on_the_slices);
+    RUN(moved_meshes_are_found);
+    RUN(nasty_triangles);
+    RUN(refusals);
+    sbl_destroy(context);
+    return test_report();
+}
