@@ -1693,6 +1693,7 @@ static void sbl__guard_force(const sbl__gl *gl) {
     gl->BindBuffer(SBL__GL_PIXEL_PACK_BUFFER, 0);
     gl->BindBuffer(SBL__GL_PIXEL_UNPACK_BUFFER, 0);
     for (i = 0; i < SBL__GUARD_UNITS; i++) gl->BindSampler((unsigned)i, 0);
+    gl->ActiveTexture(SBL__GL_TEXTURE0);  /* textures are made on whatever unit is active: it must be one that is put back */
 }
 
 static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
@@ -1741,6 +1742,14 @@ static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
 
 /* GL objects. Creation logs and returns what failed; deletion ignores objects that were never made. */
 
+/* A new name, or 0 (logged) where GL gives none: binding that would change the host's default objects. */
+static unsigned sbl__name_make(const sbl__gl *gl, void (SBL__GLAPI *generate)(int, unsigned *), const char *what) {
+    unsigned name = 0;
+    generate(1, &name);
+    if (!name) sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_ERROR, "GL gave no name while %s", what);
+    return name;
+}
+
 typedef struct sbl__texture { unsigned id; int width, height; unsigned internal_format; size_t bytes; } sbl__texture;
 typedef struct sbl__buffer { unsigned id; size_t bytes; } sbl__buffer;
 
@@ -1784,7 +1793,8 @@ static sbl_result sbl__texture_make(const sbl__gl *gl, sbl__texture *t, int widt
         return SBL_SUCCESS;
     }
     sbl__texture_delete(gl, t);
-    gl->GenTextures(1, &t->id);
+    t->id = sbl__name_make(gl, gl->GenTextures, what);
+    if (!t->id) return SBL_ERROR_GL;
     gl->BindTexture(SBL__GL_TEXTURE_2D, t->id);
     gl->TexImage2D(SBL__GL_TEXTURE_2D, 0, (int)internal_format, width, height, 0, sbl__formats[f].format, sbl__formats[f].type, pixels);
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_MIN_FILTER, SBL__GL_NEAREST);
@@ -1793,10 +1803,6 @@ static sbl_result sbl__texture_make(const sbl__gl *gl, sbl__texture *t, int widt
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_WRAP_T, SBL__GL_CLAMP_TO_EDGE);
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_MAX_LEVEL, 0);
     result = sbl__gl_check(gl, what);
-    if (result == SBL_SUCCESS && !t->id) {
-        sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_ERROR, "GL gave no texture name while %s", what);
-        result = SBL_ERROR_GL;
-    }
     if (result != SBL_SUCCESS) { sbl__texture_delete(gl, t); return result; }
     t->width = width; t->height = height; t->internal_format = internal_format;
     t->bytes = (size_t)width * (size_t)height * (size_t)sbl__formats[f].bytes;
@@ -1812,15 +1818,12 @@ static void sbl__buffer_delete(const sbl__gl *gl, sbl__buffer *b) {
 
 static sbl_result sbl__buffer_make(const sbl__gl *gl, sbl__buffer *b, size_t bytes, const void *data, unsigned usage, const char *what) {
     sbl_result result;
-    if (!b->id) gl->GenBuffers(1, &b->id);
+    if (!b->id) b->id = sbl__name_make(gl, gl->GenBuffers, what);
+    if (!b->id) return SBL_ERROR_GL;
     gl->BindBuffer(SBL__GL_ARRAY_BUFFER, b->id);
     gl->BufferData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)SBL__MAX(bytes, 16), data && bytes >= 16 ? data : NULL, usage);
     if (data && bytes && bytes < 16) gl->BufferSubData(SBL__GL_ARRAY_BUFFER, 0, (ptrdiff_t)bytes, data);
     result = sbl__gl_check(gl, what);
-    if (result == SBL_SUCCESS && !b->id) {
-        sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_ERROR, "GL gave no buffer name while %s", what);
-        result = SBL_ERROR_GL;
-    }
     if (result != SBL_SUCCESS) { sbl__buffer_delete(gl, b); return result; }
     sbl__gpu_account(gl->base, b->bytes, bytes);
     b->bytes = bytes;
@@ -1829,7 +1832,8 @@ static sbl_result sbl__buffer_make(const sbl__gl *gl, sbl__buffer *b, size_t byt
 
 /* A buffer seen by shaders as texels. */
 static sbl_result sbl__buffer_texture_make(const sbl__gl *gl, unsigned *id, unsigned internal_format, const sbl__buffer *b, const char *what) {
-    if (!*id) gl->GenTextures(1, id);
+    if (!*id) *id = sbl__name_make(gl, gl->GenTextures, what);
+    if (!*id) return SBL_ERROR_GL;
     gl->BindTexture(SBL__GL_TEXTURE_BUFFER, *id);
     gl->TexBuffer(SBL__GL_TEXTURE_BUFFER, internal_format, b->id);
     return sbl__gl_check(gl, what);
@@ -1845,7 +1849,8 @@ static sbl_result sbl__framebuffer_make(const sbl__gl *gl, unsigned *id, const s
     unsigned buffers[8], status;
     int i;
     sbl_result result;
-    if (!*id) gl->GenFramebuffers(1, id);
+    if (!*id) *id = sbl__name_make(gl, gl->GenFramebuffers, what);
+    if (!*id) return SBL_ERROR_GL;
     gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, *id);
     for (i = 0; i < count; i++) {
         buffers[i] = SBL__GL_COLOR_ATTACHMENT0 + (unsigned)i;
@@ -2404,7 +2409,8 @@ static sbl_result sbl__scene_upload(const sbl__gl *gl, sbl__scene *s) {
     if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &s->index_texels, SBL__GL_R32UI, &s->index_buffer, "making the indices' texture");
     if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &s->object_texels, SBL__GL_RGBA32UI, &s->object_buffer, "making the objects' texture");
     if (result != SBL_SUCCESS) return result;
-    if (!s->vertex_array) gl->GenVertexArrays(1, &s->vertex_array);
+    if (!s->vertex_array) s->vertex_array = sbl__name_make(gl, gl->GenVertexArrays, "making the scene's vertex array");
+    if (!s->vertex_array) return SBL_ERROR_GL;
     gl->BindVertexArray(s->vertex_array);
     gl->BindBuffer(SBL__GL_ELEMENT_ARRAY_BUFFER, s->index_buffer.id);
     gl->BindBuffer(SBL__GL_ARRAY_BUFFER, s->position_buffer.id);
@@ -2482,7 +2488,9 @@ static sbl_result sbl__scene_add_textures(const sbl__gl *gl, sbl__scene *s, cons
             gl->BindTexture(SBL__GL_TEXTURE_2D, t->gl_texture);
             gl->GetTexLevelParameteriv(SBL__GL_TEXTURE_2D, 0, SBL__GL_TEXTURE_WIDTH, &width);
             gl->GetTexLevelParameteriv(SBL__GL_TEXTURE_2D, 0, SBL__GL_TEXTURE_HEIGHT, &height);
-            if (sbl__gl_check(gl, "looking at a GL texture") != SBL_SUCCESS || width < 1 || height < 1) {
+            result = sbl__gl_check(gl, "looking at a GL texture");
+            if (result == SBL_ERROR_OUT_OF_MEMORY) return result;
+            if (result != SBL_SUCCESS || width < 1 || height < 1) {
                 sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: gl_texture %u is not a GL_TEXTURE_2D with pixels in level 0", i + 1, t->gl_texture);
                 return SBL_ERROR_INVALID_ARGUMENT;
             }
@@ -2620,20 +2628,12 @@ static sbl_result sbl__scene_make(const sbl__gl *gl, sbl__scene *s, const sbl_sc
     return result;
 }
 
-static sbl_result sbl__scene_move(const sbl__gl *gl, sbl__scene *s, int number, const float transform[16]) {
+/* Places a mesh in the arrays and on the GPU. */
+static sbl_result sbl__scene_place(const sbl__gl *gl, sbl__scene *s, int number, const float transform[16]) {
     sbl__mesh *mesh = &s->meshes[number];
-    float identity[16], before[16];
-    int t, turned;
-    sbl_result result;
-    sbl__identity(identity);
-    memcpy(before, mesh->transform, sizeof before);
-    if (sbl__all_zero(transform, 16)) transform = identity;
-    if (!sbl__mesh_transform(gl->base, s, number, transform)) {
-        sbl__mesh_transform(gl->base, s, number, before);
-        return SBL_ERROR_INVALID_ARGUMENT;
-    }
-    memcpy(mesh->transform, transform, sizeof before);
-    turned = (sbl__affine_determinant(before) < 0) != (sbl__affine_determinant(transform) < 0);
+    int t, turned = (sbl__affine_determinant(mesh->transform) < 0) != (sbl__affine_determinant(transform) < 0);
+    if (!sbl__mesh_transform(gl->base, s, number, transform)) return SBL_ERROR_INVALID_ARGUMENT;
+    memcpy(mesh->transform, transform, sizeof mesh->transform);
     for (t = mesh->first_triangle; turned && t < mesh->first_triangle + mesh->triangle_count; t++) {
         uint32_t swap = s->indices[3 * (size_t)t + 1];
         s->indices[3 * (size_t)t + 1] = s->indices[3 * (size_t)t + 2];
@@ -2650,7 +2650,16 @@ static sbl_result sbl__scene_move(const sbl__gl *gl, sbl__scene *s, int number, 
         gl->BindBuffer(SBL__GL_ARRAY_BUFFER, s->index_buffer.id);
         gl->BufferSubData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)(12 * (size_t)mesh->first_triangle), (ptrdiff_t)(12 * (size_t)mesh->triangle_count), s->indices + 3 * (size_t)mesh->first_triangle);
     }
-    result = sbl__gl_check(gl, "moving a mesh");
+    return sbl__gl_check(gl, "moving a mesh");
+}
+
+static sbl_result sbl__scene_move(const sbl__gl *gl, sbl__scene *s, int number, const float transform[16]) {
+    float identity[16], before[16];
+    sbl_result result;
+    sbl__identity(identity);
+    memcpy(before, s->meshes[number].transform, sizeof before);
+    result = sbl__scene_place(gl, s, number, sbl__all_zero(transform, 16) ? identity : transform);
+    if (result != SBL_SUCCESS) sbl__scene_place(gl, s, number, before);
     return result;
 }
 
@@ -4427,8 +4436,8 @@ static sbl_result sbl__programs_make(sbl_context *c) {
     if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.filter, "filter", "", fullscreen, filter);
     if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.resolve, "resolve", "", fullscreen, resolve);
     if (result == SBL_SUCCESS) {
-        gl->GenVertexArrays(1, &c->empty_array);
-        result = sbl__gl_check(gl, "making a vertex array");
+        c->empty_array = sbl__name_make(gl, gl->GenVertexArrays, "making a vertex array");
+        result = c->empty_array ? sbl__gl_check(gl, "making a vertex array") : SBL_ERROR_GL;
     }
     return result;
 }

@@ -1,0 +1,491 @@
+/* The same input gives the same picture, bit for bit: whatever the batch, the slices, the repetitions, what the context did before, and whether a mesh was
+   moved or stood there from the start. Where bits may differ (other GL paths, other atlas sizes, the host's own shaders) the difference is rounding. */
+#define SBL_IMPLEMENTATION
+#define SBL_EGL
+#include "../sbl.h"
+#include "test.h"
+#include "scenes.h"
+#include "gl_watch.h"
+#include "gl_host.h"
+
+enum { WIDTH = 40, HEIGHT = 30, PIXELS = WIDTH * HEIGHT, FLOATS = 18 * PIXELS };  /* 5 channels of 3 floats, 3 of 1 */
+typedef struct picture { float values[FLOATS]; } picture;
+
+static watch seen;
+static test_scene cornell;
+static picture expected;
+
+static sbl_picture_desc cornell_view(void) {
+    sbl_picture_desc view = scene_cornell_view(WIDTH, HEIGHT);
+    view.tile = 8;
+    view.sensor_size = 16;
+    view.samples = 2;
+    view.epsilon = 0.1f;
+    return view;
+}
+
+static float *channel_of(picture *p, sbl_channel channel) {
+    int c, at = 0;
+    for (c = 0; c < (int)channel; c++) at += PIXELS * sbl_channel_components((sbl_channel)c);
+    return p->values + at;
+}
+
+static int read_all(sbl_context *context, picture *out) {
+    int channel, i;
+    for (i = 0; i < FLOATS; i++) out->values[i] = (float)NAN;
+    for (channel = 0; channel < SBL_CHANNEL_COUNT; channel++)
+        if (sbl_read_channel(context, (sbl_channel)channel, channel_of(out, (sbl_channel)channel), (size_t)(PIXELS * sbl_channel_components((sbl_channel)channel))) != SBL_SUCCESS) return 0;
+    return 1;
+}
+
+static int render(sbl_context *context, const sbl_picture_desc *view, picture *out) { return sbl_render(context, view) == SBL_SUCCESS && read_all(context, out); }
+
+static int same(const picture *a, const picture *b) { return memcmp(a, b, sizeof *a) == 0; }
+
+/* A context with the scene set; NULL where that fails. */
+static sbl_context *context_with(const sbl_context_desc *desc, const test_scene *s) {
+    sbl_scene_desc scene = scene_desc(s);
+    sbl_context *context = NULL;
+    watch_forget(&seen);
+    if (sbl_create(desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS) return context;
+    CHECK(0, "no context or scene: %s", watch_last(&seen));
+    sbl_destroy(context);
+    return NULL;
+}
+
+/* How far two pictures of one scene are apart, in R, as shares of the mean of a. */
+typedef struct distance { double mean, rms, most; int pixels; } distance;
+
+static distance distance_of(picture *a, picture *b) {
+    const float *p = channel_of(a, SBL_CHANNEL_RADIANCE), *q = channel_of(b, SBL_CHANNEL_RADIANCE);
+    distance d = { 0, 0, 0, 0 };
+    double sum = 0;
+    int i, k;
+    for (i = 0; i < 3 * PIXELS; i++) sum += (double)p[i] / (3 * PIXELS);
+    for (i = 0; i < PIXELS; i++) {
+        double worst = 0;
+        for (k = 0; k < 3; k++) {
+            double off = fabs((double)p[3 * i + k] - (double)q[3 * i + k]) / sum;
+            d.mean += off / (3 * PIXELS);
+            d.rms += off * off / (3 * PIXELS);
+            if (!(off <= worst)) worst = off == off ? off : 1e30;
+        }
+        if (worst > d.most) d.most = worst;
+        d.pixels += worst > 1e-5;
+    }
+    d.rms = sqrt(d.rms);
+    return d;
+}
+
+/* >>bit for bit */
+
+TEST(reference_is_a_picture) {
+    int i, lit = 0, levels[8] = { 0 };
+    const float *final = channel_of(&expected, SBL_CHANNEL_FINAL), *sensors = channel_of(&expected, SBL_CHANNEL_SENSORS);
+    for (i = 0; i < FLOATS; i++) if (!(expected.values[i] - expected.values[i] == 0)) break;
+    CHECK(i == FLOATS, "float %d is %g", i, (double)expected.values[i % FLOATS]);
+    for (i = 0; i < PIXELS; i++) {
+        lit += final[3 * i] > 0.01f;
+        levels[(int)sensors[i] & 7]++;
+    }
+    CHECK(lit > PIXELS / 2, "%d of %d pixels are lit", lit, PIXELS);
+    CHECK(levels[0] > 0 && levels[1] > 0 && levels[3] > 0, "interpolated, first and third level: %d, %d, %d pixels", levels[0], levels[1], levels[3]);
+}
+
+TEST(batches) {
+    static const int batches[] = { 1, 3, 7, 64, 1000000 };
+    static picture now;
+    int i;
+    for (i = 0; i < (int)(sizeof batches / sizeof *batches); i++) {
+        sbl_context_desc desc = watch_desc(&seen);
+        sbl_picture_desc view = cornell_view();
+        sbl_context *context;
+        desc.batch = batches[i];
+        context = context_with(&desc, &cornell);
+        if (!context) return;
+        CHECK(render(context, &view, &now), "batches of %d: %s", batches[i], watch_last(&seen));
+        CHECK(same(&now, &expected), "batches of %d change the picture", batches[i]);
+        sbl_destroy(context);
+    }
+}
+
+static int counts_calls(float done, void *user) { (void)done; ++*(int *)user; return 0; }
+
+TEST(slices) {
+    static const double budgets[] = { 1e-9, 1e-4, 2e-3, 0 };
+    static picture now;
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_context *context = context_with(&desc, &cornell);
+    int i, steps, calls;
+    if (!context) return;
+    for (i = 0; i <= 4; i++) {
+        sbl_picture_desc view = cornell_view();
+        sbl_result result;
+        calls = 0;
+        view.progress = i & 1 ? counts_calls : NULL;
+        view.progress_user = &calls;
+        result = sbl_begin(context, &view);
+        for (steps = 0; steps < 100000 && (steps ? result == SBL_UNFINISHED : result == SBL_SUCCESS); steps++)
+            result = sbl_step(context, i < 4 ? budgets[i] : budgets[steps % 3]);  /* the last: all of them in turns */
+        REQUIRE(result == SBL_SUCCESS && read_all(context, &now), "slices %d: \"%s\" after %d steps", i, sbl_result_string(result), steps);
+        CHECK(i == 3 ? steps == 1 : i > 0 || steps > 10, "slices %d: %d steps", i, steps);
+        CHECK(same(&now, &expected), "slices %d, %d steps, change the picture", i, steps);
+    }
+    sbl_destroy(context);
+}
+
+TEST(repetitions) {
+    static picture now;
+    test_scene other = { 0 };
+    sbl_context_desc desc = watch_desc(&seen), plain;
+    sbl_scene_desc scene = scene_desc(&cornell), other_scene;
+    sbl_picture_desc view = cornell_view(), small = cornell_view();
+    sbl_context *context = context_with(&desc, &cornell);
+    int i;
+    if (!context) return;
+    for (i = 0; i < 3; i++) CHECK(render(context, &view, &now) && same(&now, &expected), "repetition %d differs", i);
+    CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && render(context, &view, &now) && same(&now, &expected), "the scene set twice differs");
+    small.width = 7;
+    small.height = 50;
+    small.sensor_size = 33;
+    small.mode = SBL_MODE_PAPER;
+    CHECK(sbl_render(context, &small) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(render(context, &view, &now) && same(&now, &expected), "after another picture it differs");
+    scene_sphere(&other, scene_lamp(&other, 1, 2, 3), 0, 0, 0, 2, 12, 8, 1);
+    other_scene = scene_desc(&other);
+    CHECK(sbl_set_scene(context, &other_scene) == SBL_SUCCESS && sbl_render(context, &small) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && render(context, &view, &now) && same(&now, &expected), "after another scene it differs");
+    CHECK(sbl_begin(context, &view) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED, "%s", watch_last(&seen));
+    CHECK(render(context, &view, &now) && same(&now, &expected), "after an abandoned picture it differs");
+    sbl_destroy(context);
+    memset(&plain, 0, sizeof plain);  /* malloc, whose memory is often zero; the other allocator's never is */
+    context = context_with(&plain, &cornell);
+    CHECK(context && render(context, &view, &now) && same(&now, &expected), "another allocator changes the picture");
+    sbl_destroy(context);
+    scene_free(&other);
+}
+
+/* >>moving */
+
+static const float places[4][16] = {
+    { 1, 0, 0, 0,  0, 1, 0, 0,  0, 0, 1, 0,  -20, 0, 35, 1 },
+    { 0.8f, 0, -0.6f, 0,  0, 1.25f, 0, 0,  0.6f, 0, 0.8f, 0,  60, 10, -15, 1 },   /* turned and stretched */
+    { -1, 0, 0, 0,  0, 1, 0, 0,  0, 0, 1, 0,  556, 0, 0, 1 },                     /* mirrored */
+    { 1, 0, 0, 0,  0, 1, 0, 0,  0, 0, 1, 0,  0, 0, 0, 1 } };
+
+TEST(moving) {
+    static picture now, fresh;
+    static test_scene moved;
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_picture_desc view = cornell_view();
+    sbl_context *context = context_with(&desc, &cornell), *another;
+    float low[2][3], high[2][3];
+    int i, mesh;
+    if (!context) return;
+    for (i = 0; i < 3; i++) {
+        moved = cornell;
+        for (mesh = 6; mesh < 11; mesh++) {  /* one of the blocks */
+            memcpy(moved.meshes[mesh].transform, places[i], sizeof places[i]);
+            CHECK(sbl_set_mesh_transform(context, mesh, places[i]) == SBL_SUCCESS, "%s", watch_last(&seen));
+        }
+        another = context_with(&desc, &moved);
+        if (!another) return;
+        CHECK(render(context, &view, &now) && render(another, &view, &fresh), "%s", watch_last(&seen));
+        CHECK(!same(&now, &expected), "place %d: moving a block changes nothing", i);
+        CHECK(same(&now, &fresh), "place %d: the moved block differs from one that stood there from the start", i);
+        CHECK(sbl_query_bounds(context, low[0], high[0]) == SBL_SUCCESS && sbl_query_bounds(another, low[1], high[1]) == SBL_SUCCESS &&
+              memcmp(low[0], low[1], sizeof low[0]) == 0 && memcmp(high[0], high[1], sizeof high[0]) == 0, "place %d: the bounds differ", i);
+        sbl_destroy(another);
+    }
+    for (mesh = 10; mesh >= 6; mesh--) CHECK(sbl_set_mesh_transform(context, mesh, places[3]) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(render(context, &view, &now) && same(&now, &expected), "moved away and back, the picture differs");
+    sbl_destroy(context);
+}
+
+/* >>seeds */
+
+TEST(seeds) {
+    static picture now, again;
+    static const uint32_t values[] = { 1, 2, 0x80000000u, 0xffffffffu };
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_picture_desc view = cornell_view();
+    sbl_context *context = context_with(&desc, &cornell);
+    int i, channel;
+    if (!context) return;
+    for (i = 0; i < 4; i++) {
+        distance d;
+        view.seed = values[i];
+        CHECK(render(context, &view, &now) && render(context, &view, &again), "%s", watch_last(&seen));
+        CHECK(same(&now, &again), "seed %u twice differs", values[i]);
+        d = distance_of(&expected, &now);
+        CHECK(d.pixels > PIXELS / 4, "seed %u changes %d pixels", values[i], d.pixels);
+        CHECK(d.rms < 0.5, "seed %u gives another picture: %.3f", values[i], d.rms);
+        for (channel = SBL_CHANNEL_ALBEDO; channel <= SBL_CHANNEL_DEPTH; channel++)
+            CHECK(memcmp(channel_of(&now, (sbl_channel)channel), channel_of(&expected, (sbl_channel)channel), sizeof(float) * (size_t)(PIXELS * sbl_channel_components((sbl_channel)channel))) == 0,
+                  "seed %u changes channel %d", values[i], channel);
+    }
+    sbl_destroy(context);
+}
+
+/* >>up to rounding: with a sensor at every pixel, so that no decision of the refinement tips over */
+
+/* A texel shows what its centre sees. Where an edge passes a centre by less than float rounding, it may go either way; that is one texel of some
+   thousand, of a few sensors. So nearly all pixels agree to the bit, and no one is tested for the most that a texel can weigh. */
+static void rounding(distance d, const char *what) {
+    CHECK(d.mean < 1e-4, "%s changes R by %.2g on average", what, d.mean);
+    CHECK(d.pixels <= PIXELS / 100, "%s changes R at %d of %d pixels", what, d.pixels, PIXELS);
+    CHECK(d.most < 0.5, "%s changes R by %.2g", what, d.most);
+}
+
+static sbl_picture_desc plain_view(void) {
+    sbl_picture_desc view = scene_plain(cornell_view(), SBL_MODE_AMBIENT, 16);
+    view.epsilon = 0.1f;
+    return view;
+}
+
+static int plain_picture(const sbl_context_desc *desc, picture *out) {
+    sbl_context *context = context_with(desc, &cornell);
+    sbl_picture_desc view = plain_view();
+    int done = context && render(context, &view, out);
+    CHECK(done, "%s", watch_last(&seen));
+    sbl_destroy(context);
+    return done;
+}
+
+TEST(capabilities) {
+    static picture all, without;
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_context *context;
+    uint32_t bit, available;
+    if (!plain_picture(&desc, &all)) return;
+    context = context_with(&desc, &cornell);
+    if (!context) return;
+    available = sbl_query_capabilities(context).available;
+    CHECK(sbl_query_capabilities(context).used == available, "not all that is available is used");
+    sbl_destroy(context);
+    if (!available) SKIP("the driver has none of them");
+    for (bit = 1; bit <= SBL_CAPABILITY_ALL; bit <<= 1) {
+        distance d;
+        if (!(available & bit)) continue;
+        desc.disabled = bit;
+        context = context_with(&desc, &cornell);
+        CHECK(context && sbl_query_capabilities(context).used == (available & ~bit), "capability 0x%x is still used", bit);
+        sbl_destroy(context);
+        if (!plain_picture(&desc, &without)) return;
+        d = distance_of(&all, &without);
+        printf("  without capability 0x%x: mean %.2g, rms %.2g, most %.2g, %d pixels\n", bit, d.mean, d.rms, d.most, d.pixels);
+        rounding(d, "a capability less");
+    }
+}
+
+TEST(atlas_sizes) {
+    static const int sizes[] = { 256, 300, 1024, 4096 };
+    static picture base, now;
+    sbl_context_desc desc = watch_desc(&seen);
+    int i;
+    if (!plain_picture(&desc, &base)) return;
+    for (i = 0; i < 4; i++) {
+        distance d;
+        desc.atlas_size = sizes[i];
+        if (!plain_picture(&desc, &now)) return;
+        d = distance_of(&base, &now);
+        printf("  atlas of %d: mean %.2g, rms %.2g, most %.2g, %d pixels\n", sizes[i], d.mean, d.rms, d.most, d.pixels);
+        rounding(d, "another atlas");
+    }
+}
+
+/* >>the draw callback: meshes first .. last - 1 of the Cornell box, drawn by the host as sbl_draw_view says */
+
+typedef struct host_geometry { GLuint array, buffer, programs[2][2]; int corners, calls[2]; } host_geometry;
+typedef struct host_corner { float position[3], normal[3], albedo[3], emission[3], id; } host_corner;
+
+static const char host_vertex[] =
+    "layout(location = 0) in vec3 corner;\n"
+    "layout(location = 1) in vec3 face_normal;\n"
+    "layout(location = 2) in vec3 face_albedo;\n"
+    "layout(location = 3) in vec3 face_emission;\n"
+    "layout(location = 4) in float face_id;\n"
+    "uniform mat4 world_to_clip;\n"
+    "out vec3 position;\n"
+    "flat out vec3 on_plane, normal, albedo, emission;\n"
+    "flat out float id;\n"
+    "void main() {\n"
+    "    position = on_plane = corner;\n"
+    "    normal = face_normal;\n"
+    "    albedo = face_albedo;\n"
+    "    emission = face_emission;\n"
+    "    id = face_id;\n"
+    "    gl_Position = world_to_clip * vec4(corner, 1.0);\n"
+    "}\n";
+static const char host_sensor[] =
+    "flat in vec3 albedo, emission;\n"
+    "uniform float radiance_scale, epsilon, depth_scale;\n"
+    "layout(location = 0) out vec4 result;\n"
+    "void main() {\n"
+    "    bool shines = emission.r + emission.g + emission.b > 0.0;\n"
+    "    result = vec4(radiance_scale * (shines ? emission : epsilon * albedo), gl_FrontFacing ? 1.0 / gl_FragCoord.w : -1.0 / gl_FragCoord.w);\n"
+    "#ifdef WRITE_DEPTH\n"
+    "    gl_FragDepth = gl_FragCoord.w * depth_scale;\n"
+    "#endif\n"
+    "}\n";
+static const char host_camera[] =
+    "in vec3 position;\n"
+    "flat in vec3 on_plane, normal, albedo, emission;\n"
+    "flat in float id;\n"
+    "uniform vec3 eye;\n"
+    "uniform float depth_scale;\n"
+    "layout(location = 0) out vec4 out_position;\n"
+    "layout(location = 1) out vec4 out_normal;\n"
+    "layout(location = 2) out vec4 out_geometric_normal;\n"
+    "layout(location = 3) out vec4 out_albedo;\n"
+    "layout(location = 4) out vec4 out_emission;\n"
+    "layout(location = 5) out uint out_id;\n"
+    "void main() {\n"
+    "    vec3 ray = position - eye;\n"   /* the interpolated position strays off its plane: put it back along the ray */
+    "    vec3 p = eye + ray * (dot(on_plane - eye, normal) / dot(ray, normal));\n"
+    "    vec3 n = dot(normal, ray) > 0.0 ? -normal : normal;\n"
+    "    out_position = vec4(p, 0);\n"
+    "    out_normal = out_geometric_normal = vec4(n, 0);\n"
+    "    out_albedo = vec4(albedo, 1);\n"
+    "    out_emission = vec4(emission, 0);\n"
+    "    out_id = uint(id + 0.5);\n"
+    "#ifdef WRITE_DEPTH\n"
+    "    gl_FragDepth = gl_FragCoord.w * depth_scale;\n"
+    "#endif\n"
+    "}\n";
+
+static void host_geometry_make(host_geometry *h, const test_scene *s, int first, int last) {
+    static host_corner corners[16 * 6];
+    int mesh, i, k;
+    memset(h, 0, sizeof *h);
+    for (mesh = first; mesh < last; mesh++) {
+        const sbl_mesh *m = &s->meshes[mesh];
+        const uint32_t *indices = (const uint32_t *)m->indices.data;
+        const float *p = (const float *)m->positions.data;
+        for (i = 0; i < m->index_count; i++) {
+            host_corner *c = &corners[h->corners++];
+            const float *a = p + 3 * indices[i / 3 * 3], *b = p + 3 * indices[i / 3 * 3 + 1], *d = p + 3 * indices[i / 3 * 3 + 2];
+            double e[3], g[3], n[3], length = 0;
+            for (k = 0; k < 3; k++) { e[k] = (double)b[k] - (double)a[k]; g[k] = (double)d[k] - (double)a[k]; }
+            n[0] = e[1] * g[2] - e[2] * g[1]; n[1] = e[2] * g[0] - e[0] * g[2]; n[2] = e[0] * g[1] - e[1] * g[0];
+            for (k = 0; k < 3; k++) length += n[k] * n[k];
+            for (k = 0; k < 3; k++) {
+                c->position[k] = p[3 * indices[i] + (uint32_t)k];
+                c->normal[k] = (float)(n[k] / sqrt(length));
+                c->albedo[k] = s->materials[m->material].albedo[k];
+                c->emission[k] = s->materials[m->material].emission[k];
+            }
+            c->id = (float)(mesh + 1);
+        }
+    }
+    for (i = 0; i < 2; i++) {
+        h->programs[i][0] = host_gl_program("test", "", host_vertex, i == SBL_VIEW_SENSOR ? host_sensor : host_camera);
+        h->programs[i][1] = host_gl_program("test", "#define WRITE_DEPTH\n", host_vertex, i == SBL_VIEW_SENSOR ? host_sensor : host_camera);
+    }
+    gl.GenVertexArrays(1, &h->array);
+    gl.GenBuffers(1, &h->buffer);
+    gl.BindVertexArray(h->array);
+    gl.BindBuffer(GL_ARRAY_BUFFER, h->buffer);
+    gl.BufferData(GL_ARRAY_BUFFER, (GLsizeiptr)(sizeof *corners * (size_t)h->corners), corners, GL_STATIC_DRAW);
+    for (i = 0; i < 5; i++) {
+        gl.VertexAttribPointer((GLuint)i, i < 4 ? 3 : 1, GL_FLOAT, GL_FALSE, (GLsizei)sizeof *corners, (const void *)(12 * (size_t)i));
+        gl.EnableVertexAttribArray((GLuint)i);
+    }
+    gl.BindVertexArray(0);
+}
+
+static void host_geometry_free(host_geometry *h) {
+    int i;
+    for (i = 0; i < 4; i++) gl.DeleteProgram(h->programs[i / 2][i % 2]);
+    gl.DeleteVertexArrays(1, &h->array);
+    gl.DeleteBuffers(1, &h->buffer);
+}
+
+static void host_geometry_draw(const sbl_draw_view *view, void *user) {
+    host_geometry *h = (host_geometry *)user;
+    GLuint program = h->programs[view->kind][view->write_depth];
+    h->calls[view->kind]++;
+    gl.UseProgram(program);
+    gl.UniformMatrix4fv(host_gl_uniform(program, "world_to_clip"), 1, GL_FALSE, view->world_to_clip);
+    gl.Uniform3fv(host_gl_uniform(program, "eye"), 1, view->eye);
+    gl.Uniform1f(host_gl_uniform(program, "radiance_scale"), view->radiance_scale);
+    gl.Uniform1f(host_gl_uniform(program, "epsilon"), view->epsilon);
+    gl.Uniform1f(host_gl_uniform(program, "depth_scale"), view->depth_scale);
+    gl.BindVertexArray(h->array);
+    gl.DrawArrays(GL_TRIANGLES, 0, h->corners);
+}
+
+static void drawn_by_host(int first, uint32_t disabled) {
+    static picture meshes, drawn;
+    static test_scene rest;
+    host_geometry h, nothing;
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_picture_desc view = plain_view();
+    sbl_scene_desc scene;
+    sbl_context *context;
+    distance d;
+    int i, k, ids = 0;
+    const float *a, *b;
+    double off = 0;
+    desc.get_gl_function = gl_host_proc;
+    desc.disabled = disabled;
+    context = context_with(&desc, &cornell);
+    REQUIRE(context && render(context, &view, &meshes), "%s", watch_last(&seen));
+    rest = cornell;
+    rest.mesh_count = first;
+    host_geometry_make(&h, &cornell, first, cornell.mesh_count);
+    scene = scene_desc(&rest);
+    nothing = h;
+    nothing.corners = 0;
+    scene.draw = host_geometry_draw;
+    scene.draw_user = &h;
+    REQUIRE(sbl_query_bounds(context, scene.draw_bounds[0], scene.draw_bounds[1]) == SBL_SUCCESS, "no bounds");
+    scene.draw_max_radiance = 17;
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && render(context, &view, &drawn), "%s", watch_last(&seen));
+    CHECK(h.calls[SBL_VIEW_CAMERA] >= 1 && h.calls[SBL_VIEW_SENSOR] > 1000, "the callback was called %d and %d times", h.calls[0], h.calls[1]);
+    for (i = 0, a = channel_of(&meshes, SBL_CHANNEL_ID), b = channel_of(&drawn, SBL_CHANNEL_ID); i < PIXELS; i++) ids += a[i] != b[i];
+    for (i = 0, a = channel_of(&meshes, SBL_CHANNEL_POSITION), b = channel_of(&drawn, SBL_CHANNEL_POSITION); i < PIXELS; i++)
+        for (k = 0; k < 3; k++)
+            if (channel_of(&meshes, SBL_CHANNEL_ID)[i] == channel_of(&drawn, SBL_CHANNEL_ID)[i] && fabs((double)a[3 * i + k] - (double)b[3 * i + k]) > off) off = fabs((double)a[3 * i + k] - (double)b[3 * i + k]);
+    d = distance_of(&meshes, &drawn);
+    printf("  from mesh %d on drawn by the host: %d ids differ, positions by %.2g; R: mean %.2g, rms %.2g, most %.2g, %d pixels\n", first, ids, off, d.mean, d.rms, d.most, d.pixels);
+    CHECK(ids <= PIXELS / 200, "%d ids differ", ids);
+    CHECK(off < 1e-5 * 1500, "positions differ by %g, in a scene of about 1500", off);  /* the eye alone is rounded by 1e-7 of that */
+    rounding(d, "drawing by the host");
+    sbl_end(context);
+    scene.draw_user = &nothing;  /* what is compared above must come from the callback */
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && render(context, &view, &drawn), "%s", watch_last(&seen));
+    CHECK(distance_of(&meshes, &drawn).pixels > PIXELS / 10, "without the host's geometry the picture is the same");
+    sbl_destroy(context);
+    host_geometry_free(&h);
+}
+
+TEST(draw_callback) {
+    drawn_by_host(6, 0);  /* the blocks */
+    drawn_by_host(0, 0);  /* everything: no mesh is left */
+}
+
+TEST(draw_callback_writing_depth) { drawn_by_host(6, SBL_CAPABILITY_ALL); }
+
+int main(void) {
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_picture_desc view = cornell_view();
+    sbl_context *context;
+    scene_cornell_box(&cornell);
+    if (!gl_host_open()) { printf("no GL context\n"); return 1; }
+    context = context_with(&desc, &cornell);
+    if (!context || !render(context, &view, &expected)) { printf("%s\n", watch_last(&seen)); return 1; }
+    sbl_destroy(context);
+    RUN(reference_is_a_picture);
+    RUN(batches);
+    RUN(slices);
+    RUN(repetitions);
+    RUN(moving);
+    RUN(seeds);
+    RUN(capabilities);
+    RUN(atlas_sizes);
+    RUN(draw_callback);
+    RUN(draw_callback_writing_depth);
+    scene_free(&cornell);
+    return test_report();
+}
