@@ -141,6 +141,12 @@
    Sensor rotations come from a hash of pixel and seed. The same input gives the same picture, bit for bit, on the same GL driver,
    whatever the batch size, the slices and the number of repetitions; between GL paths and drivers it agrees up to rounding.
 
+   ON THE TWO WAYS TO SEE
+
+   SBL_BACKEND_RASTER draws the scene into a sensor's views, as the paper does: it serves any light and geometry that only the host can draw, and
+   its cost grows with the number of triangles. SBL_BACKEND_TRACE sends `rays` cosine-distributed rays through a bounding volume
+   hierarchy in a fragment shader: its cost hardly grows, but small lamps are found only by luck. AUTO goes by the number of triangles.
+
    ON THE PAPER
 
    SBL_MODE_PAPER is the paper: one view of 135 degrees, equation 4, epsilon, the absolute threshold, the Gaussian on one id.
