@@ -102,6 +102,7 @@ static const char *const words[][SBL_CHANNEL_COUNT + 1] = {
     { "draft", "default", "high", NULL },
     { "auto", "raster", "trace", NULL } };
 static const sbl_mode modes[] = { SBL_MODE_GI, SBL_MODE_AMBIENT, SBL_MODE_DIRECT, SBL_MODE_PAPER };
+static const sbl_backend backends[] = { SBL_BACKEND_AUTO, SBL_BACKEND_RASTER, SBL_BACKEND_TRACE };
 static const sbl_preset presets[] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL_PRESET_HIGH };
 
 enum {
@@ -131,8 +132,8 @@ static const struct option {
                         "ambient (default: lamps, sky, and a faint glow of every surface) | direct (lamps and sky only) |\n"
                         "paper (exactly the paper: one 135 degree view, epsilon, tiles, Gaussian) | gi (all bounces; not yet)" },
     [PRESET]        = { "--preset", "NAME", CHOICE, &options.preset, PRESET_WORDS, 0, 0, "draft | default | high" },
-    [BACKEND]       = { "--backend", "NAME", CHOICE, &options.backend, BACKEND_WORDS, 0, 0, "auto (default) | raster | trace (not yet)" },
-    [RAYS]          = { "--rays", "N", INTEGERS, &options.rays, 1, 1, 1e6, "samples of a traced sensor (not yet)" },
+    [BACKEND]       = { "--backend", "NAME", CHOICE, &options.backend, BACKEND_WORDS, 0, 0, "auto (default: trace in scenes of more than 32,768 triangles) | raster | trace" },
+    [RAYS]          = { "--rays", "N", INTEGERS, &options.rays, 1, 1, 4096, "samples of a traced sensor; default 64, 256, 1024 by preset" },
     [EPSILON]       = { "--epsilon", "E", NUMBERS, &options.epsilon, 1, 0, 1e30, "ambient factor of the modes paper and ambient; default 0.02" },
     [SENSOR_SIZE]   = { "--sensor-size", "N", INTEGERS, &options.sensor_size, 1, 4, 512, "texels across a sensor's view; default 32, 64, 128 by preset" },
     [SENSOR_FOV]    = { "--sensor-fov", "DEGREES", NUMBERS, &options.sensor_fov, 1, 1, 179, "mode paper only; default 135" },
@@ -217,7 +218,8 @@ static int parse(int argc, char **argv) {
         if (strcmp(argument, "-h") == 0) name = "--help";
         for (k = 0; k < OPTION_COUNT && !o; k++)
             if (strcmp(name, table[k].name) == 0 ||
-                (value && strlen(table[k].name) == (size_t)(value - name) && strncmp(name, table[k].name, (size_t)(value - name)) == 0)) o = &table[k];
+                (value && strlen(table[k].name) == (size_t)(value - name) && strncmp(name, table[k].name, (size_t)(value - name)) == 0))
+                o = &table[k];
         if (!o) return misuse("there is no option %s; see --help", argument);
         given[o - table] = 1;
         if (o->kind == FLAG) {
@@ -239,7 +241,8 @@ static int parse(int argc, char **argv) {
         } else if (!parse_numbers(o, value)) {
             if (o == &table[SKY] && (ends_with(value, ".hdr") || ends_with(value, ".exr")))
                 return misuse("--sky %s: sky pictures are not read yet; give a colour R,G,B", value);
-            return misuse("%s %s: it must be %s with %s from %g to %g", o->name, value, o->argument, o->kind == INTEGERS ? "whole numbers" : "numbers", o->low, o->high);
+            return misuse("%s %s: it must be %s with %s from %g to %g", o->name, value, o->argument,
+                          o->kind == INTEGERS ? "whole numbers" : "numbers", o->low, o->high);
         }
     }
     if (given[HELP] || given[VERSION]) return DONE;
@@ -249,11 +252,11 @@ static int parse(int argc, char **argv) {
 #ifndef SBL_RENDER_OPENEXR
     if (ends_with(options.output, ".exr")) return fail("--output %s: built without OpenEXR; write a .pfm", options.output);
 #endif
-    if (given[SENSOR_FOV] && (!given[MODE] || modes[options.mode] != SBL_MODE_PAPER)) return misuse("--sensor-fov needs --mode paper: other sensors see the whole hemisphere");
+    if (given[SENSOR_FOV] && (!given[MODE] || modes[options.mode] != SBL_MODE_PAPER))
+        return misuse("--sensor-fov needs --mode paper: other sensors see the whole hemisphere");
     if (given[INSPECT] && given[CHANNEL]) return misuse("--inspect writes a sensor's view, --channel chooses a picture; give one of them");
-    if (given[BACKEND] && strcmp(words[BACKEND_WORDS][options.backend], "trace") == 0)
-        return fail("--backend trace: this version only rasterises; leave it out or give --backend raster");
-    if (given[RAYS]) return fail("--rays %d: this version only rasterises; --sensor-size is what its sensors have", options.rays);
+    if (strcmp(words[BACKEND_WORDS][options.backend], "trace") == 0 && given[MODE] && modes[options.mode] == SBL_MODE_PAPER)
+        return misuse("--backend trace: the paper's sensor rasterises; leave it out or choose another --mode");
     return DONE;
 }
 
@@ -263,14 +266,15 @@ static void place_camera(sbl_picture_desc *desc, const sbl_context *context, con
     static const double from[3] = { 0.35, 0.3, 0.89 };  /* unit: the front, a little to the right and above */
     const double radians = atan(1.0) / 45, aspect = (double)options.size[0] / options.size[1];
     const scene_file_camera *c = &file->camera;
-    double eye[3], at[3], up[3], fov = options.fov, half, distance = 0;
+    double eye[3], at[3], to[3], up[3], fov = options.fov, half, distance = 0;
     float lowest[3], highest[3];
     int i, use_file = file->has_camera;
     if (use_file) {  /* a damaged one is as good as none */
         float unused[16];
         fov = (double)c->fov_y;
         if (c->fov_x > 0 && c->fov_x < 179) fov = 2 * atan(tan(0.5 * (double)c->fov_x * radians) / aspect) / radians;
-        use_file = fov >= 1 && fov <= 179 && sbl_look_at(unused, 0, 0, 0, c->forward[0], c->forward[1], c->forward[2], c->up[0], c->up[1], c->up[2]);
+        use_file = fov >= 1 && fov <= 179 &&
+                   sbl_look_at(unused, 0, 0, 0, c->forward[0], c->forward[1], c->forward[2], c->up[0], c->up[1], c->up[2]);
         for (i = 0; i < 3; i++) use_file = use_file && fabs((double)c->eye[i]) < 1e18;
     }
     if (!use_file || given[FOV]) fov = options.fov;
@@ -289,12 +293,16 @@ static void place_camera(sbl_picture_desc *desc, const sbl_context *context, con
         if (use_file && !given[LOOK_AT]) at[i] = eye[i] + forward;
         up[i] = use_file && !given[UP] ? (double)c->up[i] : options.up[i];
     }
-    /* Only the direction counts; taken in double, it survives an eye far from the origin. */
-    for (i = 0; i < 3; i++) at[i] -= eye[i];
+    for (i = 0; i < 3; i++) at[i] -= eye[i];  /* from here on: the direction */
     if (!given[LOOK_AT] && at[0] == 0.0 && at[1] == 0.0 && at[2] == 0.0) at[2] = -1;  /* the eye stands in the centre */
     if (!given[UP] && at[0] == 0.0 && at[2] == 0.0) { up[0] = up[1] = 0; up[2] = at[1] < 0 ? -1 : 1; }
-    if (!sbl_look_at(desc->world_to_view, (float)eye[0], (float)eye[1], (float)eye[2], (float)(eye[0] + at[0]), (float)(eye[1] + at[1]), (float)(eye[2] + at[2]),
-                     (float)up[0], (float)up[1], (float)up[2])) memset(desc->world_to_view, 0, sizeof desc->world_to_view);
+    /* As long as the eye is far from the origin, or rounding to float turns the camera. */
+    distance = sqrt(at[0] * at[0] + at[1] * at[1] + at[2] * at[2]);
+    for (i = 0; i < 3; i++)
+        to[i] = eye[i] + (distance > 0 ? at[i] / distance * (1 + fabs(eye[0]) + fabs(eye[1]) + fabs(eye[2])) : 0);
+    if (!sbl_look_at(desc->world_to_view, (float)eye[0], (float)eye[1], (float)eye[2], (float)to[0], (float)to[1], (float)to[2],
+                     (float)up[0], (float)up[1], (float)up[2]))
+        memset(desc->world_to_view, 0, sizeof desc->world_to_view);
     sbl_perspective(desc->view_to_clip, (float)fov, (float)aspect);
 }
 
@@ -364,7 +372,9 @@ static unsigned char *make_visible(const image *in, sbl_channel channel) {
                 case SBL_CHANNEL_ALBEDO: to[k] = to_byte(encode_srgb(x)); break;
                 case SBL_CHANNEL_NORMAL: to[k] = surface ? to_byte(0.5 + 0.5 * x) : 0; break;
                 case SBL_CHANNEL_POSITION: to[k] = surface ? to_byte(high[c] > low[c] ? (x - low[c]) / (high[c] - low[c]) : 0.5) : 0; break;
-                case SBL_CHANNEL_DEPTH: to[k] = surface ? to_byte(high[0] > low[0] ? 1 - 0.9 * (x - low[0]) / (high[0] - low[0]) : 1) : 0; break;
+                case SBL_CHANNEL_DEPTH:
+                    to[k] = surface ? to_byte(high[0] > low[0] ? 1 - 0.9 * (x - low[0]) / (high[0] - low[0]) : 1) : 0;
+                    break;
                 default: to[k] = 0; break;
             }
         }
@@ -423,18 +433,22 @@ static int write_exr(const char *path, const image *picture) {
     settings.error_handler_fn = on_exr_error;
     result = exr_start_write(&context, path, EXR_WRITE_FILE_DIRECTLY, &settings);
     if (result == EXR_ERR_SUCCESS) result = exr_add_part(context, "picture", EXR_STORAGE_SCANLINE, &part);
-    if (result == EXR_ERR_SUCCESS) result = exr_initialize_required_attr_simple(context, part, picture->width, picture->height, EXR_COMPRESSION_ZIP);
+    if (result == EXR_ERR_SUCCESS)
+        result = exr_initialize_required_attr_simple(context, part, picture->width, picture->height, EXR_COMPRESSION_ZIP);
     for (k = 0; k < picture->components && result == EXR_ERR_SUCCESS; k++)
         result = exr_add_channel(context, part, names[picture->components == 3][k], EXR_PIXEL_FLOAT, EXR_PERCEPTUALLY_LINEAR, 1, 1);
     if (result == EXR_ERR_SUCCESS) result = exr_write_header(context);
     if (result == EXR_ERR_SUCCESS) result = exr_get_scanlines_per_chunk(context, part, &rows);
     for (y = 0; y < picture->height && result == EXR_ERR_SUCCESS; y += rows) {
         result = exr_write_scanline_chunk_info(context, part, y, &chunk);
-        if (result == EXR_ERR_SUCCESS) result = begun ? exr_encoding_update(context, part, &chunk, &encoder) : exr_encoding_initialize(context, part, &chunk, &encoder);
+        if (result == EXR_ERR_SUCCESS)
+            result =
+                begun ? exr_encoding_update(context, part, &chunk, &encoder) : exr_encoding_initialize(context, part, &chunk, &encoder);
         for (k = 0; k < picture->components && result == EXR_ERR_SUCCESS; k++) {
             exr_coding_channel_info_t *channel = &encoder.channels[k];  /* in the order of their names */
             int component = channel->channel_name[0] == 'G' ? 1 : channel->channel_name[0] == 'B' ? 2 : 0;
-            channel->encode_from_ptr = (const uint8_t *)(picture->values + (size_t)y * (size_t)picture->width * (size_t)picture->components + component);
+            channel->encode_from_ptr =
+                (const uint8_t *)(picture->values + (size_t)y * (size_t)picture->width * (size_t)picture->components + component);
             channel->user_bytes_per_element = 4;
             channel->user_data_type = EXR_PIXEL_FLOAT;
             channel->user_pixel_stride = 4 * picture->components;
@@ -463,7 +477,7 @@ static int write_picture(const char *path, const image *picture, sbl_channel cha
 static int write_stats(const char *path, const sbl_context *context, double load, double total) {
     const sbl_stats s = sbl_query_stats(context);
     const sbl_capabilities capabilities = sbl_query_capabilities(context);
-    const char *c;
+    const char *c, *mode;
     struct rusage self, child;
     FILE *out = fopen(path, "w");
     int i, ok;
@@ -476,17 +490,19 @@ static int write_stats(const char *path, const sbl_context *context, double load
         if (*c == '"' || *c == '\\') fputc('\\', out);
         fputc((unsigned char)*c < 32 ? ' ' : *c, out);
     }
-    fprintf(out, "\",\n  \"mode\": \"%s\",\n  \"size\": [%d, %d],\n  \"triangles\": %d,\n  \"visible_pixels\": %d,\n  \"backend\": \"raster\",\n",
-            s.mode == SBL_MODE_GI ? "gi" : s.mode == SBL_MODE_DIRECT ? "direct" : s.mode == SBL_MODE_PAPER ? "paper" : "ambient",
-            s.width, s.height, s.triangles, s.visible_pixels);
-    fprintf(out, "  \"sensors\": %.0f,\n  \"sensor_views\": %.0f,\n  \"sensor_texels\": %.0f,\n  \"rays\": 0,\n  \"levels\": [",
-            (double)s.sensors, (double)s.sensor_views, (double)s.sensor_texels);
-    for (i = 0; i < s.level_count; i++) fprintf(out, "%s{\"tile\": %d, \"sensors\": %.0f}", i ? ", " : "", s.levels[i].tile, (double)s.levels[i].sensors);
-    fprintf(out, "],\n  \"seconds\": {\"load\": %.6f, \"scene\": %.6f, \"surface\": %.6f, \"gather\": %.6f, \"bounce\": 0, \"refine\": %.6f, \"filter\": %.6f, "
-                 "\"resolve\": %.6f, \"total\": %.6f},\n", load, s.seconds.scene, s.seconds.surface, s.seconds.gather, s.seconds.refine, s.seconds.filter,
-            s.seconds.resolve, total);
-    fprintf(out, "  \"microseconds_per_sensor\": %.6f,\n  \"peak_gpu_bytes\": %.0f,\n  \"peak_host_bytes\": %.0f\n}\n", s.microseconds_per_sensor,
-            (double)sbl_query_memory(context).gpu_peak_bytes, 1024.0 * (double)self.ru_maxrss);
+    mode = s.mode == SBL_MODE_GI ? "gi" : s.mode == SBL_MODE_DIRECT ? "direct" : s.mode == SBL_MODE_PAPER ? "paper" : "ambient";
+    fprintf(out, "\",\n  \"mode\": \"%s\",\n  \"size\": [%d, %d],\n  \"triangles\": %d,\n  \"visible_pixels\": %d,\n", mode, s.width, s.height,
+            s.triangles, s.visible_pixels);
+    fprintf(out, "  \"backend\": \"%s\",\n", s.backend == SBL_BACKEND_TRACE ? "trace" : "raster");
+    fprintf(out, "  \"sensors\": %.0f,\n  \"sensor_views\": %.0f,\n  \"sensor_texels\": %.0f,\n  \"rays\": %.0f,\n  \"levels\": [",
+            (double)s.sensors, (double)s.sensor_views, (double)s.sensor_texels, (double)s.rays);
+    for (i = 0; i < s.level_count; i++)
+        fprintf(out, "%s{\"tile\": %d, \"sensors\": %.0f}", i ? ", " : "", s.levels[i].tile, (double)s.levels[i].sensors);
+    fprintf(out, "],\n  \"seconds\": {\"load\": %.6f, \"scene\": %.6f, \"surface\": %.6f, \"gather\": %.6f, \"bounce\": 0, ", load, s.seconds.scene,
+            s.seconds.surface, s.seconds.gather);
+    fprintf(out, "\"refine\": %.6f, \"filter\": %.6f, \"resolve\": %.6f, \"total\": %.6f},\n", s.seconds.refine, s.seconds.filter, s.seconds.resolve, total);
+    fprintf(out, "  \"microseconds_per_sensor\": %.6f,\n  \"peak_gpu_bytes\": %.0f,\n  \"peak_host_bytes\": %.0f\n}\n",
+            s.microseconds_per_sensor, (double)sbl_query_memory(context).gpu_peak_bytes, 1024.0 * (double)self.ru_maxrss);
     ok = !ferror(out);
     return fclose(out) == 0 && ok;
 }
@@ -532,8 +548,10 @@ static int write_whole(const char *target, const image *picture, sbl_channel cha
     char *final, *path = temporary_path(target, &final);
     int status = DONE;
     errno = 0;
-    if (!path || !(picture ? write_picture(path, picture, channel) : write_stats(path, context, load, total)) || (final && !interrupted && rename(path, final) != 0))
-        status = fail("%s: cannot be written: %s; free some space or give another file name", target, errno ? strerror(errno) : "the writer failed");
+    if (!path || !(picture ? write_picture(path, picture, channel) : write_stats(path, context, load, total)) ||
+        (final && !interrupted && rename(path, final) != 0))
+        status = fail("%s: cannot be written: %s; free some space or give another file name", target,
+                      errno ? strerror(errno) : "the writer failed");
     else if (final && interrupted) status = INTERRUPTED;
     if (status != DONE && path && final) unlink(path);
     free(path);
@@ -570,12 +588,13 @@ static sbl_result inspect(sbl_context *context, image *sheet) {
         }
         printf("pixel %d,%d: %s, level %d%s\n", x, y, s.sensed ? "had a sensor" : "was interpolated; this is what a sensor would see", s.level,
                s.valid ? "" : ", judged to be stuck inside geometry");
-        printf("position %g %g %g\nnormal %g %g %g\n", (double)s.position[0], (double)s.position[1], (double)s.position[2], (double)s.normal[0],
-               (double)s.normal[1], (double)s.normal[2]);
+        printf("position %g %g %g\nnormal %g %g %g\n", (double)s.position[0], (double)s.position[1], (double)s.position[2],
+               (double)s.normal[0], (double)s.normal[1], (double)s.normal[2]);
         printf("R %g %g %g\n", (double)s.radiance[0], (double)s.radiance[1], (double)s.radiance[2]);
-        printf("sum of weight * radiance over the sheet %g %g %g\nsum of weights %.6f, %d views, %d x %d texels\n", sum[0], sum[1], sum[2], weight, s.view_count,
-               s.sheet_width, s.sheet_height);
-        printf("back faces %.2f %%, nearest surface %g, mean distance %g\n", 100 * (double)s.back_share, (double)s.hit_min, (double)s.hit_mean);
+        printf("sum of weight * radiance over the sheet %g %g %g\nsum of weights %.6f, %d views, %d x %d texels\n", sum[0], sum[1], sum[2],
+               weight, s.view_count, s.sheet_width, s.sheet_height);
+        printf("back faces %.2f %%, nearest surface %g, mean distance %g\n", 100 * (double)s.back_share, (double)s.hit_min,
+               (double)s.hit_mean);
     }
     free(radiance);
     free(weights);
@@ -591,6 +610,8 @@ static void fill_desc(sbl_picture_desc *desc, progress *bar) {
     desc->height = options.size[1];
     if (given[MODE]) desc->mode = modes[options.mode];
     if (given[PRESET]) desc->preset = presets[options.preset];
+    desc->backend = backends[options.backend];
+    desc->rays = options.rays;
     desc->sensor_size = options.sensor_size;
     desc->sensor_fov = (float)options.sensor_fov;
     desc->tile = options.tile;
@@ -681,7 +702,8 @@ int main(int argc, char **argv) {
         sbl_destroy(context);
         if (status == DONE && !given[QUIET]) {
             for (i = 0; i < file->warning_count && i < SCENE_FILE_WARNINGS; i++) warn("%s: %s", options.scene, file->warnings[i]);
-            if (file->warning_count > SCENE_FILE_WARNINGS) warn("%s: and %d warnings more", options.scene, file->warning_count - SCENE_FILE_WARNINGS);
+            if (file->warning_count > SCENE_FILE_WARNINGS)
+                warn("%s: and %d warnings more", options.scene, file->warning_count - SCENE_FILE_WARNINGS);
             for (i = 0; i < said.warnings_kept; i++) warn("%s: %s", options.scene, said.warnings[i]);
         }
         scene_file_free(file);

@@ -62,7 +62,9 @@
 
 enum { SCENE_FILE_WARNINGS = 8, SCENE_FILE_SECONDS = 30 };
 
-typedef struct scene_file_camera { float eye[3], forward[3], up[3], fov_y, fov_x; } scene_file_camera;  /* degrees; one of the two angles is 0 */
+typedef struct scene_file_camera {
+    float eye[3], forward[3], up[3], fov_y, fov_x;
+} scene_file_camera; /* degrees; one of the two angles is 0 */
 
 typedef struct scene_file {
     sbl_scene_desc scene;         /* sky left black */
@@ -237,7 +239,8 @@ static void scene__mend_gltf(scene_file *file, scene__bytes *bytes) {
         if (!root) return;
         cJSON_ArrayForEach(item, cJSON_GetObjectItemCaseSensitive(root, "materials")) {
             cJSON *extensions = cJSON_GetObjectItemCaseSensitive(item, "extensions");
-            cJSON *strength = cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(extensions, strength_name), "emissiveStrength");
+            cJSON *strength =
+                cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(extensions, strength_name), "emissiveStrength");
             if (cJSON_IsNumber(strength))
                 cJSON_ArrayForEach(number, cJSON_GetObjectItemCaseSensitive(item, "emissiveFactor"))
                     if (cJSON_IsNumber(number)) cJSON_SetNumberHelper(number, number->valuedouble * strength->valuedouble);
@@ -349,9 +352,13 @@ static int scene__slurp_picture(const scene__reader *r, const char *name, scene_
         char *to = at, *bare;
         unsigned byte;
         while (*from) {
-            if (i >= 1 && *from == '\\') { *to++ = '/'; from++; }
-            else if (i >= 2 && from[0] == '%' && sscanf(from + 1, "%2x", &byte) == 1 && byte && from[1] != '\0' && from[2] != '\0') { *to++ = (char)byte; from += 3; }
-            else *to++ = *from++;
+            if (i >= 2 && from[0] == '%' && from[1] && from[2] && sscanf(from + 1, "%2x", &byte) == 1 && byte) {
+                *to++ = (char)byte;
+                from += 3;
+            } else {
+                *to++ = i >= 1 && *from == '\\' ? '/' : *from;
+                from++;
+            }
         }
         while (i >= 1 && to > at && to[-1] == ' ') to--;
         *to = 0;
@@ -372,7 +379,8 @@ static int scene__decode(scene__reader *r, const char *name, scene__pixels *out)
     memset(out, 0, sizeof *out);
     if (embedded && embedded->mHeight) {  /* texels as they are */
         size_t count = (size_t)embedded->mWidth * embedded->mHeight, i;
-        stbi_uc *rgba = embedded->mWidth <= STBI_MAX_DIMENSIONS && embedded->mHeight <= STBI_MAX_DIMENSIONS ? (stbi_uc *)malloc(count * 4) : NULL;
+        stbi_uc *rgba =
+            embedded->mWidth <= STBI_MAX_DIMENSIONS && embedded->mHeight <= STBI_MAX_DIMENSIONS ? (stbi_uc *)malloc(count * 4) : NULL;
         if (!rgba) { scene__warn(r->file, "texture %s is too large; its material keeps its plain colour", name); return 0; }
         for (i = 0; i < count; i++) {
             rgba[4 * i] = embedded->pcData[i].r;
@@ -416,9 +424,11 @@ static int scene__merge_mask(scene__pixels *albedo, const scene__pixels *mask) {
     if (!to) return 0;
     for (y = 0; y < out.height; y++)
         for (x = 0; x < out.width; x++, to += 4) {
-            size_t m = (size_t)((int64_t)y * mask->height / out.height * mask->width + (int64_t)x * mask->width / out.width) * (size_t)mask->channels;
+            size_t m = (size_t)((int64_t)y * mask->height / out.height * mask->width + (int64_t)x * mask->width / out.width) *
+                       (size_t)mask->channels;
             if (from_albedo) {
-                size_t a = (size_t)((int64_t)y * albedo->height / out.height * albedo->width + (int64_t)x * albedo->width / out.width) * (size_t)albedo->channels;
+                size_t a = (size_t)((int64_t)y * albedo->height / out.height * albedo->width + (int64_t)x * albedo->width / out.width) *
+                           (size_t)albedo->channels;
                 for (k = 0; k < 3; k++) to[k] = from_albedo[a + (size_t)(albedo->channels >= 3 ? k : 0)];
             } else memset(to, 255, 3);
             to[3] = from_mask[m + (size_t)(mask->channels % 2 ? 0 : mask->channels - 1)];
@@ -442,11 +452,14 @@ static int scene__texture(scene__reader *r, const char *albedo, const char *mask
     size_t bytes;
     int i;
     for (i = 0; i < r->texture_count; i++)
-        if (strcmp(r->keys[i].albedo, albedo ? albedo : "") == 0 && strcmp(r->keys[i].mask, mask ? mask : "") == 0 && r->keys[i].wrap == wrap) return i + 1;
+        if (strcmp(r->keys[i].albedo, albedo ? albedo : "") == 0 && strcmp(r->keys[i].mask, mask ? mask : "") == 0 &&
+            r->keys[i].wrap == wrap)
+            return i + 1;
     if (r->texture_count == r->texture_room) return 0;  /* cannot be: two a material */
     if (albedo) scene__decode(r, albedo, &pixels);
     if (mask && scene__decode(r, mask, &mask_pixels)) {
-        if (!scene__merge_mask(&pixels, &mask_pixels)) scene__warn(r->file, "texture %s cannot be used as a mask; what it cuts out stays solid", mask);
+        if (!scene__merge_mask(&pixels, &mask_pixels))
+            scene__warn(r->file, "texture %s cannot be used as a mask; what it cuts out stays solid", mask);
         stbi_image_free(mask_pixels.data);
     }
     if (!pixels.data) return 0;
@@ -473,7 +486,8 @@ static int scene__picture_of(const struct aiMaterial *m, enum aiTextureType type
     enum aiTextureMapping mapping = aiTextureMapping_UV;
     out->wrap[0] = out->wrap[1] = aiTextureMapMode_Wrap;
     out->set = 0;
-    if (aiGetMaterialTexture(m, type, 0, name, &mapping, &out->set, NULL, NULL, out->wrap, NULL) != aiReturn_SUCCESS || !name->length) return 0;
+    if (aiGetMaterialTexture(m, type, 0, name, &mapping, &out->set, NULL, NULL, out->wrap, NULL) != aiReturn_SUCCESS || !name->length)
+        return 0;
     out->path = name->data;
     return 1;
 }
@@ -493,13 +507,15 @@ static void scene__material(scene__reader *r, unsigned index) {
     struct aiString albedo_name, emission_name, mask_name, alpha_mode, name;
     struct aiColor4D color;
     scene__picture albedo, emission, mask;
-    int has_albedo = scene__picture_of(m, aiTextureType_DIFFUSE, &albedo_name, &albedo) || scene__picture_of(m, aiTextureType_BASE_COLOR, &albedo_name, &albedo);
+    int has_albedo = scene__picture_of(m, aiTextureType_DIFFUSE, &albedo_name, &albedo) ||
+                     scene__picture_of(m, aiTextureType_BASE_COLOR, &albedo_name, &albedo);
     int has_emission = scene__picture_of(m, aiTextureType_EMISSIVE, &emission_name, &emission);
     int has_mask = 0, clamped = 0, k;
     float opacity = scene__number(m, AI_MATKEY_OPACITY, 1), cutoff = 0, strength = scene__number(m, AI_MATKEY_EMISSIVE_INTENSITY, 1), rgb[3];
 
     if (aiGetMaterialString(m, AI_MATKEY_NAME, &name) != aiReturn_SUCCESS) { name.length = 0; name.data[0] = 0; }
-    if (aiGetMaterialColor(m, AI_MATKEY_COLOR_DIFFUSE, &color) != aiReturn_SUCCESS && aiGetMaterialColor(m, AI_MATKEY_BASE_COLOR, &color) != aiReturn_SUCCESS)
+    if (aiGetMaterialColor(m, AI_MATKEY_COLOR_DIFFUSE, &color) != aiReturn_SUCCESS &&
+        aiGetMaterialColor(m, AI_MATKEY_BASE_COLOR, &color) != aiReturn_SUCCESS)
         color.r = color.g = color.b = has_albedo ? 1.0f : 0.6f;
     rgb[0] = color.r; rgb[1] = color.g; rgb[2] = color.b;
     for (k = 0; k < 3; k++) {
@@ -519,19 +535,24 @@ static void scene__material(scene__reader *r, unsigned index) {
     } else {
         has_mask = scene__picture_of(m, aiTextureType_OPACITY, &mask_name, &mask);
         if (has_mask || opacity < 0.5f) cutoff = 0.5f;
-        if (has_emission && !(out->emission[0] != 0.0f || out->emission[1] != 0.0f || out->emission[2] != 0.0f)) out->emission[0] = out->emission[1] = out->emission[2] = 1;
+        if (has_emission && !(out->emission[0] != 0.0f || out->emission[1] != 0.0f || out->emission[2] != 0.0f))
+            out->emission[0] = out->emission[1] = out->emission[2] = 1;
     }
     if (cutoff > opacity) r->left_out[index] = 1;  /* textures and vertices only lessen it */
     else out->alpha_cutoff = cutoff > 0.0f ? cutoff / opacity : 0.0f;
     if (r->left_out[index]) return;
 
     if (has_albedo || has_mask)
-        out->albedo_texture = scene__texture(r, has_albedo ? albedo.path : NULL, has_mask ? mask.path : NULL, scene__wrap_of(has_albedo ? &albedo : &mask));
+        out->albedo_texture =
+            scene__texture(r, has_albedo ? albedo.path : NULL, has_mask ? mask.path : NULL, scene__wrap_of(has_albedo ? &albedo : &mask));
     if (has_emission) {
         out->emission_texture = scene__texture(r, emission.path, NULL, scene__wrap_of(&emission));
-        if (!out->emission_texture) out->emission[0] = out->emission[1] = out->emission[2] = 0;  /* better dark than a wall that shines all over */
+        if (!out->emission_texture)
+            out->emission[0] = out->emission[1] = out->emission[2] = 0; /* better dark than a wall that shines all over */
         if (has_albedo && emission.set != albedo.set)
-            scene__warn(r->file, "material %s: colour and emission use different texture coordinates; those of the colour are taken for both", name.data);
+            scene__warn(r->file,
+                        "material %s: colour and emission use different texture coordinates; those of the colour are taken for both",
+                        name.data);
     }
     r->uv_set[index] = has_albedo ? albedo.set : has_emission ? emission.set : has_mask ? mask.set : 0;
 }
@@ -539,7 +560,8 @@ static void scene__material(scene__reader *r, unsigned index) {
 /* ---- meshes and nodes ---- */
 
 static void scene__multiply(double out[16], const double a[16], const struct aiMatrix4x4 *b) {  /* row-major, as assimp has them */
-    const double right[16] = { b->a1, b->a2, b->a3, b->a4, b->b1, b->b2, b->b3, b->b4, b->c1, b->c2, b->c3, b->c4, b->d1, b->d2, b->d3, b->d4 };
+    const double right[16] = { b->a1, b->a2, b->a3, b->a4, b->b1, b->b2, b->b3, b->b4,
+                               b->c1, b->c2, b->c3, b->c4, b->d1, b->d2, b->d3, b->d4 };
     int i, j, k;
     for (i = 0; i < 4; i++)
         for (j = 0; j < 4; j++) {
@@ -556,7 +578,10 @@ static void scene__mesh(scene__reader *r, const struct aiMesh *in, sbl_mesh *out
     float *positions, *normals, *texcoords, *colors;
     for (i = 0; i < in->mNumFaces; i++) triangles += in->mFaces[i].mNumIndices == 3;
     if (!triangles || !in->mVertices) return;
-    if (in->mNumVertices > INT32_MAX / 3 || triangles > INT32_MAX / 3) { scene__fail(file, "mesh %s has too many triangles", in->mName.data); return; }
+    if (in->mNumVertices > INT32_MAX / 3 || triangles > INT32_MAX / 3) {
+        scene__fail(file, "mesh %s has too many triangles", in->mName.data);
+        return;
+    }
     indices = (uint32_t *)scene__alloc(file, triangles, 3 * sizeof *indices);
     positions = (float *)scene__alloc(file, in->mNumVertices, 3 * sizeof *positions);
     if (!indices || !positions) return;
@@ -751,10 +776,13 @@ static void scene__load_here(scene_file *file, const char *path) {
     aiSetImportPropertyInteger(properties, AI_CONFIG_PP_SBP_REMOVE, aiPrimitiveType_POINT | aiPrimitiveType_LINE);
     reader.file = file;
     reader.path = path;
-    reader.in = aiImportFileExWithProperties(path, aiProcess_Triangulate | aiProcess_SortByPType | aiProcess_TransformUVCoords, &io, properties);
+    reader.in =
+        aiImportFileExWithProperties(path, aiProcess_Triangulate | aiProcess_SortByPType | aiProcess_TransformUVCoords, &io, properties);
     if (reader.in && reader.in->mRootNode) scene__convert(&reader);
     else if (strcmp(aiGetErrorString(), "No meshes remaining") == 0) scene__fail(file, "there are no triangles in it");
-    else scene__fail(file, "assimp cannot read it (%s); repair it or convert it to .glb or .obj", aiGetErrorString()[0] ? aiGetErrorString() : "it holds no scene");
+    else
+        scene__fail(file, "assimp cannot read it (%s); repair it or convert it to .glb or .obj",
+                    aiGetErrorString()[0] ? aiGetErrorString() : "it holds no scene");
     if (reader.in) aiReleaseImport(reader.in);
     aiReleasePropertyStore(properties);
     free(main_file.bytes.data);
@@ -801,7 +829,8 @@ static scene_file *scene_file_load(const char *path, const volatile sig_atomic_t
     error[0] = 0;
     if (memory > largest) memory = largest;
     /* Pages cost nothing before they are touched. */
-    for (capacity = memory; file == (scene_file *)MAP_FAILED && capacity >= (size_t)1 << 24; capacity = file == (scene_file *)MAP_FAILED ? capacity / 2 : capacity)
+    for (capacity = memory; file == (scene_file *)MAP_FAILED && capacity >= (size_t)1 << 24;
+         capacity = file == (scene_file *)MAP_FAILED ? capacity / 2 : capacity)
         file = (scene_file *)mmap(NULL, capacity, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
     if (file == (scene_file *)MAP_FAILED || pipe(ends) != 0) {
         scene__print(error, error_size, "%s: no memory to read it into: %s", path, strerror(errno));

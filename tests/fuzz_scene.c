@@ -68,7 +68,7 @@ static void fuzz_stream(fuzz_bytes *b, sbl_stream *s, int components, int count,
     memset(data, 0, bytes);
     for (i = 0; i < (size_t)count * (size_t)components; i++) {
         unsigned char *to = data + s->offset + i / (size_t)components * stride + i % (size_t)components * (element / (size_t)components);
-        if (indices) *to = (unsigned char)(fuzz_byte(b) % (unsigned)(vertices > 0 ? vertices + (fuzz_byte(b) > 250) : 1));  /* little-endian; else the other byte */
+        if (indices) *to = (unsigned char)(fuzz_byte(b) % (unsigned)(vertices > 0 && vertices < 256 ? vertices + (fuzz_byte(b) > 250) : 1));  /* little-endian; else the other byte */
         else if (type == SBL_FLOAT32) { float value = fuzz_float(b, components == 4 ? 0.0f : -1.0f, 1); memcpy(to, &value, 4); }
         else { unsigned half = fuzz_byte(b) * 60; to[0] = (unsigned char)half; to[1] = (unsigned char)(half >> 8); }
     }
@@ -161,6 +161,9 @@ static void fuzz_one(sbl_context *context, const unsigned char *data, size_t siz
         view.width = 1 + (int)(fuzz_byte(&b) % 16);
         view.height = 1 + (int)(fuzz_byte(&b) % 16);
         view.mode = (sbl_mode)fuzz_int(&b, 0, SBL_MODE_PAPER);
+        view.backend = (sbl_backend)fuzz_int(&b, 0, 2);
+        view.rays = fuzz_int(&b, 1, 40);
+        if (view.rays > 4000) view.rays = 4000;
         view.sensor_size = fuzz_int(&b, 4, 16);
         if (view.sensor_size > 64) view.sensor_size = 64;
         view.sensor_fov = fuzz_float(&b, 1, 179);

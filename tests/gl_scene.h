@@ -26,11 +26,15 @@ static inline void small_scene(test_scene *s) {
     scene_sky(s, 0.1f, 0.2f, 0.3f);
 }
 
+static sbl_backend small_backend;
+
 static inline sbl_picture_desc small_view(void) {
     sbl_picture_desc view = scene_view(SMALL_WIDTH, SMALL_HEIGHT, 50, 1.5f, 1.7f, 2.4f, 0, 0.3f, 0);
     view.tile = 4;
     view.sensor_size = 8;
     view.samples = 2;
+    view.backend = small_backend;
+    view.rays = 20;  /* more than one shader invocation takes */
     return view;
 }
 

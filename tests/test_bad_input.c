@@ -501,8 +501,8 @@ TEST(degenerate_triangles) {
 /* The brightest and the dimmest lights that are allowed. */
 TEST(extreme_light) {
     static const float lights[] = { 1e-45f, 1e-40f, 1e-37f, 1e-20f, 1e20f, 1e37f };
-    int i, k;
-    for (i = 0; i < (int)(sizeof lights / sizeof *lights); i++) {
+    int i, k, way;
+    for (i = 0; i < (int)(sizeof lights / sizeof *lights); i++) for (way = 0; way < 2; way++) {
         test_scene s = { 0 };
         sbl_scene_desc desc;
         static small_picture picture;
@@ -511,6 +511,7 @@ TEST(extreme_light) {
         desc = scene_desc(&s);
         view = small_view();
         view.mode = SBL_MODE_DIRECT;
+        view.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
         CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS && small_render(context, &view, &picture) == SBL_SUCCESS, "light of %g fails", (double)lights[i]);
         for (k = 0; k < 3 * SMALL_PIXELS; k++) if (!(picture.values[k] >= 0 && picture.values[k] <= lights[i] * 1.01f)) break;
         CHECK(k == 3 * SMALL_PIXELS, "light of %g: float %d of the picture is %g", (double)lights[i], k, (double)picture.values[k]);
@@ -550,6 +551,12 @@ TEST(picture_desc) {
     BAD_PICTURE(d.sensor_kind = (sbl_sensor_kind)-1, "sensor_kind", "-1");
     BAD_PICTURE(d.sensor_kind = SBL_SENSOR_KIND_COUNT, "sensor_kind", "3");
     BAD_PICTURE((d.mode = SBL_MODE_PAPER, d.sensor_kind = SBL_SENSOR_HEMICUBE), "sensor_kind", "HEMICUBE");
+    BAD_PICTURE(d.backend = (sbl_backend)-1, "backend", "-1");
+    BAD_PICTURE(d.backend = SBL_BACKEND_COUNT, "backend", "3");
+    BAD_PICTURE((d.backend = SBL_BACKEND_TRACE, d.mode = SBL_MODE_PAPER), "backend", "PAPER");
+    BAD_PICTURE((d.backend = SBL_BACKEND_TRACE, d.sensor_kind = SBL_SENSOR_SINGLE), "backend", "SINGLE");
+    BAD_PICTURE(d.rays = -1, "rays", "-1");
+    BAD_PICTURE(d.rays = 4097, "rays", "4097");
     BAD_PICTURE(d.sensor_size = -1, "sensor_size", "-1");
     BAD_PICTURE(d.sensor_size = 3, "sensor_size", "3");
     BAD_PICTURE(d.sensor_size = 513, "sensor_size", "513");
@@ -593,7 +600,7 @@ TEST(picture_desc) {
 }
 
 TEST(picture_desc_all_at_once) {
-    static const char *const fields[] = { "width", "height", "mode", "preset", "sensor_kind", "sensor_size", "sensor_fov", "tile", "threshold", "epsilon", "filter_radius", "samples",
+    static const char *const fields[] = { "width", "height", "mode", "preset", "sensor_kind", "backend", "rays", "sensor_size", "sensor_fov", "tile", "threshold", "epsilon", "filter_radius", "samples",
                                           "world_to_view[2]", "world_to_view[9]", "view_to_clip[7]" };
     int i, count = (int)(sizeof fields / sizeof *fields);
     sbl_picture_desc d = small_view();
@@ -601,7 +608,8 @@ TEST(picture_desc_all_at_once) {
     d.mode = SBL_MODE_COUNT;
     d.preset = SBL_PRESET_COUNT;
     d.sensor_kind = SBL_SENSOR_KIND_COUNT;
-    d.sensor_size = d.tile = d.samples = -1;
+    d.backend = SBL_BACKEND_COUNT;
+    d.rays = d.sensor_size = d.tile = d.samples = -1;
     d.sensor_fov = d.threshold = d.epsilon = NOT;
     d.filter_radius = 99;
     d.world_to_view[2] = d.world_to_view[9] = d.view_to_clip[7] = INF;
@@ -634,6 +642,12 @@ TEST(picture_desc_ends_of_ranges) {
     d.filter_radius = INT_MIN;
     d.samples = 1;
     d.threshold = 3e38f;
+    CHECK(sbl_render(context, &d) == SBL_SUCCESS, "%s", watch_last(&seen));
+    d.backend = SBL_BACKEND_TRACE;
+    d.sensor_kind = SBL_SENSOR_DEFAULT;
+    d.rays = 4096;
+    CHECK(sbl_render(context, &d) == SBL_SUCCESS, "%s", watch_last(&seen));
+    d.rays = 1;
     CHECK(sbl_render(context, &d) == SBL_SUCCESS, "%s", watch_last(&seen));
     usable("the ends of ranges");
 }
@@ -806,17 +820,18 @@ static int cancel(float done, void *user) {
 
 TEST(cancel_at_every_call) {
     int stop, budget, steps, most = 0;
-    for (budget = 0; budget < 2; budget++)
+    for (budget = 0; budget < 4; budget++)
         for (stop = 1; stop < 500; stop++) {
             canceller c = { 0, 0, 0, 0 };
             sbl_result result;
             float value;
             c.stop_at = stop;
             view = small_view();
+            view.backend = budget < 2 ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
             view.progress = cancel;
             view.progress_user = &c;
             result = sbl_begin(context, &view);
-            for (steps = 0; steps < 10000 && (steps == 0 ? result == SBL_SUCCESS : result == SBL_UNFINISHED); steps++) result = sbl_step(context, budget ? 1e-9 : 0);
+            for (steps = 0; steps < 10000 && (steps == 0 ? result == SBL_SUCCESS : result == SBL_UNFINISHED); steps++) result = sbl_step(context, budget % 2 ? 1e-9 : 0);
             REQUIRE(steps < 10000, "the picture is not done after %d calls of sbl_step", steps);
             CHECK(c.out_of_order == 0, "progress went back or out of 0 to 1");
             if (c.calls < stop) {
@@ -844,6 +859,7 @@ TEST(giving_up_midway) {
             sbl_context *c = context;
             int before = seen.blocks;
             view = small_view();
+            view.backend = steps % 2 ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
             if (way == 4) REQUIRE(sbl_create(&desc, &c) == SBL_SUCCESS && sbl_set_scene(c, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
             REQUIRE(sbl_begin(c, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
             for (k = 0; k < steps; k++) if (sbl_step(c, 1e-9) != SBL_UNFINISHED) break;

@@ -133,8 +133,8 @@ static picture read_pfm(const char *name) {
     int y, head = 0, length;
     char line[64];
     if (!in) return p;
-    if (fgets(line, sizeof line, in) && strcmp(line, "PF\n") == 0 && fscanf(in, "%d %d\n%f%n", &p.width, &p.height, &scale, &head) == 3 && fgetc(in) == '\n' &&
-        scale < 0 && p.width > 0 && p.height > 0 && p.width < 1000 && p.height < 1000) {
+    if (fgets(line, sizeof line, in) && strcmp(line, "PF\n") == 0 && fscanf(in, "%d %d\n%f%n", &p.width, &p.height, &scale, &head) == 3 &&
+        fgetc(in) == '\n' && scale < 0 && p.width > 0 && p.height > 0 && p.width < 1000 && p.height < 1000) {
         length = 3 * p.width;
         p.values = (float *)calloc((size_t)(length * p.height), sizeof(float));
         for (y = p.height - 1; y >= 0; y--)
@@ -153,7 +153,9 @@ static int encode_srgb(double x) {
 }
 
 /* Four by four texels, all different, with a different value in every corner of the picture. */
-static int texel(int x, int y, int k) { return k == 3 ? 17 * (4 * y + x) : k == 0 ? 60 + 50 * x : k == 1 ? 250 - 60 * y : 40 + 12 * (4 * y + x); }
+static int texel(int x, int y, int k) {
+    return k == 3 ? 17 * (4 * y + x) : k == 0 ? 60 + 50 * x : k == 1 ? 250 - 60 * y : 40 + 12 * (4 * y + x);
+}
 static void make_texels(unsigned char *out, int channels) {
     int x, y, k;
     for (y = 0; y < 4; y++)
@@ -192,8 +194,8 @@ static void wall_obj(void) {
     for (i = 0; i < 16; i++) {
         double left = -1 + 0.5 * (i % 4), top = 1 - 0.5 * (i / 4);
         fprintf(mtl, "newmtl m%d\n%s\n", i, materials[i]);
-        fprintf(obj, "g cell%d\nusemtl m%d\nv %g %g 0\nv %g %g 0\nv %g %g 0\nv %g %g 0\nf %d/1 %d/2 %d/3 %d/4\n", i, i, left, top - 0.5, left + 0.5, top - 0.5,
-                left + 0.5, top, left, top, 4 * i + 1, 4 * i + 2, 4 * i + 3, 4 * i + 4);
+        fprintf(obj, "g cell%d\nusemtl m%d\nv %g %g 0\nv %g %g 0\nv %g %g 0\nv %g %g 0\nf %d/1 %d/2 %d/3 %d/4\n", i, i, left, top - 0.5,
+                left + 0.5, top - 0.5, left + 0.5, top, left, top, 4 * i + 1, 4 * i + 2, 4 * i + 3, 4 * i + 4);
     }
     fclose(mtl);
     fclose(obj);
@@ -228,10 +230,13 @@ static double by_alpha(int x, int y, int k) { return texel(x, y, 3) >= 128 ? tex
 TEST(obj_materials_and_textures) {
     picture albedo, final;
     wall_obj();
-    CHECK(TOOL("wall.obj", WALL_CAMERA, WALL_SIZE, SMALL, "--mode", "direct", "--channel", "albedo", "-o", "albedo.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
-    CHECK(ran.err_lines == 1 && strstr(ran.err, "warning") && strstr(ran.err, "absent.png"), "the missing texture should be the one warning: %s", ran.err);
+    CHECK(TOOL("wall.obj", WALL_CAMERA, WALL_SIZE, SMALL, "--mode", "direct", "--channel", "albedo", "-o", "albedo.pfm") == 0,
+          "exit status %d: %s", ran.status, ran.err);
+    CHECK(ran.err_lines == 1 && strstr(ran.err, "warning") && strstr(ran.err, "absent.png"),
+          "the missing texture should be the one warning: %s", ran.err);
     albedo = read_pfm("albedo.pfm");
-    CHECK(TOOL("wall.obj", WALL_CAMERA, WALL_SIZE, SMALL, "--mode", "direct", "--quiet", "-o", "final.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
+    CHECK(TOOL("wall.obj", WALL_CAMERA, WALL_SIZE, SMALL, "--mode", "direct", "--quiet", "-o", "final.pfm") == 0, "exit status %d: %s",
+          ran.status, ran.err);
     CHECK(!ran.err[0], "--quiet should say nothing: %s", ran.err);
     final = read_pfm("final.pfm");
     REQUIRE(albedo.values && final.values && albedo.width == 16 && albedo.height == 16, "the pictures are not there");
@@ -291,7 +296,8 @@ static size_t base64(const unsigned char *data, size_t size, char *out) {
 static void wall_gltf(const char *name, int binary) {
     static unsigned char buffer[4096];
     static char json[32768], text[8192];
-    const float positions[12] = { 0, -0.5f, 0, 0.5f, -0.5f, 0, 0.5f, 0, 0, 0, 0, 0 }, texcoords[8] = { 0, 1, 1, 1, 1, 0, 0, 0 };  /* v = 0 is the top */
+    const float positions[12] = { 0, -0.5f, 0, 0.5f, -0.5f, 0, 0.5f, 0, 0, 0, 0, 0 },
+                texcoords[8] = { 0, 1, 1, 1, 1, 0, 0, 0 }; /* v = 0 is the top */
     const float colors[16] = { 0, 0, 0, 1, 1, 0, 0, 1, 1, 1, 0, 1, 0, 1, 0, 1 };
     const unsigned short indices[6] = { 0, 1, 2, 0, 2, 3 };
     unsigned char rgba[64], *png;
@@ -305,9 +311,14 @@ static void wall_gltf(const char *name, int binary) {
     png = stbi_write_png_to_mem(rgba, 16, 4, 4, 4, &png_size);
     memcpy(buffer + size, png, (size_t)png_size);
     size = (size + (size_t)png_size + 3) & ~(size_t)3;
-    n += sprintf(json + n, "{\"asset\":{\"version\":\"2.0\"},\"extensionsUsed\":[\"KHR_materials_emissive_strength\"],\"scene\":0,\"scenes\":[{\"nodes\":[");
+    n += sprintf(
+        json + n,
+        "{\"asset\":{\"version\":\"2.0\"},\"extensionsUsed\":[\"KHR_materials_emissive_strength\"],\"scene\":0,\"scenes\":[{\"nodes\":[");
     for (i = 0; i < GLTF_CELLS; i++) n += sprintf(json + n, "%d,", GLTF_CELLS - 1 - i);
-    n += sprintf(json + n, "%d]}],\"cameras\":[{\"type\":\"perspective\",\"perspective\":{\"yfov\":1.5707963267948966,\"aspectRatio\":1.7,\"znear\":0.01}}],\"nodes\":[", GLTF_CELLS);
+    n += sprintf(json + n,
+                 "%d]}],\"cameras\":[{\"type\":\"perspective\",\"perspective\":{\"yfov\":1.5707963267948966,\"aspectRatio\":1.7,\"znear\":"
+                 "0.01}}],\"nodes\":[",
+                 GLTF_CELLS);
     for (i = 0; i < GLTF_CELLS; i++) {
         /* 14 and 15 are uses of the meshes 0 and 12, by a parent that shifts and a child that scales */
         if (i == 14) n += sprintf(json + n, "{\"translation\":[0,-0.75,0],\"children\":[%d]},", GLTF_CELLS + 1);
@@ -315,18 +326,22 @@ static void wall_gltf(const char *name, int binary) {
     }
     n += sprintf(json + n, "{\"camera\":0,\"translation\":[0,0,1]},{\"mesh\":12,\"scale\":[0.5,0.5,1]}],\"meshes\":[");
     for (i = 0; i < GLTF_CELLS; i++)
-        n += sprintf(json + n, "%s{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"TEXCOORD_0\":1%s},\"indices\":3,\"material\":%d}]}", i ? "," : "",
-                     i == 11 ? ",\"COLOR_0\":2" : "", (i + 3) % GLTF_CELLS);
+        n += sprintf(json + n, "%s{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"TEXCOORD_0\":1%s},\"indices\":3,\"material\":%d}]}",
+                     i ? "," : "", i == 11 ? ",\"COLOR_0\":2" : "", (i + 3) % GLTF_CELLS);
     n += sprintf(json + n, "],\"materials\":[");
     for (i = 0; i < GLTF_CELLS; i++) n += sprintf(json + n, "%s{%s}", i ? "," : "", gltf_materials[(i + GLTF_CELLS - 3) % GLTF_CELLS]);
     n += sprintf(json + n, "],\"samplers\":[{}],\"textures\":[{\"source\":0,\"sampler\":0},{\"source\":0}],\"images\":[");
     base64(png, (size_t)png_size, text);
-    n += binary ? sprintf(json + n, "{\"bufferView\":4,\"mimeType\":\"image/png\"}") : sprintf(json + n, "{\"uri\":\"data:image/png;base64,%s\"}", text);
-    n += sprintf(json + n, "],\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\",\"min\":[0,-0.5,0],\"max\":[0.5,0,0]},"
-                           "{\"bufferView\":1,\"componentType\":5126,\"count\":4,\"type\":\"VEC2\"},{\"bufferView\":2,\"componentType\":5126,\"count\":4,\"type\":\"VEC4\"},"
-                           "{\"bufferView\":3,\"componentType\":5123,\"count\":6,\"type\":\"SCALAR\"}],"
-                           "\"bufferViews\":[{\"buffer\":0,\"byteLength\":48},{\"buffer\":0,\"byteOffset\":48,\"byteLength\":32},"
-                           "{\"buffer\":0,\"byteOffset\":80,\"byteLength\":64},{\"buffer\":0,\"byteOffset\":144,\"byteLength\":12}");
+    n += binary ? sprintf(json + n, "{\"bufferView\":4,\"mimeType\":\"image/png\"}")
+                : sprintf(json + n, "{\"uri\":\"data:image/png;base64,%s\"}", text);
+    n += sprintf(
+        json + n,
+        "],\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\",\"min\":[0,-0.5,0],\"max\":[0.5,0,0]},"
+        "{\"bufferView\":1,\"componentType\":5126,\"count\":4,\"type\":\"VEC2\"},{\"bufferView\":2,\"componentType\":5126,\"count\":4,"
+        "\"type\":\"VEC4\"},"
+        "{\"bufferView\":3,\"componentType\":5123,\"count\":6,\"type\":\"SCALAR\"}],"
+        "\"bufferViews\":[{\"buffer\":0,\"byteLength\":48},{\"buffer\":0,\"byteOffset\":48,\"byteLength\":32},"
+        "{\"buffer\":0,\"byteOffset\":80,\"byteLength\":64},{\"buffer\":0,\"byteOffset\":144,\"byteLength\":12}");
     if (binary) n += sprintf(json + n, ",{\"buffer\":0,\"byteOffset\":156,\"byteLength\":%d}", png_size);
     base64(buffer, size, text);
     if (binary) n += sprintf(json + n, "],\"buffers\":[{\"byteLength\":%d}]}", (int)size);
@@ -361,7 +376,8 @@ static void check_gltf(const char *scene) {
     int x, y, k, lit = 0;
     char channel[64];
     snprintf(channel, sizeof channel, "%s.albedo.pfm", scene);
-    CHECK(TOOL(scene, WALL_SIZE, SMALL, "--mode", "direct", "--channel", "albedo", "-o", channel) == 0, "exit status %d: %s", ran.status, ran.err);
+    CHECK(TOOL(scene, WALL_SIZE, SMALL, "--mode", "direct", "--channel", "albedo", "-o", channel) == 0, "exit status %d: %s", ran.status,
+          ran.err);
     CHECK(!ran.err[0], "there is nothing to warn of: %s", ran.err);
     albedo = read_pfm(channel);
     CHECK(TOOL(scene, WALL_SIZE, SMALL, "--mode", "direct", "-o", "final.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
@@ -402,7 +418,9 @@ TEST(ids_are_of_uses_of_meshes) {
         if (cell == 9 || cell == 14) continue;  /* cut out; not filled */
         CHECK(at(&id, cell % 4 * 4 + 3, cell / 4 * 4 + 3, 0) > 0, "cell %d has no id", cell);
         for (other = 0; other < cell; other++)
-            CHECK(other == 9 || other == 14 || at(&id, cell % 4 * 4 + 3, cell / 4 * 4 + 3, 0) != at(&id, other % 4 * 4 + 3, other / 4 * 4 + 3, 0), "cells %d and %d share an id", cell, other);
+            CHECK(other == 9 || other == 14 ||
+                      at(&id, cell % 4 * 4 + 3, cell / 4 * 4 + 3, 0) != at(&id, other % 4 * 4 + 3, other / 4 * 4 + 3, 0),
+                  "cells %d and %d share an id", cell, other);
     }
     free(id.values);
 }
@@ -413,16 +431,19 @@ TEST(options_override_the_files_camera) {
     picture a, b;
     wall_gltf("wall.glb", 1);
     CHECK(TOOL("wall.glb", WALL_SIZE, SMALL, "--channel", "position", "-o", "a.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
-    CHECK(TOOL("wall.glb", WALL_SIZE, SMALL, "--channel", "position", "--eye=0,0,1", "--look-at", "0,0,-5", "--up", "0,2,0", "--fov", "90", "-o", "b.pfm") == 0,
+    CHECK(TOOL("wall.glb", WALL_SIZE, SMALL, "--channel", "position", "--eye=0,0,1", "--look-at", "0,0,-5", "--up", "0,2,0", "--fov", "90",
+               "-o", "b.pfm") == 0,
           "exit status %d: %s", ran.status, ran.err);
     a = read_pfm("a.pfm");
     b = read_pfm("b.pfm");
     REQUIRE(a.values && b.values, "the pictures are not there");
-    CHECK(fabs(at(&a, 0, 0, 0) + 15 / 16.0) < 1e-4 && fabs(at(&a, 0, 0, 1) - 15 / 16.0) < 1e-4, "the top left pixel shows %g %g", at(&a, 0, 0, 0), at(&a, 0, 0, 1));
+    CHECK(fabs(at(&a, 0, 0, 0) + 15 / 16.0) < 1e-4 && fabs(at(&a, 0, 0, 1) - 15 / 16.0) < 1e-4, "the top left pixel shows %g %g",
+          at(&a, 0, 0, 0), at(&a, 0, 0, 1));
     CHECK(memcmp(a.values, b.values, 16 * 16 * 3 * sizeof(float)) == 0, "the file's camera and the same one in options differ");
     free(a.values);
     free(b.values);
-    CHECK(TOOL("wall.glb", WALL_SIZE, SMALL, "--channel", "position", "--fov", "45.0", "--up", "1,0,0", "-o", "a.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
+    CHECK(TOOL("wall.glb", WALL_SIZE, SMALL, "--channel", "position", "--fov", "45.0", "--up", "1,0,0", "-o", "a.pfm") == 0,
+          "exit status %d: %s", ran.status, ran.err);
     a = read_pfm("a.pfm");
     REQUIRE(a.values, "the picture is not there");
     /* turned by a quarter: up is +x, so the right side is -y; tan(22.5 degrees) of it is seen */
@@ -434,13 +455,15 @@ TEST(options_override_the_files_camera) {
 static void check_framed(const char *size, int width, int height) {
     picture depth;
     int x, y, seen = 0, border = 0;
-    REQUIRE(TOOL("block.obj", "--size", size, SMALL, "--quiet", "--channel", "depth", "-o", "depth.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
+    REQUIRE(TOOL("block.obj", "--size", size, SMALL, "--quiet", "--channel", "depth", "-o", "depth.pfm") == 0, "exit status %d: %s",
+            ran.status, ran.err);
     depth = read_pfm("depth.pfm");
     REQUIRE(depth.values, "the picture is not there");
     for (y = 0; y < height; y++)
         for (x = 0; x < width; x++)
             if (at(&depth, x, y, 0) > 0) { seen++; border += x == 0 || y == 0 || x == width - 1 || y == height - 1; }
-    CHECK(seen * 12 > (width < height ? width * width : height * height) && !border, "%s: %d pixels of the scene are seen, %d of them at the border", size, seen, border);
+    CHECK(seen * 12 > (width < height ? width * width : height * height) && !border,
+          "%s: %d pixels of the scene are seen, %d of them at the border", size, seen, border);
     free(depth.values);
 }
 TEST(without_a_camera_the_scene_is_framed) {
@@ -543,11 +566,13 @@ TEST(statistics_have_every_field) {
     double sum = 0, parts = 0;
     int i, lines;
     room_obj();
-    REQUIRE(TOOL(ROOM, "--mode", "direct", "--stats", "stats.json", "--quiet", "-o", "room.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
+    REQUIRE(TOOL(ROOM, "--mode", "direct", "--stats", "stats.json", "--quiet", "-o", "room.pfm") == 0, "exit status %d: %s", ran.status,
+            ran.err);
     read_text(in_folder("stats.json"), text, sizeof text, &lines);
     REQUIRE(text[0] == '{' && strstr(text, "}\n"), "it is no JSON object: %s", text);
-    CHECK(strstr(text, "\"version\": \"") && strstr(text, "\"renderer\": \"") && strstr(text, "\"mode\": \"direct\"") && strstr(text, "\"backend\": \"raster\"") &&
-          strstr(text, "\"size\": [24, 16]"), "a field is missing or wrong: %s", text);
+    CHECK(strstr(text, "\"version\": \"") && strstr(text, "\"renderer\": \"") && strstr(text, "\"mode\": \"direct\"") &&
+              strstr(text, "\"backend\": \"raster\"") && strstr(text, "\"size\": [24, 16]"),
+          "a field is missing or wrong: %s", text);
     for (i = 0; i < 9; i++) CHECK(json_number(text, counts[i]) >= 0, "%s is missing", counts[i]);
     for (i = 0; i < 9; i++) {
         CHECK(json_number(text, seconds[i]) >= 0, "seconds: %s is missing", seconds[i]);
@@ -555,14 +580,29 @@ TEST(statistics_have_every_field) {
     }
     CHECK(json_number(text, "triangles") == 6.0, "%g triangles", json_number(text, "triangles"));
     CHECK(json_number(text, "rays") == 0.0, "rays without the back end that casts them");
-    CHECK(json_number(text, "sensors") > 0 && json_number(text, "sensor_texels") >= json_number(text, "sensors") * 64, "%g sensors, %g texels", json_number(text, "sensors"),
-          json_number(text, "sensor_texels"));
-    for (level = strstr(text, "\"levels\""); level && (level = strstr(level, "{\"tile\"")) != NULL; level++) sum += json_number(level, "sensors");
+    CHECK(json_number(text, "sensors") > 0 && json_number(text, "sensor_texels") >= json_number(text, "sensors") * 64,
+          "%g sensors, %g texels", json_number(text, "sensors"), json_number(text, "sensor_texels"));
+    for (level = strstr(text, "\"levels\""); level && (level = strstr(level, "{\"tile\"")) != NULL; level++)
+        sum += json_number(level, "sensors");
     CHECK(sum == json_number(text, "sensors"), "the levels' sensors add up to %g of %g", sum, json_number(text, "sensors"));
-    CHECK(json_number(text, "total") >= parts && json_number(text, "load") > 0, "the parts take %g s, all takes %g s", parts, json_number(text, "total"));
-    CHECK(json_number(text, "peak_host_bytes") > 1e6 && json_number(text, "peak_gpu_bytes") > 1e5, "peak memory is %g and %g bytes", json_number(text, "peak_host_bytes"),
-          json_number(text, "peak_gpu_bytes"));
+    CHECK(json_number(text, "total") >= parts && json_number(text, "load") > 0, "the parts take %g s, all takes %g s", parts,
+          json_number(text, "total"));
+    CHECK(json_number(text, "peak_host_bytes") > 1e6 && json_number(text, "peak_gpu_bytes") > 1e5, "peak memory is %g and %g bytes",
+          json_number(text, "peak_host_bytes"), json_number(text, "peak_gpu_bytes"));
     CHECK(!parts_left(), "%d temporary files are left", leftovers);
+}
+
+TEST(rays_can_be_traced) {
+    char text[8192];
+    int lines;
+    room_obj();
+    REQUIRE(TOOL(ROOM, "--mode", "direct", "--backend", "trace", "--rays", "33", "--tile", "1", "--stats", "stats.json", "-o", "room.pfm") == 0,
+            "exit status %d: %s", ran.status, ran.err);
+    read_text(in_folder("stats.json"), text, sizeof text, &lines);
+    CHECK(strstr(text, "\"backend\": \"trace\"") && json_number(text, "rays") == 33 * json_number(text, "sensors") && json_number(text, "rays") > 0,
+          "statistics: %s", text);
+    CHECK(TOOL(ROOM, "--backend", "trace", "--mode", "paper") == 2 && strstr(ran.err, "--backend trace"), "the paper's mode: exit status %d: %s", ran.status, ran.err);
+    CHECK(TOOL(ROOM, "--rays", "4097") == 2, "4097 rays: exit status %d: %s", ran.status, ran.err);
 }
 
 TEST(a_sensor_can_be_inspected) {
@@ -578,8 +618,10 @@ TEST(a_sensor_can_be_inspected) {
     line = strstr(ran.out, "sum of weights ");
     REQUIRE(line && sscanf(line, "sum of weights %lf", &weights) == 1, "the weights are missing: %s", ran.out);
     CHECK(fabs(weights - 1) < 1e-4, "the weights sum to %g", weights);
-    CHECK(r[0] > 0 && fabs(r[0] - sum[0]) < 1e-3 * r[0] && fabs(r[2] / r[0] - 7.0 / 5) < 0.02, "R is %g %g %g, the sum %g", r[0], r[1], r[2], sum[0]);
-    CHECK(TOOL(ROOM, "--inspect", "24,0", "-o", "outside.png") == 1 && ran.err_lines == 1 && !exists("outside.png"), "outside of the picture: exit status %d: %s", ran.status, ran.err);
+    CHECK(r[0] > 0 && fabs(r[0] - sum[0]) < 1e-3 * r[0] && fabs(r[2] / r[0] - 7.0 / 5) < 0.02, "R is %g %g %g, the sum %g", r[0], r[1],
+          r[2], sum[0]);
+    CHECK(TOOL(ROOM, "--inspect", "24,0", "-o", "outside.png") == 1 && ran.err_lines == 1 && !exists("outside.png"),
+          "outside of the picture: exit status %d: %s", ran.status, ran.err);
 }
 
 /* To sbl.h a zero means the default; on the command line it means zero. */
@@ -613,17 +655,51 @@ TEST(zero_is_zero) {
 /* >>failures */
 
 TEST(bad_usage_is_two) {
-    static const char *const lines[][6] = {
-        { NULL }, { "--size" }, { "room.obj", "--size", "0x5" }, { "room.obj", "--size", "640" }, { "room.obj", "--size", "640x480x2" }, { "room.obj", "--size", "16385x16" },
-        { "room.obj", "--size", "-5x5" }, { "room.obj", "--eye", "1,2" }, { "room.obj", "--eye", "1,2,x" }, { "room.obj", "--eye", "1,2,nan" }, { "room.obj", "--look-at", "1,2,inf" },
-        { "room.obj", "--eye", "1, 2,3" }, { "room.obj", "--up", "" }, { "room.obj", "--fov", "180" }, { "room.obj", "--fov", "0" }, { "room.obj", "--fov", "40deg" },
-        { "room.obj", "--sky", "1,1,-1" }, { "room.obj", "--sky", "sky.hdr" }, { "room.obj", "--mode", "fast" }, { "room.obj", "--preset", "High" }, { "room.obj", "--channel", "beauty" },
-        { "room.obj", "--backend", "metal" }, { "room.obj", "--sensor-size", "3" }, { "room.obj", "--sensor-size", "513" }, { "room.obj", "--sensor-size", "12.5" },
-        { "room.obj", "--sensor-fov", "100" }, { "room.obj", "--mode", "paper", "--sensor-fov", "180" }, { "room.obj", "--tile", "0" }, { "room.obj", "--threshold", "-1" },
-        { "room.obj", "--filter-radius", "33" }, { "room.obj", "--samples", "65" }, { "room.obj", "--exposure", "bright" }, { "room.obj", "--seed", "99999999999" },
-        { "room.obj", "--epsilon", "-0.1" }, { "room.obj", "-o", "out.jpg" }, { "room.obj", "-o" }, { "room.obj", "--fast" }, { "room.obj", "--quiet=yes" }, { "room.obj", "-x" },
-        { "room.obj", "other.obj" }, { "room.obj", "--inspect", "5" }, { "room.obj", "--inspect", "5,5", "--channel", "id" }, { "room.obj", "--stats" },
-        { "room.obj", "--eye", "0,0,0", "--look-at", "0,0,0" }, { "room.obj", "--up", "0,0,0" } };
+    static const char *const lines[][6] = { { NULL },
+                                            { "--size" },
+                                            { "room.obj", "--size", "0x5" },
+                                            { "room.obj", "--size", "640" },
+                                            { "room.obj", "--size", "640x480x2" },
+                                            { "room.obj", "--size", "16385x16" },
+                                            { "room.obj", "--size", "-5x5" },
+                                            { "room.obj", "--eye", "1,2" },
+                                            { "room.obj", "--eye", "1,2,x" },
+                                            { "room.obj", "--eye", "1,2,nan" },
+                                            { "room.obj", "--look-at", "1,2,inf" },
+                                            { "room.obj", "--eye", "1, 2,3" },
+                                            { "room.obj", "--up", "" },
+                                            { "room.obj", "--fov", "180" },
+                                            { "room.obj", "--fov", "0" },
+                                            { "room.obj", "--fov", "40deg" },
+                                            { "room.obj", "--sky", "1,1,-1" },
+                                            { "room.obj", "--sky", "sky.hdr" },
+                                            { "room.obj", "--mode", "fast" },
+                                            { "room.obj", "--preset", "High" },
+                                            { "room.obj", "--channel", "beauty" },
+                                            { "room.obj", "--backend", "metal" },
+                                            { "room.obj", "--sensor-size", "3" },
+                                            { "room.obj", "--sensor-size", "513" },
+                                            { "room.obj", "--sensor-size", "12.5" },
+                                            { "room.obj", "--sensor-fov", "100" },
+                                            { "room.obj", "--mode", "paper", "--sensor-fov", "180" },
+                                            { "room.obj", "--tile", "0" },
+                                            { "room.obj", "--threshold", "-1" },
+                                            { "room.obj", "--filter-radius", "33" },
+                                            { "room.obj", "--samples", "65" },
+                                            { "room.obj", "--exposure", "bright" },
+                                            { "room.obj", "--seed", "99999999999" },
+                                            { "room.obj", "--epsilon", "-0.1" },
+                                            { "room.obj", "-o", "out.jpg" },
+                                            { "room.obj", "-o" },
+                                            { "room.obj", "--fast" },
+                                            { "room.obj", "--quiet=yes" },
+                                            { "room.obj", "-x" },
+                                            { "room.obj", "other.obj" },
+                                            { "room.obj", "--inspect", "5" },
+                                            { "room.obj", "--inspect", "5,5", "--channel", "id" },
+                                            { "room.obj", "--stats" },
+                                            { "room.obj", "--eye", "0,0,0", "--look-at", "0,0,0" },
+                                            { "room.obj", "--up", "0,0,0" } };
     size_t i, k;
     room_obj();
     for (i = 0; i < sizeof lines / sizeof lines[0]; i++) {
@@ -632,7 +708,8 @@ TEST(bad_usage_is_two) {
         remove(in_folder("sbl.png"));
         run(lines[i]);
         CHECK(ran.status == 2, "sbl_render%s: exit status %d, expected 2: %s", shown, ran.status, ran.err);
-        CHECK(ran.err_lines == 1 && strncmp(ran.err, "sbl_render: ", 12) == 0 && !ran.out[0], "sbl_render%s: expected one line on stderr: %s%s", shown, ran.err, ran.out);
+        CHECK(ran.err_lines == 1 && strncmp(ran.err, "sbl_render: ", 12) == 0 && !ran.out[0],
+              "sbl_render%s: expected one line on stderr: %s%s", shown, ran.err, ran.out);
         CHECK(!exists("sbl.png"), "sbl_render%s: a picture was written", shown);
     }
 }
@@ -648,8 +725,6 @@ static void check_refused(const char *what, const char *words) {
 TEST(failures_are_one) {
     room_obj();
     TOOL(ROOM, "--mode", "gi", "-o", "refused.png"); check_refused("--mode gi", "bounced light");
-    TOOL(ROOM, "--backend", "trace", "-o", "refused.png"); check_refused("--backend trace", "--backend trace");
-    TOOL(ROOM, "--rays", "64", "-o", "refused.png"); check_refused("--rays", "--rays");
     TOOL("absent.obj", "-o", "refused.png"); check_refused("no scene", "absent.obj: No such file");
     TOOL(".", "-o", "refused.png"); check_refused("a folder", "directory");
     TOOL("/dev/null", "-o", "refused.png"); check_refused("a device", "/dev/null");
@@ -662,19 +737,24 @@ TEST(failures_are_one) {
 }
 
 TEST(hostile_files_are_refused) {
-    static const struct { const char *name, *text, *words; } files[] = {
+    static const struct { const char *name, *text, *words;
+    } files[] = {
         { "empty.obj", "", "empty.obj" },
         { "points.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\np 1 2 3\n", "no triangles" },
         { "index.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9999\n", "index.obj" },
         { "nan.obj", "g door\nv nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "finite" },
         { "far.obj", "v 1e30 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "vertex 0" },
         { "text.gltf", "this is no JSON KHR_materials_emissive_strength", "text.gltf" },
-        { "nodes.gltf", "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"children\":[0]}]}", "nodes.gltf" },
-        { "types.gltf", "{\"asset\":{\"version\":\"2.0\"},\"materials\":{\"extensions\":\"KHR_materials_emissive_strength\"},\"cameras\":7,\"scene\":[]}", "types.gltf" },
+        { "nodes.gltf", "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"children\":[0]}]}",
+          "nodes.gltf" },
+        { "types.gltf",
+          "{\"asset\":{\"version\":\"2.0\"},\"materials\":{\"extensions\":\"KHR_materials_emissive_strength\"},\"cameras\":7,\"scene\":[]}",
+          "types.gltf" },
         { "short.glb", "glTF\2\0\0\0", "short.glb" },
         { "lies.glb", "glTF\2\1\1\1\377\377\377\177\377\377\377\177JSON{\"aspectRatio\":1}", "lies.glb" },
         { "kind.unknown", "hello", "kind.unknown" },
-        { "line\nfeed.obj", "v 0 0 0\n", "line?feed.obj" } };
+        { "line\nfeed.obj", "v 0 0 0\n", "line?feed.obj" }
+    };
     char deep[3000], *text;
     size_t i;
     for (i = 0; i < sizeof files / sizeof files[0]; i++) {
@@ -708,10 +788,15 @@ static int try_file(const char *path, const struct stat *info, int kind, struct 
     TOOL(full, "--quiet", "--size", "8x6", "--sensor-size", "4", "--samples", "1", "--tile", "8", "--threshold", "100", "-o", "hostile.png");
     if (SANITIZED && ran.status == 1 && strstr(ran.err, "SUMMARY: AddressSanitizer")) {
         /* a reader that dies in its own process does it aloud here; our code must not be where it happens */
-        const char *summary = strstr(ran.err, "SUMMARY: AddressSanitizer"), *memory = strstr(ran.err, "ERROR: AddressSanitizer: requested allocation size");
-        CHECK((strstr(summary, "libassimp") || (memory && strstr(memory, "libassimp"))) && strstr(summary, "sbl_render: "), "%s: %s", path, ran.err);
-    } else CHECK((ran.status == 0 && !ran.err[0]) || (ran.status == 1 && ran.err_lines == 1), "%s: exit status %d: %s", path, ran.status, ran.err);
-    CHECK(exists("hostile.png") == (ran.status == 0) && !parts_left(), "%s: exit status %d, but the picture is%s there", path, ran.status, exists("hostile.png") ? "" : " not");
+        const char *summary = strstr(ran.err, "SUMMARY: AddressSanitizer"),
+                   *memory = strstr(ran.err, "ERROR: AddressSanitizer: requested allocation size");
+        CHECK((strstr(summary, "libassimp") || (memory && strstr(memory, "libassimp"))) && strstr(summary, "sbl_render: "), "%s: %s", path,
+              ran.err);
+    } else
+        CHECK((ran.status == 0 && !ran.err[0]) || (ran.status == 1 && ran.err_lines == 1), "%s: exit status %d: %s", path, ran.status,
+              ran.err);
+    CHECK(exists("hostile.png") == (ran.status == 0) && !parts_left(), "%s: exit status %d, but the picture is%s there", path, ran.status,
+          exists("hostile.png") ? "" : " not");
     remove(in_folder("hostile.png"));
     return 0;
 }
@@ -742,13 +827,16 @@ TEST(a_file_is_written_whole_or_not_at_all) {
         CHECK(strcmp(text, "old\n") == 0, "%s: the old file should have stayed", names[i]);
         CHECK(!parts_left(), "%s: %d temporary files are left", names[i], leftovers);
     }
-    CHECK(run(arguments) == 0 && stat(in_folder("whole.pfm"), &info) == 0 && info.st_size > 64 * 48 * 12, "exit status %d: %s", ran.status, ran.err);
+    CHECK(run(arguments) == 0 && stat(in_folder("whole.pfm"), &info) == 0 && info.st_size > 64 * 48 * 12, "exit status %d: %s", ran.status,
+          ran.err);
     /* through a link to the file, which stays a link; into a pipe */
-    CHECK(symlink("whole.pfm", in_folder("link.pfm")) == 0 && run(link_to) == 0 && lstat(in_folder("link.pfm"), &info) == 0 && S_ISLNK(info.st_mode) &&
-          stat(in_folder("whole.pfm"), &info) == 0 && info.st_size < 1000, "a link should be written through: %s", ran.err);
+    CHECK(symlink("whole.pfm", in_folder("link.pfm")) == 0 && run(link_to) == 0 && lstat(in_folder("link.pfm"), &info) == 0 &&
+              S_ISLNK(info.st_mode) && stat(in_folder("whole.pfm"), &info) == 0 && info.st_size < 1000,
+          "a link should be written through: %s", ran.err);
     reader = mkfifo(in_folder("pipe"), 0666) == 0 ? open(in_folder("pipe"), O_RDONLY | O_NONBLOCK) : -1;
     REQUIRE(reader >= 0, "no pipe: %s", strerror(errno));
-    CHECK(TOOL(ROOM, "-o", "room.pfm", "--stats", "pipe") == 0 && lstat(in_folder("pipe"), &info) == 0 && S_ISFIFO(info.st_mode), "a pipe should stay one: %s", ran.err);
+    CHECK(TOOL(ROOM, "-o", "room.pfm", "--stats", "pipe") == 0 && lstat(in_folder("pipe"), &info) == 0 && S_ISFIFO(info.st_mode),
+          "a pipe should stay one: %s", ran.err);
     got = read(reader, stats, sizeof stats - 1);
     stats[got > 0 ? got : 0] = 0;
     CHECK(json_number(stats, "triangles") == 6.0, "statistics into a pipe: %s", stats);
@@ -786,7 +874,9 @@ TEST(progress_is_for_terminals) {
         struct pollfd waiting;
         const char *name;
         master = posix_openpt(O_RDWR | O_NOCTTY);
-        if (master < 0 || grantpt(master) != 0 || unlockpt(master) != 0 || (name = ptsname(master)) == NULL || (slave = open(name, O_RDWR | O_NOCTTY)) < 0) SKIP("no pseudo-terminals");
+        if (master < 0 || grantpt(master) != 0 || unlockpt(master) != 0 || (name = ptsname(master)) == NULL ||
+            (slave = open(name, O_RDWR | O_NOCTTY)) < 0)
+            SKIP("no pseudo-terminals");
         child = start(i ? quiet : arguments, slave, 0);
         close(slave);
         waiting.fd = master;
@@ -801,7 +891,9 @@ TEST(progress_is_for_terminals) {
         close(master);
         CHECK(ran.status == 0, "exit status %d: %s", ran.status, shown);
         if (i) CHECK(n == 0, "--quiet should say nothing: %s", shown);
-        else CHECK(strstr(shown, "%") && strstr(shown, " left") && strstr(shown, "\r["), "expected a bar with percentage and time left: %s", shown);
+        else
+            CHECK(strstr(shown, "%") && strstr(shown, " left") && strstr(shown, "\r["), "expected a bar with percentage and time left: %s",
+                  shown);
     }
     CHECK(run(arguments) == 0 && !ran.err[0], "no bar belongs into a file: %s", ran.err);
 }
@@ -821,7 +913,8 @@ TEST(the_cornell_box_of_the_repository) {
     int lines;
     char scene[4096];
     if (!realpath("examples/scenes/cornell_box.obj", scene)) SKIP("not run in the repository's root");
-    REQUIRE(TOOL(scene, "--size", "64x64", "--eye", "278,273,-800", "--look-at", "278,273,0", "--fov", "39.3077", SMALL, "--channel", "albedo", "--stats", "stats.json", "-o", "box.pfm") == 0,
+    REQUIRE(TOOL(scene, "--size", "64x64", "--eye", "278,273,-800", "--look-at", "278,273,0", "--fov", "39.3077", SMALL, "--channel",
+                 "albedo", "--stats", "stats.json", "-o", "box.pfm") == 0,
             "exit status %d: %s", ran.status, ran.err);
     read_text(in_folder("stats.json"), text, sizeof text, &lines);
     CHECK(json_number(text, "triangles") == 32.0, "%g triangles", json_number(text, "triangles"));
@@ -833,7 +926,12 @@ TEST(the_cornell_box_of_the_repository) {
     free(albedo.values);
 }
 
-static int remove_entry(const char *path, const struct stat *info, int kind, struct FTW *where) { (void)info; (void)kind; (void)where; return remove(path); }
+static int remove_entry(const char *path, const struct stat *info, int kind, struct FTW *where) {
+    (void)info;
+    (void)kind;
+    (void)where;
+    return remove(path);
+}
 
 int main(int argc, char **argv) {
     const char *slash = strrchr(argv[0], '/'), *temporary = getenv("TMPDIR");
@@ -869,6 +967,7 @@ int main(int argc, char **argv) {
     RUN(every_channel_is_written);
     RUN(exr_is_written_or_refused);
     RUN(statistics_have_every_field);
+    RUN(rays_can_be_traced);
     RUN(a_sensor_can_be_inspected);
     RUN(zero_is_zero);
     RUN(hostile_files_are_refused);

@@ -14,10 +14,13 @@ typedef struct picture { float values[FLOATS]; } picture;
 static watch seen;
 static test_scene cornell;
 static picture expected;
+static sbl_backend backend;
 
 static sbl_picture_desc cornell_view(void) {
     sbl_picture_desc view = scene_cornell_view(WIDTH, HEIGHT);
     view.tile = 8;
+    view.backend = backend;
+    view.rays = 24;  /* more than one shader invocation takes */
     view.sensor_size = 16;
     view.samples = 2;
     view.epsilon = 0.1f;
@@ -148,6 +151,7 @@ TEST(repetitions) {
     small.width = 7;
     small.height = 50;
     small.sensor_size = 33;
+    small.backend = SBL_BACKEND_RASTER;
     small.mode = SBL_MODE_PAPER;
     CHECK(sbl_render(context, &small) == SBL_SUCCESS, "%s", watch_last(&seen));
     CHECK(render(context, &view, &now) && same(&now, &expected), "after another picture it differs");
@@ -467,15 +471,24 @@ TEST(draw_callback) {
 
 TEST(draw_callback_writing_depth) { drawn_by_host(6, SBL_CAPABILITY_ALL); }
 
-int main(void) {
+static int reference(sbl_backend which) {
     sbl_context_desc desc = watch_desc(&seen);
-    sbl_picture_desc view = cornell_view();
+    sbl_picture_desc view;
     sbl_context *context;
+    int good;
+    backend = which;
+    view = cornell_view();
+    context = context_with(&desc, &cornell);
+    good = context && render(context, &view, &expected) && sbl_query_stats(context).backend == which;
+    sbl_destroy(context);
+    if (!good) printf("no reference: %s\n", watch_last(&seen));
+    return good;
+}
+
+int main(void) {
     scene_cornell_box(&cornell);
     if (!gl_host_open()) { printf("no GL context\n"); return 1; }
-    context = context_with(&desc, &cornell);
-    if (!context || !render(context, &view, &expected)) { printf("%s\n", watch_last(&seen)); return 1; }
-    sbl_destroy(context);
+    if (!reference(SBL_BACKEND_RASTER)) return 1;
     RUN(reference_is_a_picture);
     RUN(batches);
     RUN(slices);
@@ -486,6 +499,15 @@ int main(void) {
     RUN(atlas_sizes);
     RUN(draw_callback);
     RUN(draw_callback_writing_depth);
+    printf("traced:\n");
+    if (!reference(SBL_BACKEND_TRACE)) return 1;
+    RUN(reference_is_a_picture);
+    RUN(batches);
+    RUN(slices);
+    RUN(repetitions);
+    RUN(moving);
+    RUN(seeds);
+    RUN(capabilities);
     scene_free(&cornell);
     return test_report();
 }

@@ -296,26 +296,29 @@ TEST(context_lost) {
     while (gl.GetError() != GL_NO_ERROR) {}
 }
 
-int main(void) {
-    sbl_context_desc desc;
+/* What comes out of the back end without faults. */
+static int references(sbl_backend backend) {
+    sbl_context_desc desc = faulty_desc();
+    sbl_scene_desc first = scene_desc(&scene), other = scene_desc(&second);
+    sbl_picture_desc view;
     sbl_context *context;
-    sbl_scene_desc first, other;
-    sbl_picture_desc view = small_view();
+    int good;
+    small_backend = backend;
+    view = small_view();
+    fake_disarm();
+    if (sbl_create(&desc, &context) != SBL_SUCCESS) return 0;
+    good = sbl_set_scene(context, &first) == SBL_SUCCESS && small_render(context, &view, &expected) == SBL_SUCCESS && sbl_query_stats(context).backend == backend &&
+           sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &expected_sensor, expected_radiance, expected_weights, 64 * 64) == SBL_SUCCESS &&
+           sbl_query_bounds(context, bounds[0], bounds[1]) == SBL_SUCCESS && sbl_set_scene(context, &other) == SBL_SUCCESS &&
+           small_render(context, &view, &expected_moved) == SBL_SUCCESS && small_plausible(&expected) && !small_same(&expected, &expected_moved);
+    sbl_destroy(context);
+    return good && fake.made >= 20 && fake_live() == 0;
+}
+
+int main(void) {
     if (!gl_host_open()) { printf("no GL context\n"); return 1; }
     scenes_make();
-    desc = faulty_desc();
-    first = scene_desc(&scene);
-    other = scene_desc(&second);
-    if (sbl_create(&desc, &context) != SBL_SUCCESS || sbl_set_scene(context, &first) != SBL_SUCCESS || small_render(context, &view, &expected) != SBL_SUCCESS ||
-        sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &expected_sensor, expected_radiance, expected_weights, 64 * 64) != SBL_SUCCESS ||
-        sbl_query_bounds(context, bounds[0], bounds[1]) != SBL_SUCCESS ||
-        sbl_set_scene(context, &other) != SBL_SUCCESS || small_render(context, &view, &expected_moved) != SBL_SUCCESS || !small_plausible(&expected) ||
-        small_same(&expected, &expected_moved)) {
-        printf("without faults: %s\n", watch_last(&seen));
-        return 1;
-    }
-    sbl_destroy(context);
-    if (fake.made < 20 || fake_live() != 0) { printf("%d GL objects were made, %d are left\n", fake.made, fake_live()); return 1; }
+    if (!references(SBL_BACKEND_RASTER)) { printf("without faults: %s; %d GL objects made, %d left\n", watch_last(&seen), fake.made, fake_live()); return 1; }
     RUN(create_functions_missing);
     RUN(create_allocations);
     RUN(create_no_names);
@@ -324,6 +327,14 @@ int main(void) {
     RUN(create_without_any_function);
     RUN(create_old_gl);
     RUN(context_lost);
+    RUN(allocations);
+    RUN(calls_out_of_memory);
+    RUN(calls_invalid);
+    RUN(errors_out_of_memory);
+    RUN(no_names);
+    RUN(framebuffers);
+    printf("traced:\n");
+    if (!references(SBL_BACKEND_TRACE)) { printf("without faults: %s; %d GL objects made, %d left\n", watch_last(&seen), fake.made, fake_live()); return 1; }
     RUN(allocations);
     RUN(calls_out_of_memory);
     RUN(calls_invalid);

@@ -82,8 +82,8 @@ static host_scene scene;
 
 static int cancel_second(float done, void *user) { (void)done; return ++*(int *)user == 2; }
 
-/* Every function that touches GL, in every way that it can end. The picture is the last good one. */
-static void every_function(small_picture *picture) {
+/* Every function that touches GL, in every way that it can end. The pictures are the last good ones of the two back ends. */
+static void every_function(small_picture *picture, small_picture *traced) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = small_view(), bad = small_view();
     sbl_scene_desc wrong = scene.desc;
@@ -166,7 +166,17 @@ static void every_function(small_picture *picture) {
         KEPT(sbl_render(context, &view));
         if (!fake.hits) break;
     }
+    view.backend = SBL_BACKEND_TRACE;
+    for (i = 1; i < 1000; i++) {
+        fake_arm(FAKE_REFUSE, i, GL_OUT_OF_MEMORY);
+        KEPT(sbl_render(context, &view));
+        if (!fake.hits) break;
+    }
     fake_disarm();
+    GIVES(sbl_render(context, &view), SBL_SUCCESS);
+    CHECK(small_read(context, traced) == SBL_SUCCESS, "the traced picture%s cannot be read: %s", situation, watch_last(&seen));
+    GIVES(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, weights, 64 * 64), SBL_SUCCESS);
+    view = small_view();
 
     GIVES(sbl_begin(context, &view), SBL_SUCCESS);
     for (steps = 0; steps < 10000; steps++) {
@@ -196,12 +206,12 @@ static void every_function(small_picture *picture) {
     CHECK(fake_live() == 0 && fake.strangers == 0, "%d GL objects leaked, %d others deleted%s", fake_live(), fake.strangers, situation);
 }
 
-static small_picture by_default, by_odd;
+static small_picture by_default[2], by_odd[2];
 
 TEST(default_state) {
     situation = ", GL's state being the default,";
-    every_function(&by_default);
-    CHECK(small_plausible(&by_default), "the picture is of one colour, or holds NaN");
+    every_function(&by_default[0], &by_default[1]);
+    CHECK(small_plausible(&by_default[0]) && small_plausible(&by_default[1]) && !small_same(&by_default[0], &by_default[1]), "the picture is of one colour, or holds NaN");
 }
 
 /* The unusual state must be unusual: whatever it does not change, the comparison above could not see forgotten. */
@@ -223,8 +233,8 @@ TEST(unusual_state) {
     }
     CHECK(left == 0, "%d values are still the default", left);
     situation = ", GL's state being unusual,";
-    every_function(&by_odd);
-    CHECK(small_same(&by_default, &by_odd), "the host's state changes the picture");
+    every_function(&by_odd[0], &by_odd[1]);
+    CHECK(small_same(&by_default[0], &by_odd[0]) && small_same(&by_default[1], &by_odd[1]), "the host's state changes the picture");
     CHECK(gl_odd_changed(&odd) == 0, "the contents of %d of the host's buffers and framebuffers have changed", gl_odd_changed(&odd));
     gl_state_odd(&odd);
 }
@@ -234,15 +244,18 @@ TEST(one_by_one) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = small_view();
     sbl_context *context;
-    static small_picture alone, picture;
+    static small_picture alone[2], picture;
     GLuint sampler;
-    int i, k;
+    int i, k, way;
     if (!host_gl_open("test")) SKIP("no second GL context");  /* a fresh one: all is default again */
     desc.get_gl_function = gl_host_proc;
     situation = ", one value being unusual,";
+    scene_free(&scene.small);
     host_scene_make(&scene);
-    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene.desc) == SBL_SUCCESS && small_render(context, &view, &alone) == SBL_SUCCESS, "%s", watch_last(&seen));
-    CHECK(small_same(&alone, &by_default), "another GL context gives another picture");
+    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene.desc) == SBL_SUCCESS && small_render(context, &view, &alone[0]) == SBL_SUCCESS, "%s", watch_last(&seen));
+    view.backend = SBL_BACKEND_TRACE;
+    REQUIRE(small_render(context, &view, &alone[1]) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(small_same(&alone[0], &by_default[0]) && small_same(&alone[1], &by_default[1]), "another GL context gives another picture");
     gl.GenSamplers(1, &sampler);
     gl.SamplerParameteri(sampler, GL_TEXTURE_MIN_FILTER, GL_LINEAR_MIPMAP_LINEAR);
     for (i = 0; i < GL_STATE__COUNT(gl_state__switches) + 7; i++) {
@@ -258,8 +271,11 @@ TEST(one_by_one) {
         if (n == 4) gl.DepthRange(1, 0.5);
         if (n == 5) gl.DepthMask(GL_FALSE);
         if (n == 6) for (k = 0; k < 16; k++) gl.BindSampler((GLuint)k, sampler);
-        KEPT(small_render(context, &view, &picture));
-        CHECK(small_same(&picture, &alone), "%s changes the picture", name);
+        for (way = 0; way < 2; way++) {
+            view.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
+            KEPT(small_render(context, &view, &picture));
+            CHECK(small_same(&picture, &alone[way]), "%s changes the %s picture", name, way ? "traced" : "rasterised");
+        }
         KEPT(sbl_set_scene(context, &scene.desc));
         if (n < 0) { if (gl.IsEnabled(gl_state__switches[i].id)) gl.Disable(gl_state__switches[i].id); else gl.Enable(gl_state__switches[i].id); }
         gl.FrontFace(GL_CCW);
@@ -376,6 +392,7 @@ static sbl_picture_desc other_view(void) {
     view.sensor_size = 12;
     view.samples = 1;
     view.mode = SBL_MODE_DIRECT;
+    view.backend = SBL_BACKEND_TRACE;
     view.seed = 5;
     return view;
 }
