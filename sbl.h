@@ -167,7 +167,9 @@
 
 /* SBL_STATIC makes every function private to the one file that holds the implementation. */
 #ifndef SBL_API
-  #ifdef SBL_STATIC
+  #if defined(SBL_STATIC) && defined(__GNUC__)
+    #define SBL_API static __attribute__((unused))
+  #elif defined(SBL_STATIC)
     #define SBL_API static
   #elif defined(__cplusplus)
     #define SBL_API extern "C"
@@ -635,8 +637,15 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
   #include <sys/time.h>
 #endif
 #ifdef SBL_EGL
+  #ifndef EGL_NO_X11
+    #define EGL_NO_X11  /* keeps Xlib's macros (None, Bool, Status) out of the host's file */
+    #define SBL__EGL_NO_X11
+  #endif
   #include <EGL/egl.h>
   #include <EGL/eglext.h>
+  #ifdef SBL__EGL_NO_X11
+    #undef EGL_NO_X11
+  #endif
 #endif
 
 /* >>shaders: made by scripts/embed_shaders from shaders_embedded, do not edit here */
@@ -4113,12 +4122,11 @@ static void sbl__picture_free(sbl_context *c) {
 }
 
 static int sbl__picture_hemicube(const sbl_picture_desc *d) { return d->sensor_kind == SBL_SENSOR_HEMICUBE; }
-static float sbl__picture_epsilon(const sbl_picture_desc *d) { return d->mode == SBL_MODE_DIRECT ? 0.0f : d->epsilon; }
 
 /* Sets up sensors that rasterise, as the picture wants them. */
 static sbl_result sbl__picture_raster(sbl_context *c, sbl__gather *g) {
     const sbl_picture_desc *d = &c->picture.desc;
-    return sbl__gather_setup(&c->gl, g, &c->scene, sbl__picture_hemicube(d), d->mode == SBL_MODE_PAPER, d->sensor_size, d->sensor_fov, sbl__picture_epsilon(d),
+    return sbl__gather_setup(&c->gl, g, &c->scene, sbl__picture_hemicube(d), d->mode == SBL_MODE_PAPER, d->sensor_size, d->sensor_fov, d->epsilon,
                              c->desc.atlas_size, c->desc.batch);
 }
 
@@ -4151,7 +4159,7 @@ static sbl_result sbl__picture_begin(sbl_context *c) {
         if (result == SBL_SUCCESS) result = sbl__framebuffer_make(gl, &p->final_framebuffers[i], colors, 1, NULL, what);
     }
     if (result == SBL_SUCCESS)
-        result = d->backend == SBL_BACKEND_TRACE ? sbl__trace_setup(gl, &c->gather, d->rays, 1, sbl__picture_epsilon(d), c->desc.batch) : sbl__picture_raster(c, &c->gather);
+        result = d->backend == SBL_BACKEND_TRACE ? sbl__trace_setup(gl, &c->gather, d->rays, 1, d->epsilon, c->desc.batch) : sbl__picture_raster(c, &c->gather);
     if (result == SBL_SUCCESS) result = sbl__refine_begin(&c->base, &p->refine);
     p->stage = SBL__STAGE_SURFACE;
     return result;
@@ -4169,7 +4177,7 @@ static sbl_result sbl__picture_surface(sbl_context *c) {
     if (result != SBL_SUCCESS) return result;
     c->stats.bvh_seconds = c->scene.bvh.seconds;
     c->stats.bvh_bytes = c->scene.node_buffer.bytes + c->scene.triangle_buffer.bytes;
-    sbl__surface_draw(&c->gl, c->programs.gbuffer, &c->scene, &p->camera, &p->gbuffer, centre, sbl__picture_epsilon(&p->desc));
+    sbl__surface_draw(&c->gl, c->programs.gbuffer, &c->scene, &p->camera, &p->gbuffer, centre, p->desc.epsilon);
     result = sbl__gl_check(&c->gl, "drawing the G-buffer");
     if (result != SBL_SUCCESS) return result;
     data = (float *)sbl__alloc(&c->base, pixels, 16);
@@ -4281,7 +4289,7 @@ static sbl_result sbl__picture_work(sbl_context *c, int limit) {
             float offset[2];
             seconds = &c->stats.seconds.resolve;
             sbl__sample_offset(p->resolved, samples, offset);
-            if (samples > 1) sbl__surface_draw(gl, c->programs.gbuffer, &c->scene, &p->camera, &p->sample, offset, sbl__picture_epsilon(&p->desc));
+            if (samples > 1) sbl__surface_draw(gl, c->programs.gbuffer, &c->scene, &p->camera, &p->sample, offset, p->desc.epsilon);
             gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, p->final_framebuffers[1 - from]);
             sbl__resolve_draw(gl, c->programs.resolve, c->empty_array, &p->gbuffer, sample, &p->filtered, &p->finals[from], offset, p->resolved, samples, c->scene.sky);
             gl->Finish();
@@ -4497,7 +4505,8 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
     if (!d.rays) d.rays = draft ? 64 : high ? 1024 : 256;
     if (!d.tile) d.tile = high ? 8 : 16;
     if (d.threshold == 0.0f) d.threshold = paper ? 0.05f : draft ? 0.3f : high ? 0.07f : 0.15f;
-    if (d.epsilon == 0.0f) d.epsilon = 0.02f;
+    if (d.mode == SBL_MODE_DIRECT) d.epsilon = 0;
+    else if (d.epsilon == 0.0f) d.epsilon = 0.02f;
     if (!d.filter_radius) d.filter_radius = 2;
     if (!d.samples) d.samples = draft ? 1 : high ? 16 : 4;
     return d;

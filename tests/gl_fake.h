@@ -157,10 +157,12 @@ static void APIENTRY fake_GetBufferSubData(GLenum target, GLintptr offset, GLsiz
 static void APIENTRY fake_TexBuffer(GLenum target, GLenum format, GLuint buffer) {
     if (!fake__refuses()) more_gl.TexBuffer(target, format, buffer);
 }
-static void APIENTRY fake_TexImage2D(GLenum target, GLint level, GLint internal_format, GLsizei width, GLsizei height, GLint border, GLenum format, GLenum type, const void *pixels) {
+static void APIENTRY fake_TexImage2D(GLenum target, GLint level, GLint internal_format, GLsizei width, GLsizei height, GLint border, GLenum format,
+    GLenum type, const void *pixels) {
     if (!fake__refuses()) gl.TexImage2D(target, level, internal_format, width, height, border, format, type, pixels);
 }
-static void APIENTRY fake_TexSubImage2D(GLenum target, GLint level, GLint x, GLint y, GLsizei width, GLsizei height, GLenum format, GLenum type, const void *pixels) {
+static void APIENTRY fake_TexSubImage2D(GLenum target, GLint level, GLint x, GLint y, GLsizei width, GLsizei height, GLenum format, GLenum type,
+    const void *pixels) {
     if (!fake__refuses()) more_gl.TexSubImage2D(target, level, x, y, width, height, format, type, pixels);
 }
 static void APIENTRY fake_DrawArrays(GLenum mode, GLint first, GLsizei count) {

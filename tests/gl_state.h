@@ -31,7 +31,8 @@ static const struct { const char *name; unsigned id; int version; } gl_state__sw
 static const struct { const char *name; unsigned id; int version, odd; } gl_state__numbers[] = {  /* odd: gl_state_odd changes it */
 #undef X
 #define X(name, version, odd) { #name, GL_##name, version, odd }
-    X(FRONT_FACE, 33, 1), X(CULL_FACE_MODE, 33, 1), X(POLYGON_MODE, 33, 1), X(POLYGON_OFFSET_FACTOR, 33, 1), X(POLYGON_OFFSET_UNITS, 33, 1), X(DEPTH_FUNC, 33, 1),
+    X(FRONT_FACE, 33, 1), X(CULL_FACE_MODE, 33, 1), X(POLYGON_MODE, 33, 1), X(POLYGON_OFFSET_FACTOR, 33, 1), X(POLYGON_OFFSET_UNITS, 33, 1),
+    X(DEPTH_FUNC, 33, 1),
     X(DEPTH_WRITEMASK, 33, 1), X(DEPTH_CLEAR_VALUE, 33, 1), X(DEPTH_RANGE, 33, 1), X(STENCIL_FUNC, 33, 1), X(STENCIL_REF, 33, 1), X(STENCIL_VALUE_MASK, 33, 1),
     X(STENCIL_WRITEMASK, 33, 1), X(STENCIL_FAIL, 33, 1), X(STENCIL_PASS_DEPTH_FAIL, 33, 1), X(STENCIL_PASS_DEPTH_PASS, 33, 1), X(STENCIL_BACK_FUNC, 33, 1),
     X(STENCIL_BACK_REF, 33, 1), X(STENCIL_BACK_VALUE_MASK, 33, 1), X(STENCIL_BACK_WRITEMASK, 33, 1), X(STENCIL_BACK_FAIL, 33, 1),
@@ -42,8 +43,10 @@ static const struct { const char *name; unsigned id; int version, odd; } gl_stat
     X(CLAMP_READ_COLOR, 33, 1), X(LINE_SMOOTH_HINT, 33, 1), X(POLYGON_SMOOTH_HINT, 33, 1), X(TEXTURE_COMPRESSION_HINT, 33, 1),
     X(FRAGMENT_SHADER_DERIVATIVE_HINT, 33, 1), X(UNPACK_SWAP_BYTES, 33, 1), X(UNPACK_LSB_FIRST, 33, 1), X(UNPACK_ROW_LENGTH, 33, 1), X(UNPACK_SKIP_ROWS, 33, 1),
     X(UNPACK_SKIP_PIXELS, 33, 1), X(UNPACK_ALIGNMENT, 33, 1), X(UNPACK_SKIP_IMAGES, 33, 1), X(UNPACK_IMAGE_HEIGHT, 33, 1), X(PACK_SWAP_BYTES, 33, 1),
-    X(PACK_LSB_FIRST, 33, 1), X(PACK_ROW_LENGTH, 33, 1), X(PACK_SKIP_ROWS, 33, 1), X(PACK_SKIP_PIXELS, 33, 1), X(PACK_ALIGNMENT, 33, 1), X(PACK_SKIP_IMAGES, 33, 1),
-    X(PACK_IMAGE_HEIGHT, 33, 1), X(CURRENT_PROGRAM, 33, 1), X(VERTEX_ARRAY_BINDING, 33, 1), X(ARRAY_BUFFER_BINDING, 33, 1), X(ELEMENT_ARRAY_BUFFER_BINDING, 33, 1),
+    X(PACK_LSB_FIRST, 33, 1), X(PACK_ROW_LENGTH, 33, 1), X(PACK_SKIP_ROWS, 33, 1), X(PACK_SKIP_PIXELS, 33, 1), X(PACK_ALIGNMENT, 33, 1),
+    X(PACK_SKIP_IMAGES, 33, 1),
+    X(PACK_IMAGE_HEIGHT, 33, 1), X(CURRENT_PROGRAM, 33, 1), X(VERTEX_ARRAY_BINDING, 33, 1), X(ARRAY_BUFFER_BINDING, 33, 1),
+    X(ELEMENT_ARRAY_BUFFER_BINDING, 33, 1),
     X(PIXEL_PACK_BUFFER_BINDING, 33, 1), X(PIXEL_UNPACK_BUFFER_BINDING, 33, 1), X(COPY_READ_BUFFER_BINDING, 33, 1), X(COPY_WRITE_BUFFER_BINDING, 33, 1),
     X(UNIFORM_BUFFER_BINDING, 33, 1), X(TRANSFORM_FEEDBACK_BUFFER_BINDING, 33, 1), X(TEXTURE_BUFFER_BINDING, 33, 1), X(DRAW_FRAMEBUFFER_BINDING, 33, 1),
     X(READ_FRAMEBUFFER_BINDING, 33, 1), X(RENDERBUFFER_BINDING, 33, 1), X(ACTIVE_TEXTURE, 33, 1), X(DRAW_BUFFER0, 33, 1), X(DRAW_BUFFER1, 33, 0),
@@ -151,7 +154,8 @@ static inline const char *gl_state_difference(const gl_state *a, const gl_state 
     for (i = 0; i < a->count; i++)
         if (memcmp(a->entries[i].value, b->entries[i].value, sizeof a->entries[i].value) && found++ < 3) {
             const double *p = a->entries[i].value, *q = b->entries[i].value;
-            int written = snprintf(text + used, sizeof text - used, "%s%s was %g %g %g %g and is %g %g %g %g", found > 1 ? "; " : "", a->entries[i].name, p[0], p[1], p[2], p[3],
+            int written = snprintf(text + used, sizeof text - used, "%s%s was %g %g %g %g and is %g %g %g %g", found > 1 ? "; " : "",
+                                   a->entries[i].name, p[0], p[1], p[2], p[3],
                                    q[0], q[1], q[2], q[3]);
             if (written > 0) used += (size_t)written < sizeof text - used ? (size_t)written : sizeof text - used - 1;
         }

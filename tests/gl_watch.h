@@ -75,7 +75,8 @@ static inline int watch_said(const watch *w, sbl_log_level level, sbl_log_item i
     int i;
     for (i = 0; i < w->count && i < WATCH_MESSAGES; i++) {
         const char *text = w->messages[i].text;
-        if (w->messages[i].level == level && w->messages[i].item == item && (!a || strstr(text, a)) && (!b || strstr(text, b)) && (!c || strstr(text, c))) return 1;
+        if (w->messages[i].level == level && w->messages[i].item == item && (!a || strstr(text, a)) && (!b || strstr(text, b)) &&
+            (!c || strstr(text, c))) return 1;
     }
     return 0;
 }

@@ -17,31 +17,41 @@
 static watch seen;
 static sbl_context *context;
 static test_scene small;
-static small_picture expected;
+static small_picture expected, expected_traced;
 static sbl_memory memory;  /* with the small picture finished */
 static int blocks;
 static sbl_picture_desc view;
 
-/* The context as every test finds and leaves it: the small scene set, its picture finished. */
+/* The context as every test finds and leaves it: the small scene set, its picture finished, rays traced before. */
 static void known_picture(void) {
     sbl_scene_desc desc = scene_desc(&small);
+    if (sbl_set_scene(context, &desc) != SBL_SUCCESS) abort();
     view = small_view();
-    if (sbl_set_scene(context, &desc) != SBL_SUCCESS || small_render(context, &view, &expected) != SBL_SUCCESS) abort();
+    view.backend = SBL_BACKEND_TRACE;
+    if (small_render(context, &view, &expected_traced) != SBL_SUCCESS) abort();
+    view.backend = SBL_BACKEND_RASTER;
+    if (small_render(context, &view, &expected) != SBL_SUCCESS) abort();
     memory = sbl_query_memory(context);
     blocks = seen.blocks;
 }
 
-/* Renders the known picture once more and compares it and the memory in use. The scene is the small one, or the last set_scene did not keep it. */
+/* Renders the known picture once more, in both ways, and compares it and the memory in use. The scene is the small one, or the last set_scene did not keep it. */
 static int usable(const char *after) {
     static small_picture picture;
     sbl_result result;
     sbl_memory now;
     view = small_view();
+    view.backend = SBL_BACKEND_TRACE;
+    result = small_render(context, &view, &picture);
+    CHECK(result == SBL_SUCCESS && small_same(&picture, &expected_traced), "after %s: the known picture, traced, gives \"%s\" or has changed: %s",
+          after, sbl_result_string(result), watch_last(&seen));
+    view.backend = SBL_BACKEND_RASTER;
     result = small_render(context, &view, &picture);
     now = sbl_query_memory(context);
     CHECK(result == SBL_SUCCESS, "after %s: the known picture gives \"%s\": %s", after, sbl_result_string(result), watch_last(&seen));
     CHECK(result != SBL_SUCCESS || small_same(&picture, &expected), "after %s: the known picture has changed", after);
-    CHECK(now.host_bytes == memory.host_bytes && now.gpu_bytes == memory.gpu_bytes, "after %s: %.0f host and %.0f GPU bytes in use, before %.0f and %.0f", after,
+    CHECK(now.host_bytes == memory.host_bytes && now.gpu_bytes == memory.gpu_bytes,
+          "after %s: %.0f host and %.0f GPU bytes in use, before %.0f and %.0f", after,
           (double)now.host_bytes, (double)now.gpu_bytes, (double)memory.host_bytes, (double)memory.gpu_bytes);
     CHECK(seen.blocks == blocks, "after %s: %d blocks of memory in use, before %d", after, seen.blocks, blocks);
     CHECK(seen.strangers == 0, "after %s: a block was freed that was not allocated, or twice", after);
@@ -50,7 +60,8 @@ static int usable(const char *after) {
 
 static void refused(sbl_result result, sbl_result right, sbl_log_item item, const char *mistake, const char *where, const char *field, const char *value) {
     CHECK(result == right, "%s: \"%s\", expected \"%s\"", mistake, sbl_result_string(result), sbl_result_string(right));
-    CHECK(watch_said(&seen, SBL_LOG_ERROR, item, where, field, value), "%s: no message with \"%s\", \"%s\", \"%s\" (%s); the last of %d: %s", mistake, where ? where : "",
+    CHECK(watch_said(&seen, SBL_LOG_ERROR, item, where, field, value), "%s: no message with \"%s\", \"%s\", \"%s\" (%s); the last of %d: %s",
+          mistake, where ? where : "",
           field ? field : "", value ? value : "", sbl_log_item_string(item), seen.count, watch_last(&seen));
 }
 
@@ -318,7 +329,8 @@ TEST(mesh_transforms) {
         BAD_SCENE((identity(f.meshes[1].transform), f.meshes[1].transform[i] = -INF), MESH, "mesh 1", field, "-inf");
     }
     BAD_SCENE((identity(f.meshes[1].transform), f.meshes[1].transform[5] = 0), MESH, "mesh 1", "transform", "singular");
-    for (i = 3; i < 16; i += 4) BAD_SCENE((identity(f.meshes[1].transform), f.meshes[1].transform[i] += 0.5f), MESH, "mesh 1", "transform", i < 15 ? "0.5" : "1.5");
+    for (i = 3; i < 16; i += 4) BAD_SCENE((identity(f.meshes[1].transform), f.meshes[1].transform[i] += 0.5f), MESH, "mesh 1", "transform",
+        i < 15 ? "0.5" : "1.5");
     usable("bad transforms");
 }
 
@@ -420,7 +432,8 @@ TEST(scene_all_at_once) {
     watch_forget(&seen);
     CHECK(sbl_set_scene(context, &f.scene) == SBL_ERROR_INVALID_ARGUMENT, "%d mistakes are accepted", count);
     for (i = 0; i < count; i++)
-        CHECK(watch_said(&seen, SBL_LOG_ERROR, mistakes[i].item, mistakes[i].where, mistakes[i].field, NULL), "%s: nothing is said about %s", mistakes[i].where, mistakes[i].field);
+        CHECK(watch_said(&seen, SBL_LOG_ERROR, mistakes[i].item, mistakes[i].where, mistakes[i].field, NULL), "%s: nothing is said about %s",
+              mistakes[i].where, mistakes[i].field);
     CHECK(seen.errors == count, "%d errors for %d mistakes", seen.errors, count);
     /* in the vertices too: each mesh that has some is named */
     fixture_reset();
@@ -459,7 +472,8 @@ TEST(empty_scenes_and_meshes) {
     CHECK(sbl_set_scene(context, &f.scene) == SBL_SUCCESS && sbl_query_stats(context).triangles == 2, "an empty mesh is refused: %s", watch_last(&seen));
     fixture_reset();
     f.meshes[0].index_count = f.meshes[1].index_count = 0;
-    CHECK(sbl_set_scene(context, &f.scene) == SBL_SUCCESS && sbl_query_stats(context).triangles == 0, "meshes without triangles are refused: %s", watch_last(&seen));
+    CHECK(sbl_set_scene(context, &f.scene) == SBL_SUCCESS && sbl_query_stats(context).triangles == 0, "meshes without triangles are refused: %s",
+          watch_last(&seen));
     view = small_view();
     CHECK(sbl_render(context, &view) == SBL_SUCCESS, "meshes without triangles are not rendered: %s", watch_last(&seen));
     known_picture();
@@ -488,7 +502,8 @@ TEST(degenerate_triangles) {
     desc = scene_desc(&bad);
     watch_forget(&seen);
     REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS, "degenerate triangles are an error: %s", watch_last(&seen));
-    CHECK(seen.warnings == 1 && seen.errors == 0 && watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_DEGENERATE_TRIANGLES, "4", NULL, NULL), "%d warnings, the last: %s",
+    CHECK(seen.warnings == 1 && seen.errors == 0 && watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_DEGENERATE_TRIANGLES, "4", NULL, NULL),
+          "%d warnings, the last: %s",
           seen.warnings, watch_last(&seen));
     CHECK(sbl_query_stats(context).triangles == 4, "%d triangles are left, expected 4", sbl_query_stats(context).triangles);
     REQUIRE(small_render(context, &view, &with) == SBL_SUCCESS, "%s", watch_last(&seen));
@@ -530,8 +545,11 @@ static void bad_picture(const sbl_picture_desc *desc, sbl_result right, sbl_log_
     CHECK(seen.blocks == blocks, "%s: %d blocks leaked", mistake, seen.blocks - blocks);
 }
 
-#define BAD_PICTURE(change, field, value) \
-    do { sbl_picture_desc d = small_view(); change; bad_picture(&d, SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_PICTURE_DESC, #change, field, value); } while (0)
+#define BAD_PICTURE(change, field, value) do {                                                                                      \
+        sbl_picture_desc d = small_view();                                                                                         \
+        change;                                                                                                                    \
+        bad_picture(&d, SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_PICTURE_DESC, #change, field, value);                     \
+    } while (0)
 
 TEST(picture_desc) {
     int i;
@@ -553,8 +571,8 @@ TEST(picture_desc) {
     BAD_PICTURE((d.mode = SBL_MODE_PAPER, d.sensor_kind = SBL_SENSOR_HEMICUBE), "sensor_kind", "HEMICUBE");
     BAD_PICTURE(d.backend = (sbl_backend)-1, "backend", "-1");
     BAD_PICTURE(d.backend = SBL_BACKEND_COUNT, "backend", "3");
-    BAD_PICTURE((d.backend = SBL_BACKEND_TRACE, d.mode = SBL_MODE_PAPER), "backend", "PAPER");
-    BAD_PICTURE((d.backend = SBL_BACKEND_TRACE, d.sensor_kind = SBL_SENSOR_SINGLE), "backend", "SINGLE");
+    BAD_PICTURE((d.backend = SBL_BACKEND_TRACE, d.mode = SBL_MODE_PAPER), "backend is SBL_BACKEND_TRACE", "single view");
+    BAD_PICTURE((d.backend = SBL_BACKEND_TRACE, d.sensor_kind = SBL_SENSOR_SINGLE), "backend is SBL_BACKEND_TRACE", "single view");
     BAD_PICTURE(d.rays = -1, "rays", "-1");
     BAD_PICTURE(d.rays = 4097, "rays", "4097");
     BAD_PICTURE(d.sensor_size = -1, "sensor_size", "-1");
@@ -652,6 +670,18 @@ TEST(picture_desc_ends_of_ranges) {
     usable("the ends of ranges");
 }
 
+TEST(rays_with_a_draw_callback) {
+    sbl_scene_desc desc = scene_desc(&small);
+    desc.draw = draws_nothing;
+    REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
+    view = small_view();
+    view.backend = SBL_BACKEND_TRACE;
+    watch_forget(&seen);
+    refused(sbl_begin(context, &view), SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_PICTURE_DESC, "rays with a draw callback",
+        "sbl_picture_desc", "backend is SBL_BACKEND_TRACE", "draw callback");
+    known_picture();
+}
+
 TEST(gi_is_refused) {
     sbl_picture_desc d = small_view();
     d.mode = SBL_MODE_GI;
@@ -697,7 +727,7 @@ TEST(null_parameters) {
     sbl_end(NULL);
     sbl_destroy(NULL);
 
-    /* all defaults, logging to stderr: nothing is wrong, so nothing is written */
+    /* all defaults; the default logger writes one line to stderr */
     CHECK(sbl_create(NULL, &out) == SBL_SUCCESS, "sbl_create without a descriptor");
     CHECK(sbl_begin(out, NULL) == SBL_ERROR_STATE, "sbl_begin without a scene");
     sbl_destroy(out);
@@ -708,7 +738,8 @@ TEST(values_that_do_not_exist) {
     float some[3];
     small_picture picture;
     SAID(sbl_read_channel(context, (sbl_channel)-1, some, 3), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_read_channel", "channel is -1");
-    SAID(sbl_read_channel(context, SBL_CHANNEL_COUNT, picture.values, SMALL_FLOATS), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_read_channel", "channel is 8");
+    SAID(sbl_read_channel(context, SBL_CHANNEL_COUNT, picture.values, SMALL_FLOATS), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT,
+        "sbl_read_channel", "channel is 8");
     CHECK(sbl_channel_texture(context, (sbl_channel)-1) == 0 && sbl_channel_texture(context, SBL_CHANNEL_COUNT) == 0, "textures of channels that do not exist");
     CHECK(sbl_channel_components((sbl_channel)-1) == 0 && sbl_channel_components(SBL_CHANNEL_COUNT) == 0, "components of channels that do not exist");
     CHECK(sbl_result_string((sbl_result)-1) && sbl_result_string(SBL_RESULT_COUNT) && *sbl_result_string((sbl_result)99), "results that do not exist");
@@ -750,8 +781,10 @@ TEST(too_little_room) {
     texels = (size_t)(sensor.sheet_width * sensor.sheet_height);
     REQUIRE(texels > 1 && texels <= 64 * 64, "a sheet of %d x %d", sensor.sheet_width, sensor.sheet_height);
     for (i = 0; i < 64 * 64; i++) weights[i] = radiance[4 * i] = 7;
-    SAID(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, NULL, texels - 1), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_inspect_sensor", "count");
-    SAID(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, NULL, weights, texels - 1), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_inspect_sensor", "count");
+    SAID(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, NULL, texels - 1), SBL_ERROR_INVALID_ARGUMENT,
+        INVALID_ARGUMENT, "sbl_inspect_sensor", "count");
+    SAID(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, NULL, weights, texels - 1), SBL_ERROR_INVALID_ARGUMENT,
+        INVALID_ARGUMENT, "sbl_inspect_sensor", "count");
     SAID(sbl_inspect_sensor(context, -1, 0, &sensor, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_inspect_sensor", "-1 0");
     SAID(sbl_inspect_sensor(context, 0, -1, &sensor, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_inspect_sensor", "0 -1");
     SAID(sbl_inspect_sensor(context, SMALL_WIDTH, 0, &sensor, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_inspect_sensor", "11 0");
@@ -759,7 +792,8 @@ TEST(too_little_room) {
     SAID(sbl_inspect_sensor(context, 0, 0, &sensor, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_inspect_sensor", "no surface");
     for (i = 0; i < 64 * 64 && weights[i] == 7 && radiance[4 * i] == 7; i++) {}
     CHECK(i == 64 * 64, "texel %d was written though there is too little room", i);
-    CHECK(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, weights, texels) == SBL_SUCCESS, "exactly enough room is refused: %s", watch_last(&seen));
+    CHECK(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, weights, texels) == SBL_SUCCESS,
+          "exactly enough room is refused: %s", watch_last(&seen));
     for (i = (int)texels; i < 64 * 64 && weights[i] == 7; i++) {}
     CHECK(i == 64 * 64, "weight %d was written past the end", i);
     usable("too little room");
@@ -831,7 +865,8 @@ TEST(cancel_at_every_call) {
             view.progress = cancel;
             view.progress_user = &c;
             result = sbl_begin(context, &view);
-            for (steps = 0; steps < 10000 && (steps == 0 ? result == SBL_SUCCESS : result == SBL_UNFINISHED); steps++) result = sbl_step(context, budget % 2 ? 1e-9 : 0);
+            for (steps = 0; steps < 10000 && (steps == 0 ? result == SBL_SUCCESS : result == SBL_UNFINISHED); steps++)
+                result = sbl_step(context, budget % 2 ? 1e-9 : 0);
             REQUIRE(steps < 10000, "the picture is not done after %d calls of sbl_step", steps);
             CHECK(c.out_of_order == 0, "progress went back or out of 0 to 1");
             if (c.calls < stop) {
@@ -839,7 +874,8 @@ TEST(cancel_at_every_call) {
                 break;
             }
             CHECK(result == SBL_CANCELLED, "cancelled at call %d: \"%s\"", stop, sbl_result_string(result));
-            CHECK(sbl_read_channel(context, SBL_CHANNEL_ID, &value, 1) == SBL_ERROR_STATE && sbl_step(context, 0) == SBL_ERROR_STATE && sbl_progress(context) == 0,
+            CHECK(sbl_read_channel(context, SBL_CHANNEL_ID, &value, 1) == SBL_ERROR_STATE && sbl_step(context, 0) == SBL_ERROR_STATE &&
+                  sbl_progress(context) == 0,
                   "cancelled at call %d: the picture is not gone", stop);
             if (!usable("cancelling")) return;
             most = stop;
@@ -907,7 +943,8 @@ int main(void) {
     if (sbl_create(&desc, &context) != SBL_SUCCESS) { printf("no context: %s\n", watch_last(&seen)); return 1; }
     small_scene(&small);
     known_picture();
-    if (!small_plausible(&expected)) { printf("the known picture is not usable as a reference\n"); return 1; }
+    if (!small_plausible(&expected) || !small_plausible(&expected_traced) ||
+        small_same(&expected, &expected_traced)) { printf("the known picture is not usable as a reference\n"); return 1; }
     RUN(context_desc);
     RUN(context_desc_all_at_once);
     RUN(scene_without_mistakes);
@@ -927,6 +964,7 @@ int main(void) {
     RUN(picture_desc);
     RUN(picture_desc_all_at_once);
     RUN(picture_desc_ends_of_ranges);
+    RUN(rays_with_a_draw_callback);
     RUN(gi_is_refused);
     RUN(null_parameters);
     RUN(values_that_do_not_exist);

@@ -77,7 +77,8 @@ static sbl_result phase_run(sbl_context *context, phase p) {
         case PHASE_BEGIN: return sbl_begin(context, &view);
         case PHASE_RENDER: return sbl_step(context, 0);
         case PHASE_READ: return small_read(context, &picture);
-        case PHASE_TEXTURE: return sbl_channel_texture(context, SBL_CHANNEL_DEPTH) && sbl_channel_texture(context, SBL_CHANNEL_SENSORS) ? SBL_SUCCESS : SBL_ERROR_GL;
+        case PHASE_TEXTURE: return sbl_channel_texture(context, SBL_CHANNEL_DEPTH) &&
+                                   sbl_channel_texture(context, SBL_CHANNEL_SENSORS) ? SBL_SUCCESS : SBL_ERROR_GL;
         default: return sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, weights, 64 * 64);
     }
 }
@@ -87,7 +88,8 @@ static int phase_right(sbl_context *context, phase p) {
     sbl_picture_desc view = small_view();
     if (p == PHASE_READ) return small_same(&picture, &expected);
     if (p == PHASE_INSPECT)
-        return memcmp(&sensor, &expected_sensor, sizeof sensor) == 0 && memcmp(radiance, expected_radiance, sizeof radiance) == 0 && memcmp(weights, expected_weights, sizeof weights) == 0;
+        return memcmp(&sensor, &expected_sensor, sizeof sensor) == 0 && memcmp(radiance, expected_radiance, sizeof radiance) == 0 &&
+               memcmp(weights, expected_weights, sizeof weights) == 0;
     if (p == PHASE_BEGIN && sbl_step(context, 0) != SBL_SUCCESS) return 0;
     if ((p == PHASE_SCENE || p == PHASE_MOVE) && sbl_render(context, &view) != SBL_SUCCESS) return 0;
     return small_read(context, &picture) == SBL_SUCCESS && small_same(&picture, p == PHASE_SCENE || p == PHASE_MOVE ? &expected_moved : &expected);
@@ -104,7 +106,8 @@ static void still_usable(sbl_context *context, phase p, int succeeded, const cha
         CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS, "%s, %s %d: the scene cannot be set again: %s", phase_names[p], fault, place, watch_last(&seen));
     }
     result = small_render(context, &view, &again);
-    CHECK(result == SBL_SUCCESS && small_same(&again, &expected), "%s, %s %d: afterwards the context gives \"%s\" or another picture", phase_names[p], fault, place, sbl_result_string(result));
+    CHECK(result == SBL_SUCCESS && small_same(&again, &expected), "%s, %s %d: afterwards the context gives \"%s\" or another picture",
+          phase_names[p], fault, place, sbl_result_string(result));
     CHECK(sbl_query_bounds(context, low, high) == SBL_SUCCESS && memcmp(low, bounds[0], sizeof low) == 0 && memcmp(high, bounds[1], sizeof high) == 0,
           "%s, %s %d: the scene's bounds have changed", phase_names[p], fault, place);
 }
@@ -148,12 +151,15 @@ static int every_place(sbl_context *context, phase p, fake_fault fault, GLenum e
         if (result == SBL_SUCCESS)
             CHECK(phase_right(context, p), "%s, %s %d: success, but not the right picture", phase_names[p], name, place);
         else {
-            CHECK(result == right || p == PHASE_TEXTURE, "%s, %s %d: \"%s\", expected \"%s\"", phase_names[p], name, place, sbl_result_string(result), sbl_result_string(right));
+            CHECK(result == right || p == PHASE_TEXTURE, "%s, %s %d: \"%s\", expected \"%s\"", phase_names[p], name, place,
+                  sbl_result_string(result), sbl_result_string(right));
             CHECK(seen.errors > 0, "%s, %s %d fails without a message", phase_names[p], name, place);
         }
         still_usable(context, p, result == SBL_SUCCESS, name, place);
         end = usage_take(context);
-        CHECK(start.blocks == end.blocks && start.host == end.host && start.gpu == end.gpu && memcmp(start.objects, end.objects, sizeof end.objects) == 0, "%s, %s %d: in use %d blocks, %.0f and %.0f bytes, %d GL objects; before %d, %.0f, %.0f", phase_names[p], name, place, end.blocks,
+        CHECK(start.blocks == end.blocks && start.host == end.host && start.gpu == end.gpu &&
+              memcmp(start.objects, end.objects, sizeof end.objects) == 0,
+              "%s, %s %d: in use %d blocks, %.0f and %.0f bytes, %d GL objects; before %d, %.0f, %.0f", phase_names[p], name, place, end.blocks,
               (double)end.host, (double)end.gpu, fake_live(), start.blocks, (double)start.host, (double)start.gpu);
         if (!hit) break;
         if (test_errors > errors + 20 || test_errors > 60) { printf("  and so on\n"); return place; }
@@ -215,7 +221,8 @@ static void every_creation(fake_fault fault, GLenum error, sbl_result right, con
         if (result == SBL_SUCCESS) {  /* then all must work */
             sbl_scene_desc desc_of_scene = scene_desc(&scene);
             sbl_picture_desc view = small_view();
-            CHECK(sbl_set_scene(context, &desc_of_scene) == SBL_SUCCESS && small_render(context, &view, &picture) == SBL_SUCCESS && small_same(&picture, &expected),
+            CHECK(sbl_set_scene(context, &desc_of_scene) == SBL_SUCCESS && small_render(context, &view, &picture) == SBL_SUCCESS &&
+                  small_same(&picture, &expected),
                   "%s %d: sbl_create gives success, but the context does not work: %s", name, place, watch_last(&seen));
             sbl_destroy(context);
         } else {
@@ -223,7 +230,8 @@ static void every_creation(fake_fault fault, GLenum error, sbl_result right, con
             CHECK(context == NULL, "%s %d: a context came out", name, place);
             CHECK(seen.errors > 0, "%s %d fails without a message", name, place);
             if (fault == FAKE_LOOKUP)
-                CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_FUNCTION_MISSING, fake.lookup, NULL, NULL), "nothing is said about %s: %s", fake.lookup, watch_last(&seen));
+                CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_FUNCTION_MISSING, fake.lookup, NULL, NULL), "nothing is said about %s: %s",
+                      fake.lookup, watch_last(&seen));
         }
         if (fault == FAKE_LOOKUP && hit)
             CHECK((result == SBL_SUCCESS) == is_optional(fake.lookup), "without %s: \"%s\"", fake.lookup, sbl_result_string(result));
@@ -281,7 +289,9 @@ TEST(create_old_gl) {
 /* A driver error that never ends, as a lost context reports it. */
 static GLenum APIENTRY lost(void) { return 0x0507; }
 static int lose;
-static sbl_gl_function losing_proc(const char *name, void *user) { return lose && strcmp(name, "glGetError") == 0 ? (sbl_gl_function)lost : gl_host_proc(name, user); }
+static sbl_gl_function losing_proc(const char *name, void *user) {
+    return lose && strcmp(name, "glGetError") == 0 ? (sbl_gl_function)lost : gl_host_proc(name, user);
+}
 
 TEST(context_lost) {
     sbl_context_desc desc = faulty_desc();
@@ -307,7 +317,8 @@ static int references(sbl_backend backend) {
     view = small_view();
     fake_disarm();
     if (sbl_create(&desc, &context) != SBL_SUCCESS) return 0;
-    good = sbl_set_scene(context, &first) == SBL_SUCCESS && small_render(context, &view, &expected) == SBL_SUCCESS && sbl_query_stats(context).backend == backend &&
+    good = sbl_set_scene(context, &first) == SBL_SUCCESS && small_render(context, &view,
+        &expected) == SBL_SUCCESS && sbl_query_stats(context).backend == backend &&
            sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &expected_sensor, expected_radiance, expected_weights, 64 * 64) == SBL_SUCCESS &&
            sbl_query_bounds(context, bounds[0], bounds[1]) == SBL_SUCCESS && sbl_set_scene(context, &other) == SBL_SUCCESS &&
            small_render(context, &view, &expected_moved) == SBL_SUCCESS && small_plausible(&expected) && !small_same(&expected, &expected_moved);

@@ -211,7 +211,8 @@ static small_picture by_default[2], by_odd[2];
 TEST(default_state) {
     situation = ", GL's state being the default,";
     every_function(&by_default[0], &by_default[1]);
-    CHECK(small_plausible(&by_default[0]) && small_plausible(&by_default[1]) && !small_same(&by_default[0], &by_default[1]), "the picture is of one colour, or holds NaN");
+    CHECK(small_plausible(&by_default[0]) && small_plausible(&by_default[1]) && !small_same(&by_default[0], &by_default[1]),
+          "the picture is of one colour, or holds NaN");
 }
 
 /* The unusual state must be unusual: whatever it does not change, the comparison above could not see forgotten. */
@@ -228,7 +229,10 @@ TEST(unusual_state) {
         if (!is_switch && !gl_state__numbers[at].odd) continue;
         for (k = 0; k < usual.count && k < unusual.count; k++) {
             if (strcmp(usual.entries[k].name, name) != 0) continue;
-            if (memcmp(usual.entries[k].value, unusual.entries[k].value, sizeof usual.entries[k].value) == 0) { left++; printf("  %s is still the default\n", name); }
+            if (memcmp(usual.entries[k].value, unusual.entries[k].value, sizeof usual.entries[k].value) == 0) {
+                left++;
+                printf("  %s is still the default\n", name);
+            }
         }
     }
     CHECK(left == 0, "%d values are still the default", left);
@@ -252,7 +256,8 @@ TEST(one_by_one) {
     situation = ", one value being unusual,";
     scene_free(&scene.small);
     host_scene_make(&scene);
-    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene.desc) == SBL_SUCCESS && small_render(context, &view, &alone[0]) == SBL_SUCCESS, "%s", watch_last(&seen));
+    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene.desc) == SBL_SUCCESS &&
+            small_render(context, &view, &alone[0]) == SBL_SUCCESS, "%s", watch_last(&seen));
     view.backend = SBL_BACKEND_TRACE;
     REQUIRE(small_render(context, &view, &alone[1]) == SBL_SUCCESS, "%s", watch_last(&seen));
     CHECK(small_same(&alone[0], &by_default[0]) && small_same(&alone[1], &by_default[1]), "another GL context gives another picture");
@@ -369,15 +374,19 @@ TEST(draw_callback_that_puts_nothing_back) {
     gl.ActiveTexture(GL_TEXTURE0 + 13);
     gl.GetIntegerv(GL_TEXTURE_BINDING_2D, &unit_13);
     gl.GetIntegerv(GL_TEXTURE_BINDING_BUFFER, &unit_13_buffer);
-    CHECK((GLuint)unit_13 == m.objects[0] && unit_13_buffer == 0, "texture unit 13 holds %d and %d, the callback bound %u", unit_13, unit_13_buffer, m.objects[0]);
-    for (i = 0; i < after.count; i++) if (strcmp(after.entries[i].name, "TEXTURE_2D 13") == 0) memcpy(after.entries[i].value, before.entries[i].value, sizeof after.entries[i].value);
+    CHECK((GLuint)unit_13 == m.objects[0] && unit_13_buffer == 0, "texture unit 13 holds %d and %d, the callback bound %u", unit_13, unit_13_buffer,
+          m.objects[0]);
+    for (i = 0; i < after.count; i++)
+        if (strcmp(after.entries[i].name, "TEXTURE_2D 13") == 0)
+            memcpy(after.entries[i].value, before.entries[i].value, sizeof after.entries[i].value);
     difference = gl_state_difference(&before, &after);
     CHECK(!difference, "left behind by the callback: %s", difference ? difference : "");
     CHECK(small_same(&polite, &rude), "what the callback leaves behind changes the picture");
     m.on = 2;  /* GL errors too: they may fail the picture, but not spoil it */
     watch_forget(&seen);
     KEPT(result = small_render(context, &view, &rude));
-    CHECK(result == SBL_SUCCESS ? small_same(&polite, &rude) : result == SBL_ERROR_GL && seen.errors > 0, "the callback's GL error gives \"%s\"", sbl_result_string(result));
+    CHECK(result == SBL_SUCCESS ? small_same(&polite, &rude) : result == SBL_ERROR_GL && seen.errors > 0, "the callback's GL error gives \"%s\"",
+          sbl_result_string(result));
     CHECK(gl.GetError() == GL_NO_ERROR, "the callback's GL error is left");
     sbl_destroy(context);
 }
@@ -412,7 +421,8 @@ static void side_by_side(const sbl_context_desc *desc, const char *where) {
     views[1] = other_view();
     for (i = 0; i < 2; i++) {
         sbl_context *c;
-        REQUIRE(sbl_create(desc, &c) == SBL_SUCCESS && sbl_set_scene(c, &scenes[i]) == SBL_SUCCESS && small_render(c, &views[i], &alone[i]) == SBL_SUCCESS, "%s: %s", where, watch_last(&seen));
+        REQUIRE(sbl_create(desc, &c) == SBL_SUCCESS && sbl_set_scene(c, &scenes[i]) == SBL_SUCCESS &&
+                small_render(c, &views[i], &alone[i]) == SBL_SUCCESS, "%s: %s", where, watch_last(&seen));
         sbl_destroy(c);
     }
     CHECK(!small_same(&alone[0], &alone[1]), "%s: the two pictures are the same", where);
@@ -431,7 +441,8 @@ static void side_by_side(const sbl_context_desc *desc, const char *where) {
         CHECK(small_same(&together[i], &alone[i]), "%s: picture %d differs from the one made alone", where, i);
     }
     sbl_destroy(contexts[0]);  /* the other goes on */
-    CHECK(small_render(contexts[1], &views[1], &together[1]) == SBL_SUCCESS && small_same(&together[1], &alone[1]), "%s: the other context does not outlive the first", where);
+    CHECK(small_render(contexts[1], &views[1], &together[1]) == SBL_SUCCESS && small_same(&together[1], &alone[1]),
+          "%s: the other context does not outlive the first", where);
     sbl_destroy(contexts[1]);
     scene_free(&first);
 }
