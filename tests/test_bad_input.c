@@ -282,7 +282,7 @@ TEST(streams) {
         BAD_SCENE(stream(i)->offset = SIZE_MAX, MESH, "mesh 1", field, "offset");
         BAD_SCENE(stream(i)->offset = SIZE_MAX - 8, MESH, "mesh 1", field, "offset");
         snprintf(field, sizeof field, "%s.gl_buffer", names[i]);
-        BAD_SCENE(stream(i)->gl_buffer = 12345, MESH, "mesh 1", field, "12345");  /* beside data */
+        BAD_SCENE(stream(i)->gl_buffer = 12345, MESH, "mesh 1", field, "(12345) are both set");  /* beside data */
         BAD_SCENE((stream(i)->gl_buffer = 12345, stream(i)->data = NULL), MESH, "mesh 1", field, "12345");
     }
     /* sbl_type says that 8 bits are for colours and texture coordinates only */
@@ -364,7 +364,7 @@ TEST(materials) {
 TEST(textures) {
     int i;
     BAD_SCENE(f.textures[1].pixels = NULL, TEXTURE, "texture 2", "pixels", "0");
-    BAD_SCENE(f.textures[1].gl_texture = 777, TEXTURE, "texture 2", "gl_texture", "777");
+    BAD_SCENE(f.textures[1].gl_texture = 777, TEXTURE, "texture 2", "gl_texture", "(777) are both set");
     BAD_SCENE((f.textures[1].pixels = NULL, f.textures[1].gl_texture = 777), TEXTURE, "texture 2", "gl_texture", "777");
     BAD_SCENE(f.textures[1].format = (sbl_pixel_format)-1, TEXTURE, "texture 2", "format", "-1");
     BAD_SCENE(f.textures[1].format = SBL_PIXEL_FORMAT_COUNT, TEXTURE, "texture 2", "format", "3");

@@ -790,6 +790,7 @@ static int try_file(const char *path, const struct stat *info, int kind, struct 
         /* a reader that dies in its own process does it aloud here; our code must not be where it happens */
         const char *summary = strstr(ran.err, "SUMMARY: AddressSanitizer"),
                    *memory = strstr(ran.err, "ERROR: AddressSanitizer: requested allocation size");
+        if (!memory) memory = strstr(ran.err, "ERROR: AddressSanitizer: allocator is out of memory");
         CHECK((strstr(summary, "libassimp") || (memory && strstr(memory, "libassimp"))) && strstr(summary, "sbl_render: "), "%s: %s", path,
               ran.err);
     } else
