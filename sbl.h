@@ -1400,6 +1400,7 @@ static float sbl__linear_to_srgb(float x) { return x <= 0.0031308f ? 12.92f * x 
     X(void, DeleteBuffers, (int count, const unsigned *names))                                                            \
     X(void, DeleteFramebuffers, (int count, const unsigned *names))                                                       \
     X(void, DeleteProgram, (unsigned program))                                                                            \
+    X(void, DeleteSamplers, (int count, const unsigned *names))                                                           \
     X(void, DeleteShader, (unsigned shader))                                                                              \
     X(void, DeleteTextures, (int count, const unsigned *names))                                                           \
     X(void, DeleteVertexArrays, (int count, const unsigned *names))                                                       \
@@ -1421,6 +1422,7 @@ static float sbl__linear_to_srgb(float x) { return x <= 0.0031308f ? 12.92f * x 
     X(void, FramebufferTexture2D, (unsigned target, unsigned attachment, unsigned kind, unsigned texture, int level))     \
     X(void, GenBuffers, (int count, unsigned *names))                                                                     \
     X(void, GenFramebuffers, (int count, unsigned *names))                                                                \
+    X(void, GenSamplers, (int count, unsigned *names))                                                                    \
     X(void, GenTextures, (int count, unsigned *names))                                                                    \
     X(void, GenVertexArrays, (int count, unsigned *names))                                                                \
     X(void, GetBooleani_v, (unsigned name, unsigned index, unsigned char *out))                                           \
@@ -1447,6 +1449,7 @@ static float sbl__linear_to_srgb(float x) { return x <= 0.0031308f ? 12.92f * x 
     X(void, PolygonMode, (unsigned face, unsigned mode))                                                                  \
     X(void, ReadBuffer, (unsigned buffer))                                                                                \
     X(void, ReadPixels, (int x, int y, int width, int height, unsigned format, unsigned type, void *pixels))              \
+    X(void, SamplerParameteri, (unsigned sampler, unsigned name, int value))                                              \
     X(void, Scissor, (int x, int y, int width, int height))                                                               \
     X(void, ShaderSource, (unsigned shader, int count, const char *const *strings, const int *lengths))                   \
     X(void, TexBuffer, (unsigned target, unsigned format, unsigned buffer))                                               \
@@ -2462,7 +2465,7 @@ static void sbl__store_texel(const sbl__texel_store *store, size_t at, const flo
 static sbl_result sbl__read_gl_texture(const sbl__gl *gl, unsigned copy_program, unsigned empty_array, unsigned name, int width, int height, float **out) {
     sbl__texture target;
     const sbl__texture *colors[1];
-    unsigned framebuffer = 0;
+    unsigned framebuffer = 0, sampler = 0;
     sbl_result result;
     memset(&target, 0, sizeof target);
     colors[0] = &target;
@@ -2473,11 +2476,20 @@ static sbl_result sbl__read_gl_texture(const sbl__gl *gl, unsigned copy_program,
     if (result == SBL_SUCCESS) {
         gl->UseProgram(copy_program);
         sbl__bind(gl, copy_program, "source", 0, SBL__GL_TEXTURE_2D, name);
+        /* a sampler of its own makes the texture complete where it has level 0 only and GL's default filter, which asks for mip maps */
+        sampler = sbl__name_make(gl, gl->GenSamplers, "reading a GL texture");
+        if (sampler) {
+            gl->SamplerParameteri(sampler, SBL__GL_TEXTURE_MIN_FILTER, SBL__GL_NEAREST);
+            gl->SamplerParameteri(sampler, SBL__GL_TEXTURE_MAG_FILTER, SBL__GL_NEAREST);
+            gl->BindSampler(0, sampler);
+        }
         gl->BindVertexArray(empty_array);
         gl->Disable(SBL__GL_DEPTH_TEST);
         gl->Viewport(0, 0, width, height);
         gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
-        result = sbl__read_pixels(gl, framebuffer, 0, &target, height, *out, "reading a GL texture");
+        result = sampler ? sbl__read_pixels(gl, framebuffer, 0, &target, height, *out, "reading a GL texture") : SBL_ERROR_GL;
+        gl->BindSampler(0, 0);
+        sbl__name_delete(gl->DeleteSamplers, &sampler);
     }
     sbl__name_delete(gl->DeleteFramebuffers, &framebuffer);
     sbl__texture_delete(gl, &target);

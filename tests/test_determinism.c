@@ -485,6 +485,8 @@ TEST(draw_callback) {
 
 TEST(draw_callback_writing_depth) { drawn_by_host(6, SBL_CAPABILITY_ALL); }
 
+TEST(nothing_leaked) { CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks, %.0f bytes leaked", seen.blocks, (double)seen.bytes); }
+
 static int reference(sbl_backend which) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view;
@@ -522,6 +524,7 @@ int main(void) {
     RUN(moving);
     RUN(seeds);
     RUN(capabilities);
+    RUN(nothing_leaked);
     scene_free(&cornell);
     return test_report();
 }

@@ -63,7 +63,10 @@ static float expected_radiance[4 * 64 * 64], expected_weights[64 * 64];
 /* What must have happened before. */
 static int phase_prepare(sbl_context *context, phase p) {
     sbl_picture_desc view = small_view();
-    if (p == PHASE_RENDER) return sbl_begin(context, &view) == SBL_SUCCESS;
+    if (p == PHASE_RENDER) {  /* the scene anew, so that what is built once a scene is built by the call */
+        sbl_scene_desc desc = scene_desc(&scene);
+        return sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_begin(context, &view) == SBL_SUCCESS;
+    }
     if (p >= PHASE_READ) return sbl_render(context, &view) == SBL_SUCCESS;
     return 1;
 }
@@ -101,7 +104,7 @@ static void still_usable(sbl_context *context, phase p, int succeeded, const cha
     float low[3], high[3];
     static small_picture again;
     sbl_result result;
-    if (succeeded && (p == PHASE_SCENE || p == PHASE_MOVE)) {
+    if ((succeeded && (p == PHASE_SCENE || p == PHASE_MOVE)) || (p == PHASE_RENDER && place % 2)) {  /* or a half-built scene is replaced */
         sbl_scene_desc desc = scene_desc(&scene);
         CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS, "%s, %s %d: the scene cannot be set again: %s", phase_names[p], fault, place, watch_last(&seen));
     }
@@ -192,6 +195,37 @@ TEST(calls_invalid) { every_phase(FAKE_REFUSE, GL_INVALID_OPERATION, SBL_ERROR_G
 TEST(errors_out_of_memory) { every_phase(FAKE_ERROR, GL_OUT_OF_MEMORY, SBL_ERROR_OUT_OF_MEMORY, "GL_OUT_OF_MEMORY at glGetError", 40); }
 TEST(no_names) { every_phase(FAKE_NO_NAME, 0, SBL_ERROR_GL, "no name by glGen", 20); }
 TEST(framebuffers) { every_phase(FAKE_FRAMEBUFFER, 0, SBL_ERROR_GL, "framebuffer status", 5); }
+
+/* Lists that grow while a picture is made, which the small one does not need. */
+TEST(allocations_of_a_larger_picture) {
+    sbl_context_desc desc = faulty_desc();
+    sbl_scene_desc first = scene_desc(&scene);
+    sbl_picture_desc view = small_view();
+    sbl_context *context;
+    int place, before_all = seen.blocks, blocks;
+    view.width = 64;
+    view.height = 48;
+    view.tile = 1;
+    view.samples = 1;
+    view.sensor_size = 4;
+    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &first) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+    sbl_end(context);
+    blocks = seen.blocks;
+    for (place = 1; place < MOST_PLACES; place++) {
+        sbl_result result;
+        seen.refused = 0;
+        seen.refuse_at = seen.allocations + place;
+        result = sbl_render(context, &view);
+        seen.refuse_at = 0;
+        CHECK(result == (seen.refused ? SBL_ERROR_OUT_OF_MEMORY : SBL_SUCCESS), "allocation %d: \"%s\"", place, sbl_result_string(result));
+        sbl_end(context);
+        CHECK(seen.blocks == blocks, "allocation %d: %d blocks leaked", place, seen.blocks - blocks);
+        if (!seen.refused) break;
+    }
+    CHECK(place > 10 && place < MOST_PLACES, "%d allocations", place - 1);
+    sbl_destroy(context);
+    CHECK(seen.blocks == before_all && fake_live() == 0, "%d blocks and %d GL objects leaked", seen.blocks - before_all, fake_live());
+}
 
 /* >>sbl_create */
 
@@ -344,6 +378,7 @@ int main(void) {
     RUN(errors_out_of_memory);
     RUN(no_names);
     RUN(framebuffers);
+    RUN(allocations_of_a_larger_picture);
     printf("traced:\n");
     if (!references(SBL_BACKEND_TRACE)) { printf("without faults: %s; %d GL objects made, %d left\n", watch_last(&seen), fake.made, fake_live()); return 1; }
     RUN(allocations);

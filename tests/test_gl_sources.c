@@ -1,0 +1,85 @@
+/* Meshes from GL buffers and textures from GL names give the same picture, bit for bit, as the same bytes from client memory. */
+#define SBL_IMPLEMENTATION
+#include "../sbl.h"
+#include "test.h"
+#include "scenes.h"
+#include "gl_host.h"
+
+static sbl_context *context;
+
+static unsigned buffer_of(const void *bytes, size_t size) {
+    GLuint name = 0;
+    gl.GenBuffers(1, &name);
+    gl.BindBuffer(GL_ARRAY_BUFFER, name);
+    gl.BufferData(GL_ARRAY_BUFFER, (GLsizeiptr)size, bytes, GL_STATIC_DRAW);
+    gl.BindBuffer(GL_ARRAY_BUFFER, 0);
+    return name;
+}
+
+/* A white floor with a picture on it under a small lamp, corners interleaved with texture coordinates. */
+static const float corners[] = { -1, 0, -1, 0, 0,   -1, 0, 1, 0, 1,   1, 0, 1, 1, 1,   1, 0, -1, 1, 0 };
+static const unsigned short quad[] = { 7, 7, 0, 1, 2, 0, 2, 3 };  /* the first two are skipped by the offset */
+static const unsigned char texels[] = { 255, 0, 0, 255,   0, 200, 0, 255,   0, 0, 150, 255,   90, 90, 90, 255 };
+
+TEST(gl_objects_are_as_good_as_arrays) {
+    float *pictures[3] = { NULL, NULL, NULL };
+    int kind, i;
+    sbl_picture_desc view = scene_view(32, 24, 50, 0, 2, 2, 0, 0, 0);
+    for (kind = 0; kind < 3; kind++) {  /* arrays; GL objects; other bytes in the buffers, to see that they are read */
+        test_scene s = { 0 };
+        sbl_mesh *m;
+        int white = scene_material(&s, 0.9f, 0.9f, 0.9f), lamp = scene_lamp(&s, 9, 9, 9);
+        float bytes[20];
+        GLuint texture = 0;
+        memcpy(bytes, corners, sizeof bytes);
+        if (kind == 2) bytes[0] = -0.2f;
+        scene_quad(&s, lamp, -0.2f, 1, -0.2f, 0.2f, 1, -0.2f, 0.2f, 1, 0.2f, -0.2f, 1, 0.2f);
+        m = scene_floor(&s, white, 0, 1);
+        m->vertex_count = 4;
+        m->positions.stride = m->texcoords.stride = 20;
+        m->texcoords.offset = 12;
+        m->indices.type = SBL_UINT16;
+        m->indices.offset = 4;
+        m->indices.stride = 0;
+        m->index_count = 6;
+        if (kind == 0) {
+            m->positions.data = m->texcoords.data = bytes;
+            m->indices.data = quad;
+            s.materials[white].albedo_texture = scene_texture(&s, texels, sizeof texels, SBL_PIXELS_SRGB8, 2, 2, 4);
+        } else {
+            m->positions.data = m->texcoords.data = m->indices.data = NULL;
+            m->positions.gl_buffer = m->texcoords.gl_buffer = buffer_of(bytes, sizeof bytes);
+            m->indices.gl_buffer = buffer_of(quad, sizeof quad);
+            gl.GenTextures(1, &texture);
+            gl.BindTexture(GL_TEXTURE_2D, texture);
+            gl.TexImage2D(GL_TEXTURE_2D, 0, GL_SRGB8_ALPHA8, 2, 2, 0, GL_RGBA, GL_UNSIGNED_BYTE, texels);
+            gl.BindTexture(GL_TEXTURE_2D, 0);
+            s.textures[s.texture_count++].gl_texture = texture;
+            s.materials[white].albedo_texture = s.texture_count;
+        }
+        REQUIRE(scene_render(context, &s, &view), "no picture of kind %d", kind);
+        pictures[kind] = scene_channel(context, &view, SBL_CHANNEL_FINAL);
+        if (kind) {
+            gl.DeleteBuffers(1, &m->positions.gl_buffer);
+            gl.DeleteBuffers(1, &m->indices.gl_buffer);
+            gl.DeleteTextures(1, &texture);
+        }
+        scene_free(&s);
+    }
+    for (i = 0; i < 32 * 24 * 3 && pictures[0][i] == pictures[1][i];) i++;
+    CHECK(i == 32 * 24 * 3, "float %d is %g from arrays, %g from GL objects", i, (double)pictures[0][i % 2304], (double)pictures[1][i % 2304]);
+    CHECK(memcmp(pictures[1], pictures[2], sizeof(float) * 32 * 24 * 3) != 0, "what the buffer holds makes no difference");
+    for (kind = 0; kind < 3; kind++) free(pictures[kind]);
+}
+
+int main(void) {
+    sbl_context_desc desc;
+    memset(&desc, 0, sizeof desc);
+    if (!gl_host_open()) return 1;
+    desc.get_gl_function = gl_host_proc;
+    if (sbl_create(&desc, &context) != SBL_SUCCESS) return 1;
+    RUN(gl_objects_are_as_good_as_arrays);
+    sbl_destroy(context);
+    host_gl_close();
+    return test_report();
+}
