@@ -462,6 +462,8 @@ TEST(empty_scenes_and_meshes) {
     for (i = 0; i < 3 * SMALL_PIXELS; i++) if (picture.values[i] != nothing.sky[i % 3]) break;
     CHECK(i == 3 * SMALL_PIXELS, "float %d of the sky is %g", i, (double)picture.values[i % SMALL_FLOATS]);
     CHECK(watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, NULL, NULL, NULL), "no warning that nothing is visible");
+    view.backend = SBL_BACKEND_TRACE;
+    CHECK(sbl_render(context, &view) == SBL_SUCCESS, "an empty scene is not traced: %s", watch_last(&seen));
     memset(&view, 0, sizeof view);
     view.width = view.height = 4;
     view.sensor_size = 4;
