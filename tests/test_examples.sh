@@ -56,6 +56,8 @@ host_draw_picture() {
 host_draw_writes_depth() {
     (
         export MESA_GL_VERSION_OVERRIDE=3.3 MESA_GLSL_VERSION_OVERRIDE=330 MESA_EXTENSION_OVERRIDE=-GL_ARB_clip_control
+        # gcc 12's leak checker dies reading thread storage of a driver under these overrides; the runs above look for leaks
+        export ASAN_OPTIONS="${ASAN_OPTIONS-}:detect_leaks=0"
         run host_draw old
     ) && look alike with/host_draw.png old/host_draw.png
 }
