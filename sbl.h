@@ -1997,9 +1997,7 @@ typedef struct sbl__scene {
     uint32_t *objects;
     int vertex_count, triangle_count;
     int textured;                  /* some material has a texture or a cutout, or some mesh vertex colours */
-    int hidden;                    /* some material is hidden from someone */
     float sky[3], max_radiance;    /* highest radiance of any emitter or the sky */
-    float max_albedo;
     float bounds[2][3];
     float extent;                  /* longest distance inside the bounds, plus how far they lie from the origin: sets offsets and depth */
     sbl_draw_function draw;
@@ -3358,7 +3356,7 @@ static sbl_result sbl__gather_begin(const sbl__gl *gl, sbl__gather *g, const sbl
 }
 
 /* The host's own geometry, view by view. */
-static void sbl__gather_draw_host(const sbl__gl *gl, const sbl__gather *g, const sbl__scene *scene, int first, int count, int base) {
+static void sbl__gather_draw_host(const sbl__gl *gl, const sbl__gather *g, const sbl__scene *scene, int first, int count) {
     int pitch_x = g->layout.blocks[0] * g->layout.block, pitch_y = g->layout.blocks[1] * g->layout.block, i, face, k;
     for (i = first; i < first + count; i++)
         for (face = 0; face < g->layout.view_count; face++) {
@@ -3394,7 +3392,7 @@ static void sbl__gather_draw_host(const sbl__gl *gl, const sbl__gather *g, const
             v.depth_scale = SBL__DEPTH_SCALE;
             v.write_depth = !(gl->capabilities.used & SBL_CAPABILITY_CLIP_CONTROL);
             v.epsilon = g->epsilon;
-            v.sensor = base + i;
+            v.sensor = i;
             v.face = face;
             gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->atlas_framebuffer);
             gl->Enable(SBL__GL_DEPTH_TEST);
@@ -3406,6 +3404,17 @@ static void sbl__gather_draw_host(const sbl__gl *gl, const sbl__gather *g, const
         }
 }
 
+/* Fills the atlas with sky. */
+static void sbl__gather_clear(const sbl__gl *gl, const sbl__gather *g, const sbl__scene *scene) {
+    float sky[4], zero = 0;
+    int k;
+    for (k = 0; k < 3; k++) sky[k] = scene->sky[k] * g->radiance_scale;
+    sky[3] = 0;
+    gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->atlas_framebuffer);
+    gl->ClearBufferfv(SBL__GL_COLOR, 0, sky);
+    gl->ClearBufferfv(SBL__GL_DEPTH, 0, &zero);
+}
+
 /* Draws sensors first .. first + count - 1, which lie in one filling of the atlas. */
 static sbl_result sbl__gather_draw(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, unsigned program, int first, int count) {
     const sbl__layout *l = &g->layout;
@@ -3413,13 +3422,7 @@ static sbl_result sbl__gather_draw(const sbl__gl *gl, sbl__gather *g, const sbl_
     sbl_result result = SBL_SUCCESS;
     gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->atlas_framebuffer);
     gl->Viewport(0, 0, g->atlas.width, g->atlas.height);
-    if (first % g->slots == 0) {
-        float sky[4], zero = 0;
-        for (i = 0; i < 3; i++) sky[i] = scene->sky[i] * g->radiance_scale;
-        sky[3] = 0;
-        gl->ClearBufferfv(SBL__GL_COLOR, 0, sky);
-        gl->ClearBufferfv(SBL__GL_DEPTH, 0, &zero);
-    }
+    if (first % g->slots == 0) sbl__gather_clear(gl, g, scene);
     if (scene->triangle_count) {
         for (i = 0; i < count; i++)
             for (face = 0; face < l->view_count; face++) {
@@ -3451,7 +3454,7 @@ static sbl_result sbl__gather_draw(const sbl__gl *gl, sbl__gather *g, const sbl_
         gl->DrawElementsInstanced(SBL__GL_TRIANGLES, 3 * scene->triangle_count, SBL__GL_UNSIGNED_INT, NULL, count * l->view_count);
         for (i = 0; i < 4; i++) gl->Disable(SBL__GL_CLIP_DISTANCE0 + (unsigned)i);
     }
-    if (scene->draw) sbl__gather_draw_host(gl, g, scene, first, count, 0);
+    if (scene->draw) sbl__gather_draw_host(gl, g, scene, first, count);
     return result;
 }
 
@@ -4933,14 +4936,9 @@ static sbl_result sbl__inspect(sbl_context *c, const sbl__point *point, int pixe
     sbl_result result = SBL_SUCCESS;
     if (!points || !lights || (radiance && !atlas) || !table) result = SBL_ERROR_OUT_OF_MEMORY;
     if (result == SBL_SUCCESS) {
-        float sky[4], zero = 0;
         points[slot] = *point;
         result = sbl__gather_begin(&c->gl, g, points, slot + 1);
-        c->gl.BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->atlas_framebuffer);
-        for (k = 0; k < 3; k++) sky[k] = c->scene.sky[k] * g->radiance_scale;
-        sky[3] = 0;
-        c->gl.ClearBufferfv(SBL__GL_COLOR, 0, sky);
-        c->gl.ClearBufferfv(SBL__GL_DEPTH, 0, &zero);
+        sbl__gather_clear(&c->gl, g, &c->scene);
     }
     if (result == SBL_SUCCESS) result = sbl__gather_draw(&c->gl, g, &c->scene, program, slot, 1);
     if (result == SBL_SUCCESS) {
