@@ -1040,11 +1040,11 @@ static const char *const sbl__glsl_surface[] = {
     "}\n",
     0 };
 static const char *const sbl__glsl_trace[] = {
-    "// A chunk of one sensor's rays: cosine-distributed directions, so that all weigh the same. The outputs are those of reduce_blocks.glsl.\n",
+    "// A part of one sensor's rays: cosine-distributed directions, so that all weigh the same. The outputs are those of reduce_blocks.glsl.\n",
     "uniform usamplerBuffer sbl_points;    // a sensor, three texels: position, hash; normal, hash; first ray\n",
-    "uniform usamplerBuffer sbl_sequence;  // the first points of the Sobol sequence, two 32-bit fractions each\n",
-    "uniform int rays, chunk;              // of a sensor; of an invocation\n",
-    "uniform ivec2 blocks;                 // chunks of a sensor\n",
+    "uniform usamplerBuffer sbl_sequence;  // points of the Sobol sequence, two 32-bit fractions each, along a Morton curve\n",
+    "uniform int rays;                     // of a sensor\n",
+    "uniform ivec2 blocks;                 // invocations of a sensor: four by some, so that those that run side by side trace neighbouring rays\n",
     "uniform int columns;                  // sensors across the target\n",
     "uniform int first_slot, count;        // this many sensors stand from first_slot on\n",
     "uniform float epsilon;\n",
@@ -1080,8 +1080,7 @@ static const char *const sbl__glsl_trace[] = {
     "    vec3 right = vec3(1.0 + s * n.x * n.x * f, s * g, -s * n.x), up = vec3(g, s + n.y * n.y * f, -n.y);\n",
     "\n",
     "    vec4 sum = vec4(0), hits = vec4(0, 0, 1e30, 0);\n",
-    "    int from = (within.y * blocks.x + within.x) * chunk, to = min(from + chunk, rays);\n",
-    "    for (int i = from; i < to; i++) {\n",
+    "    for (int i = within.y * blocks.x + within.x; i < rays; i += blocks.x * blocks.y) {\n",
     "        uvec2 fraction = texelFetch(sbl_sequence, skip + i).xy ^ uvec2(a.w, b.w);\n",
     "        vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0 * vec2(spread, 1.0);\n",
     "        float radius = sqrt(u.x), angle = 6.283185307 * u.y;\n",
@@ -1100,7 +1099,7 @@ static const char *const sbl__glsl_trace[] = {
     0 };
 static const char *const sbl__glsl_traverse[] = {
     "// A ray through the bounding volume hierarchy (see >>bvh in sbl.h). Two texels a node, one a child:\n",
-    "//   lowest x | y << 16, lowest z | highest x << 16, highest y | highest z << 16, child\n",
+    "//   lowest x | highest x << 16, lowest y | highest y << 16, lowest z | highest z << 16, child\n",
     "// in steps of a grid over the scene; a child is a node's number, or 1 << 31 | (triangles - 1) << 28 | first triangle.\n",
     "// A triangle is three texels: corner, object; corner, number in the scene; corner, 1 where a cutout may leave nothing.\n",
     "uniform usamplerBuffer sbl_nodes, sbl_triangles;\n",
@@ -1133,27 +1132,28 @@ static const char *const sbl__glsl_traverse[] = {
     "}\n",
     "#endif\n",
     "\n",
-    "const uint SBL_LEAF = 0x80000000u;\n",
+    "const uint SBL_LEAF = 0x80000000u, SBL_END = 0xffffffffu;\n",
     "\n",
     "struct sbl_Hit {\n",
-    "    float distance;   // in lengths of the direction; negative: nothing was hit\n",
-    "    int triangle;     // as sbl_triangles counts\n",
+    "    float distance;   // in lengths of the direction\n",
+    "    int triangle;     // as sbl_triangles counts; negative: nothing was hit\n",
+    "    int number;       // of the triangle in the scene\n",
     "    float b1, b2;     // barycentrics of the second and third corner\n",
     "    bool back;\n",
     "};\n",
     "\n",
-    "// Does the ray's stretch up to `nearest` cross the box? Its entry distance, or 1e30.\n",
-    "float sbl_box(uvec4 box, vec3 start, vec3 inverse, float nearest) {\n",
-    "    vec3 low = vec3(box.x & 65535u, box.x >> 16, box.y & 65535u), high = vec3(box.y >> 16, box.z & 65535u, box.z >> 16);\n",
-    "    vec3 a = (low - start) * inverse, b = (high - start) * inverse;\n",
-    "    vec3 entry = min(a, b), leave = max(a, b);\n",
-    "    float from = max(max(entry.x, entry.y), max(entry.z, 0.0)), to = min(min(leave.x, leave.y), min(leave.z, nearest));\n",
-    "    return from <= to * 1.0000004 ? from : 1e30;  // Ize 2013, \"Robust BVH Ray Traversal\"\n",
+    "// Does the ray's stretch up to `nearest` cross the box? Its entry distance, or 0x7fffffff; distances are the bits of floats, since they order as integers\n",
+    "// where none is negative, and a negative one is below all others. `per` is the length of a grid step along the ray, `offset` brings the origin to 0.\n",
+    "int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int nearest) {\n",
+    "    vec3 low = vec3(box.xyz & 65535u), high = vec3(box.xyz >> 16);\n",
+    "    ivec3 entry = floatBitsToInt(mix(low, high, flip) * per + offset), leave = floatBitsToInt(mix(high, low, flip) * per + offset);\n",
+    "    int from = max(max(entry.x, entry.y), max(entry.z, 0)), to = min(min(leave.x, leave.y), min(leave.z, nearest));\n",
+    "    return from <= to + 4 ? from : 0x7fffffff;  // units in the last place, see Ize 2013, \"Robust BVH Ray Traversal\"\n",
     "}\n",
     "\n",
-    "sbl_Hit sbl_trace(vec3 origin, vec3 direction) {\n",
-    "    sbl_Hit hit = sbl_Hit(-1.0, -1, 0.0, 0.0, false);\n",
-    "    if (node_count == 0) return hit;\n",
+    "// The nearest hit farther than `after`, or as far and of a triangle numbered above `past`: hits are ordered by distance, then number.\n",
+    "sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past) {\n",
+    "    sbl_Hit hit = sbl_Hit(1e30, -1, -1, 0.0, 0.0, false);\n",
     "\n",
     "    // Watertight against shared edges: Woop, Benthin and Wald 2013. The axis along which the direction is longest becomes z, the ray is sheared onto it.\n",
     "    vec3 size = abs(direction);\n",
@@ -1161,58 +1161,61 @@ static const char *const sbl__glsl_traverse[] = {
     "    vec3 d = axis == 0 ? direction.yzx : axis == 1 ? direction.zxy : direction;\n",
     "    float shear_x = d.x / d.z, shear_y = d.y / d.z, per_z = 1.0 / d.z;\n",
     "\n",
-    "    vec3 start = (origin - grid_origin) * grid_per_length, along = direction * grid_per_length;\n",
-    "    vec3 inverse = 1.0 / vec3(abs(along.x) > 1e-20 ? along.x : 1e-20, abs(along.y) > 1e-20 ? along.y : 1e-20, abs(along.z) > 1e-20 ? along.z : 1e-20);\n",
-    "    float nearest = 1e30;\n",
+    "    vec3 along = direction * grid_per_length;\n",
+    "    vec3 per = 1.0 / mix(along, vec3(1e-20), lessThan(abs(along), vec3(1e-20))), offset = (grid_origin - origin) * grid_per_length * per;\n",
+    "    bvec3 flip = lessThan(per, vec3(0));\n",
     "    uint stack[SBL_STACK];\n",
+    "    stack[0] = SBL_END;\n",
     "    int top = 0;\n",
-    "    uint node = 0u;\n",
-    "    bool running = true;\n",
-    "    while (running) {\n",
+    "    uint node = node_count == 0 ? SBL_END : 0u;\n",
+    "    while (true) {\n",
     "        while (node < SBL_LEAF) {  // down to a leaf, the nearer child first\n",
     "            uvec4 first = texelFetch(sbl_nodes, int(node) * 2), second = texelFetch(sbl_nodes, int(node) * 2 + 1);\n",
-    "            float a = sbl_box(first, start, inverse, nearest), b = sbl_box(second, start, inverse, nearest);\n",
-    "            if (a == 1e30 && b == 1e30) {\n",
-    "                if (top == 0) { running = false; break; }\n",
-    "                node = stack[--top];\n",
-    "            } else if (b == 1e30) node = first.w;\n",
-    "            else if (a == 1e30) node = second.w;\n",
-    "            else {\n",
-    "                stack[top++] = a <= b ? second.w : first.w;\n",
-    "                node = a <= b ? first.w : second.w;\n",
-    "            }\n",
+    "            int nearest = floatBitsToInt(hit.distance), a = sbl_box(first, per, offset, flip, nearest), b = sbl_box(second, per, offset, flip, nearest);\n",
+    "            node = a <= b ? first.w : second.w;\n",
+    "            if (max(a, b) < 0x7fffffff) stack[++top] = a <= b ? second.w : first.w;\n",
+    "            if (min(a, b) == 0x7fffffff) node = stack[top--];\n",
     "        }\n",
-    "        if (!running) break;\n",
+    "        if (node == SBL_END) break;\n",
     "        int from = int(node & 0x0fffffffu), to = from + int((node >> 28) & 7u);\n",
     "        for (int t = from; t <= to; t++) {\n",
+    "            uvec4 second = texelFetch(sbl_triangles, 3 * t + 1);\n",
     "            vec3 p = uintBitsToFloat(texelFetch(sbl_triangles, 3 * t).xyz) - origin;\n",
-    "            vec3 q = uintBitsToFloat(texelFetch(sbl_triangles, 3 * t + 1).xyz) - origin;\n",
-    "            uvec4 last = texelFetch(sbl_triangles, 3 * t + 2);\n",
-    "            vec3 r = uintBitsToFloat(last.xyz) - origin;\n",
+    "            vec3 q = uintBitsToFloat(second.xyz) - origin;\n",
+    "            vec3 r = uintBitsToFloat(texelFetch(sbl_triangles, 3 * t + 2).xyz) - origin;\n",
     "            p = axis == 0 ? p.yzx : axis == 1 ? p.zxy : p;\n",
     "            q = axis == 0 ? q.yzx : axis == 1 ? q.zxy : q;\n",
     "            r = axis == 0 ? r.yzx : axis == 1 ? r.zxy : r;\n",
     "            p.xy -= vec2(shear_x, shear_y) * p.z;\n",
     "            q.xy -= vec2(shear_x, shear_y) * q.z;\n",
     "            r.xy -= vec2(shear_x, shear_y) * r.z;\n",
-    "            float u = r.x * q.y - r.y * q.x, v = p.x * r.y - p.y * r.x, w = q.x * p.y - q.y * p.x;\n",
-    "            float determinant = u + v + w;\n",
-    "            if ((min(u, min(v, w)) >= 0.0 || max(u, max(v, w)) <= 0.0) && determinant != 0.0) {\n",
-    "                float distance_to = (u * p.z + v * q.z + w * r.z) * per_z / determinant;\n",
-    "                if (distance_to > 0.0 && distance_to < nearest) {\n",
-    "#ifdef SBL_TEXTURED\n",
-    "                    bool solid = true;  // a loop, since software renderers run both sides of every if, but leave loops that no lane enters\n",
-    "                    for (uint cut = last.w; cut != 0u; cut = 0u) solid = sbl_solid(t, v / determinant, w / determinant);\n",
-    "                    if (!solid) continue;\n",
-    "#endif\n",
-    "                    nearest = distance_to;\n",
-    "                    hit = sbl_Hit(distance_to, t, v / determinant, w / determinant, (determinant < 0.0) == (d.z > 0.0));\n",
-    "                }\n",
-    "            }\n",
+    "            float u = r.x * q.y - r.y * q.x, v = p.x * r.y - p.y * r.x, w = q.x * p.y - q.y * p.x, determinant = u + v + w;\n",
+    "            bool inside = ((u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0)) && determinant != 0.0;\n",
+    "            float l = (u * p.z + v * q.z + w * r.z) * per_z / determinant;\n",
+    "            int number = int(second.w);\n",
+    "            bool behind = l > after || (l == after && number > past);\n",
+    "            if (inside && behind && (l < hit.distance || (l == hit.distance && number < hit.number)))\n",
+    "                hit = sbl_Hit(l, t, number, v / determinant, w / determinant, (determinant < 0.0) == (d.z > 0.0));\n",
     "        }\n",
-    "        if (top == 0) break;\n",
-    "        node = stack[--top];\n",
+    "        node = stack[top--];\n",
     "    }\n",
+    "    return hit;\n",
+    "}\n",
+    "\n",
+    "sbl_Hit sbl_trace(vec3 origin, vec3 direction) {\n",
+    "    sbl_Hit hit = sbl_Hit(0.0, -1, 0x7fffffff, 0.0, 0.0, false);\n",
+    "#ifdef SBL_TEXTURED\n",
+    "    // Cutouts: the nearest hit is looked at, and where nothing is there the ray goes on behind it.\n",
+    "    // All ifs are loops, since software renderers run both sides of every if, but leave loops that no lane enters.\n",
+    "    for (int layer = 0; layer < 64; layer++) {\n",
+    "        bool solid = true;\n",
+    "        hit = sbl_nearest(origin, direction, hit.distance, hit.number);\n",
+    "        for (uint cut = hit.triangle < 0 ? 0u : texelFetch(sbl_triangles, 3 * hit.triangle + 2).w; cut != 0u; cut = 0u) solid = sbl_solid(hit.triangle, hit.b1, hit.b2);\n",
+    "        if (solid) break;\n",
+    "    }\n",
+    "#else\n",
+    "    hit = sbl_nearest(origin, direction, hit.distance, hit.number);\n",
+    "#endif\n",
     "    return hit;\n",
     "}\n",
     0 };
@@ -2809,9 +2812,7 @@ static void sbl__bvh_quantise(const sbl__bvh *bvh, const sbl__box *b, uint32_t o
         low[k] = (uint32_t)SBL__MIN(SBL__MAX(floor(a - 0.02), 0), 65535);
         high[k] = (uint32_t)SBL__MIN(SBL__MAX(ceil(c + 0.02), 0), 65535);
     }
-    out[0] = low[0] | low[1] << 16;
-    out[1] = low[2] | high[0] << 16;
-    out[2] = high[1] | high[2] << 16;
+    for (k = 0; k < 3; k++) out[k] = low[k] | high[k] << 16;
 }
 
 static void sbl__bvh_free(sbl__base *base, sbl__bvh *bvh) {
@@ -2869,8 +2870,7 @@ static sbl_result sbl__bvh_build(sbl__base *base, sbl__bvh *bvh, const sbl__scen
         if (t.count == 1) {
             sbl__bvh_quantise(bvh, &boxes[bvh->order[t.first]], node);
             node[3] = 0x80000000u | (uint32_t)t.first;
-            node[4] = node[5] = 0xffffffffu;  /* lowest above highest */
-            node[6] = 0;
+            node[4] = node[5] = node[6] = 65535;  /* lowest above highest */
             node[7] = node[3];
             bvh->node_count++;
             continue;
@@ -3255,7 +3255,7 @@ typedef struct sbl__gather {
     const sbl__point *points;   /* the job; owned by the caller */
     int count, next;
     float spread;               /* traced: 1 for the hemisphere, 0 for rays along the normal only */
-    int rays, chunk;            /* traced: directions of a sensor, of which one shader invocation takes a chunk. rays 0: rasterised */
+    int rays;                   /* traced: directions of a sensor; 0: rasterised */
     float length;               /* world units of a distance that the shaders give */
     sbl__buffer point_buffer, sequence_buffer;
     unsigned point_texels, sequence_texels;
@@ -3506,18 +3506,25 @@ static void sbl__sobol(uint32_t *out, int count) {
     }
 }
 
+/* Along a Morton curve: rays that a shader traces side by side then go close by each other, whatever the scramble. */
+static int sbl__morton_order(const void *first, const void *second) {
+    const uint32_t *a = (const uint32_t *)first, *b = (const uint32_t *)second;
+    uint32_t x = a[0] ^ b[0], y = a[1] ^ b[1];
+    int axis = x < y && x < (x ^ y);  /* which differs in the higher bit */
+    return a[axis] == b[axis] ? 0 : a[axis] < b[axis] ? -1 : 1;
+}
+
 static sbl_result sbl__trace_setup(const sbl__gl *gl, sbl__gather *g, int rays, float spread, float epsilon, int batch) {
     const char *what = "making the rays' textures";
     const sbl__texture *colors[2];
-    int chunks = (rays + SBL__CHUNK - 1) / SBL__CHUNK, rows;
+    int chunk = SBL__MIN(SBL__CHUNK, (rays + 7) / 8), chunks = (rays + chunk - 1) / chunk, rows, i;
     uint32_t *sequence;
     sbl_result result;
     memset(&g->layout, 0, sizeof g->layout);
     g->layout.view_count = 1;
-    g->layout.blocks[0] = SBL__MIN(chunks, 16);
-    g->layout.blocks[1] = (chunks + 15) / 16;
+    g->layout.blocks[0] = SBL__MIN(chunks, 4);
+    g->layout.blocks[1] = (chunks + 3) / 4;
     g->rays = rays;
-    g->chunk = SBL__CHUNK;
     g->spread = spread;
     g->epsilon = epsilon;
     g->length = g->radiance_scale = 1;
@@ -3529,6 +3536,7 @@ static sbl_result sbl__trace_setup(const sbl__gl *gl, sbl__gather *g, int rays, 
     g->point_words = (uint32_t *)sbl__alloc(gl->base, (size_t)g->draw_limit, 48);
     if (!sequence || !g->point_words) { sbl__free(gl->base, sequence); return SBL_ERROR_OUT_OF_MEMORY; }
     sbl__sobol(sequence, rays * SBL__MAX_LOOKS);
+    for (i = 0; i < SBL__MAX_LOOKS; i++) qsort(sequence + 2 * (size_t)rays * (size_t)i, (size_t)rays, 8, sbl__morton_order);
     gl->BindVertexArray(0);
     result = sbl__buffer_make(gl, &g->sequence_buffer, (size_t)rays * SBL__MAX_LOOKS * 8, sequence, SBL__GL_STATIC_DRAW, what);
     sbl__free(gl->base, sequence);
@@ -3572,7 +3580,6 @@ static sbl_result sbl__trace_draw(const sbl__gl *gl, sbl__gather *g, const sbl__
     sbl__uniform_3(gl, program, "grid_per_length", bvh->grid_per_length);
     sbl__uniform_i(gl, program, "node_count", bvh->node_count);
     sbl__uniform_i(gl, program, "rays", g->rays);
-    sbl__uniform_i(gl, program, "chunk", g->chunk);
     gl->Uniform2i(sbl__uniform(gl, program, "blocks"), g->layout.blocks[0], g->layout.blocks[1]);
     sbl__uniform_i(gl, program, "columns", g->columns);
     sbl__uniform_i(gl, program, "first_slot", slot);

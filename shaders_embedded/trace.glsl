@@ -1,8 +1,8 @@
-// A chunk of one sensor's rays: cosine-distributed directions, so that all weigh the same. The outputs are those of reduce_blocks.glsl.
+// A part of one sensor's rays: cosine-distributed directions, so that all weigh the same. The outputs are those of reduce_blocks.glsl.
 uniform usamplerBuffer sbl_points;    // a sensor, three texels: position, hash; normal, hash; first ray
-uniform usamplerBuffer sbl_sequence;  // the first points of the Sobol sequence, two 32-bit fractions each
-uniform int rays, chunk;              // of a sensor; of an invocation
-uniform ivec2 blocks;                 // chunks of a sensor
+uniform usamplerBuffer sbl_sequence;  // points of the Sobol sequence, two 32-bit fractions each, along a Morton curve
+uniform int rays;                     // of a sensor
+uniform ivec2 blocks;                 // invocations of a sensor: four by some, so that those that run side by side trace neighbouring rays
 uniform int columns;                  // sensors across the target
 uniform int first_slot, count;        // this many sensors stand from first_slot on
 uniform float epsilon;
@@ -38,8 +38,7 @@ void main() {
     vec3 right = vec3(1.0 + s * n.x * n.x * f, s * g, -s * n.x), up = vec3(g, s + n.y * n.y * f, -n.y);
 
     vec4 sum = vec4(0), hits = vec4(0, 0, 1e30, 0);
-    int from = (within.y * blocks.x + within.x) * chunk, to = min(from + chunk, rays);
-    for (int i = from; i < to; i++) {
+    for (int i = within.y * blocks.x + within.x; i < rays; i += blocks.x * blocks.y) {
         uvec2 fraction = texelFetch(sbl_sequence, skip + i).xy ^ uvec2(a.w, b.w);
         vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0 * vec2(spread, 1.0);
         float radius = sqrt(u.x), angle = 6.283185307 * u.y;

@@ -1,5 +1,5 @@
 // A ray through the bounding volume hierarchy (see >>bvh in sbl.h). Two texels a node, one a child:
-//   lowest x | y << 16, lowest z | highest x << 16, highest y | highest z << 16, child
+//   lowest x | highest x << 16, lowest y | highest y << 16, lowest z | highest z << 16, child
 // in steps of a grid over the scene; a child is a node's number, or 1 << 31 | (triangles - 1) << 28 | first triangle.
 // A triangle is three texels: corner, object; corner, number in the scene; corner, 1 where a cutout may leave nothing.
 uniform usamplerBuffer sbl_nodes, sbl_triangles;
@@ -32,27 +32,28 @@ bool sbl_solid(int triangle, float b1, float b2) {
 }
 #endif
 
-const uint SBL_LEAF = 0x80000000u;
+const uint SBL_LEAF = 0x80000000u, SBL_END = 0xffffffffu;
 
 struct sbl_Hit {
-    float distance;   // in lengths of the direction; negative: nothing was hit
-    int triangle;     // as sbl_triangles counts
+    float distance;   // in lengths of the direction
+    int triangle;     // as sbl_triangles counts; negative: nothing was hit
+    int number;       // of the triangle in the scene
     float b1, b2;     // barycentrics of the second and third corner
     bool back;
 };
 
-// Does the ray's stretch up to `nearest` cross the box? Its entry distance, or 1e30.
-float sbl_box(uvec4 box, vec3 start, vec3 inverse, float nearest) {
-    vec3 low = vec3(box.x & 65535u, box.x >> 16, box.y & 65535u), high = vec3(box.y >> 16, box.z & 65535u, box.z >> 16);
-    vec3 a = (low - start) * inverse, b = (high - start) * inverse;
-    vec3 entry = min(a, b), leave = max(a, b);
-    float from = max(max(entry.x, entry.y), max(entry.z, 0.0)), to = min(min(leave.x, leave.y), min(leave.z, nearest));
-    return from <= to * 1.0000004 ? from : 1e30;  // Ize 2013, "Robust BVH Ray Traversal"
+// Does the ray's stretch up to `nearest` cross the box? Its entry distance, or 0x7fffffff; distances are the bits of floats, since they order as integers
+// where none is negative, and a negative one is below all others. `per` is the length of a grid step along the ray, `offset` brings the origin to 0.
+int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int nearest) {
+    vec3 low = vec3(box.xyz & 65535u), high = vec3(box.xyz >> 16);
+    ivec3 entry = floatBitsToInt(mix(low, high, flip) * per + offset), leave = floatBitsToInt(mix(high, low, flip) * per + offset);
+    int from = max(max(entry.x, entry.y), max(entry.z, 0)), to = min(min(leave.x, leave.y), min(leave.z, nearest));
+    return from <= to + 4 ? from : 0x7fffffff;  // units in the last place, see Ize 2013, "Robust BVH Ray Traversal"
 }
 
-sbl_Hit sbl_trace(vec3 origin, vec3 direction) {
-    sbl_Hit hit = sbl_Hit(-1.0, -1, 0.0, 0.0, false);
-    if (node_count == 0) return hit;
+// The nearest hit farther than `after`, or as far and of a triangle numbered above `past`: hits are ordered by distance, then number.
+sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past) {
+    sbl_Hit hit = sbl_Hit(1e30, -1, -1, 0.0, 0.0, false);
 
     // Watertight against shared edges: Woop, Benthin and Wald 2013. The axis along which the direction is longest becomes z, the ray is sheared onto it.
     vec3 size = abs(direction);
@@ -60,57 +61,60 @@ sbl_Hit sbl_trace(vec3 origin, vec3 direction) {
     vec3 d = axis == 0 ? direction.yzx : axis == 1 ? direction.zxy : direction;
     float shear_x = d.x / d.z, shear_y = d.y / d.z, per_z = 1.0 / d.z;
 
-    vec3 start = (origin - grid_origin) * grid_per_length, along = direction * grid_per_length;
-    vec3 inverse = 1.0 / vec3(abs(along.x) > 1e-20 ? along.x : 1e-20, abs(along.y) > 1e-20 ? along.y : 1e-20, abs(along.z) > 1e-20 ? along.z : 1e-20);
-    float nearest = 1e30;
+    vec3 along = direction * grid_per_length;
+    vec3 per = 1.0 / mix(along, vec3(1e-20), lessThan(abs(along), vec3(1e-20))), offset = (grid_origin - origin) * grid_per_length * per;
+    bvec3 flip = lessThan(per, vec3(0));
     uint stack[SBL_STACK];
+    stack[0] = SBL_END;
     int top = 0;
-    uint node = 0u;
-    bool running = true;
-    while (running) {
+    uint node = node_count == 0 ? SBL_END : 0u;
+    while (true) {
         while (node < SBL_LEAF) {  // down to a leaf, the nearer child first
             uvec4 first = texelFetch(sbl_nodes, int(node) * 2), second = texelFetch(sbl_nodes, int(node) * 2 + 1);
-            float a = sbl_box(first, start, inverse, nearest), b = sbl_box(second, start, inverse, nearest);
-            if (a == 1e30 && b == 1e30) {
-                if (top == 0) { running = false; break; }
-                node = stack[--top];
-            } else if (b == 1e30) node = first.w;
-            else if (a == 1e30) node = second.w;
-            else {
-                stack[top++] = a <= b ? second.w : first.w;
-                node = a <= b ? first.w : second.w;
-            }
+            int nearest = floatBitsToInt(hit.distance), a = sbl_box(first, per, offset, flip, nearest), b = sbl_box(second, per, offset, flip, nearest);
+            node = a <= b ? first.w : second.w;
+            if (max(a, b) < 0x7fffffff) stack[++top] = a <= b ? second.w : first.w;
+            if (min(a, b) == 0x7fffffff) node = stack[top--];
         }
-        if (!running) break;
+        if (node == SBL_END) break;
         int from = int(node & 0x0fffffffu), to = from + int((node >> 28) & 7u);
         for (int t = from; t <= to; t++) {
+            uvec4 second = texelFetch(sbl_triangles, 3 * t + 1);
             vec3 p = uintBitsToFloat(texelFetch(sbl_triangles, 3 * t).xyz) - origin;
-            vec3 q = uintBitsToFloat(texelFetch(sbl_triangles, 3 * t + 1).xyz) - origin;
-            uvec4 last = texelFetch(sbl_triangles, 3 * t + 2);
-            vec3 r = uintBitsToFloat(last.xyz) - origin;
+            vec3 q = uintBitsToFloat(second.xyz) - origin;
+            vec3 r = uintBitsToFloat(texelFetch(sbl_triangles, 3 * t + 2).xyz) - origin;
             p = axis == 0 ? p.yzx : axis == 1 ? p.zxy : p;
             q = axis == 0 ? q.yzx : axis == 1 ? q.zxy : q;
             r = axis == 0 ? r.yzx : axis == 1 ? r.zxy : r;
             p.xy -= vec2(shear_x, shear_y) * p.z;
             q.xy -= vec2(shear_x, shear_y) * q.z;
             r.xy -= vec2(shear_x, shear_y) * r.z;
-            float u = r.x * q.y - r.y * q.x, v = p.x * r.y - p.y * r.x, w = q.x * p.y - q.y * p.x;
-            float determinant = u + v + w;
-            if ((min(u, min(v, w)) >= 0.0 || max(u, max(v, w)) <= 0.0) && determinant != 0.0) {
-                float distance_to = (u * p.z + v * q.z + w * r.z) * per_z / determinant;
-                if (distance_to > 0.0 && distance_to < nearest) {
-#ifdef SBL_TEXTURED
-                    bool solid = true;  // a loop, since software renderers run both sides of every if, but leave loops that no lane enters
-                    for (uint cut = last.w; cut != 0u; cut = 0u) solid = sbl_solid(t, v / determinant, w / determinant);
-                    if (!solid) continue;
-#endif
-                    nearest = distance_to;
-                    hit = sbl_Hit(distance_to, t, v / determinant, w / determinant, (determinant < 0.0) == (d.z > 0.0));
-                }
-            }
+            float u = r.x * q.y - r.y * q.x, v = p.x * r.y - p.y * r.x, w = q.x * p.y - q.y * p.x, determinant = u + v + w;
+            bool inside = ((u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0)) && determinant != 0.0;
+            float l = (u * p.z + v * q.z + w * r.z) * per_z / determinant;
+            int number = int(second.w);
+            bool behind = l > after || (l == after && number > past);
+            if (inside && behind && (l < hit.distance || (l == hit.distance && number < hit.number)))
+                hit = sbl_Hit(l, t, number, v / determinant, w / determinant, (determinant < 0.0) == (d.z > 0.0));
         }
-        if (top == 0) break;
-        node = stack[--top];
+        node = stack[top--];
     }
+    return hit;
+}
+
+sbl_Hit sbl_trace(vec3 origin, vec3 direction) {
+    sbl_Hit hit = sbl_Hit(0.0, -1, 0x7fffffff, 0.0, 0.0, false);
+#ifdef SBL_TEXTURED
+    // Cutouts: the nearest hit is looked at, and where nothing is there the ray goes on behind it.
+    // All ifs are loops, since software renderers run both sides of every if, but leave loops that no lane enters.
+    for (int layer = 0; layer < 64; layer++) {
+        bool solid = true;
+        hit = sbl_nearest(origin, direction, hit.distance, hit.number);
+        for (uint cut = hit.triangle < 0 ? 0u : texelFetch(sbl_triangles, 3 * hit.triangle + 2).w; cut != 0u; cut = 0u) solid = sbl_solid(hit.triangle, hit.b1, hit.b2);
+        if (solid) break;
+    }
+#else
+    hit = sbl_nearest(origin, direction, hit.distance, hit.number);
+#endif
     return hit;
 }
