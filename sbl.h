@@ -1100,11 +1100,11 @@ static const char *const sbl__glsl_trace[] = {
 static const char *const sbl__glsl_traverse[] = {
     "// A ray through the bounding volume hierarchy (see >>bvh in sbl.h). Two texels a node, one a child:\n",
     "//   lowest x | highest x << 16, lowest y | highest y << 16, lowest z | highest z << 16, child\n",
-    "// in steps of a grid over the scene; a child is a node's number, or 1 << 31 | (triangles - 1) << 28 | first triangle.\n",
+    "// in steps of a grid. A child is a node's number, or 8 + triangles - 1 << 28 | first triangle, or SBL_ENTER << 28 | number of a finer grid in a node's place:\n",
+    "//   origin, its root; steps per length, the grid around it\n",
     "// A triangle is three texels: corner, object; corner, number in the scene; corner, 1 where a cutout may leave nothing.\n",
     "uniform usamplerBuffer sbl_nodes, sbl_triangles;\n",
-    "uniform vec3 grid_origin, grid_per_length;  // grid coordinates are (p - grid_origin) * grid_per_length\n",
-    "uniform int node_count;                     // 0: an empty scene\n",
+    "uniform int node_count;  // 0: an empty scene; else the first is the grid over all\n",
     "\n",
     "#ifdef SBL_TEXTURED\n",
     "struct sbl_Attributes { vec2 uv; vec4 color; };\n",
@@ -1132,7 +1132,7 @@ static const char *const sbl__glsl_traverse[] = {
     "}\n",
     "#endif\n",
     "\n",
-    "const uint SBL_LEAF = 0x80000000u, SBL_END = 0xffffffffu;\n",
+    "const uint SBL_LEAF = 0x80000000u, SBL_ENTER = 12u, SBL_LEAVE = 13u, SBL_END = 0xffffffffu;\n",
     "\n",
     "struct sbl_Hit {\n",
     "    float distance;   // in lengths of the direction\n",
@@ -1148,7 +1148,7 @@ static const char *const sbl__glsl_traverse[] = {
     "    vec3 low = vec3(box.xyz & 65535u), high = vec3(box.xyz >> 16);\n",
     "    ivec3 entry = floatBitsToInt(mix(low, high, flip) * per + offset), leave = floatBitsToInt(mix(high, low, flip) * per + offset);\n",
     "    int from = max(max(entry.x, entry.y), max(entry.z, 0)), to = min(min(leave.x, leave.y), min(leave.z, nearest));\n",
-    "    return from <= to + 4 ? from : 0x7fffffff;  // units in the last place, see Ize 2013, \"Robust BVH Ray Traversal\"\n",
+    "    return from <= to + 8 ? from : 0x7fffffff;  // units in the last place, see Ize 2013, \"Robust BVH Ray Traversal\"\n",
     "}\n",
     "\n",
     "// The nearest hit farther than `after`, or as far and of a triangle numbered above `past`: hits are ordered by distance, then number.\n",
@@ -1161,13 +1161,12 @@ static const char *const sbl__glsl_traverse[] = {
     "    vec3 d = axis == 0 ? direction.yzx : axis == 1 ? direction.zxy : direction;\n",
     "    float shear_x = d.x / d.z, shear_y = d.y / d.z, per_z = 1.0 / d.z;\n",
     "\n",
-    "    vec3 along = direction * grid_per_length;\n",
-    "    vec3 per = 1.0 / mix(along, vec3(1e-20), lessThan(abs(along), vec3(1e-20))), offset = (grid_origin - origin) * grid_per_length * per;\n",
-    "    bvec3 flip = lessThan(per, vec3(0));\n",
+    "    bvec3 flip = lessThan(direction, vec3(0));\n",
+    "    vec3 inverse = 1.0 / mix(max(direction, vec3(1e-12)), min(direction, vec3(-1e-12)), flip), per, offset;\n",
     "    uint stack[SBL_STACK];\n",
     "    stack[0] = SBL_END;\n",
     "    int top = 0;\n",
-    "    uint node = node_count == 0 ? SBL_END : 0u;\n",
+    "    uint node = node_count == 0 ? SBL_END : SBL_ENTER << 28;\n",
     "    while (true) {\n",
     "        while (node < SBL_LEAF) {  // down to a leaf, the nearer child first\n",
     "            uvec4 first = texelFetch(sbl_nodes, int(node) * 2), second = texelFetch(sbl_nodes, int(node) * 2 + 1);\n",
@@ -1176,8 +1175,20 @@ static const char *const sbl__glsl_traverse[] = {
     "            if (max(a, b) < 0x7fffffff) stack[++top] = a <= b ? second.w : first.w;\n",
     "            if (min(a, b) == 0x7fffffff) node = stack[top--];\n",
     "        }\n",
+    "        bool leaf = true;\n",
+    "        while ((node & 0xe0000000u) == SBL_ENTER << 28 && leaf) {  // into a grid, or back to the one around it; a loop, see sbl_trace\n",
+    "            uvec4 first = texelFetch(sbl_nodes, int(node & 0x0fffffffu) * 2), second = texelFetch(sbl_nodes, int(node & 0x0fffffffu) * 2 + 1);\n",
+    "            per = inverse / uintBitsToFloat(second.xyz);\n",
+    "            offset = (uintBitsToFloat(first.xyz) - origin) * inverse;\n",
+    "            if (node >> 28 == SBL_ENTER) {\n",
+    "                stack[++top] = SBL_LEAVE << 28 | second.w;\n",
+    "                node = first.w;\n",
+    "            } else node = stack[top--];\n",
+    "            leaf = false;\n",
+    "        }\n",
+    "        if (!leaf) continue;\n",
     "        if (node == SBL_END) break;\n",
-    "        int from = int(node & 0x0fffffffu), to = from + int((node >> 28) & 7u);\n",
+    "        int from = int(node & 0x0fffffffu), to = from + int(node >> 28 & 7u);\n",
     "        for (int t = from; t <= to; t++) {\n",
     "            uvec4 second = texelFetch(sbl_triangles, 3 * t + 1);\n",
     "            vec3 p = uintBitsToFloat(texelFetch(sbl_triangles, 3 * t).xyz) - origin;\n",
@@ -1986,7 +1997,6 @@ typedef struct sbl__bvh {     /* see >>bvh */
     uint32_t *nodes;             /* 8 words a node */
     uint32_t *order;             /* triangle numbers, leaf after leaf */
     int node_count, triangle_count, depth;
-    float grid_origin[3], grid_per_length[3];
     double seconds;
 } sbl__bvh;
 
@@ -2709,6 +2719,8 @@ static void sbl__scene_bind(const sbl__gl *gl, const sbl__scene *s, unsigned pro
 #define SBL__BVH_LEAF 4          /* triangles in a leaf, at most 8 */
 #define SBL__BVH_SAH_DEPTH 32    /* below it halves are split off by number, so that the depth stays under the stack's */
 #define SBL__BVH_STACK 64
+#define SBL__BVH_GRID_STEPS 512  /* boxes of fewer steps in all directions ... */
+#define SBL__BVH_GRID_LEAST 32   /* and of as many triangles get a grid of their own */
 
 typedef struct sbl__box { float low[3], high[3]; } sbl__box;
 
@@ -2730,13 +2742,16 @@ static float sbl__box_area(const sbl__box *b) {
     return x < 0 ? 0 : x * y + y * z + z * x;
 }
 
-/* What is left to build: triangles first .. first + count - 1 of the order, and the word that will name them. */
-typedef struct sbl__bvh_task { int first, count, depth; int parent; int child; } sbl__bvh_task;
+/* What boxes are written in steps of; where everything is small beside it, a finer one takes over (see traverse.glsl). */
+typedef struct sbl__grid { float origin[3], per_length[3]; int place; /* among the nodes */ } sbl__grid;
 
-/* Splits the task's triangles in two; returns how many come first. `boxes` are of the triangles by number, `out` of the two halves. */
+/* What is left to build: triangles first .. first + count - 1 of the order, inside `box`; word `word` of the nodes will name them. */
+typedef struct sbl__bvh_task { int first, count, depth; size_t word; sbl__grid grid; sbl__box box; } sbl__bvh_task;
+
+/* Splits the task's triangles in two by place; returns how many come first, 0 where that cannot be done. `boxes` are of the triangles by number, `out` of the two halves. */
 static int sbl__bvh_split(const sbl__bvh_task *t, uint32_t *order, const sbl__box *boxes, sbl__box out[2]) {
     sbl__box centroids, bins[SBL__BVH_BINS];
-    int counts[SBL__BVH_BINS], axis, k, i, best_axis = -1, best_bin = 0, left;
+    int counts[SBL__BVH_BINS], axis, k, i, best_axis = -1, best_bin = 0, left = 0;
     float best = FLT_MAX, scale[3];
     sbl__box_clear(&centroids);
     for (i = t->first; i < t->first + t->count; i++) {
@@ -2784,12 +2799,7 @@ static int sbl__bvh_split(const sbl__bvh_task *t, uint32_t *order, const sbl__bo
     }
     sbl__box_clear(&out[0]);
     sbl__box_clear(&out[1]);
-    if (best_axis < 0) {  /* all at one place, or too deep */
-        left = t->count / 2;
-        for (i = 0; i < t->count; i++) sbl__box_add(&out[i >= left], &boxes[order[t->first + i]]);
-        return left;
-    }
-    left = 0;
+    if (best_axis < 0) return 0;
     for (i = t->first; i < t->first + t->count; i++) {
         const sbl__box *b = &boxes[order[i]];
         int bin = (int)((b->low[best_axis] + b->high[best_axis] - centroids.low[best_axis]) * scale[best_axis]);
@@ -2803,16 +2813,68 @@ static int sbl__bvh_split(const sbl__bvh_task *t, uint32_t *order, const sbl__bo
     return left;
 }
 
-/* A box onto the grid, a little outwards. */
-static void sbl__bvh_quantise(const sbl__bvh *bvh, const sbl__box *b, uint32_t out[3]) {
-    uint32_t low[3], high[3];
+/* A box onto a grid, a little outwards. */
+static void sbl__bvh_quantise(const sbl__grid *grid, const sbl__box *b, uint32_t out[3]) {
     int k;
     for (k = 0; k < 3; k++) {
-        double a = ((double)b->low[k] - bvh->grid_origin[k]) * bvh->grid_per_length[k], c = ((double)b->high[k] - bvh->grid_origin[k]) * bvh->grid_per_length[k];
-        low[k] = (uint32_t)SBL__MIN(SBL__MAX(floor(a - 0.02), 0), 65535);
-        high[k] = (uint32_t)SBL__MIN(SBL__MAX(ceil(c + 0.02), 0), 65535);
+        double low = ((double)b->low[k] - grid->origin[k]) * grid->per_length[k], high = ((double)b->high[k] - grid->origin[k]) * grid->per_length[k];
+        out[k] = (uint32_t)SBL__MIN(SBL__MAX(floor(low - 0.02), 0), 65535) | (uint32_t)SBL__MIN(SBL__MAX(ceil(high + 0.02), 0), 65535) << 16;
     }
-    for (k = 0; k < 3; k++) out[k] = low[k] | high[k] << 16;
+}
+
+/* The grid over a box, a step to spare at either end, in the place of the next node. */
+static sbl__grid sbl__bvh_add_grid(sbl__bvh *bvh, const sbl__box *b, int around) {
+    uint32_t *node = bvh->nodes + 8 * (size_t)bvh->node_count;
+    float longest = SBL__MAX(b->high[0] - b->low[0], SBL__MAX(b->high[1] - b->low[1], b->high[2] - b->low[2]));
+    sbl__grid grid;
+    int k;
+    for (k = 0; k < 3; k++) {  /* no finer than what floats resolve there */
+        double size = SBL__MAX((double)b->high[k] - b->low[k], SBL__MAX(1e-4 * (double)longest, SBL__MAX(1e-6 * fabs((double)b->low[k]), 1e-30)));
+        grid.per_length[k] = (float)(65533 / size);
+        grid.origin[k] = (float)(b->low[k] - size / 65533);
+    }
+    grid.place = bvh->node_count++;
+    memcpy(node, grid.origin, 12);
+    node[3] = (uint32_t)grid.place + 1;  /* its root follows */
+    memcpy(node + 4, grid.per_length, 12);
+    node[7] = (uint32_t)around;
+    return grid;
+}
+
+/* A triangle's nine coordinates and its number. */
+typedef struct sbl__bvh_corners { uint32_t words[10]; } sbl__bvh_corners;
+
+static int sbl__bvh_corner_order(const void *first, const void *second) {
+    const uint32_t *a = ((const sbl__bvh_corners *)first)->words, *b = ((const sbl__bvh_corners *)second)->words;
+    int k = 0;
+    while (k < 9 && a[k] == b[k]) k++;
+    return a[k] < b[k] ? -1 : a[k] > b[k];
+}
+
+static int sbl__is_cutout(const sbl__scene *s, uint32_t triangle) {
+    return s->objects[(size_t)SBL__OBJECT_WORDS * s->vertices[s->indices[3 * (size_t)triangle]].object + 3] != 0;
+}
+
+/* Of triangles that lie exactly on each other only the first can be seen: a thousand copies must not cost a thousand tests. Shortens the task. */
+static sbl_result sbl__bvh_drop_copies(sbl__base *base, const sbl__scene *s, uint32_t *order, sbl__bvh_task *t) {
+    sbl__bvh_corners *corners = (sbl__bvh_corners *)sbl__alloc(base, (size_t)t->count, sizeof *corners);
+    int i, k, kept = 0, last = 0;
+    if (!corners) return SBL_ERROR_OUT_OF_MEMORY;
+    for (i = 0; i < t->count; i++) {
+        uint32_t number = order[t->first + i];
+        for (k = 0; k < 3; k++) memcpy(corners[i].words + 3 * k, s->vertices[s->indices[3 * (size_t)number + (size_t)k]].position, 12);
+        corners[i].words[9] = number;
+    }
+    qsort(corners, (size_t)t->count, sizeof *corners, sbl__bvh_corner_order);
+    for (i = 0; i < t->count; i++) {
+        uint32_t number = corners[i].words[9];
+        if (i && !memcmp(corners[i].words, corners[last].words, 36) && !sbl__is_cutout(s, corners[last].words[9])) continue;
+        last = i;
+        order[t->first + kept++] = number;
+    }
+    t->count = kept;
+    sbl__free(base, corners);
+    return SBL_SUCCESS;
 }
 
 static void sbl__bvh_free(sbl__base *base, sbl__bvh *bvh) {
@@ -2823,24 +2885,22 @@ static void sbl__bvh_free(sbl__base *base, sbl__bvh *bvh) {
 
 static sbl_result sbl__bvh_build(sbl__base *base, sbl__bvh *bvh, const sbl__scene *s) {
     double start = sbl__now();
+    size_t room = (size_t)SBL__MAX(1, s->triangle_count);
     sbl__box *boxes;
-    sbl__bvh_task stack[2 * SBL__BVH_STACK];
-    int top = 0, i, k, room = SBL__MAX(1, s->triangle_count);
+    sbl__bvh_task stack[2 * SBL__BVH_STACK], *task = stack;
+    sbl_result result = SBL_SUCCESS;
+    int top = 0, i, k;
     memset(bvh, 0, sizeof *bvh);
     if (!s->triangle_count) return SBL_SUCCESS;
-    bvh->nodes = (uint32_t *)sbl__alloc(base, (size_t)room, 32);
-    bvh->order = (uint32_t *)sbl__alloc(base, (size_t)room, 4);
-    boxes = (sbl__box *)sbl__alloc(base, (size_t)room, sizeof *boxes);
+    bvh->nodes = (uint32_t *)sbl__alloc(base, room + room / SBL__BVH_GRID_LEAST + 2, 32);
+    bvh->order = (uint32_t *)sbl__alloc(base, room, 4);
+    boxes = (sbl__box *)sbl__alloc(base, room, sizeof *boxes);
     if (!bvh->nodes || !bvh->order || !boxes) {
         sbl__bvh_free(base, bvh);
         sbl__free(base, boxes);
         return SBL_ERROR_OUT_OF_MEMORY;
     }
-    for (k = 0; k < 3; k++) {  /* the grid has a cell to spare at either end */
-        double size = SBL__MAX((double)s->bounds[1][k] - s->bounds[0][k], 1e-4 * s->extent);
-        bvh->grid_per_length[k] = (float)(65533 / size);
-        bvh->grid_origin[k] = (float)(s->bounds[0][k] - 1.0 / bvh->grid_per_length[k]);
-    }
+    sbl__box_clear(&task->box);
     for (i = 0; i < s->triangle_count; i++) {
         int corner;
         const uint32_t *object = s->objects + (size_t)SBL__OBJECT_WORDS * s->vertices[s->indices[3 * (size_t)i]].object;
@@ -2854,43 +2914,54 @@ static sbl_result sbl__bvh_build(sbl__base *base, sbl__bvh *bvh, const sbl__scen
                 boxes[i].high[k] = SBL__MAX(boxes[i].high[k], p[k]);
             }
         }
+        sbl__box_add(&task->box, &boxes[i]);
     }
-    /* sensors may see nothing at all */
-    if (!bvh->triangle_count) { sbl__free(base, boxes); return SBL_SUCCESS; }
-    /* the root is a node even where one leaf would do: its second child is then a box that nothing enters */
-    stack[top].first = 0; stack[top].count = bvh->triangle_count; stack[top].depth = 0; stack[top].parent = -1; stack[top].child = 0;
-    top++;
-    while (top) {
+    if (bvh->triangle_count) {  /* else sensors may see nothing at all */
+        task->first = task->depth = 0;
+        task->count = bvh->triangle_count;
+        task->grid = sbl__bvh_add_grid(bvh, &task->box, 0);
+        task->word = 3;
+        top = 1;
+    }
+    while (top && result == SBL_SUCCESS) {
         sbl__bvh_task t = stack[--top];
-        uint32_t *node = bvh->nodes + 8 * (size_t)bvh->node_count;
         sbl__box halves[2];
-        int left, side;
-        if (t.parent >= 0) bvh->nodes[8 * (size_t)t.parent + 4 * (size_t)t.child + 3] = (uint32_t)bvh->node_count;
-        bvh->depth = SBL__MAX(bvh->depth, t.depth + 1);
-        if (t.count == 1) {
-            sbl__bvh_quantise(bvh, &boxes[bvh->order[t.first]], node);
-            node[3] = 0x80000000u | (uint32_t)t.first;
-            node[4] = node[5] = node[6] = 65535;  /* lowest above highest */
-            node[7] = node[3];
-            bvh->node_count++;
-            continue;
-        }
+        uint32_t *node;
+        int left, side, fine = 1;
+        for (k = 0; k < 3; k++) fine &= (t.box.high[k] - t.box.low[k]) * t.grid.per_length[k] < SBL__BVH_GRID_STEPS;
+        if (fine && t.count >= SBL__BVH_GRID_LEAST && t.depth < SBL__BVH_SAH_DEPTH) {
+            t.depth++;
+            bvh->nodes[t.word] = 0xc0000000u | (uint32_t)bvh->node_count;
+            t.grid = sbl__bvh_add_grid(bvh, &t.box, t.grid.place);
+        } else bvh->nodes[t.word] = (uint32_t)bvh->node_count;
         left = sbl__bvh_split(&t, bvh->order, boxes, halves);
+        if (!left) {  /* all at one place, or too deep: halves by number; one triangle leaves a child that nothing enters */
+            result = sbl__bvh_drop_copies(base, s, bvh->order, &t);
+            left = t.count / 2;
+            for (i = 0; i < t.count; i++) sbl__box_add(&halves[i >= left], &boxes[bvh->order[t.first + i]]);
+        }
+        bvh->depth = SBL__MAX(bvh->depth, t.depth + 1);
+        node = bvh->nodes + 8 * (size_t)bvh->node_count;
         for (side = 0; side < 2; side++) {
             int first = side ? t.first + left : t.first, count = side ? t.count - left : left;
-            sbl__bvh_quantise(bvh, &halves[side], node + 4 * side);
-            if (count <= SBL__BVH_LEAF) node[4 * side + 3] = 0x80000000u | (uint32_t)(count - 1) << 28 | (uint32_t)first;
+            sbl__bvh_quantise(&t.grid, &halves[side], node + 4 * side);
+            if (count <= SBL__BVH_LEAF) node[4 * side + 3] = 0x80000000u | (uint32_t)(SBL__MAX(1, count) - 1) << 28 | (uint32_t)first;
             else {
-                sbl__bvh_task *child = &stack[top++];
-                child->first = first; child->count = count; child->depth = t.depth + 1;
-                child->parent = bvh->node_count; child->child = side;
+                task = &stack[top++];
+                task->first = first;
+                task->count = count;
+                task->depth = t.depth + 1;
+                task->word = 8 * (size_t)bvh->node_count + 4 * (size_t)side + 3;
+                task->grid = t.grid;
+                task->box = halves[side];
             }
         }
         bvh->node_count++;
     }
     sbl__free(base, boxes);
+    if (result != SBL_SUCCESS) sbl__bvh_free(base, bvh);
     bvh->seconds = sbl__now() - start;
-    return SBL_SUCCESS;
+    return result;
 }
 
 /* Builds what is not there yet and brings it to the GPU. */
@@ -2915,7 +2986,7 @@ static sbl_result sbl__bvh_ready(const sbl__gl *gl, sbl__scene *s) {
             uint32_t *to = words + 12 * i + 4 * (size_t)corner;
             const sbl__vertex *v = &s->vertices[s->indices[3 * (size_t)s->bvh.order[i] + (size_t)corner]];
             memcpy(to, v->position, 12);
-            to[3] = corner == 0 ? v->object : corner == 1 ? s->bvh.order[i] : s->objects[(size_t)SBL__OBJECT_WORDS * v->object + 3] != 0;
+            to[3] = corner == 0 ? v->object : corner == 1 ? s->bvh.order[i] : (uint32_t)sbl__is_cutout(s, s->bvh.order[i]);
         }
     gl->BindVertexArray(0);
     result = sbl__buffer_make(gl, &s->triangle_buffer, 48 * (size_t)s->bvh.triangle_count, words, SBL__GL_STATIC_DRAW, "storing triangles");
@@ -3576,8 +3647,6 @@ static sbl_result sbl__trace_draw(const sbl__gl *gl, sbl__gather *g, const sbl__
     sbl__bind(gl, program, "sbl_triangles", 7, SBL__GL_TEXTURE_BUFFER, scene->triangle_texels);
     sbl__bind(gl, program, "sbl_points", 8, SBL__GL_TEXTURE_BUFFER, g->point_texels);
     sbl__bind(gl, program, "sbl_sequence", 9, SBL__GL_TEXTURE_BUFFER, g->sequence_texels);
-    sbl__uniform_3(gl, program, "grid_origin", bvh->grid_origin);
-    sbl__uniform_3(gl, program, "grid_per_length", bvh->grid_per_length);
     sbl__uniform_i(gl, program, "node_count", bvh->node_count);
     sbl__uniform_i(gl, program, "rays", g->rays);
     gl->Uniform2i(sbl__uniform(gl, program, "blocks"), g->layout.blocks[0], g->layout.blocks[1]);

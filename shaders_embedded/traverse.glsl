@@ -1,10 +1,10 @@
 // A ray through the bounding volume hierarchy (see >>bvh in sbl.h). Two texels a node, one a child:
 //   lowest x | highest x << 16, lowest y | highest y << 16, lowest z | highest z << 16, child
-// in steps of a grid over the scene; a child is a node's number, or 1 << 31 | (triangles - 1) << 28 | first triangle.
+// in steps of a grid. A child is a node's number, or 8 + triangles - 1 << 28 | first triangle, or SBL_ENTER << 28 | number of a finer grid in a node's place:
+//   origin, its root; steps per length, the grid around it
 // A triangle is three texels: corner, object; corner, number in the scene; corner, 1 where a cutout may leave nothing.
 uniform usamplerBuffer sbl_nodes, sbl_triangles;
-uniform vec3 grid_origin, grid_per_length;  // grid coordinates are (p - grid_origin) * grid_per_length
-uniform int node_count;                     // 0: an empty scene
+uniform int node_count;  // 0: an empty scene; else the first is the grid over all
 
 #ifdef SBL_TEXTURED
 struct sbl_Attributes { vec2 uv; vec4 color; };
@@ -32,7 +32,7 @@ bool sbl_solid(int triangle, float b1, float b2) {
 }
 #endif
 
-const uint SBL_LEAF = 0x80000000u, SBL_END = 0xffffffffu;
+const uint SBL_LEAF = 0x80000000u, SBL_ENTER = 12u, SBL_LEAVE = 13u, SBL_END = 0xffffffffu;
 
 struct sbl_Hit {
     float distance;   // in lengths of the direction
@@ -48,7 +48,7 @@ int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int nearest) {
     vec3 low = vec3(box.xyz & 65535u), high = vec3(box.xyz >> 16);
     ivec3 entry = floatBitsToInt(mix(low, high, flip) * per + offset), leave = floatBitsToInt(mix(high, low, flip) * per + offset);
     int from = max(max(entry.x, entry.y), max(entry.z, 0)), to = min(min(leave.x, leave.y), min(leave.z, nearest));
-    return from <= to + 4 ? from : 0x7fffffff;  // units in the last place, see Ize 2013, "Robust BVH Ray Traversal"
+    return from <= to + 8 ? from : 0x7fffffff;  // units in the last place, see Ize 2013, "Robust BVH Ray Traversal"
 }
 
 // The nearest hit farther than `after`, or as far and of a triangle numbered above `past`: hits are ordered by distance, then number.
@@ -61,13 +61,12 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past) {
     vec3 d = axis == 0 ? direction.yzx : axis == 1 ? direction.zxy : direction;
     float shear_x = d.x / d.z, shear_y = d.y / d.z, per_z = 1.0 / d.z;
 
-    vec3 along = direction * grid_per_length;
-    vec3 per = 1.0 / mix(along, vec3(1e-20), lessThan(abs(along), vec3(1e-20))), offset = (grid_origin - origin) * grid_per_length * per;
-    bvec3 flip = lessThan(per, vec3(0));
+    bvec3 flip = lessThan(direction, vec3(0));
+    vec3 inverse = 1.0 / mix(max(direction, vec3(1e-12)), min(direction, vec3(-1e-12)), flip), per, offset;
     uint stack[SBL_STACK];
     stack[0] = SBL_END;
     int top = 0;
-    uint node = node_count == 0 ? SBL_END : 0u;
+    uint node = node_count == 0 ? SBL_END : SBL_ENTER << 28;
     while (true) {
         while (node < SBL_LEAF) {  // down to a leaf, the nearer child first
             uvec4 first = texelFetch(sbl_nodes, int(node) * 2), second = texelFetch(sbl_nodes, int(node) * 2 + 1);
@@ -76,8 +75,20 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past) {
             if (max(a, b) < 0x7fffffff) stack[++top] = a <= b ? second.w : first.w;
             if (min(a, b) == 0x7fffffff) node = stack[top--];
         }
+        bool leaf = true;
+        while ((node & 0xe0000000u) == SBL_ENTER << 28 && leaf) {  // into a grid, or back to the one around it; a loop, see sbl_trace
+            uvec4 first = texelFetch(sbl_nodes, int(node & 0x0fffffffu) * 2), second = texelFetch(sbl_nodes, int(node & 0x0fffffffu) * 2 + 1);
+            per = inverse / uintBitsToFloat(second.xyz);
+            offset = (uintBitsToFloat(first.xyz) - origin) * inverse;
+            if (node >> 28 == SBL_ENTER) {
+                stack[++top] = SBL_LEAVE << 28 | second.w;
+                node = first.w;
+            } else node = stack[top--];
+            leaf = false;
+        }
+        if (!leaf) continue;
         if (node == SBL_END) break;
-        int from = int(node & 0x0fffffffu), to = from + int((node >> 28) & 7u);
+        int from = int(node & 0x0fffffffu), to = from + int(node >> 28 & 7u);
         for (int t = from; t <= to; t++) {
             uvec4 second = texelFetch(sbl_triangles, 3 * t + 1);
             vec3 p = uintBitsToFloat(texelFetch(sbl_triangles, 3 * t).xyz) - origin;
