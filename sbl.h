@@ -1104,7 +1104,8 @@ static const char *const sbl__glsl_traverse[] = {
     "//   origin, its root; steps per length, the grid around it\n",
     "// A triangle is three texels: corner, object; corner, number in the scene; corner, 1 where a cutout may leave nothing.\n",
     "uniform usamplerBuffer sbl_nodes, sbl_triangles;\n",
-    "uniform int node_count;  // 0: an empty scene; else the first is the grid over all\n",
+    "uniform vec3 grid_origin, grid_per_length;  // of the grid over all, which comes first\n",
+    "uniform int node_count;                     // 0: an empty scene\n",
     "\n",
     "#ifdef SBL_TEXTURED\n",
     "struct sbl_Attributes { vec2 uv; vec4 color; };\n",
@@ -1162,11 +1163,12 @@ static const char *const sbl__glsl_traverse[] = {
     "    float shear_x = d.x / d.z, shear_y = d.y / d.z, per_z = 1.0 / d.z;\n",
     "\n",
     "    bvec3 flip = lessThan(direction, vec3(0));\n",
-    "    vec3 inverse = 1.0 / mix(max(direction, vec3(1e-12)), min(direction, vec3(-1e-12)), flip), per, offset;\n",
+    "    vec3 inverse = 1.0 / mix(max(direction, vec3(1e-12)), min(direction, vec3(-1e-12)), flip);\n",
+    "    vec3 per = inverse / grid_per_length, offset = (grid_origin - origin) * inverse;\n",
     "    uint stack[SBL_STACK];\n",
     "    stack[0] = SBL_END;\n",
     "    int top = 0;\n",
-    "    uint node = node_count == 0 ? SBL_END : SBL_ENTER << 28;\n",
+    "    uint node = node_count == 0 ? SBL_END : 1u;\n",
     "    while (true) {\n",
     "        while (node < SBL_LEAF) {  // down to a leaf, the nearer child first\n",
     "            uvec4 first = texelFetch(sbl_nodes, int(node) * 2), second = texelFetch(sbl_nodes, int(node) * 2 + 1);\n",
@@ -1997,6 +1999,7 @@ typedef struct sbl__bvh {     /* see >>bvh */
     uint32_t *nodes;             /* 8 words a node */
     uint32_t *order;             /* triangle numbers, leaf after leaf */
     int node_count, triangle_count, depth;
+    float grid_origin[3], grid_per_length[3];
     double seconds;
 } sbl__bvh;
 
@@ -2921,6 +2924,8 @@ static sbl_result sbl__bvh_build(sbl__base *base, sbl__bvh *bvh, const sbl__scen
         task->count = bvh->triangle_count;
         task->grid = sbl__bvh_add_grid(bvh, &task->box, 0);
         task->word = 3;
+        memcpy(bvh->grid_origin, task->grid.origin, 12);
+        memcpy(bvh->grid_per_length, task->grid.per_length, 12);
         top = 1;
     }
     while (top && result == SBL_SUCCESS) {
@@ -3647,6 +3652,8 @@ static sbl_result sbl__trace_draw(const sbl__gl *gl, sbl__gather *g, const sbl__
     sbl__bind(gl, program, "sbl_triangles", 7, SBL__GL_TEXTURE_BUFFER, scene->triangle_texels);
     sbl__bind(gl, program, "sbl_points", 8, SBL__GL_TEXTURE_BUFFER, g->point_texels);
     sbl__bind(gl, program, "sbl_sequence", 9, SBL__GL_TEXTURE_BUFFER, g->sequence_texels);
+    sbl__uniform_3(gl, program, "grid_origin", bvh->grid_origin);
+    sbl__uniform_3(gl, program, "grid_per_length", bvh->grid_per_length);
     sbl__uniform_i(gl, program, "node_count", bvh->node_count);
     sbl__uniform_i(gl, program, "rays", g->rays);
     gl->Uniform2i(sbl__uniform(gl, program, "blocks"), g->layout.blocks[0], g->layout.blocks[1]);

@@ -4,7 +4,8 @@
 //   origin, its root; steps per length, the grid around it
 // A triangle is three texels: corner, object; corner, number in the scene; corner, 1 where a cutout may leave nothing.
 uniform usamplerBuffer sbl_nodes, sbl_triangles;
-uniform int node_count;  // 0: an empty scene; else the first is the grid over all
+uniform vec3 grid_origin, grid_per_length;  // of the grid over all, which comes first
+uniform int node_count;                     // 0: an empty scene
 
 #ifdef SBL_TEXTURED
 struct sbl_Attributes { vec2 uv; vec4 color; };
@@ -62,11 +63,12 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past) {
     float shear_x = d.x / d.z, shear_y = d.y / d.z, per_z = 1.0 / d.z;
 
     bvec3 flip = lessThan(direction, vec3(0));
-    vec3 inverse = 1.0 / mix(max(direction, vec3(1e-12)), min(direction, vec3(-1e-12)), flip), per, offset;
+    vec3 inverse = 1.0 / mix(max(direction, vec3(1e-12)), min(direction, vec3(-1e-12)), flip);
+    vec3 per = inverse / grid_per_length, offset = (grid_origin - origin) * inverse;
     uint stack[SBL_STACK];
     stack[0] = SBL_END;
     int top = 0;
-    uint node = node_count == 0 ? SBL_END : SBL_ENTER << 28;
+    uint node = node_count == 0 ? SBL_END : 1u;
     while (true) {
         while (node < SBL_LEAF) {  // down to a leaf, the nearer child first
             uvec4 first = texelFetch(sbl_nodes, int(node) * 2), second = texelFetch(sbl_nodes, int(node) * 2 + 1);
