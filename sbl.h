@@ -423,7 +423,7 @@ typedef enum sbl_sensor_kind {
 
 /* How sensors see. Both give the same light up to their noise. */
 typedef enum sbl_backend {
-    SBL_BACKEND_AUTO = 0,    /* TRACE for scenes of more than 32,768 triangles; RASTER for smaller ones, in SBL_MODE_PAPER and with a draw callback */
+    SBL_BACKEND_AUTO = 0,    /* TRACE for scenes of more than 1,024 triangles; RASTER for smaller ones, in SBL_MODE_PAPER and with a draw callback */
     SBL_BACKEND_RASTER,      /* views drawn into texels, as in the paper: cost grows with the number of triangles */
     SBL_BACKEND_TRACE,       /* rays through a bounding volume hierarchy in a shader: cost grows with its logarithm. No draw callback, not in SBL_MODE_PAPER */
     SBL_BACKEND_COUNT
@@ -445,6 +445,8 @@ typedef struct sbl_picture_desc {
     int tile;                  /* first distance between sensors in pixels, 1 (every pixel) to 1024. Default: 16 / 16 / 8 */
     float threshold;           /* refine where neighbours differ by more: a share of their mean, in SBL_MODE_PAPER a radiance. Default: 0.3 / 0.15 / 0.07, paper 0.05 */
     float epsilon;             /* ambient factor. Default: 0.02 (SBL_MODE_DIRECT: always 0) */
+    float facet_limit;         /* pixels: triangles of smaller height on the screen are lit by their true normals, since shading normals are there to hide
+                                  facets that can be seen; those of twice as much by their shading normals. 0: shading normals everywhere */
     int filter_radius;         /* of the Gaussian, pixels, at most 32; negative: no filter. Default: 2 */
     int samples;               /* anti-aliasing of `final`, samples a pixel, 1 to 64. Default: 1 / 4 / 16 */
     uint32_t seed;             /* of the sensors' rotations */
@@ -668,14 +670,23 @@ static const char *const sbl__glsl_copy[] = {
     0 };
 static const char *const sbl__glsl_filter[] = {
     "// The Gaussian of section III-H: over pixels of the same id, its weights renormalised to one.\n",
-    "// Outside paper mode a pixel also counts the less the more its normal and its plane differ.\n",
-    "uniform sampler2D radiance;  // R; a: 1 where there is a surface\n",
+    "// Outside paper mode a pixel also counts the less the more its normal and its plane differ, and its light by more than noise can explain.\n",
+    "uniform sampler2D radiance;  // R; a: its noise, above 0 where there is a surface\n",
     "uniform sampler2D positions, normals;\n",
     "uniform usampler2D ids;\n",
     "uniform int radius;\n",
     "uniform float falloff;       // 1 / (2 sigma^2), sigma in pixels\n",
     "uniform int geometry_aware;\n",
+    "uniform float tolerance;     // noise that is there in any case, relative\n",
     "layout(location = 0) out vec4 out_radiance;\n",
+    "\n",
+    "// 1 where noise alone explains the difference, nearing 0 where it is several times as large.\n",
+    "float sbl_alike(vec4 a, vec4 b) {\n",
+    "    vec3 apart = abs(a.rgb - b.rgb);\n",
+    "    float noise = a.a + b.a + tolerance * (max(a.r, max(a.g, a.b)) + max(b.r, max(b.g, b.b)));\n",
+    "    float difference = max(apart.r, max(apart.g, apart.b)) / max(noise, 1e-30);\n",
+    "    return exp(-0.25 * difference * difference);\n",
+    "}\n",
     "\n",
     "void main() {\n",
     "    ivec2 at = ivec2(gl_FragCoord.xy), size = textureSize(radiance, 0);\n",
@@ -683,15 +694,16 @@ static const char *const sbl__glsl_filter[] = {
     "    out_radiance = vec4(0);\n",
     "    if (id == 0u) return;\n",
     "    vec3 p = texelFetch(positions, at, 0).xyz, n = texelFetch(normals, at, 0).xyz;\n",
-    "    vec4 sum = vec4(0);\n",
+    "    vec4 sum = vec4(0), own = texelFetch(radiance, at, 0);\n",
     "    for (int y = max(-radius, -at.y); y <= min(radius, size.y - 1 - at.y); y++)\n",
     "        for (int x = max(-radius, -at.x); x <= min(radius, size.x - 1 - at.x); x++) {\n",
     "            ivec2 there = at + ivec2(x, y);\n",
     "            if (texelFetch(ids, there, 0).x != id) continue;\n",
+    "            vec4 light = texelFetch(radiance, there, 0);\n",
     "            float weight = exp(-falloff * float(x * x + y * y));\n",
     "            if (geometry_aware != 0 && (x != 0 || y != 0))\n",
-    "                weight *= sbl_belongs(p, n, texelFetch(positions, there, 0).xyz, texelFetch(normals, there, 0).xyz);\n",
-    "            sum += weight * vec4(texelFetch(radiance, there, 0).rgb, 1);\n",
+    "                weight *= sbl_belongs(p, n, texelFetch(positions, there, 0).xyz, texelFetch(normals, there, 0).xyz) * sbl_alike(own, light);\n",
+    "            sum += weight * vec4(light.rgb, 1);\n",
     "        }\n",
     "    out_radiance = vec4(sum.rgb / sum.a, 1);\n",
     "}\n",
@@ -704,6 +716,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
     "uniform vec3 origin_0, origin_x, origin_y;           // a pixel's ray, affine in its position\n",
     "uniform vec3 direction_0, direction_x, direction_y;\n",
     "uniform vec2 depth_from_w;                           // depth = x * gl_FragCoord.w + y, where the driver has no clip control\n",
+    "uniform float facet_limit;                           // shading normals count from triangles of this least height on, in pixels; fully from twice that on\n",
     "layout(location = 0) out vec4 out_position;\n",
     "layout(location = 1) out vec4 out_normal;\n",
     "layout(location = 2) out vec4 out_geometric_normal;\n",
@@ -713,7 +726,11 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
     "\n",
     "void main() {\n",
     "    vec2 at = gl_FragCoord.xy;\n",
-    "    sbl_Surface s = sbl_surface(gl_PrimitiveID, origin_0 + at.x * origin_x + at.y * origin_y, direction_0 + at.x * direction_x + at.y * direction_y);\n",
+    "    vec3 origin = origin_0 + at.x * origin_x + at.y * origin_y, direction = direction_0 + at.x * direction_x + at.y * direction_y;\n",
+    "    sbl_Surface s = sbl_surface(gl_PrimitiveID, origin, direction);\n",
+    "    // Shading normals are there to hide facets; facets that are too small to be seen show the light that the true surface gets.\n",
+    "    float pixel = length(origin_y + distance(s.position, origin) / length(direction) * direction_y);\n",
+    "    if (facet_limit > 0.0) s.normal = normalize(mix(s.geometric_normal, s.normal, clamp(s.facet / (facet_limit * pixel) - 1.0, 0.0, 1.0)));\n",
     "    if (s.albedo.a == 0.0) discard;\n",
     "    out_position = vec4(s.position, 0);\n",
     "    out_normal = vec4(s.normal, 0);\n",
@@ -746,7 +763,7 @@ static const char *const sbl__glsl_reduce_blocks[] = {
     "uniform int block;          // texels across a block\n",
     "uniform ivec2 blocks;       // of one sheet\n",
     "layout(location = 0) out vec4 out_sum;   // sum of weight * Ck; weight that sees back faces\n",
-    "layout(location = 1) out vec4 out_hits;  // weight that sees surfaces; weight * distance; nearest distance\n",
+    "layout(location = 1) out vec4 out_hits;  // weight that sees surfaces; weight * distance; nearest distance; 0\n",
     "\n",
     "void main() {\n",
     "    ivec2 at = ivec2(gl_FragCoord.xy), corner = at * block, sheet_corner = (at % blocks) * block;\n",
@@ -793,11 +810,11 @@ static const char *const sbl__glsl_reduce_sum[] = {
     "        for (int x = 0; x < blocks.x; x++) {\n",
     "            row += texelFetch(block_sums, corner + ivec2(x, y), 0);\n",
     "            vec4 h = texelFetch(block_hits, corner + ivec2(x, y), 0);\n",
-    "            row_hits.xy += h.xy;\n",
+    "            row_hits += h;\n",
     "            hits.z = min(hits.z, h.z);\n",
     "        }\n",
     "        sum += row;\n",
-    "        hits.xy += row_hits.xy;\n",
+    "        hits.xyw += row_hits.xyw;\n",
     "    }\n",
     "    out_sum = sum;\n",
     "    out_hits = hits;\n",
@@ -985,6 +1002,7 @@ static const char *const sbl__glsl_surface[] = {
     "    vec3 position, normal, geometric_normal;  // normals point against the ray\n",
     "    vec4 albedo;                              // a: 0 where the cutout leaves nothing\n",
     "    vec3 emission;\n",
+    "    float facet;                              // the triangle's least height\n",
     "    uint id, flags;\n",
     "};\n",
     "\n",
@@ -1009,7 +1027,8 @@ static const char *const sbl__glsl_surface[] = {
     "\n",
     "    sbl_Surface s;\n",
     "    s.position = p0 + (b1 * e1 + b2 * e2);\n",
-    "    vec3 face = normalize(cross(s1, s2));\n",
+    "    vec3 across = cross(s1, s2), face = normalize(across), s3 = s2 - s1;\n",
+    "    s.facet = size * length(across) * inversesqrt(max(dot(s1, s1), max(dot(s2, s2), dot(s3, s3))));\n",
     "    bool back = dot(face, direction) > 0.0;\n",
     "    s.geometric_normal = back ? -face : face;\n",
     "\n",
@@ -1094,7 +1113,8 @@ static const char *const sbl__glsl_trace[] = {
     "        }\n",
     "    }\n",
     "    out_sum = sum / float(rays);\n",
-    "    out_hits = vec4(hits.xy / float(rays), hits.zw);\n",
+    "    float light = dot(out_sum.rgb, vec3(1.0 / 3.0));\n",
+    "    out_hits = vec4(hits.xy / float(rays), hits.z, light * light);\n",
     "}\n",
     0 };
 static const char *const sbl__glsl_traverse[] = {
@@ -3021,6 +3041,7 @@ typedef struct sbl__camera {
     int orthographic;
     double nearest, farthest;  /* orthographic: distances that depth 1 and 0 stand for */
     float depth_scale;         /* perspective: depth is depth_scale / w */
+    float facet_limit;         /* see sbl_picture_desc */
 } sbl__camera;
 
 static sbl_result sbl__gbuffer_make(const sbl__gl *gl, sbl__gbuffer *g, int width, int height) {
@@ -3131,6 +3152,7 @@ static void sbl__surface_draw(const sbl__gl *gl, unsigned program, const sbl__sc
             gl->Uniform4f(sbl__uniform(gl, program, rows[i]), (float)row[0], (float)row[1], (float)row[2], clip[12 + i]);
         }
         gl->Uniform3f(sbl__uniform(gl, program, "eye"), (float)c->eye[0], (float)c->eye[1], (float)c->eye[2]);
+        sbl__uniform_f(gl, program, "facet_limit", c->facet_limit);
         gl->Uniform2f(sbl__uniform(gl, program, "depth_from_w"), c->orthographic ? 0 : c->depth_scale, 0);
         gl->BindVertexArray(scene->vertex_array);
         gl->DrawElements(SBL__GL_TRIANGLES, 3 * scene->triangle_count, SBL__GL_UNSIGNED_INT, NULL);
@@ -3316,6 +3338,7 @@ typedef struct sbl__light {     /* what gather gives for a point */
     float back_share;           /* of the weight that sees surfaces, what sees back faces */
     float hit_share;            /* weight that sees surfaces */
     float hit_mean, hit_min;    /* distances, world units; 0 where nothing is seen */
+    float noise;                /* standard error of R (mean of the channels) where it can be told: traced rays; else 0 */
     int stuck;                  /* set by refine: the sensor stands inside something, see sbl__refine_suspects */
 } sbl__light;
 
@@ -3680,7 +3703,7 @@ static sbl_result sbl__gather_step(const sbl__gl *gl, sbl__gather *g, const sbl_
 
 /* Ends the job: lights[i] is what point i receives. */
 static sbl_result sbl__gather_finish(const sbl__gl *gl, sbl__gather *g, sbl__light *lights) {
-    int rows = (g->count + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH, i, k;
+    int rows = (g->count + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH, parts = g->layout.blocks[0] * g->layout.blocks[1], i, k;
     size_t floats = (size_t)rows * SBL__RESULTS_WIDTH * 4;
     float *data = (float *)sbl__alloc(gl->base, 2 * floats, sizeof(float));
     sbl_result result;
@@ -3695,6 +3718,11 @@ static sbl_result sbl__gather_finish(const sbl__gl *gl, sbl__gather *g, sbl__lig
         lights[i].hit_mean = hits[0] > 0 ? hits[1] / hits[0] * g->length : 0;
         lights[i].hit_min = hits[0] > 0 ? hits[2] * g->length : 0;
         lights[i].stuck = 0;
+        lights[i].noise = 0;
+        if (g->rays && parts > 1) {  /* the parts are independent estimates, each of a share of the rays */
+            double mean = ((double)sum[0] + sum[1] + sum[2]) / 3, variance = ((double)hits[3] - mean * mean / parts) * parts / (parts - 1);
+            lights[i].noise = (float)sqrt(SBL__MAX(variance, 0));
+        }
     }
     sbl__free(gl->base, data);
     return result;
@@ -3717,7 +3745,7 @@ static sbl_result sbl__gather_finish(const sbl__gl *gl, sbl__gather *g, sbl__lig
 
 typedef struct sbl__pixel {
     float position[3], normal[3], geometric_normal[3];
-    float radiance[3];
+    float radiance[3], noise; /* of R and its standard error */
     uint32_t id;              /* 0: nothing is seen here */
     int job;                  /* index of the pixel's sensor in the running job */
     unsigned char level;      /* 0: interpolated, else 1 + level */
@@ -3727,6 +3755,8 @@ typedef struct sbl__pixel {
 } sbl__pixel;
 
 #define SBL__CURVATURE_WEIGHT 8.0f  /* how much stricter the threshold is for what interpolation is known to miss */
+#define SBL__NOISE_WEIGHT 4           /* differences count from twice the standard error on */
+#define SBL__LEAST_NOISE 1e-12f       /* in the radiance map: above 0, below all that counts */
 #define SBL__MAX_ROUNDS 24            /* of following edges into neighbours; bounds the transfers of a picture */
 #define SBL__COVERAGE 0.75f   /* share of the bilinear weight that must belong: with less, light is extrapolated, badly */
 
@@ -3771,22 +3801,23 @@ static float sbl__belongs(const sbl__pixel *a, const sbl__pixel *b, int geometry
 /* Can its light be used for others? */
 static int sbl__usable(const sbl__pixel *p) { return p->sensed && !p->invalid; }
 
-/* Is the difference between two radiances worth more sensors? */
-static int sbl__differ(const sbl__refine *r, const float a[3], const float b[3]) {
-    float most = 0, mean = 0;
+/* Is the difference between two radiances worth more sensors? Not what their noise (its variance) explains. */
+static int sbl__differ(const sbl__refine *r, const float a[3], const float b[3], double variance) {
+    float most = 0, mean = 0, least;
     int k;
     for (k = 0; k < 3; k++) {
         most = SBL__MAX(most, (float)fabs((double)a[k] - b[k]));
         mean = SBL__MAX(mean, 0.5f * (a[k] + b[k]));
     }
-    return most > r->threshold * (r->relative ? mean + r->floor : 1.0f);
+    least = r->threshold * (r->relative ? mean + r->floor : 1.0f);
+    return (double)most * most > (double)least * least + SBL__NOISE_WEIGHT * variance;
 }
 
-/* Light at pixel (x, y) from a cell's corners; out may be NULL. Returns how well the corners cover it, 0 to 1. */
-static float sbl__interpolate(const sbl__refine *r, const sbl__cell *c, int x, int y, float out[3]) {
+/* Light at pixel (x, y) from a cell's corners, and its noise; out may be NULL. Returns how well the corners cover it, 0 to 1. */
+static float sbl__interpolate(const sbl__refine *r, const sbl__cell *c, int x, int y, float out[4]) {
     const sbl__pixel *pixel = &r->pixels[(size_t)y * (size_t)r->width + (size_t)x];
     float fx = c->x1 > c->x0 ? (float)(x - c->x0) / (float)(c->x1 - c->x0) : 0, fy = c->y1 > c->y0 ? (float)(y - c->y0) / (float)(c->y1 - c->y0) : 0;
-    float sum[3] = { 0, 0, 0 }, weights = 0;
+    float sum[3] = { 0, 0, 0 }, variance = 0, weights = 0;
     int corner, k;
     for (corner = 0; corner < 4; corner++) {
         const sbl__pixel *p = &r->pixels[(size_t)(corner & 2 ? c->y1 : c->y0) * (size_t)r->width + (size_t)(corner & 1 ? c->x1 : c->x0)];
@@ -3794,9 +3825,13 @@ static float sbl__interpolate(const sbl__refine *r, const sbl__cell *c, int x, i
         if (weight <= 0 || !sbl__usable(p)) continue;
         weight *= sbl__belongs(pixel, p, r->geometry_aware);
         for (k = 0; k < 3; k++) sum[k] += weight * p->radiance[k];
+        variance += weight * weight * p->noise * p->noise;
         weights += weight;
     }
-    if (out && weights > 0) for (k = 0; k < 3; k++) out[k] = sum[k] / weights;
+    if (out && weights > 0) {
+        for (k = 0; k < 3; k++) out[k] = sum[k] / weights;
+        out[3] = (float)sqrt((double)variance) / weights;
+    }
     return weights;
 }
 
@@ -3827,21 +3862,23 @@ static int sbl__cell_end_y(const sbl__refine *r, const sbl__cell *c) { return c-
 static int sbl__edge_curved(const sbl__refine *r, int x0, int y0, int x1, int y1) {
     int dx = x1 - x0, dy = y1 - y0, ends = 0, end, k;
     const sbl__pixel *a = &r->pixels[(size_t)y0 * (size_t)r->width + (size_t)x0], *b = &r->pixels[(size_t)y1 * (size_t)r->width + (size_t)x1];
-    float bend[3] = { 0, 0, 0 }, straight[3], curved[3];
+    float bend[3] = { 0, 0, 0 }, straight[3], curved[3], variance = 0, bends;
     if (dx + dy <= 1 || !r->geometry_aware || !sbl__usable(a) || !sbl__usable(b) || !(sbl__belongs(a, b, 1) > 0)) return 0;
     for (end = 0; end < 2; end++) {
         int x = end ? x1 + dx : x0 - dx, y = end ? y1 + dy : y0 - dy;
         const sbl__pixel *p = &r->pixels[(size_t)y * (size_t)r->width + (size_t)x], *near = end ? b : a, *far = end ? a : b;
         if (x < 0 || y < 0 || x >= r->width || y >= r->height || !sbl__usable(p) || !(sbl__belongs(near, p, 1) > 0)) continue;
         for (k = 0; k < 3; k++) bend[k] += p->radiance[k] - 2 * near->radiance[k] + far->radiance[k];
+        variance += p->noise * p->noise + 4 * near->noise * near->noise + far->noise * far->noise;
         ends++;
     }
     if (!ends) return 0;
-    for (k = 0; k < 3; k++) {  /* a parabola's middle lies an eighth of its second difference off the line */
+    bends = SBL__CURVATURE_WEIGHT / (float)(8 * ends);  /* a parabola's middle lies an eighth of its second difference off the line */
+    for (k = 0; k < 3; k++) {
         straight[k] = 0.5f * (a->radiance[k] + b->radiance[k]);
-        curved[k] = straight[k] - SBL__CURVATURE_WEIGHT * bend[k] / (float)(8 * ends);
+        curved[k] = straight[k] - bends * bend[k];
     }
-    return sbl__differ(r, straight, curved);
+    return sbl__differ(r, straight, curved, bends * bends * variance);
 }
 
 static int sbl__cell_must_split(const sbl__refine *r, const sbl__cell *c) {
@@ -3852,7 +3889,7 @@ static int sbl__cell_must_split(const sbl__refine *r, const sbl__cell *c) {
     for (i = 0; i < 4; i++)
         for (k = i + 1; k < 4; k++)
             if (sbl__usable(corners[i]) && sbl__usable(corners[k]) && sbl__belongs(corners[i], corners[k], r->geometry_aware) > 0 &&
-                sbl__differ(r, corners[i]->radiance, corners[k]->radiance)) return 1;
+                sbl__differ(r, corners[i]->radiance, corners[k]->radiance, corners[i]->noise * corners[i]->noise + corners[k]->noise * corners[k]->noise)) return 1;
     if (sbl__edge_curved(r, c->x0, c->y0, c->x1, c->y0) || sbl__edge_curved(r, c->x0, c->y1, c->x1, c->y1) ||
         sbl__edge_curved(r, c->x0, c->y0, c->x0, c->y1) || sbl__edge_curved(r, c->x1, c->y0, c->x1, c->y1)) return 1;
     for (y = c->y0; y <= sbl__cell_end_y(r, c); y++)
@@ -3873,8 +3910,8 @@ static int sbl__cell_contradicted(const sbl__refine *r, const sbl__cell *c) {
             int x = side == 0 || side == 2 ? c->x0 + i : side == 1 ? c->x0 : c->x1;
             int y = side == 1 || side == 3 ? c->y0 + i : side == 0 ? c->y0 : c->y1;
             const sbl__pixel *p = &r->pixels[(size_t)y * (size_t)r->width + (size_t)x];
-            float guess[3];
-            if (sbl__usable(p) && sbl__interpolate(r, c, x, y, guess) > 0 && sbl__differ(r, guess, p->radiance)) return 1;
+            float guess[4];
+            if (sbl__usable(p) && sbl__interpolate(r, c, x, y, guess) > 0 && sbl__differ(r, guess, p->radiance, guess[3] * guess[3] + p->noise * p->noise)) return 1;
         }
     }
     return 0;
@@ -4002,6 +4039,7 @@ static sbl_result sbl__refine_judge(sbl__base *base, sbl__refine *r, sbl_stats *
     sbl_result result = SBL_SUCCESS;
     for (i = 0; i < r->point_count; i += looks) {
         sbl__pixel *p = &r->pixels[r->point_pixels[i]];
+        float variance = 0;
         looks = sbl__looks(r, p->level - 1);
         for (k = 0; k < 3; k++) {
             float sum = 0;
@@ -4009,6 +4047,8 @@ static sbl_result sbl__refine_judge(sbl__base *base, sbl__refine *r, sbl_stats *
             p->radiance[k] = sum / (float)looks;
             mean += (double)p->radiance[k] / 3;
         }
+        for (look = 0; look < looks; look++) variance += r->lights[i + look].noise * r->lights[i + look].noise;
+        p->noise = (float)sqrt((double)variance) / (float)looks;
         p->sensed = 1;
         p->queued = 0;
         p->invalid = (unsigned char)r->lights[i].stuck;
@@ -4029,23 +4069,23 @@ static sbl_result sbl__refine_judge(sbl__base *base, sbl__refine *r, sbl_stats *
     return result;
 }
 
-/* Light from those of the eight neighbours that have some (a > 0) and belong to pixel (x, y). Returns 0 where none does. */
-static int sbl__refine_spread(const sbl__refine *r, const float *rgba, int x, int y, float out[3]) {
+/* Light and noise from those of the eight neighbours that have some (a > 0) and belong to pixel (x, y). Returns 0 where none does. */
+static int sbl__refine_spread(const sbl__refine *r, const float *rgba, int x, int y, float out[4]) {
     const sbl__pixel *pixel = &r->pixels[(size_t)y * (size_t)r->width + (size_t)x];
-    float sum[3] = { 0, 0, 0 }, weights = 0;
+    float sum[4] = { 0, 0, 0, 0 }, weights = 0;
     int i, j, k;
     for (j = SBL__MAX(y - 1, 0); j <= SBL__MIN(y + 1, r->height - 1); j++)
         for (i = SBL__MAX(x - 1, 0); i <= SBL__MIN(x + 1, r->width - 1); i++) {
             size_t at = (size_t)j * (size_t)r->width + (size_t)i;
             float weight = rgba[4 * at + 3] > 0 ? sbl__belongs(pixel, &r->pixels[at], r->geometry_aware) : 0;
-            for (k = 0; k < 3 && weight > 0; k++) sum[k] += weight * rgba[4 * at + (size_t)k];
+            for (k = 0; k < 4 && weight > 0; k++) sum[k] += weight * rgba[4 * at + (size_t)k];
             weights += weight;
         }
-    for (k = 0; k < 3 && weights > 0; k++) out[k] = sum[k] / weights;
+    for (k = 0; k < 4 && weights > 0; k++) out[k] = sum[k] / weights;
     return weights > 0;
 }
 
-/* Fills the pixels without sensors. rgba: the radiance map, a = 1 where there is a surface. Pixels whose own sensor is stuck and that no cell covers
+/* Fills the pixels without sensors. rgba: the radiance map, a = its noise, above 0 where there is a surface. Pixels whose own sensor is stuck and that no cell covers
    take the light that spreads over their surface from others, ring by ring; without any they keep what the stuck sensor saw. */
 static sbl_result sbl__refine_fill(sbl__base *base, const sbl__refine *r, float *rgba) {
     int i, k, x, y, left = 0, before;
@@ -4061,9 +4101,11 @@ static sbl_result sbl__refine_fill(sbl__base *base, const sbl__refine *r, float 
                 at = (size_t)y * (size_t)r->width + (size_t)x;
                 p = &r->pixels[at];
                 if (!p->id) continue;
-                if (sbl__usable(p)) memcpy(rgba + 4 * at, p->radiance, 3 * sizeof(float));
-                else if (!(sbl__interpolate(r, c, x, y, rgba + 4 * at) > 0)) { left++; continue; }
-                rgba[4 * at + 3] = 1;
+                if (sbl__usable(p)) {
+                    memcpy(rgba + 4 * at, p->radiance, 3 * sizeof(float));
+                    rgba[4 * at + 3] = p->noise;
+                } else if (!(sbl__interpolate(r, c, x, y, rgba + 4 * at) > 0)) { left++; continue; }
+                rgba[4 * at + 3] = SBL__MAX(rgba[4 * at + 3], SBL__LEAST_NOISE);
             }
     }
     if (!left) return SBL_SUCCESS;
@@ -4074,7 +4116,8 @@ static sbl_result sbl__refine_fill(sbl__base *base, const sbl__refine *r, float 
     for (at = 0; at < pixels; at++) if (r->pixels[at].id && rgba[4 * at + 3] == 0.0f) orphans[left++] = (int)at;
     do {
         before = left;
-        for (i = 0; i < left; i++) found[4 * i + 3] = (float)sbl__refine_spread(r, rgba, orphans[i] % r->width, orphans[i] / r->width, found + 4 * i);
+        for (i = 0; i < left; i++)
+            if (!sbl__refine_spread(r, rgba, orphans[i] % r->width, orphans[i] / r->width, found + 4 * i)) found[4 * i + 3] = 0;
         for (i = left = 0; i < before; i++) {
             if (found[4 * i + 3] > 0) memcpy(rgba + 4 * (size_t)orphans[i], found + 4 * i, 4 * sizeof(float));
             else orphans[left++] = orphans[i];
@@ -4082,7 +4125,7 @@ static sbl_result sbl__refine_fill(sbl__base *base, const sbl__refine *r, float 
     } while (left && left < before);
     for (i = 0; i < left; i++) {
         for (k = 0; k < 3; k++) rgba[4 * (size_t)orphans[i] + (size_t)k] = r->pixels[orphans[i]].radiance[k];
-        rgba[4 * (size_t)orphans[i] + 3] = 1;
+        rgba[4 * (size_t)orphans[i] + 3] = SBL__LEAST_NOISE;
     }
     sbl__free(base, orphans);
     sbl__free(base, found);
@@ -4112,7 +4155,10 @@ static void sbl__refine_free(sbl__base *base, sbl__refine *r) {
 /* ======================================================================================================== >>filter
    Smoothing of R (section III-H), see filter.glsl. Draws into the framebuffer bound by the caller. */
 
-static void sbl__filter_draw(const sbl__gl *gl, unsigned program, unsigned empty_array, const sbl__gbuffer *g, const sbl__texture *radiance, int radius, int geometry_aware) {
+#define SBL__VISIBLE_DIFFERENCE 0.01f  /* relative; below it all is smoothed */
+#define SBL__TEXEL_NOISE 2.6f          /* of a rasterised sensor, relative, times its size: measured for a lamp in a box */
+
+static void sbl__filter_draw(const sbl__gl *gl, unsigned program, unsigned empty_array, const sbl__gbuffer *g, const sbl__texture *radiance, int radius, int geometry_aware, float tolerance) {
     double sigma = SBL__MAX(0.5 * radius, 0.1);
     gl->BindVertexArray(empty_array);
     gl->Disable(SBL__GL_DEPTH_TEST);
@@ -4125,6 +4171,7 @@ static void sbl__filter_draw(const sbl__gl *gl, unsigned program, unsigned empty
     sbl__uniform_i(gl, program, "radius", radius);
     sbl__uniform_f(gl, program, "falloff", (float)(1 / (2 * sigma * sigma)));
     sbl__uniform_i(gl, program, "geometry_aware", geometry_aware);
+    sbl__uniform_f(gl, program, "tolerance", tolerance);
     gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
 }
 
@@ -4237,6 +4284,7 @@ static sbl_result sbl__picture_begin(sbl_context *c) {
     int i;
     sbl_result result;
     sbl__camera_make(&p->camera, d, &c->scene);
+    p->camera.facet_limit = d->facet_limit;
     p->refine.width = d->width;
     p->refine.height = d->height;
     p->refine.tile = d->tile;
@@ -4376,7 +4424,8 @@ static sbl_result sbl__picture_work(sbl_context *c, int limit) {
         case SBL__STAGE_FILTER:
             seconds = &c->stats.seconds.filter;
             gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, p->filter_framebuffer);
-            sbl__filter_draw(gl, c->programs.filter, c->empty_array, &p->gbuffer, &p->radiance, SBL__MAX(p->desc.filter_radius, 0), p->desc.mode != SBL_MODE_PAPER);
+            sbl__filter_draw(gl, c->programs.filter, c->empty_array, &p->gbuffer, &p->radiance, SBL__MAX(p->desc.filter_radius, 0), p->desc.mode != SBL_MODE_PAPER,
+                             p->desc.backend == SBL_BACKEND_TRACE ? SBL__VISIBLE_DIFFERENCE : SBL__TEXEL_NOISE / (float)p->desc.sensor_size);
             gl->Finish();
             result = sbl__gl_check(gl, "filtering");
             p->stage = SBL__STAGE_RESOLVE;
@@ -4640,6 +4689,7 @@ static sbl_result sbl__check_picture_desc(const sbl_context *c, const sbl_pictur
     if (d->tile < 1 || d->tile > 1024) SBL__MISTAKE(&check, item, "sbl_picture_desc: tile is %d; it must be 1 to 1024", d->tile);
     if (!(d->threshold > 0.0f && sbl__finite(d->threshold))) SBL__MISTAKE(&check, item, "sbl_picture_desc: threshold is %g; it must be positive and finite", (double)d->threshold);
     if (!(d->epsilon >= 0.0f && sbl__finite(d->epsilon))) SBL__MISTAKE(&check, item, "sbl_picture_desc: epsilon is %g; it must be finite and not negative", (double)d->epsilon);
+    if (!(d->facet_limit >= 0.0f && sbl__finite(d->facet_limit))) SBL__MISTAKE(&check, item, "sbl_picture_desc: facet_limit is %g; it must be 0 or more, and finite", (double)d->facet_limit);
     if (d->filter_radius > 32) SBL__MISTAKE(&check, item, "sbl_picture_desc: filter_radius is %d; it must be at most 32", d->filter_radius);
     if (d->samples < 1 || d->samples > 64) SBL__MISTAKE(&check, item, "sbl_picture_desc: samples is %d; it must be 1 to 64", d->samples);
     if (!sbl__all_finite(d->world_to_view, 16)) {
@@ -4691,7 +4741,7 @@ static void sbl__default_camera(const sbl__scene *s, sbl_picture_desc *d) {
     sbl_look_at(d->world_to_view, c[0] + (float)(0.35 * distance), c[1] + (float)(0.3 * distance), c[2] + (float)(0.89 * distance), c[0], c[1], c[2], 0, 1, 0);
 }
 
-#define SBL__RASTER_TRIANGLES 32768  /* SBL_BACKEND_AUTO rasterises up to so many */
+#define SBL__RASTER_TRIANGLES 1024  /* SBL_BACKEND_AUTO rasterises up to so many */
 
 static void sbl__log_state(const sbl_context *c, const char *function, const char *needs) {
     sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_WRONG_ORDER, "%s: %s", function, needs);
@@ -5030,7 +5080,7 @@ static sbl_result sbl__inspect(sbl_context *c, const sbl__point *point, int pixe
     }
     if (result == SBL_SUCCESS) *light = lights[slot];
     if (result == SBL_SUCCESS && light->back_share > SBL__SUSPECT_SHARE) {
-        sbl__light answer = { { 0, 0, 0 }, 0, 0, 0, 0, 0 };
+        sbl__light answer = { { 0, 0, 0 }, 0, 0, 0, 0, 0, 0 };
         sbl__probe_point(&c->picture.refine, pixel, point, &points[0]);
         result = sbl__probe_begin(c, points, 1);
         if (result == SBL_SUCCESS) result = sbl__gather_step(&c->gl, &c->probe, &c->scene, c->probe.rays ? c->scene.textured ? c->programs.trace_textured : c->programs.trace : program, reduce, c->empty_array, 1);
@@ -5063,7 +5113,7 @@ SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *
     const sbl__pixel *p;
     const sbl__layout *l;
     sbl__point point;
-    sbl__light light = { { 0, 0, 0 }, 0, 0, 0, 0, 0 };
+    sbl__light light = { { 0, 0, 0 }, 0, 0, 0, 0, 0, 0 };
     sbl__visit visit;
     float *table;
     double sum = 0;

@@ -89,9 +89,9 @@ static struct options {
     const char *scene, *output, *stats;
     int channel, mode, preset, backend;
     int size[2], inspect[2];
-    double eye[3], look_at[3], up[3], fov, sky[3], epsilon, sensor_fov, threshold, exposure;
+    double eye[3], look_at[3], up[3], fov, sky[3], epsilon, sensor_fov, threshold, facet_limit, exposure;
     int rays, sensor_size, tile, filter_radius, samples, seed;
-} options = { .output = "sbl.png", .size = { 640, 480 }, .up = { 0, 1, 0 }, .fov = 40 };
+} options = { .output = "sbl.png", .size = { 640, 480 }, .up = { 0, 1, 0 }, .fov = 40, .facet_limit = 2 };
 
 typedef enum option_kind { FLAG, TEXT, CHOICE, INTEGERS, NUMBERS } option_kind;
 
@@ -106,7 +106,7 @@ static const sbl_backend backends[] = { SBL_BACKEND_AUTO, SBL_BACKEND_RASTER, SB
 static const sbl_preset presets[] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL_PRESET_HIGH };
 
 enum {
-    OUTPUT, CHANNEL, SIZE, EYE, LOOK_AT, UP, FOV, SKY, MODE, PRESET, BACKEND, RAYS, EPSILON, SENSOR_SIZE, SENSOR_FOV, TILE, THRESHOLD, FILTER_RADIUS,
+    OUTPUT, CHANNEL, SIZE, EYE, LOOK_AT, UP, FOV, SKY, MODE, PRESET, BACKEND, RAYS, EPSILON, SENSOR_SIZE, SENSOR_FOV, TILE, THRESHOLD, FACET_LIMIT, FILTER_RADIUS,
     SAMPLES, EXPOSURE, SEED, INSPECT, STATS, QUIET, HELP, VERSION, OPTION_COUNT
 };
 
@@ -132,7 +132,7 @@ static const struct option {
                         "ambient (default: lamps, sky, and a faint glow of every surface) | direct (lamps and sky only) |\n"
                         "paper (exactly the paper: one 135 degree view, epsilon, tiles, Gaussian) | gi (all bounces; not yet)" },
     [PRESET]        = { "--preset", "NAME", CHOICE, &options.preset, PRESET_WORDS, 0, 0, "draft | default | high" },
-    [BACKEND]       = { "--backend", "NAME", CHOICE, &options.backend, BACKEND_WORDS, 0, 0, "auto (default: trace in scenes of more than 32,768 triangles) | raster | trace" },
+    [BACKEND]       = { "--backend", "NAME", CHOICE, &options.backend, BACKEND_WORDS, 0, 0, "auto (default: trace in scenes of more than 1,024 triangles) | raster | trace" },
     [RAYS]          = { "--rays", "N", INTEGERS, &options.rays, 1, 1, 4096, "samples of a traced sensor; default 64, 256, 1024 by preset" },
     [EPSILON]       = { "--epsilon", "E", NUMBERS, &options.epsilon, 1, 0, 1e30, "ambient factor of the modes paper and ambient; default 0.02" },
     [SENSOR_SIZE]   = { "--sensor-size", "N", INTEGERS, &options.sensor_size, 1, 4, 512, "texels across a sensor's view; default 32, 64, 128 by preset" },
@@ -141,6 +141,8 @@ static const struct option {
     [THRESHOLD]     = { "--threshold", "T", NUMBERS, &options.threshold, 1, 0, 1e30,
                         "refine where neighbours differ by more: a share of their mean, default 0.3, 0.15, 0.07 by preset;\n"
                         "in mode paper a radiance, default 0.05" },
+    [FACET_LIMIT]   = { "--facet-limit", "PIXELS", NUMBERS, &options.facet_limit, 1, 0, 1e30,
+                        "triangles of smaller height are lit by their true normals, larger ones by the file's; default 2" },
     [FILTER_RADIUS] = { "--filter-radius", "N", INTEGERS, &options.filter_radius, 1, 0, 32, "of the Gaussian, pixels, 0 for none; default 2" },
     [SAMPLES]       = { "--samples", "N", INTEGERS, &options.samples, 1, 1, 64, "anti-aliasing of final, samples a pixel; default 1, 4, 16 by preset" },
     [EXPOSURE]      = { "--exposure", "STOPS", NUMBERS, &options.exposure, 1, -100, 100, "brightens final and radiance in a .png; default 0" },
@@ -616,6 +618,7 @@ static void fill_desc(sbl_picture_desc *desc, progress *bar) {
     desc->sensor_fov = (float)options.sensor_fov;
     desc->tile = options.tile;
     if (given[THRESHOLD]) desc->threshold = options.threshold > (double)least ? (float)options.threshold : least;
+    desc->facet_limit = (float)options.facet_limit;
     if (given[EPSILON]) desc->epsilon = options.epsilon > (double)least ? (float)options.epsilon : least;
     if (given[FILTER_RADIUS]) desc->filter_radius = options.filter_radius ? options.filter_radius : -1;
     desc->samples = options.samples;

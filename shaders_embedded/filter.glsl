@@ -1,12 +1,21 @@
 // The Gaussian of section III-H: over pixels of the same id, its weights renormalised to one.
-// Outside paper mode a pixel also counts the less the more its normal and its plane differ.
-uniform sampler2D radiance;  // R; a: 1 where there is a surface
+// Outside paper mode a pixel also counts the less the more its normal and its plane differ, and its light by more than noise can explain.
+uniform sampler2D radiance;  // R; a: its noise, above 0 where there is a surface
 uniform sampler2D positions, normals;
 uniform usampler2D ids;
 uniform int radius;
 uniform float falloff;       // 1 / (2 sigma^2), sigma in pixels
 uniform int geometry_aware;
+uniform float tolerance;     // noise that is there in any case, relative
 layout(location = 0) out vec4 out_radiance;
+
+// 1 where noise alone explains the difference, nearing 0 where it is several times as large.
+float sbl_alike(vec4 a, vec4 b) {
+    vec3 apart = abs(a.rgb - b.rgb);
+    float noise = a.a + b.a + tolerance * (max(a.r, max(a.g, a.b)) + max(b.r, max(b.g, b.b)));
+    float difference = max(apart.r, max(apart.g, apart.b)) / max(noise, 1e-30);
+    return exp(-0.25 * difference * difference);
+}
 
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy), size = textureSize(radiance, 0);
@@ -14,15 +23,16 @@ void main() {
     out_radiance = vec4(0);
     if (id == 0u) return;
     vec3 p = texelFetch(positions, at, 0).xyz, n = texelFetch(normals, at, 0).xyz;
-    vec4 sum = vec4(0);
+    vec4 sum = vec4(0), own = texelFetch(radiance, at, 0);
     for (int y = max(-radius, -at.y); y <= min(radius, size.y - 1 - at.y); y++)
         for (int x = max(-radius, -at.x); x <= min(radius, size.x - 1 - at.x); x++) {
             ivec2 there = at + ivec2(x, y);
             if (texelFetch(ids, there, 0).x != id) continue;
+            vec4 light = texelFetch(radiance, there, 0);
             float weight = exp(-falloff * float(x * x + y * y));
             if (geometry_aware != 0 && (x != 0 || y != 0))
-                weight *= sbl_belongs(p, n, texelFetch(positions, there, 0).xyz, texelFetch(normals, there, 0).xyz);
-            sum += weight * vec4(texelFetch(radiance, there, 0).rgb, 1);
+                weight *= sbl_belongs(p, n, texelFetch(positions, there, 0).xyz, texelFetch(normals, there, 0).xyz) * sbl_alike(own, light);
+            sum += weight * vec4(light.rgb, 1);
         }
     out_radiance = vec4(sum.rgb / sum.a, 1);
 }

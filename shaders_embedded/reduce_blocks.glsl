@@ -4,7 +4,7 @@ uniform sampler2D weights;  // of one sheet: the texel's projected solid angle o
 uniform int block;          // texels across a block
 uniform ivec2 blocks;       // of one sheet
 layout(location = 0) out vec4 out_sum;   // sum of weight * Ck; weight that sees back faces
-layout(location = 1) out vec4 out_hits;  // weight that sees surfaces; weight * distance; nearest distance
+layout(location = 1) out vec4 out_hits;  // weight that sees surfaces; weight * distance; nearest distance; 0
 
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy), corner = at * block, sheet_corner = (at % blocks) * block;

@@ -19,11 +19,11 @@ void main() {
         for (int x = 0; x < blocks.x; x++) {
             row += texelFetch(block_sums, corner + ivec2(x, y), 0);
             vec4 h = texelFetch(block_hits, corner + ivec2(x, y), 0);
-            row_hits.xy += h.xy;
+            row_hits += h;
             hits.z = min(hits.z, h.z);
         }
         sum += row;
-        hits.xy += row_hits.xy;
+        hits.xyw += row_hits.xyw;
     }
     out_sum = sum;
     out_hits = hits;

@@ -52,5 +52,6 @@ void main() {
         }
     }
     out_sum = sum / float(rays);
-    out_hits = vec4(hits.xy / float(rays), hits.zw);
+    float light = dot(out_sum.rgb, vec3(1.0 / 3.0));
+    out_hits = vec4(hits.xy / float(rays), hits.z, light * light);
 }

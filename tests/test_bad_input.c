@@ -593,6 +593,9 @@ TEST(picture_desc) {
     BAD_PICTURE(d.epsilon = -0.25f, "epsilon", "-0.25");
     BAD_PICTURE(d.epsilon = NOT, "epsilon", "nan");
     BAD_PICTURE(d.epsilon = INF, "epsilon", "inf");
+    BAD_PICTURE(d.facet_limit = -0.25f, "facet_limit", "-0.25");
+    BAD_PICTURE(d.facet_limit = NOT, "facet_limit", "nan");
+    BAD_PICTURE(d.facet_limit = INF, "facet_limit", "inf");
     BAD_PICTURE(d.filter_radius = 33, "filter_radius", "33");
     BAD_PICTURE(d.filter_radius = INT_MAX, "filter_radius", "2147483647");
     BAD_PICTURE(d.samples = -1, "samples", "-1");
@@ -620,7 +623,7 @@ TEST(picture_desc) {
 }
 
 TEST(picture_desc_all_at_once) {
-    static const char *const fields[] = { "width", "height", "mode", "preset", "sensor_kind", "backend", "rays", "sensor_size", "sensor_fov", "tile", "threshold", "epsilon", "filter_radius", "samples",
+    static const char *const fields[] = { "width", "height", "mode", "preset", "sensor_kind", "backend", "rays", "sensor_size", "sensor_fov", "tile", "threshold", "epsilon", "facet_limit", "filter_radius", "samples",
                                           "world_to_view[2]", "world_to_view[9]", "view_to_clip[7]" };
     int i, count = (int)(sizeof fields / sizeof *fields);
     sbl_picture_desc d = small_view();
@@ -630,7 +633,7 @@ TEST(picture_desc_all_at_once) {
     d.sensor_kind = SBL_SENSOR_KIND_COUNT;
     d.backend = SBL_BACKEND_COUNT;
     d.rays = d.sensor_size = d.tile = d.samples = -1;
-    d.sensor_fov = d.threshold = d.epsilon = NOT;
+    d.sensor_fov = d.threshold = d.epsilon = d.facet_limit = NOT;
     d.filter_radius = 99;
     d.world_to_view[2] = d.world_to_view[9] = d.view_to_clip[7] = INF;
     watch_forget(&seen);
