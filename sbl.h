@@ -732,7 +732,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
     "    float pixel = length(origin_y + distance(s.position, origin) / length(direction) * direction_y);\n",
     "    if (facet_limit > 0.0) s.normal = normalize(mix(s.geometric_normal, s.normal, clamp(s.facet / (facet_limit * pixel) - 1.0, 0.0, 1.0)));\n",
     "    if (s.albedo.a == 0.0) discard;\n",
-    "    out_position = vec4(s.position, 0);\n",
+    "    out_position = vec4(s.position, s.reach);\n",
     "    out_normal = vec4(s.normal, 0);\n",
     "    out_geometric_normal = vec4(s.geometric_normal, 0);\n",
     "    out_albedo = vec4(s.albedo.rgb, 1);\n",
@@ -1003,6 +1003,7 @@ static const char *const sbl__glsl_surface[] = {
     "    vec4 albedo;                              // a: 0 where the cutout leaves nothing\n",
     "    vec3 emission;\n",
     "    float facet;                              // the triangle's least height\n",
+    "    float reach;                              // of its corners from the origin, plus its longest side: what rounding is relative to\n",
     "    uint id, flags;\n",
     "};\n",
     "\n",
@@ -1028,7 +1029,9 @@ static const char *const sbl__glsl_surface[] = {
     "    sbl_Surface s;\n",
     "    s.position = p0 + (b1 * e1 + b2 * e2);\n",
     "    vec3 across = cross(s1, s2), face = normalize(across), s3 = s2 - s1;\n",
-    "    s.facet = size * length(across) * inversesqrt(max(dot(s1, s1), max(dot(s2, s2), dot(s3, s3))));\n",
+    "    float longest = sqrt(max(dot(s1, s1), max(dot(s2, s2), dot(s3, s3))));\n",
+    "    s.facet = size * length(across) / longest;\n",
+    "    s.reach = length(p0) + 2.0 * size * longest;\n",
     "    bool back = dot(face, direction) > 0.0;\n",
     "    s.geometric_normal = back ? -face : face;\n",
     "\n",
@@ -3740,11 +3743,13 @@ static sbl_result sbl__gather_finish(const sbl__gl *gl, sbl__gather *g, sbl__lig
        |       |       |      *   *   *       |        interpolation is tested against the one on their common edge
        o       o       o      o   *   o       o                                                                      */
 
-/* Sensors stand this share of the scene's extent off their surface: six times what float rounding needs (from 2.5e-7 down, spheres see themselves). */
+/* Sensors stand this share off their surface: of the scene's extent where depth buffers decide what is seen, of their own triangle's reach where
+   rays do. Six times what float rounding needs (from 2.5e-7 down, spheres see themselves). */
 #define SBL__OFFSET 1.5e-6f
 
 typedef struct sbl__pixel {
     float position[3], normal[3], geometric_normal[3];
+    float offset;             /* of its sensor, off the surface */
     float radiance[3], noise; /* of R and its standard error */
     uint32_t id;              /* 0: nothing is seen here */
     int job;                  /* index of the pixel's sensor in the running job */
@@ -3765,7 +3770,7 @@ typedef struct sbl__cell { int x0, y0, x1, y1; int level; int split; } sbl__cell
 typedef struct sbl__refine {
     int width, height, tile;
     int geometry_aware, relative;
-    float threshold, offset;
+    float threshold;
     uint32_t seed;
     sbl__pixel *pixels;
     sbl__cell *cells;
@@ -3943,7 +3948,7 @@ static void sbl__refine_point(const sbl__refine *r, int index, double look, sbl_
     const sbl__pixel *p = &r->pixels[index];
     int k;
     for (k = 0; k < 3; k++) {
-        out->position[k] = p->position[k] + r->offset * p->geometric_normal[k];
+        out->position[k] = p->position[k] + p->offset * p->geometric_normal[k];
         out->normal[k] = p->normal[k];
     }
     out->turn = r->geometry_aware ? (float)(0.5 * SBL__PI * (sbl__hash((uint32_t)index ^ sbl__hash(r->seed)) / 4294967296.0 + look)) : 0;
@@ -4004,7 +4009,7 @@ static void sbl__probe_point(const sbl__refine *r, int index, const sbl__point *
     for (k = 0; k < 3; k++) out->normal[k] = -r->pixels[index].geometric_normal[k];
 }
 
-static int sbl__probe_stuck(const sbl__refine *r, const sbl__light *probe) { return probe->hit_share > 0 && probe->hit_min < 0.75f * r->offset; }
+static int sbl__probe_stuck(const sbl__pixel *pixel, const sbl__light *probe) { return probe->hit_share > 0 && probe->hit_min < 0.75f * pixel->offset; }
 
 /* Lists the job's sensors that must look back. */
 static sbl_result sbl__refine_suspects(sbl__base *base, sbl__refine *r) {
@@ -4024,7 +4029,7 @@ static sbl_result sbl__refine_suspects(sbl__base *base, sbl__refine *r) {
 static void sbl__refine_convict(sbl__base *base, sbl__refine *r) {
     int i, k = 0;
     for (i = 0; i < r->point_count && r->suspect_count; i++)
-        if (r->lights[i].back_share > SBL__SUSPECT_SHARE) r->lights[i].stuck = sbl__probe_stuck(r, &r->suspect_lights[k++]);
+        if (r->lights[i].back_share > SBL__SUSPECT_SHARE) r->lights[i].stuck = sbl__probe_stuck(&r->pixels[r->point_pixels[i]], &r->suspect_lights[k++]);
     sbl__free(base, r->suspects);
     sbl__free(base, r->suspect_lights);
     r->suspects = NULL;
@@ -4290,7 +4295,6 @@ static sbl_result sbl__picture_begin(sbl_context *c) {
     p->refine.tile = d->tile;
     p->refine.threshold = d->threshold;
     p->refine.geometry_aware = p->refine.relative = d->mode != SBL_MODE_PAPER;
-    p->refine.offset = SBL__OFFSET * c->scene.extent;
     p->refine.seed = d->seed;
     p->refine.pixels = (sbl__pixel *)sbl__alloc(&c->base, (size_t)d->width * (size_t)d->height, sizeof(sbl__pixel));
     if (!p->refine.pixels) return SBL_ERROR_OUT_OF_MEMORY;
@@ -4317,9 +4321,9 @@ static sbl_result sbl__picture_surface(sbl_context *c) {
     sbl__picture *p = &c->picture;
     size_t pixels = (size_t)p->desc.width * (size_t)p->desc.height, i;
     const sbl__texture *textures[4];
-    int attachments[4] = { 0, 1, 2, 5 }, t, k;
+    int attachments[4] = { 0, 1, 2, 5 }, traced = p->desc.backend == SBL_BACKEND_TRACE, t, k;
     float *data;
-    sbl_result result = p->desc.backend == SBL_BACKEND_TRACE ? sbl__bvh_ready(&c->gl, &c->scene) : SBL_SUCCESS;
+    sbl_result result = traced ? sbl__bvh_ready(&c->gl, &c->scene) : SBL_SUCCESS;
     if (result != SBL_SUCCESS) return result;
     c->stats.bvh_seconds = c->scene.bvh.seconds;
     c->stats.bvh_bytes = c->scene.node_buffer.bytes + c->scene.triangle_buffer.bytes;
@@ -4337,6 +4341,7 @@ static sbl_result sbl__picture_surface(sbl_context *c) {
             float *to = t == 0 ? pixel->position : t == 1 ? pixel->normal : pixel->geometric_normal;
             if (t == 3) { memcpy(&pixel->id, data + i, 4); c->stats.visible_pixels += pixel->id != 0; }
             else for (k = 0; k < 3; k++) to[k] = data[4 * i + (size_t)k];
+            if (t == 0) pixel->offset = SBL__OFFSET * (traced && data[4 * i + 3] > 0 ? data[4 * i + 3] : c->scene.extent);
         }
     }
     sbl__free(&c->base, data);
@@ -5085,7 +5090,7 @@ static sbl_result sbl__inspect(sbl_context *c, const sbl__point *point, int pixe
         result = sbl__probe_begin(c, points, 1);
         if (result == SBL_SUCCESS) result = sbl__gather_step(&c->gl, &c->probe, &c->scene, c->probe.rays ? c->scene.textured ? c->programs.trace_textured : c->programs.trace : program, reduce, c->empty_array, 1);
         if (result == SBL_SUCCESS) result = sbl__gather_finish(&c->gl, &c->probe, &answer);
-        light->stuck = sbl__probe_stuck(&c->picture.refine, &answer);
+        light->stuck = sbl__probe_stuck(&c->picture.refine.pixels[pixel], &answer);
     }
     if (result == SBL_SUCCESS) sbl__weights_make(l, g->paper, table);
     if (result == SBL_SUCCESS && radiance) {

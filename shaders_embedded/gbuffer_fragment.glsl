@@ -17,7 +17,7 @@ void main() {
     float pixel = length(origin_y + distance(s.position, origin) / length(direction) * direction_y);
     if (facet_limit > 0.0) s.normal = normalize(mix(s.geometric_normal, s.normal, clamp(s.facet / (facet_limit * pixel) - 1.0, 0.0, 1.0)));
     if (s.albedo.a == 0.0) discard;
-    out_position = vec4(s.position, 0);
+    out_position = vec4(s.position, s.reach);
     out_normal = vec4(s.normal, 0);
     out_geometric_normal = vec4(s.geometric_normal, 0);
     out_albedo = vec4(s.albedo.rgb, 1);

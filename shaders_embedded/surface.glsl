@@ -9,6 +9,7 @@ struct sbl_Surface {
     vec4 albedo;                              // a: 0 where the cutout leaves nothing
     vec3 emission;
     float facet;                              // the triangle's least height
+    float reach;                              // of its corners from the origin, plus its longest side: what rounding is relative to
     uint id, flags;
 };
 
@@ -34,7 +35,9 @@ sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {
     sbl_Surface s;
     s.position = p0 + (b1 * e1 + b2 * e2);
     vec3 across = cross(s1, s2), face = normalize(across), s3 = s2 - s1;
-    s.facet = size * length(across) * inversesqrt(max(dot(s1, s1), max(dot(s2, s2), dot(s3, s3))));
+    float longest = sqrt(max(dot(s1, s1), max(dot(s2, s2), dot(s3, s3))));
+    s.facet = size * length(across) / longest;
+    s.reach = length(p0) + 2.0 * size * longest;
     bool back = dot(face, direction) > 0.0;
     s.geometric_normal = back ? -face : face;
 
