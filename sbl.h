@@ -756,6 +756,125 @@ static const char *const sbl__glsl_gbuffer_vertex[] = {
     "    if ((sbl_object(object, 1).w & SBL_HIDDEN_FROM_CAMERA) != 0u) gl_Position = vec4(2, 2, 2, 1);\n",
     "}\n",
     0 };
+static const char *const sbl__glsl_lamps[] = {
+    "// Light from emitting triangles. What each gives where nothing stands between is known in closed form; rays only measure which share of it arrives\n",
+    "// (the ratio estimator: Heitz, Hill and McGuire 2018, \"Combining analytic direct illumination and stochastic shadows\").\n",
+    "// One invocation is one sensor, so that neighbours trace neighbouring rays and each stops as soon as it knows enough.\n",
+    "uniform usamplerBuffer sbl_points;    // a sensor, three texels: position; normal; first of its directions, of its lamp points, two hashes for these\n",
+    "uniform usamplerBuffer sbl_sequence;  // see trace.glsl\n",
+    "uniform usamplerBuffer sbl_lamps;     // emitting triangles, as sbl_triangles counts\n",
+    "uniform int lamp_count, rays;         // at most SBL_LAMPS; at most so many rays a sensor\n",
+    "uniform int columns, first_slot, count;\n",
+    "layout(location = 0) out vec4 out_light;  // R; the variance of its channels' mean\n",
+    "\n",
+    "const float PI = 3.14159265;\n",
+    "\n",
+    "struct sbl_Lamp { vec3 corner, side_1, side_2, emission; int triangle, number; };\n",
+    "\n",
+    "// As seen from p: black where only its dark side shows.\n",
+    "sbl_Lamp sbl_lamp(int i, vec3 p) {\n",
+    "    int t = int(texelFetch(sbl_lamps, i).x);\n",
+    "    uvec4 a = texelFetch(sbl_triangles, 3 * t), b = texelFetch(sbl_triangles, 3 * t + 1), c = texelFetch(sbl_triangles, 3 * t + 2), light = sbl_object(a.w, 1);\n",
+    "    sbl_Lamp l = sbl_Lamp(uintBitsToFloat(a.xyz), uintBitsToFloat(b.xyz) - uintBitsToFloat(a.xyz), uintBitsToFloat(c.xyz) - uintBitsToFloat(a.xyz),\n",
+    "                          uintBitsToFloat(light.rgb), t, int(b.w));\n",
+    "    if ((light.w & SBL_ONE_SIDED_EMISSION) != 0u && dot(cross(l.side_1, l.side_2), p - l.corner) < 0.0) l.emission = vec3(0);\n",
+    "    return l;\n",
+    "}\n",
+    "\n",
+    "// An edge's part of Lambert's sum: the angle it spans, times the cosine of its plane's normal to z.\n",
+    "float sbl_edge(vec3 p, vec3 q) {\n",
+    "    vec3 normal = cross(p, q);\n",
+    "    float size = length(normal);\n",
+    "    return size > 0.0 ? atan(size, dot(p, q)) * normal.z / size : 0.0;\n",
+    "}\n",
+    "\n",
+    "// Share of a hemisphere around z that a triangle fills, weighted by the cosine: Lambert 1760. Corners relative to the sensor, in its frame.\n",
+    "float sbl_form_factor(vec3 a, vec3 b, vec3 c) {\n",
+    "    vec3 middle = (a + b + c) / 3.0, normal = cross(b - a, c - a);\n",
+    "    float distance2 = dot(middle, middle), size2 = max(dot(b - a, b - a), max(dot(c - a, c - a), dot(c - b, c - b)));\n",
+    "    if (min(a.z, min(b.z, c.z)) > 0.0 && distance2 > 1e5 * size2)  // too small for the sum's rounding, small enough for a point\n",
+    "        return 0.5 * abs(dot(normal, middle)) * middle.z / (PI * distance2 * distance2);\n",
+    "    vec3 corners[3] = vec3[3](a, b, c), entry = vec3(0), leave = vec3(0);\n",
+    "    float sum = 0.0;\n",
+    "    bool cut = false;\n",
+    "    for (int k = 0; k < 3; k++) {  // what is below the horizon does not count\n",
+    "        vec3 p = corners[k], q = corners[k == 2 ? 0 : k + 1];\n",
+    "        if (max(p.z, q.z) <= 0.0) continue;\n",
+    "        if (min(p.z, q.z) < 0.0) {\n",
+    "            vec3 x = vec3(mix(p.xy, q.xy, p.z / (p.z - q.z)), 0);\n",
+    "            cut = true;\n",
+    "            if (p.z < 0.0) entry = p = x;\n",
+    "            else leave = q = x;\n",
+    "        }\n",
+    "        sum += sbl_edge(p, q);\n",
+    "    }\n",
+    "    if (cut) sum += sbl_edge(leave, entry);\n",
+    "    return abs(sum) / (2.0 * PI);\n",
+    "}\n",
+    "\n",
+    "void main() {\n",
+    "    int sensor = int(gl_FragCoord.y) * columns + int(gl_FragCoord.x) - first_slot;\n",
+    "    if (sensor < 0 || sensor >= count) discard;\n",
+    "    uvec4 words = texelFetch(sbl_points, 3 * sensor + 2);\n",
+    "    vec3 position = uintBitsToFloat(texelFetch(sbl_points, 3 * sensor).xyz), n = uintBitsToFloat(texelFetch(sbl_points, 3 * sensor + 1).xyz);\n",
+    "    mat3 frame = transpose(sbl_frame(n));\n",
+    "\n",
+    "    vec3 all = vec3(0);\n",
+    "    float strengths[SBL_LAMPS], total = 0.0;  // summed up, in proportion to what each gives here\n",
+    "    for (int i = 0; i < lamp_count; i++) {\n",
+    "        sbl_Lamp l = sbl_lamp(i, position);\n",
+    "        vec3 corner = frame * (l.corner - position);\n",
+    "        vec3 light = sbl_form_factor(corner, corner + frame * l.side_1, corner + frame * l.side_2) * l.emission;\n",
+    "        all += light;\n",
+    "        total += light.r + light.g + light.b;\n",
+    "        strengths[i] = total;\n",
+    "    }\n",
+    "\n",
+    "    vec3 open = vec3(0), seen = vec3(0);  // what the samples give without and with what stands between\n",
+    "    float samples = 0.0, lit = 0.0;\n",
+    "    const int step = 4;  // the first quarter tells whether there is more to know: what it overlooks is less than a sample's share\n",
+    "    bool undecided = total > 0.0;\n",
+    "    for (int pass = 0; pass < step && undecided; pass++) {\n",
+    "        for (int k = pass; k < rays; k += step) {\n",
+    "            uvec2 fraction = texelFetch(sbl_sequence, int(words.y) + k).xy ^ words.zw;\n",
+    "            vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0;\n",
+    "\n",
+    "            // a lamp, in proportion to its strength, and a point on it (Heitz 2019, \"A Low-Distortion Map Between Triangle and Square\")\n",
+    "            float wanted = u.x * total, before = 0.0;\n",
+    "            int low = 0, high = lamp_count - 1;\n",
+    "            while (low < high) {\n",
+    "                int middle = (low + high) / 2;\n",
+    "                if (strengths[middle] < wanted) { low = middle + 1; before = strengths[middle]; }\n",
+    "                else high = middle;\n",
+    "            }\n",
+    "            u.x = clamp((wanted - before) / (strengths[low] - before), 0.0, 1.0);\n",
+    "            u = u.y > u.x ? vec2(0.5 * u.x, u.y - 0.5 * u.x) : vec2(u.x - 0.5 * u.y, 0.5 * u.y);\n",
+    "\n",
+    "            sbl_Lamp l = sbl_lamp(low, position);\n",
+    "            vec3 to = l.corner + u.x * l.side_1 + u.y * l.side_2 - position;\n",
+    "            float far = length(to);\n",
+    "            vec3 direction = to / far;\n",
+    "            vec3 light = l.emission * (max(dot(n, direction), 0.0) * abs(dot(cross(l.side_1, l.side_2), direction)) / (far * far * (strengths[low] - before)));\n",
+    "            if (!(light.r + light.g + light.b > 0.0)) continue;\n",
+    "            open += light;\n",
+    "            samples += 1.0;\n",
+    "            sbl_Hit hit = sbl_trace(position, direction, far * 0.99999);\n",
+    "            if (hit.triangle >= 0 && hit.number != l.number) continue;\n",
+    "#ifdef SBL_TEXTURED\n",
+    "            sbl_Attributes at = sbl_attributes_at(l.triangle, u.x, u.y);\n",
+    "            light *= sbl_texture(sbl_object(texelFetch(sbl_triangles, 3 * l.triangle).w, 3), at.uv).rgb;\n",
+    "#endif\n",
+    "            seen += light;\n",
+    "            lit += 1.0;\n",
+    "        }\n",
+    "        undecided = seen != vec3(0) && seen != open;  // all is open, or nothing: the first samples tell\n",
+    "    }\n",
+    "    vec3 share = vec3(open.r > 0.0 ? seen.r / open.r : 0.0, open.g > 0.0 ? seen.g / open.g : 0.0, open.b > 0.0 ? seen.b / open.b : 0.0);\n",
+    "    float mean = dot(all, vec3(1.0 / 3.0)), part = samples > 0.0 ? lit / samples : 0.0;\n",
+    "    // stratified points have far less variance than independent ones: a tenth is what edges across a lamp leave\n",
+    "    out_light = vec4(all * share, samples > 0.0 ? 0.1 * mean * mean * part * (1.0 - part) / samples : 0.0);\n",
+    "}\n",
+    0 };
 static const char *const sbl__glsl_reduce_blocks[] = {
     "// First half of a sensor's sum: every output texel adds up one block of the atlas.\n",
     "uniform sampler2D atlas;    // Ck r g b, signed distance\n",
@@ -796,8 +915,10 @@ static const char *const sbl__glsl_reduce_sum[] = {
     "uniform int slots;     // sheets in the atlas\n",
     "uniform int width;     // of the results' texture\n",
     "uniform int first, last;\n",
+    "uniform sampler2D lights;  // a texel a sensor: light that comes on top; its variance\n",
+    "uniform bool lit;          // there are any\n",
     "layout(location = 0) out vec4 out_sum;\n",
-    "layout(location = 1) out vec4 out_hits;\n",
+    "layout(location = 1) out vec4 out_hits;  // w: the variance of the light's mean over the channels, where rays sampled it\n",
     "\n",
     "void main() {\n",
     "    int sensor = int(gl_FragCoord.y) * width + int(gl_FragCoord.x);\n",
@@ -815,6 +936,14 @@ static const char *const sbl__glsl_reduce_sum[] = {
     "        }\n",
     "        sum += row;\n",
     "        hits.xyw += row_hits.xyw;\n",
+    "    }\n",
+    "    // where rays were traced, blocks are independent estimates of a share each, and w sums their squares\n",
+    "    float parts = float(blocks.x * blocks.y), mean = dot(sum.rgb, vec3(1.0 / 3.0));\n",
+    "    hits.w = parts > 1.0 ? max((hits.w - mean * mean / parts) * parts / (parts - 1.0), 0.0) : 0.0;\n",
+    "    if (lit) {\n",
+    "        vec4 light = texelFetch(lights, ivec2(slot % columns, slot / columns), 0);\n",
+    "        sum.rgb += light.rgb;\n",
+    "        hits.w += light.a;\n",
     "    }\n",
     "    out_sum = sum;\n",
     "    out_hits = hits;\n",
@@ -1072,6 +1201,7 @@ static const char *const sbl__glsl_trace[] = {
     "uniform float epsilon;\n",
     "uniform float spread;                 // 1: the cosine's whole hemisphere; 0: all rays go along the normal\n",
     "uniform vec3 sky;\n",
+    "uniform bool lamps_apart;                // light from emitting triangles comes from lamps.glsl\n",
     "layout(location = 0) out vec4 out_sum;\n",
     "layout(location = 1) out vec4 out_hits;\n",
     "\n",
@@ -1080,6 +1210,7 @@ static const char *const sbl__glsl_trace[] = {
     "    uvec4 material = sbl_object(object, 0), light = sbl_object(object, 1);\n",
     "    vec3 emission = uintBitsToFloat(light.rgb);\n",
     "    bool emits = max(max(emission.r, emission.g), emission.b) > 0.0 && !(hit.back && (light.w & SBL_ONE_SIDED_EMISSION) != 0u);\n",
+    "    if (emits && lamps_apart) return vec3(0);\n",
     "    vec3 ambient = epsilon * uintBitsToFloat(material.rgb);\n",
     "#ifdef SBL_TEXTURED\n",
     "    for (int once = 0; once < (emits || epsilon > 0.0 ? 1 : 0); once++) {  // a loop, see sbl_trace\n",
@@ -1098,16 +1229,15 @@ static const char *const sbl__glsl_trace[] = {
     "    uvec4 a = texelFetch(sbl_points, 3 * sensor), b = texelFetch(sbl_points, 3 * sensor + 1);\n",
     "    int skip = int(texelFetch(sbl_points, 3 * sensor + 2).x);\n",
     "    vec3 position = uintBitsToFloat(a.xyz), n = uintBitsToFloat(b.xyz);\n",
-    "    float s = n.z < 0.0 ? -1.0 : 1.0, f = -1.0 / (s + n.z), g = n.x * n.y * f;  // Duff et al. 2017\n",
-    "    vec3 right = vec3(1.0 + s * n.x * n.x * f, s * g, -s * n.x), up = vec3(g, s + n.y * n.y * f, -n.y);\n",
+    "    mat3 frame = sbl_frame(n);\n",
     "\n",
     "    vec4 sum = vec4(0), hits = vec4(0, 0, 1e30, 0);\n",
     "    for (int i = within.y * blocks.x + within.x; i < rays; i += blocks.x * blocks.y) {\n",
     "        uvec2 fraction = texelFetch(sbl_sequence, skip + i).xy ^ uvec2(a.w, b.w);\n",
     "        vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0 * vec2(spread, 1.0);\n",
     "        float radius = sqrt(u.x), angle = 6.283185307 * u.y;\n",
-    "        vec3 direction = radius * cos(angle) * right + radius * sin(angle) * up + sqrt(1.0 - u.x) * n;\n",
-    "        sbl_Hit hit = sbl_trace(position, direction);\n",
+    "        vec3 direction = frame * vec3(radius * cos(angle), radius * sin(angle), sqrt(1.0 - u.x));\n",
+    "        sbl_Hit hit = sbl_trace(position, direction, 1e30);\n",
     "        if (hit.triangle < 0) sum.rgb += sky;\n",
     "        else {\n",
     "            sum += vec4(sbl_radiance(hit), hit.back ? 1.0 : 0.0);\n",
@@ -1175,9 +1305,9 @@ static const char *const sbl__glsl_traverse[] = {
     "    return from <= to + 8 ? from : 0x7fffffff;  // units in the last place, see Ize 2013, \"Robust BVH Ray Traversal\"\n",
     "}\n",
     "\n",
-    "// The nearest hit farther than `after`, or as far and of a triangle numbered above `past`: hits are ordered by distance, then number.\n",
-    "sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past) {\n",
-    "    sbl_Hit hit = sbl_Hit(1e30, -1, -1, 0.0, 0.0, false);\n",
+    "// The nearest hit nearer than `limit` and farther than `after`, or as far and of a triangle numbered above `past`: hits are ordered by distance, then number.\n",
+    "sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float limit) {\n",
+    "    sbl_Hit hit = sbl_Hit(limit, -1, -1, 0.0, 0.0, false);\n",
     "\n",
     "    // Watertight against shared edges: Woop, Benthin and Wald 2013. The axis along which the direction is longest becomes z, the ray is sheared onto it.\n",
     "    vec3 size = abs(direction);\n",
@@ -1238,21 +1368,28 @@ static const char *const sbl__glsl_traverse[] = {
     "    return hit;\n",
     "}\n",
     "\n",
-    "sbl_Hit sbl_trace(vec3 origin, vec3 direction) {\n",
+    "// The nearest hit nearer than `limit`.\n",
+    "sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit) {\n",
     "    sbl_Hit hit = sbl_Hit(0.0, -1, 0x7fffffff, 0.0, 0.0, false);\n",
     "#ifdef SBL_TEXTURED\n",
     "    // Cutouts: the nearest hit is looked at, and where nothing is there the ray goes on behind it.\n",
     "    // All ifs are loops, since software renderers run both sides of every if, but leave loops that no lane enters.\n",
     "    for (int layer = 0; layer < 64; layer++) {\n",
     "        bool solid = true;\n",
-    "        hit = sbl_nearest(origin, direction, hit.distance, hit.number);\n",
+    "        hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);\n",
     "        for (uint cut = hit.triangle < 0 ? 0u : texelFetch(sbl_triangles, 3 * hit.triangle + 2).w; cut != 0u; cut = 0u) solid = sbl_solid(hit.triangle, hit.b1, hit.b2);\n",
     "        if (solid) break;\n",
     "    }\n",
     "#else\n",
-    "    hit = sbl_nearest(origin, direction, hit.distance, hit.number);\n",
+    "    hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);\n",
     "#endif\n",
     "    return hit;\n",
+    "}\n",
+    "\n",
+    "// Right, up and forward of a sensor that looks along n: Duff et al. 2017, \"Building an Orthonormal Basis, Revisited\".\n",
+    "mat3 sbl_frame(vec3 n) {\n",
+    "    float s = n.z < 0.0 ? -1.0 : 1.0, f = -1.0 / (s + n.z), g = n.x * n.y * f;\n",
+    "    return mat3(1.0 + s * n.x * n.x * f, s * g, -s * n.x, g, s + n.y * n.y * f, -n.y, n);\n",
     "}\n",
     0 };
 /* <<shaders */
@@ -2046,8 +2183,9 @@ typedef struct sbl__scene {
     unsigned position_texels, attribute_texels, index_texels, object_texels;  /* buffer textures */
     sbl__texture texels_srgb, texels_float;
     sbl__bvh bvh;                  /* built when a picture first traces rays; again after a mesh has moved */
-    sbl__buffer node_buffer, triangle_buffer;
-    unsigned node_texels, triangle_texels;
+    sbl__buffer node_buffer, triangle_buffer, lamp_buffer;
+    unsigned node_texels, triangle_texels, lamp_texels;
+    int lamp_count;                /* emitting triangles that sensors aim rays at; 0: there are none, or too many */
     int bvh_ready;
     unsigned vertex_array;         /* positions, object, uv, colour; the sensors' views come with each batch */
 } sbl__scene;
@@ -2290,6 +2428,8 @@ static void sbl__scene_free(const sbl__gl *gl, sbl__scene *s) {
     sbl__free(gl->base, s->bvh.order);
     sbl__name_delete(gl->DeleteTextures, &s->node_texels);
     sbl__name_delete(gl->DeleteTextures, &s->triangle_texels);
+    sbl__name_delete(gl->DeleteTextures, &s->lamp_texels);
+    sbl__buffer_delete(gl, &s->lamp_buffer);
     sbl__buffer_delete(gl, &s->node_buffer);
     sbl__buffer_delete(gl, &s->triangle_buffer);
     memset(s, 0, sizeof *s);
@@ -2745,6 +2885,7 @@ static void sbl__scene_bind(const sbl__gl *gl, const sbl__scene *s, unsigned pro
 #define SBL__BVH_LEAF 4          /* triangles in a leaf, at most 8 */
 #define SBL__BVH_SAH_DEPTH 32    /* below it halves are split off by number, so that the depth stays under the stack's */
 #define SBL__BVH_STACK 64
+#define SBL__BVH_DROPPED 0xffffffffu  /* in the order: nothing stands here */
 #define SBL__BVH_GRID_STEPS 512  /* boxes of fewer steps in all directions ... */
 #define SBL__BVH_GRID_LEAST 32   /* and of as many triangles get a grid of their own */
 
@@ -2898,6 +3039,7 @@ static sbl_result sbl__bvh_drop_copies(sbl__base *base, const sbl__scene *s, uin
         last = i;
         order[t->first + kept++] = number;
     }
+    for (i = kept; i < t->count; i++) order[t->first + i] = SBL__BVH_DROPPED;
     t->count = kept;
     sbl__free(base, corners);
     return SBL_SUCCESS;
@@ -2992,9 +3134,11 @@ static sbl_result sbl__bvh_build(sbl__base *base, sbl__bvh *bvh, const sbl__scen
     return result;
 }
 
+#define SBL__MAX_LAMPS 256  /* emitting triangles that lamps.glsl weighs against each other */
+
 /* Builds what is not there yet and brings it to the GPU. */
 static sbl_result sbl__bvh_ready(const sbl__gl *gl, sbl__scene *s) {
-    uint32_t *words;
+    uint32_t *words, lamps[SBL__MAX_LAMPS] = { 0 };
     size_t i;
     int corner;
     sbl_result result;
@@ -3009,19 +3153,31 @@ static sbl_result sbl__bvh_ready(const sbl__gl *gl, sbl__scene *s) {
     }
     words = (uint32_t *)sbl__alloc(gl->base, (size_t)s->bvh.triangle_count, 48);
     if (!words) return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = 0; i < (size_t)s->bvh.triangle_count; i++)
-        for (corner = 0; corner < 3; corner++) {
+    s->lamp_count = 0;
+    for (i = 0; i < (size_t)s->bvh.triangle_count; i++) {
+        const uint32_t number = s->bvh.order[i], *object;
+        float emission[3];
+        for (corner = 0; corner < 3 && number != SBL__BVH_DROPPED; corner++) {
             uint32_t *to = words + 12 * i + 4 * (size_t)corner;
-            const sbl__vertex *v = &s->vertices[s->indices[3 * (size_t)s->bvh.order[i] + (size_t)corner]];
+            const sbl__vertex *v = &s->vertices[s->indices[3 * (size_t)number + (size_t)corner]];
             memcpy(to, v->position, 12);
-            to[3] = corner == 0 ? v->object : corner == 1 ? s->bvh.order[i] : (uint32_t)sbl__is_cutout(s, s->bvh.order[i]);
+            to[3] = corner == 0 ? v->object : corner == 1 ? number : (uint32_t)sbl__is_cutout(s, number);
         }
+        object = s->objects + (size_t)SBL__OBJECT_WORDS * words[12 * i + 3];
+        memcpy(emission, object + 4, sizeof emission);
+        if (number == SBL__BVH_DROPPED || !(emission[0] + emission[1] + emission[2] > 0)) continue;
+        if (s->lamp_count < SBL__MAX_LAMPS) lamps[s->lamp_count] = (uint32_t)i;
+        s->lamp_count++;
+    }
+    if (s->lamp_count > SBL__MAX_LAMPS) s->lamp_count = 0;  /* sensors meet them by chance */
     gl->BindVertexArray(0);
     result = sbl__buffer_make(gl, &s->triangle_buffer, 48 * (size_t)s->bvh.triangle_count, words, SBL__GL_STATIC_DRAW, "storing triangles");
     sbl__free(gl->base, words);
     if (result == SBL_SUCCESS) result = sbl__buffer_make(gl, &s->node_buffer, 32 * (size_t)s->bvh.node_count, s->bvh.nodes, SBL__GL_STATIC_DRAW, "storing the hierarchy");
+    if (result == SBL_SUCCESS) result = sbl__buffer_make(gl, &s->lamp_buffer, sizeof lamps, lamps, SBL__GL_STATIC_DRAW, "storing lamps");
     if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &s->node_texels, SBL__GL_RGBA32UI, &s->node_buffer, "making the hierarchy's texture");
     if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &s->triangle_texels, SBL__GL_RGBA32UI, &s->triangle_buffer, "making the triangles' texture");
+    if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &s->lamp_texels, SBL__GL_R32UI, &s->lamp_buffer, "making the lamps' texture");
     sbl__free(gl->base, s->bvh.nodes);   /* the GPU has them; the build is repeated when a mesh moves */
     sbl__free(gl->base, s->bvh.order);
     s->bvh.nodes = s->bvh.order = NULL;
@@ -3350,14 +3506,15 @@ typedef struct sbl__gather {
     int paper;
     float epsilon, radiance_scale;
     int columns, slots;
-    sbl__texture atlas, depth, weights, block_sums, block_hits, sums, hits;
-    unsigned atlas_framebuffer, block_framebuffer, result_framebuffer;
+    sbl__texture atlas, depth, weights, block_sums, block_hits, lights, sums, hits;
+    unsigned atlas_framebuffer, block_framebuffer, light_framebuffer, result_framebuffer;
     sbl__buffer view_buffer;
     sbl__view *views;           /* one batch, before it is sent */
     const sbl__point *points;   /* the job; owned by the caller */
     int count, next;
     float spread;               /* traced: 1 for the hemisphere, 0 for rays along the normal only */
     int rays;                   /* traced: directions of a sensor; 0: rasterised */
+    int lamp_rays;              /* at most so many more towards lamps; 0: lamps are met by chance */
     float length;               /* world units of a distance that the shaders give */
     sbl__buffer point_buffer, sequence_buffer;
     unsigned point_texels, sequence_texels;
@@ -3368,12 +3525,14 @@ typedef struct sbl__gather {
 static void sbl__gather_free(const sbl__gl *gl, sbl__gather *g) {
     sbl__name_delete(gl->DeleteFramebuffers, &g->atlas_framebuffer);
     sbl__name_delete(gl->DeleteFramebuffers, &g->block_framebuffer);
+    sbl__name_delete(gl->DeleteFramebuffers, &g->light_framebuffer);
     sbl__name_delete(gl->DeleteFramebuffers, &g->result_framebuffer);
     sbl__texture_delete(gl, &g->atlas);
     sbl__texture_delete(gl, &g->depth);
     sbl__texture_delete(gl, &g->weights);
     sbl__texture_delete(gl, &g->block_sums);
     sbl__texture_delete(gl, &g->block_hits);
+    sbl__texture_delete(gl, &g->lights);
     sbl__texture_delete(gl, &g->sums);
     sbl__texture_delete(gl, &g->hits);
     sbl__buffer_delete(gl, &g->view_buffer);
@@ -3581,6 +3740,8 @@ static void sbl__gather_reduce(const sbl__gl *gl, const sbl__gather *g, const un
     gl->UseProgram(programs[1]);
     sbl__bind(gl, programs[1], "block_sums", 0, SBL__GL_TEXTURE_2D, g->block_sums.id);
     sbl__bind(gl, programs[1], "block_hits", 1, SBL__GL_TEXTURE_2D, g->block_hits.id);
+    sbl__bind(gl, programs[1], "lights", 2, SBL__GL_TEXTURE_2D, g->lamp_rays ? g->lights.id : g->block_sums.id);
+    sbl__uniform_i(gl, programs[1], "lit", g->lamp_rays > 0);
     gl->Uniform2i(sbl__uniform(gl, programs[1], "blocks"), g->layout.blocks[0], g->layout.blocks[1]);
     sbl__uniform_i(gl, programs[1], "columns", g->columns);
     sbl__uniform_i(gl, programs[1], "slots", g->slots);
@@ -3616,31 +3777,39 @@ static int sbl__morton_order(const void *first, const void *second) {
     return a[axis] == b[axis] ? 0 : a[axis] < b[axis] ? -1 : 1;
 }
 
-static sbl_result sbl__trace_setup(const sbl__gl *gl, sbl__gather *g, int rays, float spread, float epsilon, int batch) {
+/* Sensors of so many rays over the hemisphere and at most so many to lamps; spread 0: rays along the normal only. */
+static sbl_result sbl__trace_setup(const sbl__gl *gl, sbl__gather *g, int rays, int lamp_rays, float spread, float epsilon, int batch) {
     const char *what = "making the rays' textures";
     const sbl__texture *colors[2];
     int chunk = SBL__MIN(SBL__CHUNK, (rays + 7) / 8), chunks = (rays + chunk - 1) / chunk, rows, i;
-    uint32_t *sequence;
+    size_t points = (size_t)(rays + lamp_rays) * SBL__MAX_LOOKS;
+    uint32_t *sequence, *lamp_sequence;
     sbl_result result;
     memset(&g->layout, 0, sizeof g->layout);
     g->layout.view_count = 1;
     g->layout.blocks[0] = SBL__MIN(chunks, 4);
     g->layout.blocks[1] = (chunks + 3) / 4;
     g->rays = rays;
+    g->lamp_rays = lamp_rays;
     g->spread = spread;
     g->epsilon = epsilon;
     g->length = g->radiance_scale = 1;
     g->columns = SBL__MAX(1, SBL__MIN(256, SBL__MIN(1024, gl->capabilities.max_texture_size) / g->layout.blocks[0]));
     rows = SBL__MAX(1, SBL__MIN(1024 / g->layout.blocks[1], SBL__MAX_SLOTS / g->columns));
     g->slots = g->columns * rows;
-    g->draw_limit = SBL__MAX(1, SBL__MIN(SBL__RAYS_A_DRAW / rays, batch > 0 ? SBL__MIN(batch, g->slots) : g->slots));
-    sequence = (uint32_t *)sbl__alloc(gl->base, (size_t)rays * SBL__MAX_LOOKS, 8);
+    g->draw_limit = SBL__MAX(1, SBL__MIN(SBL__RAYS_A_DRAW / (rays + lamp_rays), batch > 0 ? SBL__MIN(batch, g->slots) : g->slots));
+    sequence = (uint32_t *)sbl__alloc(gl->base, points, 8);
     g->point_words = (uint32_t *)sbl__alloc(gl->base, (size_t)g->draw_limit, 48);
     if (!sequence || !g->point_words) { sbl__free(gl->base, sequence); return SBL_ERROR_OUT_OF_MEMORY; }
+    lamp_sequence = sequence + 2 * (size_t)rays * SBL__MAX_LOOKS;
     sbl__sobol(sequence, rays * SBL__MAX_LOOKS);
-    for (i = 0; i < SBL__MAX_LOOKS; i++) qsort(sequence + 2 * (size_t)rays * (size_t)i, (size_t)rays, 8, sbl__morton_order);
+    sbl__sobol(lamp_sequence, lamp_rays * SBL__MAX_LOOKS);
+    for (i = 0; i < SBL__MAX_LOOKS; i++) {
+        qsort(sequence + 2 * (size_t)rays * (size_t)i, (size_t)rays, 8, sbl__morton_order);
+        qsort(lamp_sequence + 2 * (size_t)lamp_rays * (size_t)i, (size_t)lamp_rays, 8, sbl__morton_order);
+    }
     gl->BindVertexArray(0);
-    result = sbl__buffer_make(gl, &g->sequence_buffer, (size_t)rays * SBL__MAX_LOOKS * 8, sequence, SBL__GL_STATIC_DRAW, what);
+    result = sbl__buffer_make(gl, &g->sequence_buffer, 8 * points, sequence, SBL__GL_STATIC_DRAW, what);
     sbl__free(gl->base, sequence);
     if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &g->sequence_texels, SBL__GL_RG32UI, &g->sequence_buffer, what);
     if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->block_sums, g->columns * g->layout.blocks[0], rows * g->layout.blocks[1], SBL__GL_RGBA32F, NULL, what);
@@ -3648,12 +3817,30 @@ static sbl_result sbl__trace_setup(const sbl__gl *gl, sbl__gather *g, int rays, 
     colors[0] = &g->block_sums;
     colors[1] = &g->block_hits;
     if (result == SBL_SUCCESS) result = sbl__framebuffer_make(gl, &g->block_framebuffer, colors, 2, NULL, what);
+    if (result == SBL_SUCCESS && lamp_rays) result = sbl__texture_make(gl, &g->lights, g->columns, rows, SBL__GL_RGBA32F, NULL, what);
+    colors[0] = &g->lights;
+    if (result == SBL_SUCCESS && lamp_rays) result = sbl__framebuffer_make(gl, &g->light_framebuffer, colors, 1, NULL, what);
     return result;
 }
 
-/* Traces sensors first .. first + count - 1, which lie in one filling of the block textures. */
-static sbl_result sbl__trace_draw(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, unsigned program, unsigned empty_array, int first, int count) {
-    const sbl__bvh *bvh = &scene->bvh;
+/* What both programs of traced sensors read. */
+static void sbl__trace_bind(const sbl__gl *gl, const sbl__gather *g, const sbl__scene *scene, unsigned program, int slot, int count) {
+    gl->UseProgram(program);
+    sbl__scene_bind(gl, scene, program);
+    sbl__bind(gl, program, "sbl_nodes", 6, SBL__GL_TEXTURE_BUFFER, scene->node_texels);
+    sbl__bind(gl, program, "sbl_triangles", 7, SBL__GL_TEXTURE_BUFFER, scene->triangle_texels);
+    sbl__bind(gl, program, "sbl_points", 8, SBL__GL_TEXTURE_BUFFER, g->point_texels);
+    sbl__bind(gl, program, "sbl_sequence", 9, SBL__GL_TEXTURE_BUFFER, g->sequence_texels);
+    sbl__uniform_3(gl, program, "grid_origin", scene->bvh.grid_origin);
+    sbl__uniform_3(gl, program, "grid_per_length", scene->bvh.grid_per_length);
+    sbl__uniform_i(gl, program, "node_count", scene->bvh.node_count);
+    sbl__uniform_i(gl, program, "columns", g->columns);
+    sbl__uniform_i(gl, program, "first_slot", slot);
+    sbl__uniform_i(gl, program, "count", count);
+}
+
+/* Traces sensors first .. first + count - 1, which lie in one filling of the block textures. programs: trace, lamps. */
+static sbl_result sbl__trace_draw(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, const unsigned programs[2], unsigned empty_array, int first, int count) {
     int i, slot = first % g->slots, row = slot / g->columns, last_row = (slot + count - 1) / g->columns;
     sbl_result result;
     for (i = 0; i < count; i++) {
@@ -3664,6 +3851,9 @@ static sbl_result sbl__trace_draw(const sbl__gl *gl, sbl__gather *g, const sbl__
         memcpy(words + 4, p->normal, 12);
         words[7] = sbl__hash(p->seed + 1u);
         words[8] = p->first_ray * (uint32_t)g->rays;
+        words[9] = SBL__MAX_LOOKS * (uint32_t)g->rays + p->first_ray * (uint32_t)g->lamp_rays;
+        words[10] = sbl__hash(p->seed + 2u);
+        words[11] = sbl__hash(p->seed + 3u);
     }
     gl->BindVertexArray(empty_array);
     result = sbl__buffer_make(gl, &g->point_buffer, 48 * (size_t)count, g->point_words, SBL__GL_STREAM_DRAW, "sending points");
@@ -3672,32 +3862,31 @@ static sbl_result sbl__trace_draw(const sbl__gl *gl, sbl__gather *g, const sbl__
     gl->Disable(SBL__GL_DEPTH_TEST);
     gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->block_framebuffer);
     gl->Viewport(0, row * g->layout.blocks[1], g->block_sums.width, (last_row - row + 1) * g->layout.blocks[1]);
-    gl->UseProgram(program);
-    sbl__scene_bind(gl, scene, program);
-    sbl__bind(gl, program, "sbl_nodes", 6, SBL__GL_TEXTURE_BUFFER, scene->node_texels);
-    sbl__bind(gl, program, "sbl_triangles", 7, SBL__GL_TEXTURE_BUFFER, scene->triangle_texels);
-    sbl__bind(gl, program, "sbl_points", 8, SBL__GL_TEXTURE_BUFFER, g->point_texels);
-    sbl__bind(gl, program, "sbl_sequence", 9, SBL__GL_TEXTURE_BUFFER, g->sequence_texels);
-    sbl__uniform_3(gl, program, "grid_origin", bvh->grid_origin);
-    sbl__uniform_3(gl, program, "grid_per_length", bvh->grid_per_length);
-    sbl__uniform_i(gl, program, "node_count", bvh->node_count);
-    sbl__uniform_i(gl, program, "rays", g->rays);
-    gl->Uniform2i(sbl__uniform(gl, program, "blocks"), g->layout.blocks[0], g->layout.blocks[1]);
-    sbl__uniform_i(gl, program, "columns", g->columns);
-    sbl__uniform_i(gl, program, "first_slot", slot);
-    sbl__uniform_i(gl, program, "count", count);
-    sbl__uniform_f(gl, program, "epsilon", g->epsilon);
-    sbl__uniform_f(gl, program, "spread", g->spread);
-    sbl__uniform_3(gl, program, "sky", scene->sky);
+    sbl__trace_bind(gl, g, scene, programs[0], slot, count);
+    sbl__uniform_i(gl, programs[0], "rays", g->rays);
+    sbl__uniform_i(gl, programs[0], "lamps_apart", g->lamp_rays > 0);
+    gl->Uniform2i(sbl__uniform(gl, programs[0], "blocks"), g->layout.blocks[0], g->layout.blocks[1]);
+    sbl__uniform_f(gl, programs[0], "epsilon", g->epsilon);
+    sbl__uniform_f(gl, programs[0], "spread", g->spread);
+    sbl__uniform_3(gl, programs[0], "sky", scene->sky);
     gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
+    if (g->lamp_rays) {
+        gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->light_framebuffer);
+        gl->Viewport(0, row, g->columns, last_row - row + 1);
+        sbl__trace_bind(gl, g, scene, programs[1], slot, count);
+        sbl__bind(gl, programs[1], "sbl_lamps", 10, SBL__GL_TEXTURE_BUFFER, scene->lamp_texels);
+        sbl__uniform_i(gl, programs[1], "lamp_count", scene->lamp_count);
+        sbl__uniform_i(gl, programs[1], "rays", g->lamp_rays);
+        gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
+    }
     gl->Flush();
     return sbl__gl_check(gl, "tracing rays");
 }
 
 /* One bounded piece of the job: at most `limit` sensors. Done when next == count. */
-static sbl_result sbl__gather_step(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, unsigned draw_program, const unsigned reduce_programs[2], unsigned empty_array, int limit) {
+static sbl_result sbl__gather_step(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, const unsigned draw_programs[2], const unsigned reduce_programs[2], unsigned empty_array, int limit) {
     int filled = g->next % g->slots, count = SBL__MIN(SBL__MIN(g->count - g->next, g->slots - filled), SBL__MAX(1, SBL__MIN(limit, g->draw_limit)));
-    sbl_result result = g->rays ? sbl__trace_draw(gl, g, scene, draw_program, empty_array, g->next, count) : sbl__gather_draw(gl, g, scene, draw_program, g->next, count);
+    sbl_result result = g->rays ? sbl__trace_draw(gl, g, scene, draw_programs, empty_array, g->next, count) : sbl__gather_draw(gl, g, scene, draw_programs[0], g->next, count);
     if (result != SBL_SUCCESS) return result;
     g->next += count;
     if (g->next == g->count || g->next % g->slots == 0) sbl__gather_reduce(gl, g, reduce_programs, empty_array, g->next - 1);
@@ -3706,7 +3895,7 @@ static sbl_result sbl__gather_step(const sbl__gl *gl, sbl__gather *g, const sbl_
 
 /* Ends the job: lights[i] is what point i receives. */
 static sbl_result sbl__gather_finish(const sbl__gl *gl, sbl__gather *g, sbl__light *lights) {
-    int rows = (g->count + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH, parts = g->layout.blocks[0] * g->layout.blocks[1], i, k;
+    int rows = (g->count + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH, i, k;
     size_t floats = (size_t)rows * SBL__RESULTS_WIDTH * 4;
     float *data = (float *)sbl__alloc(gl->base, 2 * floats, sizeof(float));
     sbl_result result;
@@ -3722,10 +3911,7 @@ static sbl_result sbl__gather_finish(const sbl__gl *gl, sbl__gather *g, sbl__lig
         lights[i].hit_min = hits[0] > 0 ? hits[2] * g->length : 0;
         lights[i].stuck = 0;
         lights[i].noise = 0;
-        if (g->rays && parts > 1) {  /* the parts are independent estimates, each of a share of the rays */
-            double mean = ((double)sum[0] + sum[1] + sum[2]) / 3, variance = ((double)hits[3] - mean * mean / parts) * parts / (parts - 1);
-            lights[i].noise = (float)sqrt(SBL__MAX(variance, 0));
-        }
+        if (g->rays) lights[i].noise = (float)sqrt((double)hits[3]);
     }
     sbl__free(gl->base, data);
     return result;
@@ -4236,7 +4422,7 @@ struct sbl_context {
     sbl__base base;
     sbl__gl gl;
     sbl_context_desc desc;
-    struct { unsigned copy, gbuffer, sensor, sensor_textured, trace, trace_textured, reduce_blocks, reduce_sum, filter, resolve; } programs;
+    struct { unsigned copy, gbuffer, sensor, sensor_textured, trace[2], trace_textured[2], reduce_blocks, reduce_sum, filter, resolve; } programs;
     unsigned empty_array;       /* a vertex array without attributes */
     sbl__gather gather, probe, inspected;  /* probe: sensors that look back at their surface, see sbl__refine_suspects; inspected: one sensor's views */
     sbl__scene scene;
@@ -4308,11 +4494,18 @@ static sbl_result sbl__picture_begin(sbl_context *c) {
         colors[0] = &p->finals[i];
         if (result == SBL_SUCCESS) result = sbl__framebuffer_make(gl, &p->final_framebuffers[i], colors, 1, NULL, what);
     }
-    if (result == SBL_SUCCESS)
-        result = d->backend == SBL_BACKEND_TRACE ? sbl__trace_setup(gl, &c->gather, d->rays, 1, d->epsilon, c->desc.batch) : sbl__picture_raster(c, &c->gather);
+    if (result == SBL_SUCCESS && d->backend == SBL_BACKEND_RASTER) result = sbl__picture_raster(c, &c->gather);
     if (result == SBL_SUCCESS) result = sbl__refine_begin(&c->base, &p->refine);
     p->stage = SBL__STAGE_SURFACE;
     return result;
+}
+
+/* Sets up sensors that trace rays. Where only lamps shine, rays over the hemisphere merely tell where a sensor stands: few do. */
+static sbl_result sbl__picture_trace(sbl_context *c) {
+    const sbl_picture_desc *d = &c->picture.desc;
+    const sbl__scene *s = &c->scene;
+    int dark = s->lamp_count && !(d->epsilon + s->sky[0] + s->sky[1] + s->sky[2] > 0);
+    return sbl__trace_setup(&c->gl, &c->gather, dark ? SBL__MIN(d->rays, SBL__CHUNK) : d->rays, s->lamp_count ? d->rays : 0, 1, d->epsilon, c->desc.batch);
 }
 
 /* Draws the G-buffer and brings to the host what refinement decides by. */
@@ -4324,6 +4517,7 @@ static sbl_result sbl__picture_surface(sbl_context *c) {
     int attachments[4] = { 0, 1, 2, 5 }, traced = p->desc.backend == SBL_BACKEND_TRACE, t, k;
     float *data;
     sbl_result result = traced ? sbl__bvh_ready(&c->gl, &c->scene) : SBL_SUCCESS;
+    if (result == SBL_SUCCESS && traced) result = sbl__picture_trace(c);
     if (result != SBL_SUCCESS) return result;
     c->stats.bvh_seconds = c->scene.bvh.seconds;
     c->stats.bvh_bytes = c->scene.node_buffer.bytes + c->scene.triangle_buffer.bytes;
@@ -4364,7 +4558,7 @@ static sbl_result sbl__picture_fill(sbl_context *c) {
 
 static sbl_result sbl__probe_begin(sbl_context *c, const sbl__point *points, int count) {
     sbl_result result = SBL_SUCCESS;
-    if (!c->probe.slots && c->gather.rays) result = sbl__trace_setup(&c->gl, &c->probe, 1, 0, 0, c->desc.batch);
+    if (!c->probe.slots && c->gather.rays) result = sbl__trace_setup(&c->gl, &c->probe, 1, 0, 0, 0, c->desc.batch);
     else if (!c->probe.slots) result = sbl__gather_setup(&c->gl, &c->probe, &c->scene, 0, 0, SBL__PROBE_SIZE, SBL__PROBE_FOV, 0, SBL__MIN(c->desc.atlas_size, 512), c->desc.batch);
     return result == SBL_SUCCESS ? sbl__gather_begin(&c->gl, &c->probe, points, count) : result;
 }
@@ -4374,8 +4568,8 @@ static sbl_result sbl__picture_work(sbl_context *c, int limit) {
     sbl__picture *p = &c->picture;
     const sbl__gl *gl = &c->gl;
     const unsigned reduce[2] = { c->programs.reduce_blocks, c->programs.reduce_sum };
-    unsigned draw = c->scene.textured ? c->programs.sensor_textured : c->programs.sensor;
-    unsigned trace = c->scene.textured ? c->programs.trace_textured : c->programs.trace;
+    const unsigned *draw = c->scene.textured ? &c->programs.sensor_textured : &c->programs.sensor;
+    const unsigned *trace = c->scene.textured ? c->programs.trace_textured : c->programs.trace;
     double start = sbl__now(), *seconds = NULL;
     sbl_result result = SBL_SUCCESS;
     switch (p->stage) {
@@ -4585,6 +4779,8 @@ static sbl_result sbl__programs_make(sbl_context *c) {
     static const char *const *const sensor_vertex[] = { sbl__glsl_scene, sbl__glsl_sensor_vertex, NULL };
     static const char *const *const sensor_fragment[] = { sbl__glsl_scene, sbl__glsl_sensor_fragment, NULL };
     static const char *const *const trace[] = { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_traverse, sbl__glsl_trace, NULL };
+    static const char *const *const lamps[] = { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_traverse, sbl__glsl_lamps, NULL };
+    static const char rays[] = "#define SBL_STACK 64\n#define SBL_LAMPS 256\n", textured_rays[] = "#define SBL_STACK 64\n#define SBL_LAMPS 256\n#define SBL_TEXTURED\n";
     static const char *const *const reduce_blocks[] = { sbl__glsl_reduce_blocks, NULL };
     static const char *const *const reduce_sum[] = { sbl__glsl_reduce_sum, NULL };
     static const char *const *const filter[] = { sbl__glsl_belongs, sbl__glsl_filter, NULL };
@@ -4595,8 +4791,10 @@ static sbl_result sbl__programs_make(sbl_context *c) {
     if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.gbuffer, "gbuffer", depth, gbuffer_vertex, gbuffer_fragment);
     if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.sensor, "sensor", depth, sensor_vertex, sensor_fragment);
     if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.sensor_textured, "sensor, textured", textured, sensor_vertex, sensor_fragment);
-    if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.trace, "trace", "#define SBL_STACK 64\n", fullscreen, trace);
-    if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.trace_textured, "trace, textured", "#define SBL_STACK 64\n#define SBL_TEXTURED\n", fullscreen, trace);
+    if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.trace[0], "trace", rays, fullscreen, trace);
+    if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.trace[1], "lamps", rays, fullscreen, lamps);
+    if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.trace_textured[0], "trace, textured", textured_rays, fullscreen, trace);
+    if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.trace_textured[1], "lamps, textured", textured_rays, fullscreen, lamps);
     if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.reduce_blocks, "reduce_blocks", "", fullscreen, reduce_blocks);
     if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.reduce_sum, "reduce_sum", "", fullscreen, reduce_sum);
     if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.filter, "filter", "", fullscreen, filter);
@@ -5088,7 +5286,7 @@ static sbl_result sbl__inspect(sbl_context *c, const sbl__point *point, int pixe
         sbl__light answer = { { 0, 0, 0 }, 0, 0, 0, 0, 0, 0 };
         sbl__probe_point(&c->picture.refine, pixel, point, &points[0]);
         result = sbl__probe_begin(c, points, 1);
-        if (result == SBL_SUCCESS) result = sbl__gather_step(&c->gl, &c->probe, &c->scene, c->probe.rays ? c->scene.textured ? c->programs.trace_textured : c->programs.trace : program, reduce, c->empty_array, 1);
+        if (result == SBL_SUCCESS) result = sbl__gather_step(&c->gl, &c->probe, &c->scene, c->probe.rays ? c->scene.textured ? c->programs.trace_textured : c->programs.trace : &program, reduce, c->empty_array, 1);
         if (result == SBL_SUCCESS) result = sbl__gather_finish(&c->gl, &c->probe, &answer);
         light->stuck = sbl__probe_stuck(&c->picture.refine.pixels[pixel], &answer);
     }

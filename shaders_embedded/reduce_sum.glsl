@@ -5,8 +5,10 @@ uniform int columns;   // sheets across the atlas
 uniform int slots;     // sheets in the atlas
 uniform int width;     // of the results' texture
 uniform int first, last;
+uniform sampler2D lights;  // a texel a sensor: light that comes on top; its variance
+uniform bool lit;          // there are any
 layout(location = 0) out vec4 out_sum;
-layout(location = 1) out vec4 out_hits;
+layout(location = 1) out vec4 out_hits;  // w: the variance of the light's mean over the channels, where rays sampled it
 
 void main() {
     int sensor = int(gl_FragCoord.y) * width + int(gl_FragCoord.x);
@@ -24,6 +26,14 @@ void main() {
         }
         sum += row;
         hits.xyw += row_hits.xyw;
+    }
+    // where rays were traced, blocks are independent estimates of a share each, and w sums their squares
+    float parts = float(blocks.x * blocks.y), mean = dot(sum.rgb, vec3(1.0 / 3.0));
+    hits.w = parts > 1.0 ? max((hits.w - mean * mean / parts) * parts / (parts - 1.0), 0.0) : 0.0;
+    if (lit) {
+        vec4 light = texelFetch(lights, ivec2(slot % columns, slot / columns), 0);
+        sum.rgb += light.rgb;
+        hits.w += light.a;
     }
     out_sum = sum;
     out_hits = hits;

@@ -8,6 +8,7 @@ uniform int first_slot, count;        // this many sensors stand from first_slot
 uniform float epsilon;
 uniform float spread;                 // 1: the cosine's whole hemisphere; 0: all rays go along the normal
 uniform vec3 sky;
+uniform bool lamps_apart;                // light from emitting triangles comes from lamps.glsl
 layout(location = 0) out vec4 out_sum;
 layout(location = 1) out vec4 out_hits;
 
@@ -16,6 +17,7 @@ vec3 sbl_radiance(sbl_Hit hit) {
     uvec4 material = sbl_object(object, 0), light = sbl_object(object, 1);
     vec3 emission = uintBitsToFloat(light.rgb);
     bool emits = max(max(emission.r, emission.g), emission.b) > 0.0 && !(hit.back && (light.w & SBL_ONE_SIDED_EMISSION) != 0u);
+    if (emits && lamps_apart) return vec3(0);
     vec3 ambient = epsilon * uintBitsToFloat(material.rgb);
 #ifdef SBL_TEXTURED
     for (int once = 0; once < (emits || epsilon > 0.0 ? 1 : 0); once++) {  // a loop, see sbl_trace
@@ -34,16 +36,15 @@ void main() {
     uvec4 a = texelFetch(sbl_points, 3 * sensor), b = texelFetch(sbl_points, 3 * sensor + 1);
     int skip = int(texelFetch(sbl_points, 3 * sensor + 2).x);
     vec3 position = uintBitsToFloat(a.xyz), n = uintBitsToFloat(b.xyz);
-    float s = n.z < 0.0 ? -1.0 : 1.0, f = -1.0 / (s + n.z), g = n.x * n.y * f;  // Duff et al. 2017
-    vec3 right = vec3(1.0 + s * n.x * n.x * f, s * g, -s * n.x), up = vec3(g, s + n.y * n.y * f, -n.y);
+    mat3 frame = sbl_frame(n);
 
     vec4 sum = vec4(0), hits = vec4(0, 0, 1e30, 0);
     for (int i = within.y * blocks.x + within.x; i < rays; i += blocks.x * blocks.y) {
         uvec2 fraction = texelFetch(sbl_sequence, skip + i).xy ^ uvec2(a.w, b.w);
         vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0 * vec2(spread, 1.0);
         float radius = sqrt(u.x), angle = 6.283185307 * u.y;
-        vec3 direction = radius * cos(angle) * right + radius * sin(angle) * up + sqrt(1.0 - u.x) * n;
-        sbl_Hit hit = sbl_trace(position, direction);
+        vec3 direction = frame * vec3(radius * cos(angle), radius * sin(angle), sqrt(1.0 - u.x));
+        sbl_Hit hit = sbl_trace(position, direction, 1e30);
         if (hit.triangle < 0) sum.rgb += sky;
         else {
             sum += vec4(sbl_radiance(hit), hit.back ? 1.0 : 0.0);

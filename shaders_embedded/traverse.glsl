@@ -52,9 +52,9 @@ int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int nearest) {
     return from <= to + 8 ? from : 0x7fffffff;  // units in the last place, see Ize 2013, "Robust BVH Ray Traversal"
 }
 
-// The nearest hit farther than `after`, or as far and of a triangle numbered above `past`: hits are ordered by distance, then number.
-sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past) {
-    sbl_Hit hit = sbl_Hit(1e30, -1, -1, 0.0, 0.0, false);
+// The nearest hit nearer than `limit` and farther than `after`, or as far and of a triangle numbered above `past`: hits are ordered by distance, then number.
+sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float limit) {
+    sbl_Hit hit = sbl_Hit(limit, -1, -1, 0.0, 0.0, false);
 
     // Watertight against shared edges: Woop, Benthin and Wald 2013. The axis along which the direction is longest becomes z, the ray is sheared onto it.
     vec3 size = abs(direction);
@@ -115,19 +115,26 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past) {
     return hit;
 }
 
-sbl_Hit sbl_trace(vec3 origin, vec3 direction) {
+// The nearest hit nearer than `limit`.
+sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit) {
     sbl_Hit hit = sbl_Hit(0.0, -1, 0x7fffffff, 0.0, 0.0, false);
 #ifdef SBL_TEXTURED
     // Cutouts: the nearest hit is looked at, and where nothing is there the ray goes on behind it.
     // All ifs are loops, since software renderers run both sides of every if, but leave loops that no lane enters.
     for (int layer = 0; layer < 64; layer++) {
         bool solid = true;
-        hit = sbl_nearest(origin, direction, hit.distance, hit.number);
+        hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);
         for (uint cut = hit.triangle < 0 ? 0u : texelFetch(sbl_triangles, 3 * hit.triangle + 2).w; cut != 0u; cut = 0u) solid = sbl_solid(hit.triangle, hit.b1, hit.b2);
         if (solid) break;
     }
 #else
-    hit = sbl_nearest(origin, direction, hit.distance, hit.number);
+    hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);
 #endif
     return hit;
+}
+
+// Right, up and forward of a sensor that looks along n: Duff et al. 2017, "Building an Orthonormal Basis, Revisited".
+mat3 sbl_frame(vec3 n) {
+    float s = n.z < 0.0 ? -1.0 : 1.0, f = -1.0 / (s + n.z), g = n.x * n.y * f;
+    return mat3(1.0 + s * n.x * n.x * f, s * g, -s * n.x, g, s + n.y * n.y * f, -n.y, n);
 }
