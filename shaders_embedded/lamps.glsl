@@ -53,6 +53,21 @@ float sbl_form_factor(vec3 a, vec3 b, vec3 c) {
     return abs(sum) / (2.0 * PI);
 }
 
+// A direction to the spherical triangle of unit vectors a, b, c, evenly distributed: Arvo 1995, "Stratified Sampling of Spherical Triangles".
+// w: its solid angle; 0 where it is too small for that.
+vec4 sbl_spherical(vec3 a, vec3 b, vec3 c, vec2 u) {
+    vec3 ab = cross(a, b), bc = cross(b, c), ca = cross(c, a);
+    float alpha = atan(length(cross(ab, ca)), -dot(ab, ca)), beta = atan(length(cross(bc, ab)), -dot(bc, ab)), gamma = atan(length(cross(ca, bc)), -dot(ca, bc));
+    float solid_angle = alpha + beta + gamma - PI;
+    if (!(solid_angle > 0.01)) return vec4(0);
+    float s = sin(u.x * solid_angle - alpha), t = cos(u.x * solid_angle - alpha), sin_alpha = sin(alpha), cos_alpha = cos(alpha);
+    float p = t - cos_alpha, v = s + sin_alpha * dot(a, b);
+    float q = clamp(((v * t - p * s) * cos_alpha - v) / ((v * s + p * t) * sin_alpha), -1.0, 1.0);
+    vec3 cut = q * a + sqrt(1.0 - q * q) * normalize(c - dot(c, a) * a);
+    float z = 1.0 - u.y * (1.0 - dot(cut, b));
+    return vec4(z * b + sqrt(max(1.0 - z * z, 0.0)) * normalize(cut - dot(cut, b) * b), solid_angle);
+}
+
 void main() {
     int sensor = int(gl_FragCoord.y) * columns + int(gl_FragCoord.x) - first_slot;
     if (sensor < 0 || sensor >= count) discard;
@@ -80,7 +95,7 @@ void main() {
             uvec2 fraction = texelFetch(sbl_sequence, int(words.y) + k).xy ^ words.zw;
             vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0;
 
-            // a lamp, in proportion to its strength, and a point on it (Heitz 2019, "A Low-Distortion Map Between Triangle and Square")
+            // a lamp, in proportion to its strength
             float wanted = u.x * total, before = 0.0;
             int low = 0, high = lamp_count - 1;
             while (low < high) {
@@ -89,13 +104,21 @@ void main() {
                 else high = middle;
             }
             u.x = clamp((wanted - before) / (strengths[low] - before), 0.0, 1.0);
-            u = u.y > u.x ? vec2(0.5 * u.x, u.y - 0.5 * u.x) : vec2(u.x - 0.5 * u.y, 0.5 * u.y);
 
+            // a point on it: by solid angle where it is large, else by area (Heitz 2019, "A Low-Distortion Map Between Triangle and Square")
             sbl_Lamp l = sbl_lamp(low, position);
-            vec3 to = l.corner + u.x * l.side_1 + u.y * l.side_2 - position;
+            vec3 corner = l.corner - position, normal = cross(l.side_1, l.side_2);
+            vec4 ray = sbl_spherical(normalize(corner), normalize(corner + l.side_1), normalize(corner + l.side_2), u);
+            u = u.y > u.x ? vec2(0.5 * u.x, u.y - 0.5 * u.x) : vec2(u.x - 0.5 * u.y, 0.5 * u.y);
+            vec3 to = corner + u.x * l.side_1 + u.y * l.side_2;
+            if (ray.w > 0.0) {
+                to = ray.xyz * dot(corner, normal) / dot(ray.xyz, normal);
+                u = vec2(dot(cross(to - corner, l.side_2), normal), dot(cross(l.side_1, to - corner), normal)) / dot(normal, normal);
+            }
             float far = length(to);
             vec3 direction = to / far;
-            vec3 light = l.emission * (max(dot(n, direction), 0.0) * abs(dot(cross(l.side_1, l.side_2), direction)) / (far * far * (strengths[low] - before)));
+            float weight = ray.w > 0.0 ? 2.0 * ray.w : abs(dot(normal, direction)) / (far * far);
+            vec3 light = l.emission * (max(dot(n, direction), 0.0) * weight / (strengths[low] - before));
             if (!(light.r + light.g + light.b > 0.0)) continue;
             open += light;
             samples += 1.0;
