@@ -423,7 +423,7 @@ typedef enum sbl_sensor_kind {
 
 /* How sensors see. Both give the same light up to their noise. */
 typedef enum sbl_backend {
-    SBL_BACKEND_AUTO = 0,    /* TRACE for scenes of more than 1,024 triangles; RASTER for smaller ones, in SBL_MODE_PAPER and with a draw callback */
+    SBL_BACKEND_AUTO = 0,    /* TRACE; RASTER in SBL_MODE_PAPER, with a draw callback and with SBL_SENSOR_SINGLE */
     SBL_BACKEND_RASTER,      /* views drawn into texels, as in the paper: cost grows with the number of triangles */
     SBL_BACKEND_TRACE,       /* rays through a bounding volume hierarchy in a shader: cost grows with its logarithm. No draw callback, not in SBL_MODE_PAPER */
     SBL_BACKEND_COUNT
@@ -765,6 +765,7 @@ static const char *const sbl__glsl_lamps[] = {
     "uniform usamplerBuffer sbl_lamps;     // emitting triangles, as sbl_triangles counts\n",
     "uniform int lamp_count, rays;         // at most SBL_LAMPS; at most so many rays a sensor\n",
     "uniform int columns, first_slot, count;\n",
+    "uniform float unit;                   // radiance that calculations are in: the scene's highest, so that none overflows\n",
     "layout(location = 0) out vec4 out_light;  // R; the variance of its channels' mean\n",
     "\n",
     "const float PI = 3.14159265;\n",
@@ -776,7 +777,7 @@ static const char *const sbl__glsl_lamps[] = {
     "    int t = int(texelFetch(sbl_lamps, i).x);\n",
     "    uvec4 a = texelFetch(sbl_triangles, 3 * t), b = texelFetch(sbl_triangles, 3 * t + 1), c = texelFetch(sbl_triangles, 3 * t + 2), light = sbl_object(a.w, 1);\n",
     "    sbl_Lamp l = sbl_Lamp(uintBitsToFloat(a.xyz), uintBitsToFloat(b.xyz) - uintBitsToFloat(a.xyz), uintBitsToFloat(c.xyz) - uintBitsToFloat(a.xyz),\n",
-    "                          uintBitsToFloat(light.rgb), t, int(b.w));\n",
+    "                          uintBitsToFloat(light.rgb) / unit, t, int(b.w));\n",
     "    if ((light.w & SBL_ONE_SIDED_EMISSION) != 0u && dot(cross(l.side_1, l.side_2), p - l.corner) < 0.0) l.emission = vec3(0);\n",
     "    return l;\n",
     "}\n",
@@ -895,7 +896,7 @@ static const char *const sbl__glsl_lamps[] = {
     "    vec3 share = vec3(open.r > 0.0 ? seen.r / open.r : 0.0, open.g > 0.0 ? seen.g / open.g : 0.0, open.b > 0.0 ? seen.b / open.b : 0.0);\n",
     "    float mean = dot(all, vec3(1.0 / 3.0)), part = samples > 0.0 ? lit / samples : 0.0;\n",
     "    // stratified points have far less variance than independent ones: a tenth is what edges across a lamp leave\n",
-    "    out_light = vec4(all * share, samples > 0.0 ? 0.1 * mean * mean * part * (1.0 - part) / samples : 0.0);\n",
+    "    out_light = vec4(all * share * unit, samples > 0.0 ? 0.1 * mean * mean * part * (1.0 - part) / samples * unit * unit : 0.0);\n",
     "}\n",
     0 };
 static const char *const sbl__glsl_reduce_blocks[] = {
@@ -1677,7 +1678,7 @@ static float sbl__linear_to_srgb(float x) { return x <= 0.0031308f ? 12.92f * x 
     X(void, ScissorIndexedv, (unsigned index, const int *box)) \
     X(void, ViewportIndexedfv, (unsigned index, const float *box))
 
-#define SBL__GUARD_UNITS 10
+#define SBL__GUARD_UNITS 11
 #define SBL__GUARD_DRAW_BUFFERS 8
 #define SBL__GUARD_VIEWPORTS 16
 
@@ -3900,6 +3901,7 @@ static sbl_result sbl__trace_draw(const sbl__gl *gl, sbl__gather *g, const sbl__
         sbl__bind(gl, programs[1], "sbl_lamps", 10, SBL__GL_TEXTURE_BUFFER, scene->lamp_texels);
         sbl__uniform_i(gl, programs[1], "lamp_count", scene->lamp_count);
         sbl__uniform_i(gl, programs[1], "rays", g->lamp_rays);
+        sbl__uniform_f(gl, programs[1], "unit", SBL__MAX(scene->max_radiance, 1e-37f));
         gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
     }
     gl->Flush();
@@ -4967,7 +4969,6 @@ static void sbl__default_camera(const sbl__scene *s, sbl_picture_desc *d) {
     sbl_look_at(d->world_to_view, c[0] + (float)(0.35 * distance), c[1] + (float)(0.3 * distance), c[2] + (float)(0.89 * distance), c[0], c[1], c[2], 0, 1, 0);
 }
 
-#define SBL__RASTER_TRIANGLES 1024  /* SBL_BACKEND_AUTO rasterises up to so many */
 
 static void sbl__log_state(const sbl_context *c, const char *function, const char *needs) {
     sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_WRONG_ORDER, "%s: %s", function, needs);
@@ -5123,7 +5124,7 @@ SBL_API sbl_result sbl_begin(sbl_context *c, const sbl_picture_desc *desc) {
     if (!c->has_scene) { sbl__log_state(c, "sbl_begin", "there is no scene yet; call sbl_set_scene first"); return SBL_ERROR_STATE; }
     if (sbl__all_zero(d.world_to_view, 16)) sbl__default_camera(&c->scene, &d);
     if (d.backend == SBL_BACKEND_AUTO)  /* a rule, not a stopwatch: the same input gives the same picture */
-        d.backend = d.mode == SBL_MODE_PAPER || c->scene.draw || d.sensor_kind == SBL_SENSOR_SINGLE || c->scene.triangle_count <= SBL__RASTER_TRIANGLES ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
+        d.backend = d.mode == SBL_MODE_PAPER || c->scene.draw || d.sensor_kind == SBL_SENSOR_SINGLE ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
     result = sbl__check_picture_desc(c, desc, &d);
     if (result != SBL_SUCCESS) return result;
     sbl__visit_enter(c, &visit);

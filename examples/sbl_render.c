@@ -132,7 +132,7 @@ static const struct option {
                         "ambient (default: lamps, sky, and a faint glow of every surface) | direct (lamps and sky only) |\n"
                         "paper (exactly the paper: one 135 degree view, epsilon, tiles, Gaussian) | gi (all bounces; not yet)" },
     [PRESET]        = { "--preset", "NAME", CHOICE, &options.preset, PRESET_WORDS, 0, 0, "draft | default | high" },
-    [BACKEND]       = { "--backend", "NAME", CHOICE, &options.backend, BACKEND_WORDS, 0, 0, "auto (default: trace in scenes of more than 1,024 triangles) | raster | trace" },
+    [BACKEND]       = { "--backend", "NAME", CHOICE, &options.backend, BACKEND_WORDS, 0, 0, "auto (default: trace; raster in mode paper) | raster | trace" },
     [RAYS]          = { "--rays", "N", INTEGERS, &options.rays, 1, 1, 4096, "samples of a traced sensor; default 64, 256, 1024 by preset" },
     [EPSILON]       = { "--epsilon", "E", NUMBERS, &options.epsilon, 1, 0, 1e30, "ambient factor of the modes paper and ambient; default 0.02" },
     [SENSOR_SIZE]   = { "--sensor-size", "N", INTEGERS, &options.sensor_size, 1, 4, 512, "texels across a sensor's view; default 32, 64, 128 by preset" },

@@ -6,6 +6,7 @@ uniform usamplerBuffer sbl_sequence;  // see trace.glsl
 uniform usamplerBuffer sbl_lamps;     // emitting triangles, as sbl_triangles counts
 uniform int lamp_count, rays;         // at most SBL_LAMPS; at most so many rays a sensor
 uniform int columns, first_slot, count;
+uniform float unit;                   // radiance that calculations are in: the scene's highest, so that none overflows
 layout(location = 0) out vec4 out_light;  // R; the variance of its channels' mean
 
 const float PI = 3.14159265;
@@ -17,7 +18,7 @@ sbl_Lamp sbl_lamp(int i, vec3 p) {
     int t = int(texelFetch(sbl_lamps, i).x);
     uvec4 a = texelFetch(sbl_triangles, 3 * t), b = texelFetch(sbl_triangles, 3 * t + 1), c = texelFetch(sbl_triangles, 3 * t + 2), light = sbl_object(a.w, 1);
     sbl_Lamp l = sbl_Lamp(uintBitsToFloat(a.xyz), uintBitsToFloat(b.xyz) - uintBitsToFloat(a.xyz), uintBitsToFloat(c.xyz) - uintBitsToFloat(a.xyz),
-                          uintBitsToFloat(light.rgb), t, int(b.w));
+                          uintBitsToFloat(light.rgb) / unit, t, int(b.w));
     if ((light.w & SBL_ONE_SIDED_EMISSION) != 0u && dot(cross(l.side_1, l.side_2), p - l.corner) < 0.0) l.emission = vec3(0);
     return l;
 }
@@ -136,5 +137,5 @@ void main() {
     vec3 share = vec3(open.r > 0.0 ? seen.r / open.r : 0.0, open.g > 0.0 ? seen.g / open.g : 0.0, open.b > 0.0 ? seen.b / open.b : 0.0);
     float mean = dot(all, vec3(1.0 / 3.0)), part = samples > 0.0 ? lit / samples : 0.0;
     // stratified points have far less variance than independent ones: a tenth is what edges across a lamp leave
-    out_light = vec4(all * share, samples > 0.0 ? 0.1 * mean * mean * part * (1.0 - part) / samples : 0.0);
+    out_light = vec4(all * share * unit, samples > 0.0 ? 0.1 * mean * mean * part * (1.0 - part) / samples * unit * unit : 0.0);
 }

@@ -408,6 +408,7 @@ static int sbl_gather(sbl_context *context, int hemicube, int size, int side, sb
     cornell_box_view(&view, side, side);
     view.mode = SBL_MODE_AMBIENT;
     view.sensor_kind = hemicube ? SBL_SENSOR_HEMICUBE : SBL_SENSOR_SINGLE;
+    view.backend = SBL_BACKEND_RASTER;
     view.sensor_size = size;
     view.tile = 1;
     view.filter_radius = -1;
@@ -418,8 +419,8 @@ static int sbl_gather(sbl_context *context, int hemicube, int size, int side, sb
 }
 
 /* Every stride-th surface point of the finished picture, and the mean of what sbl.h found there. */
-static int points_read(sbl_context *context, int side, int most, points *p, double mean[3]) {
-    size_t pixels = (size_t)side * (size_t)side, i, count = 0, stride;
+static int points_read(sbl_context *context, int width, int height, int most, points *p, double mean[3]) {
+    size_t pixels = (size_t)width * (size_t)height, i, count = 0, stride;
     float *values = (float *)malloc(pixels * 10 * sizeof(float));
     float *position = values, *normal = values + 3 * pixels, *radiance = values + 6 * pixels, *id = values + 9 * pixels;
     int k, ok;
@@ -474,7 +475,7 @@ static int row_measure(sbl_context *context, row *r, int runs, int side, int mos
     double light[3], plain_light[3];
     int run, ok;
     ok = sheet_make(&s, r->hemicube, r->size) && sbl_gather(context, r->hemicube, r->size, side, &stats) &&  /* warms up, too */
-         points_read(context, side, most, &p, light);
+         points_read(context, side, side, most, &p, light);
     if (ok) r->complexity = depth_complexity(&s, &p);
     if (ok) plain_gather(&s, &p, plain_light);
     for (run = 0; ok && run < runs; run++) {
@@ -545,22 +546,26 @@ static void print_json(const row *rows, int count, const char *renderer) {
     printf("\n]}\n");
 }
 
+#include "bench_trace.h"
+
 int main(int argc, char **argv) {
     static row rows[2 * SIZES];
     sbl_context_desc desc = { 0 };
     sbl_context *context = NULL;
     cornell_box box;
-    int json = 0, quick = 0, i, ok, count = 0;
+    int json = 0, quick = 0, raster = 1, trace = 1, i, ok, count = 0;
     for (i = 1; i < argc; i++) {
         if (strcmp(argv[i], "--json") == 0) json = 1;
         else if (strcmp(argv[i], "--quick") == 0) quick = 1;
-        else return fprintf(stderr, "usage: bench [--json] [--quick]\n"), 2;
+        else if (strcmp(argv[i], "raster") == 0) trace = 0;
+        else if (strcmp(argv[i], "trace") == 0) raster = 0;
+        else return fprintf(stderr, "usage: bench [raster | trace] [--json] [--quick]\n"), 2;
     }
     if (!host_gl_open("bench")) return 1;
     desc.get_gl_function = gl_function;
     ok = sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, cornell_box_make(&box)) == SBL_SUCCESS &&
          plain_start(&box, sbl_picture_desc_defaults(NULL).epsilon);
-    for (i = 0; ok && i < 2 * (quick ? 2 : SIZES); i++) {
+    for (i = 0; ok && raster && i < 2 * (quick ? 2 : SIZES); i++) {
         row *r = &rows[count];
         r->hemicube = i % 2 == 0;
         r->size = sizes[i / 2];
@@ -573,7 +578,8 @@ int main(int argc, char **argv) {
         }
         count += ok;
     }
-    if (ok) (json ? print_json : print_table)(rows, count, (const char *)gl.GetString(GL_RENDERER));
+    if (ok && raster) (json ? print_json : print_table)(rows, count, (const char *)gl.GetString(GL_RENDERER));
+    if (ok && trace) ok = bench_trace(context, quick, json, (const char *)gl.GetString(GL_RENDERER));
     sbl_destroy(context);
     plain_stop();
     host_gl_close();

@@ -26,7 +26,7 @@ static inline void small_scene(test_scene *s) {
     scene_sky(s, 0.1f, 0.2f, 0.3f);
 }
 
-static sbl_backend small_backend;
+static sbl_backend small_backend = SBL_BACKEND_RASTER;
 
 static inline sbl_picture_desc small_view(void) {
     sbl_picture_desc view = scene_view(SMALL_WIDTH, SMALL_HEIGHT, 50, 1.5f, 1.7f, 2.4f, 0, 0.3f, 0);

@@ -566,7 +566,7 @@ TEST(statistics_have_every_field) {
     double sum = 0, parts = 0;
     int i, lines;
     room_obj();
-    REQUIRE(TOOL(ROOM, "--mode", "direct", "--stats", "stats.json", "--quiet", "-o", "room.pfm") == 0, "exit status %d: %s", ran.status,
+    REQUIRE(TOOL(ROOM, "--mode", "direct", "--backend", "raster", "--stats", "stats.json", "--quiet", "-o", "room.pfm") == 0, "exit status %d: %s", ran.status,
             ran.err);
     read_text(in_folder("stats.json"), text, sizeof text, &lines);
     REQUIRE(text[0] == '{' && strstr(text, "}\n"), "it is no JSON object: %s", text);
@@ -596,7 +596,7 @@ TEST(rays_can_be_traced) {
     char text[8192];
     int lines;
     room_obj();
-    REQUIRE(TOOL(ROOM, "--mode", "direct", "--backend", "trace", "--rays", "33", "--tile", "1", "--stats", "stats.json", "-o", "room.pfm") == 0,
+    REQUIRE(TOOL(ROOM, "--mode", "ambient", "--backend", "trace", "--rays", "33", "--tile", "1", "--stats", "stats.json", "-o", "room.pfm") == 0,
             "exit status %d: %s", ran.status, ran.err);
     read_text(in_folder("stats.json"), text, sizeof text, &lines);
     CHECK(strstr(text, "\"backend\": \"trace\"") && json_number(text, "rays") == 33 * json_number(text, "sensors") && json_number(text, "rays") > 0,

@@ -92,7 +92,7 @@ check paper_metrics_figure_12 metrics_figure_12
 # >>bench: that it works, not how fast
 
 bench_rows() {
-    "$BUILD_DIR/bench" --quick --json > "$folder/bench.json" || return
+    "$BUILD_DIR/bench" raster --quick --json > "$folder/bench.json" || return
     cat "$folder/bench.json"
     python3 - "$folder/bench.json" << 'END'
 import json, sys
@@ -106,6 +106,21 @@ for r in rows:
 END
 }
 check bench_rows bench_rows
+
+bench_rooms() {
+    "$BUILD_DIR/bench" trace --quick --json > "$folder/bench.json" || return
+    cat "$folder/bench.json"
+    python3 - "$folder/bench.json" << 'END'
+import json, sys
+rooms = json.load(open(sys.argv[1]))["rooms"]
+assert len(rooms) == 2 and rooms[0]["triangles"] == 32 and 500 < rooms[1]["triangles"] <= 1000, "the rooms"
+for r in rooms:
+    for key in ("mrays_64", "mrays_256", "us", "bvh_bytes", "raster_us"):
+        assert r[key] > 0, key
+    assert 0.01 < r["error_64"] < 0.06 and r["raster_size"] in (4, 8, 16, 32), "errors"
+END
+}
+check bench_rooms bench_rooms
 
 # >>failures: a status that is not 0, one line on stderr
 
