@@ -15,13 +15,14 @@ command -v python3 > /dev/null || skip "no python3"
 folder=$(mktemp -d) || exit 1
 trap 'rm -rf "$folder"' EXIT
 
-camera=$(python3 - "$references/cameras.json" <<'END'
+cameras() { python3 - "$references/cameras.json" "$1" "$2" <<'END'
 import json, sys
-c = json.load(open(sys.argv[1]))['cornell_box']
+c = json.load(open(sys.argv[1]))[sys.argv[2]]
 join = lambda values: ','.join(str(v) for v in values)
-print('--eye %s --look-at %s --up %s --fov %s --size %dx%d' % (join(c['eye']), join(c['look_at']), join(c['up']), c['fov'], *c['size']))
+print(sys.argv[3] % (join(c['eye']), join(c['look_at']), join(c['up']), c['fov'], *c['size'][:sys.argv[3].count('%d')]))
 END
-) || exit 1
+}
+camera=$(cameras cornell_box '--eye %s --look-at %s --up %s --fov %s --size %dx%d') || exit 1
 
 # check NAME REFERENCE MOST_ERROR MOST_BIAS OPTIONS...: renders R with the options and compares
 check() {
@@ -46,4 +47,21 @@ check() {
 check direct_light_at_every_pixel cornell_box.direct 0.03 0.003 --mode direct --tile 1 --sensor-size 128
 check direct_light_default_settings cornell_box.direct 0.05 1 --mode direct
 check ambient_light_default_settings cornell_box.ambient 0.05 1 --mode ambient
+
+# rays NAME FILE: traced sensors in a room, see extra_trace.c
+rays() {
+    [ -f "../shared/scenes/$1/$2" ] || { echo "  skipped: no $2"; skipped=$((skipped + 1)); return; }
+    # the camera is several words
+    if build/extra_trace "../shared/scenes/$1/$2" $(cameras "$1" '%s %s %s %s') > "$folder/log" 2>&1; then
+        echo "ok   rays_in_$1"; passed=$((passed + 1))
+    else
+        echo "FAIL rays_in_$1"; failed=$((failed + 1))
+    fi
+    grep '^  ' "$folder/log"
+}
+[ -x build/extra_trace ] || { echo "  build/extra_trace is missing: run scripts/build"; failed=1; report; }
+rays cornell_box cornell_box.obj
+rays veach-ajar veach-ajar.glb
+rays staircase2 staircase2.glb
+rays living-room living-room.glb
 report

@@ -4,6 +4,19 @@
 #include "../sbl.h"
 #include "test.h"
 #include "scenes.h"
+#include "reference.h"
+#include "trace_hits.h"
+
+#if defined(__SANITIZE_ADDRESS__)
+  #define MILLION 100000
+#elif defined(__has_feature)
+  #if __has_feature(address_sanitizer)
+    #define MILLION 100000
+  #endif
+#endif
+#ifndef MILLION
+  #define MILLION 1000000
+#endif
 
 static sbl_context *context;
 
@@ -101,23 +114,75 @@ TEST(error_falls_with_the_rays) {
 
 /* A closed black sphere, finely tessellated, under a bright sky, seen from inside: any ray that slips between two triangles brings light in. */
 TEST(closed_walls_are_tight) {
-    test_scene s = { 0 };
-    sbl_picture_desc view = traced(scene_view(64, 64, 100, 0.1f, 0.2f, 0.05f, 0.7f, 0.3f, -1), SBL_MODE_DIRECT, 1024);
-    float *r;
-    int i;
-    double escaped = 0;
-    scene_sky(&s, 1e6f, 1e6f, 1e6f);
-    scene_sphere(&s, scene_material(&s, 0, 0, 0), 0, 0, 0, 1, 256, 128, 0);
-    for (i = 0; i < s.mesh_count; i++) {  /* turned, so that no edge lies along an axis */
-        const float turn[16] = { 0.36f, 0.48f, -0.8f, 0, -0.8f, 0.6f, 0, 0, 0.48f, 0.64f, 0.6f, 0, 0, 0, 0, 1 };
-        memcpy(s.meshes[i].transform, turn, sizeof turn);
+    /* turned, so that no edge lies along an axis; the last one is dented, with facets of all sizes and slopes */
+    static const float turns[3][16] = { { 0.36f, 0.48f, -0.8f, 0, -0.8f, 0.6f, 0, 0, 0.48f, 0.64f, 0.6f, 0, 0, 0, 0, 1 },
+                                        { 0.6f, -0.64f, 0.48f, 0, 0.8f, 0.48f, -0.36f, 0, 0, 0.6f, 0.8f, 0, 0, 0, 0, 1 },
+                                        { 0.36f, 0.48f, -0.8f, 0, -0.8f, 0.6f, 0, 0, 0.48f, 0.64f, 0.6f, 0, 0, 0, 0, 1 } };
+    double rays = 0;
+    int way, i, k;
+    for (way = 0; way < 3; way++) {
+        test_scene s = { 0 };
+        sbl_picture_desc view = traced(scene_view(64, 64, 100, 0.1f, 0.2f, 0.05f, 0.7f, 0.3f, -1), SBL_MODE_DIRECT, 1024);
+        float *r, *positions;
+        double escaped = 0;
+        sbl_mesh *mesh;
+        view.seed = (uint32_t)way;
+        scene_sky(&s, 1e6f, 1e6f, 1e6f);
+        mesh = scene_sphere(&s, scene_material(&s, 0, 0, 0), 0, 0, 0, 1, 256, 128, 0);
+        memcpy(mesh->transform, turns[way], sizeof turns[way]);
+        positions = (float *)malloc(12 * (size_t)mesh->vertex_count);
+        REQUIRE(positions != NULL, "out of memory");
+        memcpy(positions, mesh->positions.data, 12 * (size_t)mesh->vertex_count);
+        for (i = 0; i < mesh->vertex_count && way == 2; i++) {
+            float *p = positions + 3 * i, x = p[0], y = p[1], z = p[2];
+            for (k = 0; k < 3; k++) p[k] *= 1 + 0.15f * sinf(11 * x + 1) * sinf(13 * y + 2) * sinf(9 * z + 3);
+        }
+        mesh->positions.data = positions;
+        REQUIRE(scene_render(context, &s, &view), "no picture");
+        rays += (double)sbl_query_stats(context).rays;
+        r = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+        for (i = 0; i < 64 * 64 * 3; i++) escaped += (double)r[i];
+        CHECK(escaped == 0, "wall %d: light of %g came in", way, escaped);
+        free(r);
+        free(positions);
+        scene_free(&s);
     }
-    REQUIRE(scene_render(context, &s, &view), "no picture");
-    CHECK(sbl_query_stats(context).rays > 4000000, "only %.0f rays", (double)sbl_query_stats(context).rays);
-    r = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
-    for (i = 0; i < 64 * 64 * 3; i++) escaped += (double)r[i];
-    CHECK(escaped == 0, "light of %g came in", escaped);
-    free(r);
+    printf("  %.0f rays\n", rays);
+    CHECK(rays > 1e7, "only %.0f rays", rays);
+}
+
+/* Rays from visible points of the scene into it, compared with the independent caster's. */
+static void compare_hits(const char *what, const test_scene *s, const sbl_picture_desc *view, int points, int each) {
+    sbl_scene_desc desc = scene_desc(s);
+    ref_scene *truth = ref_create(&desc);
+    float *rays = (float *)malloc(32 * (size_t)points * (size_t)each);
+    hits_compared seen;
+    if (!rays || !scene_render(context, s, view)) abort();
+    seen = trace_hits_compare(context, truth, rays, trace_hits_rays(context, view, points, each, 1, rays));
+    printf("  %s: %d rays, %d hits, %d ties, %d differ\n", what, seen.rays, seen.hits, seen.ties, seen.differ);
+    CHECK(seen.rays == points * each, "%s: only %d rays", what, seen.rays);
+    CHECK(seen.differ <= seen.rays / 10000, "%s: %d of %d rays hit something else", what, seen.differ, seen.rays);
+    CHECK(seen.unexplained == 0, "%s: %d rays hit something else, away from all edges", what, seen.unexplained);
+    free(rays);
+    ref_destroy(truth);
+}
+
+TEST(rays_hit_what_they_should) {
+    static const unsigned char texels[2 * 4] = { 90, 90, 90, 0, 90, 90, 90, 255 };
+    test_scene s = { 0 };
+    sbl_picture_desc view = traced(scene_cornell_view(64, 64), SBL_MODE_AMBIENT, 16);
+    int i, leaves;
+    scene_cornell_box(&s);
+    compare_hits("Cornell box", &s, &view, 500, 400);
+    for (i = 0; i < 12; i++) scene_sphere(&s, 0, 80 + 40.0f * (float)i, 100 + 33.0f * (float)i, 80 + 37.0f * (float)((5 * i) % 12), 20 + 3.0f * (float)i, 40 + i, 30, 0);
+    leaves = scene_material(&s, 0.5f, 0.5f, 0.5f);
+    s.materials[leaves].albedo_texture = scene_texture(&s, texels, sizeof texels, SBL_PIXELS_SRGB8, 2, 1, 4);
+    s.materials[leaves].alpha_cutoff = 0.5f;
+    for (i = 0; i < 40; i++) {
+        const float x = 60 + 11.0f * (float)i, z = 100 + 9.0f * (float)((7 * i) % 40), leaf[12] = { x, 200, z, x + 60, 230, z, x + 60, 290, z + 40, x, 260, z + 40 };
+        scene_quad_uv(&s, leaves, leaf, 3, 2);
+    }
+    compare_hits("with balls and leaves", &s, &view, 500, 400);
     scene_free(&s);
 }
 
@@ -222,23 +287,54 @@ TEST(moved_meshes_are_found) {
     scene_free(&s);
 }
 
-/* Many triangles at one place, and extents from tiny to huge in one scene: the hierarchy ends, and misses nothing. */
+/* Many triangles at one place, needles, and extents from 10^-3 to 10^6 in one scene: rays still hit what they should, and soon. */
 TEST(nasty_triangles) {
+    static const double spots[4][4] = { { 0, 0, 0, 1e-3 }, { 2, 0.5, 1, 0.25 }, { 3000, 4000, -1000, 20 }, { -5e5, 2e5, 3e5, 4000 } };
+    const int copies = 10000;
+    int spot, i, k, way;
+    for (spot = 0; spot < 4; spot++) {
+        test_scene s = { 0 };
+        const float x = (float)spots[spot][0], y = (float)spots[spot][1], z = (float)spots[spot][2], r = (float)spots[spot][3];
+        sbl_picture_desc view = traced(scene_view(32, 32, 60, x + 3 * r, y + r, z - 2 * r, x, y, z), SBL_MODE_AMBIENT, 16);
+        int grey = scene_material(&s, 0.5f, 0.5f, 0.5f);
+        scene_box(&s, grey, -1e6f, -1e6f, -1e6f, 1e6f, 1e6f, 1e6f);
+        for (i = 0; i < 4; i++) scene_sphere(&s, grey, (float)spots[i][0], (float)spots[i][1], (float)spots[i][2], (float)spots[i][3], 160, 80, 0);
+        scene_box(&s, grey, -1e4f, -2e4f, -1e4f, 1e4f, -1e4f, 1e4f);
+        compare_hits(spot == 0 ? "a thousandth in a million" : spot == 1 ? "a quarter" : spot == 2 ? "twenty" : "thousands", &s, &view, 200, 250);
+        scene_free(&s);
+    }
+    for (way = 0; way < 3; way++) {  /* copies; copies of either winding; needles */
+        test_scene s = { 0 };
+        sbl_picture_desc view = traced(scene_view(32, 32, 60, 0, 0, 0.5f, 0, 0, -1), SBL_MODE_AMBIENT, 16);
+        float *corners = (float *)malloc(36 * (size_t)copies);
+        int grey = scene_material(&s, 0.5f, 0.5f, 0.5f);
+        REQUIRE(corners != NULL, "out of memory");
+        for (i = 0; i < copies; i++) {
+            static const float triangle[9] = { -1, -1, -0.9f, 1, -1, -0.9f, 0.1f, 1, -0.8f };
+            const int turned = way == 1 && (i & 1);
+            const float a = 0.001f * (float)i, needle[9] = { 0, 0, -0.7f, cosf(a), sinf(a), -0.9f, cosf(a + 1e-4f), sinf(a + 1e-4f), -0.9f };
+            for (k = 0; k < 9; k++) corners[9 * i + k] = (way == 2 ? needle : triangle)[turned ? 3 * (2 - k / 3) + k % 3 : k];
+        }
+        scene_box(&s, grey, -1, -1, -1, 1, 1, 1);
+        scene_mesh(&s, grey, corners, NULL, NULL, 3 * copies, NULL, 0);
+        compare_hits(way == 0 ? "copies" : way == 1 ? "copies of either winding" : "needles", &s, &view, 100, 200);
+        free(corners);
+        scene_free(&s);
+    }
+}
+
+TEST(a_million_triangles) {
     test_scene s = { 0 };
-    sbl_picture_desc view = traced(scene_view(16, 16, 60, 0, 0, 0.5f, 0, 0, -1), SBL_MODE_AMBIENT, 64);
-    float *r;
-    double worst = 0;
-    int i, lamp = scene_material(&s, 1, 1, 1);  /* with epsilon 1 all glow alike */
-    view.epsilon = 1;
-    scene_box(&s, lamp, -1, -1, -1, 1, 1, 1);
-    for (i = 0; i < 40; i++) scene_quad(&s, lamp, -1, -1, -0.9f, 1, -1, -0.9f, 1, 1, -0.9f, -1, 1, -0.9f);  /* one upon the other */
-    scene_box(&s, lamp, -1e6f, -1e6f, -1e6f, 1e6f, 1e6f, 1e6f);
-    scene_box(&s, lamp, 0.5f, 0.5f, -0.5f, 0.501f, 0.501f, -0.499f);
-    REQUIRE(scene_render(context, &s, &view), "no picture");
-    r = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
-    for (i = 0; i < 16 * 16 * 3; i++) worst = fmax(worst, fabs((double)r[i] - 1));
-    CHECK(worst < 1e-4, "R is off by %g", worst);
-    free(r);
+    sbl_picture_desc view = traced(scene_cornell_view(48, 48), SBL_MODE_AMBIENT, 16);
+    int i, grey;
+    sbl_stats stats;
+    scene_cornell_box(&s);
+    grey = scene_material(&s, 0.5f, 0.5f, 0.5f);
+    for (i = 0; i < 4; i++) scene_sphere(&s, grey, 120 + 100.0f * (float)i, 150 + 80.0f * (float)i, 300, 60, MILLION / 4 / 700, 350, 0);
+    compare_hits("a million triangles", &s, &view, 100, 300);
+    stats = sbl_query_stats(context);
+    printf("  %d triangles, hierarchy of %.1f MiB in %.2f s\n", stats.triangles, (double)stats.bvh_bytes / 1048576, stats.bvh_seconds);
+    CHECK(stats.triangles > MILLION * 0.98 && stats.bvh_bytes < 100.0 * stats.triangles, "%d triangles take %.0f bytes", stats.triangles, (double)stats.bvh_bytes);
     scene_free(&s);
 }
 
@@ -272,7 +368,9 @@ int main(void) {
     RUN(cutouts_and_hidden_materials);
     RUN(the_picture_does_not_depend_on_the_slices);
     RUN(moved_meshes_are_found);
+    RUN(rays_hit_what_they_should);
     RUN(nasty_triangles);
+    RUN(a_million_triangles);
     RUN(refusals);
     sbl_destroy(context);
     return test_report();

@@ -1,0 +1,88 @@
+/* Traced sensors in real rooms, which lie beside the repository in ../shared/scenes where they exist: rays hit the triangles that an independent
+   caster hits, and smooth light is what large rasterised sensors find. Run by extra_references.sh: extra_trace SCENE EYE LOOK_AT UP FOV. */
+#define _DEFAULT_SOURCE
+#define SBL_IMPLEMENTATION
+#define SBL_EGL
+#include "../sbl.h"
+#include "../examples/scene_file.h"
+#include "test.h"
+#include "reference.h"
+#include "trace_hits.h"
+
+static scene_file *file;
+static sbl_context *context;
+static float camera[10];  /* eye, look at, up, fov */
+
+static sbl_picture_desc camera_view(int width, int height) {
+    sbl_picture_desc view;
+    memset(&view, 0, sizeof view);
+    view.width = width;
+    view.height = height;
+    view.mode = SBL_MODE_AMBIENT;
+    view.epsilon = 1;
+    view.tile = 1;
+    view.filter_radius = -1;
+    view.samples = 1;
+    view.backend = SBL_BACKEND_TRACE;
+    sbl_look_at(view.world_to_view, camera[0], camera[1], camera[2], camera[3], camera[4], camera[5], camera[6], camera[7], camera[8]);
+    sbl_perspective(view.view_to_clip, camera[9], (float)width / (float)height);
+    return view;
+}
+
+TEST(a_thousand_points_see_the_same_triangles) {
+    enum { POINTS = 1000, EACH = 1024 };
+    sbl_picture_desc view = camera_view(160, 90);
+    ref_scene *truth = ref_create(&file->scene);
+    float *rays = (float *)malloc(32 * (size_t)POINTS * EACH);
+    hits_compared seen;
+    view.rays = 1;
+    REQUIRE(rays && sbl_render(context, &view) == SBL_SUCCESS, "no picture");
+    seen = trace_hits_compare(context, truth, rays, trace_hits_rays(context, &view, POINTS, EACH, 7, rays));
+    printf("  %d rays, %d hits, %d ties, %d differ, %d of them away from all edges\n", seen.rays, seen.hits, seen.ties, seen.differ, seen.unexplained);
+    CHECK(seen.rays == POINTS * EACH, "only %d rays", seen.rays);
+    CHECK(seen.differ + seen.ties < seen.rays / 10000 && seen.unexplained == 0, "%d rays hit something else, %d see another triangle as far", seen.differ, seen.ties);
+    free(rays);
+    ref_destroy(truth);
+}
+
+/* Every surface glows with its albedo. */
+TEST(smooth_light_is_what_rasterised_sensors_find) {
+    enum { WIDTH = 12, HEIGHT = 8 };
+    sbl_picture_desc view = camera_view(WIDTH, HEIGHT);
+    float traced[3 * WIDTH * HEIGHT], drawn[3 * WIDTH * HEIGHT];
+    double squares = 0, sum = 0, error;
+    int i;
+    view.rays = 4096;
+    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_RADIANCE, traced, 3 * WIDTH * HEIGHT) == SBL_SUCCESS, "no picture");
+    view.backend = SBL_BACKEND_RASTER;
+    view.sensor_size = 256;
+    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_RADIANCE, drawn, 3 * WIDTH * HEIGHT) == SBL_SUCCESS, "no picture");
+    for (i = 0; i < 3 * WIDTH * HEIGHT; i++) {
+        squares += ((double)traced[i] - drawn[i]) * ((double)traced[i] - drawn[i]);
+        sum += drawn[i];
+    }
+    error = sqrt(squares / (3 * WIDTH * HEIGHT)) / (sum / (3 * WIDTH * HEIGHT));
+    printf("  %.2f %% rms\n", 100 * error);
+    CHECK(error < 0.01, "traced and rasterised differ by %.2f %% rms", 100 * error);
+}
+
+int main(int argc, char **argv) {
+    char error[512];
+    int i;
+    if (argc != 6) return fprintf(stderr, "usage: extra_trace SCENE EYE LOOK_AT UP FOV\n"), 2;
+    for (i = 0; i < 10; i++) {
+        const char *text = argv[2 + i / 3];
+        int skip;
+        for (skip = i % 3; skip; skip--) text = strchr(text, ',') ? strchr(text, ',') + 1 : text;
+        camera[i] = strtof(text, NULL);
+    }
+    file = scene_file_load(argv[1], NULL, error, sizeof error);
+    if (!file) return fprintf(stderr, "%s\n", error), 1;
+    for (i = 0; i < 3; i++) file->scene.sky[i] = 0.5f;
+    if (sbl_create(NULL, &context) != SBL_SUCCESS || sbl_set_scene(context, &file->scene) != SBL_SUCCESS) return 1;
+    RUN(a_thousand_points_see_the_same_triangles);
+    RUN(smooth_light_is_what_rasterised_sensors_find);
+    sbl_destroy(context);
+    scene_file_free(file);
+    return test_report();
+}

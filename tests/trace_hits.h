@@ -1,0 +1,154 @@
+/* Single rays through the traversal of shaders_embedded/traverse.glsl, and whether an independent caster (reference.h) sees the same triangles.
+   Include after sbl.h with its implementation, test.h and reference.h. */
+#ifndef TRACE_HITS_H
+#define TRACE_HITS_H
+
+typedef struct traced_hit { float number, distance, b1, b2; } traced_hit;  /* number: of the triangle in the scene; below 0: nothing */
+
+static const char *const trace_hits_main[] = {
+    "uniform samplerBuffer rays;\n"
+    "uniform int ray_count, width;\n"
+    "layout(location = 0) out vec4 out_hit;\n"
+    "void main() {\n"
+    "    int i = int(gl_FragCoord.y) * width + int(gl_FragCoord.x);\n"
+    "    if (i >= ray_count) discard;\n"
+    "    sbl_Hit hit = sbl_trace(texelFetch(rays, 2 * i).xyz, texelFetch(rays, 2 * i + 1).xyz, 1e30);\n"
+    "    out_hit = vec4(hit.triangle < 0 ? -1 : hit.number, hit.distance, hit.b1, hit.b2);\n"
+    "}\n", NULL };
+
+enum { TRACE_HITS_WIDTH = 1024, TRACE_HITS_MOST = 1024 * 1024 };
+
+/* Casts rays (origin x y z 0, direction x y z 0 each) into the context's scene. */
+static int trace_hits(sbl_context *c, const float *rays, int count, traced_hit *hits) {
+    static const char *const *const vertex[] = { sbl__glsl_fullscreen_vertex, NULL };
+    static const char *const *const fragment[] = { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_traverse, trace_hits_main, NULL };
+    const sbl__gl *gl = &c->gl;
+    const sbl__texture *colors[1];
+    sbl__visit visit;
+    sbl__buffer buffer = { 0 };
+    sbl__texture target = { 0 };
+    unsigned program = 0, texels = 0, framebuffer = 0;
+    int rows = (count + TRACE_HITS_WIDTH - 1) / TRACE_HITS_WIDTH;
+    float *read = (float *)malloc((size_t)rows * TRACE_HITS_WIDTH * 16);
+    sbl_result result;
+    if (!read) abort();
+    sbl__visit_enter(c, &visit);
+    result = sbl__bvh_ready(gl, &c->scene);
+    if (result == SBL_SUCCESS)
+        result = sbl__program_make(gl, &program, "hits", c->scene.textured ? "#define SBL_STACK 64\n#define SBL_TEXTURED\n" : "#define SBL_STACK 64\n", vertex, fragment);
+    gl->BindVertexArray(c->empty_array);
+    if (result == SBL_SUCCESS) result = sbl__buffer_make(gl, &buffer, (size_t)count * 32, rays, SBL__GL_STREAM_DRAW, "sending rays");
+    if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &texels, SBL__GL_RGBA32F, &buffer, "sending rays");
+    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &target, TRACE_HITS_WIDTH, rows, SBL__GL_RGBA32F, NULL, "making a target");
+    colors[0] = &target;
+    if (result == SBL_SUCCESS) result = sbl__framebuffer_make(gl, &framebuffer, colors, 1, NULL, "making a target");
+    if (result == SBL_SUCCESS) {
+        gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, framebuffer);
+        gl->Disable(SBL__GL_DEPTH_TEST);
+        gl->Viewport(0, 0, TRACE_HITS_WIDTH, rows);
+        gl->UseProgram(program);
+        sbl__scene_bind(gl, &c->scene, program);
+        sbl__bind(gl, program, "sbl_nodes", 6, SBL__GL_TEXTURE_BUFFER, c->scene.node_texels);
+        sbl__bind(gl, program, "sbl_triangles", 7, SBL__GL_TEXTURE_BUFFER, c->scene.triangle_texels);
+        sbl__bind(gl, program, "rays", 8, SBL__GL_TEXTURE_BUFFER, texels);
+        sbl__uniform_3(gl, program, "grid_origin", c->scene.bvh.grid_origin);
+        sbl__uniform_3(gl, program, "grid_per_length", c->scene.bvh.grid_per_length);
+        sbl__uniform_i(gl, program, "node_count", c->scene.bvh.node_count);
+        sbl__uniform_i(gl, program, "ray_count", count);
+        sbl__uniform_i(gl, program, "width", TRACE_HITS_WIDTH);
+        gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
+        result = sbl__read_pixels(gl, framebuffer, 0, &target, rows, read, "reading hits");
+    }
+    if (result == SBL_SUCCESS) memcpy(hits, read, (size_t)count * sizeof *hits);
+    free(read);
+    sbl__name_delete(gl->DeleteFramebuffers, &framebuffer);
+    sbl__name_delete(gl->DeleteTextures, &texels);
+    sbl__texture_delete(gl, &target);
+    sbl__buffer_delete(gl, &buffer);
+    if (program) gl->DeleteProgram(program);
+    sbl__visit_leave(c, &visit);
+    return result == SBL_SUCCESS;
+}
+
+/* Does the ray pass so close by an edge of the triangle, or so flat, that float rounding may decide? `reach`: coordinates that rounding is relative to. */
+static int trace_hits_graze(const v3 corners[3], v3 origin, v3 direction, double t, double reach) {
+    v3 at = v3_mad(origin, direction, t), normal = v3_cross(v3_sub(corners[1], corners[0]), v3_sub(corners[2], corners[0]));
+    double slack = 1e-5 * reach / fmax(fabs(v3_dot(v3_unit(normal), direction)), 1e-3);
+    int k;
+    for (k = 0; k < 3; k++) {
+        v3 side = v3_sub(corners[(k + 1) % 3], corners[k]), to = v3_sub(at, corners[k]);
+        double along = fmin(fmax(v3_dot(to, side) / v3_dot(side, side), 0), 1);
+        if (v3_length(v3_sub(to, v3_scale(side, along))) < slack) return 1;
+    }
+    return 0;
+}
+
+typedef struct hits_compared {
+    int rays, hits;
+    int differ;       /* see another triangle, at another distance */
+    int ties;         /* see another triangle as far: they lie on each other, or the ray meets their common edge */
+    int unexplained;  /* of those that differ: neither triangle's edge is near */
+} hits_compared;
+
+/* Casts the rays with both; the casters' triangles are told by their corners. */
+static hits_compared trace_hits_compare(sbl_context *c, const ref_scene *scene, const float *rays, int count) {
+    hits_compared out = { 0, 0, 0, 0, 0 };
+    traced_hit *hits = (traced_hit *)malloc((size_t)count * sizeof *hits);
+    int i, k;
+    if (!hits) abort();
+    if (!trace_hits(c, rays, count, hits)) { out.differ = out.unexplained = count; free(hits); return out; }
+    for (i = 0; i < count; i++) {
+        v3 origin = v3_from(rays + 8 * i), direction = v3_from(rays + 8 * i + 4), mine[3];
+        ref_hit truth = ref_trace(scene, origin, direction, 0, 1e30, SBL_MATERIAL_HIDDEN_FROM_SENSORS);
+        double apart = 0, reach = v3_length(origin), farther;
+        int number = (int)hits[i].number;
+        out.rays++;
+        out.hits += number >= 0;
+        if (number < 0 && truth.triangle < 0) continue;
+        for (k = 0; k < 3 && number >= 0; k++) {
+            mine[k] = v3_from(c->scene.vertices[c->scene.indices[3 * (size_t)number + (size_t)k]].position);
+            reach = fmax(reach, v3_length(mine[k]));
+        }
+        for (k = 0; k < 3 && truth.triangle >= 0; k++) reach = fmax(reach, v3_length(scene->triangles[truth.triangle].p[k]));
+        if (number >= 0 && truth.triangle >= 0)
+            for (k = 0; k < 3; k++) apart = fmax(apart, v3_length(v3_sub(mine[k], scene->triangles[truth.triangle].p[k])));
+        if (number >= 0 && truth.triangle >= 0 && apart < 1e-6 * reach) continue;
+        farther = number >= 0 && truth.triangle >= 0 ? fabs((double)hits[i].distance - truth.t) : 1e30;
+        if (farther < 1e-5 * reach) { out.ties++; continue; }
+        out.differ++;
+        if (!(number >= 0 && trace_hits_graze(mine, origin, direction, (double)hits[i].distance, reach)) &&
+            !(truth.triangle >= 0 && trace_hits_graze(scene->triangles[truth.triangle].p, origin, direction, truth.t, reach))) out.unexplained++;
+    }
+    free(hits);
+    return out;
+}
+
+/* Cosine-distributed rays from `points` pixels of the finished picture that show a surface, `each` from every one; writes 8 floats a ray, returns how many. */
+static int trace_hits_rays(sbl_context *c, const sbl_picture_desc *view, int points, int each, uint64_t seed, float *rays) {
+    size_t pixels = (size_t)view->width * (size_t)view->height;
+    float *position = (float *)malloc(pixels * 28), *normal = position + 3 * pixels, *id = position + 6 * pixels;
+    int found = 0, count = 0, k, tries;
+    if (!position) abort();
+    if (sbl_read_channel(c, SBL_CHANNEL_POSITION, position, 3 * pixels) != SBL_SUCCESS || sbl_read_channel(c, SBL_CHANNEL_NORMAL, normal, 3 * pixels) != SBL_SUCCESS ||
+        sbl_read_channel(c, SBL_CHANNEL_ID, id, pixels) != SBL_SUCCESS) abort();
+    for (tries = 0; found < points && tries < 100 * points; tries++) {
+        size_t at = (size_t)(ref_random(&seed) * (double)pixels) % pixels;
+        v3 p = v3_from(position + 3 * at), n = v3_from(normal + 3 * at), right, up;
+        if (!(id[at] > 0)) continue;
+        found++;
+        right = v3_unit(v3_cross(fabs(n.z) < 0.9 ? v3_of(0, 0, 1) : v3_of(1, 0, 0), n));
+        up = v3_cross(n, right);
+        p = v3_mad(p, n, (double)c->picture.refine.pixels[at].offset);
+        for (k = 0; k < each; k++) {
+            double u = ref_random(&seed), a = 6.283185307 * ref_random(&seed);
+            v3 d = v3_add(v3_scale(n, sqrt(1 - u)), v3_add(v3_scale(right, sqrt(u) * cos(a)), v3_scale(up, sqrt(u) * sin(a))));
+            float *ray = rays + 8 * (size_t)count++;
+            ray[0] = (float)p.x; ray[1] = (float)p.y; ray[2] = (float)p.z; ray[3] = 0;
+            ray[4] = (float)d.x; ray[5] = (float)d.y; ray[6] = (float)d.z; ray[7] = 0;
+        }
+    }
+    free(position);
+    return count;
+}
+
+#endif
