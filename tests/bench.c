@@ -1,6 +1,9 @@
-/* bench: what gathering in batches is worth, on the Cornell box's 32 triangles.
+/* bench: how fast sbl.h gathers light.
 
-   Side by side in one process and one GL context, in several alternating runs, for each kind of sensor and several sizes:
+       bench [raster] [trace] [--json] [--quick] [FILE...]        both parts by default
+
+   raster: what gathering in batches is worth, on the Cornell box's 32 triangles. Side by side in one process and one GL context, in several
+   alternating runs, for each kind of sensor and several sizes:
 
        sbl      the gather of a picture with a sensor at every pixel (sbl_stats.seconds.gather)
        plain    the plain way, written here with GL of its own: for every sensor a clear, a draw per view, two reduction passes and a
@@ -8,13 +11,19 @@
        fill     the time in which GL fills as many texels as the sensors' views have, as often as the scene's mean depth complexity
                 (counted here by additive blending), by passes over a whole target that write a constant
 
+   trace: what rays cost in the Cornell box, in the same room filled with more and more triangles, and in scene FILEs (by default two rooms
+   beside the repository, where they lie there), against rasterised sensors of about the same error and, where it is installed, against Embree.
+   A sensor at every pixel; no lamps: every surface radiates its albedo, so that the light is smooth. All scenes and ways alternate.
+
    Prints medians of the runs; --json prints the same as one JSON object; --quick measures less. Never fails on a timing: only when
-   something does not work at all, or when both ways do not see the same light. */
-#define _POSIX_C_SOURCE 199309L
+   something does not work at all, or when two ways do not see the same light. */
+#define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
 #include "../sbl.h"
 #include "../examples/cornell_box.h"
 #include "../examples/host_gl.h"
+#include "../examples/scene_file.h"
+#include "bench_embree.h"
 #include <stdlib.h>
 #include <time.h>
 
@@ -419,8 +428,8 @@ static int sbl_gather(sbl_context *context, int hemicube, int size, int side, sb
 }
 
 /* Every stride-th surface point of the finished picture, and the mean of what sbl.h found there. */
-static int points_read(sbl_context *context, int width, int height, int most, points *p, double mean[3]) {
-    size_t pixels = (size_t)width * (size_t)height, i, count = 0, stride;
+static int points_read(sbl_context *context, int side, int most, points *p, double mean[3]) {
+    size_t pixels = (size_t)side * (size_t)side, i, count = 0, stride;
     float *values = (float *)malloc(pixels * 10 * sizeof(float));
     float *position = values, *normal = values + 3 * pixels, *radiance = values + 6 * pixels, *id = values + 9 * pixels;
     int k, ok;
@@ -445,7 +454,7 @@ static int points_read(sbl_context *context, int width, int height, int most, po
     return ok && p->count > 0;
 }
 
-/* ---- the runs */
+/* ---- raster: the runs */
 
 typedef struct row {
     int hemicube, size, runs;
@@ -475,7 +484,7 @@ static int row_measure(sbl_context *context, row *r, int runs, int side, int mos
     double light[3], plain_light[3];
     int run, ok;
     ok = sheet_make(&s, r->hemicube, r->size) && sbl_gather(context, r->hemicube, r->size, side, &stats) &&  /* warms up, too */
-         points_read(context, side, side, most, &p, light);
+         points_read(context, side, most, &p, light);
     if (ok) r->complexity = depth_complexity(&s, &p);
     if (ok) plain_gather(&s, &p, plain_light);
     for (run = 0; ok && run < runs; run++) {
@@ -506,9 +515,9 @@ static int row_measure(sbl_context *context, row *r, int runs, int side, int mos
     return ok;
 }
 
-static void print_table(const row *rows, int count, const char *renderer) {
+static void raster_table(const row *rows, int count) {
     int i;
-    printf("gather on %s\n32 triangles; medians, microseconds a sensor\n\n", renderer);
+    printf("raster: 32 triangles; medians, microseconds a sensor\n\n");
     printf("kind      size  sensors/s |     sbl  (total)     plain  plain/sbl | complexity    fill  sbl/fill | light\n");
     for (i = 0; i < count; i++) {
         const row *r = &rows[i];
@@ -529,12 +538,9 @@ static void print_table(const row *rows, int count, const char *renderer) {
            "light:     sbl's mean over the plain way's at the same points\n");
 }
 
-static void print_json(const row *rows, int count, const char *renderer) {
+static void raster_json(const row *rows, int count) {
     int i;
-    printf("{\"renderer\": \"");
-    for (; *renderer; renderer++)
-        if (*renderer != '"' && *renderer != '\\' && (unsigned char)*renderer >= ' ') putchar(*renderer);
-    printf("\", \"triangles\": %d, \"rows\": [", CORNELL_TRIANGLES);
+    printf(", \"triangles\": %d, \"rows\": [", CORNELL_TRIANGLES);
     for (i = 0; i < count; i++) {
         const row *r = &rows[i];
         printf("%s\n  {\"kind\": \"%s\", \"size\": %d, \"sensors\": %lld, \"runs\": %d, \"sbl_us\": %.3f, \"sbl_total_us\": %.3f, \"plain_us\": %.3f, \"speedup\": %.3f, "
@@ -543,29 +549,19 @@ static void print_json(const row *rows, int count, const char *renderer) {
                r->sensors, r->runs, median(r->sbl, r->runs), median(r->total, r->runs), median(r->plain, r->runs), median(r->speedup, r->runs), r->complexity,
                median(r->fill, r->runs), median(r->over_fill, r->runs), r->parts[CLEAR], r->parts[DRAW], r->parts[REDUCE], r->parts[READ], r->light_ratio);
     }
-    printf("\n]}\n");
+    printf("\n]");
 }
 
-#include "bench_trace.h"
-
-int main(int argc, char **argv) {
+static int raster_part(int json, int quick) {
     static row rows[2 * SIZES];
     sbl_context_desc desc = { 0 };
     sbl_context *context = NULL;
     cornell_box box;
-    int json = 0, quick = 0, raster = 1, trace = 1, i, ok, count = 0;
-    for (i = 1; i < argc; i++) {
-        if (strcmp(argv[i], "--json") == 0) json = 1;
-        else if (strcmp(argv[i], "--quick") == 0) quick = 1;
-        else if (strcmp(argv[i], "raster") == 0) trace = 0;
-        else if (strcmp(argv[i], "trace") == 0) raster = 0;
-        else return fprintf(stderr, "usage: bench [raster | trace] [--json] [--quick]\n"), 2;
-    }
-    if (!host_gl_open("bench")) return 1;
+    int i, ok, count = 0;
     desc.get_gl_function = gl_function;
     ok = sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, cornell_box_make(&box)) == SBL_SUCCESS &&
          plain_start(&box, sbl_picture_desc_defaults(NULL).epsilon);
-    for (i = 0; ok && raster && i < 2 * (quick ? 2 : SIZES); i++) {
+    for (i = 0; ok && i < 2 * (quick ? 2 : SIZES); i++) {
         row *r = &rows[count];
         r->hemicube = i % 2 == 0;
         r->size = sizes[i / 2];
@@ -578,10 +574,455 @@ int main(int argc, char **argv) {
         }
         count += ok;
     }
-    if (ok && raster) (json ? print_json : print_table)(rows, count, (const char *)gl.GetString(GL_RENDERER));
-    if (ok && trace) ok = bench_trace(context, quick, json, (const char *)gl.GetString(GL_RENDERER));
+    if (ok) (json ? raster_json : raster_table)(rows, count);
     sbl_destroy(context);
     plain_stop();
+    return ok;
+}
+
+/* ---- trace: rays in rooms of more and more triangles */
+
+enum { BALLS = 40, ROOMS = 5, FILES_MOST = 8, RAYS = 3, VIEWS = 5, SMALL_MOST = 48, SIDE_MOST = 1024 };
+enum { REFERENCE_RAYS = 4096, REFERENCE_SEED = 77 };
+enum { HEAVY = 200000 };  /* from so many triangles on rasterised sensors are measured once, in one size */
+static const int room_triangles[ROOMS] = { CORNELL_TRIANGLES, 1000, 32768, 131072, 1000000 };
+static const int ray_counts[RAYS] = { 64, 256, 1024 }, view_sizes[VIEWS] = { 4, 8, 16, 32, 64 };
+
+/* The Cornell box with balls of many sizes in it, all bumps: always the same shapes, more or less finely tessellated. */
+typedef struct room {
+    cornell_box box;
+    sbl_mesh meshes[CORNELL_QUADS + BALLS];
+    void *arrays[2 * BALLS];
+} room;
+
+static double room_random(uint32_t *state) {
+    *state = *state * 1664525u + 1013904223u;
+    return (*state >> 8) / 16777216.0;
+}
+
+/* About so many triangles; returns 0 where memory runs out. */
+static int ball_make(sbl_mesh *mesh, void *arrays[2], const double centre[3], double radius, int triangles) {
+    const double pi = 4 * atan(1.0);
+    int stacks = (int)((1 + sqrt(1.0 + triangles)) / 2), slices, vertices, i, j, n = 0;
+    float *positions;
+    uint32_t *indices;
+    if (stacks < 3) stacks = 3;
+    slices = (triangles + stacks - 1) / (2 * (stacks - 1));
+    if (slices < 3) slices = 3;
+    vertices = (stacks - 1) * slices + 2;
+    arrays[0] = positions = (float *)malloc((size_t)vertices * 3 * sizeof *positions);
+    arrays[1] = indices = (uint32_t *)malloc((size_t)slices * (size_t)(stacks - 1) * 6 * sizeof *indices);
+    if (!positions || !indices) return 0;
+    for (i = 0; i < vertices; i++) {  /* the two poles, then ring by ring */
+        double theta = i == 0 ? 0 : i == 1 ? pi : pi * ((i - 2) / slices + 1) / stacks, phi = 2 * pi * ((i + slices - 2) % slices) / slices;
+        double x = sin(theta) * cos(phi), y = cos(theta), z = sin(theta) * sin(phi);
+        double bumps = 0.12 * sin(5 * x + radius) * sin(4 * y) + 0.04 * sin(17 * y + x) * sin(13 * z) + 0.01 * sin(61 * z) * sin(53 * x);
+        double r = radius * (1 + bumps);
+        positions[3 * i] = (float)(centre[0] + r * x);
+        positions[3 * i + 1] = (float)(centre[1] + r * y);
+        positions[3 * i + 2] = (float)(centre[2] + r * z);
+    }
+    for (i = 0; i < stacks; i++)
+        for (j = 0; j < slices; j++) {
+            int ring = 2 + (i - 1) * slices, next = (j + 1) % slices;
+            uint32_t a = i > 0 ? (uint32_t)(ring + j) : 0, b = i > 0 ? (uint32_t)(ring + next) : 0;
+            uint32_t c = i < stacks - 1 ? (uint32_t)(ring + slices + j) : 1, d = i < stacks - 1 ? (uint32_t)(ring + slices + next) : 1;
+            if (i > 0) { indices[n++] = a; indices[n++] = b; indices[n++] = c; }
+            if (i < stacks - 1) { indices[n++] = b; indices[n++] = d; indices[n++] = c; }
+        }
+    mesh->positions.data = positions;
+    mesh->vertex_count = vertices;
+    mesh->indices.data = indices;
+    mesh->indices.type = SBL_UINT32;
+    mesh->index_count = n;
+    return 1;
+}
+
+static int room_make(room *r, int triangles, sbl_scene_desc *desc) {
+    const double size[3] = { 549, 548, 559 };
+    double centres[BALLS][3], radii[BALLS];
+    uint32_t random = 1;
+    int i, j, k, attempt, left = triangles - CORNELL_TRIANGLES;
+    *desc = *cornell_box_make(&r->box);
+    memcpy(r->meshes, r->box.meshes, sizeof r->box.meshes);
+    desc->meshes = r->meshes;
+    for (i = 0; i < BALLS && left > 0; i++) {
+        sbl_mesh *mesh = &r->meshes[CORNELL_QUADS + i];
+        double *centre = centres[i];
+        radii[i] = 90 * pow(6, -i / (BALLS - 1.0));  /* 90 to 15 */
+        for (attempt = 0; attempt < 1000; attempt++) {  /* until it touches no other */
+            for (k = 0; k < 3; k++) centre[k] = 1.2 * radii[i] + (size[k] - 2.4 * radii[i]) * room_random(&random);
+            for (j = 0; j < i; j++) {
+                double x = centre[0] - centres[j][0], y = centre[1] - centres[j][1], z = centre[2] - centres[j][2];
+                if (sqrt(x * x + y * y + z * z) < 1.15 * (radii[i] + radii[j])) break;
+            }
+            if (j == i) break;
+        }
+        if (!ball_make(mesh, r->arrays + 2 * i, centre, radii[i], left / (BALLS - i))) return fail("out of memory");
+        mesh->material = i % 3;
+        left -= mesh->index_count / 3;
+        desc->mesh_count++;
+    }
+    return 1;
+}
+
+typedef struct place {
+    char name[32];
+    sbl_scene_desc desc;
+    sbl_material *materials;      /* of desc, their lamps off */
+    room *room;                   /* whichever it is made of */
+    scene_file *file;
+    sbl_context *context;
+    embree *embree;
+    sbl_picture_desc view;        /* the camera */
+    points points;
+    int triangles, side, small;   /* sides of the pictures for speed, and for errors and views */
+    double light[3];              /* mean of R at the points */
+    float reference[3 * SMALL_MOST * SMALL_MOST];
+    double errors[RAYS + VIEWS];
+    int runs, view_runs[VIEWS];
+    double us[RAYS + VIEWS][RUNS_MOST], mrays[RAYS][RUNS_MOST];  /* microseconds a sensor, millions of rays a second */
+    double bvh[RUNS_MOST];                                       /* seconds */
+    size_t bvh_bytes;
+    double embree_mrays[RUNS_MOST], over_embree[RUNS_MOST];      /* with 64 rays; ours over Embree's */
+    double embree_light[3];
+} place;
+
+/* amount: rays of a traced sensor or texels across a rasterised one's view. */
+static int place_render(place *p, sbl_backend backend, int amount, int side, uint32_t seed, sbl_stats *stats) {
+    sbl_picture_desc view = p->view;
+    view.width = view.height = side;
+    view.mode = SBL_MODE_AMBIENT;
+    view.epsilon = 1;
+    view.backend = backend;
+    if (backend == SBL_BACKEND_TRACE) view.rays = amount;
+    else view.sensor_size = amount;
+    view.tile = 1;
+    view.filter_radius = -1;
+    view.samples = 1;
+    view.seed = seed;
+    if (sbl_render(p->context, &view) != SBL_SUCCESS) return 0;  /* sbl.h says what is wrong on stderr */
+    *stats = sbl_query_stats(p->context);
+    return (stats->backend == backend && stats->sensors > 0) || fail("the picture has no sensors");
+}
+
+/* Relative RMSE of R in the small picture just made. */
+static int place_error(const place *p, double *error) {
+    static float radiance[3 * SMALL_MOST * SMALL_MOST];
+    size_t values = 3 * (size_t)p->small * (size_t)p->small, i, count = 0;
+    double squares = 0, sum = 0;
+    if (sbl_read_channel(p->context, SBL_CHANNEL_RADIANCE, radiance, values) != SBL_SUCCESS) return 0;
+    for (i = 0; i < values; i++) {
+        double difference = (double)radiance[i] - (double)p->reference[i];
+        squares += difference * difference;
+        sum += (double)p->reference[i];
+        count += p->reference[i] > 0;
+    }
+    *error = count ? sqrt(squares / (double)count) / (sum / (double)count) : 1;
+    return 1;
+}
+
+/* Copies the materials, lamps off, and takes the file's camera, if it has one. */
+static int place_prepare(place *p) {
+    int i;
+    p->materials = (sbl_material *)malloc((size_t)(p->desc.material_count + 1) * sizeof *p->materials);
+    if (!p->materials) return fail("out of memory");
+    for (i = 0; i < p->desc.material_count; i++) {
+        p->materials[i] = p->desc.materials[i];
+        memset(p->materials[i].emission, 0, sizeof p->materials[i].emission);
+    }
+    p->desc.materials = p->materials;
+    if (p->room) cornell_box_view(&p->view, 1, 1);
+    else if (p->file->has_camera) {
+        const scene_file_camera *c = &p->file->camera;
+        const float *e = c->eye, *f = c->forward;
+        sbl_look_at(p->view.world_to_view, e[0], e[1], e[2], e[0] + f[0], e[1] + f[1], e[2] + f[2], c->up[0], c->up[1], c->up[2]);
+        sbl_perspective(p->view.view_to_clip, c->fov_y > 0 ? c->fov_y : c->fov_x, 1);
+    }
+    return 1;
+}
+
+/* Not that triangles without area were left out, every time. */
+static void log_error(sbl_log_level level, sbl_log_item item, const char *message, void *user) {
+    (void)item;
+    (void)user;
+    if (level == SBL_LOG_ERROR) fprintf(stderr, "%s\n", message);
+}
+
+/* Sizes of the pictures, the rays' errors, points for Embree; and all shaders are compiled before anything is timed. */
+static int place_open(place *p, int quick) {
+    sbl_context_desc desc = { 0 };
+    sbl_stats stats;
+    float bounds[2][3], extent = 0;
+    int i, k, most = quick ? 36 : SMALL_MOST * SMALL_MOST;
+    desc.get_gl_function = gl_function;
+    desc.logger.log = log_error;
+    if (!place_prepare(p) || sbl_create(&desc, &p->context) != SBL_SUCCESS || sbl_set_scene(p->context, &p->desc) != SBL_SUCCESS) return 0;
+    for (p->side = 64; ; p->side *= 2) {  /* long enough to be timed, on a GPU too */
+        for (k = 0; k < 2; k++)
+            if (!place_render(p, SBL_BACKEND_TRACE, ray_counts[0], p->side, 0, &stats)) return 0;
+        if (quick || stats.seconds.gather > 0.08 || p->side >= SIDE_MOST) break;
+    }
+    p->triangles = stats.triangles;
+    if (!points_read(p->context, p->side, p->side * p->side + 1, &p->points, p->light)) return 0;
+    p->small = (int)sqrt(fmin(fmax(4e6 / p->triangles, 49), most));  /* a rasterised sensor costs as much as the scene has triangles */
+    if (!place_render(p, SBL_BACKEND_TRACE, REFERENCE_RAYS, p->small, REFERENCE_SEED, &stats) ||
+        sbl_read_channel(p->context, SBL_CHANNEL_RADIANCE, p->reference, 3 * (size_t)p->small * (size_t)p->small) != SBL_SUCCESS) return 0;
+    for (i = 0; i < RAYS; i++)
+        if (!place_render(p, SBL_BACKEND_TRACE, ray_counts[i], p->small, 0, &stats) || !place_error(p, &p->errors[i])) return 0;
+    for (i = 0; i < VIEWS; i++) {
+        p->view_runs[i] = p->triangles < HEAVY ? 3 : view_sizes[i] == 8;
+        if (p->view_runs[i] && !place_render(p, SBL_BACKEND_RASTER, view_sizes[i], 1, 0, &stats)) return 0;
+    }
+    sbl_query_bounds(p->context, bounds[0], bounds[1]);
+    for (k = 0; k < 3; k++) extent = fmaxf(extent, bounds[1][k] - bounds[0][k]);
+    p->embree = embree_make(&p->desc, 1e-4f * extent);
+    return 1;
+}
+
+static void place_close(place *p) {
+    int i;
+    sbl_destroy(p->context);
+    embree_free(p->embree);
+    for (i = 0; p->room && i < 2 * BALLS; i++) free(p->room->arrays[i]);
+    free(p->room);
+    scene_file_free(p->file);
+    free(p->materials);
+    free(p->points.positions);
+}
+
+/* One run: the scene anew, then each way once. */
+static int place_run(place *p) {
+    sbl_stats stats;
+    int i, n = p->runs;
+    if (sbl_set_scene(p->context, &p->desc) != SBL_SUCCESS || !place_render(p, SBL_BACKEND_TRACE, ray_counts[0], 8, 0, &stats)) return 0;
+    p->bvh[n] = stats.bvh_seconds;
+    p->bvh_bytes = stats.bvh_bytes;
+    for (i = 0; i < RAYS; i++) {
+        if (!place_render(p, SBL_BACKEND_TRACE, ray_counts[i], i < 2 ? p->side : p->side / 2, 0, &stats)) return 0;
+        p->us[i][n] = 1e6 * stats.seconds.gather / (double)stats.sensors;
+        p->mrays[i][n] = 1e-6 * (double)stats.rays / stats.seconds.gather;
+    }
+    if (p->embree) {
+        const points *at = &p->points;
+        double seconds = embree_gather(p->embree, &at->positions->x, &at->normals->x, at->count, ray_counts[0], p->embree_light);
+        if (!(seconds > 0)) return fail("no threads for Embree");
+        p->embree_mrays[n] = 1e-6 * at->count * ray_counts[0] / seconds;
+        p->over_embree[n] = p->mrays[0][n] / p->embree_mrays[n];
+    }
+    for (i = 0; i < VIEWS; i++) {
+        if (n >= p->view_runs[i]) continue;
+        if (!place_render(p, SBL_BACKEND_RASTER, view_sizes[i], p->small, 0, &stats) || !place_error(p, &p->errors[RAYS + i])) return 0;
+        p->us[RAYS + i][n] = 1e6 * stats.seconds.gather / (double)stats.sensors;
+    }
+    p->runs++;
+    return 1;
+}
+
+/* ---- trace: what it comes to */
+
+/* The median of a[run] / b[run]. */
+static double median_ratio(const double *a, const double *b, int runs) {
+    double ratios[RUNS_MOST];
+    int i;
+    for (i = 0; i < runs; i++) ratios[i] = a[i] / b[i];
+    return median(ratios, runs);
+}
+
+/* The size of view whose error is nearest to that of rays, and how many times as many sensors a second are traced. */
+typedef struct pair { int texels; double errors, speedup; } pair;
+
+static pair place_pair(const place *p, int way) {
+    pair best = { 0, 1e30, 0 };
+    int v;
+    for (v = 0; v < VIEWS; v++) {
+        double errors = p->errors[way] / p->errors[RAYS + v];
+        if (!p->view_runs[v] || !(fabs(log(errors)) < fabs(log(best.errors)))) continue;
+        best.texels = view_sizes[v];
+        best.errors = errors;
+        best.speedup = median_ratio(p->us[RAYS + v], p->us[way], p->runs < p->view_runs[v] ? p->runs : p->view_runs[v]);
+    }
+    return best;
+}
+
+static double view_median(const place *p, int view) {
+    return median(p->us[RAYS + view], p->runs < p->view_runs[view] ? p->runs : p->view_runs[view]);
+}
+
+static const struct { const char *name, *path; } default_files[2] = {
+    { "staircase2", "../shared/scenes/staircase2/staircase2.glb" }, { "living-room", "../shared/scenes/living-room/living-room.glb" } };
+
+static struct { place *places; int count, skipped[2]; } trace;
+
+static void trace_table(void) {
+    const place *base = &trace.places[1];
+    int i, k, embree_on = base->embree != NULL;
+    printf("trace: no lamps, every surface radiates its albedo; medians of %d runs\n\n", base->runs);
+    printf("                         |      Mrays/s by rays   | microseconds a sensor | growth |  Embree  sbl /  | BVH: seconds/million  bytes/\n"
+           "scene          triangles |    64     256    1024  |    64     256    1024 |   (64) | Mrays/s  Embree |        sbl   Embree triangle\n");
+    for (i = 0; i < trace.count; i++) {
+        const place *p = &trace.places[i];
+        printf("%-16.16s %7d |", p->name, p->triangles);
+        for (k = 0; k < RAYS; k++) printf(" %5.2f  ", median(p->mrays[k], p->runs));
+        printf("|");
+        for (k = 0; k < RAYS; k++) printf(" %5.1f%s", median(p->us[k], p->runs), k < RAYS - 1 ? "  " : " ");
+        printf("| %5.2fx |", median_ratio(p->us[0], base->us[0], p->runs));
+        if (p->embree) printf(" %7.2f  %5.2fx |", median(p->embree_mrays, p->runs), median(p->over_embree, p->runs));
+        else printf("       -       - |");
+        if (p->triangles < 1000) printf("          -        -        -\n");
+        else {
+            printf(" %10.2f", 1e6 * median(p->bvh, p->runs) / p->triangles);
+            if (p->embree) printf(" %8.2f", 1e6 * p->embree->build_seconds / p->triangles);
+            else printf("        -");
+            printf(" %8.1f\n", (double)p->bvh_bytes / p->triangles);
+        }
+    }
+    printf("\nerror in %% and microseconds of a sensor with\n"
+           "scene          triangles  pixels |  64 rays      256 rays     1024 rays    |  4 texels        8 texels         "
+           "16 texels        32 texels        64 texels\n");
+    for (i = 0; i < trace.count; i++) {
+        const place *p = &trace.places[i];
+        printf("%-16.16s %7d %7d |", p->name, p->triangles, p->small * p->small);
+        for (k = 0; k < RAYS; k++) printf(" %5.2f %6.1f", 100 * p->errors[k], median(p->us[k], p->runs));
+        printf(" |");
+        for (k = 0; k < VIEWS; k++)
+            if (p->view_runs[k]) printf(" %5.2f %9.1f ", 100 * p->errors[RAYS + k], view_median(p, k));
+            else printf("     -         - ");
+        printf("\n");
+    }
+    printf("\ntraced sensors a second over rasterised ones of the nearest error (texels, the rays' error over theirs)\n"
+           "scene          triangles |  64 rays                256 rays               1024 rays\n");
+    for (i = 0; i < trace.count; i++) {
+        const place *p = &trace.places[i];
+        printf("%-16.16s %7d |", p->name, p->triangles);
+        for (k = 0; k < RAYS; k++) {
+            pair best = place_pair(p, k);
+            printf(" %7.1fx (%2d, %4.2f)%s", best.speedup, best.texels, best.errors, k < RAYS - 1 ? "    " : "\n");
+        }
+    }
+    for (i = 0; i < 2; i++)
+        if (trace.skipped[i]) printf("%s: skipped, there is no %s\n", default_files[i].name, default_files[i].path);
+    printf("\ngrowth:  microseconds a sensor over those among %d triangles, run by run\n", base->triangles);
+    if (embree_on)
+        printf("Embree:  rtcIntersect1 on %d threads, one ray at a time, 64 rays a point: the same points and normals, a like distribution;\n"
+               "         making the rays and adding up what they hit included, textures and cutouts not looked at. Ours: all of gather\n",
+               base->embree->threads);
+    else printf("Embree:  not there when the bench was built\n");
+    printf("BVH:     one thread builds it\n"
+           "error:   relative RMSE of R over the pixels of a small picture, against %d traced rays of another seed, that is, against sbl.h itself\n"
+           "texels:  across the views of a hemicube; from %d triangles on one size, once\n", REFERENCE_RAYS, HEAVY);
+}
+
+static void trace_json(void) {
+    int i, k;
+    printf(", \"trace\": {\"reference_rays\": %d, \"scenes\": [", REFERENCE_RAYS);
+    for (i = 0; i < trace.count; i++) {
+        const place *p = &trace.places[i];
+        printf("%s\n  {\"scene\": \"%s\", \"triangles\": %d, \"sensors\": %d, \"runs\": %d, \"growth\": %.3f, ", i ? "," : "", p->name, p->triangles,
+               p->points.count, p->runs, median_ratio(p->us[0], trace.places[1].us[0], p->runs));
+        printf("\"bvh_seconds\": %.4f, \"bvh_bytes\": %lld, \"ways\": [", median(p->bvh, p->runs), (long long)p->bvh_bytes);
+        for (k = 0; k < RAYS; k++)
+            printf("%s{\"rays\": %d, \"us\": %.3f, \"mrays\": %.4f, \"error\": %.5f}", k ? ", " : "", ray_counts[k], median(p->us[k], p->runs),
+                   median(p->mrays[k], p->runs), p->errors[k]);
+        for (k = 0; k < VIEWS; k++)
+            if (p->view_runs[k])
+                printf(", {\"texels\": %d, \"us\": %.1f, \"error\": %.5f}", view_sizes[k], view_median(p, k), p->errors[RAYS + k]);
+        printf("], \"error_pixels\": %d, \"nearest_error\": [", p->small * p->small);
+        for (k = 0; k < RAYS; k++) {
+            pair best = place_pair(p, k);
+            printf("%s{\"rays\": %d, \"texels\": %d, \"errors\": %.4f, \"speedup\": %.2f}", k ? ", " : "", ray_counts[k], best.texels,
+                   best.errors, best.speedup);
+        }
+        printf("], \"embree\": ");
+        if (p->embree)
+            printf("{\"threads\": %d, \"mrays\": %.4f, \"sbl_over_embree\": %.4f, \"build_seconds\": %.4f}}", p->embree->threads,
+                   median(p->embree_mrays, p->runs), median(p->over_embree, p->runs), p->embree->build_seconds);
+        else printf("null}");
+    }
+    printf("\n], \"skipped\": [");
+    for (i = 0, k = 0; i < 2; i++)
+        if (trace.skipped[i]) printf("%s\"%s\"", k++ ? ", " : "", default_files[i].name);
+    printf("]}");
+}
+
+/* Rooms and files; before there is GL, since files are read in a child process. */
+static int trace_load(int quick, char **files, int file_count) {
+    int rooms = quick ? 3 : ROOMS, i;
+    trace.places = (place *)calloc(ROOMS + FILES_MOST, sizeof *trace.places);
+    if (!trace.places) return fail("out of memory");
+    for (i = 0; i < rooms; i++) {
+        place *p = &trace.places[trace.count++];
+        snprintf(p->name, sizeof p->name, i ? "room" : "Cornell box");
+        p->room = (room *)calloc(1, sizeof *p->room);
+        if (!p->room) return fail("out of memory");
+        if (!room_make(p->room, room_triangles[i], &p->desc)) return 0;
+    }
+    for (i = 0; i < (file_count ? file_count : quick ? 0 : 2); i++) {
+        const char *path = file_count ? files[i] : default_files[i].path, *name = strrchr(path, '/') ? strrchr(path, '/') + 1 : path;
+        place *p = &trace.places[trace.count];
+        char error[512];
+        trace.skipped[i % 2] = !file_count && access(path, R_OK) != 0;
+        if (!file_count && trace.skipped[i]) continue;
+        p->file = scene_file_load(path, NULL, error, sizeof error);
+        if (!p->file) return fail(error);
+        for (; *name && *name != '.' && strlen(p->name) + 1 < sizeof p->name; name++)
+            p->name[strlen(p->name)] = *name == '"' || *name == '\\' || (unsigned char)*name < ' ' ? '_' : *name;
+        p->desc = p->file->scene;
+        p->desc.sky[0] = p->desc.sky[1] = p->desc.sky[2] = 1;
+        trace.count++;
+    }
+    return 1;
+}
+
+static int trace_part(int json, int quick) {
+    int i, run, ok = 1;
+    for (i = 0; i < trace.count && ok; i++) ok = place_open(&trace.places[i], quick);
+    for (run = 0; ok && run < (quick ? 1 : 5); run++)
+        for (i = 0; i < trace.count && ok; i++) ok = place_run(&trace.places[i]);
+    for (i = 0; i < trace.count && ok; i++) {
+        const place *p = &trace.places[i];
+        double ratio = (p->light[0] + p->light[1] + p->light[2]) / (p->embree_light[0] + p->embree_light[1] + p->embree_light[2]);
+        if (!p->embree || !p->room || fabs(ratio - 1) < 0.01) continue;
+        fprintf(stderr, "bench: among %d triangles sbl.h finds %.3f times Embree's light: not the same work\n", p->triangles, ratio);
+        ok = 0;
+    }
+    if (ok) (json ? trace_json : trace_table)();
+    return ok;
+}
+
+static void trace_free(void) {
+    while (trace.count) place_close(&trace.places[--trace.count]);
+    free(trace.places);
+}
+
+int main(int argc, char **argv) {
+    char *files[FILES_MOST];
+    int json = 0, quick = 0, file_count = 0, raster_on = 0, trace_on = 0, i, ok;
+    for (i = 1; i < argc; i++) {
+        if (strcmp(argv[i], "--json") == 0) json = 1;
+        else if (strcmp(argv[i], "--quick") == 0) quick = 1;
+        else if (strcmp(argv[i], "raster") == 0) raster_on = 1;
+        else if (strcmp(argv[i], "trace") == 0) trace_on = 1;
+        else if (argv[i][0] != '-' && file_count < FILES_MOST) files[file_count++] = argv[i];
+        else return fprintf(stderr, "usage: bench [raster] [trace] [--json] [--quick] [FILE...]\n"), 2;
+    }
+    if (!raster_on && !trace_on) raster_on = trace_on = 1;
+    ok = !trace_on || trace_load(quick, files, file_count);
+    ok = ok && host_gl_open("bench");
+    if (ok) {
+        const char *renderer = (const char *)gl.GetString(GL_RENDERER);
+        if (json) {
+            printf("{\"renderer\": \"");
+            for (; *renderer; renderer++)
+                if (*renderer != '"' && *renderer != '\\' && (unsigned char)*renderer >= ' ') putchar(*renderer);
+            printf("\"");
+        } else printf("%s\n\n", renderer);
+        if (raster_on) ok = raster_part(json, quick);
+        if (!json && raster_on && trace_on) printf("\n");
+        if (ok && trace_on) ok = trace_part(json, quick);
+        if (json) printf("}\n");
+    }
+    trace_free();
     host_gl_close();
     return !ok;
 }

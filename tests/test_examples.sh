@@ -112,12 +112,16 @@ bench_rooms() {
     cat "$folder/bench.json"
     python3 - "$folder/bench.json" << 'END'
 import json, sys
-rooms = json.load(open(sys.argv[1]))["rooms"]
-assert len(rooms) == 2 and rooms[0]["triangles"] == 32 and 500 < rooms[1]["triangles"] <= 1000, "the rooms"
-for r in rooms:
-    for key in ("mrays_64", "mrays_256", "us", "bvh_bytes", "raster_us"):
-        assert r[key] > 0, key
-    assert 0.01 < r["error_64"] < 0.06 and r["raster_size"] in (4, 8, 16, 32), "errors"
+scenes = json.load(open(sys.argv[1]))["trace"]["scenes"]
+assert [round(s["triangles"], -2) for s in scenes] == [0, 1000, 32800], "the rooms"
+for s in scenes:
+    rays, views = [w for w in s["ways"] if "rays" in w], [w for w in s["ways"] if "texels" in w]
+    assert s["sensors"] > 1000 and s["bvh_bytes"] > 0 and s["growth"] > 0, "the scene"
+    assert all(abs(w["mrays"] * w["us"] / w["rays"] - 1) < 0.01 for w in rays), "rays a sensor"
+    for ways, most in ((rays, 0.07), (views, 0.12)):
+        errors = [w["error"] for w in ways]
+        assert errors == sorted(errors, reverse=True) and 0.0005 < errors[-1] and errors[0] < most, "errors"
+    assert all(0.2 < p["errors"] < 5 for p in s["nearest_error"]), "like errors"
 END
 }
 check bench_rooms bench_rooms
