@@ -105,6 +105,9 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float li
             float u = r.x * q.y - r.y * q.x, v = p.x * r.y - p.y * r.x, w = q.x * p.y - q.y * p.x, determinant = u + v + w;
             bool inside = ((u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0)) && determinant != 0.0;
             float l = (u * p.z + v * q.z + w * r.z) * per_z / determinant;
+            // A triangle that the ray starts beside, its own above all, must not be hit by rounding: it grows with how thin the triangle is.
+            float deep = max(abs(p.z), max(abs(q.z), abs(r.z))), wide = max(dot(p.xy, p.xy), max(dot(q.xy, q.xy), dot(r.xy, r.xy)));
+            inside = inside && l > 1e-4 * deep || inside && l * abs(determinant) > 1.2e-7 * deep * wide;
             int number = int(second.w);
             bool behind = l > after || (l == after && number > past);
             if (inside && behind && (l < hit.distance || (l == hit.distance && number < hit.number)))
