@@ -759,14 +759,15 @@ static const char *const sbl__glsl_gbuffer_vertex[] = {
 static const char *const sbl__glsl_lamps[] = {
     "// Light from emitting triangles. What each gives where nothing stands between is known in closed form; rays only measure which share of it arrives\n",
     "// (the ratio estimator: Heitz, Hill and McGuire 2018, \"Combining analytic direct illumination and stochastic shadows\").\n",
-    "// One invocation is one sensor, so that neighbours trace neighbouring rays and each stops as soon as it knows enough.\n",
+    "// One invocation is one sensor, or a part of its rays where they are many: neighbours trace neighbouring rays, and each stops as soon as it knows enough.\n",
     "uniform usamplerBuffer sbl_points;    // a sensor, three texels: position; normal; first of its directions, of its lamp points, two hashes for these\n",
     "uniform usamplerBuffer sbl_sequence;  // see trace.glsl\n",
     "uniform usamplerBuffer sbl_lamps;     // emitting triangles, as sbl_triangles counts\n",
     "uniform int lamp_count, rays;         // at most SBL_LAMPS; at most so many rays a sensor\n",
     "uniform int columns, first_slot, count;\n",
+    "uniform int parts;                    // of a sensor, one below the other\n",
     "uniform float unit;                   // radiance that calculations are in: the scene's highest, so that none overflows\n",
-    "layout(location = 0) out vec4 out_light;  // R; the variance of its channels' mean\n",
+    "layout(location = 0) out vec4 out_light;  // R, each part's own; the variance of its channels' mean\n",
     "\n",
     "const float PI = 3.14159265;\n",
     "\n",
@@ -829,7 +830,7 @@ static const char *const sbl__glsl_lamps[] = {
     "}\n",
     "\n",
     "void main() {\n",
-    "    int sensor = int(gl_FragCoord.y) * columns + int(gl_FragCoord.x) - first_slot;\n",
+    "    int part = int(gl_FragCoord.y) % parts, sensor = int(gl_FragCoord.y) / parts * columns + int(gl_FragCoord.x) - first_slot;\n",
     "    if (sensor < 0 || sensor >= count) discard;\n",
     "    uvec4 words = texelFetch(sbl_points, 3 * sensor + 2);\n",
     "    vec3 position = uintBitsToFloat(texelFetch(sbl_points, 3 * sensor).xyz), n = uintBitsToFloat(texelFetch(sbl_points, 3 * sensor + 1).xyz);\n",
@@ -851,7 +852,7 @@ static const char *const sbl__glsl_lamps[] = {
     "    const int step = 4;  // the first quarter tells whether there is more to know: what it overlooks is less than a sample's share\n",
     "    bool undecided = total > 0.0;\n",
     "    for (int pass = 0; pass < step && undecided; pass++) {\n",
-    "        for (int k = pass; k < rays; k += step) {\n",
+    "        for (int k = part + pass * parts; k < rays; k += step * parts) {\n",
     "            uvec2 fraction = texelFetch(sbl_sequence, int(words.y) + k).xy ^ words.zw;\n",
     "            vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0;\n",
     "\n",
@@ -894,9 +895,9 @@ static const char *const sbl__glsl_lamps[] = {
     "        undecided = seen != vec3(0) && seen != open;  // all is open, or nothing: the first samples tell\n",
     "    }\n",
     "    vec3 share = vec3(open.r > 0.0 ? seen.r / open.r : 0.0, open.g > 0.0 ? seen.g / open.g : 0.0, open.b > 0.0 ? seen.b / open.b : 0.0);\n",
-    "    float mean = dot(all, vec3(1.0 / 3.0)), part = samples > 0.0 ? lit / samples : 0.0;\n",
+    "    float mean = dot(all, vec3(1.0 / 3.0)), lit_share = samples > 0.0 ? lit / samples : 0.0;\n",
     "    // stratified points have far less variance than independent ones: a tenth is what edges across a lamp leave\n",
-    "    out_light = vec4(all * share * unit, samples > 0.0 ? 0.1 * mean * mean * part * (1.0 - part) / samples * unit * unit : 0.0);\n",
+    "    out_light = vec4(all * share * unit, samples > 0.0 ? 0.1 * mean * mean * lit_share * (1.0 - lit_share) / samples * unit * unit : 0.0);\n",
     "}\n",
     0 };
 static const char *const sbl__glsl_reduce_blocks[] = {
@@ -939,8 +940,8 @@ static const char *const sbl__glsl_reduce_sum[] = {
     "uniform int slots;     // sheets in the atlas\n",
     "uniform int width;     // of the results' texture\n",
     "uniform int first, last;\n",
-    "uniform sampler2D lights;  // a texel a sensor: light that comes on top; its variance\n",
-    "uniform bool lit;          // there are any\n",
+    "uniform sampler2D lights;  // parts texels a sensor, one below the other, whose mean comes on top: light; its variance\n",
+    "uniform int parts;         // 0: there are none\n",
     "layout(location = 0) out vec4 out_sum;\n",
     "layout(location = 1) out vec4 out_hits;  // w: the variance of the light's mean over the channels, where rays sampled it\n",
     "\n",
@@ -962,12 +963,12 @@ static const char *const sbl__glsl_reduce_sum[] = {
     "        hits.xyw += row_hits.xyw;\n",
     "    }\n",
     "    // where rays were traced, blocks are independent estimates of a share each, and w sums their squares\n",
-    "    float parts = float(blocks.x * blocks.y), mean = dot(sum.rgb, vec3(1.0 / 3.0));\n",
-    "    hits.w = parts > 1.0 ? max((hits.w - mean * mean / parts) * parts / (parts - 1.0), 0.0) : 0.0;\n",
-    "    if (lit) {\n",
-    "        vec4 light = texelFetch(lights, ivec2(slot % columns, slot / columns), 0);\n",
+    "    float n = float(blocks.x * blocks.y), mean = dot(sum.rgb, vec3(1.0 / 3.0));\n",
+    "    hits.w = n > 1.0 ? max((hits.w - mean * mean / n) * n / (n - 1.0), 0.0) : 0.0;\n",
+    "    for (int i = 0; i < parts; i++) {\n",
+    "        vec4 light = texelFetch(lights, ivec2(slot % columns, slot / columns * parts + i), 0) / float(parts);\n",
     "        sum.rgb += light.rgb;\n",
-    "        hits.w += light.a;\n",
+    "        hits.w += light.a / float(parts);\n",
     "    }\n",
     "    out_sum = sum;\n",
     "    out_hits = hits;\n",
@@ -2187,6 +2188,7 @@ typedef struct sbl__bvh {     /* see >>bvh */
     uint32_t *order;             /* triangle numbers, leaf after leaf */
     int node_count, triangle_count, depth;
     float grid_origin[3], grid_per_length[3];
+    double cost;                 /* nodes and triangles that a ray across the scene meets on average, by the surface-area heuristic */
     double seconds;
 } sbl__bvh;
 
@@ -3081,7 +3083,7 @@ static void sbl__bvh_free(sbl__base *base, sbl__bvh *bvh) {
 static sbl_result sbl__bvh_build(sbl__base *base, sbl__bvh *bvh, const sbl__scene *s) {
     double start = sbl__now();
     size_t room = (size_t)SBL__MAX(1, s->triangle_count);
-    sbl__box *boxes;
+    sbl__box *boxes, whole = { { 0, 0, 0 }, { 0, 0, 0 } };
     sbl__bvh_task stack[2 * SBL__BVH_STACK], *task = stack;
     sbl_result result = SBL_SUCCESS;
     int top = 0, i, k;
@@ -3114,6 +3116,7 @@ static sbl_result sbl__bvh_build(sbl__base *base, sbl__bvh *bvh, const sbl__scen
     if (bvh->triangle_count) {  /* else sensors may see nothing at all */
         task->first = task->depth = 0;
         task->count = bvh->triangle_count;
+        whole = task->box;
         task->grid = sbl__bvh_add_grid(bvh, &task->box, 0);
         task->word = 3;
         memcpy(bvh->grid_origin, task->grid.origin, 12);
@@ -3142,6 +3145,7 @@ static sbl_result sbl__bvh_build(sbl__base *base, sbl__bvh *bvh, const sbl__scen
         for (side = 0; side < 2; side++) {
             int first = side ? t.first + left : t.first, count = side ? t.count - left : left;
             sbl__bvh_quantise(&t.grid, &halves[side], node + 4 * side);
+            bvh->cost += (double)sbl__box_area(&halves[side]) * (count <= SBL__BVH_LEAF ? 1 + count : 1);
             if (count <= SBL__BVH_LEAF) node[4 * side + 3] = 0x80000000u | (uint32_t)(SBL__MAX(1, count) - 1) << 28 | (uint32_t)first;
             else {
                 task = &stack[top++];
@@ -3156,6 +3160,7 @@ static sbl_result sbl__bvh_build(sbl__base *base, sbl__bvh *bvh, const sbl__scen
         bvh->node_count++;
     }
     sbl__free(base, boxes);
+    bvh->cost /= SBL__MAX((double)sbl__box_area(&whole), 1e-30);
     if (result != SBL_SUCCESS) sbl__bvh_free(base, bvh);
     bvh->seconds = sbl__now() - start;
     return result;
@@ -3542,6 +3547,7 @@ typedef struct sbl__gather {
     float spread;               /* traced: 1 for the hemisphere, 0 for rays along the normal only */
     int rays;                   /* traced: directions of a sensor; 0: rasterised */
     int lamp_rays;              /* at most so many more towards lamps; 0: lamps are met by chance */
+    int lamp_parts;             /* shader invocations that share them */
     float length;               /* world units of a distance that the shaders give */
     sbl__buffer point_buffer, sequence_buffer;
     unsigned point_texels, sequence_texels;
@@ -3768,7 +3774,7 @@ static void sbl__gather_reduce(const sbl__gl *gl, const sbl__gather *g, const un
     sbl__bind(gl, programs[1], "block_sums", 0, SBL__GL_TEXTURE_2D, g->block_sums.id);
     sbl__bind(gl, programs[1], "block_hits", 1, SBL__GL_TEXTURE_2D, g->block_hits.id);
     sbl__bind(gl, programs[1], "lights", 2, SBL__GL_TEXTURE_2D, g->lamp_rays ? g->lights.id : g->block_sums.id);
-    sbl__uniform_i(gl, programs[1], "lit", g->lamp_rays > 0);
+    sbl__uniform_i(gl, programs[1], "parts", g->lamp_parts);
     gl->Uniform2i(sbl__uniform(gl, programs[1], "blocks"), g->layout.blocks[0], g->layout.blocks[1]);
     sbl__uniform_i(gl, programs[1], "columns", g->columns);
     sbl__uniform_i(gl, programs[1], "slots", g->slots);
@@ -3781,7 +3787,11 @@ static void sbl__gather_reduce(const sbl__gl *gl, const sbl__gather *g, const un
 
 /* The second way to see: rays. Sensors stand in the block textures as if their texels were already reduced, and go on as rasterised ones do. */
 
-#define SBL__CHUNK 16            /* rays of one shader invocation: some software renderers end one silently after about 65,000 loop turns */
+/* Rays of one shader invocation: some software renderers end one silently after about 65,000 loop turns, of which a ray takes about the hierarchy's
+   cost on average, and some times that in places. */
+#define SBL__CHUNK 16
+#define SBL__LAMP_CHUNK 256
+#define SBL__LOOP_TURNS 16000
 #define SBL__RAYS_A_DRAW 1000000 /* keeps a draw short on any machine */
 
 /* The first `count` points of the Sobol sequence's first two dimensions (Joe and Kuo 2008), 32-bit fractions. */
@@ -3805,10 +3815,11 @@ static int sbl__morton_order(const void *first, const void *second) {
 }
 
 /* Sensors of so many rays over the hemisphere and at most so many to lamps; spread 0: rays along the normal only. */
-static sbl_result sbl__trace_setup(const sbl__gl *gl, sbl__gather *g, int rays, int lamp_rays, float spread, float epsilon, int batch) {
+static sbl_result sbl__trace_setup(const sbl__gl *gl, sbl__gather *g, const sbl__bvh *bvh, int rays, int lamp_rays, float spread, float epsilon, int batch) {
     const char *what = "making the rays' textures";
     const sbl__texture *colors[2];
-    int chunk = SBL__MIN(SBL__CHUNK, (rays + 7) / 8), chunks = (rays + chunk - 1) / chunk, rows, i;
+    int most = SBL__MAX(1, (int)(SBL__LOOP_TURNS / (bvh->cost + 20)));
+    int chunk = SBL__MIN(SBL__MIN(SBL__CHUNK, most), (rays + 7) / 8), chunks = (rays + chunk - 1) / chunk, rows, i;
     size_t points = (size_t)(rays + lamp_rays) * SBL__MAX_LOOKS;
     uint32_t *sequence, *lamp_sequence;
     sbl_result result;
@@ -3818,11 +3829,12 @@ static sbl_result sbl__trace_setup(const sbl__gl *gl, sbl__gather *g, int rays, 
     g->layout.blocks[1] = (chunks + 3) / 4;
     g->rays = rays;
     g->lamp_rays = lamp_rays;
+    g->lamp_parts = (lamp_rays + SBL__MIN(SBL__LAMP_CHUNK, most) - 1) / SBL__MIN(SBL__LAMP_CHUNK, most);
     g->spread = spread;
     g->epsilon = epsilon;
     g->length = g->radiance_scale = 1;
     g->columns = SBL__MAX(1, SBL__MIN(256, SBL__MIN(1024, gl->capabilities.max_texture_size) / g->layout.blocks[0]));
-    rows = SBL__MAX(1, SBL__MIN(1024 / g->layout.blocks[1], SBL__MAX_SLOTS / g->columns));
+    rows = SBL__MAX(1, SBL__MIN(1024 / SBL__MAX(g->layout.blocks[1], g->lamp_parts), SBL__MAX_SLOTS / g->columns));
     g->slots = g->columns * rows;
     g->draw_limit = SBL__MAX(1, SBL__MIN(SBL__RAYS_A_DRAW / (rays + lamp_rays), batch > 0 ? SBL__MIN(batch, g->slots) : g->slots));
     sequence = (uint32_t *)sbl__alloc(gl->base, points, 8);
@@ -3844,7 +3856,7 @@ static sbl_result sbl__trace_setup(const sbl__gl *gl, sbl__gather *g, int rays, 
     colors[0] = &g->block_sums;
     colors[1] = &g->block_hits;
     if (result == SBL_SUCCESS) result = sbl__framebuffer_make(gl, &g->block_framebuffer, colors, 2, NULL, what);
-    if (result == SBL_SUCCESS && lamp_rays) result = sbl__texture_make(gl, &g->lights, g->columns, rows, SBL__GL_RGBA32F, NULL, what);
+    if (result == SBL_SUCCESS && lamp_rays) result = sbl__texture_make(gl, &g->lights, g->columns, rows * g->lamp_parts, SBL__GL_RGBA32F, NULL, what);
     colors[0] = &g->lights;
     if (result == SBL_SUCCESS && lamp_rays) result = sbl__framebuffer_make(gl, &g->light_framebuffer, colors, 1, NULL, what);
     return result;
@@ -3899,11 +3911,12 @@ static sbl_result sbl__trace_draw(const sbl__gl *gl, sbl__gather *g, const sbl__
     gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
     if (g->lamp_rays) {
         gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->light_framebuffer);
-        gl->Viewport(0, row, g->columns, last_row - row + 1);
+        gl->Viewport(0, row * g->lamp_parts, g->columns, (last_row - row + 1) * g->lamp_parts);
         sbl__trace_bind(gl, g, scene, programs[1], slot, count);
         sbl__bind(gl, programs[1], "sbl_lamps", 10, SBL__GL_TEXTURE_BUFFER, scene->lamp_texels);
         sbl__uniform_i(gl, programs[1], "lamp_count", scene->lamp_count);
         sbl__uniform_i(gl, programs[1], "rays", g->lamp_rays);
+        sbl__uniform_i(gl, programs[1], "parts", g->lamp_parts);
         sbl__uniform_f(gl, programs[1], "unit", SBL__MAX(scene->max_radiance, 1e-37f));
         gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
     }
@@ -4533,7 +4546,7 @@ static sbl_result sbl__picture_trace(sbl_context *c) {
     const sbl_picture_desc *d = &c->picture.desc;
     const sbl__scene *s = &c->scene;
     int dark = s->lamp_count && !(d->epsilon + s->sky[0] + s->sky[1] + s->sky[2] > 0);
-    return sbl__trace_setup(&c->gl, &c->gather, dark ? SBL__MIN(d->rays, SBL__CHUNK) : d->rays, s->lamp_count ? d->rays : 0, 1, d->epsilon, c->desc.batch);
+    return sbl__trace_setup(&c->gl, &c->gather, &s->bvh, dark ? SBL__MIN(d->rays, SBL__CHUNK) : d->rays, s->lamp_count ? d->rays : 0, 1, d->epsilon, c->desc.batch);
 }
 
 /* Draws the G-buffer and brings to the host what refinement decides by. */
@@ -4586,7 +4599,7 @@ static sbl_result sbl__picture_fill(sbl_context *c) {
 
 static sbl_result sbl__probe_begin(sbl_context *c, const sbl__point *points, int count) {
     sbl_result result = SBL_SUCCESS;
-    if (!c->probe.slots && c->gather.rays) result = sbl__trace_setup(&c->gl, &c->probe, 1, 0, 0, 0, c->desc.batch);
+    if (!c->probe.slots && c->gather.rays) result = sbl__trace_setup(&c->gl, &c->probe, &c->scene.bvh, 1, 0, 0, 0, c->desc.batch);
     else if (!c->probe.slots) result = sbl__gather_setup(&c->gl, &c->probe, &c->scene, 0, 0, SBL__PROBE_SIZE, SBL__PROBE_FOV, 0, SBL__MIN(c->desc.atlas_size, 512), c->desc.batch);
     return result == SBL_SUCCESS ? sbl__gather_begin(&c->gl, &c->probe, points, count) : result;
 }

@@ -1,13 +1,14 @@
 // Light from emitting triangles. What each gives where nothing stands between is known in closed form; rays only measure which share of it arrives
 // (the ratio estimator: Heitz, Hill and McGuire 2018, "Combining analytic direct illumination and stochastic shadows").
-// One invocation is one sensor, so that neighbours trace neighbouring rays and each stops as soon as it knows enough.
+// One invocation is one sensor, or a part of its rays where they are many: neighbours trace neighbouring rays, and each stops as soon as it knows enough.
 uniform usamplerBuffer sbl_points;    // a sensor, three texels: position; normal; first of its directions, of its lamp points, two hashes for these
 uniform usamplerBuffer sbl_sequence;  // see trace.glsl
 uniform usamplerBuffer sbl_lamps;     // emitting triangles, as sbl_triangles counts
 uniform int lamp_count, rays;         // at most SBL_LAMPS; at most so many rays a sensor
 uniform int columns, first_slot, count;
+uniform int parts;                    // of a sensor, one below the other
 uniform float unit;                   // radiance that calculations are in: the scene's highest, so that none overflows
-layout(location = 0) out vec4 out_light;  // R; the variance of its channels' mean
+layout(location = 0) out vec4 out_light;  // R, each part's own; the variance of its channels' mean
 
 const float PI = 3.14159265;
 
@@ -70,7 +71,7 @@ vec4 sbl_spherical(vec3 a, vec3 b, vec3 c, vec2 u) {
 }
 
 void main() {
-    int sensor = int(gl_FragCoord.y) * columns + int(gl_FragCoord.x) - first_slot;
+    int part = int(gl_FragCoord.y) % parts, sensor = int(gl_FragCoord.y) / parts * columns + int(gl_FragCoord.x) - first_slot;
     if (sensor < 0 || sensor >= count) discard;
     uvec4 words = texelFetch(sbl_points, 3 * sensor + 2);
     vec3 position = uintBitsToFloat(texelFetch(sbl_points, 3 * sensor).xyz), n = uintBitsToFloat(texelFetch(sbl_points, 3 * sensor + 1).xyz);
@@ -92,7 +93,7 @@ void main() {
     const int step = 4;  // the first quarter tells whether there is more to know: what it overlooks is less than a sample's share
     bool undecided = total > 0.0;
     for (int pass = 0; pass < step && undecided; pass++) {
-        for (int k = pass; k < rays; k += step) {
+        for (int k = part + pass * parts; k < rays; k += step * parts) {
             uvec2 fraction = texelFetch(sbl_sequence, int(words.y) + k).xy ^ words.zw;
             vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0;
 
@@ -135,7 +136,7 @@ void main() {
         undecided = seen != vec3(0) && seen != open;  // all is open, or nothing: the first samples tell
     }
     vec3 share = vec3(open.r > 0.0 ? seen.r / open.r : 0.0, open.g > 0.0 ? seen.g / open.g : 0.0, open.b > 0.0 ? seen.b / open.b : 0.0);
-    float mean = dot(all, vec3(1.0 / 3.0)), part = samples > 0.0 ? lit / samples : 0.0;
+    float mean = dot(all, vec3(1.0 / 3.0)), lit_share = samples > 0.0 ? lit / samples : 0.0;
     // stratified points have far less variance than independent ones: a tenth is what edges across a lamp leave
-    out_light = vec4(all * share * unit, samples > 0.0 ? 0.1 * mean * mean * part * (1.0 - part) / samples * unit * unit : 0.0);
+    out_light = vec4(all * share * unit, samples > 0.0 ? 0.1 * mean * mean * lit_share * (1.0 - lit_share) / samples * unit * unit : 0.0);
 }

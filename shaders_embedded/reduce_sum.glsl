@@ -5,8 +5,8 @@ uniform int columns;   // sheets across the atlas
 uniform int slots;     // sheets in the atlas
 uniform int width;     // of the results' texture
 uniform int first, last;
-uniform sampler2D lights;  // a texel a sensor: light that comes on top; its variance
-uniform bool lit;          // there are any
+uniform sampler2D lights;  // parts texels a sensor, one below the other, whose mean comes on top: light; its variance
+uniform int parts;         // 0: there are none
 layout(location = 0) out vec4 out_sum;
 layout(location = 1) out vec4 out_hits;  // w: the variance of the light's mean over the channels, where rays sampled it
 
@@ -28,12 +28,12 @@ void main() {
         hits.xyw += row_hits.xyw;
     }
     // where rays were traced, blocks are independent estimates of a share each, and w sums their squares
-    float parts = float(blocks.x * blocks.y), mean = dot(sum.rgb, vec3(1.0 / 3.0));
-    hits.w = parts > 1.0 ? max((hits.w - mean * mean / parts) * parts / (parts - 1.0), 0.0) : 0.0;
-    if (lit) {
-        vec4 light = texelFetch(lights, ivec2(slot % columns, slot / columns), 0);
+    float n = float(blocks.x * blocks.y), mean = dot(sum.rgb, vec3(1.0 / 3.0));
+    hits.w = n > 1.0 ? max((hits.w - mean * mean / n) * n / (n - 1.0), 0.0) : 0.0;
+    for (int i = 0; i < parts; i++) {
+        vec4 light = texelFetch(lights, ivec2(slot % columns, slot / columns * parts + i), 0) / float(parts);
         sum.rgb += light.rgb;
-        hits.w += light.a;
+        hits.w += light.a / float(parts);
     }
     out_sum = sum;
     out_hits = hits;
