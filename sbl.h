@@ -143,9 +143,12 @@
 
    ON THE TWO WAYS TO SEE
 
-   SBL_BACKEND_RASTER draws the scene into a sensor's views, as the paper does: it serves any light and geometry that only the host can draw, and
-   its cost grows with the number of triangles. SBL_BACKEND_TRACE sends `rays` cosine-distributed rays through a bounding volume
-   hierarchy in a fragment shader: its cost hardly grows, but small lamps are found only by luck. AUTO goes by the number of triangles.
+   SBL_BACKEND_TRACE sends `rays` cosine-distributed rays through a bounding volume hierarchy in a fragment shader: its cost hardly grows with the
+   scene. Emitting triangles, up to 256 of them, are not left to chance: what each gives unhindered is computed in closed form, and at most
+   `rays` more rays (a quarter where all or none arrives) measure which share does; stats.rays does not count them. The sensors' noise is
+   known, so that refinement follows light and not noise, and the filter leaves alone what noise does not explain.
+   SBL_BACKEND_RASTER draws the scene into a sensor's views, as the paper does: it serves geometry that only the host can draw, and is the
+   check on the other. Its cost grows with the number of triangles. AUTO traces wherever rays can be traced.
 
    ON THE PAPER
 
@@ -439,7 +442,7 @@ typedef struct sbl_picture_desc {
     sbl_preset preset;
     sbl_sensor_kind sensor_kind;
     sbl_backend backend;
-    int rays;                  /* of a traced sensor, 1 to 4096. Default: 64 / 256 / 1024 */
+    int rays;                  /* of a traced sensor, 1 to 4096, and at most as many more towards lamps. Default: 64 / 256 / 1024 */
     int sensor_size;           /* of a rasterised sensor: texels across a view, 4 to 512. Default: 32 / 64 / 128 */
     float sensor_fov;          /* degrees, SBL_SENSOR_SINGLE only, 1 to 179. Default: 135 */
     int tile;                  /* first distance between sensors in pixels, 1 (every pixel) to 1024. Default: 16 / 16 / 8 */
@@ -479,7 +482,7 @@ typedef struct sbl_stats {
     int64_t sensors;          /* points at which light was gathered */
     int64_t sensor_views;     /* views drawn for them; a sensor that stands for many pixels looks up to four times */
     int64_t sensor_texels;
-    int64_t rays;             /* traced */
+    int64_t rays;             /* traced over the hemispheres; those towards lamps come on top */
     double bvh_seconds;       /* building the hierarchy, once per scene, part of seconds.surface of its first traced picture */
     size_t bvh_bytes;         /* on the GPU */
     int64_t invalid_sensors;  /* stuck inside geometry; their neighbours' light was used instead */
