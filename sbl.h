@@ -129,7 +129,7 @@
    ON GL STATE
 
    Functions that use GL read the state they are about to change and put it back before they return, on failure and
-   cancel too: framebuffers, program, vertex array, buffers, textures and samplers of the units they use, viewport,
+   cancel too: framebuffers, program, vertex array, buffers, textures, samplers and images of the units they use, viewport,
    scissor, depth, stencil, blend, cull, masks, clear values, polygon mode, pixel store, sRGB, clip distances, depth
    clamp, clip control, and so on. With a headless context of its own the EGL binding is put back instead. GL errors
    that the host left behind are cleared. A conditional render, a transform feedback and queries that count samples or primitives must not be
@@ -143,10 +143,11 @@
 
    ON THE TWO WAYS TO SEE
 
-   SBL_BACKEND_TRACE sends `rays` cosine-distributed rays through a bounding volume hierarchy in a fragment shader: its cost hardly grows with the
-   scene. Emitting triangles, up to 256 of them, are not left to chance: what each gives unhindered is computed in closed form, and at most
-   `rays` more rays (a quarter where all or none arrives) measure which share does; stats.rays does not count them. The sensors' noise is
-   known, so that refinement follows light and not noise, and the filter leaves alone what noise does not explain.
+   SBL_BACKEND_TRACE sends `rays` cosine-distributed rays through a bounding volume hierarchy in a compute shader, or a fragment shader before
+   GL 4.3: its cost hardly grows with the scene. Emitting triangles, up to 256 of them, are not left to chance: what each gives unhindered is
+   computed in closed form, and at most `rays` more rays (a quarter where all or none arrives) measure which share does; stats.rays does not
+   count them. The sensors' noise is known, so that refinement follows light and not noise, and the filter leaves alone what noise does not
+   explain.
    SBL_BACKEND_RASTER draws the scene into a sensor's views, as the paper does: it serves geometry that only the host can draw, and is the
    check on the other. Its cost grows with the number of triangles. AUTO traces wherever rays can be traced.
 
@@ -245,7 +246,8 @@ typedef struct sbl_logger {
 /* Optional GL features; a bit in sbl_context_desc.disabled makes sbl.h act as if the driver did not have it. */
 typedef enum sbl_capability {
     SBL_CAPABILITY_CLIP_CONTROL = 1 << 0,  /* GL 4.5 or ARB_clip_control: depth from 1 (near) to 0 (infinity) without a shader writing it */
-    SBL_CAPABILITY_ALL = (1 << 1) - 1
+    SBL_CAPABILITY_COMPUTE = 1 << 1,       /* GL 4.3: rays are traced by compute shaders instead of fragment shaders; llvmpipe: 2 to 15 % faster, bit for bit the same */
+    SBL_CAPABILITY_ALL = (1 << 2) - 1
 } sbl_capability;
 
 /* All of it may be zero. */
@@ -266,7 +268,7 @@ typedef struct sbl_capabilities {
     uint32_t available;       /* sbl_capability bits that the driver has */
     uint32_t used;            /* those less sbl_context_desc.disabled */
     int max_texture_size;
-    int max_texture_buffer_size;  /* texels */
+    int max_texture_buffer_size;  /* texels; scenes of more (3 a triangle, 2 a vertex, 5 a mesh) are read from 2D textures: 15 to 45 % slower on llvmpipe */
     char renderer[128];       /* GL_RENDERER */
     char version[128];        /* GL_VERSION */
 } sbl_capabilities;
@@ -767,10 +769,8 @@ static const char *const sbl__glsl_lamps[] = {
     "uniform usamplerBuffer sbl_sequence;  // see trace.glsl\n",
     "uniform usamplerBuffer sbl_lamps;     // emitting triangles, as sbl_triangles counts\n",
     "uniform int lamp_count, rays;         // at most SBL_LAMPS; at most so many rays a sensor\n",
-    "uniform int columns, first_slot, count;\n",
-    "uniform int parts;                    // of a sensor, one below the other\n",
     "uniform float unit;                   // radiance that calculations are in: the scene's highest, so that none overflows\n",
-    "layout(location = 0) out vec4 out_light;  // R, each part's own; the variance of its channels' mean\n",
+    "SBL_OUT(0, out_light);                // R, each part's own; the variance of its channels' mean\n",
     "\n",
     "const float PI = 3.14159265;\n",
     "\n",
@@ -779,7 +779,7 @@ static const char *const sbl__glsl_lamps[] = {
     "// As seen from p: black where only its dark side shows.\n",
     "sbl_Lamp sbl_lamp(int i, vec3 p) {\n",
     "    int t = int(texelFetch(sbl_lamps, i).x);\n",
-    "    uvec4 a = texelFetch(sbl_triangles, 3 * t), b = texelFetch(sbl_triangles, 3 * t + 1), c = texelFetch(sbl_triangles, 3 * t + 2), light = sbl_object(a.w, 1);\n",
+    "    uvec4 a = sbl_fetch(sbl_triangles, 3 * t), b = sbl_fetch(sbl_triangles, 3 * t + 1), c = sbl_fetch(sbl_triangles, 3 * t + 2), light = sbl_object(a.w, 1);\n",
     "    sbl_Lamp l = sbl_Lamp(uintBitsToFloat(a.xyz), uintBitsToFloat(b.xyz) - uintBitsToFloat(a.xyz), uintBitsToFloat(c.xyz) - uintBitsToFloat(a.xyz),\n",
     "                          uintBitsToFloat(light.rgb) / unit, t, int(b.w));\n",
     "    if ((light.w & SBL_ONE_SIDED_EMISSION) != 0u && dot(cross(l.side_1, l.side_2), p - l.corner) < 0.0) l.emission = vec3(0);\n",
@@ -833,8 +833,9 @@ static const char *const sbl__glsl_lamps[] = {
     "}\n",
     "\n",
     "void main() {\n",
-    "    int part = int(gl_FragCoord.y) % parts, sensor = int(gl_FragCoord.y) / parts * columns + int(gl_FragCoord.x) - first_slot;\n",
-    "    if (sensor < 0 || sensor >= count) discard;\n",
+    "    ivec2 at = sbl_texel_of_invocation();\n",
+    "    int parts = blocks.y, part = at.y % parts, sensor = at.y / parts * columns + at.x - first_slot;\n",
+    "    if (sensor < 0 || sensor >= count) sbl_leave;\n",
     "    uvec4 words = texelFetch(sbl_points, 3 * sensor + 2);\n",
     "    vec3 position = uintBitsToFloat(texelFetch(sbl_points, 3 * sensor).xyz), n = uintBitsToFloat(texelFetch(sbl_points, 3 * sensor + 1).xyz);\n",
     "    mat3 frame = transpose(sbl_frame(n));\n",
@@ -890,7 +891,7 @@ static const char *const sbl__glsl_lamps[] = {
     "            if (hit.triangle >= 0 && hit.number != l.number) continue;\n",
     "#ifdef SBL_TEXTURED\n",
     "            sbl_Attributes at = sbl_attributes_at(l.triangle, u.x, u.y);\n",
-    "            light *= sbl_texture(sbl_object(texelFetch(sbl_triangles, 3 * l.triangle).w, 3), at.uv).rgb;\n",
+    "            light *= sbl_texture(sbl_object(sbl_fetch(sbl_triangles, 3 * l.triangle).w, 3), at.uv).rgb;\n",
     "#endif\n",
     "            seen += light;\n",
     "            lit += 1.0;\n",
@@ -900,7 +901,7 @@ static const char *const sbl__glsl_lamps[] = {
     "    vec3 share = vec3(open.r > 0.0 ? seen.r / open.r : 0.0, open.g > 0.0 ? seen.g / open.g : 0.0, open.b > 0.0 ? seen.b / open.b : 0.0);\n",
     "    float mean = dot(all, vec3(1.0 / 3.0)), lit_share = samples > 0.0 ? lit / samples : 0.0;\n",
     "    // stratified points have far less variance than independent ones: a tenth is what edges across a lamp leave\n",
-    "    out_light = vec4(all * share * unit, samples > 0.0 ? 0.1 * mean * mean * lit_share * (1.0 - lit_share) / samples * unit * unit : 0.0);\n",
+    "    sbl_write(out_light, vec4(all * share * unit, samples > 0.0 ? 0.1 * mean * mean * lit_share * (1.0 - lit_share) / samples * unit * unit : 0.0));\n",
     "}\n",
     0 };
 static const char *const sbl__glsl_reduce_blocks[] = {
@@ -1030,7 +1031,15 @@ static const char *const sbl__glsl_scene[] = {
     "//   2  albedo texture:   first row in the texel store, width, height, kind (0 none, 1 8-bit sRGB, 2 16-bit float, +4 clamps)\n",
     "//   3  emission texture: likewise\n",
     "//   4  id, 0, 0, 0\n",
-    "uniform usamplerBuffer sbl_objects;\n",
+    "#ifdef SBL_WIDE  // what grows with the scene is past the driver's limit for buffer textures, and stands in 2D ones (see sbl__texels_make)\n",
+    "#define sbl_Texels usampler2D\n",
+    "#define sbl_fetch(texels, i) texelFetch(texels, ivec2((i) & 4095, (i) >> 12), 0)\n",
+    "#else\n",
+    "#define sbl_Texels usamplerBuffer\n",
+    "#define sbl_fetch(texels, i) texelFetch(texels, i)\n",
+    "#endif\n",
+    "\n",
+    "uniform sbl_Texels sbl_objects;\n",
     "uniform sampler2D sbl_texels_srgb;   // all 8-bit sRGB textures, each starting on a row of its own, texel n of a texture at n % width, n / width\n",
     "uniform sampler2D sbl_texels_float;  // all others\n",
     "\n",
@@ -1039,7 +1048,7 @@ static const char *const sbl__glsl_scene[] = {
     "const uint SBL_HIDDEN_FROM_CAMERA = 2u;\n",
     "const uint SBL_HIDDEN_FROM_SENSORS = 4u;\n",
     "\n",
-    "uvec4 sbl_object(uint object, int field) { return texelFetch(sbl_objects, int(object) * SBL_OBJECT_TEXELS + field); }\n",
+    "uvec4 sbl_object(uint object, int field) { return sbl_fetch(sbl_objects, int(object) * SBL_OBJECT_TEXELS + field); }\n",
     "\n",
     "vec4 sbl_texel(uvec4 texture_record, ivec2 at) {\n",
     "    ivec2 size = ivec2(texture_record.yz);\n",
@@ -1151,9 +1160,9 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 static const char *const sbl__glsl_surface[] = {
     "// From a triangle's number and a ray to the surface point. Exact where rasterised attributes are not: a point interpolated across a\n",
     "// large clipped triangle strays off its plane, and a sensor standing there would see its own surface.\n",
-    "uniform usamplerBuffer sbl_positions;   // a vertex: x y z as float bits, object\n",
-    "uniform usamplerBuffer sbl_attributes;  // a vertex, two texels: normal x y z, u | v, colour r g (16 bits each), colour b a, 0\n",
-    "uniform usamplerBuffer sbl_indices;     // three a triangle\n",
+    "uniform sbl_Texels sbl_positions;   // a vertex: x y z as float bits, object\n",
+    "uniform sbl_Texels sbl_attributes;  // a vertex, two texels: normal x y z, u | v, colour r g (16 bits each), colour b a, 0\n",
+    "uniform sbl_Texels sbl_indices;     // three a triangle\n",
     "\n",
     "struct sbl_Surface {\n",
     "    vec3 position, normal, geometric_normal;  // normals point against the ray\n",
@@ -1165,12 +1174,12 @@ static const char *const sbl__glsl_surface[] = {
     "};\n",
     "\n",
     "sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {\n",
-    "    ivec3 v = ivec3(int(texelFetch(sbl_indices, 3 * triangle).x), int(texelFetch(sbl_indices, 3 * triangle + 1).x),\n",
-    "                    int(texelFetch(sbl_indices, 3 * triangle + 2).x));\n",
-    "    uvec4 record = texelFetch(sbl_positions, v.x);\n",
+    "    ivec3 v = ivec3(int(sbl_fetch(sbl_indices, 3 * triangle).x), int(sbl_fetch(sbl_indices, 3 * triangle + 1).x),\n",
+    "                    int(sbl_fetch(sbl_indices, 3 * triangle + 2).x));\n",
+    "    uvec4 record = sbl_fetch(sbl_positions, v.x);\n",
     "    vec3 p0 = uintBitsToFloat(record.xyz);\n",
-    "    vec3 e1 = uintBitsToFloat(texelFetch(sbl_positions, v.y).xyz) - p0;\n",
-    "    vec3 e2 = uintBitsToFloat(texelFetch(sbl_positions, v.z).xyz) - p0;\n",
+    "    vec3 e1 = uintBitsToFloat(sbl_fetch(sbl_positions, v.y).xyz) - p0;\n",
+    "    vec3 e2 = uintBitsToFloat(sbl_fetch(sbl_positions, v.z).xyz) - p0;\n",
     "\n",
     "    // Barycentrics of the ray's hit by Cramer's rule (Moeller and Trumbore 1997), kept inside the triangle.\n",
     "    // The cross product is scaled to the edges' size first, so that small triangles do not underflow.\n",
@@ -1192,8 +1201,8 @@ static const char *const sbl__glsl_surface[] = {
     "    bool back = dot(face, direction) > 0.0;\n",
     "    s.geometric_normal = back ? -face : face;\n",
     "\n",
-    "    uvec4 n0 = texelFetch(sbl_attributes, 2 * v.x), n1 = texelFetch(sbl_attributes, 2 * v.y), n2 = texelFetch(sbl_attributes, 2 * v.z);\n",
-    "    uvec4 c0 = texelFetch(sbl_attributes, 2 * v.x + 1), c1 = texelFetch(sbl_attributes, 2 * v.y + 1), c2 = texelFetch(sbl_attributes, 2 * v.z + 1);\n",
+    "    uvec4 n0 = sbl_fetch(sbl_attributes, 2 * v.x), n1 = sbl_fetch(sbl_attributes, 2 * v.y), n2 = sbl_fetch(sbl_attributes, 2 * v.z);\n",
+    "    uvec4 c0 = sbl_fetch(sbl_attributes, 2 * v.x + 1), c1 = sbl_fetch(sbl_attributes, 2 * v.y + 1), c2 = sbl_fetch(sbl_attributes, 2 * v.z + 1);\n",
     "    vec3 normal = b0 * uintBitsToFloat(n0.xyz) + b1 * uintBitsToFloat(n1.xyz) + b2 * uintBitsToFloat(n2.xyz);\n",
     "    float length2 = dot(normal, normal);\n",
     "    normal = length2 > 1e-12 ? normal * inversesqrt(length2) : face;\n",
@@ -1223,18 +1232,15 @@ static const char *const sbl__glsl_trace[] = {
     "uniform usamplerBuffer sbl_points;    // a sensor, three texels: position, hash; normal, hash; first ray\n",
     "uniform usamplerBuffer sbl_sequence;  // points of the Sobol sequence, two 32-bit fractions each, along a Morton curve\n",
     "uniform int rays;                     // of a sensor\n",
-    "uniform ivec2 blocks;                 // invocations of a sensor: four by some, so that those that run side by side trace neighbouring rays\n",
-    "uniform int columns;                  // sensors across the target\n",
-    "uniform int first_slot, count;        // this many sensors stand from first_slot on\n",
     "uniform float epsilon;\n",
     "uniform float spread;                 // 1: the cosine's whole hemisphere; 0: all rays go along the normal\n",
     "uniform vec3 sky;\n",
     "uniform bool lamps_apart;                // light from emitting triangles comes from lamps.glsl\n",
-    "layout(location = 0) out vec4 out_sum;\n",
-    "layout(location = 1) out vec4 out_hits;\n",
+    "SBL_OUT(0, out_sum);\n",
+    "SBL_OUT(1, out_hits);\n",
     "\n",
     "vec3 sbl_radiance(sbl_Hit hit) {\n",
-    "    uint object = texelFetch(sbl_triangles, 3 * hit.triangle).w;\n",
+    "    uint object = sbl_fetch(sbl_triangles, 3 * hit.triangle).w;\n",
     "    uvec4 material = sbl_object(object, 0), light = sbl_object(object, 1);\n",
     "    vec3 emission = uintBitsToFloat(light.rgb);\n",
     "    bool emits = max(max(emission.r, emission.g), emission.b) > 0.0 && !(hit.back && (light.w & SBL_ONE_SIDED_EMISSION) != 0u);\n",
@@ -1251,9 +1257,9 @@ static const char *const sbl__glsl_trace[] = {
     "}\n",
     "\n",
     "void main() {\n",
-    "    ivec2 at = ivec2(gl_FragCoord.xy), sheet = at / blocks, within = at % blocks;\n",
+    "    ivec2 at = sbl_texel_of_invocation(), sheet = at / blocks, within = at % blocks;\n",
     "    int sensor = sheet.y * columns + sheet.x - first_slot;\n",
-    "    if (sensor < 0 || sensor >= count) discard;\n",
+    "    if (sensor < 0 || sensor >= count) sbl_leave;\n",
     "    uvec4 a = texelFetch(sbl_points, 3 * sensor), b = texelFetch(sbl_points, 3 * sensor + 1);\n",
     "    int skip = int(texelFetch(sbl_points, 3 * sensor + 2).x);\n",
     "    vec3 position = uintBitsToFloat(a.xyz), n = uintBitsToFloat(b.xyz);\n",
@@ -1273,9 +1279,10 @@ static const char *const sbl__glsl_trace[] = {
     "            hits.z = min(hits.z, hit.distance);\n",
     "        }\n",
     "    }\n",
-    "    out_sum = sum / float(rays);\n",
-    "    float light = dot(out_sum.rgb, vec3(1.0 / 3.0));\n",
-    "    out_hits = vec4(hits.xy / float(rays), hits.z, light * light);\n",
+    "    sum /= float(rays);\n",
+    "    float light = dot(sum.rgb, vec3(1.0 / 3.0));\n",
+    "    sbl_write(out_sum, sum);\n",
+    "    sbl_write(out_hits, vec4(hits.xy / float(rays), hits.z, light * light));\n",
     "}\n",
     0 };
 static const char *const sbl__glsl_traverse[] = {
@@ -1284,21 +1291,44 @@ static const char *const sbl__glsl_traverse[] = {
     "// in steps of a grid. A child is a node's number, or 8 + triangles - 1 << 28 | first triangle, or SBL_ENTER << 28 | number of a finer grid in a node's place:\n",
     "//   origin, its root; steps per length, the grid around it\n",
     "// A triangle is three texels: corner, object; corner, number in the scene; corner, 1 where a cutout may leave nothing.\n",
-    "uniform usamplerBuffer sbl_nodes, sbl_triangles;\n",
+    "uniform sbl_Texels sbl_nodes, sbl_triangles;\n",
     "uniform vec3 grid_origin, grid_per_length;  // of the grid over all, which comes first\n",
     "uniform int node_count;                     // 0: an empty scene\n",
+    "\n",
+    "// What sensors' programs have in common. A sensor has a block of texels, one an invocation. There are two carriers: fragment shaders drawn over the blocks,\n",
+    "// and compute shaders, in which the invocations of a sensor follow each other.\n",
+    "uniform ivec2 blocks;                 // invocations of a sensor: four by some, so that those that run side by side trace neighbouring rays\n",
+    "uniform int columns;                  // sensors across the target\n",
+    "uniform int first_slot, count;        // this many sensors stand from first_slot on\n",
+    "#ifdef SBL_COMPUTE\n",
+    "layout(local_size_x = 64) in;\n",
+    "#define SBL_OUT(place, name) layout(rgba32f, binding = place) writeonly uniform image2D name\n",
+    "#define sbl_write(name, value) imageStore(name, sbl_texel_of_invocation(), value)\n",
+    "#define sbl_leave return\n",
+    "\n",
+    "ivec2 sbl_texel_of_invocation() {\n",
+    "    int i = int(gl_GlobalInvocationID.x), size = blocks.x * blocks.y, slot = first_slot + i / size, part = i % size;\n",
+    "    return ivec2(slot % columns, slot / columns) * blocks + ivec2(part % blocks.x, part / blocks.x);\n",
+    "}\n",
+    "#else\n",
+    "#define SBL_OUT(place, name) layout(location = place) out vec4 name\n",
+    "#define sbl_write(name, value) name = value\n",
+    "#define sbl_leave discard\n",
+    "\n",
+    "ivec2 sbl_texel_of_invocation() { return ivec2(gl_FragCoord.xy); }\n",
+    "#endif\n",
     "\n",
     "#ifdef SBL_TEXTURED\n",
     "struct sbl_Attributes { vec2 uv; vec4 color; };\n",
     "\n",
     "sbl_Attributes sbl_attributes_at(int triangle, float b1, float b2) {\n",
-    "    int number = int(texelFetch(sbl_triangles, 3 * triangle + 1).w);\n",
+    "    int number = int(sbl_fetch(sbl_triangles, 3 * triangle + 1).w);\n",
     "    vec3 b = vec3(1.0 - b1 - b2, b1, b2);\n",
     "    sbl_Attributes at = sbl_Attributes(vec2(0), vec4(0));\n",
     "    for (int k = 0; k < 3; k++) {\n",
-    "        int v = int(texelFetch(sbl_indices, 3 * number + k).x);\n",
-    "        uint u = texelFetch(sbl_attributes, 2 * v).w;\n",
-    "        uvec4 c = texelFetch(sbl_attributes, 2 * v + 1);\n",
+    "        int v = int(sbl_fetch(sbl_indices, 3 * number + k).x);\n",
+    "        uint u = sbl_fetch(sbl_attributes, 2 * v).w;\n",
+    "        uvec4 c = sbl_fetch(sbl_attributes, 2 * v + 1);\n",
     "        at.uv += b[k] * uintBitsToFloat(uvec2(u, c.x));\n",
     "        at.color += b[k] / 65535.0 * vec4(c.y & 65535u, c.y >> 16, c.z & 65535u, c.z >> 16);\n",
     "    }\n",
@@ -1307,7 +1337,7 @@ static const char *const sbl__glsl_traverse[] = {
     "\n",
     "// Is the cutout solid here?\n",
     "bool sbl_solid(int triangle, float b1, float b2) {\n",
-    "    uint object = texelFetch(sbl_triangles, 3 * triangle).w;\n",
+    "    uint object = sbl_fetch(sbl_triangles, 3 * triangle).w;\n",
     "    float cutoff = uintBitsToFloat(sbl_object(object, 0).w);\n",
     "    sbl_Attributes at = sbl_attributes_at(triangle, b1, b2);\n",
     "    return at.color.a * sbl_texture(sbl_object(object, 2), at.uv).a >= cutoff;\n",
@@ -1352,7 +1382,7 @@ static const char *const sbl__glsl_traverse[] = {
     "    uint node = node_count == 0 ? SBL_END : 1u;\n",
     "    while (true) {\n",
     "        while (node < SBL_LEAF) {  // down to a leaf, the nearer child first\n",
-    "            uvec4 first = texelFetch(sbl_nodes, int(node) * 2), second = texelFetch(sbl_nodes, int(node) * 2 + 1);\n",
+    "            uvec4 first = sbl_fetch(sbl_nodes, int(node) * 2), second = sbl_fetch(sbl_nodes, int(node) * 2 + 1);\n",
     "            int nearest = floatBitsToInt(hit.distance), a = sbl_box(first, per, offset, flip, nearest), b = sbl_box(second, per, offset, flip, nearest);\n",
     "            node = a <= b ? first.w : second.w;\n",
     "            if (max(a, b) < 0x7fffffff) stack[++top] = a <= b ? second.w : first.w;\n",
@@ -1360,7 +1390,7 @@ static const char *const sbl__glsl_traverse[] = {
     "        }\n",
     "        bool leaf = true;\n",
     "        while ((node & 0xe0000000u) == SBL_ENTER << 28 && leaf) {  // into a grid, or back to the one around it; a loop, see sbl_trace\n",
-    "            uvec4 first = texelFetch(sbl_nodes, int(node & 0x0fffffffu) * 2), second = texelFetch(sbl_nodes, int(node & 0x0fffffffu) * 2 + 1);\n",
+    "            uvec4 first = sbl_fetch(sbl_nodes, int(node & 0x0fffffffu) * 2), second = sbl_fetch(sbl_nodes, int(node & 0x0fffffffu) * 2 + 1);\n",
     "            per = inverse / uintBitsToFloat(second.xyz);\n",
     "            offset = (uintBitsToFloat(first.xyz) - origin) * inverse;\n",
     "            if (node >> 28 == SBL_ENTER) {\n",
@@ -1373,10 +1403,10 @@ static const char *const sbl__glsl_traverse[] = {
     "        if (node == SBL_END) break;\n",
     "        int from = int(node & 0x0fffffffu), to = from + int(node >> 28 & 7u);\n",
     "        for (int t = from; t <= to; t++) {\n",
-    "            uvec4 second = texelFetch(sbl_triangles, 3 * t + 1);\n",
-    "            vec3 p = uintBitsToFloat(texelFetch(sbl_triangles, 3 * t).xyz) - origin;\n",
+    "            uvec4 second = sbl_fetch(sbl_triangles, 3 * t + 1);\n",
+    "            vec3 p = uintBitsToFloat(sbl_fetch(sbl_triangles, 3 * t).xyz) - origin;\n",
     "            vec3 q = uintBitsToFloat(second.xyz) - origin;\n",
-    "            vec3 r = uintBitsToFloat(texelFetch(sbl_triangles, 3 * t + 2).xyz) - origin;\n",
+    "            vec3 r = uintBitsToFloat(sbl_fetch(sbl_triangles, 3 * t + 2).xyz) - origin;\n",
     "            p = axis == 0 ? p.yzx : axis == 1 ? p.zxy : p;\n",
     "            q = axis == 0 ? q.yzx : axis == 1 ? q.zxy : q;\n",
     "            r = axis == 0 ? r.yzx : axis == 1 ? r.zxy : r;\n",
@@ -1408,7 +1438,7 @@ static const char *const sbl__glsl_traverse[] = {
     "    for (int layer = 0; layer < 64; layer++) {\n",
     "        bool solid = true;\n",
     "        hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);\n",
-    "        for (uint cut = hit.triangle < 0 ? 0u : texelFetch(sbl_triangles, 3 * hit.triangle + 2).w; cut != 0u; cut = 0u) solid = sbl_solid(hit.triangle, hit.b1, hit.b2);\n",
+    "        for (uint cut = hit.triangle < 0 ? 0u : sbl_fetch(sbl_triangles, 3 * hit.triangle + 2).w; cut != 0u; cut = 0u) solid = sbl_solid(hit.triangle, hit.b1, hit.b2);\n",
     "        if (solid) break;\n",
     "    }\n",
     "#else\n",
@@ -1677,17 +1707,21 @@ static float sbl__linear_to_srgb(float x) { return x <= 0.0031308f ? 12.92f * x 
 
 /* used where present; missing is no error */
 #define SBL__GL_OPTIONAL_FUNCTIONS(X)                        \
+    X(void, BindImageTexture, (unsigned unit, unsigned texture, int level, unsigned char layered, int layer, unsigned access, unsigned format)) \
     X(void, ClipControl, (unsigned origin, unsigned depth))  \
     X(void, DepthRangeIndexed, (unsigned index, double nearest, double farthest)) \
+    X(void, DispatchCompute, (unsigned x, unsigned y, unsigned z)) \
     X(void, GetDoublei_v, (unsigned name, unsigned index, double *out)) \
     X(void, GetFloati_v, (unsigned name, unsigned index, float *out)) \
     X(void, GetIntegeri_v, (unsigned name, unsigned index, int *out)) \
+    X(void, MemoryBarrier, (unsigned what)) \
     X(void, ScissorIndexedv, (unsigned index, const int *box)) \
     X(void, ViewportIndexedfv, (unsigned index, const float *box))
 
 #define SBL__GUARD_UNITS 11
 #define SBL__GUARD_DRAW_BUFFERS 8
 #define SBL__GUARD_VIEWPORTS 16
+#define SBL__GUARD_IMAGES 2
 
 typedef struct sbl__gl {
     sbl__base *base;
@@ -1721,7 +1755,7 @@ enum {
     SBL__GL_POLYGON_OFFSET_FILL = 0x8037, SBL__GL_RGBA16 = 0x805B, SBL__GL_TEXTURE_BINDING_2D = 0x8069, SBL__GL_POLYGON_SMOOTH = 0x0B41,
     SBL__GL_MULTISAMPLE = 0x809D, SBL__GL_SAMPLE_ALPHA_TO_COVERAGE = 0x809E, SBL__GL_SAMPLE_ALPHA_TO_ONE = 0x809F, SBL__GL_SAMPLE_COVERAGE = 0x80A0,
     SBL__GL_SAMPLE_SHADING = 0x8C36, SBL__GL_SAMPLE_MASK = 0x8E51,
-    SBL__GL_MAJOR_VERSION = 0x821B, SBL__GL_MINOR_VERSION = 0x821C, SBL__GL_NUM_EXTENSIONS = 0x821D, SBL__GL_RG = 0x8227, SBL__GL_RED_INTEGER = 0x8D94,
+    SBL__GL_MAJOR_VERSION = 0x821B, SBL__GL_MINOR_VERSION = 0x821C, SBL__GL_NUM_EXTENSIONS = 0x821D, SBL__GL_RG = 0x8227, SBL__GL_RED_INTEGER = 0x8D94, SBL__GL_RGBA_INTEGER = 0x8D99,
     SBL__GL_R32F = 0x822E, SBL__GL_RG32F = 0x8230, SBL__GL_R32UI = 0x8236, SBL__GL_RGBA32UI = 0x8D70, SBL__GL_RGBA32F = 0x8814, SBL__GL_RGBA16F = 0x881A, SBL__GL_RG32UI = 0x823C,
     SBL__GL_SRGB8_ALPHA8 = 0x8C43, SBL__GL_DEPTH_COMPONENT32F = 0x8CAC,
     SBL__GL_TEXTURE0 = 0x84C0, SBL__GL_ACTIVE_TEXTURE = 0x84E0, SBL__GL_DEPTH_CLAMP = 0x864F, SBL__GL_VERTEX_ARRAY_BINDING = 0x85B5,
@@ -1735,6 +1769,9 @@ enum {
     SBL__GL_READ_FRAMEBUFFER_BINDING = 0x8CAA, SBL__GL_FRAMEBUFFER_COMPLETE = 0x8CD5, SBL__GL_COLOR_ATTACHMENT0 = 0x8CE0, SBL__GL_DEPTH_ATTACHMENT = 0x8D00,
     SBL__GL_FRAMEBUFFER = 0x8D40, SBL__GL_FRAMEBUFFER_SRGB = 0x8DB9, SBL__GL_PRIMITIVE_RESTART_FIXED_INDEX = 0x8D69, SBL__GL_COPY_READ_BUFFER = 0x8F36,
     SBL__GL_PRIMITIVE_RESTART = 0x8F9D, SBL__GL_CLIP_DISTANCE0 = 0x3000,
+    SBL__GL_IMAGE_BINDING_NAME = 0x8F3A, SBL__GL_IMAGE_BINDING_LEVEL = 0x8F3B, SBL__GL_IMAGE_BINDING_LAYERED = 0x8F3C, SBL__GL_IMAGE_BINDING_LAYER = 0x8F3D,
+    SBL__GL_IMAGE_BINDING_ACCESS = 0x8F3E, SBL__GL_IMAGE_BINDING_FORMAT = 0x906E, SBL__GL_COMPUTE_SHADER = 0x91B9, SBL__GL_WRITE_ONLY = 0x88B9,
+    SBL__GL_TEXTURE_FETCH_BARRIER = 0x0008, SBL__GL_SHADER_IMAGE_ACCESS_BARRIER = 0x0020, SBL__GL_FRAMEBUFFER_BARRIER = 0x0400,
     SBL__GL_CLIP_ORIGIN = 0x935C, SBL__GL_CLIP_DEPTH_MODE = 0x935D, SBL__GL_LOWER_LEFT = 0x8CA1, SBL__GL_NEGATIVE_ONE_TO_ONE = 0x935E, SBL__GL_ZERO_TO_ONE = 0x935F
 };
 
@@ -1805,6 +1842,8 @@ static sbl_result sbl__gl_load(sbl__gl *gl, sbl__base *base, const sbl_context_d
     gl->GetIntegerv(SBL__GL_MAX_TEXTURE_BUFFER_SIZE, &c->max_texture_buffer_size);
     if (gl->ClipControl && (c->gl_major * 10 + c->gl_minor >= 45 || sbl__gl_has_extension(gl, "GL_ARB_clip_control")))
         c->available |= SBL_CAPABILITY_CLIP_CONTROL;
+    if (c->gl_major * 10 + c->gl_minor >= 43 && gl->BindImageTexture && gl->DispatchCompute && gl->GetIntegeri_v && gl->MemoryBarrier)
+        c->available |= SBL_CAPABILITY_COMPUTE;
     c->used = c->available & ~desc->disabled;
     gl->viewports = 1;
     if (c->gl_major * 10 + c->gl_minor >= 41 && gl->DepthRangeIndexed && gl->GetDoublei_v && gl->GetFloati_v && gl->GetIntegeri_v && gl->ScissorIndexedv && gl->ViewportIndexedfv) {
@@ -1838,6 +1877,10 @@ static const struct { unsigned name; int value; } sbl__guard_pixel_store[] = {
     { SBL__GL_PACK_SKIP_PIXELS, 0 }, { SBL__GL_PACK_ALIGNMENT, 1 }, { SBL__GL_PACK_SKIP_IMAGES, 0 }, { SBL__GL_PACK_IMAGE_HEIGHT, 0 }
 };
 
+static const unsigned sbl__guard_image[6] = {  /* in the order of glBindImageTexture */
+    SBL__GL_IMAGE_BINDING_NAME, SBL__GL_IMAGE_BINDING_LEVEL, SBL__GL_IMAGE_BINDING_LAYERED, SBL__GL_IMAGE_BINDING_LAYER, SBL__GL_IMAGE_BINDING_ACCESS, SBL__GL_IMAGE_BINDING_FORMAT
+};
+
 typedef struct sbl__guard {
     unsigned char switches[32], blend[SBL__GUARD_DRAW_BUFFERS], color_mask[SBL__GUARD_DRAW_BUFFERS][4], depth_mask;
     int pixel_store[16], polygon_mode[2], front_face, clamp_read, depth_function, clip_origin, clip_depth;
@@ -1846,7 +1889,7 @@ typedef struct sbl__guard {
     float viewports[SBL__GUARD_VIEWPORTS][4];
     double depth_range[2], depth_ranges[SBL__GUARD_VIEWPORTS][2];
     int program, vertex_array, array_buffer, texture_buffer, copy_buffer, pack_buffer, unpack_buffer, draw_framebuffer, read_framebuffer, active_texture;
-    int textures_2d[SBL__GUARD_UNITS], textures_buffer[SBL__GUARD_UNITS], samplers[SBL__GUARD_UNITS];
+    int textures_2d[SBL__GUARD_UNITS], textures_buffer[SBL__GUARD_UNITS], samplers[SBL__GUARD_UNITS], images[SBL__GUARD_IMAGES][6];
 } sbl__guard;
 
 static void sbl__guard_save(const sbl__gl *gl, sbl__guard *g) {
@@ -1894,6 +1937,8 @@ static void sbl__guard_save(const sbl__gl *gl, sbl__guard *g) {
         gl->GetIntegerv(SBL__GL_TEXTURE_BINDING_BUFFER, &g->textures_buffer[i]);
         gl->GetIntegerv(SBL__GL_SAMPLER_BINDING, &g->samplers[i]);
     }
+    for (i = 0; gl->capabilities.used & SBL_CAPABILITY_COMPUTE && i < 6 * SBL__GUARD_IMAGES; i++)
+        gl->GetIntegeri_v(sbl__guard_image[i % 6], (unsigned)i / 6, &g->images[i / 6][i % 6]);
     sbl__gl_clear_errors(gl);  /* a binding that an old driver cannot be asked for reads 0 */
 }
 
@@ -1953,6 +1998,10 @@ static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
         gl->BindTexture(SBL__GL_TEXTURE_BUFFER, (unsigned)g->textures_buffer[i]);
         gl->BindSampler((unsigned)i, (unsigned)g->samplers[i]);
     }
+    for (i = 0; gl->capabilities.used & SBL_CAPABILITY_COMPUTE && i < SBL__GUARD_IMAGES; i++) {
+        const int *m = g->images[i];
+        gl->BindImageTexture((unsigned)i, (unsigned)m[0], m[1], (unsigned char)m[2], m[3], (unsigned)m[4], (unsigned)m[5]);
+    }
     gl->ActiveTexture((unsigned)g->active_texture);
     gl->UseProgram((unsigned)g->program);
     gl->BindVertexArray((unsigned)g->vertex_array);
@@ -1984,6 +2033,7 @@ static const struct { unsigned internal_format, format, type; int bytes, compone
     { SBL__GL_RG32F, SBL__GL_RG, SBL__GL_FLOAT, 8, 2 },
     { SBL__GL_RGBA16F, SBL__GL_RGBA, SBL__GL_HALF_FLOAT, 8, 4 },
     { SBL__GL_RGBA32F, SBL__GL_RGBA, SBL__GL_FLOAT, 16, 4 },
+    { SBL__GL_RGBA32UI, SBL__GL_RGBA_INTEGER, SBL__GL_UNSIGNED_INT, 16, 4 },
     { SBL__GL_SRGB8_ALPHA8, SBL__GL_RGBA, SBL__GL_UNSIGNED_BYTE, 4, 4 },
     { SBL__GL_DEPTH_COMPONENT32F, SBL__GL_DEPTH_COMPONENT, SBL__GL_FLOAT, 4, 1 }
 };
@@ -2064,6 +2114,24 @@ static sbl_result sbl__buffer_texture_make(const sbl__gl *gl, unsigned *id, unsi
     return sbl__gl_check(gl, what);
 }
 
+#define SBL__TEXELS_ACROSS 4096  /* as in scene.glsl; GL 3.3 promises 1024, every driver since has four times that or more */
+
+/* The same for what grows with the scene; wide: copied into rows of a 2D texture, where the driver's buffer textures do not hold as much. */
+static sbl_result sbl__texels_make(const sbl__gl *gl, sbl__texture *t, unsigned internal_format, const sbl__buffer *b, int wide, const char *what) {
+    const int f = sbl__format(internal_format), bytes = sbl__formats[f].bytes;
+    int rows = (int)(b->bytes / (size_t)bytes / SBL__TEXELS_ACROSS), rest = (int)(b->bytes / (size_t)bytes % SBL__TEXELS_ACROSS);
+    sbl_result result;
+    if (!wide) return sbl__buffer_texture_make(gl, &t->id, internal_format, b, what);
+    result = sbl__texture_make(gl, t, SBL__TEXELS_ACROSS, rows + 1, internal_format, NULL, what);
+    if (result != SBL_SUCCESS) return result;
+    gl->BindTexture(SBL__GL_TEXTURE_2D, t->id);
+    gl->BindBuffer(SBL__GL_PIXEL_UNPACK_BUFFER, b->id);
+    if (rows) gl->TexSubImage2D(SBL__GL_TEXTURE_2D, 0, 0, 0, SBL__TEXELS_ACROSS, rows, sbl__formats[f].format, sbl__formats[f].type, NULL);
+    if (rest) gl->TexSubImage2D(SBL__GL_TEXTURE_2D, 0, 0, rows, rest, 1, sbl__formats[f].format, sbl__formats[f].type, (const void *)((uintptr_t)rows * SBL__TEXELS_ACROSS * (uintptr_t)bytes));
+    gl->BindBuffer(SBL__GL_PIXEL_UNPACK_BUFFER, 0);
+    return sbl__gl_check(gl, what);
+}
+
 static void sbl__name_delete(void (SBL__GLAPI *delete_names)(int, const unsigned *), unsigned *id) {
     if (*id) delete_names(1, id);
     *id = 0;
@@ -2110,7 +2178,7 @@ static sbl_result sbl__shader_make(const sbl__gl *gl, unsigned *out, unsigned ty
     const char *lines[SBL__MAX_LINES];
     int count = 0, ok = 0, body, line;
     char text[400];
-    lines[count++] = "#version 330 core\n";
+    lines[count++] = type == SBL__GL_COMPUTE_SHADER ? "#version 430 core\n#define SBL_COMPUTE\n" : "#version 330 core\n";
     lines[count++] = defines;
     for (body = 0; bodies[body]; body++)
         for (line = 0; bodies[body][line] && count < SBL__MAX_LINES; line++) lines[count++] = bodies[body][line];
@@ -2127,16 +2195,17 @@ static sbl_result sbl__shader_make(const sbl__gl *gl, unsigned *out, unsigned ty
     return SBL_ERROR_GL;
 }
 
+/* Of vertex and fragment shader; vertex NULL: of the second, as a compute shader. */
 static sbl_result sbl__program_make(const sbl__gl *gl, unsigned *out, const char *name, const char *defines, const char *const *const *vertex, const char *const *const *fragment) {
     unsigned shaders[2] = { 0, 0 };
     int ok = 0;
     char text[400];
-    sbl_result result = sbl__shader_make(gl, &shaders[0], SBL__GL_VERTEX_SHADER, name, defines, vertex);
-    if (result == SBL_SUCCESS) result = sbl__shader_make(gl, &shaders[1], SBL__GL_FRAGMENT_SHADER, name, defines, fragment);
+    sbl_result result = vertex ? sbl__shader_make(gl, &shaders[0], SBL__GL_VERTEX_SHADER, name, defines, vertex) : SBL_SUCCESS;
+    if (result == SBL_SUCCESS) result = sbl__shader_make(gl, &shaders[1], vertex ? SBL__GL_FRAGMENT_SHADER : SBL__GL_COMPUTE_SHADER, name, defines, fragment);
     if (result == SBL_SUCCESS) {
         *out = gl->CreateProgram();
         if (*out) {
-            gl->AttachShader(*out, shaders[0]);
+            if (vertex) gl->AttachShader(*out, shaders[0]);
             gl->AttachShader(*out, shaders[1]);
             gl->LinkProgram(*out);
             gl->GetProgramiv(*out, SBL__GL_LINK_STATUS, &ok);
@@ -2168,6 +2237,10 @@ static void sbl__bind(const sbl__gl *gl, unsigned program, const char *name, int
     gl->ActiveTexture(SBL__GL_TEXTURE0 + (unsigned)unit);
     gl->BindTexture(target, texture);
     sbl__uniform_i(gl, program, name, unit);
+}
+
+static void sbl__bind_texels(const sbl__gl *gl, unsigned program, const char *name, int unit, const sbl__texture *t) {
+    sbl__bind(gl, program, name, unit, t->width ? SBL__GL_TEXTURE_2D : SBL__GL_TEXTURE_BUFFER, t->id);
 }
 
 /* ======================================================================================================== >>scene
@@ -2212,11 +2285,13 @@ typedef struct sbl__scene {
     void *draw_user;
     float draw_bounds[2][3];
     sbl__buffer position_buffer, attribute_buffer, index_buffer, object_buffer;
-    unsigned position_texels, attribute_texels, index_texels, object_texels;  /* buffer textures */
+    sbl__texture position_texels, attribute_texels, index_texels, object_texels;  /* see sbl__texels_make */
+    int wide;                      /* programs are of two kinds, see sbl__scene_programs_make */
     sbl__texture texels_srgb, texels_float;
     sbl__bvh bvh;                  /* built when a picture first traces rays; again after a mesh has moved */
     sbl__buffer node_buffer, triangle_buffer, lamp_buffer;
-    unsigned node_texels, triangle_texels, lamp_texels;
+    sbl__texture node_texels, triangle_texels;
+    unsigned lamp_texels;
     int lamp_count;                /* emitting triangles that sensors aim rays at; 0: there are none, or too many */
     int bvh_ready;
     unsigned vertex_array;         /* positions, object, uv, colour; the sensors' views come with each batch */
@@ -2446,10 +2521,10 @@ static void sbl__scene_free(const sbl__gl *gl, sbl__scene *s) {
     sbl__free(gl->base, s->indices);
     sbl__free(gl->base, s->objects);
     sbl__name_delete(gl->DeleteVertexArrays, &s->vertex_array);
-    sbl__name_delete(gl->DeleteTextures, &s->position_texels);
-    sbl__name_delete(gl->DeleteTextures, &s->attribute_texels);
-    sbl__name_delete(gl->DeleteTextures, &s->index_texels);
-    sbl__name_delete(gl->DeleteTextures, &s->object_texels);
+    sbl__texture_delete(gl, &s->position_texels);
+    sbl__texture_delete(gl, &s->attribute_texels);
+    sbl__texture_delete(gl, &s->index_texels);
+    sbl__texture_delete(gl, &s->object_texels);
     sbl__buffer_delete(gl, &s->position_buffer);
     sbl__buffer_delete(gl, &s->attribute_buffer);
     sbl__buffer_delete(gl, &s->index_buffer);
@@ -2458,8 +2533,8 @@ static void sbl__scene_free(const sbl__gl *gl, sbl__scene *s) {
     sbl__texture_delete(gl, &s->texels_float);
     sbl__free(gl->base, s->bvh.nodes);
     sbl__free(gl->base, s->bvh.order);
-    sbl__name_delete(gl->DeleteTextures, &s->node_texels);
-    sbl__name_delete(gl->DeleteTextures, &s->triangle_texels);
+    sbl__texture_delete(gl, &s->node_texels);
+    sbl__texture_delete(gl, &s->triangle_texels);
     sbl__name_delete(gl->DeleteTextures, &s->lamp_texels);
     sbl__buffer_delete(gl, &s->lamp_buffer);
     sbl__buffer_delete(gl, &s->node_buffer);
@@ -2619,11 +2694,23 @@ static void sbl__scene_measure(sbl__scene *s) {
     if (!(s->extent > 0)) s->extent = 1;
 }
 
+static sbl_result sbl__scene_texels_make(const sbl__gl *gl, sbl__scene *s) {
+    sbl_result result = sbl__texels_make(gl, &s->position_texels, SBL__GL_RGBA32UI, &s->position_buffer, s->wide, "making the positions' texture");
+    if (result == SBL_SUCCESS) result = sbl__texels_make(gl, &s->attribute_texels, SBL__GL_RGBA32UI, &s->attribute_buffer, s->wide, "making the attributes' texture");
+    if (result == SBL_SUCCESS) result = sbl__texels_make(gl, &s->index_texels, SBL__GL_R32UI, &s->index_buffer, s->wide, "making the indices' texture");
+    if (result == SBL_SUCCESS) result = sbl__texels_make(gl, &s->object_texels, SBL__GL_RGBA32UI, &s->object_buffer, s->wide, "making the objects' texture");
+    return result;
+}
+
 static sbl_result sbl__scene_upload(const sbl__gl *gl, sbl__scene *s) {
+    const sbl_capabilities *c = &gl->capabilities;
+    double texels = SBL__MAX(SBL__MAX(3.0 * s->triangle_count + 8, 2.0 * s->vertex_count), SBL__OBJECT_WORDS / 4 * (double)s->mesh_count);  /* the hierarchy's are fewer */
+    double most = c->max_texture_size < SBL__TEXELS_ACROSS ? 0 : (c->max_texture_size - 1) * (double)SBL__TEXELS_ACROSS;
     sbl_result result;
-    if (s->vertex_count > gl->capabilities.max_texture_buffer_size / 2 || s->triangle_count > gl->capabilities.max_texture_buffer_size / 3) {
-        sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the scene has %d vertices and %d triangles; this driver's texture buffers hold %d and %d", s->vertex_count,
-                 s->triangle_count, gl->capabilities.max_texture_buffer_size / 2, gl->capabilities.max_texture_buffer_size / 3);
+    s->wide = texels > c->max_texture_buffer_size;
+    if (s->wide && texels > most) {
+        sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the scene has %d vertices, %d triangles and %d meshes; this driver's textures hold %.0f, %.0f and %.0f", s->vertex_count,
+                 s->triangle_count, s->mesh_count, SBL__MAX(most, c->max_texture_buffer_size) / 2, SBL__MAX(most, c->max_texture_buffer_size) / 3, SBL__MAX(most, c->max_texture_buffer_size) / 5);
         return SBL_ERROR_UNSUPPORTED;
     }
     gl->BindVertexArray(0);
@@ -2631,10 +2718,7 @@ static sbl_result sbl__scene_upload(const sbl__gl *gl, sbl__scene *s) {
     if (result == SBL_SUCCESS) result = sbl__buffer_make(gl, &s->attribute_buffer, sizeof(sbl__attribute) * (size_t)s->vertex_count, s->attributes, SBL__GL_STATIC_DRAW, "storing attributes");
     if (result == SBL_SUCCESS) result = sbl__buffer_make(gl, &s->index_buffer, 12 * (size_t)s->triangle_count, s->indices, SBL__GL_STATIC_DRAW, "storing indices");
     if (result == SBL_SUCCESS) result = sbl__buffer_make(gl, &s->object_buffer, 4 * SBL__OBJECT_WORDS * (size_t)s->mesh_count, s->objects, SBL__GL_STATIC_DRAW, "storing objects");
-    if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &s->position_texels, SBL__GL_RGBA32UI, &s->position_buffer, "making the positions' texture");
-    if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &s->attribute_texels, SBL__GL_RGBA32UI, &s->attribute_buffer, "making the attributes' texture");
-    if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &s->index_texels, SBL__GL_R32UI, &s->index_buffer, "making the indices' texture");
-    if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &s->object_texels, SBL__GL_RGBA32UI, &s->object_buffer, "making the objects' texture");
+    if (result == SBL_SUCCESS) result = sbl__scene_texels_make(gl, s);
     if (result != SBL_SUCCESS) return result;
     if (!s->vertex_array) s->vertex_array = sbl__name_make(gl, gl->GenVertexArrays, "making the scene's vertex array");
     if (!s->vertex_array) return SBL_ERROR_GL;
@@ -2886,7 +2970,7 @@ static sbl_result sbl__scene_place(const sbl__gl *gl, sbl__scene *s, int number,
         gl->BindBuffer(SBL__GL_ARRAY_BUFFER, s->index_buffer.id);
         gl->BufferSubData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)(12 * (size_t)mesh->first_triangle), (ptrdiff_t)(12 * (size_t)mesh->triangle_count), s->indices + 3 * (size_t)mesh->first_triangle);
     }
-    return sbl__gl_check(gl, "moving a mesh");
+    return s->wide ? sbl__scene_texels_make(gl, s) : sbl__gl_check(gl, "moving a mesh");
 }
 
 static sbl_result sbl__scene_move(const sbl__gl *gl, sbl__scene *s, int number, const float transform[16]) {
@@ -2901,12 +2985,12 @@ static sbl_result sbl__scene_move(const sbl__gl *gl, sbl__scene *s, int number, 
 
 /* Binds what scene.glsl and surface.glsl read to units 0 to 5. */
 static void sbl__scene_bind(const sbl__gl *gl, const sbl__scene *s, unsigned program) {
-    sbl__bind(gl, program, "sbl_objects", 0, SBL__GL_TEXTURE_BUFFER, s->object_texels);
+    sbl__bind_texels(gl, program, "sbl_objects", 0, &s->object_texels);
     sbl__bind(gl, program, "sbl_texels_srgb", 1, SBL__GL_TEXTURE_2D, s->texels_srgb.id);
     sbl__bind(gl, program, "sbl_texels_float", 2, SBL__GL_TEXTURE_2D, s->texels_float.id);
-    sbl__bind(gl, program, "sbl_positions", 3, SBL__GL_TEXTURE_BUFFER, s->position_texels);
-    sbl__bind(gl, program, "sbl_attributes", 4, SBL__GL_TEXTURE_BUFFER, s->attribute_texels);
-    sbl__bind(gl, program, "sbl_indices", 5, SBL__GL_TEXTURE_BUFFER, s->index_texels);
+    sbl__bind_texels(gl, program, "sbl_positions", 3, &s->position_texels);
+    sbl__bind_texels(gl, program, "sbl_attributes", 4, &s->attribute_texels);
+    sbl__bind_texels(gl, program, "sbl_indices", 5, &s->index_texels);
 }
 
 /* ======================================================================================================== >>bvh
@@ -3181,11 +3265,6 @@ static sbl_result sbl__bvh_ready(const sbl__gl *gl, sbl__scene *s) {
     sbl__bvh_free(gl->base, &s->bvh);
     result = sbl__bvh_build(gl->base, &s->bvh, s);
     if (result != SBL_SUCCESS) return result;
-    if (s->bvh.triangle_count > gl->capabilities.max_texture_buffer_size / 3) {
-        sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the scene has %d triangles; this driver's texture buffers hold %d for tracing, use SBL_BACKEND_RASTER",
-                 s->bvh.triangle_count, gl->capabilities.max_texture_buffer_size / 3);
-        return SBL_ERROR_UNSUPPORTED;
-    }
     words = (uint32_t *)sbl__alloc(gl->base, (size_t)s->bvh.triangle_count, 48);
     if (!words) return SBL_ERROR_OUT_OF_MEMORY;
     s->lamp_count = 0;
@@ -3210,9 +3289,13 @@ static sbl_result sbl__bvh_ready(const sbl__gl *gl, sbl__scene *s) {
     sbl__free(gl->base, words);
     if (result == SBL_SUCCESS) result = sbl__buffer_make(gl, &s->node_buffer, 32 * (size_t)s->bvh.node_count, s->bvh.nodes, SBL__GL_STATIC_DRAW, "storing the hierarchy");
     if (result == SBL_SUCCESS) result = sbl__buffer_make(gl, &s->lamp_buffer, sizeof lamps, lamps, SBL__GL_STATIC_DRAW, "storing lamps");
-    if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &s->node_texels, SBL__GL_RGBA32UI, &s->node_buffer, "making the hierarchy's texture");
-    if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &s->triangle_texels, SBL__GL_RGBA32UI, &s->triangle_buffer, "making the triangles' texture");
+    if (result == SBL_SUCCESS) result = sbl__texels_make(gl, &s->node_texels, SBL__GL_RGBA32UI, &s->node_buffer, s->wide, "making the hierarchy's texture");
+    if (result == SBL_SUCCESS) result = sbl__texels_make(gl, &s->triangle_texels, SBL__GL_RGBA32UI, &s->triangle_buffer, s->wide, "making the triangles' texture");
     if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &s->lamp_texels, SBL__GL_R32UI, &s->lamp_buffer, "making the lamps' texture");
+    if (s->wide) {  /* copied */
+        sbl__buffer_delete(gl, &s->node_buffer);
+        sbl__buffer_delete(gl, &s->triangle_buffer);
+    }
     sbl__free(gl->base, s->bvh.nodes);   /* the GPU has them; the build is repeated when a mesh moves */
     sbl__free(gl->base, s->bvh.order);
     s->bvh.nodes = s->bvh.order = NULL;
@@ -3865,12 +3948,14 @@ static sbl_result sbl__trace_setup(const sbl__gl *gl, sbl__gather *g, const sbl_
     return result;
 }
 
+#define SBL__WORKGROUP 64  /* as in traverse.glsl */
+
 /* What both programs of traced sensors read. */
 static void sbl__trace_bind(const sbl__gl *gl, const sbl__gather *g, const sbl__scene *scene, unsigned program, int slot, int count) {
     gl->UseProgram(program);
     sbl__scene_bind(gl, scene, program);
-    sbl__bind(gl, program, "sbl_nodes", 6, SBL__GL_TEXTURE_BUFFER, scene->node_texels);
-    sbl__bind(gl, program, "sbl_triangles", 7, SBL__GL_TEXTURE_BUFFER, scene->triangle_texels);
+    sbl__bind_texels(gl, program, "sbl_nodes", 6, &scene->node_texels);
+    sbl__bind_texels(gl, program, "sbl_triangles", 7, &scene->triangle_texels);
     sbl__bind(gl, program, "sbl_points", 8, SBL__GL_TEXTURE_BUFFER, g->point_texels);
     sbl__bind(gl, program, "sbl_sequence", 9, SBL__GL_TEXTURE_BUFFER, g->sequence_texels);
     sbl__uniform_3(gl, program, "grid_origin", scene->bvh.grid_origin);
@@ -3881,9 +3966,26 @@ static void sbl__trace_bind(const sbl__gl *gl, const sbl__gather *g, const sbl__
     sbl__uniform_i(gl, program, "count", count);
 }
 
+/* Runs the program over `count` sensors from `slot` on, each of across x down texels. Sums are the same whichever carries them. */
+static void sbl__trace_run(const sbl__gl *gl, const sbl__gather *g, unsigned program, unsigned framebuffer, const sbl__texture *const targets[2], int across, int down, int slot, int count) {
+    int row = slot / g->columns, last_row = (slot + count - 1) / g->columns, i;
+    gl->Uniform2i(sbl__uniform(gl, program, "blocks"), across, down);
+    if (gl->capabilities.used & SBL_CAPABILITY_COMPUTE) {
+        for (i = 0; i < 2 && targets[i]; i++) gl->BindImageTexture((unsigned)i, targets[i]->id, 0, 0, 0, SBL__GL_WRITE_ONLY, SBL__GL_RGBA32F);
+        (gl->MemoryBarrier)(SBL__GL_SHADER_IMAGE_ACCESS_BARRIER);  /* what reads the last sums must be done; parentheses: windows.h has such a macro */
+        gl->DispatchCompute((unsigned)((count * across * down + SBL__WORKGROUP - 1) / SBL__WORKGROUP), 1, 1);
+        (gl->MemoryBarrier)(SBL__GL_TEXTURE_FETCH_BARRIER | SBL__GL_FRAMEBUFFER_BARRIER);
+    } else {
+        gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, framebuffer);
+        gl->Viewport(0, row * down, targets[0]->width, (last_row - row + 1) * down);
+        gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
+    }
+}
+
 /* Traces sensors first .. first + count - 1, which lie in one filling of the block textures. programs: trace, lamps. */
 static sbl_result sbl__trace_draw(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, const unsigned programs[2], unsigned empty_array, int first, int count) {
-    int i, slot = first % g->slots, row = slot / g->columns, last_row = (slot + count - 1) / g->columns;
+    const sbl__texture *const parts[2] = { &g->block_sums, &g->block_hits }, *const lights[2] = { &g->lights, NULL };
+    int i, slot = first % g->slots;
     sbl_result result;
     for (i = 0; i < count; i++) {
         const sbl__point *p = &g->points[first + i];
@@ -3902,26 +4004,20 @@ static sbl_result sbl__trace_draw(const sbl__gl *gl, sbl__gather *g, const sbl__
     if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &g->point_texels, SBL__GL_RGBA32UI, &g->point_buffer, "sending points");
     if (result != SBL_SUCCESS) return result;
     gl->Disable(SBL__GL_DEPTH_TEST);
-    gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->block_framebuffer);
-    gl->Viewport(0, row * g->layout.blocks[1], g->block_sums.width, (last_row - row + 1) * g->layout.blocks[1]);
     sbl__trace_bind(gl, g, scene, programs[0], slot, count);
     sbl__uniform_i(gl, programs[0], "rays", g->rays);
     sbl__uniform_i(gl, programs[0], "lamps_apart", g->lamp_rays > 0);
-    gl->Uniform2i(sbl__uniform(gl, programs[0], "blocks"), g->layout.blocks[0], g->layout.blocks[1]);
     sbl__uniform_f(gl, programs[0], "epsilon", g->epsilon);
     sbl__uniform_f(gl, programs[0], "spread", g->spread);
     sbl__uniform_3(gl, programs[0], "sky", scene->sky);
-    gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
+    sbl__trace_run(gl, g, programs[0], g->block_framebuffer, parts, g->layout.blocks[0], g->layout.blocks[1], slot, count);
     if (g->lamp_rays) {
-        gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->light_framebuffer);
-        gl->Viewport(0, row * g->lamp_parts, g->columns, (last_row - row + 1) * g->lamp_parts);
         sbl__trace_bind(gl, g, scene, programs[1], slot, count);
         sbl__bind(gl, programs[1], "sbl_lamps", 10, SBL__GL_TEXTURE_BUFFER, scene->lamp_texels);
         sbl__uniform_i(gl, programs[1], "lamp_count", scene->lamp_count);
         sbl__uniform_i(gl, programs[1], "rays", g->lamp_rays);
-        sbl__uniform_i(gl, programs[1], "parts", g->lamp_parts);
         sbl__uniform_f(gl, programs[1], "unit", SBL__MAX(scene->max_radiance, 1e-37f));
-        gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
+        sbl__trace_run(gl, g, programs[1], g->light_framebuffer, lights, 1, g->lamp_parts, slot, count);
     }
     gl->Flush();
     return sbl__gl_check(gl, "tracing rays");
@@ -4462,11 +4558,14 @@ typedef struct sbl__picture {
     float progress;
 } sbl__picture;
 
+#define SBL__SCENE_PROGRAMS 7
+
 struct sbl_context {
     sbl__base base;
     sbl__gl gl;
     sbl_context_desc desc;
-    struct { unsigned copy, gbuffer, sensor, sensor_textured, trace[2], trace_textured[2], reduce_blocks, reduce_sum, filter, resolve; } programs;
+    struct { unsigned gbuffer, sensor, sensor_textured, trace[2], trace_textured[2], copy, reduce_blocks, reduce_sum, filter, resolve; } programs;  /* the first SBL__SCENE_PROGRAMS read the scene */
+    int wide;                   /* these read wide scenes */
     unsigned empty_array;       /* a vertex array without attributes */
     sbl__gather gather, probe, inspected;  /* probe: sensors that look back at their surface, see sbl__refine_suspects; inspected: one sensor's views */
     sbl__scene scene;
@@ -4564,7 +4663,7 @@ static sbl_result sbl__picture_surface(sbl_context *c) {
     if (result == SBL_SUCCESS && traced) result = sbl__picture_trace(c);
     if (result != SBL_SUCCESS) return result;
     c->stats.bvh_seconds = c->scene.bvh.seconds;
-    c->stats.bvh_bytes = c->scene.node_buffer.bytes + c->scene.triangle_buffer.bytes;
+    c->stats.bvh_bytes = c->scene.node_buffer.bytes + c->scene.triangle_buffer.bytes + c->scene.node_texels.bytes + c->scene.triangle_texels.bytes;
     sbl__surface_draw(&c->gl, c->programs.gbuffer, &c->scene, &p->camera, &p->gbuffer, centre, p->desc.epsilon);
     result = sbl__gl_check(&c->gl, "drawing the G-buffer");
     if (result != SBL_SUCCESS) return result;
@@ -4814,31 +4913,54 @@ static void sbl__visit_leave(sbl_context *c, const sbl__visit *v) {
 #endif
 }
 
-static sbl_result sbl__programs_make(sbl_context *c) {
-    const sbl__gl *gl = &c->gl;
+/* The programs that read the scene, anew: one that buffer textures hold, or a wide one. On failure the old ones stay. */
+static sbl_result sbl__scene_programs_make(sbl_context *c, int wide) {
     static const char *const *const fullscreen[] = { sbl__glsl_fullscreen_vertex, NULL };
-    static const char *const *const copy[] = { sbl__glsl_copy, NULL };
     static const char *const *const gbuffer_vertex[] = { sbl__glsl_scene, sbl__glsl_gbuffer_vertex, NULL };
     static const char *const *const gbuffer_fragment[] = { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_gbuffer_fragment, NULL };
     static const char *const *const sensor_vertex[] = { sbl__glsl_scene, sbl__glsl_sensor_vertex, NULL };
     static const char *const *const sensor_fragment[] = { sbl__glsl_scene, sbl__glsl_sensor_fragment, NULL };
     static const char *const *const trace[] = { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_traverse, sbl__glsl_trace, NULL };
     static const char *const *const lamps[] = { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_traverse, sbl__glsl_lamps, NULL };
-    static const char rays[] = "#define SBL_STACK 64\n#define SBL_LAMPS 256\n", textured_rays[] = "#define SBL_STACK 64\n#define SBL_LAMPS 256\n#define SBL_TEXTURED\n";
+    static const struct { const char *name; const char *const *const *vertex, *const *const *fragment; int traces, textured; } list[SBL__SCENE_PROGRAMS] = {
+        { "gbuffer", gbuffer_vertex, gbuffer_fragment, 0, 0 },
+        { "sensor", sensor_vertex, sensor_fragment, 0, 0 },
+        { "sensor, textured", sensor_vertex, sensor_fragment, 0, 1 },
+        { "trace", fullscreen, trace, 1, 0 },
+        { "lamps", fullscreen, lamps, 1, 0 },
+        { "trace, textured", fullscreen, trace, 1, 1 },
+        { "lamps, textured", fullscreen, lamps, 1, 1 }
+    };
+    const sbl__gl *gl = &c->gl;
+    const int clip = (gl->capabilities.used & SBL_CAPABILITY_CLIP_CONTROL) != 0, compute = (gl->capabilities.used & SBL_CAPABILITY_COMPUTE) != 0;
+    unsigned made[SBL__SCENE_PROGRAMS] = { 0 }, *programs = &c->programs.gbuffer;
+    sbl_result result = SBL_SUCCESS;
+    int i;
+    for (i = 0; i < SBL__SCENE_PROGRAMS && result == SBL_SUCCESS; i++) {
+        char defines[200];
+        snprintf(defines, sizeof defines, "#define SBL_STACK %d\n#define SBL_LAMPS %d\n%s%s%s", SBL__BVH_STACK, SBL__MAX_LAMPS, clip ? "" : "#define SBL_WRITE_DEPTH\n",
+                 wide ? "#define SBL_WIDE\n" : "", list[i].textured ? "#define SBL_TEXTURED\n" : "");
+        result = sbl__program_make(gl, &made[i], list[i].name, defines, list[i].traces && compute ? NULL : list[i].vertex, list[i].fragment);
+    }
+    for (i = 0; i < SBL__SCENE_PROGRAMS; i++) {
+        unsigned old = result == SBL_SUCCESS ? programs[i] : made[i];
+        if (old) gl->DeleteProgram(old);
+        if (result == SBL_SUCCESS) programs[i] = made[i];
+    }
+    if (result == SBL_SUCCESS) c->wide = wide;
+    return result;
+}
+
+static sbl_result sbl__programs_make(sbl_context *c) {
+    const sbl__gl *gl = &c->gl;
+    static const char *const *const fullscreen[] = { sbl__glsl_fullscreen_vertex, NULL };
+    static const char *const *const copy[] = { sbl__glsl_copy, NULL };
     static const char *const *const reduce_blocks[] = { sbl__glsl_reduce_blocks, NULL };
     static const char *const *const reduce_sum[] = { sbl__glsl_reduce_sum, NULL };
     static const char *const *const filter[] = { sbl__glsl_belongs, sbl__glsl_filter, NULL };
     static const char *const *const resolve[] = { sbl__glsl_belongs, sbl__glsl_resolve, NULL };
-    int clip = (gl->capabilities.used & SBL_CAPABILITY_CLIP_CONTROL) != 0;
-    const char *depth = clip ? "" : "#define SBL_WRITE_DEPTH\n", *textured = clip ? "#define SBL_TEXTURED\n" : "#define SBL_TEXTURED\n#define SBL_WRITE_DEPTH\n";
     sbl_result result = sbl__program_make(gl, &c->programs.copy, "copy", "", fullscreen, copy);
-    if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.gbuffer, "gbuffer", depth, gbuffer_vertex, gbuffer_fragment);
-    if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.sensor, "sensor", depth, sensor_vertex, sensor_fragment);
-    if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.sensor_textured, "sensor, textured", textured, sensor_vertex, sensor_fragment);
-    if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.trace[0], "trace", rays, fullscreen, trace);
-    if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.trace[1], "lamps", rays, fullscreen, lamps);
-    if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.trace_textured[0], "trace, textured", textured_rays, fullscreen, trace);
-    if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.trace_textured[1], "lamps, textured", textured_rays, fullscreen, lamps);
+    if (result == SBL_SUCCESS) result = sbl__scene_programs_make(c, 0);
     if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.reduce_blocks, "reduce_blocks", "", fullscreen, reduce_blocks);
     if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.reduce_sum, "reduce_sum", "", fullscreen, reduce_sum);
     if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.filter, "filter", "", fullscreen, filter);
@@ -4996,7 +5118,7 @@ static void sbl__log_state(const sbl_context *c, const char *function, const cha
 /* All but the struct itself. A context that sbl_create gave up half-way is freed too. */
 static void sbl__context_free(sbl_context *c) {
     if (c->gl.GetError && c->gl.capabilities.gl_major) {
-        unsigned *programs = &c->programs.copy;
+        unsigned *programs = &c->programs.gbuffer;
         sbl__visit visit;
         int i;
         sbl__visit_enter(c, &visit);
@@ -5089,6 +5211,10 @@ SBL_API sbl_result sbl_set_scene(sbl_context *c, const sbl_scene_desc *desc) {
     memset(&scene, 0, sizeof scene);
     sbl__visit_enter(c, &visit);
     result = sbl__scene_make(&c->gl, &scene, desc, c->programs.copy, c->empty_array);
+    if (result == SBL_SUCCESS && scene.wide != c->wide) {
+        result = sbl__scene_programs_make(c, scene.wide);
+        if (result != SBL_SUCCESS) sbl__scene_free(&c->gl, &scene);
+    }
     if (result == SBL_SUCCESS) {
         sbl__picture_free(c);
         sbl__scene_free(&c->gl, &c->scene);

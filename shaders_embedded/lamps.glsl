@@ -5,10 +5,8 @@ uniform usamplerBuffer sbl_points;    // a sensor, three texels: position; norma
 uniform usamplerBuffer sbl_sequence;  // see trace.glsl
 uniform usamplerBuffer sbl_lamps;     // emitting triangles, as sbl_triangles counts
 uniform int lamp_count, rays;         // at most SBL_LAMPS; at most so many rays a sensor
-uniform int columns, first_slot, count;
-uniform int parts;                    // of a sensor, one below the other
 uniform float unit;                   // radiance that calculations are in: the scene's highest, so that none overflows
-layout(location = 0) out vec4 out_light;  // R, each part's own; the variance of its channels' mean
+SBL_OUT(0, out_light);                // R, each part's own; the variance of its channels' mean
 
 const float PI = 3.14159265;
 
@@ -17,7 +15,7 @@ struct sbl_Lamp { vec3 corner, side_1, side_2, emission; int triangle, number; }
 // As seen from p: black where only its dark side shows.
 sbl_Lamp sbl_lamp(int i, vec3 p) {
     int t = int(texelFetch(sbl_lamps, i).x);
-    uvec4 a = texelFetch(sbl_triangles, 3 * t), b = texelFetch(sbl_triangles, 3 * t + 1), c = texelFetch(sbl_triangles, 3 * t + 2), light = sbl_object(a.w, 1);
+    uvec4 a = sbl_fetch(sbl_triangles, 3 * t), b = sbl_fetch(sbl_triangles, 3 * t + 1), c = sbl_fetch(sbl_triangles, 3 * t + 2), light = sbl_object(a.w, 1);
     sbl_Lamp l = sbl_Lamp(uintBitsToFloat(a.xyz), uintBitsToFloat(b.xyz) - uintBitsToFloat(a.xyz), uintBitsToFloat(c.xyz) - uintBitsToFloat(a.xyz),
                           uintBitsToFloat(light.rgb) / unit, t, int(b.w));
     if ((light.w & SBL_ONE_SIDED_EMISSION) != 0u && dot(cross(l.side_1, l.side_2), p - l.corner) < 0.0) l.emission = vec3(0);
@@ -71,8 +69,9 @@ vec4 sbl_spherical(vec3 a, vec3 b, vec3 c, vec2 u) {
 }
 
 void main() {
-    int part = int(gl_FragCoord.y) % parts, sensor = int(gl_FragCoord.y) / parts * columns + int(gl_FragCoord.x) - first_slot;
-    if (sensor < 0 || sensor >= count) discard;
+    ivec2 at = sbl_texel_of_invocation();
+    int parts = blocks.y, part = at.y % parts, sensor = at.y / parts * columns + at.x - first_slot;
+    if (sensor < 0 || sensor >= count) sbl_leave;
     uvec4 words = texelFetch(sbl_points, 3 * sensor + 2);
     vec3 position = uintBitsToFloat(texelFetch(sbl_points, 3 * sensor).xyz), n = uintBitsToFloat(texelFetch(sbl_points, 3 * sensor + 1).xyz);
     mat3 frame = transpose(sbl_frame(n));
@@ -128,7 +127,7 @@ void main() {
             if (hit.triangle >= 0 && hit.number != l.number) continue;
 #ifdef SBL_TEXTURED
             sbl_Attributes at = sbl_attributes_at(l.triangle, u.x, u.y);
-            light *= sbl_texture(sbl_object(texelFetch(sbl_triangles, 3 * l.triangle).w, 3), at.uv).rgb;
+            light *= sbl_texture(sbl_object(sbl_fetch(sbl_triangles, 3 * l.triangle).w, 3), at.uv).rgb;
 #endif
             seen += light;
             lit += 1.0;
@@ -138,5 +137,5 @@ void main() {
     vec3 share = vec3(open.r > 0.0 ? seen.r / open.r : 0.0, open.g > 0.0 ? seen.g / open.g : 0.0, open.b > 0.0 ? seen.b / open.b : 0.0);
     float mean = dot(all, vec3(1.0 / 3.0)), lit_share = samples > 0.0 ? lit / samples : 0.0;
     // stratified points have far less variance than independent ones: a tenth is what edges across a lamp leave
-    out_light = vec4(all * share * unit, samples > 0.0 ? 0.1 * mean * mean * lit_share * (1.0 - lit_share) / samples * unit * unit : 0.0);
+    sbl_write(out_light, vec4(all * share * unit, samples > 0.0 ? 0.1 * mean * mean * lit_share * (1.0 - lit_share) / samples * unit * unit : 0.0));
 }

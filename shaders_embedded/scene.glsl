@@ -5,7 +5,15 @@
 //   2  albedo texture:   first row in the texel store, width, height, kind (0 none, 1 8-bit sRGB, 2 16-bit float, +4 clamps)
 //   3  emission texture: likewise
 //   4  id, 0, 0, 0
-uniform usamplerBuffer sbl_objects;
+#ifdef SBL_WIDE  // what grows with the scene is past the driver's limit for buffer textures, and stands in 2D ones (see sbl__texels_make)
+#define sbl_Texels usampler2D
+#define sbl_fetch(texels, i) texelFetch(texels, ivec2((i) & 4095, (i) >> 12), 0)
+#else
+#define sbl_Texels usamplerBuffer
+#define sbl_fetch(texels, i) texelFetch(texels, i)
+#endif
+
+uniform sbl_Texels sbl_objects;
 uniform sampler2D sbl_texels_srgb;   // all 8-bit sRGB textures, each starting on a row of its own, texel n of a texture at n % width, n / width
 uniform sampler2D sbl_texels_float;  // all others
 
@@ -14,7 +22,7 @@ const uint SBL_ONE_SIDED_EMISSION = 1u;
 const uint SBL_HIDDEN_FROM_CAMERA = 2u;
 const uint SBL_HIDDEN_FROM_SENSORS = 4u;
 
-uvec4 sbl_object(uint object, int field) { return texelFetch(sbl_objects, int(object) * SBL_OBJECT_TEXELS + field); }
+uvec4 sbl_object(uint object, int field) { return sbl_fetch(sbl_objects, int(object) * SBL_OBJECT_TEXELS + field); }
 
 vec4 sbl_texel(uvec4 texture_record, ivec2 at) {
     ivec2 size = ivec2(texture_record.yz);

@@ -1,8 +1,8 @@
 // From a triangle's number and a ray to the surface point. Exact where rasterised attributes are not: a point interpolated across a
 // large clipped triangle strays off its plane, and a sensor standing there would see its own surface.
-uniform usamplerBuffer sbl_positions;   // a vertex: x y z as float bits, object
-uniform usamplerBuffer sbl_attributes;  // a vertex, two texels: normal x y z, u | v, colour r g (16 bits each), colour b a, 0
-uniform usamplerBuffer sbl_indices;     // three a triangle
+uniform sbl_Texels sbl_positions;   // a vertex: x y z as float bits, object
+uniform sbl_Texels sbl_attributes;  // a vertex, two texels: normal x y z, u | v, colour r g (16 bits each), colour b a, 0
+uniform sbl_Texels sbl_indices;     // three a triangle
 
 struct sbl_Surface {
     vec3 position, normal, geometric_normal;  // normals point against the ray
@@ -14,12 +14,12 @@ struct sbl_Surface {
 };
 
 sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {
-    ivec3 v = ivec3(int(texelFetch(sbl_indices, 3 * triangle).x), int(texelFetch(sbl_indices, 3 * triangle + 1).x),
-                    int(texelFetch(sbl_indices, 3 * triangle + 2).x));
-    uvec4 record = texelFetch(sbl_positions, v.x);
+    ivec3 v = ivec3(int(sbl_fetch(sbl_indices, 3 * triangle).x), int(sbl_fetch(sbl_indices, 3 * triangle + 1).x),
+                    int(sbl_fetch(sbl_indices, 3 * triangle + 2).x));
+    uvec4 record = sbl_fetch(sbl_positions, v.x);
     vec3 p0 = uintBitsToFloat(record.xyz);
-    vec3 e1 = uintBitsToFloat(texelFetch(sbl_positions, v.y).xyz) - p0;
-    vec3 e2 = uintBitsToFloat(texelFetch(sbl_positions, v.z).xyz) - p0;
+    vec3 e1 = uintBitsToFloat(sbl_fetch(sbl_positions, v.y).xyz) - p0;
+    vec3 e2 = uintBitsToFloat(sbl_fetch(sbl_positions, v.z).xyz) - p0;
 
     // Barycentrics of the ray's hit by Cramer's rule (Moeller and Trumbore 1997), kept inside the triangle.
     // The cross product is scaled to the edges' size first, so that small triangles do not underflow.
@@ -41,8 +41,8 @@ sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {
     bool back = dot(face, direction) > 0.0;
     s.geometric_normal = back ? -face : face;
 
-    uvec4 n0 = texelFetch(sbl_attributes, 2 * v.x), n1 = texelFetch(sbl_attributes, 2 * v.y), n2 = texelFetch(sbl_attributes, 2 * v.z);
-    uvec4 c0 = texelFetch(sbl_attributes, 2 * v.x + 1), c1 = texelFetch(sbl_attributes, 2 * v.y + 1), c2 = texelFetch(sbl_attributes, 2 * v.z + 1);
+    uvec4 n0 = sbl_fetch(sbl_attributes, 2 * v.x), n1 = sbl_fetch(sbl_attributes, 2 * v.y), n2 = sbl_fetch(sbl_attributes, 2 * v.z);
+    uvec4 c0 = sbl_fetch(sbl_attributes, 2 * v.x + 1), c1 = sbl_fetch(sbl_attributes, 2 * v.y + 1), c2 = sbl_fetch(sbl_attributes, 2 * v.z + 1);
     vec3 normal = b0 * uintBitsToFloat(n0.xyz) + b1 * uintBitsToFloat(n1.xyz) + b2 * uintBitsToFloat(n2.xyz);
     float length2 = dot(normal, normal);
     normal = length2 > 1e-12 ? normal * inversesqrt(length2) : face;

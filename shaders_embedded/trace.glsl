@@ -2,18 +2,15 @@
 uniform usamplerBuffer sbl_points;    // a sensor, three texels: position, hash; normal, hash; first ray
 uniform usamplerBuffer sbl_sequence;  // points of the Sobol sequence, two 32-bit fractions each, along a Morton curve
 uniform int rays;                     // of a sensor
-uniform ivec2 blocks;                 // invocations of a sensor: four by some, so that those that run side by side trace neighbouring rays
-uniform int columns;                  // sensors across the target
-uniform int first_slot, count;        // this many sensors stand from first_slot on
 uniform float epsilon;
 uniform float spread;                 // 1: the cosine's whole hemisphere; 0: all rays go along the normal
 uniform vec3 sky;
 uniform bool lamps_apart;                // light from emitting triangles comes from lamps.glsl
-layout(location = 0) out vec4 out_sum;
-layout(location = 1) out vec4 out_hits;
+SBL_OUT(0, out_sum);
+SBL_OUT(1, out_hits);
 
 vec3 sbl_radiance(sbl_Hit hit) {
-    uint object = texelFetch(sbl_triangles, 3 * hit.triangle).w;
+    uint object = sbl_fetch(sbl_triangles, 3 * hit.triangle).w;
     uvec4 material = sbl_object(object, 0), light = sbl_object(object, 1);
     vec3 emission = uintBitsToFloat(light.rgb);
     bool emits = max(max(emission.r, emission.g), emission.b) > 0.0 && !(hit.back && (light.w & SBL_ONE_SIDED_EMISSION) != 0u);
@@ -30,9 +27,9 @@ vec3 sbl_radiance(sbl_Hit hit) {
 }
 
 void main() {
-    ivec2 at = ivec2(gl_FragCoord.xy), sheet = at / blocks, within = at % blocks;
+    ivec2 at = sbl_texel_of_invocation(), sheet = at / blocks, within = at % blocks;
     int sensor = sheet.y * columns + sheet.x - first_slot;
-    if (sensor < 0 || sensor >= count) discard;
+    if (sensor < 0 || sensor >= count) sbl_leave;
     uvec4 a = texelFetch(sbl_points, 3 * sensor), b = texelFetch(sbl_points, 3 * sensor + 1);
     int skip = int(texelFetch(sbl_points, 3 * sensor + 2).x);
     vec3 position = uintBitsToFloat(a.xyz), n = uintBitsToFloat(b.xyz);
@@ -52,7 +49,8 @@ void main() {
             hits.z = min(hits.z, hit.distance);
         }
     }
-    out_sum = sum / float(rays);
-    float light = dot(out_sum.rgb, vec3(1.0 / 3.0));
-    out_hits = vec4(hits.xy / float(rays), hits.z, light * light);
+    sum /= float(rays);
+    float light = dot(sum.rgb, vec3(1.0 / 3.0));
+    sbl_write(out_sum, sum);
+    sbl_write(out_hits, vec4(hits.xy / float(rays), hits.z, light * light));
 }

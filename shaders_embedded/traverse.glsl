@@ -3,21 +3,44 @@
 // in steps of a grid. A child is a node's number, or 8 + triangles - 1 << 28 | first triangle, or SBL_ENTER << 28 | number of a finer grid in a node's place:
 //   origin, its root; steps per length, the grid around it
 // A triangle is three texels: corner, object; corner, number in the scene; corner, 1 where a cutout may leave nothing.
-uniform usamplerBuffer sbl_nodes, sbl_triangles;
+uniform sbl_Texels sbl_nodes, sbl_triangles;
 uniform vec3 grid_origin, grid_per_length;  // of the grid over all, which comes first
 uniform int node_count;                     // 0: an empty scene
+
+// What sensors' programs have in common. A sensor has a block of texels, one an invocation. There are two carriers: fragment shaders drawn over the blocks,
+// and compute shaders, in which the invocations of a sensor follow each other.
+uniform ivec2 blocks;                 // invocations of a sensor: four by some, so that those that run side by side trace neighbouring rays
+uniform int columns;                  // sensors across the target
+uniform int first_slot, count;        // this many sensors stand from first_slot on
+#ifdef SBL_COMPUTE
+layout(local_size_x = 64) in;
+#define SBL_OUT(place, name) layout(rgba32f, binding = place) writeonly uniform image2D name
+#define sbl_write(name, value) imageStore(name, sbl_texel_of_invocation(), value)
+#define sbl_leave return
+
+ivec2 sbl_texel_of_invocation() {
+    int i = int(gl_GlobalInvocationID.x), size = blocks.x * blocks.y, slot = first_slot + i / size, part = i % size;
+    return ivec2(slot % columns, slot / columns) * blocks + ivec2(part % blocks.x, part / blocks.x);
+}
+#else
+#define SBL_OUT(place, name) layout(location = place) out vec4 name
+#define sbl_write(name, value) name = value
+#define sbl_leave discard
+
+ivec2 sbl_texel_of_invocation() { return ivec2(gl_FragCoord.xy); }
+#endif
 
 #ifdef SBL_TEXTURED
 struct sbl_Attributes { vec2 uv; vec4 color; };
 
 sbl_Attributes sbl_attributes_at(int triangle, float b1, float b2) {
-    int number = int(texelFetch(sbl_triangles, 3 * triangle + 1).w);
+    int number = int(sbl_fetch(sbl_triangles, 3 * triangle + 1).w);
     vec3 b = vec3(1.0 - b1 - b2, b1, b2);
     sbl_Attributes at = sbl_Attributes(vec2(0), vec4(0));
     for (int k = 0; k < 3; k++) {
-        int v = int(texelFetch(sbl_indices, 3 * number + k).x);
-        uint u = texelFetch(sbl_attributes, 2 * v).w;
-        uvec4 c = texelFetch(sbl_attributes, 2 * v + 1);
+        int v = int(sbl_fetch(sbl_indices, 3 * number + k).x);
+        uint u = sbl_fetch(sbl_attributes, 2 * v).w;
+        uvec4 c = sbl_fetch(sbl_attributes, 2 * v + 1);
         at.uv += b[k] * uintBitsToFloat(uvec2(u, c.x));
         at.color += b[k] / 65535.0 * vec4(c.y & 65535u, c.y >> 16, c.z & 65535u, c.z >> 16);
     }
@@ -26,7 +49,7 @@ sbl_Attributes sbl_attributes_at(int triangle, float b1, float b2) {
 
 // Is the cutout solid here?
 bool sbl_solid(int triangle, float b1, float b2) {
-    uint object = texelFetch(sbl_triangles, 3 * triangle).w;
+    uint object = sbl_fetch(sbl_triangles, 3 * triangle).w;
     float cutoff = uintBitsToFloat(sbl_object(object, 0).w);
     sbl_Attributes at = sbl_attributes_at(triangle, b1, b2);
     return at.color.a * sbl_texture(sbl_object(object, 2), at.uv).a >= cutoff;
@@ -71,7 +94,7 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float li
     uint node = node_count == 0 ? SBL_END : 1u;
     while (true) {
         while (node < SBL_LEAF) {  // down to a leaf, the nearer child first
-            uvec4 first = texelFetch(sbl_nodes, int(node) * 2), second = texelFetch(sbl_nodes, int(node) * 2 + 1);
+            uvec4 first = sbl_fetch(sbl_nodes, int(node) * 2), second = sbl_fetch(sbl_nodes, int(node) * 2 + 1);
             int nearest = floatBitsToInt(hit.distance), a = sbl_box(first, per, offset, flip, nearest), b = sbl_box(second, per, offset, flip, nearest);
             node = a <= b ? first.w : second.w;
             if (max(a, b) < 0x7fffffff) stack[++top] = a <= b ? second.w : first.w;
@@ -79,7 +102,7 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float li
         }
         bool leaf = true;
         while ((node & 0xe0000000u) == SBL_ENTER << 28 && leaf) {  // into a grid, or back to the one around it; a loop, see sbl_trace
-            uvec4 first = texelFetch(sbl_nodes, int(node & 0x0fffffffu) * 2), second = texelFetch(sbl_nodes, int(node & 0x0fffffffu) * 2 + 1);
+            uvec4 first = sbl_fetch(sbl_nodes, int(node & 0x0fffffffu) * 2), second = sbl_fetch(sbl_nodes, int(node & 0x0fffffffu) * 2 + 1);
             per = inverse / uintBitsToFloat(second.xyz);
             offset = (uintBitsToFloat(first.xyz) - origin) * inverse;
             if (node >> 28 == SBL_ENTER) {
@@ -92,10 +115,10 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float li
         if (node == SBL_END) break;
         int from = int(node & 0x0fffffffu), to = from + int(node >> 28 & 7u);
         for (int t = from; t <= to; t++) {
-            uvec4 second = texelFetch(sbl_triangles, 3 * t + 1);
-            vec3 p = uintBitsToFloat(texelFetch(sbl_triangles, 3 * t).xyz) - origin;
+            uvec4 second = sbl_fetch(sbl_triangles, 3 * t + 1);
+            vec3 p = uintBitsToFloat(sbl_fetch(sbl_triangles, 3 * t).xyz) - origin;
             vec3 q = uintBitsToFloat(second.xyz) - origin;
-            vec3 r = uintBitsToFloat(texelFetch(sbl_triangles, 3 * t + 2).xyz) - origin;
+            vec3 r = uintBitsToFloat(sbl_fetch(sbl_triangles, 3 * t + 2).xyz) - origin;
             p = axis == 0 ? p.yzx : axis == 1 ? p.zxy : p;
             q = axis == 0 ? q.yzx : axis == 1 ? q.zxy : q;
             r = axis == 0 ? r.yzx : axis == 1 ? r.zxy : r;
@@ -127,7 +150,7 @@ sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit) {
     for (int layer = 0; layer < 64; layer++) {
         bool solid = true;
         hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);
-        for (uint cut = hit.triangle < 0 ? 0u : texelFetch(sbl_triangles, 3 * hit.triangle + 2).w; cut != 0u; cut = 0u) solid = sbl_solid(hit.triangle, hit.b1, hit.b2);
+        for (uint cut = hit.triangle < 0 ? 0u : sbl_fetch(sbl_triangles, 3 * hit.triangle + 2).w; cut != 0u; cut = 0u) solid = sbl_solid(hit.triangle, hit.b1, hit.b2);
         if (solid) break;
     }
 #else

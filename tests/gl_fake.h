@@ -34,6 +34,8 @@ static struct {
     char lookup[64];               /* the name that FAKE_LOOKUP refused */
     const char *version;           /* instead of GL_VERSION */
     int major, minor;              /* instead of GL_MAJOR_VERSION and GL_MINOR_VERSION, where not 0 */
+    int most_texels, texture_size; /* instead of GL_MAX_TEXTURE_BUFFER_SIZE and GL_MAX_TEXTURE_SIZE, where not 0 */
+    int texels;                    /* of the largest buffer texture that was made */
     GLuint names[FAKE_KINDS][FAKE_NAMES];
     int live[FAKE_KINDS], made;
     int strangers;                 /* names deleted that were not made here, or twice */
@@ -142,6 +144,8 @@ static void APIENTRY fake_GetIntegerv(GLenum name, GLint *out) {
     gl.GetIntegerv(name, out);
     if (fake.major && name == GL_MAJOR_VERSION) *out = fake.major;
     if (fake.major && name == GL_MINOR_VERSION) *out = fake.minor;
+    if (fake.most_texels && name == GL_MAX_TEXTURE_BUFFER_SIZE) *out = fake.most_texels;
+    if (fake.texture_size && name == GL_MAX_TEXTURE_SIZE) *out = fake.texture_size;
 }
 
 static void APIENTRY fake_BufferData(GLenum target, GLsizeiptr size, const void *data, GLenum usage) {
@@ -155,7 +159,11 @@ static void APIENTRY fake_GetBufferSubData(GLenum target, GLintptr offset, GLsiz
     if (!fake__refuses()) more_gl.GetBufferSubData(target, offset, size, data);
 }
 static void APIENTRY fake_TexBuffer(GLenum target, GLenum format, GLuint buffer) {
-    if (!fake__refuses()) more_gl.TexBuffer(target, format, buffer);
+    GLint texels = 0;
+    if (fake__refuses()) return;
+    more_gl.TexBuffer(target, format, buffer);
+    more_gl.GetTexLevelParameteriv(target, 0, GL_TEXTURE_WIDTH, &texels);
+    if (texels > fake.texels) fake.texels = texels;
 }
 static void APIENTRY fake_TexImage2D(GLenum target, GLint level, GLint internal_format, GLsizei width, GLsizei height, GLint border, GLenum format,
     GLenum type, const void *pixels) {
@@ -175,6 +183,10 @@ static void APIENTRY fake_DrawElementsInstanced(GLenum mode, GLsizei count, GLen
     PFNGLDRAWELEMENTSINSTANCEDPROC real = (PFNGLDRAWELEMENTSINSTANCEDPROC)eglGetProcAddress("glDrawElementsInstanced");
     if (!fake__refuses()) real(mode, count, type, indices, instances);
 }
+static void APIENTRY fake_DispatchCompute(GLuint x, GLuint y, GLuint z) {
+    PFNGLDISPATCHCOMPUTEPROC real = (PFNGLDISPATCHCOMPUTEPROC)eglGetProcAddress("glDispatchCompute");
+    if (!fake__refuses()) real(x, y, z);
+}
 static void APIENTRY fake_ReadPixels(GLint x, GLint y, GLsizei width, GLsizei height, GLenum format, GLenum type, void *pixels) {
     if (!fake__refuses()) gl.ReadPixels(x, y, width, height, format, type, pixels);
 }
@@ -185,7 +197,7 @@ static inline sbl_gl_function fake_proc(const char *name, void *user) {
         X(GenBuffers) X(GenFramebuffers) X(GenTextures) X(GenVertexArrays) X(DeleteBuffers) X(DeleteFramebuffers) X(DeleteTextures) X(DeleteVertexArrays)
         X(CreateProgram) X(CreateShader) X(DeleteProgram) X(DeleteShader) X(GetError) X(CheckFramebufferStatus) X(GetShaderiv) X(GetProgramiv) X(GetString)
         X(GetIntegerv) X(BufferData) X(BufferSubData) X(GetBufferSubData) X(TexBuffer) X(TexImage2D) X(TexSubImage2D) X(DrawArrays) X(DrawElements)
-        X(DrawElementsInstanced) X(ReadPixels)
+        X(DrawElementsInstanced) X(DispatchCompute) X(ReadPixels)
 #undef X
     };
     int i;

@@ -27,7 +27,8 @@
 /* of newer versions; NULL where the driver has none */
 #define GL_HOST_OPTIONAL_FUNCTIONS(X) \
     X(CLIPCONTROL, ClipControl) X(MINSAMPLESHADING, MinSampleShading) X(PATCHPARAMETERI, PatchParameteri) X(VIEWPORTINDEXEDF, ViewportIndexedf) \
-    X(SCISSORINDEXED, ScissorIndexed) X(GETFLOATI_V, GetFloati_v) X(DEPTHRANGEINDEXED, DepthRangeIndexed) X(GETDOUBLEI_V, GetDoublei_v)
+    X(SCISSORINDEXED, ScissorIndexed) X(GETFLOATI_V, GetFloati_v) X(DEPTHRANGEINDEXED, DepthRangeIndexed) X(GETDOUBLEI_V, GetDoublei_v) \
+    X(BINDIMAGETEXTURE, BindImageTexture)
 
 static struct gl_host_more {
 #define X(TYPE, name) PFNGL##TYPE##PROC name;
@@ -54,6 +55,7 @@ static inline int gl_host_open(void) {
 #undef X
     /* loaders hand out functions that the context's version does not have */
     if (more_gl.version < 45) more_gl.ClipControl = NULL;
+    if (more_gl.version < 42) more_gl.BindImageTexture = NULL;
     if (more_gl.version < 41) { more_gl.ViewportIndexedf = NULL; more_gl.ScissorIndexed = NULL; more_gl.DepthRangeIndexed = NULL; }
     if (more_gl.version < 40) { more_gl.MinSampleShading = NULL; more_gl.PatchParameteri = NULL; }
     return 1;

@@ -92,6 +92,13 @@ static inline void gl_state_take(gl_state *s) {
         more_gl.GetIntegeri_v(GL_TRANSFORM_FEEDBACK_BUFFER_BINDING, (GLuint)i, got);
         *gl_state__add(s, "TRANSFORM_FEEDBACK_BUFFER", i) = got[0];
     }
+    for (i = 0; more_gl.BindImageTexture && i < 8; i++) {
+        static const unsigned names[6] = { GL_IMAGE_BINDING_NAME, GL_IMAGE_BINDING_LEVEL, GL_IMAGE_BINDING_LAYERED, GL_IMAGE_BINDING_LAYER, GL_IMAGE_BINDING_ACCESS, GL_IMAGE_BINDING_FORMAT };
+        for (k = 0; k < 6; k++) {
+            more_gl.GetIntegeri_v(names[k], (GLuint)i, got);
+            *gl_state__add(s, k == 0 ? "IMAGE" : "IMAGE's level, layered, layer, access or format", i) = got[0];
+        }
+    }
     if (more_gl.ViewportIndexedf)
         for (i = 0; i < 4; i++) {
             float box[4];
@@ -283,6 +290,8 @@ static inline void gl_state_odd(gl_odd *o) {
         }
         gl.BindSampler((GLuint)i, o->samplers[i & 1]);
     }
+    for (i = 0; more_gl.BindImageTexture && i < 8; i++)
+        more_gl.BindImageTexture((GLuint)i, o->colors[i % 3], 1 + i, (GLboolean)!(i & 1), 9 - i, i & 1 ? GL_READ_WRITE : GL_WRITE_ONLY, i & 2 ? GL_RGBA8 : GL_R32UI);
     gl.ActiveTexture(GL_TEXTURE0 + 13);
     gl.UseProgram(o->program);
     gl.BindVertexArray(o->vertex_array);

@@ -7,6 +7,7 @@
 #include "scenes.h"
 #include "gl_watch.h"
 #include "gl_host.h"
+#include "gl_fake.h"
 
 enum { WIDTH = 40, HEIGHT = 30, PIXELS = WIDTH * HEIGHT, FLOATS = 18 * PIXELS };  /* 5 channels of 3 floats, 3 of 1 */
 typedef struct picture { float values[FLOATS]; } picture;
@@ -291,6 +292,8 @@ TEST(capabilities) {
         d = distance_of(&all, &without);
         printf("  without capability 0x%x: mean %.2g, rms %.2g, most %.2g, %d pixels\n", bit, d.mean, d.rms, d.most, d.pixels);
         rounding(d, "a capability less");
+        if (bit == SBL_CAPABILITY_COMPUTE && strstr((const char *)gl.GetString(GL_RENDERER), "llvmpipe"))
+            CHECK(same(&all, &without), "compute and fragment shaders sum differently");
     }
 }
 
@@ -308,6 +311,64 @@ TEST(atlas_sizes) {
         printf("  atlas of %d: mean %.2g, rms %.2g, most %.2g, %d pixels\n", sizes[i], d.mean, d.rms, d.most, d.pixels);
         rounding(d, "another atlas");
     }
+}
+
+/* >>scenes past what buffer textures hold: bit for bit the same from 2D textures */
+
+/* The Cornell box and a ball of so many triangles, with a texture that leaves holes. */
+static void crowd_make(test_scene *s, int slices, int stacks) {
+    static const unsigned char texels[16] = { 255, 128, 0, 255, 0, 128, 255, 255, 90, 180, 45, 255, 200, 200, 10, 0 };
+    int material;
+    sbl_mesh *ball;
+    memset(s, 0, sizeof *s);
+    scene_cornell_box(s);
+    material = scene_material(s, 0.8f, 0.7f, 0.9f);
+    s->materials[material].albedo_texture = scene_texture(s, texels, sizeof texels, SBL_PIXELS_SRGB8, 2, 2, 4);
+    s->materials[material].alpha_cutoff = 0.5f;
+    ball = scene_sphere(s, material, 278, 360, 250, 110, slices, stacks, 1);
+    ball->texcoords = ball->normals;
+    ball->texcoords.stride = 12;
+}
+
+TEST(past_buffer_textures) {
+    static picture pictures[2][2], now;
+    static test_scene crowd;
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_picture_desc view = cornell_view(), usual = view;
+    sbl_scene_desc plain = scene_desc(&cornell), scene;
+    sbl_context *context;
+    int i, mesh;
+    crowd_make(&crowd, 112, 112);
+    scene = scene_desc(&crowd);
+    desc.get_gl_function = fake_proc;
+    view.tile = 16;
+    view.sensor_size = 8;
+    view.threshold = 0.5f;  /* few sensors */
+    for (i = 0; i < 2; i++) {
+        fake.most_texels = i ? 65536 : 0;  /* what GL 3.3 promises */
+        fake.texels = 0;
+        context = context_with(&desc, &crowd);
+        REQUIRE(context && render(context, &view, &pictures[i][0]), "%s", watch_last(&seen));
+        CHECK(i ? fake.texels <= 65536 : fake.texels > 65536, "a buffer texture of %d texels was made", fake.texels);
+        for (mesh = 6; mesh < 11; mesh++) CHECK(sbl_set_mesh_transform(context, mesh, places[1]) == SBL_SUCCESS, "%s", watch_last(&seen));
+        CHECK(sbl_set_mesh_transform(context, crowd.mesh_count - 1, places[2]) == SBL_SUCCESS, "%s", watch_last(&seen));  /* mirrored: its corners turn */
+        CHECK(render(context, &view, &pictures[i][1]), "%s", watch_last(&seen));
+        CHECK(sbl_set_scene(context, &plain) == SBL_SUCCESS && render(context, &usual, &now) && same(&now, &expected), "a scene that fits, after one that does not, differs");
+        CHECK(!i || (sbl_set_scene(context, &scene) == SBL_SUCCESS && render(context, &view, &now) && same(&now, &pictures[0][0])), "set again, the scene differs");
+        sbl_destroy(context);
+    }
+    CHECK(!same(&pictures[0][0], &pictures[0][1]), "moving meshes changes nothing");
+    CHECK(same(&pictures[0][0], &pictures[1][0]), "past the limit the picture differs");
+    CHECK(same(&pictures[0][1], &pictures[1][1]), "past the limit, with meshes moved, the picture differs");
+
+    fake.texture_size = 2048;  /* narrower than the rows of 2D textures */
+    watch_forget(&seen);
+    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(sbl_set_scene(context, &scene) == SBL_ERROR_UNSUPPORTED && watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "triangles", "21845", NULL),
+          "a scene that no texture holds: %s", watch_last(&seen));
+    sbl_destroy(context);
+    fake.most_texels = fake.texture_size = 0;
+    scene_free(&crowd);
 }
 
 /* >>the draw callback: meshes first .. last - 1 of the Cornell box, drawn by the host as sbl_draw_view says */
@@ -513,6 +574,7 @@ int main(void) {
     RUN(seeds);
     RUN(capabilities);
     RUN(atlas_sizes);
+    RUN(past_buffer_textures);
     RUN(draw_callback);
     RUN(draw_callback_writing_depth);
     printf("traced:\n");
@@ -524,6 +586,7 @@ int main(void) {
     RUN(moving);
     RUN(seeds);
     RUN(capabilities);
+    RUN(past_buffer_textures);
     RUN(nothing_leaked);
     scene_free(&cornell);
     return test_report();

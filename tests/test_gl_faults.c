@@ -254,6 +254,43 @@ TEST(allocations_of_larger_pictures) {
     scene_free(&gap);
 }
 
+/* A scene past what buffer textures hold: the programs that read scenes are made anew. Whatever fails, the old scene and its programs stay. */
+TEST(scene_programs) {
+    static const struct { fake_fault fault; GLenum error; sbl_result right; int least; } faults[] = {
+        { FAKE_COMPILE, 0, SBL_ERROR_GL, 7 }, { FAKE_LINK, 0, SBL_ERROR_GL, 7 }, { FAKE_NO_NAME, 0, SBL_ERROR_GL, 20 },
+        { FAKE_REFUSE, GL_OUT_OF_MEMORY, SBL_ERROR_OUT_OF_MEMORY, 10 } };
+    sbl_context_desc desc = faulty_desc();
+    sbl_picture_desc view = small_view();
+    test_scene ball = { 0 };
+    sbl_scene_desc fits = scene_desc(&scene), past;
+    sbl_context *context;
+    int i, place;
+    scene_sphere(&ball, scene_lamp(&ball, 1, 2, 3), 0, 0, 0, 2, 12, 8, 1);
+    past = scene_desc(&ball);
+    fake.most_texels = 100;
+    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &fits) == SBL_SUCCESS, "%s", watch_last(&seen));
+    for (i = 0; i < (int)(sizeof faults / sizeof *faults); i++)
+        for (place = 1; place < MOST_PLACES; place++) {
+            sbl_result result;
+            int hits;
+            fake_arm(faults[i].fault, place, faults[i].error);
+            result = sbl_set_scene(context, &past);
+            hits = fake.hits;
+            fake_disarm();
+            CHECK(result == (hits ? faults[i].right : SBL_SUCCESS), "fault %d at %d: \"%s\"", i, place, sbl_result_string(result));
+            if (!hits) {
+                CHECK(place > faults[i].least, "fault %d could strike at %d places only", i, place - 1);
+                CHECK(sbl_render(context, &view) == SBL_SUCCESS && sbl_set_scene(context, &fits) == SBL_SUCCESS, "%s", watch_last(&seen));
+            }
+            CHECK(small_render(context, &view, &picture) == SBL_SUCCESS && small_same(&picture, &expected), "fault %d at %d: the old scene's picture differs", i, place);
+            if (!hits) break;
+        }
+    sbl_destroy(context);
+    CHECK(fake_live() == 0 && fake.strangers == 0, "%d GL objects leaked, %d strangers deleted", fake_live(), fake.strangers);
+    fake.most_texels = 0;
+    scene_free(&ball);
+}
+
 /* >>sbl_create */
 
 static int is_optional(const char *function) {
@@ -414,6 +451,12 @@ int main(void) {
     RUN(errors_out_of_memory);
     RUN(no_names);
     RUN(framebuffers);
+    RUN(scene_programs);
+    printf("traced, the scene past what buffer textures hold:\n");
+    fake.most_texels = 50;
+    if (!references(SBL_BACKEND_TRACE)) { printf("without faults: %s; %d GL objects made, %d left\n", watch_last(&seen), fake.made, fake_live()); return 1; }
+    RUN(calls_out_of_memory);
+    RUN(no_names);
     scene_free(&scene);
     return test_report();
 }

@@ -48,8 +48,8 @@ static int trace_hits(sbl_context *c, const float *rays, int count, traced_hit *
         gl->Viewport(0, 0, TRACE_HITS_WIDTH, rows);
         gl->UseProgram(program);
         sbl__scene_bind(gl, &c->scene, program);
-        sbl__bind(gl, program, "sbl_nodes", 6, SBL__GL_TEXTURE_BUFFER, c->scene.node_texels);
-        sbl__bind(gl, program, "sbl_triangles", 7, SBL__GL_TEXTURE_BUFFER, c->scene.triangle_texels);
+        sbl__bind_texels(gl, program, "sbl_nodes", 6, &c->scene.node_texels);
+        sbl__bind_texels(gl, program, "sbl_triangles", 7, &c->scene.triangle_texels);
         sbl__bind(gl, program, "rays", 8, SBL__GL_TEXTURE_BUFFER, texels);
         sbl__uniform_3(gl, program, "grid_origin", c->scene.bvh.grid_origin);
         sbl__uniform_3(gl, program, "grid_per_length", c->scene.bvh.grid_per_length);
