@@ -2264,7 +2264,7 @@ typedef struct sbl__bvh {     /* see >>bvh */
     uint32_t *order;             /* triangle numbers, leaf after leaf */
     int node_count, triangle_count, depth;
     float grid_origin[3], grid_per_length[3];
-    double cost;                 /* nodes and triangles that a ray across the scene meets on average, by the surface-area heuristic */
+    double cost;                 /* nodes and triangles that a ray through a node's box meets on average, by the surface-area heuristic: the worst node's */
     double seconds;
 } sbl__bvh;
 
@@ -3167,10 +3167,14 @@ static void sbl__bvh_free(sbl__base *base, sbl__bvh *bvh) {
     memset(bvh, 0, sizeof *bvh);
 }
 
+/* Of a node: what rays through it meet on average, times its area. */
+typedef struct sbl__bvh_work { double sum; float area; int parent; } sbl__bvh_work;
+
 static sbl_result sbl__bvh_build(sbl__base *base, sbl__bvh *bvh, const sbl__scene *s) {
     double start = sbl__now();
     size_t room = (size_t)SBL__MAX(1, s->triangle_count);
-    sbl__box *boxes, whole = { { 0, 0, 0 }, { 0, 0, 0 } };
+    sbl__box *boxes;
+    sbl__bvh_work *work;
     sbl__bvh_task stack[2 * SBL__BVH_STACK], *task = stack;
     sbl_result result = SBL_SUCCESS;
     int top = 0, i, k;
@@ -3179,9 +3183,11 @@ static sbl_result sbl__bvh_build(sbl__base *base, sbl__bvh *bvh, const sbl__scen
     bvh->nodes = (uint32_t *)sbl__alloc(base, room + room / SBL__BVH_GRID_LEAST + 2, 32);
     bvh->order = (uint32_t *)sbl__alloc(base, room, 4);
     boxes = (sbl__box *)sbl__alloc(base, room, sizeof *boxes);
-    if (!bvh->nodes || !bvh->order || !boxes) {
+    work = (sbl__bvh_work *)sbl__alloc(base, room + room / SBL__BVH_GRID_LEAST + 2, sizeof *work);
+    if (!bvh->nodes || !bvh->order || !boxes || !work) {
         sbl__bvh_free(base, bvh);
         sbl__free(base, boxes);
+        sbl__free(base, work);
         return SBL_ERROR_OUT_OF_MEMORY;
     }
     sbl__box_clear(&task->box);
@@ -3203,7 +3209,6 @@ static sbl_result sbl__bvh_build(sbl__base *base, sbl__bvh *bvh, const sbl__scen
     if (bvh->triangle_count) {  /* else sensors may see nothing at all */
         task->first = task->depth = 0;
         task->count = bvh->triangle_count;
-        whole = task->box;
         task->grid = sbl__bvh_add_grid(bvh, &task->box, 0);
         task->word = 3;
         memcpy(bvh->grid_origin, task->grid.origin, 12);
@@ -3228,11 +3233,13 @@ static sbl_result sbl__bvh_build(sbl__base *base, sbl__bvh *bvh, const sbl__scen
             for (i = 0; i < t.count; i++) sbl__box_add(&halves[i >= left], &boxes[bvh->order[t.first + i]]);
         }
         bvh->depth = SBL__MAX(bvh->depth, t.depth + 1);
+        work[bvh->node_count].area = sbl__box_area(&t.box);
+        work[bvh->node_count].parent = (int)(t.word / 8);
         node = bvh->nodes + 8 * (size_t)bvh->node_count;
         for (side = 0; side < 2; side++) {
             int first = side ? t.first + left : t.first, count = side ? t.count - left : left;
             sbl__bvh_quantise(&t.grid, &halves[side], node + 4 * side);
-            bvh->cost += (double)sbl__box_area(&halves[side]) * (count <= SBL__BVH_LEAF ? 1 + count : 1);
+            work[bvh->node_count].sum += (double)sbl__box_area(&halves[side]) * (count <= SBL__BVH_LEAF ? 1 + count : 1);
             if (count <= SBL__BVH_LEAF) node[4 * side + 3] = 0x80000000u | (uint32_t)(SBL__MAX(1, count) - 1) << 28 | (uint32_t)first;
             else {
                 task = &stack[top++];
@@ -3247,7 +3254,11 @@ static sbl_result sbl__bvh_build(sbl__base *base, sbl__bvh *bvh, const sbl__scen
         bvh->node_count++;
     }
     sbl__free(base, boxes);
-    bvh->cost /= SBL__MAX((double)sbl__box_area(&whole), 1e-30);
+    for (i = bvh->node_count - 1; i > 0 && result == SBL_SUCCESS; i--) {  /* children come after their parents */
+        work[work[i].parent].sum += work[i].sum;
+        if (work[i].area > 0) bvh->cost = SBL__MAX(bvh->cost, work[i].sum / work[i].area);
+    }
+    sbl__free(base, work);
     if (result != SBL_SUCCESS) sbl__bvh_free(base, bvh);
     bvh->seconds = sbl__now() - start;
     return result;
@@ -3877,7 +3888,7 @@ static void sbl__gather_reduce(const sbl__gl *gl, const sbl__gather *g, const un
    cost on average, and some times that in places. */
 #define SBL__CHUNK 16
 #define SBL__LAMP_CHUNK 256
-#define SBL__LOOP_TURNS 16000
+#define SBL__LOOP_TURNS 20000
 #define SBL__RAYS_A_DRAW 1000000 /* keeps a draw short on any machine */
 
 /* The first `count` points of the Sobol sequence's first two dimensions (Joe and Kuo 2008), 32-bit fractions. */
@@ -3904,8 +3915,8 @@ static int sbl__morton_order(const void *first, const void *second) {
 static sbl_result sbl__trace_setup(const sbl__gl *gl, sbl__gather *g, const sbl__bvh *bvh, int rays, int lamp_rays, float spread, float epsilon, int batch) {
     const char *what = "making the rays' textures";
     const sbl__texture *colors[2];
-    int most = SBL__MAX(1, (int)(SBL__LOOP_TURNS / (bvh->cost + 20)));
-    int chunk = SBL__MIN(SBL__MIN(SBL__CHUNK, most), (rays + 7) / 8), chunks = (rays + chunk - 1) / chunk, rows, i;
+    int most = SBL__MAX(1, (int)(SBL__LOOP_TURNS / (bvh->cost + 20))), few = SBL__MAX(1, most / 4);
+    int chunk = SBL__MIN(SBL__MIN(SBL__CHUNK, few), (rays + 7) / 8), chunks = (rays + chunk - 1) / chunk, rows, i;
     size_t points = (size_t)(rays + lamp_rays) * SBL__MAX_LOOKS;
     uint32_t *sequence, *lamp_sequence;
     sbl_result result;

@@ -91,19 +91,19 @@ static inline const float *scene_copy(test_scene *s, const float *values, int co
     return copy;
 }
 
-/* normals, texcoords: NULL or 3 and 2 floats a vertex. */
+/* normals, texcoords: NULL or 3 and 2 floats a vertex; indices: NULL where each three vertices are a triangle. */
 static inline sbl_mesh *scene_mesh(test_scene *s, int material, const float *positions, const float *normals, const float *texcoords, int vertex_count,
                                    const uint32_t *indices, int index_count) {
     sbl_mesh *m = &s->meshes[s->mesh_count];
     uint32_t *copy = (uint32_t *)scene_alloc(s, sizeof *indices * (size_t)index_count);
     if (s->mesh_count++ == SCENE_MESHES) abort();
     memset(m, 0, sizeof *m);
-    memcpy(copy, indices, sizeof *indices * (size_t)index_count);
+    if (indices) memcpy(copy, indices, sizeof *indices * (size_t)index_count);
     m->positions.data = scene_copy(s, positions, 3 * vertex_count);
     if (normals) m->normals.data = scene_copy(s, normals, 3 * vertex_count);
     if (texcoords) m->texcoords.data = scene_copy(s, texcoords, 2 * vertex_count);
     m->vertex_count = vertex_count;
-    m->indices.data = copy;
+    m->indices.data = indices ? copy : NULL;
     m->indices.type = SBL_UINT32;
     m->index_count = index_count;
     m->material = material;

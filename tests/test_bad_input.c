@@ -450,20 +450,22 @@ TEST(scene_all_at_once) {
 TEST(empty_scenes_and_meshes) {
     sbl_scene_desc nothing;
     static small_picture picture;
-    int i;
+    int i, way;
     float low[3] = { 9, 9, 9 }, high[3] = { 9, 9, 9 };
     memset(&nothing, 0, sizeof nothing);
     nothing.sky[1] = 0.5f;
     watch_forget(&seen);
     REQUIRE(sbl_set_scene(context, &nothing) == SBL_SUCCESS, "an empty scene is refused: %s", watch_last(&seen));
     CHECK(sbl_query_bounds(context, low, high) == SBL_SUCCESS && low[0] == 0 && low[2] == 0 && high[1] == 0, "its bounds are not 0");
-    view = small_view();
-    REQUIRE(small_render(context, &view, &picture) == SBL_SUCCESS, "an empty scene is not rendered: %s", watch_last(&seen));
-    for (i = 0; i < 3 * SMALL_PIXELS; i++) if (picture.values[i] != nothing.sky[i % 3]) break;
-    CHECK(i == 3 * SMALL_PIXELS, "float %d of the sky is %g", i, (double)picture.values[i % SMALL_FLOATS]);
-    CHECK(watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, NULL, NULL, NULL), "no warning that nothing is visible");
-    view.backend = SBL_BACKEND_TRACE;
-    CHECK(sbl_render(context, &view) == SBL_SUCCESS, "an empty scene is not traced: %s", watch_last(&seen));
+    for (way = 0; way < 2; way++) {
+        view = small_view();
+        view.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
+        watch_forget(&seen);
+        REQUIRE(small_render(context, &view, &picture) == SBL_SUCCESS, "an empty scene is not rendered: %s", watch_last(&seen));
+        for (i = 0; i < 3 * SMALL_PIXELS; i++) if (picture.values[i] != nothing.sky[i % 3]) break;
+        CHECK(i == 3 * SMALL_PIXELS, "float %d of the sky is %g", i, (double)picture.values[i % SMALL_FLOATS]);
+        CHECK(watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, NULL, NULL, NULL), "no warning that nothing is visible");
+    }
     memset(&view, 0, sizeof view);
     view.width = view.height = 4;
     view.sensor_size = 4;
@@ -478,6 +480,8 @@ TEST(empty_scenes_and_meshes) {
           watch_last(&seen));
     view = small_view();
     CHECK(sbl_render(context, &view) == SBL_SUCCESS, "meshes without triangles are not rendered: %s", watch_last(&seen));
+    view.backend = SBL_BACKEND_TRACE;
+    CHECK(sbl_render(context, &view) == SBL_SUCCESS, "meshes without triangles are not traced: %s", watch_last(&seen));
     known_picture();
     usable("empty scenes");
 }
@@ -489,27 +493,30 @@ TEST(degenerate_triangles) {
     float lamp[12] = { -1, 1, -1, -1, 1, 1, 1, 1, 1, 1, 1, -1 };
     test_scene good = { 0 }, bad = { 0 };
     sbl_scene_desc desc;
-    int i;
+    int i, way;
     static const uint32_t quad[6] = { 0, 1, 2, 0, 2, 3 };
     for (i = 0; i < 2; i++) {
         test_scene *s = i ? &bad : &good;
         scene_mesh(s, scene_material(s, 0.5f, 0.5f, 0.5f), corners, NULL, NULL, 7, i ? spoiled : quad, i ? 18 : 6);
         scene_mesh(s, scene_lamp(s, 1, 2, 3), lamp, NULL, NULL, 4, quad, 6);
     }
-    view = small_view();
-    desc = scene_desc(&good);
-    watch_forget(&seen);
-    REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS && small_render(context, &view, &without) == SBL_SUCCESS, "%s", watch_last(&seen));
-    CHECK(seen.warnings == 0, "a warning without reason: %s", watch_last(&seen));
-    desc = scene_desc(&bad);
-    watch_forget(&seen);
-    REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS, "degenerate triangles are an error: %s", watch_last(&seen));
-    CHECK(seen.warnings == 1 && seen.errors == 0 && watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_DEGENERATE_TRIANGLES, "4", NULL, NULL),
-          "%d warnings, the last: %s",
-          seen.warnings, watch_last(&seen));
-    CHECK(sbl_query_stats(context).triangles == 4, "%d triangles are left, expected 4", sbl_query_stats(context).triangles);
-    REQUIRE(small_render(context, &view, &with) == SBL_SUCCESS, "%s", watch_last(&seen));
-    CHECK(small_same(&with, &without), "degenerate triangles change the picture");
+    for (way = 0; way < 2; way++) {
+        view = small_view();
+        view.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
+        desc = scene_desc(&good);
+        watch_forget(&seen);
+        REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS && small_render(context, &view, &without) == SBL_SUCCESS, "%s", watch_last(&seen));
+        CHECK(seen.warnings == 0, "a warning without reason: %s", watch_last(&seen));
+        desc = scene_desc(&bad);
+        watch_forget(&seen);
+        REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS, "degenerate triangles are an error: %s", watch_last(&seen));
+        CHECK(seen.warnings == 1 && seen.errors == 0 && watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_DEGENERATE_TRIANGLES, "4", NULL, NULL),
+              "%d warnings, the last: %s",
+              seen.warnings, watch_last(&seen));
+        CHECK(sbl_query_stats(context).triangles == 4, "%d triangles are left, expected 4", sbl_query_stats(context).triangles);
+        REQUIRE(small_render(context, &view, &with) == SBL_SUCCESS, "%s", watch_last(&seen));
+        CHECK(small_same(&with, &without), "degenerate triangles change the picture");
+    }
     scene_free(&good);
     scene_free(&bad);
     known_picture();
@@ -766,11 +773,14 @@ TEST(helpers_out_of_range) {
     CHECK(memcmp(m, before, sizeof m) == 0, "a helper wrote though it failed");
 }
 
-TEST(too_little_room) {
+static void little_room(sbl_backend backend) {
     static float floats[SMALL_FLOATS], radiance[4 * 64 * 64], weights[64 * 64];
     sbl_sensor sensor;
     int channel, i;
     size_t texels;
+    view = small_view();
+    view.backend = backend;
+    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
     for (channel = 0; channel < SBL_CHANNEL_COUNT; channel++) {
         size_t needed = (size_t)(SMALL_PIXELS * sbl_channel_components((sbl_channel)channel));
         for (i = 0; i < SMALL_FLOATS; i++) floats[i] = 7;
@@ -802,6 +812,11 @@ TEST(too_little_room) {
     for (i = (int)texels; i < 64 * 64 && weights[i] == 7; i++) {}
     CHECK(i == 64 * 64, "weight %d was written past the end", i);
     usable("too little room");
+}
+
+TEST(too_little_room) {
+    little_room(SBL_BACKEND_RASTER);
+    little_room(SBL_BACKEND_TRACE);
 }
 
 TEST(wrong_order) {

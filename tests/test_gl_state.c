@@ -600,6 +600,8 @@ TEST(viewport_array) {
     if (!context) return;
     GIVES(sbl_set_scene(context, &scene.desc), SBL_SUCCESS);
     GIVES(sbl_render(context, &view), SBL_SUCCESS);
+    view.backend = SBL_BACKEND_TRACE;
+    GIVES(sbl_render(context, &view), SBL_SUCCESS);
     sbl_destroy(context);
 }
 

@@ -8,6 +8,14 @@
 #include "scenes.h"
 
 static sbl_context *context;
+static sbl_backend backend;
+
+static sbl_picture_desc plain(sbl_picture_desc view, int sensor_size) {
+    view = scene_plain(view, SBL_MODE_DIRECT, sensor_size);
+    view.backend = backend;
+    view.rays = 256;
+    return view;
+}
 
 /* An orthographic camera that grazes the floor: rows of its picture lie 2 / height apart on it, from x = -2.2 to -0.2. */
 static sbl_picture_desc grazing_view(int width, int height) {
@@ -21,7 +29,7 @@ static sbl_picture_desc grazing_view(int width, int height) {
     view.view_to_clip[5] = 1 / slope;
     view.view_to_clip[10] = -1;
     view.view_to_clip[15] = 1;
-    return scene_plain(view, SBL_MODE_DIRECT, 32);
+    return plain(view, 32);
 }
 
 /* A floor under the sky; over it a box with a red lamp inside, higher by `gap`. */
@@ -39,16 +47,13 @@ TEST(stuck_sensors_bring_no_light_from_inside) {
     sbl_stats stats;
     sbl_sensor sensor;
     float *radiance, *position, red = 0, lowest_green = 1;
-    float low[3], high[3];
-    double offset;
+    float offset = 0;
     int i, gap_row = -1, open_row = -1;
-    view.filter_radius = -1;
-    gap_scene(&s, 0);  /* for its bounds: the offset is 1.5e-6 of the extent, about 6e-5 here */
+    gap_scene(&s, 0);  /* how far do sensors stand off the floor? */
     REQUIRE(scene_render(context, &s, &view), "no picture");
-    sbl_query_bounds(context, low, high);
+    for (i = 0; i < view.width * view.height; i++) offset = fmaxf(offset, context->picture.refine.pixels[i].offset);
     scene_free(&s);
-    offset = 1.5e-6 * (sqrt(20 * 20 + 20 * 20 + (double)high[1] * high[1]) + 10);
-    gap_scene(&s, (float)(0.4 * offset));
+    gap_scene(&s, 0.4f * offset);
     REQUIRE(scene_render(context, &s, &view), "no picture");
     stats = sbl_query_stats(context);
     radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
@@ -79,7 +84,7 @@ TEST(stuck_sensors_bring_no_light_from_inside) {
 
 TEST(a_room_inside_out_is_valid) {
     test_scene s = { 0 };
-    sbl_picture_desc view = scene_plain(scene_view(48, 48, 80, 0.05f, 0.02f, 0.9f, 0.1f, 0.03f, -1), SBL_MODE_DIRECT, 16);
+    sbl_picture_desc view = plain(scene_view(48, 48, 80, 0.05f, 0.02f, 0.9f, 0.1f, 0.03f, -1), 16);
     float *pictures[2] = { NULL, NULL };
     int i, turned;
     for (turned = 0; turned < 2; turned++) {  /* a box shows its back to a camera inside; swapped corners turn it round */
@@ -104,6 +109,11 @@ TEST(a_room_inside_out_is_valid) {
 
 int main(void) {
     if (sbl_create(NULL, &context) != SBL_SUCCESS) return 1;
+    backend = SBL_BACKEND_RASTER;
+    RUN(stuck_sensors_bring_no_light_from_inside);
+    RUN(a_room_inside_out_is_valid);
+    printf("traced:\n");
+    backend = SBL_BACKEND_TRACE;
     RUN(stuck_sensors_bring_no_light_from_inside);
     RUN(a_room_inside_out_is_valid);
     sbl_destroy(context);
