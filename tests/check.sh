@@ -10,10 +10,10 @@ check() {
     name=$1
     shift
     for try in 1 2 3; do
-        if "$@" > "$folder/log" 2>&1; then good=1; else good=0; fi
+        if "$@" > "$folder/log" 2>&1; then worked=1; else worked=0; fi
         grep -q 'LeakSanitizer has encountered a fatal error' "$folder/log" || break
     done
-    if [ "$good" = 1 ]; then
+    if [ "$worked" = 1 ]; then
         echo "ok   $name"; passed=$((passed + 1))
     else
         head -n 15 "$folder/log" | sed 's/^/  /'
