@@ -145,7 +145,7 @@
 
    SBL_BACKEND_TRACE sends `rays` cosine-distributed rays through a bounding volume hierarchy in a compute shader, or a fragment shader before
    GL 4.3: its cost hardly grows with the scene. Emitting triangles, up to 256 of them, are not left to chance: what each gives unhindered is
-   computed in closed form, and at most `rays` more rays (a quarter where all or none arrives) measure which share does; stats.rays does not
+   computed in closed form, and at most `rays` more rays (a quarter, or half of few, where all or none arrives) measure which share does; stats.rays does not
    count them. The sensors' noise is known, so that refinement follows light and not noise, and the filter leaves alone what noise does not
    explain.
    SBL_BACKEND_RASTER draws the scene into a sensor's views, as the paper does: it serves geometry that only the host can draw, and is the
@@ -853,7 +853,7 @@ static const char *const sbl__glsl_lamps[] = {
     "\n",
     "    vec3 open = vec3(0), seen = vec3(0);  // what the samples give without and with what stands between\n",
     "    float samples = 0.0, lit = 0.0;\n",
-    "    const int step = 4;  // the first quarter tells whether there is more to know: what it overlooks is less than a sample's share\n",
+    "    int step = clamp(rays / 32, 1, 4);  // the first quarter, or half of few, tells whether there is more to know: what it overlooks is less than a sample's share\n",
     "    bool undecided = total > 0.0;\n",
     "    for (int pass = 0; pass < step && undecided; pass++) {\n",
     "        for (int k = part + pass * parts; k < rays; k += step * parts) {\n",

@@ -89,7 +89,7 @@ void main() {
 
     vec3 open = vec3(0), seen = vec3(0);  // what the samples give without and with what stands between
     float samples = 0.0, lit = 0.0;
-    const int step = 4;  // the first quarter tells whether there is more to know: what it overlooks is less than a sample's share
+    int step = clamp(rays / 32, 1, 4);  // the first quarter, or half of few, tells whether there is more to know: what it overlooks is less than a sample's share
     bool undecided = total > 0.0;
     for (int pass = 0; pass < step && undecided; pass++) {
         for (int k = part + pass * parts; k < rays; k += step * parts) {
