@@ -209,6 +209,7 @@ typedef enum sbl_log_level { SBL_LOG_ERROR, SBL_LOG_WARNING, SBL_LOG_INFO } sbl_
     X(INVALID_MESH, "a mesh is not usable")                                           \
     X(INVALID_MATERIAL, "a material is not usable")                                   \
     X(INVALID_TEXTURE, "a texture is not usable")                                     \
+    X(INVALID_LIGHT, "a light or the environment is not usable")                      \
     X(INVALID_PICTURE_DESC, "a field of sbl_picture_desc is out of range")            \
     X(WRONG_ORDER, "a function was called before what it needs")                      \
     X(OUT_OF_MEMORY, "memory could not be allocated")                                 \
@@ -353,6 +354,35 @@ typedef struct sbl_texture {
     sbl_wrap wrap;            /* default: repeat */
 } sbl_texture;
 
+typedef enum sbl_light_kind { SBL_LIGHT_POINT = 0, SBL_LIGHT_SPOT, SBL_LIGHT_DIRECTIONAL, SBL_LIGHT_KIND_COUNT } sbl_light_kind;
+
+/* A light that is no surface: the camera and sensors do not see it, and it casts no shadow. Kinds and units follow glTF's KHR_lights_punctual: where
+   radiance is in nits and lengths are in metres, intensities are in candela and in lux. What a light gives does not end at a range. */
+typedef struct sbl_light {
+    sbl_light_kind kind;
+    float intensity[3];       /* point, spot: radiance times area, light per solid angle; a surface at distance d that faces it has the irradiance
+                                 intensity / d^2. Directional: the irradiance of a surface that faces it */
+    float position[3];        /* point, spot: world */
+    float direction[3];       /* spot, directional: the way its light goes; any length but 0 */
+    float radius;             /* point, spot: of an evenly shining sphere, whose radiance is intensity / (pi radius^2): soft shadows. 0: a point */
+    float angle;              /* directional: angular diameter, degrees, 0 (a point far away) to 180; the sun's is 0.53 */
+    float cone;               /* spot: full angle, degrees, to 180, that has any of the light. Default: 90 */
+    float inner_cone;         /* spot: full angle, degrees, to cone, that has all of it. Between them the cosine's share of the way, squared */
+} sbl_light;
+
+/* Light from far away, in a picture or a function; it comes on top of the constant sky. In SBL_MODE_PAPER there is neither this nor any sbl_light.
+   A direction d has u = 0.5 + atan2(d . z, d . x) / (2 pi), v = acos(d . up) / pi; x, z are the world's where up is +y, and turn with up the shortest way
+   where not. (0, 0) is the picture's first corner: its upper edge is all straight up. */
+typedef struct sbl_environment {
+    sbl_texture picture;      /* equirectangular; pixels of any format, finite and not negative (no gl_texture, no wrap). Absent: width 0 */
+    void (*radiance)(const float direction[3], float radiance[3], void *user);  /* or a function of a unit direction in the world, called in sbl_set_scene for
+                                 every texel's middle of a picture of picture.width x height. Default: 512 x 256 */
+    void *user;
+    float scale;              /* of its light. Default: 1 */
+    float rotation;           /* of the picture about `up`, degrees, counter-clockwise seen from above */
+    float up[3];              /* default: 0 1 0 */
+} sbl_environment;
+
 /* >>draw callback types: geometry that only the host can draw */
 
 typedef enum sbl_view_kind { SBL_VIEW_CAMERA = 0, SBL_VIEW_SENSOR } sbl_view_kind;
@@ -398,7 +428,10 @@ typedef struct sbl_scene_desc {
     int material_count;
     const sbl_texture *textures;
     int texture_count;
+    const sbl_light *lights;   /* besides the surfaces that emit */
+    int light_count;
     float sky[3];              /* constant radiance of all that is not hit */
+    sbl_environment environment;
     sbl_draw_function draw;    /* optional: see sbl_draw_view */
     void *draw_user;
     float draw_bounds[2][3];   /* world bounds (lowest corner, highest corner) of what draw draws; required with it */
@@ -620,8 +653,10 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
        >>base     config, log, memory, math            >>refine   which points get sensors; interpolation
        >>gl       loader, state guard, objects         >>filter   smoothing of R
        >>scene    meshes, materials, textures -> GPU   >>resolve  composition, anti-aliasing, readback
-       >>surface  the camera's G-buffer                >>picture  the stages in steps
-       >>sensors  frames, views, weights               >>public   the functions declared above               */
+       >>bvh      the hierarchy that rays go through   >>picture  the stages in steps
+       >>lamps    what sensors aim rays at             >>public   the functions declared above
+       >>surface  the camera's G-buffer
+       >>sensors  frames, views, weights                                                                     */
 
 #include <float.h>
 #include <limits.h>
@@ -762,27 +797,71 @@ static const char *const sbl__glsl_gbuffer_vertex[] = {
     "}\n",
     0 };
 static const char *const sbl__glsl_lamps[] = {
-    "// Light from emitting triangles. What each gives where nothing stands between is known in closed form; rays only measure which share of it arrives\n",
-    "// (the ratio estimator: Heitz, Hill and McGuire 2018, \"Combining analytic direct illumination and stochastic shadows\").\n",
+    "// Light from lamps: emitting triangles, punctual lights, bright spots of the sky. What each gives where nothing stands between is known in closed form;\n",
+    "// rays (or a look into the sensor's own views) only measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire 2018, \"Combining\n",
+    "// analytic direct illumination and stochastic shadows\". Where lamps are many, those far off stand together in clusters, of which only single lamps,\n",
+    "// picked in proportion to their power, are ever looked at.\n",
     "// One invocation is one sensor, or a part of its rays where they are many: neighbours trace neighbouring rays, and each stops as soon as it knows enough.\n",
-    "uniform usamplerBuffer sbl_points;    // a sensor, three texels: position; normal; first of its directions, of its lamp points, two hashes for these\n",
+    "uniform usamplerBuffer sbl_points;    // a sensor, three texels: position, turn; normal; first of its directions, of its lamp points, two hashes for these\n",
     "uniform usamplerBuffer sbl_sequence;  // see trace.glsl\n",
-    "uniform usamplerBuffer sbl_lamps;     // emitting triangles, as sbl_triangles counts\n",
-    "uniform int lamp_count, rays;         // at most SBL_LAMPS; at most so many rays a sensor\n",
-    "uniform float unit;                   // radiance that calculations are in: the scene's highest, so that none overflows\n",
+    "uniform sbl_Texels sbl_lamps;         // see >>lamps in sbl.h: nodes, leaves, lights\n",
+    "uniform int lamp_nodes, lamp_leaves;  // how many\n",
+    "uniform int rays;                     // at most so many a sensor\n",
+    "uniform float unit, scale;            // radiance that calculations are in, so that none overflows; of what is written\n",
     "SBL_OUT(0, out_light);                // R, each part's own; the variance of its channels' mean\n",
     "\n",
     "const float PI = 3.14159265;\n",
+    "const uint SBL_TRIANGLE = 0u, SBL_NEAR_LIGHT = 1u, SBL_FAR_LIGHT = 2u, SBL_SKY_TEXEL = 3u;  // a leaf's kind, in its upper two bits\n",
+    "const uint SBL_FAR_NODE = 0x80000000u;\n",
+    "const int SBL_CERTAIN = 32;      // so many points of light get a ray each\n",
+    "const float SBL_STRATA = 0.1;    // stratified points have far less variance than independent ones: a tenth is what edges across a lamp leave\n",
     "\n",
-    "struct sbl_Lamp { vec3 corner, side_1, side_2, emission; int triangle, number; };\n",
+    "struct sbl_Lamp {\n",
+    "    uint kind;\n",
+    "    vec3 emission;             // a triangle's radiance; a light's irradiance of a surface here that faces it; a texel's light, radiance times solid angle\n",
+    "    vec3 corner;               // of the triangle, from the sensor; else the unit direction to the light's middle, or to the texel's middle\n",
+    "    vec3 side_1, side_2;       // of the triangle\n",
+    "    float away, radius, sine2; // of a light: distance, radius, sine squared of the angle that it spans to each side\n",
+    "    ivec2 texel;\n",
+    "    int triangle, number;      // as traced; in the scene\n",
+    "    int group;                 // 1: a triangle that turns its back to the sensor\n",
+    "};\n",
     "\n",
-    "// As seen from p: black where only its dark side shows.\n",
-    "sbl_Lamp sbl_lamp(int i, vec3 p) {\n",
-    "    int t = int(texelFetch(sbl_lamps, i).x);\n",
-    "    uvec4 a = sbl_fetch(sbl_triangles, 3 * t), b = sbl_fetch(sbl_triangles, 3 * t + 1), c = sbl_fetch(sbl_triangles, 3 * t + 2), light = sbl_object(a.w, 1);\n",
-    "    sbl_Lamp l = sbl_Lamp(uintBitsToFloat(a.xyz), uintBitsToFloat(b.xyz) - uintBitsToFloat(a.xyz), uintBitsToFloat(c.xyz) - uintBitsToFloat(a.xyz),\n",
-    "                          uintBitsToFloat(light.rgb) / unit, t, int(b.w));\n",
-    "    if ((light.w & SBL_ONE_SIDED_EMISSION) != 0u && dot(cross(l.side_1, l.side_2), p - l.corner) < 0.0) l.emission = vec3(0);\n",
+    "sbl_Lamp sbl_lamp(int leaf, vec3 p, vec3 n) {\n",
+    "    uint code = sbl_fetch(sbl_lamps, 4 * lamp_nodes + leaf).x, at = code & 0x3fffffffu;\n",
+    "    sbl_Lamp l = sbl_Lamp(code >> 30, vec3(0), vec3(0), vec3(0), vec3(0), 1e30, 0.0, 0.0, ivec2(at & 32767u, at >> 15), int(at), -1, 0);\n",
+    "    if (l.kind == SBL_TRIANGLE) {\n",
+    "        uvec4 a = sbl_fetch(sbl_triangles, 3 * l.triangle), b = sbl_fetch(sbl_triangles, 3 * l.triangle + 1), c = sbl_fetch(sbl_triangles, 3 * l.triangle + 2), light = sbl_object(a.w, 1);\n",
+    "        l.corner = uintBitsToFloat(a.xyz);\n",
+    "        l.side_1 = uintBitsToFloat(b.xyz) - l.corner;\n",
+    "        l.side_2 = uintBitsToFloat(c.xyz) - l.corner;\n",
+    "        l.corner -= p;\n",
+    "        l.emission = uintBitsToFloat(light.rgb) / unit;\n",
+    "        l.number = int(b.w);\n",
+    "        l.group = dot(cross(l.side_1, l.side_2), l.corner) > 0.0 ? 1 : 0;\n",
+    "        if (l.group == 1 && (light.w & SBL_ONE_SIDED_EMISSION) != 0u) l.emission = vec3(0);\n",
+    "    } else if (l.kind == SBL_SKY_TEXEL) {\n",
+    "        vec2 size = vec2(textureSize(sky_picture, 0)), middle = (vec2(l.texel) + 0.5) / size;\n",
+    "        vec3 radiance = texelFetch(sky_picture, l.texel, 0).rgb;\n",
+    "        l.corner = sbl_sky_direction(middle.x, cos(PI * middle.y));\n",
+    "        l.emission = radiance * (sbl_sky_excess(radiance) / unit * (2.0 * PI / size.x) * 2.0 * sin(PI * middle.y) * sin(0.5 * PI / size.y));\n",
+    "    } else {\n",
+    "        int first = 4 * lamp_nodes + lamp_leaves + 1 + 3 * int(at);\n",
+    "        vec4 a = uintBitsToFloat(sbl_fetch(sbl_lamps, first)), b = uintBitsToFloat(sbl_fetch(sbl_lamps, first + 1)), c = uintBitsToFloat(sbl_fetch(sbl_lamps, first + 2));\n",
+    "        l.corner = a.xyz;\n",
+    "        l.emission = b.rgb / unit;\n",
+    "        l.sine2 = a.w;\n",
+    "        if (l.kind == SBL_NEAR_LIGHT) {\n",
+    "            l.corner -= p;\n",
+    "            l.radius = a.w;\n",
+    "            l.away = length(l.corner);\n",
+    "            l.corner /= max(l.away, 1e-30);\n",
+    "            float spot = clamp(dot(c.xyz, -l.corner) * b.w + c.w, 0.0, 1.0);  // KHR_lights_punctual\n",
+    "            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // the sensor stands in it\n",
+    "            l.emission *= spot * spot / (l.away * l.away);\n",
+    "            l.sine2 = min(l.radius * l.radius / (l.away * l.away), 1.0);\n",
+    "        }\n",
+    "    }\n",
     "    return l;\n",
     "}\n",
     "\n",
@@ -817,6 +896,38 @@ static const char *const sbl__glsl_lamps[] = {
     "    return abs(sum) / (2.0 * PI);\n",
     "}\n",
     "\n",
+    "// The same for a round lamp whose middle has the cosine z to the normal, over the sine squared of the angle that it spans to each side: Snyder 1996,\n",
+    "// \"Area Light Sources for Real-Time Graphics\"; small ones as flat discs.\n",
+    "float sbl_round(float z, float sine2) {\n",
+    "    float sine = sqrt(sine2), s = sqrt(max(1.0 - z * z, 0.0));\n",
+    "    if (z >= sine || z <= -sine) return max(z, 0.0);\n",
+    "    float q = z / sine, x = sqrt(1.0 / sine2 - 1.0), y = clamp(-x * z / s, -1.0, 1.0), w = s * sqrt(1.0 - y * y);\n",
+    "    if (sine2 < 1e-4) return sine / PI * (q * acos(-q) + sqrt(1.0 - q * q) * (2.0 + q * q) / 3.0);\n",
+    "    return (z * acos(y) - x * w + atan(w, x) / sine2) / PI;\n",
+    "}\n",
+    "\n",
+    "// R from a lamp that nothing hides.\n",
+    "vec3 sbl_unhindered(sbl_Lamp l, vec3 n, mat3 to_frame) {\n",
+    "    float factor = 0.0;\n",
+    "    for (int once = 0; once < (l.kind == SBL_TRIANGLE ? 1 : 0); once++) {  // a loop, see sbl_trace\n",
+    "        vec3 corner = to_frame * l.corner;\n",
+    "        factor = sbl_form_factor(corner, corner + to_frame * l.side_1, corner + to_frame * l.side_2);\n",
+    "    }\n",
+    "    if (l.kind == SBL_NEAR_LIGHT || l.kind == SBL_FAR_LIGHT) factor = sbl_round(dot(n, l.corner), l.sine2) / PI;\n",
+    "    if (l.kind == SBL_SKY_TEXEL) factor = max(dot(n, l.corner) + PI / float(textureSize(sky_picture, 0).y), 0.0) / PI;  // about: above 0 where some of it is above the horizon\n",
+    "    return l.emission * factor;\n",
+    "}\n",
+    "\n",
+    "// What a cluster gives about: never zero where one of its lamps gives anything. to: its middle, from the sensor.\n",
+    "float sbl_cluster(int node, vec3 n, vec3 to, float radius, bool far) {\n",
+    "    vec4 square = uintBitsToFloat(sbl_fetch(sbl_lamps, 4 * node + 1)), cross_terms = uintBitsToFloat(sbl_fetch(sbl_lamps, 4 * node + 2));\n",
+    "    vec3 front = uintBitsToFloat(sbl_fetch(sbl_lamps, 4 * node + 3).xyz);\n",
+    "    float distance2 = max(dot(to, to), 1e-37), spread = min(radius * inversesqrt(distance2), 1.0), height = dot(n, to);\n",
+    "    vec3 w = far ? -n : to * inversesqrt(distance2);  // far lamps turn no sides to the sensor, but are seen under the cosine to its normal\n",
+    "    float shown = sqrt(max(dot(square.xyz, w * w) + 2.0 * dot(cross_terms.xyz, w.xyz * w.yzx), 0.0)) - dot(front, w) + 0.1 * square.w * spread;\n",
+    "    return max(shown, 0.0) * (far ? 1.0 : max(height, 0.5 * (height + radius)) * inversesqrt(distance2) / max(distance2, radius * radius)) / unit;\n",
+    "}\n",
+    "\n",
     "// A direction to the spherical triangle of unit vectors a, b, c, evenly distributed: Arvo 1995, \"Stratified Sampling of Spherical Triangles\".\n",
     "// w: its solid angle; 0 where it is too small for that.\n",
     "vec4 sbl_spherical(vec3 a, vec3 b, vec3 c, vec2 u) {\n",
@@ -832,76 +943,228 @@ static const char *const sbl__glsl_lamps[] = {
     "    return vec4(z * b + sqrt(max(1.0 - z * z, 0.0)) * normalize(cut - dot(cut, b) * b), solid_angle);\n",
     "}\n",
     "\n",
+    "// A point of a lamp.\n",
+    "struct sbl_Sample {\n",
+    "    vec3 direction;\n",
+    "    float far;    // how far it is\n",
+    "    vec3 light;   // R from the lamp, were it all like this point\n",
+    "    vec2 b;       // barycentrics on a triangle\n",
+    "};\n",
+    "\n",
+    "sbl_Sample sbl_sample(sbl_Lamp l, vec3 n, vec2 u) {\n",
+    "    sbl_Sample s = sbl_Sample(l.corner, 1e30, l.emission / PI, u);\n",
+    "    for (int once = 0; once < (l.kind == SBL_TRIANGLE ? 1 : 0); once++) {  // by solid angle where it is large, else by area (Heitz 2019, \"A Low-Distortion Map Between Triangle and Square\")\n",
+    "        vec3 normal = cross(l.side_1, l.side_2);\n",
+    "        vec4 ray = sbl_spherical(normalize(l.corner), normalize(l.corner + l.side_1), normalize(l.corner + l.side_2), u);\n",
+    "        s.b = u.y > u.x ? vec2(0.5 * u.x, u.y - 0.5 * u.x) : vec2(u.x - 0.5 * u.y, 0.5 * u.y);\n",
+    "        vec3 to = l.corner + s.b.x * l.side_1 + s.b.y * l.side_2;\n",
+    "        if (ray.w > 0.0) {\n",
+    "            to = ray.xyz * dot(l.corner, normal) / dot(ray.xyz, normal);\n",
+    "            s.b = vec2(dot(cross(to - l.corner, l.side_2), normal), dot(cross(l.side_1, to - l.corner), normal)) / dot(normal, normal);\n",
+    "        }\n",
+    "        s.far = length(to);\n",
+    "        s.direction = to / s.far;\n",
+    "        s.light *= ray.w > 0.0 ? ray.w : 0.5 * abs(dot(normal, s.direction)) / (s.far * s.far);\n",
+    "    }\n",
+    "    if (l.kind == SBL_SKY_TEXEL) {\n",
+    "        vec2 size = vec2(textureSize(sky_picture, 0));\n",
+    "        float row = float(l.texel.y);\n",
+    "        s.direction = sbl_sky_direction((float(l.texel.x) + u.x) / size.x, mix(cos(PI * row / size.y), cos(PI * (row + 1.0) / size.y), u.y));\n",
+    "    }\n",
+    "    if (l.kind == SBL_NEAR_LIGHT || l.kind == SBL_FAR_LIGHT) {\n",
+    "        float cosine = sqrt(1.0 - l.sine2), off = u.x * l.sine2 / (1.0 + cosine), r = sqrt(max(off * (2.0 - off), 0.0));  // off: what the ray's cosine to the middle lacks to 1\n",
+    "        s.direction = sbl_frame(l.corner) * vec3(r * cos(2.0 * PI * u.y), r * sin(2.0 * PI * u.y), 1.0 - off);\n",
+    "        s.light *= 2.0 / (1.0 + cosine);\n",
+    "        if (l.kind == SBL_NEAR_LIGHT) s.far = l.away * (1.0 - off) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));\n",
+    "    }\n",
+    "    s.light *= max(dot(n, s.direction), 0.0);\n",
+    "    return s;\n",
+    "}\n",
+    "\n",
+    "#ifdef SBL_VIEWS  // rasterised sensors look into their own views instead of tracing rays\n",
+    "uniform sampler2D atlas;        // Ck r g b, signed distance along the view's axis\n",
+    "uniform vec4 view_rects[5];     // x, y, width, height in the sheet\n",
+    "uniform ivec2 sheet;            // a sensor's, in texels\n",
+    "uniform int view_count;\n",
+    "uniform float tangent, extent;  // of half a view's width; world units of a distance\n",
+    "\n",
+    "// A texel shows what stands in its middle, where a lamp's triangle may have ended: such points ask again, nearer to the triangle's middle.\n",
+    "bool sbl_hidden(int slot, vec3 n, float turn, sbl_Lamp l, sbl_Sample s) {\n",
+    "    mat3 frame = sbl_frame(n);\n",
+    "    vec3 axes[2] = vec3[2](cos(turn) * frame[0] - sin(turn) * frame[1], -cos(turn) * frame[1] - sin(turn) * frame[0]);  // right and up, see sbl__frame\n",
+    "    vec3 normal = cross(l.side_1, l.side_2), point = s.far * s.direction, middle = l.corner + (l.side_1 + l.side_2) / 3.0;\n",
+    "    if (l.kind != SBL_TRIANGLE) point = s.direction;\n",
+    "    for (int attempt = 0; attempt < 4; attempt++, point = mix(point, middle, 0.4)) {\n",
+    "        vec3 right = axes[0], up = axes[1], forward = n;\n",
+    "        vec2 side = vec2(dot(point, right), dot(point, up));\n",
+    "        bool top = max(abs(side.x), abs(side.y)) <= dot(point, n) * tangent;\n",
+    "        int face = top ? 0 : abs(side.x) > abs(side.y) ? (side.x > 0.0 ? 1 : 3) : (side.y > 0.0 ? 2 : 4);\n",
+    "        if (!top && view_count == 1) return true;\n",
+    "        if (!top) {\n",
+    "            forward = face == 1 ? axes[0] : face == 2 ? axes[1] : face == 3 ? -axes[0] : -axes[1];\n",
+    "            right = face == 1 ? axes[1] : face == 2 ? -axes[0] : face == 3 ? -axes[1] : axes[0];\n",
+    "            up = n;\n",
+    "        }\n",
+    "        vec4 rect = view_rects[face];\n",
+    "        vec2 lowest = vec2(-1, top ? -1 : 0), size = vec2(1) - lowest, at = (vec2(dot(point, right), dot(point, up)) / (dot(point, forward) * tangent) - lowest) / size;\n",
+    "        vec2 texel = clamp(floor(at * rect.zw), vec2(0), rect.zw - 1.0), centre = lowest + (texel + 0.5) / rect.zw * size;\n",
+    "        float seen = abs(texelFetch(atlas, ivec2(slot % columns, slot / columns) * sheet + ivec2(rect.xy + texel), 0).a) * extent;\n",
+    "        if (seen == 0.0) return false;\n",
+    "        if (l.kind != SBL_TRIANGLE) return seen < 0.998 * s.far * dot(point, forward);\n",
+    "        vec3 ray = forward + tangent * (centre.x * right + centre.y * up);\n",
+    "        float there = dot(l.corner, normal) / dot(ray, normal);  // where it meets the lamp's plane\n",
+    "        if (there > 0.0 && seen >= 0.998 * there) return false;\n",
+    "        vec3 hit = there * ray - l.corner;\n",
+    "        vec2 b = vec2(dot(cross(hit, l.side_2), normal), dot(cross(l.side_1, hit), normal)) / dot(normal, normal);\n",
+    "        if (attempt == 3 || (there > 0.0 && min(b.x, b.y) >= 0.0 && b.x + b.y <= 1.0)) return seen < 0.998 * dot(point, forward);\n",
+    "    }\n",
+    "    return true;\n",
+    "}\n",
+    "#endif\n",
+    "\n",
     "void main() {\n",
     "    ivec2 at = sbl_texel_of_invocation();\n",
-    "    int parts = blocks.y, part = at.y % parts, sensor = at.y / parts * columns + at.x - first_slot;\n",
+    "    int parts = blocks.y, part = at.y % parts, slot = at.y / parts * columns + at.x, sensor = slot - first_slot;\n",
     "    if (sensor < 0 || sensor >= count) sbl_leave;\n",
-    "    uvec4 words = texelFetch(sbl_points, 3 * sensor + 2);\n",
-    "    vec3 position = uintBitsToFloat(texelFetch(sbl_points, 3 * sensor).xyz), n = uintBitsToFloat(texelFetch(sbl_points, 3 * sensor + 1).xyz);\n",
-    "    mat3 frame = transpose(sbl_frame(n));\n",
+    "    uvec4 place = texelFetch(sbl_points, 3 * sensor), words = texelFetch(sbl_points, 3 * sensor + 2);\n",
+    "    vec3 position = uintBitsToFloat(place.xyz), n = uintBitsToFloat(texelFetch(sbl_points, 3 * sensor + 1).xyz);\n",
+    "    mat3 to_frame = transpose(sbl_frame(n));\n",
     "\n",
-    "    vec3 all = vec3(0);\n",
-    "    float strengths[SBL_LAMPS], total = 0.0;  // summed up, in proportion to what each gives here\n",
-    "    for (int i = 0; i < lamp_count; i++) {\n",
-    "        sbl_Lamp l = sbl_lamp(i, position);\n",
-    "        vec3 corner = frame * (l.corner - position);\n",
-    "        vec3 light = sbl_form_factor(corner, corner + frame * l.side_1, corner + frame * l.side_2) * l.emission;\n",
-    "        all += light;\n",
-    "        total += light.r + light.g + light.b;\n",
-    "        strengths[i] = total;\n",
+    "    // Which lamps count here: single ones and, where there are many, clusters that are small for their distance.\n",
+    "    int entries[SBL_LAMPS];      // a leaf, or -1 - a node; from the end on: points of light, which get a ray each\n",
+    "    float strengths[SBL_LAMPS];  // what each gives about, summed up\n",
+    "    float total = 0.0, opening = 0.1;\n",
+    "    vec3 all[2];                 // single lamps, unhindered; two groups, since of a closed mesh one is all hidden, the other all open\n",
+    "    int used = 0, certain = 0, limit = lamp_leaves <= SBL_LAMPS ? lamp_leaves : lamp_nodes;\n",
+    "    bool full = true;\n",
+    "    for (int attempt = 0; attempt < 12 && full; attempt++, opening *= 2.0) {\n",
+    "        used = certain = 0;\n",
+    "        total = 0.0;\n",
+    "        all[0] = all[1] = vec3(0);\n",
+    "        full = false;\n",
+    "        for (int i = 0, next; i < limit; i = next) {\n",
+    "            int leaf = i;\n",
+    "            float strength = 0.0;\n",
+    "            bool single = lamp_leaves <= SBL_LAMPS, point = false;\n",
+    "            next = i + 1;\n",
+    "            for (int once = 0; once < (single ? 0 : 1); once++) {\n",
+    "                vec4 ball = uintBitsToFloat(sbl_fetch(sbl_lamps, 4 * i));\n",
+    "                uint skip = sbl_fetch(sbl_lamps, 4 * i + 2).w;\n",
+    "                bool far = (skip & SBL_FAR_NODE) != 0u;\n",
+    "                vec3 to = ball.xyz - (far ? vec3(0) : position);\n",
+    "                int beyond = int(skip & ~SBL_FAR_NODE);\n",
+    "                if (dot(n, to) + ball.w <= 0.0) next = beyond;\n",
+    "                else if (beyond == i + 1) {\n",
+    "                    single = true;\n",
+    "                    leaf = int(sbl_fetch(sbl_lamps, 4 * i + 3).w);\n",
+    "                } else if (attempt == 11 || ball.w * ball.w < opening * opening * dot(to, to)) {\n",
+    "                    next = beyond;\n",
+    "                    strength = sbl_cluster(i, n, to, ball.w, far);\n",
+    "                }\n",
+    "            }\n",
+    "            for (int once = 0; once < (single ? 1 : 0); once++) {\n",
+    "                sbl_Lamp l = sbl_lamp(leaf, position, n);\n",
+    "                vec3 light = sbl_unhindered(l, n, to_frame);\n",
+    "                strength = light.r + light.g + light.b;\n",
+    "                point = l.sine2 == 0.0 && (l.kind == SBL_NEAR_LIGHT || l.kind == SBL_FAR_LIGHT) && certain < SBL_CERTAIN;\n",
+    "                if (!point && l.kind != SBL_SKY_TEXEL) all[l.group] += light;\n",
+    "            }\n",
+    "            if (strength > 0.0) {\n",
+    "                full = used + certain == SBL_LAMPS;\n",
+    "                if (full) next = limit;\n",
+    "                else if (point) entries[SBL_LAMPS - ++certain] = leaf;\n",
+    "                else {\n",
+    "                    total += strength;\n",
+    "                    strengths[used] = total;\n",
+    "                    entries[used++] = single ? leaf : -1 - i;\n",
+    "                }\n",
+    "            }\n",
+    "        }\n",
     "    }\n",
     "\n",
-    "    vec3 open = vec3(0), seen = vec3(0);  // what the samples give without and with what stands between\n",
-    "    float samples = 0.0, lit = 0.0;\n",
+    "    vec3 open[2] = vec3[2](vec3(0), vec3(0)), seen[2] = open;  // what the samples of single lamps give without and with what stands between\n",
+    "    vec3 sure = vec3(0), sampled = vec3(0);  // from points of light; from clusters, summed over the samples\n",
+    "    float samples[2] = float[2](0.0, 0.0), lit[2] = samples, taken = 0.0, squares = 0.0;\n",
     "    int step = clamp(rays / 32, 1, 4);  // the first quarter, or half of few, tells whether there is more to know: what it overlooks is less than a sample's share\n",
     "    bool undecided = total > 0.0;\n",
-    "    for (int pass = 0; pass < step && undecided; pass++) {\n",
-    "        for (int k = part + pass * parts; k < rays; k += step * parts) {\n",
+    "    for (int pass = -1; pass < step && (pass < 0 || undecided); pass++) {\n",
+    "        for (int k = pass < 0 ? part : part + pass * parts; k < (pass < 0 ? certain : total > 0.0 ? rays : 0); k += pass < 0 ? parts : step * parts) {\n",
     "            uvec2 fraction = texelFetch(sbl_sequence, int(words.y) + k).xy ^ words.zw;\n",
     "            vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0;\n",
-    "\n",
-    "            // a lamp, in proportion to its strength\n",
-    "            float wanted = u.x * total, before = 0.0;\n",
-    "            int low = 0, high = lamp_count - 1;\n",
-    "            while (low < high) {\n",
-    "                int middle = (low + high) / 2;\n",
-    "                if (strengths[middle] < wanted) { low = middle + 1; before = strengths[middle]; }\n",
-    "                else high = middle;\n",
+    "            int entry = entries[pass < 0 ? SBL_LAMPS - 1 - k : 0];\n",
+    "            float picked = pass < 0 ? 1.0 / float(parts) : 1.0;  // how often the lamp is\n",
+    "            if (pass >= 0) {  // one in proportion to its strength\n",
+    "                float wanted = u.x * total, before = 0.0;\n",
+    "                int low = 0, high = used - 1;\n",
+    "                while (low < high) {\n",
+    "                    int middle = (low + high) / 2;\n",
+    "                    if (strengths[middle] < wanted) { low = middle + 1; before = strengths[middle]; }\n",
+    "                    else high = middle;\n",
+    "                }\n",
+    "                float width = strengths[low] - before;\n",
+    "                u.x = clamp((wanted - before) / width, 0.0, 1.0);\n",
+    "                picked = width / total;\n",
+    "                entry = entries[low];\n",
     "            }\n",
-    "            u.x = clamp((wanted - before) / (strengths[low] - before), 0.0, 1.0);\n",
-    "\n",
-    "            // a point on it: by solid angle where it is large, else by area (Heitz 2019, \"A Low-Distortion Map Between Triangle and Square\")\n",
-    "            sbl_Lamp l = sbl_lamp(low, position);\n",
-    "            vec3 corner = l.corner - position, normal = cross(l.side_1, l.side_2);\n",
-    "            vec4 ray = sbl_spherical(normalize(corner), normalize(corner + l.side_1), normalize(corner + l.side_2), u);\n",
-    "            u = u.y > u.x ? vec2(0.5 * u.x, u.y - 0.5 * u.x) : vec2(u.x - 0.5 * u.y, 0.5 * u.y);\n",
-    "            vec3 to = corner + u.x * l.side_1 + u.y * l.side_2;\n",
-    "            if (ray.w > 0.0) {\n",
-    "                to = ray.xyz * dot(corner, normal) / dot(ray.xyz, normal);\n",
-    "                u = vec2(dot(cross(to - corner, l.side_2), normal), dot(cross(l.side_1, to - corner), normal)) / dot(normal, normal);\n",
+    "            bool cluster = entry < 0;\n",
+    "            if (cluster) {  // one of its lamps in proportion to its power\n",
+    "                int node = -1 - entry, low = int(sbl_fetch(sbl_lamps, 4 * node + 3).w), high = low + (int(sbl_fetch(sbl_lamps, 4 * node + 2).w & ~SBL_FAR_NODE) - node) / 2, leaves = 4 * lamp_nodes;\n",
+    "                uint first = sbl_fetch(sbl_lamps, leaves + low).y, range = sbl_fetch(sbl_lamps, leaves + high + 1).y - first, wanted = first + min(uint(u.x * float(range)), range - 1u);\n",
+    "                while (low < high) {\n",
+    "                    int middle = (low + high + 1) / 2;\n",
+    "                    if (sbl_fetch(sbl_lamps, leaves + middle).y <= wanted) low = middle;\n",
+    "                    else high = middle - 1;\n",
+    "                }\n",
+    "                picked *= float(sbl_fetch(sbl_lamps, leaves + low + 1).y - sbl_fetch(sbl_lamps, leaves + low).y) / float(range);\n",
+    "                entry = low;\n",
+    "                u.x = fract(u.x * 8191.0 + float(words.z >> 8) / 16777216.0);  // its leading digits are used up\n",
     "            }\n",
-    "            float far = length(to);\n",
-    "            vec3 direction = to / far;\n",
-    "            float weight = ray.w > 0.0 ? 2.0 * ray.w : abs(dot(normal, direction)) / (far * far);\n",
-    "            vec3 light = l.emission * (max(dot(n, direction), 0.0) * weight / (strengths[low] - before));\n",
+    "            sbl_Lamp l = sbl_lamp(entry, position, n);\n",
+    "            sbl_Sample s = sbl_sample(l, n, u);\n",
+    "            if (l.kind == SBL_SKY_TEXEL) cluster = true;\n",
+    "            vec3 light = s.light / picked;\n",
+    "            taken += pass < 0 ? 0.0 : 1.0;\n",
     "            if (!(light.r + light.g + light.b > 0.0)) continue;\n",
-    "            open += light;\n",
-    "            samples += 1.0;\n",
-    "            sbl_Hit hit = sbl_trace(position, direction, far * 0.99999);\n",
+    "            if (!cluster && pass >= 0) {\n",
+    "                open[l.group] += light;\n",
+    "                samples[l.group] += 1.0;\n",
+    "            }\n",
+    "#ifdef SBL_VIEWS\n",
+    "            if (sbl_hidden(slot, n, uintBitsToFloat(place.w), l, s)) continue;\n",
+    "#else\n",
+    "            sbl_Hit hit = sbl_trace(position, s.direction, s.far * 0.99999);\n",
     "            if (hit.triangle >= 0 && hit.number != l.number) continue;\n",
-    "#ifdef SBL_TEXTURED\n",
-    "            sbl_Attributes at = sbl_attributes_at(l.triangle, u.x, u.y);\n",
-    "            light *= sbl_texture(sbl_object(sbl_fetch(sbl_triangles, 3 * l.triangle).w, 3), at.uv).rgb;\n",
     "#endif\n",
-    "            seen += light;\n",
-    "            lit += 1.0;\n",
+    "#ifdef SBL_TEXTURED\n",
+    "            for (int once = 0; once < (l.kind == SBL_TRIANGLE ? 1 : 0); once++) {\n",
+    "                sbl_Attributes at = sbl_attributes_at(l.triangle, s.b.x, s.b.y);\n",
+    "                light *= sbl_texture(sbl_object(sbl_fetch(sbl_triangles, 3 * l.triangle).w, 3), at.uv).rgb;\n",
+    "            }\n",
+    "#endif\n",
+    "            if (pass < 0) sure += light;\n",
+    "            else if (cluster) {\n",
+    "                sampled += light;\n",
+    "                float mean = dot(light, vec3(1.0 / 3.0));\n",
+    "                squares += mean * mean;\n",
+    "            } else {\n",
+    "                seen[l.group] += light;\n",
+    "                lit[l.group] += 1.0;\n",
+    "            }\n",
     "        }\n",
-    "        undecided = seen != vec3(0) && seen != open;  // all is open, or nothing: the first samples tell\n",
+    "        // all is open, or nothing: the first samples tell; so do clusters that are alike\n",
+    "        float mean = dot(sampled, vec3(1.0 / 3.0)) / max(taken, 1.0), error = (squares / max(taken, 1.0) - mean * mean) / max(taken, 1.0);\n",
+    "        bool mixed = (seen[0] != vec3(0) && seen[0] != open[0]) || (seen[1] != vec3(0) && seen[1] != open[1]);\n",
+    "        if (pass >= 0) undecided = mixed || SBL_STRATA * error > 1e-6 * mean * mean;\n",
     "    }\n",
-    "    vec3 share = vec3(open.r > 0.0 ? seen.r / open.r : 0.0, open.g > 0.0 ? seen.g / open.g : 0.0, open.b > 0.0 ? seen.b / open.b : 0.0);\n",
-    "    float mean = dot(all, vec3(1.0 / 3.0)), lit_share = samples > 0.0 ? lit / samples : 0.0;\n",
-    "    // stratified points have far less variance than independent ones: a tenth is what edges across a lamp leave\n",
-    "    sbl_write(out_light, vec4(all * share * unit, samples > 0.0 ? 0.1 * mean * mean * lit_share * (1.0 - lit_share) / samples * unit * unit : 0.0));\n",
+    "    float clusters = dot(sampled, vec3(1.0 / 3.0)) / max(taken, 1.0), variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) / max(taken, 1.0);\n",
+    "    vec3 light = sure + sampled / max(taken, 1.0);\n",
+    "    for (int g = 0; g < 2; g++) {\n",
+    "        vec3 share = vec3(open[g].r > 0.0 ? seen[g].r / open[g].r : 0.0, open[g].g > 0.0 ? seen[g].g / open[g].g : 0.0, open[g].b > 0.0 ? seen[g].b / open[g].b : 0.0);\n",
+    "        float mean = dot(all[g], vec3(1.0 / 3.0)), lit_share = lit[g] / max(samples[g], 1.0);\n",
+    "        light += all[g] * share;\n",
+    "        variance += mean * mean * lit_share * (1.0 - lit_share) / max(samples[g], 1.0);\n",
+    "    }\n",
+    "    sbl_write(out_light, vec4(light, SBL_STRATA * variance * unit * scale) * unit * scale);\n",
     "}\n",
     0 };
 static const char *const sbl__glsl_reduce_blocks[] = {
@@ -987,16 +1250,31 @@ static const char *const sbl__glsl_resolve[] = {
     "uniform sampler2D sample_positions, sample_normals, sample_albedo, sample_emission;\n",
     "uniform usampler2D sample_ids;\n",
     "uniform vec2 offset;                        // of the sample from the pixel's centre, pixels\n",
-    "uniform vec3 sky;\n",
+    "uniform vec3 sky;                         // constant\n",
+    "uniform vec3 direction_0, direction_x, direction_y;  // a pixel's ray, affine in its position\n",
     "uniform sampler2D previous;                 // what the samples before this one gave\n",
     "uniform float first, share;               // first: 0 for the first sample, else 1; share: 1 / samples\n",
     "layout(location = 0) out vec4 out_color;\n",
+    "\n",
+    "// As a camera sees the environment: bilinear.\n",
+    "vec3 sbl_sky_smooth(vec3 direction) {\n",
+    "    vec3 radiance = vec3(0);\n",
+    "    if (sky_limit == 0.0) return radiance;\n",
+    "    ivec2 size = textureSize(sky_picture, 0);\n",
+    "    vec2 at = sbl_sky_at(direction) * vec2(size) - 0.5, corner = floor(at), f = at - corner;\n",
+    "    for (int i = 0; i < 4; i++) {\n",
+    "        ivec2 step = ivec2(i & 1, i >> 1), texel = ivec2(corner) + step;\n",
+    "        vec2 weight = mix(1.0 - f, f, vec2(step));\n",
+    "        radiance += weight.x * weight.y * texelFetch(sky_picture, ivec2((texel.x + size.x) % size.x, clamp(texel.y, 0, size.y - 1)), 0).rgb;\n",
+    "    }\n",
+    "    return radiance;\n",
+    "}\n",
     "\n",
     "void main() {\n",
     "    ivec2 at = ivec2(gl_FragCoord.xy), size = textureSize(radiance, 0);\n",
     "    uint id = texelFetch(sample_ids, at, 0).x;\n",
     "    vec4 before = first == 0.0 ? vec4(0) : texelFetch(previous, at, 0);\n",
-    "    if (id == 0u) { out_color = before + share * vec4(sky, 1); return; }\n",
+    "    if (id == 0u) { out_color = before + share * vec4(sky + sbl_sky_smooth(direction_0 + gl_FragCoord.x * direction_x + gl_FragCoord.y * direction_y), 1); return; }\n",
     "    vec3 p = texelFetch(sample_positions, at, 0).xyz, n = texelFetch(sample_normals, at, 0).xyz;\n",
     "    vec3 light = vec3(0);\n",
     "    if (offset == vec2(0)) light = texelFetch(radiance, at, 0).rgb;\n",
@@ -1078,6 +1356,7 @@ static const char *const sbl__glsl_sensor_fragment[] = {
     "layout(location = 0) out vec4 out_radiance;\n",
     "#ifdef SBL_TEXTURED\n",
     "uniform float epsilon, radiance_scale;\n",
+    "uniform bool lamps_apart;  // light from emitting triangles comes from lamps.glsl\n",
     "flat in uint fragment_object;\n",
     "in vec2 fragment_uv;\n",
     "in vec4 fragment_color;\n",
@@ -1101,7 +1380,8 @@ static const char *const sbl__glsl_sensor_fragment[] = {
     "        if (albedo.a < cutoff) discard;\n",
     "        radiance = epsilon * uintBitsToFloat(material.rgb) * albedo.rgb;\n",
     "    }\n",
-    "    if (emits) radiance = emission * sbl_texture(sbl_object(fragment_object, 3), fragment_uv).rgb;\n",
+    "    if (emits && lamps_apart) radiance = vec3(0);\n",
+    "    else if (emits) radiance = emission * sbl_texture(sbl_object(fragment_object, 3), fragment_uv).rgb;\n",
     "    radiance *= radiance_scale;\n",
     "#else\n",
     "    vec3 radiance = gl_FrontFacing ? radiance_front : radiance_back;\n",
@@ -1131,6 +1411,7 @@ static const char *const sbl__glsl_sensor_vertex[] = {
     "out vec4 fragment_color;\n",
     "#else\n",
     "uniform float epsilon, radiance_scale;\n",
+    "uniform bool lamps_apart;                   // light from emitting triangles comes from lamps.glsl\n",
     "flat out vec3 radiance_front, radiance_back;\n",
     "#endif\n",
     "\n",
@@ -1144,7 +1425,7 @@ static const char *const sbl__glsl_sensor_vertex[] = {
     "    // Ck of equations 1 and 2: a light's radiance, or the ambient factor times the colour\n",
     "    vec3 emission = uintBitsToFloat(light.rgb);\n",
     "    vec3 ambient = epsilon * uintBitsToFloat(sbl_object(object, 0).rgb);\n",
-    "    radiance_front = radiance_scale * (max(max(emission.r, emission.g), emission.b) > 0.0 ? emission : ambient);\n",
+    "    radiance_front = radiance_scale * (max(max(emission.r, emission.g), emission.b) > 0.0 ? lamps_apart ? vec3(0) : emission : ambient);\n",
     "    radiance_back = (light.w & SBL_ONE_SIDED_EMISSION) != 0u ? radiance_scale * ambient : radiance_front;\n",
     "#endif\n",
     "    vec3 p = (position - view_eye) * per_length;\n",
@@ -1155,6 +1436,60 @@ static const char *const sbl__glsl_sensor_vertex[] = {
     "    gl_ClipDistance[2] = y - w * view_forward.w;\n",
     "    gl_ClipDistance[3] = w - y;\n",
     "    if ((light.w & SBL_HIDDEN_FROM_SENSORS) != 0u) gl_ClipDistance[0] = -1.0;\n",
+    "}\n",
+    0 };
+static const char *const sbl__glsl_sky[] = {
+    "// The environment's picture, equirectangular: light from where nothing is hit, besides the constant sky (see sbl_environment).\n",
+    "uniform sampler2D sky_picture;\n",
+    "uniform vec3 sky_x, sky_up, sky_z;  // its axes in the world\n",
+    "uniform float sky_limit;            // radiance from which on it is left to lamps.glsl; 0: there is no picture\n",
+    "\n",
+    "// Where a direction meets the picture, in its widths and heights.\n",
+    "vec2 sbl_sky_at(vec3 direction) {\n",
+    "    vec3 d = vec3(dot(direction, sky_x), dot(direction, sky_up), dot(direction, sky_z)) / length(direction);\n",
+    "    return vec2(0.5 + (d.x == 0.0 && d.z == 0.0 ? 0.0 : atan(d.z, d.x) / 6.283185307), acos(clamp(d.y, -1.0, 1.0)) / 3.14159265);\n",
+    "}\n",
+    "\n",
+    "// The way back; z: the cosine to sky_up.\n",
+    "vec3 sbl_sky_direction(float across, float z) {\n",
+    "    float angle = 6.283185307 * (across - 0.5), r = sqrt(max(1.0 - z * z, 0.0));\n",
+    "    return r * cos(angle) * sky_x + z * sky_up + r * sin(angle) * sky_z;\n",
+    "}\n",
+    "\n",
+    "// What of a texel's light lamps.glsl samples.\n",
+    "float sbl_sky_excess(vec3 radiance) { return max(1.0 - sky_limit / max(max(radiance.r, radiance.g), max(radiance.b, 1e-37)), 0.0); }\n",
+    "\n",
+    "// The rest of it.\n",
+    "vec3 sbl_sky(vec3 direction) {\n",
+    "    vec3 radiance = vec3(0);\n",
+    "    for (int once = 0; once < (sky_limit > 0.0 ? 1 : 0); once++) {  // a loop, see sbl_trace\n",
+    "        ivec2 size = textureSize(sky_picture, 0);\n",
+    "        radiance = texelFetch(sky_picture, min(ivec2(sbl_sky_at(direction) * vec2(size)), size - 1), 0).rgb;\n",
+    "        radiance *= 1.0 - sbl_sky_excess(radiance);\n",
+    "    }\n",
+    "    return radiance;\n",
+    "}\n",
+    0 };
+static const char *const sbl__glsl_sky_fragment[] = {
+    "in vec3 direction;\n",
+    "uniform vec3 sky;  // constant\n",
+    "uniform float radiance_scale;\n",
+    "layout(location = 0) out vec4 out_radiance;  // as in sensor_fragment.glsl; nothing is hit\n",
+    "\n",
+    "void main() { out_radiance = vec4(radiance_scale * (sky + sbl_sky(direction)), 0); }\n",
+    0 };
+static const char *const sbl__glsl_sky_vertex[] = {
+    "// The environment behind all that a sensor's view sees: a rectangle for every view, see sensor_vertex.glsl.\n",
+    "layout(location = 5) in vec4 view_right;\n",
+    "layout(location = 6) in vec4 view_up;\n",
+    "layout(location = 7) in vec4 view_forward;\n",
+    "layout(location = 8) in vec2 view_offset;\n",
+    "out vec3 direction;\n",
+    "\n",
+    "void main() {\n",
+    "    float x = gl_VertexID % 2 == 0 ? -1.0 : 1.0, y = gl_VertexID < 2 ? view_forward.w : 1.0;\n",
+    "    direction = view_forward.xyz + x / dot(view_right.xyz, view_right.xyz) * view_right.xyz + y / dot(view_up.xyz, view_up.xyz) * view_up.xyz;\n",
+    "    gl_Position = vec4(x * view_right.w + view_offset.x, y * view_up.w + view_offset.y, 0, 1);\n",
     "}\n",
     0 };
 static const char *const sbl__glsl_surface[] = {
@@ -1235,7 +1570,7 @@ static const char *const sbl__glsl_trace[] = {
     "uniform float epsilon;\n",
     "uniform float spread;                 // 1: the cosine's whole hemisphere; 0: all rays go along the normal\n",
     "uniform vec3 sky;\n",
-    "uniform bool lamps_apart;                // light from emitting triangles comes from lamps.glsl\n",
+    "uniform bool lamps_apart;             // light from emitting triangles comes from lamps.glsl\n",
     "SBL_OUT(0, out_sum);\n",
     "SBL_OUT(1, out_hits);\n",
     "\n",
@@ -1272,7 +1607,7 @@ static const char *const sbl__glsl_trace[] = {
     "        float radius = sqrt(u.x), angle = 6.283185307 * u.y;\n",
     "        vec3 direction = frame * vec3(radius * cos(angle), radius * sin(angle), sqrt(1.0 - u.x));\n",
     "        sbl_Hit hit = sbl_trace(position, direction, 1e30);\n",
-    "        if (hit.triangle < 0) sum.rgb += sky;\n",
+    "        if (hit.triangle < 0) sum.rgb += sky + sbl_sky(direction);\n",
     "        else {\n",
     "            sum += vec4(sbl_radiance(hit), hit.back ? 1.0 : 0.0);\n",
     "            hits.xy += vec2(1.0, hit.distance);\n",
@@ -1605,6 +1940,7 @@ static float sbl__from_half(uint16_t half) {
     return half & 0x8000 ? -value : value;
 }
 
+static float sbl__srgb_to_linear(float x) { return x <= 0.04045f ? x / 12.92f : (float)pow((x + 0.055) / 1.055, 2.4); }
 static float sbl__linear_to_srgb(float x) { return x <= 0.0031308f ? 12.92f * x : (float)(1.055 * pow(x, 1 / 2.4) - 0.055); }
 
 /* ======================================================================================================== >>gl
@@ -1649,6 +1985,7 @@ static float sbl__linear_to_srgb(float x) { return x <= 0.0031308f ? 12.92f * x 
     X(void, DrawArrays, (unsigned mode, int first, int count))                                                            \
     X(void, DrawBuffers, (int count, const unsigned *buffers))                                                            \
     X(void, DrawElements, (unsigned mode, int count, unsigned type, const void *offset))                                  \
+    X(void, DrawArraysInstanced, (unsigned mode, int first, int count, int instances))                                    \
     X(void, DrawElementsInstanced, (unsigned mode, int count, unsigned type, const void *offset, int instances))          \
     X(void, Enable, (unsigned capability))                                                                                \
     X(void, Enablei, (unsigned capability, unsigned index))                                                               \
@@ -1718,7 +2055,7 @@ static float sbl__linear_to_srgb(float x) { return x <= 0.0031308f ? 12.92f * x 
     X(void, ScissorIndexedv, (unsigned index, const int *box)) \
     X(void, ViewportIndexedfv, (unsigned index, const float *box))
 
-#define SBL__GUARD_UNITS 11
+#define SBL__GUARD_UNITS 13
 #define SBL__GUARD_DRAW_BUFFERS 8
 #define SBL__GUARD_VIEWPORTS 16
 #define SBL__GUARD_IMAGES 2
@@ -1735,7 +2072,7 @@ typedef struct sbl__gl {
 
 enum {
     SBL__GL_NO_ERROR = 0, SBL__GL_OUT_OF_MEMORY = 0x0505,
-    SBL__GL_TRIANGLES = 0x0004, SBL__GL_ALWAYS = 0x0207, SBL__GL_GREATER = 0x0204,
+    SBL__GL_TRIANGLES = 0x0004, SBL__GL_TRIANGLE_STRIP = 0x0005, SBL__GL_ALWAYS = 0x0207, SBL__GL_GREATER = 0x0204,
     SBL__GL_FRONT_AND_BACK = 0x0408, SBL__GL_POLYGON_MODE = 0x0B40, SBL__GL_FILL = 0x1B02, SBL__GL_CULL_FACE = 0x0B44,
     SBL__GL_FRONT_FACE = 0x0B46, SBL__GL_CW = 0x0900, SBL__GL_CCW = 0x0901,
     SBL__GL_DEPTH_RANGE = 0x0B70, SBL__GL_DEPTH_TEST = 0x0B71, SBL__GL_DEPTH_WRITEMASK = 0x0B72, SBL__GL_DEPTH_FUNC = 0x0B74,
@@ -2172,7 +2509,7 @@ static sbl_result sbl__read_pixels(const sbl__gl *gl, unsigned framebuffer, int 
 
 /* Shaders are lists of lines, see >>shaders; a program is GLSL version, defines, bodies. */
 
-#define SBL__MAX_LINES 512
+#define SBL__MAX_LINES 1000
 
 static sbl_result sbl__shader_make(const sbl__gl *gl, unsigned *out, unsigned type, const char *name, const char *defines, const char *const *const *bodies) {
     const char *lines[SBL__MAX_LINES];
@@ -2290,14 +2627,22 @@ typedef struct sbl__scene {
     sbl__texture texels_srgb, texels_float;
     sbl__bvh bvh;                  /* built when a picture first traces rays; again after a mesh has moved */
     sbl__buffer node_buffer, triangle_buffer, lamp_buffer;
-    sbl__texture node_texels, triangle_texels;
-    unsigned lamp_texels;
-    int lamp_count;                /* emitting triangles that sensors aim rays at; 0: there are none, or too many */
-    int bvh_ready;
+    sbl__texture node_texels, triangle_texels, lamp_texels;
+    sbl_light *lights;
+    int light_count;
+    float *sky_pixels;             /* the environment's picture, scaled: r g b; NULL: there is none */
+    int sky_width, sky_height;
+    float sky_axes[3][3];          /* x, up, z of the picture in the world */
+    float sky_limit;               /* radiance from which on a texel is a lamp; 0: there is no picture */
+    sbl__texture sky_texels;
+    float lamp_unit;               /* radiance of about the highest light that lamps give */
+    int lamp_nodes, lamp_leaves;   /* see >>lamps */
+    int bvh_ready;                 /* hierarchy and lamps */
     unsigned vertex_array;         /* positions, object, uv, colour; the sensors' views come with each batch */
 } sbl__scene;
 
 #define SBL__OBJECT_WORDS 20
+#define SBL__SKY_LIMIT 4  /* mean radiances of the environment: what is brighter is a lamp; rays over the hemisphere meet the rest with little noise */
 #define SBL__TEXEL_STORE_WIDTH 4096
 
 static const struct { int bytes; double scale; } sbl__types[SBL_TYPE_COUNT] = {
@@ -2450,6 +2795,9 @@ static void sbl__check_material(sbl__check *check, const sbl_scene_desc *desc, i
         SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MATERIAL, "material %d: flags is 0x%x; only the bits 0x%x exist", number, m->flags, (unsigned)SBL_MATERIAL_FLAGS_ALL);
 }
 
+#define SBL__CONE(light) ((light)->cone > 0.0f ? (light)->cone : 90.0f)
+#define SBL__MAX_SKY 16384  /* texels across the environment's picture: lamps keep 15 bits for each coordinate */
+
 static int sbl__texture_channels(const sbl_texture *t) { return t->channels ? t->channels : 4; }
 static size_t sbl__texture_texel(const sbl_texture *t) { return (size_t)sbl__texture_channels(t) * (t->format == SBL_PIXELS_FLOAT ? 4u : 1u); }
 
@@ -2481,6 +2829,59 @@ static void sbl__check_texture(sbl__check *check, const sbl__gl *gl, const sbl_s
         SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: stride is %.0f; %d rows of it reach past the address space", number, (double)t->stride, t->height);
 }
 
+static void sbl__check_light(sbl__check *check, const sbl_light *l, int number) {
+    const int near = l->kind != SBL_LIGHT_DIRECTIONAL;
+    int k;
+    if ((int)l->kind < 0 || (int)l->kind >= SBL_LIGHT_KIND_COUNT) {
+        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_LIGHT, "light %d: kind is %d; it must be 0 to %d", number, (int)l->kind, SBL_LIGHT_KIND_COUNT - 1);
+        return;
+    }
+    for (k = 0; k < 3; k++)
+        if (!(l->intensity[k] >= 0.0f && sbl__finite(l->intensity[k])))
+            SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_LIGHT, "light %d: intensity[%d] is %g; it must be finite and not negative", number, k, (double)l->intensity[k]);
+    for (k = 0; near && k < 3; k++)
+        if (!sbl__finite(l->position[k])) SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_LIGHT, "light %d: position[%d] is %g; it must be finite", number, k, (double)l->position[k]);
+    if (l->kind != SBL_LIGHT_POINT) {
+        for (k = 0; k < 3; k++)
+            if (!sbl__finite(l->direction[k])) SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_LIGHT, "light %d: direction[%d] is %g; it must be finite", number, k, (double)l->direction[k]);
+        if (sbl__all_zero(l->direction, 3)) SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_LIGHT, "light %d: direction is 0 0 0; it must point the way the light goes", number);
+    }
+    if (near && !(l->radius >= 0.0f && sbl__finite(l->radius)))
+        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_LIGHT, "light %d: radius is %g; it must be finite and not negative", number, (double)l->radius);
+    if (!near && !(l->angle >= 0.0f && l->angle <= 180.0f))
+        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_LIGHT, "light %d: angle is %g; it must be 0 to 180 degrees", number, (double)l->angle);
+    if (l->kind == SBL_LIGHT_SPOT) {
+        if (!(l->cone >= 0.0f && l->cone <= 180.0f)) SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_LIGHT, "light %d: cone is %g; it must be 0 to 180 degrees", number, (double)l->cone);
+        else if (!(l->inner_cone >= 0.0f && l->inner_cone <= SBL__CONE(l)))
+            SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_LIGHT, "light %d: inner_cone is %g; it must be 0 to the cone's %g degrees", number, (double)l->inner_cone, (double)SBL__CONE(l));
+    }
+}
+
+static void sbl__check_environment(sbl__check *check, const sbl_environment *e) {
+    const sbl_texture *t = &e->picture;
+    const sbl_log_item item = SBL_LOG_ITEM_INVALID_LIGHT;
+    int k;
+    if (t->gl_texture) SBL__MISTAKE(check, item, "environment: picture.gl_texture is %u; give pixels in client memory", t->gl_texture);
+    if (t->pixels && e->radiance) SBL__MISTAKE(check, item, "environment: picture.pixels and radiance are both set; give one");
+    if ((int)t->format < 0 || (int)t->format >= SBL_PIXEL_FORMAT_COUNT)
+        SBL__MISTAKE(check, item, "environment: picture.format is %d; it must be 0 to %d", (int)t->format, SBL_PIXEL_FORMAT_COUNT - 1);
+    else if (t->channels < 0 || t->channels > 4) SBL__MISTAKE(check, item, "environment: picture.channels is %d; it must be 1 to 4, or 0 for 4", t->channels);
+    else if (t->pixels || t->width || t->height) {
+        if (!t->pixels && !e->radiance)
+            SBL__MISTAKE(check, item, "environment: picture.pixels and radiance are NULL, the picture's size is %d x %d; give pixels or a function", t->width, t->height);
+        if (t->width < 1 || t->height < 1 || t->width > SBL__MAX_SKY || t->height > SBL__MAX_SKY)
+            SBL__MISTAKE(check, item, "environment: picture is %d x %d; both must be 1 to %d", t->width, t->height, SBL__MAX_SKY);
+        else if (t->stride && t->stride < (size_t)t->width * sbl__texture_texel(t))
+            SBL__MISTAKE(check, item, "environment: picture.stride is %.0f, less than a row's %.0f bytes", (double)t->stride, (double)t->width * (double)sbl__texture_texel(t));
+        else if (t->stride > SIZE_MAX / 4 / (size_t)t->height)
+            SBL__MISTAKE(check, item, "environment: picture.stride is %.0f; %d rows of it reach past the address space", (double)t->stride, t->height);
+    }
+    if (!(e->scale >= 0.0f && sbl__finite(e->scale))) SBL__MISTAKE(check, item, "environment: scale is %g; it must be finite and not negative", (double)e->scale);
+    if (!sbl__finite(e->rotation)) SBL__MISTAKE(check, item, "environment: rotation is %g; it must be finite", (double)e->rotation);
+    for (k = 0; k < 3; k++)
+        if (!sbl__finite(e->up[k])) SBL__MISTAKE(check, item, "environment: up[%d] is %g; it must be finite", k, (double)e->up[k]);
+}
+
 static sbl_result sbl__check_scene(const sbl__gl *gl, const sbl_scene_desc *desc) {
     sbl__check check;
     int i, k;
@@ -2506,6 +2907,10 @@ static sbl_result sbl__check_scene(const sbl__gl *gl, const sbl_scene_desc *desc
                     SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc: draw_bounds[%d][%d] is %g; bounds must be finite, lowest corner first", i, k, (double)desc->draw_bounds[i][k]);
     if (!(desc->draw_max_radiance >= 0.0f && sbl__finite(desc->draw_max_radiance)))
         SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc: draw_max_radiance is %g; it must be finite and not negative", (double)desc->draw_max_radiance);
+    if (desc->light_count < 0 || (desc->light_count > 0 && !desc->lights))
+        SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc: light_count is %d with lights %s", desc->light_count, desc->lights ? "given" : "NULL");
+    for (i = 0; desc->lights && i < desc->light_count; i++) sbl__check_light(&check, &desc->lights[i], i);
+    sbl__check_environment(&check, &desc->environment);
     for (i = 0; desc->meshes && i < desc->mesh_count; i++) sbl__check_mesh(&check, gl, desc, i);
     for (i = 0; desc->materials && i < desc->material_count; i++) sbl__check_material(&check, desc, i);
     for (i = 0; desc->textures && i < desc->texture_count; i++) sbl__check_texture(&check, gl, desc, i);
@@ -2535,7 +2940,10 @@ static void sbl__scene_free(const sbl__gl *gl, sbl__scene *s) {
     sbl__free(gl->base, s->bvh.order);
     sbl__texture_delete(gl, &s->node_texels);
     sbl__texture_delete(gl, &s->triangle_texels);
-    sbl__name_delete(gl->DeleteTextures, &s->lamp_texels);
+    sbl__free(gl->base, s->lights);
+    sbl__free(gl->base, s->sky_pixels);
+    sbl__texture_delete(gl, &s->sky_texels);
+    sbl__texture_delete(gl, &s->lamp_texels);
     sbl__buffer_delete(gl, &s->lamp_buffer);
     sbl__buffer_delete(gl, &s->node_buffer);
     sbl__buffer_delete(gl, &s->triangle_buffer);
@@ -2705,6 +3113,12 @@ static sbl_result sbl__scene_texels_make(const sbl__gl *gl, sbl__scene *s) {
 static sbl_result sbl__scene_upload(const sbl__gl *gl, sbl__scene *s) {
     const sbl_capabilities *c = &gl->capabilities;
     double texels = SBL__MAX(SBL__MAX(3.0 * s->triangle_count + 8, 2.0 * s->vertex_count), SBL__OBJECT_WORDS / 4 * (double)s->mesh_count);  /* the hierarchy's are fewer */
+    double lamps = s->light_count;
+    int i;
+    for (i = 0; i < s->mesh_count; i++)
+        if (s->objects[SBL__OBJECT_WORDS * (size_t)i + 4] | s->objects[SBL__OBJECT_WORDS * (size_t)i + 5] | s->objects[SBL__OBJECT_WORDS * (size_t)i + 6]) lamps += s->meshes[i].triangle_count;
+    for (i = 0; s->sky_pixels && i < s->sky_width * s->sky_height; i++) lamps += sbl__max3(s->sky_pixels + 3 * (size_t)i) > s->sky_limit;
+    texels = SBL__MAX(texels, 9 * lamps + 3.0 * s->light_count + 1);  /* two nodes and a leaf each */
     double most = c->max_texture_size < SBL__TEXELS_ACROSS ? 0 : (c->max_texture_size - 1) * (double)SBL__TEXELS_ACROSS;
     sbl_result result;
     s->wide = texels > c->max_texture_buffer_size;
@@ -2881,6 +3295,94 @@ static sbl_result sbl__scene_add_textures(const sbl__gl *gl, sbl__scene *s, cons
     return result;
 }
 
+/* The environment's picture as floats, on the CPU and on the GPU. */
+static sbl_result sbl__scene_add_environment(const sbl__gl *gl, sbl__scene *s, const sbl_environment *e) {
+    const sbl_texture *t = &e->picture;
+    const int channels = sbl__texture_channels(t), width = t->width ? t->width : 512, height = t->height ? t->height : 256;
+    const size_t stride = t->stride ? t->stride : (size_t)width * sbl__texture_texel(t);
+    const double turn = e->rotation * SBL__PI / 180;
+    const float scale = e->scale > 0 ? e->scale : 1.0f;
+    double up[3] = { 0, 1, 0 }, x[3], z[3], length = 0, mean = 0, weights = 0;
+    float *texels;
+    int i, k, row;
+    sbl_result result;
+    if (!t->pixels && !e->radiance) return SBL_SUCCESS;
+    if (width > gl->capabilities.max_texture_size || height > gl->capabilities.max_texture_size) {
+        sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "environment: picture is %d x %d; this driver's textures are at most %d across", width, height, gl->capabilities.max_texture_size);
+        return SBL_ERROR_UNSUPPORTED;
+    }
+    for (k = 0; k < 3; k++) length = SBL__MAX(length, fabs((double)e->up[k]));
+    for (k = 0; k < 3 && length > 0; k++) up[k] = e->up[k] / length;
+    sbl__normalize(up);
+    /* the shortest way from +y to up turns about their cross product; from -y, half a turn about x */
+    x[0] = up[1] > -1 + 1e-9 ? 1 - up[0] * up[0] / (1 + up[1]) : 1;
+    x[1] = up[1] > -1 + 1e-9 ? -up[0] : 0;
+    x[2] = up[1] > -1 + 1e-9 ? -up[0] * up[2] / (1 + up[1]) : 0;
+    z[0] = x[1] * up[2] - x[2] * up[1]; z[1] = x[2] * up[0] - x[0] * up[2]; z[2] = x[0] * up[1] - x[1] * up[0];
+    for (k = 0; k < 3; k++) {
+        s->sky_axes[0][k] = (float)(cos(turn) * x[k] - sin(turn) * z[k]);
+        s->sky_axes[1][k] = (float)up[k];
+        s->sky_axes[2][k] = (float)(sin(turn) * x[k] + cos(turn) * z[k]);
+    }
+    s->sky_width = width;
+    s->sky_height = height;
+    s->sky_pixels = (float *)sbl__alloc(gl->base, (size_t)width * (size_t)height, 12);
+    texels = (float *)sbl__alloc(gl->base, (size_t)width * (size_t)height, 16);
+    result = s->sky_pixels && texels ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    for (row = 0; row < height && result == SBL_SUCCESS; row++)
+        for (i = 0; i < width; i++) {
+            const size_t at = (size_t)row * (size_t)width + (size_t)i;
+            const double z_angle = SBL__PI * (row + 0.5) / height, around = 2 * SBL__PI * ((i + 0.5) / width - 0.5);
+            float c[4] = { 0, 0, 0, 0 };
+            if (e->radiance) {
+                float direction[3];
+                for (k = 0; k < 3; k++)
+                    direction[k] = (float)(sin(z_angle) * (cos(around) * s->sky_axes[0][k] + sin(around) * s->sky_axes[2][k]) + cos(z_angle) * s->sky_axes[1][k]);
+                e->radiance(direction, c, e->user);
+            } else {
+                const unsigned char *p = (const unsigned char *)t->pixels + (size_t)row * stride + (size_t)i * sbl__texture_texel(t);
+                for (k = 0; k < channels && k < 3; k++) {
+                    if (t->format == SBL_PIXELS_FLOAT) memcpy(&c[k], p + 4 * k, 4);
+                    else c[k] = t->format == SBL_PIXELS_SRGB8 ? sbl__srgb_to_linear((float)p[k] / 255.0f) : (float)p[k] / 255.0f;
+                }
+                if (channels < 3) c[1] = c[2] = c[0];
+            }
+            for (k = 0; k < 3 && result == SBL_SUCCESS; k++) {
+                c[k] *= scale;
+                if (c[k] >= 0.0f && sbl__finite(c[k])) continue;
+                sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_LIGHT, "environment: component %d of pixel %d %d is %g; it must be finite and not negative", k, i, row, (double)c[k]);
+                result = SBL_ERROR_INVALID_ARGUMENT;
+            }
+            if (result != SBL_SUCCESS) break;
+            memcpy(s->sky_pixels + 3 * at, c, 12);
+            memcpy(texels + 4 * at, c, 16);
+            mean += sin(z_angle) * sbl__max3(c);
+            weights += sin(z_angle);
+            s->max_radiance = SBL__MAX(s->max_radiance, sbl__max3(c) + sbl__max3(s->sky));
+        }
+    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &s->sky_texels, width, height, SBL__GL_RGBA32F, texels, "storing the environment");
+    sbl__free(gl->base, texels);
+    s->sky_limit = (float)SBL__MIN(SBL__MAX(SBL__SKY_LIMIT * mean / weights, 1e-37), FLT_MAX);
+    return result;
+}
+
+static sbl_result sbl__scene_add_lights(const sbl__gl *gl, sbl__scene *s, const sbl_scene_desc *desc) {
+    const size_t bytes = (size_t)desc->light_count * sizeof(sbl_light);
+    int i;
+    s->light_count = desc->light_count;
+    s->lights = (sbl_light *)sbl__alloc(gl->base, (size_t)desc->light_count, sizeof(sbl_light));
+    if (!s->lights) return SBL_ERROR_OUT_OF_MEMORY;
+    if (bytes) memcpy(s->lights, desc->lights, bytes);
+    s->lamp_unit = s->max_radiance;
+    for (i = 0; i < s->light_count; i++) {
+        const sbl_light *l = &s->lights[i];
+        double intensity = sbl__max3(l->intensity);
+        s->lamp_unit = SBL__MAX(s->lamp_unit, (float)SBL__MIN(l->kind == SBL_LIGHT_DIRECTIONAL ? intensity : intensity / s->extent / s->extent, 1e37));
+    }
+    s->lamp_unit = SBL__MAX(s->lamp_unit, 1e-30f);
+    return SBL_SUCCESS;
+}
+
 static sbl_result sbl__scene_make(const sbl__gl *gl, sbl__scene *s, const sbl_scene_desc *desc, unsigned copy_program, unsigned empty_array) {
     sbl_result result = sbl__check_scene(gl, desc);
     uint32_t (*records)[4];
@@ -2916,6 +3418,9 @@ static sbl_result sbl__scene_make(const sbl__gl *gl, sbl__scene *s, const sbl_sc
     if (result == SBL_SUCCESS) {
         memcpy(s->sky, desc->sky, sizeof s->sky);
         s->max_radiance = sbl__max3(s->sky);
+        result = sbl__scene_add_environment(gl, s, &desc->environment);
+    }
+    if (result == SBL_SUCCESS) {
         s->draw = desc->draw;
         s->draw_user = desc->draw_user;
         memcpy(s->draw_bounds, desc->draw_bounds, sizeof s->draw_bounds);
@@ -2938,9 +3443,10 @@ static sbl_result sbl__scene_make(const sbl__gl *gl, sbl__scene *s, const sbl_sc
             s->max_radiance = SBL__MAX(s->max_radiance, scale * sbl__max3(m->emission));
         }
         sbl__scene_measure(s);
+        result = sbl__scene_add_lights(gl, s, desc);
         if (degenerate)
             sbl__log(gl->base, SBL_LOG_WARNING, SBL_LOG_ITEM_DEGENERATE_TRIANGLES, "%d triangles without area were left out of %.0f", degenerate, triangles);
-        result = sbl__scene_upload(gl, s);
+        if (result == SBL_SUCCESS) result = sbl__scene_upload(gl, s);
     }
     sbl__free(gl->base, records);
     sbl__free(gl->base, brightest);
@@ -2991,6 +3497,16 @@ static void sbl__scene_bind(const sbl__gl *gl, const sbl__scene *s, unsigned pro
     sbl__bind_texels(gl, program, "sbl_positions", 3, &s->position_texels);
     sbl__bind_texels(gl, program, "sbl_attributes", 4, &s->attribute_texels);
     sbl__bind_texels(gl, program, "sbl_indices", 5, &s->index_texels);
+}
+
+/* Binds what sky.glsl reads to a unit. */
+static void sbl__sky_bind(const sbl__gl *gl, const sbl__scene *s, unsigned program, int unit) {
+    sbl__bind(gl, program, "sky_picture", unit, SBL__GL_TEXTURE_2D, s->sky_texels.id);
+    sbl__uniform_3(gl, program, "sky_x", s->sky_axes[0]);
+    sbl__uniform_3(gl, program, "sky_up", s->sky_axes[1]);
+    sbl__uniform_3(gl, program, "sky_z", s->sky_axes[2]);
+    sbl__uniform_f(gl, program, "sky_limit", s->sky_limit);
+    sbl__uniform_3(gl, program, "sky", s->sky);
 }
 
 /* ======================================================================================================== >>bvh
@@ -3264,11 +3780,278 @@ static sbl_result sbl__bvh_build(sbl__base *base, sbl__bvh *bvh, const sbl__scen
     return result;
 }
 
-#define SBL__MAX_LAMPS 256  /* emitting triangles that lamps.glsl weighs against each other */
+/* ======================================================================================================== >>lamps
+   What sensors aim rays at: emitting triangles, lights, and what of the environment is too bright to be left to chance. Two trees, of near lamps and of
+   directions, hold clusters of neighbours, so that the work of a sensor grows with their logarithm (lamps.glsl). One array of 4 x 32-bit texels:
 
-/* Builds what is not there yet and brings it to the GPU. */
+       nodes   in preorder, 4 texels: middle and radius of a ball around all lamps;  xx, yy, zz of the sum of power * normal * normal^T, power;
+               xy, xz, yz of it, the node after this one's subtree (bit 31: directions);  sum of power * normal of one-sided lamps, first leaf
+       leaves  in the nodes' order: kind << 30 | number, power of all leaves before in fixed point, 0, 0; and one behind the last
+       lights  3 texels: position or direction to it, radius or sine squared of half its angle;  intensity, spot's scale;  spot's axis, spot's offset
+
+   Power is light per solid angle over pi where the lamp shows its face: R at distance d is about power * cosine / d^2, for directions power * cosine. */
+
+#define SBL__MAX_LAMPS 256     /* entries that lamps.glsl weighs against each other: so many lamps are taken one by one */
+#define SBL__LAMP_POWER (1 << 24)
+
+enum { SBL__LAMP_TRIANGLE, SBL__LAMP_NEAR_LIGHT, SBL__LAMP_FAR_LIGHT, SBL__LAMP_SKY_TEXEL };
+
+typedef struct sbl__lamp {
+    uint64_t curve;            /* place along a Morton curve; near before far */
+    uint32_t code;
+    float low[3], high[3];     /* bounds */
+    float normal[3];           /* 0: shines to all sides; of directions, the direction */
+    float power;
+    int one_sided, far;
+} sbl__lamp;
+
+typedef struct sbl__lamps {
+    sbl__lamp *list;
+    int count, room;
+    uint32_t *words;           /* as the GPU gets them */
+    int nodes;
+} sbl__lamps;
+
+static int sbl__lamps_add(sbl__base *base, sbl__lamps *l, const sbl__lamp *lamp) {
+    if (!(lamp->power > 0)) return 1;
+    if (l->count == l->room) {
+        int room = l->room * 2 + 256;
+        sbl__lamp *list = (sbl__lamp *)sbl__alloc(base, (size_t)room, sizeof *list);
+        if (!list) return 0;
+        if (l->count) memcpy(list, l->list, (size_t)l->count * sizeof *list);
+        sbl__free(base, l->list);
+        l->list = list;
+        l->room = room;
+    }
+    l->list[l->count++] = *lamp;
+    return 1;
+}
+
+/* A lamp without sides, in bounds of so much around its middle. */
+static void sbl__lamp_make(sbl__lamp *lamp, int kind, uint32_t number, const double middle[3], double around, double power) {
+    int k;
+    memset(lamp, 0, sizeof *lamp);
+    lamp->code = (uint32_t)kind << 30 | number;
+    lamp->power = (float)SBL__MIN(power / SBL__PI, 1e37);
+    for (k = 0; k < 3; k++) {
+        lamp->low[k] = (float)(middle[k] - around);
+        lamp->high[k] = (float)(middle[k] + around);
+    }
+}
+
+static double sbl__sum3(const float v[3]) { return (double)v[0] + v[1] + v[2]; }
+
+/* Triangle `number` of the scene, `place` in the hierarchy's order. */
+static int sbl__lamps_add_triangle(sbl__base *base, sbl__lamps *l, const sbl__scene *s, uint32_t number, uint32_t place) {
+    const float *p[3];
+    const uint32_t *object = s->objects + (size_t)SBL__OBJECT_WORDS * s->vertices[s->indices[3 * (size_t)number]].object;
+    double a[3], b[3], normal[3], zero[3] = { 0, 0, 0 }, area;
+    float emission[3];
+    sbl__lamp lamp;
+    int i, k;
+    memcpy(emission, object + 4, sizeof emission);
+    if (!(emission[0] + emission[1] + emission[2] > 0)) return 1;
+    for (i = 0; i < 3; i++) p[i] = s->vertices[s->indices[3 * (size_t)number + (size_t)i]].position;
+    for (k = 0; k < 3; k++) { a[k] = (double)p[1][k] - p[0][k]; b[k] = (double)p[2][k] - p[0][k]; }
+    normal[0] = a[1] * b[2] - a[2] * b[1]; normal[1] = a[2] * b[0] - a[0] * b[2]; normal[2] = a[0] * b[1] - a[1] * b[0];
+    area = 0.5 * sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+    sbl__lamp_make(&lamp, SBL__LAMP_TRIANGLE, place, zero, 0, SBL__MAX(area * sbl__sum3(emission), 1e-30));
+    for (k = 0; k < 3; k++) {
+        lamp.low[k] = SBL__MIN(p[0][k], SBL__MIN(p[1][k], p[2][k]));
+        lamp.high[k] = SBL__MAX(p[0][k], SBL__MAX(p[1][k], p[2][k]));
+        if (area > 0) lamp.normal[k] = (float)(0.5 * normal[k] / area);
+    }
+    lamp.one_sided = (object[7] & SBL_MATERIAL_ONE_SIDED_EMISSION) != 0;
+    return sbl__lamps_add(base, l, &lamp);
+}
+
+static int sbl__lamps_add_light(sbl__base *base, sbl__lamps *l, const sbl_light *light, int number, float record[12]) {
+    const int far = light->kind == SBL_LIGHT_DIRECTIONAL;
+    double axis[3], place[3], scale = 0, offset = 1, half = 0.5 * light->angle * SBL__PI / 180;
+    sbl__lamp lamp;
+    int k;
+    for (k = 0; k < 3; k++) axis[k] = light->direction[k] / SBL__MAX(SBL__MAX(fabs((double)light->direction[0]), fabs((double)light->direction[1])), SBL__MAX(fabs((double)light->direction[2]), 1e-300));
+    sbl__normalize(axis);
+    if (light->kind == SBL_LIGHT_SPOT) {
+        double outer = cos(0.5 * SBL__CONE(light) * SBL__PI / 180);
+        scale = 1 / SBL__MAX(0.001, cos(0.5 * light->inner_cone * SBL__PI / 180) - outer);
+        offset = -outer * scale;
+    }
+    for (k = 0; k < 3; k++) {
+        place[k] = far ? -axis[k] : light->position[k];
+        record[k] = (float)place[k];
+        record[4 + k] = light->intensity[k];
+        record[8 + k] = (float)(light->kind == SBL_LIGHT_SPOT ? axis[k] : 0);
+    }
+    record[3] = (float)(far ? sin(half) * sin(half) : light->radius);
+    record[7] = (float)scale;
+    record[11] = (float)offset;
+    sbl__lamp_make(&lamp, far ? SBL__LAMP_FAR_LIGHT : SBL__LAMP_NEAR_LIGHT, (uint32_t)number, place, far ? 2 * sin(0.5 * half) : light->radius, sbl__sum3(light->intensity));
+    lamp.far = far;
+    for (k = 0; far && k < 3; k++) lamp.normal[k] = (float)place[k];
+    return sbl__lamps_add(base, l, &lamp);
+}
+
+static int sbl__lamps_add_sky(sbl__base *base, sbl__lamps *l, const sbl__scene *s) {
+    int x, y, k;
+    for (y = 0; y < s->sky_height && s->sky_pixels; y++)
+        for (x = 0; x < s->sky_width; x++) {
+            const float *c = s->sky_pixels + 3 * ((size_t)y * (size_t)s->sky_width + (size_t)x);
+            const double step = SBL__PI / s->sky_height, angle = step * (y + 0.5), around = 2 * SBL__PI * ((x + 0.5) / s->sky_width - 0.5);
+            const double solid_angle = 2 * SBL__PI / s->sky_width * 2 * sin(angle) * sin(0.5 * step);
+            double direction[3];
+            sbl__lamp lamp;
+            if (!(sbl__max3(c) > s->sky_limit)) continue;
+            for (k = 0; k < 3; k++)
+                direction[k] = sin(angle) * (cos(around) * s->sky_axes[0][k] + sin(around) * s->sky_axes[2][k]) + cos(angle) * s->sky_axes[1][k];
+            sbl__lamp_make(&lamp, SBL__LAMP_SKY_TEXEL, (uint32_t)y << 15 | (uint32_t)x, direction, SBL__MIN(step + 2 * SBL__PI / s->sky_width, 1.0),
+                           sbl__sum3(c) * (1 - s->sky_limit / sbl__max3(c)) * solid_angle);
+            lamp.far = 1;
+            for (k = 0; k < 3; k++) lamp.normal[k] = (float)direction[k];
+            if (!sbl__lamps_add(base, l, &lamp)) return 0;
+        }
+    return 1;
+}
+
+static int sbl__lamp_order(const void *first, const void *second) {
+    const sbl__lamp *a = (const sbl__lamp *)first, *b = (const sbl__lamp *)second;
+    if (a->curve != b->curve) return a->curve < b->curve ? -1 : 1;
+    return a->code < b->code ? -1 : a->code > b->code;
+}
+
+/* Along a Morton curve through the bounds of all near lamps, 20 bits an axis; then the directions. */
+static void sbl__lamps_sort(sbl__lamps *l) {
+    double low[3] = { DBL_MAX, DBL_MAX, DBL_MAX }, side = 0;
+    int i, k, bit;
+    for (i = 0; i < l->count; i++)
+        for (k = 0; k < 3 && !l->list[i].far; k++) low[k] = SBL__MIN(low[k], 0.5 * ((double)l->list[i].low[k] + l->list[i].high[k]));
+    for (i = 0; i < l->count; i++)
+        for (k = 0; k < 3 && !l->list[i].far; k++) side = SBL__MAX(side, 0.5 * ((double)l->list[i].low[k] + l->list[i].high[k]) - low[k]);
+    for (i = 0; i < l->count; i++) {
+        sbl__lamp *lamp = &l->list[i];
+        lamp->curve = (uint64_t)lamp->far << 63;
+        for (k = 0; k < 3; k++) {
+            double middle = 0.5 * ((double)lamp->low[k] + lamp->high[k]), share = lamp->far ? 0.25 * (middle + 2) : side > 0 ? (middle - low[k]) / side : 0;
+            uint64_t place = (uint64_t)(SBL__MIN(SBL__MAX(share, 0.0), 1.0) * 1048575.0);
+            for (bit = 0; bit < 20; bit++) lamp->curve |= (place >> bit & 1u) << (3 * bit + k);
+        }
+    }
+    if (l->count) qsort(l->list, (size_t)l->count, sizeof *l->list, sbl__lamp_order);
+}
+
+typedef struct sbl__cluster { double power, all_sides, square[6], front[3]; float low[3], high[3]; } sbl__cluster;
+
+/* The subtree of lamps first .. first + count - 1, and what is known of them together. Depth: the curve's 61 bits, and the logarithm of count. */
+static void sbl__lamps_node(sbl__lamps *l, int first, int count, sbl__cluster *c) {
+    const int node = l->nodes++, far = l->list[first].far;
+    uint32_t *words = l->words + 16 * (size_t)node, after;
+    double radius = 0;
+    float out[16];
+    int k;
+    memset(c, 0, sizeof *c);
+    if (count == 1) {
+        static const int pairs[6][2] = { { 0, 0 }, { 1, 1 }, { 2, 2 }, { 0, 1 }, { 1, 2 }, { 2, 0 } };  /* the last three as lamps.glsl multiplies them */
+        const sbl__lamp *lamp = &l->list[first];
+        const int sides = sbl__sum3(lamp->normal) != 0 || lamp->normal[0] != 0.0f || lamp->normal[1] != 0.0f;
+        const double shown = lamp->one_sided || lamp->far ? 0.5 * lamp->power : lamp->power;  /* max(x, 0) = (|x| + x) / 2 */
+        c->power = lamp->power;
+        c->all_sides = shown;
+        for (k = 0; k < 6; k++) c->square[k] = sides ? shown * lamp->normal[pairs[k][0]] * lamp->normal[pairs[k][1]] : k < 3 ? shown : 0;
+        for (k = 0; k < 3; k++) {
+            c->front[k] = lamp->one_sided || lamp->far ? shown * lamp->normal[k] : 0;
+            c->low[k] = lamp->low[k];
+            c->high[k] = lamp->high[k];
+        }
+    } else {
+        int split = first + count / 2;
+        uint64_t differs = l->list[first].curve ^ l->list[first + count - 1].curve;
+        sbl__cluster half;
+        if (differs) {  /* where the highest bit that differs turns */
+            int low = first, high = first + count - 1;
+            while (differs & (differs - 1)) differs &= differs - 1;
+            while (high - low > 1) {
+                int middle = low + (high - low) / 2;
+                if (l->list[middle].curve & differs) high = middle;
+                else low = middle;
+            }
+            split = high;
+        }
+        sbl__lamps_node(l, first, split - first, c);
+        sbl__lamps_node(l, split, first + count - split, &half);
+        c->power += half.power;
+        c->all_sides += half.all_sides;
+        for (k = 0; k < 6; k++) c->square[k] += half.square[k];
+        for (k = 0; k < 3; k++) {
+            c->front[k] += half.front[k];
+            c->low[k] = SBL__MIN(c->low[k], half.low[k]);
+            c->high[k] = SBL__MAX(c->high[k], half.high[k]);
+        }
+    }
+    for (k = 0; k < 3; k++) {
+        double side = 0.5 * ((double)c->high[k] - c->low[k]);
+        out[k] = (float)(0.5 * ((double)c->high[k] + c->low[k]));
+        radius += side * side;
+        out[4 + k] = (float)(SBL__MIN(c->all_sides, 1e18) * SBL__MIN(c->square[k], 1e18));  /* sum |x| <= sqrt(sum 1 * sum x^2) */
+        out[8 + k] = (float)(SBL__MIN(c->all_sides, 1e18) * SBL__MAX(SBL__MIN(c->square[3 + k], 1e18), -1e18));
+        out[12 + k] = (float)c->front[k];
+    }
+    out[3] = (float)(1.000001 * sqrt(radius));
+    out[7] = (float)c->power;
+    out[11] = out[15] = 0;
+    memcpy(words, out, sizeof out);
+    after = (uint32_t)l->nodes | (far ? 0x80000000u : 0u);
+    words[11] = after;
+    words[15] = (uint32_t)first;
+}
+
+/* Collects the scene's lamps; lights of the scene are numbered as in s->lights. */
+static sbl_result sbl__lamps_make(const sbl__gl *gl, sbl__scene *s) {
+    sbl__lamps l;
+    sbl__cluster all;
+    double power = 0, sum = 0;
+    uint32_t total = 0, *leaf, place;
+    size_t words;
+    int i, near = 0, ok;
+    float (*records)[12] = (float (*)[12])sbl__alloc(gl->base, (size_t)s->light_count, sizeof *records);
+    sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
+    memset(&l, 0, sizeof l);
+    ok = records != NULL;
+    for (place = 0; place < (uint32_t)s->bvh.triangle_count && ok; place++)
+        if (s->bvh.order[place] != SBL__BVH_DROPPED) ok = sbl__lamps_add_triangle(gl->base, &l, s, s->bvh.order[place], place);
+    for (i = 0; i < s->light_count && ok; i++) ok = sbl__lamps_add_light(gl->base, &l, &s->lights[i], i, records[i]);
+    if (ok) ok = sbl__lamps_add_sky(gl->base, &l, s);
+    words = 16 * 2 * (size_t)l.count + 4 * ((size_t)l.count + 1) + 12 * (size_t)s->light_count;
+    if (ok) l.words = (uint32_t *)sbl__alloc(gl->base, words, 4);
+    if (l.words) {
+        sbl__lamps_sort(&l);
+        for (near = 0; near < l.count && !l.list[near].far; near++) {}
+        if (near) sbl__lamps_node(&l, 0, near, &all);
+        if (l.count > near) sbl__lamps_node(&l, near, l.count - near, &all);
+        leaf = l.words + 16 * (size_t)l.nodes;
+        for (i = 0; i < l.count; i++) power += l.list[i].power;
+        for (i = 0; i <= l.count; i++, leaf += 4) {
+            leaf[0] = i < l.count ? l.list[i].code : 0;
+            leaf[1] = total;
+            if (i == l.count) continue;
+            sum += l.list[i].power;
+            total = SBL__MAX(total + 1, (uint32_t)(sum / power * SBL__LAMP_POWER));
+        }
+        if (s->light_count) memcpy(leaf, records, (size_t)s->light_count * sizeof *records);
+        s->lamp_nodes = l.nodes;
+        s->lamp_leaves = l.count;
+        result = sbl__buffer_make(gl, &s->lamp_buffer, 4 * (16 * (size_t)l.nodes + 4 * ((size_t)l.count + 1) + 12 * (size_t)s->light_count), l.words, SBL__GL_STATIC_DRAW, "storing lamps");
+        if (result == SBL_SUCCESS) result = sbl__texels_make(gl, &s->lamp_texels, SBL__GL_RGBA32UI, &s->lamp_buffer, s->wide, "making the lamps' texture");
+        if (s->wide) sbl__buffer_delete(gl, &s->lamp_buffer);
+    }
+    sbl__free(gl->base, records);
+    sbl__free(gl->base, l.list);
+    sbl__free(gl->base, l.words);
+    return result;
+}
+
+/* Builds hierarchy and lamps where they are not there yet, and brings them to the GPU. */
 static sbl_result sbl__bvh_ready(const sbl__gl *gl, sbl__scene *s) {
-    uint32_t *words, lamps[SBL__MAX_LAMPS] = { 0 };
+    uint32_t *words;
     size_t i;
     int corner;
     sbl_result result;
@@ -3278,31 +4061,22 @@ static sbl_result sbl__bvh_ready(const sbl__gl *gl, sbl__scene *s) {
     if (result != SBL_SUCCESS) return result;
     words = (uint32_t *)sbl__alloc(gl->base, (size_t)s->bvh.triangle_count, 48);
     if (!words) return SBL_ERROR_OUT_OF_MEMORY;
-    s->lamp_count = 0;
     for (i = 0; i < (size_t)s->bvh.triangle_count; i++) {
-        const uint32_t number = s->bvh.order[i], *object;
-        float emission[3];
+        const uint32_t number = s->bvh.order[i];
         for (corner = 0; corner < 3 && number != SBL__BVH_DROPPED; corner++) {
             uint32_t *to = words + 12 * i + 4 * (size_t)corner;
             const sbl__vertex *v = &s->vertices[s->indices[3 * (size_t)number + (size_t)corner]];
             memcpy(to, v->position, 12);
             to[3] = corner == 0 ? v->object : corner == 1 ? number : (uint32_t)sbl__is_cutout(s, number);
         }
-        object = s->objects + (size_t)SBL__OBJECT_WORDS * words[12 * i + 3];
-        memcpy(emission, object + 4, sizeof emission);
-        if (number == SBL__BVH_DROPPED || !(emission[0] + emission[1] + emission[2] > 0)) continue;
-        if (s->lamp_count < SBL__MAX_LAMPS) lamps[s->lamp_count] = (uint32_t)i;
-        s->lamp_count++;
     }
-    if (s->lamp_count > SBL__MAX_LAMPS) s->lamp_count = 0;  /* sensors meet them by chance */
     gl->BindVertexArray(0);
     result = sbl__buffer_make(gl, &s->triangle_buffer, 48 * (size_t)s->bvh.triangle_count, words, SBL__GL_STATIC_DRAW, "storing triangles");
     sbl__free(gl->base, words);
     if (result == SBL_SUCCESS) result = sbl__buffer_make(gl, &s->node_buffer, 32 * (size_t)s->bvh.node_count, s->bvh.nodes, SBL__GL_STATIC_DRAW, "storing the hierarchy");
-    if (result == SBL_SUCCESS) result = sbl__buffer_make(gl, &s->lamp_buffer, sizeof lamps, lamps, SBL__GL_STATIC_DRAW, "storing lamps");
     if (result == SBL_SUCCESS) result = sbl__texels_make(gl, &s->node_texels, SBL__GL_RGBA32UI, &s->node_buffer, s->wide, "making the hierarchy's texture");
     if (result == SBL_SUCCESS) result = sbl__texels_make(gl, &s->triangle_texels, SBL__GL_RGBA32UI, &s->triangle_buffer, s->wide, "making the triangles' texture");
-    if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &s->lamp_texels, SBL__GL_R32UI, &s->lamp_buffer, "making the lamps' texture");
+    if (result == SBL_SUCCESS) result = sbl__lamps_make(gl, s);
     if (s->wide) {  /* copied */
         sbl__buffer_delete(gl, &s->node_buffer);
         sbl__buffer_delete(gl, &s->triangle_buffer);
@@ -3398,24 +4172,12 @@ static void sbl__camera_clip(const sbl__camera *c, const float offset[2], int wi
     } else out[14] = c->depth_scale;
 }
 
-static void sbl__surface_draw(const sbl__gl *gl, unsigned program, const sbl__scene *scene, const sbl__camera *c, sbl__gbuffer *g, const float offset[2], float epsilon) {
-    static const float zero[4] = { 0, 0, 0, 0 };
-    static const unsigned none[4] = { 0, 0, 0, 0 };
-    int width = g->position.width, height = g->position.height, i, k;
-    float clip[16];
-    double ray[6][3];  /* origin and direction: constant, per pixel of x, per pixel of y */
+/* A pixel's ray: origin, then direction, each constant, per pixel of x, per pixel of y; offset from the pixel's centre. */
+static void sbl__camera_rays(const sbl__camera *c, const float offset[2], int width, int height, double ray[6][3]) {
     const float *m = c->view_to_clip;
     double a = c->orthographic ? 1 : -(double)m[11], step_x = 2.0 / width, step_y = -2.0 / height;
     double x0 = -1 + offset[0] * step_x, y0 = 1 + offset[1] * step_y;
-
-    gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->framebuffer);
-    gl->Viewport(0, 0, width, height);
-    gl->Enable(SBL__GL_DEPTH_TEST);
-    for (i = 0; i < 5; i++) gl->ClearBufferfv(SBL__GL_COLOR, i, zero);
-    gl->ClearBufferuiv(SBL__GL_COLOR, 5, none);
-    gl->ClearBufferfv(SBL__GL_DEPTH, 0, zero);
-    sbl__camera_clip(c, offset, width, height, clip);
-
+    int k;
     /* x of the view at unit distance (perspective) or everywhere (orthographic) is linear in the pixel: x = (a ndc + m8) / m0 or (ndc - m12) / m0 */
     for (k = 0; k < 3; k++) {
         double across = c->orthographic ? (x0 - m[12]) / m[0] : (a * x0 + m[8]) / m[0];
@@ -3428,6 +4190,23 @@ static void sbl__surface_draw(const sbl__gl *gl, unsigned program, const sbl__sc
         ray[still][k] = c->orthographic ? -c->back[k] : c->eye[k];
         ray[still + 1][k] = ray[still + 2][k] = 0;
     }
+}
+
+static void sbl__surface_draw(const sbl__gl *gl, unsigned program, const sbl__scene *scene, const sbl__camera *c, sbl__gbuffer *g, const float offset[2], float epsilon) {
+    static const float zero[4] = { 0, 0, 0, 0 };
+    static const unsigned none[4] = { 0, 0, 0, 0 };
+    int width = g->position.width, height = g->position.height, i, k;
+    float clip[16];
+    double ray[6][3];
+
+    gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->framebuffer);
+    gl->Viewport(0, 0, width, height);
+    gl->Enable(SBL__GL_DEPTH_TEST);
+    for (i = 0; i < 5; i++) gl->ClearBufferfv(SBL__GL_COLOR, i, zero);
+    gl->ClearBufferuiv(SBL__GL_COLOR, 5, none);
+    gl->ClearBufferfv(SBL__GL_DEPTH, 0, zero);
+    sbl__camera_clip(c, offset, width, height, clip);
+    sbl__camera_rays(c, offset, width, height, ray);
     if (scene->triangle_count) {
         static const char *const names[6] = { "origin_0", "origin_x", "origin_y", "direction_0", "direction_x", "direction_y" };
         static const char *const rows[4] = { "clip_x", "clip_y", "clip_z", "clip_w" };
@@ -3643,8 +4422,10 @@ typedef struct sbl__gather {
     int count, next;
     float spread;               /* traced: 1 for the hemisphere, 0 for rays along the normal only */
     int rays;                   /* traced: directions of a sensor; 0: rasterised */
-    int lamp_rays;              /* at most so many more towards lamps; 0: lamps are met by chance */
+    int lamp_rays;              /* at most so many more, or looks into rasterised views, towards lamps; 0: there are none, or they are met by chance */
     int lamp_parts;             /* shader invocations that share them */
+    int lamps_apart;            /* sensors' views and rays over the hemisphere do not see lamps */
+    int environment;            /* sensors' views see the environment's picture */
     float length;               /* world units of a distance that the shaders give */
     sbl__buffer point_buffer, sequence_buffer;
     unsigned point_texels, sequence_texels;
@@ -3675,8 +4456,67 @@ static void sbl__gather_free(const sbl__gl *gl, sbl__gather *g) {
     memset(g, 0, sizeof *g);
 }
 
+/* Rays of one shader invocation: some software renderers end one silently after about 65,000 loop turns, of which a ray takes about the hierarchy's
+   cost on average, and some times that in places. */
+#define SBL__CHUNK 16
+#define SBL__LAMP_CHUNK 256
+#define SBL__LOOP_TURNS 20000
+#define SBL__RAYS_A_DRAW 1000000 /* keeps a draw short on any machine */
+
+/* The first `count` points of the Sobol sequence's first two dimensions (Joe and Kuo 2008), 32-bit fractions. */
+static void sbl__sobol(uint32_t *out, int count) {
+    int i, bit;
+    for (i = 0; i < count; i++) {
+        uint32_t x = 0, y = 0, direction = 0x80000000u;
+        for (bit = 0; bit < 32; bit++, direction ^= direction >> 1)
+            if ((uint32_t)i >> bit & 1u) { x |= 0x80000000u >> bit; y ^= direction; }
+        out[2 * i] = x;
+        out[2 * i + 1] = y;
+    }
+}
+
+/* Along a Morton curve: rays that a shader traces side by side then go close by each other, whatever the scramble. */
+static int sbl__morton_order(const void *first, const void *second) {
+    const uint32_t *a = (const uint32_t *)first, *b = (const uint32_t *)second;
+    uint32_t x = a[0] ^ b[0], y = a[1] ^ b[1];
+    int axis = x < y && x < (x ^ y);  /* which differs in the higher bit */
+    return a[axis] == b[axis] ? 0 : a[axis] < b[axis] ? -1 : 1;
+}
+
+/* What both back ends need to send rays, or looks towards lamps: their sequences, the points' words, a place for the lamps' light. */
+static sbl_result sbl__rays_setup(const sbl__gl *gl, sbl__gather *g, int rays, int lamp_rays, int lamp_chunk, int rows) {
+    const char *what = "making the rays' textures";
+    const sbl__texture *color = &g->lights;
+    size_t points = (size_t)(rays + lamp_rays) * SBL__MAX_LOOKS;
+    uint32_t *sequence, *lamp_sequence;
+    int i;
+    sbl_result result;
+    g->rays = rays;
+    g->lamp_rays = lamp_rays;
+    g->lamp_parts = (lamp_rays + lamp_chunk - 1) / lamp_chunk;
+    if (!points) return SBL_SUCCESS;
+    sequence = (uint32_t *)sbl__alloc(gl->base, points, 8);
+    sbl__free(gl->base, g->point_words);
+    g->point_words = (uint32_t *)sbl__alloc(gl->base, (size_t)g->draw_limit, 48);
+    if (!sequence || !g->point_words) { sbl__free(gl->base, sequence); return SBL_ERROR_OUT_OF_MEMORY; }
+    lamp_sequence = sequence + 2 * (size_t)rays * SBL__MAX_LOOKS;
+    sbl__sobol(sequence, rays * SBL__MAX_LOOKS);
+    sbl__sobol(lamp_sequence, lamp_rays * SBL__MAX_LOOKS);
+    for (i = 0; i < SBL__MAX_LOOKS; i++) {
+        qsort(sequence + 2 * (size_t)rays * (size_t)i, (size_t)rays, 8, sbl__morton_order);
+        qsort(lamp_sequence + 2 * (size_t)lamp_rays * (size_t)i, (size_t)lamp_rays, 8, sbl__morton_order);
+    }
+    gl->BindVertexArray(0);
+    result = sbl__buffer_make(gl, &g->sequence_buffer, 8 * points, sequence, SBL__GL_STATIC_DRAW, what);
+    sbl__free(gl->base, sequence);
+    if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &g->sequence_texels, SBL__GL_RG32UI, &g->sequence_buffer, what);
+    if (result == SBL_SUCCESS && lamp_rays) result = sbl__texture_make(gl, &g->lights, g->columns, rows * g->lamp_parts, SBL__GL_RGBA32F, NULL, what);
+    if (result == SBL_SUCCESS && lamp_rays) result = sbl__framebuffer_make(gl, &g->light_framebuffer, &color, 1, NULL, what);
+    return result;
+}
+
 /* Sets up for sensors of one kind and size. Keeps what an earlier set-up made where it fits. */
-static sbl_result sbl__gather_setup(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, int hemicube, int paper, int size, float fov, float epsilon, int atlas_size, int batch) {
+static sbl_result sbl__gather_setup(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, int hemicube, int paper, int size, float fov, float epsilon, int lamp_rays, int atlas_size, int batch) {
     const char *what = "making the sensors' atlas";
     const sbl__texture *colors[2];
     int pitch[2], rows, limit;
@@ -3720,6 +4560,7 @@ static sbl_result sbl__gather_setup(const sbl__gl *gl, sbl__gather *g, const sbl
     colors[0] = &g->block_sums;
     colors[1] = &g->block_hits;
     if (result == SBL_SUCCESS) result = sbl__framebuffer_make(gl, &g->block_framebuffer, colors, 2, NULL, what);
+    if (result == SBL_SUCCESS) result = sbl__rays_setup(gl, g, 0, lamp_rays, SBL__LAMP_CHUNK, rows);
     return result;
 }
 
@@ -3806,15 +4647,16 @@ static void sbl__gather_clear(const sbl__gl *gl, const sbl__gather *g, const sbl
     gl->ClearBufferfv(SBL__GL_DEPTH, 0, &zero);
 }
 
-/* Draws sensors first .. first + count - 1, which lie in one filling of the atlas. */
-static sbl_result sbl__gather_draw(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, unsigned program, int first, int count) {
+/* Draws sensors first .. first + count - 1, which lie in one filling of the atlas. programs: sensor, sky_view. */
+static sbl_result sbl__gather_draw(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, const unsigned programs[2], int first, int count) {
+    const unsigned program = programs[0];
     const sbl__layout *l = &g->layout;
     int pitch_x = l->blocks[0] * l->block, pitch_y = l->blocks[1] * l->block, i, face;
     sbl_result result = SBL_SUCCESS;
     gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->atlas_framebuffer);
     gl->Viewport(0, 0, g->atlas.width, g->atlas.height);
     if (first % g->slots == 0) sbl__gather_clear(gl, g, scene);
-    if (scene->triangle_count) {
+    if (scene->triangle_count || (g->environment && scene->sky_pixels)) {
         for (i = 0; i < count; i++)
             for (face = 0; face < l->view_count; face++) {
                 int slot = (first + i) % g->slots;
@@ -3834,10 +4676,18 @@ static sbl_result sbl__gather_draw(const sbl__gl *gl, sbl__gather *g, const sbl_
             gl->EnableVertexAttribArray((unsigned)i);
             gl->VertexAttribDivisor((unsigned)i, 1);
         }
+        if (g->environment && scene->sky_pixels) {
+            gl->Disable(SBL__GL_DEPTH_TEST);
+            gl->UseProgram(programs[1]);
+            sbl__sky_bind(gl, scene, programs[1], 0);
+            sbl__uniform_f(gl, programs[1], "radiance_scale", g->radiance_scale);
+            gl->DrawArraysInstanced(SBL__GL_TRIANGLE_STRIP, 0, 4, count * l->view_count);
+        }
         gl->Enable(SBL__GL_DEPTH_TEST);
         for (i = 0; i < 4; i++) gl->Enable(SBL__GL_CLIP_DISTANCE0 + (unsigned)i);
         gl->UseProgram(program);
         sbl__scene_bind(gl, scene, program);
+        sbl__uniform_i(gl, program, "lamps_apart", g->lamps_apart);
         sbl__uniform_f(gl, program, "per_length", 1 / scene->extent);
         sbl__uniform_f(gl, program, "depth_scale", SBL__DEPTH_SCALE);
         sbl__uniform_f(gl, program, "epsilon", g->epsilon);
@@ -3882,86 +4732,37 @@ static void sbl__gather_reduce(const sbl__gl *gl, const sbl__gather *g, const un
     gl->Flush();
 }
 
-/* The second way to see: rays. Sensors stand in the block textures as if their texels were already reduced, and go on as rasterised ones do. */
-
-/* Rays of one shader invocation: some software renderers end one silently after about 65,000 loop turns, of which a ray takes about the hierarchy's
-   cost on average, and some times that in places. */
-#define SBL__CHUNK 16
-#define SBL__LAMP_CHUNK 256
-#define SBL__LOOP_TURNS 20000
-#define SBL__RAYS_A_DRAW 1000000 /* keeps a draw short on any machine */
-
-/* The first `count` points of the Sobol sequence's first two dimensions (Joe and Kuo 2008), 32-bit fractions. */
-static void sbl__sobol(uint32_t *out, int count) {
-    int i, bit;
-    for (i = 0; i < count; i++) {
-        uint32_t x = 0, y = 0, direction = 0x80000000u;
-        for (bit = 0; bit < 32; bit++, direction ^= direction >> 1)
-            if ((uint32_t)i >> bit & 1u) { x |= 0x80000000u >> bit; y ^= direction; }
-        out[2 * i] = x;
-        out[2 * i + 1] = y;
-    }
-}
-
-/* Along a Morton curve: rays that a shader traces side by side then go close by each other, whatever the scramble. */
-static int sbl__morton_order(const void *first, const void *second) {
-    const uint32_t *a = (const uint32_t *)first, *b = (const uint32_t *)second;
-    uint32_t x = a[0] ^ b[0], y = a[1] ^ b[1];
-    int axis = x < y && x < (x ^ y);  /* which differs in the higher bit */
-    return a[axis] == b[axis] ? 0 : a[axis] < b[axis] ? -1 : 1;
-}
-
 /* Sensors of so many rays over the hemisphere and at most so many to lamps; spread 0: rays along the normal only. */
 static sbl_result sbl__trace_setup(const sbl__gl *gl, sbl__gather *g, const sbl__bvh *bvh, int rays, int lamp_rays, float spread, float epsilon, int batch) {
     const char *what = "making the rays' textures";
     const sbl__texture *colors[2];
-    int most = SBL__MAX(1, (int)(SBL__LOOP_TURNS / (bvh->cost + 20))), few = SBL__MAX(1, most / 4);
-    int chunk = SBL__MIN(SBL__MIN(SBL__CHUNK, few), (rays + 7) / 8), chunks = (rays + chunk - 1) / chunk, rows, i;
-    size_t points = (size_t)(rays + lamp_rays) * SBL__MAX_LOOKS;
-    uint32_t *sequence, *lamp_sequence;
+    int most = SBL__MAX(1, (int)(SBL__LOOP_TURNS / (bvh->cost + 20))), few = SBL__MAX(1, most / 4), lamp_chunk = SBL__MIN(SBL__LAMP_CHUNK, most);
+    int chunk = SBL__MIN(SBL__MIN(SBL__CHUNK, few), (rays + 7) / 8), chunks = (rays + chunk - 1) / chunk, rows;
     sbl_result result;
     memset(&g->layout, 0, sizeof g->layout);
     g->layout.view_count = 1;
     g->layout.blocks[0] = SBL__MIN(chunks, 4);
     g->layout.blocks[1] = (chunks + 3) / 4;
-    g->rays = rays;
-    g->lamp_rays = lamp_rays;
-    g->lamp_parts = (lamp_rays + SBL__MIN(SBL__LAMP_CHUNK, most) - 1) / SBL__MIN(SBL__LAMP_CHUNK, most);
+    g->lamps_apart = 1;
     g->spread = spread;
     g->epsilon = epsilon;
     g->length = g->radiance_scale = 1;
     g->columns = SBL__MAX(1, SBL__MIN(256, SBL__MIN(1024, gl->capabilities.max_texture_size) / g->layout.blocks[0]));
-    rows = SBL__MAX(1, SBL__MIN(1024 / SBL__MAX(g->layout.blocks[1], g->lamp_parts), SBL__MAX_SLOTS / g->columns));
+    rows = SBL__MAX(1, SBL__MIN(1024 / SBL__MAX(g->layout.blocks[1], (lamp_rays + lamp_chunk - 1) / lamp_chunk), SBL__MAX_SLOTS / g->columns));
     g->slots = g->columns * rows;
     g->draw_limit = SBL__MAX(1, SBL__MIN(SBL__RAYS_A_DRAW / (rays + lamp_rays), batch > 0 ? SBL__MIN(batch, g->slots) : g->slots));
-    sequence = (uint32_t *)sbl__alloc(gl->base, points, 8);
-    g->point_words = (uint32_t *)sbl__alloc(gl->base, (size_t)g->draw_limit, 48);
-    if (!sequence || !g->point_words) { sbl__free(gl->base, sequence); return SBL_ERROR_OUT_OF_MEMORY; }
-    lamp_sequence = sequence + 2 * (size_t)rays * SBL__MAX_LOOKS;
-    sbl__sobol(sequence, rays * SBL__MAX_LOOKS);
-    sbl__sobol(lamp_sequence, lamp_rays * SBL__MAX_LOOKS);
-    for (i = 0; i < SBL__MAX_LOOKS; i++) {
-        qsort(sequence + 2 * (size_t)rays * (size_t)i, (size_t)rays, 8, sbl__morton_order);
-        qsort(lamp_sequence + 2 * (size_t)lamp_rays * (size_t)i, (size_t)lamp_rays, 8, sbl__morton_order);
-    }
-    gl->BindVertexArray(0);
-    result = sbl__buffer_make(gl, &g->sequence_buffer, 8 * points, sequence, SBL__GL_STATIC_DRAW, what);
-    sbl__free(gl->base, sequence);
-    if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &g->sequence_texels, SBL__GL_RG32UI, &g->sequence_buffer, what);
+    result = sbl__rays_setup(gl, g, rays, lamp_rays, lamp_chunk, rows);
     if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->block_sums, g->columns * g->layout.blocks[0], rows * g->layout.blocks[1], SBL__GL_RGBA32F, NULL, what);
     if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->block_hits, g->columns * g->layout.blocks[0], rows * g->layout.blocks[1], SBL__GL_RGBA32F, NULL, what);
     colors[0] = &g->block_sums;
     colors[1] = &g->block_hits;
     if (result == SBL_SUCCESS) result = sbl__framebuffer_make(gl, &g->block_framebuffer, colors, 2, NULL, what);
-    if (result == SBL_SUCCESS && lamp_rays) result = sbl__texture_make(gl, &g->lights, g->columns, rows * g->lamp_parts, SBL__GL_RGBA32F, NULL, what);
-    colors[0] = &g->lights;
-    if (result == SBL_SUCCESS && lamp_rays) result = sbl__framebuffer_make(gl, &g->light_framebuffer, colors, 1, NULL, what);
     return result;
 }
 
 #define SBL__WORKGROUP 64  /* as in traverse.glsl */
 
-/* What both programs of traced sensors read. */
+/* What programs that trace rays, or look towards lamps, read. */
 static void sbl__trace_bind(const sbl__gl *gl, const sbl__gather *g, const sbl__scene *scene, unsigned program, int slot, int count) {
     gl->UseProgram(program);
     sbl__scene_bind(gl, scene, program);
@@ -3969,6 +4770,7 @@ static void sbl__trace_bind(const sbl__gl *gl, const sbl__gather *g, const sbl__
     sbl__bind_texels(gl, program, "sbl_triangles", 7, &scene->triangle_texels);
     sbl__bind(gl, program, "sbl_points", 8, SBL__GL_TEXTURE_BUFFER, g->point_texels);
     sbl__bind(gl, program, "sbl_sequence", 9, SBL__GL_TEXTURE_BUFFER, g->sequence_texels);
+    sbl__sky_bind(gl, scene, program, 11);
     sbl__uniform_3(gl, program, "grid_origin", scene->bvh.grid_origin);
     sbl__uniform_3(gl, program, "grid_per_length", scene->bvh.grid_per_length);
     sbl__uniform_i(gl, program, "node_count", scene->bvh.node_count);
@@ -3994,16 +4796,16 @@ static void sbl__trace_run(const sbl__gl *gl, const sbl__gather *g, unsigned pro
     }
 }
 
-/* Traces sensors first .. first + count - 1, which lie in one filling of the block textures. programs: trace, lamps. */
-static sbl_result sbl__trace_draw(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, const unsigned programs[2], unsigned empty_array, int first, int count) {
-    const sbl__texture *const parts[2] = { &g->block_sums, &g->block_hits }, *const lights[2] = { &g->lights, NULL };
-    int i, slot = first % g->slots;
+/* Sends sensors first .. first + count - 1 to the shaders that trace rays or look towards lamps. */
+static sbl_result sbl__points_send(const sbl__gl *gl, sbl__gather *g, int first, int count) {
+    int i;
     sbl_result result;
     for (i = 0; i < count; i++) {
         const sbl__point *p = &g->points[first + i];
         uint32_t *words = g->point_words + 12 * i;
         memcpy(words, p->position, 12);
         words[3] = sbl__hash(p->seed);
+        if (!g->rays) memcpy(words + 3, &p->turn, 4);
         memcpy(words + 4, p->normal, 12);
         words[7] = sbl__hash(p->seed + 1u);
         words[8] = p->first_ray * (uint32_t)g->rays;
@@ -4011,34 +4813,67 @@ static sbl_result sbl__trace_draw(const sbl__gl *gl, sbl__gather *g, const sbl__
         words[10] = sbl__hash(p->seed + 2u);
         words[11] = sbl__hash(p->seed + 3u);
     }
-    gl->BindVertexArray(empty_array);
+    gl->BindVertexArray(0);
     result = sbl__buffer_make(gl, &g->point_buffer, 48 * (size_t)count, g->point_words, SBL__GL_STREAM_DRAW, "sending points");
-    if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &g->point_texels, SBL__GL_RGBA32UI, &g->point_buffer, "sending points");
+    return result == SBL_SUCCESS ? sbl__buffer_texture_make(gl, &g->point_texels, SBL__GL_RGBA32UI, &g->point_buffer, "sending points") : result;
+}
+
+/* Light of lamps for `count` sensors from `slot` on, whose points were sent; rasterised ones have drawn their views. */
+static void sbl__lamps_draw(const sbl__gl *gl, const sbl__gather *g, const sbl__scene *scene, unsigned program, unsigned empty_array, int slot, int count) {
+    const sbl__texture *const lights[2] = { &g->lights, NULL };
+    int i;
+    gl->BindVertexArray(empty_array);
+    gl->Disable(SBL__GL_DEPTH_TEST);
+    sbl__trace_bind(gl, g, scene, program, slot, count);
+    sbl__bind_texels(gl, program, "sbl_lamps", 10, &scene->lamp_texels);
+    sbl__uniform_i(gl, program, "lamp_nodes", scene->lamp_nodes);
+    sbl__uniform_i(gl, program, "lamp_leaves", scene->lamp_leaves);
+    sbl__uniform_i(gl, program, "rays", g->lamp_rays);
+    sbl__uniform_f(gl, program, "unit", scene->lamp_unit);
+    sbl__uniform_f(gl, program, "scale", g->radiance_scale);
+    if (!g->rays) {
+        const sbl__layout *l = &g->layout;
+        sbl__bind(gl, program, "atlas", 12, SBL__GL_TEXTURE_2D, g->atlas.id);
+        for (i = 0; i < l->view_count; i++) {
+            char name[32];
+            snprintf(name, sizeof name, "view_rects[%d]", i);
+            gl->Uniform4f(sbl__uniform(gl, program, name), (float)l->rects[i][0], (float)l->rects[i][1], (float)l->rects[i][2], (float)l->rects[i][3]);
+        }
+        gl->Uniform2i(sbl__uniform(gl, program, "sheet"), l->blocks[0] * l->block, l->blocks[1] * l->block);
+        sbl__uniform_i(gl, program, "view_count", l->view_count);
+        sbl__uniform_f(gl, program, "tangent", (float)l->tangent);
+        sbl__uniform_f(gl, program, "extent", scene->extent);
+    }
+    sbl__trace_run(gl, g, program, g->light_framebuffer, lights, 1, g->lamp_parts, slot, count);
+}
+
+/* Traces sensors first .. first + count - 1, which lie in one filling of the block textures. programs: trace, lamps. */
+static sbl_result sbl__trace_draw(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, const unsigned programs[2], unsigned empty_array, int first, int count) {
+    const sbl__texture *const parts[2] = { &g->block_sums, &g->block_hits };
+    int slot = first % g->slots;
+    sbl_result result = sbl__points_send(gl, g, first, count);
     if (result != SBL_SUCCESS) return result;
+    gl->BindVertexArray(empty_array);
     gl->Disable(SBL__GL_DEPTH_TEST);
     sbl__trace_bind(gl, g, scene, programs[0], slot, count);
     sbl__uniform_i(gl, programs[0], "rays", g->rays);
-    sbl__uniform_i(gl, programs[0], "lamps_apart", g->lamp_rays > 0);
+    sbl__uniform_i(gl, programs[0], "lamps_apart", g->lamps_apart);
     sbl__uniform_f(gl, programs[0], "epsilon", g->epsilon);
     sbl__uniform_f(gl, programs[0], "spread", g->spread);
-    sbl__uniform_3(gl, programs[0], "sky", scene->sky);
     sbl__trace_run(gl, g, programs[0], g->block_framebuffer, parts, g->layout.blocks[0], g->layout.blocks[1], slot, count);
-    if (g->lamp_rays) {
-        sbl__trace_bind(gl, g, scene, programs[1], slot, count);
-        sbl__bind(gl, programs[1], "sbl_lamps", 10, SBL__GL_TEXTURE_BUFFER, scene->lamp_texels);
-        sbl__uniform_i(gl, programs[1], "lamp_count", scene->lamp_count);
-        sbl__uniform_i(gl, programs[1], "rays", g->lamp_rays);
-        sbl__uniform_f(gl, programs[1], "unit", SBL__MAX(scene->max_radiance, 1e-37f));
-        sbl__trace_run(gl, g, programs[1], g->light_framebuffer, lights, 1, g->lamp_parts, slot, count);
-    }
+    if (g->lamp_rays) sbl__lamps_draw(gl, g, scene, programs[1], empty_array, slot, count);
     gl->Flush();
     return sbl__gl_check(gl, "tracing rays");
 }
 
-/* One bounded piece of the job: at most `limit` sensors. Done when next == count. */
-static sbl_result sbl__gather_step(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, const unsigned draw_programs[2], const unsigned reduce_programs[2], unsigned empty_array, int limit) {
-    int filled = g->next % g->slots, count = SBL__MIN(SBL__MIN(g->count - g->next, g->slots - filled), SBL__MAX(1, SBL__MIN(limit, g->draw_limit)));
-    sbl_result result = g->rays ? sbl__trace_draw(gl, g, scene, draw_programs, empty_array, g->next, count) : sbl__gather_draw(gl, g, scene, draw_programs[0], g->next, count);
+/* One bounded piece of the job: at most `limit` sensors. Done when next == count. draw_programs: trace, lamps; or sensor, sky_view, lamps that look into views. */
+static sbl_result sbl__gather_step(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, const unsigned *draw_programs, const unsigned reduce_programs[2], unsigned empty_array, int limit) {
+    int slot = g->next % g->slots, count = SBL__MIN(SBL__MIN(g->count - g->next, g->slots - slot), SBL__MAX(1, SBL__MIN(limit, g->draw_limit)));
+    sbl_result result = g->rays ? sbl__trace_draw(gl, g, scene, draw_programs, empty_array, g->next, count) : sbl__gather_draw(gl, g, scene, draw_programs, g->next, count);
+    if (result == SBL_SUCCESS && !g->rays && g->lamp_rays) {
+        result = sbl__points_send(gl, g, g->next, count);
+        if (result == SBL_SUCCESS) sbl__lamps_draw(gl, g, scene, draw_programs[2], empty_array, slot, count);
+    }
     if (result != SBL_SUCCESS) return result;
     g->next += count;
     if (g->next == g->count || g->next % g->slots == 0) sbl__gather_reduce(gl, g, reduce_programs, empty_array, g->next - 1);
@@ -4063,7 +4898,7 @@ static sbl_result sbl__gather_finish(const sbl__gl *gl, sbl__gather *g, sbl__lig
         lights[i].hit_min = hits[0] > 0 ? hits[2] * g->length : 0;
         lights[i].stuck = 0;
         lights[i].noise = 0;
-        if (g->rays) lights[i].noise = (float)sqrt((double)hits[3]);
+        if (g->rays || g->lamp_rays) lights[i].noise = (float)sqrt((double)hits[3]) / g->radiance_scale;
     }
     sbl__free(gl->base, data);
     return result;
@@ -4530,7 +5365,11 @@ static void sbl__sample_offset(int i, int count, float out[2]) {
 }
 
 static void sbl__resolve_draw(const sbl__gl *gl, unsigned program, unsigned empty_array, const sbl__gbuffer *g, const sbl__gbuffer *sample, const sbl__texture *radiance,
-                              const sbl__texture *previous, const float offset[2], int index, int count, const float sky[3]) {
+                              const sbl__texture *previous, const float offset[2], int index, int count, const sbl__scene *scene, const sbl__camera *camera) {
+    static const char *const names[3] = { "direction_0", "direction_x", "direction_y" };
+    double ray[6][3];
+    int i;
+    sbl__camera_rays(camera, offset, radiance->width, radiance->height, ray);
     gl->BindVertexArray(empty_array);
     gl->Disable(SBL__GL_DEPTH_TEST);
     gl->Viewport(0, 0, radiance->width, radiance->height);
@@ -4546,7 +5385,8 @@ static void sbl__resolve_draw(const sbl__gl *gl, unsigned program, unsigned empt
     sbl__bind(gl, program, "sample_ids", 8, SBL__GL_TEXTURE_2D, sample->id.id);
     sbl__bind(gl, program, "previous", 9, SBL__GL_TEXTURE_2D, previous->id);
     gl->Uniform2f(sbl__uniform(gl, program, "offset"), offset[0], offset[1]);
-    sbl__uniform_3(gl, program, "sky", sky);
+    sbl__sky_bind(gl, scene, program, 10);
+    for (i = 0; i < 3; i++) gl->Uniform3f(sbl__uniform(gl, program, names[i]), (float)ray[3 + i][0], (float)ray[3 + i][1], (float)ray[3 + i][2]);
     sbl__uniform_f(gl, program, "first", index ? 1.0f : 0.0f);
     sbl__uniform_f(gl, program, "share", 1.0f / (float)count);
     gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
@@ -4570,13 +5410,13 @@ typedef struct sbl__picture {
     float progress;
 } sbl__picture;
 
-#define SBL__SCENE_PROGRAMS 7
+#define SBL__SCENE_PROGRAMS 11
 
 struct sbl_context {
     sbl__base base;
     sbl__gl gl;
     sbl_context_desc desc;
-    struct { unsigned gbuffer, sensor, sensor_textured, trace[2], trace_textured[2], copy, reduce_blocks, reduce_sum, filter, resolve; } programs;  /* the first SBL__SCENE_PROGRAMS read the scene */
+    struct { unsigned gbuffer, sensor[3], sensor_textured[3], trace[2], trace_textured[2], copy, reduce_blocks, reduce_sum, filter, resolve; } programs;  /* the first SBL__SCENE_PROGRAMS read the scene */
     int wide;                   /* these read wide scenes */
     unsigned empty_array;       /* a vertex array without attributes */
     sbl__gather gather, probe, inspected;  /* probe: sensors that look back at their surface, see sbl__refine_suspects; inspected: one sensor's views */
@@ -4615,10 +5455,13 @@ static void sbl__picture_free(sbl_context *c) {
 static int sbl__picture_hemicube(const sbl_picture_desc *d) { return d->sensor_kind == SBL_SENSOR_HEMICUBE; }
 
 /* Sets up sensors that rasterise, as the picture wants them. */
-static sbl_result sbl__picture_raster(sbl_context *c, sbl__gather *g) {
+static sbl_result sbl__picture_raster(sbl_context *c, sbl__gather *g, int lamps_apart) {
     const sbl_picture_desc *d = &c->picture.desc;
-    return sbl__gather_setup(&c->gl, g, &c->scene, sbl__picture_hemicube(d), d->mode == SBL_MODE_PAPER, d->sensor_size, d->sensor_fov, d->epsilon,
-                             c->desc.atlas_size, c->desc.batch);
+    const int paper = d->mode == SBL_MODE_PAPER;
+    g->lamps_apart = lamps_apart && !paper;
+    g->environment = !paper;
+    return sbl__gather_setup(&c->gl, g, &c->scene, sbl__picture_hemicube(d), paper, d->sensor_size, d->sensor_fov, d->epsilon,
+                             g->lamps_apart && c->scene.lamp_leaves ? d->rays : 0, c->desc.atlas_size, c->desc.batch);
 }
 
 static sbl_result sbl__picture_begin(sbl_context *c) {
@@ -4649,7 +5492,6 @@ static sbl_result sbl__picture_begin(sbl_context *c) {
         colors[0] = &p->finals[i];
         if (result == SBL_SUCCESS) result = sbl__framebuffer_make(gl, &p->final_framebuffers[i], colors, 1, NULL, what);
     }
-    if (result == SBL_SUCCESS && d->backend == SBL_BACKEND_RASTER) result = sbl__picture_raster(c, &c->gather);
     if (result == SBL_SUCCESS) result = sbl__refine_begin(&c->base, &p->refine);
     p->stage = SBL__STAGE_SURFACE;
     return result;
@@ -4659,8 +5501,8 @@ static sbl_result sbl__picture_begin(sbl_context *c) {
 static sbl_result sbl__picture_trace(sbl_context *c) {
     const sbl_picture_desc *d = &c->picture.desc;
     const sbl__scene *s = &c->scene;
-    int dark = s->lamp_count && !(d->epsilon + s->sky[0] + s->sky[1] + s->sky[2] > 0);
-    return sbl__trace_setup(&c->gl, &c->gather, &s->bvh, dark ? SBL__MIN(d->rays, SBL__CHUNK) : d->rays, s->lamp_count ? d->rays : 0, 1, d->epsilon, c->desc.batch);
+    int dark = !s->sky_pixels && !(d->epsilon + s->sky[0] + s->sky[1] + s->sky[2] > 0);
+    return sbl__trace_setup(&c->gl, &c->gather, &s->bvh, dark ? SBL__MIN(d->rays, SBL__CHUNK) : d->rays, s->lamp_leaves ? d->rays : 0, 1, d->epsilon, c->desc.batch);
 }
 
 /* Draws the G-buffer and brings to the host what refinement decides by. */
@@ -4671,8 +5513,8 @@ static sbl_result sbl__picture_surface(sbl_context *c) {
     const sbl__texture *textures[4];
     int attachments[4] = { 0, 1, 2, 5 }, traced = p->desc.backend == SBL_BACKEND_TRACE, t, k;
     float *data;
-    sbl_result result = traced ? sbl__bvh_ready(&c->gl, &c->scene) : SBL_SUCCESS;
-    if (result == SBL_SUCCESS && traced) result = sbl__picture_trace(c);
+    sbl_result result = p->desc.mode == SBL_MODE_PAPER ? SBL_SUCCESS : sbl__bvh_ready(&c->gl, &c->scene);
+    if (result == SBL_SUCCESS) result = traced ? sbl__picture_trace(c) : sbl__picture_raster(c, &c->gather, 1);
     if (result != SBL_SUCCESS) return result;
     c->stats.bvh_seconds = c->scene.bvh.seconds;
     c->stats.bvh_bytes = c->scene.node_buffer.bytes + c->scene.triangle_buffer.bytes + c->scene.node_texels.bytes + c->scene.triangle_texels.bytes;
@@ -4714,7 +5556,7 @@ static sbl_result sbl__picture_fill(sbl_context *c) {
 static sbl_result sbl__probe_begin(sbl_context *c, const sbl__point *points, int count) {
     sbl_result result = SBL_SUCCESS;
     if (!c->probe.slots && c->gather.rays) result = sbl__trace_setup(&c->gl, &c->probe, &c->scene.bvh, 1, 0, 0, 0, c->desc.batch);
-    else if (!c->probe.slots) result = sbl__gather_setup(&c->gl, &c->probe, &c->scene, 0, 0, SBL__PROBE_SIZE, SBL__PROBE_FOV, 0, SBL__MIN(c->desc.atlas_size, 512), c->desc.batch);
+    else if (!c->probe.slots) result = sbl__gather_setup(&c->gl, &c->probe, &c->scene, 0, 0, SBL__PROBE_SIZE, SBL__PROBE_FOV, 0, 0, SBL__MIN(c->desc.atlas_size, 512), c->desc.batch);
     return result == SBL_SUCCESS ? sbl__gather_begin(&c->gl, &c->probe, points, count) : result;
 }
 
@@ -4723,7 +5565,7 @@ static sbl_result sbl__picture_work(sbl_context *c, int limit) {
     sbl__picture *p = &c->picture;
     const sbl__gl *gl = &c->gl;
     const unsigned reduce[2] = { c->programs.reduce_blocks, c->programs.reduce_sum };
-    const unsigned *draw = c->scene.textured ? &c->programs.sensor_textured : &c->programs.sensor;
+    const unsigned *draw = c->scene.textured ? c->programs.sensor_textured : c->programs.sensor;
     const unsigned *trace = c->scene.textured ? c->programs.trace_textured : c->programs.trace;
     double start = sbl__now(), *seconds = NULL;
     sbl_result result = SBL_SUCCESS;
@@ -4792,7 +5634,7 @@ static sbl_result sbl__picture_work(sbl_context *c, int limit) {
             sbl__sample_offset(p->resolved, samples, offset);
             if (samples > 1) sbl__surface_draw(gl, c->programs.gbuffer, &c->scene, &p->camera, &p->sample, offset, p->desc.epsilon);
             gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, p->final_framebuffers[1 - from]);
-            sbl__resolve_draw(gl, c->programs.resolve, c->empty_array, &p->gbuffer, sample, &p->filtered, &p->finals[from], offset, p->resolved, samples, c->scene.sky);
+            sbl__resolve_draw(gl, c->programs.resolve, c->empty_array, &p->gbuffer, sample, &p->filtered, &p->finals[from], offset, p->resolved, samples, &c->scene, &p->camera);
             gl->Finish();
             result = sbl__gl_check(gl, "composing the picture");
             p->resolved++;
@@ -4932,16 +5774,22 @@ static sbl_result sbl__scene_programs_make(sbl_context *c, int wide) {
     static const char *const *const gbuffer_fragment[] = { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_gbuffer_fragment, NULL };
     static const char *const *const sensor_vertex[] = { sbl__glsl_scene, sbl__glsl_sensor_vertex, NULL };
     static const char *const *const sensor_fragment[] = { sbl__glsl_scene, sbl__glsl_sensor_fragment, NULL };
-    static const char *const *const trace[] = { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_traverse, sbl__glsl_trace, NULL };
-    static const char *const *const lamps[] = { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_traverse, sbl__glsl_lamps, NULL };
-    static const struct { const char *name; const char *const *const *vertex, *const *const *fragment; int traces, textured; } list[SBL__SCENE_PROGRAMS] = {
-        { "gbuffer", gbuffer_vertex, gbuffer_fragment, 0, 0 },
-        { "sensor", sensor_vertex, sensor_fragment, 0, 0 },
-        { "sensor, textured", sensor_vertex, sensor_fragment, 0, 1 },
-        { "trace", fullscreen, trace, 1, 0 },
-        { "lamps", fullscreen, lamps, 1, 0 },
-        { "trace, textured", fullscreen, trace, 1, 1 },
-        { "lamps, textured", fullscreen, lamps, 1, 1 }
+    static const char *const *const sky_vertex[] = { sbl__glsl_sky_vertex, NULL };
+    static const char *const *const sky_fragment[] = { sbl__glsl_sky, sbl__glsl_sky_fragment, NULL };
+    static const char *const *const trace[] = { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_trace, NULL };
+    static const char *const *const lamps[] = { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_lamps, NULL };
+    static const struct { const char *name; const char *const *const *vertex, *const *const *fragment; int traces, textured, views; } list[SBL__SCENE_PROGRAMS] = {
+        { "gbuffer", gbuffer_vertex, gbuffer_fragment, 0, 0, 0 },
+        { "sensor", sensor_vertex, sensor_fragment, 0, 0, 0 },
+        { "sky", sky_vertex, sky_fragment, 0, 0, 0 },
+        { "lamps in views", fullscreen, lamps, 1, 0, 1 },
+        { "sensor, textured", sensor_vertex, sensor_fragment, 0, 1, 0 },
+        { "sky", sky_vertex, sky_fragment, 0, 1, 0 },
+        { "lamps in views, textured", fullscreen, lamps, 1, 1, 1 },
+        { "trace", fullscreen, trace, 1, 0, 0 },
+        { "lamps", fullscreen, lamps, 1, 0, 0 },
+        { "trace, textured", fullscreen, trace, 1, 1, 0 },
+        { "lamps, textured", fullscreen, lamps, 1, 1, 0 }
     };
     const sbl__gl *gl = &c->gl;
     const int clip = (gl->capabilities.used & SBL_CAPABILITY_CLIP_CONTROL) != 0, compute = (gl->capabilities.used & SBL_CAPABILITY_COMPUTE) != 0;
@@ -4950,7 +5798,7 @@ static sbl_result sbl__scene_programs_make(sbl_context *c, int wide) {
     int i;
     for (i = 0; i < SBL__SCENE_PROGRAMS && result == SBL_SUCCESS; i++) {
         char defines[200];
-        snprintf(defines, sizeof defines, "#define SBL_STACK %d\n#define SBL_LAMPS %d\n%s%s%s", SBL__BVH_STACK, SBL__MAX_LAMPS, clip ? "" : "#define SBL_WRITE_DEPTH\n",
+        snprintf(defines, sizeof defines, "#define SBL_STACK %d\n#define SBL_LAMPS %d\n%s%s%s%s", SBL__BVH_STACK, SBL__MAX_LAMPS, list[i].views ? "#define SBL_VIEWS\n" : "", clip ? "" : "#define SBL_WRITE_DEPTH\n",
                  wide ? "#define SBL_WIDE\n" : "", list[i].textured ? "#define SBL_TEXTURED\n" : "");
         result = sbl__program_make(gl, &made[i], list[i].name, defines, list[i].traces && compute ? NULL : list[i].vertex, list[i].fragment);
     }
@@ -4970,7 +5818,7 @@ static sbl_result sbl__programs_make(sbl_context *c) {
     static const char *const *const reduce_blocks[] = { sbl__glsl_reduce_blocks, NULL };
     static const char *const *const reduce_sum[] = { sbl__glsl_reduce_sum, NULL };
     static const char *const *const filter[] = { sbl__glsl_belongs, sbl__glsl_filter, NULL };
-    static const char *const *const resolve[] = { sbl__glsl_belongs, sbl__glsl_resolve, NULL };
+    static const char *const *const resolve[] = { sbl__glsl_belongs, sbl__glsl_sky, sbl__glsl_resolve, NULL };
     sbl_result result = sbl__program_make(gl, &c->programs.copy, "copy", "", fullscreen, copy);
     if (result == SBL_SUCCESS) result = sbl__scene_programs_make(c, 0);
     if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.reduce_blocks, "reduce_blocks", "", fullscreen, reduce_blocks);
@@ -5439,12 +6287,15 @@ SBL_API uint32_t sbl_channel_texture(sbl_context *c, sbl_channel channel) {
     return p->scalars[channel == SBL_CHANNEL_SENSORS].id;
 }
 
+/* Traced sensors have no texels, and rasterised ones none with lamps: what is shown is one that rasterises all. */
+static int sbl__inspects_apart(const sbl_context *c) { return c->gather.rays || c->gather.lamp_rays; }
+
 /* Gathers for a pixel in the slot that its sensor had, so that every rounding is the same, and reads its sheet. */
 static sbl_result sbl__inspect(sbl_context *c, const sbl__point *point, int pixel, int index, sbl__light *light, float *radiance, float *weights) {
-    sbl__gather *g = c->gather.rays ? &c->inspected : &c->gather;
+    sbl__gather *g = sbl__inspects_apart(c) ? &c->inspected : &c->gather;
     const sbl__layout *l = &g->layout;
     const unsigned reduce[2] = { c->programs.reduce_blocks, c->programs.reduce_sum };
-    unsigned program = c->scene.textured ? c->programs.sensor_textured : c->programs.sensor;
+    const unsigned *program = c->scene.textured ? c->programs.sensor_textured : c->programs.sensor;
     int pitch_x = l->blocks[0] * l->block, slot = index % g->slots, x, y, k;
     sbl__point *points = (sbl__point *)sbl__alloc(&c->base, (size_t)slot + 1, sizeof *points);
     sbl__light *lights = (sbl__light *)sbl__alloc(&c->base, (size_t)slot + 1, sizeof *lights);
@@ -5467,7 +6318,7 @@ static sbl_result sbl__inspect(sbl_context *c, const sbl__point *point, int pixe
         sbl__light answer = { { 0, 0, 0 }, 0, 0, 0, 0, 0, 0 };
         sbl__probe_point(&c->picture.refine, pixel, point, &points[0]);
         result = sbl__probe_begin(c, points, 1);
-        if (result == SBL_SUCCESS) result = sbl__gather_step(&c->gl, &c->probe, &c->scene, c->probe.rays ? c->scene.textured ? c->programs.trace_textured : c->programs.trace : &program, reduce, c->empty_array, 1);
+        if (result == SBL_SUCCESS) result = sbl__gather_step(&c->gl, &c->probe, &c->scene, c->probe.rays ? c->scene.textured ? c->programs.trace_textured : c->programs.trace : program, reduce, c->empty_array, 1);
         if (result == SBL_SUCCESS) result = sbl__gather_finish(&c->gl, &c->probe, &answer);
         light->stuck = sbl__probe_stuck(&c->picture.refine.pixels[pixel], &answer);
     }
@@ -5519,13 +6370,13 @@ SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *
         sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor: pixel %d %d shows no surface", x, y);
         return SBL_ERROR_INVALID_ARGUMENT;
     }
-    if (c->gather.rays && !c->inspected.atlas.id) {  /* traced sensors have no texels: show what one that rasterises sees */
+    if (sbl__inspects_apart(c) && !c->inspected.atlas.id) {
         sbl__visit_enter(c, &visit);
-        result = sbl__picture_raster(c, &c->inspected);
+        result = sbl__picture_raster(c, &c->inspected, 0);
         sbl__visit_leave(c, &visit);
         if (result != SBL_SUCCESS) return result;
     }
-    l = c->gather.rays ? &c->inspected.layout : &c->gather.layout;
+    l = sbl__inspects_apart(c) ? &c->inspected.layout : &c->gather.layout;
     texels = (size_t)l->sheet_width * (size_t)l->sheet_height;
     if ((radiance || weights) && count < texels) {
         sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor: count is %.0f; the sheet has %d x %d texels", (double)count, l->sheet_width, l->sheet_height);

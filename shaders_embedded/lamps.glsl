@@ -1,24 +1,68 @@
-// Light from emitting triangles. What each gives where nothing stands between is known in closed form; rays only measure which share of it arrives
-// (the ratio estimator: Heitz, Hill and McGuire 2018, "Combining analytic direct illumination and stochastic shadows").
+// Light from lamps: emitting triangles, punctual lights, bright spots of the sky. What each gives where nothing stands between is known in closed form;
+// rays (or a look into the sensor's own views) only measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire 2018, "Combining
+// analytic direct illumination and stochastic shadows". Where lamps are many, those far off stand together in clusters, of which only single lamps,
+// picked in proportion to their power, are ever looked at.
 // One invocation is one sensor, or a part of its rays where they are many: neighbours trace neighbouring rays, and each stops as soon as it knows enough.
-uniform usamplerBuffer sbl_points;    // a sensor, three texels: position; normal; first of its directions, of its lamp points, two hashes for these
+uniform usamplerBuffer sbl_points;    // a sensor, three texels: position, turn; normal; first of its directions, of its lamp points, two hashes for these
 uniform usamplerBuffer sbl_sequence;  // see trace.glsl
-uniform usamplerBuffer sbl_lamps;     // emitting triangles, as sbl_triangles counts
-uniform int lamp_count, rays;         // at most SBL_LAMPS; at most so many rays a sensor
-uniform float unit;                   // radiance that calculations are in: the scene's highest, so that none overflows
+uniform sbl_Texels sbl_lamps;         // see >>lamps in sbl.h: nodes, leaves, lights
+uniform int lamp_nodes, lamp_leaves;  // how many
+uniform int rays;                     // at most so many a sensor
+uniform float unit, scale;            // radiance that calculations are in, so that none overflows; of what is written
 SBL_OUT(0, out_light);                // R, each part's own; the variance of its channels' mean
 
 const float PI = 3.14159265;
+const uint SBL_TRIANGLE = 0u, SBL_NEAR_LIGHT = 1u, SBL_FAR_LIGHT = 2u, SBL_SKY_TEXEL = 3u;  // a leaf's kind, in its upper two bits
+const uint SBL_FAR_NODE = 0x80000000u;
+const int SBL_CERTAIN = 32;      // so many points of light get a ray each
+const float SBL_STRATA = 0.1;    // stratified points have far less variance than independent ones: a tenth is what edges across a lamp leave
 
-struct sbl_Lamp { vec3 corner, side_1, side_2, emission; int triangle, number; };
+struct sbl_Lamp {
+    uint kind;
+    vec3 emission;             // a triangle's radiance; a light's irradiance of a surface here that faces it; a texel's light, radiance times solid angle
+    vec3 corner;               // of the triangle, from the sensor; else the unit direction to the light's middle, or to the texel's middle
+    vec3 side_1, side_2;       // of the triangle
+    float away, radius, sine2; // of a light: distance, radius, sine squared of the angle that it spans to each side
+    ivec2 texel;
+    int triangle, number;      // as traced; in the scene
+    int group;                 // 1: a triangle that turns its back to the sensor
+};
 
-// As seen from p: black where only its dark side shows.
-sbl_Lamp sbl_lamp(int i, vec3 p) {
-    int t = int(texelFetch(sbl_lamps, i).x);
-    uvec4 a = sbl_fetch(sbl_triangles, 3 * t), b = sbl_fetch(sbl_triangles, 3 * t + 1), c = sbl_fetch(sbl_triangles, 3 * t + 2), light = sbl_object(a.w, 1);
-    sbl_Lamp l = sbl_Lamp(uintBitsToFloat(a.xyz), uintBitsToFloat(b.xyz) - uintBitsToFloat(a.xyz), uintBitsToFloat(c.xyz) - uintBitsToFloat(a.xyz),
-                          uintBitsToFloat(light.rgb) / unit, t, int(b.w));
-    if ((light.w & SBL_ONE_SIDED_EMISSION) != 0u && dot(cross(l.side_1, l.side_2), p - l.corner) < 0.0) l.emission = vec3(0);
+sbl_Lamp sbl_lamp(int leaf, vec3 p, vec3 n) {
+    uint code = sbl_fetch(sbl_lamps, 4 * lamp_nodes + leaf).x, at = code & 0x3fffffffu;
+    sbl_Lamp l = sbl_Lamp(code >> 30, vec3(0), vec3(0), vec3(0), vec3(0), 1e30, 0.0, 0.0, ivec2(at & 32767u, at >> 15), int(at), -1, 0);
+    if (l.kind == SBL_TRIANGLE) {
+        uvec4 a = sbl_fetch(sbl_triangles, 3 * l.triangle), b = sbl_fetch(sbl_triangles, 3 * l.triangle + 1), c = sbl_fetch(sbl_triangles, 3 * l.triangle + 2), light = sbl_object(a.w, 1);
+        l.corner = uintBitsToFloat(a.xyz);
+        l.side_1 = uintBitsToFloat(b.xyz) - l.corner;
+        l.side_2 = uintBitsToFloat(c.xyz) - l.corner;
+        l.corner -= p;
+        l.emission = uintBitsToFloat(light.rgb) / unit;
+        l.number = int(b.w);
+        l.group = dot(cross(l.side_1, l.side_2), l.corner) > 0.0 ? 1 : 0;
+        if (l.group == 1 && (light.w & SBL_ONE_SIDED_EMISSION) != 0u) l.emission = vec3(0);
+    } else if (l.kind == SBL_SKY_TEXEL) {
+        vec2 size = vec2(textureSize(sky_picture, 0)), middle = (vec2(l.texel) + 0.5) / size;
+        vec3 radiance = texelFetch(sky_picture, l.texel, 0).rgb;
+        l.corner = sbl_sky_direction(middle.x, cos(PI * middle.y));
+        l.emission = radiance * (sbl_sky_excess(radiance) / unit * (2.0 * PI / size.x) * 2.0 * sin(PI * middle.y) * sin(0.5 * PI / size.y));
+    } else {
+        int first = 4 * lamp_nodes + lamp_leaves + 1 + 3 * int(at);
+        vec4 a = uintBitsToFloat(sbl_fetch(sbl_lamps, first)), b = uintBitsToFloat(sbl_fetch(sbl_lamps, first + 1)), c = uintBitsToFloat(sbl_fetch(sbl_lamps, first + 2));
+        l.corner = a.xyz;
+        l.emission = b.rgb / unit;
+        l.sine2 = a.w;
+        if (l.kind == SBL_NEAR_LIGHT) {
+            l.corner -= p;
+            l.radius = a.w;
+            l.away = length(l.corner);
+            l.corner /= max(l.away, 1e-30);
+            float spot = clamp(dot(c.xyz, -l.corner) * b.w + c.w, 0.0, 1.0);  // KHR_lights_punctual
+            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // the sensor stands in it
+            l.emission *= spot * spot / (l.away * l.away);
+            l.sine2 = min(l.radius * l.radius / (l.away * l.away), 1.0);
+        }
+    }
     return l;
 }
 
@@ -53,6 +97,38 @@ float sbl_form_factor(vec3 a, vec3 b, vec3 c) {
     return abs(sum) / (2.0 * PI);
 }
 
+// The same for a round lamp whose middle has the cosine z to the normal, over the sine squared of the angle that it spans to each side: Snyder 1996,
+// "Area Light Sources for Real-Time Graphics"; small ones as flat discs.
+float sbl_round(float z, float sine2) {
+    float sine = sqrt(sine2), s = sqrt(max(1.0 - z * z, 0.0));
+    if (z >= sine || z <= -sine) return max(z, 0.0);
+    float q = z / sine, x = sqrt(1.0 / sine2 - 1.0), y = clamp(-x * z / s, -1.0, 1.0), w = s * sqrt(1.0 - y * y);
+    if (sine2 < 1e-4) return sine / PI * (q * acos(-q) + sqrt(1.0 - q * q) * (2.0 + q * q) / 3.0);
+    return (z * acos(y) - x * w + atan(w, x) / sine2) / PI;
+}
+
+// R from a lamp that nothing hides.
+vec3 sbl_unhindered(sbl_Lamp l, vec3 n, mat3 to_frame) {
+    float factor = 0.0;
+    for (int once = 0; once < (l.kind == SBL_TRIANGLE ? 1 : 0); once++) {  // a loop, see sbl_trace
+        vec3 corner = to_frame * l.corner;
+        factor = sbl_form_factor(corner, corner + to_frame * l.side_1, corner + to_frame * l.side_2);
+    }
+    if (l.kind == SBL_NEAR_LIGHT || l.kind == SBL_FAR_LIGHT) factor = sbl_round(dot(n, l.corner), l.sine2) / PI;
+    if (l.kind == SBL_SKY_TEXEL) factor = max(dot(n, l.corner) + PI / float(textureSize(sky_picture, 0).y), 0.0) / PI;  // about: above 0 where some of it is above the horizon
+    return l.emission * factor;
+}
+
+// What a cluster gives about: never zero where one of its lamps gives anything. to: its middle, from the sensor.
+float sbl_cluster(int node, vec3 n, vec3 to, float radius, bool far) {
+    vec4 square = uintBitsToFloat(sbl_fetch(sbl_lamps, 4 * node + 1)), cross_terms = uintBitsToFloat(sbl_fetch(sbl_lamps, 4 * node + 2));
+    vec3 front = uintBitsToFloat(sbl_fetch(sbl_lamps, 4 * node + 3).xyz);
+    float distance2 = max(dot(to, to), 1e-37), spread = min(radius * inversesqrt(distance2), 1.0), height = dot(n, to);
+    vec3 w = far ? -n : to * inversesqrt(distance2);  // far lamps turn no sides to the sensor, but are seen under the cosine to its normal
+    float shown = sqrt(max(dot(square.xyz, w * w) + 2.0 * dot(cross_terms.xyz, w.xyz * w.yzx), 0.0)) - dot(front, w) + 0.1 * square.w * spread;
+    return max(shown, 0.0) * (far ? 1.0 : max(height, 0.5 * (height + radius)) * inversesqrt(distance2) / max(distance2, radius * radius)) / unit;
+}
+
 // A direction to the spherical triangle of unit vectors a, b, c, evenly distributed: Arvo 1995, "Stratified Sampling of Spherical Triangles".
 // w: its solid angle; 0 where it is too small for that.
 vec4 sbl_spherical(vec3 a, vec3 b, vec3 c, vec2 u) {
@@ -68,74 +144,226 @@ vec4 sbl_spherical(vec3 a, vec3 b, vec3 c, vec2 u) {
     return vec4(z * b + sqrt(max(1.0 - z * z, 0.0)) * normalize(cut - dot(cut, b) * b), solid_angle);
 }
 
+// A point of a lamp.
+struct sbl_Sample {
+    vec3 direction;
+    float far;    // how far it is
+    vec3 light;   // R from the lamp, were it all like this point
+    vec2 b;       // barycentrics on a triangle
+};
+
+sbl_Sample sbl_sample(sbl_Lamp l, vec3 n, vec2 u) {
+    sbl_Sample s = sbl_Sample(l.corner, 1e30, l.emission / PI, u);
+    for (int once = 0; once < (l.kind == SBL_TRIANGLE ? 1 : 0); once++) {  // by solid angle where it is large, else by area (Heitz 2019, "A Low-Distortion Map Between Triangle and Square")
+        vec3 normal = cross(l.side_1, l.side_2);
+        vec4 ray = sbl_spherical(normalize(l.corner), normalize(l.corner + l.side_1), normalize(l.corner + l.side_2), u);
+        s.b = u.y > u.x ? vec2(0.5 * u.x, u.y - 0.5 * u.x) : vec2(u.x - 0.5 * u.y, 0.5 * u.y);
+        vec3 to = l.corner + s.b.x * l.side_1 + s.b.y * l.side_2;
+        if (ray.w > 0.0) {
+            to = ray.xyz * dot(l.corner, normal) / dot(ray.xyz, normal);
+            s.b = vec2(dot(cross(to - l.corner, l.side_2), normal), dot(cross(l.side_1, to - l.corner), normal)) / dot(normal, normal);
+        }
+        s.far = length(to);
+        s.direction = to / s.far;
+        s.light *= ray.w > 0.0 ? ray.w : 0.5 * abs(dot(normal, s.direction)) / (s.far * s.far);
+    }
+    if (l.kind == SBL_SKY_TEXEL) {
+        vec2 size = vec2(textureSize(sky_picture, 0));
+        float row = float(l.texel.y);
+        s.direction = sbl_sky_direction((float(l.texel.x) + u.x) / size.x, mix(cos(PI * row / size.y), cos(PI * (row + 1.0) / size.y), u.y));
+    }
+    if (l.kind == SBL_NEAR_LIGHT || l.kind == SBL_FAR_LIGHT) {
+        float cosine = sqrt(1.0 - l.sine2), off = u.x * l.sine2 / (1.0 + cosine), r = sqrt(max(off * (2.0 - off), 0.0));  // off: what the ray's cosine to the middle lacks to 1
+        s.direction = sbl_frame(l.corner) * vec3(r * cos(2.0 * PI * u.y), r * sin(2.0 * PI * u.y), 1.0 - off);
+        s.light *= 2.0 / (1.0 + cosine);
+        if (l.kind == SBL_NEAR_LIGHT) s.far = l.away * (1.0 - off) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));
+    }
+    s.light *= max(dot(n, s.direction), 0.0);
+    return s;
+}
+
+#ifdef SBL_VIEWS  // rasterised sensors look into their own views instead of tracing rays
+uniform sampler2D atlas;        // Ck r g b, signed distance along the view's axis
+uniform vec4 view_rects[5];     // x, y, width, height in the sheet
+uniform ivec2 sheet;            // a sensor's, in texels
+uniform int view_count;
+uniform float tangent, extent;  // of half a view's width; world units of a distance
+
+// A texel shows what stands in its middle, where a lamp's triangle may have ended: such points ask again, nearer to the triangle's middle.
+bool sbl_hidden(int slot, vec3 n, float turn, sbl_Lamp l, sbl_Sample s) {
+    mat3 frame = sbl_frame(n);
+    vec3 axes[2] = vec3[2](cos(turn) * frame[0] - sin(turn) * frame[1], -cos(turn) * frame[1] - sin(turn) * frame[0]);  // right and up, see sbl__frame
+    vec3 normal = cross(l.side_1, l.side_2), point = s.far * s.direction, middle = l.corner + (l.side_1 + l.side_2) / 3.0;
+    if (l.kind != SBL_TRIANGLE) point = s.direction;
+    for (int attempt = 0; attempt < 4; attempt++, point = mix(point, middle, 0.4)) {
+        vec3 right = axes[0], up = axes[1], forward = n;
+        vec2 side = vec2(dot(point, right), dot(point, up));
+        bool top = max(abs(side.x), abs(side.y)) <= dot(point, n) * tangent;
+        int face = top ? 0 : abs(side.x) > abs(side.y) ? (side.x > 0.0 ? 1 : 3) : (side.y > 0.0 ? 2 : 4);
+        if (!top && view_count == 1) return true;
+        if (!top) {
+            forward = face == 1 ? axes[0] : face == 2 ? axes[1] : face == 3 ? -axes[0] : -axes[1];
+            right = face == 1 ? axes[1] : face == 2 ? -axes[0] : face == 3 ? -axes[1] : axes[0];
+            up = n;
+        }
+        vec4 rect = view_rects[face];
+        vec2 lowest = vec2(-1, top ? -1 : 0), size = vec2(1) - lowest, at = (vec2(dot(point, right), dot(point, up)) / (dot(point, forward) * tangent) - lowest) / size;
+        vec2 texel = clamp(floor(at * rect.zw), vec2(0), rect.zw - 1.0), centre = lowest + (texel + 0.5) / rect.zw * size;
+        float seen = abs(texelFetch(atlas, ivec2(slot % columns, slot / columns) * sheet + ivec2(rect.xy + texel), 0).a) * extent;
+        if (seen == 0.0) return false;
+        if (l.kind != SBL_TRIANGLE) return seen < 0.998 * s.far * dot(point, forward);
+        vec3 ray = forward + tangent * (centre.x * right + centre.y * up);
+        float there = dot(l.corner, normal) / dot(ray, normal);  // where it meets the lamp's plane
+        if (there > 0.0 && seen >= 0.998 * there) return false;
+        vec3 hit = there * ray - l.corner;
+        vec2 b = vec2(dot(cross(hit, l.side_2), normal), dot(cross(l.side_1, hit), normal)) / dot(normal, normal);
+        if (attempt == 3 || (there > 0.0 && min(b.x, b.y) >= 0.0 && b.x + b.y <= 1.0)) return seen < 0.998 * dot(point, forward);
+    }
+    return true;
+}
+#endif
+
 void main() {
     ivec2 at = sbl_texel_of_invocation();
-    int parts = blocks.y, part = at.y % parts, sensor = at.y / parts * columns + at.x - first_slot;
+    int parts = blocks.y, part = at.y % parts, slot = at.y / parts * columns + at.x, sensor = slot - first_slot;
     if (sensor < 0 || sensor >= count) sbl_leave;
-    uvec4 words = texelFetch(sbl_points, 3 * sensor + 2);
-    vec3 position = uintBitsToFloat(texelFetch(sbl_points, 3 * sensor).xyz), n = uintBitsToFloat(texelFetch(sbl_points, 3 * sensor + 1).xyz);
-    mat3 frame = transpose(sbl_frame(n));
+    uvec4 place = texelFetch(sbl_points, 3 * sensor), words = texelFetch(sbl_points, 3 * sensor + 2);
+    vec3 position = uintBitsToFloat(place.xyz), n = uintBitsToFloat(texelFetch(sbl_points, 3 * sensor + 1).xyz);
+    mat3 to_frame = transpose(sbl_frame(n));
 
-    vec3 all = vec3(0);
-    float strengths[SBL_LAMPS], total = 0.0;  // summed up, in proportion to what each gives here
-    for (int i = 0; i < lamp_count; i++) {
-        sbl_Lamp l = sbl_lamp(i, position);
-        vec3 corner = frame * (l.corner - position);
-        vec3 light = sbl_form_factor(corner, corner + frame * l.side_1, corner + frame * l.side_2) * l.emission;
-        all += light;
-        total += light.r + light.g + light.b;
-        strengths[i] = total;
+    // Which lamps count here: single ones and, where there are many, clusters that are small for their distance.
+    int entries[SBL_LAMPS];      // a leaf, or -1 - a node; from the end on: points of light, which get a ray each
+    float strengths[SBL_LAMPS];  // what each gives about, summed up
+    float total = 0.0, opening = 0.1;
+    vec3 all[2];                 // single lamps, unhindered; two groups, since of a closed mesh one is all hidden, the other all open
+    int used = 0, certain = 0, limit = lamp_leaves <= SBL_LAMPS ? lamp_leaves : lamp_nodes;
+    bool full = true;
+    for (int attempt = 0; attempt < 12 && full; attempt++, opening *= 2.0) {
+        used = certain = 0;
+        total = 0.0;
+        all[0] = all[1] = vec3(0);
+        full = false;
+        for (int i = 0, next; i < limit; i = next) {
+            int leaf = i;
+            float strength = 0.0;
+            bool single = lamp_leaves <= SBL_LAMPS, point = false;
+            next = i + 1;
+            for (int once = 0; once < (single ? 0 : 1); once++) {
+                vec4 ball = uintBitsToFloat(sbl_fetch(sbl_lamps, 4 * i));
+                uint skip = sbl_fetch(sbl_lamps, 4 * i + 2).w;
+                bool far = (skip & SBL_FAR_NODE) != 0u;
+                vec3 to = ball.xyz - (far ? vec3(0) : position);
+                int beyond = int(skip & ~SBL_FAR_NODE);
+                if (dot(n, to) + ball.w <= 0.0) next = beyond;
+                else if (beyond == i + 1) {
+                    single = true;
+                    leaf = int(sbl_fetch(sbl_lamps, 4 * i + 3).w);
+                } else if (attempt == 11 || ball.w * ball.w < opening * opening * dot(to, to)) {
+                    next = beyond;
+                    strength = sbl_cluster(i, n, to, ball.w, far);
+                }
+            }
+            for (int once = 0; once < (single ? 1 : 0); once++) {
+                sbl_Lamp l = sbl_lamp(leaf, position, n);
+                vec3 light = sbl_unhindered(l, n, to_frame);
+                strength = light.r + light.g + light.b;
+                point = l.sine2 == 0.0 && (l.kind == SBL_NEAR_LIGHT || l.kind == SBL_FAR_LIGHT) && certain < SBL_CERTAIN;
+                if (!point && l.kind != SBL_SKY_TEXEL) all[l.group] += light;
+            }
+            if (strength > 0.0) {
+                full = used + certain == SBL_LAMPS;
+                if (full) next = limit;
+                else if (point) entries[SBL_LAMPS - ++certain] = leaf;
+                else {
+                    total += strength;
+                    strengths[used] = total;
+                    entries[used++] = single ? leaf : -1 - i;
+                }
+            }
+        }
     }
 
-    vec3 open = vec3(0), seen = vec3(0);  // what the samples give without and with what stands between
-    float samples = 0.0, lit = 0.0;
+    vec3 open[2] = vec3[2](vec3(0), vec3(0)), seen[2] = open;  // what the samples of single lamps give without and with what stands between
+    vec3 sure = vec3(0), sampled = vec3(0);  // from points of light; from clusters, summed over the samples
+    float samples[2] = float[2](0.0, 0.0), lit[2] = samples, taken = 0.0, squares = 0.0;
     int step = clamp(rays / 32, 1, 4);  // the first quarter, or half of few, tells whether there is more to know: what it overlooks is less than a sample's share
     bool undecided = total > 0.0;
-    for (int pass = 0; pass < step && undecided; pass++) {
-        for (int k = part + pass * parts; k < rays; k += step * parts) {
+    for (int pass = -1; pass < step && (pass < 0 || undecided); pass++) {
+        for (int k = pass < 0 ? part : part + pass * parts; k < (pass < 0 ? certain : total > 0.0 ? rays : 0); k += pass < 0 ? parts : step * parts) {
             uvec2 fraction = texelFetch(sbl_sequence, int(words.y) + k).xy ^ words.zw;
             vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0;
-
-            // a lamp, in proportion to its strength
-            float wanted = u.x * total, before = 0.0;
-            int low = 0, high = lamp_count - 1;
-            while (low < high) {
-                int middle = (low + high) / 2;
-                if (strengths[middle] < wanted) { low = middle + 1; before = strengths[middle]; }
-                else high = middle;
+            int entry = entries[pass < 0 ? SBL_LAMPS - 1 - k : 0];
+            float picked = pass < 0 ? 1.0 / float(parts) : 1.0;  // how often the lamp is
+            if (pass >= 0) {  // one in proportion to its strength
+                float wanted = u.x * total, before = 0.0;
+                int low = 0, high = used - 1;
+                while (low < high) {
+                    int middle = (low + high) / 2;
+                    if (strengths[middle] < wanted) { low = middle + 1; before = strengths[middle]; }
+                    else high = middle;
+                }
+                float width = strengths[low] - before;
+                u.x = clamp((wanted - before) / width, 0.0, 1.0);
+                picked = width / total;
+                entry = entries[low];
             }
-            u.x = clamp((wanted - before) / (strengths[low] - before), 0.0, 1.0);
-
-            // a point on it: by solid angle where it is large, else by area (Heitz 2019, "A Low-Distortion Map Between Triangle and Square")
-            sbl_Lamp l = sbl_lamp(low, position);
-            vec3 corner = l.corner - position, normal = cross(l.side_1, l.side_2);
-            vec4 ray = sbl_spherical(normalize(corner), normalize(corner + l.side_1), normalize(corner + l.side_2), u);
-            u = u.y > u.x ? vec2(0.5 * u.x, u.y - 0.5 * u.x) : vec2(u.x - 0.5 * u.y, 0.5 * u.y);
-            vec3 to = corner + u.x * l.side_1 + u.y * l.side_2;
-            if (ray.w > 0.0) {
-                to = ray.xyz * dot(corner, normal) / dot(ray.xyz, normal);
-                u = vec2(dot(cross(to - corner, l.side_2), normal), dot(cross(l.side_1, to - corner), normal)) / dot(normal, normal);
+            bool cluster = entry < 0;
+            if (cluster) {  // one of its lamps in proportion to its power
+                int node = -1 - entry, low = int(sbl_fetch(sbl_lamps, 4 * node + 3).w), high = low + (int(sbl_fetch(sbl_lamps, 4 * node + 2).w & ~SBL_FAR_NODE) - node) / 2, leaves = 4 * lamp_nodes;
+                uint first = sbl_fetch(sbl_lamps, leaves + low).y, range = sbl_fetch(sbl_lamps, leaves + high + 1).y - first, wanted = first + min(uint(u.x * float(range)), range - 1u);
+                while (low < high) {
+                    int middle = (low + high + 1) / 2;
+                    if (sbl_fetch(sbl_lamps, leaves + middle).y <= wanted) low = middle;
+                    else high = middle - 1;
+                }
+                picked *= float(sbl_fetch(sbl_lamps, leaves + low + 1).y - sbl_fetch(sbl_lamps, leaves + low).y) / float(range);
+                entry = low;
+                u.x = fract(u.x * 8191.0 + float(words.z >> 8) / 16777216.0);  // its leading digits are used up
             }
-            float far = length(to);
-            vec3 direction = to / far;
-            float weight = ray.w > 0.0 ? 2.0 * ray.w : abs(dot(normal, direction)) / (far * far);
-            vec3 light = l.emission * (max(dot(n, direction), 0.0) * weight / (strengths[low] - before));
+            sbl_Lamp l = sbl_lamp(entry, position, n);
+            sbl_Sample s = sbl_sample(l, n, u);
+            if (l.kind == SBL_SKY_TEXEL) cluster = true;
+            vec3 light = s.light / picked;
+            taken += pass < 0 ? 0.0 : 1.0;
             if (!(light.r + light.g + light.b > 0.0)) continue;
-            open += light;
-            samples += 1.0;
-            sbl_Hit hit = sbl_trace(position, direction, far * 0.99999);
+            if (!cluster && pass >= 0) {
+                open[l.group] += light;
+                samples[l.group] += 1.0;
+            }
+#ifdef SBL_VIEWS
+            if (sbl_hidden(slot, n, uintBitsToFloat(place.w), l, s)) continue;
+#else
+            sbl_Hit hit = sbl_trace(position, s.direction, s.far * 0.99999);
             if (hit.triangle >= 0 && hit.number != l.number) continue;
-#ifdef SBL_TEXTURED
-            sbl_Attributes at = sbl_attributes_at(l.triangle, u.x, u.y);
-            light *= sbl_texture(sbl_object(sbl_fetch(sbl_triangles, 3 * l.triangle).w, 3), at.uv).rgb;
 #endif
-            seen += light;
-            lit += 1.0;
+#ifdef SBL_TEXTURED
+            for (int once = 0; once < (l.kind == SBL_TRIANGLE ? 1 : 0); once++) {
+                sbl_Attributes at = sbl_attributes_at(l.triangle, s.b.x, s.b.y);
+                light *= sbl_texture(sbl_object(sbl_fetch(sbl_triangles, 3 * l.triangle).w, 3), at.uv).rgb;
+            }
+#endif
+            if (pass < 0) sure += light;
+            else if (cluster) {
+                sampled += light;
+                float mean = dot(light, vec3(1.0 / 3.0));
+                squares += mean * mean;
+            } else {
+                seen[l.group] += light;
+                lit[l.group] += 1.0;
+            }
         }
-        undecided = seen != vec3(0) && seen != open;  // all is open, or nothing: the first samples tell
+        // all is open, or nothing: the first samples tell; so do clusters that are alike
+        float mean = dot(sampled, vec3(1.0 / 3.0)) / max(taken, 1.0), error = (squares / max(taken, 1.0) - mean * mean) / max(taken, 1.0);
+        bool mixed = (seen[0] != vec3(0) && seen[0] != open[0]) || (seen[1] != vec3(0) && seen[1] != open[1]);
+        if (pass >= 0) undecided = mixed || SBL_STRATA * error > 1e-6 * mean * mean;
     }
-    vec3 share = vec3(open.r > 0.0 ? seen.r / open.r : 0.0, open.g > 0.0 ? seen.g / open.g : 0.0, open.b > 0.0 ? seen.b / open.b : 0.0);
-    float mean = dot(all, vec3(1.0 / 3.0)), lit_share = samples > 0.0 ? lit / samples : 0.0;
-    // stratified points have far less variance than independent ones: a tenth is what edges across a lamp leave
-    sbl_write(out_light, vec4(all * share * unit, samples > 0.0 ? 0.1 * mean * mean * lit_share * (1.0 - lit_share) / samples * unit * unit : 0.0));
+    float clusters = dot(sampled, vec3(1.0 / 3.0)) / max(taken, 1.0), variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) / max(taken, 1.0);
+    vec3 light = sure + sampled / max(taken, 1.0);
+    for (int g = 0; g < 2; g++) {
+        vec3 share = vec3(open[g].r > 0.0 ? seen[g].r / open[g].r : 0.0, open[g].g > 0.0 ? seen[g].g / open[g].g : 0.0, open[g].b > 0.0 ? seen[g].b / open[g].b : 0.0);
+        float mean = dot(all[g], vec3(1.0 / 3.0)), lit_share = lit[g] / max(samples[g], 1.0);
+        light += all[g] * share;
+        variance += mean * mean * lit_share * (1.0 - lit_share) / max(samples[g], 1.0);
+    }
+    sbl_write(out_light, vec4(light, SBL_STRATA * variance * unit * scale) * unit * scale);
 }

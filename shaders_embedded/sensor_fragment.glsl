@@ -2,6 +2,7 @@
 layout(location = 0) out vec4 out_radiance;
 #ifdef SBL_TEXTURED
 uniform float epsilon, radiance_scale;
+uniform bool lamps_apart;  // light from emitting triangles comes from lamps.glsl
 flat in uint fragment_object;
 in vec2 fragment_uv;
 in vec4 fragment_color;
@@ -25,7 +26,8 @@ void main() {
         if (albedo.a < cutoff) discard;
         radiance = epsilon * uintBitsToFloat(material.rgb) * albedo.rgb;
     }
-    if (emits) radiance = emission * sbl_texture(sbl_object(fragment_object, 3), fragment_uv).rgb;
+    if (emits && lamps_apart) radiance = vec3(0);
+    else if (emits) radiance = emission * sbl_texture(sbl_object(fragment_object, 3), fragment_uv).rgb;
     radiance *= radiance_scale;
 #else
     vec3 radiance = gl_FrontFacing ? radiance_front : radiance_back;

@@ -16,6 +16,7 @@ out vec2 fragment_uv;
 out vec4 fragment_color;
 #else
 uniform float epsilon, radiance_scale;
+uniform bool lamps_apart;                   // light from emitting triangles comes from lamps.glsl
 flat out vec3 radiance_front, radiance_back;
 #endif
 
@@ -29,7 +30,7 @@ void main() {
     // Ck of equations 1 and 2: a light's radiance, or the ambient factor times the colour
     vec3 emission = uintBitsToFloat(light.rgb);
     vec3 ambient = epsilon * uintBitsToFloat(sbl_object(object, 0).rgb);
-    radiance_front = radiance_scale * (max(max(emission.r, emission.g), emission.b) > 0.0 ? emission : ambient);
+    radiance_front = radiance_scale * (max(max(emission.r, emission.g), emission.b) > 0.0 ? lamps_apart ? vec3(0) : emission : ambient);
     radiance_back = (light.w & SBL_ONE_SIDED_EMISSION) != 0u ? radiance_scale * ambient : radiance_front;
 #endif
     vec3 p = (position - view_eye) * per_length;

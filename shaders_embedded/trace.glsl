@@ -5,7 +5,7 @@ uniform int rays;                     // of a sensor
 uniform float epsilon;
 uniform float spread;                 // 1: the cosine's whole hemisphere; 0: all rays go along the normal
 uniform vec3 sky;
-uniform bool lamps_apart;                // light from emitting triangles comes from lamps.glsl
+uniform bool lamps_apart;             // light from emitting triangles comes from lamps.glsl
 SBL_OUT(0, out_sum);
 SBL_OUT(1, out_hits);
 
@@ -42,7 +42,7 @@ void main() {
         float radius = sqrt(u.x), angle = 6.283185307 * u.y;
         vec3 direction = frame * vec3(radius * cos(angle), radius * sin(angle), sqrt(1.0 - u.x));
         sbl_Hit hit = sbl_trace(position, direction, 1e30);
-        if (hit.triangle < 0) sum.rgb += sky;
+        if (hit.triangle < 0) sum.rgb += sky + sbl_sky(direction);
         else {
             sum += vec4(sbl_radiance(hit), hit.back ? 1.0 : 0.0);
             hits.xy += vec2(1.0, hit.distance);
