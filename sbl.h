@@ -5035,28 +5035,44 @@ static sbl_result sbl__refine_add_cell(sbl__base *base, sbl__refine *r, int x0, 
 static int sbl__cell_end_x(const sbl__refine *r, const sbl__cell *c) { return c->x1 == r->width - 1 ? c->x1 : c->x1 - 1; }
 static int sbl__cell_end_y(const sbl__refine *r, const sbl__cell *c) { return c->y1 == r->height - 1 ? c->y1 : c->y1 - 1; }
 
-/* Bends the light along a cell's edge so much that a straight line misses its middle? Judged by the edge's two corners and the sensors as far
-   beyond them: neighbours that are alike may still have a peak between them. */
-static int sbl__edge_curved(const sbl__refine *r, int x0, int y0, int x1, int y1) {
+/* How the light bends along a cell's edge: second differences at its two corners, over sensors as far beyond them. Returns how many there are,
+   and the variance of each; neighbours that are alike may still have a peak between them. */
+static int sbl__edge_bends(const sbl__refine *r, int x0, int y0, int x1, int y1, float bends[2][3], float variances[2]) {
     int dx = x1 - x0, dy = y1 - y0, ends = 0, end, k;
     const sbl__pixel *a = &r->pixels[(size_t)y0 * (size_t)r->width + (size_t)x0], *b = &r->pixels[(size_t)y1 * (size_t)r->width + (size_t)x1];
-    float bend[3] = { 0, 0, 0 }, straight[3], curved[3], variance = 0, bends;
     if (dx + dy <= 1 || !r->geometry_aware || !sbl__usable(a) || !sbl__usable(b) || !(sbl__belongs(a, b, 1) > 0)) return 0;
     for (end = 0; end < 2; end++) {
         int x = end ? x1 + dx : x0 - dx, y = end ? y1 + dy : y0 - dy;
         const sbl__pixel *p = &r->pixels[(size_t)y * (size_t)r->width + (size_t)x], *near = end ? b : a, *far = end ? a : b;
         if (x < 0 || y < 0 || x >= r->width || y >= r->height || !sbl__usable(p) || !(sbl__belongs(near, p, 1) > 0)) continue;
-        for (k = 0; k < 3; k++) bend[k] += p->radiance[k] - 2 * near->radiance[k] + far->radiance[k];
-        variance += p->noise * p->noise + 4 * near->noise * near->noise + far->noise * far->noise;
-        ends++;
+        for (k = 0; k < 3; k++) bends[ends][k] = p->radiance[k] - 2 * near->radiance[k] + far->radiance[k];
+        variances[ends++] = p->noise * p->noise + 4 * near->noise * near->noise + far->noise * far->noise;
     }
+    return ends;
+}
+
+/* Bends it so much that a straight line misses its middle? */
+static int sbl__edge_curved(const sbl__refine *r, int x0, int y0, int x1, int y1) {
+    const sbl__pixel *a = &r->pixels[(size_t)y0 * (size_t)r->width + (size_t)x0], *b = &r->pixels[(size_t)y1 * (size_t)r->width + (size_t)x1];
+    float bends[2][3], variances[2], straight[3], curved[3], weight;
+    int ends = sbl__edge_bends(r, x0, y0, x1, y1, bends, variances), k;
     if (!ends) return 0;
-    bends = SBL__CURVATURE_WEIGHT / (float)(8 * ends);  /* a parabola's middle lies an eighth of its second difference off the line */
+    weight = SBL__CURVATURE_WEIGHT / (float)(8 * ends);  /* a parabola's middle lies an eighth of its second difference off the line */
     for (k = 0; k < 3; k++) {
         straight[k] = 0.5f * (a->radiance[k] + b->radiance[k]);
-        curved[k] = straight[k] - bends * bend[k];
+        curved[k] = straight[k] - weight * (bends[0][k] + (ends > 1 ? bends[1][k] : 0));
     }
-    return sbl__differ(r, straight, curved, bends * bends * variance);
+    return sbl__differ(r, straight, curved, weight * weight * (variances[0] + (ends > 1 ? variances[1] : 0)));
+}
+
+/* The second difference that interpolation along an edge goes by: the lesser of the two where they agree, since at a kink they do not. */
+static void sbl__edge_parabola(const sbl__refine *r, int x0, int y0, int x1, int y1, float out[3]) {
+    float bends[2][3], variances[2];
+    int ends = sbl__edge_bends(r, x0, y0, x1, y1, bends, variances), k;
+    for (k = 0; k < 3; k++) {
+        float a = ends ? bends[0][k] : 0, b = ends > 1 ? bends[1][k] : 0;
+        out[k] = a * b <= 0 ? 0 : fabs((double)a) < fabs((double)b) ? a : b;
+    }
 }
 
 static int sbl__cell_must_split(const sbl__refine *r, const sbl__cell *c) {
@@ -5272,7 +5288,12 @@ static sbl_result sbl__refine_fill(sbl__base *base, const sbl__refine *r, float 
     size_t pixels = (size_t)r->width * (size_t)r->height, at;
     for (i = 0; i < r->cell_count; i++) {
         const sbl__cell *c = &r->cells[i];
+        float bends[4][3];
         if (c->split) continue;
+        sbl__edge_parabola(r, c->x0, c->y0, c->x1, c->y0, bends[0]);
+        sbl__edge_parabola(r, c->x0, c->y1, c->x1, c->y1, bends[1]);
+        sbl__edge_parabola(r, c->x0, c->y0, c->x0, c->y1, bends[2]);
+        sbl__edge_parabola(r, c->x1, c->y0, c->x1, c->y1, bends[3]);
         for (y = c->y0; y <= sbl__cell_end_y(r, c); y++)
             for (x = c->x0; x <= sbl__cell_end_x(r, c); x++) {
                 const sbl__pixel *p;
@@ -5282,7 +5303,15 @@ static sbl_result sbl__refine_fill(sbl__base *base, const sbl__refine *r, float 
                 if (sbl__usable(p)) {
                     memcpy(rgba + 4 * at, p->radiance, 3 * sizeof(float));
                     rgba[4 * at + 3] = p->noise;
-                } else if (!(sbl__interpolate(r, c, x, y, rgba + 4 * at) > 0)) { left++; continue; }
+                } else {
+                    float fx = c->x1 > c->x0 ? (float)(x - c->x0) / (float)(c->x1 - c->x0) : 0, fy = c->y1 > c->y0 ? (float)(y - c->y0) / (float)(c->y1 - c->y0) : 0;
+                    float covered = sbl__interpolate(r, c, x, y, rgba + 4 * at);
+                    if (!(covered > 0)) { left++; continue; }
+                    for (k = 0; k < 3; k++) {
+                        float across = 0.5f * fx * (1 - fx) * (bends[0][k] + fy * (bends[1][k] - bends[0][k])), down = 0.5f * fy * (1 - fy) * (bends[2][k] + fx * (bends[3][k] - bends[2][k]));
+                        rgba[4 * at + (size_t)k] = SBL__MAX(rgba[4 * at + (size_t)k] - covered * covered * (across + down), 0.0f);
+                    }
+                }
                 rgba[4 * at + 3] = SBL__MAX(rgba[4 * at + 3], SBL__LEAST_NOISE);
             }
     }
