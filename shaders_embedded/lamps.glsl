@@ -234,13 +234,13 @@ void main() {
     // Which lamps count here: single ones and, where there are many, clusters that are small for their distance.
     int entries[SBL_LAMPS];      // a leaf, or -1 - a node; from the end on: points of light, which get a ray each
     float strengths[SBL_LAMPS];  // what each gives about, summed up
-    float total = 0.0, opening = 0.1;
+    float total = 0.0, crowd = 0.0, opening = 0.1;  // crowd: the sum of their squares
     vec3 all[2];                 // single lamps, unhindered; two groups, since of a closed mesh one is all hidden, the other all open
     int used = 0, certain = 0, limit = lamp_leaves <= SBL_LAMPS ? lamp_leaves : lamp_nodes;
     bool full = true;
     for (int attempt = 0; attempt < 12 && full; attempt++, opening *= 2.0) {
         used = certain = 0;
-        total = 0.0;
+        total = crowd = 0.0;
         all[0] = all[1] = vec3(0);
         full = false;
         for (int i = 0, next; i < limit; i = next) {
@@ -276,6 +276,7 @@ void main() {
                 else if (point) entries[SBL_LAMPS - ++certain] = leaf;
                 else {
                     total += strength;
+                    crowd += strength * strength;
                     strengths[used] = total;
                     entries[used++] = single ? leaf : -1 - i;
                 }
@@ -286,7 +287,12 @@ void main() {
     vec3 open[2] = vec3[2](vec3(0), vec3(0)), seen[2] = open;  // what the samples of single lamps give without and with what stands between
     vec3 sure = vec3(0), sampled = vec3(0);  // from points of light; from clusters, summed over the samples
     float samples[2] = float[2](0.0, 0.0), lit[2] = samples, taken = 0.0, squares = 0.0;
-    int step = clamp(rays / 32, 1, 4);  // the first quarter, or half of few, tells whether there is more to know: what it overlooks is less than a sample's share
+    // A group that samples hardly meet is no ground for a ratio: it is sampled as clusters are.
+    float sums[2] = float[2](dot(all[0], vec3(1)), dot(all[1], vec3(1))), enough = 16.0 * float(parts) / float(rays) * total;
+    bool sparse[2] = bool[2](sums[0] < enough, sums[1] < enough);
+    // The first quarter, or half of few, tells whether there is more to know: what it overlooks is less than a sample's share. The more lamps there are,
+    // the more of the samples it takes to know each.
+    int step = clamp(min(rays / 32, int(8.0 * crowd / max(total * total, 1e-37))), 1, 4);
     bool undecided = total > 0.0;
     for (int pass = -1; pass < step && (pass < 0 || undecided); pass++) {
         for (int k = pass < 0 ? part : part + pass * parts; k < (pass < 0 ? certain : total > 0.0 ? rays : 0); k += pass < 0 ? parts : step * parts) {
@@ -322,7 +328,7 @@ void main() {
             }
             sbl_Lamp l = sbl_lamp(entry, position, n);
             sbl_Sample s = sbl_sample(l, n, u);
-            if (l.kind == SBL_SKY_TEXEL) cluster = true;
+            if (l.kind == SBL_SKY_TEXEL || sparse[l.group]) cluster = true;
             vec3 light = s.light / picked;
             taken += pass < 0 ? 0.0 : 1.0;
             if (!(light.r + light.g + light.b > 0.0)) continue;
@@ -362,6 +368,7 @@ void main() {
     for (int g = 0; g < 2; g++) {
         vec3 share = vec3(open[g].r > 0.0 ? seen[g].r / open[g].r : 0.0, open[g].g > 0.0 ? seen[g].g / open[g].g : 0.0, open[g].b > 0.0 ? seen[g].b / open[g].b : 0.0);
         float mean = dot(all[g], vec3(1.0 / 3.0)), lit_share = lit[g] / max(samples[g], 1.0);
+        if (sparse[g]) continue;
         light += all[g] * share;
         variance += mean * mean * lit_share * (1.0 - lit_share) / max(samples[g], 1.0);
     }
