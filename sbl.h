@@ -23,9 +23,8 @@
 
    WHAT IT DOES NOT DO
 
-   No light that bounces yet (SBL_MODE_GI is refused), no point, spot or sun lights, no sky pictures, no glossy or
-   transparent surfaces (a metal is read as its base colour), no textures smaller than their texels seen from afar
-   (bilinear filtering, no mip maps). It opens no files and creates no windows.
+   No light that bounces yet (SBL_MODE_GI is refused), no glossy or transparent surfaces (a metal is read as its base colour), no
+   textures smaller than their texels seen from afar (bilinear filtering, no mip maps). It opens no files and creates no windows.
 
 
    QUICK START
@@ -72,7 +71,7 @@
 
        sbl_create                 a context in the host's GL context, or in a headless one of its own
        sbl_destroy                frees all of it
-       sbl_set_scene              replaces the scene: meshes, materials, textures, sky
+       sbl_set_scene              replaces the scene: meshes, materials, textures, lights, sky
        sbl_set_mesh_transform     moves one mesh
        sbl_query_bounds           the scene's extent
        sbl_render                 a whole picture in one call
@@ -141,19 +140,33 @@
    Sensor rotations come from a hash of pixel and seed. The same input gives the same picture, bit for bit, on the same GL driver,
    whatever the batch size, the slices and the number of repetitions; between GL paths and drivers it agrees up to rounding.
 
+   ON LIGHTS
+
+   Surfaces emit (sbl_material.emission); point, spot and directional lights shine (sbl_light); the sky does, constant, by a picture or by a
+   function (sbl_environment). What an emitting triangle, a sphere or a sun gives unhindered is computed in closed form, with the
+   horizon; rays only measure which share of it arrives. So light is exact where all of a lamp is seen, black where none is, and its
+   noise is that of a share in between. A quarter of `rays` tells whether all or nothing arrives; where neither does, or lamps are many, the rest
+   are traced too. A light without size gets one ray, up to 32 of them.
+   Up to 256 lamps are weighed one by one. Of more, those far off for their size stand together in clusters of a tree, of which rays pick single
+   ones in proportion to their power: the cost of a sensor hardly grows from there on, and the mean stays right; the noise is a few percent.
+   Of a sky picture, what is brighter than four times its mean is a lamp of that kind, so that a sun in it casts a clean shadow; the rest is met
+   by the rays over the hemisphere.
+
+
    ON THE TWO WAYS TO SEE
 
    SBL_BACKEND_TRACE sends `rays` cosine-distributed rays through a bounding volume hierarchy in a compute shader, or a fragment shader before
-   GL 4.3: its cost hardly grows with the scene. Emitting triangles, up to 256 of them, are not left to chance: what each gives unhindered is
-   computed in closed form, and at most `rays` more rays (a quarter, or half of few, where all or none arrives) measure which share does; stats.rays does not
-   count them. The sensors' noise is known, so that refinement follows light and not noise, and the filter leaves alone what noise does not
-   explain.
+   GL 4.3, and at most as many more to lamps (stats.rays does not count these): its cost hardly grows with the scene. The sensors' noise is known, so that
+   refinement follows light and not noise, and the filter leaves alone what noise does not explain.
    SBL_BACKEND_RASTER draws the scene into a sensor's views, as the paper does: it serves geometry that only the host can draw, and is the
-   check on the other. Its cost grows with the number of triangles. AUTO traces wherever rays can be traced.
+   check on the other. Its cost grows with the number of triangles. Whether a point of a lamp is hidden it looks up in these views. What a draw
+   callback's own surfaces emit is met by texels. AUTO traces wherever rays can be traced.
+
 
    ON THE PAPER
 
-   SBL_MODE_PAPER is the paper: one view of 135 degrees, equation 4, epsilon, the absolute threshold, the Gaussian on one id.
+   SBL_MODE_PAPER is the paper: one view of 135 degrees, equation 4, epsilon, the absolute threshold, the Gaussian on one id; emitters are met by
+   texels, and there are no lights besides.
    All other modes differ in this: a sensor is a hemicube (five views: nothing of the hemisphere is missed), rotated about the
    normal by a per-pixel hash, its weights the texels' exact projected solid angles; the threshold is relative;
    interpolation and filter also respect normals and planes.
@@ -443,8 +456,8 @@ typedef struct sbl_scene_desc {
 
 typedef enum sbl_mode {
     SBL_MODE_DEFAULT = 0,  /* AMBIENT, until bounced light exists: then GI */
-    SBL_MODE_AMBIENT,      /* emitters, sky, and every other surface glowing with epsilon * albedo: the paper's estimator over the whole hemisphere */
-    SBL_MODE_DIRECT,       /* emitters and sky only */
+    SBL_MODE_AMBIENT,      /* emitters, lights, sky, and every other surface glowing with epsilon * albedo: the paper's estimator over the whole hemisphere */
+    SBL_MODE_DIRECT,       /* emitters, lights and sky only */
     SBL_MODE_PAPER,        /* exactly the paper */
     SBL_MODE_GI,           /* all bounces: SBL_ERROR_UNSUPPORTED in this version */
     SBL_MODE_COUNT
@@ -517,6 +530,7 @@ typedef struct sbl_stats {
     int64_t sensors;          /* points at which light was gathered */
     int64_t sensor_views;     /* views drawn for them; a sensor that stands for many pixels looks up to four times */
     int64_t sensor_texels;
+    int lamps;                /* emitting triangles, lights and bright texels of the sky that sensors aim rays at */
     int64_t rays;             /* traced over the hemispheres; those towards lamps come on top */
     double bvh_seconds;       /* building the hierarchy, once per scene, part of seconds.surface of its first traced picture */
     size_t bvh_bytes;         /* on the GPU */
@@ -548,8 +562,8 @@ typedef struct sbl_sensor_view {
 typedef struct sbl_sensor {
     float position[3];        /* where it stands: the surface point moved off the surface */
     float normal[3];
-    float radiance[3];        /* R: the sum over texels of weight * radiance, before interpolation and filter. Sensors of tiles of 4 and
-                                 more pixels look several times, turned, and take the mean: this is the first look */
+    float radiance[3];        /* R: the sum over texels of weight * radiance, before interpolation and filter: what a rasterised sensor of the picture's
+                                 sensor_size, that meets emitters by its texels, gives for the first of the pixel's looks. No sbl_light is in it */
     float weight_sum;         /* 1 for a hemicube */
     float back_share;         /* share of the weight that sees back faces */
     float hit_min, hit_mean;  /* distance to the nearest surface seen, and the mean; 0 where none is seen */
@@ -5553,6 +5567,7 @@ static sbl_result sbl__picture_surface(sbl_context *c) {
     if (result == SBL_SUCCESS) result = traced ? sbl__picture_trace(c) : sbl__picture_raster(c, &c->gather, 1);
     if (result != SBL_SUCCESS) return result;
     c->stats.bvh_seconds = c->scene.bvh.seconds;
+    c->stats.lamps = p->desc.mode == SBL_MODE_PAPER ? 0 : c->scene.lamp_leaves;
     c->stats.bvh_bytes = c->scene.node_buffer.bytes + c->scene.triangle_buffer.bytes + c->scene.node_texels.bytes + c->scene.triangle_texels.bytes;
     sbl__surface_draw(&c->gl, c->programs.gbuffer, &c->scene, &p->camera, &p->gbuffer, centre, p->desc.epsilon);
     result = sbl__gl_check(&c->gl, "drawing the G-buffer");
