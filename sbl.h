@@ -148,7 +148,7 @@
    noise is that of a share in between. A quarter of `rays` tells whether all or nothing arrives; where neither does, or lamps are many, the rest
    are traced too. A light without size gets one ray, up to 32 of them.
    Up to 256 lamps are weighed one by one. Of more, those far off for their size stand together in clusters of a tree, of which rays pick single
-   ones in proportion to their power: the cost of a sensor hardly grows from there on, and the mean stays right; the noise is a few percent.
+   ones in proportion to what they give: the cost of a sensor hardly grows from there on, and the mean stays right; the noise is a few percent.
    Of a sky picture, what is brighter than four times its mean is a lamp of that kind, so that a sun in it casts a clean shadow; the rest is met
    by the rays over the hemisphere.
 
@@ -814,7 +814,7 @@ static const char *const sbl__glsl_lamps[] = {
     "// Light from lamps: emitting triangles, punctual lights, bright spots of the sky. What each gives where nothing stands between is known in closed form;\n",
     "// rays (or a look into the sensor's own views) only measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire 2018, \"Combining\n",
     "// analytic direct illumination and stochastic shadows\". Where lamps are many, those far off stand together in clusters, of which only single lamps,\n",
-    "// picked in proportion to their power, are ever looked at.\n",
+    "// picked in proportion to what they give, are ever looked at.\n",
     "// One invocation is one sensor, or a part of its rays where they are many: neighbours trace neighbouring rays, and each stops as soon as it knows enough.\n",
     "uniform usamplerBuffer sbl_points;    // a sensor, three texels: position, turn; normal; first of its directions, of its lamp points, two hashes for these\n",
     "uniform usamplerBuffer sbl_sequence;  // see trace.glsl\n",
@@ -860,7 +860,7 @@ static const char *const sbl__glsl_lamps[] = {
     "        l.corner = sbl_sky_direction(middle.x, cos(PI * middle.y));\n",
     "        l.emission = radiance * (sbl_sky_excess(radiance) / unit * (2.0 * PI / size.x) * 2.0 * sin(PI * middle.y) * sin(0.5 * PI / size.y));\n",
     "    } else {\n",
-    "        int first = 4 * lamp_nodes + lamp_leaves + 1 + 3 * int(at);\n",
+    "        int first = 4 * lamp_nodes + lamp_leaves + 3 * int(at);\n",
     "        vec4 a = uintBitsToFloat(sbl_fetch(sbl_lamps, first)), b = uintBitsToFloat(sbl_fetch(sbl_lamps, first + 1)), c = uintBitsToFloat(sbl_fetch(sbl_lamps, first + 2));\n",
     "        l.corner = a.xyz;\n",
     "        l.emission = b.rgb / unit;\n",
@@ -932,14 +932,30 @@ static const char *const sbl__glsl_lamps[] = {
     "    return l.emission * factor;\n",
     "}\n",
     "\n",
-    "// What a cluster gives about: never zero where one of its lamps gives anything. to: its middle, from the sensor.\n",
-    "float sbl_cluster(int node, vec3 n, vec3 to, float radius, bool far) {\n",
+    "// A subtree: a cluster of lamps.\n",
+    "struct sbl_Cluster {\n",
+    "    vec3 to;       // its middle, from the sensor\n",
+    "    float radius;\n",
+    "    bool far;      // directions\n",
+    "    int beyond;    // the node after it\n",
+    "};\n",
+    "\n",
+    "sbl_Cluster sbl_cluster(int node, vec3 p) {\n",
+    "    vec4 ball = uintBitsToFloat(sbl_fetch(sbl_lamps, 4 * node));\n",
+    "    uint skip = sbl_fetch(sbl_lamps, 4 * node + 2).w;\n",
+    "    bool far = (skip & SBL_FAR_NODE) != 0u;\n",
+    "    return sbl_Cluster(ball.xyz - (far ? vec3(0) : p), ball.w, far, int(skip & ~SBL_FAR_NODE));\n",
+    "}\n",
+    "\n",
+    "// What it gives about: zero only where none of its lamps gives anything.\n",
+    "float sbl_strength(int node, sbl_Cluster c, vec3 n) {\n",
     "    vec4 square = uintBitsToFloat(sbl_fetch(sbl_lamps, 4 * node + 1)), cross_terms = uintBitsToFloat(sbl_fetch(sbl_lamps, 4 * node + 2));\n",
     "    vec3 front = uintBitsToFloat(sbl_fetch(sbl_lamps, 4 * node + 3).xyz);\n",
-    "    float distance2 = max(dot(to, to), 1e-37), spread = min(radius * inversesqrt(distance2), 1.0), height = dot(n, to);\n",
-    "    vec3 w = far ? -n : to * inversesqrt(distance2);  // far lamps turn no sides to the sensor, but are seen under the cosine to its normal\n",
+    "    float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0), height = dot(n, c.to);\n",
+    "    vec3 w = c.far ? -n : c.to * inversesqrt(distance2);  // far lamps turn no sides to the sensor, but are seen under the cosine to its normal\n",
     "    float shown = sqrt(max(dot(square.xyz, w * w) + 2.0 * dot(cross_terms.xyz, w.xyz * w.yzx), 0.0)) - dot(front, w) + 0.1 * square.w * spread;\n",
-    "    return max(shown, 0.0) * (far ? 1.0 : max(height, 0.5 * (height + radius)) * inversesqrt(distance2) / max(distance2, radius * radius)) / unit;\n",
+    "    if (height + c.radius <= 0.0) return 0.0;\n",
+    "    return max(shown, 0.0) * (c.far ? 1.0 : max(height, 0.5 * (height + c.radius)) * inversesqrt(distance2) / max(distance2, c.radius * c.radius)) / unit;\n",
     "}\n",
     "\n",
     "// A direction to the spherical triangle of unit vectors a, b, c, evenly distributed: Arvo 1995, \"Stratified Sampling of Spherical Triangles\".\n",
@@ -1047,7 +1063,7 @@ static const char *const sbl__glsl_lamps[] = {
     "    // Which lamps count here: single ones and, where there are many, clusters that are small for their distance.\n",
     "    int entries[SBL_LAMPS];      // a leaf, or -1 - a node; from the end on: points of light, which get a ray each\n",
     "    float strengths[SBL_LAMPS];  // what each gives about, summed up\n",
-    "    float total = 0.0, crowd = 0.0, opening = 0.1;  // crowd: the sum of their squares\n",
+    "    float total = 0.0, crowd = 0.0, opening = 0.3;  // crowd: the sum of their squares\n",
     "    vec3 all[2];                 // single lamps, unhindered; two groups, since of a closed mesh one is all hidden, the other all open\n",
     "    int used = 0, certain = 0, limit = lamp_leaves <= SBL_LAMPS ? lamp_leaves : lamp_nodes;\n",
     "    bool full = true;\n",
@@ -1062,18 +1078,14 @@ static const char *const sbl__glsl_lamps[] = {
     "            bool single = lamp_leaves <= SBL_LAMPS, point = false;\n",
     "            next = i + 1;\n",
     "            for (int once = 0; once < (single ? 0 : 1); once++) {\n",
-    "                vec4 ball = uintBitsToFloat(sbl_fetch(sbl_lamps, 4 * i));\n",
-    "                uint skip = sbl_fetch(sbl_lamps, 4 * i + 2).w;\n",
-    "                bool far = (skip & SBL_FAR_NODE) != 0u;\n",
-    "                vec3 to = ball.xyz - (far ? vec3(0) : position);\n",
-    "                int beyond = int(skip & ~SBL_FAR_NODE);\n",
-    "                if (dot(n, to) + ball.w <= 0.0) next = beyond;\n",
-    "                else if (beyond == i + 1) {\n",
+    "                sbl_Cluster c = sbl_cluster(i, position);\n",
+    "                if (dot(n, c.to) + c.radius <= 0.0) next = c.beyond;\n",
+    "                else if (c.beyond == i + 1) {\n",
     "                    single = true;\n",
     "                    leaf = int(sbl_fetch(sbl_lamps, 4 * i + 3).w);\n",
-    "                } else if (attempt == 11 || ball.w * ball.w < opening * opening * dot(to, to)) {\n",
-    "                    next = beyond;\n",
-    "                    strength = sbl_cluster(i, n, to, ball.w, far);\n",
+    "                } else if (attempt == 11 || c.radius * c.radius < opening * opening * dot(c.to, c.to)) {\n",
+    "                    next = c.beyond;\n",
+    "                    strength = sbl_strength(i, c, n);\n",
     "                }\n",
     "            }\n",
     "            for (int once = 0; once < (single ? 1 : 0); once++) {\n",
@@ -1105,10 +1117,13 @@ static const char *const sbl__glsl_lamps[] = {
     "    bool sparse[2] = bool[2](sums[0] < enough, sums[1] < enough);\n",
     "    // The first quarter, or half of few, tells whether there is more to know: what it overlooks is less than a sample's share. The more lamps there are,\n",
     "    // the more of the samples it takes to know each.\n",
-    "    int step = clamp(min(rays / 32, int(8.0 * crowd / max(total * total, 1e-37))), 1, 4);\n",
+    "    int passes = clamp(min(rays / 32, int(8.0 * crowd / max(total * total, 1e-37))), 1, 4);\n",
+    "    passes = passes == 3 ? 2 : passes;\n",
     "    bool undecided = total > 0.0;\n",
-    "    for (int pass = -1; pass < step && (pass < 0 || undecided); pass++) {\n",
-    "        for (int k = pass < 0 ? part : part + pass * parts; k < (pass < 0 ? certain : total > 0.0 ? rays : 0); k += pass < 0 ? parts : step * parts) {\n",
+    "    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {\n",
+    "        // each part has a stretch of the sequence, and each quarter of it covers a lamp, and the lamps, evenly\n",
+    "        int from = (4 * part + pass * 4 / passes) * rays / (4 * parts), to = total > 0.0 ? (4 * part + (pass + 1) * 4 / passes) * rays / (4 * parts) : from;\n",
+    "        for (int k = pass < 0 ? part : from; k < (pass < 0 ? certain : to); k += pass < 0 ? parts : 1) {\n",
     "            uvec2 fraction = texelFetch(sbl_sequence, int(words.y) + k).xy ^ words.zw;\n",
     "            vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0;\n",
     "            int entry = entries[pass < 0 ? SBL_LAMPS - 1 - k : 0];\n",
@@ -1127,17 +1142,18 @@ static const char *const sbl__glsl_lamps[] = {
     "                entry = entries[low];\n",
     "            }\n",
     "            bool cluster = entry < 0;\n",
-    "            if (cluster) {  // one of its lamps in proportion to its power\n",
-    "                int node = -1 - entry, low = int(sbl_fetch(sbl_lamps, 4 * node + 3).w), high = low + (int(sbl_fetch(sbl_lamps, 4 * node + 2).w & ~SBL_FAR_NODE) - node) / 2, leaves = 4 * lamp_nodes;\n",
-    "                uint first = sbl_fetch(sbl_lamps, leaves + low).y, range = sbl_fetch(sbl_lamps, leaves + high + 1).y - first, wanted = first + min(uint(u.x * float(range)), range - 1u);\n",
-    "                while (low < high) {\n",
-    "                    int middle = (low + high + 1) / 2;\n",
-    "                    if (sbl_fetch(sbl_lamps, leaves + middle).y <= wanted) low = middle;\n",
-    "                    else high = middle - 1;\n",
+    "            if (cluster) {  // down to one of its lamps, at every fork in proportion to what the branches give\n",
+    "                int node = -1 - entry;\n",
+    "                u.x = clamp(u.x + (float(fraction.x & 255u) - 127.5) / 4294967296.0 / picked, 0.0, 1.0);  // digits below those of a float that are left\n",
+    "                for (sbl_Cluster c = sbl_cluster(node, position); c.beyond != node + 1; c = sbl_cluster(node, position)) {\n",
+    "                    sbl_Cluster left = sbl_cluster(node + 1, position), right = sbl_cluster(left.beyond, position);\n",
+    "                    float weight = sbl_strength(node + 1, left, n), share = weight / max(weight + sbl_strength(left.beyond, right, n), 1e-37);\n",
+    "                    bool first = u.x < share;\n",
+    "                    node = first ? node + 1 : left.beyond;\n",
+    "                    picked *= first ? share : 1.0 - share;\n",
+    "                    u.x = first ? u.x / share : (u.x - share) / (1.0 - share);\n",
     "                }\n",
-    "                picked *= float(sbl_fetch(sbl_lamps, leaves + low + 1).y - sbl_fetch(sbl_lamps, leaves + low).y) / float(range);\n",
-    "                entry = low;\n",
-    "                u.x = fract(u.x * 8191.0 + float(words.z >> 8) / 16777216.0);  // its leading digits are used up\n",
+    "                entry = int(sbl_fetch(sbl_lamps, 4 * node + 3).w);\n",
     "            }\n",
     "            sbl_Lamp l = sbl_lamp(entry, position, n);\n",
     "            sbl_Sample s = sbl_sample(l, n, u);\n",
@@ -3139,7 +3155,7 @@ static sbl_result sbl__scene_upload(const sbl__gl *gl, sbl__scene *s) {
     for (i = 0; i < s->mesh_count; i++)
         if (s->objects[SBL__OBJECT_WORDS * (size_t)i + 4] | s->objects[SBL__OBJECT_WORDS * (size_t)i + 5] | s->objects[SBL__OBJECT_WORDS * (size_t)i + 6]) lamps += s->meshes[i].triangle_count;
     for (i = 0; s->sky_pixels && i < s->sky_width * s->sky_height; i++) lamps += sbl__max3(s->sky_pixels + 3 * (size_t)i) > s->sky_limit;
-    texels = SBL__MAX(texels, 9 * lamps + 3.0 * s->light_count + 1);  /* two nodes and a leaf each */
+    texels = SBL__MAX(texels, 9 * lamps + 3.0 * s->light_count);  /* two nodes and a leaf each */
     double most = c->max_texture_size < SBL__TEXELS_ACROSS ? 0 : (c->max_texture_size - 1) * (double)SBL__TEXELS_ACROSS;
     sbl_result result;
     s->wide = texels > c->max_texture_buffer_size;
@@ -3807,13 +3823,12 @@ static sbl_result sbl__bvh_build(sbl__base *base, sbl__bvh *bvh, const sbl__scen
 
        nodes   in preorder, 4 texels: middle and radius of a ball around all lamps;  xx, yy, zz of the sum of power * normal * normal^T, power;
                xy, xz, yz of it, the node after this one's subtree (bit 31: directions);  sum of power * normal of one-sided lamps, first leaf
-       leaves  in the nodes' order: kind << 30 | number, power of all leaves before in fixed point, 0, 0; and one behind the last
+       leaves  in the nodes' order: kind << 30 | number, 0, 0, 0
        lights  3 texels: position or direction to it, radius or sine squared of half its angle;  intensity, spot's scale;  spot's axis, spot's offset
 
    Power is light per solid angle over pi where the lamp shows its face: R at distance d is about power * cosine / d^2, for directions power * cosine. */
 
 #define SBL__MAX_LAMPS 256     /* entries that lamps.glsl weighs against each other: so many lamps are taken one by one */
-#define SBL__LAMP_POWER (1 << 24)
 
 enum { SBL__LAMP_TRIANGLE, SBL__LAMP_NEAR_LIGHT, SBL__LAMP_FAR_LIGHT, SBL__LAMP_SKY_TEXEL };
 
@@ -4029,8 +4044,7 @@ static void sbl__lamps_node(sbl__lamps *l, int first, int count, sbl__cluster *c
 static sbl_result sbl__lamps_make(const sbl__gl *gl, sbl__scene *s) {
     sbl__lamps l;
     sbl__cluster all;
-    double power = 0, sum = 0;
-    uint32_t total = 0, *leaf, place;
+    uint32_t *leaf, place;
     size_t words;
     int i, near = 0, ok;
     float (*records)[12] = (float (*)[12])sbl__alloc(gl->base, (size_t)s->light_count, sizeof *records);
@@ -4041,7 +4055,7 @@ static sbl_result sbl__lamps_make(const sbl__gl *gl, sbl__scene *s) {
         if (s->bvh.order[place] != SBL__BVH_DROPPED) ok = sbl__lamps_add_triangle(gl->base, &l, s, s->bvh.order[place], place);
     for (i = 0; i < s->light_count && ok; i++) ok = sbl__lamps_add_light(gl->base, &l, &s->lights[i], i, records[i]);
     if (ok) ok = sbl__lamps_add_sky(gl->base, &l, s);
-    words = 16 * 2 * (size_t)l.count + 4 * ((size_t)l.count + 1) + 12 * (size_t)s->light_count;
+    words = 16 * 2 * (size_t)l.count + 4 * (size_t)l.count + 12 * (size_t)s->light_count;
     if (ok) l.words = (uint32_t *)sbl__alloc(gl->base, words, 4);
     if (l.words) {
         sbl__lamps_sort(&l);
@@ -4049,18 +4063,11 @@ static sbl_result sbl__lamps_make(const sbl__gl *gl, sbl__scene *s) {
         if (near) sbl__lamps_node(&l, 0, near, &all);
         if (l.count > near) sbl__lamps_node(&l, near, l.count - near, &all);
         leaf = l.words + 16 * (size_t)l.nodes;
-        for (i = 0; i < l.count; i++) power += l.list[i].power;
-        for (i = 0; i <= l.count; i++, leaf += 4) {
-            leaf[0] = i < l.count ? l.list[i].code : 0;
-            leaf[1] = total;
-            if (i == l.count) continue;
-            sum += l.list[i].power;
-            total = SBL__MAX(total + 1, (uint32_t)(sum / power * SBL__LAMP_POWER));
-        }
+        for (i = 0; i < l.count; i++, leaf += 4) leaf[0] = l.list[i].code;
         if (s->light_count) memcpy(leaf, records, (size_t)s->light_count * sizeof *records);
         s->lamp_nodes = l.nodes;
         s->lamp_leaves = l.count;
-        result = sbl__buffer_make(gl, &s->lamp_buffer, 4 * (16 * (size_t)l.nodes + 4 * ((size_t)l.count + 1) + 12 * (size_t)s->light_count), l.words, SBL__GL_STATIC_DRAW, "storing lamps");
+        result = sbl__buffer_make(gl, &s->lamp_buffer, 4 * (16 * (size_t)l.nodes + 4 * (size_t)l.count + 12 * (size_t)s->light_count), l.words, SBL__GL_STATIC_DRAW, "storing lamps");
         if (result == SBL_SUCCESS) result = sbl__texels_make(gl, &s->lamp_texels, SBL__GL_RGBA32UI, &s->lamp_buffer, s->wide, "making the lamps' texture");
         if (s->wide) sbl__buffer_delete(gl, &s->lamp_buffer);
     }
@@ -4510,7 +4517,7 @@ static sbl_result sbl__rays_setup(const sbl__gl *gl, sbl__gather *g, int rays, i
     const sbl__texture *color = &g->lights;
     size_t points = (size_t)(rays + lamp_rays) * SBL__MAX_LOOKS;
     uint32_t *sequence, *lamp_sequence;
-    int i;
+    int i, k, chunks;
     sbl_result result;
     g->rays = rays;
     g->lamp_rays = lamp_rays;
@@ -4525,7 +4532,10 @@ static sbl_result sbl__rays_setup(const sbl__gl *gl, sbl__gather *g, int rays, i
     sbl__sobol(lamp_sequence, lamp_rays * SBL__MAX_LOOKS);
     for (i = 0; i < SBL__MAX_LOOKS; i++) {
         qsort(sequence + 2 * (size_t)rays * (size_t)i, (size_t)rays, 8, sbl__morton_order);
-        qsort(lamp_sequence + 2 * (size_t)lamp_rays * (size_t)i, (size_t)lamp_rays, 8, sbl__morton_order);
+        for (k = 0, chunks = 4 * g->lamp_parts; k < chunks; k++) {  /* lamps.glsl may stop after each: it must cover all evenly */
+            size_t from = (size_t)lamp_rays * (size_t)k / (size_t)chunks, to = (size_t)lamp_rays * (size_t)(k + 1) / (size_t)chunks;
+            if (to > from) qsort(lamp_sequence + 2 * ((size_t)lamp_rays * (size_t)i + from), to - from, 8, sbl__morton_order);
+        }
     }
     gl->BindVertexArray(0);
     result = sbl__buffer_make(gl, &g->sequence_buffer, 8 * points, sequence, SBL__GL_STATIC_DRAW, what);

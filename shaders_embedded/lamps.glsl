@@ -1,7 +1,7 @@
 // Light from lamps: emitting triangles, punctual lights, bright spots of the sky. What each gives where nothing stands between is known in closed form;
 // rays (or a look into the sensor's own views) only measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire 2018, "Combining
 // analytic direct illumination and stochastic shadows". Where lamps are many, those far off stand together in clusters, of which only single lamps,
-// picked in proportion to their power, are ever looked at.
+// picked in proportion to what they give, are ever looked at.
 // One invocation is one sensor, or a part of its rays where they are many: neighbours trace neighbouring rays, and each stops as soon as it knows enough.
 uniform usamplerBuffer sbl_points;    // a sensor, three texels: position, turn; normal; first of its directions, of its lamp points, two hashes for these
 uniform usamplerBuffer sbl_sequence;  // see trace.glsl
@@ -47,7 +47,7 @@ sbl_Lamp sbl_lamp(int leaf, vec3 p, vec3 n) {
         l.corner = sbl_sky_direction(middle.x, cos(PI * middle.y));
         l.emission = radiance * (sbl_sky_excess(radiance) / unit * (2.0 * PI / size.x) * 2.0 * sin(PI * middle.y) * sin(0.5 * PI / size.y));
     } else {
-        int first = 4 * lamp_nodes + lamp_leaves + 1 + 3 * int(at);
+        int first = 4 * lamp_nodes + lamp_leaves + 3 * int(at);
         vec4 a = uintBitsToFloat(sbl_fetch(sbl_lamps, first)), b = uintBitsToFloat(sbl_fetch(sbl_lamps, first + 1)), c = uintBitsToFloat(sbl_fetch(sbl_lamps, first + 2));
         l.corner = a.xyz;
         l.emission = b.rgb / unit;
@@ -119,14 +119,30 @@ vec3 sbl_unhindered(sbl_Lamp l, vec3 n, mat3 to_frame) {
     return l.emission * factor;
 }
 
-// What a cluster gives about: never zero where one of its lamps gives anything. to: its middle, from the sensor.
-float sbl_cluster(int node, vec3 n, vec3 to, float radius, bool far) {
+// A subtree: a cluster of lamps.
+struct sbl_Cluster {
+    vec3 to;       // its middle, from the sensor
+    float radius;
+    bool far;      // directions
+    int beyond;    // the node after it
+};
+
+sbl_Cluster sbl_cluster(int node, vec3 p) {
+    vec4 ball = uintBitsToFloat(sbl_fetch(sbl_lamps, 4 * node));
+    uint skip = sbl_fetch(sbl_lamps, 4 * node + 2).w;
+    bool far = (skip & SBL_FAR_NODE) != 0u;
+    return sbl_Cluster(ball.xyz - (far ? vec3(0) : p), ball.w, far, int(skip & ~SBL_FAR_NODE));
+}
+
+// What it gives about: zero only where none of its lamps gives anything.
+float sbl_strength(int node, sbl_Cluster c, vec3 n) {
     vec4 square = uintBitsToFloat(sbl_fetch(sbl_lamps, 4 * node + 1)), cross_terms = uintBitsToFloat(sbl_fetch(sbl_lamps, 4 * node + 2));
     vec3 front = uintBitsToFloat(sbl_fetch(sbl_lamps, 4 * node + 3).xyz);
-    float distance2 = max(dot(to, to), 1e-37), spread = min(radius * inversesqrt(distance2), 1.0), height = dot(n, to);
-    vec3 w = far ? -n : to * inversesqrt(distance2);  // far lamps turn no sides to the sensor, but are seen under the cosine to its normal
+    float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0), height = dot(n, c.to);
+    vec3 w = c.far ? -n : c.to * inversesqrt(distance2);  // far lamps turn no sides to the sensor, but are seen under the cosine to its normal
     float shown = sqrt(max(dot(square.xyz, w * w) + 2.0 * dot(cross_terms.xyz, w.xyz * w.yzx), 0.0)) - dot(front, w) + 0.1 * square.w * spread;
-    return max(shown, 0.0) * (far ? 1.0 : max(height, 0.5 * (height + radius)) * inversesqrt(distance2) / max(distance2, radius * radius)) / unit;
+    if (height + c.radius <= 0.0) return 0.0;
+    return max(shown, 0.0) * (c.far ? 1.0 : max(height, 0.5 * (height + c.radius)) * inversesqrt(distance2) / max(distance2, c.radius * c.radius)) / unit;
 }
 
 // A direction to the spherical triangle of unit vectors a, b, c, evenly distributed: Arvo 1995, "Stratified Sampling of Spherical Triangles".
@@ -234,7 +250,7 @@ void main() {
     // Which lamps count here: single ones and, where there are many, clusters that are small for their distance.
     int entries[SBL_LAMPS];      // a leaf, or -1 - a node; from the end on: points of light, which get a ray each
     float strengths[SBL_LAMPS];  // what each gives about, summed up
-    float total = 0.0, crowd = 0.0, opening = 0.1;  // crowd: the sum of their squares
+    float total = 0.0, crowd = 0.0, opening = 0.3;  // crowd: the sum of their squares
     vec3 all[2];                 // single lamps, unhindered; two groups, since of a closed mesh one is all hidden, the other all open
     int used = 0, certain = 0, limit = lamp_leaves <= SBL_LAMPS ? lamp_leaves : lamp_nodes;
     bool full = true;
@@ -249,18 +265,14 @@ void main() {
             bool single = lamp_leaves <= SBL_LAMPS, point = false;
             next = i + 1;
             for (int once = 0; once < (single ? 0 : 1); once++) {
-                vec4 ball = uintBitsToFloat(sbl_fetch(sbl_lamps, 4 * i));
-                uint skip = sbl_fetch(sbl_lamps, 4 * i + 2).w;
-                bool far = (skip & SBL_FAR_NODE) != 0u;
-                vec3 to = ball.xyz - (far ? vec3(0) : position);
-                int beyond = int(skip & ~SBL_FAR_NODE);
-                if (dot(n, to) + ball.w <= 0.0) next = beyond;
-                else if (beyond == i + 1) {
+                sbl_Cluster c = sbl_cluster(i, position);
+                if (dot(n, c.to) + c.radius <= 0.0) next = c.beyond;
+                else if (c.beyond == i + 1) {
                     single = true;
                     leaf = int(sbl_fetch(sbl_lamps, 4 * i + 3).w);
-                } else if (attempt == 11 || ball.w * ball.w < opening * opening * dot(to, to)) {
-                    next = beyond;
-                    strength = sbl_cluster(i, n, to, ball.w, far);
+                } else if (attempt == 11 || c.radius * c.radius < opening * opening * dot(c.to, c.to)) {
+                    next = c.beyond;
+                    strength = sbl_strength(i, c, n);
                 }
             }
             for (int once = 0; once < (single ? 1 : 0); once++) {
@@ -292,10 +304,13 @@ void main() {
     bool sparse[2] = bool[2](sums[0] < enough, sums[1] < enough);
     // The first quarter, or half of few, tells whether there is more to know: what it overlooks is less than a sample's share. The more lamps there are,
     // the more of the samples it takes to know each.
-    int step = clamp(min(rays / 32, int(8.0 * crowd / max(total * total, 1e-37))), 1, 4);
+    int passes = clamp(min(rays / 32, int(8.0 * crowd / max(total * total, 1e-37))), 1, 4);
+    passes = passes == 3 ? 2 : passes;
     bool undecided = total > 0.0;
-    for (int pass = -1; pass < step && (pass < 0 || undecided); pass++) {
-        for (int k = pass < 0 ? part : part + pass * parts; k < (pass < 0 ? certain : total > 0.0 ? rays : 0); k += pass < 0 ? parts : step * parts) {
+    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {
+        // each part has a stretch of the sequence, and each quarter of it covers a lamp, and the lamps, evenly
+        int from = (4 * part + pass * 4 / passes) * rays / (4 * parts), to = total > 0.0 ? (4 * part + (pass + 1) * 4 / passes) * rays / (4 * parts) : from;
+        for (int k = pass < 0 ? part : from; k < (pass < 0 ? certain : to); k += pass < 0 ? parts : 1) {
             uvec2 fraction = texelFetch(sbl_sequence, int(words.y) + k).xy ^ words.zw;
             vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0;
             int entry = entries[pass < 0 ? SBL_LAMPS - 1 - k : 0];
@@ -314,17 +329,18 @@ void main() {
                 entry = entries[low];
             }
             bool cluster = entry < 0;
-            if (cluster) {  // one of its lamps in proportion to its power
-                int node = -1 - entry, low = int(sbl_fetch(sbl_lamps, 4 * node + 3).w), high = low + (int(sbl_fetch(sbl_lamps, 4 * node + 2).w & ~SBL_FAR_NODE) - node) / 2, leaves = 4 * lamp_nodes;
-                uint first = sbl_fetch(sbl_lamps, leaves + low).y, range = sbl_fetch(sbl_lamps, leaves + high + 1).y - first, wanted = first + min(uint(u.x * float(range)), range - 1u);
-                while (low < high) {
-                    int middle = (low + high + 1) / 2;
-                    if (sbl_fetch(sbl_lamps, leaves + middle).y <= wanted) low = middle;
-                    else high = middle - 1;
+            if (cluster) {  // down to one of its lamps, at every fork in proportion to what the branches give
+                int node = -1 - entry;
+                u.x = clamp(u.x + (float(fraction.x & 255u) - 127.5) / 4294967296.0 / picked, 0.0, 1.0);  // digits below those of a float that are left
+                for (sbl_Cluster c = sbl_cluster(node, position); c.beyond != node + 1; c = sbl_cluster(node, position)) {
+                    sbl_Cluster left = sbl_cluster(node + 1, position), right = sbl_cluster(left.beyond, position);
+                    float weight = sbl_strength(node + 1, left, n), share = weight / max(weight + sbl_strength(left.beyond, right, n), 1e-37);
+                    bool first = u.x < share;
+                    node = first ? node + 1 : left.beyond;
+                    picked *= first ? share : 1.0 - share;
+                    u.x = first ? u.x / share : (u.x - share) / (1.0 - share);
                 }
-                picked *= float(sbl_fetch(sbl_lamps, leaves + low + 1).y - sbl_fetch(sbl_lamps, leaves + low).y) / float(range);
-                entry = low;
-                u.x = fract(u.x * 8191.0 + float(words.z >> 8) / 16777216.0);  // its leading digits are used up
+                entry = int(sbl_fetch(sbl_lamps, 4 * node + 3).w);
             }
             sbl_Lamp l = sbl_lamp(entry, position, n);
             sbl_Sample s = sbl_sample(l, n, u);

@@ -1,6 +1,6 @@
 /* bench: how fast sbl.h gathers light.
 
-       bench [raster] [trace] [--json] [--quick] [FILE...]        both parts by default
+       bench [raster] [trace] [lamps] [--json] [--quick] [FILE...]        all parts by default
 
    raster: what gathering in batches is worth, on the Cornell box's 32 triangles. Side by side in one process and one GL context, in several
    alternating runs, for each kind of sensor and several sizes:
@@ -14,6 +14,8 @@
    trace: what rays cost in the Cornell box, in the same room filled with more and more triangles, and in scene FILEs (by default two rooms
    beside the repository, where they lie there), against rasterised sensors of about the same error and, where it is installed, against Embree.
    A sensor at every pixel; no lamps: every surface radiates its albedo, so that the light is smooth. All scenes and ways alternate.
+
+   lamps: see bench_lamps.h.
 
    Prints medians of the runs; --json prints the same as one JSON object; --quick measures less. Never fails on a timing: only when
    something does not work at all, or when two ways do not see the same light. */
@@ -1004,18 +1006,21 @@ static void trace_free(void) {
     free(trace.places);
 }
 
+#include "bench_lamps.h"
+
 int main(int argc, char **argv) {
     char *files[FILES_MOST];
-    int json = 0, quick = 0, file_count = 0, raster_on = 0, trace_on = 0, i, ok;
+    int json = 0, quick = 0, file_count = 0, raster_on = 0, trace_on = 0, lamps_on = 0, i, ok;
     for (i = 1; i < argc; i++) {
         if (strcmp(argv[i], "--json") == 0) json = 1;
         else if (strcmp(argv[i], "--quick") == 0) quick = 1;
         else if (strcmp(argv[i], "raster") == 0) raster_on = 1;
         else if (strcmp(argv[i], "trace") == 0) trace_on = 1;
+        else if (strcmp(argv[i], "lamps") == 0) lamps_on = 1;
         else if (argv[i][0] != '-' && file_count < FILES_MOST) files[file_count++] = argv[i];
-        else return fprintf(stderr, "usage: bench [raster] [trace] [--json] [--quick] [FILE...]\n"), 2;
+        else return fprintf(stderr, "usage: bench [raster] [trace] [lamps] [--json] [--quick] [FILE...]\n"), 2;
     }
-    if (!raster_on && !trace_on) raster_on = trace_on = 1;
+    if (!raster_on && !trace_on && !lamps_on) raster_on = trace_on = lamps_on = 1;
     ok = !trace_on || trace_load(quick, files, file_count);
     ok = ok && host_gl_open("bench");
     if (ok) {
@@ -1029,6 +1034,8 @@ int main(int argc, char **argv) {
         if (raster_on) ok = raster_part(json, quick);
         if (!json && raster_on && trace_on) printf("\n");
         if (ok && trace_on) ok = trace_part(json, quick);
+        if (!json && lamps_on && (raster_on || trace_on)) printf("\n");
+        if (ok && lamps_on) ok = lamps_part(json, quick);
         if (json) printf("}\n");
     }
     trace_free();
