@@ -4,6 +4,7 @@
 #define SBL_EGL
 #include "../sbl.h"
 #include "scene_file.h"
+#include <ctype.h>
 #include <sys/time.h>
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #include <stb/stb_image_write.h>
@@ -86,12 +87,12 @@ static int fail_with(const messages *m, const char *where, sbl_result result) {
 /* ---- the command line ---- */
 
 static struct options {
-    const char *scene, *output, *stats;
+    const char *scene, *output, *stats, *sky_picture;
     int channel, mode, preset, backend;
     int size[2], inspect[2];
-    double eye[3], look_at[3], up[3], fov, sky[3], epsilon, sensor_fov, threshold, facet_limit, exposure;
+    double eye[3], look_at[3], up[3], fov, sky[3], sky_rotation, sky_scale, sky_up[3], epsilon, sensor_fov, threshold, facet_limit, exposure;
     int rays, sensor_size, tile, filter_radius, samples, seed;
-} options = { .output = "sbl.png", .size = { 640, 480 }, .up = { 0, 1, 0 }, .fov = 40, .facet_limit = 2 };
+} options = { .output = "sbl.png", .size = { 640, 480 }, .up = { 0, 1, 0 }, .fov = 40, .sky_scale = 1, .sky_up = { 0, 1, 0 }, .facet_limit = 2 };
 
 typedef enum option_kind { FLAG, TEXT, CHOICE, INTEGERS, NUMBERS } option_kind;
 
@@ -106,8 +107,8 @@ static const sbl_backend backends[] = { SBL_BACKEND_AUTO, SBL_BACKEND_RASTER, SB
 static const sbl_preset presets[] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL_PRESET_HIGH };
 
 enum {
-    OUTPUT, CHANNEL, SIZE, EYE, LOOK_AT, UP, FOV, SKY, MODE, PRESET, BACKEND, RAYS, EPSILON, SENSOR_SIZE, SENSOR_FOV, TILE, THRESHOLD, FACET_LIMIT, FILTER_RADIUS,
-    SAMPLES, EXPOSURE, SEED, INSPECT, STATS, QUIET, HELP, VERSION, OPTION_COUNT
+    OUTPUT, CHANNEL, SIZE, EYE, LOOK_AT, UP, FOV, SKY, SKY_ROTATION, SKY_SCALE, SKY_UP, MODE, PRESET, BACKEND, RAYS, EPSILON, SENSOR_SIZE, SENSOR_FOV, TILE, THRESHOLD, FACET_LIMIT,
+    FILTER_RADIUS, SAMPLES, EXPOSURE, SEED, INSPECT, STATS, QUIET, HELP, VERSION, OPTION_COUNT
 };
 
 static const struct option {
@@ -127,7 +128,12 @@ static const struct option {
     [LOOK_AT]       = { "--look-at", "X,Y,Z", NUMBERS, options.look_at, 3, -1e18, 1e18, "what it looks at" },
     [UP]            = { "--up", "X,Y,Z", NUMBERS, options.up, 3, -1e18, 1e18, "what is up" },
     [FOV]           = { "--fov", "DEGREES", NUMBERS, &options.fov, 1, 1, 179, "vertical; the defaults of these four: the file's camera, else one that frames the scene" },
-    [SKY]           = { "--sky", "R,G,B", NUMBERS, options.sky, 3, 0, 1e30, "constant radiance of all that is not hit; default 0,0,0" },
+    [SKY]           = { "--sky", "R,G,B|FILE", NUMBERS, options.sky, 3, 0, 1e30,
+                        "constant radiance of all that is not hit; default 0,0,0; or a picture of it (FILE.hdr; .png, .jpg, ... are decoded from\n"
+                        "sRGB): equirectangular, its upper edge is straight up, its middle is +x" },
+    [SKY_ROTATION]  = { "--sky-rotation", "DEGREES", NUMBERS, &options.sky_rotation, 1, -360, 360, "of the picture, counter-clockwise seen from above; default 0" },
+    [SKY_SCALE]     = { "--sky-scale", "F", NUMBERS, &options.sky_scale, 1, 0, 1e30, "of the picture's light; default 1" },
+    [SKY_UP]        = { "--sky-up", "X,Y,Z", NUMBERS, options.sky_up, 3, -1e18, 1e18, "what is up in the picture; default 0,1,0" },
     [MODE]          = { "--mode", "NAME", CHOICE, &options.mode, MODE_WORDS, 0, 0,
                         "ambient (default: lamps, sky, and a faint glow of every surface) | direct (lamps and sky only) |\n"
                         "paper (exactly the paper: one 135 degree view, epsilon, tiles, Gaussian) | gi (all bounces; not yet)" },
@@ -171,6 +177,8 @@ static void print_help(void) {
     }
     printf("\nMaterials: OBJ Kd map_Kd Ke map_Ke d map_d (cutout at 0.5); glTF base colour, emission with KHR_materials_emissive_strength,\n"
            "alphaMode MASK (BLEND as a cutout at 0.5). Metal and gloss are read as their base colour. A surface emits to both sides.\n"
+           "Lights: glTF KHR_lights_punctual (candela and lux are radiance times area and irradiance here; ranges are left out), and the\n"
+           "point, spot and directional lights of other formats.\n"
            "In a .png a normal is 0.5 + 0.5 n, a position is relative to what is visible, near is light in a depth, ids are random\n"
            "colours, and sensors run from blue (first level) over green and yellow to red (last). In .pfm and .exr all values are raw.\n"
            "\nExit status: 0 done; 1 failed, with one line on stderr; 2 bad usage; 130 interrupted. A file is written whole or not at all.\n");
@@ -204,6 +212,12 @@ static int parse_numbers(const struct option *o, const char *text) {
 }
 
 static int ends_with(const char *path, const char *ending) { return scene__ends_with(path, ending); }
+
+/* It has an ending: a point and a letter, no comma after them. Numbers have not, but for 1.e5 and the like. */
+static int names_a_file(const char *text) {
+    const char *point = strrchr(text, '.');
+    return point && isalpha((unsigned char)point[1]) && !strchr(point, ',') && !(strchr("eE", point[1]) && !isalpha((unsigned char)point[2]));
+}
 
 static int parse(int argc, char **argv) {
     int i, k, only_files = 0;
@@ -240,12 +254,12 @@ static int parse(int argc, char **argv) {
                 return misuse("%s %s: it must be one of%s", o->name, value, list);
             }
             *(int *)o->value = k;
-        } else if (!parse_numbers(o, value)) {
-            if (o == &table[SKY] && (ends_with(value, ".hdr") || ends_with(value, ".exr")))
-                return misuse("--sky %s: sky pictures are not read yet; give a colour R,G,B", value);
+        } else if (o == &table[SKY] && names_a_file(value)) options.sky_picture = value;
+        else if (parse_numbers(o, value)) {
+            if (o == &table[SKY]) options.sky_picture = NULL;  /* the last one counts */
+        } else
             return misuse("%s %s: it must be %s with %s from %g to %g", o->name, value, o->argument,
                           o->kind == INTEGERS ? "whole numbers" : "numbers", o->low, o->high);
-        }
     }
     if (given[HELP] || given[VERSION]) return DONE;
     if (!options.scene) return misuse("usage: sbl_render SCENE [options]; see --help");
@@ -256,6 +270,11 @@ static int parse(int argc, char **argv) {
 #endif
     if (given[SENSOR_FOV] && (!given[MODE] || modes[options.mode] != SBL_MODE_PAPER))
         return misuse("--sensor-fov needs --mode paper: other sensors see the whole hemisphere");
+    if (options.sky_picture && given[MODE] && modes[options.mode] == SBL_MODE_PAPER)
+        return misuse("--sky %s: --mode paper has no sky pictures; give a colour or choose another --mode", options.sky_picture);
+    if (!options.sky_picture && (given[SKY_ROTATION] || given[SKY_SCALE] || given[SKY_UP]))
+        return misuse("--sky-rotation, --sky-scale, --sky-up: they need --sky with a picture");
+    if (options.sky_up[0] == 0.0 && options.sky_up[1] == 0.0 && options.sky_up[2] == 0.0) return misuse("--sky-up: it must not be 0,0,0");
     if (given[INSPECT] && given[CHANNEL]) return misuse("--inspect writes a sensor's view, --channel chooses a picture; give one of them");
     if (strcmp(words[BACKEND_WORDS][options.backend], "trace") == 0 && given[MODE] && modes[options.mode] == SBL_MODE_PAPER)
         return misuse("--backend trace: the paper's sensor rasterises; leave it out or choose another --mode");
@@ -476,7 +495,9 @@ static int write_picture(const char *path, const image *picture, sbl_channel cha
 
 /* ---- statistics ---- */
 
-static int write_stats(const char *path, const sbl_context *context, double load, double total) {
+typedef struct totals { int lights; double load, seconds; } totals;
+
+static int write_stats(const char *path, const sbl_context *context, const totals *all) {
     const sbl_stats s = sbl_query_stats(context);
     const sbl_capabilities capabilities = sbl_query_capabilities(context);
     const char *c, *mode;
@@ -493,16 +514,16 @@ static int write_stats(const char *path, const sbl_context *context, double load
         fputc((unsigned char)*c < 32 ? ' ' : *c, out);
     }
     mode = s.mode == SBL_MODE_GI ? "gi" : s.mode == SBL_MODE_DIRECT ? "direct" : s.mode == SBL_MODE_PAPER ? "paper" : "ambient";
-    fprintf(out, "\",\n  \"mode\": \"%s\",\n  \"size\": [%d, %d],\n  \"triangles\": %d,\n  \"visible_pixels\": %d,\n", mode, s.width, s.height,
-            s.triangles, s.visible_pixels);
+    fprintf(out, "\",\n  \"mode\": \"%s\",\n  \"size\": [%d, %d],\n  \"triangles\": %d,\n  \"lights\": %d,\n  \"visible_pixels\": %d,\n", mode, s.width,
+            s.height, s.triangles, all->lights, s.visible_pixels);
     fprintf(out, "  \"backend\": \"%s\",\n", s.backend == SBL_BACKEND_TRACE ? "trace" : "raster");
     fprintf(out, "  \"sensors\": %.0f,\n  \"sensor_views\": %.0f,\n  \"sensor_texels\": %.0f,\n  \"rays\": %.0f,\n  \"levels\": [",
             (double)s.sensors, (double)s.sensor_views, (double)s.sensor_texels, (double)s.rays);
     for (i = 0; i < s.level_count; i++)
         fprintf(out, "%s{\"tile\": %d, \"sensors\": %.0f}", i ? ", " : "", s.levels[i].tile, (double)s.levels[i].sensors);
-    fprintf(out, "],\n  \"seconds\": {\"load\": %.6f, \"scene\": %.6f, \"surface\": %.6f, \"gather\": %.6f, \"bounce\": 0, ", load, s.seconds.scene,
+    fprintf(out, "],\n  \"seconds\": {\"load\": %.6f, \"scene\": %.6f, \"surface\": %.6f, \"gather\": %.6f, \"bounce\": 0, ", all->load, s.seconds.scene,
             s.seconds.surface, s.seconds.gather);
-    fprintf(out, "\"refine\": %.6f, \"filter\": %.6f, \"resolve\": %.6f, \"total\": %.6f},\n", s.seconds.refine, s.seconds.filter, s.seconds.resolve, total);
+    fprintf(out, "\"refine\": %.6f, \"filter\": %.6f, \"resolve\": %.6f, \"total\": %.6f},\n", s.seconds.refine, s.seconds.filter, s.seconds.resolve, all->seconds);
     fprintf(out, "  \"microseconds_per_sensor\": %.6f,\n  \"peak_gpu_bytes\": %.0f,\n  \"peak_host_bytes\": %.0f\n}\n",
             s.microseconds_per_sensor, (double)sbl_query_memory(context).gpu_peak_bytes, 1024.0 * (double)self.ru_maxrss);
     ok = !ferror(out);
@@ -546,11 +567,11 @@ static int check_writable(const char *target) {
 }
 
 /* picture NULL: the statistics. */
-static int write_whole(const char *target, const image *picture, sbl_channel channel, const sbl_context *context, double load, double total) {
+static int write_whole(const char *target, const image *picture, sbl_channel channel, const sbl_context *context, const totals *all) {
     char *final, *path = temporary_path(target, &final);
     int status = DONE;
     errno = 0;
-    if (!path || !(picture ? write_picture(path, picture, channel) : write_stats(path, context, load, total)) ||
+    if (!path || !(picture ? write_picture(path, picture, channel) : write_stats(path, context, all)) ||
         (final && !interrupted && rename(path, final) != 0))
         status = fail("%s: cannot be written: %s; free some space or give another file name", target,
                       errno ? strerror(errno) : "the writer failed");
@@ -605,8 +626,9 @@ static sbl_result inspect(sbl_context *context, image *sheet) {
 
 /* ---- all of it ---- */
 
+static const float least = 1e-30f;  /* to sbl.h zero means the default; on the command line it means zero */
+
 static void fill_desc(sbl_picture_desc *desc, progress *bar) {
-    const float least = 1e-30f;  /* to sbl.h zero means the default; here it means zero */
     memset(desc, 0, sizeof *desc);
     desc->width = options.size[0];
     desc->height = options.size[1];
@@ -627,17 +649,24 @@ static void fill_desc(sbl_picture_desc *desc, progress *bar) {
     desc->progress_user = bar;
 }
 
-static int render(const scene_file *file, sbl_context *context, messages *said, double start, double load) {
+/* sky: NULL, or its picture. */
+static int render(const scene_file *file, const scene_file *sky, sbl_context *context, messages *said, double start, double load) {
     const sbl_channel channel = given[INSPECT] ? SBL_CHANNEL_FINAL : (sbl_channel)options.channel;
     progress bar = { !given[QUIET] && isatty(STDERR_FILENO), now(), 0 };
     sbl_picture_desc desc;
     image picture = { 0, 0, 0, NULL };
     sbl_scene_desc scene = file->scene;
     sbl_result result;
-    double total;
+    totals all = { file->scene.light_count, load, 0 };
     size_t count;
     int i, status = DONE;
-    for (i = 0; i < 3; i++) scene.sky[i] = (float)options.sky[i];
+    for (i = 0; i < 3; i++) scene.sky[i] = options.sky_picture ? 0 : (float)options.sky[i];
+    if (sky) {
+        scene.environment.picture = sky->scene.environment.picture;
+        scene.environment.scale = options.sky_scale > (double)least ? (float)options.sky_scale : least;
+        scene.environment.rotation = (float)options.sky_rotation;
+        for (i = 0; i < 3; i++) scene.environment.up[i] = (float)options.sky_up[i];
+    }
     result = sbl_set_scene(context, &scene);
     if (result != SBL_SUCCESS) return fail_with(said, options.scene, result);
     if (interrupted) return INTERRUPTED;
@@ -658,13 +687,13 @@ static int render(const scene_file *file, sbl_context *context, messages *said, 
         picture.values = (float *)malloc(count * sizeof(float));
         result = picture.values ? sbl_read_channel(context, channel, picture.values, count) : SBL_ERROR_OUT_OF_MEMORY;
     }
-    total = now() - start;
+    all.seconds = now() - start;
     if (result != SBL_SUCCESS) status = fail_with(said, options.scene, result);
-    if (status == DONE) status = write_whole(options.output, &picture, channel, NULL, 0, 0);
-    if (status == DONE && options.stats) status = write_whole(options.stats, NULL, channel, context, load, total);
+    if (status == DONE) status = write_whole(options.output, &picture, channel, NULL, NULL);
+    if (status == DONE && options.stats) status = write_whole(options.stats, NULL, channel, context, &all);
     free(picture.values);
     if (status == DONE && bar.shown) fprintf(stderr, "%s: %d x %d, %.0f sensors, %.1f s\n", options.output, picture.width, picture.height,
-                                            (double)sbl_query_stats(context).sensors, total);
+                                            (double)sbl_query_stats(context).sensors, all.seconds);
     return status;
 }
 
@@ -673,7 +702,7 @@ int main(int argc, char **argv) {
     struct sigaction action;
     sbl_context_desc context_desc;
     sbl_context *context = NULL;
-    scene_file *file;
+    scene_file *file, *sky = NULL;
     messages said;
     sbl_result result;
     char error[512];
@@ -692,8 +721,9 @@ int main(int argc, char **argv) {
     signal(SIGXFSZ, SIG_IGN);  /* and so is a file that may not grow */
 
     file = scene_file_load(options.scene, &interrupted, error, sizeof error);
+    if (file && options.sky_picture) sky = scene_file_load_sky(options.sky_picture, &interrupted, error, sizeof error);
     load = now() - start;
-    if (!file) status = interrupted ? INTERRUPTED : fail("%s", error);
+    if (!file || (options.sky_picture && !sky)) status = interrupted ? INTERRUPTED : fail("%s", error);
     else {
         memset(&said, 0, sizeof said);
         said.file = file;
@@ -701,7 +731,7 @@ int main(int argc, char **argv) {
         context_desc.logger.log = on_log;
         context_desc.logger.user = &said;
         result = sbl_create(&context_desc, &context);
-        status = result == SBL_SUCCESS ? render(file, context, &said, start, load) : fail_with(&said, "OpenGL", result);
+        status = result == SBL_SUCCESS ? render(file, sky, context, &said, start, load) : fail_with(&said, "OpenGL", result);
         sbl_destroy(context);
         if (status == DONE && !given[QUIET]) {
             for (i = 0; i < file->warning_count && i < SCENE_FILE_WARNINGS; i++) warn("%s: %s", options.scene, file->warnings[i]);
@@ -709,8 +739,9 @@ int main(int argc, char **argv) {
                 warn("%s: and %d warnings more", options.scene, file->warning_count - SCENE_FILE_WARNINGS);
             for (i = 0; i < said.warnings_kept; i++) warn("%s: %s", options.scene, said.warnings[i]);
         }
-        scene_file_free(file);
     }
+    scene_file_free(file);
+    scene_file_free(sky);
     if (status == INTERRUPTED && !given[QUIET]) fprintf(stderr, "sbl_render: interrupted\n");
     return status;
 }

@@ -7,13 +7,18 @@
        sbl_set_scene(context, &file->scene);
        scene_file_free(file);
 
+   scene_file_load_sky reads a picture of the sky in the same way, into scene.environment.picture.
+
    What is read: triangles and polygons (points and lines are left out), normals where the file has them, one set of texture coordinates, vertex
-   colours, nodes with their transforms (each use of a mesh is an sbl_mesh with an id of its own), the first perspective camera, and
+   colours, nodes with their transforms (each use of a mesh is an sbl_mesh with an id of its own), the first perspective camera, point, spot and
+   directional lights, and
 
        OBJ   Kd map_Kd Ke map_Ke d map_d: a constant d below 0.5 leaves the mesh out, map_d becomes the alpha of the albedo texture, cut off
              at 0.5; map_Ke without Ke counts as Ke 1 1 1
        glTF  baseColor, emissive times KHR_materials_emissive_strength (needs cJSON: define SBL_RENDER_CJSON, link with -lcjson),
-             alphaMode MASK with its cutoff, BLEND as a cutout at 0.5; metal and gloss are left out
+             alphaMode MASK with its cutoff, BLEND as a cutout at 0.5; metal and gloss are left out. KHR_lights_punctual without ranges; that
+             several nodes may share a light needs cJSON, too
+       else  the colour of a light is its intensity; how it is attenuated besides by distance is left out
 
    A file from a stranger can crash its reader, make it hang or eat all memory. So a child process reads it, with a limit of time and memory, into
    pages that both share; only when the child has ended well is the result used. */
@@ -39,6 +44,7 @@
 #include <assimp/cfileio.h>
 #include <assimp/cimport.h>
 #include <assimp/GltfMaterial.h>
+#include <assimp/light.h>
 #include <assimp/material.h>
 #include <assimp/postprocess.h>
 #include <assimp/scene.h>
@@ -67,7 +73,7 @@ typedef struct scene_file_camera {
 } scene_file_camera; /* degrees; one of the two angles is 0 */
 
 typedef struct scene_file {
-    sbl_scene_desc scene;         /* sky left black */
+    sbl_scene_desc scene;         /* sky left black; or nothing but a picture of the sky */
     const char *const *names;     /* of the meshes */
     int has_camera;
     scene_file_camera camera;
@@ -214,24 +220,59 @@ static int scene__ends_with(const char *path, const char *ending) {
     return a >= b && strcasecmp(path + a - b, ending) == 0;
 }
 
+#ifdef SBL_RENDER_CJSON
+static const cJSON *scene__item(const cJSON *object, const char *name) { return cJSON_GetObjectItemCaseSensitive(object, name); }
+
+static void scene__part_lights(scene_file *file, cJSON *root, const char *extension) {
+    const cJSON *old = scene__item(scene__item(scene__item(root, "extensions"), extension), "lights");
+    cJSON *lights = cJSON_CreateArray(), *node;
+    const int count = cJSON_GetArraySize(old);
+    int number = 0;
+    cJSON_ArrayForEach(node, scene__item(root, "nodes")) {
+        cJSON *use = cJSON_GetObjectItemCaseSensitive(scene__item(node, "extensions"), extension);
+        const cJSON *index = scene__item(use, "light"), *light;
+        const char *name = cJSON_GetStringValue(scene__item(node, "name")), *type;
+        char unique[256];
+        scene__print(unique, sizeof unique, "%.200s (node %d)", name ? name : "without name", number++);
+        if (!use) continue;
+        light = cJSON_IsNumber(index) && index->valuedouble >= 0 && index->valuedouble < count ? cJSON_GetArrayItem(old, index->valueint) : NULL;
+        type = cJSON_GetStringValue(scene__item(light, "type"));
+        if (type && (strcmp(type, "point") == 0 || strcmp(type, "directional") == 0 ||
+                     (strcmp(type, "spot") == 0 && cJSON_IsObject(scene__item(light, "spot"))))) {
+            cJSON_ReplaceItemInObjectCaseSensitive(use, "light", cJSON_CreateNumber(cJSON_GetArraySize(lights)));
+            cJSON_AddItemToArray(lights, cJSON_Duplicate(light, 1));
+            cJSON_DeleteItemFromObjectCaseSensitive(node, "name");
+            cJSON_AddStringToObject(node, "name", unique);
+        } else {
+            scene__warn(file, "light of %s: it is no point, spot or directional light and was left out", unique);
+            cJSON_DeleteItemFromObjectCaseSensitive(cJSON_GetObjectItemCaseSensitive(node, "extensions"), extension);
+        }
+    }
+    node = cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(root, "extensions"), extension);
+    if (!old || !cJSON_ReplaceItemInObjectCaseSensitive(node, "lights", lights)) cJSON_Delete(lights);
+}
+#endif
+
 /* assimp up to 5.2 drops KHR_materials_emissive_strength, and materials come out of it in another order than the file has them: so the strength
    is multiplied into emissiveFactor beforehand. A camera's aspectRatio is taken away, which makes every version of assimp hand over yfov itself.
+   assimp tells where a light is by the name of one node: so each node gets a light of its own and a name that no other has.
    bytes: a .gltf or .glb, replaced where there was something to mend. What is not valid is left for assimp to complain about. */
 static void scene__mend_gltf(scene_file *file, scene__bytes *bytes) {
-    static const char strength_name[] = "KHR_materials_emissive_strength";
+    static const char strength_name[] = "KHR_materials_emissive_strength", lights_name[] = "KHR_lights_punctual";
     unsigned char *head = (unsigned char *)bytes->data;
     int binary = bytes->size >= 20 && memcmp(head, "glTF", 4) == 0;
     size_t start = binary ? 20 : 0, length = bytes->size - start, i;
-    int strength_used = 0, aspect_used = 0;
+    int strength_used = 0, aspect_used = 0, lights_used = 0;
     if (binary) {
         length = head[12] | (size_t)head[13] << 8 | (size_t)head[14] << 16 | (size_t)head[15] << 24;
         if (length > bytes->size - start) return;
     }
     for (i = start; i + sizeof strength_name <= start + length; i++) {
         if (bytes->data[i] == 'K' && memcmp(bytes->data + i, strength_name, sizeof strength_name - 1) == 0) strength_used = 1;
+        if (bytes->data[i] == 'K' && memcmp(bytes->data + i, lights_name, sizeof lights_name - 1) == 0) lights_used = 1;
         if (bytes->data[i] == 'a' && memcmp(bytes->data + i, "aspectRatio", 11) == 0) aspect_used = 1;
     }
-    if (!strength_used && !aspect_used) return;
+    if (!strength_used && !aspect_used && !lights_used) return;
 #ifdef SBL_RENDER_CJSON
     {
         cJSON *root = cJSON_ParseWithLength(bytes->data + start, length), *item, *number;
@@ -248,6 +289,7 @@ static void scene__mend_gltf(scene_file *file, scene__bytes *bytes) {
         }
         cJSON_ArrayForEach(item, cJSON_GetObjectItemCaseSensitive(root, "cameras"))
             cJSON_DeleteItemFromObjectCaseSensitive(cJSON_GetObjectItemCaseSensitive(item, "perspective"), "aspectRatio");
+        if (lights_used) scene__part_lights(file, root, lights_name);
         text = cJSON_PrintUnformatted(root);
         if (text) {
             size_t text_size = strlen(text), padded = binary ? (text_size + 3) & ~(size_t)3 : text_size, rest = bytes->size - start - length;
@@ -322,6 +364,8 @@ typedef struct scene__reader {
     struct scene__texture_key { char *albedo, *mask; sbl_wrap wrap; } *keys;  /* of each texture; malloc's memory */
     int *left_out;       /* of each material: nothing of it is there */
     unsigned *uv_set;    /* of each material */
+    struct scene__lamp { const struct aiLight *light; int placed; } *lamps;  /* the file's lights by name */
+    sbl_light *lights;
 } scene__reader;
 
 static const struct aiTexture *scene__embedded(const scene__reader *r, const char *path) {
@@ -654,6 +698,63 @@ static void scene__camera(scene_file *file, const struct aiCamera *in, const dou
     file->has_camera = 1;
 }
 
+static int scene__by_name(const void *a, const void *b) {
+    return strcmp(((const struct scene__lamp *)a)->light->mName.data, ((const struct scene__lamp *)b)->light->mName.data);
+}
+
+/* A light as sbl_set_scene takes it; 0 and a warning where it cannot be one. */
+static int scene__light(scene_file *file, const struct aiLight *in, const double m[16], int is_gltf, sbl_light *out) {
+    const double degrees = 45 / atan(1.0), cone = (is_gltf ? 2 : 1) * degrees;  /* glTF's angles are from the axis */
+    const float color[3] = { in->mColorDiffuse.r, in->mColorDiffuse.g, in->mColorDiffuse.b };
+    const char *wrong = NULL;
+    double length = 0;
+    int i;
+    memset(out, 0, sizeof *out);
+    if (in->mType == aiLightSource_POINT) out->kind = SBL_LIGHT_POINT;
+    else if (in->mType == aiLightSource_SPOT) out->kind = SBL_LIGHT_SPOT;
+    else if (in->mType == aiLightSource_DIRECTIONAL) out->kind = SBL_LIGHT_DIRECTIONAL;
+    else wrong = "it is no point, spot or directional light";
+    scene__direction(out->position, m, &in->mPosition);
+    for (i = 0; i < 3; i++) {
+        out->intensity[i] = color[i];
+        if (!(color[i] >= 0 && color[i] < 1e30f)) wrong = "its intensity is negative or no number";
+        out->position[i] += (float)m[4 * i + 3];
+        if (!(fabsf(out->position[i]) < 1e18f)) wrong = "its position is out of range";
+    }
+    if (out->kind != SBL_LIGHT_POINT) {
+        const struct aiVector3D *d = &in->mDirection;
+        double direction[3];
+        for (i = 0; i < 3; i++) direction[i] = m[4 * i] * (double)d->x + m[4 * i + 1] * (double)d->y + m[4 * i + 2] * (double)d->z;
+        for (i = 0; i < 3; i++) length += direction[i] * direction[i];
+        for (i = 0; i < 3; i++) out->direction[i] = (float)(direction[i] / sqrt(length));
+        if (!(length > 0 && length < 1e300)) wrong = "it has no direction";
+    }
+    if (out->kind == SBL_LIGHT_SPOT) {
+        out->cone = (float)(cone * (double)in->mAngleOuterCone);
+        out->inner_cone = (float)(cone * (double)in->mAngleInnerCone);
+        if (!(out->cone > 0 && out->inner_cone >= 0)) wrong = "its cone is empty";
+        if (out->cone > 180.001f && !wrong) scene__warn(file, "light %s: its cone is wider than 180 degrees and was narrowed", in->mName.data);
+        if (out->cone > 180) out->cone = 180;
+        if (out->inner_cone > out->cone) out->inner_cone = out->cone;
+    }
+    if (wrong) scene__warn(file, "light %s: %s; it was left out", in->mName.data, wrong);
+    return !wrong;
+}
+
+/* The lights at a node: those of its name that no node before it had. */
+static void scene__lights(scene__reader *r, const struct aiNode *node, const double m[16], int is_gltf) {
+    unsigned low = 0, high = r->in->mNumLights;
+    while (low < high) {
+        unsigned middle = low + (high - low) / 2;
+        if (strcmp(r->lamps[middle].light->mName.data, node->mName.data) < 0) low = middle + 1;
+        else high = middle;
+    }
+    for (; low < r->in->mNumLights && !r->lamps[low].placed && strcmp(r->lamps[low].light->mName.data, node->mName.data) == 0; low++) {
+        r->lamps[low].placed = 1;
+        r->file->scene.light_count += scene__light(r->file, r->lamps[low].light, m, is_gltf, &r->lights[r->file->scene.light_count]);
+    }
+}
+
 typedef struct scene__visit { const struct aiNode *node; double transform[16]; } scene__visit;
 
 /* Nodes in depth-first order, with a list of those still to come: a chain of a million nodes must not overflow the stack. */
@@ -704,6 +805,7 @@ static void scene__nodes(scene__reader *r, const sbl_mesh *shared) {
                     scene__camera(file, r->in->mCameras[i], at.transform, is_gltf);
                     best_camera = i;
                 }
+            if (pass == 1) scene__lights(r, at.node, at.transform, is_gltf);
             if (count + at.node->mNumChildren > room) {
                 scene__visit *larger;
                 while (room < count + at.node->mNumChildren) room *= 2;
@@ -724,6 +826,52 @@ static void scene__nodes(scene__reader *r, const sbl_mesh *shared) {
     if (!file->error[0] && !used) scene__fail(file, "there are no triangles in it");
 }
 
+/* ---- pictures of the sky ---- */
+
+typedef struct scene__source { scene_file *file; scene__bytes bytes; size_t at; } scene__source;
+
+static int scene__source_read(void *user, char *out, int size) {
+    scene__source *s = (scene__source *)user;
+    size_t left = s->bytes.size - s->at, n = (size_t)size < left ? (size_t)size : left;
+    if (!n) {  /* stb_image takes what is missing for noughts, some of them for ever */
+        scene__fail(s->file, "it ends too soon; copy or save it anew");
+        _exit(0);
+    }
+    memcpy(out, s->bytes.data + s->at, n);
+    s->at += n;
+    return (int)n;
+}
+static void scene__source_skip(void *user, int count) {
+    scene__source *s = (scene__source *)user;
+    if (count < 0) s->at -= (size_t)-count < s->at ? (size_t)-count : s->at;
+    else s->at += (size_t)count < s->bytes.size - s->at ? (size_t)count : s->bytes.size - s->at;
+}
+static int scene__source_ended(void *user) { return ((scene__source *)user)->at == ((scene__source *)user)->bytes.size; }
+
+static void scene__load_sky_here(scene_file *file, const char *path) {
+    const stbi_io_callbacks calls = { scene__source_read, scene__source_skip, scene__source_ended };
+    sbl_texture *out = &file->scene.environment.picture;
+    scene__source source = { file, { NULL, 0 }, 0 };
+    void *pixels, *copy;
+    int channels, is_float;
+    size_t size;
+    if (!scene__slurp(path, &source.bytes)) { scene__fail(file, "%s; give a .hdr, .png or .jpg picture", strerror(errno)); return; }
+    is_float = stbi_is_hdr_from_callbacks(&calls, &source);
+    source.at = 0;
+    pixels = is_float ? (void *)stbi_loadf_from_callbacks(&calls, &source, &out->width, &out->height, &channels, 3)
+                      : (void *)stbi_load_from_callbacks(&calls, &source, &out->width, &out->height, &channels, 3);
+    if (!pixels) scene__fail(file, "it is no picture that can be read (%s); give a .hdr, .png or .jpg picture", stbi_failure_reason());
+    else {
+        out->format = is_float ? SBL_PIXELS_FLOAT : SBL_PIXELS_SRGB8;
+        out->channels = 3;
+        size = (size_t)out->width * (size_t)out->height * 3 * (is_float ? sizeof(float) : 1);
+        out->pixels = copy = scene__alloc(file, size, 1);
+        if (copy) memcpy(copy, pixels, size);
+    }
+    stbi_image_free(pixels);
+    free(source.bytes.data);
+}
+
 /* ---- the child process ---- */
 
 static void scene__convert(scene__reader *r) {
@@ -737,11 +885,16 @@ static void scene__convert(scene__reader *r) {
     r->keys = (struct scene__texture_key *)calloc(2 * materials, sizeof *r->keys);
     r->left_out = (int *)calloc(materials, sizeof *r->left_out);
     r->uv_set = (unsigned *)calloc(materials, sizeof *r->uv_set);
-    if (!shared || !r->keys || !r->left_out || !r->uv_set) scene__fail(file, "out of memory");
+    r->lamps = (struct scene__lamp *)calloc((size_t)r->in->mNumLights + 1, sizeof *r->lamps);
+    r->lights = (sbl_light *)scene__alloc(file, r->in->mNumLights, sizeof *r->lights);
+    if (!shared || !r->keys || !r->left_out || !r->uv_set || !r->lamps) scene__fail(file, "out of memory");
     for (i = 0; i < 3 && !file->error[0]; i++) r->materials[0].albedo[i] = 0.6f;  /* where the file has none */
     for (i = 0; i < r->in->mNumMaterials && !file->error[0]; i++) scene__material(r, i);
     for (i = 0; i < r->in->mNumMeshes && !file->error[0]; i++) scene__mesh(r, r->in->mMeshes[i], &shared[i]);
+    for (i = 0; i < r->in->mNumLights && r->lamps; i++) r->lamps[i].light = r->in->mLights[i];
+    if (r->lamps) qsort(r->lamps, r->in->mNumLights, sizeof *r->lamps, scene__by_name);
     if (!file->error[0]) scene__nodes(r, shared);
+    file->scene.lights = r->lights;
     file->scene.materials = r->materials;
     file->scene.material_count = (int)materials;
     file->scene.textures = r->textures;
@@ -753,10 +906,11 @@ static void scene__convert(scene__reader *r) {
     free(r->keys);
     free(r->left_out);
     free(r->uv_set);
+    free(r->lamps);
     free(shared);
 }
 
-static void scene__load_here(scene_file *file, const char *path) {
+static void scene__load_scene_here(scene_file *file, const char *path) {
     scene__main_file main_file;
     struct aiFileIO io;
     struct aiPropertyStore *properties;
@@ -789,7 +943,7 @@ static void scene__load_here(scene_file *file, const char *path) {
 }
 
 /* Never returns. */
-static void scene__child(scene_file *file, const char *path, size_t memory) {
+static void scene__child(scene_file *file, const char *path, size_t memory, void (*load_here)(scene_file *file, const char *path)) {
     struct rlimit limit = { 0, 0 };
     signal(SIGINT, SIG_DFL);
     signal(SIGALRM, SIG_DFL);
@@ -805,21 +959,18 @@ static void scene__child(scene_file *file, const char *path, size_t memory) {
 #else
     (void)memory;
 #endif
-    scene__load_here(file, path);
+    load_here(file, path);
 #ifdef SCENE__SANITIZED
     if (__lsan_do_recoverable_leak_check()) _exit(23);
 #endif
     _exit(0);
 }
 
-/* ---- public ---- */
+static void scene_file_free(scene_file *file);
 
-static void scene_file_free(scene_file *file) {
-    if (file) munmap(file, file->capacity);
-}
-
-/* Returns NULL and one line in `error` where the file cannot be read, or, with error empty, where *cancel became nonzero. */
-static scene_file *scene_file_load(const char *path, const volatile sig_atomic_t *cancel, char *error, size_t error_size) {
+/* advice: what to do about a file whose reader breaks down. */
+static scene_file *scene__load(void (*load_here)(scene_file *file, const char *path), const char *advice, const char *path,
+                               const volatile sig_atomic_t *cancel, char *error, size_t error_size) {
     const size_t largest = sizeof(size_t) > 4 ? (size_t)16 << 20 << 10 : (size_t)1 << 30;
     size_t memory = (size_t)sysconf(_SC_PHYS_PAGES) / 2 * (size_t)sysconf(_SC_PAGESIZE), capacity;
     scene_file *file = (scene_file *)MAP_FAILED;
@@ -843,7 +994,7 @@ static scene_file *scene_file_load(const char *path, const volatile sig_atomic_t
     child = fork();
     if (child == 0) {
         close(ends[0]);
-        scene__child(file, path, memory);
+        scene__child(file, path, memory, load_here);
     }
     close(ends[1]);
     waiting.fd = ends[0];
@@ -859,16 +1010,31 @@ static scene_file *scene_file_load(const char *path, const volatile sig_atomic_t
         if (child < 0) scene__print(error, error_size, "%s: no process to read it in: %s", path, strerror(errno));
         else if (file->error[0]) scene__print(error, error_size, "%s: %s", path, file->error);
         else if (WIFSIGNALED(status) && WTERMSIG(status) == SIGALRM)
-            scene__print(error, error_size, "%s: reading it takes too long; the file may be damaged, convert it to .glb or .obj", path);
+            scene__print(error, error_size, "%s: reading it takes too long; the file may be damaged, %s", path, advice);
         else if (!WIFEXITED(status) || WEXITSTATUS(status))
-            scene__print(error, error_size, "%s: its reader broke down (%s %d); the file may be damaged, convert it to .glb or .obj", path,
-                     WIFSIGNALED(status) ? "signal" : "status", WIFSIGNALED(status) ? WTERMSIG(status) : WEXITSTATUS(status));
+            scene__print(error, error_size, "%s: its reader broke down (%s %d); the file may be damaged, %s", path,
+                     WIFSIGNALED(status) ? "signal" : "status", WIFSIGNALED(status) ? WTERMSIG(status) : WEXITSTATUS(status), advice);
     }
     if (stopped || error[0]) {
         scene_file_free(file);
         return NULL;
     }
     return file;
+}
+
+/* ---- public ---- */
+
+static void scene_file_free(scene_file *file) {
+    if (file) munmap(file, file->capacity);
+}
+
+/* Both return NULL and one line in `error` where the file cannot be read, or, with error empty, where *cancel became nonzero. */
+static scene_file *scene_file_load(const char *path, const volatile sig_atomic_t *cancel, char *error, size_t error_size) {
+    return scene__load(scene__load_scene_here, "convert it to .glb or .obj", path, cancel, error, error_size);
+}
+
+static inline scene_file *scene_file_load_sky(const char *path, const volatile sig_atomic_t *cancel, char *error, size_t error_size) {
+    return scene__load(scene__load_sky_here, "save it anew as .hdr or .png", path, cancel, error, error_size);
 }
 
 #endif

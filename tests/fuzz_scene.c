@@ -15,7 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { FUZZ_MESHES = 3, FUZZ_MATERIALS = 3, FUZZ_TEXTURES = 2, FUZZ_ARRAY = 1 << 14 };
+enum { FUZZ_MESHES = 3, FUZZ_MATERIALS = 3, FUZZ_TEXTURES = 2, FUZZ_LIGHTS = 2, FUZZ_ARRAY = 1 << 14 };
 
 typedef struct fuzz_bytes { const unsigned char *at, *end; void *blocks[64]; int block_count; } fuzz_bytes;
 
@@ -75,6 +75,35 @@ static void fuzz_stream(fuzz_bytes *b, sbl_stream *s, int components, int count,
     s->data = data;
 }
 
+/* A picture in an array that ends with its last byte. */
+static void fuzz_texture(fuzz_bytes *b, sbl_texture *t) {
+    size_t texel, bytes, at;
+    t->format = (sbl_pixel_format)fuzz_int(b, 0, 2);
+    t->width = fuzz_int(b, 1, 9);
+    t->height = fuzz_int(b, 1, 9);
+    t->channels = fuzz_int(b, 0, 4);
+    t->wrap = (sbl_wrap)fuzz_int(b, 0, 1);
+    texel = (size_t)(t->channels < 1 || t->channels > 4 ? 4 : t->channels) * (t->format == SBL_PIXELS_FLOAT ? 4 : 1);
+    if (t->width > 64 || t->height > 64) t->width = 0;  /* large, but not wrong: it would be read */
+    if (t->width < 1 || t->height < 1) { t->pixels = fuzz_block(b, 1); return; }
+    if (fuzz_byte(b) % 4 == 0) t->stride = texel * (size_t)t->width + fuzz_byte(b) % 8;
+    bytes = (t->stride ? t->stride : texel * (size_t)t->width) * (size_t)(t->height - 1) + texel * (size_t)t->width;
+    t->pixels = fuzz_block(b, bytes);
+    memset(b->blocks[b->block_count - 1], 0, bytes);
+    for (at = 0; at + 4 <= bytes; at += 4) {
+        float value = fuzz_float(b, 0, 1);
+        unsigned char *to = (unsigned char *)b->blocks[b->block_count - 1] + at;
+        if (t->format == SBL_PIXELS_FLOAT) memcpy(to, &value, 4);
+        else *to = (unsigned char)fuzz_byte(b);
+    }
+}
+
+static void fuzz_sky(const float direction[3], float radiance[3], void *user) {
+    int i;
+    (void)user;
+    for (i = 0; i < 3; i++) radiance[i] = direction[i] > 0 ? direction[i] : 0;
+}
+
 static const int *fuzz_messages;  /* how many the logger has had; set by the caller */
 
 /* sbl.h takes NaN nowhere, so none may come out. */
@@ -83,6 +112,7 @@ static void fuzz_one(sbl_context *context, const unsigned char *data, size_t siz
     sbl_mesh meshes[FUZZ_MESHES];
     sbl_material materials[FUZZ_MATERIALS];
     sbl_texture textures[FUZZ_TEXTURES];
+    sbl_light lights[FUZZ_LIGHTS];
     sbl_scene_desc scene;
     sbl_picture_desc view;
     fuzz_bytes b = { 0 };
@@ -93,6 +123,7 @@ static void fuzz_one(sbl_context *context, const unsigned char *data, size_t siz
     memset(meshes, 0, sizeof meshes);
     memset(materials, 0, sizeof materials);
     memset(textures, 0, sizeof textures);
+    memset(lights, 0, sizeof lights);
     memset(&scene, 0, sizeof scene);
     memset(&view, 0, sizeof view);
     scene.meshes = meshes;
@@ -101,6 +132,8 @@ static void fuzz_one(sbl_context *context, const unsigned char *data, size_t siz
     scene.material_count = FUZZ_MATERIALS;
     scene.textures = textures;
     scene.texture_count = (int)(fuzz_byte(&b) % (FUZZ_TEXTURES + 1));
+    scene.lights = lights;
+    scene.light_count = (int)(fuzz_byte(&b) % (FUZZ_LIGHTS + 1));
     for (i = 0; i < 3; i++) scene.sky[i] = fuzz_float(&b, 0, 2);
     for (i = 0; i < FUZZ_MATERIALS; i++) {
         for (k = 0; k < 3; k++) materials[i].albedo[k] = fuzz_float(&b, 0, 1);
@@ -112,27 +145,28 @@ static void fuzz_one(sbl_context *context, const unsigned char *data, size_t siz
         materials[i].flags = fuzz_byte(&b) % 9;
     }
     for (i = 0; i < 3; i++) if (!(scene.sky[i] < 1e20f)) tame = 0;
-    for (i = 0; i < scene.texture_count; i++) {
-        sbl_texture *t = &textures[i];
-        size_t texel, bytes, at;
-        t->format = (sbl_pixel_format)fuzz_int(&b, 0, 2);
-        t->width = fuzz_int(&b, 1, 9);
-        t->height = fuzz_int(&b, 1, 9);
-        t->channels = fuzz_int(&b, 0, 4);
-        t->wrap = (sbl_wrap)fuzz_int(&b, 0, 1);
-        texel = (size_t)(t->channels < 1 || t->channels > 4 ? 4 : t->channels) * (t->format == SBL_PIXELS_FLOAT ? 4 : 1);
-        if (t->width > 64 || t->height > 64) t->width = 0;  /* large, but not wrong: it would be read */
-        if (t->width < 1 || t->height < 1) { t->pixels = data; continue; }
-        if (fuzz_byte(&b) % 4 == 0) t->stride = texel * (size_t)t->width + fuzz_byte(&b) % 8;
-        bytes = (t->stride ? t->stride : texel * (size_t)t->width) * (size_t)(t->height - 1) + texel * (size_t)t->width;
-        t->pixels = fuzz_block(&b, bytes);
-        memset((char *)b.blocks[b.block_count - 1], 0, bytes);
-        for (at = 0; at + 4 <= bytes; at += 4) {
-            float value = fuzz_float(&b, 0, 1);
-            unsigned char *to = (unsigned char *)b.blocks[b.block_count - 1] + at;
-            if (t->format == SBL_PIXELS_FLOAT) memcpy(to, &value, 4);
-            else *to = (unsigned char)fuzz_byte(&b);
-        }
+    for (i = 0; i < scene.texture_count; i++) fuzz_texture(&b, &textures[i]);
+    for (i = 0; i < scene.light_count; i++) {
+        sbl_light *l = &lights[i];
+        l->kind = (sbl_light_kind)fuzz_int(&b, 0, SBL_LIGHT_KIND_COUNT - 1);
+        for (k = 0; k < 3; k++) l->intensity[k] = fuzz_float(&b, 0, 4);
+        for (k = 0; k < 3; k++) if (!(l->intensity[k] < 1e20f)) tame = 0;
+        for (k = 0; k < 3; k++) l->position[k] = fuzz_float(&b, -2, 2);
+        for (k = 0; k < 3; k++) l->direction[k] = fuzz_float(&b, -1, 1);
+        if (fuzz_byte(&b) % 2) l->radius = fuzz_float(&b, 0, 1);
+        if (fuzz_byte(&b) % 2) l->angle = fuzz_float(&b, 0, 180);
+        if (fuzz_byte(&b) % 2) l->cone = fuzz_float(&b, 1, 180);
+        if (fuzz_byte(&b) % 2) l->inner_cone = fuzz_float(&b, 0, 45);
+    }
+    if (fuzz_byte(&b) % 3 == 0) {
+        sbl_environment *e = &scene.environment;
+        fuzz_texture(&b, &e->picture);
+        e->picture.wrap = SBL_WRAP_REPEAT;
+        if (fuzz_byte(&b) % 4 == 0) { e->radiance = fuzz_sky; e->picture.pixels = NULL; }
+        e->scale = fuzz_float(&b, 0, 4);
+        if (!(e->scale < 1e8f)) tame = 0;
+        e->rotation = fuzz_float(&b, -180, 180);
+        for (k = 0; k < 3; k++) e->up[k] = fuzz_float(&b, -1, 1);
     }
     for (i = 0; i < scene.mesh_count; i++) {
         sbl_mesh *m = &meshes[i];

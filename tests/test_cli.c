@@ -579,6 +579,7 @@ TEST(statistics_have_every_field) {
         if (i < 8) parts += json_number(text, seconds[i]);
     }
     CHECK(json_number(text, "triangles") == 6.0, "%g triangles", json_number(text, "triangles"));
+    CHECK(json_number(text, "lights") == 0.0, "%g lights", json_number(text, "lights"));
     CHECK(json_number(text, "rays") == 0.0, "rays without the back end that casts them");
     CHECK(json_number(text, "sensors") > 0 && json_number(text, "sensor_texels") >= json_number(text, "sensors") * 64,
           "%g sensors, %g texels", json_number(text, "sensors"), json_number(text, "sensor_texels"));
@@ -652,6 +653,319 @@ TEST(zero_is_zero) {
     free(direct.values); free(dark.values); free(glow.values); free(raw.values); free(smooth.values);
 }
 
+/* >>lights: R of every pixel against the closed form at its position. EXACT: a sensor a pixel, and no filter. */
+
+#define EXACT "--mode", "direct", "--tile", "1", "--filter-radius", "0", "--size", "48x36", "--quiet", "--samples", "1"
+
+static double dot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+/* What a light at `from` gives per intensity to the ground (y is up) at p: cos / (pi d^2). */
+static double lamp_at(double x, double y, double z, const double p[3]) {
+    double d2 = (x - p[0]) * (x - p[0]) + (y - p[1]) * (y - p[1]) + (z - p[2]) * (z - p[2]);
+    return (y - p[1]) / sqrt(d2) / (acos(-1.0) * d2);
+}
+
+/* Of a spot, besides: full inside of the inner angle (radians from the axis), nothing outside of the outer one. */
+static double spot_at(double x, double y, double z, const double axis[3], double inner, double outer, const double p[3]) {
+    const double to[3] = { p[0] - x, p[1] - y, p[2] - z };
+    double share = (dot(to, axis) / sqrt(dot(to, to) * dot(axis, axis)) - cos(outer)) / (cos(inner) - cos(outer));
+    share = share < 0 ? 0 : share > 1 ? 1 : share;
+    return share * share * lamp_at(x, y, z, p);
+}
+
+/* Does the way from p towards `way`, up to its end, meet the box of scenes/lights.gltf, larger by `more`? */
+static int meets_box(const double p[3], const double way[3], double more) {
+    const double low[3] = { -0.5 - more, 0 - more, -0.5 - more }, high[3] = { 0.5 + more, 1 + more, 0.5 + more };
+    double from = 0, to = 1;
+    int i;
+    for (i = 0; i < 3; i++) {
+        double a = (low[i] - p[i]) / way[i], b = (high[i] - p[i]) / way[i];
+        from = fmax(from, fmin(a, b));
+        to = fmin(to, fmax(a, b));
+    }
+    return from < to;
+}
+
+/* Positions and R of a scene that is seen from its file's camera, or from above. */
+static int shoot(const char *scene, int own_camera, picture *position, picture *radiance) {
+    int i;
+    for (i = 0; i < 2; i++) {
+        picture *p = i ? radiance : position;
+        const char *const channel = i ? "radiance" : "position";
+        if (own_camera) TOOL(scene, EXACT, "--channel", channel, "-o", "shot.pfm", "--stats", "shot.json");
+        else TOOL(scene, EXACT, "--eye", "0,6,0", "--look-at", "0,0,0", "--up", "0,0,-1", "--fov", "60", "--channel", channel, "-o", "shot.pfm", "--stats", "shot.json");
+        *p = read_pfm("shot.pfm");
+        CHECK(ran.status == 0 && p->values, "%s: exit status %d: %s", scene, ran.status, ran.err);
+        if (!p->values) return 0;
+    }
+    return 1;
+}
+
+static double light_count(void) {
+    char text[8192];
+    int lines;
+    read_text(in_folder("shot.json"), text, sizeof text, &lines);
+    return json_number(text, "lights");
+}
+
+/* Every pixel of the ground in the picture, component by component. */
+static void check_ground(const picture *position, const picture *radiance, void (*expected)(const double p[3], double r[3]), const char *what) {
+    int x, y, k, bad = 0, pixels = 0, lit = 0;
+    for (y = 0; y < position->height; y++)
+        for (x = 0; x < position->width; x++) {
+            double p[3], r[3] = { 0, 0, 0 };
+            for (k = 0; k < 3; k++) p[k] = at(position, x, y, k);
+            if ((p[0] == 0.0 && p[2] == 0.0) || fabs(p[1]) > 1e-3) continue;
+            expected(p, r);
+            for (k = 0; k < 3; k++) {
+                double value = at(radiance, x, y, k);
+                if (r[k] != r[k]) continue;  /* at a shadow's edge */
+                pixels++;
+                lit += r[k] > 0.01;
+                if (!(fabs(value - r[k]) <= 0.002 * r[k] + 1e-5) && bad++ < 3)
+                    CHECK(0, "%s: %g %g %g component %d: R is %g, expected %g", what, p[0], p[1], p[2], k, value, r[k]);
+            }
+        }
+    CHECK(!bad && pixels > 1000 && lit > 100, "%s: %d of %d values are wrong, %d are to be lit", what, bad, pixels, lit);
+}
+
+static void three_primaries(const double p[3], double r[3]) {
+    static const double axis[3] = { 0, -0.8660254, -0.5 };
+    const double to[3][3] = { { -1.5 - p[0], 2 - p[1], 1 - p[2] }, { 0.8 - p[0], 3 - p[1], 2.2 - p[2] }, { 6.1237244, 7.0710678, 3.5355339 } };
+    int k;
+    r[0] = 9 * lamp_at(-1.5, 2, 1, p);
+    r[1] = 16 * spot_at(0.8, 3, 2.2, axis, 0.3, 0.5, p);
+    r[2] = 2 * sqrt(0.5) / acos(-1.0);
+    for (k = 0; k < 3; k++) {
+        if (meets_box(p, to[k], -0.01)) r[k] = 0;
+        else if (meets_box(p, to[k], 0.01)) r[k] = NAN;
+    }
+}
+TEST(lights_of_a_gltf_scene) {
+    picture position, radiance;
+    char scene[4096];
+    if (!realpath("examples/scenes/lights.gltf", scene)) SKIP("not run in the repository's root");
+    REQUIRE(shoot(scene, 1, &position, &radiance), "the pictures are not there");
+    CHECK(light_count() == 3.0, "%g lights", light_count());
+    check_ground(&position, &radiance, three_primaries, "point, spot and sun");
+    free(position.values);
+    free(radiance.values);
+}
+
+/* A ground of 8 by 8, and what else is given: the lights, and nodes that use them, which are numbered from 1. */
+static void lamps_gltf(const char *lights, int node_count, const char *nodes) {
+    static char json[8192];
+    const float corners[12] = { -4, 0, -4, -4, 0, 4, 4, 0, 4, 4, 0, -4 };
+    const unsigned short indices[6] = { 0, 1, 2, 0, 2, 3 };
+    unsigned char buffer[60];
+    int i, n;
+    memcpy(buffer, corners, 48);
+    memcpy(buffer + 48, indices, 12);
+    write_file("ground.bin", buffer, sizeof buffer);
+    n = sprintf(json, "{\"asset\":{\"version\":\"2.0\"},\"extensionsUsed\":[\"KHR_lights_punctual\"],\"extensions\":{\"KHR_lights_punctual\":{\"lights\":[%s]}},"
+                      "\"scene\":0,\"scenes\":[{\"nodes\":[0", lights);
+    for (i = 1; i <= node_count; i++) n += sprintf(json + n, ",%d", i);
+    n += sprintf(json + n, "]}],\"nodes\":[{\"mesh\":0}%s],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1}]}],"
+                 "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\",\"min\":[-4,0,-4],\"max\":[4,0,4]},"
+                 "{\"bufferView\":1,\"componentType\":5123,\"count\":6,\"type\":\"SCALAR\"}],"
+                 "\"bufferViews\":[{\"buffer\":0,\"byteLength\":48},{\"buffer\":0,\"byteOffset\":48,\"byteLength\":12}],"
+                 "\"buffers\":[{\"byteLength\":60,\"uri\":\"ground.bin\"}]}", nodes);
+    write_file("lamps.gltf", json, (size_t)n);
+}
+#define LIGHT(n) "\"extensions\":{\"KHR_lights_punctual\":{\"light\":" #n "}}"
+
+static void check_lamps(const char *scene, int lights, void (*expected)(const double p[3], double r[3]), const char *what) {
+    picture position, radiance;
+    if (!shoot(scene, 0, &position, &radiance)) return;
+    CHECK(light_count() == lights, "%s: %g lights, expected %d", what, light_count(), lights);
+    check_ground(&position, &radiance, expected, what);
+    free(position.values);
+    free(radiance.values);
+}
+
+static void four_lamps(const double p[3], double r[3]) {
+    int k;
+    for (k = 0; k < 3; k++)
+        r[k] = (8 >> k) * (lamp_at(1, 1, 0, p) + lamp_at(-2, 2, 1, p) + lamp_at(0, 1.5, -2, p)) + 3 * lamp_at(2, 1, 2, p);
+}
+TEST(a_light_of_many_nodes) {
+    lamps_gltf("{\"type\":\"point\",\"intensity\":8,\"color\":[1,0.5,0.25],\"range\":1.5},{\"type\":\"point\",\"intensity\":3}", 3,
+               ",{\"name\":\"lamp\",\"translation\":[1,1,0]," LIGHT(0) "},{\"name\":\"lamp\",\"translation\":[-2,2,1]," LIGHT(0) "},"
+               "{\"translation\":[2,1,2]," LIGHT(1) ",\"children\":[4]},{\"name\":\"lamp\",\"translation\":[-2,0.5,-4]," LIGHT(0) "}");
+    check_lamps("lamps.gltf", 4, four_lamps, "a light of three nodes of one name, and another");
+}
+
+static void three_spots(const double p[3], double r[3]) {
+    static const double down[3] = { 0, -1, 0 }, aslant[3] = { 1, -1, 0 };
+    int k;
+    r[0] = 10 * spot_at(0, 2, 0, down, 0, acos(-1.0) / 4, p);  /* the defaults */
+    r[1] = 10 * spot_at(-2, 2, 0, aslant, 0.2, 0.6, p);
+    r[2] = 10 * spot_at(0, 1, 1, down, 0, acos(-1.0) / 2, p);
+    for (k = 0; k < 3; k++) r[k] += 0.001;
+}
+/* Lights shine along their nodes' -z, whatever the scale: and a sun of little light besides. */
+TEST(spots_of_gltf) {
+    char lights[1024];
+    snprintf(lights, sizeof lights, "{\"type\":\"spot\",\"intensity\":10,\"color\":[1,0,0],\"spot\":{}},"
+             "{\"type\":\"spot\",\"intensity\":10,\"color\":[0,1,0],\"spot\":{\"innerConeAngle\":0.2,\"outerConeAngle\":0.6}},"
+             "{\"type\":\"spot\",\"intensity\":10,\"color\":[0,0,1],\"spot\":{\"outerConeAngle\":1.5707963267948966}},"
+             "{\"type\":\"directional\",\"intensity\":%.9g}", 0.001 * acos(-1.0));
+    /* down: -90 degrees about x; aslant: -45 about z of what looks to +x, so -90 about y before */
+    lamps_gltf(lights, 3, ",{\"translation\":[0,2,0],\"rotation\":[-0.70710678,0,0,0.70710678]," LIGHT(0) "},"
+               "{\"translation\":[0,1,1],\"rotation\":[-0.70710678,0,0,0.70710678],\"scale\":[3,3,0.01]," LIGHT(2) "},"
+               "{\"translation\":[-2,2,0],\"rotation\":[0,0,-0.38268343,0.92387953],\"scale\":[2,2,2],\"children\":[4]},"
+               "{\"rotation\":[0,-0.70710678,0,0.70710678]," LIGHT(1) ",\"children\":[5]},"
+               "{\"matrix\":[1,0,0,0,0,0.70710678,-0.70710678,0,0,0.70710678,0.70710678,0,0,0,0,1]," LIGHT(3) "}");
+    check_lamps("lamps.gltf", 4, three_spots, "spots");
+}
+
+/* Angles are whole there, and colours are intensities. */
+static void collada_lamps(const double p[3], double r[3]) {
+    static const double down[3] = { 0, -1, 0 };
+    r[0] = 10 * lamp_at(1, 2, 1, p);
+    r[1] = 8 * spot_at(0, 2, 0, down, acos(-1.0) / 6, acos(-1.0) / 4.5, p);
+    r[2] = 3 / acos(-1.0);
+}
+TEST(lights_of_other_formats) {
+    write_text("lamps.dae", "<?xml version=\"1.0\"?><COLLADA xmlns=\"http://www.collada.org/2005/11/COLLADASchema\" version=\"1.4.1\"><asset><up_axis>Y_UP</up_axis></asset>"
+               "<library_lights><light id=\"a\"><technique_common><point><color>10 0 0</color><quadratic_attenuation>0.1</quadratic_attenuation></point></technique_common></light>"
+               "<light id=\"b\"><technique_common><spot><color>0 8 0</color><falloff_angle>60</falloff_angle></spot></technique_common>"
+               "<extra><technique profile=\"MAX3D\"><max_light><decay_falloff>80</decay_falloff></max_light></technique></extra></light>"
+               "<light id=\"c\"><technique_common><directional><color>0 0 3</color></directional></technique_common></light>"
+               "<light id=\"d\"><technique_common><ambient><color>1 1 1</color></ambient></technique_common></light></library_lights>"
+               "<library_geometries><geometry id=\"g\"><mesh><source id=\"p\"><float_array id=\"f\" count=\"12\">-4 0 -4 -4 0 4 4 0 4 4 0 -4</float_array>"
+               "<technique_common><accessor source=\"#f\" count=\"4\" stride=\"3\"><param name=\"X\" type=\"float\"/><param name=\"Y\" type=\"float\"/>"
+               "<param name=\"Z\" type=\"float\"/></accessor></technique_common></source><vertices id=\"v\"><input semantic=\"POSITION\" source=\"#p\"/></vertices>"
+               "<triangles count=\"2\"><input semantic=\"VERTEX\" source=\"#v\" offset=\"0\"/><p>0 1 2 0 2 3</p></triangles></mesh></geometry></library_geometries>"
+               "<library_visual_scenes><visual_scene id=\"s\"><node id=\"ground\"><instance_geometry url=\"#g\"/></node>"
+               "<node id=\"n1\"><translate>1 2 1</translate><instance_light url=\"#a\"/></node>"
+               "<node id=\"n2\"><translate>0 2 0</translate><rotate>1 0 0 -90</rotate><instance_light url=\"#b\"/><instance_light url=\"#c\"/></node>"
+               "<node id=\"n3\"><instance_light url=\"#d\"/></node></visual_scene></library_visual_scenes>"
+               "<scene><instance_visual_scene url=\"#s\"/></scene></COLLADA>");
+    check_lamps("lamps.dae", 3, collada_lamps, "COLLADA");
+}
+
+static void one_lamp(const double p[3], double r[3]) { r[0] = r[1] = r[2] = lamp_at(0, 1, 0, p); }
+TEST(broken_lights_are_left_out) {
+    static const char *const bad[][2] = {
+        { "{\"type\":\"point\",\"intensity\":-1}", "intensity" }, { "{\"type\":\"point\",\"intensity\":1e300}", "intensity" },
+        { "{\"type\":\"point\",\"intensity\":1e30,\"color\":[1e30,0,0]}", "intensity" }, { "{\"type\":\"area\"}", "left out" },
+        { "{\"type\":\"spot\"}", "left out" }, { "{\"type\":7}", "left out" }, { "5", "left out" }, { "{}", "left out" },
+        { "{\"type\":\"spot\",\"spot\":{\"outerConeAngle\":0}}", "cone" }, { "{\"type\":\"spot\",\"spot\":{\"outerConeAngle\":-1}}", "cone" },
+        { "{\"type\":\"spot\",\"spot\":{\"innerConeAngle\":-1}}", "cone" }, { "{\"type\":\"directional\",\"intensity\":-0.001}", "intensity" } };
+    static const char *const nodes[][2] = {
+        { "\"scale\":[0,0,0]," LIGHT(1), "direction" }, { "\"translation\":[0,1e38,0],\"scale\":[1e38,1e38,1e38]," LIGHT(1), "out" }, { LIGHT(2), "left out" },
+        { LIGHT(-1), "left out" }, { LIGHT(1.5e9), "left out" }, { LIGHT("x"), "left out" }, { "\"extensions\":{\"KHR_lights_punctual\":{}}", "left out" },
+        { "\"extensions\":{\"KHR_lights_punctual\":[]}", "left out" } };
+    char lights[1024], uses[1024];
+    size_t i;
+    for (i = 0; i < sizeof bad / sizeof *bad + sizeof nodes / sizeof *nodes; i++) {
+        const int in_node = i >= sizeof bad / sizeof *bad;
+        const char *const *broken = in_node ? nodes[i - sizeof bad / sizeof *bad] : bad[i];
+        snprintf(lights, sizeof lights, "{\"type\":\"point\"},%s", in_node ? "{\"type\":\"directional\"}" : broken[0]);
+        snprintf(uses, sizeof uses, ",{\"name\":\"good\",\"translation\":[0,1,0]," LIGHT(0) "},{\"name\":\"broken\",%s}", in_node ? broken[0] : LIGHT(1));
+        lamps_gltf(lights, 2, uses);
+        CHECK(TOOL("lamps.gltf", WALL_SIZE, SMALL, "--eye", "0,6,0", "--look-at", "0,0,0", "-o", "lamps.pfm") == 0, "%s: exit status %d: %s", broken[0], ran.status, ran.err);
+        CHECK(ran.err_lines == 1 && strstr(ran.err, "warning: lamps.gltf: light") && strstr(ran.err, "broken (node 2)") && strstr(ran.err, broken[1]),
+              "%s: expected one warning: %s", broken[0], ran.err);
+        if (i % 4 == 0) check_lamps("lamps.gltf", 1, one_lamp, broken[0]);
+    }
+    lamps_gltf("{\"type\":\"spot\",\"spot\":{\"innerConeAngle\":3,\"outerConeAngle\":3}}", 1, ",{\"rotation\":[-0.70710678,0,0,0.70710678],\"translation\":[0,1,0]," LIGHT(0) "}");
+    CHECK(TOOL("lamps.gltf", WALL_SIZE, SMALL, "-o", "lamps.pfm") == 0 && ran.err_lines == 1 && strstr(ran.err, "narrowed"), "exit status %d: %s", ran.status, ran.err);
+    check_lamps("lamps.gltf", 1, one_lamp, "a spot that shines everywhere");
+}
+
+/* >>sky pictures */
+
+/* A wall in the open, without a ground: it looks to +x. */
+static void lone_wall(void) {
+    write_text("lone.mtl", "newmtl grey\nKd .5 .5 .5\n");
+    write_text("lone.obj", "mtllib lone.mtl\nusemtl grey\nv 0 -1 1\nv 0 -1 -1\nv 0 1 -1\nv 0 1 1\nf 1 2 3 4\n");
+}
+
+/* Mean R of the wall, by component, and how far one pixel is from it. */
+static double wall_mean(int k, double *deviation) {
+    picture p = read_pfm("sky.pfm");
+    double sum = 0;
+    int i;
+    *deviation = 0;
+    if (!p.values || ran.status) { free(p.values); return -1; }
+    for (i = 0; i < p.width * p.height; i++) sum += (double)p.values[3 * i + k] / (p.width * p.height);
+    for (i = 0; i < p.width * p.height; i++) *deviation = fmax(*deviation, fabs((double)p.values[3 * i + k] - sum));
+    free(p.values);
+    return sum;
+}
+#define WALL_IN_THE_OPEN "lone.obj", "--eye", "0.5,0,0", "--look-at", "0,0,0", "--fov", "60", "--size", "12x12", "--mode", "direct", "--quiet", "--channel", "radiance", "-o", "sky.pfm"
+static void check_sky(double expected, double tolerance, const char *what) {
+    double deviation, mean = wall_mean(1, &deviation);
+    CHECK(ran.status == 0 && fabs(mean - expected) <= tolerance && deviation <= tolerance, "%s: exit status %d, R is %g +- %g, expected %g: %s", what, ran.status,
+          mean, deviation, expected, ran.err);
+}
+
+/* 64 by 32 texels in three colours: bright where `bright` says so, black elsewhere. */
+static void write_sky(const char *name, int (*bright)(int x, int y), float red, float green, float blue) {
+    static float texels[32][64][3];
+    int x, y;
+    for (y = 0; y < 32; y++)
+        for (x = 0; x < 64; x++) {
+            texels[y][x][0] = bright(x, y) ? red : 0;
+            texels[y][x][1] = bright(x, y) ? green : 0;
+            texels[y][x][2] = bright(x, y) ? blue : 0;
+        }
+    stbi_write_hdr(in_folder(name), 64, 32, 3, &texels[0][0][0]);
+}
+static int everywhere(int x, int y) { (void)x; (void)y; return 1; }
+static int towards_minus_z(int x, int y) { (void)y; return x < 32; }
+static int above(int x, int y) { (void)x; return y < 16; }
+
+TEST(sky_pictures) {
+    unsigned char grey[2 * 2 * 4];
+    double deviation;
+    lone_wall();
+    write_sky("one.hdr", everywhere, 1, 1, 1);
+    TOOL(WALL_IN_THE_OPEN, "--sky", "one.hdr");
+    check_sky(1, 0.001, "a constant picture");
+    TOOL(WALL_IN_THE_OPEN, "--sky", "one.hdr", "--backend", "raster");
+    check_sky(1, 0.005, "a constant picture, rasterised");
+    TOOL(WALL_IN_THE_OPEN, "--sky", "one.hdr", "--sky-scale", "0.25");
+    check_sky(0.25, 0.001, "a quarter of it");
+    TOOL(WALL_IN_THE_OPEN, "--sky", "one.hdr", "--sky-scale", "0");
+    check_sky(0, 1e-9, "nothing of it");
+    TOOL(WALL_IN_THE_OPEN, "--sky", "one.hdr", "--sky", "0.5,0.5,0.5");
+    check_sky(0.5, 0.001, "the last one counts");
+    TOOL(WALL_IN_THE_OPEN, "--sky", "9,9,9", "--sky", "one.hdr");
+    check_sky(1, 0.001, "the last one counts, a picture");
+    write_sky("colors.hdr", everywhere, 64, 0.5f, 2);
+    TOOL(WALL_IN_THE_OPEN, "--sky=colors.hdr");
+    check_sky(0.5, 0.001, "a bright picture");
+    CHECK(fabs(wall_mean(0, &deviation) - 64) < 0.1 && fabs(wall_mean(2, &deviation) - 2) < 0.01, "its colours are mixed up");
+    memset(grey, 188, sizeof grey);
+    grey[3] = grey[7] = grey[11] = grey[15] = 10;  /* alpha is nothing to a sky */
+    stbi_write_png(in_folder("grey.PNG"), 2, 2, 4, grey, 8);
+    TOOL(WALL_IN_THE_OPEN, "--sky", "grey.PNG");
+    check_sky(decode_srgb(188 / 255.0), 0.003, "a .png");
+    CHECK(TOOL("lone.obj", "--eye", "0.5,0,0", "--look-at", "1,0,0", "--sky", "one.hdr", "--size", "8x8", "--quiet", "-o", "sky.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
+    CHECK(fabs(wall_mean(1, &deviation) - 1) < 0.001 && deviation < 0.001, "the sky should be seen: %g +- %g", wall_mean(1, &deviation), deviation);
+}
+
+/* The wall looks to +x, a picture's middle; its left half is towards -z. Seen from above a quarter turn takes that to -x. */
+TEST(sky_pictures_turn) {
+    static const struct { const char *degrees; double r; } turns[] = { { "0", 1 }, { "90", 0 }, { "-90", 2 }, { "270", 2 }, { "180", 1 }, { "-30", 1.5 } };
+    static const struct { const char *up; double r; } ups[] = { { "0,5,0", 1 }, { "0,-1,0", 1 }, { "1e-3,0,0", 2 }, { "-1,0,0", 0 }, { "1,0,1", 1 + 0.70710678 } };
+    size_t i;
+    lone_wall();
+    write_sky("left.hdr", towards_minus_z, 2, 2, 2);
+    for (i = 0; i < sizeof turns / sizeof *turns; i++) {
+        TOOL(WALL_IN_THE_OPEN, "--sky", "left.hdr", "--sky-rotation", turns[i].degrees);
+        check_sky(turns[i].r, 0.02, turns[i].degrees);
+    }
+    write_sky("above.hdr", above, 2, 2, 2);
+    for (i = 0; i < sizeof ups / sizeof *ups; i++) {
+        TOOL(WALL_IN_THE_OPEN, "--sky", "above.hdr", "--sky-up", ups[i].up);
+        check_sky(ups[i].r, 0.02, ups[i].up);
+    }
+}
+
 /* >>failures */
 
 TEST(bad_usage_is_two) {
@@ -672,7 +986,19 @@ TEST(bad_usage_is_two) {
                                             { "room.obj", "--fov", "0" },
                                             { "room.obj", "--fov", "40deg" },
                                             { "room.obj", "--sky", "1,1,-1" },
-                                            { "room.obj", "--sky", "sky.hdr" },
+                                            { "room.obj", "--sky", "1,1" },
+                                            { "room.obj", "--sky", "1,1,1.hdr,1" },
+                                            { "room.obj", "--sky", "blue" },
+                                            { "room.obj", "--sky", "" },
+                                            { "room.obj", "--sky", "1,1,1", "--sky-scale", "2" },
+                                            { "room.obj", "--sky-rotation", "90" },
+                                            { "room.obj", "--sky", "sky.hdr", "--sky-rotation", "east" },
+                                            { "room.obj", "--sky", "sky.hdr", "--sky-rotation", "361" },
+                                            { "room.obj", "--sky", "sky.hdr", "--sky-scale", "-1" },
+                                            { "room.obj", "--sky", "sky.hdr", "--sky-scale", "nan" },
+                                            { "room.obj", "--sky", "sky.hdr", "--sky-up", "0,0,0" },
+                                            { "room.obj", "--sky", "sky.hdr", "--sky-up", "0,1" },
+                                            { "room.obj", "--sky", "sky.hdr", "--mode", "paper" },
                                             { "room.obj", "--mode", "fast" },
                                             { "room.obj", "--preset", "High" },
                                             { "room.obj", "--channel", "beauty" },
@@ -734,6 +1060,41 @@ TEST(failures_are_one) {
     TOOL(ROOM, "-o", "folder.png"); check_refused("a folder for the picture", "folder.png");
     CHECK(TOOL(ROOM, "--backend", "raster", "-o", "raster.pfm") == 0, "--backend raster: exit status %d: %s", ran.status, ran.err);
     CHECK(TOOL(ROOM, "--backend", "auto", "-o", "auto.pfm") == 0, "--backend auto: exit status %d: %s", ran.status, ran.err);
+}
+
+TEST(broken_sky_pictures_are_refused) {
+    static const struct { const char *name, *text, *words; } files[] = {
+        { "empty.hdr", "", "too soon" }, { "text.hdr", "this is no picture, and long enough to be found out as one that is not", "no picture" },
+        { "head.hdr", "#?RADIANCE\n", "too soon" }, { "format.hdr", "#?RADIANCE\nFORMAT=other\n\n-Y 4 +X 4\n                          ", "no picture" },
+        { "large.hdr", "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 99999 +X 99999\n                          ", "no picture" },
+        { "lies.hdr", "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 16384 +X 16384\n\2\2\100", "lies.hdr" },
+        { "sky.exr", "\166\57\61\1 this one only writes, and whoever has it must convert it", "no picture" } };
+    char whole[16384], shown[64];
+    struct stat info;
+    size_t size, i;
+    FILE *in;
+    lone_wall();
+    for (i = 0; i < sizeof files / sizeof *files; i++) {
+        write_text(files[i].name, files[i].text);
+        TOOL("lone.obj", SMALL, "--size", "8x8", "--sky", files[i].name, "-o", "refused.png");
+        check_refused(files[i].name, files[i].words);
+        CHECK(strstr(ran.err, files[i].name), "%s is not named: %s", files[i].name, ran.err);
+    }
+    write_sky("whole.hdr", above, 3, 2, 1);
+    in = fopen(in_folder("whole.hdr"), "rb");
+    REQUIRE(in && stat(in_folder("whole.hdr"), &info) == 0, "there is no picture");
+    size = fread(whole, 1, sizeof whole, in);
+    fclose(in);
+    REQUIRE(size == (size_t)info.st_size && size > 400, "%d bytes of it", (int)size);
+    for (i = 1; i < 20; i++) {  /* where it is cut it could be read for ever */
+        write_file("cut.hdr", whole, size * i / 20);
+        TOOL("lone.obj", SMALL, "--size", "8x8", "--sky", "cut.hdr", "-o", "refused.png");
+        snprintf(shown, sizeof shown, "%d bytes of %d", (int)(size * i / 20), (int)size);
+        check_refused(shown, "cut.hdr: it ends too soon");
+    }
+    TOOL("lone.obj", "--sky", "absent.hdr", "-o", "refused.png"); check_refused("no picture", "absent.hdr: No such file");
+    mkdir(in_folder("folder.hdr"), 0777);
+    TOOL("lone.obj", "--sky", "folder.hdr", "-o", "refused.png"); check_refused("a folder", "folder.hdr");
 }
 
 TEST(hostile_files_are_refused) {
@@ -900,7 +1261,7 @@ TEST(progress_is_for_terminals) {
 }
 
 TEST(help_names_every_option) {
-    static const char *const names[] = { "--output", "-o", "--channel", "--size", "--eye", "--look-at", "--up", "--fov", "--sky", "--mode", "--preset", "--backend", "--rays", "--epsilon",
+    static const char *const names[] = { "--output", "-o", "--channel", "--size", "--eye", "--look-at", "--up", "--fov", "--sky", "--sky-rotation", "--sky-scale", "--sky-up", "--mode", "--preset", "--backend", "--rays", "--epsilon",
         "--sensor-size", "--sensor-fov", "--tile", "--threshold", "--filter-radius", "--exposure", "--seed", "--quiet", "--stats", "--samples", "--inspect", "130", "640x480", "sbl.png" };
     size_t i;
     CHECK(TOOL("--help") == 0 && !ran.err[0], "exit status %d: %s", ran.status, ran.err);
@@ -967,6 +1328,14 @@ int main(int argc, char **argv) {
     RUN(rays_can_be_traced);
     RUN(a_sensor_can_be_inspected);
     RUN(zero_is_zero);
+    RUN(lights_of_a_gltf_scene);
+    RUN(a_light_of_many_nodes);
+    RUN(spots_of_gltf);
+    RUN(lights_of_other_formats);
+    RUN(broken_lights_are_left_out);
+    RUN(sky_pictures);
+    RUN(sky_pictures_turn);
+    RUN(broken_sky_pictures_are_refused);
     RUN(hostile_files_are_refused);
     RUN(collected_hostile_files);
     RUN(a_file_is_written_whole_or_not_at_all);

@@ -64,6 +64,27 @@ host_draw_writes_depth() {
 check host_draw_picture host_draw_picture
 check host_draw_writes_depth host_draw_writes_depth
 
+# >>lights
+
+lights_kinds='quad textured thousand_lamps sphere point spot sun sky'
+lights_run() { run lights lights; }
+# each kind gives its own picture
+lights_differ() {
+    last=
+    for kind in $lights_kinds; do
+        look varied "lights/$kind.png" 320 240 || return
+        [ -z "$last" ] || ! look alike "lights/$last.png" "lights/$kind.png" || return
+        last=$kind
+    done
+}
+# penumbrae hardly depend on the preset
+lights_penumbra() {
+    look varied lights/penumbra_default.png 320 320 && look alike lights/penumbra_default.png lights/penumbra_high.png
+}
+check lights_run lights_run
+check lights_differ lights_differ
+check lights_penumbra lights_penumbra
+
 # >>paper_metrics
 
 # rows FILE COLUMNS ROWS: a header and so many rows of that many numbers above 0
@@ -136,7 +157,7 @@ fails_in_words() {
     [ "$status" -gt 0 ] && [ "$status" -lt 126 ] && [ "$(wc -l < "$folder/errors")" = 1 ]
 }
 without_gl() { (export __EGL_VENDOR_LIBRARY_FILENAMES=/dev/null; fails_in_words "$1" "$folder"); }
-for example in minimal host_context host_draw paper_metrics; do
+for example in minimal host_context host_draw lights paper_metrics; do
     check "${example}_without_folder" fails_in_words "$example" "$folder/no such folder"
     check "${example}_without_gl" without_gl "$example"
 done
