@@ -1,0 +1,92 @@
+"""Run by bench_cycles inside Blender 3.x: sets a scene up for Cycles once, then renders it whenever a line "SAMPLES SEED FILE.exr" comes in.
+
+Every surface is a two-sided Lambertian of the file's base colour, every emitter glows to both sides, light does not bounce. Nothing is
+clamped, denoised or adaptive, and pixels are sampled at their centres. Geometry and hierarchy stay in memory from picture to picture.
+After each picture a line "BENCH SECONDS" goes out, the time of Blender's render call, without the writing of the file.
+"""
+import json, math, sys, time
+import bpy
+from mathutils import Matrix, Vector
+
+job = json.loads(sys.argv[sys.argv.index('--') + 1])
+bpy.ops.wm.read_factory_settings(use_empty=True)
+to_blender = Matrix()
+if job['file'].endswith('.obj'):
+    bpy.ops.wm.obj_import(filepath=job['file'], forward_axis='Y', up_axis='Z')  # coordinates as they are
+else:
+    import numpy
+    if not hasattr(numpy, 'bool'):
+        numpy.bool = bool  # Blender 3.4's importer wants a name that numpy 1.24 dropped
+    bpy.ops.import_scene.gltf(filepath=job['file'])
+    to_blender = Matrix.Rotation(math.pi / 2, 4, 'X')  # that importer turns y up into z up
+
+
+def lambertian(material):
+    """Puts diffuse plus emission in the place of what the importer made."""
+    tree = material.node_tree
+    made = next(n for n in tree.nodes if n.type == 'BSDF_PRINCIPLED')
+    output = next(n for n in tree.nodes if n.type == 'OUTPUT_MATERIAL')
+    diffuse, glow, both = (tree.nodes.new('ShaderNode' + kind) for kind in ('BsdfDiffuse', 'Emission', 'AddShader'))
+    for source, target in (('Base Color', diffuse.inputs['Color']), ('Emission', glow.inputs['Color']), ('Emission Strength', glow.inputs['Strength'])):
+        value = made.inputs[source]
+        if value.is_linked:
+            tree.links.new(value.links[0].from_socket, target)
+        else:
+            target.default_value = value.default_value
+    if made.inputs['Alpha'].is_linked:
+        sys.exit('%s: cutouts are not set up here' % material.name)
+    if not made.inputs['Emission'].is_linked and max(made.inputs['Emission'].default_value[:3]) == 0:
+        glow.inputs['Strength'].default_value = 0
+    tree.links.new(diffuse.outputs[0], both.inputs[0])
+    tree.links.new(glow.outputs[0], both.inputs[1])
+    tree.links.new(both.outputs[0], output.inputs['Surface'])
+
+
+for material in bpy.data.materials:
+    if material.use_nodes:
+        lambertian(material)
+for thing in list(bpy.data.objects):
+    if thing.type in ('CAMERA', 'LIGHT'):
+        bpy.data.objects.remove(thing)
+
+scene = bpy.context.scene
+eye, look_at, up = (Vector(job[key]) for key in ('eye', 'look_at', 'up'))
+backward = (eye - look_at).normalized()
+right = up.cross(backward).normalized()
+lens = bpy.data.cameras.new('lens')
+lens.sensor_fit, lens.angle = 'VERTICAL', math.radians(job['fov'])
+lens.clip_start, lens.clip_end = 1e-3, 1e6
+scene.camera = bpy.data.objects.new('camera', lens)
+scene.collection.objects.link(scene.camera)
+scene.camera.matrix_world = to_blender @ Matrix.Translation(eye) @ Matrix((right, backward.cross(right), backward)).transposed().to_4x4()
+
+scene.world = bpy.data.worlds.new('sky')
+scene.world.use_nodes = True
+scene.world.node_tree.nodes['Background'].inputs['Color'].default_value = (0, 0, 0, 1)
+
+render, cycles = scene.render, scene.cycles
+render.engine, cycles.device = 'CYCLES', 'CPU'
+render.resolution_x, render.resolution_y = job['size']
+render.resolution_percentage = 100
+render.threads_mode, render.threads = 'FIXED', job['threads']
+render.use_persistent_data = True
+cycles.use_adaptive_sampling = cycles.use_denoising = False
+cycles.pixel_filter_type, cycles.filter_width = 'GAUSSIAN', 0.01  # the narrowest there is: pixel centres
+cycles.max_bounces = cycles.diffuse_bounces = 0
+cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0
+cycles.caustics_reflective = cycles.caustics_refractive = False
+scene.view_layers[0].use_pass_diffuse_direct = True  # light over pi, the surface's colour taken out: R
+image = render.image_settings
+image.file_format, image.color_depth, image.exr_codec = 'OPEN_EXR_MULTILAYER', '32', 'NONE'
+scene.view_settings.view_transform = 'Raw'
+
+print('BENCH ready', flush=True)
+for line in sys.stdin:
+    samples, cycles.seed, path = (f(x) for f, x in zip((int, int, str), line.split(' ', 2)))
+    cycles.samples = samples
+    scene.update_tag()  # without it Cycles keeps to the settings of its first picture
+    start = time.perf_counter()
+    bpy.ops.render.render()
+    seconds = time.perf_counter() - start
+    bpy.data.images['Render Result'].save_render(path.rstrip('\n'), scene=scene)
+    print('BENCH %.6f' % seconds, flush=True)
