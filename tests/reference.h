@@ -408,6 +408,18 @@ static inline int ref_is_edge(const ref_scene *scene, const sbl_picture_desc *vi
 
 /* >>light */
 
+/* What is left of a polygon on the side of the plane through p that m points to; `out` has room for one corner more. */
+static inline int ref_clip(v3 p, v3 m, const v3 *corners, int count, v3 *out) {
+    int i, kept = 0;
+    for (i = 0; i < count; i++) {
+        v3 a = corners[i], b = corners[(i + 1) % count];
+        double ha = v3_dot(v3_sub(a, p), m), hb = v3_dot(v3_sub(b, p), m);
+        if (ha > 0) out[kept++] = a;
+        if ((ha > 0) != (hb > 0)) out[kept++] = v3_mad(a, v3_sub(b, a), ha / (ha - hb));
+    }
+    return kept;
+}
+
 /* Share of the cosine-weighted hemisphere about n that a polygon with up to 30 corners covers, by Lambert's sum over its edges.
    What lies below the horizon is cut off first. R of an unoccluded polygon is its radiance times this. */
 static inline double ref_polygon(v3 p, v3 n, const v3 *corners, int count) {

@@ -13,14 +13,16 @@
 #include <stdint.h>
 #include <stdlib.h>
 
-enum { SCENE_MESHES = 96, SCENE_MATERIALS = 96, SCENE_TEXTURES = 64, SCENE_BLOCKS = 512 };
+enum { SCENE_MESHES = 96, SCENE_MATERIALS = 96, SCENE_TEXTURES = 64, SCENE_LIGHTS = 16, SCENE_BLOCKS = 512 };
 
 typedef struct test_scene {
     sbl_mesh meshes[SCENE_MESHES];
     sbl_material materials[SCENE_MATERIALS];
     sbl_texture textures[SCENE_TEXTURES];
-    int mesh_count, material_count, texture_count;
+    sbl_light lights[SCENE_LIGHTS];
+    int mesh_count, material_count, texture_count, light_count;
     float sky[3];
+    sbl_environment environment;
     void *blocks[SCENE_BLOCKS];  /* what the meshes and textures point to */
     int block_count;
 } test_scene;
@@ -46,6 +48,9 @@ static inline sbl_scene_desc scene_desc(const test_scene *s) {
     desc.material_count = s->material_count;
     desc.textures = s->textures;
     desc.texture_count = s->texture_count;
+    desc.lights = s->lights;
+    desc.light_count = s->light_count;
+    desc.environment = s->environment;
     memcpy(desc.sky, s->sky, sizeof desc.sky);
     return desc;
 }
@@ -60,6 +65,16 @@ static inline int scene_material(test_scene *s, float r, float g, float b) {
     memset(m, 0, sizeof *m);
     m->albedo[0] = r; m->albedo[1] = g; m->albedo[2] = b;
     return s->material_count++;
+}
+
+/* Position and direction are for the caller to set. */
+static inline sbl_light *scene_light(test_scene *s, sbl_light_kind kind, float r, float g, float b) {
+    sbl_light *light = &s->lights[s->light_count];
+    if (s->light_count++ == SCENE_LIGHTS) abort();
+    memset(light, 0, sizeof *light);
+    light->kind = kind;
+    light->intensity[0] = r; light->intensity[1] = g; light->intensity[2] = b;
+    return light;
 }
 
 /* Black but for its own light. */
@@ -174,7 +189,7 @@ static inline sbl_mesh *scene_sphere(test_scene *s, int material, float x, float
     return scene_mesh(s, material, positions, smooth ? normals : NULL, NULL, vertices, indices, n);
 }
 
-/* scale * (everything) + offset, in the vertices themselves, for scenes without transforms. */
+/* scale * (everything) + offset, in the vertices themselves, for scenes without transforms; lights give the same irradiance as before. */
 static inline void scene_scale_and_move(test_scene *s, float scale, float x, float y, float z) {
     float offset[3];
     int i, j;
@@ -185,6 +200,30 @@ static inline void scene_scale_and_move(test_scene *s, float scale, float x, flo
         for (j = 0; j < 3 * s->meshes[i].vertex_count; j++) to[j] = from[j] * scale + offset[j % 3];
         s->meshes[i].positions.data = to;
     }
+    for (i = 0; i < s->light_count; i++) {
+        sbl_light *light = &s->lights[i];
+        light->radius *= scale;
+        for (j = 0; j < 3; j++) {
+            light->position[j] = light->position[j] * scale + offset[j];
+            if (light->kind != SBL_LIGHT_DIRECTIONAL) light->intensity[j] *= scale * scale;
+        }
+    }
+}
+
+/* A flat fan of triangles about its centre: the corners lie at centre + u cos + v sin; counter-clockwise seen from where u x v points to. */
+static inline sbl_mesh *scene_disc(test_scene *s, int material, const float centre[3], const float u[3], const float v[3], int triangles) {
+    float *positions = (float *)scene_alloc(s, sizeof(float) * 3 * (size_t)(triangles + 1));
+    uint32_t *indices = (uint32_t *)scene_alloc(s, sizeof *indices * 3 * (size_t)triangles);
+    int i, k;
+    for (k = 0; k < 3; k++) positions[3 * triangles + k] = centre[k];
+    for (i = 0; i < triangles; i++) {
+        double phi = 2 * 3.14159265358979323846 * i / triangles;
+        for (k = 0; k < 3; k++) positions[3 * i + k] = (float)((double)centre[k] + (double)u[k] * cos(phi) + (double)v[k] * sin(phi));
+        indices[3 * i] = (uint32_t)triangles;
+        indices[3 * i + 1] = (uint32_t)i;
+        indices[3 * i + 2] = (uint32_t)((i + 1) % triangles);
+    }
+    return scene_mesh(s, material, positions, NULL, NULL, triangles + 1, indices, 3 * triangles);
 }
 
 /* The Cornell box after Cornell's published measurements, millimetres, open at the front (z = 0), lit by one quad:

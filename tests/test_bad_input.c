@@ -110,8 +110,8 @@ TEST(context_desc_all_at_once) {
     refused(SBL_ERROR_INVALID_ARGUMENT, SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "of four", NULL, "batch", "-3");
 }
 
-/* >>sbl_scene_desc, sbl_mesh, sbl_stream, sbl_material, sbl_texture: a scene without mistakes, and one field of it changed.
-   The mistakes stand in the second mesh, material and texture, so that a message that always says 0 is found. */
+/* >>sbl_scene_desc, sbl_mesh, sbl_stream, sbl_material, sbl_texture, sbl_light,
+   sbl_environment: a scene without mistakes, and one field of it changed. The mistakes stand in the second mesh, material and texture, so that a message that always says 0 is found. */
 
 typedef struct fixture {
     float positions[12], normals[12], texcoords[8], colors[16];
@@ -123,6 +123,7 @@ typedef struct fixture {
     sbl_mesh meshes[2];
     sbl_material materials[2];
     sbl_texture textures[2];
+    sbl_light lights[3];
     sbl_scene_desc scene;
 } fixture;
 
@@ -163,6 +164,18 @@ static void fixture_reset(void) {
     f.scene.material_count = 2;
     f.scene.textures = f.textures;
     f.scene.texture_count = 2;
+    for (i = 0; i < 3; i++) {
+        sbl_light *l = &f.lights[i];
+        l->kind = (sbl_light_kind)i;
+        l->intensity[1] = 2;
+        l->position[1] = 3;
+        l->direction[1] = -1;
+    }
+    f.scene.lights = f.lights;
+    f.scene.light_count = 3;
+    f.scene.environment.picture.pixels = f.floats;
+    f.scene.environment.picture.format = SBL_PIXELS_FLOAT;
+    f.scene.environment.picture.width = f.scene.environment.picture.height = 2;
 }
 
 static void identity(float m[16]) {
@@ -389,6 +402,164 @@ TEST(textures) {
         BAD_SCENE(f.floats[i] = -0.25f, TEXTURE, "texture 2", pixel, "-0.25");
     }
     usable("bad textures");
+}
+
+/* Light 0 is a point, 1 a spot, 2 directional. */
+TEST(lights) {
+    int i, k;
+    BAD_SCENE(f.scene.light_count = -1, SCENE_DESC, "sbl_scene_desc", "light_count", "-1");
+    BAD_SCENE(f.scene.light_count = INT_MIN, SCENE_DESC, "sbl_scene_desc", "light_count", "-2147483648");
+    BAD_SCENE(f.scene.lights = NULL, SCENE_DESC, "sbl_scene_desc", "light_count is 3", "NULL");
+    BAD_SCENE(f.lights[1].kind = (sbl_light_kind)-1, LIGHT, "light 1", "kind", "-1");
+    BAD_SCENE(f.lights[1].kind = SBL_LIGHT_KIND_COUNT, LIGHT, "light 1", "kind", "3");
+    BAD_SCENE(f.lights[1].kind = (sbl_light_kind)1000, LIGHT, "light 1", "kind", "1000");
+    for (i = 0; i < 3; i++) {
+        char light[32];
+        snprintf(light, sizeof light, "light %d", i);
+        for (k = 0; k < 3; k++) {
+            char field[32];
+            snprintf(field, sizeof field, "intensity[%d]", k);
+            BAD_SCENE(f.lights[i].intensity[k] = -1, LIGHT, light, field, "-1");
+            BAD_SCENE(f.lights[i].intensity[k] = NOT, LIGHT, light, field, "nan");
+            BAD_SCENE(f.lights[i].intensity[k] = INF, LIGHT, light, field, "inf");
+            if (i < 2) {
+                snprintf(field, sizeof field, "position[%d]", k);
+                BAD_SCENE(f.lights[i].position[k] = NOT, LIGHT, light, field, "nan");
+                BAD_SCENE(f.lights[i].position[k] = -INF, LIGHT, light, field, "-inf");
+            }
+            if (i > 0) {
+                snprintf(field, sizeof field, "direction[%d]", k);
+                BAD_SCENE(f.lights[i].direction[k] = NOT, LIGHT, light, field, "nan");
+                BAD_SCENE(f.lights[i].direction[k] = INF, LIGHT, light, field, "inf");
+            }
+        }
+        if (i > 0) BAD_SCENE(f.lights[i].direction[1] = 0, LIGHT, light, "direction", "0 0 0");
+        if (i < 2) {
+            BAD_SCENE(f.lights[i].radius = -0.5f, LIGHT, light, "radius", "-0.5");
+            BAD_SCENE(f.lights[i].radius = NOT, LIGHT, light, "radius", "nan");
+            BAD_SCENE(f.lights[i].radius = INF, LIGHT, light, "radius", "inf");
+        }
+    }
+    BAD_SCENE(f.lights[2].angle = -0.5f, LIGHT, "light 2", "angle", "-0.5");
+    BAD_SCENE(f.lights[2].angle = 180.5f, LIGHT, "light 2", "angle", "180.5");
+    BAD_SCENE(f.lights[2].angle = NOT, LIGHT, "light 2", "angle", "nan");
+    BAD_SCENE(f.lights[1].cone = -0.5f, LIGHT, "light 1", "cone", "-0.5");
+    BAD_SCENE(f.lights[1].cone = 180.5f, LIGHT, "light 1", "cone", "180.5");
+    BAD_SCENE(f.lights[1].cone = NOT, LIGHT, "light 1", "cone", "nan");
+    BAD_SCENE(f.lights[1].inner_cone = -0.5f, LIGHT, "light 1", "inner_cone", "-0.5");
+    BAD_SCENE(f.lights[1].inner_cone = 90.5f, LIGHT, "light 1", "inner_cone", "90.5");  /* the cone's default is 90 */
+    BAD_SCENE((f.lights[1].cone = 30, f.lights[1].inner_cone = 31), LIGHT, "light 1", "inner_cone", "31");
+    BAD_SCENE(f.lights[1].inner_cone = NOT, LIGHT, "light 1", "inner_cone", "nan");
+    /* one line a mistake */
+    fixture_reset();
+    f.lights[0].radius = -1;
+    f.lights[1].cone = 200;
+    f.lights[1].intensity[2] = NOT;
+    f.lights[2].angle = INF;
+    watch_forget(&seen);
+    CHECK(sbl_set_scene(context, &f.scene) == SBL_ERROR_INVALID_ARGUMENT && seen.errors == 4, "%d errors for four mistakes", seen.errors);
+    usable("bad lights");
+}
+
+static void glows(const float direction[3], float radiance[3], void *user) {
+    (void)user;
+    radiance[0] = radiance[1] = radiance[2] = 1 + 0.5f * direction[1];
+}
+
+static void glows_wrongly(const float direction[3], float radiance[3], void *user) {
+    (void)direction;
+    radiance[0] = radiance[1] = 1;
+    radiance[2] = *(const float *)user;
+}
+
+TEST(environments) {
+    sbl_environment *e = &f.scene.environment;
+    float wrong;
+    int i, k;
+    BAD_SCENE(e->picture.width = 0, LIGHT, "environment", "picture", "0 x 2");
+    BAD_SCENE(e->picture.width = -2, LIGHT, "environment", "picture", "-2 x 2");
+    BAD_SCENE(e->picture.height = 0, LIGHT, "environment", "picture", "2 x 0");
+    BAD_SCENE(e->picture.height = INT_MIN, LIGHT, "environment", "picture", "2 x -2147483648");
+    BAD_SCENE(e->picture.pixels = NULL, LIGHT, "environment", "picture", "NULL");
+    BAD_SCENE((e->picture.pixels = NULL, e->picture.width = 0), LIGHT, "environment", "picture", "0 x 2");
+    BAD_SCENE(e->picture.gl_texture = 777, LIGHT, "environment", "gl_texture", "777");
+    BAD_SCENE((e->picture.gl_texture = 777, e->picture.pixels = NULL, e->picture.width = e->picture.height = 0), LIGHT, "environment", "gl_texture", "777");
+    BAD_SCENE(e->radiance = glows, LIGHT, "environment", "pixels", "both set");
+    BAD_SCENE(e->picture.format = (sbl_pixel_format)-1, LIGHT, "environment", "format", "-1");
+    BAD_SCENE(e->picture.format = SBL_PIXEL_FORMAT_COUNT, LIGHT, "environment", "format", "3");
+    BAD_SCENE(e->picture.channels = -1, LIGHT, "environment", "channels", "-1");
+    BAD_SCENE(e->picture.channels = 5, LIGHT, "environment", "channels", "5");
+    BAD_SCENE(e->picture.stride = 31, LIGHT, "environment", "stride", "31");
+    BAD_SCENE(e->picture.stride = SIZE_MAX / 2 + 1, LIGHT, "environment", "stride", NULL);
+    BAD_SCENE(e->scale = -1, LIGHT, "environment", "scale", "-1");
+    BAD_SCENE(e->scale = NOT, LIGHT, "environment", "scale", "nan");
+    BAD_SCENE(e->scale = INF, LIGHT, "environment", "scale", "inf");
+    BAD_SCENE(e->rotation = NOT, LIGHT, "environment", "rotation", "nan");
+    BAD_SCENE(e->rotation = INF, LIGHT, "environment", "rotation", "inf");
+    for (k = 0; k < 3; k++) {
+        char field[32];
+        snprintf(field, sizeof field, "up[%d]", k);
+        BAD_SCENE(e->up[k] = NOT, LIGHT, "environment", field, "nan");
+        BAD_SCENE(e->up[k] = -INF, LIGHT, "environment", field, "-inf");
+    }
+    for (i = 0; i < 16; i++) {
+        char pixel[32];
+        if (i % 4 == 3) continue;  /* alpha means nothing here */
+        snprintf(pixel, sizeof pixel, "component %d of pixel %d %d", i % 4, i / 4 % 2, i / 8);
+        /* textures share the array's numbers no more */
+        BAD_SCENE((f.textures[1].format = SBL_PIXELS_LINEAR8, f.floats[i] = NOT), LIGHT, "environment", pixel, "nan");
+        BAD_SCENE((f.textures[1].format = SBL_PIXELS_LINEAR8, f.floats[i] = INF), LIGHT, "environment", pixel, "inf");
+        BAD_SCENE((f.textures[1].format = SBL_PIXELS_LINEAR8, f.floats[i] = -0.25f), LIGHT, "environment", pixel, "-0.25");
+    }
+    for (i = 0; i < 3; i++) {
+        static const char *const words[3] = { "nan", "inf", "-3" };
+        wrong = i == 0 ? NOT : i == 1 ? INF : -3;
+        BAD_SCENE((memset(&e->picture, 0, sizeof e->picture), e->radiance = glows_wrongly, e->user = &wrong), LIGHT, "environment", "component 2", words[i]);
+    }
+    /* one line a mistake */
+    fixture_reset();
+    e->scale = -1;
+    e->rotation = NOT;
+    e->up[2] = INF;
+    e->picture.channels = 7;
+    watch_forget(&seen);
+    CHECK(sbl_set_scene(context, &f.scene) == SBL_ERROR_INVALID_ARGUMENT && seen.errors == 4, "%d errors for four mistakes", seen.errors);
+    usable("bad environments");
+}
+
+/* What looks like a mistake and is none; nothing of it gives light, so all is as without. */
+TEST(lights_without_light) {
+    static small_picture without, with;
+    static float black[4 * 4];
+    sbl_scene_desc desc = scene_desc(&small);
+    sbl_light unlit[3];
+    int way;
+    memset(unlit, 0, sizeof unlit);
+    unlit[1].kind = SBL_LIGHT_SPOT;
+    unlit[1].direction[0] = 1e-30f;
+    unlit[1].cone = unlit[1].inner_cone = 180;
+    unlit[2].kind = SBL_LIGHT_DIRECTIONAL;
+    unlit[2].direction[2] = 1e30f;
+    unlit[2].angle = 180;
+    for (way = 0; way < 2; way++) {
+        view = small_view();
+        view.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
+        memset(&desc.environment, 0, sizeof desc.environment);
+        desc.light_count = 0;
+        REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS && small_render(context, &view, &without) == SBL_SUCCESS, "%s", watch_last(&seen));
+        desc.lights = unlit;
+        desc.light_count = 3;
+        desc.environment.picture.pixels = black;
+        desc.environment.picture.format = SBL_PIXELS_FLOAT;
+        desc.environment.picture.width = desc.environment.picture.height = 2;
+        desc.environment.rotation = -1000;
+        watch_forget(&seen);
+        REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS && seen.errors == 0, "dark lights are refused: %s", watch_last(&seen));
+        REQUIRE(small_render(context, &view, &with) == SBL_SUCCESS, "dark lights are not rendered: %s", watch_last(&seen));
+        CHECK(small_same(&with, &without), "%s: lights without light change the picture", way ? "traced" : "drawn");
+    }
+    known_picture();
+    usable("lights without light");
 }
 
 /* Too large is not a mistake of form, but is refused all the same, before anything is read. */
@@ -976,6 +1147,9 @@ int main(void) {
     RUN(mesh_transforms);
     RUN(materials);
     RUN(textures);
+    RUN(lights);
+    RUN(environments);
+    RUN(lights_without_light);
     RUN(scenes_too_large);
     RUN(scene_all_at_once);
     RUN(empty_scenes_and_meshes);
