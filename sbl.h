@@ -159,8 +159,8 @@
    GL 4.3, and at most as many more to lamps (stats.rays does not count these): its cost hardly grows with the scene. The sensors' noise is known, so that
    refinement follows light and not noise, and the filter leaves alone what noise does not explain.
    SBL_BACKEND_RASTER draws the scene into a sensor's views, as the paper does: it serves geometry that only the host can draw, and is the
-   check on the other. Its cost grows with the number of triangles. Whether a point of a lamp is hidden it looks up in these views. What a draw
-   callback's own surfaces emit is met by texels. AUTO traces wherever rays can be traced.
+   check on the other. Its cost grows with the number of triangles. Lamps get rays here too, which meet the meshes; what a draw callback draws stands
+   between where the views show it, and what it emits is met by texels. AUTO traces wherever rays can be traced.
 
 
    ON THE PAPER
@@ -812,11 +812,11 @@ static const char *const sbl__glsl_gbuffer_vertex[] = {
     0 };
 static const char *const sbl__glsl_lamps[] = {
     "// Light from lamps: emitting triangles, punctual lights, bright spots of the sky. What each gives where nothing stands between is known in closed form;\n",
-    "// rays (or a look into the sensor's own views) only measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire 2018, \"Combining\n",
-    "// analytic direct illumination and stochastic shadows\". Where lamps are many, those far off stand together in clusters, of which only single lamps,\n",
+    "// rays only measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire 2018, \"Combining analytic direct illumination and stochastic\n",
+    "// shadows\". Where lamps are many, those far off stand together in clusters, of which only single lamps,\n",
     "// picked in proportion to what they give, are ever looked at.\n",
     "// One invocation is one sensor, or a part of its rays where they are many: neighbours trace neighbouring rays, and each stops as soon as it knows enough.\n",
-    "uniform usamplerBuffer sbl_points;    // a sensor, three texels: position, turn; normal; first of its directions, of its lamp points, two hashes for these\n",
+    "uniform usamplerBuffer sbl_points;    // a sensor, three texels: position, turn; normal; first of its directions, of its lamp points, a hash for these, how far it is off its surface\n",
     "uniform usamplerBuffer sbl_sequence;  // see trace.glsl\n",
     "uniform sbl_Texels sbl_lamps;         // see >>lamps in sbl.h: nodes, leaves, lights\n",
     "uniform int lamp_nodes, lamp_leaves;  // how many\n",
@@ -828,6 +828,7 @@ static const char *const sbl__glsl_lamps[] = {
     "const uint SBL_TRIANGLE = 0u, SBL_NEAR_LIGHT = 1u, SBL_FAR_LIGHT = 2u, SBL_SKY_TEXEL = 3u;  // a leaf's kind, in its upper two bits\n",
     "const uint SBL_FAR_NODE = 0x80000000u;\n",
     "const int SBL_CERTAIN = 32;      // so many points of light get a ray each\n",
+    "const int SBL_PROBES = 12;       // along the rim of a round lamp; of a triangle's, three\n",
     "const float SBL_STRATA = 0.1;    // stratified points have far less variance than independent ones: a tenth is what edges across a lamp leave\n",
     "\n",
     "struct sbl_Lamp {\n",
@@ -898,10 +899,10 @@ static const char *const sbl__glsl_lamps[] = {
     "    for (int k = 0; k < 3; k++) {  // what is below the horizon does not count\n",
     "        vec3 p = corners[k], q = corners[k == 2 ? 0 : k + 1];\n",
     "        if (max(p.z, q.z) <= 0.0) continue;\n",
-    "        if (min(p.z, q.z) < 0.0) {\n",
+    "        if (min(p.z, q.z) <= 0.0) {\n",
     "            vec3 x = vec3(mix(p.xy, q.xy, p.z / (p.z - q.z)), 0);\n",
     "            cut = true;\n",
-    "            if (p.z < 0.0) entry = p = x;\n",
+    "            if (p.z <= 0.0) entry = p = x;\n",
     "            else leave = q = x;\n",
     "        }\n",
     "        sum += sbl_edge(p, q);\n",
@@ -987,6 +988,9 @@ static const char *const sbl__glsl_lamps[] = {
     "        vec3 normal = cross(l.side_1, l.side_2);\n",
     "        vec4 ray = sbl_spherical(normalize(l.corner), normalize(l.corner + l.side_1), normalize(l.corner + l.side_2), u);\n",
     "        s.b = u.y > u.x ? vec2(0.5 * u.x, u.y - 0.5 * u.x) : vec2(u.x - 0.5 * u.y, 0.5 * u.y);\n",
+    "        // not so near to an edge that rounding may carry the ray past it\n",
+    "        float reach2 = dot(l.corner, l.corner), longest2 = max(dot(l.side_1, l.side_1), dot(l.side_2, l.side_2));\n",
+    "        s.b = mix(s.b, vec2(1.0 / 3.0), min(3e-6 * sqrt(longest2) * reach2 / max(abs(dot(normal, l.corner)), 1e-37), 0.5));\n",
     "        vec3 to = l.corner + s.b.x * l.side_1 + s.b.y * l.side_2;\n",
     "        if (ray.w > 0.0) {\n",
     "            to = ray.xyz * dot(l.corner, normal) / dot(ray.xyz, normal);\n",
@@ -1011,7 +1015,7 @@ static const char *const sbl__glsl_lamps[] = {
     "    return s;\n",
     "}\n",
     "\n",
-    "#ifdef SBL_VIEWS  // rasterised sensors look into their own views instead of tracing rays\n",
+    "#ifdef SBL_VIEWS  // what the host draws stands in the sensor's own views only\n",
     "uniform sampler2D atlas;        // Ck r g b, signed distance along the view's axis\n",
     "uniform vec4 view_rects[5];     // x, y, width, height in the sheet\n",
     "uniform ivec2 sheet;            // a sensor's, in texels\n",
@@ -1038,15 +1042,16 @@ static const char *const sbl__glsl_lamps[] = {
     "        vec4 rect = view_rects[face];\n",
     "        vec2 lowest = vec2(-1, top ? -1 : 0), size = vec2(1) - lowest, at = (vec2(dot(point, right), dot(point, up)) / (dot(point, forward) * tangent) - lowest) / size;\n",
     "        vec2 texel = clamp(floor(at * rect.zw), vec2(0), rect.zw - 1.0), centre = lowest + (texel + 0.5) / rect.zw * size;\n",
-    "        float seen = abs(texelFetch(atlas, ivec2(slot % columns, slot / columns) * sheet + ivec2(rect.xy + texel), 0).a) * extent;\n",
+    "        float shown = texelFetch(atlas, ivec2(slot % columns, slot / columns) * sheet + ivec2(rect.xy + texel), 0).a, seen = abs(shown) * extent;\n",
     "        if (seen == 0.0) return false;\n",
     "        if (l.kind != SBL_TRIANGLE) return seen < 0.998 * s.far * dot(point, forward);\n",
     "        vec3 ray = forward + tangent * (centre.x * right + centre.y * up);\n",
     "        float there = dot(l.corner, normal) / dot(ray, normal);  // where it meets the lamp's plane\n",
-    "        if (there > 0.0 && seen >= 0.998 * there) return false;\n",
+    "        bool other_side = (shown < 0.0) != (l.group == 1);  // of a thin body\n",
+    "        if (there > 0.0 && (seen > 1.002 * there || (seen >= 0.998 * there && !other_side))) return false;\n",
     "        vec3 hit = there * ray - l.corner;\n",
     "        vec2 b = vec2(dot(cross(hit, l.side_2), normal), dot(cross(l.side_1, hit), normal)) / dot(normal, normal);\n",
-    "        if (attempt == 3 || (there > 0.0 && min(b.x, b.y) >= 0.0 && b.x + b.y <= 1.0)) return seen < 0.998 * dot(point, forward);\n",
+    "        if (attempt == 3 || (there > 0.0 && min(b.x, b.y) >= 0.0 && b.x + b.y <= 1.0)) return seen < (other_side ? 1.002 : 0.998) * dot(point, forward);\n",
     "    }\n",
     "    return true;\n",
     "}\n",
@@ -1057,7 +1062,10 @@ static const char *const sbl__glsl_lamps[] = {
     "    int parts = blocks.y, part = at.y % parts, slot = at.y / parts * columns + at.x, sensor = slot - first_slot;\n",
     "    if (sensor < 0 || sensor >= count) sbl_leave;\n",
     "    uvec4 place = texelFetch(sbl_points, 3 * sensor), words = texelFetch(sbl_points, 3 * sensor + 2);\n",
-    "    vec3 position = uintBitsToFloat(place.xyz), n = uintBitsToFloat(texelFetch(sbl_points, 3 * sensor + 1).xyz);\n",
+    "    vec3 stand = uintBitsToFloat(place.xyz), n = uintBitsToFloat(texelFetch(sbl_points, 3 * sensor + 1).xyz);\n",
+    "    vec3 position = stand - uintBitsToFloat(words.w) * n;  // on the surface: a lamp close by is seen from there\n",
+    "    uvec2 scramble = uvec2(words.z, (words.z ^ words.z >> 15) * 747796405u);\n",
+    "    scramble.y ^= scramble.y >> 13;\n",
     "    mat3 to_frame = transpose(sbl_frame(n));\n",
     "\n",
     "    // Which lamps count here: single ones and, where there are many, clusters that are small for their distance.\n",
@@ -1119,16 +1127,21 @@ static const char *const sbl__glsl_lamps[] = {
     "    // the more of the samples it takes to know each.\n",
     "    int passes = clamp(min(rays / 32, int(8.0 * crowd / max(total * total, 1e-37))), 1, 4);\n",
     "    passes = passes == 3 ? 2 : passes;\n",
+    "    // So that they do not overlook an edge that hides little, corners and rims of few lamps are looked at besides.\n",
+    "    int probes = passes > 1 && used <= 8 ? SBL_PROBES * used : 0;\n",
+    "    bool bright[2] = bool[2](false, false), dark[2] = bright;  // what was seen of a group\n",
     "    bool undecided = total > 0.0;\n",
     "    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {\n",
     "        // each part has a stretch of the sequence, and each quarter of it covers a lamp, and the lamps, evenly\n",
     "        int from = (4 * part + pass * 4 / passes) * rays / (4 * parts), to = total > 0.0 ? (4 * part + (pass + 1) * 4 / passes) * rays / (4 * parts) : from;\n",
-    "        for (int k = pass < 0 ? part : from; k < (pass < 0 ? certain : to); k += pass < 0 ? parts : 1) {\n",
-    "            uvec2 fraction = texelFetch(sbl_sequence, int(words.y) + k).xy ^ words.zw;\n",
+    "        for (int k = pass < 0 ? part : pass == 0 ? from - probes : from; k < (pass < 0 ? certain : to); k += pass < 0 ? parts : 1) {\n",
+    "            bool probe = pass == 0 && k < from;\n",
+    "            uvec2 fraction = texelFetch(sbl_sequence, int(words.y) + max(k, 0)).xy ^ scramble;\n",
     "            vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0;\n",
     "            int entry = entries[pass < 0 ? SBL_LAMPS - 1 - k : 0];\n",
     "            float picked = pass < 0 ? 1.0 / float(parts) : 1.0;  // how often the lamp is\n",
-    "            if (pass >= 0) {  // one in proportion to its strength\n",
+    "            if (probe) entry = entries[(from - 1 - k) / SBL_PROBES];\n",
+    "            else if (pass >= 0) {  // one in proportion to its strength\n",
     "                float wanted = u.x * total, before = 0.0;\n",
     "                int low = 0, high = used - 1;\n",
     "                while (low < high) {\n",
@@ -1141,6 +1154,7 @@ static const char *const sbl__glsl_lamps[] = {
     "                picked = width / total;\n",
     "                entry = entries[low];\n",
     "            }\n",
+    "            if (probe && entry < 0) continue;\n",
     "            bool cluster = entry < 0;\n",
     "            if (cluster) {  // down to one of its lamps, at every fork in proportion to what the branches give\n",
     "                int node = -1 - entry;\n",
@@ -1156,21 +1170,36 @@ static const char *const sbl__glsl_lamps[] = {
     "                entry = int(sbl_fetch(sbl_lamps, 4 * node + 3).w);\n",
     "            }\n",
     "            sbl_Lamp l = sbl_lamp(entry, position, n);\n",
-    "            sbl_Sample s = sbl_sample(l, n, u);\n",
+    "            int rim = (from - 1 - k) % SBL_PROBES;\n",
+    "            if (probe && (l.kind == SBL_SKY_TEXEL || (l.kind == SBL_TRIANGLE && rim > 2))) continue;\n",
+    "            sbl_Sample s = sbl_sample(l, n, probe ? vec2(0.98, (float(rim) + float(scramble.y >> 8) / 16777216.0) / float(SBL_PROBES)) : u);\n",
+    "            for (int once = 0; once < (probe && l.kind == SBL_TRIANGLE ? 1 : 0); once++) {\n",
+    "                vec3 to = l.corner + (rim == 1 ? 0.98 : 0.01) * l.side_1 + (rim == 2 ? 0.98 : 0.01) * l.side_2;\n",
+    "                s.far = length(to);\n",
+    "                s.direction = to / s.far;\n",
+    "                s.light = vec3(dot(to, n));\n",
+    "            }\n",
     "            if (l.kind == SBL_SKY_TEXEL || sparse[l.group]) cluster = true;\n",
     "            vec3 light = s.light / picked;\n",
-    "            taken += pass < 0 ? 0.0 : 1.0;\n",
+    "            taken += pass < 0 || probe ? 0.0 : 1.0;\n",
     "            if (!(light.r + light.g + light.b > 0.0)) continue;\n",
-    "            if (!cluster && pass >= 0) {\n",
+    "            if (!cluster && pass >= 0 && !probe) {\n",
     "                open[l.group] += light;\n",
     "                samples[l.group] += 1.0;\n",
     "            }\n",
+    "            vec3 to = s.direction;\n",
+    "            if (s.far < 1e30) to = s.far * s.direction + (position - stand);\n",
+    "            float away = s.far < 1e30 ? length(to) : 1.0;\n",
+    "            sbl_Hit hit = sbl_trace(stand, to / away, s.far < 1e30 ? away * 0.99999 : 1e30);\n",
+    "            bool hidden = hit.triangle >= 0 && hit.number != l.number;\n",
     "#ifdef SBL_VIEWS\n",
-    "            if (sbl_hidden(slot, n, uintBitsToFloat(place.w), l, s)) continue;\n",
-    "#else\n",
-    "            sbl_Hit hit = sbl_trace(position, s.direction, s.far * 0.99999);\n",
-    "            if (hit.triangle >= 0 && hit.number != l.number) continue;\n",
+    "            hidden = hidden || sbl_hidden(slot, n, uintBitsToFloat(place.w), l, s);\n",
     "#endif\n",
+    "            if (pass >= 0 && (probe || !cluster)) {\n",
+    "                dark[l.group] = dark[l.group] || hidden;\n",
+    "                bright[l.group] = bright[l.group] || !hidden;\n",
+    "            }\n",
+    "            if (hidden || probe) continue;\n",
     "#ifdef SBL_TEXTURED\n",
     "            for (int once = 0; once < (l.kind == SBL_TRIANGLE ? 1 : 0); once++) {\n",
     "                sbl_Attributes at = sbl_attributes_at(l.triangle, s.b.x, s.b.y);\n",
@@ -1189,7 +1218,7 @@ static const char *const sbl__glsl_lamps[] = {
     "        }\n",
     "        // all is open, or nothing: the first samples tell; so do clusters that are alike\n",
     "        float mean = dot(sampled, vec3(1.0 / 3.0)) / max(taken, 1.0), error = (squares / max(taken, 1.0) - mean * mean) / max(taken, 1.0);\n",
-    "        bool mixed = (seen[0] != vec3(0) && seen[0] != open[0]) || (seen[1] != vec3(0) && seen[1] != open[1]);\n",
+    "        bool mixed = (bright[0] && dark[0]) || (bright[1] && dark[1]) || (seen[0] != vec3(0) && seen[0] != open[0]) || (seen[1] != vec3(0) && seen[1] != open[1]);\n",
     "        if (pass >= 0) undecided = mixed || SBL_STRATA * error > 1e-6 * mean * mean;\n",
     "    }\n",
     "    float clusters = dot(sampled, vec3(1.0 / 3.0)) / max(taken, 1.0), variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) / max(taken, 1.0);\n",
@@ -4281,6 +4310,7 @@ static void sbl__surface_draw(const sbl__gl *gl, unsigned program, const sbl__sc
 typedef struct sbl__point {
     float position[3];          /* already moved off the surface */
     float normal[3];            /* unit */
+    float offset;               /* how far it is off the surface */
     float turn;                 /* rotation about the normal, radians: rasterised sensors */
     uint32_t seed;              /* scrambles the directions: traced sensors */
     uint32_t first_ray;         /* in the sequence of directions */
@@ -4450,7 +4480,7 @@ typedef struct sbl__gather {
     int count, next;
     float spread;               /* traced: 1 for the hemisphere, 0 for rays along the normal only */
     int rays;                   /* traced: directions of a sensor; 0: rasterised */
-    int lamp_rays;              /* at most so many more, or looks into rasterised views, towards lamps; 0: there are none, or they are met by chance */
+    int lamp_rays;              /* at most so many more towards lamps; 0: there are none, or they are met by chance */
     int lamp_parts;             /* shader invocations that share them */
     int lamps_apart;            /* sensors' views and rays over the hemisphere do not see lamps */
     int environment;            /* sensors' views see the environment's picture */
@@ -4842,7 +4872,7 @@ static sbl_result sbl__points_send(const sbl__gl *gl, sbl__gather *g, int first,
         words[8] = p->first_ray * (uint32_t)g->rays;
         words[9] = SBL__MAX_LOOKS * (uint32_t)g->rays + p->first_ray * (uint32_t)g->lamp_rays;
         words[10] = sbl__hash(p->seed + 2u);
-        words[11] = sbl__hash(p->seed + 3u);
+        memcpy(words + 11, &p->offset, 4);
     }
     gl->BindVertexArray(0);
     result = sbl__buffer_make(gl, &g->point_buffer, 48 * (size_t)count, g->point_words, SBL__GL_STREAM_DRAW, "sending points");
@@ -4897,7 +4927,7 @@ static sbl_result sbl__trace_draw(const sbl__gl *gl, sbl__gather *g, const sbl__
     return sbl__gl_check(gl, "tracing rays");
 }
 
-/* One bounded piece of the job: at most `limit` sensors. Done when next == count. draw_programs: trace, lamps; or sensor, sky_view, lamps that look into views. */
+/* One bounded piece of the job: at most `limit` sensors. Done when next == count. draw_programs: trace, lamps; or sensor, sky, lamps. */
 static sbl_result sbl__gather_step(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, const unsigned *draw_programs, const unsigned reduce_programs[2], unsigned empty_array, int limit) {
     int slot = g->next % g->slots, count = SBL__MIN(SBL__MIN(g->count - g->next, g->slots - slot), SBL__MAX(1, SBL__MIN(limit, g->draw_limit)));
     sbl_result result = g->rays ? sbl__trace_draw(gl, g, scene, draw_programs, empty_array, g->next, count) : sbl__gather_draw(gl, g, scene, draw_programs, g->next, count);
@@ -5171,6 +5201,7 @@ static void sbl__refine_point(const sbl__refine *r, int index, double look, sbl_
         out->position[k] = p->position[k] + p->offset * p->geometric_normal[k];
         out->normal[k] = p->normal[k];
     }
+    out->offset = p->offset;
     out->turn = r->geometry_aware ? (float)(0.5 * SBL__PI * (sbl__hash((uint32_t)index ^ sbl__hash(r->seed)) / 4294967296.0 + look)) : 0;
     out->seed = sbl__hash((uint32_t)index ^ sbl__hash(r->seed));
     out->first_ray = (uint32_t)(look * SBL__MAX_LOOKS);
@@ -5626,8 +5657,8 @@ static sbl_result sbl__picture_work(sbl_context *c, int limit) {
     sbl__picture *p = &c->picture;
     const sbl__gl *gl = &c->gl;
     const unsigned reduce[2] = { c->programs.reduce_blocks, c->programs.reduce_sum };
-    const unsigned *draw = c->scene.textured ? c->programs.sensor_textured : c->programs.sensor;
-    const unsigned *trace = c->scene.textured ? c->programs.trace_textured : c->programs.trace;
+    const unsigned *views = c->scene.textured ? c->programs.sensor_textured : c->programs.sensor, *trace = c->scene.textured ? c->programs.trace_textured : c->programs.trace;
+    const unsigned draw[3] = { views[0], views[1], c->scene.draw ? views[2] : trace[1] };  /* what the host draws, only views show */
     double start = sbl__now(), *seconds = NULL;
     sbl_result result = SBL_SUCCESS;
     switch (p->stage) {

@@ -1,9 +1,9 @@
 // Light from lamps: emitting triangles, punctual lights, bright spots of the sky. What each gives where nothing stands between is known in closed form;
-// rays (or a look into the sensor's own views) only measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire 2018, "Combining
-// analytic direct illumination and stochastic shadows". Where lamps are many, those far off stand together in clusters, of which only single lamps,
+// rays only measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire 2018, "Combining analytic direct illumination and stochastic
+// shadows". Where lamps are many, those far off stand together in clusters, of which only single lamps,
 // picked in proportion to what they give, are ever looked at.
 // One invocation is one sensor, or a part of its rays where they are many: neighbours trace neighbouring rays, and each stops as soon as it knows enough.
-uniform usamplerBuffer sbl_points;    // a sensor, three texels: position, turn; normal; first of its directions, of its lamp points, two hashes for these
+uniform usamplerBuffer sbl_points;    // a sensor, three texels: position, turn; normal; first of its directions, of its lamp points, a hash for these, how far it is off its surface
 uniform usamplerBuffer sbl_sequence;  // see trace.glsl
 uniform sbl_Texels sbl_lamps;         // see >>lamps in sbl.h: nodes, leaves, lights
 uniform int lamp_nodes, lamp_leaves;  // how many
@@ -15,6 +15,7 @@ const float PI = 3.14159265;
 const uint SBL_TRIANGLE = 0u, SBL_NEAR_LIGHT = 1u, SBL_FAR_LIGHT = 2u, SBL_SKY_TEXEL = 3u;  // a leaf's kind, in its upper two bits
 const uint SBL_FAR_NODE = 0x80000000u;
 const int SBL_CERTAIN = 32;      // so many points of light get a ray each
+const int SBL_PROBES = 12;       // along the rim of a round lamp; of a triangle's, three
 const float SBL_STRATA = 0.1;    // stratified points have far less variance than independent ones: a tenth is what edges across a lamp leave
 
 struct sbl_Lamp {
@@ -85,10 +86,10 @@ float sbl_form_factor(vec3 a, vec3 b, vec3 c) {
     for (int k = 0; k < 3; k++) {  // what is below the horizon does not count
         vec3 p = corners[k], q = corners[k == 2 ? 0 : k + 1];
         if (max(p.z, q.z) <= 0.0) continue;
-        if (min(p.z, q.z) < 0.0) {
+        if (min(p.z, q.z) <= 0.0) {
             vec3 x = vec3(mix(p.xy, q.xy, p.z / (p.z - q.z)), 0);
             cut = true;
-            if (p.z < 0.0) entry = p = x;
+            if (p.z <= 0.0) entry = p = x;
             else leave = q = x;
         }
         sum += sbl_edge(p, q);
@@ -174,6 +175,9 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec3 n, vec2 u) {
         vec3 normal = cross(l.side_1, l.side_2);
         vec4 ray = sbl_spherical(normalize(l.corner), normalize(l.corner + l.side_1), normalize(l.corner + l.side_2), u);
         s.b = u.y > u.x ? vec2(0.5 * u.x, u.y - 0.5 * u.x) : vec2(u.x - 0.5 * u.y, 0.5 * u.y);
+        // not so near to an edge that rounding may carry the ray past it
+        float reach2 = dot(l.corner, l.corner), longest2 = max(dot(l.side_1, l.side_1), dot(l.side_2, l.side_2));
+        s.b = mix(s.b, vec2(1.0 / 3.0), min(3e-6 * sqrt(longest2) * reach2 / max(abs(dot(normal, l.corner)), 1e-37), 0.5));
         vec3 to = l.corner + s.b.x * l.side_1 + s.b.y * l.side_2;
         if (ray.w > 0.0) {
             to = ray.xyz * dot(l.corner, normal) / dot(ray.xyz, normal);
@@ -198,7 +202,7 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec3 n, vec2 u) {
     return s;
 }
 
-#ifdef SBL_VIEWS  // rasterised sensors look into their own views instead of tracing rays
+#ifdef SBL_VIEWS  // what the host draws stands in the sensor's own views only
 uniform sampler2D atlas;        // Ck r g b, signed distance along the view's axis
 uniform vec4 view_rects[5];     // x, y, width, height in the sheet
 uniform ivec2 sheet;            // a sensor's, in texels
@@ -225,15 +229,16 @@ bool sbl_hidden(int slot, vec3 n, float turn, sbl_Lamp l, sbl_Sample s) {
         vec4 rect = view_rects[face];
         vec2 lowest = vec2(-1, top ? -1 : 0), size = vec2(1) - lowest, at = (vec2(dot(point, right), dot(point, up)) / (dot(point, forward) * tangent) - lowest) / size;
         vec2 texel = clamp(floor(at * rect.zw), vec2(0), rect.zw - 1.0), centre = lowest + (texel + 0.5) / rect.zw * size;
-        float seen = abs(texelFetch(atlas, ivec2(slot % columns, slot / columns) * sheet + ivec2(rect.xy + texel), 0).a) * extent;
+        float shown = texelFetch(atlas, ivec2(slot % columns, slot / columns) * sheet + ivec2(rect.xy + texel), 0).a, seen = abs(shown) * extent;
         if (seen == 0.0) return false;
         if (l.kind != SBL_TRIANGLE) return seen < 0.998 * s.far * dot(point, forward);
         vec3 ray = forward + tangent * (centre.x * right + centre.y * up);
         float there = dot(l.corner, normal) / dot(ray, normal);  // where it meets the lamp's plane
-        if (there > 0.0 && seen >= 0.998 * there) return false;
+        bool other_side = (shown < 0.0) != (l.group == 1);  // of a thin body
+        if (there > 0.0 && (seen > 1.002 * there || (seen >= 0.998 * there && !other_side))) return false;
         vec3 hit = there * ray - l.corner;
         vec2 b = vec2(dot(cross(hit, l.side_2), normal), dot(cross(l.side_1, hit), normal)) / dot(normal, normal);
-        if (attempt == 3 || (there > 0.0 && min(b.x, b.y) >= 0.0 && b.x + b.y <= 1.0)) return seen < 0.998 * dot(point, forward);
+        if (attempt == 3 || (there > 0.0 && min(b.x, b.y) >= 0.0 && b.x + b.y <= 1.0)) return seen < (other_side ? 1.002 : 0.998) * dot(point, forward);
     }
     return true;
 }
@@ -244,7 +249,10 @@ void main() {
     int parts = blocks.y, part = at.y % parts, slot = at.y / parts * columns + at.x, sensor = slot - first_slot;
     if (sensor < 0 || sensor >= count) sbl_leave;
     uvec4 place = texelFetch(sbl_points, 3 * sensor), words = texelFetch(sbl_points, 3 * sensor + 2);
-    vec3 position = uintBitsToFloat(place.xyz), n = uintBitsToFloat(texelFetch(sbl_points, 3 * sensor + 1).xyz);
+    vec3 stand = uintBitsToFloat(place.xyz), n = uintBitsToFloat(texelFetch(sbl_points, 3 * sensor + 1).xyz);
+    vec3 position = stand - uintBitsToFloat(words.w) * n;  // on the surface: a lamp close by is seen from there
+    uvec2 scramble = uvec2(words.z, (words.z ^ words.z >> 15) * 747796405u);
+    scramble.y ^= scramble.y >> 13;
     mat3 to_frame = transpose(sbl_frame(n));
 
     // Which lamps count here: single ones and, where there are many, clusters that are small for their distance.
@@ -306,16 +314,21 @@ void main() {
     // the more of the samples it takes to know each.
     int passes = clamp(min(rays / 32, int(8.0 * crowd / max(total * total, 1e-37))), 1, 4);
     passes = passes == 3 ? 2 : passes;
+    // So that they do not overlook an edge that hides little, corners and rims of few lamps are looked at besides.
+    int probes = passes > 1 && used <= 8 ? SBL_PROBES * used : 0;
+    bool bright[2] = bool[2](false, false), dark[2] = bright;  // what was seen of a group
     bool undecided = total > 0.0;
     for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {
         // each part has a stretch of the sequence, and each quarter of it covers a lamp, and the lamps, evenly
         int from = (4 * part + pass * 4 / passes) * rays / (4 * parts), to = total > 0.0 ? (4 * part + (pass + 1) * 4 / passes) * rays / (4 * parts) : from;
-        for (int k = pass < 0 ? part : from; k < (pass < 0 ? certain : to); k += pass < 0 ? parts : 1) {
-            uvec2 fraction = texelFetch(sbl_sequence, int(words.y) + k).xy ^ words.zw;
+        for (int k = pass < 0 ? part : pass == 0 ? from - probes : from; k < (pass < 0 ? certain : to); k += pass < 0 ? parts : 1) {
+            bool probe = pass == 0 && k < from;
+            uvec2 fraction = texelFetch(sbl_sequence, int(words.y) + max(k, 0)).xy ^ scramble;
             vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0;
             int entry = entries[pass < 0 ? SBL_LAMPS - 1 - k : 0];
             float picked = pass < 0 ? 1.0 / float(parts) : 1.0;  // how often the lamp is
-            if (pass >= 0) {  // one in proportion to its strength
+            if (probe) entry = entries[(from - 1 - k) / SBL_PROBES];
+            else if (pass >= 0) {  // one in proportion to its strength
                 float wanted = u.x * total, before = 0.0;
                 int low = 0, high = used - 1;
                 while (low < high) {
@@ -328,6 +341,7 @@ void main() {
                 picked = width / total;
                 entry = entries[low];
             }
+            if (probe && entry < 0) continue;
             bool cluster = entry < 0;
             if (cluster) {  // down to one of its lamps, at every fork in proportion to what the branches give
                 int node = -1 - entry;
@@ -343,21 +357,36 @@ void main() {
                 entry = int(sbl_fetch(sbl_lamps, 4 * node + 3).w);
             }
             sbl_Lamp l = sbl_lamp(entry, position, n);
-            sbl_Sample s = sbl_sample(l, n, u);
+            int rim = (from - 1 - k) % SBL_PROBES;
+            if (probe && (l.kind == SBL_SKY_TEXEL || (l.kind == SBL_TRIANGLE && rim > 2))) continue;
+            sbl_Sample s = sbl_sample(l, n, probe ? vec2(0.98, (float(rim) + float(scramble.y >> 8) / 16777216.0) / float(SBL_PROBES)) : u);
+            for (int once = 0; once < (probe && l.kind == SBL_TRIANGLE ? 1 : 0); once++) {
+                vec3 to = l.corner + (rim == 1 ? 0.98 : 0.01) * l.side_1 + (rim == 2 ? 0.98 : 0.01) * l.side_2;
+                s.far = length(to);
+                s.direction = to / s.far;
+                s.light = vec3(dot(to, n));
+            }
             if (l.kind == SBL_SKY_TEXEL || sparse[l.group]) cluster = true;
             vec3 light = s.light / picked;
-            taken += pass < 0 ? 0.0 : 1.0;
+            taken += pass < 0 || probe ? 0.0 : 1.0;
             if (!(light.r + light.g + light.b > 0.0)) continue;
-            if (!cluster && pass >= 0) {
+            if (!cluster && pass >= 0 && !probe) {
                 open[l.group] += light;
                 samples[l.group] += 1.0;
             }
+            vec3 to = s.direction;
+            if (s.far < 1e30) to = s.far * s.direction + (position - stand);
+            float away = s.far < 1e30 ? length(to) : 1.0;
+            sbl_Hit hit = sbl_trace(stand, to / away, s.far < 1e30 ? away * 0.99999 : 1e30);
+            bool hidden = hit.triangle >= 0 && hit.number != l.number;
 #ifdef SBL_VIEWS
-            if (sbl_hidden(slot, n, uintBitsToFloat(place.w), l, s)) continue;
-#else
-            sbl_Hit hit = sbl_trace(position, s.direction, s.far * 0.99999);
-            if (hit.triangle >= 0 && hit.number != l.number) continue;
+            hidden = hidden || sbl_hidden(slot, n, uintBitsToFloat(place.w), l, s);
 #endif
+            if (pass >= 0 && (probe || !cluster)) {
+                dark[l.group] = dark[l.group] || hidden;
+                bright[l.group] = bright[l.group] || !hidden;
+            }
+            if (hidden || probe) continue;
 #ifdef SBL_TEXTURED
             for (int once = 0; once < (l.kind == SBL_TRIANGLE ? 1 : 0); once++) {
                 sbl_Attributes at = sbl_attributes_at(l.triangle, s.b.x, s.b.y);
@@ -376,7 +405,7 @@ void main() {
         }
         // all is open, or nothing: the first samples tell; so do clusters that are alike
         float mean = dot(sampled, vec3(1.0 / 3.0)) / max(taken, 1.0), error = (squares / max(taken, 1.0) - mean * mean) / max(taken, 1.0);
-        bool mixed = (seen[0] != vec3(0) && seen[0] != open[0]) || (seen[1] != vec3(0) && seen[1] != open[1]);
+        bool mixed = (bright[0] && dark[0]) || (bright[1] && dark[1]) || (seen[0] != vec3(0) && seen[0] != open[0]) || (seen[1] != vec3(0) && seen[1] != open[1]);
         if (pass >= 0) undecided = mixed || SBL_STRATA * error > 1e-6 * mean * mean;
     }
     float clusters = dot(sampled, vec3(1.0 / 3.0)) / max(taken, 1.0), variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) / max(taken, 1.0);
