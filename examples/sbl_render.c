@@ -643,7 +643,7 @@ static void fill_desc(sbl_picture_desc *desc, progress *bar) {
     desc->facet_limit = (float)options.facet_limit;
     if (given[EPSILON]) desc->epsilon = options.epsilon > (double)least ? (float)options.epsilon : least;
     if (given[FILTER_RADIUS]) desc->filter_radius = options.filter_radius ? options.filter_radius : -1;
-    desc->samples = options.samples;
+    desc->samples = (sbl_channel)options.channel == SBL_CHANNEL_FINAL ? options.samples : 1;  /* the other channels show pixel centres */
     desc->seed = (uint32_t)options.seed;
     desc->progress = on_progress;
     desc->progress_user = bar;
