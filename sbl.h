@@ -468,7 +468,7 @@ typedef enum sbl_preset { SBL_PRESET_DEFAULT = 0, SBL_PRESET_DRAFT, SBL_PRESET_H
 typedef enum sbl_sensor_kind {
     SBL_SENSOR_DEFAULT = 0,  /* HEMICUBE; SINGLE in SBL_MODE_PAPER */
     SBL_SENSOR_HEMICUBE,     /* five views, the whole hemisphere */
-    SBL_SENSOR_SINGLE,       /* the paper's one view along the normal, sensor_fov wide, blind outside */
+    SBL_SENSOR_SINGLE,       /* the paper's one view along the normal, sensor_fov wide, blind outside but for lamps */
     SBL_SENSOR_KIND_COUNT
 } sbl_sensor_kind;
 
@@ -485,7 +485,8 @@ typedef struct sbl_picture_desc {
     uint32_t start_canary;
     int width, height;         /* pixels, 1 to 16384. Default: 640 480 */
     float world_to_view[16];   /* rigid. Default (all zero): frames the scene from the front, see sbl_look_at */
-    float view_to_clip[16];    /* perspective or orthographic; its near and far planes are ignored. Default: 40 degrees */
+    float view_to_clip[16];    /* perspective or orthographic; its near and far planes are ignored, and an orthographic one
+                                  sees what is behind it too. Default: 40 degrees */
     sbl_mode mode;
     sbl_preset preset;
     sbl_sensor_kind sensor_kind;
