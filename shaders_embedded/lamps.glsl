@@ -26,13 +26,13 @@ struct sbl_Lamp {
     float away, radius, sine2; // of a light: distance, radius, sine squared of the angle that it spans to each side
     ivec2 texel;
     int triangle, number;      // as traced; in the scene
-    int group;                 // 1: a triangle that turns its back to the sensor
+    vec2 group;                // 0 1 for a triangle that turns its back to the sensor, else 1 0
 };
 
 sbl_Lamp sbl_lamp(int leaf, vec3 p, vec3 n) {
     uint code = sbl_fetch(sbl_lamps, 4 * lamp_nodes + leaf).x, at = code & 0x3fffffffu;
-    sbl_Lamp l = sbl_Lamp(code >> 30, vec3(0), vec3(0), vec3(0), vec3(0), 1e30, 0.0, 0.0, ivec2(at & 32767u, at >> 15), int(at), -1, 0);
-    if (l.kind == SBL_TRIANGLE) {
+    sbl_Lamp l = sbl_Lamp(code >> 30, vec3(0), vec3(0), vec3(0), vec3(0), 1e30, 0.0, 0.0, ivec2(at & 32767u, at >> 15), int(at), -1, vec2(1, 0));
+    sbl_when (l.kind == SBL_TRIANGLE) {
         uvec4 a = sbl_fetch(sbl_triangles, 3 * l.triangle), b = sbl_fetch(sbl_triangles, 3 * l.triangle + 1), c = sbl_fetch(sbl_triangles, 3 * l.triangle + 2), light = sbl_object(a.w, 1);
         l.corner = uintBitsToFloat(a.xyz);
         l.side_1 = uintBitsToFloat(b.xyz) - l.corner;
@@ -40,14 +40,16 @@ sbl_Lamp sbl_lamp(int leaf, vec3 p, vec3 n) {
         l.corner -= p;
         l.emission = uintBitsToFloat(light.rgb) / unit;
         l.number = int(b.w);
-        l.group = dot(cross(l.side_1, l.side_2), l.corner) > 0.0 ? 1 : 0;
-        if (l.group == 1 && (light.w & SBL_ONE_SIDED_EMISSION) != 0u) l.emission = vec3(0);
-    } else if (l.kind == SBL_SKY_TEXEL) {
+        l.group = dot(cross(l.side_1, l.side_2), l.corner) > 0.0 ? vec2(0, 1) : vec2(1, 0);
+        if (l.group.y == 1.0 && (light.w & SBL_ONE_SIDED_EMISSION) != 0u) l.emission = vec3(0);
+    }
+    sbl_when (l.kind == SBL_SKY_TEXEL) {
         vec2 size = vec2(textureSize(sky_picture, 0)), middle = (vec2(l.texel) + 0.5) / size;
         vec3 radiance = texelFetch(sky_picture, l.texel, 0).rgb;
         l.corner = sbl_sky_direction(middle.x, cos(PI * middle.y));
         l.emission = radiance * (sbl_sky_excess(radiance) / unit * (2.0 * PI / size.x) * 2.0 * sin(PI * middle.y) * sin(0.5 * PI / size.y));
-    } else {
+    }
+    sbl_when (l.kind == SBL_NEAR_LIGHT || l.kind == SBL_FAR_LIGHT) {
         int first = 4 * lamp_nodes + lamp_leaves + 3 * int(at);
         vec4 a = uintBitsToFloat(sbl_fetch(sbl_lamps, first)), b = uintBitsToFloat(sbl_fetch(sbl_lamps, first + 1)), c = uintBitsToFloat(sbl_fetch(sbl_lamps, first + 2));
         l.corner = a.xyz;
@@ -111,12 +113,12 @@ float sbl_round(float z, float sine2) {
 // R from a lamp that nothing hides.
 vec3 sbl_unhindered(sbl_Lamp l, vec3 n, mat3 to_frame) {
     float factor = 0.0;
-    for (int once = 0; once < (l.kind == SBL_TRIANGLE ? 1 : 0); once++) {  // a loop, see sbl_trace
+    sbl_when (l.kind == SBL_TRIANGLE) {
         vec3 corner = to_frame * l.corner;
         factor = sbl_form_factor(corner, corner + to_frame * l.side_1, corner + to_frame * l.side_2);
     }
-    if (l.kind == SBL_NEAR_LIGHT || l.kind == SBL_FAR_LIGHT) factor = sbl_round(dot(n, l.corner), l.sine2) / PI;
-    if (l.kind == SBL_SKY_TEXEL) factor = max(dot(n, l.corner) + PI / float(textureSize(sky_picture, 0).y), 0.0) / PI;  // about: above 0 where some of it is above the horizon
+    sbl_when (l.kind == SBL_NEAR_LIGHT || l.kind == SBL_FAR_LIGHT) factor = sbl_round(dot(n, l.corner), l.sine2) / PI;
+    sbl_when (l.kind == SBL_SKY_TEXEL) factor = max(dot(n, l.corner) + PI / float(textureSize(sky_picture, 0).y), 0.0) / PI;  // about: above 0 where some of it is above the horizon
     return l.emission * factor;
 }
 
@@ -171,7 +173,7 @@ struct sbl_Sample {
 
 sbl_Sample sbl_sample(sbl_Lamp l, vec3 n, vec2 u) {
     sbl_Sample s = sbl_Sample(l.corner, 1e30, l.emission / PI, u);
-    for (int once = 0; once < (l.kind == SBL_TRIANGLE ? 1 : 0); once++) {  // by solid angle where it is large, else by area (Heitz 2019, "A Low-Distortion Map Between Triangle and Square")
+    sbl_when (l.kind == SBL_TRIANGLE) {  // by solid angle where it is large, else by area (Heitz 2019, "A Low-Distortion Map Between Triangle and Square")
         vec3 normal = cross(l.side_1, l.side_2);
         vec4 ray = sbl_spherical(normalize(l.corner), normalize(l.corner + l.side_1), normalize(l.corner + l.side_2), u);
         s.b = u.y > u.x ? vec2(0.5 * u.x, u.y - 0.5 * u.x) : vec2(u.x - 0.5 * u.y, 0.5 * u.y);
@@ -187,12 +189,12 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec3 n, vec2 u) {
         s.direction = to / s.far;
         s.light *= ray.w > 0.0 ? ray.w : 0.5 * abs(dot(normal, s.direction)) / (s.far * s.far);
     }
-    if (l.kind == SBL_SKY_TEXEL) {
+    sbl_when (l.kind == SBL_SKY_TEXEL) {
         vec2 size = vec2(textureSize(sky_picture, 0));
         float row = float(l.texel.y);
         s.direction = sbl_sky_direction((float(l.texel.x) + u.x) / size.x, mix(cos(PI * row / size.y), cos(PI * (row + 1.0) / size.y), u.y));
     }
-    if (l.kind == SBL_NEAR_LIGHT || l.kind == SBL_FAR_LIGHT) {
+    sbl_when (l.kind == SBL_NEAR_LIGHT || l.kind == SBL_FAR_LIGHT) {
         float cosine = sqrt(1.0 - l.sine2), off = u.x * l.sine2 / (1.0 + cosine), r = sqrt(max(off * (2.0 - off), 0.0));  // off: what the ray's cosine to the middle lacks to 1
         s.direction = sbl_frame(l.corner) * vec3(r * cos(2.0 * PI * u.y), r * sin(2.0 * PI * u.y), 1.0 - off);
         s.light *= 2.0 / (1.0 + cosine);
@@ -234,7 +236,7 @@ bool sbl_hidden(int slot, vec3 n, float turn, sbl_Lamp l, sbl_Sample s) {
         if (l.kind != SBL_TRIANGLE) return seen < 0.998 * s.far * dot(point, forward);
         vec3 ray = forward + tangent * (centre.x * right + centre.y * up);
         float there = dot(l.corner, normal) / dot(ray, normal);  // where it meets the lamp's plane
-        bool other_side = (shown < 0.0) != (l.group == 1);  // of a thin body
+        bool other_side = (shown < 0.0) != (l.group.y == 1.0);  // of a thin body
         if (there > 0.0 && (seen > 1.002 * there || (seen >= 0.998 * there && !other_side))) return false;
         vec3 hit = there * ray - l.corner;
         vec2 b = vec2(dot(cross(hit, l.side_2), normal), dot(cross(l.side_1, hit), normal)) / dot(normal, normal);
@@ -259,20 +261,20 @@ void main() {
     int entries[SBL_LAMPS];      // a leaf, or -1 - a node; from the end on: points of light, which get a ray each
     float strengths[SBL_LAMPS];  // what each gives about, summed up
     float total = 0.0, crowd = 0.0, opening = 0.3;  // crowd: the sum of their squares
-    vec3 all[2];                 // single lamps, unhindered; two groups, since of a closed mesh one is all hidden, the other all open
+    mat2x3 all = mat2x3(0);      // single lamps, unhindered; two groups, since of a closed mesh one is all hidden, the other all open
     int used = 0, certain = 0, limit = lamp_leaves <= SBL_LAMPS ? lamp_leaves : lamp_nodes;
-    bool full = true;
+    bool full = true, round = false;
     for (int attempt = 0; attempt < 12 && full; attempt++, opening *= 2.0) {
         used = certain = 0;
         total = crowd = 0.0;
-        all[0] = all[1] = vec3(0);
+        all = mat2x3(0);
         full = false;
         for (int i = 0, next; i < limit; i = next) {
             int leaf = i;
             float strength = 0.0;
             bool single = lamp_leaves <= SBL_LAMPS, point = false;
             next = i + 1;
-            for (int once = 0; once < (single ? 0 : 1); once++) {
+            sbl_when (!single) {
                 sbl_Cluster c = sbl_cluster(i, position);
                 if (dot(n, c.to) + c.radius <= 0.0) next = c.beyond;
                 else if (c.beyond == i + 1) {
@@ -283,12 +285,13 @@ void main() {
                     strength = sbl_strength(i, c, n);
                 }
             }
-            for (int once = 0; once < (single ? 1 : 0); once++) {
+            sbl_when (single) {
                 sbl_Lamp l = sbl_lamp(leaf, position, n);
                 vec3 light = sbl_unhindered(l, n, to_frame);
                 strength = light.r + light.g + light.b;
+                round = round || l.kind != SBL_TRIANGLE;
                 point = l.sine2 == 0.0 && (l.kind == SBL_NEAR_LIGHT || l.kind == SBL_FAR_LIGHT) && certain < SBL_CERTAIN;
-                if (!point && l.kind != SBL_SKY_TEXEL) all[l.group] += light;
+                if (!point && l.kind != SBL_SKY_TEXEL) all += outerProduct(light, l.group);
             }
             if (strength > 0.0) {
                 full = used + certain == SBL_LAMPS;
@@ -304,30 +307,31 @@ void main() {
         }
     }
 
-    vec3 open[2] = vec3[2](vec3(0), vec3(0)), seen[2] = open;  // what the samples of single lamps give without and with what stands between
+    mat2x3 open = mat2x3(0), seen = open;  // what the samples of single lamps give without and with what stands between
     vec3 sure = vec3(0), sampled = vec3(0);  // from points of light; from clusters, summed over the samples
-    float samples[2] = float[2](0.0, 0.0), lit[2] = samples, taken = 0.0, squares = 0.0;
+    vec2 samples = vec2(0), lit = samples;
+    float taken = 0.0, squares = 0.0;
     // A group that samples hardly meet is no ground for a ratio: it is sampled as clusters are.
-    float sums[2] = float[2](dot(all[0], vec3(1)), dot(all[1], vec3(1))), enough = 16.0 * float(parts) / float(rays) * total;
-    bool sparse[2] = bool[2](sums[0] < enough, sums[1] < enough);
+    float enough = 16.0 * float(parts) / float(rays) * total;
+    vec2 sparse = vec2(lessThan(vec3(1) * all, vec2(enough)));
     // The first quarter, or half of few, tells whether there is more to know: what it overlooks is less than a sample's share. The more lamps there are,
     // the more of the samples it takes to know each.
-    int passes = clamp(min(rays / 32, int(8.0 * crowd / max(total * total, 1e-37))), 1, 4);
-    passes = passes == 3 ? 2 : passes;
+    int passes = clamp(min(rays / 32, int(16.0 * crowd / max(total * total, 1e-37))), 1, 8);
+    passes = passes >= 8 ? 8 : passes >= 4 ? 4 : passes >= 2 ? 2 : 1;
     // So that they do not overlook an edge that hides little, corners and rims of few lamps are looked at besides.
-    int probes = passes > 1 && used <= 8 ? SBL_PROBES * used : 0;
-    bool bright[2] = bool[2](false, false), dark[2] = bright;  // what was seen of a group
+    int rims = round ? SBL_PROBES : 3, probes = passes > 1 && used <= 8 ? rims * used : 0;
+    vec2 bright = vec2(0), dark = bright;  // whether any of a group was seen, or hidden
     bool undecided = total > 0.0;
     for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {
         // each part has a stretch of the sequence, and each quarter of it covers a lamp, and the lamps, evenly
-        int from = (4 * part + pass * 4 / passes) * rays / (4 * parts), to = total > 0.0 ? (4 * part + (pass + 1) * 4 / passes) * rays / (4 * parts) : from;
+        int from = (8 * part + pass * 8 / passes) * rays / (8 * parts), to = total > 0.0 ? (8 * part + (pass + 1) * 8 / passes) * rays / (8 * parts) : from;
         for (int k = pass < 0 ? part : pass == 0 ? from - probes : from; k < (pass < 0 ? certain : to); k += pass < 0 ? parts : 1) {
             bool probe = pass == 0 && k < from;
             uvec2 fraction = texelFetch(sbl_sequence, int(words.y) + max(k, 0)).xy ^ scramble;
             vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0;
             int entry = entries[pass < 0 ? SBL_LAMPS - 1 - k : 0];
             float picked = pass < 0 ? 1.0 / float(parts) : 1.0;  // how often the lamp is
-            if (probe) entry = entries[(from - 1 - k) / SBL_PROBES];
+            if (probe) entry = entries[(from - 1 - k) / rims];
             else if (pass >= 0) {  // one in proportion to its strength
                 float wanted = u.x * total, before = 0.0;
                 int low = 0, high = used - 1;
@@ -343,7 +347,7 @@ void main() {
             }
             if (probe && entry < 0) continue;
             bool cluster = entry < 0;
-            if (cluster) {  // down to one of its lamps, at every fork in proportion to what the branches give
+            sbl_when (cluster) {  // down to one of its lamps, at every fork in proportion to what the branches give
                 int node = -1 - entry;
                 u.x = clamp(u.x + (float(fraction.x & 255u) - 127.5) / 4294967296.0 / picked, 0.0, 1.0);  // digits below those of a float that are left
                 for (sbl_Cluster c = sbl_cluster(node, position); c.beyond != node + 1; c = sbl_cluster(node, position)) {
@@ -357,22 +361,22 @@ void main() {
                 entry = int(sbl_fetch(sbl_lamps, 4 * node + 3).w);
             }
             sbl_Lamp l = sbl_lamp(entry, position, n);
-            int rim = (from - 1 - k) % SBL_PROBES;
+            int rim = (from - 1 - k) % rims;
             if (probe && (l.kind == SBL_SKY_TEXEL || (l.kind == SBL_TRIANGLE && rim > 2))) continue;
-            sbl_Sample s = sbl_sample(l, n, probe ? vec2(0.98, (float(rim) + float(scramble.y >> 8) / 16777216.0) / float(SBL_PROBES)) : u);
-            for (int once = 0; once < (probe && l.kind == SBL_TRIANGLE ? 1 : 0); once++) {
-                vec3 to = l.corner + (rim == 1 ? 0.98 : 0.01) * l.side_1 + (rim == 2 ? 0.98 : 0.01) * l.side_2;
+            sbl_Sample s = sbl_sample(l, n, probe ? vec2(0.99, (float(rim) + float(scramble.y >> 8) / 16777216.0) / float(SBL_PROBES)) : u);
+            sbl_when (probe && l.kind == SBL_TRIANGLE) {
+                vec3 to = l.corner + (rim == 1 ? 0.996 : 0.002) * l.side_1 + (rim == 2 ? 0.996 : 0.002) * l.side_2;
                 s.far = length(to);
                 s.direction = to / s.far;
                 s.light = vec3(dot(to, n));
             }
-            if (l.kind == SBL_SKY_TEXEL || sparse[l.group]) cluster = true;
+            if (l.kind == SBL_SKY_TEXEL || dot(sparse, l.group) > 0.0) cluster = true;
             vec3 light = s.light / picked;
             taken += pass < 0 || probe ? 0.0 : 1.0;
             if (!(light.r + light.g + light.b > 0.0)) continue;
             if (!cluster && pass >= 0 && !probe) {
-                open[l.group] += light;
-                samples[l.group] += 1.0;
+                open += outerProduct(light, l.group);
+                samples += l.group;
             }
             vec3 to = s.direction;
             if (s.far < 1e30) to = s.far * s.direction + (position - stand);
@@ -383,12 +387,12 @@ void main() {
             hidden = hidden || sbl_hidden(slot, n, uintBitsToFloat(place.w), l, s);
 #endif
             if (pass >= 0 && (probe || !cluster)) {
-                dark[l.group] = dark[l.group] || hidden;
-                bright[l.group] = bright[l.group] || !hidden;
+                if (hidden) dark += l.group;
+                else bright += l.group;
             }
             if (hidden || probe) continue;
 #ifdef SBL_TEXTURED
-            for (int once = 0; once < (l.kind == SBL_TRIANGLE ? 1 : 0); once++) {
+            sbl_when (l.kind == SBL_TRIANGLE) {
                 sbl_Attributes at = sbl_attributes_at(l.triangle, s.b.x, s.b.y);
                 light *= sbl_texture(sbl_object(sbl_fetch(sbl_triangles, 3 * l.triangle).w, 3), at.uv).rgb;
             }
@@ -399,13 +403,13 @@ void main() {
                 float mean = dot(light, vec3(1.0 / 3.0));
                 squares += mean * mean;
             } else {
-                seen[l.group] += light;
-                lit[l.group] += 1.0;
+                seen += outerProduct(light, l.group);
+                lit += l.group;
             }
         }
         // all is open, or nothing: the first samples tell; so do clusters that are alike
         float mean = dot(sampled, vec3(1.0 / 3.0)) / max(taken, 1.0), error = (squares / max(taken, 1.0) - mean * mean) / max(taken, 1.0);
-        bool mixed = (bright[0] && dark[0]) || (bright[1] && dark[1]) || (seen[0] != vec3(0) && seen[0] != open[0]) || (seen[1] != vec3(0) && seen[1] != open[1]);
+        bool mixed = dot(bright, dark) > 0.0 || (seen[0] != vec3(0) && seen[0] != open[0]) || (seen[1] != vec3(0) && seen[1] != open[1]);
         if (pass >= 0) undecided = mixed || SBL_STRATA * error > 1e-6 * mean * mean;
     }
     float clusters = dot(sampled, vec3(1.0 / 3.0)) / max(taken, 1.0), variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) / max(taken, 1.0);
@@ -413,7 +417,7 @@ void main() {
     for (int g = 0; g < 2; g++) {
         vec3 share = vec3(open[g].r > 0.0 ? seen[g].r / open[g].r : 0.0, open[g].g > 0.0 ? seen[g].g / open[g].g : 0.0, open[g].b > 0.0 ? seen[g].b / open[g].b : 0.0);
         float mean = dot(all[g], vec3(1.0 / 3.0)), lit_share = lit[g] / max(samples[g], 1.0);
-        if (sparse[g]) continue;
+        if (sparse[g] > 0.0) continue;
         light += all[g] * share;
         variance += mean * mean * lit_share * (1.0 - lit_share) / max(samples[g], 1.0);
     }

@@ -9,6 +9,8 @@ uniform int node_count;                     // 0: an empty scene
 
 // What sensors' programs have in common. A sensor has a block of texels, one an invocation. There are two carriers: fragment shaders drawn over the blocks,
 // and compute shaders, in which the invocations of a sensor follow each other.
+// Software renderers run both sides of every if, but leave loops that no lane enters: an if for what is long and rare.
+#define sbl_when(condition) for (int sbl_once = 0; sbl_once < ((condition) ? 1 : 0); sbl_once++)
 uniform ivec2 blocks;                 // invocations of a sensor: four by some, so that those that run side by side trace neighbouring rays
 uniform int columns;                  // sensors across the target
 uniform int first_slot, count;        // this many sensors stand from first_slot on
