@@ -145,7 +145,7 @@
    Surfaces emit (sbl_material.emission); point, spot and directional lights shine (sbl_light); the sky does, constant, by a picture or by a
    function (sbl_environment). What an emitting triangle, a sphere or a sun gives unhindered is computed in closed form, with the
    horizon; rays only measure which share of it arrives. So light is exact where all of a lamp is seen, black where none is, and its
-   noise is that of a share in between. A quarter of `rays` tells whether all or nothing arrives; where neither does, or lamps are many, the rest
+   noise is that of a share in between. An eighth of `rays`, and a look at corners and rims, tells whether all or nothing arrives; where neither does, or lamps are many, the rest
    are traced too. A light without size gets one ray, up to 32 of them.
    Up to 256 lamps are weighed one by one. Of more, those far off for their size stand together in clusters of a tree, of which rays pick single
    ones in proportion to what they give: the cost of a sensor hardly grows from there on, and the mean stays right; the noise is a few percent.
@@ -485,8 +485,7 @@ typedef struct sbl_picture_desc {
     uint32_t start_canary;
     int width, height;         /* pixels, 1 to 16384. Default: 640 480 */
     float world_to_view[16];   /* rigid. Default (all zero): frames the scene from the front, see sbl_look_at */
-    float view_to_clip[16];    /* perspective or orthographic; its near and far planes are ignored, and an orthographic one
-                                  sees what is behind it too. Default: 40 degrees */
+    float view_to_clip[16];    /* perspective, or orthographic, which sees what is behind it too; near and far planes are ignored. Default: 40 degrees */
     sbl_mode mode;
     sbl_preset preset;
     sbl_sensor_kind sensor_kind;
@@ -1077,7 +1076,7 @@ static const char *const sbl__glsl_lamps[] = {
     "    float total = 0.0, crowd = 0.0, opening = 0.3;  // crowd: the sum of their squares\n",
     "    mat2x3 all = mat2x3(0);      // single lamps, unhindered; two groups, since of a closed mesh one is all hidden, the other all open\n",
     "    int used = 0, certain = 0, limit = lamp_leaves <= SBL_LAMPS ? lamp_leaves : lamp_nodes;\n",
-    "    bool full = true, round = false;\n",
+    "    bool full = true, rounded = false;\n",
     "    for (int attempt = 0; attempt < 12 && full; attempt++, opening *= 2.0) {\n",
     "        used = certain = 0;\n",
     "        total = crowd = 0.0;\n",
@@ -1103,7 +1102,7 @@ static const char *const sbl__glsl_lamps[] = {
     "                sbl_Lamp l = sbl_lamp(leaf, position, n);\n",
     "                vec3 light = sbl_unhindered(l, n, to_frame);\n",
     "                strength = light.r + light.g + light.b;\n",
-    "                round = round || l.kind != SBL_TRIANGLE;\n",
+    "                rounded = rounded || l.kind != SBL_TRIANGLE;\n",
     "                point = l.sine2 == 0.0 && (l.kind == SBL_NEAR_LIGHT || l.kind == SBL_FAR_LIGHT) && certain < SBL_CERTAIN;\n",
     "                if (!point && l.kind != SBL_SKY_TEXEL) all += outerProduct(light, l.group);\n",
     "            }\n",
@@ -1128,12 +1127,12 @@ static const char *const sbl__glsl_lamps[] = {
     "    // A group that samples hardly meet is no ground for a ratio: it is sampled as clusters are.\n",
     "    float enough = 16.0 * float(parts) / float(rays) * total;\n",
     "    vec2 sparse = vec2(lessThan(vec3(1) * all, vec2(enough)));\n",
-    "    // The first quarter, or half of few, tells whether there is more to know: what it overlooks is less than a sample's share. The more lamps there are,\n",
+    "    // The first eighth, or half of few, tells whether there is more to know: what it overlooks is less than a sample's share. The more lamps there are,\n",
     "    // the more of the samples it takes to know each.\n",
     "    int passes = clamp(min(rays / 32, int(16.0 * crowd / max(total * total, 1e-37))), 1, 8);\n",
     "    passes = passes >= 8 ? 8 : passes >= 4 ? 4 : passes >= 2 ? 2 : 1;\n",
     "    // So that they do not overlook an edge that hides little, corners and rims of few lamps are looked at besides.\n",
-    "    int rims = round ? SBL_PROBES : 3, probes = passes > 1 && used <= 8 ? rims * used : 0;\n",
+    "    int rims = rounded ? SBL_PROBES : 3, probes = passes > 1 && used <= 8 ? rims * used : 0;\n",
     "    vec2 bright = vec2(0), dark = bright;  // whether any of a group was seen, or hidden\n",
     "    bool undecided = total > 0.0;\n",
     "    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {\n",

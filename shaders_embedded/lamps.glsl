@@ -263,7 +263,7 @@ void main() {
     float total = 0.0, crowd = 0.0, opening = 0.3;  // crowd: the sum of their squares
     mat2x3 all = mat2x3(0);      // single lamps, unhindered; two groups, since of a closed mesh one is all hidden, the other all open
     int used = 0, certain = 0, limit = lamp_leaves <= SBL_LAMPS ? lamp_leaves : lamp_nodes;
-    bool full = true, round = false;
+    bool full = true, rounded = false;
     for (int attempt = 0; attempt < 12 && full; attempt++, opening *= 2.0) {
         used = certain = 0;
         total = crowd = 0.0;
@@ -289,7 +289,7 @@ void main() {
                 sbl_Lamp l = sbl_lamp(leaf, position, n);
                 vec3 light = sbl_unhindered(l, n, to_frame);
                 strength = light.r + light.g + light.b;
-                round = round || l.kind != SBL_TRIANGLE;
+                rounded = rounded || l.kind != SBL_TRIANGLE;
                 point = l.sine2 == 0.0 && (l.kind == SBL_NEAR_LIGHT || l.kind == SBL_FAR_LIGHT) && certain < SBL_CERTAIN;
                 if (!point && l.kind != SBL_SKY_TEXEL) all += outerProduct(light, l.group);
             }
@@ -314,12 +314,12 @@ void main() {
     // A group that samples hardly meet is no ground for a ratio: it is sampled as clusters are.
     float enough = 16.0 * float(parts) / float(rays) * total;
     vec2 sparse = vec2(lessThan(vec3(1) * all, vec2(enough)));
-    // The first quarter, or half of few, tells whether there is more to know: what it overlooks is less than a sample's share. The more lamps there are,
+    // The first eighth, or half of few, tells whether there is more to know: what it overlooks is less than a sample's share. The more lamps there are,
     // the more of the samples it takes to know each.
     int passes = clamp(min(rays / 32, int(16.0 * crowd / max(total * total, 1e-37))), 1, 8);
     passes = passes >= 8 ? 8 : passes >= 4 ? 4 : passes >= 2 ? 2 : 1;
     // So that they do not overlook an edge that hides little, corners and rims of few lamps are looked at besides.
-    int rims = round ? SBL_PROBES : 3, probes = passes > 1 && used <= 8 ? rims * used : 0;
+    int rims = rounded ? SBL_PROBES : 3, probes = passes > 1 && used <= 8 ? rims * used : 0;
     vec2 bright = vec2(0), dark = bright;  // whether any of a group was seen, or hidden
     bool undecided = total > 0.0;
     for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {
