@@ -1136,7 +1136,7 @@ static const char *const sbl__glsl_lamps[] = {
     "    vec2 bright = vec2(0), dark = bright;  // whether any of a group was seen, or hidden\n",
     "    bool undecided = total > 0.0;\n",
     "    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {\n",
-    "        // each part has a stretch of the sequence, and each quarter of it covers a lamp, and the lamps, evenly\n",
+    "        // each part has a stretch of the sequence, and each eighth of it covers a lamp, and the lamps, evenly\n",
     "        int from = (8 * part + pass * 8 / passes) * rays / (8 * parts), to = total > 0.0 ? (8 * part + (pass + 1) * 8 / passes) * rays / (8 * parts) : from;\n",
     "        for (int k = pass < 0 ? part : pass == 0 ? from - probes : from; k < (pass < 0 ? certain : to); k += pass < 0 ? parts : 1) {\n",
     "            bool probe = pass == 0 && k < from;\n",
