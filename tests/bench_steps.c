@@ -1,0 +1,197 @@
+/* bench_steps [--slice SECONDS] [--json] [NAME...]: how long sbl_step takes when asked for a slice, and what slices cost.
+
+   For each picture: sbl_begin's seconds, a histogram of every sbl_step's seconds over the whole picture, its first hierarchy included (shaders
+   were compiled before), the seconds of all steps beside those of one sbl_render, and the longest submission: what GL works on from one flush,
+   wait or readback to the next, in an sbl_render whose draws are waited for there. Pictures: the Cornell box, and where ../shared lies beside the
+   repository two rooms. Never fails on a timing. */
+#define _DEFAULT_SOURCE
+#define SBL_IMPLEMENTATION
+#include "../sbl.h"
+#include "../examples/host_gl.h"
+#include "../examples/scene_file.h"
+#include <stdlib.h>
+#include <time.h>
+
+enum { STEPS_MOST = 1 << 20 };
+
+static double now(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* ---- submissions: sbl.h is handed GL functions that note when work starts, and wait where sbl.h flushes */
+
+static struct { int on, open; double start, longest; int count; } submission;
+
+typedef void(APIENTRY *draw_arrays_function)(GLenum, GLint, GLsizei);
+typedef void(APIENTRY *draw_elements_function)(GLenum, GLsizei, GLenum, const void *);
+typedef void(APIENTRY *draw_arrays_instanced_function)(GLenum, GLint, GLsizei, GLsizei);
+typedef void(APIENTRY *draw_elements_instanced_function)(GLenum, GLsizei, GLenum, const void *, GLsizei);
+typedef void(APIENTRY *dispatch_function)(GLuint, GLuint, GLuint);
+typedef void(APIENTRY *read_pixels_function)(GLint, GLint, GLsizei, GLsizei, GLenum, GLenum, void *);
+
+static void work_starts(void) {
+    if (!submission.on || submission.open) return;
+    submission.open = 1;
+    submission.start = now();
+}
+
+static void work_ends(void) {
+    double seconds;
+    if (!submission.on || !submission.open) return;
+    gl.Finish();
+    seconds = now() - submission.start;
+    submission.open = 0;
+    submission.count++;
+    if (seconds > submission.longest) submission.longest = seconds;
+}
+
+static void APIENTRY draw_arrays(GLenum mode, GLint first, GLsizei count) {
+    work_starts();
+    ((draw_arrays_function)eglGetProcAddress("glDrawArrays"))(mode, first, count);
+}
+static void APIENTRY draw_elements(GLenum mode, GLsizei count, GLenum type, const void *indices) {
+    work_starts();
+    ((draw_elements_function)eglGetProcAddress("glDrawElements"))(mode, count, type, indices);
+}
+static void APIENTRY draw_arrays_instanced(GLenum mode, GLint first, GLsizei count, GLsizei instances) {
+    work_starts();
+    ((draw_arrays_instanced_function)eglGetProcAddress("glDrawArraysInstanced"))(mode, first, count, instances);
+}
+static void APIENTRY draw_elements_instanced(GLenum mode, GLsizei count, GLenum type, const void *indices, GLsizei instances) {
+    work_starts();
+    ((draw_elements_instanced_function)eglGetProcAddress("glDrawElementsInstanced"))(mode, count, type, indices, instances);
+}
+static void APIENTRY dispatch(GLuint x, GLuint y, GLuint z) {
+    work_starts();
+    ((dispatch_function)eglGetProcAddress("glDispatchCompute"))(x, y, z);
+}
+static void APIENTRY read_pixels(GLint x, GLint y, GLsizei width, GLsizei height, GLenum format, GLenum type, void *pixels) {
+    work_ends();
+    ((read_pixels_function)eglGetProcAddress("glReadPixels"))(x, y, width, height, format, type, pixels);
+}
+static void APIENTRY finish(void) { work_ends(); gl.Finish(); }
+static void APIENTRY flush(void) { work_ends(); }
+
+static sbl_gl_function gl_function(const char *name, void *user) {
+    static const struct { const char *name; sbl_gl_function function; } watched[] = {
+        { "glDrawArrays", (sbl_gl_function)draw_arrays }, { "glDrawElements", (sbl_gl_function)draw_elements },
+        { "glDrawArraysInstanced", (sbl_gl_function)draw_arrays_instanced }, { "glDrawElementsInstanced", (sbl_gl_function)draw_elements_instanced },
+        { "glDispatchCompute", (sbl_gl_function)dispatch }, { "glReadPixels", (sbl_gl_function)read_pixels },
+        { "glFinish", (sbl_gl_function)finish }, { "glFlush", (sbl_gl_function)flush } };
+    size_t i;
+    (void)user;
+    for (i = 0; i < sizeof watched / sizeof *watched; i++)
+        if (strcmp(name, watched[i].name) == 0) return watched[i].function;
+    return eglGetProcAddress(name);
+}
+
+/* ---- the pictures */
+
+static const struct picture {
+    const char *name, *file;
+    int width, height;
+    sbl_preset preset;
+    sbl_mode mode;
+    float eye[3], at[3], up[3], fov, sky;
+} pictures[] = {
+    { "cornell_box", "examples/scenes/cornell_box.obj", 512, 512, SBL_PRESET_DEFAULT, SBL_MODE_AMBIENT, { 278, 273, -800 }, { 278, 273, 0 }, { 0, 1, 0 }, 39.3077f, 0 },
+    { "living-room", "../shared/scenes/living-room/living-room.glb", 1280, 720, SBL_PRESET_DEFAULT, SBL_MODE_DIRECT,
+      { 5.10518f, 0.731065f, -2.31789f }, { 4.143388f, 0.805472f, -2.054414f }, { 0.071763f, 0.997228f, -0.019659f }, 58.7155f, 1 },
+    { "staircase2", "../shared/scenes/staircase2/staircase2.glb", 256, 256, SBL_PRESET_HIGH, SBL_MODE_DIRECT,
+      { 6.91182f, 1.65163f, 2.55414f }, { 6.011643f, 1.65163f, 2.118617f }, { 0, 1, 0 }, 70, 0 }
+};
+
+static int ascending(const void *a, const void *b) {
+    const double x = *(const double *)a, y = *(const double *)b;
+    return x < y ? -1 : x > y;
+}
+
+/* Returns 0 where something does not work at all. */
+static int measure(const struct picture *p, double slice) {
+    static const double edges[] = { 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1e30 };
+    static double steps[STEPS_MOST];
+    char error[512];
+    scene_file *file = scene_file_load(p->file, NULL, error, sizeof error);
+    sbl_context_desc desc = { 0 };
+    sbl_picture_desc view = { 0 };
+    sbl_scene_desc scene;
+    sbl_context *context = NULL;
+    sbl_result result = SBL_SUCCESS;
+    double start, begin, easy, all;
+    int count = 0, i, n, slowest = 0, ok;
+    if (!file) return fprintf(stderr, "bench_steps: %s\n", error), 0;
+    scene = file->scene;
+    for (i = 0; i < 3; i++) scene.sky[i] = p->sky;
+    view.width = p->width;
+    view.height = p->height;
+    view.preset = p->preset;
+    view.mode = p->mode;
+    view.facet_limit = 2;
+    sbl_look_at(view.world_to_view, p->eye[0], p->eye[1], p->eye[2], p->at[0], p->at[1], p->at[2], p->up[0], p->up[1], p->up[2]);
+    sbl_perspective(view.view_to_clip, p->fov, (float)p->width / (float)p->height);
+    desc.get_gl_function = gl_function;
+    ok = sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS;  /* shaders */
+    start = now();
+    ok = ok && sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS;
+    easy = now() - start;
+    start = now();
+    ok = ok && sbl_set_scene(context, &scene) == SBL_SUCCESS;
+    easy -= now() - start;
+    start = now();
+    ok = ok && sbl_begin(context, &view) == SBL_SUCCESS;
+    all = begin = now() - start;
+    do {
+        start = now();
+        if (ok) result = sbl_step(context, slice);
+        steps[count] = now() - start;
+        all += steps[count];
+        if (steps[count] > steps[slowest]) slowest = count;
+        count++;
+    } while (ok && result == SBL_UNFINISHED && count < STEPS_MOST);
+    ok = ok && result == SBL_SUCCESS;
+    submission.on = 1;
+    ok = ok && sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS;
+    submission.on = submission.open = 0;
+    sbl_destroy(context);
+    scene_file_free(file);
+    if (!ok) return fprintf(stderr, "bench_steps: %s failed\n", p->name), 0;
+    printf("%s %d x %d, preset %d: slices of %g ms\n", p->name, p->width, p->height, (int)p->preset, 1e3 * slice);
+    printf("  sbl_render %.2f s, in steps %.2f s (%+.1f %%); sbl_begin %.1f ms\n", easy, all, 100 * (all / easy - 1), 1e3 * begin);
+    printf("  longest submission %.0f ms of %d\n", 1e3 * submission.longest, submission.count);
+    printf("  the slowest step is number %d of %d\n", slowest + 1, count);
+    submission.longest = 0;
+    submission.count = 0;
+    qsort(steps, (size_t)count, sizeof *steps, ascending);
+    printf("  median %.2f ms, 99 %% %.2f ms, 99.9 %% %.2f ms, longest %.2f ms\n", 1e3 * steps[count / 2], 1e3 * steps[(count - 1) * 99 / 100],
+           1e3 * steps[(int)((count - 1) * 0.999)], 1e3 * steps[count - 1]);
+    for (i = n = 0; i < (int)(sizeof edges / sizeof *edges); i++) {
+        int from = n;
+        while (n < count && steps[n] < edges[i]) n++;
+        if (n > from) printf("    %s%g ms: %d\n", i + 1 < (int)(sizeof edges / sizeof *edges) ? "below " : "above ", 1e3 * edges[i < 9 ? i : 8], n - from);
+    }
+    return 1;
+}
+
+int main(int argc, char **argv) {
+    double slice = 0.005;
+    int i, k, named = 0, ok = 1;
+    for (i = 1; i < argc; i++) {
+        if (strcmp(argv[i], "--slice") == 0 && i + 1 < argc) slice = atof(argv[++i]);
+        else if (argv[i][0] == '-') return fprintf(stderr, "usage: bench_steps [--slice SECONDS] [NAME...]\n"), 2;
+        else named = 1;
+    }
+    if (!host_gl_open("bench_steps")) return 1;
+    printf("%s\n", (const char *)gl.GetString(GL_RENDERER));
+    for (k = 0; k < (int)(sizeof pictures / sizeof *pictures); k++) {
+        FILE *there = fopen(pictures[k].file, "rb");
+        int wanted = !named;
+        for (i = 1; i < argc; i++) wanted = wanted || strcmp(argv[i], pictures[k].name) == 0;
+        if (there) fclose(there);
+        if (!there || !wanted) continue;
+        ok = measure(&pictures[k], slice) && ok;
+    }
+    host_gl_close();
+    return !ok;
+}

@@ -1,0 +1,183 @@
+/* Pictures do not change unnoticed: a hash of every channel of small pictures in all modes and back ends, pinned for each renderer they were
+   made on. On another renderer the test is skipped, and prints the lines to add to `pins`.
+
+   A change that is meant to change pictures pins them anew, and says in its commit message by how much they moved; scripts/compare_commits
+   measures that. */
+#define SBL_IMPLEMENTATION
+#define SBL_EGL
+#include "../sbl.h"
+#include "test.h"
+#include "scenes.h"
+
+static sbl_context *context;
+
+/* A corner of everything: textures of both kinds, a cutout, vertex colours, one-sided emission, hidden surfaces, a mirrored mesh,
+   smooth normals; all kinds of lights and a sky picture where asked for. */
+static void scene_everything(test_scene *s, int lights, int sky) {
+    static const unsigned char checks[] = { 255, 255, 255, 255, 200, 30, 20, 255, 20, 60, 190, 0, 240, 240, 80, 255 };
+    static const float glow[] = { 3, 2, 1, 1, 0.5f, 1, 2, 1 };
+    static const float colors[] = { 1, 0.2f, 0.2f, 1, 0.2f, 1, 0.2f, 1, 0.2f, 0.2f, 1, 1, 1, 1, 1, 1 };
+    static const float mirror[16] = { -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.1f, 0, -0.2f, 1 };
+    static float picture[16 * 8 * 3];
+    int white = scene_material(s, 0.7f, 0.7f, 0.7f), cut = scene_material(s, 0.9f, 0.8f, 0.7f), lamp = scene_lamp(s, 6, 5, 4);
+    int screen = scene_lamp(s, 1, 1, 1), hidden = scene_material(s, 0.1f, 0.9f, 0.1f), ghost = scene_material(s, 0.9f, 0.1f, 0.9f), i;
+    s->materials[cut].albedo_texture = scene_texture(s, checks, sizeof checks, SBL_PIXELS_SRGB8, 2, 2, 4);
+    s->materials[cut].alpha_cutoff = 0.5f;
+    s->materials[lamp].flags = SBL_MATERIAL_ONE_SIDED_EMISSION;
+    s->materials[screen].emission_texture = scene_texture(s, glow, sizeof glow, SBL_PIXELS_FLOAT, 2, 1, 4);
+    s->materials[hidden].flags = SBL_MATERIAL_HIDDEN_FROM_CAMERA;
+    s->materials[ghost].flags = SBL_MATERIAL_HIDDEN_FROM_SENSORS;
+    scene_floor(s, white, 0, 3)->colors.data = scene_copy(s, colors, 16);
+    scene_quad(s, white, -3, 0, -2, 3, 0, -2, 3, 3, -2, -3, 3, -2);
+    scene_quad(s, cut, -1.4f, 0, -0.5f, -0.2f, 0, -0.9f, -0.2f, 1.2f, -0.9f, -1.4f, 1.2f, -0.5f);
+    scene_quad(s, lamp, -0.6f, 2.2f, 0, 0.6f, 2.2f, 0, 0.6f, 2.2f, 0.7f, -0.6f, 2.2f, 0.7f);
+    scene_quad(s, screen, 1.5f, 0.4f, -1.8f, 2.4f, 0.4f, -1.5f, 2.4f, 1.2f, -1.5f, 1.5f, 1.2f, -1.8f);
+    scene_sphere(s, white, 0.9f, 0.5f, 0.3f, 0.5f, 14, 9, 1);
+    memcpy(scene_sphere(s, white, 0.9f, 0.35f, 0.9f, 0.35f, 9, 6, 0)->transform, mirror, sizeof mirror);
+    scene_box(s, hidden, -2, 0, 1, -1.5f, 0.8f, 1.4f);
+    scene_box(s, ghost, 1.6f, 0, 1.2f, 2, 0.5f, 1.6f);
+    if (lights) {
+        sbl_light *light = scene_light(s, SBL_LIGHT_POINT, 0.6f, 0.3f, 0.1f);
+        light->position[0] = -2; light->position[1] = 1.5f; light->radius = 0.2f;
+        light = scene_light(s, SBL_LIGHT_POINT, 0.1f, 0.2f, 0.5f);
+        light->position[0] = 2; light->position[1] = 1; light->position[2] = 2;
+        light = scene_light(s, SBL_LIGHT_SPOT, 1, 1, 0.4f);
+        light->position[1] = 2.5f; light->position[2] = 2; light->direction[1] = -2; light->direction[2] = -1; light->cone = 50; light->inner_cone = 30;
+        light = scene_light(s, SBL_LIGHT_DIRECTIONAL, 0.5f, 0.45f, 0.4f);
+        light->direction[0] = 0.5f; light->direction[1] = -1; light->direction[2] = -0.3f; light->angle = 2;
+    }
+    for (i = 0; i < 16 * 8; i++) {
+        picture[3 * i] = 0.2f + 0.1f * (float)(i % 5);
+        picture[3 * i + 1] = 0.3f;
+        picture[3 * i + 2] = i == 37 ? 90.0f : 0.5f;
+    }
+    if (sky) {
+        s->environment.picture.pixels = picture;
+        s->environment.picture.width = 16;
+        s->environment.picture.height = 8;
+        s->environment.picture.channels = 3;
+        s->environment.picture.format = SBL_PIXELS_FLOAT;
+        s->environment.rotation = 25;
+        s->environment.up[0] = 0.2f; s->environment.up[1] = 1;
+    }
+    scene_sky(s, 0.02f, 0.03f, 0.04f);
+}
+
+/* More lamps than are weighed one by one: clusters. */
+static void scene_many_lamps(test_scene *s) {
+    int white = scene_material(s, 0.8f, 0.8f, 0.8f), lamp = scene_lamp(s, 4, 3, 2);
+    scene_floor(s, white, 0, 3);
+    scene_sphere(s, lamp, -0.5f, 1.5f, 0, 0.4f, 24, 12, 0);
+    scene_quad(s, white, 0.5f, 0, -1, 0.5f, 0, 1, 0.5f, 1, 1, 0.5f, 1, -1);
+}
+
+typedef struct pin_case {
+    const char *name;
+    int scene;  /* 0 the Cornell box, 1 everything, 2 with lights, 3 with lights and sky, 4 many lamps */
+    sbl_picture_desc view;
+} pin_case;
+
+static sbl_picture_desc view_of(int scene, sbl_mode mode, sbl_backend backend, sbl_preset preset) {
+    sbl_picture_desc view = scene ? scene_view(56, 40, 50, 0.5f, 1.6f, 5, 0, 0.9f, 0) : scene_cornell_view(48, 48);
+    view.mode = mode;
+    view.backend = backend;
+    view.preset = preset;
+    if (backend == SBL_BACKEND_RASTER) view.sensor_size = 16;
+    view.samples = 3;
+    view.facet_limit = scene == 1 ? 2 : 0;
+    view.seed = (uint32_t)(scene + 1);
+    return view;
+}
+
+enum { PINS = 14 };
+
+static void pin_cases(pin_case cases[PINS]) {
+    static const struct { const char *name; int scene; sbl_mode mode; sbl_backend backend; sbl_preset preset; } list[PINS] = {
+        { "cornell_ambient_traced", 0, SBL_MODE_AMBIENT, SBL_BACKEND_TRACE, SBL_PRESET_DEFAULT },
+        { "cornell_direct_traced", 0, SBL_MODE_DIRECT, SBL_BACKEND_TRACE, SBL_PRESET_DEFAULT },
+        { "cornell_direct_high", 0, SBL_MODE_DIRECT, SBL_BACKEND_TRACE, SBL_PRESET_HIGH },
+        { "cornell_ambient_rasterised", 0, SBL_MODE_AMBIENT, SBL_BACKEND_RASTER, SBL_PRESET_DEFAULT },
+        { "cornell_paper", 0, SBL_MODE_PAPER, SBL_BACKEND_RASTER, SBL_PRESET_DEFAULT },
+        { "everything_ambient_traced", 1, SBL_MODE_AMBIENT, SBL_BACKEND_TRACE, SBL_PRESET_DRAFT },
+        { "everything_ambient_rasterised", 1, SBL_MODE_AMBIENT, SBL_BACKEND_RASTER, SBL_PRESET_DRAFT },
+        { "everything_paper", 1, SBL_MODE_PAPER, SBL_BACKEND_RASTER, SBL_PRESET_DRAFT },
+        { "lights_direct_traced", 2, SBL_MODE_DIRECT, SBL_BACKEND_TRACE, SBL_PRESET_DRAFT },
+        { "lights_direct_rasterised", 2, SBL_MODE_DIRECT, SBL_BACKEND_RASTER, SBL_PRESET_DRAFT },
+        { "sky_ambient_traced", 3, SBL_MODE_AMBIENT, SBL_BACKEND_TRACE, SBL_PRESET_DRAFT },
+        { "sky_ambient_rasterised", 3, SBL_MODE_AMBIENT, SBL_BACKEND_RASTER, SBL_PRESET_DRAFT },
+        { "many_lamps_direct_traced", 4, SBL_MODE_DIRECT, SBL_BACKEND_TRACE, SBL_PRESET_DRAFT },
+        { "many_lamps_direct_rasterised", 4, SBL_MODE_DIRECT, SBL_BACKEND_RASTER, SBL_PRESET_DRAFT } };
+    int i;
+    for (i = 0; i < PINS; i++) {
+        cases[i].name = list[i].name;
+        cases[i].scene = list[i].scene;
+        cases[i].view = view_of(list[i].scene, list[i].mode, list[i].backend, list[i].preset);
+    }
+    cases[8].view.view_to_clip[0] = 0.4f;  /* one of them through an orthographic camera */
+    cases[8].view.view_to_clip[5] = 0.5f;
+    cases[8].view.view_to_clip[11] = 0;
+    cases[8].view.view_to_clip[15] = 1;
+}
+
+/* FNV-1a, 64 bits, over the floats of all channels. */
+static uint64_t hash_of(const sbl_picture_desc *view) {
+    uint64_t hash = 14695981039346656037u;
+    int channel;
+    for (channel = 0; channel < SBL_CHANNEL_COUNT; channel++) {
+        const size_t bytes = (size_t)(view->width * view->height * sbl_channel_components((sbl_channel)channel)) * sizeof(float);
+        float *values = scene_channel(context, view, (sbl_channel)channel);
+        size_t i;
+        for (i = 0; i < bytes; i++) hash = (hash ^ ((unsigned char *)values)[i]) * 1099511628211u;
+        free(values);
+    }
+    return hash;
+}
+
+/* renderer: part of GL_RENDERER; version: part of GL_VERSION */
+static const struct { const char *renderer, *version; uint64_t hashes[PINS]; } pins[] = {
+    { "llvmpipe (LLVM 15.0.6, 256 bits)", "Mesa 22.3.6", {
+        0xb3d0f41f0a7f878au,  /* cornell_ambient_traced */
+        0x2260556ef94e20eeu,  /* cornell_direct_traced */
+        0x053df88ddde4e6d8u,  /* cornell_direct_high */
+        0x370edffeb133f1f4u,  /* cornell_ambient_rasterised */
+        0xe79b2a23eb9fe3b7u,  /* cornell_paper */
+        0xee6f8011a6649ed3u,  /* everything_ambient_traced */
+        0x96da954bee9d19ceu,  /* everything_ambient_rasterised */
+        0xdd61eb2050eba32fu,  /* everything_paper */
+        0x241b407724a13bc7u,  /* lights_direct_traced */
+        0x356aa88ff24d57cfu,  /* lights_direct_rasterised */
+        0x98a4aa6682029f9bu,  /* sky_ambient_traced */
+        0x6428cb68ee283f7cu,  /* sky_ambient_rasterised */
+        0x2ab5621cc4cec491u,  /* many_lamps_direct_traced */
+        0x55cbb6afd89ac423u,  /* many_lamps_direct_rasterised */ } }
+};
+
+TEST(pictures_are_the_same_as_ever) {
+    const sbl_capabilities c = sbl_query_capabilities(context);
+    pin_case cases[PINS];
+    uint64_t hashes[PINS];
+    int i, known = -1;
+    for (i = 0; i < (int)(sizeof pins / sizeof pins[0]); i++)
+        if (strstr(c.renderer, pins[i].renderer) && strstr(c.version, pins[i].version)) known = i;
+    pin_cases(cases);
+    for (i = 0; i < PINS; i++) {
+        test_scene s = { 0 };
+        if (cases[i].scene == 0) scene_cornell_box(&s);
+        else if (cases[i].scene == 4) scene_many_lamps(&s);
+        else scene_everything(&s, cases[i].scene > 1, cases[i].scene > 2);
+        hashes[i] = scene_render(context, &s, &cases[i].view) ? hash_of(&cases[i].view) : 0;
+        if (known >= 0) CHECK(hashes[i] == pins[known].hashes[i], "%s has changed: its hash is 0x%016llx", cases[i].name, (unsigned long long)hashes[i]);
+        scene_free(&s);
+    }
+    if (known >= 0) return;
+    printf("    { \"%s\", \"%s\", {\n", c.renderer, c.version);
+    for (i = 0; i < PINS; i++) printf("        0x%016llxu,  /* %s */\n", (unsigned long long)hashes[i], cases[i].name);
+    SKIP("nothing is pinned for this renderer");
+}
+
+int main(void) {
+    if (sbl_create(NULL, &context) != SBL_SUCCESS) return 1;
+    RUN(pictures_are_the_same_as_ever);
+    sbl_destroy(context);
+    return test_report();
+}
