@@ -1652,7 +1652,7 @@ static const char *const sbl__glsl_trace[] = {
     "    if (emits && lamps_apart) return vec3(0);\n",
     "    vec3 ambient = epsilon * uintBitsToFloat(material.rgb);\n",
     "#ifdef SBL_TEXTURED\n",
-    "    for (int once = 0; once < (emits || epsilon > 0.0 ? 1 : 0); once++) {  // a loop, see sbl_trace\n",
+    "    sbl_when (emits || epsilon > 0.0) {\n",
     "        sbl_Attributes at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);\n",
     "        ambient *= (at.color * sbl_texture(sbl_object(object, 2), at.uv)).rgb;\n",
     "        emission *= sbl_texture(sbl_object(object, 3), at.uv).rgb;\n",
@@ -3276,6 +3276,17 @@ static sbl_result sbl__read_gl_texture(const sbl__gl *gl, unsigned copy_program,
     return result;
 }
 
+/* Pixel x of a row as r g b a, bytes as 0 to 1. */
+static void sbl__read_pixel(const sbl_texture *t, const unsigned char *row, int x, float c[4]) {
+    const int channels = sbl__texture_channels(t);
+    int k;
+    row += (size_t)x * sbl__texture_texel(t);
+    if (t->format == SBL_PIXELS_FLOAT) memcpy(c, row, 4 * (size_t)channels);
+    else for (k = 0; k < channels; k++) c[k] = (float)row[k] / 255.0f;
+    if (channels == 2) c[3] = c[1];
+    if (channels < 3) c[1] = c[2] = c[0];
+}
+
 static sbl_result sbl__scene_add_textures(const sbl__gl *gl, sbl__scene *s, const sbl_scene_desc *desc, unsigned copy_program, unsigned empty_array, uint32_t (*records)[4], float *brightest) {
     sbl__texel_store stores[2];
     sbl_result result = SBL_SUCCESS;
@@ -3330,8 +3341,7 @@ static sbl_result sbl__scene_add_textures(const sbl__gl *gl, sbl__scene *s, cons
                 if (copy) memcpy(c, copy + 4 * ((size_t)y * (size_t)width + (size_t)x), sizeof c);
                 else {
                     const unsigned char *row = (const unsigned char *)t->pixels + (size_t)y * stride;
-                    if (t->format == SBL_PIXELS_FLOAT) memcpy(c, row + 4 * (size_t)channels * (size_t)x, 4 * (size_t)channels);
-                    else if (t->format == SBL_PIXELS_SRGB8) {  /* bytes go as they are: GL decodes them */
+                    if (t->format == SBL_PIXELS_SRGB8) {  /* bytes go as they are: GL decodes them */
                         const unsigned char *p = row + (size_t)channels * (size_t)x;
                         unsigned char *q = store->bytes + 4 * at;
                         q[0] = p[0];
@@ -3340,9 +3350,7 @@ static sbl_result sbl__scene_add_textures(const sbl__gl *gl, sbl__scene *s, cons
                         q[3] = channels == 2 ? p[1] : channels == 4 ? p[3] : 255;
                         highest = 1;
                         continue;
-                    } else for (k = 0; k < channels; k++) c[k] = (float)row[channels * x + k] / 255.0f;
-                    if (channels == 2) c[3] = c[1];
-                    if (channels < 3) c[1] = c[2] = c[0];
+                    } else sbl__read_pixel(t, row, x, c);
                 }
                 for (k = 0; k < 4; k++)
                     if (!(c[k] >= 0.0f && sbl__finite(c[k]))) {
@@ -3367,14 +3375,21 @@ static sbl_result sbl__scene_add_textures(const sbl__gl *gl, sbl__scene *s, cons
     return result;
 }
 
+/* The direction of the middle of a texel of the environment's picture, as sky.glsl has it. */
+static void sbl__sky_direction(const sbl__scene *s, int x, int y, double out[3]) {
+    const double angle = SBL__PI * (y + 0.5) / s->sky_height, around = 2 * SBL__PI * ((x + 0.5) / s->sky_width - 0.5);
+    int k;
+    for (k = 0; k < 3; k++) out[k] = sin(angle) * (cos(around) * s->sky_axes[0][k] + sin(around) * s->sky_axes[2][k]) + cos(angle) * s->sky_axes[1][k];
+}
+
 /* The environment's picture as floats, on the CPU and on the GPU. */
 static sbl_result sbl__scene_add_environment(const sbl__gl *gl, sbl__scene *s, const sbl_environment *e) {
     const sbl_texture *t = &e->picture;
-    const int channels = sbl__texture_channels(t), width = t->width ? t->width : 512, height = t->height ? t->height : 256;
+    const int width = t->width ? t->width : 512, height = t->height ? t->height : 256;
     const size_t stride = t->stride ? t->stride : (size_t)width * sbl__texture_texel(t);
     const double turn = e->rotation * SBL__PI / 180;
     const float scale = e->scale > 0 ? e->scale : 1.0f;
-    double up[3] = { 0, 1, 0 }, x[3], z[3], length = 0, mean = 0, weights = 0;
+    double up[3] = { 0, 1, 0 }, x[3], z[3], mean = 0, weights = 0;
     float *texels;
     int i, k, row;
     sbl_result result;
@@ -3383,8 +3398,7 @@ static sbl_result sbl__scene_add_environment(const sbl__gl *gl, sbl__scene *s, c
         sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "environment: picture is %d x %d; this driver's textures are at most %d across", width, height, gl->capabilities.max_texture_size);
         return SBL_ERROR_UNSUPPORTED;
     }
-    for (k = 0; k < 3; k++) length = SBL__MAX(length, fabs((double)e->up[k]));
-    for (k = 0; k < 3 && length > 0; k++) up[k] = e->up[k] / length;
+    for (k = 0; k < 3 && !sbl__all_zero(e->up, 3); k++) up[k] = e->up[k];
     sbl__normalize(up);
     /* the shortest way from +y to up turns about their cross product; from -y, half a turn about x */
     x[0] = up[1] > -1 + 1e-9 ? 1 - up[0] * up[0] / (1 + up[1]) : 1;
@@ -3404,20 +3418,17 @@ static sbl_result sbl__scene_add_environment(const sbl__gl *gl, sbl__scene *s, c
     for (row = 0; row < height && result == SBL_SUCCESS; row++)
         for (i = 0; i < width; i++) {
             const size_t at = (size_t)row * (size_t)width + (size_t)i;
-            const double z_angle = SBL__PI * (row + 0.5) / height, around = 2 * SBL__PI * ((i + 0.5) / width - 0.5);
+            const double weight = sin(SBL__PI * (row + 0.5) / height);
             float c[4] = { 0, 0, 0, 0 };
             if (e->radiance) {
+                double exact[3];
                 float direction[3];
-                for (k = 0; k < 3; k++)
-                    direction[k] = (float)(sin(z_angle) * (cos(around) * s->sky_axes[0][k] + sin(around) * s->sky_axes[2][k]) + cos(z_angle) * s->sky_axes[1][k]);
+                sbl__sky_direction(s, i, row, exact);
+                for (k = 0; k < 3; k++) direction[k] = (float)exact[k];
                 e->radiance(direction, c, e->user);
             } else {
-                const unsigned char *p = (const unsigned char *)t->pixels + (size_t)row * stride + (size_t)i * sbl__texture_texel(t);
-                for (k = 0; k < channels && k < 3; k++) {
-                    if (t->format == SBL_PIXELS_FLOAT) memcpy(&c[k], p + 4 * k, 4);
-                    else c[k] = t->format == SBL_PIXELS_SRGB8 ? sbl__srgb_to_linear((float)p[k] / 255.0f) : (float)p[k] / 255.0f;
-                }
-                if (channels < 3) c[1] = c[2] = c[0];
+                sbl__read_pixel(t, (const unsigned char *)t->pixels + (size_t)row * stride, i, c);
+                for (k = 0; k < 3 && t->format == SBL_PIXELS_SRGB8; k++) c[k] = sbl__srgb_to_linear(c[k]);
             }
             for (k = 0; k < 3 && result == SBL_SUCCESS; k++) {
                 c[k] *= scale;
@@ -3428,8 +3439,8 @@ static sbl_result sbl__scene_add_environment(const sbl__gl *gl, sbl__scene *s, c
             if (result != SBL_SUCCESS) break;
             memcpy(s->sky_pixels + 3 * at, c, 12);
             memcpy(texels + 4 * at, c, 16);
-            mean += sin(z_angle) * sbl__max3(c);
-            weights += sin(z_angle);
+            mean += weight * sbl__max3(c);
+            weights += weight;
             s->max_radiance = SBL__MAX(s->max_radiance, sbl__max3(c) + sbl__max3(s->sky));
         }
     if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &s->sky_texels, width, height, SBL__GL_RGBA32F, texels, "storing the environment");
@@ -3941,7 +3952,7 @@ static int sbl__lamps_add_light(sbl__base *base, sbl__lamps *l, const sbl_light 
     double axis[3], place[3], scale = 0, offset = 1, half = 0.5 * light->angle * SBL__PI / 180;
     sbl__lamp lamp;
     int k;
-    for (k = 0; k < 3; k++) axis[k] = light->direction[k] / SBL__MAX(SBL__MAX(fabs((double)light->direction[0]), fabs((double)light->direction[1])), SBL__MAX(fabs((double)light->direction[2]), 1e-300));
+    for (k = 0; k < 3; k++) axis[k] = light->direction[k];
     sbl__normalize(axis);
     if (light->kind == SBL_LIGHT_SPOT) {
         double outer = cos(0.5 * SBL__CONE(light) * SBL__PI / 180);
@@ -3968,13 +3979,11 @@ static int sbl__lamps_add_sky(sbl__base *base, sbl__lamps *l, const sbl__scene *
     for (y = 0; y < s->sky_height && s->sky_pixels; y++)
         for (x = 0; x < s->sky_width; x++) {
             const float *c = s->sky_pixels + 3 * ((size_t)y * (size_t)s->sky_width + (size_t)x);
-            const double step = SBL__PI / s->sky_height, angle = step * (y + 0.5), around = 2 * SBL__PI * ((x + 0.5) / s->sky_width - 0.5);
-            const double solid_angle = 2 * SBL__PI / s->sky_width * 2 * sin(angle) * sin(0.5 * step);
+            const double step = SBL__PI / s->sky_height, solid_angle = 2 * SBL__PI / s->sky_width * 2 * sin(step * (y + 0.5)) * sin(0.5 * step);
             double direction[3];
             sbl__lamp lamp;
             if (!(sbl__max3(c) > s->sky_limit)) continue;
-            for (k = 0; k < 3; k++)
-                direction[k] = sin(angle) * (cos(around) * s->sky_axes[0][k] + sin(around) * s->sky_axes[2][k]) + cos(angle) * s->sky_axes[1][k];
+            sbl__sky_direction(s, x, y, direction);
             sbl__lamp_make(&lamp, SBL__LAMP_SKY_TEXEL, (uint32_t)y << 15 | (uint32_t)x, direction, SBL__MIN(step + 2 * SBL__PI / s->sky_width, 1.0),
                            sbl__sum3(c) * (1 - s->sky_limit / sbl__max3(c)) * solid_angle);
             lamp.far = 1;
@@ -4023,7 +4032,7 @@ static void sbl__lamps_node(sbl__lamps *l, int first, int count, sbl__cluster *c
     if (count == 1) {
         static const int pairs[6][2] = { { 0, 0 }, { 1, 1 }, { 2, 2 }, { 0, 1 }, { 1, 2 }, { 2, 0 } };  /* the last three as lamps.glsl multiplies them */
         const sbl__lamp *lamp = &l->list[first];
-        const int sides = sbl__sum3(lamp->normal) != 0 || lamp->normal[0] != 0.0f || lamp->normal[1] != 0.0f;
+        const int sides = !sbl__all_zero(lamp->normal, 3);
         const double shown = lamp->one_sided || lamp->far ? 0.5 * lamp->power : lamp->power;  /* max(x, 0) = (|x| + x) / 2 */
         c->power = lamp->power;
         c->all_sides = shown;
@@ -5507,13 +5516,13 @@ typedef struct sbl__picture {
     float progress;
 } sbl__picture;
 
-#define SBL__SCENE_PROGRAMS 11
+#define SBL__SCENE_PROGRAMS 10
 
 struct sbl_context {
     sbl__base base;
     sbl__gl gl;
     sbl_context_desc desc;
-    struct { unsigned gbuffer, sensor[3], sensor_textured[3], trace[2], trace_textured[2], copy, reduce_blocks, reduce_sum, filter, resolve; } programs;  /* the first SBL__SCENE_PROGRAMS read the scene */
+    struct { unsigned gbuffer, sky, sensor[2], sensor_textured[2], trace[2], trace_textured[2], copy, reduce_blocks, reduce_sum, filter, resolve; } programs;  /* the first SBL__SCENE_PROGRAMS read the scene */
     int wide;                   /* these read wide scenes */
     unsigned empty_array;       /* a vertex array without attributes */
     sbl__gather gather, probe, inspected;  /* probe: sensors that look back at their surface, see sbl__refine_suspects; inspected: one sensor's views */
@@ -5664,7 +5673,7 @@ static sbl_result sbl__picture_work(sbl_context *c, int limit) {
     const sbl__gl *gl = &c->gl;
     const unsigned reduce[2] = { c->programs.reduce_blocks, c->programs.reduce_sum };
     const unsigned *views = c->scene.textured ? c->programs.sensor_textured : c->programs.sensor, *trace = c->scene.textured ? c->programs.trace_textured : c->programs.trace;
-    const unsigned draw[3] = { views[0], views[1], c->scene.draw ? views[2] : trace[1] };  /* what the host draws, only views show */
+    const unsigned draw[3] = { views[0], c->programs.sky, c->scene.draw ? views[1] : trace[1] };  /* what the host draws, only views show */
     double start = sbl__now(), *seconds = NULL;
     sbl_result result = SBL_SUCCESS;
     switch (p->stage) {
@@ -5878,11 +5887,10 @@ static sbl_result sbl__scene_programs_make(sbl_context *c, int wide) {
     static const char *const *const lamps[] = { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_lamps, NULL };
     static const struct { const char *name; const char *const *const *vertex, *const *const *fragment; int traces, textured, views; } list[SBL__SCENE_PROGRAMS] = {
         { "gbuffer", gbuffer_vertex, gbuffer_fragment, 0, 0, 0 },
-        { "sensor", sensor_vertex, sensor_fragment, 0, 0, 0 },
         { "sky", sky_vertex, sky_fragment, 0, 0, 0 },
+        { "sensor", sensor_vertex, sensor_fragment, 0, 0, 0 },
         { "lamps in views", fullscreen, lamps, 1, 0, 1 },
         { "sensor, textured", sensor_vertex, sensor_fragment, 0, 1, 0 },
-        { "sky", sky_vertex, sky_fragment, 0, 1, 0 },
         { "lamps in views, textured", fullscreen, lamps, 1, 1, 1 },
         { "trace", fullscreen, trace, 1, 0, 0 },
         { "lamps", fullscreen, lamps, 1, 0, 0 },
@@ -6393,7 +6401,7 @@ static sbl_result sbl__inspect(sbl_context *c, const sbl__point *point, int pixe
     sbl__gather *g = sbl__inspects_apart(c) ? &c->inspected : &c->gather;
     const sbl__layout *l = &g->layout;
     const unsigned reduce[2] = { c->programs.reduce_blocks, c->programs.reduce_sum };
-    const unsigned *program = c->scene.textured ? c->programs.sensor_textured : c->programs.sensor;
+    const unsigned program[3] = { c->scene.textured ? c->programs.sensor_textured[0] : c->programs.sensor[0], c->programs.sky, 0 };  /* no lamps apart */
     int pitch_x = l->blocks[0] * l->block, slot = index % g->slots, x, y, k;
     sbl__point *points = (sbl__point *)sbl__alloc(&c->base, (size_t)slot + 1, sizeof *points);
     sbl__light *lights = (sbl__light *)sbl__alloc(&c->base, (size_t)slot + 1, sizeof *lights);

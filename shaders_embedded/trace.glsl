@@ -17,7 +17,7 @@ vec3 sbl_radiance(sbl_Hit hit) {
     if (emits && lamps_apart) return vec3(0);
     vec3 ambient = epsilon * uintBitsToFloat(material.rgb);
 #ifdef SBL_TEXTURED
-    for (int once = 0; once < (emits || epsilon > 0.0 ? 1 : 0); once++) {  // a loop, see sbl_trace
+    sbl_when (emits || epsilon > 0.0) {
         sbl_Attributes at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);
         ambient *= (at.color * sbl_texture(sbl_object(object, 2), at.uv)).rgb;
         emission *= sbl_texture(sbl_object(object, 3), at.uv).rgb;
