@@ -4322,14 +4322,14 @@ static void sbl__surface_draw(const sbl__gl *gl, unsigned program, const sbl__sc
 
 #define SBL__MAX_LOOKS 4         /* see sbl__looks */
 
-typedef struct sbl__point {
+typedef struct sbl__site {
     float position[3];          /* already moved off the surface */
     float normal[3];            /* unit */
     float offset;               /* how far it is off the surface */
     float turn;                 /* rotation about the normal, radians: rasterised sensors */
     uint32_t seed;              /* scrambles the directions: traced sensors */
     uint32_t first_ray;         /* in the sequence of directions */
-} sbl__point;
+} sbl__site;
 
 typedef struct sbl__layout {
     int hemicube, size, view_count;
@@ -4374,7 +4374,7 @@ static void sbl__frame(const float n[3], double turn, double right[3], double up
 }
 
 /* Directions of view `face`: 0 looks along the normal, 1 to 4 to the sides with the normal up. */
-static void sbl__view_axes(const sbl__point *p, int face, double right[3], double up[3], double forward[3]) {
+static void sbl__view_axes(const sbl__site *p, int face, double right[3], double up[3], double forward[3]) {
     double t[3], u[3];
     int k;
     sbl__frame(p->normal, p->turn, t, u);
@@ -4386,7 +4386,7 @@ static void sbl__view_axes(const sbl__point *p, int face, double right[3], doubl
     }
 }
 
-static void sbl__view_make(const sbl__layout *l, const sbl__point *p, int face, int corner_x, int corner_y, int atlas_width, int atlas_height, sbl__view *out) {
+static void sbl__view_make(const sbl__layout *l, const sbl__site *p, int face, int corner_x, int corner_y, int atlas_width, int atlas_height, sbl__view *out) {
     double right[3], up[3], forward[3];
     const int *r = l->rects[face];
     int k;
@@ -4473,14 +4473,14 @@ static void sbl__weights_make(const sbl__layout *l, int paper, float *weights) {
 #define SBL__MAX_SLOTS 4096
 #define SBL__DEPTH_SCALE 1e-6f  /* depth is this over distance, lengths in scene extents: surfaces nearer than it share depth 1 */
 
-typedef struct sbl__light {     /* what gather gives for a point */
+typedef struct sbl__reading {     /* what gather gives for a site: its reading */
     float radiance[3];          /* R */
     float back_share;           /* of the weight that sees surfaces, what sees back faces */
     float hit_share;            /* weight that sees surfaces */
     float hit_mean, hit_min;    /* distances, world units; 0 where nothing is seen */
     float noise;                /* standard error of R (mean of the channels) where it can be told: traced rays; else 0 */
     int stuck;                  /* set by refine: the sensor stands inside something, see sbl__refine_suspects */
-} sbl__light;
+} sbl__reading;
 
 typedef struct sbl__gather {
     sbl__layout layout;
@@ -4491,7 +4491,7 @@ typedef struct sbl__gather {
     unsigned atlas_framebuffer, block_framebuffer, light_framebuffer, result_framebuffer;
     sbl__buffer view_buffer;
     sbl__view *views;           /* one batch, before it is sent */
-    const sbl__point *points;   /* the job; owned by the caller */
+    const sbl__site *sites;   /* the job; owned by the caller */
     int count, next;
     float spread;               /* traced: 1 for the hemisphere, 0 for rays along the normal only */
     int rays;                   /* traced: directions of a sensor; 0: rasterised */
@@ -4641,12 +4641,12 @@ static sbl_result sbl__gather_setup(const sbl__gl *gl, sbl__gather *g, const sbl
 }
 
 /* Starts a job: R for `count` points. The points must stay until sbl__gather_finish. */
-static sbl_result sbl__gather_begin(const sbl__gl *gl, sbl__gather *g, const sbl__point *points, int count) {
+static sbl_result sbl__gather_begin(const sbl__gl *gl, sbl__gather *g, const sbl__site *sites, int count) {
     const char *what = "making the sensors' results";
     const sbl__texture *colors[2];
     int rows = (count + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH;
     sbl_result result = SBL_SUCCESS;
-    g->points = points;
+    g->sites = sites;
     g->count = count;
     g->next = 0;
     if (rows > gl->capabilities.max_texture_size) {
@@ -4668,7 +4668,7 @@ static void sbl__gather_draw_host(const sbl__gl *gl, const sbl__gather *g, const
     int pitch_x = g->layout.blocks[0] * g->layout.block, pitch_y = g->layout.blocks[1] * g->layout.block, i, face, k;
     for (i = first; i < first + count; i++)
         for (face = 0; face < g->layout.view_count; face++) {
-            const sbl__point *p = &g->points[i];
+            const sbl__site *p = &g->sites[i];
             const int *r = g->layout.rects[face];
             int slot = i % g->slots;
             double right[3], up[3], forward[3], per_length = 1 / (double)scene->extent;
@@ -4736,7 +4736,7 @@ static sbl_result sbl__gather_draw(const sbl__gl *gl, sbl__gather *g, const sbl_
         for (i = 0; i < count; i++)
             for (face = 0; face < l->view_count; face++) {
                 int slot = (first + i) % g->slots;
-                sbl__view_make(l, &g->points[first + i], face, slot % g->columns * pitch_x, slot / g->columns * pitch_y, g->atlas.width, g->atlas.height,
+                sbl__view_make(l, &g->sites[first + i], face, slot % g->columns * pitch_x, slot / g->columns * pitch_y, g->atlas.width, g->atlas.height,
                                &g->views[i * l->view_count + face]);
             }
         result = sbl__buffer_make(gl, &g->view_buffer, (size_t)(count * l->view_count) * sizeof(sbl__view), g->views, SBL__GL_STREAM_DRAW, "sending views");
@@ -4873,11 +4873,11 @@ static void sbl__trace_run(const sbl__gl *gl, const sbl__gather *g, unsigned pro
 }
 
 /* Sends sensors first .. first + count - 1 to the shaders that trace rays or look towards lamps. */
-static sbl_result sbl__points_send(const sbl__gl *gl, sbl__gather *g, int first, int count) {
+static sbl_result sbl__sites_send(const sbl__gl *gl, sbl__gather *g, int first, int count) {
     int i;
     sbl_result result;
     for (i = 0; i < count; i++) {
-        const sbl__point *p = &g->points[first + i];
+        const sbl__site *p = &g->sites[first + i];
         uint32_t *words = g->point_words + 12 * i;
         memcpy(words, p->position, 12);
         words[3] = sbl__hash(p->seed);
@@ -4927,7 +4927,7 @@ static void sbl__lamps_draw(const sbl__gl *gl, const sbl__gather *g, const sbl__
 static sbl_result sbl__trace_draw(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, const unsigned programs[2], unsigned empty_array, int first, int count) {
     const sbl__texture *const parts[2] = { &g->block_sums, &g->block_hits };
     int slot = first % g->slots;
-    sbl_result result = sbl__points_send(gl, g, first, count);
+    sbl_result result = sbl__sites_send(gl, g, first, count);
     if (result != SBL_SUCCESS) return result;
     gl->BindVertexArray(empty_array);
     gl->Disable(SBL__GL_DEPTH_TEST);
@@ -4947,7 +4947,7 @@ static sbl_result sbl__gather_step(const sbl__gl *gl, sbl__gather *g, const sbl_
     int slot = g->next % g->slots, count = SBL__MIN(SBL__MIN(g->count - g->next, g->slots - slot), SBL__MAX(1, SBL__MIN(limit, g->draw_limit)));
     sbl_result result = g->rays ? sbl__trace_draw(gl, g, scene, draw_programs, empty_array, g->next, count) : sbl__gather_draw(gl, g, scene, draw_programs, g->next, count);
     if (result == SBL_SUCCESS && !g->rays && g->lamp_rays) {
-        result = sbl__points_send(gl, g, g->next, count);
+        result = sbl__sites_send(gl, g, g->next, count);
         if (result == SBL_SUCCESS) sbl__lamps_draw(gl, g, scene, draw_programs[2], empty_array, slot, count);
     }
     if (result != SBL_SUCCESS) return result;
@@ -4957,7 +4957,7 @@ static sbl_result sbl__gather_step(const sbl__gl *gl, sbl__gather *g, const sbl_
 }
 
 /* Ends the job: lights[i] is what point i receives. */
-static sbl_result sbl__gather_finish(const sbl__gl *gl, sbl__gather *g, sbl__light *lights) {
+static sbl_result sbl__gather_finish(const sbl__gl *gl, sbl__gather *g, sbl__reading *readings) {
     int rows = (g->count + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH, i, k;
     size_t floats = (size_t)rows * SBL__RESULTS_WIDTH * 4;
     float *data = (float *)sbl__alloc(gl->base, 2 * floats, sizeof(float));
@@ -4967,14 +4967,14 @@ static sbl_result sbl__gather_finish(const sbl__gl *gl, sbl__gather *g, sbl__lig
     if (result == SBL_SUCCESS) result = sbl__read_pixels(gl, g->result_framebuffer, 1, &g->hits, rows, data + floats, "reading sensors");
     for (i = 0; i < g->count && result == SBL_SUCCESS; i++) {
         const float *sum = data + 4 * (size_t)i, *hits = data + floats + 4 * (size_t)i;
-        for (k = 0; k < 3; k++) lights[i].radiance[k] = sum[k] / g->radiance_scale;
-        lights[i].hit_share = hits[0];
-        lights[i].back_share = hits[0] > 0 ? sum[3] / hits[0] : 0;
-        lights[i].hit_mean = hits[0] > 0 ? hits[1] / hits[0] * g->length : 0;
-        lights[i].hit_min = hits[0] > 0 ? hits[2] * g->length : 0;
-        lights[i].stuck = 0;
-        lights[i].noise = 0;
-        if (g->rays || g->lamp_rays) lights[i].noise = (float)sqrt((double)hits[3]) / g->radiance_scale;
+        for (k = 0; k < 3; k++) readings[i].radiance[k] = sum[k] / g->radiance_scale;
+        readings[i].hit_share = hits[0];
+        readings[i].back_share = hits[0] > 0 ? sum[3] / hits[0] : 0;
+        readings[i].hit_mean = hits[0] > 0 ? hits[1] / hits[0] * g->length : 0;
+        readings[i].hit_min = hits[0] > 0 ? hits[2] * g->length : 0;
+        readings[i].stuck = 0;
+        readings[i].noise = 0;
+        if (g->rays || g->lamp_rays) readings[i].noise = (float)sqrt((double)hits[3]) / g->radiance_scale;
     }
     sbl__free(gl->base, data);
     return result;
@@ -5026,12 +5026,12 @@ typedef struct sbl__refine {
     int cell_count, cell_room;
     int fresh;                /* cells from here on have not been judged */
     int rounds;
-    sbl__point *points;       /* the job, its pixels, and its answers */
-    int *point_pixels;
-    sbl__light *lights;
-    int point_count, point_room;
-    sbl__point *suspects;     /* sensors that may be stuck, looking back at their surface */
-    sbl__light *suspect_lights;
+    sbl__site *sites;       /* the job, its pixels, and its answers */
+    int *site_pixels;
+    sbl__reading *readings;
+    int site_count, site_room;
+    sbl__site *suspects;     /* sensors that may be stuck, looking back at their surface */
+    sbl__reading *suspect_readings;
     int suspect_count;
     float floor;              /* radiance below which differences do not count, from the first level's mean */
 } sbl__refine;
@@ -5209,7 +5209,7 @@ static int sbl__looks(const sbl__refine *r, int level) {
 }
 
 /* The sensor of pixel number `index`: off the surface along the geometric normal, turned by the pixel's hash and the look, or (paper) not. */
-static void sbl__refine_point(const sbl__refine *r, int index, double look, sbl__point *out) {
+static void sbl__refine_site(const sbl__refine *r, int index, double look, sbl__site *out) {
     const sbl__pixel *p = &r->pixels[index];
     int k;
     for (k = 0; k < 3; k++) {
@@ -5222,39 +5222,39 @@ static void sbl__refine_point(const sbl__refine *r, int index, double look, sbl_
     out->first_ray = (uint32_t)(look * SBL__MAX_LOOKS);
 }
 
-/* Queues sensors for the corners of the cells not judged yet. Their number is r->point_count. */
+/* Queues sensors for the corners of the cells not judged yet. Their number is r->site_count. */
 static sbl_result sbl__refine_collect(sbl__base *base, sbl__refine *r) {
     int i, corner, look;
-    r->point_count = 0;
+    r->site_count = 0;
     for (i = r->fresh; i < r->cell_count; i++) {
         const sbl__cell *c = &r->cells[i];
         for (corner = 0; corner < 4; corner++) {
             int x = corner & 1 ? c->x1 : c->x0, y = corner & 2 ? c->y1 : c->y0, index = y * r->width + x;
             sbl__pixel *p = &r->pixels[index];
             if (!p->id || p->sensed || p->queued) continue;
-            if (r->point_count + SBL__MAX_LOOKS > r->point_room) {
-                int room = r->point_room * 2 + 1024;
-                sbl__point *points = (sbl__point *)sbl__alloc(base, (size_t)room, sizeof *points);
+            if (r->site_count + SBL__MAX_LOOKS > r->site_room) {
+                int room = r->site_room * 2 + 1024;
+                sbl__site *sites = (sbl__site *)sbl__alloc(base, (size_t)room, sizeof *sites);
                 int *pixels = (int *)sbl__alloc(base, (size_t)room, sizeof *pixels);
-                sbl__light *lights = (sbl__light *)sbl__alloc(base, (size_t)room, sizeof *lights);
-                if (!points || !pixels || !lights) {
-                    sbl__free(base, points); sbl__free(base, pixels); sbl__free(base, lights);
+                sbl__reading *readings = (sbl__reading *)sbl__alloc(base, (size_t)room, sizeof *readings);
+                if (!sites || !pixels || !readings) {
+                    sbl__free(base, sites); sbl__free(base, pixels); sbl__free(base, readings);
                     return SBL_ERROR_OUT_OF_MEMORY;
                 }
-                if (r->point_count) {
-                    memcpy(points, r->points, (size_t)r->point_count * sizeof *points);
-                    memcpy(pixels, r->point_pixels, (size_t)r->point_count * sizeof *pixels);
+                if (r->site_count) {
+                    memcpy(sites, r->sites, (size_t)r->site_count * sizeof *sites);
+                    memcpy(pixels, r->site_pixels, (size_t)r->site_count * sizeof *pixels);
                 }
-                sbl__free(base, r->points); sbl__free(base, r->point_pixels); sbl__free(base, r->lights);
-                r->points = points; r->point_pixels = pixels; r->lights = lights;
-                r->point_room = room;
+                sbl__free(base, r->sites); sbl__free(base, r->site_pixels); sbl__free(base, r->readings);
+                r->sites = sites; r->site_pixels = pixels; r->readings = readings;
+                r->site_room = room;
             }
             p->queued = 1;
             p->level = (unsigned char)(1 + SBL__MIN(c->level, SBL_MAX_LEVELS - 1));
-            p->job = r->point_count;
+            p->job = r->site_count;
             for (look = 0; look < sbl__looks(r, c->level); look++) {
-                r->point_pixels[r->point_count] = index;
-                sbl__refine_point(r, index, (double)look / sbl__looks(r, c->level), &r->points[r->point_count++]);
+                r->site_pixels[r->site_count] = index;
+                sbl__refine_site(r, index, (double)look / sbl__looks(r, c->level), &r->sites[r->site_count++]);
             }
         }
     }
@@ -5269,37 +5269,37 @@ static sbl_result sbl__refine_collect(sbl__base *base, sbl__refine *r) {
 #define SBL__PROBE_FOV 2.0f      /* degrees: wide enough to meet the surface, too narrow to meet the walls of a corner */
 #define SBL__PROBE_SIZE 4
 
-static void sbl__probe_point(const sbl__refine *r, int index, const sbl__point *sensor, sbl__point *out) {
+static void sbl__probe_site(const sbl__refine *r, int index, const sbl__site *sensor, sbl__site *out) {
     int k;
     *out = *sensor;
     for (k = 0; k < 3; k++) out->normal[k] = -r->pixels[index].geometric_normal[k];
 }
 
-static int sbl__probe_stuck(const sbl__pixel *pixel, const sbl__light *probe) { return probe->hit_share > 0 && probe->hit_min < 0.75f * pixel->offset; }
+static int sbl__probe_stuck(const sbl__pixel *pixel, const sbl__reading *probe) { return probe->hit_share > 0 && probe->hit_min < 0.75f * pixel->offset; }
 
 /* Lists the job's sensors that must look back. */
 static sbl_result sbl__refine_suspects(sbl__base *base, sbl__refine *r) {
     int i;
     r->suspect_count = 0;
-    for (i = 0; i < r->point_count; i++) r->suspect_count += r->lights[i].back_share > SBL__SUSPECT_SHARE;
+    for (i = 0; i < r->site_count; i++) r->suspect_count += r->readings[i].back_share > SBL__SUSPECT_SHARE;
     if (!r->suspect_count) return SBL_SUCCESS;
-    r->suspects = (sbl__point *)sbl__alloc(base, (size_t)r->suspect_count, sizeof(sbl__point));
-    r->suspect_lights = (sbl__light *)sbl__alloc(base, (size_t)r->suspect_count, sizeof(sbl__light));
-    if (!r->suspects || !r->suspect_lights) return SBL_ERROR_OUT_OF_MEMORY;
+    r->suspects = (sbl__site *)sbl__alloc(base, (size_t)r->suspect_count, sizeof(sbl__site));
+    r->suspect_readings = (sbl__reading *)sbl__alloc(base, (size_t)r->suspect_count, sizeof(sbl__reading));
+    if (!r->suspects || !r->suspect_readings) return SBL_ERROR_OUT_OF_MEMORY;
     r->suspect_count = 0;
-    for (i = 0; i < r->point_count; i++)
-        if (r->lights[i].back_share > SBL__SUSPECT_SHARE) sbl__probe_point(r, r->point_pixels[i], &r->points[i], &r->suspects[r->suspect_count++]);
+    for (i = 0; i < r->site_count; i++)
+        if (r->readings[i].back_share > SBL__SUSPECT_SHARE) sbl__probe_site(r, r->site_pixels[i], &r->sites[i], &r->suspects[r->suspect_count++]);
     return SBL_SUCCESS;
 }
 
 static void sbl__refine_convict(sbl__base *base, sbl__refine *r) {
     int i, k = 0;
-    for (i = 0; i < r->point_count && r->suspect_count; i++)
-        if (r->lights[i].back_share > SBL__SUSPECT_SHARE) r->lights[i].stuck = sbl__probe_stuck(&r->pixels[r->point_pixels[i]], &r->suspect_lights[k++]);
+    for (i = 0; i < r->site_count && r->suspect_count; i++)
+        if (r->readings[i].back_share > SBL__SUSPECT_SHARE) r->readings[i].stuck = sbl__probe_stuck(&r->pixels[r->site_pixels[i]], &r->suspect_readings[k++]);
     sbl__free(base, r->suspects);
-    sbl__free(base, r->suspect_lights);
+    sbl__free(base, r->suspect_readings);
     r->suspects = NULL;
-    r->suspect_lights = NULL;
+    r->suspect_readings = NULL;
     r->suspect_count = 0;
 }
 
@@ -5308,21 +5308,21 @@ static sbl_result sbl__refine_judge(sbl__base *base, sbl__refine *r, sbl_stats *
     int i, k, look, looks = 1, sensors = 0, end = r->cell_count;
     double mean = 0;
     sbl_result result = SBL_SUCCESS;
-    for (i = 0; i < r->point_count; i += looks) {
-        sbl__pixel *p = &r->pixels[r->point_pixels[i]];
+    for (i = 0; i < r->site_count; i += looks) {
+        sbl__pixel *p = &r->pixels[r->site_pixels[i]];
         float variance = 0;
         looks = sbl__looks(r, p->level - 1);
         for (k = 0; k < 3; k++) {
             float sum = 0;
-            for (look = 0; look < looks; look++) sum += r->lights[i + look].radiance[k];
+            for (look = 0; look < looks; look++) sum += r->readings[i + look].radiance[k];
             p->radiance[k] = sum / (float)looks;
             mean += (double)p->radiance[k] / 3;
         }
-        for (look = 0; look < looks; look++) variance += r->lights[i + look].noise * r->lights[i + look].noise;
+        for (look = 0; look < looks; look++) variance += r->readings[i + look].noise * r->readings[i + look].noise;
         p->noise = (float)sqrt((double)variance) / (float)looks;
         p->sensed = 1;
         p->queued = 0;
-        p->invalid = (unsigned char)r->lights[i].stuck;
+        p->invalid = (unsigned char)r->readings[i].stuck;
         stats->invalid_sensors += p->invalid;
         stats->levels[p->level - 1].sensors++;
         stats->level_count = SBL__MAX(stats->level_count, p->level);
@@ -5428,11 +5428,11 @@ static sbl_result sbl__refine_begin(sbl__base *base, sbl__refine *r) {
 static void sbl__refine_free(sbl__base *base, sbl__refine *r) {
     sbl__free(base, r->pixels);
     sbl__free(base, r->cells);
-    sbl__free(base, r->points);
-    sbl__free(base, r->point_pixels);
-    sbl__free(base, r->lights);
+    sbl__free(base, r->sites);
+    sbl__free(base, r->site_pixels);
+    sbl__free(base, r->readings);
     sbl__free(base, r->suspects);
-    sbl__free(base, r->suspect_lights);
+    sbl__free(base, r->suspect_readings);
     memset(r, 0, sizeof *r);
 }
 
@@ -5660,11 +5660,11 @@ static sbl_result sbl__picture_fill(sbl_context *c) {
     return result;
 }
 
-static sbl_result sbl__probe_begin(sbl_context *c, const sbl__point *points, int count) {
+static sbl_result sbl__probe_begin(sbl_context *c, const sbl__site *sites, int count) {
     sbl_result result = SBL_SUCCESS;
     if (!c->probe.slots && c->gather.rays) result = sbl__trace_setup(&c->gl, &c->probe, &c->scene.bvh, 1, 0, 0, 0, c->desc.batch);
     else if (!c->probe.slots) result = sbl__gather_setup(&c->gl, &c->probe, &c->scene, 0, 0, SBL__PROBE_SIZE, SBL__PROBE_FOV, 0, 0, SBL__MIN(c->desc.atlas_size, 512), c->desc.batch);
-    return result == SBL_SUCCESS ? sbl__gather_begin(&c->gl, &c->probe, points, count) : result;
+    return result == SBL_SUCCESS ? sbl__gather_begin(&c->gl, &c->probe, sites, count) : result;
 }
 
 /* One piece of the work; limit: sensors at most. */
@@ -5685,14 +5685,14 @@ static sbl_result sbl__picture_work(sbl_context *c, int limit) {
         case SBL__STAGE_COLLECT:
             seconds = &c->stats.seconds.refine;
             result = sbl__refine_collect(&c->base, &p->refine);
-            if (result == SBL_SUCCESS && p->refine.point_count) result = sbl__gather_begin(gl, &c->gather, p->refine.points, p->refine.point_count);
-            p->stage = p->refine.point_count ? SBL__STAGE_GATHER : SBL__STAGE_JUDGE;
+            if (result == SBL_SUCCESS && p->refine.site_count) result = sbl__gather_begin(gl, &c->gather, p->refine.sites, p->refine.site_count);
+            p->stage = p->refine.site_count ? SBL__STAGE_GATHER : SBL__STAGE_JUDGE;
             break;
         case SBL__STAGE_GATHER:
             seconds = &c->stats.seconds.gather;
             result = sbl__gather_step(gl, &c->gather, &c->scene, c->gather.rays ? trace : draw, reduce, c->empty_array, limit);
             if (result == SBL_SUCCESS && c->gather.next == c->gather.count) {
-                result = sbl__gather_finish(gl, &c->gather, p->refine.lights);
+                result = sbl__gather_finish(gl, &c->gather, p->refine.readings);
                 c->stats.readbacks += 2;
                 c->stats.rays += (int64_t)c->gather.count * c->gather.rays;
                 if (!c->gather.rays) c->stats.sensor_views += (int64_t)c->gather.count * c->gather.layout.view_count;
@@ -5708,7 +5708,7 @@ static sbl_result sbl__picture_work(sbl_context *c, int limit) {
             seconds = &c->stats.seconds.gather;
             result = sbl__gather_step(gl, &c->probe, &c->scene, c->probe.rays ? trace : draw, reduce, c->empty_array, limit);
             if (result == SBL_SUCCESS && c->probe.next == c->probe.count) {
-                result = sbl__gather_finish(gl, &c->probe, p->refine.suspect_lights);
+                result = sbl__gather_finish(gl, &c->probe, p->refine.suspect_readings);
                 c->stats.readbacks += 2;
                 if (result == SBL_SUCCESS) sbl__refine_convict(&c->base, &p->refine);
                 p->stage = SBL__STAGE_JUDGE;
@@ -6397,36 +6397,36 @@ SBL_API uint32_t sbl_channel_texture(sbl_context *c, sbl_channel channel) {
 static int sbl__inspects_apart(const sbl_context *c) { return c->gather.rays || c->gather.lamp_rays; }
 
 /* Gathers for a pixel in the slot that its sensor had, so that every rounding is the same, and reads its sheet. */
-static sbl_result sbl__inspect(sbl_context *c, const sbl__point *point, int pixel, int index, sbl__light *light, float *radiance, float *weights) {
+static sbl_result sbl__inspect(sbl_context *c, const sbl__site *site, int pixel, int index, sbl__reading *reading, float *radiance, float *weights) {
     sbl__gather *g = sbl__inspects_apart(c) ? &c->inspected : &c->gather;
     const sbl__layout *l = &g->layout;
     const unsigned reduce[2] = { c->programs.reduce_blocks, c->programs.reduce_sum };
     const unsigned program[3] = { c->scene.textured ? c->programs.sensor_textured[0] : c->programs.sensor[0], c->programs.sky, 0 };  /* no lamps apart */
     int pitch_x = l->blocks[0] * l->block, slot = index % g->slots, x, y, k;
-    sbl__point *points = (sbl__point *)sbl__alloc(&c->base, (size_t)slot + 1, sizeof *points);
-    sbl__light *lights = (sbl__light *)sbl__alloc(&c->base, (size_t)slot + 1, sizeof *lights);
+    sbl__site *sites = (sbl__site *)sbl__alloc(&c->base, (size_t)slot + 1, sizeof *sites);
+    sbl__reading *readings = (sbl__reading *)sbl__alloc(&c->base, (size_t)slot + 1, sizeof *readings);
     float *atlas = radiance ? (float *)sbl__alloc(&c->base, (size_t)g->atlas.width * (size_t)g->atlas.height, 16) : NULL;
     float *table = (float *)sbl__alloc(&c->base, (size_t)pitch_x * (size_t)(l->blocks[1] * l->block), 8);
     sbl_result result = SBL_SUCCESS;
-    if (!points || !lights || (radiance && !atlas) || !table) result = SBL_ERROR_OUT_OF_MEMORY;
+    if (!sites || !readings || (radiance && !atlas) || !table) result = SBL_ERROR_OUT_OF_MEMORY;
     if (result == SBL_SUCCESS) {
-        points[slot] = *point;
-        result = sbl__gather_begin(&c->gl, g, points, slot + 1);
+        sites[slot] = *site;
+        result = sbl__gather_begin(&c->gl, g, sites, slot + 1);
         sbl__gather_clear(&c->gl, g, &c->scene);
     }
     if (result == SBL_SUCCESS) result = sbl__gather_draw(&c->gl, g, &c->scene, program, slot, 1);
     if (result == SBL_SUCCESS) {
         sbl__gather_reduce(&c->gl, g, reduce, c->empty_array, slot);
-        result = sbl__gather_finish(&c->gl, g, lights);
+        result = sbl__gather_finish(&c->gl, g, readings);
     }
-    if (result == SBL_SUCCESS) *light = lights[slot];
-    if (result == SBL_SUCCESS && light->back_share > SBL__SUSPECT_SHARE) {
-        sbl__light answer = { { 0, 0, 0 }, 0, 0, 0, 0, 0, 0 };
-        sbl__probe_point(&c->picture.refine, pixel, point, &points[0]);
-        result = sbl__probe_begin(c, points, 1);
+    if (result == SBL_SUCCESS) *reading = readings[slot];
+    if (result == SBL_SUCCESS && reading->back_share > SBL__SUSPECT_SHARE) {
+        sbl__reading answer = { { 0, 0, 0 }, 0, 0, 0, 0, 0, 0 };
+        sbl__probe_site(&c->picture.refine, pixel, site, &sites[0]);
+        result = sbl__probe_begin(c, sites, 1);
         if (result == SBL_SUCCESS) result = sbl__gather_step(&c->gl, &c->probe, &c->scene, c->probe.rays ? c->scene.textured ? c->programs.trace_textured : c->programs.trace : program, reduce, c->empty_array, 1);
         if (result == SBL_SUCCESS) result = sbl__gather_finish(&c->gl, &c->probe, &answer);
-        light->stuck = sbl__probe_stuck(&c->picture.refine.pixels[pixel], &answer);
+        reading->stuck = sbl__probe_stuck(&c->picture.refine.pixels[pixel], &answer);
     }
     if (result == SBL_SUCCESS) sbl__weights_make(l, g->paper, table);
     if (result == SBL_SUCCESS && radiance) {
@@ -6443,8 +6443,8 @@ static sbl_result sbl__inspect(sbl_context *c, const sbl__point *point, int pixe
         for (y = 0; y < l->sheet_height; y++)
             for (x = 0; x < l->sheet_width; x++) weights[(size_t)y * (size_t)l->sheet_width + (size_t)x] = table[2 * ((size_t)y * (size_t)pitch_x + (size_t)x)];
     }
-    sbl__free(&c->base, points);
-    sbl__free(&c->base, lights);
+    sbl__free(&c->base, sites);
+    sbl__free(&c->base, readings);
     sbl__free(&c->base, atlas);
     sbl__free(&c->base, table);
     return result;
@@ -6453,8 +6453,8 @@ static sbl_result sbl__inspect(sbl_context *c, const sbl__point *point, int pixe
 SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *sensor, float *radiance, float *weights, size_t count) {
     const sbl__pixel *p;
     const sbl__layout *l;
-    sbl__point point;
-    sbl__light light = { { 0, 0, 0 }, 0, 0, 0, 0, 0, 0 };
+    sbl__site site;
+    sbl__reading reading = { { 0, 0, 0 }, 0, 0, 0, 0, 0, 0 };
     sbl__visit visit;
     float *table;
     double sum = 0;
@@ -6490,23 +6490,23 @@ SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *
     }
     table = weights ? NULL : (float *)sbl__alloc(&c->base, texels, sizeof(float));
     if (!weights && !table) return SBL_ERROR_OUT_OF_MEMORY;
-    sbl__refine_point(&c->picture.refine, y * c->picture.desc.width + x, 0, &point);
+    sbl__refine_site(&c->picture.refine, y * c->picture.desc.width + x, 0, &site);
     sbl__visit_enter(c, &visit);
-    result = sbl__inspect(c, &point, y * c->picture.desc.width + x, p->job, &light, radiance, weights ? weights : table);
+    result = sbl__inspect(c, &site, y * c->picture.desc.width + x, p->job, &reading, radiance, weights ? weights : table);
     sbl__visit_leave(c, &visit);
     if (result == SBL_SUCCESS) {
         memset(sensor, 0, sizeof *sensor);
         for (i = 0; i < texels; i++) sum += (double)(weights ? weights : table)[i];
         for (k = 0; k < 3; k++) {
-            sensor->position[k] = point.position[k];
-            sensor->normal[k] = point.normal[k];
-            sensor->radiance[k] = light.radiance[k];
+            sensor->position[k] = site.position[k];
+            sensor->normal[k] = site.normal[k];
+            sensor->radiance[k] = reading.radiance[k];
         }
         sensor->weight_sum = (float)sum;
-        sensor->back_share = light.back_share * light.hit_share;
-        sensor->hit_min = light.hit_min;
-        sensor->hit_mean = light.hit_mean;
-        sensor->valid = !light.stuck;
+        sensor->back_share = reading.back_share * reading.hit_share;
+        sensor->hit_min = reading.hit_min;
+        sensor->hit_mean = reading.hit_mean;
+        sensor->valid = !reading.stuck;
         sensor->sensed = p->sensed;
         sensor->level = p->level ? p->level - 1 : 0;
         sensor->view_count = l->view_count;
@@ -6516,7 +6516,7 @@ SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *
             sbl_sensor_view *v = &sensor->views[face];
             double right[3], up[3], forward[3], range[4];
             memcpy(v->rect, l->rects[face], sizeof v->rect);
-            sbl__view_axes(&point, face, right, up, forward);
+            sbl__view_axes(&site, face, right, up, forward);
             sbl__view_range(l, face, range);
             for (k = 0; k < 3; k++) { v->right[k] = (float)right[k]; v->up[k] = (float)up[k]; v->forward[k] = (float)forward[k]; }
             v->x0 = (float)range[0]; v->x1 = (float)range[1]; v->y0 = (float)range[2]; v->y1 = (float)range[3];
