@@ -224,6 +224,7 @@ typedef enum sbl_log_level { SBL_LOG_ERROR, SBL_LOG_WARNING, SBL_LOG_INFO } sbl_
     X(INVALID_TEXTURE, "a texture is not usable")                                     \
     X(INVALID_LIGHT, "a light or the environment is not usable")                      \
     X(INVALID_PICTURE_DESC, "a field of sbl_picture_desc is out of range")            \
+    X(INVALID_GATHER_DESC, "a field of sbl_gather_desc, or a site, is out of range")  \
     X(WRONG_ORDER, "a function was called before what it needs")                      \
     X(OUT_OF_MEMORY, "memory could not be allocated")                                 \
     X(TOO_LARGE, "more than the GL context or the index range can hold")              \
@@ -274,6 +275,8 @@ typedef struct sbl_context_desc {
     uint32_t disabled;        /* sbl_capability bits to do without, for tests. Default: none */
     int atlas_size;           /* texels across the texture that holds a batch of sensors, 256 to 16384; 0: 2048, or what the driver can. Other sizes differ by rounding */
     int batch;                /* sensors drawn in one call, at most what the atlas holds; 0: all that fit. Never changes a picture */
+    float longest_submission; /* seconds that the GPU may work on one submission, about; 0: 0.1 */
+    int compile_ahead;        /* 1: sbl_create compiles all programs, instead of each when it is first used */
     uint32_t end_canary;
 } sbl_context_desc;
 
@@ -283,6 +286,8 @@ typedef struct sbl_capabilities {
     uint32_t used;            /* those less sbl_context_desc.disabled */
     int max_texture_size;
     int max_texture_buffer_size;  /* texels; scenes of more (3 a triangle, 2 a vertex, 5 a mesh) are read from 2D textures: 15 to 45 % slower on llvmpipe */
+    int programs;             /* compiled so far, */
+    double compile_seconds;   /* which took so long */
     char renderer[128];       /* GL_RENDERER */
     char version[128];        /* GL_VERSION */
 } sbl_capabilities;
@@ -542,6 +547,46 @@ typedef struct sbl_stats {
     double microseconds_per_sensor;  /* total over sensors, as in the paper */
 } sbl_stats;
 
+/* >>gather types */
+
+/* Where light is wanted. */
+typedef struct sbl_site {
+    float position[3];          /* world */
+    float normal[3];            /* the middle of the hemisphere that its light comes from; any length but 0 */
+    float geometric_normal[3];  /* the side of its surface that its sensor is moved off to. Default (all zero): normal */
+    float offset;               /* how far; default (0): what rounding needs in this scene; negative: not at all */
+} sbl_site;
+
+/* The light there. */
+typedef struct sbl_reading {
+    float radiance[3];  /* R */
+    float noise;        /* its standard error (mean of the channels) where it can be told; else 0 */
+    float hit_share;    /* of the hemisphere, weighted by the cosine, that sees surfaces: 1 less what sees the sky */
+    float back_share;   /* of that, what sees back faces */
+    float hit_mean, hit_min;  /* distances to surfaces; 0 where none is seen */
+    int valid;          /* 0: its sensor is stuck inside geometry */
+} sbl_reading;
+
+/* Zero is the default everywhere, as in sbl_picture_desc. */
+typedef struct sbl_gather_desc {
+    uint32_t start_canary;
+    const sbl_site *sites;     /* not copied: must stay until the gather is done */
+    sbl_reading *readings;     /* likewise: receives one a site */
+    int site_count;
+    sbl_mode mode;
+    sbl_preset preset;
+    sbl_sensor_kind sensor_kind;
+    sbl_backend backend;
+    int rays;
+    int sensor_size;
+    float sensor_fov;
+    float epsilon;
+    uint32_t seed;
+    int (*progress)(float done, void *user);
+    void *progress_user;
+    uint32_t end_canary;
+} sbl_gather_desc;
+
 /* >>inspection types */
 
 typedef struct sbl_sensor_view {
@@ -550,7 +595,31 @@ typedef struct sbl_sensor_view {
     float x0, x1, y0, y1;     /* x = x0 + (x1 - x0) * (i + 0.5) / width, and likewise y with j */
 } sbl_sensor_view;
 
-/* One sensor as it stood in the last picture, all its views on one sheet:
+/* What sensors aim rays at. */
+typedef enum sbl_lamp_kind {
+    SBL_LAMP_TRIANGLE = 0,    /* number: of the triangle in its mesh, those without area left out */
+    SBL_LAMP_LIGHT,           /* of the sbl_light */
+    SBL_LAMP_SKY_TEXEL,       /* row * width + column in the environment's picture */
+    SBL_LAMP_KIND_COUNT
+} sbl_lamp_kind;
+
+typedef struct sbl_sensor_lamp {
+    sbl_lamp_kind kind;
+    int mesh;                 /* of a triangle; else -1 */
+    int number;
+    float unhindered[3];      /* R from it where nothing stands between; 0 where it was picked out of a cluster of lamps,
+                                 or is a texel of the sky, of which only rays tell */
+    int rays, open;           /* that were sent to it, and that reached it */
+} sbl_sensor_lamp;
+
+typedef struct sbl_sensor_ray {
+    float direction[3];       /* unit */
+    float distance;           /* of what it met, negative: a back face; 0: nothing. Towards a lamp: 0 */
+    float radiance[3];        /* what came along it; towards a lamp, what it brought to R over its share of the rays */
+    int lamp;                 /* in sbl_sensor.lamps; -1: a ray over the hemisphere */
+} sbl_sensor_ray;
+
+/* One sensor as it stood in the last picture. A rasterised one has all its views on one sheet:
 
        hemicube, size S:  +--------+--------+        single:  +--------+
                           |        | side 1 |                 |        |
@@ -558,21 +627,32 @@ typedef struct sbl_sensor_view {
                           |        | side 2 |                 |        |
                           +--------+--------+                 +--------+
                           | side 3 | side 4 |     a side holds the half above the horizon
-                          +--------+--------+                                                     */
+                          +--------+--------+
+
+   A traced one has rays; its sheet is a row of them, a texel each. Either has rays to lamps, unless the mode is
+   SBL_MODE_PAPER, where emitters are met by texels. */
 typedef struct sbl_sensor {
-    float position[3];        /* where it stands: the surface point moved off the surface */
+    sbl_backend backend;      /* RASTER or TRACE */
+    sbl_site site;            /* what it is for: sbl_gather finds the same light there */
+    float position[3];        /* where it stands: the site moved off its surface */
     float normal[3];
-    float radiance[3];        /* R: the sum over texels of weight * radiance, before interpolation and filter: what a rasterised sensor of the picture's
-                                 sensor_size, that meets emitters by its texels, gives for the first of the pixel's looks. No sbl_light is in it */
-    float weight_sum;         /* 1 for a hemicube */
+    float radiance[3];        /* R as it entered the picture, before interpolation and filter: the mean of its looks */
+    float noise;              /* its standard error, where it can be told */
+    int looks;                /* so many, each turned further; what follows is of the first */
+    float from_surroundings[3];  /* R: the sum over the sheet of weight * radiance */
+    float from_lamps[3];      /* R from what rays are aimed at */
+    float weight_sum;         /* 1 but for a single view */
     float back_share;         /* share of the weight that sees back faces */
     float hit_min, hit_mean;  /* distance to the nearest surface seen, and the mean; 0 where none is seen */
     int valid;                /* 0: judged to be stuck inside geometry */
     int sensed;               /* 0: no sensor stood here, its pixel was interpolated; what is shown was gathered now */
     int level;
-    int view_count;
+    int view_count;           /* 0: traced */
     sbl_sensor_view views[5];
     int sheet_width, sheet_height;
+    const sbl_sensor_ray *rays;    /* over the hemisphere, then towards lamps; these arrays are sbl.h's, until the next */
+    const sbl_sensor_lamp *lamps;  /* inspection, begin or end */
+    int ray_count, lamp_count;
 } sbl_sensor;
 
 /* >>functions */
@@ -609,6 +689,10 @@ SBL_API sbl_result sbl_begin(sbl_context *context, const sbl_picture_desc *desc)
    After CANCELLED or an error the picture is gone. */
 SBL_API sbl_result sbl_step(sbl_context *context, double seconds);
 
+SBL_API sbl_result sbl_gather(sbl_context *context, const sbl_gather_desc *desc);
+SBL_API sbl_result sbl_begin_gather(sbl_context *context, const sbl_gather_desc *desc);
+SBL_API void sbl_encode_srgb8(unsigned char *out, const float *linear, size_t count, float scale);
+
 /* How far the picture is, 0 to 1; 0 without one. An estimate: refinement may still find work. */
 SBL_API float sbl_progress(const sbl_context *context);
 
@@ -643,6 +727,7 @@ SBL_API int sbl_perspective(float view_to_clip[16], float fov_y, float aspect);
 /* Copies with every zero that means a default replaced by it; NULL is all zeroes. */
 SBL_API sbl_context_desc sbl_context_desc_defaults(const sbl_context_desc *desc);
 SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc);
+SBL_API sbl_gather_desc sbl_gather_desc_defaults(const sbl_gather_desc *desc);
 
 SBL_API sbl_context_desc sbl_query_desc(const sbl_context *context);
 SBL_API sbl_capabilities sbl_query_capabilities(const sbl_context *context);
@@ -704,1169 +789,14 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
   #endif
 #endif
 
-/* >>shaders: made by scripts/embed_shaders from shaders_embedded, do not edit here */
-static const char *const sbl__glsl_belongs[] = {
-    "// How far two surface points of one id belong together, 0 to 1: by their normals and by how far each lies off the other's plane.\n",
-    "// sbl__belongs in sbl.h is the same for the CPU.\n",
-    "float sbl_belongs(vec3 p, vec3 n, vec3 q, vec3 m) {\n",
-    "    float turn = clamp((dot(n, m) - 0.8) / 0.2, 0.0, 1.0);\n",
-    "    vec3 d = q - p;\n",
-    "    float off = max(abs(dot(d, n)), abs(dot(d, m))), apart = length(d);\n",
-    "    return turn * turn * clamp(2.0 - 8.0 * off / max(apart, 1e-30), 0.0, 1.0);\n",
-    "}\n",
-    0 };
-static const char *const sbl__glsl_copy[] = {
-    "// Reads a host's texture as sampling it gives it: sRGB decoded, swizzled.\n",
-    "uniform sampler2D source;\n",
-    "layout(location = 0) out vec4 out_color;\n",
-    "\n",
-    "void main() { out_color = texelFetch(source, ivec2(gl_FragCoord.xy), 0); }\n",
-    0 };
-static const char *const sbl__glsl_filter[] = {
-    "// The Gaussian of section III-H: over pixels of the same id, its weights renormalised to one.\n",
-    "// Outside paper mode a pixel also counts the less the more its normal and its plane differ, and its light by more than noise can explain.\n",
-    "uniform sampler2D radiance;  // R; a: its noise, above 0 where there is a surface\n",
-    "uniform sampler2D positions, normals;\n",
-    "uniform usampler2D ids;\n",
-    "uniform int radius;\n",
-    "uniform float falloff;       // 1 / (2 sigma^2), sigma in pixels\n",
-    "uniform int geometry_aware;\n",
-    "uniform float tolerance;     // noise that is there in any case, relative\n",
-    "layout(location = 0) out vec4 out_radiance;\n",
-    "\n",
-    "// 1 where noise alone explains the difference, nearing 0 where it is several times as large.\n",
-    "float sbl_alike(vec4 a, vec4 b) {\n",
-    "    vec3 apart = abs(a.rgb - b.rgb);\n",
-    "    float noise = a.a + b.a + tolerance * (max(a.r, max(a.g, a.b)) + max(b.r, max(b.g, b.b)));\n",
-    "    float difference = max(apart.r, max(apart.g, apart.b)) / max(noise, 1e-30);\n",
-    "    return exp(-0.25 * difference * difference);\n",
-    "}\n",
-    "\n",
-    "void main() {\n",
-    "    ivec2 at = ivec2(gl_FragCoord.xy), size = textureSize(radiance, 0);\n",
-    "    uint id = texelFetch(ids, at, 0).x;\n",
-    "    out_radiance = vec4(0);\n",
-    "    if (id == 0u) return;\n",
-    "    vec3 p = texelFetch(positions, at, 0).xyz, n = texelFetch(normals, at, 0).xyz;\n",
-    "    vec4 sum = vec4(0), own = texelFetch(radiance, at, 0);\n",
-    "    for (int y = max(-radius, -at.y); y <= min(radius, size.y - 1 - at.y); y++)\n",
-    "        for (int x = max(-radius, -at.x); x <= min(radius, size.x - 1 - at.x); x++) {\n",
-    "            ivec2 there = at + ivec2(x, y);\n",
-    "            if (texelFetch(ids, there, 0).x != id) continue;\n",
-    "            vec4 light = texelFetch(radiance, there, 0);\n",
-    "            float weight = exp(-falloff * float(x * x + y * y));\n",
-    "            if (geometry_aware != 0 && (x != 0 || y != 0))\n",
-    "                weight *= sbl_belongs(p, n, texelFetch(positions, there, 0).xyz, texelFetch(normals, there, 0).xyz) * sbl_alike(own, light);\n",
-    "            sum += weight * vec4(light.rgb, 1);\n",
-    "        }\n",
-    "    out_radiance = vec4(sum.rgb / sum.a, 1);\n",
-    "}\n",
-    0 };
-static const char *const sbl__glsl_fullscreen_vertex[] = {
-    "// One triangle that covers the viewport; drawn with three vertices and no buffers.\n",
-    "void main() { gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0, 1); }\n",
-    0 };
-static const char *const sbl__glsl_gbuffer_fragment[] = {
-    "uniform vec3 origin_0, origin_x, origin_y;           // a pixel's ray, affine in its position\n",
-    "uniform vec3 direction_0, direction_x, direction_y;\n",
-    "uniform vec2 depth_from_w;                           // depth = x * gl_FragCoord.w + y, where the driver has no clip control\n",
-    "uniform float facet_limit;                           // shading normals count from triangles of this least height on, in pixels; fully from twice that on\n",
-    "layout(location = 0) out vec4 out_position;\n",
-    "layout(location = 1) out vec4 out_normal;\n",
-    "layout(location = 2) out vec4 out_geometric_normal;\n",
-    "layout(location = 3) out vec4 out_albedo;\n",
-    "layout(location = 4) out vec4 out_emission;\n",
-    "layout(location = 5) out uint out_id;\n",
-    "\n",
-    "void main() {\n",
-    "    vec2 at = gl_FragCoord.xy;\n",
-    "    vec3 origin = origin_0 + at.x * origin_x + at.y * origin_y, direction = direction_0 + at.x * direction_x + at.y * direction_y;\n",
-    "    sbl_Surface s = sbl_surface(gl_PrimitiveID, origin, direction);\n",
-    "    // Shading normals are there to hide facets; facets that are too small to be seen show the light that the true surface gets.\n",
-    "    float pixel = length(origin_y + distance(s.position, origin) / length(direction) * direction_y);\n",
-    "    if (facet_limit > 0.0) s.normal = normalize(mix(s.geometric_normal, s.normal, clamp(s.facet / (facet_limit * pixel) - 1.0, 0.0, 1.0)));\n",
-    "    if (s.albedo.a == 0.0) discard;\n",
-    "    out_position = vec4(s.position, s.reach);\n",
-    "    out_normal = vec4(s.normal, 0);\n",
-    "    out_geometric_normal = vec4(s.geometric_normal, 0);\n",
-    "    out_albedo = vec4(s.albedo.rgb, 1);\n",
-    "    out_emission = vec4(s.emission, 0);\n",
-    "    out_id = s.id;\n",
-    "#ifdef SBL_WRITE_DEPTH\n",
-    "    gl_FragDepth = depth_from_w.x > 0.0 ? depth_from_w.x * gl_FragCoord.w : 2.0 * gl_FragCoord.z - 1.0;\n",
-    "#endif\n",
-    "}\n",
-    0 };
-static const char *const sbl__glsl_gbuffer_vertex[] = {
-    "// The camera's view of the scene. Depth is reversed: 1 at the near end, 0 at infinity.\n",
-    "layout(location = 0) in vec3 position;\n",
-    "layout(location = 1) in uint object;\n",
-    "uniform vec3 eye;\n",
-    "uniform vec4 clip_x, clip_y, clip_z, clip_w;  // rows of world to clip, the world taken relative to the eye\n",
-    "\n",
-    "void main() {\n",
-    "    vec4 p = vec4(position - eye, 1);\n",
-    "    gl_Position = vec4(dot(clip_x, p), dot(clip_y, p), dot(clip_z, p), dot(clip_w, p));\n",
-    "    if ((sbl_object(object, 1).w & SBL_HIDDEN_FROM_CAMERA) != 0u) gl_Position = vec4(2, 2, 2, 1);\n",
-    "}\n",
-    0 };
-static const char *const sbl__glsl_lamps[] = {
-    "// Light from lamps: emitting triangles, punctual lights, bright spots of the sky. What each gives where nothing stands between is known in closed form;\n",
-    "// rays only measure which share of it arrives: the ratio estimator of Heitz, Hill and McGuire 2018, \"Combining analytic direct illumination and stochastic\n",
-    "// shadows\". Where lamps are many, those far off stand together in clusters, of which only single lamps,\n",
-    "// picked in proportion to what they give, are ever looked at.\n",
-    "// One invocation is one sensor, or a part of its rays where they are many: neighbours trace neighbouring rays, and each stops as soon as it knows enough.\n",
-    "uniform usamplerBuffer sbl_points;    // a sensor, three texels: position, turn; normal; first of its directions, of its lamp points, a hash for these, how far it is off its surface\n",
-    "uniform usamplerBuffer sbl_sequence;  // see trace.glsl\n",
-    "uniform sbl_Texels sbl_lamps;         // see >>lamps in sbl.h: nodes, leaves, lights\n",
-    "uniform int lamp_nodes, lamp_leaves;  // how many\n",
-    "uniform int rays;                     // at most so many a sensor\n",
-    "uniform float unit, scale;            // radiance that calculations are in, so that none overflows; of what is written\n",
-    "SBL_OUT(0, out_light);                // R, each part's own; the variance of its channels' mean\n",
-    "\n",
-    "const float PI = 3.14159265;\n",
-    "const uint SBL_TRIANGLE = 0u, SBL_NEAR_LIGHT = 1u, SBL_FAR_LIGHT = 2u, SBL_SKY_TEXEL = 3u;  // a leaf's kind, in its upper two bits\n",
-    "const uint SBL_FAR_NODE = 0x80000000u;\n",
-    "const int SBL_CERTAIN = 32;      // so many points of light get a ray each\n",
-    "const int SBL_PROBES = 12;       // along the rim of a round lamp; of a triangle's, three\n",
-    "const float SBL_STRATA = 0.1;    // stratified points have far less variance than independent ones: a tenth is what edges across a lamp leave\n",
-    "\n",
-    "struct sbl_Lamp {\n",
-    "    uint kind;\n",
-    "    vec3 emission;             // a triangle's radiance; a light's irradiance of a surface here that faces it; a texel's light, radiance times solid angle\n",
-    "    vec3 corner;               // of the triangle, from the sensor; else the unit direction to the light's middle, or to the texel's middle\n",
-    "    vec3 side_1, side_2;       // of the triangle\n",
-    "    float away, radius, sine2; // of a light: distance, radius, sine squared of the angle that it spans to each side\n",
-    "    ivec2 texel;\n",
-    "    int triangle, number;      // as traced; in the scene\n",
-    "    vec2 group;                // 0 1 for a triangle that turns its back to the sensor, else 1 0\n",
-    "};\n",
-    "\n",
-    "sbl_Lamp sbl_lamp(int leaf, vec3 p, vec3 n) {\n",
-    "    uint code = sbl_fetch(sbl_lamps, 4 * lamp_nodes + leaf).x, at = code & 0x3fffffffu;\n",
-    "    sbl_Lamp l = sbl_Lamp(code >> 30, vec3(0), vec3(0), vec3(0), vec3(0), 1e30, 0.0, 0.0, ivec2(at & 32767u, at >> 15), int(at), -1, vec2(1, 0));\n",
-    "    sbl_when (l.kind == SBL_TRIANGLE) {\n",
-    "        uvec4 a = sbl_fetch(sbl_triangles, 3 * l.triangle), b = sbl_fetch(sbl_triangles, 3 * l.triangle + 1), c = sbl_fetch(sbl_triangles, 3 * l.triangle + 2), light = sbl_object(a.w, 1);\n",
-    "        l.corner = uintBitsToFloat(a.xyz);\n",
-    "        l.side_1 = uintBitsToFloat(b.xyz) - l.corner;\n",
-    "        l.side_2 = uintBitsToFloat(c.xyz) - l.corner;\n",
-    "        l.corner -= p;\n",
-    "        l.emission = uintBitsToFloat(light.rgb) / unit;\n",
-    "        l.number = int(b.w);\n",
-    "        l.group = dot(cross(l.side_1, l.side_2), l.corner) > 0.0 ? vec2(0, 1) : vec2(1, 0);\n",
-    "        if (l.group.y == 1.0 && (light.w & SBL_ONE_SIDED_EMISSION) != 0u) l.emission = vec3(0);\n",
-    "    }\n",
-    "    sbl_when (l.kind == SBL_SKY_TEXEL) {\n",
-    "        vec2 size = vec2(textureSize(sky_picture, 0)), middle = (vec2(l.texel) + 0.5) / size;\n",
-    "        vec3 radiance = texelFetch(sky_picture, l.texel, 0).rgb;\n",
-    "        l.corner = sbl_sky_direction(middle.x, cos(PI * middle.y));\n",
-    "        l.emission = radiance * (sbl_sky_excess(radiance) / unit * (2.0 * PI / size.x) * 2.0 * sin(PI * middle.y) * sin(0.5 * PI / size.y));\n",
-    "    }\n",
-    "    sbl_when (l.kind == SBL_NEAR_LIGHT || l.kind == SBL_FAR_LIGHT) {\n",
-    "        int first = 4 * lamp_nodes + lamp_leaves + 3 * int(at);\n",
-    "        vec4 a = uintBitsToFloat(sbl_fetch(sbl_lamps, first)), b = uintBitsToFloat(sbl_fetch(sbl_lamps, first + 1)), c = uintBitsToFloat(sbl_fetch(sbl_lamps, first + 2));\n",
-    "        l.corner = a.xyz;\n",
-    "        l.emission = b.rgb / unit;\n",
-    "        l.sine2 = a.w;\n",
-    "        if (l.kind == SBL_NEAR_LIGHT) {\n",
-    "            l.corner -= p;\n",
-    "            l.radius = a.w;\n",
-    "            l.away = length(l.corner);\n",
-    "            l.corner /= max(l.away, 1e-30);\n",
-    "            float spot = clamp(dot(c.xyz, -l.corner) * b.w + c.w, 0.0, 1.0);  // KHR_lights_punctual\n",
-    "            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // the sensor stands in it\n",
-    "            l.emission *= spot * spot / (l.away * l.away);\n",
-    "            l.sine2 = min(l.radius * l.radius / (l.away * l.away), 1.0);\n",
-    "        }\n",
-    "    }\n",
-    "    return l;\n",
-    "}\n",
-    "\n",
-    "// An edge's part of Lambert's sum: the angle it spans, times the cosine of its plane's normal to z.\n",
-    "float sbl_edge(vec3 p, vec3 q) {\n",
-    "    vec3 normal = cross(p, q);\n",
-    "    float size = length(normal);\n",
-    "    return size > 0.0 ? atan(size, dot(p, q)) * normal.z / size : 0.0;\n",
-    "}\n",
-    "\n",
-    "// Share of a hemisphere around z that a triangle fills, weighted by the cosine: Lambert 1760. Corners relative to the sensor, in its frame.\n",
-    "float sbl_form_factor(vec3 a, vec3 b, vec3 c) {\n",
-    "    vec3 middle = (a + b + c) / 3.0, normal = cross(b - a, c - a);\n",
-    "    float distance2 = dot(middle, middle), size2 = max(dot(b - a, b - a), max(dot(c - a, c - a), dot(c - b, c - b)));\n",
-    "    if (min(a.z, min(b.z, c.z)) > 0.0 && distance2 > 1e5 * size2)  // too small for the sum's rounding, small enough for a point\n",
-    "        return 0.5 * abs(dot(normal, middle)) * middle.z / (PI * distance2 * distance2);\n",
-    "    vec3 corners[3] = vec3[3](a, b, c), entry = vec3(0), leave = vec3(0);\n",
-    "    float sum = 0.0;\n",
-    "    bool cut = false;\n",
-    "    for (int k = 0; k < 3; k++) {  // what is below the horizon does not count\n",
-    "        vec3 p = corners[k], q = corners[k == 2 ? 0 : k + 1];\n",
-    "        if (max(p.z, q.z) <= 0.0) continue;\n",
-    "        if (min(p.z, q.z) <= 0.0) {\n",
-    "            vec3 x = vec3(mix(p.xy, q.xy, p.z / (p.z - q.z)), 0);\n",
-    "            cut = true;\n",
-    "            if (p.z <= 0.0) entry = p = x;\n",
-    "            else leave = q = x;\n",
-    "        }\n",
-    "        sum += sbl_edge(p, q);\n",
-    "    }\n",
-    "    if (cut) sum += sbl_edge(leave, entry);\n",
-    "    return abs(sum) / (2.0 * PI);\n",
-    "}\n",
-    "\n",
-    "// The same for a round lamp whose middle has the cosine z to the normal, over the sine squared of the angle that it spans to each side: Snyder 1996,\n",
-    "// \"Area Light Sources for Real-Time Graphics\"; small ones as flat discs.\n",
-    "float sbl_round(float z, float sine2) {\n",
-    "    float sine = sqrt(sine2), s = sqrt(max(1.0 - z * z, 0.0));\n",
-    "    if (z >= sine || z <= -sine) return max(z, 0.0);\n",
-    "    float q = z / sine, x = sqrt(1.0 / sine2 - 1.0), y = clamp(-x * z / s, -1.0, 1.0), w = s * sqrt(1.0 - y * y);\n",
-    "    if (sine2 < 1e-4) return sine / PI * (q * acos(-q) + sqrt(1.0 - q * q) * (2.0 + q * q) / 3.0);\n",
-    "    return (z * acos(y) - x * w + atan(w, x) / sine2) / PI;\n",
-    "}\n",
-    "\n",
-    "// R from a lamp that nothing hides.\n",
-    "vec3 sbl_unhindered(sbl_Lamp l, vec3 n, mat3 to_frame) {\n",
-    "    float factor = 0.0;\n",
-    "    sbl_when (l.kind == SBL_TRIANGLE) {\n",
-    "        vec3 corner = to_frame * l.corner;\n",
-    "        factor = sbl_form_factor(corner, corner + to_frame * l.side_1, corner + to_frame * l.side_2);\n",
-    "    }\n",
-    "    sbl_when (l.kind == SBL_NEAR_LIGHT || l.kind == SBL_FAR_LIGHT) factor = sbl_round(dot(n, l.corner), l.sine2) / PI;\n",
-    "    sbl_when (l.kind == SBL_SKY_TEXEL) factor = max(dot(n, l.corner) + PI / float(textureSize(sky_picture, 0).y), 0.0) / PI;  // about: above 0 where some of it is above the horizon\n",
-    "    return l.emission * factor;\n",
-    "}\n",
-    "\n",
-    "// A subtree: a cluster of lamps.\n",
-    "struct sbl_Cluster {\n",
-    "    vec3 to;       // its middle, from the sensor\n",
-    "    float radius;\n",
-    "    bool far;      // directions\n",
-    "    int beyond;    // the node after it\n",
-    "};\n",
-    "\n",
-    "sbl_Cluster sbl_cluster(int node, vec3 p) {\n",
-    "    vec4 ball = uintBitsToFloat(sbl_fetch(sbl_lamps, 4 * node));\n",
-    "    uint skip = sbl_fetch(sbl_lamps, 4 * node + 2).w;\n",
-    "    bool far = (skip & SBL_FAR_NODE) != 0u;\n",
-    "    return sbl_Cluster(ball.xyz - (far ? vec3(0) : p), ball.w, far, int(skip & ~SBL_FAR_NODE));\n",
-    "}\n",
-    "\n",
-    "// What it gives about: zero only where none of its lamps gives anything.\n",
-    "float sbl_strength(int node, sbl_Cluster c, vec3 n) {\n",
-    "    vec4 square = uintBitsToFloat(sbl_fetch(sbl_lamps, 4 * node + 1)), cross_terms = uintBitsToFloat(sbl_fetch(sbl_lamps, 4 * node + 2));\n",
-    "    vec3 front = uintBitsToFloat(sbl_fetch(sbl_lamps, 4 * node + 3).xyz);\n",
-    "    float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0), height = dot(n, c.to);\n",
-    "    vec3 w = c.far ? -n : c.to * inversesqrt(distance2);  // far lamps turn no sides to the sensor, but are seen under the cosine to its normal\n",
-    "    float shown = sqrt(max(dot(square.xyz, w * w) + 2.0 * dot(cross_terms.xyz, w.xyz * w.yzx), 0.0)) - dot(front, w) + 0.1 * square.w * spread;\n",
-    "    if (height + c.radius <= 0.0) return 0.0;\n",
-    "    return max(shown, 0.0) * (c.far ? 1.0 : max(height, 0.5 * (height + c.radius)) * inversesqrt(distance2) / max(distance2, c.radius * c.radius)) / unit;\n",
-    "}\n",
-    "\n",
-    "// A direction to the spherical triangle of unit vectors a, b, c, evenly distributed: Arvo 1995, \"Stratified Sampling of Spherical Triangles\".\n",
-    "// w: its solid angle; 0 where it is too small for that.\n",
-    "vec4 sbl_spherical(vec3 a, vec3 b, vec3 c, vec2 u) {\n",
-    "    vec3 ab = cross(a, b), bc = cross(b, c), ca = cross(c, a);\n",
-    "    float alpha = atan(length(cross(ab, ca)), -dot(ab, ca)), beta = atan(length(cross(bc, ab)), -dot(bc, ab)), gamma = atan(length(cross(ca, bc)), -dot(ca, bc));\n",
-    "    float solid_angle = alpha + beta + gamma - PI;\n",
-    "    if (!(solid_angle > 0.01)) return vec4(0);\n",
-    "    float s = sin(u.x * solid_angle - alpha), t = cos(u.x * solid_angle - alpha), sin_alpha = sin(alpha), cos_alpha = cos(alpha);\n",
-    "    float p = t - cos_alpha, v = s + sin_alpha * dot(a, b);\n",
-    "    float q = clamp(((v * t - p * s) * cos_alpha - v) / ((v * s + p * t) * sin_alpha), -1.0, 1.0);\n",
-    "    vec3 cut = q * a + sqrt(1.0 - q * q) * normalize(c - dot(c, a) * a);\n",
-    "    float z = 1.0 - u.y * (1.0 - dot(cut, b));\n",
-    "    return vec4(z * b + sqrt(max(1.0 - z * z, 0.0)) * normalize(cut - dot(cut, b) * b), solid_angle);\n",
-    "}\n",
-    "\n",
-    "// A point of a lamp.\n",
-    "struct sbl_Sample {\n",
-    "    vec3 direction;\n",
-    "    float far;    // how far it is\n",
-    "    vec3 light;   // R from the lamp, were it all like this point\n",
-    "    vec2 b;       // barycentrics on a triangle\n",
-    "};\n",
-    "\n",
-    "sbl_Sample sbl_sample(sbl_Lamp l, vec3 n, vec2 u) {\n",
-    "    sbl_Sample s = sbl_Sample(l.corner, 1e30, l.emission / PI, u);\n",
-    "    sbl_when (l.kind == SBL_TRIANGLE) {  // by solid angle where it is large, else by area (Heitz 2019, \"A Low-Distortion Map Between Triangle and Square\")\n",
-    "        vec3 normal = cross(l.side_1, l.side_2);\n",
-    "        vec4 ray = sbl_spherical(normalize(l.corner), normalize(l.corner + l.side_1), normalize(l.corner + l.side_2), u);\n",
-    "        s.b = u.y > u.x ? vec2(0.5 * u.x, u.y - 0.5 * u.x) : vec2(u.x - 0.5 * u.y, 0.5 * u.y);\n",
-    "        // not so near to an edge that rounding may carry the ray past it\n",
-    "        float reach2 = dot(l.corner, l.corner), longest2 = max(dot(l.side_1, l.side_1), dot(l.side_2, l.side_2));\n",
-    "        s.b = mix(s.b, vec2(1.0 / 3.0), min(3e-6 * sqrt(longest2) * reach2 / max(abs(dot(normal, l.corner)), 1e-37), 0.5));\n",
-    "        vec3 to = l.corner + s.b.x * l.side_1 + s.b.y * l.side_2;\n",
-    "        if (ray.w > 0.0) {\n",
-    "            to = ray.xyz * dot(l.corner, normal) / dot(ray.xyz, normal);\n",
-    "            s.b = vec2(dot(cross(to - l.corner, l.side_2), normal), dot(cross(l.side_1, to - l.corner), normal)) / dot(normal, normal);\n",
-    "        }\n",
-    "        s.far = length(to);\n",
-    "        s.direction = to / s.far;\n",
-    "        s.light *= ray.w > 0.0 ? ray.w : 0.5 * abs(dot(normal, s.direction)) / (s.far * s.far);\n",
-    "    }\n",
-    "    sbl_when (l.kind == SBL_SKY_TEXEL) {\n",
-    "        vec2 size = vec2(textureSize(sky_picture, 0));\n",
-    "        float row = float(l.texel.y);\n",
-    "        s.direction = sbl_sky_direction((float(l.texel.x) + u.x) / size.x, mix(cos(PI * row / size.y), cos(PI * (row + 1.0) / size.y), u.y));\n",
-    "    }\n",
-    "    sbl_when (l.kind == SBL_NEAR_LIGHT || l.kind == SBL_FAR_LIGHT) {\n",
-    "        float cosine = sqrt(1.0 - l.sine2), off = u.x * l.sine2 / (1.0 + cosine), r = sqrt(max(off * (2.0 - off), 0.0));  // off: what the ray's cosine to the middle lacks to 1\n",
-    "        s.direction = sbl_frame(l.corner) * vec3(r * cos(2.0 * PI * u.y), r * sin(2.0 * PI * u.y), 1.0 - off);\n",
-    "        s.light *= 2.0 / (1.0 + cosine);\n",
-    "        if (l.kind == SBL_NEAR_LIGHT) s.far = l.away * (1.0 - off) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));\n",
-    "    }\n",
-    "    s.light *= max(dot(n, s.direction), 0.0);\n",
-    "    return s;\n",
-    "}\n",
-    "\n",
-    "#ifdef SBL_VIEWS  // what the host draws stands in the sensor's own views only\n",
-    "uniform sampler2D atlas;        // Ck r g b, signed distance along the view's axis\n",
-    "uniform vec4 view_rects[5];     // x, y, width, height in the sheet\n",
-    "uniform ivec2 sheet;            // a sensor's, in texels\n",
-    "uniform int view_count;\n",
-    "uniform float tangent, extent;  // of half a view's width; world units of a distance\n",
-    "\n",
-    "// A texel shows what stands in its middle, where a lamp's triangle may have ended: such points ask again, nearer to the triangle's middle.\n",
-    "bool sbl_hidden(int slot, vec3 n, float turn, sbl_Lamp l, sbl_Sample s) {\n",
-    "    mat3 frame = sbl_frame(n);\n",
-    "    vec3 axes[2] = vec3[2](cos(turn) * frame[0] - sin(turn) * frame[1], -cos(turn) * frame[1] - sin(turn) * frame[0]);  // right and up, see sbl__frame\n",
-    "    vec3 normal = cross(l.side_1, l.side_2), point = s.far * s.direction, middle = l.corner + (l.side_1 + l.side_2) / 3.0;\n",
-    "    if (l.kind != SBL_TRIANGLE) point = s.direction;\n",
-    "    for (int attempt = 0; attempt < 4; attempt++, point = mix(point, middle, 0.4)) {\n",
-    "        vec3 right = axes[0], up = axes[1], forward = n;\n",
-    "        vec2 side = vec2(dot(point, right), dot(point, up));\n",
-    "        bool top = max(abs(side.x), abs(side.y)) <= dot(point, n) * tangent;\n",
-    "        int face = top ? 0 : abs(side.x) > abs(side.y) ? (side.x > 0.0 ? 1 : 3) : (side.y > 0.0 ? 2 : 4);\n",
-    "        if (!top && view_count == 1) return true;\n",
-    "        if (!top) {\n",
-    "            forward = face == 1 ? axes[0] : face == 2 ? axes[1] : face == 3 ? -axes[0] : -axes[1];\n",
-    "            right = face == 1 ? axes[1] : face == 2 ? -axes[0] : face == 3 ? -axes[1] : axes[0];\n",
-    "            up = n;\n",
-    "        }\n",
-    "        vec4 rect = view_rects[face];\n",
-    "        vec2 lowest = vec2(-1, top ? -1 : 0), size = vec2(1) - lowest, at = (vec2(dot(point, right), dot(point, up)) / (dot(point, forward) * tangent) - lowest) / size;\n",
-    "        vec2 texel = clamp(floor(at * rect.zw), vec2(0), rect.zw - 1.0), centre = lowest + (texel + 0.5) / rect.zw * size;\n",
-    "        float shown = texelFetch(atlas, ivec2(slot % columns, slot / columns) * sheet + ivec2(rect.xy + texel), 0).a, seen = abs(shown) * extent;\n",
-    "        if (seen == 0.0) return false;\n",
-    "        if (l.kind != SBL_TRIANGLE) return seen < 0.998 * s.far * dot(point, forward);\n",
-    "        vec3 ray = forward + tangent * (centre.x * right + centre.y * up);\n",
-    "        float there = dot(l.corner, normal) / dot(ray, normal);  // where it meets the lamp's plane\n",
-    "        bool other_side = (shown < 0.0) != (l.group.y == 1.0);  // of a thin body\n",
-    "        if (there > 0.0 && (seen > 1.002 * there || (seen >= 0.998 * there && !other_side))) return false;\n",
-    "        vec3 hit = there * ray - l.corner;\n",
-    "        vec2 b = vec2(dot(cross(hit, l.side_2), normal), dot(cross(l.side_1, hit), normal)) / dot(normal, normal);\n",
-    "        if (attempt == 3 || (there > 0.0 && min(b.x, b.y) >= 0.0 && b.x + b.y <= 1.0)) return seen < (other_side ? 1.002 : 0.998) * dot(point, forward);\n",
-    "    }\n",
-    "    return true;\n",
-    "}\n",
-    "#endif\n",
-    "\n",
-    "void main() {\n",
-    "    ivec2 at = sbl_texel_of_invocation();\n",
-    "    int parts = blocks.y, part = at.y % parts, slot = at.y / parts * columns + at.x, sensor = slot - first_slot;\n",
-    "    if (sensor < 0 || sensor >= count) sbl_leave;\n",
-    "    uvec4 place = texelFetch(sbl_points, 3 * sensor), words = texelFetch(sbl_points, 3 * sensor + 2);\n",
-    "    vec3 stand = uintBitsToFloat(place.xyz), n = uintBitsToFloat(texelFetch(sbl_points, 3 * sensor + 1).xyz);\n",
-    "    vec3 position = stand - uintBitsToFloat(words.w) * n;  // on the surface: a lamp close by is seen from there\n",
-    "    uvec2 scramble = uvec2(words.z, (words.z ^ words.z >> 15) * 747796405u);\n",
-    "    scramble.y ^= scramble.y >> 13;\n",
-    "    mat3 to_frame = transpose(sbl_frame(n));\n",
-    "\n",
-    "    // Which lamps count here: single ones and, where there are many, clusters that are small for their distance.\n",
-    "    int entries[SBL_LAMPS];      // a leaf, or -1 - a node; from the end on: points of light, which get a ray each\n",
-    "    float strengths[SBL_LAMPS];  // what each gives about, summed up\n",
-    "    float total = 0.0, crowd = 0.0, opening = 0.3;  // crowd: the sum of their squares\n",
-    "    mat2x3 all = mat2x3(0);      // single lamps, unhindered; two groups, since of a closed mesh one is all hidden, the other all open\n",
-    "    int used = 0, certain = 0, limit = lamp_leaves <= SBL_LAMPS ? lamp_leaves : lamp_nodes;\n",
-    "    bool full = true, rounded = false;\n",
-    "    for (int attempt = 0; attempt < 12 && full; attempt++, opening *= 2.0) {\n",
-    "        used = certain = 0;\n",
-    "        total = crowd = 0.0;\n",
-    "        all = mat2x3(0);\n",
-    "        full = false;\n",
-    "        for (int i = 0, next; i < limit; i = next) {\n",
-    "            int leaf = i;\n",
-    "            float strength = 0.0;\n",
-    "            bool single = lamp_leaves <= SBL_LAMPS, point = false;\n",
-    "            next = i + 1;\n",
-    "            sbl_when (!single) {\n",
-    "                sbl_Cluster c = sbl_cluster(i, position);\n",
-    "                if (dot(n, c.to) + c.radius <= 0.0) next = c.beyond;\n",
-    "                else if (c.beyond == i + 1) {\n",
-    "                    single = true;\n",
-    "                    leaf = int(sbl_fetch(sbl_lamps, 4 * i + 3).w);\n",
-    "                } else if (attempt == 11 || c.radius * c.radius < opening * opening * dot(c.to, c.to)) {\n",
-    "                    next = c.beyond;\n",
-    "                    strength = sbl_strength(i, c, n);\n",
-    "                }\n",
-    "            }\n",
-    "            sbl_when (single) {\n",
-    "                sbl_Lamp l = sbl_lamp(leaf, position, n);\n",
-    "                vec3 light = sbl_unhindered(l, n, to_frame);\n",
-    "                strength = light.r + light.g + light.b;\n",
-    "                rounded = rounded || l.kind != SBL_TRIANGLE;\n",
-    "                point = l.sine2 == 0.0 && (l.kind == SBL_NEAR_LIGHT || l.kind == SBL_FAR_LIGHT) && certain < SBL_CERTAIN;\n",
-    "                if (!point && l.kind != SBL_SKY_TEXEL) all += outerProduct(light, l.group);\n",
-    "            }\n",
-    "            if (strength > 0.0) {\n",
-    "                full = used + certain == SBL_LAMPS;\n",
-    "                if (full) next = limit;\n",
-    "                else if (point) entries[SBL_LAMPS - ++certain] = leaf;\n",
-    "                else {\n",
-    "                    total += strength;\n",
-    "                    crowd += strength * strength;\n",
-    "                    strengths[used] = total;\n",
-    "                    entries[used++] = single ? leaf : -1 - i;\n",
-    "                }\n",
-    "            }\n",
-    "        }\n",
-    "    }\n",
-    "\n",
-    "    mat2x3 open = mat2x3(0), seen = open;  // what the samples of single lamps give without and with what stands between\n",
-    "    vec3 sure = vec3(0), sampled = vec3(0);  // from points of light; from clusters, summed over the samples\n",
-    "    vec2 samples = vec2(0), lit = samples;\n",
-    "    float taken = 0.0, squares = 0.0;\n",
-    "    // A group that samples hardly meet is no ground for a ratio: it is sampled as clusters are.\n",
-    "    float enough = 16.0 * float(parts) / float(rays) * total;\n",
-    "    vec2 sparse = vec2(lessThan(vec3(1) * all, vec2(enough)));\n",
-    "    // The first eighth, or half of few, tells whether there is more to know: what it overlooks is less than a sample's share. The more lamps there are,\n",
-    "    // the more of the samples it takes to know each.\n",
-    "    int passes = clamp(min(rays / 32, int(16.0 * crowd / max(total * total, 1e-37))), 1, 8);\n",
-    "    passes = passes >= 8 ? 8 : passes >= 4 ? 4 : passes >= 2 ? 2 : 1;\n",
-    "    // So that they do not overlook an edge that hides little, corners and rims of few lamps are looked at besides.\n",
-    "    int rims = rounded ? SBL_PROBES : 3, probes = passes > 1 && used <= 8 ? rims * used : 0;\n",
-    "    vec2 bright = vec2(0), dark = bright;  // whether any of a group was seen, or hidden\n",
-    "    bool undecided = total > 0.0;\n",
-    "    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {\n",
-    "        // each part has a stretch of the sequence, and each eighth of it covers a lamp, and the lamps, evenly\n",
-    "        int from = (8 * part + pass * 8 / passes) * rays / (8 * parts), to = total > 0.0 ? (8 * part + (pass + 1) * 8 / passes) * rays / (8 * parts) : from;\n",
-    "        for (int k = pass < 0 ? part : pass == 0 ? from - probes : from; k < (pass < 0 ? certain : to); k += pass < 0 ? parts : 1) {\n",
-    "            bool probe = pass == 0 && k < from;\n",
-    "            uvec2 fraction = texelFetch(sbl_sequence, int(words.y) + max(k, 0)).xy ^ scramble;\n",
-    "            vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0;\n",
-    "            int entry = entries[pass < 0 ? SBL_LAMPS - 1 - k : 0];\n",
-    "            float picked = pass < 0 ? 1.0 / float(parts) : 1.0;  // how often the lamp is\n",
-    "            if (probe) entry = entries[(from - 1 - k) / rims];\n",
-    "            else if (pass >= 0) {  // one in proportion to its strength\n",
-    "                float wanted = u.x * total, before = 0.0;\n",
-    "                int low = 0, high = used - 1;\n",
-    "                while (low < high) {\n",
-    "                    int middle = (low + high) / 2;\n",
-    "                    if (strengths[middle] < wanted) { low = middle + 1; before = strengths[middle]; }\n",
-    "                    else high = middle;\n",
-    "                }\n",
-    "                float width = strengths[low] - before;\n",
-    "                u.x = clamp((wanted - before) / width, 0.0, 1.0);\n",
-    "                picked = width / total;\n",
-    "                entry = entries[low];\n",
-    "            }\n",
-    "            if (probe && entry < 0) continue;\n",
-    "            bool cluster = entry < 0;\n",
-    "            sbl_when (cluster) {  // down to one of its lamps, at every fork in proportion to what the branches give\n",
-    "                int node = -1 - entry;\n",
-    "                u.x = clamp(u.x + (float(fraction.x & 255u) - 127.5) / 4294967296.0 / picked, 0.0, 1.0);  // digits below those of a float that are left\n",
-    "                for (sbl_Cluster c = sbl_cluster(node, position); c.beyond != node + 1; c = sbl_cluster(node, position)) {\n",
-    "                    sbl_Cluster left = sbl_cluster(node + 1, position), right = sbl_cluster(left.beyond, position);\n",
-    "                    float weight = sbl_strength(node + 1, left, n), share = weight / max(weight + sbl_strength(left.beyond, right, n), 1e-37);\n",
-    "                    bool first = u.x < share;\n",
-    "                    node = first ? node + 1 : left.beyond;\n",
-    "                    picked *= first ? share : 1.0 - share;\n",
-    "                    u.x = first ? u.x / share : (u.x - share) / (1.0 - share);\n",
-    "                }\n",
-    "                entry = int(sbl_fetch(sbl_lamps, 4 * node + 3).w);\n",
-    "            }\n",
-    "            sbl_Lamp l = sbl_lamp(entry, position, n);\n",
-    "            int rim = (from - 1 - k) % rims;\n",
-    "            if (probe && (l.kind == SBL_SKY_TEXEL || (l.kind == SBL_TRIANGLE && rim > 2))) continue;\n",
-    "            sbl_Sample s = sbl_sample(l, n, probe ? vec2(0.99, (float(rim) + float(scramble.y >> 8) / 16777216.0) / float(SBL_PROBES)) : u);\n",
-    "            sbl_when (probe && l.kind == SBL_TRIANGLE) {\n",
-    "                vec3 to = l.corner + (rim == 1 ? 0.996 : 0.002) * l.side_1 + (rim == 2 ? 0.996 : 0.002) * l.side_2;\n",
-    "                s.far = length(to);\n",
-    "                s.direction = to / s.far;\n",
-    "                s.light = vec3(dot(to, n));\n",
-    "            }\n",
-    "            if (l.kind == SBL_SKY_TEXEL || dot(sparse, l.group) > 0.0) cluster = true;\n",
-    "            vec3 light = s.light / picked;\n",
-    "            taken += pass < 0 || probe ? 0.0 : 1.0;\n",
-    "            if (!(light.r + light.g + light.b > 0.0)) continue;\n",
-    "            if (!cluster && pass >= 0 && !probe) {\n",
-    "                open += outerProduct(light, l.group);\n",
-    "                samples += l.group;\n",
-    "            }\n",
-    "            vec3 to = s.direction;\n",
-    "            if (s.far < 1e30) to = s.far * s.direction + (position - stand);\n",
-    "            float away = s.far < 1e30 ? length(to) : 1.0;\n",
-    "            sbl_Hit hit = sbl_trace(stand, to / away, s.far < 1e30 ? away * 0.99999 : 1e30);\n",
-    "            bool hidden = hit.triangle >= 0 && hit.number != l.number;\n",
-    "#ifdef SBL_VIEWS\n",
-    "            hidden = hidden || sbl_hidden(slot, n, uintBitsToFloat(place.w), l, s);\n",
-    "#endif\n",
-    "            if (pass >= 0 && (probe || !cluster)) {\n",
-    "                if (hidden) dark += l.group;\n",
-    "                else bright += l.group;\n",
-    "            }\n",
-    "            if (hidden || probe) continue;\n",
-    "#ifdef SBL_TEXTURED\n",
-    "            sbl_when (l.kind == SBL_TRIANGLE) {\n",
-    "                sbl_Attributes at = sbl_attributes_at(l.triangle, s.b.x, s.b.y);\n",
-    "                light *= sbl_texture(sbl_object(sbl_fetch(sbl_triangles, 3 * l.triangle).w, 3), at.uv).rgb;\n",
-    "            }\n",
-    "#endif\n",
-    "            if (pass < 0) sure += light;\n",
-    "            else if (cluster) {\n",
-    "                sampled += light;\n",
-    "                float mean = dot(light, vec3(1.0 / 3.0));\n",
-    "                squares += mean * mean;\n",
-    "            } else {\n",
-    "                seen += outerProduct(light, l.group);\n",
-    "                lit += l.group;\n",
-    "            }\n",
-    "        }\n",
-    "        // all is open, or nothing: the first samples tell; so do clusters that are alike\n",
-    "        float mean = dot(sampled, vec3(1.0 / 3.0)) / max(taken, 1.0), error = (squares / max(taken, 1.0) - mean * mean) / max(taken, 1.0);\n",
-    "        bool mixed = dot(bright, dark) > 0.0 || (seen[0] != vec3(0) && seen[0] != open[0]) || (seen[1] != vec3(0) && seen[1] != open[1]);\n",
-    "        if (pass >= 0) undecided = mixed || SBL_STRATA * error > 1e-6 * mean * mean;\n",
-    "    }\n",
-    "    float clusters = dot(sampled, vec3(1.0 / 3.0)) / max(taken, 1.0), variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) / max(taken, 1.0);\n",
-    "    vec3 light = sure + sampled / max(taken, 1.0);\n",
-    "    for (int g = 0; g < 2; g++) {\n",
-    "        vec3 share = vec3(open[g].r > 0.0 ? seen[g].r / open[g].r : 0.0, open[g].g > 0.0 ? seen[g].g / open[g].g : 0.0, open[g].b > 0.0 ? seen[g].b / open[g].b : 0.0);\n",
-    "        float mean = dot(all[g], vec3(1.0 / 3.0)), lit_share = lit[g] / max(samples[g], 1.0);\n",
-    "        if (sparse[g] > 0.0) continue;\n",
-    "        light += all[g] * share;\n",
-    "        variance += mean * mean * lit_share * (1.0 - lit_share) / max(samples[g], 1.0);\n",
-    "    }\n",
-    "    sbl_write(out_light, vec4(light, SBL_STRATA * variance * unit * scale) * unit * scale);\n",
-    "}\n",
-    0 };
-static const char *const sbl__glsl_reduce_blocks[] = {
-    "// First half of a sensor's sum: every output texel adds up one block of the atlas.\n",
-    "uniform sampler2D atlas;    // Ck r g b, signed distance\n",
-    "uniform sampler2D weights;  // of one sheet: the texel's projected solid angle over pi, its ray's length at unit distance\n",
-    "uniform int block;          // texels across a block\n",
-    "uniform ivec2 blocks;       // of one sheet\n",
-    "layout(location = 0) out vec4 out_sum;   // sum of weight * Ck; weight that sees back faces\n",
-    "layout(location = 1) out vec4 out_hits;  // weight that sees surfaces; weight * distance; nearest distance; 0\n",
-    "\n",
-    "void main() {\n",
-    "    ivec2 at = ivec2(gl_FragCoord.xy), corner = at * block, sheet_corner = (at % blocks) * block;\n",
-    "    vec4 sum = vec4(0), hits = vec4(0, 0, 1e30, 0);\n",
-    "    for (int y = 0; y < block; y++) {\n",
-    "        vec3 row = vec3(0);\n",
-    "        float back = 0.0;\n",
-    "        for (int x = 0; x < block; x++) {\n",
-    "            vec4 texel = texelFetch(atlas, corner + ivec2(x, y), 0);\n",
-    "            vec2 weight = texelFetch(weights, sheet_corner + ivec2(x, y), 0).xy;\n",
-    "            row += weight.x * texel.rgb;\n",
-    "            float seen = weight.x > 0.0 && texel.a != 0.0 ? weight.x : 0.0;\n",
-    "            float length_to_hit = abs(texel.a) * weight.y;\n",
-    "            back += texel.a < 0.0 ? seen : 0.0;\n",
-    "            hits.x += seen;\n",
-    "            hits.y += seen * min(length_to_hit, 1e30);\n",
-    "            hits.z = seen > 0.0 ? min(hits.z, length_to_hit) : hits.z;\n",
-    "        }\n",
-    "        sum += vec4(row, back);\n",
-    "    }\n",
-    "    out_sum = sum;\n",
-    "    out_hits = hits;\n",
-    "}\n",
-    0 };
-static const char *const sbl__glsl_reduce_sum[] = {
-    "// Second half: every output texel adds up the blocks of one sensor and is its result.\n",
-    "uniform sampler2D block_sums, block_hits;\n",
-    "uniform ivec2 blocks;  // of one sheet\n",
-    "uniform int columns;   // sheets across the atlas\n",
-    "uniform int slots;     // sheets in the atlas\n",
-    "uniform int width;     // of the results' texture\n",
-    "uniform int first, last;\n",
-    "uniform sampler2D lights;  // parts texels a sensor, one below the other, whose mean comes on top: light; its variance\n",
-    "uniform int parts;         // 0: there are none\n",
-    "layout(location = 0) out vec4 out_sum;\n",
-    "layout(location = 1) out vec4 out_hits;  // w: the variance of the light's mean over the channels, where rays sampled it\n",
-    "\n",
-    "void main() {\n",
-    "    int sensor = int(gl_FragCoord.y) * width + int(gl_FragCoord.x);\n",
-    "    if (sensor < first || sensor > last) discard;\n",
-    "    int slot = sensor % slots;\n",
-    "    ivec2 corner = ivec2(slot % columns, slot / columns) * blocks;\n",
-    "    vec4 sum = vec4(0), hits = vec4(0, 0, 1e30, 0);\n",
-    "    for (int y = 0; y < blocks.y; y++) {\n",
-    "        vec4 row = vec4(0), row_hits = vec4(0);\n",
-    "        for (int x = 0; x < blocks.x; x++) {\n",
-    "            row += texelFetch(block_sums, corner + ivec2(x, y), 0);\n",
-    "            vec4 h = texelFetch(block_hits, corner + ivec2(x, y), 0);\n",
-    "            row_hits += h;\n",
-    "            hits.z = min(hits.z, h.z);\n",
-    "        }\n",
-    "        sum += row;\n",
-    "        hits.xyw += row_hits.xyw;\n",
-    "    }\n",
-    "    // where rays were traced, blocks are independent estimates of a share each, and w sums their squares\n",
-    "    float n = float(blocks.x * blocks.y), mean = dot(sum.rgb, vec3(1.0 / 3.0));\n",
-    "    hits.w = n > 1.0 ? max((hits.w - mean * mean / n) * n / (n - 1.0), 0.0) : 0.0;\n",
-    "    for (int i = 0; i < parts; i++) {\n",
-    "        vec4 light = texelFetch(lights, ivec2(slot % columns, slot / columns * parts + i), 0) / float(parts);\n",
-    "        sum.rgb += light.rgb;\n",
-    "        hits.w += light.a / float(parts);\n",
-    "    }\n",
-    "    out_sum = sum;\n",
-    "    out_hits = hits;\n",
-    "}\n",
-    0 };
-static const char *const sbl__glsl_resolve[] = {
-    "// Composition (section III-H) of one anti-aliasing sample of every pixel: emission + albedo * R. The sample has its own G-buffer;\n",
-    "// R is looked up among the nearest pixel centres that show the same surface, so that light never bleeds over an edge.\n",
-    "uniform sampler2D radiance;                 // R at pixel centres\n",
-    "uniform sampler2D positions, normals;       // at pixel centres\n",
-    "uniform usampler2D ids;\n",
-    "uniform sampler2D sample_positions, sample_normals, sample_albedo, sample_emission;\n",
-    "uniform usampler2D sample_ids;\n",
-    "uniform vec2 offset;                        // of the sample from the pixel's centre, pixels\n",
-    "uniform vec3 sky;                         // constant\n",
-    "uniform vec3 direction_0, direction_x, direction_y;  // a pixel's ray, affine in its position\n",
-    "uniform sampler2D previous;                 // what the samples before this one gave\n",
-    "uniform float first, share;               // first: 0 for the first sample, else 1; share: 1 / samples\n",
-    "layout(location = 0) out vec4 out_color;\n",
-    "\n",
-    "// As a camera sees the environment: bilinear.\n",
-    "vec3 sbl_sky_smooth(vec3 direction) {\n",
-    "    vec3 radiance = vec3(0);\n",
-    "    if (sky_limit == 0.0) return radiance;\n",
-    "    ivec2 size = textureSize(sky_picture, 0);\n",
-    "    vec2 at = sbl_sky_at(direction) * vec2(size) - 0.5, corner = floor(at), f = at - corner;\n",
-    "    for (int i = 0; i < 4; i++) {\n",
-    "        ivec2 step = ivec2(i & 1, i >> 1), texel = ivec2(corner) + step;\n",
-    "        vec2 weight = mix(1.0 - f, f, vec2(step));\n",
-    "        radiance += weight.x * weight.y * texelFetch(sky_picture, ivec2((texel.x + size.x) % size.x, clamp(texel.y, 0, size.y - 1)), 0).rgb;\n",
-    "    }\n",
-    "    return radiance;\n",
-    "}\n",
-    "\n",
-    "void main() {\n",
-    "    ivec2 at = ivec2(gl_FragCoord.xy), size = textureSize(radiance, 0);\n",
-    "    uint id = texelFetch(sample_ids, at, 0).x;\n",
-    "    vec4 before = first == 0.0 ? vec4(0) : texelFetch(previous, at, 0);\n",
-    "    if (id == 0u) { out_color = before + share * vec4(sky + sbl_sky_smooth(direction_0 + gl_FragCoord.x * direction_x + gl_FragCoord.y * direction_y), 1); return; }\n",
-    "    vec3 p = texelFetch(sample_positions, at, 0).xyz, n = texelFetch(sample_normals, at, 0).xyz;\n",
-    "    vec3 light = vec3(0);\n",
-    "    if (offset == vec2(0)) light = texelFetch(radiance, at, 0).rgb;\n",
-    "    else {\n",
-    "        vec4 near = vec4(0), far = vec4(0), rest = vec4(0);\n",
-    "        for (int y = -2; y <= 2; y++)\n",
-    "            for (int x = -2; x <= 2; x++) {\n",
-    "                ivec2 there = clamp(at + ivec2(x, y), ivec2(0), size - 1);\n",
-    "                uint there_id = texelFetch(ids, there, 0).x;\n",
-    "                if (there_id == 0u) continue;\n",
-    "                vec3 q = texelFetch(positions, there, 0).xyz, m = texelFetch(normals, there, 0).xyz;\n",
-    "                vec4 r = vec4(texelFetch(radiance, there, 0).rgb, 1);\n",
-    "                vec2 d = abs(vec2(x, y) - offset);\n",
-    "                float tent = max(0.0, 1.0 - d.x) * max(0.0, 1.0 - d.y), reach = exp(-dot(d, d));\n",
-    "                float belongs = there_id == id ? sbl_belongs(p, n, q, m) : 0.0;\n",
-    "                near += r * tent * belongs;\n",
-    "                far += r * reach * (belongs + (there_id == id ? 1e-3 : 0.0));\n",
-    "                rest += r * reach * (0.01 + max(0.0, dot(n, m)));\n",
-    "            }\n",
-    "        if (near.a > 0.05) light = near.rgb / near.a;\n",
-    "        else if (far.a > 0.0) light = far.rgb / far.a;\n",
-    "        else if (rest.a > 0.0) light = rest.rgb / rest.a;\n",
-    "    }\n",
-    "    out_color = before + share * vec4(texelFetch(sample_emission, at, 0).rgb + texelFetch(sample_albedo, at, 0).rgb * light, 1);\n",
-    "}\n",
-    0 };
-static const char *const sbl__glsl_scene[] = {
-    "// The scene as a shader sees it: triangles, objects and texels, all read by number.\n",
-    "// One object record per mesh (see sbl__object_record in sbl.h):\n",
-    "//   0  albedo r g b, alpha cutoff      floats as bits\n",
-    "//   1  emission r g b                  floats as bits;  flags\n",
-    "//   2  albedo texture:   first row in the texel store, width, height, kind (0 none, 1 8-bit sRGB, 2 16-bit float, +4 clamps)\n",
-    "//   3  emission texture: likewise\n",
-    "//   4  id, 0, 0, 0\n",
-    "#ifdef SBL_WIDE  // what grows with the scene is past the driver's limit for buffer textures, and stands in 2D ones (see sbl__texels_make)\n",
-    "#define sbl_Texels usampler2D\n",
-    "#define sbl_fetch(texels, i) texelFetch(texels, ivec2((i) & 4095, (i) >> 12), 0)\n",
-    "#else\n",
-    "#define sbl_Texels usamplerBuffer\n",
-    "#define sbl_fetch(texels, i) texelFetch(texels, i)\n",
-    "#endif\n",
-    "\n",
-    "uniform sbl_Texels sbl_objects;\n",
-    "uniform sampler2D sbl_texels_srgb;   // all 8-bit sRGB textures, each starting on a row of its own, texel n of a texture at n % width, n / width\n",
-    "uniform sampler2D sbl_texels_float;  // all others\n",
-    "\n",
-    "const int SBL_OBJECT_TEXELS = 5;\n",
-    "const uint SBL_ONE_SIDED_EMISSION = 1u;\n",
-    "const uint SBL_HIDDEN_FROM_CAMERA = 2u;\n",
-    "const uint SBL_HIDDEN_FROM_SENSORS = 4u;\n",
-    "\n",
-    "uvec4 sbl_object(uint object, int field) { return sbl_fetch(sbl_objects, int(object) * SBL_OBJECT_TEXELS + field); }\n",
-    "\n",
-    "vec4 sbl_texel(uvec4 texture_record, ivec2 at) {\n",
-    "    ivec2 size = ivec2(texture_record.yz);\n",
-    "    at = (texture_record.w & 4u) != 0u ? clamp(at, ivec2(0), size - 1) : at - size * ivec2(floor(vec2(at) / vec2(size)));\n",
-    "    at = clamp(at, ivec2(0), size - 1);  // the division above may round up for far repeats\n",
-    "    int index = at.y * size.x + at.x;\n",
-    "    if ((texture_record.w & 3u) == 1u) {\n",
-    "        int width = textureSize(sbl_texels_srgb, 0).x;\n",
-    "        return texelFetch(sbl_texels_srgb, ivec2(index % width, int(texture_record.x) + index / width), 0);\n",
-    "    }\n",
-    "    int width = textureSize(sbl_texels_float, 0).x;\n",
-    "    return texelFetch(sbl_texels_float, ivec2(index % width, int(texture_record.x) + index / width), 0);\n",
-    "}\n",
-    "\n",
-    "// Bilinear, decoded before it is filtered; (0, 0) is the first texel's outer corner.\n",
-    "vec4 sbl_texture(uvec4 texture_record, vec2 uv) {\n",
-    "    if (texture_record.w == 0u) return vec4(1);\n",
-    "    if ((texture_record.w & 4u) == 0u) uv -= floor(uv);\n",
-    "    vec2 at = uv * vec2(texture_record.yz) - 0.5, corner = floor(at), f = at - corner;\n",
-    "    ivec2 c = ivec2(clamp(corner, vec2(-1e9), vec2(1e9)));\n",
-    "    return mix(mix(sbl_texel(texture_record, c), sbl_texel(texture_record, c + ivec2(1, 0)), f.x),\n",
-    "               mix(sbl_texel(texture_record, c + ivec2(0, 1)), sbl_texel(texture_record, c + ivec2(1, 1)), f.x), f.y);\n",
-    "}\n",
-    0 };
-static const char *const sbl__glsl_sensor_fragment[] = {
-    "// What a sensor's texel holds: Ck, and the distance along the view axis, negative where a back face is seen.\n",
-    "layout(location = 0) out vec4 out_radiance;\n",
-    "#ifdef SBL_TEXTURED\n",
-    "uniform float epsilon, radiance_scale;\n",
-    "uniform bool lamps_apart;  // light from emitting triangles comes from lamps.glsl\n",
-    "flat in uint fragment_object;\n",
-    "in vec2 fragment_uv;\n",
-    "in vec4 fragment_color;\n",
-    "#else\n",
-    "flat in vec3 radiance_front, radiance_back;\n",
-    "#endif\n",
-    "#ifdef SBL_WRITE_DEPTH\n",
-    "uniform float depth_scale;\n",
-    "#endif\n",
-    "\n",
-    "void main() {\n",
-    "#ifdef SBL_TEXTURED\n",
-    "    uvec4 material = sbl_object(fragment_object, 0), light = sbl_object(fragment_object, 1);\n",
-    "    vec3 emission = uintBitsToFloat(light.rgb);\n",
-    "    bool emits = max(max(emission.r, emission.g), emission.b) > 0.0;\n",
-    "    if (emits && !gl_FrontFacing && (light.w & SBL_ONE_SIDED_EMISSION) != 0u) emits = false;\n",
-    "    vec3 radiance = vec3(0);\n",
-    "    float cutoff = uintBitsToFloat(material.w);\n",
-    "    if (cutoff > 0.0 || (!emits && epsilon > 0.0)) {\n",
-    "        vec4 albedo = fragment_color * sbl_texture(sbl_object(fragment_object, 2), fragment_uv);\n",
-    "        if (albedo.a < cutoff) discard;\n",
-    "        radiance = epsilon * uintBitsToFloat(material.rgb) * albedo.rgb;\n",
-    "    }\n",
-    "    if (emits && lamps_apart) radiance = vec3(0);\n",
-    "    else if (emits) radiance = emission * sbl_texture(sbl_object(fragment_object, 3), fragment_uv).rgb;\n",
-    "    radiance *= radiance_scale;\n",
-    "#else\n",
-    "    vec3 radiance = gl_FrontFacing ? radiance_front : radiance_back;\n",
-    "#endif\n",
-    "    out_radiance = vec4(radiance, gl_FrontFacing ? 1.0 / gl_FragCoord.w : -1.0 / gl_FragCoord.w);\n",
-    "#ifdef SBL_WRITE_DEPTH\n",
-    "    gl_FragDepth = depth_scale * gl_FragCoord.w;\n",
-    "#endif\n",
-    "}\n",
-    0 };
-static const char *const sbl__glsl_sensor_vertex[] = {
-    "// Draws the scene into many sensors' views at once: an instance is one view, cut to its rectangle of the atlas by four planes.\n",
-    "layout(location = 0) in vec3 position;\n",
-    "layout(location = 1) in uint object;\n",
-    "layout(location = 4) in vec3 view_eye;\n",
-    "layout(location = 5) in vec4 view_right;    // right over half the view's width at unit distance;  scale of x in the atlas\n",
-    "layout(location = 6) in vec4 view_up;       // up over half its height;                            scale of y\n",
-    "layout(location = 7) in vec4 view_forward;  // forward;                                            lowest y: -1, or 0 where the horizon cuts the view\n",
-    "layout(location = 8) in vec2 view_offset;   // of the rectangle in the atlas\n",
-    "uniform float per_length;                   // 1 / extent of the scene\n",
-    "uniform float depth_scale;                  // depth is depth_scale / distance: reversed, without a far plane\n",
-    "#ifdef SBL_TEXTURED\n",
-    "layout(location = 2) in vec2 vertex_uv;\n",
-    "layout(location = 3) in vec4 vertex_color;\n",
-    "flat out uint fragment_object;\n",
-    "out vec2 fragment_uv;\n",
-    "out vec4 fragment_color;\n",
-    "#else\n",
-    "uniform float epsilon, radiance_scale;\n",
-    "uniform bool lamps_apart;                   // light from emitting triangles comes from lamps.glsl\n",
-    "flat out vec3 radiance_front, radiance_back;\n",
-    "#endif\n",
-    "\n",
-    "void main() {\n",
-    "    uvec4 light = sbl_object(object, 1);\n",
-    "#ifdef SBL_TEXTURED\n",
-    "    fragment_object = object;\n",
-    "    fragment_uv = vertex_uv;\n",
-    "    fragment_color = vertex_color;\n",
-    "#else\n",
-    "    // Ck of equations 1 and 2: a light's radiance, or the ambient factor times the colour\n",
-    "    vec3 emission = uintBitsToFloat(light.rgb);\n",
-    "    vec3 ambient = epsilon * uintBitsToFloat(sbl_object(object, 0).rgb);\n",
-    "    radiance_front = radiance_scale * (max(max(emission.r, emission.g), emission.b) > 0.0 ? lamps_apart ? vec3(0) : emission : ambient);\n",
-    "    radiance_back = (light.w & SBL_ONE_SIDED_EMISSION) != 0u ? radiance_scale * ambient : radiance_front;\n",
-    "#endif\n",
-    "    vec3 p = (position - view_eye) * per_length;\n",
-    "    float x = dot(view_right.xyz, p), y = dot(view_up.xyz, p), w = dot(view_forward.xyz, p);\n",
-    "    gl_Position = vec4(x * view_right.w + w * view_offset.x, y * view_up.w + w * view_offset.y, depth_scale, w);\n",
-    "    gl_ClipDistance[0] = w + x;\n",
-    "    gl_ClipDistance[1] = w - x;\n",
-    "    gl_ClipDistance[2] = y - w * view_forward.w;\n",
-    "    gl_ClipDistance[3] = w - y;\n",
-    "    if ((light.w & SBL_HIDDEN_FROM_SENSORS) != 0u) gl_ClipDistance[0] = -1.0;\n",
-    "}\n",
-    0 };
-static const char *const sbl__glsl_sky[] = {
-    "// The environment's picture, equirectangular: light from where nothing is hit, besides the constant sky (see sbl_environment).\n",
-    "uniform sampler2D sky_picture;\n",
-    "uniform vec3 sky_x, sky_up, sky_z;  // its axes in the world\n",
-    "uniform float sky_limit;            // radiance from which on it is left to lamps.glsl; 0: there is no picture\n",
-    "\n",
-    "// Where a direction meets the picture, in its widths and heights.\n",
-    "vec2 sbl_sky_at(vec3 direction) {\n",
-    "    vec3 d = vec3(dot(direction, sky_x), dot(direction, sky_up), dot(direction, sky_z)) / length(direction);\n",
-    "    return vec2(0.5 + (d.x == 0.0 && d.z == 0.0 ? 0.0 : atan(d.z, d.x) / 6.283185307), acos(clamp(d.y, -1.0, 1.0)) / 3.14159265);\n",
-    "}\n",
-    "\n",
-    "// The way back; z: the cosine to sky_up.\n",
-    "vec3 sbl_sky_direction(float across, float z) {\n",
-    "    float angle = 6.283185307 * (across - 0.5), r = sqrt(max(1.0 - z * z, 0.0));\n",
-    "    return r * cos(angle) * sky_x + z * sky_up + r * sin(angle) * sky_z;\n",
-    "}\n",
-    "\n",
-    "// What of a texel's light lamps.glsl samples.\n",
-    "float sbl_sky_excess(vec3 radiance) { return max(1.0 - sky_limit / max(max(radiance.r, radiance.g), max(radiance.b, 1e-37)), 0.0); }\n",
-    "\n",
-    "// The rest of it.\n",
-    "vec3 sbl_sky(vec3 direction) {\n",
-    "    vec3 radiance = vec3(0);\n",
-    "    for (int once = 0; once < (sky_limit > 0.0 ? 1 : 0); once++) {  // a loop, see sbl_trace\n",
-    "        ivec2 size = textureSize(sky_picture, 0);\n",
-    "        radiance = texelFetch(sky_picture, min(ivec2(sbl_sky_at(direction) * vec2(size)), size - 1), 0).rgb;\n",
-    "        radiance *= 1.0 - sbl_sky_excess(radiance);\n",
-    "    }\n",
-    "    return radiance;\n",
-    "}\n",
-    0 };
-static const char *const sbl__glsl_sky_fragment[] = {
-    "in vec3 direction;\n",
-    "uniform vec3 sky;  // constant\n",
-    "uniform float radiance_scale;\n",
-    "layout(location = 0) out vec4 out_radiance;  // as in sensor_fragment.glsl; nothing is hit\n",
-    "\n",
-    "void main() { out_radiance = vec4(radiance_scale * (sky + sbl_sky(direction)), 0); }\n",
-    0 };
-static const char *const sbl__glsl_sky_vertex[] = {
-    "// The environment behind all that a sensor's view sees: a rectangle for every view, see sensor_vertex.glsl.\n",
-    "layout(location = 5) in vec4 view_right;\n",
-    "layout(location = 6) in vec4 view_up;\n",
-    "layout(location = 7) in vec4 view_forward;\n",
-    "layout(location = 8) in vec2 view_offset;\n",
-    "out vec3 direction;\n",
-    "\n",
-    "void main() {\n",
-    "    float x = gl_VertexID % 2 == 0 ? -1.0 : 1.0, y = gl_VertexID < 2 ? view_forward.w : 1.0;\n",
-    "    direction = view_forward.xyz + x / dot(view_right.xyz, view_right.xyz) * view_right.xyz + y / dot(view_up.xyz, view_up.xyz) * view_up.xyz;\n",
-    "    gl_Position = vec4(x * view_right.w + view_offset.x, y * view_up.w + view_offset.y, 0, 1);\n",
-    "}\n",
-    0 };
-static const char *const sbl__glsl_surface[] = {
-    "// From a triangle's number and a ray to the surface point. Exact where rasterised attributes are not: a point interpolated across a\n",
-    "// large clipped triangle strays off its plane, and a sensor standing there would see its own surface.\n",
-    "uniform sbl_Texels sbl_positions;   // a vertex: x y z as float bits, object\n",
-    "uniform sbl_Texels sbl_attributes;  // a vertex, two texels: normal x y z, u | v, colour r g (16 bits each), colour b a, 0\n",
-    "uniform sbl_Texels sbl_indices;     // three a triangle\n",
-    "\n",
-    "struct sbl_Surface {\n",
-    "    vec3 position, normal, geometric_normal;  // normals point against the ray\n",
-    "    vec4 albedo;                              // a: 0 where the cutout leaves nothing\n",
-    "    vec3 emission;\n",
-    "    float facet;                              // the triangle's least height\n",
-    "    float reach;                              // of its corners from the origin, plus its longest side: what rounding is relative to\n",
-    "    uint id, flags;\n",
-    "};\n",
-    "\n",
-    "sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {\n",
-    "    ivec3 v = ivec3(int(sbl_fetch(sbl_indices, 3 * triangle).x), int(sbl_fetch(sbl_indices, 3 * triangle + 1).x),\n",
-    "                    int(sbl_fetch(sbl_indices, 3 * triangle + 2).x));\n",
-    "    uvec4 record = sbl_fetch(sbl_positions, v.x);\n",
-    "    vec3 p0 = uintBitsToFloat(record.xyz);\n",
-    "    vec3 e1 = uintBitsToFloat(sbl_fetch(sbl_positions, v.y).xyz) - p0;\n",
-    "    vec3 e2 = uintBitsToFloat(sbl_fetch(sbl_positions, v.z).xyz) - p0;\n",
-    "\n",
-    "    // Barycentrics of the ray's hit by Cramer's rule (Moeller and Trumbore 1997), kept inside the triangle.\n",
-    "    // The cross product is scaled to the edges' size first, so that small triangles do not underflow.\n",
-    "    float size = max(max(max(abs(e1.x), abs(e1.y)), abs(e1.z)), max(max(abs(e2.x), abs(e2.y)), abs(e2.z)));\n",
-    "    vec3 s1 = e1 / size, s2 = e2 / size;\n",
-    "    vec3 t = (origin - p0) / size, q = cross(t, s1), h = cross(direction, s2);\n",
-    "    float determinant = dot(s1, h);\n",
-    "    float b1 = clamp(dot(t, h) / determinant, 0.0, 1.0);\n",
-    "    float b2 = clamp(dot(direction, q) / determinant, 0.0, 1.0 - b1);\n",
-    "    if (!(abs(determinant) > 0.0)) { b1 = 1.0 / 3.0; b2 = 1.0 / 3.0; }\n",
-    "    float b0 = 1.0 - b1 - b2;\n",
-    "\n",
-    "    sbl_Surface s;\n",
-    "    s.position = p0 + (b1 * e1 + b2 * e2);\n",
-    "    vec3 across = cross(s1, s2), face = normalize(across), s3 = s2 - s1;\n",
-    "    float longest = sqrt(max(dot(s1, s1), max(dot(s2, s2), dot(s3, s3))));\n",
-    "    s.facet = size * length(across) / longest;\n",
-    "    s.reach = length(p0) + 2.0 * size * longest;\n",
-    "    bool back = dot(face, direction) > 0.0;\n",
-    "    s.geometric_normal = back ? -face : face;\n",
-    "\n",
-    "    uvec4 n0 = sbl_fetch(sbl_attributes, 2 * v.x), n1 = sbl_fetch(sbl_attributes, 2 * v.y), n2 = sbl_fetch(sbl_attributes, 2 * v.z);\n",
-    "    uvec4 c0 = sbl_fetch(sbl_attributes, 2 * v.x + 1), c1 = sbl_fetch(sbl_attributes, 2 * v.y + 1), c2 = sbl_fetch(sbl_attributes, 2 * v.z + 1);\n",
-    "    vec3 normal = b0 * uintBitsToFloat(n0.xyz) + b1 * uintBitsToFloat(n1.xyz) + b2 * uintBitsToFloat(n2.xyz);\n",
-    "    float length2 = dot(normal, normal);\n",
-    "    normal = length2 > 1e-12 ? normal * inversesqrt(length2) : face;\n",
-    "    normal = dot(normal, s.geometric_normal) < 0.0 ? -normal : normal;\n",
-    "    // A shading normal that turns away from the viewer would aim the sensor at the surface itself: bend it back to grazing.\n",
-    "    float grazing = dot(normal, normalize(direction));\n",
-    "    if (grazing > -0.01) normal = normalize(normal - (grazing + 0.01) * normalize(direction));\n",
-    "    s.normal = normal;\n",
-    "\n",
-    "    vec2 uv = b0 * uintBitsToFloat(uvec2(n0.w, c0.x)) + b1 * uintBitsToFloat(uvec2(n1.w, c1.x)) + b2 * uintBitsToFloat(uvec2(n2.w, c2.x));\n",
-    "    vec4 color = b0 * vec4(c0.y & 65535u, c0.y >> 16, c0.z & 65535u, c0.z >> 16) +\n",
-    "                 b1 * vec4(c1.y & 65535u, c1.y >> 16, c1.z & 65535u, c1.z >> 16) +\n",
-    "                 b2 * vec4(c2.y & 65535u, c2.y >> 16, c2.z & 65535u, c2.z >> 16);\n",
-    "\n",
-    "    uvec4 material = sbl_object(record.w, 0), light = sbl_object(record.w, 1);\n",
-    "    s.albedo = color / 65535.0 * sbl_texture(sbl_object(record.w, 2), uv);\n",
-    "    s.albedo = vec4(s.albedo.rgb * uintBitsToFloat(material.rgb), s.albedo.a < uintBitsToFloat(material.w) ? 0.0 : 1.0);\n",
-    "    s.emission = uintBitsToFloat(light.rgb) * sbl_texture(sbl_object(record.w, 3), uv).rgb;\n",
-    "    if (back && (light.w & SBL_ONE_SIDED_EMISSION) != 0u) s.emission = vec3(0);\n",
-    "    s.id = sbl_object(record.w, 4).x;\n",
-    "    s.flags = light.w;\n",
-    "    return s;\n",
-    "}\n",
-    0 };
-static const char *const sbl__glsl_trace[] = {
-    "// A part of one sensor's rays: cosine-distributed directions, so that all weigh the same. The outputs are those of reduce_blocks.glsl.\n",
-    "uniform usamplerBuffer sbl_points;    // a sensor, three texels: position, hash; normal, hash; first ray\n",
-    "uniform usamplerBuffer sbl_sequence;  // points of the Sobol sequence, two 32-bit fractions each, along a Morton curve\n",
-    "uniform int rays;                     // of a sensor\n",
-    "uniform float epsilon;\n",
-    "uniform float spread;                 // 1: the cosine's whole hemisphere; 0: all rays go along the normal\n",
-    "uniform vec3 sky;\n",
-    "uniform bool lamps_apart;             // light from emitting triangles comes from lamps.glsl\n",
-    "SBL_OUT(0, out_sum);\n",
-    "SBL_OUT(1, out_hits);\n",
-    "\n",
-    "vec3 sbl_radiance(sbl_Hit hit) {\n",
-    "    uint object = sbl_fetch(sbl_triangles, 3 * hit.triangle).w;\n",
-    "    uvec4 material = sbl_object(object, 0), light = sbl_object(object, 1);\n",
-    "    vec3 emission = uintBitsToFloat(light.rgb);\n",
-    "    bool emits = max(max(emission.r, emission.g), emission.b) > 0.0 && !(hit.back && (light.w & SBL_ONE_SIDED_EMISSION) != 0u);\n",
-    "    if (emits && lamps_apart) return vec3(0);\n",
-    "    vec3 ambient = epsilon * uintBitsToFloat(material.rgb);\n",
-    "#ifdef SBL_TEXTURED\n",
-    "    sbl_when (emits || epsilon > 0.0) {\n",
-    "        sbl_Attributes at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);\n",
-    "        ambient *= (at.color * sbl_texture(sbl_object(object, 2), at.uv)).rgb;\n",
-    "        emission *= sbl_texture(sbl_object(object, 3), at.uv).rgb;\n",
-    "    }\n",
-    "#endif\n",
-    "    return emits ? emission : ambient;\n",
-    "}\n",
-    "\n",
-    "void main() {\n",
-    "    ivec2 at = sbl_texel_of_invocation(), sheet = at / blocks, within = at % blocks;\n",
-    "    int sensor = sheet.y * columns + sheet.x - first_slot;\n",
-    "    if (sensor < 0 || sensor >= count) sbl_leave;\n",
-    "    uvec4 a = texelFetch(sbl_points, 3 * sensor), b = texelFetch(sbl_points, 3 * sensor + 1);\n",
-    "    int skip = int(texelFetch(sbl_points, 3 * sensor + 2).x);\n",
-    "    vec3 position = uintBitsToFloat(a.xyz), n = uintBitsToFloat(b.xyz);\n",
-    "    mat3 frame = sbl_frame(n);\n",
-    "\n",
-    "    vec4 sum = vec4(0), hits = vec4(0, 0, 1e30, 0);\n",
-    "    for (int i = within.y * blocks.x + within.x; i < rays; i += blocks.x * blocks.y) {\n",
-    "        uvec2 fraction = texelFetch(sbl_sequence, skip + i).xy ^ uvec2(a.w, b.w);\n",
-    "        vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0 * vec2(spread, 1.0);\n",
-    "        float radius = sqrt(u.x), angle = 6.283185307 * u.y;\n",
-    "        vec3 direction = frame * vec3(radius * cos(angle), radius * sin(angle), sqrt(1.0 - u.x));\n",
-    "        sbl_Hit hit = sbl_trace(position, direction, 1e30);\n",
-    "        if (hit.triangle < 0) sum.rgb += sky + sbl_sky(direction);\n",
-    "        else {\n",
-    "            sum += vec4(sbl_radiance(hit), hit.back ? 1.0 : 0.0);\n",
-    "            hits.xy += vec2(1.0, hit.distance);\n",
-    "            hits.z = min(hits.z, hit.distance);\n",
-    "        }\n",
-    "    }\n",
-    "    sum /= float(rays);\n",
-    "    float light = dot(sum.rgb, vec3(1.0 / 3.0));\n",
-    "    sbl_write(out_sum, sum);\n",
-    "    sbl_write(out_hits, vec4(hits.xy / float(rays), hits.z, light * light));\n",
-    "}\n",
-    0 };
-static const char *const sbl__glsl_traverse[] = {
-    "// A ray through the bounding volume hierarchy (see >>bvh in sbl.h). Two texels a node, one a child:\n",
-    "//   lowest x | highest x << 16, lowest y | highest y << 16, lowest z | highest z << 16, child\n",
-    "// in steps of a grid. A child is a node's number, or 8 + triangles - 1 << 28 | first triangle, or SBL_ENTER << 28 | number of a finer grid in a node's place:\n",
-    "//   origin, its root; steps per length, the grid around it\n",
-    "// A triangle is three texels: corner, object; corner, number in the scene; corner, 1 where a cutout may leave nothing.\n",
-    "uniform sbl_Texels sbl_nodes, sbl_triangles;\n",
-    "uniform vec3 grid_origin, grid_per_length;  // of the grid over all, which comes first\n",
-    "uniform int node_count;                     // 0: an empty scene\n",
-    "\n",
-    "// What sensors' programs have in common. A sensor has a block of texels, one an invocation. There are two carriers: fragment shaders drawn over the blocks,\n",
-    "// and compute shaders, in which the invocations of a sensor follow each other.\n",
-    "// Software renderers run both sides of every if, but leave loops that no lane enters: an if for what is long and rare.\n",
-    "#define sbl_when(condition) for (int sbl_once = 0; sbl_once < ((condition) ? 1 : 0); sbl_once++)\n",
-    "uniform ivec2 blocks;                 // invocations of a sensor: four by some, so that those that run side by side trace neighbouring rays\n",
-    "uniform int columns;                  // sensors across the target\n",
-    "uniform int first_slot, count;        // this many sensors stand from first_slot on\n",
-    "#ifdef SBL_COMPUTE\n",
-    "layout(local_size_x = 64) in;\n",
-    "#define SBL_OUT(place, name) layout(rgba32f, binding = place) writeonly uniform image2D name\n",
-    "#define sbl_write(name, value) imageStore(name, sbl_texel_of_invocation(), value)\n",
-    "#define sbl_leave return\n",
-    "\n",
-    "ivec2 sbl_texel_of_invocation() {\n",
-    "    int i = int(gl_GlobalInvocationID.x), size = blocks.x * blocks.y, slot = first_slot + i / size, part = i % size;\n",
-    "    return ivec2(slot % columns, slot / columns) * blocks + ivec2(part % blocks.x, part / blocks.x);\n",
-    "}\n",
-    "#else\n",
-    "#define SBL_OUT(place, name) layout(location = place) out vec4 name\n",
-    "#define sbl_write(name, value) name = value\n",
-    "#define sbl_leave discard\n",
-    "\n",
-    "ivec2 sbl_texel_of_invocation() { return ivec2(gl_FragCoord.xy); }\n",
-    "#endif\n",
-    "\n",
-    "#ifdef SBL_TEXTURED\n",
-    "struct sbl_Attributes { vec2 uv; vec4 color; };\n",
-    "\n",
-    "sbl_Attributes sbl_attributes_at(int triangle, float b1, float b2) {\n",
-    "    int number = int(sbl_fetch(sbl_triangles, 3 * triangle + 1).w);\n",
-    "    vec3 b = vec3(1.0 - b1 - b2, b1, b2);\n",
-    "    sbl_Attributes at = sbl_Attributes(vec2(0), vec4(0));\n",
-    "    for (int k = 0; k < 3; k++) {\n",
-    "        int v = int(sbl_fetch(sbl_indices, 3 * number + k).x);\n",
-    "        uint u = sbl_fetch(sbl_attributes, 2 * v).w;\n",
-    "        uvec4 c = sbl_fetch(sbl_attributes, 2 * v + 1);\n",
-    "        at.uv += b[k] * uintBitsToFloat(uvec2(u, c.x));\n",
-    "        at.color += b[k] / 65535.0 * vec4(c.y & 65535u, c.y >> 16, c.z & 65535u, c.z >> 16);\n",
-    "    }\n",
-    "    return at;\n",
-    "}\n",
-    "\n",
-    "// Is the cutout solid here?\n",
-    "bool sbl_solid(int triangle, float b1, float b2) {\n",
-    "    uint object = sbl_fetch(sbl_triangles, 3 * triangle).w;\n",
-    "    float cutoff = uintBitsToFloat(sbl_object(object, 0).w);\n",
-    "    sbl_Attributes at = sbl_attributes_at(triangle, b1, b2);\n",
-    "    return at.color.a * sbl_texture(sbl_object(object, 2), at.uv).a >= cutoff;\n",
-    "}\n",
-    "#endif\n",
-    "\n",
-    "const uint SBL_LEAF = 0x80000000u, SBL_ENTER = 12u, SBL_LEAVE = 13u, SBL_END = 0xffffffffu;\n",
-    "\n",
-    "struct sbl_Hit {\n",
-    "    float distance;   // in lengths of the direction\n",
-    "    int triangle;     // as sbl_triangles counts; negative: nothing was hit\n",
-    "    int number;       // of the triangle in the scene\n",
-    "    float b1, b2;     // barycentrics of the second and third corner\n",
-    "    bool back;\n",
-    "};\n",
-    "\n",
-    "// Does the ray's stretch up to `nearest` cross the box? Its entry distance, or 0x7fffffff; distances are the bits of floats, since they order as integers\n",
-    "// where none is negative, and a negative one is below all others. `per` is the length of a grid step along the ray, `offset` brings the origin to 0.\n",
-    "int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int nearest) {\n",
-    "    vec3 low = vec3(box.xyz & 65535u), high = vec3(box.xyz >> 16);\n",
-    "    ivec3 entry = floatBitsToInt(mix(low, high, flip) * per + offset), leave = floatBitsToInt(mix(high, low, flip) * per + offset);\n",
-    "    int from = max(max(entry.x, entry.y), max(entry.z, 0)), to = min(min(leave.x, leave.y), min(leave.z, nearest));\n",
-    "    return from <= to + 8 ? from : 0x7fffffff;  // units in the last place, see Ize 2013, \"Robust BVH Ray Traversal\"\n",
-    "}\n",
-    "\n",
-    "// The nearest hit nearer than `limit` and farther than `after`, or as far and of a triangle numbered above `past`: hits are ordered by distance, then number.\n",
-    "sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float limit) {\n",
-    "    sbl_Hit hit = sbl_Hit(limit, -1, -1, 0.0, 0.0, false);\n",
-    "\n",
-    "    // Watertight against shared edges: Woop, Benthin and Wald 2013. The axis along which the direction is longest becomes z, the ray is sheared onto it.\n",
-    "    vec3 size = abs(direction);\n",
-    "    int axis = size.x > size.y ? (size.x > size.z ? 0 : 2) : (size.y > size.z ? 1 : 2);\n",
-    "    vec3 d = axis == 0 ? direction.yzx : axis == 1 ? direction.zxy : direction;\n",
-    "    float shear_x = d.x / d.z, shear_y = d.y / d.z, per_z = 1.0 / d.z;\n",
-    "\n",
-    "    bvec3 flip = lessThan(direction, vec3(0));\n",
-    "    vec3 inverse = 1.0 / mix(max(direction, vec3(1e-12)), min(direction, vec3(-1e-12)), flip);\n",
-    "    vec3 per = inverse / grid_per_length, offset = (grid_origin - origin) * inverse;\n",
-    "    uint stack[SBL_STACK];\n",
-    "    stack[0] = SBL_END;\n",
-    "    int top = 0;\n",
-    "    uint node = node_count == 0 ? SBL_END : 1u;\n",
-    "    while (true) {\n",
-    "        while (node < SBL_LEAF) {  // down to a leaf, the nearer child first\n",
-    "            uvec4 first = sbl_fetch(sbl_nodes, int(node) * 2), second = sbl_fetch(sbl_nodes, int(node) * 2 + 1);\n",
-    "            int nearest = floatBitsToInt(hit.distance), a = sbl_box(first, per, offset, flip, nearest), b = sbl_box(second, per, offset, flip, nearest);\n",
-    "            node = a <= b ? first.w : second.w;\n",
-    "            if (max(a, b) < 0x7fffffff) stack[++top] = a <= b ? second.w : first.w;\n",
-    "            if (min(a, b) == 0x7fffffff) node = stack[top--];\n",
-    "        }\n",
-    "        bool leaf = true;\n",
-    "        while ((node & 0xe0000000u) == SBL_ENTER << 28 && leaf) {  // into a grid, or back to the one around it; a loop, see sbl_trace\n",
-    "            uvec4 first = sbl_fetch(sbl_nodes, int(node & 0x0fffffffu) * 2), second = sbl_fetch(sbl_nodes, int(node & 0x0fffffffu) * 2 + 1);\n",
-    "            per = inverse / uintBitsToFloat(second.xyz);\n",
-    "            offset = (uintBitsToFloat(first.xyz) - origin) * inverse;\n",
-    "            if (node >> 28 == SBL_ENTER) {\n",
-    "                stack[++top] = SBL_LEAVE << 28 | second.w;\n",
-    "                node = first.w;\n",
-    "            } else node = stack[top--];\n",
-    "            leaf = false;\n",
-    "        }\n",
-    "        if (!leaf) continue;\n",
-    "        if (node == SBL_END) break;\n",
-    "        int from = int(node & 0x0fffffffu), to = from + int(node >> 28 & 7u);\n",
-    "        for (int t = from; t <= to; t++) {\n",
-    "            uvec4 second = sbl_fetch(sbl_triangles, 3 * t + 1);\n",
-    "            vec3 p = uintBitsToFloat(sbl_fetch(sbl_triangles, 3 * t).xyz) - origin;\n",
-    "            vec3 q = uintBitsToFloat(second.xyz) - origin;\n",
-    "            vec3 r = uintBitsToFloat(sbl_fetch(sbl_triangles, 3 * t + 2).xyz) - origin;\n",
-    "            p = axis == 0 ? p.yzx : axis == 1 ? p.zxy : p;\n",
-    "            q = axis == 0 ? q.yzx : axis == 1 ? q.zxy : q;\n",
-    "            r = axis == 0 ? r.yzx : axis == 1 ? r.zxy : r;\n",
-    "            p.xy -= vec2(shear_x, shear_y) * p.z;\n",
-    "            q.xy -= vec2(shear_x, shear_y) * q.z;\n",
-    "            r.xy -= vec2(shear_x, shear_y) * r.z;\n",
-    "            float u = r.x * q.y - r.y * q.x, v = p.x * r.y - p.y * r.x, w = q.x * p.y - q.y * p.x, determinant = u + v + w;\n",
-    "            bool inside = ((u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0)) && determinant != 0.0;\n",
-    "            float l = (u * p.z + v * q.z + w * r.z) * per_z / determinant;\n",
-    "            // A triangle that the ray starts beside, its own above all, must not be hit by rounding: it grows with how thin the triangle is.\n",
-    "            float deep = max(abs(p.z), max(abs(q.z), abs(r.z))), wide = max(dot(p.xy, p.xy), max(dot(q.xy, q.xy), dot(r.xy, r.xy)));\n",
-    "            inside = inside && l > 1e-4 * deep || inside && l * abs(determinant) > 1.2e-7 * deep * wide;\n",
-    "            int number = int(second.w);\n",
-    "            bool behind = l > after || (l == after && number > past);\n",
-    "            if (inside && behind && (l < hit.distance || (l == hit.distance && number < hit.number)))\n",
-    "                hit = sbl_Hit(l, t, number, v / determinant, w / determinant, (determinant < 0.0) == (d.z > 0.0));\n",
-    "        }\n",
-    "        node = stack[top--];\n",
-    "    }\n",
-    "    return hit;\n",
-    "}\n",
-    "\n",
-    "// The nearest hit nearer than `limit`.\n",
-    "sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit) {\n",
-    "    sbl_Hit hit = sbl_Hit(0.0, -1, 0x7fffffff, 0.0, 0.0, false);\n",
-    "#ifdef SBL_TEXTURED\n",
-    "    // Cutouts: the nearest hit is looked at, and where nothing is there the ray goes on behind it.\n",
-    "    // All ifs are loops, since software renderers run both sides of every if, but leave loops that no lane enters.\n",
-    "    for (int layer = 0; layer < 64; layer++) {\n",
-    "        bool solid = true;\n",
-    "        hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);\n",
-    "        for (uint cut = hit.triangle < 0 ? 0u : sbl_fetch(sbl_triangles, 3 * hit.triangle + 2).w; cut != 0u; cut = 0u) solid = sbl_solid(hit.triangle, hit.b1, hit.b2);\n",
-    "        if (solid) break;\n",
-    "    }\n",
-    "#else\n",
-    "    hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);\n",
-    "#endif\n",
-    "    return hit;\n",
-    "}\n",
-    "\n",
-    "// Right, up and forward of a sensor that looks along n: Duff et al. 2017, \"Building an Orthonormal Basis, Revisited\".\n",
-    "mat3 sbl_frame(vec3 n) {\n",
-    "    float s = n.z < 0.0 ? -1.0 : 1.0, f = -1.0 / (s + n.z), g = n.x * n.y * f;\n",
-    "    return mat3(1.0 + s * n.x * n.x * f, s * g, -s * n.x, g, s + n.y * n.y * f, -n.y, n);\n",
-    "}\n",
-    0 };
-/* <<shaders */
-
 /* ======================================================================================================== >>base
    Config, log, memory, math. */
 
 #define SBL__CANARY_OK(desc) ((desc)->start_canary == 0 && (desc)->end_canary == 0)
 #define SBL__COUNT(array) ((int)(sizeof(array) / sizeof((array)[0])))
+#define SBL__PI 3.14159265358979323846
+#define SBL__MIN(a, b) ((a) < (b) ? (a) : (b))
+#define SBL__MAX(a, b) ((a) > (b) ? (a) : (b))
 
 static double sbl__now(void) {
 #ifdef _WIN32
@@ -1899,7 +829,8 @@ static void sbl__log(const sbl__base *base, sbl_log_level level, sbl_log_item it
 static void sbl__default_log(sbl_log_level level, sbl_log_item item, const char *message, void *user) {
     (void)item; (void)user;
 #ifndef SBL_NO_STDIO
-    if (level <= SBL_LOG_WARNING) fprintf(stderr, "sbl: %s: %s\n", level == SBL_LOG_ERROR ? "error" : "warning", message);
+    if (level <= SBL_LOG_WARNING)
+        fprintf(stderr, "sbl: %s: %s\n", level == SBL_LOG_ERROR ? "error" : "warning", message);
 #else
     (void)level; (void)message;
 #endif
@@ -1910,22 +841,30 @@ static void sbl__default_free(void *pointer, void *user) { (void)user; free(poin
 
 #define SBL__ALLOC_PREFIX 16  /* holds the size; keeps malloc's alignment */
 
-/* count * size bytes, zeroed; NULL (logged) on overflow or out of memory. A count of 0 gives a pointer all the same. */
-static void *sbl__alloc(sbl__base *base, size_t count, size_t size) {
+/* count * size bytes of any content; NULL (logged) on overflow or out of memory. A count of 0 gives a pointer all the
+   same. */
+static void *sbl__alloc_raw(sbl__base *base, size_t count, size_t size) {
     char *block = NULL;
     size_t bytes = count * size;
     if (size == 0 || count <= (SIZE_MAX - SBL__ALLOC_PREFIX) / size)
         block = (char *)base->allocator.alloc(bytes + SBL__ALLOC_PREFIX, base->allocator.user);
     if (!block) {
-        sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_OUT_OF_MEMORY, "out of memory: %.0f bytes of host memory were refused; use a smaller scene or picture",
+        sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_OUT_OF_MEMORY,
+                 "out of memory: %.0f bytes of host memory were refused; use a smaller scene or picture",
                  (double)count * (double)size);
         return NULL;
     }
     memcpy(block, &bytes, sizeof bytes);
-    memset(block + SBL__ALLOC_PREFIX, 0, bytes);
     base->memory.host_bytes += bytes;
     if (base->memory.host_bytes > base->memory.host_peak_bytes) base->memory.host_peak_bytes = base->memory.host_bytes;
     return block + SBL__ALLOC_PREFIX;
+}
+
+/* The same, zeroed. */
+static void *sbl__alloc(sbl__base *base, size_t count, size_t size) {
+    void *block = sbl__alloc_raw(base, count, size);
+    if (block) memset(block, 0, count * size);
+    return block;
 }
 
 static void sbl__free(sbl__base *base, void *pointer) {
@@ -1936,9 +875,21 @@ static void sbl__free(sbl__base *base, void *pointer) {
     base->allocator.free((char *)pointer - SBL__ALLOC_PREFIX, base->allocator.user);
 }
 
-#define SBL__PI 3.14159265358979323846
-#define SBL__MIN(a, b) ((a) < (b) ? (a) : (b))
-#define SBL__MAX(a, b) ((a) > (b) ? (a) : (b))
+/* Makes room for `needed` elements of `size` bytes in an array of *room; `array` points to the pointer to it. At least
+   doubles it, so that growing one by one costs little. Returns 0, and changes nothing, where memory is out. */
+static int sbl__grow(sbl__base *base, void *array, int *room, int needed, size_t size) {
+    const int more = needed > INT_MAX / 2 - 1024 ? needed : SBL__MAX(needed, *room * 2 + 1024);
+    void *old, *grown;
+    if (needed <= *room) return 1;
+    memcpy(&old, array, sizeof old);
+    grown = sbl__alloc_raw(base, (size_t)more, size);
+    if (!grown) return 0;
+    if (*room) memcpy(grown, old, (size_t)*room * size);
+    sbl__free(base, old);
+    memcpy(array, &grown, sizeof grown);
+    *room = more;
+    return 1;
+}
 
 static int sbl__finite(float x) { return x - x == 0.0f; }
 
@@ -1956,6 +907,24 @@ static int sbl__all_zero(const float *x, int count) {
 
 static float sbl__dot(const float a[3], const float b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 static float sbl__max3(const float a[3]) { return SBL__MAX(a[0], SBL__MAX(a[1], a[2])); }
+static double sbl__sum3(const float v[3]) { return (double)v[0] + v[1] + v[2]; }
+
+static void sbl__cross(const double a[3], const double b[3], double out[3]) {
+    out[0] = a[1] * b[2] - a[2] * b[1];
+    out[1] = a[2] * b[0] - a[0] * b[2];
+    out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+/* Edges of a triangle from its first corner, and their cross product: its normal, twice its area long. */
+static void sbl__triangle_normal(const float *const p[3], double normal[3]) {
+    double a[3], b[3];
+    int k;
+    for (k = 0; k < 3; k++) {
+        a[k] = (double)p[1][k] - p[0][k];
+        b[k] = (double)p[2][k] - p[0][k];
+    }
+    sbl__cross(a, b, normal);
+}
 
 /* 0 where the vector is too short to have a direction */
 static int sbl__normalize(double v[3]) {
@@ -1978,6 +947,14 @@ static void sbl__multiply(float out[16], const float a[16], const float b[16]) {
 static void sbl__identity(float m[16]) {
     int i;
     for (i = 0; i < 16; i++) m[i] = i % 5 == 0 ? 1.0f : 0.0f;
+}
+
+/* Determinant of the linear part; 0 where it is singular or the matrix is not affine. */
+static double sbl__affine_determinant(const float m[16]) {
+    if (m[3] != 0.0f || m[7] != 0.0f || m[11] != 0.0f || m[15] != 1.0f) return 0;
+    return (double)m[0] * ((double)m[5] * m[10] - (double)m[6] * m[9]) -
+           (double)m[4] * ((double)m[1] * m[10] - (double)m[2] * m[9]) +
+           (double)m[8] * ((double)m[1] * m[6] - (double)m[2] * m[5]);
 }
 
 /* PCG hash (Jarzynski and Olano 2020, "Hash Functions for GPU Rendering") */
@@ -2007,16 +984,28 @@ static uint16_t sbl__to_half(float value) {
 
 static float sbl__from_half(uint16_t half) {
     int exponent = (half >> 10) & 31, mantissa = half & 1023;
-    float value = exponent == 31 ? (mantissa ? (float)NAN : (float)HUGE_VAL)
-                : exponent ? (float)ldexp((double)(mantissa + 1024), exponent - 25) : (float)ldexp((double)mantissa, -24);
-    return half & 0x8000 ? -value : value;
+    double value = exponent == 31 ? (mantissa ? (double)NAN : HUGE_VAL)
+                 : exponent       ? ldexp((double)(mantissa + 1024), exponent - 25)
+                                  : ldexp((double)mantissa, -24);
+    return (float)(half & 0x8000 ? -value : value);
 }
 
-static float sbl__srgb_to_linear(float x) { return x <= 0.04045f ? x / 12.92f : (float)pow((x + 0.055) / 1.055, 2.4); }
-static float sbl__linear_to_srgb(float x) { return x <= 0.0031308f ? 12.92f * x : (float)(1.055 * pow(x, 1 / 2.4) - 0.055); }
+static float sbl__srgb_to_linear(float x) {
+    return x <= 0.04045f ? x / 12.92f : (float)pow((x + 0.055) / 1.055, 2.4);
+}
+
+static float sbl__linear_to_srgb(float x) {
+    return x <= 0.0031308f ? 12.92f * x : (float)(1.055 * pow(x, 1 / 2.4) - 0.055);
+}
+
+/* A share of one, to 0 .. 255. */
+static unsigned char sbl__to_byte(float x) {
+    return (unsigned char)(255.0f * SBL__MIN(SBL__MAX(x, 0.0f), 1.0f) + 0.5f);
+}
 
 /* ======================================================================================================== >>gl
-   Loader, state guard, objects. All GL calls of the pipeline go through the function table of the context. */
+   The functions that are loaded, errors, and the guard of the host's state. What passes need of GL is the next room's;
+   no room below these two calls GL by itself. */
 
 #ifdef _WIN32
   #define SBL__GLAPI __stdcall
@@ -2024,100 +1013,105 @@ static float sbl__linear_to_srgb(float x) { return x <= 0.0031308f ? 12.92f * x 
   #define SBL__GLAPI
 #endif
 
-#define SBL__GL_FUNCTIONS(X)                                                                                              \
-    X(void, ActiveTexture, (unsigned unit))                                                                               \
-    X(void, AttachShader, (unsigned program, unsigned shader))                                                            \
-    X(void, BindBuffer, (unsigned target, unsigned buffer))                                                               \
-    X(void, BindFramebuffer, (unsigned target, unsigned framebuffer))                                                     \
-    X(void, BindSampler, (unsigned unit, unsigned sampler))                                                               \
-    X(void, BindTexture, (unsigned target, unsigned texture))                                                             \
-    X(void, BindVertexArray, (unsigned array))                                                                            \
-    X(void, BufferData, (unsigned target, ptrdiff_t size, const void *data, unsigned usage))                              \
-    X(void, BufferSubData, (unsigned target, ptrdiff_t offset, ptrdiff_t size, const void *data))                         \
-    X(unsigned, CheckFramebufferStatus, (unsigned target))                                                                \
-    X(void, ClampColor, (unsigned target, unsigned clamp))                                                                \
-    X(void, ClearBufferfv, (unsigned buffer, int index, const float *value))                                              \
-    X(void, ClearBufferuiv, (unsigned buffer, int index, const unsigned *value))                                          \
-    X(void, ColorMaski, (unsigned index, unsigned char r, unsigned char g, unsigned char b, unsigned char a))             \
-    X(void, CompileShader, (unsigned shader))                                                                             \
-    X(unsigned, CreateProgram, (void))                                                                                    \
-    X(unsigned, CreateShader, (unsigned type))                                                                            \
-    X(void, DeleteBuffers, (int count, const unsigned *names))                                                            \
-    X(void, DeleteFramebuffers, (int count, const unsigned *names))                                                       \
-    X(void, DeleteProgram, (unsigned program))                                                                            \
-    X(void, DeleteSamplers, (int count, const unsigned *names))                                                           \
-    X(void, DeleteShader, (unsigned shader))                                                                              \
-    X(void, DeleteTextures, (int count, const unsigned *names))                                                           \
-    X(void, DeleteVertexArrays, (int count, const unsigned *names))                                                       \
-    X(void, DepthFunc, (unsigned function))                                                                               \
-    X(void, DepthMask, (unsigned char on))                                                                                \
-    X(void, DepthRange, (double nearest, double farthest))                                                                \
-    X(void, Disable, (unsigned capability))                                                                               \
-    X(void, Disablei, (unsigned capability, unsigned index))                                                              \
-    X(void, DrawArrays, (unsigned mode, int first, int count))                                                            \
-    X(void, DrawBuffers, (int count, const unsigned *buffers))                                                            \
-    X(void, DrawElements, (unsigned mode, int count, unsigned type, const void *offset))                                  \
-    X(void, DrawArraysInstanced, (unsigned mode, int first, int count, int instances))                                    \
-    X(void, DrawElementsInstanced, (unsigned mode, int count, unsigned type, const void *offset, int instances))          \
-    X(void, Enable, (unsigned capability))                                                                                \
-    X(void, Enablei, (unsigned capability, unsigned index))                                                               \
-    X(void, EnableVertexAttribArray, (unsigned index))                                                                    \
-    X(void, Finish, (void))                                                                                               \
-    X(void, Flush, (void))                                                                                                \
-    X(void, FrontFace, (unsigned direction))                                                                              \
-    X(void, FramebufferTexture2D, (unsigned target, unsigned attachment, unsigned kind, unsigned texture, int level))     \
-    X(void, GenBuffers, (int count, unsigned *names))                                                                     \
-    X(void, GenFramebuffers, (int count, unsigned *names))                                                                \
-    X(void, GenSamplers, (int count, unsigned *names))                                                                    \
-    X(void, GenTextures, (int count, unsigned *names))                                                                    \
-    X(void, GenVertexArrays, (int count, unsigned *names))                                                                \
-    X(void, GetBooleani_v, (unsigned name, unsigned index, unsigned char *out))                                           \
-    X(void, GetBooleanv, (unsigned name, unsigned char *out))                                                             \
-    X(void, GetBufferParameteri64v, (unsigned target, unsigned name, int64_t *out))                                       \
-    X(void, GetBufferSubData, (unsigned target, ptrdiff_t offset, ptrdiff_t size, void *data))                            \
-    X(void, GetDoublev, (unsigned name, double *out))                                                                     \
-    X(unsigned, GetError, (void))                                                                                         \
-    X(void, GetIntegerv, (unsigned name, int *out))                                                                       \
-    X(void, GetProgramInfoLog, (unsigned program, int room, int *length, char *text))                                     \
-    X(void, GetProgramiv, (unsigned program, unsigned name, int *out))                                                    \
-    X(void, GetShaderInfoLog, (unsigned shader, int room, int *length, char *text))                                       \
-    X(void, GetShaderiv, (unsigned shader, unsigned name, int *out))                                                      \
-    X(const unsigned char *, GetString, (unsigned name))                                                                  \
-    X(const unsigned char *, GetStringi, (unsigned name, unsigned index))                                                 \
-    X(void, GetTexLevelParameteriv, (unsigned target, int level, unsigned name, int *out))                                \
-    X(int, GetUniformLocation, (unsigned program, const char *name))                                                      \
-    X(unsigned char, IsBuffer, (unsigned name))                                                                           \
-    X(unsigned char, IsEnabled, (unsigned capability))                                                                    \
-    X(unsigned char, IsEnabledi, (unsigned capability, unsigned index))                                                   \
-    X(unsigned char, IsTexture, (unsigned name))                                                                          \
-    X(void, LinkProgram, (unsigned program))                                                                              \
-    X(void, PixelStorei, (unsigned name, int value))                                                                      \
-    X(void, PolygonMode, (unsigned face, unsigned mode))                                                                  \
-    X(void, ReadBuffer, (unsigned buffer))                                                                                \
-    X(void, ReadPixels, (int x, int y, int width, int height, unsigned format, unsigned type, void *pixels))              \
-    X(void, SamplerParameteri, (unsigned sampler, unsigned name, int value))                                              \
-    X(void, Scissor, (int x, int y, int width, int height))                                                               \
-    X(void, ShaderSource, (unsigned shader, int count, const char *const *strings, const int *lengths))                   \
-    X(void, TexBuffer, (unsigned target, unsigned format, unsigned buffer))                                               \
-    X(void, TexImage2D, (unsigned target, int level, int internal_format, int width, int height, int border, unsigned format, unsigned type, const void *pixels)) \
-    X(void, TexParameteri, (unsigned target, unsigned name, int value))                                                   \
-    X(void, TexSubImage2D, (unsigned target, int level, int x, int y, int width, int height, unsigned format, unsigned type, const void *pixels)) \
-    X(void, Uniform1f, (int location, float x))                                                                           \
-    X(void, Uniform1i, (int location, int x))                                                                             \
-    X(void, Uniform2f, (int location, float x, float y))                                                                  \
-    X(void, Uniform2i, (int location, int x, int y))                                                                      \
-    X(void, Uniform3f, (int location, float x, float y, float z))                                                         \
-    X(void, Uniform4f, (int location, float x, float y, float z, float w))                                                \
-    X(void, UseProgram, (unsigned program))                                                                               \
-    X(void, VertexAttribDivisor, (unsigned index, unsigned divisor))                                                      \
-    X(void, VertexAttribIPointer, (unsigned index, int size, unsigned type, int stride, const void *offset))              \
-    X(void, VertexAttribPointer, (unsigned index, int size, unsigned type, unsigned char normalized, int stride, const void *offset)) \
+#define SBL__GL_FUNCTIONS(X) \
+    X(void, ActiveTexture, (unsigned unit)) \
+    X(void, AttachShader, (unsigned program, unsigned shader)) \
+    X(void, BindBuffer, (unsigned target, unsigned buffer)) \
+    X(void, BindFramebuffer, (unsigned target, unsigned framebuffer)) \
+    X(void, BindSampler, (unsigned unit, unsigned sampler)) \
+    X(void, BindTexture, (unsigned target, unsigned texture)) \
+    X(void, BindVertexArray, (unsigned array)) \
+    X(void, BufferData, (unsigned target, ptrdiff_t size, const void *data, unsigned usage)) \
+    X(void, BufferSubData, (unsigned target, ptrdiff_t offset, ptrdiff_t size, const void *data)) \
+    X(unsigned, CheckFramebufferStatus, (unsigned target)) \
+    X(void, ClampColor, (unsigned target, unsigned clamp)) \
+    X(void, ClearBufferfv, (unsigned buffer, int index, const float *value)) \
+    X(void, ClearBufferuiv, (unsigned buffer, int index, const unsigned *value)) \
+    X(void, ColorMaski, (unsigned index, unsigned char r, unsigned char g, unsigned char b, unsigned char a)) \
+    X(void, CompileShader, (unsigned shader)) \
+    X(unsigned, CreateProgram, (void)) \
+    X(unsigned, CreateShader, (unsigned type)) \
+    X(void, DeleteBuffers, (int count, const unsigned *names)) \
+    X(void, DeleteFramebuffers, (int count, const unsigned *names)) \
+    X(void, DeleteProgram, (unsigned program)) \
+    X(void, DeleteSamplers, (int count, const unsigned *names)) \
+    X(void, DeleteShader, (unsigned shader)) \
+    X(void, DeleteTextures, (int count, const unsigned *names)) \
+    X(void, DeleteVertexArrays, (int count, const unsigned *names)) \
+    X(void, DepthFunc, (unsigned function)) \
+    X(void, DepthMask, (unsigned char on)) \
+    X(void, DepthRange, (double nearest, double farthest)) \
+    X(void, Disable, (unsigned capability)) \
+    X(void, Disablei, (unsigned capability, unsigned index)) \
+    X(void, DrawArrays, (unsigned mode, int first, int count)) \
+    X(void, DrawBuffers, (int count, const unsigned *buffers)) \
+    X(void, DrawElements, (unsigned mode, int count, unsigned type, const void *offset)) \
+    X(void, DrawArraysInstanced, (unsigned mode, int first, int count, int instances)) \
+    X(void, DrawElementsInstanced, (unsigned mode, int count, unsigned type, const void *offset, int instances)) \
+    X(void, Enable, (unsigned capability)) \
+    X(void, Enablei, (unsigned capability, unsigned index)) \
+    X(void, EnableVertexAttribArray, (unsigned index)) \
+    X(void, Finish, (void)) \
+    X(void, Flush, (void)) \
+    X(void, FrontFace, (unsigned direction)) \
+    X(void, FramebufferTexture2D, (unsigned target, unsigned attachment, unsigned kind, unsigned texture, \
+      int level)) \
+    X(void, GenBuffers, (int count, unsigned *names)) \
+    X(void, GenFramebuffers, (int count, unsigned *names)) \
+    X(void, GenSamplers, (int count, unsigned *names)) \
+    X(void, GenTextures, (int count, unsigned *names)) \
+    X(void, GenVertexArrays, (int count, unsigned *names)) \
+    X(void, GetBooleani_v, (unsigned name, unsigned index, unsigned char *out)) \
+    X(void, GetBooleanv, (unsigned name, unsigned char *out)) \
+    X(void, GetBufferParameteri64v, (unsigned target, unsigned name, int64_t *out)) \
+    X(void, GetBufferSubData, (unsigned target, ptrdiff_t offset, ptrdiff_t size, void *data)) \
+    X(void, GetDoublev, (unsigned name, double *out)) \
+    X(unsigned, GetError, (void)) \
+    X(void, GetIntegerv, (unsigned name, int *out)) \
+    X(void, GetProgramInfoLog, (unsigned program, int room, int *length, char *text)) \
+    X(void, GetProgramiv, (unsigned program, unsigned name, int *out)) \
+    X(void, GetShaderInfoLog, (unsigned shader, int room, int *length, char *text)) \
+    X(void, GetShaderiv, (unsigned shader, unsigned name, int *out)) \
+    X(const unsigned char *, GetString, (unsigned name)) \
+    X(const unsigned char *, GetStringi, (unsigned name, unsigned index)) \
+    X(void, GetTexLevelParameteriv, (unsigned target, int level, unsigned name, int *out)) \
+    X(int, GetUniformLocation, (unsigned program, const char *name)) \
+    X(unsigned char, IsBuffer, (unsigned name)) \
+    X(unsigned char, IsEnabled, (unsigned capability)) \
+    X(unsigned char, IsEnabledi, (unsigned capability, unsigned index)) \
+    X(unsigned char, IsTexture, (unsigned name)) \
+    X(void, LinkProgram, (unsigned program)) \
+    X(void, PixelStorei, (unsigned name, int value)) \
+    X(void, PolygonMode, (unsigned face, unsigned mode)) \
+    X(void, ReadBuffer, (unsigned buffer)) \
+    X(void, ReadPixels, (int x, int y, int width, int height, unsigned format, unsigned type, void *pixels)) \
+    X(void, SamplerParameteri, (unsigned sampler, unsigned name, int value)) \
+    X(void, Scissor, (int x, int y, int width, int height)) \
+    X(void, ShaderSource, (unsigned shader, int count, const char *const *strings, const int *lengths)) \
+    X(void, TexBuffer, (unsigned target, unsigned format, unsigned buffer)) \
+    X(void, TexImage2D, (unsigned target, int level, int internal_format, int width, int height, int border, \
+      unsigned format, unsigned type, const void *pixels)) \
+    X(void, TexParameteri, (unsigned target, unsigned name, int value)) \
+    X(void, TexSubImage2D, (unsigned target, int level, int x, int y, int width, int height, unsigned format, \
+      unsigned type, const void *pixels)) \
+    X(void, Uniform1f, (int location, float x)) \
+    X(void, Uniform1i, (int location, int x)) \
+    X(void, Uniform2f, (int location, float x, float y)) \
+    X(void, Uniform2i, (int location, int x, int y)) \
+    X(void, Uniform3f, (int location, float x, float y, float z)) \
+    X(void, Uniform4f, (int location, float x, float y, float z, float w)) \
+    X(void, UseProgram, (unsigned program)) \
+    X(void, VertexAttribDivisor, (unsigned index, unsigned divisor)) \
+    X(void, VertexAttribIPointer, (unsigned index, int size, unsigned type, int stride, const void *offset)) \
+    X(void, VertexAttribPointer, (unsigned index, int size, unsigned type, unsigned char normalized, \
+      int stride, const void *offset)) \
     X(void, Viewport, (int x, int y, int width, int height))
 
 /* used where present; missing is no error */
-#define SBL__GL_OPTIONAL_FUNCTIONS(X)                        \
-    X(void, BindImageTexture, (unsigned unit, unsigned texture, int level, unsigned char layered, int layer, unsigned access, unsigned format)) \
-    X(void, ClipControl, (unsigned origin, unsigned depth))  \
+#define SBL__GL_OPTIONAL_FUNCTIONS(X) \
+    X(void, BindImageTexture, (unsigned unit, unsigned texture, int level, unsigned char layered, int layer, \
+      unsigned access, unsigned format)) \
+    X(void, ClipControl, (unsigned origin, unsigned depth)) \
     X(void, DepthRangeIndexed, (unsigned index, double nearest, double farthest)) \
     X(void, DispatchCompute, (unsigned x, unsigned y, unsigned z)) \
     X(void, GetDoublei_v, (unsigned name, unsigned index, double *out)) \
@@ -2130,10 +1124,11 @@ static float sbl__linear_to_srgb(float x) { return x <= 0.0031308f ? 12.92f * x 
 #define SBL__GUARD_UNITS 13
 #define SBL__GUARD_DRAW_BUFFERS 8
 #define SBL__GUARD_VIEWPORTS 16
-#define SBL__GUARD_IMAGES 2
+#define SBL__GUARD_IMAGES 3
 
 typedef struct sbl__gl {
     sbl__base *base;
+    const char *doing;  /* the work under way, for messages: "the GPU is out of memory while ..." */
 #define SBL__X(type, name, parameters) type (SBL__GLAPI *name) parameters;
     SBL__GL_FUNCTIONS(SBL__X)
     SBL__GL_OPTIONAL_FUNCTIONS(SBL__X)
@@ -2143,59 +1138,69 @@ typedef struct sbl__gl {
 } sbl__gl;
 
 enum {
-    SBL__GL_NO_ERROR = 0, SBL__GL_OUT_OF_MEMORY = 0x0505,
-    SBL__GL_TRIANGLES = 0x0004, SBL__GL_TRIANGLE_STRIP = 0x0005, SBL__GL_ALWAYS = 0x0207, SBL__GL_GREATER = 0x0204,
-    SBL__GL_FRONT_AND_BACK = 0x0408, SBL__GL_POLYGON_MODE = 0x0B40, SBL__GL_FILL = 0x1B02, SBL__GL_CULL_FACE = 0x0B44,
-    SBL__GL_FRONT_FACE = 0x0B46, SBL__GL_CW = 0x0900, SBL__GL_CCW = 0x0901,
-    SBL__GL_DEPTH_RANGE = 0x0B70, SBL__GL_DEPTH_TEST = 0x0B71, SBL__GL_DEPTH_WRITEMASK = 0x0B72, SBL__GL_DEPTH_FUNC = 0x0B74,
-    SBL__GL_STENCIL_TEST = 0x0B90, SBL__GL_VIEWPORT = 0x0BA2, SBL__GL_BLEND = 0x0BE2, SBL__GL_COLOR_LOGIC_OP = 0x0BF2,
-    SBL__GL_SCISSOR_BOX = 0x0C10, SBL__GL_SCISSOR_TEST = 0x0C11, SBL__GL_COLOR_WRITEMASK = 0x0C23, SBL__GL_DITHER = 0x0BD0,
-    SBL__GL_UNPACK_SWAP_BYTES = 0x0CF0, SBL__GL_UNPACK_LSB_FIRST = 0x0CF1, SBL__GL_UNPACK_ROW_LENGTH = 0x0CF2,
-    SBL__GL_UNPACK_SKIP_ROWS = 0x0CF3, SBL__GL_UNPACK_SKIP_PIXELS = 0x0CF4, SBL__GL_UNPACK_ALIGNMENT = 0x0CF5,
-    SBL__GL_PACK_SWAP_BYTES = 0x0D00, SBL__GL_PACK_LSB_FIRST = 0x0D01, SBL__GL_PACK_ROW_LENGTH = 0x0D02,
-    SBL__GL_PACK_SKIP_ROWS = 0x0D03, SBL__GL_PACK_SKIP_PIXELS = 0x0D04, SBL__GL_PACK_ALIGNMENT = 0x0D05,
-    SBL__GL_PACK_SKIP_IMAGES = 0x806B, SBL__GL_PACK_IMAGE_HEIGHT = 0x806C, SBL__GL_UNPACK_SKIP_IMAGES = 0x806D, SBL__GL_UNPACK_IMAGE_HEIGHT = 0x806E,
-    SBL__GL_MAX_TEXTURE_SIZE = 0x0D33, SBL__GL_TEXTURE_2D = 0x0DE1, SBL__GL_TEXTURE_WIDTH = 0x1000, SBL__GL_TEXTURE_HEIGHT = 0x1001,
-    SBL__GL_UNSIGNED_BYTE = 0x1401, SBL__GL_UNSIGNED_SHORT = 0x1403, SBL__GL_UNSIGNED_INT = 0x1405, SBL__GL_FLOAT = 0x1406, SBL__GL_HALF_FLOAT = 0x140B,
-    SBL__GL_COLOR = 0x1800, SBL__GL_DEPTH = 0x1801, SBL__GL_DEPTH_COMPONENT = 0x1902, SBL__GL_RED = 0x1903, SBL__GL_RGB = 0x1907, SBL__GL_RGBA = 0x1908,
-    SBL__GL_RENDERER = 0x1F01, SBL__GL_VERSION = 0x1F02, SBL__GL_EXTENSIONS = 0x1F03,
-    SBL__GL_NEAREST = 0x2600, SBL__GL_TEXTURE_MAG_FILTER = 0x2800, SBL__GL_TEXTURE_MIN_FILTER = 0x2801, SBL__GL_TEXTURE_WRAP_S = 0x2802,
-    SBL__GL_TEXTURE_WRAP_T = 0x2803, SBL__GL_TEXTURE_MAX_LEVEL = 0x813D, SBL__GL_CLAMP_TO_EDGE = 0x812F,
-    SBL__GL_POLYGON_OFFSET_FILL = 0x8037, SBL__GL_RGBA16 = 0x805B, SBL__GL_TEXTURE_BINDING_2D = 0x8069, SBL__GL_POLYGON_SMOOTH = 0x0B41,
-    SBL__GL_MULTISAMPLE = 0x809D, SBL__GL_SAMPLE_ALPHA_TO_COVERAGE = 0x809E, SBL__GL_SAMPLE_ALPHA_TO_ONE = 0x809F, SBL__GL_SAMPLE_COVERAGE = 0x80A0,
-    SBL__GL_SAMPLE_SHADING = 0x8C36, SBL__GL_SAMPLE_MASK = 0x8E51,
-    SBL__GL_MAJOR_VERSION = 0x821B, SBL__GL_MINOR_VERSION = 0x821C, SBL__GL_NUM_EXTENSIONS = 0x821D, SBL__GL_RG = 0x8227, SBL__GL_RED_INTEGER = 0x8D94, SBL__GL_RGBA_INTEGER = 0x8D99,
-    SBL__GL_R32F = 0x822E, SBL__GL_RG32F = 0x8230, SBL__GL_R32UI = 0x8236, SBL__GL_RGBA32UI = 0x8D70, SBL__GL_RGBA32F = 0x8814, SBL__GL_RGBA16F = 0x881A, SBL__GL_RG32UI = 0x823C,
-    SBL__GL_SRGB8_ALPHA8 = 0x8C43, SBL__GL_DEPTH_COMPONENT32F = 0x8CAC,
-    SBL__GL_TEXTURE0 = 0x84C0, SBL__GL_ACTIVE_TEXTURE = 0x84E0, SBL__GL_DEPTH_CLAMP = 0x864F, SBL__GL_VERTEX_ARRAY_BINDING = 0x85B5,
-    SBL__GL_MAX_VIEWPORTS = 0x825B, SBL__GL_CLAMP_READ_COLOR = 0x891C, SBL__GL_BUFFER_SIZE = 0x8764,
-    SBL__GL_ARRAY_BUFFER = 0x8892, SBL__GL_ELEMENT_ARRAY_BUFFER = 0x8893, SBL__GL_ARRAY_BUFFER_BINDING = 0x8894,
-    SBL__GL_STREAM_DRAW = 0x88E0, SBL__GL_STATIC_DRAW = 0x88E4, SBL__GL_PIXEL_PACK_BUFFER = 0x88EB, SBL__GL_PIXEL_UNPACK_BUFFER = 0x88EC,
-    SBL__GL_PIXEL_PACK_BUFFER_BINDING = 0x88ED, SBL__GL_PIXEL_UNPACK_BUFFER_BINDING = 0x88EF, SBL__GL_SAMPLER_BINDING = 0x8919,
-    SBL__GL_FRAGMENT_SHADER = 0x8B30, SBL__GL_VERTEX_SHADER = 0x8B31, SBL__GL_COMPILE_STATUS = 0x8B81, SBL__GL_LINK_STATUS = 0x8B82,
-    SBL__GL_CURRENT_PROGRAM = 0x8B8D, SBL__GL_TEXTURE_BUFFER = 0x8C2A, SBL__GL_MAX_TEXTURE_BUFFER_SIZE = 0x8C2B, SBL__GL_TEXTURE_BINDING_BUFFER = 0x8C2C,
-    SBL__GL_RASTERIZER_DISCARD = 0x8C89, SBL__GL_DRAW_FRAMEBUFFER_BINDING = 0x8CA6, SBL__GL_READ_FRAMEBUFFER = 0x8CA8, SBL__GL_DRAW_FRAMEBUFFER = 0x8CA9,
-    SBL__GL_READ_FRAMEBUFFER_BINDING = 0x8CAA, SBL__GL_FRAMEBUFFER_COMPLETE = 0x8CD5, SBL__GL_COLOR_ATTACHMENT0 = 0x8CE0, SBL__GL_DEPTH_ATTACHMENT = 0x8D00,
-    SBL__GL_FRAMEBUFFER = 0x8D40, SBL__GL_FRAMEBUFFER_SRGB = 0x8DB9, SBL__GL_PRIMITIVE_RESTART_FIXED_INDEX = 0x8D69, SBL__GL_COPY_READ_BUFFER = 0x8F36,
-    SBL__GL_PRIMITIVE_RESTART = 0x8F9D, SBL__GL_CLIP_DISTANCE0 = 0x3000,
-    SBL__GL_IMAGE_BINDING_NAME = 0x8F3A, SBL__GL_IMAGE_BINDING_LEVEL = 0x8F3B, SBL__GL_IMAGE_BINDING_LAYERED = 0x8F3C, SBL__GL_IMAGE_BINDING_LAYER = 0x8F3D,
-    SBL__GL_IMAGE_BINDING_ACCESS = 0x8F3E, SBL__GL_IMAGE_BINDING_FORMAT = 0x906E, SBL__GL_COMPUTE_SHADER = 0x91B9, SBL__GL_WRITE_ONLY = 0x88B9,
-    SBL__GL_TEXTURE_FETCH_BARRIER = 0x0008, SBL__GL_SHADER_IMAGE_ACCESS_BARRIER = 0x0020, SBL__GL_FRAMEBUFFER_BARRIER = 0x0400,
-    SBL__GL_CLIP_ORIGIN = 0x935C, SBL__GL_CLIP_DEPTH_MODE = 0x935D, SBL__GL_LOWER_LEFT = 0x8CA1, SBL__GL_NEGATIVE_ONE_TO_ONE = 0x935E, SBL__GL_ZERO_TO_ONE = 0x935F
+    SBL__GL_NO_ERROR = 0, SBL__GL_OUT_OF_MEMORY = 0x0505, SBL__GL_TRIANGLES = 0x0004, SBL__GL_TRIANGLE_STRIP = 0x0005,
+    SBL__GL_ALWAYS = 0x0207, SBL__GL_GREATER = 0x0204, SBL__GL_FRONT_AND_BACK = 0x0408, SBL__GL_POLYGON_MODE = 0x0B40,
+    SBL__GL_FILL = 0x1B02, SBL__GL_CULL_FACE = 0x0B44, SBL__GL_FRONT_FACE = 0x0B46, SBL__GL_CW = 0x0900,
+    SBL__GL_CCW = 0x0901, SBL__GL_DEPTH_RANGE = 0x0B70, SBL__GL_DEPTH_TEST = 0x0B71, SBL__GL_DEPTH_WRITEMASK = 0x0B72,
+    SBL__GL_DEPTH_FUNC = 0x0B74, SBL__GL_STENCIL_TEST = 0x0B90, SBL__GL_VIEWPORT = 0x0BA2, SBL__GL_BLEND = 0x0BE2,
+    SBL__GL_COLOR_LOGIC_OP = 0x0BF2, SBL__GL_SCISSOR_BOX = 0x0C10, SBL__GL_SCISSOR_TEST = 0x0C11,
+    SBL__GL_COLOR_WRITEMASK = 0x0C23, SBL__GL_DITHER = 0x0BD0, SBL__GL_UNPACK_SWAP_BYTES = 0x0CF0,
+    SBL__GL_UNPACK_LSB_FIRST = 0x0CF1, SBL__GL_UNPACK_ROW_LENGTH = 0x0CF2, SBL__GL_UNPACK_SKIP_ROWS = 0x0CF3,
+    SBL__GL_UNPACK_SKIP_PIXELS = 0x0CF4, SBL__GL_UNPACK_ALIGNMENT = 0x0CF5, SBL__GL_PACK_SWAP_BYTES = 0x0D00,
+    SBL__GL_PACK_LSB_FIRST = 0x0D01, SBL__GL_PACK_ROW_LENGTH = 0x0D02, SBL__GL_PACK_SKIP_ROWS = 0x0D03,
+    SBL__GL_PACK_SKIP_PIXELS = 0x0D04, SBL__GL_PACK_ALIGNMENT = 0x0D05, SBL__GL_PACK_SKIP_IMAGES = 0x806B,
+    SBL__GL_PACK_IMAGE_HEIGHT = 0x806C, SBL__GL_UNPACK_SKIP_IMAGES = 0x806D, SBL__GL_UNPACK_IMAGE_HEIGHT = 0x806E,
+    SBL__GL_MAX_TEXTURE_SIZE = 0x0D33, SBL__GL_TEXTURE_2D = 0x0DE1, SBL__GL_TEXTURE_WIDTH = 0x1000,
+    SBL__GL_TEXTURE_HEIGHT = 0x1001, SBL__GL_UNSIGNED_BYTE = 0x1401, SBL__GL_UNSIGNED_SHORT = 0x1403,
+    SBL__GL_UNSIGNED_INT = 0x1405, SBL__GL_FLOAT = 0x1406, SBL__GL_HALF_FLOAT = 0x140B, SBL__GL_COLOR = 0x1800,
+    SBL__GL_DEPTH = 0x1801, SBL__GL_DEPTH_COMPONENT = 0x1902, SBL__GL_RED = 0x1903, SBL__GL_RGB = 0x1907,
+    SBL__GL_RGBA = 0x1908, SBL__GL_RENDERER = 0x1F01, SBL__GL_VERSION = 0x1F02, SBL__GL_EXTENSIONS = 0x1F03,
+    SBL__GL_NEAREST = 0x2600, SBL__GL_TEXTURE_MAG_FILTER = 0x2800, SBL__GL_TEXTURE_MIN_FILTER = 0x2801,
+    SBL__GL_TEXTURE_WRAP_S = 0x2802, SBL__GL_TEXTURE_WRAP_T = 0x2803, SBL__GL_TEXTURE_MAX_LEVEL = 0x813D,
+    SBL__GL_CLAMP_TO_EDGE = 0x812F, SBL__GL_POLYGON_OFFSET_FILL = 0x8037, SBL__GL_RGBA16 = 0x805B,
+    SBL__GL_TEXTURE_BINDING_2D = 0x8069, SBL__GL_POLYGON_SMOOTH = 0x0B41, SBL__GL_MULTISAMPLE = 0x809D,
+    SBL__GL_SAMPLE_ALPHA_TO_COVERAGE = 0x809E, SBL__GL_SAMPLE_ALPHA_TO_ONE = 0x809F, SBL__GL_SAMPLE_COVERAGE = 0x80A0,
+    SBL__GL_SAMPLE_SHADING = 0x8C36, SBL__GL_SAMPLE_MASK = 0x8E51, SBL__GL_MAJOR_VERSION = 0x821B,
+    SBL__GL_MINOR_VERSION = 0x821C, SBL__GL_NUM_EXTENSIONS = 0x821D, SBL__GL_RG = 0x8227, SBL__GL_RG_INTEGER = 0x8228,
+    SBL__GL_RED_INTEGER = 0x8D94, SBL__GL_RGBA_INTEGER = 0x8D99, SBL__GL_R32F = 0x822E, SBL__GL_RG32F = 0x8230,
+    SBL__GL_R32UI = 0x8236, SBL__GL_RGBA32UI = 0x8D70, SBL__GL_RGBA32F = 0x8814, SBL__GL_RGBA16F = 0x881A,
+    SBL__GL_RG32UI = 0x823C, SBL__GL_SRGB8_ALPHA8 = 0x8C43, SBL__GL_DEPTH_COMPONENT32F = 0x8CAC,
+    SBL__GL_TEXTURE0 = 0x84C0, SBL__GL_ACTIVE_TEXTURE = 0x84E0, SBL__GL_DEPTH_CLAMP = 0x864F,
+    SBL__GL_VERTEX_ARRAY_BINDING = 0x85B5, SBL__GL_MAX_VIEWPORTS = 0x825B, SBL__GL_CLAMP_READ_COLOR = 0x891C,
+    SBL__GL_BUFFER_SIZE = 0x8764, SBL__GL_ARRAY_BUFFER = 0x8892, SBL__GL_ELEMENT_ARRAY_BUFFER = 0x8893,
+    SBL__GL_ARRAY_BUFFER_BINDING = 0x8894, SBL__GL_STREAM_DRAW = 0x88E0, SBL__GL_STATIC_DRAW = 0x88E4,
+    SBL__GL_PIXEL_PACK_BUFFER = 0x88EB, SBL__GL_PIXEL_UNPACK_BUFFER = 0x88EC,
+    SBL__GL_PIXEL_PACK_BUFFER_BINDING = 0x88ED, SBL__GL_PIXEL_UNPACK_BUFFER_BINDING = 0x88EF,
+    SBL__GL_SAMPLER_BINDING = 0x8919, SBL__GL_FRAGMENT_SHADER = 0x8B30, SBL__GL_VERTEX_SHADER = 0x8B31,
+    SBL__GL_COMPILE_STATUS = 0x8B81, SBL__GL_LINK_STATUS = 0x8B82, SBL__GL_CURRENT_PROGRAM = 0x8B8D,
+    SBL__GL_TEXTURE_BUFFER = 0x8C2A, SBL__GL_MAX_TEXTURE_BUFFER_SIZE = 0x8C2B,
+    SBL__GL_TEXTURE_BINDING_BUFFER = 0x8C2C, SBL__GL_RASTERIZER_DISCARD = 0x8C89,
+    SBL__GL_DRAW_FRAMEBUFFER_BINDING = 0x8CA6, SBL__GL_READ_FRAMEBUFFER = 0x8CA8, SBL__GL_DRAW_FRAMEBUFFER = 0x8CA9,
+    SBL__GL_READ_FRAMEBUFFER_BINDING = 0x8CAA, SBL__GL_FRAMEBUFFER_COMPLETE = 0x8CD5,
+    SBL__GL_COLOR_ATTACHMENT0 = 0x8CE0, SBL__GL_DEPTH_ATTACHMENT = 0x8D00, SBL__GL_FRAMEBUFFER = 0x8D40,
+    SBL__GL_FRAMEBUFFER_SRGB = 0x8DB9, SBL__GL_PRIMITIVE_RESTART_FIXED_INDEX = 0x8D69,
+    SBL__GL_COPY_READ_BUFFER = 0x8F36, SBL__GL_PRIMITIVE_RESTART = 0x8F9D, SBL__GL_CLIP_DISTANCE0 = 0x3000,
+    SBL__GL_IMAGE_BINDING_NAME = 0x8F3A, SBL__GL_IMAGE_BINDING_LEVEL = 0x8F3B, SBL__GL_IMAGE_BINDING_LAYERED = 0x8F3C,
+    SBL__GL_IMAGE_BINDING_LAYER = 0x8F3D, SBL__GL_IMAGE_BINDING_ACCESS = 0x8F3E,
+    SBL__GL_IMAGE_BINDING_FORMAT = 0x906E, SBL__GL_COMPUTE_SHADER = 0x91B9, SBL__GL_WRITE_ONLY = 0x88B9,
+    SBL__GL_TEXTURE_FETCH_BARRIER = 0x0008, SBL__GL_SHADER_IMAGE_ACCESS_BARRIER = 0x0020,
+    SBL__GL_FRAMEBUFFER_BARRIER = 0x0400, SBL__GL_CLIP_ORIGIN = 0x935C, SBL__GL_CLIP_DEPTH_MODE = 0x935D,
+    SBL__GL_LOWER_LEFT = 0x8CA1, SBL__GL_NEGATIVE_ONE_TO_ONE = 0x935E, SBL__GL_ZERO_TO_ONE = 0x935F
 };
 
-/* Clears the error flags; the worst found becomes the result. what: the work that was done, for the message. */
-static sbl_result sbl__gl_check(const sbl__gl *gl, const char *what) {
+/* Clears the error flags; the worst found becomes the result. */
+static sbl_result sbl__gl_check(const sbl__gl *gl) {
     sbl_result result = SBL_SUCCESS;
     int i;
     for (i = 0; i < 32; i++) {  /* a lost context reports errors for ever */
         unsigned error = gl->GetError();
         if (error == SBL__GL_NO_ERROR) break;
         if (error == SBL__GL_OUT_OF_MEMORY) {
-            sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_OUT_OF_MEMORY, "the GPU is out of memory while %s; use a smaller scene, picture or atlas", what);
+            sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_OUT_OF_MEMORY,
+                     "the GPU is out of memory while %s; use a smaller scene, picture or atlas", gl->doing);
             result = SBL_ERROR_OUT_OF_MEMORY;
         } else {
-            sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_ERROR, "GL error 0x%04x while %s", error, what);
+            sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_ERROR, "GL error 0x%04x while %s", error, gl->doing);
             if (result == SBL_SUCCESS) result = SBL_ERROR_GL;
         }
     }
@@ -2217,24 +1222,37 @@ static int sbl__gl_has_extension(const sbl__gl *gl, const char *name) {
     return 0;
 }
 
-static sbl_result sbl__gl_load(sbl__gl *gl, sbl__base *base, const sbl_context_desc *desc) {
+static int sbl__gl_at_least(const sbl__gl *gl, int version) {
+    return gl->capabilities.gl_major * 10 + gl->capabilities.gl_minor >= version;
+}
+
+/* The loader's functions into the table. Returns 0, every missing name logged, where one that is needed is missing. */
+static int sbl__gl_load_functions(sbl__gl *gl, const sbl_context_desc *desc) {
     int missing = 0;
+#define SBL__LOAD(type, name, parameters) \
+    gl->name = (type (SBL__GLAPI *) parameters)desc->get_gl_function("gl" #name, desc->gl_user);
+#define SBL__LOAD_NEEDED(type, name, parameters) \
+    SBL__LOAD(type, name, parameters) \
+    if (!gl->name) { \
+        missing++; \
+        sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_FUNCTION_MISSING, \
+                 "the GL loader does not know gl" #name "; sbl.h needs OpenGL 3.3 core, current in this thread"); \
+    }
+    SBL__GL_FUNCTIONS(SBL__LOAD_NEEDED)
+    if (missing) return 0;
+    SBL__GL_OPTIONAL_FUNCTIONS(SBL__LOAD)
+#undef SBL__LOAD_NEEDED
+#undef SBL__LOAD
+    return 1;
+}
+
+/* What the driver can, and which of it is used. */
+static sbl_result sbl__gl_load(sbl__gl *gl, sbl__base *base, const sbl_context_desc *desc) {
     sbl_capabilities *c = &gl->capabilities;
     const char *text;
     gl->base = base;
-#define SBL__X(type, name, parameters)                                                                                  \
-    gl->name = (type (SBL__GLAPI *) parameters)desc->get_gl_function("gl" #name, desc->gl_user);                        \
-    if (!gl->name) {                                                                                                    \
-        missing++;                                                                                                      \
-        sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_FUNCTION_MISSING,                                                 \
-                 "the GL loader does not know gl" #name "; sbl.h needs OpenGL 3.3 core, current in this thread");        \
-    }
-    SBL__GL_FUNCTIONS(SBL__X)
-#undef SBL__X
-    if (missing) return SBL_ERROR_UNSUPPORTED;
-#define SBL__X(type, name, parameters) gl->name = (type (SBL__GLAPI *) parameters)desc->get_gl_function("gl" #name, desc->gl_user);
-    SBL__GL_OPTIONAL_FUNCTIONS(SBL__X)
-#undef SBL__X
+    gl->doing = "starting";
+    if (!sbl__gl_load_functions(gl, desc)) return SBL_ERROR_UNSUPPORTED;
     sbl__gl_clear_errors(gl);
     text = (const char *)gl->GetString(SBL__GL_VERSION);
     if (text) snprintf(c->version, sizeof c->version, "%s", text);
@@ -2242,20 +1260,21 @@ static sbl_result sbl__gl_load(sbl__gl *gl, sbl__base *base, const sbl_context_d
     if (text) snprintf(c->renderer, sizeof c->renderer, "%s", text);
     gl->GetIntegerv(SBL__GL_MAJOR_VERSION, &c->gl_major);
     gl->GetIntegerv(SBL__GL_MINOR_VERSION, &c->gl_minor);
-    if (c->gl_major * 10 + c->gl_minor < 33 || strstr(c->version, "OpenGL ES")) {
-        sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_NO_GL, "the current GL context is \"%s\"; sbl.h needs OpenGL 3.3 or later, and the context current in this thread",
-                 c->version[0] ? c->version : "none");
+    if (!sbl__gl_at_least(gl, 33) || strstr(c->version, "OpenGL ES")) {
+        sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_NO_GL, "the current GL context is \"%s\"; sbl.h needs OpenGL 3.3 or "
+                 "later, and the context current in this thread", c->version[0] ? c->version : "none");
         return SBL_ERROR_UNSUPPORTED;
     }
     gl->GetIntegerv(SBL__GL_MAX_TEXTURE_SIZE, &c->max_texture_size);
     gl->GetIntegerv(SBL__GL_MAX_TEXTURE_BUFFER_SIZE, &c->max_texture_buffer_size);
-    if (gl->ClipControl && (c->gl_major * 10 + c->gl_minor >= 45 || sbl__gl_has_extension(gl, "GL_ARB_clip_control")))
+    if (gl->ClipControl && (sbl__gl_at_least(gl, 45) || sbl__gl_has_extension(gl, "GL_ARB_clip_control")))
         c->available |= SBL_CAPABILITY_CLIP_CONTROL;
-    if (c->gl_major * 10 + c->gl_minor >= 43 && gl->BindImageTexture && gl->DispatchCompute && gl->GetIntegeri_v && gl->MemoryBarrier)
-        c->available |= SBL_CAPABILITY_COMPUTE;
+    if (sbl__gl_at_least(gl, 43) && gl->BindImageTexture && gl->DispatchCompute && gl->GetIntegeri_v &&
+        gl->MemoryBarrier) c->available |= SBL_CAPABILITY_COMPUTE;
     c->used = c->available & ~desc->disabled;
     gl->viewports = 1;
-    if (c->gl_major * 10 + c->gl_minor >= 41 && gl->DepthRangeIndexed && gl->GetDoublei_v && gl->GetFloati_v && gl->GetIntegeri_v && gl->ScissorIndexedv && gl->ViewportIndexedfv) {
+    if (sbl__gl_at_least(gl, 41) && gl->DepthRangeIndexed && gl->GetDoublei_v && gl->GetFloati_v &&
+        gl->GetIntegeri_v && gl->ScissorIndexedv && gl->ViewportIndexedfv) {
         gl->GetIntegerv(SBL__GL_MAX_VIEWPORTS, &gl->viewports);
         gl->viewports = SBL__MAX(1, SBL__MIN(gl->viewports, SBL__GUARD_VIEWPORTS));
     }
@@ -2263,31 +1282,41 @@ static sbl_result sbl__gl_load(sbl__gl *gl, sbl__base *base, const sbl_context_d
     return SBL_SUCCESS;
 }
 
-static int sbl__gl_at_least(const sbl__gl *gl, int version) { return gl->capabilities.gl_major * 10 + gl->capabilities.gl_minor >= version; }
-
 /* The state guard: everything sbl.h changes, saved on the way in and put back on the way out.
    sbl__guard_force sets what all passes rely on; it is called again after the host's draw callback. */
 
-
 static const struct { unsigned name; int needed; } sbl__guard_switches[] = {  /* needed: GL version that has it */
-    { SBL__GL_CULL_FACE, 33 }, { SBL__GL_DEPTH_TEST, 33 }, { SBL__GL_STENCIL_TEST, 33 }, { SBL__GL_SCISSOR_TEST, 33 }, { SBL__GL_COLOR_LOGIC_OP, 33 },
-    { SBL__GL_DITHER, 33 }, { SBL__GL_POLYGON_OFFSET_FILL, 33 }, { SBL__GL_POLYGON_SMOOTH, 33 }, { SBL__GL_MULTISAMPLE, 33 },
-    { SBL__GL_SAMPLE_ALPHA_TO_COVERAGE, 33 }, { SBL__GL_SAMPLE_ALPHA_TO_ONE, 33 }, { SBL__GL_SAMPLE_COVERAGE, 33 }, { SBL__GL_SAMPLE_MASK, 33 },
-    { SBL__GL_DEPTH_CLAMP, 33 }, { SBL__GL_RASTERIZER_DISCARD, 33 }, { SBL__GL_FRAMEBUFFER_SRGB, 33 }, { SBL__GL_PRIMITIVE_RESTART, 33 },
-    { SBL__GL_CLIP_DISTANCE0, 33 }, { SBL__GL_CLIP_DISTANCE0 + 1, 33 }, { SBL__GL_CLIP_DISTANCE0 + 2, 33 }, { SBL__GL_CLIP_DISTANCE0 + 3, 33 },
-    { SBL__GL_CLIP_DISTANCE0 + 4, 33 }, { SBL__GL_CLIP_DISTANCE0 + 5, 33 }, { SBL__GL_CLIP_DISTANCE0 + 6, 33 }, { SBL__GL_CLIP_DISTANCE0 + 7, 33 },
+    { SBL__GL_CULL_FACE, 33 }, { SBL__GL_DEPTH_TEST, 33 }, { SBL__GL_STENCIL_TEST, 33 }, { SBL__GL_SCISSOR_TEST, 33 },
+    { SBL__GL_COLOR_LOGIC_OP, 33 }, { SBL__GL_DITHER, 33 }, { SBL__GL_POLYGON_OFFSET_FILL, 33 },
+    { SBL__GL_POLYGON_SMOOTH, 33 }, { SBL__GL_MULTISAMPLE, 33 }, { SBL__GL_SAMPLE_ALPHA_TO_COVERAGE, 33 },
+    { SBL__GL_SAMPLE_ALPHA_TO_ONE, 33 }, { SBL__GL_SAMPLE_COVERAGE, 33 }, { SBL__GL_SAMPLE_MASK, 33 },
+    { SBL__GL_DEPTH_CLAMP, 33 }, { SBL__GL_RASTERIZER_DISCARD, 33 }, { SBL__GL_FRAMEBUFFER_SRGB, 33 },
+    { SBL__GL_PRIMITIVE_RESTART, 33 }, { SBL__GL_CLIP_DISTANCE0, 33 }, { SBL__GL_CLIP_DISTANCE0 + 1, 33 },
+    { SBL__GL_CLIP_DISTANCE0 + 2, 33 }, { SBL__GL_CLIP_DISTANCE0 + 3, 33 }, { SBL__GL_CLIP_DISTANCE0 + 4, 33 },
+    { SBL__GL_CLIP_DISTANCE0 + 5, 33 }, { SBL__GL_CLIP_DISTANCE0 + 6, 33 }, { SBL__GL_CLIP_DISTANCE0 + 7, 33 },
     { SBL__GL_SAMPLE_SHADING, 40 }, { SBL__GL_PRIMITIVE_RESTART_FIXED_INDEX, 43 }
 };
 
 static const struct { unsigned name; int value; } sbl__guard_pixel_store[] = {
-    { SBL__GL_UNPACK_SWAP_BYTES, 0 }, { SBL__GL_UNPACK_LSB_FIRST, 0 }, { SBL__GL_UNPACK_ROW_LENGTH, 0 }, { SBL__GL_UNPACK_SKIP_ROWS, 0 },
-    { SBL__GL_UNPACK_SKIP_PIXELS, 0 }, { SBL__GL_UNPACK_ALIGNMENT, 1 }, { SBL__GL_UNPACK_SKIP_IMAGES, 0 }, { SBL__GL_UNPACK_IMAGE_HEIGHT, 0 },
-    { SBL__GL_PACK_SWAP_BYTES, 0 }, { SBL__GL_PACK_LSB_FIRST, 0 }, { SBL__GL_PACK_ROW_LENGTH, 0 }, { SBL__GL_PACK_SKIP_ROWS, 0 },
-    { SBL__GL_PACK_SKIP_PIXELS, 0 }, { SBL__GL_PACK_ALIGNMENT, 1 }, { SBL__GL_PACK_SKIP_IMAGES, 0 }, { SBL__GL_PACK_IMAGE_HEIGHT, 0 }
+    { SBL__GL_UNPACK_SWAP_BYTES, 0 }, { SBL__GL_UNPACK_LSB_FIRST, 0 }, { SBL__GL_UNPACK_ROW_LENGTH, 0 },
+    { SBL__GL_UNPACK_SKIP_ROWS, 0 }, { SBL__GL_UNPACK_SKIP_PIXELS, 0 }, { SBL__GL_UNPACK_ALIGNMENT, 1 },
+    { SBL__GL_UNPACK_SKIP_IMAGES, 0 }, { SBL__GL_UNPACK_IMAGE_HEIGHT, 0 }, { SBL__GL_PACK_SWAP_BYTES, 0 },
+    { SBL__GL_PACK_LSB_FIRST, 0 }, { SBL__GL_PACK_ROW_LENGTH, 0 }, { SBL__GL_PACK_SKIP_ROWS, 0 },
+    { SBL__GL_PACK_SKIP_PIXELS, 0 }, { SBL__GL_PACK_ALIGNMENT, 1 }, { SBL__GL_PACK_SKIP_IMAGES, 0 },
+    { SBL__GL_PACK_IMAGE_HEIGHT, 0 }
 };
 
 static const unsigned sbl__guard_image[6] = {  /* in the order of glBindImageTexture */
-    SBL__GL_IMAGE_BINDING_NAME, SBL__GL_IMAGE_BINDING_LEVEL, SBL__GL_IMAGE_BINDING_LAYERED, SBL__GL_IMAGE_BINDING_LAYER, SBL__GL_IMAGE_BINDING_ACCESS, SBL__GL_IMAGE_BINDING_FORMAT
+    SBL__GL_IMAGE_BINDING_NAME, SBL__GL_IMAGE_BINDING_LEVEL, SBL__GL_IMAGE_BINDING_LAYERED,
+    SBL__GL_IMAGE_BINDING_LAYER, SBL__GL_IMAGE_BINDING_ACCESS, SBL__GL_IMAGE_BINDING_FORMAT
+};
+
+/* The bindings of TEXTURE_BUFFER and COPY_READ_BUFFER are asked by the targets' own names. */
+static const struct { unsigned target, query; } sbl__guard_buffers[] = {
+    { SBL__GL_ARRAY_BUFFER, SBL__GL_ARRAY_BUFFER_BINDING }, { SBL__GL_TEXTURE_BUFFER, SBL__GL_TEXTURE_BUFFER },
+    { SBL__GL_COPY_READ_BUFFER, SBL__GL_COPY_READ_BUFFER },
+    { SBL__GL_PIXEL_PACK_BUFFER, SBL__GL_PIXEL_PACK_BUFFER_BINDING },
+    { SBL__GL_PIXEL_UNPACK_BUFFER, SBL__GL_PIXEL_UNPACK_BUFFER_BINDING }
 };
 
 typedef struct sbl__guard {
@@ -2297,22 +1326,22 @@ typedef struct sbl__guard {
     int viewport[4], scissor[4], scissors[SBL__GUARD_VIEWPORTS][4];  /* the arrays where there are such */
     float viewports[SBL__GUARD_VIEWPORTS][4];
     double depth_range[2], depth_ranges[SBL__GUARD_VIEWPORTS][2];
-    int program, vertex_array, array_buffer, texture_buffer, copy_buffer, pack_buffer, unpack_buffer, draw_framebuffer, read_framebuffer, active_texture;
-    int textures_2d[SBL__GUARD_UNITS], textures_buffer[SBL__GUARD_UNITS], samplers[SBL__GUARD_UNITS], images[SBL__GUARD_IMAGES][6];
+    int program, vertex_array, buffers[8], draw_framebuffer, read_framebuffer, active_texture;
+    int textures_2d[SBL__GUARD_UNITS], textures_buffer[SBL__GUARD_UNITS], samplers[SBL__GUARD_UNITS];
+    int images[SBL__GUARD_IMAGES][6];
 } sbl__guard;
 
-static void sbl__guard_save(const sbl__gl *gl, sbl__guard *g) {
+/* How fragments are made and kept: half of the guard. */
+static void sbl__guard_save_drawing(const sbl__gl *gl, sbl__guard *g) {
     int i;
-    memset(g, 0, sizeof *g);
-    sbl__gl_clear_errors(gl);
     for (i = 0; i < SBL__COUNT(sbl__guard_switches); i++)
-        if (sbl__gl_at_least(gl, sbl__guard_switches[i].needed)) g->switches[i] = gl->IsEnabled(sbl__guard_switches[i].name);
+        if (sbl__gl_at_least(gl, sbl__guard_switches[i].needed))
+            g->switches[i] = gl->IsEnabled(sbl__guard_switches[i].name);
     for (i = 0; i < SBL__GUARD_DRAW_BUFFERS; i++) {
         g->blend[i] = gl->IsEnabledi(SBL__GL_BLEND, (unsigned)i);
         gl->GetBooleani_v(SBL__GL_COLOR_WRITEMASK, (unsigned)i, g->color_mask[i]);
     }
     gl->GetBooleanv(SBL__GL_DEPTH_WRITEMASK, &g->depth_mask);
-    for (i = 0; i < SBL__COUNT(sbl__guard_pixel_store); i++) gl->GetIntegerv(sbl__guard_pixel_store[i].name, &g->pixel_store[i]);
     gl->GetIntegerv(SBL__GL_POLYGON_MODE, g->polygon_mode);
     gl->GetIntegerv(SBL__GL_FRONT_FACE, &g->front_face);
     gl->GetIntegerv(SBL__GL_CLAMP_READ_COLOR, &g->clamp_read);
@@ -2330,13 +1359,19 @@ static void sbl__guard_save(const sbl__gl *gl, sbl__guard *g) {
         gl->GetIntegerv(SBL__GL_CLIP_ORIGIN, &g->clip_origin);
         gl->GetIntegerv(SBL__GL_CLIP_DEPTH_MODE, &g->clip_depth);
     }
+}
+
+static void sbl__guard_save(const sbl__gl *gl, sbl__guard *g) {
+    int i;
+    memset(g, 0, sizeof *g);
+    sbl__gl_clear_errors(gl);
+    sbl__guard_save_drawing(gl, g);
+    for (i = 0; i < SBL__COUNT(sbl__guard_pixel_store); i++)
+        gl->GetIntegerv(sbl__guard_pixel_store[i].name, &g->pixel_store[i]);
     gl->GetIntegerv(SBL__GL_CURRENT_PROGRAM, &g->program);
     gl->GetIntegerv(SBL__GL_VERTEX_ARRAY_BINDING, &g->vertex_array);
-    gl->GetIntegerv(SBL__GL_ARRAY_BUFFER_BINDING, &g->array_buffer);
-    gl->GetIntegerv(SBL__GL_TEXTURE_BUFFER, &g->texture_buffer);   /* the buffer's binding is asked by the target's name */
-    gl->GetIntegerv(SBL__GL_COPY_READ_BUFFER, &g->copy_buffer);    /* likewise */
-    gl->GetIntegerv(SBL__GL_PIXEL_PACK_BUFFER_BINDING, &g->pack_buffer);
-    gl->GetIntegerv(SBL__GL_PIXEL_UNPACK_BUFFER_BINDING, &g->unpack_buffer);
+    for (i = 0; i < SBL__COUNT(sbl__guard_buffers); i++)
+        gl->GetIntegerv(sbl__guard_buffers[i].query, &g->buffers[i]);
     gl->GetIntegerv(SBL__GL_DRAW_FRAMEBUFFER_BINDING, &g->draw_framebuffer);
     gl->GetIntegerv(SBL__GL_READ_FRAMEBUFFER_BINDING, &g->read_framebuffer);
     gl->GetIntegerv(SBL__GL_ACTIVE_TEXTURE, &g->active_texture);
@@ -2361,32 +1396,42 @@ static void sbl__guard_force(const sbl__gl *gl) {
         gl->ColorMaski((unsigned)i, 1, 1, 1, 1);
     }
     gl->DepthMask(1);
-    for (i = 0; i < SBL__COUNT(sbl__guard_pixel_store); i++) gl->PixelStorei(sbl__guard_pixel_store[i].name, sbl__guard_pixel_store[i].value);
+    for (i = 0; i < SBL__COUNT(sbl__guard_pixel_store); i++)
+        gl->PixelStorei(sbl__guard_pixel_store[i].name, sbl__guard_pixel_store[i].value);
     gl->PolygonMode(SBL__GL_FRONT_AND_BACK, SBL__GL_FILL);
     gl->ClampColor(SBL__GL_CLAMP_READ_COLOR, 0);
     gl->FrontFace(SBL__GL_CCW);
     gl->DepthFunc(SBL__GL_GREATER);
     gl->DepthRange(0, 1);
-    if (gl->capabilities.available & SBL_CAPABILITY_CLIP_CONTROL)
-        gl->ClipControl(SBL__GL_LOWER_LEFT, gl->capabilities.used & SBL_CAPABILITY_CLIP_CONTROL ? SBL__GL_ZERO_TO_ONE : SBL__GL_NEGATIVE_ONE_TO_ONE);
+    if (gl->capabilities.used & SBL_CAPABILITY_CLIP_CONTROL)
+        gl->ClipControl(SBL__GL_LOWER_LEFT, SBL__GL_ZERO_TO_ONE);
+    else if (gl->capabilities.available & SBL_CAPABILITY_CLIP_CONTROL)
+        gl->ClipControl(SBL__GL_LOWER_LEFT, SBL__GL_NEGATIVE_ONE_TO_ONE);
     gl->BindBuffer(SBL__GL_PIXEL_PACK_BUFFER, 0);
     gl->BindBuffer(SBL__GL_PIXEL_UNPACK_BUFFER, 0);
     for (i = 0; i < SBL__GUARD_UNITS; i++) gl->BindSampler((unsigned)i, 0);
-    gl->ActiveTexture(SBL__GL_TEXTURE0);  /* textures are made on whatever unit is active: it must be one that is put back */
+    gl->ActiveTexture(SBL__GL_TEXTURE0);  /* textures are made on whatever unit is active: one that is put back */
 }
 
-static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
+static void sbl__guard_switch(const sbl__gl *gl, unsigned name, int on) {
+    if (on) gl->Enable(name); else gl->Disable(name);
+}
+
+static void sbl__guard_switch_indexed(const sbl__gl *gl, unsigned name, int index, int on) {
+    if (on) gl->Enablei(name, (unsigned)index); else gl->Disablei(name, (unsigned)index);
+}
+
+static void sbl__guard_restore_drawing(const sbl__gl *gl, const sbl__guard *g) {
     int i;
     for (i = 0; i < SBL__COUNT(sbl__guard_switches); i++)
-        if (sbl__gl_at_least(gl, sbl__guard_switches[i].needed)) {
-            if (g->switches[i]) gl->Enable(sbl__guard_switches[i].name); else gl->Disable(sbl__guard_switches[i].name);
-        }
+        if (sbl__gl_at_least(gl, sbl__guard_switches[i].needed))
+            sbl__guard_switch(gl, sbl__guard_switches[i].name, g->switches[i]);
     for (i = 0; i < SBL__GUARD_DRAW_BUFFERS; i++) {
-        if (g->blend[i]) gl->Enablei(SBL__GL_BLEND, (unsigned)i); else gl->Disablei(SBL__GL_BLEND, (unsigned)i);
-        gl->ColorMaski((unsigned)i, g->color_mask[i][0], g->color_mask[i][1], g->color_mask[i][2], g->color_mask[i][3]);
+        const unsigned char *m = g->color_mask[i];
+        sbl__guard_switch_indexed(gl, SBL__GL_BLEND, i, g->blend[i]);
+        gl->ColorMaski((unsigned)i, m[0], m[1], m[2], m[3]);
     }
     gl->DepthMask(g->depth_mask);
-    for (i = 0; i < SBL__COUNT(sbl__guard_pixel_store); i++) gl->PixelStorei(sbl__guard_pixel_store[i].name, g->pixel_store[i]);
     gl->PolygonMode(SBL__GL_FRONT_AND_BACK, (unsigned)g->polygon_mode[0]);
     gl->ClampColor(SBL__GL_CLAMP_READ_COLOR, (unsigned)g->clamp_read);
     gl->FrontFace((unsigned)g->front_face);
@@ -2395,12 +1440,20 @@ static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
     gl->Viewport(g->viewport[0], g->viewport[1], g->viewport[2], g->viewport[3]);
     gl->Scissor(g->scissor[0], g->scissor[1], g->scissor[2], g->scissor[3]);
     for (i = 0; gl->viewports > 1 && i < gl->viewports; i++) {
-        if (g->scissor_test[i]) gl->Enablei(SBL__GL_SCISSOR_TEST, (unsigned)i); else gl->Disablei(SBL__GL_SCISSOR_TEST, (unsigned)i);
+        sbl__guard_switch_indexed(gl, SBL__GL_SCISSOR_TEST, i, g->scissor_test[i]);
         gl->ViewportIndexedfv((unsigned)i, g->viewports[i]);
         gl->ScissorIndexedv((unsigned)i, g->scissors[i]);
         gl->DepthRangeIndexed((unsigned)i, g->depth_ranges[i][0], g->depth_ranges[i][1]);
     }
-    if (gl->capabilities.available & SBL_CAPABILITY_CLIP_CONTROL) gl->ClipControl((unsigned)g->clip_origin, (unsigned)g->clip_depth);
+    if (gl->capabilities.available & SBL_CAPABILITY_CLIP_CONTROL)
+        gl->ClipControl((unsigned)g->clip_origin, (unsigned)g->clip_depth);
+}
+
+static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
+    int i;
+    sbl__guard_restore_drawing(gl, g);
+    for (i = 0; i < SBL__COUNT(sbl__guard_pixel_store); i++)
+        gl->PixelStorei(sbl__guard_pixel_store[i].name, g->pixel_store[i]);
     for (i = 0; i < SBL__GUARD_UNITS; i++) {
         gl->ActiveTexture(SBL__GL_TEXTURE0 + (unsigned)i);
         gl->BindTexture(SBL__GL_TEXTURE_2D, (unsigned)g->textures_2d[i]);
@@ -2409,48 +1462,167 @@ static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
     }
     for (i = 0; gl->capabilities.used & SBL_CAPABILITY_COMPUTE && i < SBL__GUARD_IMAGES; i++) {
         const int *m = g->images[i];
-        gl->BindImageTexture((unsigned)i, (unsigned)m[0], m[1], (unsigned char)m[2], m[3], (unsigned)m[4], (unsigned)m[5]);
+        gl->BindImageTexture((unsigned)i, (unsigned)m[0], m[1], (unsigned char)m[2], m[3], (unsigned)m[4],
+                             (unsigned)m[5]);
     }
     gl->ActiveTexture((unsigned)g->active_texture);
     gl->UseProgram((unsigned)g->program);
     gl->BindVertexArray((unsigned)g->vertex_array);
-    gl->BindBuffer(SBL__GL_ARRAY_BUFFER, (unsigned)g->array_buffer);
-    gl->BindBuffer(SBL__GL_TEXTURE_BUFFER, (unsigned)g->texture_buffer);
-    gl->BindBuffer(SBL__GL_COPY_READ_BUFFER, (unsigned)g->copy_buffer);
-    gl->BindBuffer(SBL__GL_PIXEL_PACK_BUFFER, (unsigned)g->pack_buffer);
-    gl->BindBuffer(SBL__GL_PIXEL_UNPACK_BUFFER, (unsigned)g->unpack_buffer);
+    for (i = 0; i < SBL__COUNT(sbl__guard_buffers); i++)
+        gl->BindBuffer(sbl__guard_buffers[i].target, (unsigned)g->buffers[i]);
     gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, (unsigned)g->draw_framebuffer);
     gl->BindFramebuffer(SBL__GL_READ_FRAMEBUFFER, (unsigned)g->read_framebuffer);
 }
 
-/* GL objects. Creation logs and returns what failed; deletion ignores objects that were never made. */
+/* ======================================================================================================== >>records
+   What C and the shaders share, said once: constants, and records that C fills as structs and shaders read by number.
 
-/* A new name, or 0 (logged) where GL gives none: binding that would change the host's default objects. */
-static unsigned sbl__name_make(const sbl__gl *gl, void (SBL__GLAPI *generate)(int, unsigned *), const char *what) {
-    unsigned name = 0;
-    generate(1, &name);
-    if (!name) sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_ERROR, "GL gave no name while %s", what);
-    return name;
+   A record is a list of fields, SBL__NAME(X). SBL__RECORD makes of it the struct sbl__name, a multiple of 16 bytes, and
+   sbl__name_record, from which sbl__write_record writes GLSL: the table's sampler and for every field a function, as
+
+       vec3 sbl_object_albedo(int i) { return uintBitsToFloat(sbl_fetch(sbl_objects, 5 * i + 0).xyz); }
+
+   Fields must not straddle 16 bytes. */
+
+typedef enum sbl__kind { SBL__FLOAT, SBL__VEC3, SBL__UINT, SBL__UVEC2, SBL__UVEC3, SBL__UVEC4 } sbl__kind;
+
+typedef struct sbl__field { const char *name; sbl__kind kind; int word; } sbl__field;
+
+typedef struct sbl__record {
+    const char *name;          /* of the functions */
+    const char *sampler;       /* of the table */
+    const char *declaration;   /* of the sampler, or "" where another record of the table has it */
+    const char *first;         /* texel that records start at: a uniform, or NULL */
+    int texels;                /* a record has */
+    const sbl__field *fields;
+    int field_count;
+} sbl__record;
+
+#define SBL__FIELD_FLOAT(name) float name;
+#define SBL__FIELD_VEC3(name) float name[3];
+#define SBL__FIELD_UINT(name) uint32_t name;
+#define SBL__FIELD_UVEC2(name) uint32_t name[2];
+#define SBL__FIELD_UVEC3(name) uint32_t name[3];
+#define SBL__FIELD_UVEC4(name) uint32_t name[4];
+#define SBL__FIELD_MEMBER(type, kind, name) SBL__FIELD_##kind(name)
+#define SBL__FIELD_ENTRY(type, kind, name) { #name, SBL__##kind, (int)(offsetof(type, name) / 4) },
+
+#define SBL__RECORD(type, list, name, sampler, declaration, first) \
+    typedef struct type { list(SBL__FIELD_MEMBER) } type; \
+    static const sbl__field type##_fields[] = { list(SBL__FIELD_ENTRY) }; \
+    static const sbl__record type##_record = { name, sampler, declaration, first, (int)(sizeof(type) / 16), \
+                                               type##_fields, SBL__COUNT(type##_fields) };
+
+/* Tables that grow with the scene are declared so; others are buffers always. */
+#define SBL__SCENE_TABLE(sampler) "uniform sbl_Texels " sampler ";\n"
+#define SBL__BUFFER_TABLE(sampler) "uniform usamplerBuffer " sampler ";\n"
+
+#define SBL__TEXELS_SHIFT 12       /* GL 3.3 promises 1024 across, every driver since has four times that or more */
+#define SBL__TEXELS_ACROSS (1 << SBL__TEXELS_SHIFT)  /* of a wide table */
+#define SBL__WORKGROUP 64          /* invocations of a compute shader */
+#define SBL__STACK 64              /* of a ray in the hierarchy */
+#define SBL__LAMPS 256             /* entries that lamps.glsl weighs against each other; so many are taken singly */
+#define SBL__LAMP_PASSES 8         /* that rays towards lamps are traced in, at most: each covers lamps evenly */
+#define SBL__TEXTURE_SRGB 1u       /* kinds of textures: 8-bit sRGB, 16-bit float; 0: none */
+#define SBL__TEXTURE_FLOAT 2u
+#define SBL__TEXTURE_KIND 3u
+#define SBL__TEXTURE_CLAMPS 4u     /* or repeats */
+#define SBL__ONE_SIDED_EMISSION ((unsigned)SBL_MATERIAL_ONE_SIDED_EMISSION)
+#define SBL__HIDDEN_FROM_CAMERA ((unsigned)SBL_MATERIAL_HIDDEN_FROM_CAMERA)
+#define SBL__HIDDEN_FROM_SENSORS ((unsigned)SBL_MATERIAL_HIDDEN_FROM_SENSORS)
+#define SBL__LEAF 0x80000000u      /* children in the hierarchy, see >>bvh */
+#define SBL__ENTER 0xc0000000u
+#define SBL__LEAVE 0xd0000000u
+#define SBL__END 0xffffffffu
+#define SBL__CHILD_NUMBER 0x0fffffffu
+#define SBL__LAMP_TRIANGLE 0u      /* kinds of lamps, see >>lamps */
+#define SBL__LAMP_NEAR_LIGHT 1u
+#define SBL__LAMP_FAR_LIGHT 2u
+#define SBL__LAMP_SKY_TEXEL 3u
+#define SBL__LAMP_KIND_SHIFT 30
+#define SBL__SKY_COLUMN_BITS 15    /* of a sky texel's number */
+#define SBL__FAR_NODE 0x80000000u
+
+#define SBL__SHARED_INTS(X) \
+    X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(WORKGROUP) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) X(SKY_COLUMN_BITS)
+#define SBL__SHARED_BITS(X) \
+    X(TEXTURE_SRGB) X(TEXTURE_KIND) X(TEXTURE_CLAMPS) \
+    X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) \
+    X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) \
+    X(LAMP_TRIANGLE) X(LAMP_NEAR_LIGHT) X(LAMP_FAR_LIGHT) X(LAMP_SKY_TEXEL) X(FAR_NODE)
+
+#define SBL__PRELUDE_MOST 8192     /* characters that a program's constants and records may have, each */
+
+/* Appends to text of SBL__PRELUDE_MOST characters; returns its length. */
+static size_t sbl__write(char *text, size_t length, const char *format, ...) {
+    va_list arguments;
+    int more;
+    va_start(arguments, format);
+    more = vsnprintf(text + length, SBL__PRELUDE_MOST - length, format, arguments);
+    va_end(arguments);
+    return SBL__MIN(length + (size_t)SBL__MAX(more, 0), SBL__PRELUDE_MOST - 1);
 }
 
-typedef struct sbl__texture { unsigned id; int width, height; unsigned internal_format; size_t bytes; } sbl__texture;
+static size_t sbl__write_constants(char *text, size_t length) {
+#define SBL__X(name) length = sbl__write(text, length, "#define SBL_" #name " %d\n", SBL__##name);
+    SBL__SHARED_INTS(SBL__X)
+#undef SBL__X
+#define SBL__X(name) length = sbl__write(text, length, "#define SBL_" #name " %uu\n", SBL__##name);
+    SBL__SHARED_BITS(SBL__X)
+#undef SBL__X
+    return length;
+}
+
+static size_t sbl__write_record(char *text, size_t length, const sbl__record *r) {
+    static const struct { const char *type; int components, is_float; } kinds[] = {  /* as sbl__kind */
+        { "float", 1, 1 }, { "vec3", 3, 1 }, { "uint", 1, 0 }, { "uvec2", 2, 0 }, { "uvec3", 3, 0 }, { "uvec4", 4, 0 }
+    };
+    int i;
+    length = sbl__write(text, length, "%s", r->declaration);
+    if (r->first) length = sbl__write(text, length, "uniform int %s;\n", r->first);
+    for (i = 0; i < r->field_count; i++) {
+        const sbl__field *f = &r->fields[i];
+        const char *type = kinds[f->kind].type, *fetch = strstr(r->declaration, "Buffer") ? "texelFetch" : "sbl_fetch";
+        length = sbl__write(text, length, "%s %s_%s(int i) { return %s(%s(%s, %s%s%d * i + %d).%.*s); }\n", type,
+                            r->name, f->name, kinds[f->kind].is_float ? "uintBitsToFloat" : "", fetch, r->sampler,
+                            r->first ? r->first : "", r->first ? " + " : "", r->texels, f->word / 4,
+                            kinds[f->kind].components, "xyzw" + f->word % 4);
+    }
+    return length;
+}
+
+/* ======================================================================================================== >>device
+   What every pass needs: textures, buffers, targets, programs by recipe and features, uniforms, draws, reads, and the
+   clock that cuts work into submissions. Creation logs and returns what failed; deletion ignores what was never made.
+   d->gl.doing says what is done, for messages. */
+
+typedef struct sbl__texture { unsigned id; int width, height; unsigned format; size_t bytes; } sbl__texture;
 typedef struct sbl__buffer { unsigned id; size_t bytes; } sbl__buffer;
 
-static const struct { unsigned internal_format, format, type; int bytes, components; } sbl__formats[] = {
-    { SBL__GL_R32F, SBL__GL_RED, SBL__GL_FLOAT, 4, 1 },
-    { SBL__GL_R32UI, SBL__GL_RED_INTEGER, SBL__GL_UNSIGNED_INT, 4, 1 },
-    { SBL__GL_RG32F, SBL__GL_RG, SBL__GL_FLOAT, 8, 2 },
-    { SBL__GL_RGBA16F, SBL__GL_RGBA, SBL__GL_HALF_FLOAT, 8, 4 },
-    { SBL__GL_RGBA32F, SBL__GL_RGBA, SBL__GL_FLOAT, 16, 4 },
-    { SBL__GL_RGBA32UI, SBL__GL_RGBA_INTEGER, SBL__GL_UNSIGNED_INT, 16, 4 },
-    { SBL__GL_SRGB8_ALPHA8, SBL__GL_RGBA, SBL__GL_UNSIGNED_BYTE, 4, 4 },
-    { SBL__GL_DEPTH_COMPONENT32F, SBL__GL_DEPTH_COMPONENT, SBL__GL_FLOAT, 4, 1 }
-};
+/* Where passes draw, and what can be read: colour textures and perhaps depth. */
+typedef struct sbl__target { unsigned id; int width, height, count; unsigned textures[6], formats[6]; } sbl__target;
 
-static int sbl__format(unsigned internal_format) {
-    int i = 0;
-    while (sbl__formats[i].internal_format != internal_format) i++;
-    return i;
+typedef struct sbl__program { const struct sbl__recipe *recipe; unsigned features, id; } sbl__program;
+
+#define SBL__PROGRAMS_MOST 64  /* recipes times the features that each knows are fewer */
+
+typedef struct sbl__device {
+    sbl__base *base;
+    sbl__gl gl;
+    unsigned features;       /* those that all programs have here */
+    unsigned empty_array;    /* a vertex array without attributes */
+    sbl__program programs[SBL__PROGRAMS_MOST];  /* compiled so far */
+    int program_count;
+    unsigned program;        /* in use */
+    int unit;                /* the next texture unit of the program in use */
+} sbl__device;
+
+/* A new name, or 0 (logged) where GL gives none: binding that would change the host's default objects. */
+static unsigned sbl__name_make(const sbl__device *d, void (SBL__GLAPI *generate)(int, unsigned *)) {
+    unsigned name = 0;
+    generate(1, &name);
+    if (!name) sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_ERROR, "GL gave no name while %s", d->gl.doing);
+    return name;
 }
 
 static void sbl__gpu_account(sbl__base *base, size_t before, size_t after) {
@@ -2458,139 +1630,240 @@ static void sbl__gpu_account(sbl__base *base, size_t before, size_t after) {
     if (base->memory.gpu_bytes > base->memory.gpu_peak_bytes) base->memory.gpu_peak_bytes = base->memory.gpu_bytes;
 }
 
-static void sbl__texture_delete(const sbl__gl *gl, sbl__texture *t) {
-    if (t->id) gl->DeleteTextures(1, &t->id);
-    sbl__gpu_account(gl->base, t->bytes, 0);
+static const struct { unsigned internal, format, type; int bytes; } sbl__formats[] = {
+    { SBL__GL_R32F, SBL__GL_RED, SBL__GL_FLOAT, 4 },
+    { SBL__GL_R32UI, SBL__GL_RED_INTEGER, SBL__GL_UNSIGNED_INT, 4 },
+    { SBL__GL_RG32F, SBL__GL_RG, SBL__GL_FLOAT, 8 },
+    { SBL__GL_RG32UI, SBL__GL_RG_INTEGER, SBL__GL_UNSIGNED_INT, 8 },
+    { SBL__GL_RGBA16F, SBL__GL_RGBA, SBL__GL_HALF_FLOAT, 8 },
+    { SBL__GL_RGBA32F, SBL__GL_RGBA, SBL__GL_FLOAT, 16 },
+    { SBL__GL_RGBA32UI, SBL__GL_RGBA_INTEGER, SBL__GL_UNSIGNED_INT, 16 },
+    { SBL__GL_SRGB8_ALPHA8, SBL__GL_RGBA, SBL__GL_UNSIGNED_BYTE, 4 },
+    { SBL__GL_DEPTH_COMPONENT32F, SBL__GL_DEPTH_COMPONENT, SBL__GL_FLOAT, 4 }
+};
+
+static int sbl__format(unsigned internal) {
+    int i = 0;
+    while (sbl__formats[i].internal != internal) i++;
+    return i;
+}
+
+/* >>device: textures and buffers */
+
+static void sbl__texture_delete(const sbl__device *d, sbl__texture *t) {
+    if (t->id) d->gl.DeleteTextures(1, &t->id);
+    sbl__gpu_account(d->base, t->bytes, 0);
     memset(t, 0, sizeof *t);
 }
 
-/* pixels: NULL, or the whole texture in the format's own layout. Keeps the object where size and format are the same. */
-static sbl_result sbl__texture_make(const sbl__gl *gl, sbl__texture *t, int width, int height, unsigned internal_format, const void *pixels, const char *what) {
-    int f = sbl__format(internal_format);
+/* Its texels are undefined. Keeps the object where size and format are the same. */
+static sbl_result sbl__texture_make(const sbl__device *d, sbl__texture *t, int width, int height, unsigned format) {
+    const sbl__gl *gl = &d->gl;
+    const int f = sbl__format(format);
     sbl_result result;
-    if (t->id && t->width == width && t->height == height && t->internal_format == internal_format) {
-        if (pixels) {
-            gl->BindTexture(SBL__GL_TEXTURE_2D, t->id);
-            gl->TexSubImage2D(SBL__GL_TEXTURE_2D, 0, 0, 0, width, height, sbl__formats[f].format, sbl__formats[f].type, pixels);
-            return sbl__gl_check(gl, what);
-        }
-        return SBL_SUCCESS;
-    }
-    sbl__texture_delete(gl, t);
-    t->id = sbl__name_make(gl, gl->GenTextures, what);
+    if (t->id && t->width == width && t->height == height && t->format == format) return SBL_SUCCESS;
+    sbl__texture_delete(d, t);
+    t->id = sbl__name_make(d, gl->GenTextures);
     if (!t->id) return SBL_ERROR_GL;
     gl->BindTexture(SBL__GL_TEXTURE_2D, t->id);
-    gl->TexImage2D(SBL__GL_TEXTURE_2D, 0, (int)internal_format, width, height, 0, sbl__formats[f].format, sbl__formats[f].type, pixels);
+    gl->TexImage2D(SBL__GL_TEXTURE_2D, 0, (int)format, width, height, 0, sbl__formats[f].format, sbl__formats[f].type,
+                   NULL);
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_MIN_FILTER, SBL__GL_NEAREST);
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_MAG_FILTER, SBL__GL_NEAREST);
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_WRAP_S, SBL__GL_CLAMP_TO_EDGE);
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_WRAP_T, SBL__GL_CLAMP_TO_EDGE);
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_MAX_LEVEL, 0);
-    result = sbl__gl_check(gl, what);
-    if (result != SBL_SUCCESS) { sbl__texture_delete(gl, t); return result; }
-    t->width = width; t->height = height; t->internal_format = internal_format;
+    result = sbl__gl_check(gl);
+    if (result != SBL_SUCCESS) { sbl__texture_delete(d, t); return result; }
+    t->width = width; t->height = height; t->format = format;
     t->bytes = (size_t)width * (size_t)height * (size_t)sbl__formats[f].bytes;
-    sbl__gpu_account(gl->base, 0, t->bytes);
+    sbl__gpu_account(d->base, 0, t->bytes);
     return SBL_SUCCESS;
 }
 
-static void sbl__buffer_delete(const sbl__gl *gl, sbl__buffer *b) {
-    if (b->id) gl->DeleteBuffers(1, &b->id);
-    sbl__gpu_account(gl->base, b->bytes, 0);
+/* Rows of texels, in the format's own layout. */
+static sbl_result sbl__texture_write(const sbl__device *d, const sbl__texture *t, int row, int rows, const void *from) {
+    const int f = sbl__format(t->format);
+    d->gl.BindTexture(SBL__GL_TEXTURE_2D, t->id);
+    d->gl.TexSubImage2D(SBL__GL_TEXTURE_2D, 0, 0, row, t->width, rows, sbl__formats[f].format, sbl__formats[f].type,
+                        from);
+    return sbl__gl_check(&d->gl);
+}
+
+static void sbl__buffer_delete(const sbl__device *d, sbl__buffer *b) {
+    if (b->id) d->gl.DeleteBuffers(1, &b->id);
+    sbl__gpu_account(d->base, b->bytes, 0);
     memset(b, 0, sizeof *b);
 }
 
-static sbl_result sbl__buffer_make(const sbl__gl *gl, sbl__buffer *b, size_t bytes, const void *data, unsigned usage, const char *what) {
+/* data: NULL leaves it undefined. usage: SBL__GL_STATIC_DRAW or SBL__GL_STREAM_DRAW. */
+static sbl_result sbl__buffer_make(const sbl__device *d, sbl__buffer *b, size_t bytes, const void *data,
+                                   unsigned usage) {
+    const sbl__gl *gl = &d->gl;
     sbl_result result;
-    if (!b->id) b->id = sbl__name_make(gl, gl->GenBuffers, what);
+    if (!b->id) b->id = sbl__name_make(d, gl->GenBuffers);
     if (!b->id) return SBL_ERROR_GL;
     gl->BindBuffer(SBL__GL_ARRAY_BUFFER, b->id);
     gl->BufferData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)SBL__MAX(bytes, 16), data && bytes >= 16 ? data : NULL, usage);
     if (data && bytes && bytes < 16) gl->BufferSubData(SBL__GL_ARRAY_BUFFER, 0, (ptrdiff_t)bytes, data);
-    result = sbl__gl_check(gl, what);
-    if (result != SBL_SUCCESS) { sbl__buffer_delete(gl, b); return result; }
-    sbl__gpu_account(gl->base, b->bytes, bytes);
+    result = sbl__gl_check(gl);
+    if (result != SBL_SUCCESS) { sbl__buffer_delete(d, b); return result; }
+    sbl__gpu_account(d->base, b->bytes, bytes);
     b->bytes = bytes;
     return SBL_SUCCESS;
 }
 
-/* A buffer seen by shaders as texels. */
-static sbl_result sbl__buffer_texture_make(const sbl__gl *gl, unsigned *id, unsigned internal_format, const sbl__buffer *b, const char *what) {
-    if (!*id) *id = sbl__name_make(gl, gl->GenTextures, what);
-    if (!*id) return SBL_ERROR_GL;
-    gl->BindTexture(SBL__GL_TEXTURE_BUFFER, *id);
-    gl->TexBuffer(SBL__GL_TEXTURE_BUFFER, internal_format, b->id);
-    return sbl__gl_check(gl, what);
+static void sbl__buffer_write(const sbl__device *d, const sbl__buffer *b, size_t offset, size_t bytes,
+                              const void *data) {
+    d->gl.BindBuffer(SBL__GL_ARRAY_BUFFER, b->id);
+    d->gl.BufferSubData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)offset, (ptrdiff_t)bytes, data);
 }
 
-#define SBL__TEXELS_ACROSS 4096  /* as in scene.glsl; GL 3.3 promises 1024, every driver since has four times that or more */
+/* A table: a buffer that shaders read by number. Where it is past the driver's limit for buffer textures it is copied
+   into rows of a 2D texture (`wide`; sbl_fetch in scene.glsl knows both). */
+typedef struct sbl__table { sbl__buffer buffer; sbl__texture texels; } sbl__table;
 
-/* The same for what grows with the scene; wide: copied into rows of a 2D texture, where the driver's buffer textures do not hold as much. */
-static sbl_result sbl__texels_make(const sbl__gl *gl, sbl__texture *t, unsigned internal_format, const sbl__buffer *b, int wide, const char *what) {
-    const int f = sbl__format(internal_format), bytes = sbl__formats[f].bytes;
-    int rows = (int)(b->bytes / (size_t)bytes / SBL__TEXELS_ACROSS), rest = (int)(b->bytes / (size_t)bytes % SBL__TEXELS_ACROSS);
+static void sbl__table_delete(const sbl__device *d, sbl__table *t) {
+    sbl__texture_delete(d, &t->texels);
+    sbl__buffer_delete(d, &t->buffer);
+}
+
+/* Shows the buffer's present content to shaders as texels of the format. */
+static sbl_result sbl__table_show(const sbl__device *d, sbl__table *t, unsigned format, int wide) {
+    const sbl__gl *gl = &d->gl;
+    const int f = sbl__format(format);
+    const size_t texel = (size_t)sbl__formats[f].bytes, texels = t->buffer.bytes / texel;
+    const int rows = (int)(texels / SBL__TEXELS_ACROSS), rest = (int)(texels % SBL__TEXELS_ACROSS);
     sbl_result result;
-    if (!wide) return sbl__buffer_texture_make(gl, &t->id, internal_format, b, what);
-    result = sbl__texture_make(gl, t, SBL__TEXELS_ACROSS, rows + 1, internal_format, NULL, what);
+    if (!wide) {
+        if (!t->texels.id) t->texels.id = sbl__name_make(d, gl->GenTextures);
+        if (!t->texels.id) return SBL_ERROR_GL;
+        gl->BindTexture(SBL__GL_TEXTURE_BUFFER, t->texels.id);
+        gl->TexBuffer(SBL__GL_TEXTURE_BUFFER, format, t->buffer.id);
+        return sbl__gl_check(gl);
+    }
+    result = sbl__texture_make(d, &t->texels, SBL__TEXELS_ACROSS, rows + 1, format);
     if (result != SBL_SUCCESS) return result;
-    gl->BindTexture(SBL__GL_TEXTURE_2D, t->id);
-    gl->BindBuffer(SBL__GL_PIXEL_UNPACK_BUFFER, b->id);
-    if (rows) gl->TexSubImage2D(SBL__GL_TEXTURE_2D, 0, 0, 0, SBL__TEXELS_ACROSS, rows, sbl__formats[f].format, sbl__formats[f].type, NULL);
-    if (rest) gl->TexSubImage2D(SBL__GL_TEXTURE_2D, 0, 0, rows, rest, 1, sbl__formats[f].format, sbl__formats[f].type, (const void *)((uintptr_t)rows * SBL__TEXELS_ACROSS * (uintptr_t)bytes));
+    gl->BindTexture(SBL__GL_TEXTURE_2D, t->texels.id);
+    gl->BindBuffer(SBL__GL_PIXEL_UNPACK_BUFFER, t->buffer.id);
+    if (rows) gl->TexSubImage2D(SBL__GL_TEXTURE_2D, 0, 0, 0, SBL__TEXELS_ACROSS, rows, sbl__formats[f].format,
+                                sbl__formats[f].type, NULL);
+    if (rest) gl->TexSubImage2D(SBL__GL_TEXTURE_2D, 0, 0, rows, rest, 1, sbl__formats[f].format, sbl__formats[f].type,
+                                (const void *)((uintptr_t)rows * SBL__TEXELS_ACROSS * (uintptr_t)texel));
     gl->BindBuffer(SBL__GL_PIXEL_UNPACK_BUFFER, 0);
-    return sbl__gl_check(gl, what);
+    return sbl__gl_check(gl);
 }
 
-static void sbl__name_delete(void (SBL__GLAPI *delete_names)(int, const unsigned *), unsigned *id) {
-    if (*id) delete_names(1, id);
-    *id = 0;
+/* >>device: targets */
+
+static void sbl__target_delete(const sbl__device *d, sbl__target *t) {
+    if (t->id) d->gl.DeleteFramebuffers(1, &t->id);
+    memset(t, 0, sizeof *t);
 }
 
-/* Makes (or makes anew) a framebuffer of the given colour attachments, and depth where not NULL, and leaves it bound to draw. */
-static sbl_result sbl__framebuffer_make(const sbl__gl *gl, unsigned *id, const sbl__texture *const *colors, int count, const sbl__texture *depth, const char *what) {
-    unsigned buffers[8], status;
-    int i;
+/* Makes it, or makes it anew, of `count` textures of one size, and depth where not NULL. */
+static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const sbl__texture *const *colors, int count,
+                                   const sbl__texture *depth) {
+    const sbl__gl *gl = &d->gl;
+    unsigned buffers[6], status;
     sbl_result result;
-    if (!*id) *id = sbl__name_make(gl, gl->GenFramebuffers, what);
-    if (!*id) return SBL_ERROR_GL;
-    gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, *id);
+    int i;
+    if (!t->id) t->id = sbl__name_make(d, gl->GenFramebuffers);
+    if (!t->id) return SBL_ERROR_GL;
+    gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, t->id);
     for (i = 0; i < count; i++) {
         buffers[i] = SBL__GL_COLOR_ATTACHMENT0 + (unsigned)i;
         gl->FramebufferTexture2D(SBL__GL_DRAW_FRAMEBUFFER, buffers[i], SBL__GL_TEXTURE_2D, colors[i]->id, 0);
+        t->textures[i] = colors[i]->id;
+        t->formats[i] = colors[i]->format;
     }
-    if (depth) gl->FramebufferTexture2D(SBL__GL_DRAW_FRAMEBUFFER, SBL__GL_DEPTH_ATTACHMENT, SBL__GL_TEXTURE_2D, depth->id, 0);
+    if (depth) gl->FramebufferTexture2D(SBL__GL_DRAW_FRAMEBUFFER, SBL__GL_DEPTH_ATTACHMENT, SBL__GL_TEXTURE_2D,
+                                        depth->id, 0);
     gl->DrawBuffers(count, buffers);
     status = gl->CheckFramebufferStatus(SBL__GL_DRAW_FRAMEBUFFER);
-    result = sbl__gl_check(gl, what);
+    result = sbl__gl_check(gl);
     if (result == SBL_SUCCESS && status != SBL__GL_FRAMEBUFFER_COMPLETE) {
-        sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_FRAMEBUFFER, "framebuffer status 0x%04x while %s; the driver cannot render to that format", status, what);
+        sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_FRAMEBUFFER, "framebuffer status 0x%04x while %s; the driver "
+                 "cannot render to that format", status, gl->doing);
         result = SBL_ERROR_GL;
     }
+    t->count = count;
+    t->width = colors[0]->width;
+    t->height = colors[0]->height;
     return result;
 }
 
-/* Reads pixels of a colour attachment of framebuffer id, in the texture's own components, floats or unsigned ints. */
-static sbl_result sbl__read_pixels(const sbl__gl *gl, unsigned framebuffer, int attachment, const sbl__texture *t, int rows, void *out, const char *what) {
-    int f = sbl__format(t->internal_format);
-    unsigned type = sbl__formats[f].type == SBL__GL_UNSIGNED_INT ? (unsigned)SBL__GL_UNSIGNED_INT : (unsigned)SBL__GL_FLOAT;
-    gl->BindFramebuffer(SBL__GL_READ_FRAMEBUFFER, framebuffer);
+/* Rows of an attachment, in its texture's own components: floats, or unsigned ints. */
+static sbl_result sbl__target_read(const sbl__device *d, const sbl__target *t, int attachment, int row, int rows,
+                                   void *out) {
+    const sbl__gl *gl = &d->gl;
+    const int f = sbl__format(t->formats[attachment]);
+    const int whole = sbl__formats[f].type == SBL__GL_UNSIGNED_INT;
+    gl->BindFramebuffer(SBL__GL_READ_FRAMEBUFFER, t->id);
     gl->ReadBuffer(SBL__GL_COLOR_ATTACHMENT0 + (unsigned)attachment);
-    gl->ReadPixels(0, 0, t->width, rows, sbl__formats[f].format, type, out);
-    return sbl__gl_check(gl, what);
+    gl->ReadPixels(0, row, t->width, rows, sbl__formats[f].format,
+                   whole ? (unsigned)SBL__GL_UNSIGNED_INT : (unsigned)SBL__GL_FLOAT, out);
+    return sbl__gl_check(gl);
 }
 
-/* Shaders are lists of lines, see >>shaders; a program is GLSL version, defines, bodies. */
+/* >>device: programs. A recipe names the shaders of a program (see shaders_embedded), the records that they read, and
+   the features that make a difference to them; a program is compiled when it is first used with a set of features. */
 
-#define SBL__MAX_LINES 1000
+enum {
+    SBL__TEXTURED = 1 << 0,     /* the scene has textures, cutouts or vertex colours */
+    SBL__WIDE = 1 << 1,         /* tables are 2D textures */
+    SBL__VIEWS = 1 << 2,        /* what the host draws stands in sensors' views only */
+    SBL__INSPECT = 1 << 3,      /* single rays towards lamps are written */
+    SBL__WRITE_DEPTH = 1 << 4,  /* there is no clip control */
+    SBL__COMPUTE = 1 << 5,
+    SBL__FEATURES = 6
+};
 
-static sbl_result sbl__shader_make(const sbl__gl *gl, unsigned *out, unsigned type, const char *name, const char *defines, const char *const *const *bodies) {
-    const char *lines[SBL__MAX_LINES];
-    int count = 0, ok = 0, body, line;
+#define SBL__SHADERS_MOST 10
+
+typedef struct sbl__recipe {
+    const char *name;
+    const char *const *vertex[SBL__SHADERS_MOST];    /* in this order */
+    const char *const *fragment[SBL__SHADERS_MOST];  /* or compute, where the recipe knows that feature */
+    const sbl__record *records[SBL__SHADERS_MOST];
+    unsigned features;
+} sbl__recipe;
+
+#define SBL__LINES_MOST 1000
+
+/* >>glsl tables: shaders_embedded/tables.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_tables[] = {
+"// What stands above every shader: how tables are read. Those that grow with the scene are buffer textures or, past the\n",
+"// driver's limit for these, 2D textures (see sbl__table_show in sbl.h). Above this stand the program's features and the\n",
+"// constants that C shares, below it the functions that read its records (see >>records).\n",
+"#ifdef SBL_WIDE\n",
+"#define sbl_Texels usampler2D\n",
+"#define sbl_fetch(texels, i) texelFetch(texels, ivec2((i) & (SBL_TEXELS_ACROSS - 1), (i) >> SBL_TEXELS_SHIFT), 0)\n",
+"#else\n",
+"#define sbl_Texels usamplerBuffer\n",
+"#define sbl_fetch(texels, i) texelFetch(texels, i)\n",
+"#endif\n",
+"\n",
+"// Software renderers run both sides of every if, but leave loops that no lane enters: an if for what is long and rare.\n",
+"#define sbl_when(condition) for (int sbl_once = 0; sbl_once < ((condition) ? 1 : 0); sbl_once++)\n",
+0 };
+/* <<glsl */
+
+typedef struct sbl__prelude { char constants[SBL__PRELUDE_MOST], records[SBL__PRELUDE_MOST]; } sbl__prelude;
+
+static sbl_result sbl__shader_make(const sbl__device *d, unsigned *out, unsigned type, const sbl__recipe *recipe,
+                                   const sbl__prelude *prelude) {
+    const sbl__gl *gl = &d->gl;
+    const char *const *const *shaders = type == SBL__GL_VERTEX_SHADER ? recipe->vertex : recipe->fragment;
+    const char *lines[SBL__LINES_MOST];
     char text[400];
-    lines[count++] = type == SBL__GL_COMPUTE_SHADER ? "#version 430 core\n#define SBL_COMPUTE\n" : "#version 330 core\n";
-    lines[count++] = defines;
-    for (body = 0; bodies[body]; body++)
-        for (line = 0; bodies[body][line] && count < SBL__MAX_LINES; line++) lines[count++] = bodies[body][line];
+    int count = 0, ok = 0, shader, line;
+    lines[count++] = type == SBL__GL_COMPUTE_SHADER ? "#version 430 core\n" : "#version 330 core\n";
+    lines[count++] = prelude->constants;
+    for (line = 0; sbl__glsl_tables[line]; line++) lines[count++] = sbl__glsl_tables[line];
+    lines[count++] = prelude->records;
+    for (shader = 0; shader < SBL__SHADERS_MOST && shaders[shader]; shader++)
+        for (line = 0; shaders[shader][line] && count < SBL__LINES_MOST; line++) lines[count++] = shaders[shader][line];
     *out = gl->CreateShader(type);
     if (*out) {
         gl->ShaderSource(*out, count, lines, NULL);
@@ -2600,135 +1873,994 @@ static sbl_result sbl__shader_make(const sbl__gl *gl, unsigned *out, unsigned ty
     if (ok) return SBL_SUCCESS;
     memset(text, 0, sizeof text);
     if (*out) gl->GetShaderInfoLog(*out, (int)sizeof text - 1, NULL, text);
-    sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_SHADER_COMPILE, "the driver refuses the shader \"%s\": %s", name, text);
+    sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_SHADER_COMPILE, "the driver refuses the shader \"%s\": %s",
+             recipe->name, text);
     return SBL_ERROR_GL;
 }
 
-/* Of vertex and fragment shader; vertex NULL: of the second, as a compute shader. */
-static sbl_result sbl__program_make(const sbl__gl *gl, unsigned *out, const char *name, const char *defines, const char *const *const *vertex, const char *const *const *fragment) {
-    unsigned shaders[2] = { 0, 0 };
-    int ok = 0;
+static sbl_result sbl__program_link(const sbl__device *d, unsigned *out, const unsigned shaders[2], const char *name) {
+    const sbl__gl *gl = &d->gl;
     char text[400];
-    sbl_result result = vertex ? sbl__shader_make(gl, &shaders[0], SBL__GL_VERTEX_SHADER, name, defines, vertex) : SBL_SUCCESS;
-    if (result == SBL_SUCCESS) result = sbl__shader_make(gl, &shaders[1], vertex ? SBL__GL_FRAGMENT_SHADER : SBL__GL_COMPUTE_SHADER, name, defines, fragment);
-    if (result == SBL_SUCCESS) {
-        *out = gl->CreateProgram();
-        if (*out) {
-            if (vertex) gl->AttachShader(*out, shaders[0]);
-            gl->AttachShader(*out, shaders[1]);
-            gl->LinkProgram(*out);
-            gl->GetProgramiv(*out, SBL__GL_LINK_STATUS, &ok);
-        }
-        if (!ok) {
-            memset(text, 0, sizeof text);
-            if (*out) gl->GetProgramInfoLog(*out, (int)sizeof text - 1, NULL, text);
-            sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_SHADER_LINK, "the driver does not link the program \"%s\": %s", name, text);
-            result = SBL_ERROR_GL;
-        }
+    int ok = 0;
+    *out = gl->CreateProgram();
+    if (*out) {
+        if (shaders[0]) gl->AttachShader(*out, shaders[0]);
+        gl->AttachShader(*out, shaders[1]);
+        gl->LinkProgram(*out);
+        gl->GetProgramiv(*out, SBL__GL_LINK_STATUS, &ok);
     }
+    if (ok) return SBL_SUCCESS;
+    memset(text, 0, sizeof text);
+    if (*out) gl->GetProgramInfoLog(*out, (int)sizeof text - 1, NULL, text);
+    sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_SHADER_LINK, "the driver does not link the program \"%s\": %s", name,
+             text);
+    return SBL_ERROR_GL;
+}
+
+static sbl_result sbl__program_make(const sbl__device *d, unsigned *out, const sbl__recipe *recipe, unsigned features) {
+    static const char *const names[SBL__FEATURES] = {
+        "TEXTURED", "WIDE", "VIEWS", "INSPECT", "WRITE_DEPTH", "COMPUTE"
+    };
+    const sbl__gl *gl = &d->gl;
+    const int compute = (features & SBL__COMPUTE) != 0;
+    sbl__prelude prelude = { "", "" };
+    unsigned shaders[2] = { 0, 0 };
+    size_t length = 0;
+    sbl_result result = SBL_SUCCESS;
+    int i;
+    for (i = 0; i < SBL__FEATURES; i++)
+        if (features >> i & 1) length = sbl__write(prelude.constants, length, "#define SBL_%s\n", names[i]);
+    sbl__write_constants(prelude.constants, length);
+    for (i = 0, length = 0; i < SBL__SHADERS_MOST && recipe->records[i]; i++)
+        length = sbl__write_record(prelude.records, length, recipe->records[i]);
+    *out = 0;
+    if (!compute) result = sbl__shader_make(d, &shaders[0], SBL__GL_VERTEX_SHADER, recipe, &prelude);
+    if (result == SBL_SUCCESS)
+        result = sbl__shader_make(d, &shaders[1], compute ? SBL__GL_COMPUTE_SHADER : SBL__GL_FRAGMENT_SHADER, recipe,
+                                  &prelude);
+    if (result == SBL_SUCCESS) result = sbl__program_link(d, out, shaders, recipe->name);
     if (shaders[0]) gl->DeleteShader(shaders[0]);
     if (shaders[1]) gl->DeleteShader(shaders[1]);
-    if (result == SBL_SUCCESS) result = sbl__gl_check(gl, "making shader programs");
+    if (result == SBL_SUCCESS) result = sbl__gl_check(gl);
     if (result != SBL_SUCCESS && *out) { gl->DeleteProgram(*out); *out = 0; }
     return result;
 }
 
-static int sbl__uniform(const sbl__gl *gl, unsigned program, const char *name) { return gl->GetUniformLocation(program, name); }
-static void sbl__uniform_i(const sbl__gl *gl, unsigned program, const char *name, int x) { gl->Uniform1i(sbl__uniform(gl, program, name), x); }
-static void sbl__uniform_f(const sbl__gl *gl, unsigned program, const char *name, float x) { gl->Uniform1f(sbl__uniform(gl, program, name), x); }
-
-static void sbl__uniform_3(const sbl__gl *gl, unsigned program, const char *name, const float v[3]) {
-    gl->Uniform3f(sbl__uniform(gl, program, name), v[0], v[1], v[2]);
+/* The program of a recipe with the features that it knows, of those asked for and those of the device; NULL where it
+   has not been compiled. */
+static const sbl__program *sbl__program_find(const sbl__device *d, const sbl__recipe *recipe, unsigned features) {
+    int i;
+    features = (features | d->features) & recipe->features;
+    for (i = 0; i < d->program_count; i++)
+        if (d->programs[i].recipe == recipe && d->programs[i].features == features) return &d->programs[i];
+    return NULL;
 }
 
-/* Binds a texture to a unit and names the unit to the program in use. */
-static void sbl__bind(const sbl__gl *gl, unsigned program, const char *name, int unit, unsigned target, unsigned texture) {
-    gl->ActiveTexture(SBL__GL_TEXTURE0 + (unsigned)unit);
-    gl->BindTexture(target, texture);
-    sbl__uniform_i(gl, program, name, unit);
+static sbl_result sbl__program_need(sbl__device *d, const sbl__recipe *recipe, unsigned features) {
+    const char *doing = d->gl.doing;
+    sbl__program program;
+    double start = sbl__now();
+    sbl_result result;
+    if (sbl__program_find(d, recipe, features)) return SBL_SUCCESS;
+    if (d->program_count == SBL__PROGRAMS_MOST) return SBL_ERROR_UNSUPPORTED;
+    program.recipe = recipe;
+    program.features = (features | d->features) & recipe->features;
+    d->gl.doing = "making shader programs";
+    result = sbl__program_make(d, &program.id, recipe, program.features);
+    d->gl.doing = doing;
+    if (result != SBL_SUCCESS) return result;
+    d->programs[d->program_count++] = program;
+    d->gl.capabilities.programs = d->program_count;
+    d->gl.capabilities.compile_seconds += sbl__now() - start;
+    return SBL_SUCCESS;
 }
 
-static void sbl__bind_texels(const sbl__gl *gl, unsigned program, const char *name, int unit, const sbl__texture *t) {
-    sbl__bind(gl, program, name, unit, t->width ? SBL__GL_TEXTURE_2D : SBL__GL_TEXTURE_BUFFER, t->id);
+/* Makes a program the one that the next uniforms, textures and draws are for. */
+static sbl_result sbl__use(sbl__device *d, const sbl__recipe *recipe, unsigned features) {
+    const sbl_result result = sbl__program_need(d, recipe, features);
+    if (result != SBL_SUCCESS) return result;
+    d->program = sbl__program_find(d, recipe, features)->id;
+    d->unit = 0;
+    d->gl.UseProgram(d->program);
+    return SBL_SUCCESS;
 }
 
-/* ======================================================================================================== >>scene
-   Meshes, materials, textures, sky: checked whole, then copied into a handful of GPU buffers that every later stage reads.
+/* >>device: uniforms and textures of the program in use. What a program does not have is left out. */
 
-       positions   a vertex: x y z (float), object number                  16 bytes
-       attributes  a vertex: normal, u, v, colour in 4 x 16 bits, 0        32 bytes
-       indices     three 32-bit vertex numbers a triangle; triangle t of mesh m stands at meshes[m].first_triangle + t
-       objects     a record of 5 x 4 32-bit words per mesh, see shaders_embedded/scene.glsl                           */
+static int sbl__place(const sbl__device *d, const char *name) { return d->gl.GetUniformLocation(d->program, name); }
 
-typedef struct sbl__attribute { float normal[3], uv[2]; uint16_t color[4]; uint32_t unused; } sbl__attribute;
-typedef struct sbl__vertex { float position[3]; uint32_t object; } sbl__vertex;
+static void sbl__set_int(const sbl__device *d, const char *name, int x) { d->gl.Uniform1i(sbl__place(d, name), x); }
+
+static void sbl__set_ints(const sbl__device *d, const char *name, int x, int y) {
+    d->gl.Uniform2i(sbl__place(d, name), x, y);
+}
+
+static void sbl__set_float(const sbl__device *d, const char *name, float x) { d->gl.Uniform1f(sbl__place(d, name), x); }
+
+static void sbl__set_vec2(const sbl__device *d, const char *name, float x, float y) {
+    d->gl.Uniform2f(sbl__place(d, name), x, y);
+}
+
+static void sbl__set_vec3(const sbl__device *d, const char *name, const float v[3]) {
+    d->gl.Uniform3f(sbl__place(d, name), v[0], v[1], v[2]);
+}
+
+static void sbl__set_vec4(const sbl__device *d, const char *name, const float v[4]) {
+    d->gl.Uniform4f(sbl__place(d, name), v[0], v[1], v[2], v[3]);
+}
+
+static void sbl__bind_to(sbl__device *d, const char *name, unsigned target, unsigned texture) {
+    const int place = sbl__place(d, name);
+    if (place < 0 || d->unit >= SBL__GUARD_UNITS) return;  /* units that are put back */
+    d->gl.ActiveTexture(SBL__GL_TEXTURE0 + (unsigned)d->unit);
+    d->gl.BindTexture(target, texture);
+    d->gl.Uniform1i(place, d->unit++);
+}
+
+static void sbl__bind(sbl__device *d, const char *name, const sbl__texture *t) {
+    sbl__bind_to(d, name, SBL__GL_TEXTURE_2D, t->id);
+}
+
+static void sbl__bind_table(sbl__device *d, const char *name, const sbl__table *t) {
+    sbl__bind_to(d, name, t->texels.width ? SBL__GL_TEXTURE_2D : SBL__GL_TEXTURE_BUFFER, t->texels.id);
+}
+
+/* >>device: passes and draws */
+
+enum { SBL__PASS_DEPTH = 1, SBL__PASS_CLIP = 2 };  /* with a depth test; with the four clip distances */
+
+/* Directs what follows to a target. viewport, scissor: x, y, width, height; NULL: all of the target, none. */
+static void sbl__pass(const sbl__device *d, const sbl__target *t, const int *viewport, const int *scissor, int flags) {
+    const sbl__gl *gl = &d->gl;
+    unsigned i;
+    gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, t->id);
+    if (viewport) gl->Viewport(viewport[0], viewport[1], viewport[2], viewport[3]);
+    else gl->Viewport(0, 0, t->width, t->height);
+    if (scissor) gl->Scissor(scissor[0], scissor[1], scissor[2], scissor[3]);
+    sbl__guard_switch(gl, SBL__GL_SCISSOR_TEST, scissor != NULL);
+    sbl__guard_switch(gl, SBL__GL_DEPTH_TEST, flags & SBL__PASS_DEPTH);
+    for (i = 0; i < 4; i++) sbl__guard_switch(gl, SBL__GL_CLIP_DISTANCE0 + i, flags & SBL__PASS_CLIP);
+}
+
+/* Rows of a target. */
+static void sbl__pass_rows(const sbl__device *d, const sbl__target *t, int row, int rows) {
+    int area[4];
+    area[0] = 0; area[1] = row; area[2] = t->width; area[3] = rows;
+    sbl__pass(d, t, area, NULL, 0);
+}
+
+/* Fills a colour attachment of the pass, or its depth, inside the scissor. */
+static void sbl__clear(const sbl__device *d, int attachment, const float value[4]) {
+    d->gl.ClearBufferfv(SBL__GL_COLOR, attachment, value);
+}
+
+static void sbl__clear_uint(const sbl__device *d, int attachment) {
+    static const unsigned zero[4] = { 0, 0, 0, 0 };
+    d->gl.ClearBufferuiv(SBL__GL_COLOR, attachment, zero);
+}
+
+static void sbl__clear_depth(const sbl__device *d) {
+    static const float zero = 0;
+    d->gl.ClearBufferfv(SBL__GL_DEPTH, 0, &zero);
+}
+
+/* One triangle over the whole viewport: fullscreen_vertex.glsl. */
+static void sbl__draw_screen(const sbl__device *d) {
+    d->gl.BindVertexArray(d->empty_array);
+    d->gl.DrawArrays(SBL__GL_TRIANGLES, 0, 3);
+}
+
+/* Triangles whose corners the shader finds by gl_VertexID, from 3 * first on. */
+static void sbl__draw_triangles(const sbl__device *d, int first, int count) {
+    d->gl.BindVertexArray(d->empty_array);
+    d->gl.DrawArrays(SBL__GL_TRIANGLES, 3 * first, 3 * count);
+}
+
+/* Triangles first .. first + count - 1 of an array's indices, many times. */
+static void sbl__draw_mesh(const sbl__device *d, unsigned array, int first, int count, int instances) {
+    d->gl.BindVertexArray(array);
+    d->gl.DrawElementsInstanced(SBL__GL_TRIANGLES, 3 * count, SBL__GL_UNSIGNED_INT,
+                                (const void *)(12 * (uintptr_t)first), instances);
+}
+
+/* A rectangle, many times. */
+static void sbl__draw_rectangles(const sbl__device *d, unsigned array, int instances) {
+    d->gl.BindVertexArray(array);
+    d->gl.DrawArraysInstanced(SBL__GL_TRIANGLE_STRIP, 0, 4, instances);
+}
+
+/* One invocation a texel: of rows row .. row + rows - 1 where fragments carry it, `count` from `first` on where compute
+   does (see carrier.glsl). Both write the same. Compute is used wherever it is, so that pictures depend on no
+   stopwatch: it is as fast or faster on llvmpipe; neither was measured on a GPU yet. */
+static void sbl__invoke(const sbl__device *d, const sbl__target *t, int row, int rows, int count) {
+    const sbl__gl *gl = &d->gl;
+    int i;
+    if (d->features & SBL__COMPUTE) {
+        for (i = 0; i < t->count; i++)
+            gl->BindImageTexture((unsigned)i, t->textures[i], 0, 0, 0, SBL__GL_WRITE_ONLY, SBL__GL_RGBA32F);
+        /* what reads the last results must be done; parentheses: windows.h has such a macro */
+        (gl->MemoryBarrier)(SBL__GL_SHADER_IMAGE_ACCESS_BARRIER);
+        gl->DispatchCompute((unsigned)((count + SBL__WORKGROUP - 1) / SBL__WORKGROUP), 1, 1);
+        (gl->MemoryBarrier)(SBL__GL_TEXTURE_FETCH_BARRIER | SBL__GL_FRAMEBUFFER_BARRIER);
+    } else {
+        sbl__pass_rows(d, t, row, rows);
+        sbl__draw_screen(d);
+    }
+}
+
+/* An attribute of a vertex array, as it lies in a buffer. */
+typedef struct sbl__input {
+    int location, components;
+    unsigned type;
+    int whole;      /* 1: the shader takes it as an integer; normalised otherwise, where it is one */
+    int instances;  /* 1: a value an instance */
+    size_t stride, offset;
+} sbl__input;
+
+static sbl_result sbl__array_make(const sbl__device *d, unsigned *array, const sbl__buffer *indices) {
+    if (!*array) *array = sbl__name_make(d, d->gl.GenVertexArrays);
+    if (!*array) return SBL_ERROR_GL;
+    d->gl.BindVertexArray(*array);
+    d->gl.BindBuffer(SBL__GL_ELEMENT_ARRAY_BUFFER, indices->id);
+    d->gl.BindVertexArray(0);
+    return sbl__gl_check(&d->gl);
+}
+
+static void sbl__array_inputs(const sbl__device *d, unsigned array, const sbl__buffer *b, const sbl__input *inputs,
+                              int count) {
+    const sbl__gl *gl = &d->gl;
+    int i;
+    gl->BindVertexArray(array);
+    gl->BindBuffer(SBL__GL_ARRAY_BUFFER, b->id);
+    for (i = 0; i < count; i++) {
+        const sbl__input *a = &inputs[i];
+        const void *offset = (const void *)(uintptr_t)a->offset;
+        if (a->whole) gl->VertexAttribIPointer((unsigned)a->location, a->components, a->type, (int)a->stride, offset);
+        else gl->VertexAttribPointer((unsigned)a->location, a->components, a->type, a->type != SBL__GL_FLOAT,
+                                     (int)a->stride, offset);
+        gl->EnableVertexAttribArray((unsigned)a->location);
+        gl->VertexAttribDivisor((unsigned)a->location, (unsigned)a->instances);
+    }
+    gl->BindVertexArray(0);
+}
+
+static void sbl__array_delete(const sbl__device *d, unsigned *array) {
+    if (*array) d->gl.DeleteVertexArrays(1, array);
+    *array = 0;
+}
+
+/* >>device: what is the host's */
+
+/* Bytes of a buffer of the host; -1 where there is no such buffer. */
+static int64_t sbl__host_buffer_bytes(const sbl__device *d, unsigned name) {
+    int64_t size = 0;
+    if (!d->gl.IsBuffer(name)) return -1;
+    d->gl.BindBuffer(SBL__GL_COPY_READ_BUFFER, name);
+    d->gl.GetBufferParameteri64v(SBL__GL_COPY_READ_BUFFER, SBL__GL_BUFFER_SIZE, &size);
+    return size;
+}
+
+static sbl_result sbl__host_buffer_read(const sbl__device *d, unsigned name, size_t offset, size_t bytes, void *out) {
+    d->gl.BindBuffer(SBL__GL_COPY_READ_BUFFER, name);
+    d->gl.GetBufferSubData(SBL__GL_COPY_READ_BUFFER, (ptrdiff_t)offset, (ptrdiff_t)bytes, out);
+    return sbl__gl_check(&d->gl);
+}
+
+static int sbl__host_texture_exists(const sbl__device *d, unsigned name) { return d->gl.IsTexture(name) != 0; }
+
+/* Of level 0; GL errors where it is no GL_TEXTURE_2D. */
+static sbl_result sbl__host_texture_size(const sbl__device *d, unsigned name, int size[2]) {
+    const sbl__gl *gl = &d->gl;
+    gl->ActiveTexture(SBL__GL_TEXTURE0);
+    gl->BindTexture(SBL__GL_TEXTURE_2D, name);
+    gl->GetTexLevelParameteriv(SBL__GL_TEXTURE_2D, 0, SBL__GL_TEXTURE_WIDTH, &size[0]);
+    gl->GetTexLevelParameteriv(SBL__GL_TEXTURE_2D, 0, SBL__GL_TEXTURE_HEIGHT, &size[1]);
+    return sbl__gl_check(gl);
+}
+
+/* >>glsl fullscreen_vertex: shaders_embedded/fullscreen_vertex.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_fullscreen_vertex[] = {
+"// One triangle that covers the viewport; drawn with three vertices and no buffers.\n",
+"void main() { gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0, 1); }\n",
+0 };
+/* <<glsl */
+
+/* >>glsl copy: shaders_embedded/copy.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_copy[] = {
+"// Reads a host's texture as sampling it gives it: sRGB decoded, swizzled.\n",
+"uniform sampler2D source;\n",
+"layout(location = 0) out vec4 out_color;\n",
+"\n",
+"void main() { out_color = texelFetch(source, ivec2(gl_FragCoord.xy), 0); }\n",
+0 };
+/* <<glsl */
+
+static const sbl__recipe sbl__recipe_copy = {
+    "copy", { sbl__glsl_fullscreen_vertex }, { sbl__glsl_copy }, { NULL }, 0
+};
+
+/* Level 0 of a texture of the host, as sampling gives it: 4 floats a texel. */
+static sbl_result sbl__host_texture_read(sbl__device *d, unsigned name, const int size[2], float *out) {
+    const sbl__gl *gl = &d->gl;
+    const sbl__texture *color;
+    sbl__texture texture;
+    sbl__target target;
+    unsigned sampler = 0;
+    sbl_result result;
+    memset(&texture, 0, sizeof texture);
+    memset(&target, 0, sizeof target);
+    color = &texture;
+    result = sbl__texture_make(d, &texture, size[0], size[1], SBL__GL_RGBA32F);
+    if (result == SBL_SUCCESS) result = sbl__target_make(d, &target, &color, 1, NULL);
+    if (result == SBL_SUCCESS) result = sbl__use(d, &sbl__recipe_copy, 0);
+    if (result == SBL_SUCCESS) {
+        sbl__bind_to(d, "source", SBL__GL_TEXTURE_2D, name);
+        /* a sampler of its own makes the texture complete where it has level 0 only and GL's default filter, which asks
+           for mip maps */
+        sampler = sbl__name_make(d, gl->GenSamplers);
+        if (!sampler) result = SBL_ERROR_GL;
+    }
+    if (result == SBL_SUCCESS) {
+        gl->SamplerParameteri(sampler, SBL__GL_TEXTURE_MIN_FILTER, SBL__GL_NEAREST);
+        gl->SamplerParameteri(sampler, SBL__GL_TEXTURE_MAG_FILTER, SBL__GL_NEAREST);
+        gl->BindSampler(0, sampler);
+        sbl__pass(d, &target, NULL, NULL, 0);
+        sbl__draw_screen(d);
+        result = sbl__target_read(d, &target, 0, 0, size[1], out);
+        gl->BindSampler(0, 0);
+        gl->DeleteSamplers(1, &sampler);
+    }
+    sbl__target_delete(d, &target);
+    sbl__texture_delete(d, &texture);
+    return result;
+}
+
+/* Lets the host draw into the pass's viewport and scissor; forces all state again afterwards. */
+static void sbl__host_draw(const sbl__device *d, sbl_draw_function draw, const sbl_draw_view *view, void *user) {
+    draw(view, user);
+    sbl__guard_force(&d->gl);
+}
+
+/* >>device: time. Work runs in pieces: loops on the CPU look at the clock now and then, and what goes to the GPU is cut
+   by how long the last submissions of its kind took. Neither ever changes a result. */
+
+/* What one call of sbl_step may take. */
+typedef struct sbl__slice {
+    double end;      /* when it is over, in sbl__now's seconds */
+    double longest;  /* of one submission, seconds */
+    int turns;       /* of loops on the CPU, since the clock was looked at */
+} sbl__slice;
+
+#define SBL__CLOCK_TURNS 64
+
+/* For every turn of a loop on the CPU: is the slice over? */
+static int sbl__late(sbl__slice *s) {
+    if (++s->turns < SBL__CLOCK_TURNS) return 0;
+    s->turns = 0;
+    return sbl__now() >= s->end;
+}
+
+/* How fast work of one kind goes. */
+typedef struct sbl__pace { double rate, start; } sbl__pace;
+
+#define SBL__PACE_MARGIN 0.8   /* share of the time that a submission aims at: some are slower than the last ones were */
+#define SBL__PACE_RISE 0.5     /* share of the way to a higher rate that is taken at once */
+#define SBL__PACE_LEAST 0.001  /* seconds that one aims at in any case: less costs more in waiting than it gives */
+
+/* Units that the slice has time for, and at least `least`; `first` of them while nothing is known. */
+static double sbl__pace_begin(sbl__pace *p, const sbl__slice *s, double first, double least) {
+    double seconds;
+    p->start = sbl__now();
+    seconds = SBL__MAX(SBL__MIN(s->longest, s->end - p->start), SBL__PACE_LEAST) * SBL__PACE_MARGIN;
+    return SBL__MAX(p->rate > 0 ? seconds * p->rate : first, least);
+}
+
+#define SBL__PACE_PIXELS 16384  /* of a pass over a picture while nothing is known of its pace */
+
+/* Rows of a target from `row` on, for a pass that takes as long for every pixel. */
+static int sbl__pace_rows(sbl__pace *p, const sbl__slice *s, const sbl__target *t, int row) {
+    const double rows = sbl__pace_begin(p, s, SBL__PACE_PIXELS, t->width) / t->width;
+    return rows < t->height - row ? (int)rows : t->height - row;
+}
+
+/* Waits until the GPU has done so many units. Rates fall at once, and rise by halves. */
+static void sbl__pace_end(const sbl__device *d, sbl__pace *p, double units) {
+    double rate;
+    d->gl.Finish();
+    rate = units / SBL__MAX(sbl__now() - p->start, 1e-6);
+    p->rate = p->rate > 0 && rate > p->rate ? p->rate + SBL__PACE_RISE * (rate - p->rate) : rate;
+}
+
+/* >>device: its life */
+
+static sbl_result sbl__device_make(sbl__device *d, sbl__base *base, const sbl_context_desc *desc) {
+    const sbl_result result = sbl__gl_load(&d->gl, base, desc);
+    d->base = base;
+    if (result != SBL_SUCCESS) return result;
+    if (!(d->gl.capabilities.used & SBL_CAPABILITY_CLIP_CONTROL)) d->features |= SBL__WRITE_DEPTH;
+    if (d->gl.capabilities.used & SBL_CAPABILITY_COMPUTE) d->features |= SBL__COMPUTE;
+    return SBL_SUCCESS;
+}
+
+/* Is there a GL that it can be freed in? */
+static int sbl__device_is_made(const sbl__device *d) { return d->gl.GetError && d->gl.capabilities.gl_major; }
+
+/* Makes what all passes share, under the guard. */
+static sbl_result sbl__device_start(sbl__device *d) {
+    d->gl.doing = "making a vertex array";
+    d->empty_array = sbl__name_make(d, d->gl.GenVertexArrays);
+    return d->empty_array ? sbl__gl_check(&d->gl) : SBL_ERROR_GL;
+}
+
+static void sbl__device_free(sbl__device *d) {
+    int i;
+    for (i = 0; i < d->program_count; i++) d->gl.DeleteProgram(d->programs[i].id);
+    sbl__array_delete(d, &d->empty_array);
+}
+
+/* ======================================================================================================== >>check
+   Descriptors, field by field: every mistake is logged with its place, name and value, and what to change. */
+
+typedef struct sbl__check {
+    const sbl__base *base;
+    const sbl__device *device;  /* that knows the host's buffers and textures; NULL where none are named */
+    sbl_log_item item;          /* of the mistakes */
+    int mistakes;
+} sbl__check;
+
+static void sbl__check_start(sbl__check *check, const sbl__base *base, const sbl__device *device, sbl_log_item item) {
+    check->base = base;
+    check->device = device;
+    check->item = item;
+    check->mistakes = 0;
+}
+
+static void sbl__mistake(sbl__check *check, const char *format, ...) {
+    char text[512];
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(text, sizeof text, format, arguments);
+    va_end(arguments);
+    check->mistakes++;
+    sbl__log(check->base, SBL_LOG_ERROR, check->item, "%s", text);
+}
+
+static sbl_result sbl__check_end(const sbl__check *check) {
+    return check->mistakes ? SBL_ERROR_INVALID_ARGUMENT : SBL_SUCCESS;
+}
+
+/* Was the struct zeroed before use? */
+static int sbl__check_canaries(sbl__check *check, const char *name, uint32_t start, uint32_t end) {
+    if (start == 0 && end == 0) return 1;
+    sbl__mistake(check, "%s: start_canary is 0x%x, end_canary 0x%x; zero the whole struct before use", name, start,
+                 end);
+    return 0;
+}
+
+/* where: such as "light 3". Three numbers that must be finite and not negative. */
+static void sbl__check_color(sbl__check *check, const char *where, const char *name, const float color[3]) {
+    int k;
+    for (k = 0; k < 3; k++)
+        if (!(color[k] >= 0.0f && sbl__finite(color[k])))
+            sbl__mistake(check, "%s: %s[%d] is %g; it must be finite and not negative", where, name, k,
+                         (double)color[k]);
+}
+
+static void sbl__check_finite(sbl__check *check, const char *where, const char *name, const float *v, int count) {
+    int k;
+    for (k = 0; k < count; k++)
+        if (!sbl__finite(v[k]))
+            sbl__mistake(check, "%s: %s[%d] is %g; it must be finite", where, name, k, (double)v[k]);
+}
+
+/* An array of a descriptor: the name and value of its count. */
+static void sbl__check_array(sbl__check *check, const char *where, const char *name, int count, const void *array) {
+    if (count < 0 || (count > 0 && !array))
+        sbl__mistake(check, "%s: %s is %d, and its array is %s", where, name, count, array ? "given" : "NULL");
+}
+
+/* low <= x <= high, where low and high stand in words. */
+static void sbl__check_int(sbl__check *check, const char *where, const char *name, int x, const int range[2]) {
+    if (x < range[0] || x > range[1])
+        sbl__mistake(check, "%s: %s is %d; it must be %d to %d", where, name, x, range[0], range[1]);
+}
+
+/* >>check: meshes */
+
+static const struct { int bytes; double scale; } sbl__types[SBL_TYPE_COUNT] = {
+    { 4, 1 }, { 2, 1 }, { 1, 1 / 255.0 }, { 2, 1 / 65535.0 }, { 1, 1 / 127.0 }, { 2, 1 / 32767.0 },
+    { 1, 1 }, { 2, 1 }, { 4, 1 }
+};
+
+static int sbl__stream_present(const sbl_stream *s) { return s->data != NULL || s->gl_buffer != 0; }
+
+static size_t sbl__stream_element(const sbl_stream *s, int components) {
+    return (size_t)sbl__types[s->type].bytes * (size_t)components;
+}
+
+static size_t sbl__stream_stride(const sbl_stream *s, int components) {
+    return s->stride ? s->stride : sbl__stream_element(s, components);
+}
+
+/* A stream of a mesh and what is read from it; indices are whole numbers. */
+typedef struct sbl__stream_use {
+    const char *name;
+    const sbl_stream *stream;
+    int components, count, whole;
+} sbl__stream_use;
+
+/* GL buffers are looked at, not read. */
+static void sbl__check_stream_extent(sbl__check *check, int mesh, const sbl__stream_use *use) {
+    const sbl_stream *s = use->stream;
+    const size_t element = sbl__stream_element(s, use->components), stride = sbl__stream_stride(s, use->components);
+    const double needed = (double)s->offset + (double)stride * (use->count - 1) + (double)element;
+    double size;
+    if (stride < element) {
+        sbl__mistake(check, "mesh %d: %s.stride is %.0f, less than the %.0f bytes of an element", mesh, use->name,
+                     (double)stride, (double)element);
+        return;
+    }
+    if (use->count <= 0) return;
+    if ((size_t)use->count - 1 > (SIZE_MAX / 2 - element) / stride || s->offset > SIZE_MAX / 2) {
+        sbl__mistake(check, "mesh %d: %s.offset %.0f and stride %.0f reach past the address space with %d elements",
+                     mesh, use->name, (double)s->offset, (double)stride, use->count);
+        return;
+    }
+    if (!s->gl_buffer) return;
+    size = SBL__MAX(0.0, (double)sbl__host_buffer_bytes(check->device, s->gl_buffer));
+    if (size < needed)
+        sbl__mistake(check, "mesh %d: %s.gl_buffer %u holds %.0f bytes, %d elements from offset %.0f need %.0f", mesh,
+                     use->name, s->gl_buffer, size, use->count, (double)s->offset, needed - (double)s->offset);
+}
+
+static void sbl__check_stream(sbl__check *check, int mesh, const sbl__stream_use *use) {
+    const sbl_stream *s = use->stream;
+    const int type = (int)s->type;
+    if (!sbl__stream_present(s)) return;
+    if (s->data && s->gl_buffer)
+        sbl__mistake(check, "mesh %d: %s.data and %s.gl_buffer (%u) are both set; give one", mesh, use->name, use->name,
+                     s->gl_buffer);
+    if (type < 0 || type >= SBL_TYPE_COUNT || (type >= (int)SBL_UINT8) != use->whole) {
+        sbl__mistake(check, "mesh %d: %s.type is %d; %s", mesh, use->name, type,
+                     use->whole ? "indices are SBL_UINT8, SBL_UINT16 or SBL_UINT32" : "use a float or normalised type");
+        return;
+    }
+    if (s->type == SBL_UINT8_NORM && use->components == 3)
+        sbl__mistake(check, "mesh %d: %s.type is %d, SBL_UINT8_NORM; it is for colours and texture coordinates only",
+                     mesh, use->name, type);
+    sbl__check_stream_extent(check, mesh, use);
+}
+
+static void sbl__check_transform(sbl__check *check, int mesh, const float m[16]) {
+    int i;
+    for (i = 0; i < 16; i++)
+        if (!sbl__finite(m[i])) {
+            sbl__mistake(check, "mesh %d: transform[%d] is %g; it must be finite", mesh, i, (double)m[i]);
+            return;
+        }
+    if (!sbl__all_zero(m, 16) && sbl__affine_determinant(m) == 0)
+        sbl__mistake(check, "mesh %d: transform is singular or not affine (its last row is %g %g %g %g, its "
+                     "determinant %g); it must be invertible with last row 0 0 0 1", mesh, (double)m[3], (double)m[7],
+                     (double)m[11], (double)m[15], sbl__affine_determinant(m));
+}
+
+static void sbl__check_mesh(sbl__check *check, const sbl_scene_desc *desc, int number) {
+    const sbl_mesh *m = &desc->meshes[number];
+    const sbl__stream_use streams[5] = {
+        { "positions", &m->positions, 3, m->vertex_count, 0 }, { "normals", &m->normals, 3, m->vertex_count, 0 },
+        { "texcoords", &m->texcoords, 2, m->vertex_count, 0 }, { "colors", &m->colors, 4, m->vertex_count, 0 },
+        { "indices", &m->indices, 1, m->index_count, 1 }
+    };
+    const int indexed = sbl__stream_present(&m->indices);
+    int i;
+    if (m->vertex_count < 0) {
+        sbl__mistake(check, "mesh %d: vertex_count is %d; it cannot be negative", number, m->vertex_count);
+        return;
+    }
+    if (m->vertex_count > 0 && !sbl__stream_present(&m->positions))
+        sbl__mistake(check, "mesh %d: positions are missing (data and gl_buffer are both 0) for vertex_count %d",
+                     number, m->vertex_count);
+    for (i = 0; i < 4; i++) sbl__check_stream(check, number, &streams[i]);
+    if (indexed && (m->index_count < 0 || m->index_count % 3 != 0))
+        sbl__mistake(check, "mesh %d: index_count is %d; it must be a multiple of 3", number, m->index_count);
+    else if (indexed) sbl__check_stream(check, number, &streams[4]);
+    else if (m->vertex_count % 3 != 0)
+        sbl__mistake(check, "mesh %d: vertex_count is %d; without indices it must be a multiple of 3", number,
+                     m->vertex_count);
+    sbl__check_transform(check, number, m->transform);
+    if (m->material < 0 || m->material >= desc->material_count)
+        sbl__mistake(check, "mesh %d: material is %d; the scene has %d", number, m->material, desc->material_count);
+}
+
+/* >>check: materials and textures */
+
+static void sbl__check_material(sbl__check *check, const sbl_scene_desc *desc, int number) {
+    const sbl_material *m = &desc->materials[number];
+    const int textures[2] = { m->albedo_texture, m->emission_texture };
+    char where[32];
+    int i;
+    snprintf(where, sizeof where, "material %d", number);
+    for (i = 0; i < 3; i++)
+        if (!(m->albedo[i] >= 0.0f && m->albedo[i] <= 1.0f))
+            sbl__mistake(check, "%s: albedo[%d] is %g; it must be 0 to 1", where, i, (double)m->albedo[i]);
+    sbl__check_color(check, where, "emission", m->emission);
+    for (i = 0; i < 2; i++)
+        if (textures[i] < 0 || textures[i] > desc->texture_count)
+            sbl__mistake(check, "%s: %s_texture is %d; it must be 0 (none) to %d", where, i ? "emission" : "albedo",
+                         textures[i], desc->texture_count);
+    if (!(m->alpha_cutoff >= 0.0f && m->alpha_cutoff <= 1.0f))
+        sbl__mistake(check, "%s: alpha_cutoff is %g; it must be 0 to 1", where, (double)m->alpha_cutoff);
+    if (m->flags & ~(uint32_t)SBL_MATERIAL_FLAGS_ALL)
+        sbl__mistake(check, "%s: flags is 0x%x; only the bits 0x%x exist", where, m->flags,
+                     (unsigned)SBL_MATERIAL_FLAGS_ALL);
+}
+
+static int sbl__texture_channels(const sbl_texture *t) { return t->channels ? t->channels : 4; }
+
+static size_t sbl__texture_texel(const sbl_texture *t) {
+    return (size_t)sbl__texture_channels(t) * (t->format == SBL_PIXELS_FLOAT ? 4u : 1u);
+}
+
+static size_t sbl__texture_stride(const sbl_texture *t, int width) {
+    return t->stride ? t->stride : (size_t)width * sbl__texture_texel(t);
+}
+
+/* Pixels in client memory, of at most `most` a side. where: such as "texture 2"; prefix: "", or "picture." */
+static void sbl__check_pixels(sbl__check *check, const char *where, const char *prefix, const sbl_texture *t,
+                              int most) {
+    if (t->channels < 0 || t->channels > 4) {
+        sbl__mistake(check, "%s: %schannels is %d; it must be 1 to 4, or 0 for 4", where, prefix, t->channels);
+        return;
+    }
+    if (t->width < 1 || t->height < 1 || t->width > most || t->height > most)
+        sbl__mistake(check, "%s: %ssize is %d x %d; both must be 1 to %d", where, prefix, t->width, t->height, most);
+    else if (t->stride && t->stride < (size_t)t->width * sbl__texture_texel(t))
+        sbl__mistake(check, "%s: %sstride is %.0f, less than a row's %.0f bytes", where, prefix, (double)t->stride,
+                     (double)t->width * (double)sbl__texture_texel(t));
+    else if (t->stride > SIZE_MAX / 4 / (size_t)t->height)
+        sbl__mistake(check, "%s: %sstride is %.0f; %d rows of it reach past the address space", where, prefix,
+                     (double)t->stride, t->height);
+}
+
+static int sbl__check_format(sbl__check *check, const char *where, const char *prefix, const sbl_texture *t) {
+    if ((int)t->format >= 0 && (int)t->format < SBL_PIXEL_FORMAT_COUNT) return 1;
+    sbl__mistake(check, "%s: %sformat is %d; it must be 0 to %d", where, prefix, (int)t->format,
+                 SBL_PIXEL_FORMAT_COUNT - 1);
+    return 0;
+}
+
+#define SBL__TEXTURE_MOST 65536  /* pixels a side */
+
+static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, int index) {
+    const sbl_texture *t = &desc->textures[index];
+    char where[32];
+    snprintf(where, sizeof where, "texture %d", index + 1);  /* as materials count them */
+    if (!sbl__check_format(check, where, "", t)) return;
+    if ((int)t->wrap < 0 || (int)t->wrap >= SBL_WRAP_COUNT)
+        sbl__mistake(check, "%s: wrap is %d; it must be 0 to %d", where, (int)t->wrap, SBL_WRAP_COUNT - 1);
+    if (t->pixels && t->gl_texture)
+        sbl__mistake(check, "%s: pixels and gl_texture (%u) are both set; give one", where, t->gl_texture);
+    else if (!t->pixels && !t->gl_texture)
+        sbl__mistake(check, "%s: pixels and gl_texture are both 0; a texture needs pixels", where);
+    else if (t->gl_texture) {
+        if (!sbl__host_texture_exists(check->device, t->gl_texture))
+            sbl__mistake(check, "%s: gl_texture %u is not a texture of the current GL context", where, t->gl_texture);
+        return;
+    }
+    sbl__check_pixels(check, where, "", t, SBL__TEXTURE_MOST);
+}
+
+/* >>check: lights and the environment */
+
+#define SBL__CONE(light) ((light)->cone > 0.0f ? (light)->cone : 90.0f)
+#define SBL__SKY_MOST 16384  /* texels across the environment's picture: lamps keep 15 bits for each coordinate */
+
+static void sbl__check_light(sbl__check *check, const sbl_light *l, int number) {
+    const int near = l->kind != SBL_LIGHT_DIRECTIONAL;
+    char where[32];
+    snprintf(where, sizeof where, "light %d", number);
+    if ((int)l->kind < 0 || (int)l->kind >= SBL_LIGHT_KIND_COUNT) {
+        sbl__mistake(check, "%s: kind is %d; it must be 0 to %d", where, (int)l->kind, SBL_LIGHT_KIND_COUNT - 1);
+        return;
+    }
+    sbl__check_color(check, where, "intensity", l->intensity);
+    if (near) sbl__check_finite(check, where, "position", l->position, 3);
+    if (l->kind != SBL_LIGHT_POINT) {
+        sbl__check_finite(check, where, "direction", l->direction, 3);
+        if (sbl__all_zero(l->direction, 3))
+            sbl__mistake(check, "%s: direction is 0 0 0; it must point the way the light goes", where);
+    }
+    if (near && !(l->radius >= 0.0f && sbl__finite(l->radius)))
+        sbl__mistake(check, "%s: radius is %g; it must be finite and not negative", where, (double)l->radius);
+    if (!near && !(l->angle >= 0.0f && l->angle <= 180.0f))
+        sbl__mistake(check, "%s: angle is %g; it must be 0 to 180 degrees", where, (double)l->angle);
+    if (l->kind != SBL_LIGHT_SPOT) return;
+    if (!(l->cone >= 0.0f && l->cone <= 180.0f))
+        sbl__mistake(check, "%s: cone is %g; it must be 0 to 180 degrees", where, (double)l->cone);
+    else if (!(l->inner_cone >= 0.0f && l->inner_cone <= SBL__CONE(l)))
+        sbl__mistake(check, "%s: inner_cone is %g; it must be 0 to the cone's %g degrees", where, (double)l->inner_cone,
+                     (double)SBL__CONE(l));
+}
+
+static void sbl__check_environment(sbl__check *check, const sbl_environment *e) {
+    const sbl_texture *t = &e->picture;
+    const char *where = "environment";
+    if (t->gl_texture)
+        sbl__mistake(check, "%s: picture.gl_texture is %u; give pixels in client memory", where, t->gl_texture);
+    if (t->pixels && e->radiance)
+        sbl__mistake(check, "%s: picture.pixels and radiance are both set; give one", where);
+    if (sbl__check_format(check, where, "picture.", t) && (t->pixels || t->width || t->height || t->channels)) {
+        if (!t->pixels && !e->radiance && (t->width || t->height))
+            sbl__mistake(check, "%s: picture.pixels and radiance are NULL, the picture's size is %d x %d; give pixels "
+                         "or a function", where, t->width, t->height);
+        if (t->pixels || t->width || t->height) sbl__check_pixels(check, where, "picture.", t, SBL__SKY_MOST);
+        else if (t->channels < 0 || t->channels > 4)
+            sbl__mistake(check, "%s: picture.channels is %d; it must be 1 to 4, or 0 for 4", where, t->channels);
+    }
+    if (!(e->scale >= 0.0f && sbl__finite(e->scale)))
+        sbl__mistake(check, "%s: scale is %g; it must be finite and not negative", where, (double)e->scale);
+    if (!sbl__finite(e->rotation))
+        sbl__mistake(check, "%s: rotation is %g; it must be finite", where, (double)e->rotation);
+    sbl__check_finite(check, where, "up", e->up, 3);
+}
+
+/* >>check: whole descriptors */
+
+static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *desc) {
+    const char *where = "sbl_scene_desc";
+    sbl__check check;
+    int i, k;
+    sbl__check_start(&check, d->base, d, SBL_LOG_ITEM_INVALID_SCENE_DESC);
+    if (!sbl__check_canaries(&check, where, desc->start_canary, desc->end_canary)) return sbl__check_end(&check);
+    sbl__check_array(&check, where, "mesh_count", desc->mesh_count, desc->meshes);
+    sbl__check_array(&check, where, "material_count", desc->material_count, desc->materials);
+    sbl__check_array(&check, where, "texture_count", desc->texture_count, desc->textures);
+    sbl__check_array(&check, where, "light_count", desc->light_count, desc->lights);
+    sbl__check_color(&check, where, "sky", desc->sky);
+    for (i = 0; desc->draw && i < 6; i++) {
+        const float low = desc->draw_bounds[0][i % 3], x = desc->draw_bounds[i / 3][i % 3];
+        if (!sbl__finite(x) || low > desc->draw_bounds[1][i % 3])
+            sbl__mistake(&check, "%s: draw_bounds[%d][%d] is %g; bounds must be finite, lowest corner first", where,
+                         i / 3, i % 3, (double)x);
+    }
+    if (!(desc->draw_max_radiance >= 0.0f && sbl__finite(desc->draw_max_radiance)))
+        sbl__mistake(&check, "%s: draw_max_radiance is %g; it must be finite and not negative", where,
+                     (double)desc->draw_max_radiance);
+    check.item = SBL_LOG_ITEM_INVALID_LIGHT;
+    for (i = 0; desc->lights && i < desc->light_count; i++) sbl__check_light(&check, &desc->lights[i], i);
+    sbl__check_environment(&check, &desc->environment);
+    check.item = SBL_LOG_ITEM_INVALID_MESH;
+    for (i = 0; desc->meshes && i < desc->mesh_count; i++) sbl__check_mesh(&check, desc, i);
+    check.item = SBL_LOG_ITEM_INVALID_MATERIAL;
+    for (i = 0; desc->materials && i < desc->material_count; i++) sbl__check_material(&check, desc, i);
+    check.item = SBL_LOG_ITEM_INVALID_TEXTURE;
+    for (k = 0; desc->textures && k < desc->texture_count; k++) sbl__check_texture(&check, desc, k);
+    return sbl__check_end(&check);
+}
+
+static sbl_result sbl__check_context(const sbl__base *base, const sbl_context_desc *d) {
+    static const int atlas_sizes[2] = { 256, 16384 };
+    const char *where = "sbl_context_desc";
+    sbl__check check;
+    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_CONTEXT_DESC);
+    if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
+    if (!d->allocator.alloc != !d->allocator.free)
+        sbl__mistake(&check, "%s: allocator.%s is NULL; give both functions or none", where,
+                     d->allocator.alloc ? "free" : "alloc");
+    if (d->disabled & ~(uint32_t)SBL_CAPABILITY_ALL)
+        sbl__mistake(&check, "%s: disabled is 0x%x; only the bits 0x%x exist", where, d->disabled,
+                     (unsigned)SBL_CAPABILITY_ALL);
+    if (d->atlas_size) sbl__check_int(&check, where, "atlas_size", d->atlas_size, atlas_sizes);
+    if (d->batch < 0) sbl__mistake(&check, "%s: batch is %d; it cannot be negative", where, d->batch);
+    if (!(d->longest_submission >= 0.0f && sbl__finite(d->longest_submission)))
+        sbl__mistake(&check, "%s: longest_submission is %g; it must be finite and not negative", where,
+                     (double)d->longest_submission);
+    return sbl__check_end(&check);
+}
+
+/* How sensors see, as pictures and gathers ask for it. */
+typedef struct sbl__seeing {
+    sbl_mode mode;
+    sbl_preset preset;
+    sbl_sensor_kind sensor_kind;
+    sbl_backend backend;
+    int rays, sensor_size;
+    float sensor_fov, epsilon;
+    uint32_t seed;
+} sbl__seeing;
+
+#define SBL__SEEING(d) { (d)->mode, (d)->preset, (d)->sensor_kind, (d)->backend, (d)->rays, (d)->sensor_size, \
+                         (d)->sensor_fov, (d)->epsilon, (d)->seed }
+
+/* host_draws: the scene has a draw callback. */
+static void sbl__check_seeing(sbl__check *check, const char *where, const sbl__seeing *s, int host_draws) {
+    static const int modes[2] = { 0, SBL_MODE_COUNT - 1 }, presets[2] = { 0, SBL_PRESET_COUNT - 1 };
+    static const int kinds[2] = { 0, SBL_SENSOR_KIND_COUNT - 1 }, backends[2] = { 0, SBL_BACKEND_COUNT - 1 };
+    static const int rays[2] = { 1, 4096 }, sizes[2] = { 4, 512 };
+    sbl__check_int(check, where, "mode", (int)s->mode, modes);
+    sbl__check_int(check, where, "preset", (int)s->preset, presets);
+    sbl__check_int(check, where, "sensor_kind", (int)s->sensor_kind, kinds);
+    if (s->mode == SBL_MODE_PAPER && s->sensor_kind == SBL_SENSOR_HEMICUBE)
+        sbl__mistake(check, "%s: sensor_kind is SBL_SENSOR_HEMICUBE in SBL_MODE_PAPER; the paper's sensor is "
+                     "SBL_SENSOR_SINGLE", where);
+    sbl__check_int(check, where, "backend", (int)s->backend, backends);
+    if (s->backend == SBL_BACKEND_TRACE &&
+        (s->mode == SBL_MODE_PAPER || s->sensor_kind == SBL_SENSOR_SINGLE || host_draws))
+        sbl__mistake(check, "%s: backend is SBL_BACKEND_TRACE %s; use SBL_BACKEND_AUTO or SBL_BACKEND_RASTER", where,
+                     host_draws ? "in a scene with a draw callback" : "with the paper's single view");
+    sbl__check_int(check, where, "rays", s->rays, rays);
+    sbl__check_int(check, where, "sensor_size", s->sensor_size, sizes);
+    if (!(s->sensor_fov >= 1.0f && s->sensor_fov <= 179.0f))
+        sbl__mistake(check, "%s: sensor_fov is %g; it must be 1 to 179 degrees", where, (double)s->sensor_fov);
+    if (!(s->epsilon >= 0.0f && sbl__finite(s->epsilon)))
+        sbl__mistake(check, "%s: epsilon is %g; it must be finite and not negative", where, (double)s->epsilon);
+}
+
+static void sbl__check_camera(sbl__check *check, const char *where, const sbl_picture_desc *d) {
+    const float *v = d->world_to_view, *m = d->view_to_clip;
+    int rigid = v[3] == 0.0f && v[7] == 0.0f && v[11] == 0.0f && v[15] == 1.0f, perspective, orthographic, i, k;
+    sbl__check_finite(check, where, "world_to_view", v, 16);
+    for (i = 0; i < 3; i++)
+        for (k = 0; k < 3; k++)
+            if (fabs((double)v[i] * v[k] + (double)v[4 + i] * v[4 + k] + (double)v[8 + i] * v[8 + k] - (i == k)) > 1e-3)
+                rigid = 0;
+    if (sbl__all_finite(v, 16) && (!rigid || sbl__affine_determinant(v) < 0))
+        sbl__mistake(check, "%s: world_to_view is not rigid (a rotation and a translation, column-major); sbl_look_at "
+                     "makes one", where);
+    sbl__check_finite(check, where, "view_to_clip", m, 16);
+    if (!sbl__all_finite(m, 16) || d->width <= 0 || d->height <= 0) return;  /* no default projection without a size */
+    perspective = m[3] == 0.0f && m[7] == 0.0f && m[11] < 0.0f && m[15] == 0.0f && m[12] == 0.0f && m[13] == 0.0f;
+    orthographic = m[3] == 0.0f && m[7] == 0.0f && m[11] == 0.0f && m[15] == 1.0f && m[8] == 0.0f && m[9] == 0.0f;
+    if (!(perspective || orthographic) || m[0] == 0.0f || m[5] == 0.0f || m[1] != 0.0f || m[4] != 0.0f)
+        sbl__mistake(check, "%s: view_to_clip is neither a perspective nor an orthographic projection (column-major, "
+                     "looking down -z; its last row is %g %g %g %g); sbl_perspective makes one", where, (double)m[3],
+                     (double)m[7], (double)m[11], (double)m[15]);
+}
+
+/* d has its defaults filled in; `given` is what the host wrote, or NULL. host_draws: the scene has a draw callback. */
+static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_desc *given, const sbl_picture_desc *d,
+                                     int host_draws) {
+    static const int sizes[2] = { 1, 16384 }, tiles[2] = { 1, 1024 }, samples[2] = { 1, 64 };
+    const char *where = "sbl_picture_desc";
+    const sbl__seeing seeing = SBL__SEEING(d);
+    sbl__check check;
+    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_PICTURE_DESC);
+    if (given && !sbl__check_canaries(&check, where, given->start_canary, given->end_canary))
+        return sbl__check_end(&check);
+    sbl__check_int(&check, where, "width", d->width, sizes);
+    sbl__check_int(&check, where, "height", d->height, sizes);
+    sbl__check_seeing(&check, where, &seeing, host_draws);
+    sbl__check_int(&check, where, "tile", d->tile, tiles);
+    if (!(d->threshold > 0.0f && sbl__finite(d->threshold)))
+        sbl__mistake(&check, "%s: threshold is %g; it must be positive and finite", where, (double)d->threshold);
+    if (!(d->facet_limit >= 0.0f && sbl__finite(d->facet_limit)))
+        sbl__mistake(&check, "%s: facet_limit is %g; it must be 0 or more, and finite", where, (double)d->facet_limit);
+    if (d->filter_radius > 32)
+        sbl__mistake(&check, "%s: filter_radius is %d; it must be at most 32", where, d->filter_radius);
+    sbl__check_int(&check, where, "samples", d->samples, samples);
+    sbl__check_camera(&check, where, d);
+    return sbl__check_end(&check);
+}
+
+#define SBL__SITES_NAMED 16  /* of wrong sites so many are named, the others counted */
+
+/* Returns 1 where the site is fit for use; names what is wrong with it where `named`. */
+static int sbl__check_site(sbl__check *check, const sbl_site *s, int number, int named) {
+    const int good = sbl__all_finite(s->position, 3) && sbl__all_finite(s->normal, 3) &&
+                     !sbl__all_zero(s->normal, 3) && sbl__all_finite(s->geometric_normal, 3) && sbl__finite(s->offset);
+    char where[32];
+    if (good || !named) return good;
+    snprintf(where, sizeof where, "site %d", number);
+    sbl__check_finite(check, where, "position", s->position, 3);
+    sbl__check_finite(check, where, "normal", s->normal, 3);
+    if (sbl__all_zero(s->normal, 3))
+        sbl__mistake(check, "%s: normal is 0 0 0; it must point to the side that the light comes from", where);
+    sbl__check_finite(check, where, "geometric_normal", s->geometric_normal, 3);
+    sbl__check_finite(check, where, "offset", &s->offset, 1);
+    return 0;
+}
+
+/* The same for a gather. */
+static sbl_result sbl__check_gather(const sbl__base *base, const sbl_gather_desc *given, const sbl_gather_desc *d,
+                                    int host_draws) {
+    const char *where = "sbl_gather_desc";
+    const sbl__seeing seeing = SBL__SEEING(d);
+    sbl__check check;
+    int i, wrong = 0;
+    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_GATHER_DESC);
+    if (given && !sbl__check_canaries(&check, where, given->start_canary, given->end_canary))
+        return sbl__check_end(&check);
+    sbl__check_seeing(&check, where, &seeing, host_draws);
+    sbl__check_array(&check, where, "site_count", d->site_count, d->sites);
+    if (!d->readings && d->site_count > 0)
+        sbl__mistake(&check, "%s: readings is NULL; it receives site_count readings", where);
+    for (i = 0; d->sites && i < d->site_count; i++)
+        wrong += !sbl__check_site(&check, &d->sites[i], i, wrong < SBL__SITES_NAMED);
+    if (wrong > SBL__SITES_NAMED)
+        sbl__mistake(&check, "%s: and %d sites more are as wrong", where, wrong - SBL__SITES_NAMED);
+    return sbl__check_end(&check);
+}
+
+/* ======================================================================================================== >>geometry
+   Meshes: read from the host's streams, validated, converted into a handful of arrays that stand on the GPU as tables.
+
+       positions   a vertex: where it is in the world, its mesh
+       attributes  a vertex: normal, texture coordinates, colour
+       indices     three vertex numbers a triangle; triangle t of mesh m stands at meshes[m].first_triangle + t
+       objects     a mesh: its material                                                                           */
+
+#define SBL__VERTEX(X) X(sbl__vertex, VEC3, position) X(sbl__vertex, UINT, object)
+SBL__RECORD(sbl__vertex, SBL__VERTEX, "sbl_vertex", "sbl_positions", SBL__SCENE_TABLE("sbl_positions"), NULL)
+
+/* colours: 16 bits a component */
+#define SBL__ATTRIBUTES(X) \
+    X(sbl__attributes, VEC3, normal) X(sbl__attributes, FLOAT, u) \
+    X(sbl__attributes, FLOAT, v) X(sbl__attributes, UINT, color_rg) X(sbl__attributes, UINT, color_ba) \
+    X(sbl__attributes, UINT, unused)
+SBL__RECORD(sbl__attributes, SBL__ATTRIBUTES, "sbl_attributes", "sbl_attributes", SBL__SCENE_TABLE("sbl_attributes"),
+            NULL)
+
+/* textures: first row in the texel store, width, height, kind (see >>textures); all zero: none */
+#define SBL__OBJECT(X) \
+    X(sbl__object, VEC3, albedo) X(sbl__object, FLOAT, alpha_cutoff) \
+    X(sbl__object, VEC3, emission) X(sbl__object, UINT, flags) \
+    X(sbl__object, UVEC4, albedo_texture) X(sbl__object, UVEC4, emission_texture) \
+    X(sbl__object, UINT, id) X(sbl__object, UVEC3, unused)
+SBL__RECORD(sbl__object, SBL__OBJECT, "sbl_object", "sbl_objects", SBL__SCENE_TABLE("sbl_objects"), NULL)
 
 typedef struct sbl__mesh {
     int first_vertex, vertex_count, first_triangle, triangle_count;
     float transform[16];
 } sbl__mesh;
 
-typedef struct sbl__bvh {     /* see >>bvh */
-    uint32_t *nodes;             /* 8 words a node */
-    uint32_t *order;             /* triangle numbers, leaf after leaf */
-    int node_count, triangle_count, depth;
-    float grid_origin[3], grid_per_length[3];
-    double cost;                 /* nodes and triangles that a ray through a node's box meets on average, by the surface-area heuristic: the worst node's */
-    double seconds;
-} sbl__bvh;
-
-typedef struct sbl__scene {
+typedef struct sbl__geometry {
     sbl__mesh *meshes;
     int mesh_count;
     float *positions, *normals;    /* object space, 3 floats a vertex: what sbl_set_mesh_transform starts from */
-    sbl__vertex *vertices;         /* world space, as on the GPU */
-    sbl__attribute *attributes;
+    sbl__vertex *vertices;
+    sbl__attributes *attributes;
     uint32_t *indices;
-    uint32_t *objects;
-    int vertex_count, triangle_count;
-    int textured;                  /* some material has a texture or a cutout, or some mesh vertex colours */
-    float sky[3], max_radiance;    /* highest radiance of any emitter or the sky */
+    sbl__object *objects;
+    int vertex_count, triangle_count, degenerate_count;
+    int colored;                   /* some mesh has vertex colours */
     float bounds[2][3];
-    float extent;                  /* longest distance inside the bounds, plus how far they lie from the origin: sets offsets and depth */
-    sbl_draw_function draw;
-    void *draw_user;
-    float draw_bounds[2][3];
-    sbl__buffer position_buffer, attribute_buffer, index_buffer, object_buffer;
-    sbl__texture position_texels, attribute_texels, index_texels, object_texels;  /* see sbl__texels_make */
-    int wide;                      /* programs are of two kinds, see sbl__scene_programs_make */
-    sbl__texture texels_srgb, texels_float;
-    sbl__bvh bvh;                  /* built when a picture first traces rays; again after a mesh has moved */
-    sbl__buffer node_buffer, triangle_buffer, lamp_buffer;
-    sbl__texture node_texels, triangle_texels, lamp_texels;
-    sbl_light *lights;
-    int light_count;
-    float *sky_pixels;             /* the environment's picture, scaled: r g b; NULL: there is none */
-    int sky_width, sky_height;
-    float sky_axes[3][3];          /* x, up, z of the picture in the world */
-    float sky_limit;               /* radiance from which on a texel is a lamp; 0: there is no picture */
-    sbl__texture sky_texels;
-    float lamp_unit;               /* radiance of about the highest light that lamps give */
-    int lamp_nodes, lamp_leaves;   /* see >>lamps */
-    int bvh_ready;                 /* hierarchy and lamps */
-    unsigned vertex_array;         /* positions, object, uv, colour; the sensors' views come with each batch */
-} sbl__scene;
+    float extent;                  /* longest distance inside the bounds, plus how far they lie from the origin: sets
+                                      offsets and depth */
+    sbl__table position_table, attribute_table, index_table, object_table;
+    unsigned vertex_array;         /* positions, object, texture coordinates, colour */
+    int wide;                      /* the tables are */
+} sbl__geometry;
 
-#define SBL__OBJECT_WORDS 20
-#define SBL__SKY_LIMIT 4  /* mean radiances of the environment: what is brighter is a lamp; rays over the hemisphere meet the rest with little noise */
-#define SBL__TEXEL_STORE_WIDTH 4096
+static void sbl__geometry_free(const sbl__device *d, sbl__geometry *g) {
+    sbl__free(d->base, g->meshes);
+    sbl__free(d->base, g->positions);
+    sbl__free(d->base, g->normals);
+    sbl__free(d->base, g->vertices);
+    sbl__free(d->base, g->attributes);
+    sbl__free(d->base, g->indices);
+    sbl__free(d->base, g->objects);
+    sbl__array_delete(d, &g->vertex_array);
+    sbl__table_delete(d, &g->position_table);
+    sbl__table_delete(d, &g->attribute_table);
+    sbl__table_delete(d, &g->index_table);
+    sbl__table_delete(d, &g->object_table);
+    memset(g, 0, sizeof *g);
+}
 
-static const struct { int bytes; double scale; } sbl__types[SBL_TYPE_COUNT] = {
-    { 4, 1 }, { 2, 1 }, { 1, 1 / 255.0 }, { 2, 1 / 65535.0 }, { 1, 1 / 127.0 }, { 2, 1 / 32767.0 }, { 1, 1 }, { 2, 1 }, { 4, 1 }
-};
+/* >>geometry: reading */
 
 static float sbl__component(const unsigned char *at, sbl_type type) {
-    float f; uint16_t u16; int16_t i16; uint32_t u32;
+    float f;
+    uint16_t u16;
+    int16_t i16;
+    uint32_t u32;
+    int8_t i8;
     switch (type) {
         case SBL_FLOAT32: memcpy(&f, at, 4); return f;
         case SBL_FLOAT16: memcpy(&u16, at, 2); return sbl__from_half(u16);
         case SBL_UINT8_NORM: return (float)(*at * sbl__types[type].scale);
         case SBL_UINT16_NORM: memcpy(&u16, at, 2); return (float)(u16 * sbl__types[type].scale);
-        case SBL_INT8_NORM: { int8_t i8; memcpy(&i8, at, 1); return (float)SBL__MAX(-1.0, i8 * sbl__types[type].scale); }
+        case SBL_INT8_NORM: memcpy(&i8, at, 1); return (float)SBL__MAX(-1.0, i8 * sbl__types[type].scale);
         case SBL_INT16_NORM: memcpy(&i16, at, 2); return (float)SBL__MAX(-1.0, i16 * sbl__types[type].scale);
         case SBL_UINT8: return (float)*at;
         case SBL_UINT16: memcpy(&u16, at, 2); return (float)u16;
@@ -2738,542 +2870,403 @@ static float sbl__component(const unsigned char *at, sbl_type type) {
 }
 
 static uint32_t sbl__index(const unsigned char *at, sbl_type type) {
-    uint16_t u16; uint32_t u32;
+    uint16_t u16;
+    uint32_t u32;
     if (type == SBL_UINT8) return *at;
     if (type == SBL_UINT16) { memcpy(&u16, at, 2); return u16; }
     memcpy(&u32, at, 4);
     return u32;
 }
 
-/* A stream made readable: bytes start at element 0. `copy` is freed by the caller; it holds what came from a GL buffer. */
-typedef struct sbl__reader { const unsigned char *bytes; size_t stride; sbl_type type; void *copy; } sbl__reader;
-
-static int sbl__stream_present(const sbl_stream *s) { return s->data != NULL || s->gl_buffer != 0; }
-static size_t sbl__stream_stride(const sbl_stream *s, int components) { return s->stride ? s->stride : (size_t)sbl__types[s->type].bytes * (size_t)components; }
-
-typedef struct sbl__check { const sbl__base *base; int mistakes; } sbl__check;
-
-#define SBL__MISTAKE(check, item, ...) ((check)->mistakes++, sbl__log((check)->base, SBL_LOG_ERROR, item, __VA_ARGS__))
-
-/* name: the field, as "positions". integer: indices, whose types differ. Reports what is wrong; GL buffers are looked at, not read. */
-static void sbl__check_stream(sbl__check *check, const sbl__gl *gl, int mesh, const char *name, const sbl_stream *s, int components, int count, int integer) {
-    size_t element, stride;
-    if (!sbl__stream_present(s)) return;
-    if (s->data && s->gl_buffer)
-        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: %s.data and %s.gl_buffer (%u) are both set; give one", mesh, name, name, s->gl_buffer);
-    if ((int)s->type < 0 || (int)s->type >= SBL_TYPE_COUNT || (s->type >= SBL_UINT8) != integer) {
-        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: %s.type is %d; %s", mesh, name, (int)s->type,
-                     integer ? "indices are SBL_UINT8, SBL_UINT16 or SBL_UINT32" : "use a float or normalised type");
-        return;
-    }
-    if (s->type == SBL_UINT8_NORM && components == 3)
-        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: %s.type is %d, SBL_UINT8_NORM; it is for colours and texture coordinates only", mesh, name, (int)s->type);
-    element = (size_t)sbl__types[s->type].bytes * (size_t)components;
-    stride = sbl__stream_stride(s, components);
-    if (stride < element)
-        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: %s.stride is %.0f, less than the %.0f bytes of an element", mesh, name, (double)stride, (double)element);
-    else if (count > 0 && ((size_t)count - 1 > (SIZE_MAX / 2 - element) / stride || s->offset > SIZE_MAX / 2))
-        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: %s.offset %.0f and stride %.0f reach past the address space with %d elements", mesh, name,
-                     (double)s->offset, (double)stride, count);
-    else if (s->gl_buffer && count > 0) {
-        int64_t size = 0;
-        if (gl->IsBuffer(s->gl_buffer)) {
-            gl->BindBuffer(SBL__GL_COPY_READ_BUFFER, s->gl_buffer);
-            gl->GetBufferParameteri64v(SBL__GL_COPY_READ_BUFFER, SBL__GL_BUFFER_SIZE, &size);
-        }
-        if ((double)size < (double)s->offset + (double)stride * (count - 1) + (double)element)
-            SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: %s.gl_buffer %u holds %.0f bytes, %d elements from offset %.0f need %.0f", mesh, name,
-                         s->gl_buffer, (double)size, count, (double)s->offset, (double)stride * (count - 1) + (double)element);
-    }
-}
-
-static sbl_result sbl__reader_open(const sbl__gl *gl, sbl__reader *reader, const sbl_stream *s, int components, int count) {
-    size_t bytes;
-    memset(reader, 0, sizeof *reader);
-    if (!sbl__stream_present(s) || count == 0) return SBL_SUCCESS;
-    reader->stride = sbl__stream_stride(s, components);
-    reader->type = s->type;
-    reader->bytes = (const unsigned char *)s->data + s->offset;
-    if (!s->gl_buffer) return SBL_SUCCESS;
-    bytes = reader->stride * ((size_t)count - 1) + (size_t)sbl__types[s->type].bytes * (size_t)components;
-    reader->bytes = (const unsigned char *)(reader->copy = sbl__alloc(gl->base, bytes, 1));
-    if (!reader->copy) return SBL_ERROR_OUT_OF_MEMORY;
-    gl->BindBuffer(SBL__GL_COPY_READ_BUFFER, s->gl_buffer);
-    gl->GetBufferSubData(SBL__GL_COPY_READ_BUFFER, (ptrdiff_t)s->offset, (ptrdiff_t)bytes, reader->copy);
-    return sbl__gl_check(gl, "reading a mesh from a GL buffer");
-}
-
-static void sbl__reader_close(const sbl__gl *gl, sbl__reader *reader) { sbl__free(gl->base, reader->copy); reader->copy = NULL; }
-
-static void sbl__read_element(const sbl__reader *reader, int element, int components, float *out) {
-    const unsigned char *at = reader->bytes + reader->stride * (size_t)element;
-    int i;
-    for (i = 0; i < components; i++) out[i] = sbl__component(at + i * sbl__types[reader->type].bytes, reader->type);
-}
-
-/* Determinant of the linear part; 0 where it is singular or the matrix is not affine. */
-static double sbl__affine_determinant(const float m[16]) {
-    if (m[3] != 0.0f || m[7] != 0.0f || m[11] != 0.0f || m[15] != 1.0f) return 0;
-    return (double)m[0] * ((double)m[5] * m[10] - (double)m[6] * m[9]) - (double)m[4] * ((double)m[1] * m[10] - (double)m[2] * m[9]) +
-           (double)m[8] * ((double)m[1] * m[6] - (double)m[2] * m[5]);
-}
-
-static void sbl__check_transform(sbl__check *check, int mesh, const float m[16]) {
-    int i;
-    for (i = 0; i < 16; i++)
-        if (!sbl__finite(m[i])) { SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: transform[%d] is %g; it must be finite", mesh, i, (double)m[i]); return; }
-    if (!sbl__all_zero(m, 16) && sbl__affine_determinant(m) == 0)
-        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MESH,
-                     "mesh %d: transform is singular or not affine (its last row is %g %g %g %g, its determinant %g); it must be invertible with last row 0 0 0 1",
-                     mesh, (double)m[3], (double)m[7], (double)m[11], (double)m[15], sbl__affine_determinant(m));
-}
-
-static void sbl__check_mesh(sbl__check *check, const sbl__gl *gl, const sbl_scene_desc *desc, int number) {
-    const sbl_mesh *m = &desc->meshes[number];
-    if (m->vertex_count < 0) { SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: vertex_count is %d; it cannot be negative", number, m->vertex_count); return; }
-    if (m->vertex_count > 0 && !sbl__stream_present(&m->positions))
-        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: positions are missing (data and gl_buffer are both 0) for vertex_count %d", number, m->vertex_count);
-    sbl__check_stream(check, gl, number, "positions", &m->positions, 3, m->vertex_count, 0);
-    sbl__check_stream(check, gl, number, "normals", &m->normals, 3, m->vertex_count, 0);
-    sbl__check_stream(check, gl, number, "texcoords", &m->texcoords, 2, m->vertex_count, 0);
-    sbl__check_stream(check, gl, number, "colors", &m->colors, 4, m->vertex_count, 0);
-    if (sbl__stream_present(&m->indices)) {
-        if (m->index_count < 0 || m->index_count % 3 != 0)
-            SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: index_count is %d; it must be a multiple of 3", number, m->index_count);
-        else sbl__check_stream(check, gl, number, "indices", &m->indices, 1, m->index_count, 1);
-    } else if (m->vertex_count % 3 != 0)
-        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: vertex_count is %d; without indices it must be a multiple of 3", number, m->vertex_count);
-    sbl__check_transform(check, number, m->transform);
-    if (m->material < 0 || m->material >= desc->material_count)
-        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: material is %d; the scene has %d", number, m->material, desc->material_count);
-}
-
-static void sbl__check_material(sbl__check *check, const sbl_scene_desc *desc, int number) {
-    const sbl_material *m = &desc->materials[number];
-    int i;
-    for (i = 0; i < 3; i++) {
-        if (!(m->albedo[i] >= 0.0f && m->albedo[i] <= 1.0f))
-            SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MATERIAL, "material %d: albedo[%d] is %g; it must be 0 to 1", number, i, (double)m->albedo[i]);
-        if (!(m->emission[i] >= 0.0f && sbl__finite(m->emission[i])))
-            SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MATERIAL, "material %d: emission[%d] is %g; it must be finite and not negative", number, i, (double)m->emission[i]);
-    }
-    if (m->albedo_texture < 0 || m->albedo_texture > desc->texture_count)
-        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MATERIAL, "material %d: albedo_texture is %d; it must be 0 (none) to %d", number, m->albedo_texture, desc->texture_count);
-    if (m->emission_texture < 0 || m->emission_texture > desc->texture_count)
-        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MATERIAL, "material %d: emission_texture is %d; it must be 0 (none) to %d", number, m->emission_texture, desc->texture_count);
-    if (!(m->alpha_cutoff >= 0.0f && m->alpha_cutoff <= 1.0f))
-        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MATERIAL, "material %d: alpha_cutoff is %g; it must be 0 to 1", number, (double)m->alpha_cutoff);
-    if (m->flags & ~(uint32_t)SBL_MATERIAL_FLAGS_ALL)
-        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_MATERIAL, "material %d: flags is 0x%x; only the bits 0x%x exist", number, m->flags, (unsigned)SBL_MATERIAL_FLAGS_ALL);
-}
-
-#define SBL__CONE(light) ((light)->cone > 0.0f ? (light)->cone : 90.0f)
-#define SBL__MAX_SKY 16384  /* texels across the environment's picture: lamps keep 15 bits for each coordinate */
-
-static int sbl__texture_channels(const sbl_texture *t) { return t->channels ? t->channels : 4; }
-static size_t sbl__texture_texel(const sbl_texture *t) { return (size_t)sbl__texture_channels(t) * (t->format == SBL_PIXELS_FLOAT ? 4u : 1u); }
-
-static void sbl__check_texture(sbl__check *check, const sbl__gl *gl, const sbl_scene_desc *desc, int index) {
-    const sbl_texture *t = &desc->textures[index];
-    int number = index + 1;  /* as materials count them */
-    if ((int)t->format < 0 || (int)t->format >= SBL_PIXEL_FORMAT_COUNT) {
-        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: format is %d; it must be 0 to %d", number, (int)t->format, SBL_PIXEL_FORMAT_COUNT - 1);
-        return;
-    }
-    if ((int)t->wrap < 0 || (int)t->wrap >= SBL_WRAP_COUNT)
-        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: wrap is %d; it must be 0 to %d", number, (int)t->wrap, SBL_WRAP_COUNT - 1);
-    if (t->pixels && t->gl_texture)
-        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: pixels and gl_texture (%u) are both set; give one", number, t->gl_texture);
-    else if (!t->pixels && !t->gl_texture)
-        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: pixels and gl_texture are both 0; a texture needs pixels", number);
-    else if (t->gl_texture) {
-        if (!gl->IsTexture(t->gl_texture))
-            SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: gl_texture %u is not a texture of the current GL context", number, t->gl_texture);
-        return;
-    }
-    if (t->channels < 0 || t->channels > 4)
-        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: channels is %d; it must be 1 to 4, or 0 for 4", number, t->channels);
-    if (t->width < 1 || t->height < 1 || t->width > 65536 || t->height > 65536)
-        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: size is %d x %d; both must be 1 to 65536", number, t->width, t->height);
-    else if (t->channels >= 0 && t->channels <= 4 && t->stride && t->stride < (size_t)t->width * sbl__texture_texel(t))
-        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: stride is %.0f, less than a row's %.0f bytes", number, (double)t->stride, (double)t->width * (double)sbl__texture_texel(t));
-    else if (t->stride > SIZE_MAX / 4 / (size_t)t->height)
-        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: stride is %.0f; %d rows of it reach past the address space", number, (double)t->stride, t->height);
-}
-
-static void sbl__check_light(sbl__check *check, const sbl_light *l, int number) {
-    const int near = l->kind != SBL_LIGHT_DIRECTIONAL;
-    int k;
-    if ((int)l->kind < 0 || (int)l->kind >= SBL_LIGHT_KIND_COUNT) {
-        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_LIGHT, "light %d: kind is %d; it must be 0 to %d", number, (int)l->kind, SBL_LIGHT_KIND_COUNT - 1);
-        return;
-    }
-    for (k = 0; k < 3; k++)
-        if (!(l->intensity[k] >= 0.0f && sbl__finite(l->intensity[k])))
-            SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_LIGHT, "light %d: intensity[%d] is %g; it must be finite and not negative", number, k, (double)l->intensity[k]);
-    for (k = 0; near && k < 3; k++)
-        if (!sbl__finite(l->position[k])) SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_LIGHT, "light %d: position[%d] is %g; it must be finite", number, k, (double)l->position[k]);
-    if (l->kind != SBL_LIGHT_POINT) {
-        for (k = 0; k < 3; k++)
-            if (!sbl__finite(l->direction[k])) SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_LIGHT, "light %d: direction[%d] is %g; it must be finite", number, k, (double)l->direction[k]);
-        if (sbl__all_zero(l->direction, 3)) SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_LIGHT, "light %d: direction is 0 0 0; it must point the way the light goes", number);
-    }
-    if (near && !(l->radius >= 0.0f && sbl__finite(l->radius)))
-        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_LIGHT, "light %d: radius is %g; it must be finite and not negative", number, (double)l->radius);
-    if (!near && !(l->angle >= 0.0f && l->angle <= 180.0f))
-        SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_LIGHT, "light %d: angle is %g; it must be 0 to 180 degrees", number, (double)l->angle);
-    if (l->kind == SBL_LIGHT_SPOT) {
-        if (!(l->cone >= 0.0f && l->cone <= 180.0f)) SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_LIGHT, "light %d: cone is %g; it must be 0 to 180 degrees", number, (double)l->cone);
-        else if (!(l->inner_cone >= 0.0f && l->inner_cone <= SBL__CONE(l)))
-            SBL__MISTAKE(check, SBL_LOG_ITEM_INVALID_LIGHT, "light %d: inner_cone is %g; it must be 0 to the cone's %g degrees", number, (double)l->inner_cone, (double)SBL__CONE(l));
-    }
-}
-
-static void sbl__check_environment(sbl__check *check, const sbl_environment *e) {
-    const sbl_texture *t = &e->picture;
-    const sbl_log_item item = SBL_LOG_ITEM_INVALID_LIGHT;
-    int k;
-    if (t->gl_texture) SBL__MISTAKE(check, item, "environment: picture.gl_texture is %u; give pixels in client memory", t->gl_texture);
-    if (t->pixels && e->radiance) SBL__MISTAKE(check, item, "environment: picture.pixels and radiance are both set; give one");
-    if ((int)t->format < 0 || (int)t->format >= SBL_PIXEL_FORMAT_COUNT)
-        SBL__MISTAKE(check, item, "environment: picture.format is %d; it must be 0 to %d", (int)t->format, SBL_PIXEL_FORMAT_COUNT - 1);
-    else if (t->channels < 0 || t->channels > 4) SBL__MISTAKE(check, item, "environment: picture.channels is %d; it must be 1 to 4, or 0 for 4", t->channels);
-    else if (t->pixels || t->width || t->height) {
-        if (!t->pixels && !e->radiance)
-            SBL__MISTAKE(check, item, "environment: picture.pixels and radiance are NULL, the picture's size is %d x %d; give pixels or a function", t->width, t->height);
-        if (t->width < 1 || t->height < 1 || t->width > SBL__MAX_SKY || t->height > SBL__MAX_SKY)
-            SBL__MISTAKE(check, item, "environment: picture is %d x %d; both must be 1 to %d", t->width, t->height, SBL__MAX_SKY);
-        else if (t->stride && t->stride < (size_t)t->width * sbl__texture_texel(t))
-            SBL__MISTAKE(check, item, "environment: picture.stride is %.0f, less than a row's %.0f bytes", (double)t->stride, (double)t->width * (double)sbl__texture_texel(t));
-        else if (t->stride > SIZE_MAX / 4 / (size_t)t->height)
-            SBL__MISTAKE(check, item, "environment: picture.stride is %.0f; %d rows of it reach past the address space", (double)t->stride, t->height);
-    }
-    if (!(e->scale >= 0.0f && sbl__finite(e->scale))) SBL__MISTAKE(check, item, "environment: scale is %g; it must be finite and not negative", (double)e->scale);
-    if (!sbl__finite(e->rotation)) SBL__MISTAKE(check, item, "environment: rotation is %g; it must be finite", (double)e->rotation);
-    for (k = 0; k < 3; k++)
-        if (!sbl__finite(e->up[k])) SBL__MISTAKE(check, item, "environment: up[%d] is %g; it must be finite", k, (double)e->up[k]);
-}
-
-static sbl_result sbl__check_scene(const sbl__gl *gl, const sbl_scene_desc *desc) {
-    sbl__check check;
+/* Elements of a stream as floats, or where `whole` as 32-bit numbers. The stream has been checked. */
+static sbl_result sbl__stream_read(const sbl__device *d, const sbl__stream_use *use, void *out) {
+    const sbl_stream *s = use->stream;
+    const size_t stride = sbl__stream_stride(s, use->components), element = sbl__stream_element(s, use->components);
+    const size_t bytes = use->count ? stride * ((size_t)use->count - 1) + element : 0;
+    const unsigned char *from = (const unsigned char *)s->data + s->offset;
+    void *copy = NULL;
+    sbl_result result = SBL_SUCCESS;
     int i, k;
-    check.base = gl->base;
-    check.mistakes = 0;
-    if (!SBL__CANARY_OK(desc)) {
-        SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc: start_canary is 0x%x, end_canary 0x%x; zero the whole struct before use", desc->start_canary, desc->end_canary);
-        return SBL_ERROR_INVALID_ARGUMENT;
+    if (s->gl_buffer && bytes) {
+        copy = sbl__alloc_raw(d->base, bytes, 1);
+        if (!copy) return SBL_ERROR_OUT_OF_MEMORY;
+        result = sbl__host_buffer_read(d, s->gl_buffer, s->offset, bytes, copy);
+        from = (const unsigned char *)copy;
     }
-    if (desc->mesh_count < 0 || (desc->mesh_count > 0 && !desc->meshes))
-        SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc: mesh_count is %d with meshes %s", desc->mesh_count, desc->meshes ? "given" : "NULL");
-    if (desc->material_count < 0 || (desc->material_count > 0 && !desc->materials))
-        SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc: material_count is %d with materials %s", desc->material_count, desc->materials ? "given" : "NULL");
-    if (desc->texture_count < 0 || (desc->texture_count > 0 && !desc->textures))
-        SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc: texture_count is %d with textures %s", desc->texture_count, desc->textures ? "given" : "NULL");
-    for (i = 0; i < 3; i++)
-        if (!(desc->sky[i] >= 0.0f && sbl__finite(desc->sky[i])))
-            SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc: sky[%d] is %g; it must be finite and not negative", i, (double)desc->sky[i]);
-    if (desc->draw)
-        for (i = 0; i < 2; i++)
-            for (k = 0; k < 3; k++)
-                if (!sbl__finite(desc->draw_bounds[i][k]) || desc->draw_bounds[0][k] > desc->draw_bounds[1][k])
-                    SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc: draw_bounds[%d][%d] is %g; bounds must be finite, lowest corner first", i, k, (double)desc->draw_bounds[i][k]);
-    if (!(desc->draw_max_radiance >= 0.0f && sbl__finite(desc->draw_max_radiance)))
-        SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc: draw_max_radiance is %g; it must be finite and not negative", (double)desc->draw_max_radiance);
-    if (desc->light_count < 0 || (desc->light_count > 0 && !desc->lights))
-        SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc: light_count is %d with lights %s", desc->light_count, desc->lights ? "given" : "NULL");
-    for (i = 0; desc->lights && i < desc->light_count; i++) sbl__check_light(&check, &desc->lights[i], i);
-    sbl__check_environment(&check, &desc->environment);
-    for (i = 0; desc->meshes && i < desc->mesh_count; i++) sbl__check_mesh(&check, gl, desc, i);
-    for (i = 0; desc->materials && i < desc->material_count; i++) sbl__check_material(&check, desc, i);
-    for (i = 0; desc->textures && i < desc->texture_count; i++) sbl__check_texture(&check, gl, desc, i);
-    return check.mistakes ? SBL_ERROR_INVALID_ARGUMENT : SBL_SUCCESS;
+    for (i = 0; i < use->count && result == SBL_SUCCESS; i++) {
+        const unsigned char *at = from + stride * (size_t)i;
+        if (use->whole) ((uint32_t *)out)[i] = sbl__index(at, s->type);
+        else
+            for (k = 0; k < use->components; k++)
+                ((float *)out)[(size_t)use->components * (size_t)i + (size_t)k] =
+                    sbl__component(at + k * sbl__types[s->type].bytes, s->type);
+    }
+    sbl__free(d->base, copy);
+    return result;
 }
 
-static void sbl__scene_free(const sbl__gl *gl, sbl__scene *s) {
-    sbl__free(gl->base, s->meshes);
-    sbl__free(gl->base, s->positions);
-    sbl__free(gl->base, s->normals);
-    sbl__free(gl->base, s->vertices);
-    sbl__free(gl->base, s->attributes);
-    sbl__free(gl->base, s->indices);
-    sbl__free(gl->base, s->objects);
-    sbl__name_delete(gl->DeleteVertexArrays, &s->vertex_array);
-    sbl__texture_delete(gl, &s->position_texels);
-    sbl__texture_delete(gl, &s->attribute_texels);
-    sbl__texture_delete(gl, &s->index_texels);
-    sbl__texture_delete(gl, &s->object_texels);
-    sbl__buffer_delete(gl, &s->position_buffer);
-    sbl__buffer_delete(gl, &s->attribute_buffer);
-    sbl__buffer_delete(gl, &s->index_buffer);
-    sbl__buffer_delete(gl, &s->object_buffer);
-    sbl__texture_delete(gl, &s->texels_srgb);
-    sbl__texture_delete(gl, &s->texels_float);
-    sbl__free(gl->base, s->bvh.nodes);
-    sbl__free(gl->base, s->bvh.order);
-    sbl__texture_delete(gl, &s->node_texels);
-    sbl__texture_delete(gl, &s->triangle_texels);
-    sbl__free(gl->base, s->lights);
-    sbl__free(gl->base, s->sky_pixels);
-    sbl__texture_delete(gl, &s->sky_texels);
-    sbl__texture_delete(gl, &s->lamp_texels);
-    sbl__buffer_delete(gl, &s->lamp_buffer);
-    sbl__buffer_delete(gl, &s->node_buffer);
-    sbl__buffer_delete(gl, &s->triangle_buffer);
-    memset(s, 0, sizeof *s);
+/* A mesh as it was read. Positions, normals and corners stand in the geometry's own arrays already. */
+typedef struct sbl__mesh_data {
+    float *positions, *normals, *texcoords, *colors;  /* the last two: NULL where the mesh has none */
+    uint32_t *corners;                                /* three of the mesh's vertices a triangle */
+    int vertex_count, corner_count;
+    int has_normals;
+} sbl__mesh_data;
+
+static void sbl__mesh_data_free(const sbl__device *d, sbl__mesh_data *m) {
+    sbl__free(d->base, m->texcoords);
+    sbl__free(d->base, m->colors);
 }
 
-/* Object to world for one mesh: positions, normals. Returns 0 where a vertex leaves the range of floats (logged). */
-static int sbl__mesh_transform(const sbl__base *base, sbl__scene *s, int number, const float m[16]) {
-    const sbl__mesh *mesh = &s->meshes[number];
-    double n[9], d = sbl__affine_determinant(m);
-    int v, i;
+static sbl_result sbl__mesh_read(const sbl__device *d, const sbl__geometry *g, const sbl_mesh *in, sbl__mesh_data *m) {
+    const int indexed = sbl__stream_present(&in->indices), vertices = in->vertex_count;
+    const sbl__stream_use positions = { "positions", &in->positions, 3, vertices, 0 };
+    const sbl__stream_use normals = { "normals", &in->normals, 3, vertices, 0 };
+    const sbl__stream_use texcoords = { "texcoords", &in->texcoords, 2, vertices, 0 };
+    const sbl__stream_use colors = { "colors", &in->colors, 4, vertices, 0 };
+    const sbl__stream_use indices = { "indices", &in->indices, 1, in->index_count, 1 };
+    sbl_result result = SBL_SUCCESS;
+    int i;
+    memset(m, 0, sizeof *m);
+    m->vertex_count = vertices;
+    m->corner_count = indexed ? in->index_count : vertices;
+    m->positions = g->positions + 3 * (size_t)g->vertex_count;
+    m->normals = g->normals + 3 * (size_t)g->vertex_count;
+    m->corners = g->indices + 3 * (size_t)g->triangle_count;
+    m->has_normals = sbl__stream_present(&in->normals);
+    if (sbl__stream_present(&in->texcoords)) m->texcoords = (float *)sbl__alloc_raw(d->base, (size_t)vertices, 8);
+    if (sbl__stream_present(&in->colors)) m->colors = (float *)sbl__alloc_raw(d->base, (size_t)vertices, 16);
+    if ((sbl__stream_present(&in->texcoords) && !m->texcoords) || (sbl__stream_present(&in->colors) && !m->colors))
+        result = SBL_ERROR_OUT_OF_MEMORY;
+    if (result == SBL_SUCCESS && vertices) result = sbl__stream_read(d, &positions, m->positions);
+    if (result == SBL_SUCCESS && m->has_normals) result = sbl__stream_read(d, &normals, m->normals);
+    if (result == SBL_SUCCESS && m->texcoords) result = sbl__stream_read(d, &texcoords, m->texcoords);
+    if (result == SBL_SUCCESS && m->colors) result = sbl__stream_read(d, &colors, m->colors);
+    if (result == SBL_SUCCESS && indexed) result = sbl__stream_read(d, &indices, m->corners);
+    for (i = 0; !indexed && i < m->corner_count; i++) m->corners[i] = (uint32_t)i;
+    return result;
+}
+
+/* >>geometry: validating */
+
+/* The first element of an attribute that has a value outside of low .. high is a mistake. */
+static void sbl__mesh_check(sbl__check *check, int mesh, const sbl__stream_use *use, const float *v,
+                            const float range[2]) {
+    int i, k;
+    for (i = 0; i < use->count; i++)
+        for (k = 0; k < use->components; k++) {
+            const float x = v[(size_t)use->components * (size_t)i + (size_t)k];
+            if (sbl__finite(x) && x >= range[0] && x <= range[1]) continue;
+            if (range[1] == 1.0f)
+                sbl__mistake(check, "mesh %d: %s: component %d of vertex %d is %g; it must be 0 to 1", mesh, use->name,
+                             k, i, (double)x);
+            else
+                sbl__mistake(check, "mesh %d: %s: component %d of vertex %d is %g; it must be finite", mesh, use->name,
+                             k, i, (double)x);
+            return;
+        }
+}
+
+static void sbl__mesh_validate(sbl__check *check, const sbl__mesh_data *m, int number) {
+    static const float any[2] = { -FLT_MAX, FLT_MAX }, share[2] = { 0, 1 };
+    const sbl__stream_use positions = { "positions", NULL, 3, m->vertex_count, 0 };
+    const sbl__stream_use normals = { "normals", NULL, 3, m->vertex_count, 0 };
+    const sbl__stream_use texcoords = { "texcoords", NULL, 2, m->vertex_count, 0 };
+    const sbl__stream_use colors = { "colors", NULL, 4, m->vertex_count, 0 };
+    int i;
+    sbl__mesh_check(check, number, &positions, m->positions, any);
+    if (m->has_normals) sbl__mesh_check(check, number, &normals, m->normals, any);
+    if (m->texcoords) sbl__mesh_check(check, number, &texcoords, m->texcoords, any);
+    if (m->colors) sbl__mesh_check(check, number, &colors, m->colors, share);
+    for (i = 0; i < m->corner_count; i++)
+        if (m->corners[i] >= (uint32_t)m->vertex_count) {
+            sbl__mistake(check, "mesh %d: indices: index %d is %u; the mesh has %d vertices", number, i, m->corners[i],
+                         m->vertex_count);
+            return;
+        }
+}
+
+/* >>geometry: converting */
+
+static uint32_t sbl__pack_color(const float *two) {
+    return (uint32_t)(two[0] * 65535.0f + 0.5f) | (uint32_t)(two[1] * 65535.0f + 0.5f) << 16;
+}
+
+/* Attributes and triangles of a mesh that has been read and validated; triangles without area are left out. */
+static void sbl__mesh_convert(sbl__geometry *g, const sbl__mesh_data *m, int number) {
+    static const float white[4] = { 1, 1, 1, 1 };
+    sbl__mesh *mesh = &g->meshes[number];
+    int v, t, i;
+    mesh->first_vertex = g->vertex_count;
+    mesh->vertex_count = m->vertex_count;
+    mesh->first_triangle = g->triangle_count;
+    for (v = 0; v < m->vertex_count; v++) {
+        sbl__attributes *a = &g->attributes[g->vertex_count + v];
+        const float *color = m->colors ? m->colors + 4 * (size_t)v : white;
+        a->u = m->texcoords ? m->texcoords[2 * (size_t)v] : 0;
+        a->v = m->texcoords ? m->texcoords[2 * (size_t)v + 1] : 0;
+        a->color_rg = sbl__pack_color(color);
+        a->color_ba = sbl__pack_color(color + 2);
+        a->unused = 0;
+        g->vertices[g->vertex_count + v].object = (uint32_t)number;
+    }
+    for (t = 0; t < m->corner_count / 3; t++) {
+        const float *p[3];
+        double normal[3];
+        uint32_t corners[3];
+        for (i = 0; i < 3; i++) {
+            corners[i] = m->corners[3 * (size_t)t + (size_t)i];
+            p[i] = m->positions + 3 * (size_t)corners[i];
+        }
+        sbl__triangle_normal(p, normal);
+        if (normal[0] == 0 && normal[1] == 0 && normal[2] == 0) { g->degenerate_count++; continue; }
+        for (i = 0; i < 3; i++)  /* never past what is still to be read */
+            g->indices[3 * (size_t)g->triangle_count + (size_t)i] = (uint32_t)g->vertex_count + corners[i];
+        g->triangle_count++;
+    }
+    mesh->triangle_count = g->triangle_count - mesh->first_triangle;
+    g->vertex_count += m->vertex_count;
+    if (m->colors) g->colored = 1;
+}
+
+/* A mirror turns the corners of triangles round: turns them back, so that the front stays the front. */
+static void sbl__mesh_turn(sbl__geometry *g, const sbl__mesh *mesh) {
+    int t;
+    for (t = mesh->first_triangle; t < mesh->first_triangle + mesh->triangle_count; t++) {
+        uint32_t *corners = g->indices + 3 * (size_t)t, swap = corners[1];
+        corners[1] = corners[2];
+        corners[2] = swap;
+    }
+}
+
+#define SBL__COORDINATE_MOST 1e18  /* squares, and sums of a few, stay floats */
+
+/* Object to world for one mesh: positions, normals. Returns 0 where a vertex goes too far (logged). */
+static int sbl__mesh_place(const sbl__base *base, sbl__geometry *g, int number, const float m[16]) {
+    const sbl__mesh *mesh = &g->meshes[number];
+    const double d = sbl__affine_determinant(m);
+    double n[9], column[3][3];
+    int v, i, k;
     /* normals go by the cofactors: the inverse transpose but for scale */
-    n[0] = (double)m[5] * m[10] - (double)m[6] * m[9]; n[1] = (double)m[6] * m[8] - (double)m[4] * m[10]; n[2] = (double)m[4] * m[9] - (double)m[5] * m[8];
-    n[3] = (double)m[9] * m[2] - (double)m[10] * m[1]; n[4] = (double)m[10] * m[0] - (double)m[8] * m[2]; n[5] = (double)m[8] * m[1] - (double)m[9] * m[0];
-    n[6] = (double)m[1] * m[6] - (double)m[2] * m[5]; n[7] = (double)m[2] * m[4] - (double)m[0] * m[6]; n[8] = (double)m[0] * m[5] - (double)m[1] * m[4];
+    for (i = 0; i < 3; i++) for (k = 0; k < 3; k++) column[i][k] = m[4 * i + k];
+    for (i = 0; i < 3; i++) sbl__cross(column[(i + 1) % 3], column[(i + 2) % 3], n + 3 * i);
     for (v = mesh->first_vertex; v < mesh->first_vertex + mesh->vertex_count; v++) {
-        const float *p = s->positions + 3 * (size_t)v, *q = s->normals + 3 * (size_t)v;
+        const float *p = g->positions + 3 * (size_t)v, *q = g->normals + 3 * (size_t)v;
+        float *world = g->vertices[v].position;
         double normal[3];
         for (i = 0; i < 3; i++) {
-            s->vertices[v].position[i] = (float)((double)m[i] * p[0] + (double)m[4 + i] * p[1] + (double)m[8 + i] * p[2] + m[12 + i]);
+            world[i] = (float)((double)m[i] * p[0] + (double)m[4 + i] * p[1] + (double)m[8 + i] * p[2] + m[12 + i]);
             normal[i] = n[i] * q[0] + n[3 + i] * q[1] + n[6 + i] * q[2];
             if (d < 0) normal[i] = -normal[i];
         }
-        if (!(fabs((double)s->vertices[v].position[0]) < 1e18 && fabs((double)s->vertices[v].position[1]) < 1e18 && fabs((double)s->vertices[v].position[2]) < 1e18)) {
-            sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: vertex %d stands at %g %g %g in the world; coordinates must stay below 1e18", number,
-                     v - mesh->first_vertex, (double)s->vertices[v].position[0], (double)s->vertices[v].position[1], (double)s->vertices[v].position[2]);
-            return 0;
-        }
+        for (i = 0; i < 3; i++)
+            if (!(fabs((double)world[i]) < SBL__COORDINATE_MOST)) {
+                sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: vertex %d stands at %g %g %g in the "
+                         "world; coordinates must stay below 1e18", number, v - mesh->first_vertex, (double)world[0],
+                         (double)world[1], (double)world[2]);
+                return 0;
+            }
         if (!sbl__normalize(normal)) normal[0] = normal[1] = normal[2] = 0;  /* no normal: flat */
-        for (i = 0; i < 3; i++) s->attributes[v].normal[i] = (float)normal[i];
+        for (i = 0; i < 3; i++) g->attributes[v].normal[i] = (float)normal[i];
     }
     return 1;
 }
 
-/* One mesh into the scene's arrays. Triangles without area are left out. */
-static sbl_result sbl__scene_add_mesh(const sbl__gl *gl, sbl__scene *s, const sbl_mesh *in, int number, int *degenerate) {
-    sbl__mesh *mesh = &s->meshes[number];
-    sbl__reader positions, normals, texcoords, colors, indices;
-    int v, i, t, indexed = sbl__stream_present(&in->indices), count = indexed ? in->index_count : in->vertex_count;
-    int bad = 0, first_vertex = s->vertex_count;
-    sbl_result result;
-    memset(&normals, 0, sizeof normals); memset(&texcoords, 0, sizeof texcoords); memset(&colors, 0, sizeof colors); memset(&indices, 0, sizeof indices);
-    result = sbl__reader_open(gl, &positions, &in->positions, 3, in->vertex_count);
-    if (result == SBL_SUCCESS) result = sbl__reader_open(gl, &normals, &in->normals, 3, in->vertex_count);
-    if (result == SBL_SUCCESS) result = sbl__reader_open(gl, &texcoords, &in->texcoords, 2, in->vertex_count);
-    if (result == SBL_SUCCESS) result = sbl__reader_open(gl, &colors, &in->colors, 4, in->vertex_count);
-    if (result == SBL_SUCCESS && indexed) result = sbl__reader_open(gl, &indices, &in->indices, 1, count);
-    mesh->first_vertex = first_vertex;
-    mesh->vertex_count = in->vertex_count;
-    mesh->first_triangle = s->triangle_count;
-    if (sbl__all_zero(in->transform, 16)) sbl__identity(mesh->transform);
-    else memcpy(mesh->transform, in->transform, sizeof mesh->transform);
-
-    for (v = 0; result == SBL_SUCCESS && v < in->vertex_count && bad < 1; v++) {
-        sbl__attribute *a = &s->attributes[first_vertex + v];
-        float *p = s->positions + 3 * (size_t)(first_vertex + v), color[4];
-        sbl__read_element(&positions, v, 3, p);
-        if (!sbl__all_finite(p, 3)) {
-            bad++;
-            sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: positions: vertex %d is %g %g %g; it must be finite", number, v, (double)p[0], (double)p[1], (double)p[2]);
-        }
-        if (normals.bytes) {
-            float *n = s->normals + 3 * (size_t)(first_vertex + v);
-            sbl__read_element(&normals, v, 3, n);
-            if (!sbl__all_finite(n, 3)) {
-                bad++;
-                sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: normals: vertex %d is %g %g %g; it must be finite", number, v, (double)n[0], (double)n[1], (double)n[2]);
-            }
-        }
-        if (texcoords.bytes) {
-            sbl__read_element(&texcoords, v, 2, a->uv);
-            if (!sbl__all_finite(a->uv, 2)) {
-                bad++;
-                sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: texcoords: vertex %d is %g %g; it must be finite", number, v, (double)a->uv[0], (double)a->uv[1]);
-            }
-        }
-        for (i = 0; i < 4; i++) color[i] = 1;
-        if (colors.bytes) sbl__read_element(&colors, v, 4, color);
-        for (i = 0; i < 4; i++) {
-            if (!(color[i] >= 0.0f && color[i] <= 1.0f)) {
-                bad++;
-                sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: colors: component %d of vertex %d is %g; it must be 0 to 1", number, i, v, (double)color[i]);
-                break;
-            }
-            a->color[i] = (uint16_t)(color[i] * 65535.0f + 0.5f);
-        }
-        s->vertices[first_vertex + v].object = (uint32_t)number;
+/* The three steps, for mesh number `number` of the scene. All its mistakes are reported. */
+static sbl_result sbl__geometry_add(const sbl__device *d, sbl__geometry *g, const sbl_mesh *in, int number) {
+    sbl__mesh *mesh = &g->meshes[number];
+    sbl__mesh_data data;
+    sbl__check check;
+    sbl_result result = sbl__mesh_read(d, g, in, &data);
+    if (result == SBL_SUCCESS) {
+        sbl__check_start(&check, d->base, d, SBL_LOG_ITEM_INVALID_MESH);
+        sbl__mesh_validate(&check, &data, number);
+        result = sbl__check_end(&check);
     }
-    if (colors.bytes) s->textured = 1;
-
-    for (t = 0; result == SBL_SUCCESS && !bad && t < count / 3; t++) {
-        uint32_t corner[3];
-        const float *p[3];
-        double e1[3], e2[3], c[3];
-        for (i = 0; i < 3; i++) {
-            corner[i] = indexed ? sbl__index(indices.bytes + indices.stride * (size_t)(3 * t + i), indices.type) : (uint32_t)(3 * t + i);
-            if (corner[i] >= (uint32_t)in->vertex_count) {
-                bad++;
-                sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: indices: index %d is %u; the mesh has %d vertices", number, 3 * t + i, corner[i], in->vertex_count);
-                break;
-            }
-            p[i] = s->positions + 3 * ((size_t)first_vertex + corner[i]);
-        }
-        if (bad) break;
-        for (i = 0; i < 3; i++) { e1[i] = (double)p[1][i] - p[0][i]; e2[i] = (double)p[2][i] - p[0][i]; }
-        c[0] = e1[1] * e2[2] - e1[2] * e2[1]; c[1] = e1[2] * e2[0] - e1[0] * e2[2]; c[2] = e1[0] * e2[1] - e1[1] * e2[0];
-        if (c[0] == 0 && c[1] == 0 && c[2] == 0) { (*degenerate)++; continue; }
-        for (i = 0; i < 3; i++) s->indices[3 * (size_t)s->triangle_count + (size_t)i] = (uint32_t)first_vertex + corner[i];
-        s->triangle_count++;
+    if (result == SBL_SUCCESS) {
+        sbl__mesh_convert(g, &data, number);
+        if (sbl__all_zero(in->transform, 16)) sbl__identity(mesh->transform);
+        else memcpy(mesh->transform, in->transform, sizeof mesh->transform);
+        if (sbl__affine_determinant(mesh->transform) < 0) sbl__mesh_turn(g, mesh);
+        if (!sbl__mesh_place(d->base, g, number, mesh->transform)) result = SBL_ERROR_INVALID_ARGUMENT;
     }
-    mesh->triangle_count = s->triangle_count - mesh->first_triangle;
-    s->vertex_count += in->vertex_count;
-    if (result == SBL_SUCCESS && !bad) {
-        if (sbl__affine_determinant(mesh->transform) < 0)  /* a mirror turns the corners round: turn them back, so that the front stays the front */
-            for (t = mesh->first_triangle; t < s->triangle_count; t++) {
-                uint32_t swap = s->indices[3 * (size_t)t + 1];
-                s->indices[3 * (size_t)t + 1] = s->indices[3 * (size_t)t + 2];
-                s->indices[3 * (size_t)t + 2] = swap;
-            }
-        bad = !sbl__mesh_transform(gl->base, s, number, mesh->transform);
-    }
-    sbl__reader_close(gl, &positions);
-    sbl__reader_close(gl, &normals);
-    sbl__reader_close(gl, &texcoords);
-    sbl__reader_close(gl, &colors);
-    sbl__reader_close(gl, &indices);
-    return result == SBL_SUCCESS && bad ? SBL_ERROR_INVALID_ARGUMENT : result;
-}
-
-static void sbl__scene_measure(sbl__scene *s) {
-    double diagonal = 0, farthest = 0;
-    int i, v, k, any = 0;
-    for (k = 0; k < 3; k++) { s->bounds[0][k] = FLT_MAX; s->bounds[1][k] = -FLT_MAX; }
-    for (i = 0; i < 3 * s->triangle_count; i++) {
-        v = (int)s->indices[i];
-        for (k = 0; k < 3; k++) {
-            s->bounds[0][k] = SBL__MIN(s->bounds[0][k], s->vertices[v].position[k]);
-            s->bounds[1][k] = SBL__MAX(s->bounds[1][k], s->vertices[v].position[k]);
-        }
-        any = 1;
-    }
-    if (s->draw) {
-        for (k = 0; k < 3; k++) {
-            s->bounds[0][k] = SBL__MIN(s->bounds[0][k], s->draw_bounds[0][k]);
-            s->bounds[1][k] = SBL__MAX(s->bounds[1][k], s->draw_bounds[1][k]);
-        }
-        any = 1;
-    }
-    if (!any) memset(s->bounds, 0, sizeof s->bounds);
-    for (k = 0; k < 3; k++) {
-        double side = (double)s->bounds[1][k] - s->bounds[0][k];
-        diagonal += side * side;
-        farthest = SBL__MAX(farthest, SBL__MAX(fabs((double)s->bounds[0][k]), fabs((double)s->bounds[1][k])));
-    }
-    s->extent = (float)(sqrt(diagonal) + farthest);
-    if (!(s->extent > 0)) s->extent = 1;
-}
-
-static sbl_result sbl__scene_texels_make(const sbl__gl *gl, sbl__scene *s) {
-    sbl_result result = sbl__texels_make(gl, &s->position_texels, SBL__GL_RGBA32UI, &s->position_buffer, s->wide, "making the positions' texture");
-    if (result == SBL_SUCCESS) result = sbl__texels_make(gl, &s->attribute_texels, SBL__GL_RGBA32UI, &s->attribute_buffer, s->wide, "making the attributes' texture");
-    if (result == SBL_SUCCESS) result = sbl__texels_make(gl, &s->index_texels, SBL__GL_R32UI, &s->index_buffer, s->wide, "making the indices' texture");
-    if (result == SBL_SUCCESS) result = sbl__texels_make(gl, &s->object_texels, SBL__GL_RGBA32UI, &s->object_buffer, s->wide, "making the objects' texture");
+    sbl__mesh_data_free(d, &data);
     return result;
 }
 
-static sbl_result sbl__scene_upload(const sbl__gl *gl, sbl__scene *s) {
-    const sbl_capabilities *c = &gl->capabilities;
-    double texels = SBL__MAX(SBL__MAX(3.0 * s->triangle_count + 8, 2.0 * s->vertex_count), SBL__OBJECT_WORDS / 4 * (double)s->mesh_count);  /* the hierarchy's are fewer */
-    double lamps = s->light_count;
+/* All meshes; the descriptor has been checked. */
+static sbl_result sbl__geometry_make(const sbl__device *d, sbl__geometry *g, const sbl_scene_desc *desc) {
+    double vertices = 0, triangles = 0;
+    sbl_result result = SBL_SUCCESS;
     int i;
-    for (i = 0; i < s->mesh_count; i++)
-        if (s->objects[SBL__OBJECT_WORDS * (size_t)i + 4] | s->objects[SBL__OBJECT_WORDS * (size_t)i + 5] | s->objects[SBL__OBJECT_WORDS * (size_t)i + 6]) lamps += s->meshes[i].triangle_count;
-    for (i = 0; s->sky_pixels && i < s->sky_width * s->sky_height; i++) lamps += sbl__max3(s->sky_pixels + 3 * (size_t)i) > s->sky_limit;
-    texels = SBL__MAX(texels, 9 * lamps + 3.0 * s->light_count);  /* two nodes and a leaf each */
-    double most = c->max_texture_size < SBL__TEXELS_ACROSS ? 0 : (c->max_texture_size - 1) * (double)SBL__TEXELS_ACROSS;
-    sbl_result result;
-    s->wide = texels > c->max_texture_buffer_size;
-    if (s->wide && texels > most) {
-        sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the scene has %d vertices, %d triangles and %d meshes; this driver's textures hold %.0f, %.0f and %.0f", s->vertex_count,
-                 s->triangle_count, s->mesh_count, SBL__MAX(most, c->max_texture_buffer_size) / 2, SBL__MAX(most, c->max_texture_buffer_size) / 3, SBL__MAX(most, c->max_texture_buffer_size) / 5);
+    for (i = 0; i < desc->mesh_count; i++) {
+        const sbl_mesh *m = &desc->meshes[i];
+        vertices += m->vertex_count;
+        triangles += (sbl__stream_present(&m->indices) ? m->index_count : m->vertex_count) / 3;
+    }
+    if (vertices > INT_MAX / 4 || triangles > INT_MAX / 4) {
+        sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the scene has %.0f vertices and %.0f triangles; at "
+                 "most %d of each can be numbered", vertices, triangles, INT_MAX / 4);
         return SBL_ERROR_UNSUPPORTED;
     }
-    gl->BindVertexArray(0);
-    result = sbl__buffer_make(gl, &s->position_buffer, sizeof(sbl__vertex) * (size_t)s->vertex_count, s->vertices, SBL__GL_STATIC_DRAW, "storing positions");
-    if (result == SBL_SUCCESS) result = sbl__buffer_make(gl, &s->attribute_buffer, sizeof(sbl__attribute) * (size_t)s->vertex_count, s->attributes, SBL__GL_STATIC_DRAW, "storing attributes");
-    if (result == SBL_SUCCESS) result = sbl__buffer_make(gl, &s->index_buffer, 12 * (size_t)s->triangle_count, s->indices, SBL__GL_STATIC_DRAW, "storing indices");
-    if (result == SBL_SUCCESS) result = sbl__buffer_make(gl, &s->object_buffer, 4 * SBL__OBJECT_WORDS * (size_t)s->mesh_count, s->objects, SBL__GL_STATIC_DRAW, "storing objects");
-    if (result == SBL_SUCCESS) result = sbl__scene_texels_make(gl, s);
-    if (result != SBL_SUCCESS) return result;
-    if (!s->vertex_array) s->vertex_array = sbl__name_make(gl, gl->GenVertexArrays, "making the scene's vertex array");
-    if (!s->vertex_array) return SBL_ERROR_GL;
-    gl->BindVertexArray(s->vertex_array);
-    gl->BindBuffer(SBL__GL_ELEMENT_ARRAY_BUFFER, s->index_buffer.id);
-    gl->BindBuffer(SBL__GL_ARRAY_BUFFER, s->position_buffer.id);
-    gl->VertexAttribPointer(0, 3, SBL__GL_FLOAT, 0, (int)sizeof(sbl__vertex), (const void *)0);
-    gl->VertexAttribIPointer(1, 1, SBL__GL_UNSIGNED_INT, (int)sizeof(sbl__vertex), (const void *)offsetof(sbl__vertex, object));
-    gl->BindBuffer(SBL__GL_ARRAY_BUFFER, s->attribute_buffer.id);
-    gl->VertexAttribPointer(2, 2, SBL__GL_FLOAT, 0, (int)sizeof(sbl__attribute), (const void *)offsetof(sbl__attribute, uv));
-    gl->VertexAttribPointer(3, 4, SBL__GL_UNSIGNED_SHORT, 1, (int)sizeof(sbl__attribute), (const void *)offsetof(sbl__attribute, color));
-    gl->EnableVertexAttribArray(0);
-    gl->EnableVertexAttribArray(1);
-    gl->EnableVertexAttribArray(2);
-    gl->EnableVertexAttribArray(3);
-    gl->BindVertexArray(0);
-    return sbl__gl_check(gl, "making the scene's vertex array");
-}
-
-/* Texels of all textures of one kind stand in one GL texture, each texture from a row of its own on. */
-typedef struct sbl__texel_store { unsigned char *bytes; size_t texel; int width, rows, is_float; } sbl__texel_store;
-
-static void sbl__store_texel(const sbl__texel_store *store, size_t at, const float rgba[4]) {
-    int i;
-    if (store->is_float) {
-        uint16_t half[4];
-        for (i = 0; i < 4; i++) half[i] = sbl__to_half(rgba[i]);
-        memcpy(store->bytes + 8 * at, half, 8);
-    } else
-        for (i = 0; i < 4; i++) {
-            float x = i < 3 ? sbl__linear_to_srgb(rgba[i]) : rgba[i];
-            store->bytes[4 * at + (size_t)i] = (unsigned char)(255.0f * SBL__MIN(SBL__MAX(x, 0.0f), 1.0f) + 0.5f);
-        }
-}
-
-/* The GL textures that desc names, read through a shader as sampling gives them: 4 floats a texel. The caller frees *out. */
-static sbl_result sbl__read_gl_texture(const sbl__gl *gl, unsigned copy_program, unsigned empty_array, unsigned name, int width, int height, float **out) {
-    sbl__texture target;
-    const sbl__texture *colors[1];
-    unsigned framebuffer = 0, sampler = 0;
-    sbl_result result;
-    memset(&target, 0, sizeof target);
-    colors[0] = &target;
-    *out = (float *)sbl__alloc(gl->base, (size_t)width * (size_t)height, 16);
-    if (!*out) return SBL_ERROR_OUT_OF_MEMORY;
-    result = sbl__texture_make(gl, &target, width, height, SBL__GL_RGBA32F, NULL, "reading a GL texture");
-    if (result == SBL_SUCCESS) result = sbl__framebuffer_make(gl, &framebuffer, colors, 1, NULL, "reading a GL texture");
-    if (result == SBL_SUCCESS) {
-        gl->UseProgram(copy_program);
-        sbl__bind(gl, copy_program, "source", 0, SBL__GL_TEXTURE_2D, name);
-        /* a sampler of its own makes the texture complete where it has level 0 only and GL's default filter, which asks for mip maps */
-        sampler = sbl__name_make(gl, gl->GenSamplers, "reading a GL texture");
-        if (sampler) {
-            gl->SamplerParameteri(sampler, SBL__GL_TEXTURE_MIN_FILTER, SBL__GL_NEAREST);
-            gl->SamplerParameteri(sampler, SBL__GL_TEXTURE_MAG_FILTER, SBL__GL_NEAREST);
-            gl->BindSampler(0, sampler);
-        }
-        gl->BindVertexArray(empty_array);
-        gl->Disable(SBL__GL_DEPTH_TEST);
-        gl->Viewport(0, 0, width, height);
-        gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
-        result = sampler ? sbl__read_pixels(gl, framebuffer, 0, &target, height, *out, "reading a GL texture") : SBL_ERROR_GL;
-        gl->BindSampler(0, 0);
-        sbl__name_delete(gl->DeleteSamplers, &sampler);
+    g->mesh_count = desc->mesh_count;
+    g->meshes = (sbl__mesh *)sbl__alloc(d->base, (size_t)desc->mesh_count, sizeof(sbl__mesh));
+    g->positions = (float *)sbl__alloc(d->base, (size_t)vertices, 12);
+    g->normals = (float *)sbl__alloc(d->base, (size_t)vertices, 12);
+    g->vertices = (sbl__vertex *)sbl__alloc(d->base, (size_t)vertices, sizeof(sbl__vertex));
+    g->attributes = (sbl__attributes *)sbl__alloc(d->base, (size_t)vertices, sizeof(sbl__attributes));
+    g->indices = (uint32_t *)sbl__alloc(d->base, (size_t)triangles, 12);
+    g->objects = (sbl__object *)sbl__alloc(d->base, (size_t)desc->mesh_count, sizeof(sbl__object));
+    if (!g->meshes || !g->positions || !g->normals || !g->vertices || !g->attributes || !g->indices || !g->objects)
+        return SBL_ERROR_OUT_OF_MEMORY;
+    for (i = 0; i < desc->mesh_count; i++) {  /* all mistakes are reported, not only the first mesh's */
+        const sbl_result mesh = sbl__geometry_add(d, g, &desc->meshes[i], i);
+        if (mesh == SBL_SUCCESS) continue;
+        result = mesh;
+        if (mesh != SBL_ERROR_INVALID_ARGUMENT) break;
     }
-    sbl__name_delete(gl->DeleteFramebuffers, &framebuffer);
-    sbl__texture_delete(gl, &target);
-    if (result != SBL_SUCCESS) { sbl__free(gl->base, *out); *out = NULL; }
+    if (g->degenerate_count)
+        sbl__log(d->base, SBL_LOG_WARNING, SBL_LOG_ITEM_DEGENERATE_TRIANGLES,
+                 "%d triangles without area were left out of %.0f", g->degenerate_count, triangles);
     return result;
+}
+
+/* drawn: bounds of what the host draws, lowest corner first; NULL where it does not. */
+static void sbl__geometry_measure(sbl__geometry *g, const float (*drawn)[3]) {
+    double diagonal = 0, farthest = 0;
+    int i, k;
+    for (k = 0; k < 3; k++) {
+        g->bounds[0][k] = drawn ? drawn[0][k] : FLT_MAX;
+        g->bounds[1][k] = drawn ? drawn[1][k] : -FLT_MAX;
+    }
+    for (i = 0; i < 3 * g->triangle_count; i++) {
+        const float *p = g->vertices[g->indices[i]].position;
+        for (k = 0; k < 3; k++) {
+            g->bounds[0][k] = SBL__MIN(g->bounds[0][k], p[k]);
+            g->bounds[1][k] = SBL__MAX(g->bounds[1][k], p[k]);
+        }
+    }
+    if (!drawn && !g->triangle_count) memset(g->bounds, 0, sizeof g->bounds);
+    for (k = 0; k < 3; k++) {
+        double side = (double)g->bounds[1][k] - g->bounds[0][k];
+        diagonal += side * side;
+        farthest = SBL__MAX(farthest, SBL__MAX(fabs((double)g->bounds[0][k]), fabs((double)g->bounds[1][k])));
+    }
+    g->extent = (float)(sqrt(diagonal) + farthest);
+    if (!(g->extent > 0)) g->extent = 1;
+}
+
+static sbl_result sbl__geometry_show(const sbl__device *d, sbl__geometry *g) {
+    sbl_result result = sbl__table_show(d, &g->position_table, SBL__GL_RGBA32UI, g->wide);
+    if (result == SBL_SUCCESS) result = sbl__table_show(d, &g->attribute_table, SBL__GL_RGBA32UI, g->wide);
+    if (result == SBL_SUCCESS) result = sbl__table_show(d, &g->index_table, SBL__GL_R32UI, g->wide);
+    if (result == SBL_SUCCESS) result = sbl__table_show(d, &g->object_table, SBL__GL_RGBA32UI, g->wide);
+    return result;
+}
+
+/* As sensor_vertex.glsl takes them. */
+static const sbl__input sbl__vertex_inputs[] = {
+    { 0, 3, SBL__GL_FLOAT, 0, 0, sizeof(sbl__vertex), offsetof(sbl__vertex, position) },
+    { 1, 1, SBL__GL_UNSIGNED_INT, 1, 0, sizeof(sbl__vertex), offsetof(sbl__vertex, object) }
+};
+static const sbl__input sbl__attribute_inputs[] = {
+    { 2, 2, SBL__GL_FLOAT, 0, 0, sizeof(sbl__attributes), 12 },  /* u and v follow each other */
+    { 3, 2, SBL__GL_UNSIGNED_INT, 1, 0, sizeof(sbl__attributes), offsetof(sbl__attributes, color_rg) }
+};
+
+static sbl_result sbl__geometry_upload(const sbl__device *d, sbl__geometry *g) {
+    const unsigned usage = SBL__GL_STATIC_DRAW;
+    const size_t vertices = (size_t)g->vertex_count;
+    sbl_result result = sbl__buffer_make(d, &g->position_table.buffer, sizeof(sbl__vertex) * vertices, g->vertices,
+                                         usage);
+    if (result == SBL_SUCCESS)
+        result = sbl__buffer_make(d, &g->attribute_table.buffer, sizeof(sbl__attributes) * vertices, g->attributes,
+                                  usage);
+    if (result == SBL_SUCCESS)
+        result = sbl__buffer_make(d, &g->index_table.buffer, 12 * (size_t)g->triangle_count, g->indices, usage);
+    if (result == SBL_SUCCESS)
+        result = sbl__buffer_make(d, &g->object_table.buffer, sizeof(sbl__object) * (size_t)g->mesh_count, g->objects,
+                                  usage);
+    if (result == SBL_SUCCESS) result = sbl__geometry_show(d, g);
+    if (result == SBL_SUCCESS) result = sbl__array_make(d, &g->vertex_array, &g->index_table.buffer);
+    if (result != SBL_SUCCESS) return result;
+    sbl__array_inputs(d, g->vertex_array, &g->position_table.buffer, sbl__vertex_inputs, 2);
+    sbl__array_inputs(d, g->vertex_array, &g->attribute_table.buffer, sbl__attribute_inputs, 2);
+    return sbl__gl_check(&d->gl);
+}
+
+/* Moves a mesh in the arrays and on the GPU. On INVALID_ARGUMENT it stands where it stood. */
+static sbl_result sbl__geometry_move(const sbl__device *d, sbl__geometry *g, int number, const float transform[16]) {
+    sbl__mesh *mesh = &g->meshes[number];
+    const size_t first = (size_t)mesh->first_vertex, count = (size_t)mesh->vertex_count;
+    const size_t corners = 3 * (size_t)mesh->first_triangle;
+    const int turned = (sbl__affine_determinant(mesh->transform) < 0) != (sbl__affine_determinant(transform) < 0);
+    if (!sbl__mesh_place(d->base, g, number, transform)) {
+        sbl__mesh_place(d->base, g, number, mesh->transform);
+        return SBL_ERROR_INVALID_ARGUMENT;
+    }
+    memcpy(mesh->transform, transform, sizeof mesh->transform);
+    sbl__buffer_write(d, &g->position_table.buffer, sizeof(sbl__vertex) * first, sizeof(sbl__vertex) * count,
+                      g->vertices + first);
+    sbl__buffer_write(d, &g->attribute_table.buffer, sizeof(sbl__attributes) * first, sizeof(sbl__attributes) * count,
+                      g->attributes + first);
+    if (turned) {
+        sbl__mesh_turn(g, mesh);
+        sbl__buffer_write(d, &g->index_table.buffer, 4 * corners, 12 * (size_t)mesh->triangle_count,
+                          g->indices + corners);
+    }
+    return g->wide ? sbl__geometry_show(d, g) : sbl__gl_check(&d->gl);
+}
+
+static const sbl__object *sbl__object_of(const sbl__geometry *g, uint32_t triangle) {
+    return &g->objects[g->vertices[g->indices[3 * (size_t)triangle]].object];
+}
+
+static const float *sbl__corner_of(const sbl__geometry *g, uint32_t triangle, int corner) {
+    return g->vertices[g->indices[3 * (size_t)triangle + (size_t)corner]].position;
+}
+
+static void sbl__geometry_bind(sbl__device *d, const sbl__geometry *g) {
+    sbl__bind_table(d, "sbl_objects", &g->object_table);
+    sbl__bind_table(d, "sbl_positions", &g->position_table);
+    sbl__bind_table(d, "sbl_attributes", &g->attribute_table);
+    sbl__bind_table(d, "sbl_indices", &g->index_table);
+}
+
+/* ======================================================================================================== >>textures
+   Texels of all textures of a kind stand in one GL texture, the store, each from a row of its own on: 8-bit sRGB
+   as it is, all else as 16-bit floats. scene.glsl filters them bilinearly. */
+
+#define SBL__STORE_WIDTH 4096
+
+typedef struct sbl__textures {
+    sbl__texture stores[2];    /* 8-bit sRGB, 16-bit float */
+    uint32_t (*places)[4];     /* of each texture: first row, width, height, kind; see sbl__object */
+    float *brightest;          /* component of each */
+    int count;
+} sbl__textures;
+
+static void sbl__textures_free(const sbl__device *d, sbl__textures *t) {
+    sbl__texture_delete(d, &t->stores[0]);
+    sbl__texture_delete(d, &t->stores[1]);
+    sbl__free(d->base, t->places);
+    sbl__free(d->base, t->brightest);
+    memset(t, 0, sizeof *t);
+}
+
+/* A store while it is filled. */
+typedef struct sbl__texel_store { unsigned char *bytes; size_t texel; int width, rows; } sbl__texel_store;
+
+/* r g b a as the store has them, at texel number `at`. */
+static void sbl__store_texel(const sbl__texel_store *store, size_t at, const float rgba[4]) {
+    unsigned char *to = store->bytes + store->texel * at;
+    uint16_t half[4];
+    int i;
+    for (i = 0; i < 4; i++) {
+        if (store->texel == 8) half[i] = sbl__to_half(rgba[i]);
+        else to[i] = sbl__to_byte(i < 3 ? sbl__linear_to_srgb(rgba[i]) : rgba[i]);
+    }
+    if (store->texel == 8) memcpy(to, half, 8);
 }
 
 /* Pixel x of a row as r g b a, bytes as 0 to 1. */
@@ -3287,328 +3280,361 @@ static void sbl__read_pixel(const sbl_texture *t, const unsigned char *row, int 
     if (channels < 3) c[1] = c[2] = c[0];
 }
 
-static sbl_result sbl__scene_add_textures(const sbl__gl *gl, sbl__scene *s, const sbl_scene_desc *desc, unsigned copy_program, unsigned empty_array, uint32_t (*records)[4], float *brightest) {
-    sbl__texel_store stores[2];
-    sbl_result result = SBL_SUCCESS;
-    int i, k, x, y;
-    memset(stores, 0, sizeof stores);
-    stores[0].texel = 4;
-    stores[1].texel = 8; stores[1].is_float = 1;
-    for (k = 0; k < 2; k++) stores[k].width = SBL__MIN(SBL__TEXEL_STORE_WIDTH, gl->capabilities.max_texture_size);
-    for (i = 0; i < desc->texture_count; i++) {
-        const sbl_texture *t = &desc->textures[i];
-        int width = t->width, height = t->height;
-        sbl__texel_store *store = &stores[t->format != SBL_PIXELS_SRGB8];
-        double rows;
-        if (t->gl_texture) {
-            gl->ActiveTexture(SBL__GL_TEXTURE0);
-            gl->BindTexture(SBL__GL_TEXTURE_2D, t->gl_texture);
-            gl->GetTexLevelParameteriv(SBL__GL_TEXTURE_2D, 0, SBL__GL_TEXTURE_WIDTH, &width);
-            gl->GetTexLevelParameteriv(SBL__GL_TEXTURE_2D, 0, SBL__GL_TEXTURE_HEIGHT, &height);
-            result = sbl__gl_check(gl, "looking at a GL texture");
-            if (result == SBL_ERROR_OUT_OF_MEMORY) return result;
-            if (result != SBL_SUCCESS || width < 1 || height < 1) {
-                sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: gl_texture %u is not a GL_TEXTURE_2D with pixels in level 0", i + 1, t->gl_texture);
-                return SBL_ERROR_INVALID_ARGUMENT;
-            }
+/* Bytes of an 8-bit sRGB texture, as they are: GL decodes them. */
+static void sbl__store_bytes(const sbl__texel_store *store, size_t at, const sbl_texture *t) {
+    const int channels = sbl__texture_channels(t);
+    const size_t stride = sbl__texture_stride(t, t->width);
+    int x, y;
+    for (y = 0; y < t->height; y++)
+        for (x = 0; x < t->width; x++, at++) {
+            const unsigned char *p = (const unsigned char *)t->pixels + (size_t)y * stride + (size_t)(channels * x);
+            unsigned char *q = store->bytes + 4 * at;
+            q[0] = p[0];
+            q[1] = p[channels < 3 ? 0 : 1];
+            q[2] = p[channels < 3 ? 0 : 2];
+            q[3] = channels == 2 ? p[1] : channels == 4 ? p[3] : 255;
         }
-        rows = ceil((double)width * height / store->width);
-        if (store->rows + rows > gl->capabilities.max_texture_size) {
-            sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "texture %d: all textures together need more than %d x %d texels; use smaller ones", i + 1, store->width, gl->capabilities.max_texture_size);
-            return SBL_ERROR_UNSUPPORTED;
-        }
-        records[i][0] = (uint32_t)store->rows;
-        records[i][1] = (uint32_t)width;
-        records[i][2] = (uint32_t)height;
-        records[i][3] = (store->is_float ? 2u : 1u) | (t->wrap == SBL_WRAP_CLAMP ? 4u : 0u);
-        store->rows += (int)rows;
-    }
-    for (k = 0; k < 2 && result == SBL_SUCCESS; k++) {
-        if (!stores[k].rows) continue;
-        stores[k].bytes = (unsigned char *)sbl__alloc(gl->base, (size_t)stores[k].rows * (size_t)stores[k].width, stores[k].texel);
-        if (!stores[k].bytes) result = SBL_ERROR_OUT_OF_MEMORY;
-    }
-    for (i = 0; i < desc->texture_count && result == SBL_SUCCESS; i++) {
-        const sbl_texture *t = &desc->textures[i];
-        const sbl__texel_store *store = &stores[t->format != SBL_PIXELS_SRGB8];
-        int width = (int)records[i][1], height = (int)records[i][2], channels = sbl__texture_channels(t);
-        size_t at = (size_t)records[i][0] * (size_t)store->width, stride = t->stride ? t->stride : (size_t)t->width * sbl__texture_texel(t);
-        float *copy = NULL, highest = 0;
-        if (t->gl_texture) result = sbl__read_gl_texture(gl, copy_program, empty_array, t->gl_texture, width, height, &copy);
-        for (y = 0; y < height && result == SBL_SUCCESS; y++)
-            for (x = 0; x < width; x++, at++) {
-                float c[4] = { 0, 0, 0, 1 };
-                if (copy) memcpy(c, copy + 4 * ((size_t)y * (size_t)width + (size_t)x), sizeof c);
-                else {
-                    const unsigned char *row = (const unsigned char *)t->pixels + (size_t)y * stride;
-                    if (t->format == SBL_PIXELS_SRGB8) {  /* bytes go as they are: GL decodes them */
-                        const unsigned char *p = row + (size_t)channels * (size_t)x;
-                        unsigned char *q = store->bytes + 4 * at;
-                        q[0] = p[0];
-                        q[1] = p[channels < 3 ? 0 : 1];
-                        q[2] = p[channels < 3 ? 0 : 2];
-                        q[3] = channels == 2 ? p[1] : channels == 4 ? p[3] : 255;
-                        highest = 1;
-                        continue;
-                    } else sbl__read_pixel(t, row, x, c);
+}
+
+/* Pixels of any other texture. copy: NULL, or what the host's GL texture was read as. */
+static sbl_result sbl__store_pixels(const sbl__device *d, const sbl__textures *s, const sbl__texel_store *store,
+                                    const sbl_texture *t, int index, const float *copy) {
+    const int width = (int)s->places[index][1], height = (int)s->places[index][2];
+    const size_t stride = sbl__texture_stride(t, width);
+    size_t at = (size_t)s->places[index][0] * (size_t)store->width;
+    int x, y, k;
+    for (y = 0; y < height; y++)
+        for (x = 0; x < width; x++, at++) {
+            float c[4] = { 0, 0, 0, 1 };
+            if (copy) memcpy(c, copy + 4 * ((size_t)y * (size_t)width + (size_t)x), sizeof c);
+            else sbl__read_pixel(t, (const unsigned char *)t->pixels + (size_t)y * stride, x, c);
+            for (k = 0; k < 4; k++)
+                if (!(c[k] >= 0.0f && sbl__finite(c[k]))) {
+                    sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: component %d of pixel "
+                             "%d %d is %g; it must be finite and not negative", index + 1, k, x, y, (double)c[k]);
+                    return SBL_ERROR_INVALID_ARGUMENT;
                 }
-                for (k = 0; k < 4; k++)
-                    if (!(c[k] >= 0.0f && sbl__finite(c[k]))) {
-                        sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: component %d of pixel %d %d is %g; it must be finite and not negative", i + 1, k, x, y, (double)c[k]);
-                        result = SBL_ERROR_INVALID_ARGUMENT;
-                        x = width; k = 4;
-                        break;
-                    }
-                if (result != SBL_SUCCESS) break;
-                highest = SBL__MAX(highest, sbl__max3(c));
-                sbl__store_texel(store, at, c);
-            }
-        brightest[i] = highest;
-        sbl__free(gl->base, copy);
-    }
-    if (result == SBL_SUCCESS && stores[0].rows)
-        result = sbl__texture_make(gl, &s->texels_srgb, stores[0].width, stores[0].rows, SBL__GL_SRGB8_ALPHA8, stores[0].bytes, "storing textures");
-    if (result == SBL_SUCCESS && stores[1].rows)
-        result = sbl__texture_make(gl, &s->texels_float, stores[1].width, stores[1].rows, SBL__GL_RGBA16F, stores[1].bytes, "storing textures");
-    sbl__free(gl->base, stores[0].bytes);
-    sbl__free(gl->base, stores[1].bytes);
-    return result;
-}
-
-/* The direction of the middle of a texel of the environment's picture, as sky.glsl has it. */
-static void sbl__sky_direction(const sbl__scene *s, int x, int y, double out[3]) {
-    const double angle = SBL__PI * (y + 0.5) / s->sky_height, around = 2 * SBL__PI * ((x + 0.5) / s->sky_width - 0.5);
-    int k;
-    for (k = 0; k < 3; k++) out[k] = sin(angle) * (cos(around) * s->sky_axes[0][k] + sin(around) * s->sky_axes[2][k]) + cos(angle) * s->sky_axes[1][k];
-}
-
-/* The environment's picture as floats, on the CPU and on the GPU. */
-static sbl_result sbl__scene_add_environment(const sbl__gl *gl, sbl__scene *s, const sbl_environment *e) {
-    const sbl_texture *t = &e->picture;
-    const int width = t->width ? t->width : 512, height = t->height ? t->height : 256;
-    const size_t stride = t->stride ? t->stride : (size_t)width * sbl__texture_texel(t);
-    const double turn = e->rotation * SBL__PI / 180;
-    const float scale = e->scale > 0 ? e->scale : 1.0f;
-    double up[3] = { 0, 1, 0 }, x[3], z[3], mean = 0, weights = 0;
-    float *texels;
-    int i, k, row;
-    sbl_result result;
-    if (!t->pixels && !e->radiance) return SBL_SUCCESS;
-    if (width > gl->capabilities.max_texture_size || height > gl->capabilities.max_texture_size) {
-        sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "environment: picture is %d x %d; this driver's textures are at most %d across", width, height, gl->capabilities.max_texture_size);
-        return SBL_ERROR_UNSUPPORTED;
-    }
-    for (k = 0; k < 3 && !sbl__all_zero(e->up, 3); k++) up[k] = e->up[k];
-    sbl__normalize(up);
-    /* the shortest way from +y to up turns about their cross product; from -y, half a turn about x */
-    x[0] = up[1] > -1 + 1e-9 ? 1 - up[0] * up[0] / (1 + up[1]) : 1;
-    x[1] = up[1] > -1 + 1e-9 ? -up[0] : 0;
-    x[2] = up[1] > -1 + 1e-9 ? -up[0] * up[2] / (1 + up[1]) : 0;
-    z[0] = x[1] * up[2] - x[2] * up[1]; z[1] = x[2] * up[0] - x[0] * up[2]; z[2] = x[0] * up[1] - x[1] * up[0];
-    for (k = 0; k < 3; k++) {
-        s->sky_axes[0][k] = (float)(cos(turn) * x[k] - sin(turn) * z[k]);
-        s->sky_axes[1][k] = (float)up[k];
-        s->sky_axes[2][k] = (float)(sin(turn) * x[k] + cos(turn) * z[k]);
-    }
-    s->sky_width = width;
-    s->sky_height = height;
-    s->sky_pixels = (float *)sbl__alloc(gl->base, (size_t)width * (size_t)height, 12);
-    texels = (float *)sbl__alloc(gl->base, (size_t)width * (size_t)height, 16);
-    result = s->sky_pixels && texels ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
-    for (row = 0; row < height && result == SBL_SUCCESS; row++)
-        for (i = 0; i < width; i++) {
-            const size_t at = (size_t)row * (size_t)width + (size_t)i;
-            const double weight = sin(SBL__PI * (row + 0.5) / height);
-            float c[4] = { 0, 0, 0, 0 };
-            if (e->radiance) {
-                double exact[3];
-                float direction[3];
-                sbl__sky_direction(s, i, row, exact);
-                for (k = 0; k < 3; k++) direction[k] = (float)exact[k];
-                e->radiance(direction, c, e->user);
-            } else {
-                sbl__read_pixel(t, (const unsigned char *)t->pixels + (size_t)row * stride, i, c);
-                for (k = 0; k < 3 && t->format == SBL_PIXELS_SRGB8; k++) c[k] = sbl__srgb_to_linear(c[k]);
-            }
-            for (k = 0; k < 3 && result == SBL_SUCCESS; k++) {
-                c[k] *= scale;
-                if (c[k] >= 0.0f && sbl__finite(c[k])) continue;
-                sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_LIGHT, "environment: component %d of pixel %d %d is %g; it must be finite and not negative", k, i, row, (double)c[k]);
-                result = SBL_ERROR_INVALID_ARGUMENT;
-            }
-            if (result != SBL_SUCCESS) break;
-            memcpy(s->sky_pixels + 3 * at, c, 12);
-            memcpy(texels + 4 * at, c, 16);
-            mean += weight * sbl__max3(c);
-            weights += weight;
-            s->max_radiance = SBL__MAX(s->max_radiance, sbl__max3(c) + sbl__max3(s->sky));
+            s->brightest[index] = SBL__MAX(s->brightest[index], sbl__max3(c));
+            sbl__store_texel(store, at, c);
         }
-    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &s->sky_texels, width, height, SBL__GL_RGBA32F, texels, "storing the environment");
-    sbl__free(gl->base, texels);
-    s->sky_limit = (float)SBL__MIN(SBL__MAX(SBL__SKY_LIMIT * mean / weights, 1e-37), FLT_MAX);
-    return result;
-}
-
-static sbl_result sbl__scene_add_lights(const sbl__gl *gl, sbl__scene *s, const sbl_scene_desc *desc) {
-    const size_t bytes = (size_t)desc->light_count * sizeof(sbl_light);
-    int i;
-    s->light_count = desc->light_count;
-    s->lights = (sbl_light *)sbl__alloc(gl->base, (size_t)desc->light_count, sizeof(sbl_light));
-    if (!s->lights) return SBL_ERROR_OUT_OF_MEMORY;
-    if (bytes) memcpy(s->lights, desc->lights, bytes);
-    s->lamp_unit = s->max_radiance;
-    for (i = 0; i < s->light_count; i++) {
-        const sbl_light *l = &s->lights[i];
-        double intensity = sbl__max3(l->intensity);
-        s->lamp_unit = SBL__MAX(s->lamp_unit, (float)SBL__MIN(l->kind == SBL_LIGHT_DIRECTIONAL ? intensity : intensity / s->extent / s->extent, 1e37));
-    }
-    s->lamp_unit = SBL__MAX(s->lamp_unit, 1e-30f);
     return SBL_SUCCESS;
 }
 
-static sbl_result sbl__scene_make(const sbl__gl *gl, sbl__scene *s, const sbl_scene_desc *desc, unsigned copy_program, unsigned empty_array) {
-    sbl_result result = sbl__check_scene(gl, desc);
-    uint32_t (*records)[4];
-    float *brightest;
-    double vertices = 0, triangles = 0;
-    int i, k, degenerate = 0;
-    if (result != SBL_SUCCESS) return result;
-    for (i = 0; i < desc->mesh_count; i++) {
-        vertices += desc->meshes[i].vertex_count;
-        triangles += (sbl__stream_present(&desc->meshes[i].indices) ? desc->meshes[i].index_count : desc->meshes[i].vertex_count) / 3;
+static sbl_result sbl__textures_fill(sbl__device *d, const sbl__textures *s, const sbl__texel_store *store,
+                                     const sbl_texture *t, int index) {
+    const uint32_t *place = s->places[index];
+    const int size[2] = { (int)place[1], (int)place[2] };
+    float *copy = NULL;
+    sbl_result result = SBL_SUCCESS;
+    if (t->pixels && t->format == SBL_PIXELS_SRGB8) {
+        sbl__store_bytes(store, (size_t)place[0] * (size_t)store->width, t);
+        s->brightest[index] = 1;
+        return SBL_SUCCESS;
     }
-    if (vertices > INT_MAX / 4 || triangles > INT_MAX / 4) {
-        sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the scene has %.0f vertices and %.0f triangles; at most %d of each can be numbered", vertices, triangles, INT_MAX / 4);
+    if (t->gl_texture) {
+        copy = (float *)sbl__alloc_raw(d->base, (size_t)size[0] * (size_t)size[1], 16);
+        if (!copy) return SBL_ERROR_OUT_OF_MEMORY;
+        d->gl.doing = "reading a GL texture";
+        result = sbl__host_texture_read(d, t->gl_texture, size, copy);
+        d->gl.doing = "storing textures";
+    }
+    if (result == SBL_SUCCESS) result = sbl__store_pixels(d, s, store, t, index, copy);
+    sbl__free(d->base, copy);
+    return result;
+}
+
+/* Gives a texture its rows in the store. */
+static sbl_result sbl__textures_place(sbl__device *d, sbl__textures *s, sbl__texel_store *store, const sbl_texture *t,
+                                      int index) {
+    const int most = d->gl.capabilities.max_texture_size;
+    int size[2] = { t->width, t->height };
+    double rows;
+    if (t->gl_texture) {
+        sbl_result result;
+        d->gl.doing = "looking at a GL texture";
+        result = sbl__host_texture_size(d, t->gl_texture, size);
+        d->gl.doing = "storing textures";
+        if (result == SBL_ERROR_OUT_OF_MEMORY) return result;
+        if (result != SBL_SUCCESS || size[0] < 1 || size[1] < 1) {
+            sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: gl_texture %u is not a "
+                     "GL_TEXTURE_2D with pixels in level 0", index + 1, t->gl_texture);
+            return SBL_ERROR_INVALID_ARGUMENT;
+        }
+    }
+    rows = ceil((double)size[0] * size[1] / store->width);
+    if (store->rows + rows > most) {
+        sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "texture %d: all textures together need more than "
+                 "%d x %d texels; use smaller ones", index + 1, store->width, most);
         return SBL_ERROR_UNSUPPORTED;
     }
-    s->mesh_count = desc->mesh_count;
-    s->meshes = (sbl__mesh *)sbl__alloc(gl->base, (size_t)desc->mesh_count, sizeof(sbl__mesh));
-    s->positions = (float *)sbl__alloc(gl->base, (size_t)vertices, 12);
-    s->normals = (float *)sbl__alloc(gl->base, (size_t)vertices, 12);
-    s->vertices = (sbl__vertex *)sbl__alloc(gl->base, (size_t)vertices, sizeof(sbl__vertex));
-    s->attributes = (sbl__attribute *)sbl__alloc(gl->base, (size_t)vertices, sizeof(sbl__attribute));
-    s->indices = (uint32_t *)sbl__alloc(gl->base, (size_t)triangles, 12);
-    s->objects = (uint32_t *)sbl__alloc(gl->base, (size_t)desc->mesh_count, 4 * SBL__OBJECT_WORDS);
-    records = (uint32_t (*)[4])sbl__alloc(gl->base, (size_t)desc->texture_count, sizeof *records);
-    brightest = (float *)sbl__alloc(gl->base, (size_t)desc->texture_count, sizeof(float));
-    if (!s->meshes || !s->positions || !s->normals || !s->vertices || !s->attributes || !s->indices || !s->objects || !records || !brightest) result = SBL_ERROR_OUT_OF_MEMORY;
+    s->places[index][0] = (uint32_t)store->rows;
+    s->places[index][1] = (uint32_t)size[0];
+    s->places[index][2] = (uint32_t)size[1];
+    s->places[index][3] = (store->texel == 8 ? SBL__TEXTURE_FLOAT : SBL__TEXTURE_SRGB) |
+                          (t->wrap == SBL_WRAP_CLAMP ? SBL__TEXTURE_CLAMPS : 0);
+    store->rows += (int)rows;
+    return SBL_SUCCESS;
+}
 
-    for (i = 0; i < desc->mesh_count && (result == SBL_SUCCESS || result == SBL_ERROR_INVALID_ARGUMENT); i++) {  /* all mistakes are reported, not only the first mesh's */
-        sbl_result mesh = sbl__scene_add_mesh(gl, s, &desc->meshes[i], i, &degenerate);
-        if (mesh != SBL_SUCCESS) result = mesh;
+/* All textures; the descriptor has been checked. */
+static sbl_result sbl__textures_make(sbl__device *d, sbl__textures *s, const sbl_scene_desc *desc) {
+    static const unsigned formats[2] = { SBL__GL_SRGB8_ALPHA8, SBL__GL_RGBA16F };
+    sbl__texel_store stores[2];
+    sbl_result result = SBL_SUCCESS;
+    int i;
+    d->gl.doing = "storing textures";
+    s->count = desc->texture_count;
+    s->places = (uint32_t (*)[4])sbl__alloc(d->base, (size_t)s->count, sizeof *s->places);
+    s->brightest = (float *)sbl__alloc(d->base, (size_t)s->count, sizeof(float));
+    if (!s->places || !s->brightest) return SBL_ERROR_OUT_OF_MEMORY;
+    memset(stores, 0, sizeof stores);
+    for (i = 0; i < 2; i++) {
+        stores[i].texel = i ? 8 : 4;
+        stores[i].width = SBL__MIN(SBL__STORE_WIDTH, d->gl.capabilities.max_texture_size);
     }
-    if (result == SBL_SUCCESS) result = sbl__scene_add_textures(gl, s, desc, copy_program, empty_array, records, brightest);
-    if (result == SBL_SUCCESS) {
-        memcpy(s->sky, desc->sky, sizeof s->sky);
-        s->max_radiance = sbl__max3(s->sky);
-        result = sbl__scene_add_environment(gl, s, &desc->environment);
+#define SBL__STORE_OF(i) (&stores[desc->textures[i].format != SBL_PIXELS_SRGB8])
+    for (i = 0; i < s->count && result == SBL_SUCCESS; i++)
+        result = sbl__textures_place(d, s, SBL__STORE_OF(i), &desc->textures[i], i);
+    for (i = 0; i < 2 && result == SBL_SUCCESS; i++) {
+        sbl__texel_store *store = &stores[i];
+        if (!store->rows) continue;
+        store->bytes = (unsigned char *)sbl__alloc(d->base, (size_t)store->rows * (size_t)store->width, store->texel);
+        if (!store->bytes) result = SBL_ERROR_OUT_OF_MEMORY;
     }
-    if (result == SBL_SUCCESS) {
-        s->draw = desc->draw;
-        s->draw_user = desc->draw_user;
-        memcpy(s->draw_bounds, desc->draw_bounds, sizeof s->draw_bounds);
-        if (s->draw) s->max_radiance = SBL__MAX(s->max_radiance, desc->draw_max_radiance > 0 ? desc->draw_max_radiance : 1.0f);
-        for (i = 0; i < desc->mesh_count; i++) {
-            const sbl_mesh *mesh = &desc->meshes[i];
-            const sbl_material *m = &desc->materials[mesh->material];
-            uint32_t *words = s->objects + (size_t)SBL__OBJECT_WORDS * (size_t)i;
-            float scale = m->emission_texture ? brightest[m->emission_texture - 1] : 1.0f;
-            memcpy(words, m->albedo, 12);
-            memcpy(words + 3, &m->alpha_cutoff, 4);
-            memcpy(words + 4, m->emission, 12);
-            words[7] = m->flags;
-            for (k = 0; k < 4; k++) {
-                words[8 + k] = m->albedo_texture ? records[m->albedo_texture - 1][k] : 0;
-                words[12 + k] = m->emission_texture ? records[m->emission_texture - 1][k] : 0;
-            }
-            words[16] = mesh->id ? mesh->id : (uint32_t)i + 1;
-            if (m->albedo_texture || m->emission_texture || m->alpha_cutoff > 0) s->textured = 1;
-            s->max_radiance = SBL__MAX(s->max_radiance, scale * sbl__max3(m->emission));
+    for (i = 0; i < s->count && result == SBL_SUCCESS; i++)
+        result = sbl__textures_fill(d, s, SBL__STORE_OF(i), &desc->textures[i], i);
+#undef SBL__STORE_OF
+    for (i = 0; i < 2; i++) {
+        if (result == SBL_SUCCESS && stores[i].rows)
+            result = sbl__texture_make(d, &s->stores[i], stores[i].width, stores[i].rows, formats[i]);
+        if (result == SBL_SUCCESS && stores[i].rows)
+            result = sbl__texture_write(d, &s->stores[i], 0, stores[i].rows, stores[i].bytes);
+        sbl__free(d->base, stores[i].bytes);
+    }
+    return result;
+}
+
+static void sbl__textures_bind(sbl__device *d, const sbl__textures *s) {
+    sbl__bind(d, "sbl_texels_srgb", &s->stores[0]);
+    sbl__bind(d, "sbl_texels_float", &s->stores[1]);
+}
+
+/* ====================================================================================================== >>environment
+   Light from where nothing is hit: the constant sky, and a picture. What of the picture is too bright to be left to
+   rays over the hemisphere is a lamp, texel by texel (see >>lamps). */
+
+#define SBL__SKY_LIMIT 4  /* mean radiances: what is brighter is a lamp; rays meet the rest with little noise */
+
+typedef struct sbl__environment {
+    float sky[3];        /* constant */
+    float *pixels;       /* the picture, scaled: r g b; NULL: there is none */
+    int width, height;
+    float axes[3][3];    /* x, up, z of the picture in the world */
+    float limit;         /* radiance from which on a texel is a lamp; 0: there is no picture */
+    float brightest;
+    sbl__texture texels;
+} sbl__environment;
+
+static void sbl__environment_free(const sbl__device *d, sbl__environment *e) {
+    sbl__free(d->base, e->pixels);
+    sbl__texture_delete(d, &e->texels);
+    memset(e, 0, sizeof *e);
+}
+
+/* Up is where the host says; x and z turn there from +y the shortest way, then by its rotation. */
+static void sbl__environment_axes(sbl__environment *e, const sbl_environment *desc) {
+    const double turn = desc->rotation * SBL__PI / 180;
+    double up[3] = { 0, 1, 0 }, x[3] = { 1, 0, 0 }, z[3];
+    int k;
+    for (k = 0; k < 3 && !sbl__all_zero(desc->up, 3); k++) up[k] = desc->up[k];
+    sbl__normalize(up);
+    if (up[1] > -1 + 1e-9) {  /* about their cross product; from -y, half a turn about x */
+        x[0] = 1 - up[0] * up[0] / (1 + up[1]);
+        x[1] = -up[0];
+        x[2] = -up[0] * up[2] / (1 + up[1]);
+    }
+    sbl__cross(x, up, z);
+    for (k = 0; k < 3; k++) {
+        e->axes[0][k] = (float)(cos(turn) * x[k] - sin(turn) * z[k]);
+        e->axes[1][k] = (float)up[k];
+        e->axes[2][k] = (float)(sin(turn) * x[k] + cos(turn) * z[k]);
+    }
+}
+
+/* The direction of the middle of a texel, as sky.glsl has it. */
+static void sbl__environment_direction(const sbl__environment *e, int x, int y, double out[3]) {
+    const double angle = SBL__PI * (y + 0.5) / e->height, around = 2 * SBL__PI * ((x + 0.5) / e->width - 0.5);
+    int k;
+    for (k = 0; k < 3; k++)
+        out[k] = sin(angle) * (cos(around) * e->axes[0][k] + sin(around) * e->axes[2][k]) + cos(angle) * e->axes[1][k];
+}
+
+/* Radiance of a texel as the host gives it, scaled. */
+static void sbl__environment_texel(const sbl__environment *e, const sbl_environment *desc, int x, int y, float c[4]) {
+    const sbl_texture *t = &desc->picture;
+    double exact[3];
+    float direction[3];
+    int k;
+    memset(c, 0, 4 * sizeof(float));
+    if (desc->radiance) {
+        sbl__environment_direction(e, x, y, exact);
+        for (k = 0; k < 3; k++) direction[k] = (float)exact[k];
+        desc->radiance(direction, c, desc->user);
+    } else {
+        sbl__read_pixel(t, (const unsigned char *)t->pixels + (size_t)y * sbl__texture_stride(t, e->width), x, c);
+        for (k = 0; k < 3 && t->format == SBL_PIXELS_SRGB8; k++) c[k] = sbl__srgb_to_linear(c[k]);
+    }
+    for (k = 0; k < 3; k++) c[k] *= desc->scale > 0 ? desc->scale : 1.0f;
+}
+
+/* The picture as floats: r g b on the CPU, r g b a for the GPU; and what of it is a lamp. */
+static sbl_result sbl__environment_read(const sbl__base *base, sbl__environment *e, const sbl_environment *desc,
+                                        float *texels) {
+    double mean = 0, weights = 0;
+    int x, y, k;
+    for (y = 0; y < e->height; y++) {
+        const double weight = sin(SBL__PI * (y + 0.5) / e->height);
+        for (x = 0; x < e->width; x++) {
+            const size_t at = (size_t)y * (size_t)e->width + (size_t)x;
+            float *c = texels + 4 * at;
+            sbl__environment_texel(e, desc, x, y, c);
+            for (k = 0; k < 3; k++)
+                if (!(c[k] >= 0.0f && sbl__finite(c[k]))) {
+                    sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_LIGHT, "environment: component %d of pixel "
+                             "%d %d is %g; it must be finite and not negative", k, x, y, (double)c[k]);
+                    return SBL_ERROR_INVALID_ARGUMENT;
+                }
+            memcpy(e->pixels + 3 * at, c, 12);
+            mean += weight * sbl__max3(c);
+            weights += weight;
+            e->brightest = SBL__MAX(e->brightest, sbl__max3(c) + sbl__max3(e->sky));
         }
-        sbl__scene_measure(s);
-        result = sbl__scene_add_lights(gl, s, desc);
-        if (degenerate)
-            sbl__log(gl->base, SBL_LOG_WARNING, SBL_LOG_ITEM_DEGENERATE_TRIANGLES, "%d triangles without area were left out of %.0f", degenerate, triangles);
-        if (result == SBL_SUCCESS) result = sbl__scene_upload(gl, s);
     }
-    sbl__free(gl->base, records);
-    sbl__free(gl->base, brightest);
-    if (result != SBL_SUCCESS) sbl__scene_free(gl, s);
-    return result;
+    e->limit = (float)SBL__MIN(SBL__MAX(SBL__SKY_LIMIT * mean / weights, 1e-37), FLT_MAX);
+    return SBL_SUCCESS;
 }
 
-/* Places a mesh in the arrays and on the GPU. */
-static sbl_result sbl__scene_place(const sbl__gl *gl, sbl__scene *s, int number, const float transform[16]) {
-    sbl__mesh *mesh = &s->meshes[number];
-    int t, turned = (sbl__affine_determinant(mesh->transform) < 0) != (sbl__affine_determinant(transform) < 0);
-    if (!sbl__mesh_transform(gl->base, s, number, transform)) return SBL_ERROR_INVALID_ARGUMENT;
-    memcpy(mesh->transform, transform, sizeof mesh->transform);
-    for (t = mesh->first_triangle; turned && t < mesh->first_triangle + mesh->triangle_count; t++) {
-        uint32_t swap = s->indices[3 * (size_t)t + 1];
-        s->indices[3 * (size_t)t + 1] = s->indices[3 * (size_t)t + 2];
-        s->indices[3 * (size_t)t + 2] = swap;
-    }
-    s->bvh_ready = 0;
-    sbl__scene_measure(s);
-    gl->BindVertexArray(0);
-    gl->BindBuffer(SBL__GL_ARRAY_BUFFER, s->position_buffer.id);
-    gl->BufferSubData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)(sizeof(sbl__vertex) * (size_t)mesh->first_vertex), (ptrdiff_t)(sizeof(sbl__vertex) * (size_t)mesh->vertex_count), s->vertices + mesh->first_vertex);
-    gl->BindBuffer(SBL__GL_ARRAY_BUFFER, s->attribute_buffer.id);
-    gl->BufferSubData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)(sizeof(sbl__attribute) * (size_t)mesh->first_vertex), (ptrdiff_t)(sizeof(sbl__attribute) * (size_t)mesh->vertex_count), s->attributes + mesh->first_vertex);
-    if (turned) {
-        gl->BindBuffer(SBL__GL_ARRAY_BUFFER, s->index_buffer.id);
-        gl->BufferSubData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)(12 * (size_t)mesh->first_triangle), (ptrdiff_t)(12 * (size_t)mesh->triangle_count), s->indices + 3 * (size_t)mesh->first_triangle);
-    }
-    return s->wide ? sbl__scene_texels_make(gl, s) : sbl__gl_check(gl, "moving a mesh");
-}
-
-static sbl_result sbl__scene_move(const sbl__gl *gl, sbl__scene *s, int number, const float transform[16]) {
-    float identity[16], before[16];
+static sbl_result sbl__environment_make(const sbl__device *d, sbl__environment *e, const sbl_scene_desc *desc) {
+    const sbl_environment *from = &desc->environment;
+    const int most = d->gl.capabilities.max_texture_size;
+    const size_t width = from->picture.width ? (size_t)from->picture.width : 512;
+    const size_t height = from->picture.height ? (size_t)from->picture.height : 256;
+    float *texels;
     sbl_result result;
-    sbl__identity(identity);
-    memcpy(before, s->meshes[number].transform, sizeof before);
-    result = sbl__scene_place(gl, s, number, sbl__all_zero(transform, 16) ? identity : transform);
-    if (result != SBL_SUCCESS) sbl__scene_place(gl, s, number, before);
+    memcpy(e->sky, desc->sky, sizeof e->sky);
+    e->brightest = sbl__max3(e->sky);
+    if (!from->picture.pixels && !from->radiance) return SBL_SUCCESS;
+    if ((int)width > most || (int)height > most) {
+        sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "environment: picture is %d x %d; this driver's "
+                 "textures are at most %d across", (int)width, (int)height, most);
+        return SBL_ERROR_UNSUPPORTED;
+    }
+    e->width = (int)width;
+    e->height = (int)height;
+    sbl__environment_axes(e, from);
+    e->pixels = (float *)sbl__alloc_raw(d->base, width * height, 12);
+    texels = (float *)sbl__alloc_raw(d->base, width * height, 16);
+    result = e->pixels && texels ? sbl__environment_read(d->base, e, from, texels) : SBL_ERROR_OUT_OF_MEMORY;
+    if (result == SBL_SUCCESS) result = sbl__texture_make(d, &e->texels, e->width, e->height, SBL__GL_RGBA32F);
+    if (result == SBL_SUCCESS) result = sbl__texture_write(d, &e->texels, 0, e->height, texels);
+    sbl__free(d->base, texels);
     return result;
 }
 
-/* Binds what scene.glsl and surface.glsl read to units 0 to 5. */
-static void sbl__scene_bind(const sbl__gl *gl, const sbl__scene *s, unsigned program) {
-    sbl__bind_texels(gl, program, "sbl_objects", 0, &s->object_texels);
-    sbl__bind(gl, program, "sbl_texels_srgb", 1, SBL__GL_TEXTURE_2D, s->texels_srgb.id);
-    sbl__bind(gl, program, "sbl_texels_float", 2, SBL__GL_TEXTURE_2D, s->texels_float.id);
-    sbl__bind_texels(gl, program, "sbl_positions", 3, &s->position_texels);
-    sbl__bind_texels(gl, program, "sbl_attributes", 4, &s->attribute_texels);
-    sbl__bind_texels(gl, program, "sbl_indices", 5, &s->index_texels);
+/* For sky.glsl. */
+static void sbl__environment_bind(sbl__device *d, const sbl__environment *e) {
+    sbl__bind(d, "sky_picture", &e->texels);
+    sbl__set_vec3(d, "sky_x", e->axes[0]);
+    sbl__set_vec3(d, "sky_up", e->axes[1]);
+    sbl__set_vec3(d, "sky_z", e->axes[2]);
+    sbl__set_float(d, "sky_limit", e->limit);
+    sbl__set_vec3(d, "sky", e->sky);
 }
 
-/* Binds what sky.glsl reads to a unit. */
-static void sbl__sky_bind(const sbl__gl *gl, const sbl__scene *s, unsigned program, int unit) {
-    sbl__bind(gl, program, "sky_picture", unit, SBL__GL_TEXTURE_2D, s->sky_texels.id);
-    sbl__uniform_3(gl, program, "sky_x", s->sky_axes[0]);
-    sbl__uniform_3(gl, program, "sky_up", s->sky_axes[1]);
-    sbl__uniform_3(gl, program, "sky_z", s->sky_axes[2]);
-    sbl__uniform_f(gl, program, "sky_limit", s->sky_limit);
-    sbl__uniform_3(gl, program, "sky", s->sky);
-}
+/* >>glsl sky: shaders_embedded/sky.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_sky[] = {
+"// The environment's picture, equirectangular: light from where nothing is hit, besides the constant sky (see\n",
+"// sbl_environment).\n",
+"uniform sampler2D sky_picture;\n",
+"uniform vec3 sky_x, sky_up, sky_z;  // its axes in the world\n",
+"uniform float sky_limit;            // radiance from which on it is left to lamps.glsl; 0: there is no picture\n",
+"\n",
+"// Where a direction meets the picture, in its widths and heights.\n",
+"vec2 sbl_sky_at(vec3 direction) {\n",
+"    vec3 d = vec3(dot(direction, sky_x), dot(direction, sky_up), dot(direction, sky_z)) / length(direction);\n",
+"    float around = d.x == 0.0 && d.z == 0.0 ? 0.0 : atan(d.z, d.x) / 6.283185307;\n",
+"    return vec2(0.5 + around, acos(clamp(d.y, -1.0, 1.0)) / 3.14159265);\n",
+"}\n",
+"\n",
+"// The way back; z: the cosine to sky_up.\n",
+"vec3 sbl_sky_direction(float across, float z) {\n",
+"    float angle = 6.283185307 * (across - 0.5), r = sqrt(max(1.0 - z * z, 0.0));\n",
+"    return r * cos(angle) * sky_x + z * sky_up + r * sin(angle) * sky_z;\n",
+"}\n",
+"\n",
+"// What of a texel's light lamps.glsl samples.\n",
+"float sbl_sky_excess(vec3 radiance) {\n",
+"    return max(1.0 - sky_limit / max(max(radiance.r, radiance.g), max(radiance.b, 1e-37)), 0.0);\n",
+"}\n",
+"\n",
+"// The rest of it.\n",
+"vec3 sbl_sky(vec3 direction) {\n",
+"    vec3 radiance = vec3(0);\n",
+"    sbl_when (sky_limit > 0.0) {\n",
+"        ivec2 size = textureSize(sky_picture, 0);\n",
+"        radiance = texelFetch(sky_picture, min(ivec2(sbl_sky_at(direction) * vec2(size)), size - 1), 0).rgb;\n",
+"        radiance *= 1.0 - sbl_sky_excess(radiance);\n",
+"    }\n",
+"    return radiance;\n",
+"}\n",
+0 };
+/* <<glsl */
 
 /* ======================================================================================================== >>bvh
-   A bounding volume hierarchy over the scene's triangles: binned surface-area heuristic (Wald 2007, "On fast Construction of SAH-based Bounding
-   Volume Hierarchies"), boxes on a 16-bit grid over the scene, two texels a node; see traverse.glsl for the layout. */
+   A bounding volume hierarchy over the scene's triangles: binned surface-area heuristic (Wald 2007, "On fast
+   Construction of SAH-based Bounding Volume Hierarchies"), boxes on a 16-bit grid over the scene, two texels a node. It
+   is built in slices when a picture or gather first needs it, and again after a mesh has moved. */
 
 #define SBL__BVH_BINS 16
 #define SBL__BVH_LEAF 4          /* triangles in a leaf, at most 8 */
-#define SBL__BVH_SAH_DEPTH 32    /* below it halves are split off by number, so that the depth stays under the stack's */
-#define SBL__BVH_STACK 64
+#define SBL__BVH_SAH_DEPTH 32    /* below it halves are split off by number, so that the stack is deep enough */
 #define SBL__BVH_DROPPED 0xffffffffu  /* in the order: nothing stands here */
 #define SBL__BVH_GRID_STEPS 512  /* boxes of fewer steps in all directions ... */
 #define SBL__BVH_GRID_LEAST 32   /* and of as many triangles get a grid of their own */
+#define SBL__BVH_CHUNK 2048      /* triangles between looks at the clock */
+#define SBL__UPLOAD_CHUNK 65536  /* bytes */
+
+/* A child: lowest x | highest x << 16, likewise y, z, in steps of the grid; a node's number, or
+   SBL_LEAF | triangles - 1 << 28 | first triangle, or SBL_ENTER | number of a finer grid in a node's place. */
+#define SBL__NODE(X) X(sbl__node, UVEC4, child_0) X(sbl__node, UVEC4, child_1)
+SBL__RECORD(sbl__node, SBL__NODE, "sbl_node", "sbl_nodes", SBL__SCENE_TABLE("sbl_nodes"), NULL)
+
+/* In a node's place: a grid over a part of the scene; its first node, and the grid around it with SBL_LEAVE. */
+#define SBL__GRID_NODE(X) \
+    X(sbl__grid_node, VEC3, origin) X(sbl__grid_node, UINT, root) \
+    X(sbl__grid_node, VEC3, per_length) X(sbl__grid_node, UINT, around)
+SBL__RECORD(sbl__grid_node, SBL__GRID_NODE, "sbl_grid", "sbl_nodes", "", NULL)
+
+/* Corners in the leaves' order; number in the scene; cutout: 1 where it may leave nothing. */
+#define SBL__TRIANGLE(X) \
+    X(sbl__triangle, VEC3, corner_0) X(sbl__triangle, UINT, object) \
+    X(sbl__triangle, VEC3, corner_1) X(sbl__triangle, UINT, number) \
+    X(sbl__triangle, VEC3, corner_2) X(sbl__triangle, UINT, cutout)
+SBL__RECORD(sbl__triangle, SBL__TRIANGLE, "sbl_triangle", "sbl_triangles", SBL__SCENE_TABLE("sbl_triangles"), NULL)
 
 typedef struct sbl__box { float low[3], high[3]; } sbl__box;
 
 static void sbl__box_clear(sbl__box *b) {
     int k;
     for (k = 0; k < 3; k++) { b->low[k] = FLT_MAX; b->high[k] = -FLT_MAX; }
+}
+
+static void sbl__box_add_point(sbl__box *b, const float *p) {
+    int k;
+    for (k = 0; k < 3; k++) {
+        b->low[k] = SBL__MIN(b->low[k], p[k]);
+        b->high[k] = SBL__MAX(b->high[k], p[k]);
+    }
 }
 
 static void sbl__box_add(sbl__box *b, const sbl__box *other) {
@@ -3624,102 +3650,196 @@ static float sbl__box_area(const sbl__box *b) {
     return x < 0 ? 0 : x * y + y * z + z * x;
 }
 
-/* What boxes are written in steps of; where everything is small beside it, a finer one takes over (see traverse.glsl). */
+/* What boxes are written in steps of; where everything is small beside it, a finer one takes over. */
 typedef struct sbl__grid { float origin[3], per_length[3]; int place; /* among the nodes */ } sbl__grid;
 
-/* What is left to build: triangles first .. first + count - 1 of the order, inside `box`; word `word` of the nodes will name them. */
-typedef struct sbl__bvh_task { int first, count, depth; size_t word; sbl__grid grid; sbl__box box; } sbl__bvh_task;
+/* What is left to build: triangles first .. first + count - 1 of the order, inside `box`; child `side` of node `parent`
+   will name them. */
+typedef struct sbl__bvh_task { int first, count, depth, parent, side; sbl__grid grid; sbl__box box; } sbl__bvh_task;
 
-/* Splits the task's triangles in two by place; returns how many come first, 0 where that cannot be done. `boxes` are of the triangles by number, `out` of the two halves. */
-static int sbl__bvh_split(const sbl__bvh_task *t, uint32_t *order, const sbl__box *boxes, sbl__box out[2]) {
-    sbl__box centroids, bins[SBL__BVH_BINS];
-    int counts[SBL__BVH_BINS], axis, k, i, best_axis = -1, best_bin = 0, left = 0;
-    float best = FLT_MAX, scale[3];
-    sbl__box_clear(&centroids);
-    for (i = t->first; i < t->first + t->count; i++) {
-        const sbl__box *b = &boxes[order[i]];
-        for (k = 0; k < 3; k++) {
-            float c = b->low[k] + b->high[k];
-            centroids.low[k] = SBL__MIN(centroids.low[k], c);
-            centroids.high[k] = SBL__MAX(centroids.high[k], c);
+/* A task's triangles being split in two by place. */
+typedef struct sbl__bvh_split {
+    int at, left, axis, bin;     /* the triangle that is next; how many came first; where the cut is; axis < 0: none */
+    enum { SBL__SPLIT_MEASURE, SBL__SPLIT_COUNT, SBL__SPLIT_PART, SBL__SPLIT_DONE } stage;
+    float scale[3];
+    sbl__box centroids, bins[3][SBL__BVH_BINS], halves[2];
+    int counts[3][SBL__BVH_BINS];
+} sbl__bvh_split;
+
+/* Of a node: what rays through it meet on average, times its area. */
+typedef struct sbl__bvh_work { double sum; float area; int parent; } sbl__bvh_work;
+
+typedef struct sbl__bvh {        /* while it is built */
+    enum { SBL__BVH_BOXES, SBL__BVH_SPLITS, SBL__BVH_COSTS, SBL__BVH_TRIANGLES, SBL__BVH_NODES } stage;
+    int at;                      /* what of the stage is next */
+    sbl__node *nodes;
+    uint32_t *order;             /* triangle numbers, leaf after leaf */
+    sbl__box *boxes;             /* of the triangles */
+    sbl__bvh_work *work;
+    sbl__box all;
+    sbl__bvh_task stack[2 * SBL__STACK];
+    int top;
+    sbl__bvh_split split;
+    int splitting;               /* the task at the top is */
+} sbl__bvh;
+
+typedef struct sbl__hierarchy {
+    int ready;
+    int node_count, triangle_count;
+    float grid_origin[3], grid_per_length[3];
+    double cost;                 /* nodes and triangles that a ray through a node's box meets on average, by the
+                                    surface-area heuristic: the worst node's */
+    double seconds;              /* that building took */
+    sbl__table node_table, triangle_table;
+    uint32_t *order;             /* of triangle_count triangles, until lamps have been collected; or NULL */
+    sbl__bvh *building;
+} sbl__hierarchy;
+
+static void sbl__bvh_free(const sbl__device *d, sbl__bvh *b) {
+    if (!b) return;
+    sbl__free(d->base, b->nodes);
+    sbl__free(d->base, b->order);
+    sbl__free(d->base, b->boxes);
+    sbl__free(d->base, b->work);
+    sbl__free(d->base, b);
+}
+
+static void sbl__hierarchy_free(const sbl__device *d, sbl__hierarchy *h) {
+    sbl__bvh_free(d, h->building);
+    sbl__free(d->base, h->order);
+    sbl__table_delete(d, &h->node_table);
+    sbl__table_delete(d, &h->triangle_table);
+    memset(h, 0, sizeof *h);
+}
+
+/* >>bvh: splitting */
+
+static void sbl__split_begin(sbl__bvh_split *s, const sbl__bvh_task *t) {
+    s->stage = SBL__SPLIT_MEASURE;
+    s->at = t->first;
+    s->left = 0;
+    s->axis = -1;
+    sbl__box_clear(&s->centroids);
+    sbl__box_clear(&s->halves[0]);
+    sbl__box_clear(&s->halves[1]);
+}
+
+static int sbl__split_bin(const sbl__bvh_split *s, const sbl__box *b, int axis) {
+    return (int)((b->low[axis] + b->high[axis] - s->centroids.low[axis]) * s->scale[axis]);
+}
+
+/* Where bins start and how wide they are, once the centroids are known. */
+static void sbl__split_bins(sbl__bvh_split *s, const sbl__bvh_task *t) {
+    int axis, k;
+    for (axis = 0; axis < 3; axis++) {
+        const float size = s->centroids.high[axis] - s->centroids.low[axis];
+        s->scale[axis] = size > 0 ? (float)SBL__BVH_BINS * 0.99999f / size : 0;
+        if (!sbl__finite(s->scale[axis]) || t->depth >= SBL__BVH_SAH_DEPTH) s->scale[axis] = 0;
+        for (k = 0; k < SBL__BVH_BINS; k++) {
+            sbl__box_clear(&s->bins[axis][k]);
+            s->counts[axis][k] = 0;
         }
     }
-    for (k = 0; k < 3; k++) {
-        float size = centroids.high[k] - centroids.low[k];
-        scale[k] = size > 0 ? (float)SBL__BVH_BINS * 0.99999f / size : 0;
-        if (!sbl__finite(scale[k])) scale[k] = 0;
-    }
-    for (axis = 0; axis < 3 && t->depth < SBL__BVH_SAH_DEPTH; axis++) {
-        float areas[SBL__BVH_BINS];
-        sbl__box sweep;
-        int n;
-        if (scale[axis] <= 0) continue;
-        for (k = 0; k < SBL__BVH_BINS; k++) { sbl__box_clear(&bins[k]); counts[k] = 0; }
-        for (i = t->first; i < t->first + t->count; i++) {
-            const sbl__box *b = &boxes[order[i]];
-            int bin = (int)((b->low[axis] + b->high[axis] - centroids.low[axis]) * scale[axis]);
-            sbl__box_add(&bins[bin], b);
-            counts[bin]++;
-        }
+}
+
+/* The cut that costs least, of all between bins. */
+static void sbl__split_choose(sbl__bvh_split *s, int count) {
+    float best = FLT_MAX, areas[SBL__BVH_BINS], cost;
+    int axis, k, n;
+    sbl__box sweep;
+    for (axis = 0; axis < 3; axis++) {
+        if (s->scale[axis] <= 0) continue;
         sbl__box_clear(&sweep);
-        n = 0;
-        for (k = SBL__BVH_BINS - 1; k > 0; k--) {
-            sbl__box_add(&sweep, &bins[k]);
-            n += counts[k];
+        for (k = SBL__BVH_BINS - 1, n = 0; k > 0; k--) {
+            sbl__box_add(&sweep, &s->bins[axis][k]);
+            n += s->counts[axis][k];
             areas[k] = n ? sbl__box_area(&sweep) * (float)n : 0;
         }
         sbl__box_clear(&sweep);
-        n = 0;
-        for (k = 0; k < SBL__BVH_BINS - 1; k++) {
-            float cost;
-            sbl__box_add(&sweep, &bins[k]);
-            n += counts[k];
-            if (n == 0 || n == t->count) continue;
+        for (k = 0, n = 0; k < SBL__BVH_BINS - 1; k++) {
+            sbl__box_add(&sweep, &s->bins[axis][k]);
+            n += s->counts[axis][k];
+            if (n == 0 || n == count) continue;
             cost = sbl__box_area(&sweep) * (float)n + areas[k + 1];
-            if (cost < best) { best = cost; best_axis = axis; best_bin = k; }
+            if (cost < best) { best = cost; s->axis = axis; s->bin = k; }
         }
     }
-    sbl__box_clear(&out[0]);
-    sbl__box_clear(&out[1]);
-    if (best_axis < 0) return 0;
-    for (i = t->first; i < t->first + t->count; i++) {
-        const sbl__box *b = &boxes[order[i]];
-        int bin = (int)((b->low[best_axis] + b->high[best_axis] - centroids.low[best_axis]) * scale[best_axis]);
-        sbl__box_add(&out[bin > best_bin], b);
-        if (bin <= best_bin) {
-            uint32_t swap = order[t->first + left];
-            order[t->first + left++] = order[i];
+}
+
+/* One triangle of the stage under way. */
+static void sbl__split_triangle(sbl__bvh_split *s, uint32_t *order, const sbl__box *boxes, int first, int i) {
+    const sbl__box *b = &boxes[order[i]];
+    float centroid[3];
+    int axis, k, bin;
+    if (s->stage == SBL__SPLIT_MEASURE) {
+        for (k = 0; k < 3; k++) centroid[k] = b->low[k] + b->high[k];
+        sbl__box_add_point(&s->centroids, centroid);
+    } else if (s->stage == SBL__SPLIT_COUNT) {
+        for (axis = 0; axis < 3; axis++) {
+            if (s->scale[axis] <= 0) continue;
+            bin = sbl__split_bin(s, b, axis);
+            sbl__box_add(&s->bins[axis][bin], b);
+            s->counts[axis][bin]++;
+        }
+    } else {
+        bin = sbl__split_bin(s, b, s->axis);
+        sbl__box_add(&s->halves[bin > s->bin], b);
+        if (bin <= s->bin) {
+            uint32_t swap = order[first + s->left];
+            order[first + s->left++] = order[i];
             order[i] = swap;
         }
     }
-    return left;
 }
+
+/* Goes on splitting; SBL_UNFINISHED where the slice is over. s->left is 0 where it cannot be done. */
+static sbl_result sbl__split_step(sbl__bvh_split *s, const sbl__bvh_task *t, sbl__bvh *b, const sbl__slice *slice) {
+    const int end = t->first + t->count;
+    while (s->stage != SBL__SPLIT_DONE) {
+        const int stop = SBL__MIN(end, s->at + SBL__BVH_CHUNK);
+        for (; s->at < stop; s->at++) sbl__split_triangle(s, b->order, b->boxes, t->first, s->at);
+        if (s->at == end) {
+            if (s->stage == SBL__SPLIT_MEASURE) sbl__split_bins(s, t);
+            if (s->stage == SBL__SPLIT_COUNT) sbl__split_choose(s, t->count);
+            s->stage = s->stage == SBL__SPLIT_MEASURE               ? SBL__SPLIT_COUNT
+                     : s->stage == SBL__SPLIT_COUNT && s->axis >= 0 ? SBL__SPLIT_PART
+                                                                    : SBL__SPLIT_DONE;
+            s->at = t->first;
+        }
+        if (t->count > SBL__BVH_CHUNK && sbl__now() >= slice->end && s->stage != SBL__SPLIT_DONE) return SBL_UNFINISHED;
+    }
+    return SBL_SUCCESS;
+}
+
+/* >>bvh: nodes */
 
 /* A box onto a grid, a little outwards. */
 static void sbl__bvh_quantise(const sbl__grid *grid, const sbl__box *b, uint32_t out[3]) {
     int k;
     for (k = 0; k < 3; k++) {
-        double low = ((double)b->low[k] - grid->origin[k]) * grid->per_length[k], high = ((double)b->high[k] - grid->origin[k]) * grid->per_length[k];
-        out[k] = (uint32_t)SBL__MIN(SBL__MAX(floor(low - 0.02), 0), 65535) | (uint32_t)SBL__MIN(SBL__MAX(ceil(high + 0.02), 0), 65535) << 16;
+        double low = floor(((double)b->low[k] - grid->origin[k]) * grid->per_length[k] - 0.02);
+        double high = ceil(((double)b->high[k] - grid->origin[k]) * grid->per_length[k] + 0.02);
+        out[k] = (uint32_t)SBL__MIN(SBL__MAX(low, 0), 65535) | (uint32_t)SBL__MIN(SBL__MAX(high, 0), 65535) << 16;
     }
 }
 
 /* The grid over a box, a step to spare at either end, in the place of the next node. */
-static sbl__grid sbl__bvh_add_grid(sbl__bvh *bvh, const sbl__box *b, int around) {
-    uint32_t *node = bvh->nodes + 8 * (size_t)bvh->node_count;
-    float longest = SBL__MAX(b->high[0] - b->low[0], SBL__MAX(b->high[1] - b->low[1], b->high[2] - b->low[2]));
+static sbl__grid sbl__bvh_add_grid(sbl__hierarchy *h, const sbl__box *b, int around) {
+    const float longest = SBL__MAX(b->high[0] - b->low[0], SBL__MAX(b->high[1] - b->low[1], b->high[2] - b->low[2]));
+    sbl__grid_node node;
     sbl__grid grid;
     int k;
     for (k = 0; k < 3; k++) {  /* no finer than what floats resolve there */
-        double size = SBL__MAX((double)b->high[k] - b->low[k], SBL__MAX(1e-4 * (double)longest, SBL__MAX(1e-6 * fabs((double)b->low[k]), 1e-30)));
-        grid.per_length[k] = (float)(65533 / size);
-        grid.origin[k] = (float)(b->low[k] - size / 65533);
+        double size = SBL__MAX(1e-4 * (double)longest, SBL__MAX(1e-6 * fabs((double)b->low[k]), 1e-30));
+        size = SBL__MAX((double)b->high[k] - b->low[k], size);
+        node.per_length[k] = grid.per_length[k] = (float)(65533 / size);
+        node.origin[k] = grid.origin[k] = (float)(b->low[k] - size / 65533);
     }
-    grid.place = bvh->node_count++;
-    memcpy(node, grid.origin, 12);
-    node[3] = (uint32_t)grid.place + 1;  /* its root follows */
-    memcpy(node + 4, grid.per_length, 12);
-    node[7] = (uint32_t)around;
+    grid.place = h->node_count++;
+    node.root = (uint32_t)grid.place + 1;  /* its root follows */
+    node.around = (uint32_t)around;
+    memcpy(&h->building->nodes[grid.place], &node, sizeof node);
+    memset(&h->building->work[grid.place], 0, sizeof *h->building->work);
     return grid;
 }
 
@@ -3733,24 +3853,22 @@ static int sbl__bvh_corner_order(const void *first, const void *second) {
     return a[k] < b[k] ? -1 : a[k] > b[k];
 }
 
-static int sbl__is_cutout(const sbl__scene *s, uint32_t triangle) {
-    return s->objects[(size_t)SBL__OBJECT_WORDS * s->vertices[s->indices[3 * (size_t)triangle]].object + 3] != 0;
-}
-
-/* Of triangles that lie exactly on each other only the first can be seen: a thousand copies must not cost a thousand tests. Shortens the task. */
-static sbl_result sbl__bvh_drop_copies(sbl__base *base, const sbl__scene *s, uint32_t *order, sbl__bvh_task *t) {
+/* Of triangles that lie exactly on each other only the first can be seen: a thousand copies must not cost a thousand
+   tests. Shortens the task. */
+static sbl_result sbl__bvh_drop_copies(sbl__base *base, const sbl__geometry *g, uint32_t *order, sbl__bvh_task *t) {
     sbl__bvh_corners *corners = (sbl__bvh_corners *)sbl__alloc(base, (size_t)t->count, sizeof *corners);
     int i, k, kept = 0, last = 0;
     if (!corners) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < t->count; i++) {
-        uint32_t number = order[t->first + i];
-        for (k = 0; k < 3; k++) memcpy(corners[i].words + 3 * k, s->vertices[s->indices[3 * (size_t)number + (size_t)k]].position, 12);
+        const uint32_t number = order[t->first + i];
+        for (k = 0; k < 3; k++) memcpy(corners[i].words + 3 * k, sbl__corner_of(g, number, k), 12);
         corners[i].words[9] = number;
     }
     qsort(corners, (size_t)t->count, sizeof *corners, sbl__bvh_corner_order);
     for (i = 0; i < t->count; i++) {
-        uint32_t number = corners[i].words[9];
-        if (i && !memcmp(corners[i].words, corners[last].words, 36) && !sbl__is_cutout(s, corners[last].words[9])) continue;
+        const uint32_t number = corners[i].words[9], before = corners[last].words[9];
+        if (i && !memcmp(corners[i].words, corners[last].words, 36) && sbl__object_of(g, before)->alpha_cutoff == 0.0f)
+            continue;
         last = i;
         order[t->first + kept++] = number;
     }
@@ -3760,415 +3878,1222 @@ static sbl_result sbl__bvh_drop_copies(sbl__base *base, const sbl__scene *s, uin
     return SBL_SUCCESS;
 }
 
-static void sbl__bvh_free(sbl__base *base, sbl__bvh *bvh) {
-    sbl__free(base, bvh->nodes);
-    sbl__free(base, bvh->order);
-    memset(bvh, 0, sizeof *bvh);
+static uint32_t *sbl__bvh_child(sbl__bvh *b, int node, int side) {
+    return side ? b->nodes[node].child_1 : b->nodes[node].child_0;
 }
 
-/* Of a node: what rays through it meet on average, times its area. */
-typedef struct sbl__bvh_work { double sum; float area; int parent; } sbl__bvh_work;
+/* Takes up a task: names its node to its parent, in a finer grid where it is small for the present one. */
+static void sbl__bvh_begin_task(sbl__hierarchy *h, sbl__bvh_task *t) {
+    sbl__bvh *b = h->building;
+    uint32_t *child = sbl__bvh_child(b, t->parent, t->side) + 3;
+    int k, fine = 1;
+    for (k = 0; k < 3; k++) fine &= (t->box.high[k] - t->box.low[k]) * t->grid.per_length[k] < SBL__BVH_GRID_STEPS;
+    *child = (uint32_t)h->node_count;
+    if (fine && t->count >= SBL__BVH_GRID_LEAST && t->depth < SBL__BVH_SAH_DEPTH) {
+        t->depth++;
+        *child |= SBL__ENTER;
+        t->grid = sbl__bvh_add_grid(h, &t->box, t->grid.place);
+    }
+    sbl__split_begin(&b->split, t);
+}
 
-static sbl_result sbl__bvh_build(sbl__base *base, sbl__bvh *bvh, const sbl__scene *s) {
-    double start = sbl__now();
-    size_t room = (size_t)SBL__MAX(1, s->triangle_count);
-    sbl__box *boxes;
-    sbl__bvh_work *work;
-    sbl__bvh_task stack[2 * SBL__BVH_STACK], *task = stack;
-    sbl_result result = SBL_SUCCESS;
-    int top = 0, i, k;
-    memset(bvh, 0, sizeof *bvh);
-    if (!s->triangle_count) return SBL_SUCCESS;
-    bvh->nodes = (uint32_t *)sbl__alloc(base, room + room / SBL__BVH_GRID_LEAST + 2, 32);
-    bvh->order = (uint32_t *)sbl__alloc(base, room, 4);
-    boxes = (sbl__box *)sbl__alloc(base, room, sizeof *boxes);
-    work = (sbl__bvh_work *)sbl__alloc(base, room + room / SBL__BVH_GRID_LEAST + 2, sizeof *work);
-    if (!bvh->nodes || !bvh->order || !boxes || !work) {
-        sbl__bvh_free(base, bvh);
-        sbl__free(base, boxes);
-        sbl__free(base, work);
-        return SBL_ERROR_OUT_OF_MEMORY;
+/* Writes the node of a task that has been split, and leaves its halves as leaves or tasks. */
+static sbl_result sbl__bvh_end_task(sbl__base *base, const sbl__geometry *g, sbl__hierarchy *h, sbl__bvh_task *t) {
+    sbl__bvh *b = h->building;
+    sbl__bvh_split *s = &b->split;
+    const int node = h->node_count;
+    int side, i;
+    if (!s->left) {  /* all at one place, or too deep: halves by number; of one triangle one is empty, never entered */
+        const sbl_result result = sbl__bvh_drop_copies(base, g, b->order, t);
+        if (result != SBL_SUCCESS) return result;
+        s->left = t->count / 2;
+        for (i = 0; i < t->count; i++) sbl__box_add(&s->halves[i >= s->left], &b->boxes[b->order[t->first + i]]);
     }
-    sbl__box_clear(&task->box);
-    for (i = 0; i < s->triangle_count; i++) {
-        int corner;
-        const uint32_t *object = s->objects + (size_t)SBL__OBJECT_WORDS * s->vertices[s->indices[3 * (size_t)i]].object;
-        if (object[7] & SBL_MATERIAL_HIDDEN_FROM_SENSORS) continue;
-        bvh->order[bvh->triangle_count++] = (uint32_t)i;
-        sbl__box_clear(&boxes[i]);
-        for (corner = 0; corner < 3; corner++) {
-            const float *p = s->vertices[s->indices[3 * (size_t)i + (size_t)corner]].position;
-            for (k = 0; k < 3; k++) {
-                boxes[i].low[k] = SBL__MIN(boxes[i].low[k], p[k]);
-                boxes[i].high[k] = SBL__MAX(boxes[i].high[k], p[k]);
-            }
+    b->work[node].area = sbl__box_area(&t->box);
+    b->work[node].parent = t->parent;
+    for (side = 0; side < 2; side++) {
+        const int first = side ? t->first + s->left : t->first, count = side ? t->count - s->left : s->left;
+        uint32_t *child = sbl__bvh_child(b, node, side);
+        sbl__bvh_quantise(&t->grid, &s->halves[side], child);
+        b->work[node].sum += (double)sbl__box_area(&s->halves[side]) * (count <= SBL__BVH_LEAF ? 1 + count : 1);
+        if (count <= SBL__BVH_LEAF)
+            child[3] = SBL__LEAF | (uint32_t)(SBL__MAX(1, count) - 1) << 28 | (uint32_t)first;
+        else {
+            sbl__bvh_task *task = &b->stack[b->top++];
+            task->first = first;
+            task->count = count;
+            task->depth = t->depth + 1;
+            task->parent = node;
+            task->side = side;
+            task->grid = t->grid;
+            task->box = s->halves[side];
         }
-        sbl__box_add(&task->box, &boxes[i]);
     }
-    if (bvh->triangle_count) {  /* else sensors may see nothing at all */
-        task->first = task->depth = 0;
-        task->count = bvh->triangle_count;
-        task->grid = sbl__bvh_add_grid(bvh, &task->box, 0);
-        task->word = 3;
-        memcpy(bvh->grid_origin, task->grid.origin, 12);
-        memcpy(bvh->grid_per_length, task->grid.per_length, 12);
-        top = 1;
+    h->node_count++;
+    return SBL_SUCCESS;
+}
+
+/* >>bvh: its stages */
+
+static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, sbl__hierarchy *h) {
+    const size_t room = (size_t)SBL__MAX(1, g->triangle_count), nodes = room + room / SBL__BVH_GRID_LEAST + 2;
+    sbl__bvh *b = (sbl__bvh *)sbl__alloc(d->base, 1, sizeof *b);
+    if (!b) return SBL_ERROR_OUT_OF_MEMORY;
+    h->building = b;
+    h->node_count = h->triangle_count = 0;
+    h->cost = h->seconds = 0;
+    memset(h->grid_origin, 0, sizeof h->grid_origin);
+    memset(h->grid_per_length, 0, sizeof h->grid_per_length);
+    b->nodes = (sbl__node *)sbl__alloc_raw(d->base, nodes, sizeof *b->nodes);
+    b->order = (uint32_t *)sbl__alloc_raw(d->base, room, 4);
+    b->boxes = (sbl__box *)sbl__alloc_raw(d->base, room, sizeof *b->boxes);
+    b->work = (sbl__bvh_work *)sbl__alloc_raw(d->base, nodes, sizeof *b->work);
+    sbl__box_clear(&b->all);
+    return b->nodes && b->order && b->boxes && b->work ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+}
+
+/* Boxes of the triangles that sensors see; then the first task. */
+static sbl_result sbl__bvh_boxes(const sbl__geometry *g, sbl__hierarchy *h, sbl__slice *slice) {
+    sbl__bvh *b = h->building;
+    sbl__bvh_task *task = &b->stack[0];
+    int corner;
+    for (; b->at < g->triangle_count; b->at++) {
+        const uint32_t i = (uint32_t)b->at;
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        if (sbl__object_of(g, i)->flags & SBL_MATERIAL_HIDDEN_FROM_SENSORS) continue;
+        b->order[h->triangle_count++] = i;
+        sbl__box_clear(&b->boxes[i]);
+        for (corner = 0; corner < 3; corner++) sbl__box_add_point(&b->boxes[i], sbl__corner_of(g, i, corner));
+        sbl__box_add(&b->all, &b->boxes[i]);
     }
-    while (top && result == SBL_SUCCESS) {
-        sbl__bvh_task t = stack[--top];
-        sbl__box halves[2];
-        uint32_t *node;
-        int left, side, fine = 1;
-        for (k = 0; k < 3; k++) fine &= (t.box.high[k] - t.box.low[k]) * t.grid.per_length[k] < SBL__BVH_GRID_STEPS;
-        if (fine && t.count >= SBL__BVH_GRID_LEAST && t.depth < SBL__BVH_SAH_DEPTH) {
-            t.depth++;
-            bvh->nodes[t.word] = 0xc0000000u | (uint32_t)bvh->node_count;
-            t.grid = sbl__bvh_add_grid(bvh, &t.box, t.grid.place);
-        } else bvh->nodes[t.word] = (uint32_t)bvh->node_count;
-        left = sbl__bvh_split(&t, bvh->order, boxes, halves);
-        if (!left) {  /* all at one place, or too deep: halves by number; one triangle leaves a child that nothing enters */
-            result = sbl__bvh_drop_copies(base, s, bvh->order, &t);
-            left = t.count / 2;
-            for (i = 0; i < t.count; i++) sbl__box_add(&halves[i >= left], &boxes[bvh->order[t.first + i]]);
+    if (!h->triangle_count) return SBL_SUCCESS;  /* sensors see nothing at all */
+    task->count = h->triangle_count;
+    task->box = b->all;
+    task->grid = sbl__bvh_add_grid(h, &b->all, 0);  /* number 0; it names the root as child_0 would */
+    memcpy(h->grid_origin, task->grid.origin, 12);
+    memcpy(h->grid_per_length, task->grid.per_length, 12);
+    b->top = 1;
+    return SBL_SUCCESS;
+}
+
+static sbl_result sbl__bvh_splits(sbl__base *base, const sbl__geometry *g, sbl__hierarchy *h, sbl__slice *slice) {
+    sbl__bvh *b = h->building;
+    while (b->top) {
+        sbl__bvh_task t;
+        sbl_result result;
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        if (!b->splitting) {
+            sbl__bvh_begin_task(h, &b->stack[b->top - 1]);
+            memset(&b->work[h->node_count], 0, sizeof *b->work);
+            b->splitting = 1;
         }
-        bvh->depth = SBL__MAX(bvh->depth, t.depth + 1);
-        work[bvh->node_count].area = sbl__box_area(&t.box);
-        work[bvh->node_count].parent = (int)(t.word / 8);
-        node = bvh->nodes + 8 * (size_t)bvh->node_count;
-        for (side = 0; side < 2; side++) {
-            int first = side ? t.first + left : t.first, count = side ? t.count - left : left;
-            sbl__bvh_quantise(&t.grid, &halves[side], node + 4 * side);
-            work[bvh->node_count].sum += (double)sbl__box_area(&halves[side]) * (count <= SBL__BVH_LEAF ? 1 + count : 1);
-            if (count <= SBL__BVH_LEAF) node[4 * side + 3] = 0x80000000u | (uint32_t)(SBL__MAX(1, count) - 1) << 28 | (uint32_t)first;
-            else {
-                task = &stack[top++];
-                task->first = first;
-                task->count = count;
-                task->depth = t.depth + 1;
-                task->word = 8 * (size_t)bvh->node_count + 4 * (size_t)side + 3;
-                task->grid = t.grid;
-                task->box = halves[side];
-            }
+        result = sbl__split_step(&b->split, &b->stack[b->top - 1], b, slice);
+        if (result != SBL_SUCCESS) return result;
+        t = b->stack[--b->top];
+        b->splitting = 0;
+        result = sbl__bvh_end_task(base, g, h, &t);
+        if (result != SBL_SUCCESS) return result;
+    }
+    return SBL_SUCCESS;
+}
+
+/* Children come after their parents: what rays meet below a node is added up on the way back. */
+static sbl_result sbl__bvh_costs(sbl__hierarchy *h, sbl__slice *slice) {
+    sbl__bvh *b = h->building;
+    for (; b->at < h->node_count - 1; b->at++) {
+        const int i = h->node_count - 1 - b->at;
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        b->work[b->work[i].parent].sum += b->work[i].sum;
+        if (b->work[i].area > 0) h->cost = SBL__MAX(h->cost, b->work[i].sum / b->work[i].area);
+    }
+    return SBL_SUCCESS;
+}
+
+/* The triangles' records to the GPU, in the leaves' order. */
+static sbl_result sbl__bvh_triangles(const sbl__device *d, const sbl__geometry *g, sbl__hierarchy *h,
+                                     const sbl__slice *slice) {
+    enum { MOST = SBL__UPLOAD_CHUNK / sizeof(sbl__triangle) };
+    sbl__bvh *b = h->building;
+    sbl__triangle *records = (sbl__triangle *)sbl__alloc(d->base, MOST, sizeof *records);
+    sbl_result result = records ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    if (result == SBL_SUCCESS && !b->at)
+        result = sbl__buffer_make(d, &h->triangle_table.buffer, sizeof *records * (size_t)h->triangle_count, NULL,
+                                  SBL__GL_STATIC_DRAW);
+    while (b->at < h->triangle_count && result == SBL_SUCCESS) {
+        const int count = SBL__MIN((int)MOST, h->triangle_count - b->at);
+        int i;
+        for (i = 0; i < count; i++) {
+            const uint32_t number = b->order[b->at + i];
+            sbl__triangle *t = &records[i];
+            memset(t, 0, sizeof *t);
+            if (number == SBL__BVH_DROPPED) continue;
+            memcpy(t->corner_0, sbl__corner_of(g, number, 0), 12);
+            memcpy(t->corner_1, sbl__corner_of(g, number, 1), 12);
+            memcpy(t->corner_2, sbl__corner_of(g, number, 2), 12);
+            t->object = g->vertices[g->indices[3 * (size_t)number]].object;
+            t->number = number;
+            t->cutout = sbl__object_of(g, number)->alpha_cutoff != 0.0f;
         }
-        bvh->node_count++;
+        sbl__buffer_write(d, &h->triangle_table.buffer, sizeof *records * (size_t)b->at,
+                          sizeof *records * (size_t)count, records);
+        b->at += count;
+        if (b->at < h->triangle_count && sbl__now() >= slice->end) result = SBL_UNFINISHED;
     }
-    sbl__free(base, boxes);
-    for (i = bvh->node_count - 1; i > 0 && result == SBL_SUCCESS; i--) {  /* children come after their parents */
-        work[work[i].parent].sum += work[i].sum;
-        if (work[i].area > 0) bvh->cost = SBL__MAX(bvh->cost, work[i].sum / work[i].area);
-    }
-    sbl__free(base, work);
-    if (result != SBL_SUCCESS) sbl__bvh_free(base, bvh);
-    bvh->seconds = sbl__now() - start;
+    sbl__free(d->base, records);
+    if (result == SBL_SUCCESS) result = sbl__table_show(d, &h->triangle_table, SBL__GL_RGBA32UI, g->wide);
     return result;
 }
 
+static sbl_result sbl__bvh_nodes(const sbl__device *d, sbl__hierarchy *h, int wide, const sbl__slice *slice) {
+    enum { MOST = SBL__UPLOAD_CHUNK / sizeof(sbl__node) };
+    sbl__bvh *b = h->building;
+    sbl_result result = SBL_SUCCESS;
+    if (!b->at)
+        result = sbl__buffer_make(d, &h->node_table.buffer, sizeof(sbl__node) * (size_t)h->node_count, NULL,
+                                  SBL__GL_STATIC_DRAW);
+    while (b->at < h->node_count && result == SBL_SUCCESS) {
+        const int count = SBL__MIN((int)MOST, h->node_count - b->at);
+        sbl__buffer_write(d, &h->node_table.buffer, sizeof(sbl__node) * (size_t)b->at,
+                          sizeof(sbl__node) * (size_t)count, b->nodes + b->at);
+        b->at += count;
+        if (b->at < h->node_count && sbl__now() >= slice->end) result = SBL_UNFINISHED;
+    }
+    if (result == SBL_SUCCESS) result = sbl__table_show(d, &h->node_table, SBL__GL_RGBA32UI, wide);
+    return result;
+}
+
+/* One stage, or as much of it as the slice has time for. */
+static sbl_result sbl__bvh_work_on(const sbl__device *d, const sbl__geometry *g, sbl__hierarchy *h, sbl__slice *slice) {
+    switch (h->building->stage) {
+        case SBL__BVH_BOXES: return sbl__bvh_boxes(g, h, slice);
+        case SBL__BVH_SPLITS: return sbl__bvh_splits(d->base, g, h, slice);
+        case SBL__BVH_COSTS: return sbl__bvh_costs(h, slice);
+        case SBL__BVH_TRIANGLES: return sbl__bvh_triangles(d, g, h, slice);
+        default: return sbl__bvh_nodes(d, h, g->wide, slice);
+    }
+}
+
+/* Builds the hierarchy and brings it to the GPU. SBL_SUCCESS: it is ready; after an error it can be begun anew. */
+static sbl_result sbl__hierarchy_step(sbl__device *d, const sbl__geometry *g, sbl__hierarchy *h, sbl__slice *slice) {
+    const double start = sbl__now();
+    sbl_result result = SBL_SUCCESS;
+    if (h->ready) return SBL_SUCCESS;
+    d->gl.doing = "storing the hierarchy";
+    if (!h->building) result = sbl__bvh_begin(d, g, h);
+    while (result == SBL_SUCCESS) {
+        sbl__bvh *b = h->building;
+        result = sbl__bvh_work_on(d, g, h, slice);
+        if (result != SBL_SUCCESS) break;
+        b->at = 0;
+        if (b->stage == SBL__BVH_NODES) { h->ready = 1; break; }
+        b->stage = b->stage == SBL__BVH_BOXES    ? SBL__BVH_SPLITS
+                 : b->stage == SBL__BVH_SPLITS   ? SBL__BVH_COSTS
+                 : b->stage == SBL__BVH_COSTS    ? SBL__BVH_TRIANGLES
+                                                 : SBL__BVH_NODES;
+    }
+    h->seconds += sbl__now() - start;
+    if (result == SBL_UNFINISHED) return result;
+    if (h->ready) {  /* the GPU has the nodes; the order tells where lamps are */
+        sbl__free(d->base, h->order);
+        h->order = h->building->order;
+        h->building->order = NULL;
+        if (g->wide) {  /* copied */
+            sbl__buffer_delete(d, &h->node_table.buffer);
+            sbl__buffer_delete(d, &h->triangle_table.buffer);
+        }
+    }
+    sbl__bvh_free(d, h->building);
+    h->building = NULL;
+    return result;
+}
+
+/* For traverse.glsl. */
+static void sbl__hierarchy_bind(sbl__device *d, const sbl__hierarchy *h) {
+    sbl__bind_table(d, "sbl_nodes", &h->node_table);
+    sbl__bind_table(d, "sbl_triangles", &h->triangle_table);
+    sbl__set_vec3(d, "grid_origin", h->grid_origin);
+    sbl__set_vec3(d, "grid_per_length", h->grid_per_length);
+    sbl__set_int(d, "node_count", h->node_count);
+}
+
+/* >>glsl traverse: shaders_embedded/traverse.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_traverse[] = {
+"// A ray through the bounding volume hierarchy (see >>bvh in sbl.h).\n",
+"uniform vec3 grid_origin, grid_per_length;  // of the grid over all, which comes first\n",
+"uniform int node_count;                     // 0: an empty scene\n",
+"\n",
+"const int SBL_LAYERS = 64;            // of cutouts that a ray goes through\n",
+"const int SBL_BOX_SLACK = 8;          // units in the last place, see Ize 2013, \"Robust BVH Ray Traversal\"\n",
+"const float SBL_SELF_DEEP = 1e-4;     // a hit nearer than this share of its triangle's depth may be rounding:\n",
+"const float SBL_SELF_WIDE = 1.2e-7;   // it must be farther than so many of its width\n",
+"\n",
+"#ifdef SBL_TEXTURED\n",
+"sbl_Attributes sbl_attributes_at(int triangle, float b1, float b2) {\n",
+"    ivec3 corners = sbl_corners(int(sbl_triangle_number(triangle)));\n",
+"    vec3 b = vec3(1.0 - b1 - b2, b1, b2);\n",
+"    sbl_Attributes at = sbl_Attributes(vec2(0), vec4(0));\n",
+"    for (int k = 0; k < 3; k++) {\n",
+"        int v = corners[k];\n",
+"        at.uv += b[k] * vec2(sbl_attributes_u(v), sbl_attributes_v(v));\n",
+"        at.color += b[k] / 65535.0 * sbl_unpack_color(sbl_attributes_color_rg(v), sbl_attributes_color_ba(v));\n",
+"    }\n",
+"    return at;\n",
+"}\n",
+"#endif\n",
+"\n",
+"struct sbl_Hit {\n",
+"    float distance;   // in lengths of the direction\n",
+"    int triangle;     // as sbl_triangles counts; negative: nothing was hit\n",
+"    int number;       // of the triangle in the scene\n",
+"    float b1, b2;     // barycentrics of the second and third corner\n",
+"    bool back;\n",
+"};\n",
+"\n",
+"// Does the ray's stretch up to `nearest` cross the box? Its entry distance, or 0x7fffffff; distances are the bits of\n",
+"// floats, since they order as integers where none is negative, and a negative one is below all others. `per` is the\n",
+"// length of a grid step along the ray, `offset` brings the origin to 0.\n",
+"int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int nearest) {\n",
+"    vec3 low = vec3(box.xyz & 65535u), high = vec3(box.xyz >> 16);\n",
+"    ivec3 entry = floatBitsToInt(mix(low, high, flip) * per + offset);\n",
+"    ivec3 leave = floatBitsToInt(mix(high, low, flip) * per + offset);\n",
+"    int from = max(max(entry.x, entry.y), max(entry.z, 0)), to = min(min(leave.x, leave.y), min(leave.z, nearest));\n",
+"    return from <= to + SBL_BOX_SLACK ? from : 0x7fffffff;\n",
+"}\n",
+"\n",
+"// A ray as triangles are tested against it. Watertight against shared edges: Woop, Benthin and Wald 2013. The axis\n",
+"// along which the direction is longest becomes z, the ray is sheared onto it.\n",
+"struct sbl_Ray {\n",
+"    vec3 origin;\n",
+"    int axis;\n",
+"    float shear_x, shear_y, z, per_z;\n",
+"    float after;  // hits are ordered by distance, then number: those up to this distance,\n",
+"    int past;     // and at it up to this number, do not count\n",
+"};\n",
+"\n",
+"vec3 sbl_turn(vec3 v, int axis) { return axis == 0 ? v.yzx : axis == 1 ? v.zxy : v; }\n",
+"\n",
+"void sbl_test(int triangle, sbl_Ray ray, inout sbl_Hit hit) {\n",
+"    vec3 p = sbl_turn(sbl_triangle_corner_0(triangle) - ray.origin, ray.axis);\n",
+"    vec3 q = sbl_turn(sbl_triangle_corner_1(triangle) - ray.origin, ray.axis);\n",
+"    vec3 r = sbl_turn(sbl_triangle_corner_2(triangle) - ray.origin, ray.axis);\n",
+"    int number = int(sbl_triangle_number(triangle));\n",
+"    vec2 shear = vec2(ray.shear_x, ray.shear_y);\n",
+"    p.xy -= shear * p.z;\n",
+"    q.xy -= shear * q.z;\n",
+"    r.xy -= shear * r.z;\n",
+"    float u = r.x * q.y - r.y * q.x, v = p.x * r.y - p.y * r.x, w = q.x * p.y - q.y * p.x, determinant = u + v + w;\n",
+"    bool front = u >= 0.0 && v >= 0.0 && w >= 0.0, back = u <= 0.0 && v <= 0.0 && w <= 0.0;\n",
+"    bool inside = (front || back) && determinant != 0.0;\n",
+"    float l = (u * p.z + v * q.z + w * r.z) * ray.per_z / determinant;\n",
+"    // A triangle that the ray starts beside, its own above all, must not be hit by rounding: it grows with how thin the\n",
+"    // triangle is.\n",
+"    float deep = max(abs(p.z), max(abs(q.z), abs(r.z)));\n",
+"    float wide = max(dot(p.xy, p.xy), max(dot(q.xy, q.xy), dot(r.xy, r.xy)));\n",
+"    inside = inside && l > SBL_SELF_DEEP * deep || inside && l * abs(determinant) > SBL_SELF_WIDE * deep * wide;\n",
+"    bool behind = l > ray.after || (l == ray.after && number > ray.past);\n",
+"    if (inside && behind && (l < hit.distance || (l == hit.distance && number < hit.number)))\n",
+"        hit = sbl_Hit(l, triangle, number, v / determinant, w / determinant, (determinant < 0.0) == (ray.z > 0.0));\n",
+"}\n",
+"\n",
+"// The nearest hit nearer than `limit` and farther than `after`, or as far and of a triangle numbered above `past`.\n",
+"sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float limit) {\n",
+"    sbl_Hit hit = sbl_Hit(limit, -1, -1, 0.0, 0.0, false);\n",
+"    vec3 size = abs(direction);\n",
+"    int axis = size.x > size.y ? (size.x > size.z ? 0 : 2) : (size.y > size.z ? 1 : 2);\n",
+"    vec3 d = sbl_turn(direction, axis);\n",
+"    sbl_Ray ray = sbl_Ray(origin, axis, d.x / d.z, d.y / d.z, d.z, 1.0 / d.z, after, past);\n",
+"\n",
+"    bvec3 flip = lessThan(direction, vec3(0));\n",
+"    vec3 inverse = 1.0 / mix(max(direction, vec3(1e-12)), min(direction, vec3(-1e-12)), flip);\n",
+"    vec3 per = inverse / grid_per_length, offset = (grid_origin - origin) * inverse;\n",
+"    uint stack[SBL_STACK];\n",
+"    stack[0] = SBL_END;\n",
+"    int top = 0;\n",
+"    uint node = node_count == 0 ? SBL_END : 1u;\n",
+"    while (true) {\n",
+"        while (node < SBL_LEAF) {  // down to a leaf, the nearer child first\n",
+"            uvec4 first = sbl_node_child_0(int(node)), second = sbl_node_child_1(int(node));\n",
+"            int nearest = floatBitsToInt(hit.distance);\n",
+"            int a = sbl_box(first, per, offset, flip, nearest), b = sbl_box(second, per, offset, flip, nearest);\n",
+"            node = a <= b ? first.w : second.w;\n",
+"            if (max(a, b) < 0x7fffffff) stack[++top] = a <= b ? second.w : first.w;\n",
+"            if (min(a, b) == 0x7fffffff) node = stack[top--];\n",
+"        }\n",
+"        bool leaf = true;\n",
+"        while ((node & 0xe0000000u) == SBL_ENTER && leaf) {  // into a grid, or back to the one around it\n",
+"            int grid = int(node & SBL_CHILD_NUMBER);\n",
+"            per = inverse / sbl_grid_per_length(grid);\n",
+"            offset = (sbl_grid_origin(grid) - origin) * inverse;\n",
+"            if ((node & 0xf0000000u) == SBL_ENTER) {\n",
+"                stack[++top] = SBL_LEAVE | sbl_grid_around(grid);\n",
+"                node = sbl_grid_root(grid);\n",
+"            } else node = stack[top--];\n",
+"            leaf = false;\n",
+"        }\n",
+"        if (!leaf) continue;\n",
+"        if (node == SBL_END) break;\n",
+"        int from = int(node & SBL_CHILD_NUMBER), to = from + int(node >> 28 & 7u);\n",
+"        for (int t = from; t <= to; t++) sbl_test(t, ray, hit);\n",
+"        node = stack[top--];\n",
+"    }\n",
+"    return hit;\n",
+"}\n",
+"\n",
+"// The nearest hit nearer than `limit`.\n",
+"sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit) {\n",
+"    sbl_Hit hit = sbl_Hit(0.0, -1, 0x7fffffff, 0.0, 0.0, false);\n",
+"#ifdef SBL_TEXTURED\n",
+"    // Cutouts: the nearest hit is looked at, and where nothing is there the ray goes on behind it.\n",
+"    for (int layer = 0; layer < SBL_LAYERS; layer++) {\n",
+"        bool solid = true;\n",
+"        hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);\n",
+"        sbl_when (hit.triangle >= 0 && sbl_triangle_cutout(hit.triangle) != 0u)\n",
+"            solid = sbl_solid(int(sbl_triangle_object(hit.triangle)),\n",
+"                              sbl_attributes_at(hit.triangle, hit.b1, hit.b2));\n",
+"        if (solid) break;\n",
+"    }\n",
+"#else\n",
+"    hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);\n",
+"#endif\n",
+"    return hit;\n",
+"}\n",
+0 };
+/* <<glsl */
+
 /* ======================================================================================================== >>lamps
-   What sensors aim rays at: emitting triangles, lights, and what of the environment is too bright to be left to chance. Two trees, of near lamps and of
-   directions, hold clusters of neighbours, so that the work of a sensor grows with their logarithm (lamps.glsl). One array of 4 x 32-bit texels:
+   What sensors aim rays at: emitting triangles, lights, and what of the environment is too bright to be left to
+   chance. Two trees, of near lamps and of directions, hold clusters of neighbours, so that the work of a sensor grows
+   with their logarithm (lamps.glsl). They stand in one table: nodes in preorder; leaves in the nodes' order; lights.
 
-       nodes   in preorder, 4 texels: middle and radius of a ball around all lamps;  xx, yy, zz of the sum of power * normal * normal^T, power;
-               xy, xz, yz of it, the node after this one's subtree (bit 31: directions);  sum of power * normal of one-sided lamps, first leaf
-       leaves  in the nodes' order: kind << 30 | number, 0, 0, 0
-       lights  3 texels: position or direction to it, radius or sine squared of half its angle;  intensity, spot's scale;  spot's axis, spot's offset
+   Power is light per solid angle over pi where the lamp shows its face: R at distance d is about power * cosine / d^2,
+   for directions power * cosine. */
 
-   Power is light per solid angle over pi where the lamp shows its face: R at distance d is about power * cosine / d^2, for directions power * cosine. */
+/* A ball around all lamps of the subtree; xx, yy, zz and xy, yz, zx of the sum of power * normal * normal^T; the node
+   after the subtree (SBL_FAR_NODE: directions); sum of power * normal of one-sided lamps; first leaf. */
+#define SBL__LAMP_NODE(X) \
+    X(sbl__lamp_node, VEC3, middle) X(sbl__lamp_node, FLOAT, radius) \
+    X(sbl__lamp_node, VEC3, square) X(sbl__lamp_node, FLOAT, power) \
+    X(sbl__lamp_node, VEC3, mixed) X(sbl__lamp_node, UINT, beyond) \
+    X(sbl__lamp_node, VEC3, front) X(sbl__lamp_node, UINT, first_leaf)
+SBL__RECORD(sbl__lamp_node, SBL__LAMP_NODE, "sbl_lamp_node", "sbl_lamps", SBL__SCENE_TABLE("sbl_lamps"), NULL)
 
-#define SBL__MAX_LAMPS 256     /* entries that lamps.glsl weighs against each other: so many lamps are taken one by one */
+/* Kind << SBL_LAMP_KIND_SHIFT | number: of a triangle in the hierarchy's order, of a light, or of a texel:
+   row << SBL_SKY_COLUMN_BITS | column. */
+#define SBL__LAMP_LEAF(X) X(sbl__lamp_leaf, UINT, code) X(sbl__lamp_leaf, UVEC3, unused)
+SBL__RECORD(sbl__lamp_leaf, SBL__LAMP_LEAF, "sbl_lamp_leaf", "sbl_lamps", "", "sbl_first_leaf")
 
-enum { SBL__LAMP_TRIANGLE, SBL__LAMP_NEAR_LIGHT, SBL__LAMP_FAR_LIGHT, SBL__LAMP_SKY_TEXEL };
+/* position: of far lights, the direction to them; radius: of these, sine squared of half their angle; the spot's share
+   is the square of scale * cosine to its axis + offset. */
+#define SBL__LIGHT_RECORD(X) \
+    X(sbl__light_record, VEC3, position) X(sbl__light_record, FLOAT, radius) \
+    X(sbl__light_record, VEC3, intensity) X(sbl__light_record, FLOAT, spot_scale) \
+    X(sbl__light_record, VEC3, axis) X(sbl__light_record, FLOAT, spot_offset)
+SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", "sbl_first_light")
+
+#define SBL__POWER_MOST 1e37          /* so that sums of a few stay floats */
+#define SBL__POWER_LEAST 1e-30        /* of a lamp that shines at all */
+#define SBL__MOMENT_MOST 1e18         /* products of two stay floats */
+#define SBL__SPOT_LEAST 0.001         /* between the cosines of a spot's cones (KHR_lights_punctual) */
+#define SBL__CURVE_BITS 20            /* of the Morton curve, an axis */
+#define SBL__LAMP_DEPTH 128           /* of the trees: the curve's 61 bits, then the logarithm of their number */
 
 typedef struct sbl__lamp {
     uint64_t curve;            /* place along a Morton curve; near before far */
     uint32_t code;
+    uint32_t triangle;         /* number in the scene */
     float low[3], high[3];     /* bounds */
     float normal[3];           /* 0: shines to all sides; of directions, the direction */
     float power;
     int one_sided, far;
 } sbl__lamp;
 
-typedef struct sbl__lamps {
-    sbl__lamp *list;
+typedef struct sbl__cluster { double power, all_sides, square[6], front[3]; float low[3], high[3]; } sbl__cluster;
+
+/* What is left to build of a tree: lamps first .. first + count - 1. */
+typedef struct sbl__lamp_range { int first, count; } sbl__lamp_range;
+
+typedef struct sbl__lamps {    /* while the trees are built */
+    enum { SBL__LAMPS_TRIANGLES, SBL__LAMPS_SKY, SBL__LAMPS_PLACE, SBL__LAMPS_SORT, SBL__LAMPS_SPLIT, SBL__LAMPS_ADD,
+           SBL__LAMPS_STORE } stage;
+    int at;                    /* what of the stage is next */
+    sbl__lamp *list, *sorted;  /* sorted: the other half of merging */
     int count, room;
-    uint32_t *words;           /* as the GPU gets them */
-    int nodes;
+    double low[3], side;       /* of the near lamps' middles: the cube that the curve runs through */
+    int width, left, right, out;  /* merging runs of so many: where in the two runs, and in what comes of them */
+    sbl__lamp_node *nodes;
+    int node_count;
+    sbl__lamp_range ranges[SBL__LAMP_DEPTH];
+    sbl__cluster clusters[SBL__LAMP_DEPTH];
+    int depth;                 /* of either */
 } sbl__lamps;
+
+typedef struct sbl__lights {
+    sbl_light *list;           /* as the host gave them */
+    int count;
+    float unit;                /* radiance of about the highest light that lamps give: what shaders calculate in */
+    int ready;
+    sbl__table table;
+    int nodes, leaves;         /* in the table */
+    uint32_t (*names)[2];      /* of the leaves: kind; triangle of the scene, light, or row * width + column */
+    sbl__lamps *building;
+} sbl__lights;
+
+static void sbl__lamps_free(const sbl__device *d, sbl__lamps *l) {
+    if (!l) return;
+    sbl__free(d->base, l->list);
+    sbl__free(d->base, l->sorted);
+    sbl__free(d->base, l->nodes);
+    sbl__free(d->base, l);
+}
+
+static void sbl__lights_free(const sbl__device *d, sbl__lights *l) {
+    sbl__lamps_free(d, l->building);
+    sbl__free(d->base, l->list);
+    sbl__free(d->base, l->names);
+    sbl__table_delete(d, &l->table);
+    memset(l, 0, sizeof *l);
+}
+
+/* brightest: radiance of any surface or the sky. The descriptor has been checked. */
+static sbl_result sbl__lights_make(sbl__base *base, sbl__lights *l, const sbl_scene_desc *desc, float brightest,
+                                   float extent) {
+    int i;
+    l->count = desc->light_count;
+    l->list = (sbl_light *)sbl__alloc(base, (size_t)l->count, sizeof(sbl_light));
+    if (!l->list) return SBL_ERROR_OUT_OF_MEMORY;
+    if (l->count) memcpy(l->list, desc->lights, (size_t)l->count * sizeof(sbl_light));
+    l->unit = brightest;
+    for (i = 0; i < l->count; i++) {
+        double intensity = sbl__max3(l->list[i].intensity);
+        if (l->list[i].kind != SBL_LIGHT_DIRECTIONAL) intensity = intensity / extent / extent;
+        l->unit = SBL__MAX(l->unit, (float)SBL__MIN(intensity, SBL__POWER_MOST));
+    }
+    l->unit = SBL__MAX(l->unit, 1e-30f);
+    return SBL_SUCCESS;
+}
+
+/* >>lamps: collecting */
 
 static int sbl__lamps_add(sbl__base *base, sbl__lamps *l, const sbl__lamp *lamp) {
     if (!(lamp->power > 0)) return 1;
-    if (l->count == l->room) {
-        int room = l->room * 2 + 256;
-        sbl__lamp *list = (sbl__lamp *)sbl__alloc(base, (size_t)room, sizeof *list);
-        if (!list) return 0;
-        if (l->count) memcpy(list, l->list, (size_t)l->count * sizeof *list);
-        sbl__free(base, l->list);
-        l->list = list;
-        l->room = room;
-    }
+    if (!sbl__grow(base, &l->list, &l->room, l->count + 1, sizeof *l->list)) return 0;
     l->list[l->count++] = *lamp;
     return 1;
 }
 
 /* A lamp without sides, in bounds of so much around its middle. */
-static void sbl__lamp_make(sbl__lamp *lamp, int kind, uint32_t number, const double middle[3], double around, double power) {
+static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3], double around, double power) {
     int k;
     memset(lamp, 0, sizeof *lamp);
-    lamp->code = (uint32_t)kind << 30 | number;
-    lamp->power = (float)SBL__MIN(power / SBL__PI, 1e37);
+    lamp->code = code;
+    lamp->power = (float)SBL__MIN(power / SBL__PI, SBL__POWER_MOST);
     for (k = 0; k < 3; k++) {
         lamp->low[k] = (float)(middle[k] - around);
         lamp->high[k] = (float)(middle[k] + around);
     }
 }
 
-static double sbl__sum3(const float v[3]) { return (double)v[0] + v[1] + v[2]; }
-
 /* Triangle `number` of the scene, `place` in the hierarchy's order. */
-static int sbl__lamps_add_triangle(sbl__base *base, sbl__lamps *l, const sbl__scene *s, uint32_t number, uint32_t place) {
+static int sbl__lamps_add_triangle(sbl__base *base, sbl__lamps *l, const sbl__geometry *g, uint32_t number, int place) {
+    const sbl__object *object = sbl__object_of(g, number);
+    const double zero[3] = { 0, 0, 0 };
     const float *p[3];
-    const uint32_t *object = s->objects + (size_t)SBL__OBJECT_WORDS * s->vertices[s->indices[3 * (size_t)number]].object;
-    double a[3], b[3], normal[3], zero[3] = { 0, 0, 0 }, area;
-    float emission[3];
+    double normal[3], area;
     sbl__lamp lamp;
-    int i, k;
-    memcpy(emission, object + 4, sizeof emission);
-    if (!(emission[0] + emission[1] + emission[2] > 0)) return 1;
-    for (i = 0; i < 3; i++) p[i] = s->vertices[s->indices[3 * (size_t)number + (size_t)i]].position;
-    for (k = 0; k < 3; k++) { a[k] = (double)p[1][k] - p[0][k]; b[k] = (double)p[2][k] - p[0][k]; }
-    normal[0] = a[1] * b[2] - a[2] * b[1]; normal[1] = a[2] * b[0] - a[0] * b[2]; normal[2] = a[0] * b[1] - a[1] * b[0];
-    area = 0.5 * sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
-    sbl__lamp_make(&lamp, SBL__LAMP_TRIANGLE, place, zero, 0, SBL__MAX(area * sbl__sum3(emission), 1e-30));
+    sbl__box box;
+    int k;
+    if (!(object->emission[0] + object->emission[1] + object->emission[2] > 0)) return 1;
+    sbl__box_clear(&box);
     for (k = 0; k < 3; k++) {
-        lamp.low[k] = SBL__MIN(p[0][k], SBL__MIN(p[1][k], p[2][k]));
-        lamp.high[k] = SBL__MAX(p[0][k], SBL__MAX(p[1][k], p[2][k]));
-        if (area > 0) lamp.normal[k] = (float)(0.5 * normal[k] / area);
+        p[k] = sbl__corner_of(g, number, k);
+        sbl__box_add_point(&box, p[k]);
     }
-    lamp.one_sided = (object[7] & SBL_MATERIAL_ONE_SIDED_EMISSION) != 0;
+    sbl__triangle_normal(p, normal);
+    area = 0.5 * sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+    sbl__lamp_make(&lamp, SBL__LAMP_TRIANGLE << SBL__LAMP_KIND_SHIFT | (uint32_t)place, zero, 0,
+                   SBL__MAX(area * sbl__sum3(object->emission), SBL__POWER_LEAST));
+    memcpy(lamp.low, box.low, sizeof lamp.low);
+    memcpy(lamp.high, box.high, sizeof lamp.high);
+    for (k = 0; k < 3 && area > 0; k++) lamp.normal[k] = (float)(0.5 * normal[k] / area);
+    lamp.one_sided = (object->flags & SBL_MATERIAL_ONE_SIDED_EMISSION) != 0;
+    lamp.triangle = number;
     return sbl__lamps_add(base, l, &lamp);
 }
 
-static int sbl__lamps_add_light(sbl__base *base, sbl__lamps *l, const sbl_light *light, int number, float record[12]) {
-    const int far = light->kind == SBL_LIGHT_DIRECTIONAL;
-    double axis[3], place[3], scale = 0, offset = 1, half = 0.5 * light->angle * SBL__PI / 180;
-    sbl__lamp lamp;
+/* A light's record, and where it stands or lies. */
+static void sbl__light_write(const sbl_light *light, sbl__light_record *record, double place[3]) {
+    const int far = light->kind == SBL_LIGHT_DIRECTIONAL, spot = light->kind == SBL_LIGHT_SPOT;
+    const double half = 0.5 * light->angle * SBL__PI / 180, outer = cos(0.5 * SBL__CONE(light) * SBL__PI / 180);
+    const double scale = 1 / SBL__MAX(SBL__SPOT_LEAST, cos(0.5 * light->inner_cone * SBL__PI / 180) - outer);
+    double axis[3];
     int k;
     for (k = 0; k < 3; k++) axis[k] = light->direction[k];
     sbl__normalize(axis);
-    if (light->kind == SBL_LIGHT_SPOT) {
-        double outer = cos(0.5 * SBL__CONE(light) * SBL__PI / 180);
-        scale = 1 / SBL__MAX(0.001, cos(0.5 * light->inner_cone * SBL__PI / 180) - outer);
-        offset = -outer * scale;
-    }
     for (k = 0; k < 3; k++) {
         place[k] = far ? -axis[k] : light->position[k];
-        record[k] = (float)place[k];
-        record[4 + k] = light->intensity[k];
-        record[8 + k] = (float)(light->kind == SBL_LIGHT_SPOT ? axis[k] : 0);
+        record->position[k] = (float)place[k];
+        record->intensity[k] = light->intensity[k];
+        record->axis[k] = (float)(spot ? axis[k] : 0);
     }
-    record[3] = (float)(far ? sin(half) * sin(half) : light->radius);
-    record[7] = (float)scale;
-    record[11] = (float)offset;
-    sbl__lamp_make(&lamp, far ? SBL__LAMP_FAR_LIGHT : SBL__LAMP_NEAR_LIGHT, (uint32_t)number, place, far ? 2 * sin(0.5 * half) : light->radius, sbl__sum3(light->intensity));
+    record->radius = (float)(far ? sin(half) * sin(half) : light->radius);
+    record->spot_scale = (float)(spot ? scale : 0);
+    record->spot_offset = (float)(spot ? -outer * scale : 1);
+}
+
+static int sbl__lamps_add_light(sbl__base *base, sbl__lamps *l, const sbl_light *light, int number) {
+    const int far = light->kind == SBL_LIGHT_DIRECTIONAL;
+    const uint32_t kind = far ? SBL__LAMP_FAR_LIGHT : SBL__LAMP_NEAR_LIGHT;
+    double place[3], half = 0.5 * light->angle * SBL__PI / 180;
+    sbl__light_record record;
+    sbl__lamp lamp;
+    int k;
+    sbl__light_write(light, &record, place);
+    sbl__lamp_make(&lamp, kind << SBL__LAMP_KIND_SHIFT | (uint32_t)number, place,
+                   far ? 2 * sin(0.5 * half) : light->radius, sbl__sum3(light->intensity));
     lamp.far = far;
     for (k = 0; far && k < 3; k++) lamp.normal[k] = (float)place[k];
     return sbl__lamps_add(base, l, &lamp);
 }
 
-static int sbl__lamps_add_sky(sbl__base *base, sbl__lamps *l, const sbl__scene *s) {
-    int x, y, k;
-    for (y = 0; y < s->sky_height && s->sky_pixels; y++)
-        for (x = 0; x < s->sky_width; x++) {
-            const float *c = s->sky_pixels + 3 * ((size_t)y * (size_t)s->sky_width + (size_t)x);
-            const double step = SBL__PI / s->sky_height, solid_angle = 2 * SBL__PI / s->sky_width * 2 * sin(step * (y + 0.5)) * sin(0.5 * step);
-            double direction[3];
-            sbl__lamp lamp;
-            if (!(sbl__max3(c) > s->sky_limit)) continue;
-            sbl__sky_direction(s, x, y, direction);
-            sbl__lamp_make(&lamp, SBL__LAMP_SKY_TEXEL, (uint32_t)y << 15 | (uint32_t)x, direction, SBL__MIN(step + 2 * SBL__PI / s->sky_width, 1.0),
-                           sbl__sum3(c) * (1 - s->sky_limit / sbl__max3(c)) * solid_angle);
-            lamp.far = 1;
-            for (k = 0; k < 3; k++) lamp.normal[k] = (float)direction[k];
-            if (!sbl__lamps_add(base, l, &lamp)) return 0;
-        }
-    return 1;
-}
-
-static int sbl__lamp_order(const void *first, const void *second) {
-    const sbl__lamp *a = (const sbl__lamp *)first, *b = (const sbl__lamp *)second;
-    if (a->curve != b->curve) return a->curve < b->curve ? -1 : 1;
-    return a->code < b->code ? -1 : a->code > b->code;
-}
-
-/* Along a Morton curve through the bounds of all near lamps, 20 bits an axis; then the directions. */
-static void sbl__lamps_sort(sbl__lamps *l) {
-    double low[3] = { DBL_MAX, DBL_MAX, DBL_MAX }, side = 0;
-    int i, k, bit;
-    for (i = 0; i < l->count; i++)
-        for (k = 0; k < 3 && !l->list[i].far; k++) low[k] = SBL__MIN(low[k], 0.5 * ((double)l->list[i].low[k] + l->list[i].high[k]));
-    for (i = 0; i < l->count; i++)
-        for (k = 0; k < 3 && !l->list[i].far; k++) side = SBL__MAX(side, 0.5 * ((double)l->list[i].low[k] + l->list[i].high[k]) - low[k]);
-    for (i = 0; i < l->count; i++) {
-        sbl__lamp *lamp = &l->list[i];
-        lamp->curve = (uint64_t)lamp->far << 63;
-        for (k = 0; k < 3; k++) {
-            double middle = 0.5 * ((double)lamp->low[k] + lamp->high[k]), share = lamp->far ? 0.25 * (middle + 2) : side > 0 ? (middle - low[k]) / side : 0;
-            uint64_t place = (uint64_t)(SBL__MIN(SBL__MAX(share, 0.0), 1.0) * 1048575.0);
-            for (bit = 0; bit < 20; bit++) lamp->curve |= (place >> bit & 1u) << (3 * bit + k);
-        }
-    }
-    if (l->count) qsort(l->list, (size_t)l->count, sizeof *l->list, sbl__lamp_order);
-}
-
-typedef struct sbl__cluster { double power, all_sides, square[6], front[3]; float low[3], high[3]; } sbl__cluster;
-
-/* The subtree of lamps first .. first + count - 1, and what is known of them together. Depth: the curve's 61 bits, and the logarithm of count. */
-static void sbl__lamps_node(sbl__lamps *l, int first, int count, sbl__cluster *c) {
-    const int node = l->nodes++, far = l->list[first].far;
-    uint32_t *words = l->words + 16 * (size_t)node, after;
-    double radius = 0;
-    float out[16];
+static int sbl__lamps_add_texel(sbl__base *base, sbl__lamps *l, const sbl__environment *e, int x, int y) {
+    const float *c = e->pixels + 3 * ((size_t)y * (size_t)e->width + (size_t)x);
+    const double step = SBL__PI / e->height;
+    const double solid_angle = 2 * SBL__PI / e->width * 2 * sin(step * (y + 0.5)) * sin(0.5 * step);
+    const uint32_t number = (uint32_t)y << SBL__SKY_COLUMN_BITS | (uint32_t)x;
+    double direction[3];
+    sbl__lamp lamp;
     int k;
-    memset(c, 0, sizeof *c);
-    if (count == 1) {
-        static const int pairs[6][2] = { { 0, 0 }, { 1, 1 }, { 2, 2 }, { 0, 1 }, { 1, 2 }, { 2, 0 } };  /* the last three as lamps.glsl multiplies them */
-        const sbl__lamp *lamp = &l->list[first];
-        const int sides = !sbl__all_zero(lamp->normal, 3);
-        const double shown = lamp->one_sided || lamp->far ? 0.5 * lamp->power : lamp->power;  /* max(x, 0) = (|x| + x) / 2 */
-        c->power = lamp->power;
-        c->all_sides = shown;
-        for (k = 0; k < 6; k++) c->square[k] = sides ? shown * lamp->normal[pairs[k][0]] * lamp->normal[pairs[k][1]] : k < 3 ? shown : 0;
-        for (k = 0; k < 3; k++) {
-            c->front[k] = lamp->one_sided || lamp->far ? shown * lamp->normal[k] : 0;
-            c->low[k] = lamp->low[k];
-            c->high[k] = lamp->high[k];
-        }
-    } else {
-        int split = first + count / 2;
-        uint64_t differs = l->list[first].curve ^ l->list[first + count - 1].curve;
-        sbl__cluster half;
-        if (differs) {  /* where the highest bit that differs turns */
-            int low = first, high = first + count - 1;
-            while (differs & (differs - 1)) differs &= differs - 1;
-            while (high - low > 1) {
-                int middle = low + (high - low) / 2;
-                if (l->list[middle].curve & differs) high = middle;
-                else low = middle;
-            }
-            split = high;
-        }
-        sbl__lamps_node(l, first, split - first, c);
-        sbl__lamps_node(l, split, first + count - split, &half);
-        c->power += half.power;
-        c->all_sides += half.all_sides;
-        for (k = 0; k < 6; k++) c->square[k] += half.square[k];
-        for (k = 0; k < 3; k++) {
-            c->front[k] += half.front[k];
-            c->low[k] = SBL__MIN(c->low[k], half.low[k]);
-            c->high[k] = SBL__MAX(c->high[k], half.high[k]);
-        }
-    }
-    for (k = 0; k < 3; k++) {
-        double side = 0.5 * ((double)c->high[k] - c->low[k]);
-        out[k] = (float)(0.5 * ((double)c->high[k] + c->low[k]));
-        radius += side * side;
-        out[4 + k] = (float)(SBL__MIN(c->all_sides, 1e18) * SBL__MIN(c->square[k], 1e18));  /* sum |x| <= sqrt(sum 1 * sum x^2) */
-        out[8 + k] = (float)(SBL__MIN(c->all_sides, 1e18) * SBL__MAX(SBL__MIN(c->square[3 + k], 1e18), -1e18));
-        out[12 + k] = (float)c->front[k];
-    }
-    out[3] = (float)(1.000001 * sqrt(radius));
-    out[7] = (float)c->power;
-    out[11] = out[15] = 0;
-    memcpy(words, out, sizeof out);
-    after = (uint32_t)l->nodes | (far ? 0x80000000u : 0u);
-    words[11] = after;
-    words[15] = (uint32_t)first;
+    if (!(sbl__max3(c) > e->limit)) return 1;
+    sbl__environment_direction(e, x, y, direction);
+    sbl__lamp_make(&lamp, SBL__LAMP_SKY_TEXEL << SBL__LAMP_KIND_SHIFT | number, direction,
+                   SBL__MIN(step + 2 * SBL__PI / e->width, 1.0),
+                   sbl__sum3(c) * (1 - e->limit / sbl__max3(c)) * solid_angle);
+    lamp.far = 1;
+    for (k = 0; k < 3; k++) lamp.normal[k] = (float)direction[k];
+    return sbl__lamps_add(base, l, &lamp);
 }
 
-/* Collects the scene's lamps; lights of the scene are numbered as in s->lights. */
-static sbl_result sbl__lamps_make(const sbl__gl *gl, sbl__scene *s) {
-    sbl__lamps l;
-    sbl__cluster all;
-    uint32_t *leaf, place;
-    size_t words;
-    int i, near = 0, ok;
-    float (*records)[12] = (float (*)[12])sbl__alloc(gl->base, (size_t)s->light_count, sizeof *records);
-    sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
-    memset(&l, 0, sizeof l);
-    ok = records != NULL;
-    for (place = 0; place < (uint32_t)s->bvh.triangle_count && ok; place++)
-        if (s->bvh.order[place] != SBL__BVH_DROPPED) ok = sbl__lamps_add_triangle(gl->base, &l, s, s->bvh.order[place], place);
-    for (i = 0; i < s->light_count && ok; i++) ok = sbl__lamps_add_light(gl->base, &l, &s->lights[i], i, records[i]);
-    if (ok) ok = sbl__lamps_add_sky(gl->base, &l, s);
-    words = 16 * 2 * (size_t)l.count + 4 * (size_t)l.count + 12 * (size_t)s->light_count;
-    if (ok) l.words = (uint32_t *)sbl__alloc(gl->base, words, 4);
-    if (l.words) {
-        sbl__lamps_sort(&l);
-        for (near = 0; near < l.count && !l.list[near].far; near++) {}
-        if (near) sbl__lamps_node(&l, 0, near, &all);
-        if (l.count > near) sbl__lamps_node(&l, near, l.count - near, &all);
-        leaf = l.words + 16 * (size_t)l.nodes;
-        for (i = 0; i < l.count; i++, leaf += 4) leaf[0] = l.list[i].code;
-        if (s->light_count) memcpy(leaf, records, (size_t)s->light_count * sizeof *records);
-        s->lamp_nodes = l.nodes;
-        s->lamp_leaves = l.count;
-        result = sbl__buffer_make(gl, &s->lamp_buffer, 4 * (16 * (size_t)l.nodes + 4 * (size_t)l.count + 12 * (size_t)s->light_count), l.words, SBL__GL_STATIC_DRAW, "storing lamps");
-        if (result == SBL_SUCCESS) result = sbl__texels_make(gl, &s->lamp_texels, SBL__GL_RGBA32UI, &s->lamp_buffer, s->wide, "making the lamps' texture");
-        if (s->wide) sbl__buffer_delete(gl, &s->lamp_buffer);
-    }
-    sbl__free(gl->base, records);
-    sbl__free(gl->base, l.list);
-    sbl__free(gl->base, l.words);
-    return result;
-}
-
-/* Builds hierarchy and lamps where they are not there yet, and brings them to the GPU. */
-static sbl_result sbl__bvh_ready(const sbl__gl *gl, sbl__scene *s) {
-    uint32_t *words;
+/* How many lamps there will be, at most: what tables must hold. */
+static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e, int light_count) {
+    double lamps = light_count;
     size_t i;
-    int corner;
-    sbl_result result;
-    if (s->bvh_ready) return SBL_SUCCESS;
-    sbl__bvh_free(gl->base, &s->bvh);
-    result = sbl__bvh_build(gl->base, &s->bvh, s);
-    if (result != SBL_SUCCESS) return result;
-    words = (uint32_t *)sbl__alloc(gl->base, (size_t)s->bvh.triangle_count, 48);
-    if (!words) return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = 0; i < (size_t)s->bvh.triangle_count; i++) {
-        const uint32_t number = s->bvh.order[i];
-        for (corner = 0; corner < 3 && number != SBL__BVH_DROPPED; corner++) {
-            uint32_t *to = words + 12 * i + 4 * (size_t)corner;
-            const sbl__vertex *v = &s->vertices[s->indices[3 * (size_t)number + (size_t)corner]];
-            memcpy(to, v->position, 12);
-            to[3] = corner == 0 ? v->object : corner == 1 ? number : (uint32_t)sbl__is_cutout(s, number);
+    for (i = 0; i < (size_t)g->mesh_count; i++)
+        if (!sbl__all_zero(g->objects[i].emission, 3)) lamps += g->meshes[i].triangle_count;
+    for (i = 0; e->pixels && i < (size_t)e->width * (size_t)e->height; i++)
+        lamps += sbl__max3(e->pixels + 3 * i) > e->limit;
+    return lamps;
+}
+
+/* >>lamps: in order along a Morton curve through the bounds of all near lamps; then the directions */
+
+static double sbl__lamp_middle(const sbl__lamp *lamp, int k) { return 0.5 * ((double)lamp->low[k] + lamp->high[k]); }
+
+static void sbl__lamps_measure(sbl__lamps *l) {
+    int i, k;
+    l->low[0] = l->low[1] = l->low[2] = DBL_MAX;
+    for (i = 0; i < l->count; i++)
+        for (k = 0; k < 3 && !l->list[i].far; k++) l->low[k] = SBL__MIN(l->low[k], sbl__lamp_middle(&l->list[i], k));
+    l->side = 0;
+    for (i = 0; i < l->count; i++)
+        for (k = 0; k < 3 && !l->list[i].far; k++)
+            l->side = SBL__MAX(l->side, sbl__lamp_middle(&l->list[i], k) - l->low[k]);
+}
+
+static uint64_t sbl__lamp_curve(const sbl__lamps *l, const sbl__lamp *lamp) {
+    uint64_t curve = (uint64_t)lamp->far << 63;
+    int k, bit;
+    for (k = 0; k < 3; k++) {
+        const double middle = sbl__lamp_middle(lamp, k);
+        const double share = lamp->far ? 0.25 * (middle + 2) : l->side > 0 ? (middle - l->low[k]) / l->side : 0;
+        const uint64_t place = (uint64_t)(SBL__MIN(SBL__MAX(share, 0.0), 1.0) * ((1 << SBL__CURVE_BITS) - 1));
+        for (bit = 0; bit < SBL__CURVE_BITS; bit++) curve |= (place >> bit & 1u) << (3 * bit + k);
+    }
+    return curve;
+}
+
+static int sbl__lamp_before(const sbl__lamp *a, const sbl__lamp *b) {
+    return a->curve != b->curve ? a->curve < b->curve : a->code < b->code;
+}
+
+/* Merges runs of l->width lamps, then runs of twice as many, until all are one. */
+static sbl_result sbl__lamps_sort(sbl__lamps *l, sbl__slice *slice) {
+    for (; l->width < l->count; l->width *= 2, l->out = 0) {
+        while (l->out < l->count) {
+            const int run = l->out / (2 * l->width) * (2 * l->width);
+            const int middle = SBL__MIN(run + l->width, l->count), end = SBL__MIN(run + 2 * l->width, l->count);
+            if (l->out == run) { l->left = run; l->right = middle; }
+            if (sbl__late(slice)) return SBL_UNFINISHED;
+            if (l->right == end || (l->left < middle && !sbl__lamp_before(&l->list[l->right], &l->list[l->left])))
+                l->sorted[l->out++] = l->list[l->left++];
+            else l->sorted[l->out++] = l->list[l->right++];
         }
+        { sbl__lamp *swap = l->list; l->list = l->sorted; l->sorted = swap; }
     }
-    gl->BindVertexArray(0);
-    result = sbl__buffer_make(gl, &s->triangle_buffer, 48 * (size_t)s->bvh.triangle_count, words, SBL__GL_STATIC_DRAW, "storing triangles");
-    sbl__free(gl->base, words);
-    if (result == SBL_SUCCESS) result = sbl__buffer_make(gl, &s->node_buffer, 32 * (size_t)s->bvh.node_count, s->bvh.nodes, SBL__GL_STATIC_DRAW, "storing the hierarchy");
-    if (result == SBL_SUCCESS) result = sbl__texels_make(gl, &s->node_texels, SBL__GL_RGBA32UI, &s->node_buffer, s->wide, "making the hierarchy's texture");
-    if (result == SBL_SUCCESS) result = sbl__texels_make(gl, &s->triangle_texels, SBL__GL_RGBA32UI, &s->triangle_buffer, s->wide, "making the triangles' texture");
-    if (result == SBL_SUCCESS) result = sbl__lamps_make(gl, s);
-    if (s->wide) {  /* copied */
-        sbl__buffer_delete(gl, &s->node_buffer);
-        sbl__buffer_delete(gl, &s->triangle_buffer);
+    return SBL_SUCCESS;
+}
+
+/* >>lamps: the trees. A tree of n leaves has 2 n - 1 nodes: where each ends is known beforehand. */
+
+/* Where the highest bit of the curve that differs within the range turns. */
+static int sbl__lamps_cut(const sbl__lamps *l, const sbl__lamp_range *r) {
+    int low = r->first, high = r->first + r->count - 1;
+    uint64_t differs = l->list[low].curve ^ l->list[high].curve;
+    if (!differs) return r->first + r->count / 2;
+    while (differs & (differs - 1)) differs &= differs - 1;
+    while (high - low > 1) {
+        const int middle = low + (high - low) / 2;
+        if (l->list[middle].curve & differs) high = middle;
+        else low = middle;
     }
-    sbl__free(gl->base, s->bvh.nodes);   /* the GPU has them; the build is repeated when a mesh moves */
-    sbl__free(gl->base, s->bvh.order);
-    s->bvh.nodes = s->bvh.order = NULL;
-    s->bvh_ready = result == SBL_SUCCESS;
+    return high;
+}
+
+/* Nodes in preorder: which leaves, and where each subtree ends. */
+static sbl_result sbl__lamps_split(sbl__lamps *l, sbl__slice *slice) {
+    while (l->depth) {
+        sbl__lamp_range r = l->ranges[--l->depth];
+        sbl__lamp_node *node = &l->nodes[l->node_count];
+        node->first_leaf = (uint32_t)r.first;
+        node->beyond = (uint32_t)(l->node_count + 2 * r.count - 1);
+        l->node_count++;
+        if (r.count > 1) {
+            const int cut = sbl__lamps_cut(l, &r);
+            l->ranges[l->depth].first = cut;  /* the right half is done after the left one */
+            l->ranges[l->depth++].count = r.first + r.count - cut;
+            l->ranges[l->depth].first = r.first;
+            l->ranges[l->depth++].count = cut - r.first;
+        }
+        if (l->depth && sbl__late(slice)) return SBL_UNFINISHED;
+    }
+    return SBL_SUCCESS;
+}
+
+static void sbl__cluster_of_lamp(sbl__cluster *c, const sbl__lamp *lamp) {
+    static const int pairs[6][2] = { { 0, 0 }, { 1, 1 }, { 2, 2 }, { 0, 1 }, { 1, 2 }, { 2, 0 } };  /* as lamps.glsl */
+    const int sides = !sbl__all_zero(lamp->normal, 3), front = lamp->one_sided || lamp->far;
+    const double shown = front ? 0.5 * lamp->power : lamp->power;  /* max(x, 0) = (|x| + x) / 2 */
+    int k;
+    c->power = lamp->power;
+    c->all_sides = shown;
+    for (k = 0; k < 6; k++)
+        c->square[k] = sides ? shown * lamp->normal[pairs[k][0]] * lamp->normal[pairs[k][1]] : k < 3 ? shown : 0;
+    for (k = 0; k < 3; k++) {
+        c->front[k] = front ? shown * lamp->normal[k] : 0;
+        c->low[k] = lamp->low[k];
+        c->high[k] = lamp->high[k];
+    }
+}
+
+static void sbl__cluster_add(sbl__cluster *c, const sbl__cluster *other) {
+    int k;
+    c->power += other->power;
+    c->all_sides += other->all_sides;
+    for (k = 0; k < 6; k++) c->square[k] += other->square[k];
+    for (k = 0; k < 3; k++) {
+        c->front[k] += other->front[k];
+        c->low[k] = SBL__MIN(c->low[k], other->low[k]);
+        c->high[k] = SBL__MAX(c->high[k], other->high[k]);
+    }
+}
+
+static void sbl__cluster_write(const sbl__cluster *c, int far, sbl__lamp_node *node) {
+    const double all_sides = SBL__MIN(c->all_sides, SBL__MOMENT_MOST);
+    double radius = 0;
+    int k;
+    for (k = 0; k < 3; k++) {
+        const double side = 0.5 * ((double)c->high[k] - c->low[k]);
+        const double mixed = SBL__MAX(SBL__MIN(c->square[3 + k], SBL__MOMENT_MOST), -SBL__MOMENT_MOST);
+        radius += side * side;
+        node->middle[k] = (float)(0.5 * ((double)c->high[k] + c->low[k]));
+        /* sum |x| <= sqrt(sum 1 * sum x^2) */
+        node->square[k] = (float)(all_sides * SBL__MIN(c->square[k], SBL__MOMENT_MOST));
+        node->mixed[k] = (float)(all_sides * mixed);
+        node->front[k] = (float)c->front[k];
+    }
+    node->radius = (float)(1.000001 * sqrt(radius));
+    node->power = (float)c->power;
+    if (far) node->beyond |= SBL__FAR_NODE;
+}
+
+/* What is known of each node's lamps together, from the last node to the first: its halves then lie on the stack, the
+   left one on top. */
+static sbl_result sbl__lamps_add_up(sbl__lamps *l, sbl__slice *slice) {
+    for (; l->at < l->node_count; l->at++) {
+        const int number = l->node_count - 1 - l->at;
+        sbl__lamp_node *node = &l->nodes[number];
+        const sbl__lamp *lamp = &l->list[node->first_leaf];
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        if ((int)node->beyond == number + 1) sbl__cluster_of_lamp(&l->clusters[l->depth++], lamp);
+        else {
+            sbl__cluster *left = &l->clusters[l->depth - 1], *right = &l->clusters[l->depth - 2];
+            sbl__cluster both = *left;
+            sbl__cluster_add(&both, right);
+            *right = both;
+            l->depth--;
+        }
+        sbl__cluster_write(&l->clusters[l->depth - 1], lamp->far, node);
+    }
+    return SBL_SUCCESS;
+}
+
+/* >>lamps: their stages */
+
+static sbl_result sbl__lamps_collect(const sbl__device *d, const sbl__geometry *g, const sbl__hierarchy *h,
+                                     sbl__lamps *l, sbl__slice *slice) {
+    for (; l->at < h->triangle_count; l->at++) {
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        if (h->order[l->at] == SBL__BVH_DROPPED) continue;
+        if (!sbl__lamps_add_triangle(d->base, l, g, h->order[l->at], l->at)) return SBL_ERROR_OUT_OF_MEMORY;
+    }
+    return SBL_SUCCESS;
+}
+
+static sbl_result sbl__lamps_collect_sky(const sbl__device *d, const sbl__environment *e, const sbl__lights *lights,
+                                         sbl__slice *slice) {
+    sbl__lamps *l = lights->building;
+    int i;
+    for (i = 0; i < lights->count && !l->at; i++)
+        if (!sbl__lamps_add_light(d->base, l, &lights->list[i], i)) return SBL_ERROR_OUT_OF_MEMORY;
+    for (; e->pixels && l->at < e->width * e->height; l->at++) {
+        if (l->at && sbl__late(slice)) return SBL_UNFINISHED;
+        if (!sbl__lamps_add_texel(d->base, l, e, l->at % e->width, l->at / e->width)) return SBL_ERROR_OUT_OF_MEMORY;
+    }
+    return SBL_SUCCESS;
+}
+
+static sbl_result sbl__lamps_place(const sbl__device *d, sbl__lamps *l) {
+    int i;
+    sbl__lamps_measure(l);
+    for (i = 0; i < l->count; i++) l->list[i].curve = sbl__lamp_curve(l, &l->list[i]);
+    l->sorted = (sbl__lamp *)sbl__alloc_raw(d->base, (size_t)l->count, sizeof *l->sorted);
+    l->nodes = (sbl__lamp_node *)sbl__alloc_raw(d->base, 2 * (size_t)l->count, sizeof *l->nodes);
+    l->width = 1;
+    return l->sorted && l->nodes ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+}
+
+/* Both trees, once the lamps are in order. */
+static void sbl__lamps_plant(sbl__lamps *l) {
+    int near = 0, far = l->count;
+    while (near < far) {  /* the first far one */
+        const int middle = near + (far - near) / 2;
+        if (l->list[middle].far) far = middle;
+        else near = middle + 1;
+    }
+    l->depth = 0;
+    if (l->count > near) {
+        l->ranges[l->depth].first = near;
+        l->ranges[l->depth++].count = l->count - near;
+    }
+    if (near) {
+        l->ranges[l->depth].first = 0;
+        l->ranges[l->depth++].count = near;
+    }
+}
+
+static sbl_result sbl__lamps_store(const sbl__device *d, const sbl__environment *e, sbl__lights *lights, int wide) {
+    const sbl__lamps *l = lights->building;
+    const size_t nodes = sizeof(sbl__lamp_node) * (size_t)l->node_count;
+    const size_t leaves = sizeof(sbl__lamp_leaf) * (size_t)l->count;
+    const size_t bytes = nodes + leaves + sizeof(sbl__light_record) * (size_t)lights->count;
+    unsigned char *all = (unsigned char *)sbl__alloc(d->base, bytes, 1);
+    sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
+    int i;
+    sbl__free(d->base, lights->names);
+    lights->names = (uint32_t (*)[2])sbl__alloc_raw(d->base, (size_t)l->count, sizeof *lights->names);
+    if (all && lights->names) {
+        if (nodes) memcpy(all, l->nodes, nodes);
+        for (i = 0; i < l->count; i++) {
+            const uint32_t code = l->list[i].code, kind = code >> SBL__LAMP_KIND_SHIFT;
+            const uint32_t number = code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
+            memcpy(all + nodes + sizeof(sbl__lamp_leaf) * (size_t)i, &code, sizeof code);
+            lights->names[i][0] = kind;
+            lights->names[i][1] = kind == SBL__LAMP_TRIANGLE ? l->list[i].triangle : number;
+            if (kind == SBL__LAMP_SKY_TEXEL)
+                lights->names[i][1] = (number >> SBL__SKY_COLUMN_BITS) * (uint32_t)e->width +
+                                      (number & ((1u << SBL__SKY_COLUMN_BITS) - 1));
+        }
+        for (i = 0; i < lights->count; i++) {
+            sbl__light_record record;
+            double place[3];
+            sbl__light_write(&lights->list[i], &record, place);
+            memcpy(all + nodes + leaves + sizeof record * (size_t)i, &record, sizeof record);
+        }
+        lights->nodes = l->node_count;
+        lights->leaves = l->count;
+        result = sbl__buffer_make(d, &lights->table.buffer, bytes, all, SBL__GL_STATIC_DRAW);
+        if (result == SBL_SUCCESS) result = sbl__table_show(d, &lights->table, SBL__GL_RGBA32UI, wide);
+        if (wide) sbl__buffer_delete(d, &lights->table.buffer);
+    }
+    sbl__free(d->base, all);
     return result;
 }
+
+/* Collects the scene's lamps and builds their trees. The hierarchy is ready, its order still there. SBL_SUCCESS: they
+   are ready; after an error they can be begun anew. */
+static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const sbl__hierarchy *h,
+                                   const sbl__environment *e, sbl__lights *lights, sbl__slice *slice) {
+    sbl__lamps *l = lights->building;
+    sbl_result result = SBL_SUCCESS;
+    if (lights->ready) return SBL_SUCCESS;
+    d->gl.doing = "storing lamps";
+    if (!l) lights->building = l = (sbl__lamps *)sbl__alloc(d->base, 1, sizeof *l);
+    if (!l) return SBL_ERROR_OUT_OF_MEMORY;
+    while (result == SBL_SUCCESS && !lights->ready) {
+        switch (l->stage) {
+            case SBL__LAMPS_TRIANGLES: result = sbl__lamps_collect(d, g, h, l, slice); break;
+            case SBL__LAMPS_SKY: result = sbl__lamps_collect_sky(d, e, lights, slice); break;
+            case SBL__LAMPS_PLACE: result = sbl__lamps_place(d, l); break;
+            case SBL__LAMPS_SORT:
+                result = sbl__lamps_sort(l, slice);
+                if (result == SBL_SUCCESS) sbl__lamps_plant(l);
+                break;
+            case SBL__LAMPS_SPLIT: result = sbl__lamps_split(l, slice); break;
+            case SBL__LAMPS_ADD: result = sbl__lamps_add_up(l, slice); break;
+            default:
+                result = sbl__lamps_store(d, e, lights, g->wide);
+                lights->ready = result == SBL_SUCCESS;
+        }
+        if (result != SBL_SUCCESS || lights->ready) break;
+        l->at = 0;
+        l->stage = l->stage == SBL__LAMPS_TRIANGLES ? SBL__LAMPS_SKY
+                 : l->stage == SBL__LAMPS_SKY       ? SBL__LAMPS_PLACE
+                 : l->stage == SBL__LAMPS_PLACE     ? SBL__LAMPS_SORT
+                 : l->stage == SBL__LAMPS_SORT      ? SBL__LAMPS_SPLIT
+                 : l->stage == SBL__LAMPS_SPLIT     ? SBL__LAMPS_ADD
+                                                    : SBL__LAMPS_STORE;
+    }
+    if (result == SBL_UNFINISHED) return result;
+    sbl__lamps_free(d, l);
+    lights->building = NULL;
+    return result;
+}
+
+/* ======================================================================================================== >>scene
+   The five things that a scene is, and what the host draws itself. */
+
+typedef struct sbl__scene {
+    sbl__geometry geometry;
+    sbl__textures textures;
+    sbl__environment environment;
+    sbl__lights lights;
+    sbl__hierarchy hierarchy;
+    sbl_draw_function draw;     /* or NULL */
+    void *draw_user;
+    float draw_bounds[2][3];
+    float brightest;            /* radiance of any surface, the sky, or what the host draws */
+    unsigned features;          /* that programs must have for it */
+    uint32_t version;           /* another one whenever anything in it changes */
+} sbl__scene;
+
+static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
+    sbl__hierarchy_free(d, &s->hierarchy);
+    sbl__lights_free(d, &s->lights);
+    sbl__environment_free(d, &s->environment);
+    sbl__textures_free(d, &s->textures);
+    sbl__geometry_free(d, &s->geometry);
+    memset(s, 0, sizeof *s);
+}
+
+/* Each mesh's material into its object. */
+static void sbl__scene_dress(sbl__scene *s, const sbl_scene_desc *desc) {
+    const sbl__textures *t = &s->textures;
+    int i;
+    for (i = 0; i < desc->mesh_count; i++) {
+        const sbl_mesh *mesh = &desc->meshes[i];
+        const sbl_material *m = &desc->materials[mesh->material];
+        sbl__object *o = &s->geometry.objects[i];
+        float scale = 1;
+        memcpy(o->albedo, m->albedo, sizeof o->albedo);
+        memcpy(o->emission, m->emission, sizeof o->emission);
+        o->alpha_cutoff = m->alpha_cutoff;
+        o->flags = m->flags;
+        o->id = mesh->id ? mesh->id : (uint32_t)i + 1;
+        if (m->albedo_texture) memcpy(o->albedo_texture, t->places[m->albedo_texture - 1], sizeof o->albedo_texture);
+        if (m->emission_texture) {
+            memcpy(o->emission_texture, t->places[m->emission_texture - 1], sizeof o->emission_texture);
+            scale = t->brightest[m->emission_texture - 1];
+        }
+        if (m->albedo_texture || m->emission_texture || m->alpha_cutoff > 0) s->features |= SBL__TEXTURED;
+        s->brightest = SBL__MAX(s->brightest, scale * sbl__max3(m->emission));
+    }
+    if (s->geometry.colored) s->features |= SBL__TEXTURED;
+}
+
+/* Decides how tables are carried: as buffers, or in 2D textures where some is past the driver's limit for these. */
+static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
+    const sbl_capabilities *c = &d->gl.capabilities;
+    const sbl__geometry *g = &s->geometry;
+    const double lamps = sbl__lamps_most(g, &s->environment, s->lights.count), limit = c->max_texture_buffer_size;
+    /* texels: three a triangle, and a few for grids; two a vertex; five a mesh; two nodes of four and a leaf a lamp */
+    const double texels = SBL__MAX(SBL__MAX(3.0 * g->triangle_count + 8, 2.0 * g->vertex_count),
+                                   SBL__MAX(5.0 * g->mesh_count, 9 * lamps + 3.0 * s->lights.count));
+    double most = (c->max_texture_size - 1) * (double)SBL__TEXELS_ACROSS;
+    if (c->max_texture_size < SBL__TEXELS_ACROSS) most = 0;
+    s->geometry.wide = texels > limit;
+    if (s->geometry.wide && texels > most) {
+        most = SBL__MAX(most, limit);
+        sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the scene has %d vertices, %d triangles and %d "
+                 "meshes; this driver's textures hold %.0f, %.0f and %.0f", g->vertex_count, g->triangle_count,
+                 g->mesh_count, most / 2, most / 3, most / 5);
+        return SBL_ERROR_UNSUPPORTED;
+    }
+    if (s->geometry.wide) s->features |= SBL__WIDE;
+    return SBL_SUCCESS;
+}
+
+/* Copies what desc describes; hierarchy and lamps follow with the first picture. */
+static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene_desc *desc) {
+    sbl_result result = sbl__check_scene(d, desc);
+    if (result != SBL_SUCCESS) return result;
+    d->gl.doing = "reading meshes";
+    result = sbl__geometry_make(d, &s->geometry, desc);
+    if (result == SBL_SUCCESS) result = sbl__textures_make(d, &s->textures, desc);
+    d->gl.doing = "storing the environment";
+    if (result == SBL_SUCCESS) result = sbl__environment_make(d, &s->environment, desc);
+    if (result == SBL_SUCCESS) {
+        s->draw = desc->draw;
+        s->draw_user = desc->draw_user;
+        memcpy(s->draw_bounds, desc->draw_bounds, sizeof s->draw_bounds);
+        s->brightest = s->environment.brightest;
+        if (s->draw)
+            s->brightest = SBL__MAX(s->brightest, desc->draw_max_radiance > 0 ? desc->draw_max_radiance : 1.0f);
+        sbl__scene_dress(s, desc);
+        sbl__geometry_measure(&s->geometry, s->draw ? desc->draw_bounds : NULL);
+        result = sbl__lights_make(d->base, &s->lights, desc, s->brightest, s->geometry.extent);
+    }
+    if (result == SBL_SUCCESS) result = sbl__scene_fit(d, s);
+    d->gl.doing = "storing meshes";
+    if (result == SBL_SUCCESS) result = sbl__geometry_upload(d, &s->geometry);
+    if (result != SBL_SUCCESS) sbl__scene_free(d, s);
+    return result;
+}
+
+/* What rays need is out of date: it is made again when it is next needed. */
+static void sbl__scene_changed(const sbl__device *d, sbl__scene *s) {
+    sbl__bvh_free(d, s->hierarchy.building);
+    sbl__lamps_free(d, s->lights.building);
+    s->hierarchy.building = NULL;
+    s->lights.building = NULL;
+    s->hierarchy.ready = s->lights.ready = 0;
+    s->version++;
+}
+
+static sbl_result sbl__scene_move(sbl__device *d, sbl__scene *s, int mesh, const float transform[16]) {
+    float before[16];
+    sbl_result result;
+    d->gl.doing = "moving a mesh";
+    memcpy(before, s->geometry.meshes[mesh].transform, sizeof before);
+    result = sbl__geometry_move(d, &s->geometry, mesh, transform);
+    if (result == SBL_ERROR_INVALID_ARGUMENT) return result;
+    if (result != SBL_SUCCESS) sbl__geometry_move(d, &s->geometry, mesh, before);
+    sbl__geometry_measure(&s->geometry, s->draw ? (const float (*)[3])s->draw_bounds : NULL);
+    sbl__scene_changed(d, s);
+    return result;
+}
+
+/* What rays need, made in slices. SBL_SUCCESS: it is there. */
+static sbl_result sbl__scene_step(sbl__device *d, sbl__scene *s, sbl__slice *slice) {
+    sbl__hierarchy *h = &s->hierarchy;
+    sbl_result result = SBL_SUCCESS;
+    if (h->ready && s->lights.ready) return SBL_SUCCESS;
+    result = sbl__hierarchy_step(d, &s->geometry, h, slice);
+    if (result == SBL_SUCCESS) result = sbl__lights_step(d, &s->geometry, h, &s->environment, &s->lights, slice);
+    if (result == SBL_UNFINISHED) return result;
+    if (result != SBL_SUCCESS) h->ready = 0;  /* its order may be gone */
+    sbl__free(d->base, h->order);
+    h->order = NULL;
+    return result;
+}
+
+/* For scene.glsl and surface.glsl. */
+static void sbl__scene_bind(sbl__device *d, const sbl__scene *s) {
+    sbl__geometry_bind(d, &s->geometry);
+    sbl__textures_bind(d, &s->textures);
+}
+
+/* >>glsl scene: shaders_embedded/scene.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_scene[] = {
+"// The scene's triangles and textures.\n",
+"uniform sbl_Texels sbl_indices;      // three a triangle\n",
+"uniform sampler2D sbl_texels_srgb;   // all 8-bit sRGB textures, each from a row of its own on: its texel n stands at\n",
+"                                     // n % the store's width, n / it rows further\n",
+"uniform sampler2D sbl_texels_float;  // all others\n",
+"\n",
+"// Vertices of a triangle of the scene.\n",
+"ivec3 sbl_corners(int triangle) {\n",
+"    return ivec3(int(sbl_fetch(sbl_indices, 3 * triangle).x), int(sbl_fetch(sbl_indices, 3 * triangle + 1).x),\n",
+"                 int(sbl_fetch(sbl_indices, 3 * triangle + 2).x));\n",
+"}\n",
+"\n",
+"struct sbl_Attributes { vec2 uv; vec4 color; };\n",
+"\n",
+"vec4 sbl_unpack_color(uint rg, uint ba) { return vec4(rg & 65535u, rg >> 16, ba & 65535u, ba >> 16); }\n",
+"\n",
+"vec4 sbl_texel(uvec4 place, ivec2 at) {\n",
+"    ivec2 size = ivec2(place.yz);\n",
+"    if ((place.w & SBL_TEXTURE_CLAMPS) != 0u) at = clamp(at, ivec2(0), size - 1);\n",
+"    else at -= size * ivec2(floor(vec2(at) / vec2(size)));\n",
+"    at = clamp(at, ivec2(0), size - 1);  // the division above may round up for far repeats\n",
+"    int index = at.y * size.x + at.x;\n",
+"    if ((place.w & SBL_TEXTURE_KIND) == SBL_TEXTURE_SRGB) {\n",
+"        int width = textureSize(sbl_texels_srgb, 0).x;\n",
+"        return texelFetch(sbl_texels_srgb, ivec2(index % width, int(place.x) + index / width), 0);\n",
+"    }\n",
+"    int width = textureSize(sbl_texels_float, 0).x;\n",
+"    return texelFetch(sbl_texels_float, ivec2(index % width, int(place.x) + index / width), 0);\n",
+"}\n",
+"\n",
+"// A texture's place in its store is first row, width, height, kind. Bilinear, decoded before it is filtered; (0, 0) is\n",
+"// the first texel's outer corner.\n",
+"vec4 sbl_texture(uvec4 place, vec2 uv) {\n",
+"    if (place.w == 0u) return vec4(1);\n",
+"    if ((place.w & SBL_TEXTURE_CLAMPS) == 0u) uv -= floor(uv);\n",
+"    vec2 at = uv * vec2(place.yz) - 0.5, corner = floor(at), f = at - corner;\n",
+"    ivec2 c = ivec2(clamp(corner, vec2(-1e9), vec2(1e9)));\n",
+"    return mix(mix(sbl_texel(place, c), sbl_texel(place, c + ivec2(1, 0)), f.x),\n",
+"               mix(sbl_texel(place, c + ivec2(0, 1)), sbl_texel(place, c + ivec2(1, 1)), f.x), f.y);\n",
+"}\n",
+"\n",
+"// Does a cutout leave anything here?\n",
+"bool sbl_solid(int object, sbl_Attributes at) {\n",
+"    return at.color.a * sbl_texture(sbl_object_albedo_texture(object), at.uv).a >= sbl_object_alpha_cutoff(object);\n",
+"}\n",
+0 };
+/* <<glsl */
+
+/* >>glsl surface: shaders_embedded/surface.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_surface[] = {
+"// From a triangle's number and a ray to the surface point. Exact where rasterised attributes are not: a point\n",
+"// interpolated across a large clipped triangle strays off its plane, and a sensor standing there would see its own\n",
+"// surface.\n",
+"struct sbl_Surface {\n",
+"    vec3 position, normal, geometric_normal;  // normals point against the ray\n",
+"    vec4 albedo;                              // a: 0 where the cutout leaves nothing\n",
+"    vec3 emission;\n",
+"    float facet;                              // the triangle's least height\n",
+"    float reach;                              // of its corners from the origin, plus its longest side: what rounding\n",
+"                                              // is relative to\n",
+"    uint id;\n",
+"};\n",
+"\n",
+"const float SBL_GRAZING = 0.01;  // cosine that shading normals are kept from the horizon\n",
+"\n",
+"// Interpolated where it is long enough, towards the viewer's side of the triangle, and bent away from the surface's own\n",
+"// horizon: a shading normal that turns away from the viewer would aim the sensor at the surface itself.\n",
+"vec3 sbl_shading_normal(ivec3 v, vec3 b, vec3 face, vec3 geometric_normal, vec3 direction) {\n",
+"    vec3 normal = b.x * sbl_attributes_normal(v.x) + b.y * sbl_attributes_normal(v.y) +\n",
+"                  b.z * sbl_attributes_normal(v.z);\n",
+"    float length2 = dot(normal, normal);\n",
+"    normal = length2 > 1e-12 ? normal * inversesqrt(length2) : face;\n",
+"    normal = dot(normal, geometric_normal) < 0.0 ? -normal : normal;\n",
+"    float grazing = dot(normal, normalize(direction));\n",
+"    if (grazing > -SBL_GRAZING) normal = normalize(normal - (grazing + SBL_GRAZING) * normalize(direction));\n",
+"    return normal;\n",
+"}\n",
+"\n",
+"sbl_Attributes sbl_mix_attributes(ivec3 v, vec3 b) {\n",
+"    vec2 uv = b.x * vec2(sbl_attributes_u(v.x), sbl_attributes_v(v.x)) +\n",
+"              b.y * vec2(sbl_attributes_u(v.y), sbl_attributes_v(v.y)) +\n",
+"              b.z * vec2(sbl_attributes_u(v.z), sbl_attributes_v(v.z));\n",
+"    vec4 color = b.x * sbl_unpack_color(sbl_attributes_color_rg(v.x), sbl_attributes_color_ba(v.x)) +\n",
+"                 b.y * sbl_unpack_color(sbl_attributes_color_rg(v.y), sbl_attributes_color_ba(v.y)) +\n",
+"                 b.z * sbl_unpack_color(sbl_attributes_color_rg(v.z), sbl_attributes_color_ba(v.z));\n",
+"    return sbl_Attributes(uv, color / 65535.0);\n",
+"}\n",
+"\n",
+"sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {\n",
+"    ivec3 v = sbl_corners(triangle);\n",
+"    vec3 p0 = sbl_vertex_position(v.x), e1 = sbl_vertex_position(v.y) - p0, e2 = sbl_vertex_position(v.z) - p0;\n",
+"    int object = int(sbl_vertex_object(v.x));\n",
+"\n",
+"    // Barycentrics of the ray's hit by Cramer's rule (Moeller and Trumbore 1997), kept inside the triangle.\n",
+"    // The cross product is scaled to the edges' size first, so that small triangles do not underflow.\n",
+"    float size = max(max(max(abs(e1.x), abs(e1.y)), abs(e1.z)), max(max(abs(e2.x), abs(e2.y)), abs(e2.z)));\n",
+"    vec3 s1 = e1 / size, s2 = e2 / size;\n",
+"    vec3 t = (origin - p0) / size, q = cross(t, s1), h = cross(direction, s2);\n",
+"    float determinant = dot(s1, h);\n",
+"    float b1 = clamp(dot(t, h) / determinant, 0.0, 1.0);\n",
+"    float b2 = clamp(dot(direction, q) / determinant, 0.0, 1.0 - b1);\n",
+"    if (!(abs(determinant) > 0.0)) { b1 = 1.0 / 3.0; b2 = 1.0 / 3.0; }\n",
+"    float b0 = 1.0 - b1 - b2;\n",
+"\n",
+"    sbl_Surface s;\n",
+"    s.position = p0 + (b1 * e1 + b2 * e2);\n",
+"    vec3 across = cross(s1, s2), face = normalize(across), s3 = s2 - s1;\n",
+"    float longest = sqrt(max(dot(s1, s1), max(dot(s2, s2), dot(s3, s3))));\n",
+"    s.facet = size * length(across) / longest;\n",
+"    s.reach = length(p0) + 2.0 * size * longest;\n",
+"    bool back = dot(face, direction) > 0.0;\n",
+"    s.geometric_normal = back ? -face : face;\n",
+"    s.normal = sbl_shading_normal(v, vec3(b0, b1, b2), face, s.geometric_normal, direction);\n",
+"\n",
+"    sbl_Attributes at = sbl_mix_attributes(v, vec3(b0, b1, b2));\n",
+"    s.albedo = at.color * sbl_texture(sbl_object_albedo_texture(object), at.uv);\n",
+"    s.albedo = vec4(s.albedo.rgb * sbl_object_albedo(object),\n",
+"                    s.albedo.a < sbl_object_alpha_cutoff(object) ? 0.0 : 1.0);\n",
+"    s.emission = sbl_object_emission(object) * sbl_texture(sbl_object_emission_texture(object), at.uv).rgb;\n",
+"    if (back && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u) s.emission = vec3(0);\n",
+"    s.id = sbl_object_id(object);\n",
+"    return s;\n",
+"}\n",
+0 };
+/* <<glsl */
+
+/* >>glsl outgoing: shaders_embedded/outgoing.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_outgoing[] = {
+"// What a surface sends towards a sensor: Ck of equations 1 and 2, an emitter's radiance, or the ambient factor times\n",
+"// the colour. All that sensors see comes through here; light that bounces will be looked up here.\n",
+"uniform float epsilon;     // the ambient factor\n",
+"uniform bool lamps_apart;  // light from emitters comes from lamps.glsl\n",
+"\n",
+"bool sbl_emits(int object, bool back) {\n",
+"    vec3 emission = sbl_object_emission(object);\n",
+"    bool turned = back && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u;\n",
+"    return max(max(emission.r, emission.g), emission.b) > 0.0 && !turned;\n",
+"}\n",
+"\n",
+"// Is what it sends known without its attributes? `back`: of its back side.\n",
+"bool sbl_outgoing_is_plain(int object, bool back) {\n",
+"#ifdef SBL_TEXTURED\n",
+"    return sbl_emits(object, back) ? lamps_apart : epsilon <= 0.0;\n",
+"#else\n",
+"    return true;\n",
+"#endif\n",
+"}\n",
+"\n",
+"// at: at the point, where it is not plain.\n",
+"vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {\n",
+"    bool emits = sbl_emits(object, back);\n",
+"    vec3 radiance = emits ? sbl_object_emission(object) : epsilon * sbl_object_albedo(object);\n",
+"    if (emits && lamps_apart) radiance = vec3(0);\n",
+"#ifdef SBL_TEXTURED\n",
+"    sbl_when (!sbl_outgoing_is_plain(object, back)) {\n",
+"        uvec4 place = emits ? sbl_object_emission_texture(object) : sbl_object_albedo_texture(object);\n",
+"        radiance *= ((emits ? vec4(1) : at.color) * sbl_texture(place, at.uv)).rgb;\n",
+"    }\n",
+"#endif\n",
+"    return radiance;\n",
+"}\n",
+0 };
+/* <<glsl */
 
 /* ======================================================================================================== >>surface
-   Where light is wanted: the camera's G-buffer (section III-F), once per picture at pixel centres and once per anti-aliasing sample. */
+   Where light is wanted in a picture: the camera's G-buffer (section III-F), once at pixel centres and once for each
+   anti-aliasing sample. First which triangle every pixel sees, then its surface point; then the host draws over it.
+
+       triangles --visibility--> triangle a pixel --gbuffer--> position, normals, albedo, emission, id
+                   (depth)                                     <-- the host's draw callback, same depth            */
 
 typedef struct sbl__gbuffer {
-    sbl__texture position, normal, geometric_normal, albedo, emission, id, depth;
-    unsigned framebuffer;
+    sbl__texture position, normal, geometric_normal, albedo, emission, id;
+    sbl__target target;
 } sbl__gbuffer;
 
-/* What the rasteriser and the rays of the G-buffer need; rows are of world to view, the world taken relative to the eye. */
+enum { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL, SBL__GBUFFER_ALBEDO,
+       SBL__GBUFFER_EMISSION, SBL__GBUFFER_ID, SBL__GBUFFER_COUNT };  /* attachments */
+
+/* What the rasteriser and the rays of the G-buffer need; rows are of world to view, the world taken relative to the
+   eye. */
 typedef struct sbl__camera {
     double eye[3], right[3], up[3], back[3];
     float world_to_view[16], view_to_clip[16];
@@ -4178,35 +5103,64 @@ typedef struct sbl__camera {
     float facet_limit;         /* see sbl_picture_desc */
 } sbl__camera;
 
-static sbl_result sbl__gbuffer_make(const sbl__gl *gl, sbl__gbuffer *g, int width, int height) {
-    const char *what = "making the G-buffer";
-    const sbl__texture *colors[6];
-    sbl_result result = sbl__texture_make(gl, &g->position, width, height, SBL__GL_RGBA32F, NULL, what);
-    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->normal, width, height, SBL__GL_RGBA32F, NULL, what);
-    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->geometric_normal, width, height, SBL__GL_RGBA32F, NULL, what);
-    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->albedo, width, height, SBL__GL_RGBA16F, NULL, what);
-    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->emission, width, height, SBL__GL_RGBA32F, NULL, what);
-    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->id, width, height, SBL__GL_R32UI, NULL, what);
-    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->depth, width, height, SBL__GL_DEPTH_COMPONENT32F, NULL, what);
-    if (result != SBL_SUCCESS) return result;
-    colors[0] = &g->position; colors[1] = &g->normal; colors[2] = &g->geometric_normal;
-    colors[3] = &g->albedo; colors[4] = &g->emission; colors[5] = &g->id;
-    return sbl__framebuffer_make(gl, &g->framebuffer, colors, 6, &g->depth, what);
+/* One drawing of a G-buffer, in slices; the textures are kept for the next one. */
+typedef struct sbl__surface {
+    enum { SBL__SURFACE_CLEAR, SBL__SURFACE_TRIANGLES, SBL__SURFACE_POINTS, SBL__SURFACE_HOST, SBL__SURFACE_DONE
+    } stage;
+    int at;                    /* the triangle, or the row, that is next */
+    int row, rows;             /* the band under way */
+    sbl__texture triangles, depth;
+    sbl__target visibility;
+    sbl__pace triangle_pace, point_pace;
+} sbl__surface;
+
+#define SBL__DEPTH_SHARE 1e-6      /* of the scene's extent: what is nearer to a camera shares depth 1 */
+#define SBL__BAND_PIXELS 1048576   /* pixels of a band of rows, about: a triangle that fills it is drawn in one go */
+#define SBL__TRIANGLE_PIXELS 64.0  /* what a triangle costs besides its pixels, in pixels */
+
+static sbl_result sbl__gbuffer_make(const sbl__device *d, sbl__gbuffer *g, int width, int height,
+                                    const sbl__texture *depth) {
+    static const unsigned formats[SBL__GBUFFER_COUNT] = { SBL__GL_RGBA32F, SBL__GL_RGBA32F, SBL__GL_RGBA32F,
+                                                          SBL__GL_RGBA16F, SBL__GL_RGBA32F, SBL__GL_R32UI };
+    sbl__texture *textures[SBL__GBUFFER_COUNT];
+    sbl_result result = SBL_SUCCESS;
+    int i;
+    textures[0] = &g->position; textures[1] = &g->normal; textures[2] = &g->geometric_normal;
+    textures[3] = &g->albedo; textures[4] = &g->emission; textures[5] = &g->id;
+    for (i = 0; i < SBL__GBUFFER_COUNT && result == SBL_SUCCESS; i++)
+        result = sbl__texture_make(d, textures[i], width, height, formats[i]);
+    if (result == SBL_SUCCESS)
+        result = sbl__target_make(d, &g->target, (const sbl__texture *const *)textures, SBL__GBUFFER_COUNT, depth);
+    return result;
 }
 
-static void sbl__gbuffer_free(const sbl__gl *gl, sbl__gbuffer *g) {
-    sbl__name_delete(gl->DeleteFramebuffers, &g->framebuffer);
-    sbl__texture_delete(gl, &g->position);
-    sbl__texture_delete(gl, &g->normal);
-    sbl__texture_delete(gl, &g->geometric_normal);
-    sbl__texture_delete(gl, &g->albedo);
-    sbl__texture_delete(gl, &g->emission);
-    sbl__texture_delete(gl, &g->id);
-    sbl__texture_delete(gl, &g->depth);
+static void sbl__gbuffer_free(const sbl__device *d, sbl__gbuffer *g) {
+    sbl__target_delete(d, &g->target);
+    sbl__texture_delete(d, &g->position);
+    sbl__texture_delete(d, &g->normal);
+    sbl__texture_delete(d, &g->geometric_normal);
+    sbl__texture_delete(d, &g->albedo);
+    sbl__texture_delete(d, &g->emission);
+    sbl__texture_delete(d, &g->id);
 }
 
-/* desc's matrices are checked already. */
-static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const sbl__scene *scene) {
+static sbl_result sbl__surface_make(const sbl__device *d, sbl__surface *s, int width, int height) {
+    const sbl__texture *color = &s->triangles;
+    sbl_result result = sbl__texture_make(d, &s->triangles, width, height, SBL__GL_R32UI);
+    if (result == SBL_SUCCESS) result = sbl__texture_make(d, &s->depth, width, height, SBL__GL_DEPTH_COMPONENT32F);
+    return result == SBL_SUCCESS ? sbl__target_make(d, &s->visibility, &color, 1, &s->depth) : result;
+}
+
+static void sbl__surface_free(const sbl__device *d, sbl__surface *s) {
+    sbl__target_delete(d, &s->visibility);
+    sbl__texture_delete(d, &s->triangles);
+    sbl__texture_delete(d, &s->depth);
+}
+
+/* >>surface: the camera */
+
+/* desc's matrices have been checked. */
+static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const sbl__geometry *g) {
     const float *m = desc->world_to_view;
     int i, k;
     memcpy(c->world_to_view, m, sizeof c->world_to_view);
@@ -4214,28 +5168,47 @@ static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const
     for (k = 0; k < 3; k++) { c->right[k] = m[4 * k]; c->up[k] = m[4 * k + 1]; c->back[k] = m[4 * k + 2]; }
     for (k = 0; k < 3; k++) c->eye[k] = -(c->right[k] * m[12] + c->up[k] * m[13] + c->back[k] * m[14]);
     c->orthographic = desc->view_to_clip[11] == 0.0f;
-    c->depth_scale = 1e-6f * scene->extent;
+    c->depth_scale = (float)SBL__DEPTH_SHARE * g->extent;
+    c->facet_limit = desc->facet_limit;
     c->nearest = DBL_MAX;
     c->farthest = -DBL_MAX;
     for (i = 0; i < 8; i++) {
         double distance = 0;
-        for (k = 0; k < 3; k++) distance -= c->back[k] * ((double)scene->bounds[(i >> k) & 1][k] - c->eye[k]);
+        for (k = 0; k < 3; k++) distance -= c->back[k] * ((double)g->bounds[(i >> k) & 1][k] - c->eye[k]);
         c->nearest = SBL__MIN(c->nearest, distance);
         c->farthest = SBL__MAX(c->farthest, distance);
     }
-    c->nearest -= 1e-3 * scene->extent;
-    c->farthest += 1e-3 * scene->extent;
+    c->nearest -= 1e-3 * g->extent;
+    c->farthest += 1e-3 * g->extent;
+}
+
+/* A camera that frames the scene: from the front (+z), a little to the right and above. */
+static void sbl__camera_frame(const sbl__geometry *g, sbl_picture_desc *d) {
+    static const double way[3] = { 0.35, 0.3, 0.89 };
+    const double zoom = SBL__MIN(fabs((double)d->view_to_clip[0]), fabs((double)d->view_to_clip[5]));
+    double radius = 0, distance;
+    float at[3], eye[3];
+    int k;
+    for (k = 0; k < 3; k++) {
+        double half = 0.5 * ((double)g->bounds[1][k] - g->bounds[0][k]);
+        radius += half * half;
+        at[k] = (float)(0.5 * ((double)g->bounds[1][k] + g->bounds[0][k]));
+    }
+    radius = radius > 0 ? sqrt(radius) : 1;
+    distance = d->view_to_clip[11] != 0.0f ? radius * sqrt(1 + zoom * zoom) : 2 * radius;
+    for (k = 0; k < 3; k++) eye[k] = at[k] + (float)(way[k] * distance);
+    sbl_look_at(d->world_to_view, eye[0], eye[1], eye[2], at[0], at[1], at[2], 0, 1, 0);
 }
 
 /* view_to_clip as the G-buffer is drawn: shifted by the sample's offset (pixels), top row first, reversed depth. */
-static void sbl__camera_clip(const sbl__camera *c, const float offset[2], int width, int height, float out[16]) {
+static void sbl__camera_clip(const sbl__camera *c, const float offset[2], const sbl__target *t, float out[16]) {
     const float *m = c->view_to_clip;
     int k;
     memset(out, 0, 16 * sizeof(float));
     for (k = 0; k < 4; k++) {
         float w = m[4 * k + 3];
-        out[4 * k] = m[4 * k] - 2 * offset[0] / (float)width * w;
-        out[4 * k + 1] = -m[4 * k + 1] - 2 * offset[1] / (float)height * w;
+        out[4 * k] = m[4 * k] - 2 * offset[0] / (float)t->width * w;
+        out[4 * k + 1] = -m[4 * k + 1] - 2 * offset[1] / (float)t->height * w;
         out[4 * k + 3] = w;
     }
     if (c->orthographic) {  /* depth falls from 1 at the nearest to 0 at the farthest point of the scene */
@@ -4244,106 +5217,404 @@ static void sbl__camera_clip(const sbl__camera *c, const float offset[2], int wi
     } else out[14] = c->depth_scale;
 }
 
-/* A pixel's ray: origin, then direction, each constant, per pixel of x, per pixel of y; offset from the pixel's centre. */
-static void sbl__camera_rays(const sbl__camera *c, const float offset[2], int width, int height, double ray[6][3]) {
+/* A pixel's ray: origin, then direction, each constant, per pixel of x, per pixel of y; offset from the centre. */
+static void sbl__camera_rays(const sbl__camera *c, const float offset[2], const sbl__target *t, float ray[6][3]) {
     const float *m = c->view_to_clip;
-    double a = c->orthographic ? 1 : -(double)m[11], step_x = 2.0 / width, step_y = -2.0 / height;
-    double x0 = -1 + offset[0] * step_x, y0 = 1 + offset[1] * step_y;
+    const double a = c->orthographic ? 1 : -(double)m[11], step_x = 2.0 / t->width, step_y = -2.0 / t->height;
+    const double x0 = -1 + offset[0] * step_x, y0 = 1 + offset[1] * step_y;
+    const double dx = a * step_x / m[0], dy = a * step_y / m[5];
+    const int moving = c->orthographic ? 0 : 3, still = 3 - moving;
+    /* x of the view at unit distance (perspective) or everywhere (orthographic) is linear in the pixel:
+       x = (a ndc + m8) / m0 or (ndc - m12) / m0 */
+    const double across = c->orthographic ? (x0 - m[12]) / m[0] : (a * x0 + m[8]) / m[0];
+    const double down = c->orthographic ? (y0 - m[13]) / m[5] : (a * y0 + m[9]) / m[5];
     int k;
-    /* x of the view at unit distance (perspective) or everywhere (orthographic) is linear in the pixel: x = (a ndc + m8) / m0 or (ndc - m12) / m0 */
     for (k = 0; k < 3; k++) {
-        double across = c->orthographic ? (x0 - m[12]) / m[0] : (a * x0 + m[8]) / m[0];
-        double down = c->orthographic ? (y0 - m[13]) / m[5] : (a * y0 + m[9]) / m[5];
-        double dx = a * step_x / m[0], dy = a * step_y / m[5];
-        int moving = c->orthographic ? 0 : 3, still = 3 - moving;
-        ray[moving][k] = across * c->right[k] + down * c->up[k] + (c->orthographic ? c->eye[k] : -c->back[k]);
-        ray[moving + 1][k] = dx * c->right[k];
-        ray[moving + 2][k] = dy * c->up[k];
-        ray[still][k] = c->orthographic ? -c->back[k] : c->eye[k];
+        const double fixed = c->orthographic ? c->eye[k] : -c->back[k];
+        ray[moving][k] = (float)(across * c->right[k] + down * c->up[k] + fixed);
+        ray[moving + 1][k] = (float)(dx * c->right[k]);
+        ray[moving + 2][k] = (float)(dy * c->up[k]);
+        ray[still][k] = (float)(c->orthographic ? -c->back[k] : c->eye[k]);
         ray[still + 1][k] = ray[still + 2][k] = 0;
     }
 }
 
-static void sbl__surface_draw(const sbl__gl *gl, unsigned program, const sbl__scene *scene, const sbl__camera *c, sbl__gbuffer *g, const float offset[2], float epsilon) {
-    static const float zero[4] = { 0, 0, 0, 0 };
-    static const unsigned none[4] = { 0, 0, 0, 0 };
-    int width = g->position.width, height = g->position.height, i, k;
-    float clip[16];
-    double ray[6][3];
+/* >>glsl camera: shaders_embedded/camera.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_camera[] = {
+"// The camera's rays: a pixel's is affine in its position.\n",
+"uniform vec3 origin_0, origin_x, origin_y;\n",
+"uniform vec3 direction_0, direction_x, direction_y;\n",
+"\n",
+"vec3 sbl_camera_origin() { return origin_0 + gl_FragCoord.x * origin_x + gl_FragCoord.y * origin_y; }\n",
+"vec3 sbl_camera_direction() { return direction_0 + gl_FragCoord.x * direction_x + gl_FragCoord.y * direction_y; }\n",
+0 };
+/* <<glsl */
 
-    gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->framebuffer);
-    gl->Viewport(0, 0, width, height);
-    gl->Enable(SBL__GL_DEPTH_TEST);
-    for (i = 0; i < 5; i++) gl->ClearBufferfv(SBL__GL_COLOR, i, zero);
-    gl->ClearBufferuiv(SBL__GL_COLOR, 5, none);
-    gl->ClearBufferfv(SBL__GL_DEPTH, 0, zero);
-    sbl__camera_clip(c, offset, width, height, clip);
-    sbl__camera_rays(c, offset, width, height, ray);
-    if (scene->triangle_count) {
-        static const char *const names[6] = { "origin_0", "origin_x", "origin_y", "direction_0", "direction_x", "direction_y" };
-        static const char *const rows[4] = { "clip_x", "clip_y", "clip_z", "clip_w" };
-        gl->UseProgram(program);
-        sbl__scene_bind(gl, scene, program);
-        for (i = 0; i < 6; i++) gl->Uniform3f(sbl__uniform(gl, program, names[i]), (float)ray[i][0], (float)ray[i][1], (float)ray[i][2]);
-        for (i = 0; i < 4; i++) {
-            double row[3];
-            for (k = 0; k < 3; k++) row[k] = clip[i] * c->right[k] + clip[4 + i] * c->up[k] + clip[8 + i] * c->back[k];
-            gl->Uniform4f(sbl__uniform(gl, program, rows[i]), (float)row[0], (float)row[1], (float)row[2], clip[12 + i]);
-        }
-        gl->Uniform3f(sbl__uniform(gl, program, "eye"), (float)c->eye[0], (float)c->eye[1], (float)c->eye[2]);
-        sbl__uniform_f(gl, program, "facet_limit", c->facet_limit);
-        gl->Uniform2f(sbl__uniform(gl, program, "depth_from_w"), c->orthographic ? 0 : c->depth_scale, 0);
-        gl->BindVertexArray(scene->vertex_array);
-        gl->DrawElements(SBL__GL_TRIANGLES, 3 * scene->triangle_count, SBL__GL_UNSIGNED_INT, NULL);
-    }
-    if (scene->draw) {
-        sbl_draw_view view;
-        memset(&view, 0, sizeof view);
-        view.kind = SBL_VIEW_CAMERA;
-        view.viewport[2] = width;
-        view.viewport[3] = height;
-        memcpy(view.world_to_view, c->world_to_view, sizeof view.world_to_view);
-        memcpy(view.view_to_clip, clip, sizeof view.view_to_clip);
-        sbl__multiply(view.world_to_clip, clip, c->world_to_view);
-        for (k = 0; k < 3; k++) view.eye[k] = (float)c->eye[k];
-        view.radiance_scale = 1;
-        view.depth_scale = c->depth_scale;
-        view.write_depth = !(gl->capabilities.used & SBL_CAPABILITY_CLIP_CONTROL);
-        view.epsilon = epsilon;
-        gl->Scissor(0, 0, width, height);
-        gl->Enable(SBL__GL_SCISSOR_TEST);
-        scene->draw(&view, scene->draw_user);
-        sbl__guard_force(gl);
+/* For camera.glsl. */
+static void sbl__camera_set(const sbl__device *d, const sbl__camera *c, const float offset[2], const sbl__target *t) {
+    static const char *const names[6] = { "origin_0", "origin_x", "origin_y",
+                                          "direction_0", "direction_x", "direction_y" };
+    float ray[6][3];
+    int i;
+    sbl__camera_rays(c, offset, t, ray);
+    for (i = 0; i < 6; i++) sbl__set_vec3(d, names[i], ray[i]);
+}
+
+/* >>surface: which triangle */
+
+/* >>glsl visibility_vertex: shaders_embedded/visibility_vertex.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_visibility_vertex[] = {
+"// The camera's view of the scene: which triangle is seen. Depth is reversed: 1 at the near end, 0 at infinity.\n",
+"uniform vec3 eye;\n",
+"uniform vec4 clip_x, clip_y, clip_z, clip_w;  // rows of world to clip, the world taken relative to the eye\n",
+"flat out int triangle;\n",
+"\n",
+"void main() {\n",
+"    triangle = gl_VertexID / 3;\n",
+"    int vertex = int(sbl_fetch(sbl_indices, gl_VertexID).x);\n",
+"    vec4 p = vec4(sbl_vertex_position(vertex) - eye, 1);\n",
+"    gl_Position = vec4(dot(clip_x, p), dot(clip_y, p), dot(clip_z, p), dot(clip_w, p));\n",
+"    if ((sbl_object_flags(int(sbl_vertex_object(vertex))) & SBL_HIDDEN_FROM_CAMERA) != 0u)\n",
+"        gl_Position = vec4(2, 2, 2, 1);\n",
+"}\n",
+0 };
+/* <<glsl */
+
+/* >>glsl visibility_fragment: shaders_embedded/visibility_fragment.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_visibility_fragment[] = {
+"flat in int triangle;\n",
+"uniform vec2 depth_from_w;  // depth = x * gl_FragCoord.w + y, where the driver has no clip control\n",
+"layout(location = 0) out uint out_triangle;  // 1 + its number; 0: nothing is seen\n",
+"\n",
+"void main() {\n",
+"#ifdef SBL_TEXTURED\n",
+"    sbl_when (sbl_object_alpha_cutoff(int(sbl_vertex_object(sbl_corners(triangle).x))) > 0.0)\n",
+"        if (sbl_surface(triangle, sbl_camera_origin(), sbl_camera_direction()).albedo.a == 0.0) discard;\n",
+"#endif\n",
+"    out_triangle = uint(triangle) + 1u;\n",
+"#ifdef SBL_WRITE_DEPTH\n",
+"    gl_FragDepth = depth_from_w.x > 0.0 ? depth_from_w.x * gl_FragCoord.w : 2.0 * gl_FragCoord.z - 1.0;\n",
+"#endif\n",
+"}\n",
+0 };
+/* <<glsl */
+
+static const sbl__recipe sbl__recipe_visibility = {
+    "visibility", { sbl__glsl_scene, sbl__glsl_visibility_vertex },
+    { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_camera, sbl__glsl_visibility_fragment },
+    { &sbl__vertex_record, &sbl__attributes_record, &sbl__object_record },
+    SBL__TEXTURED | SBL__WIDE | SBL__WRITE_DEPTH
+};
+
+/* World to clip, rows first, the world taken relative to the eye. */
+static void sbl__camera_rows(const sbl__camera *c, const float clip[16], float rows[4][4]) {
+    int i, k;
+    for (i = 0; i < 4; i++) {
+        for (k = 0; k < 3; k++)
+            rows[i][k] = (float)(clip[i] * c->right[k] + clip[4 + i] * c->up[k] + clip[8 + i] * c->back[k]);
+        rows[i][3] = clip[12 + i];
     }
 }
 
+/* About how many pixels of the band's rows a triangle covers, at most: half of its bounds on the screen. */
+static double sbl__triangle_pixels(const sbl__surface *s, const sbl__camera *c, float rows[4][4],
+                                   const float *const p[3]) {
+    const double size[2] = { (double)s->visibility.width, (double)s->visibility.height };
+    const double low[2] = { 0, (double)s->row }, high[2] = { size[0], (double)s->row + s->rows };
+    double from[2] = { DBL_MAX, DBL_MAX }, to[2] = { -DBL_MAX, -DBL_MAX };
+    int i, k;
+    for (i = 0; i < 3; i++) {
+        double v[3], w;
+        for (k = 0; k < 3; k++) v[k] = p[i][k] - c->eye[k];
+        w = rows[3][0] * v[0] + rows[3][1] * v[1] + rows[3][2] * v[2] + rows[3][3];
+        if (!(w > 0)) return size[0] * s->rows;  /* reaches behind the camera: anything */
+        for (k = 0; k < 2; k++) {
+            double x = (rows[k][0] * v[0] + rows[k][1] * v[1] + rows[k][2] * v[2] + rows[k][3]) / w;
+            x = (0.5 * x + 0.5) * size[k];
+            from[k] = SBL__MIN(from[k], x);
+            to[k] = SBL__MAX(to[k], x);
+        }
+    }
+    for (k = 0; k < 2; k++) {
+        from[k] = SBL__MAX(from[k], low[k]);
+        to[k] = SBL__MIN(to[k], high[k]);
+        if (from[k] >= to[k]) return 0;
+    }
+    return 0.5 * (to[0] - from[0]) * (to[1] - from[1]);
+}
+
+/* Draws on from triangle s->at, as many as the slice has time for. */
+static sbl_result sbl__surface_triangles(sbl__device *d, sbl__surface *s, const sbl__scene *scene, const sbl__camera *c,
+                                         const float offset[2], const sbl__slice *slice) {
+    static const char *const names[4] = { "clip_x", "clip_y", "clip_z", "clip_w" };
+    const sbl__geometry *g = &scene->geometry;
+    const int band[4] = { 0, s->row, s->visibility.width, s->rows };
+    double room = sbl__pace_begin(&s->triangle_pace, slice, 65536, 1), pixels = 0;
+    float clip[16], rows[4][4], eye[3];
+    int end = s->at, i;
+    sbl_result result = sbl__use(d, &sbl__recipe_visibility, scene->features);
+    if (result != SBL_SUCCESS) return result;
+    sbl__camera_clip(c, offset, &s->visibility, clip);
+    sbl__camera_rows(c, clip, rows);
+    while (end < g->triangle_count && pixels < room) {
+        const float *p[3];
+        for (i = 0; i < 3; i++) p[i] = sbl__corner_of(g, (uint32_t)end, i);
+        pixels += SBL__TRIANGLE_PIXELS + sbl__triangle_pixels(s, c, rows, p);
+        end++;
+    }
+    sbl__pass(d, &s->visibility, NULL, band, SBL__PASS_DEPTH);
+    sbl__scene_bind(d, scene);
+    sbl__camera_set(d, c, offset, &s->visibility);
+    for (i = 0; i < 4; i++) sbl__set_vec4(d, names[i], rows[i]);
+    for (i = 0; i < 3; i++) eye[i] = (float)c->eye[i];
+    sbl__set_vec3(d, "eye", eye);
+    sbl__set_vec2(d, "depth_from_w", c->orthographic ? 0 : c->depth_scale, 0);
+    sbl__draw_triangles(d, s->at, end - s->at);
+    sbl__pace_end(d, &s->triangle_pace, pixels);
+    s->at = end;
+    return sbl__gl_check(&d->gl);
+}
+
+/* >>surface: its points */
+
+/* >>glsl gbuffer_fragment: shaders_embedded/gbuffer_fragment.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_gbuffer_fragment[] = {
+"// The surface points of the triangles that are seen.\n",
+"uniform usampler2D triangles;  // of visibility_fragment.glsl\n",
+"uniform float facet_limit;     // shading normals count from triangles of this least height on, in pixels; fully from\n",
+"                               // twice that on\n",
+"layout(location = 0) out vec4 out_position;          // w: reach, see surface.glsl\n",
+"layout(location = 1) out vec4 out_normal;\n",
+"layout(location = 2) out vec4 out_geometric_normal;\n",
+"layout(location = 3) out vec4 out_albedo;\n",
+"layout(location = 4) out vec4 out_emission;\n",
+"layout(location = 5) out uint out_id;\n",
+"\n",
+"void main() {\n",
+"    uint triangle = texelFetch(triangles, ivec2(gl_FragCoord.xy), 0).x;\n",
+"    out_position = out_normal = out_geometric_normal = out_albedo = out_emission = vec4(0);\n",
+"    out_id = 0u;\n",
+"    sbl_when (triangle > 0u) {\n",
+"        vec3 origin = sbl_camera_origin(), direction = sbl_camera_direction();\n",
+"        sbl_Surface s = sbl_surface(int(triangle) - 1, origin, direction);\n",
+"        // Shading normals are there to hide facets; facets that are too small to be seen show the light that the true\n",
+"        // surface gets.\n",
+"        float pixel = length(origin_y + distance(s.position, origin) / length(direction) * direction_y);\n",
+"        if (facet_limit > 0.0)\n",
+"            s.normal = normalize(mix(s.geometric_normal, s.normal,\n",
+"                                     clamp(s.facet / (facet_limit * pixel) - 1.0, 0.0, 1.0)));\n",
+"        out_position = vec4(s.position, s.reach);\n",
+"        out_normal = vec4(s.normal, 0);\n",
+"        out_geometric_normal = vec4(s.geometric_normal, 0);\n",
+"        out_albedo = vec4(s.albedo.rgb, 1);\n",
+"        out_emission = vec4(s.emission, 0);\n",
+"        out_id = s.id;\n",
+"    }\n",
+"}\n",
+0 };
+/* <<glsl */
+
+static const sbl__recipe sbl__recipe_gbuffer = {
+    "gbuffer", { sbl__glsl_fullscreen_vertex },
+    { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_camera, sbl__glsl_gbuffer_fragment },
+    { &sbl__vertex_record, &sbl__attributes_record, &sbl__object_record },
+    SBL__WIDE
+};
+
+/* Surface points of as many rows as the slice has time for. */
+static sbl_result sbl__surface_points(sbl__device *d, sbl__surface *s, const sbl__scene *scene, const sbl__camera *c,
+                                      const sbl__gbuffer *g, const float offset[2]) {
+    sbl_result result = sbl__use(d, &sbl__recipe_gbuffer, scene->features);
+    if (result != SBL_SUCCESS) return result;
+    sbl__pass_rows(d, &g->target, s->at, s->rows);
+    sbl__scene_bind(d, scene);
+    sbl__bind(d, "triangles", &s->triangles);
+    sbl__camera_set(d, c, offset, &g->target);
+    sbl__set_float(d, "facet_limit", c->facet_limit);
+    sbl__draw_screen(d);
+    s->at += s->rows;
+    return sbl__gl_check(&d->gl);
+}
+
+/* >>surface: what the host draws over it */
+
+static void sbl__surface_host(const sbl__device *d, const sbl__scene *scene, const sbl__camera *c,
+                              const sbl__gbuffer *g, const float offset[2], float epsilon) {
+    const int all[4] = { 0, 0, g->target.width, g->target.height };
+    float clip[16];
+    sbl_draw_view view;
+    int k;
+    sbl__camera_clip(c, offset, &g->target, clip);
+    memset(&view, 0, sizeof view);
+    view.kind = SBL_VIEW_CAMERA;
+    memcpy(view.viewport, all, sizeof view.viewport);
+    memcpy(view.world_to_view, c->world_to_view, sizeof view.world_to_view);
+    memcpy(view.view_to_clip, clip, sizeof view.view_to_clip);
+    sbl__multiply(view.world_to_clip, clip, c->world_to_view);
+    for (k = 0; k < 3; k++) view.eye[k] = (float)c->eye[k];
+    view.radiance_scale = 1;
+    view.depth_scale = c->depth_scale;
+    view.write_depth = (d->features & SBL__WRITE_DEPTH) != 0;
+    view.epsilon = epsilon;
+    sbl__pass(d, &g->target, NULL, all, SBL__PASS_DEPTH);
+    sbl__host_draw(d, scene->draw, &view, scene->draw_user);
+}
+
+/* What is drawn, for whom. */
+typedef struct sbl__surface_job {
+    const sbl__scene *scene;
+    const sbl__camera *camera;
+    const sbl__gbuffer *gbuffer;
+    float offset[2];           /* of the sample from the pixels' centres, pixels */
+    float epsilon;             /* told to the host */
+} sbl__surface_job;
+
+static void sbl__surface_begin(sbl__surface *s) { s->stage = SBL__SURFACE_CLEAR; }
+
+/* The next band of rows that triangles are drawn in, or what follows the last one. */
+static void sbl__surface_next_band(sbl__surface *s, int row, int triangles) {
+    const int most = SBL__MAX(1, SBL__BAND_PIXELS / s->visibility.width), left = s->visibility.height - row;
+    s->at = 0;
+    s->row = row;
+    s->rows = SBL__MIN(most, left);
+    s->stage = left > 0 && triangles ? SBL__SURFACE_TRIANGLES : SBL__SURFACE_POINTS;
+}
+
+/* One piece of it. SBL_SUCCESS: the G-buffer is drawn. */
+static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__surface_job *job,
+                                    const sbl__slice *slice) {
+    const int triangles = job->scene->geometry.triangle_count;
+    sbl_result result = SBL_SUCCESS;
+    d->gl.doing = "drawing the G-buffer";
+    switch (s->stage) {
+        case SBL__SURFACE_CLEAR:
+            sbl__pass(d, &s->visibility, NULL, NULL, 0);
+            sbl__clear_uint(d, 0);
+            sbl__clear_depth(d);
+            result = sbl__gl_check(&d->gl);
+            sbl__surface_next_band(s, 0, triangles);
+            break;
+        case SBL__SURFACE_TRIANGLES:
+            result = sbl__surface_triangles(d, s, job->scene, job->camera, job->offset, slice);
+            if (s->at == triangles) sbl__surface_next_band(s, s->row + s->rows, triangles);
+            break;
+        case SBL__SURFACE_POINTS:
+            s->rows = sbl__pace_rows(&s->point_pace, slice, &job->gbuffer->target, s->at);
+            result = sbl__surface_points(d, s, job->scene, job->camera, job->gbuffer, job->offset);
+            sbl__pace_end(d, &s->point_pace, (double)s->rows * job->gbuffer->target.width);
+            if (s->at == job->gbuffer->target.height) s->stage = SBL__SURFACE_HOST;
+            break;
+        case SBL__SURFACE_HOST:
+            if (job->scene->draw)
+                sbl__surface_host(d, job->scene, job->camera, job->gbuffer, job->offset, job->epsilon);
+            result = sbl__gl_check(&d->gl);
+            s->stage = SBL__SURFACE_DONE;
+            break;
+        default: break;
+    }
+    return result != SBL_SUCCESS ? result : s->stage == SBL__SURFACE_DONE ? SBL_SUCCESS : SBL_UNFINISHED;
+}
+
 /* ======================================================================================================== >>sensors
-   Where a sensor stands and looks, how its views lie on its sheet, and what each texel weighs. */
+   Sites, where light is wanted; looks, the sensors that stand there; how a look's views lie on its sheet, and what each
+   texel weighs. */
 
-#define SBL__MAX_LOOKS 4         /* see sbl__looks */
-
+/* WHERE. */
 typedef struct sbl__site {
-    float position[3];          /* already moved off the surface */
-    float normal[3];            /* unit */
-    float offset;               /* how far it is off the surface */
-    float turn;                 /* rotation about the normal, radians: rasterised sensors */
-    uint32_t seed;              /* scrambles the directions: traced sensors */
-    uint32_t first_ray;         /* in the sequence of directions */
+    float position[3];          /* on the surface, or in the air */
+    float normal[3];            /* unit: the hemisphere's middle, the shading normal of a surface */
+    float geometric_normal[3];  /* unit: the side that its sensor is moved off to */
+    float offset;               /* how far it is moved */
+    uint32_t number;            /* turns its directions: another one for each site */
+    int span;                   /* pixels across that it stands for */
 } sbl__site;
+
+/* HOW, for a whole job. */
+typedef struct sbl__spec {
+    int traced;                 /* rays, or views */
+    int paper;                  /* exactly the paper: never turned, equation 4, lamps met by texels, no other light */
+    int hemicube, size;         /* views: five or one, texels across */
+    float fov;                  /* of the one, degrees */
+    int rays;                   /* over the hemisphere */
+    int lamp_rays;              /* towards lamps, at most; 0: there are none, or they are met like any surface */
+    int lamps_apart;            /* views and rays over the hemisphere do not see emitters: lamp_rays are for them */
+    float epsilon;
+    uint32_t seed;
+    int atlas_size, batch;      /* of sbl_context_desc */
+} sbl__spec;
+
+/* One sensor: a site, seen from off its surface, turned somehow. A site may have several, each turned further. */
+typedef struct sbl__look {
+    float position[3];          /* off the surface */
+    float normal[3];
+    float offset;
+    float turn;                 /* about the normal, radians: views */
+    uint32_t seed;              /* scrambles the directions: rays */
+    int number;                 /* of the site's looks: which stretch of the sequence its rays follow */
+    int sensor;                 /* number within the job */
+} sbl__look;
+
+#define SBL__MAX_LOOKS 4
+/* Looks stand this share off their surface: of the scene's extent where depth buffers decide what is seen, of their own
+   triangle's reach where rays do. Six times what float rounding needs (from 2.5e-7 down, spheres see themselves). */
+#define SBL__OFFSET 1.5e-6f
+
+/* How often a sensor looks: one that stands for many pixels is worth the more: what noise it has left would show as
+   blotches of that size. */
+static int sbl__looks_of(const sbl__spec *spec, const sbl__site *site) {
+    return spec->paper ? 1 : site->span >= 8 ? 4 : site->span >= 4 ? 2 : 1;
+}
+
+/* Look number `look` of `looks`: off the surface along the geometric normal, turned by the site's hash, or (paper)
+   not. */
+static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int look, int looks, sbl__look *out) {
+    const uint32_t hash = sbl__hash(site->number ^ sbl__hash(spec->seed));
+    int k;
+    for (k = 0; k < 3; k++) {
+        out->position[k] = site->position[k] + site->offset * site->geometric_normal[k];
+        out->normal[k] = site->normal[k];
+    }
+    out->offset = site->offset;
+    out->turn = spec->paper ? 0 : (float)(0.5 * SBL__PI * (hash / 4294967296.0 + (double)look / looks));
+    out->seed = hash;
+    out->number = (int)((double)look / looks * SBL__MAX_LOOKS);
+}
+
+/* A look as shaders that send rays take it. */
+#define SBL__LOOK_RECORD(X) \
+    X(sbl__look_words, VEC3, position) X(sbl__look_words, FLOAT, turn) \
+    X(sbl__look_words, VEC3, normal) X(sbl__look_words, FLOAT, offset) \
+    X(sbl__look_words, UVEC2, scramble) X(sbl__look_words, UINT, lamp_scramble) X(sbl__look_words, UINT, number)
+SBL__RECORD(sbl__look_words, SBL__LOOK_RECORD, "sbl_look", "sbl_looks", SBL__BUFFER_TABLE("sbl_looks"), NULL)
+
+static void sbl__look_write(const sbl__look *l, sbl__look_words *out) {
+    memcpy(out->position, l->position, sizeof out->position);
+    memcpy(out->normal, l->normal, sizeof out->normal);
+    out->turn = l->turn;
+    out->offset = l->offset;
+    out->scramble[0] = sbl__hash(l->seed);
+    out->scramble[1] = sbl__hash(l->seed + 1u);
+    out->lamp_scramble = sbl__hash(l->seed + 2u);
+    out->number = (uint32_t)l->number;
+}
+
+/* >>sensors: views */
 
 typedef struct sbl__layout {
     int hemicube, size, view_count;
     double tangent;             /* of half the view's width: 1 for a hemicube */
     int rects[5][4];            /* x, y, width, height in the sheet */
     int sheet_width, sheet_height;            /* without padding */
-    int block, blocks[2];       /* the reduction's first step adds block x block texels; the sheet is padded to whole blocks */
+    int block, blocks[2];       /* the reduction's first step adds block x block texels; the sheet is padded to whole
+                                   blocks */
 } sbl__layout;
 
 /* As the vertex shader takes it, see sensor_vertex.glsl. */
 typedef struct sbl__view { float eye[3], right[4], up[4], forward[4], offset[2]; } sbl__view;
 
 static void sbl__layout_make(sbl__layout *l, int hemicube, int size, float fov) {
-    int half = (size + 1) / 2, i;
+    const int half = (size + 1) / 2;
+    int i;
     memset(l, 0, sizeof *l);
     l->hemicube = hemicube;
     l->size = size;
@@ -4363,9 +5634,13 @@ static void sbl__layout_make(sbl__layout *l, int hemicube, int size, float fov) 
     l->blocks[1] = (l->sheet_height + l->block - 1) / l->block;
 }
 
-/* Tangents to a normal: Duff et al. 2017, "Building an Orthonormal Basis, Revisited". right x up = -normal, as in a view that looks along it. */
+static int sbl__layout_pitch(const sbl__layout *l, int axis) { return l->blocks[axis] * l->block; }
+
+/* Tangents to a normal: Duff et al. 2017, "Building an Orthonormal Basis, Revisited". right x up = -normal, as in a
+   view that looks along it. */
 static void sbl__frame(const float n[3], double turn, double right[3], double up[3]) {
-    double s = n[2] < 0.0f ? -1 : 1, a = -1 / (s + n[2]), b = (double)n[0] * n[1] * a, c = cos(turn), d = sin(turn);
+    const double s = n[2] < 0.0f ? -1 : 1, a = -1 / (s + n[2]), b = (double)n[0] * n[1] * a;
+    const double c = cos(turn), d = sin(turn);
     double t[3], u[3];
     int k;
     t[0] = 1 + s * n[0] * n[0] * a; t[1] = s * b; t[2] = -s * n[0];
@@ -4374,33 +5649,36 @@ static void sbl__frame(const float n[3], double turn, double right[3], double up
 }
 
 /* Directions of view `face`: 0 looks along the normal, 1 to 4 to the sides with the normal up. */
-static void sbl__view_axes(const sbl__site *p, int face, double right[3], double up[3], double forward[3]) {
+static void sbl__view_axes(const sbl__look *l, int face, double right[3], double up[3], double forward[3]) {
     double t[3], u[3];
     int k;
-    sbl__frame(p->normal, p->turn, t, u);
+    sbl__frame(l->normal, l->turn, t, u);
     for (k = 0; k < 3; k++) {
-        double n = p->normal[k];
+        double n = l->normal[k];
         forward[k] = face == 0 ? n : face == 1 ? t[k] : face == 2 ? u[k] : face == 3 ? -t[k] : -u[k];
         up[k] = face == 0 ? u[k] : n;
         right[k] = face == 0 ? t[k] : face == 1 ? u[k] : face == 2 ? -t[k] : face == 3 ? -u[k] : t[k];
     }
 }
 
-static void sbl__view_make(const sbl__layout *l, const sbl__site *p, int face, int corner_x, int corner_y, int atlas_width, int atlas_height, sbl__view *out) {
-    double right[3], up[3], forward[3];
+/* corner: of the look's sheet in the atlas; size: of the part of it that is drawn to; texels. */
+static void sbl__view_make(const sbl__layout *l, const sbl__look *look, int face, const int corner[2],
+                           const int size[2], sbl__view *out) {
     const int *r = l->rects[face];
+    const float width = (float)size[0], height = (float)size[1];
+    double right[3], up[3], forward[3];
     int k;
-    sbl__view_axes(p, face, right, up, forward);
+    sbl__view_axes(look, face, right, up, forward);
     for (k = 0; k < 3; k++) {
-        out->eye[k] = p->position[k];
+        out->eye[k] = look->position[k];
         out->right[k] = (float)(right[k] / l->tangent);
         out->up[k] = (float)(up[k] / l->tangent);
         out->forward[k] = (float)forward[k];
     }
-    out->right[3] = (float)r[2] / (float)atlas_width;
-    out->offset[0] = (float)(2 * (corner_x + r[0]) + r[2]) / (float)atlas_width - 1;
-    out->up[3] = (float)(face ? 2 * r[3] : r[3]) / (float)atlas_height;
-    out->offset[1] = (float)(2 * (corner_y + r[1]) + (face ? 0 : r[3])) / (float)atlas_height - 1;
+    out->right[3] = (float)r[2] / width;
+    out->offset[0] = (float)(2 * (corner[0] + r[0]) + r[2]) / width - 1;
+    out->up[3] = (float)(face ? 2 * r[3] : r[3]) / height;
+    out->offset[1] = (float)(2 * (corner[1] + r[1]) + (face ? 0 : r[3])) / height - 1;
     out->forward[3] = face ? 0.0f : -1.0f;
 }
 
@@ -4410,9 +5688,12 @@ static void sbl__view_range(const sbl__layout *l, int face, double range[4]) {
     range[2] = face ? 0 : -l->tangent; range[3] = l->tangent;
 }
 
-/* Projected solid angle over pi of the corner rectangle [0, x] x [0, y] at unit distance. Top: in a plane across the normal; the integral of
-   1 / (pi (1 + x^2 + y^2)^2). Side: in a plane along the normal, y up; the integral of y / (pi (1 + x^2 + y^2)^2), less its value at y = 0.
-   These are the form factors of Cohen and Greenberg 1985, "The Hemi-Cube", integrated. */
+/* >>sensors: weights */
+
+/* Projected solid angle over pi of the corner rectangle [0, x] x [0, y] at unit distance. Top: in a plane across the
+   normal; the integral of 1 / (pi (1 + x^2 + y^2)^2). Side: in a plane along the normal, y up; the integral of
+   y / (pi (1 + x^2 + y^2)^2), less its value at y = 0. These are the form factors of Cohen and Greenberg 1985,
+   "The Hemi-Cube", integrated. */
 static double sbl__corner_top(double x, double y) {
     double a = sqrt(1 + x * x), b = sqrt(1 + y * y);
     return (x / a * atan(y / a) + y / b * atan(x / b)) / (2 * SBL__PI);
@@ -4423,6 +5704,11 @@ static double sbl__corner_side(double x, double y) {
     return (atan(x) - atan(x / b) / b) / (2 * SBL__PI);
 }
 
+/* From corner x0, y0 to x1, y1. */
+static double sbl__rectangle_weight(double (*corner)(double, double), const double from[2], const double to[2]) {
+    return corner(to[0], to[1]) - corner(from[0], to[1]) - corner(to[0], from[1]) + corner(from[0], from[1]);
+}
+
 /* The paper's V'' of equation 4: onto the unit sphere, then down onto the tangent plane. */
 static void sbl__paper_project(double x, double y, double out[2]) {
     double length = sqrt(x * x + y * y + 1);
@@ -4430,111 +5716,147 @@ static void sbl__paper_project(double x, double y, double out[2]) {
     out[1] = y / length;
 }
 
-/* weights: two floats a texel of the padded sheet: share of the hemisphere's projected solid angle; length of the texel's ray at unit depth. */
-static void sbl__weights_make(const sbl__layout *l, int paper, float *weights) {
-    size_t pitch = (size_t)(l->blocks[0] * l->block);
-    int face, i, j;
-    for (face = 0; face < l->view_count; face++) {
-        const int *r = l->rects[face];
-        double range[4], dx, dy;
-        sbl__view_range(l, face, range);
-        dx = (range[1] - range[0]) / r[2];
-        dy = (range[3] - range[2]) / r[3];
-        for (j = 0; j < r[3]; j++)
-            for (i = 0; i < r[2]; i++) {
-                float *out = weights + 2 * ((size_t)(r[1] + j) * pitch + (size_t)(r[0] + i));
-                double x0 = range[0] + i * dx, y0 = range[2] + j * dy, x1 = x0 + dx, y1 = y0 + dy, x = x0 + 0.5 * dx, y = y0 + 0.5 * dy;
-                if (paper) {  /* equation 4 over pi; section III-E's factor rdx * rdy and the mean over as many texels cancel */
-                    double v0[2], v1[2], v2[2];
-                    sbl__paper_project(x0, y0, v0);
-                    sbl__paper_project(x1, y0, v1);
-                    sbl__paper_project(x0, y1, v2);
-                    out[0] = (float)(fabs((v1[0] - v0[0]) * (v2[1] - v0[1]) - (v1[1] - v0[1]) * (v2[0] - v0[0])) / SBL__PI);
-                } else if (face)
-                    out[0] = (float)(sbl__corner_side(x1, y1) - sbl__corner_side(x0, y1) - sbl__corner_side(x1, y0) + sbl__corner_side(x0, y0));
-                else out[0] = (float)(sbl__corner_top(x1, y1) - sbl__corner_top(x0, y1) - sbl__corner_top(x1, y0) + sbl__corner_top(x0, y0));
-                out[1] = (float)sqrt(1 + x * x + y * y);
-            }
+/* Equation 4 over pi; section III-E's factor rdx * rdy and the mean over as many texels cancel. */
+static double sbl__paper_weight(const double from[2], const double to[2]) {
+    double v0[2], v1[2], v2[2];
+    sbl__paper_project(from[0], from[1], v0);
+    sbl__paper_project(to[0], from[1], v1);
+    sbl__paper_project(from[0], to[1], v2);
+    return fabs((v1[0] - v0[0]) * (v2[1] - v0[1]) - (v1[1] - v0[1]) * (v2[0] - v0[0])) / SBL__PI;
+}
+
+/* Row j of a view's weights, two floats a texel of the padded sheet: share of the hemisphere's projected solid angle;
+   length of the texel's ray at unit depth. */
+static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, float *weights) {
+    const int *r = l->rects[face];
+    float *out = weights + 2 * ((size_t)(r[1] + j) * (size_t)sbl__layout_pitch(l, 0) + (size_t)r[0]);
+    double range[4], dx, dy;
+    int i;
+    sbl__view_range(l, face, range);
+    dx = (range[1] - range[0]) / r[2];
+    dy = (range[3] - range[2]) / r[3];
+    for (i = 0; i < r[2]; i++, out += 2) {
+        const double from[2] = { range[0] + i * dx, range[2] + j * dy }, to[2] = { from[0] + dx, from[1] + dy };
+        const double x = from[0] + 0.5 * dx, y = from[1] + 0.5 * dy;
+        out[0] = (float)(paper ? sbl__paper_weight(from, to)
+                       : face  ? sbl__rectangle_weight(sbl__corner_side, from, to)
+                               : sbl__rectangle_weight(sbl__corner_top, from, to));
+        out[1] = (float)sqrt(1 + x * x + y * y);
     }
 }
 
-/* ======================================================================================================== >>gather
-   The primitive: points and normals in, light out. It does not know what the points are for, and nothing above knows how it sees.
+/* >>sensors: what both ways to see work on */
 
-   This back end rasterises. Sensor i of a job stands in slot i % slots of the atlas, whatever the batch: a picture never depends on it.
+/* How looks lie side by side in textures: look number n of a job in slot n % count, whatever the batch, so that a
+   picture never depends on it. */
+typedef struct sbl__slots {
+    int columns, count;
+    int blocks[2];              /* texels of a look in the block sums */
+} sbl__slots;
 
-       atlas  +-------+-------+-------+      one instanced draw: every view of every sensor of a batch
-              | sheet | sheet | sheet |
-              +-------+-------+-------+      reduce_blocks: block x block texels -> one        (atlas -> block sums)
-              | sheet |  ...          |      reduce_sum:    the blocks of a sheet -> one       (block sums -> results)
-              +-------+---------------+      one readback for the whole job                                            */
+/* Partial sums of the looks in all slots, as reduce_blocks.glsl and trace.glsl write them. */
+typedef struct sbl__blocks { sbl__texture sums, hits; sbl__target target; } sbl__blocks;
 
-#define SBL__RESULTS_WIDTH 1024
-#define SBL__MAX_SLOTS 4096
-#define SBL__DEPTH_SCALE 1e-6f  /* depth is this over distance, lengths in scene extents: surfaces nearer than it share depth 1 */
+/* Looks that are drawn together: `count` of them from slot `slot` on. */
+typedef struct sbl__batch {
+    const sbl__scene *scene;
+    const sbl__spec *spec;
+    const sbl__slots *slots;
+    const sbl__blocks *blocks;
+    const sbl__look *looks;
+    const sbl__table *table;    /* of their words; where rays are sent */
+    int slot, count;
+} sbl__batch;
 
-typedef struct sbl__reading {     /* what gather gives for a site: its reading */
-    float radiance[3];          /* R */
-    float back_share;           /* of the weight that sees surfaces, what sees back faces */
-    float hit_share;            /* weight that sees surfaces */
-    float hit_mean, hit_min;    /* distances, world units; 0 where nothing is seen */
-    float noise;                /* standard error of R (mean of the channels) where it can be told: traced rays; else 0 */
-    int stuck;                  /* set by refine: the sensor stands inside something, see sbl__refine_suspects */
-} sbl__reading;
-
-typedef struct sbl__gather {
-    sbl__layout layout;
-    int paper;
-    float epsilon, radiance_scale;
-    int columns, slots;
-    sbl__texture atlas, depth, weights, block_sums, block_hits, lights, sums, hits;
-    unsigned atlas_framebuffer, block_framebuffer, light_framebuffer, result_framebuffer;
-    sbl__buffer view_buffer;
-    sbl__view *views;           /* one batch, before it is sent */
-    const sbl__site *sites;   /* the job; owned by the caller */
-    int count, next;
-    float spread;               /* traced: 1 for the hemisphere, 0 for rays along the normal only */
-    int rays;                   /* traced: directions of a sensor; 0: rasterised */
-    int lamp_rays;              /* at most so many more towards lamps; 0: there are none, or they are met by chance */
-    int lamp_parts;             /* shader invocations that share them */
-    int lamps_apart;            /* sensors' views and rays over the hemisphere do not see lamps */
-    int environment;            /* sensors' views see the environment's picture */
-    float length;               /* world units of a distance that the shaders give */
-    sbl__buffer point_buffer, sequence_buffer;
-    unsigned point_texels, sequence_texels;
-    uint32_t *point_words;
-    int draw_limit;             /* sensors in one draw that keep it short on any machine */
-} sbl__gather;
-
-static void sbl__gather_free(const sbl__gl *gl, sbl__gather *g) {
-    sbl__name_delete(gl->DeleteFramebuffers, &g->atlas_framebuffer);
-    sbl__name_delete(gl->DeleteFramebuffers, &g->block_framebuffer);
-    sbl__name_delete(gl->DeleteFramebuffers, &g->light_framebuffer);
-    sbl__name_delete(gl->DeleteFramebuffers, &g->result_framebuffer);
-    sbl__texture_delete(gl, &g->atlas);
-    sbl__texture_delete(gl, &g->depth);
-    sbl__texture_delete(gl, &g->weights);
-    sbl__texture_delete(gl, &g->block_sums);
-    sbl__texture_delete(gl, &g->block_hits);
-    sbl__texture_delete(gl, &g->lights);
-    sbl__texture_delete(gl, &g->sums);
-    sbl__texture_delete(gl, &g->hits);
-    sbl__buffer_delete(gl, &g->view_buffer);
-    sbl__name_delete(gl->DeleteTextures, &g->point_texels);
-    sbl__name_delete(gl->DeleteTextures, &g->sequence_texels);
-    sbl__buffer_delete(gl, &g->point_buffer);
-    sbl__buffer_delete(gl, &g->sequence_buffer);
-    sbl__free(gl->base, g->point_words);
-    sbl__free(gl->base, g->views);
-    memset(g, 0, sizeof *g);
+static sbl_result sbl__blocks_make(const sbl__device *d, sbl__blocks *b, int width, int height) {
+    const sbl__texture *colors[2];
+    sbl_result result = sbl__texture_make(d, &b->sums, width, height, SBL__GL_RGBA32F);
+    if (result == SBL_SUCCESS) result = sbl__texture_make(d, &b->hits, width, height, SBL__GL_RGBA32F);
+    colors[0] = &b->sums;
+    colors[1] = &b->hits;
+    return result == SBL_SUCCESS ? sbl__target_make(d, &b->target, colors, 2, NULL) : result;
 }
 
-/* Rays of one shader invocation: some software renderers end one silently after about 65,000 loop turns, of which a ray takes about the hierarchy's
-   cost on average, and some times that in places. */
-#define SBL__CHUNK 16
-#define SBL__LAMP_CHUNK 256
+static void sbl__blocks_free(const sbl__device *d, sbl__blocks *b) {
+    sbl__target_delete(d, &b->target);
+    sbl__texture_delete(d, &b->sums);
+    sbl__texture_delete(d, &b->hits);
+}
+
+/* Sends looks to the shaders that send rays. */
+static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const sbl__look *looks, int count) {
+    sbl__look_words *words = (sbl__look_words *)sbl__alloc_raw(d->base, (size_t)count, sizeof *words);
+    sbl_result result;
+    int i;
+    if (!words) return SBL_ERROR_OUT_OF_MEMORY;
+    for (i = 0; i < count; i++) sbl__look_write(&looks[i], &words[i]);
+    result = sbl__buffer_make(d, &table->buffer, sizeof *words * (size_t)count, words, SBL__GL_STREAM_DRAW);
+    sbl__free(d->base, words);
+    return result == SBL_SUCCESS ? sbl__table_show(d, table, SBL__GL_RGBA32UI, 0) : result;
+}
+
+/* >>glsl carrier: shaders_embedded/carrier.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_carrier[] = {
+"// What sensors' programs have in common. A sensor has a block of texels, one an invocation. There are two carriers:\n",
+"// fragment shaders drawn over the blocks, and compute shaders, in which the invocations of a sensor follow each other.\n",
+"uniform ivec2 blocks;            // invocations of a sensor: four by some, so that those that run side by side trace\n",
+"                                 // neighbouring rays\n",
+"uniform int columns;             // sensors across the target\n",
+"uniform int first_slot, count;   // this many sensors stand from first_slot on\n",
+"#ifdef SBL_COMPUTE\n",
+"layout(local_size_x = SBL_WORKGROUP) in;\n",
+"#define SBL_OUT(place, name) layout(rgba32f, binding = place) writeonly uniform image2D name\n",
+"#define sbl_write(name, value) imageStore(name, sbl_texel_of_invocation(), value)\n",
+"#define sbl_leave return\n",
+"\n",
+"ivec2 sbl_texel_of_invocation() {\n",
+"    int i = int(gl_GlobalInvocationID.x), size = blocks.x * blocks.y, slot = first_slot + i / size, part = i % size;\n",
+"    return ivec2(slot % columns, slot / columns) * blocks + ivec2(part % blocks.x, part / blocks.x);\n",
+"}\n",
+"#else\n",
+"#define SBL_OUT(place, name) layout(location = place) out vec4 name\n",
+"#define sbl_write(name, value) name = value\n",
+"#define sbl_leave discard\n",
+"\n",
+"ivec2 sbl_texel_of_invocation() { return ivec2(gl_FragCoord.xy); }\n",
+"#endif\n",
+"\n",
+"// Right, up and forward of a sensor that looks along n: Duff et al. 2017, \"Building an Orthonormal Basis, Revisited\".\n",
+"mat3 sbl_frame(vec3 n) {\n",
+"    float s = n.z < 0.0 ? -1.0 : 1.0, f = -1.0 / (s + n.z), g = n.x * n.y * f;\n",
+"    return mat3(1.0 + s * n.x * n.x * f, s * g, -s * n.x, g, s + n.y * n.y * f, -n.y, n);\n",
+"}\n",
+0 };
+/* <<glsl */
+
+/* ======================================================================================================== >>aim
+   Rays that looks send: the sequence that they follow, and those towards lamps, which both ways to see have. */
+
+/* Rays of one shader invocation: some software renderers end one silently after about 65,000 loop turns, of which a ray
+   takes about the hierarchy's cost on average, and some times that in places. */
 #define SBL__LOOP_TURNS 20000
-#define SBL__RAYS_A_DRAW 1000000 /* keeps a draw short on any machine */
+#define SBL__RAY_TURNS 20          /* of a ray besides the hierarchy's cost */
+#define SBL__LAMP_CHUNK 256        /* rays towards lamps of an invocation, at most */
+
+/* As lamps.glsl and trace.glsl read it: two 32-bit fractions a point. */
+typedef struct sbl__aim {
+    int rays, parts;               /* towards lamps, at most; invocations that share them */
+    sbl__table sequence;
+    sbl__texture light;            /* parts texels a look, one below the other */
+    sbl__target target;
+} sbl__aim;
+
+static void sbl__aim_free(const sbl__device *d, sbl__aim *a) {
+    sbl__table_delete(d, &a->sequence);
+    sbl__target_delete(d, &a->target);
+    sbl__texture_delete(d, &a->light);
+    memset(a, 0, sizeof *a);
+}
+
+/* Rays that an invocation may send. */
+static int sbl__rays_most(const sbl__hierarchy *h) {
+    return SBL__MAX(1, (int)(SBL__LOOP_TURNS / (h->cost + SBL__RAY_TURNS)));
+}
 
 /* The first `count` points of the Sobol sequence's first two dimensions (Joe and Kuo 2008), 32-bit fractions. */
 static void sbl__sobol(uint32_t *out, int count) {
@@ -4556,485 +5878,1951 @@ static int sbl__morton_order(const void *first, const void *second) {
     return a[axis] == b[axis] ? 0 : a[axis] < b[axis] ? -1 : 1;
 }
 
-/* What both back ends need to send rays, or looks towards lamps: their sequences, the points' words, a place for the lamps' light. */
-static sbl_result sbl__rays_setup(const sbl__gl *gl, sbl__gather *g, int rays, int lamp_rays, int lamp_chunk, int rows) {
-    const char *what = "making the rays' textures";
-    const sbl__texture *color = &g->lights;
-    size_t points = (size_t)(rays + lamp_rays) * SBL__MAX_LOOKS;
-    uint32_t *sequence, *lamp_sequence;
-    int i, k, chunks;
-    sbl_result result;
-    g->rays = rays;
-    g->lamp_rays = lamp_rays;
-    g->lamp_parts = (lamp_rays + lamp_chunk - 1) / lamp_chunk;
-    if (!points) return SBL_SUCCESS;
-    sequence = (uint32_t *)sbl__alloc(gl->base, points, 8);
-    sbl__free(gl->base, g->point_words);
-    g->point_words = (uint32_t *)sbl__alloc(gl->base, (size_t)g->draw_limit, 48);
-    if (!sequence || !g->point_words) { sbl__free(gl->base, sequence); return SBL_ERROR_OUT_OF_MEMORY; }
-    lamp_sequence = sequence + 2 * (size_t)rays * SBL__MAX_LOOKS;
-    sbl__sobol(sequence, rays * SBL__MAX_LOOKS);
-    sbl__sobol(lamp_sequence, lamp_rays * SBL__MAX_LOOKS);
-    for (i = 0; i < SBL__MAX_LOOKS; i++) {
-        qsort(sequence + 2 * (size_t)rays * (size_t)i, (size_t)rays, 8, sbl__morton_order);
-        for (k = 0, chunks = 8 * g->lamp_parts; k < chunks; k++) {  /* lamps.glsl may stop after each: it must cover all evenly */
-            size_t from = (size_t)lamp_rays * (size_t)k / (size_t)chunks, to = (size_t)lamp_rays * (size_t)(k + 1) / (size_t)chunks;
-            if (to > from) qsort(lamp_sequence + 2 * ((size_t)lamp_rays * (size_t)i + from), to - from, 8, sbl__morton_order);
+/* `rays` points for each of a site's looks, each of whose `stretches` covers the square evenly by itself. The caller
+   frees it; NULL: out of memory. */
+static uint32_t *sbl__sequence_make(sbl__base *base, int rays, int stretches) {
+    uint32_t *points = (uint32_t *)sbl__alloc_raw(base, (size_t)rays * SBL__MAX_LOOKS, 8);
+    int look, k;
+    if (!points) return NULL;
+    sbl__sobol(points, rays * SBL__MAX_LOOKS);
+    for (look = 0; look < SBL__MAX_LOOKS; look++)
+        for (k = 0; k < stretches; k++) {
+            const size_t from = (size_t)rays * (size_t)k / (size_t)stretches;
+            const size_t to = (size_t)rays * (size_t)(k + 1) / (size_t)stretches;
+            if (to > from) qsort(points + 2 * ((size_t)rays * (size_t)look + from), to - from, 8, sbl__morton_order);
         }
-    }
-    gl->BindVertexArray(0);
-    result = sbl__buffer_make(gl, &g->sequence_buffer, 8 * points, sequence, SBL__GL_STATIC_DRAW, what);
-    sbl__free(gl->base, sequence);
-    if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &g->sequence_texels, SBL__GL_RG32UI, &g->sequence_buffer, what);
-    if (result == SBL_SUCCESS && lamp_rays) result = sbl__texture_make(gl, &g->lights, g->columns, rows * g->lamp_parts, SBL__GL_RGBA32F, NULL, what);
-    if (result == SBL_SUCCESS && lamp_rays) result = sbl__framebuffer_make(gl, &g->light_framebuffer, &color, 1, NULL, what);
-    return result;
+    return points;
 }
 
-/* Sets up for sensors of one kind and size. Keeps what an earlier set-up made where it fits. */
-static sbl_result sbl__gather_setup(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, int hemicube, int paper, int size, float fov, float epsilon, int lamp_rays, int atlas_size, int batch) {
-    const char *what = "making the sensors' atlas";
-    const sbl__texture *colors[2];
-    int pitch[2], rows, limit;
-    float *weights;
-    double brightest;
+static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int rays, int stretches) {
+    uint32_t *points = sbl__sequence_make(d->base, rays, stretches);
     sbl_result result;
-    sbl__layout_make(&g->layout, hemicube, size, fov);
-    g->paper = paper;
-    g->epsilon = epsilon;
-    g->length = scene->extent;
-    /* a power of two brings the brightest light near 1024: inside 16-bit floats, with room below */
-    brightest = SBL__MAX(scene->max_radiance, epsilon);
-    g->radiance_scale = brightest > 0 ? (float)ldexp(1, SBL__MIN(10 - (int)ceil(log(brightest) / log(2.0)), 100)) : 1;
-    pitch[0] = g->layout.blocks[0] * g->layout.block;
-    pitch[1] = g->layout.blocks[1] * g->layout.block;
-    atlas_size = SBL__MIN(SBL__MAX(atlas_size, SBL__MAX(pitch[0], pitch[1])), gl->capabilities.max_texture_size);
-    g->columns = atlas_size / pitch[0];
-    rows = SBL__MIN(atlas_size / pitch[1], (SBL__MAX_SLOTS + g->columns - 1) / g->columns);
-    if (g->columns < 1 || rows < 1) {
-        sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "a sensor of size %d needs a texture of %d x %d, the driver has %d; use a smaller sensor_size", size, pitch[0], pitch[1], gl->capabilities.max_texture_size);
+    if (!points) return SBL_ERROR_OUT_OF_MEMORY;
+    result = sbl__buffer_make(d, &t->buffer, (size_t)rays * SBL__MAX_LOOKS * 8, points, SBL__GL_STATIC_DRAW);
+    sbl__free(d->base, points);
+    return result == SBL_SUCCESS ? sbl__table_show(d, t, SBL__GL_RG32UI, 0) : result;
+}
+
+/* Invocations that share a look's rays towards lamps: lamps.glsl may stop after each of their stretches. */
+static int sbl__aim_parts(const sbl__spec *spec, const sbl__hierarchy *h) {
+    const int chunk = spec->traced ? SBL__MIN(SBL__LAMP_CHUNK, sbl__rays_most(h)) : SBL__LAMP_CHUNK;
+    return (spec->lamp_rays + chunk - 1) / chunk;
+}
+
+/* For looks in so many rows of slots. */
+static sbl_result sbl__aim_setup(const sbl__device *d, sbl__aim *a, const sbl__spec *spec, const sbl__slots *slots,
+                                 const sbl__hierarchy *h) {
+    const int rows = (slots->count + slots->columns - 1) / slots->columns, parts = sbl__aim_parts(spec, h);
+    const sbl__texture *color = &a->light;
+    sbl_result result;
+    a->rays = spec->lamp_rays;
+    a->parts = parts;
+    if (!a->rays) return SBL_SUCCESS;
+    result = sbl__sequence_store(d, &a->sequence, a->rays, SBL__LAMP_PASSES * parts);
+    if (result == SBL_SUCCESS) result = sbl__texture_make(d, &a->light, slots->columns, rows * parts, SBL__GL_RGBA32F);
+    return result == SBL_SUCCESS ? sbl__target_make(d, &a->target, &color, 1, NULL) : result;
+}
+
+/* What programs that send rays have in common: scene.glsl to carrier.glsl. blocks: invocations of a look. */
+static void sbl__rays_bind(sbl__device *d, const sbl__batch *b, const sbl__table *sequence, const int blocks[2]) {
+    sbl__scene_bind(d, b->scene);
+    sbl__hierarchy_bind(d, &b->scene->hierarchy);
+    sbl__environment_bind(d, &b->scene->environment);
+    sbl__bind_table(d, "sbl_looks", b->table);
+    sbl__bind_table(d, "sbl_sequence", sequence);
+    sbl__set_ints(d, "blocks", blocks[0], blocks[1]);
+    sbl__set_int(d, "columns", b->slots->columns);
+    sbl__set_int(d, "first_slot", b->slot);
+    sbl__set_int(d, "count", b->count);
+}
+
+/* Runs the program in use over the batch's looks, each of blocks[0] x blocks[1] texels of the target. */
+static void sbl__rays_send(const sbl__device *d, const sbl__batch *b, const sbl__target *t, const int blocks[2]) {
+    const int row = b->slot / b->slots->columns, last = (b->slot + b->count - 1) / b->slots->columns;
+    sbl__invoke(d, t, row * blocks[1], (last - row + 1) * blocks[1], b->count * blocks[0] * blocks[1]);
+}
+
+/* >>glsl lamps: shaders_embedded/lamps.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_lamps[] = {
+"// Light from lamps: emitting triangles, punctual lights, bright spots of the sky. What each gives where nothing stands\n",
+"// between is known in closed form; rays only measure which share of it arrives: the ratio estimator of Heitz, Hill and\n",
+"// McGuire 2018, \"Combining analytic direct illumination and stochastic shadows\". Where lamps are many, those far off\n",
+"// stand together in clusters, of which only single lamps, picked in proportion to what they give, are ever looked at.\n",
+"//\n",
+"//     choose   which lamps and clusters count here, and what each gives\n",
+"//     pick     one of them for a ray, and how often it is picked\n",
+"//     shoot    the ray: what it would bring, and whether something stands between\n",
+"//     combine  what the rays found with what is known\n",
+"//\n",
+"// One invocation is one sensor, or a part of its rays where they are many: neighbours trace neighbouring rays, and each\n",
+"// stops as soon as it knows enough. With SBL_INSPECT it is one ray of one sensor, or one of the entries it chose: what\n",
+"// these gave is written.\n",
+"uniform usamplerBuffer sbl_sequence;  // see trace.glsl\n",
+"uniform int lamp_nodes, lamp_leaves;  // how many\n",
+"uniform int rays;                     // at most so many a sensor\n",
+"uniform float unit, scale;            // radiance that calculations are in, so that none overflows; of what is written\n",
+"#ifdef SBL_INSPECT\n",
+"uniform int parts;                    // that the sensor's rays were traced in\n",
+"uniform int sheet_slot;               // where its views stand\n",
+"SBL_OUT(0, out_light);                // a ray: what it brought; 1: open, 2: hidden, 0: was not sent. An entry: R from it\n",
+"                                      // unhindered; 1: a lamp, 2: a point of light that is open, 3: one that is hidden\n",
+"SBL_OUT(1, out_way);                  // a ray: its direction, its lamp's leaf. An entry: 0 0 0, its leaf\n",
+"#else\n",
+"SBL_OUT(0, out_light);                // R, each part's own; the variance of its channels' mean\n",
+"#endif\n",
+"\n",
+"const float PI = 3.14159265;\n",
+"const int SBL_CERTAIN = 32;         // so many points of light get a ray each\n",
+"const float SBL_STRATA = 0.1;       // stratified points have far less variance than independent ones: a tenth is what\n",
+"                                    // edges across a lamp leave\n",
+"const float SBL_OPENING = 0.3;      // a cluster whose radius is a smaller share of its distance is not opened ...\n",
+"const int SBL_OPENINGS = 12;        // ... or of twice as much, and so on, until all entries have room\n",
+"const float SBL_SPARSE = 16.0;      // rays that a group must get on average, to be known by a ratio\n",
+"const int SBL_PASS_RAYS = 32;       // rays are traced in passes, SBL_LAMP_PASSES at most; after each it is seen whether\n",
+"const float SBL_PASS_CROWD = 16.0;  // they were enough. Of so many rays at least, and the fewer the more lamps share\n",
+"                                    // the light\n",
+"const int SBL_PROBED = 8;           // of so few entries, corners and rims are looked at besides\n",
+"const int SBL_CORNERS = 3;          // of a triangle, each so far from the others:\n",
+"const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;\n",
+"const int SBL_RIM = 12;             // points along the rim of a round lamp, at this share of its disc:\n",
+"const float SBL_RIM_AT = 0.99;\n",
+"const float SBL_KNOWN = 1e-6;       // relative variance from which on clusters are known well enough\n",
+"const float SBL_BEFORE_LAMP = 0.99999;  // share of the way to a lamp that must be free\n",
+"\n",
+"struct sbl_Lamp {\n",
+"    uint kind;\n",
+"    vec3 emission;             // a triangle's radiance; a light's irradiance of a surface here that faces it; a texel's\n",
+"                               // light, radiance times solid angle\n",
+"    vec3 corner;               // of the triangle, from the sensor; else the unit direction to the light's, or the\n",
+"                               // texel's, middle\n",
+"    vec3 side_1, side_2;       // of the triangle\n",
+"    float away, radius, sine2; // of a light: distance, radius, sine squared of the angle that it spans to each side\n",
+"    ivec2 texel;\n",
+"    int triangle, number;      // as traced; in the scene\n",
+"    vec2 group;                // 0 1 for a triangle that turns its back to the sensor, else 1 0\n",
+"};\n",
+"\n",
+"bool sbl_is_light(sbl_Lamp l) { return l.kind == SBL_LAMP_NEAR_LIGHT || l.kind == SBL_LAMP_FAR_LIGHT; }\n",
+"\n",
+"// The sensor, and what is known of it.\n",
+"int look;                    // its number among those sent\n",
+"vec3 stand, position, n;     // where its rays start; on the surface: a lamp close by is seen from there; normal\n",
+"mat3 to_frame;\n",
+"uvec2 scramble;\n",
+"\n",
+"sbl_Lamp sbl_lamp(int leaf) {\n",
+"    uint code = sbl_lamp_leaf_code(leaf), at = code & ((1u << SBL_LAMP_KIND_SHIFT) - 1u);\n",
+"    ivec2 texel = ivec2(at & ((1u << SBL_SKY_COLUMN_BITS) - 1u), at >> SBL_SKY_COLUMN_BITS);\n",
+"    sbl_Lamp l = sbl_Lamp(code >> SBL_LAMP_KIND_SHIFT, vec3(0), vec3(0), vec3(0), vec3(0), 1e30, 0.0, 0.0, texel,\n",
+"                          int(at), -1, vec2(1, 0));\n",
+"    sbl_when (l.kind == SBL_LAMP_TRIANGLE) {\n",
+"        int object = int(sbl_triangle_object(l.triangle));\n",
+"        l.corner = sbl_triangle_corner_0(l.triangle);\n",
+"        l.side_1 = sbl_triangle_corner_1(l.triangle) - l.corner;\n",
+"        l.side_2 = sbl_triangle_corner_2(l.triangle) - l.corner;\n",
+"        l.corner -= position;\n",
+"        l.emission = sbl_object_emission(object) / unit;\n",
+"        l.number = int(sbl_triangle_number(l.triangle));\n",
+"        l.group = dot(cross(l.side_1, l.side_2), l.corner) > 0.0 ? vec2(0, 1) : vec2(1, 0);\n",
+"        if (l.group.y == 1.0 && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u) l.emission = vec3(0);\n",
+"    }\n",
+"    sbl_when (l.kind == SBL_LAMP_SKY_TEXEL) {\n",
+"        vec2 size = vec2(textureSize(sky_picture, 0)), middle = (vec2(l.texel) + 0.5) / size;\n",
+"        vec3 radiance = texelFetch(sky_picture, l.texel, 0).rgb;\n",
+"        l.corner = sbl_sky_direction(middle.x, cos(PI * middle.y));\n",
+"        l.emission = radiance * (sbl_sky_excess(radiance) / unit * (2.0 * PI / size.x) * 2.0 * sin(PI * middle.y) *\n",
+"                                 sin(0.5 * PI / size.y));\n",
+"    }\n",
+"    sbl_when (sbl_is_light(l)) {\n",
+"        l.corner = sbl_light_position(int(at));\n",
+"        l.emission = sbl_light_intensity(int(at)) / unit;\n",
+"        l.sine2 = sbl_light_radius(int(at));\n",
+"        if (l.kind == SBL_LAMP_NEAR_LIGHT) {\n",
+"            l.corner -= position;\n",
+"            l.radius = l.sine2;\n",
+"            l.away = length(l.corner);\n",
+"            l.corner /= max(l.away, 1e-30);\n",
+"            float spot = clamp(dot(sbl_light_axis(int(at)), -l.corner) * sbl_light_spot_scale(int(at)) +\n",
+"                               sbl_light_spot_offset(int(at)), 0.0, 1.0);  // KHR_lights_punctual\n",
+"            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // the sensor stands in it\n",
+"            l.emission *= spot * spot / (l.away * l.away);\n",
+"            l.sine2 = min(l.radius * l.radius / (l.away * l.away), 1.0);\n",
+"        }\n",
+"    }\n",
+"    return l;\n",
+"}\n",
+"\n",
+"// >>closed forms\n",
+"\n",
+"// An edge's part of Lambert's sum: the angle it spans, times the cosine of its plane's normal to z.\n",
+"float sbl_edge(vec3 p, vec3 q) {\n",
+"    vec3 normal = cross(p, q);\n",
+"    float size = length(normal);\n",
+"    return size > 0.0 ? atan(size, dot(p, q)) * normal.z / size : 0.0;\n",
+"}\n",
+"\n",
+"// Share of a hemisphere around z that a triangle fills, weighted by the cosine: Lambert 1760. Corners relative to the\n",
+"// sensor, in its frame.\n",
+"float sbl_form_factor(vec3 a, vec3 b, vec3 c) {\n",
+"    vec3 middle = (a + b + c) / 3.0, normal = cross(b - a, c - a);\n",
+"    float distance2 = dot(middle, middle);\n",
+"    float size2 = max(dot(b - a, b - a), max(dot(c - a, c - a), dot(c - b, c - b)));\n",
+"    if (min(a.z, min(b.z, c.z)) > 0.0 && distance2 > 1e5 * size2)  // too small for the sum's rounding: a point\n",
+"        return 0.5 * abs(dot(normal, middle)) * middle.z / (PI * distance2 * distance2);\n",
+"    vec3 corners[3] = vec3[3](a, b, c), entry = vec3(0), leave = vec3(0);\n",
+"    float sum = 0.0;\n",
+"    bool cut = false;\n",
+"    for (int k = 0; k < 3; k++) {  // what is below the horizon does not count\n",
+"        vec3 p = corners[k], q = corners[k == 2 ? 0 : k + 1];\n",
+"        if (max(p.z, q.z) <= 0.0) continue;\n",
+"        if (min(p.z, q.z) <= 0.0) {\n",
+"            vec3 x = vec3(mix(p.xy, q.xy, p.z / (p.z - q.z)), 0);\n",
+"            cut = true;\n",
+"            if (p.z <= 0.0) entry = p = x;\n",
+"            else leave = q = x;\n",
+"        }\n",
+"        sum += sbl_edge(p, q);\n",
+"    }\n",
+"    if (cut) sum += sbl_edge(leave, entry);\n",
+"    return abs(sum) / (2.0 * PI);\n",
+"}\n",
+"\n",
+"// The same for a round lamp whose middle has the cosine z to the normal, over the sine squared of the angle that it\n",
+"// spans to each side: Snyder 1996, \"Area Light Sources for Real-Time Graphics\"; small ones as flat discs.\n",
+"float sbl_round(float z, float sine2) {\n",
+"    float sine = sqrt(sine2), s = sqrt(max(1.0 - z * z, 0.0));\n",
+"    if (z >= sine || z <= -sine) return max(z, 0.0);\n",
+"    float q = z / sine, x = sqrt(1.0 / sine2 - 1.0), y = clamp(-x * z / s, -1.0, 1.0), w = s * sqrt(1.0 - y * y);\n",
+"    if (sine2 < 1e-4) return sine / PI * (q * acos(-q) + sqrt(1.0 - q * q) * (2.0 + q * q) / 3.0);\n",
+"    return (z * acos(y) - x * w + atan(w, x) / sine2) / PI;\n",
+"}\n",
+"\n",
+"// R from a lamp that nothing hides.\n",
+"vec3 sbl_unhindered(sbl_Lamp l) {\n",
+"    float factor = 0.0;\n",
+"    sbl_when (l.kind == SBL_LAMP_TRIANGLE) {\n",
+"        vec3 corner = to_frame * l.corner;\n",
+"        factor = sbl_form_factor(corner, corner + to_frame * l.side_1, corner + to_frame * l.side_2);\n",
+"    }\n",
+"    sbl_when (sbl_is_light(l)) factor = sbl_round(dot(n, l.corner), l.sine2) / PI;\n",
+"    // about: above 0 where some of it is above the horizon\n",
+"    sbl_when (l.kind == SBL_LAMP_SKY_TEXEL)\n",
+"        factor = max(dot(n, l.corner) + PI / float(textureSize(sky_picture, 0).y), 0.0) / PI;\n",
+"    return l.emission * factor;\n",
+"}\n",
+"\n",
+"// >>clusters\n",
+"\n",
+"struct sbl_Cluster {\n",
+"    vec3 to;       // its middle, from the sensor\n",
+"    float radius;\n",
+"    bool far;      // directions\n",
+"    int beyond;    // the node after it\n",
+"};\n",
+"\n",
+"sbl_Cluster sbl_cluster(int node) {\n",
+"    uint beyond = sbl_lamp_node_beyond(node);\n",
+"    bool far = (beyond & SBL_FAR_NODE) != 0u;\n",
+"    return sbl_Cluster(sbl_lamp_node_middle(node) - (far ? vec3(0) : position), sbl_lamp_node_radius(node), far,\n",
+"                       int(beyond & ~SBL_FAR_NODE));\n",
+"}\n",
+"\n",
+"// What it gives about: zero only where none of its lamps gives anything.\n",
+"float sbl_strength(int node, sbl_Cluster c) {\n",
+"    vec3 square = sbl_lamp_node_square(node), mixed = sbl_lamp_node_mixed(node), front = sbl_lamp_node_front(node);\n",
+"    float distance2 = max(dot(c.to, c.to), 1e-37), spread = min(c.radius * inversesqrt(distance2), 1.0);\n",
+"    float height = dot(n, c.to);\n",
+"    // far lamps turn no sides to the sensor, but are seen under the cosine to its normal\n",
+"    vec3 w = c.far ? -n : c.to * inversesqrt(distance2);\n",
+"    float shown = sqrt(max(dot(square, w * w) + 2.0 * dot(mixed, w.xyz * w.yzx), 0.0)) - dot(front, w) +\n",
+"                  0.1 * sbl_lamp_node_power(node) * spread;\n",
+"    if (height + c.radius <= 0.0) return 0.0;\n",
+"    float near = max(height, 0.5 * (height + c.radius)) * inversesqrt(distance2) / max(distance2, c.radius * c.radius);\n",
+"    return max(shown, 0.0) * (c.far ? 1.0 : near) / unit;\n",
+"}\n",
+"\n",
+"// >>points of lamps\n",
+"\n",
+"// A direction to the spherical triangle of unit vectors a, b, c, evenly distributed: Arvo 1995, \"Stratified Sampling of\n",
+"// Spherical Triangles\". w: its solid angle; 0 where it is too small for that.\n",
+"vec4 sbl_spherical(vec3 a, vec3 b, vec3 c, vec2 u) {\n",
+"    vec3 ab = cross(a, b), bc = cross(b, c), ca = cross(c, a);\n",
+"    float alpha = atan(length(cross(ab, ca)), -dot(ab, ca)), beta = atan(length(cross(bc, ab)), -dot(bc, ab));\n",
+"    float gamma = atan(length(cross(ca, bc)), -dot(ca, bc)), solid_angle = alpha + beta + gamma - PI;\n",
+"    if (!(solid_angle > 0.01)) return vec4(0);\n",
+"    float s = sin(u.x * solid_angle - alpha), t = cos(u.x * solid_angle - alpha);\n",
+"    float sin_alpha = sin(alpha), cos_alpha = cos(alpha);\n",
+"    float p = t - cos_alpha, v = s + sin_alpha * dot(a, b);\n",
+"    float q = clamp(((v * t - p * s) * cos_alpha - v) / ((v * s + p * t) * sin_alpha), -1.0, 1.0);\n",
+"    vec3 cut = q * a + sqrt(1.0 - q * q) * normalize(c - dot(c, a) * a);\n",
+"    float z = 1.0 - u.y * (1.0 - dot(cut, b));\n",
+"    return vec4(z * b + sqrt(max(1.0 - z * z, 0.0)) * normalize(cut - dot(cut, b) * b), solid_angle);\n",
+"}\n",
+"\n",
+"struct sbl_Sample {\n",
+"    vec3 direction;\n",
+"    float far;    // how far it is\n",
+"    vec3 light;   // R from the lamp, were it all like this point\n",
+"    vec2 b;       // barycentrics on a triangle\n",
+"};\n",
+"\n",
+"sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {\n",
+"    sbl_Sample s = sbl_Sample(l.corner, 1e30, l.emission / PI, u);\n",
+"    // by solid angle where it is large, else by area (Heitz 2019, \"A Low-Distortion Map Between Triangle and Square\")\n",
+"    sbl_when (l.kind == SBL_LAMP_TRIANGLE) {\n",
+"        vec3 normal = cross(l.side_1, l.side_2), corner_1 = l.corner + l.side_1, corner_2 = l.corner + l.side_2;\n",
+"        vec4 ray = sbl_spherical(normalize(l.corner), normalize(corner_1), normalize(corner_2), u);\n",
+"        s.b = u.y > u.x ? vec2(0.5 * u.x, u.y - 0.5 * u.x) : vec2(u.x - 0.5 * u.y, 0.5 * u.y);\n",
+"        // not so near to an edge that rounding may carry the ray past it\n",
+"        float reach2 = dot(l.corner, l.corner), longest2 = max(dot(l.side_1, l.side_1), dot(l.side_2, l.side_2));\n",
+"        float keep = 3e-6 * sqrt(longest2) * reach2 / max(abs(dot(normal, l.corner)), 1e-37);\n",
+"        s.b = mix(s.b, vec2(1.0 / 3.0), min(keep, 0.5));\n",
+"        vec3 to = l.corner + s.b.x * l.side_1 + s.b.y * l.side_2;\n",
+"        if (ray.w > 0.0) {\n",
+"            to = ray.xyz * dot(l.corner, normal) / dot(ray.xyz, normal);\n",
+"            s.b = vec2(dot(cross(to - l.corner, l.side_2), normal), dot(cross(l.side_1, to - l.corner), normal)) /\n",
+"                  dot(normal, normal);\n",
+"        }\n",
+"        s.far = length(to);\n",
+"        s.direction = to / s.far;\n",
+"        s.light *= ray.w > 0.0 ? ray.w : 0.5 * abs(dot(normal, s.direction)) / (s.far * s.far);\n",
+"    }\n",
+"    sbl_when (l.kind == SBL_LAMP_SKY_TEXEL) {\n",
+"        vec2 size = vec2(textureSize(sky_picture, 0));\n",
+"        float row = float(l.texel.y);\n",
+"        s.direction = sbl_sky_direction((float(l.texel.x) + u.x) / size.x,\n",
+"                                        mix(cos(PI * row / size.y), cos(PI * (row + 1.0) / size.y), u.y));\n",
+"    }\n",
+"    sbl_when (sbl_is_light(l)) {\n",
+"        // off: what the ray's cosine to the middle lacks to 1\n",
+"        float cosine = sqrt(1.0 - l.sine2), off = u.x * l.sine2 / (1.0 + cosine), r = sqrt(max(off * (2.0 - off), 0.0));\n",
+"        s.direction = sbl_frame(l.corner) * vec3(r * cos(2.0 * PI * u.y), r * sin(2.0 * PI * u.y), 1.0 - off);\n",
+"        s.light *= 2.0 / (1.0 + cosine);\n",
+"        if (l.kind == SBL_LAMP_NEAR_LIGHT)\n",
+"            s.far = l.away * (1.0 - off) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));\n",
+"    }\n",
+"    s.light *= max(dot(n, s.direction), 0.0);\n",
+"    return s;\n",
+"}\n",
+"\n",
+"#ifdef SBL_VIEWS  // what the host draws stands in the sensor's own views only\n",
+"uniform sampler2D atlas;        // Ck r g b, signed distance along the view's axis\n",
+"uniform vec4 view_rects[5];     // x, y, width, height in the sheet\n",
+"uniform ivec2 sheet;            // a sensor's, in texels\n",
+"uniform int view_count;\n",
+"uniform float tangent, extent;  // of half a view's width; world units of a distance\n",
+"\n",
+"const float SBL_AT_LAMP = 0.002;  // share of a distance that texels' 16-bit floats leave open\n",
+"const int SBL_LOOKS_AGAIN = 4;\n",
+"\n",
+"// A texel shows what stands in its middle, where a lamp's triangle may have ended: such points ask again, nearer to the\n",
+"// triangle's middle.\n",
+"bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {\n",
+"    float turn = sbl_look_turn(look);\n",
+"    mat3 frame = sbl_frame(n);\n",
+"    vec3 axes[2] = vec3[2](cos(turn) * frame[0] - sin(turn) * frame[1],\n",
+"                           -cos(turn) * frame[1] - sin(turn) * frame[0]);  // right and up, see sbl__frame\n",
+"    vec3 normal = cross(l.side_1, l.side_2), point = s.far * s.direction;\n",
+"    vec3 middle = l.corner + (l.side_1 + l.side_2) / 3.0;\n",
+"    if (l.kind != SBL_LAMP_TRIANGLE) point = s.direction;\n",
+"    for (int attempt = 0; attempt < SBL_LOOKS_AGAIN; attempt++, point = mix(point, middle, 0.4)) {\n",
+"        vec3 right = axes[0], up = axes[1], forward = n;\n",
+"        vec2 side = vec2(dot(point, right), dot(point, up));\n",
+"        bool top = max(abs(side.x), abs(side.y)) <= dot(point, n) * tangent;\n",
+"        int face = top ? 0 : abs(side.x) > abs(side.y) ? (side.x > 0.0 ? 1 : 3) : (side.y > 0.0 ? 2 : 4);\n",
+"        if (!top && view_count == 1) return true;\n",
+"        if (!top) {\n",
+"            forward = face == 1 ? axes[0] : face == 2 ? axes[1] : face == 3 ? -axes[0] : -axes[1];\n",
+"            right = face == 1 ? axes[1] : face == 2 ? -axes[0] : face == 3 ? -axes[1] : axes[0];\n",
+"            up = n;\n",
+"        }\n",
+"        vec4 rect = view_rects[face];\n",
+"        vec2 lowest = vec2(-1, top ? -1 : 0), size = vec2(1) - lowest;\n",
+"        vec2 at = (vec2(dot(point, right), dot(point, up)) / (dot(point, forward) * tangent) - lowest) / size;\n",
+"        vec2 texel = clamp(floor(at * rect.zw), vec2(0), rect.zw - 1.0);\n",
+"        vec2 centre = lowest + (texel + 0.5) / rect.zw * size;\n",
+"        ivec2 place = ivec2(slot % columns, slot / columns) * sheet + ivec2(rect.xy + texel);\n",
+"        float shown = texelFetch(atlas, place, 0).a, seen = abs(shown) * extent;\n",
+"        if (seen == 0.0) return false;\n",
+"        if (l.kind != SBL_LAMP_TRIANGLE) return seen < (1.0 - SBL_AT_LAMP) * s.far * dot(point, forward);\n",
+"        vec3 ray = forward + tangent * (centre.x * right + centre.y * up);\n",
+"        float there = dot(l.corner, normal) / dot(ray, normal);  // where it meets the lamp's plane\n",
+"        bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // of a thin body\n",
+"        bool beyond = seen > (1.0 + SBL_AT_LAMP) * there;\n",
+"        if (there > 0.0 && (beyond || (seen >= (1.0 - SBL_AT_LAMP) * there && !other_side))) return false;\n",
+"        vec3 hit = there * ray - l.corner;\n",
+"        vec2 b = vec2(dot(cross(hit, l.side_2), normal), dot(cross(l.side_1, hit), normal)) / dot(normal, normal);\n",
+"        if (attempt == SBL_LOOKS_AGAIN - 1 || (there > 0.0 && min(b.x, b.y) >= 0.0 && b.x + b.y <= 1.0))\n",
+"            return seen < (other_side ? 1.0 + SBL_AT_LAMP : 1.0 - SBL_AT_LAMP) * dot(point, forward);\n",
+"    }\n",
+"    return true;\n",
+"}\n",
+"#endif\n",
+"\n",
+"// >>choose: single lamps and, where there are many, clusters that are small for their distance\n",
+"\n",
+"int entries[SBL_LAMPS];      // a leaf, or -1 - a node; from the end on: points of light, which get a ray each\n",
+"float strengths[SBL_LAMPS];  // what each gives about, summed up\n",
+"int used, certain;           // how many of either\n",
+"float total, crowd;          // sum of the strengths, and of their squares\n",
+"mat2x3 whole;                // light of single lamps, unhindered; two groups, since of a closed mesh one is all hidden,\n",
+"                             // the other all open\n",
+"bool rounded;                // there are round lamps\n",
+"\n",
+"// Takes node or leaf number i into account; returns the one that is next, or `limit` where entries have run out.\n",
+"int sbl_consider(int i, int limit, float opening, bool last, out bool full) {\n",
+"    int leaf = i, next = i + 1;\n",
+"    float strength = 0.0;\n",
+"    bool single = lamp_leaves <= SBL_LAMPS, point = false;\n",
+"    full = false;\n",
+"    sbl_when (!single) {\n",
+"        sbl_Cluster c = sbl_cluster(i);\n",
+"        if (dot(n, c.to) + c.radius <= 0.0) next = c.beyond;\n",
+"        else if (c.beyond == i + 1) {\n",
+"            single = true;\n",
+"            leaf = int(sbl_lamp_node_first_leaf(i));\n",
+"        } else if (last || c.radius * c.radius < opening * opening * dot(c.to, c.to)) {\n",
+"            next = c.beyond;\n",
+"            strength = sbl_strength(i, c);\n",
+"        }\n",
+"    }\n",
+"    sbl_when (single) {\n",
+"        sbl_Lamp l = sbl_lamp(leaf);\n",
+"        vec3 light = sbl_unhindered(l);\n",
+"        strength = light.r + light.g + light.b;\n",
+"        rounded = rounded || l.kind != SBL_LAMP_TRIANGLE;\n",
+"        point = l.sine2 == 0.0 && sbl_is_light(l) && certain < SBL_CERTAIN;\n",
+"        if (!point && l.kind != SBL_LAMP_SKY_TEXEL) whole += outerProduct(light, l.group);\n",
+"    }\n",
+"    if (strength > 0.0) {\n",
+"        full = used + certain == SBL_LAMPS;\n",
+"        if (full) next = limit;\n",
+"        else if (point) entries[SBL_LAMPS - ++certain] = leaf;\n",
+"        else {\n",
+"            total += strength;\n",
+"            crowd += strength * strength;\n",
+"            strengths[used] = total;\n",
+"            entries[used++] = single ? leaf : -1 - i;\n",
+"        }\n",
+"    }\n",
+"    return next;\n",
+"}\n",
+"\n",
+"void sbl_choose() {\n",
+"    int limit = lamp_leaves <= SBL_LAMPS ? lamp_leaves : lamp_nodes;\n",
+"    float opening = SBL_OPENING;\n",
+"    bool full = true;\n",
+"    rounded = false;\n",
+"    for (int attempt = 0; attempt < SBL_OPENINGS && full; attempt++, opening *= 2.0) {\n",
+"        used = certain = 0;\n",
+"        total = crowd = 0.0;\n",
+"        whole = mat2x3(0);\n",
+"        full = false;\n",
+"        for (int i = 0; i < limit; ) i = sbl_consider(i, limit, opening, attempt == SBL_OPENINGS - 1, full);\n",
+"    }\n",
+"}\n",
+"\n",
+"// >>pick\n",
+"\n",
+"struct sbl_Pick {\n",
+"    int leaf;\n",
+"    float share;   // how often it is picked\n",
+"    vec2 u;        // what is left of the point of the sequence\n",
+"    bool cluster;  // it was picked out of one\n",
+"};\n",
+"\n",
+"// Down to one lamp of a cluster, at every fork in proportion to what the branches give.\n",
+"void sbl_descend(inout sbl_Pick p, int node, uint fraction) {\n",
+"    // digits below those of a float that are left\n",
+"    p.u.x = clamp(p.u.x + (float(fraction & 255u) - 127.5) / 4294967296.0 / p.share, 0.0, 1.0);\n",
+"    for (sbl_Cluster c = sbl_cluster(node); c.beyond != node + 1; c = sbl_cluster(node)) {\n",
+"        sbl_Cluster left = sbl_cluster(node + 1), right = sbl_cluster(left.beyond);\n",
+"        float weight = sbl_strength(node + 1, left);\n",
+"        float share = weight / max(weight + sbl_strength(left.beyond, right), 1e-37);\n",
+"        bool first = p.u.x < share;\n",
+"        node = first ? node + 1 : left.beyond;\n",
+"        p.share *= first ? share : 1.0 - share;\n",
+"        p.u.x = first ? p.u.x / share : (p.u.x - share) / (1.0 - share);\n",
+"    }\n",
+"    p.leaf = int(sbl_lamp_node_first_leaf(node));\n",
+"}\n",
+"\n",
+"// One of the entries in proportion to its strength.\n",
+"int sbl_pick_entry(inout sbl_Pick p) {\n",
+"    float wanted = p.u.x * total, before = 0.0;\n",
+"    int low = 0, high = used - 1;\n",
+"    while (low < high) {\n",
+"        int middle = (low + high) / 2;\n",
+"        if (strengths[middle] < wanted) { low = middle + 1; before = strengths[middle]; }\n",
+"        else high = middle;\n",
+"    }\n",
+"    float width = strengths[low] - before;\n",
+"    p.u.x = clamp((wanted - before) / width, 0.0, 1.0);\n",
+"    p.share = width / total;\n",
+"    return entries[low];\n",
+"}\n",
+"\n",
+"// >>shoot\n",
+"\n",
+"mat2x3 open, seen;       // what rays to single lamps bring without, and with, what stands between\n",
+"vec3 sure, sampled;      // from points of light; from clusters, summed over the rays\n",
+"vec2 samples, lit;       // rays of a group that would bring light, and that do\n",
+"float taken, squares;    // rays; sum of the squares of what clusters gave\n",
+"vec2 sparse;             // 1: a group that rays hardly meet is no ground for a ratio: it is sampled as clusters are\n",
+"vec2 bright, dark;       // whether any of a group was seen, or hidden\n",
+"#ifdef SBL_INSPECT\n",
+"vec4 report, report_way; // what is written\n",
+"bool reporting;          // the ray that is shot is the one\n",
+"#endif\n",
+"\n",
+"// The ray of a sample. rim: of a probe, the number of its point along the lamp's rim; negative: it is none. A probe\n",
+"// brings no light.\n",
+"void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, int rim, bool point) {\n",
+"    bool probe = rim >= 0, cluster = p.cluster || l.kind == SBL_LAMP_SKY_TEXEL || dot(sparse, l.group) > 0.0;\n",
+"    vec3 light = s.light / p.share, to = s.direction;\n",
+"    taken += point || probe ? 0.0 : 1.0;\n",
+"    if (!(light.r + light.g + light.b > 0.0)) return;\n",
+"    if (!cluster && !point && !probe) {\n",
+"        open += outerProduct(light, l.group);\n",
+"        samples += l.group;\n",
+"    }\n",
+"    if (s.far < 1e30) to = s.far * s.direction + (position - stand);\n",
+"    float away = s.far < 1e30 ? length(to) : 1.0;\n",
+"    sbl_Hit hit = sbl_trace(stand, to / away, s.far < 1e30 ? away * SBL_BEFORE_LAMP : 1e30);\n",
+"    bool hidden = hit.triangle >= 0 && hit.number != l.number;\n",
+"#ifdef SBL_VIEWS\n",
+"    hidden = hidden || sbl_hidden(slot, l, s);\n",
+"#endif\n",
+"#ifdef SBL_INSPECT\n",
+"    if (reporting) {\n",
+"        report = vec4(point ? s.light : vec3(0), (hidden ? 2.0 : 1.0) + (point ? 1.0 : 0.0));\n",
+"        report_way = vec4(point ? vec3(0) : to / away, p.leaf);\n",
+"    }\n",
+"#endif\n",
+"    if (!point && (probe || !cluster)) {\n",
+"        if (hidden) dark += l.group;\n",
+"        else bright += l.group;\n",
+"    }\n",
+"    if (hidden || probe) return;\n",
+"#ifdef SBL_TEXTURED\n",
+"    sbl_when (l.kind == SBL_LAMP_TRIANGLE) {\n",
+"        sbl_Attributes at = sbl_attributes_at(l.triangle, s.b.x, s.b.y);\n",
+"        light *= sbl_texture(sbl_object_emission_texture(int(sbl_triangle_object(l.triangle))), at.uv).rgb;\n",
+"    }\n",
+"#endif\n",
+"#ifdef SBL_INSPECT\n",
+"    if (reporting && !point) report.rgb = light;\n",
+"#endif\n",
+"    if (point) sure += light;\n",
+"    else if (cluster) {\n",
+"        sampled += light;\n",
+"        float mean = dot(light, vec3(1.0 / 3.0));\n",
+"        squares += mean * mean;\n",
+"    } else {\n",
+"        seen += outerProduct(light, l.group);\n",
+"        lit += l.group;\n",
+"    }\n",
+"}\n",
+"\n",
+"// >>combine\n",
+"\n",
+"// All is open, or nothing: the first rays tell; so do clusters that are alike.\n",
+"bool sbl_undecided() {\n",
+"    float mean = dot(sampled, vec3(1.0 / 3.0)) / max(taken, 1.0);\n",
+"    float error = (squares / max(taken, 1.0) - mean * mean) / max(taken, 1.0);\n",
+"    bool mixed = dot(bright, dark) > 0.0 || (seen[0] != vec3(0) && seen[0] != open[0]) ||\n",
+"                 (seen[1] != vec3(0) && seen[1] != open[1]);\n",
+"    return mixed || SBL_STRATA * error > SBL_KNOWN * mean * mean;\n",
+"}\n",
+"\n",
+"// R, and the variance of its channels' mean.\n",
+"vec4 sbl_combine() {\n",
+"    float clusters = dot(sampled, vec3(1.0 / 3.0)) / max(taken, 1.0);\n",
+"    float variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) / max(taken, 1.0);\n",
+"    vec3 light = sure + sampled / max(taken, 1.0);\n",
+"    for (int g = 0; g < 2; g++) {\n",
+"        vec3 share = vec3(open[g].r > 0.0 ? seen[g].r / open[g].r : 0.0, open[g].g > 0.0 ? seen[g].g / open[g].g : 0.0,\n",
+"                          open[g].b > 0.0 ? seen[g].b / open[g].b : 0.0);\n",
+"        float mean = dot(whole[g], vec3(1.0 / 3.0)), lit_share = lit[g] / max(samples[g], 1.0);\n",
+"        if (sparse[g] > 0.0) continue;\n",
+"        light += whole[g] * share;\n",
+"        variance += mean * mean * lit_share * (1.0 - lit_share) / max(samples[g], 1.0);\n",
+"    }\n",
+"    return vec4(light, SBL_STRATA * variance * unit * scale) * unit * scale;\n",
+"}\n",
+"\n",
+"// How many passes the rays are traced in: after the first, an eighth of them or half of few, it is known whether there\n",
+"// is more to learn: what it overlooks is less than a ray's share. The more lamps there are, the more of the rays it\n",
+"// takes to know each.\n",
+"int sbl_pass_count() {\n",
+"    float crowded = SBL_PASS_CROWD * crowd / max(total * total, 1e-37);\n",
+"    int passes = clamp(min(rays / SBL_PASS_RAYS, int(crowded)), 1, SBL_LAMP_PASSES), power = 1;\n",
+"    while (2 * power <= passes) power *= 2;\n",
+"    return power;\n",
+"}\n",
+"\n",
+"void main() {\n",
+"    ivec2 at = sbl_texel_of_invocation();\n",
+"#ifdef SBL_INSPECT\n",
+"    int wanted = at.y * blocks.x + at.x, certain_ray = rays + SBL_LAMPS - 1 - wanted, part = 0, slot = sheet_slot;\n",
+"    if (wanted >= rays + SBL_LAMPS) sbl_leave;\n",
+"    while (wanted < rays && part + 1 < parts && (part + 1) * rays / parts <= wanted) part++;\n",
+"    if (wanted >= rays) part = certain_ray % parts;\n",
+"    look = 0;\n",
+"    report = report_way = vec4(0);\n",
+"#else\n",
+"    int parts = blocks.y, part = at.y % parts, slot = at.y / parts * columns + at.x;\n",
+"    look = slot - first_slot;\n",
+"    if (look < 0 || look >= count) sbl_leave;\n",
+"#endif\n",
+"    n = sbl_look_normal(look);\n",
+"    stand = sbl_look_position(look);\n",
+"    position = stand - sbl_look_offset(look) * n;\n",
+"    to_frame = transpose(sbl_frame(n));\n",
+"    uint hash = sbl_look_lamp_scramble(look);\n",
+"    scramble = uvec2(hash, (hash ^ hash >> 15) * 747796405u);\n",
+"    scramble.y ^= scramble.y >> 13;\n",
+"    sbl_choose();\n",
+"#ifdef SBL_INSPECT\n",
+"    if (wanted >= rays && wanted - rays < used && entries[wanted - rays] >= 0) {\n",
+"        report = vec4(sbl_unhindered(sbl_lamp(entries[wanted - rays])), 1);\n",
+"        report_way.w = float(entries[wanted - rays]);\n",
+"    }\n",
+"#endif\n",
+"\n",
+"    open = seen = mat2x3(0);\n",
+"    sure = sampled = vec3(0);\n",
+"    samples = lit = bright = dark = vec2(0);\n",
+"    taken = squares = 0.0;\n",
+"    float enough = SBL_SPARSE * float(parts) / float(rays) * total;\n",
+"    sparse = vec2(lessThan(vec3(1) * whole, vec2(enough)));\n",
+"    // So that the first pass does not overlook an edge that hides little, corners and rims of few lamps are looked at.\n",
+"    int passes = sbl_pass_count(), rims = rounded ? SBL_RIM : SBL_CORNERS;\n",
+"    int probes = passes > 1 && used <= SBL_PROBED ? rims * used : 0, skip = int(sbl_look_number(look)) * rays;\n",
+"    bool undecided = total > 0.0;\n",
+"    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // the points of light come first\n",
+"        // each part has a stretch of the sequence, and each eighth of it covers a lamp, and the lamps, evenly\n",
+"        int eighth = SBL_LAMP_PASSES * part, eighths = SBL_LAMP_PASSES * parts;\n",
+"        int from = (eighth + pass * SBL_LAMP_PASSES / passes) * rays / eighths;\n",
+"        int to = total > 0.0 ? (eighth + (pass + 1) * SBL_LAMP_PASSES / passes) * rays / eighths : from;\n",
+"        bool point = pass < 0;\n",
+"        int start = point ? part : pass == 0 ? from - probes : from, end = point ? certain : to;\n",
+"        for (int k = start; k < end; k += point ? parts : 1) {\n",
+"            bool probe = pass == 0 && k < from;\n",
+"            int rim = probe ? (from - 1 - k) % rims : -1, entry = entries[point ? SBL_LAMPS - 1 - k : 0];\n",
+"            uvec2 fraction = texelFetch(sbl_sequence, skip + max(k, 0)).xy ^ scramble;\n",
+"            sbl_Pick p = sbl_Pick(0, point ? 1.0 / float(parts) : 1.0, (vec2(fraction >> 8) + 0.5) / 16777216.0, false);\n",
+"            if (probe) entry = entries[(from - 1 - k) / rims];\n",
+"            else if (!point) entry = sbl_pick_entry(p);\n",
+"            if (probe && entry < 0) continue;\n",
+"            p.leaf = entry;\n",
+"            p.cluster = entry < 0;\n",
+"            sbl_when (p.cluster) sbl_descend(p, -1 - entry, fraction.x);\n",
+"            sbl_Lamp l = sbl_lamp(p.leaf);\n",
+"            bool corner = probe && l.kind == SBL_LAMP_TRIANGLE;\n",
+"            if (probe && (l.kind == SBL_LAMP_SKY_TEXEL || (corner && rim >= SBL_CORNERS))) continue;\n",
+"            if (probe) p.u = vec2(SBL_RIM_AT, (float(rim) + float(scramble.y >> 8) / 16777216.0) / float(SBL_RIM));\n",
+"            sbl_Sample s = sbl_sample(l, p.u);\n",
+"            sbl_when (corner) {\n",
+"                vec3 way = l.corner + (rim == 1 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_1 +\n",
+"                           (rim == 2 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_2;\n",
+"                s.far = length(way);\n",
+"                s.direction = way / s.far;\n",
+"                s.light = vec3(dot(way, n));\n",
+"            }\n",
+"#ifdef SBL_INSPECT\n",
+"            reporting = point ? k == certain_ray : !probe && k == wanted;\n",
+"#endif\n",
+"            sbl_shoot(slot, p, l, s, rim, point);\n",
+"        }\n",
+"        if (!point) undecided = sbl_undecided();\n",
+"    }\n",
+"#ifdef SBL_INSPECT\n",
+"    sbl_write(out_light, vec4(report.rgb * unit, report.a));\n",
+"    sbl_write(out_way, report_way);\n",
+"#else\n",
+"    sbl_write(out_light, sbl_combine());\n",
+"#endif\n",
+"}\n",
+0 };
+/* <<glsl */
+
+static const sbl__recipe sbl__recipe_lamps = {
+    "lamps", { sbl__glsl_fullscreen_vertex },
+    { sbl__glsl_scene, sbl__glsl_carrier, sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_lamps },
+    { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
+      &sbl__look_words_record, &sbl__lamp_node_record, &sbl__lamp_leaf_record, &sbl__light_record_record },
+    SBL__TEXTURED | SBL__WIDE | SBL__VIEWS | SBL__INSPECT | SBL__COMPUTE
+};
+
+static unsigned sbl__aim_features(const sbl__scene *s) { return s->features | (s->draw ? SBL__VIEWS : 0); }
+
+/* For the program in use; what views show of the host's drawing is the caller's to bind. blocks: invocations of a
+   look. */
+static void sbl__aim_bind(sbl__device *d, const sbl__aim *a, const sbl__batch *b, const int blocks[2], float scale) {
+    const sbl__lights *l = &b->scene->lights;
+    sbl__rays_bind(d, b, &a->sequence, blocks);
+    sbl__bind_table(d, "sbl_lamps", &l->table);
+    sbl__set_int(d, "sbl_first_leaf", (int)sizeof(sbl__lamp_node) / 16 * l->nodes);
+    sbl__set_int(d, "sbl_first_light", (int)sizeof(sbl__lamp_node) / 16 * l->nodes + l->leaves);
+    sbl__set_int(d, "lamp_nodes", l->nodes);
+    sbl__set_int(d, "lamp_leaves", l->leaves);
+    sbl__set_int(d, "rays", a->rays);
+    sbl__set_float(d, "unit", l->unit);
+    sbl__set_float(d, "scale", scale);
+}
+
+/* ======================================================================================================== >>raster
+   The paper's way to see: views drawn into texels. It also shows what only the host can draw.
+
+       atlas  +-------+-------+-------+      one instanced draw: every view of every look of a batch
+              | sheet | sheet | sheet |
+              +-------+-------+-------+      reduce_blocks: block x block texels -> one        (atlas -> block sums)
+              | sheet |  ...          |
+              +-------+---------------+                                                                          */
+
+#define SBL__SLOTS_MOST 4096
+#define SBL__VIEW_DEPTH 1e-6f  /* depth is this over distance, in scene extents: what is nearer shares depth 1 */
+#define SBL__PROBE_FOV 2.0f    /* degrees: wide enough to meet the surface, too narrow to meet the walls of a corner */
+#define SBL__PROBE_SIZE 4
+#define SBL__PROBE_ATLAS 512
+
+/* A kind of look: how its views lie, what their texels weigh, how many stand in the atlas, and how much of that they
+   take up. */
+typedef struct sbl__lens { sbl__layout layout; sbl__slots slots; int area[2]; sbl__texture weights; } sbl__lens;
+
+enum { SBL__LENS_SITE, SBL__LENS_PROBE, SBL__LENSES };  /* probes look back at their surface, see >>job */
+
+typedef struct sbl__raster {
+    sbl__lens lenses[SBL__LENSES];
+    sbl__texture atlas, depth;
+    sbl__target target;
+    sbl__buffer views;
+    float radiance_scale;      /* of texels */
+    float *weights;            /* while they are made: */
+    int face, row;             /* what is next of them */
+} sbl__raster;
+
+static void sbl__raster_free(const sbl__device *d, sbl__raster *r) {
+    int i;
+    for (i = 0; i < SBL__LENSES; i++) sbl__texture_delete(d, &r->lenses[i].weights);
+    sbl__target_delete(d, &r->target);
+    sbl__texture_delete(d, &r->atlas);
+    sbl__texture_delete(d, &r->depth);
+    sbl__buffer_delete(d, &r->views);
+    sbl__free(d->base, r->weights);
+    memset(r, 0, sizeof *r);
+}
+
+/* A power of two that brings the brightest light near 1024: inside 16-bit floats, with room below. */
+static float sbl__raster_scale(float brightest) {
+    return brightest > 0 ? (float)ldexp(1, SBL__MIN(10 - (int)ceil(log(brightest) / log(2.0)), 100)) : 1;
+}
+
+/* Slots of a lens in an atlas of that size; fewer where it is large. */
+static void sbl__lens_fit(sbl__lens *lens, int atlas_size, int most) {
+    const sbl__layout *l = &lens->layout;
+    const int pitch[2] = { sbl__layout_pitch(l, 0), sbl__layout_pitch(l, 1) };
+    const int size = SBL__MIN(SBL__MAX(atlas_size, SBL__MAX(pitch[0], pitch[1])), most);
+    int fit[2];
+    fit[0] = size / pitch[0];
+    fit[1] = size / pitch[1];
+    if (fit[0] > 0) fit[1] = SBL__MIN(fit[1], (SBL__SLOTS_MOST + fit[0] - 1) / fit[0]);
+    lens->slots.blocks[0] = l->blocks[0];
+    lens->slots.blocks[1] = l->blocks[1];
+    lens->slots.columns = fit[0];
+    lens->slots.count = fit[0] * fit[1];
+    lens->area[0] = fit[0] * pitch[0];
+    lens->area[1] = fit[1] * pitch[1];
+}
+
+/* The atlas, and how looks of both kinds lie in it. */
+static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const sbl__scene *scene,
+                                    const sbl__spec *spec, sbl__blocks *blocks) {
+    const int most = d->gl.capabilities.max_texture_size;
+    sbl__lens *lens = &r->lenses[SBL__LENS_SITE], *probe = &r->lenses[SBL__LENS_PROBE];
+    const sbl__texture *color = &r->atlas;
+    int size[2], sums[2], k;
+    sbl_result result;
+    sbl__layout_make(&lens->layout, spec->hemicube, spec->size, spec->fov);
+    sbl__layout_make(&probe->layout, 0, SBL__PROBE_SIZE, SBL__PROBE_FOV);
+    sbl__lens_fit(lens, spec->atlas_size, most);
+    sbl__lens_fit(probe, SBL__MIN(spec->atlas_size, SBL__PROBE_ATLAS), most);
+    if (lens->slots.count < 1) {
+        sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "a sensor of size %d needs a texture of %d x %d, the "
+                 "driver has %d; use a smaller sensor_size", spec->size, sbl__layout_pitch(&lens->layout, 0),
+                 sbl__layout_pitch(&lens->layout, 1), most);
         return SBL_ERROR_UNSUPPORTED;
     }
-    g->slots = g->columns * rows;
-    limit = (int)(3e7 / (double)SBL__MAX(scene->triangle_count, 1) / g->layout.view_count);
-    g->draw_limit = SBL__MAX(1, SBL__MIN(limit, batch > 0 ? SBL__MIN(batch, g->slots) : g->slots));
+    for (k = 0; k < 2; k++) {
+        size[k] = SBL__MAX(lens->area[k], probe->area[k]);
+        sums[k] = SBL__MAX(lens->area[k] / lens->layout.block, probe->area[k] / probe->layout.block);
+    }
+    r->radiance_scale = sbl__raster_scale(SBL__MAX(scene->brightest, spec->epsilon));
+    r->face = r->row = 0;
+    result = sbl__texture_make(d, &r->atlas, size[0], size[1], SBL__GL_RGBA16F);
+    if (result == SBL_SUCCESS) result = sbl__texture_make(d, &r->depth, size[0], size[1], SBL__GL_DEPTH_COMPONENT32F);
+    if (result == SBL_SUCCESS) result = sbl__target_make(d, &r->target, &color, 1, &r->depth);
+    return result == SBL_SUCCESS ? sbl__blocks_make(d, blocks, sums[0], sums[1]) : result;
+}
 
-    weights = (float *)sbl__alloc(gl->base, (size_t)pitch[0] * (size_t)pitch[1], 8);
-    if (!weights) return SBL_ERROR_OUT_OF_MEMORY;
-    sbl__weights_make(&g->layout, paper, weights);
-    result = sbl__texture_make(gl, &g->weights, pitch[0], pitch[1], SBL__GL_RG32F, weights, what);
-    sbl__free(gl->base, weights);
-    sbl__free(gl->base, g->views);
-    g->views = (sbl__view *)sbl__alloc(gl->base, (size_t)g->draw_limit * (size_t)g->layout.view_count, sizeof(sbl__view));
-    if (!g->views) return SBL_ERROR_OUT_OF_MEMORY;
-    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->atlas, g->columns * pitch[0], rows * pitch[1], SBL__GL_RGBA16F, NULL, what);
-    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->depth, g->columns * pitch[0], rows * pitch[1], SBL__GL_DEPTH_COMPONENT32F, NULL, what);
-    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->block_sums, g->columns * g->layout.blocks[0], rows * g->layout.blocks[1], SBL__GL_RGBA32F, NULL, what);
-    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->block_hits, g->columns * g->layout.blocks[0], rows * g->layout.blocks[1], SBL__GL_RGBA32F, NULL, what);
-    colors[0] = &g->atlas;
-    if (result == SBL_SUCCESS) result = sbl__framebuffer_make(gl, &g->atlas_framebuffer, colors, 1, &g->depth, what);
-    colors[0] = &g->block_sums;
-    colors[1] = &g->block_hits;
-    if (result == SBL_SUCCESS) result = sbl__framebuffer_make(gl, &g->block_framebuffer, colors, 2, NULL, what);
-    if (result == SBL_SUCCESS) result = sbl__rays_setup(gl, g, 0, lamp_rays, SBL__LAMP_CHUNK, rows);
+/* The texels' weights of a lens, row by row. SBL_SUCCESS: they stand in its texture. */
+static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__lens *lens, int paper,
+                                    const sbl__slice *slice) {
+    const sbl__layout *l = &lens->layout;
+    const int width = sbl__layout_pitch(l, 0), height = sbl__layout_pitch(l, 1);
+    sbl_result result;
+    if (!r->weights) r->weights = (float *)sbl__alloc(d->base, (size_t)width * (size_t)height, 8);
+    if (!r->weights) return SBL_ERROR_OUT_OF_MEMORY;
+    for (; r->face < l->view_count; r->face++, r->row = 0)
+        while (r->row < l->rects[r->face][3]) {
+            sbl__weights_row(l, paper, r->face, r->row++, r->weights);
+            if (sbl__now() >= slice->end) return SBL_UNFINISHED;
+        }
+    result = sbl__texture_make(d, &lens->weights, width, height, SBL__GL_RG32F);
+    if (result == SBL_SUCCESS) result = sbl__texture_write(d, &lens->weights, 0, height, r->weights);
+    sbl__free(d->base, r->weights);
+    r->weights = NULL;
+    r->face = r->row = 0;
     return result;
 }
 
-/* Starts a job: R for `count` points. The points must stay until sbl__gather_finish. */
-static sbl_result sbl__gather_begin(const sbl__gl *gl, sbl__gather *g, const sbl__site *sites, int count) {
-    const char *what = "making the sensors' results";
-    const sbl__texture *colors[2];
-    int rows = (count + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH;
-    sbl_result result = SBL_SUCCESS;
-    g->sites = sites;
-    g->count = count;
-    g->next = 0;
-    if (rows > gl->capabilities.max_texture_size) {
-        sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "%d sensors in one job; the driver's textures hold %d; use a smaller picture", count, gl->capabilities.max_texture_size * SBL__RESULTS_WIDTH);
-        return SBL_ERROR_UNSUPPORTED;
-    }
-    if (g->sums.height < rows || g->hits.height < rows) {
-        result = sbl__texture_make(gl, &g->sums, SBL__RESULTS_WIDTH, rows, SBL__GL_RGBA32F, NULL, what);
-        if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->hits, SBL__RESULTS_WIDTH, rows, SBL__GL_RGBA32F, NULL, what);
-        colors[0] = &g->sums;
-        colors[1] = &g->hits;
-        if (result == SBL_SUCCESS) result = sbl__framebuffer_make(gl, &g->result_framebuffer, colors, 2, NULL, what);
-    }
+/* >>raster: drawing */
+
+/* >>glsl sensor_vertex: shaders_embedded/sensor_vertex.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_sensor_vertex[] = {
+"// Draws the scene into many sensors' views at once: an instance is one view, cut to its rectangle of the atlas by four\n",
+"// planes.\n",
+"layout(location = 0) in vec3 position;\n",
+"layout(location = 1) in uint object;\n",
+"layout(location = 4) in vec3 view_eye;\n",
+"layout(location = 5) in vec4 view_right;    // right over half the view's width at unit distance; scale of x in atlas\n",
+"layout(location = 6) in vec4 view_up;       // up over half its height; scale of y\n",
+"layout(location = 7) in vec4 view_forward;  // forward;               lowest y: -1, or 0 where the horizon cuts the view\n",
+"layout(location = 8) in vec2 view_offset;   // of the rectangle in the atlas\n",
+"uniform float per_length;                   // 1 / extent of the scene\n",
+"uniform float depth_scale;                  // depth is depth_scale / distance: reversed, without a far plane\n",
+"#ifdef SBL_TEXTURED\n",
+"layout(location = 2) in vec2 vertex_uv;\n",
+"layout(location = 3) in uvec2 vertex_color;\n",
+"flat out int fragment_object;\n",
+"out vec2 fragment_uv;\n",
+"out vec4 fragment_color;\n",
+"#else\n",
+"uniform float radiance_scale;\n",
+"flat out vec3 radiance_front, radiance_back;\n",
+"#endif\n",
+"\n",
+"void main() {\n",
+"    int number = int(object);\n",
+"#ifdef SBL_TEXTURED\n",
+"    fragment_object = number;\n",
+"    fragment_uv = vertex_uv;\n",
+"    fragment_color = sbl_unpack_color(vertex_color.x, vertex_color.y) / 65535.0;\n",
+"#else\n",
+"    sbl_Attributes plain = sbl_Attributes(vec2(0), vec4(1));\n",
+"    radiance_front = radiance_scale * sbl_outgoing(number, false, plain);\n",
+"    radiance_back = radiance_scale * sbl_outgoing(number, true, plain);\n",
+"#endif\n",
+"    vec3 p = (position - view_eye) * per_length;\n",
+"    float x = dot(view_right.xyz, p), y = dot(view_up.xyz, p), w = dot(view_forward.xyz, p);\n",
+"    gl_Position = vec4(x * view_right.w + w * view_offset.x, y * view_up.w + w * view_offset.y, depth_scale, w);\n",
+"    gl_ClipDistance[0] = w + x;\n",
+"    gl_ClipDistance[1] = w - x;\n",
+"    gl_ClipDistance[2] = y - w * view_forward.w;\n",
+"    gl_ClipDistance[3] = w - y;\n",
+"    if ((sbl_object_flags(number) & SBL_HIDDEN_FROM_SENSORS) != 0u) gl_ClipDistance[0] = -1.0;\n",
+"}\n",
+0 };
+/* <<glsl */
+
+/* >>glsl sensor_fragment: shaders_embedded/sensor_fragment.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_sensor_fragment[] = {
+"// What a sensor's texel holds: Ck, and the distance along the view axis, negative where a back face is seen.\n",
+"layout(location = 0) out vec4 out_radiance;\n",
+"#ifdef SBL_TEXTURED\n",
+"uniform float radiance_scale;\n",
+"flat in int fragment_object;\n",
+"in vec2 fragment_uv;\n",
+"in vec4 fragment_color;\n",
+"#else\n",
+"flat in vec3 radiance_front, radiance_back;\n",
+"#endif\n",
+"#ifdef SBL_WRITE_DEPTH\n",
+"uniform float depth_scale;\n",
+"#endif\n",
+"\n",
+"void main() {\n",
+"#ifdef SBL_TEXTURED\n",
+"    sbl_Attributes at = sbl_Attributes(fragment_uv, fragment_color);\n",
+"    if (sbl_object_alpha_cutoff(fragment_object) > 0.0 && !sbl_solid(fragment_object, at)) discard;\n",
+"    vec3 radiance = sbl_outgoing(fragment_object, !gl_FrontFacing, at) * radiance_scale;\n",
+"#else\n",
+"    vec3 radiance = gl_FrontFacing ? radiance_front : radiance_back;\n",
+"#endif\n",
+"    out_radiance = vec4(radiance, gl_FrontFacing ? 1.0 / gl_FragCoord.w : -1.0 / gl_FragCoord.w);\n",
+"#ifdef SBL_WRITE_DEPTH\n",
+"    gl_FragDepth = depth_scale * gl_FragCoord.w;\n",
+"#endif\n",
+"}\n",
+0 };
+/* <<glsl */
+
+static const sbl__recipe sbl__recipe_sensor = {
+    "sensor", { sbl__glsl_scene, sbl__glsl_outgoing, sbl__glsl_sensor_vertex },
+    { sbl__glsl_scene, sbl__glsl_outgoing, sbl__glsl_sensor_fragment }, { &sbl__object_record },
+    SBL__TEXTURED | SBL__WIDE | SBL__WRITE_DEPTH
+};
+
+/* >>glsl sky_vertex: shaders_embedded/sky_vertex.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_sky_vertex[] = {
+"// The environment behind all that a sensor's view sees: a rectangle for every view, see sensor_vertex.glsl.\n",
+"layout(location = 5) in vec4 view_right;\n",
+"layout(location = 6) in vec4 view_up;\n",
+"layout(location = 7) in vec4 view_forward;\n",
+"layout(location = 8) in vec2 view_offset;\n",
+"out vec3 direction;\n",
+"\n",
+"void main() {\n",
+"    float x = gl_VertexID % 2 == 0 ? -1.0 : 1.0, y = gl_VertexID < 2 ? view_forward.w : 1.0;\n",
+"    direction = view_forward.xyz + x / dot(view_right.xyz, view_right.xyz) * view_right.xyz +\n",
+"                y / dot(view_up.xyz, view_up.xyz) * view_up.xyz;\n",
+"    gl_Position = vec4(x * view_right.w + view_offset.x, y * view_up.w + view_offset.y, 0, 1);\n",
+"}\n",
+0 };
+/* <<glsl */
+
+/* >>glsl sky_fragment: shaders_embedded/sky_fragment.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_sky_fragment[] = {
+"in vec3 direction;\n",
+"uniform vec3 sky;  // constant\n",
+"uniform float radiance_scale;\n",
+"layout(location = 0) out vec4 out_radiance;  // as in sensor_fragment.glsl; nothing is hit\n",
+"\n",
+"void main() { out_radiance = vec4(radiance_scale * (sky + sbl_sky(direction)), 0); }\n",
+0 };
+/* <<glsl */
+
+static const sbl__recipe sbl__recipe_sky = {
+    "sky", { sbl__glsl_sky_vertex }, { sbl__glsl_sky, sbl__glsl_sky_fragment }, { NULL }, 0
+};
+
+static const sbl__input sbl__view_inputs[] = {
+    { 4, 3, SBL__GL_FLOAT, 0, 1, sizeof(sbl__view), offsetof(sbl__view, eye) },
+    { 5, 4, SBL__GL_FLOAT, 0, 1, sizeof(sbl__view), offsetof(sbl__view, right) },
+    { 6, 4, SBL__GL_FLOAT, 0, 1, sizeof(sbl__view), offsetof(sbl__view, up) },
+    { 7, 4, SBL__GL_FLOAT, 0, 1, sizeof(sbl__view), offsetof(sbl__view, forward) },
+    { 8, 2, SBL__GL_FLOAT, 0, 1, sizeof(sbl__view), offsetof(sbl__view, offset) }
+};
+
+/* Fills rows of slots with sky. */
+static void sbl__raster_clear(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens,
+                              const sbl__scene *scene, int slots) {
+    const int rows = (slots + lens->slots.columns - 1) / lens->slots.columns;
+    const int used[4] = { 0, 0, lens->area[0], rows * sbl__layout_pitch(&lens->layout, 1) };
+    float sky[4] = { 0, 0, 0, 0 };
+    int k;
+    for (k = 0; k < 3; k++) sky[k] = scene->environment.sky[k] * r->radiance_scale;
+    sbl__pass(d, &r->target, NULL, used, 0);
+    sbl__clear(d, 0, sky);
+    sbl__clear_depth(d);
+}
+
+/* Where a look's sheet starts in the atlas, texels. */
+static void sbl__raster_corner(const sbl__lens *lens, int slot, int corner[2]) {
+    corner[0] = slot % lens->slots.columns * sbl__layout_pitch(&lens->layout, 0);
+    corner[1] = slot / lens->slots.columns * sbl__layout_pitch(&lens->layout, 1);
+}
+
+static sbl_result sbl__raster_send(const sbl__device *d, sbl__raster *r, const sbl__lens *lens, const sbl__batch *b) {
+    const sbl__layout *l = &lens->layout;
+    const size_t count = (size_t)b->count * (size_t)l->view_count;
+    sbl__view *views = (sbl__view *)sbl__alloc_raw(d->base, count, sizeof *views);
+    sbl_result result;
+    int i, face, corner[2];
+    if (!views) return SBL_ERROR_OUT_OF_MEMORY;
+    for (i = 0; i < b->count; i++)
+        for (face = 0; face < l->view_count; face++) {
+            sbl__raster_corner(lens, b->slot + i, corner);
+            sbl__view_make(l, &b->looks[i], face, corner, lens->area, &views[i * l->view_count + face]);
+        }
+    result = sbl__buffer_make(d, &r->views, count * sizeof *views, views, SBL__GL_STREAM_DRAW);
+    sbl__free(d->base, views);
     return result;
+}
+
+/* What the host draws is told of a view. */
+static void sbl__raster_view(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b,
+                             int number, sbl_draw_view *v) {
+    const sbl__layout *l = &lens->layout;
+    const int i = number / l->view_count, face = number % l->view_count, *rect = l->rects[face];
+    const sbl__look *look = &b->looks[i];
+    const double per_length = 1 / (double)b->scene->geometry.extent;
+    double right[3], up[3], forward[3];
+    int corner[2], k;
+    memset(v, 0, sizeof *v);
+    sbl__raster_corner(lens, b->slot + i, corner);
+    v->kind = SBL_VIEW_SENSOR;
+    v->viewport[0] = corner[0] + rect[0];
+    v->viewport[1] = corner[1] + rect[1];
+    v->viewport[2] = rect[2];
+    v->viewport[3] = rect[3];
+    sbl__view_axes(look, face, right, up, forward);
+    for (k = 0; k < 3; k++) {
+        v->world_to_view[4 * k] = (float)right[k];
+        v->world_to_view[4 * k + 1] = (float)up[k];
+        v->world_to_view[4 * k + 2] = (float)-forward[k];
+        v->world_to_view[12] -= (float)(right[k] * look->position[k]);
+        v->world_to_view[13] -= (float)(up[k] * look->position[k]);
+        v->world_to_view[14] += (float)(forward[k] * look->position[k]);
+        v->eye[k] = look->position[k];
+    }
+    v->world_to_view[15] = 1;
+    v->view_to_clip[0] = (float)(per_length / l->tangent);
+    v->view_to_clip[5] = (float)(per_length / l->tangent) * (face ? 2.0f : 1.0f);
+    v->view_to_clip[9] = face ? (float)per_length : 0.0f;  /* a side shows y from 0 to 1 */
+    v->view_to_clip[11] = (float)-per_length;
+    v->view_to_clip[14] = SBL__VIEW_DEPTH;
+    sbl__multiply(v->world_to_clip, v->view_to_clip, v->world_to_view);
+    v->radiance_scale = r->radiance_scale;
+    v->depth_scale = SBL__VIEW_DEPTH;
+    v->write_depth = (d->features & SBL__WRITE_DEPTH) != 0;
+    v->epsilon = b->spec->epsilon;
+    v->sensor = look->sensor;
+    v->face = face;
 }
 
 /* The host's own geometry, view by view. */
-static void sbl__gather_draw_host(const sbl__gl *gl, const sbl__gather *g, const sbl__scene *scene, int first, int count) {
-    int pitch_x = g->layout.blocks[0] * g->layout.block, pitch_y = g->layout.blocks[1] * g->layout.block, i, face, k;
-    for (i = first; i < first + count; i++)
-        for (face = 0; face < g->layout.view_count; face++) {
-            const sbl__site *p = &g->sites[i];
-            const int *r = g->layout.rects[face];
-            int slot = i % g->slots;
-            double right[3], up[3], forward[3], per_length = 1 / (double)scene->extent;
-            sbl_draw_view v;
-            memset(&v, 0, sizeof v);
-            v.kind = SBL_VIEW_SENSOR;
-            v.viewport[0] = slot % g->columns * pitch_x + r[0];
-            v.viewport[1] = slot / g->columns * pitch_y + r[1];
-            v.viewport[2] = r[2];
-            v.viewport[3] = r[3];
-            sbl__view_axes(p, face, right, up, forward);
-            for (k = 0; k < 3; k++) {
-                v.world_to_view[4 * k] = (float)right[k];
-                v.world_to_view[4 * k + 1] = (float)up[k];
-                v.world_to_view[4 * k + 2] = (float)-forward[k];
-                v.world_to_view[12] -= (float)(right[k] * p->position[k]);
-                v.world_to_view[13] -= (float)(up[k] * p->position[k]);
-                v.world_to_view[14] += (float)(forward[k] * p->position[k]);
-                v.eye[k] = p->position[k];
-            }
-            v.world_to_view[15] = 1;
-            v.view_to_clip[0] = (float)(per_length / g->layout.tangent);
-            v.view_to_clip[5] = (float)(per_length / g->layout.tangent) * (face ? 2.0f : 1.0f);
-            v.view_to_clip[9] = face ? (float)per_length : 0.0f;  /* a side shows y from 0 to 1 */
-            v.view_to_clip[11] = (float)-per_length;
-            v.view_to_clip[14] = SBL__DEPTH_SCALE;
-            sbl__multiply(v.world_to_clip, v.view_to_clip, v.world_to_view);
-            v.radiance_scale = g->radiance_scale;
-            v.depth_scale = SBL__DEPTH_SCALE;
-            v.write_depth = !(gl->capabilities.used & SBL_CAPABILITY_CLIP_CONTROL);
-            v.epsilon = g->epsilon;
-            v.sensor = i;
-            v.face = face;
-            gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->atlas_framebuffer);
-            gl->Enable(SBL__GL_DEPTH_TEST);
-            gl->Enable(SBL__GL_SCISSOR_TEST);
-            gl->Viewport(v.viewport[0], v.viewport[1], v.viewport[2], v.viewport[3]);
-            gl->Scissor(v.viewport[0], v.viewport[1], v.viewport[2], v.viewport[3]);
-            scene->draw(&v, scene->draw_user);
-            sbl__guard_force(gl);
-        }
-}
-
-/* Fills the atlas with sky. */
-static void sbl__gather_clear(const sbl__gl *gl, const sbl__gather *g, const sbl__scene *scene) {
-    float sky[4], zero = 0;
-    int k;
-    for (k = 0; k < 3; k++) sky[k] = scene->sky[k] * g->radiance_scale;
-    sky[3] = 0;
-    gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->atlas_framebuffer);
-    gl->ClearBufferfv(SBL__GL_COLOR, 0, sky);
-    gl->ClearBufferfv(SBL__GL_DEPTH, 0, &zero);
-}
-
-/* Draws sensors first .. first + count - 1, which lie in one filling of the atlas. programs: sensor, sky_view. */
-static sbl_result sbl__gather_draw(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, const unsigned programs[2], int first, int count) {
-    const unsigned program = programs[0];
-    const sbl__layout *l = &g->layout;
-    int pitch_x = l->blocks[0] * l->block, pitch_y = l->blocks[1] * l->block, i, face;
-    sbl_result result = SBL_SUCCESS;
-    gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->atlas_framebuffer);
-    gl->Viewport(0, 0, g->atlas.width, g->atlas.height);
-    if (first % g->slots == 0) sbl__gather_clear(gl, g, scene);
-    if (scene->triangle_count || (g->environment && scene->sky_pixels)) {
-        for (i = 0; i < count; i++)
-            for (face = 0; face < l->view_count; face++) {
-                int slot = (first + i) % g->slots;
-                sbl__view_make(l, &g->sites[first + i], face, slot % g->columns * pitch_x, slot / g->columns * pitch_y, g->atlas.width, g->atlas.height,
-                               &g->views[i * l->view_count + face]);
-            }
-        result = sbl__buffer_make(gl, &g->view_buffer, (size_t)(count * l->view_count) * sizeof(sbl__view), g->views, SBL__GL_STREAM_DRAW, "sending views");
-        if (result != SBL_SUCCESS) return result;
-        gl->BindVertexArray(scene->vertex_array);
-        gl->BindBuffer(SBL__GL_ARRAY_BUFFER, g->view_buffer.id);
-        gl->VertexAttribPointer(4, 3, SBL__GL_FLOAT, 0, (int)sizeof(sbl__view), (const void *)offsetof(sbl__view, eye));
-        gl->VertexAttribPointer(5, 4, SBL__GL_FLOAT, 0, (int)sizeof(sbl__view), (const void *)offsetof(sbl__view, right));
-        gl->VertexAttribPointer(6, 4, SBL__GL_FLOAT, 0, (int)sizeof(sbl__view), (const void *)offsetof(sbl__view, up));
-        gl->VertexAttribPointer(7, 4, SBL__GL_FLOAT, 0, (int)sizeof(sbl__view), (const void *)offsetof(sbl__view, forward));
-        gl->VertexAttribPointer(8, 2, SBL__GL_FLOAT, 0, (int)sizeof(sbl__view), (const void *)offsetof(sbl__view, offset));
-        for (i = 4; i <= 8; i++) {
-            gl->EnableVertexAttribArray((unsigned)i);
-            gl->VertexAttribDivisor((unsigned)i, 1);
-        }
-        if (g->environment && scene->sky_pixels) {
-            gl->Disable(SBL__GL_DEPTH_TEST);
-            gl->UseProgram(programs[1]);
-            sbl__sky_bind(gl, scene, programs[1], 0);
-            sbl__uniform_f(gl, programs[1], "radiance_scale", g->radiance_scale);
-            gl->DrawArraysInstanced(SBL__GL_TRIANGLE_STRIP, 0, 4, count * l->view_count);
-        }
-        gl->Enable(SBL__GL_DEPTH_TEST);
-        for (i = 0; i < 4; i++) gl->Enable(SBL__GL_CLIP_DISTANCE0 + (unsigned)i);
-        gl->UseProgram(program);
-        sbl__scene_bind(gl, scene, program);
-        sbl__uniform_i(gl, program, "lamps_apart", g->lamps_apart);
-        sbl__uniform_f(gl, program, "per_length", 1 / scene->extent);
-        sbl__uniform_f(gl, program, "depth_scale", SBL__DEPTH_SCALE);
-        sbl__uniform_f(gl, program, "epsilon", g->epsilon);
-        sbl__uniform_f(gl, program, "radiance_scale", g->radiance_scale);
-        gl->DrawElementsInstanced(SBL__GL_TRIANGLES, 3 * scene->triangle_count, SBL__GL_UNSIGNED_INT, NULL, count * l->view_count);
-        for (i = 0; i < 4; i++) gl->Disable(SBL__GL_CLIP_DISTANCE0 + (unsigned)i);
-    }
-    if (scene->draw) sbl__gather_draw_host(gl, g, scene, first, count);
-    return result;
-}
-
-/* Reduces the sensors of the atlas's present filling, the last of which is `last`. */
-static void sbl__gather_reduce(const sbl__gl *gl, const sbl__gather *g, const unsigned programs[2], unsigned empty_array, int last) {
-    int first = last - last % g->slots, used = last - first + 1, sheet_rows = (used + g->columns - 1) / g->columns;
-    int row_first = first / SBL__RESULTS_WIDTH, row_last = last / SBL__RESULTS_WIDTH;
-    gl->BindVertexArray(empty_array);
-    gl->Disable(SBL__GL_DEPTH_TEST);
-    if (!g->rays) {
-        gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->block_framebuffer);
-        gl->Viewport(0, 0, g->block_sums.width, sheet_rows * g->layout.blocks[1]);
-        gl->UseProgram(programs[0]);
-        sbl__bind(gl, programs[0], "atlas", 0, SBL__GL_TEXTURE_2D, g->atlas.id);
-        sbl__bind(gl, programs[0], "weights", 1, SBL__GL_TEXTURE_2D, g->weights.id);
-        sbl__uniform_i(gl, programs[0], "block", g->layout.block);
-        gl->Uniform2i(sbl__uniform(gl, programs[0], "blocks"), g->layout.blocks[0], g->layout.blocks[1]);
-        gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
-    }
-    gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, g->result_framebuffer);
-    gl->Viewport(0, row_first, SBL__RESULTS_WIDTH, row_last - row_first + 1);
-    gl->UseProgram(programs[1]);
-    sbl__bind(gl, programs[1], "block_sums", 0, SBL__GL_TEXTURE_2D, g->block_sums.id);
-    sbl__bind(gl, programs[1], "block_hits", 1, SBL__GL_TEXTURE_2D, g->block_hits.id);
-    sbl__bind(gl, programs[1], "lights", 2, SBL__GL_TEXTURE_2D, g->lamp_rays ? g->lights.id : g->block_sums.id);
-    sbl__uniform_i(gl, programs[1], "parts", g->lamp_parts);
-    gl->Uniform2i(sbl__uniform(gl, programs[1], "blocks"), g->layout.blocks[0], g->layout.blocks[1]);
-    sbl__uniform_i(gl, programs[1], "columns", g->columns);
-    sbl__uniform_i(gl, programs[1], "slots", g->slots);
-    sbl__uniform_i(gl, programs[1], "width", SBL__RESULTS_WIDTH);
-    sbl__uniform_i(gl, programs[1], "first", first);
-    sbl__uniform_i(gl, programs[1], "last", last);
-    gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
-    gl->Flush();
-}
-
-/* Sensors of so many rays over the hemisphere and at most so many to lamps; spread 0: rays along the normal only. */
-static sbl_result sbl__trace_setup(const sbl__gl *gl, sbl__gather *g, const sbl__bvh *bvh, int rays, int lamp_rays, float spread, float epsilon, int batch) {
-    const char *what = "making the rays' textures";
-    const sbl__texture *colors[2];
-    int most = SBL__MAX(1, (int)(SBL__LOOP_TURNS / (bvh->cost + 20))), few = SBL__MAX(1, most / 4), lamp_chunk = SBL__MIN(SBL__LAMP_CHUNK, most);
-    int chunk = SBL__MIN(SBL__MIN(SBL__CHUNK, few), (rays + 7) / 8), chunks = (rays + chunk - 1) / chunk, rows;
-    sbl_result result;
-    memset(&g->layout, 0, sizeof g->layout);
-    g->layout.view_count = 1;
-    g->layout.blocks[0] = SBL__MIN(chunks, 4);
-    g->layout.blocks[1] = (chunks + 3) / 4;
-    g->lamps_apart = 1;
-    g->spread = spread;
-    g->epsilon = epsilon;
-    g->length = g->radiance_scale = 1;
-    g->columns = SBL__MAX(1, SBL__MIN(256, SBL__MIN(1024, gl->capabilities.max_texture_size) / g->layout.blocks[0]));
-    rows = SBL__MAX(1, SBL__MIN(1024 / SBL__MAX(g->layout.blocks[1], (lamp_rays + lamp_chunk - 1) / lamp_chunk), SBL__MAX_SLOTS / g->columns));
-    g->slots = g->columns * rows;
-    g->draw_limit = SBL__MAX(1, SBL__MIN(SBL__RAYS_A_DRAW / (rays + lamp_rays), batch > 0 ? SBL__MIN(batch, g->slots) : g->slots));
-    result = sbl__rays_setup(gl, g, rays, lamp_rays, lamp_chunk, rows);
-    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->block_sums, g->columns * g->layout.blocks[0], rows * g->layout.blocks[1], SBL__GL_RGBA32F, NULL, what);
-    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &g->block_hits, g->columns * g->layout.blocks[0], rows * g->layout.blocks[1], SBL__GL_RGBA32F, NULL, what);
-    colors[0] = &g->block_sums;
-    colors[1] = &g->block_hits;
-    if (result == SBL_SUCCESS) result = sbl__framebuffer_make(gl, &g->block_framebuffer, colors, 2, NULL, what);
-    return result;
-}
-
-#define SBL__WORKGROUP 64  /* as in traverse.glsl */
-
-/* What programs that trace rays, or look towards lamps, read. */
-static void sbl__trace_bind(const sbl__gl *gl, const sbl__gather *g, const sbl__scene *scene, unsigned program, int slot, int count) {
-    gl->UseProgram(program);
-    sbl__scene_bind(gl, scene, program);
-    sbl__bind_texels(gl, program, "sbl_nodes", 6, &scene->node_texels);
-    sbl__bind_texels(gl, program, "sbl_triangles", 7, &scene->triangle_texels);
-    sbl__bind(gl, program, "sbl_points", 8, SBL__GL_TEXTURE_BUFFER, g->point_texels);
-    sbl__bind(gl, program, "sbl_sequence", 9, SBL__GL_TEXTURE_BUFFER, g->sequence_texels);
-    sbl__sky_bind(gl, scene, program, 11);
-    sbl__uniform_3(gl, program, "grid_origin", scene->bvh.grid_origin);
-    sbl__uniform_3(gl, program, "grid_per_length", scene->bvh.grid_per_length);
-    sbl__uniform_i(gl, program, "node_count", scene->bvh.node_count);
-    sbl__uniform_i(gl, program, "columns", g->columns);
-    sbl__uniform_i(gl, program, "first_slot", slot);
-    sbl__uniform_i(gl, program, "count", count);
-}
-
-/* Runs the program over `count` sensors from `slot` on, each of across x down texels. Sums are the same whichever carries them.
-   Compute is used wherever it is, so that pictures depend on no stopwatch: it is as fast or faster on llvmpipe; neither was measured on a GPU yet. */
-static void sbl__trace_run(const sbl__gl *gl, const sbl__gather *g, unsigned program, unsigned framebuffer, const sbl__texture *const targets[2], int across, int down, int slot, int count) {
-    int row = slot / g->columns, last_row = (slot + count - 1) / g->columns, i;
-    gl->Uniform2i(sbl__uniform(gl, program, "blocks"), across, down);
-    if (gl->capabilities.used & SBL_CAPABILITY_COMPUTE) {
-        for (i = 0; i < 2 && targets[i]; i++) gl->BindImageTexture((unsigned)i, targets[i]->id, 0, 0, 0, SBL__GL_WRITE_ONLY, SBL__GL_RGBA32F);
-        (gl->MemoryBarrier)(SBL__GL_SHADER_IMAGE_ACCESS_BARRIER);  /* what reads the last sums must be done; parentheses: windows.h has such a macro */
-        gl->DispatchCompute((unsigned)((count * across * down + SBL__WORKGROUP - 1) / SBL__WORKGROUP), 1, 1);
-        (gl->MemoryBarrier)(SBL__GL_TEXTURE_FETCH_BARRIER | SBL__GL_FRAMEBUFFER_BARRIER);
-    } else {
-        gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, framebuffer);
-        gl->Viewport(0, row * down, targets[0]->width, (last_row - row + 1) * down);
-        gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
-    }
-}
-
-/* Sends sensors first .. first + count - 1 to the shaders that trace rays or look towards lamps. */
-static sbl_result sbl__sites_send(const sbl__gl *gl, sbl__gather *g, int first, int count) {
+static void sbl__raster_host(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b) {
+    sbl_draw_view view;
     int i;
-    sbl_result result;
-    for (i = 0; i < count; i++) {
-        const sbl__site *p = &g->sites[first + i];
-        uint32_t *words = g->point_words + 12 * i;
-        memcpy(words, p->position, 12);
-        words[3] = sbl__hash(p->seed);
-        if (!g->rays) memcpy(words + 3, &p->turn, 4);
-        memcpy(words + 4, p->normal, 12);
-        words[7] = sbl__hash(p->seed + 1u);
-        words[8] = p->first_ray * (uint32_t)g->rays;
-        words[9] = SBL__MAX_LOOKS * (uint32_t)g->rays + p->first_ray * (uint32_t)g->lamp_rays;
-        words[10] = sbl__hash(p->seed + 2u);
-        memcpy(words + 11, &p->offset, 4);
+    for (i = 0; i < b->count * lens->layout.view_count; i++) {
+        sbl__raster_view(d, r, lens, b, i, &view);
+        sbl__pass(d, &r->target, view.viewport, view.viewport, SBL__PASS_DEPTH);
+        sbl__host_draw(d, b->scene->draw, &view, b->scene->draw_user);
     }
-    gl->BindVertexArray(0);
-    result = sbl__buffer_make(gl, &g->point_buffer, 48 * (size_t)count, g->point_words, SBL__GL_STREAM_DRAW, "sending points");
-    return result == SBL_SUCCESS ? sbl__buffer_texture_make(gl, &g->point_texels, SBL__GL_RGBA32UI, &g->point_buffer, "sending points") : result;
 }
 
-/* Light of lamps for `count` sensors from `slot` on, whose points were sent; rasterised ones have drawn their views. */
-static void sbl__lamps_draw(const sbl__gl *gl, const sbl__gather *g, const sbl__scene *scene, unsigned program, unsigned empty_array, int slot, int count) {
-    const sbl__texture *const lights[2] = { &g->lights, NULL };
-    int i;
-    gl->BindVertexArray(empty_array);
-    gl->Disable(SBL__GL_DEPTH_TEST);
-    sbl__trace_bind(gl, g, scene, program, slot, count);
-    sbl__bind_texels(gl, program, "sbl_lamps", 10, &scene->lamp_texels);
-    sbl__uniform_i(gl, program, "lamp_nodes", scene->lamp_nodes);
-    sbl__uniform_i(gl, program, "lamp_leaves", scene->lamp_leaves);
-    sbl__uniform_i(gl, program, "rays", g->lamp_rays);
-    sbl__uniform_f(gl, program, "unit", scene->lamp_unit);
-    sbl__uniform_f(gl, program, "scale", g->radiance_scale);
-    if (!g->rays) {
-        const sbl__layout *l = &g->layout;
-        sbl__bind(gl, program, "atlas", 12, SBL__GL_TEXTURE_2D, g->atlas.id);
-        for (i = 0; i < l->view_count; i++) {
-            char name[32];
-            snprintf(name, sizeof name, "view_rects[%d]", i);
-            gl->Uniform4f(sbl__uniform(gl, program, name), (float)l->rects[i][0], (float)l->rects[i][1], (float)l->rects[i][2], (float)l->rects[i][3]);
-        }
-        gl->Uniform2i(sbl__uniform(gl, program, "sheet"), l->blocks[0] * l->block, l->blocks[1] * l->block);
-        sbl__uniform_i(gl, program, "view_count", l->view_count);
-        sbl__uniform_f(gl, program, "tangent", (float)l->tangent);
-        sbl__uniform_f(gl, program, "extent", scene->extent);
-    }
-    sbl__trace_run(gl, g, program, g->light_framebuffer, lights, 1, g->lamp_parts, slot, count);
+/* The lens's part of the atlas. */
+static void sbl__raster_pass(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens, int flags) {
+    const int area[4] = { 0, 0, lens->area[0], lens->area[1] };
+    sbl__pass(d, &r->target, area, NULL, flags);
 }
 
-/* Traces sensors first .. first + count - 1, which lie in one filling of the block textures. programs: trace, lamps. */
-static sbl_result sbl__trace_draw(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, const unsigned programs[2], unsigned empty_array, int first, int count) {
-    const sbl__texture *const parts[2] = { &g->block_sums, &g->block_hits };
-    int slot = first % g->slots;
-    sbl_result result = sbl__sites_send(gl, g, first, count);
+static sbl_result sbl__raster_sky(sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b,
+                                  int views) {
+    const sbl_result result = sbl__use(d, &sbl__recipe_sky, b->scene->features);
     if (result != SBL_SUCCESS) return result;
-    gl->BindVertexArray(empty_array);
-    gl->Disable(SBL__GL_DEPTH_TEST);
-    sbl__trace_bind(gl, g, scene, programs[0], slot, count);
-    sbl__uniform_i(gl, programs[0], "rays", g->rays);
-    sbl__uniform_i(gl, programs[0], "lamps_apart", g->lamps_apart);
-    sbl__uniform_f(gl, programs[0], "epsilon", g->epsilon);
-    sbl__uniform_f(gl, programs[0], "spread", g->spread);
-    sbl__trace_run(gl, g, programs[0], g->block_framebuffer, parts, g->layout.blocks[0], g->layout.blocks[1], slot, count);
-    if (g->lamp_rays) sbl__lamps_draw(gl, g, scene, programs[1], empty_array, slot, count);
-    gl->Flush();
-    return sbl__gl_check(gl, "tracing rays");
-}
-
-/* One bounded piece of the job: at most `limit` sensors. Done when next == count. draw_programs: trace, lamps; or sensor, sky, lamps. */
-static sbl_result sbl__gather_step(const sbl__gl *gl, sbl__gather *g, const sbl__scene *scene, const unsigned *draw_programs, const unsigned reduce_programs[2], unsigned empty_array, int limit) {
-    int slot = g->next % g->slots, count = SBL__MIN(SBL__MIN(g->count - g->next, g->slots - slot), SBL__MAX(1, SBL__MIN(limit, g->draw_limit)));
-    sbl_result result = g->rays ? sbl__trace_draw(gl, g, scene, draw_programs, empty_array, g->next, count) : sbl__gather_draw(gl, g, scene, draw_programs, g->next, count);
-    if (result == SBL_SUCCESS && !g->rays && g->lamp_rays) {
-        result = sbl__sites_send(gl, g, g->next, count);
-        if (result == SBL_SUCCESS) sbl__lamps_draw(gl, g, scene, draw_programs[2], empty_array, slot, count);
-    }
-    if (result != SBL_SUCCESS) return result;
-    g->next += count;
-    if (g->next == g->count || g->next % g->slots == 0) sbl__gather_reduce(gl, g, reduce_programs, empty_array, g->next - 1);
+    sbl__raster_pass(d, r, lens, 0);
+    sbl__environment_bind(d, &b->scene->environment);
+    sbl__set_float(d, "radiance_scale", r->radiance_scale);
+    sbl__draw_rectangles(d, b->scene->geometry.vertex_array, views);
     return SBL_SUCCESS;
 }
 
-/* Ends the job: lights[i] is what point i receives. */
-static sbl_result sbl__gather_finish(const sbl__gl *gl, sbl__gather *g, sbl__reading *readings) {
-    int rows = (g->count + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH, i, k;
-    size_t floats = (size_t)rows * SBL__RESULTS_WIDTH * 4;
-    float *data = (float *)sbl__alloc(gl->base, 2 * floats, sizeof(float));
-    sbl_result result;
-    if (!data) return SBL_ERROR_OUT_OF_MEMORY;
-    result = sbl__read_pixels(gl, g->result_framebuffer, 0, &g->sums, rows, data, "reading sensors");
-    if (result == SBL_SUCCESS) result = sbl__read_pixels(gl, g->result_framebuffer, 1, &g->hits, rows, data + floats, "reading sensors");
-    for (i = 0; i < g->count && result == SBL_SUCCESS; i++) {
-        const float *sum = data + 4 * (size_t)i, *hits = data + floats + 4 * (size_t)i;
-        for (k = 0; k < 3; k++) readings[i].radiance[k] = sum[k] / g->radiance_scale;
-        readings[i].hit_share = hits[0];
-        readings[i].back_share = hits[0] > 0 ? sum[3] / hits[0] : 0;
-        readings[i].hit_mean = hits[0] > 0 ? hits[1] / hits[0] * g->length : 0;
-        readings[i].hit_min = hits[0] > 0 ? hits[2] * g->length : 0;
-        readings[i].stuck = 0;
-        readings[i].noise = 0;
-        if (g->rays || g->lamp_rays) readings[i].noise = (float)sqrt((double)hits[3]) / g->radiance_scale;
+/* Draws a batch's views: of the scene's triangles only first .. end - 1, since one look at a large scene may be too
+   much for one submission; the sky comes with the first of them, the host with the last. */
+static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__lens *lens, const sbl__batch *b,
+                                   int first, int end) {
+    const sbl__geometry *g = &b->scene->geometry;
+    const int views = b->count * lens->layout.view_count;
+    sbl_result result = SBL_SUCCESS;
+    if (first == 0) {
+        result = sbl__raster_send(d, r, lens, b);
+        if (result != SBL_SUCCESS) return result;
+        sbl__array_inputs(d, g->vertex_array, &r->views, sbl__view_inputs, SBL__COUNT(sbl__view_inputs));
+        if (b->scene->environment.pixels && !b->spec->paper) result = sbl__raster_sky(d, r, lens, b, views);
     }
-    sbl__free(gl->base, data);
+    if (result == SBL_SUCCESS && end > first) {
+        result = sbl__use(d, &sbl__recipe_sensor, b->scene->features);
+        if (result != SBL_SUCCESS) return result;
+        sbl__raster_pass(d, r, lens, SBL__PASS_DEPTH | SBL__PASS_CLIP);
+        sbl__scene_bind(d, b->scene);
+        sbl__set_int(d, "lamps_apart", b->spec->lamps_apart);
+        sbl__set_float(d, "per_length", 1 / g->extent);
+        sbl__set_float(d, "depth_scale", SBL__VIEW_DEPTH);
+        sbl__set_float(d, "epsilon", b->spec->epsilon);
+        sbl__set_float(d, "radiance_scale", r->radiance_scale);
+        sbl__draw_mesh(d, g->vertex_array, first, end - first, views);
+    }
+    if (result == SBL_SUCCESS && b->scene->draw && end == g->triangle_count) sbl__raster_host(d, r, lens, b);
     return result;
 }
 
-/* ======================================================================================================== >>refine
-   Which points get sensors (section III-G), level by level, and what the other pixels get from them.
+/* For lamps.glsl: what the views show of the host's drawing. */
+static void sbl__raster_bind(sbl__device *d, const sbl__raster *r, float extent) {
+    const sbl__layout *l = &r->lenses[SBL__LENS_SITE].layout;
+    int i, k;
+    sbl__bind(d, "atlas", &r->atlas);
+    for (i = 0; i < l->view_count; i++) {
+        char name[32];
+        float rect[4];
+        snprintf(name, sizeof name, "view_rects[%d]", i);
+        for (k = 0; k < 4; k++) rect[k] = (float)l->rects[i][k];
+        sbl__set_vec4(d, name, rect);
+    }
+    sbl__set_ints(d, "sheet", sbl__layout_pitch(l, 0), sbl__layout_pitch(l, 1));
+    sbl__set_int(d, "view_count", l->view_count);
+    sbl__set_float(d, "tangent", (float)l->tangent);
+    sbl__set_float(d, "extent", extent);
+}
 
-   A cell is a rectangle of pixels with sensors at its four corners. It is split where two corners that belong together differ by more than
-   the threshold, or where some pixel inside belongs to no corner. Neighbours share corners; a sensor that a split puts on the edge
-   of a neighbour tests that neighbour too, so that a shadow's edge is followed even where it slips between the corners.
+/* >>glsl reduce_blocks: shaders_embedded/reduce_blocks.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_reduce_blocks[] = {
+"// First half of a rasterised sensor's sum: every output texel adds up one block of the atlas.\n",
+"uniform sampler2D atlas;    // Ck r g b, signed distance\n",
+"uniform sampler2D weights;  // of one sheet: the texel's projected solid angle over pi, its ray's length at unit depth\n",
+"uniform int block;          // texels across a block\n",
+"uniform ivec2 blocks;       // of one sheet\n",
+"layout(location = 0) out vec4 out_sum;   // sum of weight * Ck; weight that sees back faces\n",
+"layout(location = 1) out vec4 out_hits;  // weight that sees surfaces; weight * distance; nearest distance; 0\n",
+"\n",
+"void main() {\n",
+"    ivec2 at = ivec2(gl_FragCoord.xy), corner = at * block, sheet_corner = (at % blocks) * block;\n",
+"    vec4 sum = vec4(0), hits = vec4(0, 0, 1e30, 0);\n",
+"    for (int y = 0; y < block; y++) {\n",
+"        vec3 row = vec3(0);\n",
+"        float back = 0.0;\n",
+"        for (int x = 0; x < block; x++) {\n",
+"            vec4 texel = texelFetch(atlas, corner + ivec2(x, y), 0);\n",
+"            vec2 weight = texelFetch(weights, sheet_corner + ivec2(x, y), 0).xy;\n",
+"            row += weight.x * texel.rgb;\n",
+"            float seen = weight.x > 0.0 && texel.a != 0.0 ? weight.x : 0.0;\n",
+"            float length_to_hit = abs(texel.a) * weight.y;\n",
+"            back += texel.a < 0.0 ? seen : 0.0;\n",
+"            hits.x += seen;\n",
+"            hits.y += seen * min(length_to_hit, 1e30);\n",
+"            hits.z = seen > 0.0 ? min(hits.z, length_to_hit) : hits.z;\n",
+"        }\n",
+"        sum += vec4(row, back);\n",
+"    }\n",
+"    out_sum = sum;\n",
+"    out_hits = hits;\n",
+"}\n",
+0 };
+/* <<glsl */
+
+static const sbl__recipe sbl__recipe_reduce_blocks = {
+    "reduce_blocks", { sbl__glsl_fullscreen_vertex }, { sbl__glsl_reduce_blocks }, { NULL }, 0
+};
+
+/* Block sums of rows of slots. */
+static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__blocks *b,
+                                     int row, int rows) {
+    const sbl__layout *l = &lens->layout;
+    const sbl_result result = sbl__use(d, &sbl__recipe_reduce_blocks, 0);
+    const int area[4] = { 0, row * l->blocks[1], lens->slots.columns * l->blocks[0], rows * l->blocks[1] };
+    if (result != SBL_SUCCESS) return result;
+    sbl__pass(d, &b->target, area, NULL, 0);
+    sbl__bind(d, "atlas", &r->atlas);
+    sbl__bind(d, "weights", &lens->weights);
+    sbl__set_int(d, "block", l->block);
+    sbl__set_ints(d, "blocks", l->blocks[0], l->blocks[1]);
+    sbl__draw_screen(d);
+    return SBL_SUCCESS;
+}
+
+/* ======================================================================================================== >>trace
+   The other way: a sensor's directions as rays through the hierarchy, in a shader. Its cost grows with the logarithm of
+   the scene. */
+
+#define SBL__TRACE_CHUNK 16        /* rays of an invocation, at most */
+#define SBL__TRACE_COLUMNS 256     /* looks across, at most */
+#define SBL__TRACE_TEXELS 1024     /* texels across the block sums, at most */
+
+typedef struct sbl__trace {
+    sbl__slots slots[SBL__LENSES]; /* of looks at a site, and of probes: one ray back to the surface */
+    int rays;                      /* over the hemisphere */
+    sbl__table sequence;
+} sbl__trace;
+
+static void sbl__trace_free(const sbl__device *d, sbl__trace *t) {
+    sbl__table_delete(d, &t->sequence);
+    memset(t, 0, sizeof *t);
+}
+
+static sbl_result sbl__trace_setup(const sbl__device *d, sbl__trace *t, const sbl__scene *scene, const sbl__spec *spec,
+                                   sbl__blocks *blocks) {
+    const int most = sbl__rays_most(&scene->hierarchy), few = SBL__MAX(1, most / 4);
+    const int chunk = SBL__MIN(SBL__MIN(SBL__TRACE_CHUNK, few), (spec->rays + 7) / 8);
+    const int chunks = (spec->rays + chunk - 1) / chunk, parts = sbl__aim_parts(spec, &scene->hierarchy);
+    sbl__slots *s = &t->slots[SBL__LENS_SITE], *probe = &t->slots[SBL__LENS_PROBE];
+    sbl_result result;
+    int rows;
+    t->rays = spec->rays;
+    s->blocks[0] = SBL__MIN(chunks, 4);
+    s->blocks[1] = (chunks + 3) / 4;
+    s->columns = SBL__MIN(SBL__TRACE_TEXELS, d->gl.capabilities.max_texture_size) / s->blocks[0];
+    s->columns = SBL__MAX(1, SBL__MIN(SBL__TRACE_COLUMNS, s->columns));
+    rows = SBL__MIN(SBL__TRACE_TEXELS / SBL__MAX(s->blocks[1], parts), SBL__SLOTS_MOST / s->columns);
+    rows = SBL__MAX(1, rows);
+    s->count = s->columns * rows;
+    *probe = *s;
+    probe->blocks[0] = probe->blocks[1] = 1;
+    result = sbl__sequence_store(d, &t->sequence, t->rays, 1);
+    if (result == SBL_SUCCESS) result = sbl__blocks_make(d, blocks, s->columns * s->blocks[0], rows * s->blocks[1]);
+    return result;
+}
+
+/* >>glsl trace: shaders_embedded/trace.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_trace[] = {
+"// A part of one sensor's rays: cosine-distributed directions, so that all weigh the same. The outputs are those of\n",
+"// reduce_blocks.glsl.\n",
+"uniform usamplerBuffer sbl_sequence;  // points of the Sobol sequence, two 32-bit fractions each, along a Morton curve\n",
+"uniform int rays;                     // of a sensor\n",
+"uniform float spread;                 // 1: the cosine's whole hemisphere; 0: all rays go along the normal\n",
+"uniform vec3 sky;\n",
+"SBL_OUT(0, out_sum);\n",
+"SBL_OUT(1, out_hits);\n",
+"\n",
+"vec3 sbl_radiance(sbl_Hit hit) {\n",
+"    int object = int(sbl_triangle_object(hit.triangle));\n",
+"    sbl_Attributes at = sbl_Attributes(vec2(0), vec4(1));\n",
+"#ifdef SBL_TEXTURED\n",
+"    sbl_when (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);\n",
+"#endif\n",
+"    return sbl_outgoing(object, hit.back, at);\n",
+"}\n",
+"\n",
+"void main() {\n",
+"    ivec2 texel = sbl_texel_of_invocation(), sheet = texel / blocks, within = texel % blocks;\n",
+"    int sensor = sheet.y * columns + sheet.x - first_slot;\n",
+"    if (sensor < 0 || sensor >= count) sbl_leave;\n",
+"    vec3 position = sbl_look_position(sensor);\n",
+"    mat3 frame = sbl_frame(sbl_look_normal(sensor));\n",
+"    uvec2 scramble = sbl_look_scramble(sensor);\n",
+"    int skip = int(sbl_look_number(sensor)) * rays;\n",
+"\n",
+"    vec4 sum = vec4(0), hits = vec4(0, 0, 1e30, 0);\n",
+"    for (int i = within.y * blocks.x + within.x; i < rays; i += blocks.x * blocks.y) {\n",
+"        uvec2 fraction = texelFetch(sbl_sequence, skip + i).xy ^ scramble;\n",
+"        vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0 * vec2(spread, 1.0);\n",
+"        float radius = sqrt(u.x), angle = 6.283185307 * u.y;\n",
+"        vec3 direction = frame * vec3(radius * cos(angle), radius * sin(angle), sqrt(1.0 - u.x));\n",
+"        sbl_Hit hit = sbl_trace(position, direction, 1e30);\n",
+"        if (hit.triangle < 0) sum.rgb += sky + sbl_sky(direction);\n",
+"        else {\n",
+"            sum += vec4(sbl_radiance(hit), hit.back ? 1.0 : 0.0);\n",
+"            hits.xy += vec2(1.0, hit.distance);\n",
+"            hits.z = min(hits.z, hit.distance);\n",
+"        }\n",
+"    }\n",
+"    sum /= float(rays);\n",
+"    float light = dot(sum.rgb, vec3(1.0 / 3.0));\n",
+"    sbl_write(out_sum, sum);\n",
+"    sbl_write(out_hits, vec4(hits.xy / float(rays), hits.z, light * light));\n",
+"}\n",
+0 };
+/* <<glsl */
+
+static const sbl__recipe sbl__recipe_trace = {
+    "trace", { sbl__glsl_fullscreen_vertex },
+    { sbl__glsl_scene, sbl__glsl_outgoing, sbl__glsl_carrier, sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_trace },
+    { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
+      &sbl__look_words_record },
+    SBL__TEXTURED | SBL__WIDE | SBL__COMPUTE
+};
+
+/* Traces a batch, which has been sent; slots->blocks invocations share a look's rays. probe: one ray a look, along its
+   normal. */
+static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl__batch *b, int probe) {
+    const sbl_result result = sbl__use(d, &sbl__recipe_trace, b->scene->features);
+    if (result != SBL_SUCCESS) return result;
+    sbl__rays_bind(d, b, &t->sequence, b->slots->blocks);
+    sbl__set_int(d, "rays", probe ? 1 : t->rays);
+    sbl__set_int(d, "lamps_apart", b->spec->lamps_apart);
+    sbl__set_float(d, "epsilon", b->spec->epsilon);
+    sbl__set_float(d, "spread", probe ? 0.0f : 1.0f);
+    sbl__rays_send(d, b, &b->blocks->target, b->slots->blocks);
+    return SBL_SUCCESS;
+}
+
+/* ======================================================================================================== >>job
+   The primitive: sites in, readings out. It does not know what its sites are for, and nobody above it knows how it
+   sees. What a picture asks of pixels, others ask of vertices or points in the air; all are short loops over this:
+
+       sbl__job_begin(job, scene, task)                       sites, where their readings go, and how sensors see
+       while (sbl__job_step(device, job, slice) == SBL_UNFINISHED) ...
+                                                              each step is one bounded piece
+   A job makes its resources anew where the task or the scene asks for other ones than before, and keeps them for the
+   next job. What fails half-way leaves a job that can be begun again.
+
+   A site's sensor looks up to four times, each look turned further; its reading is their mean. The looks fill the slots
+   of a texture, are reduced to a result each, and the next filling begins:
+
+       set up -> { draw -> reduce -> ... } -> read -> { draw -> reduce ... -> read } -> done
+                                                      looks back, from sites that may be stuck                     */
+
+#define SBL__RESULTS_WIDTH 1024
+#define SBL__READ_ROWS 16          /* of results, read at once */
+#define SBL__LOOKS_FIRST 16        /* drawn at once while nothing is known of their pace */
+#define SBL__SUSPECT_SHARE 0.02f   /* of back faces that a look may see unsuspected */
+#define SBL__STUCK_SHARE 0.75f     /* of its offset within which a look must not meet anything on its way back */
+#define SBL__VISIBLE_DIFFERENCE 0.01f  /* relative; below it all readings are as good as equal */
+#define SBL__TEXEL_NOISE 2.6f      /* of views, relative, times their size: measured for a lamp in a box */
+
+/* What the GPU found for each look: sum of weight * radiance, weight that sees back faces; weight that sees surfaces,
+   weight * distance, nearest distance, variance. Look n stands at n % SBL__RESULTS_WIDTH, n / SBL__RESULTS_WIDTH, and
+   stays there until the next job. */
+typedef sbl__blocks sbl__results;
+
+typedef struct sbl__task {
+    sbl__spec spec;
+    const sbl__site *sites;     /* must stay until the job is done */
+    sbl_reading *readings;      /* likewise: one a site */
+    int site_count;
+    int first_look;             /* the number that looks are counted from: which slot they stand in */
+} sbl__task;
+
+typedef struct sbl__job_counts { int64_t looks, views, texels, rays; int readbacks; } sbl__job_counts;
+
+typedef struct sbl__job {
+    enum { SBL__JOB_IDLE, SBL__JOB_SETUP, SBL__JOB_WEIGH, SBL__JOB_COMPILE, SBL__JOB_DRAW, SBL__JOB_AIM,
+           SBL__JOB_REDUCE, SBL__JOB_READ, SBL__JOB_DONE } stage;
+    sbl__task task;
+    const sbl__scene *scene;
+    sbl__job_counts counts;     /* since the caller last cleared them */
+    /* what the resources were made for, where `ready` */
+    int ready;
+    sbl__spec made_for;
+    uint32_t made_for_scene;
+    sbl__raster raster;
+    sbl__trace trace;
+    sbl__aim aim;
+    sbl__blocks blocks;
+    sbl__results results[SBL__LENSES];
+    sbl__table table;           /* the looks of a batch, as shaders that send rays take them */
+    sbl__look *looks;           /* in the slots */
+    int look_most;              /* of a batch */
+    /* the round under way: of sites, then of probes */
+    int lens;                   /* SBL__LENS_SITE or SBL__LENS_PROBE */
+    int *suspects;              /* sites whose first look must look back */
+    int suspect_count, suspect_room;
+    int look_count;             /* of the round */
+    int site, look;             /* that are next: to be drawn, to be read */
+    int drawn, aimed, reduced;  /* looks */
+    int cleared;                /* the atlas is, for the present filling */
+    int batch;                  /* looks of a batch whose triangles are not all drawn */
+    int triangle;               /* of these, the next one */
+    int row;                    /* of results, the next one to be read */
+    sbl__pace draw_pace[SBL__LENSES], aim_pace, reduce_pace[SBL__LENSES];
+} sbl__job;
+
+static void sbl__job_free(const sbl__device *d, sbl__job *j) {
+    int i;
+    sbl__raster_free(d, &j->raster);
+    sbl__trace_free(d, &j->trace);
+    sbl__aim_free(d, &j->aim);
+    sbl__blocks_free(d, &j->blocks);
+    for (i = 0; i < SBL__LENSES; i++) sbl__blocks_free(d, &j->results[i]);
+    sbl__table_delete(d, &j->table);
+    sbl__free(d->base, j->looks);
+    sbl__free(d->base, j->suspects);
+    memset(j, 0, sizeof *j);
+}
+
+/* >>job: how sensors see */
+
+/* s has its defaults filled in, its back end chosen. The scene is ready (sbl__scene_step), but for the paper's mode. */
+static void sbl__spec_make(sbl__spec *spec, const sbl__seeing *s, const sbl__scene *scene, const sbl_context_desc *c) {
+    const sbl__environment *e = &scene->environment;
+    const int dark = !e->pixels && !(s->epsilon + e->sky[0] + e->sky[1] + e->sky[2] > 0);
+    memset(spec, 0, sizeof *spec);
+    spec->traced = s->backend == SBL_BACKEND_TRACE;
+    spec->paper = s->mode == SBL_MODE_PAPER;
+    spec->lamps_apart = !spec->paper;
+    spec->lamp_rays = spec->lamps_apart && scene->lights.leaves ? s->rays : 0;
+    spec->epsilon = s->epsilon;
+    spec->seed = s->seed;
+    spec->batch = c->batch;
+    if (spec->traced)  /* where only lamps shine, rays over the hemisphere merely tell where a sensor stands: few do */
+        spec->rays = dark ? SBL__MIN(s->rays, SBL__TRACE_CHUNK) : s->rays;
+    else {
+        spec->hemicube = s->sensor_kind == SBL_SENSOR_HEMICUBE;
+        spec->size = s->sensor_size;
+        spec->fov = s->sensor_fov;
+        spec->atlas_size = c->atlas_size;
+    }
+}
+
+/* AUTO is a rule, not a stopwatch: the same input gives the same picture. */
+static sbl_backend sbl__choose_backend(const sbl__seeing *s, const sbl__scene *scene) {
+    const int views = s->mode == SBL_MODE_PAPER || s->sensor_kind == SBL_SENSOR_SINGLE || scene->draw;
+    return s->backend != SBL_BACKEND_AUTO ? s->backend : views ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
+}
+
+/* Must the scene be ready for it? */
+static int sbl__seeing_needs_rays(const sbl__seeing *s) { return s->mode != SBL_MODE_PAPER; }
+
+/* How far sensors stand off a surface whose triangle reaches so far; 0: unknown. */
+static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, float reach) {
+    return SBL__OFFSET * (spec->traced && reach > 0 ? reach : scene->geometry.extent);
+}
+
+/* Noise of readings that `noise` does not tell, relative. */
+static float sbl__spec_tolerance(const sbl__spec *spec) {
+    return spec->traced ? SBL__VISIBLE_DIFFERENCE : SBL__TEXEL_NOISE / (float)spec->size;
+}
+
+static int sbl__spec_equal(const sbl__spec *a, const sbl__spec *b) {
+    return a->traced == b->traced && a->paper == b->paper && a->hemicube == b->hemicube && a->size == b->size &&
+           a->fov == b->fov && a->rays == b->rays && a->lamp_rays == b->lamp_rays && a->lamps_apart == b->lamps_apart &&
+           a->epsilon == b->epsilon && a->atlas_size == b->atlas_size && a->batch == b->batch;
+}
+
+/* >>job: setting up */
+
+static const sbl__slots *sbl__lens_slots(const sbl__job *j, int lens) {
+    return j->task.spec.traced ? &j->trace.slots[lens] : &j->raster.lenses[lens].slots;
+}
+
+/* Of the round under way. */
+static const sbl__slots *sbl__job_slots(const sbl__job *j) { return sbl__lens_slots(j, j->lens); }
+
+/* Textures, sequences, room for a batch of looks. */
+static sbl_result sbl__job_setup(const sbl__device *d, sbl__job *j) {
+    const sbl__spec *spec = &j->task.spec;
+    int room = 0, lens;
+    sbl_result result;
+    j->lens = SBL__LENS_SITE;
+    if (spec->traced) result = sbl__trace_setup(d, &j->trace, j->scene, spec, &j->blocks);
+    else result = sbl__raster_setup(d, &j->raster, j->scene, spec, &j->blocks);
+    if (result == SBL_SUCCESS) result = sbl__aim_setup(d, &j->aim, spec, sbl__job_slots(j), &j->scene->hierarchy);
+    if (result != SBL_SUCCESS) return result;
+    for (lens = 0; lens < SBL__LENSES; lens++) room = SBL__MAX(room, sbl__lens_slots(j, lens)->count);
+    sbl__free(d->base, j->looks);
+    j->looks = (sbl__look *)sbl__alloc_raw(d->base, (size_t)room, sizeof *j->looks);
+    j->look_most = spec->batch > 0 ? spec->batch : room;
+    memset(j->draw_pace, 0, sizeof j->draw_pace);
+    memset(&j->aim_pace, 0, sizeof j->aim_pace);
+    memset(j->reduce_pace, 0, sizeof j->reduce_pace);
+    return j->looks ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+}
+
+/* Weights of both kinds of views; the second ones are few. */
+static sbl_result sbl__job_weigh(const sbl__device *d, sbl__job *j, const sbl__slice *slice) {
+    const int paper = j->task.spec.paper;
+    for (; j->lens < SBL__LENSES && !j->task.spec.traced; j->lens++) {
+        const sbl_result result = sbl__raster_weigh(d, &j->raster, &j->raster.lenses[j->lens],
+                                                    paper && j->lens == SBL__LENS_SITE, slice);
+        if (result != SBL_SUCCESS) return result;
+    }
+    j->lens = SBL__LENS_SITE;
+    return SBL_SUCCESS;
+}
+
+/* >>glsl reduce_sum: shaders_embedded/reduce_sum.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_reduce_sum[] = {
+"// Second half, and the only one of a traced sensor: every output texel adds up the blocks of one sensor and is its\n",
+"// result.\n",
+"uniform sampler2D block_sums, block_hits;\n",
+"uniform ivec2 blocks;  // of one sheet\n",
+"uniform int columns;   // sheets across the atlas\n",
+"uniform int slots;     // sheets in the atlas\n",
+"uniform int width;     // of the results' texture\n",
+"uniform int first, last;\n",
+"uniform sampler2D lights;  // parts texels a sensor, one below the other, whose mean comes on top: light; its variance\n",
+"uniform int parts;         // 0: there are none\n",
+"layout(location = 0) out vec4 out_sum;\n",
+"layout(location = 1) out vec4 out_hits;  // w: the variance of the light's mean over the channels, where rays sampled it\n",
+"\n",
+"void main() {\n",
+"    int sensor = int(gl_FragCoord.y) * width + int(gl_FragCoord.x);\n",
+"    if (sensor < first || sensor > last) discard;\n",
+"    int slot = sensor % slots;\n",
+"    ivec2 corner = ivec2(slot % columns, slot / columns) * blocks;\n",
+"    vec4 sum = vec4(0), hits = vec4(0, 0, 1e30, 0);\n",
+"    for (int y = 0; y < blocks.y; y++) {\n",
+"        vec4 row = vec4(0), row_hits = vec4(0);\n",
+"        for (int x = 0; x < blocks.x; x++) {\n",
+"            row += texelFetch(block_sums, corner + ivec2(x, y), 0);\n",
+"            vec4 h = texelFetch(block_hits, corner + ivec2(x, y), 0);\n",
+"            row_hits += h;\n",
+"            hits.z = min(hits.z, h.z);\n",
+"        }\n",
+"        sum += row;\n",
+"        hits.xyw += row_hits.xyw;\n",
+"    }\n",
+"    // where rays were traced, blocks are independent estimates of a share each, and w sums their squares\n",
+"    float n = float(blocks.x * blocks.y), mean = dot(sum.rgb, vec3(1.0 / 3.0));\n",
+"    hits.w = n > 1.0 ? max((hits.w - mean * mean / n) * n / (n - 1.0), 0.0) : 0.0;\n",
+"    for (int i = 0; i < parts; i++) {\n",
+"        ivec2 at = ivec2(slot % columns, slot / columns * parts + i);\n",
+"        vec4 light = texelFetch(lights, at, 0) / float(parts);\n",
+"        sum.rgb += light.rgb;\n",
+"        hits.w += light.a / float(parts);\n",
+"    }\n",
+"    out_sum = sum;\n",
+"    out_hits = hits;\n",
+"}\n",
+0 };
+/* <<glsl */
+
+static const sbl__recipe sbl__recipe_reduce_sum = {
+    "reduce_sum", { sbl__glsl_fullscreen_vertex }, { sbl__glsl_reduce_sum }, { NULL }, 0
+};
+
+/* Compiles one of the programs that the job needs. SBL_SUCCESS: all are there. */
+static sbl_result sbl__job_compile(sbl__device *d, const sbl__job *j) {
+    const sbl__spec *spec = &j->task.spec;
+    const unsigned features = j->scene->features;
+    const struct { const sbl__recipe *recipe; int needed; unsigned features; } programs[] = {
+        { &sbl__recipe_trace, spec->traced, features },
+        { &sbl__recipe_sensor, !spec->traced, features },
+        { &sbl__recipe_sky, !spec->traced && j->scene->environment.pixels && !spec->paper, features },
+        { &sbl__recipe_lamps, spec->lamp_rays > 0, sbl__aim_features(j->scene) },
+        { &sbl__recipe_reduce_blocks, !spec->traced, 0 },
+        { &sbl__recipe_reduce_sum, 1, 0 }
+    };
+    int i;
+    for (i = 0; i < SBL__COUNT(programs); i++) {
+        sbl_result result;
+        if (!programs[i].needed || sbl__program_find(d, programs[i].recipe, programs[i].features)) continue;
+        result = sbl__program_need(d, programs[i].recipe, programs[i].features);
+        return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
+    }
+    return SBL_SUCCESS;
+}
+
+/* >>job: a round */
+
+/* Starts with the task's sites, or with the suspects. */
+static sbl_result sbl__job_start_round(const sbl__device *d, sbl__job *j, int lens) {
+    const int most = d->gl.capabilities.max_texture_size;
+    double looks = 0;
+    int i, rows;
+    j->lens = lens;
+    j->site = j->look = j->cleared = j->batch = j->row = 0;
+    j->drawn = j->aimed = j->reduced = lens == SBL__LENS_SITE ? j->task.first_look : 0;
+    if (lens == SBL__LENS_PROBE) looks = j->suspect_count;
+    else for (i = 0; i < j->task.site_count; i++) looks += sbl__looks_of(&j->task.spec, &j->task.sites[i]);
+    rows = (int)SBL__MIN((looks + j->drawn + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH, INT_MAX);
+    if (rows > most) {
+        sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "%.0f sensors in one job; the driver's textures hold "
+                 "%.0f; use a smaller picture", looks, (double)most * SBL__RESULTS_WIDTH);
+        return SBL_ERROR_UNSUPPORTED;
+    }
+    j->look_count = j->drawn + (int)looks;
+    if (j->results[lens].sums.height >= rows && j->results[lens].target.id) return SBL_SUCCESS;
+    return sbl__blocks_make(d, &j->results[lens], SBL__RESULTS_WIDTH, rows);
+}
+
+/* The next look of the round. A probe stands where the site's first look stands, and looks back. */
+static void sbl__job_next_look(sbl__job *j, int number, sbl__look *out) {
+    const int probe = j->lens == SBL__LENS_PROBE;
+    const sbl__site *site = &j->task.sites[probe ? j->suspects[j->site] : j->site];
+    const int looks = probe ? 1 : sbl__looks_of(&j->task.spec, site);
+    int k;
+    sbl__look_make(&j->task.spec, site, j->look, looks, out);
+    out->sensor = number;
+    for (k = 0; probe && k < 3; k++) out->normal[k] = -site->geometric_normal[k];
+    if (++j->look == looks) { j->look = 0; j->site++; }
+}
+
+/* `count` looks from number `first` of the round on. */
+static void sbl__job_batch(const sbl__job *j, int first, int count, sbl__batch *out) {
+    memset(out, 0, sizeof *out);
+    out->scene = j->scene;
+    out->spec = &j->task.spec;
+    out->slots = sbl__job_slots(j);
+    out->blocks = &j->blocks;
+    out->slot = first % out->slots->count;
+    out->looks = j->looks + out->slot;
+    out->table = &j->table;
+    out->count = count;
+}
+
+/* The slots that the present filling will use are filled with sky. */
+static sbl_result sbl__job_clear(const sbl__device *d, sbl__job *j) {
+    const sbl__slots *slots = sbl__job_slots(j);
+    const int used = SBL__MIN(slots->count, j->drawn % slots->count + j->look_count - j->drawn);
+    if (!j->task.spec.traced) sbl__raster_clear(d, &j->raster, &j->raster.lenses[j->lens], j->scene, used);
+    j->cleared = 1;
+    return sbl__gl_check(&d->gl);
+}
+
+/* One piece of drawing: as many looks as the slice has time for and the slots have room for, or a part of one. */
+static sbl_result sbl__job_draw(sbl__device *d, sbl__job *j, const sbl__slice *slice) {
+    const sbl__spec *spec = &j->task.spec;
+    const int all = j->scene->geometry.triangle_count, slots = sbl__job_slots(j)->count, slot = j->drawn % slots;
+    const double room = sbl__pace_begin(&j->draw_pace[j->lens], slice, SBL__LOOKS_FIRST, 1e-6);
+    sbl__batch b;
+    double part = 1;  /* of all triangles */
+    int i, end = all;
+    sbl_result result;
+    if (!j->batch) {
+        j->batch = (int)SBL__MIN(SBL__MAX(room, 1.0), (double)j->look_most);
+        j->batch = SBL__MIN(j->batch, SBL__MIN(j->look_count - j->drawn, slots - slot));
+        j->triangle = 0;
+        for (i = 0; i < j->batch; i++) sbl__job_next_look(j, j->drawn + i, &j->looks[slot + i]);
+    }
+    sbl__job_batch(j, j->drawn, j->batch, &b);
+    if (spec->traced) {
+        result = sbl__looks_send(d, &j->table, b.looks, b.count);
+        if (result == SBL_SUCCESS) result = sbl__trace_draw(d, &j->trace, &b, j->lens == SBL__LENS_PROBE);
+    } else {
+        if (room < j->batch) end = (int)SBL__MIN(j->triangle + SBL__MAX(1.0, ceil(all * room / j->batch)), (double)all);
+        if (all) part = (double)(end - j->triangle) / all;
+        result = sbl__raster_draw(d, &j->raster, &j->raster.lenses[j->lens], &b, j->triangle, end);
+    }
+    sbl__pace_end(d, &j->draw_pace[j->lens], j->batch * part);
+    if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
+    j->triangle = end;
+    if (result != SBL_SUCCESS || end < all) return result;
+    j->drawn += j->batch;
+    j->batch = 0;
+    if (j->drawn < j->look_count && j->drawn % slots) return SBL_SUCCESS;
+    j->stage = spec->lamp_rays && j->lens == SBL__LENS_SITE ? SBL__JOB_AIM : SBL__JOB_REDUCE;
+    j->cleared = 0;
+    return SBL_SUCCESS;
+}
+
+/* One piece of sending rays towards lamps. All views have been drawn: what the host draws stands between. */
+static sbl_result sbl__job_aim(sbl__device *d, sbl__job *j, const sbl__slice *slice) {
+    const double room = SBL__MIN(sbl__pace_begin(&j->aim_pace, slice, SBL__LOOKS_FIRST, 1), (double)j->look_most);
+    const int count = (int)SBL__MIN(room, (double)(j->drawn - j->aimed)), blocks[2] = { 1, j->aim.parts };
+    sbl__batch b;
+    sbl_result result;
+    sbl__job_batch(j, j->aimed, count, &b);
+    result = sbl__looks_send(d, &j->table, b.looks, b.count);
+    if (result == SBL_SUCCESS) result = sbl__use(d, &sbl__recipe_lamps, sbl__aim_features(j->scene));
+    if (result != SBL_SUCCESS) return result;
+    sbl__aim_bind(d, &j->aim, &b, blocks, j->task.spec.traced ? 1 : j->raster.radiance_scale);
+    if (j->scene->draw) sbl__raster_bind(d, &j->raster, j->scene->geometry.extent);
+    sbl__rays_send(d, &b, &j->aim.target, blocks);
+    sbl__pace_end(d, &j->aim_pace, count);
+    j->aimed += count;
+    if (j->aimed == j->drawn) j->stage = SBL__JOB_REDUCE;
+    return sbl__gl_check(&d->gl);
+}
+
+/* Sums of looks first .. last into their results. */
+static sbl_result sbl__job_sum(sbl__device *d, const sbl__job *j, int first, int last) {
+    const sbl__slots *slots = sbl__job_slots(j);
+    const sbl__results *out = &j->results[j->lens];
+    const int aimed = j->task.spec.lamp_rays && j->lens == SBL__LENS_SITE;
+    const int row = first / SBL__RESULTS_WIDTH, rows = last / SBL__RESULTS_WIDTH - row + 1;
+    const sbl_result result = sbl__use(d, &sbl__recipe_reduce_sum, 0);
+    if (result != SBL_SUCCESS) return result;
+    sbl__pass_rows(d, &out->target, row, rows);
+    sbl__bind(d, "block_sums", &j->blocks.sums);
+    sbl__bind(d, "block_hits", &j->blocks.hits);
+    sbl__bind(d, "lights", aimed ? &j->aim.light : &j->blocks.sums);
+    sbl__set_int(d, "parts", aimed ? j->aim.parts : 0);
+    sbl__set_ints(d, "blocks", slots->blocks[0], slots->blocks[1]);
+    sbl__set_int(d, "columns", slots->columns);
+    sbl__set_int(d, "slots", slots->count);
+    sbl__set_int(d, "width", SBL__RESULTS_WIDTH);
+    sbl__set_int(d, "first", first);
+    sbl__set_int(d, "last", last);
+    sbl__draw_screen(d);
+    return SBL_SUCCESS;
+}
+
+/* One piece of reducing the slots' present filling: rows of slots. */
+static sbl_result sbl__job_reduce(sbl__device *d, sbl__job *j, const sbl__slice *slice) {
+    const sbl__slots *slots = sbl__job_slots(j);
+    const int slot = j->reduced % slots->count, skip = slot % slots->columns, row = slot / slots->columns;
+    const double room = sbl__pace_begin(&j->reduce_pace[j->lens], slice, SBL__LOOKS_FIRST, 1);
+    const int most = (int)SBL__MIN(room / slots->columns + 1, (double)INT_MAX / slots->columns - 1) * slots->columns;
+    const int count = SBL__MIN(j->drawn - j->reduced, most - skip), rows = (skip + count - 1) / slots->columns + 1;
+    sbl_result result = SBL_SUCCESS;
+    if (!j->task.spec.traced)
+        result = sbl__raster_reduce(d, &j->raster, &j->raster.lenses[j->lens], &j->blocks, row, rows);
+    if (result == SBL_SUCCESS) result = sbl__job_sum(d, j, j->reduced, j->reduced + count - 1);
+    sbl__pace_end(d, &j->reduce_pace[j->lens], rows * slots->columns);
+    if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
+    if (result != SBL_SUCCESS) return result;
+    j->reduced += count;
+    if (j->reduced < j->drawn) return SBL_SUCCESS;
+    j->stage = j->drawn < j->look_count ? SBL__JOB_DRAW : SBL__JOB_READ;
+    if (j->stage == SBL__JOB_READ) {
+        j->site = j->look = 0;
+        j->row = (j->lens == SBL__LENS_SITE ? j->task.first_look : 0) / SBL__RESULTS_WIDTH;
+    }
+    return SBL_SUCCESS;
+}
+
+/* >>job: reading */
+
+/* Adds a look's result to its site's reading; the last one makes it a mean. */
+static void sbl__job_take(sbl__job *j, const float sum[4], const float hits[4]) {
+    const sbl__spec *spec = &j->task.spec;
+    const float scale = spec->traced ? 1 : j->raster.radiance_scale;
+    const float length = spec->traced ? 1 : j->scene->geometry.extent;
+    const int looks = sbl__looks_of(spec, &j->task.sites[j->site]);
+    sbl_reading *r = &j->task.readings[j->site];
+    float noise = 0;
+    int k;
+    if (j->look == 0) {
+        memset(r, 0, sizeof *r);
+        r->valid = 1;
+        r->hit_share = hits[0];
+        r->back_share = hits[0] > 0 ? sum[3] / hits[0] : 0;
+        r->hit_mean = hits[0] > 0 ? hits[1] / hits[0] * length : 0;
+        r->hit_min = hits[0] > 0 ? hits[2] * length : 0;
+    }
+    for (k = 0; k < 3; k++) r->radiance[k] += sum[k] / scale;
+    if (spec->traced || spec->lamp_rays) noise = (float)sqrt((double)hits[3]) / scale;
+    r->noise += noise * noise;
+    if (++j->look < looks) return;
+    for (k = 0; k < 3; k++) r->radiance[k] /= (float)looks;
+    r->noise = (float)sqrt((double)r->noise) / (float)looks;
+    j->look = 0;
+    j->site++;
+}
+
+/* A sensor is stuck when the little way it was moved off its surface took it through another: it then stands inside
+   something that the visible point is outside of. What it sees tells little: whole rooms are modelled inside out, and
+   what shines inside a thing may hide its walls. So a sensor that sees any back faces is asked to look back to where it
+   came from, and is stuck when it sees something nearer than its own surface. */
+static sbl_result sbl__job_suspect(sbl__base *base, sbl__job *j, int site) {
+    if (!(j->task.readings[site].back_share > SBL__SUSPECT_SHARE)) return SBL_SUCCESS;
+    if (!sbl__grow(base, &j->suspects, &j->suspect_room, j->suspect_count + 1, sizeof *j->suspects))
+        return SBL_ERROR_OUT_OF_MEMORY;
+    j->suspects[j->suspect_count++] = site;
+    return SBL_SUCCESS;
+}
+
+static void sbl__job_convict(sbl__job *j, const float hits[4]) {
+    const int site = j->suspects[j->site++];
+    const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent;
+    if (hits[0] > 0 && hits[2] * length < SBL__STUCK_SHARE * j->task.sites[site].offset)
+        j->task.readings[site].valid = 0;
+}
+
+/* One piece of reading results: a few rows at once. */
+static sbl_result sbl__job_read(const sbl__device *d, sbl__job *j) {
+    const sbl__results *from = &j->results[j->lens];
+    const int first = j->lens == SBL__LENS_SITE ? j->task.first_look : 0;
+    const int end = (j->look_count + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH;
+    const int rows = SBL__MIN(SBL__READ_ROWS, end - j->row), count = rows * SBL__RESULTS_WIDTH;
+    float *data = (float *)sbl__alloc_raw(d->base, (size_t)count, 32);
+    sbl_result result;
+    int i;
+    if (!data) return SBL_ERROR_OUT_OF_MEMORY;
+    result = sbl__target_read(d, &from->target, 0, j->row, rows, data);
+    if (result == SBL_SUCCESS) result = sbl__target_read(d, &from->target, 1, j->row, rows, data + 4 * (size_t)count);
+    j->counts.readbacks += 2;
+    for (i = 0; i < count && result == SBL_SUCCESS; i++) {
+        const int look = j->row * SBL__RESULTS_WIDTH + i;
+        const float *sum = data + 4 * (size_t)i, *hits = sum + 4 * (size_t)count;
+        if (look < first || look >= j->look_count) continue;
+        if (j->lens == SBL__LENS_PROBE) sbl__job_convict(j, hits);
+        else {
+            const int site = j->site, first_of_site = j->look == 0;
+            sbl__job_take(j, sum, hits);
+            if (first_of_site) result = sbl__job_suspect(d->base, j, site);
+        }
+    }
+    sbl__free(d->base, data);
+    j->row += rows;
+    return result;
+}
+
+/* >>job: its life */
+
+static void sbl__job_begin(sbl__job *j, const sbl__scene *scene, const sbl__task *task) {
+    const int same = j->ready && j->made_for_scene == scene->version && sbl__spec_equal(&j->made_for, &task->spec);
+    j->task = *task;
+    j->scene = scene;
+    j->suspect_count = 0;
+    j->ready = same;
+    j->stage = task->site_count == 0 ? SBL__JOB_DONE : same ? SBL__JOB_COMPILE : SBL__JOB_SETUP;
+}
+
+/* Counts a round that is done. */
+static void sbl__job_count(sbl__job *j) {
+    const sbl__spec *spec = &j->task.spec;
+    const int looks = j->look_count - j->task.first_look;
+    const sbl__layout *l = &j->raster.lenses[SBL__LENS_SITE].layout;
+    if (j->lens == SBL__LENS_PROBE) return;
+    j->counts.looks += looks;
+    if (spec->traced) j->counts.rays += (int64_t)looks * spec->rays;
+    else {
+        j->counts.views += (int64_t)looks * l->view_count;
+        j->counts.texels += (int64_t)looks * l->sheet_width * l->sheet_height;
+    }
+}
+
+/* One bounded piece. SBL_SUCCESS: all readings are there. After an error the job can be begun again. */
+static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, const sbl__slice *slice) {
+    sbl_result result = SBL_SUCCESS;
+    switch (j->stage) {
+        case SBL__JOB_SETUP:
+            d->gl.doing = "making the sensors' textures";
+            result = sbl__job_setup(d, j);
+            if (result == SBL_SUCCESS) j->stage = SBL__JOB_WEIGH;
+            break;
+        case SBL__JOB_WEIGH:
+            result = sbl__job_weigh(d, j, slice);
+            if (result != SBL_SUCCESS) break;
+            j->ready = 1;
+            j->made_for = j->task.spec;
+            j->made_for_scene = j->scene->version;
+            j->stage = SBL__JOB_COMPILE;
+            break;
+        case SBL__JOB_COMPILE:
+            result = sbl__job_compile(d, j);
+            if (result == SBL_SUCCESS) result = sbl__job_start_round(d, j, SBL__LENS_SITE);
+            if (result == SBL_SUCCESS) j->stage = SBL__JOB_DRAW;
+            break;
+        case SBL__JOB_DRAW:
+            d->gl.doing = "drawing sensors";
+            result = j->cleared ? sbl__job_draw(d, j, slice) : sbl__job_clear(d, j);
+            break;
+        case SBL__JOB_AIM:
+            d->gl.doing = "sending rays towards lamps";
+            result = sbl__job_aim(d, j, slice);
+            break;
+        case SBL__JOB_REDUCE:
+            d->gl.doing = "adding up sensors";
+            result = sbl__job_reduce(d, j, slice);
+            break;
+        case SBL__JOB_READ:
+            d->gl.doing = "reading sensors";
+            result = sbl__job_read(d, j);
+            if (result != SBL_SUCCESS || j->row * SBL__RESULTS_WIDTH < j->look_count) break;
+            sbl__job_count(j);
+            if (j->lens == SBL__LENS_SITE && j->suspect_count) {
+                result = sbl__job_start_round(d, j, SBL__LENS_PROBE);
+                j->stage = SBL__JOB_DRAW;
+            } else j->stage = SBL__JOB_DONE;
+            break;
+        default: break;
+    }
+    if (result != SBL_SUCCESS && result != SBL_UNFINISHED) {
+        j->stage = SBL__JOB_IDLE;
+        j->ready = 0;
+        return result;
+    }
+    return j->stage == SBL__JOB_DONE ? SBL_SUCCESS : SBL_UNFINISHED;
+}
+
+/* How much of it is done, 0 to 1: of its first round, which is nearly all of it. */
+static float sbl__job_progress(const sbl__job *j) {
+    const int looks = j->look_count - j->task.first_look;
+    if (j->stage == SBL__JOB_DONE || j->lens == SBL__LENS_PROBE) return 1;
+    if (j->stage < SBL__JOB_DRAW || looks < 1) return 0;
+    return (float)(j->drawn - j->task.first_look) / (float)looks;
+}
+
+/* >>job: what front ends stand on: all of the context but themselves */
+typedef struct sbl__core {
+    sbl__base base;
+    sbl_context_desc desc;
+    sbl__device device;
+    sbl__scene scene;
+    int has_scene;
+    sbl__job job;
+    sbl_stats stats;            /* of the picture or gather begun last */
+} sbl__core;
+
+/* What the job's counts mean to the host. */
+static void sbl__core_count(sbl__core *c) {
+    const sbl__job_counts *n = &c->job.counts;
+    c->stats.sensor_views = n->views;
+    c->stats.sensor_texels = n->texels;
+    c->stats.rays = n->rays;
+    c->stats.readbacks += n->readbacks;
+    c->job.counts.readbacks = 0;
+}
+
+/* Makes ready what sensors of that kind need of the scene. SBL_SUCCESS: it is. */
+static sbl_result sbl__core_prepare(sbl__core *c, const sbl__seeing *s, sbl__slice *slice) {
+    const sbl__hierarchy *h = &c->scene.hierarchy;
+    const sbl_result result = sbl__seeing_needs_rays(s) ? sbl__scene_step(&c->device, &c->scene, slice) : SBL_SUCCESS;
+    if (result != SBL_SUCCESS) return result;
+    c->stats.bvh_seconds = h->seconds;
+    c->stats.lamps = sbl__seeing_needs_rays(s) ? c->scene.lights.leaves : 0;
+    c->stats.bvh_bytes = h->node_table.buffer.bytes + h->triangle_table.buffer.bytes + h->node_table.texels.bytes +
+                         h->triangle_table.texels.bytes;
+    return SBL_SUCCESS;
+}
+
+/* Clears the stats for what is begun. */
+static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
+    const double scene_seconds = c->stats.seconds.scene;
+    memset(&c->stats, 0, sizeof c->stats);
+    memset(&c->job.counts, 0, sizeof c->job.counts);
+    c->stats.triangles = c->scene.geometry.triangle_count;
+    c->stats.seconds.scene = scene_seconds;
+    c->stats.mode = s->mode;
+    c->stats.backend = s->backend;
+}
+
+/* ======================================================================================================== >>refine
+   Which sites get sensors (section III-G), level by level, and what the other pixels get from them.
+
+   A cell is a rectangle of pixels with sensors at its four corners. It is split where two corners that belong together
+   differ by more than the threshold, or where some pixel inside belongs to no corner. Neighbours share corners; a
+   sensor that a split puts on the edge of a neighbour tests that neighbour too, so that a shadow's edge is followed
+   even where it slips between the corners.
 
        +-------+-------+      +---+---+-------+      o sensor of the first level
        o       o       o      o   *   o       o      * sensor that the split of the left cell adds; the right cell's
        |       |       |      *   *   *       |        interpolation is tested against the one on their common edge
-       o       o       o      o   *   o       o                                                                      */
+       o       o       o      o   *   o       o
 
-/* Sensors stand this share off their surface: of the scene's extent where depth buffers decide what is seen, of their own triangle's reach where
-   rays do. Six times what float rounding needs (from 2.5e-7 down, spheres see themselves). */
-#define SBL__OFFSET 1.5e-6f
+   Everything here runs on the CPU, in slices: r->at is what comes next. */
 
 typedef struct sbl__pixel {
     float position[3], normal[3], geometric_normal[3];
     float offset;             /* of its sensor, off the surface */
     float radiance[3], noise; /* of R and its standard error */
     uint32_t id;              /* 0: nothing is seen here */
-    int job;                  /* index of the pixel's sensor in the running job */
+    int look;                 /* number of its sensor's first look in the job that it was in */
     unsigned char level;      /* 0: interpolated, else 1 + level */
     unsigned char sensed;     /* 1: its own sensor's light stands in radiance */
     unsigned char invalid;    /* the sensor was stuck inside geometry */
     unsigned char queued;     /* a sensor is on its way */
 } sbl__pixel;
 
-#define SBL__CURVATURE_WEIGHT 8.0f  /* how much stricter the threshold is for what interpolation is known to miss */
+#define SBL__CURVATURE_WEIGHT 8.0f    /* how much stricter the threshold is for what interpolation is known to miss */
 #define SBL__NOISE_WEIGHT 4           /* differences count from twice the standard error on */
 #define SBL__LEAST_NOISE 1e-12f       /* in the radiance map: above 0, below all that counts */
 #define SBL__MAX_ROUNDS 24            /* of following edges into neighbours; bounds the transfers of a picture */
-#define SBL__COVERAGE 0.75f   /* share of the bilinear weight that must belong: with less, light is extrapolated, badly */
+#define SBL__COVERAGE 0.75f           /* of the bilinear weight must belong: with less, light is extrapolated, badly */
+#define SBL__FLOOR_SHARE 0.02         /* of the first level's mean: radiance below which differences do not count */
 
-typedef struct sbl__cell { int x0, y0, x1, y1; int level; int split; } sbl__cell;
+typedef struct sbl__cell { int x0, y0, x1, y1; int level, split; int parent; /* or -1 */ } sbl__cell;
 
 typedef struct sbl__refine {
     int width, height, tile;
     int geometry_aware, relative;
     float threshold;
-    uint32_t seed;
     sbl__pixel *pixels;
     sbl__cell *cells;
     int cell_count, cell_room;
     int fresh;                /* cells from here on have not been judged */
+    int judged_end;           /* cells that the judgement under way looks at */
     int rounds;
-    sbl__site *sites;       /* the job, its pixels, and its answers */
-    int *site_pixels;
-    sbl__reading *readings;
-    int site_count, site_room;
-    sbl__site *suspects;     /* sensors that may be stuck, looking back at their surface */
-    sbl__reading *suspect_readings;
-    int suspect_count;
-    float floor;              /* radiance below which differences do not count, from the first level's mean */
+    int at, row;              /* what comes next of the loop under way */
+    sbl__site *sites;         /* of the job under way: site i is pixel sites[i].number; and its answers */
+    sbl_reading *readings;
+    int site_count, site_room, reading_room, look_count;
+    double mean;              /* of the round's readings, summed up */
+    float floor;              /* radiance below which differences do not count */
+    int *orphans;             /* pixels that no cell covers, while light is spread over them ... */
+    float *found;             /* ... and what each gets in this ring */
+    int orphan_count;
 } sbl__refine;
+
+static void sbl__refine_free(sbl__base *base, sbl__refine *r) {
+    sbl__free(base, r->pixels);
+    sbl__free(base, r->cells);
+    sbl__free(base, r->sites);
+    sbl__free(base, r->readings);
+    sbl__free(base, r->orphans);
+    sbl__free(base, r->found);
+    memset(r, 0, sizeof *r);
+}
+
+static sbl__pixel *sbl__pixel_at(const sbl__refine *r, int x, int y) {
+    return &r->pixels[(size_t)y * (size_t)r->width + (size_t)x];
+}
+
+/* >>refine: which pixels are alike */
 
 /* belongs.glsl, for the CPU */
 static float sbl__belongs(const sbl__pixel *a, const sbl__pixel *b, int geometry_aware) {
@@ -5067,15 +7855,28 @@ static int sbl__differ(const sbl__refine *r, const float a[3], const float b[3],
     return (double)most * most > (double)least * least + SBL__NOISE_WEIGHT * variance;
 }
 
-/* Light at pixel (x, y) from a cell's corners, and its noise; out may be NULL. Returns how well the corners cover it, 0 to 1. */
+/* >>refine: interpolation */
+
+/* Where in a cell a pixel lies, 0 to 1. */
+static void sbl__cell_share(const sbl__cell *c, int x, int y, float share[2]) {
+    share[0] = c->x1 > c->x0 ? (float)(x - c->x0) / (float)(c->x1 - c->x0) : 0;
+    share[1] = c->y1 > c->y0 ? (float)(y - c->y0) / (float)(c->y1 - c->y0) : 0;
+}
+
+static const sbl__pixel *sbl__cell_corner(const sbl__refine *r, const sbl__cell *c, int corner) {
+    return sbl__pixel_at(r, corner & 1 ? c->x1 : c->x0, corner & 2 ? c->y1 : c->y0);
+}
+
+/* Light at pixel (x, y) from a cell's corners, and its noise; out may be NULL. Returns how well the corners cover it,
+   0 to 1. */
 static float sbl__interpolate(const sbl__refine *r, const sbl__cell *c, int x, int y, float out[4]) {
-    const sbl__pixel *pixel = &r->pixels[(size_t)y * (size_t)r->width + (size_t)x];
-    float fx = c->x1 > c->x0 ? (float)(x - c->x0) / (float)(c->x1 - c->x0) : 0, fy = c->y1 > c->y0 ? (float)(y - c->y0) / (float)(c->y1 - c->y0) : 0;
-    float sum[3] = { 0, 0, 0 }, variance = 0, weights = 0;
+    const sbl__pixel *pixel = sbl__pixel_at(r, x, y);
+    float f[2], sum[3] = { 0, 0, 0 }, variance = 0, weights = 0;
     int corner, k;
+    sbl__cell_share(c, x, y, f);
     for (corner = 0; corner < 4; corner++) {
-        const sbl__pixel *p = &r->pixels[(size_t)(corner & 2 ? c->y1 : c->y0) * (size_t)r->width + (size_t)(corner & 1 ? c->x1 : c->x0)];
-        float weight = (corner & 1 ? fx : 1 - fx) * (corner & 2 ? fy : 1 - fy);
+        const sbl__pixel *p = sbl__cell_corner(r, c, corner);
+        float weight = (corner & 1 ? f[0] : 1 - f[0]) * (corner & 2 ? f[1] : 1 - f[1]);
         if (weight <= 0 || !sbl__usable(p)) continue;
         weight *= sbl__belongs(pixel, p, r->geometry_aware);
         for (k = 0; k < 3; k++) sum[k] += weight * p->radiance[k];
@@ -5089,265 +7890,324 @@ static float sbl__interpolate(const sbl__refine *r, const sbl__cell *c, int x, i
     return weights;
 }
 
-static sbl_result sbl__refine_add_cell(sbl__base *base, sbl__refine *r, int x0, int y0, int x1, int y1, int level) {
-    sbl__cell *c;
-    if (r->cell_count == r->cell_room) {
-        int room = r->cell_room * 2 + 1024;
-        sbl__cell *cells = (sbl__cell *)sbl__alloc(base, (size_t)room, sizeof *cells);
-        if (!cells) return SBL_ERROR_OUT_OF_MEMORY;
-        if (r->cell_count) memcpy(cells, r->cells, (size_t)r->cell_count * sizeof *cells);
-        sbl__free(base, r->cells);
-        r->cells = cells;
-        r->cell_room = room;
-    }
-    c = &r->cells[r->cell_count++];
-    c->x0 = x0; c->y0 = y0; c->x1 = x1; c->y1 = y1;
-    c->level = level;
-    c->split = 0;
-    return SBL_SUCCESS;
+/* Pixels that a cell answers for: up to its right and lower edge, with them at the picture's border. */
+static int sbl__cell_end_x(const sbl__refine *r, const sbl__cell *c) {
+    return c->x1 == r->width - 1 ? c->x1 : c->x1 - 1;
+}
+static int sbl__cell_end_y(const sbl__refine *r, const sbl__cell *c) {
+    return c->y1 == r->height - 1 ? c->y1 : c->y1 - 1;
 }
 
-/* Pixels that a cell answers for: up to its right and lower edge, with them at the picture's border. */
-static int sbl__cell_end_x(const sbl__refine *r, const sbl__cell *c) { return c->x1 == r->width - 1 ? c->x1 : c->x1 - 1; }
-static int sbl__cell_end_y(const sbl__refine *r, const sbl__cell *c) { return c->y1 == r->height - 1 ? c->y1 : c->y1 - 1; }
+/* From one pixel to another in the same row or column. */
+typedef struct sbl__edge { int x0, y0, x1, y1; } sbl__edge;
 
-/* How the light bends along a cell's edge: second differences at its two corners, over sensors as far beyond them. Returns how many there are,
-   and the variance of each; neighbours that are alike may still have a peak between them. */
-static int sbl__edge_bends(const sbl__refine *r, int x0, int y0, int x1, int y1, float bends[2][3], float variances[2]) {
-    int dx = x1 - x0, dy = y1 - y0, ends = 0, end, k;
-    const sbl__pixel *a = &r->pixels[(size_t)y0 * (size_t)r->width + (size_t)x0], *b = &r->pixels[(size_t)y1 * (size_t)r->width + (size_t)x1];
-    if (dx + dy <= 1 || !r->geometry_aware || !sbl__usable(a) || !sbl__usable(b) || !(sbl__belongs(a, b, 1) > 0)) return 0;
+/* A cell's: above, below, left, right. */
+static sbl__edge sbl__cell_edge(const sbl__cell *c, int side) {
+    sbl__edge e;
+    e.x0 = side == 3 ? c->x1 : c->x0;
+    e.x1 = side == 2 ? c->x0 : c->x1;
+    e.y0 = side == 1 ? c->y1 : c->y0;
+    e.y1 = side == 0 ? c->y0 : c->y1;
+    return e;
+}
+
+/* How light bends along an edge: second differences at its two corners, over sensors as far beyond them, and the
+   variance of each; neighbours that are alike may still have a peak between them. */
+typedef struct sbl__bends { int count; float differences[2][3], variances[2]; } sbl__bends;
+
+static sbl__bends sbl__edge_bends(const sbl__refine *r, const sbl__edge *e) {
+    const int dx = e->x1 - e->x0, dy = e->y1 - e->y0;
+    const sbl__pixel *a = sbl__pixel_at(r, e->x0, e->y0), *b = sbl__pixel_at(r, e->x1, e->y1);
+    sbl__bends bends;
+    int end, k;
+    memset(&bends, 0, sizeof bends);
+    if (dx + dy <= 1 || !r->geometry_aware || !sbl__usable(a) || !sbl__usable(b) || !(sbl__belongs(a, b, 1) > 0))
+        return bends;
     for (end = 0; end < 2; end++) {
-        int x = end ? x1 + dx : x0 - dx, y = end ? y1 + dy : y0 - dy;
-        const sbl__pixel *p = &r->pixels[(size_t)y * (size_t)r->width + (size_t)x], *near = end ? b : a, *far = end ? a : b;
-        if (x < 0 || y < 0 || x >= r->width || y >= r->height || !sbl__usable(p) || !(sbl__belongs(near, p, 1) > 0)) continue;
-        for (k = 0; k < 3; k++) bends[ends][k] = p->radiance[k] - 2 * near->radiance[k] + far->radiance[k];
-        variances[ends++] = p->noise * p->noise + 4 * near->noise * near->noise + far->noise * far->noise;
+        const int x = end ? e->x1 + dx : e->x0 - dx, y = end ? e->y1 + dy : e->y0 - dy;
+        const sbl__pixel *near = end ? b : a, *far = end ? a : b, *p;
+        if (x < 0 || y < 0 || x >= r->width || y >= r->height) continue;
+        p = sbl__pixel_at(r, x, y);
+        if (!sbl__usable(p) || !(sbl__belongs(near, p, 1) > 0)) continue;
+        for (k = 0; k < 3; k++)
+            bends.differences[bends.count][k] = p->radiance[k] - 2 * near->radiance[k] + far->radiance[k];
+        bends.variances[bends.count++] = p->noise * p->noise + 4 * near->noise * near->noise + far->noise * far->noise;
     }
-    return ends;
+    return bends;
 }
 
 /* Bends it so much that a straight line misses its middle? */
-static int sbl__edge_curved(const sbl__refine *r, int x0, int y0, int x1, int y1) {
-    const sbl__pixel *a = &r->pixels[(size_t)y0 * (size_t)r->width + (size_t)x0], *b = &r->pixels[(size_t)y1 * (size_t)r->width + (size_t)x1];
-    float bends[2][3], variances[2], straight[3], curved[3], weight;
-    int ends = sbl__edge_bends(r, x0, y0, x1, y1, bends, variances), k;
-    if (!ends) return 0;
-    weight = SBL__CURVATURE_WEIGHT / (float)(8 * ends);  /* a parabola's middle lies an eighth of its second difference off the line */
+static int sbl__edge_curved(const sbl__refine *r, const sbl__edge *e) {
+    const sbl__pixel *a = sbl__pixel_at(r, e->x0, e->y0), *b = sbl__pixel_at(r, e->x1, e->y1);
+    const sbl__bends bends = sbl__edge_bends(r, e);
+    const int two = bends.count > 1;
+    float straight[3], curved[3], weight;
+    int k;
+    if (!bends.count) return 0;
+    /* a parabola's middle lies an eighth of its second difference off the line */
+    weight = SBL__CURVATURE_WEIGHT / (float)(8 * bends.count);
     for (k = 0; k < 3; k++) {
         straight[k] = 0.5f * (a->radiance[k] + b->radiance[k]);
-        curved[k] = straight[k] - weight * (bends[0][k] + (ends > 1 ? bends[1][k] : 0));
+        curved[k] = straight[k] - weight * (bends.differences[0][k] + (two ? bends.differences[1][k] : 0));
     }
-    return sbl__differ(r, straight, curved, weight * weight * (variances[0] + (ends > 1 ? variances[1] : 0)));
+    return sbl__differ(r, straight, curved, weight * weight * (bends.variances[0] + (two ? bends.variances[1] : 0)));
 }
 
-/* The second difference that interpolation along an edge goes by: the lesser of the two where they agree, since at a kink they do not. */
-static void sbl__edge_parabola(const sbl__refine *r, int x0, int y0, int x1, int y1, float out[3]) {
-    float bends[2][3], variances[2];
-    int ends = sbl__edge_bends(r, x0, y0, x1, y1, bends, variances), k;
+/* The second difference that interpolation along an edge goes by: the lesser of the two where they agree, since at a
+   kink they do not. */
+static void sbl__edge_parabola(const sbl__refine *r, const sbl__edge *e, float out[3]) {
+    const sbl__bends bends = sbl__edge_bends(r, e);
+    int k;
     for (k = 0; k < 3; k++) {
-        float a = ends ? bends[0][k] : 0, b = ends > 1 ? bends[1][k] : 0;
+        float a = bends.count ? bends.differences[0][k] : 0, b = bends.count > 1 ? bends.differences[1][k] : 0;
         out[k] = a * b <= 0 ? 0 : fabs((double)a) < fabs((double)b) ? a : b;
     }
 }
 
+/* >>refine: cells */
+
+static sbl_result sbl__refine_add_cell(sbl__base *base, sbl__refine *r, const sbl__cell *cell) {
+    if (!sbl__grow(base, &r->cells, &r->cell_room, r->cell_count + 1, sizeof *r->cells)) return SBL_ERROR_OUT_OF_MEMORY;
+    r->cells[r->cell_count++] = *cell;
+    return SBL_SUCCESS;
+}
+
+static int sbl__cell_is_single(const sbl__cell *c) { return c->x1 - c->x0 <= 1 && c->y1 - c->y0 <= 1; }
+
 static int sbl__cell_must_split(const sbl__refine *r, const sbl__cell *c) {
-    const sbl__pixel *corners[4];
     int i, k, x, y;
-    if (c->x1 - c->x0 <= 1 && c->y1 - c->y0 <= 1) return 0;
-    for (i = 0; i < 4; i++) corners[i] = &r->pixels[(size_t)(i & 2 ? c->y1 : c->y0) * (size_t)r->width + (size_t)(i & 1 ? c->x1 : c->x0)];
+    if (sbl__cell_is_single(c)) return 0;
     for (i = 0; i < 4; i++)
-        for (k = i + 1; k < 4; k++)
-            if (sbl__usable(corners[i]) && sbl__usable(corners[k]) && sbl__belongs(corners[i], corners[k], r->geometry_aware) > 0 &&
-                sbl__differ(r, corners[i]->radiance, corners[k]->radiance, corners[i]->noise * corners[i]->noise + corners[k]->noise * corners[k]->noise)) return 1;
-    if (sbl__edge_curved(r, c->x0, c->y0, c->x1, c->y0) || sbl__edge_curved(r, c->x0, c->y1, c->x1, c->y1) ||
-        sbl__edge_curved(r, c->x0, c->y0, c->x0, c->y1) || sbl__edge_curved(r, c->x1, c->y0, c->x1, c->y1)) return 1;
+        for (k = i + 1; k < 4; k++) {
+            const sbl__pixel *a = sbl__cell_corner(r, c, i), *b = sbl__cell_corner(r, c, k);
+            if (sbl__usable(a) && sbl__usable(b) && sbl__belongs(a, b, r->geometry_aware) > 0 &&
+                sbl__differ(r, a->radiance, b->radiance, a->noise * a->noise + b->noise * b->noise)) return 1;
+        }
+    for (i = 0; i < 4; i++) {
+        const sbl__edge edge = sbl__cell_edge(c, i);
+        if (sbl__edge_curved(r, &edge)) return 1;
+    }
     for (y = c->y0; y <= sbl__cell_end_y(r, c); y++)
         for (x = c->x0; x <= sbl__cell_end_x(r, c); x++) {
-            const sbl__pixel *p = &r->pixels[(size_t)y * (size_t)r->width + (size_t)x];
+            const sbl__pixel *p = sbl__pixel_at(r, x, y);
             if (p->id && !p->sensed && sbl__interpolate(r, c, x, y, NULL) < SBL__COVERAGE) return 1;
         }
     return 0;
 }
 
-/* Does a sensor on the cell's rim contradict what the cell would have put there? Corners are skipped: they are the cell's own. */
+/* Does a sensor on the cell's rim contradict what the cell would have put there? Corners are skipped: they are the
+   cell's own. */
 static int sbl__cell_contradicted(const sbl__refine *r, const sbl__cell *c) {
     int side, i;
-    if (c->x1 - c->x0 <= 1 && c->y1 - c->y0 <= 1) return 0;
+    if (sbl__cell_is_single(c)) return 0;
     for (side = 0; side < 4; side++) {
-        int length = side & 1 ? c->y1 - c->y0 : c->x1 - c->x0;
+        const int length = side & 1 ? c->y1 - c->y0 : c->x1 - c->x0;
         for (i = 1; i < length; i++) {
-            int x = side == 0 || side == 2 ? c->x0 + i : side == 1 ? c->x0 : c->x1;
-            int y = side == 1 || side == 3 ? c->y0 + i : side == 0 ? c->y0 : c->y1;
-            const sbl__pixel *p = &r->pixels[(size_t)y * (size_t)r->width + (size_t)x];
+            const int x = side == 0 || side == 2 ? c->x0 + i : side == 1 ? c->x0 : c->x1;
+            const int y = side == 1 || side == 3 ? c->y0 + i : side == 0 ? c->y0 : c->y1;
+            const sbl__pixel *p = sbl__pixel_at(r, x, y);
             float guess[4];
-            if (sbl__usable(p) && sbl__interpolate(r, c, x, y, guess) > 0 && sbl__differ(r, guess, p->radiance, guess[3] * guess[3] + p->noise * p->noise)) return 1;
+            if (sbl__usable(p) && sbl__interpolate(r, c, x, y, guess) > 0 &&
+                sbl__differ(r, guess, p->radiance, guess[3] * guess[3] + p->noise * p->noise)) return 1;
         }
     }
     return 0;
 }
 
 static sbl_result sbl__cell_split(sbl__base *base, sbl__refine *r, int index) {
-    sbl__cell c = r->cells[index];
-    int xm = (c.x0 + c.x1) / 2, ym = (c.y0 + c.y1) / 2, i, j;
-    int xs[3], ys[3], columns = c.x1 - c.x0 > 1 ? 2 : 1, rows = c.y1 - c.y0 > 1 ? 2 : 1;
+    const sbl__cell c = r->cells[index];
+    const int columns = c.x1 - c.x0 > 1 ? 2 : 1, rows = c.y1 - c.y0 > 1 ? 2 : 1;
+    const int xs[3] = { c.x0, columns == 2 ? (c.x0 + c.x1) / 2 : c.x1, c.x1 };
+    const int ys[3] = { c.y0, rows == 2 ? (c.y0 + c.y1) / 2 : c.y1, c.y1 };
     sbl_result result = SBL_SUCCESS;
-    xs[0] = c.x0; xs[1] = columns == 2 ? xm : c.x1; xs[2] = c.x1;
-    ys[0] = c.y0; ys[1] = rows == 2 ? ym : c.y1; ys[2] = c.y1;
+    int i, j;
     r->cells[index].split = 1;
     for (j = 0; j < rows && result == SBL_SUCCESS; j++)
-        for (i = 0; i < columns && result == SBL_SUCCESS; i++)
-            result = sbl__refine_add_cell(base, r, xs[i], ys[j], xs[i + 1], ys[j + 1], c.level + 1);
+        for (i = 0; i < columns && result == SBL_SUCCESS; i++) {
+            const sbl__cell part = { xs[i], ys[j], xs[i + 1], ys[j + 1], c.level + 1, 0, index };
+            result = sbl__refine_add_cell(base, r, &part);
+        }
     return result;
 }
 
-/* How often a sensor looks, each time turned a little further, outside paper mode. One that stands for many pixels is worth the more: what noise it
-   has left would show as blotches the size of its tile. */
-static int sbl__looks(const sbl__refine *r, int level) {
-    int tile = level < 31 ? r->tile >> level : 0;
-    return !r->geometry_aware ? 1 : tile >= 8 ? 4 : tile >= 4 ? 2 : 1;
-}
+/* >>refine: rounds. Each is done in slices, and starts with r->at = 0. */
 
-/* The sensor of pixel number `index`: off the surface along the geometric normal, turned by the pixel's hash and the look, or (paper) not. */
-static void sbl__refine_site(const sbl__refine *r, int index, double look, sbl__site *out) {
-    const sbl__pixel *p = &r->pixels[index];
-    int k;
-    for (k = 0; k < 3; k++) {
-        out->position[k] = p->position[k] + p->offset * p->geometric_normal[k];
-        out->normal[k] = p->normal[k];
+/* The first level's cells, over the whole picture. */
+static sbl_result sbl__refine_begin(sbl__base *base, sbl__refine *r, sbl__slice *slice) {
+    const int across = SBL__MAX(1, (r->width - 2 + r->tile) / r->tile);
+    const int down = SBL__MAX(1, (r->height - 2 + r->tile) / r->tile);
+    for (; r->at < across * down; r->at++) {
+        const int x = r->at % across * r->tile, y = r->at / across * r->tile;
+        const int right = SBL__MIN(x + r->tile, r->width - 1), lower = SBL__MIN(y + r->tile, r->height - 1);
+        const sbl__cell cell = { x, y, right, lower, 0, 0, -1 };
+        const sbl_result result = sbl__refine_add_cell(base, r, &cell);
+        if (result != SBL_SUCCESS) return result;
+        if (sbl__late(slice)) { r->at++; return SBL_UNFINISHED; }
     }
-    out->offset = p->offset;
-    out->turn = r->geometry_aware ? (float)(0.5 * SBL__PI * (sbl__hash((uint32_t)index ^ sbl__hash(r->seed)) / 4294967296.0 + look)) : 0;
-    out->seed = sbl__hash((uint32_t)index ^ sbl__hash(r->seed));
-    out->first_ray = (uint32_t)(look * SBL__MAX_LOOKS);
+    return SBL_SUCCESS;
 }
 
-/* Queues sensors for the corners of the cells not judged yet. Their number is r->site_count. */
-static sbl_result sbl__refine_collect(sbl__base *base, sbl__refine *r) {
-    int i, corner, look;
-    r->site_count = 0;
-    for (i = r->fresh; i < r->cell_count; i++) {
-        const sbl__cell *c = &r->cells[i];
+/* The site of pixel number `index`, whose sensor stands for so many pixels across. */
+static void sbl__refine_site(const sbl__refine *r, int index, int span, sbl__site *out) {
+    const sbl__pixel *p = &r->pixels[index];
+    memcpy(out->position, p->position, sizeof out->position);
+    memcpy(out->normal, p->normal, sizeof out->normal);
+    memcpy(out->geometric_normal, p->geometric_normal, sizeof out->geometric_normal);
+    out->offset = p->offset;
+    out->number = (uint32_t)index;
+    out->span = span;
+}
+
+static int sbl__level_tile(const sbl__refine *r, int level) { return level < 31 ? r->tile >> level : 0; }
+
+/* Lists the sites at the corners of the cells that have not been judged yet. */
+static sbl_result sbl__refine_collect(sbl__base *base, sbl__refine *r, const sbl__spec *spec, sbl__slice *slice) {
+    int corner;
+    if (r->at == 0) {
+        r->at = r->fresh;
+        r->site_count = r->look_count = 0;
+    }
+    for (; r->at < r->cell_count; r->at++) {
+        const sbl__cell *c = &r->cells[r->at];
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        if (!sbl__grow(base, &r->sites, &r->site_room, r->site_count + 4, sizeof *r->sites))
+            return SBL_ERROR_OUT_OF_MEMORY;
         for (corner = 0; corner < 4; corner++) {
-            int x = corner & 1 ? c->x1 : c->x0, y = corner & 2 ? c->y1 : c->y0, index = y * r->width + x;
-            sbl__pixel *p = &r->pixels[index];
+            const int x = corner & 1 ? c->x1 : c->x0, y = corner & 2 ? c->y1 : c->y0;
+            sbl__pixel *p = sbl__pixel_at(r, x, y);
+            sbl__site *site = &r->sites[r->site_count];
             if (!p->id || p->sensed || p->queued) continue;
-            if (r->site_count + SBL__MAX_LOOKS > r->site_room) {
-                int room = r->site_room * 2 + 1024;
-                sbl__site *sites = (sbl__site *)sbl__alloc(base, (size_t)room, sizeof *sites);
-                int *pixels = (int *)sbl__alloc(base, (size_t)room, sizeof *pixels);
-                sbl__reading *readings = (sbl__reading *)sbl__alloc(base, (size_t)room, sizeof *readings);
-                if (!sites || !pixels || !readings) {
-                    sbl__free(base, sites); sbl__free(base, pixels); sbl__free(base, readings);
-                    return SBL_ERROR_OUT_OF_MEMORY;
-                }
-                if (r->site_count) {
-                    memcpy(sites, r->sites, (size_t)r->site_count * sizeof *sites);
-                    memcpy(pixels, r->site_pixels, (size_t)r->site_count * sizeof *pixels);
-                }
-                sbl__free(base, r->sites); sbl__free(base, r->site_pixels); sbl__free(base, r->readings);
-                r->sites = sites; r->site_pixels = pixels; r->readings = readings;
-                r->site_room = room;
-            }
             p->queued = 1;
             p->level = (unsigned char)(1 + SBL__MIN(c->level, SBL_MAX_LEVELS - 1));
-            p->job = r->site_count;
-            for (look = 0; look < sbl__looks(r, c->level); look++) {
-                r->site_pixels[r->site_count] = index;
-                sbl__refine_site(r, index, (double)look / sbl__looks(r, c->level), &r->sites[r->site_count++]);
-            }
+            p->look = r->look_count;
+            sbl__refine_site(r, y * r->width + x, sbl__level_tile(r, c->level), site);
+            r->look_count += sbl__looks_of(spec, site);
+            r->site_count++;
         }
     }
-    return SBL_SUCCESS;
+    return sbl__grow(base, &r->readings, &r->reading_room, r->site_count, sizeof *r->readings)
+               ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* A sensor is stuck when the little way it was moved off its surface took it through another: it then stands inside something that the visible point is
-   outside of. What it sees tells little: whole rooms are modelled inside out, and what shines inside a thing may hide its walls. So a sensor that
-   sees any back faces is asked to look back to where it came from, in a narrow view of its own, and is stuck when it sees something nearer than
-   its own surface. */
-#define SBL__SUSPECT_SHARE 0.02f
-#define SBL__PROBE_FOV 2.0f      /* degrees: wide enough to meet the surface, too narrow to meet the walls of a corner */
-#define SBL__PROBE_SIZE 4
-
-static void sbl__probe_site(const sbl__refine *r, int index, const sbl__site *sensor, sbl__site *out) {
+/* Takes the answers of the job. */
+static sbl_result sbl__refine_take(sbl__refine *r, sbl_stats *stats, sbl__slice *slice) {
     int k;
-    *out = *sensor;
-    for (k = 0; k < 3; k++) out->normal[k] = -r->pixels[index].geometric_normal[k];
-}
-
-static int sbl__probe_stuck(const sbl__pixel *pixel, const sbl__reading *probe) { return probe->hit_share > 0 && probe->hit_min < 0.75f * pixel->offset; }
-
-/* Lists the job's sensors that must look back. */
-static sbl_result sbl__refine_suspects(sbl__base *base, sbl__refine *r) {
-    int i;
-    r->suspect_count = 0;
-    for (i = 0; i < r->site_count; i++) r->suspect_count += r->readings[i].back_share > SBL__SUSPECT_SHARE;
-    if (!r->suspect_count) return SBL_SUCCESS;
-    r->suspects = (sbl__site *)sbl__alloc(base, (size_t)r->suspect_count, sizeof(sbl__site));
-    r->suspect_readings = (sbl__reading *)sbl__alloc(base, (size_t)r->suspect_count, sizeof(sbl__reading));
-    if (!r->suspects || !r->suspect_readings) return SBL_ERROR_OUT_OF_MEMORY;
-    r->suspect_count = 0;
-    for (i = 0; i < r->site_count; i++)
-        if (r->readings[i].back_share > SBL__SUSPECT_SHARE) sbl__probe_site(r, r->site_pixels[i], &r->sites[i], &r->suspects[r->suspect_count++]);
-    return SBL_SUCCESS;
-}
-
-static void sbl__refine_convict(sbl__base *base, sbl__refine *r) {
-    int i, k = 0;
-    for (i = 0; i < r->site_count && r->suspect_count; i++)
-        if (r->readings[i].back_share > SBL__SUSPECT_SHARE) r->readings[i].stuck = sbl__probe_stuck(&r->pixels[r->site_pixels[i]], &r->suspect_readings[k++]);
-    sbl__free(base, r->suspects);
-    sbl__free(base, r->suspect_readings);
-    r->suspects = NULL;
-    r->suspect_readings = NULL;
-    r->suspect_count = 0;
-}
-
-/* Takes the answers of the job, then judges cells: the fresh ones, and older ones that new sensors contradict. */
-static sbl_result sbl__refine_judge(sbl__base *base, sbl__refine *r, sbl_stats *stats) {
-    int i, k, look, looks = 1, sensors = 0, end = r->cell_count;
-    double mean = 0;
-    sbl_result result = SBL_SUCCESS;
-    for (i = 0; i < r->site_count; i += looks) {
-        sbl__pixel *p = &r->pixels[r->site_pixels[i]];
-        float variance = 0;
-        looks = sbl__looks(r, p->level - 1);
+    if (r->at == 0) r->mean = 0;
+    for (; r->at < r->site_count; r->at++) {
+        const sbl_reading *reading = &r->readings[r->at];
+        sbl__pixel *p = &r->pixels[r->sites[r->at].number];
+        if (r->at && sbl__late(slice)) return SBL_UNFINISHED;
         for (k = 0; k < 3; k++) {
-            float sum = 0;
-            for (look = 0; look < looks; look++) sum += r->readings[i + look].radiance[k];
-            p->radiance[k] = sum / (float)looks;
-            mean += (double)p->radiance[k] / 3;
+            p->radiance[k] = reading->radiance[k];
+            r->mean += (double)p->radiance[k] / 3;
         }
-        for (look = 0; look < looks; look++) variance += r->readings[i + look].noise * r->readings[i + look].noise;
-        p->noise = (float)sqrt((double)variance) / (float)looks;
+        p->noise = reading->noise;
         p->sensed = 1;
         p->queued = 0;
-        p->invalid = (unsigned char)r->readings[i].stuck;
+        p->invalid = !reading->valid;
         stats->invalid_sensors += p->invalid;
         stats->levels[p->level - 1].sensors++;
         stats->level_count = SBL__MAX(stats->level_count, p->level);
         stats->sensors++;
-        sensors++;
     }
-    if (r->rounds == 0) r->floor = sensors ? (float)(0.02 * mean / sensors) : 0;
+    if (r->rounds == 0) r->floor = r->site_count ? (float)(SBL__FLOOR_SHARE * r->mean / r->site_count) : 0;
     r->rounds++;
-    for (i = 0; i < end && result == SBL_SUCCESS; i++) {
-        const sbl__cell *c = &r->cells[i];
-        if (c->split) continue;
-        if (i >= r->fresh ? sbl__cell_must_split(r, c) : r->rounds <= SBL__MAX_ROUNDS && sbl__cell_contradicted(r, c)) result = sbl__cell_split(base, r, i);
-    }
-    r->fresh = end;
-    return result;
+    r->judged_end = r->cell_count;
+    return SBL_SUCCESS;
 }
 
-/* Light and noise from those of the eight neighbours that have some (a > 0) and belong to pixel (x, y). Returns 0 where none does. */
-static int sbl__refine_spread(const sbl__refine *r, const float *rgba, int x, int y, float out[4]) {
-    const sbl__pixel *pixel = &r->pixels[(size_t)y * (size_t)r->width + (size_t)x];
+/* Judges cells: the fresh ones, and older ones that new sensors contradict. Afterwards r->fresh < r->cell_count where
+   some were split. */
+static sbl_result sbl__refine_judge(sbl__base *base, sbl__refine *r, sbl__slice *slice) {
+    for (; r->at < r->judged_end; r->at++) {
+        const sbl__cell *c = &r->cells[r->at];
+        int split;
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        if (c->split) continue;
+        if (r->at >= r->fresh) split = sbl__cell_must_split(r, c);
+        else split = r->rounds <= SBL__MAX_ROUNDS && sbl__cell_contradicted(r, c);
+        if (split) {
+            const sbl_result result = sbl__cell_split(base, r, r->at);
+            if (result != SBL_SUCCESS) return result;
+        }
+    }
+    r->fresh = r->judged_end;
+    return SBL_SUCCESS;
+}
+
+/* >>refine: the radiance map, four floats a pixel: R; its noise, above 0 where there is a surface */
+
+/* The cell itself, or, of a picture under way, the smallest one around it all of whose sensors have been read. */
+static const sbl__cell *sbl__cell_known(const sbl__refine *r, const sbl__cell *c) {
+    int i, known = 0;
+    while (!known && c->parent >= 0) {
+        for (i = 0, known = 1; i < 4; i++) {
+            const sbl__pixel *p = sbl__cell_corner(r, c, i);
+            if (p->id && !p->sensed) known = 0;
+        }
+        if (!known) c = &r->cells[c->parent];
+    }
+    return c;
+}
+
+/* A row of a cell, interpolated in cell c, which is known. Pixels that nothing covers keep a noise of 0, and are
+   counted. */
+static void sbl__fill_row(sbl__refine *r, const sbl__edge *row, const sbl__cell *c, float bends[4][3], float *rgba) {
+    const int y = row->y0;
+    int x, k;
+    for (x = row->x0; x <= row->x1; x++) {
+        const sbl__pixel *p = sbl__pixel_at(r, x, y);
+        float *to = rgba + 4 * ((size_t)y * (size_t)r->width + (size_t)x), f[2], covered;
+        to[0] = to[1] = to[2] = to[3] = 0;
+        if (!p->id) continue;
+        if (sbl__usable(p)) {
+            memcpy(to, p->radiance, sizeof p->radiance);
+            to[3] = p->noise;
+        } else {
+            covered = sbl__interpolate(r, c, x, y, to);
+            if (!(covered > 0)) { r->orphan_count++; continue; }
+            sbl__cell_share(c, x, y, f);
+            for (k = 0; k < 3; k++) {
+                const float across = 0.5f * f[0] * (1 - f[0]) * (bends[0][k] + f[1] * (bends[1][k] - bends[0][k]));
+                const float down = 0.5f * f[1] * (1 - f[1]) * (bends[2][k] + f[0] * (bends[3][k] - bends[2][k]));
+                to[k] = SBL__MAX(to[k] - covered * covered * (across + down), 0.0f);
+            }
+        }
+        to[3] = SBL__MAX(to[3], SBL__LEAST_NOISE);
+    }
+}
+
+static sbl_result sbl__refine_fill(sbl__refine *r, float *rgba, sbl__slice *slice) {
+    int k;
+    if (r->at == 0 && r->row == 0) r->orphan_count = 0;
+    for (; r->at < r->cell_count; r->at++, r->row = 0) {
+        const sbl__cell *c = &r->cells[r->at], *known;
+        float bends[4][3];
+        if (c->split) continue;
+        known = sbl__cell_known(r, c);
+        for (k = 0; k < 4; k++) {
+            const sbl__edge edge = sbl__cell_edge(known, k);
+            sbl__edge_parabola(r, &edge, bends[k]);
+        }
+        for (; c->y0 + r->row <= sbl__cell_end_y(r, c); r->row++) {
+            const sbl__edge row = { c->x0, c->y0 + r->row, sbl__cell_end_x(r, c), c->y0 + r->row };
+            if (sbl__late(slice)) return SBL_UNFINISHED;
+            sbl__fill_row(r, &row, known, bends, rgba);
+        }
+    }
+    return SBL_SUCCESS;
+}
+
+/* Light and noise from those of the eight neighbours that have some (a > 0) and belong to a pixel. Returns 0 where none
+   does. */
+static int sbl__refine_spread(const sbl__refine *r, const float *rgba, int index, float out[4]) {
+    const int x = index % r->width, y = index / r->width;
+    const sbl__pixel *pixel = &r->pixels[index];
     float sum[4] = { 0, 0, 0, 0 }, weights = 0;
     int i, j, k;
     for (j = SBL__MAX(y - 1, 0); j <= SBL__MIN(y + 1, r->height - 1); j++)
         for (i = SBL__MAX(x - 1, 0); i <= SBL__MIN(x + 1, r->width - 1); i++) {
-            size_t at = (size_t)j * (size_t)r->width + (size_t)i;
+            const size_t at = (size_t)j * (size_t)r->width + (size_t)i;
             float weight = rgba[4 * at + 3] > 0 ? sbl__belongs(pixel, &r->pixels[at], r->geometry_aware) : 0;
             for (k = 0; k < 4 && weight > 0; k++) sum[k] += weight * rgba[4 * at + (size_t)k];
             weights += weight;
@@ -5356,431 +8216,1150 @@ static int sbl__refine_spread(const sbl__refine *r, const float *rgba, int x, in
     return weights > 0;
 }
 
-/* Fills the pixels without sensors. rgba: the radiance map, a = its noise, above 0 where there is a surface. Pixels whose own sensor is stuck and that no cell covers
-   take the light that spreads over their surface from others, ring by ring; without any they keep what the stuck sensor saw. */
-static sbl_result sbl__refine_fill(sbl__base *base, const sbl__refine *r, float *rgba) {
-    int i, k, x, y, left = 0, before;
-    int *orphans;
-    float *found;
-    size_t pixels = (size_t)r->width * (size_t)r->height, at;
-    for (i = 0; i < r->cell_count; i++) {
-        const sbl__cell *c = &r->cells[i];
-        float bends[4][3];
-        if (c->split) continue;
-        sbl__edge_parabola(r, c->x0, c->y0, c->x1, c->y0, bends[0]);
-        sbl__edge_parabola(r, c->x0, c->y1, c->x1, c->y1, bends[1]);
-        sbl__edge_parabola(r, c->x0, c->y0, c->x0, c->y1, bends[2]);
-        sbl__edge_parabola(r, c->x1, c->y0, c->x1, c->y1, bends[3]);
-        for (y = c->y0; y <= sbl__cell_end_y(r, c); y++)
-            for (x = c->x0; x <= sbl__cell_end_x(r, c); x++) {
-                const sbl__pixel *p;
-                at = (size_t)y * (size_t)r->width + (size_t)x;
-                p = &r->pixels[at];
-                if (!p->id) continue;
-                if (sbl__usable(p)) {
-                    memcpy(rgba + 4 * at, p->radiance, 3 * sizeof(float));
-                    rgba[4 * at + 3] = p->noise;
-                } else {
-                    float fx = c->x1 > c->x0 ? (float)(x - c->x0) / (float)(c->x1 - c->x0) : 0, fy = c->y1 > c->y0 ? (float)(y - c->y0) / (float)(c->y1 - c->y0) : 0;
-                    float covered = sbl__interpolate(r, c, x, y, rgba + 4 * at);
-                    if (!(covered > 0)) { left++; continue; }
-                    for (k = 0; k < 3; k++) {
-                        float across = 0.5f * fx * (1 - fx) * (bends[0][k] + fy * (bends[1][k] - bends[0][k])), down = 0.5f * fy * (1 - fy) * (bends[2][k] + fx * (bends[3][k] - bends[2][k]));
-                        rgba[4 * at + (size_t)k] = SBL__MAX(rgba[4 * at + (size_t)k] - covered * covered * (across + down), 0.0f);
-                    }
-                }
-                rgba[4 * at + 3] = SBL__MAX(rgba[4 * at + 3], SBL__LEAST_NOISE);
-            }
+/* Pixels whose own sensor is stuck and that no cell covers. */
+static sbl_result sbl__refine_find_orphans(sbl__base *base, sbl__refine *r, const float *rgba, sbl__slice *slice) {
+    const int pixels = r->width * r->height;
+    if (!r->orphan_count) return SBL_SUCCESS;
+    if (r->at == 0) {
+        sbl__free(base, r->orphans);
+        sbl__free(base, r->found);
+        r->orphans = (int *)sbl__alloc_raw(base, (size_t)r->orphan_count, sizeof *r->orphans);
+        r->found = (float *)sbl__alloc_raw(base, (size_t)r->orphan_count, 4 * sizeof *r->found);
+        if (!r->orphans || !r->found) return SBL_ERROR_OUT_OF_MEMORY;
+        r->orphan_count = 0;
     }
-    if (!left) return SBL_SUCCESS;
-    orphans = (int *)sbl__alloc(base, (size_t)left, sizeof *orphans);
-    found = (float *)sbl__alloc(base, (size_t)left, 4 * sizeof *found);
-    if (!orphans || !found) { sbl__free(base, orphans); sbl__free(base, found); return SBL_ERROR_OUT_OF_MEMORY; }
-    left = 0;
-    for (at = 0; at < pixels; at++) if (r->pixels[at].id && rgba[4 * at + 3] == 0.0f) orphans[left++] = (int)at;
-    do {
-        before = left;
-        for (i = 0; i < left; i++)
-            if (!sbl__refine_spread(r, rgba, orphans[i] % r->width, orphans[i] / r->width, found + 4 * i)) found[4 * i + 3] = 0;
-        for (i = left = 0; i < before; i++) {
-            if (found[4 * i + 3] > 0) memcpy(rgba + 4 * (size_t)orphans[i], found + 4 * i, 4 * sizeof(float));
-            else orphans[left++] = orphans[i];
-        }
-    } while (left && left < before);
-    for (i = 0; i < left; i++) {
-        for (k = 0; k < 3; k++) rgba[4 * (size_t)orphans[i] + (size_t)k] = r->pixels[orphans[i]].radiance[k];
-        rgba[4 * (size_t)orphans[i] + 3] = SBL__LEAST_NOISE;
+    for (; r->at < pixels; r->at++) {
+        if (r->at && sbl__late(slice)) return SBL_UNFINISHED;
+        if (r->pixels[r->at].id && rgba[4 * (size_t)r->at + 3] == 0.0f) r->orphans[r->orphan_count++] = r->at;
     }
-    sbl__free(base, orphans);
-    sbl__free(base, found);
     return SBL_SUCCESS;
 }
 
-static sbl_result sbl__refine_begin(sbl__base *base, sbl__refine *r) {
-    int x, y;
-    sbl_result result = SBL_SUCCESS;
-    for (y = 0; y == 0 || y < r->height - 1; y += r->tile)
-        for (x = 0; (x == 0 || x < r->width - 1) && result == SBL_SUCCESS; x += r->tile)
-            result = sbl__refine_add_cell(base, r, x, y, SBL__MIN(x + r->tile, r->width - 1), SBL__MIN(y + r->tile, r->height - 1), 0);
-    return result;
-}
-
-static void sbl__refine_free(sbl__base *base, sbl__refine *r) {
-    sbl__free(base, r->pixels);
-    sbl__free(base, r->cells);
-    sbl__free(base, r->sites);
-    sbl__free(base, r->site_pixels);
-    sbl__free(base, r->readings);
-    sbl__free(base, r->suspects);
-    sbl__free(base, r->suspect_readings);
-    memset(r, 0, sizeof *r);
+/* They take the light that spreads over their surface from others, ring by ring; without any they keep what the stuck
+   sensor saw. */
+static sbl_result sbl__refine_adopt(sbl__refine *r, float *rgba, sbl__slice *slice) {
+    while (r->orphan_count) {
+        const int before = r->orphan_count;
+        int i, k;
+        for (; r->at < before; r->at++) {
+            float *found = r->found + 4 * (size_t)r->at;
+            if (sbl__late(slice)) return SBL_UNFINISHED;
+            if (!sbl__refine_spread(r, rgba, r->orphans[r->at], found)) found[3] = 0;
+        }
+        r->at = 0;
+        for (i = r->orphan_count = 0; i < before; i++) {
+            const float *found = r->found + 4 * (size_t)i;
+            if (found[3] > 0) memcpy(rgba + 4 * (size_t)r->orphans[i], found, 4 * sizeof(float));
+            else r->orphans[r->orphan_count++] = r->orphans[i];
+        }
+        if (r->orphan_count < before) continue;
+        for (i = 0; i < r->orphan_count; i++) {
+            float *to = rgba + 4 * (size_t)r->orphans[i];
+            for (k = 0; k < 3; k++) to[k] = r->pixels[r->orphans[i]].radiance[k];
+            to[3] = SBL__LEAST_NOISE;
+        }
+        r->orphan_count = 0;
+    }
+    return SBL_SUCCESS;
 }
 
 /* ======================================================================================================== >>filter
-   Smoothing of R (section III-H), see filter.glsl. Draws into the framebuffer bound by the caller. */
+   Smoothing of R (section III-H). */
 
-#define SBL__VISIBLE_DIFFERENCE 0.01f  /* relative; below it all is smoothed */
-#define SBL__TEXEL_NOISE 2.6f          /* of a rasterised sensor, relative, times its size: measured for a lamp in a box */
+/* >>glsl belongs: shaders_embedded/belongs.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_belongs[] = {
+"// How far two surface points of one id belong together, 0 to 1: by their normals and by how far each lies off the\n",
+"// other's plane.\n",
+"// sbl__belongs in sbl.h is the same for the CPU.\n",
+"float sbl_belongs(vec3 p, vec3 n, vec3 q, vec3 m) {\n",
+"    float turn = clamp((dot(n, m) - 0.8) / 0.2, 0.0, 1.0);\n",
+"    vec3 d = q - p;\n",
+"    float off = max(abs(dot(d, n)), abs(dot(d, m))), apart = length(d);\n",
+"    return turn * turn * clamp(2.0 - 8.0 * off / max(apart, 1e-30), 0.0, 1.0);\n",
+"}\n",
+0 };
+/* <<glsl */
 
-static void sbl__filter_draw(const sbl__gl *gl, unsigned program, unsigned empty_array, const sbl__gbuffer *g, const sbl__texture *radiance, int radius, int geometry_aware, float tolerance) {
-    double sigma = SBL__MAX(0.5 * radius, 0.1);
-    gl->BindVertexArray(empty_array);
-    gl->Disable(SBL__GL_DEPTH_TEST);
-    gl->Viewport(0, 0, radiance->width, radiance->height);
-    gl->UseProgram(program);
-    sbl__bind(gl, program, "radiance", 0, SBL__GL_TEXTURE_2D, radiance->id);
-    sbl__bind(gl, program, "positions", 1, SBL__GL_TEXTURE_2D, g->position.id);
-    sbl__bind(gl, program, "normals", 2, SBL__GL_TEXTURE_2D, g->normal.id);
-    sbl__bind(gl, program, "ids", 3, SBL__GL_TEXTURE_2D, g->id.id);
-    sbl__uniform_i(gl, program, "radius", radius);
-    sbl__uniform_f(gl, program, "falloff", (float)(1 / (2 * sigma * sigma)));
-    sbl__uniform_i(gl, program, "geometry_aware", geometry_aware);
-    sbl__uniform_f(gl, program, "tolerance", tolerance);
-    gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
+/* >>glsl filter: shaders_embedded/filter.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_filter[] = {
+"// The Gaussian of section III-H: over pixels of the same id, its weights renormalised to one.\n",
+"// Outside paper mode a pixel also counts the less the more its normal and its plane differ, and its light by more than\n",
+"// noise can explain.\n",
+"uniform sampler2D radiance;  // R; a: its noise, above 0 where there is a surface\n",
+"uniform sampler2D positions, normals;\n",
+"uniform usampler2D ids;\n",
+"uniform int radius;\n",
+"uniform float falloff;       // 1 / (2 sigma^2), sigma in pixels\n",
+"uniform int geometry_aware;\n",
+"uniform float tolerance;     // noise that is there in any case, relative\n",
+"layout(location = 0) out vec4 out_radiance;\n",
+"\n",
+"const float SBL_DOUBT = 0.25;  // how fast trust falls with the square of a difference over the noise\n",
+"\n",
+"// 1 where noise alone explains the difference, nearing 0 where it is several times as large.\n",
+"float sbl_alike(vec4 a, vec4 b) {\n",
+"    vec3 apart = abs(a.rgb - b.rgb);\n",
+"    float noise = a.a + b.a + tolerance * (max(a.r, max(a.g, a.b)) + max(b.r, max(b.g, b.b)));\n",
+"    float difference = max(apart.r, max(apart.g, apart.b)) / max(noise, 1e-30);\n",
+"    return exp(-SBL_DOUBT * difference * difference);\n",
+"}\n",
+"\n",
+"void main() {\n",
+"    ivec2 at = ivec2(gl_FragCoord.xy), size = textureSize(radiance, 0);\n",
+"    uint id = texelFetch(ids, at, 0).x;\n",
+"    out_radiance = vec4(0);\n",
+"    if (id == 0u) return;\n",
+"    vec3 p = texelFetch(positions, at, 0).xyz, n = texelFetch(normals, at, 0).xyz;\n",
+"    vec4 sum = vec4(0), own = texelFetch(radiance, at, 0);\n",
+"    for (int y = max(-radius, -at.y); y <= min(radius, size.y - 1 - at.y); y++)\n",
+"        for (int x = max(-radius, -at.x); x <= min(radius, size.x - 1 - at.x); x++) {\n",
+"            ivec2 there = at + ivec2(x, y);\n",
+"            if (texelFetch(ids, there, 0).x != id) continue;\n",
+"            vec4 light = texelFetch(radiance, there, 0);\n",
+"            float weight = exp(-falloff * float(x * x + y * y));\n",
+"            if (geometry_aware != 0 && (x != 0 || y != 0))\n",
+"                weight *= sbl_belongs(p, n, texelFetch(positions, there, 0).xyz, texelFetch(normals, there, 0).xyz) *\n",
+"                          sbl_alike(own, light);\n",
+"            sum += weight * vec4(light.rgb, 1);\n",
+"        }\n",
+"    out_radiance = vec4(sum.rgb / sum.a, 1);\n",
+"}\n",
+0 };
+/* <<glsl */
+
+static const sbl__recipe sbl__recipe_filter = {
+    "filter", { sbl__glsl_fullscreen_vertex }, { sbl__glsl_belongs, sbl__glsl_filter }, { NULL }, 0
+};
+
+typedef struct sbl__filter {
+    int radius, geometry_aware;
+    float tolerance;            /* see sbl__spec_tolerance */
+} sbl__filter;
+
+/* Rows of the smoothed map from those of the radiance map. */
+static sbl_result sbl__filter_draw(sbl__device *d, const sbl__filter *f, const sbl__gbuffer *g,
+                                   const sbl__texture *radiance, const sbl__target *out, const int rows[2]) {
+    const double sigma = SBL__MAX(0.5 * f->radius, 0.1);
+    const sbl_result result = sbl__use(d, &sbl__recipe_filter, 0);
+    if (result != SBL_SUCCESS) return result;
+    sbl__pass_rows(d, out, rows[0], rows[1]);
+    sbl__bind(d, "radiance", radiance);
+    sbl__bind(d, "positions", &g->position);
+    sbl__bind(d, "normals", &g->normal);
+    sbl__bind(d, "ids", &g->id);
+    sbl__set_int(d, "radius", f->radius);
+    sbl__set_float(d, "falloff", (float)(1 / (2 * sigma * sigma)));
+    sbl__set_int(d, "geometry_aware", f->geometry_aware);
+    sbl__set_float(d, "tolerance", f->tolerance);
+    sbl__draw_screen(d);
+    return SBL_SUCCESS;
 }
 
 /* ======================================================================================================== >>resolve
-   Composition and anti-aliasing, see resolve.glsl. Draws into the framebuffer bound by the caller. */
+   Composition and anti-aliasing. */
 
-/* Where sample i of count lies in the pixel, from its centre: the R2 sequence (Roberts 2018, "The Unreasonable Effectiveness of Quasirandom
-   Sequences"); one sample is the centre. */
+/* >>glsl resolve: shaders_embedded/resolve.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_resolve[] = {
+"// Composition (section III-H) of one anti-aliasing sample of every pixel: emission + albedo * R. The sample has its own\n",
+"// G-buffer; R is looked up among the nearest pixel centres that show the same surface, so that light never bleeds over\n",
+"// an edge.\n",
+"uniform sampler2D radiance;                 // R at pixel centres\n",
+"uniform sampler2D positions, normals;       // at pixel centres\n",
+"uniform usampler2D ids;\n",
+"uniform sampler2D sample_positions, sample_normals, sample_albedo, sample_emission;\n",
+"uniform usampler2D sample_ids;\n",
+"uniform vec2 offset;                        // of the sample from the pixel's centre, pixels\n",
+"uniform vec3 sky;                           // constant\n",
+"uniform sampler2D previous;                 // what the samples before this one gave\n",
+"uniform float first, share;                 // first: 0 for the first sample, else 1; share: 1 / samples\n",
+"layout(location = 0) out vec4 out_color;\n",
+"\n",
+"const int SBL_REACH = 2;                // pixels to each side that light is looked up in\n",
+"const float SBL_NEAR_ENOUGH = 0.05;     // weight of the four nearest from which on they do\n",
+"const float SBL_SAME_ID = 1e-3;         // what a pixel of the same surface counts even where it does not belong,\n",
+"const float SBL_OTHER_ID = 0.01;        // and one of another where there is nothing else\n",
+"\n",
+"// As a camera sees the environment: bilinear.\n",
+"vec3 sbl_sky_smooth(vec3 direction) {\n",
+"    vec3 radiance = vec3(0);\n",
+"    if (sky_limit == 0.0) return radiance;\n",
+"    ivec2 size = textureSize(sky_picture, 0);\n",
+"    vec2 at = sbl_sky_at(direction) * vec2(size) - 0.5, corner = floor(at), f = at - corner;\n",
+"    for (int i = 0; i < 4; i++) {\n",
+"        ivec2 step = ivec2(i & 1, i >> 1), texel = ivec2(corner) + step;\n",
+"        vec2 weight = mix(1.0 - f, f, vec2(step));\n",
+"        texel = ivec2((texel.x + size.x) % size.x, clamp(texel.y, 0, size.y - 1));\n",
+"        radiance += weight.x * weight.y * texelFetch(sky_picture, texel, 0).rgb;\n",
+"    }\n",
+"    return radiance;\n",
+"}\n",
+"\n",
+"// R at the sample: of the four nearest pixels where they belong; else of those farther away; else of anything.\n",
+"vec3 sbl_light_at(ivec2 at, uint id) {\n",
+"    ivec2 size = textureSize(radiance, 0);\n",
+"    vec3 p = texelFetch(sample_positions, at, 0).xyz, n = texelFetch(sample_normals, at, 0).xyz;\n",
+"    vec4 near = vec4(0), far = vec4(0), rest = vec4(0);\n",
+"    for (int y = -SBL_REACH; y <= SBL_REACH; y++)\n",
+"        for (int x = -SBL_REACH; x <= SBL_REACH; x++) {\n",
+"            ivec2 there = clamp(at + ivec2(x, y), ivec2(0), size - 1);\n",
+"            uint there_id = texelFetch(ids, there, 0).x;\n",
+"            if (there_id == 0u) continue;\n",
+"            vec3 q = texelFetch(positions, there, 0).xyz, m = texelFetch(normals, there, 0).xyz;\n",
+"            vec4 r = vec4(texelFetch(radiance, there, 0).rgb, 1);\n",
+"            vec2 d = abs(vec2(x, y) - offset);\n",
+"            float tent = max(0.0, 1.0 - d.x) * max(0.0, 1.0 - d.y), reach = exp(-dot(d, d));\n",
+"            float belongs = there_id == id ? sbl_belongs(p, n, q, m) : 0.0;\n",
+"            near += r * tent * belongs;\n",
+"            far += r * reach * (belongs + (there_id == id ? SBL_SAME_ID : 0.0));\n",
+"            rest += r * reach * (SBL_OTHER_ID + max(0.0, dot(n, m)));\n",
+"        }\n",
+"    if (near.a > SBL_NEAR_ENOUGH) return near.rgb / near.a;\n",
+"    if (far.a > 0.0) return far.rgb / far.a;\n",
+"    return rest.a > 0.0 ? rest.rgb / rest.a : vec3(0);\n",
+"}\n",
+"\n",
+"void main() {\n",
+"    ivec2 at = ivec2(gl_FragCoord.xy);\n",
+"    uint id = texelFetch(sample_ids, at, 0).x;\n",
+"    vec4 before = first == 0.0 ? vec4(0) : texelFetch(previous, at, 0);\n",
+"    vec3 color;\n",
+"    if (id == 0u) color = sky + sbl_sky_smooth(sbl_camera_direction());\n",
+"    else {\n",
+"        vec3 light = offset == vec2(0) ? texelFetch(radiance, at, 0).rgb : sbl_light_at(at, id);\n",
+"        color = texelFetch(sample_emission, at, 0).rgb + texelFetch(sample_albedo, at, 0).rgb * light;\n",
+"    }\n",
+"    out_color = before + share * vec4(color, 1);\n",
+"}\n",
+0 };
+/* <<glsl */
+
+static const sbl__recipe sbl__recipe_resolve = {
+    "resolve", { sbl__glsl_fullscreen_vertex },
+    { sbl__glsl_belongs, sbl__glsl_camera, sbl__glsl_sky, sbl__glsl_resolve }, { NULL }, 0
+};
+
+/* Where sample i of count lies in the pixel, from its centre: the R2 sequence (Roberts 2018, "The Unreasonable
+   Effectiveness of Quasirandom Sequences"); one sample is the centre. */
 static void sbl__sample_offset(int i, int count, float out[2]) {
     double x = 0.5 + (i + 0.5) * 0.7548776662466927, y = 0.5 + (i + 0.5) * 0.5698402909980532;
     out[0] = count == 1 ? 0 : (float)(x - floor(x) - 0.5);
     out[1] = count == 1 ? 0 : (float)(y - floor(y) - 0.5);
 }
 
-static void sbl__resolve_draw(const sbl__gl *gl, unsigned program, unsigned empty_array, const sbl__gbuffer *g, const sbl__gbuffer *sample, const sbl__texture *radiance,
-                              const sbl__texture *previous, const float offset[2], int index, int count, const sbl__scene *scene, const sbl__camera *camera) {
-    static const char *const names[3] = { "direction_0", "direction_x", "direction_y" };
-    double ray[6][3];
-    int i;
-    sbl__camera_rays(camera, offset, radiance->width, radiance->height, ray);
-    gl->BindVertexArray(empty_array);
-    gl->Disable(SBL__GL_DEPTH_TEST);
-    gl->Viewport(0, 0, radiance->width, radiance->height);
-    gl->UseProgram(program);
-    sbl__bind(gl, program, "radiance", 0, SBL__GL_TEXTURE_2D, radiance->id);
-    sbl__bind(gl, program, "positions", 1, SBL__GL_TEXTURE_2D, g->position.id);
-    sbl__bind(gl, program, "normals", 2, SBL__GL_TEXTURE_2D, g->normal.id);
-    sbl__bind(gl, program, "ids", 3, SBL__GL_TEXTURE_2D, g->id.id);
-    sbl__bind(gl, program, "sample_positions", 4, SBL__GL_TEXTURE_2D, sample->position.id);
-    sbl__bind(gl, program, "sample_normals", 5, SBL__GL_TEXTURE_2D, sample->normal.id);
-    sbl__bind(gl, program, "sample_albedo", 6, SBL__GL_TEXTURE_2D, sample->albedo.id);
-    sbl__bind(gl, program, "sample_emission", 7, SBL__GL_TEXTURE_2D, sample->emission.id);
-    sbl__bind(gl, program, "sample_ids", 8, SBL__GL_TEXTURE_2D, sample->id.id);
-    sbl__bind(gl, program, "previous", 9, SBL__GL_TEXTURE_2D, previous->id);
-    gl->Uniform2f(sbl__uniform(gl, program, "offset"), offset[0], offset[1]);
-    sbl__sky_bind(gl, scene, program, 10);
-    for (i = 0; i < 3; i++) gl->Uniform3f(sbl__uniform(gl, program, names[i]), (float)ray[3 + i][0], (float)ray[3 + i][1], (float)ray[3 + i][2]);
-    sbl__uniform_f(gl, program, "first", index ? 1.0f : 0.0f);
-    sbl__uniform_f(gl, program, "share", 1.0f / (float)count);
-    gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
+/* One sample of every pixel. */
+typedef struct sbl__resolve {
+    const sbl__gbuffer *centres, *sample;  /* what is seen at pixel centres, and at the sample */
+    const sbl__texture *radiance;          /* R at pixel centres */
+    const sbl__texture *previous;          /* what the samples before gave */
+    const sbl__environment *environment;
+    const sbl__camera *camera;
+    float offset[2];                       /* of the sample from the centre, pixels */
+    int index, count;                      /* of the sample */
+} sbl__resolve;
+
+/* Adds it to rows of the target. */
+static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const sbl__target *out, const int rows[2]) {
+    const sbl_result result = sbl__use(d, &sbl__recipe_resolve, 0);
+    if (result != SBL_SUCCESS) return result;
+    sbl__pass_rows(d, out, rows[0], rows[1]);
+    sbl__bind(d, "radiance", r->radiance);
+    sbl__bind(d, "positions", &r->centres->position);
+    sbl__bind(d, "normals", &r->centres->normal);
+    sbl__bind(d, "ids", &r->centres->id);
+    sbl__bind(d, "sample_positions", &r->sample->position);
+    sbl__bind(d, "sample_normals", &r->sample->normal);
+    sbl__bind(d, "sample_albedo", &r->sample->albedo);
+    sbl__bind(d, "sample_emission", &r->sample->emission);
+    sbl__bind(d, "sample_ids", &r->sample->id);
+    sbl__bind(d, "previous", r->previous);
+    sbl__environment_bind(d, r->environment);
+    sbl__camera_set(d, r->camera, r->offset, out);
+    sbl__set_vec2(d, "offset", r->offset[0], r->offset[1]);
+    sbl__set_float(d, "first", r->index ? 1.0f : 0.0f);
+    sbl__set_float(d, "share", 1.0f / (float)r->count);
+    sbl__draw_screen(d);
+    return SBL_SUCCESS;
 }
 
 /* ======================================================================================================== >>picture
-   The stages in steps. Every call of sbl__picture_work does one bounded piece. */
+   The front end that makes pictures: a short loop over jobs, level by level, in bounded pieces. */
 
-typedef enum sbl__stage { SBL__STAGE_NONE, SBL__STAGE_SURFACE, SBL__STAGE_COLLECT, SBL__STAGE_GATHER, SBL__STAGE_PROBE, SBL__STAGE_JUDGE, SBL__STAGE_FILL, SBL__STAGE_FILTER,
-                          SBL__STAGE_RESOLVE, SBL__STAGE_DONE } sbl__stage;
+/* In their order; JUDGE goes back to COLLECT while cells are split. Where the picture under way is looked at, TAKE goes
+   to JUDGE by way of FILL to PREVIEW. */
+typedef enum sbl__stage {
+    SBL__STAGE_NONE,
+    SBL__STAGE_SETUP,    /* textures and memory */
+    SBL__STAGE_PREPARE,  /* the scene's hierarchy and lamps */
+    SBL__STAGE_SURFACE,  /* the G-buffer */
+    SBL__STAGE_READ,     /* it comes to the host */
+    SBL__STAGE_CELLS,
+    SBL__STAGE_COLLECT,  /* which pixels get sensors */
+    SBL__STAGE_SENSE,    /* the job */
+    SBL__STAGE_TAKE,     /* its readings */
+    SBL__STAGE_JUDGE,    /* which cells are split */
+    SBL__STAGE_FILL, SBL__STAGE_ORPHANS, SBL__STAGE_ADOPT, SBL__STAGE_SEND,  /* the radiance map */
+    SBL__STAGE_PREVIEW,
+    SBL__STAGE_FILTER,
+    SBL__STAGE_SAMPLE,   /* an anti-aliasing sample's G-buffer */
+    SBL__STAGE_RESOLVE,
+    SBL__STAGE_DONE
+} sbl__stage;
 
 typedef struct sbl__picture {
     sbl__stage stage;
+    int at;                     /* of stages that count: what comes next */
     sbl_picture_desc desc;      /* defaults filled in */
+    sbl__seeing seeing;
+    sbl__spec spec;
+    uint32_t scene_version;     /* what it shows */
     sbl__camera camera;
+    sbl__surface surface;
     sbl__gbuffer gbuffer, sample;
     sbl__refine refine;
-    sbl__texture radiance, filtered, finals[2], scalars[2];  /* scalars: DEPTH and SENSORS for sbl_channel_texture */
-    unsigned filter_framebuffer, final_framebuffers[2];
+    float *rgba;                /* the radiance map, until it is sent */
+    sbl__texture radiance, filtered, finals[2], preview, scalars[2];  /* scalars: DEPTH and SENSORS as textures */
+    sbl__target radiance_target, filtered_target, final_targets[2], preview_target;
+    sbl__pace filter_pace, resolve_pace;
     int resolved;               /* anti-aliasing samples done */
+    int watched;                /* somebody looks at the picture under way: previews are made */
+    int previewing;             /* FILL to PREVIEW are for one */
+    int64_t previewed;          /* sensors that the last preview knows of; 0: there is none */
     float progress;
 } sbl__picture;
 
-#define SBL__SCENE_PROGRAMS 10
+#define SBL__READ_PIXELS 32768    /* of the G-buffer, read at once */
+#define SBL__PREVIEW_GROWTH 1.25  /* so many times the last preview's sensors make the next one */
 
-struct sbl_context {
-    sbl__base base;
-    sbl__gl gl;
-    sbl_context_desc desc;
-    struct { unsigned gbuffer, sky, sensor[2], sensor_textured[2], trace[2], trace_textured[2], copy, reduce_blocks, reduce_sum, filter, resolve; } programs;  /* the first SBL__SCENE_PROGRAMS read the scene */
-    int wide;                   /* these read wide scenes */
-    unsigned empty_array;       /* a vertex array without attributes */
-    sbl__gather gather, probe, inspected;  /* probe: sensors that look back at their surface, see sbl__refine_suspects; inspected: one sensor's views */
-    sbl__scene scene;
-    int has_scene;
-    sbl__picture picture;
-    sbl_stats stats;
-#ifdef SBL_EGL
-    EGLDisplay egl_display;
-    EGLContext egl_context;
-    EGLSurface egl_surface;
-#endif
-    int owns_egl;
-};
-
-static void sbl__picture_free(sbl_context *c) {
-    sbl__picture *p = &c->picture;
-    sbl__name_delete(c->gl.DeleteFramebuffers, &p->filter_framebuffer);
-    sbl__name_delete(c->gl.DeleteFramebuffers, &p->final_framebuffers[0]);
-    sbl__name_delete(c->gl.DeleteFramebuffers, &p->final_framebuffers[1]);
-    sbl__texture_delete(&c->gl, &p->radiance);
-    sbl__texture_delete(&c->gl, &p->filtered);
-    sbl__texture_delete(&c->gl, &p->finals[0]);
-    sbl__texture_delete(&c->gl, &p->finals[1]);
-    sbl__texture_delete(&c->gl, &p->scalars[0]);
-    sbl__texture_delete(&c->gl, &p->scalars[1]);
-    sbl__gbuffer_free(&c->gl, &p->gbuffer);
-    sbl__gbuffer_free(&c->gl, &p->sample);
-    sbl__refine_free(&c->base, &p->refine);
-    sbl__gather_free(&c->gl, &c->gather);
-    sbl__gather_free(&c->gl, &c->probe);
-    sbl__gather_free(&c->gl, &c->inspected);
+static void sbl__picture_free(const sbl__device *d, sbl__picture *p) {
+    int i;
+    for (i = 0; i < 2; i++) {
+        sbl__target_delete(d, &p->final_targets[i]);
+        sbl__texture_delete(d, &p->finals[i]);
+        sbl__texture_delete(d, &p->scalars[i]);
+    }
+    sbl__target_delete(d, &p->radiance_target);
+    sbl__target_delete(d, &p->filtered_target);
+    sbl__target_delete(d, &p->preview_target);
+    sbl__texture_delete(d, &p->radiance);
+    sbl__texture_delete(d, &p->filtered);
+    sbl__texture_delete(d, &p->preview);
+    sbl__gbuffer_free(d, &p->gbuffer);
+    sbl__gbuffer_free(d, &p->sample);
+    sbl__surface_free(d, &p->surface);
+    sbl__refine_free(d->base, &p->refine);
+    sbl__free(d->base, p->rgba);
     memset(p, 0, sizeof *p);
 }
 
-static int sbl__picture_hemicube(const sbl_picture_desc *d) { return d->sensor_kind == SBL_SENSOR_HEMICUBE; }
-
-/* Sets up sensors that rasterise, as the picture wants them. */
-static sbl_result sbl__picture_raster(sbl_context *c, sbl__gather *g, int lamps_apart) {
-    const sbl_picture_desc *d = &c->picture.desc;
-    const int paper = d->mode == SBL_MODE_PAPER;
-    g->lamps_apart = lamps_apart && !paper;
-    g->environment = !paper;
-    return sbl__gather_setup(&c->gl, g, &c->scene, sbl__picture_hemicube(d), paper, d->sensor_size, d->sensor_fov, d->epsilon,
-                             g->lamps_apart && c->scene.lamp_leaves ? d->rays : 0, c->desc.atlas_size, c->desc.batch);
+static int sbl__picture_under_way(const sbl__picture *p) {
+    return p->stage != SBL__STAGE_NONE && p->stage != SBL__STAGE_DONE;
 }
 
-static sbl_result sbl__picture_begin(sbl_context *c) {
-    sbl__picture *p = &c->picture;
-    const sbl_picture_desc *d = &p->desc;
-    const char *what = "making the picture's textures";
-    const sbl__gl *gl = &c->gl;
-    const sbl__texture *colors[1];
-    int i;
-    sbl_result result;
-    sbl__camera_make(&p->camera, d, &c->scene);
-    p->camera.facet_limit = d->facet_limit;
-    p->refine.width = d->width;
-    p->refine.height = d->height;
-    p->refine.tile = d->tile;
-    p->refine.threshold = d->threshold;
-    p->refine.geometry_aware = p->refine.relative = d->mode != SBL_MODE_PAPER;
-    p->refine.seed = d->seed;
-    p->refine.pixels = (sbl__pixel *)sbl__alloc(&c->base, (size_t)d->width * (size_t)d->height, sizeof(sbl__pixel));
-    if (!p->refine.pixels) return SBL_ERROR_OUT_OF_MEMORY;
-    result = sbl__gbuffer_make(gl, &p->gbuffer, d->width, d->height);
-    if (result == SBL_SUCCESS && d->samples > 1) result = sbl__gbuffer_make(gl, &p->sample, d->width, d->height);
-    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &p->filtered, d->width, d->height, SBL__GL_RGBA32F, NULL, what);
-    colors[0] = &p->filtered;
-    if (result == SBL_SUCCESS) result = sbl__framebuffer_make(gl, &p->filter_framebuffer, colors, 1, NULL, what);
-    for (i = 0; i < 2 && result == SBL_SUCCESS; i++) {
-        result = sbl__texture_make(gl, &p->finals[i], d->width, d->height, SBL__GL_RGBA32F, NULL, what);
-        colors[0] = &p->finals[i];
-        if (result == SBL_SUCCESS) result = sbl__framebuffer_make(gl, &p->final_framebuffers[i], colors, 1, NULL, what);
+/* desc has its defaults filled in and has been checked. */
+static void sbl__picture_begin(sbl__picture *p, const sbl__core *c, const sbl_picture_desc *desc) {
+    const sbl__seeing seeing = SBL__SEEING(desc);
+    p->desc = *desc;
+    p->seeing = seeing;
+    p->scene_version = c->scene.version;
+    p->refine.width = desc->width;
+    p->refine.height = desc->height;
+    p->refine.tile = desc->tile;
+    p->refine.threshold = desc->threshold;
+    p->refine.geometry_aware = p->refine.relative = desc->mode != SBL_MODE_PAPER;
+    p->stage = SBL__STAGE_SETUP;
+}
+
+/* >>picture: textures and memory, one of them a piece */
+
+/* A texture of the picture's size that is drawn to. */
+static sbl_result sbl__picture_make(const sbl__device *d, const sbl__picture *p, sbl__texture *t, sbl__target *target) {
+    const sbl__texture *color = t;
+    const sbl_result result = sbl__texture_make(d, t, p->desc.width, p->desc.height, SBL__GL_RGBA32F);
+    return result == SBL_SUCCESS ? sbl__target_make(d, target, &color, 1, NULL) : result;
+}
+
+static sbl_result sbl__picture_setup(const sbl__device *d, sbl__picture *p) {
+    const int width = p->desc.width, height = p->desc.height;
+    switch (p->at++) {
+        case 0:
+            p->refine.pixels = (sbl__pixel *)sbl__alloc_raw(d->base, (size_t)width * (size_t)height,
+                                                            sizeof(sbl__pixel));
+            return p->refine.pixels ? SBL_UNFINISHED : SBL_ERROR_OUT_OF_MEMORY;
+        case 1: {
+            const sbl_result result = sbl__surface_make(d, &p->surface, width, height);
+            return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
+        }
+        case 2: {
+            const sbl_result result = sbl__gbuffer_make(d, &p->gbuffer, width, height, &p->surface.depth);
+            return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
+        }
+        default: return SBL_SUCCESS;
     }
-    if (result == SBL_SUCCESS) result = sbl__refine_begin(&c->base, &p->refine);
-    p->stage = SBL__STAGE_SURFACE;
+}
+
+/* What the last stages need: made when they come, not before. */
+static sbl_result sbl__picture_setup_end(const sbl__device *d, sbl__picture *p) {
+    sbl_result result = sbl__picture_make(d, p, &p->filtered, &p->filtered_target);
+    if (result == SBL_SUCCESS) result = sbl__picture_make(d, p, &p->finals[0], &p->final_targets[0]);
+    if (result == SBL_SUCCESS) result = sbl__picture_make(d, p, &p->finals[1], &p->final_targets[1]);
+    if (result == SBL_SUCCESS && p->desc.samples > 1)
+        result = sbl__gbuffer_make(d, &p->sample, p->desc.width, p->desc.height, &p->surface.depth);
     return result;
 }
 
-/* Sets up sensors that trace rays. Where only lamps shine, rays over the hemisphere merely tell where a sensor stands: few do. */
-static sbl_result sbl__picture_trace(sbl_context *c) {
-    const sbl_picture_desc *d = &c->picture.desc;
-    const sbl__scene *s = &c->scene;
-    int dark = !s->sky_pixels && !(d->epsilon + s->sky[0] + s->sky[1] + s->sky[2] > 0);
-    return sbl__trace_setup(&c->gl, &c->gather, &s->bvh, dark ? SBL__MIN(d->rays, SBL__CHUNK) : d->rays, s->lamp_leaves ? d->rays : 0, 1, d->epsilon, c->desc.batch);
+/* >>picture: what the camera sees */
+
+static sbl_result sbl__picture_surface(sbl__core *c, sbl__picture *p, const sbl__gbuffer *g, const float offset[2],
+                                       const sbl__slice *slice) {
+    sbl__surface_job job;
+    job.scene = &c->scene;
+    job.camera = &p->camera;
+    job.gbuffer = g;
+    job.offset[0] = offset[0];
+    job.offset[1] = offset[1];
+    job.epsilon = p->desc.epsilon;
+    return sbl__surface_step(&c->device, &p->surface, &job, slice);
 }
 
-/* Draws the G-buffer and brings to the host what refinement decides by. */
-static sbl_result sbl__picture_surface(sbl_context *c) {
+/* One pixel of the G-buffer for refinement. */
+static void sbl__picture_take_pixel(const sbl__core *c, const sbl__picture *p, const float *const from[3], uint32_t id,
+                                    sbl__pixel *out) {
+    memset(out, 0, sizeof *out);
+    memcpy(out->position, from[0], sizeof out->position);
+    memcpy(out->normal, from[1], sizeof out->normal);
+    memcpy(out->geometric_normal, from[2], sizeof out->geometric_normal);
+    out->offset = sbl__spec_offset(&p->spec, &c->scene, from[0][3]);
+    out->id = id;
+}
+
+/* Brings rows of the G-buffer to the host. */
+static sbl_result sbl__picture_read(sbl__core *c, sbl__picture *p) {
+    static const int attachments[3] = { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL };
+    const int width = p->desc.width, most = SBL__MAX(1, SBL__READ_PIXELS / width);
+    const int rows = SBL__MIN(most, p->desc.height - p->at), count = rows * width;
+    const sbl__target *t = &p->gbuffer.target;
+    float *data = (float *)sbl__alloc_raw(c->device.base, (size_t)count, 3 * 16 + 4), *ids = data + 12 * (size_t)count;
+    sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    int i, k;
+    c->device.gl.doing = "reading the G-buffer";
+    for (k = 0; k < 3 && result == SBL_SUCCESS; k++)
+        result = sbl__target_read(&c->device, t, attachments[k], p->at, rows, data + 4 * (size_t)count * (size_t)k);
+    if (result == SBL_SUCCESS) result = sbl__target_read(&c->device, t, SBL__GBUFFER_ID, p->at, rows, ids);
+    c->stats.readbacks += 4;
+    for (i = 0; i < count && result == SBL_SUCCESS; i++) {
+        const float *from[3];
+        uint32_t id;
+        memcpy(&id, ids + i, sizeof id);
+        for (k = 0; k < 3; k++) from[k] = data + 4 * ((size_t)count * (size_t)k + (size_t)i);
+        sbl__picture_take_pixel(c, p, from, id, &p->refine.pixels[(size_t)p->at * (size_t)width + (size_t)i]);
+        c->stats.visible_pixels += id != 0;
+    }
+    sbl__free(c->device.base, data);
+    p->at += rows;
+    if (result != SBL_SUCCESS || p->at < p->desc.height) return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
+    if (c->stats.visible_pixels == 0)
+        sbl__log(c->device.base, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE,
+                 "the camera sees no surface; check world_to_view, view_to_clip and the scene's bounds");
+    return SBL_SUCCESS;
+}
+
+/* >>picture: the radiance map and what comes of it */
+
+static sbl_result sbl__picture_fill(sbl__core *c, sbl__picture *p, sbl__slice *slice) {
+    const size_t pixels = (size_t)p->desc.width * (size_t)p->desc.height;
+    if (!p->rgba) p->rgba = (float *)sbl__alloc_raw(c->device.base, pixels, 16);
+    return p->rgba ? sbl__refine_fill(&p->refine, p->rgba, slice) : SBL_ERROR_OUT_OF_MEMORY;
+}
+
+/* Rows of the radiance map to the GPU. */
+static sbl_result sbl__picture_send(sbl__core *c, sbl__picture *p) {
+    const int width = p->desc.width, rows = SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / width), p->desc.height - p->at);
+    sbl_result result = SBL_SUCCESS;
+    c->device.gl.doing = "sending the radiance map";
+    if (p->at == 0) result = sbl__picture_make(&c->device, p, &p->radiance, &p->radiance_target);
+    if (result == SBL_SUCCESS)
+        result = sbl__texture_write(&c->device, &p->radiance, p->at, rows,
+                                    p->rgba + 4 * (size_t)p->at * (size_t)width);
+    p->at += rows;
+    if (result != SBL_SUCCESS || p->at < p->desc.height) return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
+    sbl__free(c->device.base, p->rgba);
+    p->rgba = NULL;
+    return SBL_SUCCESS;
+}
+
+static sbl_result sbl__picture_filter(sbl__core *c, sbl__picture *p, const sbl__slice *slice) {
+    sbl__filter filter;
+    int rows[2];
+    sbl_result result = SBL_SUCCESS;
+    c->device.gl.doing = "filtering";
+    if (p->at == 0) result = sbl__picture_setup_end(&c->device, p);
+    if (result != SBL_SUCCESS) return result;
+    filter.radius = SBL__MAX(p->desc.filter_radius, 0);
+    filter.geometry_aware = p->desc.mode != SBL_MODE_PAPER;
+    filter.tolerance = sbl__spec_tolerance(&p->spec);
+    rows[0] = p->at;
+    rows[1] = sbl__pace_rows(&p->filter_pace, slice, &p->filtered_target, p->at);
+    result = sbl__filter_draw(&c->device, &filter, &p->gbuffer, &p->radiance, &p->filtered_target, rows);
+    sbl__pace_end(&c->device, &p->filter_pace, (double)rows[1] * p->desc.width);
+    if (result == SBL_SUCCESS) result = sbl__gl_check(&c->device.gl);
+    p->at += rows[1];
+    return result != SBL_SUCCESS || p->at == p->desc.height ? result : SBL_UNFINISHED;
+}
+
+/* Rows of a sample, or of a preview: the sample at pixel centres, lit by what the map knows. */
+static sbl_result sbl__picture_resolve(sbl__core *c, sbl__picture *p, const sbl__slice *slice) {
+    const int preview = p->previewing, samples = preview ? 1 : p->desc.samples, from = p->resolved & 1;
+    const sbl__target *out = preview ? &p->preview_target : &p->final_targets[1 - from];
+    sbl__resolve r;
+    int rows[2];
+    sbl_result result = SBL_SUCCESS;
+    c->device.gl.doing = "composing the picture";
+    if (preview && p->at == 0) result = sbl__picture_make(&c->device, p, &p->preview, &p->preview_target);
+    if (result != SBL_SUCCESS) return result;
+    r.centres = &p->gbuffer;
+    r.sample = samples > 1 ? &p->sample : &p->gbuffer;
+    r.radiance = preview ? &p->radiance : &p->filtered;
+    r.previous = preview ? &p->radiance : &p->finals[from];
+    r.environment = &c->scene.environment;
+    r.camera = &p->camera;
+    r.index = preview ? 0 : p->resolved;
+    r.count = samples;
+    sbl__sample_offset(r.index, samples, r.offset);
+    rows[0] = p->at;
+    rows[1] = sbl__pace_rows(&p->resolve_pace, slice, out, p->at);
+    result = sbl__resolve_draw(&c->device, &r, out, rows);
+    sbl__pace_end(&c->device, &p->resolve_pace, (double)rows[1] * p->desc.width);
+    if (result == SBL_SUCCESS) result = sbl__gl_check(&c->device.gl);
+    p->at += rows[1];
+    return result != SBL_SUCCESS || p->at == p->desc.height ? result : SBL_UNFINISHED;
+}
+
+/* >>picture: its stages */
+
+/* Begins the job of the sites that were collected. */
+static void sbl__picture_sense(sbl__core *c, sbl__picture *p) {
+    sbl__task task;
+    memset(&task, 0, sizeof task);
+    task.spec = p->spec;
+    task.sites = p->refine.sites;
+    task.readings = p->refine.readings;
+    task.site_count = p->refine.site_count;
+    sbl__job_begin(&c->job, &c->scene, &task);
+}
+
+/* One bounded piece of the stage. SBL_SUCCESS: it is done. */
+static sbl_result sbl__picture_piece(sbl__core *c, sbl__picture *p, sbl__slice *slice) {
     static const float centre[2] = { 0, 0 };
-    sbl__picture *p = &c->picture;
-    size_t pixels = (size_t)p->desc.width * (size_t)p->desc.height, i;
-    const sbl__texture *textures[4];
-    int attachments[4] = { 0, 1, 2, 5 }, traced = p->desc.backend == SBL_BACKEND_TRACE, t, k;
-    float *data;
-    sbl_result result = p->desc.mode == SBL_MODE_PAPER ? SBL_SUCCESS : sbl__bvh_ready(&c->gl, &c->scene);
-    if (result == SBL_SUCCESS) result = traced ? sbl__picture_trace(c) : sbl__picture_raster(c, &c->gather, 1);
-    if (result != SBL_SUCCESS) return result;
-    c->stats.bvh_seconds = c->scene.bvh.seconds;
-    c->stats.lamps = p->desc.mode == SBL_MODE_PAPER ? 0 : c->scene.lamp_leaves;
-    c->stats.bvh_bytes = c->scene.node_buffer.bytes + c->scene.triangle_buffer.bytes + c->scene.node_texels.bytes + c->scene.triangle_texels.bytes;
-    sbl__surface_draw(&c->gl, c->programs.gbuffer, &c->scene, &p->camera, &p->gbuffer, centre, p->desc.epsilon);
-    result = sbl__gl_check(&c->gl, "drawing the G-buffer");
-    if (result != SBL_SUCCESS) return result;
-    data = (float *)sbl__alloc(&c->base, pixels, 16);
-    if (!data) return SBL_ERROR_OUT_OF_MEMORY;
-    textures[0] = &p->gbuffer.position; textures[1] = &p->gbuffer.normal; textures[2] = &p->gbuffer.geometric_normal; textures[3] = &p->gbuffer.id;
-    for (t = 0; t < 4 && result == SBL_SUCCESS; t++) {
-        result = sbl__read_pixels(&c->gl, p->gbuffer.framebuffer, attachments[t], textures[t], p->desc.height, data, "reading the G-buffer");
-        c->stats.readbacks++;
-        for (i = 0; i < pixels && result == SBL_SUCCESS; i++) {
-            sbl__pixel *pixel = &p->refine.pixels[i];
-            float *to = t == 0 ? pixel->position : t == 1 ? pixel->normal : pixel->geometric_normal;
-            if (t == 3) { memcpy(&pixel->id, data + i, 4); c->stats.visible_pixels += pixel->id != 0; }
-            else for (k = 0; k < 3; k++) to[k] = data[4 * i + (size_t)k];
-            if (t == 0) pixel->offset = SBL__OFFSET * (traced && data[4 * i + 3] > 0 ? data[4 * i + 3] : c->scene.extent);
-        }
-    }
-    sbl__free(&c->base, data);
-    if (result == SBL_SUCCESS && c->stats.visible_pixels == 0)
-        sbl__log(&c->base, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, "the camera sees no surface; check world_to_view, view_to_clip and the scene's bounds");
-    return result;
-}
-
-static sbl_result sbl__picture_fill(sbl_context *c) {
-    sbl__picture *p = &c->picture;
-    size_t pixels = (size_t)p->desc.width * (size_t)p->desc.height;
-    float *rgba = (float *)sbl__alloc(&c->base, pixels, 16);
-    sbl_result result;
-    if (!rgba) return SBL_ERROR_OUT_OF_MEMORY;
-    result = sbl__refine_fill(&c->base, &p->refine, rgba);
-    if (result == SBL_SUCCESS) result = sbl__texture_make(&c->gl, &p->radiance, p->desc.width, p->desc.height, SBL__GL_RGBA32F, rgba, "sending the radiance map");
-    sbl__free(&c->base, rgba);
-    return result;
-}
-
-static sbl_result sbl__probe_begin(sbl_context *c, const sbl__site *sites, int count) {
-    sbl_result result = SBL_SUCCESS;
-    if (!c->probe.slots && c->gather.rays) result = sbl__trace_setup(&c->gl, &c->probe, &c->scene.bvh, 1, 0, 0, 0, c->desc.batch);
-    else if (!c->probe.slots) result = sbl__gather_setup(&c->gl, &c->probe, &c->scene, 0, 0, SBL__PROBE_SIZE, SBL__PROBE_FOV, 0, 0, SBL__MIN(c->desc.atlas_size, 512), c->desc.batch);
-    return result == SBL_SUCCESS ? sbl__gather_begin(&c->gl, &c->probe, sites, count) : result;
-}
-
-/* One piece of the work; limit: sensors at most. */
-static sbl_result sbl__picture_work(sbl_context *c, int limit) {
-    sbl__picture *p = &c->picture;
-    const sbl__gl *gl = &c->gl;
-    const unsigned reduce[2] = { c->programs.reduce_blocks, c->programs.reduce_sum };
-    const unsigned *views = c->scene.textured ? c->programs.sensor_textured : c->programs.sensor, *trace = c->scene.textured ? c->programs.trace_textured : c->programs.trace;
-    const unsigned draw[3] = { views[0], c->programs.sky, c->scene.draw ? views[1] : trace[1] };  /* what the host draws, only views show */
-    double start = sbl__now(), *seconds = NULL;
-    sbl_result result = SBL_SUCCESS;
+    sbl__refine *r = &p->refine;
+    sbl__base *base = c->device.base;
+    float offset[2];
     switch (p->stage) {
-        case SBL__STAGE_SURFACE:
-            seconds = &c->stats.seconds.surface;
-            result = sbl__picture_surface(c);
-            p->stage = SBL__STAGE_COLLECT;
-            break;
+        case SBL__STAGE_SETUP:
+            c->device.gl.doing = "making the picture's textures";
+            return sbl__picture_setup(&c->device, p);
+        case SBL__STAGE_PREPARE: return sbl__core_prepare(c, &p->seeing, slice);
+        case SBL__STAGE_SURFACE: return sbl__picture_surface(c, p, &p->gbuffer, centre, slice);
+        case SBL__STAGE_READ: return sbl__picture_read(c, p);
+        case SBL__STAGE_CELLS: return sbl__refine_begin(base, r, slice);
+        case SBL__STAGE_COLLECT: return sbl__refine_collect(base, r, &p->spec, slice);
+        case SBL__STAGE_SENSE: return sbl__job_step(&c->device, &c->job, slice);
+        case SBL__STAGE_TAKE: return sbl__refine_take(r, &c->stats, slice);
+        case SBL__STAGE_JUDGE: return sbl__refine_judge(base, r, slice);
+        case SBL__STAGE_FILL: return sbl__picture_fill(c, p, slice);
+        case SBL__STAGE_ORPHANS: return sbl__refine_find_orphans(base, r, p->rgba, slice);
+        case SBL__STAGE_ADOPT: return sbl__refine_adopt(r, p->rgba, slice);
+        case SBL__STAGE_SEND: return sbl__picture_send(c, p);
+        case SBL__STAGE_FILTER: return sbl__picture_filter(c, p, slice);
+        case SBL__STAGE_SAMPLE:
+            sbl__sample_offset(p->resolved, p->desc.samples, offset);
+            return p->desc.samples > 1 ? sbl__picture_surface(c, p, &p->sample, offset, slice) : SBL_SUCCESS;
+        case SBL__STAGE_PREVIEW: case SBL__STAGE_RESOLVE: return sbl__picture_resolve(c, p, slice);
+        default: return SBL_SUCCESS;
+    }
+}
+
+/* What follows a stage that is done. */
+static sbl__stage sbl__picture_next(sbl__core *c, sbl__picture *p) {
+    const int sensed = p->refine.fresh == p->refine.cell_count;  /* no cell was split */
+    switch (p->stage) {
+        case SBL__STAGE_PREPARE:
+            sbl__spec_make(&p->spec, &p->seeing, &c->scene, &c->desc);
+            sbl__camera_make(&p->camera, &p->desc, &c->scene.geometry);
+            sbl__surface_begin(&p->surface);
+            return SBL__STAGE_SURFACE;
         case SBL__STAGE_COLLECT:
-            seconds = &c->stats.seconds.refine;
-            result = sbl__refine_collect(&c->base, &p->refine);
-            if (result == SBL_SUCCESS && p->refine.site_count) result = sbl__gather_begin(gl, &c->gather, p->refine.sites, p->refine.site_count);
-            p->stage = p->refine.site_count ? SBL__STAGE_GATHER : SBL__STAGE_JUDGE;
-            break;
-        case SBL__STAGE_GATHER:
-            seconds = &c->stats.seconds.gather;
-            result = sbl__gather_step(gl, &c->gather, &c->scene, c->gather.rays ? trace : draw, reduce, c->empty_array, limit);
-            if (result == SBL_SUCCESS && c->gather.next == c->gather.count) {
-                result = sbl__gather_finish(gl, &c->gather, p->refine.readings);
-                c->stats.readbacks += 2;
-                c->stats.rays += (int64_t)c->gather.count * c->gather.rays;
-                if (!c->gather.rays) c->stats.sensor_views += (int64_t)c->gather.count * c->gather.layout.view_count;
-                if (!c->gather.rays)
-                c->stats.sensor_texels += (int64_t)c->gather.count * (sbl__picture_hemicube(&p->desc) ? c->gather.layout.sheet_width * c->gather.layout.sheet_height
-                                                                                                     : p->desc.sensor_size * p->desc.sensor_size);
-                if (result == SBL_SUCCESS) result = sbl__refine_suspects(&c->base, &p->refine);
-                p->stage = p->refine.suspect_count ? SBL__STAGE_PROBE : SBL__STAGE_JUDGE;
-                if (result == SBL_SUCCESS && p->refine.suspect_count) result = sbl__probe_begin(c, p->refine.suspects, p->refine.suspect_count);
-            }
-            break;
-        case SBL__STAGE_PROBE:
-            seconds = &c->stats.seconds.gather;
-            result = sbl__gather_step(gl, &c->probe, &c->scene, c->probe.rays ? trace : draw, reduce, c->empty_array, limit);
-            if (result == SBL_SUCCESS && c->probe.next == c->probe.count) {
-                result = sbl__gather_finish(gl, &c->probe, p->refine.suspect_readings);
-                c->stats.readbacks += 2;
-                if (result == SBL_SUCCESS) sbl__refine_convict(&c->base, &p->refine);
-                p->stage = SBL__STAGE_JUDGE;
-            }
-            break;
-        case SBL__STAGE_JUDGE:
-            seconds = &c->stats.seconds.refine;
-            result = sbl__refine_judge(&c->base, &p->refine, &c->stats);
-            p->stage = p->refine.fresh < p->refine.cell_count ? SBL__STAGE_COLLECT : SBL__STAGE_FILL;
-            break;
-        case SBL__STAGE_FILL:
-            seconds = &c->stats.seconds.refine;
-            result = sbl__picture_fill(c);
-            p->stage = SBL__STAGE_FILTER;
-            break;
+            if (!p->refine.site_count) return SBL__STAGE_TAKE;
+            sbl__picture_sense(c, p);
+            return SBL__STAGE_SENSE;
+        case SBL__STAGE_SENSE:
+            sbl__core_count(c);
+            return SBL__STAGE_TAKE;
+        case SBL__STAGE_TAKE:
+            p->previewing = p->watched && (double)c->stats.sensors >= SBL__PREVIEW_GROWTH * (double)p->previewed;
+            return p->previewing ? SBL__STAGE_FILL : SBL__STAGE_JUDGE;
+        case SBL__STAGE_JUDGE: return sensed ? SBL__STAGE_FILL : SBL__STAGE_COLLECT;
+        case SBL__STAGE_SEND: return p->previewing ? SBL__STAGE_PREVIEW : SBL__STAGE_FILTER;
+        case SBL__STAGE_PREVIEW:
+            p->previewing = 0;
+            p->previewed = c->stats.sensors;
+            return SBL__STAGE_JUDGE;
         case SBL__STAGE_FILTER:
-            seconds = &c->stats.seconds.filter;
-            gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, p->filter_framebuffer);
-            sbl__filter_draw(gl, c->programs.filter, c->empty_array, &p->gbuffer, &p->radiance, SBL__MAX(p->desc.filter_radius, 0), p->desc.mode != SBL_MODE_PAPER,
-                             p->desc.backend == SBL_BACKEND_TRACE ? SBL__VISIBLE_DIFFERENCE : SBL__TEXEL_NOISE / (float)p->desc.sensor_size);
-            gl->Finish();
-            result = sbl__gl_check(gl, "filtering");
-            p->stage = SBL__STAGE_RESOLVE;
+            sbl__surface_begin(&p->surface);
+            return SBL__STAGE_SAMPLE;
+        case SBL__STAGE_RESOLVE:
+            sbl__surface_begin(&p->surface);
+            return ++p->resolved < p->desc.samples ? SBL__STAGE_SAMPLE : SBL__STAGE_DONE;
+        default: return (sbl__stage)(p->stage + 1);
+    }
+}
+
+/* Where a stage's seconds are counted. */
+static double *sbl__picture_seconds(sbl__core *c, sbl__stage stage) {
+    return stage <= SBL__STAGE_READ                                    ? &c->stats.seconds.surface
+         : stage == SBL__STAGE_SENSE                                   ? &c->stats.seconds.gather
+         : stage == SBL__STAGE_FILTER                                  ? &c->stats.seconds.filter
+         : stage >= SBL__STAGE_SAMPLE || stage == SBL__STAGE_PREVIEW   ? &c->stats.seconds.resolve
+                                                                       : &c->stats.seconds.refine;
+}
+
+/* One bounded piece of the picture. SBL_SUCCESS: it is done. */
+static sbl_result sbl__picture_step(sbl__core *c, sbl__picture *p, sbl__slice *slice) {
+    const double start = sbl__now();
+    double *seconds = sbl__picture_seconds(c, p->stage);
+    const sbl_result result = sbl__picture_piece(c, p, slice);
+    if (result == SBL_SUCCESS) {
+        p->stage = sbl__picture_next(c, p);
+        p->at = p->refine.at = p->refine.row = 0;
+    }
+    *seconds += sbl__now() - start;
+    return result != SBL_SUCCESS ? result : p->stage == SBL__STAGE_DONE ? SBL_SUCCESS : SBL_UNFINISHED;
+}
+
+/* An estimate: round k of about log2(tile) + 1 costs about twice the one before. */
+static float sbl__picture_progress(const sbl__core *c, const sbl__picture *p) {
+    const double rounds = 1 + log((double)p->desc.tile) / log(2.0);
+    double round = p->refine.rounds, share;
+    if (p->stage == SBL__STAGE_DONE) return 1;
+    if (p->stage < SBL__STAGE_CELLS) return 0;
+    if (p->stage == SBL__STAGE_FILTER) return 0.94f;
+    if (p->stage >= SBL__STAGE_SAMPLE) return 0.95f + 0.05f * (float)p->resolved / (float)p->desc.samples;
+    if (p->stage >= SBL__STAGE_FILL && !p->previewing) return 0.93f;
+    if (p->stage == SBL__STAGE_SENSE) round += sbl__job_progress(&c->job);
+    share = (pow(2, SBL__MIN(round / rounds, 1.0) * rounds) - 1) / (pow(2, rounds) - 1);
+    return 0.02f + 0.9f * (float)SBL__MIN(share, 1.0);
+}
+
+/* Runs stages until the preview under way is there. */
+static sbl_result sbl__picture_finish_preview(sbl__core *c, sbl__picture *p, sbl__slice *slice) {
+    sbl_result result = SBL_UNFINISHED;
+    while (p->previewing && result == SBL_UNFINISHED) result = sbl__picture_step(c, p, slice);
+    return result == SBL_UNFINISHED ? SBL_SUCCESS : result;
+}
+
+/* The best that is known of a picture under way, for whoever looks at it: made at once the first time, then whenever
+   enough more is known. The first level's readings have been taken. */
+static sbl_result sbl__picture_watch(sbl__core *c, sbl__picture *p) {
+    sbl__slice slice;
+    sbl__stage stage;
+    sbl_result result = SBL_UNFINISHED;
+    int at, refine_at, row;
+    p->watched = 1;
+    if (p->previewed) return SBL_SUCCESS;
+    memset(&slice, 0, sizeof slice);
+    slice.end = DBL_MAX;
+    slice.longest = c->desc.longest_submission;
+    if (p->previewing) return sbl__picture_finish_preview(c, p, &slice);
+    while (p->stage >= SBL__STAGE_FILL && p->stage <= SBL__STAGE_SEND && result == SBL_UNFINISHED)
+        result = sbl__picture_step(c, p, &slice);  /* the last map is being made: it is what is shown */
+    if (result != SBL_UNFINISHED) return result;
+    stage = p->stage;
+    at = p->at;
+    refine_at = p->refine.at;
+    row = p->refine.row;
+    p->previewing = 1;
+    p->stage = stage >= SBL__STAGE_FILTER ? SBL__STAGE_PREVIEW : SBL__STAGE_FILL;
+    p->at = p->refine.at = p->refine.row = 0;
+    result = sbl__picture_finish_preview(c, p, &slice);
+    p->stage = stage;
+    p->at = at;
+    p->refine.at = refine_at;
+    p->refine.row = row;
+    return result;
+}
+
+/* ======================================================================================================== >>gather
+   The front end for free points: jobs of so many sites at a time, so that memory stays bounded. */
+
+#define SBL__GATHER_SITES 65536  /* of a job */
+#define SBL__UNIT_SLACK 1e-6     /* of a normal's squared length: nearer to 1 it is taken as it is */
+
+typedef struct sbl__gathering {
+    enum { SBL__GATHER_NONE, SBL__GATHER_PREPARE, SBL__GATHER_SITES_NEXT, SBL__GATHER_SENSE, SBL__GATHER_DONE } stage;
+    sbl_gather_desc desc;       /* defaults filled in */
+    sbl__seeing seeing;
+    sbl__spec spec;
+    sbl__site *sites;           /* of the job */
+    int first, count;           /* which they are */
+    int at;                     /* the next one to be made */
+    float progress;
+} sbl__gathering;
+
+static void sbl__gathering_free(sbl__base *base, sbl__gathering *g) {
+    sbl__free(base, g->sites);
+    memset(g, 0, sizeof *g);
+}
+
+static int sbl__gathering_under_way(const sbl__gathering *g) {
+    return g->stage != SBL__GATHER_NONE && g->stage != SBL__GATHER_DONE;
+}
+
+static void sbl__unit_normal(const float from[3], float out[3]) {
+    double n[3] = { from[0], from[1], from[2] };
+    int k;
+    if (fabs(n[0] * n[0] + n[1] * n[1] + n[2] * n[2] - 1) > SBL__UNIT_SLACK) sbl__normalize(n);
+    for (k = 0; k < 3; k++) out[k] = (float)n[k];
+}
+
+/* What the host calls a site, as the job takes it. */
+static void sbl__site_make(const sbl__core *c, const sbl__gathering *g, int number, sbl__site *out) {
+    const sbl_site *from = &g->desc.sites[number];
+    memcpy(out->position, from->position, sizeof out->position);
+    sbl__unit_normal(from->normal, out->normal);
+    sbl__unit_normal(sbl__all_zero(from->geometric_normal, 3) ? from->normal : from->geometric_normal,
+                     out->geometric_normal);
+    out->offset = from->offset > 0 ? from->offset : from->offset < 0 ? 0 : sbl__spec_offset(&g->spec, &c->scene, 0);
+    out->number = (uint32_t)number;
+    out->span = 1;
+}
+
+/* desc has its defaults filled in and has been checked. */
+static void sbl__gathering_begin(sbl__gathering *g, const sbl_gather_desc *desc) {
+    const sbl__seeing seeing = SBL__SEEING(desc);
+    g->desc = *desc;
+    g->seeing = seeing;
+    g->stage = SBL__GATHER_PREPARE;
+}
+
+/* The sites of the next job, from first + at on; then the job begins. */
+static sbl_result sbl__gathering_next(sbl__core *c, sbl__gathering *g, sbl__slice *slice) {
+    sbl__task task;
+    if (g->at == 0) g->count = SBL__MIN(SBL__GATHER_SITES, g->desc.site_count - g->first);
+    if (!g->sites) g->sites = (sbl__site *)sbl__alloc_raw(&c->base, (size_t)g->count, sizeof *g->sites);
+    if (!g->sites) return SBL_ERROR_OUT_OF_MEMORY;
+    for (; g->at < g->count; g->at++) {
+        if (g->at && sbl__late(slice)) return SBL_UNFINISHED;
+        sbl__site_make(c, g, g->first + g->at, &g->sites[g->at]);
+    }
+    memset(&task, 0, sizeof task);
+    task.spec = g->spec;
+    task.sites = g->sites;
+    task.readings = g->desc.readings + g->first;
+    task.site_count = g->count;
+    sbl__job_begin(&c->job, &c->scene, &task);
+    return SBL_SUCCESS;
+}
+
+/* One bounded piece. SBL_SUCCESS: all readings are there. */
+static sbl_result sbl__gathering_step(sbl__core *c, sbl__gathering *g, sbl__slice *slice) {
+    const double start = sbl__now();
+    double *seconds = g->stage == SBL__GATHER_PREPARE ? &c->stats.seconds.surface : &c->stats.seconds.gather;
+    sbl_result result = SBL_SUCCESS;
+    int i;
+    switch (g->stage) {
+        case SBL__GATHER_PREPARE:
+            result = sbl__core_prepare(c, &g->seeing, slice);
+            if (result != SBL_SUCCESS) break;
+            sbl__spec_make(&g->spec, &g->seeing, &c->scene, &c->desc);
+            g->stage = g->desc.site_count ? SBL__GATHER_SITES_NEXT : SBL__GATHER_DONE;
             break;
-        case SBL__STAGE_RESOLVE: {
-            int from = p->resolved & 1, samples = p->desc.samples;
-            const sbl__gbuffer *sample = samples > 1 ? &p->sample : &p->gbuffer;
-            float offset[2];
-            seconds = &c->stats.seconds.resolve;
-            sbl__sample_offset(p->resolved, samples, offset);
-            if (samples > 1) sbl__surface_draw(gl, c->programs.gbuffer, &c->scene, &p->camera, &p->sample, offset, p->desc.epsilon);
-            gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, p->final_framebuffers[1 - from]);
-            sbl__resolve_draw(gl, c->programs.resolve, c->empty_array, &p->gbuffer, sample, &p->filtered, &p->finals[from], offset, p->resolved, samples, &c->scene, &p->camera);
-            gl->Finish();
-            result = sbl__gl_check(gl, "composing the picture");
-            p->resolved++;
-            if (p->resolved == samples) p->stage = SBL__STAGE_DONE;
+        case SBL__GATHER_SITES_NEXT:
+            result = sbl__gathering_next(c, g, slice);
+            if (result == SBL_SUCCESS) g->stage = SBL__GATHER_SENSE;
             break;
-        }
+        case SBL__GATHER_SENSE:
+            result = sbl__job_step(&c->device, &c->job, slice);
+            if (result != SBL_SUCCESS) break;
+            sbl__core_count(c);
+            c->stats.sensors += g->count;
+            for (i = g->first; i < g->first + g->count; i++) c->stats.invalid_sensors += !g->desc.readings[i].valid;
+            g->first += g->count;
+            g->at = 0;
+            g->stage = g->first < g->desc.site_count ? SBL__GATHER_SITES_NEXT : SBL__GATHER_DONE;
+            break;
         default: break;
     }
-    if (seconds) *seconds += sbl__now() - start;
+    *seconds += sbl__now() - start;
+    return result != SBL_SUCCESS ? result : g->stage == SBL__GATHER_DONE ? SBL_SUCCESS : SBL_UNFINISHED;
+}
+
+static float sbl__gathering_progress(const sbl__core *c, const sbl__gathering *g) {
+    double done = g->first;
+    if (g->stage == SBL__GATHER_DONE) return 1;
+    if (g->stage == SBL__GATHER_SENSE) done += (double)sbl__job_progress(&c->job) * g->count;
+    return (float)(done / SBL__MAX(1, g->desc.site_count));
+}
+
+/* ======================================================================================================== >>inspect
+   One sensor of a finished picture, looked at from inside: a job of one site, whose batch is read back when it has been
+   drawn, and drawn once more with an invocation for each of its rays. */
+
+#define SBL__INSPECT_ACROSS 64  /* invocations across a target of them */
+
+/* What was found, kept for the host. */
+typedef struct sbl__inspection {
+    sbl_sensor_ray *rays;
+    sbl_sensor_lamp *lamps;
+    int *leaves;                /* of the lamps */
+    int ray_count, lamp_count, ray_room, lamp_room, leaf_room;
+} sbl__inspection;
+
+typedef struct sbl__looking {
+    sbl__core *core;
+    const sbl__picture *picture;
+    sbl__inspection *found;
+    int pixel;
+    float *radiance, *weights;  /* the sheet, or NULL */
+    sbl__site site;
+    sbl__look look;             /* the first one */
+    sbl_reading reading;        /* of it alone */
+    float from_lamps[3], weight_sum;
+} sbl__looking;
+
+static void sbl__inspection_free(sbl__base *base, sbl__inspection *i) {
+    sbl__free(base, i->rays);
+    sbl__free(base, i->lamps);
+    sbl__free(base, i->leaves);
+    memset(i, 0, sizeof *i);
+}
+
+static sbl_sensor_ray *sbl__inspect_add_ray(const sbl__looking *k) {
+    sbl__inspection *f = k->found;
+    if (!sbl__grow(&k->core->base, &f->rays, &f->ray_room, f->ray_count + 1, sizeof *f->rays)) return NULL;
+    memset(&f->rays[f->ray_count], 0, sizeof *f->rays);
+    f->rays[f->ray_count].lamp = -1;
+    return &f->rays[f->ray_count++];
+}
+
+/* The number of the lamp that has that leaf; -1: out of memory. */
+static int sbl__inspect_lamp(const sbl__looking *k, int leaf) {
+    const sbl__geometry *g = &k->core->scene.geometry;
+    const uint32_t *name = k->core->scene.lights.names[leaf];
+    sbl__inspection *f = k->found;
+    sbl_sensor_lamp *lamp;
+    int i;
+    for (i = 0; i < f->lamp_count; i++) if (f->leaves[i] == leaf) return i;
+    if (!sbl__grow(&k->core->base, &f->lamps, &f->lamp_room, i + 1, sizeof *f->lamps) ||
+        !sbl__grow(&k->core->base, &f->leaves, &f->leaf_room, i + 1, sizeof *f->leaves)) return -1;
+    lamp = &f->lamps[f->lamp_count];
+    memset(lamp, 0, sizeof *lamp);
+    lamp->kind = name[0] == SBL__LAMP_TRIANGLE    ? SBL_LAMP_TRIANGLE
+               : name[0] == SBL__LAMP_SKY_TEXEL   ? SBL_LAMP_SKY_TEXEL
+                                                  : SBL_LAMP_LIGHT;
+    lamp->number = (int)name[1];
+    lamp->mesh = -1;
+    if (lamp->kind == SBL_LAMP_TRIANGLE) {
+        lamp->mesh = (int)g->vertices[g->indices[3 * (size_t)name[1]]].object;
+        lamp->number -= g->meshes[lamp->mesh].first_triangle;
+    }
+    f->leaves[f->lamp_count++] = leaf;
+    return i;
+}
+
+/* Runs a program for the one look, `count` invocations, and reads what they wrote: count floats of each output times
+   four, one output behind the other. The caller frees *out. */
+typedef sbl_result (*sbl__inspect_program)(const sbl__looking *k, const sbl__batch *b);
+
+static sbl_result sbl__inspect_run(const sbl__looking *k, sbl__inspect_program program, const int size[2],
+                                   float **out) {
+    sbl__core *c = k->core;
+    sbl__slots slots;
+    sbl__blocks blocks;
+    sbl__batch b;
+    sbl_result result;
+    const size_t count = (size_t)size[0] * (size_t)size[1];
+    memset(&blocks, 0, sizeof blocks);
+    memset(&b, 0, sizeof b);
+    slots.columns = slots.count = 1;
+    slots.blocks[0] = size[0];
+    slots.blocks[1] = size[1];
+    b.scene = &c->scene;
+    b.spec = &c->job.task.spec;
+    b.slots = &slots;
+    b.blocks = &blocks;
+    b.looks = &k->look;
+    b.table = &c->job.table;
+    b.count = 1;
+    *out = (float *)sbl__alloc_raw(&c->base, count, 32);
+    result = *out ? sbl__blocks_make(&c->device, &blocks, size[0], size[1]) : SBL_ERROR_OUT_OF_MEMORY;
+    if (result == SBL_SUCCESS) result = program(k, &b);
+    if (result == SBL_SUCCESS) result = sbl__target_read(&c->device, &blocks.target, 0, 0, size[1], *out);
+    if (result == SBL_SUCCESS) result = sbl__target_read(&c->device, &blocks.target, 1, 0, size[1], *out + 4 * count);
+    sbl__blocks_free(&c->device, &blocks);
     return result;
 }
 
-/* An estimate: half of the bar for the first rounds' sensors, as a share of what the present job will take. */
-static float sbl__picture_progress(const sbl_context *c) {
-    const sbl__picture *p = &c->picture;
-    float round;
-    switch (p->stage) {
-        case SBL__STAGE_NONE: return 0;
-        case SBL__STAGE_SURFACE: return 0;
-        case SBL__STAGE_COLLECT: case SBL__STAGE_GATHER: case SBL__STAGE_PROBE: case SBL__STAGE_JUDGE:
-            /* round k of about log2(tile) + 1 costs about twice the one before */
-            round = (float)p->refine.rounds + (p->stage == SBL__STAGE_GATHER && c->gather.count ? (float)c->gather.next / (float)c->gather.count : 0.0f);
-            { float rounds = 1 + (float)(log((double)p->desc.tile) / log(2.0)); float share = (float)((pow(2, SBL__MIN(round / rounds, 1.0f) * rounds) - 1) / (pow(2, rounds) - 1));
-              return 0.02f + 0.9f * SBL__MIN(share, 1.0f); }
-        case SBL__STAGE_FILL: return 0.93f;
-        case SBL__STAGE_FILTER: return 0.94f;
-        case SBL__STAGE_RESOLVE: return 0.95f + 0.05f * (float)p->resolved / (float)p->desc.samples;
-        default: return 1;
+/* >>inspect: rays over the hemisphere, a sheet of one row */
+
+static sbl_result sbl__inspect_trace(const sbl__looking *k, const sbl__batch *b) {
+    return sbl__trace_draw(&k->core->device, &k->core->job.trace, b, 0);
+}
+
+/* The way that ray number i went, as trace.glsl makes it. */
+static void sbl__inspect_direction(const sbl__look *look, const uint32_t *sequence, int i, float out[3]) {
+    const uint32_t x = sequence[2 * i] ^ sbl__hash(look->seed), y = sequence[2 * i + 1] ^ sbl__hash(look->seed + 1u);
+    const double u = ((x >> 8) + 0.5) / 16777216.0, angle = 2 * SBL__PI * ((y >> 8) + 0.5) / 16777216.0;
+    double right[3], up[3];
+    int k;
+    sbl__frame(look->normal, 0, right, up);  /* its up is the other way round than the shader's */
+    for (k = 0; k < 3; k++)
+        out[k] = (float)(sqrt(u) * (cos(angle) * right[k] - sin(angle) * up[k]) + sqrt(1 - u) * look->normal[k]);
+}
+
+static sbl_result sbl__inspect_rays(sbl__looking *k) {
+    sbl__core *c = k->core;
+    const int rays = c->job.task.spec.rays, size[2] = { 4, (rays + 3) / 4 };
+    uint32_t *sequence = sbl__sequence_make(&c->base, rays, 1);
+    float *data = NULL;
+    sbl_result result = sequence ? sbl__inspect_run(k, sbl__inspect_trace, size, &data) : SBL_ERROR_OUT_OF_MEMORY;
+    int i, n;
+    for (i = 0; i < rays && result == SBL_SUCCESS; i++) {
+        const float *sum = data + 4 * (size_t)i, *hits = sum + 4 * (size_t)(size[0] * size[1]);
+        sbl_sensor_ray *ray = sbl__inspect_add_ray(k);
+        if (!ray) { result = SBL_ERROR_OUT_OF_MEMORY; break; }
+        sbl__inspect_direction(&k->look, sequence, i, ray->direction);
+        if (hits[0] > 0) ray->distance = sum[3] > 0 ? -hits[2] : hits[2];
+        for (n = 0; n < 3; n++) ray->radiance[n] = sum[n] * (float)rays;
+        for (n = 0; n < 3 && k->radiance; n++) k->radiance[4 * i + n] = ray->radiance[n];
+        if (k->radiance) k->radiance[4 * i + 3] = ray->distance;
+        if (k->weights) k->weights[i] = 1 / (float)rays;
+    }
+    k->weight_sum = 1;
+    sbl__free(&c->base, data);
+    sbl__free(&c->base, sequence);
+    return result;
+}
+
+/* >>inspect: views */
+
+/* The atlas and its weights, as the look left them. */
+static sbl_result sbl__inspect_sheet(sbl__looking *k) {
+    sbl__core *c = k->core;
+    const sbl__raster *r = &c->job.raster;
+    const sbl__lens *lens = &r->lenses[SBL__LENS_SITE];
+    const sbl__layout *l = &lens->layout;
+    const int width = r->target.width, pitch = sbl__layout_pitch(l, 0), height = sbl__layout_pitch(l, 1);
+    float *atlas = (float *)sbl__alloc_raw(&c->base, (size_t)width * (size_t)l->sheet_height, 16);
+    float *table = (float *)sbl__alloc(&c->base, (size_t)pitch * (size_t)height, 8);
+    int corner[2], x, y, i, face;
+    double weights = 0;
+    sbl_result result = atlas && table ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    sbl__raster_corner(lens, c->job.task.first_look % lens->slots.count, corner);
+    for (face = 0; face < l->view_count && result == SBL_SUCCESS; face++)
+        for (y = 0; y < l->rects[face][3]; y++) sbl__weights_row(l, c->job.task.spec.paper, face, y, table);
+    if (result == SBL_SUCCESS)
+        result = sbl__target_read(&c->device, &r->target, 0, corner[1], l->sheet_height, atlas);
+    for (y = 0; y < l->sheet_height && result == SBL_SUCCESS; y++)
+        for (x = 0; x < l->sheet_width; x++) {
+            const float *from = atlas + 4 * ((size_t)y * (size_t)width + (size_t)(corner[0] + x));
+            const float *weight = table + 2 * ((size_t)y * (size_t)pitch + (size_t)x);
+            const size_t to = (size_t)y * (size_t)l->sheet_width + (size_t)x;
+            for (i = 0; i < 3 && k->radiance; i++) k->radiance[4 * to + (size_t)i] = from[i] / r->radiance_scale;
+            if (k->radiance) k->radiance[4 * to + 3] = from[3] * c->scene.geometry.extent * weight[1];
+            if (k->weights) k->weights[to] = weight[0];
+            weights += weight[0];
+        }
+    k->weight_sum = (float)weights;
+    sbl__free(&c->base, atlas);
+    sbl__free(&c->base, table);
+    return result;
+}
+
+static void sbl__inspect_views(const sbl__looking *k, sbl_sensor *out) {
+    const sbl__layout *l = &k->core->job.raster.lenses[SBL__LENS_SITE].layout;
+    int face, i;
+    out->view_count = l->view_count;
+    for (face = 0; face < l->view_count; face++) {
+        sbl_sensor_view *v = &out->views[face];
+        double right[3], up[3], forward[3], range[4];
+        memcpy(v->rect, l->rects[face], sizeof v->rect);
+        sbl__view_axes(&k->look, face, right, up, forward);
+        sbl__view_range(l, face, range);
+        for (i = 0; i < 3; i++) {
+            v->right[i] = (float)right[i];
+            v->up[i] = (float)up[i];
+            v->forward[i] = (float)forward[i];
+        }
+        v->x0 = (float)range[0]; v->x1 = (float)range[1]; v->y0 = (float)range[2]; v->y1 = (float)range[3];
     }
 }
 
-/* ======================================================================================================== >>public
-   Thin: validate, run the stages, put GL back. */
+/* >>inspect: rays towards lamps */
+
+static sbl_result sbl__inspect_aim(const sbl__looking *k, const sbl__batch *b) {
+    sbl__core *c = k->core;
+    sbl__device *d = &c->device;
+    const sbl__job *j = &c->job;
+    const sbl_result result = sbl__use(d, &sbl__recipe_lamps, sbl__aim_features(&c->scene) | SBL__INSPECT);
+    if (result != SBL_SUCCESS) return result;
+    sbl__aim_bind(d, &j->aim, b, b->slots->blocks, 1);
+    if (c->scene.draw) sbl__raster_bind(d, &j->raster, c->scene.geometry.extent);
+    sbl__set_int(d, "parts", j->aim.parts);
+    sbl__set_int(d, "sheet_slot", c->scene.draw ? j->task.first_look % sbl__job_slots(j)->count : 0);
+    sbl__rays_send(d, b, &b->blocks->target, b->slots->blocks);
+    return SBL_SUCCESS;
+}
+
+/* What an invocation says, see lamps.glsl: number i of the rays, or of the entries. */
+static sbl_result sbl__inspect_take(const sbl__looking *k, const float *said, const float *way, int is_ray) {
+    const int state = (int)said[3], lamp = state ? sbl__inspect_lamp(k, (int)way[3]) : 0;
+    sbl_sensor_lamp *l = &k->found->lamps[lamp];
+    sbl_sensor_ray *ray;
+    if (!state) return SBL_SUCCESS;
+    if (lamp < 0) return SBL_ERROR_OUT_OF_MEMORY;
+    if (!is_ray) {
+        memcpy(l->unhindered, said, sizeof l->unhindered);
+        if (k->core->scene.lights.names[k->found->leaves[lamp]][0] == SBL__LAMP_SKY_TEXEL)
+            memset(l->unhindered, 0, sizeof l->unhindered);
+        l->rays += state > 1;
+        l->open += state == 2;
+        return SBL_SUCCESS;
+    }
+    ray = sbl__inspect_add_ray(k);
+    if (!ray) return SBL_ERROR_OUT_OF_MEMORY;
+    memcpy(ray->direction, way, sizeof ray->direction);
+    memcpy(ray->radiance, said, sizeof ray->radiance);
+    ray->lamp = lamp;
+    l->rays++;
+    l->open += state == 1;
+    return SBL_SUCCESS;
+}
+
+static sbl_result sbl__inspect_lamps(sbl__looking *k) {
+    sbl__core *c = k->core;
+    const sbl__job *j = &c->job;
+    const int rays = j->aim.rays, count = rays + SBL__LAMPS;
+    const int size[2] = { SBL__INSPECT_ACROSS, (count + SBL__INSPECT_ACROSS - 1) / SBL__INSPECT_ACROSS };
+    const float scale = j->task.spec.traced ? 1 : j->raster.radiance_scale;
+    const int columns = sbl__job_slots(j)->columns, slot = j->task.first_look % sbl__job_slots(j)->count;
+    const size_t row = (size_t)columns * 4;
+    float *data = NULL, *light = (float *)sbl__alloc_raw(&c->base, (size_t)columns * (size_t)j->aim.parts, 16);
+    sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
+    int i, n;
+    if (light) result = sbl__target_read(&c->device, &j->aim.target, 0, slot / columns * j->aim.parts, j->aim.parts, light);
+    for (i = 0; i < j->aim.parts && result == SBL_SUCCESS; i++)
+        for (n = 0; n < 3; n++)
+            k->from_lamps[n] += light[row * (size_t)i + 4 * (size_t)(slot % columns) + (size_t)n] /
+                                (float)j->aim.parts / scale;
+    sbl__free(&c->base, light);
+    if (result == SBL_SUCCESS) result = sbl__inspect_run(k, sbl__inspect_aim, size, &data);
+    for (i = 0; i < count && result == SBL_SUCCESS; i++) {
+        const int from = i < SBL__LAMPS ? rays + i : i - SBL__LAMPS;  /* lamps first: in the order of the entries */
+        const float *said = data + 4 * (size_t)from;
+        result = sbl__inspect_take(k, said, said + 4 * (size_t)(size[0] * size[1]), from < rays);
+    }
+    sbl__free(&c->base, data);
+    return result;
+}
+
+/* >>inspect: the job */
+
+/* Gathers for the pixel in the slot that its sensor's first look had, so that every rounding is the same. */
+static sbl_result sbl__inspect(sbl__looking *k) {
+    sbl__core *c = k->core;
+    sbl__slice slice;
+    sbl__task task;
+    int seen = 0;
+    sbl_result result = SBL_UNFINISHED;
+    memset(&slice, 0, sizeof slice);
+    slice.end = DBL_MAX;
+    slice.longest = c->desc.longest_submission;
+    memset(&task, 0, sizeof task);
+    task.spec = k->picture->spec;
+    task.sites = &k->site;
+    task.readings = &k->reading;
+    task.site_count = 1;
+    task.first_look = k->picture->refine.pixels[k->pixel].look;
+    sbl__refine_site(&k->picture->refine, k->pixel, 1, &k->site);
+    sbl__look_make(&task.spec, &k->site, 0, 1, &k->look);
+    sbl__job_begin(&c->job, &c->scene, &task);
+    while (result == SBL_UNFINISHED) {
+        result = sbl__job_step(&c->device, &c->job, &slice);
+        if (result != SBL_UNFINISHED || c->job.stage != SBL__JOB_READ || seen) continue;
+        seen = 1;  /* before probes draw over it */
+        c->device.gl.doing = "looking at a sensor";
+        result = task.spec.traced ? sbl__inspect_rays(k) : sbl__inspect_sheet(k);
+        if (result == SBL_SUCCESS && task.spec.lamp_rays) result = sbl__inspect_lamps(k);
+        if (result == SBL_SUCCESS) result = SBL_UNFINISHED;
+    }
+    return result;
+}
+
+/* What the host is told. */
+static void sbl__inspect_tell(const sbl__looking *k, sbl_sensor *out) {
+    const sbl__pixel *p = &k->picture->refine.pixels[k->pixel];
+    const sbl__spec *spec = &k->picture->spec;
+    const sbl_reading *r = &k->reading;
+    sbl__site site = k->site;
+    int i;
+    site.span = p->level ? sbl__level_tile(&k->picture->refine, p->level - 1) : 1;
+    out->backend = spec->traced ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
+    memcpy(out->site.position, p->position, sizeof p->position);
+    memcpy(out->site.normal, p->normal, sizeof p->normal);
+    memcpy(out->site.geometric_normal, p->geometric_normal, sizeof p->geometric_normal);
+    out->site.offset = p->offset;
+    memcpy(out->position, k->look.position, sizeof out->position);
+    memcpy(out->normal, k->look.normal, sizeof out->normal);
+    memcpy(out->radiance, p->sensed ? p->radiance : r->radiance, sizeof out->radiance);
+    out->noise = p->sensed ? p->noise : r->noise;
+    out->looks = p->sensed ? sbl__looks_of(spec, &site) : 1;
+    for (i = 0; i < 3; i++) {
+        out->from_lamps[i] = k->from_lamps[i];
+        out->from_surroundings[i] = SBL__MAX(r->radiance[i] - k->from_lamps[i], 0.0f);
+    }
+    out->weight_sum = k->weight_sum;
+    out->back_share = r->back_share * r->hit_share;
+    out->hit_min = r->hit_min;
+    out->hit_mean = r->hit_mean;
+    out->valid = r->valid;
+    out->sensed = p->sensed;
+    out->level = p->level ? p->level - 1 : 0;
+    if (!spec->traced) sbl__inspect_views(k, out);
+    out->rays = k->found->rays;
+    out->ray_count = k->found->ray_count;
+    out->lamps = k->found->lamps;
+    out->lamp_count = k->found->lamp_count;
+}
+
+/* ======================================================================================================== >>egl
+   The headless GL context that the library makes for itself, and whose context is current. */
 
 #ifdef SBL_EGL
-static sbl_gl_function sbl__egl_proc(const char *name, void *user) { (void)user; return (sbl_gl_function)eglGetProcAddress(name); }
 
-static int sbl__egl_try(sbl_context *c, EGLDisplay display, int pbuffer) {
-    static const EGLint context_attributes[] = { EGL_CONTEXT_MAJOR_VERSION, 3, EGL_CONTEXT_MINOR_VERSION, 3, EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT, EGL_NONE };
+typedef struct sbl__egl {
+    int owned;           /* there is one */
+    EGLDisplay display;
+    EGLContext context;
+    EGLSurface surface;
+} sbl__egl;
+
+/* What was current before, to be put back. */
+typedef struct sbl__egl_before {
+    int switched;
+    EGLDisplay display;
+    EGLContext context;
+    EGLSurface draw, read;
+    EGLenum api;
+} sbl__egl_before;
+
+static sbl_gl_function sbl__egl_function(const char *name, void *user) {
+    (void)user;
+    return (sbl_gl_function)eglGetProcAddress(name);
+}
+
+static int sbl__egl_try(sbl__egl *e, EGLDisplay display, int pbuffer) {
+    static const EGLint context_attributes[] = { EGL_CONTEXT_MAJOR_VERSION, 3, EGL_CONTEXT_MINOR_VERSION, 3,
+                                                 EGL_CONTEXT_OPENGL_PROFILE_MASK,
+                                                 EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT, EGL_NONE };
     static const EGLint surface_attributes[] = { EGL_WIDTH, 16, EGL_HEIGHT, 16, EGL_NONE };
     EGLint config_attributes[] = { EGL_SURFACE_TYPE, 0, EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT, EGL_NONE };
     EGLConfig config = NULL;
@@ -5788,174 +9367,147 @@ static int sbl__egl_try(sbl_context *c, EGLDisplay display, int pbuffer) {
     if (display == EGL_NO_DISPLAY || !eglInitialize(display, NULL, NULL) || !eglBindAPI(EGL_OPENGL_API)) return 0;
     config_attributes[1] = pbuffer ? EGL_PBUFFER_BIT : 0;
     if (!eglChooseConfig(display, config_attributes, &config, 1, &count) || count < 1) return 0;
-    c->egl_context = eglCreateContext(display, config, EGL_NO_CONTEXT, context_attributes);
-    if (c->egl_context == EGL_NO_CONTEXT) return 0;
-    c->egl_surface = pbuffer ? eglCreatePbufferSurface(display, config, surface_attributes) : EGL_NO_SURFACE;
-    if ((pbuffer && c->egl_surface == EGL_NO_SURFACE) || !eglMakeCurrent(display, c->egl_surface, c->egl_surface, c->egl_context)) {
-        if (c->egl_surface != EGL_NO_SURFACE) eglDestroySurface(display, c->egl_surface);
-        eglDestroyContext(display, c->egl_context);
-        c->egl_context = EGL_NO_CONTEXT;
+    e->context = eglCreateContext(display, config, EGL_NO_CONTEXT, context_attributes);
+    if (e->context == EGL_NO_CONTEXT) return 0;
+    e->surface = pbuffer ? eglCreatePbufferSurface(display, config, surface_attributes) : EGL_NO_SURFACE;
+    if ((pbuffer && e->surface == EGL_NO_SURFACE) || !eglMakeCurrent(display, e->surface, e->surface, e->context)) {
+        if (e->surface != EGL_NO_SURFACE) eglDestroySurface(display, e->surface);
+        eglDestroyContext(display, e->context);
+        e->context = EGL_NO_CONTEXT;
         return 0;
     }
-    c->egl_display = display;
+    e->display = display;
     return 1;
 }
 
-/* Surfaceless, then each device, then a pbuffer on the default display. Displays are shared process-wide and stay initialised. */
-static sbl_result sbl__egl_create(sbl_context *c) {
-    PFNEGLGETPLATFORMDISPLAYEXTPROC get_display = (PFNEGLGETPLATFORMDISPLAYEXTPROC)eglGetProcAddress("eglGetPlatformDisplayEXT");
-    PFNEGLQUERYDEVICESEXTPROC query_devices = (PFNEGLQUERYDEVICESEXTPROC)eglGetProcAddress("eglQueryDevicesEXT");
+/* Surfaceless, then each device, then a pbuffer on the default display. Displays are shared process-wide and stay
+   initialised. */
+static sbl_result sbl__egl_create(sbl__egl *e, const sbl__base *base) {
+    const PFNEGLGETPLATFORMDISPLAYEXTPROC get_display =
+        (PFNEGLGETPLATFORMDISPLAYEXTPROC)eglGetProcAddress("eglGetPlatformDisplayEXT");
+    const PFNEGLQUERYDEVICESEXTPROC query_devices =
+        (PFNEGLQUERYDEVICESEXTPROC)eglGetProcAddress("eglQueryDevicesEXT");
     const char *extensions = eglQueryString(EGL_NO_DISPLAY, EGL_EXTENSIONS);
+    const int platforms = get_display && extensions;
     EGLDeviceEXT devices[16];
     EGLint count = 0, i;
     int made = 0;
-    if (get_display && extensions && strstr(extensions, "EGL_MESA_platform_surfaceless")) made = sbl__egl_try(c, get_display(EGL_PLATFORM_SURFACELESS_MESA, EGL_DEFAULT_DISPLAY, NULL), 0);
-    if (!made && get_display && query_devices && extensions && strstr(extensions, "EGL_EXT_platform_device") && query_devices(16, devices, &count))
-        for (i = 0; i < count && !made; i++) made = sbl__egl_try(c, get_display(EGL_PLATFORM_DEVICE_EXT, devices[i], NULL), 0);
-    if (!made) made = sbl__egl_try(c, eglGetDisplay(EGL_DEFAULT_DISPLAY), 1);
-    if (!made) {
-        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_NO_GL, "no headless OpenGL 3.3 context could be made (tried surfaceless, devices, pbuffer; EGL error 0x%04x); "
-                 "install a GL driver such as Mesa's, or hand over get_gl_function", (unsigned)eglGetError());
-        return SBL_ERROR_UNSUPPORTED;
-    }
-    c->owns_egl = 1;
-    return SBL_SUCCESS;
-}
-#endif
-
-/* What every function that uses GL does first and last: own context made current, state saved and forced; and the way back. */
-typedef struct sbl__visit {
-    sbl__guard guard;
-#ifdef SBL_EGL
-    EGLDisplay display;
-    EGLContext context;
-    EGLSurface draw, read;
-    EGLenum api;
-    int switched;
-#endif
-} sbl__visit;
-
-#ifdef SBL_EGL
-static void sbl__egl_save(sbl__visit *v) {
-    v->api = eglQueryAPI();
-    v->display = eglGetCurrentDisplay();
-    v->context = eglGetCurrentContext();
-    v->draw = eglGetCurrentSurface(EGL_DRAW);
-    v->read = eglGetCurrentSurface(EGL_READ);
-    v->switched = 1;
+    if (platforms && strstr(extensions, "EGL_MESA_platform_surfaceless"))
+        made = sbl__egl_try(e, get_display(EGL_PLATFORM_SURFACELESS_MESA, EGL_DEFAULT_DISPLAY, NULL), 0);
+    if (!made && platforms && query_devices && strstr(extensions, "EGL_EXT_platform_device") &&
+        query_devices(16, devices, &count))
+        for (i = 0; i < count && !made; i++)
+            made = sbl__egl_try(e, get_display(EGL_PLATFORM_DEVICE_EXT, devices[i], NULL), 0);
+    if (!made) made = sbl__egl_try(e, eglGetDisplay(EGL_DEFAULT_DISPLAY), 1);
+    e->owned = made;
+    if (made) return SBL_SUCCESS;
+    sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_NO_GL, "no headless OpenGL 3.3 context could be made (tried "
+             "surfaceless, devices, pbuffer; EGL error 0x%04x); install a GL driver such as Mesa's, or hand over "
+             "get_gl_function", (unsigned)eglGetError());
+    return SBL_ERROR_UNSUPPORTED;
 }
 
-static void sbl__egl_restore(const sbl_context *c, const sbl__visit *v) {
-    if (!v->switched) return;
-    if (c->egl_display != EGL_NO_DISPLAY) eglMakeCurrent(c->egl_display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
-    eglBindAPI(v->api);
-    if (v->context != EGL_NO_CONTEXT) eglMakeCurrent(v->display, v->draw, v->read, v->context);
+static void sbl__egl_save(sbl__egl_before *b) {
+    b->api = eglQueryAPI();
+    b->display = eglGetCurrentDisplay();
+    b->context = eglGetCurrentContext();
+    b->draw = eglGetCurrentSurface(EGL_DRAW);
+    b->read = eglGetCurrentSurface(EGL_READ);
+    b->switched = 1;
 }
+
+/* Makes a context and its loader, for a host that has given none. */
+static sbl_result sbl__egl_open(sbl__egl *e, const sbl__base *base, sbl__egl_before *b, sbl_context_desc *desc) {
+    sbl__egl_save(b);
+    desc->get_gl_function = sbl__egl_function;
+    return sbl__egl_create(e, base);
+}
+
+/* Makes the library's own context current, where it has one and it is not. */
+static void sbl__egl_enter(const sbl__egl *e, sbl__egl_before *b) {
+    b->switched = 0;
+    if (!e->owned || eglGetCurrentContext() == e->context) return;
+    sbl__egl_save(b);
+    eglBindAPI(EGL_OPENGL_API);
+    eglMakeCurrent(e->display, e->surface, e->surface, e->context);
+}
+
+static void sbl__egl_leave(const sbl__egl *e, const sbl__egl_before *b) {
+    if (!b->switched) return;
+    if (e->display != EGL_NO_DISPLAY) eglMakeCurrent(e->display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
+    eglBindAPI(b->api);
+    if (b->context != EGL_NO_CONTEXT) eglMakeCurrent(b->display, b->draw, b->read, b->context);
+}
+
+static void sbl__egl_destroy(sbl__egl *e) {
+    if (!e->owned) return;
+    if (eglGetCurrentContext() == e->context)
+        eglMakeCurrent(e->display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
+    if (e->surface != EGL_NO_SURFACE) eglDestroySurface(e->display, e->surface);
+    eglDestroyContext(e->display, e->context);
+    e->owned = 0;
+}
+
+#else  /* the host has a context of its own, or none */
+
+typedef struct sbl__egl { int none; } sbl__egl;
+typedef struct sbl__egl_before { int none; } sbl__egl_before;
+
+static sbl_result sbl__egl_open(sbl__egl *e, const sbl__base *base, sbl__egl_before *b, sbl_context_desc *desc) {
+    (void)e; (void)b; (void)desc;
+    sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "sbl_context_desc: get_gl_function is NULL; give "
+             "the loader of your GL context, or define SBL_EGL for a headless one");
+    return SBL_ERROR_INVALID_ARGUMENT;
+}
+
+static void sbl__egl_enter(const sbl__egl *e, sbl__egl_before *b) { (void)e; (void)b; }
+static void sbl__egl_leave(const sbl__egl *e, const sbl__egl_before *b) { (void)e; (void)b; }
+static void sbl__egl_destroy(sbl__egl *e) { (void)e; }
+
 #endif
+
+/* ======================================================================================================== >>public
+   Thin: validate, run the stages, put GL back. */
+
+typedef enum sbl__work { SBL__WORK_NONE, SBL__WORK_PICTURE, SBL__WORK_GATHER } sbl__work;
+
+struct sbl_context {
+    sbl__core core;
+    sbl__picture picture;      /* under way, or finished */
+    sbl__gathering gathering;
+    sbl__inspection inspection;
+    sbl__work work;            /* what was begun last */
+    sbl__egl egl;
+};
+
+/* What every function that uses GL does first and last: own context made current, state saved and forced; and the way
+   back. */
+typedef struct sbl__visit { sbl__guard guard; sbl__egl_before before; } sbl__visit;
 
 static void sbl__visit_enter(sbl_context *c, sbl__visit *v) {
-#ifdef SBL_EGL
-    v->switched = 0;
-    if (c->owns_egl && eglGetCurrentContext() != c->egl_context) {
-        sbl__egl_save(v);
-        eglBindAPI(EGL_OPENGL_API);
-        eglMakeCurrent(c->egl_display, c->egl_surface, c->egl_surface, c->egl_context);
-    }
-#endif
-    sbl__guard_save(&c->gl, &v->guard);
-    sbl__guard_force(&c->gl);
+    sbl__egl_enter(&c->egl, &v->before);
+    sbl__guard_save(&c->core.device.gl, &v->guard);
+    sbl__guard_force(&c->core.device.gl);
 }
 
 static void sbl__visit_leave(sbl_context *c, const sbl__visit *v) {
-    sbl__guard_restore(&c->gl, &v->guard);
-    sbl__gl_clear_errors(&c->gl);
-#ifdef SBL_EGL
-    sbl__egl_restore(c, v);
-#endif
+    sbl__guard_restore(&c->core.device.gl, &v->guard);
+    sbl__gl_clear_errors(&c->core.device.gl);
+    sbl__egl_leave(&c->egl, &v->before);
 }
 
-/* The programs that read the scene, anew: one that buffer textures hold, or a wide one. On failure the old ones stay. */
-static sbl_result sbl__scene_programs_make(sbl_context *c, int wide) {
-    static const char *const *const fullscreen[] = { sbl__glsl_fullscreen_vertex, NULL };
-    static const char *const *const gbuffer_vertex[] = { sbl__glsl_scene, sbl__glsl_gbuffer_vertex, NULL };
-    static const char *const *const gbuffer_fragment[] = { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_gbuffer_fragment, NULL };
-    static const char *const *const sensor_vertex[] = { sbl__glsl_scene, sbl__glsl_sensor_vertex, NULL };
-    static const char *const *const sensor_fragment[] = { sbl__glsl_scene, sbl__glsl_sensor_fragment, NULL };
-    static const char *const *const sky_vertex[] = { sbl__glsl_sky_vertex, NULL };
-    static const char *const *const sky_fragment[] = { sbl__glsl_sky, sbl__glsl_sky_fragment, NULL };
-    static const char *const *const trace[] = { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_trace, NULL };
-    static const char *const *const lamps[] = { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_lamps, NULL };
-    static const struct { const char *name; const char *const *const *vertex, *const *const *fragment; int traces, textured, views; } list[SBL__SCENE_PROGRAMS] = {
-        { "gbuffer", gbuffer_vertex, gbuffer_fragment, 0, 0, 0 },
-        { "sky", sky_vertex, sky_fragment, 0, 0, 0 },
-        { "sensor", sensor_vertex, sensor_fragment, 0, 0, 0 },
-        { "lamps in views", fullscreen, lamps, 1, 0, 1 },
-        { "sensor, textured", sensor_vertex, sensor_fragment, 0, 1, 0 },
-        { "lamps in views, textured", fullscreen, lamps, 1, 1, 1 },
-        { "trace", fullscreen, trace, 1, 0, 0 },
-        { "lamps", fullscreen, lamps, 1, 0, 0 },
-        { "trace, textured", fullscreen, trace, 1, 1, 0 },
-        { "lamps, textured", fullscreen, lamps, 1, 1, 0 }
-    };
-    const sbl__gl *gl = &c->gl;
-    const int clip = (gl->capabilities.used & SBL_CAPABILITY_CLIP_CONTROL) != 0, compute = (gl->capabilities.used & SBL_CAPABILITY_COMPUTE) != 0;
-    unsigned made[SBL__SCENE_PROGRAMS] = { 0 }, *programs = &c->programs.gbuffer;
-    sbl_result result = SBL_SUCCESS;
-    int i;
-    for (i = 0; i < SBL__SCENE_PROGRAMS && result == SBL_SUCCESS; i++) {
-        char defines[200];
-        snprintf(defines, sizeof defines, "#define SBL_STACK %d\n#define SBL_LAMPS %d\n%s%s%s%s", SBL__BVH_STACK, SBL__MAX_LAMPS, list[i].views ? "#define SBL_VIEWS\n" : "", clip ? "" : "#define SBL_WRITE_DEPTH\n",
-                 wide ? "#define SBL_WIDE\n" : "", list[i].textured ? "#define SBL_TEXTURED\n" : "");
-        result = sbl__program_make(gl, &made[i], list[i].name, defines, list[i].traces && compute ? NULL : list[i].vertex, list[i].fragment);
-    }
-    for (i = 0; i < SBL__SCENE_PROGRAMS; i++) {
-        unsigned old = result == SBL_SUCCESS ? programs[i] : made[i];
-        if (old) gl->DeleteProgram(old);
-        if (result == SBL_SUCCESS) programs[i] = made[i];
-    }
-    if (result == SBL_SUCCESS) c->wide = wide;
-    return result;
+static void sbl__refuse(const sbl_context *c, sbl_log_item item, const char *function, const char *why) {
+    sbl__log(&c->core.base, SBL_LOG_ERROR, item, "%s: %s", function, why);
 }
 
-static sbl_result sbl__programs_make(sbl_context *c) {
-    const sbl__gl *gl = &c->gl;
-    static const char *const *const fullscreen[] = { sbl__glsl_fullscreen_vertex, NULL };
-    static const char *const *const copy[] = { sbl__glsl_copy, NULL };
-    static const char *const *const reduce_blocks[] = { sbl__glsl_reduce_blocks, NULL };
-    static const char *const *const reduce_sum[] = { sbl__glsl_reduce_sum, NULL };
-    static const char *const *const filter[] = { sbl__glsl_belongs, sbl__glsl_filter, NULL };
-    static const char *const *const resolve[] = { sbl__glsl_belongs, sbl__glsl_sky, sbl__glsl_resolve, NULL };
-    sbl_result result = sbl__program_make(gl, &c->programs.copy, "copy", "", fullscreen, copy);
-    if (result == SBL_SUCCESS) result = sbl__scene_programs_make(c, 0);
-    if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.reduce_blocks, "reduce_blocks", "", fullscreen, reduce_blocks);
-    if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.reduce_sum, "reduce_sum", "", fullscreen, reduce_sum);
-    if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.filter, "filter", "", fullscreen, filter);
-    if (result == SBL_SUCCESS) result = sbl__program_make(gl, &c->programs.resolve, "resolve", "", fullscreen, resolve);
-    if (result == SBL_SUCCESS) {
-        c->empty_array = sbl__name_make(gl, gl->GenVertexArrays, "making a vertex array");
-        result = c->empty_array ? sbl__gl_check(gl, "making a vertex array") : SBL_ERROR_GL;
-    }
-    return result;
+/* 0 (logged) where there is no scene yet. */
+static int sbl__has_scene(const sbl_context *c, const char *function) {
+    if (c->core.has_scene) return 1;
+    sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "there is no scene yet; call sbl_set_scene first");
+    return 0;
 }
 
-static sbl_result sbl__check_context_desc(const sbl__base *base, const sbl_context_desc *d) {
-    sbl__check check;
-    check.base = base;
-    check.mistakes = 0;
-    if (!SBL__CANARY_OK(d)) {
-        SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "sbl_context_desc: start_canary is 0x%x, end_canary 0x%x; zero the whole struct before use", d->start_canary, d->end_canary);
-        return SBL_ERROR_INVALID_ARGUMENT;
-    }
-    if (!d->allocator.alloc != !d->allocator.free)
-        SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "sbl_context_desc: allocator.%s is NULL; give both functions or none", d->allocator.alloc ? "free" : "alloc");
-    if (d->disabled & ~(uint32_t)SBL_CAPABILITY_ALL)
-        SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "sbl_context_desc: disabled is 0x%x; only the bits 0x%x exist", d->disabled, (unsigned)SBL_CAPABILITY_ALL);
-    if (d->atlas_size != 0 && (d->atlas_size < 256 || d->atlas_size > 16384))
-        SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "sbl_context_desc: atlas_size is %d; it must be 256 to 16384, or 0 for the default", d->atlas_size);
-    if (d->batch < 0)
-        SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "sbl_context_desc: batch is %d; it cannot be negative", d->batch);
-    return check.mistakes ? SBL_ERROR_INVALID_ARGUMENT : SBL_SUCCESS;
-}
+/* >>public: defaults */
 
 SBL_API sbl_context_desc sbl_context_desc_defaults(const sbl_context_desc *desc) {
     sbl_context_desc d;
@@ -5967,188 +9519,137 @@ SBL_API sbl_context_desc sbl_context_desc_defaults(const sbl_context_desc *desc)
     }
     if (!d.logger.log) d.logger.log = sbl__default_log;
     if (!d.atlas_size) d.atlas_size = 2048;
+    if (d.longest_submission == 0.0f) d.longest_submission = 0.1f;
     return d;
 }
 
+/* Of what pictures and gathers share. */
+static void sbl__seeing_defaults(sbl__seeing *s) {
+    const int draft = s->preset == SBL_PRESET_DRAFT, high = s->preset == SBL_PRESET_HIGH;
+    if (s->mode == SBL_MODE_DEFAULT) s->mode = SBL_MODE_AMBIENT;
+    if (s->sensor_kind == SBL_SENSOR_DEFAULT)
+        s->sensor_kind = s->mode == SBL_MODE_PAPER ? SBL_SENSOR_SINGLE : SBL_SENSOR_HEMICUBE;
+    if (!s->sensor_size) s->sensor_size = draft ? 32 : high ? 128 : 64;
+    if (s->sensor_fov == 0.0f) s->sensor_fov = 135;
+    if (!s->rays) s->rays = draft ? 64 : high ? 1024 : 256;
+    if (s->mode == SBL_MODE_DIRECT) s->epsilon = 0;
+    else if (s->epsilon == 0.0f) s->epsilon = 0.02f;
+}
+
+#define SBL__SEE(d, s) \
+    ((d)->mode = (s)->mode, (d)->sensor_kind = (s)->sensor_kind, (d)->backend = (s)->backend, (d)->rays = (s)->rays, \
+     (d)->sensor_size = (s)->sensor_size, (d)->sensor_fov = (s)->sensor_fov, (d)->epsilon = (s)->epsilon)
+
 SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc) {
     sbl_picture_desc d;
-    int draft, high, paper;
+    int draft, high;
     memset(&d, 0, sizeof d);
     if (desc) d = *desc;
     draft = d.preset == SBL_PRESET_DRAFT;
     high = d.preset == SBL_PRESET_HIGH;
-    if (d.mode == SBL_MODE_DEFAULT) d.mode = SBL_MODE_AMBIENT;
-    paper = d.mode == SBL_MODE_PAPER;
+    {
+        sbl__seeing seeing = SBL__SEEING(&d);
+        sbl__seeing_defaults(&seeing);
+        SBL__SEE(&d, &seeing);
+    }
     if (!d.width && !d.height) { d.width = 640; d.height = 480; }
-    if (d.width > 0 && d.height > 0 && sbl__all_zero(d.view_to_clip, 16)) sbl_perspective(d.view_to_clip, 40, (float)d.width / (float)d.height);
-    if (d.sensor_kind == SBL_SENSOR_DEFAULT) d.sensor_kind = paper ? SBL_SENSOR_SINGLE : SBL_SENSOR_HEMICUBE;
-    if (!d.sensor_size) d.sensor_size = draft ? 32 : high ? 128 : 64;
-    if (d.sensor_fov == 0.0f) d.sensor_fov = 135;
-    if (!d.rays) d.rays = draft ? 64 : high ? 1024 : 256;
+    if (d.width > 0 && d.height > 0 && sbl__all_zero(d.view_to_clip, 16))
+        sbl_perspective(d.view_to_clip, 40, (float)d.width / (float)d.height);
     if (!d.tile) d.tile = high ? 8 : 16;
-    if (d.threshold == 0.0f) d.threshold = paper ? 0.05f : draft ? 0.3f : high ? 0.07f : 0.15f;
-    if (d.mode == SBL_MODE_DIRECT) d.epsilon = 0;
-    else if (d.epsilon == 0.0f) d.epsilon = 0.02f;
+    if (d.threshold == 0.0f) d.threshold = d.mode == SBL_MODE_PAPER ? 0.05f : draft ? 0.3f : high ? 0.07f : 0.15f;
     if (!d.filter_radius) d.filter_radius = 2;
     if (!d.samples) d.samples = draft ? 1 : high ? 16 : 4;
     return d;
 }
 
-/* d has its defaults filled in; `given` is what the host wrote. */
-static sbl_result sbl__check_picture_desc(const sbl_context *c, const sbl_picture_desc *given, const sbl_picture_desc *d) {
-    const sbl_log_item item = SBL_LOG_ITEM_INVALID_PICTURE_DESC;
-    const float *m = d->view_to_clip;
-    sbl__check check;
-    int i, k;
-    check.base = &c->base;
-    check.mistakes = 0;
-    if (given && !SBL__CANARY_OK(given)) {
-        SBL__MISTAKE(&check, item, "sbl_picture_desc: start_canary is 0x%x, end_canary 0x%x; zero the whole struct before use", given->start_canary, given->end_canary);
-        return SBL_ERROR_INVALID_ARGUMENT;
+SBL_API sbl_gather_desc sbl_gather_desc_defaults(const sbl_gather_desc *desc) {
+    sbl_gather_desc d;
+    memset(&d, 0, sizeof d);
+    if (desc) d = *desc;
+    {
+        sbl__seeing seeing = SBL__SEEING(&d);
+        sbl__seeing_defaults(&seeing);
+        SBL__SEE(&d, &seeing);
     }
-    if (d->width < 1 || d->width > 16384) SBL__MISTAKE(&check, item, "sbl_picture_desc: width is %d; it must be 1 to 16384", d->width);
-    if (d->height < 1 || d->height > 16384) SBL__MISTAKE(&check, item, "sbl_picture_desc: height is %d; it must be 1 to 16384", d->height);
-    if ((int)d->mode < 0 || d->mode >= SBL_MODE_COUNT) SBL__MISTAKE(&check, item, "sbl_picture_desc: mode is %d; it must be 0 to %d", (int)d->mode, SBL_MODE_COUNT - 1);
-    if ((int)d->preset < 0 || d->preset >= SBL_PRESET_COUNT) SBL__MISTAKE(&check, item, "sbl_picture_desc: preset is %d; it must be 0 to %d", (int)d->preset, SBL_PRESET_COUNT - 1);
-    if ((int)d->sensor_kind < 0 || d->sensor_kind >= SBL_SENSOR_KIND_COUNT)
-        SBL__MISTAKE(&check, item, "sbl_picture_desc: sensor_kind is %d; it must be 0 to %d", (int)d->sensor_kind, SBL_SENSOR_KIND_COUNT - 1);
-    if (d->mode == SBL_MODE_PAPER && d->sensor_kind == SBL_SENSOR_HEMICUBE)
-        SBL__MISTAKE(&check, item, "sbl_picture_desc: sensor_kind is SBL_SENSOR_HEMICUBE in SBL_MODE_PAPER; the paper's sensor is SBL_SENSOR_SINGLE");
-    if ((int)d->backend < 0 || d->backend >= SBL_BACKEND_COUNT) SBL__MISTAKE(&check, item, "sbl_picture_desc: backend is %d; it must be 0 to %d", (int)d->backend, SBL_BACKEND_COUNT - 1);
-    if (d->backend == SBL_BACKEND_TRACE && (d->mode == SBL_MODE_PAPER || d->sensor_kind == SBL_SENSOR_SINGLE || c->scene.draw))
-        SBL__MISTAKE(&check, item, "sbl_picture_desc: backend is SBL_BACKEND_TRACE %s; use SBL_BACKEND_AUTO or SBL_BACKEND_RASTER",
-                     c->scene.draw ? "in a scene with a draw callback" : "with the paper's single view");
-    if (d->rays < 1 || d->rays > 4096) SBL__MISTAKE(&check, item, "sbl_picture_desc: rays is %d; it must be 1 to 4096", d->rays);
-    if (d->sensor_size < 4 || d->sensor_size > 512) SBL__MISTAKE(&check, item, "sbl_picture_desc: sensor_size is %d; it must be 4 to 512", d->sensor_size);
-    if (!(d->sensor_fov >= 1.0f && d->sensor_fov <= 179.0f)) SBL__MISTAKE(&check, item, "sbl_picture_desc: sensor_fov is %g; it must be 1 to 179 degrees", (double)d->sensor_fov);
-    if (d->tile < 1 || d->tile > 1024) SBL__MISTAKE(&check, item, "sbl_picture_desc: tile is %d; it must be 1 to 1024", d->tile);
-    if (!(d->threshold > 0.0f && sbl__finite(d->threshold))) SBL__MISTAKE(&check, item, "sbl_picture_desc: threshold is %g; it must be positive and finite", (double)d->threshold);
-    if (!(d->epsilon >= 0.0f && sbl__finite(d->epsilon))) SBL__MISTAKE(&check, item, "sbl_picture_desc: epsilon is %g; it must be finite and not negative", (double)d->epsilon);
-    if (!(d->facet_limit >= 0.0f && sbl__finite(d->facet_limit))) SBL__MISTAKE(&check, item, "sbl_picture_desc: facet_limit is %g; it must be 0 or more, and finite", (double)d->facet_limit);
-    if (d->filter_radius > 32) SBL__MISTAKE(&check, item, "sbl_picture_desc: filter_radius is %d; it must be at most 32", d->filter_radius);
-    if (d->samples < 1 || d->samples > 64) SBL__MISTAKE(&check, item, "sbl_picture_desc: samples is %d; it must be 1 to 64", d->samples);
-    if (!sbl__all_finite(d->world_to_view, 16)) {
-        for (i = 0; i < 16; i++)
-            if (!sbl__finite(d->world_to_view[i])) SBL__MISTAKE(&check, item, "sbl_picture_desc: world_to_view[%d] is %g; it must be finite", i, (double)d->world_to_view[i]);
-    } else {
-        const float *v = d->world_to_view;
-        int rigid = v[3] == 0.0f && v[7] == 0.0f && v[11] == 0.0f && v[15] == 1.0f;
-        for (i = 0; i < 3; i++)
-            for (k = 0; k < 3; k++)
-                if (fabs((double)v[i] * v[k] + (double)v[4 + i] * v[4 + k] + (double)v[8 + i] * v[8 + k] - (i == k)) > 1e-3) rigid = 0;
-        if (sbl__affine_determinant(v) < 0) rigid = 0;
-        if (!rigid) SBL__MISTAKE(&check, item, "sbl_picture_desc: world_to_view is not rigid (a rotation and a translation, column-major); sbl_look_at makes one");
-    }
-    if (!sbl__all_finite(m, 16)) {
-        for (i = 0; i < 16; i++)
-            if (!sbl__finite(m[i])) SBL__MISTAKE(&check, item, "sbl_picture_desc: view_to_clip[%d] is %g; it must be finite", i, (double)m[i]);
-    } else if (check.mistakes == 0 || (d->width > 0 && d->height > 0)) {
-        int perspective = m[3] == 0.0f && m[7] == 0.0f && m[11] < 0.0f && m[15] == 0.0f && m[12] == 0.0f && m[13] == 0.0f;
-        int orthographic = m[3] == 0.0f && m[7] == 0.0f && m[11] == 0.0f && m[15] == 1.0f && m[8] == 0.0f && m[9] == 0.0f;
-        if (!(perspective || orthographic) || m[0] == 0.0f || m[5] == 0.0f || m[1] != 0.0f || m[4] != 0.0f)
-            SBL__MISTAKE(&check, item, "sbl_picture_desc: view_to_clip is neither a perspective nor an orthographic projection (column-major, looking down -z; "
-                         "its last row is %g %g %g %g); sbl_perspective makes one", (double)m[3], (double)m[7], (double)m[11], (double)m[15]);
-    }
-    if (check.mistakes) return SBL_ERROR_INVALID_ARGUMENT;
-    if (d->mode == SBL_MODE_GI) {
-        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_NOT_IMPLEMENTED, "sbl_picture_desc: mode is SBL_MODE_GI; this version has no bounced light yet, use SBL_MODE_AMBIENT or SBL_MODE_DIRECT");
-        return SBL_ERROR_UNSUPPORTED;
-    }
-    if (d->width > c->gl.capabilities.max_texture_size || d->height > c->gl.capabilities.max_texture_size) {
-        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "sbl_picture_desc: size is %d x %d; this driver's textures are at most %d across", d->width, d->height, c->gl.capabilities.max_texture_size);
-        return SBL_ERROR_UNSUPPORTED;
-    }
-    return SBL_SUCCESS;
+    return d;
 }
 
-/* A camera that frames the scene: from the front (+z), a little to the right and above. */
-static void sbl__default_camera(const sbl__scene *s, sbl_picture_desc *d) {
-    double radius = 0, distance;
-    float c[3];
-    int k;
-    for (k = 0; k < 3; k++) {
-        double half = 0.5 * ((double)s->bounds[1][k] - s->bounds[0][k]);
-        radius += half * half;
-        c[k] = (float)(0.5 * ((double)s->bounds[1][k] + s->bounds[0][k]));
-    }
-    radius = radius > 0 ? sqrt(radius) : 1;
-    distance = d->view_to_clip[11] != 0.0f ? radius * sqrt(1 + pow(SBL__MIN(fabs((double)d->view_to_clip[0]), fabs((double)d->view_to_clip[5])), 2)) : 2 * radius;
-    sbl_look_at(d->world_to_view, c[0] + (float)(0.35 * distance), c[1] + (float)(0.3 * distance), c[2] + (float)(0.89 * distance), c[0], c[1], c[2], 0, 1, 0);
-}
-
-
-static void sbl__log_state(const sbl_context *c, const char *function, const char *needs) {
-    sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_WRONG_ORDER, "%s: %s", function, needs);
-}
+/* >>public: contexts */
 
 /* All but the struct itself. A context that sbl_create gave up half-way is freed too. */
 static void sbl__context_free(sbl_context *c) {
-    if (c->gl.GetError && c->gl.capabilities.gl_major) {
-        unsigned *programs = &c->programs.gbuffer;
+    sbl__core *core = &c->core;
+    if (sbl__device_is_made(&core->device)) {
         sbl__visit visit;
-        int i;
         sbl__visit_enter(c, &visit);
-        sbl__picture_free(c);
-        sbl__scene_free(&c->gl, &c->scene);
-        for (i = 0; i < (int)(sizeof c->programs / sizeof(unsigned)); i++) if (programs[i]) c->gl.DeleteProgram(programs[i]);
-        sbl__name_delete(c->gl.DeleteVertexArrays, &c->empty_array);
+        sbl__picture_free(&core->device, &c->picture);
+        sbl__gathering_free(&core->base, &c->gathering);
+        sbl__inspection_free(&core->base, &c->inspection);
+        sbl__job_free(&core->device, &core->job);
+        sbl__scene_free(&core->device, &core->scene);
+        sbl__device_free(&core->device);
         sbl__visit_leave(c, &visit);
     }
-#ifdef SBL_EGL
-    if (c->owns_egl) {
-        if (eglGetCurrentContext() == c->egl_context) eglMakeCurrent(c->egl_display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
-        if (c->egl_surface != EGL_NO_SURFACE) eglDestroySurface(c->egl_display, c->egl_surface);
-        eglDestroyContext(c->egl_display, c->egl_context);
-    }
-#endif
+    sbl__egl_destroy(&c->egl);
+}
+
+/* GL, under the guard: what all passes share, and all programs where the host asked for them. */
+static sbl_result sbl__context_start(sbl__core *core) {
+    static const struct { const sbl__recipe *recipe; unsigned features; } programs[] = {
+        { &sbl__recipe_visibility, 0 }, { &sbl__recipe_visibility, SBL__TEXTURED }, { &sbl__recipe_gbuffer, 0 },
+        { &sbl__recipe_trace, 0 }, { &sbl__recipe_trace, SBL__TEXTURED }, { &sbl__recipe_lamps, 0 },
+        { &sbl__recipe_lamps, SBL__TEXTURED }, { &sbl__recipe_lamps, SBL__VIEWS },
+        { &sbl__recipe_lamps, SBL__VIEWS | SBL__TEXTURED }, { &sbl__recipe_sensor, 0 },
+        { &sbl__recipe_sensor, SBL__TEXTURED }, { &sbl__recipe_sky, 0 }, { &sbl__recipe_reduce_blocks, 0 },
+        { &sbl__recipe_reduce_sum, 0 }, { &sbl__recipe_filter, 0 }, { &sbl__recipe_resolve, 0 },
+        { &sbl__recipe_copy, 0 }
+    };
+    sbl__guard guard;
+    sbl_result result;
+    int i;
+    sbl__guard_save(&core->device.gl, &guard);
+    sbl__guard_force(&core->device.gl);
+    result = sbl__device_start(&core->device);
+    for (i = 0; i < SBL__COUNT(programs) && core->desc.compile_ahead && result == SBL_SUCCESS; i++)
+        result = sbl__program_need(&core->device, programs[i].recipe, programs[i].features);
+    sbl__guard_restore(&core->device.gl, &guard);
+    sbl__gl_clear_errors(&core->device.gl);
+    if (result == SBL_SUCCESS && core->desc.compile_ahead)
+        sbl__log(&core->base, SBL_LOG_INFO, SBL_LOG_ITEM_INFO, "%d programs were compiled in %.3f s",
+                 core->device.program_count, core->device.gl.capabilities.compile_seconds);
+    return result;
 }
 
 SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
     sbl_context_desc d = sbl_context_desc_defaults(desc);
-    sbl_context *c;
+    sbl__egl_before before;
     sbl__base base;
+    sbl_context *c;
     sbl_result result;
-    sbl__visit visit;
     memset(&base, 0, sizeof base);
+    memset(&before, 0, sizeof before);
     base.allocator = d.allocator;
     base.logger = d.logger;
-    memset(&visit, 0, sizeof visit);
     if (!out) {
-        sbl__log(&base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_create: out is NULL; it receives the context");
+        sbl__log(&base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT,
+                 "sbl_create: out is NULL; it receives the context");
         return SBL_ERROR_INVALID_ARGUMENT;
     }
     *out = NULL;
-    result = sbl__check_context_desc(&base, &d);
+    result = sbl__check_context(&base, &d);
     if (result != SBL_SUCCESS) return result;
     c = (sbl_context *)sbl__alloc(&base, 1, sizeof *c);
     if (!c) return SBL_ERROR_OUT_OF_MEMORY;
-    c->base = base;
-    c->desc = d;
-    c->gl.base = &c->base;
-    if (!d.get_gl_function) {
-#ifdef SBL_EGL
-        sbl__egl_save(&visit);
-        result = sbl__egl_create(c);
-        d.get_gl_function = sbl__egl_proc;
-#else
-        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "sbl_context_desc: get_gl_function is NULL; give the loader of your GL context, or define SBL_EGL for a headless one");
-        result = SBL_ERROR_INVALID_ARGUMENT;
-#endif
-    }
-    if (result == SBL_SUCCESS) result = sbl__gl_load(&c->gl, &c->base, &d);
-    if (result == SBL_SUCCESS) {
-        sbl__guard_save(&c->gl, &visit.guard);
-        sbl__guard_force(&c->gl);
-        result = sbl__programs_make(c);
-        sbl__guard_restore(&c->gl, &visit.guard);
-        sbl__gl_clear_errors(&c->gl);
-    }
+    c->core.base = base;
+    c->core.desc = d;
+    c->core.device.base = c->core.device.gl.base = &c->core.base;
+    if (!d.get_gl_function) result = sbl__egl_open(&c->egl, &c->core.base, &before, &d);
+    if (result == SBL_SUCCESS) result = sbl__device_make(&c->core.device, &c->core.base, &d);
+    if (result == SBL_SUCCESS) result = sbl__context_start(&c->core);
     if (result != SBL_SUCCESS) sbl__context_free(c);
-#ifdef SBL_EGL
-    sbl__egl_restore(c, &visit);
-#endif
+    sbl__egl_leave(&c->egl, &before);
     if (result != SBL_SUCCESS) {
-        base = c->base;
+        base = c->core.base;
         sbl__free(&base, c);
         return result;
     }
@@ -6160,55 +9661,67 @@ SBL_API void sbl_destroy(sbl_context *c) {
     sbl__base base;
     if (!c) return;
     sbl__context_free(c);
-    base = c->base;
+    base = c->core.base;
     sbl__free(&base, c);
 }
 
+/* >>public: scenes */
+
+/* What is under way does not go on. A finished picture stays. */
+static void sbl__abandon(sbl_context *c) {
+    if (sbl__picture_under_way(&c->picture)) sbl__picture_free(&c->core.device, &c->picture);
+    sbl__gathering_free(&c->core.base, &c->gathering);
+    sbl__job_free(&c->core.device, &c->core.job);
+    c->work = c->picture.stage == SBL__STAGE_NONE ? SBL__WORK_NONE : SBL__WORK_PICTURE;
+}
+
 SBL_API sbl_result sbl_set_scene(sbl_context *c, const sbl_scene_desc *desc) {
-    double start = sbl__now();
+    const double start = sbl__now();
     sbl__scene scene;
     sbl__visit visit;
     sbl_result result;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
     if (!desc) {
-        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_set_scene: desc is NULL");
+        sbl__refuse(c, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_set_scene", "desc is NULL");
         return SBL_ERROR_INVALID_ARGUMENT;
     }
     memset(&scene, 0, sizeof scene);
     sbl__visit_enter(c, &visit);
-    result = sbl__scene_make(&c->gl, &scene, desc, c->programs.copy, c->empty_array);
-    if (result == SBL_SUCCESS && scene.wide != c->wide) {
-        result = sbl__scene_programs_make(c, scene.wide);
-        if (result != SBL_SUCCESS) sbl__scene_free(&c->gl, &scene);
-    }
+    result = sbl__scene_make(&c->core.device, &scene, desc);
     if (result == SBL_SUCCESS) {
-        sbl__picture_free(c);
-        sbl__scene_free(&c->gl, &c->scene);
-        c->scene = scene;
-        c->has_scene = 1;
-        memset(&c->stats, 0, sizeof c->stats);
-        c->stats.triangles = scene.triangle_count;
-        c->stats.seconds.scene = sbl__now() - start;
+        sbl__abandon(c);
+        scene.version = c->core.scene.version + 1;
+        sbl__scene_free(&c->core.device, &c->core.scene);
+        c->core.scene = scene;
+        c->core.has_scene = 1;
+        if (c->work == SBL__WORK_NONE) memset(&c->core.stats, 0, sizeof c->core.stats);
+        c->core.stats.triangles = scene.geometry.triangle_count;
+        c->core.stats.seconds.scene = sbl__now() - start;
     }
     sbl__visit_leave(c, &visit);
     return result;
 }
 
 SBL_API sbl_result sbl_set_mesh_transform(sbl_context *c, int mesh, const float transform[16]) {
+    float to[16];
     sbl__visit visit;
     sbl__check check;
     sbl_result result;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
-    if (!c->has_scene) { sbl__log_state(c, "sbl_set_mesh_transform", "there is no scene yet; call sbl_set_scene first"); return SBL_ERROR_STATE; }
-    check.base = &c->base;
-    check.mistakes = 0;
-    if (mesh < 0 || mesh >= c->scene.mesh_count) SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_set_mesh_transform: mesh is %d; the scene has %d", mesh, c->scene.mesh_count);
-    if (!transform) SBL__MISTAKE(&check, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_set_mesh_transform: transform is NULL");
-    else sbl__check_transform(&check, mesh, transform);
+    if (!sbl__has_scene(c, "sbl_set_mesh_transform")) return SBL_ERROR_STATE;
+    sbl__check_start(&check, &c->core.base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT);
+    if (mesh < 0 || mesh >= c->core.scene.geometry.mesh_count)
+        sbl__mistake(&check, "sbl_set_mesh_transform: mesh is %d; the scene has %d", mesh,
+                     c->core.scene.geometry.mesh_count);
+    if (!transform) sbl__mistake(&check, "sbl_set_mesh_transform: transform is NULL");
+    check.item = SBL_LOG_ITEM_INVALID_MESH;
+    if (transform) sbl__check_transform(&check, mesh, transform);
     if (check.mistakes) return SBL_ERROR_INVALID_ARGUMENT;
+    if (sbl__all_zero(transform, 16)) sbl__identity(to);
+    else memcpy(to, transform, sizeof to);
     sbl__visit_enter(c, &visit);
-    sbl__picture_free(c);
-    result = sbl__scene_move(&c->gl, &c->scene, mesh, transform);
+    result = sbl__scene_move(&c->core.device, &c->core.scene, mesh, to);
+    if (result != SBL_ERROR_INVALID_ARGUMENT) sbl__abandon(c);
     sbl__visit_leave(c, &visit);
     return result;
 }
@@ -6216,326 +9729,374 @@ SBL_API sbl_result sbl_set_mesh_transform(sbl_context *c, int mesh, const float 
 SBL_API sbl_result sbl_query_bounds(const sbl_context *c, float lowest[3], float highest[3]) {
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
     if (!lowest || !highest) {
-        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_query_bounds: %s is NULL", lowest ? "highest" : "lowest");
+        sbl__refuse(c, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_query_bounds",
+                    lowest ? "highest is NULL" : "lowest is NULL");
         return SBL_ERROR_INVALID_ARGUMENT;
     }
-    if (!c->has_scene) { sbl__log_state(c, "sbl_query_bounds", "there is no scene yet; call sbl_set_scene first"); return SBL_ERROR_STATE; }
-    memcpy(lowest, c->scene.bounds[0], 3 * sizeof(float));
-    memcpy(highest, c->scene.bounds[1], 3 * sizeof(float));
+    if (!sbl__has_scene(c, "sbl_query_bounds")) return SBL_ERROR_STATE;
+    memcpy(lowest, c->core.scene.geometry.bounds[0], 3 * sizeof(float));
+    memcpy(highest, c->core.scene.geometry.bounds[1], 3 * sizeof(float));
     return SBL_SUCCESS;
 }
 
+/* >>public: begin, step, end */
+
+/* What is not there yet. */
+static sbl_result sbl__check_mode(const sbl_context *c, const char *where, sbl_mode mode) {
+    if (mode != SBL_MODE_GI) return SBL_SUCCESS;
+    sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_NOT_IMPLEMENTED, "%s: mode is SBL_MODE_GI; this version has no "
+             "bounced light yet, use SBL_MODE_AMBIENT or SBL_MODE_DIRECT", where);
+    return SBL_ERROR_UNSUPPORTED;
+}
+
 SBL_API sbl_result sbl_begin(sbl_context *c, const sbl_picture_desc *desc) {
+    const double start = sbl__now();
     sbl_picture_desc d = sbl_picture_desc_defaults(desc);
+    sbl__seeing seeing = SBL__SEEING(&d);
     sbl__visit visit;
     sbl_result result;
-    double start = sbl__now(), scene_seconds;
-    int triangles, level;
+    int most, level;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
-    if (!c->has_scene) { sbl__log_state(c, "sbl_begin", "there is no scene yet; call sbl_set_scene first"); return SBL_ERROR_STATE; }
-    if (sbl__all_zero(d.world_to_view, 16)) sbl__default_camera(&c->scene, &d);
-    if (d.backend == SBL_BACKEND_AUTO)  /* a rule, not a stopwatch: the same input gives the same picture */
-        d.backend = d.mode == SBL_MODE_PAPER || c->scene.draw || d.sensor_kind == SBL_SENSOR_SINGLE ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
-    result = sbl__check_picture_desc(c, desc, &d);
+    if (!sbl__has_scene(c, "sbl_begin")) return SBL_ERROR_STATE;
+    if (sbl__all_zero(d.world_to_view, 16)) sbl__camera_frame(&c->core.scene.geometry, &d);
+    result = sbl__check_picture(&c->core.base, desc, &d, c->core.scene.draw != NULL);
+    if (result == SBL_SUCCESS) result = sbl__check_mode(c, "sbl_picture_desc", d.mode);
     if (result != SBL_SUCCESS) return result;
+    most = c->core.device.gl.capabilities.max_texture_size;
+    if (d.width > most || d.height > most) {
+        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "sbl_picture_desc: size is %d x %d; this "
+                 "driver's textures are at most %d across", d.width, d.height, most);
+        return SBL_ERROR_UNSUPPORTED;
+    }
+    d.backend = seeing.backend = sbl__choose_backend(&seeing, &c->core.scene);
     sbl__visit_enter(c, &visit);
-    sbl__picture_free(c);
-    scene_seconds = c->stats.seconds.scene;
-    triangles = c->stats.triangles;
-    memset(&c->stats, 0, sizeof c->stats);
-    c->stats.triangles = triangles;
-    c->stats.mode = d.mode;
-    c->stats.backend = d.backend;
-    c->stats.width = d.width;
-    c->stats.height = d.height;
-    for (level = 0; level < SBL_MAX_LEVELS; level++) c->stats.levels[level].tile = SBL__MAX(1, d.tile >> level);
-    c->picture.desc = d;
-    result = sbl__picture_begin(c);
-    if (result != SBL_SUCCESS) sbl__picture_free(c);
-    c->stats.seconds.scene = scene_seconds;
-    c->stats.seconds.total = sbl__now() - start;
+    sbl__gathering_free(&c->core.base, &c->gathering);
+    sbl__picture_free(&c->core.device, &c->picture);
+    sbl__inspection_free(&c->core.base, &c->inspection);
     sbl__visit_leave(c, &visit);
+    sbl__core_begin(&c->core, &seeing);
+    c->core.stats.width = d.width;
+    c->core.stats.height = d.height;
+    for (level = 0; level < SBL_MAX_LEVELS; level++) c->core.stats.levels[level].tile = SBL__MAX(1, d.tile >> level);
+    sbl__picture_begin(&c->picture, &c->core, &d);
+    c->work = SBL__WORK_PICTURE;
+    c->core.stats.seconds.total = sbl__now() - start;
+    return SBL_SUCCESS;
+}
+
+SBL_API sbl_result sbl_begin_gather(sbl_context *c, const sbl_gather_desc *desc) {
+    const double start = sbl__now();
+    sbl_gather_desc d = sbl_gather_desc_defaults(desc);
+    sbl__seeing seeing = SBL__SEEING(&d);
+    sbl__visit visit;
+    sbl_result result;
+    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
+    if (!sbl__has_scene(c, "sbl_begin_gather")) return SBL_ERROR_STATE;
+    result = sbl__check_gather(&c->core.base, desc, &d, c->core.scene.draw != NULL);
+    if (result == SBL_SUCCESS) result = sbl__check_mode(c, "sbl_gather_desc", d.mode);
+    if (result != SBL_SUCCESS) return result;
+    d.backend = seeing.backend = sbl__choose_backend(&seeing, &c->core.scene);
+    sbl__visit_enter(c, &visit);
+    sbl__abandon(c);
+    sbl__visit_leave(c, &visit);
+    sbl__core_begin(&c->core, &seeing);
+    sbl__gathering_begin(&c->gathering, &d);
+    c->work = SBL__WORK_GATHER;
+    c->core.stats.seconds.total = sbl__now() - start;
+    return SBL_SUCCESS;
+}
+
+/* One bounded piece of what is under way, and the host's word on it. */
+static sbl_result sbl__context_step(sbl_context *c, sbl__slice *slice) {
+    sbl__picture *p = &c->picture;
+    sbl__gathering *g = &c->gathering;
+    sbl__core *core = &c->core;
+    const int picture = c->work == SBL__WORK_PICTURE;
+    const double start = sbl__now();
+    int (*progress)(float, void *) = picture ? p->desc.progress : g->desc.progress;
+    float *done = picture ? &p->progress : &g->progress, now;
+    sbl_result result = picture ? sbl__picture_step(core, p, slice) : sbl__gathering_step(core, g, slice), errors;
+    errors = sbl__gl_check(&core->device.gl);
+    if (errors != SBL_SUCCESS && (result == SBL_SUCCESS || result == SBL_UNFINISHED)) result = errors;
+    now = picture ? sbl__picture_progress(core, p) : sbl__gathering_progress(core, g);
+    *done = SBL__MAX(*done, now);
+    core->stats.seconds.total += sbl__now() - start;
+    if ((result == SBL_SUCCESS || result == SBL_UNFINISHED) && progress &&
+        progress(*done, picture ? p->desc.progress_user : g->desc.progress_user)) result = SBL_CANCELLED;
     return result;
 }
 
+#define SBL__SLICE_REST 0.15  /* share of a slice that is not worth another piece */
+
 SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
-    double start = sbl__now(), before = start, rate = 0;
-    int worked = 0;
+    sbl__slice slice;
     sbl__visit visit;
-    sbl_result result = SBL_SUCCESS;
+    sbl_result result = SBL_UNFINISHED;
+    double last;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
-    if (c->picture.stage == SBL__STAGE_NONE) { sbl__log_state(c, "sbl_step", "there is no picture; call sbl_begin first"); return SBL_ERROR_STATE; }
-    if (c->picture.stage == SBL__STAGE_DONE) return SBL_SUCCESS;
-    sbl__visit_enter(c, &visit);
-    while (result == SBL_SUCCESS && c->picture.stage != SBL__STAGE_DONE) {
-        int limit = INT_MAX, gathering = c->picture.stage == SBL__STAGE_GATHER, from = c->gather.next;
-        double now = sbl__now();
-        if (seconds > 0) {
-            if (worked && now - start >= seconds) break;
-            limit = rate > 0 ? (int)SBL__MIN(1e6, (seconds - (now - start)) * rate) : 16;
-        }
-        result = sbl__picture_work(c, limit);
-        worked = 1;
-        if (seconds > 0 && gathering) {  /* how fast sensors go here, for the next limit */
-            c->gl.Finish();
-            rate = SBL__MAX(1, c->gather.next - from) / SBL__MAX(sbl__now() - now, 1e-6);
-        }
-        if (result == SBL_SUCCESS) result = sbl__gl_check(&c->gl, "rendering");
-        c->picture.progress = SBL__MAX(c->picture.progress, sbl__picture_progress(c));
-        c->stats.seconds.total += sbl__now() - before;
-        before = sbl__now();
-        if (result == SBL_SUCCESS && c->picture.desc.progress && c->picture.desc.progress(c->picture.progress, c->picture.desc.progress_user)) result = SBL_CANCELLED;
+    if (c->work == SBL__WORK_NONE) {
+        sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, "sbl_step", "there is no picture; call sbl_begin first");
+        return SBL_ERROR_STATE;
     }
-    c->stats.microseconds_per_sensor = c->stats.sensors ? 1e6 * c->stats.seconds.total / (double)c->stats.sensors : 0;
-    if (result == SBL_SUCCESS && c->picture.stage != SBL__STAGE_DONE) result = SBL_UNFINISHED;
-    else if (result != SBL_SUCCESS) sbl__picture_free(c);
+    if (!sbl__picture_under_way(&c->picture) && !sbl__gathering_under_way(&c->gathering)) return SBL_SUCCESS;
+    memset(&slice, 0, sizeof slice);
+    slice.longest = c->core.desc.longest_submission;
+    slice.end = seconds > 0 ? sbl__now() + seconds : DBL_MAX;
+    last = seconds > 0 ? slice.end - SBL__SLICE_REST * seconds : DBL_MAX;
+    sbl__visit_enter(c, &visit);
+    do result = sbl__context_step(c, &slice);
+    while (result == SBL_UNFINISHED && sbl__now() < last);
+    if (c->core.stats.sensors)
+        c->core.stats.microseconds_per_sensor = 1e6 * c->core.stats.seconds.total / (double)c->core.stats.sensors;
+    if (result != SBL_SUCCESS && result != SBL_UNFINISHED) {
+        if (c->work == SBL__WORK_PICTURE) sbl__picture_free(&c->core.device, &c->picture);  /* though it be finished */
+        sbl__abandon(c);
+    }
     sbl__visit_leave(c, &visit);
     return result;
 }
 
 SBL_API sbl_result sbl_render(sbl_context *c, const sbl_picture_desc *desc) {
-    sbl_result result = sbl_begin(c, desc);
+    const sbl_result result = sbl_begin(c, desc);
     return result == SBL_SUCCESS ? sbl_step(c, 0) : result;
 }
 
-SBL_API float sbl_progress(const sbl_context *c) { return c ? c->picture.progress : 0; }
+SBL_API sbl_result sbl_gather(sbl_context *c, const sbl_gather_desc *desc) {
+    const sbl_result result = sbl_begin_gather(c, desc);
+    return result == SBL_SUCCESS ? sbl_step(c, 0) : result;
+}
+
+SBL_API float sbl_progress(const sbl_context *c) {
+    return !c ? 0 : c->work == SBL__WORK_GATHER ? c->gathering.progress : c->picture.progress;
+}
 
 SBL_API void sbl_end(sbl_context *c) {
     sbl__visit visit;
-    if (!c || c->picture.stage == SBL__STAGE_NONE) return;
+    if (!c || c->work == SBL__WORK_NONE) return;
     sbl__visit_enter(c, &visit);
-    sbl__picture_free(c);
+    sbl__picture_free(&c->core.device, &c->picture);
+    sbl__gathering_free(&c->core.base, &c->gathering);
+    sbl__inspection_free(&c->core.base, &c->inspection);
+    sbl__job_free(&c->core.device, &c->core.job);
+    c->work = SBL__WORK_NONE;
     sbl__visit_leave(c, &visit);
 }
 
+/* >>public: channels. A row a channel: floats a pixel, and how it is read. */
+
+static const struct { int components, attachment; } sbl__channels[SBL_CHANNEL_COUNT] = {
+    { 3, -1 }, { 3, -1 }, { 3, SBL__GBUFFER_ALBEDO }, { 3, -1 }, { 3, -1 }, { 1, -1 }, { 1, -1 }, { 1, -1 }
+};
+
 SBL_API int sbl_channel_components(sbl_channel channel) {
-    if ((int)channel < 0 || channel >= SBL_CHANNEL_COUNT) return 0;
-    return channel >= SBL_CHANNEL_ID ? 1 : 3;
+    return (int)channel >= 0 && channel < SBL_CHANNEL_COUNT ? sbl__channels[channel].components : 0;
 }
 
-/* DEPTH or SENSORS of pixel i */
-static float sbl__scalar(const sbl_context *c, sbl_channel channel, size_t i) {
-    const sbl__pixel *p = &c->picture.refine.pixels[i];
+/* A channel of pixel i, from what refinement knows. */
+static void sbl__channel_pixel(const sbl__picture *p, sbl_channel channel, size_t i, float *out) {
+    const sbl__pixel *pixel = &p->refine.pixels[i];
     double depth = 0;
     int k;
-    if (!p->id) return 0;
-    if (channel == SBL_CHANNEL_SENSORS) return p->level;
-    for (k = 0; k < 3; k++) depth -= c->picture.camera.back[k] * ((double)p->position[k] - c->picture.camera.eye[k]);
-    return (float)depth;
+    for (k = 0; k < 3; k++) depth -= p->camera.back[k] * ((double)pixel->position[k] - p->camera.eye[k]);
+    if (!pixel->id) memset(out, 0, (size_t)sbl__channels[channel].components * sizeof *out);
+    else if (channel == SBL_CHANNEL_NORMAL) memcpy(out, pixel->normal, sizeof pixel->normal);
+    else if (channel == SBL_CHANNEL_POSITION) memcpy(out, pixel->position, sizeof pixel->position);
+    else out[0] = channel == SBL_CHANNEL_ID ? (float)pixel->id
+                : channel == SBL_CHANNEL_DEPTH ? (float)depth : (float)pixel->level;
+}
+
+/* The target that a channel is read from, or NULL where the host has it. */
+static const sbl__target *sbl__channel_target(const sbl__picture *p, sbl_channel channel) {
+    const int done = p->stage == SBL__STAGE_DONE;
+    if (channel == SBL_CHANNEL_FINAL) return done ? &p->final_targets[p->resolved & 1] : &p->preview_target;
+    if (channel == SBL_CHANNEL_RADIANCE) return done ? &p->filtered_target : &p->radiance_target;
+    return channel == SBL_CHANNEL_ALBEDO ? &p->gbuffer.target : NULL;
+}
+
+/* Is there something to be read? Of a picture under way the best so far, from the first level on. */
+static sbl_result sbl__channel_ready(sbl_context *c, const char *function) {
+    sbl__picture *p = &c->picture;
+    sbl__visit visit;
+    sbl_result result;
+    if (p->stage == SBL__STAGE_DONE) return SBL_SUCCESS;
+    if (p->stage == SBL__STAGE_NONE) {
+        sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "there is no picture; call sbl_render, or sbl_begin and "
+                    "sbl_step");
+        return SBL_ERROR_STATE;
+    }
+    if (!p->refine.rounds) return SBL_UNFINISHED;
+    sbl__visit_enter(c, &visit);
+    result = sbl__picture_watch(&c->core, p);
+    if (result != SBL_SUCCESS) sbl__abandon(c);
+    sbl__visit_leave(c, &visit);
+    return result;
+}
+
+/* Three of a target's four floats a pixel. */
+static sbl_result sbl__channel_copy(sbl_context *c, const sbl__target *t, int attachment, float *out) {
+    const size_t width = (size_t)t->width;
+    const int most = SBL__MAX(1, SBL__READ_PIXELS / t->width);
+    float *data = (float *)sbl__alloc_raw(&c->core.base, width * (size_t)most, 16);
+    sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    sbl__visit visit;
+    size_t i;
+    int row;
+    if (!data) return result;
+    sbl__visit_enter(c, &visit);
+    c->core.device.gl.doing = "reading a channel";
+    for (row = 0; row < t->height && result == SBL_SUCCESS; row += most) {
+        const int rows = SBL__MIN(most, t->height - row);
+        result = sbl__target_read(&c->core.device, t, attachment, row, rows, data);
+        for (i = 0; i < width * (size_t)rows && result == SBL_SUCCESS; i++)
+            memcpy(out + 3 * (width * (size_t)row + i), data + 4 * i, 3 * sizeof(float));
+    }
+    sbl__visit_leave(c, &visit);
+    sbl__free(&c->core.base, data);
+    return result;
 }
 
 SBL_API sbl_result sbl_read_channel(sbl_context *c, sbl_channel channel, float *out, size_t count) {
-    sbl__picture *p;
+    const int components = sbl_channel_components(channel);
+    const sbl__target *target;
     size_t pixels, i;
-    int components = sbl_channel_components(channel), k;
-    sbl_result result = SBL_SUCCESS;
-    sbl__visit visit;
+    sbl_result result;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
-    p = &c->picture;
     if (!components || !out) {
-        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_read_channel: channel is %d (0 to %d exist), out is %s", (int)channel, SBL_CHANNEL_COUNT - 1, out ? "given" : "NULL");
+        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_read_channel: channel is %d (0 to "
+                 "%d exist), out is %s", (int)channel, SBL_CHANNEL_COUNT - 1, out ? "given" : "NULL");
         return SBL_ERROR_INVALID_ARGUMENT;
     }
-    if (p->stage != SBL__STAGE_DONE) { sbl__log_state(c, "sbl_read_channel", "there is no finished picture; call sbl_render, or sbl_step until it gives SBL_SUCCESS"); return SBL_ERROR_STATE; }
-    pixels = (size_t)p->desc.width * (size_t)p->desc.height;
-    if (count < pixels * (size_t)components) {
-        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_read_channel: count is %.0f; channel %d of %d x %d pixels needs %.0f floats", (double)count, (int)channel,
-                 p->desc.width, p->desc.height, (double)pixels * components);
+    pixels = (size_t)c->picture.desc.width * (size_t)c->picture.desc.height;
+    if (c->picture.stage != SBL__STAGE_NONE && count < pixels * (size_t)components) {
+        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_read_channel: count is %.0f; "
+                 "channel %d of %d x %d pixels needs %.0f floats", (double)count, (int)channel, c->picture.desc.width,
+                 c->picture.desc.height, (double)pixels * components);
         return SBL_ERROR_INVALID_ARGUMENT;
     }
-    if (channel == SBL_CHANNEL_FINAL || channel == SBL_CHANNEL_RADIANCE || channel == SBL_CHANNEL_ALBEDO) {
-        float *data = (float *)sbl__alloc(&c->base, pixels, 16);
-        int final = p->resolved & 1;
-        if (!data) return SBL_ERROR_OUT_OF_MEMORY;
-        sbl__visit_enter(c, &visit);
-        if (channel == SBL_CHANNEL_FINAL) result = sbl__read_pixels(&c->gl, p->final_framebuffers[final], 0, &p->finals[final], p->desc.height, data, "reading a channel");
-        else if (channel == SBL_CHANNEL_RADIANCE) result = sbl__read_pixels(&c->gl, p->filter_framebuffer, 0, &p->filtered, p->desc.height, data, "reading a channel");
-        else result = sbl__read_pixels(&c->gl, p->gbuffer.framebuffer, 3, &p->gbuffer.albedo, p->desc.height, data, "reading a channel");
-        sbl__visit_leave(c, &visit);
-        for (i = 0; i < pixels && result == SBL_SUCCESS; i++) for (k = 0; k < 3; k++) out[3 * i + (size_t)k] = data[4 * i + (size_t)k];
-        sbl__free(&c->base, data);
-        return result;
-    }
-    for (i = 0; i < pixels; i++) {
-        const sbl__pixel *pixel = &p->refine.pixels[i];
-        if (channel == SBL_CHANNEL_ID) out[i] = (float)pixel->id;
-        else if (components == 1) out[i] = sbl__scalar(c, channel, i);
-        else for (k = 0; k < 3; k++) out[3 * i + (size_t)k] = !pixel->id ? 0 : channel == SBL_CHANNEL_NORMAL ? pixel->normal[k] : pixel->position[k];
-    }
+    result = sbl__channel_ready(c, "sbl_read_channel");
+    if (result != SBL_SUCCESS) return result;
+    target = sbl__channel_target(&c->picture, channel);
+    if (target) return sbl__channel_copy(c, target, SBL__MAX(0, sbl__channels[channel].attachment), out);
+    for (i = 0; i < pixels; i++) sbl__channel_pixel(&c->picture, channel, i, out + i * (size_t)components);
     return SBL_SUCCESS;
 }
 
-SBL_API uint32_t sbl_channel_texture(sbl_context *c, sbl_channel channel) {
-    sbl__picture *p;
-    size_t pixels, i;
-    float *data;
+/* A texture of a channel of one float that only the host has. */
+static uint32_t sbl__channel_send(sbl_context *c, sbl_channel channel) {
+    sbl__picture *p = &c->picture;
+    const size_t pixels = (size_t)p->desc.width * (size_t)p->desc.height;
+    sbl__texture *t = &p->scalars[channel == SBL_CHANNEL_SENSORS];
+    float *data = (float *)sbl__alloc_raw(&c->core.base, pixels, sizeof(float));
+    sbl_result result;
     sbl__visit visit;
-    if (!c || c->picture.stage != SBL__STAGE_DONE) return 0;
+    size_t i;
+    if (!data) return 0;
+    for (i = 0; i < pixels; i++) sbl__channel_pixel(p, channel, i, data + i);
+    sbl__visit_enter(c, &visit);
+    c->core.device.gl.doing = "making a channel's texture";
+    result = sbl__texture_make(&c->core.device, t, p->desc.width, p->desc.height, SBL__GL_R32F);
+    if (result == SBL_SUCCESS) result = sbl__texture_write(&c->core.device, t, 0, p->desc.height, data);
+    sbl__visit_leave(c, &visit);
+    sbl__free(&c->core.base, data);
+    return result == SBL_SUCCESS ? t->id : 0;
+}
+
+SBL_API uint32_t sbl_channel_texture(sbl_context *c, sbl_channel channel) {
+    const sbl__picture *p;
+    if (!c || c->picture.stage == SBL__STAGE_NONE || !sbl_channel_components(channel)) return 0;
+    if (sbl__channel_ready(c, "sbl_channel_texture") != SBL_SUCCESS) return 0;
     p = &c->picture;
     switch (channel) {
-        case SBL_CHANNEL_FINAL: return p->finals[p->resolved & 1].id;
-        case SBL_CHANNEL_RADIANCE: return p->filtered.id;
-        case SBL_CHANNEL_ALBEDO: return p->gbuffer.albedo.id;
         case SBL_CHANNEL_NORMAL: return p->gbuffer.normal.id;
         case SBL_CHANNEL_POSITION: return p->gbuffer.position.id;
         case SBL_CHANNEL_ID: return p->gbuffer.id.id;
-        case SBL_CHANNEL_DEPTH: case SBL_CHANNEL_SENSORS: break;
-        default: return 0;
+        case SBL_CHANNEL_DEPTH: case SBL_CHANNEL_SENSORS: return sbl__channel_send(c, channel);
+        default: return sbl__channel_target(p, channel)->textures[SBL__MAX(0, sbl__channels[channel].attachment)];
     }
-    pixels = (size_t)p->desc.width * (size_t)p->desc.height;
-    data = (float *)sbl__alloc(&c->base, pixels, sizeof(float));
-    if (!data) return 0;
-    for (i = 0; i < pixels; i++) data[i] = sbl__scalar(c, channel, i);
-    sbl__visit_enter(c, &visit);
-    sbl__texture_make(&c->gl, &p->scalars[channel == SBL_CHANNEL_SENSORS], p->desc.width, p->desc.height, SBL__GL_R32F, data, "making a channel's texture");
-    sbl__visit_leave(c, &visit);
-    sbl__free(&c->base, data);
-    return p->scalars[channel == SBL_CHANNEL_SENSORS].id;
 }
 
-/* Traced sensors have no texels, and rasterised ones none with lamps: what is shown is one that rasterises all. */
-static int sbl__inspects_apart(const sbl_context *c) { return c->gather.rays || c->gather.lamp_rays; }
+/* >>public: inspection */
 
-/* Gathers for a pixel in the slot that its sensor had, so that every rounding is the same, and reads its sheet. */
-static sbl_result sbl__inspect(sbl_context *c, const sbl__site *site, int pixel, int index, sbl__reading *reading, float *radiance, float *weights) {
-    sbl__gather *g = sbl__inspects_apart(c) ? &c->inspected : &c->gather;
-    const sbl__layout *l = &g->layout;
-    const unsigned reduce[2] = { c->programs.reduce_blocks, c->programs.reduce_sum };
-    const unsigned program[3] = { c->scene.textured ? c->programs.sensor_textured[0] : c->programs.sensor[0], c->programs.sky, 0 };  /* no lamps apart */
-    int pitch_x = l->blocks[0] * l->block, slot = index % g->slots, x, y, k;
-    sbl__site *sites = (sbl__site *)sbl__alloc(&c->base, (size_t)slot + 1, sizeof *sites);
-    sbl__reading *readings = (sbl__reading *)sbl__alloc(&c->base, (size_t)slot + 1, sizeof *readings);
-    float *atlas = radiance ? (float *)sbl__alloc(&c->base, (size_t)g->atlas.width * (size_t)g->atlas.height, 16) : NULL;
-    float *table = (float *)sbl__alloc(&c->base, (size_t)pitch_x * (size_t)(l->blocks[1] * l->block), 8);
-    sbl_result result = SBL_SUCCESS;
-    if (!sites || !readings || (radiance && !atlas) || !table) result = SBL_ERROR_OUT_OF_MEMORY;
-    if (result == SBL_SUCCESS) {
-        sites[slot] = *site;
-        result = sbl__gather_begin(&c->gl, g, sites, slot + 1);
-        sbl__gather_clear(&c->gl, g, &c->scene);
-    }
-    if (result == SBL_SUCCESS) result = sbl__gather_draw(&c->gl, g, &c->scene, program, slot, 1);
-    if (result == SBL_SUCCESS) {
-        sbl__gather_reduce(&c->gl, g, reduce, c->empty_array, slot);
-        result = sbl__gather_finish(&c->gl, g, readings);
-    }
-    if (result == SBL_SUCCESS) *reading = readings[slot];
-    if (result == SBL_SUCCESS && reading->back_share > SBL__SUSPECT_SHARE) {
-        sbl__reading answer = { { 0, 0, 0 }, 0, 0, 0, 0, 0, 0 };
-        sbl__probe_site(&c->picture.refine, pixel, site, &sites[0]);
-        result = sbl__probe_begin(c, sites, 1);
-        if (result == SBL_SUCCESS) result = sbl__gather_step(&c->gl, &c->probe, &c->scene, c->probe.rays ? c->scene.textured ? c->programs.trace_textured : c->programs.trace : program, reduce, c->empty_array, 1);
-        if (result == SBL_SUCCESS) result = sbl__gather_finish(&c->gl, &c->probe, &answer);
-        reading->stuck = sbl__probe_stuck(&c->picture.refine.pixels[pixel], &answer);
-    }
-    if (result == SBL_SUCCESS) sbl__weights_make(l, g->paper, table);
-    if (result == SBL_SUCCESS && radiance) {
-        result = sbl__read_pixels(&c->gl, g->atlas_framebuffer, 0, &g->atlas, g->atlas.height, atlas, "reading a sensor's sheet");
-        for (y = 0; y < l->sheet_height && result == SBL_SUCCESS; y++)
-            for (x = 0; x < l->sheet_width; x++) {
-                const float *from = atlas + 4 * ((size_t)(slot / g->columns * l->blocks[1] * l->block + y) * (size_t)g->atlas.width + (size_t)(slot % g->columns * pitch_x + x));
-                float *to = radiance + 4 * ((size_t)y * (size_t)l->sheet_width + (size_t)x);
-                for (k = 0; k < 3; k++) to[k] = from[k] / g->radiance_scale;
-                to[3] = from[3] * c->scene.extent * table[2 * ((size_t)y * (size_t)pitch_x + (size_t)x) + 1];
-            }
-    }
-    if (result == SBL_SUCCESS && weights) {
-        for (y = 0; y < l->sheet_height; y++)
-            for (x = 0; x < l->sheet_width; x++) weights[(size_t)y * (size_t)l->sheet_width + (size_t)x] = table[2 * ((size_t)y * (size_t)pitch_x + (size_t)x)];
-    }
-    sbl__free(&c->base, sites);
-    sbl__free(&c->base, readings);
-    sbl__free(&c->base, atlas);
-    sbl__free(&c->base, table);
-    return result;
+/* The sheet's size, in the order that texels have. */
+static void sbl__sheet_size(const sbl_context *c, sbl_sensor *out) {
+    const sbl__spec *spec = &c->picture.spec;
+    sbl__layout layout;
+    sbl__layout_make(&layout, spec->hemicube, SBL__MAX(spec->size, 1), spec->fov);
+    out->sheet_width = spec->traced ? spec->rays : layout.sheet_width;
+    out->sheet_height = spec->traced ? 1 : layout.sheet_height;
 }
 
-SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *sensor, float *radiance, float *weights, size_t count) {
-    const sbl__pixel *p;
-    const sbl__layout *l;
-    sbl__site site;
-    sbl__reading reading = { { 0, 0, 0 }, 0, 0, 0, 0, 0, 0 };
+static sbl_result sbl__inspect_check(const sbl_context *c, int x, int y, const sbl_sensor *sensor) {
+    const sbl__picture *p = &c->picture;
+    sbl__check check;
+    sbl__check_start(&check, &c->core.base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT);
+    if (!sensor) {
+        sbl__mistake(&check, "sbl_inspect_sensor: sensor is NULL");
+        return SBL_ERROR_INVALID_ARGUMENT;
+    }
+    if (p->stage != SBL__STAGE_DONE || p->scene_version != c->core.scene.version) {
+        sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, "sbl_inspect_sensor", p->stage != SBL__STAGE_DONE ?
+                    "there is no finished picture; call sbl_render first" :
+                    "the scene has changed since the picture was made; call sbl_render again");
+        return SBL_ERROR_STATE;
+    }
+    if (x < 0 || y < 0 || x >= p->desc.width || y >= p->desc.height)
+        sbl__mistake(&check, "sbl_inspect_sensor: pixel %d %d lies outside of the picture's %d x %d", x, y,
+                     p->desc.width, p->desc.height);
+    else if (!sbl__pixel_at(&p->refine, x, y)->id)
+        sbl__mistake(&check, "sbl_inspect_sensor: pixel %d %d shows no surface", x, y);
+    return sbl__check_end(&check);
+}
+
+SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *sensor, float *radiance, float *weights,
+                                      size_t count) {
+    sbl__looking looking;
+    sbl_sensor s;
     sbl__visit visit;
-    float *table;
-    double sum = 0;
-    size_t i, texels;
-    int face, k;
     sbl_result result;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
-    if (!sensor) {
-        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor: sensor is NULL");
+    result = sbl__inspect_check(c, x, y, sensor);
+    if (result != SBL_SUCCESS) return result;
+    memset(&s, 0, sizeof s);
+    sbl__sheet_size(c, &s);
+    if ((radiance || weights) && count < (size_t)s.sheet_width * (size_t)s.sheet_height) {
+        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor: count is %.0f; the "
+                 "sheet has %d x %d texels", (double)count, s.sheet_width, s.sheet_height);
         return SBL_ERROR_INVALID_ARGUMENT;
     }
-    if (c->picture.stage != SBL__STAGE_DONE) { sbl__log_state(c, "sbl_inspect_sensor", "there is no finished picture; call sbl_render first"); return SBL_ERROR_STATE; }
-    if (x < 0 || y < 0 || x >= c->picture.desc.width || y >= c->picture.desc.height) {
-        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor: pixel %d %d lies outside of the picture's %d x %d", x, y, c->picture.desc.width, c->picture.desc.height);
-        return SBL_ERROR_INVALID_ARGUMENT;
-    }
-    p = &c->picture.refine.pixels[(size_t)y * (size_t)c->picture.desc.width + (size_t)x];
-    if (!p->id) {
-        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor: pixel %d %d shows no surface", x, y);
-        return SBL_ERROR_INVALID_ARGUMENT;
-    }
-    if (sbl__inspects_apart(c) && !c->inspected.atlas.id) {
-        sbl__visit_enter(c, &visit);
-        result = sbl__picture_raster(c, &c->inspected, 0);
-        sbl__visit_leave(c, &visit);
-        if (result != SBL_SUCCESS) return result;
-    }
-    l = sbl__inspects_apart(c) ? &c->inspected.layout : &c->gather.layout;
-    texels = (size_t)l->sheet_width * (size_t)l->sheet_height;
-    if ((radiance || weights) && count < texels) {
-        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor: count is %.0f; the sheet has %d x %d texels", (double)count, l->sheet_width, l->sheet_height);
-        return SBL_ERROR_INVALID_ARGUMENT;
-    }
-    table = weights ? NULL : (float *)sbl__alloc(&c->base, texels, sizeof(float));
-    if (!weights && !table) return SBL_ERROR_OUT_OF_MEMORY;
-    sbl__refine_site(&c->picture.refine, y * c->picture.desc.width + x, 0, &site);
+    sbl__inspection_free(&c->core.base, &c->inspection);
+    memset(&looking, 0, sizeof looking);
+    looking.core = &c->core;
+    looking.picture = &c->picture;
+    looking.found = &c->inspection;
+    looking.pixel = y * c->picture.desc.width + x;
+    looking.radiance = radiance;
+    looking.weights = weights;
     sbl__visit_enter(c, &visit);
-    result = sbl__inspect(c, &site, y * c->picture.desc.width + x, p->job, &reading, radiance, weights ? weights : table);
+    result = sbl__inspect(&looking);
     sbl__visit_leave(c, &visit);
-    if (result == SBL_SUCCESS) {
-        memset(sensor, 0, sizeof *sensor);
-        for (i = 0; i < texels; i++) sum += (double)(weights ? weights : table)[i];
-        for (k = 0; k < 3; k++) {
-            sensor->position[k] = site.position[k];
-            sensor->normal[k] = site.normal[k];
-            sensor->radiance[k] = reading.radiance[k];
-        }
-        sensor->weight_sum = (float)sum;
-        sensor->back_share = reading.back_share * reading.hit_share;
-        sensor->hit_min = reading.hit_min;
-        sensor->hit_mean = reading.hit_mean;
-        sensor->valid = !reading.stuck;
-        sensor->sensed = p->sensed;
-        sensor->level = p->level ? p->level - 1 : 0;
-        sensor->view_count = l->view_count;
-        sensor->sheet_width = l->sheet_width;
-        sensor->sheet_height = l->sheet_height;
-        for (face = 0; face < l->view_count; face++) {
-            sbl_sensor_view *v = &sensor->views[face];
-            double right[3], up[3], forward[3], range[4];
-            memcpy(v->rect, l->rects[face], sizeof v->rect);
-            sbl__view_axes(&site, face, right, up, forward);
-            sbl__view_range(l, face, range);
-            for (k = 0; k < 3; k++) { v->right[k] = (float)right[k]; v->up[k] = (float)up[k]; v->forward[k] = (float)forward[k]; }
-            v->x0 = (float)range[0]; v->x1 = (float)range[1]; v->y0 = (float)range[2]; v->y1 = (float)range[3];
-        }
+    if (result != SBL_SUCCESS) {
+        sbl__inspection_free(&c->core.base, &c->inspection);
+        return result;
     }
-    sbl__free(&c->base, table);
-    return result;
+    sbl__inspect_tell(&looking, &s);
+    *sensor = s;
+    return SBL_SUCCESS;
 }
 
-SBL_API int sbl_look_at(float m[16], float eye_x, float eye_y, float eye_z, float at_x, float at_y, float at_z, float up_x, float up_y, float up_z) {
+/* >>public: helpers */
+
+SBL_API int sbl_look_at(float m[16], float eye_x, float eye_y, float eye_z, float at_x, float at_y, float at_z,
+                        float up_x, float up_y, float up_z) {
     double eye[3], f[3], u[3], r[3];
     int k;
     eye[0] = eye_x; eye[1] = eye_y; eye[2] = eye_z;
     f[0] = at_x - eye[0]; f[1] = at_y - eye[1]; f[2] = at_z - eye[2];
     u[0] = up_x; u[1] = up_y; u[2] = up_z;
     if (!sbl__normalize(f) || !sbl__normalize(u)) return 0;
-    r[0] = f[1] * u[2] - f[2] * u[1]; r[1] = f[2] * u[0] - f[0] * u[2]; r[2] = f[0] * u[1] - f[1] * u[0];
+    sbl__cross(f, u, r);
     if (r[0] * r[0] + r[1] * r[1] + r[2] * r[2] < 1e-12 || !sbl__normalize(r)) return 0;
-    u[0] = r[1] * f[2] - r[2] * f[1]; u[1] = r[2] * f[0] - r[0] * f[2]; u[2] = r[0] * f[1] - r[1] * f[0];
+    sbl__cross(r, f, u);
     for (k = 0; k < 3; k++) {
         m[4 * k] = (float)r[k];
         m[4 * k + 1] = (float)u[k];
@@ -6562,32 +10123,45 @@ SBL_API int sbl_perspective(float m[16], float fov_y, float aspect) {
     return 1;
 }
 
-SBL_API sbl_context_desc sbl_query_desc(const sbl_context *c) { return c ? c->desc : sbl_context_desc_defaults(NULL); }
+SBL_API void sbl_encode_srgb8(unsigned char *out, const float *linear, size_t count, float scale) {
+    size_t i;
+    for (i = 0; i < count; i++) {
+        const double x = (double)linear[i] * (double)scale;
+        const double y = !(x > 0) ? 0 : x >= 1 ? 1 : x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1 / 2.4) - 0.055;
+        out[i] = (unsigned char)(255 * y + 0.5);
+    }
+}
+
+/* >>public: queries */
+
+SBL_API sbl_context_desc sbl_query_desc(const sbl_context *c) {
+    return c ? c->core.desc : sbl_context_desc_defaults(NULL);
+}
 
 SBL_API sbl_capabilities sbl_query_capabilities(const sbl_context *c) {
     sbl_capabilities none;
     memset(&none, 0, sizeof none);
-    return c ? c->gl.capabilities : none;
+    return c ? c->core.device.gl.capabilities : none;
 }
 
 SBL_API sbl_stats sbl_query_stats(const sbl_context *c) {
     sbl_stats none;
     memset(&none, 0, sizeof none);
-    return c ? c->stats : none;
+    return c ? c->core.stats : none;
 }
 
 SBL_API sbl_memory sbl_query_memory(const sbl_context *c) {
     sbl_memory none;
     memset(&none, 0, sizeof none);
-    return c ? c->base.memory : none;
+    return c ? c->core.base.memory : none;
 }
 
 SBL_API const char *sbl_version(void) { return "0.1.0"; }
 
 SBL_API const char *sbl_result_string(sbl_result result) {
     static const char *const words[SBL_RESULT_COUNT] = {
-        "success", "unfinished: call sbl_step again", "cancelled by the progress callback", "invalid argument", "out of memory",
-        "unsupported by the GL context or this version", "called in the wrong order", "GL error"
+        "success", "unfinished: call sbl_step again", "cancelled by the progress callback", "invalid argument",
+        "out of memory", "unsupported by the GL context or this version", "called in the wrong order", "GL error"
     };
     return (int)result >= 0 && result < SBL_RESULT_COUNT ? words[result] : "unknown result";
 }

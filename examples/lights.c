@@ -1,8 +1,9 @@
-/* Demonstrates every kind of light, a picture each, and the penumbra of a large lamp at each preset, with what four sensors in it see of the
-   lamp, as in figure 9 of the paper. The first argument is the folder to write them to. */
+/* Demonstrates every kind of light, a picture each, and the penumbra of a large lamp at each preset, with the rays of four sensors in it:
+   of those towards the lamp some arrive, some (red) do not. The first argument is the folder to write them to. */
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
 #include "../sbl.h"
+#include "sensor_disc.h"
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #include <stb/stb_image_write.h>
 #include <math.h>
@@ -96,20 +97,14 @@ static void furnish(world *w, const struct kind *k) {
 
 /* ---- pictures ---- */
 
-static unsigned char srgb(float x) {
-    double v = x <= 0 ? 0 : x >= 1 ? 1 : x <= 0.0031308f ? 12.92 * (double)x : 1.055 * pow((double)x, 1 / 2.4) - 0.055;
-    return (unsigned char)(255 * v + 0.5);
-}
-
 static unsigned char pixels[(HEIGHT + INSET) * WIDTH * 3];
 
 static int render(sbl_context *context, const sbl_picture_desc *view, const char *name) {
     static float picture[WIDTH * HEIGHT * 3];
     sbl_stats stats;
-    int i;
     if (sbl_render(context, view) != SBL_SUCCESS) return 0;
     if (sbl_read_channel(context, SBL_CHANNEL_FINAL, picture, WIDTH * HEIGHT * 3) != SBL_SUCCESS) return 0;
-    for (i = 0; i < WIDTH * HEIGHT * 3; i++) pixels[i] = srgb(picture[i]);
+    sbl_encode_srgb8(pixels, picture, WIDTH * HEIGHT * 3, 1);
     stats = sbl_query_stats(context);
     printf("%-16s %6.0f sensors %7.2f s\n", name, (double)stats.sensors, stats.seconds.total);
     return 1;
@@ -139,19 +134,15 @@ static int show_kind(sbl_context *context, const struct kind *k, const char *fol
     return sbl_set_scene(context, &scene) == SBL_SUCCESS && render(context, &view, k->name) && write_picture(folder, k->name, HEIGHT);
 }
 
-/* What the sensor of a pixel sees in the direction of the normal, drawn below the picture; and a red square around the pixel. */
+/* What the sensor of a pixel met, drawn below the picture (see sensor_disc.h); and a red square around the pixel. */
 static int draw_inset(sbl_context *context, int number, int px, int py) {
-    static float sheet[1 << 18], weights[1 << 16];
+    static float disc[INSET * INSET * 3];
     sbl_sensor s;
-    int x, y, k;
+    int x, y;
     if (sbl_inspect_sensor(context, px, py, &s, NULL, NULL, 0) != SBL_SUCCESS) return 0;
-    if (sbl_inspect_sensor(context, px, py, &s, sheet, weights, sizeof weights / sizeof *weights) != SBL_SUCCESS) return 0;
+    sensor_disc(&s, INSET, disc);
     for (y = 0; y < INSET; y++)
-        for (x = 0; x < INSET; x++) {
-            const int *rect = s.views[0].rect, tx = rect[0] + x * rect[2] / INSET, ty = rect[1] + y * rect[3] / INSET;
-            unsigned char *to = pixels + 3 * ((HEIGHT + y) * WIDTH + number * INSET + x);
-            for (k = 0; k < 3; k++) to[k] = x ? srgb(5 * sheet[4 * (ty * s.sheet_width + tx) + k]) : 255;
-        }
+        sbl_encode_srgb8(pixels + 3 * ((HEIGHT + y) * WIDTH + number * INSET), disc + 3 * y * INSET, 3 * INSET, 1);
     for (y = -4; y <= 4; y++)
         for (x = -4; x <= 4; x++)
             if (abs(x) == 4 || abs(y) == 4) {
@@ -165,7 +156,7 @@ static int show_penumbra(sbl_context *context, sbl_preset preset, const char *fo
     static const char *const names[SBL_PRESET_COUNT] = { "penumbra_default", "penumbra_draft", "penumbra_high" };
     static world w;
     sbl_scene_desc scene = { .meshes = w.meshes, .materials = materials, .material_count = MATERIALS, .textures = &window_picture, .texture_count = 1 };
-    sbl_picture_desc view = { .width = WIDTH, .height = HEIGHT, .preset = preset, .samples = 4, .sensor_size = INSET };
+    sbl_picture_desc view = { .width = WIDTH, .height = HEIGHT, .preset = preset, .samples = 4 };
     int i;
     w.count = 0;
     ADD(&w, quad, 0, 0, 0, 12, 1, 12, WHITE);
@@ -177,7 +168,7 @@ static int show_penumbra(sbl_context *context, sbl_preset preset, const char *fo
     sbl_perspective(view.view_to_clip, 40, (float)WIDTH / HEIGHT);
     if (sbl_set_scene(context, &scene) != SBL_SUCCESS || !render(context, &view, names[preset])) return 0;
     for (i = 0; i < INSETS; i++)
-        if (!draw_inset(context, i, 200 - 25 * i, 140)) return 0;
+        if (!draw_inset(context, i, 125 + 25 * i, 140)) return 0;
     return write_picture(folder, names[preset], HEIGHT + INSET);
 }
 

@@ -4,6 +4,7 @@
 #define SBL_EGL
 #include "../sbl.h"
 #include "scene_file.h"
+#include "sensor_disc.h"
 #include <ctype.h>
 #include <sys/time.h>
 #define STB_IMAGE_WRITE_IMPLEMENTATION
@@ -584,40 +585,85 @@ static int write_whole(const char *target, const image *picture, sbl_channel cha
 
 /* ---- one sensor ---- */
 
-static sbl_result inspect(sbl_context *context, image *sheet) {
+enum { DISC = 512, LAMPS_SHOWN = 20 };
+
+static double sum_of(const float v[3]) { return (double)v[0] + (double)v[1] + (double)v[2]; }
+
+static void describe_lamp(const sbl_sensor *s, int number) {
+    const sbl_sensor_lamp *l = &s->lamps[number];
+    if (l->kind == SBL_LAMP_TRIANGLE) printf("  triangle %d of mesh %d:", l->number, l->mesh);
+    else printf("  %s %d:", l->kind == SBL_LAMP_LIGHT ? "light" : "texel of the sky", l->number);
+    if (sum_of(l->unhindered) > 0)
+        printf(" unhindered %g %g %g,", (double)l->unhindered[0], (double)l->unhindered[1], (double)l->unhindered[2]);
+    printf(" %d of %d rays arrive\n", l->open, l->rays);
+}
+
+/* Those that give most, or would. */
+static void describe_lamps(const sbl_sensor *s) {
+    double *worth = (double *)calloc((size_t)s->lamp_count + 1, sizeof *worth);
+    int i, k, best;
+    if (!worth) return;
+    for (i = 0; i < s->lamp_count; i++) worth[i] = sum_of(s->lamps[i].unhindered);
+    for (i = 0; i < s->ray_count; i++)
+        if (s->rays[i].lamp >= 0) worth[s->rays[i].lamp] += sum_of(s->rays[i].radiance);
+    for (i = 0; i < s->lamp_count && i < LAMPS_SHOWN; i++) {
+        for (k = best = 0; k < s->lamp_count; k++)
+            if (worth[k] > worth[best]) best = k;
+        describe_lamp(s, best);
+        worth[best] = -1;
+    }
+    if (s->lamp_count > LAMPS_SHOWN) printf("  and %d lamps more\n", s->lamp_count - LAMPS_SHOWN);
+    free(worth);
+}
+
+/* sheet_sum: of weight times radiance. */
+static void describe(const sbl_sensor *s, const double sheet_sum[3]) {
+    int i, aimed = 0;
+    for (i = 0; i < s->ray_count; i++) aimed += s->rays[i].lamp >= 0;
+    printf("pixel %d,%d: %s, level %d%s\n", options.inspect[0], options.inspect[1],
+           s->sensed ? "had a sensor" : "was interpolated; this is what a sensor would see", s->level,
+           s->valid ? "" : ", judged to be stuck inside geometry");
+    printf("position %g %g %g\nnormal %g %g %g\n", (double)s->position[0], (double)s->position[1], (double)s->position[2],
+           (double)s->normal[0], (double)s->normal[1], (double)s->normal[2]);
+    printf("R %g %g %g\n", (double)s->radiance[0], (double)s->radiance[1], (double)s->radiance[2]);
+    if (s->noise > 0) printf("standard error %g\n", (double)s->noise);
+    if (s->looks > 1) printf("mean of %d looks; what follows is of the first\n", s->looks);
+    printf("sum of weight * radiance over the sheet %g %g %g\nsum of weights %.6f, ", sheet_sum[0], sheet_sum[1], sheet_sum[2],
+           (double)s->weight_sum);
+    if (s->view_count) printf("%d views, %d x %d texels\n", s->view_count, s->sheet_width, s->sheet_height);
+    else printf("%d rays\n", s->ray_count - aimed);
+    printf("back faces %.2f %%, nearest surface %g, mean distance %g\n", 100 * (double)s->back_share, (double)s->hit_min,
+           (double)s->hit_mean);
+    printf("from lamps %g %g %g: %d lamps, %d rays towards them\n", (double)s->from_lamps[0], (double)s->from_lamps[1],
+           (double)s->from_lamps[2], s->lamp_count, aimed);
+    describe_lamps(s);
+}
+
+/* What the sensor's views show, or its rays. */
+static sbl_result inspect(sbl_context *context, image *shown) {
     sbl_sensor s;
     const int x = options.inspect[0], y = options.inspect[1];
     sbl_result result = sbl_inspect_sensor(context, x, y, &s, NULL, NULL, 0);
     float *radiance, *weights;
-    double sum[3] = { 0, 0, 0 }, weight = 0;
+    double sum[3] = { 0, 0, 0 };
     size_t texels, i;
-    int k;
     if (result != SBL_SUCCESS) return result;
     texels = (size_t)s.sheet_width * (size_t)s.sheet_height;
+    shown->width = s.view_count ? s.sheet_width : DISC;
+    shown->height = s.view_count ? s.sheet_height : DISC;
+    shown->components = 3;
+    shown->values = (float *)malloc((size_t)shown->width * (size_t)shown->height * 3 * sizeof *shown->values);
     radiance = (float *)malloc(texels * 4 * sizeof *radiance);
     weights = (float *)malloc(texels * sizeof *weights);
-    sheet->values = (float *)malloc(texels * 3 * sizeof *sheet->values);
-    result = radiance && weights && sheet->values ? sbl_inspect_sensor(context, x, y, &s, radiance, weights, texels) : SBL_ERROR_OUT_OF_MEMORY;
+    result = SBL_ERROR_OUT_OF_MEMORY;
+    if (radiance && weights && shown->values) result = sbl_inspect_sensor(context, x, y, &s, radiance, weights, texels);
+    for (i = 0; i < 3 * texels && result == SBL_SUCCESS; i++) {
+        sum[i % 3] += (double)weights[i / 3] * (double)radiance[i / 3 * 4 + i % 3];
+        if (s.view_count) shown->values[i] = radiance[i / 3 * 4 + i % 3];
+    }
     if (result == SBL_SUCCESS) {
-        sheet->width = s.sheet_width;
-        sheet->height = s.sheet_height;
-        sheet->components = 3;
-        for (i = 0; i < texels; i++) {
-            weight += (double)weights[i];
-            for (k = 0; k < 3; k++) {
-                sheet->values[3 * i + (size_t)k] = radiance[4 * i + (size_t)k];
-                sum[k] += (double)weights[i] * (double)radiance[4 * i + (size_t)k];
-            }
-        }
-        printf("pixel %d,%d: %s, level %d%s\n", x, y, s.sensed ? "had a sensor" : "was interpolated; this is what a sensor would see", s.level,
-               s.valid ? "" : ", judged to be stuck inside geometry");
-        printf("position %g %g %g\nnormal %g %g %g\n", (double)s.position[0], (double)s.position[1], (double)s.position[2],
-               (double)s.normal[0], (double)s.normal[1], (double)s.normal[2]);
-        printf("R %g %g %g\n", (double)s.radiance[0], (double)s.radiance[1], (double)s.radiance[2]);
-        printf("sum of weight * radiance over the sheet %g %g %g\nsum of weights %.6f, %d views, %d x %d texels\n", sum[0], sum[1], sum[2],
-               weight, s.view_count, s.sheet_width, s.sheet_height);
-        printf("back faces %.2f %%, nearest surface %g, mean distance %g\n", 100 * (double)s.back_share, (double)s.hit_min,
-               (double)s.hit_mean);
+        if (!s.view_count) sensor_disc(&s, DISC, shown->values);
+        describe(&s, sum);
     }
     free(radiance);
     free(weights);

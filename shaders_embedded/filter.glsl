@@ -1,5 +1,6 @@
 // The Gaussian of section III-H: over pixels of the same id, its weights renormalised to one.
-// Outside paper mode a pixel also counts the less the more its normal and its plane differ, and its light by more than noise can explain.
+// Outside paper mode a pixel also counts the less the more its normal and its plane differ, and its light by more than
+// noise can explain.
 uniform sampler2D radiance;  // R; a: its noise, above 0 where there is a surface
 uniform sampler2D positions, normals;
 uniform usampler2D ids;
@@ -9,12 +10,14 @@ uniform int geometry_aware;
 uniform float tolerance;     // noise that is there in any case, relative
 layout(location = 0) out vec4 out_radiance;
 
+const float SBL_DOUBT = 0.25;  // how fast trust falls with the square of a difference over the noise
+
 // 1 where noise alone explains the difference, nearing 0 where it is several times as large.
 float sbl_alike(vec4 a, vec4 b) {
     vec3 apart = abs(a.rgb - b.rgb);
     float noise = a.a + b.a + tolerance * (max(a.r, max(a.g, a.b)) + max(b.r, max(b.g, b.b)));
     float difference = max(apart.r, max(apart.g, apart.b)) / max(noise, 1e-30);
-    return exp(-0.25 * difference * difference);
+    return exp(-SBL_DOUBT * difference * difference);
 }
 
 void main() {
@@ -31,7 +34,8 @@ void main() {
             vec4 light = texelFetch(radiance, there, 0);
             float weight = exp(-falloff * float(x * x + y * y));
             if (geometry_aware != 0 && (x != 0 || y != 0))
-                weight *= sbl_belongs(p, n, texelFetch(positions, there, 0).xyz, texelFetch(normals, there, 0).xyz) * sbl_alike(own, light);
+                weight *= sbl_belongs(p, n, texelFetch(positions, there, 0).xyz, texelFetch(normals, there, 0).xyz) *
+                          sbl_alike(own, light);
             sum += weight * vec4(light.rgb, 1);
         }
     out_radiance = vec4(sum.rgb / sum.a, 1);

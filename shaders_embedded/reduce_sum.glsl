@@ -1,4 +1,5 @@
-// Second half: every output texel adds up the blocks of one sensor and is its result.
+// Second half, and the only one of a traced sensor: every output texel adds up the blocks of one sensor and is its
+// result.
 uniform sampler2D block_sums, block_hits;
 uniform ivec2 blocks;  // of one sheet
 uniform int columns;   // sheets across the atlas
@@ -31,7 +32,8 @@ void main() {
     float n = float(blocks.x * blocks.y), mean = dot(sum.rgb, vec3(1.0 / 3.0));
     hits.w = n > 1.0 ? max((hits.w - mean * mean / n) * n / (n - 1.0), 0.0) : 0.0;
     for (int i = 0; i < parts; i++) {
-        vec4 light = texelFetch(lights, ivec2(slot % columns, slot / columns * parts + i), 0) / float(parts);
+        ivec2 at = ivec2(slot % columns, slot / columns * parts + i);
+        vec4 light = texelFetch(lights, at, 0) / float(parts);
         sum.rgb += light.rgb;
         hits.w += light.a / float(parts);
     }

@@ -1,9 +1,8 @@
 // What a sensor's texel holds: Ck, and the distance along the view axis, negative where a back face is seen.
 layout(location = 0) out vec4 out_radiance;
 #ifdef SBL_TEXTURED
-uniform float epsilon, radiance_scale;
-uniform bool lamps_apart;  // light from emitting triangles comes from lamps.glsl
-flat in uint fragment_object;
+uniform float radiance_scale;
+flat in int fragment_object;
 in vec2 fragment_uv;
 in vec4 fragment_color;
 #else
@@ -15,20 +14,9 @@ uniform float depth_scale;
 
 void main() {
 #ifdef SBL_TEXTURED
-    uvec4 material = sbl_object(fragment_object, 0), light = sbl_object(fragment_object, 1);
-    vec3 emission = uintBitsToFloat(light.rgb);
-    bool emits = max(max(emission.r, emission.g), emission.b) > 0.0;
-    if (emits && !gl_FrontFacing && (light.w & SBL_ONE_SIDED_EMISSION) != 0u) emits = false;
-    vec3 radiance = vec3(0);
-    float cutoff = uintBitsToFloat(material.w);
-    if (cutoff > 0.0 || (!emits && epsilon > 0.0)) {
-        vec4 albedo = fragment_color * sbl_texture(sbl_object(fragment_object, 2), fragment_uv);
-        if (albedo.a < cutoff) discard;
-        radiance = epsilon * uintBitsToFloat(material.rgb) * albedo.rgb;
-    }
-    if (emits && lamps_apart) radiance = vec3(0);
-    else if (emits) radiance = emission * sbl_texture(sbl_object(fragment_object, 3), fragment_uv).rgb;
-    radiance *= radiance_scale;
+    sbl_Attributes at = sbl_Attributes(fragment_uv, fragment_color);
+    if (sbl_object_alpha_cutoff(fragment_object) > 0.0 && !sbl_solid(fragment_object, at)) discard;
+    vec3 radiance = sbl_outgoing(fragment_object, !gl_FrontFacing, at) * radiance_scale;
 #else
     vec3 radiance = gl_FrontFacing ? radiance_front : radiance_back;
 #endif

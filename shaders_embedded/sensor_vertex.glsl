@@ -1,37 +1,35 @@
-// Draws the scene into many sensors' views at once: an instance is one view, cut to its rectangle of the atlas by four planes.
+// Draws the scene into many sensors' views at once: an instance is one view, cut to its rectangle of the atlas by four
+// planes.
 layout(location = 0) in vec3 position;
 layout(location = 1) in uint object;
 layout(location = 4) in vec3 view_eye;
-layout(location = 5) in vec4 view_right;    // right over half the view's width at unit distance;  scale of x in the atlas
-layout(location = 6) in vec4 view_up;       // up over half its height;                            scale of y
-layout(location = 7) in vec4 view_forward;  // forward;                                            lowest y: -1, or 0 where the horizon cuts the view
+layout(location = 5) in vec4 view_right;    // right over half the view's width at unit distance; scale of x in atlas
+layout(location = 6) in vec4 view_up;       // up over half its height; scale of y
+layout(location = 7) in vec4 view_forward;  // forward;               lowest y: -1, or 0 where the horizon cuts the view
 layout(location = 8) in vec2 view_offset;   // of the rectangle in the atlas
 uniform float per_length;                   // 1 / extent of the scene
 uniform float depth_scale;                  // depth is depth_scale / distance: reversed, without a far plane
 #ifdef SBL_TEXTURED
 layout(location = 2) in vec2 vertex_uv;
-layout(location = 3) in vec4 vertex_color;
-flat out uint fragment_object;
+layout(location = 3) in uvec2 vertex_color;
+flat out int fragment_object;
 out vec2 fragment_uv;
 out vec4 fragment_color;
 #else
-uniform float epsilon, radiance_scale;
-uniform bool lamps_apart;                   // light from emitting triangles comes from lamps.glsl
+uniform float radiance_scale;
 flat out vec3 radiance_front, radiance_back;
 #endif
 
 void main() {
-    uvec4 light = sbl_object(object, 1);
+    int number = int(object);
 #ifdef SBL_TEXTURED
-    fragment_object = object;
+    fragment_object = number;
     fragment_uv = vertex_uv;
-    fragment_color = vertex_color;
+    fragment_color = sbl_unpack_color(vertex_color.x, vertex_color.y) / 65535.0;
 #else
-    // Ck of equations 1 and 2: a light's radiance, or the ambient factor times the colour
-    vec3 emission = uintBitsToFloat(light.rgb);
-    vec3 ambient = epsilon * uintBitsToFloat(sbl_object(object, 0).rgb);
-    radiance_front = radiance_scale * (max(max(emission.r, emission.g), emission.b) > 0.0 ? lamps_apart ? vec3(0) : emission : ambient);
-    radiance_back = (light.w & SBL_ONE_SIDED_EMISSION) != 0u ? radiance_scale * ambient : radiance_front;
+    sbl_Attributes plain = sbl_Attributes(vec2(0), vec4(1));
+    radiance_front = radiance_scale * sbl_outgoing(number, false, plain);
+    radiance_back = radiance_scale * sbl_outgoing(number, true, plain);
 #endif
     vec3 p = (position - view_eye) * per_length;
     float x = dot(view_right.xyz, p), y = dot(view_up.xyz, p), w = dot(view_forward.xyz, p);
@@ -40,5 +38,5 @@ void main() {
     gl_ClipDistance[1] = w - x;
     gl_ClipDistance[2] = y - w * view_forward.w;
     gl_ClipDistance[3] = w - y;
-    if ((light.w & SBL_HIDDEN_FROM_SENSORS) != 0u) gl_ClipDistance[0] = -1.0;
+    if ((sbl_object_flags(number) & SBL_HIDDEN_FROM_SENSORS) != 0u) gl_ClipDistance[0] = -1.0;
 }

@@ -1,4 +1,5 @@
-// The environment's picture, equirectangular: light from where nothing is hit, besides the constant sky (see sbl_environment).
+// The environment's picture, equirectangular: light from where nothing is hit, besides the constant sky (see
+// sbl_environment).
 uniform sampler2D sky_picture;
 uniform vec3 sky_x, sky_up, sky_z;  // its axes in the world
 uniform float sky_limit;            // radiance from which on it is left to lamps.glsl; 0: there is no picture
@@ -6,7 +7,8 @@ uniform float sky_limit;            // radiance from which on it is left to lamp
 // Where a direction meets the picture, in its widths and heights.
 vec2 sbl_sky_at(vec3 direction) {
     vec3 d = vec3(dot(direction, sky_x), dot(direction, sky_up), dot(direction, sky_z)) / length(direction);
-    return vec2(0.5 + (d.x == 0.0 && d.z == 0.0 ? 0.0 : atan(d.z, d.x) / 6.283185307), acos(clamp(d.y, -1.0, 1.0)) / 3.14159265);
+    float around = d.x == 0.0 && d.z == 0.0 ? 0.0 : atan(d.z, d.x) / 6.283185307;
+    return vec2(0.5 + around, acos(clamp(d.y, -1.0, 1.0)) / 3.14159265);
 }
 
 // The way back; z: the cosine to sky_up.
@@ -16,12 +18,14 @@ vec3 sbl_sky_direction(float across, float z) {
 }
 
 // What of a texel's light lamps.glsl samples.
-float sbl_sky_excess(vec3 radiance) { return max(1.0 - sky_limit / max(max(radiance.r, radiance.g), max(radiance.b, 1e-37)), 0.0); }
+float sbl_sky_excess(vec3 radiance) {
+    return max(1.0 - sky_limit / max(max(radiance.r, radiance.g), max(radiance.b, 1e-37)), 0.0);
+}
 
 // The rest of it.
 vec3 sbl_sky(vec3 direction) {
     vec3 radiance = vec3(0);
-    for (int once = 0; once < (sky_limit > 0.0 ? 1 : 0); once++) {  // a loop, see sbl_trace
+    sbl_when (sky_limit > 0.0) {
         ivec2 size = textureSize(sky_picture, 0);
         radiance = texelFetch(sky_picture, min(ivec2(sbl_sky_at(direction) * vec2(size)), size - 1), 0).rgb;
         radiance *= 1.0 - sbl_sky_excess(radiance);

@@ -7,6 +7,7 @@ out vec3 direction;
 
 void main() {
     float x = gl_VertexID % 2 == 0 ? -1.0 : 1.0, y = gl_VertexID < 2 ? view_forward.w : 1.0;
-    direction = view_forward.xyz + x / dot(view_right.xyz, view_right.xyz) * view_right.xyz + y / dot(view_up.xyz, view_up.xyz) * view_up.xyz;
+    direction = view_forward.xyz + x / dot(view_right.xyz, view_right.xyz) * view_right.xyz +
+                y / dot(view_up.xyz, view_up.xyz) * view_up.xyz;
     gl_Position = vec4(x * view_right.w + view_offset.x, y * view_up.w + view_offset.y, 0, 1);
 }

@@ -1,25 +1,45 @@
-// From a triangle's number and a ray to the surface point. Exact where rasterised attributes are not: a point interpolated across a
-// large clipped triangle strays off its plane, and a sensor standing there would see its own surface.
-uniform sbl_Texels sbl_positions;   // a vertex: x y z as float bits, object
-uniform sbl_Texels sbl_attributes;  // a vertex, two texels: normal x y z, u | v, colour r g (16 bits each), colour b a, 0
-uniform sbl_Texels sbl_indices;     // three a triangle
-
+// From a triangle's number and a ray to the surface point. Exact where rasterised attributes are not: a point
+// interpolated across a large clipped triangle strays off its plane, and a sensor standing there would see its own
+// surface.
 struct sbl_Surface {
     vec3 position, normal, geometric_normal;  // normals point against the ray
     vec4 albedo;                              // a: 0 where the cutout leaves nothing
     vec3 emission;
     float facet;                              // the triangle's least height
-    float reach;                              // of its corners from the origin, plus its longest side: what rounding is relative to
-    uint id, flags;
+    float reach;                              // of its corners from the origin, plus its longest side: what rounding
+                                              // is relative to
+    uint id;
 };
 
+const float SBL_GRAZING = 0.01;  // cosine that shading normals are kept from the horizon
+
+// Interpolated where it is long enough, towards the viewer's side of the triangle, and bent away from the surface's own
+// horizon: a shading normal that turns away from the viewer would aim the sensor at the surface itself.
+vec3 sbl_shading_normal(ivec3 v, vec3 b, vec3 face, vec3 geometric_normal, vec3 direction) {
+    vec3 normal = b.x * sbl_attributes_normal(v.x) + b.y * sbl_attributes_normal(v.y) +
+                  b.z * sbl_attributes_normal(v.z);
+    float length2 = dot(normal, normal);
+    normal = length2 > 1e-12 ? normal * inversesqrt(length2) : face;
+    normal = dot(normal, geometric_normal) < 0.0 ? -normal : normal;
+    float grazing = dot(normal, normalize(direction));
+    if (grazing > -SBL_GRAZING) normal = normalize(normal - (grazing + SBL_GRAZING) * normalize(direction));
+    return normal;
+}
+
+sbl_Attributes sbl_mix_attributes(ivec3 v, vec3 b) {
+    vec2 uv = b.x * vec2(sbl_attributes_u(v.x), sbl_attributes_v(v.x)) +
+              b.y * vec2(sbl_attributes_u(v.y), sbl_attributes_v(v.y)) +
+              b.z * vec2(sbl_attributes_u(v.z), sbl_attributes_v(v.z));
+    vec4 color = b.x * sbl_unpack_color(sbl_attributes_color_rg(v.x), sbl_attributes_color_ba(v.x)) +
+                 b.y * sbl_unpack_color(sbl_attributes_color_rg(v.y), sbl_attributes_color_ba(v.y)) +
+                 b.z * sbl_unpack_color(sbl_attributes_color_rg(v.z), sbl_attributes_color_ba(v.z));
+    return sbl_Attributes(uv, color / 65535.0);
+}
+
 sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {
-    ivec3 v = ivec3(int(sbl_fetch(sbl_indices, 3 * triangle).x), int(sbl_fetch(sbl_indices, 3 * triangle + 1).x),
-                    int(sbl_fetch(sbl_indices, 3 * triangle + 2).x));
-    uvec4 record = sbl_fetch(sbl_positions, v.x);
-    vec3 p0 = uintBitsToFloat(record.xyz);
-    vec3 e1 = uintBitsToFloat(sbl_fetch(sbl_positions, v.y).xyz) - p0;
-    vec3 e2 = uintBitsToFloat(sbl_fetch(sbl_positions, v.z).xyz) - p0;
+    ivec3 v = sbl_corners(triangle);
+    vec3 p0 = sbl_vertex_position(v.x), e1 = sbl_vertex_position(v.y) - p0, e2 = sbl_vertex_position(v.z) - p0;
+    int object = int(sbl_vertex_object(v.x));
 
     // Barycentrics of the ray's hit by Cramer's rule (Moeller and Trumbore 1997), kept inside the triangle.
     // The cross product is scaled to the edges' size first, so that small triangles do not underflow.
@@ -40,29 +60,14 @@ sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {
     s.reach = length(p0) + 2.0 * size * longest;
     bool back = dot(face, direction) > 0.0;
     s.geometric_normal = back ? -face : face;
+    s.normal = sbl_shading_normal(v, vec3(b0, b1, b2), face, s.geometric_normal, direction);
 
-    uvec4 n0 = sbl_fetch(sbl_attributes, 2 * v.x), n1 = sbl_fetch(sbl_attributes, 2 * v.y), n2 = sbl_fetch(sbl_attributes, 2 * v.z);
-    uvec4 c0 = sbl_fetch(sbl_attributes, 2 * v.x + 1), c1 = sbl_fetch(sbl_attributes, 2 * v.y + 1), c2 = sbl_fetch(sbl_attributes, 2 * v.z + 1);
-    vec3 normal = b0 * uintBitsToFloat(n0.xyz) + b1 * uintBitsToFloat(n1.xyz) + b2 * uintBitsToFloat(n2.xyz);
-    float length2 = dot(normal, normal);
-    normal = length2 > 1e-12 ? normal * inversesqrt(length2) : face;
-    normal = dot(normal, s.geometric_normal) < 0.0 ? -normal : normal;
-    // A shading normal that turns away from the viewer would aim the sensor at the surface itself: bend it back to grazing.
-    float grazing = dot(normal, normalize(direction));
-    if (grazing > -0.01) normal = normalize(normal - (grazing + 0.01) * normalize(direction));
-    s.normal = normal;
-
-    vec2 uv = b0 * uintBitsToFloat(uvec2(n0.w, c0.x)) + b1 * uintBitsToFloat(uvec2(n1.w, c1.x)) + b2 * uintBitsToFloat(uvec2(n2.w, c2.x));
-    vec4 color = b0 * vec4(c0.y & 65535u, c0.y >> 16, c0.z & 65535u, c0.z >> 16) +
-                 b1 * vec4(c1.y & 65535u, c1.y >> 16, c1.z & 65535u, c1.z >> 16) +
-                 b2 * vec4(c2.y & 65535u, c2.y >> 16, c2.z & 65535u, c2.z >> 16);
-
-    uvec4 material = sbl_object(record.w, 0), light = sbl_object(record.w, 1);
-    s.albedo = color / 65535.0 * sbl_texture(sbl_object(record.w, 2), uv);
-    s.albedo = vec4(s.albedo.rgb * uintBitsToFloat(material.rgb), s.albedo.a < uintBitsToFloat(material.w) ? 0.0 : 1.0);
-    s.emission = uintBitsToFloat(light.rgb) * sbl_texture(sbl_object(record.w, 3), uv).rgb;
-    if (back && (light.w & SBL_ONE_SIDED_EMISSION) != 0u) s.emission = vec3(0);
-    s.id = sbl_object(record.w, 4).x;
-    s.flags = light.w;
+    sbl_Attributes at = sbl_mix_attributes(v, vec3(b0, b1, b2));
+    s.albedo = at.color * sbl_texture(sbl_object_albedo_texture(object), at.uv);
+    s.albedo = vec4(s.albedo.rgb * sbl_object_albedo(object),
+                    s.albedo.a < sbl_object_alpha_cutoff(object) ? 0.0 : 1.0);
+    s.emission = sbl_object_emission(object) * sbl_texture(sbl_object_emission_texture(object), at.uv).rgb;
+    if (back && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u) s.emission = vec3(0);
+    s.id = sbl_object_id(object);
     return s;
 }

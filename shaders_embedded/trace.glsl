@@ -1,43 +1,33 @@
-// A part of one sensor's rays: cosine-distributed directions, so that all weigh the same. The outputs are those of reduce_blocks.glsl.
-uniform usamplerBuffer sbl_points;    // a sensor, three texels: position, hash; normal, hash; first ray
+// A part of one sensor's rays: cosine-distributed directions, so that all weigh the same. The outputs are those of
+// reduce_blocks.glsl.
 uniform usamplerBuffer sbl_sequence;  // points of the Sobol sequence, two 32-bit fractions each, along a Morton curve
 uniform int rays;                     // of a sensor
-uniform float epsilon;
 uniform float spread;                 // 1: the cosine's whole hemisphere; 0: all rays go along the normal
 uniform vec3 sky;
-uniform bool lamps_apart;             // light from emitting triangles comes from lamps.glsl
 SBL_OUT(0, out_sum);
 SBL_OUT(1, out_hits);
 
 vec3 sbl_radiance(sbl_Hit hit) {
-    uint object = sbl_fetch(sbl_triangles, 3 * hit.triangle).w;
-    uvec4 material = sbl_object(object, 0), light = sbl_object(object, 1);
-    vec3 emission = uintBitsToFloat(light.rgb);
-    bool emits = max(max(emission.r, emission.g), emission.b) > 0.0 && !(hit.back && (light.w & SBL_ONE_SIDED_EMISSION) != 0u);
-    if (emits && lamps_apart) return vec3(0);
-    vec3 ambient = epsilon * uintBitsToFloat(material.rgb);
+    int object = int(sbl_triangle_object(hit.triangle));
+    sbl_Attributes at = sbl_Attributes(vec2(0), vec4(1));
 #ifdef SBL_TEXTURED
-    sbl_when (emits || epsilon > 0.0) {
-        sbl_Attributes at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);
-        ambient *= (at.color * sbl_texture(sbl_object(object, 2), at.uv)).rgb;
-        emission *= sbl_texture(sbl_object(object, 3), at.uv).rgb;
-    }
+    sbl_when (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);
 #endif
-    return emits ? emission : ambient;
+    return sbl_outgoing(object, hit.back, at);
 }
 
 void main() {
-    ivec2 at = sbl_texel_of_invocation(), sheet = at / blocks, within = at % blocks;
+    ivec2 texel = sbl_texel_of_invocation(), sheet = texel / blocks, within = texel % blocks;
     int sensor = sheet.y * columns + sheet.x - first_slot;
     if (sensor < 0 || sensor >= count) sbl_leave;
-    uvec4 a = texelFetch(sbl_points, 3 * sensor), b = texelFetch(sbl_points, 3 * sensor + 1);
-    int skip = int(texelFetch(sbl_points, 3 * sensor + 2).x);
-    vec3 position = uintBitsToFloat(a.xyz), n = uintBitsToFloat(b.xyz);
-    mat3 frame = sbl_frame(n);
+    vec3 position = sbl_look_position(sensor);
+    mat3 frame = sbl_frame(sbl_look_normal(sensor));
+    uvec2 scramble = sbl_look_scramble(sensor);
+    int skip = int(sbl_look_number(sensor)) * rays;
 
     vec4 sum = vec4(0), hits = vec4(0, 0, 1e30, 0);
     for (int i = within.y * blocks.x + within.x; i < rays; i += blocks.x * blocks.y) {
-        uvec2 fraction = texelFetch(sbl_sequence, skip + i).xy ^ uvec2(a.w, b.w);
+        uvec2 fraction = texelFetch(sbl_sequence, skip + i).xy ^ scramble;
         vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0 * vec2(spread, 1.0);
         float radius = sqrt(u.x), angle = 6.283185307 * u.y;
         vec3 direction = frame * vec3(radius * cos(angle), radius * sin(angle), sqrt(1.0 - u.x));

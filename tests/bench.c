@@ -414,7 +414,7 @@ static sbl_gl_function gl_function(const char *name, void *user) {
     return eglGetProcAddress(name);
 }
 
-static int sbl_gather(sbl_context *context, int hemicube, int size, int side, sbl_stats *stats) {
+static int box_render(sbl_context *context, int hemicube, int size, int side, sbl_stats *stats) {
     sbl_picture_desc view = { 0 };
     cornell_box_view(&view, side, side);
     view.mode = SBL_MODE_AMBIENT;
@@ -485,14 +485,14 @@ static int row_measure(sbl_context *context, row *r, int runs, int side, int mos
     sbl_stats stats;
     double light[3], plain_light[3];
     int run, ok;
-    ok = sheet_make(&s, r->hemicube, r->size) && sbl_gather(context, r->hemicube, r->size, side, &stats) &&  /* warms up, too */
+    ok = sheet_make(&s, r->hemicube, r->size) && box_render(context, r->hemicube, r->size, side, &stats) &&  /* warms up, too */
          points_read(context, side, most, &p, light);
     if (ok) r->complexity = depth_complexity(&s, &p);
     if (ok) plain_gather(&s, &p, plain_light);
     for (run = 0; ok && run < runs; run++) {
         int n = r->runs;
         double texels = (double)s.width * s.height;
-        ok = sbl_gather(context, r->hemicube, r->size, side, &stats);
+        ok = box_render(context, r->hemicube, r->size, side, &stats);
         if (!ok) break;
         r->sensors = (long long)stats.sensors;
         r->sbl[n] = 1e6 * stats.seconds.gather / (double)stats.sensors;
@@ -506,7 +506,7 @@ static int row_measure(sbl_context *context, row *r, int runs, int side, int mos
     if (ok) {
         memset(&profile, 0, sizeof profile);
         profile.on = 1;
-        ok = sbl_gather(context, r->hemicube, r->size, side, &stats);
+        ok = box_render(context, r->hemicube, r->size, side, &stats);
         profile.on = 0;
         for (run = 0; ok && run < PARTS; run++) r->parts[run] = 1e6 * profile.seconds[run] / (double)stats.sensors;
     }

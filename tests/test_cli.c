@@ -606,21 +606,37 @@ TEST(rays_can_be_traced) {
     CHECK(TOOL(ROOM, "--rays", "4097") == 2, "4097 rays: exit status %d: %s", ran.status, ran.err);
 }
 
-TEST(a_sensor_can_be_inspected) {
-    double sum[3], r[3], weights;
+/* What the tool prints of a sensor adds up; of a single light, all of it. */
+static void inspect_with(const char *backend, const char *seen) {
+    double sum[3], r[3], lamps[3], weights;
     const char *line;
-    room_obj();
-    CHECK(TOOL(ROOM, "--mode", "direct", "--inspect", "12,14", "-o", "sheet.png") == 0, "exit status %d: %s", ran.status, ran.err);
+    int k, arrive, rays;
+    CHECK(TOOL(ROOM, "--mode", "ambient", "--backend", backend, "--inspect", "12,14", "--tile", "1", "-o", "sheet.png") == 0, "exit status %d: %s",
+          ran.status, ran.err);
     CHECK(exists("sheet.png"), "the picture is not there");
     line = strstr(ran.out, "\nR ");
     REQUIRE(line && sscanf(line, "\nR %lf %lf %lf", &r[0], &r[1], &r[2]) == 3, "R is missing: %s", ran.out);
     line = strstr(ran.out, "over the sheet ");
     REQUIRE(line && sscanf(line, "over the sheet %lf %lf %lf", &sum[0], &sum[1], &sum[2]) == 3, "the sum is missing: %s", ran.out);
+    line = strstr(ran.out, "\nfrom lamps ");
+    REQUIRE(line && sscanf(line, "\nfrom lamps %lf %lf %lf", &lamps[0], &lamps[1], &lamps[2]) == 3, "the lamps are missing: %s", ran.out);
     line = strstr(ran.out, "sum of weights ");
     REQUIRE(line && sscanf(line, "sum of weights %lf", &weights) == 1, "the weights are missing: %s", ran.out);
     CHECK(fabs(weights - 1) < 1e-4, "the weights sum to %g", weights);
-    CHECK(r[0] > 0 && fabs(r[0] - sum[0]) < 1e-3 * r[0] && fabs(r[2] / r[0] - 7.0 / 5) < 0.02, "R is %g %g %g, the sum %g", r[0], r[1],
-          r[2], sum[0]);
+    for (k = 0; k < 3; k++)
+        CHECK(sum[k] > 0 && lamps[k] > 0 && fabs(r[k] - sum[k] - lamps[k]) < 1e-3 * r[k], "R is %g, the sheet's sum %g, from lamps come %g", r[k],
+              sum[k], lamps[k]);
+    CHECK(fabs(lamps[2] / lamps[0] - 7.0 / 5) < 0.02, "from lamps come %g %g %g", lamps[0], lamps[1], lamps[2]);
+    line = strstr(ran.out, "  triangle ");
+    REQUIRE(line && (line = strstr(line, ", ")) && sscanf(line, ", %d of %d rays", &arrive, &rays) == 2, "no triangle is a lamp: %s", ran.out);
+    CHECK(rays > 0 && arrive >= 0 && arrive <= rays, "%d of %d rays", arrive, rays);
+    CHECK(strstr(ran.out, seen), "no %s: %s", seen, ran.out);
+}
+
+TEST(a_sensor_can_be_inspected) {
+    room_obj();
+    inspect_with("trace", " 256 rays\n");
+    inspect_with("raster", " 5 views, 16 x 12 texels\n");
     CHECK(TOOL(ROOM, "--inspect", "24,0", "-o", "outside.png") == 1 && ran.err_lines == 1 && !exists("outside.png"),
           "outside of the picture: exit status %d: %s", ran.status, ran.err);
 }

@@ -232,8 +232,13 @@ static void check_weights(sbl_sensor_kind kind, int size, double expected_sum) {
     CHECK(fabs(exact_sum - expected_sum) < 1e-5, "size %d: the views cover %.7f of the hemisphere, expected %.7f", size, exact_sum, expected_sum);
     /* float rounding of a texel's weight, whose size is about 1 / texels */
     CHECK(worst < 1e-7 + 2e-5 / (size * size), "size %d: a texel's weight is off by %.3g (a mean weight is %.3g)", size, worst, 1.0 / (3 * size * size));
-    CHECK(fabs(light - (double)sensor.radiance[1]) < 2e-3 * light, "size %d: the texels sum to %.6f, the sensor says %.6f", size, light, (double)sensor.radiance[1]);
-    CHECK(light > 0.4, "size %d: the sensor is dark: %g", size, light);
+    CHECK(fabs(light - (double)sensor.from_surroundings[1]) < 2e-3 * light, "size %d: the texels sum to %.6f, the sensor says %.6f", size,
+          light, (double)sensor.from_surroundings[1]);
+    CHECK(light > 0.3, "size %d: the sensor is dark: %g", size, light);
+    CHECK(sensor.looks == 1 && sensor.from_lamps[1] > 0.05f &&
+          fabsf(sensor.from_surroundings[1] + sensor.from_lamps[1] - sensor.radiance[1]) < 1e-5f,
+          "size %d: %d looks; %g from the surroundings, %g from the lamp, all in all %g", size, sensor.looks, (double)sensor.from_surroundings[1],
+          (double)sensor.from_lamps[1], (double)sensor.radiance[1]);
     for (i = 0; i < 2000 && kind != SBL_SENSOR_SINGLE; i++) {  /* every direction above the horizon belongs to exactly one view */
         v3 d = v3_of(ref_random(&seed) - 0.5, ref_random(&seed) - 0.5, ref_random(&seed) - 0.5);
         int views = 0;

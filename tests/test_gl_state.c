@@ -95,6 +95,7 @@ static void every_function(small_picture *picture, small_picture *traced) {
     GLuint name = 0;
     desc.get_gl_function = fake_proc;
     desc.batch = 7;
+    desc.compile_ahead = 1;
 
     for (i = 1; i <= 8; i++) {
         fake_arm(FAKE_COMPILE, 2 * i - 1, 0);
@@ -107,6 +108,7 @@ static void every_function(small_picture *picture, small_picture *traced) {
     fake_disarm();
     seen.refuse_at = seen.allocations + 1;
     GIVES(sbl_create(&desc, &context), SBL_ERROR_OUT_OF_MEMORY);
+    desc.compile_ahead = 0;
     GIVES(sbl_create(&desc, &context), SBL_SUCCESS);
     if (!context) return;
 
@@ -151,9 +153,16 @@ static void every_function(small_picture *picture, small_picture *traced) {
     bad = small_view();
     bad.mode = SBL_MODE_GI;
     GIVES(sbl_begin(context, &bad), SBL_ERROR_UNSUPPORTED);
+    GIVES(sbl_begin(context, &view), SBL_SUCCESS);
     fake_arm(FAKE_FRAMEBUFFER, 2, 0);
-    GIVES(sbl_begin(context, &view), SBL_ERROR_GL);
+    GIVES(sbl_step(context, 0), SBL_ERROR_GL);
     fake_disarm();
+    for (i = 1; i <= 8; i++) {  /* programs are compiled when they are first used */
+        GIVES(sbl_begin(context, &view), SBL_SUCCESS);
+        fake_arm(i % 2 ? FAKE_COMPILE : FAKE_LINK, 1, 0);
+        GIVES(sbl_step(context, 0), SBL_ERROR_GL);
+        fake_disarm();
+    }
     GIVES(sbl_begin(context, NULL), SBL_SUCCESS);
     KEPT(sbl_end(context));
     view.progress = cancel_second;

@@ -341,7 +341,7 @@ TEST(nasty_triangles) {
         view.epsilon = 1;  /* all glow alike; a shader that takes too many turns is stopped, and light is missing */
         compare_hits(way == 0 ? "copies" : way == 1 ? "copies of either winding" : "needles", &s, &view, 100, 200);  /* side by side across the room */
         CHECK(sbl_query_stats(context).triangles == 12 + copies, "%d triangles", sbl_query_stats(context).triangles);
-        CHECK(way == 2 || context->scene.bvh.node_count < 100, "copies make a hierarchy of %d nodes", context->scene.bvh.node_count);
+        CHECK(way == 2 || context->core.scene.hierarchy.node_count < 100, "copies make a hierarchy of %d nodes", context->core.scene.hierarchy.node_count);
         r = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
         for (i = 0; i < 32 * 32 * 3; i++) worst = fmax(worst, fabs((double)r[i] - 0.5));
         CHECK(worst < 1e-4, "%s: R is off by %g", way == 0 ? "copies" : way == 1 ? "copies of either winding" : "needles", worst);

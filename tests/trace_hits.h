@@ -16,56 +16,52 @@ static const char *const trace_hits_main[] = {
     "    out_hit = vec4(hit.triangle < 0 ? -1 : hit.number, hit.distance, hit.b1, hit.b2);\n"
     "}\n", NULL };
 
+static const sbl__recipe trace_hits_recipe = {
+    "hits", { sbl__glsl_fullscreen_vertex }, { sbl__glsl_scene, sbl__glsl_traverse, trace_hits_main },
+    { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record },
+    SBL__TEXTURED | SBL__WIDE };
+
 enum { TRACE_HITS_WIDTH = 1024, TRACE_HITS_MOST = 1024 * 1024 };
 
 /* Casts rays (origin x y z 0, direction x y z 0 each) into the context's scene. */
 static int trace_hits(sbl_context *c, const float *rays, int count, traced_hit *hits) {
-    static const char *const *const vertex[] = { sbl__glsl_fullscreen_vertex, NULL };
-    static const char *const *const fragment[] = { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_traverse, trace_hits_main, NULL };
-    const sbl__gl *gl = &c->gl;
+    sbl__device *d = &c->core.device;
+    sbl__scene *scene = &c->core.scene;
     const sbl__texture *colors[1];
     sbl__visit visit;
-    sbl__buffer buffer = { 0 };
-    sbl__texture target = { 0 };
-    unsigned program = 0, texels = 0, framebuffer = 0;
+    sbl__slice slice = { 1e300, 1, 0 };
+    sbl__table table = { { 0, 0 }, { 0, 0, 0, 0, 0 } };
+    sbl__texture texture = { 0, 0, 0, 0, 0 };
+    sbl__target target;
     int rows = (count + TRACE_HITS_WIDTH - 1) / TRACE_HITS_WIDTH;
     float *read = (float *)malloc((size_t)rows * TRACE_HITS_WIDTH * 16);
     sbl_result result;
     if (!read) abort();
+    memset(&target, 0, sizeof target);
     sbl__visit_enter(c, &visit);
-    result = sbl__bvh_ready(gl, &c->scene);
-    if (result == SBL_SUCCESS)
-        result = sbl__program_make(gl, &program, "hits", c->scene.textured ? "#define SBL_STACK 64\n#define SBL_TEXTURED\n" : "#define SBL_STACK 64\n", vertex, fragment);
-    gl->BindVertexArray(c->empty_array);
-    if (result == SBL_SUCCESS) result = sbl__buffer_make(gl, &buffer, (size_t)count * 32, rays, SBL__GL_STREAM_DRAW, "sending rays");
-    if (result == SBL_SUCCESS) result = sbl__buffer_texture_make(gl, &texels, SBL__GL_RGBA32F, &buffer, "sending rays");
-    if (result == SBL_SUCCESS) result = sbl__texture_make(gl, &target, TRACE_HITS_WIDTH, rows, SBL__GL_RGBA32F, NULL, "making a target");
-    colors[0] = &target;
-    if (result == SBL_SUCCESS) result = sbl__framebuffer_make(gl, &framebuffer, colors, 1, NULL, "making a target");
+    d->gl.doing = "casting rays";
+    result = sbl__scene_step(d, scene, &slice);
+    if (result == SBL_SUCCESS) result = sbl__buffer_make(d, &table.buffer, (size_t)count * 32, rays, SBL__GL_STREAM_DRAW);
+    if (result == SBL_SUCCESS) result = sbl__table_show(d, &table, SBL__GL_RGBA32F, 0);
+    if (result == SBL_SUCCESS) result = sbl__texture_make(d, &texture, TRACE_HITS_WIDTH, rows, SBL__GL_RGBA32F);
+    colors[0] = &texture;
+    if (result == SBL_SUCCESS) result = sbl__target_make(d, &target, colors, 1, NULL);
+    if (result == SBL_SUCCESS) result = sbl__use(d, &trace_hits_recipe, scene->features);
     if (result == SBL_SUCCESS) {
-        gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, framebuffer);
-        gl->Disable(SBL__GL_DEPTH_TEST);
-        gl->Viewport(0, 0, TRACE_HITS_WIDTH, rows);
-        gl->UseProgram(program);
-        sbl__scene_bind(gl, &c->scene, program);
-        sbl__bind_texels(gl, program, "sbl_nodes", 6, &c->scene.node_texels);
-        sbl__bind_texels(gl, program, "sbl_triangles", 7, &c->scene.triangle_texels);
-        sbl__bind(gl, program, "rays", 8, SBL__GL_TEXTURE_BUFFER, texels);
-        sbl__uniform_3(gl, program, "grid_origin", c->scene.bvh.grid_origin);
-        sbl__uniform_3(gl, program, "grid_per_length", c->scene.bvh.grid_per_length);
-        sbl__uniform_i(gl, program, "node_count", c->scene.bvh.node_count);
-        sbl__uniform_i(gl, program, "ray_count", count);
-        sbl__uniform_i(gl, program, "width", TRACE_HITS_WIDTH);
-        gl->DrawArrays(SBL__GL_TRIANGLES, 0, 3);
-        result = sbl__read_pixels(gl, framebuffer, 0, &target, rows, read, "reading hits");
+        sbl__pass(d, &target, NULL, NULL, 0);
+        sbl__scene_bind(d, scene);
+        sbl__hierarchy_bind(d, &scene->hierarchy);
+        sbl__bind_table(d, "rays", &table);
+        sbl__set_int(d, "ray_count", count);
+        sbl__set_int(d, "width", TRACE_HITS_WIDTH);
+        sbl__draw_screen(d);
+        result = sbl__target_read(d, &target, 0, 0, rows, read);
     }
     if (result == SBL_SUCCESS) memcpy(hits, read, (size_t)count * sizeof *hits);
     free(read);
-    sbl__name_delete(gl->DeleteFramebuffers, &framebuffer);
-    sbl__name_delete(gl->DeleteTextures, &texels);
-    sbl__texture_delete(gl, &target);
-    sbl__buffer_delete(gl, &buffer);
-    if (program) gl->DeleteProgram(program);
+    sbl__target_delete(d, &target);
+    sbl__texture_delete(d, &texture);
+    sbl__table_delete(d, &table);
     sbl__visit_leave(c, &visit);
     return result == SBL_SUCCESS;
 }
@@ -106,7 +102,7 @@ static hits_compared trace_hits_compare(sbl_context *c, const ref_scene *scene, 
         out.hits += number >= 0;
         if (number < 0 && truth.triangle < 0) continue;
         for (k = 0; k < 3 && number >= 0; k++) {
-            mine[k] = v3_from(c->scene.vertices[c->scene.indices[3 * (size_t)number + (size_t)k]].position);
+            mine[k] = v3_from(sbl__corner_of(&c->core.scene.geometry, (uint32_t)number, k));
             reach = fmax(reach, v3_length(mine[k]));
         }
         for (k = 0; k < 3 && truth.triangle >= 0; k++) reach = fmax(reach, v3_length(scene->triangles[truth.triangle].p[k]));
