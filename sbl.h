@@ -1519,7 +1519,6 @@ typedef struct sbl__record {
 
 #define SBL__TEXELS_SHIFT 12       /* GL 3.3 promises 1024 across, every driver since has four times that or more */
 #define SBL__TEXELS_ACROSS (1 << SBL__TEXELS_SHIFT)  /* of a wide table */
-#define SBL__WORKGROUP 64          /* invocations of a compute shader */
 #define SBL__STACK 64              /* of a ray in the hierarchy */
 #define SBL__LAMPS 256             /* entries that lamps.glsl weighs against each other; so many are taken singly */
 #define SBL__LAMP_PASSES 8         /* that rays towards lamps are traced in, at most: each covers lamps evenly */
@@ -1544,7 +1543,7 @@ typedef struct sbl__record {
 #define SBL__FAR_NODE 0x80000000u
 
 #define SBL__SHARED_INTS(X) \
-    X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(WORKGROUP) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) X(SKY_COLUMN_BITS)
+    X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) X(SKY_COLUMN_BITS)
 #define SBL__SHARED_BITS(X) \
     X(TEXTURE_SRGB) X(TEXTURE_KIND) X(TEXTURE_CLAMPS) \
     X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) \
@@ -1615,6 +1614,8 @@ typedef struct sbl__device {
     int program_count;
     unsigned program;        /* in use */
     int unit;                /* the next texture unit of the program in use */
+    int workgroup;           /* invocations of one of a compute shader */
+    int lot;                 /* invocations that occupy it: fewer take as long */
 } sbl__device;
 
 /* A new name, or 0 (logged) where GL gives none: binding that would change the host's default objects. */
@@ -1910,6 +1911,7 @@ static sbl_result sbl__program_make(const sbl__device *d, unsigned *out, const s
     int i;
     for (i = 0; i < SBL__FEATURES; i++)
         if (features >> i & 1) length = sbl__write(prelude.constants, length, "#define SBL_%s\n", names[i]);
+    length = sbl__write(prelude.constants, length, "#define SBL_WORKGROUP %d\n", d->workgroup);
     sbl__write_constants(prelude.constants, length);
     for (i = 0, length = 0; i < SBL__SHADERS_MOST && recipe->records[i]; i++)
         length = sbl__write_record(prelude.records, length, recipe->records[i]);
@@ -2080,12 +2082,18 @@ static void sbl__invoke(const sbl__device *d, const sbl__target *t, int row, int
             gl->BindImageTexture((unsigned)i, t->textures[i], 0, 0, 0, SBL__GL_WRITE_ONLY, SBL__GL_RGBA32F);
         /* what reads the last results must be done; parentheses: windows.h has such a macro */
         (gl->MemoryBarrier)(SBL__GL_SHADER_IMAGE_ACCESS_BARRIER);
-        gl->DispatchCompute((unsigned)((count + SBL__WORKGROUP - 1) / SBL__WORKGROUP), 1, 1);
+        gl->DispatchCompute((unsigned)((count + d->workgroup - 1) / d->workgroup), 1, 1);
         (gl->MemoryBarrier)(SBL__GL_TEXTURE_FETCH_BARRIER | SBL__GL_FRAMEBUFFER_BARRIER);
     } else {
         sbl__pass_rows(d, t, row, rows);
         sbl__draw_screen(d);
     }
+}
+
+/* `room` items of so many invocations each, to the nearest number of whole lots, and at least one. */
+static double sbl__whole_lots(const sbl__device *d, double room, int invocations) {
+    const double lot = SBL__MAX(d->lot / invocations, 1);
+    return SBL__MAX(floor(room / lot + 0.5), 1.0) * lot;
 }
 
 /* An attribute of a vertex array, as it lies in a buffer. */
@@ -2240,19 +2248,23 @@ static int sbl__late(sbl__slice *s) {
     return sbl__now() >= s->end;
 }
 
-/* How fast work of one kind goes. */
-typedef struct sbl__pace { double rate, start; } sbl__pace;
+/* What work of one kind costs: seconds a unit, as seen last; and when the submission under way began. */
+typedef struct sbl__pace { double cost, start; } sbl__pace;
 
-#define SBL__PACE_MARGIN 0.8   /* share of the time that a submission aims at: some are slower than the last ones were */
-#define SBL__PACE_RISE 0.5     /* share of the way to a higher rate that is taken at once */
+/* Shares of a time that a submission aims at, since some are slower than the last ones were: of a slice's rest, which
+   may be missed now and then, and of the longest that a submission may be, which may not. */
+#define SBL__PACE_MARGIN 0.9
+#define SBL__PACE_CAUTION 0.5
+#define SBL__PACE_FALL 0.1     /* share of the way to a lower cost that is taken at once */
 #define SBL__PACE_LEAST 0.001  /* seconds that one aims at in any case: less costs more in waiting than it gives */
 
 /* Units that the slice has time for, and at least `least`; `first` of them while nothing is known. */
 static double sbl__pace_begin(sbl__pace *p, const sbl__slice *s, double first, double least) {
     double seconds;
     p->start = sbl__now();
-    seconds = SBL__MAX(SBL__MIN(s->longest, s->end - p->start), SBL__PACE_LEAST) * SBL__PACE_MARGIN;
-    return SBL__MAX(p->rate > 0 ? seconds * p->rate : first, least);
+    seconds = SBL__MIN(s->longest * SBL__PACE_CAUTION, (s->end - p->start) * SBL__PACE_MARGIN);
+    seconds = SBL__MAX(seconds, SBL__PACE_LEAST);
+    return SBL__MAX(p->cost > 0 ? seconds / p->cost : first, least);
 }
 
 #define SBL__PACE_PIXELS 16384  /* of a pass over a picture while nothing is known of its pace */
@@ -2263,22 +2275,44 @@ static int sbl__pace_rows(sbl__pace *p, const sbl__slice *s, const sbl__target *
     return rows < t->height - row ? (int)rows : t->height - row;
 }
 
-/* Waits until the GPU has done so many units. Rates fall at once, and rise by halves. */
+/* Waits until the GPU has done so many units. Costs rise at once and fall slowly: work gets harder and easier from
+   place to place, and what was easy twice may be hard the third time. */
 static void sbl__pace_end(const sbl__device *d, sbl__pace *p, double units) {
-    double rate;
+    double cost;
     d->gl.Finish();
-    rate = units / SBL__MAX(sbl__now() - p->start, 1e-6);
-    p->rate = p->rate > 0 && rate > p->rate ? p->rate + SBL__PACE_RISE * (rate - p->rate) : rate;
+    cost = SBL__MAX(sbl__now() - p->start, 1e-6) / units;
+    p->cost = p->cost > cost ? p->cost + SBL__PACE_FALL * (cost - p->cost) : cost;
 }
 
 /* >>device: its life */
 
+/* Invocations of a workgroup, and of a lot. A renderer on the CPU gives a workgroup to a thread as a whole, so that
+   small ones leave fewer threads idle at the end of a submission: on llvmpipe 8, its lanes, make slices of 5 ms 10 to
+   15 % faster than 64. Lots of two lead its pace out of slices in which one thread works: where looks are dear
+   (staircase2, high) slices cost 9 % more than one call, not 75 %. A GPU wants at least a wavefront, which 64 fills
+   everywhere, and some on each of its cores; it was not measured. */
+#define SBL__WORKGROUP_CPU 8
+#define SBL__WORKGROUP_GPU 64
+#define SBL__LOT_CPU 16
+#define SBL__LOT_GPU 1024
+
+static int sbl__renders_on_cpu(const sbl__gl *gl) {
+    static const char *const names[] = { "llvmpipe", "softpipe", "SwiftShader" };
+    int i;
+    for (i = 0; i < SBL__COUNT(names); i++)
+        if (strstr(gl->capabilities.renderer, names[i])) return 1;
+    return 0;
+}
+
 static sbl_result sbl__device_make(sbl__device *d, sbl__base *base, const sbl_context_desc *desc) {
     const sbl_result result = sbl__gl_load(&d->gl, base, desc);
+    const int on_cpu = result == SBL_SUCCESS && sbl__renders_on_cpu(&d->gl);
     d->base = base;
     if (result != SBL_SUCCESS) return result;
     if (!(d->gl.capabilities.used & SBL_CAPABILITY_CLIP_CONTROL)) d->features |= SBL__WRITE_DEPTH;
     if (d->gl.capabilities.used & SBL_CAPABILITY_COMPUTE) d->features |= SBL__COMPUTE;
+    d->workgroup = on_cpu ? SBL__WORKGROUP_CPU : SBL__WORKGROUP_GPU;
+    d->lot = on_cpu ? SBL__LOT_CPU : SBL__LOT_GPU;
     return SBL_SUCCESS;
 }
 
@@ -5316,23 +5350,33 @@ static void sbl__camera_rows(const sbl__camera *c, const float clip[16], float r
     }
 }
 
-/* About how many pixels of the band's rows a triangle covers, at most: half of its bounds on the screen. */
+#define SBL__BEFORE_CAMERA 1e-3  /* of a triangle's greatest distance: what is nearer to the camera's plane is cut off */
+
+static void sbl__extend(double *from, double *to, double x) {
+    *from = SBL__MIN(*from, x);
+    *to = SBL__MAX(*to, x);
+}
+
+/* About how many pixels of the band's rows a triangle covers: half of the bounds on the screen of what of it lies before
+   the camera. */
 static double sbl__triangle_pixels(const sbl__surface *s, const sbl__camera *c, float rows[4][4],
                                    const float *const p[3]) {
     const double size[2] = { (double)s->visibility.width, (double)s->visibility.height };
     const double low[2] = { 0, (double)s->row }, high[2] = { size[0], (double)s->row + s->rows };
-    double from[2] = { DBL_MAX, DBL_MAX }, to[2] = { -DBL_MAX, -DBL_MAX };
+    double from[2] = { DBL_MAX, DBL_MAX }, to[2] = { -DBL_MAX, -DBL_MAX }, v[3][4], before;
     int i, k;
+    for (i = 0; i < 3; i++)
+        for (k = 0; k < 4; k++)
+            v[i][k] = rows[k][0] * (p[i][0] - c->eye[0]) + rows[k][1] * (p[i][1] - c->eye[1]) +
+                      rows[k][2] * (p[i][2] - c->eye[2]) + rows[k][3];
+    before = SBL__BEFORE_CAMERA * SBL__MAX(v[0][3], SBL__MAX(v[1][3], v[2][3]));
+    if (!(before > 0)) return 0;
     for (i = 0; i < 3; i++) {
-        double v[3], w;
-        for (k = 0; k < 3; k++) v[k] = p[i][k] - c->eye[k];
-        w = rows[3][0] * v[0] + rows[3][1] * v[1] + rows[3][2] * v[2] + rows[3][3];
-        if (!(w > 0)) return size[0] * s->rows;  /* reaches behind the camera: anything */
-        for (k = 0; k < 2; k++) {
-            double x = (rows[k][0] * v[0] + rows[k][1] * v[1] + rows[k][2] * v[2] + rows[k][3]) / w;
-            x = (0.5 * x + 0.5) * size[k];
-            from[k] = SBL__MIN(from[k], x);
-            to[k] = SBL__MAX(to[k], x);
+        const double *a = v[i], *b = v[(i + 1) % 3];
+        const double t = (a[3] > before) != (b[3] > before) ? (before - a[3]) / (b[3] - a[3]) : 0;
+        for (k = 0; k < 2; k++) {  /* a corner, and where the edge comes before the camera */
+            if (a[3] > before) sbl__extend(&from[k], &to[k], (0.5 * a[k] / a[3] + 0.5) * size[k]);
+            if (t > 0) sbl__extend(&from[k], &to[k], (0.5 * (a[k] + t * (b[k] - a[k])) / before + 0.5) * size[k]);
         }
     }
     for (k = 0; k < 2; k++) {
@@ -7445,11 +7489,13 @@ static sbl_result sbl__job_clear(const sbl__device *d, sbl__job *j) {
 static sbl_result sbl__job_draw(sbl__device *d, sbl__job *j, const sbl__slice *slice) {
     const sbl__spec *spec = &j->task.spec;
     const int all = j->scene->geometry.triangle_count, slots = sbl__job_slots(j)->count, slot = j->drawn % slots;
-    const double room = sbl__pace_begin(&j->draw_pace[j->lens], slice, SBL__LOOKS_FIRST, 1e-6);
+    const int *blocks = sbl__job_slots(j)->blocks;
+    double room = sbl__pace_begin(&j->draw_pace[j->lens], slice, SBL__LOOKS_FIRST, 1e-6);
     sbl__batch b;
     double part = 1;  /* of all triangles */
     int i, end = all;
     sbl_result result;
+    if (spec->traced) room = sbl__whole_lots(d, room, blocks[0] * blocks[1]);
     if (!j->batch) {
         j->batch = (int)SBL__MIN(SBL__MAX(room, 1.0), (double)j->look_most);
         j->batch = SBL__MIN(j->batch, SBL__MIN(j->look_count - j->drawn, slots - slot));
@@ -7465,7 +7511,8 @@ static sbl_result sbl__job_draw(sbl__device *d, sbl__job *j, const sbl__slice *s
         if (all) part = (double)(end - j->triangle) / all;
         result = sbl__raster_draw(d, &j->raster, &j->raster.lenses[j->lens], &b, j->triangle, end);
     }
-    sbl__pace_end(d, &j->draw_pace[j->lens], j->batch * part);
+    sbl__pace_end(d, &j->draw_pace[j->lens],
+                  spec->traced ? sbl__whole_lots(d, j->batch, blocks[0] * blocks[1]) : j->batch * part);
     if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
     j->triangle = end;
     if (result != SBL_SUCCESS || end < all) return result;
@@ -7479,7 +7526,8 @@ static sbl_result sbl__job_draw(sbl__device *d, sbl__job *j, const sbl__slice *s
 
 /* One piece of sending rays towards lamps. All views have been drawn: what the host draws stands between. */
 static sbl_result sbl__job_aim(sbl__device *d, sbl__job *j, const sbl__slice *slice) {
-    const double room = SBL__MIN(sbl__pace_begin(&j->aim_pace, slice, SBL__LOOKS_FIRST, 1), (double)j->look_most);
+    const double pace = sbl__pace_begin(&j->aim_pace, slice, SBL__LOOKS_FIRST, 1);
+    const double room = SBL__MIN(sbl__whole_lots(d, pace, j->aim.parts), (double)j->look_most);
     const int count = (int)SBL__MIN(room, (double)(j->drawn - j->aimed)), blocks[2] = { 1, j->aim.parts };
     sbl__batch b;
     sbl_result result;
@@ -7490,7 +7538,7 @@ static sbl_result sbl__job_aim(sbl__device *d, sbl__job *j, const sbl__slice *sl
     sbl__aim_bind(d, &j->aim, &b, blocks, j->task.spec.traced ? 1 : j->raster.radiance_scale);
     if (j->scene->draw) sbl__raster_bind(d, &j->raster, j->scene->geometry.extent);
     sbl__rays_send(d, &b, &j->aim.target, blocks);
-    sbl__pace_end(d, &j->aim_pace, count);
+    sbl__pace_end(d, &j->aim_pace, sbl__whole_lots(d, count, j->aim.parts));
     j->aimed += count;
     if (j->aimed == j->drawn) j->stage = SBL__JOB_REDUCE;
     return sbl__gl_check(&d->gl);
@@ -9826,7 +9874,7 @@ static sbl_result sbl__context_step(sbl_context *c, sbl__slice *slice) {
     return result;
 }
 
-#define SBL__SLICE_REST 0.15  /* share of a slice that is not worth another piece */
+#define SBL__SLICE_REST 0.2  /* share of a slice that is not worth another piece */
 
 SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
     sbl__slice slice;
