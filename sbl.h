@@ -6,25 +6,31 @@
        #define SBL_EGL              // optional: sbl.h can make a headless GL context of its own (link with -lEGL)
        #include "sbl.h"
 
-   and include the header without the defines wherever you call it. Needs C99 or C++11, libm, and OpenGL 3.3 core or later.
+   and include the header without the defines wherever you call it. Needs C99 or C++11, libm, and OpenGL 3.3 core or
+   later.
 
 
    WHAT IT IS
 
-   You hand over triangles, materials and a camera; you get back a lit picture. At carefully chosen visible points
-   stand virtual cameras, the sensors. Each renders the scene into a small HDR picture whose weighted sum is the light
-   that arrives there. Tiles of the picture are refined where neighbouring sensors differ; the rest is interpolated;
-   a filter that never mixes surfaces and the surface colour finish the picture. The method is "Sensor based Lighting"
-   by M. Banquiero and M. Leone; the differences from the paper are listed under ON THE PAPER below.
+   You hand over triangles, materials and a camera; you get back a lit picture. Light is gathered where it is needed: at
+   carefully chosen visible points stand sensors. Each looks over its hemisphere and tells how much light arrives there:
+   the radiance that its rays find, or the texels of the small views that it draws, weighted and summed; and what lamps
+   give, in closed form, times the share of it that rays find open. Tiles of the picture are refined where neighbouring
+   sensors differ; the rest is interpolated; a filter that never mixes surfaces and the surface colour finish the
+   picture. The method is "Sensor based Lighting" by M. Banquiero and M. Leone; ON THE PAPER says what is its own.
 
-       camera --> G-buffer --> tiles --> sensors --> gather --> refine --> filter --> resolve --> final
-                  (surface)                 ^            |        |
-                                            +------------+--------+   level by level, down to single pixels
+       camera --> G-buffer --> tiles --> sites --> sensors --> readings --> refine --> filter --> resolve --> final
+                                           ^                                   |
+                                           +-----------------------------------+   level by level, to single pixels
+
+   The middle of it stands alone, too: sbl_gather takes any points with normals and returns the light that arrives
+   there, for lightmaps, vertices, probes and tools of your own.
 
    WHAT IT DOES NOT DO
 
-   No light that bounces yet (SBL_MODE_GI is refused), no glossy or transparent surfaces (a metal is read as its base colour), no
-   textures smaller than their texels seen from afar (bilinear filtering, no mip maps). It opens no files and creates no windows.
+   No light that bounces yet (SBL_MODE_GI is refused), no glossy or transparent surfaces (a metal is read as its base
+   colour), no textures smaller than their texels seen from afar (bilinear filtering, no mip maps). It opens no files
+   and creates no windows.
 
 
    QUICK START
@@ -75,21 +81,25 @@
        sbl_set_mesh_transform     moves one mesh
        sbl_query_bounds           the scene's extent
        sbl_render                 a whole picture in one call
-       sbl_begin                  the same in steps: begin, step until done, end
+       sbl_gather                 the light at any points with normals, in one call
+       sbl_begin                  a picture in steps: begin, step until done, end
+       sbl_begin_gather           the light at any points in steps
        sbl_step                   works for about so many seconds
-       sbl_progress               how far the picture is, 0 to 1
-       sbl_end                    abandons the picture or frees a finished one
+       sbl_progress               how far it is, 0 to 1
+       sbl_end                    abandons what is under way or frees a finished picture
        sbl_read_channel           a result as a float array
        sbl_channel_texture        a result as a GL texture
        sbl_channel_components     floats per pixel of a channel
        sbl_inspect_sensor         what one sensor sees, weighs and sums: "why is this pixel dark?"
        sbl_look_at                helper: world_to_view
        sbl_perspective            helper: view_to_clip
+       sbl_encode_srgb8           helper: radiance as 8-bit sRGB, for PNG files and screens
        sbl_context_desc_defaults  a descriptor with its zeros replaced by the defaults
        sbl_picture_desc_defaults  likewise
+       sbl_gather_desc_defaults   likewise
        sbl_query_desc             the context's descriptor, defaults filled in
-       sbl_query_capabilities     which GL, which optional features are in use
-       sbl_query_stats            counts and seconds of the current picture
+       sbl_query_capabilities     which GL, which optional features are in use, what was compiled
+       sbl_query_stats            counts and seconds of the picture or gather begun last
        sbl_query_memory           bytes in use and at peak
        sbl_version                "0.1.0"
        sbl_result_string          a result in words
@@ -102,74 +112,118 @@
    For a surface point p with normal n:
 
        E(p) = integral over the hemisphere of L(p, w) cos(theta) dw      irradiance
-       R(p) = E(p) / pi                                                  the radiance map; a uniform sky of radiance 1 gives 1
+       R(p) = E(p) / pi                                                  the radiance map; a uniform sky of 1 gives 1
        final = emission(p) + albedo(p) * R(p)
 
    Surfaces are Lambertian, reflect on both sides and emit on both sides unless a material says one-sided.
    Matrices are column-major, as GL has them; view space looks down -z. Pixel (0, 0) is the top left one; a pixel is
    sampled at its centre. Arrays and textures hold the top row first (texture coordinate v = 0 is the top edge).
 
+   ON ZEROS
+
+   Zero is the default, in all descriptors: fill them with zeroes, set what you care about. Numbers of things count
+   from 0, as in C (sbl_mesh.material), but for textures, which count from 1, so that 0 is none
+   (sbl_material.albedo_texture). Where zero is also a value that you may want:
+
+       epsilon       0 is 0.02: for none choose SBL_MODE_DIRECT, or give FLT_MIN, which is as good
+       threshold     0 is the preset's: to sense every pixel set tile = 1
+       facet_limit   0 is off; the tool sbl_render sets 2, which suits models from files
+       filter_radius 0 is 2: a negative one is no filter
+       sbl_site.offset  0 is what rounding needs: a negative one is none
+
    ON MEMORY
 
-   Everything is allocated through the descriptor's allocator, or malloc and free. sbl_set_scene copies what it is given:
-   arrays, textures and GL buffers may be freed afterwards. Running out of memory is a result (SBL_ERROR_OUT_OF_MEMORY),
-   and leaves the context usable: the scene or picture being made is dropped, an older scene stays.
+   Everything is allocated through the descriptor's allocator, or malloc and free. sbl_set_scene copies what it is
+   given: arrays, textures and GL buffers may be freed afterwards. Running out of memory is a result
+   (SBL_ERROR_OUT_OF_MEMORY), and leaves the context usable: the scene or picture being made is dropped, an older
+   scene stays. sbl_gather needs no memory for its points but the host's own: it works on 65,536 at a time.
+
+   ON LIFETIMES
+
+   A finished picture can be read until the next sbl_begin or sbl_end, whatever else happens: also after sbl_set_scene,
+   after moves, during and after a gather. Only sbl_inspect_sensor needs the scene as the picture saw it, and says so
+   (SBL_ERROR_STATE) where it has changed. A picture under way ends when its scene changes. The textures of a finished
+   picture's channels live as long as it; those of one under way until the next sbl_step.
+
+   ON TIME
+
+   sbl_set_scene copies and sends the scene; sbl_begin only looks at the descriptor; all else is done in sbl_step: the
+   hierarchy of a scene's first traced picture, the G-buffer, sensors, filter and every anti-aliasing sample, all in
+   pieces. sbl_step(context, 0.005) returns after about 5 ms: on the CPU it looks at the clock, and what it sends to
+   GL follows the speed that was seen. In no call does GL work longer than sbl_context_desc.longest_submission at a
+   time, so that no driver's watchdog sees a hang. Two things cannot be cut: one submission's smallest part (a few
+   sensors; one row of pixels), and the compiler of shaders. Programs are compiled when they are first used, one a
+   step, and stay: with sbl_context_desc.compile_ahead sbl_create compiles all (0.9 s on llvmpipe), but the
+   inspection's two; sbl_query_capabilities tells how many there are and how long they took. Neither slices nor the
+   measured speed ever change a result.
+
+   From the first level on, the channels of a picture under way can be read and shown: the best so far, interpolated and
+   resolved from what is known. They are made when somebody asks for one, in the steps that follow, once a level. Until
+   the first of them is there sbl_read_channel returns SBL_UNFINISHED, and sbl_channel_texture 0.
 
    ON ERRORS
 
-   Every function that can fail returns an sbl_result; what went wrong, where, and what to change goes to the logger as one
-   line a mistake. Descriptors are checked whole, in release builds too: all mistakes in one are reported in one call,
-   and a descriptor with a mistake changes nothing. Functions accept a NULL context (SBL_ERROR_INVALID_ARGUMENT).
+   Every function that can fail returns an sbl_result; what went wrong, where, and what to change goes to the logger as
+   one line a mistake. Descriptors are checked whole, in release builds too: all mistakes in one are reported in one
+   call, and a descriptor with a mistake changes nothing. Functions accept a NULL context (SBL_ERROR_INVALID_ARGUMENT).
 
    ON THREADS
 
-   No globals: contexts are independent. One context must not be used by two threads at once, and its GL context must be current.
+   No globals: contexts are independent. One context must not be used by two threads at once, and its GL context must be
+   current.
 
    ON GL STATE
 
    Functions that use GL read the state they are about to change and put it back before they return, on failure and
-   cancel too: framebuffers, program, vertex array, buffers, textures, samplers and images of the units they use, viewport,
-   scissor, depth, stencil, blend, cull, masks, clear values, polygon mode, pixel store, sRGB, clip distances, depth
-   clamp, clip control, and so on. With a headless context of its own the EGL binding is put back instead. GL errors
-   that the host left behind are cleared. A conditional render, a transform feedback and queries that count samples or primitives must not be
-   active during the calls: they cannot be set aside, and would drop or count sbl.h's own drawing. All sbl functions that touch GL need the same GL context current that
-   sbl_create was called in; sbl_destroy too.
+   cancel too: framebuffers, program, vertex array, buffers, textures, samplers and images of the units they use,
+   viewport, scissor, depth, stencil, blend, cull, masks, clear values, polygon mode, pixel store, sRGB, clip distances,
+   depth clamp, clip control, and so on. With a headless context of its own the EGL binding is put back instead. GL
+   errors that the host left behind are cleared. A conditional render, a transform feedback and queries that count
+   samples or primitives must not be active during the calls: they cannot be set aside, and would drop or count sbl.h's
+   own drawing. All sbl functions that touch GL need the same GL context current that sbl_create was called in;
+   sbl_destroy too.
 
    ON DETERMINISM
 
-   Sensor rotations come from a hash of pixel and seed. The same input gives the same picture, bit for bit, on the same GL driver,
-   whatever the batch size, the slices and the number of repetitions; between GL paths and drivers it agrees up to rounding.
+   Sensor rotations come from a hash of pixel and seed. The same input gives the same picture, bit for bit, on the same
+   GL driver, whatever the batch size, the slices and the number of repetitions; between GL paths and drivers it agrees
+   up to rounding. sbl_gather at a pixel's site (sbl_sensor.site) gives that pixel's reading where the sensor there
+   looks once and the seeds agree; site i of a gather is turned as pixel i of a picture is.
 
    ON LIGHTS
 
-   Surfaces emit (sbl_material.emission); point, spot and directional lights shine (sbl_light); the sky does, constant, by a picture or by a
-   function (sbl_environment). What an emitting triangle, a sphere or a sun gives unhindered is computed in closed form, with the
-   horizon; rays only measure which share of it arrives. So light is exact where all of a lamp is seen, black where none is, and its
-   noise is that of a share in between. An eighth of `rays`, and a look at corners and rims, tells whether all or nothing arrives; where neither does, or lamps are many, the rest
-   are traced too. A light without size gets one ray, up to 32 of them.
-   Up to 256 lamps are weighed one by one. Of more, those far off for their size stand together in clusters of a tree, of which rays pick single
-   ones in proportion to what they give: the cost of a sensor hardly grows from there on, and the mean stays right; the noise is a few percent.
-   Of a sky picture, what is brighter than four times its mean is a lamp of that kind, so that a sun in it casts a clean shadow; the rest is met
-   by the rays over the hemisphere.
+   Surfaces emit (sbl_material.emission); point, spot and directional lights shine (sbl_light); the sky does,
+   constant, by a picture or by a function (sbl_environment). What an emitting triangle, a sphere or a sun gives
+   unhindered is computed in closed form, with the horizon; rays only measure which share of it arrives. So light is
+   exact where all of a lamp is seen, black where none is, and its noise is that of a share in between. An eighth of
+   `rays`, and a look at corners and rims, tells whether all or nothing arrives; where neither does, or lamps are
+   many, the rest are traced too. A light without size gets one ray, up to 32 of them. Up to 256 lamps are weighed one
+   by one. Of more, those far off for their size stand together in clusters of a tree, of which rays pick single ones
+   in proportion to what they give: the cost of a sensor hardly grows from there on, and the mean stays right; the
+   noise is a few percent. Of a sky picture, what is brighter than four times its mean is a lamp of that kind, so that
+   a sun in it casts a clean shadow; the rest is met by the rays over the hemisphere.
 
 
    ON THE TWO WAYS TO SEE
 
-   SBL_BACKEND_TRACE sends `rays` cosine-distributed rays through a bounding volume hierarchy in a compute shader, or a fragment shader before
-   GL 4.3, and at most as many more to lamps (stats.rays does not count these): its cost hardly grows with the scene. The sensors' noise is known, so that
-   refinement follows light and not noise, and the filter leaves alone what noise does not explain.
-   SBL_BACKEND_RASTER draws the scene into a sensor's views, as the paper does: it serves geometry that only the host can draw, and is the
-   check on the other. Its cost grows with the number of triangles. Lamps get rays here too, which meet the meshes; what a draw callback draws stands
-   between where the views show it, and what it emits is met by texels. AUTO traces wherever rays can be traced.
+   SBL_BACKEND_TRACE sends `rays` cosine-distributed rays through a bounding volume hierarchy in a compute shader, or
+   a fragment shader before GL 4.3, and at most as many more to lamps (stats.rays does not count these): its cost
+   hardly grows with the scene. The sensors' noise is known, so that refinement follows light and not noise, and the
+   filter leaves alone what noise does not explain. SBL_BACKEND_RASTER draws the scene into a sensor's views, as the
+   paper does: it serves geometry that only the host can draw, and is the check on the other. Its cost grows with the
+   number of triangles. Lamps get rays here too, which meet the meshes; what a draw callback draws stands between
+   where the views show it, and what it emits is met by texels. AUTO traces wherever rays can be traced. Above the job
+   (see the rooms) no line knows which of them runs.
 
 
    ON THE PAPER
 
-   SBL_MODE_PAPER is the paper: one view of 135 degrees, equation 4, epsilon, the absolute threshold, the Gaussian on one id; emitters are met by
-   texels, and there are no lights besides.
-   All other modes differ in this: a sensor is a hemicube (five views: nothing of the hemisphere is missed), rotated about the
-   normal by a per-pixel hash, its weights the texels' exact projected solid angles; the threshold is relative;
-   interpolation and filter also respect normals and planes.
+   SBL_MODE_PAPER is the paper: one view of 135 degrees, equation 4, epsilon, the absolute threshold, the Gaussian on
+   one id; emitters are met by texels, and there are no lights besides. All other modes differ in this: a sensor sees
+   its whole hemisphere, by rays that follow the cosine, or, rasterised, by the five views of a hemicube, whose
+   weights are the texels' exact projected solid angles; it is turned about its normal by a hash of its pixel; lamps
+   are in closed form; the threshold is relative; interpolation and filter also respect normals and planes; and a
+   sensor that stands for many pixels looks two to four times.
 */
 
 #ifndef SBL_INCLUDED
@@ -201,13 +255,13 @@ typedef struct sbl_context sbl_context;
 
 typedef enum sbl_result {
     SBL_SUCCESS = 0,
-    SBL_UNFINISHED,              /* not an error: call sbl_step again */
+    SBL_UNFINISHED,              /* not an error: call sbl_step again; it is not there yet */
     SBL_CANCELLED,               /* the progress callback asked for it */
     SBL_ERROR_INVALID_ARGUMENT,  /* a descriptor or parameter is out of range; the log names each field and value */
     SBL_ERROR_OUT_OF_MEMORY,     /* host or GPU memory */
     SBL_ERROR_UNSUPPORTED,       /* the GL context, or this version of sbl.h, cannot do this */
     SBL_ERROR_STATE,             /* called in the wrong order: no scene yet, no picture yet, a picture under way */
-    SBL_ERROR_GL,                /* GL reported an error, or a shader did not compile (a driver bug: the log has its words) */
+    SBL_ERROR_GL,                /* GL reported an error, or a shader did not compile (a driver bug: see the log) */
     SBL_RESULT_COUNT
 } sbl_result;
 
@@ -260,23 +314,30 @@ typedef struct sbl_logger {
 
 /* Optional GL features; a bit in sbl_context_desc.disabled makes sbl.h act as if the driver did not have it. */
 typedef enum sbl_capability {
-    SBL_CAPABILITY_CLIP_CONTROL = 1 << 0,  /* GL 4.5 or ARB_clip_control: depth from 1 (near) to 0 (infinity) without a shader writing it */
-    SBL_CAPABILITY_COMPUTE = 1 << 1,       /* GL 4.3: rays are traced by compute shaders instead of fragment shaders; llvmpipe: 2 to 15 % faster, bit for bit the same */
+    SBL_CAPABILITY_CLIP_CONTROL = 1 << 0,  /* GL 4.5 or ARB_clip_control: depth from 1 (near) to 0 (infinity) without
+                                              a shader writing it */
+    SBL_CAPABILITY_COMPUTE = 1 << 1,       /* GL 4.3: rays are traced by compute shaders instead of fragment shaders;
+                                              llvmpipe: 2 to 15 % faster, bit for bit the same */
     SBL_CAPABILITY_ALL = (1 << 2) - 1
 } sbl_capability;
 
 /* All of it may be zero. */
 typedef struct sbl_context_desc {
-    uint32_t start_canary;  /* leave zero: found when the struct was not zeroed */
-    sbl_gl_function (*get_gl_function)(const char *name, void *user);  /* such as eglGetProcAddress; NULL: make a headless context (needs SBL_EGL) */
+    uint32_t start_canary;    /* leave zero: found when the struct was not zeroed */
+    sbl_gl_function (*get_gl_function)(const char *name, void *user);  /* such as eglGetProcAddress; NULL: make a
+                                                                          headless context (needs SBL_EGL) */
     void *gl_user;
     sbl_allocator allocator;  /* default: malloc and free; give both functions or none */
-    sbl_logger logger;        /* default: errors and warnings to stderr, one line each; define SBL_NO_STDIO for silence */
+    sbl_logger logger;        /* default: errors and warnings to stderr, one line each; define SBL_NO_STDIO for
+                                 silence */
     uint32_t disabled;        /* sbl_capability bits to do without, for tests. Default: none */
-    int atlas_size;           /* texels across the texture that holds a batch of sensors, 256 to 16384; 0: 2048, or what the driver can. Other sizes differ by rounding */
-    int batch;                /* sensors drawn in one call, at most what the atlas holds; 0: all that fit. Never changes a picture */
-    float longest_submission; /* seconds that the GPU may work on one submission, about; 0: 0.1 */
-    int compile_ahead;        /* 1: sbl_create compiles all programs, instead of each when it is first used */
+    int atlas_size;           /* texels across the texture that holds a batch of sensors, 256 to 16384; 0: 2048, or what
+                                 the driver can. Other sizes differ by rounding */
+    int batch;                /* sensors drawn in one call, at most what the atlas holds; 0: what the time allows. Never
+                                 changes a picture */
+    float longest_submission; /* seconds that GL may work at a time, about. Default: 0.1 */
+    int compile_ahead;        /* 1: sbl_create compiles all programs but the inspection's, instead of each when it is
+                                 first used */
     uint32_t end_canary;
 } sbl_context_desc;
 
@@ -285,7 +346,8 @@ typedef struct sbl_capabilities {
     uint32_t available;       /* sbl_capability bits that the driver has */
     uint32_t used;            /* those less sbl_context_desc.disabled */
     int max_texture_size;
-    int max_texture_buffer_size;  /* texels; scenes of more (3 a triangle, 2 a vertex, 5 a mesh) are read from 2D textures: 15 to 45 % slower on llvmpipe */
+    int max_texture_buffer_size;  /* texels; scenes of more (3 a triangle, 2 a vertex, 5 a mesh) are read from 2D
+                                     textures: 15 to 45 % slower on llvmpipe */
     int programs;             /* compiled so far, */
     double compile_seconds;   /* which took so long */
     char renderer[128];       /* GL_RENDERER */
@@ -342,13 +404,14 @@ typedef enum sbl_material_flag {
     SBL_MATERIAL_FLAGS_ALL = (1 << 3) - 1
 } sbl_material_flag;
 
-/* Zero is taken literally here: black, no light, no textures, no cutout. */
+/* Zero is taken literally here: black, no light, no textures, no cutout. Textures count from 1, materials from 0. */
 typedef struct sbl_material {
     float albedo[3];       /* share of light reflected, 0 to 1 each, linear */
     float emission[3];     /* radiance, 0 and up */
     int albedo_texture;    /* number of a texture counted from 1, times albedo; 0: none */
     int emission_texture;  /* likewise, times emission */
-    float alpha_cutoff;    /* a point whose alpha (albedo texture's times vertex colour's) is below this is not there; 0: solid */
+    float alpha_cutoff;    /* a point whose alpha (albedo texture's times vertex colour's) is below this is not there;
+                              0: solid */
     uint32_t flags;        /* sbl_material_flag bits */
 } sbl_material;
 
@@ -372,29 +435,43 @@ typedef struct sbl_texture {
     sbl_wrap wrap;            /* default: repeat */
 } sbl_texture;
 
-typedef enum sbl_light_kind { SBL_LIGHT_POINT = 0, SBL_LIGHT_SPOT, SBL_LIGHT_DIRECTIONAL, SBL_LIGHT_KIND_COUNT } sbl_light_kind;
+typedef enum sbl_light_kind {
+    SBL_LIGHT_POINT = 0,
+    SBL_LIGHT_SPOT,
+    SBL_LIGHT_DIRECTIONAL,
+    SBL_LIGHT_KIND_COUNT
+} sbl_light_kind;
 
-/* A light that is no surface: the camera and sensors do not see it, and it casts no shadow. Kinds and units follow glTF's KHR_lights_punctual: where
-   radiance is in nits and lengths are in metres, intensities are in candela and in lux. What a light gives does not end at a range. */
+/* A light that is no surface: the camera and sensors do not see it, and it casts no shadow. Kinds and units follow
+   glTF's KHR_lights_punctual: where radiance is in nits and lengths are in metres, intensities are in candela and in
+   lux. What a light gives does not end at a range. */
 typedef struct sbl_light {
     sbl_light_kind kind;
-    float intensity[3];       /* point, spot: radiance times area, light per solid angle; a surface at distance d that faces it has the irradiance
-                                 intensity / d^2. Directional: the irradiance of a surface that faces it */
+    float intensity[3];       /* point, spot: radiance times area, light per solid angle; a surface at distance d that
+                                 faces it has the irradiance intensity / d^2. Directional: the irradiance of a surface
+                                 that faces it */
     float position[3];        /* point, spot: world */
     float direction[3];       /* spot, directional: the way its light goes; any length but 0 */
-    float radius;             /* point, spot: of an evenly shining sphere, whose radiance is intensity / (pi radius^2): soft shadows. 0: a point */
-    float angle;              /* directional: angular diameter, degrees, 0 (a point far away) to 180; the sun's is 0.53 */
+    float radius;             /* point, spot: of an evenly shining sphere, whose radiance is intensity / (pi radius^2):
+                                 soft shadows. 0: a point */
+    float angle;              /* directional: angular diameter, degrees, 0 (a point far away) to 180; the sun's is
+                                 0.53 */
     float cone;               /* spot: full angle, degrees, to 180, that has any of the light. Default: 90 */
-    float inner_cone;         /* spot: full angle, degrees, to cone, that has all of it. Between them the cosine's share of the way, squared */
+    float inner_cone;         /* spot: full angle, degrees, to cone, that has all of it. Between them the cosine's share
+                                 of the way, squared */
 } sbl_light;
 
-/* Light from far away, in a picture or a function; it comes on top of the constant sky. In SBL_MODE_PAPER there is neither this nor any sbl_light.
-   A direction d has u = 0.5 + atan2(d . z, d . x) / (2 pi), v = acos(d . up) / pi; x, z are the world's where up is +y, and turn with up the shortest way
-   where not. (0, 0) is the picture's first corner: its upper edge is all straight up. */
+/* Light from far away, in a picture or a function; it comes on top of the constant sky. In SBL_MODE_PAPER there is
+   neither this nor any sbl_light.
+   A direction d has u = 0.5 + atan2(d . z, d . x) / (2 pi), v = acos(d . up) / pi; x, z are the world's where up is +y,
+   and turn with up the shortest way where not. (0, 0) is the picture's first corner: its upper edge is all straight
+   up. */
 typedef struct sbl_environment {
-    sbl_texture picture;      /* equirectangular; pixels of any format, finite and not negative (no gl_texture, no wrap). Absent: width 0 */
-    void (*radiance)(const float direction[3], float radiance[3], void *user);  /* or a function of a unit direction in the world, called in sbl_set_scene for
-                                 every texel's middle of a picture of picture.width x height. Default: 512 x 256 */
+    sbl_texture picture;      /* equirectangular; pixels of any format, finite and not negative (no gl_texture, no
+                                 wrap). Absent: width 0 */
+    void (*radiance)(const float direction[3], float radiance[3], void *user);  /* or a function of a unit direction in
+                                 the world, called in sbl_set_scene for every texel's middle of a picture of
+                                 picture.width x height. Default: 512 x 256 */
     void *user;
     float scale;              /* of its light. Default: 1 */
     float rotation;           /* of the picture about `up`, degrees, counter-clockwise seen from above */
@@ -405,11 +482,13 @@ typedef struct sbl_environment {
 
 typedef enum sbl_view_kind { SBL_VIEW_CAMERA = 0, SBL_VIEW_SENSOR } sbl_view_kind;
 
-/* What the host's draw callback is told. The framebuffer, viewport and scissor are set, the depth test is on and its function
-   chosen; keep them. Everything else may be changed: sbl.h sets its own state again afterwards and puts the host's back at the end.
+/* What the host's draw callback is told. The framebuffer, viewport and scissor are set, the depth test is on and its
+   function chosen; keep them. Everything else may be changed: sbl.h sets its own state again afterwards and puts the
+   host's back at the end.
 
    Outputs of the fragment shader, SBL_VIEW_SENSOR:
-       location 0  vec4: rgb = radiance towards the sensor times radiance_scale; a = gl_FrontFacing ? 1.0 / gl_FragCoord.w : -1.0 / gl_FragCoord.w
+       location 0  vec4: rgb = radiance towards the sensor times radiance_scale;
+                         a = gl_FrontFacing ? 1.0 / gl_FragCoord.w : -1.0 / gl_FragCoord.w
    Outputs, SBL_VIEW_CAMERA:
        location 0  vec4: world position, a = 0
        location 1  vec4: unit shading normal towards the camera, a = 0
@@ -417,11 +496,12 @@ typedef enum sbl_view_kind { SBL_VIEW_CAMERA = 0, SBL_VIEW_SENSOR } sbl_view_kin
        location 3  vec4: albedo, a = 1
        location 4  vec4: emission, a = 0
        location 5  uint: id, not 0
-   gl_Position = world_to_clip * vec4(world position, 1). Depth is reversed (nearer is greater). If write_depth is set the
-   fragment shader must also do  gl_FragDepth = gl_FragCoord.w * depth_scale  (the driver has no clip control).
+   gl_Position = world_to_clip * vec4(world position, 1). Depth is reversed (nearer is greater). If write_depth is set
+   the fragment shader must also do  gl_FragDepth = gl_FragCoord.w * depth_scale  (the driver has no clip control).
 
-   What it costs: meshes given as vertex arrays are drawn for a whole batch of sensors in one call; the callback is called once for
-   every view of every sensor (five a hemicube), so its price is the host's own draw calls times 5 times the sensors. */
+   What it costs: meshes given as vertex arrays are drawn for a whole batch of sensors in one call; the callback is
+   called once for every view of every sensor (five a hemicube), so its price is the host's own draw calls times 5 times
+   the sensors. */
 typedef struct sbl_draw_view {
     sbl_view_kind kind;
     int viewport[4];          /* x, y, width, height in the current framebuffer; the scissor is the same */
@@ -432,7 +512,8 @@ typedef struct sbl_draw_view {
     float radiance_scale;     /* keeps bright lamps inside the texels' range */
     float depth_scale;
     int write_depth;          /* 1: the shader must write gl_FragDepth, see above */
-    float epsilon;            /* the ambient factor of the paper, 0 in direct mode: non-emitters radiate epsilon * albedo */
+    float epsilon;            /* the ambient factor of the paper, 0 in direct mode: what does not emit radiates
+                                 epsilon * albedo */
     int sensor, face;         /* SBL_VIEW_SENSOR: number within its level; face 0 looks along the normal */
 } sbl_draw_view;
 
@@ -461,7 +542,8 @@ typedef struct sbl_scene_desc {
 
 typedef enum sbl_mode {
     SBL_MODE_DEFAULT = 0,  /* AMBIENT, until bounced light exists: then GI */
-    SBL_MODE_AMBIENT,      /* emitters, lights, sky, and every other surface glowing with epsilon * albedo: the paper's estimator over the whole hemisphere */
+    SBL_MODE_AMBIENT,      /* emitters, lights, sky, and every other surface glowing with epsilon * albedo: the paper's
+                              estimator over the whole hemisphere */
     SBL_MODE_DIRECT,       /* emitters, lights and sky only */
     SBL_MODE_PAPER,        /* exactly the paper */
     SBL_MODE_GI,           /* all bounces: SBL_ERROR_UNSUPPORTED in this version */
@@ -481,28 +563,34 @@ typedef enum sbl_sensor_kind {
 typedef enum sbl_backend {
     SBL_BACKEND_AUTO = 0,    /* TRACE; RASTER in SBL_MODE_PAPER, with a draw callback and with SBL_SENSOR_SINGLE */
     SBL_BACKEND_RASTER,      /* views drawn into texels, as in the paper: cost grows with the number of triangles */
-    SBL_BACKEND_TRACE,       /* rays through a bounding volume hierarchy in a shader: cost grows with its logarithm. No draw callback, not in SBL_MODE_PAPER */
+    SBL_BACKEND_TRACE,       /* rays through a bounding volume hierarchy in a shader: cost grows with its logarithm. No
+                                draw callback, not in SBL_MODE_PAPER */
     SBL_BACKEND_COUNT
 } sbl_backend;
 
-/* Zero is the default everywhere. Where two or three numbers stand: draft / default / high preset. */
+/* Zero is the default everywhere. Where three numbers stand: draft / default / high preset. */
 typedef struct sbl_picture_desc {
     uint32_t start_canary;
     int width, height;         /* pixels, 1 to 16384. Default: 640 480 */
     float world_to_view[16];   /* rigid. Default (all zero): frames the scene from the front, see sbl_look_at */
-    float view_to_clip[16];    /* perspective, or orthographic, which sees what is behind it too; near and far planes are ignored. Default: 40 degrees */
+    float view_to_clip[16];    /* perspective, or orthographic, which sees what is behind it too; near and far planes
+                                  are ignored. Default: 40 degrees */
     sbl_mode mode;
     sbl_preset preset;
     sbl_sensor_kind sensor_kind;
     sbl_backend backend;
-    int rays;                  /* of a traced sensor, 1 to 4096, and at most as many more towards lamps. Default: 64 / 256 / 1024 */
+    int rays;                  /* of a traced sensor, 1 to 4096, and at most as many more towards lamps. Default:
+                                  64 / 256 / 1024 */
     int sensor_size;           /* of a rasterised sensor: texels across a view, 4 to 512. Default: 32 / 64 / 128 */
     float sensor_fov;          /* degrees, SBL_SENSOR_SINGLE only, 1 to 179. Default: 135 */
-    int tile;                  /* first distance between sensors in pixels, 1 (every pixel) to 1024. Default: 16 / 16 / 8 */
-    float threshold;           /* refine where neighbours differ by more: a share of their mean, in SBL_MODE_PAPER a radiance. Default: 0.3 / 0.15 / 0.07, paper 0.05 */
+    int tile;                  /* first distance between sensors in pixels, 1 (every pixel) to 1024. Default:
+                                  16 / 16 / 8 */
+    float threshold;           /* refine where neighbours differ by more: a share of their mean, in SBL_MODE_PAPER a
+                                  radiance. Default: 0.3 / 0.15 / 0.07, paper 0.05 */
     float epsilon;             /* ambient factor. Default: 0.02 (SBL_MODE_DIRECT: always 0) */
-    float facet_limit;         /* pixels: triangles of smaller height on the screen are lit by their true normals, since shading normals are there to hide
-                                  facets that can be seen; those of twice as much by their shading normals. 0: shading normals everywhere */
+    float facet_limit;         /* pixels: triangles of smaller height on the screen are lit by their true normals, since
+                                  shading normals are there to hide facets that can be seen; those of twice as much by
+                                  their shading normals. 0: shading normals everywhere */
     int filter_radius;         /* of the Gaussian, pixels, at most 32; negative: no filter. Default: 2 */
     int samples;               /* anti-aliasing of `final`, samples a pixel, 1 to 64. Default: 1 / 4 / 16 */
     uint32_t seed;             /* of the sensors' rotations */
@@ -511,7 +599,8 @@ typedef struct sbl_picture_desc {
     uint32_t end_canary;
 } sbl_picture_desc;
 
-/* What can be read. Components are floats. Where the camera sees nothing all are 0 but final, which shows the sky. */
+/* What can be read. Components are floats. Where the camera sees nothing all are 0 but final, which shows the sky. Of a
+   picture under way FINAL is not anti-aliased, and RADIANCE not filtered. */
 typedef enum sbl_channel {
     SBL_CHANNEL_FINAL = 0,  /* 3: emission + albedo * R, anti-aliased */
     SBL_CHANNEL_RADIANCE,   /* 3: R, filtered, at pixel centres */
@@ -537,7 +626,8 @@ typedef struct sbl_stats {
     int64_t sensor_texels;
     int lamps;                /* emitting triangles, lights and bright texels of the sky that sensors aim rays at */
     int64_t rays;             /* traced over the hemispheres; those towards lamps come on top */
-    double bvh_seconds;       /* building the hierarchy, once per scene, part of seconds.surface of its first traced picture */
+    double bvh_seconds;       /* building the hierarchy, once per scene, part of seconds.surface of its first traced
+                                 picture */
     size_t bvh_bytes;         /* on the GPU */
     int64_t invalid_sensors;  /* stuck inside geometry; their neighbours' light was used instead */
     int level_count;
@@ -553,8 +643,9 @@ typedef struct sbl_stats {
 typedef struct sbl_site {
     float position[3];          /* world */
     float normal[3];            /* the middle of the hemisphere that its light comes from; any length but 0 */
-    float geometric_normal[3];  /* the side of its surface that its sensor is moved off to. Default (all zero): normal */
-    float offset;               /* how far; default (0): what rounding needs in this scene; negative: not at all */
+    float geometric_normal[3];  /* the side of its surface that its sensor is moved off to. Default (all zero):
+                                   normal */
+    float offset;               /* how far, world. Default: what rounding needs in this scene; negative: not at all */
 } sbl_site;
 
 /* The light there. */
@@ -563,16 +654,17 @@ typedef struct sbl_reading {
     float noise;        /* its standard error (mean of the channels) where it can be told; else 0 */
     float hit_share;    /* of the hemisphere, weighted by the cosine, that sees surfaces: 1 less what sees the sky */
     float back_share;   /* of that, what sees back faces */
-    float hit_mean, hit_min;  /* distances to surfaces; 0 where none is seen */
+    float hit_mean;     /* distance to the surfaces seen, world: mean, */
+    float hit_min;      /* and the least; both 0 where none is seen */
     int valid;          /* 0: its sensor is stuck inside geometry */
 } sbl_reading;
 
-/* Zero is the default everywhere, as in sbl_picture_desc. */
+/* Zero is the default everywhere; what is named as in sbl_picture_desc means the same. */
 typedef struct sbl_gather_desc {
     uint32_t start_canary;
     const sbl_site *sites;     /* not copied: must stay until the gather is done */
-    sbl_reading *readings;     /* likewise: receives one a site */
-    int site_count;
+    sbl_reading *readings;     /* likewise: receives one a site, those of the first sites first */
+    int site_count;            /* 0 and up */
     sbl_mode mode;
     sbl_preset preset;
     sbl_sensor_kind sensor_kind;
@@ -591,8 +683,8 @@ typedef struct sbl_gather_desc {
 
 typedef struct sbl_sensor_view {
     int rect[4];              /* x, y, width, height in the sheet; y counts from the first row */
-    float right[3], up[3], forward[3];  /* unit; texel (i, j) of the rect looks along forward + right * x + up * y with */
-    float x0, x1, y0, y1;     /* x = x0 + (x1 - x0) * (i + 0.5) / width, and likewise y with j */
+    float right[3], up[3], forward[3];  /* unit; texel (i, j) of the rect looks along forward + right * x + up * y */
+    float x0, x1, y0, y1;     /* with x = x0 + (x1 - x0) * (i + 0.5) / width, and likewise y with j */
 } sbl_sensor_view;
 
 /* What sensors aim rays at. */
@@ -607,8 +699,8 @@ typedef struct sbl_sensor_lamp {
     sbl_lamp_kind kind;
     int mesh;                 /* of a triangle; else -1 */
     int number;
-    float unhindered[3];      /* R from it where nothing stands between; 0 where it was picked out of a cluster of lamps,
-                                 or is a texel of the sky, of which only rays tell */
+    float unhindered[3];      /* R from it where nothing stands between; 0 where it was picked out of a cluster of
+                                 lamps, or is a texel of the sky, of which only rays tell */
     int rays, open;           /* that were sent to it, and that reached it */
 } sbl_sensor_lamp;
 
@@ -650,8 +742,8 @@ typedef struct sbl_sensor {
     int view_count;           /* 0: traced */
     sbl_sensor_view views[5];
     int sheet_width, sheet_height;
-    const sbl_sensor_ray *rays;    /* over the hemisphere, then towards lamps; these arrays are sbl.h's, until the next */
-    const sbl_sensor_lamp *lamps;  /* inspection, begin or end */
+    const sbl_sensor_ray *rays;    /* over the hemisphere, then towards lamps; these arrays are sbl.h's, until the */
+    const sbl_sensor_lamp *lamps;  /* next inspection, begin or end */
     int ray_count, lamp_count;
 } sbl_sensor;
 
@@ -664,13 +756,14 @@ SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out);
 /* Frees the context and all its GL objects; NULL is ignored. */
 SBL_API void sbl_destroy(sbl_context *context);
 
-/* Replaces the scene by a copy of what desc describes. A picture under way is abandoned. An empty scene is allowed: only sky.
-   Triangles without area are left out, with a warning.
-   Results: INVALID_ARGUMENT (each mistake logged with its mesh, field and value), OUT_OF_MEMORY, UNSUPPORTED (too large), GL.
-   On failure the former scene stays. */
+/* Replaces the scene by a copy of what desc describes. A picture or gather under way is abandoned, a finished picture
+   stays. An empty scene is allowed: only sky. Triangles without area are left out, with a warning.
+   Results: INVALID_ARGUMENT (each mistake logged with its mesh, field and value), OUT_OF_MEMORY, UNSUPPORTED (too
+   large), GL. On failure the former scene stays. */
 SBL_API sbl_result sbl_set_scene(sbl_context *context, const sbl_scene_desc *desc);
 
-/* Moves mesh number `mesh` of the scene: transform is object to world, as sbl_mesh.transform. A picture under way is abandoned.
+/* Moves mesh number `mesh` of the scene: transform is object to world, as sbl_mesh.transform. A picture or gather under
+   way is abandoned, a finished picture stays.
    Results: INVALID_ARGUMENT, STATE (no scene), OUT_OF_MEMORY, GL. On failure the mesh stays where it was. */
 SBL_API sbl_result sbl_set_mesh_transform(sbl_context *context, int mesh, const float transform[16]);
 
@@ -680,55 +773,74 @@ SBL_API sbl_result sbl_query_bounds(const sbl_context *context, float lowest[3],
 /* Renders a picture: sbl_begin, then sbl_step until done. Results: those of both. */
 SBL_API sbl_result sbl_render(sbl_context *context, const sbl_picture_desc *desc);
 
-/* Starts a picture. desc: NULL or zeroes mean defaults; copied. The former picture is dropped.
-   Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (SBL_MODE_GI; larger than the driver's textures), OUT_OF_MEMORY, GL. */
+/* Starts a picture: looks at desc, and does none of the work. desc: NULL or zeroes mean defaults; copied. What was
+   begun before is dropped, a finished picture too.
+   Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (SBL_MODE_GI; larger than the driver's textures). */
 SBL_API sbl_result sbl_begin(sbl_context *context, const sbl_picture_desc *desc);
 
-/* Works on the picture for about `seconds` (at least one batch; 0 or less: until it is done).
-   Results: SUCCESS (done: channels can be read), UNFINISHED, CANCELLED, STATE (no picture), OUT_OF_MEMORY, GL.
-   After CANCELLED or an error the picture is gone. */
+/* Gathers the light that arrives at points: sbl_begin_gather, then sbl_step until done. Results: those of both. */
+SBL_API sbl_result sbl_gather(sbl_context *context, const sbl_gather_desc *desc);
+
+/* Starts gathering light at desc->sites into desc->readings, both the host's and in use until it is done. It sees what
+   sensors see: with a draw callback, and in SBL_MODE_PAPER, by views. A picture under way is abandoned, a finished one
+   stays.
+   Results: INVALID_ARGUMENT (each mistake logged; of sites the first ones), STATE (no scene), UNSUPPORTED
+   (SBL_MODE_GI). */
+SBL_API sbl_result sbl_begin_gather(sbl_context *context, const sbl_gather_desc *desc);
+
+/* Works on what was begun last for about `seconds` (0 or less: until it is done); see ON TIME.
+   Results: SUCCESS (done: channels can be read, readings are there), UNFINISHED, CANCELLED, STATE (nothing was begun),
+   OUT_OF_MEMORY, UNSUPPORTED (sensors larger than the driver's textures), GL.
+   After CANCELLED or an error it is gone. */
 SBL_API sbl_result sbl_step(sbl_context *context, double seconds);
 
-SBL_API sbl_result sbl_gather(sbl_context *context, const sbl_gather_desc *desc);
-SBL_API sbl_result sbl_begin_gather(sbl_context *context, const sbl_gather_desc *desc);
-SBL_API void sbl_encode_srgb8(unsigned char *out, const float *linear, size_t count, float scale);
-
-/* How far the picture is, 0 to 1; 0 without one. An estimate: refinement may still find work. */
+/* How far it is, 0 to 1; 0 where nothing was begun. An estimate: refinement may still find work. */
 SBL_API float sbl_progress(const sbl_context *context);
 
-/* Abandons the picture under way, or frees the finished one's channels. */
+/* Abandons what is under way, and frees the finished picture's channels. */
 SBL_API void sbl_end(sbl_context *context);
 
 /* Floats per pixel of a channel: 3 or 1; 0 for a channel that does not exist. */
 SBL_API int sbl_channel_components(sbl_channel channel);
 
-/* Copies a channel of the finished picture: width * height * components floats, top row first.
-   count: floats that `out` has room for. Results: INVALID_ARGUMENT, STATE (no finished picture), OUT_OF_MEMORY, GL. */
+/* Copies a channel: width * height * components floats, top row first. Of a picture under way the best so far.
+   count: floats that `out` has room for.
+   Results: INVALID_ARGUMENT, STATE (no picture), UNFINISHED (nothing to be seen yet), OUT_OF_MEMORY, GL. */
 SBL_API sbl_result sbl_read_channel(sbl_context *context, sbl_channel channel, float *out, size_t count);
 
-/* The GL texture that holds a channel of the finished picture, 0 without one: GL_TEXTURE_2D, width x height, top row first, NEAREST.
-   RGBA32F or RGBA16F; ID is R32UI, DEPTH and SENSORS R32F. Owned by sbl.h; valid until the next sbl_begin, sbl_set_scene or sbl_end. */
+/* The GL texture that holds a channel: GL_TEXTURE_2D, width x height, top row first, NEAREST; RGBA32F or RGBA16F; ID is
+   R32UI, DEPTH and SENSORS R32F. 0: there is no picture, or nothing to be seen yet. Owned by sbl.h; valid until the
+   next sbl_begin or sbl_end, and while the picture is under way until the next sbl_step. */
 SBL_API uint32_t sbl_channel_texture(sbl_context *context, sbl_channel channel);
 
 /* Gathers light again for pixel (x, y) of the finished picture and shows how it came about.
-   radiance: NULL, or 4 floats a texel of the sheet, first row first: rgb = radiance, a = distance to what was seen, negative for back faces, 0 for
-   nothing. weights: NULL, or 1 float a texel, their sum is sensor->weight_sum. count: texels that both have room for;
-   call with NULL arrays first to learn sheet_width and sheet_height.
-   Results: INVALID_ARGUMENT (outside the picture, no surface there, no room), STATE, OUT_OF_MEMORY, GL. */
-SBL_API sbl_result sbl_inspect_sensor(sbl_context *context, int x, int y, sbl_sensor *sensor, float *radiance, float *weights, size_t count);
+   radiance: NULL, or 4 floats a texel of the sheet, first row first: rgb = radiance, a = distance to what was seen,
+   negative for back faces, 0 for nothing. weights: NULL, or 1 float a texel, their sum is sensor->weight_sum.
+   count: texels that both have room for; call with NULL arrays first to learn sheet_width and sheet_height.
+   Results: INVALID_ARGUMENT (outside the picture, no surface there, no room), STATE (no finished picture, or its scene
+   has changed), OUT_OF_MEMORY, GL. */
+SBL_API sbl_result sbl_inspect_sensor(sbl_context *context, int x, int y, sbl_sensor *sensor, float *radiance,
+                                      float *weights, size_t count);
 
-/* world_to_view of a camera at `eye` that looks at `at`. Returns 0 and writes nothing where the directions are degenerate, else 1. */
-SBL_API int sbl_look_at(float world_to_view[16], float eye_x, float eye_y, float eye_z, float at_x, float at_y, float at_z,
-                        float up_x, float up_y, float up_z);
+/* world_to_view of a camera at `eye` that looks at `at`. Returns 0 and writes nothing where the directions are
+   degenerate, else 1. */
+SBL_API int sbl_look_at(float world_to_view[16], float eye_x, float eye_y, float eye_z, float at_x, float at_y,
+                        float at_z, float up_x, float up_y, float up_z);
 
-/* view_to_clip of a pinhole camera; fov_y: vertical, degrees; aspect: width / height. Returns 0 and writes nothing where they are out of range, else 1. */
+/* view_to_clip of a pinhole camera; fov_y: vertical, degrees; aspect: width / height. Returns 0 and writes nothing
+   where they are out of range, else 1. */
 SBL_API int sbl_perspective(float view_to_clip[16], float fov_y, float aspect);
+
+/* out[i] = linear[i] * scale as 8-bit sRGB (IEC 61966-2-1), rounded; below 0 and NaN are 0, above 1 is 255. count:
+   numbers, not pixels. scale: the exposure; 1 where radiance 1 is to be white. */
+SBL_API void sbl_encode_srgb8(unsigned char *out, const float *linear, size_t count, float scale);
 
 /* Copies with every zero that means a default replaced by it; NULL is all zeroes. */
 SBL_API sbl_context_desc sbl_context_desc_defaults(const sbl_context_desc *desc);
 SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc);
 SBL_API sbl_gather_desc sbl_gather_desc_defaults(const sbl_gather_desc *desc);
 
+/* All zeroes for a NULL context. */
 SBL_API sbl_context_desc sbl_query_desc(const sbl_context *context);
 SBL_API sbl_capabilities sbl_query_capabilities(const sbl_context *context);
 SBL_API sbl_stats sbl_query_stats(const sbl_context *context);
@@ -746,16 +858,72 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 #ifndef SBL_IMPLEMENTATION_INCLUDED
 #define SBL_IMPLEMENTATION_INCLUDED
 
-/* The rooms, in the order of execution; each calls only rooms above it. Search for the tag:
+/* The rooms, in the order of execution; each calls only rooms above it. Search for the tag.
 
-       >>shaders  the GLSL of shaders_embedded/        >>gather   points -> light, with rasterised views
-       >>base     config, log, memory, math            >>refine   which points get sensors; interpolation
-       >>gl       loader, state guard, objects         >>filter   smoothing of R
-       >>scene    meshes, materials, textures -> GPU   >>resolve  composition, anti-aliasing, readback
-       >>bvh      the hierarchy that rays go through   >>picture  the stages in steps
-       >>lamps    what sensors aim rays at             >>public   the functions declared above
-       >>surface  the camera's G-buffer
-       >>sensors  frames, views, weights                                                                     */
+   the machine    >>base         config, log, memory, math
+                  >>gl           the loader, and the guard that keeps the host's state
+                  >>records      structs that shaders read: C and GLSL from one list
+                  >>device       textures, targets, programs, passes, time: nothing below calls GL by itself
+   the scene      >>check        descriptors, before anything changes
+                  >>geometry     meshes: read, validated, converted
+                  >>textures     the texel store
+                  >>environment  light from far away
+                  >>bvh          the hierarchy that rays go through
+                  >>lamps        what sensors aim rays at
+                  >>scene        the five together; scene.glsl and outgoing.glsl, which all shaders share
+   a sensor       >>surface      where light is wanted: the camera's G-buffer
+                  >>sensors      looks: frames, views, weights
+                  >>aim          rays towards lamps
+                  >>raster       to see by views drawn into texels
+                  >>trace        to see by rays
+                  >>job          sites in, readings out: the heart. Above it nobody knows how it sees
+   a picture      >>refine       which pixels get sensors; interpolation
+                  >>filter       smoothing of R
+                  >>resolve      composition, anti-aliasing
+   front ends     >>picture      the stages above, in steps
+                  >>gather       any points
+                  >>inspect      one sensor, shown
+   the door       >>egl          a headless context
+                  >>public       the functions declared above: thin
+
+   Each shader stands beside what uses it, between its >>glsl markers, as a copy of shaders_embedded/NAME.glsl that
+   scripts/embed_shaders makes: change the file, run the script.
+
+
+   FOR THOSE WHO CHANGE IT
+
+   What may be touched: anything, as long as scripts/test passes. tests/test_pinned.c holds pictures to the bit;
+   scripts/compare_commits BASE shows for 178 pictures what a change did, and how long both take. tests/rooms.py lists
+   rooms, lengths and parameters: no function has more than 80 lines or 6 parameters, no line more than 120 columns.
+
+   To add a channel (3 lines in each of two places, tried with the sensors' noise):
+       sbl_channel, with its comment; a row in sbl__channels (>>public); where refinement knows it, a line in
+       sbl__channel_pixel and, for sbl_channel_texture, its case beside DEPTH and a place in sbl__picture.scalars; where
+       a target holds it, sbl__channel_target. A name in examples/sbl_render.c's list.
+
+   To add a front end, which asks for light and does something else with it than a picture (tried with a probe that
+   gathers an ambient cube: 54 lines):
+       >>gather is the shortest one, take its shape. A struct with a stage, the sites and the readings; begin stores;
+       step calls, until each is done, sbl__core_prepare (hierarchy and lamps), sbl__spec_make (how to see),
+       sbl__job_begin with a task (sites, readings), sbl__job_step with the slice it was given. Loops over many things
+       ask sbl__late and return SBL_UNFINISHED. In >>public: a function that checks and begins, a case in
+       sbl__context_step. The readings also lie on the GPU: sbl__job.results, a texel a look.
+
+   To add a light:
+       a kind in sbl_light_kind and what it needs in sbl_light; sbl__check_light; in >>lamps its words (LIGHT_RECORD,
+       from which the GLSL that reads them is made), its power, its bounds; in lamps.glsl sbl_lamp, which reads it, what
+       it gives unhindered, and a point of it for a ray. tests/test_lights.c has closed forms to hold it to.
+
+   To add a shader, or a table that shaders read:
+       a file in shaders_embedded, a pair of markers where it is used, a recipe (which files make the program, which
+       records they read, which features make variants) and sbl__use in front of the draw. It compiles when it is
+       first used; sbl__context_start (>>public) lists those that sbl_create can compile. A record is a list of fields
+       (SBL__RECORD): the C struct and the GLSL functions sbl_NAME_FIELD(i) come from it.
+
+   To change what a surface sends out: outgoing.glsl, the only place that knows.
+
+   Work must stay in pieces: whatever loops over triangles, pixels or sites looks at the slice; whatever draws takes
+   from sbl__pace_begin how much, and tells sbl__pace_end. Neither may change what comes out. */
 
 #include <float.h>
 #include <limits.h>
@@ -1834,9 +2002,9 @@ typedef struct sbl__recipe {
 
 /* >>glsl tables: shaders_embedded/tables.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_tables[] = {
-"// What stands above every shader: how tables are read. Those that grow with the scene are buffer textures or, past the\n",
-"// driver's limit for these, 2D textures (see sbl__table_show in sbl.h). Above this stand the program's features and the\n",
-"// constants that C shares, below it the functions that read its records (see >>records).\n",
+"// What stands above every shader: how tables are read. Those that grow with the scene are buffer textures or, past\n",
+"// the driver's limit for these, 2D textures (see sbl__table_show in sbl.h). Above this stand the program's\n",
+"// features and the constants that C shares, below it the functions that read its records (see >>records).\n",
 "#ifdef SBL_WIDE\n",
 "#define sbl_Texels usampler2D\n",
 "#define sbl_fetch(texels, i) texelFetch(texels, ivec2((i) & (SBL_TEXELS_ACROSS - 1), (i) >> SBL_TEXELS_SHIFT), 0)\n",
@@ -1845,7 +2013,8 @@ static const char *const sbl__glsl_tables[] = {
 "#define sbl_fetch(texels, i) texelFetch(texels, i)\n",
 "#endif\n",
 "\n",
-"// Software renderers run both sides of every if, but leave loops that no lane enters: an if for what is long and rare.\n",
+"// Software renderers run both sides of every if, but leave loops that no lane enters: an if for what is long and\n",
+"// rare.\n",
 "#define sbl_when(condition) for (int sbl_once = 0; sbl_once < ((condition) ? 1 : 0); sbl_once++)\n",
 0 };
 /* <<glsl */
@@ -4183,9 +4352,9 @@ static const char *const sbl__glsl_traverse[] = {
 "    bool back;\n",
 "};\n",
 "\n",
-"// Does the ray's stretch up to `nearest` cross the box? Its entry distance, or 0x7fffffff; distances are the bits of\n",
-"// floats, since they order as integers where none is negative, and a negative one is below all others. `per` is the\n",
-"// length of a grid step along the ray, `offset` brings the origin to 0.\n",
+"// Does the ray's stretch up to `nearest` cross the box? Its entry distance, or 0x7fffffff; distances are the bits\n",
+"// of floats, since they order as integers where none is negative, and a negative one is below all others. `per` is\n",
+"// the length of a grid step along the ray, `offset` brings the origin to 0.\n",
 "int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int nearest) {\n",
 "    vec3 low = vec3(box.xyz & 65535u), high = vec3(box.xyz >> 16);\n",
 "    ivec3 entry = floatBitsToInt(mix(low, high, flip) * per + offset);\n",
@@ -4219,8 +4388,8 @@ static const char *const sbl__glsl_traverse[] = {
 "    bool front = u >= 0.0 && v >= 0.0 && w >= 0.0, back = u <= 0.0 && v <= 0.0 && w <= 0.0;\n",
 "    bool inside = (front || back) && determinant != 0.0;\n",
 "    float l = (u * p.z + v * q.z + w * r.z) * ray.per_z / determinant;\n",
-"    // A triangle that the ray starts beside, its own above all, must not be hit by rounding: it grows with how thin the\n",
-"    // triangle is.\n",
+"    // A triangle that the ray starts beside, its own above all, must not be hit by rounding: it grows with how\n",
+"    // thin the triangle is.\n",
 "    float deep = max(abs(p.z), max(abs(q.z), abs(r.z)));\n",
 "    float wide = max(dot(p.xy, p.xy), max(dot(q.xy, q.xy), dot(r.xy, r.xy)));\n",
 "    inside = inside && l > SBL_SELF_DEEP * deep || inside && l * abs(determinant) > SBL_SELF_WIDE * deep * wide;\n",
@@ -4949,8 +5118,8 @@ static void sbl__scene_bind(sbl__device *d, const sbl__scene *s) {
 static const char *const sbl__glsl_scene[] = {
 "// The scene's triangles and textures.\n",
 "uniform sbl_Texels sbl_indices;      // three a triangle\n",
-"uniform sampler2D sbl_texels_srgb;   // all 8-bit sRGB textures, each from a row of its own on: its texel n stands at\n",
-"                                     // n % the store's width, n / it rows further\n",
+"uniform sampler2D sbl_texels_srgb;   // all 8-bit sRGB textures, each from a row of its own on: its texel n stands\n",
+"                                     // at n % the store's width, n / it rows further\n",
 "uniform sampler2D sbl_texels_float;  // all others\n",
 "\n",
 "// Vertices of a triangle of the scene.\n",
@@ -4977,8 +5146,8 @@ static const char *const sbl__glsl_scene[] = {
 "    return texelFetch(sbl_texels_float, ivec2(index % width, int(place.x) + index / width), 0);\n",
 "}\n",
 "\n",
-"// A texture's place in its store is first row, width, height, kind. Bilinear, decoded before it is filtered; (0, 0) is\n",
-"// the first texel's outer corner.\n",
+"// A texture's place in its store is first row, width, height, kind. Bilinear, decoded before it is filtered; (0,\n",
+"// 0) is the first texel's outer corner.\n",
 "vec4 sbl_texture(uvec4 place, vec2 uv) {\n",
 "    if (place.w == 0u) return vec4(1);\n",
 "    if ((place.w & SBL_TEXTURE_CLAMPS) == 0u) uv -= floor(uv);\n",
@@ -5005,15 +5174,16 @@ static const char *const sbl__glsl_surface[] = {
 "    vec4 albedo;                              // a: 0 where the cutout leaves nothing\n",
 "    vec3 emission;\n",
 "    float facet;                              // the triangle's least height\n",
-"    float reach;                              // of its corners from the origin, plus its longest side: what rounding\n",
-"                                              // is relative to\n",
+"    float reach;                              // of its corners from the origin, plus its longest side: what\n",
+"                                              // rounding is relative to\n",
 "    uint id;\n",
 "};\n",
 "\n",
 "const float SBL_GRAZING = 0.01;  // cosine that shading normals are kept from the horizon\n",
 "\n",
-"// Interpolated where it is long enough, towards the viewer's side of the triangle, and bent away from the surface's own\n",
-"// horizon: a shading normal that turns away from the viewer would aim the sensor at the surface itself.\n",
+"// Interpolated where it is long enough, towards the viewer's side of the triangle, and bent away from the\n",
+"// surface's own horizon: a shading normal that turns away from the viewer would aim the sensor at the surface\n",
+"// itself.\n",
 "vec3 sbl_shading_normal(ivec3 v, vec3 b, vec3 face, vec3 geometric_normal, vec3 direction) {\n",
 "    vec3 normal = b.x * sbl_attributes_normal(v.x) + b.y * sbl_attributes_normal(v.y) +\n",
 "                  b.z * sbl_attributes_normal(v.z);\n",
@@ -5075,8 +5245,8 @@ static const char *const sbl__glsl_surface[] = {
 
 /* >>glsl outgoing: shaders_embedded/outgoing.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_outgoing[] = {
-"// What a surface sends towards a sensor: Ck of equations 1 and 2, an emitter's radiance, or the ambient factor times\n",
-"// the colour. All that sensors see comes through here; light that bounces will be looked up here.\n",
+"// What a surface sends towards a sensor: Ck of equations 1 and 2, an emitter's radiance, or the ambient factor\n",
+"// times the colour. All that sensors see comes through here; light that bounces will be looked up here.\n",
 "uniform float epsilon;     // the ambient factor\n",
 "uniform bool lamps_apart;  // light from emitters comes from lamps.glsl\n",
 "\n",
@@ -5350,15 +5520,15 @@ static void sbl__camera_rows(const sbl__camera *c, const float clip[16], float r
     }
 }
 
-#define SBL__BEFORE_CAMERA 1e-3  /* of a triangle's greatest distance: what is nearer to the camera's plane is cut off */
+#define SBL__BEFORE_CAMERA 1e-3  /* of a triangle's greatest distance: what is nearer to the camera's plane is cut */
 
 static void sbl__extend(double *from, double *to, double x) {
     *from = SBL__MIN(*from, x);
     *to = SBL__MAX(*to, x);
 }
 
-/* About how many pixels of the band's rows a triangle covers: half of the bounds on the screen of what of it lies before
-   the camera. */
+/* About how many pixels of the band's rows a triangle covers: half of the bounds on the screen of what of it lies
+   before the camera. */
 static double sbl__triangle_pixels(const sbl__surface *s, const sbl__camera *c, float rows[4][4],
                                    const float *const p[3]) {
     const double size[2] = { (double)s->visibility.width, (double)s->visibility.height };
@@ -5425,8 +5595,8 @@ static sbl_result sbl__surface_triangles(sbl__device *d, sbl__surface *s, const 
 static const char *const sbl__glsl_gbuffer_fragment[] = {
 "// The surface points of the triangles that are seen.\n",
 "uniform usampler2D triangles;  // of visibility_fragment.glsl\n",
-"uniform float facet_limit;     // shading normals count from triangles of this least height on, in pixels; fully from\n",
-"                               // twice that on\n",
+"uniform float facet_limit;     // shading normals count from triangles of this least height on, in pixels; fully\n",
+"                               // from twice that on\n",
 "layout(location = 0) out vec4 out_position;          // w: reach, see surface.glsl\n",
 "layout(location = 1) out vec4 out_normal;\n",
 "layout(location = 2) out vec4 out_geometric_normal;\n",
@@ -5441,8 +5611,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    sbl_when (triangle > 0u) {\n",
 "        vec3 origin = sbl_camera_origin(), direction = sbl_camera_direction();\n",
 "        sbl_Surface s = sbl_surface(int(triangle) - 1, origin, direction);\n",
-"        // Shading normals are there to hide facets; facets that are too small to be seen show the light that the true\n",
-"        // surface gets.\n",
+"        // Shading normals are there to hide facets; facets that are too small to be seen show the light that the\n",
+"        // true surface gets.\n",
 "        float pixel = length(origin_y + distance(s.position, origin) / length(direction) * direction_y);\n",
 "        if (facet_limit > 0.0)\n",
 "            s.normal = normalize(mix(s.geometric_normal, s.normal,\n",
@@ -5841,10 +6011,11 @@ static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const
 
 /* >>glsl carrier: shaders_embedded/carrier.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_carrier[] = {
-"// What sensors' programs have in common. A sensor has a block of texels, one an invocation. There are two carriers:\n",
-"// fragment shaders drawn over the blocks, and compute shaders, in which the invocations of a sensor follow each other.\n",
-"uniform ivec2 blocks;            // invocations of a sensor: four by some, so that those that run side by side trace\n",
-"                                 // neighbouring rays\n",
+"// What sensors' programs have in common. A sensor has a block of texels, one an invocation. There are two\n",
+"// carriers: fragment shaders drawn over the blocks, and compute shaders, in which the invocations of a sensor\n",
+"// follow each other.\n",
+"uniform ivec2 blocks;            // invocations of a sensor: four by some, so that those that run side by side\n",
+"                                 // trace neighbouring rays\n",
 "uniform int columns;             // sensors across the target\n",
 "uniform int first_slot, count;   // this many sensors stand from first_slot on\n",
 "#ifdef SBL_COMPUTE\n",
@@ -5854,7 +6025,8 @@ static const char *const sbl__glsl_carrier[] = {
 "#define sbl_leave return\n",
 "\n",
 "ivec2 sbl_texel_of_invocation() {\n",
-"    int i = int(gl_GlobalInvocationID.x), size = blocks.x * blocks.y, slot = first_slot + i / size, part = i % size;\n",
+"    int i = int(gl_GlobalInvocationID.x), size = blocks.x * blocks.y;\n",
+"    int slot = first_slot + i / size, part = i % size;\n",
 "    return ivec2(slot % columns, slot / columns) * blocks + ivec2(part % blocks.x, part / blocks.x);\n",
 "}\n",
 "#else\n",
@@ -5865,7 +6037,8 @@ static const char *const sbl__glsl_carrier[] = {
 "ivec2 sbl_texel_of_invocation() { return ivec2(gl_FragCoord.xy); }\n",
 "#endif\n",
 "\n",
-"// Right, up and forward of a sensor that looks along n: Duff et al. 2017, \"Building an Orthonormal Basis, Revisited\".\n",
+"// Right, up and forward of a sensor that looks along n: Duff et al. 2017, \"Building an Orthonormal Basis,\n",
+"// Revisited\".\n",
 "mat3 sbl_frame(vec3 n) {\n",
 "    float s = n.z < 0.0 ? -1.0 : 1.0, f = -1.0 / (s + n.z), g = n.x * n.y * f;\n",
 "    return mat3(1.0 + s * n.x * n.x * f, s * g, -s * n.x, g, s + n.y * n.y * f, -n.y, n);\n",
@@ -5988,28 +6161,31 @@ static void sbl__rays_send(const sbl__device *d, const sbl__batch *b, const sbl_
 
 /* >>glsl lamps: shaders_embedded/lamps.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_lamps[] = {
-"// Light from lamps: emitting triangles, punctual lights, bright spots of the sky. What each gives where nothing stands\n",
-"// between is known in closed form; rays only measure which share of it arrives: the ratio estimator of Heitz, Hill and\n",
-"// McGuire 2018, \"Combining analytic direct illumination and stochastic shadows\". Where lamps are many, those far off\n",
-"// stand together in clusters, of which only single lamps, picked in proportion to what they give, are ever looked at.\n",
+"// Light from lamps: emitting triangles, punctual lights, bright spots of the sky. What each gives where nothing\n",
+"// stands between is known in closed form; rays only measure which share of it arrives: the ratio estimator of\n",
+"// Heitz, Hill and McGuire 2018, \"Combining analytic direct illumination and stochastic shadows\". Where lamps are\n",
+"// many, those far off stand together in clusters, of which only single lamps, picked in proportion to what they\n",
+"// give, are ever looked at.\n",
 "//\n",
 "//     choose   which lamps and clusters count here, and what each gives\n",
 "//     pick     one of them for a ray, and how often it is picked\n",
 "//     shoot    the ray: what it would bring, and whether something stands between\n",
 "//     combine  what the rays found with what is known\n",
 "//\n",
-"// One invocation is one sensor, or a part of its rays where they are many: neighbours trace neighbouring rays, and each\n",
-"// stops as soon as it knows enough. With SBL_INSPECT it is one ray of one sensor, or one of the entries it chose: what\n",
-"// these gave is written.\n",
+"// One invocation is one sensor, or a part of its rays where they are many: neighbours trace neighbouring rays, and\n",
+"// each stops as soon as it knows enough. With SBL_INSPECT it is one ray of one sensor, or one of the entries it\n",
+"// chose: what these gave is written.\n",
 "uniform usamplerBuffer sbl_sequence;  // see trace.glsl\n",
 "uniform int lamp_nodes, lamp_leaves;  // how many\n",
 "uniform int rays;                     // at most so many a sensor\n",
-"uniform float unit, scale;            // radiance that calculations are in, so that none overflows; of what is written\n",
+"uniform float unit, scale;            // radiance that calculations are in, so that none overflows; of what is\n",
+"                                      // written\n",
 "#ifdef SBL_INSPECT\n",
 "uniform int parts;                    // that the sensor's rays were traced in\n",
 "uniform int sheet_slot;               // where its views stand\n",
-"SBL_OUT(0, out_light);                // a ray: what it brought; 1: open, 2: hidden, 0: was not sent. An entry: R from it\n",
-"                                      // unhindered; 1: a lamp, 2: a point of light that is open, 3: one that is hidden\n",
+"SBL_OUT(0, out_light);                // a ray: what it brought; 1: open, 2: hidden, 0: was not sent. An entry: R\n",
+"                                      // from it unhindered; 1: a lamp, 2: a point of light that is open, 3: one\n",
+"                                      // that is hidden\n",
 "SBL_OUT(1, out_way);                  // a ray: its direction, its lamp's leaf. An entry: 0 0 0, its leaf\n",
 "#else\n",
 "SBL_OUT(0, out_light);                // R, each part's own; the variance of its channels' mean\n",
@@ -6017,14 +6193,15 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "const float PI = 3.14159265;\n",
 "const int SBL_CERTAIN = 32;         // so many points of light get a ray each\n",
-"const float SBL_STRATA = 0.1;       // stratified points have far less variance than independent ones: a tenth is what\n",
-"                                    // edges across a lamp leave\n",
+"const float SBL_STRATA = 0.1;       // stratified points have far less variance than independent ones: a tenth is\n",
+"                                    // what edges across a lamp leave\n",
 "const float SBL_OPENING = 0.3;      // a cluster whose radius is a smaller share of its distance is not opened ...\n",
 "const int SBL_OPENINGS = 12;        // ... or of twice as much, and so on, until all entries have room\n",
 "const float SBL_SPARSE = 16.0;      // rays that a group must get on average, to be known by a ratio\n",
-"const int SBL_PASS_RAYS = 32;       // rays are traced in passes, SBL_LAMP_PASSES at most; after each it is seen whether\n",
-"const float SBL_PASS_CROWD = 16.0;  // they were enough. Of so many rays at least, and the fewer the more lamps share\n",
-"                                    // the light\n",
+"const int SBL_PASS_RAYS = 32;       // rays are traced in passes, SBL_LAMP_PASSES at most; after each it is seen\n",
+"                                    // whether\n",
+"const float SBL_PASS_CROWD = 16.0;  // they were enough. Of so many rays at least, and the fewer the more lamps\n",
+"                                    // share the light\n",
 "const int SBL_PROBED = 8;           // of so few entries, corners and rims are looked at besides\n",
 "const int SBL_CORNERS = 3;          // of a triangle, each so far from the others:\n",
 "const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;\n",
@@ -6035,12 +6212,12 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "struct sbl_Lamp {\n",
 "    uint kind;\n",
-"    vec3 emission;             // a triangle's radiance; a light's irradiance of a surface here that faces it; a texel's\n",
-"                               // light, radiance times solid angle\n",
+"    vec3 emission;             // a triangle's radiance; a light's irradiance of a surface here that faces it; a\n",
+"                               // texel's light, radiance times solid angle\n",
 "    vec3 corner;               // of the triangle, from the sensor; else the unit direction to the light's, or the\n",
 "                               // texel's, middle\n",
 "    vec3 side_1, side_2;       // of the triangle\n",
-"    float away, radius, sine2; // of a light: distance, radius, sine squared of the angle that it spans to each side\n",
+"    float away, radius, sine2; // of a light: distance, radius, sine squared of the angle that it spans each way\n",
 "    ivec2 texel;\n",
 "    int triangle, number;      // as traced; in the scene\n",
 "    vec2 group;                // 0 1 for a triangle that turns its back to the sensor, else 1 0\n",
@@ -6105,8 +6282,8 @@ static const char *const sbl__glsl_lamps[] = {
 "    return size > 0.0 ? atan(size, dot(p, q)) * normal.z / size : 0.0;\n",
 "}\n",
 "\n",
-"// Share of a hemisphere around z that a triangle fills, weighted by the cosine: Lambert 1760. Corners relative to the\n",
-"// sensor, in its frame.\n",
+"// Share of a hemisphere around z that a triangle fills, weighted by the cosine: Lambert 1760. Corners relative to\n",
+"// the sensor, in its frame.\n",
 "float sbl_form_factor(vec3 a, vec3 b, vec3 c) {\n",
 "    vec3 middle = (a + b + c) / 3.0, normal = cross(b - a, c - a);\n",
 "    float distance2 = dot(middle, middle);\n",
@@ -6131,8 +6308,8 @@ static const char *const sbl__glsl_lamps[] = {
 "    return abs(sum) / (2.0 * PI);\n",
 "}\n",
 "\n",
-"// The same for a round lamp whose middle has the cosine z to the normal, over the sine squared of the angle that it\n",
-"// spans to each side: Snyder 1996, \"Area Light Sources for Real-Time Graphics\"; small ones as flat discs.\n",
+"// The same for a round lamp whose middle has the cosine z to the normal, over the sine squared of the angle that\n",
+"// it spans to each side: Snyder 1996, \"Area Light Sources for Real-Time Graphics\"; small ones as flat discs.\n",
 "float sbl_round(float z, float sine2) {\n",
 "    float sine = sqrt(sine2), s = sqrt(max(1.0 - z * z, 0.0));\n",
 "    if (z >= sine || z <= -sine) return max(z, 0.0);\n",
@@ -6181,14 +6358,15 @@ static const char *const sbl__glsl_lamps[] = {
 "    float shown = sqrt(max(dot(square, w * w) + 2.0 * dot(mixed, w.xyz * w.yzx), 0.0)) - dot(front, w) +\n",
 "                  0.1 * sbl_lamp_node_power(node) * spread;\n",
 "    if (height + c.radius <= 0.0) return 0.0;\n",
-"    float near = max(height, 0.5 * (height + c.radius)) * inversesqrt(distance2) / max(distance2, c.radius * c.radius);\n",
+"    float near = max(height, 0.5 * (height + c.radius)) * inversesqrt(distance2) /\n",
+"                 max(distance2, c.radius * c.radius);\n",
 "    return max(shown, 0.0) * (c.far ? 1.0 : near) / unit;\n",
 "}\n",
 "\n",
 "// >>points of lamps\n",
 "\n",
-"// A direction to the spherical triangle of unit vectors a, b, c, evenly distributed: Arvo 1995, \"Stratified Sampling of\n",
-"// Spherical Triangles\". w: its solid angle; 0 where it is too small for that.\n",
+"// A direction to the spherical triangle of unit vectors a, b, c, evenly distributed: Arvo 1995, \"Stratified\n",
+"// Sampling of Spherical Triangles\". w: its solid angle; 0 where it is too small for that.\n",
 "vec4 sbl_spherical(vec3 a, vec3 b, vec3 c, vec2 u) {\n",
 "    vec3 ab = cross(a, b), bc = cross(b, c), ca = cross(c, a);\n",
 "    float alpha = atan(length(cross(ab, ca)), -dot(ab, ca)), beta = atan(length(cross(bc, ab)), -dot(bc, ab));\n",
@@ -6212,7 +6390,8 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {\n",
 "    sbl_Sample s = sbl_Sample(l.corner, 1e30, l.emission / PI, u);\n",
-"    // by solid angle where it is large, else by area (Heitz 2019, \"A Low-Distortion Map Between Triangle and Square\")\n",
+"    // by solid angle where it is large, else by area (Heitz 2019, \"A Low-Distortion Map Between Triangle and\n",
+"    // Square\")\n",
 "    sbl_when (l.kind == SBL_LAMP_TRIANGLE) {\n",
 "        vec3 normal = cross(l.side_1, l.side_2), corner_1 = l.corner + l.side_1, corner_2 = l.corner + l.side_2;\n",
 "        vec4 ray = sbl_spherical(normalize(l.corner), normalize(corner_1), normalize(corner_2), u);\n",
@@ -6239,7 +6418,8 @@ static const char *const sbl__glsl_lamps[] = {
 "    }\n",
 "    sbl_when (sbl_is_light(l)) {\n",
 "        // off: what the ray's cosine to the middle lacks to 1\n",
-"        float cosine = sqrt(1.0 - l.sine2), off = u.x * l.sine2 / (1.0 + cosine), r = sqrt(max(off * (2.0 - off), 0.0));\n",
+"        float cosine = sqrt(1.0 - l.sine2), off = u.x * l.sine2 / (1.0 + cosine);\n",
+"        float r = sqrt(max(off * (2.0 - off), 0.0));\n",
 "        s.direction = sbl_frame(l.corner) * vec3(r * cos(2.0 * PI * u.y), r * sin(2.0 * PI * u.y), 1.0 - off);\n",
 "        s.light *= 2.0 / (1.0 + cosine);\n",
 "        if (l.kind == SBL_LAMP_NEAR_LIGHT)\n",
@@ -6259,8 +6439,8 @@ static const char *const sbl__glsl_lamps[] = {
 "const float SBL_AT_LAMP = 0.002;  // share of a distance that texels' 16-bit floats leave open\n",
 "const int SBL_LOOKS_AGAIN = 4;\n",
 "\n",
-"// A texel shows what stands in its middle, where a lamp's triangle may have ended: such points ask again, nearer to the\n",
-"// triangle's middle.\n",
+"// A texel shows what stands in its middle, where a lamp's triangle may have ended: such points ask again, nearer\n",
+"// to the triangle's middle.\n",
 "bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {\n",
 "    float turn = sbl_look_turn(look);\n",
 "    mat3 frame = sbl_frame(n);\n",
@@ -6309,8 +6489,8 @@ static const char *const sbl__glsl_lamps[] = {
 "float strengths[SBL_LAMPS];  // what each gives about, summed up\n",
 "int used, certain;           // how many of either\n",
 "float total, crowd;          // sum of the strengths, and of their squares\n",
-"mat2x3 whole;                // light of single lamps, unhindered; two groups, since of a closed mesh one is all hidden,\n",
-"                             // the other all open\n",
+"mat2x3 whole;                // light of single lamps, unhindered; two groups, since of a closed mesh one is all\n",
+"                             // hidden, the other all open\n",
 "bool rounded;                // there are round lamps\n",
 "\n",
 "// Takes node or leaf number i into account; returns the one that is next, or `limit` where entries have run out.\n",
@@ -6412,15 +6592,16 @@ static const char *const sbl__glsl_lamps[] = {
 "vec3 sure, sampled;      // from points of light; from clusters, summed over the rays\n",
 "vec2 samples, lit;       // rays of a group that would bring light, and that do\n",
 "float taken, squares;    // rays; sum of the squares of what clusters gave\n",
-"vec2 sparse;             // 1: a group that rays hardly meet is no ground for a ratio: it is sampled as clusters are\n",
+"vec2 sparse;             // 1: a group that rays hardly meet is no ground for a ratio: it is sampled as clusters\n",
+"                         // are\n",
 "vec2 bright, dark;       // whether any of a group was seen, or hidden\n",
 "#ifdef SBL_INSPECT\n",
 "vec4 report, report_way; // what is written\n",
 "bool reporting;          // the ray that is shot is the one\n",
 "#endif\n",
 "\n",
-"// The ray of a sample. rim: of a probe, the number of its point along the lamp's rim; negative: it is none. A probe\n",
-"// brings no light.\n",
+"// The ray of a sample. rim: of a probe, the number of its point along the lamp's rim; negative: it is none. A\n",
+"// probe brings no light.\n",
 "void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, int rim, bool point) {\n",
 "    bool probe = rim >= 0, cluster = p.cluster || l.kind == SBL_LAMP_SKY_TEXEL || dot(sparse, l.group) > 0.0;\n",
 "    vec3 light = s.light / p.share, to = s.direction;\n",
@@ -6485,7 +6666,8 @@ static const char *const sbl__glsl_lamps[] = {
 "    float variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) / max(taken, 1.0);\n",
 "    vec3 light = sure + sampled / max(taken, 1.0);\n",
 "    for (int g = 0; g < 2; g++) {\n",
-"        vec3 share = vec3(open[g].r > 0.0 ? seen[g].r / open[g].r : 0.0, open[g].g > 0.0 ? seen[g].g / open[g].g : 0.0,\n",
+"        vec3 share = vec3(open[g].r > 0.0 ? seen[g].r / open[g].r : 0.0,\n",
+"                          open[g].g > 0.0 ? seen[g].g / open[g].g : 0.0,\n",
 "                          open[g].b > 0.0 ? seen[g].b / open[g].b : 0.0);\n",
 "        float mean = dot(whole[g], vec3(1.0 / 3.0)), lit_share = lit[g] / max(samples[g], 1.0);\n",
 "        if (sparse[g] > 0.0) continue;\n",
@@ -6495,9 +6677,9 @@ static const char *const sbl__glsl_lamps[] = {
 "    return vec4(light, SBL_STRATA * variance * unit * scale) * unit * scale;\n",
 "}\n",
 "\n",
-"// How many passes the rays are traced in: after the first, an eighth of them or half of few, it is known whether there\n",
-"// is more to learn: what it overlooks is less than a ray's share. The more lamps there are, the more of the rays it\n",
-"// takes to know each.\n",
+"// How many passes the rays are traced in: after the first, an eighth of them or half of few, it is known whether\n",
+"// there is more to learn: what it overlooks is less than a ray's share. The more lamps there are, the more of the\n",
+"// rays it takes to know each.\n",
 "int sbl_pass_count() {\n",
 "    float crowded = SBL_PASS_CROWD * crowd / max(total * total, 1e-37);\n",
 "    int passes = clamp(min(rays / SBL_PASS_RAYS, int(crowded)), 1, SBL_LAMP_PASSES), power = 1;\n",
@@ -6540,7 +6722,8 @@ static const char *const sbl__glsl_lamps[] = {
 "    taken = squares = 0.0;\n",
 "    float enough = SBL_SPARSE * float(parts) / float(rays) * total;\n",
 "    sparse = vec2(lessThan(vec3(1) * whole, vec2(enough)));\n",
-"    // So that the first pass does not overlook an edge that hides little, corners and rims of few lamps are looked at.\n",
+"    // So that the first pass does not overlook an edge that hides little, corners and rims of few lamps are looked\n",
+"    // at.\n",
 "    int passes = sbl_pass_count(), rims = rounded ? SBL_RIM : SBL_CORNERS;\n",
 "    int probes = passes > 1 && used <= SBL_PROBED ? rims * used : 0, skip = int(sbl_look_number(look)) * rays;\n",
 "    bool undecided = total > 0.0;\n",
@@ -6555,7 +6738,8 @@ static const char *const sbl__glsl_lamps[] = {
 "            bool probe = pass == 0 && k < from;\n",
 "            int rim = probe ? (from - 1 - k) % rims : -1, entry = entries[point ? SBL_LAMPS - 1 - k : 0];\n",
 "            uvec2 fraction = texelFetch(sbl_sequence, skip + max(k, 0)).xy ^ scramble;\n",
-"            sbl_Pick p = sbl_Pick(0, point ? 1.0 / float(parts) : 1.0, (vec2(fraction >> 8) + 0.5) / 16777216.0, false);\n",
+"            vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0;\n",
+"            sbl_Pick p = sbl_Pick(0, point ? 1.0 / float(parts) : 1.0, u, false);\n",
 "            if (probe) entry = entries[(from - 1 - k) / rims];\n",
 "            else if (!point) entry = sbl_pick_entry(p);\n",
 "            if (probe && entry < 0) continue;\n",
@@ -6735,14 +6919,16 @@ static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__l
 
 /* >>glsl sensor_vertex: shaders_embedded/sensor_vertex.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sensor_vertex[] = {
-"// Draws the scene into many sensors' views at once: an instance is one view, cut to its rectangle of the atlas by four\n",
-"// planes.\n",
+"// Draws the scene into many sensors' views at once: an instance is one view, cut to its rectangle of the atlas by\n",
+"// four planes.\n",
 "layout(location = 0) in vec3 position;\n",
 "layout(location = 1) in uint object;\n",
 "layout(location = 4) in vec3 view_eye;\n",
-"layout(location = 5) in vec4 view_right;    // right over half the view's width at unit distance; scale of x in atlas\n",
+"layout(location = 5) in vec4 view_right;    // right over half the view's width at unit distance; scale of x in\n",
+"                                            // atlas\n",
 "layout(location = 6) in vec4 view_up;       // up over half its height; scale of y\n",
-"layout(location = 7) in vec4 view_forward;  // forward;               lowest y: -1, or 0 where the horizon cuts the view\n",
+"layout(location = 7) in vec4 view_forward;  // forward;               lowest y: -1, or 0 where the horizon cuts the\n",
+"                                            // view\n",
 "layout(location = 8) in vec2 view_offset;   // of the rectangle in the atlas\n",
 "uniform float per_length;                   // 1 / extent of the scene\n",
 "uniform float depth_scale;                  // depth is depth_scale / distance: reversed, without a far plane\n",
@@ -7015,7 +7201,8 @@ static void sbl__raster_bind(sbl__device *d, const sbl__raster *r, float extent)
 static const char *const sbl__glsl_reduce_blocks[] = {
 "// First half of a rasterised sensor's sum: every output texel adds up one block of the atlas.\n",
 "uniform sampler2D atlas;    // Ck r g b, signed distance\n",
-"uniform sampler2D weights;  // of one sheet: the texel's projected solid angle over pi, its ray's length at unit depth\n",
+"uniform sampler2D weights;  // of one sheet: the texel's projected solid angle over pi, its ray's length at unit\n",
+"                            // depth\n",
 "uniform int block;          // texels across a block\n",
 "uniform ivec2 blocks;       // of one sheet\n",
 "layout(location = 0) out vec4 out_sum;   // sum of weight * Ck; weight that sees back faces\n",
@@ -7112,7 +7299,8 @@ static sbl_result sbl__trace_setup(const sbl__device *d, sbl__trace *t, const sb
 static const char *const sbl__glsl_trace[] = {
 "// A part of one sensor's rays: cosine-distributed directions, so that all weigh the same. The outputs are those of\n",
 "// reduce_blocks.glsl.\n",
-"uniform usamplerBuffer sbl_sequence;  // points of the Sobol sequence, two 32-bit fractions each, along a Morton curve\n",
+"uniform usamplerBuffer sbl_sequence;  // points of the Sobol sequence, two 32-bit fractions each, along a Morton\n",
+"                                      // curve\n",
 "uniform int rays;                     // of a sensor\n",
 "uniform float spread;                 // 1: the cosine's whole hemisphere; 0: all rays go along the normal\n",
 "uniform vec3 sky;\n",
@@ -7220,6 +7408,9 @@ typedef struct sbl__task {
 
 typedef struct sbl__job_counts { int64_t looks, views, texels, rays; int readbacks; } sbl__job_counts;
 
+/* A look that sees back faces, by its site and its number among the site's. */
+typedef struct sbl__suspect { int site, look; } sbl__suspect;
+
 typedef struct sbl__job {
     enum { SBL__JOB_IDLE, SBL__JOB_SETUP, SBL__JOB_WEIGH, SBL__JOB_COMPILE, SBL__JOB_DRAW, SBL__JOB_AIM,
            SBL__JOB_REDUCE, SBL__JOB_READ, SBL__JOB_DONE } stage;
@@ -7240,7 +7431,7 @@ typedef struct sbl__job {
     int look_most;              /* of a batch */
     /* the round under way: of sites, then of probes */
     int lens;                   /* SBL__LENS_SITE or SBL__LENS_PROBE */
-    int *suspects;              /* sites whose first look must look back */
+    sbl__suspect *suspects;     /* looks that must look back */
     int suspect_count, suspect_room;
     int look_count;             /* of the round */
     int site, look;             /* that are next: to be drawn, to be read */
@@ -7365,10 +7556,12 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "uniform int slots;     // sheets in the atlas\n",
 "uniform int width;     // of the results' texture\n",
 "uniform int first, last;\n",
-"uniform sampler2D lights;  // parts texels a sensor, one below the other, whose mean comes on top: light; its variance\n",
+"uniform sampler2D lights;  // parts texels a sensor, one below the other, whose mean comes on top: light; its\n",
+"                           // variance\n",
 "uniform int parts;         // 0: there are none\n",
 "layout(location = 0) out vec4 out_sum;\n",
-"layout(location = 1) out vec4 out_hits;  // w: the variance of the light's mean over the channels, where rays sampled it\n",
+"layout(location = 1) out vec4 out_hits;  // w: the variance of the light's mean over the channels, where rays\n",
+"                                         // sampled it\n",
 "\n",
 "void main() {\n",
 "    int sensor = int(gl_FragCoord.y) * width + int(gl_FragCoord.x);\n",
@@ -7454,13 +7647,15 @@ static sbl_result sbl__job_start_round(const sbl__device *d, sbl__job *j, int le
 /* The next look of the round. A probe stands where the site's first look stands, and looks back. */
 static void sbl__job_next_look(sbl__job *j, int number, sbl__look *out) {
     const int probe = j->lens == SBL__LENS_PROBE;
-    const sbl__site *site = &j->task.sites[probe ? j->suspects[j->site] : j->site];
-    const int looks = probe ? 1 : sbl__looks_of(&j->task.spec, site);
+    const sbl__site *site = &j->task.sites[probe ? j->suspects[j->site].site : j->site];
+    const int looks = sbl__looks_of(&j->task.spec, site);
     int k;
-    sbl__look_make(&j->task.spec, site, j->look, looks, out);
+    sbl__look_make(&j->task.spec, site, probe ? j->suspects[j->site].look : j->look, looks, out);
     out->sensor = number;
     for (k = 0; probe && k < 3; k++) out->normal[k] = -site->geometric_normal[k];
-    if (++j->look == looks) { j->look = 0; j->site++; }
+    if (!probe && ++j->look < looks) return;
+    j->look = 0;
+    j->site++;
 }
 
 /* `count` looks from number `first` of the round on. */
@@ -7593,6 +7788,9 @@ static sbl_result sbl__job_reduce(sbl__device *d, sbl__job *j, const sbl__slice 
 
 /* >>job: reading */
 
+/* Of what a look sees of surfaces, the share of back faces. */
+static float sbl__back_share(const float sum[4], const float hits[4]) { return hits[0] > 0 ? sum[3] / hits[0] : 0; }
+
 /* Adds a look's result to its site's reading; the last one makes it a mean. */
 static void sbl__job_take(sbl__job *j, const float sum[4], const float hits[4]) {
     const sbl__spec *spec = &j->task.spec;
@@ -7606,7 +7804,7 @@ static void sbl__job_take(sbl__job *j, const float sum[4], const float hits[4]) 
         memset(r, 0, sizeof *r);
         r->valid = 1;
         r->hit_share = hits[0];
-        r->back_share = hits[0] > 0 ? sum[3] / hits[0] : 0;
+        r->back_share = sbl__back_share(sum, hits);
         r->hit_mean = hits[0] > 0 ? hits[1] / hits[0] * length : 0;
         r->hit_min = hits[0] > 0 ? hits[2] * length : 0;
     }
@@ -7622,21 +7820,22 @@ static void sbl__job_take(sbl__job *j, const float sum[4], const float hits[4]) 
 
 /* A sensor is stuck when the little way it was moved off its surface took it through another: it then stands inside
    something that the visible point is outside of. What it sees tells little: whole rooms are modelled inside out, and
-   what shines inside a thing may hide its walls. So a sensor that sees any back faces is asked to look back to where it
-   came from, and is stuck when it sees something nearer than its own surface. */
-static sbl_result sbl__job_suspect(sbl__base *base, sbl__job *j, int site) {
-    if (!(j->task.readings[site].back_share > SBL__SUSPECT_SHARE)) return SBL_SUCCESS;
+   what shines inside a thing may hide its walls. So looks that see any back faces are asked to look back to where they
+   came from, and their sensor is stuck when the first of them sees something nearer than its own surface. (The others
+   take the same place in the atlas as ever: where an edge passes through a probe, its texels round by their place.) */
+static sbl_result sbl__job_suspect(sbl__base *base, sbl__job *j, sbl__suspect who, float back_share) {
+    if (!(back_share > SBL__SUSPECT_SHARE)) return SBL_SUCCESS;
     if (!sbl__grow(base, &j->suspects, &j->suspect_room, j->suspect_count + 1, sizeof *j->suspects))
         return SBL_ERROR_OUT_OF_MEMORY;
-    j->suspects[j->suspect_count++] = site;
+    j->suspects[j->suspect_count++] = who;
     return SBL_SUCCESS;
 }
 
 static void sbl__job_convict(sbl__job *j, const float hits[4]) {
-    const int site = j->suspects[j->site++];
+    const sbl__suspect who = j->suspects[j->site++];
     const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent;
-    if (hits[0] > 0 && hits[2] * length < SBL__STUCK_SHARE * j->task.sites[site].offset)
-        j->task.readings[site].valid = 0;
+    if (who.look == 0 && hits[0] > 0 && hits[2] * length < SBL__STUCK_SHARE * j->task.sites[who.site].offset)
+        j->task.readings[who.site].valid = 0;
 }
 
 /* One piece of reading results: a few rows at once. */
@@ -7658,9 +7857,9 @@ static sbl_result sbl__job_read(const sbl__device *d, sbl__job *j) {
         if (look < first || look >= j->look_count) continue;
         if (j->lens == SBL__LENS_PROBE) sbl__job_convict(j, hits);
         else {
-            const int site = j->site, first_of_site = j->look == 0;
+            const sbl__suspect who = { j->site, j->look };
             sbl__job_take(j, sum, hits);
-            if (first_of_site) result = sbl__job_suspect(d->base, j, site);
+            result = sbl__job_suspect(d->base, j, who, sbl__back_share(sum, hits));
         }
     }
     sbl__free(d->base, data);
@@ -8330,9 +8529,9 @@ static const char *const sbl__glsl_belongs[] = {
 
 /* >>glsl filter: shaders_embedded/filter.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_filter[] = {
-"// The Gaussian of section III-H: over pixels of the same id, its weights renormalised to one.\n",
-"// Outside paper mode a pixel also counts the less the more its normal and its plane differ, and its light by more than\n",
-"// noise can explain.\n",
+"// The Gaussian of section III-H: over pixels of the same id, its weights renormalised to one. Outside paper mode a\n",
+"// pixel also counts the less the more its normal and its plane differ, and its light by more than noise can\n",
+"// explain.\n",
 "uniform sampler2D radiance;  // R; a: its noise, above 0 where there is a surface\n",
 "uniform sampler2D positions, normals;\n",
 "uniform usampler2D ids;\n",
@@ -8366,7 +8565,8 @@ static const char *const sbl__glsl_filter[] = {
 "            vec4 light = texelFetch(radiance, there, 0);\n",
 "            float weight = exp(-falloff * float(x * x + y * y));\n",
 "            if (geometry_aware != 0 && (x != 0 || y != 0))\n",
-"                weight *= sbl_belongs(p, n, texelFetch(positions, there, 0).xyz, texelFetch(normals, there, 0).xyz) *\n",
+"                weight *= sbl_belongs(p, n, texelFetch(positions, there, 0).xyz,\n",
+"                                      texelFetch(normals, there, 0).xyz) *\n",
 "                          sbl_alike(own, light);\n",
 "            sum += weight * vec4(light.rgb, 1);\n",
 "        }\n",
@@ -8408,9 +8608,9 @@ static sbl_result sbl__filter_draw(sbl__device *d, const sbl__filter *f, const s
 
 /* >>glsl resolve: shaders_embedded/resolve.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_resolve[] = {
-"// Composition (section III-H) of one anti-aliasing sample of every pixel: emission + albedo * R. The sample has its own\n",
-"// G-buffer; R is looked up among the nearest pixel centres that show the same surface, so that light never bleeds over\n",
-"// an edge.\n",
+"// Composition (section III-H) of one anti-aliasing sample of every pixel: emission + albedo * R. The sample has\n",
+"// its own G-buffer; R is looked up among the nearest pixel centres that show the same surface, so that light never\n",
+"// bleeds over an edge.\n",
 "uniform sampler2D radiance;                 // R at pixel centres\n",
 "uniform sampler2D positions, normals;       // at pixel centres\n",
 "uniform usampler2D ids;\n",
@@ -9293,7 +9493,8 @@ static sbl_result sbl__inspect_lamps(sbl__looking *k) {
     float *data = NULL, *light = (float *)sbl__alloc_raw(&c->base, (size_t)columns * (size_t)j->aim.parts, 16);
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
     int i, n;
-    if (light) result = sbl__target_read(&c->device, &j->aim.target, 0, slot / columns * j->aim.parts, j->aim.parts, light);
+    if (light)
+        result = sbl__target_read(&c->device, &j->aim.target, 0, slot / columns * j->aim.parts, j->aim.parts, light);
     for (i = 0; i < j->aim.parts && result == SBL_SUCCESS; i++)
         for (n = 0; n < 3; n++)
             k->from_lamps[n] += light[row * (size_t)i + 4 * (size_t)(slot % columns) + (size_t)n] /

@@ -1,6 +1,6 @@
-// The Gaussian of section III-H: over pixels of the same id, its weights renormalised to one.
-// Outside paper mode a pixel also counts the less the more its normal and its plane differ, and its light by more than
-// noise can explain.
+// The Gaussian of section III-H: over pixels of the same id, its weights renormalised to one. Outside paper mode a
+// pixel also counts the less the more its normal and its plane differ, and its light by more than noise can
+// explain.
 uniform sampler2D radiance;  // R; a: its noise, above 0 where there is a surface
 uniform sampler2D positions, normals;
 uniform usampler2D ids;
@@ -34,7 +34,8 @@ void main() {
             vec4 light = texelFetch(radiance, there, 0);
             float weight = exp(-falloff * float(x * x + y * y));
             if (geometry_aware != 0 && (x != 0 || y != 0))
-                weight *= sbl_belongs(p, n, texelFetch(positions, there, 0).xyz, texelFetch(normals, there, 0).xyz) *
+                weight *= sbl_belongs(p, n, texelFetch(positions, there, 0).xyz,
+                                      texelFetch(normals, there, 0).xyz) *
                           sbl_alike(own, light);
             sum += weight * vec4(light.rgb, 1);
         }

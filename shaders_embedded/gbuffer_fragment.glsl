@@ -1,7 +1,7 @@
 // The surface points of the triangles that are seen.
 uniform usampler2D triangles;  // of visibility_fragment.glsl
-uniform float facet_limit;     // shading normals count from triangles of this least height on, in pixels; fully from
-                               // twice that on
+uniform float facet_limit;     // shading normals count from triangles of this least height on, in pixels; fully
+                               // from twice that on
 layout(location = 0) out vec4 out_position;          // w: reach, see surface.glsl
 layout(location = 1) out vec4 out_normal;
 layout(location = 2) out vec4 out_geometric_normal;
@@ -16,8 +16,8 @@ void main() {
     sbl_when (triangle > 0u) {
         vec3 origin = sbl_camera_origin(), direction = sbl_camera_direction();
         sbl_Surface s = sbl_surface(int(triangle) - 1, origin, direction);
-        // Shading normals are there to hide facets; facets that are too small to be seen show the light that the true
-        // surface gets.
+        // Shading normals are there to hide facets; facets that are too small to be seen show the light that the
+        // true surface gets.
         float pixel = length(origin_y + distance(s.position, origin) / length(direction) * direction_y);
         if (facet_limit > 0.0)
             s.normal = normalize(mix(s.geometric_normal, s.normal,

@@ -1,25 +1,28 @@
-// Light from lamps: emitting triangles, punctual lights, bright spots of the sky. What each gives where nothing stands
-// between is known in closed form; rays only measure which share of it arrives: the ratio estimator of Heitz, Hill and
-// McGuire 2018, "Combining analytic direct illumination and stochastic shadows". Where lamps are many, those far off
-// stand together in clusters, of which only single lamps, picked in proportion to what they give, are ever looked at.
+// Light from lamps: emitting triangles, punctual lights, bright spots of the sky. What each gives where nothing
+// stands between is known in closed form; rays only measure which share of it arrives: the ratio estimator of
+// Heitz, Hill and McGuire 2018, "Combining analytic direct illumination and stochastic shadows". Where lamps are
+// many, those far off stand together in clusters, of which only single lamps, picked in proportion to what they
+// give, are ever looked at.
 //
 //     choose   which lamps and clusters count here, and what each gives
 //     pick     one of them for a ray, and how often it is picked
 //     shoot    the ray: what it would bring, and whether something stands between
 //     combine  what the rays found with what is known
 //
-// One invocation is one sensor, or a part of its rays where they are many: neighbours trace neighbouring rays, and each
-// stops as soon as it knows enough. With SBL_INSPECT it is one ray of one sensor, or one of the entries it chose: what
-// these gave is written.
+// One invocation is one sensor, or a part of its rays where they are many: neighbours trace neighbouring rays, and
+// each stops as soon as it knows enough. With SBL_INSPECT it is one ray of one sensor, or one of the entries it
+// chose: what these gave is written.
 uniform usamplerBuffer sbl_sequence;  // see trace.glsl
 uniform int lamp_nodes, lamp_leaves;  // how many
 uniform int rays;                     // at most so many a sensor
-uniform float unit, scale;            // radiance that calculations are in, so that none overflows; of what is written
+uniform float unit, scale;            // radiance that calculations are in, so that none overflows; of what is
+                                      // written
 #ifdef SBL_INSPECT
 uniform int parts;                    // that the sensor's rays were traced in
 uniform int sheet_slot;               // where its views stand
-SBL_OUT(0, out_light);                // a ray: what it brought; 1: open, 2: hidden, 0: was not sent. An entry: R from it
-                                      // unhindered; 1: a lamp, 2: a point of light that is open, 3: one that is hidden
+SBL_OUT(0, out_light);                // a ray: what it brought; 1: open, 2: hidden, 0: was not sent. An entry: R
+                                      // from it unhindered; 1: a lamp, 2: a point of light that is open, 3: one
+                                      // that is hidden
 SBL_OUT(1, out_way);                  // a ray: its direction, its lamp's leaf. An entry: 0 0 0, its leaf
 #else
 SBL_OUT(0, out_light);                // R, each part's own; the variance of its channels' mean
@@ -27,14 +30,15 @@ SBL_OUT(0, out_light);                // R, each part's own; the variance of its
 
 const float PI = 3.14159265;
 const int SBL_CERTAIN = 32;         // so many points of light get a ray each
-const float SBL_STRATA = 0.1;       // stratified points have far less variance than independent ones: a tenth is what
-                                    // edges across a lamp leave
+const float SBL_STRATA = 0.1;       // stratified points have far less variance than independent ones: a tenth is
+                                    // what edges across a lamp leave
 const float SBL_OPENING = 0.3;      // a cluster whose radius is a smaller share of its distance is not opened ...
 const int SBL_OPENINGS = 12;        // ... or of twice as much, and so on, until all entries have room
 const float SBL_SPARSE = 16.0;      // rays that a group must get on average, to be known by a ratio
-const int SBL_PASS_RAYS = 32;       // rays are traced in passes, SBL_LAMP_PASSES at most; after each it is seen whether
-const float SBL_PASS_CROWD = 16.0;  // they were enough. Of so many rays at least, and the fewer the more lamps share
-                                    // the light
+const int SBL_PASS_RAYS = 32;       // rays are traced in passes, SBL_LAMP_PASSES at most; after each it is seen
+                                    // whether
+const float SBL_PASS_CROWD = 16.0;  // they were enough. Of so many rays at least, and the fewer the more lamps
+                                    // share the light
 const int SBL_PROBED = 8;           // of so few entries, corners and rims are looked at besides
 const int SBL_CORNERS = 3;          // of a triangle, each so far from the others:
 const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;
@@ -45,12 +49,12 @@ const float SBL_BEFORE_LAMP = 0.99999;  // share of the way to a lamp that must 
 
 struct sbl_Lamp {
     uint kind;
-    vec3 emission;             // a triangle's radiance; a light's irradiance of a surface here that faces it; a texel's
-                               // light, radiance times solid angle
+    vec3 emission;             // a triangle's radiance; a light's irradiance of a surface here that faces it; a
+                               // texel's light, radiance times solid angle
     vec3 corner;               // of the triangle, from the sensor; else the unit direction to the light's, or the
                                // texel's, middle
     vec3 side_1, side_2;       // of the triangle
-    float away, radius, sine2; // of a light: distance, radius, sine squared of the angle that it spans to each side
+    float away, radius, sine2; // of a light: distance, radius, sine squared of the angle that it spans each way
     ivec2 texel;
     int triangle, number;      // as traced; in the scene
     vec2 group;                // 0 1 for a triangle that turns its back to the sensor, else 1 0
@@ -115,8 +119,8 @@ float sbl_edge(vec3 p, vec3 q) {
     return size > 0.0 ? atan(size, dot(p, q)) * normal.z / size : 0.0;
 }
 
-// Share of a hemisphere around z that a triangle fills, weighted by the cosine: Lambert 1760. Corners relative to the
-// sensor, in its frame.
+// Share of a hemisphere around z that a triangle fills, weighted by the cosine: Lambert 1760. Corners relative to
+// the sensor, in its frame.
 float sbl_form_factor(vec3 a, vec3 b, vec3 c) {
     vec3 middle = (a + b + c) / 3.0, normal = cross(b - a, c - a);
     float distance2 = dot(middle, middle);
@@ -141,8 +145,8 @@ float sbl_form_factor(vec3 a, vec3 b, vec3 c) {
     return abs(sum) / (2.0 * PI);
 }
 
-// The same for a round lamp whose middle has the cosine z to the normal, over the sine squared of the angle that it
-// spans to each side: Snyder 1996, "Area Light Sources for Real-Time Graphics"; small ones as flat discs.
+// The same for a round lamp whose middle has the cosine z to the normal, over the sine squared of the angle that
+// it spans to each side: Snyder 1996, "Area Light Sources for Real-Time Graphics"; small ones as flat discs.
 float sbl_round(float z, float sine2) {
     float sine = sqrt(sine2), s = sqrt(max(1.0 - z * z, 0.0));
     if (z >= sine || z <= -sine) return max(z, 0.0);
@@ -191,14 +195,15 @@ float sbl_strength(int node, sbl_Cluster c) {
     float shown = sqrt(max(dot(square, w * w) + 2.0 * dot(mixed, w.xyz * w.yzx), 0.0)) - dot(front, w) +
                   0.1 * sbl_lamp_node_power(node) * spread;
     if (height + c.radius <= 0.0) return 0.0;
-    float near = max(height, 0.5 * (height + c.radius)) * inversesqrt(distance2) / max(distance2, c.radius * c.radius);
+    float near = max(height, 0.5 * (height + c.radius)) * inversesqrt(distance2) /
+                 max(distance2, c.radius * c.radius);
     return max(shown, 0.0) * (c.far ? 1.0 : near) / unit;
 }
 
 // >>points of lamps
 
-// A direction to the spherical triangle of unit vectors a, b, c, evenly distributed: Arvo 1995, "Stratified Sampling of
-// Spherical Triangles". w: its solid angle; 0 where it is too small for that.
+// A direction to the spherical triangle of unit vectors a, b, c, evenly distributed: Arvo 1995, "Stratified
+// Sampling of Spherical Triangles". w: its solid angle; 0 where it is too small for that.
 vec4 sbl_spherical(vec3 a, vec3 b, vec3 c, vec2 u) {
     vec3 ab = cross(a, b), bc = cross(b, c), ca = cross(c, a);
     float alpha = atan(length(cross(ab, ca)), -dot(ab, ca)), beta = atan(length(cross(bc, ab)), -dot(bc, ab));
@@ -222,7 +227,8 @@ struct sbl_Sample {
 
 sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
     sbl_Sample s = sbl_Sample(l.corner, 1e30, l.emission / PI, u);
-    // by solid angle where it is large, else by area (Heitz 2019, "A Low-Distortion Map Between Triangle and Square")
+    // by solid angle where it is large, else by area (Heitz 2019, "A Low-Distortion Map Between Triangle and
+    // Square")
     sbl_when (l.kind == SBL_LAMP_TRIANGLE) {
         vec3 normal = cross(l.side_1, l.side_2), corner_1 = l.corner + l.side_1, corner_2 = l.corner + l.side_2;
         vec4 ray = sbl_spherical(normalize(l.corner), normalize(corner_1), normalize(corner_2), u);
@@ -249,7 +255,8 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
     }
     sbl_when (sbl_is_light(l)) {
         // off: what the ray's cosine to the middle lacks to 1
-        float cosine = sqrt(1.0 - l.sine2), off = u.x * l.sine2 / (1.0 + cosine), r = sqrt(max(off * (2.0 - off), 0.0));
+        float cosine = sqrt(1.0 - l.sine2), off = u.x * l.sine2 / (1.0 + cosine);
+        float r = sqrt(max(off * (2.0 - off), 0.0));
         s.direction = sbl_frame(l.corner) * vec3(r * cos(2.0 * PI * u.y), r * sin(2.0 * PI * u.y), 1.0 - off);
         s.light *= 2.0 / (1.0 + cosine);
         if (l.kind == SBL_LAMP_NEAR_LIGHT)
@@ -269,8 +276,8 @@ uniform float tangent, extent;  // of half a view's width; world units of a dist
 const float SBL_AT_LAMP = 0.002;  // share of a distance that texels' 16-bit floats leave open
 const int SBL_LOOKS_AGAIN = 4;
 
-// A texel shows what stands in its middle, where a lamp's triangle may have ended: such points ask again, nearer to the
-// triangle's middle.
+// A texel shows what stands in its middle, where a lamp's triangle may have ended: such points ask again, nearer
+// to the triangle's middle.
 bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
     float turn = sbl_look_turn(look);
     mat3 frame = sbl_frame(n);
@@ -319,8 +326,8 @@ int entries[SBL_LAMPS];      // a leaf, or -1 - a node; from the end on: points 
 float strengths[SBL_LAMPS];  // what each gives about, summed up
 int used, certain;           // how many of either
 float total, crowd;          // sum of the strengths, and of their squares
-mat2x3 whole;                // light of single lamps, unhindered; two groups, since of a closed mesh one is all hidden,
-                             // the other all open
+mat2x3 whole;                // light of single lamps, unhindered; two groups, since of a closed mesh one is all
+                             // hidden, the other all open
 bool rounded;                // there are round lamps
 
 // Takes node or leaf number i into account; returns the one that is next, or `limit` where entries have run out.
@@ -422,15 +429,16 @@ mat2x3 open, seen;       // what rays to single lamps bring without, and with, w
 vec3 sure, sampled;      // from points of light; from clusters, summed over the rays
 vec2 samples, lit;       // rays of a group that would bring light, and that do
 float taken, squares;    // rays; sum of the squares of what clusters gave
-vec2 sparse;             // 1: a group that rays hardly meet is no ground for a ratio: it is sampled as clusters are
+vec2 sparse;             // 1: a group that rays hardly meet is no ground for a ratio: it is sampled as clusters
+                         // are
 vec2 bright, dark;       // whether any of a group was seen, or hidden
 #ifdef SBL_INSPECT
 vec4 report, report_way; // what is written
 bool reporting;          // the ray that is shot is the one
 #endif
 
-// The ray of a sample. rim: of a probe, the number of its point along the lamp's rim; negative: it is none. A probe
-// brings no light.
+// The ray of a sample. rim: of a probe, the number of its point along the lamp's rim; negative: it is none. A
+// probe brings no light.
 void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, int rim, bool point) {
     bool probe = rim >= 0, cluster = p.cluster || l.kind == SBL_LAMP_SKY_TEXEL || dot(sparse, l.group) > 0.0;
     vec3 light = s.light / p.share, to = s.direction;
@@ -495,7 +503,8 @@ vec4 sbl_combine() {
     float variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) / max(taken, 1.0);
     vec3 light = sure + sampled / max(taken, 1.0);
     for (int g = 0; g < 2; g++) {
-        vec3 share = vec3(open[g].r > 0.0 ? seen[g].r / open[g].r : 0.0, open[g].g > 0.0 ? seen[g].g / open[g].g : 0.0,
+        vec3 share = vec3(open[g].r > 0.0 ? seen[g].r / open[g].r : 0.0,
+                          open[g].g > 0.0 ? seen[g].g / open[g].g : 0.0,
                           open[g].b > 0.0 ? seen[g].b / open[g].b : 0.0);
         float mean = dot(whole[g], vec3(1.0 / 3.0)), lit_share = lit[g] / max(samples[g], 1.0);
         if (sparse[g] > 0.0) continue;
@@ -505,9 +514,9 @@ vec4 sbl_combine() {
     return vec4(light, SBL_STRATA * variance * unit * scale) * unit * scale;
 }
 
-// How many passes the rays are traced in: after the first, an eighth of them or half of few, it is known whether there
-// is more to learn: what it overlooks is less than a ray's share. The more lamps there are, the more of the rays it
-// takes to know each.
+// How many passes the rays are traced in: after the first, an eighth of them or half of few, it is known whether
+// there is more to learn: what it overlooks is less than a ray's share. The more lamps there are, the more of the
+// rays it takes to know each.
 int sbl_pass_count() {
     float crowded = SBL_PASS_CROWD * crowd / max(total * total, 1e-37);
     int passes = clamp(min(rays / SBL_PASS_RAYS, int(crowded)), 1, SBL_LAMP_PASSES), power = 1;
@@ -550,7 +559,8 @@ void main() {
     taken = squares = 0.0;
     float enough = SBL_SPARSE * float(parts) / float(rays) * total;
     sparse = vec2(lessThan(vec3(1) * whole, vec2(enough)));
-    // So that the first pass does not overlook an edge that hides little, corners and rims of few lamps are looked at.
+    // So that the first pass does not overlook an edge that hides little, corners and rims of few lamps are looked
+    // at.
     int passes = sbl_pass_count(), rims = rounded ? SBL_RIM : SBL_CORNERS;
     int probes = passes > 1 && used <= SBL_PROBED ? rims * used : 0, skip = int(sbl_look_number(look)) * rays;
     bool undecided = total > 0.0;
@@ -565,7 +575,8 @@ void main() {
             bool probe = pass == 0 && k < from;
             int rim = probe ? (from - 1 - k) % rims : -1, entry = entries[point ? SBL_LAMPS - 1 - k : 0];
             uvec2 fraction = texelFetch(sbl_sequence, skip + max(k, 0)).xy ^ scramble;
-            sbl_Pick p = sbl_Pick(0, point ? 1.0 / float(parts) : 1.0, (vec2(fraction >> 8) + 0.5) / 16777216.0, false);
+            vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0;
+            sbl_Pick p = sbl_Pick(0, point ? 1.0 / float(parts) : 1.0, u, false);
             if (probe) entry = entries[(from - 1 - k) / rims];
             else if (!point) entry = sbl_pick_entry(p);
             if (probe && entry < 0) continue;

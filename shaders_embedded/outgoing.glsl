@@ -1,5 +1,5 @@
-// What a surface sends towards a sensor: Ck of equations 1 and 2, an emitter's radiance, or the ambient factor times
-// the colour. All that sensors see comes through here; light that bounces will be looked up here.
+// What a surface sends towards a sensor: Ck of equations 1 and 2, an emitter's radiance, or the ambient factor
+// times the colour. All that sensors see comes through here; light that bounces will be looked up here.
 uniform float epsilon;     // the ambient factor
 uniform bool lamps_apart;  // light from emitters comes from lamps.glsl
 

@@ -1,6 +1,7 @@
 // First half of a rasterised sensor's sum: every output texel adds up one block of the atlas.
 uniform sampler2D atlas;    // Ck r g b, signed distance
-uniform sampler2D weights;  // of one sheet: the texel's projected solid angle over pi, its ray's length at unit depth
+uniform sampler2D weights;  // of one sheet: the texel's projected solid angle over pi, its ray's length at unit
+                            // depth
 uniform int block;          // texels across a block
 uniform ivec2 blocks;       // of one sheet
 layout(location = 0) out vec4 out_sum;   // sum of weight * Ck; weight that sees back faces

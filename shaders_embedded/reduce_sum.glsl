@@ -6,10 +6,12 @@ uniform int columns;   // sheets across the atlas
 uniform int slots;     // sheets in the atlas
 uniform int width;     // of the results' texture
 uniform int first, last;
-uniform sampler2D lights;  // parts texels a sensor, one below the other, whose mean comes on top: light; its variance
+uniform sampler2D lights;  // parts texels a sensor, one below the other, whose mean comes on top: light; its
+                           // variance
 uniform int parts;         // 0: there are none
 layout(location = 0) out vec4 out_sum;
-layout(location = 1) out vec4 out_hits;  // w: the variance of the light's mean over the channels, where rays sampled it
+layout(location = 1) out vec4 out_hits;  // w: the variance of the light's mean over the channels, where rays
+                                         // sampled it
 
 void main() {
     int sensor = int(gl_FragCoord.y) * width + int(gl_FragCoord.x);

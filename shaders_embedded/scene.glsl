@@ -1,7 +1,7 @@
 // The scene's triangles and textures.
 uniform sbl_Texels sbl_indices;      // three a triangle
-uniform sampler2D sbl_texels_srgb;   // all 8-bit sRGB textures, each from a row of its own on: its texel n stands at
-                                     // n % the store's width, n / it rows further
+uniform sampler2D sbl_texels_srgb;   // all 8-bit sRGB textures, each from a row of its own on: its texel n stands
+                                     // at n % the store's width, n / it rows further
 uniform sampler2D sbl_texels_float;  // all others
 
 // Vertices of a triangle of the scene.
@@ -28,8 +28,8 @@ vec4 sbl_texel(uvec4 place, ivec2 at) {
     return texelFetch(sbl_texels_float, ivec2(index % width, int(place.x) + index / width), 0);
 }
 
-// A texture's place in its store is first row, width, height, kind. Bilinear, decoded before it is filtered; (0, 0) is
-// the first texel's outer corner.
+// A texture's place in its store is first row, width, height, kind. Bilinear, decoded before it is filtered; (0,
+// 0) is the first texel's outer corner.
 vec4 sbl_texture(uvec4 place, vec2 uv) {
     if (place.w == 0u) return vec4(1);
     if ((place.w & SBL_TEXTURE_CLAMPS) == 0u) uv -= floor(uv);

@@ -1,11 +1,13 @@
-// Draws the scene into many sensors' views at once: an instance is one view, cut to its rectangle of the atlas by four
-// planes.
+// Draws the scene into many sensors' views at once: an instance is one view, cut to its rectangle of the atlas by
+// four planes.
 layout(location = 0) in vec3 position;
 layout(location = 1) in uint object;
 layout(location = 4) in vec3 view_eye;
-layout(location = 5) in vec4 view_right;    // right over half the view's width at unit distance; scale of x in atlas
+layout(location = 5) in vec4 view_right;    // right over half the view's width at unit distance; scale of x in
+                                            // atlas
 layout(location = 6) in vec4 view_up;       // up over half its height; scale of y
-layout(location = 7) in vec4 view_forward;  // forward;               lowest y: -1, or 0 where the horizon cuts the view
+layout(location = 7) in vec4 view_forward;  // forward;               lowest y: -1, or 0 where the horizon cuts the
+                                            // view
 layout(location = 8) in vec2 view_offset;   // of the rectangle in the atlas
 uniform float per_length;                   // 1 / extent of the scene
 uniform float depth_scale;                  // depth is depth_scale / distance: reversed, without a far plane

@@ -6,15 +6,16 @@ struct sbl_Surface {
     vec4 albedo;                              // a: 0 where the cutout leaves nothing
     vec3 emission;
     float facet;                              // the triangle's least height
-    float reach;                              // of its corners from the origin, plus its longest side: what rounding
-                                              // is relative to
+    float reach;                              // of its corners from the origin, plus its longest side: what
+                                              // rounding is relative to
     uint id;
 };
 
 const float SBL_GRAZING = 0.01;  // cosine that shading normals are kept from the horizon
 
-// Interpolated where it is long enough, towards the viewer's side of the triangle, and bent away from the surface's own
-// horizon: a shading normal that turns away from the viewer would aim the sensor at the surface itself.
+// Interpolated where it is long enough, towards the viewer's side of the triangle, and bent away from the
+// surface's own horizon: a shading normal that turns away from the viewer would aim the sensor at the surface
+// itself.
 vec3 sbl_shading_normal(ivec3 v, vec3 b, vec3 face, vec3 geometric_normal, vec3 direction) {
     vec3 normal = b.x * sbl_attributes_normal(v.x) + b.y * sbl_attributes_normal(v.y) +
                   b.z * sbl_attributes_normal(v.z);

@@ -1,6 +1,6 @@
-// What stands above every shader: how tables are read. Those that grow with the scene are buffer textures or, past the
-// driver's limit for these, 2D textures (see sbl__table_show in sbl.h). Above this stand the program's features and the
-// constants that C shares, below it the functions that read its records (see >>records).
+// What stands above every shader: how tables are read. Those that grow with the scene are buffer textures or, past
+// the driver's limit for these, 2D textures (see sbl__table_show in sbl.h). Above this stand the program's
+// features and the constants that C shares, below it the functions that read its records (see >>records).
 #ifdef SBL_WIDE
 #define sbl_Texels usampler2D
 #define sbl_fetch(texels, i) texelFetch(texels, ivec2((i) & (SBL_TEXELS_ACROSS - 1), (i) >> SBL_TEXELS_SHIFT), 0)
@@ -9,5 +9,6 @@
 #define sbl_fetch(texels, i) texelFetch(texels, i)
 #endif
 
-// Software renderers run both sides of every if, but leave loops that no lane enters: an if for what is long and rare.
+// Software renderers run both sides of every if, but leave loops that no lane enters: an if for what is long and
+// rare.
 #define sbl_when(condition) for (int sbl_once = 0; sbl_once < ((condition) ? 1 : 0); sbl_once++)

@@ -1,6 +1,7 @@
 // A part of one sensor's rays: cosine-distributed directions, so that all weigh the same. The outputs are those of
 // reduce_blocks.glsl.
-uniform usamplerBuffer sbl_sequence;  // points of the Sobol sequence, two 32-bit fractions each, along a Morton curve
+uniform usamplerBuffer sbl_sequence;  // points of the Sobol sequence, two 32-bit fractions each, along a Morton
+                                      // curve
 uniform int rays;                     // of a sensor
 uniform float spread;                 // 1: the cosine's whole hemisphere; 0: all rays go along the normal
 uniform vec3 sky;

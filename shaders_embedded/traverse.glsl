@@ -29,9 +29,9 @@ struct sbl_Hit {
     bool back;
 };
 
-// Does the ray's stretch up to `nearest` cross the box? Its entry distance, or 0x7fffffff; distances are the bits of
-// floats, since they order as integers where none is negative, and a negative one is below all others. `per` is the
-// length of a grid step along the ray, `offset` brings the origin to 0.
+// Does the ray's stretch up to `nearest` cross the box? Its entry distance, or 0x7fffffff; distances are the bits
+// of floats, since they order as integers where none is negative, and a negative one is below all others. `per` is
+// the length of a grid step along the ray, `offset` brings the origin to 0.
 int sbl_box(uvec4 box, vec3 per, vec3 offset, bvec3 flip, int nearest) {
     vec3 low = vec3(box.xyz & 65535u), high = vec3(box.xyz >> 16);
     ivec3 entry = floatBitsToInt(mix(low, high, flip) * per + offset);
@@ -65,8 +65,8 @@ void sbl_test(int triangle, sbl_Ray ray, inout sbl_Hit hit) {
     bool front = u >= 0.0 && v >= 0.0 && w >= 0.0, back = u <= 0.0 && v <= 0.0 && w <= 0.0;
     bool inside = (front || back) && determinant != 0.0;
     float l = (u * p.z + v * q.z + w * r.z) * ray.per_z / determinant;
-    // A triangle that the ray starts beside, its own above all, must not be hit by rounding: it grows with how thin the
-    // triangle is.
+    // A triangle that the ray starts beside, its own above all, must not be hit by rounding: it grows with how
+    // thin the triangle is.
     float deep = max(abs(p.z), max(abs(q.z), abs(r.z)));
     float wide = max(dot(p.xy, p.xy), max(dot(q.xy, q.xy), dot(r.xy, r.xy)));
     inside = inside && l > SBL_SELF_DEEP * deep || inside && l * abs(determinant) > SBL_SELF_WIDE * deep * wide;
