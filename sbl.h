@@ -1753,7 +1753,7 @@ static size_t sbl__write_record(char *text, size_t length, const sbl__record *r)
         length = sbl__write(text, length, "%s %s_%s(int i) { return %s(%s(%s, %s%s%d * i + %d).%.*s); }\n", type,
                             r->name, f->name, kinds[f->kind].is_float ? "uintBitsToFloat" : "", fetch, r->sampler,
                             r->first ? r->first : "", r->first ? " + " : "", r->texels, f->word / 4,
-                            kinds[f->kind].components, "xyzw" + f->word % 4);
+                            kinds[f->kind].components, &"xyzw"[f->word % 4]);
     }
     return length;
 }
@@ -3860,10 +3860,14 @@ typedef struct sbl__grid { float origin[3], per_length[3]; int place; /* among t
    will name them. */
 typedef struct sbl__bvh_task { int first, count, depth, parent, side; sbl__grid grid; sbl__box box; } sbl__bvh_task;
 
+typedef enum sbl__bvh_split_stage {
+    SBL__SPLIT_MEASURE, SBL__SPLIT_COUNT, SBL__SPLIT_PART, SBL__SPLIT_DONE
+} sbl__bvh_split_stage;
+
 /* A task's triangles being split in two by place. */
 typedef struct sbl__bvh_split {
     int at, left, axis, bin;     /* the triangle that is next; how many came first; where the cut is; axis < 0: none */
-    enum { SBL__SPLIT_MEASURE, SBL__SPLIT_COUNT, SBL__SPLIT_PART, SBL__SPLIT_DONE } stage;
+    sbl__bvh_split_stage stage;
     float scale[3];
     sbl__box centroids, bins[3][SBL__BVH_BINS], halves[2];
     int counts[3][SBL__BVH_BINS];
@@ -3872,8 +3876,12 @@ typedef struct sbl__bvh_split {
 /* Of a node: what rays through it meet on average, times its area. */
 typedef struct sbl__bvh_work { double sum; float area; int parent; } sbl__bvh_work;
 
+typedef enum sbl__bvh_stage {
+    SBL__BVH_BOXES, SBL__BVH_SPLITS, SBL__BVH_COSTS, SBL__BVH_TRIANGLES, SBL__BVH_NODES
+} sbl__bvh_stage;
+
 typedef struct sbl__bvh {        /* while it is built */
-    enum { SBL__BVH_BOXES, SBL__BVH_SPLITS, SBL__BVH_COSTS, SBL__BVH_TRIANGLES, SBL__BVH_NODES } stage;
+    sbl__bvh_stage stage;
     int at;                      /* what of the stage is next */
     sbl__node *nodes;
     uint32_t *order;             /* triangle numbers, leaf after leaf */
@@ -4515,9 +4523,13 @@ typedef struct sbl__cluster { double power, all_sides, square[6], front[3]; floa
 /* What is left to build of a tree: lamps first .. first + count - 1. */
 typedef struct sbl__lamp_range { int first, count; } sbl__lamp_range;
 
+typedef enum sbl__lamps_stage {
+    SBL__LAMPS_TRIANGLES, SBL__LAMPS_SKY, SBL__LAMPS_PLACE, SBL__LAMPS_SORT, SBL__LAMPS_SPLIT, SBL__LAMPS_ADD,
+    SBL__LAMPS_STORE
+} sbl__lamps_stage;
+
 typedef struct sbl__lamps {    /* while the trees are built */
-    enum { SBL__LAMPS_TRIANGLES, SBL__LAMPS_SKY, SBL__LAMPS_PLACE, SBL__LAMPS_SORT, SBL__LAMPS_SPLIT, SBL__LAMPS_ADD,
-           SBL__LAMPS_STORE } stage;
+    sbl__lamps_stage stage;
     int at;                    /* what of the stage is next */
     sbl__lamp *list, *sorted;  /* sorted: the other half of merging */
     int count, room;
@@ -5307,10 +5319,13 @@ typedef struct sbl__camera {
     float facet_limit;         /* see sbl_picture_desc */
 } sbl__camera;
 
+typedef enum sbl__surface_stage {
+    SBL__SURFACE_CLEAR, SBL__SURFACE_TRIANGLES, SBL__SURFACE_POINTS, SBL__SURFACE_HOST, SBL__SURFACE_DONE
+} sbl__surface_stage;
+
 /* One drawing of a G-buffer, in slices; the textures are kept for the next one. */
 typedef struct sbl__surface {
-    enum { SBL__SURFACE_CLEAR, SBL__SURFACE_TRIANGLES, SBL__SURFACE_POINTS, SBL__SURFACE_HOST, SBL__SURFACE_DONE
-    } stage;
+    sbl__surface_stage stage;
     int at;                    /* the triangle, or the row, that is next */
     int row, rows;             /* the band under way */
     sbl__texture triangles, depth;
@@ -7411,9 +7426,13 @@ typedef struct sbl__job_counts { int64_t looks, views, texels, rays; int readbac
 /* A look that sees back faces, by its site and its number among the site's. */
 typedef struct sbl__suspect { int site, look; } sbl__suspect;
 
+typedef enum sbl__job_stage {
+    SBL__JOB_IDLE, SBL__JOB_SETUP, SBL__JOB_WEIGH, SBL__JOB_COMPILE, SBL__JOB_DRAW, SBL__JOB_AIM, SBL__JOB_REDUCE,
+    SBL__JOB_READ, SBL__JOB_DONE
+} sbl__job_stage;
+
 typedef struct sbl__job {
-    enum { SBL__JOB_IDLE, SBL__JOB_SETUP, SBL__JOB_WEIGH, SBL__JOB_COMPILE, SBL__JOB_DRAW, SBL__JOB_AIM,
-           SBL__JOB_REDUCE, SBL__JOB_READ, SBL__JOB_DONE } stage;
+    sbl__job_stage stage;
     sbl__task task;
     const sbl__scene *scene;
     sbl__job_counts counts;     /* since the caller last cleared them */
@@ -9141,8 +9160,12 @@ static sbl_result sbl__picture_watch(sbl__core *c, sbl__picture *p) {
 #define SBL__GATHER_SITES 65536  /* of a job */
 #define SBL__UNIT_SLACK 1e-6     /* of a normal's squared length: nearer to 1 it is taken as it is */
 
+typedef enum sbl__gathering_stage {
+    SBL__GATHER_NONE, SBL__GATHER_PREPARE, SBL__GATHER_SITES_NEXT, SBL__GATHER_SENSE, SBL__GATHER_DONE
+} sbl__gathering_stage;
+
 typedef struct sbl__gathering {
-    enum { SBL__GATHER_NONE, SBL__GATHER_PREPARE, SBL__GATHER_SITES_NEXT, SBL__GATHER_SENSE, SBL__GATHER_DONE } stage;
+    sbl__gathering_stage stage;
     sbl_gather_desc desc;       /* defaults filled in */
     sbl__seeing seeing;
     sbl__spec spec;

@@ -143,7 +143,7 @@ index_is_complete() {
     same "$folder/index" "$folder/exports"
 }
 declared_is_exported() {
-    sed -n '/^#ifndef SBL_INCLUDED$/,/^#endif \/\* SBL_INCLUDED \*\/$/p' sbl.h | sed -n 's/^SBL_API [^(]*\(sbl_[a-z_]*\)(.*/\1/p' | sort > "$folder/declared"
+    sed -n '/^#ifndef SBL_INCLUDED$/,/^#endif \/\* SBL_INCLUDED \*\/$/p' sbl.h | sed -n 's/^SBL_API [^(]*\(sbl_[a-z0-9_]*\)(.*/\1/p' | sort > "$folder/declared"
     same "$folder/declared" "$folder/exports"
 }
 exports_only > "$folder/log" 2>&1
@@ -162,30 +162,40 @@ check version_agrees_everywhere version_agrees
 
 defaults_agree() {
     gcc -std=c99 $warnings tests/header/defaults.c -lm -o "$folder/defaults" && "$folder/defaults" > "$folder/is" || return
+    # a field and its comment on one line
+    awk '{ if (inside) { sub(/^ */, " "); line = line $0 } else line = $0; inside = line ~ /\/\*/ && line !~ /\*\//; if (!inside) print line }' \
+        sbl.h > "$folder/joined"
+    # sbl_gather_desc has the defaults of the fields that it shares
     awk '
-        /^typedef struct sbl_picture_desc \{/ { inside = 1 }
+        /^typedef struct sbl_(picture|gather)_desc \{/ { inside = 1; gather = /gather/ }
         /^\}/ { inside = 0 }
-        inside && /Default: / {
-            text = $0
-            sub(/.*Default: /, "", text)
-            match(text, /^[0-9. \/]+/)
-            values = substr(text, 1, RLENGTH)
+        inside {
             names = $0
             sub(/;.*/, "", names)
             sub(/^ *[a-z_0-9]+ /, "", names)
             gsub(/,|\[[^]]*\]/, " ", names)
             count = split(names, name, " ")
+        }
+        inside && gather { if (name[1] in known) print "gather." name[1], known[name[1]]; next }
+        inside && /Default: / {
+            text = $0
+            sub(/.*Default: /, "", text)
+            match(text, /^[0-9. \/]+/)
+            values = substr(text, 1, RLENGTH)
             split(values, value, " ")
             for (i = 1; i <= count; i++) {
-                if (values ~ /\//) print name[i], value[1], value[3], value[5]
-                else print name[i], value[i], value[i], value[i]
+                if (values ~ /\//) known[name[i]] = value[1] " " value[3] " " value[5]
+                else known[name[i]] = value[i] " " value[i] " " value[i]
+                print name[i], known[name[i]]
             }
-        }' sbl.h > "$folder/said"
+        }' "$folder/joined" | sed 's/\. / /g; s/\.$//' > "$folder/said"
     sed -n '/^typedef struct sbl_context_desc {/,/^}/s/^ *int \([a-z_]*\);.* 0: \([0-9][0-9]*\).*/\1 \2/p
+        /^typedef struct sbl_context_desc {/,/^}/s/^ *float \([a-z_]*\);.*Default: \([0-9.]*\) .*/\1 \2/p
         s/^ *float \([a-z]*\);.*Default: .*, paper \([0-9.]*\).*/\1 in paper mode \2/p
         s/^ *float \([a-z]*\);.*Default: .*SBL_MODE_DIRECT: always \([0-9.]*\).*/\1 in direct mode \2/p
         s/^ *SBL_MODE_DEFAULT = 0, *\/\* \([A-Z]*\),.*/mode \1/p
-        s/^ *SBL_SENSOR_DEFAULT = 0, *\/\* \([A-Z]*\); \([A-Z]*\) in SBL_MODE_PAPER.*/sensor_kind \1, in paper mode \2/p' sbl.h >> "$folder/said"
+        s/^ *SBL_SENSOR_DEFAULT = 0, *\/\* \([A-Z]*\); \([A-Z]*\) in SBL_MODE_PAPER.*/sensor_kind \1, in paper mode \2/p' \
+        "$folder/joined" >> "$folder/said"
     sort -o "$folder/said" "$folder/said"
     sort -o "$folder/is" "$folder/is"
     same "$folder/said" "$folder/is"
@@ -248,5 +258,24 @@ top_level() {
     nothing "$folder/strangers"
 }
 check top_level_is_tidy top_level
+
+# >>the house
+
+check rooms_keep_their_rules python3 tests/rooms.py
+
+# one place says what a surface sends out: it alone reads the ambient factor and multiplies it with the surface's colour
+one_outgoing() {
+    grep -lE 'epsilon *\*|\* *epsilon' shaders_embedded/*.glsl > "$folder/is"
+    echo shaders_embedded/outgoing.glsl > "$folder/expected"
+    same "$folder/expected" "$folder/is"
+}
+check one_copy_of_outgoing_radiance one_outgoing
+rooms_are_listed() {
+    awk '/^#ifdef SBL_IMPLEMENTATION/ { on = 1 } on && /FOR THOSE WHO CHANGE IT/ { exit }
+        on { while (match($0, />>[a-z]+  /)) { print substr($0, RSTART + 2, RLENGTH - 4); $0 = substr($0, RSTART + RLENGTH) } }' sbl.h > "$folder/expected"
+    sed -n 's/^\/\* =* >>\([a-z]*\)$/\1/p' sbl.h > "$folder/is"
+    same "$folder/expected" "$folder/is"
+}
+check rooms_are_listed_in_their_order rooms_are_listed
 
 report

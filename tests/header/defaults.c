@@ -9,10 +9,13 @@ static double fov_y(const sbl_picture_desc *d) { return 2 * atan(1 / (double)d->
 int main(void) {
     static const sbl_preset presets[3] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL_PRESET_HIGH };
     sbl_picture_desc zero = { 0 }, d[3], direct, paper;
+    sbl_gather_desc gather = { 0 }, g[3];
     int i;
     for (i = 0; i < 3; i++) {
         zero.preset = presets[i];
         d[i] = sbl_picture_desc_defaults(&zero);
+        gather.preset = presets[i];
+        g[i] = sbl_gather_desc_defaults(&gather);
     }
     zero.preset = SBL_PRESET_DEFAULT;
     zero.mode = SBL_MODE_DIRECT;
@@ -31,6 +34,12 @@ int main(void) {
     PRINT(epsilon);
     PRINT(filter_radius);
     PRINT(samples);
+#define PRINT_GATHER(field) printf("gather." #field " %g %g %g\n", (double)g[0].field, (double)g[1].field, (double)g[2].field)
+    PRINT_GATHER(rays);
+    PRINT_GATHER(sensor_size);
+    PRINT_GATHER(sensor_fov);
+    PRINT_GATHER(epsilon);
+    printf("longest_submission %g\n", (double)sbl_context_desc_defaults(NULL).longest_submission);
     printf("atlas_size %d\n", sbl_context_desc_defaults(NULL).atlas_size);
     printf("threshold in paper mode %g\n", (double)paper.threshold);
     printf("epsilon in direct mode %g\n", (double)direct.epsilon);
