@@ -187,8 +187,8 @@
 
    Sensor rotations come from a hash of pixel and seed. The same input gives the same picture, bit for bit, on the same
    GL driver, whatever the batch size, the slices and the number of repetitions; between GL paths and drivers it agrees
-   up to rounding. sbl_gather at a pixel's site (sbl_sensor.site) gives that pixel's reading where the sensor there
-   looks once and the seeds agree; site i of a gather is turned as pixel i of a picture is.
+   up to rounding. sbl_gather at the site of pixel i (sbl_sensor.site), as its site i and with the picture's seed, finds
+   that pixel's light where its sensor looks once: to the bit where rays are traced, up to rounding where views are drawn.
 
    ON LIGHTS
 
@@ -669,12 +669,13 @@ typedef struct sbl_gather_desc {
     sbl_preset preset;
     sbl_sensor_kind sensor_kind;
     sbl_backend backend;
-    int rays;
+    int rays;                  /* given, all are sent; by default few where nothing but lamps shines, since there they
+                                  only tell hit_share to valid */
     int sensor_size;
     float sensor_fov;
     float epsilon;
-    uint32_t seed;
-    int (*progress)(float done, void *user);
+    uint32_t seed;             /* of the sensors' rotations: site i is turned as pixel i of a picture is */
+    int (*progress)(float done, void *user);  /* as for a picture */
     void *progress_user;
     uint32_t end_canary;
 } sbl_gather_desc;
@@ -2870,10 +2871,11 @@ typedef struct sbl__seeing {
     int rays, sensor_size;
     float sensor_fov, epsilon;
     uint32_t seed;
+    int every_ray;             /* also those that only tell how far surfaces are, because nothing but lamps shines */
 } sbl__seeing;
 
 #define SBL__SEEING(d) { (d)->mode, (d)->preset, (d)->sensor_kind, (d)->backend, (d)->rays, (d)->sensor_size, \
-                         (d)->sensor_fov, (d)->epsilon, (d)->seed }
+                         (d)->sensor_fov, (d)->epsilon, (d)->seed, 0 }
 
 /* host_draws: the scene has a draw callback. */
 static void sbl__check_seeing(sbl__check *check, const char *where, const sbl__seeing *s, int host_draws) {
@@ -7490,7 +7492,7 @@ static void sbl__spec_make(sbl__spec *spec, const sbl__seeing *s, const sbl__sce
     spec->seed = s->seed;
     spec->batch = c->batch;
     if (spec->traced)  /* where only lamps shine, rays over the hemisphere merely tell where a sensor stands: few do */
-        spec->rays = dark ? SBL__MIN(s->rays, SBL__TRACE_CHUNK) : s->rays;
+        spec->rays = dark && !s->every_ray ? SBL__MIN(s->rays, SBL__TRACE_CHUNK) : s->rays;
     else {
         spec->hemicube = s->sensor_kind == SBL_SENSOR_HEMICUBE;
         spec->size = s->sensor_size;
@@ -9204,10 +9206,11 @@ static void sbl__site_make(const sbl__core *c, const sbl__gathering *g, int numb
 }
 
 /* desc has its defaults filled in and has been checked. */
-static void sbl__gathering_begin(sbl__gathering *g, const sbl_gather_desc *desc) {
+static void sbl__gathering_begin(sbl__gathering *g, const sbl_gather_desc *desc, int every_ray) {
     const sbl__seeing seeing = SBL__SEEING(desc);
     g->desc = *desc;
     g->seeing = seeing;
+    g->seeing.every_ray = every_ray;
     g->stage = SBL__GATHER_PREPARE;
 }
 
@@ -10072,7 +10075,7 @@ SBL_API sbl_result sbl_begin_gather(sbl_context *c, const sbl_gather_desc *desc)
     sbl__abandon(c);
     sbl__visit_leave(c, &visit);
     sbl__core_begin(&c->core, &seeing);
-    sbl__gathering_begin(&c->gathering, &d);
+    sbl__gathering_begin(&c->gathering, &d, desc && desc->rays > 0);
     c->work = SBL__WORK_GATHER;
     c->core.stats.seconds.total = sbl__now() - start;
     return SBL_SUCCESS;

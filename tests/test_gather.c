@@ -1,0 +1,431 @@
+/* Light at any points: sbl_gather. It is the picture's own primitive, so that at a pixel's site it finds that pixel's light, bit for bit; elsewhere closed
+   forms say what it must find. */
+#define SBL_IMPLEMENTATION
+#define SBL_EGL
+#include "../sbl.h"
+#include "test.h"
+#include "scenes.h"
+#include "gl_watch.h"
+
+static watch seen;
+static sbl_context *context;
+
+/* A context with the scene set, instead of the one before. */
+static int use_scene(const test_scene *s) {
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_scene_desc scene = scene_desc(s);
+    sbl_destroy(context);
+    watch_forget(&seen);
+    return sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS;
+}
+
+static sbl_gather_desc gather_of(const sbl_site *sites, sbl_reading *readings, int count) {
+    sbl_gather_desc desc;
+    memset(&desc, 0, sizeof desc);
+    desc.sites = sites;
+    desc.readings = readings;
+    desc.site_count = count;
+    desc.mode = SBL_MODE_DIRECT;
+    return desc;
+}
+
+static sbl_site site_of(float x, float y, float z, float nx, float ny, float nz) {
+    sbl_site s;
+    memset(&s, 0, sizeof s);
+    s.position[0] = x; s.position[1] = y; s.position[2] = z;
+    s.normal[0] = nx; s.normal[1] = ny; s.normal[2] = nz;
+    return s;
+}
+
+/* The reading at one site, in the scene in use. */
+static sbl_reading reading_at(sbl_site site, int rays) {
+    sbl_reading r;
+    sbl_gather_desc desc = gather_of(&site, &r, 1);
+    desc.rays = rays;
+    memset(&r, 0xff, sizeof r);
+    CHECK(sbl_gather(context, &desc) == SBL_SUCCESS, "no reading: %s", watch_last(&seen));
+    return r;
+}
+
+/* >>against pictures */
+
+enum { WIDTH = 32, HEIGHT = 24, PIXELS = WIDTH * HEIGHT };
+
+static sbl_picture_desc every_pixel(sbl_mode mode, sbl_backend backend) {
+    sbl_picture_desc view = scene_plain(scene_cornell_view(WIDTH, HEIGHT), mode, 16);
+    view.backend = backend;
+    view.rays = 64;
+    view.seed = 7;
+    return view;
+}
+
+static sbl_gather_desc gather_as(const sbl_picture_desc *view, const sbl_site *sites, sbl_reading *readings) {
+    sbl_gather_desc desc = gather_of(sites, readings, PIXELS);
+    desc.mode = view->mode;
+    desc.backend = view->backend;
+    desc.rays = view->rays;
+    desc.sensor_size = view->sensor_size;
+    desc.epsilon = view->epsilon;
+    desc.seed = view->seed;
+    return desc;
+}
+
+TEST(finds_what_the_picture_found) {
+    static const struct { sbl_mode mode; sbl_backend backend; } ways[] = {
+        { SBL_MODE_DIRECT, SBL_BACKEND_TRACE }, { SBL_MODE_AMBIENT, SBL_BACKEND_TRACE },
+        { SBL_MODE_AMBIENT, SBL_BACKEND_RASTER }, { SBL_MODE_PAPER, SBL_BACKEND_RASTER } };
+    static sbl_site sites[PIXELS];
+    static sbl_reading readings[PIXELS], again[PIXELS];
+    test_scene s = { 0 };
+    int i, w;
+    scene_cornell_box(&s);
+    for (w = 0; w < 4; w++) {
+        const sbl_picture_desc view = every_pixel(ways[w].mode, ways[w].backend);
+        sbl_gather_desc desc = gather_as(&view, sites, readings);
+        float *radiance;
+        int same = 0, lit = 0, noisy = 0, shown = 0, close = 0;
+        REQUIRE(use_scene(&s) && sbl_render(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+        radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+        REQUIRE(radiance, "no radiance");
+        for (i = 0; i < PIXELS; i++) {
+            sbl_sensor sensor;
+            sites[i] = site_of(278, 100, 278, 0, 1, 0);  /* nothing is shown there */
+            if (sbl_inspect_sensor(context, i % WIDTH, i / WIDTH, &sensor, NULL, NULL, 0) == SBL_SUCCESS) {
+                sites[i] = sensor.site;
+                shown++;
+            }
+        }
+        REQUIRE(sbl_gather(context, &desc) == SBL_SUCCESS, "no gather: %s", watch_last(&seen));
+        for (i = 0; i < PIXELS; i++) {
+            if (sites[i].position[0] == 278 && sites[i].position[1] == 100) continue;
+            same += memcmp(readings[i].radiance, radiance + 3 * i, sizeof readings[i].radiance) == 0;
+            close += fabsf(readings[i].radiance[0] - radiance[3 * i]) < 1e-4f * radiance[3 * i] + 1e-6f;
+            lit += readings[i].radiance[0] > 0.01f;
+            noisy += readings[i].noise > 0;
+        }
+        CHECK(shown > PIXELS / 2 && close > shown * 98 / 100, "way %d: %d of %d readings are close to the picture's", w, close, shown);
+        if (view.backend == SBL_BACKEND_TRACE)  /* views lie elsewhere in the atlas, and round otherwise */
+            CHECK(same == shown, "way %d: %d of %d readings are the picture's to the bit", w, same, shown);
+        CHECK(lit > PIXELS / 4, "way %d: %d pixels are lit", w, lit);
+        CHECK((noisy > 0) == (ways[w].mode != SBL_MODE_PAPER), "way %d: noise is told at %d pixels", w, noisy);
+        desc.readings = again;
+        desc.seed = 8;
+        CHECK(sbl_gather(context, &desc) == SBL_SUCCESS, "no gather: %s", watch_last(&seen));
+        CHECK((memcmp(again, readings, sizeof again) != 0) == (ways[w].mode != SBL_MODE_PAPER), "way %d: what does the seed change?", w);
+        free(radiance);
+    }
+    scene_free(&s);
+}
+
+/* >>against closed forms */
+
+TEST(sky_and_lights) {
+    test_scene s = { 0 };
+    sbl_light *light;
+    sbl_reading r;
+    const float up[3][3] = { { 0, 1, 0 }, { 0.6f, 0.8f, 0 }, { 0, 0, -1 } };
+    int i;
+    scene_sky(&s, 1, 2, 3);
+    REQUIRE(use_scene(&s), "no scene");
+    for (i = 0; i < 3; i++) {
+        r = reading_at(site_of(4, -5, 6, up[i][0], up[i][1], up[i][2]), 16);
+        CHECK(r.radiance[0] == 1 && r.radiance[1] == 2 && r.radiance[2] == 3, "R under a sky of 1 2 3 is %g %g %g",
+              (double)r.radiance[0], (double)r.radiance[1], (double)r.radiance[2]);
+        CHECK(r.hit_share == 0 && r.hit_mean == 0 && r.hit_min == 0 && r.back_share == 0 && r.valid == 1, "nothing is there, and it was seen");
+    }
+    scene_sky(&s, 0, 0, 0);
+    light = scene_light(&s, SBL_LIGHT_POINT, 10, 20, 30);
+    light->position[1] = 2;
+    REQUIRE(use_scene(&s), "no scene");
+    r = reading_at(site_of(0, 0, 0, 0, 1, 0), 16);
+    CHECK(fabs(r.radiance[0] / (10 / 4.0 / SBL__PI) - 1) < 1e-5, "a point light: R is %.7g, expected %.7g", (double)r.radiance[0], 10 / 4.0 / SBL__PI);
+    r = reading_at(site_of(2, 0, 0, 0, 1, 0), 16);
+    CHECK(fabs(r.radiance[1] / (20 / 8.0 * sqrt(0.5) / SBL__PI) - 1) < 1e-5, "from the side: R is %.7g, expected %.7g", (double)r.radiance[1],
+          20 / 8.0 * sqrt(0.5) / SBL__PI);
+    CHECK(reading_at(site_of(0, 3, 0, 0, 1, 0), 16).radiance[0] == 0, "light from below the horizon");
+    scene_free(&s);
+}
+
+/* Over the middle of a disc of angular radius t, of height h: the share of the hemisphere that it fills, weighted by the cosine, is sin^2 t, and the mean
+   distance over it 2 h / (1 + cos t). */
+TEST(distances_to_a_disc) {
+    static const double angles[] = { 20, 45, 70, 85 };
+    test_scene s = { 0 };
+    const float centre[3] = { 0, 0, 0 };
+    int i;
+    for (i = 0; i < 4; i++) {
+        const double t = angles[i] * SBL__PI / 180, h = 2;
+        const float u[3] = { (float)(h * tan(t)), 0, 0 }, v[3] = { 0, 0, (float)(h * tan(t)) };
+        sbl_reading r, back;
+        scene_disc(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), centre, u, v, 2048);
+        REQUIRE(use_scene(&s), "no scene");
+        r = reading_at(site_of(0, (float)h, 0, 0, -1, 0), 4096);
+        back = reading_at(site_of(0, -(float)h, 0, 0, 1, 0), 4096);
+        CHECK(fabs(r.hit_share / (sin(t) * sin(t)) - 1) < 0.005, "%g degrees: share %g, expected %g", angles[i], (double)r.hit_share, sin(t) * sin(t));
+        CHECK(fabs(r.hit_mean / (2 * h / (1 + cos(t))) - 1) < 0.005, "%g degrees: mean distance %g, expected %g", angles[i], (double)r.hit_mean,
+              2 * h / (1 + cos(t)));
+        CHECK(r.hit_min >= h * 0.9999 && r.hit_min < 1.002 * h, "%g degrees: least distance %g, expected %g", angles[i], (double)r.hit_min, h);
+        CHECK(r.back_share + back.back_share == 1, "of two sides one is the back: %g, %g", (double)r.back_share, (double)back.back_share);
+        scene_free(&s);
+    }
+}
+
+/* A quad lamp above: Lambert's sum. Half of it is hidden by a wall for the second site. */
+TEST(lamps_and_noise) {
+    test_scene s = { 0 };
+    sbl_reading r;
+    int grey = scene_material(&s, 0.5f, 0.5f, 0.5f), lamp = scene_lamp(&s, 3, 3, 3);
+    double a = 0.5, h = 2, form = 4 * a / sqrt(a * a + h * h) * atan(a / sqrt(a * a + h * h)) / SBL__PI;  /* four corners of a x a: Howell, B-4 */
+    scene_quad(&s, lamp, -0.5f, 2, -0.5f, 0.5f, 2, -0.5f, 0.5f, 2, 0.5f, -0.5f, 2, 0.5f);
+    scene_floor(&s, grey, 0, 4);
+    REQUIRE(use_scene(&s), "no scene");
+    r = reading_at(site_of(0, 0, 0, 0, 1, 0), 256);
+    CHECK(fabs(r.radiance[0] / (3 * form) - 1) < 1e-4, "R is %.7g, expected %.7g", (double)r.radiance[0], 3 * form);
+    CHECK(r.noise < 1e-4f * r.radiance[0], "all of the lamp is seen, and the noise is %g", (double)r.noise);
+    scene_quad(&s, grey, 0, 0.5f, -1, 0, 1.5f, -1, 0, 1.5f, 1, 0, 0.5f, 1);
+    scene_quad(&s, grey, 0, 0.5f, -1, -2, 0.5f, -1, -2, 0.5f, 1, 0, 0.5f, 1);
+    REQUIRE(use_scene(&s), "no scene");
+    r = reading_at(site_of(0, 0, 0, 0, 1, 0), 256);
+    CHECK(fabs(r.radiance[0] / (1.5 * form) - 1) < 0.03, "half of the lamp: R is %.7g, expected %.7g", (double)r.radiance[0], 1.5 * form);
+    CHECK(r.noise > 1e-5f && fabs(r.radiance[0] - 1.5 * form) < 5 * r.noise, "off by %g, noise %g", fabs(r.radiance[0] - 1.5 * form), (double)r.noise);
+    scene_free(&s);
+}
+
+/* >>sites */
+
+TEST(normals_of_any_length) {
+    test_scene s = { 0 };
+    sbl_site site = site_of(300, 0, 200, 0, 1, 0);
+    sbl_reading unit, other;
+    scene_cornell_box(&s);
+    REQUIRE(use_scene(&s), "no scene");
+    unit = reading_at(site, 64);
+    CHECK(unit.radiance[0] > 0.1f && unit.valid, "no light on the floor");
+    site.normal[1] = 1e-20f;
+    other = reading_at(site, 64);
+    CHECK(memcmp(&unit, &other, sizeof unit) == 0, "a short normal changes the reading");
+    site.normal[1] = 3e30f;
+    site.geometric_normal[1] = 17;
+    other = reading_at(site, 64);
+    CHECK(memcmp(&unit, &other, sizeof unit) == 0, "a long normal changes the reading");
+    scene_free(&s);
+}
+
+/* A closed box hovers over the floor: a sensor that is moved up by more than the gap stands in it. */
+TEST(offsets_and_validity) {
+    test_scene s = { 0 };
+    sbl_site site = site_of(0, 0, 0, 0, 1, 0);
+    int grey = scene_material(&s, 0.5f, 0.5f, 0.5f);
+    scene_sky(&s, 1, 1, 1);
+    scene_floor(&s, grey, 0, 10);
+    scene_box(&s, grey, -1, 0.01f, -1, 1, 1, 1);
+    REQUIRE(use_scene(&s), "no scene");
+    site.offset = 0.002f;
+    CHECK(reading_at(site, 64).valid == 1, "a sensor in the gap is taken for stuck");
+    CHECK(fabs(reading_at(site, 64).hit_min - 0.008f) < 2e-3, "the box is %g away", (double)reading_at(site, 64).hit_min);
+    site.offset = 0.02f;
+    CHECK(reading_at(site, 64).valid == 0, "a sensor in the box is not found");
+    site.geometric_normal[1] = -1;
+    CHECK(reading_at(site, 64).hit_min < 0.022f, "the other side of the floor: %g", (double)reading_at(site, 64).hit_min);
+    site.geometric_normal[1] = 0;
+    site.position[1] = 0.005f;
+    site.offset = -1;
+    CHECK(fabs(reading_at(site, 64).hit_min - 0.005f) < 1e-3, "without an offset the box is %g away", (double)reading_at(site, 64).hit_min);
+    site.position[1] = 0;
+    site.offset = 0;
+    site.position[0] = 5;
+    CHECK(reading_at(site, 256).radiance[0] > 0.7f && reading_at(site, 256).valid, "the open floor");
+    scene_free(&s);
+}
+
+/* >>how it runs */
+
+/* Sites all over the Cornell box's floor. */
+static void floor_sites(sbl_site *sites, int count) {
+    int i;
+    for (i = 0; i < count; i++)
+        sites[i] = site_of((float)(10 + 530 * fmod(0.5 + i * 0.7548776662466927, 1)), 0, (float)(10 + 530 * fmod(0.5 + i * 0.5698402909980532, 1)), 0, 1, 0);
+}
+
+static int stops_at(float done, void *user) { return done >= *(float *)user; }
+
+TEST(slices_cancel_and_end) {
+    enum { COUNT = 3000 };
+    static sbl_site sites[COUNT];
+    static sbl_reading whole[COUNT], now[COUNT];
+    static const double slices[] = { 1e-9, 1e-3 };
+    test_scene s = { 0 };
+    sbl_gather_desc desc;
+    sbl_scene_desc scene;
+    sbl_result result;
+    float before, limit = 0.3f;
+    int i, steps;
+    scene_cornell_box(&s);
+    scene = scene_desc(&s);
+    REQUIRE(use_scene(&s), "no scene");
+    floor_sites(sites, COUNT);
+    desc = gather_of(sites, whole, COUNT);
+    desc.rays = 24;
+    REQUIRE(sbl_gather(context, &desc) == SBL_SUCCESS, "no gather: %s", watch_last(&seen));
+    CHECK(sbl_query_stats(context).sensors == COUNT && sbl_query_stats(context).rays == 24 * COUNT, "stats: %d sensors, %d rays",
+          (int)sbl_query_stats(context).sensors, (int)sbl_query_stats(context).rays);
+    CHECK(sbl_step(context, 0) == SBL_SUCCESS && sbl_progress(context) == 1, "a finished gather is not finished");
+    desc.readings = now;
+    for (i = 0; i < 2; i++) {
+        memset(now, 0, sizeof now);
+        REQUIRE(use_scene(&s) && sbl_begin_gather(context, &desc) == SBL_SUCCESS, "cannot begin");
+        for (steps = 0, before = 0; (result = sbl_step(context, slices[i])) == SBL_UNFINISHED; steps++) {
+            CHECK(sbl_progress(context) >= before, "progress falls from %g to %g", (double)before, (double)sbl_progress(context));
+            before = sbl_progress(context);
+        }
+        CHECK(result == SBL_SUCCESS && memcmp(now, whole, sizeof now) == 0, "slices of %g s change readings", slices[i]);
+        CHECK(steps > (i ? 5 : 50), "slices of %g s: %d steps", slices[i], steps);
+    }
+    desc.progress = stops_at;
+    desc.progress_user = &limit;
+    CHECK(sbl_begin_gather(context, &desc) == SBL_SUCCESS, "cannot begin");
+    while ((result = sbl_step(context, 1e-4)) == SBL_UNFINISHED) {}
+    CHECK(result == SBL_CANCELLED && sbl_step(context, 0) == SBL_ERROR_STATE, "not cancelled: %s", sbl_result_string(result));
+    desc.progress = NULL;
+    CHECK(sbl_begin_gather(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED, "cannot begin");
+    sbl_end(context);
+    CHECK(sbl_step(context, 0) == SBL_ERROR_STATE && sbl_progress(context) == 0, "an ended gather goes on");
+    CHECK(sbl_begin_gather(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED, "cannot begin");
+    CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_step(context, 0) == SBL_ERROR_STATE, "a gather survives its scene");
+    memset(now, 0, sizeof now);
+    CHECK(sbl_gather(context, &desc) == SBL_SUCCESS && memcmp(now, whole, sizeof now) == 0, "what was abandoned leaves traces");
+    desc.site_count = 0;
+    desc.sites = NULL;
+    desc.readings = NULL;
+    CHECK(sbl_gather(context, &desc) == SBL_SUCCESS, "no sites are too few");
+    scene_free(&s);
+}
+
+/* What is needed for a million points is needed for a few jobs of them. */
+TEST(a_million_points) {
+    enum { MANY = 1000000, FEW = 2 * 65536 };
+    test_scene s = { 0 };
+    sbl_site *sites = (sbl_site *)malloc(sizeof *sites * MANY);
+    sbl_reading *readings = (sbl_reading *)malloc(sizeof *readings * MANY);
+    sbl_gather_desc desc;
+    sbl_memory few, many;
+    int i, wrong = 0;
+    scene_sky(&s, 1, 1, 1);
+    scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 10);
+    if (!sites || !readings || !use_scene(&s)) { CHECK(0, "no memory or scene"); goto done; }
+    for (i = 0; i < MANY; i++) sites[i] = site_of((float)(i % 1000) * 0.01f - 5, 0, (float)(i / 1000) * 0.01f - 5, 0, i & 1 ? 1.0f : -1.0f, 0);
+    desc = gather_of(sites, readings, FEW);
+    desc.rays = 4;
+    CHECK(sbl_gather(context, &desc) == SBL_SUCCESS, "few: %s", watch_last(&seen));
+    few = sbl_query_memory(context);
+    desc.site_count = MANY;
+    memset(readings, 0xff, sizeof *readings * MANY);
+    CHECK(sbl_gather(context, &desc) == SBL_SUCCESS, "many: %s", watch_last(&seen));
+    many = sbl_query_memory(context);
+    for (i = 0; i < MANY; i++) wrong += !(readings[i].radiance[0] == 1 && readings[i].radiance[2] == 1 && readings[i].valid);
+    CHECK(wrong == 0, "%d of a million readings are wrong", wrong);
+    CHECK(many.host_peak_bytes == few.host_peak_bytes && many.gpu_peak_bytes == few.gpu_peak_bytes, "memory grows: host %.1f to %.1f MB, GPU %.1f to %.1f MB",
+          (double)few.host_peak_bytes / 1e6, (double)many.host_peak_bytes / 1e6, (double)few.gpu_peak_bytes / 1e6, (double)many.gpu_peak_bytes / 1e6);
+    CHECK(few.host_peak_bytes < 64u << 20 && few.gpu_peak_bytes < 256u << 20, "%.1f and %.1f MB are much", (double)few.host_peak_bytes / 1e6,
+          (double)few.gpu_peak_bytes / 1e6);
+    printf("  host %.1f MB, GPU %.1f MB, %.2f s\n", (double)many.host_peak_bytes / 1e6, (double)many.gpu_peak_bytes / 1e6, sbl_query_stats(context).seconds.total);
+done:
+    free(sites);
+    free(readings);
+    scene_free(&s);
+}
+
+/* >>mistakes and bad days */
+
+TEST(mistakes) {
+    test_scene s = { 0 };
+    sbl_site site = site_of(0, 0, 0, 0, 1, 0);
+    sbl_reading reading, untouched;
+    sbl_gather_desc good = gather_of(&site, &reading, 1), d;
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_context *empty = NULL;
+#define REFUSED(result, item, a, b) do { \
+        watch_forget(&seen); \
+        CHECK(sbl_gather(context, &d) == result, "not refused: " a " " b); \
+        CHECK(watch_said(&seen, SBL_LOG_ERROR, item, a, b, NULL), "said: %s", watch_last(&seen)); \
+        CHECK(memcmp(&reading, &untouched, sizeof reading) == 0, "a refused gather writes readings"); \
+        d = good; \
+        site = site_of(0, 0, 0, 0, 1, 0); \
+    } while (0)
+    scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 1);
+    REQUIRE(use_scene(&s), "no scene");
+    memset(&reading, 0x5a, sizeof reading);
+    untouched = reading;
+    d = good;
+    d.start_canary = 1; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_GATHER_DESC, "sbl_gather_desc", "canary");
+    d.sites = NULL; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_GATHER_DESC, "site_count is 1", "NULL");
+    d.readings = NULL; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_GATHER_DESC, "sbl_gather_desc", "readings");
+    d.site_count = -3; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_GATHER_DESC, "site_count", "-3");
+    d.rays = 5000; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_GATHER_DESC, "rays", "5000");
+    d.mode = (sbl_mode)99; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_GATHER_DESC, "mode", "99");
+    d.mode = SBL_MODE_GI; REFUSED(SBL_ERROR_UNSUPPORTED, SBL_LOG_ITEM_NOT_IMPLEMENTED, "sbl_gather_desc", "GI");
+    d.epsilon = -1; d.mode = SBL_MODE_AMBIENT; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_GATHER_DESC, "epsilon", "-1");
+    site.position[1] = (float)NAN; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_GATHER_DESC, "site", "position");
+    site.normal[1] = 0; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_GATHER_DESC, "site", "normal");
+    site.geometric_normal[0] = (float)INFINITY; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_GATHER_DESC, "site", "geometric_normal");
+    site.offset = (float)INFINITY; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_GATHER_DESC, "site", "offset");
+    CHECK(sbl_gather(context, &good) == SBL_SUCCESS && memcmp(&reading, &untouched, sizeof reading) != 0, "a good gather after bad ones: %s", watch_last(&seen));
+    CHECK(sbl_begin_gather(NULL, &good) == SBL_ERROR_INVALID_ARGUMENT && sbl_gather(NULL, NULL) == SBL_ERROR_INVALID_ARGUMENT, "a NULL context is taken");
+    CHECK(sbl_gather(context, NULL) == SBL_SUCCESS, "a NULL descriptor is all zeroes: no sites");
+    CHECK(sbl_create(&desc, &empty) == SBL_SUCCESS && sbl_gather(empty, &good) == SBL_ERROR_STATE, "a gather without a scene");
+    sbl_destroy(empty);
+    scene_free(&s);
+}
+
+/* Each allocation fails once: it says so, gives all back, and the next gather is right. */
+TEST(memory_runs_out) {
+    enum { COUNT = 300 };
+    static sbl_site sites[COUNT];
+    static sbl_reading whole[COUNT], now[COUNT];
+    test_scene s = { 0 };
+    sbl_gather_desc desc;
+    int at, refused = 0, blocks;
+    scene_cornell_box(&s);
+    REQUIRE(use_scene(&s), "no scene");
+    floor_sites(sites, COUNT);
+    desc = gather_of(sites, whole, COUNT);
+    desc.rays = 16;
+    REQUIRE(sbl_gather(context, &desc) == SBL_SUCCESS, "no gather");
+    desc.readings = now;
+    for (at = 1; at < 400; at++) {
+        sbl_result result;
+        REQUIRE(use_scene(&s), "no scene");
+        blocks = seen.blocks;
+        seen.refused = 0;
+        seen.refuse_at = seen.allocations + at;
+        result = sbl_gather(context, &desc);
+        if (!seen.refused) { seen.refuse_at = 0; break; }
+        refused++;
+        CHECK(result == SBL_ERROR_OUT_OF_MEMORY, "allocation %d: %s", at, sbl_result_string(result));
+        seen.refuse_at = 0;
+        memset(now, 0, sizeof now);
+        CHECK(sbl_gather(context, &desc) == SBL_SUCCESS && memcmp(now, whole, sizeof now) == 0, "allocation %d: the next gather differs", at);
+        sbl_end(context);
+        CHECK(seen.blocks >= blocks, "allocation %d: %d blocks before, %d after", at, blocks, seen.blocks);
+    }
+    CHECK(refused > 10 && at < 400, "%d allocations were refused", refused);
+    sbl_destroy(context);
+    context = NULL;
+    CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are left, %d strangers", seen.blocks, seen.strangers);
+    scene_free(&s);
+}
+
+int main(void) {
+    RUN(finds_what_the_picture_found);
+    RUN(sky_and_lights);
+    RUN(distances_to_a_disc);
+    RUN(lamps_and_noise);
+    RUN(normals_of_any_length);
+    RUN(offsets_and_validity);
+    RUN(slices_cancel_and_end);
+    RUN(a_million_points);
+    RUN(mistakes);
+    RUN(memory_runs_out);
+    sbl_destroy(context);
+    return test_report();
+}
