@@ -158,8 +158,8 @@
    measured speed ever change a result.
 
    From the first level on, the channels of a picture under way can be read and shown: the best so far, interpolated and
-   resolved from what is known. They are made when somebody asks for one, in the steps that follow, once a level. Until
-   the first of them is there sbl_read_channel returns SBL_UNFINISHED, and sbl_channel_texture 0.
+   resolved from what is known. Who asks for one gets it at once; from then on each level brings a sharper one, made in
+   the steps. Before the first level sbl_read_channel returns SBL_UNFINISHED, and sbl_channel_texture 0.
 
    ON ERRORS
 

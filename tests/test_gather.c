@@ -231,8 +231,11 @@ TEST(offsets_and_validity) {
     site.position[1] = 0.005f;
     site.offset = -1;
     CHECK(fabs(reading_at(site, 64).hit_min - 0.005f) < 1e-3, "without an offset the box is %g away", (double)reading_at(site, 64).hit_min);
-    site.position[1] = 0;
+    site.position[1] = 0.01f - 3e-5f;  /* nearer to the box than the default takes it */
+    CHECK(reading_at(site, 64).hit_min < 0.01f, "without an offset it is moved, and sees what is %g away", (double)reading_at(site, 64).hit_min);
     site.offset = 0;
+    CHECK(reading_at(site, 64).hit_min > 0.5f, "by default it is not moved");
+    site.position[1] = 0;
     site.position[0] = 5;
     CHECK(reading_at(site, 256).radiance[0] > 0.7f && reading_at(site, 256).valid, "the open floor");
     scene_free(&s);

@@ -1,0 +1,349 @@
+/* A picture in steps: every stage of it comes in pieces, submissions follow the limit, programs are compiled when they are first used or all ahead, what is
+   known can be seen on the way, and a finished picture stays. None of this looks at a clock: pieces are counted. */
+#define SBL_IMPLEMENTATION
+#define SBL_EGL
+#include "../sbl.h"
+#include "test.h"
+#include "scenes.h"
+#include "gl_watch.h"
+#include "gl_host.h"
+#include "gl_fake.h"
+
+enum { WIDTH = 160, HEIGHT = 120, PIXELS = WIDTH * HEIGHT };
+
+static watch seen;
+static test_scene cornell;
+
+static sbl_context *context_of(const sbl_context_desc *desc) {
+    sbl_scene_desc scene = scene_desc(&cornell);
+    sbl_context *context = NULL;
+    watch_forget(&seen);
+    if (sbl_create(desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS) return context;
+    CHECK(0, "no context or scene: %s", watch_last(&seen));
+    sbl_destroy(context);
+    return NULL;
+}
+
+static sbl_picture_desc view_of(sbl_backend backend) {
+    sbl_picture_desc view = scene_cornell_view(WIDTH, HEIGHT);
+    view.mode = SBL_MODE_AMBIENT;
+    view.epsilon = 0.1f;
+    view.backend = backend;
+    view.rays = 24;
+    view.sensor_size = 16;
+    view.samples = 3;
+    return view;
+}
+
+/* >>pieces */
+
+/* Steps that began in each stage, in slices too short for more than a piece. */
+TEST(every_stage_comes_in_pieces) {
+    static const struct { sbl__stage stage; int least; const char *name; } stages[] = {
+        { SBL__STAGE_SURFACE, 4, "the G-buffer" }, { SBL__STAGE_READ, 1, "reading it" }, { SBL__STAGE_SENSE, 100, "sensors" },
+        { SBL__STAGE_FILTER, 3, "the filter" }, { SBL__STAGE_SAMPLE, 6, "samples' G-buffers" }, { SBL__STAGE_RESOLVE, 6, "resolving" } };
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_picture_desc view = view_of(SBL_BACKEND_TRACE);
+    sbl_context *context = context_of(&desc);
+    sbl_result result = SBL_UNFINISHED;
+    int counts[SBL__STAGE_DONE + 1] = { 0 }, steps = 0, i;
+    size_t gpu;
+    if (!context) return;
+    view.width = 640;
+    view.height = 480;
+    view.tile = 64;
+    view.threshold = 10;
+    gpu = sbl_query_memory(context).gpu_bytes;
+    i = sbl_query_capabilities(context).programs;
+    REQUIRE(sbl_begin(context, &view) == SBL_SUCCESS, "cannot begin");
+    CHECK(sbl_query_memory(context).gpu_bytes == gpu && sbl_query_capabilities(context).programs == i, "sbl_begin makes textures or compiles");
+    while (result == SBL_UNFINISHED && steps++ < 1000000) {
+        counts[context->picture.stage]++;
+        result = sbl_step(context, 1e-9);
+    }
+    CHECK(result == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    for (i = 0; i < (int)(sizeof stages / sizeof *stages); i++)
+        CHECK(counts[stages[i].stage] >= stages[i].least, "%s took %d steps", stages[i].name, counts[stages[i].stage]);
+    sbl_destroy(context);
+}
+
+/* The hierarchy and the lamps of a scene of some size. */
+TEST(the_hierarchy_comes_in_pieces) {
+    test_scene s = { 0 };
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_context *context = NULL;
+    sbl_scene_desc scene;
+    sbl_picture_desc view = view_of(SBL_BACKEND_TRACE);
+    sbl_result result = SBL_UNFINISHED;
+    int steps = 0, before = 0;
+    scene_sphere(&s, scene_lamp(&s, 1, 1, 1), 0, 0, 0, 1, 96, 96, 0);
+    scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), -1, 5);
+    scene = scene_desc(&s);
+    memset(view.world_to_view, 0, sizeof view.world_to_view);
+    view.width = view.height = 8;
+    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_begin(context, &view) == SBL_SUCCESS, "%s",
+            watch_last(&seen));
+    while (result == SBL_UNFINISHED && steps++ < 1000000) {
+        before += context->picture.stage == SBL__STAGE_PREPARE;
+        result = sbl_step(context, 1e-9);
+    }
+    CHECK(result == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    CHECK(before > 500, "18,000 triangles and as many lamps were made ready in %d steps", before);
+    sbl_destroy(context);
+    scene_free(&s);
+}
+
+/* Calls that draw, store or read, in one sbl_render: the lower the limit of a submission, the more. */
+static int calls_at(float longest, sbl_backend backend, float *radiance) {
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_picture_desc view = view_of(backend);
+    sbl_context *context;
+    int count = 0;
+    desc.get_gl_function = fake_proc;
+    desc.longest_submission = longest;
+    context = context_of(&desc);
+    if (!context) return 0;
+    fake_arm(FAKE_REFUSE, INT_MAX, 0);
+    CHECK(sbl_render(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    count = fake.counts[FAKE_REFUSE];
+    fake_disarm();
+    CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, radiance, 3 * PIXELS) == SBL_SUCCESS, "no picture");
+    sbl_destroy(context);
+    return count;
+}
+
+TEST(submissions_follow_the_limit) {
+    static float base[3 * PIXELS], now[3 * PIXELS];
+    int b;
+    for (b = 0; b < 2; b++) {
+        const sbl_backend backend = b ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
+        const int many = calls_at(1e-6f, backend, base), few = calls_at(100, backend, now);
+        CHECK(memcmp(base, now, sizeof base) == 0, "back end %d: the limit changes the picture", b);
+        CHECK(many > few + 100, "back end %d: %d calls at a microsecond, %d at 100 s", b, many, few);
+    }
+}
+
+/* >>programs */
+
+TEST(programs_compile_when_used_or_ahead) {
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_context *context;
+    sbl_picture_desc view = view_of(SBL_BACKEND_TRACE);
+    sbl_capabilities before, after;
+    static const unsigned char texel[4] = { 200, 150, 100, 255 };
+    test_scene textured = { 0 };
+    sbl_scene_desc scene;
+    int programs, most = 0, steps = 0, material = scene_material(&textured, 0.5f, 0.5f, 0.5f), k;
+    sbl_result result = SBL_UNFINISHED;
+    context = context_of(&desc);
+    if (!context) return;
+    before = sbl_query_capabilities(context);
+    CHECK(before.programs <= 1, "%d programs are compiled before they are used", before.programs);
+    REQUIRE(sbl_begin(context, &view) == SBL_SUCCESS, "cannot begin");
+    while (result == SBL_UNFINISHED && steps++ < 1000000) {
+        programs = sbl_query_capabilities(context).programs;
+        result = sbl_step(context, 1e-9);
+        programs = sbl_query_capabilities(context).programs - programs;
+        most = programs > most ? programs : most;
+    }
+    after = sbl_query_capabilities(context);
+    CHECK(result == SBL_SUCCESS && most == 1, "%d programs in one step", most);
+    CHECK(after.programs >= 5 && after.compile_seconds > 0, "%d programs in %g s", after.programs, after.compile_seconds);
+    CHECK(sbl_render(context, &view) == SBL_SUCCESS && sbl_query_capabilities(context).programs == after.programs, "compiled again");
+    sbl_destroy(context);
+
+    desc.compile_ahead = 1;
+    context = context_of(&desc);
+    if (!context) return;
+    before = sbl_query_capabilities(context);
+    CHECK(before.programs > after.programs && before.compile_seconds > 0, "ahead: %d programs in %g s", before.programs, before.compile_seconds);
+    CHECK(sbl_render(context, &view) == SBL_SUCCESS, "no picture");
+    view.backend = SBL_BACKEND_RASTER;
+    CHECK(sbl_render(context, &view) == SBL_SUCCESS, "no picture");
+    view.mode = SBL_MODE_PAPER;
+    CHECK(sbl_render(context, &view) == SBL_SUCCESS, "no picture");
+    scene_quad(&textured, material, -1, 0, -1, 1, 0, -1, 1, 0, 1, -1, 0, 1);
+    textured.materials[material].albedo_texture = scene_texture(&textured, texel, sizeof texel, SBL_PIXELS_SRGB8, 1, 1, 4);
+    textured.environment.picture = textured.textures[0];
+    scene_quad(&textured, scene_lamp(&textured, 1, 1, 1), -1, 1, -1, 1, 1, -1, 1, 1, 1, -1, 1, 1);
+    scene = scene_desc(&textured);
+    CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS, "no textured scene: %s", watch_last(&seen));
+    for (k = 0; k < 2; k++) {
+        sbl_picture_desc plain = view_of(k ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE);
+        memset(plain.world_to_view, 0, sizeof plain.world_to_view);
+        CHECK(sbl_render(context, &plain) == SBL_SUCCESS, "no textured picture");
+    }
+    CHECK(sbl_query_capabilities(context).programs == before.programs, "%d programs were not compiled ahead",
+          sbl_query_capabilities(context).programs - before.programs);
+    sbl_destroy(context);
+    scene_free(&textured);
+}
+
+/* >>something to see */
+
+static double distance(const float *a, const float *b) {
+    double sum = 0;
+    int i;
+    for (i = 0; i < 3 * PIXELS; i++) sum += ((double)a[i] - b[i]) * ((double)a[i] - b[i]);
+    return sqrt(sum / (3 * PIXELS));
+}
+
+TEST(each_level_is_sharper) {
+    static const sbl_channel channels[] = { SBL_CHANNEL_RADIANCE, SBL_CHANNEL_FINAL };
+    static float whole[2][3 * PIXELS], now[2][3 * PIXELS], last[2][3 * PIXELS];
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_picture_desc view = view_of(SBL_BACKEND_TRACE);
+    sbl_context *context = context_of(&desc);
+    sbl_result result = SBL_UNFINISHED;
+    double first[2] = { 0, 0 }, before[2] = { 0, 0 }, error;
+    int k, shown = 0, waiting = 0, seen_before = 0;
+    if (!context) return;
+    view.samples = 1;
+    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS, "no picture");
+    for (k = 0; k < 2; k++) REQUIRE(sbl_read_channel(context, channels[k], whole[k], 3 * PIXELS) == SBL_SUCCESS, "not read");
+    REQUIRE(sbl_begin(context, &view) == SBL_SUCCESS, "cannot begin");
+    CHECK(sbl_channel_texture(context, SBL_CHANNEL_FINAL) == 0, "a texture of nothing");
+    memset(last, 0, sizeof last);
+    while (result == SBL_UNFINISHED) {
+        result = sbl_step(context, 0.002);
+        if (result != SBL_UNFINISHED) break;
+        for (k = 0; k < 2; k++) {
+            const sbl_result is = sbl_read_channel(context, channels[k], now[k], 3 * PIXELS);
+            if (is == SBL_UNFINISHED) { waiting++; CHECK(!seen_before, "what was seen is gone"); continue; }
+            REQUIRE(is == SBL_SUCCESS, "a picture under way cannot be read: %s", sbl_result_string(is));
+            seen_before = 1;
+            if (memcmp(now[k], last[k], sizeof last[k]) == 0) continue;
+            memcpy(last[k], now[k], sizeof last[k]);
+            error = distance(now[k], whole[k]);
+            if (before[k] > 0) CHECK(error < 1.02 * before[k], "channel %d: a level brings the error from %g to %g", k, before[k], error);
+            else first[k] = error;
+            before[k] = error;
+            shown += k;
+        }
+    }
+    CHECK(result == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    CHECK(waiting > 0 && shown >= 4, "%d readings came before the first level, %d pictures were shown", waiting, shown);
+    for (k = 0; k < 2; k++) {
+        CHECK(before[k] < 0.5 * first[k], "channel %d: error %g in the first picture shown, %g in the last", k, first[k], before[k]);
+        CHECK(sbl_read_channel(context, channels[k], now[k], 3 * PIXELS) == SBL_SUCCESS && memcmp(now[k], whole[k], sizeof now[k]) == 0,
+              "channel %d: looking on changes the picture", k);
+    }
+    printf("  R is off by %.4g in the first picture shown, by %.4g in the last of %d\n", first[0], before[0], shown);
+    sbl_destroy(context);
+}
+
+/* >>lifetimes */
+
+TEST(a_finished_picture_stays) {
+    static float whole[SBL_CHANNEL_COUNT][3 * PIXELS], now[3 * PIXELS];
+    static const float away[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 5000, 0, 1 };
+    float bad[16] = { (float)NAN };
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_picture_desc view = view_of(SBL_BACKEND_TRACE);
+    sbl_context *context = context_of(&desc);
+    sbl_scene_desc scene = scene_desc(&cornell), empty;
+    sbl_sensor sensor;
+    sbl_site site;
+    sbl_reading reading;
+    sbl_gather_desc gather;
+    uint32_t name;
+    int k, step;
+    if (!context) return;
+    memset(&empty, 0, sizeof empty);
+    memset(&gather, 0, sizeof gather);
+    memset(&site, 0, sizeof site);
+    site.normal[1] = 1;
+    gather.sites = &site;
+    gather.readings = &reading;
+    gather.site_count = 1;
+    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS, "no picture");
+    for (k = 0; k < SBL_CHANNEL_COUNT; k++)
+        REQUIRE(sbl_read_channel(context, (sbl_channel)k, whole[k], 3 * PIXELS) == SBL_SUCCESS, "channel %d", k);
+    name = sbl_channel_texture(context, SBL_CHANNEL_FINAL);
+    CHECK(name && sbl_inspect_sensor(context, 80, 80, &sensor, NULL, NULL, 0) == SBL_SUCCESS, "no texture, or no inspection");
+    for (step = 0; step < 6; step++) {
+        switch (step) {
+            case 0: CHECK(sbl_set_mesh_transform(context, 0, bad) == SBL_ERROR_INVALID_ARGUMENT, "a bad move"); break;
+            case 1: CHECK(sbl_gather(context, &gather) == SBL_SUCCESS, "a gather"); break;
+            case 2: CHECK(sbl_begin_gather(context, &gather) == SBL_SUCCESS, "the beginning of a gather"); break;
+            case 3: CHECK(sbl_set_mesh_transform(context, 0, away) == SBL_SUCCESS, "a move"); break;
+            case 4: CHECK(sbl_set_scene(context, &empty) == SBL_SUCCESS, "an empty scene"); break;
+            default: CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS, "the scene again"); break;
+        }
+        for (k = 0; k < SBL_CHANNEL_COUNT; k++) {
+            size_t bytes = sizeof(float) * PIXELS * (size_t)sbl_channel_components((sbl_channel)k);
+            CHECK(sbl_read_channel(context, (sbl_channel)k, now, 3 * PIXELS) == SBL_SUCCESS && memcmp(now, whole[k], bytes) == 0, "after %d, channel %d", step, k);
+        }
+        CHECK(sbl_channel_texture(context, SBL_CHANNEL_FINAL) == name, "after %d the texture is another", step);
+        CHECK(sbl_inspect_sensor(context, 80, 80, &sensor, NULL, NULL, 0) == (step < 3 ? SBL_SUCCESS : SBL_ERROR_STATE), "after %d: inspection", step);
+    }
+    sbl_end(context);
+    CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, now, 3 * PIXELS) == SBL_ERROR_STATE && sbl_channel_texture(context, SBL_CHANNEL_FINAL) == 0, "after the end");
+    sbl_destroy(context);
+}
+
+/* >>what a sensor shows adds up to what the picture used */
+
+TEST(inspection_adds_up) {
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_context *context = context_of(&desc);
+    int b, at, lit = 0, half = 0;
+    if (!context) return;
+    for (b = 0; b < 2; b++) {
+        sbl_picture_desc view = scene_plain(view_of(SBL_BACKEND_TRACE), SBL_MODE_AMBIENT, b ? 16 : 0);
+        REQUIRE(sbl_render(context, &view) == SBL_SUCCESS, "no picture");
+        for (at = 0; at < 60; at++) {
+            const int x = 20 + 2 * at, y = 10 + (at * 53) % 100;
+            static float radiance[4 * 64 * 64], weights[64 * 64];
+            double sum[3] = { 0, 0, 0 }, rays[3] = { 0, 0, 0 }, lamps = 0;
+            int i, k, open = 0, sent = 0;
+            sbl_sensor s;
+            watch_forget(&seen);
+            if (sbl_inspect_sensor(context, x, y, &s, radiance, weights, 64 * 64) != SBL_SUCCESS) continue;
+            REQUIRE(s.looks == 1 && s.sensed, "%d %d: %d looks", x, y, s.looks);
+            for (i = 0; i < s.sheet_width * s.sheet_height; i++)
+                for (k = 0; k < 3; k++) sum[k] += (double)radiance[4 * i + k] * weights[i];
+            for (i = 0; i < s.ray_count; i++) {
+                if (s.rays[i].lamp >= 0) {
+                    sent++;
+                    lamps += s.rays[i].radiance[0];
+                    continue;
+                }
+                for (k = 0; k < 3; k++) rays[k] += (double)s.rays[i].radiance[k] / view.rays;
+            }
+            for (i = 0, k = 0; i < s.lamp_count; i++) { k += s.lamps[i].rays; open += s.lamps[i].open; }
+            for (i = 0; i < 3; i++) {
+                CHECK(fabs(sum[i] - s.from_surroundings[i]) < 1e-4 * s.radiance[i] + 1e-6, "%d %d: the sheet gives %g, surroundings %g", x, y, sum[i],
+                      (double)s.from_surroundings[i]);
+                CHECK(fabs((double)s.from_surroundings[i] + s.from_lamps[i] - s.radiance[i]) < 1e-5 * s.radiance[i] + 1e-7, "%d %d: %g and %g are not %g", x, y,
+                      (double)s.from_surroundings[i], (double)s.from_lamps[i], (double)s.radiance[i]);
+                if (b == 0) CHECK(fabs(rays[i] - s.from_surroundings[i]) < 1e-4 * s.radiance[i] + 1e-6, "%d %d: rays give %g", x, y, rays[i]);
+            }
+            CHECK(k == sent && open <= sent, "%d %d: lamps tell of %d rays, there are %d", x, y, k, sent);
+            CHECK((s.from_lamps[0] > 0) == (open > 0), "%d %d: %g from lamps, %d rays reach them", x, y, (double)s.from_lamps[0], open);
+            CHECK((b == 0) == (s.backend == SBL_BACKEND_TRACE) && (b == 0) == (s.view_count == 0), "%d %d: which back end?", x, y);
+            lit += open > 0;
+            half += open > 0 && open < sent;
+        }
+    }
+    CHECK(lit > 40 && half > 3, "%d sensors are lit, %d of them in part", lit, half);
+    sbl_destroy(context);
+}
+
+TEST(nothing_is_left) { CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are left, %d strangers", seen.blocks, seen.strangers); }
+
+int main(void) {
+    if (!gl_host_open()) return 1;
+    scene_cornell_box(&cornell);
+    RUN(every_stage_comes_in_pieces);
+    RUN(the_hierarchy_comes_in_pieces);
+    RUN(submissions_follow_the_limit);
+    RUN(programs_compile_when_used_or_ahead);
+    RUN(each_level_is_sharper);
+    RUN(a_finished_picture_stays);
+    RUN(inspection_adds_up);
+    RUN(nothing_is_left);
+    scene_free(&cornell);
+    host_gl_close();
+    return test_report();
+}
