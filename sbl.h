@@ -188,7 +188,8 @@
    Sensor rotations come from a hash of pixel and seed. The same input gives the same picture, bit for bit, on the same
    GL driver, whatever the batch size, the slices and the number of repetitions; between GL paths and drivers it agrees
    up to rounding. sbl_gather at the site of pixel i (sbl_sensor.site), as its site i and with the picture's seed, finds
-   that pixel's light where its sensor looks once: to the bit where rays are traced, up to rounding where views are drawn.
+   that pixel's light where its sensor looks once: to the bit where rays are traced, up to rounding where views are
+   drawn.
 
    ON LIGHTS
 
@@ -897,13 +898,12 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    scripts/compare_commits BASE shows for 178 pictures what a change did, and how long both take. tests/rooms.py lists
    rooms, lengths and parameters: no function has more than 80 lines or 6 parameters, no line more than 120 columns.
 
-   To add a channel (3 lines in each of two places, tried with the sensors' noise):
+   To add a channel (4 lines, tried with the sensors' noise):
        sbl_channel, with its comment; a row in sbl__channels (>>public); where refinement knows it, a line in
-       sbl__channel_pixel and, for sbl_channel_texture, its case beside DEPTH and a place in sbl__picture.scalars; where
-       a target holds it, sbl__channel_target. A name in examples/sbl_render.c's list.
+       sbl__channel_pixel; where a target holds it, one in sbl__channel_target. A name in examples/sbl_render.c's list.
 
-   To add a front end, which asks for light and does something else with it than a picture (tried with a probe that
-   gathers an ambient cube: 54 lines):
+   To add a front end, which asks for light and does something else with it than a picture (tried with an ambient
+   cube at a point, in one call: 51 lines):
        >>gather is the shortest one, take its shape. A struct with a stage, the sites and the readings; begin stores;
        step calls, until each is done, sbl__core_prepare (hierarchy and lamps), sbl__spec_make (how to see),
        sbl__job_begin with a task (sites, readings), sbl__job_step with the slice it was given. Loops over many things
@@ -2425,7 +2425,9 @@ typedef struct sbl__pace { double cost, start; } sbl__pace;
    may be missed now and then, and of the longest that a submission may be, which may not. */
 #define SBL__PACE_MARGIN 0.9
 #define SBL__PACE_CAUTION 0.5
-#define SBL__PACE_FALL 0.1     /* share of the way to a lower cost that is taken at once */
+#define SBL__PACE_FALL 0.1     /* share of the way to a lower cost that is taken at once ... */
+#define SBL__PACE_FAR 0.25     /* ... but where it is this share, as after a driver has compiled in the middle of work, */
+#define SBL__PACE_FAR_FALL 0.5 /* ... this one */
 #define SBL__PACE_LEAST 0.001  /* seconds that one aims at in any case: less costs more in waiting than it gives */
 
 /* Units that the slice has time for, and at least `least`; `first` of them while nothing is known. */
@@ -2448,10 +2450,11 @@ static int sbl__pace_rows(sbl__pace *p, const sbl__slice *s, const sbl__target *
 /* Waits until the GPU has done so many units. Costs rise at once and fall slowly: work gets harder and easier from
    place to place, and what was easy twice may be hard the third time. */
 static void sbl__pace_end(const sbl__device *d, sbl__pace *p, double units) {
-    double cost;
+    double cost, fall;
     d->gl.Finish();
     cost = SBL__MAX(sbl__now() - p->start, 1e-6) / units;
-    p->cost = p->cost > cost ? p->cost + SBL__PACE_FALL * (cost - p->cost) : cost;
+    fall = cost < SBL__PACE_FAR * p->cost ? SBL__PACE_FAR_FALL : SBL__PACE_FALL;
+    p->cost = p->cost > cost ? p->cost + fall * (cost - p->cost) : cost;
 }
 
 /* >>device: its life */
@@ -7405,6 +7408,7 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 #define SBL__RESULTS_WIDTH 1024
 #define SBL__READ_ROWS 16          /* of results, read at once */
 #define SBL__LOOKS_FIRST 16        /* drawn at once while nothing is known of their pace */
+#define SBL__SUBMISSIONS 8         /* of views under way at a time, at most */
 #define SBL__SUSPECT_SHARE 0.02f   /* of back faces that a look may see unsuspected */
 #define SBL__STUCK_SHARE 0.75f     /* of its offset within which a look must not meet anything on its way back */
 #define SBL__VISIBLE_DIFFERENCE 0.01f  /* relative; below it all readings are as good as equal */
@@ -7701,14 +7705,13 @@ static sbl_result sbl__job_clear(const sbl__device *d, sbl__job *j) {
     return sbl__gl_check(&d->gl);
 }
 
-/* One piece of drawing: as many looks as the slice has time for and the slots have room for, or a part of one. */
-static sbl_result sbl__job_draw(sbl__device *d, sbl__job *j, const sbl__slice *slice) {
+/* Draws as many looks as there is room for, in the slice and in the slots, or a part of one. units: what it did, in
+   those of the pace. */
+static sbl_result sbl__job_submit(sbl__device *d, sbl__job *j, double room, double *units) {
     const sbl__spec *spec = &j->task.spec;
     const int all = j->scene->geometry.triangle_count, slots = sbl__job_slots(j)->count, slot = j->drawn % slots;
     const int *blocks = sbl__job_slots(j)->blocks;
-    double room = sbl__pace_begin(&j->draw_pace[j->lens], slice, SBL__LOOKS_FIRST, 1e-6);
     sbl__batch b;
-    double part = 1;  /* of all triangles */
     int i, end = all;
     sbl_result result;
     if (spec->traced) room = sbl__whole_lots(d, room, blocks[0] * blocks[1]);
@@ -7719,22 +7722,43 @@ static sbl_result sbl__job_draw(sbl__device *d, sbl__job *j, const sbl__slice *s
         for (i = 0; i < j->batch; i++) sbl__job_next_look(j, j->drawn + i, &j->looks[slot + i]);
     }
     sbl__job_batch(j, j->drawn, j->batch, &b);
+    *units = j->batch;
     if (spec->traced) {
         result = sbl__looks_send(d, &j->table, b.looks, b.count);
         if (result == SBL_SUCCESS) result = sbl__trace_draw(d, &j->trace, &b, j->lens == SBL__LENS_PROBE);
+        *units = sbl__whole_lots(d, j->batch, blocks[0] * blocks[1]);
     } else {
         if (room < j->batch) end = (int)SBL__MIN(j->triangle + SBL__MAX(1.0, ceil(all * room / j->batch)), (double)all);
-        if (all) part = (double)(end - j->triangle) / all;
+        if (all) *units *= (double)(end - j->triangle) / all;
         result = sbl__raster_draw(d, &j->raster, &j->raster.lenses[j->lens], &b, j->triangle, end);
     }
-    sbl__pace_end(d, &j->draw_pace[j->lens],
-                  spec->traced ? sbl__whole_lots(d, j->batch, blocks[0] * blocks[1]) : j->batch * part);
-    if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
+    if (result != SBL_SUCCESS) return result;
     j->triangle = end;
-    if (result != SBL_SUCCESS || end < all) return result;
+    if (end < all) return SBL_SUCCESS;
     j->drawn += j->batch;
     j->batch = 0;
-    if (j->drawn < j->look_count && j->drawn % slots) return SBL_SUCCESS;
+    return SBL_SUCCESS;
+}
+
+/* One piece of drawing. Where there is no hurry some submissions of views are under way at a time: a renderer on the
+   CPU then prepares one while it draws another (a third less time). */
+static sbl_result sbl__job_draw(sbl__device *d, sbl__job *j, const sbl__slice *slice) {
+    const sbl__spec *spec = &j->task.spec;
+    const int slots = sbl__job_slots(j)->count, first = j->drawn;
+    const int most = spec->traced || slice->end < DBL_MAX ? 1 : SBL__SUBMISSIONS;
+    const double room = sbl__pace_begin(&j->draw_pace[j->lens], slice, SBL__LOOKS_FIRST, 1e-6);
+    double units = 0, all = 0;
+    sbl_result result = SBL_SUCCESS;
+    int i, full = 0;
+    for (i = 0; i < most && !full && result == SBL_SUCCESS; i++) {
+        if (i) d->gl.Flush();
+        result = sbl__job_submit(d, j, room, &units);
+        all += units;
+        full = j->drawn > first && (j->drawn == j->look_count || j->drawn % slots == 0);
+    }
+    if (result == SBL_SUCCESS) sbl__pace_end(d, &j->draw_pace[j->lens], all);
+    if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
+    if (result != SBL_SUCCESS || !full) return result;
     j->stage = spec->lamp_rays && j->lens == SBL__LENS_SITE ? SBL__JOB_AIM : SBL__JOB_REDUCE;
     j->cleared = 0;
     return SBL_SUCCESS;
@@ -8786,7 +8810,8 @@ typedef struct sbl__picture {
     sbl__gbuffer gbuffer, sample;
     sbl__refine refine;
     float *rgba;                /* the radiance map, until it is sent */
-    sbl__texture radiance, filtered, finals[2], preview, scalars[2];  /* scalars: DEPTH and SENSORS as textures */
+    sbl__texture radiance, filtered, finals[2], preview;
+    sbl__texture scalars[SBL_CHANNEL_COUNT];  /* channels of one float that only the host has, where asked for */
     sbl__target radiance_target, filtered_target, final_targets[2], preview_target;
     sbl__pace filter_pace, resolve_pace;
     int resolved;               /* anti-aliasing samples done */
@@ -8804,8 +8829,8 @@ static void sbl__picture_free(const sbl__device *d, sbl__picture *p) {
     for (i = 0; i < 2; i++) {
         sbl__target_delete(d, &p->final_targets[i]);
         sbl__texture_delete(d, &p->finals[i]);
-        sbl__texture_delete(d, &p->scalars[i]);
     }
+    for (i = 0; i < SBL_CHANNEL_COUNT; i++) sbl__texture_delete(d, &p->scalars[i]);
     sbl__target_delete(d, &p->radiance_target);
     sbl__target_delete(d, &p->filtered_target);
     sbl__target_delete(d, &p->preview_target);
@@ -10260,7 +10285,7 @@ SBL_API sbl_result sbl_read_channel(sbl_context *c, sbl_channel channel, float *
 static uint32_t sbl__channel_send(sbl_context *c, sbl_channel channel) {
     sbl__picture *p = &c->picture;
     const size_t pixels = (size_t)p->desc.width * (size_t)p->desc.height;
-    sbl__texture *t = &p->scalars[channel == SBL_CHANNEL_SENSORS];
+    sbl__texture *t = &p->scalars[channel];
     float *data = (float *)sbl__alloc_raw(&c->core.base, pixels, sizeof(float));
     sbl_result result;
     sbl__visit visit;
@@ -10277,17 +10302,14 @@ static uint32_t sbl__channel_send(sbl_context *c, sbl_channel channel) {
 }
 
 SBL_API uint32_t sbl_channel_texture(sbl_context *c, sbl_channel channel) {
-    const sbl__picture *p;
+    const sbl__target *target;
     if (!c || c->picture.stage == SBL__STAGE_NONE || !sbl_channel_components(channel)) return 0;
     if (sbl__channel_ready(c, "sbl_channel_texture") != SBL_SUCCESS) return 0;
-    p = &c->picture;
-    switch (channel) {
-        case SBL_CHANNEL_NORMAL: return p->gbuffer.normal.id;
-        case SBL_CHANNEL_POSITION: return p->gbuffer.position.id;
-        case SBL_CHANNEL_ID: return p->gbuffer.id.id;
-        case SBL_CHANNEL_DEPTH: case SBL_CHANNEL_SENSORS: return sbl__channel_send(c, channel);
-        default: return sbl__channel_target(p, channel)->textures[SBL__MAX(0, sbl__channels[channel].attachment)];
-    }
+    if (channel == SBL_CHANNEL_NORMAL) return c->picture.gbuffer.normal.id;
+    if (channel == SBL_CHANNEL_POSITION) return c->picture.gbuffer.position.id;
+    if (channel == SBL_CHANNEL_ID) return c->picture.gbuffer.id.id;
+    target = sbl__channel_target(&c->picture, channel);
+    return target ? target->textures[SBL__MAX(0, sbl__channels[channel].attachment)] : sbl__channel_send(c, channel);
 }
 
 /* >>public: inspection */

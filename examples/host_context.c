@@ -1,8 +1,8 @@
 /* Demonstrates calling sbl.h in the middle of a frame of a program that has a GL context, state and drawing of its own.
 
    Each frame draws a shape, gives sbl.h its slice of time, and clears and draws the shape again without setting anything: both must be the
-   same, pixel for pixel, and what GL says of the state must not change. Beside the shape a bar shows how far sbl.h is, then its finished
-   picture, straight from its texture. The last frame goes to host_context.png; the first argument is the folder for it. */
+   same, pixel for pixel, and what GL says of the state must not change. Beside the shape its picture appears, straight from its texture: from
+   the first level on, each level sharper; over it a bar shows how far it is. The last frame goes to host_context.png; the first argument is the folder for it. */
 #define SBL_IMPLEMENTATION
 #include "../sbl.h"
 #include "cornell_box.h"
@@ -222,7 +222,8 @@ static void picture_draw(GLuint texture) {
 }
 
 static void bar_draw(float done) {
-    gl.Scissor(SHAPE + 20, PICTURE / 2 - 8, 1 + (int)((float)(PICTURE - 40) * done), 16);
+    gl.Enable(GL_SCISSOR_TEST);
+    gl.Scissor(SHAPE + 20, 12, 1 + (int)((float)(PICTURE - 40) * done), 8);
     gl.ClearColor(0.9f, 0.7f, 0.3f, 1);
     gl.Clear(GL_COLOR_BUFFER_BIT);
 }
@@ -238,7 +239,7 @@ static int run(sbl_context *context, unsigned char *pixels) {
     sbl_picture_desc view = { 0 };
     cornell_box box;
     GLuint texture = 0;
-    int frame, frames_after = 0, frames_working = 0;
+    int frame, frames_after = 0, frames_working = 0, frames_early = 0;
     sbl_result result = SBL_UNFINISHED;
     if (sbl_set_scene(context, cornell_box_make(&box)) != SBL_SUCCESS) return 0;
     cornell_box_view(&view, PICTURE, PICTURE);
@@ -254,10 +255,9 @@ static int run(sbl_context *context, unsigned char *pixels) {
             if (result != SBL_SUCCESS && result != SBL_UNFINISHED) return 0;
             frames_working++;
         }
-        if (result == SBL_SUCCESS) {
-            texture = sbl_channel_texture(context, SBL_CHANNEL_FINAL);
-            frames_after++;
-        }
+        texture = sbl_channel_texture(context, SBL_CHANNEL_FINAL);  /* the best so far; 0: nothing yet */
+        frames_early += texture && result == SBL_UNFINISHED;
+        frames_after += result == SBL_SUCCESS;
         watch(after);
         if (!compare(before, after, frame)) return 0;
         if (gl.GetError() != GL_NO_ERROR) return fprintf(stderr, "host_context: sbl.h left a GL error in frame %d\n", frame), 0;
@@ -266,11 +266,12 @@ static int run(sbl_context *context, unsigned char *pixels) {
             return fprintf(stderr, "host_context: the shape drawn after sbl.h in frame %d differs from the one before\n", frame), 0;
         if (shape_size(shape_after) < SHAPE * SHAPE / 8) return fprintf(stderr, "host_context: the shape is missing in frame %d\n", frame), 0;
         if (texture) picture_draw(texture);
-        else bar_draw(sbl_progress(context));
+        if (result == SBL_UNFINISHED) bar_draw(sbl_progress(context));
     }
     gl.ReadPixels(0, 0, WIDTH, HEIGHT, GL_RGB, GL_UNSIGNED_BYTE, pixels);
     if (!texture) return fprintf(stderr, "host_context: no picture after %d frames\n", frame), 0;
-    printf("host_context: state intact, %d values and the shape's pixels over %d frames, sbl.h at work in %d of them\n", (int)WATCHED, frame, frames_working);
+    printf("host_context: state intact, %d values and the shape's pixels over %d frames, sbl.h at work in %d of them, to be seen in %d of these\n",
+           (int)WATCHED, frame, frames_working, frames_early);
     return 1;
 }
 

@@ -154,11 +154,6 @@ static sbl_gl_function gl_function(const char *name, void *user) {
     return eglGetProcAddress(name);
 }
 
-static unsigned char srgb(float x) {
-    double v = x <= 0 ? 0 : x >= 1 ? 1 : x <= 0.0031308f ? 12.92 * (double)x : 1.055 * pow((double)x, 1 / 2.4) - 0.055;
-    return (unsigned char)(255 * v + 0.5);
-}
-
 int main(int argc, char **argv) {
     static float picture[WIDTH * HEIGHT * 3];
     static unsigned char pixels[WIDTH * HEIGHT * 3];
@@ -179,7 +174,7 @@ int main(int argc, char **argv) {
     gl.DeleteVertexArrays(1, &s.vertex_array);
     host_gl_close();
     if (!ok) return 1;
-    for (i = 0; i < WIDTH * HEIGHT * 3; i++) pixels[i] = srgb(picture[i]);
+    sbl_encode_srgb8(pixels, picture, WIDTH * HEIGHT * 3, 1);
     snprintf(path, sizeof path, "%s/host_draw.png", argc > 1 ? argv[1] : ".");
     if (stbi_write_png(path, WIDTH, HEIGHT, 3, pixels, 0)) return 0;
     return fprintf(stderr, "host_draw: cannot write %s\n", path), 1;

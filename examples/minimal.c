@@ -5,7 +5,6 @@
 #include "../sbl.h"
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #include <stb/stb_image_write.h>
-#include <math.h>
 
 enum { WIDTH = 480, HEIGHT = 360 };
 
@@ -17,11 +16,6 @@ static const float pyramid[] = {
     -0.8f, 0, -0.9f,  -1.1f, 0, 0.5f,  0.1f, 1.2f, 0,    -1.1f, 0, 0.5f,   0.4f, 0, 1,   0.1f, 1.2f, 0 };
 static const float lamp[] = {
     -2.2f, 3, -0.5f,   -2.2f, 3, 1,   -0.7f, 3, 1,     -2.2f, 3, -0.5f,   -0.7f, 3, 1,   -0.7f, 3, -0.5f };
-
-static unsigned char srgb(float x) {
-    double v = x <= 0 ? 0 : x >= 1 ? 1 : x <= 0.0031308f ? 12.92 * (double)x : 1.055 * pow((double)x, 1 / 2.4) - 0.055;
-    return (unsigned char)(255 * v + 0.5);
-}
 
 int main(int argc, char **argv) {
     static float picture[WIDTH * HEIGHT * 3];
@@ -37,7 +31,7 @@ int main(int argc, char **argv) {
     sbl_picture_desc view = { .width = WIDTH, .height = HEIGHT };  /* all else: defaults */
     sbl_context *context;
     char path[1024];
-    int i, ok;
+    int ok;
     sbl_look_at(view.world_to_view, 0.5f, 1.5f, 6, 0, 0.9f, 0, 0, 1, 0);
     sbl_perspective(view.view_to_clip, 40, (float)WIDTH / HEIGHT);
     if (sbl_create(NULL, &context) != SBL_SUCCESS) return 1;  /* sbl.h says what is wrong on stderr */
@@ -45,7 +39,7 @@ int main(int argc, char **argv) {
          sbl_read_channel(context, SBL_CHANNEL_FINAL, picture, WIDTH * HEIGHT * 3) == SBL_SUCCESS;
     sbl_destroy(context);
     if (!ok) return 1;
-    for (i = 0; i < WIDTH * HEIGHT * 3; i++) pixels[i] = srgb(picture[i]);
+    sbl_encode_srgb8(pixels, picture, WIDTH * HEIGHT * 3, 1);
     snprintf(path, sizeof path, "%s/minimal.png", argc > 1 ? argv[1] : ".");
     if (stbi_write_png(path, WIDTH, HEIGHT, 3, pixels, 0)) return 0;
     return fprintf(stderr, "minimal: cannot write %s\n", path), 1;

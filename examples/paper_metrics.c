@@ -176,13 +176,8 @@ static double roughness(const float *radiance, const float *id, int size) {
     return pairs && sum > 0 ? jumps / sum : 0;
 }
 
-static unsigned char srgb(float x) {
-    double v = x <= 0 ? 0 : x >= 1 ? 1 : x <= 0.0031308f ? 12.92 * (double)x : 1.055 * pow((double)x, 1 / 2.4) - 0.055;
-    return (unsigned char)(255 * v + 0.5);
-}
-
 static int figure_12(metrics *m) {
-    int side = m->plan->noise_resolution, gap = 4, width = 2 * side + gap, i, x, y, ok = 1, outcome = MEASURED;
+    int side = m->plan->noise_resolution, gap = 4, width = 2 * side + gap, i, y, ok = 1, outcome = MEASURED;
     size_t pixels = (size_t)side * (size_t)side;
     unsigned char *sheet = (unsigned char *)calloc((size_t)width * (size_t)side, 3);
     float *values = (float *)malloc(pixels * 7 * sizeof(float)), *picture = values, *radiance = values + 3 * pixels, *id = values + 6 * pixels;
@@ -200,7 +195,7 @@ static int figure_12(metrics *m) {
         if (!ok) break;
         fprintf(csv, "%d,%lld,%.5f\n", size, (long long)stats.sensors, roughness(radiance, id, side));
         for (y = 0; y < side; y++)
-            for (x = 0; x < 3 * side; x++) sheet[3 * (y * width + i * (side + gap)) + x] = srgb(picture[3 * y * side + x]);
+            sbl_encode_srgb8(sheet + 3 * (y * width + i * (side + gap)), picture + 3 * y * side, (size_t)(3 * side), 1);
     }
     ok = csv && csv_close(csv, "figure_12.csv") && ok && sheet && values && outcome != FAILED && png_write(m, "figure_12.png", width, side, sheet);
     free(sheet);

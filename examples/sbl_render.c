@@ -355,8 +355,6 @@ typedef struct image { int width, height, components; float *values; } image;  /
 
 static unsigned char to_byte(double x) { return (unsigned char)(255 * (x > 0 ? x < 1 ? x : 1 : 0) + 0.5); }  /* 0 for NaN */
 
-static double encode_srgb(double x) { return x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1 / 2.4) - 0.055; }
-
 static void hue(double h, unsigned char *out) {
     int k;
     for (k = 0; k < 3; k++) out[k] = to_byte(fabs(fmod(h * 6 + 4 * ((k * 2) % 3) / 2.0, 6) - 3) - 1);  /* h in 0..1: red, green, blue, red */
@@ -366,7 +364,7 @@ static void hue(double h, unsigned char *out) {
 static unsigned char *make_visible(const image *in, sbl_channel channel) {
     const size_t pixels = (size_t)in->width * (size_t)in->height;
     const int n = in->components;
-    const double exposure = pow(2, options.exposure);
+    const float exposure = (float)pow(2, options.exposure);
     unsigned char *out = (unsigned char *)malloc(pixels * 3);
     double low[3] = { 1e30, 1e30, 1e30 }, high[3] = { -1e30, -1e30, -1e30 };
     size_t i;
@@ -390,8 +388,8 @@ static unsigned char *make_visible(const image *in, sbl_channel channel) {
             double x = (double)v[n == 3 ? k : 0];
             int c = n == 3 ? k : 0;
             switch (channel) {
-                case SBL_CHANNEL_FINAL: case SBL_CHANNEL_RADIANCE: to[k] = to_byte(encode_srgb(exposure * x)); break;
-                case SBL_CHANNEL_ALBEDO: to[k] = to_byte(encode_srgb(x)); break;
+                case SBL_CHANNEL_FINAL: case SBL_CHANNEL_RADIANCE: sbl_encode_srgb8(to + k, v + c, 1, exposure); break;
+                case SBL_CHANNEL_ALBEDO: sbl_encode_srgb8(to + k, v + c, 1, 1); break;
                 case SBL_CHANNEL_NORMAL: to[k] = surface ? to_byte(0.5 + 0.5 * x) : 0; break;
                 case SBL_CHANNEL_POSITION: to[k] = surface ? to_byte(high[c] > low[c] ? (x - low[c]) / (high[c] - low[c]) : 0.5) : 0; break;
                 case SBL_CHANNEL_DEPTH:

@@ -40,7 +40,8 @@ host_context_state() { run host_context host_context && grep -Eq 'state intact, 
 host_context_slices() {
     cat "$folder/host_context/said"
     frames=$(sed -n 's/.*sbl.h at work in \([0-9]*\) of them.*/\1/p' "$folder/host_context/said")
-    [ "${frames:-0}" -gt 3 ]
+    early=$(sed -n 's/.*to be seen in \([0-9]*\) of these.*/\1/p' "$folder/host_context/said")
+    [ "${frames:-0}" -gt 3 ] && [ "${early:-0}" -gt 1 ]
 }
 host_context_picture() { look varied host_context/host_context.png 480 320 && look cornell host_context/host_context.png; }
 check host_context_state host_context_state
@@ -84,6 +85,20 @@ lights_penumbra() {
 check lights_run lights_run
 check lights_differ lights_differ
 check lights_penumbra lights_penumbra
+
+# >>vertex_light: the light that pictures show, at the vertices of a mesh
+
+vertex_light_run() { run vertex_light vertex_light && grep -Eq '[0-9]{5} vertices, [0-9]{2,} of them inside' "$folder/vertex_light/said"; }
+vertex_light_mesh() {
+    awk '/^element vertex/ { vertices = $3 } /^element face/ { faces = $3 } body && NF == 6 { v++; lit += $4 + $5 + $6 > 60 } body && NF == 4 { f++ }
+        body && NF == 4 && ($2 >= vertices || $3 >= vertices || $4 >= vertices) { bad++ } /^end_header/ { body = 1 }
+        END { print v, f, lit, bad; exit !(v == vertices && f == faces && v > 10000 && lit > v / 2 && !bad) }' "$folder/vertex_light/vertex_light.ply"
+}
+# by eye and by the Cornell box's own checks: red left, green right, lamp on top
+vertex_light_picture() { look varied vertex_light/vertex_light.png 512 512 && look cornell vertex_light/vertex_light.png; }
+check vertex_light_run vertex_light_run
+check vertex_light_mesh vertex_light_mesh
+check vertex_light_picture vertex_light_picture
 
 # >>paper_metrics
 
@@ -157,7 +172,7 @@ fails_in_words() {
     [ "$status" -gt 0 ] && [ "$status" -lt 126 ] && [ "$(wc -l < "$folder/errors")" = 1 ]
 }
 without_gl() { (export __EGL_VENDOR_LIBRARY_FILENAMES=/dev/null; fails_in_words "$1" "$folder"); }
-for example in minimal host_context host_draw lights paper_metrics; do
+for example in minimal host_context host_draw lights vertex_light paper_metrics; do
     check "${example}_without_folder" fails_in_words "$example" "$folder/no such folder"
     check "${example}_without_gl" without_gl "$example"
 done
