@@ -1,0 +1,142 @@
+/* Demonstrates light at points of your own, here the vertices of a finely divided Cornell box: sbl_gather takes them with
+   their normals, vertex_light.ply is the mesh with its light as colours, for any viewer of models, and vertex_light.png
+   shows it. The first argument is the folder to write them to. */
+#define SBL_IMPLEMENTATION
+#define SBL_EGL
+#include "../sbl.h"
+#include "cornell_box.h"
+#define STB_IMAGE_WRITE_IMPLEMENTATION
+#include <stb/stb_image_write.h>
+
+enum { GRID = 56, SIDE = GRID + 1, PER_QUAD = SIDE * SIDE, VERTICES = CORNELL_QUADS * PER_QUAD };  /* quads across a quad */
+enum { CELLS = GRID * GRID, TRIANGLES = 2 * CORNELL_QUADS * CELLS, SIZE = 512 };
+
+static const float inset = 0.002f;  /* share of a quad that its outermost points stand inside: not in the next wall's plane */
+
+static sbl_site sites[VERTICES];
+static sbl_reading readings[VERTICES];
+static float positions[VERTICES][3], colors[VERTICES][4], picture[3 * SIZE * SIZE];
+static unsigned char bytes[3 * VERTICES], pixels[3 * SIZE * SIZE];
+static unsigned short cells[CELLS][6];  /* of each quad: corners of two triangles a cell */
+
+static float corner_mix(const float *corners, int axis, float u, float v) {
+    return (1 - v) * ((1 - u) * corners[axis] + u * corners[3 + axis]) + v * ((1 - u) * corners[9 + axis] + u * corners[6 + axis]);
+}
+
+static void vertices_make(void) {
+    int quad, i, j, k;
+    for (quad = 0; quad < CORNELL_QUADS; quad++) {
+        const float *c = cornell_corners[quad];
+        float a[3], b[3];
+        for (k = 0; k < 3; k++) { a[k] = c[3 + k] - c[k]; b[k] = c[9 + k] - c[k]; }
+        for (j = 0; j < SIDE; j++)
+            for (i = 0; i < SIDE; i++) {
+                const int at = quad * PER_QUAD + j * SIDE + i;
+                const float u = (float)i / GRID, v = (float)j / GRID;
+                for (k = 0; k < 3; k++) {
+                    positions[at][k] = corner_mix(c, k, u, v);
+                    sites[at].position[k] = corner_mix(c, k, inset + (1 - 2 * inset) * u, inset + (1 - 2 * inset) * v);
+                    sites[at].normal[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
+                }
+            }
+    }
+    for (j = 0; j < GRID; j++)
+        for (i = 0; i < GRID; i++) {
+            unsigned short *cell = cells[j * GRID + i], first = (unsigned short)(j * SIDE + i);
+            cell[0] = cell[3] = first;
+            cell[1] = (unsigned short)(first + 1);
+            cell[2] = cell[4] = (unsigned short)(first + SIDE + 1);
+            cell[5] = (unsigned short)(first + SIDE);
+        }
+}
+
+/* Points that are stuck, or see mostly backs, stand inside something: here the floor under the blocks. */
+static int inside(const sbl_reading *r) { return !r->valid || r->back_share > 0.5f; }
+
+/* What a vertex shows: its own light and what it reflects. Points inside something take the light of the nearest point in
+   their row that is not, so that no darkness bleeds out at the edge. */
+static void vertices_light(void) {
+    int at, k, step;
+    for (at = 0; at < VERTICES; at++) {
+        const int row = at / SIDE * SIDE, material = cornell_material(at / PER_QUAD);
+        const sbl_reading *r = &readings[at];
+        for (step = 1; inside(r) && step < SIDE; step++) {
+            if (at - step >= row && !inside(&readings[at - step])) r = &readings[at - step];
+            else if (at + step < row + SIDE && !inside(&readings[at + step])) r = &readings[at + step];
+        }
+        for (k = 0; k < 3; k++) {
+            const float own = material == CORNELL_LAMP ? cornell_lamp[k] : 0, light = own + cornell_albedo[material][k] * r->radiance[k];
+            colors[at][k] = light < 1 ? light : 1;
+            sbl_encode_srgb8(&bytes[3 * at + k], &light, 1, 1);
+        }
+        colors[at][3] = 1;
+    }
+}
+
+static int ply_write(const char *folder) {
+    char path[1024];
+    FILE *file;
+    int i, ok;
+    snprintf(path, sizeof path, "%s/vertex_light.ply", folder);
+    file = fopen(path, "w");
+    if (!file) return fprintf(stderr, "vertex_light: cannot write %s\n", path), 0;
+    fprintf(file, "ply\nformat ascii 1.0\ncomment light at the vertices of the Cornell box\nelement vertex %d\n", (int)VERTICES);
+    fprintf(file, "property float x\nproperty float y\nproperty float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n");
+    fprintf(file, "element face %d\nproperty list uchar int vertex_indices\nend_header\n", (int)TRIANGLES);
+    for (i = 0; i < VERTICES; i++)
+        fprintf(file, "%g %g %g %d %d %d\n", (double)positions[i][0], (double)positions[i][1], (double)positions[i][2],
+                bytes[3 * i], bytes[3 * i + 1], bytes[3 * i + 2]);
+    for (i = 0; i < TRIANGLES; i++) {
+        const int quad = i / (2 * CELLS), first = quad * PER_QUAD;
+        const unsigned short *corner = cells[i / 2 % CELLS] + 3 * (i % 2);
+        fprintf(file, "3 %d %d %d\n", first + corner[0], first + corner[1], first + corner[2]);
+    }
+    ok = !ferror(file);
+    ok = fclose(file) == 0 && ok;
+    return ok ? 1 : (fprintf(stderr, "vertex_light: cannot write %s\n", path), 0);
+}
+
+/* The coloured mesh, as the camera sees its colours: a picture's albedo. */
+static int picture_make(sbl_context *context) {
+    const sbl_material plain = { .albedo = { 1, 1, 1 } };
+    sbl_mesh meshes[CORNELL_QUADS] = { { .vertex_count = 0 } };
+    const sbl_scene_desc scene = { .meshes = meshes, .mesh_count = CORNELL_QUADS, .materials = &plain, .material_count = 1 };
+    sbl_picture_desc view = { .mode = SBL_MODE_DIRECT, .preset = SBL_PRESET_DRAFT, .tile = 1024 };  /* its light is not looked at */
+    int quad;
+    for (quad = 0; quad < CORNELL_QUADS; quad++) {
+        meshes[quad].positions.data = positions[quad * PER_QUAD];
+        meshes[quad].colors.data = colors[quad * PER_QUAD];
+        meshes[quad].vertex_count = PER_QUAD;
+        meshes[quad].indices.data = cells;
+        meshes[quad].indices.type = SBL_UINT16;
+        meshes[quad].index_count = 6 * CELLS;
+    }
+    cornell_box_view(&view, SIZE, SIZE);
+    return sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS &&
+           sbl_read_channel(context, SBL_CHANNEL_ALBEDO, picture, 3 * SIZE * SIZE) == SBL_SUCCESS;
+}
+
+int main(int argc, char **argv) {
+    const char *folder = argc > 1 ? argv[1] : ".";
+    const sbl_gather_desc gather = { .sites = sites, .readings = readings, .site_count = VERTICES };  /* all else: defaults */
+    sbl_context *context;
+    cornell_box box;
+    char path[1024];
+    int i, hidden = 0, ok;
+    vertices_make();
+    if (sbl_create(NULL, &context) != SBL_SUCCESS) return 1;  /* sbl.h says what is wrong on stderr */
+    ok = sbl_set_scene(context, cornell_box_make(&box)) == SBL_SUCCESS && sbl_gather(context, &gather) == SBL_SUCCESS;
+    if (ok) {
+        for (i = 0; i < VERTICES; i++) hidden += inside(&readings[i]);
+        printf("vertex_light: %d vertices, %d of them inside something, %.2f s\n", (int)VERTICES, hidden,
+               sbl_query_stats(context).seconds.total);
+        vertices_light();
+        ok = ply_write(folder) && picture_make(context);
+    }
+    sbl_destroy(context);
+    if (!ok) return 1;
+    sbl_encode_srgb8(pixels, picture, 3 * SIZE * SIZE, 1);
+    snprintf(path, sizeof path, "%s/vertex_light.png", folder);
+    if (stbi_write_png(path, SIZE, SIZE, 3, pixels, 0)) return 0;
+    return fprintf(stderr, "vertex_light: cannot write %s\n", path), 1;
+}
