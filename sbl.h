@@ -2426,7 +2426,7 @@ typedef struct sbl__pace { double cost, start; } sbl__pace;
 #define SBL__PACE_MARGIN 0.9
 #define SBL__PACE_CAUTION 0.5
 #define SBL__PACE_FALL 0.1     /* share of the way to a lower cost that is taken at once ... */
-#define SBL__PACE_FAR 0.25     /* ... but where it is this share, as after a driver has compiled in the middle of work, */
+#define SBL__PACE_FAR 0.25     /* ... but where it is this share, as after a driver compiled in the middle of work, */
 #define SBL__PACE_FAR_FALL 0.5 /* ... this one */
 #define SBL__PACE_LEAST 0.001  /* seconds that one aims at in any case: less costs more in waiting than it gives */
 
@@ -9511,10 +9511,11 @@ static sbl_result sbl__inspect_aim(const sbl__looking *k, const sbl__batch *b) {
 /* What an invocation says, see lamps.glsl: number i of the rays, or of the entries. */
 static sbl_result sbl__inspect_take(const sbl__looking *k, const float *said, const float *way, int is_ray) {
     const int state = (int)said[3], lamp = state ? sbl__inspect_lamp(k, (int)way[3]) : 0;
-    sbl_sensor_lamp *l = &k->found->lamps[lamp];
+    sbl_sensor_lamp *l;
     sbl_sensor_ray *ray;
     if (!state) return SBL_SUCCESS;
     if (lamp < 0) return SBL_ERROR_OUT_OF_MEMORY;
+    l = &k->found->lamps[lamp];
     if (!is_ray) {
         memcpy(l->unhindered, said, sizeof l->unhindered);
         if (k->core->scene.lights.names[k->found->leaves[lamp]][0] == SBL__LAMP_SKY_TEXEL)

@@ -1,8 +1,9 @@
 /* Demonstrates calling sbl.h in the middle of a frame of a program that has a GL context, state and drawing of its own.
 
-   Each frame draws a shape, gives sbl.h its slice of time, and clears and draws the shape again without setting anything: both must be the
-   same, pixel for pixel, and what GL says of the state must not change. Beside the shape its picture appears, straight from its texture: from
-   the first level on, each level sharper; over it a bar shows how far it is. The last frame goes to host_context.png; the first argument is the folder for it. */
+   Each frame draws a shape, gives sbl.h its slice of time, and clears and draws the shape again without setting
+   anything: both must be the same, pixel for pixel, and what GL says of the state must not change. Beside the shape its
+   picture appears, straight from its texture: from the first level on, each level sharper; over it a bar shows how far
+   it is. The last frame goes to host_context.png; the first argument is the folder for it. */
 #define SBL_IMPLEMENTATION
 #include "../sbl.h"
 #include "cornell_box.h"

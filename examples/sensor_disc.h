@@ -1,5 +1,6 @@
-/* A traced sensor as a picture: what it sees around its normal, each direction at its foot in the tangent plane, so that equal areas of the
-   disc weigh the same. Every pixel shows what the nearest ray met; rays towards lamps are dots, red where something stood between. */
+/* A traced sensor as a picture: what it sees around its normal, each direction at its foot in the tangent plane, so
+   that equal areas of the disc weigh the same. Every pixel shows what the nearest ray met; rays towards lamps are dots,
+   red where something stood between. */
 #ifndef SENSOR_DISC_H
 #define SENSOR_DISC_H
 
@@ -22,7 +23,9 @@ static void sensor_disc_axes(const sbl_sensor *s, double right[3], double up[3])
     up[2] = right[0] * n[1] - right[1] * n[0];
 }
 
-static double sensor_disc_dot(const double a[3], const float b[3]) { return a[0] * (double)b[0] + a[1] * (double)b[1] + a[2] * (double)b[2]; }
+static double sensor_disc_dot(const double a[3], const float b[3]) {
+    return a[0] * (double)b[0] + a[1] * (double)b[1] + a[2] * (double)b[2];
+}
 
 /* rgb: size x size x 3, linear, top row first; black around the disc. */
 static void sensor_disc(const sbl_sensor *s, int size, float *rgb) {
@@ -35,7 +38,8 @@ static void sensor_disc(const sbl_sensor *s, int size, float *rgb) {
             double nearest = 4;
             int ray = -1;
             for (i = 0; i < s->ray_count && s->rays[i].lamp < 0 && u * u + v * v < 1; i++) {
-                const double du = sensor_disc_dot(right, s->rays[i].direction) - u, dv = sensor_disc_dot(up, s->rays[i].direction) - v;
+                const double du = sensor_disc_dot(right, s->rays[i].direction) - u;
+                const double dv = sensor_disc_dot(up, s->rays[i].direction) - v;
                 if (du * du + dv * dv < nearest) { nearest = du * du + dv * dv; ray = i; }
             }
             for (k = 0; k < 3; k++) rgb[3 * (y * size + x) + k] = ray < 0 ? 0 : s->rays[ray].radiance[k];
@@ -43,7 +47,8 @@ static void sensor_disc(const sbl_sensor *s, int size, float *rgb) {
     for (i = 0; i < s->ray_count; i++) {
         const sbl_sensor_ray *r = &s->rays[i];
         const int open = r->radiance[0] > 0 || r->radiance[1] > 0 || r->radiance[2] > 0, reach = size / 256;
-        const int cx = (int)((sensor_disc_dot(right, r->direction) + 1) / 2 * size), cy = (int)((1 - sensor_disc_dot(up, r->direction)) / 2 * size);
+        const int cx = (int)((sensor_disc_dot(right, r->direction) + 1) / 2 * size);
+        const int cy = (int)((1 - sensor_disc_dot(up, r->direction)) / 2 * size);
         if (r->lamp < 0) continue;
         for (y = cy - reach; y <= cy + reach; y++)
             for (x = cx - reach; x <= cx + reach; x++)

@@ -1,6 +1,6 @@
-/* Demonstrates light at points of your own, here the vertices of a finely divided Cornell box: sbl_gather takes them with
-   their normals, vertex_light.ply is the mesh with its light as colours, for any viewer of models, and vertex_light.png
-   shows it. The first argument is the folder to write them to. */
+/* Demonstrates light at points of your own, here the vertices of a finely divided Cornell box: sbl_gather takes them
+   with their normals, vertex_light.ply is the mesh with its light as colours, for any viewer of models, and
+   vertex_light.png shows it. The first argument is the folder to write them to. */
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
 #include "../sbl.h"
@@ -8,10 +8,10 @@
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #include <stb/stb_image_write.h>
 
-enum { GRID = 56, SIDE = GRID + 1, PER_QUAD = SIDE * SIDE, VERTICES = CORNELL_QUADS * PER_QUAD };  /* quads across a quad */
-enum { CELLS = GRID * GRID, TRIANGLES = 2 * CORNELL_QUADS * CELLS, SIZE = 512 };
+enum { GRID = 56, CELLS = GRID * GRID, SIDE = GRID + 1, PER_QUAD = SIDE * SIDE };  /* each quad is cut into cells */
+enum { VERTICES = CORNELL_QUADS * PER_QUAD, TRIANGLES = 2 * CORNELL_QUADS * CELLS, SIZE = 512 };
 
-static const float inset = 0.002f;  /* share of a quad that its outermost points stand inside: not in the next wall's plane */
+static const float inset = 0.002f;  /* share of a quad that its outermost points stand inside, off the next wall */
 
 static sbl_site sites[VERTICES];
 static sbl_reading readings[VERTICES];
@@ -20,7 +20,9 @@ static unsigned char bytes[3 * VERTICES], pixels[3 * SIZE * SIZE];
 static unsigned short cells[CELLS][6];  /* of each quad: corners of two triangles a cell */
 
 static float corner_mix(const float *corners, int axis, float u, float v) {
-    return (1 - v) * ((1 - u) * corners[axis] + u * corners[3 + axis]) + v * ((1 - u) * corners[9 + axis] + u * corners[6 + axis]);
+    const float low = (1 - u) * corners[axis] + u * corners[3 + axis];
+    const float high = (1 - u) * corners[9 + axis] + u * corners[6 + axis];
+    return (1 - v) * low + v * high;
 }
 
 static void vertices_make(void) {
@@ -53,8 +55,8 @@ static void vertices_make(void) {
 /* Points that are stuck, or see mostly backs, stand inside something: here the floor under the blocks. */
 static int inside(const sbl_reading *r) { return !r->valid || r->back_share > 0.5f; }
 
-/* What a vertex shows: its own light and what it reflects. Points inside something take the light of the nearest point in
-   their row that is not, so that no darkness bleeds out at the edge. */
+/* What a vertex shows: its own light and what it reflects. Points inside something take the light of the nearest point
+   in their row that is not, so that no darkness bleeds out at the edge. */
 static void vertices_light(void) {
     int at, k, step;
     for (at = 0; at < VERTICES; at++) {
@@ -65,7 +67,8 @@ static void vertices_light(void) {
             else if (at + step < row + SIDE && !inside(&readings[at + step])) r = &readings[at + step];
         }
         for (k = 0; k < 3; k++) {
-            const float own = material == CORNELL_LAMP ? cornell_lamp[k] : 0, light = own + cornell_albedo[material][k] * r->radiance[k];
+            const float own = material == CORNELL_LAMP ? cornell_lamp[k] : 0;
+            const float light = own + cornell_albedo[material][k] * r->radiance[k];
             colors[at][k] = light < 1 ? light : 1;
             sbl_encode_srgb8(&bytes[3 * at + k], &light, 1, 1);
         }
@@ -80,8 +83,9 @@ static int ply_write(const char *folder) {
     snprintf(path, sizeof path, "%s/vertex_light.ply", folder);
     file = fopen(path, "w");
     if (!file) return fprintf(stderr, "vertex_light: cannot write %s\n", path), 0;
-    fprintf(file, "ply\nformat ascii 1.0\ncomment light at the vertices of the Cornell box\nelement vertex %d\n", (int)VERTICES);
-    fprintf(file, "property float x\nproperty float y\nproperty float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n");
+    fprintf(file, "ply\nformat ascii 1.0\ncomment light at the vertices of the Cornell box\n");
+    fprintf(file, "element vertex %d\nproperty float x\nproperty float y\nproperty float z\n", (int)VERTICES);
+    fprintf(file, "property uchar red\nproperty uchar green\nproperty uchar blue\n");
     fprintf(file, "element face %d\nproperty list uchar int vertex_indices\nend_header\n", (int)TRIANGLES);
     for (i = 0; i < VERTICES; i++)
         fprintf(file, "%g %g %g %d %d %d\n", (double)positions[i][0], (double)positions[i][1], (double)positions[i][2],
@@ -100,8 +104,9 @@ static int ply_write(const char *folder) {
 static int picture_make(sbl_context *context) {
     const sbl_material plain = { .albedo = { 1, 1, 1 } };
     sbl_mesh meshes[CORNELL_QUADS] = { { .vertex_count = 0 } };
-    const sbl_scene_desc scene = { .meshes = meshes, .mesh_count = CORNELL_QUADS, .materials = &plain, .material_count = 1 };
-    sbl_picture_desc view = { .mode = SBL_MODE_DIRECT, .preset = SBL_PRESET_DRAFT, .tile = 1024 };  /* its light is not looked at */
+    const sbl_scene_desc scene = {
+        .meshes = meshes, .mesh_count = CORNELL_QUADS, .materials = &plain, .material_count = 1 };
+    sbl_picture_desc view = { .mode = SBL_MODE_DIRECT, .preset = SBL_PRESET_DRAFT, .tile = 1024 };  /* light: any */
     int quad;
     for (quad = 0; quad < CORNELL_QUADS; quad++) {
         meshes[quad].positions.data = positions[quad * PER_QUAD];
@@ -118,7 +123,7 @@ static int picture_make(sbl_context *context) {
 
 int main(int argc, char **argv) {
     const char *folder = argc > 1 ? argv[1] : ".";
-    const sbl_gather_desc gather = { .sites = sites, .readings = readings, .site_count = VERTICES };  /* all else: defaults */
+    const sbl_gather_desc gather = { .sites = sites, .readings = readings, .site_count = VERTICES };  /* defaults */
     sbl_context *context;
     cornell_box box;
     char path[1024];

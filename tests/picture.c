@@ -5,7 +5,7 @@
        picture pyramid FILE                 minimal: an orange pyramid, one of its faces brighter, stands before grey
        picture cornell FILE                 host_context: the Cornell box the right way round and up in the right part, a shape in the left
        picture slabs WITH BARE              host_draw: lit slabs, their shadow, and what their glow adds, against the picture without them
-       picture alike A B                    but for a few pixels
+       picture alike A B [ROWS]             but for a few pixels; in the first rows
        picture plot FILE SERIES             so many colours of lines inside the axes
        picture halves FILE                  two pictures side by side, varied, similar, not the same */
 #define STB_IMAGE_IMPLEMENTATION
@@ -122,9 +122,9 @@ static int slabs(const picture *with, const picture *bare) {
     return 0;
 }
 
-static int alike(const picture *a, const picture *b) {
-    int i, other = 0, size = a->width * a->height;
-    if (a->width != b->width || a->height != b->height) return fail("pictures of one size");
+static int alike(const picture *a, const picture *b, int rows) {
+    int i, other = 0, size = a->width * (rows ? rows : a->height);
+    if (a->width != b->width || a->height != b->height || rows > a->height) return fail("pictures of one size");
     for (i = 0; i < 3 * size; i++) other += abs(a->pixels[i] - b->pixels[i]) > 8;
     printf("%d of %d values differ by more than 8\n", other, 3 * size);
     return other > size / 100 ? fail("alike") : 0;
@@ -169,7 +169,7 @@ int main(int argc, char **argv) {
     else if (strcmp(argv[1], "pyramid") == 0) status = pyramid(&a);
     else if (strcmp(argv[1], "cornell") == 0) status = cornell(&a);
     else if (strcmp(argv[1], "slabs") == 0 && argc == 4) status = slabs(&a, (b = load(argv[3]), &b));
-    else if (strcmp(argv[1], "alike") == 0 && argc == 4) status = alike(&a, (b = load(argv[3]), &b));
+    else if (strcmp(argv[1], "alike") == 0 && argc >= 4) status = alike(&a, (b = load(argv[3]), &b), argc > 4 ? atoi(argv[4]) : 0);
     else if (strcmp(argv[1], "plot") == 0 && argc == 4) status = plot(&a, atoi(argv[3]));
     else if (strcmp(argv[1], "halves") == 0) status = halves(&a);
     stbi_image_free(a.pixels);

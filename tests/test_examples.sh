@@ -78,9 +78,9 @@ lights_differ() {
         last=$kind
     done
 }
-# penumbrae hardly depend on the preset
+# penumbrae hardly depend on the preset; the discs below them show its rays
 lights_penumbra() {
-    look varied lights/penumbra_default.png 320 320 && look alike lights/penumbra_default.png lights/penumbra_high.png
+    look varied lights/penumbra_default.png 320 320 && look alike lights/penumbra_default.png lights/penumbra_high.png 240
 }
 check lights_run lights_run
 check lights_differ lights_differ

@@ -8,9 +8,10 @@ cd "$(dirname "$0")/.." || exit 1
 # >>embed_shaders, in a copy
 
 copy="$folder/a copy"
-mkdir -p "$copy/shaders_embedded"
-cp -r scripts sbl.h "$copy"
-printf 'void first() {}  // "quoted", back\\slash, \\n, what??= and %%d\n\n\tlast line without an end' > "$copy/shaders_embedded/odd.glsl"
+mkdir -p "$copy"
+cp -r scripts sbl.h shaders_embedded "$copy"
+printf 'void first() {}  // "quoted", back\\slash, \\n, what??= and %%d\n\n\tlast line without an end' > "$copy/shaders_embedded/copy.glsl"
+block='/^\/\* >>glsl copy: /,/^\/\* <<glsl \*\/$/'  # where it stands in sbl.h
 
 finds_the_difference() {
     cp "$copy/sbl.h" "$folder/before"
@@ -18,30 +19,38 @@ finds_the_difference() {
 }
 mends_it() {
     "$copy/scripts/embed_shaders" && "$copy/scripts/embed_shaders" --check && cp "$copy/sbl.h" "$folder/once" &&
-    "$copy/scripts/embed_shaders" && cmp "$folder/once" "$copy/sbl.h"
+    ! cmp -s "$folder/before" "$folder/once" && "$copy/scripts/embed_shaders" && cmp "$folder/once" "$copy/sbl.h"
 }
 # all outside the markers is what it was
 keeps_the_rest() {
-    for file in before once; do sed '/^\/\* >>shaders: /,/^\/\* <<shaders /d' "$folder/$file" > "$folder/$file.rest"; done
-    same "$folder/before.rest" "$folder/once.rest"
+    for file in before once; do sed "$block d" "$folder/$file" > "$folder/$file.rest"; done
+    [ -s "$folder/once.rest" ] && same "$folder/before.rest" "$folder/once.rest"
 }
 strings_are_the_file() {
     {
         echo '#include <stdio.h>'
-        sed -n '/^\/\* >>shaders: /,/^\/\* <<shaders /p' "$copy/sbl.h"
-        echo 'int main(void) { const char *const *line; for (line = sbl__glsl_odd; *line; line++) fputs(*line, stdout); return 0; }'
+        sed -n "$block p" "$copy/sbl.h"
+        echo 'int main(void) { const char *const *line; for (line = sbl__glsl_copy; *line; line++) fputs(*line, stdout); return 0; }'
     } > "$folder/print.c"
-    { cat "$copy/shaders_embedded/odd.glsl"; echo; } > "$folder/expected"
+    { cat "$copy/shaders_embedded/copy.glsl"; echo; } > "$folder/expected"
     gcc -std=c99 -Wall -Wextra -Wpedantic -Werror "$folder/print.c" -o "$folder/print" && "$folder/print" > "$folder/printed" &&
     same "$folder/expected" "$folder/printed"
 }
+# refused: embed_shaders says so, and leaves sbl.h as it is
+refused() {
+    cp "$copy/sbl.h" "$folder/broken"
+    ! "$copy/scripts/embed_shaders" && cmp "$folder/broken" "$copy/sbl.h"
+}
 refuses_without_markers() {
-    for marker in '>>shaders: ' '<<shaders '; do
-        grep -v "^/\* $marker" "$folder/once" > "$copy/sbl.h"
-        cp "$copy/sbl.h" "$folder/broken"
-        "$copy/scripts/embed_shaders" && return 1
-        cmp "$folder/broken" "$copy/sbl.h" || return
+    for marker in '>>glsl copy: ' '<<glsl '; do
+        awk -v marker="$marker" 'index($0, "/* " marker) == 1 && !done { done = 1; next } { print }' "$folder/once" > "$copy/sbl.h"
+        refused || return
     done
+    cp "$folder/once" "$copy/sbl.h"
+    echo 'void stray() {}' > "$copy/shaders_embedded/stray.glsl"
+    refused || return
+    rm "$copy/shaders_embedded/stray.glsl" "$copy/shaders_embedded/copy.glsl"
+    refused
 }
 check embed_shaders_finds_the_difference finds_the_difference
 check embed_shaders_mends_it_once mends_it
