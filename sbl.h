@@ -1883,6 +1883,16 @@ static sbl_result sbl__buffer_make(const sbl__device *d, sbl__buffer *b, size_t 
     return SBL_SUCCESS;
 }
 
+/* What changes from batch to batch: `bytes` of data in a buffer that has room for all that a batch may have, so that
+   its size tells nothing of the pace. */
+static sbl_result sbl__buffer_stream(const sbl__device *d, sbl__buffer *b, size_t room, const void *data,
+                                     size_t bytes) {
+    const sbl_result result = sbl__buffer_make(d, b, room, NULL, SBL__GL_STREAM_DRAW);
+    if (result != SBL_SUCCESS) return result;
+    d->gl.BufferSubData(SBL__GL_ARRAY_BUFFER, 0, (ptrdiff_t)bytes, data);
+    return sbl__gl_check(&d->gl);
+}
+
 static void sbl__buffer_write(const sbl__device *d, const sbl__buffer *b, size_t offset, size_t bytes,
                               const void *data) {
     d->gl.BindBuffer(SBL__GL_ARRAY_BUFFER, b->id);
@@ -6018,13 +6028,14 @@ static void sbl__blocks_free(const sbl__device *d, sbl__blocks *b) {
 }
 
 /* Sends looks to the shaders that send rays. */
-static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const sbl__look *looks, int count) {
+static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const sbl__look *looks, int count,
+                                  int room) {
     sbl__look_words *words = (sbl__look_words *)sbl__alloc_raw(d->base, (size_t)count, sizeof *words);
     sbl_result result;
     int i;
     if (!words) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < count; i++) sbl__look_write(&looks[i], &words[i]);
-    result = sbl__buffer_make(d, &table->buffer, sizeof *words * (size_t)count, words, SBL__GL_STREAM_DRAW);
+    result = sbl__buffer_stream(d, &table->buffer, sizeof *words * (size_t)room, words, sizeof *words * (size_t)count);
     sbl__free(d->base, words);
     return result == SBL_SUCCESS ? sbl__table_show(d, table, SBL__GL_RGBA32UI, 0) : result;
 }
@@ -7087,6 +7098,7 @@ static void sbl__raster_corner(const sbl__lens *lens, int slot, int corner[2]) {
 static sbl_result sbl__raster_send(const sbl__device *d, sbl__raster *r, const sbl__lens *lens, const sbl__batch *b) {
     const sbl__layout *l = &lens->layout;
     const size_t count = (size_t)b->count * (size_t)l->view_count;
+    const size_t room = (size_t)lens->slots.count * (size_t)l->view_count;
     sbl__view *views = (sbl__view *)sbl__alloc_raw(d->base, count, sizeof *views);
     sbl_result result;
     int i, face, corner[2];
@@ -7096,7 +7108,7 @@ static sbl_result sbl__raster_send(const sbl__device *d, sbl__raster *r, const s
             sbl__raster_corner(lens, b->slot + i, corner);
             sbl__view_make(l, &b->looks[i], face, corner, lens->area, &views[i * l->view_count + face]);
         }
-    result = sbl__buffer_make(d, &r->views, count * sizeof *views, views, SBL__GL_STREAM_DRAW);
+    result = sbl__buffer_stream(d, &r->views, room * sizeof *views, views, count * sizeof *views);
     sbl__free(d->base, views);
     return result;
 }
@@ -7724,7 +7736,7 @@ static sbl_result sbl__job_submit(sbl__device *d, sbl__job *j, double room, doub
     sbl__job_batch(j, j->drawn, j->batch, &b);
     *units = j->batch;
     if (spec->traced) {
-        result = sbl__looks_send(d, &j->table, b.looks, b.count);
+        result = sbl__looks_send(d, &j->table, b.looks, b.count, b.slots->count);
         if (result == SBL_SUCCESS) result = sbl__trace_draw(d, &j->trace, &b, j->lens == SBL__LENS_PROBE);
         *units = sbl__whole_lots(d, j->batch, blocks[0] * blocks[1]);
     } else {
@@ -7772,7 +7784,7 @@ static sbl_result sbl__job_aim(sbl__device *d, sbl__job *j, const sbl__slice *sl
     sbl__batch b;
     sbl_result result;
     sbl__job_batch(j, j->aimed, count, &b);
-    result = sbl__looks_send(d, &j->table, b.looks, b.count);
+    result = sbl__looks_send(d, &j->table, b.looks, b.count, b.slots->count);
     if (result == SBL_SUCCESS) result = sbl__use(d, &sbl__recipe_lamps, sbl__aim_features(j->scene));
     if (result != SBL_SUCCESS) return result;
     sbl__aim_bind(d, &j->aim, &b, blocks, j->task.spec.traced ? 1 : j->raster.radiance_scale);
