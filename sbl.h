@@ -7753,7 +7753,7 @@ static sbl_result sbl__job_submit(sbl__device *d, sbl__job *j, double room, doub
 }
 
 /* One piece of drawing. Where there is no hurry some submissions of views are under way at a time: a renderer on the
-   CPU then prepares one while it draws another (a third less time). */
+   CPU then prepares one while it draws another (a quarter less time at 2,000 triangles). */
 static sbl_result sbl__job_draw(sbl__device *d, sbl__job *j, const sbl__slice *slice) {
     const sbl__spec *spec = &j->task.spec;
     const int slots = sbl__job_slots(j)->count, first = j->drawn;
