@@ -2457,6 +2457,9 @@ static int sbl__pace_rows(sbl__pace *p, const sbl__slice *s, const sbl__target *
     return rows < t->height - row ? (int)rows : t->height - row;
 }
 
+/* What was sent so far is a submission of its own, which is not waited for. */
+static void sbl__submit(const sbl__device *d) { d->gl.Flush(); }
+
 /* Waits until the GPU has done so many units. Costs rise at once and fall slowly: work gets harder and easier from
    place to place, and what was easy twice may be hard the third time. */
 static void sbl__pace_end(const sbl__device *d, sbl__pace *p, double units) {
@@ -7763,7 +7766,7 @@ static sbl_result sbl__job_draw(sbl__device *d, sbl__job *j, const sbl__slice *s
     sbl_result result = SBL_SUCCESS;
     int i, full = 0;
     for (i = 0; i < most && !full && result == SBL_SUCCESS; i++) {
-        if (i) d->gl.Flush();
+        if (i) sbl__submit(d);
         result = sbl__job_submit(d, j, room, &units);
         all += units;
         full = j->drawn > first && (j->drawn == j->look_count || j->drawn % slots == 0);
