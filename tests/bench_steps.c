@@ -1,4 +1,4 @@
-/* bench_steps [--slice SECONDS] [--json] [NAME...]: how long sbl_step takes when asked for a slice, and what slices cost.
+/* bench_steps [--slice SECONDS] [NAME...]: how long sbl_step takes when asked for a slice, and what slices cost.
 
    For each picture: sbl_begin's seconds, a histogram of every sbl_step's seconds over the whole picture, its first hierarchy included (shaders
    were compiled before), the seconds of all steps beside those of one sbl_render, and the longest submission: what GL works on from one flush,

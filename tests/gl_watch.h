@@ -5,7 +5,7 @@
        sbl_context_desc desc = watch_desc(&w);
        w.refuse_at = w.allocations + 3;   // the third allocation from here on fails, once
 
-   Include after sbl.h and test.h. */
+   Include after sbl.h, test.h and scenes.h. */
 #ifndef GL_WATCH_H
 #define GL_WATCH_H
 
@@ -92,6 +92,17 @@ static inline sbl_context_desc watch_desc(watch *w) {
     desc.logger.log = watch_log;
     desc.logger.user = w;
     return desc;
+}
+
+/* A context with the scene set; NULL where that fails. */
+static inline sbl_context *watch_context(watch *w, const sbl_context_desc *desc, const test_scene *s) {
+    sbl_scene_desc scene = scene_desc(s);
+    sbl_context *context = NULL;
+    watch_forget(w);
+    if (sbl_create(desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS) return context;
+    CHECK(0, "no context or scene: %s", watch_last(w));
+    sbl_destroy(context);
+    return NULL;
 }
 
 #endif

@@ -49,17 +49,6 @@ static int render(sbl_context *context, const sbl_picture_desc *view, picture *o
 
 static int same(const picture *a, const picture *b) { return memcmp(a, b, sizeof *a) == 0; }
 
-/* A context with the scene set; NULL where that fails. */
-static sbl_context *context_with(const sbl_context_desc *desc, const test_scene *s) {
-    sbl_scene_desc scene = scene_desc(s);
-    sbl_context *context = NULL;
-    watch_forget(&seen);
-    if (sbl_create(desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS) return context;
-    CHECK(0, "no context or scene: %s", watch_last(&seen));
-    sbl_destroy(context);
-    return NULL;
-}
-
 /* How far two pictures of one scene are apart, in R, as shares of the mean of a. */
 typedef struct distance { double mean, rms, most; int pixels; } distance;
 
@@ -116,7 +105,7 @@ TEST(batches) {
         sbl_picture_desc view = cornell_view();
         sbl_context *context;
         desc.batch = batches[i];
-        context = context_with(&desc, &cornell);
+        context = watch_context(&seen, &desc, &cornell);
         if (!context) return;
         CHECK(render(context, &view, &now), "batches of %d: %s", batches[i], watch_last(&seen));
         CHECK(same(&now, &expected), "batches of %d change the picture", batches[i]);
@@ -130,7 +119,7 @@ TEST(slices) {
     static const double budgets[] = { 1e-9, 1e-4, 2e-3, 0 };
     static picture now;
     sbl_context_desc desc = watch_desc(&seen);
-    sbl_context *context = context_with(&desc, &cornell);
+    sbl_context *context = watch_context(&seen, &desc, &cornell);
     int i, steps, calls;
     if (!context) return;
     for (i = 0; i <= 4; i++) {
@@ -155,7 +144,7 @@ TEST(repetitions) {
     sbl_context_desc desc = watch_desc(&seen), plain;
     sbl_scene_desc scene = scene_desc(&cornell), other_scene;
     sbl_picture_desc view = cornell_view(), small = cornell_view();
-    sbl_context *context = context_with(&desc, &cornell);
+    sbl_context *context = watch_context(&seen, &desc, &cornell);
     int i;
     if (!context) return;
     for (i = 0; i < 3; i++) CHECK(render(context, &view, &now) && same(&now, &expected), "repetition %d differs", i);
@@ -175,7 +164,7 @@ TEST(repetitions) {
     CHECK(render(context, &view, &now) && same(&now, &expected), "after an abandoned picture it differs");
     sbl_destroy(context);
     memset(&plain, 0, sizeof plain);  /* malloc, whose memory is often zero; the other allocator's never is */
-    context = context_with(&plain, &cornell);
+    context = watch_context(&seen, &plain, &cornell);
     CHECK(context && render(context, &view, &now) && same(&now, &expected), "another allocator changes the picture");
     sbl_destroy(context);
     scene_free(&other);
@@ -194,7 +183,7 @@ TEST(moving) {
     static test_scene moved;
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = cornell_view();
-    sbl_context *context = context_with(&desc, &cornell), *another;
+    sbl_context *context = watch_context(&seen, &desc, &cornell), *another;
     float low[2][3], high[2][3];
     int i, mesh;
     if (!context) return;
@@ -204,7 +193,7 @@ TEST(moving) {
             memcpy(moved.meshes[mesh].transform, places[i], sizeof places[i]);
             CHECK(sbl_set_mesh_transform(context, mesh, places[i]) == SBL_SUCCESS, "%s", watch_last(&seen));
         }
-        another = context_with(&desc, &moved);
+        another = watch_context(&seen, &desc, &moved);
         if (!another) return;
         CHECK(render(context, &view, &now) && render(another, &view, &fresh), "%s", watch_last(&seen));
         CHECK(!same(&now, &expected), "place %d: moving a block changes nothing", i);
@@ -225,7 +214,7 @@ TEST(seeds) {
     static const uint32_t values[] = { 1, 2, 0x80000000u, 0xffffffffu };
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = cornell_view();
-    sbl_context *context = context_with(&desc, &cornell);
+    sbl_context *context = watch_context(&seen, &desc, &cornell);
     int i, channel;
     if (!context) return;
     for (i = 0; i < 4; i++) {
@@ -261,7 +250,7 @@ static sbl_picture_desc plain_view(void) {
 }
 
 static int plain_picture(const sbl_context_desc *desc, picture *out) {
-    sbl_context *context = context_with(desc, &cornell);
+    sbl_context *context = watch_context(&seen, desc, &cornell);
     sbl_picture_desc view = plain_view();
     int done = context && render(context, &view, out);
     CHECK(done, "%s", watch_last(&seen));
@@ -275,7 +264,7 @@ TEST(capabilities) {
     sbl_context *context;
     uint32_t bit, available;
     if (!plain_picture(&desc, &all)) return;
-    context = context_with(&desc, &cornell);
+    context = watch_context(&seen, &desc, &cornell);
     if (!context) return;
     available = sbl_query_capabilities(context).available;
     CHECK(sbl_query_capabilities(context).used == available, "not all that is available is used");
@@ -285,7 +274,7 @@ TEST(capabilities) {
         distance d;
         if (!(available & bit)) continue;
         desc.disabled = bit;
-        context = context_with(&desc, &cornell);
+        context = watch_context(&seen, &desc, &cornell);
         CHECK(context && sbl_query_capabilities(context).used == (available & ~bit), "capability 0x%x is still used", bit);
         sbl_destroy(context);
         if (!plain_picture(&desc, &without)) return;
@@ -347,7 +336,7 @@ TEST(past_buffer_textures) {
     for (i = 0; i < 2; i++) {
         fake.most_texels = i ? 65536 : 0;  /* what GL 3.3 promises */
         fake.texels = 0;
-        context = context_with(&desc, &crowd);
+        context = watch_context(&seen, &desc, &crowd);
         REQUIRE(context && render(context, &view, &pictures[i][0]), "%s", watch_last(&seen));
         CHECK(i ? fake.texels <= 65536 : fake.texels > 65536, "a buffer texture of %d texels was made", fake.texels);
         for (mesh = 6; mesh < 11; mesh++) CHECK(sbl_set_mesh_transform(context, mesh, places[1]) == SBL_SUCCESS, "%s", watch_last(&seen));
@@ -513,7 +502,7 @@ static void drawn_by_host(int first, uint32_t disabled, int lit) {
         room.sky[i] = 1;
         for (k = 0; k < room.material_count; k++) room.materials[k].emission[i] = 0;
     }
-    context = context_with(&desc, &room);
+    context = watch_context(&seen, &desc, &room);
     REQUIRE(context && render(context, &view, &meshes), "%s", watch_last(&seen));
     rest = room;
     rest.mesh_count = first;
@@ -568,7 +557,7 @@ static int reference(sbl_backend which) {
     int good;
     backend = which;
     view = cornell_view();
-    context = context_with(&desc, &cornell);
+    context = watch_context(&seen, &desc, &cornell);
     good = context && render(context, &view, &expected) && sbl_query_stats(context).backend == which;
     sbl_destroy(context);
     if (!good) printf("no reference: %s\n", watch_last(&seen));

@@ -12,11 +12,10 @@ static sbl_context *context;
 
 /* A context with the scene set, instead of the one before. */
 static int use_scene(const test_scene *s) {
-    sbl_context_desc desc = watch_desc(&seen);
-    sbl_scene_desc scene = scene_desc(s);
+    const sbl_context_desc desc = watch_desc(&seen);
     sbl_destroy(context);
-    watch_forget(&seen);
-    return sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS;
+    context = watch_context(&seen, &desc, s);
+    return context != NULL;
 }
 
 static sbl_gather_desc gather_of(const sbl_site *sites, sbl_reading *readings, int count) {

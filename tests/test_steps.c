@@ -14,16 +14,6 @@ enum { WIDTH = 160, HEIGHT = 120, PIXELS = WIDTH * HEIGHT };
 static watch seen;
 static test_scene cornell;
 
-static sbl_context *context_of(const sbl_context_desc *desc) {
-    sbl_scene_desc scene = scene_desc(&cornell);
-    sbl_context *context = NULL;
-    watch_forget(&seen);
-    if (sbl_create(desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS) return context;
-    CHECK(0, "no context or scene: %s", watch_last(&seen));
-    sbl_destroy(context);
-    return NULL;
-}
-
 static sbl_picture_desc view_of(sbl_backend backend) {
     sbl_picture_desc view = scene_cornell_view(WIDTH, HEIGHT);
     view.mode = SBL_MODE_AMBIENT;
@@ -44,7 +34,7 @@ TEST(every_stage_comes_in_pieces) {
         { SBL__STAGE_FILTER, 3, "the filter" }, { SBL__STAGE_SAMPLE, 6, "samples' G-buffers" }, { SBL__STAGE_RESOLVE, 6, "resolving" } };
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = view_of(SBL_BACKEND_TRACE);
-    sbl_context *context = context_of(&desc);
+    sbl_context *context = watch_context(&seen, &desc, &cornell);
     sbl_result result = SBL_UNFINISHED;
     int counts[SBL__STAGE_DONE + 1] = { 0 }, steps = 0, i;
     size_t gpu;
@@ -101,7 +91,7 @@ static int calls_at(float longest, sbl_backend backend, float *radiance) {
     int count = 0;
     desc.get_gl_function = fake_proc;
     desc.longest_submission = longest;
-    context = context_of(&desc);
+    context = watch_context(&seen, &desc, &cornell);
     if (!context) return 0;
     fake_arm(FAKE_REFUSE, INT_MAX, 0);
     CHECK(sbl_render(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
@@ -135,7 +125,7 @@ TEST(programs_compile_when_used_or_ahead) {
     sbl_scene_desc scene;
     int programs, most = 0, steps = 0, material = scene_material(&textured, 0.5f, 0.5f, 0.5f), k;
     sbl_result result = SBL_UNFINISHED;
-    context = context_of(&desc);
+    context = watch_context(&seen, &desc, &cornell);
     if (!context) return;
     before = sbl_query_capabilities(context);
     CHECK(before.programs <= 1, "%d programs are compiled before they are used", before.programs);
@@ -153,7 +143,7 @@ TEST(programs_compile_when_used_or_ahead) {
     sbl_destroy(context);
 
     desc.compile_ahead = 1;
-    context = context_of(&desc);
+    context = watch_context(&seen, &desc, &cornell);
     if (!context) return;
     before = sbl_query_capabilities(context);
     CHECK(before.programs > after.programs && before.compile_seconds > 0, "ahead: %d programs in %g s", before.programs, before.compile_seconds);
@@ -193,7 +183,7 @@ TEST(each_level_is_sharper) {
     static float whole[2][3 * PIXELS], now[2][3 * PIXELS], last[2][3 * PIXELS];
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = view_of(SBL_BACKEND_TRACE);
-    sbl_context *context = context_of(&desc);
+    sbl_context *context = watch_context(&seen, &desc, &cornell);
     sbl_result result = SBL_UNFINISHED;
     double first[2] = { 0, 0 }, before[2] = { 0, 0 }, error;
     int k, shown = 0, waiting = 0, seen_before = 0;
@@ -240,7 +230,7 @@ TEST(a_finished_picture_stays) {
     float bad[16] = { (float)NAN };
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = view_of(SBL_BACKEND_TRACE);
-    sbl_context *context = context_of(&desc);
+    sbl_context *context = watch_context(&seen, &desc, &cornell);
     sbl_scene_desc scene = scene_desc(&cornell), empty;
     sbl_sensor sensor;
     sbl_site site;
@@ -286,7 +276,7 @@ TEST(a_finished_picture_stays) {
 
 TEST(inspection_adds_up) {
     sbl_context_desc desc = watch_desc(&seen);
-    sbl_context *context = context_of(&desc);
+    sbl_context *context = watch_context(&seen, &desc, &cornell);
     int b, at, lit = 0, half = 0;
     if (!context) return;
     for (b = 0; b < 2; b++) {
