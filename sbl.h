@@ -6965,6 +6965,8 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 "layout(location = 8) in vec2 view_offset;   // of the rectangle in the atlas\n",
 "uniform float per_length;                   // 1 / extent of the scene\n",
 "uniform float depth_scale;                  // depth is depth_scale / distance: reversed, without a far plane\n",
+"flat out vec4 view;                          // offset and scale in the atlas\n",
+"out vec3 point;                              // along right, up and forward\n",
 "#ifdef SBL_TEXTURED\n",
 "layout(location = 2) in vec2 vertex_uv;\n",
 "layout(location = 3) in uvec2 vertex_color;\n",
@@ -6990,6 +6992,8 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 "    vec3 p = (position - view_eye) * per_length;\n",
 "    float x = dot(view_right.xyz, p), y = dot(view_up.xyz, p), w = dot(view_forward.xyz, p);\n",
 "    gl_Position = vec4(x * view_right.w + w * view_offset.x, y * view_up.w + w * view_offset.y, depth_scale, w);\n",
+"    view = vec4(view_offset, view_right.w, view_up.w);\n",
+"    point = vec3(x, y, w);\n",
 "    gl_ClipDistance[0] = w + x;\n",
 "    gl_ClipDistance[1] = w - x;\n",
 "    gl_ClipDistance[2] = y - w * view_forward.w;\n",
@@ -7003,6 +7007,9 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 static const char *const sbl__glsl_sensor_fragment[] = {
 "// What a sensor's texel holds: Ck, and the distance along the view axis, negative where a back face is seen.\n",
 "layout(location = 0) out vec4 out_radiance;\n",
+"flat in vec4 view;\n",
+"in vec3 point;\n",
+"uniform vec2 atlas_size;    // texels\n",
 "#ifdef SBL_TEXTURED\n",
 "uniform float radiance_scale;\n",
 "flat in int fragment_object;\n",
@@ -7015,7 +7022,20 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "uniform float depth_scale;\n",
 "#endif\n",
 "\n",
+"const float SBL_NEAREST = 3e-8;  // that anything is seen, in extents of the scene\n",
+"const float SBL_BESIDE = 0.4;    // texels that a fragment may lie beside what it shows, and what rounding adds to\n",
+"const float SBL_BESIDE_ROUNDING = 1e-8;  // that at unit distance, in half widths of the view\n",
+"\n",
+"// A triangle whose plane holds the sensor is a line. Rounding makes it a triangle that may lie anywhere, in the views\n",
+"// of other sensors too: what is drawn there is not what is seen in that direction.\n",
+"bool sbl_seen_here() {\n",
+"    vec2 direction = (gl_FragCoord.xy / atlas_size * 2.0 - 1.0 - view.xy) / view.zw;\n",
+"    vec2 limit = SBL_BESIDE * point.z / (0.5 * atlas_size * view.zw) + SBL_BESIDE_ROUNDING;\n",
+"    return point.z > SBL_NEAREST && all(lessThanEqual(abs(point.xy - direction * point.z), limit));\n",
+"}\n",
+"\n",
 "void main() {\n",
+"    if (!sbl_seen_here()) discard;\n",
 "#ifdef SBL_TEXTURED\n",
 "    sbl_Attributes at = sbl_Attributes(fragment_uv, fragment_color);\n",
 "    if (sbl_object_alpha_cutoff(fragment_object) > 0.0 && !sbl_solid(fragment_object, at)) discard;\n",
@@ -7207,6 +7227,7 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
         sbl__set_float(d, "depth_scale", SBL__VIEW_DEPTH);
         sbl__set_float(d, "epsilon", b->spec->epsilon);
         sbl__set_float(d, "radiance_scale", r->radiance_scale);
+        sbl__set_vec2(d, "atlas_size", (float)lens->area[0], (float)lens->area[1]);
         sbl__draw_mesh(d, g->vertex_array, first, end - first, views);
     }
     if (result == SBL_SUCCESS && b->scene->draw && end == g->triangle_count) sbl__raster_host(d, r, lens, b);
@@ -7443,9 +7464,6 @@ typedef struct sbl__task {
 
 typedef struct sbl__job_counts { int64_t looks, views, texels, rays; int readbacks; } sbl__job_counts;
 
-/* A look that sees back faces, by its site and its number among the site's. */
-typedef struct sbl__suspect { int site, look; } sbl__suspect;
-
 typedef enum sbl__job_stage {
     SBL__JOB_IDLE, SBL__JOB_SETUP, SBL__JOB_WEIGH, SBL__JOB_COMPILE, SBL__JOB_DRAW, SBL__JOB_AIM, SBL__JOB_REDUCE,
     SBL__JOB_READ, SBL__JOB_DONE
@@ -7470,7 +7488,7 @@ typedef struct sbl__job {
     int look_most;              /* of a batch */
     /* the round under way: of sites, then of probes */
     int lens;                   /* SBL__LENS_SITE or SBL__LENS_PROBE */
-    sbl__suspect *suspects;     /* looks that must look back */
+    int *suspects;              /* sites that must look back */
     int suspect_count, suspect_room;
     int look_count;             /* of the round */
     int site, look;             /* that are next: to be drawn, to be read */
@@ -7686,10 +7704,10 @@ static sbl_result sbl__job_start_round(const sbl__device *d, sbl__job *j, int le
 /* The next look of the round. A probe stands where the site's first look stands, and looks back. */
 static void sbl__job_next_look(sbl__job *j, int number, sbl__look *out) {
     const int probe = j->lens == SBL__LENS_PROBE;
-    const sbl__site *site = &j->task.sites[probe ? j->suspects[j->site].site : j->site];
+    const sbl__site *site = &j->task.sites[probe ? j->suspects[j->site] : j->site];
     const int looks = sbl__looks_of(&j->task.spec, site);
     int k;
-    sbl__look_make(&j->task.spec, site, probe ? j->suspects[j->site].look : j->look, looks, out);
+    sbl__look_make(&j->task.spec, site, probe ? 0 : j->look, looks, out);
     out->sensor = number;
     for (k = 0; probe && k < 3; k++) out->normal[k] = -site->geometric_normal[k];
     if (!probe && ++j->look < looks) return;
@@ -7880,21 +7898,19 @@ static void sbl__job_take(sbl__job *j, const float sum[4], const float hits[4]) 
 /* A sensor is stuck when the little way it was moved off its surface took it through another: it then stands inside
    something that the visible point is outside of. What it sees tells little: whole rooms are modelled inside out, and
    what shines inside a thing may hide its walls. So looks that see any back faces are asked to look back to where they
-   came from, and their sensor is stuck when the first of them sees something nearer than its own surface. (The others
-   take the same place in the atlas as ever: where an edge passes through a probe, its texels round by their place.) */
-static sbl_result sbl__job_suspect(sbl__base *base, sbl__job *j, sbl__suspect who, float back_share) {
-    if (!(back_share > SBL__SUSPECT_SHARE)) return SBL_SUCCESS;
+   came from, and their sensor is stuck when it sees something nearer than its own surface. A site's first look tells. */
+static sbl_result sbl__job_suspect(sbl__base *base, sbl__job *j, int site) {
     if (!sbl__grow(base, &j->suspects, &j->suspect_room, j->suspect_count + 1, sizeof *j->suspects))
         return SBL_ERROR_OUT_OF_MEMORY;
-    j->suspects[j->suspect_count++] = who;
+    j->suspects[j->suspect_count++] = site;
     return SBL_SUCCESS;
 }
 
 static void sbl__job_convict(sbl__job *j, const float hits[4]) {
-    const sbl__suspect who = j->suspects[j->site++];
+    const int site = j->suspects[j->site++];
     const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent;
-    if (who.look == 0 && hits[0] > 0 && hits[2] * length < SBL__STUCK_SHARE * j->task.sites[who.site].offset)
-        j->task.readings[who.site].valid = 0;
+    if (hits[0] > 0 && hits[2] * length < SBL__STUCK_SHARE * j->task.sites[site].offset)
+        j->task.readings[site].valid = 0;
 }
 
 /* One piece of reading results: a few rows at once. */
@@ -7916,9 +7932,10 @@ static sbl_result sbl__job_read(const sbl__device *d, sbl__job *j) {
         if (look < first || look >= j->look_count) continue;
         if (j->lens == SBL__LENS_PROBE) sbl__job_convict(j, hits);
         else {
-            const sbl__suspect who = { j->site, j->look };
+            const int site = j->site, first_look = j->look == 0;
             sbl__job_take(j, sum, hits);
-            result = sbl__job_suspect(d->base, j, who, sbl__back_share(sum, hits));
+            if (first_look && sbl__back_share(sum, hits) > SBL__SUSPECT_SHARE)
+                result = sbl__job_suspect(d->base, j, site);
         }
     }
     sbl__free(d->base, data);

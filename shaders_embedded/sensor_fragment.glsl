@@ -1,5 +1,8 @@
 // What a sensor's texel holds: Ck, and the distance along the view axis, negative where a back face is seen.
 layout(location = 0) out vec4 out_radiance;
+flat in vec4 view;
+in vec3 point;
+uniform vec2 atlas_size;    // texels
 #ifdef SBL_TEXTURED
 uniform float radiance_scale;
 flat in int fragment_object;
@@ -12,7 +15,20 @@ flat in vec3 radiance_front, radiance_back;
 uniform float depth_scale;
 #endif
 
+const float SBL_NEAREST = 3e-8;  // that anything is seen, in extents of the scene
+const float SBL_BESIDE = 0.4;    // texels that a fragment may lie beside what it shows, and what rounding adds to
+const float SBL_BESIDE_ROUNDING = 1e-8;  // that at unit distance, in half widths of the view
+
+// A triangle whose plane holds the sensor is a line. Rounding makes it a triangle that may lie anywhere, in the views
+// of other sensors too: what is drawn there is not what is seen in that direction.
+bool sbl_seen_here() {
+    vec2 direction = (gl_FragCoord.xy / atlas_size * 2.0 - 1.0 - view.xy) / view.zw;
+    vec2 limit = SBL_BESIDE * point.z / (0.5 * atlas_size * view.zw) + SBL_BESIDE_ROUNDING;
+    return point.z > SBL_NEAREST && all(lessThanEqual(abs(point.xy - direction * point.z), limit));
+}
+
 void main() {
+    if (!sbl_seen_here()) discard;
 #ifdef SBL_TEXTURED
     sbl_Attributes at = sbl_Attributes(fragment_uv, fragment_color);
     if (sbl_object_alpha_cutoff(fragment_object) > 0.0 && !sbl_solid(fragment_object, at)) discard;

@@ -240,6 +240,43 @@ TEST(offsets_and_validity) {
     scene_free(&s);
 }
 
+/* Two black walls without end meet in a corner, under an even sky. Between them a quarter of it is seen. A wall whose plane holds the sensor hides nothing,
+   which leaves three quarters, and all of it in the corner itself: such a wall is a line without a place, and must not be drawn into others' views. */
+TEST(in_the_planes_of_walls) {
+    enum { SITES = 600 };
+    static sbl_site sites[SITES];
+    static sbl_reading readings[SITES];
+    int turned, i, backend;
+    for (turned = 0; turned < 2; turned++) for (backend = SBL_BACKEND_RASTER; backend <= SBL_BACKEND_TRACE; backend++) {
+        const float far_off = 1e4f, c = turned ? cosf(0.3f) : 1, d = turned ? sinf(0.3f) : 0;
+        test_scene s = { 0 };
+        const int black = scene_material(&s, 0, 0, 0);
+        sbl_gather_desc desc = gather_of(sites, readings, SITES);
+        double worst[3] = { 0, 0, 0 };
+        scene_sky(&s, 1, 1, 1);
+        scene_quad(&s, black, 0, -1, 0, c * far_off, -1, d * far_off, c * far_off, far_off, d * far_off, 0, far_off, 0);
+        scene_quad(&s, black, 0, -1, 0, -d * far_off, -1, c * far_off, -d * far_off, far_off, c * far_off, 0, far_off, 0);
+        REQUIRE(use_scene(&s), "no scene");
+        for (i = 0; i < SITES; i++) {
+            const float x = i % 3 > 1 ? 0.01f * (float)i : 0, z = i % 3 > 0 ? 50 + 0.02f * (float)i : 0;
+            sites[i] = site_of(c * x - d * z, 0.001f * (float)i, d * x + c * z, 0, 1, 0);
+            sites[i].offset = -1;
+        }
+        desc.mode = SBL_MODE_AMBIENT;
+        desc.backend = (sbl_backend)backend;
+        desc.sensor_size = 32;
+        desc.rays = 1024;
+        REQUIRE(sbl_gather(context, &desc) == SBL_SUCCESS, "no gather: %s", watch_last(&seen));
+        for (i = 0; i < SITES; i++) {
+            const double expected[3] = { 1, 0.75, 0.25 }, error = fabs(readings[i].radiance[0] / expected[i % 3] - 1);
+            worst[i % 3] = error > worst[i % 3] ? error : worst[i % 3];
+        }
+        CHECK(worst[0] < 0.03 && worst[1] < 0.1 && worst[2] < 0.06, "%s of the sky: off by up to %g, %g, %g", backend == SBL_BACKEND_RASTER ? "views" : "rays",
+              worst[0], worst[1], worst[2]);
+        scene_free(&s);
+    }
+}
+
 /* >>how it runs */
 
 /* Sites all over the Cornell box's floor. */
@@ -424,6 +461,7 @@ int main(void) {
     RUN(lamps_and_noise);
     RUN(normals_of_any_length);
     RUN(offsets_and_validity);
+    RUN(in_the_planes_of_walls);
     RUN(slices_cancel_and_end);
     RUN(a_million_points);
     RUN(mistakes);

@@ -139,8 +139,8 @@ static const struct { const char *renderer, *version; uint64_t hashes[PINS]; } p
         0xb3d0f41f0a7f878au,  /* cornell_ambient_traced */
         0x2260556ef94e20eeu,  /* cornell_direct_traced */
         0x053df88ddde4e6d8u,  /* cornell_direct_high */
-        0x370edffeb133f1f4u,  /* cornell_ambient_rasterised */
-        0xe79b2a23eb9fe3b7u,  /* cornell_paper */
+        0x30e1af4a2598d3a2u,  /* cornell_ambient_rasterised */
+        0x5d8b529644cb248du,  /* cornell_paper */
         0xee6f8011a6649ed3u,  /* everything_ambient_traced */
         0x96da954bee9d19ceu,  /* everything_ambient_rasterised */
         0xdd61eb2050eba32fu,  /* everything_paper */
