@@ -1059,19 +1059,29 @@ static int sbl__grow(sbl__base *base, void *array, int *room, int needed, size_t
     return 1;
 }
 
-static int sbl__finite(float x) { return x - x == 0.0f; }
+/* What the host gives is judged by its bits, before anything is computed with it: a compiler may have been told that
+   there is neither infinity nor NaN (-ffast-math), and comparisons then say nothing about them. */
+static uint32_t sbl__float_bits(const float *x) {
+    uint32_t bits;
+    memcpy(&bits, x, sizeof bits);
+    return bits;
+}
 
 static int sbl__all_finite(const float *x, int count) {
     int i;
-    for (i = 0; i < count; i++) if (!sbl__finite(x[i])) return 0;
+    for (i = 0; i < count; i++) if ((sbl__float_bits(x + i) & 0x7f800000u) == 0x7f800000u) return 0;
     return 1;
 }
 
 static int sbl__all_zero(const float *x, int count) {
     int i;
-    for (i = 0; i < count; i++) if (x[i] != 0.0f) return 0;
+    for (i = 0; i < count; i++) if (sbl__float_bits(x + i) << 1) return 0;
     return 1;
 }
+
+static int sbl__finite(const float *x) { return sbl__all_finite(x, 1); }
+static int sbl__zero(const float *x) { return sbl__all_zero(x, 1); }
+static int sbl__between(const float *x, float low, float high) { return sbl__finite(x) && *x >= low && *x <= high; }
 
 static float sbl__dot(const float a[3], const float b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 static float sbl__max3(const float a[3]) { return SBL__MAX(a[0], SBL__MAX(a[1], a[2])); }
@@ -1152,10 +1162,11 @@ static uint16_t sbl__to_half(float value) {
 
 static float sbl__from_half(uint16_t half) {
     int exponent = (half >> 10) & 31, mantissa = half & 1023;
-    double value = exponent == 31 ? (mantissa ? (double)NAN : HUGE_VAL)
-                 : exponent       ? ldexp((double)(mantissa + 1024), exponent - 25)
-                                  : ldexp((double)mantissa, -24);
-    return (float)(half & 0x8000 ? -value : value);
+    const double value = exponent ? ldexp((double)(mantissa + 1024), exponent - 25) : ldexp((double)mantissa, -24);
+    const uint32_t not_finite = (half & 0x8000u) << 16 | 0x7f800000u | (uint32_t)mantissa << 13;
+    float x = (float)(half & 0x8000 ? -value : value);
+    if (exponent == 31) memcpy(&x, &not_finite, sizeof x);
+    return x;
 }
 
 static float sbl__srgb_to_linear(float x) {
@@ -2560,7 +2571,7 @@ static int sbl__check_canaries(sbl__check *check, const char *name, uint32_t sta
 static void sbl__check_color(sbl__check *check, const char *where, const char *name, const float color[3]) {
     int k;
     for (k = 0; k < 3; k++)
-        if (!(color[k] >= 0.0f && sbl__finite(color[k])))
+        if (!sbl__between(&color[k], 0, FLT_MAX))
             sbl__mistake(check, "%s: %s[%d] is %g; it must be finite and not negative", where, name, k,
                          (double)color[k]);
 }
@@ -2568,7 +2579,7 @@ static void sbl__check_color(sbl__check *check, const char *where, const char *n
 static void sbl__check_finite(sbl__check *check, const char *where, const char *name, const float *v, int count) {
     int k;
     for (k = 0; k < count; k++)
-        if (!sbl__finite(v[k]))
+        if (!sbl__finite(v + k))
             sbl__mistake(check, "%s: %s[%d] is %g; it must be finite", where, name, k, (double)v[k]);
 }
 
@@ -2653,7 +2664,7 @@ static void sbl__check_stream(sbl__check *check, int mesh, const sbl__stream_use
 static void sbl__check_transform(sbl__check *check, int mesh, const float m[16]) {
     int i;
     for (i = 0; i < 16; i++)
-        if (!sbl__finite(m[i])) {
+        if (!sbl__finite(m + i)) {
             sbl__mistake(check, "mesh %d: transform[%d] is %g; it must be finite", mesh, i, (double)m[i]);
             return;
         }
@@ -2700,14 +2711,14 @@ static void sbl__check_material(sbl__check *check, const sbl_scene_desc *desc, i
     int i;
     snprintf(where, sizeof where, "material %d", number);
     for (i = 0; i < 3; i++)
-        if (!(m->albedo[i] >= 0.0f && m->albedo[i] <= 1.0f))
+        if (!sbl__between(&m->albedo[i], 0, 1))
             sbl__mistake(check, "%s: albedo[%d] is %g; it must be 0 to 1", where, i, (double)m->albedo[i]);
     sbl__check_color(check, where, "emission", m->emission);
     for (i = 0; i < 2; i++)
         if (textures[i] < 0 || textures[i] > desc->texture_count)
             sbl__mistake(check, "%s: %s_texture is %d; it must be 0 (none) to %d", where, i ? "emission" : "albedo",
                          textures[i], desc->texture_count);
-    if (!(m->alpha_cutoff >= 0.0f && m->alpha_cutoff <= 1.0f))
+    if (!sbl__between(&m->alpha_cutoff, 0, 1))
         sbl__mistake(check, "%s: alpha_cutoff is %g; it must be 0 to 1", where, (double)m->alpha_cutoff);
     if (m->flags & ~(uint32_t)SBL_MATERIAL_FLAGS_ALL)
         sbl__mistake(check, "%s: flags is 0x%x; only the bits 0x%x exist", where, m->flags,
@@ -2789,14 +2800,14 @@ static void sbl__check_light(sbl__check *check, const sbl_light *l, int number) 
         if (sbl__all_zero(l->direction, 3))
             sbl__mistake(check, "%s: direction is 0 0 0; it must point the way the light goes", where);
     }
-    if (near && !(l->radius >= 0.0f && sbl__finite(l->radius)))
+    if (near && !sbl__between(&l->radius, 0, FLT_MAX))
         sbl__mistake(check, "%s: radius is %g; it must be finite and not negative", where, (double)l->radius);
-    if (!near && !(l->angle >= 0.0f && l->angle <= 180.0f))
+    if (!near && !sbl__between(&l->angle, 0, 180))
         sbl__mistake(check, "%s: angle is %g; it must be 0 to 180 degrees", where, (double)l->angle);
     if (l->kind != SBL_LIGHT_SPOT) return;
-    if (!(l->cone >= 0.0f && l->cone <= 180.0f))
+    if (!sbl__between(&l->cone, 0, 180))
         sbl__mistake(check, "%s: cone is %g; it must be 0 to 180 degrees", where, (double)l->cone);
-    else if (!(l->inner_cone >= 0.0f && l->inner_cone <= SBL__CONE(l)))
+    else if (!sbl__between(&l->inner_cone, 0, SBL__CONE(l)))
         sbl__mistake(check, "%s: inner_cone is %g; it must be 0 to the cone's %g degrees", where, (double)l->inner_cone,
                      (double)SBL__CONE(l));
 }
@@ -2816,9 +2827,9 @@ static void sbl__check_environment(sbl__check *check, const sbl_environment *e) 
         else if (t->channels < 0 || t->channels > 4)
             sbl__mistake(check, "%s: picture.channels is %d; it must be 1 to 4, or 0 for 4", where, t->channels);
     }
-    if (!(e->scale >= 0.0f && sbl__finite(e->scale)))
+    if (!sbl__between(&e->scale, 0, FLT_MAX))
         sbl__mistake(check, "%s: scale is %g; it must be finite and not negative", where, (double)e->scale);
-    if (!sbl__finite(e->rotation))
+    if (!sbl__finite(&e->rotation))
         sbl__mistake(check, "%s: rotation is %g; it must be finite", where, (double)e->rotation);
     sbl__check_finite(check, where, "up", e->up, 3);
 }
@@ -2837,12 +2848,12 @@ static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *d
     sbl__check_array(&check, where, "light_count", desc->light_count, desc->lights);
     sbl__check_color(&check, where, "sky", desc->sky);
     for (i = 0; desc->draw && i < 6; i++) {
-        const float low = desc->draw_bounds[0][i % 3], x = desc->draw_bounds[i / 3][i % 3];
-        if (!sbl__finite(x) || low > desc->draw_bounds[1][i % 3])
+        const float *low = &desc->draw_bounds[0][i % 3], *x = &desc->draw_bounds[i / 3][i % 3];
+        if (!sbl__finite(x) || (sbl__finite(low) && *low > desc->draw_bounds[1][i % 3]))
             sbl__mistake(&check, "%s: draw_bounds[%d][%d] is %g; bounds must be finite, lowest corner first", where,
-                         i / 3, i % 3, (double)x);
+                         i / 3, i % 3, (double)*x);
     }
-    if (!(desc->draw_max_radiance >= 0.0f && sbl__finite(desc->draw_max_radiance)))
+    if (!sbl__between(&desc->draw_max_radiance, 0, FLT_MAX))
         sbl__mistake(&check, "%s: draw_max_radiance is %g; it must be finite and not negative", where,
                      (double)desc->draw_max_radiance);
     check.item = SBL_LOG_ITEM_INVALID_LIGHT;
@@ -2871,7 +2882,7 @@ static sbl_result sbl__check_context(const sbl__base *base, const sbl_context_de
                      (unsigned)SBL_CAPABILITY_ALL);
     if (d->atlas_size) sbl__check_int(&check, where, "atlas_size", d->atlas_size, atlas_sizes);
     if (d->batch < 0) sbl__mistake(&check, "%s: batch is %d; it cannot be negative", where, d->batch);
-    if (!(d->longest_submission >= 0.0f && sbl__finite(d->longest_submission)))
+    if (!sbl__between(&d->longest_submission, 0, FLT_MAX))
         sbl__mistake(&check, "%s: longest_submission is %g; it must be finite and not negative", where,
                      (double)d->longest_submission);
     return sbl__check_end(&check);
@@ -2910,21 +2921,26 @@ static void sbl__check_seeing(sbl__check *check, const char *where, const sbl__s
                      host_draws ? "in a scene with a draw callback" : "with the paper's single view");
     sbl__check_int(check, where, "rays", s->rays, rays);
     sbl__check_int(check, where, "sensor_size", s->sensor_size, sizes);
-    if (!(s->sensor_fov >= 1.0f && s->sensor_fov <= 179.0f))
+    if (!sbl__between(&s->sensor_fov, 1, 179))
         sbl__mistake(check, "%s: sensor_fov is %g; it must be 1 to 179 degrees", where, (double)s->sensor_fov);
-    if (!(s->epsilon >= 0.0f && sbl__finite(s->epsilon)))
+    if (!sbl__between(&s->epsilon, 0, FLT_MAX))
         sbl__mistake(check, "%s: epsilon is %g; it must be finite and not negative", where, (double)s->epsilon);
+}
+
+static int sbl__rigid(const float m[16]) {
+    int i, k;
+    for (i = 0; i < 3; i++)
+        for (k = 0; k < 3; k++)
+            if (fabs((double)m[i] * m[k] + (double)m[4 + i] * m[4 + k] + (double)m[8 + i] * m[8 + k] - (i == k)) > 1e-3)
+                return 0;
+    return sbl__affine_determinant(m) > 0;
 }
 
 static void sbl__check_camera(sbl__check *check, const char *where, const sbl_picture_desc *d) {
     const float *v = d->world_to_view, *m = d->view_to_clip;
-    int rigid = v[3] == 0.0f && v[7] == 0.0f && v[11] == 0.0f && v[15] == 1.0f, perspective, orthographic, i, k;
+    int perspective, orthographic;
     sbl__check_finite(check, where, "world_to_view", v, 16);
-    for (i = 0; i < 3; i++)
-        for (k = 0; k < 3; k++)
-            if (fabs((double)v[i] * v[k] + (double)v[4 + i] * v[4 + k] + (double)v[8 + i] * v[8 + k] - (i == k)) > 1e-3)
-                rigid = 0;
-    if (sbl__all_finite(v, 16) && (!rigid || sbl__affine_determinant(v) < 0))
+    if (sbl__all_finite(v, 16) && !sbl__rigid(v))
         sbl__mistake(check, "%s: world_to_view is not rigid (a rotation and a translation, column-major); sbl_look_at "
                      "makes one", where);
     sbl__check_finite(check, where, "view_to_clip", m, 16);
@@ -2951,9 +2967,9 @@ static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_de
     sbl__check_int(&check, where, "height", d->height, sizes);
     sbl__check_seeing(&check, where, &seeing, host_draws);
     sbl__check_int(&check, where, "tile", d->tile, tiles);
-    if (!(d->threshold > 0.0f && sbl__finite(d->threshold)))
+    if (!sbl__between(&d->threshold, FLT_MIN, FLT_MAX))
         sbl__mistake(&check, "%s: threshold is %g; it must be positive and finite", where, (double)d->threshold);
-    if (!(d->facet_limit >= 0.0f && sbl__finite(d->facet_limit)))
+    if (!sbl__between(&d->facet_limit, 0, FLT_MAX))
         sbl__mistake(&check, "%s: facet_limit is %g; it must be 0 or more, and finite", where, (double)d->facet_limit);
     if (d->filter_radius > 32)
         sbl__mistake(&check, "%s: filter_radius is %d; it must be at most 32", where, d->filter_radius);
@@ -2967,7 +2983,8 @@ static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_de
 /* Returns 1 where the site is fit for use; names what is wrong with it where `named`. */
 static int sbl__check_site(sbl__check *check, const sbl_site *s, int number, int named) {
     const int good = sbl__all_finite(s->position, 3) && sbl__all_finite(s->normal, 3) &&
-                     !sbl__all_zero(s->normal, 3) && sbl__all_finite(s->geometric_normal, 3) && sbl__finite(s->offset);
+                     !sbl__all_zero(s->normal, 3) && sbl__all_finite(s->geometric_normal, 3) &&
+                     sbl__finite(&s->offset);
     char where[32];
     if (good || !named) return good;
     snprintf(where, sizeof where, "site %d", number);
@@ -3175,14 +3192,14 @@ static void sbl__mesh_check(sbl__check *check, int mesh, const sbl__stream_use *
     int i, k;
     for (i = 0; i < use->count; i++)
         for (k = 0; k < use->components; k++) {
-            const float x = v[(size_t)use->components * (size_t)i + (size_t)k];
-            if (sbl__finite(x) && x >= range[0] && x <= range[1]) continue;
+            const float *x = &v[(size_t)use->components * (size_t)i + (size_t)k];
+            if (sbl__between(x, range[0], range[1])) continue;
             if (range[1] == 1.0f)
                 sbl__mistake(check, "mesh %d: %s: component %d of vertex %d is %g; it must be 0 to 1", mesh, use->name,
-                             k, i, (double)x);
+                             k, i, (double)*x);
             else
                 sbl__mistake(check, "mesh %d: %s: component %d of vertex %d is %g; it must be finite", mesh, use->name,
-                             k, i, (double)x);
+                             k, i, (double)*x);
             return;
         }
 }
@@ -3529,7 +3546,7 @@ static sbl_result sbl__store_pixels(const sbl__device *d, const sbl__textures *s
             if (copy) memcpy(c, copy + 4 * ((size_t)y * (size_t)width + (size_t)x), sizeof c);
             else sbl__read_pixel(t, (const unsigned char *)t->pixels + (size_t)y * stride, x, c);
             for (k = 0; k < 4; k++)
-                if (!(c[k] >= 0.0f && sbl__finite(c[k]))) {
+                if (!sbl__between(&c[k], 0, FLT_MAX)) {
                     sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_TEXTURE, "texture %d: component %d of pixel "
                              "%d %d is %g; it must be finite and not negative", index + 1, k, x, y, (double)c[k]);
                     return SBL_ERROR_INVALID_ARGUMENT;
@@ -3719,7 +3736,7 @@ static sbl_result sbl__environment_read(const sbl__base *base, sbl__environment 
             float *c = texels + 4 * at;
             sbl__environment_texel(e, desc, x, y, c);
             for (k = 0; k < 3; k++)
-                if (!(c[k] >= 0.0f && sbl__finite(c[k]))) {
+                if (!sbl__between(&c[k], 0, FLT_MAX)) {
                     sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_LIGHT, "environment: component %d of pixel "
                              "%d %d is %g; it must be finite and not negative", k, x, y, (double)c[k]);
                     return SBL_ERROR_INVALID_ARGUMENT;
@@ -3962,7 +3979,7 @@ static void sbl__split_bins(sbl__bvh_split *s, const sbl__bvh_task *t) {
     for (axis = 0; axis < 3; axis++) {
         const float size = s->centroids.high[axis] - s->centroids.low[axis];
         s->scale[axis] = size > 0 ? (float)SBL__BVH_BINS * 0.99999f / size : 0;
-        if (!sbl__finite(s->scale[axis]) || t->depth >= SBL__BVH_SAH_DEPTH) s->scale[axis] = 0;
+        if (!sbl__finite(&s->scale[axis]) || t->depth >= SBL__BVH_SAH_DEPTH) s->scale[axis] = 0;
         for (k = 0; k < SBL__BVH_BINS; k++) {
             sbl__box_clear(&s->bins[axis][k]);
             s->counts[axis][k] = 0;
@@ -4353,7 +4370,7 @@ static const char *const sbl__glsl_traverse[] = {
 "const int SBL_LAYERS = 64;            // of cutouts that a ray goes through\n",
 "const int SBL_BOX_SLACK = 8;          // units in the last place, see Ize 2013, \"Robust BVH Ray Traversal\"\n",
 "const float SBL_SELF_DEEP = 1e-4;     // a hit nearer than this share of its triangle's depth may be rounding:\n",
-"const float SBL_SELF_WIDE = 1.2e-7;   // it must be farther than so many of its width\n",
+"const float SBL_SELF_WIDE = 2.4e-7;   // it must be farther than half so many of its width\n",
 "\n",
 "#ifdef SBL_TEXTURED\n",
 "sbl_Attributes sbl_attributes_at(int triangle, float b1, float b2) {\n",
@@ -4400,6 +4417,10 @@ static const char *const sbl__glsl_traverse[] = {
 "\n",
 "vec3 sbl_turn(vec3 v, int axis) { return axis == 0 ? v.yzx : axis == 1 ? v.zxy : v; }\n",
 "\n",
+"// Four times the area of an edge and the ray. From the edge's other side it is exactly the opposite, though\n",
+"// drivers may compute a * b - c * d with one rounding or with two: the edge both ways, halves that change places.\n",
+"float sbl_side(vec2 a, vec2 b) { return (a.x * b.y - a.y * b.x) - (b.x * a.y - b.y * a.x); }\n",
+"\n",
 "void sbl_test(int triangle, sbl_Ray ray, inout sbl_Hit hit) {\n",
 "    vec3 p = sbl_turn(sbl_triangle_corner_0(triangle) - ray.origin, ray.axis);\n",
 "    vec3 q = sbl_turn(sbl_triangle_corner_1(triangle) - ray.origin, ray.axis);\n",
@@ -4409,7 +4430,7 @@ static const char *const sbl__glsl_traverse[] = {
 "    p.xy -= shear * p.z;\n",
 "    q.xy -= shear * q.z;\n",
 "    r.xy -= shear * r.z;\n",
-"    float u = r.x * q.y - r.y * q.x, v = p.x * r.y - p.y * r.x, w = q.x * p.y - q.y * p.x, determinant = u + v + w;\n",
+"    float u = sbl_side(r.xy, q.xy), v = sbl_side(p.xy, r.xy), w = sbl_side(q.xy, p.xy), determinant = u + v + w;\n",
 "    bool front = u >= 0.0 && v >= 0.0 && w >= 0.0, back = u <= 0.0 && v <= 0.0 && w <= 0.0;\n",
 "    bool inside = (front || back) && determinant != 0.0;\n",
 "    float l = (u * p.z + v * q.z + w * r.z) * ray.per_z / determinant;\n",
@@ -6965,8 +6986,7 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 "layout(location = 8) in vec2 view_offset;   // of the rectangle in the atlas\n",
 "uniform float per_length;                   // 1 / extent of the scene\n",
 "uniform float depth_scale;                  // depth is depth_scale / distance: reversed, without a far plane\n",
-"flat out vec4 view;                          // offset and scale in the atlas\n",
-"out vec3 point;                              // along right, up and forward\n",
+"out vec3 place;                             // x y w of gl_Position\n",
 "#ifdef SBL_TEXTURED\n",
 "layout(location = 2) in vec2 vertex_uv;\n",
 "layout(location = 3) in uvec2 vertex_color;\n",
@@ -6992,8 +7012,7 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 "    vec3 p = (position - view_eye) * per_length;\n",
 "    float x = dot(view_right.xyz, p), y = dot(view_up.xyz, p), w = dot(view_forward.xyz, p);\n",
 "    gl_Position = vec4(x * view_right.w + w * view_offset.x, y * view_up.w + w * view_offset.y, depth_scale, w);\n",
-"    view = vec4(view_offset, view_right.w, view_up.w);\n",
-"    point = vec3(x, y, w);\n",
+"    place = gl_Position.xyw;\n",
 "    gl_ClipDistance[0] = w + x;\n",
 "    gl_ClipDistance[1] = w - x;\n",
 "    gl_ClipDistance[2] = y - w * view_forward.w;\n",
@@ -7007,8 +7026,7 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 static const char *const sbl__glsl_sensor_fragment[] = {
 "// What a sensor's texel holds: Ck, and the distance along the view axis, negative where a back face is seen.\n",
 "layout(location = 0) out vec4 out_radiance;\n",
-"flat in vec4 view;\n",
-"in vec3 point;\n",
+"in vec3 place;              // where in the atlas it was put\n",
 "uniform vec2 atlas_size;    // texels\n",
 "#ifdef SBL_TEXTURED\n",
 "uniform float radiance_scale;\n",
@@ -7023,15 +7041,14 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "#endif\n",
 "\n",
 "const float SBL_NEAREST = 3e-8;  // that anything is seen, in extents of the scene\n",
-"const float SBL_BESIDE = 0.4;    // texels that a fragment may lie beside what it shows, and what rounding adds to\n",
-"const float SBL_BESIDE_ROUNDING = 1e-8;  // that at unit distance, in half widths of the view\n",
+"const float SBL_BESIDE = 0.4;    // texels that a fragment may lie beside its place,\n",
+"const float SBL_BESIDE_ROUNDING = 3e-7;  // and what rounding adds to that at unit distance\n",
 "\n",
-"// A triangle whose plane holds the sensor is a line. Rounding makes it a triangle that may lie anywhere, in the views\n",
-"// of other sensors too: what is drawn there is not what is seen in that direction.\n",
+"// A triangle whose plane holds the sensor is a line. Rounding makes it a triangle that may lie anywhere, in the\n",
+"// views of other sensors too: what is drawn there is not what is seen in that direction.\n",
 "bool sbl_seen_here() {\n",
-"    vec2 direction = (gl_FragCoord.xy / atlas_size * 2.0 - 1.0 - view.xy) / view.zw;\n",
-"    vec2 limit = SBL_BESIDE * point.z / (0.5 * atlas_size * view.zw) + SBL_BESIDE_ROUNDING;\n",
-"    return point.z > SBL_NEAREST && all(lessThanEqual(abs(point.xy - direction * point.z), limit));\n",
+"    vec2 at = gl_FragCoord.xy / atlas_size * 2.0 - 1.0, beside = abs(place.xy - at * place.z) * 0.5 * atlas_size;\n",
+"    return place.z > SBL_NEAREST && max(beside.x, beside.y) <= SBL_BESIDE * place.z + SBL_BESIDE_ROUNDING;\n",
 "}\n",
 "\n",
 "void main() {\n",
@@ -7898,7 +7915,8 @@ static void sbl__job_take(sbl__job *j, const float sum[4], const float hits[4]) 
 /* A sensor is stuck when the little way it was moved off its surface took it through another: it then stands inside
    something that the visible point is outside of. What it sees tells little: whole rooms are modelled inside out, and
    what shines inside a thing may hide its walls. So looks that see any back faces are asked to look back to where they
-   came from, and their sensor is stuck when it sees something nearer than its own surface. A site's first look tells. */
+   came from, and their sensor is stuck when it sees something nearer than its own surface. A site's first look tells.
+   */
 static sbl_result sbl__job_suspect(sbl__base *base, sbl__job *j, int site) {
     if (!sbl__grow(base, &j->suspects, &j->suspect_room, j->suspect_count + 1, sizeof *j->suspects))
         return SBL_ERROR_OUT_OF_MEMORY;
@@ -9851,7 +9869,7 @@ SBL_API sbl_context_desc sbl_context_desc_defaults(const sbl_context_desc *desc)
     }
     if (!d.logger.log) d.logger.log = sbl__default_log;
     if (!d.atlas_size) d.atlas_size = 2048;
-    if (d.longest_submission == 0.0f) d.longest_submission = 0.1f;
+    if (sbl__zero(&d.longest_submission)) d.longest_submission = 0.1f;
     return d;
 }
 
@@ -9862,10 +9880,10 @@ static void sbl__seeing_defaults(sbl__seeing *s) {
     if (s->sensor_kind == SBL_SENSOR_DEFAULT)
         s->sensor_kind = s->mode == SBL_MODE_PAPER ? SBL_SENSOR_SINGLE : SBL_SENSOR_HEMICUBE;
     if (!s->sensor_size) s->sensor_size = draft ? 32 : high ? 128 : 64;
-    if (s->sensor_fov == 0.0f) s->sensor_fov = 135;
+    if (sbl__zero(&s->sensor_fov)) s->sensor_fov = 135;
     if (!s->rays) s->rays = draft ? 64 : high ? 1024 : 256;
     if (s->mode == SBL_MODE_DIRECT) s->epsilon = 0;
-    else if (s->epsilon == 0.0f) s->epsilon = 0.02f;
+    else if (sbl__zero(&s->epsilon)) s->epsilon = 0.02f;
 }
 
 #define SBL__SEE(d, s) \
@@ -9888,7 +9906,7 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
     if (d.width > 0 && d.height > 0 && sbl__all_zero(d.view_to_clip, 16))
         sbl_perspective(d.view_to_clip, 40, (float)d.width / (float)d.height);
     if (!d.tile) d.tile = high ? 8 : 16;
-    if (d.threshold == 0.0f) d.threshold = d.mode == SBL_MODE_PAPER ? 0.05f : draft ? 0.3f : high ? 0.07f : 0.15f;
+    if (sbl__zero(&d.threshold)) d.threshold = d.mode == SBL_MODE_PAPER ? 0.05f : draft ? 0.3f : high ? 0.07f : 0.15f;
     if (!d.filter_radius) d.filter_radius = 2;
     if (!d.samples) d.samples = draft ? 1 : high ? 16 : 4;
     return d;
@@ -10415,9 +10433,10 @@ SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *
 
 /* >>public: helpers */
 
-SBL_API int sbl_look_at(float m[16], float eye_x, float eye_y, float eye_z, float at_x, float at_y, float at_z,
-                        float up_x, float up_y, float up_z) {
+SBL_API int sbl_look_at(float world_to_view[16], float eye_x, float eye_y, float eye_z, float at_x, float at_y,
+                        float at_z, float up_x, float up_y, float up_z) {
     double eye[3], f[3], u[3], r[3];
+    float m[16];
     int k;
     eye[0] = eye_x; eye[1] = eye_y; eye[2] = eye_z;
     f[0] = at_x - eye[0]; f[1] = at_y - eye[1]; f[2] = at_z - eye[2];
@@ -10436,16 +10455,19 @@ SBL_API int sbl_look_at(float m[16], float eye_x, float eye_y, float eye_z, floa
     m[13] = (float)-(u[0] * eye[0] + u[1] * eye[1] + u[2] * eye[2]);
     m[14] = (float)(f[0] * eye[0] + f[1] * eye[1] + f[2] * eye[2]);
     m[15] = 1;
+    if (!sbl__all_finite(m, 16)) return 0;
+    memcpy(world_to_view, m, sizeof m);
     return 1;
 }
 
 SBL_API int sbl_perspective(float m[16], float fov_y, float aspect) {
-    double t;
-    if (!(fov_y > 0 && fov_y < 180 && aspect > 0 && sbl__finite(aspect))) return 0;
-    t = tan(0.5 * fov_y * SBL__PI / 180);
+    const double t = tan(0.5 * fov_y * SBL__PI / 180);
+    const float wide = (float)(1 / (t * aspect)), high = (float)(1 / t);
+    if (!sbl__between(&fov_y, FLT_MIN, 180) || fov_y >= 180 || !sbl__between(&aspect, FLT_MIN, FLT_MAX)) return 0;
+    if (!sbl__between(&wide, FLT_MIN, FLT_MAX) || !sbl__between(&high, FLT_MIN, FLT_MAX)) return 0;
     memset(m, 0, 16 * sizeof(float));
-    m[0] = (float)(1 / (t * aspect));
-    m[5] = (float)(1 / t);
+    m[0] = wide;
+    m[5] = high;
     m[10] = -1;
     m[11] = -1;
     m[14] = -0.2f;  /* near 0.1, no far plane; sbl.h itself ignores both */
@@ -10455,7 +10477,8 @@ SBL_API int sbl_perspective(float m[16], float fov_y, float aspect) {
 SBL_API void sbl_encode_srgb8(unsigned char *out, const float *linear, size_t count, float scale) {
     size_t i;
     for (i = 0; i < count; i++) {
-        const double x = (double)linear[i] * (double)scale;
+        const int infinite = sbl__float_bits(&linear[i]) == 0x7f800000u;
+        const double x = infinite ? 1 : sbl__finite(&linear[i]) ? (double)linear[i] * (double)scale : 0;
         const double y = !(x > 0) ? 0 : x >= 1 ? 1 : x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1 / 2.4) - 0.055;
         out[i] = (unsigned char)(255 * y + 0.5);
     }

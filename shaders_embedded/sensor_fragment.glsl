@@ -1,7 +1,6 @@
 // What a sensor's texel holds: Ck, and the distance along the view axis, negative where a back face is seen.
 layout(location = 0) out vec4 out_radiance;
-flat in vec4 view;
-in vec3 point;
+in vec3 place;              // where in the atlas it was put
 uniform vec2 atlas_size;    // texels
 #ifdef SBL_TEXTURED
 uniform float radiance_scale;
@@ -16,15 +15,14 @@ uniform float depth_scale;
 #endif
 
 const float SBL_NEAREST = 3e-8;  // that anything is seen, in extents of the scene
-const float SBL_BESIDE = 0.4;    // texels that a fragment may lie beside what it shows, and what rounding adds to
-const float SBL_BESIDE_ROUNDING = 1e-8;  // that at unit distance, in half widths of the view
+const float SBL_BESIDE = 0.4;    // texels that a fragment may lie beside its place,
+const float SBL_BESIDE_ROUNDING = 3e-7;  // and what rounding adds to that at unit distance
 
-// A triangle whose plane holds the sensor is a line. Rounding makes it a triangle that may lie anywhere, in the views
-// of other sensors too: what is drawn there is not what is seen in that direction.
+// A triangle whose plane holds the sensor is a line. Rounding makes it a triangle that may lie anywhere, in the
+// views of other sensors too: what is drawn there is not what is seen in that direction.
 bool sbl_seen_here() {
-    vec2 direction = (gl_FragCoord.xy / atlas_size * 2.0 - 1.0 - view.xy) / view.zw;
-    vec2 limit = SBL_BESIDE * point.z / (0.5 * atlas_size * view.zw) + SBL_BESIDE_ROUNDING;
-    return point.z > SBL_NEAREST && all(lessThanEqual(abs(point.xy - direction * point.z), limit));
+    vec2 at = gl_FragCoord.xy / atlas_size * 2.0 - 1.0, beside = abs(place.xy - at * place.z) * 0.5 * atlas_size;
+    return place.z > SBL_NEAREST && max(beside.x, beside.y) <= SBL_BESIDE * place.z + SBL_BESIDE_ROUNDING;
 }
 
 void main() {

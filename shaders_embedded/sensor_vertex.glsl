@@ -11,8 +11,7 @@ layout(location = 7) in vec4 view_forward;  // forward;               lowest y: 
 layout(location = 8) in vec2 view_offset;   // of the rectangle in the atlas
 uniform float per_length;                   // 1 / extent of the scene
 uniform float depth_scale;                  // depth is depth_scale / distance: reversed, without a far plane
-flat out vec4 view;                          // offset and scale in the atlas
-out vec3 point;                              // along right, up and forward
+out vec3 place;                             // x y w of gl_Position
 #ifdef SBL_TEXTURED
 layout(location = 2) in vec2 vertex_uv;
 layout(location = 3) in uvec2 vertex_color;
@@ -38,8 +37,7 @@ void main() {
     vec3 p = (position - view_eye) * per_length;
     float x = dot(view_right.xyz, p), y = dot(view_up.xyz, p), w = dot(view_forward.xyz, p);
     gl_Position = vec4(x * view_right.w + w * view_offset.x, y * view_up.w + w * view_offset.y, depth_scale, w);
-    view = vec4(view_offset, view_right.w, view_up.w);
-    point = vec3(x, y, w);
+    place = gl_Position.xyw;
     gl_ClipDistance[0] = w + x;
     gl_ClipDistance[1] = w - x;
     gl_ClipDistance[2] = y - w * view_forward.w;

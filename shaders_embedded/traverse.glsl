@@ -5,7 +5,7 @@ uniform int node_count;                     // 0: an empty scene
 const int SBL_LAYERS = 64;            // of cutouts that a ray goes through
 const int SBL_BOX_SLACK = 8;          // units in the last place, see Ize 2013, "Robust BVH Ray Traversal"
 const float SBL_SELF_DEEP = 1e-4;     // a hit nearer than this share of its triangle's depth may be rounding:
-const float SBL_SELF_WIDE = 1.2e-7;   // it must be farther than so many of its width
+const float SBL_SELF_WIDE = 2.4e-7;   // it must be farther than half so many of its width
 
 #ifdef SBL_TEXTURED
 sbl_Attributes sbl_attributes_at(int triangle, float b1, float b2) {
@@ -52,6 +52,10 @@ struct sbl_Ray {
 
 vec3 sbl_turn(vec3 v, int axis) { return axis == 0 ? v.yzx : axis == 1 ? v.zxy : v; }
 
+// Four times the area of an edge and the ray. From the edge's other side it is exactly the opposite, though
+// drivers may compute a * b - c * d with one rounding or with two: the edge both ways, halves that change places.
+float sbl_side(vec2 a, vec2 b) { return (a.x * b.y - a.y * b.x) - (b.x * a.y - b.y * a.x); }
+
 void sbl_test(int triangle, sbl_Ray ray, inout sbl_Hit hit) {
     vec3 p = sbl_turn(sbl_triangle_corner_0(triangle) - ray.origin, ray.axis);
     vec3 q = sbl_turn(sbl_triangle_corner_1(triangle) - ray.origin, ray.axis);
@@ -61,7 +65,7 @@ void sbl_test(int triangle, sbl_Ray ray, inout sbl_Hit hit) {
     p.xy -= shear * p.z;
     q.xy -= shear * q.z;
     r.xy -= shear * r.z;
-    float u = r.x * q.y - r.y * q.x, v = p.x * r.y - p.y * r.x, w = q.x * p.y - q.y * p.x, determinant = u + v + w;
+    float u = sbl_side(r.xy, q.xy), v = sbl_side(p.xy, r.xy), w = sbl_side(q.xy, p.xy), determinant = u + v + w;
     bool front = u >= 0.0 && v >= 0.0 && w >= 0.0, back = u <= 0.0 && v <= 0.0 && w <= 0.0;
     bool inside = (front || back) && determinant != 0.0;
     float l = (u * p.z + v * q.z + w * r.z) * ray.per_z / determinant;

@@ -139,14 +139,14 @@ static const struct { const char *renderer, *version; uint64_t hashes[PINS]; } p
         0xb3d0f41f0a7f878au,  /* cornell_ambient_traced */
         0x2260556ef94e20eeu,  /* cornell_direct_traced */
         0x053df88ddde4e6d8u,  /* cornell_direct_high */
-        0x30e1af4a2598d3a2u,  /* cornell_ambient_rasterised */
+        0xbcb7cf12adfa7ad7u,  /* cornell_ambient_rasterised */
         0x5d8b529644cb248du,  /* cornell_paper */
-        0xee6f8011a6649ed3u,  /* everything_ambient_traced */
+        0x85c9c1b64687a0f2u,  /* everything_ambient_traced */
         0x96da954bee9d19ceu,  /* everything_ambient_rasterised */
         0xdd61eb2050eba32fu,  /* everything_paper */
         0x241b407724a13bc7u,  /* lights_direct_traced */
         0x356aa88ff24d57cfu,  /* lights_direct_rasterised */
-        0x98a4aa6682029f9bu,  /* sky_ambient_traced */
+        0xdd4a1b12fd93743cu,  /* sky_ambient_traced */
         0x6428cb68ee283f7cu,  /* sky_ambient_rasterised */
         0x2ab5621cc4cec491u,  /* many_lamps_direct_traced */
         0x55cbb6afd89ac423u,  /* many_lamps_direct_rasterised */ } }

@@ -151,6 +151,99 @@ TEST(closed_walls_are_tight) {
     CHECK(rays > 1e7, "only %.0f rays", rays);
 }
 
+/* >>contraction: a compiler may compute a * b - c * d with one rounding instead of two. Shaders are given to the driver as if it did: with doubles, which hold
+   the product of two floats. */
+
+typedef void (*shader_source)(unsigned shader, int count, const char *const *strings, const int *lengths);
+static shader_source true_source;
+static int contracted;  /* places */
+
+/* The length of a plain operand, such as a.x, and of the `between` that follows it; 0: there is none. */
+static size_t operand(const char *at, const char *between) {
+    size_t length = strspn(at, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_0123456789.");
+    return length && strncmp(at + length, between, strlen(between)) == 0 ? length : 0;
+}
+
+static void contracted_source(unsigned shader, int count, const char *const *strings, const int *lengths) {
+    static const char *const between[4] = { " * ", " - ", " * ", "" };
+    static const char start[] = "#version 430 core\nfloat fused(float a, float b, float c) { return float(double(a) * double(b) + double(c)); }\n";
+    static char text[1 << 20];
+    const char *joined[1], *at;
+    char *to = text + sizeof start - 1;
+    int i, k;
+    (void)lengths;
+    memcpy(text, start, sizeof start);
+    joined[0] = text;
+    for (i = 1; i < count; i++)  /* after the version */
+        for (at = strings[i]; *at; ) {
+            const char *operands[4], *next = at;
+            int sizes[4];
+            int first = at == strings[i] || at[-1] == '(' || at[-1] == ' ';
+            for (k = 0; k < 4 && first && (sizes[k] = (int)operand(next, between[k])) > 0; k++) {
+                operands[k] = next;
+                next += (size_t)sizes[k] + strlen(between[k]);
+            }
+            if (k < 4 || !first || !strchr(",);", *next)) { *to++ = *at++; continue; }
+            to += sprintf(to, "fused(%.*s, %.*s, -(%.*s * %.*s))", sizes[0], operands[0], sizes[1], operands[1], sizes[2], operands[2], sizes[3], operands[3]);
+            at = next;
+            contracted++;
+        }
+    *to = 0;
+    true_source(shader, 1, joined, NULL);
+}
+
+/* Rays from inside a closed dented ball, aimed at the edges and corners that its triangles share. */
+TEST(edges_are_tight_however_products_round) {
+    enum { RAYS = 100000 };
+    float *rays = (float *)malloc(32 * (size_t)RAYS);
+    traced_hit *hits = (traced_hit *)malloc(RAYS * sizeof *hits);
+    int way, i, k;
+    REQUIRE(rays && hits, "out of memory");
+    for (way = 0; way < 2; way++) {
+        test_scene s = { 0 };
+        sbl_scene_desc desc;
+        sbl_context *own = NULL;
+        sbl_mesh *mesh;
+        uint64_t seed = 3;
+        int escaped = 0;
+        float *positions;
+        REQUIRE(sbl_create(NULL, &own) == SBL_SUCCESS, "no context");
+        mesh = scene_sphere(&s, scene_material(&s, 0, 0, 0), 0, 0, 0, 1, 256, 128, 0);
+        positions = (float *)scene_alloc(&s, 12 * (size_t)mesh->vertex_count);
+        memcpy(positions, mesh->positions.data, 12 * (size_t)mesh->vertex_count);
+        for (i = 0; i < mesh->vertex_count; i++) {
+            float *p = positions + 3 * i, x = p[0], y = p[1], z = p[2];
+            for (k = 0; k < 3; k++) p[k] *= 1 + 0.15f * sinf(11 * x + 1) * sinf(13 * y + 2) * sinf(9 * z + 3);
+        }
+        mesh->positions.data = positions;
+        desc = scene_desc(&s);
+        REQUIRE(sbl_set_scene(own, &desc) == SBL_SUCCESS, "no scene");
+        true_source = own->core.device.gl.ShaderSource;
+        contracted = 0;
+        if (way == 1) own->core.device.gl.ShaderSource = contracted_source;
+        for (i = 0; i < RAYS; i++) {
+            uint32_t triangle = (uint32_t)(ref_random(&seed) * own->core.scene.geometry.triangle_count);
+            const int edge = (int)(3 * ref_random(&seed));
+            const float *a = sbl__corner_of(&own->core.scene.geometry, triangle, edge), *b = sbl__corner_of(&own->core.scene.geometry, triangle, (edge + 1) % 3);
+            const float share = i % 8 ? (float)ref_random(&seed) : 0;
+            float *ray = rays + 8 * (size_t)i;
+            for (k = 0; k < 3; k++) {
+                ray[k] = 0.3f * (float)ref_random(&seed);
+                ray[4 + k] = a[k] + share * (b[k] - a[k]) - ray[k];
+            }
+            ray[3] = ray[7] = 0;
+        }
+        REQUIRE(trace_hits(own, rays, RAYS, hits), "nothing was traced");
+        for (i = 0; i < RAYS; i++) escaped += hits[i].number < 0;
+        CHECK(escaped == 0, "%s: %d of %d rays slip through edges", way ? "fused" : "plain", escaped, RAYS);
+        CHECK(way == 0 || contracted > 0, "nothing was fused");
+        sbl_destroy(own);
+        scene_free(&s);
+    }
+    free(rays);
+    free(hits);
+}
+
 /* Rays from visible points of the scene into it, compared with the independent caster's. */
 static void compare_hits(const char *what, const test_scene *s, const sbl_picture_desc *view, int points, int each) {
     sbl_scene_desc desc = scene_desc(s);
@@ -461,6 +554,7 @@ int main(void) {
     RUN(agrees_with_raster_on_smooth_light);
     RUN(error_falls_with_the_rays);
     RUN(closed_walls_are_tight);
+    RUN(edges_are_tight_however_products_round);
     RUN(furnaces);
     RUN(cutouts_and_hidden_materials);
     RUN(all_hidden_from_sensors);
