@@ -183,6 +183,70 @@
    own drawing. All sbl functions that touch GL need the same GL context current that sbl_create was called in;
    sbl_destroy too.
 
+   ON WINDOWS AND MACOS
+
+   SBL_EGL is for systems that have EGL. On Windows and macOS the host makes an OpenGL context of 3.3 core or later
+   current, by whatever means it has (WGL, GLFW, SDL, Qt), and gives its loader as sbl_context_desc.get_gl_function.
+   The window's size and pixel format are of no account, and it need not be visible: sbl.h draws to textures of its own,
+   of 16-bit and 32-bit floats, as every GL 3.3 can. OpenGL ES is refused, and with it ANGLE: it lacks clip distances
+   and buffer textures.
+
+   Windows: windows.h may be included before sbl.h, after it, or not at all. A loader may be wglGetProcAddress and
+   nothing else: functions of GL 1.1, which that does not know, sbl.h takes from opengl32.dll, and where it answers 1,
+   2, 3 or -1 that counts as not found. It answers only while a context is current. After wglMakeCurrent:
+
+       #include <windows.h>
+       #define SBL_IMPLEMENTATION
+       #include "sbl.h"
+
+       static sbl_gl_function load(const char *name, void *user) {
+           (void)user;
+           return (sbl_gl_function)wglGetProcAddress(name);
+       }
+
+       sbl_context *start(void) {
+           sbl_context_desc desc = { 0 };
+           sbl_context *context;
+           desc.get_gl_function = load;
+           return sbl_create(&desc, &context) == SBL_SUCCESS ? context : NULL;
+       }
+
+   macOS: GL ends at 4.1 there, which has neither compute shaders nor clip control. Rays are then traced by fragment
+   shaders, and the light is the same. Only contexts that are core and forward compatible have more than GL 2.1. With
+   GLFW, on this and any other system:
+
+       #include <GLFW/glfw3.h>
+       #define SBL_IMPLEMENTATION
+       #include "sbl.h"
+
+       static sbl_gl_function load(const char *name, void *user) {
+           (void)user;
+           return glfwGetProcAddress(name);
+       }
+
+       int main(void) {
+           sbl_context_desc desc = { 0 };
+           sbl_context *context;
+           GLFWwindow *window;
+           if (!glfwInit()) return 1;
+           glfwWindowHint(GLFW_CONTEXT_VERSION_MAJOR, 3);
+           glfwWindowHint(GLFW_CONTEXT_VERSION_MINOR, 3);
+           glfwWindowHint(GLFW_OPENGL_PROFILE, GLFW_OPENGL_CORE_PROFILE);
+           glfwWindowHint(GLFW_OPENGL_FORWARD_COMPAT, GLFW_TRUE);
+           window = glfwCreateWindow(640, 480, "sbl", NULL, NULL);
+           if (!window) return 1;
+           glfwMakeContextCurrent(window);
+           desc.get_gl_function = load;
+           if (sbl_create(&desc, &context) != SBL_SUCCESS) return 1;
+           // sbl_set_scene, sbl_begin; in every frame sbl_step, and sbl_channel_texture to draw
+           sbl_destroy(context);
+           glfwTerminate();
+           return 0;
+       }
+
+   What is tested: mingw-w64 for 64 and 32 bits, 64 bits under wine; GL 4.1 on Mesa. Not Microsoft's compiler, and no
+   Mac.
+
    ON DETERMINISM
 
    Sensor rotations come from a hash of pixel and seed. The same input gives the same picture, bit for bit, on the same

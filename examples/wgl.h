@@ -6,7 +6,6 @@
 #ifndef WGL_H
 #define WGL_H
 
-#define WIN32_LEAN_AND_MEAN
 #include <windows.h>
 #include <GL/glcorearb.h>
 #include <GL/wglext.h>
