@@ -1,5 +1,6 @@
-/* What a program that has GL already brings along: a context without a window, made through EGL (on Windows: that of a hidden one), and its
-   own pointers to the GL functions it uses. For the examples that show sbl.h inside such a program, and for the bench. Nothing here knows of sbl.h.
+/* What a program that has GL already brings along: a context without a window, made through EGL (on Windows: that of a
+   hidden one), and its own pointers to the GL functions it uses. For the examples that show sbl.h inside such a
+   program, and for the bench. Nothing here knows of sbl.h.
 
        if (!host_gl_open("name of the program")) return 1;
        gl.ClearColor(0, 0, 0, 1);
@@ -53,7 +54,7 @@ static struct host_gl {
 
 static inline int host_gl__open_context(const char *program) { return wgl_open(program); }
 static inline void host_gl_close(void) { wgl_close(); }
-static inline wgl_any host_gl_function(const char *name) { return wgl_function(name); }
+static inline void (*host_gl_function(const char *name))(void) { return wgl_function(name); }
 
 #else
 
@@ -101,7 +102,7 @@ static inline int host_gl__open_context(const char *program) {
     return 1;
 }
 
-static inline __eglMustCastToProperFunctionPointerType host_gl_function(const char *name) { return eglGetProcAddress(name); }
+static inline void (*host_gl_function(const char *name))(void) { return eglGetProcAddress(name); }
 
 #endif
 

@@ -1,6 +1,6 @@
 #!/bin/sh
-# Windows and macOS, as far as they can be seen from here: mingw-w64 compiles and links beside windows.h, wine runs it and draws what this
-# machine draws, Mesa plays a GL 4.1.
+# Windows and macOS, as far as they can be seen from here: mingw-w64 compiles and links beside windows.h, wine runs it
+# and draws what this machine draws, Mesa plays a GL 4.1.
 set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
@@ -23,32 +23,47 @@ cp -r sbl.h examples scripts tests "$copy"
 
 # >>compilers
 
-# beside LANGUAGE ORDER FLAGS...: a program whose one file sees windows.h first, last or not at all
+# beside ORDER COMPILER...: a program whose one file sees windows.h first, last or not at all
 beside() {
-    language=$1 order=$2
-    shift 2
+    order=$1
+    shift
     {
         [ "$order" != first ] || echo '#include <windows.h>'
         echo '#define SBL_IMPLEMENTATION'
         echo '#include "sbl.h"'
         [ "$order" != last ] || echo '#include <windows.h>'
         echo 'int main(void) { sbl_context *context; return sbl_create(NULL, &context) == SBL_SUCCESS; }'
-    } > "$folder/beside.$language"
-    case $language in c) compiler="gcc -std=c99" ;; *) compiler="g++ -std=c++11" ;; esac
-    # both are several words
-    "$target-w64-mingw32-"$compiler $warnings -I . "$@" "$folder/beside.$language" -o "$folder/beside.exe"
+    } > "$folder/beside.c"
+    "$@" $warnings -I . "$folder/beside.c" -o "$folder/beside"
+}
+# beside_all NAME COMPILER...
+beside_all() {
+    ways=$1
+    shift
+    check "${ways}_alone" beside none "$@"
+    check "${ways}_static_alone" beside none "$@" -DSBL_STATIC
+    for order in first last; do
+        check "${ways}_windows_h_$order" beside $order "$@"
+        check "${ways}_lean_windows_h_$order" beside $order "$@" -DWIN32_LEAN_AND_MEAN
+        check "${ways}_static_windows_h_$order" beside $order "$@" -DSBL_STATIC
+        check "${ways}_static_lean_windows_h_$order" beside $order "$@" -DSBL_STATIC -DWIN32_LEAN_AND_MEAN
+    done
 }
 
 # macros FLAGS...: the names of those that a file of includes, from stdin, ends with
-macros() { "$target-w64-mingw32-gcc" -std=c99 -I . -x c -dM -E "$@" - | awk '{ sub(/\(.*/, "", $2); print $2 }' | sort -u; }
+macros() {
+    "$target-w64-mingw32-gcc" -std=c99 -I . -x c -dM -E "$@" - | awk '{ sub(/\(.*/, "", $2); print $2 }' | sort -u
+}
 own_includes() { sed '1,/^\*\/$/d' sbl.h | sed -n 's/^ *# *include \(<[^>]*>\)$/#include \1/p' | grep -v EGL; }
 
 # words of sbl.h that are none of its comments or strings, against the macros of Windows' headers
 no_macro_is_a_name() {
-    gcc -fpreprocessed -dD -E -P sbl.h | sed 's/"\([^"\\]\|\\.\)*"//g' | grep -oE '[A-Za-z_][A-Za-z0-9_]*' | sort -u > "$folder/words"
+    gcc -fpreprocessed -dD -E -P sbl.h | sed 's/"\([^"\\]\|\\.\)*"//g' |
+        grep -oE '[A-Za-z_][A-Za-z0-9_]*' | sort -u > "$folder/words"
     own_includes | macros > "$folder/own"
     printf '#include <%s>\n' windows.h winsock2.h objbase.h shellapi.h commctrl.h GL/gl.h | macros > "$folder/macros"
-    [ "$(grep -cxE 'near|far|hyper|interface|min|max' "$folder/macros")" = 6 ] && grep -qx sbl__now "$folder/words" || return
+    [ "$(grep -cxE 'near|far|hyper|interface|min|max' "$folder/macros")" = 6 ] || return
+    grep -qx sbl__now "$folder/words" || return
     printf '%s\n' small pascal cdecl >> "$folder/macros"  # Microsoft's own headers have these, too
     sort -o "$folder/macros" "$folder/macros"
     # MemoryBarrier: called in parentheses, its name is never looked at
@@ -65,15 +80,19 @@ leaves_no_macros() {
 }
 exports_only() {
     "$target-w64-mingw32-gcc" -std=c99 -w -I . -DSBL_IMPLEMENTATION -x c -c sbl.h -o "$folder/object.o" &&
-    "$target-w64-mingw32-nm" "$folder/object.o" | awk '$2 ~ /^[TDBRC]$/ { sub(/^_/, "", $3); print $3 }' > "$folder/exports"
+    "$target-w64-mingw32-nm" "$folder/object.o" |
+        awk '$2 ~ /^[TDBRC]$/ { sub(/^_/, "", $3); print $3 }' > "$folder/exports"
     grep -qx sbl_render "$folder/exports" || return
     grep -v '^sbl_[a-z]' "$folder/exports" > "$folder/strangers"
     nothing "$folder/strangers"
 }
 gl_types() { "$@" -std=c99 $warnings -Wno-unused -c tests/header/gl_types.c -o "$folder/gl_types.o"; }
 snippet() {
-    { cat "$folder/wgl.c" && echo '#include "examples/wgl.h"' &&
-        echo 'int main(void) { sbl_context *c = wgl_open("wgl") ? start() : NULL; sbl_destroy(c); return c == NULL; }'; } > "$folder/wgl_main.c"
+    {
+        cat "$folder/wgl.c"
+        echo '#include "examples/wgl.h"'
+        echo 'int main(void) { sbl_context *c = wgl_open("wgl") ? start() : NULL; sbl_destroy(c); return c == NULL; }'
+    } > "$folder/wgl_main.c"
     "$target-w64-mingw32-gcc" -std=c99 $warnings -I . "$folder/wgl_main.c" -lopengl32 -lgdi32 -o "$folder/wgl.exe"
 }
 windows_program() {
@@ -95,16 +114,14 @@ for target in i686 x86_64; do
         skip "$target" "no $target-w64-mingw32-gcc and g++ (mingw-w64)"
         continue
     fi
-    for language in c cpp; do
-        check "${target}_${language}_alone" beside $language none
-        check "${target}_${language}_static_alone" beside $language none -DSBL_STATIC
-        for order in first last; do
-            check "${target}_${language}_windows_h_$order" beside $language $order
-            check "${target}_${language}_lean_windows_h_$order" beside $language $order -DWIN32_LEAN_AND_MEAN
-            check "${target}_${language}_static_windows_h_$order" beside $language $order -DSBL_STATIC
-            check "${target}_${language}_static_lean_windows_h_$order" beside $language $order -DSBL_STATIC -DWIN32_LEAN_AND_MEAN
-        done
-    done
+    beside_all "${target}_c" "$target-w64-mingw32-gcc" -std=c99
+    beside_all "${target}_cpp" "$target-w64-mingw32-g++" -std=c++11 -x c++
+    if command -v clang > /dev/null; then  # which does not link here
+        check "${target}_clang" beside first clang -target "$target-w64-windows-gnu" -std=c99 -c
+        check "${target}_clang_cpp" beside last clang -target "$target-w64-windows-gnu" -std=c++11 -x c++ -c
+    else
+        skip "${target}_clang" "no clang"
+    fi
     check "${target}_no_macro_is_a_name" no_macro_is_a_name
     check "${target}_leaves_no_macros" leaves_no_macros
     check "${target}_exports_nothing_but_sbl_functions" exports_only
@@ -120,7 +137,8 @@ done
 export LIBGL_ALWAYS_SOFTWARE=1
 look() { (cd "$folder" && ./picture "$@"); }
 here() { mkdir -p "$folder/here" && "$copy/scripts/build" minimal && "$copy/build/minimal" "$folder/here"; }
-gcc -std=c99 -O2 -Wall -Wextra tests/picture.c -lm -o "$folder/picture" && here > "$folder/log" 2>&1 || { cat "$folder/log"; exit 1; }
+gcc -std=c99 -O2 -Wall -Wextra tests/picture.c -lm -o "$folder/picture" || exit 1
+here > "$folder/log" 2>&1 || { cat "$folder/log"; exit 1; }
 
 # as macOS has it: no compute shaders, no clip control
 gl_41() {
