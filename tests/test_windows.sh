@@ -168,7 +168,8 @@ fi
 
 # >>wine
 
-export WINEPREFIX="$folder/wine" WINEDEBUG=-all WINEDLLOVERRIDES='mscoree,mshtml,winemenubuilder.exe='
+# 700 MB while it lasts; nothing in the home folder
+export TMPDIR="$folder" WINEPREFIX="$folder/wine" WINEDEBUG=-all WINEDLLOVERRIDES='mscoree,mshtml,winemenubuilder.exe='
 run() { mkdir -p "$folder/there" && (cd "$folder" && with_display wine "$@"); }
 minimal_there() { run "$copy/build/minimal.exe" there && look alike here/minimal.png there/minimal.png; }
 host_context_there() {
