@@ -183,6 +183,70 @@
    own drawing. All sbl functions that touch GL need the same GL context current that sbl_create was called in;
    sbl_destroy too.
 
+   ON WINDOWS AND MACOS
+
+   SBL_EGL is for systems that have EGL. On Windows and macOS the host makes an OpenGL context of 3.3 core or later
+   current, by whatever means it has (WGL, GLFW, SDL, Qt), and gives its loader as sbl_context_desc.get_gl_function.
+   The window's size and pixel format are of no account, and it need not be visible: sbl.h draws to textures of its own,
+   of 16-bit and 32-bit floats, as every GL 3.3 can. OpenGL ES is refused, and with it ANGLE: it lacks clip distances
+   and buffer textures.
+
+   Windows: windows.h may be included before sbl.h, after it, or not at all. A loader may be wglGetProcAddress and
+   nothing else: functions of GL 1.1, which that does not know, sbl.h takes from opengl32.dll, and where it answers 1,
+   2, 3 or -1 that counts as not found. It answers only while a context is current. After wglMakeCurrent:
+
+       #include <windows.h>
+       #define SBL_IMPLEMENTATION
+       #include "sbl.h"
+
+       static sbl_gl_function load(const char *name, void *user) {
+           (void)user;
+           return (sbl_gl_function)wglGetProcAddress(name);
+       }
+
+       sbl_context *start(void) {
+           sbl_context_desc desc = { 0 };
+           sbl_context *context;
+           desc.get_gl_function = load;
+           return sbl_create(&desc, &context) == SBL_SUCCESS ? context : NULL;
+       }
+
+   macOS: GL ends at 4.1 there, which has neither compute shaders nor clip control. Rays are then traced by fragment
+   shaders, and the light is the same. Only contexts that are core and forward compatible have more than GL 2.1. With
+   GLFW, on this and any other system:
+
+       #include <GLFW/glfw3.h>
+       #define SBL_IMPLEMENTATION
+       #include "sbl.h"
+
+       static sbl_gl_function load(const char *name, void *user) {
+           (void)user;
+           return glfwGetProcAddress(name);
+       }
+
+       int main(void) {
+           sbl_context_desc desc = { 0 };
+           sbl_context *context;
+           GLFWwindow *window;
+           if (!glfwInit()) return 1;
+           glfwWindowHint(GLFW_CONTEXT_VERSION_MAJOR, 3);
+           glfwWindowHint(GLFW_CONTEXT_VERSION_MINOR, 3);
+           glfwWindowHint(GLFW_OPENGL_PROFILE, GLFW_OPENGL_CORE_PROFILE);
+           glfwWindowHint(GLFW_OPENGL_FORWARD_COMPAT, GLFW_TRUE);
+           window = glfwCreateWindow(640, 480, "sbl", NULL, NULL);
+           if (!window) return 1;
+           glfwMakeContextCurrent(window);
+           desc.get_gl_function = load;
+           if (sbl_create(&desc, &context) != SBL_SUCCESS) return 1;
+           // sbl_set_scene, sbl_begin; in every frame sbl_step, and sbl_channel_texture to draw
+           sbl_destroy(context);
+           glfwTerminate();
+           return 0;
+       }
+
+   What is tested: mingw-w64 for 64 and 32 bits, 64 bits under wine; GL 4.1 on Mesa. Not Microsoft's compiler, and no
+   Mac.
+
    ON DETERMINISM
 
    Sensor rotations come from a hash of pixel and seed. The same input gives the same picture, bit for bit, on the same
@@ -934,12 +998,18 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 #include <stdlib.h>
 #include <string.h>
 #ifdef _WIN32
-  /* declared here so that windows.h stays out of the host's file */
+  /* As windows.h declares them, to the type, so that it may stand before, after, or stay out of the host's file. Its
+     macros are no names here: near, far, small, interface and the like; tests/test_windows.sh knows them all. */
   #ifdef __cplusplus
   extern "C" {
   #endif
-  __declspec(dllimport) int __stdcall QueryPerformanceCounter(void *count);
-  __declspec(dllimport) int __stdcall QueryPerformanceFrequency(void *frequency);
+  union _LARGE_INTEGER;
+  struct HINSTANCE__;
+  typedef intptr_t (__stdcall *sbl__win32_function)(void);
+  __declspec(dllimport) int __stdcall QueryPerformanceCounter(union _LARGE_INTEGER *count);
+  __declspec(dllimport) int __stdcall QueryPerformanceFrequency(union _LARGE_INTEGER *frequency);
+  __declspec(dllimport) struct HINSTANCE__ *__stdcall GetModuleHandleA(const char *name);
+  __declspec(dllimport) sbl__win32_function __stdcall GetProcAddress(struct HINSTANCE__ *module, const char *name);
   #ifdef __cplusplus
   }
   #endif
@@ -969,8 +1039,8 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 static double sbl__now(void) {
 #ifdef _WIN32
     int64_t count, frequency;
-    QueryPerformanceCounter(&count);
-    QueryPerformanceFrequency(&frequency);
+    QueryPerformanceCounter((union _LARGE_INTEGER *)&count);
+    QueryPerformanceFrequency((union _LARGE_INTEGER *)&frequency);
     return (double)count / (double)frequency;
 #else
     struct timeval t;
@@ -1405,11 +1475,25 @@ static int sbl__gl_at_least(const sbl__gl *gl, int version) {
     return gl->capabilities.gl_major * 10 + gl->capabilities.gl_minor >= version;
 }
 
+/* A function as the host's loader finds it. wglGetProcAddress gives NULL, or on some drivers 1, 2, 3 or -1, for GL 1.1:
+   that is exported by opengl32.dll itself, whose being loaded is the host's business. */
+static sbl_gl_function sbl__gl_find(const sbl_context_desc *desc, const char *name) {
+    const sbl_gl_function found = desc->get_gl_function(name, desc->gl_user);
+    if ((intptr_t)found < -1 || (intptr_t)found > 3) return found;
+#ifdef _WIN32
+    {
+        struct HINSTANCE__ *module = GetModuleHandleA("opengl32.dll");
+        if (module) return (sbl_gl_function)GetProcAddress(module, name);
+    }
+#endif
+    return NULL;
+}
+
 /* The loader's functions into the table. Returns 0, every missing name logged, where one that is needed is missing. */
 static int sbl__gl_load_functions(sbl__gl *gl, const sbl_context_desc *desc) {
     int missing = 0;
 #define SBL__LOAD(type, name, parameters) \
-    gl->name = (type (SBL__GLAPI *) parameters)desc->get_gl_function("gl" #name, desc->gl_user);
+    gl->name = (type (SBL__GLAPI *) parameters)sbl__gl_find(desc, "gl" #name);
 #define SBL__LOAD_NEEDED(type, name, parameters) \
     SBL__LOAD(type, name, parameters) \
     if (!gl->name) { \
@@ -2786,7 +2870,7 @@ static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, in
 #define SBL__SKY_MOST 16384  /* texels across the environment's picture: lamps keep 15 bits for each coordinate */
 
 static void sbl__check_light(sbl__check *check, const sbl_light *l, int number) {
-    const int near = l->kind != SBL_LIGHT_DIRECTIONAL;
+    const int distant = l->kind == SBL_LIGHT_DIRECTIONAL;
     char where[32];
     snprintf(where, sizeof where, "light %d", number);
     if ((int)l->kind < 0 || (int)l->kind >= SBL_LIGHT_KIND_COUNT) {
@@ -2794,15 +2878,15 @@ static void sbl__check_light(sbl__check *check, const sbl_light *l, int number) 
         return;
     }
     sbl__check_color(check, where, "intensity", l->intensity);
-    if (near) sbl__check_finite(check, where, "position", l->position, 3);
+    if (!distant) sbl__check_finite(check, where, "position", l->position, 3);
     if (l->kind != SBL_LIGHT_POINT) {
         sbl__check_finite(check, where, "direction", l->direction, 3);
         if (sbl__all_zero(l->direction, 3))
             sbl__mistake(check, "%s: direction is 0 0 0; it must point the way the light goes", where);
     }
-    if (near && !sbl__between(&l->radius, 0, FLT_MAX))
+    if (!distant && !sbl__between(&l->radius, 0, FLT_MAX))
         sbl__mistake(check, "%s: radius is %g; it must be finite and not negative", where, (double)l->radius);
-    if (!near && !sbl__between(&l->angle, 0, 180))
+    if (distant && !sbl__between(&l->angle, 0, 180))
         sbl__mistake(check, "%s: angle is %g; it must be 0 to 180 degrees", where, (double)l->angle);
     if (l->kind != SBL_LIGHT_SPOT) return;
     if (!sbl__between(&l->cone, 0, 180))
@@ -4547,13 +4631,13 @@ SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", 
 #define SBL__LAMP_DEPTH 128           /* of the trees: the curve's 61 bits, then the logarithm of their number */
 
 typedef struct sbl__lamp {
-    uint64_t curve;            /* place along a Morton curve; near before far */
+    uint64_t curve;            /* place along a Morton curve; near before distant */
     uint32_t code;
     uint32_t triangle;         /* number in the scene */
     float low[3], high[3];     /* bounds */
     float normal[3];           /* 0: shines to all sides; of directions, the direction */
     float power;
-    int one_sided, far;
+    int one_sided, distant;
 } sbl__lamp;
 
 typedef struct sbl__cluster { double power, all_sides, square[6], front[3]; float low[3], high[3]; } sbl__cluster;
@@ -4675,7 +4759,7 @@ static int sbl__lamps_add_triangle(sbl__base *base, sbl__lamps *l, const sbl__ge
 
 /* A light's record, and where it stands or lies. */
 static void sbl__light_write(const sbl_light *light, sbl__light_record *record, double place[3]) {
-    const int far = light->kind == SBL_LIGHT_DIRECTIONAL, spot = light->kind == SBL_LIGHT_SPOT;
+    const int distant = light->kind == SBL_LIGHT_DIRECTIONAL, spot = light->kind == SBL_LIGHT_SPOT;
     const double half = 0.5 * light->angle * SBL__PI / 180, outer = cos(0.5 * SBL__CONE(light) * SBL__PI / 180);
     const double scale = 1 / SBL__MAX(SBL__SPOT_LEAST, cos(0.5 * light->inner_cone * SBL__PI / 180) - outer);
     double axis[3];
@@ -4683,28 +4767,28 @@ static void sbl__light_write(const sbl_light *light, sbl__light_record *record, 
     for (k = 0; k < 3; k++) axis[k] = light->direction[k];
     sbl__normalize(axis);
     for (k = 0; k < 3; k++) {
-        place[k] = far ? -axis[k] : light->position[k];
+        place[k] = distant ? -axis[k] : light->position[k];
         record->position[k] = (float)place[k];
         record->intensity[k] = light->intensity[k];
         record->axis[k] = (float)(spot ? axis[k] : 0);
     }
-    record->radius = (float)(far ? sin(half) * sin(half) : light->radius);
+    record->radius = (float)(distant ? sin(half) * sin(half) : light->radius);
     record->spot_scale = (float)(spot ? scale : 0);
     record->spot_offset = (float)(spot ? -outer * scale : 1);
 }
 
 static int sbl__lamps_add_light(sbl__base *base, sbl__lamps *l, const sbl_light *light, int number) {
-    const int far = light->kind == SBL_LIGHT_DIRECTIONAL;
-    const uint32_t kind = far ? SBL__LAMP_FAR_LIGHT : SBL__LAMP_NEAR_LIGHT;
+    const int distant = light->kind == SBL_LIGHT_DIRECTIONAL;
+    const uint32_t kind = distant ? SBL__LAMP_FAR_LIGHT : SBL__LAMP_NEAR_LIGHT;
     double place[3], half = 0.5 * light->angle * SBL__PI / 180;
     sbl__light_record record;
     sbl__lamp lamp;
     int k;
     sbl__light_write(light, &record, place);
     sbl__lamp_make(&lamp, kind << SBL__LAMP_KIND_SHIFT | (uint32_t)number, place,
-                   far ? 2 * sin(0.5 * half) : light->radius, sbl__sum3(light->intensity));
-    lamp.far = far;
-    for (k = 0; far && k < 3; k++) lamp.normal[k] = (float)place[k];
+                   distant ? 2 * sin(0.5 * half) : light->radius, sbl__sum3(light->intensity));
+    lamp.distant = distant;
+    for (k = 0; distant && k < 3; k++) lamp.normal[k] = (float)place[k];
     return sbl__lamps_add(base, l, &lamp);
 }
 
@@ -4721,7 +4805,7 @@ static int sbl__lamps_add_texel(sbl__base *base, sbl__lamps *l, const sbl__envir
     sbl__lamp_make(&lamp, SBL__LAMP_SKY_TEXEL << SBL__LAMP_KIND_SHIFT | number, direction,
                    SBL__MIN(step + 2 * SBL__PI / e->width, 1.0),
                    sbl__sum3(c) * (1 - e->limit / sbl__max3(c)) * solid_angle);
-    lamp.far = 1;
+    lamp.distant = 1;
     for (k = 0; k < 3; k++) lamp.normal[k] = (float)direction[k];
     return sbl__lamps_add(base, l, &lamp);
 }
@@ -4745,19 +4829,20 @@ static void sbl__lamps_measure(sbl__lamps *l) {
     int i, k;
     l->low[0] = l->low[1] = l->low[2] = DBL_MAX;
     for (i = 0; i < l->count; i++)
-        for (k = 0; k < 3 && !l->list[i].far; k++) l->low[k] = SBL__MIN(l->low[k], sbl__lamp_middle(&l->list[i], k));
+        for (k = 0; k < 3 && !l->list[i].distant; k++)
+            l->low[k] = SBL__MIN(l->low[k], sbl__lamp_middle(&l->list[i], k));
     l->side = 0;
     for (i = 0; i < l->count; i++)
-        for (k = 0; k < 3 && !l->list[i].far; k++)
+        for (k = 0; k < 3 && !l->list[i].distant; k++)
             l->side = SBL__MAX(l->side, sbl__lamp_middle(&l->list[i], k) - l->low[k]);
 }
 
 static uint64_t sbl__lamp_curve(const sbl__lamps *l, const sbl__lamp *lamp) {
-    uint64_t curve = (uint64_t)lamp->far << 63;
+    uint64_t curve = (uint64_t)lamp->distant << 63;
     int k, bit;
     for (k = 0; k < 3; k++) {
         const double middle = sbl__lamp_middle(lamp, k);
-        const double share = lamp->far ? 0.25 * (middle + 2) : l->side > 0 ? (middle - l->low[k]) / l->side : 0;
+        const double share = lamp->distant ? 0.25 * (middle + 2) : l->side > 0 ? (middle - l->low[k]) / l->side : 0;
         const uint64_t place = (uint64_t)(SBL__MIN(SBL__MAX(share, 0.0), 1.0) * ((1 << SBL__CURVE_BITS) - 1));
         for (bit = 0; bit < SBL__CURVE_BITS; bit++) curve |= (place >> bit & 1u) << (3 * bit + k);
     }
@@ -4823,7 +4908,7 @@ static sbl_result sbl__lamps_split(sbl__lamps *l, sbl__slice *slice) {
 
 static void sbl__cluster_of_lamp(sbl__cluster *c, const sbl__lamp *lamp) {
     static const int pairs[6][2] = { { 0, 0 }, { 1, 1 }, { 2, 2 }, { 0, 1 }, { 1, 2 }, { 2, 0 } };  /* as lamps.glsl */
-    const int sides = !sbl__all_zero(lamp->normal, 3), front = lamp->one_sided || lamp->far;
+    const int sides = !sbl__all_zero(lamp->normal, 3), front = lamp->one_sided || lamp->distant;
     const double shown = front ? 0.5 * lamp->power : lamp->power;  /* max(x, 0) = (|x| + x) / 2 */
     int k;
     c->power = lamp->power;
@@ -4849,7 +4934,7 @@ static void sbl__cluster_add(sbl__cluster *c, const sbl__cluster *other) {
     }
 }
 
-static void sbl__cluster_write(const sbl__cluster *c, int far, sbl__lamp_node *node) {
+static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_node *node) {
     const double all_sides = SBL__MIN(c->all_sides, SBL__MOMENT_MOST);
     double radius = 0;
     int k;
@@ -4865,7 +4950,7 @@ static void sbl__cluster_write(const sbl__cluster *c, int far, sbl__lamp_node *n
     }
     node->radius = (float)(1.000001 * sqrt(radius));
     node->power = (float)c->power;
-    if (far) node->beyond |= SBL__FAR_NODE;
+    if (distant) node->beyond |= SBL__FAR_NODE;
 }
 
 /* What is known of each node's lamps together, from the last node to the first: its halves then lie on the stack, the
@@ -4884,7 +4969,7 @@ static sbl_result sbl__lamps_add_up(sbl__lamps *l, sbl__slice *slice) {
             *right = both;
             l->depth--;
         }
-        sbl__cluster_write(&l->clusters[l->depth - 1], lamp->far, node);
+        sbl__cluster_write(&l->clusters[l->depth - 1], lamp->distant, node);
     }
     return SBL_SUCCESS;
 }
@@ -4926,20 +5011,20 @@ static sbl_result sbl__lamps_place(const sbl__device *d, sbl__lamps *l) {
 
 /* Both trees, once the lamps are in order. */
 static void sbl__lamps_plant(sbl__lamps *l) {
-    int near = 0, far = l->count;
-    while (near < far) {  /* the first far one */
-        const int middle = near + (far - near) / 2;
-        if (l->list[middle].far) far = middle;
-        else near = middle + 1;
+    int first = 0, end = l->count;
+    while (first < end) {  /* the first distant one */
+        const int middle = first + (end - first) / 2;
+        if (l->list[middle].distant) end = middle;
+        else first = middle + 1;
     }
     l->depth = 0;
-    if (l->count > near) {
-        l->ranges[l->depth].first = near;
-        l->ranges[l->depth++].count = l->count - near;
+    if (l->count > first) {
+        l->ranges[l->depth].first = first;
+        l->ranges[l->depth++].count = l->count - first;
     }
-    if (near) {
+    if (first) {
         l->ranges[l->depth].first = 0;
-        l->ranges[l->depth++].count = near;
+        l->ranges[l->depth++].count = first;
     }
 }
 
@@ -8266,13 +8351,14 @@ static sbl__bends sbl__edge_bends(const sbl__refine *r, const sbl__edge *e) {
         return bends;
     for (end = 0; end < 2; end++) {
         const int x = end ? e->x1 + dx : e->x0 - dx, y = end ? e->y1 + dy : e->y0 - dy;
-        const sbl__pixel *near = end ? b : a, *far = end ? a : b, *p;
+        const sbl__pixel *corner = end ? b : a, *other = end ? a : b, *p;
         if (x < 0 || y < 0 || x >= r->width || y >= r->height) continue;
         p = sbl__pixel_at(r, x, y);
-        if (!sbl__usable(p) || !(sbl__belongs(near, p, 1) > 0)) continue;
+        if (!sbl__usable(p) || !(sbl__belongs(corner, p, 1) > 0)) continue;
         for (k = 0; k < 3; k++)
-            bends.differences[bends.count][k] = p->radiance[k] - 2 * near->radiance[k] + far->radiance[k];
-        bends.variances[bends.count++] = p->noise * p->noise + 4 * near->noise * near->noise + far->noise * far->noise;
+            bends.differences[bends.count][k] = p->radiance[k] - 2 * corner->radiance[k] + other->radiance[k];
+        bends.variances[bends.count++] =
+            p->noise * p->noise + 4 * corner->noise * corner->noise + other->noise * other->noise;
     }
     return bends;
 }

@@ -231,7 +231,7 @@ static void bar_draw(float done) {
 
 static sbl_gl_function gl_function(const char *name, void *user) {
     (void)user;
-    return eglGetProcAddress(name);
+    return host_gl_function(name);
 }
 
 static int run(sbl_context *context, unsigned char *pixels) {

@@ -151,7 +151,7 @@ static int render(sbl_context *context, slabs *s, float *picture) {
 
 static sbl_gl_function gl_function(const char *name, void *user) {
     (void)user;
-    return eglGetProcAddress(name);
+    return host_gl_function(name);
 }
 
 int main(int argc, char **argv) {

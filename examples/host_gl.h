@@ -1,5 +1,6 @@
-/* What a program that has GL already brings along: a context without a window, made through EGL, and its own pointers to the GL functions
-   it uses. For the examples that show sbl.h inside such a program, and for the bench. Nothing here knows of sbl.h.
+/* What a program that has GL already brings along: a context without a window, made through EGL (on Windows: that of a
+   hidden one), and its own pointers to the GL functions it uses. For the examples that show sbl.h inside such a
+   program, and for the bench. Nothing here knows of sbl.h.
 
        if (!host_gl_open("name of the program")) return 1;
        gl.ClearColor(0, 0, 0, 1);
@@ -7,8 +8,12 @@
 #ifndef HOST_GL_H
 #define HOST_GL_H
 
-#include <EGL/egl.h>
-#include <EGL/eglext.h>
+#ifdef _WIN32
+  #include "wgl.h"
+#else
+  #include <EGL/egl.h>
+  #include <EGL/eglext.h>
+#endif
 #include <GL/glcorearb.h>
 #include <stdio.h>
 #include <string.h>
@@ -39,9 +44,19 @@ static struct host_gl {
 #define X(TYPE, name) PFNGL##TYPE##PROC name;
     HOST_GL_FUNCTIONS(X)
 #undef X
+#ifndef _WIN32
     EGLDisplay display;
     EGLContext context;
+#endif
 } gl;
+
+#ifdef _WIN32
+
+static inline int host_gl__open_context(const char *program) { return wgl_open(program); }
+static inline void host_gl_close(void) { wgl_close(); }
+static inline void (*host_gl_function(const char *name))(void) { return wgl_function(name); }
+
+#else
 
 /* One way in: initialises the display and makes a context without a surface current. */
 static inline int host_gl_try(EGLDisplay display) {
@@ -69,8 +84,7 @@ static inline void host_gl_close(void) {
     gl.display = EGL_NO_DISPLAY;
 }
 
-/* Returns 0, having said why on stderr, where there is no GL. */
-static inline int host_gl_open(const char *program) {
+static inline int host_gl__open_context(const char *program) {
     PFNEGLGETPLATFORMDISPLAYEXTPROC get_display = (PFNEGLGETPLATFORMDISPLAYEXTPROC)eglGetProcAddress("eglGetPlatformDisplayEXT");
     PFNEGLQUERYDEVICESEXTPROC query_devices = (PFNEGLQUERYDEVICESEXTPROC)eglGetProcAddress("eglQueryDevicesEXT");
     EGLDeviceEXT devices[16];
@@ -85,8 +99,18 @@ static inline int host_gl_open(const char *program) {
         fprintf(stderr, "%s: EGL gives no OpenGL 3.3 context; is a GL driver (such as Mesa's) installed?\n", program);
         return 0;
     }
+    return 1;
+}
+
+static inline void (*host_gl_function(const char *name))(void) { return eglGetProcAddress(name); }
+
+#endif
+
+/* Returns 0, having said why on stderr, where there is no GL. */
+static inline int host_gl_open(const char *program) {
+    if (!host_gl__open_context(program)) return 0;
 #define X(TYPE, name)                                                                          \
-    if (!(gl.name = (PFNGL##TYPE##PROC)eglGetProcAddress("gl" #name))) {                       \
+    if (!(gl.name = (PFNGL##TYPE##PROC)host_gl_function("gl" #name))) {                        \
         fprintf(stderr, "%s: the GL driver has no gl" #name "\n", program);                    \
         host_gl_close();                                                                       \
         return 0;                                                                              \

@@ -1,8 +1,7 @@
 /* Demonstrates every kind of light, a picture each, and the penumbra of a large lamp at each preset, with the rays of four sensors in it:
    of those towards the lamp some arrive, some (red) do not. The first argument is the folder to write them to. */
 #define SBL_IMPLEMENTATION
-#define SBL_EGL
-#include "../sbl.h"
+#include "headless.h"
 #include "sensor_disc.h"
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #include <stb/stb_image_write.h>
@@ -59,10 +58,10 @@ static void add(world *w, const float *shape, int vertices, float x, float y, fl
 
 static void sunny(const float direction[3], float radiance[3], void *user) {
     const float to_sun[3] = { 0.6f, 0.64f, 0.48f }, sky[3] = { 0.22f, 0.36f, 0.65f };
-    const float near = to_sun[0] * direction[0] + to_sun[1] * direction[1] + to_sun[2] * direction[2];
+    const float towards = to_sun[0] * direction[0] + to_sun[1] * direction[1] + to_sun[2] * direction[2];
     int i;
     (void)user;
-    for (i = 0; i < 3; i++) radiance[i] = near > 0.9998f ? 2200 - 300 * (float)i : sky[i] * (direction[1] > 0 ? 1 - 0.6f * direction[1] : 0.2f);
+    for (i = 0; i < 3; i++) radiance[i] = towards > 0.9998f ? 2200 - 300 * (float)i : sky[i] * (direction[1] > 0 ? 1 - 0.6f * direction[1] : 0.2f);
 }
 
 static const struct kind {
@@ -177,7 +176,7 @@ int main(int argc, char **argv) {
     sbl_context *context;
     size_t i;
     int ok = 1;
-    if (sbl_create(NULL, &context) != SBL_SUCCESS) return 1;  /* sbl.h says what is wrong on stderr */
+    if (sbl_create(headless("lights"), &context) != SBL_SUCCESS) return 1;  /* sbl.h says what is wrong on stderr */
     make_ball();
     for (i = 0; i < sizeof kinds / sizeof *kinds && ok; i++) ok = show_kind(context, &kinds[i], folder);
     ok = ok && show_penumbra(context, SBL_PRESET_DRAFT, folder) && show_penumbra(context, SBL_PRESET_DEFAULT, folder) &&

@@ -8,8 +8,7 @@
    Each is written as .csv and .png to the folder that the first argument names. --quick measures small pictures only, in seconds;
    otherwise it takes up to five minutes: measurements that do not fit into the time left are given up and said to be. */
 #define SBL_IMPLEMENTATION
-#define SBL_EGL
-#include "../sbl.h"
+#include "headless.h"
 #include "cornell_box.h"
 #include "plot.h"
 #define STB_IMAGE_WRITE_IMPLEMENTATION
@@ -84,7 +83,7 @@ static FILE *csv_open(const metrics *m, const char *name, const char *columns) {
     char path[1024];
     FILE *file;
     path_make(m, path, name);
-    file = fopen(path, "w");
+    file = fopen(path, "wb");
     if (file) fprintf(file, "%s\n", columns);
     else fprintf(stderr, "paper_metrics: cannot write %s\n", path);
     return file;
@@ -212,7 +211,7 @@ int main(int argc, char **argv) {
         if (strcmp(argv[i], "--quick") == 0) m.plan = &quick_plan;
         else m.folder = argv[i];
     }
-    if (sbl_create(NULL, &m.context) != SBL_SUCCESS) return 1;
+    if (sbl_create(headless("paper_metrics"), &m.context) != SBL_SUCCESS) return 1;
     m.start = time(NULL);
     printf("on %s\nwarming up\n", sbl_query_capabilities(m.context).renderer);
     ok = sbl_set_scene(m.context, cornell_box_make(&box)) == SBL_SUCCESS && measure(&m, 64, 64, 16, &stats) == MEASURED &&

@@ -2,21 +2,20 @@
    with their normals, vertex_light.ply is the mesh with its light as colours, for any viewer of models, and
    vertex_light.png shows it. The first argument is the folder to write them to. */
 #define SBL_IMPLEMENTATION
-#define SBL_EGL
-#include "../sbl.h"
+#include "headless.h"
 #include "cornell_box.h"
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #include <stb/stb_image_write.h>
 
 enum { GRID = 56, CELLS = GRID * GRID, SIDE = GRID + 1, PER_QUAD = SIDE * SIDE };  /* each quad is cut into cells */
-enum { VERTICES = CORNELL_QUADS * PER_QUAD, TRIANGLES = 2 * CORNELL_QUADS * CELLS, SIZE = 512 };
+enum { VERTICES = CORNELL_QUADS * PER_QUAD, TRIANGLES = 2 * CORNELL_QUADS * CELLS, ACROSS = 512 };
 
 static const float inset = 0.002f;  /* share of a quad that its outermost points stand inside, off the next wall */
 
 static sbl_site sites[VERTICES];
 static sbl_reading readings[VERTICES];
-static float positions[VERTICES][3], colors[VERTICES][4], picture[3 * SIZE * SIZE];
-static unsigned char bytes[3 * VERTICES], pixels[3 * SIZE * SIZE];
+static float positions[VERTICES][3], colors[VERTICES][4], picture[3 * ACROSS * ACROSS];
+static unsigned char bytes[3 * VERTICES], pixels[3 * ACROSS * ACROSS];
 static unsigned short cells[CELLS][6];  /* of each quad: corners of two triangles a cell */
 
 static float corner_mix(const float *corners, int axis, float u, float v) {
@@ -81,7 +80,7 @@ static int ply_write(const char *folder) {
     FILE *file;
     int i, ok;
     snprintf(path, sizeof path, "%s/vertex_light.ply", folder);
-    file = fopen(path, "w");
+    file = fopen(path, "wb");
     if (!file) return fprintf(stderr, "vertex_light: cannot write %s\n", path), 0;
     fprintf(file, "ply\nformat ascii 1.0\ncomment light at the vertices of the Cornell box\n");
     fprintf(file, "element vertex %d\nproperty float x\nproperty float y\nproperty float z\n", (int)VERTICES);
@@ -116,9 +115,9 @@ static int picture_make(sbl_context *context) {
         meshes[quad].indices.type = SBL_UINT16;
         meshes[quad].index_count = 6 * CELLS;
     }
-    cornell_box_view(&view, SIZE, SIZE);
+    cornell_box_view(&view, ACROSS, ACROSS);
     return sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS &&
-           sbl_read_channel(context, SBL_CHANNEL_ALBEDO, picture, 3 * SIZE * SIZE) == SBL_SUCCESS;
+           sbl_read_channel(context, SBL_CHANNEL_ALBEDO, picture, 3 * ACROSS * ACROSS) == SBL_SUCCESS;
 }
 
 int main(int argc, char **argv) {
@@ -129,7 +128,7 @@ int main(int argc, char **argv) {
     char path[1024];
     int i, hidden = 0, ok;
     vertices_make();
-    if (sbl_create(NULL, &context) != SBL_SUCCESS) return 1;  /* sbl.h says what is wrong on stderr */
+    if (sbl_create(headless("vertex_light"), &context) != SBL_SUCCESS) return 1;  /* sbl.h says why on stderr */
     ok = sbl_set_scene(context, cornell_box_make(&box)) == SBL_SUCCESS && sbl_gather(context, &gather) == SBL_SUCCESS;
     if (ok) {
         for (i = 0; i < VERTICES; i++) hidden += inside(&readings[i]);
@@ -140,8 +139,8 @@ int main(int argc, char **argv) {
     }
     sbl_destroy(context);
     if (!ok) return 1;
-    sbl_encode_srgb8(pixels, picture, 3 * SIZE * SIZE, 1);
+    sbl_encode_srgb8(pixels, picture, 3 * ACROSS * ACROSS, 1);
     snprintf(path, sizeof path, "%s/vertex_light.png", folder);
-    if (stbi_write_png(path, SIZE, SIZE, 3, pixels, 0)) return 0;
+    if (stbi_write_png(path, ACROSS, ACROSS, 3, pixels, 0)) return 0;
     return fprintf(stderr, "vertex_light: cannot write %s\n", path), 1;
 }

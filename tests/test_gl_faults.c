@@ -388,6 +388,23 @@ TEST(create_without_any_function) {
     CHECK(seen.blocks == blocks, "%d blocks leaked", seen.blocks - blocks);
 }
 
+/* What some drivers of Windows say of a function that they do not know. */
+static intptr_t answer;
+static sbl_gl_function answering_proc(const char *name, void *user) {
+    return strcmp(name, "glCreateShader") == 0 ? (sbl_gl_function)answer : gl_host_proc(name, user);
+}
+
+TEST(create_with_answers_that_are_no_functions) {
+    sbl_context_desc desc = faulty_desc();
+    sbl_context *context = NULL;
+    desc.get_gl_function = answering_proc;
+    for (answer = -1; answer <= 3; answer++) {
+        watch_forget(&seen);
+        CHECK(sbl_create(&desc, &context) == SBL_ERROR_UNSUPPORTED && !context, "%d is taken for a function", (int)answer);
+        CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_FUNCTION_MISSING, "glCreateShader", NULL, NULL), "%d: %s", (int)answer, watch_last(&seen));
+    }
+}
+
 TEST(create_old_gl) {
     static const struct { const char *version; int major, minor; } old[] = { { "2.1 Mesa", 2, 1 }, { "3.2 (Core Profile)", 3, 2 }, { "OpenGL ES 3.2 Mesa", 3, 2 }, { "OpenGL ES 4.6", 4, 6 } };
     sbl_context_desc desc = faulty_desc();
@@ -459,6 +476,7 @@ int main(void) {
     RUN(create_errors);
     RUN(create_shaders);
     RUN(create_without_any_function);
+    RUN(create_with_answers_that_are_no_functions);
     RUN(create_old_gl);
     RUN(context_lost);
     RUN(allocations);

@@ -40,6 +40,21 @@ for compiler in gcc clang; do
     done
 done
 
+# others' macros: None, Bool, Status, Always, Success, I, major, minor; test_windows.sh has windows.h
+beside_xlib() {
+    headers='#include <X11/Xlib.h>\n#include <X11/Xutil.h>\n#include <complex.h>\n#include <sys/sysmacros.h>\n'
+    case $1 in first) printf "$headers" > "$folder/xlib.c" ;; *) : > "$folder/xlib.c" ;; esac
+    printf '#define SBL_IMPLEMENTATION\n#define SBL_EGL\n#include "sbl.h"\n' >> "$folder/xlib.c"
+    case $1 in last) printf "$headers" >> "$folder/xlib.c" ;; esac
+    gcc -std=c99 $warnings -I . -c "$folder/xlib.c" -o "$folder/xlib.o"
+}
+if echo '#include <X11/Xlib.h>' | gcc -E -x c - > /dev/null 2>&1; then
+    check compiles_after_xlib beside_xlib first
+    check compiles_before_xlib beside_xlib last
+else
+    skip compiles_beside_xlib "no X11/Xlib.h (libx11-dev)"
+fi
+
 # program NAME C-COMPILER C++-COMPILER LANGUAGE-OF-THE-IMPLEMENTATION
 program() {
     implementation=$4
@@ -76,8 +91,8 @@ check static_exports_nothing exports_nothing
 check no_mutable_globals no_globals
 check no_stdio_writes_nowhere no_stdio
 
-# includes: what the header includes at this place, in the order of the file
-includes() { sed -n 's/^ *# *include *\(<[^>]*>\).*/\1/p' "$@"; }
+# includes FILE: what the header includes, in the order of the file; the manual's own lines do not count
+includes() { sed '1,/^\*\/$/d' "$@" | sed -n 's/^ *# *include *\(<[^>]*>\).*/\1/p'; }
 only_system_includes() {
     grep -n '^ *# *include *"' sbl.h | grep -v '^[0-9]*:       #include "sbl.h"' > "$folder/strangers"  # the manual's own lines
     includes sbl.h | grep -vxE '<(assert|float|limits|math|stdarg|stddef|stdint|stdio|stdlib|string|sys/time|time|EGL/egl|EGL/eglext)\.h>' >> "$folder/strangers"

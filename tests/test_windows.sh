@@ -1,0 +1,191 @@
+#!/bin/sh
+# Windows and macOS, as far as they can be seen from here: mingw-w64 compiles and links beside windows.h, wine runs it
+# and draws what this machine draws, Mesa plays a GL 4.1.
+set -u
+export LC_ALL=C
+cd "$(dirname "$0")/.." || exit 1
+. tests/check.sh
+warnings='-Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror'
+
+# the manual's programs in that chapter, each from its first #include on
+awk -v folder="$folder" '
+    /^   ON DETERMINISM$/ { exit }
+    /^   ON WINDOWS AND MACOS$/ { on = 1 }
+    /^       #include <windows\.h>$/ && on { file = folder "/wgl.c" }
+    /^       #include <GLFW\/glfw3\.h>$/ && on { file = folder "/glfw.c" }
+    /^   [^ ]/ { file = "" }
+    file { sub(/^       /, ""); print > file }' sbl.h
+
+# all that is built stands in a copy, so that nothing of what lies in build/ is touched
+copy="$folder/copy"
+mkdir "$copy"
+cp -r sbl.h examples scripts tests "$copy"
+
+# >>compilers
+
+# beside ORDER COMPILER...: a program whose one file sees windows.h first, last or not at all
+beside() {
+    order=$1
+    shift
+    {
+        [ "$order" != first ] || echo '#include <windows.h>'
+        echo '#define SBL_IMPLEMENTATION'
+        echo '#include "sbl.h"'
+        [ "$order" != last ] || echo '#include <windows.h>'
+        echo 'int main(void) { sbl_context *context; return sbl_create(NULL, &context) == SBL_SUCCESS; }'
+    } > "$folder/beside.c"
+    "$@" $warnings -I . "$folder/beside.c" -o "$folder/beside"
+}
+# beside_all NAME COMPILER...
+beside_all() {
+    ways=$1
+    shift
+    check "${ways}_alone" beside none "$@"
+    check "${ways}_static_alone" beside none "$@" -DSBL_STATIC
+    for order in first last; do
+        check "${ways}_windows_h_$order" beside $order "$@"
+        check "${ways}_lean_windows_h_$order" beside $order "$@" -DWIN32_LEAN_AND_MEAN
+        check "${ways}_static_windows_h_$order" beside $order "$@" -DSBL_STATIC
+        check "${ways}_static_lean_windows_h_$order" beside $order "$@" -DSBL_STATIC -DWIN32_LEAN_AND_MEAN
+    done
+}
+
+# macros FLAGS...: the names of those that a file of includes, from stdin, ends with
+macros() {
+    "$target-w64-mingw32-gcc" -std=c99 -I . -x c -dM -E "$@" - | awk '{ sub(/\(.*/, "", $2); print $2 }' | sort -u
+}
+own_includes() { sed '1,/^\*\/$/d' sbl.h | sed -n 's/^ *# *include \(<[^>]*>\)$/#include \1/p' | grep -v EGL; }
+
+# words of sbl.h that are none of its comments or strings, against the macros of Windows' headers
+no_macro_is_a_name() {
+    gcc -fpreprocessed -dD -E -P sbl.h | sed 's/"\([^"\\]\|\\.\)*"//g' |
+        grep -oE '[A-Za-z_][A-Za-z0-9_]*' | sort -u > "$folder/words"
+    own_includes | macros > "$folder/own"
+    printf '#include <%s>\n' windows.h winsock2.h objbase.h shellapi.h commctrl.h GL/gl.h | macros > "$folder/macros"
+    [ "$(grep -cxE 'near|far|hyper|interface|min|max' "$folder/macros")" = 6 ] || return
+    grep -qx sbl__now "$folder/words" || return
+    printf '%s\n' small pascal cdecl >> "$folder/macros"  # Microsoft's own headers have these, too
+    sort -o "$folder/macros" "$folder/macros"
+    # MemoryBarrier: called in parentheses, its name is never looked at
+    ! grep 'gl->MemoryBarrier(' sbl.h || return
+    comm -23 "$folder/macros" "$folder/own" | comm -12 - "$folder/words" | grep -vx MemoryBarrier > "$folder/strangers"
+    nothing "$folder/strangers"
+}
+leaves_no_macros() {
+    own_includes | macros > "$folder/own"
+    { own_includes; echo '#include "sbl.h"'; } | macros -DSBL_IMPLEMENTATION > "$folder/macros"
+    grep -qx SBL_MAX_LEVELS "$folder/macros" || return
+    comm -13 "$folder/own" "$folder/macros" | grep -v '^SBL_' > "$folder/strangers"
+    nothing "$folder/strangers"
+}
+exports_only() {
+    "$target-w64-mingw32-gcc" -std=c99 -w -I . -DSBL_IMPLEMENTATION -x c -c sbl.h -o "$folder/object.o" &&
+    "$target-w64-mingw32-nm" "$folder/object.o" |
+        awk '$2 ~ /^[TDBRC]$/ { sub(/^_/, "", $3); print $3 }' > "$folder/exports"
+    grep -qx sbl_render "$folder/exports" || return
+    grep -v '^sbl_[a-z]' "$folder/exports" > "$folder/strangers"
+    nothing "$folder/strangers"
+}
+gl_types() { "$@" -std=c99 $warnings -Wno-unused -c tests/header/gl_types.c -o "$folder/gl_types.o"; }
+snippet() {
+    {
+        cat "$folder/wgl.c"
+        echo '#include "examples/wgl.h"'
+        echo 'int main(void) { sbl_context *c = wgl_open("wgl") ? start() : NULL; sbl_destroy(c); return c == NULL; }'
+    } > "$folder/wgl_main.c"
+    "$target-w64-mingw32-gcc" -std=c99 $warnings -I . "$folder/wgl_main.c" -lopengl32 -lgdi32 -o "$folder/wgl.exe"
+}
+windows_program() {
+    "$target-w64-mingw32-gcc" -std=c99 $warnings tests/header/windows.c -lopengl32 -lgdi32 -o "$folder/windows.exe"
+}
+# the README's way; what is left out is what needs POSIX
+examples() {
+    CC=$target-w64-mingw32-gcc CFLAGS=-O0 "$copy/scripts/build" || return
+    for source in examples/*.c; do
+        example=$(basename "$source" .c)
+        [ "$example" = sbl_render ] || [ -f "$copy/build/$example.exe" ] || { echo "no $example.exe"; return 1; }
+    done
+}
+
+check gl_functions_have_their_types gl_types gcc
+wine_target=
+for target in i686 x86_64; do
+    if ! command -v "$target-w64-mingw32-gcc" > /dev/null || ! command -v "$target-w64-mingw32-g++" > /dev/null; then
+        skip "$target" "no $target-w64-mingw32-gcc and g++ (mingw-w64)"
+        continue
+    fi
+    beside_all "${target}_c" "$target-w64-mingw32-gcc" -std=c99
+    beside_all "${target}_cpp" "$target-w64-mingw32-g++" -std=c++11 -x c++
+    if command -v clang > /dev/null; then  # which does not link here
+        check "${target}_clang" beside first clang -target "$target-w64-windows-gnu" -std=c99 -c
+        check "${target}_clang_cpp" beside last clang -target "$target-w64-windows-gnu" -std=c++11 -x c++ -c
+    else
+        skip "${target}_clang" "no clang"
+    fi
+    check "${target}_no_macro_is_a_name" no_macro_is_a_name
+    check "${target}_leaves_no_macros" leaves_no_macros
+    check "${target}_exports_nothing_but_sbl_functions" exports_only
+    check "${target}_gl_functions_have_their_types" gl_types "$target-w64-mingw32-gcc"
+    check "${target}_manual_compiles" snippet
+    check "${target}_windows_compiles" windows_program
+    check "${target}_examples_compile" examples
+    wine_target=$target  # the last one's programs are what wine runs
+done
+
+# >>pictures, all of Mesa's software renderer
+
+export LIBGL_ALWAYS_SOFTWARE=1
+look() { (cd "$folder" && ./picture "$@"); }
+here() { mkdir -p "$folder/here" && "$copy/scripts/build" minimal && "$copy/build/minimal" "$folder/here"; }
+gcc -std=c99 -O2 -Wall -Wextra tests/picture.c -lm -o "$folder/picture" || exit 1
+here > "$folder/log" 2>&1 || { cat "$folder/log"; exit 1; }
+
+# as macOS has it: no compute shaders, no clip control
+gl_41() {
+    mkdir -p "$folder/gl_41" &&
+    MESA_GL_VERSION_OVERRIDE=4.1FC MESA_GLSL_VERSION_OVERRIDE=410 \
+        MESA_EXTENSION_OVERRIDE='-GL_ARB_clip_control -GL_ARB_compute_shader -GL_ARB_shader_image_load_store' \
+        "$copy/build/minimal" "$folder/gl_41" && look alike here/minimal.png gl_41/minimal.png
+}
+check gl_41_picture gl_41
+
+with_display() { timeout 120 xvfb-run -a -s '-screen 0 640x480x24' "$@"; }
+display=1
+command -v xvfb-run > /dev/null && command -v xauth > /dev/null || display=
+
+# >>GLFW
+
+glfw_compiles() {
+    gcc -std=c99 $warnings -I . "$folder/glfw.c" $(pkg-config --cflags --libs glfw3) -lm -o "$folder/glfw"
+}
+if pkg-config --exists glfw3 2> /dev/null; then
+    check manual_compiles_with_glfw glfw_compiles
+    if [ "$display" ]; then check manual_runs_with_glfw with_display "$folder/glfw"
+    else skip manual_runs_with_glfw "no xvfb-run and xauth (xvfb, xauth)"; fi
+else
+    skip manual_compiles_with_glfw "no GLFW (libglfw3-dev)"
+fi
+
+# >>wine
+
+# 700 MB while it lasts; nothing in the home folder
+export TMPDIR="$folder" WINEPREFIX="$folder/wine" WINEDEBUG=-all WINEDLLOVERRIDES='mscoree,mshtml,winemenubuilder.exe='
+run() { mkdir -p "$folder/there" && (cd "$folder" && with_display wine "$@"); }
+minimal_there() { run "$copy/build/minimal.exe" there && look alike here/minimal.png there/minimal.png; }
+host_context_there() {
+    run "$copy/build/host_context.exe" there > "$folder/said" && grep -q 'state intact' "$folder/said" &&
+    look cornell there/host_context.png
+}
+if [ "$wine_target" != x86_64 ]; then skip wine "nothing to run: no x86_64-w64-mingw32-gcc and g++ (mingw-w64)"
+elif [ ! "$display" ]; then skip wine "no xvfb-run and xauth (xvfb, xauth)"
+elif ! command -v wine > /dev/null; then skip wine "no wine (wine64)"
+else
+    check wine_tests run windows.exe
+    check wine_manual run wgl.exe
+    check wine_minimal_picture minimal_there
+    check wine_host_context host_context_there
+    wineserver -k > /dev/null 2>&1
+    wineserver -w > /dev/null 2>&1
+fi
+
+report
