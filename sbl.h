@@ -167,6 +167,10 @@
    one line a mistake. Descriptors are checked whole, in release builds too: all mistakes in one are reported in one
    call, and a descriptor with a mistake changes nothing. Functions accept a NULL context (SBL_ERROR_INVALID_ARGUMENT).
 
+   Callbacks of a context (draw, environment, allocator, logger, progress) may call its sbl_query_... functions and
+   sbl_progress; what changes or steps it is refused there with SBL_ERROR_STATE. Progress is called between two pieces
+   of work and may read channels as well; it cancels by what it returns.
+
    ON THREADS
 
    No globals: contexts are independent. One context must not be used by two threads at once, and its GL context must be
@@ -9907,20 +9911,29 @@ static void sbl__egl_destroy(sbl__egl *e) { (void)e; }
 
 typedef enum sbl__work { SBL__WORK_NONE, SBL__WORK_PICTURE, SBL__WORK_GATHER } sbl__work;
 
+/* Is the host being called? Callbacks may ask how things are; that of progress, between two pieces of work, may read
+   channels too. */
+typedef enum sbl__inside {
+    SBL__INSIDE_NOTHING, SBL__INSIDE_PROGRESS, SBL__INSIDE_WORK, SBL__INSIDE_REFUSAL
+} sbl__inside;
+
 struct sbl_context {
     sbl__core core;
     sbl__picture picture;      /* under way, or finished */
     sbl__gathering gathering;
     sbl__inspection inspection;
     sbl__work work;            /* what was begun last */
+    sbl__inside inside;
     sbl__egl egl;
 };
 
 /* What every function that uses GL does first and last: own context made current, state saved and forced; and the way
    back. */
-typedef struct sbl__visit { sbl__guard guard; sbl__egl_before before; } sbl__visit;
+typedef struct sbl__visit { sbl__guard guard; sbl__egl_before before; sbl__inside inside; } sbl__visit;
 
 static void sbl__visit_enter(sbl_context *c, sbl__visit *v) {
+    v->inside = c->inside;
+    c->inside = SBL__INSIDE_WORK;
     sbl__egl_enter(&c->egl, &v->before);
     sbl__guard_save(&c->core.device.gl, &v->guard);
     sbl__guard_force(&c->core.device.gl);
@@ -9930,10 +9943,23 @@ static void sbl__visit_leave(sbl_context *c, const sbl__visit *v) {
     sbl__guard_restore(&c->core.device.gl, &v->guard);
     sbl__gl_clear_errors(&c->core.device.gl);
     sbl__egl_leave(&c->egl, &v->before);
+    c->inside = v->inside;
 }
 
 static void sbl__refuse(const sbl_context *c, sbl_log_item item, const char *function, const char *why) {
     sbl__log(&c->core.base, SBL_LOG_ERROR, item, "%s: %s", function, why);
+}
+
+/* 1 (logged) where one of the context's callbacks calls what it may not; `most`: where it may. */
+static int sbl__called_back(sbl_context *c, const char *function, sbl__inside most) {
+    const sbl__inside inside = c->inside;
+    if (inside <= most) return 0;
+    c->inside = SBL__INSIDE_REFUSAL;
+    if (inside != SBL__INSIDE_REFUSAL)  /* else it is the logger that calls, told of a call */
+        sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "called by a callback, in the middle of work; let it "
+                    "return first (progress: return nonzero to cancel)");
+    c->inside = inside;
+    return 1;
 }
 
 /* 0 (logged) where there is no scene yet. */
@@ -10096,6 +10122,7 @@ SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
 SBL_API void sbl_destroy(sbl_context *c) {
     sbl__base base;
     if (!c) return;
+    if (sbl__called_back(c, "sbl_destroy", SBL__INSIDE_NOTHING)) return;
     sbl__context_free(c);
     base = c->core.base;
     sbl__free(&base, c);
@@ -10117,6 +10144,7 @@ SBL_API sbl_result sbl_set_scene(sbl_context *c, const sbl_scene_desc *desc) {
     sbl__visit visit;
     sbl_result result;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
+    if (sbl__called_back(c, "sbl_set_scene", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
     if (!desc) {
         sbl__refuse(c, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_set_scene", "desc is NULL");
         return SBL_ERROR_INVALID_ARGUMENT;
@@ -10144,6 +10172,7 @@ SBL_API sbl_result sbl_set_mesh_transform(sbl_context *c, int mesh, const float 
     sbl__check check;
     sbl_result result;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
+    if (sbl__called_back(c, "sbl_set_mesh_transform", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
     if (!sbl__has_scene(c, "sbl_set_mesh_transform")) return SBL_ERROR_STATE;
     sbl__check_start(&check, &c->core.base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT);
     if (mesh < 0 || mesh >= c->core.scene.geometry.mesh_count)
@@ -10193,6 +10222,7 @@ SBL_API sbl_result sbl_begin(sbl_context *c, const sbl_picture_desc *desc) {
     sbl_result result;
     int most, level;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
+    if (sbl__called_back(c, "sbl_begin", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
     if (!sbl__has_scene(c, "sbl_begin")) return SBL_ERROR_STATE;
     if (sbl__all_zero(d.world_to_view, 16)) sbl__camera_frame(&c->core.scene.geometry, &d);
     result = sbl__check_picture(&c->core.base, desc, &d, c->core.scene.draw != NULL);
@@ -10227,6 +10257,7 @@ SBL_API sbl_result sbl_begin_gather(sbl_context *c, const sbl_gather_desc *desc)
     sbl__visit visit;
     sbl_result result;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
+    if (sbl__called_back(c, "sbl_begin_gather", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
     if (!sbl__has_scene(c, "sbl_begin_gather")) return SBL_ERROR_STATE;
     result = sbl__check_gather(&c->core.base, desc, &d, c->core.scene.draw != NULL);
     if (result == SBL_SUCCESS) result = sbl__check_mode(c, "sbl_gather_desc", d.mode);
@@ -10257,8 +10288,10 @@ static sbl_result sbl__context_step(sbl_context *c, sbl__slice *slice) {
     now = picture ? sbl__picture_progress(core, p) : sbl__gathering_progress(core, g);
     *done = SBL__MAX(*done, now);
     core->stats.seconds.total += sbl__now() - start;
-    if ((result == SBL_SUCCESS || result == SBL_UNFINISHED) && progress &&
-        progress(*done, picture ? p->desc.progress_user : g->desc.progress_user)) result = SBL_CANCELLED;
+    if ((result != SBL_SUCCESS && result != SBL_UNFINISHED) || !progress) return result;
+    c->inside = SBL__INSIDE_PROGRESS;
+    if (progress(*done, picture ? p->desc.progress_user : g->desc.progress_user)) result = SBL_CANCELLED;
+    c->inside = SBL__INSIDE_WORK;
     return result;
 }
 
@@ -10270,6 +10303,7 @@ SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
     sbl_result result = SBL_UNFINISHED;
     double last;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
+    if (sbl__called_back(c, "sbl_step", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
     if (c->work == SBL__WORK_NONE) {
         sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, "sbl_step", "there is no picture; call sbl_begin first");
         return SBL_ERROR_STATE;
@@ -10309,6 +10343,7 @@ SBL_API float sbl_progress(const sbl_context *c) {
 SBL_API void sbl_end(sbl_context *c) {
     sbl__visit visit;
     if (!c || c->work == SBL__WORK_NONE) return;
+    if (sbl__called_back(c, "sbl_end", SBL__INSIDE_NOTHING)) return;
     sbl__visit_enter(c, &visit);
     sbl__picture_free(&c->core.device, &c->picture);
     sbl__gathering_free(&c->core.base, &c->gathering);
@@ -10363,7 +10398,7 @@ static sbl_result sbl__channel_ready(sbl_context *c, const char *function) {
     if (!p->refine.rounds) return SBL_UNFINISHED;
     sbl__visit_enter(c, &visit);
     result = sbl__picture_watch(&c->core, p);
-    if (result != SBL_SUCCESS) sbl__abandon(c);
+    if (result != SBL_SUCCESS && visit.inside == SBL__INSIDE_NOTHING) sbl__abandon(c);
     sbl__visit_leave(c, &visit);
     return result;
 }
@@ -10397,6 +10432,7 @@ SBL_API sbl_result sbl_read_channel(sbl_context *c, sbl_channel channel, float *
     size_t pixels, i;
     sbl_result result;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
+    if (sbl__called_back(c, "sbl_read_channel", SBL__INSIDE_PROGRESS)) return SBL_ERROR_STATE;
     if (!components || !out) {
         sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_read_channel: channel is %d (0 to "
                  "%d exist), out is %s", (int)channel, SBL_CHANNEL_COUNT - 1, out ? "given" : "NULL");
@@ -10440,6 +10476,7 @@ static uint32_t sbl__channel_send(sbl_context *c, sbl_channel channel) {
 SBL_API uint32_t sbl_channel_texture(sbl_context *c, sbl_channel channel) {
     const sbl__target *target;
     if (!c || c->picture.stage == SBL__STAGE_NONE || !sbl_channel_components(channel)) return 0;
+    if (sbl__called_back(c, "sbl_channel_texture", SBL__INSIDE_PROGRESS)) return 0;
     if (sbl__channel_ready(c, "sbl_channel_texture") != SBL_SUCCESS) return 0;
     if (channel == SBL_CHANNEL_NORMAL) return c->picture.gbuffer.normal.id;
     if (channel == SBL_CHANNEL_POSITION) return c->picture.gbuffer.position.id;
@@ -10488,6 +10525,7 @@ SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *
     sbl__visit visit;
     sbl_result result;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
+    if (sbl__called_back(c, "sbl_inspect_sensor", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
     result = sbl__inspect_check(c, x, y, sensor);
     if (result != SBL_SUCCESS) return result;
     memset(&s, 0, sizeof s);

@@ -1103,6 +1103,104 @@ TEST(giving_up_midway) {
     usable("giving up midway");
 }
 
+/* >>callbacks that call back */
+
+typedef struct meddler {
+    sbl_context *context;
+    int which, calls, refused, read;
+} meddler;
+
+enum { MEDDLINGS = 10 };
+
+/* Does one thing that may not be done now; returns 1 where it was refused. */
+static int meddle(meddler *m) {
+    static sbl_sensor sensor;
+    static float values[3 * SMALL_PIXELS];
+    const sbl_scene_desc scene = scene_desc(&small);
+    const sbl_picture_desc view_of_it = small_view();
+    sbl_context *c = m->context;
+    sbl_site site;
+    sbl_reading reading;
+    sbl_gather_desc gather;
+    float matrix[16];
+    const int errors = seen.errors;
+    sbl_result result;
+    if (m->which < 0) return 0;
+    identity(matrix);
+    memset(&gather, 0, sizeof gather);
+    memset(&site, 0, sizeof site);
+    site.normal[1] = 1;
+    gather.sites = &site;
+    gather.readings = &reading;
+    gather.site_count = 1;
+    m->calls++;
+    switch (m->which) {
+        case 0: result = sbl_set_scene(c, &scene); break;
+        case 1: result = sbl_set_mesh_transform(c, 0, matrix); break;
+        case 2: result = sbl_begin(c, &view_of_it); break;
+        case 3: result = sbl_begin_gather(c, &gather); break;
+        case 4: result = sbl_step(c, 0); break;
+        case 5: result = sbl_inspect_sensor(c, 5, 5, &sensor, NULL, NULL, 0); break;
+        case 6: result = sbl_render(c, &view_of_it); break;
+        case 7: result = sbl_gather(c, &gather); break;
+        case 8: sbl_end(c); result = SBL_ERROR_STATE; break;
+        default: sbl_destroy(c); result = SBL_ERROR_STATE; break;
+    }
+    if (sbl_query_stats(c).triangles > 0 && result == SBL_ERROR_STATE && seen.errors == errors + 1) m->refused++;
+    if (sbl_read_channel(c, SBL_CHANNEL_RADIANCE, values, 3 * SMALL_PIXELS) == SBL_SUCCESS) m->read++;
+    return 0;
+}
+
+static int meddling_progress(float done, void *user) { return (void)done, meddle((meddler *)user); }
+
+static void meddling_draw(const sbl_draw_view *drawn, void *user) {
+    (void)drawn;
+    meddle((meddler *)user);
+}
+
+/* Of what a callback calls nothing is done, and the picture is the one it would have been. */
+TEST(callbacks_that_call_back) {
+    static small_picture plain, other;
+    sbl_scene_desc scene = scene_desc(&small);
+    int way, which;
+    for (way = 0; way < 3; way++) {  /* progress, rastered and traced; draw */
+        view = small_view();
+        view.backend = way == 1 ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
+        REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
+        for (which = -1; which < MEDDLINGS; which++) {  /* the first does nothing */
+            meddler m = { NULL, 0, 0, 0, 0 };
+            sbl_result result;
+            m.context = context;
+            m.which = which;
+            if (way == 2) {
+                sbl_scene_desc drawn = scene;
+                int k;
+                drawn.draw = meddling_draw;
+                drawn.draw_user = &m;
+                for (k = 0; k < 3; k++) { drawn.draw_bounds[0][k] = -0.1f; drawn.draw_bounds[1][k] = 0.1f; }
+                result = sbl_set_scene(context, &drawn);
+                REQUIRE(result == SBL_SUCCESS, "%s", watch_last(&seen));
+            } else {
+                view.progress = meddling_progress;
+                view.progress_user = &m;
+            }
+            REQUIRE(sbl_begin(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+            result = sbl_step(context, 0);
+            if (which < 0) {
+                REQUIRE(result == SBL_SUCCESS && small_read(context, &plain) == SBL_SUCCESS && small_plausible(&plain), "%s", watch_last(&seen));
+                continue;
+            }
+            CHECK(result == SBL_SUCCESS && small_read(context, &other) == SBL_SUCCESS && small_same(&other, &plain), "way %d, call %d: \"%s\", or another picture",
+                  way, which, sbl_result_string(result));
+            CHECK(m.calls > 1 && m.refused == m.calls, "way %d, call %d: refused %d of %d times", way, which, m.refused, m.calls);
+            CHECK((m.read > 0) == (way < 2), "way %d, call %d: %d channels were read", way, which, m.read);
+        }
+        view.progress = NULL;
+    }
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
+    usable("callbacks that call back");
+}
+
 /* >>fuzz: see fuzz_scene.c */
 
 TEST(fuzz) {
@@ -1169,6 +1267,7 @@ int main(void) {
     RUN(wrong_order);
     RUN(cancel_at_every_call);
     RUN(giving_up_midway);
+    RUN(callbacks_that_call_back);
     RUN(fuzz);
     RUN(nothing_leaked);
     scene_free(&small);
