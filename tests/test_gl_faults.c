@@ -55,8 +55,8 @@ static void scenes_make(void) {
 
 /* >>the calls that can fail, each from a context in which all before it went well */
 
-typedef enum phase { PHASE_SCENE, PHASE_MOVE, PHASE_BEGIN, PHASE_RENDER, PHASE_READ, PHASE_TEXTURE, PHASE_INSPECT, PHASES } phase;
-static const char *const phase_names[PHASES] = { "sbl_set_scene", "sbl_set_mesh_transform", "sbl_begin", "sbl_step", "sbl_read_channel", "sbl_channel_texture", "sbl_inspect_sensor" };
+typedef enum phase { PHASE_SCENE, PHASE_MOVE, PHASE_BEGIN, PHASE_RENDER, PHASE_READ, PHASE_TEXTURE, PHASE_INSPECT, PHASE_GATHER, PHASES } phase;
+static const char *const phase_names[PHASES] = { "sbl_set_scene", "sbl_set_mesh_transform", "sbl_begin", "sbl_step", "sbl_read_channel", "sbl_channel_texture", "sbl_inspect_sensor", "sbl_gather" };
 
 static small_picture picture;
 static int replacing;
@@ -65,6 +65,25 @@ static sbl_sensor sensor, expected_sensor;
 static float expected_radiance[4 * 64 * 64], expected_weights[64 * 64];
 static sbl_sensor_ray expected_rays[2048];
 static sbl_sensor_lamp expected_lamps[64];
+
+enum { SITES = 3 };
+static sbl_reading readings[SITES], expected_readings[SITES];
+
+static sbl_result small_gather(sbl_context *context) {
+    static const sbl_site sites[SITES] = { { { 1, 0, 0.5f }, { 0, 1, 0 }, { 0, 0, 0 }, 0 }, { { 0, 0.7f, 0 }, { 0, 1, 0 }, { 0, 0, 0 }, 0 },
+                                           { { 0, 0.3f, 0 }, { 1, 0, 0 }, { 0, 0, 0 }, 0 } };  /* the last stands in the box, and looks back */
+    const sbl_picture_desc view = small_view();
+    sbl_gather_desc desc;
+    memset(&desc, 0, sizeof desc);
+    memset(readings, 0, sizeof readings);
+    desc.sites = sites;
+    desc.readings = readings;
+    desc.site_count = SITES;
+    desc.backend = view.backend;
+    desc.rays = view.rays;
+    desc.sensor_size = view.sensor_size;
+    return sbl_gather(context, &desc);
+}
 
 /* The sensor without its arrays, which are the context's; and these. */
 static int sensor_same(void) {
@@ -98,6 +117,7 @@ static sbl_result phase_run(sbl_context *context, phase p) {
         case PHASE_READ: return small_read(context, &picture);
         case PHASE_TEXTURE: return sbl_channel_texture(context, SBL_CHANNEL_DEPTH) &&
                                    sbl_channel_texture(context, SBL_CHANNEL_SENSORS) ? SBL_SUCCESS : SBL_ERROR_GL;
+        case PHASE_GATHER: return small_gather(context);
         default: return sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, weights, 64 * 64);
     }
 }
@@ -107,9 +127,25 @@ static int phase_right(sbl_context *context, phase p) {
     sbl_picture_desc view = small_view();
     if (p == PHASE_READ) return small_same(&picture, &expected);
     if (p == PHASE_INSPECT) return sensor_same();
+    if (p == PHASE_GATHER) return memcmp(readings, expected_readings, sizeof readings) == 0;
     if (p == PHASE_BEGIN && sbl_step(context, 0) != SBL_SUCCESS) return 0;
     if ((p == PHASE_SCENE || p == PHASE_MOVE) && sbl_render(context, &view) != SBL_SUCCESS) return 0;
     return small_read(context, &picture) == SBL_SUCCESS && small_same(&picture, p == PHASE_SCENE || p == PHASE_MOVE ? &expected_moved : &expected);
+}
+
+/* All that can be called goes on, whatever failed: it succeeds, or there is no picture. The finished picture of a reading that failed is still there. */
+static void every_function(sbl_context *context, phase p, const char *fault, int place) {
+    const sbl_result none = p >= PHASE_READ ? SBL_SUCCESS : SBL_ERROR_STATE;
+    static small_picture read;
+    const sbl_result step = sbl_step(context, 0), reading = small_read(context, &read), inspection = phase_run(context, PHASE_INSPECT);
+    CHECK((step == SBL_SUCCESS || step == none) && (reading == SBL_SUCCESS || reading == none) && (inspection == SBL_SUCCESS || inspection == none),
+          "%s, %s %d: afterwards sbl_step gives \"%s\", sbl_read_channel \"%s\", sbl_inspect_sensor \"%s\"", phase_names[p], fault, place,
+          sbl_result_string(step), sbl_result_string(reading), sbl_result_string(inspection));
+    CHECK(p < PHASE_READ || (small_same(&read, &expected) && sensor_same()), "%s, %s %d: afterwards the picture or its sensor differs", phase_names[p], fault, place);
+    CHECK(p < PHASE_READ || phase_run(context, PHASE_TEXTURE) == SBL_SUCCESS, "%s, %s %d: afterwards there is no texture", phase_names[p], fault, place);
+    CHECK(small_gather(context) == SBL_SUCCESS && (p < PHASE_RENDER || phase_right(context, PHASE_GATHER)), "%s, %s %d: afterwards sbl_gather fails, or differs",
+          phase_names[p], fault, place);
+    CHECK(p < PHASE_READ || (phase_run(context, PHASE_INSPECT) == SBL_SUCCESS && sensor_same()), "%s, %s %d: after a gather the sensor differs", phase_names[p], fault, place);
 }
 
 /* The context as before: the scene and its picture. Undone is what a success did. */
@@ -173,6 +209,7 @@ static int every_place(sbl_context *context, phase p, fake_fault fault, GLenum e
                   sbl_result_string(result), sbl_result_string(right));
             CHECK(seen.errors > 0, "%s, %s %d fails without a message", phase_names[p], name, place);
         }
+        if (p >= PHASE_READ || place % 3 == 1) every_function(context, p, name, place);
         still_usable(context, p, result == SBL_SUCCESS, name, place);
         end = usage_take(context);
         CHECK(start.blocks == end.blocks && start.host == end.host && start.gpu == end.gpu &&
@@ -209,6 +246,36 @@ static void every_phase(fake_fault fault, GLenum error, sbl_result right, const 
 TEST(allocations) { every_phase(FAKE_NONE, 0, SBL_ERROR_OUT_OF_MEMORY, "allocation", 20); }
 TEST(calls_out_of_memory) { every_phase(FAKE_REFUSE, GL_OUT_OF_MEMORY, SBL_ERROR_OUT_OF_MEMORY, "GL_OUT_OF_MEMORY by call", 40); }
 TEST(calls_invalid) { every_phase(FAKE_REFUSE, GL_INVALID_OPERATION, SBL_ERROR_GL, "GL_INVALID_OPERATION by call", 40); }
+/* The first inspection compiles its programs. Whatever fails there, the next one shows the sensor. */
+TEST(first_inspections) {
+    static const struct { fake_fault fault; GLenum error; int least; } faults[] = {
+        { FAKE_NONE, 0, 10 }, { FAKE_ERROR, GL_OUT_OF_MEMORY, 3 }, { FAKE_COMPILE, 0, 1 }, { FAKE_NO_NAME, 0, 5 } };
+    sbl_context_desc desc = faulty_desc();
+    sbl_picture_desc view = small_view();
+    sbl_scene_desc first = scene_desc(&scene);
+    int i, place, last, failed;
+    for (i = 0; i < (int)(sizeof faults / sizeof *faults); i++)
+        for (place = 1, last = failed = 0; place < MOST_PLACES && !last; place++) {
+            sbl_context *context;
+            sbl_result result;
+            fake_disarm();
+            REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &first) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS, "%s",
+                    watch_last(&seen));
+            if (faults[i].fault == FAKE_NONE) { seen.refused = 0; seen.refuse_at = seen.allocations + place; }
+            else fake_arm(faults[i].fault, place, faults[i].error);
+            result = phase_run(context, PHASE_INSPECT);
+            last = !(faults[i].fault == FAKE_NONE ? seen.refused : fake.hits);
+            seen.refuse_at = 0;
+            fake_disarm();
+            CHECK(result != SBL_SUCCESS || sensor_same(), "fault %d at %d: another sensor", i, place);
+            failed += result != SBL_SUCCESS;
+            result = phase_run(context, PHASE_INSPECT);
+            CHECK(result == SBL_SUCCESS && sensor_same(), "fault %d at %d: afterwards \"%s\", or another sensor", i, place, sbl_result_string(result));
+            CHECK(!last || failed >= faults[i].least, "fault %d made %d inspections fail", i, failed);
+            sbl_destroy(context);
+        }
+}
+
 TEST(errors_out_of_memory) { every_phase(FAKE_ERROR, GL_OUT_OF_MEMORY, SBL_ERROR_OUT_OF_MEMORY, "GL_OUT_OF_MEMORY at glGetError", 40); }
 TEST(no_names) { every_phase(FAKE_NO_NAME, 0, SBL_ERROR_GL, "no name by glGen", 20); }
 TEST(framebuffers) { every_phase(FAKE_FRAMEBUFFER, 0, SBL_ERROR_GL, "framebuffer status", 5); }
@@ -458,6 +525,7 @@ static int references(sbl_backend backend) {
         &expected) == SBL_SUCCESS && sbl_query_stats(context).backend == backend &&
            sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &expected_sensor, expected_radiance, expected_weights, 64 * 64) == SBL_SUCCESS &&
            expected_sensor.ray_count > 0 && expected_sensor.ray_count <= 2048 && expected_sensor.lamp_count > 0 && expected_sensor.lamp_count <= 64 &&
+           small_gather(context) == SBL_SUCCESS && memcpy(expected_readings, readings, sizeof readings) && readings[0].radiance[0] > 0 && readings[2].back_share > 0.5f &&
            memcpy(expected_rays, expected_sensor.rays, (size_t)expected_sensor.ray_count * sizeof *expected_rays) &&
            memcpy(expected_lamps, expected_sensor.lamps, (size_t)expected_sensor.lamp_count * sizeof *expected_lamps) &&
            sbl_query_bounds(context, bounds[0], bounds[1]) == SBL_SUCCESS && sbl_set_scene(context, &other) == SBL_SUCCESS &&
@@ -483,6 +551,7 @@ int main(void) {
     RUN(calls_out_of_memory);
     RUN(calls_invalid);
     RUN(errors_out_of_memory);
+    RUN(first_inspections);
     RUN(no_names);
     RUN(framebuffers);
     RUN(allocations_of_larger_pictures);
@@ -492,6 +561,7 @@ int main(void) {
     RUN(calls_out_of_memory);
     RUN(calls_invalid);
     RUN(errors_out_of_memory);
+    RUN(first_inspections);
     RUN(no_names);
     RUN(framebuffers);
     RUN(allocations_of_larger_pictures);
