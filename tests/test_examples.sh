@@ -112,9 +112,21 @@ rows() {
 # rising FILE COLUMN: from row to row
 rising() { awk -F, -v c="$2" 'NR > 2 && $c + 0 <= last { print FILENAME ": " $0; bad = 1 } { last = $c + 0 } END { exit bad }' "$folder/metrics/$1"; }
 metrics_run() { run paper_metrics metrics --quick; }
-metrics_table_1() { rows table_1.csv 5 4 && rising table_1.csv 4 && look plot metrics/table_1.png 1; }
-metrics_figure_10() { rows figure_10.csv 4 12 && look plot metrics/figure_10.png 3; }
-metrics_figure_11() { rows figure_11.csv 4 12 && look plot metrics/figure_11.png 3; }
+metrics_table_1() { rows table_1.csv 5 4 && rising table_1.csv 4; }
+metrics_figure_10() { rows figure_10.csv 4 12; }
+metrics_figure_11() { rows figure_11.csv 4 12; }
+metrics_plots() {
+    scripts/plot_metrics "$folder/metrics" && look plot metrics/table_1.png 1 &&
+    look plot metrics/figure_10.png 3 && look plot metrics/figure_11.png 3
+}
+# says in one line what to install, or what is missing
+plots_without() { ! "$@" > "$folder/errors" 2>&1 && cat "$folder/errors" && [ "$(wc -l < "$folder/errors")" = 1 ]; }
+metrics_plots_without_gnuplot() {
+    plots_without env PATH=/nowhere /bin/sh scripts/plot_metrics "$folder/metrics" && grep -q 'gnuplot-nox' "$folder/errors"
+}
+metrics_plots_without_figures() {
+    mkdir -p "$folder/no metrics" && plots_without scripts/plot_metrics "$folder/no metrics" && grep -q 'csv is missing' "$folder/errors"
+}
 metrics_figure_12() {
     rows figure_12.csv 3 2 && look halves metrics/figure_12.png &&
     awk -F, 'NR == 2 { small = $3 } NR == 3 { large = $3 } END { print small, large; exit !(small > 1.1 * large) }' "$folder/metrics/figure_12.csv"
@@ -124,6 +136,13 @@ check paper_metrics_table_1 metrics_table_1
 check paper_metrics_figure_10 metrics_figure_10
 check paper_metrics_figure_11 metrics_figure_11
 check paper_metrics_figure_12 metrics_figure_12
+if command -v gnuplot > /dev/null; then
+    check paper_metrics_plots metrics_plots
+    check paper_metrics_plots_without_figures metrics_plots_without_figures
+else
+    skip paper_metrics_plots "gnuplot is missing"
+fi
+check paper_metrics_plots_without_gnuplot metrics_plots_without_gnuplot
 
 # >>bench: that it works, not how fast
 
