@@ -44,7 +44,7 @@ typedef struct metrics {
 static int out_of_time(float done, void *user) {
     const metrics *m = (const metrics *)user;
     (void)done;
-    return m->plan->seconds && difftime(time(NULL), m->start) > m->plan->seconds;
+    return m->plan->seconds > 0 && difftime(time(NULL), m->start) > m->plan->seconds;
 }
 
 enum { FAILED, GIVEN_UP, MEASURED };
