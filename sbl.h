@@ -7883,7 +7883,8 @@ static sbl_result sbl__job_submit(sbl__device *d, sbl__job *j, double room, doub
 static sbl_result sbl__job_draw(sbl__device *d, sbl__job *j, const sbl__slice *slice) {
     const sbl__spec *spec = &j->task.spec;
     const int slots = sbl__job_slots(j)->count, first = j->drawn;
-    const int most = spec->traced || slice->end < DBL_MAX ? 1 : SBL__SUBMISSIONS;
+    const double fit = (slice->end - sbl__now()) / slice->longest;
+    const int most = spec->traced ? 1 : (int)SBL__MIN(SBL__MAX(fit, 1), SBL__SUBMISSIONS);
     const double room = sbl__pace_begin(&j->draw_pace[j->lens], slice, SBL__LOOKS_FIRST, 1e-6);
     double units = 0, all = 0;
     sbl_result result = SBL_SUCCESS;

@@ -5,12 +5,12 @@
        figure_11  number of sensors against the sensors' size, at the same three
        figure_12  noise: the picture with small sensors beside the one with large sensors
 
-   Each is written as .csv and .png to the folder that the first argument names. --quick measures small pictures only, in seconds;
-   otherwise it takes up to five minutes: measurements that do not fit into the time left are given up and said to be. */
+   Each is written as .csv to the folder that the first argument names, figure 12 also as .png; scripts/plot_metrics draws
+   the others. --quick measures small pictures only, and all of them, however long that takes; otherwise measurements that
+   do not fit into five minutes are given up and said to be. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #include "cornell_box.h"
-#include "plot.h"
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #include <stb/stb_image_write.h>
 #include <time.h>
@@ -30,7 +30,7 @@ static const plan full_plan = {
                    { 800, 600 }, { 900, 700 }, { 1024, 768 } },
     6, { 8, 16, 32, 64, 128, 256 }, { { 120, 90 }, { 160, 120 }, { 200, 200 } }, 32, 200, 256 };
 static const plan quick_plan = {
-    30, 16, 4, { { 64, 48 }, { 100, 75 }, { 128, 96 }, { 160, 120 } },
+    0, 16, 4, { { 64, 48 }, { 100, 75 }, { 128, 96 }, { 160, 120 } },
     4, { 8, 16, 32, 64 }, { { 40, 30 }, { 48, 48 }, { 80, 60 } }, 32, 64, 256 };
 
 typedef struct metrics {
@@ -43,7 +43,7 @@ typedef struct metrics {
 static int out_of_time(float done, void *user) {
     const metrics *m = (const metrics *)user;
     (void)done;
-    return difftime(time(NULL), m->start) > m->plan->seconds;
+    return m->plan->seconds > 0 && difftime(time(NULL), m->start) > m->plan->seconds;
 }
 
 enum { FAILED, GIVEN_UP, MEASURED };
@@ -102,18 +102,9 @@ static int png_write(const metrics *m, const char *name, int width, int height, 
     return fprintf(stderr, "paper_metrics: cannot write %s\n", path), 0;
 }
 
-static int plot_write(const metrics *m, const char *name, const plot *p) {
-    unsigned char *pixels = plot_draw(p);
-    int ok = png_write(m, name, PLOT_WIDTH, PLOT_HEIGHT, pixels);
-    free(pixels);
-    return ok;
-}
-
 /* ---- the measurements */
 
 static int table_1(metrics *m) {
-    plot p = plot_make("TABLE 1: TIME PER SENSOR, SENSOR SIZE FIXED", "THOUSANDS OF PIXELS", "MICROSECONDS PER SENSOR", 0, 0);
-    plot_series *series = plot_add(&p, "");
     FILE *csv = csv_open(m, "table_1.csv", "width,height,sensor_size,sensors,microseconds_per_sensor");
     int i, size = m->plan->table_size, outcome = MEASURED;
     sbl_stats stats;
@@ -124,26 +115,16 @@ static int table_1(metrics *m) {
         outcome = measure(m, width, height, size, &stats);
         if (outcome != MEASURED) break;
         fprintf(csv, "%d,%d,%d,%lld,%.3f\n", width, height, size, (long long)stats.sensors, stats.microseconds_per_sensor);
-        plot_point(series, width * height / 1000.0, stats.microseconds_per_sensor);
     }
-    return csv_close(csv, "table_1.csv") && outcome != FAILED && plot_write(m, "table_1.png", &p);
+    return csv_close(csv, "table_1.csv") && outcome != FAILED;
 }
 
 static int figures_10_and_11(metrics *m) {
-    plot times = plot_make("FIGURE 10: TIME PER SENSOR", "SENSOR SIZE (TEXELS ACROSS)", "MICROSECONDS PER SENSOR", 1, 1);
-    plot counts = plot_make("FIGURE 11: SENSORS NEEDED", "SENSOR SIZE (TEXELS ACROSS)", "SENSORS", 1, 0);
     FILE *times_csv = csv_open(m, "figure_10.csv", "width,height,sensor_size,microseconds_per_sensor");
     FILE *counts_csv = csv_open(m, "figure_11.csv", "width,height,sensor_size,sensors");
-    char names[RESOLUTIONS][32];
-    plot_series *series[RESOLUTIONS][2];
     int i, k, ok, outcome = MEASURED;
     sbl_stats stats;
     printf("figures 10 and 11\n");
-    for (k = 0; k < RESOLUTIONS; k++) {
-        snprintf(names[k], sizeof names[k], "%dX%d", m->plan->resolutions[k][0], m->plan->resolutions[k][1]);
-        series[k][0] = plot_add(&times, names[k]);
-        series[k][1] = plot_add(&counts, names[k]);
-    }
     for (i = 0; i < m->plan->sizes_count && times_csv && counts_csv; i++)
         for (k = 0; k < RESOLUTIONS && outcome == MEASURED; k++) {
             int width = m->plan->resolutions[k][0], height = m->plan->resolutions[k][1], size = m->plan->sizes[i];
@@ -151,12 +132,10 @@ static int figures_10_and_11(metrics *m) {
             if (outcome != MEASURED) break;
             fprintf(times_csv, "%d,%d,%d,%.3f\n", width, height, size, stats.microseconds_per_sensor);
             fprintf(counts_csv, "%d,%d,%d,%lld\n", width, height, size, (long long)stats.sensors);
-            plot_point(series[k][0], size, stats.microseconds_per_sensor);
-            plot_point(series[k][1], size, (double)stats.sensors);
         }
     ok = times_csv && csv_close(times_csv, "figure_10.csv");
     ok = counts_csv && csv_close(counts_csv, "figure_11.csv") && ok;
-    return ok && outcome != FAILED && plot_write(m, "figure_10.png", &times) && plot_write(m, "figure_11.png", &counts);
+    return ok && outcome != FAILED;
 }
 
 /* How much the radiance map jumps from pixel to pixel within one surface, as a share of its mean. Shadows' edges count too, but alike for

@@ -3,6 +3,7 @@
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
 #include "../sbl.h"
+#include "output_file.h"
 #include "scene_file.h"
 #include "sensor_disc.h"
 #include <ctype.h>
@@ -13,11 +14,32 @@
   #include <openexr.h>
 #endif
 
-enum { DONE = 0, FAILED = 1, BAD_USAGE = 2, INTERRUPTED = 130 };
+enum { DONE = 0, FAILED = 1, BAD_USAGE = 2, INTERRUPTED = 128 };  /* and the signal's number */
 
-static volatile sig_atomic_t interrupted;
+static volatile sig_atomic_t interrupted;  /* the signal's number */
 
-static void on_interrupt(int number) { (void)number; interrupted = 1; }
+/* Who asks twice is not made to wait. */
+static void on_interrupt(int number) {
+    if (interrupted) { output_abandon(); _exit(INTERRUPTED + number); }
+    interrupted = number;
+}
+
+static void catch_signals(void) {
+    static const int numbers[] = { SIGINT, SIGTERM, SIGHUP };
+    struct sigaction action, before;
+    int i, handle;
+    memset(&action, 0, sizeof action);
+    action.sa_handler = on_interrupt;
+    sigfillset(&action.sa_mask);
+    for (i = 0; i < 3; i++)  /* what nohup or the shell has it ignore stays ignored */
+        if (sigaction(numbers[i], NULL, &before) == 0 && before.sa_handler != SIG_IGN)
+            sigaction(numbers[i], &action, NULL);
+    signal(SIGPIPE, SIG_IGN);  /* a closed pipe is a failed write, */
+    signal(SIGXFSZ, SIG_IGN);  /* and so is a file that may not grow */
+    do handle = open("/dev/null", O_RDWR);  /* closed ones are filled, or what is said goes into some file */
+    while (handle >= 0 && handle <= STDERR_FILENO);
+    if (handle >= 0) close(handle);
+}
 
 static double now(void) {
     struct timeval t;
@@ -35,7 +57,7 @@ static void say(const char *kind, const char *format, va_list arguments) {
     fprintf(stderr, "sbl_render: %s%s\n", kind, text);
 }
 
-/* Both return the exit status. */
+/* They return the exit status. */
 static int fail(const char *format, ...) {
     va_list arguments;
     va_start(arguments, format);
@@ -49,6 +71,14 @@ static int misuse(const char *format, ...) {
     say("", format, arguments);
     va_end(arguments);
     return BAD_USAGE;
+}
+
+static int stop(const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    say("interrupted; ", format, arguments);
+    va_end(arguments);
+    return INTERRUPTED + interrupted;
 }
 
 static void warn(const char *format, ...) {
@@ -182,7 +212,12 @@ static void print_help(void) {
            "point, spot and directional lights of other formats.\n"
            "In a .png a normal is 0.5 + 0.5 n, a position is relative to what is visible, near is light in a depth, ids are random\n"
            "colours, and sensors run from blue (first level) over green and yellow to red (last). In .pfm and .exr all values are raw.\n"
-           "\nExit status: 0 done; 1 failed, with one line on stderr; 2 bad usage; 130 interrupted. A file is written whole or not at all.\n");
+           "\nA file is written whole or not at all: the new one takes its name at the end, and the permissions of the old one.\n"
+           "A symbolic link stays, and what it leads to is replaced; where a file has other names (hard links), these keep the\n"
+           "old picture. What is read cannot be overwritten. Ctrl-C, SIGTERM and SIGHUP leave the picture so far, if there is\n"
+           "anything to be seen yet, in NAME.partial.png (.pfm, .exr); a second one ends at once.\n"
+           "\nExit status: 0 done; 1 failed, with one line on stderr; 2 bad usage; interrupted: 130 by SIGINT, 143 by SIGTERM,\n"
+           "129 by SIGHUP.\n");
 }
 
 /* count numbers, separated by commas or, for a size, by an x; 0 where the text is anything else. */
@@ -346,7 +381,7 @@ static int on_progress(float done, void *user) {
         fflush(stderr);
         p->last = time;
     }
-    return interrupted;
+    return 0;  /* cancelling would lose the picture so far */
 }
 
 /* ---- pictures ---- */
@@ -407,20 +442,17 @@ static unsigned char *make_visible(const image *in, sbl_channel channel) {
 
 static void write_bytes(void *user, void *data, int size) { fwrite(data, 1, (size_t)size, (FILE *)user); }
 
-/* The writers return 0 where they fail; errno says why, where it is not 0. */
-static int write_png(const char *path, const image *picture, sbl_channel channel) {
+/* The writers return 0 where they fail for another reason than the file's; errno says why, where it is not 0. */
+static int write_png(FILE *out, const image *picture, sbl_channel channel) {
     unsigned char *bytes = make_visible(picture, channel);
-    FILE *out = bytes ? fopen(path, "wb") : NULL;
-    int ok = out && stbi_write_png_to_func(write_bytes, out, picture->width, picture->height, 3, bytes, 3 * picture->width) && !ferror(out);
-    if (out && fclose(out) != 0) ok = 0;
+    const int width = picture->width;
+    int ok = bytes && stbi_write_png_to_func(write_bytes, out, width, picture->height, 3, bytes, 3 * width);
     free(bytes);
     return ok;
 }
 
-static int write_pfm(const char *path, const image *picture) {
-    FILE *out = fopen(path, "wb");
-    int x, y, k, ok;
-    if (!out) return 0;
+static int write_pfm(FILE *out, const image *picture) {
+    int x, y, k;
     fprintf(out, "PF\n%d %d\n-1.0\n", picture->width, picture->height);  /* negative: little-endian */
     for (y = picture->height - 1; y >= 0; y--)  /* bottom row first */
         for (x = 0; x < picture->width; x++) {
@@ -434,14 +466,27 @@ static int write_pfm(const char *path, const image *picture) {
             }
             fwrite(bytes, 1, sizeof bytes, out);
         }
-    ok = !ferror(out);
-    return fclose(out) == 0 && ok;
+    return 1;
 }
 
 #ifdef SBL_RENDER_OPENEXR
 static void on_exr_error(exr_const_context_t context, exr_result_t code, const char *message) { (void)context; (void)code; (void)message; }
 
-static int write_exr(const char *path, const image *picture) {
+/* OpenEXR comes back to what it wrote. */
+static int64_t write_exr_bytes(exr_const_context_t context, void *user, const void *data, uint64_t size,
+                               uint64_t offset, exr_stream_error_func_ptr_t error) {
+    uint64_t done;
+    ssize_t n;
+    (void)context; (void)error;
+    for (done = 0; done < size; done += (uint64_t)n) {
+        n = pwrite(fileno((FILE *)user), (const char *)data + done, (size_t)(size - done), (off_t)(offset + done));
+        if (n < 0 && errno == EINTR) n = 0;
+        if (n < 0) return -1;
+    }
+    return (int64_t)size;
+}
+
+static int write_exr(FILE *out, const image *picture) {
     static const char *const names[2][3] = { { "Y", NULL, NULL }, { "R", "G", "B" } };
     exr_context_initializer_t settings = EXR_DEFAULT_CONTEXT_INITIALIZER;
     exr_context_t context = NULL;
@@ -451,7 +496,9 @@ static int write_exr(const char *path, const image *picture) {
     int32_t rows = 1;
     exr_result_t result;
     settings.error_handler_fn = on_exr_error;
-    result = exr_start_write(&context, path, EXR_WRITE_FILE_DIRECTLY, &settings);
+    settings.write_fn = write_exr_bytes;
+    settings.user_data = out;
+    result = exr_start_write(&context, options.output, EXR_WRITE_FILE_DIRECTLY, &settings);
     if (result == EXR_ERR_SUCCESS) result = exr_add_part(context, "picture", EXR_STORAGE_SCANLINE, &part);
     if (result == EXR_ERR_SUCCESS)
         result = exr_initialize_required_attr_simple(context, part, picture->width, picture->height, EXR_COMPRESSION_ZIP);
@@ -484,26 +531,24 @@ static int write_exr(const char *path, const image *picture) {
 }
 #endif
 
-static int write_picture(const char *path, const image *picture, sbl_channel channel) {
-    if (ends_with(options.output, ".png")) return write_png(path, picture, channel);
+static int write_picture(FILE *out, const image *picture, sbl_channel channel) {
+    if (ends_with(options.output, ".png")) return write_png(out, picture, channel);
 #ifdef SBL_RENDER_OPENEXR
-    if (ends_with(options.output, ".exr")) return write_exr(path, picture);
+    if (ends_with(options.output, ".exr")) return write_exr(out, picture);
 #endif
-    return write_pfm(path, picture);
+    return write_pfm(out, picture);
 }
 
 /* ---- statistics ---- */
 
 typedef struct totals { int lights; double load, seconds; } totals;
 
-static int write_stats(const char *path, const sbl_context *context, const totals *all) {
+static int write_stats(FILE *out, const sbl_context *context, const totals *all) {
     const sbl_stats s = sbl_query_stats(context);
     const sbl_capabilities capabilities = sbl_query_capabilities(context);
     const char *c, *mode;
     struct rusage self, child;
-    FILE *out = fopen(path, "w");
-    int i, ok;
-    if (!out) return 0;
+    int i;
     getrusage(RUSAGE_SELF, &self);
     getrusage(RUSAGE_CHILDREN, &child);  /* the one that read the scene; it was gone before this one grew */
     if (child.ru_maxrss > self.ru_maxrss) self.ru_maxrss = child.ru_maxrss;
@@ -525,60 +570,82 @@ static int write_stats(const char *path, const sbl_context *context, const total
     fprintf(out, "\"refine\": %.6f, \"filter\": %.6f, \"resolve\": %.6f, \"total\": %.6f},\n", s.seconds.refine, s.seconds.filter, s.seconds.resolve, all->seconds);
     fprintf(out, "  \"microseconds_per_sensor\": %.6f,\n  \"peak_gpu_bytes\": %.0f,\n  \"peak_host_bytes\": %.0f\n}\n",
             s.microseconds_per_sensor, (double)sbl_query_memory(context).gpu_peak_bytes, 1024.0 * (double)self.ru_maxrss);
-    ok = !ferror(out);
-    return fclose(out) == 0 && ok;
+    return 1;
 }
 
-/* ---- files: whole or not at all ---- */
+/* ---- what is written ---- */
 
-/* A path to write to first, to be renamed: beside the file that `target` names (links followed), or a copy of `target` where that is no
-   regular file but a device or pipe. `final` becomes what to rename to, NULL for nothing. Both are to be freed. */
-static char *temporary_path(const char *target, char **final) {
-    struct stat info;
-    char *path;
-    size_t size;
-    *final = NULL;
-    if (stat(target, &info) == 0) {
-        if (S_ISDIR(info.st_mode)) { errno = EISDIR; return NULL; }
-        if (!S_ISREG(info.st_mode) || strncmp(target, "/dev/", 5) == 0) return scene__copy_name(target);  /* /dev/stdout may be a file */
-        *final = realpath(target, NULL);
-    } else *final = scene__copy_name(target);
-    if (!*final) return NULL;
-    size = strlen(*final) + 32;
-    path = (char *)malloc(size);
-    if (path) snprintf(path, size, "%s.%ld.part", *final, (long)getpid());
-    return path;
-}
+static output_file targets[3];
+enum { PICTURE, PARTIAL, STATISTICS };  /* partial: the best so far of an interrupted picture, room.partial.png */
 
-/* Found out before the work, not after it. */
-static int check_writable(const char *target) {
-    char *final, *path = temporary_path(target, &final);
-    int handle = -1, ok = path && !final;
-    if (path && final) {
-        handle = open(path, O_WRONLY | O_CREAT | O_EXCL, 0666);
-        ok = handle >= 0;
-        if (ok) { close(handle); unlink(path); }
+/* Returns the exit status. */
+static int find_targets(void) {
+    static char partial[PATH_MAX];
+    const char *ending = strrchr(options.output, '.');
+    const char *const inputs[2] = { options.scene, options.sky_picture };
+    output_file input;
+    int i, k, status = DONE;
+    snprintf(partial, sizeof partial, "%.*s.partial%s", (int)(ending - options.output), options.output, ending);
+    output_find(&targets[PICTURE], options.output);
+    output_find(&targets[PARTIAL], partial);
+    if (options.stats) output_find(&targets[STATISTICS], options.stats);
+    for (i = 0; i < 3; i++)
+        for (k = i + 1; k < 3; k++)
+            if (output_same(&targets[i], &targets[k]))
+                return misuse("%s and %s are one file; give --stats another name", targets[i].name, targets[k].name);
+    for (k = 0; k < 2 && status == DONE; k++) {
+        if (!inputs[k] || !output_find(&input, inputs[k])) continue;
+        for (i = 0; i < 3 && status == DONE; i++)
+            if (output_same(&targets[i], &input))
+                status = misuse("%s would overwrite %s, which is read; give another name", targets[i].name, inputs[k]);
+        output_free(&input);
     }
-    if (!ok) fail("%s: cannot be written: %s; give another file name", target, strerror(errno));
-    free(path);
-    free(final);
-    return ok;
+    for (i = 0; i < 3 && status == DONE; i++)
+        if (i != PARTIAL && targets[i].name && !output_check(&targets[i]))
+            status = fail("%s: cannot be written: %s; give another file name", targets[i].name, strerror(errno));
+    return status;
 }
 
-/* picture NULL: the statistics. */
-static int write_whole(const char *target, const image *picture, sbl_channel channel, const sbl_context *context, const totals *all) {
-    char *final, *path = temporary_path(target, &final);
-    int status = DONE;
+/* What the scene's reader has opened besides is known once it has ended. */
+static int check_overwriting(const scene_file *file) {
+    struct stat info;
+    int i, k;
+    for (i = 0; i < 3; i++)
+        for (k = 0; k < file->read_count && targets[i].path && stat(targets[i].path, &info) == 0; k++)
+            if (file->read[k].device == info.st_dev && file->read[k].inode == info.st_ino)
+                return misuse("%s would overwrite a file that %s reads; give another name", targets[i].name,
+                              options.scene);
+    return DONE;
+}
+
+/* picture NULL: the statistics. 0: nothing is written; also after an interrupt, but for what it makes us write. */
+static int write_whole(output_file *target, const image *picture, sbl_channel channel, const sbl_context *context,
+                       const totals *all) {
+    FILE *out = output_open(target);
+    int ok;
+    if (!out) return 0;
     errno = 0;
-    if (!path || !(picture ? write_picture(path, picture, channel) : write_stats(path, context, all)) ||
-        (final && !interrupted && rename(path, final) != 0))
-        status = fail("%s: cannot be written: %s; free some space or give another file name", target,
-                      errno ? strerror(errno) : "the writer failed");
-    else if (final && interrupted) status = INTERRUPTED;
-    if (status != DONE && path && final) unlink(path);
-    free(path);
-    free(final);
-    return status;
+    ok = picture ? write_picture(out, picture, channel) : write_stats(out, context, all);
+    return output_close(target, out, ok, target == &targets[PARTIAL] ? NULL : &interrupted);
+}
+
+static const char *why_not_written(void) { return errno ? strerror(errno) : "the writer failed"; }
+
+static int fail_to_write(const char *name) {
+    return fail("%s: cannot be written: %s; free some space or give another file name", name, why_not_written());
+}
+
+/* Both return the exit status. done: how far the picture is, 0 to 1. */
+static int keep_picture(const image *picture, sbl_channel channel, float done) {
+    if (!interrupted && write_whole(&targets[PICTURE], picture, channel, NULL, NULL)) return DONE;
+    if (!interrupted) return fail_to_write(options.output);
+    if (!write_whole(&targets[PARTIAL], picture, channel, NULL, NULL))
+        return stop("the picture so far cannot be written to %s: %s", targets[PARTIAL].name, why_not_written());
+    return stop("the picture so far (%.0f %%) is in %s", floor(100 * (double)done), targets[PARTIAL].name);
+}
+static int keep_stats(const sbl_context *context, const totals *all) {
+    if (!interrupted && write_whole(&targets[STATISTICS], NULL, SBL_CHANNEL_FINAL, context, all)) return DONE;
+    return interrupted ? stop("%s is written, %s is not", options.output, options.stats) : fail_to_write(options.stats);
 }
 
 /* ---- one sensor ---- */
@@ -693,6 +760,25 @@ static void fill_desc(sbl_picture_desc *desc, progress *bar) {
     desc->progress_user = bar;
 }
 
+/* Until the picture is done, or interrupted: SBL_UNFINISHED. */
+static sbl_result work(sbl_context *context) {
+    const double slice = 0.25;  /* seconds that an interrupt may wait, about */
+    sbl_result result = SBL_UNFINISHED;
+    while (result == SBL_UNFINISHED && !interrupted) result = sbl_step(context, slice);
+    return result;
+}
+
+static sbl_result read_picture(sbl_context *context, const sbl_picture_desc *desc, sbl_channel channel,
+                               image *picture) {
+    size_t count;
+    picture->width = desc->width;
+    picture->height = desc->height;
+    picture->components = sbl_channel_components(channel);
+    count = (size_t)desc->width * (size_t)desc->height * (size_t)picture->components;
+    picture->values = (float *)malloc(count * sizeof(float));
+    return picture->values ? sbl_read_channel(context, channel, picture->values, count) : SBL_ERROR_OUT_OF_MEMORY;
+}
+
 /* sky: NULL, or its picture. */
 static int render(const scene_file *file, const scene_file *sky, sbl_context *context, messages *said, double start, double load) {
     const sbl_channel channel = given[INSPECT] ? SBL_CHANNEL_FINAL : (sbl_channel)options.channel;
@@ -702,7 +788,6 @@ static int render(const scene_file *file, const scene_file *sky, sbl_context *co
     sbl_scene_desc scene = file->scene;
     sbl_result result;
     totals all = { file->scene.light_count, load, 0 };
-    size_t count;
     int i, status = DONE;
     for (i = 0; i < 3; i++) scene.sky[i] = options.sky_picture ? 0 : (float)options.sky[i];
     if (sky) {
@@ -713,28 +798,22 @@ static int render(const scene_file *file, const scene_file *sky, sbl_context *co
     }
     result = sbl_set_scene(context, &scene);
     if (result != SBL_SUCCESS) return fail_with(said, options.scene, result);
-    if (interrupted) return INTERRUPTED;
+    if (interrupted) return stop("no picture was begun");
     fill_desc(&desc, &bar);
     place_camera(&desc, context, file);
     if (desc.world_to_view[15] == 0.0f)
         return misuse("--eye, --look-at, --up: the camera looks along its up vector, or stands where it looks; change one of them");
-    result = sbl_render(context, &desc);
+    result = sbl_begin(context, &desc);
+    if (result == SBL_SUCCESS) result = work(context);
     if (bar.shown) fprintf(stderr, "\r%70s\r", "");
-    if (result == SBL_CANCELLED || interrupted) return INTERRUPTED;
-    if (result != SBL_SUCCESS) return fail_with(said, options.scene, result);
-    picture.width = desc.width;
-    picture.height = desc.height;
-    picture.components = sbl_channel_components(channel);
-    if (given[INSPECT]) result = inspect(context, &picture);
-    else {
-        count = (size_t)desc.width * (size_t)desc.height * (size_t)picture.components;
-        picture.values = (float *)malloc(count * sizeof(float));
-        result = picture.values ? sbl_read_channel(context, channel, picture.values, count) : SBL_ERROR_OUT_OF_MEMORY;
-    }
+    if (!given[INSPECT] && (result == SBL_SUCCESS || result == SBL_UNFINISHED))
+        result = read_picture(context, &desc, channel, &picture);
+    else if (result == SBL_SUCCESS) result = inspect(context, &picture);
     all.seconds = now() - start;
-    if (result != SBL_SUCCESS) status = fail_with(said, options.scene, result);
-    if (status == DONE) status = write_whole(options.output, &picture, channel, NULL, NULL);
-    if (status == DONE && options.stats) status = write_whole(options.stats, NULL, channel, context, &all);
+    if (result == SBL_SUCCESS) status = keep_picture(&picture, channel, sbl_progress(context));
+    else if (result == SBL_UNFINISHED) status = stop("there is nothing to be seen yet");
+    else status = fail_with(said, options.scene, result);
+    if (status == DONE && options.stats) status = keep_stats(context, &all);
     free(picture.values);
     if (status == DONE && bar.shown) fprintf(stderr, "%s: %d x %d, %.0f sensors, %.1f s\n", options.output, picture.width, picture.height,
                                             (double)sbl_query_stats(context).sensors, all.seconds);
@@ -743,10 +822,9 @@ static int render(const scene_file *file, const scene_file *sky, sbl_context *co
 
 int main(int argc, char **argv) {
     const double start = now();
-    struct sigaction action;
     sbl_context_desc context_desc;
     sbl_context *context = NULL;
-    scene_file *file, *sky = NULL;
+    scene_file *file = NULL, *sky = NULL;
     messages said;
     sbl_result result;
     char error[512];
@@ -755,20 +833,15 @@ int main(int argc, char **argv) {
     if (status != DONE) return status;
     if (given[HELP]) { print_help(); return fflush(stdout) == 0 ? DONE : FAILED; }
     if (given[VERSION]) { printf("sbl_render %s\n", sbl_version()); return fflush(stdout) == 0 ? DONE : FAILED; }
-    if (!check_writable(options.output) || (options.stats && !check_writable(options.stats))) return FAILED;
-
-    memset(&action, 0, sizeof action);
-    action.sa_handler = on_interrupt;
-    action.sa_flags = (int)SA_RESETHAND;  /* who asks twice is not made to wait */
-    sigaction(SIGINT, &action, NULL);
-    signal(SIGPIPE, SIG_IGN);  /* a closed pipe is a failed write, */
-    signal(SIGXFSZ, SIG_IGN);  /* and so is a file that may not grow */
-
+    catch_signals();
+    status = find_targets();
+    if (status != DONE) goto done;
     file = scene_file_load(options.scene, &interrupted, error, sizeof error);
     if (file && options.sky_picture) sky = scene_file_load_sky(options.sky_picture, &interrupted, error, sizeof error);
     load = now() - start;
-    if (!file || (options.sky_picture && !sky)) status = interrupted ? INTERRUPTED : fail("%s", error);
-    else {
+    if (interrupted) status = stop("no picture was begun");
+    else if (!file || (options.sky_picture && !sky)) status = fail("%s", error);
+    else if ((status = check_overwriting(file)) == DONE) {
         memset(&said, 0, sizeof said);
         said.file = file;
         memset(&context_desc, 0, sizeof context_desc);
@@ -784,8 +857,9 @@ int main(int argc, char **argv) {
             for (i = 0; i < said.warnings_kept; i++) warn("%s: %s", options.scene, said.warnings[i]);
         }
     }
+done:
     scene_file_free(file);
     scene_file_free(sky);
-    if (status == INTERRUPTED && !given[QUIET]) fprintf(stderr, "sbl_render: interrupted\n");
+    for (i = 0; i < 3; i++) output_free(&targets[i]);
     return status;
 }

@@ -66,7 +66,7 @@
   #include <sanitizer/lsan_interface.h>
 #endif
 
-enum { SCENE_FILE_WARNINGS = 8, SCENE_FILE_SECONDS = 30 };
+enum { SCENE_FILE_WARNINGS = 8, SCENE_FILE_SECONDS = 30, SCENE_FILE_READ = 1024 };
 
 typedef struct scene_file_camera {
     float eye[3], forward[3], up[3], fov_y, fov_x;
@@ -79,6 +79,8 @@ typedef struct scene_file {
     scene_file_camera camera;
     int warning_count;            /* of which the first are kept */
     char warnings[SCENE_FILE_WARNINGS][256];
+    int read_count;               /* of the files that were read, the first ones */
+    struct { dev_t device; ino_t inode; } read[SCENE_FILE_READ];
     /* private */
     char error[512];
     size_t capacity, used;        /* of the pages, which begin with this struct */
@@ -128,6 +130,8 @@ static void *scene__alloc(scene_file *file, size_t count, size_t bytes) {
 
 typedef struct scene__bytes { char *data; size_t size; } scene__bytes;
 
+static scene_file *scene__reading;  /* what this process reads; NULL: nothing */
+
 /* Reads a regular file whole; 0 and errno where that fails. The time limit grows with what there is to read. */
 static int scene__slurp(const char *path, scene__bytes *out) {
     struct stat info;
@@ -140,6 +144,10 @@ static int scene__slurp(const char *path, scene__bytes *out) {
         close(handle);
         errno = S_ISDIR(info.st_mode) ? EISDIR : EINVAL;
         return 0;
+    }
+    if (scene__reading && scene__reading->read_count < SCENE_FILE_READ) {
+        scene__reading->read[scene__reading->read_count].device = info.st_dev;
+        scene__reading->read[scene__reading->read_count++].inode = info.st_ino;
     }
     out->size = (size_t)info.st_size;
     out->data = (char *)malloc(out->size + 1);
@@ -945,6 +953,7 @@ static void scene__load_scene_here(scene_file *file, const char *path) {
 /* Never returns. */
 static void scene__child(scene_file *file, const char *path, size_t memory, void (*load_here)(scene_file *file, const char *path)) {
     struct rlimit limit = { 0, 0 };
+    scene__reading = file;
     signal(SIGINT, SIG_DFL);
     signal(SIGALRM, SIG_DFL);
     setrlimit(RLIMIT_CORE, &limit);

@@ -91,7 +91,7 @@ static void every_function(small_picture *picture, small_picture *traced) {
     sbl_sensor sensor;
     static float radiance[4 * 64 * 64], weights[64 * 64], room[SMALL_FLOATS];
     float moved[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.1f, 0.05f, 0, 1 }, back[16] = { 0 };
-    int channel, steps, calls = 0, start = seen.blocks, i;
+    int channel, steps, early = 0, calls = 0, start = seen.blocks, i;
     GLuint name = 0;
     desc.get_gl_function = fake_proc;
     desc.batch = 7;
@@ -192,7 +192,9 @@ static void every_function(small_picture *picture, small_picture *traced) {
         sbl_result result = SBL_RESULT_COUNT;
         KEPT(result = sbl_step(context, 1e-9));
         if (result != SBL_UNFINISHED) break;
+        if (steps % 8 == 0) KEPT(early += sbl_channel_texture(context, SBL_CHANNEL_FINAL) != 0);
     }
+    CHECK(early > 0, "the picture under way was never to be seen%s", situation);
     CHECK(steps >= 5 && steps < 10000, "%d steps", steps);
     for (channel = 0; channel < SBL_CHANNEL_COUNT; channel++) {
         GIVES(sbl_read_channel(context, (sbl_channel)channel, room, SMALL_FLOATS), SBL_SUCCESS);
@@ -300,6 +302,135 @@ TEST(one_by_one) {
         gl.DepthMask(GL_TRUE);
         for (k = 0; k < 16; k++) gl.BindSampler((GLuint)k, 0);
     }
+    sbl_destroy(context);
+}
+
+/* >>the host's own drawing, which relies on all that it has set: also on what no list above knows */
+
+enum { SHAPE = 96 };
+
+static const char shape_vertex[] =
+    "layout(location = 0) in vec2 corner;\n"
+    "layout(location = 1) in vec3 color;\n"
+    "uniform float angle;\n"
+    "out vec3 tint;\n"
+    "void main() {\n"
+    "    float c = cos(angle), s = sin(angle);\n"
+    "    tint = color;\n"
+    "    gl_Position = vec4(mat2(c, s, -s, c) * corner, 0.0, 1.0);\n"
+    "}\n";
+static const char shape_fragment[] =
+    "uniform sampler2D pattern;\n"
+    "in vec3 tint;\n"
+    "out vec4 color;\n"
+    "void main() { color = vec4(tint * texture(pattern, gl_FragCoord.xy / 32.0).rgb, 0.75); }\n";
+
+static GLuint shape_texture(GLint internal, GLsizei size, GLenum format, GLenum type, const void *pixels) {
+    GLuint id = 0;
+    gl.GenTextures(1, &id);
+    gl.BindTexture(GL_TEXTURE_2D, id);
+    gl.TexImage2D(GL_TEXTURE_2D, 0, internal, size, size, 0, format, type, pixels);
+    gl.TexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+    gl.TexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
+    return id;
+}
+
+/* Returns the program; 0 where it does not compile. */
+static GLuint shape_make(void) {
+    static const float corners[3][5] = { { -0.8f, -0.7f, 1, 0.3f, 0.2f }, { 0.9f, -0.5f, 0.2f, 1, 0.3f }, { 0.1f, 0.9f, 0.3f, 0.4f, 1 } };
+    static const unsigned char checks[2][4][3] = { { { 255, 255, 255 }, { 160, 160, 160 } }, { { 160, 160, 160 }, { 255, 255, 255 } } };
+    GLuint program = host_gl_program("test", "", shape_vertex, shape_fragment), framebuffer, array, buffer, sampler, color, depth;
+    color = shape_texture(GL_RGBA8, SHAPE, GL_RGBA, GL_UNSIGNED_BYTE, NULL);
+    depth = shape_texture(GL_DEPTH24_STENCIL8, SHAPE, GL_DEPTH_STENCIL, GL_UNSIGNED_INT_24_8, NULL);
+    gl.GenFramebuffers(1, &framebuffer);
+    gl.BindFramebuffer(GL_FRAMEBUFFER, framebuffer);
+    gl.FramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, color, 0);
+    gl.FramebufferTexture2D(GL_FRAMEBUFFER, GL_DEPTH_STENCIL_ATTACHMENT, GL_TEXTURE_2D, depth, 0);
+    gl.ActiveTexture(GL_TEXTURE0 + 1);
+    gl.PixelStorei(GL_UNPACK_ROW_LENGTH, 4);  /* rows of four texels, of which two are used */
+    gl.PixelStorei(GL_UNPACK_ALIGNMENT, 1);
+    shape_texture(GL_RGB8, 2, GL_RGB, GL_UNSIGNED_BYTE, checks);
+    gl.GenSamplers(1, &sampler);
+    gl.SamplerParameteri(sampler, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+    gl.SamplerParameteri(sampler, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
+    gl.BindSampler(1, sampler);
+    gl.GenVertexArrays(1, &array);
+    gl.BindVertexArray(array);
+    gl.GenBuffers(1, &buffer);
+    gl.BindBuffer(GL_ARRAY_BUFFER, buffer);
+    gl.BufferData(GL_ARRAY_BUFFER, (GLsizeiptr)sizeof corners, corners, GL_STATIC_DRAW);
+    gl.VertexAttribPointer(0, 2, GL_FLOAT, GL_FALSE, (GLsizei)sizeof corners[0], NULL);
+    gl.VertexAttribPointer(1, 3, GL_FLOAT, GL_FALSE, (GLsizei)sizeof corners[0], (const void *)(2 * sizeof(float)));
+    gl.EnableVertexAttribArray(0);
+    gl.EnableVertexAttribArray(1);
+    gl.UseProgram(program);
+    gl.Uniform1i(host_gl_uniform(program, "pattern"), 1);
+    return program;
+}
+
+/* Set once; nearly every value differs from GL's default. */
+static void shape_state(void) {
+    gl.ClearColor(0.1f, 0.12f, 0.15f, 1);
+    gl.ClearDepth(0.5);
+    gl.ClearStencil(2);
+    gl.Clear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT | GL_STENCIL_BUFFER_BIT);
+    gl.ColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_FALSE);
+    gl.DepthMask(GL_FALSE);
+    gl.DepthRange(0.25, 0.75);
+    gl.DepthFunc(GL_LEQUAL);
+    gl.Enable(GL_DEPTH_TEST);
+    gl.StencilFunc(GL_EQUAL, 2, 0x0f);
+    gl.StencilMask(0x0f);
+    gl.Enable(GL_STENCIL_TEST);
+    gl.BlendFunc(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA);
+    gl.Enable(GL_BLEND);
+    gl.FrontFace(GL_CW);
+    gl.CullFace(GL_FRONT);
+    gl.Enable(GL_CULL_FACE);
+    gl.Enable(GL_POLYGON_OFFSET_FILL);
+    gl.PolygonOffset(-1, -1);
+    gl.Viewport(0, 0, SHAPE, SHAPE);
+    gl.Scissor(4, 4, SHAPE - 8, SHAPE - 8);
+    gl.Enable(GL_SCISSOR_TEST);
+    gl.PixelStorei(GL_PACK_ALIGNMENT, 1);
+}
+
+static void shape_draw(unsigned char *pixels) {
+    gl.Clear(GL_COLOR_BUFFER_BIT);
+    gl.DrawArrays(GL_TRIANGLES, 0, 3);
+    gl.ReadPixels(0, 0, SHAPE, SHAPE, GL_RGB, GL_UNSIGNED_BYTE, pixels);
+}
+
+TEST(the_host_draws_on) {
+    static unsigned char first[3 * SHAPE * SHAPE], then[3 * SHAPE * SHAPE];
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_picture_desc view = small_view();
+    sbl_context *context = NULL;
+    sbl_result result = SBL_UNFINISHED;
+    GLuint program;
+    int steps, i, differing = 0, size = 0;
+    if (!host_gl_open("test")) SKIP("no second GL context");
+    desc.get_gl_function = gl_host_proc;
+    scene_free(&scene.small);
+    host_scene_make(&scene);
+    program = shape_make();
+    REQUIRE(program && gl.CheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE, "no shape");
+    shape_state();
+    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene.desc) == SBL_SUCCESS &&
+            sbl_begin(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+    for (steps = 0; result == SBL_UNFINISHED; steps++) {
+        gl.Uniform1f(host_gl_uniform(program, "angle"), 0.05f * (float)steps);
+        shape_draw(first);
+        result = sbl_step(context, 1e-9);
+        if (steps % 8 == 0) sbl_channel_texture(context, SBL_CHANNEL_FINAL);
+        shape_draw(then);
+        differing += memcmp(first, then, sizeof first) != 0;
+    }
+    CHECK(result == SBL_SUCCESS && steps >= 5, "%d steps: %s", steps, watch_last(&seen));
+    for (i = 0; i < SHAPE * SHAPE; i++) size += memcmp(then, then + 3 * i, 3) != 0;
+    CHECK(size > SHAPE * SHAPE / 8, "the shape has %d pixels", size);
+    CHECK(!differing, "after %d of %d steps the shape differs from the one before", differing, steps);
+    CHECK(gl.GetError() == GL_NO_ERROR, "a GL error is left");
     sbl_destroy(context);
 }
 
@@ -622,6 +753,7 @@ int main(void) {
     scene_box(&other, scene_lamp(&other, 3, 2, 1), -0.3f, 0.4f, -0.3f, 0.3f, 1, 0.3f);
     RUN(default_state);
     RUN(unusual_state);
+    RUN(the_host_draws_on);
     RUN(one_by_one);
     RUN(draw_callback_that_puts_nothing_back);
     RUN(two_contexts_in_one_gl_context);

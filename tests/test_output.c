@@ -1,0 +1,622 @@
+/* What sbl_render writes and where, and what is left when it is interrupted. Signals come at chosen moments: when it
+   makes a certain system call, which this program sees as its tracer, or when its progress bar shows so many percent.
+   None of it depends on how fast anything runs. */
+#define _GNU_SOURCE
+#include "test.h"
+#include "tool.h"
+#include <poll.h>
+#include <sys/ptrace.h>
+#include <sys/syscall.h>
+
+enum { SIGNALS = 3 };
+static const int signals[SIGNALS] = { SIGINT, SIGTERM, SIGHUP };
+
+/* A shell without job control starts its background jobs deaf to SIGINT. */
+static void hear_signals(void) {
+    int i;
+    for (i = 0; i < SIGNALS; i++) signal(signals[i], SIG_DFL);
+}
+
+static int said(const char *words) { return strstr(ran.err, words) != NULL; }
+
+static mode_t mode_of(const char *name) {
+    struct stat info;
+    return stat(in_folder(name), &info) == 0 ? info.st_mode & 07777 : 0;
+}
+static int is_link(const char *name) {
+    struct stat info;
+    return lstat(in_folder(name), &info) == 0 && S_ISLNK(info.st_mode);
+}
+static int is_picture(const char *name, int width, int height) {
+    int w = 0, h = 0, channels;
+    stbi_uc *pixels = stbi_load(in_folder(name), &w, &h, &channels, 0);
+    stbi_image_free(pixels);
+    return pixels && w == width && h == height;
+}
+static int holds(const char *name, const char *words) {
+    char text[256];
+    int lines;
+    read_text(in_folder(name), text, sizeof text, &lines);
+    return strcmp(text, words) == 0;
+}
+
+/* >>moments: the tool stops at system calls that concern its temporary files */
+
+enum { OPENS, WRITES, RENAMES, WAITS, CALLS }; /* waits: for the process that reads the scene */
+
+typedef struct moment {
+    int call, signal;
+    void (*act)(const char *path);
+} moment;
+
+static pid_t traced;
+
+static int traced_call(const struct __ptrace_syscall_info *call, int part) {
+    const unsigned long n = (unsigned long)call->entry.nr;
+#ifdef SYS_rename
+    if (n == SYS_rename) return RENAMES;
+#endif
+#ifdef SYS_renameat
+    if (n == SYS_renameat) return RENAMES;
+#endif
+#ifdef SYS_poll
+    if (n == SYS_poll) return WAITS;
+#endif
+    if (n == SYS_renameat2) return RENAMES;
+    if (n == SYS_ppoll) return WAITS;
+    if ((n == SYS_write || n == SYS_pwrite64) && part >= 0 && (int)call->entry.args[0] == part) return WRITES;
+    return n == SYS_openat ? OPENS : CALLS;
+}
+
+static void read_path(pid_t child, unsigned long long at, char *path, size_t size) {
+    size_t i;
+    for (i = 0; i + 1 < size && (i == 0 || path[i - 1]); i++) {
+        const unsigned long long from = at + i, word = from & ~7ull;
+        const long data = ptrace(PTRACE_PEEKDATA, child, (void *)(uintptr_t)word, NULL);
+        path[i] = ((const char *)&data)[from - word];
+    }
+    path[i] = 0;
+}
+
+static void be_traced(void) {
+    char more[600];
+    const char *options = getenv("ASAN_OPTIONS");
+    hear_signals();
+    snprintf(more, sizeof more, "%.500s%sdetect_leaks=0", options ? options : "", options && *options ? ":" : "");
+    setenv("ASAN_OPTIONS", more, 1); /* the leak checker wants to be the tracer itself */
+    if (ptrace(PTRACE_TRACEME, 0, NULL, NULL) != 0) _exit(98);
+}
+
+/* Runs the tool; at each moment in turn acts and sends the signal. Returns how many came, -1 where nothing can be
+   traced. */
+static int run_traced_as(void (*child_start)(void), const char *const *arguments, const moment *moments, int count) {
+    struct __ptrace_syscall_info call;
+    char path[600];
+    int status, part = -1, opening = 0, pass = 0, done = 0;
+    pid_t child;
+    in_child = child_start;
+    child = traced = start(arguments, -1, 0);
+    in_child = NULL;
+    waitpid(child, &status, 0);
+    if (WIFEXITED(status)) {
+        ran.status = WEXITSTATUS(status);
+        return -1;
+    }
+    ptrace(PTRACE_SETOPTIONS, child, NULL, (void *)(uintptr_t)(PTRACE_O_TRACESYSGOOD | PTRACE_O_EXITKILL));
+    while (done < count) {
+        int kind;
+        ptrace(PTRACE_SYSCALL, child, NULL, (void *)(uintptr_t)pass);
+        if (waitpid(child, &status, __WALL) != child || !WIFSTOPPED(status)) break;
+        pass = WSTOPSIG(status);
+        if (pass != (SIGTRAP | 0x80)) continue;
+        pass = 0;
+        if (ptrace(PTRACE_GET_SYSCALL_INFO, child, (void *)sizeof call, &call) <= 0) {
+            kill(child, SIGKILL);
+            done = -1;
+            break;
+        }
+        if (call.op == PTRACE_SYSCALL_INFO_EXIT && opening) {
+            part = (int)call.exit.rval;
+            opening = 0;
+        }
+        if (call.op != PTRACE_SYSCALL_INFO_ENTRY) continue;
+        kind = traced_call(&call, part);
+        if (kind == OPENS) {
+            read_path(child, call.entry.args[1], path, sizeof path);
+            if (strlen(path) < 5 || strcmp(path + strlen(path) - 5, ".part") != 0) continue;
+            opening = 1;
+        }
+        if (kind != moments[done].call) continue;
+        if (moments[done].act) moments[done].act(path);
+        if (moments[done].signal) syscall(SYS_tgkill, child, child, moments[done].signal);
+        done++;
+    }
+    if (WIFSTOPPED(status)) ptrace(PTRACE_DETACH, child, NULL, NULL);
+    finish(child);
+    if (!WIFSTOPPED(status))
+        ran.status = WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status); /* it had ended */
+    return done;
+}
+#define TRACED(arguments, moments, count)                                                                         \
+  do {                                                                                                            \
+    const int came_ = run_traced_as(be_traced, arguments, moments, count);                                        \
+    if (came_ < 0) SKIP("processes cannot be traced here");                                                       \
+    CHECK(came_ == (count), "only %d of %d moments came: exit status %d: %s", came_, count, ran.status, ran.err); \
+  } while (0)
+
+static const char *const room_arguments[] = { ROOM, "-o", "out.png", NULL };
+
+/* >>names */
+
+static char planted[600];
+static void plant(const char *path) {
+    snprintf(planted, sizeof planted, "%.500s", path[0] == '/' ? path : in_folder(path));
+    CHECK(symlink("victim", planted) == 0, "%s: %s", planted, strerror(errno));
+}
+
+/* It opens one to see whether it may, and one to write to. */
+TEST(planted_links_are_not_written_through) {
+    static const moment first[] = { { OPENS, 0, plant } }, second[] = { { OPENS, 0, NULL }, { OPENS, 0, plant } };
+    int i;
+    room_obj();
+    for (i = 0; i < 2; i++) {
+        write_text("victim", "dear\n");
+        remove(in_folder("out.png"));
+        planted[0] = 0;
+        if (i) TRACED(room_arguments, second, 2);
+        else TRACED(room_arguments, first, 1);
+        CHECK(ran.status == 0 && is_picture("out.png", 24, 16), "opening %d: exit status %d: %s", i, ran.status,
+              ran.err);
+        CHECK(holds("victim", "dear\n"), "opening %d: it wrote through a link that it had not made", i);
+        CHECK(remove(planted) == 0 && !parts_left() && !is_link("out.png"), "opening %d: %d temporary files are left",
+              i, leftovers);
+    }
+}
+
+TEST(names_may_be_as_long_as_they_can) {
+    char name[256];
+    memset(name, 'x', sizeof name);
+    strcpy(name + 251, ".png");
+    room_obj();
+    CHECK(TOOL(ROOM, "-o", name) == 0 && is_picture(name, 24, 16), "exit status %d: %s", ran.status, ran.err);
+    remove(in_folder(name));
+}
+
+/* >>what was there */
+
+TEST(permissions_are_kept) {
+    static const mode_t masks[] = { 0, 022, 027, 077 }, modes[] = { 0644, 0640, 0600, 0444, 0666, 0755 };
+    const mode_t mask = umask(0);
+    size_t i;
+    room_obj();
+    for (i = 0; i < sizeof masks / sizeof *masks; i++) {
+        remove(in_folder("new.png"));
+        umask(masks[i]);
+        TOOL(ROOM, "-o", "new.png", "--stats", "new.json");
+        CHECK(mode_of("new.png") == (0666 & ~masks[i]) && mode_of("new.json") == (0666 & ~masks[i]),
+              "umask %o gives %o and %o", masks[i], mode_of("new.png"), mode_of("new.json"));
+        remove(in_folder("new.json"));
+    }
+    umask(077);
+    for (i = 0; i < sizeof modes / sizeof *modes; i++) {
+        write_text("old.png", "old\n");
+        chmod(in_folder("old.png"), modes[i]);
+        TOOL(ROOM, "-o", "old.png");
+        CHECK(is_picture("old.png", 24, 16) && mode_of("old.png") == modes[i], "%o became %o: %s", modes[i],
+              mode_of("old.png"), ran.err);
+        chmod(in_folder("old.png"), 0600);
+        remove(in_folder("old.png"));
+    }
+    umask(mask);
+}
+
+TEST(links_stay) {
+    struct stat info;
+    room_obj();
+    mkdir(in_folder("far"), 0777);
+    write_text("far/true.png", "old\n");
+    CHECK(symlink("far/second.png", in_folder("first.png")) == 0 &&
+              symlink("true.png", in_folder("far/second.png")) == 0,
+          "no links");
+    CHECK(TOOL(ROOM, "-o", "first.png") == 0, "exit status %d: %s", ran.status, ran.err);
+    CHECK(is_link("first.png") && is_link("far/second.png") && !is_link("far/true.png") &&
+              is_picture("far/true.png", 24, 16),
+          "the picture should be where the links lead");
+    CHECK(symlink("far/absent.png", in_folder("dangling.png")) == 0, "no link");
+    CHECK(TOOL(ROOM, "-o", "dangling.png") == 0, "exit status %d: %s", ran.status, ran.err);
+    CHECK(is_link("dangling.png") && is_picture("far/absent.png", 24, 16), "a link may lead to what is to be");
+    CHECK(symlink("round.png", in_folder("round.png")) == 0 && TOOL(ROOM, "-o", "round.png") == 1 &&
+              ran.err_lines == 1 && said("round.png"),
+          "a link to itself: exit status %d: %s", ran.status, ran.err);
+    write_text("one.png", "old\n");
+    CHECK(link(in_folder("one.png"), in_folder("two.png")) == 0, "no hard links");
+    CHECK(TOOL(ROOM, "-o", "one.png") == 0 && is_picture("one.png", 24, 16) && holds("two.png", "old\n"),
+          "the other name of the file should keep what it had");
+    CHECK(stat(in_folder("one.png"), &info) == 0 && info.st_nlink == 1 && !parts_left(), "%d links, %d temporary files",
+          (int)info.st_nlink, leftovers);
+}
+
+TEST(devices_and_pipes_are_written_to) {
+    static const char *const into_pipe[] = { ROOM, "-o", "pipe.png", NULL };
+    static unsigned char bytes[1 << 16];
+    struct stat info;
+    ssize_t n, got = 0;
+    pid_t child;
+    int reader, width, height, channels;
+    stbi_uc *pixels;
+    room_obj();
+    CHECK(TOOL(ROOM, "-o", "out.png", "--stats", "/dev/stdout") == 0 && strstr(ran.out, "\"triangles\": 6"),
+          "/dev/stdout: %s%s", ran.out, ran.err);
+    CHECK(TOOL(ROOM, "-o", "out.png", "--stats", "/dev/null") == 0 && stat("/dev/null", &info) == 0 &&
+              S_ISCHR(info.st_mode),
+          "/dev/null: %s", ran.err);
+    CHECK(symlink("/dev/null", in_folder("null.png")) == 0 &&
+              TOOL(ROOM, "-o", "null.png", "--stats", "/dev/null") == 0 && is_link("null.png"),
+          "a link to /dev/null: %s", ran.err);
+    CHECK(symlink("/dev/stdout", in_folder("out.json")) == 0 &&
+              TOOL(ROOM, "-o", "out.png", "--stats", "out.json") == 0 && is_link("out.json") &&
+              strstr(ran.out, "\"triangles\": 6"),
+          "a link to /dev/stdout: %s%s", ran.out, ran.err);
+    REQUIRE(mkfifo(in_folder("pipe.png"), 0666) == 0, "no pipe: %s", strerror(errno));
+    child = start(into_pipe, -1, 0);
+    reader = open(in_folder("pipe.png"), O_RDONLY);
+    while (reader >= 0 && (n = read(reader, bytes + got, sizeof bytes - (size_t)got)) > 0) got += n;
+    close(reader);
+    finish(child);
+    pixels = stbi_load_from_memory(bytes, (int)got, &width, &height, &channels, 0);
+    CHECK(ran.status == 0 && pixels && width == 24 && height == 16, "exit status %d, %d bytes: %s", ran.status,
+          (int)got, ran.err);
+    CHECK(lstat(in_folder("pipe.png"), &info) == 0 && S_ISFIFO(info.st_mode) && !parts_left(),
+          "the pipe should stay one");
+    stbi_image_free(pixels);
+}
+
+/* >>one file twice */
+
+static void check_misuse(const char *what) {
+    CHECK(ran.status == 2 && ran.err_lines == 1 && strncmp(ran.err, "sbl_render: ", 12) == 0, "%s: exit status %d: %s",
+          what, ran.status, ran.err);
+    CHECK(!parts_left(), "%s: %d temporary files are left", what, leftovers);
+}
+
+TEST(outputs_are_two_files) {
+    char whole[256];
+    room_obj();
+    mkdir(in_folder("sub"), 0777);
+    CHECK(symlink(".", in_folder("here")) == 0 && symlink("same.png", in_folder("alias.png")) == 0, "no links");
+    snprintf(whole, sizeof whole, "%s", in_folder("same.png"));
+    TOOL(ROOM, "-o", "same.png", "--stats", "same.png");
+    check_misuse("one name");
+    TOOL(ROOM, "-o", "same.png", "--stats", "./same.png");
+    check_misuse("./");
+    TOOL(ROOM, "-o", "sub/../same.png", "--stats", "same.png");
+    check_misuse("..");
+    TOOL(ROOM, "-o", "same.png", "--stats", whole);
+    check_misuse("an absolute name");
+    TOOL(ROOM, "-o", "same.png", "--stats", "here/same.png");
+    check_misuse("a link to the folder");
+    TOOL(ROOM, "-o", "same.png", "--stats", "alias.png");
+    check_misuse("a link to what is to be");
+    TOOL(ROOM, "-o", "alias.png", "--stats", "same.png");
+    check_misuse("the same, the other way round");
+    TOOL(ROOM, "-o", "same.png", "--stats", "same.partial.png");
+    check_misuse("an interrupted picture's name");
+    TOOL(ROOM, "-o", "stdout.png", "--stats", "/dev/stdout");
+    CHECK(ran.status == 0, "another file on stdout: %s", ran.err);
+    CHECK(symlink("stdout", in_folder("output.png")) == 0 &&
+              TOOL(ROOM, "-o", "output.png", "--stats", "/dev/stdout") == 2,
+          "what stdout goes to: %s", ran.err);
+    CHECK(!exists("same.png"), "a picture was written");
+    write_text("same.png", "old\n");
+    CHECK(link(in_folder("same.png"), in_folder("hard")) == 0, "no hard links");
+    TOOL(ROOM, "-o", "same.png", "--stats", "hard");
+    check_misuse("two names of a file");
+    CHECK(holds("same.png", "old\n"), "the old file should have stayed");
+    CHECK(TOOL(ROOM, "-o", "same.png", "--stats", "same.json") == 0, "two files: %s", ran.err);
+}
+
+TEST(what_is_read_is_not_overwritten) {
+    static const char mtl[] = "newmtl m\nKd 1 1 1\nmap_Kd wood.png\n";
+    static const char obj[] = "mtllib wood.mtl\nvt 0 0\nv -1 0 -1\nv -1 0 1\nv 1 0 1\nusemtl m\nf 1/1 2/1 3/1\n";
+    static const char *const pictures[] = { "wood.png", "link.png", "hard.png", "./wood.png", "sky.png" };
+    static const char *const others[] = { "wood.obj", "sub/../wood.obj", "wood.mtl", "wood.png", "sky.png" };
+    size_t i;
+    room_obj();
+    mkdir(in_folder("sub"), 0777);
+    write_text("wood.mtl", mtl);
+    write_text("wood.obj", obj);
+    REQUIRE(TOOL(ROOM, "-o", "wood.png") == 0 && TOOL(ROOM, "-o", "sky.png") == 0, "%s", ran.err);
+    REQUIRE(symlink("wood.png", in_folder("link.png")) == 0 && link(in_folder("wood.png"), in_folder("hard.png")) == 0,
+            "no links");
+    for (i = 0; i < sizeof pictures / sizeof *pictures; i++) {
+        TOOL("wood.obj", "--sky", "sky.png", "--size", "8x8", SMALL, "-o", pictures[i]);
+        check_misuse(pictures[i]);
+    }
+    for (i = 0; i < sizeof others / sizeof *others; i++) {
+        TOOL("wood.obj", "--sky", "sky.png", "--size", "8x8", SMALL, "-o", "of_wood.png", "--stats", others[i]);
+        check_misuse(others[i]);
+        CHECK(!exists("of_wood.png"), "%s: a picture was written", others[i]);
+    }
+    CHECK(holds("wood.obj", obj) && holds("wood.mtl", mtl) && is_picture("wood.png", 24, 16) &&
+              is_picture("sky.png", 24, 16),
+          "a file was changed");
+    CHECK(TOOL("wood.obj", "--sky", "sky.png", "--size", "8x8", SMALL, "-o", "of_wood.png", "--stats",
+               "of_wood.json") == 0,
+          "%s", ran.err);
+}
+
+/* >>interrupts */
+
+/* The last run ended by that signal, said so in one line that holds the words, and left nothing under its own names. */
+static void check_interrupted(const char *what, int number, const char *words) {
+    CHECK(ran.status == 128 + number, "%s: exit status %d, expected %d: %s", what, ran.status, 128 + number, ran.err);
+    CHECK(ran.err_lines == 1 && said("sbl_render: interrupted; ") && said(words), "%s: expected \"%s\" in one line: %s",
+          what, words, ran.err);
+    CHECK(!parts_left(), "%s: %d temporary files are left", what, leftovers);
+}
+
+static void forget(void) {
+    static const char *const names[] = { "out.png", "out.partial.png", "out.pfm", "out.partial.pfm", "out.json" };
+    size_t i;
+    for (i = 0; i < sizeof names / sizeof *names; i++) remove(in_folder(names[i]));
+}
+
+TEST(before_there_is_a_picture) {
+    static const int calls[] = { OPENS, WAITS };
+    int i, k;
+    room_obj();
+    for (i = 0; i < 2; i++)
+        for (k = 0; k < SIGNALS; k++) {
+            moment m = { 0, 0, NULL };
+            m.call = calls[i];
+            m.signal = signals[k];
+            forget();
+            TRACED(room_arguments, &m, 1);
+            check_interrupted(i ? "while the scene is read" : "at the first look at the folder", signals[k],
+                              "no picture");
+            CHECK(!exists("out.png") && !exists("out.partial.png"), "signal %d: a picture was written", signals[k]);
+        }
+}
+
+/* The picture is done by then, but must not get its name any more. The first opening is only to see whether it may be
+   written. */
+TEST(while_the_picture_is_written) {
+    static const char *const arguments[] = { ROOM, "-o", "out.pfm", "--stats", "out.json", NULL };
+    int k;
+    picture p;
+    room_obj();
+    for (k = 0; k < SIGNALS; k++) {
+        moment m[3] = { { OPENS, 0, NULL }, { OPENS, 0, NULL }, { WRITES, 0, NULL } };
+        m[2].signal = signals[k];
+        forget();
+        write_text("out.pfm", "old\n");
+        TRACED(arguments, m, 3);
+        check_interrupted("while the picture is written", signals[k], "is in out.partial.pfm");
+        CHECK(holds("out.pfm", "old\n") && !exists("out.json"), "signal %d: it was written all the same", signals[k]);
+        p = read_pfm("out.partial.pfm");
+        CHECK(p.values && p.width == 24 && p.height == 16, "signal %d: the partial picture is not there", signals[k]);
+        free(p.values);
+    }
+}
+
+TEST(while_the_statistics_are_written) {
+    static const char *const arguments[] = { ROOM, "-o", "out.png", "--stats", "out.json", NULL };
+    static const moment m[] = { { RENAMES, 0, NULL }, { OPENS, SIGTERM, NULL } };
+    room_obj();
+    forget();
+    TRACED(arguments, m, 2);
+    check_interrupted("while the statistics are written", SIGTERM, "out.png is written, out.json is not");
+    CHECK(is_picture("out.png", 24, 16) && !exists("out.partial.png") && !exists("out.json"),
+          "the picture should be whole, and all there is");
+}
+
+/* The second signal comes while what the first one asked for is under way. */
+TEST(a_second_signal_ends_at_once) {
+    int i, k;
+    room_obj();
+    for (i = 0; i < 2; i++)
+        for (k = 0; k < SIGNALS; k++) {
+            moment m[5] = { { OPENS, 0, NULL },
+                            { OPENS, 0, NULL },
+                            { WRITES, SIGINT, NULL },
+                            { OPENS, 0, NULL },
+                            { WRITES, 0, NULL } };
+            m[3].signal = i ? 0 : signals[k];
+            m[4].signal = signals[k];
+            forget();
+            TRACED(room_arguments, m, i ? 5 : 4);
+            CHECK(ran.status == 128 + signals[k] && !ran.err[0], "signal %d: exit status %d: %s", signals[k],
+                  ran.status, ran.err);
+            CHECK(!exists("out.png") && !exists("out.partial.png") && !parts_left(),
+                  "signal %d: %d temporary files are left", signals[k], leftovers);
+        }
+}
+
+static void be_traced_deaf(void) {
+    int i;
+    be_traced();
+    for (i = 0; i < SIGNALS; i++) signal(signals[i], SIG_IGN);
+}
+
+/* As nohup does. */
+TEST(what_is_ignored_stays_ignored) {
+    static const moment m[] = { { OPENS, SIGHUP, NULL }, { WAITS, SIGINT, NULL }, { WRITES, SIGTERM, NULL } };
+    int came;
+    room_obj();
+    forget();
+    came = run_traced_as(be_traced_deaf, room_arguments, m, 3);
+    if (came < 0) SKIP("processes cannot be traced here");
+    CHECK(came == 3 && ran.status == 0 && is_picture("out.png", 24, 16), "%d moments, exit status %d: %s", came,
+          ran.status, ran.err);
+}
+
+/* >>interrupted at work. One sensor a pixel takes minutes on two cores, and long enough anywhere. */
+
+#define LONG "room.obj", "--size", "640x480", "--rays", "4096", "--threshold", "0", "--samples", "1"
+
+static char shown[1 << 18];
+
+/* Runs the tool on a terminal until its bar shows so many percent, then sends the signal. What it said lies in shown,
+   the end of it in ran.err. 0 where there are no terminals. */
+static int interrupt_at(const char *const *arguments, int percent, int number) {
+    struct pollfd waiting;
+    size_t n = 0;
+    int master = posix_openpt(O_RDWR | O_NOCTTY), slave = -1, sent = 0;
+    const char *name;
+    pid_t child;
+    if (master < 0 || grantpt(master) != 0 || unlockpt(master) != 0 || (name = ptsname(master)) == NULL ||
+        (slave = open(name, O_RDWR | O_NOCTTY)) < 0)
+        return 0;
+    in_child = hear_signals;
+    child = start(arguments, slave, 0);
+    in_child = NULL;
+    close(slave);
+    waiting.fd = master;
+    waiting.events = POLLIN;
+    while (poll(&waiting, 1, -1) > 0 && n < sizeof shown - 1) {
+        const ssize_t got = read(master, shown + n, sizeof shown - 1 - n);
+        const char *last;
+        if (got <= 0) break;
+        shown[n += (size_t)got] = 0;
+        last = strrchr(shown, ']');
+        if (!sent && last && strchr(last, '%') && atoi(last + 1) >= percent) {
+            kill(child, number);
+            sent = 1;
+        }
+    }
+    finish(child);
+    close(master);
+    shown[n] = 0;
+    snprintf(ran.err, sizeof ran.err, "%.500s", shown + (n < 500 ? 0 : n - 500));
+    return 1;
+}
+
+TEST(before_the_first_level) {
+    static const char *const arguments[] = { LONG, "--tile", "1", "-o", "out.png", "--stats", "out.json", NULL };
+    int k;
+    room_obj();
+    for (k = 0; k < SIGNALS; k++) {
+        forget();
+        if (!interrupt_at(arguments, k, signals[k])) SKIP("no pseudo-terminals");
+        CHECK(ran.status == 128 + signals[k] && said("interrupted; there is nothing to be seen yet"),
+              "exit status %d: %s", ran.status, ran.err);
+        CHECK(k < 2 || strstr(shown, " left"), "the bar should tell the time left: %s", ran.err);
+        CHECK(!exists("out.png") && !exists("out.partial.png") && !exists("out.json") && !parts_left(),
+              "something was written");
+    }
+}
+
+/* The first of five levels is there at 5 %. */
+TEST(after_the_first_level) {
+    static const char *const png[] = { LONG, "--tile", "16", "-o", "out.png", "--stats", "out.json", NULL };
+    static const char *const sensor[] = { LONG, "--tile", "16", "--inspect", "5,5", "-o", "out.png", NULL };
+    int k;
+    room_obj();
+    for (k = 0; k < SIGNALS; k++) {
+        forget();
+        write_text("out.png", "old\n");
+        if (!interrupt_at(png, 6 + k, signals[k])) SKIP("no pseudo-terminals");
+        CHECK(ran.status == 128 + signals[k] && said("interrupted; the picture so far (") &&
+                  said("%) is in out.partial.png"),
+              "exit status %d: %s", ran.status, ran.err);
+        CHECK(is_picture("out.partial.png", 640, 480) && holds("out.png", "old\n") && !exists("out.json") &&
+                  !parts_left(),
+              "signal %d: %d temporary files are left", signals[k], leftovers);
+    }
+    forget();
+    interrupt_at(sensor, 6, SIGINT);
+    CHECK(ran.status == 130 && said("nothing to be seen") && !exists("out.partial.png"), "a sensor: exit status %d: %s",
+          ran.status, ran.err);
+}
+
+/* >>pipes that nobody reads, and what is not open */
+
+static int closed_handle;
+static void break_pipe(void) {
+    int ends[2];
+    signal(SIGPIPE, SIG_DFL);
+    if (pipe(ends) != 0) _exit(97);
+    close(ends[0]);
+    dup2(ends[1], closed_handle);
+}
+static void run_with(void (*before)(void), const char *const *arguments) {
+    in_child = before;
+    finish(start(arguments, -1, 0));
+    in_child = NULL;
+}
+
+TEST(a_broken_pipe_is_a_failed_write) {
+    static const char *const warned[] = { "warned.obj", "--size", "24x16", SMALL, "-o", "out.png", NULL };
+    static const char *const stats[] = { ROOM, "-o", "out.png", "--stats", "/dev/stdout", NULL };
+    static const char *const sums[] = { ROOM, "-o", "out.png", "--inspect", "12,14", NULL };
+    room_obj();
+    write_text("warned.mtl", "newmtl m\nKd 1 1 1\nmap_Kd absent.png\n");
+    write_text("warned.obj", "mtllib warned.mtl\nvt 0 0\nv -1 0 -1\nv -1 0 1\nv 1 0 1\nusemtl m\nf 1/1 2/1 3/1\n");
+    forget();
+    closed_handle = 2;
+    run_with(break_pipe, warned);
+    CHECK(ran.status == 0 && is_picture("out.png", 24, 16), "nobody hears its warning: exit status %d", ran.status);
+    forget();
+    closed_handle = 1;
+    run_with(break_pipe, stats);
+    CHECK(ran.status == 1 && said("/dev/stdout") && is_picture("out.png", 24, 16),
+          "nobody reads its statistics: exit status %d: %s", ran.status, ran.err);
+    forget();
+    run_with(break_pipe, sums);
+    CHECK(ran.status >= 0 && !parts_left() && exists("out.png"), "nobody reads its sums: exit status %d: %s",
+          ran.status, ran.err);
+}
+
+static int handles_lead_away;
+static void look_at_handles(const char *path) {
+    char name[64], to[64];
+    ssize_t n;
+    int i;
+    (void)path;
+    for (i = handles_lead_away = 0; i < 3; i++) {
+        snprintf(name, sizeof name, "/proc/%ld/fd/%d", (long)traced, i);
+        n = readlink(name, to, sizeof to - 1);
+        to[n > 0 ? n : 0] = 0;
+        handles_lead_away += strcmp(to, "/dev/null") == 0;
+    }
+}
+static void be_traced_closed(void) {
+    be_traced();
+    close(0);
+    close(1);
+    close(2);
+}
+
+/* What it says must not go into the picture or a file of the driver's, as it would where these got handles 1 and 2. */
+TEST(closed_handles_do_no_harm) {
+    static const moment m[] = { { WRITES, 0, look_at_handles } };
+    int came;
+    forget();
+    came = run_traced_as(be_traced_closed, room_arguments, m, 1);
+    if (came < 0) SKIP("processes cannot be traced here");
+    CHECK(came == 1 && handles_lead_away == 3, "%d of the first three handles lead nowhere", handles_lead_away);
+    CHECK(ran.status == 0 && is_picture("out.png", 24, 16), "exit status %d", ran.status);
+}
+
+int main(int argc, char **argv) {
+    (void)argc;
+    if (!tool_begin(argv[0])) return 1;
+    RUN(planted_links_are_not_written_through);
+    RUN(names_may_be_as_long_as_they_can);
+    RUN(permissions_are_kept);
+    RUN(links_stay);
+    RUN(devices_and_pipes_are_written_to);
+    RUN(outputs_are_two_files);
+    RUN(what_is_read_is_not_overwritten);
+    RUN(before_there_is_a_picture);
+    RUN(while_the_picture_is_written);
+    RUN(while_the_statistics_are_written);
+    RUN(a_second_signal_ends_at_once);
+    RUN(what_is_ignored_stays_ignored);
+    RUN(before_the_first_level);
+    RUN(after_the_first_level);
+    RUN(a_broken_pipe_is_a_failed_write);
+    RUN(closed_handles_do_no_harm);
+    tool_end();
+    return test_report();
+}
