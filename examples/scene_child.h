@@ -25,6 +25,7 @@ typedef struct scene__task {
     const char *path;
     scene__reading reading;
     double seconds;
+    size_t capacity;
     pid_t parent;
     int alive;    /* closes when the child is gone */
 } scene__task;
@@ -167,7 +168,7 @@ static void scene__judge(const scene__task *task, scene__end end, int status, ch
     else if (end == SCENE__LATE || (WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU))
         scene__print(error, error_size, "%s: reading it takes longer than %g s; the file may be damaged: save it anew, "
                      "or allow more with --read-time", path, task->seconds);
-    else if (!file->finished)
+    else if (!file->finished || WIFSIGNALED(status) || !scene__trust(file, task->capacity))
         scene__print(error, error_size, "%s: its reader broke down (%s %d); the file may be damaged: save it anew, or "
                      "in another format", path, WIFSIGNALED(status) ? "signal" : "status",
                      WIFSIGNALED(status) ? WTERMSIG(status) : WEXITSTATUS(status));
@@ -212,14 +213,16 @@ static scene_file *scene__load(scene__reading reading, const char *path, const s
         memset(&task, 0, sizeof task);
         task.file = file;
         task.path = path;
+        task.capacity = file->capacity;
         task.reading = reading;
         task.seconds = options->seconds > 0 ? options->seconds : SCENE_FILE_SECONDS;
         done = scene__run(&task, options->cancel, error, error_size);
         file->folders = NULL;
+        file->confined[sizeof file->confined - 1] = 0;
         if (options->log && file->confined[0]) options->log(path, file->confined, options->log_user);
         if (done) scene__unmap_rest(file);
         else {
-            munmap(file, file->capacity);
+            munmap(file, task.capacity);
             file = NULL;
         }
     }

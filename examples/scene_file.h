@@ -25,7 +25,8 @@
    none of its business. So
 
        a child process reads it, into pages that both share; only when the child has ended well is the result used
-           (scene_child.h), within a limit of time and of memory (scene_memory.h);
+           (scene_child.h), within a limit of time and of memory (scene_memory.h), and only as far as it is in order
+           (scene_trust.h);
        it reads no files but those in the scene's own folder and in folders that the user allows (scene_paths.h);
        the kernel lets it do hardly anything else (scene_sandbox.h).
 
@@ -126,6 +127,7 @@ SCENE__PRINTF(2, 3) static void scene__warn(scene_file *file, const char *format
 #include "scene_gltf.h"
 #include "scene_assimp.h"
 #include "scene_sandbox.h"
+#include "scene_trust.h"
 #include "scene_child.h"
 
 static void scene_file_free(scene_file *file) {

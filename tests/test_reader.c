@@ -178,6 +178,91 @@ TEST(an_older_kernel_is_told_of) {
           " 4 none of seccomp", status);
 }
 
+/* >>what it leaves */
+
+static int called;
+static void be_called(const float direction[3], float radiance[3], void *user) {
+    (void)direction; (void)user;
+    radiance[0] = radiance[1] = radiance[2] = 0;
+    called++;
+}
+static void draw_nothing(const sbl_draw_view *view, void *user) { (void)view; (void)user; called++; }
+
+static int lie;
+static float elsewhere[64];
+
+/* A scene in order, but for one thing that whoever has taken the reader over might like. */
+static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes) {
+    sbl_mesh *m = (sbl_mesh *)scene__alloc(file, 1, sizeof *m);
+    sbl_texture *t = (sbl_texture *)scene__alloc(file, 1, sizeof *t);
+    const char **names = (const char **)scene__alloc(file, 1, sizeof *names);
+    char *name = (char *)scene__alloc(file, 8, 1);
+    (void)path; (void)bytes;
+    if (!m || !t || !names || !name) return;
+    m->positions.data = scene__alloc(file, 9, sizeof(float));
+    m->indices.data = scene__alloc(file, 3, sizeof(uint32_t));
+    m->indices.type = SBL_UINT32;
+    m->vertex_count = m->index_count = 3;
+    t->pixels = scene__alloc(file, 4, 4);
+    t->width = t->height = 2;
+    t->channels = 4;
+    names[0] = name;
+    file->names = names;
+    file->scene.meshes = m;
+    file->scene.textures = t;
+    file->scene.mesh_count = file->scene.texture_count = 1;
+    switch (lie) {
+        case 1: m->positions.data = elsewhere; break;
+        case 2: m->normals.data = elsewhere; break;
+        case 3: m->vertex_count = 1 << 20; break;
+        case 4: m->index_count = -3; break;
+        case 5: t->pixels = elsewhere; break;
+        case 6: t->width = 1 << 20; break;
+        case 7: file->scene.meshes = (const sbl_mesh *)(const void *)elsewhere; break;
+        case 8: file->scene.mesh_count = 1 << 20; break;
+        case 9: names[0] = (const char *)elsewhere; break;
+        case 10: memset(name, 'x', file->used - (size_t)(name - (char *)file)); break;
+        case 11: file->used = (size_t)1 << 50; break;
+        case 12: file->scene.environment.picture = *t; file->scene.environment.picture.pixels = elsewhere; break;
+        case 13: file->warning_count = -1; break;
+        case 14: file->scene.lights = (const sbl_light *)(const void *)elsewhere; file->scene.light_count = 1; break;
+        case 15: file->finished = 1; abort();
+        default: break;
+    }
+    if (lie) return;
+    m->positions.gl_buffer = m->indices.gl_buffer = t->gl_texture = 1;
+    m->positions.offset = m->indices.stride = t->stride = 1 << 30;
+    file->scene.environment.radiance = be_called;
+    file->scene.draw = draw_nothing;
+    memset(file->warnings, 'x', sizeof file->warnings);
+    memset(file->confined, 'x', sizeof file->confined);
+    file->capacity = (size_t)1 << 50;
+}
+
+TEST(lies_are_not_believed) {
+    scene_file_options options;
+    scene_file *file;
+    memset(&options, 0, sizeof options);
+    options.seconds = 60;
+    for (lie = 1; lie <= 15; lie++) {
+        file = load(leave_a_lie, &options);
+        CHECK(!file && strstr(error, "its reader broke down"), "lie %d: %s", lie, file ? "it was believed" : error);
+        scene_file_free(file);
+    }
+    lie = 0;
+    file = load(leave_a_lie, &options);
+    REQUIRE(file, "%s", error);
+    CHECK(!file->scene.draw && !file->scene.environment.radiance, "a function is to be called");
+    CHECK(!file->scene.meshes[0].positions.gl_buffer && !file->scene.meshes[0].indices.gl_buffer &&
+              !file->scene.textures[0].gl_texture, "buffers of GL are to be read");
+    CHECK(!file->scene.meshes[0].positions.offset && !file->scene.meshes[0].indices.stride &&
+              !file->scene.textures[0].stride, "it is to be read past the end");
+    CHECK(memchr(file->warnings[0], 0, sizeof file->warnings[0]) && memchr(file->confined, 0, sizeof file->confined),
+          "a text has no end");
+    CHECK(file->capacity >= file->used && file->capacity < 1 << 20, "%.0f bytes to be given back", (double)file->capacity);
+    scene_file_free(file);
+}
+
 /* >>pictures */
 
 TEST(a_broken_picture_is_opened_once) {
@@ -450,6 +535,7 @@ int main(void) {
         folder); return 1; }
     RUN(it_sees_nothing_else);
     RUN(an_older_kernel_is_told_of);
+    RUN(lies_are_not_believed);
     RUN(a_broken_picture_is_opened_once);
     RUN(the_deadline_stands);
     RUN(a_cancelled_reader_is_gone);
