@@ -259,7 +259,8 @@ TEST(lies_are_not_believed) {
               !file->scene.textures[0].stride, "it is to be read past the end");
     CHECK(memchr(file->warnings[0], 0, sizeof file->warnings[0]) && memchr(file->confined, 0, sizeof file->confined),
           "a text has no end");
-    CHECK(file->capacity >= file->used && file->capacity < 1 << 20, "%.0f bytes to be given back", (double)file->capacity);
+    CHECK(file->capacity >= file->used && file->capacity < 1 << 20, "%.0f bytes to be given back",
+          (double)file->capacity);
     scene_file_free(file);
 }
 
