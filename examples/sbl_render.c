@@ -81,6 +81,13 @@ static int stop(const char *format, ...) {
     return INTERRUPTED + interrupted;
 }
 
+static void tell(const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    say("", format, arguments);
+    va_end(arguments);
+}
+
 static void warn(const char *format, ...) {
     va_list arguments;
     va_start(arguments, format);
@@ -123,9 +130,10 @@ static struct options {
     int size[2], inspect[2];
     double eye[3], look_at[3], up[3], fov, sky[3], sky_rotation, sky_scale, sky_up[3], epsilon, sensor_fov, threshold, facet_limit, exposure;
     int rays, sensor_size, tile, filter_radius, samples, seed;
+    scene_file_options reading;
 } options = { .output = "sbl.png", .size = { 640, 480 }, .up = { 0, 1, 0 }, .fov = 40, .sky_scale = 1, .sky_up = { 0, 1, 0 }, .facet_limit = 2 };
 
-typedef enum option_kind { FLAG, TEXT, CHOICE, INTEGERS, NUMBERS } option_kind;
+typedef enum option_kind { FLAG, TEXT, CHOICE, INTEGERS, NUMBERS, LIST, BYTES } option_kind;
 
 enum { CHANNEL_WORDS, MODE_WORDS, PRESET_WORDS, BACKEND_WORDS };
 static const char *const words[][SBL_CHANNEL_COUNT + 1] = {
@@ -139,7 +147,7 @@ static const sbl_preset presets[] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL_
 
 enum {
     OUTPUT, CHANNEL, SIZE, EYE, LOOK_AT, UP, FOV, SKY, SKY_ROTATION, SKY_SCALE, SKY_UP, MODE, PRESET, BACKEND, RAYS, EPSILON, SENSOR_SIZE, SENSOR_FOV, TILE, THRESHOLD, FACET_LIMIT,
-    FILTER_RADIUS, SAMPLES, EXPOSURE, SEED, INSPECT, STATS, QUIET, HELP, VERSION, OPTION_COUNT
+    FILTER_RADIUS, SAMPLES, EXPOSURE, SEED, INSPECT, STATS, ALLOW_PATH, MEMORY, READ_TIME, QUIET, VERBOSE, HELP, VERSION, OPTION_COUNT
 };
 
 static const struct option {
@@ -187,7 +195,14 @@ static const struct option {
     [INSPECT]       = { "--inspect", "X,Y", INTEGERS, options.inspect, 2, 0, 16383,
                         "writes what the sensor of that pixel sees instead of the picture, and prints its sums" },
     [STATS]         = { "--stats", "FILE", TEXT, &options.stats, 0, 0, 0, "counts, seconds (total: from start to picture) and peak memory as JSON" },
+    [ALLOW_PATH]    = { "--allow-path", "DIR", LIST, options.reading.allow, SCENE_FILE_FOLDERS, 0, 0,
+                        "the scene may name files beneath it, besides those beneath its own folder; may be given several times" },
+    [MEMORY]        = { "--memory", "SIZE", BYTES, &options.reading.memory, 1, 16.0 * (1 << 20), 1024.0 * (1 << 30) * 1024,
+                        "what the scene may take, such as 512M or 4G; default half of the machine's memory, or of what its control\n"
+                        "group has; never more than half of what ulimit -v leaves" },
+    [READ_TIME]     = { "--read-time", "SECONDS", NUMBERS, &options.reading.seconds, 1, 0.1, 1e6, "what reading the scene may take; default 60" },
     [QUIET]         = { "--quiet", NULL, FLAG, NULL, 0, 0, 0, "no progress bar, no warnings" },
+    [VERBOSE]       = { "--verbose", NULL, FLAG, NULL, 0, 0, 0, "tells how far the kernel confines the process that reads files" },
     [HELP]          = { "--help", NULL, FLAG, NULL, 0, 0, 0, "this text" },
     [VERSION]       = { "--version", NULL, FLAG, NULL, 0, 0, 0, "the version" },
 };
@@ -247,6 +262,18 @@ static int parse_numbers(const struct option *o, const char *text) {
     return 1;
 }
 
+/* A number and K, M, G, T or nothing. */
+static int parse_bytes(const struct option *o, const char *text) {
+    static const char units[] = "KMGT";
+    char *end;
+    const double number = isdigit((unsigned char)*text) ? strtod(text, &end) : -1;
+    const char *unit = number >= 0 && *end ? strchr(units, toupper((unsigned char)*end)) : NULL;
+    const double bytes = number * (unit ? pow(1024, (double)(unit - units) + 1) : 1);
+    if (number < 0 || (*end && (!unit || end[1])) || !(bytes >= o->low && bytes <= o->high)) return 0;
+    *(size_t *)o->value = bytes < (double)SIZE_MAX ? (size_t)bytes : SIZE_MAX;
+    return 1;
+}
+
 static int ends_with(const char *path, const char *ending) { return scene__ends_with(path, ending); }
 
 /* It has an ending: a point and a letter, no comma after them. Numbers have not, but for 1.e5 and the like. */
@@ -282,6 +309,13 @@ static int parse(int argc, char **argv) {
         else if (i + 1 < argc) value = argv[++i];
         else return misuse("%s needs a value: %s", o->name, o->argument);
         if (o->kind == TEXT) *(const char **)o->value = value;
+        else if (o->kind == LIST) {
+            for (k = 0; k < o->count && ((const char **)o->value)[k]; k++) continue;
+            if (k == o->count) return misuse("%s %s: it may be given %d times", o->name, value, k);
+            ((const char **)o->value)[k] = value;
+        } else if (o->kind == BYTES) {
+            if (!parse_bytes(o, value)) return misuse("%s %s: it must be a number from 16M to 1024T, such as 512M or 4G", o->name, value);
+        }
         else if (o->kind == CHOICE) {
             for (k = 0; words[o->count][k] && strcmp(words[o->count][k], value) != 0; k++) continue;
             if (!words[o->count][k]) {
@@ -820,6 +854,34 @@ static int render(const scene_file *file, const scene_file *sky, sbl_context *co
     return status;
 }
 
+static void on_confined(const char *path, const char *message, void *user) {
+    (void)user;
+    tell("%s: the process that read it: %s", path, message);
+}
+
+/* ---- ulimit -v: drivers break down where they get no memory ---- */
+
+static void on_breakdown(int number) {
+    static const char line[] = "sbl_render: the graphics driver broke down for want of memory; allow more than this ulimit -v\n";
+    (void)number;
+    if (write(STDERR_FILENO, line, sizeof line - 1) >= 0) _exit(FAILED);
+    _exit(FAILED);
+}
+
+/* Where memory is limited: whether a driver can be loaded at all; and from now on one that breaks down does it in words. */
+static int check_address_space(void) {
+    const size_t driver = (size_t)512 << 20;  /* Mesa's software renderer on two cores */
+    struct rlimit limit;
+    void *room;
+    if (getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY) return 1;
+    signal(SIGSEGV, on_breakdown);
+    signal(SIGBUS, on_breakdown);
+    signal(SIGABRT, on_breakdown);
+    room = mmap(NULL, driver, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+    if (room != MAP_FAILED) munmap(room, driver);
+    return room != MAP_FAILED;
+}
+
 int main(int argc, char **argv) {
     const double start = now();
     sbl_context_desc context_desc;
@@ -836,11 +898,14 @@ int main(int argc, char **argv) {
     catch_signals();
     status = find_targets();
     if (status != DONE) goto done;
-    file = scene_file_load(options.scene, &interrupted, error, sizeof error);
-    if (file && options.sky_picture) sky = scene_file_load_sky(options.sky_picture, &interrupted, error, sizeof error);
+    options.reading.cancel = &interrupted;
+    if (given[VERBOSE]) options.reading.log = on_confined;
+    file = scene_file_load(options.scene, &options.reading, error, sizeof error);
+    if (file && options.sky_picture) sky = scene_file_load_sky(options.sky_picture, &options.reading, error, sizeof error);
     load = now() - start;
     if (interrupted) status = stop("no picture was begun");
     else if (!file || (options.sky_picture && !sky)) status = fail("%s", error);
+    else if (!check_address_space()) status = fail("OpenGL: ulimit -v leaves less than 512 MB for the driver; allow more");
     else if ((status = check_overwriting(file)) == DONE) {
         memset(&said, 0, sizeof said);
         said.file = file;

@@ -890,6 +890,10 @@ TEST(bad_usage_is_two) {
                                             { "room.obj", "--samples", "65" },
                                             { "room.obj", "--exposure", "bright" },
                                             { "room.obj", "--seed", "99999999999" },
+                                            { "room.obj", "--allow-path" },
+                                            { "room.obj", "--memory", "4X" },
+                                            { "room.obj", "--memory", "1K" },
+                                            { "room.obj", "--read-time", "0" },
                                             { "room.obj", "--epsilon", "-0.1" },
                                             { "room.obj", "-o", "out.jpg" },
                                             { "room.obj", "-o" },
@@ -1118,7 +1122,7 @@ TEST(progress_is_for_terminals) {
 
 TEST(help_names_every_option) {
     static const char *const names[] = { "--output", "-o", "--channel", "--size", "--eye", "--look-at", "--up", "--fov", "--sky", "--sky-rotation", "--sky-scale", "--sky-up", "--mode", "--preset", "--backend", "--rays", "--epsilon",
-        "--sensor-size", "--sensor-fov", "--tile", "--threshold", "--filter-radius", "--exposure", "--seed", "--quiet", "--stats", "--samples", "--inspect", "130", "640x480", "sbl.png" };
+        "--sensor-size", "--sensor-fov", "--tile", "--threshold", "--filter-radius", "--exposure", "--seed", "--quiet", "--stats", "--samples", "--inspect", "--allow-path", "--memory", "--read-time", "--verbose", "130", "640x480", "sbl.png" };
     size_t i;
     CHECK(TOOL("--help") == 0 && !ran.err[0], "exit status %d: %s", ran.status, ran.err);
     for (i = 0; i < sizeof names / sizeof names[0]; i++) CHECK(strstr(ran.out, names[i]), "--help does not mention %s", names[i]);

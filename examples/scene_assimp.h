@@ -1,0 +1,583 @@
+/* Part of scene_file.h: what assimp reads, made into sbl.h's arrays. */
+#ifndef SCENE_ASSIMP_H
+#define SCENE_ASSIMP_H
+
+#include <math.h>
+#include <assimp/cfileio.h>
+#include <assimp/cimport.h>
+#include <assimp/GltfMaterial.h>
+#include <assimp/light.h>
+#include <assimp/material.h>
+#include <assimp/postprocess.h>
+#include <assimp/scene.h>
+
+/* ---- files: assimp is given whole files from memory, so that a file can be mended before it sees it ---- */
+
+typedef struct scene__stream { scene__bytes bytes; size_t at; int shared; } scene__stream;
+typedef struct scene__main_file { scene_file *file; const char *path; scene__bytes bytes; } scene__main_file;
+
+static scene__stream *scene__of(struct aiFile *file) { return (scene__stream *)(void *)file->UserData; }
+
+static size_t scene__read(struct aiFile *file, char *out, size_t size, size_t count) {
+    scene__stream *s = scene__of(file);
+    size_t whole = size ? (s->bytes.size - s->at) / size : 0;
+    if (count > whole) count = whole;
+    memcpy(out, s->bytes.data + s->at, size * count);
+    s->at += size * count;
+    return count;
+}
+static size_t scene__write(struct aiFile *file, const char *data, size_t size, size_t count) {
+    (void)file; (void)data; (void)size; (void)count;
+    return 0;
+}
+static size_t scene__tell(struct aiFile *file) { return scene__of(file)->at; }
+static size_t scene__size(struct aiFile *file) { return scene__of(file)->bytes.size; }
+static void scene__flush(struct aiFile *file) { (void)file; }
+static enum aiReturn scene__seek(struct aiFile *file, size_t offset, enum aiOrigin origin) {
+    scene__stream *s = scene__of(file);
+    size_t from = origin == aiOrigin_SET ? 0 : origin == aiOrigin_CUR ? s->at : s->bytes.size;
+    /* offsets back from the end wrap around as they should */
+    if (from + offset > s->bytes.size) return aiReturn_FAILURE;
+    s->at = from + offset;
+    return aiReturn_SUCCESS;
+}
+
+static struct aiFile *scene__open(struct aiFileIO *io, const char *path, const char *mode) {
+    scene__main_file *main_file = (scene__main_file *)(void *)io->UserData;
+    scene__stream *s = (scene__stream *)calloc(1, sizeof *s);
+    struct aiFile *file = (struct aiFile *)calloc(1, sizeof *file);
+    if (!s || !file || strchr(mode, 'w') || strchr(mode, 'a')) goto fail;
+    if (strcmp(path, main_file->path) == 0) {
+        s->bytes = main_file->bytes;
+        s->shared = 1;
+    } else if (!scene__slurp(main_file->file, path, &s->bytes)) {
+        if (errno == SCENE__REFUSED) scene__refuse(main_file->file, path);
+        goto fail;
+    }
+    file->ReadProc = scene__read;
+    file->WriteProc = scene__write;
+    file->TellProc = scene__tell;
+    file->FileSizeProc = scene__size;
+    file->SeekProc = scene__seek;
+    file->FlushProc = scene__flush;
+    file->UserData = (char *)s;
+    return file;
+fail:
+    free(s);
+    free(file);
+    return NULL;
+}
+
+static void scene__close(struct aiFileIO *io, struct aiFile *file) {
+    (void)io;
+    if (!scene__of(file)->shared) free(scene__of(file)->bytes.data);
+    free(scene__of(file));
+    free(file);
+}
+
+/* assimp takes "v .5 -.5 0" for a line with one number: the noughts before the points are put in beforehand. */
+static void scene__mend_obj(scene_file *file, scene__bytes *bytes) {
+    size_t i, inserted = 0, pass;
+    char *out = NULL;
+    for (pass = 0; pass < 2; pass++) {  /* count, then copy */
+        int vertex = 0, line_start = 1;
+        char last = '\n';
+        if (pass == 1) {
+            if (!inserted) return;
+            out = (char *)malloc(bytes->size + inserted + 1);
+            if (!out) { scene__fail_for_memory(file, "it"); return; }
+            inserted = 0;
+        }
+        for (i = 0; i < bytes->size; i++) {
+            char c = bytes->data[i];
+            if (c == '\n' || c == '\r') line_start = 1;
+            else if (line_start && c != ' ' && c != '\t') { vertex = c == 'v'; line_start = 0; }
+            if (vertex && c == '.' && (last == ' ' || last == '\t' || last == '-' || last == '+')) {
+                if (out) out[i + inserted] = '0';
+                inserted++;
+            }
+            if (out) out[i + inserted] = c;
+            last = c;
+        }
+    }
+    out[bytes->size + inserted] = 0;
+    free(bytes->data);
+    bytes->data = out;
+    bytes->size += inserted;
+}
+
+/* ---- materials ---- */
+
+typedef struct scene__reader {
+    scene_file *file;
+    const struct aiScene *in;
+    int is_gltf;
+    sbl_material *materials;
+    scene__pictures pictures;
+    int *left_out;       /* of each material: nothing of it is there */
+    unsigned *uv_set;    /* of each material */
+    sbl_mesh *shared;    /* of each mesh: its arrays */
+    sbl_mesh *meshes;    /* the uses of meshes, and of what */
+    const char **names;
+    size_t use_count;
+    double triangles, vertices;  /* of all uses */
+    unsigned best_camera;
+    struct scene__lamp { const struct aiLight *light; int placed; } *lamps;  /* the file's lights by name */
+    sbl_light *lights;
+} scene__reader;
+
+static int scene__find_embedded(const void *scene, const char *name, scene__embedded *out) {
+    const struct aiScene *in = (const struct aiScene *)scene;
+    const struct aiTexture *found = NULL;
+    unsigned i;
+    if (name[0] == '*') {
+        char *end;
+        unsigned long number = strtoul(name + 1, &end, 10);
+        if (*end == 0 && end != name + 1 && number < in->mNumTextures) found = in->mTextures[number];
+    } else
+        for (i = 0; i < in->mNumTextures && !found; i++)
+            if (in->mTextures[i]->mFilename.length && strcmp(in->mTextures[i]->mFilename.data, name) == 0)
+                found = in->mTextures[i];
+    if (!found) return 0;
+    out->data = found->pcData;
+    out->size = found->mHeight ? 0 : found->mWidth;
+    out->width = found->mWidth;
+    out->height = found->mHeight;
+    return 1;
+}
+
+typedef struct scene__use_of_picture {
+    struct aiString name;
+    enum aiTextureMapMode wrap[2];
+    unsigned set;
+} scene__use_of_picture;
+
+static int scene__picture_of(const struct aiMaterial *m, enum aiTextureType type, scene__use_of_picture *out) {
+    enum aiTextureMapping mapping = aiTextureMapping_UV;
+    out->wrap[0] = out->wrap[1] = aiTextureMapMode_Wrap;
+    out->set = 0;
+    return aiGetMaterialTexture(m, type, 0, &out->name, &mapping, &out->set, NULL, NULL, out->wrap, NULL) ==
+               aiReturn_SUCCESS && out->name.length;
+}
+
+static sbl_wrap scene__wrap_of(const scene__use_of_picture *p) {
+    const int clamped = p->wrap[0] == aiTextureMapMode_Clamp && p->wrap[1] == aiTextureMapMode_Clamp;
+    return clamped ? SBL_WRAP_CLAMP : SBL_WRAP_REPEAT;
+}
+
+static float scene__number(const struct aiMaterial *m, const char *key, unsigned type, unsigned index,
+                           float otherwise) {
+    ai_real value;
+    return aiGetMaterialFloatArray(m, key, type, index, &value, NULL) == aiReturn_SUCCESS ? value : otherwise;
+}
+
+static void scene__colors(scene__reader *r, const struct aiMaterial *m, int has_albedo, sbl_material *out) {
+    const float strength = scene__number(m, AI_MATKEY_EMISSIVE_INTENSITY, 1);
+    struct aiColor4D color;
+    struct aiString name;
+    float rgb[3];
+    int clamped = 0, k;
+    if (aiGetMaterialColor(m, AI_MATKEY_COLOR_DIFFUSE, &color) != aiReturn_SUCCESS &&
+        aiGetMaterialColor(m, AI_MATKEY_BASE_COLOR, &color) != aiReturn_SUCCESS)
+        color.r = color.g = color.b = has_albedo ? 1.0f : 0.6f;
+    rgb[0] = color.r; rgb[1] = color.g; rgb[2] = color.b;
+    for (k = 0; k < 3; k++) {
+        if (rgb[k] < 0.0f || rgb[k] > 1.0f) { rgb[k] = rgb[k] < 0.0f ? 0.0f : 1.0f; clamped = 1; }
+        out->albedo[k] = rgb[k];
+    }
+    if (aiGetMaterialString(m, AI_MATKEY_NAME, &name) != aiReturn_SUCCESS) name.data[0] = 0;
+    if (clamped) scene__warn(r->file, "material %s: its colour is not within 0 to 1 and was clamped", name.data);
+    if (aiGetMaterialColor(m, AI_MATKEY_COLOR_EMISSIVE, &color) != aiReturn_SUCCESS) color.r = color.g = color.b = 0;
+    out->emission[0] = strength * color.r;
+    out->emission[1] = strength * color.g;
+    out->emission[2] = strength * color.b;
+}
+
+/* Returns the cutoff, by what a glTF file says or by the opacity; 0 for none. */
+static float scene__cutoff(const struct aiMaterial *m, int *has_mask, scene__use_of_picture *mask, float *opacity) {
+    struct aiString mode;
+    *has_mask = 0;
+    *opacity = scene__number(m, AI_MATKEY_OPACITY, 1);
+    if (aiGetMaterialString(m, AI_MATKEY_GLTF_ALPHAMODE, &mode) == aiReturn_SUCCESS) {
+        if (strcmp(mode.data, "MASK") == 0) return scene__number(m, AI_MATKEY_GLTF_ALPHACUTOFF, 0.5f);
+        if (strcmp(mode.data, "BLEND") == 0) return 0.5f;
+        *opacity = 1;
+        return 0;
+    }
+    *has_mask = scene__picture_of(m, aiTextureType_OPACITY, mask);
+    return *has_mask || *opacity < 0.5f ? 0.5f : 0;
+}
+
+static void scene__material(scene__reader *r, unsigned index) {
+    const struct aiMaterial *m = r->in->mMaterials[index];
+    sbl_material *out = &r->materials[index];
+    struct aiString alpha_mode, name;
+    scene__use_of_picture albedo, emission, mask;
+    int has_albedo = scene__picture_of(m, aiTextureType_DIFFUSE, &albedo) ||
+                     scene__picture_of(m, aiTextureType_BASE_COLOR, &albedo);
+    int has_emission = scene__picture_of(m, aiTextureType_EMISSIVE, &emission), has_mask;
+    float opacity, cutoff = scene__cutoff(m, &has_mask, &mask, &opacity);
+    scene__colors(r, m, has_albedo, out);
+    if (has_emission && aiGetMaterialString(m, AI_MATKEY_GLTF_ALPHAMODE, &alpha_mode) != aiReturn_SUCCESS &&
+        !(out->emission[0] != 0.0f || out->emission[1] != 0.0f || out->emission[2] != 0.0f))
+        out->emission[0] = out->emission[1] = out->emission[2] = 1;
+    if (cutoff > opacity) { r->left_out[index] = 1; return; }  /* textures and vertices only lessen it */
+    out->alpha_cutoff = cutoff > 0.0f ? cutoff / opacity : 0.0f;
+    if (has_albedo || has_mask)
+        out->albedo_texture = scene__texture(&r->pictures, has_albedo ? albedo.name.data : NULL,
+                                             has_mask ? mask.name.data : NULL,
+                                             scene__wrap_of(has_albedo ? &albedo : &mask));
+    if (has_emission) {
+        out->emission_texture = scene__texture(&r->pictures, emission.name.data, NULL, scene__wrap_of(&emission));
+        if (!out->emission_texture)  /* better dark than a wall that shines all over */
+            out->emission[0] = out->emission[1] = out->emission[2] = 0;
+        if (aiGetMaterialString(m, AI_MATKEY_NAME, &name) != aiReturn_SUCCESS) name.data[0] = 0;
+        if (has_albedo && emission.set != albedo.set)
+            scene__warn(r->file, "material %s: colour and emission use different texture coordinates; those of the "
+                        "colour are taken for both", name.data);
+    }
+    r->uv_set[index] = has_albedo ? albedo.set : has_emission ? emission.set : has_mask ? mask.set : 0;
+}
+
+/* ---- meshes ---- */
+
+/* Row-major, as assimp has them. */
+static void scene__multiply(double out[16], const double a[16], const struct aiMatrix4x4 *b) {
+    const double right[16] = { b->a1, b->a2, b->a3, b->a4, b->b1, b->b2, b->b3, b->b4,
+                               b->c1, b->c2, b->c3, b->c4, b->d1, b->d2, b->d3, b->d4 };
+    int i, j, k;
+    for (i = 0; i < 4; i++)
+        for (j = 0; j < 4; j++) {
+            out[4 * i + j] = 0;
+            for (k = 0; k < 4; k++) out[4 * i + j] += a[4 * i + k] * right[4 * k + j];
+        }
+}
+
+/* `components` numbers a vertex, of the `step` that there are of each; NULL where memory is out. */
+static float *scene__vectors(scene_file *file, const ai_real *from, unsigned count, unsigned components,
+                             unsigned step) {
+    float *out = (float *)scene__alloc(file, count, components * sizeof *out), *to = out;
+    unsigned i, k;
+    for (i = 0; out && i < count; i++, from += step)
+        for (k = 0; k < components; k++) *to++ = (float)from[k];
+    return out;
+}
+
+static void scene__attributes(scene__reader *r, const struct aiMesh *in, sbl_mesh *out) {
+    const unsigned set_of = in->mMaterialIndex < r->in->mNumMaterials ? r->uv_set[in->mMaterialIndex] : 0;
+    const unsigned set = set_of < AI_MAX_NUMBER_OF_TEXTURECOORDS ? set_of : 0, count = in->mNumVertices;
+    size_t i;
+    out->positions.data = scene__vectors(r->file, &in->mVertices->x, count, 3, 3);
+    if (in->mNormals) out->normals.data = scene__vectors(r->file, &in->mNormals->x, count, 3, 3);
+    if (in->mTextureCoords[set]) {
+        float *v = scene__vectors(r->file, &in->mTextureCoords[set]->x, count, 2, 3);
+        out->texcoords.data = v;
+        /* assimp counts from the bottom, for glTF too */
+        for (i = 0; v && i < count; i++) v[2 * i + 1] = 1 - v[2 * i + 1];
+    }
+    if (in->mColors[0]) {
+        float *v = scene__vectors(r->file, &in->mColors[0]->r, count, 4, 4);
+        out->colors.data = v;
+        for (i = 0; v && i < 4 * (size_t)count; i++) {
+            if (v[i] < 0.0f) v[i] = 0;
+            if (v[i] > 1.0f) v[i] = 1;
+        }
+    }
+}
+
+/* The arrays of one mesh, shared by all its uses; vertex_count stays 0 where it has no triangles. */
+static void scene__mesh(scene__reader *r, const struct aiMesh *in, sbl_mesh *out) {
+    unsigned i, triangles = 0;
+    uint32_t *indices;
+    for (i = 0; i < in->mNumFaces; i++) triangles += in->mFaces[i].mNumIndices == 3;
+    if (!triangles || !in->mVertices) return;
+    if (in->mNumVertices > INT32_MAX / 3 || triangles > INT32_MAX / 3) {
+        scene__fail(r->file, "mesh %s has too many triangles", in->mName.data);
+        return;
+    }
+    indices = (uint32_t *)scene__alloc(r->file, triangles, 3 * sizeof *indices);
+    if (!indices) return;
+    out->indices.data = indices;
+    out->indices.type = SBL_UINT32;
+    out->index_count = (int)(3 * triangles);
+    out->vertex_count = (int)in->mNumVertices;
+    for (i = 0; i < in->mNumFaces; i++)
+        if (in->mFaces[i].mNumIndices == 3) {
+            memcpy(indices, in->mFaces[i].mIndices, 3 * sizeof *indices);
+            indices += 3;
+        }
+    scene__attributes(r, in, out);
+}
+
+/* ---- cameras and lights ---- */
+
+static void scene__direction(float out[3], const double m[16], const struct aiVector3D *v) {
+    int i;
+    for (i = 0; i < 3; i++) out[i] = (float)(m[4 * i] * v->x + m[4 * i + 1] * v->y + m[4 * i + 2] * v->z);
+}
+
+static void scene__camera(scene_file *file, const struct aiCamera *in, const double m[16], int is_gltf) {
+    const double degrees = 45 / atan(1.0);
+    scene_file_camera *c = &file->camera;
+    double x = 0.5 * in->mHorizontalFOV;
+    int i;
+    memset(c->eye, 0, sizeof c->eye);
+    /* of a glTF camera assimp gives the node's own translation here, once more */
+    if (!is_gltf) scene__direction(c->eye, m, &in->mPosition);
+    for (i = 0; i < 3; i++) c->eye[i] += (float)m[4 * i + 3];
+    scene__direction(c->forward, m, &in->mLookAt);
+    scene__direction(c->up, m, &in->mUp);
+    c->fov_x = c->fov_y = 0;
+    if (is_gltf) c->fov_y = (float)(2 * x * degrees);  /* see scene__mend_gltf */
+    else if (in->mAspect > 0) c->fov_y = (float)(2 * atan(tan(x) / in->mAspect) * degrees);
+    else c->fov_x = (float)(2 * x * degrees);
+    file->has_camera = 1;
+}
+
+static int scene__by_name(const void *a, const void *b) {
+    const struct aiLight *first = ((const struct scene__lamp *)a)->light;
+    const struct aiLight *second = ((const struct scene__lamp *)b)->light;
+    return strcmp(first->mName.data, second->mName.data);
+}
+
+/* Both return NULL, or what is wrong. */
+static const char *scene__aim(const struct aiVector3D *d, const double m[16], sbl_light *out) {
+    double direction[3], length = 0;
+    int i;
+    for (i = 0; i < 3; i++) {
+        direction[i] = m[4 * i] * (double)d->x + m[4 * i + 1] * (double)d->y + m[4 * i + 2] * (double)d->z;
+        length += direction[i] * direction[i];
+    }
+    for (i = 0; i < 3; i++) out->direction[i] = (float)(direction[i] / sqrt(length));
+    return length > 0 && length < 1e300 ? NULL : "it has no direction";
+}
+static const char *scene__open_cone(scene_file *file, const struct aiLight *in, int is_gltf, sbl_light *out) {
+    const double cone = (is_gltf ? 2 : 1) * 45 / atan(1.0);  /* glTF's angles are from the axis */
+    out->cone = (float)(cone * (double)in->mAngleOuterCone);
+    out->inner_cone = (float)(cone * (double)in->mAngleInnerCone);
+    if (!(out->cone > 0 && out->inner_cone >= 0)) return "its cone is empty";
+    if (out->cone > 180.001f)
+        scene__warn(file, "light %s: its cone is wider than 180 degrees and was narrowed", in->mName.data);
+    if (out->cone > 180) out->cone = 180;
+    if (out->inner_cone > out->cone) out->inner_cone = out->cone;
+    return NULL;
+}
+
+/* A light as sbl_set_scene takes it; 0 and a warning where it cannot be one. */
+static int scene__light(scene_file *file, const struct aiLight *in, const double m[16], int is_gltf, sbl_light *out) {
+    const float color[3] = { in->mColorDiffuse.r, in->mColorDiffuse.g, in->mColorDiffuse.b };
+    const char *wrong = NULL;
+    int i;
+    memset(out, 0, sizeof *out);
+    if (in->mType == aiLightSource_POINT) out->kind = SBL_LIGHT_POINT;
+    else if (in->mType == aiLightSource_SPOT) out->kind = SBL_LIGHT_SPOT;
+    else if (in->mType == aiLightSource_DIRECTIONAL) out->kind = SBL_LIGHT_DIRECTIONAL;
+    else wrong = "it is no point, spot or directional light";
+    scene__direction(out->position, m, &in->mPosition);
+    for (i = 0; i < 3; i++) {
+        out->intensity[i] = color[i];
+        if (!(color[i] >= 0 && color[i] < 1e30f)) wrong = "its intensity is negative or no number";
+        out->position[i] += (float)m[4 * i + 3];
+        if (!(fabsf(out->position[i]) < 1e18f)) wrong = "its position is out of range";
+    }
+    if (!wrong && out->kind != SBL_LIGHT_POINT) wrong = scene__aim(&in->mDirection, m, out);
+    if (!wrong && out->kind == SBL_LIGHT_SPOT) wrong = scene__open_cone(file, in, is_gltf, out);
+    if (wrong) scene__warn(file, "light %s: %s; it was left out", in->mName.data, wrong);
+    return !wrong;
+}
+
+/* The lights at a node: those of its name that no node before it had. */
+static void scene__lights(scene__reader *r, const struct aiNode *node, const double m[16]) {
+    sbl_scene_desc *scene = &r->file->scene;
+    unsigned low = 0, high = r->in->mNumLights;
+    while (low < high) {
+        unsigned middle = low + (high - low) / 2;
+        if (strcmp(r->lamps[middle].light->mName.data, node->mName.data) < 0) low = middle + 1;
+        else high = middle;
+    }
+    for (; low < r->in->mNumLights; low++) {
+        struct scene__lamp *lamp = &r->lamps[low];
+        if (lamp->placed || strcmp(lamp->light->mName.data, node->mName.data) != 0) break;
+        lamp->placed = 1;
+        scene->light_count += scene__light(r->file, lamp->light, m, r->is_gltf, &r->lights[scene->light_count]);
+    }
+}
+
+/* ---- nodes ---- */
+
+typedef struct scene__node { const struct aiNode *node; double transform[16]; } scene__node;
+
+/* Nodes in depth-first order, with a list of those still to come: a chain of a million must not overflow the stack. */
+static void scene__walk(scene__reader *r, void (*visit)(scene__reader *r, const scene__node *at)) {
+    static const double identity[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1 };
+    size_t room = 64, count = 1;
+    unsigned i;
+    scene__node *list = (scene__node *)malloc(room * sizeof *list);
+    if (!list) { scene__fail_for_memory(r->file, "it"); return; }
+    list[0].node = r->in->mRootNode;
+    scene__multiply(list[0].transform, identity, &r->in->mRootNode->mTransformation);
+    while (count && !r->file->error[0]) {
+        const scene__node at = list[--count];
+        visit(r, &at);
+        if (count + at.node->mNumChildren > room) {
+            scene__node *larger;
+            while (room < count + at.node->mNumChildren) room *= 2;
+            larger = (scene__node *)realloc(list, room * sizeof *list);
+            if (!larger) { scene__fail_for_memory(r->file, "it"); break; }
+            list = larger;
+        }
+        for (i = at.node->mNumChildren; i-- > 0; count++) {
+            list[count].node = at.node->mChildren[i];
+            scene__multiply(list[count].transform, at.transform, &at.node->mChildren[i]->mTransformation);
+        }
+    }
+    free(list);
+}
+
+/* Mesh number `i` of a node, and its material; NULL where there is nothing to be seen of it. */
+static const sbl_mesh *scene__used(const scene__reader *r, const struct aiNode *node, unsigned i, unsigned *material) {
+    const unsigned number = node->mMeshes[i];
+    if (number >= r->in->mNumMeshes || !r->shared[number].vertex_count) return NULL;
+    *material = r->in->mMeshes[number]->mMaterialIndex;
+    if (*material >= r->in->mNumMaterials) *material = 0;
+    return r->left_out[*material] ? NULL : &r->shared[number];
+}
+
+static void scene__count_uses(scene__reader *r, const scene__node *at) {
+    unsigned i, material;
+    for (i = 0; i < at->node->mNumMeshes; i++) {
+        const sbl_mesh *mesh = scene__used(r, at->node, i, &material);
+        if (!mesh) continue;
+        r->use_count++;
+        r->triangles += mesh->index_count / 3;
+        r->vertices += mesh->vertex_count;
+    }
+}
+
+static void scene__add_uses(scene__reader *r, const scene__node *at) {
+    const struct aiString *name = &(at->node->mName.length ? at->node : r->in->mRootNode)->mName;
+    unsigned i, material;
+    int k;
+    for (i = 0; i < at->node->mNumMeshes; i++) {
+        const sbl_mesh *mesh = scene__used(r, at->node, i, &material);
+        sbl_mesh *use = &r->meshes[r->use_count];
+        char *copy;
+        if (!mesh) continue;
+        *use = *mesh;
+        use->material = (int)material;
+        use->id = (uint32_t)r->use_count + 1;
+        for (k = 0; k < 16; k++) use->transform[k] = (float)at->transform[k % 4 * 4 + k / 4];
+        copy = (char *)scene__alloc(r->file, strlen(name->data) + 1, 1);
+        if (!copy) return;
+        strcpy(copy, name->data);
+        r->names[r->use_count++] = copy;
+    }
+    for (i = 0; i < r->best_camera; i++) {
+        const struct aiCamera *camera = r->in->mCameras[i];
+        if (camera->mOrthographicWidth != 0.0f || strcmp(camera->mName.data, at->node->mName.data) != 0) continue;
+        scene__camera(r->file, camera, at->transform, r->is_gltf);
+        r->best_camera = i;
+    }
+    scene__lights(r, at->node, at->transform);
+}
+
+/* What sbl.h takes to render a scene, in bytes, its GL buffers included: measured. A use of a mesh is as dear there as
+   a mesh of its own. */
+#define SCENE__PER_TRIANGLE 120.0
+#define SCENE__PER_VERTEX   120.0
+
+static void scene__nodes(scene__reader *r) {
+    scene_file *file = r->file;
+    char what[160];
+    scene__walk(r, scene__count_uses);
+    if (!r->use_count) { scene__fail(file, "there are no triangles in it"); return; }
+    if (r->use_count > INT32_MAX) { scene__fail(file, "it uses its meshes too often"); return; }
+    scene__print(what, sizeof what, "rendering it (%.0f uses of meshes, %.0f triangles)", (double)r->use_count,
+                 r->triangles);
+    if (!scene__afford(file, what, 0, SCENE__PER_TRIANGLE * r->triangles + SCENE__PER_VERTEX * r->vertices)) return;
+    r->meshes = (sbl_mesh *)scene__alloc(file, r->use_count, sizeof *r->meshes);
+    r->names = (const char **)scene__alloc(file, r->use_count, sizeof *r->names);
+    if (!r->meshes || !r->names) return;
+    r->use_count = 0;
+    r->best_camera = r->in->mNumCameras;
+    scene__walk(r, scene__add_uses);
+    file->scene.meshes = r->meshes;
+    file->scene.mesh_count = (int)r->use_count;
+    file->names = r->names;
+}
+
+/* ---- all of it ---- */
+
+static int scene__make_room(scene__reader *r) {
+    const size_t materials = r->in->mNumMaterials ? r->in->mNumMaterials : 1;
+    scene__pictures *p = &r->pictures;
+    p->room = (int)(2 * materials);
+    p->textures = (sbl_texture *)scene__alloc(r->file, 2 * materials, sizeof *p->textures);
+    p->keys = (struct scene__texture_key *)calloc(2 * materials, sizeof *p->keys);
+    r->materials = (sbl_material *)scene__alloc(r->file, materials, sizeof *r->materials);
+    r->lights = (sbl_light *)scene__alloc(r->file, r->in->mNumLights, sizeof *r->lights);
+    r->left_out = (int *)calloc(materials, sizeof *r->left_out);
+    r->uv_set = (unsigned *)calloc(materials, sizeof *r->uv_set);
+    r->shared = (sbl_mesh *)calloc((size_t)r->in->mNumMeshes + 1, sizeof *r->shared);
+    r->lamps = (struct scene__lamp *)calloc((size_t)r->in->mNumLights + 1, sizeof *r->lamps);
+    if (!p->keys || !r->left_out || !r->uv_set || !r->shared || !r->lamps) scene__fail_for_memory(r->file, "it");
+    return !r->file->error[0];
+}
+
+static void scene__convert(scene__reader *r) {
+    scene_file *file = r->file;
+    unsigned i;
+    if (scene__make_room(r)) {
+        for (i = 0; i < 3; i++) r->materials[0].albedo[i] = 0.6f;  /* where the file has none */
+        for (i = 0; i < r->in->mNumMaterials && !file->error[0]; i++) scene__material(r, i);
+        for (i = 0; i < r->in->mNumMeshes && !file->error[0]; i++) scene__mesh(r, r->in->mMeshes[i], &r->shared[i]);
+        for (i = 0; i < r->in->mNumLights; i++) r->lamps[i].light = r->in->mLights[i];
+        qsort(r->lamps, r->in->mNumLights, sizeof *r->lamps, scene__by_name);
+        if (!file->error[0]) scene__nodes(r);
+    }
+    file->scene.lights = r->lights;
+    file->scene.materials = r->materials;
+    file->scene.material_count = r->in->mNumMaterials ? (int)r->in->mNumMaterials : 1;
+    file->scene.textures = r->pictures.textures;
+    file->scene.texture_count = r->pictures.count;
+    scene__free_pictures(&r->pictures);
+    free(r->left_out);
+    free(r->uv_set);
+    free(r->shared);
+    free(r->lamps);
+}
+
+/* bytes: the file's; freed by the caller. */
+static void scene__read_scene(scene_file *file, const char *path, scene__bytes *bytes) {
+    scene__main_file main_file;
+    struct aiFileIO io;
+    struct aiPropertyStore *properties = aiCreatePropertyStore();
+    const unsigned steps = aiProcess_Triangulate | aiProcess_SortByPType | aiProcess_TransformUVCoords;
+    scene__reader r;
+    memset(&r, 0, sizeof r);
+    r.is_gltf = scene__ends_with(path, ".gltf") || scene__ends_with(path, ".glb");
+    if (r.is_gltf) scene__mend_gltf(file, bytes);
+    if (scene__ends_with(path, ".obj")) scene__mend_obj(file, bytes);
+    main_file.file = file;
+    main_file.path = path;
+    main_file.bytes = *bytes;
+    io.OpenProc = scene__open;
+    io.CloseProc = scene__close;
+    io.UserData = (char *)&main_file;
+    aiSetImportPropertyInteger(properties, AI_CONFIG_PP_SBP_REMOVE, aiPrimitiveType_POINT | aiPrimitiveType_LINE);
+    r.in = aiImportFileExWithProperties(path, steps, &io, properties);
+    r.file = r.pictures.file = file;
+    r.pictures.path = path;
+    r.pictures.embedded = scene__find_embedded;
+    r.pictures.scene = r.in;
+    if (r.in && r.in->mRootNode) scene__convert(&r);
+    else if (strcmp(aiGetErrorString(), "No meshes remaining") == 0) scene__fail(file, "there are no triangles in it");
+    else if (strstr(aiGetErrorString(), "bad_alloc")) scene__fail_for_memory(file, "it");
+    else
+        scene__fail(file, "assimp cannot read it (%s); repair it or convert it to .glb or .obj",
+                    aiGetErrorString()[0] ? aiGetErrorString() : "it holds no scene");
+    if (r.in) aiReleaseImport(r.in);
+    aiReleasePropertyStore(properties);
+}
+
+#endif

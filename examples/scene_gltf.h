@@ -1,0 +1,131 @@
+/* Part of scene_file.h: a .gltf or .glb as assimp needs it.
+
+   assimp up to 5.2 drops KHR_materials_emissive_strength, and materials come out of it in another order than the file
+   has them: so the strength is multiplied into emissiveFactor beforehand. A camera's aspectRatio is taken away, which
+   makes every version of assimp hand over yfov itself. assimp tells where a light is by the name of one node: so each
+   node gets a light of its own and a name that no other has. What is not valid is left for assimp to complain about. */
+#ifndef SCENE_GLTF_H
+#define SCENE_GLTF_H
+
+#include <stdlib.h>
+#ifdef SBL_RENDER_CJSON
+  #include <cjson/cJSON.h>
+#endif
+
+static const char scene__strength_name[] = "KHR_materials_emissive_strength";
+#ifdef SBL_RENDER_CJSON
+static const char scene__lights_name[] = "KHR_lights_punctual";
+
+static cJSON *scene__item(const cJSON *object, const char *name) {
+    return cJSON_GetObjectItemCaseSensitive(object, name);
+}
+
+static int scene__is_light(const cJSON *light) {
+    const char *type = cJSON_GetStringValue(scene__item(light, "type"));
+    if (!type) return 0;
+    if (strcmp(type, "spot") == 0) return cJSON_IsObject(scene__item(light, "spot"));
+    return strcmp(type, "point") == 0 || strcmp(type, "directional") == 0;
+}
+
+static void scene__part_lights(scene_file *file, cJSON *root) {
+    cJSON *all = scene__item(scene__item(root, "extensions"), scene__lights_name), *old = scene__item(all, "lights");
+    cJSON *lights = cJSON_CreateArray(), *node;
+    const int count = cJSON_GetArraySize(old);
+    int number = 0;
+    cJSON_ArrayForEach(node, scene__item(root, "nodes")) {
+        cJSON *extensions = scene__item(node, "extensions"), *use = scene__item(extensions, scene__lights_name);
+        const cJSON *index = scene__item(use, "light"), *light = NULL;
+        const char *name = cJSON_GetStringValue(scene__item(node, "name"));
+        char unique[256];
+        scene__print(unique, sizeof unique, "%.200s (node %d)", name ? name : "without name", number++);
+        if (!use) continue;
+        if (cJSON_IsNumber(index) && index->valuedouble >= 0 && index->valuedouble < count)
+            light = cJSON_GetArrayItem(old, index->valueint);
+        if (scene__is_light(light)) {
+            cJSON_ReplaceItemInObjectCaseSensitive(use, "light", cJSON_CreateNumber(cJSON_GetArraySize(lights)));
+            cJSON_AddItemToArray(lights, cJSON_Duplicate(light, 1));
+            cJSON_DeleteItemFromObjectCaseSensitive(node, "name");
+            cJSON_AddStringToObject(node, "name", unique);
+        } else {
+            scene__warn(file, "light of %s: it is no point, spot or directional light and was left out", unique);
+            cJSON_DeleteItemFromObjectCaseSensitive(extensions, scene__lights_name);
+        }
+    }
+    if (!old || !cJSON_ReplaceItemInObjectCaseSensitive(all, "lights", lights)) cJSON_Delete(lights);
+}
+
+static void scene__mend_json(scene_file *file, cJSON *root) {
+    cJSON *item, *number;
+    cJSON_ArrayForEach(item, scene__item(root, "materials")) {
+        cJSON *extensions = scene__item(item, "extensions");
+        const cJSON *strength = scene__item(scene__item(extensions, scene__strength_name), "emissiveStrength");
+        if (cJSON_IsNumber(strength))
+            cJSON_ArrayForEach(number, scene__item(item, "emissiveFactor"))
+                if (cJSON_IsNumber(number)) cJSON_SetNumberHelper(number, number->valuedouble * strength->valuedouble);
+        cJSON_DeleteItemFromObjectCaseSensitive(extensions, scene__strength_name);
+    }
+    cJSON_ArrayForEach(item, scene__item(root, "cameras"))
+        cJSON_DeleteItemFromObjectCaseSensitive(scene__item(item, "perspective"), "aspectRatio");
+    scene__part_lights(file, root);
+}
+
+/* The same file with other JSON in place of `length` bytes from `start` on; 0 where memory is out. */
+static int scene__replace_json(scene__bytes *bytes, size_t start, size_t length, const char *text) {
+    const int binary = start > 0;
+    const size_t size = strlen(text), padded = binary ? (size + 3) & ~(size_t)3 : size;
+    const size_t rest = bytes->size - start - length, whole = start + padded + rest;
+    char *joined = (char *)malloc(whole + 1);
+    size_t i;
+    if (!joined) return 0;
+    memcpy(joined, bytes->data, start);
+    memcpy(joined + start, text, size);
+    memset(joined + start + size, ' ', padded - size);
+    memcpy(joined + start + padded, bytes->data + start + length, rest);
+    joined[whole] = 0;
+    for (i = 0; binary && i < 4; i++) {
+        joined[8 + i] = (char)(whole >> 8 * i & 255);
+        joined[12 + i] = (char)(padded >> 8 * i & 255);
+    }
+    free(bytes->data);
+    bytes->data = joined;
+    bytes->size = whole;
+    return 1;
+}
+#endif
+
+static int scene__mentions(const scene__bytes *bytes, const char *word) {
+    const size_t length = strlen(word);
+    size_t i;
+    for (i = 0; i + length <= bytes->size; i++)
+        if (bytes->data[i] == word[0] && memcmp(bytes->data + i, word, length) == 0) return 1;
+    return 0;
+}
+
+/* bytes: a .gltf or .glb, replaced where there was something to mend. */
+static void scene__mend_gltf(scene_file *file, scene__bytes *bytes) {
+#ifdef SBL_RENDER_CJSON
+    const unsigned char *head = (const unsigned char *)bytes->data;
+    const int binary = bytes->size >= 20 && memcmp(head, "glTF", 4) == 0;
+    const size_t start = binary ? 20 : 0;
+    size_t length = bytes->size - start;
+    cJSON *root;
+    char *text;
+    if (binary) length = head[12] | (size_t)head[13] << 8 | (size_t)head[14] << 16 | (size_t)head[15] << 24;
+    if (length > bytes->size - start) return;
+    if (!scene__mentions(bytes, scene__strength_name) && !scene__mentions(bytes, scene__lights_name) &&
+        !scene__mentions(bytes, "aspectRatio"))
+        return;
+    root = cJSON_ParseWithLength(bytes->data + start, length);
+    if (!root) return;
+    scene__mend_json(file, root);
+    text = cJSON_PrintUnformatted(root);
+    if (!text || !scene__replace_json(bytes, start, length, text)) scene__fail_for_memory(file, "it");
+    cJSON_free(text);
+    cJSON_Delete(root);
+#else
+    if (scene__mentions(bytes, scene__strength_name))
+        scene__warn(file, "built without cJSON: %s is not read, lamps may be too dark", scene__strength_name);
+#endif
+}
+
+#endif

@@ -1,0 +1,137 @@
+/* Part of scene_file.h: which files a scene may name, and reading them.
+
+   A file counts as where it lies, whatever links and ".." led there. So it is opened without being read (O_PATH, which
+   touches nothing and waits for nothing), the kernel is asked what that is (/proc/self/fd), and what was asked about is
+   what is read then: nobody can put another file in its place meanwhile. */
+#ifndef SCENE_PATHS_H
+#define SCENE_PATHS_H
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <strings.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#ifndef O_PATH  /* glibc keeps it from those who do not define _GNU_SOURCE */
+  #define O_PATH 010000000
+#endif
+
+enum { SCENE__PATH = 4096, SCENE__REFUSED = EXDEV /* errno where a file lies outside */ };
+
+typedef struct scene__folders {
+    struct { int handle; char path[SCENE__PATH]; } list[SCENE_FILE_FOLDERS + 1];
+    int count;
+} scene__folders;
+
+/* Where that lies which was opened; 0 and errno where the kernel does not tell. */
+static int scene__path_of(int handle, char out[SCENE__PATH]) {
+    char link[64];
+    ssize_t length;
+    scene__print(link, sizeof link, "/proc/self/fd/%d", handle);
+    length = readlink(link, out, SCENE__PATH - 1);
+    if (length < 0) return 0;
+    out[length] = 0;
+    return 1;
+}
+
+static int scene__allowed(const scene__folders *folders, const char *path) {
+    int i;
+    for (i = 0; i < folders->count; i++) {
+        const char *folder = folders->list[i].path;
+        const size_t length = strcmp(folder, "/") == 0 ? 0 : strlen(folder);
+        if (strncmp(path, folder, length) == 0 && path[length] == '/') return 1;
+    }
+    return 0;
+}
+
+/* A handle to a regular file that may be read; -1 and errno where that fails. folders: NULL for any. */
+static int scene__open_regular(const scene__folders *folders, const char *path) {
+    const int found = open(path, O_PATH | O_CLOEXEC);
+    char where[SCENE__PATH];
+    struct stat info;
+    int handle = -1, error = 0;
+    if (found < 0) return -1;
+    if (fstat(found, &info) != 0 || !scene__path_of(found, where)) error = errno;
+    else if (!S_ISREG(info.st_mode)) error = S_ISDIR(info.st_mode) ? EISDIR : EINVAL;
+    else if (folders && !scene__allowed(folders, where)) error = SCENE__REFUSED;
+    else {
+        scene__print(where, sizeof where, "/proc/self/fd/%d", found);
+        handle = open(where, O_RDONLY | O_CLOEXEC);
+        error = errno;
+    }
+    close(found);
+    errno = error;
+    return handle;
+}
+
+/* The error of a file that was refused. */
+static void scene__refuse(scene_file *file, const char *path) {
+    const int found = open(path, O_PATH | O_CLOEXEC);
+    char where[SCENE__PATH];
+    if (found < 0 || !scene__path_of(found, where)) scene__print(where, sizeof where, "%s", path);
+    if (found >= 0) close(found);
+    scene__fail(file, "it names the file %.300s, which lies outside its folder and was not read; if that is as it "
+                "should be, allow it with --allow-path and that file's folder", where);
+}
+
+/* Adds a folder; 0 and errno where it is none. */
+static int scene__add_folder(scene__folders *folders, const char *path) {
+    const int low = open(path, O_PATH | O_DIRECTORY | O_CLOEXEC);
+    const int handle = low < 0 ? -1 : fcntl(low, F_DUPFD_CLOEXEC, 3);
+    if (low >= 0) close(low);  /* the reader turns 0 to 2 elsewhere */
+    if (handle < 0) return 0;
+    if (!scene__path_of(handle, folders->list[folders->count].path)) { close(handle); return 0; }
+    folders->list[folders->count++].handle = handle;
+    return 1;
+}
+
+static void scene__close_folders(scene__folders *folders) {
+    while (folders->count) close(folders->list[--folders->count].handle);
+}
+
+/* ---- reading ---- */
+
+typedef struct scene__bytes { char *data; size_t size; } scene__bytes;
+
+/* Reads an open file whole, with a nought behind it, and closes it; 0 and errno where that fails. */
+static int scene__read_all(scene_file *file, int handle, scene__bytes *out) {
+    struct stat info;
+    size_t got = 0;
+    ssize_t n = 1;
+    out->data = NULL;
+    if (fstat(handle, &info) != 0) { close(handle); return 0; }
+    if (file->read_count < SCENE_FILE_READ) {
+        file->read[file->read_count].device = info.st_dev;
+        file->read[file->read_count++].inode = info.st_ino;
+    }
+    out->size = (size_t)info.st_size;
+    out->data = (char *)malloc(out->size + 1);
+    while (out->data && got < out->size && n > 0) {
+        n = read(handle, out->data + got, out->size - got);
+        if (n > 0) got += (size_t)n;
+    }
+    if (!out->data) errno = ENOMEM;
+    close(handle);
+    if (!out->data || n < 0) {
+        free(out->data);
+        out->data = NULL;
+        return 0;
+    }
+    out->size = got;
+    out->data[got] = 0;
+    return 1;
+}
+
+/* Reads a file that a scene names; 0 and errno where that fails or is refused. */
+static int scene__slurp(scene_file *file, const char *path, scene__bytes *out) {
+    const int handle = scene__open_regular(file->folders, path);
+    out->data = NULL;
+    return handle >= 0 && scene__read_all(file, handle, out);
+}
+
+static int scene__ends_with(const char *path, const char *ending) {
+    size_t a = strlen(path), b = strlen(ending);
+    return a >= b && strcasecmp(path + a - b, ending) == 0;
+}
+
+#endif

@@ -1,0 +1,169 @@
+/* Part of scene_file.h: what the kernel forbids the process that reads a scene. All of it works without privileges, and
+   each piece without the others; scene_file_options.log is told which of them the kernel has.
+
+       limits    processor time, files written (none), core dumps (none)
+       Landlock  no file but for reading and beneath the allowed folders; no TCP, no signals to others, where the kernel
+                 knows of these
+       seccomp   no system call but those in scene__calls: no network, no new process or program, no tracing
+
+   Linux only. Left out under sanitizers, which read files and trace processes themselves. */
+#ifndef SCENE_SANDBOX_H
+#define SCENE_SANDBOX_H
+
+#ifdef __linux__
+  #include <linux/audit.h>
+  #include <linux/filter.h>
+  #include <linux/seccomp.h>
+  #include <sys/mman.h>
+  #include <sys/prctl.h>
+  #include <sys/syscall.h>
+
+/* ---- Landlock: its own numbers, since headers older than the kernel lack some ---- */
+
+enum { SCENE__LANDLOCK_CREATE = 444, SCENE__LANDLOCK_ADD = 445, SCENE__LANDLOCK_ENTER = 446 };
+typedef struct scene__ruleset { uint64_t files, net, scopes; } scene__ruleset;
+typedef struct scene__rule { uint64_t rights; int32_t folder; } scene__rule;  /* the kernel's is packed: 12 bytes */
+
+/* Returns the version that is at work, 0 where there is none. */
+static int scene__enter_landlock(const scene__folders *folders) {
+    const uint64_t read_file = 1 << 2;
+    const int version = (int)syscall(SCENE__LANDLOCK_CREATE, NULL, 0, 1);
+    scene__ruleset set = { (1 << 13) - 1, 0, 0 };
+    int i, ruleset, ok;
+    if (version < 1) return 0;
+    if (version >= 2) set.files |= 1 << 13;  /* refer */
+    if (version >= 3) set.files |= 1 << 14;  /* truncate */
+    if (version >= 4) set.net = 3;           /* bind and connect */
+    if (version >= 5) set.files |= 1 << 15;  /* ioctl on devices */
+    if (version >= 6) set.scopes = 3;        /* abstract sockets and signals */
+    ruleset = (int)syscall(SCENE__LANDLOCK_CREATE, &set, sizeof set, 0);
+    if (ruleset < 0) return 0;
+    for (i = 0, ok = 1; i < folders->count && ok; i++) {
+        scene__rule rule;
+        rule.rights = read_file;
+        rule.folder = folders->list[i].handle;
+        ok = syscall(SCENE__LANDLOCK_ADD, ruleset, 1, &rule, 0) == 0;
+    }
+    ok = ok && syscall(SCENE__LANDLOCK_ENTER, ruleset, 0) == 0;
+    close(ruleset);
+    return ok ? version : 0;
+}
+
+/* ---- seccomp ---- */
+
+  #if defined(__x86_64__)
+    #define SCENE__MACHINE AUDIT_ARCH_X86_64
+  #elif defined(__aarch64__)
+    #define SCENE__MACHINE AUDIT_ARCH_AARCH64
+  #elif defined(__riscv) && __riscv_xlen == 64
+    #define SCENE__MACHINE AUDIT_ARCH_RISCV64
+  #endif
+
+  #ifdef SCENE__MACHINE
+enum { SCENE__OWN_PID = -1 };
+
+/* A call is allowed where the bits of `mask` in argument number `argument` are `value`. All others fail with ENOSYS, as
+   on a kernel that lacks them: libraries are used to that. */
+static const struct scene__call { int number, argument; unsigned mask; int value; } scene__calls[] = {
+    { SYS_read, 0, 0, 0 }, { SYS_pread64, 0, 0, 0 }, { SYS_readv, 0, 0, 0 }, { SYS_lseek, 0, 0, 0 },
+    { SYS_write, 0, 0, 0 }, { SYS_writev, 0, 0, 0 }, { SYS_close, 0, 0, 0 }, { SYS_fstat, 0, 0, 0 },
+    { SYS_newfstatat, 0, 0, 0 }, { SYS_statx, 0, 0, 0 }, { SYS_readlinkat, 0, 0, 0 }, { SYS_getcwd, 0, 0, 0 },
+    { SYS_openat, 2, O_ACCMODE | O_CREAT | O_TRUNC, O_RDONLY },
+    { SYS_mmap, 2, PROT_EXEC, 0 }, { SYS_mprotect, 2, PROT_EXEC, 0 },
+    { SYS_munmap, 0, 0, 0 }, { SYS_mremap, 0, 0, 0 }, { SYS_madvise, 0, 0, 0 }, { SYS_brk, 0, 0, 0 },
+    { SYS_prlimit64, 0, ~0u, 0 }, { SYS_setrlimit, 0, 0, 0 }, { SYS_getrlimit, 0, 0, 0 },
+    { SYS_futex, 0, 0, 0 }, { SYS_rt_sigaction, 0, 0, 0 }, { SYS_rt_sigprocmask, 0, 0, 0 },
+    { SYS_rt_sigreturn, 0, 0, 0 }, { SYS_restart_syscall, 0, 0, 0 }, { SYS_getpid, 0, 0, 0 }, { SYS_gettid, 0, 0, 0 },
+    { SYS_tgkill, 0, ~0u, SCENE__OWN_PID },  /* abort */
+    { SYS_exit, 0, 0, 0 }, { SYS_exit_group, 0, 0, 0 },
+    { SYS_clock_gettime, 0, 0, 0 }, { SYS_gettimeofday, 0, 0, 0 }, { SYS_clock_nanosleep, 0, 0, 0 },
+    { SYS_getrandom, 0, 0, 0 }, { SYS_sched_yield, 0, 0, 0 }, { SYS_sysinfo, 0, 0, 0 },
+    #ifdef SYS_open  /* the older calls of x86-64 */
+    { SYS_open, 1, O_ACCMODE | O_CREAT | O_TRUNC, O_RDONLY },
+    { SYS_stat, 0, 0, 0 }, { SYS_lstat, 0, 0, 0 }, { SYS_readlink, 0, 0, 0 }, { SYS_time, 0, 0, 0 },
+    #endif
+};
+
+/* Six instructions a call: is it that one? then its argument decides. */
+static int scene__enter_seccomp(void) {
+    enum { CALLS = sizeof scene__calls / sizeof *scene__calls, REFUSE = SECCOMP_RET_ERRNO | ENOSYS };
+    const unsigned low = __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ ? 0 : 4;
+    struct sock_filter code[6 * CALLS + 5], *to = code;
+    struct sock_fprog program;
+    size_t i;
+    #define SCENE__STATEMENT(kind, k) *to++ = (struct sock_filter)BPF_STMT(kind, (uint32_t)(k))
+    #define SCENE__JUMP(k, yes, no) \
+        *to++ = (struct sock_filter)BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, (uint32_t)(k), yes, no)
+    SCENE__STATEMENT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, arch));
+    SCENE__JUMP(SCENE__MACHINE, 1, 0);
+    SCENE__STATEMENT(BPF_RET | BPF_K, REFUSE);
+    SCENE__STATEMENT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, nr));
+    for (i = 0; i < CALLS; i++) {
+        const struct scene__call *c = &scene__calls[i];
+        const size_t argument = offsetof(struct seccomp_data, args) + 8 * (size_t)c->argument + low;
+        SCENE__JUMP(c->number, 0, 5);
+        SCENE__STATEMENT(BPF_LD | BPF_W | BPF_ABS, argument);
+        SCENE__STATEMENT(BPF_ALU | BPF_AND | BPF_K, c->mask);
+        SCENE__JUMP(c->value == SCENE__OWN_PID ? getpid() : c->value, 0, 1);
+        SCENE__STATEMENT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW);
+        SCENE__STATEMENT(BPF_RET | BPF_K, REFUSE);
+    }
+    SCENE__STATEMENT(BPF_RET | BPF_K, REFUSE);
+    program.len = (unsigned short)(to - code);
+    program.filter = code;
+    return prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program) == 0;
+}
+  #else
+static int scene__enter_seccomp(void) { return 0; }
+  #endif
+
+static void scene__close_range(unsigned from, unsigned to) {
+    if (from > to || syscall(436 /* close_range */, from, to, 0) == 0) return;
+    for (; from <= to && from < 4096; from++) close((int)from);
+}
+
+/* Closes all handles but 0 to 2 and those in the list: the host's are none of the child's business. */
+static void scene__close_others(const int *kept, int count) {
+    unsigned from = 3, next;
+    int i;
+    do {
+        for (next = ~0u, i = 0; i < count; i++)
+            if (kept[i] >= 0 && (unsigned)kept[i] >= from && (unsigned)kept[i] < next) next = (unsigned)kept[i];
+        scene__close_range(from, next - (next != ~0u));
+        from = next + 1;
+    } while (next != ~0u);
+}
+
+static void scene__limit(int what, rlim_t soft, rlim_t hard) {
+    struct rlimit limit;
+    limit.rlim_cur = soft;
+    limit.rlim_max = hard;
+    setrlimit(what, &limit);
+}
+
+/* From here on the process reads, computes and ends. The handles in `kept` stay open. */
+static void scene__confine(scene_file *file, double seconds, const int *kept, int count) {
+    const rlim_t whole = (rlim_t)seconds + 1;
+    int landlock = 0, seccomp = 0;
+    scene__print(file->confined, sizeof file->confined, "not confined, for the sanitizers' sake");
+    if (SCENE__SANITIZED) return;
+    scene__limit(RLIMIT_CORE, 0, 0);
+    scene__limit(RLIMIT_FSIZE, 0, 0);
+    scene__limit(RLIMIT_CPU, whole, whole + 1);
+    scene__limit_own_memory(file);
+    if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) == 0) {
+        landlock = scene__enter_landlock(file->folders);
+        scene__close_others(kept, count);
+        seccomp = scene__enter_seccomp();
+    } else scene__close_others(kept, count);
+    scene__print(file->confined, sizeof file->confined, "Landlock %s (version %d), seccomp %s",
+                 landlock ? "at work" : "not to be had", landlock, seccomp ? "at work" : "not to be had");
+}
+#else
+static void scene__confine(scene_file *file, double seconds, const int *kept, int count) {
+    (void)seconds; (void)kept; (void)count;
+    scene__print(file->confined, sizeof file->confined, "Landlock not to be had, seccomp not to be had");
+}
+#endif
+
+#endif

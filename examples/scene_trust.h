@@ -1,0 +1,80 @@
+/* Part of scene_file.h: what the parent believes of the pages that its child leaves.
+
+   Whoever has taken the child over may have written anything there: pointers into the parent's own memory, a function
+   for it to call. So only what the converter makes is taken, arrays that lie in the pages whole; the values in them are
+   sbl.h's to check, as any host's. */
+#ifndef SCENE_TRUST_H
+#define SCENE_TRUST_H
+
+/* An array in the pages. NULL is one where there are no elements. */
+static int scene__holds(const scene_file *file, const void *array, double count, size_t bytes) {
+    const uintptr_t start = (uintptr_t)file, at = (uintptr_t)array;
+    if (!array) return count == 0;
+    return count >= 0 && at >= start + sizeof *file && at % 4 == 0 && at <= start + file->used &&
+           count * (double)bytes <= (double)(start + file->used - at);
+}
+
+/* Floats, `components` a vertex, or indices. */
+static int scene__trust_stream(const scene_file *file, sbl_stream *s, int count, size_t components, sbl_type type) {
+    const void *data = s->data;
+    memset(s, 0, sizeof *s);
+    s->data = data;
+    s->type = type;
+    return scene__holds(file, data, data ? count : 0, 4 * components);
+}
+
+static int scene__trust_mesh(const scene_file *file, sbl_mesh *m) {
+    return scene__trust_stream(file, &m->positions, m->vertex_count, 3, SBL_FLOAT32) &&
+           scene__trust_stream(file, &m->normals, m->vertex_count, 3, SBL_FLOAT32) &&
+           scene__trust_stream(file, &m->texcoords, m->vertex_count, 2, SBL_FLOAT32) &&
+           scene__trust_stream(file, &m->colors, m->vertex_count, 4, SBL_FLOAT32) &&
+           scene__trust_stream(file, &m->indices, m->index_count, 1, SBL_UINT32);
+}
+
+static int scene__trust_texture(const scene_file *file, sbl_texture *t) {
+    const int is_float = t->format == SBL_PIXELS_FLOAT;
+    t->gl_texture = 0;
+    t->stride = 0;
+    t->format = is_float ? SBL_PIXELS_FLOAT : SBL_PIXELS_SRGB8;
+    return t->width > 0 && t->height > 0 && t->channels > 0 && t->channels <= 4 &&
+           scene__holds(file, t->pixels, (double)t->width * t->height, (size_t)t->channels * (is_float ? 4 : 1));
+}
+
+static int scene__trust_name(const scene_file *file, const char *name) {
+    const uintptr_t start = (uintptr_t)file, end = start + file->used, at = (uintptr_t)name;
+    return at >= start && at < end && memchr(name, 0, end - at) != NULL;
+}
+
+/* Returns whether all is in order; what the converter never sets is made zero. capacity: as the parent remembers it. */
+static int scene__trust(scene_file *file, size_t capacity) {
+    const sbl_scene_desc in = file->scene;
+    sbl_scene_desc *out = &file->scene;
+    int i;
+    file->capacity = capacity;
+    for (i = 0; i < SCENE_FILE_WARNINGS; i++) file->warnings[i][sizeof file->warnings[i] - 1] = 0;
+    if (file->used < sizeof *file || file->used > capacity || file->warning_count < 0 ||
+        file->read_count < 0 || file->read_count > SCENE_FILE_READ) return 0;
+    memset(out, 0, sizeof *out);
+    out->meshes = in.meshes;
+    out->materials = in.materials;
+    out->textures = in.textures;
+    out->lights = in.lights;
+    out->environment.picture = in.environment.picture;
+    if (!scene__holds(file, in.meshes, in.mesh_count, sizeof *in.meshes) ||
+        !scene__holds(file, in.materials, in.material_count, sizeof *in.materials) ||
+        !scene__holds(file, in.textures, in.texture_count, sizeof *in.textures) ||
+        !scene__holds(file, in.lights, in.light_count, sizeof *in.lights) ||
+        !scene__holds(file, file->names, in.mesh_count, sizeof *file->names)) return 0;
+    out->mesh_count = in.mesh_count;
+    out->material_count = in.material_count;
+    out->texture_count = in.texture_count;
+    out->light_count = in.light_count;
+    for (i = 0; i < in.mesh_count; i++)
+        if (!scene__trust_mesh(file, (sbl_mesh *)(uintptr_t)&in.meshes[i]) ||
+            !scene__trust_name(file, file->names[i])) return 0;
+    for (i = 0; i < in.texture_count; i++)
+        if (!scene__trust_texture(file, (sbl_texture *)(uintptr_t)&in.textures[i])) return 0;
+    return !in.environment.picture.pixels || scene__trust_texture(file, &out->environment.picture);
+}
+
+#endif

@@ -1,0 +1,553 @@
+/* The process that reads scenes (examples/scene_file.h): what it may do, how long, with how much memory, and that it is
+   gone afterwards. The readers here are this program's own functions, so that each does one thing wrong. */
+#define _DEFAULT_SOURCE
+#define SBL_IMPLEMENTATION
+#define SBL_EGL
+#include "../sbl.h"
+#include "../examples/scene_file.h"
+#include "test.h"
+#include <sys/inotify.h>
+#include <sys/ptrace.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+
+static char folder[64], error[512];
+
+/* What readers leave behind where the pages are gone; shared with them. */
+static struct notes {
+    volatile pid_t child;
+    volatile size_t taken;
+    int handle, reads_of_outside;
+} *notes;
+
+static char *in_folder(const char *name) {
+    static char path[4][256];
+    static int next;
+    next = (next + 1) % 4;
+    snprintf(path[next], sizeof path[next], "%s/%s", folder, name);
+    return path[next];
+}
+static void write_text(const char *name, const char *text) {
+    FILE *out = fopen(in_folder(name), "wb");
+    if (out) { fputs(text, out); fclose(out); }
+}
+
+/* Not running: gone, or waiting to be noticed. */
+static int is_gone(pid_t child) {
+    char path[64], state = 0;
+    FILE *in;
+    snprintf(path, sizeof path, "/proc/%d/stat", (int)child);
+    in = fopen(path, "r");
+    if (!in) return 1;
+    if (fscanf(in, "%*d (%*[^)]) %c", &state) != 1) state = 'X';
+    fclose(in);
+    return state == 'Z' || state == 'X';
+}
+static int goes(pid_t child) {
+    int i;
+    for (i = 0; i < 600 && !is_gone(child); i++) poll(NULL, 0, 100);
+    return i < 600;
+}
+
+/* Reads room.obj by `reading`, by default within half a second. */
+static scene_file *load(scene__reading reading, const scene_file_options *given) {
+    scene_file_options options;
+    memset(&options, 0, sizeof options);
+    if (given) options = *given;
+    if (options.seconds == 0) options.seconds = 0.5;
+    notes->child = 0;
+    write_text("room.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+    return scene__load(reading, in_folder("room.obj"), &options, error, sizeof error);
+}
+
+/* >>the file system and the rest of the machine */
+
+/* scene__warn tells the test what went wrong. */
+#define MUST_FAIL(call, what) do { if ((call) >= 0) scene__warn(file, "%s", what); } while (0)
+
+static void look_around(scene_file *file, const char *path, scene__bytes *bytes) {
+    char other[300], byte;
+    struct rlimit more = { RLIM_INFINITY, RLIM_INFINITY };
+    (void)bytes;
+    MUST_FAIL(read(notes->handle, &byte, 1), "a handle of the host's");
+    snprintf(other, sizeof other, "%.*s/other.txt", (int)(strrchr(path, '/') - path), path);
+    if (open(other, O_RDONLY) < 0) scene__warn(file, "a file of the scene's folder: %s", strerror(errno));
+    if (strstr(file->confined, "Landlock at work")) {
+        MUST_FAIL(open("/etc/passwd", O_RDONLY), "a file outside");
+        MUST_FAIL(open("/", O_RDONLY), "a folder outside");
+        MUST_FAIL(open("/proc/self/maps", O_RDONLY), "/proc");
+        MUST_FAIL(open(other, O_WRONLY), "writing");
+        MUST_FAIL(unlink(other), "deleting");
+        MUST_FAIL(mkdir("/tmp/sbl_reader_was_here", 0777), "making a folder");
+    }
+    MUST_FAIL(setrlimit(RLIMIT_DATA, &more), "more memory");
+    MUST_FAIL(setrlimit(RLIMIT_CPU, &more), "more time");
+    if (prctl(PR_GET_NO_NEW_PRIVS, 0, 0, 0, 0) == 0) scene__warn(file, "%s", "new privileges");
+    if (!strstr(file->confined, "seccomp at work")) return;
+    MUST_FAIL(socket(AF_INET, SOCK_STREAM, 0), "a socket of the network");
+    MUST_FAIL(socket(AF_UNIX, SOCK_STREAM, 0), "a socket of this machine");
+    MUST_FAIL(execl("/bin/true", "true", (char *)NULL), "another program");
+    MUST_FAIL(ptrace(PTRACE_TRACEME, 0, NULL, NULL), "tracing");
+    MUST_FAIL(kill(getppid(), 0), "signals");
+    MUST_FAIL(open("/tmp/sbl_reader_was_here", O_RDWR | O_CREAT, 0666), "making a file");
+    if (mmap(NULL, 4096, PROT_READ | PROT_EXEC, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0) != MAP_FAILED)
+        scene__warn(file, "%s", "code made of data");
+    if (fork() == 0) _exit(0);
+    else if (errno != ENOSYS) scene__warn(file, "another process: %s", strerror(errno));
+}
+
+static void complain(const scene_file *file) {
+    int i;
+    for (i = 0; i < file->warning_count && i < SCENE_FILE_WARNINGS; i++) CHECK(0, "it should have failed: %s",
+        file->warnings[i]);
+    CHECK(file->warning_count == 0, "%d things that should not be", file->warning_count);
+}
+
+static char told[512];
+static void listen_to(const char *path, const char *message, void *user) {
+    (void)user;
+    snprintf(told, sizeof told, "%s: %s", path, message);
+}
+
+TEST(it_sees_nothing_else) {
+    scene_file_options options;
+    scene_file *file;
+    if (SCENE__SANITIZED) SKIP("under sanitizers the reader is not confined");
+    memset(&options, 0, sizeof options);
+    options.log = listen_to;
+    options.seconds = 60;
+    write_text("other.txt", "other");
+    notes->handle = open(in_folder("other.txt"), O_RDONLY);
+    file = load(look_around, &options);
+    close(notes->handle);
+    REQUIRE(file, "%s", error);
+    complain(file);
+    printf("  %s\n", told);
+    CHECK(strstr(told, "room.obj: Landlock ") && strstr(told, "seccomp "), "expected both to be named: %s", told);
+    if (syscall(SCENE__LANDLOCK_CREATE, NULL, 0, 1) >= 1)
+        CHECK(strstr(told, "Landlock at work"), "the kernel has Landlock: %s", told);
+#ifdef SCENE__MACHINE
+    if (prctl(PR_GET_SECCOMP, 0, 0, 0, 0) >= 0) CHECK(strstr(told, "seccomp at work"), "the kernel has seccomp: %s",
+        told);
+#endif
+    scene_file_free(file);
+}
+
+/* Takes Landlock and seccomp away, by seccomp, from a copy of this process; then the rest must still be at work. */
+static int without_both(void) {
+    struct sock_filter code[] = {
+        BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, nr)),
+        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SCENE__LANDLOCK_CREATE, 3, 0),
+        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_prctl, 0, 3),
+        BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, args)),
+        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, PR_SET_SECCOMP, 0, 1),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | ENOSYS),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW) };
+    struct sock_fprog program = { sizeof code / sizeof *code, code };
+    return prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) == 0 && prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program) == 0;
+}
+
+static void read_outside(scene_file *file, const char *path, scene__bytes *bytes) {
+    scene__bytes other;
+    (void)path; (void)bytes;
+    notes->reads_of_outside = scene__slurp(file, "/etc/passwd", &other) || errno != SCENE__REFUSED;
+}
+
+TEST(an_older_kernel_is_told_of) {
+    scene_file_options options;
+    int status = -1;
+    pid_t child;
+    if (SCENE__SANITIZED) SKIP("under sanitizers the reader is not confined");
+    fflush(NULL);
+    child = fork();
+    if (child == 0) {
+        scene_file *file;
+        memset(&options, 0, sizeof options);
+        options.log = listen_to;
+        options.seconds = 60;
+        if (!without_both()) _exit(77);
+        notes->reads_of_outside = -1;
+        file = load(read_outside, &options);
+        _exit(!file ? 1 : notes->reads_of_outside != 0 ? 2 : !strstr(told, "Landlock not to be had") ? 3 :
+              !strstr(told, "seccomp not to be had") ? 4 : 0);
+    }
+    waitpid(child, &status, 0);
+    if (WIFEXITED(status) && WEXITSTATUS(status) == 77) SKIP("no seccomp to take them away with");
+    CHECK(WIFEXITED(status) && WEXITSTATUS(status) == 0, "status %#x: 1 not read, 2 a file outside was, 3 no word of "
+        "Landlock,"
+          " 4 none of seccomp", status);
+}
+
+/* >>what it leaves */
+
+static int called;
+static void be_called(const float direction[3], float radiance[3], void *user) {
+    (void)direction; (void)user;
+    radiance[0] = radiance[1] = radiance[2] = 0;
+    called++;
+}
+static void draw_nothing(const sbl_draw_view *view, void *user) { (void)view; (void)user; called++; }
+
+static int lie;
+static float elsewhere[64];
+
+/* A scene in order, but for one thing that whoever has taken the reader over might like. */
+static void leave_a_lie(scene_file *file, const char *path, scene__bytes *bytes) {
+    sbl_mesh *m = (sbl_mesh *)scene__alloc(file, 1, sizeof *m);
+    sbl_texture *t = (sbl_texture *)scene__alloc(file, 1, sizeof *t);
+    const char **names = (const char **)scene__alloc(file, 1, sizeof *names);
+    char *name = (char *)scene__alloc(file, 8, 1);
+    (void)path; (void)bytes;
+    if (!m || !t || !names || !name) return;
+    m->positions.data = scene__alloc(file, 9, sizeof(float));
+    m->indices.data = scene__alloc(file, 3, sizeof(uint32_t));
+    m->indices.type = SBL_UINT32;
+    m->vertex_count = m->index_count = 3;
+    t->pixels = scene__alloc(file, 4, 4);
+    t->width = t->height = 2;
+    t->channels = 4;
+    names[0] = name;
+    file->names = names;
+    file->scene.meshes = m;
+    file->scene.textures = t;
+    file->scene.mesh_count = file->scene.texture_count = 1;
+    switch (lie) {
+        case 1: m->positions.data = elsewhere; break;
+        case 2: m->normals.data = elsewhere; break;
+        case 3: m->vertex_count = 1 << 20; break;
+        case 4: m->index_count = -3; break;
+        case 5: t->pixels = elsewhere; break;
+        case 6: t->width = 1 << 20; break;
+        case 7: file->scene.meshes = (const sbl_mesh *)(const void *)elsewhere; break;
+        case 8: file->scene.mesh_count = 1 << 20; break;
+        case 9: names[0] = (const char *)elsewhere; break;
+        case 10: memset(name, 'x', file->used - (size_t)(name - (char *)file)); break;
+        case 11: file->used = (size_t)1 << 50; break;
+        case 12: file->scene.environment.picture = *t; file->scene.environment.picture.pixels = elsewhere; break;
+        case 13: file->warning_count = -1; break;
+        case 14: file->scene.lights = (const sbl_light *)(const void *)elsewhere; file->scene.light_count = 1; break;
+        case 15: file->finished = 1; abort();
+        default: break;
+    }
+    if (lie) return;
+    m->positions.gl_buffer = m->indices.gl_buffer = t->gl_texture = 1;
+    m->positions.offset = m->indices.stride = t->stride = 1 << 30;
+    file->scene.environment.radiance = be_called;
+    file->scene.draw = draw_nothing;
+    memset(file->warnings, 'x', sizeof file->warnings);
+    memset(file->confined, 'x', sizeof file->confined);
+    file->capacity = (size_t)1 << 50;
+}
+
+TEST(lies_are_not_believed) {
+    scene_file_options options;
+    scene_file *file;
+    memset(&options, 0, sizeof options);
+    options.seconds = 60;
+    for (lie = 1; lie <= 15; lie++) {
+        file = load(leave_a_lie, &options);
+        CHECK(!file && strstr(error, "its reader broke down"), "lie %d: %s", lie, file ? "it was believed" : error);
+        scene_file_free(file);
+    }
+    lie = 0;
+    file = load(leave_a_lie, &options);
+    REQUIRE(file, "%s", error);
+    CHECK(!file->scene.draw && !file->scene.environment.radiance, "a function is to be called");
+    CHECK(!file->scene.meshes[0].positions.gl_buffer && !file->scene.meshes[0].indices.gl_buffer &&
+              !file->scene.textures[0].gl_texture, "buffers of GL are to be read");
+    CHECK(!file->scene.meshes[0].positions.offset && !file->scene.meshes[0].indices.stride &&
+              !file->scene.textures[0].stride, "it is to be read past the end");
+    CHECK(memchr(file->warnings[0], 0, sizeof file->warnings[0]) && memchr(file->confined, 0, sizeof file->confined),
+          "a text has no end");
+    CHECK(file->capacity >= file->used && file->capacity < 1 << 20, "%.0f bytes to be given back",
+          (double)file->capacity);
+    scene_file_free(file);
+}
+
+/* >>pictures */
+
+TEST(a_broken_picture_is_opened_once) {
+    char text[8192] = "";
+    int i, opened = 0, watch = inotify_init1(O_NONBLOCK);
+    char events[8192], *at;
+    ssize_t got;
+    scene_file *file;
+    FILE *out = fopen(in_folder("many.mtl"), "w");
+    for (i = 0; i < 50; i++) {
+        fprintf(out, "newmtl m%d\nmap_Kd broken.png\n%s", i, i % 3 ? "map_d broken.png\n" : "");
+        sprintf(text + strlen(text), "usemtl m%d\nf 1/1 2/1 3/1\n", i);
+    }
+    fclose(out);
+    out = fopen(in_folder("many.obj"), "w");
+    fprintf(out, "mtllib many.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\n%s", text);
+    fclose(out);
+    write_text("broken.png", "\x89PNG\r\n\x1a\nthis is none");
+    if (watch < 0 || inotify_add_watch(watch, in_folder("broken.png"), IN_OPEN | IN_CLOSE) < 0) SKIP("no inotify");
+    file = scene_file_load(in_folder("many.obj"), NULL, error, sizeof error);
+    REQUIRE(file, "%s", error);
+    CHECK(file->warning_count == 1 && strstr(file->warnings[0], "broken.png"), "%d warnings: %s", file->warning_count,
+        file->warnings[0]);
+    while ((got = read(watch, events, sizeof events)) > 0)
+        for (at = events; at < events + got;
+            at += sizeof(struct inotify_event) + ((struct inotify_event *)(void *)at)->len)
+            opened += (((struct inotify_event *)(void *)at)->mask & IN_OPEN) != 0;
+    close(watch);
+    CHECK(opened == 1, "50 materials opened it %d times", opened);
+    scene_file_free(file);
+}
+
+/* >>time */
+
+static void read_on(scene_file *file, const char *path,
+    scene__bytes *bytes) {  /* as a file that names itself for ever */
+    notes->child = getpid();
+    for (;;) {
+        scene__bytes again = { NULL, 0 };
+        (void)bytes;
+        if (!scene__slurp(file, path, &again)) return;
+        free(again.data);
+        poll(NULL, 0, 10);
+    }
+}
+static void wait_for_ever(scene_file *file, const char *path, scene__bytes *bytes) {
+    sigset_t all;
+    (void)file; (void)path; (void)bytes;
+    sigfillset(&all);
+    sigprocmask(SIG_SETMASK, &all, NULL);
+    notes->child = getpid();
+    for (;;) sleep(1000);
+}
+static void pretend_to_be_gone(scene_file *file, const char *path, scene__bytes *bytes) {
+    int i;
+    for (i = 3; i < 100; i++) close(i);
+    wait_for_ever(file, path, bytes);
+}
+static void compute_for_ever(scene_file *file, const char *path, scene__bytes *bytes) {
+    volatile unsigned n = 0;
+    (void)file; (void)path; (void)bytes;
+    notes->child = getpid();
+    for (;;) n++;
+}
+
+TEST(the_deadline_stands) {
+    static const struct { const char *name; scene__reading reading; } late[] = {
+        { "reading on and on", read_on }, { "deaf to signals", wait_for_ever }, { "seemingly gone",
+            pretend_to_be_gone },
+        { "computing", compute_for_ever } };
+    size_t i;
+    for (i = 0; i < sizeof late / sizeof *late; i++) {
+        scene_file *file = load(late[i].reading, NULL);
+        CHECK(!file && strstr(error, "room.obj: reading it takes longer than 0.5 s") && strstr(error, "--read-time"),
+            "%s: %s",
+              late[i].name, file ? "it was read" : error);
+        CHECK(notes->child > 0 && kill(notes->child, 0) != 0 && errno == ESRCH, "%s: the reader is still there",
+            late[i].name);
+        scene_file_free(file);
+    }
+}
+
+TEST(a_cancelled_reader_is_gone) {
+    static volatile sig_atomic_t cancel = 1;
+    scene_file_options options;
+    scene_file *file;
+    memset(&options, 0, sizeof options);
+    options.cancel = &cancel;
+    options.seconds = 1000;
+    strcpy(error, "old");
+    file = load(wait_for_ever, &options);
+    CHECK(!file && !error[0], "expected nothing, and no words: %s", error);
+    CHECK(notes->child == 0 || kill(notes->child, 0) != 0, "the reader is still there");
+    scene_file_free(file);
+}
+
+/* In a process of its own that waits for its reader, for longer than this test lives. */
+static pid_t load_elsewhere(scene__reading reading, double seconds) {
+    scene_file_options options;
+    pid_t host;
+    int i;
+    notes->child = 0;
+    fflush(NULL);
+    host = fork();
+    if (host == 0) {
+        memset(&options, 0, sizeof options);
+        options.seconds = seconds;
+        load(reading, &options);
+        _exit(0);
+    }
+    for (i = 0; i < 600 && !notes->child; i++) poll(NULL, 0, 100);
+    return host;
+}
+
+TEST(its_processor_time_is_limited) {
+    pid_t host;
+    if (SCENE__SANITIZED) SKIP("under sanitizers the reader is not confined");
+    host = load_elsewhere(compute_for_ever, 1);
+    kill(host, SIGSTOP);  /* nobody is left to keep the deadline */
+    CHECK(notes->child && goes(notes->child), "it computes for ever where its host is stopped");
+    if (notes->child && !is_gone(notes->child)) kill(notes->child, SIGKILL);
+    kill(host, SIGKILL);
+    waitpid(host, NULL, 0);
+}
+
+TEST(it_does_not_outlive_its_host) {
+    pid_t host = load_elsewhere(wait_for_ever, 1000), child = notes->child;
+    kill(host, SIGKILL);
+    waitpid(host, NULL, 0);
+    CHECK(child && goes(child), "the reader is still there");
+    if (child && !is_gone(child)) kill(child, SIGKILL);
+}
+
+TEST(a_host_that_is_gone_already) {
+    int status = -1;
+    pid_t child;
+    fflush(NULL);
+    child = fork();
+    if (child == 0) {
+        scene__die_with(getpid());  /* not its parent */
+        _exit(0);
+    }
+    waitpid(child, &status, 0);
+    CHECK(WIFEXITED(status) && WEXITSTATUS(status) == 1, "status %#x: it should end at once", status);
+}
+
+/* >>memory */
+
+enum { MEGABYTE = 1 << 20, LIMIT = 64 * MEGABYTE };
+
+static void take_all(scene_file *file, const char *path, scene__bytes *bytes) {
+    void *block;
+    (void)file; (void)path; (void)bytes;
+    for (notes->taken = 0; notes->taken < 8 * (size_t)LIMIT && (block = malloc(MEGABYTE)) != NULL;
+        notes->taken += MEGABYTE)
+        memset(block, 1, MEGABYTE);
+}
+static void share_all(scene_file *file, const char *path, scene__bytes *bytes) {
+    take_all(file, path, bytes);
+    notes->taken = 0;
+    while (scene__alloc(file, 1000, MEGABYTE / 1000)) notes->taken += MEGABYTE;
+}
+static void share_most(scene_file *file, const char *path, scene__bytes *bytes) {
+    size_t i;
+    (void)path; (void)bytes;
+    for (i = 0; i < LIMIT / MEGABYTE * 3 / 4; i++)
+        if (!scene__alloc(file, MEGABYTE, 1)) return;
+}
+static void take_the_rest(scene_file *file, const char *path, scene__bytes *bytes) {
+    share_most(file, path, bytes);
+    take_all(file, path, bytes);
+}
+
+TEST(memory_is_limited) {
+    scene_file_options options;
+    scene_file *file;
+    memset(&options, 0, sizeof options);
+    options.seconds = 60;
+    options.memory = LIMIT;
+    if (SCENE__SANITIZED) SKIP("under sanitizers the reader's own memory is not limited");
+    file = load(take_all, &options);
+    CHECK(file && notes->taken > LIMIT / 2 && notes->taken <= LIMIT, "of %d bytes it took %.0f: %s", LIMIT,
+        (double)notes->taken, error);
+    scene_file_free(file);
+    file = load(share_all, &options);
+    CHECK(!file && notes->taken < LIMIT / 2, "of %d bytes it took as many and shared %.0f more", LIMIT,
+        (double)notes->taken);
+    CHECK(strstr(error, "room.obj: it needs ") && strstr(error, "0.0625 GB") && strstr(error, "--memory"), "%s", error);
+    scene_file_free(file);
+    file = load(take_the_rest, &options);
+    CHECK(file && notes->taken > LIMIT / 8 && notes->taken <= LIMIT / 4, "of %d bytes it shared 3/4 and took %.0f: "
+        "%s", LIMIT,
+          (double)notes->taken, error);
+    scene_file_free(file);
+}
+
+TEST(shared_pages_are_limited) {
+    scene_file_options options;
+    scene_file *file;
+    memset(&options, 0, sizeof options);
+    options.seconds = 60;
+    options.memory = LIMIT;
+    file = load(share_most, &options);
+    REQUIRE(file, "%s", error);
+    CHECK(file->capacity < LIMIT && file->capacity >= LIMIT / 4 * 3, "%.0f bytes are kept of %d",
+        (double)file->capacity, LIMIT);
+    scene_file_free(file);
+}
+
+/* Control groups as files say they are. */
+TEST(control_groups_are_heeded) {
+    static const struct { const char *groups, *file, *text; double limit; } cases[] = {
+        { "0::/a/b\n", "/a/b/memory.max", "1000\n", 1000 },
+        { "0::/a/b\n", "/a/memory.max", "2000\n", 2000 },
+        { "0::/host/path\n", "/memory.max", "3000\n", 3000 },
+        { "0::/a/b\n", "/a/b/memory.max", "max\n", -1 },
+        { "0::/\n", "/memory.max", "4000\n", 4000 },
+        { "9:cpu:/a\n4:memory:/a/b\n0::/\n", "/memory/a/b/memory.limit_in_bytes", "5000\n", 5000 },
+        { "4:memory:/a/b\n", "/memory/memory.limit_in_bytes", "6000\n", 6000 },
+        { "9:cpu:/memory\n", "/memory/memory.limit_in_bytes", "7000\n", -1 },
+        { "", "/memory.max", "8000\n", -1 } };
+    static const char *const folders[] = { "groups", "groups/a", "groups/a/b", "groups/memory", "groups/memory/a",
+        "groups/memory/a/b" };
+    char name[128];
+    size_t i;
+    for (i = 0; i < sizeof folders / sizeof *folders; i++) mkdir(in_folder(folders[i]), 0777);
+    for (i = 0; i < sizeof cases / sizeof *cases; i++) {
+        size_t limit, expected = cases[i].limit < 0 ? SIZE_MAX : (size_t)cases[i].limit;
+        snprintf(name, sizeof name, "groups%s", cases[i].file);
+        write_text(name, cases[i].text);
+        write_text("cgroup", cases[i].groups);
+        limit = scene__group_limit(in_folder("cgroup"), in_folder("groups"));
+        CHECK(limit == expected, "%s in %s: %.0f, expected %.0f", cases[i].file, cases[i].groups, (double)limit,
+            cases[i].limit);
+        remove(in_folder(name));
+    }
+    CHECK(scene__group_limit(in_folder("absent"), in_folder("groups")) == SIZE_MAX,
+        "there is no limit where there are no groups");
+}
+
+TEST(ulimit_is_heeded) {
+    const size_t before = scene__memory_limit(0), mine = scene__memory_limit((size_t)1 << 30);
+    int status = -1;
+    pid_t child;
+    CHECK(before > 0 && before <= (size_t)sysconf(_SC_PHYS_PAGES) * (size_t)sysconf(_SC_PAGESIZE) / 2,
+        "%.0f by default", (double)before);
+    CHECK(mine == (size_t)1 << 30, "a wish became %.0f", (double)mine);
+    if (SCENE__SANITIZED) SKIP("sanitizers need much address space");
+    fflush(NULL);
+    child = fork();
+    if (child == 0) {
+        struct rlimit limit;
+        limit.rlim_cur = limit.rlim_max = (rlim_t)1 << 30;
+        setrlimit(RLIMIT_AS, &limit);
+        _exit(!(scene__memory_limit(0) <= (size_t)1 << 29 && scene__memory_limit((size_t)1 << 40) <= (size_t)1 << 29 &&
+                scene__memory_limit((size_t)1 << 20) == (size_t)1 << 20));
+    }
+    waitpid(child, &status, 0);
+    CHECK(status == 0, "it allows more than half of ulimit -v, or less than was asked for");
+}
+
+int main(void) {
+    const char *temporary = getenv("TMPDIR");
+    char command[128];
+    int failed;
+    alarm(300);  /* a parent that waits for ever is a failure */
+    snprintf(folder, sizeof folder, "%.40s/sbl_reader_XXXXXX", temporary && *temporary ? temporary : "/tmp");
+    notes = (struct notes *)mmap(NULL, sizeof *notes, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    if (!mkdtemp(folder) || notes == MAP_FAILED) { printf("no temporary folder %s\n0 passed, 1 failed, 0 skipped\n",
+        folder); return 1; }
+    RUN(it_sees_nothing_else);
+    RUN(an_older_kernel_is_told_of);
+    RUN(lies_are_not_believed);
+    RUN(a_broken_picture_is_opened_once);
+    RUN(the_deadline_stands);
+    RUN(a_cancelled_reader_is_gone);
+    RUN(its_processor_time_is_limited);
+    RUN(it_does_not_outlive_its_host);
+    RUN(a_host_that_is_gone_already);
+    RUN(memory_is_limited);
+    RUN(shared_pages_are_limited);
+    RUN(control_groups_are_heeded);
+    RUN(ulimit_is_heeded);
+    snprintf(command, sizeof command, "rm -rf %s", folder);
+    failed = system(command) != 0;
+    return test_report() || failed;
+}
