@@ -357,6 +357,7 @@ typedef enum sbl_log_level { SBL_LOG_ERROR, SBL_LOG_WARNING, SBL_LOG_INFO } sbl_
     X(SHADER_COMPILE, "a shader did not compile")                                     \
     X(SHADER_LINK, "a shader program did not link")                                   \
     X(FRAMEBUFFER, "a framebuffer is not complete")                                   \
+    X(DRAWS_WRONG, "the driver's picture of a known triangle is wrong")               \
     X(NOT_IMPLEMENTED, "this version cannot do that yet")                             \
     X(DEGENERATE_TRIANGLES, "triangles without area were left out")                   \
     X(NOTHING_VISIBLE, "the camera sees no surface")                                  \
@@ -953,6 +954,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    front ends     >>picture      the stages above, in steps
                   >>gather       any points
                   >>inspect      one sensor, shown
+                  >>trial        a known triangle, before all else
    the door       >>egl          a headless context
                   >>public       the functions declared above: thin
 
@@ -4547,7 +4549,9 @@ static const char *const sbl__glsl_traverse[] = {
 "    stack[0] = SBL_END;\n",
 "    int top = 0;\n",
 "    uint node = node_count == 0 ? SBL_END : 1u;\n",
-"    while (true) {\n",
+"    // Each turn is a leaf, or a way into or out of a grid. So many it takes at most; softpipe does not come out of\n",
+"    // this loop otherwise.\n",
+"    for (int turns = 4 * node_count + 4; turns > 0; turns--) {\n",
 "        while (node < SBL_LEAF) {  // down to a leaf, the nearer child first\n",
 "            uvec4 first = sbl_node_child_0(int(node)), second = sbl_node_child_1(int(node));\n",
 "            int nearest = floatBitsToInt(hit.distance);\n",
@@ -9771,6 +9775,122 @@ static void sbl__inspect_tell(const sbl__looking *k, sbl_sensor *out) {
     out->lamp_count = k->found->lamp_count;
 }
 
+/* ======================================================================================================== >>trial
+   Some drivers take every call and draw nothing, or something else. So each context begins with a triangle whose place
+   is known: the camera's G-buffer must show it, and a sensor's rays must meet it. */
+
+#define SBL__TRIAL_SIZE 8   /* pixels a side */
+#define SBL__TRIAL_RAYS 16
+
+/* Both sides of a white triangle at z = 0 around the origin; the camera stands at z = 2. */
+static sbl_result sbl__trial_scene(sbl__core *c) {
+    static const float corners[9] = { -4, -4, 0, 4, -4, 0, 0, 4, 0 };
+    sbl_material material;
+    sbl_scene_desc desc;
+    sbl_mesh mesh;
+    memset(&material, 0, sizeof material);
+    memset(&desc, 0, sizeof desc);
+    memset(&mesh, 0, sizeof mesh);
+    material.albedo[0] = material.albedo[1] = material.albedo[2] = 1;
+    mesh.positions.data = corners;
+    mesh.vertex_count = 3;
+    desc.meshes = &mesh;
+    desc.materials = &material;
+    desc.mesh_count = desc.material_count = 1;
+    return sbl__scene_make(&c->device, &c->scene, &desc);
+}
+
+/* shown: does the pixel in the middle show the triangle, and that in an upper corner nothing? */
+static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gbuffer *gbuffer, int *shown) {
+    const float *middle, *corner;
+    float pixels[SBL__TRIAL_SIZE * SBL__TRIAL_SIZE][4];
+    sbl__camera camera;
+    sbl__slice slice;
+    sbl__surface_job job;
+    sbl_picture_desc view;
+    sbl_result result = sbl__surface_make(&c->device, surface, SBL__TRIAL_SIZE, SBL__TRIAL_SIZE);
+    if (result == SBL_SUCCESS)
+        result = sbl__gbuffer_make(&c->device, gbuffer, SBL__TRIAL_SIZE, SBL__TRIAL_SIZE, &surface->depth);
+    if (result != SBL_SUCCESS) return result;
+    memset(&view, 0, sizeof view);
+    memset(&slice, 0, sizeof slice);
+    memset(&job, 0, sizeof job);
+    slice.end = DBL_MAX;
+    slice.longest = c->desc.longest_submission;
+    sbl_look_at(view.world_to_view, 0, 0, 2, 0, 0, 0, 0, 1, 0);
+    sbl_perspective(view.view_to_clip, 120, 1);
+    sbl__camera_make(&camera, &view, &c->scene.geometry);
+    job.scene = &c->scene;
+    job.camera = &camera;
+    job.gbuffer = gbuffer;
+    sbl__surface_begin(surface);
+    do result = sbl__surface_step(&c->device, surface, &job, &slice); while (result == SBL_UNFINISHED);
+    if (result == SBL_SUCCESS)
+        result = sbl__target_read(&c->device, &gbuffer->target, SBL__GBUFFER_POSITION, 0, SBL__TRIAL_SIZE, pixels);
+    middle = pixels[SBL__TRIAL_SIZE * SBL__TRIAL_SIZE / 2 + SBL__TRIAL_SIZE / 2];
+    corner = pixels[SBL__TRIAL_SIZE - 1];
+    *shown = result == SBL_SUCCESS && fabs((double)middle[0] - 0.433) < 1e-2 &&
+             fabs((double)middle[1] + 0.433) < 1e-2 && fabs((double)middle[2]) < 1e-3 && middle[3] > 0 &&
+             corner[3] == 0;
+    return result;
+}
+
+/* met: do a sensor's rays, from a unit away, bring the triangle's colour? */
+static sbl_result sbl__trial_rays(sbl__core *c, int *met) {
+    sbl_gather_desc desc;
+    sbl__gathering gathering;
+    sbl_reading reading;
+    sbl__slice slice;
+    sbl_result result;
+    sbl_site site;
+    memset(&desc, 0, sizeof desc);
+    memset(&site, 0, sizeof site);
+    memset(&slice, 0, sizeof slice);
+    memset(&reading, 0, sizeof reading);
+    memset(&gathering, 0, sizeof gathering);
+    site.position[2] = 1;
+    site.normal[2] = -1;
+    desc.sites = &site;
+    desc.readings = &reading;
+    desc.site_count = 1;
+    desc.backend = SBL_BACKEND_TRACE;
+    desc.epsilon = 0.5f;
+    desc.rays = SBL__TRIAL_RAYS;
+    desc = sbl_gather_desc_defaults(&desc);
+    slice.end = DBL_MAX;
+    slice.longest = c->desc.longest_submission;
+    sbl__gathering_begin(&gathering, &desc, 1);
+    do result = sbl__gathering_step(c, &gathering, &slice); while (result == SBL_UNFINISHED);
+    sbl__gathering_free(&c->base, &gathering);
+    *met = result == SBL_SUCCESS && reading.hit_share > 0.5f && reading.hit_min > 0.99f && reading.hit_min < 1.5f &&
+           fabs((double)reading.radiance[1] - 0.5 * (double)reading.hit_share) < 1e-3;
+    return result;
+}
+
+static sbl_result sbl__trial(sbl__core *c) {
+    sbl__surface surface;
+    sbl__gbuffer gbuffer;
+    int shown = 0, met = 0;
+    sbl_result result = sbl__trial_scene(c);
+    memset(&surface, 0, sizeof surface);
+    memset(&gbuffer, 0, sizeof gbuffer);
+    if (result == SBL_SUCCESS) result = sbl__trial_camera(c, &surface, &gbuffer, &shown);
+    if (result == SBL_SUCCESS) result = sbl__trial_rays(c, &met);
+    if (result == SBL_SUCCESS && !(shown && met)) {
+        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_DRAWS_WRONG, "the driver \"%s\" (%s) %s; use another one, or "
+                 "another version of it", c->device.gl.capabilities.renderer, c->device.gl.capabilities.version,
+                 shown ? "traces a known ray to a wrong place" : "does not draw a known triangle where it stands");
+        result = SBL_ERROR_GL;
+    }
+    sbl__gbuffer_free(&c->device, &gbuffer);
+    sbl__surface_free(&c->device, &surface);
+    sbl__job_free(&c->device, &c->job);
+    sbl__scene_free(&c->device, &c->scene);
+    memset(&c->scene, 0, sizeof c->scene);
+    memset(&c->stats, 0, sizeof c->stats);
+    return result;
+}
+
 /* ======================================================================================================== >>egl
    The headless GL context that the library makes for itself, and whose context is current. */
 
@@ -10075,6 +10195,7 @@ static sbl_result sbl__context_start(sbl__core *core) {
     result = sbl__device_start(&core->device);
     for (i = 0; i < SBL__COUNT(programs) && core->desc.compile_ahead && result == SBL_SUCCESS; i++)
         result = sbl__program_need(&core->device, programs[i].recipe, programs[i].features);
+    if (result == SBL_SUCCESS) result = sbl__trial(core);
     sbl__guard_restore(&core->device.gl, &guard);
     sbl__gl_clear_errors(&core->device.gl);
     if (result == SBL_SUCCESS && core->desc.compile_ahead)

@@ -94,7 +94,9 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float li
     stack[0] = SBL_END;
     int top = 0;
     uint node = node_count == 0 ? SBL_END : 1u;
-    while (true) {
+    // Each turn is a leaf, or a way into or out of a grid. So many it takes at most; softpipe does not come out of
+    // this loop otherwise.
+    for (int turns = 4 * node_count + 4; turns > 0; turns--) {
         while (node < SBL_LEAF) {  // down to a leaf, the nearer child first
             uvec4 first = sbl_node_child_0(int(node)), second = sbl_node_child_1(int(node));
             int nearest = floatBitsToInt(hit.distance);

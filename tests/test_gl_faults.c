@@ -472,6 +472,38 @@ TEST(create_with_answers_that_are_no_functions) {
     }
 }
 
+/* A driver that takes a call and does nothing. */
+static const char *idle_function;
+static void idle_draw(GLenum mode, GLint first, GLsizei count) { (void)mode; (void)first; (void)count; }
+static void idle_dispatch(GLuint x, GLuint y, GLuint z) { (void)x; (void)y; (void)z; }
+
+static sbl_gl_function idle_proc(const char *name, void *user) {
+    if (strcmp(name, idle_function)) return fake_proc(name, user);
+    return strcmp(name, "glDrawArrays") ? (sbl_gl_function)idle_dispatch : (sbl_gl_function)idle_draw;
+}
+
+TEST(create_with_a_driver_that_draws_nothing) {
+    static const struct { const char *function, *words; uint32_t disabled; } ways[] = {
+        { "glDrawArrays", "does not draw a known triangle", 0 }, { "glDrawArrays", "does not draw a known triangle", SBL_CAPABILITY_ALL },
+        { "glDispatchCompute", "traces a known ray", 0 } };
+    sbl_context_desc desc = faulty_desc();
+    sbl_context *context;
+    int i, blocks = seen.blocks;
+    fake_disarm();
+    desc.get_gl_function = idle_proc;
+    for (i = 0; i < 3; i++) {
+        sbl_result result;
+        idle_function = ways[i].function;
+        desc.disabled = ways[i].disabled;
+        watch_forget(&seen);
+        result = sbl_create(&desc, &context);
+        if (i == 2 && result == SBL_SUCCESS && !(sbl_query_capabilities(context).available & SBL_CAPABILITY_COMPUTE)) { sbl_destroy(context); continue; }
+        CHECK(result == SBL_ERROR_GL && strstr(watch_last(&seen), ways[i].words) && strstr(watch_last(&seen), (const char *)gl.GetString(GL_RENDERER)),
+              "without %s: \"%s\", \"%s\"", ways[i].function, sbl_result_string(result), watch_last(&seen));
+    }
+    CHECK(seen.blocks == blocks && fake_live() == 0, "%d blocks and %d GL objects leaked", seen.blocks - blocks, fake_live());
+}
+
 TEST(create_old_gl) {
     static const struct { const char *version; int major, minor; } old[] = { { "2.1 Mesa", 2, 1 }, { "3.2 (Core Profile)", 3, 2 }, { "OpenGL ES 3.2 Mesa", 3, 2 }, { "OpenGL ES 4.6", 4, 6 } };
     sbl_context_desc desc = faulty_desc();
@@ -545,6 +577,7 @@ int main(void) {
     RUN(create_shaders);
     RUN(create_without_any_function);
     RUN(create_with_answers_that_are_no_functions);
+    RUN(create_with_a_driver_that_draws_nothing);
     RUN(create_old_gl);
     RUN(context_lost);
     RUN(allocations);

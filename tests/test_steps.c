@@ -128,7 +128,7 @@ TEST(programs_compile_when_used_or_ahead) {
     context = watch_context(&seen, &desc, &cornell);
     if (!context) return;
     before = sbl_query_capabilities(context);
-    CHECK(before.programs <= 1, "%d programs are compiled before they are used", before.programs);
+    CHECK(before.programs <= 4, "%d programs are compiled before they are used", before.programs);  /* those of >>trial */
     REQUIRE(sbl_begin(context, &view) == SBL_SUCCESS, "cannot begin");
     while (result == SBL_UNFINISHED && steps++ < 1000000) {
         programs = sbl_query_capabilities(context).programs;

@@ -1,0 +1,112 @@
+/* The same small pictures from other drivers, in processes of their own: Mesa's softpipe, which interprets shaders and has GL 3.3 only, and zink, which gives
+   them to Vulkan (lavapipe here). They must agree with llvmpipe's, which the other tests hold to references. */
+#define _DEFAULT_SOURCE
+#define SBL_IMPLEMENTATION
+#define SBL_EGL
+#include "../sbl.h"
+#include "test.h"
+#include "scenes.h"
+#include "gl_watch.h"
+#include "gl_scene.h"
+#include <sys/wait.h>
+#include <unistd.h>
+
+enum { PICTURES = 3 };
+
+static const char *program;
+
+/* A child: renders with the driver that the environment names, and writes its name and the pictures. */
+static int child(const char *path) {
+    static const struct { sbl_mode mode; sbl_backend backend; } ways[PICTURES] = {
+        { SBL_MODE_AMBIENT, SBL_BACKEND_TRACE }, { SBL_MODE_AMBIENT, SBL_BACKEND_RASTER }, { SBL_MODE_PAPER, SBL_BACKEND_RASTER } };
+    static small_picture picture;
+    sbl_context *context;
+    sbl_capabilities about;
+    sbl_scene_desc desc;
+    sbl_context_desc small_atlas;
+    test_scene s;
+    FILE *file = fopen(path, "wb");
+    int i, good = file != NULL;
+    small_scene(&s);
+    desc = scene_desc(&s);
+    memset(&small_atlas, 0, sizeof small_atlas);
+    small_atlas.atlas_size = 256;
+    if (!good || sbl_create(&small_atlas, &context) != SBL_SUCCESS) return 1;
+    about = sbl_query_capabilities(context);
+    good = fwrite(about.renderer, sizeof about.renderer, 1, file) == 1 && sbl_set_scene(context, &desc) == SBL_SUCCESS;
+    for (i = 0; i < PICTURES && good; i++) {
+        sbl_picture_desc view;
+        small_backend = ways[i].backend;
+        view = small_view();
+        view.mode = ways[i].mode;
+        view.rays = 8;
+        good = small_render(context, &view, &picture) == SBL_SUCCESS && fwrite(&picture, sizeof picture, 1, file) == 1;
+    }
+    sbl_destroy(context);
+    scene_free(&s);
+    return fclose(file) == 0 && good ? 0 : 1;
+}
+
+/* Runs the child; 0: it could not, or another driver came up. */
+static int pictures_of(const char *driver, char renderer[128], small_picture out[PICTURES]) {
+    char path[] = "/tmp/sbl_drivers_XXXXXX";
+    const int handle = mkstemp(path);
+    int status = -1, good = 0;
+    pid_t pid;
+    FILE *file;
+    if (handle < 0) return 0;
+    close(handle);
+    fflush(stdout);
+    pid = fork();
+    if (pid == 0) {
+        setenv("LIBGL_ALWAYS_SOFTWARE", "1", 1);
+        setenv("GALLIUM_DRIVER", driver, 1);
+        setenv("ASAN_OPTIONS", "detect_leaks=0", 1);  /* the driver's own, which no suppression names */
+        execl(program, program, path, (char *)NULL);
+        _exit(1);
+    }
+    if (pid > 0 && waitpid(pid, &status, 0) == pid && status == 0) {
+        file = fopen(path, "rb");
+        good = file && fread(renderer, 128, 1, file) == 1 && fread(out, sizeof *out, PICTURES, file) == PICTURES && strstr(renderer, driver) != NULL;
+        if (file) fclose(file);
+    } else snprintf(renderer, 128, "status 0x%x", (unsigned)status);
+    unlink(path);
+    return good;
+}
+
+/* Root mean square difference of R, relative to its mean. */
+static double difference(const small_picture *a, const small_picture *b) {
+    const float *x = a->values + 3 * SMALL_PIXELS * SBL_CHANNEL_RADIANCE, *y = b->values + 3 * SMALL_PIXELS * SBL_CHANNEL_RADIANCE;
+    double squares = 0, sum = 0;
+    int i;
+    for (i = 0; i < 3 * SMALL_PIXELS; i++) {
+        squares += ((double)x[i] - y[i]) * ((double)x[i] - y[i]);
+        sum += y[i];
+    }
+    return sqrt(squares * 3 * SMALL_PIXELS) / sum;
+}
+
+/* most: as small as these pictures are, a texel or a ray that falls on the other side of an edge is one of a few. */
+static void agrees(const char *driver, double most) {
+    static small_picture truth[PICTURES], other[PICTURES];
+    char renderer[128] = "";
+    int i;
+    if (!pictures_of("llvmpipe", renderer, truth)) SKIP("llvmpipe is not there (%s)", renderer);
+    if (!pictures_of(driver, renderer, other)) SKIP("it is not there (%s)", renderer);
+    for (i = 0; i < PICTURES; i++) {
+        const double error = difference(&other[i], &truth[i]);
+        printf("  picture %d: %.4f %%\n", i, 100 * error);
+        CHECK(small_plausible(&truth[i]) && small_plausible(&other[i]) && error < most, "picture %d of %s: off by %.3f %%", i, renderer, 100 * error);
+    }
+}
+
+TEST(softpipe) { agrees("softpipe", 0.03); }
+TEST(zink) { agrees("zink", 1e-3); }
+
+int main(int argc, char **argv) {
+    program = argv[0];
+    if (argc == 2) return child(argv[1]);
+    RUN(softpipe);
+    RUN(zink);
+    return test_report();
+}
