@@ -305,14 +305,13 @@
 #define SBL_VERSION_MINOR 1
 #define SBL_VERSION_PATCH 0
 
-/* SBL_STATIC makes every function private to the one file that holds the implementation. */
+/* SBL_STATIC makes every function private to the one file that holds the implementation. SBL_API may be set to what
+   stands before each function instead, such as __declspec(dllexport). */
 #ifndef SBL_API
   #if defined(SBL_STATIC) && defined(__GNUC__)
     #define SBL_API static __attribute__((unused))
   #elif defined(SBL_STATIC)
     #define SBL_API static
-  #elif defined(__cplusplus)
-    #define SBL_API extern "C"
   #else
     #define SBL_API extern
   #endif
@@ -818,6 +817,10 @@ typedef struct sbl_sensor {
     int ray_count, lamp_count;
 } sbl_sensor;
 
+#if defined(__cplusplus) && !defined(SBL_STATIC)
+extern "C" {
+#endif
+
 /* >>functions */
 
 /* Makes a context. desc: NULL or zeroes mean defaults. out: receives the context, NULL on failure.
@@ -920,6 +923,10 @@ SBL_API sbl_memory sbl_query_memory(const sbl_context *context);
 SBL_API const char *sbl_version(void);
 SBL_API const char *sbl_result_string(sbl_result result);
 SBL_API const char *sbl_log_item_string(sbl_log_item item);
+
+#if defined(__cplusplus) && !defined(SBL_STATIC)
+}
+#endif
 
 #endif /* SBL_INCLUDED */
 
@@ -5283,10 +5290,12 @@ static const char *const sbl__glsl_scene[] = {
 "    int index = at.y * size.x + at.x;\n",
 "    if ((place.w & SBL_TEXTURE_KIND) == SBL_TEXTURE_SRGB) {\n",
 "        int width = textureSize(sbl_texels_srgb, 0).x;\n",
-"        return texelFetch(sbl_texels_srgb, ivec2(index % width, int(place.x) + index / width), 0);\n",
+"        ivec2 texel = ivec2(uint(index) % uint(width), place.x + uint(index) / uint(width));\n",
+"        return texelFetch(sbl_texels_srgb, texel, 0);\n",
 "    }\n",
 "    int width = textureSize(sbl_texels_float, 0).x;\n",
-"    return texelFetch(sbl_texels_float, ivec2(index % width, int(place.x) + index / width), 0);\n",
+"    ivec2 texel = ivec2(uint(index) % uint(width), place.x + uint(index) / uint(width));\n",
+"    return texelFetch(sbl_texels_float, texel, 0);\n",
 "}\n",
 "\n",
 "// A texture's place in its store is first row, width, height, kind. Bilinear, decoded before it is filtered; (0,\n",
@@ -6877,17 +6886,20 @@ static const char *const sbl__glsl_lamps[] = {
 "    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // the points of light come first\n",
 "        // each part has a stretch of the sequence, and each eighth of it covers a lamp, and the lamps, evenly\n",
 "        int eighth = SBL_LAMP_PASSES * part, eighths = SBL_LAMP_PASSES * parts;\n",
-"        int from = (eighth + pass * SBL_LAMP_PASSES / passes) * rays / eighths;\n",
-"        int to = total > 0.0 ? (eighth + (pass + 1) * SBL_LAMP_PASSES / passes) * rays / eighths : from;\n",
+"        // (unsigned: on some software renderers idle lanes divide what they hold, and INT_MIN / -1 traps)\n",
+"        int stretch = int(uint(SBL_LAMP_PASSES) / uint(passes));\n",
+"        int from = int(uint((eighth + pass * stretch) * rays) / uint(eighths));\n",
+"        int to = total > 0.0 ? int(uint((eighth + (pass + 1) * stretch) * rays) / uint(eighths)) : from;\n",
 "        bool point = pass < 0;\n",
 "        int start = point ? part : pass == 0 ? from - probes : from, end = point ? certain : to;\n",
 "        for (int k = start; k < end; k += point ? parts : 1) {\n",
 "            bool probe = pass == 0 && k < from;\n",
-"            int rim = probe ? (from - 1 - k) % rims : -1, entry = entries[point ? SBL_LAMPS - 1 - k : 0];\n",
+"            uint probed = uint(from - 1 - k);\n",
+"            int rim = probe ? int(probed % uint(rims)) : -1, entry = entries[point ? SBL_LAMPS - 1 - k : 0];\n",
 "            uvec2 fraction = texelFetch(sbl_sequence, skip + max(k, 0)).xy ^ scramble;\n",
 "            vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0;\n",
 "            sbl_Pick p = sbl_Pick(0, point ? 1.0 / float(parts) : 1.0, u, false);\n",
-"            if (probe) entry = entries[(from - 1 - k) / rims];\n",
+"            if (probe) entry = entries[probed / uint(rims)];\n",
 "            else if (!point) entry = sbl_pick_entry(p);\n",
 "            if (probe && entry < 0) continue;\n",
 "            p.leaf = entry;\n",

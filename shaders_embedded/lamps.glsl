@@ -567,17 +567,20 @@ void main() {
     for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // the points of light come first
         // each part has a stretch of the sequence, and each eighth of it covers a lamp, and the lamps, evenly
         int eighth = SBL_LAMP_PASSES * part, eighths = SBL_LAMP_PASSES * parts;
-        int from = (eighth + pass * SBL_LAMP_PASSES / passes) * rays / eighths;
-        int to = total > 0.0 ? (eighth + (pass + 1) * SBL_LAMP_PASSES / passes) * rays / eighths : from;
+        // (unsigned: on some software renderers idle lanes divide what they hold, and INT_MIN / -1 traps)
+        int stretch = int(uint(SBL_LAMP_PASSES) / uint(passes));
+        int from = int(uint((eighth + pass * stretch) * rays) / uint(eighths));
+        int to = total > 0.0 ? int(uint((eighth + (pass + 1) * stretch) * rays) / uint(eighths)) : from;
         bool point = pass < 0;
         int start = point ? part : pass == 0 ? from - probes : from, end = point ? certain : to;
         for (int k = start; k < end; k += point ? parts : 1) {
             bool probe = pass == 0 && k < from;
-            int rim = probe ? (from - 1 - k) % rims : -1, entry = entries[point ? SBL_LAMPS - 1 - k : 0];
+            uint probed = uint(from - 1 - k);
+            int rim = probe ? int(probed % uint(rims)) : -1, entry = entries[point ? SBL_LAMPS - 1 - k : 0];
             uvec2 fraction = texelFetch(sbl_sequence, skip + max(k, 0)).xy ^ scramble;
             vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0;
             sbl_Pick p = sbl_Pick(0, point ? 1.0 / float(parts) : 1.0, u, false);
-            if (probe) entry = entries[(from - 1 - k) / rims];
+            if (probe) entry = entries[probed / uint(rims)];
             else if (!point) entry = sbl_pick_entry(p);
             if (probe && entry < 0) continue;
             p.leaf = entry;

@@ -22,10 +22,12 @@ vec4 sbl_texel(uvec4 place, ivec2 at) {
     int index = at.y * size.x + at.x;
     if ((place.w & SBL_TEXTURE_KIND) == SBL_TEXTURE_SRGB) {
         int width = textureSize(sbl_texels_srgb, 0).x;
-        return texelFetch(sbl_texels_srgb, ivec2(index % width, int(place.x) + index / width), 0);
+        ivec2 texel = ivec2(uint(index) % uint(width), place.x + uint(index) / uint(width));
+        return texelFetch(sbl_texels_srgb, texel, 0);
     }
     int width = textureSize(sbl_texels_float, 0).x;
-    return texelFetch(sbl_texels_float, ivec2(index % width, int(place.x) + index / width), 0);
+    ivec2 texel = ivec2(uint(index) % uint(width), place.x + uint(index) / uint(width));
+    return texelFetch(sbl_texels_float, texel, 0);
 }
 
 // A texture's place in its store is first row, width, height, kind. Bilinear, decoded before it is filtered; (0,

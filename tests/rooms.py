@@ -22,7 +22,7 @@ def functions(lines):
             start = number
         if start is None:
             continue
-        if line.rstrip().endswith(';') and number == start and '{' not in line:
+        if line.rstrip().endswith(';') and '{' not in ''.join(lines[start - 1:number]):
             start = None
             continue
         if line.startswith('}') or (number == start and re.search(r'\}\s*$', line)):

@@ -68,6 +68,12 @@ program() {
 check c_implementation_c_and_cpp_callers program mixed gcc g++ c
 check cpp_implementation_c_and_cpp_callers program mixed_cpp gcc g++ c++
 
+# >>the other byte order
+
+big_endian() { s390x-linux-gnu-gcc -std=c99 $warnings -static -I . tests/header/big_endian.c -lm -o "$folder/big_endian" && qemu-s390x "$folder/big_endian"; }
+if command -v s390x-linux-gnu-gcc > /dev/null && command -v qemu-s390x > /dev/null; then check big_endian big_endian
+else skip big_endian "no s390x-linux-gnu-gcc (gcc-s390x-linux-gnu, libc6-dev-s390x-cross) or no qemu-s390x (qemu-user)"; fi
+
 # >>what it lets out
 
 # object FLAGS...: the implementation as an object, its symbols in $folder/symbols
@@ -87,6 +93,7 @@ no_stdio() {
 }
 check exports_nothing_but_sbl_functions exports_only
 check exports_nothing_but_sbl_functions_from_cpp exports_only -x c++
+check a_given_api_keeps_c_names exports_only -x c++ '-DSBL_API=__attribute__((visibility("default")))'
 check static_exports_nothing exports_nothing
 check no_mutable_globals no_globals
 check no_stdio_writes_nowhere no_stdio
@@ -224,6 +231,7 @@ quick_start_runs() {
     sed 's|^    return 0;$|    for (i = 0; i < 64 * 64 * 3; i++) if (picture[i] > 0) return 0;\n    return 2;|' "$folder/quick.c" > "$folder/quick_look.c"
     cmp -s "$folder/quick.c" "$folder/quick_look.c" && { echo "where does the quick start return 0?"; return 1; }
     gcc -std=c99 $warnings -I . "$folder/quick.c" -lEGL -lm -o "$folder/quick" &&
+    g++ -x c++ -std=c++11 $warnings -Wno-missing-field-initializers -I . -c "$folder/quick.c" -o "$folder/quick.o" &&
     gcc -std=c99 $warnings -I . "$folder/quick_look.c" -lEGL -lm -o "$folder/quick" && "$folder/quick"
 }
 check quick_start_compiles_and_draws quick_start_runs
@@ -244,7 +252,8 @@ snippet_compiles() {
         code=$code.wrapped.c
     fi
     if grep -q '^int main' "$code"; then
-        gcc -std=c99 $warnings -I . "$code" -lEGL -lm -o "$code.program" && (cd "$folder" && "$code.program")
+        gcc -std=c99 $warnings -I . "$code" -lEGL -lm -o "$code.program" && (cd "$folder" && "$code.program") &&
+        g++ -x c++ -std=c++11 $warnings -Wno-missing-field-initializers -I . -c "$code" -o "$code.o"
     else
         gcc -std=c99 $warnings -Wno-unused -I . -c "$code" -o "$code.o"
     fi || { cat "$code"; return 1; }
