@@ -360,6 +360,8 @@ typedef enum sbl_log_level { SBL_LOG_ERROR, SBL_LOG_WARNING, SBL_LOG_INFO } sbl_
     X(NOT_IMPLEMENTED, "this version cannot do that yet")                             \
     X(DEGENERATE_TRIANGLES, "triangles without area were left out")                   \
     X(NOTHING_VISIBLE, "the camera sees no surface")                                  \
+    X(NO_LIGHT, "nothing in the scene shines")                                        \
+    X(SCALE, "the scene is too small, too large or too far off for exact light")      \
     X(INFO, "information")
 
 #define SBL__X(name, text) SBL_LOG_ITEM_##name,
@@ -5138,6 +5140,11 @@ typedef struct sbl__scene {
     uint32_t version;           /* another one whenever anything in it changes */
 } sbl__scene;
 
+#define SBL__RADIANCE_MOST 1e37f
+#define SBL__ACROSS_LEAST 5e-10  /* measured: light is right to rounding in scenes between these, */
+#define SBL__ACROSS_MOST 6e9
+#define SBL__AWAY_MOST 4e3       /* and so many of their sizes away from the origin */
+
 static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
     sbl__hierarchy_free(d, &s->hierarchy);
     sbl__lights_free(d, &s->lights);
@@ -5194,6 +5201,38 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     return SBL_SUCCESS;
 }
 
+/* Sums of what shines stay finite. */
+static sbl_result sbl__scene_check_radiance(const sbl__base *base, const sbl__scene *s) {
+    if (sbl__between(&s->brightest, 0, SBL__RADIANCE_MOST)) return SBL_SUCCESS;
+    sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MATERIAL, "the brightest emission (times its texture), sky or "
+             "drawn radiance is %g; it must be at most %g", (double)s->brightest, (double)SBL__RADIANCE_MOST);
+    return SBL_ERROR_INVALID_ARGUMENT;
+}
+
+/* What is no mistake, and yet hardly what the host wants. */
+static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
+    const sbl__geometry *g = &s->geometry;
+    double away = 0, across = 0, shining = s->brightest;
+    int i;
+    if (!g->triangle_count) return;
+    for (i = 0; i < 3; i++) {
+        const double low = g->bounds[0][i], high = g->bounds[1][i];
+        across += (high - low) * (high - low);
+        away = SBL__MAX(away, SBL__MAX(fabs(low), fabs(high)));
+    }
+    across = sqrt(across);
+    for (i = 0; i < s->lights.count; i++) shining = SBL__MAX(shining, (double)sbl__max3(s->lights.list[i].intensity));
+    if (!(shining > 0))
+        sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_NO_LIGHT, "nothing in the scene shines; give it a sky, an "
+                 "environment, lights or a material with emission");
+    if (across < SBL__ACROSS_LEAST || across > SBL__ACROSS_MOST)
+        sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across; light is right from %g to %g: "
+                 "scale it", across, SBL__ACROSS_LEAST, SBL__ACROSS_MOST);
+    if (away > SBL__AWAY_MOST * across)
+        sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_SCALE, "the scene is %g across and reaches %g away from the "
+                 "origin, where floats are too coarse for it: move it to the origin", across, away);
+}
+
 /* Copies what desc describes; hierarchy and lamps follow with the first picture. */
 static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene_desc *desc) {
     sbl_result result = sbl__check_scene(d, desc);
@@ -5214,6 +5253,7 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
         sbl__geometry_measure(&s->geometry, s->draw ? desc->draw_bounds : NULL);
         result = sbl__lights_make(d->base, &s->lights, desc, s->brightest, s->geometry.extent);
     }
+    if (result == SBL_SUCCESS) result = sbl__scene_check_radiance(d->base, s);
     if (result == SBL_SUCCESS) result = sbl__scene_fit(d, s);
     d->gl.doing = "storing meshes";
     if (result == SBL_SUCCESS) result = sbl__geometry_upload(d, &s->geometry);
@@ -5375,7 +5415,9 @@ static const char *const sbl__glsl_surface[] = {
 "\n",
 "    sbl_Surface s;\n",
 "    s.position = p0 + (b1 * e1 + b2 * e2);\n",
-"    vec3 across = cross(s1, s2), face = normalize(across), s3 = s2 - s1;\n",
+"    vec3 across = cross(s1, s2), s3 = s2 - s1;\n",
+"    float widest = max(max(abs(across.x), abs(across.y)), abs(across.z));\n",
+"    vec3 face = normalize(widest > 1e-15 ? across : widest > 0.0 ? across / widest : -direction);  // no underflow\n",
 "    float longest = sqrt(max(dot(s1, s1), max(dot(s2, s2), dot(s3, s3))));\n",
 "    s.facet = size * length(across) / longest;\n",
 "    s.reach = length(p0) + 2.0 * size * longest;\n",
@@ -10287,6 +10329,7 @@ SBL_API sbl_result sbl_set_scene(sbl_context *c, const sbl_scene_desc *desc) {
     sbl__visit_enter(c, &visit);
     result = sbl__scene_make(&c->core.device, &scene, desc);
     if (result == SBL_SUCCESS) {
+        sbl__scene_warn(&c->core.base, &scene);
         sbl__abandon(c);
         scene.version = c->core.scene.version + 1;
         sbl__scene_free(&c->core.device, &c->core.scene);

@@ -55,7 +55,9 @@ sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {
 
     sbl_Surface s;
     s.position = p0 + (b1 * e1 + b2 * e2);
-    vec3 across = cross(s1, s2), face = normalize(across), s3 = s2 - s1;
+    vec3 across = cross(s1, s2), s3 = s2 - s1;
+    float widest = max(max(abs(across.x), abs(across.y)), abs(across.z));
+    vec3 face = normalize(widest > 1e-15 ? across : widest > 0.0 ? across / widest : -direction);  // no underflow
     float longest = sqrt(max(dot(s1, s1), max(dot(s2, s2), dot(s3, s3))));
     s.facet = size * length(across) / longest;
     s.reach = length(p0) + 2.0 * size * longest;
