@@ -3219,7 +3219,7 @@ static sbl_result sbl__stream_read(const sbl__device *d, const sbl__stream_use *
     const sbl_stream *s = use->stream;
     const size_t stride = sbl__stream_stride(s, use->components), element = sbl__stream_element(s, use->components);
     const size_t bytes = use->count ? stride * ((size_t)use->count - 1) + element : 0;
-    const unsigned char *from = (const unsigned char *)s->data + s->offset;
+    const unsigned char *from = s->data && bytes ? (const unsigned char *)s->data + s->offset : NULL;
     void *copy = NULL;
     sbl_result result = SBL_SUCCESS;
     int i, k;
@@ -9130,7 +9130,8 @@ static sbl_result sbl__picture_read(sbl__core *c, sbl__picture *p) {
     const int width = p->desc.width, most = SBL__MAX(1, SBL__READ_PIXELS / width);
     const int rows = SBL__MIN(most, p->desc.height - p->at), count = rows * width;
     const sbl__target *t = &p->gbuffer.target;
-    float *data = (float *)sbl__alloc_raw(c->device.base, (size_t)count, 3 * 16 + 4), *ids = data + 12 * (size_t)count;
+    float *data = (float *)sbl__alloc_raw(c->device.base, (size_t)count, 3 * 16 + 4);
+    float *ids = data ? data + 12 * (size_t)count : NULL;
     sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
     int i, k;
     c->device.gl.doing = "reading the G-buffer";
@@ -10697,6 +10698,7 @@ static sbl_result sbl__inspect_check(const sbl_context *c, int x, int y, const s
 
 SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *sensor, float *radiance, float *weights,
                                       size_t count) {
+    sbl__job waiting;  /* that of a gather under way, which is not to be disturbed */
     sbl__looking looking;
     sbl_sensor s;
     sbl__visit visit;
@@ -10721,7 +10723,13 @@ SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *
     looking.radiance = radiance;
     looking.weights = weights;
     sbl__visit_enter(c, &visit);
+    waiting = c->core.job;
+    if (sbl__gathering_under_way(&c->gathering)) memset(&c->core.job, 0, sizeof c->core.job);
     result = sbl__inspect(&looking);
+    if (sbl__gathering_under_way(&c->gathering)) {
+        sbl__job_free(&c->core.device, &c->core.job);
+        c->core.job = waiting;
+    }
     sbl__visit_leave(c, &visit);
     if (result != SBL_SUCCESS) {
         sbl__inspection_free(&c->core.base, &c->inspection);

@@ -8,7 +8,6 @@
 #include "scenes.h"
 #include "gl_watch.h"
 #include "gl_scene.h"
-#include "fuzz_scene.c"
 #include <limits.h>
 
 #define INF ((float)HUGE_VAL)
@@ -1201,28 +1200,6 @@ TEST(callbacks_that_call_back) {
     usable("callbacks that call back");
 }
 
-/* >>fuzz: see fuzz_scene.c */
-
-TEST(fuzz) {
-    static unsigned char data[512];
-    uint32_t state = 12345;
-    int round, i;
-    fuzz_messages = &seen.count;
-    for (round = 0; round < 400; round++) {
-        for (i = 0; i < (int)sizeof data; i++) {
-            state = state * 1664525u + 1013904223u;
-            data[i] = (unsigned char)(state >> 24);
-        }
-        fuzz_one(context, data, sizeof data - (size_t)(round % 300));
-    }
-    CHECK(fuzz_accepted > 20 && fuzz_refused > 20, "%d scenes accepted, %d refused: the fuzzer reaches one side only", fuzz_accepted, fuzz_refused);
-    CHECK(fuzz_rendered > 20, "%d pictures rendered", fuzz_rendered);
-    CHECK(fuzz_silent == 0, "%d refusals without a message", fuzz_silent);
-    CHECK(fuzz_odd == 0, "%d pictures hold NaN", fuzz_odd);
-    known_picture();
-    usable("fuzzing");
-}
-
 TEST(nothing_leaked) {
     sbl_destroy(context);
     CHECK(seen.blocks == 0 && seen.bytes == 0, "%d blocks, %.0f bytes leaked", seen.blocks, (double)seen.bytes);
@@ -1268,7 +1245,6 @@ int main(void) {
     RUN(cancel_at_every_call);
     RUN(giving_up_midway);
     RUN(callbacks_that_call_back);
-    RUN(fuzz);
     RUN(nothing_leaked);
     scene_free(&small);
     return test_report();

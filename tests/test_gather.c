@@ -340,6 +340,45 @@ TEST(slices_cancel_and_end) {
     scene_free(&s);
 }
 
+/* A gather goes on after each look at a sensor, also one that memory fails for; and the sensor is seen as ever. */
+TEST(inspection_in_between) {
+    enum { COUNT = 40 };
+    static sbl_site sites[COUNT];
+    static sbl_reading whole[COUNT], now[COUNT];
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_cornell_view(8, 8);
+    sbl_gather_desc desc = gather_of(sites, whole, COUNT);
+    sbl_sensor alone, between;
+    sbl_result result, inspected;
+    sbl_memory memory;
+    int refused;
+    scene_cornell_box(&s);
+    view.rays = 20;
+    desc.rays = 24;
+    floor_sites(sites, COUNT);
+    REQUIRE(use_scene(&s) && sbl_gather(context, &desc) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS &&
+            sbl_inspect_sensor(context, 4, 4, &alone, NULL, NULL, 0) == SBL_SUCCESS, "no picture");
+    desc.readings = now;
+    for (refused = 0; refused < 2; refused++) {
+        int looks = 0;
+        memset(now, 0, sizeof now);
+        REQUIRE(sbl_begin_gather(context, &desc) == SBL_SUCCESS, "cannot begin");
+        while ((result = sbl_step(context, 1e-9)) == SBL_UNFINISHED && looks < 500) {
+            memory = sbl_query_memory(context);
+            seen.refuse_at = refused ? seen.allocations + 3 : 0;
+            inspected = sbl_inspect_sensor(context, 4, 4, &between, NULL, NULL, 0);
+            seen.refuse_at = 0;
+            looks++;
+            CHECK(inspected == (refused ? SBL_ERROR_OUT_OF_MEMORY : SBL_SUCCESS), "%s", sbl_result_string(inspected));
+            CHECK(refused || !memcmp(between.from_lamps, alone.from_lamps, sizeof alone.from_lamps), "another sensor");
+            CHECK(sbl_query_memory(context).gpu_bytes == memory.gpu_bytes, "the inspection keeps memory of the GPU");
+        }
+        CHECK(result == SBL_SUCCESS && looks > 3 && !memcmp(now, whole, sizeof now), "%s, %d looks: the gather is not what "
+              "it was", sbl_result_string(result), looks);
+    }
+    scene_free(&s);
+}
+
 /* What is needed for a million points is needed for a few jobs of them. */
 TEST(a_million_points) {
     enum { MANY = 1000000, FEW = 2 * 65536 };
@@ -463,6 +502,7 @@ int main(void) {
     RUN(offsets_and_validity);
     RUN(in_the_planes_of_walls);
     RUN(slices_cancel_and_end);
+    RUN(inspection_in_between);
     RUN(a_million_points);
     RUN(mistakes);
     RUN(memory_runs_out);

@@ -66,10 +66,11 @@ fake_tests() {
     rm -rf "$fake"
     mkdir -p "$fake/tests"
     cp -r scripts "$fake"
-    cp tests/keep_loaded.c tests/lsan.supp "$fake/tests"
+    cp tests/keep_loaded.c tests/lsan.supp tests/tsan.supp "$fake/tests"
+    printf '#include <pthread.h>\nint shared;\nvoid *touch(void *);\nvoid *touch(void *user) { shared++; return user; }\n' > "$fake/tests/touch.h"
     for spec in "$@"; do
         body=${spec#*|}
-        printf '#include <stdio.h>\n#include <stdlib.h>\nint main(void) { printf("words\\n%%s\\n", "%s"); fflush(stdout); %s; return 0; }\n' \
+        printf '#include <stdio.h>\n#include <stdlib.h>\n#include "touch.h"\nint main(void) { printf("words\\n%%s\\n", "%s"); fflush(stdout); %s; return 0; }\n' \
             "${body#*|}" "${body%%|*}" > "$fake/tests/test_${spec%%|*}.c"
     done
     "$fake/scripts/test" > "$folder/verdict" 2>&1
@@ -101,6 +102,8 @@ check test_sees_a_heap_overflow fails_with '3 passed, 1 failed, 0 skipped' "$goo
     "overflow|volatile char *p = malloc(5); p[getenv(\"PATH\") != 0 ? 5 : 0] = 1; free((void *)p)|1 passed, 0 failed, 0 skipped"
 check test_sees_undefined_behaviour fails_with '3 passed, 1 failed, 0 skipped' "$good" \
     "undefined|volatile int i = 0x7fffffff; i = i + 1|1 passed, 0 failed, 0 skipped"
+check test_sees_a_race fails_with '4 passed, 1 failed, 0 skipped' "$good" \
+    "threads|pthread_t other; pthread_create(&other, NULL, touch, NULL); shared++; pthread_join(other, NULL)|1 passed, 0 failed, 0 skipped"
 
 leak_is_seen() {
     gcc -std=c99 -g -fsanitize=address,undefined tests/header/leak.c -lEGL -lm -o "$folder/leak" || return

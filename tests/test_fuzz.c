@@ -1,0 +1,67 @@
+/* What the fuzz target (fuzz.c) finds in a bounded, repeatable run: the inputs of tests/corpus, small ones that between
+   them reach nearly all that a long run reached, orders of calls that matter, and each mistake that was found; then
+   some of random bytes. build/test_fuzz FILE... runs these files instead. */
+#include "fuzz.c"
+
+static unsigned char input[4096];
+
+static int run_file(const char *path) {
+    const int before = fuzz_failures;
+    FILE *file = fopen(path, "rb");
+    size_t size;
+    if (!file) { printf("  %s cannot be read\n", path); return 0; }
+    size = fread(input, 1, sizeof input, file);
+    fclose(file);
+    fuzz_one(input, size);
+    return fuzz_failures == before;
+}
+
+/* Numbered without a gap. */
+TEST(corpus) {
+    char path[64];
+    int number;
+    for (number = 0; ; number++) {
+        FILE *file;
+        snprintf(path, sizeof path, "tests/corpus/%02d", number);
+        if (!(file = fopen(path, "rb"))) break;
+        fclose(file);
+        CHECK(run_file(path), "%s: see above", path);
+    }
+    CHECK(number >= 48, "%d inputs", number);
+    CHECK(fuzz_counts.pictures > 0 && fuzz_counts.gathers > 0 && fuzz_counts.inspections > 0 &&
+          fuzz_counts.out_of_memory > 0, "%d pictures, %d gathers, %d inspections, %d times out of memory",
+          fuzz_counts.pictures, fuzz_counts.gathers, fuzz_counts.inspections, fuzz_counts.out_of_memory);
+}
+
+/* Calls with random parameters, some cut short, between which a scene is set that is there without luck. */
+TEST(random_bytes) {
+    uint32_t state = 12345;
+    int round, i;
+    memset(&fuzz_counts, 0, sizeof fuzz_counts);
+    for (round = 0; round < 150; round++) {
+        const int size = 8 + round * 37 % 500, before = fuzz_failures;
+        for (i = 0; i < size; i++) {
+            state = state * 1664525u + 1013904223u;
+            input[i] = (unsigned char)(state >> 24);
+        }
+        input[0] = (unsigned char)(round & 1);
+        fuzz_one(input, (size_t)size);
+        CHECK(fuzz_failures == before, "round %d: see above", round);
+    }
+    CHECK(fuzz_counts.accepted > 100 && fuzz_counts.refused > 100, "%d calls accepted, %d refused: one side only",
+          fuzz_counts.accepted, fuzz_counts.refused);
+
+    CHECK(fuzz_counts.pictures > 10 && fuzz_counts.gathers > 10, "%d pictures, %d gathers finished",
+          fuzz_counts.pictures, fuzz_counts.gathers);
+}
+
+int main(int count, char **files) {
+    int i;
+    if (!fuzz_open()) { printf("no context\n"); return 1; }
+    for (i = 1; i < count; i++) printf("%s %s\n", run_file(files[i]) ? "ok  " : "FAIL", files[i]);
+    if (count > 1) return fuzz_failures != 0;
+    RUN(corpus);
+    RUN(random_bytes);
+    fuzz_close();
+    return test_report();
+}
