@@ -563,7 +563,9 @@ TEST(one_sided_emission) {
     test_scene s = { 0 };
     sbl_picture_desc view;
     double worst = floor_under_lid(&s, &view, lid_down, SBL_MATERIAL_HIDDEN_FROM_CAMERA | SBL_MATERIAL_ONE_SIDED_EMISSION, 0);
+    static const float mirror[16] = { -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1 };
     float *picture;
+    int i;
     CHECK(worst < 0.02, "facing the floor: R is off by %.4f", worst);
     scene_free(&s);
     worst = floor_under_lid(&s, &view, lid_up, SBL_MATERIAL_HIDDEN_FROM_CAMERA | SBL_MATERIAL_ONE_SIDED_EMISSION, 0);
@@ -571,6 +573,18 @@ TEST(one_sided_emission) {
     worst = worst_radiance(&s, &view, 0, 0, 0, 0);
     CHECK(worst == 0, "turned away: R is %.4f", worst);
     scene_free(&s);
+    /* a mirror keeps its front in front: where the mesh stands so from the start, and where it is moved */
+    for (i = 0; i < 2; i++) {
+        floor_under_lid(&s, &view, lid_down, SBL_MATERIAL_HIDDEN_FROM_CAMERA | SBL_MATERIAL_ONE_SIDED_EMISSION, 0);
+        if (i == 0) {
+            memcpy(s.meshes[1].transform, mirror, sizeof mirror);
+            if (!scene_render(context, &s, &view)) break;
+        } else CHECK(sbl_set_mesh_transform(context, 1, mirror) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS, "not moved");
+        picture = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+        CHECK(picture[0] > 0.5f, "mirrored%s it turns away: R is %g", i ? " later" : "", (double)picture[0]);
+        free(picture);
+        scene_free(&s);
+    }
     /* and so the camera sees it, from above */
     floor_under_lid(&s, &view, lid_down, SBL_MATERIAL_ONE_SIDED_EMISSION, 0);
     picture = scene_channel(context, &view, SBL_CHANNEL_FINAL);
