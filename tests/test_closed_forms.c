@@ -518,7 +518,7 @@ TEST(vertex_colours) {
     CHECK(worst < 0.001, "R is off by %.5f", worst);
     albedo = scene_channel(context, &view, SBL_CHANNEL_ALBEDO);
     for (i = 0; i < 12 * 9; i++)
-        off = fmax(off, fabs((double)albedo[3 * i] - 0.4) + fabs((double)albedo[3 * i + 1] - 0.1) + fabs((double)albedo[3 * i + 2] - 0.2));
+        off = test_max(off, fabs((double)albedo[3 * i] - 0.4) + fabs((double)albedo[3 * i + 1] - 0.1) + fabs((double)albedo[3 * i + 2] - 0.2));
     CHECK(off < 0.001, "albedo is off by %.5f", off);
     free(albedo);
     scene_free(&s);
@@ -540,7 +540,7 @@ static double floor_under_lid(test_scene *s, sbl_picture_desc *view, const float
         float *radiance = scene_channel(context, view, SBL_CHANNEL_RADIANCE), *position = scene_channel(context, view, SBL_CHANNEL_POSITION);
         for (i = 0; i < view->width * view->height; i++) {
             share = ref_polygon(v3_from(position + 3 * i), v3_of(0, 1, 0), lid, 4);
-            for (k = 0; k < 3; k++) worst = fmax(worst, fabs((double)radiance[3 * i + k] - share * 2 - (1 - share) * sky));
+            for (k = 0; k < 3; k++) worst = test_max(worst, fabs((double)radiance[3 * i + k] - share * 2 - (1 - share) * sky));
         }
         free(radiance);
         free(position);
@@ -640,7 +640,7 @@ TEST(final_is_emission_plus_albedo_times_radiance) {
             empty += id[i] == 0;
             for (k = 0; k < 3; k++) {
                 double expected = id[i] == 0 ? (double)s.sky[k] : (id[i] == 2 ? 3.0 - k : 0) + (double)albedo[3 * i + k] * (double)radiance[3 * i + k];
-                worst = fmax(worst, fabs((double)final[3 * i + k] - expected));
+                worst = test_max(worst, fabs((double)final[3 * i + k] - expected));
                 if (id[i] == 0) CHECK(radiance[3 * i + k] == 0 && albedo[3 * i + k] == 0, "channels are not 0 where nothing is seen");
             }
         }

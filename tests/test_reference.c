@@ -96,11 +96,11 @@ static void check_camera(const test_scene *s, const sbl_picture_desc *view, cons
             along = v3_dot(v3_sub(p.position, origin), direction);
             pixel = v3_length(v3_sub(v3_mad(origin, direction, along), v3_mad(next_origin, next_direction, along)));
             off = v3_sub(v3_from(position + 3 * i), p.position);
-            off_plane = fmax(off_plane, fabs(v3_dot(off, p.face)) / size);
-            off_ray = fmax(off_ray, v3_length(v3_mad(off, direction, -v3_dot(off, direction))) / pixel);
-            off_depth = fmax(off_depth, fabs((double)depth[i] - ref_depth(view, v3_from(position + 3 * i))) / size);
-            if (-v3_dot(direction, p.normal) > 0.02) off_normal = fmax(off_normal, v3_length(v3_sub(v3_from(normal + 3 * i), p.normal)));
-            for (k = 0; k < 3; k++) off_albedo = fmax(off_albedo, fabs((double)albedo[3 * i + k] - p.albedo[k]));
+            off_plane = test_max(off_plane, fabs(v3_dot(off, p.face)) / size);
+            off_ray = test_max(off_ray, v3_length(v3_mad(off, direction, -v3_dot(off, direction))) / pixel);
+            off_depth = test_max(off_depth, fabs((double)depth[i] - ref_depth(view, v3_from(position + 3 * i))) / size);
+            if (-v3_dot(direction, p.normal) > 0.02) off_normal = test_max(off_normal, v3_length(v3_sub(v3_from(normal + 3 * i), p.normal)));
+            for (k = 0; k < 3; k++) off_albedo = test_max(off_albedo, fabs((double)albedo[3 * i + k] - p.albedo[k]));
             if (!(position[3 * i] == position[3 * i] && depth[i] == depth[i] && normal[3 * i] == normal[3 * i] && albedo[3 * i] == albedo[3 * i])) off_plane = 1e30;
         }
     CHECK(seen >= least_seen, "%s: only %d pixels can be compared", name, seen);
@@ -267,7 +267,7 @@ static void check_texels(sbl_mode mode) {
                         glowing++;
                         for (k = 0; k < 3; k++) light[k] *= mode == SBL_MODE_PAPER;
                     }
-                    for (k = 0; k < 3; k++) off = fmax(off, fabs((double)texel[k] - light[k]) - 0.01 * light[k]);
+                    for (k = 0; k < 3; k++) off = test_max(off, fabs((double)texel[k] - light[k]) - 0.01 * light[k]);
                     holes += seen[0].mesh == 3 || seen[0].mesh == 4;
                     /* light: stored with 16 bits, textures with 8 or 16 */
                     if (!(off < 3e-3)) wrong_light++;
