@@ -524,6 +524,36 @@ TEST(vertex_colours) {
     scene_free(&s);
 }
 
+/* In a scene of millions, what lies a unit from the camera: nearer than depth can tell. */
+TEST(near_things_in_large_scenes) {
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_plain(scene_view(8, 8, 60, 0, 1, 0, 0.1f, 0, 0.05f), SBL_MODE_DIRECT, 16);
+    float *id;
+    int i, seen = 0;
+    scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 1e6f);
+    scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), -1e6f, 1e6f);
+    scene_sky(&s, 1, 1, 1);
+    if (!scene_render(context, &s, &view)) return;
+    id = scene_channel(context, &view, SBL_CHANNEL_ID);
+    for (i = 0; i < 64; i++) seen += id[i] == 1;
+    CHECK(seen == 64, "%d of 64 pixels show the floor", seen);
+    free(id);
+    scene_free(&s);
+}
+
+/* 16-bit floats, as textures are stored: each comes back as it was, and what lies between two is rounded to the nearer, half way to the even one. */
+TEST(half_floats) {
+    int i, wrong = 0;
+    for (i = 0; i < 0x7bff; i++) {
+        const float low = sbl__from_half((uint16_t)i), high = sbl__from_half((uint16_t)(i + 1)), middle = 0.5f * (low + high);
+        const float below = low + 0.49f * (high - low), above = low + 0.51f * (high - low);
+        wrong += sbl__to_half(low) != i || sbl__to_half(-high) != (0x8000 | (i + 1)) || !(high > low);
+        wrong += sbl__to_half(below) != i || sbl__to_half(above) != i + 1 || sbl__to_half(middle) != i + (i & 1);
+    }
+    CHECK(wrong == 0, "%d are rounded wrongly", wrong);
+    CHECK(sbl__to_half(1) == 0x3c00 && sbl__to_half(1e9f) == 0x7bff && sbl__to_half(0) == 0, "1, or what is too large, or 0");
+}
+
 /* A glowing lid over a floor, 2 x 2 at height 1; what the floor sees of it. */
 static double floor_under_lid(test_scene *s, sbl_picture_desc *view, const float corners[12], uint32_t flags, double sky) {
     v3 lid[4];
@@ -713,6 +743,8 @@ int main(void) {
     RUN(thin_gaps);
     RUN(ambient_room);
     RUN(vertex_colours);
+    RUN(near_things_in_large_scenes);
+    RUN(half_floats);
     RUN(lid_and_sky);
     RUN(one_sided_emission);
     RUN(hidden_from_camera);
