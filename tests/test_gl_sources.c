@@ -118,7 +118,7 @@ TEST(textures_hold_the_channels) {
     REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_begin(context, &view) == SBL_SUCCESS, "no scene");
     for (steps = 0; result == SBL_UNFINISHED && steps < 100000; steps++) {
         result = sbl_step(context, 1e-9);
-        if (result == SBL_UNFINISHED) shown += compare_channels("under way");
+        if (result == SBL_UNFINISHED && steps % 16 == 0) shown += compare_channels("under way");
     }
     CHECK(result == SBL_SUCCESS && shown > SBL_CHANNEL_COUNT, "%d channels were seen under way: %s", shown, sbl_result_string(result));
     CHECK(compare_channels("finished") == SBL_CHANNEL_COUNT, "channels without a texture");
