@@ -524,6 +524,29 @@ TEST(vertex_colours) {
     scene_free(&s);
 }
 
+static double overlap(double a, double b, double low, double high) { return fmax(0, fmin(b, high) - fmax(a, low)); }
+
+/* Anti-aliasing: a glowing rectangle against black, of which each pixel shows the share that it covers. A pixel is a unit wide. */
+TEST(samples_cover_pixels) {
+    const double left = -2.3, right = 1.4, low = -1.2, high = 2.75;
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_view(8, 8, 90, 0, 0, 4, 0, 0, 0);
+    float *final;
+    double worst = 0;
+    int x, y;
+    scene_quad(&s, scene_lamp(&s, 1, 1, 1), (float)left, (float)low, 0, (float)right, (float)low, 0, (float)right, (float)high, 0, (float)left, (float)high, 0);
+    view.mode = SBL_MODE_DIRECT;
+    view.samples = 64;
+    if (!scene_render(context, &s, &view)) return;
+    final = scene_channel(context, &view, SBL_CHANNEL_FINAL);
+    for (y = 0; y < 8; y++)
+        for (x = 0; x < 8; x++)
+            worst = test_max(worst, fabs((double)final[3 * (8 * y + x)] - overlap(x - 4, x - 3, left, right) * overlap(3 - y, 4 - y, low, high)));
+    CHECK(worst < 0.05, "a pixel is off by %.3f of what it covers", worst);
+    free(final);
+    scene_free(&s);
+}
+
 /* In a scene of millions, what lies a unit from the camera: nearer than depth can tell. */
 TEST(near_things_in_large_scenes) {
     test_scene s = { 0 };
@@ -743,6 +766,7 @@ int main(void) {
     RUN(thin_gaps);
     RUN(ambient_room);
     RUN(vertex_colours);
+    RUN(samples_cover_pixels);
     RUN(near_things_in_large_scenes);
     RUN(half_floats);
     RUN(lid_and_sky);
