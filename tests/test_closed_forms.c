@@ -547,6 +547,34 @@ TEST(samples_cover_pixels) {
     scene_free(&s);
 }
 
+/* Where the camera sees nothing, it sees the sky and the environment's picture: here at the middles of its texels. */
+TEST(environment_behind) {
+    static float pixels[8 * 4 * 3];
+    test_scene s = { 0 };
+    sbl_scene_desc desc;
+    double worst = 0;
+    int i, k;
+    for (i = 0; i < 8 * 4 * 3; i++) pixels[i] = 0.1f + 0.01f * (float)i;
+    s.environment.picture.pixels = pixels;
+    s.environment.picture.format = SBL_PIXELS_FLOAT;
+    s.environment.picture.width = 8;
+    s.environment.picture.height = 4;
+    s.environment.picture.channels = 3;
+    scene_sky(&s, 1, 2, 3);
+    desc = scene_desc(&s);
+    REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS, "no scene");
+    for (i = 0; i < 32; i++) {
+        const double down = REF_PI * (i / 8 + 0.5) / 4, around = 2 * REF_PI * ((i % 8 + 0.5) / 8 - 0.5);
+        sbl_picture_desc view = scene_view(1, 1, 1, 0, 0, 0, (float)(sin(down) * cos(around)), (float)cos(down), (float)(sin(down) * sin(around)));
+        float final[3] = { (float)NAN, 0, 0 };
+        view.samples = 1;
+        CHECK(sbl_render(context, &view) == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_FINAL, final, 3) == SBL_SUCCESS, "no picture");
+        for (k = 0; k < 3; k++) worst = test_max(worst, fabs((double)final[k] - 1 - k - (double)pixels[3 * i + k]));
+    }
+    CHECK(worst < 1e-3, "the sky is off by %g", worst);
+    scene_free(&s);
+}
+
 /* In a scene of millions, what lies a unit from the camera: nearer than depth can tell. */
 TEST(near_things_in_large_scenes) {
     test_scene s = { 0 };
@@ -767,6 +795,7 @@ int main(void) {
     RUN(ambient_room);
     RUN(vertex_colours);
     RUN(samples_cover_pixels);
+    RUN(environment_behind);
     RUN(near_things_in_large_scenes);
     RUN(half_floats);
     RUN(lid_and_sky);

@@ -365,6 +365,9 @@ TEST(inspection_adds_up) {
                       (double)s.from_surroundings[i], (double)s.from_lamps[i], (double)s.radiance[i]);
                 if (b == 0) CHECK(fabs(rays[i] - s.from_surroundings[i]) < 1e-4 * s.radiance[i] + 1e-6, "%d %d: rays give %g", x, y, rays[i]);
             }
+            for (i = 0; i < s.lamp_count; i++)
+                CHECK(s.lamps[i].kind == SBL_LAMP_TRIANGLE && s.lamps[i].mesh == 1 && (unsigned)s.lamps[i].number < 2, "%d %d: lamp %d is triangle %d of mesh %d",
+                      x, y, i, s.lamps[i].number, s.lamps[i].mesh);
             CHECK(k == sent && open <= sent, "%d %d: lamps tell of %d rays, there are %d", x, y, k, sent);
             CHECK((s.from_lamps[0] > 0) == (open > 0), "%d %d: %g from lamps, %d rays reach them", x, y, (double)s.from_lamps[0], open);
             CHECK((b == 0) == (s.backend == SBL_BACKEND_TRACE) && (b == 0) == (s.view_count == 0), "%d %d: which back end?", x, y);
