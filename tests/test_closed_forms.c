@@ -526,23 +526,33 @@ TEST(vertex_colours) {
 
 static double overlap(double a, double b, double low, double high) { return fmax(0, fmin(b, high) - fmax(a, low)); }
 
-/* Anti-aliasing: a glowing rectangle against black, of which each pixel shows the share that it covers. A pixel is a unit wide. */
+/* Anti-aliasing: a glowing rectangle against black, of which each pixel shows the share of samples that it covers, which is about that of the pixel. A
+   pixel is a unit wide. */
 TEST(samples_cover_pixels) {
     const double left = -2.3, right = 1.4, low = -1.2, high = 2.75;
     test_scene s = { 0 };
     sbl_picture_desc view = scene_view(8, 8, 90, 0, 0, 4, 0, 0, 0);
     float *final;
-    double worst = 0;
-    int x, y;
+    double worst = 0, worst_sum = 0;
+    int x, y, i;
     scene_quad(&s, scene_lamp(&s, 1, 1, 1), (float)left, (float)low, 0, (float)right, (float)low, 0, (float)right, (float)high, 0, (float)left, (float)high, 0);
     view.mode = SBL_MODE_DIRECT;
     view.samples = 64;
     if (!scene_render(context, &s, &view)) return;
     final = scene_channel(context, &view, SBL_CHANNEL_FINAL);
     for (y = 0; y < 8; y++)
-        for (x = 0; x < 8; x++)
-            worst = test_max(worst, fabs((double)final[3 * (8 * y + x)] - overlap(x - 4, x - 3, left, right) * overlap(3 - y, 4 - y, low, high)));
-    CHECK(worst < 0.05, "a pixel is off by %.3f of what it covers", worst);
+        for (x = 0; x < 8; x++) {
+            const double seen = (double)final[3 * (8 * y + x)];
+            double sum = 0;
+            for (i = 0; i < view.samples; i++) {
+                float offset[2];  /* rightwards, downwards */
+                sbl__sample_offset(i, view.samples, offset);
+                sum += x - 3.5 + offset[0] > left && x - 3.5 + offset[0] < right && 3.5 - y - offset[1] > low && 3.5 - y - offset[1] < high;
+            }
+            worst = test_max(worst, fabs(seen - overlap(x - 4, x - 3, left, right) * overlap(3 - y, 4 - y, low, high)));
+            worst_sum = test_max(worst_sum, fabs(seen - sum / view.samples));
+        }
+    CHECK(worst < 0.05 && worst_sum < 1e-5, "a pixel is off by %.3f of what it covers, by %.5f of what its samples do", worst, worst_sum);
     free(final);
     scene_free(&s);
 }
