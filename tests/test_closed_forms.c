@@ -518,10 +518,101 @@ TEST(vertex_colours) {
     CHECK(worst < 0.001, "R is off by %.5f", worst);
     albedo = scene_channel(context, &view, SBL_CHANNEL_ALBEDO);
     for (i = 0; i < 12 * 9; i++)
-        off = fmax(off, fabs((double)albedo[3 * i] - 0.4) + fabs((double)albedo[3 * i + 1] - 0.1) + fabs((double)albedo[3 * i + 2] - 0.2));
+        off = test_max(off, fabs((double)albedo[3 * i] - 0.4) + fabs((double)albedo[3 * i + 1] - 0.1) + fabs((double)albedo[3 * i + 2] - 0.2));
     CHECK(off < 0.001, "albedo is off by %.5f", off);
     free(albedo);
     scene_free(&s);
+}
+
+static double overlap(double a, double b, double low, double high) { return fmax(0, fmin(b, high) - fmax(a, low)); }
+
+/* Anti-aliasing: a glowing rectangle against black, of which each pixel shows the share of samples that it covers, which is about that of the pixel. A
+   pixel is a unit wide. */
+TEST(samples_cover_pixels) {
+    const double left = -2.3, right = 1.4, low = -1.2, high = 2.75;
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_view(8, 8, 90, 0, 0, 4, 0, 0, 0);
+    float *final;
+    double worst = 0, worst_sum = 0;
+    int x, y, i;
+    scene_quad(&s, scene_lamp(&s, 1, 1, 1), (float)left, (float)low, 0, (float)right, (float)low, 0, (float)right, (float)high, 0, (float)left, (float)high, 0);
+    view.mode = SBL_MODE_DIRECT;
+    view.samples = 64;
+    if (!scene_render(context, &s, &view)) return;
+    final = scene_channel(context, &view, SBL_CHANNEL_FINAL);
+    for (y = 0; y < 8; y++)
+        for (x = 0; x < 8; x++) {
+            const double seen = (double)final[3 * (8 * y + x)];
+            double sum = 0;
+            for (i = 0; i < view.samples; i++) {
+                float offset[2];  /* rightwards, downwards */
+                sbl__sample_offset(i, view.samples, offset);
+                sum += x - 3.5 + offset[0] > left && x - 3.5 + offset[0] < right && 3.5 - y - offset[1] > low && 3.5 - y - offset[1] < high;
+            }
+            worst = test_max(worst, fabs(seen - overlap(x - 4, x - 3, left, right) * overlap(3 - y, 4 - y, low, high)));
+            worst_sum = test_max(worst_sum, fabs(seen - sum / view.samples));
+        }
+    CHECK(worst < 0.05 && worst_sum < 1e-5, "a pixel is off by %.3f of what it covers, by %.5f of what its samples do", worst, worst_sum);
+    free(final);
+    scene_free(&s);
+}
+
+/* Where the camera sees nothing, it sees the sky and the environment's picture: here at the middles of its texels. */
+TEST(environment_behind) {
+    static float pixels[8 * 4 * 3];
+    test_scene s = { 0 };
+    sbl_scene_desc desc;
+    double worst = 0;
+    int i, k;
+    for (i = 0; i < 8 * 4 * 3; i++) pixels[i] = 0.1f + 0.01f * (float)i;
+    s.environment.picture.pixels = pixels;
+    s.environment.picture.format = SBL_PIXELS_FLOAT;
+    s.environment.picture.width = 8;
+    s.environment.picture.height = 4;
+    s.environment.picture.channels = 3;
+    scene_sky(&s, 1, 2, 3);
+    desc = scene_desc(&s);
+    REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS, "no scene");
+    for (i = 0; i < 32; i++) {
+        const double down = REF_PI * (i / 8 + 0.5) / 4, around = 2 * REF_PI * ((i % 8 + 0.5) / 8 - 0.5);
+        sbl_picture_desc view = scene_view(1, 1, 1, 0, 0, 0, (float)(sin(down) * cos(around)), (float)cos(down), (float)(sin(down) * sin(around)));
+        float final[3] = { (float)NAN, 0, 0 };
+        view.samples = 1;
+        CHECK(sbl_render(context, &view) == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_FINAL, final, 3) == SBL_SUCCESS, "no picture");
+        for (k = 0; k < 3; k++) worst = test_max(worst, fabs((double)final[k] - 1 - k - (double)pixels[3 * i + k]));
+    }
+    CHECK(worst < 1e-3, "the sky is off by %g", worst);
+    scene_free(&s);
+}
+
+/* In a scene of millions, what lies a unit from the camera: nearer than depth can tell. */
+TEST(near_things_in_large_scenes) {
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_plain(scene_view(8, 8, 60, 0, 1, 0, 0.1f, 0, 0.05f), SBL_MODE_DIRECT, 16);
+    float *id;
+    int i, seen = 0;
+    scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 1e6f);
+    scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), -1e6f, 1e6f);
+    scene_sky(&s, 1, 1, 1);
+    if (!scene_render(context, &s, &view)) return;
+    id = scene_channel(context, &view, SBL_CHANNEL_ID);
+    for (i = 0; i < 64; i++) seen += id[i] == 1;
+    CHECK(seen == 64, "%d of 64 pixels show the floor", seen);
+    free(id);
+    scene_free(&s);
+}
+
+/* 16-bit floats, as textures are stored: each comes back as it was, and what lies between two is rounded to the nearer, half way to the even one. */
+TEST(half_floats) {
+    int i, wrong = 0;
+    for (i = 0; i < 0x7bff; i++) {
+        const float low = sbl__from_half((uint16_t)i), high = sbl__from_half((uint16_t)(i + 1)), middle = 0.5f * (low + high);
+        const float below = low + 0.49f * (high - low), above = low + 0.51f * (high - low);
+        wrong += sbl__to_half(low) != i || sbl__to_half(-high) != (0x8000 | (i + 1)) || !(high > low);
+        wrong += sbl__to_half(below) != i || sbl__to_half(above) != i + 1 || sbl__to_half(middle) != i + (i & 1);
+    }
+    CHECK(wrong == 0, "%d are rounded wrongly", wrong);
+    CHECK(sbl__to_half(1) == 0x3c00 && sbl__to_half(1e9f) == 0x7bff && sbl__to_half(0) == 0, "1, or what is too large, or 0");
 }
 
 /* A glowing lid over a floor, 2 x 2 at height 1; what the floor sees of it. */
@@ -540,7 +631,7 @@ static double floor_under_lid(test_scene *s, sbl_picture_desc *view, const float
         float *radiance = scene_channel(context, view, SBL_CHANNEL_RADIANCE), *position = scene_channel(context, view, SBL_CHANNEL_POSITION);
         for (i = 0; i < view->width * view->height; i++) {
             share = ref_polygon(v3_from(position + 3 * i), v3_of(0, 1, 0), lid, 4);
-            for (k = 0; k < 3; k++) worst = fmax(worst, fabs((double)radiance[3 * i + k] - share * 2 - (1 - share) * sky));
+            for (k = 0; k < 3; k++) worst = test_max(worst, fabs((double)radiance[3 * i + k] - share * 2 - (1 - share) * sky));
         }
         free(radiance);
         free(position);
@@ -563,7 +654,9 @@ TEST(one_sided_emission) {
     test_scene s = { 0 };
     sbl_picture_desc view;
     double worst = floor_under_lid(&s, &view, lid_down, SBL_MATERIAL_HIDDEN_FROM_CAMERA | SBL_MATERIAL_ONE_SIDED_EMISSION, 0);
+    static const float mirror[16] = { -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1 };
     float *picture;
+    int i;
     CHECK(worst < 0.02, "facing the floor: R is off by %.4f", worst);
     scene_free(&s);
     worst = floor_under_lid(&s, &view, lid_up, SBL_MATERIAL_HIDDEN_FROM_CAMERA | SBL_MATERIAL_ONE_SIDED_EMISSION, 0);
@@ -571,6 +664,18 @@ TEST(one_sided_emission) {
     worst = worst_radiance(&s, &view, 0, 0, 0, 0);
     CHECK(worst == 0, "turned away: R is %.4f", worst);
     scene_free(&s);
+    /* a mirror keeps its front in front: where the mesh stands so from the start, and where it is moved */
+    for (i = 0; i < 2; i++) {
+        floor_under_lid(&s, &view, lid_down, SBL_MATERIAL_HIDDEN_FROM_CAMERA | SBL_MATERIAL_ONE_SIDED_EMISSION, 0);
+        if (i == 0) {
+            memcpy(s.meshes[1].transform, mirror, sizeof mirror);
+            if (!scene_render(context, &s, &view)) break;
+        } else CHECK(sbl_set_mesh_transform(context, 1, mirror) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS, "not moved");
+        picture = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+        CHECK(picture[0] > 0.5f, "mirrored%s it turns away: R is %g", i ? " later" : "", (double)picture[0]);
+        free(picture);
+        scene_free(&s);
+    }
     /* and so the camera sees it, from above */
     floor_under_lid(&s, &view, lid_down, SBL_MATERIAL_ONE_SIDED_EMISSION, 0);
     picture = scene_channel(context, &view, SBL_CHANNEL_FINAL);
@@ -626,7 +731,7 @@ TEST(final_is_emission_plus_albedo_times_radiance) {
             empty += id[i] == 0;
             for (k = 0; k < 3; k++) {
                 double expected = id[i] == 0 ? (double)s.sky[k] : (id[i] == 2 ? 3.0 - k : 0) + (double)albedo[3 * i + k] * (double)radiance[3 * i + k];
-                worst = fmax(worst, fabs((double)final[3 * i + k] - expected));
+                worst = test_max(worst, fabs((double)final[3 * i + k] - expected));
                 if (id[i] == 0) CHECK(radiance[3 * i + k] == 0 && albedo[3 * i + k] == 0, "channels are not 0 where nothing is seen");
             }
         }
@@ -699,6 +804,10 @@ int main(void) {
     RUN(thin_gaps);
     RUN(ambient_room);
     RUN(vertex_colours);
+    RUN(samples_cover_pixels);
+    RUN(environment_behind);
+    RUN(near_things_in_large_scenes);
+    RUN(half_floats);
     RUN(lid_and_sky);
     RUN(one_sided_emission);
     RUN(hidden_from_camera);

@@ -236,11 +236,11 @@ TEST(seeds) {
 /* >>up to rounding: with a sensor at every pixel, so that no decision of the refinement tips over */
 
 /* A texel shows what its centre sees. Where an edge passes a centre by less than float rounding, it may go either way; that is one texel of some
-   thousand, of a few sensors. So nearly all pixels agree to the bit, and no one is tested for the most that a texel can weigh. */
+   thousand, of a few sensors. So nearly all pixels agree to the bit, and none is off by more than a few texels weigh: lamps are not seen by texels. */
 static void rounding(distance d, const char *what) {
-    CHECK(d.mean < 1e-4, "%s changes R by %.2g on average", what, d.mean);
+    CHECK(d.mean < 1e-5, "%s changes R by %.2g on average", what, d.mean);
     CHECK(d.pixels <= PIXELS / 100, "%s changes R at %d of %d pixels", what, d.pixels, PIXELS);
-    CHECK(d.most < 0.5, "%s changes R by %.2g", what, d.most);
+    CHECK(d.most < 0.01, "%s changes R by %.2g", what, d.most);
 }
 
 static sbl_picture_desc plain_view(void) {
@@ -527,8 +527,8 @@ static void drawn_by_host(int first, uint32_t disabled, int lit) {
     CHECK(ids <= PIXELS / 200, "%d ids differ", ids);
     CHECK(off < 1e-5 * 1500, "positions differ by %g, in a scene of about 1500", off);  /* the eye alone is rounded by 1e-7 of that */
     if (!lit) rounding(d, "drawing by the host");
-    else CHECK(fabs(average(&drawn) / average(&meshes) - 1) < 0.02 && (!first || d.rms < 0.7 * average(&meshes)),
-               "drawing by the host changes R from %g to %g on average, by %g rms", average(&meshes), average(&drawn), d.rms);
+    else CHECK(fabs(average(&drawn) / average(&meshes) - 1) < 0.02 && d.rms < (first ? 0.06 : 0.35),
+               "drawing by the host changes R from %g to %g on average, by %g of it rms", average(&meshes), average(&drawn), d.rms);
     sbl_end(context);
     scene.draw_user = &nothing;  /* what is compared above must come from the callback */
     REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && render(context, &view, &drawn), "%s", watch_last(&seen));

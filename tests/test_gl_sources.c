@@ -1,4 +1,5 @@
-/* Meshes from GL buffers and textures from GL names give the same picture, bit for bit, as the same bytes from client memory. */
+/* What goes in and comes out as GL objects. Meshes from GL buffers and textures from GL names give the same picture, bit for bit, as the same bytes
+   from client memory; a channel's texture holds what sbl_read_channel gives. */
 #define SBL_IMPLEMENTATION
 #include "../sbl.h"
 #include "test.h"
@@ -72,6 +73,58 @@ TEST(gl_objects_are_as_good_as_arrays) {
     for (kind = 0; kind < 3; kind++) free(pictures[kind]);
 }
 
+/* Compares all channels of the picture, under way or finished; returns how many could be seen. */
+static int compare_channels(const char *when) {
+    enum { PIXELS = 32 * 24 };
+    static float read[3 * PIXELS], held[4 * PIXELS];
+    static unsigned ids[PIXELS];
+    int channel, shown = 0;
+    for (channel = 0; channel < SBL_CHANNEL_COUNT; channel++) {
+        const int components = sbl_channel_components((sbl_channel)channel);
+        const sbl_result result = sbl_read_channel(context, (sbl_channel)channel, read, 3 * PIXELS);
+        const GLuint name = sbl_channel_texture(context, (sbl_channel)channel);
+        GLint size[2] = { 0, 0 };
+        int i, k, wrong = 0;
+        CHECK((name != 0) == (result == SBL_SUCCESS), "%s, channel %d: texture %u, reading gives %s", when, channel, name, sbl_result_string(result));
+        if (!name) continue;
+        shown++;
+        gl.BindTexture(GL_TEXTURE_2D, name);
+        more_gl.GetTexLevelParameteriv(GL_TEXTURE_2D, 0, GL_TEXTURE_WIDTH, &size[0]);
+        more_gl.GetTexLevelParameteriv(GL_TEXTURE_2D, 0, GL_TEXTURE_HEIGHT, &size[1]);
+        if (size[0] == 32 && size[1] == 24 && channel == SBL_CHANNEL_ID) {
+            more_gl.GetTexImage(GL_TEXTURE_2D, 0, GL_RED_INTEGER, GL_UNSIGNED_INT, ids);
+            for (i = 0; i < PIXELS; i++) held[4 * i] = (float)ids[i];
+        } else if (size[0] == 32 && size[1] == 24) more_gl.GetTexImage(GL_TEXTURE_2D, 0, GL_RGBA, GL_FLOAT, held);
+        gl.BindTexture(GL_TEXTURE_2D, 0);
+        CHECK(size[0] == 32 && size[1] == 24 && gl.GetError() == GL_NO_ERROR, "%s, channel %d: a texture of %d x %d", when, channel, size[0], size[1]);
+        for (i = 0; i < PIXELS; i++)
+            for (k = 0; k < components; k++) wrong += !(held[4 * i + k] == read[components * i + k]);
+        CHECK(wrong == 0, "%s, channel %d: %d of %d floats differ between texture and reading", when, channel, wrong, PIXELS * components);
+    }
+    return shown;
+}
+
+TEST(textures_hold_the_channels) {
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_view(32, 24, 50, 0.3f, 2, 2, 0, 0, 0);
+    sbl_scene_desc desc;
+    sbl_result result = SBL_UNFINISHED;
+    int shown = 0, steps;
+    scene_sphere(&s, scene_material(&s, 0.3f, 0.6f, 0.9f), 0.2f, 0.3f, 0, 0.3f, 16, 12, 1);
+    scene_floor(&s, scene_material(&s, 0.9f, 0.5f, 0.2f), 0, 1);
+    scene_quad(&s, scene_lamp(&s, 9, 8, 7), -0.2f, 1, -0.2f, 0.2f, 1, -0.2f, 0.2f, 1, 0.2f, -0.2f, 1, 0.2f);
+    scene_sky(&s, 0.1f, 0.2f, 0.3f);
+    desc = scene_desc(&s);
+    REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_begin(context, &view) == SBL_SUCCESS, "no scene");
+    for (steps = 0; result == SBL_UNFINISHED && steps < 100000; steps++) {
+        result = sbl_step(context, 1e-9);
+        if (result == SBL_UNFINISHED && steps % 16 == 0) shown += compare_channels("under way");
+    }
+    CHECK(result == SBL_SUCCESS && shown > SBL_CHANNEL_COUNT, "%d channels were seen under way: %s", shown, sbl_result_string(result));
+    CHECK(compare_channels("finished") == SBL_CHANNEL_COUNT, "channels without a texture");
+    scene_free(&s);
+}
+
 int main(void) {
     sbl_context_desc desc;
     memset(&desc, 0, sizeof desc);
@@ -79,6 +132,7 @@ int main(void) {
     desc.get_gl_function = gl_host_proc;
     if (sbl_create(&desc, &context) != SBL_SUCCESS) return 1;
     RUN(gl_objects_are_as_good_as_arrays);
+    RUN(textures_hold_the_channels);
     sbl_destroy(context);
     host_gl_close();
     return test_report();

@@ -676,6 +676,30 @@ TEST(headless_beside_the_hosts_context) {
     CHECK(!gl_state_difference(&before, &after), "the host's state: %s", gl_state_difference(&before, &after));
 }
 
+/* The host draws to one surface and reads from another. */
+TEST(headless_beside_two_surfaces) {
+    static const EGLint wishes[] = { EGL_SURFACE_TYPE, EGL_PBUFFER_BIT, EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT, EGL_NONE };
+    static const EGLint size[] = { EGL_WIDTH, 8, EGL_HEIGHT, 8, EGL_NONE };
+    const EGLContext host = eglGetCurrentContext();
+    EGLSurface surfaces[2] = { EGL_NO_SURFACE, EGL_NO_SURFACE };
+    EGLContext own = EGL_NO_CONTEXT;
+    EGLConfig config;
+    EGLint count = 0;
+    int i, current = 0;
+    if (eglChooseConfig(gl.display, wishes, &config, 1, &count) && count) {
+        own = eglCreateContext(gl.display, config, EGL_NO_CONTEXT, NULL);
+        for (i = 0; i < 2; i++) surfaces[i] = eglCreatePbufferSurface(gl.display, config, size);
+        current = eglMakeCurrent(gl.display, surfaces[0], surfaces[1], own) && eglGetCurrentSurface(EGL_DRAW) != eglGetCurrentSurface(EGL_READ);
+    }
+    situation = ", the host's surfaces being two,";
+    if (current) headless_functions();
+    if (current) headless_fails();
+    eglMakeCurrent(gl.display, EGL_NO_SURFACE, EGL_NO_SURFACE, host);
+    for (i = 0; i < 2; i++) if (surfaces[i] != EGL_NO_SURFACE) eglDestroySurface(gl.display, surfaces[i]);
+    if (own != EGL_NO_CONTEXT) eglDestroyContext(gl.display, own);
+    if (!current) SKIP("no two surfaces can be made current");
+}
+
 TEST(headless_creation_fails) {
     EGLContext host = eglGetCurrentContext();
     situation = ", the host's GL context being current,";
@@ -759,6 +783,7 @@ int main(void) {
     RUN(two_contexts_in_one_gl_context);
     RUN(two_headless_contexts);
     RUN(headless_beside_the_hosts_context);
+    RUN(headless_beside_two_surfaces);
     RUN(headless_creation_fails);
     RUN(headless_with_nothing_current);
     RUN(limits_are_documented);

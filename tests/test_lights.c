@@ -277,7 +277,7 @@ TEST(spot_cones) {
                     truth(scene, p.position, p.normal, NULL, expected);
                     dark += expected[0] == 0;
                     if (expected[0] == 0) CHECK(radiance[3 * x] == 0, "cone %g: light outside, %g", (double)l->cone, (double)radiance[3 * x]);
-                    else worst = fmax(worst, fabs((double)radiance[3 * x] - expected[0]) / fmax(expected[0], 1e-2));
+                    else worst = test_max(worst, fabs((double)radiance[3 * x] - expected[0]) / fmax(expected[0], 1e-2));
                     brightest = fmax(brightest, expected[0]);
                 }
                 free(radiance);
@@ -364,8 +364,8 @@ static void sweep(const char *name, test_scene *s, double reach, sbl_picture_des
             sum += off;
             if (step && !(fabs(off - before[i]) <= jump)) { jump = fabs(off - before[i]); jump_at = expected[0] / full[i][0]; }
             before[i] = off;
-            lowest = fmin(lowest, expected[0] / full[i][0]);
-            highest = fmax(highest, expected[0] / full[i][0]);
+            lowest = test_min(lowest, expected[0] / full[i][0]);
+            highest = test_max(highest, expected[0] / full[i][0]);
             count++;
         }
         free(radiance);
@@ -399,7 +399,7 @@ static void half_covered(sbl_backend backend, int plain, int steps, double rms_a
 
 /* One look of one sensor, unfiltered. */
 TEST(half_covered_single_looks) { half_covered(SBL_BACKEND_AUTO, 1, 200, 0.012, 0.04); }
-TEST(half_covered_default_settings) { half_covered(SBL_BACKEND_AUTO, 0, 200, 0.005, 0.01); }
+TEST(half_covered_default_settings) { half_covered(SBL_BACKEND_AUTO, 0, 200, 0.0035, 0.01); }
 
 TEST(half_covered_raster) { half_covered(SBL_BACKEND_RASTER, 1, 50, 0.012, 0.04); }
 
@@ -701,8 +701,8 @@ TEST(many_lamps) {
         error = compare(&s, &view, covered ? &e : NULL);
         printf("    %s: mean %+.3f %%, %.3f %% rms of full light\n", names[i], 100 * error.bias, 100 * error.rms);
         CHECK(covered || error.dimmest > 0.01, "%s: hardly any light, %g", names[i], error.dimmest);
-        CHECK(fabs(error.bias) < 0.003, "%s: mean R is off by %+.3f %%", names[i], 100 * error.bias);
-        CHECK(error.rms < 0.03, "%s: R is off by %.3f %% rms", names[i], 100 * error.rms);
+        CHECK(fabs(error.bias) < 0.001, "%s: mean R is off by %+.3f %%", names[i], 100 * error.bias);
+        CHECK(error.rms < 0.016, "%s: R is off by %.3f %% rms", names[i], 100 * error.rms);
         scene_free(&s);
     }
 }
@@ -868,8 +868,8 @@ TEST(no_acne) {
                             if (kind > 0 && (v3_dot(p.face, d) < 0.02 || expected < 0.02)) continue;
                             ratio = (double)radiance[3 * (y * view.width + x)] / expected;
                             seen++;
-                            worst = fmax(worst, fabs(ratio - 1));
-                            darkest = fmin(darkest, ratio);
+                            worst = test_max(worst, fabs(ratio - 1));
+                            darkest = test_min(darkest, ratio);
                         }
                     free(radiance);
                     free(normal);
@@ -998,7 +998,7 @@ TEST(energy_in_a_box) {
         lost = kind == 7 ? swallowed(&s) : 0;
         in = arriving(&s, v3_of(1, 0.8, 0.6), 0, 32);
         printf("    %s: %.4f leave, %.4f reach other lamps, %+.3f %% too much on the walls\n", names[kind], out, lost, 100 * ((in + lost) / out - 1));
-        CHECK(fabs((in + lost) / out - 1) < 0.005, "%s: %.5f leave, %.5f reach other lamps, %.5f arrive", names[kind], out, lost, in);
+        CHECK(fabs((in + lost) / out - 1) < (kind == 7 ? 0.004 : 0.0007), "%s: %.5f leave, %.5f reach other lamps, %.5f arrive", names[kind], out, lost, in);
         scene_free(&s);
     }
 }
@@ -1045,7 +1045,7 @@ TEST(energy_from_afar) {
         }
         in = arriving(&s, half, 1, 16);
         printf("    %s: %.4f come, %+.3f %% too much on the walls\n", names[kind], total, 100 * (in / total - 1));
-        CHECK(fabs(in / total - 1) < 0.005, "%s: %.5f come, %.5f arrive", names[kind], total, in);
+        CHECK(fabs(in / total - 1) < 0.0007, "%s: %.5f come, %.5f arrive", names[kind], total, in);
         scene_free(&s);
     }
 }

@@ -96,11 +96,11 @@ static void check_camera(const test_scene *s, const sbl_picture_desc *view, cons
             along = v3_dot(v3_sub(p.position, origin), direction);
             pixel = v3_length(v3_sub(v3_mad(origin, direction, along), v3_mad(next_origin, next_direction, along)));
             off = v3_sub(v3_from(position + 3 * i), p.position);
-            off_plane = fmax(off_plane, fabs(v3_dot(off, p.face)) / size);
-            off_ray = fmax(off_ray, v3_length(v3_mad(off, direction, -v3_dot(off, direction))) / pixel);
-            off_depth = fmax(off_depth, fabs((double)depth[i] - ref_depth(view, v3_from(position + 3 * i))) / size);
-            if (-v3_dot(direction, p.normal) > 0.02) off_normal = fmax(off_normal, v3_length(v3_sub(v3_from(normal + 3 * i), p.normal)));
-            for (k = 0; k < 3; k++) off_albedo = fmax(off_albedo, fabs((double)albedo[3 * i + k] - p.albedo[k]));
+            off_plane = test_max(off_plane, fabs(v3_dot(off, p.face)) / size);
+            off_ray = test_max(off_ray, v3_length(v3_mad(off, direction, -v3_dot(off, direction))) / pixel);
+            off_depth = test_max(off_depth, fabs((double)depth[i] - ref_depth(view, v3_from(position + 3 * i))) / size);
+            if (-v3_dot(direction, p.normal) > 0.02) off_normal = test_max(off_normal, v3_length(v3_sub(v3_from(normal + 3 * i), p.normal)));
+            for (k = 0; k < 3; k++) off_albedo = test_max(off_albedo, fabs((double)albedo[3 * i + k] - p.albedo[k]));
             if (!(position[3 * i] == position[3 * i] && depth[i] == depth[i] && normal[3 * i] == normal[3 * i] && albedo[3 * i] == albedo[3 * i])) off_plane = 1e30;
         }
     CHECK(seen >= least_seen, "%s: only %d pixels can be compared", name, seen);
@@ -267,7 +267,7 @@ static void check_texels(sbl_mode mode) {
                         glowing++;
                         for (k = 0; k < 3; k++) light[k] *= mode == SBL_MODE_PAPER;
                     }
-                    for (k = 0; k < 3; k++) off = fmax(off, fabs((double)texel[k] - light[k]) - 0.01 * light[k]);
+                    for (k = 0; k < 3; k++) off = test_max(off, fabs((double)texel[k] - light[k]) - 0.01 * light[k]);
                     holes += seen[0].mesh == 3 || seen[0].mesh == 4;
                     /* light: stored with 16 bits, textures with 8 or 16 */
                     if (!(off < 3e-3)) wrong_light++;
@@ -408,6 +408,32 @@ TEST(transformed_smooth_mesh) {
     }
 }
 
+/* facet_limit: facets that are smaller on the screen are lit by their own normals, those of twice as much by their shading normals. */
+TEST(facets) {
+    static const float limits[3] = { 0, 1, 1e6f };  /* the ball's facets are some 20 pixels high */
+    float *flat = NULL;
+    int way, i, k;
+    for (way = 3; way >= 0; way--) {  /* 3: a ball without normals */
+        test_scene s = { 0 };
+        sbl_picture_desc view = scene_plain(scene_view(64, 64, 40, 0, 0, 3, 0, 0, 0), SBL_MODE_DIRECT, 4);
+        float *normals;
+        double apart = 0;
+        scene_sphere(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 0, 0, 0.9f, 12, 8, way < 3);
+        view.tile = 64;
+        view.facet_limit = way < 3 ? limits[way] : 0;
+        REQUIRE(scene_render(context, &s, &view), "no picture");
+        normals = scene_channel(context, &view, SBL_CHANNEL_NORMAL);
+        for (i = 0; flat && i < 64 * 64; i++)
+            for (k = 0; k < 3; k++) apart += fabs((double)normals[3 * i + k] - (double)flat[3 * i + k]) / (64 * 64);
+        if (way == 2) CHECK(apart < 1e-5, "of facets below the limit normals are off by %g", apart);
+        if (way < 2) CHECK(apart > 0.02, "with a limit of %g all normals are the facets'", (double)limits[way]);
+        if (flat) free(normals);
+        else flat = normals;
+        scene_free(&s);
+    }
+    free(flat);
+}
+
 /* >>texture formats */
 
 /* A wall of quads, one for every format, number of channels and wrap mode, with coordinates that go beyond the texture. */
@@ -453,6 +479,7 @@ int main(void) {
     RUN(cameras);
     RUN(vertex_formats);
     RUN(transformed_smooth_mesh);
+    RUN(facets);
     RUN(texture_formats);
     RUN(sensors_see_what_rays_see);
     RUN(sensors_of_the_paper_see_what_rays_see);

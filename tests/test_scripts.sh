@@ -1,5 +1,5 @@
 #!/bin/sh
-# The scripts that judge all else: embed_shaders finds and mends what differs, test counts right, the sanitizers are awake.
+# The scripts that judge all else: embed_shaders finds and mends what differs, test counts right, the sanitizers are awake, mutants fit sbl.h.
 set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
@@ -88,6 +88,16 @@ adds_up() {
     tail -n 1 "$folder/verdict" | grep -qx '14 passed, 0 failed, 2 skipped' || { cat "$folder/verdict"; return 1; }
 }
 good="good|exit(0)|1 passed, 0 failed, 0 skipped"
+# of a good test, a bad one and one that takes 2 s, only what is named is built and run, the longest of last time first
+names_and_order() {
+    ! fake_tests "$good" "bad|exit(1)|2 passed, 1 failed, 0 skipped" "slow|sleep(2)|1 passed, 0 failed, 0 skipped" || return
+    "$fake/scripts/test" good slow > "$folder/verdict" 2>&1 || { cat "$folder/verdict"; return 1; }
+    tail -n 1 "$folder/verdict" | grep -qx '4 passed, 0 failed, 0 skipped' || { cat "$folder/verdict"; return 1; }
+    head -n 2 "$fake/build/logs/list" | grep -c test_slow | grep -qx 2 || { cat "$fake/build/logs/list"; return 1; }
+    "$fake/scripts/test" good bda > "$folder/verdict" 2>&1
+    [ $? = 2 ] && grep -q 'bda.*bad good slow' "$folder/verdict" || { cat "$folder/verdict"; return 1; }
+}
+check test_takes_names_and_orders names_and_order
 check test_adds_up adds_up
 check test_fails_on_a_failure fails_with '6 passed, 2 failed, 0 skipped' "$good" "bad|exit(1)|2 passed, 1 failed, 0 skipped"
 check test_fails_on_a_crash fails_with '2 passed, 2 failed, 0 skipped' "$good" "crash|abort()|words"
@@ -105,10 +115,13 @@ check test_sees_undefined_behaviour fails_with '3 passed, 1 failed, 0 skipped' "
 check test_sees_a_race fails_with '4 passed, 1 failed, 0 skipped' "$good" \
     "threads|pthread_t other; pthread_create(&other, NULL, touch, NULL); shared++; pthread_join(other, NULL)|1 passed, 0 failed, 0 skipped"
 
+# >>the sanitizers, and mutants
+
 leak_is_seen() {
     gcc -std=c99 -g -fsanitize=address,undefined tests/header/leak.c -lEGL -lm -o "$folder/leak" || return
     ! ASAN_OPTIONS=detect_leaks=1 LSAN_OPTIONS=suppressions=tests/lsan.supp "$folder/leak" && grep -q 'LeakSanitizer: detected' "$folder/log"
 }
 check a_lost_context_is_seen leak_is_seen
+check mutants_fit_the_header tests/mutants --check
 
 report

@@ -1,8 +1,13 @@
 /* A picture in steps: every stage of it comes in pieces, submissions follow the limit, programs are compiled when they are first used or all ahead, what is
-   known can be seen on the way, and a finished picture stays. None of this looks at a clock: pieces are counted. */
+   known can be seen on the way, and a finished picture stays. None of this looks at a clock: pieces are counted, or sbl.h is given a clock that
+   goes on by as much at every look. */
+#include <sys/time.h>
+static int clock_of_test(struct timeval *out, void *zone);
+#define gettimeofday clock_of_test
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
 #include "../sbl.h"
+#undef gettimeofday
 #include "test.h"
 #include "scenes.h"
 #include "gl_watch.h"
@@ -13,6 +18,17 @@ enum { WIDTH = 160, HEIGHT = 120, PIXELS = WIDTH * HEIGHT };
 
 static watch seen;
 static test_scene cornell;
+
+static long clock_tick, clock_now;  /* microseconds; where a tick is 0, the true time */
+
+static int clock_of_test(struct timeval *out, void *zone) {
+    (void)zone;
+    if (!clock_tick) return gettimeofday(out, NULL);
+    clock_now += clock_tick;
+    out->tv_sec = clock_now / 1000000;
+    out->tv_usec = clock_now % 1000000;
+    return 0;
+}
 
 static sbl_picture_desc view_of(sbl_backend backend) {
     sbl_picture_desc view = scene_cornell_view(WIDTH, HEIGHT);
@@ -110,6 +126,42 @@ TEST(submissions_follow_the_limit) {
         const int many = calls_at(1e-6f, backend, base), few = calls_at(100, backend, now);
         CHECK(memcmp(base, now, sizeof base) == 0, "back end %d: the limit changes the picture", b);
         CHECK(many > few + 100, "back end %d: %d calls at a microsecond, %d at 100 s", b, many, few);
+    }
+}
+
+/* A step ends when its time is over, give or take a piece, and does not end long before; and a gather's alike. */
+TEST(steps_keep_to_their_time) {
+    enum { BUDGET = 20000, GIVE = 3000, SITES = 40000 };
+    static sbl_site sites[SITES];
+    static sbl_reading readings[SITES];
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_gather_desc gather;
+    int way, i, steps = 0;
+    memset(&gather, 0, sizeof gather);
+    gather.sites = sites;
+    gather.readings = readings;
+    gather.site_count = SITES;
+    gather.rays = 4;
+    for (i = 0; i < SITES; i++) { sites[i].position[0] = sites[i].position[2] = 200; sites[i].position[1] = 100; sites[i].normal[1] = 1; }
+    for (way = 0; way < 3; way++) {
+        sbl_picture_desc view = view_of(way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER);
+        sbl_context *context = watch_context(&seen, &desc, &cornell);
+        sbl_result result = SBL_UNFINISHED;
+        long longest = 0, shortest = BUDGET;
+        if (!context) return;
+        clock_tick = 100;
+        REQUIRE((way < 2 ? sbl_begin(context, &view) : sbl_begin_gather(context, &gather)) == SBL_SUCCESS, "cannot begin: %s", watch_last(&seen));
+        for (steps = 0; result == SBL_UNFINISHED && steps < 100000; steps++) {
+            const long start = clock_now;
+            result = sbl_step(context, 1e-6 * BUDGET);
+            if (clock_now - start > longest) longest = clock_now - start;
+            if (result == SBL_UNFINISHED && clock_now - start < shortest) shortest = clock_now - start;
+        }
+        clock_tick = 0;
+        CHECK(result == SBL_SUCCESS && steps > 3, "%s after %d steps: %s", sbl_result_string(result), steps, watch_last(&seen));
+        CHECK(longest < BUDGET + GIVE && shortest > BUDGET / 2, "way %d: of %d us, steps took %ld to %ld", way, BUDGET, shortest, longest);
+        printf("  %d steps of %ld to %ld us\n", steps, shortest, longest);
+        sbl_destroy(context);
     }
 }
 
@@ -252,8 +304,12 @@ TEST(a_finished_picture_stays) {
         REQUIRE(sbl_read_channel(context, (sbl_channel)k, whole[k], 3 * PIXELS) == SBL_SUCCESS, "channel %d", k);
     name = sbl_channel_texture(context, SBL_CHANNEL_FINAL);
     CHECK(name && sbl_inspect_sensor(context, 80, 80, &sensor, NULL, NULL, 0) == SBL_SUCCESS, "no texture, or no inspection");
-    for (step = 0; step < 6; step++) {
+    for (step = -2; step < 6; step++) {
         switch (step) {
+            case -2: case -1:  /* the first allocation is refused, or a later one */
+                seen.refuse_at = seen.allocations + (step == -2 ? 1 : 9);
+                CHECK(sbl_set_scene(context, &empty) == (step == -2 ? SBL_ERROR_OUT_OF_MEMORY : SBL_SUCCESS) || seen.refused, "no memory");
+                break;
             case 0: CHECK(sbl_set_mesh_transform(context, 0, bad) == SBL_ERROR_INVALID_ARGUMENT, "a bad move"); break;
             case 1: CHECK(sbl_gather(context, &gather) == SBL_SUCCESS, "a gather"); break;
             case 2: CHECK(sbl_begin_gather(context, &gather) == SBL_SUCCESS, "the beginning of a gather"); break;
@@ -310,6 +366,9 @@ TEST(inspection_adds_up) {
                       (double)s.from_surroundings[i], (double)s.from_lamps[i], (double)s.radiance[i]);
                 if (b == 0) CHECK(fabs(rays[i] - s.from_surroundings[i]) < 1e-4 * s.radiance[i] + 1e-6, "%d %d: rays give %g", x, y, rays[i]);
             }
+            for (i = 0; i < s.lamp_count; i++)
+                CHECK(s.lamps[i].kind == SBL_LAMP_TRIANGLE && s.lamps[i].mesh == 1 && (unsigned)s.lamps[i].number < 2, "%d %d: lamp %d is triangle %d of mesh %d",
+                      x, y, i, s.lamps[i].number, s.lamps[i].mesh);
             CHECK(k == sent && open <= sent, "%d %d: lamps tell of %d rays, there are %d", x, y, k, sent);
             CHECK((s.from_lamps[0] > 0) == (open > 0), "%d %d: %g from lamps, %d rays reach them", x, y, (double)s.from_lamps[0], open);
             CHECK((b == 0) == (s.backend == SBL_BACKEND_TRACE) && (b == 0) == (s.view_count == 0), "%d %d: which back end?", x, y);
@@ -321,6 +380,46 @@ TEST(inspection_adds_up) {
     sbl_destroy(context);
 }
 
+/* Where no sensor stood, one is made now, and says so; where one stood, it was of the level that the channel shows. */
+TEST(inspection_tells_levels) {
+    static float levels[PIXELS];
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_context *context = watch_context(&seen, &desc, &cornell);
+    sbl_picture_desc view = view_of(SBL_BACKEND_TRACE);
+    int met[SBL_MAX_LEVELS + 1] = { 0 }, at, wrong = 0;
+    if (!context) return;
+    view.samples = 1;
+    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_SENSORS, levels, PIXELS) == SBL_SUCCESS, "no picture");
+    for (at = 0; at < PIXELS; at++) {
+        const int level = (int)levels[at];
+        sbl_sensor s;
+        if (met[level] == 8 || sbl_inspect_sensor(context, at % WIDTH, at / WIDTH, &s, NULL, NULL, 0) != SBL_SUCCESS) continue;
+        met[level]++;
+        wrong += s.sensed != (level > 0) || s.level != (level > 0 ? level - 1 : 0);
+    }
+    CHECK(met[0] == 8 && met[1] == 8 && met[2] == 8 && met[3] == 8, "%d %d %d %d sensors of the first levels", met[0], met[1], met[2], met[3]);
+    CHECK(wrong == 0, "%d sensors say another level than the channel", wrong);
+    sbl_destroy(context);
+}
+
+TEST(stats_tell_of_lamps_and_the_hierarchy) {
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_context *context = watch_context(&seen, &desc, &cornell);
+    sbl_picture_desc view = view_of(SBL_BACKEND_TRACE);
+    sbl_stats stats;
+    if (!context) return;
+    view.width = view.height = 8;
+    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS, "no picture");
+    stats = sbl_query_stats(context);
+    CHECK(stats.lamps == 2 && stats.triangles == 32, "%d lamps among %d triangles; the lamp is 2 of 32", stats.lamps, stats.triangles);
+    CHECK(stats.bvh_bytes > 32 * 36 && stats.bvh_bytes < 32 * 200, "32 triangles' hierarchy takes %.0f bytes", (double)stats.bvh_bytes);
+    view.mode = SBL_MODE_PAPER;
+    view.backend = SBL_BACKEND_AUTO;
+    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS, "no picture");
+    CHECK(sbl_query_stats(context).lamps == 0, "the paper's sensors aim at %d lamps", sbl_query_stats(context).lamps);
+    sbl_destroy(context);
+}
+
 TEST(nothing_is_left) { CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are left, %d strangers", seen.blocks, seen.strangers); }
 
 int main(void) {
@@ -329,10 +428,13 @@ int main(void) {
     RUN(every_stage_comes_in_pieces);
     RUN(the_hierarchy_comes_in_pieces);
     RUN(submissions_follow_the_limit);
+    RUN(steps_keep_to_their_time);
     RUN(programs_compile_when_used_or_ahead);
     RUN(each_level_is_sharper);
     RUN(a_finished_picture_stays);
     RUN(inspection_adds_up);
+    RUN(inspection_tells_levels);
+    RUN(stats_tell_of_lamps_and_the_hierarchy);
     RUN(nothing_is_left);
     scene_free(&cornell);
     host_gl_close();

@@ -65,7 +65,7 @@ TEST(agrees_with_raster_on_smooth_light) {
     CHECK(sbl_query_stats(context).backend == SBL_BACKEND_TRACE && sbl_query_stats(context).rays >= 4096 * (int64_t)sbl_query_stats(context).sensors, "the stats do not say trace");
     b = scene_channel(context, &ray, SBL_CHANNEL_RADIANCE);
     error = difference(b, a, 64 * 64);
-    CHECK(error < 0.01, "traced and rasterised differ by %.2f %% rms", 100 * error);
+    CHECK(error < 0.003, "traced and rasterised differ by %.2f %% rms", 100 * error);
     printf("  %.2f %%\n", 100 * error);
     free(a);
     free(b);
@@ -288,7 +288,7 @@ TEST(furnaces) {
     scene_box(&s, scene_lamp(&s, 2, 2, 2), -1, -1, -1, 1, 1, 1);
     REQUIRE(scene_render(context, &s, &view), "no picture");
     r = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
-    for (i = 0; i < 32 * 32 * 3; i++) worst = fmax(worst, fabs((double)r[i] - 2));
+    for (i = 0; i < 32 * 32 * 3; i++) worst = test_max(worst, fabs((double)r[i] - 2));
     CHECK(worst < 1e-4, "inside a glowing box R is off by %g", worst);
     free(r);
     scene_free(&s);
@@ -336,7 +336,7 @@ TEST(all_hidden_from_sensors) {
     scene_sky(&s, 0.5f, 0.5f, 0.5f);
     REQUIRE(scene_render(context, &s, &view), "no picture");
     r = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
-    for (i = 0; i < 16 * 16 * 3; i++) worst = fmax(worst, fabs((double)r[i] - 0.5));
+    for (i = 0; i < 16 * 16 * 3; i++) worst = test_max(worst, fabs((double)r[i] - 0.5));
     CHECK(worst < 1e-5, "R is off by %g", worst);
     free(r);
     scene_free(&s);
@@ -360,7 +360,10 @@ TEST(the_picture_does_not_depend_on_the_slices) {
         desc.batch = i == 1 ? 1 : i == 2 ? 77 : 0;
         REQUIRE(sbl_create(&desc, &other) == SBL_SUCCESS && sbl_set_scene(other, &scene) == SBL_SUCCESS, "no context");
         if (i < 3) result = sbl_render(other, &view);
-        else for (result = sbl_begin(other, &view), result = SBL_UNFINISHED; result == SBL_UNFINISHED;) result = sbl_step(other, 1e-4);
+        else {
+            REQUIRE(sbl_begin(other, &view) == SBL_SUCCESS, "cannot begin");
+            do result = sbl_step(other, 1e-4); while (result == SBL_UNFINISHED);
+        }
         REQUIRE(result == SBL_SUCCESS, "%s", sbl_result_string(result));
         r = scene_channel(other, &view, SBL_CHANNEL_RADIANCE);
         if (!first) first = r;
@@ -436,7 +439,7 @@ TEST(nasty_triangles) {
         CHECK(sbl_query_stats(context).triangles == 12 + copies, "%d triangles", sbl_query_stats(context).triangles);
         CHECK(way == 2 || context->core.scene.hierarchy.node_count < 100, "copies make a hierarchy of %d nodes", context->core.scene.hierarchy.node_count);
         r = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
-        for (i = 0; i < 32 * 32 * 3; i++) worst = fmax(worst, fabs((double)r[i] - 0.5));
+        for (i = 0; i < 32 * 32 * 3; i++) worst = test_max(worst, fabs((double)r[i] - 0.5));
         CHECK(worst < 1e-4, "%s: R is off by %g", way == 0 ? "copies" : way == 1 ? "copies of either winding" : "needles", worst);
         free(r);
         free(corners);
@@ -473,8 +476,8 @@ TEST(every_ray_arrives) {
         for (i = 0; i < 24 * 16; i++) {
             if (!(id[i] > 0)) continue;
             seen++;
-            low = fmin(low, (double)r[3 * i]);
-            high = fmax(high, (double)r[3 * i]);
+            low = test_min(low, (double)r[3 * i]);
+            high = test_max(high, (double)r[3 * i]);
         }
         CHECK(sbl_query_stats(context).triangles == count + 4, "%d triangles", sbl_query_stats(context).triangles);
         CHECK(seen > 100 && low > 1 - 1e-4 && high < 1 + 1e-4, "%s: in %d pixels R is %g to %g, and should be 1", way == 0 ? "large triangles" : "a fan", seen, low, high);
@@ -496,7 +499,8 @@ TEST(a_million_triangles) {
     compare_hits("a million triangles", &s, &view, 100, 300);
     stats = sbl_query_stats(context);
     printf("  %d triangles, hierarchy of %.1f MiB in %.2f s\n", stats.triangles, (double)stats.bvh_bytes / 1048576, stats.bvh_seconds);
-    CHECK(stats.triangles > MILLION * 0.97 && (double)stats.bvh_bytes < 100.0 * stats.triangles, "%d triangles take %.0f bytes", stats.triangles, (double)stats.bvh_bytes);
+    CHECK(stats.triangles > MILLION * 0.97 && (double)stats.bvh_bytes < 100.0 * stats.triangles && (double)stats.bvh_bytes > 36.0 * stats.triangles,
+          "%d triangles take %.0f bytes", stats.triangles, (double)stats.bvh_bytes);
     scene_free(&s);
 }
 
@@ -519,7 +523,7 @@ TEST(ten_million_triangles) {
     stats = sbl_query_stats(context);
     memory = sbl_query_memory(context);
     r = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
-    for (i = 0; i < 32 * 32 * 3; i++) worst = fmax(worst, fabs((double)r[i] - 0.5));
+    for (i = 0; i < 32 * 32 * 3; i++) worst = test_max(worst, fabs((double)r[i] - 0.5));
     printf("  %d triangles: %.1f s, of them scene %.1f and hierarchy %.1f; at peak %.0f MiB of host memory and %.0f of GL's\n", stats.triangles, start,
            stats.seconds.scene, stats.bvh_seconds, (double)memory.host_peak_bytes / 1048576, (double)memory.gpu_peak_bytes / 1048576);
     CHECK(stats.triangles > 9e6 && worst < 1e-4, "of %d triangles R is off by %g", stats.triangles, worst);
