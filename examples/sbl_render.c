@@ -168,8 +168,8 @@ static const struct option {
     [UP]            = { "--up", "X,Y,Z", NUMBERS, options.up, 3, -1e18, 1e18, "what is up" },
     [FOV]           = { "--fov", "DEGREES", NUMBERS, &options.fov, 1, 1, 179, "vertical; the defaults of these four: the file's camera, else one that frames the scene" },
     [SKY]           = { "--sky", "R,G,B|FILE", NUMBERS, options.sky, 3, 0, 1e30,
-                        "constant radiance of all that is not hit; default 0,0,0; or a picture of it (FILE.hdr; .png, .jpg, ... are decoded from\n"
-                        "sRGB): equirectangular, its upper edge is straight up, its middle is +x" },
+                        "constant radiance of all that is not hit; default 0,0,0, or 1,1,1 where nothing else shines; or a picture of it\n"
+                        "(FILE.hdr; .png, .jpg, ... are decoded from sRGB): equirectangular, its upper edge is straight up, its middle is +x" },
     [SKY_ROTATION]  = { "--sky-rotation", "DEGREES", NUMBERS, &options.sky_rotation, 1, -360, 360, "of the picture, counter-clockwise seen from above; default 0" },
     [SKY_SCALE]     = { "--sky-scale", "F", NUMBERS, &options.sky_scale, 1, 0, 1e30, "of the picture's light; default 1" },
     [SKY_UP]        = { "--sky-up", "X,Y,Z", NUMBERS, options.sky_up, 3, -1e18, 1e18, "what is up in the picture; default 0,1,0" },
@@ -813,6 +813,15 @@ static sbl_result read_picture(sbl_context *context, const sbl_picture_desc *des
     return picture->values ? sbl_read_channel(context, channel, picture->values, count) : SBL_ERROR_OUT_OF_MEMORY;
 }
 
+/* Does anything in it shine? */
+static int is_lit(const sbl_scene_desc *scene) {
+    int i, k;
+    if (scene->light_count > 0) return 1;
+    for (i = 0; i < scene->mesh_count; i++)
+        for (k = 0; k < 3; k++) if (scene->materials[scene->meshes[i].material].emission[k] > 0) return 1;
+    return scene->mesh_count == 0;
+}
+
 /* sky: NULL, or its picture. */
 static int render(const scene_file *file, const scene_file *sky, sbl_context *context, messages *said, double start, double load) {
     const sbl_channel channel = given[INSPECT] ? SBL_CHANNEL_FINAL : (sbl_channel)options.channel;
@@ -824,6 +833,10 @@ static int render(const scene_file *file, const scene_file *sky, sbl_context *co
     totals all = { file->scene.light_count, load, 0 };
     int i, status = DONE;
     for (i = 0; i < 3; i++) scene.sky[i] = options.sky_picture ? 0 : (float)options.sky[i];
+    if (!given[SKY] && !is_lit(&scene)) {
+        for (i = 0; i < 3; i++) scene.sky[i] = 1;
+        if (!given[QUIET]) warn("%s: nothing in it shines; an even sky of 1,1,1 lights it, --sky chooses another", options.scene);
+    }
     if (sky) {
         scene.environment.picture = sky->scene.environment.picture;
         scene.environment.scale = options.sky_scale > (double)least ? (float)options.sky_scale : least;

@@ -1200,6 +1200,60 @@ TEST(callbacks_that_call_back) {
     usable("callbacks that call back");
 }
 
+/* What is no mistake, but hardly wanted: a scene in which nothing shines, one too small, too large or too far off. */
+TEST(warnings) {
+    static const struct { float size, offset; int light, warnings; sbl_log_item item; } cases[] = {
+        { 1, 0, 1, 0, SBL_LOG_ITEM_OK }, { 1, 0, 0, 1, SBL_LOG_ITEM_NO_LIGHT }, { 1e-9f, 0, 1, 0, SBL_LOG_ITEM_OK }, { 1e-11f, 0, 1, 1, SBL_LOG_ITEM_SCALE },
+        { 1e9f, 0, 1, 0, SBL_LOG_ITEM_OK }, { 1e11f, 0, 1, 1, SBL_LOG_ITEM_SCALE }, { 1, 1e3f, 1, 0, SBL_LOG_ITEM_OK }, { 1, 1e5f, 1, 1, SBL_LOG_ITEM_SCALE } };
+    int i, way;
+    for (i = 0; i < (int)(sizeof cases / sizeof *cases); i++) {
+        const float size = cases[i].size, away = cases[i].offset, move[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, away, away, away, 1 };
+        test_scene s = { 0 };
+        sbl_scene_desc desc;
+        static small_picture picture;
+        scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 2 * size);
+        if (cases[i].light) scene_quad(&s, scene_lamp(&s, 3, 3, 3), -0.5f * size, size, -0.5f * size, -0.5f * size, size, 0.5f * size, 0.5f * size, size, 0.5f * size,
+                                       0.5f * size, size, -0.5f * size);
+        for (way = 0; way < s.mesh_count; way++) memcpy(s.meshes[way].transform, move, sizeof move);
+        desc = scene_desc(&s);
+        watch_forget(&seen);
+        CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS && seen.errors == 0 && seen.warnings == cases[i].warnings, "case %d: %d errors, %d warnings: %s", i,
+              seen.errors, seen.warnings, watch_last(&seen));
+        if (cases[i].warnings) CHECK(seen.messages[0].item == cases[i].item, "case %d: the warning is \"%s\"", i, watch_last(&seen));
+        for (way = 0; way < 2 && !cases[i].warnings; way++) {  /* without a warning it is right: Lambert's sum, Howell B-4 */
+            const double form = 2 / sqrt(1.25) * atan(0.5 / sqrt(1.25)) / SBL__PI;
+            view = small_view();
+            view.mode = SBL_MODE_DIRECT;
+            view.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
+            view.tile = 1;
+            view.filter_radius = -1;
+            sbl_look_at(view.world_to_view, away, away + 0.9f * size, away + 0.001f * size, away, away, away, 0, 1, 0);
+            sbl_perspective(view.view_to_clip, 2, 1);
+            CHECK(small_render(context, &view, &picture) == SBL_SUCCESS, "case %d: %s", i, watch_last(&seen));
+            CHECK(fabs((double)picture.values[3 * (SMALL_PIXELS + SMALL_PIXELS / 2)] / (3 * form) - 1) < 2e-3, "case %d: R is %g, expected %g", i,
+                  (double)picture.values[3 * (SMALL_PIXELS + SMALL_PIXELS / 2)], 3 * form);
+        }
+        scene_free(&s);
+    }
+    known_picture();
+    usable("warnings");
+}
+
+/* An emission that a float holds, times a texture that it holds, may be more than one holds. */
+TEST(radiance_that_overflows) {
+    static const float bright[3] = { 8, 8, 8 };
+    test_scene s = { 0 };
+    sbl_scene_desc desc;
+    const int lamp = scene_lamp(&s, 3e38f, 3e38f, 3e38f);
+    s.materials[lamp].emission_texture = scene_texture(&s, bright, sizeof bright, SBL_PIXELS_FLOAT, 1, 1, 3);
+    scene_floor(&s, lamp, 0, 2);
+    desc = scene_desc(&s);
+    watch_forget(&seen);
+    CHECK(sbl_set_scene(context, &desc) == SBL_ERROR_INVALID_ARGUMENT && seen.errors == 1, "%d errors: %s", seen.errors, watch_last(&seen));
+    usable("radiance that overflows");
+    scene_free(&s);
+}
+
 TEST(nothing_leaked) {
     sbl_destroy(context);
     CHECK(seen.blocks == 0 && seen.bytes == 0, "%d blocks, %.0f bytes leaked", seen.blocks, (double)seen.bytes);
@@ -1245,6 +1299,8 @@ int main(void) {
     RUN(cancel_at_every_call);
     RUN(giving_up_midway);
     RUN(callbacks_that_call_back);
+    RUN(warnings);
+    RUN(radiance_that_overflows);
     RUN(nothing_leaked);
     scene_free(&small);
     return test_report();
