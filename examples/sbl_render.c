@@ -822,6 +822,9 @@ static int is_lit(const sbl_scene_desc *scene) {
     return scene->mesh_count == 0;
 }
 
+/* A scene in which nothing shines gets a sky. */
+static int lit_by_us(const sbl_scene_desc *scene) { return !given[SKY] && !is_lit(scene); }
+
 /* sky: NULL, or its picture. */
 static int render(const scene_file *file, const scene_file *sky, sbl_context *context, messages *said, double start, double load) {
     const sbl_channel channel = given[INSPECT] ? SBL_CHANNEL_FINAL : (sbl_channel)options.channel;
@@ -833,10 +836,7 @@ static int render(const scene_file *file, const scene_file *sky, sbl_context *co
     totals all = { file->scene.light_count, load, 0 };
     int i, status = DONE;
     for (i = 0; i < 3; i++) scene.sky[i] = options.sky_picture ? 0 : (float)options.sky[i];
-    if (!given[SKY] && !is_lit(&scene)) {
-        for (i = 0; i < 3; i++) scene.sky[i] = 1;
-        if (!given[QUIET]) warn("%s: nothing in it shines; an even sky of 1,1,1 lights it, --sky chooses another", options.scene);
-    }
+    for (i = 0; i < 3 && lit_by_us(&scene); i++) scene.sky[i] = 1;
     if (sky) {
         scene.environment.picture = sky->scene.environment.picture;
         scene.environment.scale = options.sky_scale > (double)least ? (float)options.sky_scale : least;
@@ -929,6 +929,8 @@ int main(int argc, char **argv) {
         status = result == SBL_SUCCESS ? render(file, sky, context, &said, start, load) : fail_with(&said, "OpenGL", result);
         sbl_destroy(context);
         if (status == DONE && !given[QUIET]) {
+            if (lit_by_us(&file->scene))
+                warn("%s: nothing in it shines; an even sky of 1,1,1 lights it, --sky chooses another", options.scene);
             for (i = 0; i < file->warning_count && i < SCENE_FILE_WARNINGS; i++) warn("%s: %s", options.scene, file->warnings[i]);
             if (file->warning_count > SCENE_FILE_WARNINGS)
                 warn("%s: and %d warnings more", options.scene, file->warning_count - SCENE_FILE_WARNINGS);
