@@ -727,7 +727,7 @@ typedef struct sbl_reading {
     float back_share;   /* of that, what sees back faces */
     float hit_mean;     /* distance to the surfaces seen, world: mean, */
     float hit_min;      /* and the least; both 0 where none is seen */
-    int valid;          /* 0: its sensor is stuck inside geometry */
+    int valid;          /* 0: its sensor is stuck inside geometry, or its light overflows */
 } sbl_reading;
 
 /* Zero is the default everywhere; what is named as in sbl_picture_desc means the same. */
@@ -826,7 +826,8 @@ extern "C" {
 /* >>functions */
 
 /* Makes a context. desc: NULL or zeroes mean defaults. out: receives the context, NULL on failure.
-   Results: INVALID_ARGUMENT, OUT_OF_MEMORY, UNSUPPORTED (no GL 3.3, a function missing, no headless GL), GL. */
+   Results: INVALID_ARGUMENT, OUT_OF_MEMORY, UNSUPPORTED (no GL 3.3, a function missing, no headless GL), GL (also
+   where the driver draws a known triangle wrongly). */
 SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out);
 
 /* Frees the context and all its GL objects; NULL is ignored. */
@@ -8033,6 +8034,12 @@ static sbl_result sbl__job_reduce(sbl__device *d, sbl__job *j, const sbl__slice 
 /* Of what a look sees of surfaces, the share of back faces. */
 static float sbl__back_share(const float sum[4], const float hits[4]) { return hits[0] > 0 ? sum[3] / hits[0] : 0; }
 
+/* In scenes of extreme sizes (see sbl__scene_warn) what shaders compute may overflow; then the sensor is invalid. */
+static int sbl__reading_is_finite(const sbl_reading *r) {
+    return sbl__all_finite(r->radiance, 3) && sbl__finite(&r->noise) && sbl__finite(&r->hit_share) &&
+           sbl__finite(&r->back_share) && sbl__finite(&r->hit_mean) && sbl__finite(&r->hit_min);
+}
+
 /* Adds a look's result to its site's reading; the last one makes it a mean. */
 static void sbl__job_take(sbl__job *j, const float sum[4], const float hits[4]) {
     const sbl__spec *spec = &j->task.spec;
@@ -8056,6 +8063,7 @@ static void sbl__job_take(sbl__job *j, const float sum[4], const float hits[4]) 
     if (++j->look < looks) return;
     for (k = 0; k < 3; k++) r->radiance[k] /= (float)looks;
     r->noise = (float)sqrt((double)r->noise) / (float)looks;
+    if (!sbl__reading_is_finite(r)) memset(r, 0, sizeof *r);
     j->look = 0;
     j->site++;
 }

@@ -938,6 +938,8 @@ TEST(helpers_out_of_range) {
     CHECK(!sbl_look_at(m, 0, 0, 0, 0, 0, 1, 0, 0, 0), "sbl_look_at without up");
     CHECK(!sbl_look_at(m, NOT, 0, 0, 0, 0, 1, 0, 1, 0), "sbl_look_at from nan");
     CHECK(!sbl_look_at(m, 0, 0, 0, INF, 0, 1, 0, 1, 0), "sbl_look_at at inf");
+    CHECK(!sbl_look_at(m, 3e38f, 3e38f, 3e38f, -3e38f, -3e38f, 3e38f, 0, 1, 0), "sbl_look_at from past what a float holds");
+    CHECK(!sbl_perspective(m, 1e-42f, 1) && !sbl_perspective(m, 40, 1e-42f), "sbl_perspective: too narrow for a float");
     CHECK(!sbl_perspective(m, 0, 1) && !sbl_perspective(m, 180, 1) && !sbl_perspective(m, -10, 1) && !sbl_perspective(m, NOT, 1), "sbl_perspective: fov_y");
     CHECK(!sbl_perspective(m, 40, 0) && !sbl_perspective(m, 40, -1) && !sbl_perspective(m, 40, NOT) && !sbl_perspective(m, 40, INF), "sbl_perspective: aspect");
     CHECK(memcmp(m, before, sizeof m) == 0, "a helper wrote though it failed");
@@ -1200,6 +1202,35 @@ TEST(callbacks_that_call_back) {
     usable("callbacks that call back");
 }
 
+/* Triangles of all sizes in one scene, the needles among them: whatever they look like, they make no NaN. */
+TEST(sizes_far_apart) {
+    static const float sizes[] = { 1e-20f, 1e-18f, 1e-12f, 1e-6f, 1, 1e6f, 1e12f, 1e17f };
+    static small_picture picture;
+    test_scene s = { 0 };
+    sbl_scene_desc desc;
+    const int count = (int)(sizeof sizes / sizeof *sizes), grey = scene_material(&s, 0.5f, 0.5f, 0.5f), lamp = scene_lamp(&s, 1, 2, 3);
+    int i, k, way;
+    for (i = 0; i < count; i++) {
+        const float a = sizes[i], plain[9] = { -a, -a, -a, a, -a, -a, 0, a, -a }, needle[9] = { -a, 0, -a, a, 1e-20f, -a, a, 0, -a * 1.001f };
+        scene_mesh(&s, i % 3 ? grey : lamp, plain, NULL, NULL, 3, NULL, 0);
+        scene_mesh(&s, i % 2 ? grey : lamp, needle, NULL, NULL, 3, NULL, 0);
+    }
+    scene_sky(&s, 0.1f, 0.2f, 0.3f);
+    desc = scene_desc(&s);
+    REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
+    for (i = 0; i < count; i++) for (way = 0; way < 2; way++) {
+        view = small_view();
+        view.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
+        sbl_look_at(view.world_to_view, 0.3f * sizes[i], 0.2f * sizes[i], 2 * sizes[i], 0, 0, 0, 0, 1, 0);
+        CHECK(small_render(context, &view, &picture) == SBL_SUCCESS, "from %g: %s", (double)sizes[i], watch_last(&seen));
+        for (k = 0; k < SMALL_FLOATS; k++) if (!sbl__finite(&picture.values[k])) break;
+        CHECK(k == SMALL_FLOATS, "from %g: float %d of the channels is %g", (double)sizes[i], k, (double)picture.values[k]);
+    }
+    known_picture();
+    usable("sizes far apart");
+    scene_free(&s);
+}
+
 /* What is no mistake, but hardly wanted: a scene in which nothing shines, one too small, too large or too far off. */
 TEST(warnings) {
     static const struct { float size, offset; int light, warnings; sbl_log_item item; } cases[] = {
@@ -1299,6 +1330,7 @@ int main(void) {
     RUN(cancel_at_every_call);
     RUN(giving_up_midway);
     RUN(callbacks_that_call_back);
+    RUN(sizes_far_apart);
     RUN(warnings);
     RUN(radiance_that_overflows);
     RUN(nothing_leaked);
