@@ -108,8 +108,9 @@
 
    ON UNITS
 
-   Scene-linear radiance in any consistent unit; lengths in any unit from 0.01 to 10,000 across the scene and beyond.
-   For a surface point p with normal n:
+   Scene-linear radiance in any consistent unit, lengths likewise: light is right in scenes from 5e-10 to 6e9 across
+   that are no farther from the origin than 4,000 of their sizes; past that there is a warning, and nothing that
+   overflows comes out as NaN. For a surface point p with normal n:
 
        E(p) = integral over the hemisphere of L(p, w) cos(theta) dw      irradiance
        R(p) = E(p) / pi                                                  the radiance map; a uniform sky of 1 gives 1
