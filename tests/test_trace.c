@@ -208,6 +208,11 @@ TEST(edges_are_tight_however_products_round) {
         int escaped = 0;
         float *positions;
         REQUIRE(sbl_create(NULL, &own) == SBL_SUCCESS, "no context");
+        if (way == 1 && !(sbl_query_capabilities(own).available & SBL_CAPABILITY_COMPUTE)) {
+            printf("  no doubles in this GL: not fused\n");
+            sbl_destroy(own);
+            break;
+        }
         mesh = scene_sphere(&s, scene_material(&s, 0, 0, 0), 0, 0, 0, 1, 256, 128, 0);
         positions = (float *)scene_alloc(&s, 12 * (size_t)mesh->vertex_count);
         memcpy(positions, mesh->positions.data, 12 * (size_t)mesh->vertex_count);
