@@ -104,7 +104,7 @@ static int picture_make(sbl_context *context) {
     const sbl_material plain = { .albedo = { 1, 1, 1 } };
     sbl_mesh meshes[CORNELL_QUADS] = { { .vertex_count = 0 } };
     const sbl_scene_desc scene = {
-        .meshes = meshes, .mesh_count = CORNELL_QUADS, .materials = &plain, .material_count = 1 };
+        .meshes = meshes, .mesh_count = CORNELL_QUADS, .materials = &plain, .material_count = 1, .sky = { 1, 1, 1 } };
     sbl_picture_desc view = { .mode = SBL_MODE_DIRECT, .preset = SBL_PRESET_DRAFT, .tile = 1024 };  /* light: any */
     int quad;
     for (quad = 0; quad < CORNELL_QUADS; quad++) {
