@@ -70,7 +70,7 @@ fake_tests() {
     printf '#include <pthread.h>\nint shared;\nvoid *touch(void *);\nvoid *touch(void *user) { shared++; return user; }\n' > "$fake/tests/touch.h"
     for spec in "$@"; do
         body=${spec#*|}
-        printf '#include <stdio.h>\n#include <stdlib.h>\n#include "touch.h"\nint main(void) { printf("words\\n%%s\\n", "%s"); fflush(stdout); %s; return 0; }\n' \
+        printf '#include <stdio.h>\n#include <stdlib.h>\n#include "touch.h"\nunsigned sleep(unsigned);\nint main(void) { printf("words\\n%%s\\n", "%s"); fflush(stdout); %s; return 0; }\n' \
             "${body#*|}" "${body%%|*}" > "$fake/tests/test_${spec%%|*}.c"
     done
     "$fake/scripts/test" > "$folder/verdict" 2>&1

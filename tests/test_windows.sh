@@ -173,8 +173,7 @@ export TMPDIR="$folder" WINEPREFIX="$folder/wine" WINEDEBUG=-all WINEDLLOVERRIDE
 run() { mkdir -p "$folder/there" && (cd "$folder" && with_display wine "$@"); }
 minimal_there() { run "$copy/build/minimal.exe" there && look alike here/minimal.png there/minimal.png; }
 host_context_there() {
-    run "$copy/build/host_context.exe" there > "$folder/said" && grep -q 'state intact' "$folder/said" &&
-    look cornell there/host_context.png
+    run "$copy/build/host_context.exe" there && look cornell there/host_context.png
 }
 if [ "$wine_target" != x86_64 ]; then skip wine "nothing to run: no x86_64-w64-mingw32-gcc and g++ (mingw-w64)"
 elif [ ! "$display" ]; then skip wine "no xvfb-run and xauth (xvfb, xauth)"
