@@ -2530,6 +2530,15 @@ typedef struct sbl__slice {
     int turns;       /* of loops on the CPU, since the clock was looked at */
 } sbl__slice;
 
+/* seconds: 0 or less takes all the time it needs. */
+static sbl__slice sbl__slice_of(const sbl_context_desc *desc, double seconds) {
+    sbl__slice slice;
+    slice.end = seconds > 0 ? sbl__now() + seconds : DBL_MAX;
+    slice.longest = desc->longest_submission;
+    slice.turns = 0;
+    return slice;
+}
+
 #define SBL__CLOCK_TURNS 64
 
 /* For every turn of a loop on the CPU: is the slice over? */
@@ -9361,15 +9370,12 @@ static sbl_result sbl__picture_finish_preview(sbl__core *c, sbl__picture *p, sbl
 /* The best that is known of a picture under way, for whoever looks at it: made at once the first time, then whenever
    enough more is known. The first level's readings have been taken. */
 static sbl_result sbl__picture_watch(sbl__core *c, sbl__picture *p) {
-    sbl__slice slice;
+    sbl__slice slice = sbl__slice_of(&c->desc, 0);
     sbl__stage stage;
     sbl_result result = SBL_UNFINISHED;
     int at, refine_at, row;
     p->watched = 1;
     if (p->previewed) return SBL_SUCCESS;
-    memset(&slice, 0, sizeof slice);
-    slice.end = DBL_MAX;
-    slice.longest = c->desc.longest_submission;
     if (p->previewing) return sbl__picture_finish_preview(c, p, &slice);
     while (p->stage >= SBL__STAGE_FILL && p->stage <= SBL__STAGE_SEND && result == SBL_UNFINISHED)
         result = sbl__picture_step(c, p, &slice);  /* the last map is being made: it is what is shown */
@@ -9775,13 +9781,10 @@ static sbl_result sbl__inspect_lamps(sbl__looking *k) {
 /* Gathers for the pixel in the slot that its sensor's first look had, so that every rounding is the same. */
 static sbl_result sbl__inspect(sbl__looking *k) {
     sbl__core *c = k->core;
-    sbl__slice slice;
+    sbl__slice slice = sbl__slice_of(&c->desc, 0);
     sbl__task task;
     int seen = 0;
     sbl_result result = SBL_UNFINISHED;
-    memset(&slice, 0, sizeof slice);
-    slice.end = DBL_MAX;
-    slice.longest = c->desc.longest_submission;
     memset(&task, 0, sizeof task);
     task.spec = k->picture->spec;
     task.sites = &k->site;
@@ -9869,7 +9872,7 @@ static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gb
     const float *middle, *corner;
     float pixels[SBL__TRIAL_SIZE * SBL__TRIAL_SIZE][4];
     sbl__camera camera;
-    sbl__slice slice;
+    const sbl__slice slice = sbl__slice_of(&c->desc, 0);
     sbl__surface_job job;
     sbl_picture_desc view;
     sbl_result result = sbl__surface_make(&c->device, surface, SBL__TRIAL_SIZE, SBL__TRIAL_SIZE);
@@ -9877,10 +9880,7 @@ static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gb
         result = sbl__gbuffer_make(&c->device, gbuffer, SBL__TRIAL_SIZE, SBL__TRIAL_SIZE, &surface->depth);
     if (result != SBL_SUCCESS) return result;
     memset(&view, 0, sizeof view);
-    memset(&slice, 0, sizeof slice);
     memset(&job, 0, sizeof job);
-    slice.end = DBL_MAX;
-    slice.longest = c->desc.longest_submission;
     sbl_look_at(view.world_to_view, 0, 0, 2, 0, 0, 0, 0, 1, 0);
     sbl_perspective(view.view_to_clip, 120, 1);
     sbl__camera_make(&camera, &view, &c->scene.geometry);
@@ -9904,12 +9904,11 @@ static sbl_result sbl__trial_rays(sbl__core *c, int *met) {
     sbl_gather_desc desc;
     sbl__gathering gathering;
     sbl_reading reading;
-    sbl__slice slice;
+    sbl__slice slice = sbl__slice_of(&c->desc, 0);
     sbl_result result;
     sbl_site site;
     memset(&desc, 0, sizeof desc);
     memset(&site, 0, sizeof site);
-    memset(&slice, 0, sizeof slice);
     memset(&reading, 0, sizeof reading);
     memset(&gathering, 0, sizeof gathering);
     site.position[2] = 1;
@@ -9921,8 +9920,6 @@ static sbl_result sbl__trial_rays(sbl__core *c, int *met) {
     desc.epsilon = 0.5f;
     desc.rays = SBL__TRIAL_RAYS;
     desc = sbl_gather_desc_defaults(&desc);
-    slice.end = DBL_MAX;
-    slice.longest = c->desc.longest_submission;
     sbl__gathering_begin(&gathering, &desc, 1);
     do result = sbl__gathering_step(c, &gathering, &slice); while (result == SBL_UNFINISHED);
     sbl__gathering_free(&c->base, &gathering);
@@ -10496,9 +10493,7 @@ SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
         return SBL_ERROR_STATE;
     }
     if (!sbl__picture_under_way(&c->picture) && !sbl__gathering_under_way(&c->gathering)) return SBL_SUCCESS;
-    memset(&slice, 0, sizeof slice);
-    slice.longest = c->core.desc.longest_submission;
-    slice.end = seconds > 0 ? sbl__now() + seconds : DBL_MAX;
+    slice = sbl__slice_of(&c->core.desc, seconds);
     last = seconds > 0 ? slice.end - SBL__SLICE_REST * seconds : DBL_MAX;
     sbl__visit_enter(c, &visit);
     do result = sbl__context_step(c, &slice);
