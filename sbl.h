@@ -696,6 +696,7 @@ typedef struct sbl_stats {
     int64_t sensors;          /* points at which light was gathered */
     int64_t sensor_views;     /* views drawn for them; a sensor that stands for many pixels looks up to four times */
     int64_t sensor_texels;
+    int store_samples;        /* of bounced light, SBL_MODE_GI */
     int lamps;                /* emitting triangles, lights and bright texels of the sky that sensors aim rays at */
     int64_t rays;             /* traced over the hemispheres; those towards lamps come on top */
     double bvh_seconds;       /* building the hierarchy, once per scene, part of seconds.surface of its first traced
@@ -705,7 +706,7 @@ typedef struct sbl_stats {
     int level_count;
     struct { int tile; int64_t sensors; } levels[SBL_MAX_LEVELS];
     int readbacks;            /* transfers from GPU to host during the picture */
-    struct { double scene, surface, gather, refine, filter, resolve, total; } seconds;
+    struct { double scene, surface, bounce, gather, refine, filter, resolve, total; } seconds;
     double microseconds_per_sensor;  /* total over sensors, as in the paper */
 } sbl_stats;
 
@@ -1821,14 +1822,28 @@ typedef struct sbl__record {
 #define SBL__LAMP_KIND_SHIFT 30
 #define SBL__SKY_COLUMN_BITS 15    /* of a sky texel's number */
 #define SBL__FAR_NODE 0x80000000u
+#define SBL__PATCH_BACK 1u         /* a patch's word, see >>store */
+#define SBL__PATCH_FLAT 2u
+#define SBL__PATCH_AXIS_SHIFT 2
+#define SBL__PATCH_LEVEL_SHIFT 4
+#define SBL__PATCH_LEVEL 15u
+#define SBL__PATCH_NEAR 256u
+#define SBL__PATCH_SHIFT 9
+#define SBL__NEAR_SHARE 0.5        /* of a cell's length, within which a ray starts near it */
+#define SBL__PROBES 64             /* in the table of cells */
+#define SBL__CELL_SPLIT 0x80000000u
+#define SBL__CELL_DEPTH 12         /* splits under a cell */
+#define SBL__CAST_NUMBERS 1048576  /* of triangles, that a float tells apart with a sign and more */
 
 #define SBL__SHARED_INTS(X) \
-    X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) X(SKY_COLUMN_BITS)
+    X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) X(SKY_COLUMN_BITS) \
+    X(PATCH_AXIS_SHIFT) X(PATCH_LEVEL_SHIFT) X(PROBES) X(CELL_DEPTH) X(CAST_NUMBERS)
 #define SBL__SHARED_BITS(X) \
     X(TEXTURE_SRGB) X(TEXTURE_KIND) X(TEXTURE_CLAMPS) \
     X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) \
     X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) \
-    X(LAMP_TRIANGLE) X(LAMP_NEAR_LIGHT) X(LAMP_FAR_LIGHT) X(LAMP_SKY_TEXEL) X(FAR_NODE)
+    X(LAMP_TRIANGLE) X(LAMP_NEAR_LIGHT) X(LAMP_FAR_LIGHT) X(LAMP_SKY_TEXEL) X(FAR_NODE) \
+    X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_SPLIT)
 
 #define SBL__PRELUDE_MOST 8192     /* characters that a program's constants and records may have, each */
 
@@ -2107,7 +2122,8 @@ enum {
     SBL__INSPECT = 1 << 3,      /* single rays towards lamps are written */
     SBL__WRITE_DEPTH = 1 << 4,  /* there is no clip control */
     SBL__COMPUTE = 1 << 5,
-    SBL__FEATURES = 6
+    SBL__BOUNCED = 1 << 6,      /* sensors see light that has bounced, see >>store */
+    SBL__FEATURES = 7
 };
 
 #define SBL__SHADERS_MOST 10
@@ -2191,7 +2207,7 @@ static sbl_result sbl__program_link(const sbl__device *d, unsigned *out, const u
 
 static sbl_result sbl__program_make(const sbl__device *d, unsigned *out, const sbl__recipe *recipe, unsigned features) {
     static const char *const names[SBL__FEATURES] = {
-        "TEXTURED", "WIDE", "VIEWS", "INSPECT", "WRITE_DEPTH", "COMPUTE"
+        "TEXTURED", "WIDE", "VIEWS", "INSPECT", "WRITE_DEPTH", "COMPUTE", "BOUNCED"
     };
     const sbl__gl *gl = &d->gl;
     const int compute = (features & SBL__COMPUTE) != 0;
@@ -5134,6 +5150,431 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
     return result;
 }
 
+/* ======================================================================================================== >>store
+   Light that bounces: R on all surfaces of the scene, cell by cell, as sensors look it up where they see a surface.
+   >>bounce fills it.
+
+   Surfaces are cut into patches: neighbouring triangles of a mesh that make one smooth surface. A cell is what a cube
+   of a grid over the scene cuts out of one side of a patch, of what faces one of six ways there (of a flat patch, whose
+   plane may lie on the grid's: what a column cuts out). So light does not leak through walls, between shelves or around
+   edges, tiny triangles share a cell and large ones have many. Where something stands on a surface a cell is cut once
+   more, along its plane (see >>bounce): what lies behind is another leaf.
+
+       triangle -> patch, side \
+                                hash table -> leaf, or split -> ... -> leaf: R
+       place    -> cube        /                                                                                  */
+
+/* A slot of the hash table of cells. check: 0 where it is empty. reference: 0: nothing is known here; a leaf's number +
+   1; SBL__CELL_SPLIT | a split's number. */
+typedef struct sbl__cell_slot { uint32_t check, reference; } sbl__cell_slot;
+
+/* A plane through a cell; references to what lies below it and above it. */
+#define SBL__SPLIT(X) \
+    X(sbl__split, VEC3, normal) X(sbl__split, FLOAT, distance) \
+    X(sbl__split, UVEC2, sides) X(sbl__split, UVEC2, unused)
+SBL__RECORD(sbl__split, SBL__SPLIT, "sbl_split", "sbl_store", SBL__SCENE_TABLE("sbl_store"), "first_split")
+
+#define SBL__LEAF_RECORD(X) X(sbl__leaf, VEC3, light) X(sbl__leaf, UINT, unused)
+SBL__RECORD(sbl__leaf, SBL__LEAF_RECORD, "sbl_leaf", "sbl_store", "", "first_leaf")
+
+typedef struct sbl__store {
+    int ready;
+    float origin[3], length;   /* of the grid; of a cell of level 0, at level n 2^n times as much */
+    uint32_t *patches;         /* a word a triangle: number << SBL__PATCH_SHIFT | level | axis | flat | back */
+    sbl__cell_slot *cells;
+    int cell_room;             /* a power of two */
+    sbl__split *splits;
+    sbl__leaf *leaves;
+    int split_count, split_room, leaf_count, leaf_room;
+    sbl__table table;          /* all four, one after the other: textures are few */
+    int first_cell, first_split, first_leaf;  /* texels of four words */
+} sbl__store;
+
+static void sbl__store_free(const sbl__device *d, sbl__store *s) {
+    sbl__free(d->base, s->patches);
+    sbl__free(d->base, s->cells);
+    sbl__free(d->base, s->splits);
+    sbl__free(d->base, s->leaves);
+    sbl__table_delete(d, &s->table);
+    memset(s, 0, sizeof *s);
+}
+
+/* >>store: cells. store.glsl does the same. */
+
+static uint32_t sbl__hash_step(uint32_t hash, uint32_t x) {
+    hash = (hash ^ x) * 0x9e3779b1u;
+    return hash ^ hash >> 15;
+}
+
+static float sbl__cell_length(const sbl__store *s, uint32_t patch) {
+    return s->length * (float)(1u << (patch >> SBL__PATCH_LEVEL_SHIFT & SBL__PATCH_LEVEL));
+}
+
+/* Which cube of its patch's level a place lies in. patch: the triangle's word, turned to the side that is seen. */
+static void sbl__cell_place(const sbl__store *s, uint32_t patch, const float position[3], uint32_t at[3]) {
+    const float per_cell = 1 / sbl__cell_length(s, patch);
+    int k;
+    for (k = 0; k < 3; k++) {
+        const float x = (position[k] - s->origin[k]) * per_cell;
+        at[k] = x > 0 ? x < 2e9f ? (uint32_t)x : 2000000000u : 0;
+    }
+    if (patch & SBL__PATCH_FLAT) at[patch >> SBL__PATCH_AXIS_SHIFT & 3u] = 0;
+}
+
+/* Its slot in the table, or the free one that it would have; NULL: too many others stand in its way. */
+static sbl__cell_slot *sbl__store_slot(const sbl__store *s, uint32_t patch, const float position[3], uint32_t *check) {
+    uint32_t at[3], hash;
+    int i;
+    sbl__cell_place(s, patch, position, at);
+    hash = sbl__hash_step(sbl__hash_step(sbl__hash_step(sbl__hash_step(0, patch), at[0]), at[1]), at[2]);
+    *check = sbl__hash_step(sbl__hash_step(sbl__hash_step(hash, at[2]), at[1]), at[0]) | 1u;
+    for (i = 0; i < SBL__PROBES; i++) {
+        sbl__cell_slot *slot = &s->cells[(hash + (uint32_t)i) & (uint32_t)(s->cell_room - 1)];
+        if (slot->check == *check || slot->check == 0) return slot;
+    }
+    return NULL;
+}
+
+/* Where the reference stands that leads to a place's light, made where it was not; NULL: there is no room. Holds until
+   a split is added. */
+static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const float position[3]) {
+    uint32_t check, *reference;
+    sbl__cell_slot *slot = sbl__store_slot(s, patch, position, &check);
+    if (!slot) return NULL;
+    slot->check = check;
+    reference = &slot->reference;
+    while (*reference >= SBL__CELL_SPLIT) {
+        sbl__split *split = &s->splits[*reference & ~SBL__CELL_SPLIT];
+        reference = &split->sides[sbl__dot(split->normal, position) > split->distance];
+    }
+    return reference;
+}
+
+/* An empty store with room for so many leaves. */
+static sbl_result sbl__store_clear(sbl__base *base, sbl__store *s, int leaves) {
+    int room = 1024;
+    while (room < 2 * leaves) room *= 2;
+    if (room != s->cell_room) {
+        sbl__free(base, s->cells);
+        s->cell_room = 0;
+        s->cells = (sbl__cell_slot *)sbl__alloc_raw(base, (size_t)room, sizeof *s->cells);
+        if (!s->cells) return SBL_ERROR_OUT_OF_MEMORY;
+        s->cell_room = room;
+    }
+    memset(s->cells, 0, (size_t)room * sizeof *s->cells);
+    s->leaf_count = s->split_count = 0;
+    return SBL_SUCCESS;
+}
+
+/* reference: the one that is to lead there. */
+static sbl_result sbl__store_add_leaf(sbl__base *base, sbl__store *s, uint32_t *reference) {
+    if (!sbl__grow(base, &s->leaves, &s->leaf_room, s->leaf_count + 1, sizeof *s->leaves)) return SBL_ERROR_OUT_OF_MEMORY;
+    memset(&s->leaves[s->leaf_count], 0, sizeof *s->leaves);
+    *reference = (uint32_t)++s->leaf_count;
+    return SBL_SUCCESS;
+}
+
+/* Cuts the leaf at a place along a plane: it stays on the place's side. */
+static sbl_result sbl__store_add_split(sbl__base *base, sbl__store *s, uint32_t patch, const float position[3],
+                                       const float normal[3], float distance) {
+    sbl__split *split;
+    uint32_t *reference;
+    if (!sbl__grow(base, &s->splits, &s->split_room, s->split_count + 1, sizeof *s->splits))
+        return SBL_ERROR_OUT_OF_MEMORY;
+    reference = sbl__store_find(s, patch, position);
+    split = &s->splits[s->split_count];
+    memset(split, 0, sizeof *split);
+    memcpy(split->normal, normal, sizeof split->normal);
+    split->distance = distance;
+    split->sides[sbl__dot(normal, position) > distance] = *reference;
+    *reference = SBL__CELL_SPLIT | (uint32_t)s->split_count++;
+    return SBL_SUCCESS;
+}
+
+#define SBL__PATCH_SMOOTH 0.8     /* cosine between neighbours in a patch, at least */
+#define SBL__PATCH_EVEN 0.9999    /* and between a flat one's triangles */
+#define SBL__PATCH_LEAST 0.25     /* cells; smaller patches of a mesh are taken for one */
+
+/* >>store: patches. Triangles of a mesh belong together that share an edge, by the places of its ends, and bend little
+   there. */
+
+typedef enum sbl__patch_stage {
+    SBL__PATCH_WELD, SBL__PATCH_JOIN, SBL__PATCH_MEASURE, SBL__PATCH_GRID, SBL__PATCH_WRITE
+} sbl__patch_stage;
+
+typedef struct sbl__edge_slot { uint32_t a, b, triangle; } sbl__edge_slot;  /* triangle + 1; 0: empty */
+
+typedef struct sbl__patch { double area; float normal[3]; int flat; } sbl__patch;
+
+typedef struct sbl__patching {  /* while patches are made */
+    sbl__patch_stage stage;
+    int at;
+    uint32_t *vertices;         /* a table of vertex numbers + 1, by place */
+    uint32_t *welded;           /* the first vertex at each one's place */
+    sbl__edge_slot *edges;
+    uint32_t *parents;          /* of triangles: the forest whose roots are patches */
+    sbl__patch *patches;        /* of roots */
+    double *meshes;             /* area of each mesh's small patches */
+    int vertex_room, edge_room; /* powers of two */
+    double least, scale;        /* see sbl__patch_roots */
+    double growth;              /* of the scale, where cells of the first one were too many */
+} sbl__patching;
+
+static void sbl__patching_free(sbl__base *base, sbl__patching *p) {
+    sbl__free(base, p->vertices);
+    sbl__free(base, p->welded);
+    sbl__free(base, p->edges);
+    sbl__free(base, p->parents);
+    sbl__free(base, p->patches);
+    sbl__free(base, p->meshes);
+    memset(p, 0, sizeof *p);
+}
+
+static sbl_result sbl__patching_begin(sbl__base *base, sbl__patching *p, const sbl__geometry *g) {
+    const size_t triangles = (size_t)g->triangle_count;
+    int i;
+    p->growth = 1;
+    p->vertex_room = p->edge_room = 16;
+    while (p->vertex_room < g->vertex_count * 2.0) p->vertex_room *= 2;
+    while (p->edge_room < g->triangle_count * 4.0) p->edge_room *= 2;
+    p->vertices = (uint32_t *)sbl__alloc(base, (size_t)p->vertex_room, sizeof *p->vertices);
+    p->welded = (uint32_t *)sbl__alloc(base, (size_t)g->vertex_count, sizeof *p->welded);
+    p->edges = (sbl__edge_slot *)sbl__alloc(base, (size_t)p->edge_room, sizeof *p->edges);
+    p->parents = (uint32_t *)sbl__alloc(base, triangles, sizeof *p->parents);
+    p->patches = (sbl__patch *)sbl__alloc(base, triangles, sizeof *p->patches);
+    p->meshes = (double *)sbl__alloc(base, (size_t)g->mesh_count, sizeof *p->meshes);
+    if (!p->vertices || !p->welded || !p->edges || !p->parents || !p->patches || !p->meshes)
+        return SBL_ERROR_OUT_OF_MEMORY;
+    for (i = 0; i < g->triangle_count; i++) p->parents[i] = (uint32_t)i;
+    return SBL_SUCCESS;
+}
+
+static void sbl__patch_weld(const sbl__geometry *g, sbl__patching *p, uint32_t vertex) {
+    const sbl__vertex *v = &g->vertices[vertex];
+    uint32_t hash = sbl__hash_step(0, v->object), mask = (uint32_t)(p->vertex_room - 1), i;
+    int k;
+    for (k = 0; k < 3; k++) hash = sbl__hash_step(hash, sbl__float_bits(&v->position[k]));
+    for (i = hash & mask; p->vertices[i]; i = (i + 1) & mask) {
+        const sbl__vertex *other = &g->vertices[p->vertices[i] - 1];
+        if (other->object == v->object && !memcmp(other->position, v->position, sizeof v->position)) break;
+    }
+    if (!p->vertices[i]) p->vertices[i] = vertex + 1;
+    p->welded[vertex] = p->vertices[i] - 1;
+}
+
+static void sbl__scene_triangle(const sbl__geometry *g, uint32_t triangle, const float *corners[3]) {
+    int k;
+    for (k = 0; k < 3; k++) corners[k] = g->vertices[g->indices[3 * (size_t)triangle + (size_t)k]].position;
+}
+
+/* Unit; returns its area. */
+static double sbl__scene_normal(const sbl__geometry *g, uint32_t triangle, double normal[3]) {
+    const float *corners[3];
+    double area;
+    sbl__scene_triangle(g, triangle, corners);
+    sbl__triangle_normal(corners, normal);
+    area = 0.5 * sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+    if (!sbl__normalize(normal)) normal[0] = normal[1] = normal[2] = 0;
+    return area;
+}
+
+static uint32_t sbl__patch_root(uint32_t *parents, uint32_t triangle) {
+    while (parents[triangle] != triangle) triangle = parents[triangle] = parents[parents[triangle]];
+    return triangle;
+}
+
+static void sbl__patch_join(const sbl__geometry *g, sbl__patching *p, uint32_t triangle) {
+    const uint32_t *corners = &g->indices[3 * (size_t)triangle], mask = (uint32_t)(p->edge_room - 1);
+    double normal[3], other[3];
+    int k;
+    sbl__scene_normal(g, triangle, normal);
+    for (k = 0; k < 3; k++) {
+        const uint32_t from = p->welded[corners[k]], to = p->welded[corners[(k + 1) % 3]];
+        const uint32_t a = SBL__MIN(from, to), b = SBL__MAX(from, to);
+        uint32_t i = sbl__hash_step(sbl__hash_step(0, a), b) & mask, root, found;
+        while (p->edges[i].triangle && (p->edges[i].a != a || p->edges[i].b != b)) i = (i + 1) & mask;
+        if (!p->edges[i].triangle) {
+            p->edges[i].a = a;
+            p->edges[i].b = b;
+            p->edges[i].triangle = triangle + 1;
+            continue;
+        }
+        sbl__scene_normal(g, p->edges[i].triangle - 1, other);
+        if (normal[0] * other[0] + normal[1] * other[1] + normal[2] * other[2] < SBL__PATCH_SMOOTH) continue;
+        root = sbl__patch_root(p->parents, triangle);
+        found = sbl__patch_root(p->parents, p->edges[i].triangle - 1);
+        p->parents[SBL__MAX(root, found)] = SBL__MIN(root, found);
+    }
+}
+
+/* A patch's area; is it flat? */
+static void sbl__patch_measure(const sbl__geometry *g, sbl__patching *p, uint32_t triangle) {
+    const uint32_t root = sbl__patch_root(p->parents, triangle);
+    sbl__patch *patch = &p->patches[root];
+    const sbl__object *o = &g->objects[g->vertices[g->indices[3 * (size_t)triangle]].object];
+    double normal[3], along;
+    const double area = sbl__scene_normal(g, triangle, normal);
+    int k;
+    if (triangle == root) {  /* the first of its patch */
+        patch->flat = 1;
+        for (k = 0; k < 3; k++) patch->normal[k] = (float)normal[k];
+    }
+    if (!(o->flags & SBL__HIDDEN_FROM_SENSORS)) patch->area += area;
+    for (k = 0, along = 0; k < 3; k++) along += normal[k] * patch->normal[k];
+    if (along < SBL__PATCH_EVEN) patch->flat = 0;
+}
+
+/* A cell's area: the root of its patch's, times this; so large patches have larger cells, and yet more of them: a
+   meadow does not take all that a house on it needs. Finds how many cells there would be at a scale of 1; small patches
+   of a mesh count as one. least: area below which they are small. */
+static double sbl__patch_roots(const sbl__geometry *g, sbl__patching *p, double least) {
+    double roots = 0;
+    int i;
+    memset(p->meshes, 0, (size_t)g->mesh_count * sizeof *p->meshes);
+    for (i = 0; i < g->triangle_count; i++) {
+        const double area = p->parents[i] == (uint32_t)i ? p->patches[i].area : 0;
+        if (area < least) p->meshes[g->vertices[g->indices[3 * (size_t)i]].object] += area;
+        else roots += sqrt(area);
+    }
+    for (i = 0; i < g->mesh_count; i++) roots += sqrt(p->meshes[i]);
+    return roots;
+}
+
+/* Where cells lie, for about so many leaves; of a scene without area there is one. */
+static void sbl__patch_grid(const sbl__geometry *g, sbl__patching *p, sbl__store *s, double leaves) {
+    const double root = SBL__PATCH_LEAST * 2 * sbl__patch_roots(g, p, 0) / leaves;
+    int k;
+    p->least = root * root;
+    p->scale = p->growth * 2 * sbl__patch_roots(g, p, p->least) / leaves;
+    s->length = (float)sqrt(p->scale * root);
+    if (!sbl__between(&s->length, FLT_MIN, FLT_MAX)) s->length = 1;
+    for (k = 0; k < 3; k++) s->origin[k] = g->bounds[0][k] - s->length * (1.37f + 0.21f * (float)k);
+}
+
+/* The triangle's word. */
+static uint32_t sbl__patch_word(const sbl__geometry *g, sbl__patching *p, const sbl__store *s, uint32_t triangle) {
+    const uint32_t root = sbl__patch_root(p->parents, triangle);
+    const uint32_t mesh = g->vertices[g->indices[3 * (size_t)triangle]].object;
+    const sbl__patch *patch = &p->patches[root];
+    const int small = patch->area < p->least;
+    const double area = small ? p->meshes[mesh] : patch->area;
+    const double levels = log(sqrt(p->scale * sqrt(area)) / (double)s->length) / log(2.0) + 0.5;
+    const uint32_t level = levels > 0 ? (uint32_t)SBL__MIN(levels, (double)SBL__PATCH_LEVEL) : 0;
+    uint32_t number = small ? (uint32_t)g->triangle_count + mesh : root, axis = 0;
+    double n[3];
+    sbl__scene_normal(g, triangle, n);
+    if (fabs(n[1]) > fabs(n[0])) axis = 1;
+    if (fabs(n[2]) > fabs(n[axis])) axis = 2;
+    return number << SBL__PATCH_SHIFT | level << SBL__PATCH_LEVEL_SHIFT | axis << SBL__PATCH_AXIS_SHIFT |
+           (patch->flat && !small ? SBL__PATCH_FLAT : 0) | (n[axis] < 0 ? SBL__PATCH_BACK : 0);
+}
+
+/* Patches, and where cells lie. SBL_SUCCESS: each triangle has its word. */
+static sbl_result sbl__patching_step(const sbl__geometry *g, sbl__patching *p, sbl__store *s,
+                                     double leaves, sbl__slice *slice) {
+    while (p->stage <= SBL__PATCH_WRITE) {
+        const int count = p->stage == SBL__PATCH_WELD ? g->vertex_count : p->stage == SBL__PATCH_GRID ? 1
+                                                                                      : g->triangle_count;
+        for (; p->at < count; p->at++) {
+            const uint32_t i = (uint32_t)p->at;
+            if (sbl__late(slice)) return SBL_UNFINISHED;
+            switch (p->stage) {
+                case SBL__PATCH_WELD: sbl__patch_weld(g, p, i); break;
+                case SBL__PATCH_JOIN: sbl__patch_join(g, p, i); break;
+                case SBL__PATCH_MEASURE: sbl__patch_measure(g, p, i); break;
+                case SBL__PATCH_GRID: sbl__patch_grid(g, p, s, leaves); break;
+                default: s->patches[i] = sbl__patch_word(g, p, s, i);
+            }
+        }
+        p->stage = (sbl__patch_stage)(p->stage + 1);
+        p->at = 0;
+    }
+    return SBL_SUCCESS;
+}
+
+/* >>store: on the GPU */
+
+static sbl_result sbl__store_send(const sbl__device *d, sbl__store *s, int triangles, int wide) {
+    const size_t texel = 16;
+    sbl__buffer *buffer = &s->table.buffer;
+    sbl_result result;
+    s->first_cell = triangles / 4 + 1;
+    s->first_split = s->first_cell + s->cell_room / 2;
+    s->first_leaf = s->first_split + 2 * s->split_count;
+    result = sbl__buffer_make(d, buffer, texel * ((size_t)s->first_leaf + (size_t)s->leaf_count), NULL,
+                              SBL__GL_STATIC_DRAW);
+    if (result != SBL_SUCCESS) return result;
+    sbl__buffer_write(d, buffer, 0, sizeof *s->patches * (size_t)triangles, s->patches);
+    sbl__buffer_write(d, buffer, texel * (size_t)s->first_cell, sizeof *s->cells * (size_t)s->cell_room, s->cells);
+    if (s->split_count)
+        sbl__buffer_write(d, buffer, texel * (size_t)s->first_split, sizeof *s->splits * (size_t)s->split_count, s->splits);
+    if (s->leaf_count)
+        sbl__buffer_write(d, buffer, texel * (size_t)s->first_leaf, sizeof *s->leaves * (size_t)s->leaf_count, s->leaves);
+    return sbl__table_show(d, &s->table, SBL__GL_RGBA32UI, wide);
+}
+
+/* For store.glsl. */
+static void sbl__store_bind(sbl__device *d, const sbl__store *s) {
+    sbl__bind_table(d, "sbl_store", &s->table);
+    sbl__set_int(d, "first_cell", s->first_cell);
+    sbl__set_int(d, "first_split", s->first_split);
+    sbl__set_int(d, "first_leaf", s->first_leaf);
+    sbl__set_vec3(d, "cell_origin", s->origin);
+    sbl__set_float(d, "per_cell", 1 / s->length);
+    sbl__set_int(d, "cell_mask", s->cell_room - 1);
+}
+
+/* >>glsl store: shaders_embedded/store.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_store[] = {
+"// The store of bounced light (see >>store in sbl.h): R on surfaces, cell by cell.\n",
+"#ifdef SBL_BOUNCED\n",
+"// The table begins with a word a triangle of the scene; then the hash table of cells: check and reference; 0 0: nothing.\n",
+"uniform int first_cell;   // texel that cells start at, two a texel\n",
+"uniform int cell_mask;    // their slots - 1\n",
+"uniform vec3 cell_origin;\n",
+"uniform float per_cell;   // 1 / length of a cell of level 0\n",
+"\n",
+"const float SBL_NEAR_SHARE = 0.5;  // see SBL__NEAR_SHARE\n",
+"\n",
+"uint sbl_hash_step(uint hash, uint x) {\n",
+"    hash = (hash ^ x) * 0x9e3779b1u;\n",
+"    return hash ^ hash >> 15;\n",
+"}\n",
+"\n",
+"// R at a point of triangle number `number` of the scene, on its back side or its front, seen from so far away.\n",
+"vec3 sbl_stored(int number, bool back, vec3 position, float distance) {\n",
+"    uint patch_word = sbl_fetch(sbl_store, number >> 2)[number & 3] ^ (back ? SBL_PATCH_BACK : 0u);\n",
+"    float per = per_cell / float(1u << (patch_word >> SBL_PATCH_LEVEL_SHIFT & SBL_PATCH_LEVEL));\n",
+"    uvec3 at = uvec3(clamp((position - cell_origin) * per, vec3(0), vec3(2e9)));\n",
+"    if ((patch_word & SBL_PATCH_FLAT) != 0u) {\n",
+"        uint axis = patch_word >> SBL_PATCH_AXIS_SHIFT & 3u;\n",
+"        at *= uvec3(axis != 0u, axis != 1u, axis != 2u);\n",
+"    }\n",
+"    if (distance * per < SBL_NEAR_SHARE) patch_word |= SBL_PATCH_NEAR;\n",
+"    uint reference = 0u;\n",
+"    for (int tries = 0; tries < 2 && reference == 0u; tries++) {  // as seen from elsewhere, where nothing else is known\n",
+"        uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);\n",
+"        uint check = sbl_hash_step(sbl_hash_step(sbl_hash_step(hash, at.z), at.y), at.x) | 1u;\n",
+"        for (int i = 0; i < SBL_PROBES; i++) {\n",
+"            int place = int(hash + uint(i)) & cell_mask;\n",
+"            uvec4 two = sbl_fetch(sbl_store, first_cell + (place >> 1));\n",
+"            uvec2 slot = (place & 1) == 0 ? two.xy : two.zw;\n",
+"            if (slot.x == check) reference = slot.y;\n",
+"            if (slot.x == check || slot.x == 0u) break;\n",
+"        }\n",
+"        for (int i = 0; i < SBL_CELL_DEPTH && reference >= SBL_CELL_SPLIT; i++) {\n",
+"            int split = int(reference & ~SBL_CELL_SPLIT);\n",
+"            uvec2 sides = sbl_split_sides(split);\n",
+"            reference = dot(sbl_split_normal(split), position) > sbl_split_distance(split) ? sides.y : sides.x;\n",
+"        }\n",
+"        patch_word ^= SBL_PATCH_NEAR;\n",
+"    }\n",
+"    return reference == 0u ? vec3(0) : sbl_leaf_light(int(reference) - 1);\n",
+"}\n",
+"#endif\n",
+0 };
+/* <<glsl */
+
 /* ======================================================================================================== >>scene
    The five things that a scene is, and what the host draws itself. */
 
@@ -5143,6 +5584,7 @@ typedef struct sbl__scene {
     sbl__environment environment;
     sbl__lights lights;
     sbl__hierarchy hierarchy;
+    sbl__store store;           /* of bounced light */
     sbl_draw_function draw;     /* or NULL */
     void *draw_user;
     float draw_bounds[2][3];
@@ -5157,6 +5599,7 @@ typedef struct sbl__scene {
 #define SBL__AWAY_MOST 4e3       /* and so many of their sizes away from the origin */
 
 static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
+    sbl__store_free(d, &s->store);
     sbl__hierarchy_free(d, &s->hierarchy);
     sbl__lights_free(d, &s->lights);
     sbl__environment_free(d, &s->environment);
@@ -5278,7 +5721,7 @@ static void sbl__scene_changed(const sbl__device *d, sbl__scene *s) {
     sbl__lamps_free(d, s->lights.building);
     s->hierarchy.building = NULL;
     s->lights.building = NULL;
-    s->hierarchy.ready = s->lights.ready = 0;
+    s->hierarchy.ready = s->lights.ready = s->store.ready = 0;
     s->version++;
 }
 
@@ -5451,7 +5894,7 @@ static const char *const sbl__glsl_surface[] = {
 /* >>glsl outgoing: shaders_embedded/outgoing.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_outgoing[] = {
 "// What a surface sends towards a sensor: Ck of equations 1 and 2, an emitter's radiance, or the ambient factor\n",
-"// times the colour. All that sensors see comes through here; light that bounces will be looked up here.\n",
+"// times the colour; or the light that bounces there, which the store knows. All that sensors see comes through here.\n",
 "uniform float epsilon;     // the ambient factor\n",
 "uniform bool lamps_apart;  // light from emitters comes from lamps.glsl\n",
 "\n",
@@ -5464,7 +5907,11 @@ static const char *const sbl__glsl_outgoing[] = {
 "// Is what it sends known without its attributes? `back`: of its back side.\n",
 "bool sbl_outgoing_is_plain(int object, bool back) {\n",
 "#ifdef SBL_TEXTURED\n",
+"#ifdef SBL_BOUNCED\n",
+"    return false;\n",
+"#else\n",
 "    return sbl_emits(object, back) ? lamps_apart : epsilon <= 0.0;\n",
+"#endif\n",
 "#else\n",
 "    return true;\n",
 "#endif\n",
@@ -5483,6 +5930,17 @@ static const char *const sbl__glsl_outgoing[] = {
 "#endif\n",
 "    return radiance;\n",
 "}\n",
+"\n",
+"#ifdef SBL_BOUNCED\n",
+"// The light that a point reflects. number: of its triangle in the scene; distance: to whom.\n",
+"vec3 sbl_reflected(int object, int number, bool back, vec3 position, float distance, sbl_Attributes at) {\n",
+"    vec3 albedo = sbl_object_albedo(object);\n",
+"#ifdef SBL_TEXTURED\n",
+"    albedo *= (at.color * sbl_texture(sbl_object_albedo_texture(object), at.uv)).rgb;\n",
+"#endif\n",
+"    return albedo * sbl_stored(number, back, position, distance);\n",
+"}\n",
+"#endif\n",
 0 };
 /* <<glsl */
 
@@ -5960,6 +6418,7 @@ typedef struct sbl__spec {
     int rays;                   /* over the hemisphere */
     int lamp_rays;              /* towards lamps, at most; 0: there are none, or they are met like any surface */
     int lamps_apart;            /* views and rays over the hemisphere do not see emitters: lamp_rays are for them */
+    int bounced;                /* surfaces send out the light that the store knows */
     float epsilon;
     uint32_t seed;
     int atlas_size, batch;      /* of sbl_context_desc */
@@ -6179,6 +6638,10 @@ typedef struct sbl__slots {
 /* Partial sums of the looks in all slots, as reduce_blocks.glsl and trace.glsl write them. */
 typedef struct sbl__blocks { sbl__texture sums, hits; sbl__target target; } sbl__blocks;
 
+static unsigned sbl__features_of(const sbl__scene *scene, const sbl__spec *spec) {
+    return scene->features | (spec->bounced ? (unsigned)SBL__BOUNCED : 0);
+}
+
 /* Looks that are drawn together: `count` of them from slot `slot` on. */
 typedef struct sbl__batch {
     const sbl__scene *scene;
@@ -6189,6 +6652,8 @@ typedef struct sbl__batch {
     const sbl__table *table;    /* of their words; where rays are sent */
     int slot, count;
 } sbl__batch;
+
+static unsigned sbl__batch_features(const sbl__batch *b) { return sbl__features_of(b->scene, b->spec); }
 
 static sbl_result sbl__blocks_make(const sbl__device *d, sbl__blocks *b, int width, int height) {
     const sbl__texture *colors[2];
@@ -6354,6 +6819,7 @@ static void sbl__rays_bind(sbl__device *d, const sbl__batch *b, const sbl__table
     sbl__scene_bind(d, b->scene);
     sbl__hierarchy_bind(d, &b->scene->hierarchy);
     sbl__environment_bind(d, &b->scene->environment);
+    if (b->spec->bounced) sbl__store_bind(d, &b->scene->store);
     sbl__bind_table(d, "sbl_looks", b->table);
     sbl__bind_table(d, "sbl_sequence", sequence);
     sbl__set_ints(d, "blocks", blocks[0], blocks[1]);
@@ -7393,7 +7859,7 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
         if (b->scene->environment.pixels && !b->spec->paper) result = sbl__raster_sky(d, r, lens, b, views);
     }
     if (result == SBL_SUCCESS && end > first) {
-        result = sbl__use(d, &sbl__recipe_sensor, b->scene->features);
+        result = sbl__use(d, &sbl__recipe_sensor, sbl__batch_features(b));
         if (result != SBL_SUCCESS) return result;
         sbl__raster_pass(d, r, lens, SBL__PASS_DEPTH | SBL__PASS_CLIP);
         sbl__scene_bind(d, b->scene);
@@ -7537,13 +8003,17 @@ static const char *const sbl__glsl_trace[] = {
 "SBL_OUT(0, out_sum);\n",
 "SBL_OUT(1, out_hits);\n",
 "\n",
-"vec3 sbl_radiance(sbl_Hit hit) {\n",
+"vec3 sbl_radiance(sbl_Hit hit, vec3 position) {\n",
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
 "    sbl_Attributes at = sbl_Attributes(vec2(0), vec4(1));\n",
 "#ifdef SBL_TEXTURED\n",
 "    sbl_when (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);\n",
 "#endif\n",
-"    return sbl_outgoing(object, hit.back, at);\n",
+"    vec3 radiance = sbl_outgoing(object, hit.back, at);\n",
+"#ifdef SBL_BOUNCED\n",
+"    radiance += sbl_reflected(object, hit.number, hit.back, position, hit.distance, at);\n",
+"#endif\n",
+"    return radiance;\n",
 "}\n",
 "\n",
 "void main() {\n",
@@ -7564,7 +8034,7 @@ static const char *const sbl__glsl_trace[] = {
 "        sbl_Hit hit = sbl_trace(position, direction, 1e30);\n",
 "        if (hit.triangle < 0) sum.rgb += sky + sbl_sky(direction);\n",
 "        else {\n",
-"            sum += vec4(sbl_radiance(hit), hit.back ? 1.0 : 0.0);\n",
+"            sum += vec4(sbl_radiance(hit, position + direction * hit.distance), hit.back ? 1.0 : 0.0);\n",
 "            hits.xy += vec2(1.0, hit.distance);\n",
 "            hits.z = min(hits.z, hit.distance);\n",
 "        }\n",
@@ -7579,16 +8049,18 @@ static const char *const sbl__glsl_trace[] = {
 
 static const sbl__recipe sbl__recipe_trace = {
     "trace", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_outgoing, sbl__glsl_carrier, sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_trace },
+    { sbl__glsl_scene, sbl__glsl_store, sbl__glsl_outgoing, sbl__glsl_carrier, sbl__glsl_traverse, sbl__glsl_sky,
+      sbl__glsl_trace },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
-      &sbl__look_words_record },
-    SBL__TEXTURED | SBL__WIDE | SBL__COMPUTE
+      &sbl__look_words_record,
+      &sbl__split_record, &sbl__leaf_record },
+    SBL__TEXTURED | SBL__WIDE | SBL__COMPUTE | SBL__BOUNCED
 };
 
 /* Traces a batch, which has been sent; slots->blocks invocations share a look's rays. probe: one ray a look, along its
    normal. */
 static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl__batch *b, int probe) {
-    const sbl_result result = sbl__use(d, &sbl__recipe_trace, b->scene->features);
+    const sbl_result result = sbl__use(d, &sbl__recipe_trace, sbl__batch_features(b));
     if (result != SBL_SUCCESS) return result;
     sbl__rays_bind(d, b, &t->sequence, b->slots->blocks);
     sbl__set_int(d, "rays", probe ? 1 : t->rays);
@@ -7693,11 +8165,13 @@ static void sbl__job_free(const sbl__device *d, sbl__job *j) {
 /* s has its defaults filled in, its back end chosen. The scene is ready (sbl__scene_step), but for the paper's mode. */
 static void sbl__spec_make(sbl__spec *spec, const sbl__seeing *s, const sbl__scene *scene, const sbl_context_desc *c) {
     const sbl__environment *e = &scene->environment;
-    const int dark = !e->pixels && !(s->epsilon + e->sky[0] + e->sky[1] + e->sky[2] > 0);
+    const int dark = s->mode != SBL_MODE_GI && !e->pixels &&
+                     !(s->epsilon + e->sky[0] + e->sky[1] + e->sky[2] > 0);
     memset(spec, 0, sizeof *spec);
     spec->traced = s->backend == SBL_BACKEND_TRACE;
     spec->paper = s->mode == SBL_MODE_PAPER;
     spec->lamps_apart = !spec->paper;
+    spec->bounced = s->mode == SBL_MODE_GI;
     spec->lamp_rays = spec->lamps_apart && scene->lights.leaves ? s->rays : 0;
     spec->epsilon = s->epsilon;
     spec->seed = s->seed;
@@ -7734,7 +8208,7 @@ static float sbl__spec_tolerance(const sbl__spec *spec) {
 static int sbl__spec_equal(const sbl__spec *a, const sbl__spec *b) {
     return a->traced == b->traced && a->paper == b->paper && a->hemicube == b->hemicube && a->size == b->size &&
            a->fov == b->fov && a->rays == b->rays && a->lamp_rays == b->lamp_rays && a->lamps_apart == b->lamps_apart &&
-           a->epsilon == b->epsilon && a->atlas_size == b->atlas_size && a->batch == b->batch;
+           a->bounced == b->bounced &&           a->bounced == b->bounced && a->epsilon == b->epsilon && a->atlas_size == b->atlas_size && a->batch == b->batch;
 }
 
 /* >>job: setting up */
@@ -7834,7 +8308,7 @@ static const sbl__recipe sbl__recipe_reduce_sum = {
 /* Compiles one of the programs that the job needs. SBL_SUCCESS: all are there. */
 static sbl_result sbl__job_compile(sbl__device *d, const sbl__job *j) {
     const sbl__spec *spec = &j->task.spec;
-    const unsigned features = j->scene->features;
+    const unsigned features = sbl__features_of(j->scene, spec);
     const struct { const sbl__recipe *recipe; int needed; unsigned features; } programs[] = {
         { &sbl__recipe_trace, spec->traced, features },
         { &sbl__recipe_sensor, !spec->traced, features },
@@ -8222,6 +8696,7 @@ typedef struct sbl__core {
     sbl__scene scene;
     int has_scene;
     sbl__job job;
+    struct sbl__bounce *bounce; /* the store being filled, or NULL */
     sbl_stats stats;            /* of the picture or gather begun last */
 } sbl__core;
 
@@ -8256,6 +8731,686 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
     c->stats.seconds.scene = scene_seconds;
     c->stats.mode = s->mode;
     c->stats.backend = s->backend;
+}
+
+/* ======================================================================================================== >>bounce
+   Fills the store: sites all over the scene, their light from lamps by the job, what else they see by rays whose hits
+   are kept, and from these all bounces at once.
+
+       seeds -> { place -> feel } -> cast -> hits are placed likewise, until nothing new is hit -> light -> solve
+
+   A leaf has up to SBL__BOUNCE_POINTS points, wherever seeds or rays met it; each sends SBL__BOUNCE_RAYS rays. Ray r of
+   a leaf's meets leaf j in the colour a, so that R_i = L_i + mean over r of a * R_j: L from what shines, measured by
+   the job. The rays are kept, and the equations solved by iteration (Kajiya 1986; gathering, as Cohen and Greenberg
+   1985).
+
+   Where a surface goes on beneath what stands on it, a leaf must not be lit for both sides: from each leaf's first
+   point feelers go out along its surface to the end of its cell, and what they meet cuts it (sbl__store_add_split). */
+
+#define SBL__STORE_LEAVES 16384
+#define SBL__BOUNCE_SEEDS 1.0      /* of a cell */
+#define SBL__BOUNCE_SEED_RAYS 4
+#define SBL__BOUNCE_POINTS 4
+#define SBL__BOUNCE_RAYS 16        /* of a point */
+#define SBL__BOUNCE_LAMP_RAYS 16
+#define SBL__BOUNCE_SKY_RAYS 16    /* where the sky shines; */
+#define SBL__BOUNCE_DARK_RAYS 4    /* where not, to tell where a point stands */
+#define SBL__BOUNCE_FEELERS 8
+#define SBL__FEELER_STEEP 0.7      /* cosine between what a feeler meets and its surface, less than which cuts */
+#define SBL__FEELER_APART 1e-3     /* of a cell: planes nearer than that to a former hit are the same */
+#define SBL__BOUNCE_ALBEDO 0.98f   /* that light bounces with, at most */
+#define SBL__BOUNCE_SCALED 4       /* first rounds whose light is scaled, see sbl__bounce_solve */
+#define SBL__BOUNCE_ROUNDS 200
+#define SBL__BOUNCE_REST 2e-4      /* of the light, that may be missing at the end */
+#define SBL__BOUNCE_GROWTH 1.5     /* of cells' area, where leaves do not suffice */
+#define SBL__BOUNCE_CROWD 2        /* so many times the leaves asked for make it begin anew with larger cells */
+#define SBL__CAST_COLUMNS 256
+#define SBL__CAST_ROWS 64
+
+/* A ray, as cast.glsl takes it. */
+#define SBL__CAST(X) \
+    X(sbl__cast, VEC3, origin) X(sbl__cast, FLOAT, limit) \
+    X(sbl__cast, VEC3, direction) X(sbl__cast, UINT, unused)
+SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sbl_casts"), NULL)
+
+#define SBL__NOWHERE 0xffffffffu
+
+/* Where a ray met a surface, and how far it went. place: triangle << 1 | back, or SBL__NOWHERE; at the end its leaf's
+   number. */
+typedef struct sbl__hit { float position[3], distance; uint32_t place; uint16_t albedo[4]; } sbl__hit;
+
+typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* of its leaf's */ } sbl__bounce_point;
+
+/* Of a leaf, while it is filled. */
+typedef struct sbl__bounce_leaf { int points, first, depth, valid; } sbl__bounce_leaf;
+
+typedef enum sbl__bounce_stage {
+    SBL__BOUNCE_BEGIN, SBL__BOUNCE_PATCHES, SBL__BOUNCE_SEED, SBL__BOUNCE_SOW, SBL__BOUNCE_PLACE, SBL__BOUNCE_FEEL, SBL__BOUNCE_CUT,
+    SBL__BOUNCE_CAST, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_JOIN, SBL__BOUNCE_GATHER, SBL__BOUNCE_SOLVE,
+    SBL__BOUNCE_SEND, SBL__BOUNCE_DONE
+} sbl__bounce_stage;
+
+typedef struct sbl__bounce {
+    sbl__bounce_stage stage;
+    int at;                          /* what of the stage is next */
+    uint32_t scene;                  /* version that it is for */
+    double leaves;                   /* asked for, less where they did not suffice */
+    sbl__patching patching;
+    double spread;                   /* seeds that the triangles so far should have */
+    sbl__hit *seeds;                 /* places all over the surfaces */
+    int seed_count, seed_room;
+    const sbl__hit *queue;           /* places that may become points: of seeds, hits or `again` */
+    int queue_count;
+    sbl__hit *held, *again;          /* those that wait for feelers; and now do not any more */
+    int held_count, held_room, again_room;
+    sbl__bounce_point *points;
+    sbl__bounce_leaf *states;        /* of the leaves */
+    int point_count, point_room, state_room;
+    int fresh;                       /* leaves from here on have not been felt */
+    int cast;                        /* points from here on have not been cast */
+    sbl__hit *hits;                  /* SBL__BOUNCE_RAYS a point */
+    sbl__hit *feelers;
+    int hit_room, feeler_room;
+    uint32_t *sequence;
+    sbl__site *sites;
+    sbl_reading *readings;
+    float *light, *sums;             /* three a leaf: what comes from what shines; what is gathered */
+    double change;                   /* that the last round made */
+    int rounds, crowded;
+    sbl__table casts;
+    sbl__blocks blocks;
+    sbl__pace pace;
+} sbl__bounce;
+
+static void sbl__bounce_free(const sbl__device *d, sbl__bounce *b) {
+    sbl__patching_free(d->base, &b->patching);
+    sbl__free(d->base, b->seeds);
+    sbl__free(d->base, b->held);
+    sbl__free(d->base, b->again);
+    sbl__free(d->base, b->points);
+    sbl__free(d->base, b->states);
+    sbl__free(d->base, b->hits);
+    sbl__free(d->base, b->feelers);
+    sbl__free(d->base, b->sequence);
+    sbl__free(d->base, b->sites);
+    sbl__free(d->base, b->readings);
+    sbl__free(d->base, b->light);
+    sbl__free(d->base, b->sums);
+    sbl__table_delete(d, &b->casts);
+    sbl__blocks_free(d, &b->blocks);
+    memset(b, 0, sizeof *b);
+}
+
+/* >>bounce: rays in, hits out */
+
+/* >>glsl cast: shaders_embedded/cast.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_cast[] = {
+"// Rays in, hits out: what each of some rays meets first.\n",
+"SBL_OUT(0, out_place);   // where; +- (1 + the triangle's number, its low bits), negative: its back side; 0: nothing\n",
+"SBL_OUT(1, out_albedo);  // the surface's colour there; the number's high bits\n",
+"\n",
+"void main() {\n",
+"    ivec2 texel = sbl_texel_of_invocation();\n",
+"    int ray = texel.y * columns + texel.x;\n",
+"    if (ray >= count) sbl_leave;\n",
+"    vec3 origin = sbl_cast_origin(ray), direction = sbl_cast_direction(ray), albedo = vec3(0);\n",
+"    sbl_Hit hit = sbl_trace(origin, direction, sbl_cast_limit(ray));\n",
+"    float low = 0.0, high = 0.0;\n",
+"    if (hit.triangle >= 0) {\n",
+"        int object = int(sbl_triangle_object(hit.triangle));\n",
+"        albedo = sbl_object_albedo(object);\n",
+"#ifdef SBL_TEXTURED\n",
+"        sbl_Attributes at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);\n",
+"        albedo *= (at.color * sbl_texture(sbl_object_albedo_texture(object), at.uv)).rgb;\n",
+"#endif\n",
+"        low = (float(hit.number % SBL_CAST_NUMBERS) + 1.0) * (hit.back ? -1.0 : 1.0);\n",
+"        high = float(hit.number / SBL_CAST_NUMBERS);\n",
+"    }\n",
+"    sbl_write(out_place, vec4(origin + direction * hit.distance, low));\n",
+"    sbl_write(out_albedo, vec4(albedo, high));\n",
+"}\n",
+0 };
+/* <<glsl */
+
+static const sbl__recipe sbl__recipe_cast = {
+    "cast", { sbl__glsl_fullscreen_vertex },
+    { sbl__glsl_scene, sbl__glsl_carrier, sbl__glsl_traverse, sbl__glsl_cast },
+    { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
+      &sbl__cast_record },
+    SBL__TEXTURED | SBL__WIDE | SBL__COMPUTE
+};
+
+static sbl_result sbl__cast_send(sbl__core *c, sbl__bounce *b, const sbl__cast *rays, int count) {
+    const size_t room = SBL__CAST_COLUMNS * SBL__CAST_ROWS;
+    sbl__device *d = &c->device;
+    sbl_result result = sbl__blocks_make(d, &b->blocks, SBL__CAST_COLUMNS, SBL__CAST_ROWS);
+    if (result == SBL_SUCCESS)
+        result = sbl__buffer_stream(d, &b->casts.buffer, room * sizeof *rays, rays, (size_t)count * sizeof *rays);
+    if (result == SBL_SUCCESS) result = sbl__table_show(d, &b->casts, SBL__GL_RGBA32UI, 0);
+    if (result == SBL_SUCCESS) result = sbl__use(d, &sbl__recipe_cast, c->scene.features);
+    if (result != SBL_SUCCESS) return result;
+    sbl__scene_bind(d, &c->scene);
+    sbl__hierarchy_bind(d, &c->scene.hierarchy);
+    sbl__bind_table(d, "sbl_casts", &b->casts);
+    sbl__set_ints(d, "blocks", 1, 1);
+    sbl__set_int(d, "columns", SBL__CAST_COLUMNS);
+    sbl__set_int(d, "first_slot", 0);
+    sbl__set_int(d, "count", count);
+    sbl__invoke(d, &b->blocks.target, 0, (count + SBL__CAST_COLUMNS - 1) / SBL__CAST_COLUMNS, count);
+    return sbl__gl_check(&d->gl);
+}
+
+/* What cast.glsl wrote for a ray. */
+static void sbl__cast_take(const sbl__cast *ray, const float place[4], const float albedo[4], sbl__hit *out) {
+    const double low = fabs((double)place[3]) - 1, number = low + SBL__CAST_NUMBERS * (double)albedo[3];
+    double length2 = 0;
+    int k;
+    memset(out, 0, sizeof *out);
+    memcpy(out->position, place, sizeof out->position);
+    for (k = 0; k < 3; k++) length2 += ((double)place[k] - ray->origin[k]) * ((double)place[k] - ray->origin[k]);
+    out->distance = (float)sqrt(length2);
+    out->place = low < 0 ? SBL__NOWHERE : (uint32_t)number << 1 | (place[3] < 0);
+    for (k = 0; k < 3; k++) {
+        const float a = SBL__MIN(SBL__MAX(albedo[k], 0.0f), SBL__BOUNCE_ALBEDO);
+        out->albedo[k] = (uint16_t)(65535 * a + 0.5f);
+    }
+}
+
+typedef void (*sbl__cast_make)(const sbl__core *c, const sbl__bounce *b, int number, sbl__cast *out);
+
+/* Casts rays number b->at .. count - 1, as many as there is time for, into hits. SBL_SUCCESS: all. */
+static sbl_result sbl__bounce_cast(sbl__core *c, sbl__bounce *b, sbl__cast_make make, int count, sbl__hit *hits,
+                                   const sbl__slice *slice) {
+    enum { MOST = SBL__CAST_COLUMNS * SBL__CAST_ROWS };
+    sbl__device *d = &c->device;
+    sbl__cast *rays = (sbl__cast *)sbl__alloc_raw(d->base, MOST, sizeof *rays + 32);
+    float *data = rays ? (float *)(rays + MOST) : NULL;
+    sbl_result result = rays ? SBL_UNFINISHED : SBL_ERROR_OUT_OF_MEMORY;
+    while (result == SBL_UNFINISHED && b->at < count) {
+        const double room = sbl__pace_begin(&b->pace, slice, 1024, 64);
+        const int some = (int)SBL__MIN(SBL__MIN(room, (double)MOST), count - b->at);
+        const int rows = (some + SBL__CAST_COLUMNS - 1) / SBL__CAST_COLUMNS;
+        float *albedos = data + 4 * (size_t)rows * SBL__CAST_COLUMNS;
+        int i;
+        for (i = 0; i < some; i++) make(c, b, b->at + i, &rays[i]);
+        result = sbl__cast_send(c, b, rays, some);
+        if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 0, 0, rows, data);
+        if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 1, 0, rows, albedos);
+        if (result != SBL_SUCCESS) break;
+        for (i = 0; i < some; i++) sbl__cast_take(&rays[i], data + 4 * (size_t)i, albedos + 4 * (size_t)i, &hits[b->at + i]);
+        sbl__pace_end(d, &b->pace, some);
+        c->stats.readbacks += 2;
+        b->at += some;
+        result = SBL_UNFINISHED;
+        if (sbl__now() >= slice->end) break;
+    }
+    sbl__free(d->base, rays);
+    return result == SBL_UNFINISHED && b->at >= count ? SBL_SUCCESS : result;
+}
+
+/* >>bounce: places that may become points */
+
+/* The triangle's word, turned to the side that a place is on, and to whether it was seen from near. */
+static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
+    const uint32_t patch = s->patches[at->place >> 1] ^ (at->place & 1 ? SBL__PATCH_BACK : 0);
+    return patch | (at->distance < (float)SBL__NEAR_SHARE * sbl__cell_length(s, patch) ? SBL__PATCH_NEAR : 0);
+}
+
+/* Normal towards its side; returns how far rays start off it. */
+static float sbl__place_normal(const sbl__geometry *g, uint32_t place, float normal[3]) {
+    const float *p[3];
+    double n[3], longest = 0, away = 0;
+    int i, k;
+    sbl__scene_triangle(g, place >> 1, p);
+    sbl__scene_normal(g, place >> 1, n);
+    for (i = 0; i < 3; i++) {
+        double side = 0;
+        for (k = 0; k < 3; k++) side += ((double)p[i][k] - p[(i + 1) % 3][k]) * ((double)p[i][k] - p[(i + 1) % 3][k]);
+        longest = SBL__MAX(longest, side);
+    }
+    for (k = 0; k < 3; k++) {
+        normal[k] = (float)(place & 1 ? -n[k] : n[k]);
+        away += (double)p[0][k] * p[0][k];
+    }
+    return (float)(SBL__OFFSET * (sqrt(away) + 2 * sqrt(longest)));
+}
+
+static sbl_result sbl__bounce_begin(sbl__core *c, sbl__bounce *b) {
+    const sbl__geometry *g = &c->scene.geometry;
+    sbl__store *s = &c->scene.store;
+    b->leaves = getenv("LEAVES") ? atof(getenv("LEAVES")) : SBL__STORE_LEAVES;
+    sbl__free(&c->base, s->patches);
+    s->patches = (uint32_t *)sbl__alloc(&c->base, (size_t)g->triangle_count, sizeof *s->patches);
+    b->sequence = sbl__sequence_make(&c->base, SBL__BOUNCE_RAYS, 1);
+    return s->patches && b->sequence ? sbl__patching_begin(&c->base, &b->patching, g) : SBL_ERROR_OUT_OF_MEMORY;
+}
+
+/* One on each side of a triangle. */
+static sbl_result sbl__bounce_add_seeds(sbl__core *c, sbl__bounce *b, uint32_t triangle, uint32_t number) {
+    const uint32_t hash = sbl__hash(number);
+    double u = hash / 4294967296.0, v = sbl__hash(hash) / 4294967296.0;
+    const float *p[3];
+    int side, k;
+    if (!sbl__grow(&c->base, &b->seeds, &b->seed_room, b->seed_count + 2, sizeof *b->seeds))
+        return SBL_ERROR_OUT_OF_MEMORY;
+    if (u + v > 1) { u = 1 - u; v = 1 - v; }
+    sbl__scene_triangle(&c->scene.geometry, triangle, p);
+    for (side = 0; side < 2; side++) {
+        sbl__hit *out = &b->seeds[b->seed_count++];
+        memset(out, 0, sizeof *out);
+        for (k = 0; k < 3; k++)
+            out->position[k] = (float)(p[0][k] + u * ((double)p[1][k] - p[0][k]) + v * ((double)p[2][k] - p[0][k]));
+        out->place = triangle << 1 | (uint32_t)side;
+    }
+    return SBL_SUCCESS;
+}
+
+/* So many a cell, all over the scene. */
+static sbl_result sbl__bounce_seed(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
+    const sbl__geometry *g = &c->scene.geometry;
+    const sbl__store *s = &c->scene.store;
+    sbl_result result = SBL_SUCCESS;
+    for (; b->at < g->triangle_count && result == SBL_SUCCESS; b->at++) {
+        const uint32_t triangle = (uint32_t)b->at;
+        const sbl__object *o = &g->objects[g->vertices[g->indices[3 * (size_t)triangle]].object];
+        const double length = (double)sbl__cell_length(s, s->patches[triangle]), from = b->spread;
+        double normal[3], k;
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        if (o->flags & SBL__HIDDEN_FROM_SENSORS) continue;
+        b->spread += SBL__BOUNCE_SEEDS * sbl__scene_normal(g, triangle, normal) / (length * length);
+        for (k = floor(from); k < floor(b->spread) && result == SBL_SUCCESS; k++)
+            result = sbl__bounce_add_seeds(c, b, triangle, (uint32_t)k);
+    }
+    if (result == SBL_SUCCESS)
+        result = sbl__store_clear(&c->base, &c->scene.store, (int)(SBL__BOUNCE_CROWD * b->leaves));
+    return result;
+}
+
+/* Back onto its triangle's plane, off which the length of its ray has taken it by rounding. */
+static void sbl__bounce_settle(const sbl__geometry *g, sbl__hit *at) {
+    const float *p[3];
+    double normal[3], off = 0;
+    int k;
+    sbl__scene_triangle(g, at->place >> 1, p);
+    sbl__scene_normal(g, at->place >> 1, normal);
+    for (k = 0; k < 3; k++) off += normal[k] * ((double)at->position[k] - p[0][k]);
+    for (k = 0; k < 3; k++) at->position[k] = (float)(at->position[k] - off * normal[k]);
+}
+
+static sbl_result sbl__bounce_add_point(sbl__core *c, sbl__bounce *b, const sbl__hit *at, int leaf) {
+    if (!sbl__grow(&c->base, &b->points, &b->point_room, b->point_count + 1, sizeof *b->points))
+        return SBL_ERROR_OUT_OF_MEMORY;
+    b->points[b->point_count].at = *at;
+    sbl__bounce_settle(&c->scene.geometry, &b->points[b->point_count].at);
+    b->points[b->point_count].number = b->states[leaf].points++;
+    b->points[b->point_count++].leaf = leaf;
+    return SBL_SUCCESS;
+}
+
+static sbl_result sbl__bounce_add_leaf(sbl__core *c, sbl__bounce *b, const sbl__hit *at, uint32_t *reference) {
+    const int leaf = c->scene.store.leaf_count;
+    sbl_result result = sbl__store_add_leaf(&c->base, &c->scene.store, reference);
+    if (result != SBL_SUCCESS) return result;
+    if (!sbl__grow(&c->base, &b->states, &b->state_room, leaf + 1, sizeof *b->states)) return SBL_ERROR_OUT_OF_MEMORY;
+    memset(&b->states[leaf], 0, sizeof *b->states);
+    b->states[leaf].first = b->point_count;
+    return sbl__bounce_add_point(c, b, at, leaf);
+}
+
+/* A place that a seed or a ray found. Sets *crowded where there is no room for it. */
+static sbl_result sbl__bounce_add(sbl__core *c, sbl__bounce *b, const sbl__hit *at, int *crowded) {
+    sbl__store *s = &c->scene.store;
+    uint32_t *reference = sbl__store_find(s, sbl__place_patch(s, at), at->position);
+    int leaf;
+    if (!reference || s->leaf_count > SBL__BOUNCE_CROWD * b->leaves) { *crowded = 1; return SBL_SUCCESS; }
+    if (!*reference) return sbl__bounce_add_leaf(c, b, at, reference);
+    leaf = (int)*reference - 1;
+    if (leaf < b->fresh) return b->states[leaf].points < SBL__BOUNCE_POINTS ? sbl__bounce_add_point(c, b, at, leaf)
+                                                                            : SBL_SUCCESS;
+    if (!sbl__grow(&c->base, &b->held, &b->held_room, b->held_count + 1, sizeof *b->held))
+        return SBL_ERROR_OUT_OF_MEMORY;
+    b->held[b->held_count++] = *at;
+    return SBL_SUCCESS;
+}
+
+/* The queue's places. b->crowded: there are too many cells. */
+static sbl_result sbl__bounce_place(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
+    sbl_result result = SBL_SUCCESS;
+    int crowded = 0;
+    for (; b->at < b->queue_count && result == SBL_SUCCESS && !crowded; b->at++) {
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        if (b->queue[b->at].place != SBL__NOWHERE) result = sbl__bounce_add(c, b, &b->queue[b->at], &crowded);
+    }
+    b->crowded = crowded;
+    return result;
+}
+
+/* >>bounce: feelers */
+
+static void sbl__bounce_feeler(const sbl__core *c, const sbl__bounce *b, int number, sbl__cast *out) {
+    const sbl__store *s = &c->scene.store;
+    const int leaf = b->fresh + number / SBL__BOUNCE_FEELERS;
+    const sbl__hit *at = &b->points[b->states[leaf].first].at;
+    const uint32_t patch = sbl__place_patch(s, at);
+    const double share = number % SBL__BOUNCE_FEELERS + sbl__hash((uint32_t)leaf) / 4294967296.0;
+    const float offset = sbl__place_normal(&c->scene.geometry, at->place, out->direction);
+    const float length = sbl__cell_length(s, patch);
+    double right[3], up[3];
+    uint32_t cube[3];
+    int k;
+    sbl__frame(out->direction, 2 * SBL__PI / SBL__BOUNCE_FEELERS * share, right, up);
+    sbl__cell_place(s, patch, at->position, cube);
+    out->limit = FLT_MAX;
+    for (k = 0; k < 3; k++) {
+        const float x = at->position[k] - s->origin[k] - length * (float)cube[k], d = (float)right[k];
+        out->origin[k] = at->position[k] + offset * out->direction[k];
+        if (cube[k] && d > 1e-6f) out->limit = SBL__MIN(out->limit, (length - x) / d);
+        if (cube[k] && d < -1e-6f) out->limit = SBL__MIN(out->limit, -x / d);
+    }
+    for (k = 0; k < 3; k++) out->direction[k] = right[k] > 0 || right[k] < 0 ? (float)right[k] : 0;
+    out->limit = SBL__MIN(SBL__MAX(out->limit, 0.0f), 2 * length);
+}
+
+/* Cuts a leaf by what one of its feelers met, where that stands on its surface and nothing else parts the two. */
+static sbl_result sbl__bounce_cut(sbl__core *c, sbl__bounce *b, int leaf, const sbl__hit *met) {
+    sbl__store *s = &c->scene.store;
+    sbl__bounce_leaf *state = &b->states[leaf];
+    const sbl__hit *at = &b->points[state->first].at;
+    const uint32_t patch = sbl__place_patch(s, at);
+    float before[3], normal[3], own[3], apart;
+    uint32_t *reference;
+    int k;
+    if (state->depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
+    sbl__place_normal(&c->scene.geometry, at->place, own);
+    sbl__place_normal(&c->scene.geometry, met->place, normal);
+    apart = sbl__dot(normal, at->position) - sbl__dot(normal, met->position);
+    if (fabs((double)sbl__dot(normal, own)) > SBL__FEELER_STEEP) return SBL_SUCCESS;
+    if (fabs((double)apart) < SBL__FEELER_APART * (double)sbl__cell_length(s, patch)) return SBL_SUCCESS;
+    for (k = 0; k < 3; k++)  /* just behind what was met */
+        before[k] = met->position[k] + (float)SBL__FEELER_APART * (met->position[k] - at->position[k]);
+    reference = sbl__store_find(s, patch, before);
+    if (!reference || *reference != (uint32_t)leaf + 1) return SBL_SUCCESS;
+    state->depth++;
+    return sbl__store_add_split(&c->base, s, patch, at->position, normal, sbl__dot(normal, met->position));
+}
+
+static sbl_result sbl__bounce_cuts(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
+    sbl__store *s = &c->scene.store;
+    sbl_result result = SBL_SUCCESS;
+    sbl__hit *held = b->held;
+    const int room = b->held_room;
+    int i;
+    for (; b->fresh + b->at < s->leaf_count && result == SBL_SUCCESS; b->at++) {
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        for (i = 0; i < SBL__BOUNCE_FEELERS && result == SBL_SUCCESS; i++) {
+            const sbl__hit *met = &b->feelers[b->at * SBL__BOUNCE_FEELERS + i];
+            if (met->place != SBL__NOWHERE) result = sbl__bounce_cut(c, b, b->fresh + b->at, met);
+        }
+    }
+    b->fresh = s->leaf_count;
+    b->held = b->again;  /* what was held is placed again */
+    b->held_room = b->again_room;
+    b->again = held;
+    b->again_room = room;
+    b->queue = held;
+    b->queue_count = b->held_count;
+    b->held_count = 0;
+    return result;
+}
+
+/* >>bounce: rays */
+
+/* Over the hemisphere at a place, by the cosine: point `number` of the sequence, scrambled. */
+static void sbl__bounce_aim(const sbl__core *c, const sbl__bounce *b, const sbl__hit *at, uint32_t hash, int number,
+                            sbl__cast *out) {
+    const uint32_t x = b->sequence[2 * number] ^ hash, y = b->sequence[2 * number + 1] ^ sbl__hash(hash);
+    const double u = ((x >> 8) + 0.5) / 16777216.0, angle = 2 * SBL__PI * ((y >> 8) + 0.5) / 16777216.0;
+    float normal[3];
+    const float offset = sbl__place_normal(&c->scene.geometry, at->place, normal);
+    double right[3], up[3];
+    int k;
+    sbl__frame(normal, angle, right, up);
+    for (k = 0; k < 3; k++) {
+        out->origin[k] = at->position[k] + offset * normal[k];
+        out->direction[k] = (float)(sqrt(u) * right[k] + sqrt(1 - u) * normal[k]);
+    }
+    out->limit = 1e30f;
+}
+
+static void sbl__bounce_seed_ray(const sbl__core *c, const sbl__bounce *b, int number, sbl__cast *out) {
+    const int seed = number / SBL__BOUNCE_SEED_RAYS;
+    sbl__bounce_aim(c, b, &b->seeds[seed], sbl__hash((uint32_t)seed), number % SBL__BOUNCE_SEED_RAYS, out);
+}
+
+static void sbl__bounce_ray(const sbl__core *c, const sbl__bounce *b, int number, sbl__cast *out) {
+    const sbl__bounce_point *p = &b->points[number / SBL__BOUNCE_RAYS];
+    const int stretch = p->number % SBL__MAX_LOOKS * SBL__BOUNCE_RAYS + number % SBL__BOUNCE_RAYS;
+    const uint32_t hash = sbl__hash((uint32_t)p->leaf + 0x10000000u * (uint32_t)(p->number / SBL__MAX_LOOKS));
+    sbl__bounce_aim(c, b, &p->at, hash, stretch, out);
+}
+
+/* >>bounce: light from what shines */
+
+static sbl_result sbl__bounce_sites(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
+    if (!b->sites) b->sites = (sbl__site *)sbl__alloc_raw(&c->base, (size_t)b->point_count, sizeof *b->sites);
+    if (!b->readings)
+        b->readings = (sbl_reading *)sbl__alloc_raw(&c->base, (size_t)b->point_count, sizeof *b->readings);
+    if (!b->sites || !b->readings) return SBL_ERROR_OUT_OF_MEMORY;
+    for (; b->at < b->point_count; b->at++) {
+        const sbl__hit *at = &b->points[b->at].at;
+        sbl__site *site = &b->sites[b->at];
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        memcpy(site->position, at->position, sizeof site->position);
+        site->offset = sbl__place_normal(&c->scene.geometry, at->place, site->normal);
+        memcpy(site->geometric_normal, site->normal, sizeof site->normal);
+        site->number = (uint32_t)b->at;
+        site->span = 1;
+    }
+    return SBL_SUCCESS;
+}
+
+static void sbl__bounce_light(sbl__core *c, sbl__bounce *b) {
+    const sbl__environment *e = &c->scene.environment;
+    sbl__seeing seeing;
+    sbl__task task;
+    memset(&seeing, 0, sizeof seeing);
+    memset(&task, 0, sizeof task);
+    seeing.mode = SBL_MODE_DIRECT;
+    seeing.backend = SBL_BACKEND_TRACE;
+    seeing.rays = SBL__BOUNCE_LAMP_RAYS;
+    sbl__spec_make(&task.spec, &seeing, &c->scene, &c->desc);
+    task.spec.rays = e->pixels || sbl__max3(e->sky) > 0 ? SBL__BOUNCE_SKY_RAYS : SBL__BOUNCE_DARK_RAYS;
+    task.sites = b->sites;
+    task.readings = b->readings;
+    task.site_count = b->point_count;
+    sbl__job_begin(&c->job, &c->scene, &task);
+}
+
+/* >>bounce: all bounces at once */
+
+/* Hits become leaves. */
+static sbl_result sbl__bounce_join(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
+    sbl__store *s = &c->scene.store;
+    const int count = b->point_count * SBL__BOUNCE_RAYS;
+    const size_t leaves = (size_t)s->leaf_count;
+    int i, k;
+    if (!b->light) b->light = (float *)sbl__alloc(&c->base, leaves, 3 * sizeof *b->light);
+    if (!b->sums) b->sums = (float *)sbl__alloc(&c->base, leaves, 3 * sizeof *b->sums);
+    if (!b->light || !b->sums) return SBL_ERROR_OUT_OF_MEMORY;
+    for (; b->at < count; b->at++) {
+        sbl__hit *hit = &b->hits[b->at];
+        const uint32_t *reference;
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        if (hit->place == SBL__NOWHERE) continue;
+        reference = sbl__store_find(s, sbl__place_patch(s, hit), hit->position);
+        hit->place = reference && *reference ? *reference - 1 : SBL__NOWHERE;
+    }
+    for (i = 0; i < b->point_count; i++) b->states[b->points[i].leaf].valid += b->readings[i].valid;
+    for (i = 0; i < b->point_count; i++) {
+        const int leaf = b->points[i].leaf;
+        if (!b->readings[i].valid) continue;
+        for (k = 0; k < 3; k++) b->light[3 * leaf + k] += b->readings[i].radiance[k] / (float)b->states[leaf].valid;
+    }
+    for (i = 0; i < s->leaf_count; i++) memcpy(s->leaves[i].light, b->light + 3 * i, sizeof s->leaves[i].light);
+    return SBL_SUCCESS;
+}
+
+/* What leaves get from each other, as they are now. */
+static sbl_result sbl__bounce_gather(const sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
+    const sbl__store *s = &c->scene.store;
+    if (b->at == 0) memset(b->sums, 0, 3 * (size_t)s->leaf_count * sizeof *b->sums);
+    for (; b->at < b->point_count; b->at++) {
+        const int leaf = b->points[b->at].leaf;
+        const sbl__hit *hits = &b->hits[(size_t)b->at * SBL__BOUNCE_RAYS];
+        float sum[3] = { 0, 0, 0 };
+        int i, k;
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        if (!b->readings[b->at].valid) continue;
+        for (i = 0; i < SBL__BOUNCE_RAYS; i++) {
+            if (hits[i].place == SBL__NOWHERE) continue;
+            for (k = 0; k < 3; k++) sum[k] += (float)hits[i].albedo[k] * s->leaves[hits[i].place].light[k];
+        }
+        for (k = 0; k < 3; k++)
+            b->sums[3 * leaf + k] += sum[k] / (65535.0f * SBL__BOUNCE_RAYS * (float)b->states[leaf].valid);
+    }
+    return SBL_SUCCESS;
+}
+
+/* One more bounce. What has gathered is scaled to what is emitted, channel by channel: the slowest part of the way, the
+   whole room's brightness, is taken at once. SBL_SUCCESS: no more are needed. */
+static sbl_result sbl__bounce_solve(sbl__core *c, sbl__bounce *b) {
+    sbl__store *s = &c->scene.store;
+    double lit[3] = { 0, 0, 0 }, lost[3] = { 0, 0, 0 }, change = 0, sum = 0, ratio;
+    int i, k;
+    for (i = 0; i < s->leaf_count; i++)
+        for (k = 0; k < 3; k++) {
+            lit[k] += (double)b->light[3 * i + k];
+            lost[k] += (double)s->leaves[i].light[k] - b->sums[3 * i + k];
+        }
+    for (i = 0; i < s->leaf_count; i++)
+        for (k = 0; k < 3; k++) {
+            const double scale = b->rounds < SBL__BOUNCE_SCALED && lost[k] > 0 && lit[k] > 0 ? lit[k] / lost[k] : 1;
+            const double next = b->light[3 * i + k] + scale * b->sums[3 * i + k];
+            change += fabs(next - s->leaves[i].light[k]);
+            sum += next;
+            s->leaves[i].light[k] = (float)next;
+        }
+    ratio = b->change > 0 ? SBL__MIN(change / b->change, 0.999) : 0.999;
+    b->change = change;
+    b->rounds++;
+    if (b->rounds < SBL__BOUNCE_SCALED + 2 && change > 0) return SBL_UNFINISHED;
+    return change * ratio / (1 - ratio) <= SBL__BOUNCE_REST * sum || b->rounds >= SBL__BOUNCE_ROUNDS ? SBL_SUCCESS
+                                                                                              : SBL_UNFINISHED;
+}
+
+/* >>bounce: its life */
+
+static sbl_result sbl__bounce_piece(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
+    sbl__store *s = &c->scene.store;
+    const sbl__geometry *g = &c->scene.geometry;
+    switch (b->stage) {
+        case SBL__BOUNCE_BEGIN: return sbl__bounce_begin(c, b);
+        case SBL__BOUNCE_PATCHES: return sbl__patching_step(g, &b->patching, s, b->leaves, slice);
+        case SBL__BOUNCE_SEED: return sbl__bounce_seed(c, b, slice);
+        case SBL__BOUNCE_SOW:
+            c->device.gl.doing = "sending first rays between surfaces";
+            if (!sbl__grow(&c->base, &b->hits, &b->hit_room, b->seed_count * SBL__BOUNCE_SEED_RAYS, sizeof *b->hits))
+                return SBL_ERROR_OUT_OF_MEMORY;
+            return sbl__bounce_cast(c, b, sbl__bounce_seed_ray, b->seed_count * SBL__BOUNCE_SEED_RAYS, b->hits, slice);
+        case SBL__BOUNCE_PLACE: return sbl__bounce_place(c, b, slice);
+        case SBL__BOUNCE_FEEL:
+            c->device.gl.doing = "feeling along surfaces";
+            if (!sbl__grow(&c->base, &b->feelers, &b->feeler_room, (s->leaf_count - b->fresh) * SBL__BOUNCE_FEELERS,
+                           sizeof *b->feelers)) return SBL_ERROR_OUT_OF_MEMORY;
+            return sbl__bounce_cast(c, b, sbl__bounce_feeler, (s->leaf_count - b->fresh) * SBL__BOUNCE_FEELERS,
+                                    b->feelers, slice);
+        case SBL__BOUNCE_CUT: return sbl__bounce_cuts(c, b, slice);
+        case SBL__BOUNCE_CAST:
+            c->device.gl.doing = "following light between surfaces";
+            if (!sbl__grow(&c->base, &b->hits, &b->hit_room, b->point_count * SBL__BOUNCE_RAYS, sizeof *b->hits))
+                return SBL_ERROR_OUT_OF_MEMORY;
+            b->at = SBL__MAX(b->at, b->cast * SBL__BOUNCE_RAYS);
+            return sbl__bounce_cast(c, b, sbl__bounce_ray, b->point_count * SBL__BOUNCE_RAYS, b->hits, slice);
+        case SBL__BOUNCE_SITES: return sbl__bounce_sites(c, b, slice);
+        case SBL__BOUNCE_LIGHT: return sbl__job_step(&c->device, &c->job, slice);
+        case SBL__BOUNCE_JOIN: return sbl__bounce_join(c, b, slice);
+        case SBL__BOUNCE_GATHER: return sbl__bounce_gather(c, b, slice);
+        case SBL__BOUNCE_SOLVE: return SBL_SUCCESS;
+        default:
+            c->device.gl.doing = "storing bounced light";
+            return sbl__store_send(&c->device, s, g->triangle_count, g->wide);
+    }
+}
+
+/* What follows a stage that is done. */
+static sbl__bounce_stage sbl__bounce_next(sbl__core *c, sbl__bounce *b) {
+    switch (b->stage) {
+        case SBL__BOUNCE_PLACE:
+            if (b->crowded) {  /* all begins anew, with larger ones */
+                b->patching.growth *= SBL__BOUNCE_GROWTH;
+                b->patching.stage = SBL__PATCH_GRID;
+                b->spread = 0;
+                b->seed_count = b->held_count = b->point_count = b->fresh = b->cast = 0;
+                return SBL__BOUNCE_PATCHES;
+            }
+            if (c->scene.store.leaf_count > b->fresh) return SBL__BOUNCE_FEEL;
+            return b->cast < b->point_count ? SBL__BOUNCE_CAST : SBL__BOUNCE_SITES;
+        case SBL__BOUNCE_CUT: return SBL__BOUNCE_PLACE;
+        case SBL__BOUNCE_SOW:
+            b->queue = b->hits;
+            b->queue_count = b->seed_count * SBL__BOUNCE_SEED_RAYS;
+            return SBL__BOUNCE_PLACE;
+        case SBL__BOUNCE_CAST:
+            b->queue = b->hits + (size_t)b->cast * SBL__BOUNCE_RAYS;
+            b->queue_count = (b->point_count - b->cast) * SBL__BOUNCE_RAYS;
+            b->cast = b->point_count;
+            return SBL__BOUNCE_PLACE;
+        case SBL__BOUNCE_SITES:
+            sbl__bounce_light(c, b);
+            return SBL__BOUNCE_LIGHT;
+        case SBL__BOUNCE_SOLVE: return sbl__bounce_solve(c, b) == SBL_SUCCESS ? SBL__BOUNCE_SEND : SBL__BOUNCE_GATHER;
+        default: return (sbl__bounce_stage)(b->stage + 1);
+    }
+}
+
+/* What is under way is dropped. */
+static void sbl__bounce_end(sbl__core *c) {
+    if (c->bounce) sbl__bounce_free(&c->device, c->bounce);
+    sbl__free(&c->base, c->bounce);
+    c->bounce = NULL;
+}
+
+/* Works on the store until it is there. SBL_SUCCESS: it is. */
+static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
+    const double start = sbl__now();
+    sbl__store *s = &c->scene.store;
+    sbl__bounce *b;
+    sbl_result result = SBL_SUCCESS;
+    if (c->bounce && c->bounce->scene != c->scene.version) sbl__bounce_end(c);
+    if (!s->ready && !c->bounce) {
+        c->bounce = (sbl__bounce *)sbl__alloc(&c->base, 1, sizeof *c->bounce);
+        if (!c->bounce) return SBL_ERROR_OUT_OF_MEMORY;
+        c->bounce->scene = c->scene.version;
+    }
+    for (b = c->bounce; !s->ready && result == SBL_SUCCESS; b->at = 0) {
+        result = sbl__bounce_piece(c, b, slice);
+        if (result != SBL_SUCCESS) break;
+        b->stage = sbl__bounce_next(c, b);
+        s->ready = b->stage == SBL__BOUNCE_DONE;
+        if (getenv("DUMP") && b->stage == SBL__BOUNCE_SEND) { int q; for (q = 0; q < s->leaf_count; q++) { const sbl__hit *a = &b->points[b->states[q].first].at; float n[3]; sbl__place_normal(&c->scene.geometry, a->place, n); fprintf(stderr, "leaf %d at %g %g %g n %g %g %g dist %g valid %d D %g R %g\n", q, (double)a->position[0], (double)a->position[1], (double)a->position[2], (double)n[0], (double)n[1], (double)n[2], (double)a->distance, b->states[q].valid, (double)b->light[3*q], (double)s->leaves[q].light[0]); } }
+        if (getenv("VERBOSE")) fprintf(stderr, "%.3f stage %d leaves %d points %d splits %d rounds %d seeds %d growth %g\n", sbl__now() - start, b->stage, s->leaf_count, b->point_count, s->split_count, b->rounds, b->seed_count, b->patching.growth);
+        if (!s->ready && sbl__now() >= slice->end) result = SBL_UNFINISHED;
+    }
+    c->stats.seconds.bounce += sbl__now() - start;
+    c->stats.store_samples = s->leaf_count;
+    if (result != SBL_UNFINISHED) sbl__bounce_end(c);
+    return result;
+}
+
+/* Makes ready what sensors of that kind need of the scene. SBL_SUCCESS: it is. */
+static sbl_result sbl__prepare(sbl__core *c, const sbl__seeing *s, sbl__slice *slice) {
+    const sbl_result result = sbl__core_prepare(c, s, slice);
+    return result == SBL_SUCCESS && s->mode == SBL_MODE_GI ? sbl__bounce_step(c, slice) : result;
 }
 
 /* ======================================================================================================== >>refine
@@ -9268,7 +10423,7 @@ static sbl_result sbl__picture_piece(sbl__core *c, sbl__picture *p, sbl__slice *
         case SBL__STAGE_SETUP:
             c->device.gl.doing = "making the picture's textures";
             return sbl__picture_setup(&c->device, p);
-        case SBL__STAGE_PREPARE: return sbl__core_prepare(c, &p->seeing, slice);
+        case SBL__STAGE_PREPARE: return sbl__prepare(c, &p->seeing, slice);
         case SBL__STAGE_SURFACE: return sbl__picture_surface(c, p, &p->gbuffer, centre, slice);
         case SBL__STAGE_READ: return sbl__picture_read(c, p);
         case SBL__STAGE_CELLS: return sbl__refine_begin(base, r, slice);
@@ -9480,7 +10635,7 @@ static sbl_result sbl__gathering_step(sbl__core *c, sbl__gathering *g, sbl__slic
     int i;
     switch (g->stage) {
         case SBL__GATHER_PREPARE:
-            result = sbl__core_prepare(c, &g->seeing, slice);
+            result = sbl__prepare(c, &g->seeing, slice);
             if (result != SBL_SUCCESS) break;
             sbl__spec_make(&g->spec, &g->seeing, &c->scene, &c->desc);
             g->stage = g->desc.site_count ? SBL__GATHER_SITES_NEXT : SBL__GATHER_DONE;
@@ -10176,7 +11331,7 @@ static void sbl__seeing_defaults(sbl__seeing *s) {
     if (!s->sensor_size) s->sensor_size = draft ? 32 : high ? 128 : 64;
     if (sbl__zero(&s->sensor_fov)) s->sensor_fov = 135;
     if (!s->rays) s->rays = draft ? 64 : high ? 1024 : 256;
-    if (s->mode == SBL_MODE_DIRECT) s->epsilon = 0;
+    if (s->mode == SBL_MODE_DIRECT || s->mode == SBL_MODE_GI) s->epsilon = 0;
     else if (sbl__zero(&s->epsilon)) s->epsilon = 0.02f;
 }
 
@@ -10229,6 +11384,7 @@ static void sbl__context_free(sbl_context *c) {
         sbl__picture_free(&core->device, &c->picture);
         sbl__gathering_free(&core->base, &c->gathering);
         sbl__inspection_free(&core->base, &c->inspection);
+        sbl__bounce_end(core);
         sbl__job_free(&core->device, &core->job);
         sbl__scene_free(&core->device, &core->scene);
         sbl__device_free(&core->device);
@@ -10390,14 +11546,6 @@ SBL_API sbl_result sbl_query_bounds(const sbl_context *c, float lowest[3], float
 
 /* >>public: begin, step, end */
 
-/* What is not there yet. */
-static sbl_result sbl__check_mode(const sbl_context *c, const char *where, sbl_mode mode) {
-    if (mode != SBL_MODE_GI) return SBL_SUCCESS;
-    sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_NOT_IMPLEMENTED, "%s: mode is SBL_MODE_GI; this version has no "
-             "bounced light yet, use SBL_MODE_AMBIENT or SBL_MODE_DIRECT", where);
-    return SBL_ERROR_UNSUPPORTED;
-}
-
 SBL_API sbl_result sbl_begin(sbl_context *c, const sbl_picture_desc *desc) {
     const double start = sbl__now();
     sbl_picture_desc d = sbl_picture_desc_defaults(desc);
@@ -10410,7 +11558,6 @@ SBL_API sbl_result sbl_begin(sbl_context *c, const sbl_picture_desc *desc) {
     if (!sbl__has_scene(c, "sbl_begin")) return SBL_ERROR_STATE;
     if (sbl__all_zero(d.world_to_view, 16)) sbl__camera_frame(&c->core.scene.geometry, &d);
     result = sbl__check_picture(&c->core.base, desc, &d, c->core.scene.draw != NULL);
-    if (result == SBL_SUCCESS) result = sbl__check_mode(c, "sbl_picture_desc", d.mode);
     if (result != SBL_SUCCESS) return result;
     most = c->core.device.gl.capabilities.max_texture_size;
     if (d.width > most || d.height > most) {
@@ -10444,7 +11591,6 @@ SBL_API sbl_result sbl_begin_gather(sbl_context *c, const sbl_gather_desc *desc)
     if (sbl__called_back(c, "sbl_begin_gather", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
     if (!sbl__has_scene(c, "sbl_begin_gather")) return SBL_ERROR_STATE;
     result = sbl__check_gather(&c->core.base, desc, &d, c->core.scene.draw != NULL);
-    if (result == SBL_SUCCESS) result = sbl__check_mode(c, "sbl_gather_desc", d.mode);
     if (result != SBL_SUCCESS) return result;
     d.backend = seeing.backend = sbl__choose_backend(&seeing, &c->core.scene);
     sbl__visit_enter(c, &visit);
@@ -10530,6 +11676,7 @@ SBL_API void sbl_end(sbl_context *c) {
     sbl__picture_free(&c->core.device, &c->picture);
     sbl__gathering_free(&c->core.base, &c->gathering);
     sbl__inspection_free(&c->core.base, &c->inspection);
+    sbl__bounce_end(&c->core);
     sbl__job_free(&c->core.device, &c->core.job);
     c->work = SBL__WORK_NONE;
     sbl__visit_leave(c, &visit);

@@ -1,5 +1,5 @@
 // What a surface sends towards a sensor: Ck of equations 1 and 2, an emitter's radiance, or the ambient factor
-// times the colour. All that sensors see comes through here; light that bounces will be looked up here.
+// times the colour; or the light that bounces there, which the store knows. All that sensors see comes through here.
 uniform float epsilon;     // the ambient factor
 uniform bool lamps_apart;  // light from emitters comes from lamps.glsl
 
@@ -12,7 +12,11 @@ bool sbl_emits(int object, bool back) {
 // Is what it sends known without its attributes? `back`: of its back side.
 bool sbl_outgoing_is_plain(int object, bool back) {
 #ifdef SBL_TEXTURED
+#ifdef SBL_BOUNCED
+    return false;
+#else
     return sbl_emits(object, back) ? lamps_apart : epsilon <= 0.0;
+#endif
 #else
     return true;
 #endif
@@ -31,3 +35,14 @@ vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {
 #endif
     return radiance;
 }
+
+#ifdef SBL_BOUNCED
+// The light that a point reflects. number: of its triangle in the scene; distance: to whom.
+vec3 sbl_reflected(int object, int number, bool back, vec3 position, float distance, sbl_Attributes at) {
+    vec3 albedo = sbl_object_albedo(object);
+#ifdef SBL_TEXTURED
+    albedo *= (at.color * sbl_texture(sbl_object_albedo_texture(object), at.uv)).rgb;
+#endif
+    return albedo * sbl_stored(number, back, position, distance);
+}
+#endif

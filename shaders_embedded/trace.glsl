@@ -8,13 +8,17 @@ uniform vec3 sky;
 SBL_OUT(0, out_sum);
 SBL_OUT(1, out_hits);
 
-vec3 sbl_radiance(sbl_Hit hit) {
+vec3 sbl_radiance(sbl_Hit hit, vec3 position) {
     int object = int(sbl_triangle_object(hit.triangle));
     sbl_Attributes at = sbl_Attributes(vec2(0), vec4(1));
 #ifdef SBL_TEXTURED
     sbl_when (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);
 #endif
-    return sbl_outgoing(object, hit.back, at);
+    vec3 radiance = sbl_outgoing(object, hit.back, at);
+#ifdef SBL_BOUNCED
+    radiance += sbl_reflected(object, hit.number, hit.back, position, hit.distance, at);
+#endif
+    return radiance;
 }
 
 void main() {
@@ -35,7 +39,7 @@ void main() {
         sbl_Hit hit = sbl_trace(position, direction, 1e30);
         if (hit.triangle < 0) sum.rgb += sky + sbl_sky(direction);
         else {
-            sum += vec4(sbl_radiance(hit), hit.back ? 1.0 : 0.0);
+            sum += vec4(sbl_radiance(hit, position + direction * hit.distance), hit.back ? 1.0 : 0.0);
             hits.xy += vec2(1.0, hit.distance);
             hits.z = min(hits.z, hit.distance);
         }

@@ -21,7 +21,7 @@
 enum { FUZZ_CALLS = 24, FUZZ_MESHES = 3, FUZZ_MATERIALS = 3, FUZZ_TEXTURES = 2, FUZZ_LIGHTS = 2, FUZZ_SITES = 6,
        FUZZ_SIDE = 8, FUZZ_ARRAY = 1 << 14, FUZZ_BLOCKS = 64 };
 
-static const float fuzz_least = 1e-6f, fuzz_most = 1e6f;
+static const float fuzz_least = 1e-30f, fuzz_most = 1e30f;
 
 /* A context, its allocator and logger, and what the calls so far should have led to. */
 typedef struct fuzz_context {

@@ -1,0 +1,24 @@
+// Rays in, hits out: what each of some rays meets first.
+SBL_OUT(0, out_place);   // where; +- (1 + the triangle's number, its low bits), negative: its back side; 0: nothing
+SBL_OUT(1, out_albedo);  // the surface's colour there; the number's high bits
+
+void main() {
+    ivec2 texel = sbl_texel_of_invocation();
+    int ray = texel.y * columns + texel.x;
+    if (ray >= count) sbl_leave;
+    vec3 origin = sbl_cast_origin(ray), direction = sbl_cast_direction(ray), albedo = vec3(0);
+    sbl_Hit hit = sbl_trace(origin, direction, sbl_cast_limit(ray));
+    float low = 0.0, high = 0.0;
+    if (hit.triangle >= 0) {
+        int object = int(sbl_triangle_object(hit.triangle));
+        albedo = sbl_object_albedo(object);
+#ifdef SBL_TEXTURED
+        sbl_Attributes at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);
+        albedo *= (at.color * sbl_texture(sbl_object_albedo_texture(object), at.uv)).rgb;
+#endif
+        low = (float(hit.number % SBL_CAST_NUMBERS) + 1.0) * (hit.back ? -1.0 : 1.0);
+        high = float(hit.number / SBL_CAST_NUMBERS);
+    }
+    sbl_write(out_place, vec4(origin + direction * hit.distance, low));
+    sbl_write(out_albedo, vec4(albedo, high));
+}
