@@ -607,18 +607,21 @@ typedef struct sbl_scene_desc {
     void *draw_user;
     float draw_bounds[2][3];   /* world bounds (lowest corner, highest corner) of what draw draws; required with it */
     float draw_max_radiance;   /* highest radiance that draw writes, so that texels do not overflow. Default: 1 */
+    int bounce_samples;        /* that bounced light is stored for, all over the surfaces, at most (SBL_MODE_GI): 1024
+                                  to 1048576. About 2 KB of host memory each while they are made, 60 bytes on the GPU.
+                                  Default: 49152 */
     uint32_t end_canary;
 } sbl_scene_desc;
 
 /* >>picture types */
 
 typedef enum sbl_mode {
-    SBL_MODE_DEFAULT = 0,  /* AMBIENT, until bounced light exists: then GI */
+    SBL_MODE_DEFAULT = 0,  /* GI */
     SBL_MODE_AMBIENT,      /* emitters, lights, sky, and every other surface glowing with epsilon * albedo: the paper's
                               estimator over the whole hemisphere */
     SBL_MODE_DIRECT,       /* emitters, lights and sky only */
     SBL_MODE_PAPER,        /* exactly the paper */
-    SBL_MODE_GI,           /* all bounces: SBL_ERROR_UNSUPPORTED in this version */
+    SBL_MODE_GI,           /* all of it: emitters, lights, sky, and what all surfaces reflect, to the last bounce */
     SBL_MODE_COUNT
 } sbl_mode;
 
@@ -696,7 +699,7 @@ typedef struct sbl_stats {
     int64_t sensors;          /* points at which light was gathered */
     int64_t sensor_views;     /* views drawn for them; a sensor that stands for many pixels looks up to four times */
     int64_t sensor_texels;
-    int store_samples;        /* of bounced light, SBL_MODE_GI */
+    int bounce_samples;       /* that bounced light is stored for, SBL_MODE_GI */
     int lamps;                /* emitting triangles, lights and bright texels of the sky that sensors aim rays at */
     int64_t rays;             /* traced over the hemispheres; those towards lamps come on top */
     double bvh_seconds;       /* building the hierarchy, once per scene, part of seconds.surface of its first traced
@@ -854,7 +857,7 @@ SBL_API sbl_result sbl_render(sbl_context *context, const sbl_picture_desc *desc
 
 /* Starts a picture: looks at desc, and does none of the work. desc: NULL or zeroes mean defaults; copied. What was
    begun before is dropped, a finished picture too.
-   Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (SBL_MODE_GI; larger than the driver's textures). */
+   Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (larger than the driver's textures). */
 SBL_API sbl_result sbl_begin(sbl_context *context, const sbl_picture_desc *desc);
 
 /* Gathers the light that arrives at points: sbl_begin_gather, then sbl_step until done. Results: those of both. */
@@ -863,8 +866,7 @@ SBL_API sbl_result sbl_gather(sbl_context *context, const sbl_gather_desc *desc)
 /* Starts gathering light at desc->sites into desc->readings, both the host's and in use until it is done. It sees what
    sensors see: with a draw callback, and in SBL_MODE_PAPER, by views. A picture under way is abandoned, a finished one
    stays.
-   Results: INVALID_ARGUMENT (each mistake logged; of sites the first ones), STATE (no scene), UNSUPPORTED
-   (SBL_MODE_GI). */
+   Results: INVALID_ARGUMENT (each mistake logged; of sites the first ones), STATE (no scene). */
 SBL_API sbl_result sbl_begin_gather(sbl_context *context, const sbl_gather_desc *desc);
 
 /* Works on what was begun last for about `seconds` (0 or less: until it is done); see ON TIME.
@@ -1832,7 +1834,7 @@ typedef struct sbl__record {
 #define SBL__NEAR_SHARE 0.5        /* of a cell's length, within which a ray starts near it */
 #define SBL__PROBES 64             /* in the table of cells */
 #define SBL__CELL_SPLIT 0x80000000u
-#define SBL__CELL_DEPTH 12         /* splits under a cell */
+#define SBL__CELL_DEPTH 4          /* splits under a cell */
 #define SBL__CAST_NUMBERS 1048576  /* of triangles, that a float tells apart with a sign and more */
 
 #define SBL__SHARED_INTS(X) \
@@ -2370,6 +2372,12 @@ static void sbl__draw_mesh(const sbl__device *d, unsigned array, int first, int 
     d->gl.BindVertexArray(array);
     d->gl.DrawElementsInstanced(SBL__GL_TRIANGLES, 3 * count, SBL__GL_UNSIGNED_INT,
                                 (const void *)(12 * (uintptr_t)first), instances);
+}
+
+/* The same of triangles whose corners the shader finds by gl_VertexID. */
+static void sbl__draw_numbers(const sbl__device *d, unsigned array, int first, int count, int instances) {
+    d->gl.BindVertexArray(array);
+    d->gl.DrawArraysInstanced(SBL__GL_TRIANGLES, 3 * first, 3 * count, instances);
 }
 
 /* A rectangle, many times. */
@@ -2963,6 +2971,7 @@ static void sbl__check_environment(sbl__check *check, const sbl_environment *e) 
 /* >>check: whole descriptors */
 
 static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *desc) {
+    static const int samples[2] = { 1024, 1048576 };
     const char *where = "sbl_scene_desc";
     sbl__check check;
     int i, k;
@@ -2982,6 +2991,7 @@ static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *d
     if (!sbl__between(&desc->draw_max_radiance, 0, FLT_MAX))
         sbl__mistake(&check, "%s: draw_max_radiance is %g; it must be finite and not negative", where,
                      (double)desc->draw_max_radiance);
+    if (desc->bounce_samples) sbl__check_int(&check, where, "bounce_samples", desc->bounce_samples, samples);
     check.item = SBL_LOG_ITEM_INVALID_LIGHT;
     for (i = 0; desc->lights && i < desc->light_count; i++) sbl__check_light(&check, &desc->lights[i], i);
     sbl__check_environment(&check, &desc->environment);
@@ -5186,6 +5196,7 @@ typedef struct sbl__store {
     sbl__split *splits;
     sbl__leaf *leaves;
     int split_count, split_room, leaf_count, leaf_room;
+    int most;                  /* leaves */
     sbl__table table;          /* all four, one after the other: textures are few */
     int first_cell, first_split, first_leaf;  /* texels of four words */
 } sbl__store;
@@ -5235,15 +5246,15 @@ static sbl__cell_slot *sbl__store_slot(const sbl__store *s, uint32_t patch, cons
     return NULL;
 }
 
-/* Where the reference stands that leads to a place's light, made where it was not; NULL: there is no room. Holds until
-   a split is added. */
-static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const float position[3]) {
+/* Where the reference stands that leads to a place's light, made where it was not, and how many splits lead there;
+   NULL: there is no room. Holds until a split is added. */
+static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const float position[3], int *depth) {
     uint32_t check, *reference;
     sbl__cell_slot *slot = sbl__store_slot(s, patch, position, &check);
     if (!slot) return NULL;
     slot->check = check;
     reference = &slot->reference;
-    while (*reference >= SBL__CELL_SPLIT) {
+    for (*depth = 0; *reference >= SBL__CELL_SPLIT; ++*depth) {
         sbl__split *split = &s->splits[*reference & ~SBL__CELL_SPLIT];
         reference = &split->sides[sbl__dot(split->normal, position) > split->distance];
     }
@@ -5279,9 +5290,10 @@ static sbl_result sbl__store_add_split(sbl__base *base, sbl__store *s, uint32_t 
                                        const float normal[3], float distance) {
     sbl__split *split;
     uint32_t *reference;
+    int depth;
     if (!sbl__grow(base, &s->splits, &s->split_room, s->split_count + 1, sizeof *s->splits))
         return SBL_ERROR_OUT_OF_MEMORY;
-    reference = sbl__store_find(s, patch, position);
+    reference = sbl__store_find(s, patch, position, &depth);
     split = &s->splits[s->split_count];
     memset(split, 0, sizeof *split);
     memcpy(split->normal, normal, sizeof split->normal);
@@ -5633,6 +5645,16 @@ static void sbl__scene_dress(sbl__scene *s, const sbl_scene_desc *desc) {
     if (s->geometry.colored) s->features |= SBL__TEXTURED;
 }
 
+#define SBL__STORE_LEAVES 49152
+#define SBL__STORE_TEXELS 8        /* a leaf, with its share of cells and splits, at most */
+
+/* How many leaves the store may have: as many as the host allows, and the driver's limit for tables. */
+static void sbl__scene_fit_store(const sbl__device *d, sbl__scene *s, int samples) {
+    const int limit = d->gl.capabilities.max_texture_buffer_size - s->geometry.triangle_count / 4;
+    s->store.most = samples ? samples : SBL__STORE_LEAVES;
+    if (!s->geometry.wide) s->store.most = SBL__MAX(1024, SBL__MIN(s->store.most, limit / SBL__STORE_TEXELS));
+}
+
 /* Decides how tables are carried: as buffers, or in 2D textures where some is past the driver's limit for these. */
 static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     const sbl_capabilities *c = &d->gl.capabilities;
@@ -5709,6 +5731,7 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
     }
     if (result == SBL_SUCCESS) result = sbl__scene_check_radiance(d->base, s);
     if (result == SBL_SUCCESS) result = sbl__scene_fit(d, s);
+    if (result == SBL_SUCCESS) sbl__scene_fit_store(d, s, desc->bounce_samples);
     d->gl.doing = "storing meshes";
     if (result == SBL_SUCCESS) result = sbl__geometry_upload(d, &s->geometry);
     if (result != SBL_SUCCESS) sbl__scene_free(d, s);
@@ -7504,6 +7527,7 @@ typedef struct sbl__raster {
     sbl__texture atlas, depth;
     sbl__target target;
     sbl__buffer views;
+    unsigned view_array;       /* of these alone */
     float radiance_scale;      /* of texels */
     float *weights;            /* while they are made: */
     int face, row;             /* what is next of them */
@@ -7516,6 +7540,7 @@ static void sbl__raster_free(const sbl__device *d, sbl__raster *r) {
     sbl__texture_delete(d, &r->atlas);
     sbl__texture_delete(d, &r->depth);
     sbl__buffer_delete(d, &r->views);
+    sbl__array_delete(d, &r->view_array);
     sbl__free(d->base, r->weights);
     memset(r, 0, sizeof *r);
 }
@@ -7599,8 +7624,14 @@ static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__l
 static const char *const sbl__glsl_sensor_vertex[] = {
 "// Draws the scene into many sensors' views at once: an instance is one view, cut to its rectangle of the atlas by\n",
 "// four planes.\n",
+"#ifdef SBL_BOUNCED\n",
+"flat out int fragment_triangle;  // of the scene: what bounces is looked up by it\n",
+"out vec3 fragment_way;           // from the sensor to the surface,\n",
+"out vec3 fragment_place;         // which is here\n",
+"#else\n",
 "layout(location = 0) in vec3 position;\n",
 "layout(location = 1) in uint object;\n",
+"#endif\n",
 "layout(location = 4) in vec3 view_eye;\n",
 "layout(location = 5) in vec4 view_right;    // right over half the view's width at unit distance; scale of x in\n",
 "                                            // atlas\n",
@@ -7611,23 +7642,41 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 "uniform float per_length;                   // 1 / extent of the scene\n",
 "uniform float depth_scale;                  // depth is depth_scale / distance: reversed, without a far plane\n",
 "out vec3 place;                             // x y w of gl_Position\n",
-"#ifdef SBL_TEXTURED\n",
-"layout(location = 2) in vec2 vertex_uv;\n",
-"layout(location = 3) in uvec2 vertex_color;\n",
+"#if defined(SBL_TEXTURED) || defined(SBL_BOUNCED)\n",
 "flat out int fragment_object;\n",
-"out vec2 fragment_uv;\n",
-"out vec4 fragment_color;\n",
 "#else\n",
 "uniform float radiance_scale;\n",
 "flat out vec3 radiance_front, radiance_back;\n",
 "#endif\n",
+"#ifdef SBL_TEXTURED\n",
+"#ifndef SBL_BOUNCED\n",
+"layout(location = 2) in vec2 vertex_uv;\n",
+"layout(location = 3) in uvec2 vertex_color;\n",
+"#endif\n",
+"out vec2 fragment_uv;\n",
+"out vec4 fragment_color;\n",
+"#endif\n",
 "\n",
 "void main() {\n",
+"#ifdef SBL_BOUNCED\n",
+"    int vertex = int(sbl_fetch(sbl_indices, gl_VertexID).x);\n",
+"    vec3 position = sbl_vertex_position(vertex);\n",
+"    uint object = sbl_vertex_object(vertex);\n",
+"    fragment_triangle = gl_VertexID / 3;\n",
+"    fragment_way = position - view_eye;\n",
+"    fragment_place = position;\n",
+"#ifdef SBL_TEXTURED\n",
+"    vec2 vertex_uv = vec2(sbl_attributes_u(vertex), sbl_attributes_v(vertex));\n",
+"    uvec2 vertex_color = uvec2(sbl_attributes_color_rg(vertex), sbl_attributes_color_ba(vertex));\n",
+"#endif\n",
+"#endif\n",
 "    int number = int(object);\n",
 "#ifdef SBL_TEXTURED\n",
-"    fragment_object = number;\n",
 "    fragment_uv = vertex_uv;\n",
 "    fragment_color = sbl_unpack_color(vertex_color.x, vertex_color.y) / 65535.0;\n",
+"#endif\n",
+"#if defined(SBL_TEXTURED) || defined(SBL_BOUNCED)\n",
+"    fragment_object = number;\n",
 "#else\n",
 "    sbl_Attributes plain = sbl_Attributes(vec2(0), vec4(1));\n",
 "    radiance_front = radiance_scale * sbl_outgoing(number, false, plain);\n",
@@ -7652,13 +7701,19 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "layout(location = 0) out vec4 out_radiance;\n",
 "in vec3 place;              // where in the atlas it was put\n",
 "uniform vec2 atlas_size;    // texels\n",
-"#ifdef SBL_TEXTURED\n",
+"#if defined(SBL_TEXTURED) || defined(SBL_BOUNCED)\n",
 "uniform float radiance_scale;\n",
 "flat in int fragment_object;\n",
-"in vec2 fragment_uv;\n",
-"in vec4 fragment_color;\n",
 "#else\n",
 "flat in vec3 radiance_front, radiance_back;\n",
+"#endif\n",
+"#ifdef SBL_TEXTURED\n",
+"in vec2 fragment_uv;\n",
+"in vec4 fragment_color;\n",
+"#endif\n",
+"#ifdef SBL_BOUNCED\n",
+"flat in int fragment_triangle;\n",
+"in vec3 fragment_way, fragment_place;\n",
 "#endif\n",
 "#ifdef SBL_WRITE_DEPTH\n",
 "uniform float depth_scale;\n",
@@ -7680,9 +7735,17 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "#ifdef SBL_TEXTURED\n",
 "    sbl_Attributes at = sbl_Attributes(fragment_uv, fragment_color);\n",
 "    if (sbl_object_alpha_cutoff(fragment_object) > 0.0 && !sbl_solid(fragment_object, at)) discard;\n",
+"#else\n",
+"    sbl_Attributes at = sbl_Attributes(vec2(0), vec4(1));\n",
+"#endif\n",
+"#if defined(SBL_TEXTURED) || defined(SBL_BOUNCED)\n",
 "    vec3 radiance = sbl_outgoing(fragment_object, !gl_FrontFacing, at) * radiance_scale;\n",
 "#else\n",
 "    vec3 radiance = gl_FrontFacing ? radiance_front : radiance_back;\n",
+"#endif\n",
+"#ifdef SBL_BOUNCED\n",
+"    radiance += radiance_scale * sbl_reflected(fragment_object, fragment_triangle, !gl_FrontFacing, fragment_place,\n",
+"                                               length(fragment_way), at);\n",
 "#endif\n",
 "    out_radiance = vec4(radiance, gl_FrontFacing ? 1.0 / gl_FragCoord.w : -1.0 / gl_FragCoord.w);\n",
 "#ifdef SBL_WRITE_DEPTH\n",
@@ -7693,9 +7756,10 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 /* <<glsl */
 
 static const sbl__recipe sbl__recipe_sensor = {
-    "sensor", { sbl__glsl_scene, sbl__glsl_outgoing, sbl__glsl_sensor_vertex },
-    { sbl__glsl_scene, sbl__glsl_outgoing, sbl__glsl_sensor_fragment }, { &sbl__object_record },
-    SBL__TEXTURED | SBL__WIDE | SBL__WRITE_DEPTH
+    "sensor", { sbl__glsl_scene, sbl__glsl_store, sbl__glsl_outgoing, sbl__glsl_sensor_vertex },
+    { sbl__glsl_scene, sbl__glsl_store, sbl__glsl_outgoing, sbl__glsl_sensor_fragment },
+    { &sbl__object_record, &sbl__vertex_record, &sbl__attributes_record, &sbl__split_record, &sbl__leaf_record },
+    SBL__TEXTURED | SBL__WIDE | SBL__WRITE_DEPTH | SBL__BOUNCED
 };
 
 /* >>glsl sky_vertex: shaders_embedded/sky_vertex.glsl, copied by scripts/embed_shaders */
@@ -7856,6 +7920,11 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
         result = sbl__raster_send(d, r, lens, b);
         if (result != SBL_SUCCESS) return result;
         sbl__array_inputs(d, g->vertex_array, &r->views, sbl__view_inputs, SBL__COUNT(sbl__view_inputs));
+        if (b->spec->bounced) {
+            result = sbl__array_make(d, &r->view_array, &g->index_table.buffer);
+            if (result != SBL_SUCCESS) return result;
+            sbl__array_inputs(d, r->view_array, &r->views, sbl__view_inputs, SBL__COUNT(sbl__view_inputs));
+        }
         if (b->scene->environment.pixels && !b->spec->paper) result = sbl__raster_sky(d, r, lens, b, views);
     }
     if (result == SBL_SUCCESS && end > first) {
@@ -7869,7 +7938,10 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
         sbl__set_float(d, "epsilon", b->spec->epsilon);
         sbl__set_float(d, "radiance_scale", r->radiance_scale);
         sbl__set_vec2(d, "atlas_size", (float)lens->area[0], (float)lens->area[1]);
-        sbl__draw_mesh(d, g->vertex_array, first, end - first, views);
+        if (b->spec->bounced) {
+            sbl__store_bind(d, &b->scene->store);
+            sbl__draw_numbers(d, r->view_array, first, end - first, views);
+        } else sbl__draw_mesh(d, g->vertex_array, first, end - first, views);
     }
     if (result == SBL_SUCCESS && b->scene->draw && end == g->triangle_count) sbl__raster_host(d, r, lens, b);
     return result;
@@ -8747,12 +8819,14 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
    Where a surface goes on beneath what stands on it, a leaf must not be lit for both sides: from each leaf's first
    point feelers go out along its surface to the end of its cell, and what they meet cuts it (sbl__store_add_split). */
 
-#define SBL__STORE_LEAVES 16384
 #define SBL__BOUNCE_SEEDS 1.0      /* of a cell */
 #define SBL__BOUNCE_SEED_RAYS 4
 #define SBL__BOUNCE_POINTS 4
+
 #define SBL__BOUNCE_RAYS 16        /* of a point */
-#define SBL__BOUNCE_LAMP_RAYS 16
+
+#define SBL__BOUNCE_LAMP_RAYS 8
+
 #define SBL__BOUNCE_SKY_RAYS 16    /* where the sky shines; */
 #define SBL__BOUNCE_DARK_RAYS 4    /* where not, to tell where a point stands */
 #define SBL__BOUNCE_FEELERS 8
@@ -8763,7 +8837,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
 #define SBL__BOUNCE_ROUNDS 200
 #define SBL__BOUNCE_REST 2e-4      /* of the light, that may be missing at the end */
 #define SBL__BOUNCE_GROWTH 1.5     /* of cells' area, where leaves do not suffice */
-#define SBL__BOUNCE_CROWD 2        /* so many times the leaves asked for make it begin anew with larger cells */
+#define SBL__BOUNCE_GROWTH_MOST 4.0
+#define SBL__BOUNCE_AIM 0.5        /* of the leaves that there may be, for which cells are cut at first */
 #define SBL__CAST_COLUMNS 256
 #define SBL__CAST_ROWS 64
 
@@ -8782,7 +8857,7 @@ typedef struct sbl__hit { float position[3], distance; uint32_t place; uint16_t 
 typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* of its leaf's */ } sbl__bounce_point;
 
 /* Of a leaf, while it is filled. */
-typedef struct sbl__bounce_leaf { int points, first, depth, valid; } sbl__bounce_leaf;
+typedef struct sbl__bounce_leaf { int points, first, valid; } sbl__bounce_leaf;
 
 typedef enum sbl__bounce_stage {
     SBL__BOUNCE_BEGIN, SBL__BOUNCE_PATCHES, SBL__BOUNCE_SEED, SBL__BOUNCE_SOW, SBL__BOUNCE_PLACE, SBL__BOUNCE_FEEL, SBL__BOUNCE_CUT,
@@ -8794,7 +8869,6 @@ typedef struct sbl__bounce {
     sbl__bounce_stage stage;
     int at;                          /* what of the stage is next */
     uint32_t scene;                  /* version that it is for */
-    double leaves;                   /* asked for, less where they did not suffice */
     sbl__patching patching;
     double spread;                   /* seeds that the triangles so far should have */
     sbl__hit *seeds;                 /* places all over the surfaces */
@@ -8816,6 +8890,7 @@ typedef struct sbl__bounce {
     sbl_reading *readings;
     float *light, *sums;             /* three a leaf: what comes from what shines; what is gathered */
     double change;                   /* that the last round made */
+    double crowding;
     int rounds, crowded;
     sbl__table casts;
     sbl__blocks blocks;
@@ -8978,7 +9053,6 @@ static float sbl__place_normal(const sbl__geometry *g, uint32_t place, float nor
 static sbl_result sbl__bounce_begin(sbl__core *c, sbl__bounce *b) {
     const sbl__geometry *g = &c->scene.geometry;
     sbl__store *s = &c->scene.store;
-    b->leaves = getenv("LEAVES") ? atof(getenv("LEAVES")) : SBL__STORE_LEAVES;
     sbl__free(&c->base, s->patches);
     s->patches = (uint32_t *)sbl__alloc(&c->base, (size_t)g->triangle_count, sizeof *s->patches);
     b->sequence = sbl__sequence_make(&c->base, SBL__BOUNCE_RAYS, 1);
@@ -9022,7 +9096,7 @@ static sbl_result sbl__bounce_seed(sbl__core *c, sbl__bounce *b, sbl__slice *sli
             result = sbl__bounce_add_seeds(c, b, triangle, (uint32_t)k);
     }
     if (result == SBL_SUCCESS)
-        result = sbl__store_clear(&c->base, &c->scene.store, (int)(SBL__BOUNCE_CROWD * b->leaves));
+        result = sbl__store_clear(&c->base, &c->scene.store, c->scene.store.most);
     return result;
 }
 
@@ -9060,9 +9134,9 @@ static sbl_result sbl__bounce_add_leaf(sbl__core *c, sbl__bounce *b, const sbl__
 /* A place that a seed or a ray found. Sets *crowded where there is no room for it. */
 static sbl_result sbl__bounce_add(sbl__core *c, sbl__bounce *b, const sbl__hit *at, int *crowded) {
     sbl__store *s = &c->scene.store;
-    uint32_t *reference = sbl__store_find(s, sbl__place_patch(s, at), at->position);
-    int leaf;
-    if (!reference || s->leaf_count > SBL__BOUNCE_CROWD * b->leaves) { *crowded = 1; return SBL_SUCCESS; }
+    int leaf, depth;
+    uint32_t *reference = sbl__store_find(s, sbl__place_patch(s, at), at->position, &depth);
+    if (!reference || s->leaf_count >= s->most) { *crowded = 1; return SBL_SUCCESS; }
     if (!*reference) return sbl__bounce_add_leaf(c, b, at, reference);
     leaf = (int)*reference - 1;
     if (leaf < b->fresh) return b->states[leaf].points < SBL__BOUNCE_POINTS ? sbl__bounce_add_point(c, b, at, leaf)
@@ -9082,6 +9156,7 @@ static sbl_result sbl__bounce_place(sbl__core *c, sbl__bounce *b, sbl__slice *sl
         if (b->queue[b->at].place != SBL__NOWHERE) result = sbl__bounce_add(c, b, &b->queue[b->at], &crowded);
     }
     b->crowded = crowded;
+    if (crowded) b->crowding = SBL__MIN(1.3 * b->queue_count / SBL__MAX(b->at, 1), SBL__BOUNCE_GROWTH_MOST);
     return result;
 }
 
@@ -9119,8 +9194,7 @@ static sbl_result sbl__bounce_cut(sbl__core *c, sbl__bounce *b, int leaf, const 
     const uint32_t patch = sbl__place_patch(s, at);
     float before[3], normal[3], own[3], apart;
     uint32_t *reference;
-    int k;
-    if (state->depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
+    int k, depth;
     sbl__place_normal(&c->scene.geometry, at->place, own);
     sbl__place_normal(&c->scene.geometry, met->place, normal);
     apart = sbl__dot(normal, at->position) - sbl__dot(normal, met->position);
@@ -9128,9 +9202,8 @@ static sbl_result sbl__bounce_cut(sbl__core *c, sbl__bounce *b, int leaf, const 
     if (fabs((double)apart) < SBL__FEELER_APART * (double)sbl__cell_length(s, patch)) return SBL_SUCCESS;
     for (k = 0; k < 3; k++)  /* just behind what was met */
         before[k] = met->position[k] + (float)SBL__FEELER_APART * (met->position[k] - at->position[k]);
-    reference = sbl__store_find(s, patch, before);
-    if (!reference || *reference != (uint32_t)leaf + 1) return SBL_SUCCESS;
-    state->depth++;
+    reference = sbl__store_find(s, patch, before, &depth);
+    if (!reference || *reference != (uint32_t)leaf + 1 || depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
     return sbl__store_add_split(&c->base, s, patch, at->position, normal, sbl__dot(normal, met->position));
 }
 
@@ -9242,7 +9315,7 @@ static sbl_result sbl__bounce_join(sbl__core *c, sbl__bounce *b, sbl__slice *sli
         const uint32_t *reference;
         if (sbl__late(slice)) return SBL_UNFINISHED;
         if (hit->place == SBL__NOWHERE) continue;
-        reference = sbl__store_find(s, sbl__place_patch(s, hit), hit->position);
+        reference = sbl__store_find(s, sbl__place_patch(s, hit), hit->position, &k);
         hit->place = reference && *reference ? *reference - 1 : SBL__NOWHERE;
     }
     for (i = 0; i < b->point_count; i++) b->states[b->points[i].leaf].valid += b->readings[i].valid;
@@ -9310,7 +9383,7 @@ static sbl_result sbl__bounce_piece(sbl__core *c, sbl__bounce *b, sbl__slice *sl
     const sbl__geometry *g = &c->scene.geometry;
     switch (b->stage) {
         case SBL__BOUNCE_BEGIN: return sbl__bounce_begin(c, b);
-        case SBL__BOUNCE_PATCHES: return sbl__patching_step(g, &b->patching, s, b->leaves, slice);
+        case SBL__BOUNCE_PATCHES: return sbl__patching_step(g, &b->patching, s, SBL__BOUNCE_AIM * s->most, slice);
         case SBL__BOUNCE_SEED: return sbl__bounce_seed(c, b, slice);
         case SBL__BOUNCE_SOW:
             c->device.gl.doing = "sending first rays between surfaces";
@@ -9347,7 +9420,7 @@ static sbl__bounce_stage sbl__bounce_next(sbl__core *c, sbl__bounce *b) {
     switch (b->stage) {
         case SBL__BOUNCE_PLACE:
             if (b->crowded) {  /* all begins anew, with larger ones */
-                b->patching.growth *= SBL__BOUNCE_GROWTH;
+                b->patching.growth *= SBL__MAX(b->crowding, SBL__BOUNCE_GROWTH);
                 b->patching.stage = SBL__PATCH_GRID;
                 b->spread = 0;
                 b->seed_count = b->held_count = b->point_count = b->fresh = b->cast = 0;
@@ -9397,12 +9470,10 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
         if (result != SBL_SUCCESS) break;
         b->stage = sbl__bounce_next(c, b);
         s->ready = b->stage == SBL__BOUNCE_DONE;
-        if (getenv("DUMP") && b->stage == SBL__BOUNCE_SEND) { int q; for (q = 0; q < s->leaf_count; q++) { const sbl__hit *a = &b->points[b->states[q].first].at; float n[3]; sbl__place_normal(&c->scene.geometry, a->place, n); fprintf(stderr, "leaf %d at %g %g %g n %g %g %g dist %g valid %d D %g R %g\n", q, (double)a->position[0], (double)a->position[1], (double)a->position[2], (double)n[0], (double)n[1], (double)n[2], (double)a->distance, b->states[q].valid, (double)b->light[3*q], (double)s->leaves[q].light[0]); } }
-        if (getenv("VERBOSE")) fprintf(stderr, "%.3f stage %d leaves %d points %d splits %d rounds %d seeds %d growth %g\n", sbl__now() - start, b->stage, s->leaf_count, b->point_count, s->split_count, b->rounds, b->seed_count, b->patching.growth);
         if (!s->ready && sbl__now() >= slice->end) result = SBL_UNFINISHED;
     }
     c->stats.seconds.bounce += sbl__now() - start;
-    c->stats.store_samples = s->leaf_count;
+    c->stats.bounce_samples = s->leaf_count;
     if (result != SBL_UNFINISHED) sbl__bounce_end(c);
     return result;
 }
@@ -11325,7 +11396,7 @@ SBL_API sbl_context_desc sbl_context_desc_defaults(const sbl_context_desc *desc)
 /* Of what pictures and gathers share. */
 static void sbl__seeing_defaults(sbl__seeing *s) {
     const int draft = s->preset == SBL_PRESET_DRAFT, high = s->preset == SBL_PRESET_HIGH;
-    if (s->mode == SBL_MODE_DEFAULT) s->mode = SBL_MODE_AMBIENT;
+    if (s->mode == SBL_MODE_DEFAULT) s->mode = SBL_MODE_GI;
     if (s->sensor_kind == SBL_SENSOR_DEFAULT)
         s->sensor_kind = s->mode == SBL_MODE_PAPER ? SBL_SENSOR_SINGLE : SBL_SENSOR_HEMICUBE;
     if (!s->sensor_size) s->sensor_size = draft ? 32 : high ? 128 : 64;

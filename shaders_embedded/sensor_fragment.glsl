@@ -2,13 +2,19 @@
 layout(location = 0) out vec4 out_radiance;
 in vec3 place;              // where in the atlas it was put
 uniform vec2 atlas_size;    // texels
-#ifdef SBL_TEXTURED
+#if defined(SBL_TEXTURED) || defined(SBL_BOUNCED)
 uniform float radiance_scale;
 flat in int fragment_object;
-in vec2 fragment_uv;
-in vec4 fragment_color;
 #else
 flat in vec3 radiance_front, radiance_back;
+#endif
+#ifdef SBL_TEXTURED
+in vec2 fragment_uv;
+in vec4 fragment_color;
+#endif
+#ifdef SBL_BOUNCED
+flat in int fragment_triangle;
+in vec3 fragment_way, fragment_place;
 #endif
 #ifdef SBL_WRITE_DEPTH
 uniform float depth_scale;
@@ -30,9 +36,17 @@ void main() {
 #ifdef SBL_TEXTURED
     sbl_Attributes at = sbl_Attributes(fragment_uv, fragment_color);
     if (sbl_object_alpha_cutoff(fragment_object) > 0.0 && !sbl_solid(fragment_object, at)) discard;
+#else
+    sbl_Attributes at = sbl_Attributes(vec2(0), vec4(1));
+#endif
+#if defined(SBL_TEXTURED) || defined(SBL_BOUNCED)
     vec3 radiance = sbl_outgoing(fragment_object, !gl_FrontFacing, at) * radiance_scale;
 #else
     vec3 radiance = gl_FrontFacing ? radiance_front : radiance_back;
+#endif
+#ifdef SBL_BOUNCED
+    radiance += radiance_scale * sbl_reflected(fragment_object, fragment_triangle, !gl_FrontFacing, fragment_place,
+                                               length(fragment_way), at);
 #endif
     out_radiance = vec4(radiance, gl_FrontFacing ? 1.0 / gl_FragCoord.w : -1.0 / gl_FragCoord.w);
 #ifdef SBL_WRITE_DEPTH

@@ -1,7 +1,13 @@
 // Draws the scene into many sensors' views at once: an instance is one view, cut to its rectangle of the atlas by
 // four planes.
+#ifdef SBL_BOUNCED
+flat out int fragment_triangle;  // of the scene: what bounces is looked up by it
+out vec3 fragment_way;           // from the sensor to the surface,
+out vec3 fragment_place;         // which is here
+#else
 layout(location = 0) in vec3 position;
 layout(location = 1) in uint object;
+#endif
 layout(location = 4) in vec3 view_eye;
 layout(location = 5) in vec4 view_right;    // right over half the view's width at unit distance; scale of x in
                                             // atlas
@@ -12,23 +18,41 @@ layout(location = 8) in vec2 view_offset;   // of the rectangle in the atlas
 uniform float per_length;                   // 1 / extent of the scene
 uniform float depth_scale;                  // depth is depth_scale / distance: reversed, without a far plane
 out vec3 place;                             // x y w of gl_Position
-#ifdef SBL_TEXTURED
-layout(location = 2) in vec2 vertex_uv;
-layout(location = 3) in uvec2 vertex_color;
+#if defined(SBL_TEXTURED) || defined(SBL_BOUNCED)
 flat out int fragment_object;
-out vec2 fragment_uv;
-out vec4 fragment_color;
 #else
 uniform float radiance_scale;
 flat out vec3 radiance_front, radiance_back;
 #endif
+#ifdef SBL_TEXTURED
+#ifndef SBL_BOUNCED
+layout(location = 2) in vec2 vertex_uv;
+layout(location = 3) in uvec2 vertex_color;
+#endif
+out vec2 fragment_uv;
+out vec4 fragment_color;
+#endif
 
 void main() {
+#ifdef SBL_BOUNCED
+    int vertex = int(sbl_fetch(sbl_indices, gl_VertexID).x);
+    vec3 position = sbl_vertex_position(vertex);
+    uint object = sbl_vertex_object(vertex);
+    fragment_triangle = gl_VertexID / 3;
+    fragment_way = position - view_eye;
+    fragment_place = position;
+#ifdef SBL_TEXTURED
+    vec2 vertex_uv = vec2(sbl_attributes_u(vertex), sbl_attributes_v(vertex));
+    uvec2 vertex_color = uvec2(sbl_attributes_color_rg(vertex), sbl_attributes_color_ba(vertex));
+#endif
+#endif
     int number = int(object);
 #ifdef SBL_TEXTURED
-    fragment_object = number;
     fragment_uv = vertex_uv;
     fragment_color = sbl_unpack_color(vertex_color.x, vertex_color.y) / 65535.0;
+#endif
+#if defined(SBL_TEXTURED) || defined(SBL_BOUNCED)
+    fragment_object = number;
 #else
     sbl_Attributes plain = sbl_Attributes(vec2(0), vec4(1));
     radiance_front = radiance_scale * sbl_outgoing(number, false, plain);
