@@ -849,6 +849,15 @@ SBL_API sbl_result sbl_set_scene(sbl_context *context, const sbl_scene_desc *des
    Results: INVALID_ARGUMENT, STATE (no scene), OUT_OF_MEMORY, GL. On failure the mesh stays where it was. */
 SBL_API sbl_result sbl_set_mesh_transform(sbl_context *context, int mesh, const float transform[16]);
 
+/* Gives the scene other materials or lights: as many as it has, in the same order; textures keep their numbers. A
+   picture or gather under way is abandoned, a finished picture stays. Where only what shines differs (emission,
+   lights), bounced light is made again from what the surfaces' shape and colour fixed: no ray between surfaces is
+   traced again.
+   Results: INVALID_ARGUMENT (each mistake logged), STATE (no scene), UNSUPPORTED (more lamps than the scene's tables
+   can hold: use sbl_set_scene), OUT_OF_MEMORY, GL. On failure the scene stays as it was. */
+SBL_API sbl_result sbl_set_materials(sbl_context *context, const sbl_material *materials, int material_count);
+SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights, int light_count);
+
 /* World bounds of the scene; 0 0 0 both where it is empty. Results: INVALID_ARGUMENT, STATE. */
 SBL_API sbl_result sbl_query_bounds(const sbl_context *context, float lowest[3], float highest[3]);
 
@@ -3183,6 +3192,7 @@ SBL__RECORD(sbl__object, SBL__OBJECT, "sbl_object", "sbl_objects", SBL__SCENE_TA
 
 typedef struct sbl__mesh {
     int first_vertex, vertex_count, first_triangle, triangle_count;
+    int material;
     float transform[16];
 } sbl__mesh;
 
@@ -3535,6 +3545,12 @@ static sbl_result sbl__geometry_show(const sbl__device *d, sbl__geometry *g) {
     if (result == SBL_SUCCESS) result = sbl__table_show(d, &g->index_table, SBL__GL_R32UI, g->wide);
     if (result == SBL_SUCCESS) result = sbl__table_show(d, &g->object_table, SBL__GL_RGBA32UI, g->wide);
     return result;
+}
+
+/* Objects that have changed. */
+static sbl_result sbl__geometry_show_objects(const sbl__device *d, sbl__geometry *g) {
+    sbl__buffer_write(d, &g->object_table.buffer, 0, sizeof(sbl__object) * (size_t)g->mesh_count, g->objects);
+    return sbl__table_show(d, &g->object_table, SBL__GL_RGBA32UI, g->wide);
 }
 
 /* As sensor_vertex.glsl takes them. */
@@ -4072,7 +4088,7 @@ typedef struct sbl__hierarchy {
                                     surface-area heuristic: the worst node's */
     double seconds;              /* that building took */
     sbl__table node_table, triangle_table;
-    uint32_t *order;             /* of triangle_count triangles, until lamps have been collected; or NULL */
+    uint32_t *order;             /* of triangle_count triangles, for the lamps */
     sbl__bvh *building;
 } sbl__hierarchy;
 
@@ -4746,13 +4762,13 @@ static void sbl__lights_free(const sbl__device *d, sbl__lights *l) {
 }
 
 /* brightest: radiance of any surface or the sky. The descriptor has been checked. */
-static sbl_result sbl__lights_make(sbl__base *base, sbl__lights *l, const sbl_scene_desc *desc, float brightest,
-                                   float extent) {
+static sbl_result sbl__lights_make(sbl__base *base, sbl__lights *l, const sbl_light *lights, int count,
+                                   float brightest, float extent) {
     int i;
-    l->count = desc->light_count;
+    l->count = count;
     l->list = (sbl_light *)sbl__alloc(base, (size_t)l->count, sizeof(sbl_light));
     if (!l->list) return SBL_ERROR_OUT_OF_MEMORY;
-    if (l->count) memcpy(l->list, desc->lights, (size_t)l->count * sizeof(sbl_light));
+    if (l->count) memcpy(l->list, lights, (size_t)l->count * sizeof(sbl_light));
     l->unit = brightest;
     for (i = 0; i < l->count; i++) {
         double intensity = sbl__max3(l->list[i].intensity);
@@ -5279,7 +5295,8 @@ static sbl_result sbl__store_clear(sbl__base *base, sbl__store *s, int leaves) {
 
 /* reference: the one that is to lead there. */
 static sbl_result sbl__store_add_leaf(sbl__base *base, sbl__store *s, uint32_t *reference) {
-    if (!sbl__grow(base, &s->leaves, &s->leaf_room, s->leaf_count + 1, sizeof *s->leaves)) return SBL_ERROR_OUT_OF_MEMORY;
+    if (!sbl__grow(base, &s->leaves, &s->leaf_room, s->leaf_count + 1, sizeof *s->leaves))
+        return SBL_ERROR_OUT_OF_MEMORY;
     memset(&s->leaves[s->leaf_count], 0, sizeof *s->leaves);
     *reference = (uint32_t)++s->leaf_count;
     return SBL_SUCCESS;
@@ -5506,22 +5523,23 @@ static sbl_result sbl__patching_step(const sbl__geometry *g, sbl__patching *p, s
 
 /* >>store: on the GPU */
 
+static void sbl__store_part(const sbl__device *d, const sbl__buffer *b, int texel, const void *data, size_t bytes) {
+    if (bytes) sbl__buffer_write(d, b, 16 * (size_t)texel, bytes, data);
+}
+
 static sbl_result sbl__store_send(const sbl__device *d, sbl__store *s, int triangles, int wide) {
-    const size_t texel = 16;
     sbl__buffer *buffer = &s->table.buffer;
     sbl_result result;
     s->first_cell = triangles / 4 + 1;
     s->first_split = s->first_cell + s->cell_room / 2;
     s->first_leaf = s->first_split + 2 * s->split_count;
-    result = sbl__buffer_make(d, buffer, texel * ((size_t)s->first_leaf + (size_t)s->leaf_count), NULL,
+    result = sbl__buffer_make(d, buffer, 16 * ((size_t)s->first_leaf + (size_t)s->leaf_count), NULL,
                               SBL__GL_STATIC_DRAW);
     if (result != SBL_SUCCESS) return result;
-    sbl__buffer_write(d, buffer, 0, sizeof *s->patches * (size_t)triangles, s->patches);
-    sbl__buffer_write(d, buffer, texel * (size_t)s->first_cell, sizeof *s->cells * (size_t)s->cell_room, s->cells);
-    if (s->split_count)
-        sbl__buffer_write(d, buffer, texel * (size_t)s->first_split, sizeof *s->splits * (size_t)s->split_count, s->splits);
-    if (s->leaf_count)
-        sbl__buffer_write(d, buffer, texel * (size_t)s->first_leaf, sizeof *s->leaves * (size_t)s->leaf_count, s->leaves);
+    sbl__store_part(d, buffer, 0, s->patches, sizeof *s->patches * (size_t)triangles);
+    sbl__store_part(d, buffer, s->first_cell, s->cells, sizeof *s->cells * (size_t)s->cell_room);
+    sbl__store_part(d, buffer, s->first_split, s->splits, sizeof *s->splits * (size_t)s->split_count);
+    sbl__store_part(d, buffer, s->first_leaf, s->leaves, sizeof *s->leaves * (size_t)s->leaf_count);
     return sbl__table_show(d, &s->table, SBL__GL_RGBA32UI, wide);
 }
 
@@ -5540,7 +5558,8 @@ static void sbl__store_bind(sbl__device *d, const sbl__store *s) {
 static const char *const sbl__glsl_store[] = {
 "// The store of bounced light (see >>store in sbl.h): R on surfaces, cell by cell.\n",
 "#ifdef SBL_BOUNCED\n",
-"// The table begins with a word a triangle of the scene; then the hash table of cells: check and reference; 0 0: nothing.\n",
+"// The table begins with a word a triangle of the scene; then the hash table of cells: check and reference; 0 0:\n",
+"// nothing.\n",
 "uniform int first_cell;   // texel that cells start at, two a texel\n",
 "uniform int cell_mask;    // their slots - 1\n",
 "uniform vec3 cell_origin;\n",
@@ -5564,7 +5583,7 @@ static const char *const sbl__glsl_store[] = {
 "    }\n",
 "    if (distance * per < SBL_NEAR_SHARE) patch_word |= SBL_PATCH_NEAR;\n",
 "    uint reference = 0u;\n",
-"    for (int tries = 0; tries < 2 && reference == 0u; tries++) {  // as seen from elsewhere, where nothing else is known\n",
+"    for (int tries = 0; tries < 2 && reference == 0u; tries++) {  // or else as it is seen from elsewhere\n",
 "        uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);\n",
 "        uint check = sbl_hash_step(sbl_hash_step(sbl_hash_step(hash, at.z), at.y), at.x) | 1u;\n",
 "        for (int i = 0; i < SBL_PROBES; i++) {\n",
@@ -5600,9 +5619,12 @@ typedef struct sbl__scene {
     sbl_draw_function draw;     /* or NULL */
     void *draw_user;
     float draw_bounds[2][3];
+    float draw_brightest;
+    int material_count;
     float brightest;            /* radiance of any surface, the sky, or what the host draws */
     unsigned features;          /* that programs must have for it */
-    uint32_t version;           /* another one whenever anything in it changes */
+    uint32_t version;           /* another one whenever anything in it changes, */
+    uint32_t surfaces;          /* and whenever more does than what shines */
 } sbl__scene;
 
 #define SBL__RADIANCE_MOST 1e37f
@@ -5620,29 +5642,33 @@ static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
     memset(s, 0, sizeof *s);
 }
 
-/* Each mesh's material into its object. */
-static void sbl__scene_dress(sbl__scene *s, const sbl_scene_desc *desc) {
+/* A material into its mesh's object. */
+static void sbl__scene_dress_mesh(sbl__scene *s, const sbl_material *m, sbl__object *o) {
     const sbl__textures *t = &s->textures;
-    int i;
-    for (i = 0; i < desc->mesh_count; i++) {
-        const sbl_mesh *mesh = &desc->meshes[i];
-        const sbl_material *m = &desc->materials[mesh->material];
-        sbl__object *o = &s->geometry.objects[i];
-        float scale = 1;
-        memcpy(o->albedo, m->albedo, sizeof o->albedo);
-        memcpy(o->emission, m->emission, sizeof o->emission);
-        o->alpha_cutoff = m->alpha_cutoff;
-        o->flags = m->flags;
-        o->id = mesh->id ? mesh->id : (uint32_t)i + 1;
-        if (m->albedo_texture) memcpy(o->albedo_texture, t->places[m->albedo_texture - 1], sizeof o->albedo_texture);
-        if (m->emission_texture) {
-            memcpy(o->emission_texture, t->places[m->emission_texture - 1], sizeof o->emission_texture);
-            scale = t->brightest[m->emission_texture - 1];
-        }
-        if (m->albedo_texture || m->emission_texture || m->alpha_cutoff > 0) s->features |= SBL__TEXTURED;
-        s->brightest = SBL__MAX(s->brightest, scale * sbl__max3(m->emission));
+    float scale = 1;
+    memcpy(o->albedo, m->albedo, sizeof o->albedo);
+    memcpy(o->emission, m->emission, sizeof o->emission);
+    memset(o->albedo_texture, 0, sizeof o->albedo_texture);
+    memset(o->emission_texture, 0, sizeof o->emission_texture);
+    o->alpha_cutoff = m->alpha_cutoff;
+    o->flags = m->flags;
+    if (m->albedo_texture) memcpy(o->albedo_texture, t->places[m->albedo_texture - 1], sizeof o->albedo_texture);
+    if (m->emission_texture) {
+        memcpy(o->emission_texture, t->places[m->emission_texture - 1], sizeof o->emission_texture);
+        scale = t->brightest[m->emission_texture - 1];
     }
+    if (m->albedo_texture || m->emission_texture || m->alpha_cutoff > 0) s->features |= SBL__TEXTURED;
+    s->brightest = SBL__MAX(s->brightest, scale * sbl__max3(m->emission));
+}
+
+/* All of them. What shines brightest is found anew. */
+static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
+    int i;
+    s->brightest = SBL__MAX(s->environment.brightest, s->draw ? s->draw_brightest : 0);
+    s->features &= ~(unsigned)SBL__TEXTURED;
     if (s->geometry.colored) s->features |= SBL__TEXTURED;
+    for (i = 0; i < s->geometry.mesh_count; i++)
+        sbl__scene_dress_mesh(s, &materials[s->geometry.meshes[i].material], &s->geometry.objects[i]);
 }
 
 #define SBL__STORE_LEAVES 49152
@@ -5711,6 +5737,7 @@ static void sbl__scene_warn(const sbl__base *base, const sbl__scene *s) {
 
 /* Copies what desc describes; hierarchy and lamps follow with the first picture. */
 static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene_desc *desc) {
+    int i;
     sbl_result result = sbl__check_scene(d, desc);
     if (result != SBL_SUCCESS) return result;
     d->gl.doing = "reading meshes";
@@ -5722,12 +5749,17 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
         s->draw = desc->draw;
         s->draw_user = desc->draw_user;
         memcpy(s->draw_bounds, desc->draw_bounds, sizeof s->draw_bounds);
-        s->brightest = s->environment.brightest;
-        if (s->draw)
-            s->brightest = SBL__MAX(s->brightest, desc->draw_max_radiance > 0 ? desc->draw_max_radiance : 1.0f);
-        sbl__scene_dress(s, desc);
+        s->draw_brightest = desc->draw_max_radiance > 0 ? desc->draw_max_radiance : 1.0f;
+        s->material_count = desc->material_count;
+        for (i = 0; i < desc->mesh_count; i++) {
+            const sbl_mesh *mesh = &desc->meshes[i];
+            s->geometry.meshes[i].material = mesh->material;
+            s->geometry.objects[i].id = mesh->id ? mesh->id : (uint32_t)i + 1;
+        }
+        sbl__scene_dress(s, desc->materials);
         sbl__geometry_measure(&s->geometry, s->draw ? desc->draw_bounds : NULL);
-        result = sbl__lights_make(d->base, &s->lights, desc, s->brightest, s->geometry.extent);
+        result = sbl__lights_make(d->base, &s->lights, desc->lights, desc->light_count, s->brightest,
+                                  s->geometry.extent);
     }
     if (result == SBL_SUCCESS) result = sbl__scene_check_radiance(d->base, s);
     if (result == SBL_SUCCESS) result = sbl__scene_fit(d, s);
@@ -5738,14 +5770,68 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
     return result;
 }
 
-/* What rays need is out of date: it is made again when it is next needed. */
+/* What shines is out of date: it is made again when it is next needed. */
+static void sbl__scene_relit(const sbl__device *d, sbl__scene *s) {
+    sbl__lamps_free(d, s->lights.building);
+    s->lights.building = NULL;
+    s->lights.ready = s->store.ready = 0;
+    s->version++;
+}
+
+/* So is all that rays need. */
 static void sbl__scene_changed(const sbl__device *d, sbl__scene *s) {
     sbl__bvh_free(d, s->hierarchy.building);
-    sbl__lamps_free(d, s->lights.building);
     s->hierarchy.building = NULL;
-    s->lights.building = NULL;
-    s->hierarchy.ready = s->lights.ready = s->store.ready = 0;
-    s->version++;
+    s->hierarchy.ready = 0;
+    s->surfaces++;
+    sbl__scene_relit(d, s);
+}
+
+/* Does that differ which light meets on its way, besides what shines? */
+static int sbl__objects_differ(const sbl__object *a, const sbl__object *b) {
+    const uint32_t flags = ~SBL__ONE_SIDED_EMISSION;
+    return memcmp(a->albedo, b->albedo, sizeof a->albedo) || (a->flags & flags) != (b->flags & flags) ||
+           memcmp(&a->alpha_cutoff, &b->alpha_cutoff, sizeof a->alpha_cutoff) ||
+           memcmp(a->albedo_texture, b->albedo_texture, sizeof a->albedo_texture);
+}
+
+/* Other materials and lights, as many as there are. On failure all is as it was. */
+static sbl_result sbl__scene_relight(sbl__device *d, sbl__scene *s, const sbl_material *materials,
+                                     const sbl_light *lights) {
+    const size_t bytes = (size_t)s->geometry.mesh_count * sizeof(sbl__object);
+    sbl__object *objects = s->geometry.objects;
+    const sbl__scene before = *s;
+    sbl__lights others;
+    sbl_result result = SBL_SUCCESS;
+    int i, differ = 0;
+    memset(&others, 0, sizeof others);
+    s->geometry.objects = (sbl__object *)sbl__alloc_raw(d->base, (size_t)s->geometry.mesh_count, sizeof *objects);
+    if (!s->geometry.objects) { s->geometry.objects = objects; return SBL_ERROR_OUT_OF_MEMORY; }
+    memcpy(s->geometry.objects, objects, bytes);
+    if (materials) sbl__scene_dress(s, materials);
+    result = sbl__lights_make(d->base, &others, lights ? lights : s->lights.list, s->lights.count, s->brightest,
+                              s->geometry.extent);
+    if (result == SBL_SUCCESS) result = sbl__scene_check_radiance(d->base, s);
+    if (result == SBL_SUCCESS) result = sbl__scene_fit(d, s);
+    if (result == SBL_SUCCESS && s->geometry.wide != before.geometry.wide) result = SBL_ERROR_UNSUPPORTED;
+    if (result == SBL_SUCCESS) {
+        d->gl.doing = "storing materials";
+        result = sbl__geometry_show_objects(d, &s->geometry);
+    }
+    if (result != SBL_SUCCESS) {
+        sbl__lights_free(d, &others);
+        sbl__free(d->base, s->geometry.objects);
+        *s = before;
+        sbl__geometry_show_objects(d, &s->geometry);
+        return result;
+    }
+    for (i = 0; i < s->geometry.mesh_count; i++) differ |= sbl__objects_differ(&objects[i], &s->geometry.objects[i]);
+    sbl__free(d->base, objects);
+    sbl__lights_free(d, &s->lights);
+    s->lights = others;
+    if (differ) sbl__scene_changed(d, s);
+    else sbl__scene_relit(d, s);
+    return SBL_SUCCESS;
 }
 
 static sbl_result sbl__scene_move(sbl__device *d, sbl__scene *s, int mesh, const float transform[16]) {
@@ -5769,9 +5855,7 @@ static sbl_result sbl__scene_step(sbl__device *d, sbl__scene *s, sbl__slice *sli
     result = sbl__hierarchy_step(d, &s->geometry, h, slice);
     if (result == SBL_SUCCESS) result = sbl__lights_step(d, &s->geometry, h, &s->environment, &s->lights, slice);
     if (result == SBL_UNFINISHED) return result;
-    if (result != SBL_SUCCESS) h->ready = 0;  /* its order may be gone */
-    sbl__free(d->base, h->order);
-    h->order = NULL;
+    if (result != SBL_SUCCESS) h->ready = 0;
     return result;
 }
 
@@ -5917,7 +6001,8 @@ static const char *const sbl__glsl_surface[] = {
 /* >>glsl outgoing: shaders_embedded/outgoing.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_outgoing[] = {
 "// What a surface sends towards a sensor: Ck of equations 1 and 2, an emitter's radiance, or the ambient factor\n",
-"// times the colour; or the light that bounces there, which the store knows. All that sensors see comes through here.\n",
+"// times the colour; or the light that bounces there, which the store knows. All that sensors see comes through\n",
+"// here.\n",
 "uniform float epsilon;     // the ambient factor\n",
 "uniform bool lamps_apart;  // light from emitters comes from lamps.glsl\n",
 "\n",
@@ -8280,7 +8365,8 @@ static float sbl__spec_tolerance(const sbl__spec *spec) {
 static int sbl__spec_equal(const sbl__spec *a, const sbl__spec *b) {
     return a->traced == b->traced && a->paper == b->paper && a->hemicube == b->hemicube && a->size == b->size &&
            a->fov == b->fov && a->rays == b->rays && a->lamp_rays == b->lamp_rays && a->lamps_apart == b->lamps_apart &&
-           a->bounced == b->bounced &&           a->bounced == b->bounced && a->epsilon == b->epsilon && a->atlas_size == b->atlas_size && a->batch == b->batch;
+           a->bounced == b->bounced && a->epsilon == b->epsilon && a->atlas_size == b->atlas_size &&
+           a->batch == b->batch;
 }
 
 /* >>job: setting up */
@@ -8860,7 +8946,8 @@ typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* of its leaf
 typedef struct sbl__bounce_leaf { int points, first, valid; } sbl__bounce_leaf;
 
 typedef enum sbl__bounce_stage {
-    SBL__BOUNCE_BEGIN, SBL__BOUNCE_PATCHES, SBL__BOUNCE_SEED, SBL__BOUNCE_SOW, SBL__BOUNCE_PLACE, SBL__BOUNCE_FEEL, SBL__BOUNCE_CUT,
+    SBL__BOUNCE_BEGIN, SBL__BOUNCE_PATCHES, SBL__BOUNCE_SEED, SBL__BOUNCE_SOW, SBL__BOUNCE_PLACE, SBL__BOUNCE_FEEL,
+    SBL__BOUNCE_CUT,
     SBL__BOUNCE_CAST, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_JOIN, SBL__BOUNCE_GATHER, SBL__BOUNCE_SOLVE,
     SBL__BOUNCE_SEND, SBL__BOUNCE_DONE
 } sbl__bounce_stage;
@@ -8868,7 +8955,7 @@ typedef enum sbl__bounce_stage {
 typedef struct sbl__bounce {
     sbl__bounce_stage stage;
     int at;                          /* what of the stage is next */
-    uint32_t scene;                  /* version that it is for */
+    uint32_t scene, surfaces;        /* versions that it is for */
     sbl__patching patching;
     double spread;                   /* seeds that the triangles so far should have */
     sbl__hit *seeds;                 /* places all over the surfaces */
@@ -8892,36 +8979,18 @@ typedef struct sbl__bounce {
     double change;                   /* that the last round made */
     double crowding;
     int rounds, crowded;
+    int joined;                      /* hits' places are leaves */
     sbl__table casts;
     sbl__blocks blocks;
     sbl__pace pace;
 } sbl__bounce;
-
-static void sbl__bounce_free(const sbl__device *d, sbl__bounce *b) {
-    sbl__patching_free(d->base, &b->patching);
-    sbl__free(d->base, b->seeds);
-    sbl__free(d->base, b->held);
-    sbl__free(d->base, b->again);
-    sbl__free(d->base, b->points);
-    sbl__free(d->base, b->states);
-    sbl__free(d->base, b->hits);
-    sbl__free(d->base, b->feelers);
-    sbl__free(d->base, b->sequence);
-    sbl__free(d->base, b->sites);
-    sbl__free(d->base, b->readings);
-    sbl__free(d->base, b->light);
-    sbl__free(d->base, b->sums);
-    sbl__table_delete(d, &b->casts);
-    sbl__blocks_free(d, &b->blocks);
-    memset(b, 0, sizeof *b);
-}
 
 /* >>bounce: rays in, hits out */
 
 /* >>glsl cast: shaders_embedded/cast.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_cast[] = {
 "// Rays in, hits out: what each of some rays meets first.\n",
-"SBL_OUT(0, out_place);   // where; +- (1 + the triangle's number, its low bits), negative: its back side; 0: nothing\n",
+"SBL_OUT(0, out_place);   // where; 1 + the triangle's number, its low bits, negative: of its back side; 0: nothing\n",
 "SBL_OUT(1, out_albedo);  // the surface's colour there; the number's high bits\n",
 "\n",
 "void main() {\n",
@@ -9012,7 +9081,8 @@ static sbl_result sbl__bounce_cast(sbl__core *c, sbl__bounce *b, sbl__cast_make 
         if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 0, 0, rows, data);
         if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 1, 0, rows, albedos);
         if (result != SBL_SUCCESS) break;
-        for (i = 0; i < some; i++) sbl__cast_take(&rays[i], data + 4 * (size_t)i, albedos + 4 * (size_t)i, &hits[b->at + i]);
+        for (i = 0; i < some; i++)
+            sbl__cast_take(&rays[i], data + 4 * (size_t)i, albedos + 4 * (size_t)i, &hits[b->at + i]);
         sbl__pace_end(d, &b->pace, some);
         c->stats.readbacks += 2;
         b->at += some;
@@ -9314,10 +9384,13 @@ static sbl_result sbl__bounce_join(sbl__core *c, sbl__bounce *b, sbl__slice *sli
         sbl__hit *hit = &b->hits[b->at];
         const uint32_t *reference;
         if (sbl__late(slice)) return SBL_UNFINISHED;
-        if (hit->place == SBL__NOWHERE) continue;
+        if (b->joined || hit->place == SBL__NOWHERE) continue;
         reference = sbl__store_find(s, sbl__place_patch(s, hit), hit->position, &k);
         hit->place = reference && *reference ? *reference - 1 : SBL__NOWHERE;
     }
+    b->joined = 1;
+    memset(b->light, 0, leaves * 3 * sizeof *b->light);
+    for (i = 0; i < s->leaf_count; i++) b->states[i].valid = 0;
     for (i = 0; i < b->point_count; i++) b->states[b->points[i].leaf].valid += b->readings[i].valid;
     for (i = 0; i < b->point_count; i++) {
         const int leaf = b->points[i].leaf;
@@ -9446,6 +9519,44 @@ static sbl__bounce_stage sbl__bounce_next(sbl__core *c, sbl__bounce *b) {
     }
 }
 
+/* What shines has changed: what is known of the surfaces stays. */
+static void sbl__bounce_relight(sbl__bounce *b) {
+    if (b->stage > SBL__BOUNCE_SITES) b->stage = SBL__BOUNCE_SITES;
+    b->at = b->stage == SBL__BOUNCE_SITES ? 0 : b->at;
+    b->rounds = 0;
+    b->change = 0;
+}
+
+/* Points and their hits are kept, for other lights; what else was needed is not. */
+static void sbl__bounce_rest(const sbl__device *d, sbl__bounce *b) {
+    if (!b) return;
+    sbl__patching_free(d->base, &b->patching);
+    sbl__free(d->base, b->seeds);
+    sbl__free(d->base, b->held);
+    sbl__free(d->base, b->again);
+    sbl__free(d->base, b->feelers);
+    sbl__free(d->base, b->sequence);
+    sbl__free(d->base, b->sites);
+    sbl__free(d->base, b->readings);
+    sbl__table_delete(d, &b->casts);
+    sbl__blocks_free(d, &b->blocks);
+    b->seeds = b->held = b->again = b->feelers = NULL;
+    b->seed_room = b->held_room = b->again_room = b->feeler_room = 0;
+    b->sequence = NULL;
+    b->sites = NULL;
+    b->readings = NULL;
+}
+
+static void sbl__bounce_free(const sbl__device *d, sbl__bounce *b) {
+    sbl__bounce_rest(d, b);
+    sbl__free(d->base, b->points);
+    sbl__free(d->base, b->states);
+    sbl__free(d->base, b->hits);
+    sbl__free(d->base, b->light);
+    sbl__free(d->base, b->sums);
+    memset(b, 0, sizeof *b);
+}
+
 /* What is under way is dropped. */
 static void sbl__bounce_end(sbl__core *c) {
     if (c->bounce) sbl__bounce_free(&c->device, c->bounce);
@@ -9459,12 +9570,14 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     sbl__store *s = &c->scene.store;
     sbl__bounce *b;
     sbl_result result = SBL_SUCCESS;
-    if (c->bounce && c->bounce->scene != c->scene.version) sbl__bounce_end(c);
+    if (c->bounce && c->bounce->surfaces != c->scene.surfaces) sbl__bounce_end(c);
     if (!s->ready && !c->bounce) {
         c->bounce = (sbl__bounce *)sbl__alloc(&c->base, 1, sizeof *c->bounce);
         if (!c->bounce) return SBL_ERROR_OUT_OF_MEMORY;
-        c->bounce->scene = c->scene.version;
+        c->bounce->surfaces = c->scene.surfaces;
     }
+    if (!s->ready && c->bounce->scene != c->scene.version) sbl__bounce_relight(c->bounce);
+    if (c->bounce) c->bounce->scene = c->scene.version;
     for (b = c->bounce; !s->ready && result == SBL_SUCCESS; b->at = 0) {
         result = sbl__bounce_piece(c, b, slice);
         if (result != SBL_SUCCESS) break;
@@ -9474,7 +9587,8 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     }
     c->stats.seconds.bounce += sbl__now() - start;
     c->stats.bounce_samples = s->leaf_count;
-    if (result != SBL_UNFINISHED) sbl__bounce_end(c);
+    if (s->ready) sbl__bounce_rest(&c->device, c->bounce);
+    else if (result != SBL_UNFINISHED) sbl__bounce_end(c);
     return result;
 }
 
@@ -10562,13 +10676,14 @@ static double *sbl__picture_seconds(sbl__core *c, sbl__stage stage) {
 /* One bounded piece of the picture. SBL_SUCCESS: it is done. */
 static sbl_result sbl__picture_step(sbl__core *c, sbl__picture *p, sbl__slice *slice) {
     const double start = sbl__now();
+    const double bounced = c->stats.seconds.bounce;
     double *seconds = sbl__picture_seconds(c, p->stage);
     const sbl_result result = sbl__picture_piece(c, p, slice);
     if (result == SBL_SUCCESS) {
         p->stage = sbl__picture_next(c, p);
         p->at = p->refine.at = p->refine.row = 0;
     }
-    *seconds += sbl__now() - start;
+    *seconds += sbl__now() - start - (c->stats.seconds.bounce - bounced);
     return result != SBL_SUCCESS ? result : p->stage == SBL__STAGE_DONE ? SBL_SUCCESS : SBL_UNFINISHED;
 }
 
@@ -10701,6 +10816,7 @@ static sbl_result sbl__gathering_next(sbl__core *c, sbl__gathering *g, sbl__slic
 /* One bounded piece. SBL_SUCCESS: all readings are there. */
 static sbl_result sbl__gathering_step(sbl__core *c, sbl__gathering *g, sbl__slice *slice) {
     const double start = sbl__now();
+    const double bounced = c->stats.seconds.bounce;
     double *seconds = g->stage == SBL__GATHER_PREPARE ? &c->stats.seconds.surface : &c->stats.seconds.gather;
     sbl_result result = SBL_SUCCESS;
     int i;
@@ -10727,7 +10843,7 @@ static sbl_result sbl__gathering_step(sbl__core *c, sbl__gathering *g, sbl__slic
             break;
         default: break;
     }
-    *seconds += sbl__now() - start;
+    *seconds += sbl__now() - start - (c->stats.seconds.bounce - bounced);
     return result != SBL_SUCCESS ? result : g->stage == SBL__GATHER_DONE ? SBL_SUCCESS : SBL_UNFINISHED;
 }
 
@@ -11142,6 +11258,7 @@ static sbl_result sbl__trial_rays(sbl__core *c, int *met) {
     desc.sites = &site;
     desc.readings = &reading;
     desc.site_count = 1;
+    desc.mode = SBL_MODE_AMBIENT;
     desc.backend = SBL_BACKEND_TRACE;
     desc.epsilon = 0.5f;
     desc.rays = SBL__TRIAL_RAYS;
@@ -11565,7 +11682,9 @@ SBL_API sbl_result sbl_set_scene(sbl_context *c, const sbl_scene_desc *desc) {
     if (result == SBL_SUCCESS) {
         sbl__scene_warn(&c->core.base, &scene);
         sbl__abandon(c);
+        sbl__bounce_end(&c->core);
         scene.version = c->core.scene.version + 1;
+        scene.surfaces = c->core.scene.surfaces + 1;
         sbl__scene_free(&c->core.device, &c->core.scene);
         c->core.scene = scene;
         c->core.has_scene = 1;
@@ -11575,6 +11694,51 @@ SBL_API sbl_result sbl_set_scene(sbl_context *c, const sbl_scene_desc *desc) {
     }
     sbl__visit_leave(c, &visit);
     return result;
+}
+
+/* Materials, or lights: the others are NULL. */
+static sbl_result sbl__relight(sbl_context *c, const char *function, const sbl_scene_desc *desc) {
+    const char *what = desc->materials ? "materials" : "lights";
+    const int count = desc->materials ? desc->material_count : desc->light_count;
+    sbl__visit visit;
+    sbl__check check;
+    sbl_result result;
+    int i, has;
+    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
+    if (sbl__called_back(c, function, SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
+    if (!sbl__has_scene(c, function)) return SBL_ERROR_STATE;
+    has = desc->materials ? c->core.scene.material_count : c->core.scene.lights.count;
+    sbl__check_start(&check, &c->core.base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT);
+    if (count != has) sbl__mistake(&check, "%s: %d %s are given; the scene has %d", function, count, what, has);
+    check.item = desc->materials ? SBL_LOG_ITEM_INVALID_MATERIAL : SBL_LOG_ITEM_INVALID_LIGHT;
+    for (i = 0; i < count && count == has; i++) {
+        if (desc->materials) sbl__check_material(&check, desc, i);
+        else sbl__check_light(&check, &desc->lights[i], i);
+    }
+    if (check.mistakes) return SBL_ERROR_INVALID_ARGUMENT;
+    sbl__visit_enter(c, &visit);
+    sbl__abandon(c);
+    result = sbl__scene_relight(&c->core.device, &c->core.scene, desc->materials, desc->lights);
+    sbl__visit_leave(c, &visit);
+    return result;
+}
+
+SBL_API sbl_result sbl_set_materials(sbl_context *c, const sbl_material *materials, int material_count) {
+    static const sbl_material none;
+    sbl_scene_desc desc;
+    memset(&desc, 0, sizeof desc);
+    desc.materials = materials ? materials : &none;
+    desc.material_count = materials ? material_count : 0;
+    desc.texture_count = c ? c->core.scene.textures.count : 0;
+    return sbl__relight(c, "sbl_set_materials", &desc);
+}
+
+SBL_API sbl_result sbl_set_lights(sbl_context *c, const sbl_light *lights, int light_count) {
+    sbl_scene_desc desc;
+    memset(&desc, 0, sizeof desc);
+    desc.lights = lights;
+    desc.light_count = lights ? light_count : 0;
+    return sbl__relight(c, "sbl_set_lights", &desc);
 }
 
 SBL_API sbl_result sbl_set_mesh_transform(sbl_context *c, int mesh, const float transform[16]) {
