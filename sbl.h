@@ -473,7 +473,9 @@ typedef enum sbl_material_flag {
     SBL_MATERIAL_ONE_SIDED_EMISSION = 1 << 0,  /* the back side does not shine */
     SBL_MATERIAL_HIDDEN_FROM_CAMERA = 1 << 1,
     SBL_MATERIAL_HIDDEN_FROM_SENSORS = 1 << 2, /* neither lights nor shadows anything */
-    SBL_MATERIAL_FLAGS_ALL = (1 << 3) - 1
+    SBL_MATERIAL_NO_SENSORS = 1 << 3,  /* SBL_MODE_GI: no sensors stand on it, it shows the stored light, smoothed: for
+                                          what is fine or moves much. It shades and reflects as anything else does */
+    SBL_MATERIAL_FLAGS_ALL = (1 << 4) - 1
 } sbl_material_flag;
 
 /* Zero is taken literally here: black, no light, no textures, no cutout. Textures count from 1, materials from 0. */
@@ -685,6 +687,7 @@ typedef enum sbl_channel {
     SBL_CHANNEL_ID,         /* 1 */
     SBL_CHANNEL_DEPTH,      /* 1: distance along the view axis */
     SBL_CHANNEL_SENSORS,    /* 1: 0 interpolated, else 1 + the level at which a sensor stood here */
+    SBL_CHANNEL_STORE,      /* 3: the stored R, cell by cell (SBL_MODE_GI; else 0) */
     SBL_CHANNEL_COUNT
 } sbl_channel;
 
@@ -1821,6 +1824,7 @@ typedef struct sbl__record {
 #define SBL__ONE_SIDED_EMISSION ((unsigned)SBL_MATERIAL_ONE_SIDED_EMISSION)
 #define SBL__HIDDEN_FROM_CAMERA ((unsigned)SBL_MATERIAL_HIDDEN_FROM_CAMERA)
 #define SBL__HIDDEN_FROM_SENSORS ((unsigned)SBL_MATERIAL_HIDDEN_FROM_SENSORS)
+#define SBL__NO_SENSORS ((unsigned)SBL_MATERIAL_NO_SENSORS)
 #define SBL__LEAF 0x80000000u      /* children in the hierarchy, see >>bvh */
 #define SBL__ENTER 0xc0000000u
 #define SBL__LEAVE 0xd0000000u
@@ -1851,7 +1855,7 @@ typedef struct sbl__record {
     X(PATCH_AXIS_SHIFT) X(PATCH_LEVEL_SHIFT) X(PROBES) X(CELL_DEPTH) X(CAST_NUMBERS)
 #define SBL__SHARED_BITS(X) \
     X(TEXTURE_SRGB) X(TEXTURE_KIND) X(TEXTURE_CLAMPS) \
-    X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) \
+    X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS) \
     X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) \
     X(LAMP_TRIANGLE) X(LAMP_NEAR_LIGHT) X(LAMP_FAR_LIGHT) X(LAMP_SKY_TEXEL) X(FAR_NODE) \
     X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_SPLIT)
@@ -5554,6 +5558,17 @@ static void sbl__store_bind(sbl__device *d, const sbl__store *s) {
     sbl__set_int(d, "cell_mask", s->cell_room - 1);
 }
 
+/* >>glsl frame: shaders_embedded/frame.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_frame[] = {
+"// Right, up and forward of a sensor that looks along n: Duff et al. 2017, \"Building an Orthonormal Basis,\n",
+"// Revisited\".\n",
+"mat3 sbl_frame(vec3 n) {\n",
+"    float s = n.z < 0.0 ? -1.0 : 1.0, f = -1.0 / (s + n.z), g = n.x * n.y * f;\n",
+"    return mat3(1.0 + s * n.x * n.x * f, s * g, -s * n.x, g, s + n.y * n.y * f, -n.y, n);\n",
+"}\n",
+0 };
+/* <<glsl */
+
 /* >>glsl store: shaders_embedded/store.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_store[] = {
 "// The store of bounced light (see >>store in sbl.h): R on surfaces, cell by cell.\n",
@@ -5570,6 +5585,11 @@ static const char *const sbl__glsl_store[] = {
 "uint sbl_hash_step(uint hash, uint x) {\n",
 "    hash = (hash ^ x) * 0x9e3779b1u;\n",
 "    return hash ^ hash >> 15;\n",
+"}\n",
+"\n",
+"float sbl_cell_length(int number) {\n",
+"    uint patch_word = sbl_fetch(sbl_store, number >> 2)[number & 3];\n",
+"    return float(1u << (patch_word >> SBL_PATCH_LEVEL_SHIFT & SBL_PATCH_LEVEL)) / per_cell;\n",
 "}\n",
 "\n",
 "// R at a point of triangle number `number` of the scene, on its back side or its front, seen from so far away.\n",
@@ -5930,6 +5950,8 @@ static const char *const sbl__glsl_surface[] = {
 "    float reach;                              // of its corners from the origin, plus its longest side: what\n",
 "                                              // rounding is relative to\n",
 "    uint id;\n",
+"    int object;\n",
+"    bool back;                                // its back side is seen\n",
 "};\n",
 "\n",
 "const float SBL_GRAZING = 0.01;  // cosine that shading normals are kept from the horizon\n",
@@ -5982,8 +6004,8 @@ static const char *const sbl__glsl_surface[] = {
 "    float longest = sqrt(max(dot(s1, s1), max(dot(s2, s2), dot(s3, s3))));\n",
 "    s.facet = size * length(across) / longest;\n",
 "    s.reach = length(p0) + 2.0 * size * longest;\n",
-"    bool back = dot(face, direction) > 0.0;\n",
-"    s.geometric_normal = back ? -face : face;\n",
+"    s.back = dot(face, direction) > 0.0;\n",
+"    s.geometric_normal = s.back ? -face : face;\n",
 "    s.normal = sbl_shading_normal(v, vec3(b0, b1, b2), face, s.geometric_normal, direction);\n",
 "\n",
 "    sbl_Attributes at = sbl_mix_attributes(v, vec3(b0, b1, b2));\n",
@@ -5991,8 +6013,9 @@ static const char *const sbl__glsl_surface[] = {
 "    s.albedo = vec4(s.albedo.rgb * sbl_object_albedo(object),\n",
 "                    s.albedo.a < sbl_object_alpha_cutoff(object) ? 0.0 : 1.0);\n",
 "    s.emission = sbl_object_emission(object) * sbl_texture(sbl_object_emission_texture(object), at.uv).rgb;\n",
-"    if (back && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u) s.emission = vec3(0);\n",
+"    if (s.back && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u) s.emission = vec3(0);\n",
 "    s.id = sbl_object_id(object);\n",
+"    s.object = object;\n",
 "    return s;\n",
 "}\n",
 0 };
@@ -6377,6 +6400,24 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "layout(location = 3) out vec4 out_albedo;\n",
 "layout(location = 4) out vec4 out_emission;\n",
 "layout(location = 5) out uint out_id;\n",
+"// In SBL_MODE_GI the stored R stands in the w of normal (negative: -1 less it, where no sensor is to stand), of\n",
+"// geometric normal and of emission.\n",
+"\n",
+"#ifdef SBL_BOUNCED\n",
+"// Where no sensor smooths it: the mean over about a cell.\n",
+"vec3 sbl_stored_smooth(int number, sbl_Surface s) {\n",
+"    mat3 frame = sbl_frame(s.geometric_normal);\n",
+"    float step = sbl_cell_length(number) / 4.0, weight = 0.0;\n",
+"    vec3 sum = vec3(0);\n",
+"    for (int i = 0; i < 25; i++) {\n",
+"        vec3 light = sbl_stored(number, s.back, s.position + step * (frame * vec3(i % 5 - 2, i / 5 - 2, 0)), 1e30);\n",
+"        float known = max(light.r, max(light.g, light.b)) > 0.0 ? 1.0 : 0.0;\n",
+"        sum += light;\n",
+"        weight += known;\n",
+"    }\n",
+"    return sum / max(weight, 1.0);\n",
+"}\n",
+"#endif\n",
 "\n",
 "void main() {\n",
 "    uint triangle = texelFetch(triangles, ivec2(gl_FragCoord.xy), 0).x;\n",
@@ -6397,6 +6438,14 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        out_albedo = vec4(s.albedo.rgb, 1);\n",
 "        out_emission = vec4(s.emission, 0);\n",
 "        out_id = s.id;\n",
+"#ifdef SBL_BOUNCED\n",
+"        bool excluded = (sbl_object_flags(s.object) & SBL_NO_SENSORS) != 0u;\n",
+"        vec3 light = sbl_stored(int(triangle) - 1, s.back, s.position, 1e30);\n",
+"        sbl_when (excluded) light = sbl_stored_smooth(int(triangle) - 1, s);\n",
+"        out_normal.w = excluded ? -1.0 - light.r : light.r;\n",
+"        out_geometric_normal.w = light.g;\n",
+"        out_emission.w = light.b;\n",
+"#endif\n",
 "    }\n",
 "}\n",
 0 };
@@ -6404,21 +6453,34 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 
 static const sbl__recipe sbl__recipe_gbuffer = {
     "gbuffer", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_camera, sbl__glsl_gbuffer_fragment },
-    { &sbl__vertex_record, &sbl__attributes_record, &sbl__object_record },
-    SBL__WIDE
+    { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_camera, sbl__glsl_frame, sbl__glsl_store,
+      sbl__glsl_gbuffer_fragment },
+    { &sbl__vertex_record, &sbl__attributes_record, &sbl__object_record, &sbl__split_record, &sbl__leaf_record },
+    SBL__WIDE | SBL__BOUNCED
 };
 
+/* What is drawn, for whom. */
+typedef struct sbl__surface_job {
+    const sbl__scene *scene;
+    const sbl__camera *camera;
+    const sbl__gbuffer *gbuffer;
+    float offset[2];           /* of the sample from the pixels' centres, pixels */
+    float epsilon;             /* told to the host */
+    int bounced;               /* stored light is found, too */
+} sbl__surface_job;
+
 /* Surface points of as many rows as the slice has time for. */
-static sbl_result sbl__surface_points(sbl__device *d, sbl__surface *s, const sbl__scene *scene, const sbl__camera *c,
-                                      const sbl__gbuffer *g, const float offset[2]) {
-    sbl_result result = sbl__use(d, &sbl__recipe_gbuffer, scene->features);
+static sbl_result sbl__surface_points(sbl__device *d, sbl__surface *s, const sbl__surface_job *job) {
+    const unsigned bounced = job->bounced ? SBL__BOUNCED : 0;
+    const sbl__gbuffer *g = job->gbuffer;
+    sbl_result result = sbl__use(d, &sbl__recipe_gbuffer, job->scene->features | bounced);
     if (result != SBL_SUCCESS) return result;
     sbl__pass_rows(d, &g->target, s->at, s->rows);
-    sbl__scene_bind(d, scene);
+    sbl__scene_bind(d, job->scene);
+    if (bounced) sbl__store_bind(d, &job->scene->store);
     sbl__bind(d, "triangles", &s->triangles);
-    sbl__camera_set(d, c, offset, &g->target);
-    sbl__set_float(d, "facet_limit", c->facet_limit);
+    sbl__camera_set(d, job->camera, job->offset, &g->target);
+    sbl__set_float(d, "facet_limit", job->camera->facet_limit);
     sbl__draw_screen(d);
     s->at += s->rows;
     return sbl__gl_check(&d->gl);
@@ -6447,15 +6509,6 @@ static void sbl__surface_host(const sbl__device *d, const sbl__scene *scene, con
     sbl__pass(d, &g->target, NULL, all, SBL__PASS_DEPTH);
     sbl__host_draw(d, scene->draw, &view, scene->draw_user);
 }
-
-/* What is drawn, for whom. */
-typedef struct sbl__surface_job {
-    const sbl__scene *scene;
-    const sbl__camera *camera;
-    const sbl__gbuffer *gbuffer;
-    float offset[2];           /* of the sample from the pixels' centres, pixels */
-    float epsilon;             /* told to the host */
-} sbl__surface_job;
 
 static void sbl__surface_begin(sbl__surface *s) { s->stage = SBL__SURFACE_CLEAR; }
 
@@ -6488,7 +6541,7 @@ static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__
             break;
         case SBL__SURFACE_POINTS:
             s->rows = sbl__pace_rows(&s->point_pace, slice, &job->gbuffer->target, s->at);
-            result = sbl__surface_points(d, s, job->scene, job->camera, job->gbuffer, job->offset);
+            result = sbl__surface_points(d, s, job);
             sbl__pace_end(d, &s->point_pace, (double)s->rows * job->gbuffer->target.width);
             if (s->at == job->gbuffer->target.height) s->stage = SBL__SURFACE_HOST;
             break;
@@ -6818,13 +6871,6 @@ static const char *const sbl__glsl_carrier[] = {
 "\n",
 "ivec2 sbl_texel_of_invocation() { return ivec2(gl_FragCoord.xy); }\n",
 "#endif\n",
-"\n",
-"// Right, up and forward of a sensor that looks along n: Duff et al. 2017, \"Building an Orthonormal Basis,\n",
-"// Revisited\".\n",
-"mat3 sbl_frame(vec3 n) {\n",
-"    float s = n.z < 0.0 ? -1.0 : 1.0, f = -1.0 / (s + n.z), g = n.x * n.y * f;\n",
-"    return mat3(1.0 + s * n.x * n.x * f, s * g, -s * n.x, g, s + n.y * n.y * f, -n.y, n);\n",
-"}\n",
 0 };
 /* <<glsl */
 
@@ -7563,7 +7609,7 @@ static const char *const sbl__glsl_lamps[] = {
 
 static const sbl__recipe sbl__recipe_lamps = {
     "lamps", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_carrier, sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_lamps },
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_carrier, sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_lamps },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
       &sbl__look_words_record, &sbl__lamp_node_record, &sbl__lamp_leaf_record, &sbl__light_record_record },
     SBL__TEXTURED | SBL__WIDE | SBL__VIEWS | SBL__INSPECT | SBL__COMPUTE
@@ -8206,8 +8252,8 @@ static const char *const sbl__glsl_trace[] = {
 
 static const sbl__recipe sbl__recipe_trace = {
     "trace", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_store, sbl__glsl_outgoing, sbl__glsl_carrier, sbl__glsl_traverse, sbl__glsl_sky,
-      sbl__glsl_trace },
+    { sbl__glsl_scene, sbl__glsl_store, sbl__glsl_outgoing, sbl__glsl_frame, sbl__glsl_carrier, sbl__glsl_traverse,
+      sbl__glsl_sky, sbl__glsl_trace },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
       &sbl__look_words_record,
       &sbl__split_record, &sbl__leaf_record },
@@ -9018,7 +9064,7 @@ static const char *const sbl__glsl_cast[] = {
 
 static const sbl__recipe sbl__recipe_cast = {
     "cast", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_carrier, sbl__glsl_traverse, sbl__glsl_cast },
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_carrier, sbl__glsl_traverse, sbl__glsl_cast },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
       &sbl__cast_record },
     SBL__TEXTURED | SBL__WIDE | SBL__COMPUTE
@@ -9325,6 +9371,19 @@ static void sbl__bounce_seed_ray(const sbl__core *c, const sbl__bounce *b, int n
     sbl__bounce_aim(c, b, &b->seeds[seed], sbl__hash((uint32_t)seed), number % SBL__BOUNCE_SEED_RAYS, out);
 }
 
+/* A seed counts as seen from where its nearest ray came to; one whose rays meet nothing is not wanted. */
+static void sbl__bounce_judge_seeds(sbl__bounce *b) {
+    int i, k;
+    for (i = 0; i < b->seed_count; i++) {
+        const sbl__hit *hits = &b->hits[(size_t)i * SBL__BOUNCE_SEED_RAYS];
+        b->seeds[i].distance = FLT_MAX;
+        for (k = 0; k < SBL__BOUNCE_SEED_RAYS; k++)
+            if (hits[k].place != SBL__NOWHERE)
+                b->seeds[i].distance = SBL__MIN(b->seeds[i].distance, hits[k].distance);
+        if (!(b->seeds[i].distance < FLT_MAX)) b->seeds[i].place = SBL__NOWHERE;
+    }
+}
+
 static void sbl__bounce_ray(const sbl__core *c, const sbl__bounce *b, int number, sbl__cast *out) {
     const sbl__bounce_point *p = &b->points[number / SBL__BOUNCE_RAYS];
     const int stretch = p->number % SBL__MAX_LOOKS * SBL__BOUNCE_RAYS + number % SBL__BOUNCE_RAYS;
@@ -9500,9 +9559,14 @@ static sbl__bounce_stage sbl__bounce_next(sbl__core *c, sbl__bounce *b) {
                 return SBL__BOUNCE_PATCHES;
             }
             if (c->scene.store.leaf_count > b->fresh) return SBL__BOUNCE_FEEL;
-            return b->cast < b->point_count ? SBL__BOUNCE_CAST : SBL__BOUNCE_SITES;
+            if (b->cast < b->point_count) return SBL__BOUNCE_CAST;
+            if (b->queue == b->seeds) return SBL__BOUNCE_SITES;
+            b->queue = b->seeds;  /* at last what no ray met */
+            b->queue_count = b->seed_count;
+            return SBL__BOUNCE_PLACE;
         case SBL__BOUNCE_CUT: return SBL__BOUNCE_PLACE;
         case SBL__BOUNCE_SOW:
+            sbl__bounce_judge_seeds(b);
             b->queue = b->hits;
             b->queue_count = b->seed_count * SBL__BOUNCE_SEED_RAYS;
             return SBL__BOUNCE_PLACE;
@@ -9617,6 +9681,7 @@ typedef struct sbl__pixel {
     float position[3], normal[3], geometric_normal[3];
     float offset;             /* of its sensor, off the surface */
     float radiance[3], noise; /* of R and its standard error */
+    float stored[3];          /* what the store knows of R here */
     uint32_t id;              /* 0: nothing is seen here */
     int look;                 /* number of its sensor's first look in the job that it was in */
     unsigned char level;      /* 0: interpolated, else 1 + level */
@@ -10367,7 +10432,7 @@ typedef struct sbl__picture {
     sbl__refine refine;
     float *rgba;                /* the radiance map, until it is sent */
     sbl__texture radiance, filtered, finals[2], preview;
-    sbl__texture scalars[SBL_CHANNEL_COUNT];  /* channels of one float that only the host has, where asked for */
+    sbl__texture scalars[SBL_CHANNEL_COUNT];  /* channels that only the host has, where asked for */
     sbl__target radiance_target, filtered_target, final_targets[2], preview_target;
     sbl__pace filter_pace, resolve_pace;
     int resolved;               /* anti-aliasing samples done */
@@ -10378,6 +10443,7 @@ typedef struct sbl__picture {
 } sbl__picture;
 
 #define SBL__READ_PIXELS 32768    /* of the G-buffer, read at once */
+#define SBL__STORED_NOISE 0.1f    /* of stored light where it is shown, relative: for the filter */
 #define SBL__PREVIEW_GROWTH 1.25  /* so many times the last preview's sensors make the next one */
 
 static void sbl__picture_free(const sbl__device *d, sbl__picture *p) {
@@ -10468,11 +10534,12 @@ static sbl_result sbl__picture_surface(sbl__core *c, sbl__picture *p, const sbl_
     job.offset[0] = offset[0];
     job.offset[1] = offset[1];
     job.epsilon = p->desc.epsilon;
+    job.bounced = p->spec.bounced && g == &p->gbuffer;
     return sbl__surface_step(&c->device, &p->surface, &job, slice);
 }
 
 /* One pixel of the G-buffer for refinement. */
-static void sbl__picture_take_pixel(const sbl__core *c, const sbl__picture *p, const float *const from[3], uint32_t id,
+static void sbl__picture_take_pixel(const sbl__core *c, const sbl__picture *p, const float *const from[4], uint32_t id,
                                     sbl__pixel *out) {
     memset(out, 0, sizeof *out);
     memcpy(out->position, from[0], sizeof out->position);
@@ -10480,28 +10547,38 @@ static void sbl__picture_take_pixel(const sbl__core *c, const sbl__picture *p, c
     memcpy(out->geometric_normal, from[2], sizeof out->geometric_normal);
     out->offset = sbl__spec_offset(&p->spec, &c->scene, from[0][3]);
     out->id = id;
+    if (!p->spec.bounced || !id) return;
+    out->sensed = from[1][3] < 0;
+    out->stored[0] = out->sensed ? -1 - from[1][3] : from[1][3];
+    out->stored[1] = from[2][3];
+    out->stored[2] = from[3][3];
+    if (!out->sensed) return;  /* else it takes no sensor */
+    memcpy(out->radiance, out->stored, sizeof out->radiance);
+    out->noise = SBL__STORED_NOISE * sbl__max3(out->stored);
 }
 
 /* Brings rows of the G-buffer to the host. */
 static sbl_result sbl__picture_read(sbl__core *c, sbl__picture *p) {
-    static const int attachments[3] = { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL };
+    static const int attachments[4] = { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL,
+                                        SBL__GBUFFER_EMISSION };
+    const int parts = p->spec.bounced ? 4 : 3;  /* light that is stored needs the last */
     const int width = p->desc.width, most = SBL__MAX(1, SBL__READ_PIXELS / width);
     const int rows = SBL__MIN(most, p->desc.height - p->at), count = rows * width;
     const sbl__target *t = &p->gbuffer.target;
-    float *data = (float *)sbl__alloc_raw(c->device.base, (size_t)count, 3 * 16 + 4);
-    float *ids = data ? data + 12 * (size_t)count : NULL;
+    float *data = (float *)sbl__alloc_raw(c->device.base, (size_t)count, 4 * 16 + 4);
+    float *ids = data ? data + 16 * (size_t)count : NULL;
     sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
     int i, k;
     c->device.gl.doing = "reading the G-buffer";
-    for (k = 0; k < 3 && result == SBL_SUCCESS; k++)
+    for (k = 0; k < parts && result == SBL_SUCCESS; k++)
         result = sbl__target_read(&c->device, t, attachments[k], p->at, rows, data + 4 * (size_t)count * (size_t)k);
     if (result == SBL_SUCCESS) result = sbl__target_read(&c->device, t, SBL__GBUFFER_ID, p->at, rows, ids);
-    c->stats.readbacks += 4;
+    c->stats.readbacks += parts + 1;
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
-        const float *from[3];
+        const float *from[4];
         uint32_t id;
         memcpy(&id, ids + i, sizeof id);
-        for (k = 0; k < 3; k++) from[k] = data + 4 * ((size_t)count * (size_t)k + (size_t)i);
+        for (k = 0; k < 4; k++) from[k] = data + 4 * ((size_t)count * (size_t)k + (size_t)i);
         sbl__picture_take_pixel(c, p, from, id, &p->refine.pixels[(size_t)p->at * (size_t)width + (size_t)i]);
         c->stats.visible_pixels += id != 0;
     }
@@ -11920,7 +11997,8 @@ SBL_API void sbl_end(sbl_context *c) {
 /* >>public: channels. A row a channel: floats a pixel, and how it is read. */
 
 static const struct { int components, attachment; } sbl__channels[SBL_CHANNEL_COUNT] = {
-    { 3, -1 }, { 3, -1 }, { 3, SBL__GBUFFER_ALBEDO }, { 3, -1 }, { 3, -1 }, { 1, -1 }, { 1, -1 }, { 1, -1 }
+    { 3, -1 }, { 3, -1 }, { 3, SBL__GBUFFER_ALBEDO }, { 3, -1 }, { 3, -1 }, { 1, -1 }, { 1, -1 }, { 1, -1 },
+    { 3, -1 }
 };
 
 SBL_API int sbl_channel_components(sbl_channel channel) {
@@ -11936,6 +12014,7 @@ static void sbl__channel_pixel(const sbl__picture *p, sbl_channel channel, size_
     if (!pixel->id) memset(out, 0, (size_t)sbl__channels[channel].components * sizeof *out);
     else if (channel == SBL_CHANNEL_NORMAL) memcpy(out, pixel->normal, sizeof pixel->normal);
     else if (channel == SBL_CHANNEL_POSITION) memcpy(out, pixel->position, sizeof pixel->position);
+    else if (channel == SBL_CHANNEL_STORE) memcpy(out, pixel->stored, sizeof pixel->stored);
     else out[0] = channel == SBL_CHANNEL_ID ? (float)pixel->id
                 : channel == SBL_CHANNEL_DEPTH ? (float)depth : (float)pixel->level;
 }
@@ -12017,20 +12096,22 @@ SBL_API sbl_result sbl_read_channel(sbl_context *c, sbl_channel channel, float *
     return SBL_SUCCESS;
 }
 
-/* A texture of a channel of one float that only the host has. */
+/* A texture of a channel that only the host has. */
 static uint32_t sbl__channel_send(sbl_context *c, sbl_channel channel) {
     sbl__picture *p = &c->picture;
     const size_t pixels = (size_t)p->desc.width * (size_t)p->desc.height;
     sbl__texture *t = &p->scalars[channel];
-    float *data = (float *)sbl__alloc_raw(&c->core.base, pixels, sizeof(float));
+    const size_t floats = sbl__channels[channel].components == 1 ? 1 : 4;
+    float *data = (float *)sbl__alloc(&c->core.base, pixels, floats * sizeof(float));
     sbl_result result;
     sbl__visit visit;
     size_t i;
     if (!data) return 0;
-    for (i = 0; i < pixels; i++) sbl__channel_pixel(p, channel, i, data + i);
+    for (i = 0; i < pixels; i++) sbl__channel_pixel(p, channel, i, data + floats * i);
     sbl__visit_enter(c, &visit);
     c->core.device.gl.doing = "making a channel's texture";
-    result = sbl__texture_make(&c->core.device, t, p->desc.width, p->desc.height, SBL__GL_R32F);
+    result = sbl__texture_make(&c->core.device, t, p->desc.width, p->desc.height,
+                               floats == 1 ? SBL__GL_R32F : SBL__GL_RGBA32F);
     if (result == SBL_SUCCESS) result = sbl__texture_write(&c->core.device, t, 0, p->desc.height, data);
     sbl__visit_leave(c, &visit);
     sbl__free(&c->core.base, data);

@@ -137,7 +137,7 @@ typedef enum option_kind { FLAG, TEXT, CHOICE, INTEGERS, NUMBERS, LIST, BYTES } 
 
 enum { CHANNEL_WORDS, MODE_WORDS, PRESET_WORDS, BACKEND_WORDS };
 static const char *const words[][SBL_CHANNEL_COUNT + 1] = {
-    { "final", "radiance", "albedo", "normal", "position", "id", "depth", "sensors", NULL },  /* as sbl_channel */
+    { "final", "radiance", "albedo", "normal", "position", "id", "depth", "sensors", "store", NULL },  /* as sbl_channel */
     { "gi", "ambient", "direct", "paper", NULL },
     { "draft", "default", "high", NULL },
     { "auto", "raster", "trace", NULL } };
@@ -457,7 +457,7 @@ static unsigned char *make_visible(const image *in, sbl_channel channel) {
             double x = (double)v[n == 3 ? k : 0];
             int c = n == 3 ? k : 0;
             switch (channel) {
-                case SBL_CHANNEL_FINAL: case SBL_CHANNEL_RADIANCE: sbl_encode_srgb8(to + k, v + c, 1, exposure); break;
+                case SBL_CHANNEL_FINAL: case SBL_CHANNEL_RADIANCE: case SBL_CHANNEL_STORE: sbl_encode_srgb8(to + k, v + c, 1, exposure); break;
                 case SBL_CHANNEL_ALBEDO: sbl_encode_srgb8(to + k, v + c, 1, 1); break;
                 case SBL_CHANNEL_NORMAL: to[k] = surface ? to_byte(0.5 + 0.5 * x) : 0; break;
                 case SBL_CHANNEL_POSITION: to[k] = surface ? to_byte(high[c] > low[c] ? (x - low[c]) / (high[c] - low[c]) : 0.5) : 0; break;

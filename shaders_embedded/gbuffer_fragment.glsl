@@ -8,6 +8,24 @@ layout(location = 2) out vec4 out_geometric_normal;
 layout(location = 3) out vec4 out_albedo;
 layout(location = 4) out vec4 out_emission;
 layout(location = 5) out uint out_id;
+// In SBL_MODE_GI the stored R stands in the w of normal (negative: -1 less it, where no sensor is to stand), of
+// geometric normal and of emission.
+
+#ifdef SBL_BOUNCED
+// Where no sensor smooths it: the mean over about a cell.
+vec3 sbl_stored_smooth(int number, sbl_Surface s) {
+    mat3 frame = sbl_frame(s.geometric_normal);
+    float step = sbl_cell_length(number) / 4.0, weight = 0.0;
+    vec3 sum = vec3(0);
+    for (int i = 0; i < 25; i++) {
+        vec3 light = sbl_stored(number, s.back, s.position + step * (frame * vec3(i % 5 - 2, i / 5 - 2, 0)), 1e30);
+        float known = max(light.r, max(light.g, light.b)) > 0.0 ? 1.0 : 0.0;
+        sum += light;
+        weight += known;
+    }
+    return sum / max(weight, 1.0);
+}
+#endif
 
 void main() {
     uint triangle = texelFetch(triangles, ivec2(gl_FragCoord.xy), 0).x;
@@ -28,5 +46,13 @@ void main() {
         out_albedo = vec4(s.albedo.rgb, 1);
         out_emission = vec4(s.emission, 0);
         out_id = s.id;
+#ifdef SBL_BOUNCED
+        bool excluded = (sbl_object_flags(s.object) & SBL_NO_SENSORS) != 0u;
+        vec3 light = sbl_stored(int(triangle) - 1, s.back, s.position, 1e30);
+        sbl_when (excluded) light = sbl_stored_smooth(int(triangle) - 1, s);
+        out_normal.w = excluded ? -1.0 - light.r : light.r;
+        out_geometric_normal.w = light.g;
+        out_emission.w = light.b;
+#endif
     }
 }

@@ -14,6 +14,11 @@ uint sbl_hash_step(uint hash, uint x) {
     return hash ^ hash >> 15;
 }
 
+float sbl_cell_length(int number) {
+    uint patch_word = sbl_fetch(sbl_store, number >> 2)[number & 3];
+    return float(1u << (patch_word >> SBL_PATCH_LEVEL_SHIFT & SBL_PATCH_LEVEL)) / per_cell;
+}
+
 // R at a point of triangle number `number` of the scene, on its back side or its front, seen from so far away.
 vec3 sbl_stored(int number, bool back, vec3 position, float distance) {
     uint patch_word = sbl_fetch(sbl_store, number >> 2)[number & 3] ^ (back ? SBL_PATCH_BACK : 0u);

@@ -9,6 +9,8 @@ struct sbl_Surface {
     float reach;                              // of its corners from the origin, plus its longest side: what
                                               // rounding is relative to
     uint id;
+    int object;
+    bool back;                                // its back side is seen
 };
 
 const float SBL_GRAZING = 0.01;  // cosine that shading normals are kept from the horizon
@@ -61,8 +63,8 @@ sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {
     float longest = sqrt(max(dot(s1, s1), max(dot(s2, s2), dot(s3, s3))));
     s.facet = size * length(across) / longest;
     s.reach = length(p0) + 2.0 * size * longest;
-    bool back = dot(face, direction) > 0.0;
-    s.geometric_normal = back ? -face : face;
+    s.back = dot(face, direction) > 0.0;
+    s.geometric_normal = s.back ? -face : face;
     s.normal = sbl_shading_normal(v, vec3(b0, b1, b2), face, s.geometric_normal, direction);
 
     sbl_Attributes at = sbl_mix_attributes(v, vec3(b0, b1, b2));
@@ -70,7 +72,8 @@ sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {
     s.albedo = vec4(s.albedo.rgb * sbl_object_albedo(object),
                     s.albedo.a < sbl_object_alpha_cutoff(object) ? 0.0 : 1.0);
     s.emission = sbl_object_emission(object) * sbl_texture(sbl_object_emission_texture(object), at.uv).rgb;
-    if (back && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u) s.emission = vec3(0);
+    if (s.back && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u) s.emission = vec3(0);
     s.id = sbl_object_id(object);
+    s.object = object;
     return s;
 }
