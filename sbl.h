@@ -363,6 +363,7 @@ typedef enum sbl_log_level { SBL_LOG_ERROR, SBL_LOG_WARNING, SBL_LOG_INFO } sbl_
     X(NOTHING_VISIBLE, "the camera sees no surface")                                  \
     X(NO_LIGHT, "nothing in the scene shines")                                        \
     X(SCALE, "the scene is too small, too large or too far off for exact light")      \
+    X(INVALID_STORE, "saved light is damaged or of another scene")                    \
     X(INFO, "information")
 
 #define SBL__X(name, text) SBL_LOG_ITEM_##name,
@@ -615,6 +616,10 @@ typedef struct sbl_scene_desc {
     uint32_t end_canary;
 } sbl_scene_desc;
 
+/* Of sbl_save_store and sbl_load_store: returns how many bytes it took or gave. */
+typedef size_t (*sbl_write_function)(const void *data, size_t bytes, void *user);
+typedef size_t (*sbl_read_function)(void *data, size_t bytes, void *user);
+
 /* >>picture types */
 
 typedef enum sbl_mode {
@@ -861,6 +866,16 @@ SBL_API sbl_result sbl_set_mesh_transform(sbl_context *context, int mesh, const 
 SBL_API sbl_result sbl_set_materials(sbl_context *context, const sbl_material *materials, int material_count);
 SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights, int light_count);
 
+/* Saves the stored light of the scene's last SBL_MODE_GI picture or gather, and gives it to the same scene again, which
+   then needs not make it. The same: meshes, materials, textures, lights, sky and environment, to the bit; the camera
+   may be another one. put and get are called for some bytes at a time and return how many they took or gave; fewer are
+   an error. The format has a version and a checksum, and is of the machine's own byte order.
+   Results: INVALID_ARGUMENT (put or get failed; the data are damaged, of another version, byte order or scene), STATE
+   (no scene; save: no light is stored yet), UNSUPPORTED (load: larger than the driver's tables), OUT_OF_MEMORY, GL.
+   After a failed load the scene has the stored light that it had. */
+SBL_API sbl_result sbl_save_store(sbl_context *context, sbl_write_function put, void *user);
+SBL_API sbl_result sbl_load_store(sbl_context *context, sbl_read_function get, void *user);
+
 /* World bounds of the scene; 0 0 0 both where it is empty. Results: INVALID_ARGUMENT, STATE. */
 SBL_API sbl_result sbl_query_bounds(const sbl_context *context, float lowest[3], float highest[3]);
 
@@ -967,6 +982,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
                   >>environment  light from far away
                   >>bvh          the hierarchy that rays go through
                   >>lamps        what sensors aim rays at
+                  >>store        light that bounces: cells on surfaces, and how they are found
                   >>scene        the five together; scene.glsl and outgoing.glsl, which all shaders share
    a sensor       >>surface      where light is wanted: the camera's G-buffer
                   >>sensors      looks: frames, views, weights
@@ -974,6 +990,8 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
                   >>raster       to see by views drawn into texels
                   >>trace        to see by rays
                   >>job          sites in, readings out: the heart. Above it nobody knows how it sees
+   light that     >>bounce       fills the store: sites, rays between surfaces, all bounces at once
+   bounces        >>saved        the store as a stream
    a picture      >>refine       which pixels get sensors; interpolation
                   >>filter       smoothing of R
                   >>resolve      composition, anti-aliasing
@@ -1243,6 +1261,19 @@ static uint32_t sbl__hash(uint32_t x) {
     x = x * 747796405u + 2891336453u;
     word = ((x >> ((x >> 28) + 4u)) ^ x) * 277803737u;
     return (word >> 22) ^ word;
+}
+
+/* Of bytes, four at a time: FNV-1a's steps (Fowler, Noll, Vo), with words for bytes. */
+static uint64_t sbl__hash_bytes(uint64_t hash, const void *data, size_t bytes) {
+    const unsigned char *at = (const unsigned char *)data;
+    size_t i;
+    for (i = 0; i < bytes; i += 4) {
+        uint32_t word = 0;
+        memcpy(&word, at + i, bytes - i < 4 ? bytes - i : 4);
+        hash = (hash ^ word) * 0x100000001b3u;
+        hash ^= hash >> 29;
+    }
+    return hash;
 }
 
 /* 16-bit float, rounded to nearest even; too large values become the largest */
@@ -3637,6 +3668,7 @@ typedef struct sbl__textures {
     uint32_t (*places)[4];     /* of each texture: first row, width, height, kind; see sbl__object */
     float *brightest;          /* component of each */
     int count;
+    uint64_t hash;             /* of all pixels */
 } sbl__textures;
 
 static void sbl__textures_free(const sbl__device *d, sbl__textures *t) {
@@ -3798,6 +3830,9 @@ static sbl_result sbl__textures_make(sbl__device *d, sbl__textures *s, const sbl
         result = sbl__textures_fill(d, s, SBL__STORE_OF(i), &desc->textures[i], i);
 #undef SBL__STORE_OF
     for (i = 0; i < 2; i++) {
+        if (result == SBL_SUCCESS)
+            s->hash = sbl__hash_bytes(s->hash, stores[i].bytes, (size_t)stores[i].rows * (size_t)stores[i].width *
+                                                                stores[i].texel);
         if (result == SBL_SUCCESS && stores[i].rows)
             result = sbl__texture_make(d, &s->stores[i], stores[i].width, stores[i].rows, formats[i]);
         if (result == SBL_SUCCESS && stores[i].rows)
@@ -9662,6 +9697,177 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__seeing *s, sbl__slice *s
     return result == SBL_SUCCESS && s->mode == SBL_MODE_GI ? sbl__bounce_step(c, slice) : result;
 }
 
+/* ======================================================================================================== >>saved
+   Stored light as a stream: a header, the store's four arrays, a checksum. What is read is believed only where it fits
+   the scene and itself. */
+
+#define SBL__SAVED_VERSION 1u
+#define SBL__SAVED_ORDER 0x01020304u
+#define SBL__SAVED_SEED 0xcbf29ce484222325u
+#define SBL__SAVED_CELLS (1 << 22)     /* at most; as many splits, and half as many leaves */
+
+typedef struct sbl__saved {
+    char name[8];
+    uint32_t version, order;
+    uint64_t scene;                    /* hash of what the light depends on */
+    int32_t triangles, cells, splits, leaves;
+    float origin[3], length;
+} sbl__saved;
+
+static const char sbl__saved_name[8] = { 's', 'b', 'l', 's', 't', 'o', 'r', 'e' };
+
+/* Of all that stored light depends on. */
+static uint64_t sbl__saved_scene(const sbl__scene *s) {
+    const sbl__geometry *g = &s->geometry;
+    const sbl__environment *e = &s->environment;
+    uint64_t hash = sbl__hash_bytes(SBL__SAVED_SEED, &s->textures.hash, sizeof s->textures.hash);
+    int i;
+    hash = sbl__hash_bytes(hash, g->vertices, (size_t)g->vertex_count * sizeof *g->vertices);
+    hash = sbl__hash_bytes(hash, g->attributes, (size_t)g->vertex_count * sizeof *g->attributes);
+    hash = sbl__hash_bytes(hash, g->indices, 3 * (size_t)g->triangle_count * sizeof *g->indices);
+    for (i = 0; i < g->mesh_count; i++) hash = sbl__hash_bytes(hash, &g->objects[i], offsetof(sbl__object, id));
+    hash = sbl__hash_bytes(hash, s->lights.list, (size_t)s->lights.count * sizeof *s->lights.list);
+    hash = sbl__hash_bytes(hash, e->sky, sizeof e->sky);
+    hash = sbl__hash_bytes(hash, e->axes, sizeof e->axes);
+    if (e->pixels) hash = sbl__hash_bytes(hash, e->pixels, 3 * sizeof(float) * (size_t)e->width * (size_t)e->height);
+    return hash;
+}
+
+/* The arrays that follow the header, and their sizes. */
+typedef struct sbl__saved_part { void *data; size_t bytes; } sbl__saved_part;
+
+static void sbl__saved_parts(const sbl__store *s, int triangles, sbl__saved_part parts[4]) {
+    parts[0].data = s->patches;
+    parts[0].bytes = (size_t)triangles * sizeof *s->patches;
+    parts[1].data = s->cells;
+    parts[1].bytes = (size_t)s->cell_room * sizeof *s->cells;
+    parts[2].data = s->splits;
+    parts[2].bytes = (size_t)s->split_count * sizeof *s->splits;
+    parts[3].data = s->leaves;
+    parts[3].bytes = (size_t)s->leaf_count * sizeof *s->leaves;
+}
+
+static int sbl__saved_write(const sbl__scene *s, sbl_write_function put, void *user) {
+    sbl__saved header;
+    sbl__saved_part parts[4];
+    uint64_t sum;
+    int i, fine;
+    memset(&header, 0, sizeof header);
+    memcpy(header.name, sbl__saved_name, sizeof header.name);
+    header.version = SBL__SAVED_VERSION;
+    header.order = SBL__SAVED_ORDER;
+    header.scene = sbl__saved_scene(s);
+    header.triangles = s->geometry.triangle_count;
+    header.cells = s->store.cell_room;
+    header.splits = s->store.split_count;
+    header.leaves = s->store.leaf_count;
+    memcpy(header.origin, s->store.origin, sizeof header.origin);
+    header.length = s->store.length;
+    sbl__saved_parts(&s->store, header.triangles, parts);
+    sum = sbl__hash_bytes(SBL__SAVED_SEED, &header, sizeof header);
+    fine = put(&header, sizeof header, user) == sizeof header;
+    for (i = 0; i < 4 && fine; i++) {
+        sum = sbl__hash_bytes(sum, parts[i].data, parts[i].bytes);
+        fine = !parts[i].bytes || put(parts[i].data, parts[i].bytes, user) == parts[i].bytes;
+    }
+    return fine && put(&sum, sizeof sum, user) == sizeof sum;
+}
+
+/* NULL: it is of this scene and this version. */
+static const char *sbl__saved_check(const sbl__saved *header, const sbl__scene *s) {
+    const int32_t most = SBL__SAVED_CELLS, cells = header->cells;
+    if (memcmp(header->name, sbl__saved_name, sizeof header->name)) return "it is not stored light of sbl.h";
+    if (header->order != SBL__SAVED_ORDER) return "it comes from a machine of another byte order";
+    if (header->version != SBL__SAVED_VERSION) return "it is of another version of sbl.h";
+    if (header->scene != sbl__saved_scene(s) || header->triangles != s->geometry.triangle_count)
+        return "it is of another scene";
+    if (cells < 1 || cells > most || (cells & (cells - 1)) || header->splits < 0 || header->splits > most ||
+        header->leaves < 0 || header->leaves > most / 2 || !sbl__all_finite(header->origin, 3) ||
+        !sbl__between(&header->length, FLT_MIN, FLT_MAX)) return "it is damaged";
+    return NULL;
+}
+
+/* Leads a reference to something? Those of split number `from` only to later ones: no way goes round. */
+static int sbl__saved_leads(const sbl__store *s, uint32_t reference, int from) {
+    const uint32_t split = reference & ~SBL__CELL_SPLIT;
+    if (reference < SBL__CELL_SPLIT) return reference <= (uint32_t)s->leaf_count;
+    return split < (uint32_t)s->split_count && (from < 0 || split > (uint32_t)from);
+}
+
+static int sbl__saved_sound(const sbl__store *s) {
+    int i, k;
+    for (i = 0; i < s->cell_room; i++) if (!sbl__saved_leads(s, s->cells[i].reference, -1)) return 0;
+    for (i = 0; i < s->split_count; i++)
+        if (!sbl__saved_leads(s, s->splits[i].sides[0], i) || !sbl__saved_leads(s, s->splits[i].sides[1], i) ||
+            !sbl__all_finite(s->splits[i].normal, 4)) return 0;
+    for (i = 0; i < s->leaf_count; i++)
+        for (k = 0; k < 3; k++) if (!sbl__between(&s->leaves[i].light[k], 0, FLT_MAX)) return 0;
+    return 1;
+}
+
+/* Reads a store, of which nothing is made yet. *why: what is wrong with the data. */
+static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene, sbl__store *s, sbl_read_function get,
+                                  void *user, const char **why) {
+    sbl__saved header;
+    sbl__saved_part parts[4];
+    uint64_t sum, end = 0;
+    int i;
+    *why = "it ends too soon";
+    if (get(&header, sizeof header, user) != sizeof header) return SBL_ERROR_INVALID_ARGUMENT;
+    *why = sbl__saved_check(&header, scene);
+    if (*why) return SBL_ERROR_INVALID_ARGUMENT;
+    memcpy(s->origin, header.origin, sizeof s->origin);
+    s->length = header.length;
+    s->patches = (uint32_t *)sbl__alloc(d->base, (size_t)header.triangles, sizeof *s->patches);
+    s->cells = (sbl__cell_slot *)sbl__alloc(d->base, (size_t)header.cells, sizeof *s->cells);
+    s->splits = (sbl__split *)sbl__alloc(d->base, (size_t)header.splits, sizeof *s->splits);
+    s->leaves = (sbl__leaf *)sbl__alloc(d->base, (size_t)header.leaves, sizeof *s->leaves);
+    if (!s->patches || !s->cells || !s->splits || !s->leaves) return SBL_ERROR_OUT_OF_MEMORY;
+    s->cell_room = header.cells;
+    s->split_count = s->split_room = header.splits;
+    s->leaf_count = s->leaf_room = header.leaves;
+    sbl__saved_parts(s, header.triangles, parts);
+    sum = sbl__hash_bytes(SBL__SAVED_SEED, &header, sizeof header);
+    *why = "it ends too soon";
+    for (i = 0; i < 4; i++) {
+        if (parts[i].bytes && get(parts[i].data, parts[i].bytes, user) != parts[i].bytes)
+            return SBL_ERROR_INVALID_ARGUMENT;
+        sum = sbl__hash_bytes(sum, parts[i].data, parts[i].bytes);
+    }
+    if (get(&end, sizeof end, user) != sizeof end) return SBL_ERROR_INVALID_ARGUMENT;
+    *why = end == sum && sbl__saved_sound(s) ? NULL : "it is damaged";
+    return *why ? SBL_ERROR_INVALID_ARGUMENT : SBL_SUCCESS;
+}
+
+/* The scene's store, from a stream. On failure it has the one that it had. */
+static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *user) {
+    sbl__scene *scene = &c->scene;
+    const int triangles = scene->geometry.triangle_count, wide = scene->geometry.wide;
+    const char *why = NULL;
+    sbl__store s;
+    sbl_result result;
+    memset(&s, 0, sizeof s);
+    s.most = scene->store.most;
+    result = sbl__saved_read(&c->device, scene, &s, get, user, &why);
+    if (result == SBL_SUCCESS && !wide && triangles / 4 + 1 + s.cell_room / 2 + 2 * s.split_count + s.leaf_count >
+                                              c->device.gl.capabilities.max_texture_buffer_size) {
+        why = "it is larger than this driver's tables";
+        result = SBL_ERROR_UNSUPPORTED;
+    }
+    if (why) sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_STORE, "sbl_load_store: %s", why);
+    c->device.gl.doing = "storing bounced light";
+    if (result == SBL_SUCCESS) result = sbl__store_send(&c->device, &s, triangles, wide);
+    if (result != SBL_SUCCESS) {
+        sbl__store_free(&c->device, &s);
+        return result;
+    }
+    sbl__bounce_end(c);
+    sbl__store_free(&c->device, &scene->store);
+    scene->store = s;
+    scene->store.ready = 1;
+    return SBL_SUCCESS;
+}
+
 /* ======================================================================================================== >>refine
    Which sites get sensors (section III-G), level by level, and what the other pixels get from them.
 
@@ -11816,6 +12022,33 @@ SBL_API sbl_result sbl_set_lights(sbl_context *c, const sbl_light *lights, int l
     desc.lights = lights;
     desc.light_count = lights ? light_count : 0;
     return sbl__relight(c, "sbl_set_lights", &desc);
+}
+
+SBL_API sbl_result sbl_save_store(sbl_context *c, sbl_write_function put, void *user) {
+    if (!c || !put) return SBL_ERROR_INVALID_ARGUMENT;
+    if (sbl__called_back(c, "sbl_save_store", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
+    if (!sbl__has_scene(c, "sbl_save_store")) return SBL_ERROR_STATE;
+    if (!c->core.scene.store.ready) {
+        sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, "sbl_save_store", "no light is stored; render or gather in "
+                    "SBL_MODE_GI first");
+        return SBL_ERROR_STATE;
+    }
+    if (sbl__saved_write(&c->core.scene, put, user)) return SBL_SUCCESS;
+    sbl__refuse(c, SBL_LOG_ITEM_INVALID_STORE, "sbl_save_store", "put took fewer bytes than it was given");
+    return SBL_ERROR_INVALID_ARGUMENT;
+}
+
+SBL_API sbl_result sbl_load_store(sbl_context *c, sbl_read_function get, void *user) {
+    sbl__visit visit;
+    sbl_result result;
+    if (!c || !get) return SBL_ERROR_INVALID_ARGUMENT;
+    if (sbl__called_back(c, "sbl_load_store", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
+    if (!sbl__has_scene(c, "sbl_load_store")) return SBL_ERROR_STATE;
+    sbl__visit_enter(c, &visit);
+    sbl__abandon(c);
+    result = sbl__saved_load(&c->core, get, user);
+    sbl__visit_leave(c, &visit);
+    return result;
 }
 
 SBL_API sbl_result sbl_set_mesh_transform(sbl_context *c, int mesh, const float transform[16]) {

@@ -1,0 +1,322 @@
+/* The store of bounced light as a thing of its own: kept from picture to picture, made again for other lamps, saved and
+   loaded, shown, and put on surfaces that take no sensors. */
+#define SBL_IMPLEMENTATION
+#define SBL_EGL
+#include "../sbl.h"
+#include "test.h"
+#include "scenes.h"
+#include "gl_watch.h"
+
+enum { SITES = 48, SIDE = 24, PIXELS = SIDE * SIDE, STREAM = 1 << 22, WALLS = 0, LAMP = 1, BOX = 2 };
+
+static watch seen;
+static sbl_context *context;
+static test_scene scene;
+
+/* A stream in memory, cut off at `room`. */
+static struct { unsigned char bytes[STREAM]; size_t count, at, room; } stream;
+
+static size_t put(const void *data, size_t bytes, void *user) {
+    (void)user;
+    if (bytes > stream.room - stream.count) bytes = stream.room - stream.count;
+    memcpy(stream.bytes + stream.count, data, bytes);
+    stream.count += bytes;
+    return bytes;
+}
+
+static size_t get(void *data, size_t bytes, void *user) {
+    (void)user;
+    if (bytes > stream.count - stream.at) bytes = stream.count - stream.at;
+    memcpy(data, stream.bytes + stream.at, bytes);
+    stream.at += bytes;
+    return bytes;
+}
+
+/* A room with a lamp, a light and a textured box. */
+static void make_room(test_scene *s) {
+    static const unsigned char checks[2 * 2 * 3] = { 255, 200, 100, 30, 60, 90, 30, 90, 60, 200, 255, 100 };
+    memset(s, 0, sizeof *s);
+    scene_material(s, 0.7f, 0.6f, 0.5f);
+    scene_lamp(s, 6, 5, 4);
+    s->materials[LAMP].albedo[1] = 0.5f;
+    scene_material(s, 0.5f, 0.6f, 0.7f);
+    s->materials[BOX].albedo_texture = scene_texture(s, checks, sizeof checks, SBL_PIXELS_SRGB8, 2, 2, 3);
+    scene_box(s, WALLS, 0, 0, 0, 4, 3, 5);
+    scene_quad(s, LAMP, 1.5f, 2.9f, 2, 2.5f, 2.9f, 2, 2.5f, 2.9f, 3, 1.5f, 2.9f, 3);
+    scene_box(s, BOX, 2.5f, 0.01f, 3, 3.2f, 0.9f, 4);
+    scene_light(s, SBL_LIGHT_POINT, 1, 1, 1)->position[0] = 0.7f;
+    s->lights[0].position[1] = s->lights[0].position[2] = 1;
+}
+
+static sbl_result set(const test_scene *s) {
+    sbl_scene_desc desc = scene_desc(s);
+    desc.bounce_samples = 2048;
+    return sbl_set_scene(context, &desc);
+}
+
+/* Another context, with the scene as it is now. */
+static int start(void) {
+    const sbl_context_desc desc = watch_desc(&seen);
+    sbl_destroy(context);
+    context = NULL;
+    return sbl_create(&desc, &context) == SBL_SUCCESS && set(&scene) == SBL_SUCCESS;
+}
+
+/* Light across the room. */
+static sbl_result gather(sbl_reading readings[SITES]) {
+    sbl_gather_desc desc;
+    sbl_site sites[SITES];
+    int i;
+    memset(&desc, 0, sizeof desc);
+    memset(sites, 0, sizeof sites);
+    for (i = 0; i < SITES; i++) {
+        sites[i].position[0] = 0.3f + 0.07f * (float)i;
+        sites[i].position[1] = 0.5f;
+        sites[i].position[2] = 0.4f + 0.05f * (float)i;
+        sites[i].normal[i % 3] = i & 1 ? 1.0f : -1.0f;
+    }
+    desc.sites = sites;
+    desc.readings = readings;
+    desc.site_count = SITES;
+    desc.mode = SBL_MODE_GI;
+    desc.rays = 32;
+    return sbl_gather(context, &desc);
+}
+
+static sbl_picture_desc view_of(float x) {
+    sbl_picture_desc view = scene_view(SIDE, SIDE, 70, x, 1.5f, 0.3f, 2.2f, 1, 4);
+    view.mode = SBL_MODE_GI;
+    view.rays = 32;
+    view.tile = 4;
+    view.samples = 1;
+    return view;
+}
+
+/* Is the scene's light the same as in a context that has seen nothing else? bounced: was the store made for it? */
+static void same_as_fresh(const char *what, int bounced) {
+    static sbl_reading here[SITES], fresh[SITES];
+    REQUIRE(gather(here) == SBL_SUCCESS, "%s: %s", what, watch_last(&seen));
+    CHECK((sbl_query_stats(context).seconds.bounce > 1e-3) == bounced, "%s: %g s of bounced light", what,
+          sbl_query_stats(context).seconds.bounce);
+    REQUIRE(start() && gather(fresh) == SBL_SUCCESS, "%s: no fresh light: %s", what, watch_last(&seen));
+    CHECK(!memcmp(here, fresh, sizeof fresh), "%s: first site %.9g, in a fresh context %.9g", what,
+          (double)here[0].radiance[0], (double)fresh[0].radiance[0]);
+}
+
+/* >>kept and made again */
+
+TEST(lamps_change_what_surfaces_fixed_stays) {
+    static sbl_reading before[SITES], after[SITES];
+    make_room(&scene);
+    REQUIRE(start() && gather(before) == SBL_SUCCESS, "%s", watch_last(&seen));
+    scene.materials[LAMP].emission[0] = 1;
+    scene.materials[LAMP].flags = SBL_MATERIAL_ONE_SIDED_EMISSION;
+    REQUIRE(sbl_set_materials(context, scene.materials, scene.material_count) == SBL_SUCCESS, "%s", watch_last(&seen));
+    scene.lights[0].intensity[1] = 0.1f;
+    scene.lights[0].position[2] = 2;
+    REQUIRE(sbl_set_lights(context, scene.lights, scene.light_count) == SBL_SUCCESS, "%s", watch_last(&seen));
+    REQUIRE(gather(after) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(after[0].radiance[0] < 0.7f * before[0].radiance[0], "the lamps' change does not show: %g, before %g",
+          (double)after[0].radiance[0], (double)before[0].radiance[0]);
+    same_as_fresh("other lamps", 0);
+    scene_free(&scene);
+}
+
+TEST(surfaces_change) {
+    static sbl_reading before[SITES];
+    make_room(&scene);
+    REQUIRE(start() && gather(before) == SBL_SUCCESS, "%s", watch_last(&seen));
+    scene.materials[WALLS].albedo[2] = 0.1f;
+    scene.materials[BOX].albedo_texture = 0;
+    REQUIRE(sbl_set_materials(context, scene.materials, scene.material_count) == SBL_SUCCESS, "%s", watch_last(&seen));
+    same_as_fresh("other colours", 1);
+    REQUIRE(gather(before) == SBL_SUCCESS, "%s", watch_last(&seen));
+    scene.materials[BOX].flags = SBL_MATERIAL_HIDDEN_FROM_SENSORS;
+    REQUIRE(sbl_set_materials(context, scene.materials, scene.material_count) == SBL_SUCCESS, "%s", watch_last(&seen));
+    same_as_fresh("a box that is hidden", 1);
+    scene_free(&scene);
+}
+
+TEST(refused_changes_change_nothing) {
+    static sbl_reading before[SITES], after[SITES];
+    sbl_material other[3];
+    make_room(&scene);
+    CHECK(sbl_set_materials(NULL, scene.materials, 3) == SBL_ERROR_INVALID_ARGUMENT &&
+          sbl_set_lights(NULL, scene.lights, 1) == SBL_ERROR_INVALID_ARGUMENT, "no context is accepted");
+    REQUIRE(start() && gather(before) == SBL_SUCCESS, "%s", watch_last(&seen));
+    memcpy(other, scene.materials, sizeof other);
+    other[WALLS].albedo[0] = 0.1f;
+    other[BOX].albedo[1] = 1.5f;
+    CHECK(sbl_set_materials(context, other, 3) == SBL_ERROR_INVALID_ARGUMENT &&
+          watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MATERIAL, "material 2", "1.5", "0 to 1"), "%s",
+          watch_last(&seen));
+    CHECK(sbl_set_materials(context, scene.materials, 2) == SBL_ERROR_INVALID_ARGUMENT &&
+          watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_set_materials", "2", "3"), "%s",
+          watch_last(&seen));
+    CHECK(sbl_set_materials(context, NULL, 3) == SBL_ERROR_INVALID_ARGUMENT &&
+          sbl_set_lights(context, NULL, 1) == SBL_ERROR_INVALID_ARGUMENT, "NULL is accepted");
+    scene.lights[0].intensity[0] = -1;
+    CHECK(sbl_set_lights(context, scene.lights, 1) == SBL_ERROR_INVALID_ARGUMENT &&
+          watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_LIGHT, "light 0", "intensity", "-1"), "%s",
+          watch_last(&seen));
+    other[BOX].albedo[1] = 0.5f;
+    other[LAMP].emission[0] = 3e38f;
+    CHECK(sbl_set_materials(context, other, 3) == SBL_ERROR_INVALID_ARGUMENT, "an emission of 3e38 is accepted");
+    REQUIRE(gather(after) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(!memcmp(before, after, sizeof after), "refused materials and lights change the light");
+    scene_free(&scene);
+}
+
+/* >>streams */
+
+/* Loads what lies in the stream, which must be refused with these words, and the light must stay. */
+static void refused(const char *what, const char *words) {
+    static sbl_reading readings[SITES];
+    stream.at = 0;
+    watch_forget(&seen);
+    CHECK(sbl_load_store(context, get, NULL) == SBL_ERROR_INVALID_ARGUMENT &&
+          watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_STORE, words, "", ""), "%s: %s", what,
+          watch_last(&seen));
+    CHECK(gather(readings) == SBL_SUCCESS && sbl_query_stats(context).seconds.bounce < 1e-3, "%s: the store is gone",
+          what);
+}
+
+TEST(saved_and_loaded) {
+    static sbl_reading made[SITES], loaded[SITES];
+    make_room(&scene);
+    stream.count = stream.at = 0;
+    stream.room = STREAM;
+    REQUIRE(start(), "%s", watch_last(&seen));
+    CHECK(sbl_save_store(context, put, NULL) == SBL_ERROR_STATE, "a store is saved that is not there");
+    REQUIRE(gather(made) == SBL_SUCCESS && sbl_save_store(context, put, NULL) == SBL_SUCCESS, "%s", watch_last(&seen));
+    REQUIRE(start() && sbl_load_store(context, get, NULL) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(stream.at == stream.count, "%.0f of %.0f bytes are read", (double)stream.at, (double)stream.count);
+    REQUIRE(gather(loaded) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(sbl_query_stats(context).seconds.bounce < 1e-3, "a loaded store is made again");
+    CHECK(!memcmp(made, loaded, sizeof made), "first site %.9g, loaded %.9g", (double)made[0].radiance[0],
+          (double)loaded[0].radiance[0]);
+    scene.materials[LAMP].emission[1] = 9;
+    REQUIRE(sbl_set_materials(context, scene.materials, scene.material_count) == SBL_SUCCESS, "%s", watch_last(&seen));
+    same_as_fresh("other lamps over a loaded store", 1);
+    scene_free(&scene);
+}
+
+TEST(streams_that_are_refused) {
+    static const char *const words[] = { "not stored light", "another version", "byte order", "another scene" };
+    static const size_t places[] = { 0, 8, 12, 16 };
+    static sbl_reading made[SITES];
+    size_t whole, i;
+    make_room(&scene);
+    stream.count = 0;
+    stream.room = STREAM;
+    REQUIRE(start() && gather(made) == SBL_SUCCESS && sbl_save_store(context, put, NULL) == SBL_SUCCESS, "%s",
+            watch_last(&seen));
+    whole = stream.count;
+    for (i = 0; i < 4; i++) {
+        stream.bytes[places[i]] ^= 0x40;
+        refused(words[i], words[i]);
+        stream.bytes[places[i]] ^= 0x40;
+    }
+    for (i = 0; i < 40; i++) {  /* one bit anywhere behind the header */
+        const size_t at = 60 + (whole - 60) * i / 40;
+        stream.bytes[at] ^= (unsigned char)(1 << i % 8);
+        refused("a bit", "");
+        stream.bytes[at] ^= (unsigned char)(1 << i % 8);
+    }
+    for (i = 0; i < 20; i++) {
+        stream.count = whole * i / 20;
+        refused("a part", "too soon");
+    }
+    stream.count = stream.at = 0;
+    stream.room = whole - 1;
+    CHECK(sbl_save_store(context, put, NULL) == SBL_ERROR_INVALID_ARGUMENT, "a full disk is not noticed");
+    stream.count = whole;
+    scene.lights[0].intensity[0] = 2;
+    REQUIRE(set(&scene) == SBL_SUCCESS && gather(made) == SBL_SUCCESS, "%s", watch_last(&seen));
+    refused("another light", "another scene");
+    scene_free(&scene);
+}
+
+/* What has a right checksum and is wrong all the same: references that lead nowhere or round, light that is none. */
+TEST(forged_streams_do_no_harm) {
+    static sbl_reading readings[SITES];
+    uint32_t state = 7;
+    int i, k, accepted = 0;
+    make_room(&scene);
+    REQUIRE(start() && gather(readings) == SBL_SUCCESS, "%s", watch_last(&seen));
+    for (i = 0; i < 60; i++) {
+        size_t words;
+        uint64_t sum;
+        stream.count = stream.at = 0;
+        stream.room = STREAM;
+        REQUIRE(sbl_save_store(context, put, NULL) == SBL_SUCCESS, "%s", watch_last(&seen));
+        words = (stream.count - 8) / 4;
+        for (k = 0; k < 4; k++) {
+            uint32_t word;
+            state = sbl__hash(state);
+            word = state % 3 ? state : 0xffffffffu >> state % 29;
+            memcpy(stream.bytes + 4 * (6 + sbl__hash(state) % (i % 2 ? 12 : words - 6)), &word, 4);
+        }
+        sum = sbl__hash_bytes(SBL__SAVED_SEED, stream.bytes, stream.count - 8);
+        memcpy(stream.bytes + stream.count - 8, &sum, 8);
+        accepted += sbl_load_store(context, get, NULL) == SBL_SUCCESS;
+        REQUIRE(gather(readings) == SBL_SUCCESS, "forgery %d: %s", i, watch_last(&seen));
+        for (k = 0; k < SITES; k++)
+            CHECK(readings[k].radiance[0] >= 0 && readings[k].radiance[0] <= FLT_MAX, "forgery %d: light of %g", i,
+                  (double)readings[k].radiance[0]);
+        if (i % 8 == 7) REQUIRE(start() && gather(readings) == SBL_SUCCESS, "%s", watch_last(&seen));
+    }
+    CHECK(accepted < 60, "all forgeries are believed");
+    scene_free(&scene);
+}
+
+/* >>shown */
+
+/* The store's picture is R's, in cells; what takes no sensors shows it; in other modes there is none. */
+TEST(pictures_of_the_store) {
+    static float stored[3 * PIXELS], light[3 * PIXELS], excluded[3 * PIXELS], sensors[PIXELS], ids[PIXELS];
+    sbl_picture_desc view = view_of(0.5f);
+    double sums[3] = { 0, 0, 0 }, box[2] = { 0, 0 };
+    int i, shown = 0, sensed = 0;
+    make_room(&scene);
+    scene.meshes[scene.mesh_count - 1].id = 77;
+    REQUIRE(start() && sbl_render(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+    REQUIRE(sbl_read_channel(context, SBL_CHANNEL_STORE, stored, 3 * PIXELS) == SBL_SUCCESS &&
+            sbl_read_channel(context, SBL_CHANNEL_RADIANCE, light, 3 * PIXELS) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(sbl_channel_texture(context, SBL_CHANNEL_STORE) != 0, "no texture: %s", watch_last(&seen));
+    for (i = 0; i < 3 * PIXELS; i++) { sums[0] += (double)stored[i]; sums[1] += (double)light[i]; }
+    CHECK(fabs(sums[0] / sums[1] - 1) < 0.1, "the store has %g of the light", sums[0] / sums[1]);
+    scene.materials[BOX].flags = SBL_MATERIAL_NO_SENSORS;
+    for (i = 0; i < scene.mesh_count; i++) if (scene.meshes[i].material == BOX) scene.meshes[i].id = 77;
+    REQUIRE(set(&scene) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+    REQUIRE(sbl_read_channel(context, SBL_CHANNEL_RADIANCE, excluded, 3 * PIXELS) == SBL_SUCCESS &&
+            sbl_read_channel(context, SBL_CHANNEL_SENSORS, sensors, PIXELS) == SBL_SUCCESS &&
+            sbl_read_channel(context, SBL_CHANNEL_ID, ids, PIXELS) == SBL_SUCCESS, "%s", watch_last(&seen));
+    for (i = 0; i < PIXELS; i++) {
+        if (ids[i] < 77 || ids[i] > 77) continue;
+        shown++;
+        sensed += sensors[i] > 0;
+        box[0] += (double)excluded[3 * i];
+        box[1] += (double)light[3 * i];
+    }
+    CHECK(shown > 20 && sensed == 0, "%d pixels show the box, %d have sensors", shown, sensed);
+    CHECK(fabs(box[0] / box[1] - 1) < 0.15, "the box has %g of the light that sensors find", box[0] / box[1]);
+    view.mode = SBL_MODE_DIRECT;
+    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS &&
+            sbl_read_channel(context, SBL_CHANNEL_STORE, stored, 3 * PIXELS) == SBL_SUCCESS, "%s", watch_last(&seen));
+    for (i = 0; i < 3 * PIXELS; i++) sums[2] += (double)stored[i];
+    CHECK(sums[2] == 0, "direct light has a store of %g", sums[2]);
+    scene_free(&scene);
+}
+
+int main(void) {
+    RUN(lamps_change_what_surfaces_fixed_stays);
+    RUN(surfaces_change);
+    RUN(refused_changes_change_nothing);
+    RUN(saved_and_loaded);
+    RUN(streams_that_are_refused);
+    RUN(forged_streams_do_no_harm);
+    RUN(pictures_of_the_store);
+    sbl_destroy(context);
+    return test_report();
+}
