@@ -293,14 +293,14 @@
    meet surfaces, up to four points a cell, R from all that shines is measured as sensors measure it, and rays look at
    the other cells. They are kept: from them all bounces are solved at once, to the last. The sensors of a picture then
    find what any surface reflects in one look, and still measure all that reaches them by rays of their own, and lamps
-   in closed form: the store is never seen itself, only what it lights, but in SBL_CHANNEL_STORE.
+   in closed form: the store itself is only seen on surfaces of SBL_MATERIAL_NO_SENSORS, and in SBL_CHANNEL_STORE.
 
-   What it costs: a picture takes 1.7 to 2.8 times as long as its direct light, store included (measured in rooms of 32
-   to 28,579 triangles, at 256 x 256 on llvmpipe). The store is made by a scene's first picture or gather in this mode,
-   and serves all that follow, of any camera and size, until the scene changes: sbl_set_scene and
-   sbl_set_mesh_transform make it anew; after sbl_set_materials and sbl_set_lights, where only what shines differs, the
-   rays are still there, and it takes half as long. sbl_end gives back the memory of these rays, not the store.
-   seconds.bounce and bounce_samples of sbl_stats tell what it took.
+   What it costs: a picture takes 1.7 to 2.8 times as long as with direct light alone, store included (measured in rooms
+   of several kinds, llvmpipe on two cores). The store is made by a scene's first picture or gather in this mode, and
+   serves all that follow, of any camera and size, until the scene changes: sbl_set_scene and sbl_set_mesh_transform
+   make it anew; after sbl_set_materials and sbl_set_lights, where only what shines differs, the rays are still there,
+   and it takes half as long. sbl_end gives back the memory of these rays, not the store. seconds.bounce and
+   bounce_samples of sbl_stats tell what it took.
 
    Its budget: sbl_scene_desc.bounce_samples, cells at most. Cells are cut for about half of it, the rest is for what
    stands on surfaces; where that does not suffice all begins again with larger cells. Raise it where a room is lit
@@ -308,9 +308,9 @@
    light seems to come in patches; grain of single pixels is the sensors', and needs `rays`. Lower it for a quick look.
    Time and memory go with it, up to what the scene has surface for.
 
-   How exact it is, against a path tracer of our own at default settings, relative root mean square of R in blocks of
-   4 x 4 pixels: 0.8 % in the Cornell box, 1.7 to 1.9 % in a staircase room that 130 emitting triangles light; in 8 x 8,
-   2.5 % in a dark room with a door ajar.
+   How exact it is, measured against an independent path tracer at default settings: relative root mean square error of
+   R in blocks of 4 x 4 pixels: 0.8 % in the Cornell box, 1.7 to 1.9 % in a staircase room that 130 emitting triangles
+   light; in 8 x 8, 2.5 % in a dark room with a door ajar.
 
    Its limits: all is diffuse. An albedo above 0.98 bounces as 0.98, so that light ends. A small and very bright
    surface, such as a ceiling just above a lamp, is found by rays at random, as by a path tracer: it leaves specks. And
@@ -655,7 +655,7 @@ typedef struct sbl_scene_desc {
     float draw_max_radiance;   /* highest radiance that draw writes, so that texels do not overflow. Default: 1 */
     int bounce_samples;        /* that bounced light is stored for, all over the surfaces, at most (SBL_MODE_GI): 1024
                                   to 1048576. About 4 KB of host memory each while they are made and 2 KB from then
-                                  on, until sbl_end; 100 bytes of the GPU's. Default: 49152; see ON LIGHT THAT BOUNCES */
+                                  on, until sbl_end; 100 bytes of the GPU's. See ON LIGHT THAT BOUNCES. Default: 49152 */
     uint32_t end_canary;
 } sbl_scene_desc;
 
