@@ -129,7 +129,7 @@ static struct options {
     int channel, mode, preset, backend;
     int size[2], inspect[2];
     double eye[3], look_at[3], up[3], fov, sky[3], sky_rotation, sky_scale, sky_up[3], epsilon, sensor_fov, threshold, facet_limit, exposure;
-    int rays, sensor_size, tile, filter_radius, samples, seed;
+    int rays, bounce_samples, sensor_size, tile, filter_radius, samples, seed;
     scene_file_options reading;
 } options = { .output = "sbl.png", .size = { 640, 480 }, .up = { 0, 1, 0 }, .fov = 40, .sky_scale = 1, .sky_up = { 0, 1, 0 }, .facet_limit = 2 };
 
@@ -146,7 +146,7 @@ static const sbl_backend backends[] = { SBL_BACKEND_AUTO, SBL_BACKEND_RASTER, SB
 static const sbl_preset presets[] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL_PRESET_HIGH };
 
 enum {
-    OUTPUT, CHANNEL, SIZE, EYE, LOOK_AT, UP, FOV, SKY, SKY_ROTATION, SKY_SCALE, SKY_UP, MODE, PRESET, BACKEND, RAYS, EPSILON, SENSOR_SIZE, SENSOR_FOV, TILE, THRESHOLD, FACET_LIMIT,
+    OUTPUT, CHANNEL, SIZE, EYE, LOOK_AT, UP, FOV, SKY, SKY_ROTATION, SKY_SCALE, SKY_UP, MODE, PRESET, BACKEND, RAYS, BOUNCE_SAMPLES, EPSILON, SENSOR_SIZE, SENSOR_FOV, TILE, THRESHOLD, FACET_LIMIT,
     FILTER_RADIUS, SAMPLES, EXPOSURE, SEED, INSPECT, STATS, ALLOW_PATH, MEMORY, READ_TIME, QUIET, VERBOSE, HELP, VERSION, OPTION_COUNT
 };
 
@@ -174,11 +174,15 @@ static const struct option {
     [SKY_SCALE]     = { "--sky-scale", "F", NUMBERS, &options.sky_scale, 1, 0, 1e30, "of the picture's light; default 1" },
     [SKY_UP]        = { "--sky-up", "X,Y,Z", NUMBERS, options.sky_up, 3, -1e18, 1e18, "what is up in the picture; default 0,1,0" },
     [MODE]          = { "--mode", "NAME", CHOICE, &options.mode, MODE_WORDS, 0, 0,
-                        "ambient (default: lamps, sky, and a faint glow of every surface) | direct (lamps and sky only) |\n"
-                        "paper (exactly the paper: one 135 degree view, epsilon, tiles, Gaussian) | gi (all bounces; not yet)" },
+                        "gi (default: lamps, sky, and what all surfaces reflect, to the last bounce) | direct (lamps and sky only) |\n"
+                        "ambient (direct, and a faint glow of every surface) | paper (exactly the paper: one 135 degree view,\n"
+                        "epsilon, tiles, Gaussian)" },
     [PRESET]        = { "--preset", "NAME", CHOICE, &options.preset, PRESET_WORDS, 0, 0, "draft | default | high" },
     [BACKEND]       = { "--backend", "NAME", CHOICE, &options.backend, BACKEND_WORDS, 0, 0, "auto (default: trace; raster in mode paper) | raster | trace" },
     [RAYS]          = { "--rays", "N", INTEGERS, &options.rays, 1, 1, 4096, "samples of a traced sensor; default 64, 256, 1024 by preset" },
+    [BOUNCE_SAMPLES] = { "--bounce-samples", "N", INTEGERS, &options.bounce_samples, 1, 1024, 1048576,
+                         "places that bounced light is stored for, in mode gi, at most: more where light comes through gaps or geometry\n"
+                         "is fine; about 2 KB of memory each; default 49152" },
     [EPSILON]       = { "--epsilon", "E", NUMBERS, &options.epsilon, 1, 0, 1e30, "ambient factor of the modes paper and ambient; default 0.02" },
     [SENSOR_SIZE]   = { "--sensor-size", "N", INTEGERS, &options.sensor_size, 1, 4, 512, "texels across a sensor's view; default 32, 64, 128 by preset" },
     [SENSOR_FOV]    = { "--sensor-fov", "DEGREES", NUMBERS, &options.sensor_fov, 1, 1, 179, "mode paper only; default 135" },
@@ -595,12 +599,12 @@ static int write_stats(FILE *out, const sbl_context *context, const totals *all)
     fprintf(out, "\",\n  \"mode\": \"%s\",\n  \"size\": [%d, %d],\n  \"triangles\": %d,\n  \"lights\": %d,\n  \"visible_pixels\": %d,\n", mode, s.width,
             s.height, s.triangles, all->lights, s.visible_pixels);
     fprintf(out, "  \"backend\": \"%s\",\n", s.backend == SBL_BACKEND_TRACE ? "trace" : "raster");
-    fprintf(out, "  \"sensors\": %.0f,\n  \"sensor_views\": %.0f,\n  \"sensor_texels\": %.0f,\n  \"rays\": %.0f,\n  \"levels\": [",
-            (double)s.sensors, (double)s.sensor_views, (double)s.sensor_texels, (double)s.rays);
+    fprintf(out, "  \"sensors\": %.0f,\n  \"sensor_views\": %.0f,\n  \"sensor_texels\": %.0f,\n  \"rays\": %.0f,\n  \"bounce_samples\": %d,\n  \"levels\": [",
+            (double)s.sensors, (double)s.sensor_views, (double)s.sensor_texels, (double)s.rays, s.bounce_samples);
     for (i = 0; i < s.level_count; i++)
         fprintf(out, "%s{\"tile\": %d, \"sensors\": %.0f}", i ? ", " : "", s.levels[i].tile, (double)s.levels[i].sensors);
-    fprintf(out, "],\n  \"seconds\": {\"load\": %.6f, \"scene\": %.6f, \"surface\": %.6f, \"gather\": %.6f, \"bounce\": 0, ", all->load, s.seconds.scene,
-            s.seconds.surface, s.seconds.gather);
+    fprintf(out, "],\n  \"seconds\": {\"load\": %.6f, \"scene\": %.6f, \"surface\": %.6f, \"gather\": %.6f, \"bounce\": %.6f, ", all->load, s.seconds.scene,
+            s.seconds.surface, s.seconds.gather, s.seconds.bounce);
     fprintf(out, "\"refine\": %.6f, \"filter\": %.6f, \"resolve\": %.6f, \"total\": %.6f},\n", s.seconds.refine, s.seconds.filter, s.seconds.resolve, all->seconds);
     fprintf(out, "  \"microseconds_per_sensor\": %.6f,\n  \"peak_gpu_bytes\": %.0f,\n  \"peak_host_bytes\": %.0f\n}\n",
             s.microseconds_per_sensor, (double)sbl_query_memory(context).gpu_peak_bytes, 1024.0 * (double)self.ru_maxrss);
@@ -843,6 +847,7 @@ static int render(const scene_file *file, const scene_file *sky, sbl_context *co
         scene.environment.rotation = (float)options.sky_rotation;
         for (i = 0; i < 3; i++) scene.environment.up[i] = (float)options.sky_up[i];
     }
+    scene.bounce_samples = options.bounce_samples;
     result = sbl_set_scene(context, &scene);
     if (result != SBL_SUCCESS) return fail_with(said, options.scene, result);
     if (interrupted) return stop("no picture was begun");
