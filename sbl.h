@@ -8831,8 +8831,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
 
    Where a surface goes on beneath what stands on it, a leaf must not be lit for both sides: from each leaf's first
    point feelers go out along its surface to the end of its cell, and what they meet cuts it (sbl__store_add_split). In
-   corners and narrow cells feelers pass by much; so a triangle that stands on a flat surface, once met, cuts all of its
-   cells along the line where it stands. */
+   corners and narrow cells feelers pass by much; so what stands on a flat surface, once met, cuts all of its cells along
+   the line where it stands. */
 
 #define SBL__BOUNCE_SEEDS 1.0      /* of a cell */
 #define SBL__BOUNCE_SEED_RAYS 4
@@ -9209,7 +9209,7 @@ static void sbl__bounce_feeler(const sbl__core *c, const sbl__bounce *b, int num
 
 /* A line along a flat surface where something stands on it. */
 typedef struct sbl__stand {
-    uint32_t patch;
+    uint32_t patch, what;        /* stands there: a patch's word, or a triangle's number * 2 */
     float normal[3], distance;   /* the plane of what stands there */
     double from[3], along[3];
     double apart;                /* planes nearer than that are the same */
@@ -9221,45 +9221,46 @@ static void sbl__stand_place(const sbl__stand *line, double t, float position[3]
     for (k = 0; k < 3; k++) position[k] = (float)(line->from[k] + t * line->along[k]);
 }
 
-/* A triangle that a feeler met, where it crosses the feelers' height over the surface; 0: that is no line worth it. */
+/* Where a plane that a feeler met stands on the feeler's surface, as far as the bounds of both reach: of a flat patch, or
+   of the one triangle; 0: that is no line worth it. */
 static int sbl__stand_make(const sbl__core *c, const sbl__hit *at, const sbl__hit *met, sbl__stand *line) {
-    const uint32_t patch = sbl__place_patch(&c->scene.store, at) & ~SBL__PATCH_NEAR;
-    const double length = (double)sbl__cell_length(&c->scene.store, patch);
-    const sbl__patch *whole = &c->bounce->patching.patches[patch >> SBL__PATCH_SHIFT];
+    const sbl__store *s = &c->scene.store;
+    const sbl__patch *patches = c->bounce->patching.patches;
+    const uint32_t patch = sbl__place_patch(s, at) & ~SBL__PATCH_NEAR, other = s->patches[met->place >> 1];
+    const double length = (double)sbl__cell_length(s, patch);
+    const sbl__patch *own = &patches[patch >> SBL__PATCH_SHIFT], *its = &patches[other >> SBL__PATCH_SHIFT];
+    const int flat = (other & SBL__PATCH_FLAT) != 0;
     const float *p[3];
-    float own[3];
-    double height[3], ends[2][3], slack, t0 = 0, t1 = 1, length2 = 0, offset;
-    int i, k, found = 0;
+    float normal[3];
+    double along[3], t0 = -1e300, t1 = 1e300, slack;
+    int k;
     if (!(patch & SBL__PATCH_FLAT)) return 0;
-    offset = (double)sbl__place_normal(&c->scene.geometry, at->place, own);
+    slack = SBL__FEELER_APART * length + 4 * (double)sbl__place_normal(&c->scene.geometry, at->place, normal);
     sbl__place_normal(&c->scene.geometry, met->place, line->normal);
     sbl__scene_triangle(&c->scene.geometry, met->place >> 1, p);
-    for (i = 0; i < 3; i++)
-        for (k = 0, height[i] = -offset; k < 3; k++) height[i] += own[k] * ((double)p[i][k] - at->position[k]);
-    for (i = 0; i < 3; i++) {
-        const int next = (i + 1) % 3;
-        if ((height[i] > 0) == (height[next] > 0)) continue;
-        for (k = 0; k < 3; k++)
-            ends[found][k] = p[i][k] + height[i] / (height[i] - height[next]) * ((double)p[next][k] - p[i][k]);
-        found++;
-    }
-    if (found < 2) return 0;
-    for (k = 0; k < 3; k++) length2 += (ends[1][k] - ends[0][k]) * (ends[1][k] - ends[0][k]);
-    if (length2 < SBL__STAND_LEAST * SBL__STAND_LEAST * length * length) return 0;
-    line->apart = SBL__FEELER_APART * length;
-    slack = line->apart + 4 * offset;
-    for (k = 0; k < 3; k++) {  /* what of it lies over the patch */
-        const double d = ends[1][k] - ends[0][k], low = whole->bounds[0][k] - slack - ends[0][k];
-        const double high = whole->bounds[1][k] + slack - ends[0][k];
-        if (fabs(d) <= slack) continue;
-        t0 = SBL__MAX(t0, SBL__MIN(low / d, high / d));
-        t1 = SBL__MIN(t1, SBL__MAX(low / d, high / d));
-    }
     for (k = 0; k < 3; k++) {
-        line->along[k] = SBL__MAX(t1 - t0, 0.0) * (ends[1][k] - ends[0][k]);
-        line->from[k] = ends[0][k] + t0 * (ends[1][k] - ends[0][k]);
+        const int m = (k + 1) % 3, n = (k + 2) % 3;
+        along[k] = (double)normal[m] * line->normal[n] - (double)normal[n] * line->normal[m];
     }
+    if (!sbl__normalize(along)) return 0;
+    for (k = 0; k < 3; k++) {
+        const float least = SBL__MIN(SBL__MIN(p[0][k], p[1][k]), p[2][k]);
+        const float most = SBL__MAX(SBL__MAX(p[0][k], p[1][k]), p[2][k]);
+        const float low = SBL__MAX(own->bounds[0][k], flat ? its->bounds[0][k] : least);
+        const float high = SBL__MIN(own->bounds[1][k], flat ? its->bounds[1][k] : most);
+        const double a = ((double)low - slack - met->position[k]), b = ((double)high + slack - met->position[k]);
+        if (fabs(along[k]) < 1e-6) continue;
+        t0 = SBL__MAX(t0, SBL__MIN(a / along[k], b / along[k]));
+        t1 = SBL__MIN(t1, SBL__MAX(a / along[k], b / along[k]));
+    }
+    if (!(t1 - t0 >= SBL__STAND_LEAST * length)) return 0;
+    for (k = 0; k < 3; k++) {
+        line->from[k] = met->position[k] + t0 * along[k];
+        line->along[k] = (t1 - t0) * along[k];
+    }
+    line->apart = SBL__FEELER_APART * length;
     line->distance = sbl__dot(line->normal, p[0]);
+    line->what = flat ? other | 1u : met->place & ~1u;
     line->patch = patch;
     return 1;
 }
@@ -9326,9 +9327,9 @@ static sbl_result sbl__stand_walk(sbl__core *c, sbl__stand *line) {
     return result;
 }
 
-/* Cuts all cells of a surface that what was met stands on, once. */
-static sbl_result sbl__stand_cut(sbl__core *c, sbl__stand *line, const sbl__hit *met) {
-    const uint32_t hash = sbl__hash_step(sbl__hash_step(0, line->patch), met->place >> 1);
+/* Cuts all cells along the line, once. */
+static sbl_result sbl__stand_cut(sbl__core *c, sbl__stand *line) {
+    const uint32_t hash = sbl__hash_step(sbl__hash_step(0, line->patch), line->what);
     uint32_t *walked = &c->bounce->stands[hash % SBL__STANDS];
     sbl_result result;
     if (*walked == hash) return SBL_SUCCESS;
@@ -9352,7 +9353,7 @@ static sbl_result sbl__bounce_cut(sbl__core *c, sbl__bounce *b, int leaf, const 
     sbl__place_normal(&c->scene.geometry, met->place, normal);
     apart = sbl__dot(normal, at->position) - sbl__dot(normal, met->position);
     if (fabs((double)sbl__dot(normal, own)) > SBL__FEELER_STEEP) return SBL_SUCCESS;
-    if (sbl__stand_make(c, at, met, &line)) return sbl__stand_cut(c, &line, met);
+    if (sbl__stand_make(c, at, met, &line)) return sbl__stand_cut(c, &line);
     if (fabs((double)apart) < SBL__FEELER_APART * (double)sbl__cell_length(s, patch)) return SBL_SUCCESS;
     for (k = 0; k < 3; k++)  /* just behind what was met */
         before[k] = met->position[k] + (float)SBL__FEELER_APART * (met->position[k] - at->position[k]);

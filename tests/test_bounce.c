@@ -134,9 +134,46 @@ static void box_without_bottom(test_scene *s, int material, float x0, float y0, 
     s->mesh_count--;
 }
 
+/* Its places, about the y axis, and moved. */
+static void turn_mesh(test_scene *s, sbl_mesh *m, double angle, float x, float y, float z) {
+    const float *from = (const float *)m->positions.data, c = (float)cos(angle), d = (float)sin(angle);
+    float *to = (float *)scene_alloc(s, sizeof *to * 3 * (size_t)m->vertex_count);
+    int i;
+    for (i = 0; i < 3 * m->vertex_count; i += 3) {
+        to[i] = c * from[i] + d * from[i + 2] + x;
+        to[i + 1] = from[i + 1] + y;
+        to[i + 2] = c * from[i + 2] - d * from[i] + z;
+    }
+    m->positions.data = to;
+}
+
+/* Each triangle becomes four, and again, so many times; no indices any more. */
+static void divide_mesh(test_scene *s, sbl_mesh *m, int times) {
+    for (; times > 0; times--) {
+        const float *from = (const float *)m->positions.data;
+        const uint32_t *indices = (const uint32_t *)m->indices.data;
+        const int count = m->index_count ? m->index_count / 3 : m->vertex_count / 3;
+        float *to = (float *)scene_alloc(s, sizeof *to * 36 * (size_t)count);
+        int i, j, k;
+        for (i = 0; i < count; i++) {
+            static const int pairs[12][2] = { { 0, 0 }, { 0, 1 }, { 0, 2 }, { 0, 1 }, { 1, 1 }, { 1, 2 }, { 0, 2 }, { 1, 2 }, { 2, 2 }, { 0, 1 }, { 1, 2 }, { 0, 2 } };
+            for (j = 0; j < 12; j++)
+                for (k = 0; k < 3; k++) {
+                    const size_t a = (size_t)(3 * i + pairs[j][0]), b = (size_t)(3 * i + pairs[j][1]);
+                    to[36 * i + 3 * j + k] = 0.5f * (from[3 * (m->index_count ? indices[a] : a) + (size_t)k] + from[3 * (m->index_count ? indices[b] : b) + (size_t)k]);
+                }
+        }
+        m->positions.data = to;
+        m->vertex_count = 12 * count;
+        m->index_count = 0;
+        memset(&m->indices, 0, sizeof m->indices);
+        memset(&m->texcoords, 0, sizeof m->texcoords);
+    }
+}
+
 static void leak_scene(test_scene *s, int kind) {
-    int grey, material;
-    if (kind < 4) lit_room(s);
+    int grey, material, i;
+    if (kind < 5) lit_room(s);
     grey = scene_material(s, 0.8f, 0.8f, 0.8f);
     switch (kind) {
         case 0: scene_box(s, grey, 1.53f, 0.51f, 1.37f, 2.12f, 1.1f, 2.03f); break;
@@ -146,12 +183,20 @@ static void leak_scene(test_scene *s, int kind) {
             break;
         case 2: box_of_slabs(s, grey, 1.53f, 0.51f, 1.37f, 2.12f, 1.1f, 2.03f, 0.04f); break;
         case 3: box_without_bottom(s, grey, 1.53f, 0, 1.37f, 2.12f, 0.6f, 2.03f); break;
+        case 4:  /* turned, and of small triangles */
+            box_without_bottom(s, grey, -0.3f, 0, -0.2f, 0.3f, 0.6f, 0.2f);
+            for (i = s->mesh_count - 5; i < s->mesh_count; i++) {
+                turn_mesh(s, &s->meshes[i], 0.5, 2, 0, 1.7f);
+                divide_mesh(s, &s->meshes[i], 4);
+            }
+            break;
         default:  /* two rooms */
             scene_box(s, scene_material(s, 0.7f, 0.6f, 0.5f), 0, 0, 0, 8, 3, 4);
             material = scene_lamp(s, 5, 5, 5);
             scene_quad(s, material, 0.7f, 2.9f, 0.8f, 1.7f, 2.9f, 0.8f, 1.7f, 2.9f, 1.8f, 0.7f, 2.9f, 1.8f);
-            if (kind == 4) scene_quad(s, grey, 3.87f, 0, 0, 3.87f, 3, 0, 3.87f, 3, 4, 3.87f, 0, 4);
+            if (kind == 5) scene_quad(s, grey, 3.87f, 0, 0, 3.87f, 3, 0, 3.87f, 3, 4, 3.87f, 0, 4);
             else scene_quad(s, grey, 3.87f, 0, 0, 3.87f, 3, 0, 2.93f, 3, 4, 2.93f, 0, 4);
+            if (kind == 7) divide_mesh(s, &s->meshes[s->mesh_count - 1], 5);
     }
 }
 
@@ -159,18 +204,21 @@ static void leak_sites(int kind, int n) {
     site_count = 0;
     if (kind < 3) add_sites_in_box(1.53, 0.51, 1.37, 2.12, 1.1, 2.03, n);
     else if (kind == 3) add_sites_in_box(1.53, 0, 1.37, 2.12, 0.6, 2.03, n);
+    else if (kind == 4) add_sites_in_box(2 - 0.15, 0, 1.7 - 0.1, 2 + 0.15, 0.6, 1.7 + 0.1, n);
     else add_sites_in_box(3.88, 0, 0, 8, 3, 4, n);
 }
 
 TEST(walls_keep_light_out) {
-    static const char *const names[] = { "a thin box", "a hollow box", "a box of slabs", "a box on the floor", "two rooms", "two rooms askew" };
+    static const char *const names[] = { "a thin box", "a hollow box", "a box of slabs", "a box on the floor", "a turned box", "two rooms", "two rooms askew",
+                                         "a wall of small triangles" };
     int kind, i, j;
-    for (kind = 0; kind < 6; kind++)
+    for (kind = 0; kind < 8; kind++)
         for (i = 0; i < 3; i++)
             for (j = 0; j < 3; j++) {
                 test_scene s = { 0 };
                 int inside;
                 double lit, dark;
+                if (j == 2 && i != 1 && kind != 3 && kind != 5) continue;
                 leak_scene(&s, kind);
                 scene_scale_and_move(&s, scales[i], 0, 0, 0);
                 leak_sites(kind, 5);
@@ -191,8 +239,42 @@ TEST(walls_keep_light_out) {
             }
 }
 
+/* Both sides of one wall, of which one has a thousand times the light, against each side where the other is dark. */
+TEST(two_sides_of_a_wall) {
+    double worst = 0;
+    int i, j, k, n;
+    for (i = 0; i < 9; i++) {
+        double alone[2] = { 0, 0 }, both[2] = { 0, 0 };
+        for (k = 0; k < 3; k++) {
+            test_scene s = { 0 };
+            leak_scene(&s, 5);
+            scene_quad(&s, scene_lamp(&s, 0.005f, 0.005f, 0.005f), 5.7f, 2.8f, 1.8f, 6.7f, 2.8f, 1.8f, 6.7f, 2.8f, 2.8f, 5.7f, 2.8f, 2.8f);
+            for (j = 0; j < 3; j++) {
+                if (k == 0) s.materials[s.mesh_count == 9 ? 3 : s.material_count - 1].emission[j] = 0;
+                if (k == 1) s.materials[1].emission[j] = s.materials[2].emission[j] = 0;
+            }
+            scene_scale_and_move(&s, scales[i / 3], 0, 0, 0);
+            site_count = 0;
+            for (n = 0; n < 8; n++) add_site(3.87, 0.2 + 0.35 * n, 0.3 + 0.45 * n, -1, 0, 0, 1);
+            for (n = 0; n < 8; n++) add_site(3.87, 0.2 + 0.35 * n, 0.3 + 0.45 * n, 1, 0, 0, 1);
+            scale_sites(scales[i / 3]);
+            if (!use_scene(&s, budgets[i % 3] / (i / 3 == 1 ? 1 : i % 3 == 2 ? 4 : 1)) || !gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 256)) { scene_free(&s); return; }
+            if (k < 2) alone[k] = mean_of(8 * k, 8 * k + 8, 0);
+            else { both[0] = mean_of(0, 8, 0); both[1] = mean_of(8, 16, 0); }
+            scene_free(&s);
+        }
+        for (k = 0; k < 2; k++) {
+            worst = test_max(worst, fabs(both[k] / alone[k] - 1));
+            CHECK(alone[k] > 1e-4 && fabs(both[k] / alone[k] - 1) < 0.01, "scale %g, %d samples, side %d: R is %g, alone %g", (double)scales[i / 3],
+                  budgets[i % 3], k, both[k], alone[k]);
+        }
+    }
+    printf("  off by %.2g at most\n", worst);
+}
+
 int main(void) {
     RUN(walls_keep_light_out);
+    RUN(two_sides_of_a_wall);
     sbl_destroy(context);
     return test_report();
 }
