@@ -656,7 +656,8 @@ typedef struct sbl_scene_desc {
     float draw_max_radiance;   /* highest radiance that draw writes, so that texels do not overflow. Default: 1 */
     int bounce_samples;        /* that bounced light is stored for, all over the surfaces, at most (SBL_MODE_GI): 1024
                                   to 1048576. About 4 KB of host memory each while they are made and 2 KB from then
-                                  on, until sbl_end; 100 bytes of the GPU's. See ON LIGHT THAT BOUNCES. Default: 49152 */
+                                  on, until sbl_end; 100 bytes of the GPU's. See ON LIGHT THAT BOUNCES. Default: 49152
+                                  */
     uint32_t end_canary;
 } sbl_scene_desc;
 
@@ -1923,7 +1924,7 @@ typedef struct sbl__record {
 #define SBL__NEAR_SHARE 0.5        /* of a cell's length, within which a ray starts near it */
 #define SBL__PROBES 64             /* in the table of cells */
 #define SBL__CELL_SPLIT 0x80000000u
-#define SBL__CELL_DEPTH 4          /* splits under a cell */
+#define SBL__CELL_DEPTH 8          /* splits under a cell */
 #define SBL__CAST_NUMBERS 1048576  /* of triangles, that a float tells apart with a sign and more */
 
 #define SBL__SHARED_INTS(X) \
@@ -5386,22 +5387,28 @@ static sbl_result sbl__store_add_leaf(sbl__base *base, sbl__store *s, uint32_t *
     return SBL_SUCCESS;
 }
 
-/* Cuts the leaf at a place along a plane: it stays on the place's side. */
-static sbl_result sbl__store_add_split(sbl__base *base, sbl__store *s, uint32_t patch, const float position[3],
-                                       const float normal[3], float distance) {
+/* Cuts what a reference leads to along a plane. side: the one that keeps it. */
+static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *reference, const float normal[3],
+                                 float distance, int side) {
+    const uint32_t before = *reference;
     sbl__split *split;
-    uint32_t *reference;
-    int depth;
+    *reference = SBL__CELL_SPLIT | (uint32_t)s->split_count;
     if (!sbl__grow(base, &s->splits, &s->split_room, s->split_count + 1, sizeof *s->splits))
         return SBL_ERROR_OUT_OF_MEMORY;
-    reference = sbl__store_find(s, patch, position, &depth);
-    split = &s->splits[s->split_count];
+    split = &s->splits[s->split_count++];
     memset(split, 0, sizeof *split);
     memcpy(split->normal, normal, sizeof split->normal);
     split->distance = distance;
-    split->sides[sbl__dot(normal, position) > distance] = *reference;
-    *reference = SBL__CELL_SPLIT | (uint32_t)s->split_count++;
+    split->sides[side] = before;
     return SBL_SUCCESS;
+}
+
+/* Cuts the leaf at a place along a plane: it stays on the place's side. */
+static sbl_result sbl__store_add_split(sbl__base *base, sbl__store *s, uint32_t patch, const float position[3],
+                                       const float normal[3], float distance) {
+    int depth;
+    return sbl__store_cut(base, s, sbl__store_find(s, patch, position, &depth), normal, distance,
+                          sbl__dot(normal, position) > distance);
 }
 
 #define SBL__PATCH_SMOOTH 0.8     /* cosine between neighbours in a patch, at least */
@@ -5417,7 +5424,7 @@ typedef enum sbl__patch_stage {
 
 typedef struct sbl__edge_slot { uint32_t a, b, triangle; } sbl__edge_slot;  /* triangle + 1; 0: empty */
 
-typedef struct sbl__patch { double area; float normal[3]; int flat; } sbl__patch;
+typedef struct sbl__patch { double area; float normal[3], bounds[2][3]; int flat; } sbl__patch;
 
 typedef struct sbl__patching {  /* while patches are made */
     sbl__patch_stage stage;
@@ -5525,12 +5532,19 @@ static void sbl__patch_measure(const sbl__geometry *g, sbl__patching *p, uint32_
     const uint32_t root = sbl__patch_root(p->parents, triangle);
     sbl__patch *patch = &p->patches[root];
     const sbl__object *o = &g->objects[g->vertices[g->indices[3 * (size_t)triangle]].object];
+    const float *corners[3];
     double normal[3], along;
     const double area = sbl__scene_normal(g, triangle, normal);
-    int k;
+    int i, k;
+    sbl__scene_triangle(g, triangle, corners);
     if (triangle == root) {  /* the first of its patch */
         patch->flat = 1;
         for (k = 0; k < 3; k++) patch->normal[k] = (float)normal[k];
+        for (k = 0; k < 3; k++) patch->bounds[0][k] = patch->bounds[1][k] = corners[0][k];
+    }
+    for (i = 0; i < 9; i++) {
+        patch->bounds[0][i % 3] = SBL__MIN(patch->bounds[0][i % 3], corners[i / 3][i % 3]);
+        patch->bounds[1][i % 3] = SBL__MAX(patch->bounds[1][i % 3], corners[i / 3][i % 3]);
     }
     if (!(o->flags & SBL__HIDDEN_FROM_SENSORS)) patch->area += area;
     for (k = 0, along = 0; k < 3; k++) along += normal[k] * patch->normal[k];
@@ -9029,7 +9043,9 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
    1985).
 
    Where a surface goes on beneath what stands on it, a leaf must not be lit for both sides: from each leaf's first
-   point feelers go out along its surface to the end of its cell, and what they meet cuts it (sbl__store_add_split). */
+   point feelers go out along its surface to the end of its cell, and what they meet cuts it (sbl__store_add_split). In
+   corners and narrow cells feelers pass by much; so what stands on a flat surface, once met, cuts all of its cells along
+   the line where it stands. */
 
 #define SBL__BOUNCE_SEEDS 1.0      /* of a cell */
 #define SBL__BOUNCE_SEED_RAYS 4
@@ -9044,6 +9060,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
 #define SBL__BOUNCE_FEELERS 8
 #define SBL__FEELER_STEEP 0.7      /* cosine between what a feeler meets and its surface, less than which cuts */
 #define SBL__FEELER_APART 1e-3     /* of a cell: planes nearer than that to a former hit are the same */
+#define SBL__STAND_LEAST 0.25      /* of a cell: shorter lines cut the one leaf from where they were met */
+#define SBL__STANDS 1024           /* lines that are remembered, not to be walked again */
 #define SBL__BOUNCE_ALBEDO 0.98f   /* that light bounces with, at most */
 #define SBL__BOUNCE_SCALED 4       /* first rounds whose light is scaled, see sbl__bounce_solve */
 #define SBL__BOUNCE_ROUNDS 200
@@ -9101,10 +9119,13 @@ typedef struct sbl__bounce {
     uint32_t *sequence;
     sbl__site *sites;
     sbl_reading *readings;
+    uint32_t *stands;                /* hashes of the lines walked last */
+    int parted;                      /* a line has cut leaves that had points: all hits are to be placed again */
     float *light, *sums;             /* three a leaf: what comes from what shines; what is gathered */
     double change;                   /* that the last round made */
     double crowding;
     int rounds, crowded;
+    int sown;                        /* seeds have been placed */
     int joined;                      /* hits' places are leaves */
     sbl__table casts;
     sbl__blocks blocks;
@@ -9252,7 +9273,9 @@ static sbl_result sbl__bounce_begin(sbl__core *c, sbl__bounce *b) {
     sbl__free(&c->base, s->patches);
     s->patches = (uint32_t *)sbl__alloc(&c->base, (size_t)g->triangle_count, sizeof *s->patches);
     b->sequence = sbl__sequence_make(&c->base, SBL__BOUNCE_RAYS, 1);
-    return s->patches && b->sequence ? sbl__patching_begin(&c->base, &b->patching, g) : SBL_ERROR_OUT_OF_MEMORY;
+    b->stands = (uint32_t *)sbl__alloc(&c->base, SBL__STANDS, sizeof *b->stands);
+    if (!s->patches || !b->sequence || !b->stands) return SBL_ERROR_OUT_OF_MEMORY;
+    return sbl__patching_begin(&c->base, &b->patching, g);
 }
 
 /* One on each side of a triangle. */
@@ -9382,6 +9405,138 @@ static void sbl__bounce_feeler(const sbl__core *c, const sbl__bounce *b, int num
     out->limit = SBL__MIN(SBL__MAX(out->limit, 0.0f), 2 * length);
 }
 
+/* A line along a flat surface where something stands on it. */
+typedef struct sbl__stand {
+    uint32_t patch, what;        /* stands there: a patch's word, or a triangle's number * 2 */
+    float normal[3], distance;   /* the plane of what stands there */
+    double from[3], along[3];
+    double apart;                /* planes nearer than that are the same */
+    sbl__cell_slot *slot;        /* of the cell where it is walked */
+} sbl__stand;
+
+static void sbl__stand_place(const sbl__stand *line, double t, float position[3]) {
+    int k;
+    for (k = 0; k < 3; k++) position[k] = (float)(line->from[k] + t * line->along[k]);
+}
+
+/* Where a plane that a feeler met stands on the feeler's surface, as far as the bounds of both reach: of a flat patch, or
+   of the one triangle; 0: that is no line worth it. */
+static int sbl__stand_make(const sbl__core *c, const sbl__hit *at, const sbl__hit *met, sbl__stand *line) {
+    const sbl__store *s = &c->scene.store;
+    const sbl__patch *patches = c->bounce->patching.patches;
+    const uint32_t patch = sbl__place_patch(s, at) & ~SBL__PATCH_NEAR, other = s->patches[met->place >> 1];
+    const double length = (double)sbl__cell_length(s, patch);
+    const sbl__patch *own = &patches[patch >> SBL__PATCH_SHIFT], *its = &patches[other >> SBL__PATCH_SHIFT];
+    const int flat = (other & SBL__PATCH_FLAT) != 0;
+    const float *p[3];
+    float normal[3];
+    double along[3], t0 = -1e300, t1 = 1e300, slack;
+    int k;
+    if (!(patch & SBL__PATCH_FLAT)) return 0;
+    slack = SBL__FEELER_APART * length + 4 * (double)sbl__place_normal(&c->scene.geometry, at->place, normal);
+    sbl__place_normal(&c->scene.geometry, met->place, line->normal);
+    sbl__scene_triangle(&c->scene.geometry, met->place >> 1, p);
+    for (k = 0; k < 3; k++) {
+        const int m = (k + 1) % 3, n = (k + 2) % 3;
+        along[k] = (double)normal[m] * line->normal[n] - (double)normal[n] * line->normal[m];
+    }
+    if (!sbl__normalize(along)) return 0;
+    for (k = 0; k < 3; k++) {
+        const float least = SBL__MIN(SBL__MIN(p[0][k], p[1][k]), p[2][k]);
+        const float most = SBL__MAX(SBL__MAX(p[0][k], p[1][k]), p[2][k]);
+        const float low = SBL__MAX(own->bounds[0][k], flat ? its->bounds[0][k] : least);
+        const float high = SBL__MIN(own->bounds[1][k], flat ? its->bounds[1][k] : most);
+        const double a = ((double)low - slack - met->position[k]), b = ((double)high + slack - met->position[k]);
+        if (fabs(along[k]) < 1e-6) continue;
+        t0 = SBL__MAX(t0, SBL__MIN(a / along[k], b / along[k]));
+        t1 = SBL__MIN(t1, SBL__MAX(a / along[k], b / along[k]));
+    }
+    if (!(t1 - t0 >= SBL__STAND_LEAST * length)) return 0;
+    for (k = 0; k < 3; k++) {
+        line->from[k] = met->position[k] + t0 * along[k];
+        line->along[k] = (t1 - t0) * along[k];
+    }
+    line->apart = SBL__FEELER_APART * length;
+    line->distance = sbl__dot(line->normal, p[0]);
+    line->what = flat ? other | 1u : met->place & ~1u;
+    line->patch = patch;
+    return 1;
+}
+
+/* Cuts what the line crosses below a reference: sides[side] of a split, or its cell's own where split is negative.
+   range: the stretch of the line that lies there. */
+static sbl_result sbl__stand_part(sbl__core *c, const sbl__stand *line, int split, int side, const double range[2],
+                                  int depth) {
+    sbl__store *s = &c->scene.store;
+    sbl__bounce *b = c->bounce;
+    uint32_t *reference = split < 0 ? &line->slot->reference : &s->splits[split].sides[side];
+    sbl_result result = SBL_SUCCESS;
+    double over[2];
+    int i;
+    if (*reference < SBL__CELL_SPLIT) {
+        const float *first = *reference ? b->points[b->states[*reference - 1].first].at.position : NULL;
+        if (depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
+        if (first && (int)*reference <= b->fresh) b->parted = 1;
+        return sbl__store_cut(&c->base, s, reference, line->normal, line->distance,
+                              first && sbl__dot(line->normal, first) > line->distance);
+    }
+    split = (int)(*reference & ~SBL__CELL_SPLIT);
+    for (i = 0; i < 2; i++) {
+        float position[3];
+        sbl__stand_place(line, range[i], position);
+        over[i] = (double)sbl__dot(s->splits[split].normal, position) - s->splits[split].distance;
+    }
+    if (SBL__MAX(fabs(over[0]), fabs(over[1])) <= line->apart) return SBL_SUCCESS;  /* it is cut there */
+    for (side = 0; side < 2 && result == SBL_SUCCESS; side++) {
+        const double sign = side ? 1 : -1, cross = range[0] + over[0] / (over[0] - over[1]) * (range[1] - range[0]);
+        double part[2];
+        if (SBL__MAX(sign * over[0], sign * over[1]) <= line->apart) continue;
+        for (i = 0; i < 2; i++) part[i] = sign * over[i] < 0 ? cross : range[i];
+        result = sbl__stand_part(c, line, split, side, part, depth + 1);
+    }
+    return result;
+}
+
+/* Cuts all cells that the line crosses. */
+static sbl_result sbl__stand_walk(sbl__core *c, sbl__stand *line) {
+    const sbl__store *s = &c->scene.store;
+    const double length = (double)sbl__cell_length(s, line->patch);
+    double next[3], step[3], range[2] = { 0, 0 };
+    sbl_result result = SBL_SUCCESS;
+    int k;
+    for (k = 0; k < 3; k++) {  /* where it leaves the cube along each axis */
+        const double x = (line->from[k] - s->origin[k]) / length, d = line->along[k] / length;
+        const int still = fabs(d) < 1e-9 || (int)(line->patch >> SBL__PATCH_AXIS_SHIFT & 3u) == k;
+        next[k] = still ? 2 : (d > 0 ? floor(x) + 1 - x : floor(x) - x) / d;
+        step[k] = still ? 0 : 1 / fabs(d);
+    }
+    while (range[0] < 1 && result == SBL_SUCCESS) {
+        const int axis = next[0] <= next[1] && next[0] <= next[2] ? 0 : next[1] <= next[2] ? 1 : 2;
+        float middle[3];
+        uint32_t check;
+        range[1] = SBL__MIN(next[axis], 1.0);
+        sbl__stand_place(line, 0.5 * (range[0] + range[1]), middle);
+        line->slot = sbl__store_slot(s, line->patch, middle, &check);
+        if (line->slot) line->slot->check = check;
+        if (line->slot) result = sbl__stand_part(c, line, -1, 0, range, 0);
+        range[0] = range[1];
+        next[axis] += step[axis];
+    }
+    return result;
+}
+
+/* Cuts all cells along the line, once. */
+static sbl_result sbl__stand_cut(sbl__core *c, sbl__stand *line) {
+    const uint32_t hash = sbl__hash_step(sbl__hash_step(0, line->patch), line->what);
+    uint32_t *walked = &c->bounce->stands[hash % SBL__STANDS];
+    sbl_result result;
+    if (*walked == hash) return SBL_SUCCESS;
+    *walked = hash;
+    result = sbl__stand_walk(c, line);
+    line->patch |= SBL__PATCH_NEAR;
+    return result == SBL_SUCCESS ? sbl__stand_walk(c, line) : result;
+}
+
 /* Cuts a leaf by what one of its feelers met, where that stands on its surface and nothing else parts the two. */
 static sbl_result sbl__bounce_cut(sbl__core *c, sbl__bounce *b, int leaf, const sbl__hit *met) {
     sbl__store *s = &c->scene.store;
@@ -9389,12 +9544,14 @@ static sbl_result sbl__bounce_cut(sbl__core *c, sbl__bounce *b, int leaf, const 
     const sbl__hit *at = &b->points[state->first].at;
     const uint32_t patch = sbl__place_patch(s, at);
     float before[3], normal[3], own[3], apart;
+    sbl__stand line;
     uint32_t *reference;
     int k, depth;
     sbl__place_normal(&c->scene.geometry, at->place, own);
     sbl__place_normal(&c->scene.geometry, met->place, normal);
     apart = sbl__dot(normal, at->position) - sbl__dot(normal, met->position);
     if (fabs((double)sbl__dot(normal, own)) > SBL__FEELER_STEEP) return SBL_SUCCESS;
+    if (sbl__stand_make(c, at, met, &line)) return sbl__stand_cut(c, &line);
     if (fabs((double)apart) < SBL__FEELER_APART * (double)sbl__cell_length(s, patch)) return SBL_SUCCESS;
     for (k = 0; k < 3; k++)  /* just behind what was met */
         before[k] = met->position[k] + (float)SBL__FEELER_APART * (met->position[k] - at->position[k]);
@@ -9473,22 +9630,40 @@ static void sbl__bounce_ray(const sbl__core *c, const sbl__bounce *b, int number
 
 /* >>bounce: light from what shines */
 
+/* A point's leaf may have been cut since it was found, and it may lie on the other side now. */
+static sbl_result sbl__bounce_find(sbl__core *c, sbl__bounce *b, sbl__bounce_point *p) {
+    sbl__store *s = &c->scene.store;
+    int depth;
+    uint32_t *reference = sbl__store_find(s, sbl__place_patch(s, &p->at), p->at.position, &depth);
+    if (reference && !*reference) {
+        sbl_result result = sbl__store_add_leaf(&c->base, s, reference);
+        if (result != SBL_SUCCESS) return result;
+        if (!sbl__grow(&c->base, &b->states, &b->state_room, s->leaf_count, sizeof *b->states))
+            return SBL_ERROR_OUT_OF_MEMORY;
+        memset(&b->states[s->leaf_count - 1], 0, sizeof *b->states);
+    }
+    if (reference) p->leaf = (int)*reference - 1;
+    return SBL_SUCCESS;
+}
+
 static sbl_result sbl__bounce_sites(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
+    sbl_result result = SBL_SUCCESS;
     if (!b->sites) b->sites = (sbl__site *)sbl__alloc_raw(&c->base, (size_t)b->point_count, sizeof *b->sites);
     if (!b->readings)
         b->readings = (sbl_reading *)sbl__alloc_raw(&c->base, (size_t)b->point_count, sizeof *b->readings);
     if (!b->sites || !b->readings) return SBL_ERROR_OUT_OF_MEMORY;
-    for (; b->at < b->point_count; b->at++) {
+    for (; b->at < b->point_count && result == SBL_SUCCESS; b->at++) {
         const sbl__hit *at = &b->points[b->at].at;
         sbl__site *site = &b->sites[b->at];
         if (sbl__late(slice)) return SBL_UNFINISHED;
+        result = sbl__bounce_find(c, b, &b->points[b->at]);
         memcpy(site->position, at->position, sizeof site->position);
         site->offset = sbl__place_normal(&c->scene.geometry, at->place, site->normal);
         memcpy(site->geometric_normal, site->normal, sizeof site->normal);
         site->number = (uint32_t)b->at;
         site->span = 1;
     }
-    return SBL_SUCCESS;
+    return result;
 }
 
 static void sbl__bounce_light(sbl__core *c, sbl__bounce *b) {
@@ -9635,12 +9810,20 @@ static sbl__bounce_stage sbl__bounce_next(sbl__core *c, sbl__bounce *b) {
                 b->patching.growth *= SBL__MAX(b->crowding, SBL__BOUNCE_GROWTH);
                 b->patching.stage = SBL__PATCH_GRID;
                 b->spread = 0;
-                b->seed_count = b->held_count = b->point_count = b->fresh = b->cast = 0;
+                b->seed_count = b->held_count = b->point_count = b->fresh = b->cast = b->parted = b->sown = 0;
+                memset(b->stands, 0, SBL__STANDS * sizeof *b->stands);
                 return SBL__BOUNCE_PATCHES;
             }
             if (c->scene.store.leaf_count > b->fresh) return SBL__BOUNCE_FEEL;
             if (b->cast < b->point_count) return SBL__BOUNCE_CAST;
-            if (b->queue == b->seeds) return SBL__BOUNCE_SITES;
+            if (b->parted) {  /* leaves that had points were cut: their other sides may want some */
+                b->parted = 0;
+                b->queue = b->hits;
+                b->queue_count = b->point_count * SBL__BOUNCE_RAYS;
+                return SBL__BOUNCE_PLACE;
+            }
+            if (b->sown) return SBL__BOUNCE_SITES;
+            b->sown = 1;
             b->queue = b->seeds;  /* at last what no ray met */
             b->queue_count = b->seed_count;
             return SBL__BOUNCE_PLACE;
@@ -9682,6 +9865,7 @@ static void sbl__bounce_rest(const sbl__device *d, sbl__bounce *b) {
     sbl__free(d->base, b->sequence);
     sbl__free(d->base, b->sites);
     sbl__free(d->base, b->readings);
+    sbl__free(d->base, b->stands);
     sbl__table_delete(d, &b->casts);
     sbl__blocks_free(d, &b->blocks);
     b->seeds = b->held = b->again = b->feelers = NULL;
@@ -9689,6 +9873,7 @@ static void sbl__bounce_rest(const sbl__device *d, sbl__bounce *b) {
     b->sequence = NULL;
     b->sites = NULL;
     b->readings = NULL;
+    b->stands = NULL;
 }
 
 static void sbl__bounce_free(const sbl__device *d, sbl__bounce *b) {

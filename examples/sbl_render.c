@@ -125,7 +125,7 @@ static int fail_with(const messages *m, const char *where, sbl_result result) {
 /* ---- the command line ---- */
 
 static struct options {
-    const char *scene, *output, *stats, *sky_picture;
+    const char *scene, *output, *stats, *sky_picture, *store;
     int channel, mode, preset, backend;
     int size[2], inspect[2];
     double eye[3], look_at[3], up[3], fov, sky[3], sky_rotation, sky_scale, sky_up[3], epsilon, sensor_fov, threshold, facet_limit, exposure;
@@ -147,7 +147,7 @@ static const sbl_preset presets[] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL_
 
 enum {
     OUTPUT, CHANNEL, SIZE, EYE, LOOK_AT, UP, FOV, SKY, SKY_ROTATION, SKY_SCALE, SKY_UP, MODE, PRESET, BACKEND, RAYS, BOUNCE_SAMPLES, EPSILON, SENSOR_SIZE, SENSOR_FOV, TILE, THRESHOLD, FACET_LIMIT,
-    FILTER_RADIUS, SAMPLES, EXPOSURE, SEED, INSPECT, STATS, ALLOW_PATH, MEMORY, READ_TIME, QUIET, VERBOSE, HELP, VERSION, OPTION_COUNT
+    FILTER_RADIUS, SAMPLES, EXPOSURE, SEED, INSPECT, STATS, ALLOW_PATH, MEMORY, READ_TIME, STORE, QUIET, VERBOSE, HELP, VERSION, OPTION_COUNT
 };
 
 static const struct option {
@@ -161,7 +161,7 @@ static const struct option {
     [OUTPUT]        = { "--output", "FILE", TEXT, &options.output, 0, 0, 0, "also -o; .png (8-bit sRGB), .pfm or .exr (linear float32); default sbl.png" },
     [CHANNEL]       = { "--channel", "NAME", CHOICE, &options.channel, CHANNEL_WORDS, 0, 0,
                         "final (default) | radiance (R: light without surface colour) | albedo | normal | position | id | depth |\n"
-                        "sensors (which pixels had a sensor, by level)" },
+                        "sensors (which pixels had a sensor, by level) | store (what is kept of bounced light, cell by cell)" },
     [SIZE]          = { "--size", "WxH", INTEGERS, options.size, 2, 1, 16384, "pixels; default 640x480" },
     [EYE]           = { "--eye", "X,Y,Z", NUMBERS, options.eye, 3, -1e18, 1e18, "where the camera stands" },
     [LOOK_AT]       = { "--look-at", "X,Y,Z", NUMBERS, options.look_at, 3, -1e18, 1e18, "what it looks at" },
@@ -198,6 +198,8 @@ static const struct option {
     [SEED]          = { "--seed", "N", INTEGERS, &options.seed, 1, 0, INT_MAX, "of the sensors' rotations; default 0" },
     [INSPECT]       = { "--inspect", "X,Y", INTEGERS, options.inspect, 2, 0, 16383,
                         "writes what the sensor of that pixel sees instead of the picture, and prints its sums" },
+    [STORE]         = { "--store", "FILE", TEXT, &options.store, 0, 0, 0,
+                        "bounced light is loaded from there where it fits the scene, else made and saved there; --mode gi" },
     [STATS]         = { "--stats", "FILE", TEXT, &options.stats, 0, 0, 0, "counts, seconds (total: from start to picture) and peak memory as JSON" },
     [ALLOW_PATH]    = { "--allow-path", "DIR", LIST, options.reading.allow, SCENE_FILE_FOLDERS, 0, 0,
                         "the scene may name files beneath it, besides those beneath its own folder; may be given several times" },
@@ -342,6 +344,8 @@ static int parse(int argc, char **argv) {
 #ifndef SBL_RENDER_OPENEXR
     if (ends_with(options.output, ".exr")) return fail("--output %s: built without OpenEXR; write a .pfm", options.output);
 #endif
+    if (given[STORE] && given[MODE] && modes[options.mode] != SBL_MODE_GI)
+        return misuse("--store needs --mode gi: other modes have no light that bounces");
     if (given[SENSOR_FOV] && (!given[MODE] || modes[options.mode] != SBL_MODE_PAPER))
         return misuse("--sensor-fov needs --mode paper: other sensors see the whole hemisphere");
     if (options.sky_picture && given[MODE] && modes[options.mode] == SBL_MODE_PAPER)
@@ -613,8 +617,8 @@ static int write_stats(FILE *out, const sbl_context *context, const totals *all)
 
 /* ---- what is written ---- */
 
-static output_file targets[3];
-enum { PICTURE, PARTIAL, STATISTICS };  /* partial: the best so far of an interrupted picture, room.partial.png */
+static output_file targets[4];
+enum { PICTURE, PARTIAL, STATISTICS, STORED, TARGETS };  /* partial: the best so far of an interrupted picture, room.partial.png */
 
 /* Returns the exit status. */
 static int find_targets(void) {
@@ -627,18 +631,20 @@ static int find_targets(void) {
     output_find(&targets[PICTURE], options.output);
     output_find(&targets[PARTIAL], partial);
     if (options.stats) output_find(&targets[STATISTICS], options.stats);
-    for (i = 0; i < 3; i++)
-        for (k = i + 1; k < 3; k++)
+    if (options.store) output_find(&targets[STORED], options.store);
+    for (i = 0; i < TARGETS; i++)
+        for (k = i + 1; k < TARGETS; k++)
             if (output_same(&targets[i], &targets[k]))
-                return misuse("%s and %s are one file; give --stats another name", targets[i].name, targets[k].name);
+                return misuse("%s and %s are one file; give %s another name", targets[i].name, targets[k].name,
+                              k == STORED ? "--store" : "--stats");
     for (k = 0; k < 2 && status == DONE; k++) {
         if (!inputs[k] || !output_find(&input, inputs[k])) continue;
-        for (i = 0; i < 3 && status == DONE; i++)
+        for (i = 0; i < TARGETS && status == DONE; i++)
             if (output_same(&targets[i], &input))
                 status = misuse("%s would overwrite %s, which is read; give another name", targets[i].name, inputs[k]);
         output_free(&input);
     }
-    for (i = 0; i < 3 && status == DONE; i++)
+    for (i = 0; i < TARGETS && status == DONE; i++)
         if (i != PARTIAL && targets[i].name && !output_check(&targets[i]))
             status = fail("%s: cannot be written: %s; give another file name", targets[i].name, strerror(errno));
     return status;
@@ -648,7 +654,7 @@ static int find_targets(void) {
 static int check_overwriting(const scene_file *file) {
     struct stat info;
     int i, k;
-    for (i = 0; i < 3; i++)
+    for (i = 0; i < TARGETS; i++)
         for (k = 0; k < file->read_count && targets[i].path && stat(targets[i].path, &info) == 0; k++)
             if (file->read[k].device == info.st_dev && file->read[k].inode == info.st_ino)
                 return misuse("%s would overwrite a file that %s reads; give another name", targets[i].name,
@@ -684,6 +690,34 @@ static int keep_picture(const image *picture, sbl_channel channel, float done) {
 static int keep_stats(const sbl_context *context, const totals *all) {
     if (!interrupted && write_whole(&targets[STATISTICS], NULL, SBL_CHANNEL_FINAL, context, all)) return DONE;
     return interrupted ? stop("%s is written, %s is not", options.output, options.stats) : fail_to_write(options.stats);
+}
+
+/* ---- bounced light that is kept ---- */
+
+static size_t put_bytes(const void *data, size_t bytes, void *user) { return fwrite(data, 1, bytes, (FILE *)user); }
+static size_t get_bytes(void *data, size_t bytes, void *user) { return fread(data, 1, bytes, (FILE *)user); }
+
+/* 1: it is there, and is of this scene. Otherwise it is made anew, which a warning says where there was something. */
+static int load_store(sbl_context *context, messages *said) {
+    FILE *in = options.store ? fopen(options.store, "rb") : NULL;
+    int loaded;
+    if (!in) return 0;
+    loaded = sbl_load_store(context, get_bytes, in) == SBL_SUCCESS;
+    fclose(in);
+    if (!loaded && said->warnings_kept < 8)
+        snprintf(said->warnings[said->warnings_kept++], sizeof said->warnings[0], "--store %.200s: %.250s; it is made "
+                 "anew", options.store, strncmp(said->error, "sbl_load_store: ", 16) ? said->error : said->error + 16);
+    said->errors = 0;
+    return loaded;
+}
+
+/* Returns the exit status. */
+static int keep_store(sbl_context *context) {
+    FILE *out = output_open(&targets[STORED]);
+    errno = 0;
+    if (out && output_close(&targets[STORED], out, sbl_save_store(context, put_bytes, out) == SBL_SUCCESS, &interrupted))
+        return DONE;
+    return interrupted ? stop("%s is written, %s is not", options.output, options.store) : fail_to_write(options.store);
 }
 
 /* ---- one sensor ---- */
@@ -838,7 +872,7 @@ static int render(const scene_file *file, const scene_file *sky, sbl_context *co
     sbl_scene_desc scene = file->scene;
     sbl_result result;
     totals all = { file->scene.light_count, load, 0 };
-    int i, status = DONE;
+    int i, status = DONE, loaded;
     for (i = 0; i < 3; i++) scene.sky[i] = options.sky_picture ? 0 : (float)options.sky[i];
     for (i = 0; i < 3 && lit_by_us(&scene); i++) scene.sky[i] = 1;
     if (sky) {
@@ -851,6 +885,7 @@ static int render(const scene_file *file, const scene_file *sky, sbl_context *co
     result = sbl_set_scene(context, &scene);
     if (result != SBL_SUCCESS) return fail_with(said, options.scene, result);
     if (interrupted) return stop("no picture was begun");
+    loaded = load_store(context, said);
     fill_desc(&desc, &bar);
     place_camera(&desc, context, file);
     if (desc.world_to_view[15] == 0.0f)
@@ -866,6 +901,7 @@ static int render(const scene_file *file, const scene_file *sky, sbl_context *co
     else if (result == SBL_UNFINISHED) status = stop("there is nothing to be seen yet");
     else status = fail_with(said, options.scene, result);
     if (status == DONE && options.stats) status = keep_stats(context, &all);
+    if (status == DONE && options.store && !loaded) status = keep_store(context);
     free(picture.values);
     if (status == DONE && bar.shown) fprintf(stderr, "%s: %d x %d, %.0f sensors, %.1f s\n", options.output, picture.width, picture.height,
                                             (double)sbl_query_stats(context).sensors, all.seconds);
@@ -945,6 +981,6 @@ int main(int argc, char **argv) {
 done:
     scene_file_free(file);
     scene_file_free(sky);
-    for (i = 0; i < 3; i++) output_free(&targets[i]);
+    for (i = 0; i < TARGETS; i++) output_free(&targets[i]);
     return status;
 }
