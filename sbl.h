@@ -11142,6 +11142,7 @@ static sbl_result sbl__trial_rays(sbl__core *c, int *met) {
     desc.sites = &site;
     desc.readings = &reading;
     desc.site_count = 1;
+    desc.mode = SBL_MODE_AMBIENT;
     desc.backend = SBL_BACKEND_TRACE;
     desc.epsilon = 0.5f;
     desc.rays = SBL__TRIAL_RAYS;
