@@ -5540,7 +5540,7 @@ static void sbl__store_bind(sbl__device *d, const sbl__store *s) {
 static const char *const sbl__glsl_store[] = {
 "// The store of bounced light (see >>store in sbl.h): R on surfaces, cell by cell.\n",
 "#ifdef SBL_BOUNCED\n",
-"// The table begins with a word a triangle of the scene; then the hash table of cells: check and reference; 0 0: nothing.\n",
+"// The table begins with a word a triangle; then the hash table of cells: check and reference, 0: empty\n",
 "uniform int first_cell;   // texel that cells start at, two a texel\n",
 "uniform int cell_mask;    // their slots - 1\n",
 "uniform vec3 cell_origin;\n",
@@ -8280,7 +8280,8 @@ static float sbl__spec_tolerance(const sbl__spec *spec) {
 static int sbl__spec_equal(const sbl__spec *a, const sbl__spec *b) {
     return a->traced == b->traced && a->paper == b->paper && a->hemicube == b->hemicube && a->size == b->size &&
            a->fov == b->fov && a->rays == b->rays && a->lamp_rays == b->lamp_rays && a->lamps_apart == b->lamps_apart &&
-           a->bounced == b->bounced &&           a->bounced == b->bounced && a->epsilon == b->epsilon && a->atlas_size == b->atlas_size && a->batch == b->batch;
+           a->bounced == b->bounced && a->epsilon == b->epsilon && a->atlas_size == b->atlas_size &&
+           a->batch == b->batch;
 }
 
 /* >>job: setting up */
@@ -8860,7 +8861,8 @@ typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* of its leaf
 typedef struct sbl__bounce_leaf { int points, first, valid; } sbl__bounce_leaf;
 
 typedef enum sbl__bounce_stage {
-    SBL__BOUNCE_BEGIN, SBL__BOUNCE_PATCHES, SBL__BOUNCE_SEED, SBL__BOUNCE_SOW, SBL__BOUNCE_PLACE, SBL__BOUNCE_FEEL, SBL__BOUNCE_CUT,
+    SBL__BOUNCE_BEGIN, SBL__BOUNCE_PATCHES, SBL__BOUNCE_SEED, SBL__BOUNCE_SOW, SBL__BOUNCE_PLACE, SBL__BOUNCE_FEEL,
+    SBL__BOUNCE_CUT,
     SBL__BOUNCE_CAST, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_JOIN, SBL__BOUNCE_GATHER, SBL__BOUNCE_SOLVE,
     SBL__BOUNCE_SEND, SBL__BOUNCE_DONE
 } sbl__bounce_stage;
@@ -8921,7 +8923,7 @@ static void sbl__bounce_free(const sbl__device *d, sbl__bounce *b) {
 /* >>glsl cast: shaders_embedded/cast.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_cast[] = {
 "// Rays in, hits out: what each of some rays meets first.\n",
-"SBL_OUT(0, out_place);   // where; +- (1 + the triangle's number, its low bits), negative: its back side; 0: nothing\n",
+"SBL_OUT(0, out_place);   // where; +- (1 + the triangle's number, its low bits), negative: its back; 0: nothing\n",
 "SBL_OUT(1, out_albedo);  // the surface's colour there; the number's high bits\n",
 "\n",
 "void main() {\n",
@@ -9012,7 +9014,8 @@ static sbl_result sbl__bounce_cast(sbl__core *c, sbl__bounce *b, sbl__cast_make 
         if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 0, 0, rows, data);
         if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 1, 0, rows, albedos);
         if (result != SBL_SUCCESS) break;
-        for (i = 0; i < some; i++) sbl__cast_take(&rays[i], data + 4 * (size_t)i, albedos + 4 * (size_t)i, &hits[b->at + i]);
+        for (i = 0; i < some; i++)
+            sbl__cast_take(&rays[i], data + 4 * (size_t)i, albedos + 4 * (size_t)i, &hits[b->at + i]);
         sbl__pace_end(d, &b->pace, some);
         c->stats.readbacks += 2;
         b->at += some;
@@ -9441,6 +9444,10 @@ static sbl__bounce_stage sbl__bounce_next(sbl__core *c, sbl__bounce *b) {
         case SBL__BOUNCE_SITES:
             sbl__bounce_light(c, b);
             return SBL__BOUNCE_LIGHT;
+        case SBL__BOUNCE_LIGHT:
+            c->stats.readbacks += c->job.counts.readbacks;
+            memset(&c->job.counts, 0, sizeof c->job.counts);  /* of what is gathered for the host alone */
+            return SBL__BOUNCE_JOIN;
         case SBL__BOUNCE_SOLVE: return sbl__bounce_solve(c, b) == SBL_SUCCESS ? SBL__BOUNCE_SEND : SBL__BOUNCE_GATHER;
         default: return (sbl__bounce_stage)(b->stage + 1);
     }
@@ -9465,7 +9472,10 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
         if (!c->bounce) return SBL_ERROR_OUT_OF_MEMORY;
         c->bounce->scene = c->scene.version;
     }
-    for (b = c->bounce; !s->ready && result == SBL_SUCCESS; b->at = 0) {
+    b = c->bounce;
+    if (b && b->stage == SBL__BOUNCE_LIGHT && c->job.task.readings != b->readings)
+        sbl__bounce_light(c, b);  /* something else had the job meanwhile */
+    for (; !s->ready && result == SBL_SUCCESS; b->at = 0) {
         result = sbl__bounce_piece(c, b, slice);
         if (result != SBL_SUCCESS) break;
         b->stage = sbl__bounce_next(c, b);
@@ -11541,7 +11551,7 @@ SBL_API void sbl_destroy(sbl_context *c) {
 
 /* >>public: scenes */
 
-/* What is under way does not go on. A finished picture stays. */
+/* What is under way does not go on. A finished picture stays, and so does a store that is half filled. */
 static void sbl__abandon(sbl_context *c) {
     if (sbl__picture_under_way(&c->picture)) sbl__picture_free(&c->core.device, &c->picture);
     sbl__gathering_free(&c->core.base, &c->gathering);
@@ -11566,6 +11576,7 @@ SBL_API sbl_result sbl_set_scene(sbl_context *c, const sbl_scene_desc *desc) {
     if (result == SBL_SUCCESS) {
         sbl__scene_warn(&c->core.base, &scene);
         sbl__abandon(c);
+        sbl__bounce_end(&c->core);
         scene.version = c->core.scene.version + 1;
         sbl__scene_free(&c->core.device, &c->core.scene);
         c->core.scene = scene;
@@ -11598,7 +11609,10 @@ SBL_API sbl_result sbl_set_mesh_transform(sbl_context *c, int mesh, const float 
     else memcpy(to, transform, sizeof to);
     sbl__visit_enter(c, &visit);
     result = sbl__scene_move(&c->core.device, &c->core.scene, mesh, to);
-    if (result != SBL_ERROR_INVALID_ARGUMENT) sbl__abandon(c);
+    if (result != SBL_ERROR_INVALID_ARGUMENT) {
+        sbl__abandon(c);
+        sbl__bounce_end(&c->core);
+    }
     sbl__visit_leave(c, &visit);
     return result;
 }
@@ -11721,6 +11735,7 @@ SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
     if (result != SBL_SUCCESS && result != SBL_UNFINISHED) {
         if (c->work == SBL__WORK_PICTURE) sbl__picture_free(&c->core.device, &c->picture);  /* though it be finished */
         sbl__abandon(c);
+        sbl__bounce_end(&c->core);
     }
     sbl__visit_leave(c, &visit);
     return result;

@@ -1,6 +1,6 @@
 // The store of bounced light (see >>store in sbl.h): R on surfaces, cell by cell.
 #ifdef SBL_BOUNCED
-// The table begins with a word a triangle of the scene; then the hash table of cells: check and reference; 0 0: nothing.
+// The table begins with a word a triangle; then the hash table of cells: check and reference, 0: empty
 uniform int first_cell;   // texel that cells start at, two a texel
 uniform int cell_mask;    // their slots - 1
 uniform vec3 cell_origin;
