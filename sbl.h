@@ -9841,6 +9841,10 @@ static sbl__bounce_stage sbl__bounce_next(sbl__core *c, sbl__bounce *b) {
         case SBL__BOUNCE_SITES:
             sbl__bounce_light(c, b);
             return SBL__BOUNCE_LIGHT;
+        case SBL__BOUNCE_LIGHT:
+            c->stats.readbacks += c->job.counts.readbacks;
+            memset(&c->job.counts, 0, sizeof c->job.counts);  /* of what is gathered for the host alone */
+            return SBL__BOUNCE_JOIN;
         case SBL__BOUNCE_SOLVE: return sbl__bounce_solve(c, b) == SBL_SUCCESS ? SBL__BOUNCE_SEND : SBL__BOUNCE_GATHER;
         default: return (sbl__bounce_stage)(b->stage + 1);
     }
@@ -9906,8 +9910,11 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
         c->bounce->surfaces = c->scene.surfaces;
     }
     if (!s->ready && c->bounce->scene != c->scene.version) sbl__bounce_relight(c->bounce);
-    if (c->bounce) c->bounce->scene = c->scene.version;
-    for (b = c->bounce; !s->ready && result == SBL_SUCCESS; b->at = 0) {
+    b = c->bounce;
+    if (b) b->scene = c->scene.version;
+    if (b && !s->ready && b->stage == SBL__BOUNCE_LIGHT && c->job.task.readings != b->readings)
+        sbl__bounce_light(c, b);  /* something else had the job meanwhile */
+    for (; !s->ready && result == SBL_SUCCESS; b->at = 0) {
         result = sbl__bounce_piece(c, b, slice);
         if (result != SBL_SUCCESS) break;
         b->stage = sbl__bounce_next(c, b);
@@ -12170,7 +12177,7 @@ SBL_API void sbl_destroy(sbl_context *c) {
 
 /* >>public: scenes */
 
-/* What is under way does not go on. A finished picture stays. */
+/* What is under way does not go on. A finished picture stays, and so does a store that is half filled. */
 static void sbl__abandon(sbl_context *c) {
     if (sbl__picture_under_way(&c->picture)) sbl__picture_free(&c->core.device, &c->picture);
     sbl__gathering_free(&c->core.base, &c->gathering);
@@ -12301,7 +12308,10 @@ SBL_API sbl_result sbl_set_mesh_transform(sbl_context *c, int mesh, const float 
     else memcpy(to, transform, sizeof to);
     sbl__visit_enter(c, &visit);
     result = sbl__scene_move(&c->core.device, &c->core.scene, mesh, to);
-    if (result != SBL_ERROR_INVALID_ARGUMENT) sbl__abandon(c);
+    if (result != SBL_ERROR_INVALID_ARGUMENT) {
+        sbl__abandon(c);
+        sbl__bounce_end(&c->core);
+    }
     sbl__visit_leave(c, &visit);
     return result;
 }
@@ -12424,6 +12434,7 @@ SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
     if (result != SBL_SUCCESS && result != SBL_UNFINISHED) {
         if (c->work == SBL__WORK_PICTURE) sbl__picture_free(&c->core.device, &c->picture);  /* though it be finished */
         sbl__abandon(c);
+        sbl__bounce_end(&c->core);
     }
     sbl__visit_leave(c, &visit);
     return result;

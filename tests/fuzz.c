@@ -216,6 +216,7 @@ static sbl_result fuzz_set_scene(fuzz_bytes *b, sbl_context *context) {
     sbl_light lights[FUZZ_LIGHTS];
     sbl_scene_desc scene;
     const unsigned shape = fuzz_byte(b);
+    unsigned last;
     sbl_result result;
     int i;
     memset(meshes, 0, sizeof meshes);
@@ -246,7 +247,9 @@ static sbl_result fuzz_set_scene(fuzz_bytes *b, sbl_context *context) {
         fuzz_floats(b, scene.draw_bounds[1], 3, 0, 2);
         scene.draw_max_radiance = fuzz_float(b, 0, 4);
     }
-    if (fuzz_byte(b) >= 254) scene.start_canary = 1;
+    last = fuzz_byte(b);
+    scene.bounce_samples = last == 253 ? 1023 : 1024 + (int)last;
+    if (last >= 254) scene.start_canary = 1;
     result = sbl_set_scene(context, &scene);
     while (b->block_count) free(b->blocks[--b->block_count]);
     return result;
@@ -273,6 +276,7 @@ static sbl_result fuzz_known_scene(sbl_context *context) {
     scene.materials = materials;
     scene.material_count = 2;
     scene.sky[2] = 0.25f;
+    scene.bounce_samples = 1024;
     return sbl_set_scene(context, &scene);
 }
 
@@ -295,7 +299,7 @@ static void fuzz_picture(fuzz_bytes *b, fuzz_context *c, sbl_picture_desc *view)
     view->width = fuzz_int(b, 1, FUZZ_SIDE);
     view->height = fuzz_int(b, 1, FUZZ_SIDE);
     if (view->width * (double)view->height > FUZZ_SIDE * FUZZ_SIDE || (!view->width && !view->height)) view->width = -1;
-    view->mode = (sbl_mode)fuzz_int(b, 0, SBL_MODE_PAPER);
+    view->mode = (sbl_mode)fuzz_int(b, 0, SBL_MODE_COUNT - 1);
     view->backend = (sbl_backend)fuzz_int(b, 0, SBL_BACKEND_COUNT - 1);
     view->rays = fuzz_int(b, 1, 40);
     view->sensor_size = fuzz_int(b, 4, 16);
@@ -346,7 +350,7 @@ static void fuzz_gather(fuzz_bytes *b, fuzz_context *c, sbl_gather_desc *gather)
         if (shape & 1) fuzz_floats(b, sites[i].geometric_normal, 3, -1, 1);
         if (shape & 2) sites[i].offset = fuzz_float(b, -1, 1);
     }
-    gather->mode = (sbl_mode)fuzz_int(b, 0, SBL_MODE_PAPER);
+    gather->mode = (sbl_mode)fuzz_int(b, 0, SBL_MODE_COUNT - 1);
     gather->backend = (sbl_backend)fuzz_int(b, 0, SBL_BACKEND_COUNT - 1);
     gather->rays = fuzz_int(b, 0, 40);
     gather->sensor_size = fuzz_int(b, 4, 16);
@@ -623,6 +627,7 @@ static sbl_result fuzz_known(fuzz_context *c, float picture[3 * 16]) {
     view.width = view.height = view.rays = 4;
     view.tile = 2;
     view.samples = 1;
+    view.mode = SBL_MODE_GI;
     if (result == SBL_SUCCESS) result = sbl_render(c->sbl, &view);
     if (result == SBL_SUCCESS) result = sbl_read_channel(c->sbl, SBL_CHANNEL_FINAL, picture, 3 * 16);
     if (result == SBL_SUCCESS) result = sbl_set_scene(c->sbl, &empty);

@@ -27,12 +27,14 @@ static inline void small_scene(test_scene *s) {
 }
 
 static sbl_backend small_backend = SBL_BACKEND_RASTER;
+static sbl_mode small_mode = SBL_MODE_AMBIENT;
 
 static inline sbl_picture_desc small_view(void) {
     sbl_picture_desc view = scene_view(SMALL_WIDTH, SMALL_HEIGHT, 50, 1.5f, 1.7f, 2.4f, 0, 0.3f, 0);
     view.tile = 4;
     view.sensor_size = 8;
     view.samples = 2;
+    view.mode = small_mode;
     view.backend = small_backend;
     view.rays = 20;  /* more than one shader invocation takes */
     return view;

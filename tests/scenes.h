@@ -39,9 +39,11 @@ static inline void scene_free(test_scene *s) {
     memset(s, 0, sizeof *s);
 }
 
+/* With as small a store of bounced light as there can be, which is soon filled. */
 static inline sbl_scene_desc scene_desc(const test_scene *s) {
     sbl_scene_desc desc;
     memset(&desc, 0, sizeof desc);
+    desc.bounce_samples = 1024;
     desc.meshes = s->meshes;
     desc.mesh_count = s->mesh_count;
     desc.materials = s->materials;
@@ -253,9 +255,11 @@ static inline void scene_cornell_box(test_scene *s) {
 
 /* >>pictures */
 
+/* In SBL_MODE_AMBIENT, which is quicker than the default; its epsilon is what closed forms expect. */
 static inline sbl_picture_desc scene_view(int width, int height, float fov, float ex, float ey, float ez, float ax, float ay, float az) {
     sbl_picture_desc view;
     memset(&view, 0, sizeof view);
+    view.mode = SBL_MODE_AMBIENT;
     view.width = width;
     view.height = height;
     if (!sbl_look_at(view.world_to_view, ex, ey, ez, ax, ay, az, 0, 1, 0)) sbl_look_at(view.world_to_view, ex, ey, ez, ax, ay, az, 0, 0, -1);

@@ -236,6 +236,10 @@ TEST(scene_desc) {
     BAD_SCENE(f.scene.draw_max_radiance = NOT, SCENE_DESC, "sbl_scene_desc", "draw_max_radiance", "nan");
     BAD_SCENE(f.scene.draw_max_radiance = INF, SCENE_DESC, "sbl_scene_desc", "draw_max_radiance", "inf");
     BAD_SCENE(f.scene.draw_max_radiance = -2, SCENE_DESC, "sbl_scene_desc", "draw_max_radiance", "-2");
+    BAD_SCENE(f.scene.bounce_samples = -1, SCENE_DESC, "sbl_scene_desc", "bounce_samples", "-1");
+    BAD_SCENE(f.scene.bounce_samples = 1, SCENE_DESC, "sbl_scene_desc", "bounce_samples", "is 1;");
+    BAD_SCENE(f.scene.bounce_samples = 1023, SCENE_DESC, "sbl_scene_desc", "bounce_samples", "1023");
+    BAD_SCENE(f.scene.bounce_samples = 1048577, SCENE_DESC, "sbl_scene_desc", "bounce_samples", "1048577");
     usable("bad scene descriptors");
 }
 
@@ -637,6 +641,7 @@ TEST(empty_scenes_and_meshes) {
         CHECK(watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, NULL, NULL, NULL), "no warning that nothing is visible");
     }
     memset(&view, 0, sizeof view);
+    view.mode = SBL_MODE_AMBIENT;
     view.width = view.height = 4;
     view.sensor_size = 4;
     CHECK(sbl_render(context, &view) == SBL_SUCCESS, "the default camera fails in an empty scene: %s", watch_last(&seen));
@@ -864,12 +869,32 @@ TEST(rays_with_a_draw_callback) {
     known_picture();
 }
 
-TEST(gi_is_refused) {
-    sbl_picture_desc d = small_view();
-    d.mode = SBL_MODE_GI;
-    bad_picture(&d, SBL_ERROR_UNSUPPORTED, SBL_LOG_ITEM_NOT_IMPLEMENTED, "mode = SBL_MODE_GI", "mode", "SBL_MODE_GI");
-    CHECK(sbl_render(context, &d) == SBL_ERROR_UNSUPPORTED, "sbl_render accepts it");
-    usable("SBL_MODE_GI");
+/* The ends of the range of bounce_samples are inside, and 0 is the default, too. */
+TEST(bounce_samples_ends_of_range) {
+    static const int samples[] = { 0, 1024, 1048576 };
+    int i;
+    for (i = 0; i < 3; i++) {
+        sbl_scene_desc desc = scene_desc(&small);
+        sbl_picture_desc d = small_view();
+        sbl_stats stats;
+        desc.bounce_samples = samples[i];
+        d.mode = i ? SBL_MODE_GI : SBL_MODE_DEFAULT;
+        watch_forget(&seen);
+        if (samples[i] > 2000) {  /* much work, of which a little is done */
+            CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_begin(context, &d) == SBL_SUCCESS && sbl_step(context, 1e-3) == SBL_UNFINISHED,
+                  "bounce_samples of %d: %s", samples[i], watch_last(&seen));
+            continue;
+        }
+        REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_render(context, &d) == SBL_SUCCESS, "bounce_samples of %d: %s", samples[i],
+                watch_last(&seen));
+        stats = sbl_query_stats(context);
+        CHECK(stats.mode == SBL_MODE_GI && stats.bounce_samples > 100 && stats.bounce_samples <= (i ? samples[i] : 49152), "bounce_samples of %d gives %d",
+              samples[i], stats.bounce_samples);
+        CHECK(stats.seconds.bounce > 0 && stats.seconds.bounce < stats.seconds.total, "the store takes %g s of %g", stats.seconds.bounce, stats.seconds.total);
+    }
+    sbl_end(context);
+    known_picture();
+    usable("bounce_samples");
 }
 
 /* >>calls */
@@ -1134,6 +1159,7 @@ static int meddle(meddler *m) {
     gather.sites = &site;
     gather.readings = &reading;
     gather.site_count = 1;
+    gather.mode = SBL_MODE_AMBIENT;
     m->calls++;
     switch (m->which) {
         case 0: result = sbl_set_scene(c, &scene); break;
@@ -1321,7 +1347,7 @@ int main(void) {
     RUN(picture_desc_all_at_once);
     RUN(picture_desc_ends_of_ranges);
     RUN(rays_with_a_draw_callback);
-    RUN(gi_is_refused);
+    RUN(bounce_samples_ends_of_range);
     RUN(null_parameters);
     RUN(values_that_do_not_exist);
     RUN(helpers_out_of_range);

@@ -16,10 +16,12 @@ static watch seen;
 static test_scene cornell;
 static picture expected;
 static sbl_backend backend;
+static sbl_mode mode;
 
 static sbl_picture_desc cornell_view(void) {
     sbl_picture_desc view = scene_cornell_view(WIDTH, HEIGHT);
     view.tile = 8;
+    view.mode = mode;
     view.backend = backend;
     view.rays = 24;  /* more than one shader invocation takes */
     view.sensor_size = 16;
@@ -236,15 +238,17 @@ TEST(seeds) {
 /* >>up to rounding: with a sensor at every pixel, so that no decision of the refinement tips over */
 
 /* A texel shows what its centre sees. Where an edge passes a centre by less than float rounding, it may go either way; that is one texel of some
-   thousand, of a few sensors. So nearly all pixels agree to the bit, and none is off by more than a few texels weigh: lamps are not seen by texels. */
+   thousand, of a few sensors. So nearly all pixels agree to the bit, and none is off by more than a few texels weigh: lamps are not seen by texels.
+   Texels see bounced light by cells, and more centres lie on the edges of these. */
 static void rounding(distance d, const char *what) {
-    CHECK(d.mean < 1e-5, "%s changes R by %.2g on average", what, d.mean);
-    CHECK(d.pixels <= PIXELS / 100, "%s changes R at %d of %d pixels", what, d.pixels, PIXELS);
+    const int cells = mode == SBL_MODE_GI && backend == SBL_BACKEND_RASTER;
+    CHECK(d.mean < (cells ? 5e-5 : 1e-5), "%s changes R by %.2g on average", what, d.mean);
+    CHECK(d.pixels <= PIXELS / (cells ? 10 : 100), "%s changes R at %d of %d pixels", what, d.pixels, PIXELS);
     CHECK(d.most < 0.01, "%s changes R by %.2g", what, d.most);
 }
 
 static sbl_picture_desc plain_view(void) {
-    sbl_picture_desc view = scene_plain(cornell_view(), SBL_MODE_AMBIENT, 16);
+    sbl_picture_desc view = scene_plain(cornell_view(), mode, 16);
     view.epsilon = 0.1f;
     return view;
 }
@@ -550,11 +554,12 @@ TEST(draw_callback_writing_depth) { drawn_by_host(6, SBL_CAPABILITY_ALL, 0); }
 
 TEST(nothing_leaked) { CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks, %.0f bytes leaked", seen.blocks, (double)seen.bytes); }
 
-static int reference(sbl_backend which) {
+static int reference(sbl_mode how, sbl_backend which) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view;
     sbl_context *context;
     int good;
+    mode = how;
     backend = which;
     view = cornell_view();
     context = watch_context(&seen, &desc, &cornell);
@@ -565,9 +570,10 @@ static int reference(sbl_backend which) {
 }
 
 int main(void) {
+    int i;
     scene_cornell_box(&cornell);
     if (!gl_host_open()) { printf("no GL context\n"); return 1; }
-    if (!reference(SBL_BACKEND_RASTER)) return 1;
+    if (!reference(SBL_MODE_AMBIENT, SBL_BACKEND_RASTER)) return 1;
     RUN(reference_is_a_picture);
     RUN(batches);
     RUN(slices);
@@ -580,7 +586,7 @@ int main(void) {
     RUN(draw_callback);
     RUN(draw_callback_writing_depth);
     printf("traced:\n");
-    if (!reference(SBL_BACKEND_TRACE)) return 1;
+    if (!reference(SBL_MODE_AMBIENT, SBL_BACKEND_TRACE)) return 1;
     RUN(reference_is_a_picture);
     RUN(batches);
     RUN(slices);
@@ -589,6 +595,18 @@ int main(void) {
     RUN(seeds);
     RUN(capabilities);
     RUN(past_buffer_textures);
+    for (i = 0; i < 2; i++) {
+        printf("with bounced light, %s:\n", i ? "traced" : "rasterised");
+        if (!reference(SBL_MODE_GI, i ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER)) return 1;
+        RUN(reference_is_a_picture);
+        RUN(batches);
+        RUN(slices);
+        RUN(capabilities);
+        RUN(moving);
+        if (i) RUN(repetitions);
+        else RUN(atlas_sizes);
+        if (!i) RUN(past_buffer_textures);
+    }
     RUN(nothing_leaked);
     scene_free(&cornell);
     return test_report();

@@ -79,6 +79,7 @@ static sbl_result small_gather(sbl_context *context) {
     desc.sites = sites;
     desc.readings = readings;
     desc.site_count = SITES;
+    desc.mode = view.mode;
     desc.backend = view.backend;
     desc.rays = view.rays;
     desc.sensor_size = view.sensor_size;
@@ -599,6 +600,15 @@ int main(void) {
     RUN(framebuffers);
     RUN(allocations_of_larger_pictures);
     RUN(scene_programs);
+    printf("with bounced light:\n");
+    small_mode = SBL_MODE_GI;
+    if (!references(SBL_BACKEND_TRACE)) { printf("without faults: %s; %d GL objects made, %d left\n", watch_last(&seen), fake.made, fake_live()); return 1; }
+    RUN(allocations);
+    RUN(calls_out_of_memory);
+    RUN(no_names);
+    RUN(framebuffers);
+    RUN(scene_programs);
+    small_mode = SBL_MODE_AMBIENT;
     printf("traced, the scene past what buffer textures hold:\n");
     fake.most_texels = 50;
     if (!references(SBL_BACKEND_TRACE)) { printf("without faults: %s; %d GL objects made, %d left\n", watch_last(&seen), fake.made, fake_live()); return 1; }

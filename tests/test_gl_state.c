@@ -151,8 +151,12 @@ static void every_function(small_picture *picture, small_picture *traced) {
     bad.width = -1;
     GIVES(sbl_begin(context, &bad), SBL_ERROR_INVALID_ARGUMENT);
     bad = small_view();
+    bad.mode = SBL_MODE_COUNT;
+    GIVES(sbl_begin(context, &bad), SBL_ERROR_INVALID_ARGUMENT);
     bad.mode = SBL_MODE_GI;
-    GIVES(sbl_begin(context, &bad), SBL_ERROR_UNSUPPORTED);
+    GIVES(sbl_begin(context, &bad), SBL_SUCCESS);
+    GIVES(sbl_step(context, 1e-9), SBL_UNFINISHED);
+    GIVES(sbl_step(context, 0), SBL_SUCCESS);
     GIVES(sbl_begin(context, &view), SBL_SUCCESS);
     fake_arm(FAKE_FRAMEBUFFER, 2, 0);
     GIVES(sbl_step(context, 0), SBL_ERROR_GL);

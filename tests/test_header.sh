@@ -215,7 +215,7 @@ defaults_agree() {
         /^typedef struct sbl_context_desc {/,/^}/s/^ *float \([a-z_]*\);.*Default: \([0-9.]*\) .*/\1 \2/p
         s/^ *float \([a-z]*\);.*Default: .*, paper \([0-9.]*\).*/\1 in paper mode \2/p
         s/^ *float \([a-z]*\);.*Default: .*SBL_MODE_DIRECT: always \([0-9.]*\).*/\1 in direct mode \2/p
-        s/^ *SBL_MODE_DEFAULT = 0, *\/\* \([A-Z]*\),.*/mode \1/p
+        s/^ *SBL_MODE_DEFAULT = 0, *\/\* \([A-Z]*\) .*/mode \1/p
         s/^ *SBL_SENSOR_DEFAULT = 0, *\/\* \([A-Z]*\); \([A-Z]*\) in SBL_MODE_PAPER.*/sensor_kind \1, in paper mode \2/p' \
         "$folder/joined" >> "$folder/said"
     sort -o "$folder/said" "$folder/said"

@@ -89,7 +89,7 @@ static sbl_picture_desc view_of(int scene, sbl_mode mode, sbl_backend backend, s
     return view;
 }
 
-enum { PINS = 14 };
+enum { PINS = 17 };
 
 static void pin_cases(pin_case cases[PINS]) {
     static const struct { const char *name; int scene; sbl_mode mode; sbl_backend backend; sbl_preset preset; } list[PINS] = {
@@ -106,7 +106,10 @@ static void pin_cases(pin_case cases[PINS]) {
         { "sky_ambient_traced", 3, SBL_MODE_AMBIENT, SBL_BACKEND_TRACE, SBL_PRESET_DRAFT },
         { "sky_ambient_rasterised", 3, SBL_MODE_AMBIENT, SBL_BACKEND_RASTER, SBL_PRESET_DRAFT },
         { "many_lamps_direct_traced", 4, SBL_MODE_DIRECT, SBL_BACKEND_TRACE, SBL_PRESET_DRAFT },
-        { "many_lamps_direct_rasterised", 4, SBL_MODE_DIRECT, SBL_BACKEND_RASTER, SBL_PRESET_DRAFT } };
+        { "many_lamps_direct_rasterised", 4, SBL_MODE_DIRECT, SBL_BACKEND_RASTER, SBL_PRESET_DRAFT },
+        { "cornell_gi_traced", 0, SBL_MODE_GI, SBL_BACKEND_TRACE, SBL_PRESET_DRAFT },
+        { "cornell_gi_rasterised", 0, SBL_MODE_GI, SBL_BACKEND_RASTER, SBL_PRESET_DRAFT },
+        { "sky_gi_traced", 3, SBL_MODE_GI, SBL_BACKEND_TRACE, SBL_PRESET_DRAFT } };
     int i;
     for (i = 0; i < PINS; i++) {
         cases[i].name = list[i].name;

@@ -141,6 +141,7 @@ TEST(steps_keep_to_their_time) {
     gather.sites = sites;
     gather.readings = readings;
     gather.site_count = SITES;
+    gather.mode = SBL_MODE_AMBIENT;
     gather.rays = 4;
     for (i = 0; i < SITES; i++) { sites[i].position[0] = sites[i].position[2] = 200; sites[i].position[1] = 100; sites[i].normal[1] = 1; }
     for (way = 0; way < 3; way++) {
@@ -163,6 +164,163 @@ TEST(steps_keep_to_their_time) {
         printf("  %d steps of %ld to %ld us\n", steps, shortest, longest);
         sbl_destroy(context);
     }
+}
+
+/* >>bounced light */
+
+/* Of a square of sites, so that a gather lasts. */
+enum { GATHER_SITES = 64 };
+static sbl_site gather_sites[GATHER_SITES];
+static sbl_reading gather_readings[GATHER_SITES];
+
+static sbl_gather_desc gather_of(sbl_mode mode) {
+    sbl_gather_desc gather;
+    int i;
+    memset(&gather, 0, sizeof gather);
+    for (i = 0; i < GATHER_SITES; i++) {
+        gather_sites[i].position[0] = 50 + 60 * (float)(i % 8);
+        gather_sites[i].position[2] = 50 + 60 * (float)(i / 8);
+        gather_sites[i].normal[1] = 1;
+    }
+    gather.sites = gather_sites;
+    gather.readings = gather_readings;
+    gather.site_count = GATHER_SITES;
+    gather.mode = mode;
+    gather.rays = 8;
+    return gather;
+}
+
+/* A small picture, most of whose work is the store. */
+static sbl_picture_desc bounced_view(void) {
+    sbl_picture_desc view = scene_cornell_view(WIDTH / 8, HEIGHT / 8);
+    view.mode = SBL_MODE_GI;
+    view.backend = SBL_BACKEND_TRACE;
+    view.rays = 8;
+    view.samples = 1;
+    return view;
+}
+
+enum { BOUNCED = 3 * (WIDTH / 8) * (HEIGHT / 8) };
+
+static sbl_result bounced_read(sbl_context *context, float *out) {
+    memset(out, 0xff, sizeof(float) * BOUNCED);
+    return sbl_read_channel(context, SBL_CHANNEL_RADIANCE, out, BOUNCED);
+}
+
+/* Steps of that length until the picture is done; how many began in each of the store's stages. */
+static sbl_result bounced_steps(sbl_context *context, double seconds, int counts[SBL__BOUNCE_DONE + 1]) {
+    sbl_result result = SBL_UNFINISHED;
+    int steps = 0;
+    while (result == SBL_UNFINISHED && steps++ < 1000000) {
+        if (context->core.bounce) counts[context->core.bounce->stage]++;
+        result = sbl_step(context, seconds);
+    }
+    return result;
+}
+
+TEST(the_store_comes_in_pieces) {
+    static const double budgets[] = { 1e-9, 1e-4, 2e-3 };
+    static float whole[BOUNCED], now[BOUNCED];
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_picture_desc view = bounced_view();
+    sbl_scene_desc scene = scene_desc(&cornell);
+    sbl_context *context = watch_context(&seen, &desc, &cornell);
+    sbl_stats stats, again;
+    int i, stage;
+    if (!context) return;
+    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS && bounced_read(context, whole) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    stats = sbl_query_stats(context);
+    CHECK(stats.bounce_samples > 100 && stats.bounce_samples <= 1024, "%d samples", stats.bounce_samples);
+    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS && bounced_read(context, now) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    again = sbl_query_stats(context);
+    CHECK(memcmp(now, whole, sizeof now) == 0, "a store that is there gives another picture");
+    CHECK(again.seconds.bounce < 0.1 * stats.seconds.bounce && again.bounce_samples == stats.bounce_samples && again.rays == stats.rays,
+          "a store of %d samples and %g s, then of %d and %g s", stats.bounce_samples, stats.seconds.bounce, again.bounce_samples, again.seconds.bounce);
+    for (i = 0; i < 3; i++) {
+        int counts[SBL__BOUNCE_DONE + 1] = { 0 };
+        REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_begin(context, &view) == SBL_SUCCESS, "cannot begin");
+        REQUIRE(bounced_steps(context, budgets[i], counts) == SBL_SUCCESS && bounced_read(context, now) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+        CHECK(memcmp(now, whole, sizeof now) == 0, "in steps of %g s the picture differs", budgets[i]);
+        for (stage = SBL__BOUNCE_PATCHES; stage < SBL__BOUNCE_DONE && i == 0; stage++)
+            CHECK(counts[stage] >= (stage == SBL__BOUNCE_LIGHT ? 10 : 1), "stage %d took %d steps", stage, counts[stage]);
+    }
+    sbl_destroy(context);
+}
+
+/* Of the store. */
+static double store_distance(const float *a, const float *b) {
+    double sum = 0, off = 0;
+    int i;
+    for (i = 0; i < BOUNCED; i++) { sum += (double)a[i]; off += fabs((double)a[i] - b[i]); }
+    return off / sum;
+}
+
+static int cancels(float done, void *user) { (void)done; return --*(int *)user <= 0; }
+
+/* After each number of short steps something else happens; the picture that is made afterwards is the usual one, bit for bit. */
+TEST(the_store_is_left_at_any_step) {
+    static const char *const names[] = { "another picture like it", "an ambient picture", "an ambient gather", "a gather like it", "the end", "a move there and back",
+                                         "the scene anew", "cancelling", "a rasterised picture" };
+    static const float away[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 100, 0, 1 }, back[16] = { 0 };
+    static float whole[BOUNCED], now[BOUNCED];
+    static sbl_reading ambient[GATHER_SITES];
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_context *context = watch_context(&seen, &desc, &cornell);
+    sbl_scene_desc scene = scene_desc(&cornell);
+    sbl_gather_desc gather = gather_of(SBL_MODE_AMBIENT), like = gather_of(SBL_MODE_GI);
+    const int whats = (int)(sizeof names / sizeof *names);
+    int what, at, blocks, round = 0;
+    if (!context) return;
+    {
+        sbl_picture_desc view = bounced_view();
+        REQUIRE(sbl_gather(context, &gather) == SBL_SUCCESS, "no gather");
+        memcpy(ambient, gather_readings, sizeof ambient);
+        REQUIRE(sbl_render(context, &view) == SBL_SUCCESS && bounced_read(context, whole) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    }
+    sbl_end(context);
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS, "no scene");
+    blocks = seen.blocks;
+    for (at = 0; at < 100000; at += 1 + at / 3, round++) {
+        int done = 0;
+        for (what = round % 3; what < whats; what += 3) {
+            sbl_picture_desc view = bounced_view(), other = bounced_view();
+            sbl_result result = SBL_UNFINISHED;
+            int steps, calls = at + 1;
+            REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS, "no scene");
+            if (what == 7) { view.progress = cancels; view.progress_user = &calls; }
+            REQUIRE(sbl_begin(context, &view) == SBL_SUCCESS, "cannot begin");
+            for (steps = 0; (steps < at || what == 7) && result == SBL_UNFINISHED; steps++) result = sbl_step(context, 1e-9);
+            done += result == SBL_SUCCESS;
+            CHECK(result == SBL_SUCCESS || result == (what == 7 ? SBL_CANCELLED : SBL_UNFINISHED), "%s", watch_last(&seen));
+            view.progress = NULL;
+            result = SBL_SUCCESS;
+            switch (what) {
+                case 1: other.mode = SBL_MODE_AMBIENT; result = sbl_render(context, &other); break;
+                case 2: result = sbl_gather(context, &gather);
+                        CHECK(memcmp(ambient, gather_readings, sizeof ambient) == 0, "after %d steps the gather differs", at); break;
+                case 3: result = sbl_begin_gather(context, &like); if (at & 1) sbl_step(context, 1e-9); break;
+                case 4: case 7:
+                    sbl_end(context);
+                    sbl_set_scene(context, &scene);
+                    CHECK(seen.blocks == blocks, "%s after %d steps: %d blocks, not %d", names[what], at, seen.blocks, blocks);
+                    break;
+                case 5: result = sbl_set_mesh_transform(context, 3, away);
+                        if (at & 1) sbl_begin(context, &view), sbl_step(context, 1e-9);
+                        sbl_set_mesh_transform(context, 3, back); break;
+                case 6: result = sbl_set_scene(context, &scene); break;
+                case 8: other.backend = SBL_BACKEND_RASTER; other.sensor_size = 4; result = sbl_begin(context, &other); sbl_step(context, 1e-9); break;
+                default: break;
+            }
+            CHECK(result == SBL_SUCCESS, "%s after %d steps: %s", names[what], at, watch_last(&seen));
+            CHECK(sbl_render(context, &view) == SBL_SUCCESS && bounced_read(context, now) == SBL_SUCCESS, "%s after %d steps: %s", names[what], at,
+                  watch_last(&seen));
+            CHECK(memcmp(now, whole, sizeof now) == 0, "%s after %d steps changes the picture by %g of it", names[what], at, store_distance(whole, now));
+        }
+        if (done == whats / 3) break;
+    }
+    CHECK(at < 100000, "after %d steps the picture is not done", at);
+    printf("  left after up to %d steps\n", at);
+    sbl_destroy(context);
 }
 
 /* >>programs */
@@ -299,6 +457,7 @@ TEST(a_finished_picture_stays) {
     gather.sites = &site;
     gather.readings = &reading;
     gather.site_count = 1;
+    gather.mode = SBL_MODE_AMBIENT;
     REQUIRE(sbl_render(context, &view) == SBL_SUCCESS, "no picture");
     for (k = 0; k < SBL_CHANNEL_COUNT; k++)
         REQUIRE(sbl_read_channel(context, (sbl_channel)k, whole[k], 3 * PIXELS) == SBL_SUCCESS, "channel %d", k);
@@ -429,6 +588,8 @@ int main(void) {
     RUN(the_hierarchy_comes_in_pieces);
     RUN(submissions_follow_the_limit);
     RUN(steps_keep_to_their_time);
+    RUN(the_store_comes_in_pieces);
+    RUN(the_store_is_left_at_any_step);
     RUN(programs_compile_when_used_or_ahead);
     RUN(each_level_is_sharper);
     RUN(a_finished_picture_stays);

@@ -91,6 +91,7 @@ static sbl_result gather(worker *w, output *out) {
     desc.sites = sites;
     desc.readings = out->readings;
     desc.site_count = SITES;
+    desc.mode = SBL_MODE_AMBIENT;
     desc.rays = 20;
     return sbl_gather(w->context, &desc);
 }

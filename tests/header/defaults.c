@@ -43,7 +43,7 @@ int main(void) {
     printf("atlas_size %d\n", sbl_context_desc_defaults(NULL).atlas_size);
     printf("threshold in paper mode %g\n", (double)paper.threshold);
     printf("epsilon in direct mode %g\n", (double)direct.epsilon);
-    printf("mode %s\n", d[1].mode == SBL_MODE_AMBIENT ? "AMBIENT" : "another");
+    printf("mode %s\n", d[1].mode == SBL_MODE_GI ? "GI" : "another");
     printf("sensor_kind %s, in paper mode %s\n", d[1].sensor_kind == SBL_SENSOR_HEMICUBE ? "HEMICUBE" : "another",
            paper.sensor_kind == SBL_SENSOR_SINGLE ? "SINGLE" : "another");
     return 0;
