@@ -654,10 +654,9 @@ typedef struct sbl_scene_desc {
     void *draw_user;
     float draw_bounds[2][3];   /* world bounds (lowest corner, highest corner) of what draw draws; required with it */
     float draw_max_radiance;   /* highest radiance that draw writes, so that texels do not overflow. Default: 1 */
-    int bounce_samples;        /* that bounced light is stored for, all over the surfaces, at most (SBL_MODE_GI): 1024
-                                  to 1048576. About 4 KB of host memory each while they are made and 2 KB from then
-                                  on, until sbl_end; 100 bytes of the GPU's. See ON LIGHT THAT BOUNCES. Default: 49152
-                                  */
+    int bounce_samples;        /* places that bounced light is stored for, at most (SBL_MODE_GI): 1024 to 1048576. About
+                                  4 KB of host memory each while they are made and 2 KB from then on, until sbl_end;
+                                  100 bytes of the GPU's. See ON LIGHT THAT BOUNCES. Default: 49152 */
     uint32_t end_canary;
 } sbl_scene_desc;
 
