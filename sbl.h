@@ -295,12 +295,12 @@
    find what any surface reflects in one look, and still measure all that reaches them by rays of their own, and lamps
    in closed form: the store itself is only seen on surfaces of SBL_MATERIAL_NO_SENSORS, and in SBL_CHANNEL_STORE.
 
-   What it costs: a picture takes 1.7 to 2.8 times as long as with direct light alone, store included (measured in rooms
-   of several kinds, llvmpipe on two cores). The store is made by a scene's first picture or gather in this mode, and
-   serves all that follow, of any camera and size, until the scene changes: sbl_set_scene and sbl_set_mesh_transform
-   make it anew; after sbl_set_materials and sbl_set_lights, where only what shines differs, the rays are still there,
-   and it takes half as long. sbl_end gives back the memory of these rays, not the store. seconds.bounce and
-   bounce_samples of sbl_stats tell what it took.
+   What it costs: a picture takes 1.7 to 2.8 times as long as with direct light alone, store included, and more where it
+   is small (measured in rooms of several kinds, llvmpipe on two cores). The store is made by a scene's first picture or
+   gather in this mode, and serves all that follow, of any camera and size, until the scene changes: sbl_set_scene and
+   sbl_set_mesh_transform make it anew; after sbl_set_materials and sbl_set_lights, where only what shines differs, the
+   rays are still there, and it takes half as long. sbl_end gives back the memory of these rays, not the store.
+   seconds.bounce and bounce_samples of sbl_stats tell what it took.
 
    Its budget: sbl_scene_desc.bounce_samples, cells at most. Cells are cut for about half of it, the rest is for what
    stands on surfaces; where that does not suffice all begins again with larger cells. Raise it where a room is lit
