@@ -89,6 +89,8 @@
        sbl_set_mesh_transform     moves one mesh
        sbl_set_materials          gives the scene other materials
        sbl_set_lights             gives it other lights
+       sbl_save_store             writes the stored light, for another run
+       sbl_load_store             reads it again
        sbl_query_bounds           the scene's extent
        sbl_render                 a whole picture in one call
        sbl_gather                 the light at any points with normals, in one call
@@ -300,7 +302,8 @@
    gather in this mode, and serves all that follow, of any camera and size, until the scene changes: sbl_set_scene and
    sbl_set_mesh_transform make it anew; after sbl_set_materials and sbl_set_lights, where only what shines differs, the
    rays are still there, and it takes half as long. sbl_end gives back the memory of these rays, not the store.
-   seconds.bounce and bounce_samples of sbl_stats tell what it took.
+   sbl_save_store and sbl_load_store carry a store over to the next run. seconds.bounce and bounce_samples of sbl_stats
+   tell what it took.
 
    Its budget: sbl_scene_desc.bounce_samples, cells at most. Cells are cut for about half of it, the rest is for what
    stands on surfaces; where that does not suffice all begins again with larger cells. Raise it where a room is lit
