@@ -89,6 +89,8 @@
        sbl_set_mesh_transform     moves one mesh
        sbl_set_materials          gives the scene other materials
        sbl_set_lights             gives it other lights
+       sbl_save_store             writes the stored light, for another run
+       sbl_load_store             reads it again
        sbl_query_bounds           the scene's extent
        sbl_render                 a whole picture in one call
        sbl_gather                 the light at any points with normals, in one call
@@ -295,12 +297,13 @@
    find what any surface reflects in one look, and still measure all that reaches them by rays of their own, and lamps
    in closed form: the store itself is only seen on surfaces of SBL_MATERIAL_NO_SENSORS, and in SBL_CHANNEL_STORE.
 
-   What it costs: a picture takes 1.7 to 2.8 times as long as with direct light alone, store included (measured in rooms
-   of several kinds, llvmpipe on two cores). The store is made by a scene's first picture or gather in this mode, and
-   serves all that follow, of any camera and size, until the scene changes: sbl_set_scene and sbl_set_mesh_transform
-   make it anew; after sbl_set_materials and sbl_set_lights, where only what shines differs, the rays are still there,
-   and it takes half as long. sbl_end gives back the memory of these rays, not the store. seconds.bounce and
-   bounce_samples of sbl_stats tell what it took.
+   What it costs: a picture takes 1.7 to 2.8 times as long as with direct light alone, store included, and more where it
+   is small (measured in rooms of several kinds, llvmpipe on two cores). The store is made by a scene's first picture or
+   gather in this mode, and serves all that follow, of any camera and size, until the scene changes: sbl_set_scene and
+   sbl_set_mesh_transform make it anew; after sbl_set_materials and sbl_set_lights, where only what shines differs, the
+   rays are still there, and it takes half as long. sbl_end gives back the memory of these rays, not the store.
+   sbl_save_store and sbl_load_store carry a store over to the next run. seconds.bounce and bounce_samples of sbl_stats
+   tell what it took.
 
    Its budget: sbl_scene_desc.bounce_samples, cells at most. Cells are cut for about half of it, the rest is for what
    stands on surfaces; where that does not suffice all begins again with larger cells. Raise it where a room is lit
@@ -654,10 +657,9 @@ typedef struct sbl_scene_desc {
     void *draw_user;
     float draw_bounds[2][3];   /* world bounds (lowest corner, highest corner) of what draw draws; required with it */
     float draw_max_radiance;   /* highest radiance that draw writes, so that texels do not overflow. Default: 1 */
-    int bounce_samples;        /* that bounced light is stored for, all over the surfaces, at most (SBL_MODE_GI): 1024
-                                  to 1048576. About 4 KB of host memory each while they are made and 2 KB from then
-                                  on, until sbl_end; 100 bytes of the GPU's. See ON LIGHT THAT BOUNCES. Default: 49152
-                                  */
+    int bounce_samples;        /* places that bounced light is stored for, at most (SBL_MODE_GI): 1024 to 1048576. About
+                                  4 KB of host memory each while they are made and 2 KB from then on, until sbl_end;
+                                  100 bytes of the GPU's. See ON LIGHT THAT BOUNCES. Default: 49152 */
     uint32_t end_canary;
 } sbl_scene_desc;
 

@@ -182,7 +182,7 @@ static const struct option {
     [RAYS]          = { "--rays", "N", INTEGERS, &options.rays, 1, 1, 4096, "samples of a traced sensor; default 64, 256, 1024 by preset" },
     [BOUNCE_SAMPLES] = { "--bounce-samples", "N", INTEGERS, &options.bounce_samples, 1, 1024, 1048576,
                          "places that bounced light is stored for, in mode gi, at most: more where light comes through gaps or geometry\n"
-                         "is fine; about 2 KB of memory each; default 49152" },
+                         "is fine; about 4 KB of memory each; default 49152" },
     [EPSILON]       = { "--epsilon", "E", NUMBERS, &options.epsilon, 1, 0, 1e30, "ambient factor of the modes paper and ambient; default 0.02" },
     [SENSOR_SIZE]   = { "--sensor-size", "N", INTEGERS, &options.sensor_size, 1, 4, 512, "texels across a sensor's view; default 32, 64, 128 by preset" },
     [SENSOR_FOV]    = { "--sensor-fov", "DEGREES", NUMBERS, &options.sensor_fov, 1, 1, 179, "mode paper only; default 135" },
@@ -348,6 +348,8 @@ static int parse(int argc, char **argv) {
         return misuse("--store needs --mode gi: other modes have no light that bounces");
     if (given[SENSOR_FOV] && (!given[MODE] || modes[options.mode] != SBL_MODE_PAPER))
         return misuse("--sensor-fov needs --mode paper: other sensors see the whole hemisphere");
+    if (given[EPSILON] && (!given[MODE] || modes[options.mode] == SBL_MODE_GI || modes[options.mode] == SBL_MODE_DIRECT))
+        return misuse("--epsilon needs --mode ambient or paper: the other modes have no ambient factor");
     if (options.sky_picture && given[MODE] && modes[options.mode] == SBL_MODE_PAPER)
         return misuse("--sky %s: --mode paper has no sky pictures; give a colour or choose another --mode", options.sky_picture);
     if (!options.sky_picture && (given[SKY_ROTATION] || given[SKY_SCALE] || given[SKY_UP]))

@@ -466,6 +466,27 @@ TEST(rays_can_be_traced) {
     CHECK(TOOL(ROOM, "--rays", "4097") == 2, "4097 rays: exit status %d: %s", ran.status, ran.err);
 }
 
+TEST(light_bounces_by_default) {
+    picture all, direct;
+    double sum[2] = { 0, 0 };
+    char text[8192];
+    int lines, i;
+    room_obj();
+    REQUIRE(TOOL(ROOM, "--bounce-samples", "2000", "--channel", "radiance", "--stats", "stats.json", "-o", "all.pfm") == 0,
+            "exit status %d: %s", ran.status, ran.err);
+    read_text(in_folder("stats.json"), text, sizeof text, &lines);
+    CHECK(strstr(text, "\"mode\": \"gi\"") && json_number(text, "bounce") > 0 && json_number(text, "bounce_samples") > 0 &&
+          json_number(text, "bounce_samples") <= 2000, "statistics: %s", text);
+    TOOL(ROOM, "--mode", "direct", "--channel", "radiance", "-o", "direct.pfm");
+    all = read_pfm("all.pfm");
+    direct = read_pfm("direct.pfm");
+    REQUIRE(all.values && direct.values, "a picture is missing");
+    for (i = 0; i < 24 * 16 * 3; i++) { sum[0] += (double)all.values[i]; sum[1] += (double)direct.values[i]; }
+    CHECK(sum[1] > 0 && sum[0] > 1.02 * sum[1], "R sums to %g, direct light to %g", sum[0], sum[1]);
+    free(all.values);
+    free(direct.values);
+}
+
 /* What the tool prints of a sensor adds up; of a single light, all of it. */
 static void inspect_with(const char *backend, const char *seen) {
     double sum[3], r[3], lamps[3], weights;
@@ -895,6 +916,9 @@ TEST(bad_usage_is_two) {
                                             { "room.obj", "--memory", "1K" },
                                             { "room.obj", "--read-time", "0" },
                                             { "room.obj", "--epsilon", "-0.1" },
+                                            { "room.obj", "--epsilon", "0.1" },
+                                            { "room.obj", "--mode", "direct", "--epsilon", "0.1" },
+                                            { "room.obj", "--bounce-samples", "1023" },
                                             { "room.obj", "-o", "out.jpg" },
                                             { "room.obj", "-o" },
                                             { "room.obj", "--fast" },
@@ -1120,7 +1144,7 @@ TEST(progress_is_for_terminals) {
 }
 
 TEST(help_names_every_option) {
-    static const char *const names[] = { "--output", "-o", "--channel", "--size", "--eye", "--look-at", "--up", "--fov", "--sky", "--sky-rotation", "--sky-scale", "--sky-up", "--mode", "--preset", "--backend", "--rays", "--epsilon",
+    static const char *const names[] = { "--output", "-o", "--channel", "--size", "--eye", "--look-at", "--up", "--fov", "--sky", "--sky-rotation", "--sky-scale", "--sky-up", "--mode", "--preset", "--backend", "--rays", "--bounce-samples", "--epsilon",
         "--sensor-size", "--sensor-fov", "--tile", "--threshold", "--filter-radius", "--exposure", "--seed", "--quiet", "--stats", "--samples", "--inspect", "--allow-path", "--memory", "--read-time", "--verbose", "130", "640x480", "sbl.png" };
     size_t i;
     CHECK(TOOL("--help") == 0 && !ran.err[0], "exit status %d: %s", ran.status, ran.err);
@@ -1164,6 +1188,7 @@ int main(int argc, char **argv) {
     RUN(exr_is_written_or_refused);
     RUN(statistics_have_every_field);
     RUN(rays_can_be_traced);
+    RUN(light_bounces_by_default);
     RUN(a_sensor_can_be_inspected);
     RUN(zero_is_zero);
     RUN(lights_of_a_gltf_scene);
