@@ -363,6 +363,7 @@ typedef enum sbl_log_level { SBL_LOG_ERROR, SBL_LOG_WARNING, SBL_LOG_INFO } sbl_
     X(NOTHING_VISIBLE, "the camera sees no surface")                                  \
     X(NO_LIGHT, "nothing in the scene shines")                                        \
     X(SCALE, "the scene is too small, too large or too far off for exact light")      \
+    X(ALBEDO, "bounced light takes no albedo above 0.98")                             \
     X(INFO, "information")
 
 #define SBL__X(name, text) SBL_LOG_ITEM_##name,
@@ -5189,6 +5190,7 @@ SBL__RECORD(sbl__leaf, SBL__LEAF_RECORD, "sbl_leaf", "sbl_store", "", "first_lea
 
 typedef struct sbl__store {
     int ready;
+    int warned;                /* of albedos */
     float origin[3], length;   /* of the grid; of a cell of level 0, at level n 2^n times as much */
     uint32_t *patches;         /* a word a triangle: number << SBL__PATCH_SHIFT | level | axis | flat | back */
     sbl__cell_slot *cells;
@@ -9070,9 +9072,25 @@ static float sbl__place_normal(const sbl__geometry *g, uint32_t place, float nor
     return (float)(SBL__OFFSET * (sqrt(away) + 2 * sqrt(longest)));
 }
 
+/* Once a scene, where what is clamped would not be noticed otherwise. */
+static void sbl__bounce_warn(const sbl__core *c, sbl__store *s) {
+    const sbl__geometry *g = &c->scene.geometry;
+    int i, white = 0;
+    for (i = 0; i < g->mesh_count; i++) {
+        const float *a = g->objects[i].albedo;
+        white += SBL__MIN(SBL__MIN(a[0], a[1]), a[2]) > SBL__BOUNCE_ALBEDO && !g->objects[i].albedo_texture[1];
+    }
+    if (white && !s->warned)
+        sbl__log(&c->base, SBL_LOG_WARNING, SBL_LOG_ITEM_ALBEDO, "%d meshes have albedos above %g, and bounced light "
+                 "is that of %g: closed rooms of such walls would never grow dark", white, (double)SBL__BOUNCE_ALBEDO,
+                 (double)SBL__BOUNCE_ALBEDO);
+    s->warned = 1;
+}
+
 static sbl_result sbl__bounce_begin(sbl__core *c, sbl__bounce *b) {
     const sbl__geometry *g = &c->scene.geometry;
     sbl__store *s = &c->scene.store;
+    sbl__bounce_warn(c, s);
     sbl__free(&c->base, s->patches);
     s->patches = (uint32_t *)sbl__alloc(&c->base, (size_t)g->triangle_count, sizeof *s->patches);
     b->sequence = sbl__sequence_make(&c->base, SBL__BOUNCE_RAYS, 1);
