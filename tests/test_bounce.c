@@ -279,7 +279,8 @@ TEST(two_sides_of_a_wall) {
     printf("  off by %.2g at most\n", worst);
 }
 
-/* >>furnaces: where all walls shine with E and reflect rho, R is E / (1 - rho) everywhere */
+/* >>furnaces: where all walls shine with E and reflect rho, R is E / (1 - rho) everywhere. What a few hundred lamps give one sensor has a noise of
+   percents; its mean has none. */
 
 /* The greatest error of all readings and channels, where R must be 1; *mean: of the mean. */
 static double off_one(double *mean) {
@@ -334,7 +335,7 @@ static void check_furnace_picture(double rho, int kind) {
         sum += (double)final[i] / (3 * 16 * 12);
     }
     printf("  furnace %d of albedo %g, picture: mean %.5f, worst %.2g\n", kind, rho, mean, worst);
-    CHECK(fabs(mean - 1) < 0.005 && fabs(sum - 1) < 0.005 && worst < (kind == 2 ? 0.1 : 0.005), "furnace %d of albedo %g: R of a picture is %g, final %g, off by %g at most", kind, rho, mean, sum, worst);
+    CHECK(fabs(mean - 1) < 0.005 && fabs(sum - 1) < 0.005 && worst < (kind ? 0.05 : 0.01), "furnace %d of albedo %g: R of a picture is %g, final %g, off by %g at most", kind, rho, mean, sum, worst);
     free(radiance);
     free(final);
 }
@@ -356,7 +357,7 @@ TEST(furnaces) {
                 if (!use_scene(&s, 4096) || !gather(SBL_MODE_GI, raster ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE, 256)) { scene_free(&s); return; }
                 worst = off_one(&mean);
                 printf("  furnace %d of albedo %g%s: mean off by %.2g, worst %.2g; %d\n", kind, (double)albedos[i], raster ? ", rasterised" : "", mean, worst, sbl_query_stats(context).bounce_samples);
-                CHECK(mean < 0.005 && worst < (kind == 2 ? 0.1 : 0.005), "furnace %d of albedo %g: the mean of R is off by %g, at most %g", kind, (double)albedos[i], mean, worst);
+                CHECK(mean < 0.005 && worst < (kind ? 0.05 : 0.01), "furnace %d of albedo %g: the mean of R is off by %g, at most %g", kind, (double)albedos[i], mean, worst);
                 if (!raster && i != 1) check_furnace_picture((double)albedos[i], kind);
                 scene_free(&s);
             }
@@ -379,7 +380,7 @@ TEST(furnace_under_the_sky) {
     if (use_scene(&s, 4096) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 256)) {
         worst = off_one(&mean);
         printf("  mean off by %.2g, worst %.2g\n", mean, worst);
-        CHECK(mean < 0.002 && worst < 0.01, "R is off by %g, at most %g", mean, worst);
+        CHECK(mean < 0.003 && worst < 0.05, "R is off by %g, at most %g", mean, worst);
     }
     scene_free(&s);
     scene_sphere(&s, scene_material(&s, 0.2f, 0.5f, 0.9f), 0, 0, 0, 1, 16, 8, 0);  /* convex: whatever it reflects */
@@ -499,7 +500,7 @@ static void follow_path(int face, uint32_t *state, double light[3]) {
 }
 
 TEST(a_cube_by_paths) {
-    enum { PATHS = 100000, SIDE = 8 };
+    enum { PATHS = 200000, SIDE = 14 };
     test_scene s = { 0 };
     static const int faces[6] = { 0, 1, 2, 3, 4, 5 };  /* of scene_box's quads */
     double worst = 0;
@@ -526,14 +527,282 @@ TEST(a_cube_by_paths) {
     scene_free(&s);
 }
 
+/* >>textures, vertex colours, cutouts */
+
+/* A cube of 1 with a lamp in its middle; its wall at x = 0 is the caller's. */
+static void room_but_a_wall(test_scene *s) {
+    scene_box(s, scene_material(s, 0.6f, 0.6f, 0.6f), 0, 0, 0, 1, 1, 1);
+    s->meshes[0] = s->meshes[--s->mesh_count];
+    scene_quad(s, scene_lamp(s, 3, 3, 3), 0.4f, 0.9f, 0.4f, 0.6f, 0.9f, 0.4f, 0.6f, 0.9f, 0.6f, 0.4f, 0.9f, 0.6f);
+}
+
+static void quarter_of_a_wall(test_scene *s, int material, float y0, float y1, float z0, float z1) {
+    scene_quad(s, material, 0, y0, z0, 0, y0, z1, 0, y1, z1, 0, y1, z0);
+}
+
+/* Sites in two halves of the room, by what the wall has before them; mean R of each by channel. */
+static int read_halves(const test_scene *s, double means[2][3]) {
+    int i, k;
+    site_count = 0;
+    for (i = 0; i < 128; i++) add_site(0.1 + 0.1 * (i % 8), 0, (i < 64 ? 0.05 : 0.55) + 0.05 * (i / 8 % 8), 0, 1, 0, 1);
+    if (!use_scene(s, 8192) || !gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 256)) return 0;
+    for (i = 0; i < 2; i++) for (k = 0; k < 3; k++) means[i][k] = mean_of(64 * i, 64 * i + 64, k);
+    return 1;
+}
+
+static void check_halves(const char *what, const test_scene *s, double wanted[2][3]) {
+    double found[2][3], worst = 0;
+    int i, k;
+    if (!read_halves(s, found)) return;
+    for (i = 0; i < 2; i++)
+        for (k = 0; k < 3; k++) {
+            worst = test_max(worst, fabs(found[i][k] / wanted[i][k] - 1));
+            CHECK(fabs(found[i][k] / wanted[i][k] - 1) < 0.02, "%s, half %d, channel %d: R is %g, of plain walls %g", what, i, k, found[i][k], wanted[i][k]);
+        }
+    printf("  %s: off by %.2g at most\n", what, worst);
+}
+
+/* A wall that is half red and half blue, by each means there is. */
+TEST(colours_of_a_wall) {
+    enum { WIDE = 128 };
+    static const float red[3] = { 0.8f, 0.1f, 0.1f }, blue[3] = { 0.1f, 0.1f, 0.8f };
+    static const float corners[12] = { 0, 0, 0, 0, 0, 1, 0, 1, 1, 0, 1, 0 };
+    float pixels[WIDE][4], colors[8][4], eight[24];
+    double wanted[2][3];
+    test_scene s = { 0 };
+    sbl_mesh *m;
+    int i, k, way;
+    room_but_a_wall(&s);
+    quarter_of_a_wall(&s, scene_material(&s, red[0], red[1], red[2]), 0, 1, 0, 0.5f);
+    quarter_of_a_wall(&s, scene_material(&s, blue[0], blue[1], blue[2]), 0, 1, 0.5f, 1);
+    i = read_halves(&s, wanted);
+    scene_free(&s);
+    REQUIRE(i, "no plain walls");
+    CHECK(wanted[0][0] > 1.1 * wanted[1][0] && wanted[1][2] > 1.1 * wanted[0][2], "red gives %g and %g, blue %g and %g", wanted[0][0], wanted[1][0], wanted[0][2], wanted[1][2]);
+    for (i = 0; i < WIDE; i++) {
+        for (k = 0; k < 3; k++) pixels[i][k] = (i < WIDE / 2 ? red : blue)[k];
+        pixels[i][3] = 1;
+    }
+    for (way = 0; way < 3; way++) {
+        static const char *const names[] = { "a texture", "vertex colours", "cutouts" };
+        room_but_a_wall(&s);
+        if (way == 0) {
+            k = scene_material(&s, 1, 1, 1);
+            s.materials[k].albedo_texture = scene_texture(&s, pixels, sizeof pixels, SBL_PIXELS_FLOAT, WIDE, 1, 4);
+            scene_quad_uv(&s, k, corners, 1, 1);
+        } else if (way == 1) {
+            static const uint32_t indices[12] = { 0, 1, 2, 0, 2, 3, 4, 5, 6, 4, 6, 7 };
+            for (i = 0; i < 8; i++) {
+                memcpy(colors[i], i < 4 ? red : blue, sizeof red);
+                colors[i][3] = 1;
+                eight[3 * i] = 0;
+                eight[3 * i + 1] = corners[3 * (i % 4) + 1];
+                eight[3 * i + 2] = (i < 4 ? 0 : 0.5f) + 0.5f * corners[3 * (i % 4) + 2];
+            }
+            m = scene_mesh(&s, scene_material(&s, 1, 1, 1), eight, NULL, NULL, 8, indices, 12);
+            m->colors.data = scene_copy(&s, colors[0], 32);
+        } else {  /* a red one with a hole before a blue one */
+            for (i = 0; i < WIDE; i++) {
+                memcpy(pixels[i], red, sizeof red);
+                pixels[i][3] = i < WIDE / 2 ? 1.0f : 0;
+            }
+            k = scene_material(&s, 1, 1, 1);
+            s.materials[k].albedo_texture = scene_texture(&s, pixels, sizeof pixels, SBL_PIXELS_FLOAT, WIDE, 1, 4);
+            s.materials[k].alpha_cutoff = 0.5f;
+            scene_quad_uv(&s, k, corners, 1, 1);
+            quarter_of_a_wall(&s, scene_material(&s, blue[0], blue[1], blue[2]), 0, 1, 0, 1);
+            m = &s.meshes[s.mesh_count - 1];
+            m->positions.data = scene_copy(&s, corners, 12);
+            for (i = 0; i < 4; i++) ((float *)s.blocks[s.block_count - 1])[3 * i] = -0.001f;
+        }
+        check_halves(names[way], &s, wanted);
+        scene_free(&s);
+    }
+}
+
+TEST(furnace_of_a_texture) {
+    static const unsigned char greys[4] = { 128, 128, 128, 128 };
+    test_scene s = { 0 };
+    const float rho = 0.8f * 128 / 255;
+    const int m = furnace_material(&s, rho);
+    double worst, mean;
+    int k;
+    for (k = 0; k < 3; k++) s.materials[m].albedo[k] = 0.8f;
+    s.materials[m].albedo_texture = scene_texture(&s, greys, sizeof greys, SBL_PIXELS_LINEAR8, 2, 2, 1);
+    scene_box(&s, m, -1.2f, -1, -0.9f, 1.2f, 1, 0.9f);
+    site_count = 0;
+    add_sites_anywhere(0.9, 100);
+    if (use_scene(&s, 4096) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 256)) {
+        worst = off_one(&mean);
+        printf("  mean off by %.2g, worst %.2g\n", mean, worst);
+        CHECK(mean < 0.005 && worst < 0.01, "the mean of R is off by %g, at most %g", mean, worst);
+    }
+    scene_free(&s);
+}
+
+/* >>reuse */
+
+enum { WIDTH = 20, HEIGHT = 15, PIXELS = WIDTH * HEIGHT };
+
+static sbl_picture_desc reuse_view(int number) {
+    sbl_picture_desc view = scene_view(WIDTH, HEIGHT, 60, number ? 3.5f : 0.5f, 1.5f, number ? 3 : 3.5f, 2, 0.8f, 1);
+    view.mode = SBL_MODE_GI;
+    view.rays = 32;
+    view.samples = 1;
+    return view;
+}
+
+static void reuse_scene(test_scene *s) {
+    lit_room(s);
+    scene_box(s, scene_material(s, 0.2f, 0.7f, 0.3f), 1.5f, 0, 1.3f, 2.1f, 0.8f, 2);
+}
+
+/* A picture in a context of its own; the caller frees it. moved: a mesh that is moved by 0.3 along x before, or -1. */
+static float *fresh_picture(const test_scene *s, const sbl_picture_desc *view, int moved, sbl_stats *stats) {
+    static watch quiet;
+    const sbl_context_desc desc = watch_desc(&quiet);
+    sbl_context *shared = context, *fresh = watch_context(&quiet, &desc, s);
+    float *picture = NULL;
+    memset(stats, 0, sizeof *stats);
+    context = fresh;
+    if (fresh) {
+        sbl_scene_desc scene = scene_desc(s);
+        float transform[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.3f, 0, 0, 1 };
+        scene.bounce_samples = 2048;
+        CHECK(sbl_set_scene(fresh, &scene) == SBL_SUCCESS, "no scene: %s", watch_last(&quiet));
+        if (moved >= 0) CHECK(sbl_set_mesh_transform(fresh, moved, transform) == SBL_SUCCESS, "no move: %s", watch_last(&quiet));
+        CHECK(sbl_render(fresh, view) == SBL_SUCCESS, "no picture: %s", watch_last(&quiet));
+        *stats = sbl_query_stats(fresh);
+        picture = scene_channel(fresh, view, SBL_CHANNEL_FINAL);
+    }
+    sbl_destroy(fresh);
+    context = shared;
+    return picture;
+}
+
+/* The shared context's picture must be that of a fresh one, to the bit. Returns how far it is from another picture, which it replaces. */
+static double check_fresh(const char *what, const test_scene *s, int number, int moved, float **last) {
+    const sbl_picture_desc view = reuse_view(number);
+    sbl_stats stats, own;
+    float *fresh = fresh_picture(s, &view, moved, &stats), *mine = NULL;
+    double off = 0, sum = 0;
+    int i;
+    CHECK(sbl_render(context, &view) == SBL_SUCCESS, "%s: no picture: %s", what, watch_last(&seen));
+    own = sbl_query_stats(context);
+    mine = scene_channel(context, &view, SBL_CHANNEL_FINAL);
+    CHECK(fresh && memcmp(fresh, mine, 3 * PIXELS * sizeof *mine) == 0, "%s: the picture is not that of a fresh context", what);
+    CHECK(stats.bounce_samples == own.bounce_samples && own.bounce_samples > 100, "%s: %d samples, freshly %d", what, own.bounce_samples, stats.bounce_samples);
+    for (i = 0; i < 3 * PIXELS; i++) { off += *last ? fabs((double)mine[i] - (double)(*last)[i]) : 0; sum += (double)mine[i]; }
+    free(fresh);
+    free(*last);
+    *last = mine;
+    if (number) {  /* the store is there */
+        CHECK(own.readbacks < stats.readbacks, "%s: %d readbacks, with the store %d", what, own.readbacks, stats.readbacks);
+        CHECK(own.seconds.bounce < 0.1 * stats.seconds.bounce, "%s: the store takes %g s again, of %g s", what, own.seconds.bounce, stats.seconds.bounce);
+    } else CHECK(own.seconds.bounce > 0.2 * stats.seconds.bounce, "%s: a store in %g s, freshly %g s", what, own.seconds.bounce, stats.seconds.bounce);
+    return off / sum;
+}
+
+TEST(the_store_is_kept_and_renewed) {
+    const float transform[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.3f, 0, 0, 1 };
+    test_scene s = { 0 };
+    float *last = NULL;
+    double off;
+    reuse_scene(&s);
+    REQUIRE(use_scene(&s, 2048), "no scene");
+    check_fresh("the first picture", &s, 0, -1, &last);
+    check_fresh("another camera", &s, 1, -1, &last);
+    REQUIRE(sbl_set_mesh_transform(context, 6, transform) == SBL_SUCCESS, "no move");  /* the lamp */
+    check_fresh("a lamp that moved", &s, 0, 6, &last);
+    check_fresh("another camera again", &s, 1, 6, &last);
+    s.materials[0].albedo[0] = 0.1f;
+    REQUIRE(use_scene(&s, 2048), "no scene");
+    check_fresh("a darker room", &s, 0, -1, &last);
+    off = check_fresh("the same again", &s, 1, -1, &last);
+    CHECK(off > 0.01, "two cameras show the same");
+    free(last);
+    scene_free(&s);
+}
+
+/* >>all front ends find the same */
+
+static int inspect_all(int *same) {
+    int i, shown = 0;
+    *same = 0;
+    for (i = 0; i < PIXELS; i++) {
+        sbl_sensor sensor;
+        memset(&sites[i], 0, sizeof sites[i]);
+        sites[i].normal[1] = 1;
+        readings[i].valid = 0;
+        if (sbl_inspect_sensor(context, i % WIDTH, i / WIDTH, &sensor, NULL, NULL, 0) != SBL_SUCCESS) continue;
+        sites[i] = sensor.site;
+        *same += fabs((double)(sensor.from_surroundings[0] + sensor.from_lamps[0]) - (double)sensor.radiance[0]) < 1e-4 * (double)sensor.radiance[0] + 1e-6;
+        shown++;
+    }
+    site_count = PIXELS;
+    return shown;
+}
+
+TEST(gather_inspection_and_picture_agree) {
+    static const sbl_backend backends[] = { SBL_BACKEND_TRACE, SBL_BACKEND_RASTER };
+    test_scene s = { 0 };
+    float *radiance[2] = { NULL, NULL };
+    double sums[2] = { 0, 0 };
+    int i, b;
+    scene_cornell_box(&s);
+    s.materials[0].albedo_texture = 0;
+    REQUIRE(use_scene(&s, 4096), "no scene");
+    for (b = 0; b < 2; b++) {
+        sbl_picture_desc view = scene_plain(scene_cornell_view(WIDTH, HEIGHT), SBL_MODE_GI, 16);
+        sbl_gather_desc desc;
+        int shown, inspected, same = 0, close = 0;
+        view.backend = backends[b];
+        view.rays = 64;
+        view.seed = 7;
+        REQUIRE(sbl_render(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+        radiance[b] = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+        shown = inspect_all(&inspected);
+        memset(&desc, 0, sizeof desc);
+        desc.sites = sites;
+        desc.readings = readings;
+        desc.site_count = PIXELS;
+        desc.mode = SBL_MODE_GI;
+        desc.backend = backends[b];
+        desc.rays = 64;
+        desc.sensor_size = 16;
+        desc.seed = 7;
+        REQUIRE(sbl_gather(context, &desc) == SBL_SUCCESS, "no gather: %s", watch_last(&seen));
+        for (i = 0; i < PIXELS; i++) {
+            const double r = (double)radiance[b][3 * i];
+            if (sites[i].position[2] == 0 && sites[i].position[1] == 0 && sites[i].position[0] == 0) continue;
+            same += memcmp(readings[i].radiance, radiance[b] + 3 * i, sizeof readings[i].radiance) == 0;
+            close += fabs((double)readings[i].radiance[0] - r) < 1e-4 * r + 1e-6;
+            sums[b] += r;
+        }
+        printf("  %d shown, %d close, %d the same, %d inspected\n", shown, close, same, inspected);
+        CHECK(shown > PIXELS / 2 && close > shown * 98 / 100, "backend %d: %d of %d readings are close to the picture's", b, close, shown);
+        if (b == 0) CHECK(same == shown, "%d of %d readings are the picture's to the bit", same, shown);
+        CHECK(inspected > shown * 98 / 100, "backend %d: %d of %d inspections are the picture's", b, inspected, shown);
+    }
+    printf("  rasterised against traced: %.4f\n", sums[1] / sums[0]);
+    CHECK(fabs(sums[1] / sums[0] - 1) < 0.02, "rasterised R is %g of the traced", sums[1] / sums[0]);
+    free(radiance[0]);
+    free(radiance[1]);
+    scene_free(&s);
+}
+
 int main(void) {
     if (!getenv("Q")) RUN(walls_keep_light_out);
     if (!getenv("Q")) RUN(two_sides_of_a_wall);
     RUN(furnaces);
     RUN(furnace_under_the_sky);
+    RUN(furnace_of_a_texture);
     RUN(albedo_of_one);
     RUN(light_is_neither_made_nor_lost);
     RUN(a_cube_by_paths);
+    RUN(colours_of_a_wall);
+    RUN(the_store_is_kept_and_renewed);
+    RUN(gather_inspection_and_picture_agree);
     sbl_destroy(context);
     return test_report();
 }
