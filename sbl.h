@@ -411,6 +411,7 @@ typedef enum sbl_log_level { SBL_LOG_ERROR, SBL_LOG_WARNING, SBL_LOG_INFO } sbl_
     X(NO_LIGHT, "nothing in the scene shines")                                        \
     X(SCALE, "the scene is too small, too large or too far off for exact light")      \
     X(INVALID_STORE, "saved light is damaged or of another scene")                    \
+    X(ALBEDO, "bounced light takes no albedo above 0.98")                             \
     X(INFO, "information")
 
 #define SBL__X(name, text) SBL_LOG_ITEM_##name,
@@ -5292,6 +5293,7 @@ SBL__RECORD(sbl__leaf, SBL__LEAF_RECORD, "sbl_leaf", "sbl_store", "", "first_lea
 
 typedef struct sbl__store {
     int ready;
+    int warned;                /* of albedos */
     float origin[3], length;   /* of the grid; of a cell of level 0, at level n 2^n times as much */
     uint32_t *patches;         /* a word a triangle: number << SBL__PATCH_SHIFT | level | axis | flat | back */
     sbl__cell_slot *cells;
@@ -7169,7 +7171,11 @@ static const char *const sbl__glsl_lamps[] = {
 "        l.corner -= position;\n",
 "        l.emission = sbl_object_emission(object) / unit;\n",
 "        l.number = int(sbl_triangle_number(l.triangle));\n",
-"        l.group = dot(cross(l.side_1, l.side_2), l.corner) > 0.0 ? vec2(0, 1) : vec2(1, 0);\n",
+"        vec3 normal = cross(l.side_1, l.side_2);\n",
+"        float off = dot(normal, l.corner);\n",
+"        l.group = off > 0.0 ? vec2(0, 1) : vec2(1, 0);\n",
+"        // seen edge-on; above all its own, which rounding may put above the horizon, all over it\n",
+"        if (abs(off) < 0.5 * sbl_look_offset(look) * length(normal)) l.emission = vec3(0);\n",
 "        if (l.group.y == 1.0 && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u) l.emission = vec3(0);\n",
 "    }\n",
 "    sbl_when (l.kind == SBL_LAMP_SKY_TEXEL) {\n",
@@ -9269,9 +9275,25 @@ static float sbl__place_normal(const sbl__geometry *g, uint32_t place, float nor
     return (float)(SBL__OFFSET * (sqrt(away) + 2 * sqrt(longest)));
 }
 
+/* Once a scene, where what is clamped would not be noticed otherwise. */
+static void sbl__bounce_warn(const sbl__core *c, sbl__store *s) {
+    const sbl__geometry *g = &c->scene.geometry;
+    int i, white = 0;
+    for (i = 0; i < g->mesh_count; i++) {
+        const float *a = g->objects[i].albedo;
+        white += SBL__MIN(SBL__MIN(a[0], a[1]), a[2]) > SBL__BOUNCE_ALBEDO && !g->objects[i].albedo_texture[1];
+    }
+    if (white && !s->warned)
+        sbl__log(&c->base, SBL_LOG_WARNING, SBL_LOG_ITEM_ALBEDO, "%d meshes have albedos above %g, and bounced light "
+                 "is that of %g: closed rooms of such walls would never grow dark", white, (double)SBL__BOUNCE_ALBEDO,
+                 (double)SBL__BOUNCE_ALBEDO);
+    s->warned = 1;
+}
+
 static sbl_result sbl__bounce_begin(sbl__core *c, sbl__bounce *b) {
     const sbl__geometry *g = &c->scene.geometry;
     sbl__store *s = &c->scene.store;
+    sbl__bounce_warn(c, s);
     sbl__free(&c->base, s->patches);
     s->patches = (uint32_t *)sbl__alloc(&c->base, (size_t)g->triangle_count, sizeof *s->patches);
     b->sequence = sbl__sequence_make(&c->base, SBL__BOUNCE_RAYS, 1);

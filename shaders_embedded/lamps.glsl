@@ -81,7 +81,11 @@ sbl_Lamp sbl_lamp(int leaf) {
         l.corner -= position;
         l.emission = sbl_object_emission(object) / unit;
         l.number = int(sbl_triangle_number(l.triangle));
-        l.group = dot(cross(l.side_1, l.side_2), l.corner) > 0.0 ? vec2(0, 1) : vec2(1, 0);
+        vec3 normal = cross(l.side_1, l.side_2);
+        float off = dot(normal, l.corner);
+        l.group = off > 0.0 ? vec2(0, 1) : vec2(1, 0);
+        // seen edge-on; above all its own, which rounding may put above the horizon, all over it
+        if (abs(off) < 0.5 * sbl_look_offset(look) * length(normal)) l.emission = vec3(0);
         if (l.group.y == 1.0 && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u) l.emission = vec3(0);
     }
     sbl_when (l.kind == SBL_LAMP_SKY_TEXEL) {
