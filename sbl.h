@@ -5279,7 +5279,8 @@ static sbl_result sbl__store_clear(sbl__base *base, sbl__store *s, int leaves) {
 
 /* reference: the one that is to lead there. */
 static sbl_result sbl__store_add_leaf(sbl__base *base, sbl__store *s, uint32_t *reference) {
-    if (!sbl__grow(base, &s->leaves, &s->leaf_room, s->leaf_count + 1, sizeof *s->leaves)) return SBL_ERROR_OUT_OF_MEMORY;
+    if (!sbl__grow(base, &s->leaves, &s->leaf_room, s->leaf_count + 1, sizeof *s->leaves))
+        return SBL_ERROR_OUT_OF_MEMORY;
     memset(&s->leaves[s->leaf_count], 0, sizeof *s->leaves);
     *reference = (uint32_t)++s->leaf_count;
     return SBL_SUCCESS;
@@ -5519,9 +5520,11 @@ static sbl_result sbl__store_send(const sbl__device *d, sbl__store *s, int trian
     sbl__buffer_write(d, buffer, 0, sizeof *s->patches * (size_t)triangles, s->patches);
     sbl__buffer_write(d, buffer, texel * (size_t)s->first_cell, sizeof *s->cells * (size_t)s->cell_room, s->cells);
     if (s->split_count)
-        sbl__buffer_write(d, buffer, texel * (size_t)s->first_split, sizeof *s->splits * (size_t)s->split_count, s->splits);
+        sbl__buffer_write(d, buffer, texel * (size_t)s->first_split, sizeof *s->splits * (size_t)s->split_count,
+                          s->splits);
     if (s->leaf_count)
-        sbl__buffer_write(d, buffer, texel * (size_t)s->first_leaf, sizeof *s->leaves * (size_t)s->leaf_count, s->leaves);
+        sbl__buffer_write(d, buffer, texel * (size_t)s->first_leaf, sizeof *s->leaves * (size_t)s->leaf_count,
+                          s->leaves);
     return sbl__table_show(d, &s->table, SBL__GL_RGBA32UI, wide);
 }
 
@@ -5564,7 +5567,7 @@ static const char *const sbl__glsl_store[] = {
 "    }\n",
 "    if (distance * per < SBL_NEAR_SHARE) patch_word |= SBL_PATCH_NEAR;\n",
 "    uint reference = 0u;\n",
-"    for (int tries = 0; tries < 2 && reference == 0u; tries++) {  // as seen from elsewhere, where nothing else is known\n",
+"    for (int tries = 0; tries < 2 && reference == 0u; tries++) {  // as seen from elsewhere, where no more is said\n",
 "        uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);\n",
 "        uint check = sbl_hash_step(sbl_hash_step(sbl_hash_step(hash, at.z), at.y), at.x) | 1u;\n",
 "        for (int i = 0; i < SBL_PROBES; i++) {\n",
@@ -5917,7 +5920,7 @@ static const char *const sbl__glsl_surface[] = {
 /* >>glsl outgoing: shaders_embedded/outgoing.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_outgoing[] = {
 "// What a surface sends towards a sensor: Ck of equations 1 and 2, an emitter's radiance, or the ambient factor\n",
-"// times the colour; or the light that bounces there, which the store knows. All that sensors see comes through here.\n",
+"// times the colour; or the light that bounces there, which the store knows. All that sensors see comes by here.\n",
 "uniform float epsilon;     // the ambient factor\n",
 "uniform bool lamps_apart;  // light from emitters comes from lamps.glsl\n",
 "\n",
@@ -8820,7 +8823,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
    Where a surface goes on beneath what stands on it, a leaf must not be lit for both sides: from each leaf's first
    point feelers go out along its surface to the end of its cell, and what they meet cuts it (sbl__store_add_split). */
 
-#define SBL__BOUNCE_SEEDS 1.0      /* of a cell */
+#define SBL__BOUNCE_SEEDS 1.0      /* of a cell, as large as cells are at first */
 #define SBL__BOUNCE_SEED_RAYS 4
 #define SBL__BOUNCE_POINTS 4
 
@@ -8839,6 +8842,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
 #define SBL__BOUNCE_REST 2e-4      /* of the light, that may be missing at the end */
 #define SBL__BOUNCE_GROWTH 1.5     /* of cells' area, where leaves do not suffice */
 #define SBL__BOUNCE_GROWTH_MOST 4.0
+#define SBL__BOUNCE_GROWTH_END 16.0  /* in all; what then finds no room stays dark: there are more meshes than leaves */
 #define SBL__BOUNCE_AIM 0.5        /* of the leaves that there may be, for which cells are cut at first */
 #define SBL__CAST_COLUMNS 256
 #define SBL__CAST_ROWS 64
@@ -9094,7 +9098,8 @@ static sbl_result sbl__bounce_seed(sbl__core *c, sbl__bounce *b, sbl__slice *sli
         double normal[3], k;
         if (sbl__late(slice)) return SBL_UNFINISHED;
         if (o->flags & SBL__HIDDEN_FROM_SENSORS) continue;
-        b->spread += SBL__BOUNCE_SEEDS * sbl__scene_normal(g, triangle, normal) / (length * length);
+        b->spread += SBL__BOUNCE_SEEDS * b->patching.growth * sbl__scene_normal(g, triangle, normal) /
+                     (length * length);
         for (k = floor(from); k < floor(b->spread) && result == SBL_SUCCESS; k++)
             result = sbl__bounce_add_seeds(c, b, triangle, (uint32_t)k);
     }
@@ -9139,7 +9144,10 @@ static sbl_result sbl__bounce_add(sbl__core *c, sbl__bounce *b, const sbl__hit *
     sbl__store *s = &c->scene.store;
     int leaf, depth;
     uint32_t *reference = sbl__store_find(s, sbl__place_patch(s, at), at->position, &depth);
-    if (!reference || s->leaf_count >= s->most) { *crowded = 1; return SBL_SUCCESS; }
+    if (!reference || (!*reference && s->leaf_count >= s->most)) {
+        *crowded = b->patching.growth < SBL__BOUNCE_GROWTH_END;
+        return SBL_SUCCESS;
+    }
     if (!*reference) return sbl__bounce_add_leaf(c, b, at, reference);
     leaf = (int)*reference - 1;
     if (leaf < b->fresh) return b->states[leaf].points < SBL__BOUNCE_POINTS ? sbl__bounce_add_point(c, b, at, leaf)
@@ -9446,7 +9454,7 @@ static sbl__bounce_stage sbl__bounce_next(sbl__core *c, sbl__bounce *b) {
             return SBL__BOUNCE_LIGHT;
         case SBL__BOUNCE_LIGHT:
             c->stats.readbacks += c->job.counts.readbacks;
-            memset(&c->job.counts, 0, sizeof c->job.counts);  /* of what is gathered for the host alone */
+            sbl__job_free(&c->device, &c->job);  /* with room for more sites than what follows has; and its counts */
             return SBL__BOUNCE_JOIN;
         case SBL__BOUNCE_SOLVE: return sbl__bounce_solve(c, b) == SBL_SUCCESS ? SBL__BOUNCE_SEND : SBL__BOUNCE_GATHER;
         default: return (sbl__bounce_stage)(b->stage + 1);

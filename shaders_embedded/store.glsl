@@ -24,7 +24,7 @@ vec3 sbl_stored(int number, bool back, vec3 position, float distance) {
     }
     if (distance * per < SBL_NEAR_SHARE) patch_word |= SBL_PATCH_NEAR;
     uint reference = 0u;
-    for (int tries = 0; tries < 2 && reference == 0u; tries++) {  // as seen from elsewhere, where nothing else is known
+    for (int tries = 0; tries < 2 && reference == 0u; tries++) {  // as seen from elsewhere, where no more is said
         uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);
         uint check = sbl_hash_step(sbl_hash_step(sbl_hash_step(hash, at.z), at.y), at.x) | 1u;
         for (int i = 0; i < SBL_PROBES; i++) {
