@@ -9055,7 +9055,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
    corners and narrow cells feelers pass by much; so what stands on a flat surface, once met, cuts all of its cells along
    the line where it stands. */
 
-#define SBL__BOUNCE_SEEDS 1.0      /* of a cell */
+#define SBL__BOUNCE_SEEDS 1.0      /* of a cell, as large as cells are at first */
 #define SBL__BOUNCE_SEED_RAYS 4
 #define SBL__BOUNCE_POINTS 4
 
@@ -9076,6 +9076,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
 #define SBL__BOUNCE_REST 2e-4      /* of the light, that may be missing at the end */
 #define SBL__BOUNCE_GROWTH 1.5     /* of cells' area, where leaves do not suffice */
 #define SBL__BOUNCE_GROWTH_MOST 4.0
+#define SBL__BOUNCE_GROWTH_END 16.0  /* in all; what then finds no room stays dark: there are more meshes than leaves */
 #define SBL__BOUNCE_AIM 0.5        /* of the leaves that there may be, for which cells are cut at first */
 #define SBL__CAST_COLUMNS 256
 #define SBL__CAST_ROWS 64
@@ -9334,7 +9335,8 @@ static sbl_result sbl__bounce_seed(sbl__core *c, sbl__bounce *b, sbl__slice *sli
         double normal[3], k;
         if (sbl__late(slice)) return SBL_UNFINISHED;
         if (o->flags & SBL__HIDDEN_FROM_SENSORS) continue;
-        b->spread += SBL__BOUNCE_SEEDS * sbl__scene_normal(g, triangle, normal) / (length * length);
+        b->spread += SBL__BOUNCE_SEEDS * b->patching.growth * sbl__scene_normal(g, triangle, normal) /
+                     (length * length);
         for (k = floor(from); k < floor(b->spread) && result == SBL_SUCCESS; k++)
             result = sbl__bounce_add_seeds(c, b, triangle, (uint32_t)k);
     }
@@ -9379,7 +9381,10 @@ static sbl_result sbl__bounce_add(sbl__core *c, sbl__bounce *b, const sbl__hit *
     sbl__store *s = &c->scene.store;
     int leaf, depth;
     uint32_t *reference = sbl__store_find(s, sbl__place_patch(s, at), at->position, &depth);
-    if (!reference || s->leaf_count >= s->most) { *crowded = 1; return SBL_SUCCESS; }
+    if (!reference || (!*reference && s->leaf_count >= s->most)) {
+        *crowded = b->patching.growth < SBL__BOUNCE_GROWTH_END;
+        return SBL_SUCCESS;
+    }
     if (!*reference) return sbl__bounce_add_leaf(c, b, at, reference);
     leaf = (int)*reference - 1;
     if (leaf < b->fresh) return b->states[leaf].points < SBL__BOUNCE_POINTS ? sbl__bounce_add_point(c, b, at, leaf)
@@ -9867,7 +9872,7 @@ static sbl__bounce_stage sbl__bounce_next(sbl__core *c, sbl__bounce *b) {
             return SBL__BOUNCE_LIGHT;
         case SBL__BOUNCE_LIGHT:
             c->stats.readbacks += c->job.counts.readbacks;
-            memset(&c->job.counts, 0, sizeof c->job.counts);  /* of what is gathered for the host alone */
+            sbl__job_free(&c->device, &c->job);  /* with room for more sites than what follows has; and its counts */
             return SBL__BOUNCE_JOIN;
         case SBL__BOUNCE_SOLVE: return sbl__bounce_solve(c, b) == SBL_SUCCESS ? SBL__BOUNCE_SEND : SBL__BOUNCE_GATHER;
         default: return (sbl__bounce_stage)(b->stage + 1);

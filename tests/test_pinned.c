@@ -152,7 +152,10 @@ static const struct { const char *renderer, *version; uint64_t hashes[PINS]; } p
         0xdd4a1b12fd93743cu,  /* sky_ambient_traced */
         0x6428cb68ee283f7cu,  /* sky_ambient_rasterised */
         0x2ab5621cc4cec491u,  /* many_lamps_direct_traced */
-        0x55cbb6afd89ac423u,  /* many_lamps_direct_rasterised */ } }
+        0x55cbb6afd89ac423u,  /* many_lamps_direct_rasterised */
+        0x85327983e1b9df77u,  /* cornell_gi_traced */
+        0xa4b944e58b23a77bu,  /* cornell_gi_rasterised */
+        0xa834a7cf733ac01fu,  /* sky_gi_traced */ } }
 };
 
 TEST(pictures_are_the_same_as_ever) {
