@@ -5281,7 +5281,8 @@ static sbl_result sbl__store_clear(sbl__base *base, sbl__store *s, int leaves) {
 
 /* reference: the one that is to lead there. */
 static sbl_result sbl__store_add_leaf(sbl__base *base, sbl__store *s, uint32_t *reference) {
-    if (!sbl__grow(base, &s->leaves, &s->leaf_room, s->leaf_count + 1, sizeof *s->leaves)) return SBL_ERROR_OUT_OF_MEMORY;
+    if (!sbl__grow(base, &s->leaves, &s->leaf_room, s->leaf_count + 1, sizeof *s->leaves))
+        return SBL_ERROR_OUT_OF_MEMORY;
     memset(&s->leaves[s->leaf_count], 0, sizeof *s->leaves);
     *reference = (uint32_t)++s->leaf_count;
     return SBL_SUCCESS;
@@ -5534,9 +5535,11 @@ static sbl_result sbl__store_send(const sbl__device *d, sbl__store *s, int trian
     sbl__buffer_write(d, buffer, 0, sizeof *s->patches * (size_t)triangles, s->patches);
     sbl__buffer_write(d, buffer, texel * (size_t)s->first_cell, sizeof *s->cells * (size_t)s->cell_room, s->cells);
     if (s->split_count)
-        sbl__buffer_write(d, buffer, texel * (size_t)s->first_split, sizeof *s->splits * (size_t)s->split_count, s->splits);
+        sbl__buffer_write(d, buffer, texel * (size_t)s->first_split, sizeof *s->splits * (size_t)s->split_count,
+                          s->splits);
     if (s->leaf_count)
-        sbl__buffer_write(d, buffer, texel * (size_t)s->first_leaf, sizeof *s->leaves * (size_t)s->leaf_count, s->leaves);
+        sbl__buffer_write(d, buffer, texel * (size_t)s->first_leaf, sizeof *s->leaves * (size_t)s->leaf_count,
+                          s->leaves);
     return sbl__table_show(d, &s->table, SBL__GL_RGBA32UI, wide);
 }
 
@@ -5555,7 +5558,8 @@ static void sbl__store_bind(sbl__device *d, const sbl__store *s) {
 static const char *const sbl__glsl_store[] = {
 "// The store of bounced light (see >>store in sbl.h): R on surfaces, cell by cell.\n",
 "#ifdef SBL_BOUNCED\n",
-"// The table begins with a word a triangle of the scene; then the hash table of cells: check and reference; 0 0: nothing.\n",
+"// The table begins with a word a triangle of the scene; then the hash table of cells: check and reference; 0 0:\n",
+"// nothing.\n",
 "uniform int first_cell;   // texel that cells start at, two a texel\n",
 "uniform int cell_mask;    // their slots - 1\n",
 "uniform vec3 cell_origin;\n",
@@ -5579,7 +5583,7 @@ static const char *const sbl__glsl_store[] = {
 "    }\n",
 "    if (distance * per < SBL_NEAR_SHARE) patch_word |= SBL_PATCH_NEAR;\n",
 "    uint reference = 0u;\n",
-"    for (int tries = 0; tries < 2 && reference == 0u; tries++) {  // as seen from elsewhere, where nothing else is known\n",
+"    for (int tries = 0; tries < 2 && reference == 0u; tries++) {  // or as seen from elsewhere\n",
 "        uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);\n",
 "        uint check = sbl_hash_step(sbl_hash_step(sbl_hash_step(hash, at.z), at.y), at.x) | 1u;\n",
 "        for (int i = 0; i < SBL_PROBES; i++) {\n",
@@ -5932,7 +5936,8 @@ static const char *const sbl__glsl_surface[] = {
 /* >>glsl outgoing: shaders_embedded/outgoing.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_outgoing[] = {
 "// What a surface sends towards a sensor: Ck of equations 1 and 2, an emitter's radiance, or the ambient factor\n",
-"// times the colour; or the light that bounces there, which the store knows. All that sensors see comes through here.\n",
+"// times the colour; or the light that bounces there, which the store knows. All that sensors see comes through\n",
+"// here.\n",
 "uniform float epsilon;     // the ambient factor\n",
 "uniform bool lamps_apart;  // light from emitters comes from lamps.glsl\n",
 "\n",
@@ -8299,7 +8304,8 @@ static float sbl__spec_tolerance(const sbl__spec *spec) {
 static int sbl__spec_equal(const sbl__spec *a, const sbl__spec *b) {
     return a->traced == b->traced && a->paper == b->paper && a->hemicube == b->hemicube && a->size == b->size &&
            a->fov == b->fov && a->rays == b->rays && a->lamp_rays == b->lamp_rays && a->lamps_apart == b->lamps_apart &&
-           a->bounced == b->bounced &&           a->bounced == b->bounced && a->epsilon == b->epsilon && a->atlas_size == b->atlas_size && a->batch == b->batch;
+           a->bounced == b->bounced && a->epsilon == b->epsilon && a->atlas_size == b->atlas_size &&
+           a->batch == b->batch;
 }
 
 /* >>job: setting up */

@@ -1,5 +1,6 @@
 // What a surface sends towards a sensor: Ck of equations 1 and 2, an emitter's radiance, or the ambient factor
-// times the colour; or the light that bounces there, which the store knows. All that sensors see comes through here.
+// times the colour; or the light that bounces there, which the store knows. All that sensors see comes through
+// here.
 uniform float epsilon;     // the ambient factor
 uniform bool lamps_apart;  // light from emitters comes from lamps.glsl
 

@@ -1,6 +1,7 @@
 // The store of bounced light (see >>store in sbl.h): R on surfaces, cell by cell.
 #ifdef SBL_BOUNCED
-// The table begins with a word a triangle of the scene; then the hash table of cells: check and reference; 0 0: nothing.
+// The table begins with a word a triangle of the scene; then the hash table of cells: check and reference; 0 0:
+// nothing.
 uniform int first_cell;   // texel that cells start at, two a texel
 uniform int cell_mask;    // their slots - 1
 uniform vec3 cell_origin;
@@ -24,7 +25,7 @@ vec3 sbl_stored(int number, bool back, vec3 position, float distance) {
     }
     if (distance * per < SBL_NEAR_SHARE) patch_word |= SBL_PATCH_NEAR;
     uint reference = 0u;
-    for (int tries = 0; tries < 2 && reference == 0u; tries++) {  // as seen from elsewhere, where nothing else is known
+    for (int tries = 0; tries < 2 && reference == 0u; tries++) {  // or as seen from elsewhere
         uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);
         uint check = sbl_hash_step(sbl_hash_step(sbl_hash_step(hash, at.z), at.y), at.x) | 1u;
         for (int i = 0; i < SBL_PROBES; i++) {

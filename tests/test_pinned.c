@@ -141,15 +141,15 @@ static const struct { const char *renderer, *version; uint64_t hashes[PINS]; } p
         0x053df88ddde4e6d8u,  /* cornell_direct_high */
         0xbcb7cf12adfa7ad7u,  /* cornell_ambient_rasterised */
         0x5d8b529644cb248du,  /* cornell_paper */
-        0x85c9c1b64687a0f2u,  /* everything_ambient_traced */
-        0x96da954bee9d19ceu,  /* everything_ambient_rasterised */
+        0x4055583fb3292fc3u,  /* everything_ambient_traced */
+        0xcf47d1ee0291861au,  /* everything_ambient_rasterised */
         0xdd61eb2050eba32fu,  /* everything_paper */
-        0x241b407724a13bc7u,  /* lights_direct_traced */
-        0x356aa88ff24d57cfu,  /* lights_direct_rasterised */
-        0xdd4a1b12fd93743cu,  /* sky_ambient_traced */
-        0x6428cb68ee283f7cu,  /* sky_ambient_rasterised */
-        0x2ab5621cc4cec491u,  /* many_lamps_direct_traced */
-        0x55cbb6afd89ac423u,  /* many_lamps_direct_rasterised */ } }
+        0xa1c52cc28ccd27c9u,  /* lights_direct_traced */
+        0xf3507754c4c0dcd3u,  /* lights_direct_rasterised */
+        0x06bfb98659bad8ffu,  /* sky_ambient_traced */
+        0x204b51612b9df2d4u,  /* sky_ambient_rasterised */
+        0x6e9f7c5a8d54dd5bu,  /* many_lamps_direct_traced */
+        0x4badd609b3a8b541u,  /* many_lamps_direct_rasterised */ } }
 };
 
 TEST(pictures_are_the_same_as_ever) {
