@@ -9044,7 +9044,8 @@ static sbl_result sbl__bounce_cast(sbl__core *c, sbl__bounce *b, sbl__cast_make 
         if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 0, 0, rows, data);
         if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 1, 0, rows, albedos);
         if (result != SBL_SUCCESS) break;
-        for (i = 0; i < some; i++) sbl__cast_take(&rays[i], data + 4 * (size_t)i, albedos + 4 * (size_t)i, &hits[b->at + i]);
+        for (i = 0; i < some; i++)
+            sbl__cast_take(&rays[i], data + 4 * (size_t)i, albedos + 4 * (size_t)i, &hits[b->at + i]);
         sbl__pace_end(d, &b->pace, some);
         c->stats.readbacks += 2;
         b->at += some;
@@ -9105,7 +9106,8 @@ static sbl_result sbl__bounce_begin(sbl__core *c, sbl__bounce *b) {
     s->patches = (uint32_t *)sbl__alloc(&c->base, (size_t)g->triangle_count, sizeof *s->patches);
     b->sequence = sbl__sequence_make(&c->base, SBL__BOUNCE_RAYS, 1);
     b->stands = (uint32_t *)sbl__alloc(&c->base, SBL__STANDS, sizeof *b->stands);
-    return s->patches && b->sequence && b->stands ? sbl__patching_begin(&c->base, &b->patching, g) : SBL_ERROR_OUT_OF_MEMORY;
+    if (!s->patches || !b->sequence || !b->stands) return SBL_ERROR_OUT_OF_MEMORY;
+    return sbl__patching_begin(&c->base, &b->patching, g);
 }
 
 /* One on each side of a triangle. */
@@ -9249,8 +9251,8 @@ static void sbl__stand_place(const sbl__stand *line, double t, float position[3]
     for (k = 0; k < 3; k++) position[k] = (float)(line->from[k] + t * line->along[k]);
 }
 
-/* Where a plane that a feeler met stands on the feeler's surface, as far as the bounds of both reach: of a flat patch, or
-   of the one triangle; 0: that is no line worth it. */
+/* Where a plane that a feeler met stands on the feeler's surface, as far as the bounds of both reach: of a flat patch,
+   or of the one triangle; 0: that is no line worth it. */
 static int sbl__stand_make(const sbl__core *c, const sbl__hit *at, const sbl__hit *met, sbl__stand *line) {
     const sbl__store *s = &c->scene.store;
     const sbl__patch *patches = c->bounce->patching.patches;
