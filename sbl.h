@@ -8843,8 +8843,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
 
    Where a surface goes on beneath what stands on it, a leaf must not be lit for both sides: from each leaf's first
    point feelers go out along its surface to the end of its cell, and what they meet cuts it (sbl__store_add_split). In
-   corners and narrow cells feelers pass by much; so what stands on a flat surface, once met, cuts all of its cells along
-   the line where it stands. */
+   corners and narrow cells feelers pass by much; so what stands on a flat surface, once met, cuts all cells along the
+   line where it stands. */
 
 #define SBL__BOUNCE_SEEDS 1.0      /* of a cell */
 #define SBL__BOUNCE_SEED_RAYS 4
@@ -8889,9 +8889,9 @@ typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* of its leaf
 typedef struct sbl__bounce_leaf { int points, first, valid; } sbl__bounce_leaf;
 
 typedef enum sbl__bounce_stage {
-    SBL__BOUNCE_BEGIN, SBL__BOUNCE_PATCHES, SBL__BOUNCE_SEED, SBL__BOUNCE_SOW, SBL__BOUNCE_PLACE, SBL__BOUNCE_FEEL, SBL__BOUNCE_CUT,
-    SBL__BOUNCE_CAST, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_JOIN, SBL__BOUNCE_GATHER, SBL__BOUNCE_SOLVE,
-    SBL__BOUNCE_SEND, SBL__BOUNCE_DONE
+    SBL__BOUNCE_BEGIN, SBL__BOUNCE_PATCHES, SBL__BOUNCE_SEED, SBL__BOUNCE_SOW, SBL__BOUNCE_PLACE, SBL__BOUNCE_FEEL,
+    SBL__BOUNCE_CUT, SBL__BOUNCE_CAST, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_JOIN, SBL__BOUNCE_GATHER,
+    SBL__BOUNCE_SOLVE, SBL__BOUNCE_SEND, SBL__BOUNCE_DONE
 } sbl__bounce_stage;
 
 typedef struct sbl__bounce {
@@ -8953,7 +8953,7 @@ static void sbl__bounce_free(const sbl__device *d, sbl__bounce *b) {
 /* >>glsl cast: shaders_embedded/cast.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_cast[] = {
 "// Rays in, hits out: what each of some rays meets first.\n",
-"SBL_OUT(0, out_place);   // where; +- (1 + the triangle's number, its low bits), negative: its back side; 0: nothing\n",
+"SBL_OUT(0, out_place);   // where; +- (1 + the low bits of the triangle's number), negative: its back; 0: nothing\n",
 "SBL_OUT(1, out_albedo);  // the surface's colour there; the number's high bits\n",
 "\n",
 "void main() {\n",

@@ -1,5 +1,5 @@
 // Rays in, hits out: what each of some rays meets first.
-SBL_OUT(0, out_place);   // where; +- (1 + the triangle's number, its low bits), negative: its back side; 0: nothing
+SBL_OUT(0, out_place);   // where; +- (1 + the low bits of the triangle's number), negative: its back; 0: nothing
 SBL_OUT(1, out_albedo);  // the surface's colour there; the number's high bits
 
 void main() {
