@@ -9052,8 +9052,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
 
    Where a surface goes on beneath what stands on it, a leaf must not be lit for both sides: from each leaf's first
    point feelers go out along its surface to the end of its cell, and what they meet cuts it (sbl__store_add_split). In
-   corners and narrow cells feelers pass by much; so what stands on a flat surface, once met, cuts all of its cells along
-   the line where it stands. */
+   corners and narrow cells feelers pass by much; so what stands on a flat surface, once met, cuts all cells along the
+   line where it stands. */
 
 #define SBL__BOUNCE_SEEDS 1.0      /* of a cell, as large as cells are at first */
 #define SBL__BOUNCE_SEED_RAYS 4
@@ -9448,8 +9448,8 @@ static void sbl__stand_place(const sbl__stand *line, double t, float position[3]
     for (k = 0; k < 3; k++) position[k] = (float)(line->from[k] + t * line->along[k]);
 }
 
-/* Where a plane that a feeler met stands on the feeler's surface, as far as the bounds of both reach: of a flat patch, or
-   of the one triangle; 0: that is no line worth it. */
+/* Where a plane that a feeler met stands on the feeler's surface, as far as the bounds of both reach: of a flat patch,
+   or of the one triangle; 0: that is no line worth it. */
 static int sbl__stand_make(const sbl__core *c, const sbl__hit *at, const sbl__hit *met, sbl__stand *line) {
     const sbl__store *s = &c->scene.store;
     const sbl__patch *patches = c->bounce->patching.patches;

@@ -144,8 +144,8 @@ static const struct { const char *renderer, *version; uint64_t hashes[PINS]; } p
         0x053df88ddde4e6d8u,  /* cornell_direct_high */
         0xbcb7cf12adfa7ad7u,  /* cornell_ambient_rasterised */
         0x5d8b529644cb248du,  /* cornell_paper */
-        0x85c9c1b64687a0f2u,  /* everything_ambient_traced */
-        0x96da954bee9d19ceu,  /* everything_ambient_rasterised */
+        0x4055583fb3292fc3u,  /* everything_ambient_traced */
+        0xcf47d1ee0291861au,  /* everything_ambient_rasterised */
         0xdd61eb2050eba32fu,  /* everything_paper */
         0x241b407724a13bc7u,  /* lights_direct_traced */
         0x356aa88ff24d57cfu,  /* lights_direct_rasterised */
