@@ -955,13 +955,15 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
                   >>environment  light from far away
                   >>bvh          the hierarchy that rays go through
                   >>lamps        what sensors aim rays at
-                  >>scene        the five together; scene.glsl and outgoing.glsl, which all shaders share
+                  >>store        light that has bounced, all over the surfaces
+                  >>scene        all of it together; scene.glsl and outgoing.glsl, which all shaders share
    a sensor       >>surface      where light is wanted: the camera's G-buffer
                   >>sensors      looks: frames, views, weights
                   >>aim          rays towards lamps
                   >>raster       to see by views drawn into texels
                   >>trace        to see by rays
                   >>job          sites in, readings out: the heart. Above it nobody knows how it sees
+                  >>bounce       fills the store
    a picture      >>refine       which pixels get sensors; interpolation
                   >>filter       smoothing of R
                   >>resolve      composition, anti-aliasing
@@ -5591,7 +5593,7 @@ static const char *const sbl__glsl_store[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>scene
-   The five things that a scene is, and what the host draws itself. */
+   The six things that a scene is, and what the host draws itself. */
 
 typedef struct sbl__scene {
     sbl__geometry geometry;
