@@ -5725,7 +5725,7 @@ static const char *const sbl__glsl_store[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>scene
-   The five things that a scene is, and what the host draws itself. */
+   The six things that a scene is, and what the host draws itself. */
 
 typedef struct sbl__scene {
     sbl__geometry geometry;

@@ -11,6 +11,7 @@ int main(void) {
     sbl_picture_desc zero = { 0 }, d[3], direct, paper;
     sbl_gather_desc gather = { 0 }, g[3];
     int i;
+    zero.mode = gather.mode = SBL_MODE_AMBIENT;  /* which has an epsilon */
     for (i = 0; i < 3; i++) {
         zero.preset = presets[i];
         d[i] = sbl_picture_desc_defaults(&zero);
@@ -43,7 +44,7 @@ int main(void) {
     printf("atlas_size %d\n", sbl_context_desc_defaults(NULL).atlas_size);
     printf("threshold in paper mode %g\n", (double)paper.threshold);
     printf("epsilon in direct mode %g\n", (double)direct.epsilon);
-    printf("mode %s\n", d[1].mode == SBL_MODE_GI ? "GI" : "another");
+    printf("mode %s\n", sbl_picture_desc_defaults(NULL).mode == SBL_MODE_GI ? "GI" : "another");
     printf("sensor_kind %s, in paper mode %s\n", d[1].sensor_kind == SBL_SENSOR_HEMICUBE ? "HEMICUBE" : "another",
            paper.sensor_kind == SBL_SENSOR_SINGLE ? "SINGLE" : "another");
     return 0;
