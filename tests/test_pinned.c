@@ -139,23 +139,23 @@ static uint64_t hash_of(const sbl_picture_desc *view) {
 /* renderer: part of GL_RENDERER; version: part of GL_VERSION */
 static const struct { const char *renderer, *version; uint64_t hashes[PINS]; } pins[] = {
     { "llvmpipe (LLVM 15.0.6, 256 bits)", "Mesa 22.3.6", {
-        0xb3d0f41f0a7f878au,  /* cornell_ambient_traced */
-        0x2260556ef94e20eeu,  /* cornell_direct_traced */
-        0x053df88ddde4e6d8u,  /* cornell_direct_high */
-        0xbcb7cf12adfa7ad7u,  /* cornell_ambient_rasterised */
-        0x5d8b529644cb248du,  /* cornell_paper */
-        0x4055583fb3292fc3u,  /* everything_ambient_traced */
-        0xcf47d1ee0291861au,  /* everything_ambient_rasterised */
-        0xdd61eb2050eba32fu,  /* everything_paper */
-        0x241b407724a13bc7u,  /* lights_direct_traced */
-        0x356aa88ff24d57cfu,  /* lights_direct_rasterised */
-        0xdd4a1b12fd93743cu,  /* sky_ambient_traced */
-        0x6428cb68ee283f7cu,  /* sky_ambient_rasterised */
-        0x2ab5621cc4cec491u,  /* many_lamps_direct_traced */
-        0x55cbb6afd89ac423u,  /* many_lamps_direct_rasterised */
-        0x85327983e1b9df77u,  /* cornell_gi_traced */
-        0xa4b944e58b23a77bu,  /* cornell_gi_rasterised */
-        0xa834a7cf733ac01fu,  /* sky_gi_traced */ } }
+        0x9a5dc445a8f0678au,  /* cornell_ambient_traced */
+        0xae0cefa7c3c7c0eeu,  /* cornell_direct_traced */
+        0xd60fd016589166d8u,  /* cornell_direct_high */
+        0xefdcb4693f394ad7u,  /* cornell_ambient_rasterised */
+        0x7253f009c1b5148du,  /* cornell_paper */
+        0xb938efaa8fa81bc3u,  /* everything_ambient_traced */
+        0xaeb0d1de87ee2e1au,  /* everything_ambient_rasterised */
+        0x291fab4bdbb3bf2fu,  /* everything_paper */
+        0x30d4f164a8fbebc9u,  /* lights_direct_traced */
+        0x02adf8db283e08d3u,  /* lights_direct_rasterised */
+        0x8f9a5ca5a89c34ffu,  /* sky_ambient_traced */
+        0x1220b0c15355c2d4u,  /* sky_ambient_rasterised */
+        0x5651773c8339295bu,  /* many_lamps_direct_traced */
+        0xd785897890685941u,  /* many_lamps_direct_rasterised */
+        0x2c876583aa1c8816u,  /* cornell_gi_traced */
+        0xa6af636cc7ebe88bu,  /* cornell_gi_rasterised */
+        0x3f704c99afa09777u,  /* sky_gi_traced */ } }
 };
 
 TEST(pictures_are_the_same_as_ever) {
