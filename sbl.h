@@ -405,7 +405,6 @@ typedef enum sbl_log_level { SBL_LOG_ERROR, SBL_LOG_WARNING, SBL_LOG_INFO } sbl_
     X(SHADER_LINK, "a shader program did not link")                                   \
     X(FRAMEBUFFER, "a framebuffer is not complete")                                   \
     X(DRAWS_WRONG, "the driver's picture of a known triangle is wrong")               \
-    X(NOT_IMPLEMENTED, "this version cannot do that yet")                             \
     X(DEGENERATE_TRIANGLES, "triangles without area were left out")                   \
     X(NOTHING_VISIBLE, "the camera sees no surface")                                  \
     X(NO_LIGHT, "nothing in the scene shines")                                        \
@@ -9078,6 +9077,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
 #define SBL__BOUNCE_GROWTH_MOST 4.0
 #define SBL__BOUNCE_GROWTH_END 16.0  /* in all; what then finds no room stays dark: there are more meshes than leaves */
 #define SBL__BOUNCE_AIM 0.5        /* of the leaves that there may be, for which cells are cut at first */
+#define SBL__BOUNCE_SHARE 0.35f    /* of the time of a picture that needs it, about */
 #define SBL__CAST_COLUMNS 256
 #define SBL__CAST_ROWS 64
 
@@ -9133,6 +9133,7 @@ typedef struct sbl__bounce {
     float *light, *sums;             /* three a leaf: what comes from what shines; what is gathered */
     double change;                   /* that the last round made */
     double crowding;
+    float progress;
     int rounds, crowded;
     int sown;                        /* seeds have been placed */
     int joined;                      /* hits' places are leaves */
@@ -9218,35 +9219,37 @@ static void sbl__cast_take(const sbl__cast *ray, const float place[4], const flo
 
 typedef void (*sbl__cast_make)(const sbl__core *c, const sbl__bounce *b, int number, sbl__cast *out);
 
-/* Casts rays number b->at .. count - 1, as many as there is time for, into hits. SBL_SUCCESS: all. */
+/* Casts some of the rays number b->at .. count - 1 into hits, as many at once as there is time for. SBL_SUCCESS: there
+   are no more. */
 static sbl_result sbl__bounce_cast(sbl__core *c, sbl__bounce *b, sbl__cast_make make, int count, sbl__hit *hits,
                                    const sbl__slice *slice) {
     enum { MOST = SBL__CAST_COLUMNS * SBL__CAST_ROWS };
     sbl__device *d = &c->device;
-    sbl__cast *rays = (sbl__cast *)sbl__alloc_raw(d->base, MOST, sizeof *rays + 32);
-    float *data = rays ? (float *)(rays + MOST) : NULL;
-    sbl_result result = rays ? SBL_UNFINISHED : SBL_ERROR_OUT_OF_MEMORY;
-    while (result == SBL_UNFINISHED && b->at < count) {
-        const double room = sbl__pace_begin(&b->pace, slice, 1024, 64);
-        const int some = (int)SBL__MIN(SBL__MIN(room, (double)MOST), count - b->at);
-        const int rows = (some + SBL__CAST_COLUMNS - 1) / SBL__CAST_COLUMNS;
-        float *albedos = data + 4 * (size_t)rows * SBL__CAST_COLUMNS;
-        int i;
-        for (i = 0; i < some; i++) make(c, b, b->at + i, &rays[i]);
-        result = sbl__cast_send(c, b, rays, some);
-        if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 0, 0, rows, data);
-        if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 1, 0, rows, albedos);
-        if (result != SBL_SUCCESS) break;
-        for (i = 0; i < some; i++)
-            sbl__cast_take(&rays[i], data + 4 * (size_t)i, albedos + 4 * (size_t)i, &hits[b->at + i]);
-        sbl__pace_end(d, &b->pace, some);
-        c->stats.readbacks += 2;
-        b->at += some;
-        result = SBL_UNFINISHED;
-        if (sbl__now() >= slice->end) break;
-    }
+    const double room = sbl__pace_begin(&b->pace, slice, 1024, 64);
+    const int some = (int)SBL__MIN(SBL__MIN(room, (double)MOST), count - b->at);
+    const int rows = (some + SBL__CAST_COLUMNS - 1) / SBL__CAST_COLUMNS;
+    const size_t texels = (size_t)rows * SBL__CAST_COLUMNS;
+    sbl__cast *rays;
+    float *places, *albedos;
+    sbl_result result;
+    int i;
+    if (some <= 0) return SBL_SUCCESS;
+    rays = (sbl__cast *)sbl__alloc_raw(d->base, texels, sizeof *rays + 32);
+    if (!rays) return SBL_ERROR_OUT_OF_MEMORY;
+    places = (float *)(rays + texels);
+    albedos = places + 4 * texels;
+    for (i = 0; i < some; i++) make(c, b, b->at + i, &rays[i]);
+    result = sbl__cast_send(c, b, rays, some);
+    if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 0, 0, rows, places);
+    if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 1, 0, rows, albedos);
+    for (i = 0; i < some && result == SBL_SUCCESS; i++)
+        sbl__cast_take(&rays[i], places + 4 * (size_t)i, albedos + 4 * (size_t)i, &hits[b->at + i]);
     sbl__free(d->base, rays);
-    return result == SBL_UNFINISHED && b->at >= count ? SBL_SUCCESS : result;
+    if (result != SBL_SUCCESS) return result;
+    sbl__pace_end(d, &b->pace, some);
+    c->stats.readbacks += 2;
+    b->at += some;
+    return b->at < count ? SBL_UNFINISHED : SBL_SUCCESS;
 }
 
 /* >>bounce: places that may become points */
@@ -9926,7 +9929,7 @@ static void sbl__bounce_end(sbl__core *c) {
     c->bounce = NULL;
 }
 
-/* Works on the store until it is there. SBL_SUCCESS: it is. */
+/* One bounded piece of the store. SBL_SUCCESS: it is there. */
 static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     const double start = sbl__now();
     sbl__store *s = &c->scene.store;
@@ -9943,18 +9946,36 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     if (b) b->scene = c->scene.version;
     if (b && !s->ready && b->stage == SBL__BOUNCE_LIGHT && c->job.task.readings != b->readings)
         sbl__bounce_light(c, b);  /* something else had the job meanwhile */
-    for (; !s->ready && result == SBL_SUCCESS; b->at = 0) {
-        result = sbl__bounce_piece(c, b, slice);
-        if (result != SBL_SUCCESS) break;
+    if (!s->ready) result = sbl__bounce_piece(c, b, slice);
+    if (!s->ready && result == SBL_SUCCESS) {
         b->stage = sbl__bounce_next(c, b);
+        b->at = 0;
         s->ready = b->stage == SBL__BOUNCE_DONE;
-        if (!s->ready && sbl__now() >= slice->end) result = SBL_UNFINISHED;
+        if (!s->ready) result = SBL_UNFINISHED;
     }
     c->stats.seconds.bounce += sbl__now() - start;
     c->stats.bounce_samples = s->leaf_count;
     if (s->ready) sbl__bounce_rest(&c->device, c->bounce);
     else if (result != SBL_UNFINISHED) sbl__bounce_end(c);
     return result;
+}
+
+/* How much of the store is there, 0 to 1; never less than before. Half of it are rays between surfaces. */
+static float sbl__bounce_progress(sbl__core *c) {
+    sbl__bounce *b = c->bounce;
+    float now;
+    if (c->scene.store.ready || !b) return c->scene.store.ready ? 1.0f : 0.0f;
+    now = b->stage < SBL__BOUNCE_SITES    ? 0.5f * (float)b->cast / (float)(SBL__BOUNCE_POINTS * c->scene.store.most)
+        : b->stage == SBL__BOUNCE_SITES   ? 0.5f
+        : b->stage == SBL__BOUNCE_LIGHT   ? 0.5f + 0.4f * sbl__job_progress(&c->job)
+                                          : 0.9f;
+    b->progress = SBL__MAX(b->progress, SBL__MIN(now, 0.99f));
+    return b->progress;
+}
+
+/* Of a picture's or gather's own progress, the share that its store takes, where it has to be made. */
+static float sbl__prepare_share(const sbl__core *c, const sbl__seeing *s) {
+    return s->mode == SBL_MODE_GI && !c->scene.store.ready ? SBL__BOUNCE_SHARE : 0;
 }
 
 /* Makes ready what sensors of that kind need of the scene. SBL_SUCCESS: it is. */
@@ -10911,6 +10932,7 @@ typedef struct sbl__picture {
     int watched;                /* somebody looks at the picture under way: previews are made */
     int previewing;             /* FILL to PREVIEW are for one */
     int64_t previewed;          /* sensors that the last preview knows of; 0: there is none */
+    float store_share;          /* of progress */
     float progress;
 } sbl__picture;
 
@@ -10954,6 +10976,7 @@ static void sbl__picture_begin(sbl__picture *p, const sbl__core *c, const sbl_pi
     p->refine.tile = desc->tile;
     p->refine.threshold = desc->threshold;
     p->refine.geometry_aware = p->refine.relative = desc->mode != SBL_MODE_PAPER;
+    p->store_share = sbl__prepare_share(c, &seeing);
     p->stage = SBL__STAGE_SETUP;
 }
 
@@ -11303,6 +11326,7 @@ typedef struct sbl__gathering {
     sbl__site *sites;           /* of the job */
     int first, count;           /* which they are */
     int at;                     /* the next one to be made */
+    float store_share;          /* of progress */
     float progress;
 } sbl__gathering;
 
@@ -11335,11 +11359,12 @@ static void sbl__site_make(const sbl__core *c, const sbl__gathering *g, int numb
 }
 
 /* desc has its defaults filled in and has been checked. */
-static void sbl__gathering_begin(sbl__gathering *g, const sbl_gather_desc *desc, int every_ray) {
+static void sbl__gathering_begin(const sbl__core *c, sbl__gathering *g, const sbl_gather_desc *desc, int every_ray) {
     const sbl__seeing seeing = SBL__SEEING(desc);
     g->desc = *desc;
     g->seeing = seeing;
     g->seeing.every_ray = every_ray;
+    g->store_share = sbl__prepare_share(c, &seeing);
     g->stage = SBL__GATHER_PREPARE;
 }
 
@@ -11812,7 +11837,7 @@ static sbl_result sbl__trial_rays(sbl__core *c, int *met) {
     desc.epsilon = 0.5f;
     desc.rays = SBL__TRIAL_RAYS;
     desc = sbl_gather_desc_defaults(&desc);
-    sbl__gathering_begin(&gathering, &desc, 1);
+    sbl__gathering_begin(c, &gathering, &desc, 1);
     do result = sbl__gathering_step(c, &gathering, &slice); while (result == SBL_UNFINISHED);
     sbl__gathering_free(&c->base, &gathering);
     *met = result == SBL_SUCCESS && reading.hit_share > 0.5f && reading.hit_min > 0.99f && reading.hit_min < 1.5f &&
@@ -12411,7 +12436,7 @@ SBL_API sbl_result sbl_begin_gather(sbl_context *c, const sbl_gather_desc *desc)
     sbl__abandon(c);
     sbl__visit_leave(c, &visit);
     sbl__core_begin(&c->core, &seeing);
-    sbl__gathering_begin(&c->gathering, &d, desc && desc->rays > 0);
+    sbl__gathering_begin(&c->core, &c->gathering, &d, desc && desc->rays > 0);
     c->work = SBL__WORK_GATHER;
     c->core.stats.seconds.total = sbl__now() - start;
     return SBL_SUCCESS;
@@ -12425,11 +12450,13 @@ static sbl_result sbl__context_step(sbl_context *c, sbl__slice *slice) {
     const int picture = c->work == SBL__WORK_PICTURE;
     const double start = sbl__now();
     int (*progress)(float, void *) = picture ? p->desc.progress : g->desc.progress;
-    float *done = picture ? &p->progress : &g->progress, now;
+    float *done = picture ? &p->progress : &g->progress, store, now;
     sbl_result result = picture ? sbl__picture_step(core, p, slice) : sbl__gathering_step(core, g, slice), errors;
     errors = sbl__gl_check(&core->device.gl);
     if (errors != SBL_SUCCESS && (result == SBL_SUCCESS || result == SBL_UNFINISHED)) result = errors;
+    store = picture ? p->store_share : g->store_share;
     now = picture ? sbl__picture_progress(core, p) : sbl__gathering_progress(core, g);
+    now = store * sbl__bounce_progress(core) + (1 - store) * now;
     *done = SBL__MAX(*done, now);
     core->stats.seconds.total += sbl__now() - start;
     if ((result != SBL_SUCCESS && result != SBL_UNFINISHED) || !progress) return result;
