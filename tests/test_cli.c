@@ -487,6 +487,33 @@ TEST(light_bounces_by_default) {
     free(direct.values);
 }
 
+/* Bounced light is saved, found again, and made anew for another scene. */
+TEST(bounced_light_is_kept) {
+    picture made, loaded;
+    char text[8192];
+    int lines, i, same = 1;
+    room_obj();
+    REQUIRE(TOOL(ROOM, "--bounce-samples", "2000", "--channel", "radiance", "--store", "light.sbl", "-o", "made.pfm") == 0 &&
+            exists("light.sbl"), "exit status %d: %s", ran.status, ran.err);
+    REQUIRE(TOOL(ROOM, "--channel", "radiance", "--store", "light.sbl", "--stats", "stats.json", "-o", "loaded.pfm") == 0,
+            "exit status %d: %s", ran.status, ran.err);
+    read_text(in_folder("stats.json"), text, sizeof text, &lines);
+    CHECK(json_number(text, "bounce") < 1e-3, "it is made again: %s", text);
+    made = read_pfm("made.pfm");
+    loaded = read_pfm("loaded.pfm");
+    REQUIRE(made.values && loaded.values, "a picture is missing");
+    for (i = 0; i < 24 * 16 * 3; i++) same = same && fabs((double)made.values[i] - (double)loaded.values[i]) == 0;
+    CHECK(same, "the picture is another one");
+    free(made.values);
+    free(loaded.values);
+    CHECK(TOOL(ROOM, "--bounce-samples", "2000", "--sky", "1,0,0", "--store", "light.sbl", "-o", "made.pfm") == 0 &&
+          strstr(ran.err, "light.sbl") && strstr(ran.err, "another scene") && strstr(ran.err, "anew"), "exit status %d: %s",
+          ran.status, ran.err);
+    CHECK(TOOL(ROOM, "--mode", "direct", "--store", "light.sbl") == 2 && strstr(ran.err, "--store needs --mode gi"),
+          "exit status %d: %s", ran.status, ran.err);
+    CHECK(TOOL(ROOM, "--store", "made.pfm", "-o", "made.pfm") == 2, "one file for both: exit status %d: %s", ran.status, ran.err);
+}
+
 /* What the tool prints of a sensor adds up; of a single light, all of it. */
 static void inspect_with(const char *backend, const char *seen) {
     double sum[3], r[3], lamps[3], weights;
@@ -1189,6 +1216,7 @@ int main(int argc, char **argv) {
     RUN(statistics_have_every_field);
     RUN(rays_can_be_traced);
     RUN(light_bounces_by_default);
+    RUN(bounced_light_is_kept);
     RUN(a_sensor_can_be_inspected);
     RUN(zero_is_zero);
     RUN(lights_of_a_gltf_scene);

@@ -270,6 +270,37 @@ TEST(forged_streams_do_no_harm) {
     scene_free(&scene);
 }
 
+/* >>on the way */
+
+static struct { int calls, stop_at; float last; int falls; } told;
+
+static int on_progress(float done, void *user) {
+    (void)user;
+    told.falls += done < told.last;
+    told.last = done;
+    return ++told.calls == told.stop_at;
+}
+
+/* Even in one call the store is made in pieces, each of which tells how far it is, and may be the last. */
+TEST(progress_covers_the_store) {
+    sbl_picture_desc view = view_of(0.5f);
+    int calls;
+    make_room(&scene);
+    view.progress = on_progress;
+    memset(&told, 0, sizeof told);
+    REQUIRE(start() && sbl_render(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(told.calls > 30 && !told.falls && told.last >= 1, "%d calls, %d fall, the last says %g", told.calls,
+          told.falls, (double)told.last);
+    calls = told.calls;
+    memset(&told, 0, sizeof told);
+    told.stop_at = calls / 5;
+    REQUIRE(start() && sbl_render(context, &view) == SBL_CANCELLED, "it is not cancelled: %s", watch_last(&seen));
+    CHECK(told.calls == told.stop_at && told.last > 0.02f && told.last < 0.34f, "%d calls, %g done", told.calls,
+          (double)told.last);
+    same_as_fresh("after a cancelled store", 1);
+    scene_free(&scene);
+}
+
 /* >>shown */
 
 /* The store's picture is R's, in cells; what takes no sensors shows it; in other modes there is none. */
@@ -316,6 +347,7 @@ int main(void) {
     RUN(saved_and_loaded);
     RUN(streams_that_are_refused);
     RUN(forged_streams_do_no_harm);
+    RUN(progress_covers_the_store);
     RUN(pictures_of_the_store);
     sbl_destroy(context);
     return test_report();
