@@ -9070,6 +9070,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
 #define SBL__STAND_LEAST 0.25      /* of a cell: shorter lines cut the one leaf from where they were met */
 #define SBL__STANDS 1024           /* lines that are remembered, not to be walked again */
 #define SBL__BOUNCE_ALBEDO 0.98f   /* that light bounces with, at most */
+#define SBL__BOUNCE_HELD 3.0       /* times the light that falls on surfaces at first, from which on clamping shows */
 #define SBL__BOUNCE_SCALED 4       /* first rounds whose light is scaled, see sbl__bounce_solve */
 #define SBL__BOUNCE_ROUNDS 200
 #define SBL__BOUNCE_REST 2e-4      /* of the light, that may be missing at the end */
@@ -9279,25 +9280,9 @@ static float sbl__place_normal(const sbl__geometry *g, uint32_t place, float nor
     return (float)(SBL__OFFSET * (sqrt(away) + 2 * sqrt(longest)));
 }
 
-/* Once a scene, where what is clamped would not be noticed otherwise. */
-static void sbl__bounce_warn(const sbl__core *c, sbl__store *s) {
-    const sbl__geometry *g = &c->scene.geometry;
-    int i, white = 0;
-    for (i = 0; i < g->mesh_count; i++) {
-        const float *a = g->objects[i].albedo;
-        white += SBL__MIN(SBL__MIN(a[0], a[1]), a[2]) > SBL__BOUNCE_ALBEDO && !g->objects[i].albedo_texture[1];
-    }
-    if (white && !s->warned)
-        sbl__log(&c->base, SBL_LOG_WARNING, SBL_LOG_ITEM_ALBEDO, "%d meshes have albedos above %g, and bounced light "
-                 "is that of %g: closed rooms of such walls would never grow dark", white, (double)SBL__BOUNCE_ALBEDO,
-                 (double)SBL__BOUNCE_ALBEDO);
-    s->warned = 1;
-}
-
 static sbl_result sbl__bounce_begin(sbl__core *c, sbl__bounce *b) {
     const sbl__geometry *g = &c->scene.geometry;
     sbl__store *s = &c->scene.store;
-    sbl__bounce_warn(c, s);
     sbl__free(&c->base, s->patches);
     s->patches = (uint32_t *)sbl__alloc(&c->base, (size_t)g->triangle_count, sizeof *s->patches);
     b->sequence = sbl__sequence_make(&c->base, SBL__BOUNCE_RAYS, 1);
@@ -9795,6 +9780,28 @@ static sbl_result sbl__bounce_solve(sbl__core *c, sbl__bounce *b) {
                                                                                               : SBL_UNFINISHED;
 }
 
+/* Once a scene, where walls that are clamped hold so much light that it shows. */
+static void sbl__bounce_warn(sbl__core *c, const sbl__bounce *b) {
+    const sbl__geometry *g = &c->scene.geometry;
+    sbl__store *s = &c->scene.store;
+    double lit = 0, all = 0;
+    int i, white = 0;
+    for (i = 0; i < s->leaf_count; i++) {
+        lit += sbl__sum3(b->light + 3 * i);
+        all += sbl__sum3(s->leaves[i].light);
+    }
+    for (i = 0; i < g->mesh_count; i++) {
+        const float *a = g->objects[i].albedo;
+        white += SBL__MIN(SBL__MIN(a[0], a[1]), a[2]) > SBL__BOUNCE_ALBEDO && !g->objects[i].albedo_texture[1];
+    }
+    if (white && all > SBL__BOUNCE_HELD * lit && !s->warned) {
+        sbl__log(&c->base, SBL_LOG_WARNING, SBL_LOG_ITEM_ALBEDO, "%d meshes have albedos above %g and hold much light; "
+                 "what bounces is that of %g: closed rooms of such walls would never grow dark", white,
+                 (double)SBL__BOUNCE_ALBEDO, (double)SBL__BOUNCE_ALBEDO);
+        s->warned = 1;
+    }
+}
+
 /* >>bounce: its life */
 
 static sbl_result sbl__bounce_piece(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
@@ -9877,7 +9884,10 @@ static sbl__bounce_stage sbl__bounce_next(sbl__core *c, sbl__bounce *b) {
             c->stats.readbacks += c->job.counts.readbacks;
             sbl__job_free(&c->device, &c->job);  /* with room for more sites than what follows has; and its counts */
             return SBL__BOUNCE_JOIN;
-        case SBL__BOUNCE_SOLVE: return sbl__bounce_solve(c, b) == SBL_SUCCESS ? SBL__BOUNCE_SEND : SBL__BOUNCE_GATHER;
+        case SBL__BOUNCE_SOLVE:
+            if (sbl__bounce_solve(c, b) != SBL_SUCCESS) return SBL__BOUNCE_GATHER;
+            sbl__bounce_warn(c, b);
+            return SBL__BOUNCE_SEND;
         default: return (sbl__bounce_stage)(b->stage + 1);
     }
 }
