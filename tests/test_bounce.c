@@ -158,11 +158,12 @@ static void divide_mesh(test_scene *s, sbl_mesh *m, int times) {
         for (i = 0; i < count; i++) {
             static const int pairs[12][2] = {
                 { 0, 0 }, { 0, 1 }, { 0, 2 }, { 0, 1 }, { 1, 1 }, { 1, 2 },
-                { 0, 2 }, { 1, 2 }, { 2, 2 }, { 0, 1 }, { 0, 2 } };
+                { 0, 2 }, { 1, 2 }, { 2, 2 }, { 0, 1 }, { 1, 2 }, { 0, 2 } };
             for (j = 0; j < 12; j++)
                 for (k = 0; k < 3; k++) {
                     const size_t a = (size_t)(3 * i + pairs[j][0]), b = (size_t)(3 * i + pairs[j][1]);
-                    to[36 * i + 3 * j + k] = 0.5f * (from[3 * (m->index_count ? indices[a] : a) + (size_t)k] + from[3 * (m->index_count ? indices[b] : b) + (size_t)k]);
+                    to[36 * i + 3 * j + k] = 0.5f * (from[3 * (m->index_count ? indices[a] : a) + (size_t)k] +
+                                                     from[3 * (m->index_count ? indices[b] : b) + (size_t)k]);
                 }
         }
         m->positions.data = to;
