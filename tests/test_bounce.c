@@ -162,7 +162,8 @@ static void divide_mesh(test_scene *s, sbl_mesh *m, int times) {
             for (j = 0; j < 12; j++)
                 for (k = 0; k < 3; k++) {
                     const size_t a = (size_t)(3 * i + pairs[j][0]), b = (size_t)(3 * i + pairs[j][1]);
-                    to[36 * i + 3 * j + k] = 0.5f * (from[3 * (m->index_count ? indices[a] : a) + (size_t)k] + from[3 * (m->index_count ? indices[b] : b) + (size_t)k]);
+                    to[36 * i + 3 * j + k] = 0.5f * (from[3 * (m->index_count ? indices[a] : a) + (size_t)k] +
+                                                     from[3 * (m->index_count ? indices[b] : b) + (size_t)k]);
                 }
         }
         m->positions.data = to;
