@@ -12500,7 +12500,7 @@ SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
     if (result != SBL_SUCCESS && result != SBL_UNFINISHED) {
         if (c->work == SBL__WORK_PICTURE) sbl__picture_free(&c->core.device, &c->picture);  /* though it be finished */
         sbl__abandon(c);
-        sbl__bounce_end(&c->core);
+        if (!c->core.scene.store.ready) sbl__bounce_end(&c->core);
     }
     sbl__visit_leave(c, &visit);
     return result;
