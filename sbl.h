@@ -12308,7 +12308,7 @@ static sbl_result sbl__relight(sbl_context *c, const char *function, const sbl_s
 }
 
 SBL_API sbl_result sbl_set_materials(sbl_context *c, const sbl_material *materials, int material_count) {
-    static const sbl_material none;
+    static sbl_material none;  /* C++ wants words for a constant one */
     sbl_scene_desc desc;
     memset(&desc, 0, sizeof desc);
     desc.materials = materials ? materials : &none;
