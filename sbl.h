@@ -12308,8 +12308,9 @@ static sbl_result sbl__relight(sbl_context *c, const char *function, const sbl_s
 }
 
 SBL_API sbl_result sbl_set_materials(sbl_context *c, const sbl_material *materials, int material_count) {
-    static sbl_material none;  /* C++ wants words for a constant one */
+    sbl_material none;
     sbl_scene_desc desc;
+    memset(&none, 0, sizeof none);
     memset(&desc, 0, sizeof desc);
     desc.materials = materials ? materials : &none;
     desc.material_count = materials ? material_count : 0;
