@@ -452,7 +452,7 @@ TEST(what_is_ignored_stays_ignored) {
 
 /* >>interrupted at work. One sensor a pixel takes minutes on two cores, and long enough anywhere. */
 
-#define LONG "room.obj", "--size", "640x480", "--rays", "4096", "--threshold", "0", "--samples", "1"
+#define LONG "room.obj", "--mode", "ambient", "--size", "640x480", "--rays", "4096", "--threshold", "0", "--samples", "1"
 
 static char shown[1 << 18];
 
