@@ -5437,7 +5437,7 @@ typedef struct sbl__patching {  /* while patches are made */
     sbl__edge_slot *edges;
     uint32_t *parents;          /* of triangles: the forest whose roots are patches */
     sbl__patch *patches;        /* of roots */
-    double *meshes;             /* area of each mesh's small patches */
+    double *meshes;             /* area of each mesh's pooled patches */
     int vertex_room, edge_room; /* powers of two */
     double least, scale;        /* see sbl__patch_roots */
     double growth;              /* of the scale, where cells of the first one were too many */
@@ -5586,17 +5586,17 @@ static uint32_t sbl__patch_word(const sbl__geometry *g, sbl__patching *p, const 
     const uint32_t root = sbl__patch_root(p->parents, triangle);
     const uint32_t mesh = g->vertices[g->indices[3 * (size_t)triangle]].object;
     const sbl__patch *patch = &p->patches[root];
-    const int small = patch->area < p->least;
-    const double area = small ? p->meshes[mesh] : patch->area;
+    const int pooled = patch->area < p->least;
+    const double area = pooled ? p->meshes[mesh] : patch->area;
     const double levels = log(sqrt(p->scale * sqrt(area)) / (double)s->length) / log(2.0) + 0.5;
     const uint32_t level = levels > 0 ? (uint32_t)SBL__MIN(levels, (double)SBL__PATCH_LEVEL) : 0;
-    uint32_t number = small ? (uint32_t)g->triangle_count + mesh : root, axis = 0;
+    uint32_t number = pooled ? (uint32_t)g->triangle_count + mesh : root, axis = 0;
     double n[3];
     sbl__scene_normal(g, triangle, n);
     if (fabs(n[1]) > fabs(n[0])) axis = 1;
     if (fabs(n[2]) > fabs(n[axis])) axis = 2;
     return number << SBL__PATCH_SHIFT | level << SBL__PATCH_LEVEL_SHIFT | axis << SBL__PATCH_AXIS_SHIFT |
-           (patch->flat && !small ? SBL__PATCH_FLAT : 0) | (n[axis] < 0 ? SBL__PATCH_BACK : 0);
+           (patch->flat && !pooled ? SBL__PATCH_FLAT : 0) | (n[axis] < 0 ? SBL__PATCH_BACK : 0);
 }
 
 /* Patches, and where cells lie. SBL_SUCCESS: each triangle has its word. */
