@@ -292,10 +292,12 @@
    triangles that make one smooth surface, and these into cells by a grid over the scene. Each side of a wall has cells
    of its own, and so has what is seen from near; and where something stands on a surface, such as a wall on the floor
    of two rooms, its plane cuts the cell. So light neither leaks through nor creeps underneath. Where light's own rays
-   meet surfaces, up to four points a cell, R from all that shines is measured as sensors measure it, and rays look at
-   the other cells. They are kept: from them all bounces are solved at once, to the last. The sensors of a picture then
-   find what any surface reflects in one look, and still measure all that reaches them by rays of their own, and lamps
-   in closed form: the store itself is only seen on surfaces of SBL_MATERIAL_NO_SENSORS, and in SBL_CHANNEL_STORE.
+   meet surfaces, up to four points a cell, R from lamps is measured as sensors measure it, and rays look for the sky
+   and at the other cells. They are kept: from them all bounces are solved at once, to the last. The sensors of a
+   picture then find what any surface reflects in one look, and still measure all that reaches them by rays of their
+   own, and lamps in closed form; a traced ray that meets a surface nearer than a cell is wide goes on from there, once,
+   since that place is hardly lit as its cell is on average. The store itself is only seen on surfaces of
+   SBL_MATERIAL_NO_SENSORS, and in SBL_CHANNEL_STORE.
 
    What it costs: a picture takes 1.7 to 2.8 times as long as with direct light alone, store included, and more where it
    is small (measured in rooms of several kinds, llvmpipe on two cores). The store is made by a scene's first picture or
@@ -305,15 +307,17 @@
    sbl_save_store and sbl_load_store carry a store over to the next run. seconds.bounce and bounce_samples of sbl_stats
    tell what it took.
 
-   Its budget: sbl_scene_desc.bounce_samples, cells at most. Cells are cut for about half of it, the rest is for what
-   stands on surfaces; where that does not suffice all begins again with larger cells. Raise it where a room is lit
-   through a gap or a door, where geometry is fine beside the size of the scene (a furnished room in a town), or where
-   light seems to come in patches; grain of single pixels is the sensors', and needs `rays`. Lower it for a quick look.
-   Time and memory go with it, up to what the scene has surface for.
+   Its budget: sbl_scene_desc.bounce_samples, cells at most, all of one size. Cells are cut for about half of it, the
+   rest is for what stands on surfaces. Where that does not suffice, what is found last gets wider cells, or all begins
+   again with larger ones; where much of the scene is seen by nothing, such as a meadow around a house, all begins again
+   with smaller ones. Raise it where a room is lit through a gap or a door, where geometry is fine beside the size of
+   the scene, or where light seems to come in patches; grain of single pixels is the sensors', and needs `rays`. Lower
+   it for a quick look. Time and memory go with it.
 
    How exact it is, measured against an independent path tracer at default settings: relative root mean square error of
-   R in blocks of 4 x 4 pixels: 0.8 % in the Cornell box, 1.7 to 1.9 % in a staircase room that 130 emitting triangles
-   light; in 8 x 8, 2.5 % in a dark room with a door ajar.
+   R in blocks of 4 x 4 pixels: 0.8 % in the Cornell box, 1.5 % in a staircase room that 130 emitting triangles light,
+   4 % in a furnished room of 130,000 triangles that the sky lights through windows; in 8 x 8, 2.3 to 3 % in a dark room
+   with a door ajar.
 
    Its limits: all is diffuse. An albedo above 0.98 bounces as 0.98, so that light ends. A small and very bright
    surface, such as a ceiling just above a lamp, is found by rays at random, as by a path tracer: it leaves specks. And
@@ -756,6 +760,7 @@ typedef struct sbl_stats {
     int64_t sensor_views;     /* views drawn for them; a sensor that stands for many pixels looks up to four times */
     int64_t sensor_texels;
     int bounce_samples;       /* that bounced light is stored for, SBL_MODE_GI */
+    int64_t bounce_rays;      /* of the store, if it was made for this: between surfaces, and of its sensors */
     int lamps;                /* emitting triangles, lights and bright texels of the sky that sensors aim rays at */
     int64_t rays;             /* traced over the hemispheres; those towards lamps come on top */
     double bvh_seconds;       /* building the hierarchy, once per scene, part of seconds.surface of its first traced
@@ -1919,25 +1924,25 @@ typedef struct sbl__record {
 #define SBL__PATCH_BACK 1u         /* a patch's word, see >>store */
 #define SBL__PATCH_FLAT 2u
 #define SBL__PATCH_AXIS_SHIFT 2
-#define SBL__PATCH_LEVEL_SHIFT 4
-#define SBL__PATCH_LEVEL 15u
-#define SBL__PATCH_NEAR 256u
-#define SBL__PATCH_SHIFT 9
-#define SBL__NEAR_SHARE 0.5        /* of a cell's length, within which a ray starts near it */
+#define SBL__PATCH_NEAR 16u
+#define SBL__PATCH_WIDER 32u
+#define SBL__PATCH_SHIFT 6
+#define SBL__NEAR_PART 2           /* of a cell's length, within which a ray starts near it */
 #define SBL__PROBES 64             /* in the table of cells */
 #define SBL__CELL_SPLIT 0x80000000u
 #define SBL__CELL_DEPTH 8          /* splits under a cell */
+#define SBL__WIDER_SHIFT 2         /* the cells that take over where there are too many are 2^this times as long */
 #define SBL__CAST_NUMBERS 1048576  /* of triangles, that a float tells apart with a sign and more */
 
 #define SBL__SHARED_INTS(X) \
     X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) X(SKY_COLUMN_BITS) \
-    X(PATCH_AXIS_SHIFT) X(PATCH_LEVEL_SHIFT) X(PROBES) X(CELL_DEPTH) X(CAST_NUMBERS)
+    X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(PROBES) X(CELL_DEPTH) X(WIDER_SHIFT) X(CAST_NUMBERS)
 #define SBL__SHARED_BITS(X) \
     X(TEXTURE_SRGB) X(TEXTURE_KIND) X(TEXTURE_CLAMPS) \
     X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS) \
     X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) \
     X(LAMP_TRIANGLE) X(LAMP_NEAR_LIGHT) X(LAMP_FAR_LIGHT) X(LAMP_SKY_TEXEL) X(FAR_NODE) \
-    X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_SPLIT)
+    X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_WIDER) X(CELL_SPLIT)
 
 #define SBL__PRELUDE_MOST 8192     /* characters that a program's constants and records may have, each */
 
@@ -4017,6 +4022,24 @@ static sbl_result sbl__environment_make(const sbl__device *d, sbl__environment *
     return result;
 }
 
+#define SBL__FAR 1e29f   /* hits that are further away are none */
+
+/* What rays over the hemisphere see where they meet nothing: as trace.glsl. */
+static void sbl__environment_rest(const sbl__environment *e, const double direction[3], float light[3]) {
+    double d[3] = { 0, 0, 0 }, excess;
+    const float *texel;
+    int i, k, x, y;
+    memcpy(light, e->sky, sizeof e->sky);
+    if (!e->pixels) return;
+    for (i = 0; i < 3; i++)
+        for (k = 0; k < 3; k++) d[i] += direction[k] * (double)e->axes[i][k];
+    x = (int)((0.5 + atan2(d[2], d[0]) / (2 * SBL__PI)) * e->width);
+    y = (int)(acos(SBL__MIN(SBL__MAX(d[1], -1.0), 1.0)) / SBL__PI * e->height);
+    texel = e->pixels + 3 * ((size_t)SBL__MIN(y, e->height - 1) * (size_t)e->width + (size_t)SBL__MIN(x, e->width - 1));
+    excess = SBL__MAX(1 - (double)(e->limit / SBL__MAX(sbl__max3(texel), 1e-37f)), 0);
+    for (k = 0; k < 3; k++) light[k] += (float)((1 - excess) * (double)texel[k]);
+}
+
 /* For sky.glsl. */
 static void sbl__environment_bind(sbl__device *d, const sbl__environment *e) {
     sbl__bind(d, "sky_picture", &e->texels);
@@ -5271,7 +5294,8 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
    of a grid over the scene cuts out of one side of a patch, of what faces one of six ways there (of a flat patch, whose
    plane may lie on the grid's: what a column cuts out). So light does not leak through walls, between shelves or around
    edges, tiny triangles share a cell and large ones have many. Where something stands on a surface a cell is cut once
-   more, along its plane (see >>bounce): what lies behind is another leaf.
+   more, along its plane (see >>bounce): what lies behind is another leaf. All cells are of one size; but where there
+   are many, what is found last gets wider ones.
 
        triangle -> patch, side \
                                 hash table -> leaf, or split -> ... -> leaf: R
@@ -5287,14 +5311,14 @@ typedef struct sbl__cell_slot { uint32_t check, reference; } sbl__cell_slot;
     X(sbl__split, UVEC2, sides) X(sbl__split, UVEC2, unused)
 SBL__RECORD(sbl__split, SBL__SPLIT, "sbl_split", "sbl_store", SBL__SCENE_TABLE("sbl_store"), "first_split")
 
-#define SBL__LEAF_RECORD(X) X(sbl__leaf, VEC3, light) X(sbl__leaf, UINT, unused)
+#define SBL__LEAF_RECORD(X) X(sbl__leaf, VEC3, light) X(sbl__leaf, UINT, lamps)
 SBL__RECORD(sbl__leaf, SBL__LEAF_RECORD, "sbl_leaf", "sbl_store", "", "first_leaf")
 
 typedef struct sbl__store {
     int ready;
     int warned;                /* of albedos */
-    float origin[3], length;   /* of the grid; of a cell of level 0, at level n 2^n times as much */
-    uint32_t *patches;         /* a word a triangle: number << SBL__PATCH_SHIFT | level | axis | flat | back */
+    float origin[3], length;   /* of the grid; of a cell */
+    uint32_t *patches;         /* a word a triangle: number << SBL__PATCH_SHIFT | axis | flat | back */
     sbl__cell_slot *cells;
     int cell_room;             /* a power of two */
     sbl__split *splits;
@@ -5322,7 +5346,7 @@ static uint32_t sbl__hash_step(uint32_t hash, uint32_t x) {
 }
 
 static float sbl__cell_length(const sbl__store *s, uint32_t patch) {
-    return s->length * (float)(1u << (patch >> SBL__PATCH_LEVEL_SHIFT & SBL__PATCH_LEVEL));
+    return patch & SBL__PATCH_WIDER ? s->length * (float)(1 << SBL__WIDER_SHIFT) : s->length;
 }
 
 /* Which cube of its patch's level a place lies in. patch: the triangle's word, turned to the side that is seen. */
@@ -5363,6 +5387,20 @@ static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const floa
         reference = &split->sides[sbl__dot(split->normal, position) > split->distance];
     }
     return reference;
+}
+
+/* Radiance in a word: Ward 1991, "Real Pixels". */
+static uint32_t sbl__rgbe(const float light[3]) {
+    uint32_t word;
+    int exponent, k;
+    if (!(frexp((double)sbl__max3(light), &exponent) > 0) || exponent < -127) return 0;
+    exponent = SBL__MIN(exponent, 127);
+    word = (uint32_t)(exponent + 128) << 24;
+    for (k = 0; k < 3; k++) {
+        const double part = ldexp((double)light[k], 8 - exponent) + 0.5;
+        word |= (uint32_t)SBL__MIN(SBL__MAX(part, 0), 255.0) << 8 * k;
+    }
+    return word;
 }
 
 /* An empty store with room for so many leaves. */
@@ -5437,10 +5475,10 @@ typedef struct sbl__patching {  /* while patches are made */
     sbl__edge_slot *edges;
     uint32_t *parents;          /* of triangles: the forest whose roots are patches */
     sbl__patch *patches;        /* of roots */
-    double *meshes;             /* area of each mesh's pooled patches */
     int vertex_room, edge_room; /* powers of two */
-    double least, scale;        /* see sbl__patch_roots */
-    double growth;              /* of the scale, where cells of the first one were too many */
+    double area;                /* of all */
+    double least;               /* area below which a mesh's patches count as one */
+    double growth;              /* of cells' area, since the first ones were too many or too few */
 } sbl__patching;
 
 static void sbl__patching_free(sbl__base *base, sbl__patching *p) {
@@ -5449,7 +5487,6 @@ static void sbl__patching_free(sbl__base *base, sbl__patching *p) {
     sbl__free(base, p->edges);
     sbl__free(base, p->parents);
     sbl__free(base, p->patches);
-    sbl__free(base, p->meshes);
     memset(p, 0, sizeof *p);
 }
 
@@ -5465,8 +5502,7 @@ static sbl_result sbl__patching_begin(sbl__base *base, sbl__patching *p, const s
     p->edges = (sbl__edge_slot *)sbl__alloc(base, (size_t)p->edge_room, sizeof *p->edges);
     p->parents = (uint32_t *)sbl__alloc(base, triangles, sizeof *p->parents);
     p->patches = (sbl__patch *)sbl__alloc(base, triangles, sizeof *p->patches);
-    p->meshes = (double *)sbl__alloc(base, (size_t)g->mesh_count, sizeof *p->meshes);
-    if (!p->vertices || !p->welded || !p->edges || !p->parents || !p->patches || !p->meshes)
+    if (!p->vertices || !p->welded || !p->edges || !p->parents || !p->patches)
         return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < g->triangle_count; i++) p->parents[i] = (uint32_t)i;
     return SBL_SUCCESS;
@@ -5487,7 +5523,7 @@ static void sbl__patch_weld(const sbl__geometry *g, sbl__patching *p, uint32_t v
 
 static void sbl__scene_triangle(const sbl__geometry *g, uint32_t triangle, const float *corners[3]) {
     int k;
-    for (k = 0; k < 3; k++) corners[k] = g->vertices[g->indices[3 * (size_t)triangle + (size_t)k]].position;
+    for (k = 0; k < 3; k++) corners[k] = sbl__corner_of(g, triangle, k);
 }
 
 /* Unit; returns its area. */
@@ -5534,7 +5570,7 @@ static void sbl__patch_join(const sbl__geometry *g, sbl__patching *p, uint32_t t
 static void sbl__patch_measure(const sbl__geometry *g, sbl__patching *p, uint32_t triangle) {
     const uint32_t root = sbl__patch_root(p->parents, triangle);
     sbl__patch *patch = &p->patches[root];
-    const sbl__object *o = &g->objects[g->vertices[g->indices[3 * (size_t)triangle]].object];
+    const sbl__object *o = sbl__object_of(g, triangle);
     const float *corners[3];
     double normal[3], along;
     const double area = sbl__scene_normal(g, triangle, normal);
@@ -5549,54 +5585,37 @@ static void sbl__patch_measure(const sbl__geometry *g, sbl__patching *p, uint32_
         patch->bounds[0][i % 3] = SBL__MIN(patch->bounds[0][i % 3], corners[i / 3][i % 3]);
         patch->bounds[1][i % 3] = SBL__MAX(patch->bounds[1][i % 3], corners[i / 3][i % 3]);
     }
-    if (!(o->flags & SBL__HIDDEN_FROM_SENSORS)) patch->area += area;
+    if (!(o->flags & SBL__HIDDEN_FROM_SENSORS)) {
+        patch->area += area;
+        p->area += area;
+    }
     for (k = 0, along = 0; k < 3; k++) along += normal[k] * patch->normal[k];
     if (along < SBL__PATCH_EVEN) patch->flat = 0;
 }
 
-/* A cell's area: the root of its patch's, times this; so large patches have larger cells, and yet more of them: a
-   meadow does not take all that a house on it needs. Finds how many cells there would be at a scale of 1; small patches
-   of a mesh count as one. least: area below which they are small. */
-static double sbl__patch_roots(const sbl__geometry *g, sbl__patching *p, double least) {
-    double roots = 0;
-    int i;
-    memset(p->meshes, 0, (size_t)g->mesh_count * sizeof *p->meshes);
-    for (i = 0; i < g->triangle_count; i++) {
-        const double area = p->parents[i] == (uint32_t)i ? p->patches[i].area : 0;
-        if (area < least) p->meshes[g->vertices[g->indices[3 * (size_t)i]].object] += area;
-        else roots += sqrt(area);
-    }
-    for (i = 0; i < g->mesh_count; i++) roots += sqrt(p->meshes[i]);
-    return roots;
-}
-
-/* Where cells lie, for about so many leaves; of a scene without area there is one. */
+/* Where cells lie, for about so many leaves on both sides; of a scene without area there is one. */
 static void sbl__patch_grid(const sbl__geometry *g, sbl__patching *p, sbl__store *s, double leaves) {
-    const double root = SBL__PATCH_LEAST * 2 * sbl__patch_roots(g, p, 0) / leaves;
+    const double cell = 2 * p->area / leaves;
     int k;
-    p->least = root * root;
-    p->scale = p->growth * 2 * sbl__patch_roots(g, p, p->least) / leaves;
-    s->length = (float)sqrt(p->scale * root);
+    p->least = SBL__PATCH_LEAST * SBL__MIN(p->growth, 1) * cell;
+    s->length = (float)sqrt(p->growth * cell);
     if (!sbl__between(&s->length, FLT_MIN, FLT_MAX)) s->length = 1;
     for (k = 0; k < 3; k++) s->origin[k] = g->bounds[0][k] - s->length * (1.37f + 0.21f * (float)k);
 }
 
 /* The triangle's word. */
-static uint32_t sbl__patch_word(const sbl__geometry *g, sbl__patching *p, const sbl__store *s, uint32_t triangle) {
+static uint32_t sbl__patch_word(const sbl__geometry *g, sbl__patching *p, uint32_t triangle) {
     const uint32_t root = sbl__patch_root(p->parents, triangle);
-    const uint32_t mesh = g->vertices[g->indices[3 * (size_t)triangle]].object;
-    const sbl__patch *patch = &p->patches[root];
-    const int pooled = patch->area < p->least;
-    const double area = pooled ? p->meshes[mesh] : patch->area;
-    const double levels = log(sqrt(p->scale * sqrt(area)) / (double)s->length) / log(2.0) + 0.5;
-    const uint32_t level = levels > 0 ? (uint32_t)SBL__MIN(levels, (double)SBL__PATCH_LEVEL) : 0;
-    uint32_t number = pooled ? (uint32_t)g->triangle_count + mesh : root, axis = 0;
+    const uint32_t mesh = (uint32_t)(sbl__object_of(g, triangle) - g->objects);
+    const int pooled = p->patches[root].area < p->least;
+    const uint32_t number = pooled ? (uint32_t)g->triangle_count + mesh : root;
+    uint32_t axis = 0;
     double n[3];
     sbl__scene_normal(g, triangle, n);
     if (fabs(n[1]) > fabs(n[0])) axis = 1;
     if (fabs(n[2]) > fabs(n[axis])) axis = 2;
-    return number << SBL__PATCH_SHIFT | level << SBL__PATCH_LEVEL_SHIFT | axis << SBL__PATCH_AXIS_SHIFT |
-           (patch->flat && !pooled ? SBL__PATCH_FLAT : 0) | (n[axis] < 0 ? SBL__PATCH_BACK : 0);
+    return number << SBL__PATCH_SHIFT | axis << SBL__PATCH_AXIS_SHIFT |
+           (p->patches[root].flat && !pooled ? SBL__PATCH_FLAT : 0) | (n[axis] < 0 ? SBL__PATCH_BACK : 0);
 }
 
 /* Patches, and where cells lie. SBL_SUCCESS: each triangle has its word. */
@@ -5613,7 +5632,7 @@ static sbl_result sbl__patching_step(const sbl__geometry *g, sbl__patching *p, s
                 case SBL__PATCH_JOIN: sbl__patch_join(g, p, i); break;
                 case SBL__PATCH_MEASURE: sbl__patch_measure(g, p, i); break;
                 case SBL__PATCH_GRID: sbl__patch_grid(g, p, s, leaves); break;
-                default: s->patches[i] = sbl__patch_word(g, p, s, i);
+                default: s->patches[i] = sbl__patch_word(g, p, i);
             }
         }
         p->stage = (sbl__patch_stage)(p->stage + 1);
@@ -5675,32 +5694,25 @@ static const char *const sbl__glsl_store[] = {
 "uniform int first_cell;   // texel that cells start at, two a texel\n",
 "uniform int cell_mask;    // their slots - 1\n",
 "uniform vec3 cell_origin;\n",
-"uniform float per_cell;   // 1 / length of a cell of level 0\n",
-"\n",
-"const float SBL_NEAR_SHARE = 0.5;  // see SBL__NEAR_SHARE\n",
+"uniform float per_cell;   // 1 / length of a cell\n",
 "\n",
 "uint sbl_hash_step(uint hash, uint x) {\n",
 "    hash = (hash ^ x) * 0x9e3779b1u;\n",
 "    return hash ^ hash >> 15;\n",
 "}\n",
 "\n",
-"float sbl_cell_length(int number) {\n",
-"    uint patch_word = sbl_fetch(sbl_store, number >> 2)[number & 3];\n",
-"    return float(1u << (patch_word >> SBL_PATCH_LEVEL_SHIFT & SBL_PATCH_LEVEL)) / per_cell;\n",
-"}\n",
-"\n",
-"// R at a point of triangle number `number` of the scene, on its back side or its front, seen from so far away.\n",
-"vec3 sbl_stored(int number, bool back, vec3 position, float distance) {\n",
+"// 1 + the leaf at a point of triangle number `number` of the scene, on its back side or front, seen from so far\n",
+"// away; 0: there is none.\n",
+"int sbl_leaf_at(int number, bool back, vec3 position, float distance) {\n",
 "    uint patch_word = sbl_fetch(sbl_store, number >> 2)[number & 3] ^ (back ? SBL_PATCH_BACK : 0u);\n",
-"    float per = per_cell / float(1u << (patch_word >> SBL_PATCH_LEVEL_SHIFT & SBL_PATCH_LEVEL));\n",
-"    uvec3 at = uvec3(clamp((position - cell_origin) * per, vec3(0), vec3(2e9)));\n",
+"    uvec3 at = uvec3(clamp((position - cell_origin) * per_cell, vec3(0), vec3(2e9)));\n",
 "    if ((patch_word & SBL_PATCH_FLAT) != 0u) {\n",
 "        uint axis = patch_word >> SBL_PATCH_AXIS_SHIFT & 3u;\n",
 "        at *= uvec3(axis != 0u, axis != 1u, axis != 2u);\n",
 "    }\n",
-"    if (distance * per < SBL_NEAR_SHARE) patch_word |= SBL_PATCH_NEAR;\n",
+"    if (distance * per_cell * float(SBL_NEAR_PART) < 1.0) patch_word |= SBL_PATCH_NEAR;\n",
 "    uint reference = 0u;\n",
-"    for (int tries = 0; tries < 2 && reference == 0u; tries++) {  // or else as it is seen from elsewhere\n",
+"    for (int tries = 0; tries < 4 && reference == 0u; tries++) {  // or as seen from elsewhere, or a wider one\n",
 "        uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);\n",
 "        uint check = sbl_hash_step(sbl_hash_step(sbl_hash_step(hash, at.z), at.y), at.x) | 1u;\n",
 "        for (int i = 0; i < SBL_PROBES; i++) {\n",
@@ -5716,8 +5728,25 @@ static const char *const sbl__glsl_store[] = {
 "            reference = dot(sbl_split_normal(split), position) > sbl_split_distance(split) ? sides.y : sides.x;\n",
 "        }\n",
 "        patch_word ^= SBL_PATCH_NEAR;\n",
+"        if (tries == 1) {\n",
+"            patch_word |= SBL_PATCH_WIDER;\n",
+"            at >>= uint(SBL_WIDER_SHIFT);\n",
+"        }\n",
 "    }\n",
-"    return reference == 0u ? vec3(0) : sbl_leaf_light(int(reference) - 1);\n",
+"    return int(reference);\n",
+"}\n",
+"\n",
+"// R of a leaf, and what of it comes from lamps.\n",
+"vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : sbl_leaf_light(leaf - 1); }\n",
+"\n",
+"vec3 sbl_lamps_of(int leaf) {\n",
+"    uint rgbe = leaf == 0 ? 0u : sbl_leaf_lamps(leaf - 1);\n",
+"    return vec3(rgbe & 255u, rgbe >> 8 & 255u, rgbe >> 16 & 255u) * exp2(float(rgbe >> 24) - 136.0);\n",
+"}\n",
+"\n",
+"// R there.\n",
+"vec3 sbl_stored(int number, bool back, vec3 position, float distance) {\n",
+"    return sbl_light_of(sbl_leaf_at(number, back, position, distance));\n",
 "}\n",
 "#endif\n",
 0 };
@@ -6027,9 +6056,14 @@ static const char *const sbl__glsl_scene[] = {
 "               mix(sbl_texel(place, c + ivec2(0, 1)), sbl_texel(place, c + ivec2(1, 1)), f.x), f.y);\n",
 "}\n",
 "\n",
+"// The surface's colour; a: what cutouts go by.\n",
+"vec4 sbl_color(int object, sbl_Attributes at) {\n",
+"    return at.color * sbl_texture(sbl_object_albedo_texture(object), at.uv) * vec4(sbl_object_albedo(object), 1);\n",
+"}\n",
+"\n",
 "// Does a cutout leave anything here?\n",
 "bool sbl_solid(int object, sbl_Attributes at) {\n",
-"    return at.color.a * sbl_texture(sbl_object_albedo_texture(object), at.uv).a >= sbl_object_alpha_cutoff(object);\n",
+"    return sbl_color(object, at).a >= sbl_object_alpha_cutoff(object);\n",
 "}\n",
 0 };
 /* <<glsl */
@@ -6106,9 +6140,8 @@ static const char *const sbl__glsl_surface[] = {
 "    s.normal = sbl_shading_normal(v, vec3(b0, b1, b2), face, s.geometric_normal, direction);\n",
 "\n",
 "    sbl_Attributes at = sbl_mix_attributes(v, vec3(b0, b1, b2));\n",
-"    s.albedo = at.color * sbl_texture(sbl_object_albedo_texture(object), at.uv);\n",
-"    s.albedo = vec4(s.albedo.rgb * sbl_object_albedo(object),\n",
-"                    s.albedo.a < sbl_object_alpha_cutoff(object) ? 0.0 : 1.0);\n",
+"    s.albedo = sbl_color(object, at);\n",
+"    s.albedo.a = s.albedo.a < sbl_object_alpha_cutoff(object) ? 0.0 : 1.0;\n",
 "    s.emission = sbl_object_emission(object) * sbl_texture(sbl_object_emission_texture(object), at.uv).rgb;\n",
 "    if (s.back && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u) s.emission = vec3(0);\n",
 "    s.id = sbl_object_id(object);\n",
@@ -6160,13 +6193,17 @@ static const char *const sbl__glsl_outgoing[] = {
 "}\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
+"vec3 sbl_albedo(int object, sbl_Attributes at) {\n",
+"#ifdef SBL_TEXTURED\n",
+"    return sbl_color(object, at).rgb;\n",
+"#else\n",
+"    return sbl_object_albedo(object);\n",
+"#endif\n",
+"}\n",
+"\n",
 "// The light that a point reflects. number: of its triangle in the scene; distance: to whom.\n",
 "vec3 sbl_reflected(int object, int number, bool back, vec3 position, float distance, sbl_Attributes at) {\n",
-"    vec3 albedo = sbl_object_albedo(object);\n",
-"#ifdef SBL_TEXTURED\n",
-"    albedo *= (at.color * sbl_texture(sbl_object_albedo_texture(object), at.uv)).rgb;\n",
-"#endif\n",
-"    return albedo * sbl_stored(number, back, position, distance);\n",
+"    return sbl_albedo(object, at) * sbl_stored(number, back, position, distance);\n",
 "}\n",
 "#endif\n",
 0 };
@@ -6504,7 +6541,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "// Where no sensor smooths it: the mean over about a cell.\n",
 "vec3 sbl_stored_smooth(int number, sbl_Surface s) {\n",
 "    mat3 frame = sbl_frame(s.geometric_normal);\n",
-"    float step = sbl_cell_length(number) / 4.0, weight = 0.0;\n",
+"    float step = 0.25 / per_cell, weight = 0.0;\n",
 "    vec3 sum = vec3(0);\n",
 "    for (int i = 0; i < 25; i++) {\n",
 "        vec3 light = sbl_stored(number, s.back, s.position + step * (frame * vec3(i % 5 - 2, i / 5 - 2, 0)), 1e30);\n",
@@ -6677,6 +6714,7 @@ typedef struct sbl__spec {
     int lamp_rays;              /* towards lamps, at most; 0: there are none, or they are met like any surface */
     int lamps_apart;            /* views and rays over the hemisphere do not see emitters: lamp_rays are for them */
     int bounced;                /* surfaces send out the light that the store knows */
+    int skyless;                /* rays over the hemisphere do not see the sky */
     float epsilon;
     uint32_t seed;
     int atlas_size, batch;      /* of sbl_context_desc */
@@ -7034,6 +7072,18 @@ static uint32_t *sbl__sequence_make(sbl__base *base, int rays, int stretches) {
             if (to > from) qsort(points + 2 * ((size_t)rays * (size_t)look + from), to - from, 8, sbl__morton_order);
         }
     return points;
+}
+
+/* Point i of a sequence, scrambled by the seed, as a direction over the hemisphere by the cosine: trace.glsl's ray. */
+static void sbl__cosine_direction(const float normal[3], const uint32_t *sequence, int i, uint32_t seed,
+                                  float out[3]) {
+    const uint32_t x = sequence[2 * i] ^ sbl__hash(seed), y = sequence[2 * i + 1] ^ sbl__hash(seed + 1u);
+    const double u = ((x >> 8) + 0.5) / 16777216.0, angle = 2 * SBL__PI * ((y >> 8) + 0.5) / 16777216.0;
+    double right[3], up[3];
+    int k;
+    sbl__frame(normal, 0, right, up);  /* its up is the other way round than the shader's */
+    for (k = 0; k < 3; k++)
+        out[k] = (float)(sqrt(u) * (cos(angle) * right[k] - sin(angle) * up[k]) + sqrt(1 - u) * normal[k]);
 }
 
 static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int rays, int stretches) {
@@ -8304,21 +8354,51 @@ static const char *const sbl__glsl_trace[] = {
 "uniform int rays;                     // of a sensor\n",
 "uniform float spread;                 // 1: the cosine's whole hemisphere; 0: all rays go along the normal\n",
 "uniform vec3 sky;\n",
+"uniform float ray_offset;             // of a surface's reach, that rays start off it\n",
 "SBL_OUT(0, out_sum);\n",
 "SBL_OUT(1, out_hits);\n",
 "\n",
-"vec3 sbl_radiance(sbl_Hit hit, vec3 position) {\n",
+"// A surface nearer than its cell is wide is not lit as the cell is on average: there a ray goes on, once, by the\n",
+"// cosine; only what lamps send there is taken from the store.\n",
+"#ifdef SBL_BOUNCED\n",
+"const int SBL_LEGS = 2;\n",
+"#else\n",
+"const int SBL_LEGS = 1;\n",
+"#endif\n",
+"\n",
+"// What a hit sends back. share: of the light that arrives there, where the ray goes on; else 0.\n",
+"vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool last, out vec3 share) {\n",
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
 "    sbl_Attributes at = sbl_Attributes(vec2(0), vec4(1));\n",
 "#ifdef SBL_TEXTURED\n",
 "    sbl_when (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);\n",
 "#endif\n",
 "    vec3 radiance = sbl_outgoing(object, hit.back, at);\n",
+"    share = vec3(0);\n",
 "#ifdef SBL_BOUNCED\n",
-"    radiance += sbl_reflected(object, hit.number, hit.back, position, hit.distance, at);\n",
+"    vec3 albedo = sbl_albedo(object, at);\n",
+"    bool near = !last && hit.distance * per_cell < 1.0;\n",
+"    int leaf = sbl_leaf_at(hit.number, hit.back, position, hit.distance);\n",
+"    radiance += albedo * (near ? sbl_lamps_of(leaf) : sbl_light_of(leaf));\n",
+"    if (near) share = albedo;\n",
 "#endif\n",
 "    return radiance;\n",
 "}\n",
+"\n",
+"#ifdef SBL_BOUNCED\n",
+"// Where a ray goes on, and how.\n",
+"void sbl_go_on(sbl_Hit hit, uint hash, inout vec3 position, inout vec3 direction) {\n",
+"    vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,\n",
+"         e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;\n",
+"    float longest = sqrt(max(dot(e1, e1), max(dot(e2, e2), dot(e3, e3))));\n",
+"    vec3 across = cross(e1 / longest, e2 / longest) * (hit.back ? -1.0 : 1.0);\n",
+"    vec3 normal = dot(across, across) > 0.0 ? normalize(across) : -direction;\n",
+"    uint other = sbl_hash_step(hash, 1u);\n",
+"    float u = (float(hash >> 8) + 0.5) / 16777216.0, angle = 6.283185307 * (float(other >> 8) + 0.5) / 16777216.0;\n",
+"    position = p0 + hit.b1 * e1 + hit.b2 * e2 + ray_offset * (length(p0) + 2.0 * longest) * normal;\n",
+"    direction = sbl_frame(normal) * vec3(sqrt(u) * cos(angle), sqrt(u) * sin(angle), sqrt(1.0 - u));\n",
+"}\n",
+"#endif\n",
 "\n",
 "void main() {\n",
 "    ivec2 texel = sbl_texel_of_invocation(), sheet = texel / blocks, within = texel % blocks;\n",
@@ -8335,12 +8415,25 @@ static const char *const sbl__glsl_trace[] = {
 "        vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0 * vec2(spread, 1.0);\n",
 "        float radius = sqrt(u.x), angle = 6.283185307 * u.y;\n",
 "        vec3 direction = frame * vec3(radius * cos(angle), radius * sin(angle), sqrt(1.0 - u.x));\n",
-"        sbl_Hit hit = sbl_trace(position, direction, 1e30);\n",
-"        if (hit.triangle < 0) sum.rgb += sky + sbl_sky(direction);\n",
-"        else {\n",
-"            sum += vec4(sbl_radiance(hit, position + direction * hit.distance), hit.back ? 1.0 : 0.0);\n",
-"            hits.xy += vec2(1.0, hit.distance);\n",
-"            hits.z = min(hits.z, hit.distance);\n",
+"        vec3 from = position, share = vec3(1);\n",
+"        for (int leg = 0; leg < SBL_LEGS; leg++) {\n",
+"            sbl_Hit hit = sbl_trace(from, direction, 1e30);\n",
+"            if (hit.triangle < 0) {\n",
+"                sum.rgb += share * (sky + sbl_sky(direction));\n",
+"                break;\n",
+"            }\n",
+"            vec3 further;\n",
+"            sum.rgb += share * sbl_radiance(hit, from + direction * hit.distance, leg == SBL_LEGS - 1, further);\n",
+"            if (leg == 0) {\n",
+"                sum.a += hit.back ? 1.0 : 0.0;\n",
+"                hits.xy += vec2(1.0, hit.distance);\n",
+"                hits.z = min(hits.z, hit.distance);\n",
+"            }\n",
+"            share *= further;\n",
+"            if (max(share.r, max(share.g, share.b)) <= 0.0) break;\n",
+"#ifdef SBL_BOUNCED\n",
+"            sbl_go_on(hit, sbl_hash_step(sbl_hash_step(scramble.x, uint(i)), scramble.y), from, direction);\n",
+"#endif\n",
 "        }\n",
 "    }\n",
 "    sum /= float(rays);\n",
@@ -8371,6 +8464,12 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
     sbl__set_int(d, "lamps_apart", b->spec->lamps_apart);
     sbl__set_float(d, "epsilon", b->spec->epsilon);
     sbl__set_float(d, "spread", probe ? 0.0f : 1.0f);
+    sbl__set_float(d, "ray_offset", SBL__OFFSET);
+    if (b->spec->skyless) {
+        const float dark[3] = { 0, 0, 0 };
+        sbl__set_vec3(d, "sky", dark);
+        sbl__set_float(d, "sky_limit", 0);
+    }
     sbl__rays_send(d, b, &b->blocks->target, b->slots->blocks);
     return SBL_SUCCESS;
 }
@@ -8512,8 +8611,8 @@ static float sbl__spec_tolerance(const sbl__spec *spec) {
 static int sbl__spec_equal(const sbl__spec *a, const sbl__spec *b) {
     return a->traced == b->traced && a->paper == b->paper && a->hemicube == b->hemicube && a->size == b->size &&
            a->fov == b->fov && a->rays == b->rays && a->lamp_rays == b->lamp_rays && a->lamps_apart == b->lamps_apart &&
-           a->bounced == b->bounced && a->epsilon == b->epsilon && a->atlas_size == b->atlas_size &&
-           a->batch == b->batch;
+           a->bounced == b->bounced && a->skyless == b->skyless && a->epsilon == b->epsilon &&
+           a->atlas_size == b->atlas_size && a->batch == b->batch;
 }
 
 /* >>job: setting up */
@@ -9057,13 +9156,9 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
 #define SBL__BOUNCE_SEEDS 1.0      /* of a cell, as large as cells are at first */
 #define SBL__BOUNCE_SEED_RAYS 4
 #define SBL__BOUNCE_POINTS 4
-
 #define SBL__BOUNCE_RAYS 16        /* of a point */
-
 #define SBL__BOUNCE_LAMP_RAYS 8
-
-#define SBL__BOUNCE_SKY_RAYS 16    /* where the sky shines; */
-#define SBL__BOUNCE_DARK_RAYS 4    /* where not, to tell where a point stands */
+#define SBL__BOUNCE_DARK_RAYS 4    /* over the hemisphere: they merely tell where a point stands */
 #define SBL__BOUNCE_FEELERS 8
 #define SBL__FEELER_STEEP 0.7      /* cosine between what a feeler meets and its surface, less than which cuts */
 #define SBL__FEELER_APART 1e-3     /* of a cell: planes nearer than that to a former hit are the same */
@@ -9075,8 +9170,13 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
 #define SBL__BOUNCE_ROUNDS 200
 #define SBL__BOUNCE_REST 2e-4      /* of the light, that may be missing at the end */
 #define SBL__BOUNCE_GROWTH 1.5     /* of cells' area, where leaves do not suffice */
-#define SBL__BOUNCE_GROWTH_MOST 4.0
+#define SBL__BOUNCE_GROWTH_MOST 2.0
+#define SBL__BOUNCE_FIRST 0.42     /* of the leaves that there may be, that seeds' rays may find */
+#define SBL__BOUNCE_FIRST_POWER 2.4  /* measured: cells that much larger make them fewer by that */
+#define SBL__BOUNCE_SPARE 0.12     /* of the leaves that there may be: where there are fewer, cells are made smaller, */
+#define SBL__BOUNCE_SHRINK 0.03    /* by so much at most at a time */
 #define SBL__BOUNCE_GROWTH_END 16.0  /* in all; what then finds no room stays dark: there are more meshes than leaves */
+#define SBL__BOUNCE_WIDER 0.6      /* of the leaves that there may be, from which on new ones are of wider cells */
 #define SBL__BOUNCE_AIM 0.5        /* of the leaves that there may be, for which cells are cut at first */
 #define SBL__BOUNCE_SHARE 0.35f    /* of the time of a picture that needs it, about */
 #define SBL__CAST_COLUMNS 256
@@ -9101,9 +9201,8 @@ typedef struct sbl__bounce_leaf { int points, first, valid; } sbl__bounce_leaf;
 
 typedef enum sbl__bounce_stage {
     SBL__BOUNCE_BEGIN, SBL__BOUNCE_PATCHES, SBL__BOUNCE_SEED, SBL__BOUNCE_SOW, SBL__BOUNCE_PLACE, SBL__BOUNCE_FEEL,
-    SBL__BOUNCE_CUT,
-    SBL__BOUNCE_CAST, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_JOIN, SBL__BOUNCE_GATHER, SBL__BOUNCE_SOLVE,
-    SBL__BOUNCE_SEND, SBL__BOUNCE_DONE
+    SBL__BOUNCE_CUT, SBL__BOUNCE_CAST, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_JOIN, SBL__BOUNCE_GATHER,
+    SBL__BOUNCE_SOLVE, SBL__BOUNCE_SEND, SBL__BOUNCE_DONE
 } sbl__bounce_stage;
 
 typedef struct sbl__bounce {
@@ -9133,7 +9232,7 @@ typedef struct sbl__bounce {
     int parted;                      /* a line has cut leaves that had points: all hits are to be placed again */
     float *light, *sums;             /* three a leaf: what comes from what shines; what is gathered */
     double change;                   /* that the last round made */
-    double crowding;
+    double crowding, share;          /* of the leaves that there may be, that there were with larger cells */
     float progress;
     int rounds, crowded;
     int sown;                        /* seeds have been placed */
@@ -9141,6 +9240,7 @@ typedef struct sbl__bounce {
     sbl__table casts;
     sbl__blocks blocks;
     sbl__pace pace;
+    sbl__job job;                    /* the light at the points */
 } sbl__bounce;
 
 /* >>bounce: rays in, hits out */
@@ -9163,7 +9263,7 @@ static const char *const sbl__glsl_cast[] = {
 "        albedo = sbl_object_albedo(object);\n",
 "#ifdef SBL_TEXTURED\n",
 "        sbl_Attributes at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);\n",
-"        albedo *= (at.color * sbl_texture(sbl_object_albedo_texture(object), at.uv)).rgb;\n",
+"        albedo = sbl_color(object, at).rgb;\n",
 "#endif\n",
 "        low = (float(hit.number % SBL_CAST_NUMBERS) + 1.0) * (hit.back ? -1.0 : 1.0);\n",
 "        high = float(hit.number / SBL_CAST_NUMBERS);\n",
@@ -9249,6 +9349,7 @@ static sbl_result sbl__bounce_cast(sbl__core *c, sbl__bounce *b, sbl__cast_make 
     if (result != SBL_SUCCESS) return result;
     sbl__pace_end(d, &b->pace, some);
     c->stats.readbacks += 2;
+    c->stats.bounce_rays += some;
     b->at += some;
     return b->at < count ? SBL_UNFINISHED : SBL_SUCCESS;
 }
@@ -9258,7 +9359,18 @@ static sbl_result sbl__bounce_cast(sbl__core *c, sbl__bounce *b, sbl__cast_make 
 /* The triangle's word, turned to the side that a place is on, and to whether it was seen from near. */
 static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
     const uint32_t patch = s->patches[at->place >> 1] ^ (at->place & 1 ? SBL__PATCH_BACK : 0);
-    return patch | (at->distance < (float)SBL__NEAR_SHARE * sbl__cell_length(s, patch) ? SBL__PATCH_NEAR : 0);
+    return patch | (at->distance * SBL__NEAR_PART < s->length ? SBL__PATCH_NEAR : 0);
+}
+
+/* Where the reference stands that leads to a place's light: in its cell or, where that has none and there are many, in
+   the wider one around it; NULL: there is no room. *patch: whose the cell is. */
+static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32_t *patch, int *depth) {
+    uint32_t *reference;
+    *patch = sbl__place_patch(s, at);
+    reference = sbl__store_find(s, *patch, at->position, depth);
+    if (reference && (*reference || s->leaf_count < SBL__BOUNCE_WIDER * s->most)) return reference;
+    *patch |= SBL__PATCH_WIDER;
+    return sbl__store_find(s, *patch, at->position, depth);
 }
 
 /* Normal towards its side; returns how far rays start off it. */
@@ -9318,8 +9430,8 @@ static sbl_result sbl__bounce_seed(sbl__core *c, sbl__bounce *b, sbl__slice *sli
     sbl_result result = SBL_SUCCESS;
     for (; b->at < g->triangle_count && result == SBL_SUCCESS; b->at++) {
         const uint32_t triangle = (uint32_t)b->at;
-        const sbl__object *o = &g->objects[g->vertices[g->indices[3 * (size_t)triangle]].object];
-        const double length = (double)sbl__cell_length(s, s->patches[triangle]), from = b->spread;
+        const sbl__object *o = sbl__object_of(g, triangle);
+        const double length = (double)s->length, from = b->spread;
         double normal[3], k;
         if (sbl__late(slice)) return SBL_UNFINISHED;
         if (o->flags & SBL__HIDDEN_FROM_SENSORS) continue;
@@ -9368,7 +9480,7 @@ static sbl_result sbl__bounce_add_leaf(sbl__core *c, sbl__bounce *b, const sbl__
 static sbl_result sbl__bounce_add(sbl__core *c, sbl__bounce *b, const sbl__hit *at, int *crowded) {
     sbl__store *s = &c->scene.store;
     int leaf, depth;
-    uint32_t *reference = sbl__store_find(s, sbl__place_patch(s, at), at->position, &depth);
+    uint32_t patch, *reference = sbl__place_find(s, at, &patch, &depth);
     if (!reference || (!*reference && s->leaf_count >= s->most)) {
         *crowded = b->patching.growth < SBL__BOUNCE_GROWTH_END;
         return SBL_SUCCESS;
@@ -9402,13 +9514,14 @@ static void sbl__bounce_feeler(const sbl__core *c, const sbl__bounce *b, int num
     const sbl__store *s = &c->scene.store;
     const int leaf = b->fresh + number / SBL__BOUNCE_FEELERS;
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
-    const uint32_t patch = sbl__place_patch(s, at);
     const double share = number % SBL__BOUNCE_FEELERS + sbl__hash((uint32_t)leaf) / 4294967296.0;
     const float offset = sbl__place_normal(&c->scene.geometry, at->place, out->direction);
-    const float length = sbl__cell_length(s, patch);
     double right[3], up[3];
-    uint32_t cube[3];
+    uint32_t cube[3], patch;
+    float length;
     int k;
+    sbl__place_find(s, at, &patch, &k);
+    length = sbl__cell_length(s, patch);
     sbl__frame(out->direction, 2 * SBL__PI / SBL__BOUNCE_FEELERS * share, right, up);
     sbl__cell_place(s, patch, at->position, cube);
     out->limit = FLT_MAX;
@@ -9442,14 +9555,14 @@ static int sbl__stand_make(const sbl__core *c, const sbl__hit *at, const sbl__hi
     const sbl__store *s = &c->scene.store;
     const sbl__patch *patches = c->bounce->patching.patches;
     const uint32_t patch = sbl__place_patch(s, at) & ~SBL__PATCH_NEAR, other = s->patches[met->place >> 1];
-    const double length = (double)sbl__cell_length(s, patch);
-    const sbl__patch *own = &patches[patch >> SBL__PATCH_SHIFT], *its = &patches[other >> SBL__PATCH_SHIFT];
-    const int flat = (other & SBL__PATCH_FLAT) != 0;
+    const double length = (double)s->length;
+    const sbl__patch *own, *its = other & SBL__PATCH_FLAT ? &patches[other >> SBL__PATCH_SHIFT] : NULL;
     const float *p[3];
     float normal[3];
     double along[3], t0 = -1e300, t1 = 1e300, slack;
     int k;
     if (!(patch & SBL__PATCH_FLAT)) return 0;
+    own = &patches[patch >> SBL__PATCH_SHIFT];
     slack = SBL__FEELER_APART * length + 4 * (double)sbl__place_normal(&c->scene.geometry, at->place, normal);
     sbl__place_normal(&c->scene.geometry, met->place, line->normal);
     sbl__scene_triangle(&c->scene.geometry, met->place >> 1, p);
@@ -9461,8 +9574,8 @@ static int sbl__stand_make(const sbl__core *c, const sbl__hit *at, const sbl__hi
     for (k = 0; k < 3; k++) {
         const float least = SBL__MIN(SBL__MIN(p[0][k], p[1][k]), p[2][k]);
         const float most = SBL__MAX(SBL__MAX(p[0][k], p[1][k]), p[2][k]);
-        const float low = SBL__MAX(own->bounds[0][k], flat ? its->bounds[0][k] : least);
-        const float high = SBL__MIN(own->bounds[1][k], flat ? its->bounds[1][k] : most);
+        const float low = SBL__MAX(own->bounds[0][k], its ? its->bounds[0][k] : least);
+        const float high = SBL__MIN(own->bounds[1][k], its ? its->bounds[1][k] : most);
         const double a = ((double)low - slack - met->position[k]), b = ((double)high + slack - met->position[k]);
         if (fabs(along[k]) < 1e-6) continue;
         t0 = SBL__MAX(t0, SBL__MIN(a / along[k], b / along[k]));
@@ -9475,7 +9588,7 @@ static int sbl__stand_make(const sbl__core *c, const sbl__hit *at, const sbl__hi
     }
     line->apart = SBL__FEELER_APART * length;
     line->distance = sbl__dot(line->normal, p[0]);
-    line->what = flat ? other | 1u : met->place & ~1u;
+    line->what = its ? other | 1u : met->place & ~1u;
     line->patch = patch;
     return 1;
 }
@@ -9544,14 +9657,17 @@ static sbl_result sbl__stand_walk(sbl__core *c, sbl__stand *line) {
 
 /* Cuts all cells along the line, once. */
 static sbl_result sbl__stand_cut(sbl__core *c, sbl__stand *line) {
-    const uint32_t hash = sbl__hash_step(sbl__hash_step(0, line->patch), line->what);
+    const uint32_t patch = line->patch, hash = sbl__hash_step(sbl__hash_step(0, patch), line->what);
     uint32_t *walked = &c->bounce->stands[hash % SBL__STANDS];
-    sbl_result result;
+    sbl_result result = SBL_SUCCESS;
+    int i;
     if (*walked == hash) return SBL_SUCCESS;
     *walked = hash;
-    result = sbl__stand_walk(c, line);
-    line->patch |= SBL__PATCH_NEAR;
-    return result == SBL_SUCCESS ? sbl__stand_walk(c, line) : result;
+    for (i = 0; i < 4 && result == SBL_SUCCESS; i++) {
+        line->patch = patch | (i & 1 ? SBL__PATCH_NEAR : 0) | (i & 2 ? SBL__PATCH_WIDER : 0);
+        result = sbl__stand_walk(c, line);
+    }
+    return result;
 }
 
 /* Cuts a leaf by what one of its feelers met, where that stands on its surface and nothing else parts the two. */
@@ -9559,17 +9675,17 @@ static sbl_result sbl__bounce_cut(sbl__core *c, sbl__bounce *b, int leaf, const 
     sbl__store *s = &c->scene.store;
     sbl__bounce_leaf *state = &b->states[leaf];
     const sbl__hit *at = &b->points[state->first].at;
-    const uint32_t patch = sbl__place_patch(s, at);
     float before[3], normal[3], own[3], apart;
     sbl__stand line;
-    uint32_t *reference;
+    uint32_t *reference, patch;
     int k, depth;
+    sbl__place_find(s, at, &patch, &depth);
     sbl__place_normal(&c->scene.geometry, at->place, own);
     sbl__place_normal(&c->scene.geometry, met->place, normal);
     apart = sbl__dot(normal, at->position) - sbl__dot(normal, met->position);
     if (fabs((double)sbl__dot(normal, own)) > SBL__FEELER_STEEP) return SBL_SUCCESS;
     if (sbl__stand_make(c, at, met, &line)) return sbl__stand_cut(c, &line);
-    if (fabs((double)apart) < SBL__FEELER_APART * (double)sbl__cell_length(s, patch)) return SBL_SUCCESS;
+    if (fabs((double)apart) < SBL__FEELER_APART * (double)s->length) return SBL_SUCCESS;
     for (k = 0; k < 3; k++)  /* just behind what was met */
         before[k] = met->position[k] + (float)SBL__FEELER_APART * (met->position[k] - at->position[k]);
     reference = sbl__store_find(s, patch, before, &depth);
@@ -9603,20 +9719,14 @@ static sbl_result sbl__bounce_cuts(sbl__core *c, sbl__bounce *b, sbl__slice *sli
 
 /* >>bounce: rays */
 
-/* Over the hemisphere at a place, by the cosine: point `number` of the sequence, scrambled. */
-static void sbl__bounce_aim(const sbl__core *c, const sbl__bounce *b, const sbl__hit *at, uint32_t hash, int number,
+/* Over the hemisphere at a place. */
+static void sbl__bounce_aim(const sbl__core *c, const sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number,
                             sbl__cast *out) {
-    const uint32_t x = b->sequence[2 * number] ^ hash, y = b->sequence[2 * number + 1] ^ sbl__hash(hash);
-    const double u = ((x >> 8) + 0.5) / 16777216.0, angle = 2 * SBL__PI * ((y >> 8) + 0.5) / 16777216.0;
     float normal[3];
     const float offset = sbl__place_normal(&c->scene.geometry, at->place, normal);
-    double right[3], up[3];
     int k;
-    sbl__frame(normal, angle, right, up);
-    for (k = 0; k < 3; k++) {
-        out->origin[k] = at->position[k] + offset * normal[k];
-        out->direction[k] = (float)(sqrt(u) * right[k] + sqrt(1 - u) * normal[k]);
-    }
+    sbl__cosine_direction(normal, b->sequence, number, seed, out->direction);
+    for (k = 0; k < 3; k++) out->origin[k] = at->position[k] + offset * normal[k];
     out->limit = 1e30f;
 }
 
@@ -9651,7 +9761,7 @@ static void sbl__bounce_ray(const sbl__core *c, const sbl__bounce *b, int number
 static sbl_result sbl__bounce_find(sbl__core *c, sbl__bounce *b, sbl__bounce_point *p) {
     sbl__store *s = &c->scene.store;
     int depth;
-    uint32_t *reference = sbl__store_find(s, sbl__place_patch(s, &p->at), p->at.position, &depth);
+    uint32_t patch, *reference = sbl__place_find(s, &p->at, &patch, &depth);
     if (reference && !*reference) {
         sbl_result result = sbl__store_add_leaf(&c->base, s, reference);
         if (result != SBL_SUCCESS) return result;
@@ -9684,7 +9794,6 @@ static sbl_result sbl__bounce_sites(sbl__core *c, sbl__bounce *b, sbl__slice *sl
 }
 
 static void sbl__bounce_light(sbl__core *c, sbl__bounce *b) {
-    const sbl__environment *e = &c->scene.environment;
     sbl__seeing seeing;
     sbl__task task;
     memset(&seeing, 0, sizeof seeing);
@@ -9693,14 +9802,33 @@ static void sbl__bounce_light(sbl__core *c, sbl__bounce *b) {
     seeing.backend = SBL_BACKEND_TRACE;
     seeing.rays = SBL__BOUNCE_LAMP_RAYS;
     sbl__spec_make(&task.spec, &seeing, &c->scene, &c->desc);
-    task.spec.rays = e->pixels || sbl__max3(e->sky) > 0 ? SBL__BOUNCE_SKY_RAYS : SBL__BOUNCE_DARK_RAYS;
+    task.spec.rays = SBL__BOUNCE_DARK_RAYS;
+    task.spec.skyless = 1;  /* the kept rays know what comes from there */
     task.sites = b->sites;
     task.readings = b->readings;
     task.site_count = b->point_count;
-    sbl__job_begin(&c->job, &c->scene, &task);
+    memset(&b->job.counts, 0, sizeof b->job.counts);
+    sbl__job_begin(&b->job, &c->scene, &task);
 }
 
 /* >>bounce: all bounces at once */
+
+/* What a point's rays that met nothing bring. */
+static void sbl__bounce_sky(const sbl__core *c, const sbl__bounce *b, int point, float out[3]) {
+    const sbl__environment *e = &c->scene.environment;
+    const sbl__hit *hits = &b->hits[(size_t)point * SBL__BOUNCE_RAYS];
+    int i, k;
+    out[0] = out[1] = out[2] = 0;
+    for (i = 0; i < SBL__BOUNCE_RAYS; i++) {
+        double direction[3];
+        float light[3];
+        if (!(hits[i].distance > SBL__FAR)) continue;
+        for (k = 0; k < 3; k++) direction[k] = (double)hits[i].position[k] - b->points[point].at.position[k];
+        if (!sbl__normalize(direction)) continue;
+        sbl__environment_rest(e, direction, light);
+        for (k = 0; k < 3; k++) out[k] += light[k] / SBL__BOUNCE_RAYS;
+    }
+}
 
 /* Hits become leaves. */
 static sbl_result sbl__bounce_join(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
@@ -9714,9 +9842,10 @@ static sbl_result sbl__bounce_join(sbl__core *c, sbl__bounce *b, sbl__slice *sli
     for (; b->at < count; b->at++) {
         sbl__hit *hit = &b->hits[b->at];
         const uint32_t *reference;
+        uint32_t patch;
         if (sbl__late(slice)) return SBL_UNFINISHED;
         if (b->joined || hit->place == SBL__NOWHERE) continue;
-        reference = sbl__store_find(s, sbl__place_patch(s, hit), hit->position, &k);
+        reference = sbl__place_find(s, hit, &patch, &k);
         hit->place = reference && *reference ? *reference - 1 : SBL__NOWHERE;
     }
     b->joined = 1;
@@ -9727,6 +9856,14 @@ static sbl_result sbl__bounce_join(sbl__core *c, sbl__bounce *b, sbl__slice *sli
         const int leaf = b->points[i].leaf;
         if (!b->readings[i].valid) continue;
         for (k = 0; k < 3; k++) b->light[3 * leaf + k] += b->readings[i].radiance[k] / (float)b->states[leaf].valid;
+    }
+    for (i = 0; i < s->leaf_count; i++) s->leaves[i].lamps = sbl__rgbe(b->light + 3 * i);
+    for (i = 0; i < b->point_count; i++) {
+        const int leaf = b->points[i].leaf;
+        float sky[3];
+        if (!b->readings[i].valid) continue;
+        sbl__bounce_sky(c, b, i, sky);
+        for (k = 0; k < 3; k++) b->light[3 * leaf + k] += sky[k] / (float)b->states[leaf].valid;
     }
     for (i = 0; i < s->leaf_count; i++) memcpy(s->leaves[i].light, b->light + 3 * i, sizeof s->leaves[i].light);
     return SBL_SUCCESS;
@@ -9831,7 +9968,7 @@ static sbl_result sbl__bounce_piece(sbl__core *c, sbl__bounce *b, sbl__slice *sl
             b->at = SBL__MAX(b->at, b->cast * SBL__BOUNCE_RAYS);
             return sbl__bounce_cast(c, b, sbl__bounce_ray, b->point_count * SBL__BOUNCE_RAYS, b->hits, slice);
         case SBL__BOUNCE_SITES: return sbl__bounce_sites(c, b, slice);
-        case SBL__BOUNCE_LIGHT: return sbl__job_step(&c->device, &c->job, slice);
+        case SBL__BOUNCE_LIGHT: return sbl__job_step(&c->device, &b->job, slice);
         case SBL__BOUNCE_JOIN: return sbl__bounce_join(c, b, slice);
         case SBL__BOUNCE_GATHER: return sbl__bounce_gather(c, b, slice);
         case SBL__BOUNCE_SOLVE: return SBL_SUCCESS;
@@ -9841,18 +9978,25 @@ static sbl_result sbl__bounce_piece(sbl__core *c, sbl__bounce *b, sbl__slice *sl
     }
 }
 
+/* All begins anew, with larger cells or smaller ones. */
+static sbl__bounce_stage sbl__bounce_again(sbl__bounce *b, double growth) {
+    b->patching.growth *= growth;
+    b->patching.stage = SBL__PATCH_GRID;
+    b->spread = 0;
+    b->seed_count = b->held_count = b->point_count = b->fresh = b->cast = b->parted = b->sown = 0;
+    memset(b->stands, 0, SBL__STANDS * sizeof *b->stands);
+    return SBL__BOUNCE_PATCHES;
+}
+
 /* What follows a stage that is done. */
 static sbl__bounce_stage sbl__bounce_next(sbl__core *c, sbl__bounce *b) {
+    double share;
     switch (b->stage) {
         case SBL__BOUNCE_PLACE:
-            if (b->crowded) {  /* all begins anew, with larger ones */
-                b->patching.growth *= SBL__MAX(b->crowding, SBL__BOUNCE_GROWTH);
-                b->patching.stage = SBL__PATCH_GRID;
-                b->spread = 0;
-                b->seed_count = b->held_count = b->point_count = b->fresh = b->cast = b->parted = b->sown = 0;
-                memset(b->stands, 0, SBL__STANDS * sizeof *b->stands);
-                return SBL__BOUNCE_PATCHES;
-            }
+            if (b->crowded) return sbl__bounce_again(b, SBL__MAX(b->crowding, SBL__BOUNCE_GROWTH));
+            share = (double)c->scene.store.leaf_count / c->scene.store.most;
+            if (!b->fresh && share > SBL__BOUNCE_FIRST)  /* what the first ones see will be too many */
+                return sbl__bounce_again(b, pow(share / SBL__BOUNCE_FIRST, SBL__BOUNCE_FIRST_POWER));
             if (c->scene.store.leaf_count > b->fresh) return SBL__BOUNCE_FEEL;
             if (b->cast < b->point_count) return SBL__BOUNCE_CAST;
             if (b->parted) {  /* leaves that had points were cut: their other sides may want some */
@@ -9860,6 +10004,10 @@ static sbl__bounce_stage sbl__bounce_next(sbl__core *c, sbl__bounce *b) {
                 b->queue = b->hits;
                 b->queue_count = b->point_count * SBL__BOUNCE_RAYS;
                 return SBL__BOUNCE_PLACE;
+            }
+            if (b->sown && share < SBL__BOUNCE_SPARE && b->patching.growth <= 1 && share > 2 * b->share) {
+                b->share = share;  /* much of the scene is seen by nothing: the rest may have more */
+                return sbl__bounce_again(b, SBL__MAX(share / SBL__BOUNCE_AIM, SBL__BOUNCE_SHRINK));
             }
             if (b->sown) return SBL__BOUNCE_SITES;
             b->sown = 1;
@@ -9881,8 +10029,8 @@ static sbl__bounce_stage sbl__bounce_next(sbl__core *c, sbl__bounce *b) {
             sbl__bounce_light(c, b);
             return SBL__BOUNCE_LIGHT;
         case SBL__BOUNCE_LIGHT:
-            c->stats.readbacks += c->job.counts.readbacks;
-            sbl__job_free(&c->device, &c->job);  /* with room for more sites than what follows has; and its counts */
+            c->stats.readbacks += b->job.counts.readbacks;
+            c->stats.bounce_rays += b->job.counts.rays;
             return SBL__BOUNCE_JOIN;
         case SBL__BOUNCE_SOLVE:
             if (sbl__bounce_solve(c, b) != SBL_SUCCESS) return SBL__BOUNCE_GATHER;
@@ -9914,6 +10062,7 @@ static void sbl__bounce_rest(const sbl__device *d, sbl__bounce *b) {
     sbl__free(d->base, b->stands);
     sbl__table_delete(d, &b->casts);
     sbl__blocks_free(d, &b->blocks);
+    sbl__job_free(d, &b->job);
     b->seeds = b->held = b->again = b->feelers = NULL;
     b->seed_room = b->held_room = b->again_room = b->feeler_room = 0;
     b->sequence = NULL;
@@ -9943,30 +10092,26 @@ static void sbl__bounce_end(sbl__core *c) {
 static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     const double start = sbl__now();
     sbl__store *s = &c->scene.store;
-    sbl__bounce *b;
-    sbl_result result = SBL_SUCCESS;
+    sbl_result result;
+    c->stats.bounce_samples = s->leaf_count;
+    if (s->ready) return SBL_SUCCESS;
     if (c->bounce && c->bounce->surfaces != c->scene.surfaces) sbl__bounce_end(c);
-    if (!s->ready && !c->bounce) {
+    if (!c->bounce) {
         c->bounce = (sbl__bounce *)sbl__alloc(&c->base, 1, sizeof *c->bounce);
         if (!c->bounce) return SBL_ERROR_OUT_OF_MEMORY;
         c->bounce->surfaces = c->scene.surfaces;
-    }
-    if (!s->ready && c->bounce->scene != c->scene.version) sbl__bounce_relight(c->bounce);
-    b = c->bounce;
-    if (b) b->scene = c->scene.version;
-    if (b && !s->ready && b->stage == SBL__BOUNCE_LIGHT && c->job.task.readings != b->readings)
-        sbl__bounce_light(c, b);  /* something else had the job meanwhile */
-    if (!s->ready) result = sbl__bounce_piece(c, b, slice);
-    if (!s->ready && result == SBL_SUCCESS) {
-        b->stage = sbl__bounce_next(c, b);
-        b->at = 0;
-        s->ready = b->stage == SBL__BOUNCE_DONE;
-        if (!s->ready) result = SBL_UNFINISHED;
-    }
+    } else if (c->bounce->scene != c->scene.version) sbl__bounce_relight(c->bounce);
+    c->bounce->scene = c->scene.version;
+    result = sbl__bounce_piece(c, c->bounce, slice);
+    if (result == SBL_SUCCESS) {
+        c->bounce->stage = sbl__bounce_next(c, c->bounce);
+        c->bounce->at = 0;
+        s->ready = c->bounce->stage == SBL__BOUNCE_DONE;
+        if (s->ready) sbl__bounce_rest(&c->device, c->bounce);
+        else result = SBL_UNFINISHED;
+    } else if (result != SBL_UNFINISHED) sbl__bounce_end(c);
     c->stats.seconds.bounce += sbl__now() - start;
     c->stats.bounce_samples = s->leaf_count;
-    if (s->ready) sbl__bounce_rest(&c->device, c->bounce);
-    else if (result != SBL_UNFINISHED) sbl__bounce_end(c);
     return result;
 }
 
@@ -9977,7 +10122,7 @@ static float sbl__bounce_progress(sbl__core *c) {
     if (c->scene.store.ready || !b) return c->scene.store.ready ? 1.0f : 0.0f;
     now = b->stage < SBL__BOUNCE_SITES    ? 0.5f * (float)b->cast / (float)(SBL__BOUNCE_POINTS * c->scene.store.most)
         : b->stage == SBL__BOUNCE_SITES   ? 0.5f
-        : b->stage == SBL__BOUNCE_LIGHT   ? 0.5f + 0.4f * sbl__job_progress(&c->job)
+        : b->stage == SBL__BOUNCE_LIGHT   ? 0.5f + 0.4f * sbl__job_progress(&b->job)
                                           : 0.9f;
     b->progress = SBL__MAX(b->progress, SBL__MIN(now, 0.99f));
     return b->progress;
@@ -9998,7 +10143,7 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__seeing *s, sbl__slice *s
    Stored light as a stream: a header, the store's four arrays, a checksum. What is read is believed only where it fits
    the scene and itself. */
 
-#define SBL__SAVED_VERSION 1u
+#define SBL__SAVED_VERSION 2u
 #define SBL__SAVED_ORDER 0x01020304u
 #define SBL__SAVED_SEED 0xcbf29ce484222325u
 #define SBL__SAVED_CELLS (1 << 22)     /* at most; as many splits, and half as many leaves */
@@ -11543,17 +11688,6 @@ static sbl_result sbl__inspect_trace(const sbl__looking *k, const sbl__batch *b)
     return sbl__trace_draw(&k->core->device, &k->core->job.trace, b, 0);
 }
 
-/* The way that ray number i went, as trace.glsl makes it. */
-static void sbl__inspect_direction(const sbl__look *look, const uint32_t *sequence, int i, float out[3]) {
-    const uint32_t x = sequence[2 * i] ^ sbl__hash(look->seed), y = sequence[2 * i + 1] ^ sbl__hash(look->seed + 1u);
-    const double u = ((x >> 8) + 0.5) / 16777216.0, angle = 2 * SBL__PI * ((y >> 8) + 0.5) / 16777216.0;
-    double right[3], up[3];
-    int k;
-    sbl__frame(look->normal, 0, right, up);  /* its up is the other way round than the shader's */
-    for (k = 0; k < 3; k++)
-        out[k] = (float)(sqrt(u) * (cos(angle) * right[k] - sin(angle) * up[k]) + sqrt(1 - u) * look->normal[k]);
-}
-
 static sbl_result sbl__inspect_rays(sbl__looking *k) {
     sbl__core *c = k->core;
     const int rays = c->job.task.spec.rays, size[2] = { 4, (rays + 3) / 4 };
@@ -11565,7 +11699,7 @@ static sbl_result sbl__inspect_rays(sbl__looking *k) {
         const float *sum = data + 4 * (size_t)i, *hits = sum + 4 * (size_t)(size[0] * size[1]);
         sbl_sensor_ray *ray = sbl__inspect_add_ray(k);
         if (!ray) { result = SBL_ERROR_OUT_OF_MEMORY; break; }
-        sbl__inspect_direction(&k->look, sequence, i, ray->direction);
+        sbl__cosine_direction(k->look.normal, sequence, i, k->look.seed, ray->direction);
         if (hits[0] > 0) ray->distance = sum[3] > 0 ? -hits[2] : hits[2];
         for (n = 0; n < 3; n++) ray->radiance[n] = sum[n] * (float)rays;
         for (n = 0; n < 3 && k->radiance; n++) k->radiance[4 * i + n] = ray->radiance[n];

@@ -14,7 +14,7 @@ void main() {
         albedo = sbl_object_albedo(object);
 #ifdef SBL_TEXTURED
         sbl_Attributes at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);
-        albedo *= (at.color * sbl_texture(sbl_object_albedo_texture(object), at.uv)).rgb;
+        albedo = sbl_color(object, at).rgb;
 #endif
         low = (float(hit.number % SBL_CAST_NUMBERS) + 1.0) * (hit.back ? -1.0 : 1.0);
         high = float(hit.number / SBL_CAST_NUMBERS);

@@ -15,7 +15,7 @@ layout(location = 5) out uint out_id;
 // Where no sensor smooths it: the mean over about a cell.
 vec3 sbl_stored_smooth(int number, sbl_Surface s) {
     mat3 frame = sbl_frame(s.geometric_normal);
-    float step = sbl_cell_length(number) / 4.0, weight = 0.0;
+    float step = 0.25 / per_cell, weight = 0.0;
     vec3 sum = vec3(0);
     for (int i = 0; i < 25; i++) {
         vec3 light = sbl_stored(number, s.back, s.position + step * (frame * vec3(i % 5 - 2, i / 5 - 2, 0)), 1e30);

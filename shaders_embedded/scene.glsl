@@ -41,7 +41,12 @@ vec4 sbl_texture(uvec4 place, vec2 uv) {
                mix(sbl_texel(place, c + ivec2(0, 1)), sbl_texel(place, c + ivec2(1, 1)), f.x), f.y);
 }
 
+// The surface's colour; a: what cutouts go by.
+vec4 sbl_color(int object, sbl_Attributes at) {
+    return at.color * sbl_texture(sbl_object_albedo_texture(object), at.uv) * vec4(sbl_object_albedo(object), 1);
+}
+
 // Does a cutout leave anything here?
 bool sbl_solid(int object, sbl_Attributes at) {
-    return at.color.a * sbl_texture(sbl_object_albedo_texture(object), at.uv).a >= sbl_object_alpha_cutoff(object);
+    return sbl_color(object, at).a >= sbl_object_alpha_cutoff(object);
 }

@@ -5,32 +5,25 @@
 uniform int first_cell;   // texel that cells start at, two a texel
 uniform int cell_mask;    // their slots - 1
 uniform vec3 cell_origin;
-uniform float per_cell;   // 1 / length of a cell of level 0
-
-const float SBL_NEAR_SHARE = 0.5;  // see SBL__NEAR_SHARE
+uniform float per_cell;   // 1 / length of a cell
 
 uint sbl_hash_step(uint hash, uint x) {
     hash = (hash ^ x) * 0x9e3779b1u;
     return hash ^ hash >> 15;
 }
 
-float sbl_cell_length(int number) {
-    uint patch_word = sbl_fetch(sbl_store, number >> 2)[number & 3];
-    return float(1u << (patch_word >> SBL_PATCH_LEVEL_SHIFT & SBL_PATCH_LEVEL)) / per_cell;
-}
-
-// R at a point of triangle number `number` of the scene, on its back side or its front, seen from so far away.
-vec3 sbl_stored(int number, bool back, vec3 position, float distance) {
+// 1 + the leaf at a point of triangle number `number` of the scene, on its back side or front, seen from so far
+// away; 0: there is none.
+int sbl_leaf_at(int number, bool back, vec3 position, float distance) {
     uint patch_word = sbl_fetch(sbl_store, number >> 2)[number & 3] ^ (back ? SBL_PATCH_BACK : 0u);
-    float per = per_cell / float(1u << (patch_word >> SBL_PATCH_LEVEL_SHIFT & SBL_PATCH_LEVEL));
-    uvec3 at = uvec3(clamp((position - cell_origin) * per, vec3(0), vec3(2e9)));
+    uvec3 at = uvec3(clamp((position - cell_origin) * per_cell, vec3(0), vec3(2e9)));
     if ((patch_word & SBL_PATCH_FLAT) != 0u) {
         uint axis = patch_word >> SBL_PATCH_AXIS_SHIFT & 3u;
         at *= uvec3(axis != 0u, axis != 1u, axis != 2u);
     }
-    if (distance * per < SBL_NEAR_SHARE) patch_word |= SBL_PATCH_NEAR;
+    if (distance * per_cell * float(SBL_NEAR_PART) < 1.0) patch_word |= SBL_PATCH_NEAR;
     uint reference = 0u;
-    for (int tries = 0; tries < 2 && reference == 0u; tries++) {  // or else as it is seen from elsewhere
+    for (int tries = 0; tries < 4 && reference == 0u; tries++) {  // or as seen from elsewhere, or a wider one
         uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);
         uint check = sbl_hash_step(sbl_hash_step(sbl_hash_step(hash, at.z), at.y), at.x) | 1u;
         for (int i = 0; i < SBL_PROBES; i++) {
@@ -46,7 +39,24 @@ vec3 sbl_stored(int number, bool back, vec3 position, float distance) {
             reference = dot(sbl_split_normal(split), position) > sbl_split_distance(split) ? sides.y : sides.x;
         }
         patch_word ^= SBL_PATCH_NEAR;
+        if (tries == 1) {
+            patch_word |= SBL_PATCH_WIDER;
+            at >>= uint(SBL_WIDER_SHIFT);
+        }
     }
-    return reference == 0u ? vec3(0) : sbl_leaf_light(int(reference) - 1);
+    return int(reference);
+}
+
+// R of a leaf, and what of it comes from lamps.
+vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : sbl_leaf_light(leaf - 1); }
+
+vec3 sbl_lamps_of(int leaf) {
+    uint rgbe = leaf == 0 ? 0u : sbl_leaf_lamps(leaf - 1);
+    return vec3(rgbe & 255u, rgbe >> 8 & 255u, rgbe >> 16 & 255u) * exp2(float(rgbe >> 24) - 136.0);
+}
+
+// R there.
+vec3 sbl_stored(int number, bool back, vec3 position, float distance) {
+    return sbl_light_of(sbl_leaf_at(number, back, position, distance));
 }
 #endif

@@ -68,9 +68,8 @@ sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {
     s.normal = sbl_shading_normal(v, vec3(b0, b1, b2), face, s.geometric_normal, direction);
 
     sbl_Attributes at = sbl_mix_attributes(v, vec3(b0, b1, b2));
-    s.albedo = at.color * sbl_texture(sbl_object_albedo_texture(object), at.uv);
-    s.albedo = vec4(s.albedo.rgb * sbl_object_albedo(object),
-                    s.albedo.a < sbl_object_alpha_cutoff(object) ? 0.0 : 1.0);
+    s.albedo = sbl_color(object, at);
+    s.albedo.a = s.albedo.a < sbl_object_alpha_cutoff(object) ? 0.0 : 1.0;
     s.emission = sbl_object_emission(object) * sbl_texture(sbl_object_emission_texture(object), at.uv).rgb;
     if (s.back && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u) s.emission = vec3(0);
     s.id = sbl_object_id(object);

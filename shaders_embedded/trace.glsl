@@ -5,21 +5,51 @@ uniform usamplerBuffer sbl_sequence;  // points of the Sobol sequence, two 32-bi
 uniform int rays;                     // of a sensor
 uniform float spread;                 // 1: the cosine's whole hemisphere; 0: all rays go along the normal
 uniform vec3 sky;
+uniform float ray_offset;             // of a surface's reach, that rays start off it
 SBL_OUT(0, out_sum);
 SBL_OUT(1, out_hits);
 
-vec3 sbl_radiance(sbl_Hit hit, vec3 position) {
+// A surface nearer than its cell is wide is not lit as the cell is on average: there a ray goes on, once, by the
+// cosine; only what lamps send there is taken from the store.
+#ifdef SBL_BOUNCED
+const int SBL_LEGS = 2;
+#else
+const int SBL_LEGS = 1;
+#endif
+
+// What a hit sends back. share: of the light that arrives there, where the ray goes on; else 0.
+vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool last, out vec3 share) {
     int object = int(sbl_triangle_object(hit.triangle));
     sbl_Attributes at = sbl_Attributes(vec2(0), vec4(1));
 #ifdef SBL_TEXTURED
     sbl_when (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);
 #endif
     vec3 radiance = sbl_outgoing(object, hit.back, at);
+    share = vec3(0);
 #ifdef SBL_BOUNCED
-    radiance += sbl_reflected(object, hit.number, hit.back, position, hit.distance, at);
+    vec3 albedo = sbl_albedo(object, at);
+    bool near = !last && hit.distance * per_cell < 1.0;
+    int leaf = sbl_leaf_at(hit.number, hit.back, position, hit.distance);
+    radiance += albedo * (near ? sbl_lamps_of(leaf) : sbl_light_of(leaf));
+    if (near) share = albedo;
 #endif
     return radiance;
 }
+
+#ifdef SBL_BOUNCED
+// Where a ray goes on, and how.
+void sbl_go_on(sbl_Hit hit, uint hash, inout vec3 position, inout vec3 direction) {
+    vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,
+         e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;
+    float longest = sqrt(max(dot(e1, e1), max(dot(e2, e2), dot(e3, e3))));
+    vec3 across = cross(e1 / longest, e2 / longest) * (hit.back ? -1.0 : 1.0);
+    vec3 normal = dot(across, across) > 0.0 ? normalize(across) : -direction;
+    uint other = sbl_hash_step(hash, 1u);
+    float u = (float(hash >> 8) + 0.5) / 16777216.0, angle = 6.283185307 * (float(other >> 8) + 0.5) / 16777216.0;
+    position = p0 + hit.b1 * e1 + hit.b2 * e2 + ray_offset * (length(p0) + 2.0 * longest) * normal;
+    direction = sbl_frame(normal) * vec3(sqrt(u) * cos(angle), sqrt(u) * sin(angle), sqrt(1.0 - u));
+}
+#endif
 
 void main() {
     ivec2 texel = sbl_texel_of_invocation(), sheet = texel / blocks, within = texel % blocks;
@@ -36,12 +66,25 @@ void main() {
         vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0 * vec2(spread, 1.0);
         float radius = sqrt(u.x), angle = 6.283185307 * u.y;
         vec3 direction = frame * vec3(radius * cos(angle), radius * sin(angle), sqrt(1.0 - u.x));
-        sbl_Hit hit = sbl_trace(position, direction, 1e30);
-        if (hit.triangle < 0) sum.rgb += sky + sbl_sky(direction);
-        else {
-            sum += vec4(sbl_radiance(hit, position + direction * hit.distance), hit.back ? 1.0 : 0.0);
-            hits.xy += vec2(1.0, hit.distance);
-            hits.z = min(hits.z, hit.distance);
+        vec3 from = position, share = vec3(1);
+        for (int leg = 0; leg < SBL_LEGS; leg++) {
+            sbl_Hit hit = sbl_trace(from, direction, 1e30);
+            if (hit.triangle < 0) {
+                sum.rgb += share * (sky + sbl_sky(direction));
+                break;
+            }
+            vec3 further;
+            sum.rgb += share * sbl_radiance(hit, from + direction * hit.distance, leg == SBL_LEGS - 1, further);
+            if (leg == 0) {
+                sum.a += hit.back ? 1.0 : 0.0;
+                hits.xy += vec2(1.0, hit.distance);
+                hits.z = min(hits.z, hit.distance);
+            }
+            share *= further;
+            if (max(share.r, max(share.g, share.b)) <= 0.0) break;
+#ifdef SBL_BOUNCED
+            sbl_go_on(hit, sbl_hash_step(sbl_hash_step(scramble.x, uint(i)), scramble.y), from, direction);
+#endif
         }
     }
     sum /= float(rays);

@@ -460,7 +460,7 @@ TEST(light_is_neither_made_nor_lost) {
         add_sites_in_box(0, 0, 0, 3, 2, 2.2, 14);
         walls = site_count;
         if (kind == AREA_LIGHT) { add_sites(corner, u, v, 6); add_sites(corner, v, u, 6); }
-        if (!use_scene(&s, 8192) || !gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 128)) { scene_free(&s); return; }
+        if (!use_scene(&s, 49152) || !gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 128)) { scene_free(&s); return; }
         for (k = 0; k < 3; k++) {
             double absorbed = 0;
             for (i = 0; i < site_count; i++)
@@ -734,6 +734,103 @@ TEST(the_store_is_kept_and_renewed) {
     scene_free(&s);
 }
 
+/* >>a trench that is narrower than cells, under the sky, by radiosity in its cross-section */
+
+enum { STRIPS = 120 };  /* of a side: left wall, floor, right wall */
+
+static double apart(const double a[2], const double b[2]) { return hypot(a[0] - b[0], a[1] - b[1]); }
+
+/* Ends of strip i of a trench of width 1 and depth 1, from its left rim around. */
+static void strip_of(int i, double from[2], double to[2]) {
+    const double a = i % STRIPS / (double)STRIPS, b = (i % STRIPS + 1) / (double)STRIPS;
+    const int side = i / STRIPS;
+    from[0] = side == 0 ? 0 : side == 1 ? a : 1;
+    from[1] = side == 0 ? -a : side == 1 ? -1 : a - 1;
+    to[0] = side == 0 ? 0 : side == 1 ? b : 1;
+    to[1] = side == 0 ? -b : side == 1 ? -1 : b - 1;
+}
+
+/* R along the trench's inside, which reflects rho, under a sky of 1: form factors by crossed strings (Hottel 1954). */
+static void trench_by_radiosity(double rho, double r[3 * STRIPS]) {
+    static double factor[3 * STRIPS][3 * STRIPS];
+    const double rim[2][2] = { { 0, 0 }, { 1, 0 } };
+    double sky[3 * STRIPS];
+    int i, j, round;
+    for (i = 0; i < 3 * STRIPS; i++) {
+        double a[2], b[2], c[2], d[2];
+        strip_of(i, a, b);
+        for (j = 0; j < 3 * STRIPS; j++) {
+            strip_of(j, c, d);
+            factor[i][j] = i / STRIPS == j / STRIPS ? 0 : (apart(a, c) + apart(b, d) - apart(a, d) - apart(b, c)) * STRIPS / 2;
+        }
+        sky[i] = (apart(a, rim[1]) + apart(b, rim[0]) - apart(a, rim[0]) - apart(b, rim[1])) * STRIPS / 2;
+        sky[i] = fabs(sky[i]);
+        r[i] = sky[i];
+    }
+    for (round = 0; round < 100; round++)
+        for (i = 0; i < 3 * STRIPS; i++) {
+            double sum = sky[i];
+            for (j = 0; j < 3 * STRIPS; j++) sum += rho * fabs(factor[i][j]) * r[j];
+            r[i] = sum;
+        }
+}
+
+TEST(a_trench_narrower_than_cells) {
+    static double expected[3 * STRIPS];
+    test_scene s = { 0 };
+    const float w = 15;
+    double off = 0, worst = 0;
+    int m = scene_material(&s, 0.8f, 0.8f, 0.8f), i;
+    scene_quad(&s, m, 0, -1, -w, 1, -1, -w, 1, -1, w, 0, -1, w);
+    scene_quad(&s, m, 0, -1, -w, 0, -1, w, 0, 0, w, 0, 0, -w);
+    scene_quad(&s, m, 1, -1, -w, 1, 0, -w, 1, 0, w, 1, -1, w);
+    scene_quad(&s, m, -60, -4, -60, 60, -4, -60, 60, -4, 60, -60, -4, 60);  /* what makes cells wide */
+    scene_sky(&s, 1, 1, 1);
+    trench_by_radiosity(0.8, expected);
+    site_count = 0;
+    for (i = 0; i < 18; i++) {
+        const int strip = i * STRIPS / 6 + STRIPS / 12;
+        double a[2], b[2];
+        strip_of(strip, a, b);
+        add_site((a[0] + b[0]) / 2, (a[1] + b[1]) / 2, 0.1, strip < STRIPS ? 1 : strip < 2 * STRIPS ? 0 : -1, strip / STRIPS == 1, 0, 1);
+    }
+    if (use_scene(&s, 1024) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 2048)) {
+        printf("  cells of %g\n", (double)context->core.scene.store.length);
+        for (i = 0; i < site_count; i++) {
+            const double here = (double)readings[i].radiance[0] / expected[i * STRIPS / 6 + STRIPS / 12] - 1;
+            off += fabs(here) / site_count;
+            worst = fabs(here) > worst ? fabs(here) : worst;
+        }
+        printf("  off by %.2g, at most %.2g\n", off, worst);
+        CHECK(context->core.scene.store.length > 1, "cells are no wider than the trench");
+        CHECK(off < 0.02 && worst < 0.06, "R is off by %g on average, %g at most", off, worst);
+    }
+    scene_free(&s);
+}
+
+/* More things than the store has room for in cells of the first size: what is found last has wider ones. A white furnace all the same. */
+TEST(a_crowd_of_boxes) {
+    test_scene s = { 0 };
+    double mean, worst;
+    int m = furnace_material(&s, 0.8f), i;
+    scene_box(&s, m, -1, -1, -1, 1, 1, 1);
+    for (i = 0; i < 15; i++) {
+        const float x = 0.45f * (float)(i % 4) - 0.9f, z = 0.45f * (float)(i / 4) - 0.9f;
+        scene_box(&s, m, x, -1, z, x + 0.2f, -0.8f, z + 0.2f);
+    }
+    site_count = 0;
+    add_sites_in_box(-1, -0.7, -1, 1, 1, 1, 5);
+    for (i = 0; i < 2; i++) {
+        if (!use_scene(&s, i ? 1024 : 8192) || !gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 128)) break;
+        worst = off_one(&mean);
+        printf("  mean off by %.2g, worst %.2g; %d samples, cells of %g\n", mean, worst, sbl_query_stats(context).bounce_samples,
+            (double)context->core.scene.store.length);
+        CHECK(mean < 0.01 && worst < 0.05, "R is off by %g, at most %g", mean, worst);
+        CHECK(context->core.scene.store.length < 0.7f, "cells are of %g: all grew", (double)context->core.scene.store.length);
+    }
+    scene_free(&s);
+}
+
 /* >>all front ends find the same */
 
 static int inspect_all(int *same) {
@@ -812,6 +909,8 @@ int main(void) {
     RUN(a_cube_by_paths);
     RUN(colours_of_a_wall);
     RUN(the_store_is_kept_and_renewed);
+    RUN(a_trench_narrower_than_cells);
+    RUN(a_crowd_of_boxes);
     RUN(gather_inspection_and_picture_agree);
     sbl_destroy(context);
     return test_report();
