@@ -5479,6 +5479,7 @@ typedef struct sbl__patching {  /* while patches are made */
     double area;                /* of all */
     double least;               /* area below which a mesh's patches count as one */
     double growth;              /* of cells' area, since the first ones were too many or too few */
+    int pooled;                 /* all patches of a mesh are taken for one */
 } sbl__patching;
 
 static void sbl__patching_free(sbl__base *base, sbl__patching *p) {
@@ -5597,7 +5598,7 @@ static void sbl__patch_measure(const sbl__geometry *g, sbl__patching *p, uint32_
 static void sbl__patch_grid(const sbl__geometry *g, sbl__patching *p, sbl__store *s, double leaves) {
     const double cell = 2 * p->area / leaves;
     int k;
-    p->least = SBL__PATCH_LEAST * SBL__MIN(p->growth, 1) * cell;
+    p->least = p->pooled ? DBL_MAX : SBL__PATCH_LEAST * SBL__MIN(p->growth, 1) * cell;
     s->length = (float)sqrt(p->growth * cell);
     if (!sbl__between(&s->length, FLT_MIN, FLT_MAX)) s->length = 1;
     for (k = 0; k < 3; k++) s->origin[k] = g->bounds[0][k] - s->length * (1.37f + 0.21f * (float)k);
@@ -9175,6 +9176,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
 #define SBL__BOUNCE_FIRST_POWER 2.4  /* measured: cells that much larger make them fewer by that */
 #define SBL__BOUNCE_SPARE 0.12     /* of the leaves that there may be: where there are fewer, cells are made smaller, */
 #define SBL__BOUNCE_SHRINK 0.03    /* by so much at most at a time */
+#define SBL__BOUNCE_POOL 6.0       /* and in all, with patches that are kept apart */
 #define SBL__BOUNCE_GROWTH_END 16.0  /* in all; what then finds no room stays dark: there are more meshes than leaves */
 #define SBL__BOUNCE_WIDER 0.6      /* of the leaves that there may be, from which on new ones are of wider cells */
 #define SBL__BOUNCE_AIM 0.5        /* of the leaves that there may be, for which cells are cut at first */
@@ -9978,9 +9980,13 @@ static sbl_result sbl__bounce_piece(sbl__core *c, sbl__bounce *b, sbl__slice *sl
     }
 }
 
-/* All begins anew, with larger cells or smaller ones. */
+/* All begins anew, with larger cells or smaller ones; or there are more patches than leaves, whatever the cells. */
 static sbl__bounce_stage sbl__bounce_again(sbl__bounce *b, double growth) {
     b->patching.growth *= growth;
+    if (b->patching.growth > SBL__BOUNCE_POOL && !b->patching.pooled) {
+        b->patching.pooled = 1;
+        b->patching.growth = 1;
+    }
     b->patching.stage = SBL__PATCH_GRID;
     b->spread = 0;
     b->seed_count = b->held_count = b->point_count = b->fresh = b->cast = b->parted = b->sown = 0;
@@ -9995,7 +10001,8 @@ static sbl__bounce_stage sbl__bounce_next(sbl__core *c, sbl__bounce *b) {
         case SBL__BOUNCE_PLACE:
             if (b->crowded) return sbl__bounce_again(b, SBL__MAX(b->crowding, SBL__BOUNCE_GROWTH));
             share = (double)c->scene.store.leaf_count / c->scene.store.most;
-            if (!b->fresh && share > SBL__BOUNCE_FIRST)  /* what the first ones see will be too many */
+            if (!b->fresh && share > SBL__BOUNCE_FIRST && b->patching.growth < SBL__BOUNCE_GROWTH_END)
+                /* with what they see there would be too many */
                 return sbl__bounce_again(b, pow(share / SBL__BOUNCE_FIRST, SBL__BOUNCE_FIRST_POWER));
             if (c->scene.store.leaf_count > b->fresh) return SBL__BOUNCE_FEEL;
             if (b->cast < b->point_count) return SBL__BOUNCE_CAST;

@@ -831,6 +831,36 @@ TEST(a_crowd_of_boxes) {
     scene_free(&s);
 }
 
+/* More sides of things than the store has room for, however wide its cells: it ends, and what there is room for is right. */
+TEST(more_sides_than_samples) {
+    enum { SHELVES = 700 };
+    static float corners[6 * 3 * SHELVES];
+    test_scene s = { 0 };
+    const int m = furnace_material(&s, 0.5f);
+    int i, k, right = 0;
+    for (i = 0; i < SHELVES; i++)  /* squares above each other, in eight stacks */
+        for (k = 0; k < 6; k++) {
+            float *p = &corners[3 * (6 * i + k)];
+            p[0] = (float)(k == 1 || k == 2 || k == 4) + 1.5f * (float)(i % 4);
+            p[1] = 0.05f * (float)(i / 8);
+            p[2] = (float)(k == 2 || k > 3) + 1.5f * (float)(i / 4 % 2);
+            if (k == 3 || k == 4) p[0] = (float)(k == 4) + 1.5f * (float)(i % 4);
+            if (k == 3) p[2] = 1.5f * (float)(i / 4 % 2);
+            if (k == 4) p[2] = 1 + 1.5f * (float)(i / 4 % 2);
+        }
+    scene_mesh(&s, m, corners, NULL, NULL, 6 * SHELVES, NULL, 6 * SHELVES);
+    site_count = 0;
+    for (i = 0; i < 40; i++) add_site(0.5, 0.05 * i + 0.01, 0.5, 0, 1, 0, 1);
+    if (use_scene(&s, 1024) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 64)) {
+        const int samples = sbl_query_stats(context).bounce_samples;
+        for (i = 0; i < site_count; i++) right += fabs((double)readings[i].radiance[0] - 1) < 0.05;
+        printf("  %d samples, right at %d of %d sites\n", samples, right, site_count);
+        CHECK(samples > 100 && samples <= 1024, "%d samples", samples);
+        CHECK(right > site_count / 4, "R is right at %d of %d sites", right, site_count);
+    }
+    scene_free(&s);
+}
+
 /* >>all front ends find the same */
 
 static int inspect_all(int *same) {
@@ -911,6 +941,7 @@ int main(void) {
     RUN(the_store_is_kept_and_renewed);
     RUN(a_trench_narrower_than_cells);
     RUN(a_crowd_of_boxes);
+    RUN(more_sides_than_samples);
     RUN(gather_inspection_and_picture_agree);
     sbl_destroy(context);
     return test_report();
