@@ -708,8 +708,9 @@ static double check_fresh(const char *what, const test_scene *s, int number, int
     *last = mine;
     if (number) {  /* the store is there */
         CHECK(own.readbacks < stats.readbacks, "%s: %d readbacks, with the store %d", what, own.readbacks, stats.readbacks);
-        CHECK(own.seconds.bounce < 0.1 * stats.seconds.bounce, "%s: the store takes %g s again, of %g s", what, own.seconds.bounce, stats.seconds.bounce);
-    } else CHECK(own.seconds.bounce > 0.2 * stats.seconds.bounce, "%s: a store in %g s, freshly %g s", what, own.seconds.bounce, stats.seconds.bounce);
+        CHECK(own.bounce_rays == 0, "%s: %.0f rays for a store that is there", what, (double)own.bounce_rays);
+    } else CHECK(own.bounce_rays == stats.bounce_rays && own.bounce_rays > 1000, "%s: a store of %.0f rays, freshly of %.0f", what, (double)own.bounce_rays,
+                 (double)stats.bounce_rays);
     return off / sum;
 }
 

@@ -419,7 +419,7 @@ static double json_number(const char *text, const char *key) {
 }
 
 TEST(statistics_have_every_field) {
-    static const char *const counts[] = { "triangles", "visible_pixels", "sensors", "sensor_views", "sensor_texels", "rays", "bounce_samples", "microseconds_per_sensor", "peak_gpu_bytes", "peak_host_bytes" };
+    static const char *const counts[] = { "triangles", "visible_pixels", "sensors", "sensor_views", "sensor_texels", "rays", "bounce_samples", "bounce_rays", "microseconds_per_sensor", "peak_gpu_bytes", "peak_host_bytes" };
     static const char *const seconds[] = { "load", "scene", "surface", "gather", "bounce", "refine", "filter", "resolve", "total" };
     char text[8192];
     const char *level;
