@@ -299,7 +299,7 @@
    since that place is hardly lit as its cell is on average. The store itself is only seen on surfaces of
    SBL_MATERIAL_NO_SENSORS, and in SBL_CHANNEL_STORE.
 
-   What it costs: a picture takes 1.7 to 2.8 times as long as with direct light alone, store included, and more where it
+   What it costs: a picture takes 2 to 3.5 times as long as with direct light alone, store included, and more where it
    is small (measured in rooms of several kinds, llvmpipe on two cores). The store is made by a scene's first picture or
    gather in this mode, and serves all that follow, of any camera and size, until the scene changes: sbl_set_scene and
    sbl_set_mesh_transform make it anew; after sbl_set_materials and sbl_set_lights, where only what shines differs, the
