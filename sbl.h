@@ -5349,7 +5349,7 @@ static float sbl__cell_length(const sbl__store *s, uint32_t patch) {
     return patch & SBL__PATCH_WIDER ? s->length * (float)(1 << SBL__WIDER_SHIFT) : s->length;
 }
 
-/* Which cube of its patch's level a place lies in. patch: the triangle's word, turned to the side that is seen. */
+/* Which cube of its patch's grid a place lies in. patch: the triangle's word, turned to the side that is seen. */
 static void sbl__cell_place(const sbl__store *s, uint32_t patch, const float position[3], uint32_t at[3]) {
     const float per_cell = 1 / sbl__cell_length(s, patch);
     int k;
@@ -6062,6 +6062,15 @@ static const char *const sbl__glsl_scene[] = {
 "    return at.color * sbl_texture(sbl_object_albedo_texture(object), at.uv) * vec4(sbl_object_albedo(object), 1);\n",
 "}\n",
 "\n",
+"// Without textures, all colours are the materials'.\n",
+"vec3 sbl_albedo(int object, sbl_Attributes at) {\n",
+"#ifdef SBL_TEXTURED\n",
+"    return sbl_color(object, at).rgb;\n",
+"#else\n",
+"    return sbl_object_albedo(object);\n",
+"#endif\n",
+"}\n",
+"\n",
 "// Does a cutout leave anything here?\n",
 "bool sbl_solid(int object, sbl_Attributes at) {\n",
 "    return sbl_color(object, at).a >= sbl_object_alpha_cutoff(object);\n",
@@ -6194,14 +6203,6 @@ static const char *const sbl__glsl_outgoing[] = {
 "}\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"vec3 sbl_albedo(int object, sbl_Attributes at) {\n",
-"#ifdef SBL_TEXTURED\n",
-"    return sbl_color(object, at).rgb;\n",
-"#else\n",
-"    return sbl_object_albedo(object);\n",
-"#endif\n",
-"}\n",
-"\n",
 "// The light that a point reflects. number: of its triangle in the scene; distance: to whom.\n",
 "vec3 sbl_reflected(int object, int number, bool back, vec3 position, float distance, sbl_Attributes at) {\n",
 "    return sbl_albedo(object, at) * sbl_stored(number, back, position, distance);\n",
@@ -9262,11 +9263,11 @@ static const char *const sbl__glsl_cast[] = {
 "    float low = 0.0, high = 0.0;\n",
 "    if (hit.triangle >= 0) {\n",
 "        int object = int(sbl_triangle_object(hit.triangle));\n",
-"        albedo = sbl_object_albedo(object);\n",
+"        sbl_Attributes at = sbl_Attributes(vec2(0), vec4(1));\n",
 "#ifdef SBL_TEXTURED\n",
-"        sbl_Attributes at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);\n",
-"        albedo = sbl_color(object, at).rgb;\n",
+"        at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);\n",
 "#endif\n",
+"        albedo = sbl_albedo(object, at);\n",
 "        low = (float(hit.number % SBL_CAST_NUMBERS) + 1.0) * (hit.back ? -1.0 : 1.0);\n",
 "        high = float(hit.number / SBL_CAST_NUMBERS);\n",
 "    }\n",

@@ -11,11 +11,11 @@ void main() {
     float low = 0.0, high = 0.0;
     if (hit.triangle >= 0) {
         int object = int(sbl_triangle_object(hit.triangle));
-        albedo = sbl_object_albedo(object);
+        sbl_Attributes at = sbl_Attributes(vec2(0), vec4(1));
 #ifdef SBL_TEXTURED
-        sbl_Attributes at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);
-        albedo = sbl_color(object, at).rgb;
+        at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);
 #endif
+        albedo = sbl_albedo(object, at);
         low = (float(hit.number % SBL_CAST_NUMBERS) + 1.0) * (hit.back ? -1.0 : 1.0);
         high = float(hit.number / SBL_CAST_NUMBERS);
     }

@@ -38,14 +38,6 @@ vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {
 }
 
 #ifdef SBL_BOUNCED
-vec3 sbl_albedo(int object, sbl_Attributes at) {
-#ifdef SBL_TEXTURED
-    return sbl_color(object, at).rgb;
-#else
-    return sbl_object_albedo(object);
-#endif
-}
-
 // The light that a point reflects. number: of its triangle in the scene; distance: to whom.
 vec3 sbl_reflected(int object, int number, bool back, vec3 position, float distance, sbl_Attributes at) {
     return sbl_albedo(object, at) * sbl_stored(number, back, position, distance);

@@ -46,6 +46,15 @@ vec4 sbl_color(int object, sbl_Attributes at) {
     return at.color * sbl_texture(sbl_object_albedo_texture(object), at.uv) * vec4(sbl_object_albedo(object), 1);
 }
 
+// Without textures, all colours are the materials'.
+vec3 sbl_albedo(int object, sbl_Attributes at) {
+#ifdef SBL_TEXTURED
+    return sbl_color(object, at).rgb;
+#else
+    return sbl_object_albedo(object);
+#endif
+}
+
 // Does a cutout leave anything here?
 bool sbl_solid(int object, sbl_Attributes at) {
     return sbl_color(object, at).a >= sbl_object_alpha_cutoff(object);

@@ -809,6 +809,50 @@ TEST(a_trench_narrower_than_cells) {
     scene_free(&s);
 }
 
+/* A pleated sheet of one mesh, its pleats narrower than cells and steep: light that falls on those of one kind leaves the others dark, though cells
+   have both. What the store itself knows, seen from above. */
+TEST(a_pleated_sheet) {
+    enum { PLEATS = 20 };
+    static float corners[18 * PLEATS];
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_view(WIDTH, HEIGHT, 60, 0.01f, 0.3f, 0, 0.01f, 0, 0);
+    double lit = 0, most = 0;
+    sbl_light *light;
+    int i, k, count = 0;
+    for (i = 0; i < PLEATS; i++)
+        for (k = 0; k < 6; k++) {
+            const int right = k == 1 || k == 2 || k == 4, away = k == 2 || k > 3;
+            float *p = &corners[18 * i + 3 * k];
+            p[0] = 0.05f * (float)(i + right - PLEATS / 2);
+            p[1] = (i + right) % 2 ? 0.0483f : 0;  /* 44 degrees */
+            p[2] = away ? 0.25f : -0.25f;
+        }
+    scene_quad(&s, scene_material(&s, 0, 0, 0), -2, -1, -2, 2, -1, -2, 2, -1, 2, -2, -1, 2);  /* what makes cells wide */
+    scene_mesh(&s, scene_material(&s, 0.001f, 0.001f, 0.001f), corners, NULL, NULL, 6 * PLEATS, NULL, 6 * PLEATS);
+    light = scene_light(&s, SBL_LIGHT_DIRECTIONAL, 1, 1, 1);  /* 42 degrees above the horizon */
+    light->direction[0] = -0.743f;
+    light->direction[1] = -0.669f;
+    view.mode = SBL_MODE_GI;
+    view.samples = 1;
+    view.rays = 16;
+    if (use_scene(&s, 1024) && sbl_render(context, &view) == SBL_SUCCESS) {
+        float *stored = scene_channel(context, &view, SBL_CHANNEL_STORE), *normal = scene_channel(context, &view, SBL_CHANNEL_NORMAL);
+        for (i = 0; i < PIXELS; i++) {
+            const double x = (double)normal[3 * i], here = (double)stored[3 * i];
+            if (x > 0.1) { lit += here; count++; }
+            if (x < -0.1) most = test_max(most, here);
+        }
+        lit /= count;
+        printf("  lit %g, in the dark %g at most; cells of %g\n", lit, most, (double)context->core.scene.store.length);
+        CHECK(context->core.scene.store.length > 0.1f, "cells are no wider than two pleats");
+        CHECK(count > PIXELS / 10 && lit > 0.1, "R of what is lit is %g", lit);
+        CHECK(most < 0.01 * lit, "R in the dark is %g of what is lit", most / lit);
+        free(stored);
+        free(normal);
+    } else CHECK(0, "no picture: %s", watch_last(&seen));
+    scene_free(&s);
+}
+
 /* More things than the store has room for in cells of the first size: what is found last has wider ones. A white furnace all the same. */
 TEST(a_crowd_of_boxes) {
     test_scene s = { 0 };
@@ -941,6 +985,7 @@ int main(void) {
     RUN(colours_of_a_wall);
     RUN(the_store_is_kept_and_renewed);
     RUN(a_trench_narrower_than_cells);
+    RUN(a_pleated_sheet);
     RUN(a_crowd_of_boxes);
     RUN(more_sides_than_samples);
     RUN(gather_inspection_and_picture_agree);
