@@ -1925,24 +1925,25 @@ typedef struct sbl__record {
 #define SBL__PATCH_FLAT 2u
 #define SBL__PATCH_AXIS_SHIFT 2
 #define SBL__PATCH_NEAR 16u
-#define SBL__PATCH_WIDER 32u
-#define SBL__PATCH_SHIFT 6
+#define SBL__PATCH_LEVEL 32u       /* times the level */
+#define SBL__PATCH_SHIFT 7
 #define SBL__NEAR_PART 2           /* of a cell's length, within which a ray starts near it */
 #define SBL__PROBES 64             /* in the table of cells */
 #define SBL__CELL_SPLIT 0x80000000u
 #define SBL__CELL_DEPTH 8          /* splits under a cell */
-#define SBL__WIDER_SHIFT 2         /* the cells that take over where there are too many are 2^this times as long */
+#define SBL__LEVELS 3              /* of cells: where there are many, wider ones take over, */
+#define SBL__LEVEL_SHIFT 2         /* each 2^this times as long */
 #define SBL__CAST_NUMBERS 1048576  /* of triangles, that a float tells apart with a sign and more */
 
 #define SBL__SHARED_INTS(X) \
     X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) X(SKY_COLUMN_BITS) \
-    X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(PROBES) X(CELL_DEPTH) X(WIDER_SHIFT) X(CAST_NUMBERS)
+    X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(PROBES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS)
 #define SBL__SHARED_BITS(X) \
     X(TEXTURE_SRGB) X(TEXTURE_KIND) X(TEXTURE_CLAMPS) \
     X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS) \
     X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) \
     X(LAMP_TRIANGLE) X(LAMP_NEAR_LIGHT) X(LAMP_FAR_LIGHT) X(LAMP_SKY_TEXEL) X(FAR_NODE) \
-    X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_WIDER) X(CELL_SPLIT)
+    X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_SPLIT)
 
 #define SBL__PRELUDE_MOST 8192     /* characters that a program's constants and records may have, each */
 
@@ -5346,7 +5347,8 @@ static uint32_t sbl__hash_step(uint32_t hash, uint32_t x) {
 }
 
 static float sbl__cell_length(const sbl__store *s, uint32_t patch) {
-    return patch & SBL__PATCH_WIDER ? s->length * (float)(1 << SBL__WIDER_SHIFT) : s->length;
+    const int level = (int)(patch / SBL__PATCH_LEVEL) & 3;
+    return s->length * (float)(1 << SBL__LEVEL_SHIFT * level);
 }
 
 /* Which cube of its patch's grid a place lies in. patch: the triangle's word, turned to the side that is seen. */
@@ -5598,7 +5600,7 @@ static void sbl__patch_measure(const sbl__geometry *g, sbl__patching *p, uint32_
 static void sbl__patch_grid(const sbl__geometry *g, sbl__patching *p, sbl__store *s, double leaves) {
     const double cell = 2 * p->area / leaves;
     int k;
-    p->least = p->pooled ? DBL_MAX : SBL__PATCH_LEAST * SBL__MIN(p->growth, 1) * cell;
+    p->least = p->pooled ? DBL_MAX : SBL__PATCH_LEAST * p->growth * cell;
     s->length = (float)sqrt(p->growth * cell);
     if (!sbl__between(&s->length, FLT_MIN, FLT_MAX)) s->length = 1;
     for (k = 0; k < 3; k++) s->origin[k] = g->bounds[0][k] - s->length * (1.37f + 0.21f * (float)k);
@@ -5713,7 +5715,7 @@ static const char *const sbl__glsl_store[] = {
 "    }\n",
 "    if (distance * per_cell * float(SBL_NEAR_PART) < 1.0) patch_word |= SBL_PATCH_NEAR;\n",
 "    uint reference = 0u;\n",
-"    for (int tries = 0; tries < 4 && reference == 0u; tries++) {  // or as seen from elsewhere, or a wider one\n",
+"    for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {  // or as seen from elsewhere, or a wider one\n",
 "        uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);\n",
 "        uint check = sbl_hash_step(sbl_hash_step(sbl_hash_step(hash, at.z), at.y), at.x) | 1u;\n",
 "        for (int i = 0; i < SBL_PROBES; i++) {\n",
@@ -5729,9 +5731,9 @@ static const char *const sbl__glsl_store[] = {
 "            reference = dot(sbl_split_normal(split), position) > sbl_split_distance(split) ? sides.y : sides.x;\n",
 "        }\n",
 "        patch_word ^= SBL_PATCH_NEAR;\n",
-"        if (tries == 1) {\n",
-"            patch_word |= SBL_PATCH_WIDER;\n",
-"            at >>= uint(SBL_WIDER_SHIFT);\n",
+"        if ((tries & 1) == 1) {\n",
+"            patch_word += SBL_PATCH_LEVEL;\n",
+"            at >>= uint(SBL_LEVEL_SHIFT);\n",
 "        }\n",
 "    }\n",
 "    return int(reference);\n",
@@ -9173,14 +9175,15 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
 #define SBL__BOUNCE_REST 2e-4      /* of the light, that may be missing at the end */
 #define SBL__BOUNCE_GROWTH 1.5     /* of cells' area, where leaves do not suffice */
 #define SBL__BOUNCE_GROWTH_MOST 2.0
-#define SBL__BOUNCE_FIRST 0.42     /* of the leaves that there may be, that seeds' rays may find */
+#define SBL__BOUNCE_FIRST 0.3     /* of the leaves that there may be, that seeds' rays may find */
 #define SBL__BOUNCE_FIRST_POWER 2.4  /* measured: cells that much larger make them fewer by that */
 #define SBL__BOUNCE_SPARE 0.12     /* of the leaves that there may be: where there are fewer, cells are made smaller, */
 #define SBL__BOUNCE_SHRINK 0.03    /* by so much at most at a time */
 #define SBL__BOUNCE_POOL 6.0       /* and in all, with patches that are kept apart */
 #define SBL__BOUNCE_GROWTH_END 16.0  /* in all; what then finds no room stays dark: there are more meshes than leaves */
-#define SBL__BOUNCE_WIDER 0.6      /* of the leaves that there may be, from which on new ones are of wider cells */
-#define SBL__BOUNCE_AIM 0.5        /* of the leaves that there may be, for which cells are cut at first */
+#define SBL__BOUNCE_WIDER 0.6      /* of the leaves that there may be, from which on new ones are of wider cells, */
+#define SBL__BOUNCE_WIDEST 0.8     /* and of the widest */
+#define SBL__BOUNCE_AIM 0.35        /* of the leaves that there may be, for which cells are cut at first */
 #define SBL__BOUNCE_SHARE 0.35f    /* of the time of a picture that needs it, about */
 #define SBL__CAST_COLUMNS 256
 #define SBL__CAST_ROWS 64
@@ -9199,12 +9202,18 @@ typedef struct sbl__hit { float position[3], distance; uint32_t place; uint16_t 
 
 typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* of its leaf's */ } sbl__bounce_point;
 
-/* Of a leaf, while it is filled. */
+/* Of a leaf, while it is filled. first: of its points; at the end, where they begin in their order. */
 typedef struct sbl__bounce_leaf { int points, first, valid; } sbl__bounce_leaf;
+
+/* Of a round of bounces, all leaves' light: what comes from what shines, what was there, what is there now. */
+typedef struct sbl__balance { double lit[3], before[3], after[3], change; } sbl__balance;
+
+/* A place's normal, for the many rays from there that follow each other. */
+typedef struct sbl__bounce_aimed { int known; uint32_t place; float normal[3], offset; } sbl__bounce_aimed;
 
 typedef enum sbl__bounce_stage {
     SBL__BOUNCE_BEGIN, SBL__BOUNCE_PATCHES, SBL__BOUNCE_SEED, SBL__BOUNCE_SOW, SBL__BOUNCE_PLACE, SBL__BOUNCE_FEEL,
-    SBL__BOUNCE_CUT, SBL__BOUNCE_CAST, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_JOIN, SBL__BOUNCE_GATHER,
+    SBL__BOUNCE_CUT, SBL__BOUNCE_CAST, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_SORT, SBL__BOUNCE_JOIN, SBL__BOUNCE_GATHER,
     SBL__BOUNCE_SOLVE, SBL__BOUNCE_SEND, SBL__BOUNCE_DONE
 } sbl__bounce_stage;
 
@@ -9229,17 +9238,20 @@ typedef struct sbl__bounce {
     sbl__hit *feelers;
     int hit_room, feeler_room;
     uint32_t *sequence;
+    sbl__bounce_aimed aim;
     sbl__site *sites;
     sbl_reading *readings;
     uint32_t *stands;                /* hashes of the lines walked last */
     int parted;                      /* a line has cut leaves that had points: all hits are to be placed again */
-    float *light, *sums;             /* three a leaf: what comes from what shines; what is gathered */
+    float *light;                    /* three a leaf: what comes from what shines */
+    int *order;                      /* where each point goes, leaf by leaf */
     double change;                   /* that the last round made */
+    sbl__balance balance;            /* of the round under way */
     double crowding, share;          /* of the leaves that there may be, that there were with larger cells */
     float progress;
     int rounds, crowded;
     int sown;                        /* seeds have been placed */
-    int joined;                      /* hits' places are leaves */
+    int joined;                      /* leaves whose rays' places are leaves */
     sbl__table casts;
     sbl__blocks blocks;
     sbl__pace pace;
@@ -9321,7 +9333,7 @@ static void sbl__cast_take(const sbl__cast *ray, const float place[4], const flo
     }
 }
 
-typedef void (*sbl__cast_make)(const sbl__core *c, const sbl__bounce *b, int number, sbl__cast *out);
+typedef void (*sbl__cast_make)(const sbl__core *c, sbl__bounce *b, int number, sbl__cast *out);
 
 /* Casts some of the rays number b->at .. count - 1 into hits, as many at once as there is time for. SBL_SUCCESS: there
    are no more. */
@@ -9368,12 +9380,15 @@ static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
 /* Where the reference stands that leads to a place's light: in its cell or, where that has none and there are many, in
    the wider one around it; NULL: there is no room. *patch: whose the cell is. */
 static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32_t *patch, int *depth) {
-    uint32_t *reference;
+    static const double shares[SBL__LEVELS] = { SBL__BOUNCE_WIDER, SBL__BOUNCE_WIDEST, 1 };
+    uint32_t *reference = NULL;
+    int level;
     *patch = sbl__place_patch(s, at);
-    reference = sbl__store_find(s, *patch, at->position, depth);
-    if (reference && (*reference || s->leaf_count < SBL__BOUNCE_WIDER * s->most)) return reference;
-    *patch |= SBL__PATCH_WIDER;
-    return sbl__store_find(s, *patch, at->position, depth);
+    for (level = 0; level < SBL__LEVELS; level++, *patch += SBL__PATCH_LEVEL) {
+        reference = sbl__store_find(s, *patch, at->position, depth);
+        if (reference && (*reference || s->leaf_count < shares[level] * s->most)) break;
+    }
+    return reference;
 }
 
 /* Normal towards its side; returns how far rays start off it. */
@@ -9513,7 +9528,7 @@ static sbl_result sbl__bounce_place(sbl__core *c, sbl__bounce *b, sbl__slice *sl
 
 /* >>bounce: feelers */
 
-static void sbl__bounce_feeler(const sbl__core *c, const sbl__bounce *b, int number, sbl__cast *out) {
+static void sbl__bounce_feeler(const sbl__core *c, sbl__bounce *b, int number, sbl__cast *out) {
     const sbl__store *s = &c->scene.store;
     const int leaf = b->fresh + number / SBL__BOUNCE_FEELERS;
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
@@ -9666,8 +9681,8 @@ static sbl_result sbl__stand_cut(sbl__core *c, sbl__stand *line) {
     int i;
     if (*walked == hash) return SBL_SUCCESS;
     *walked = hash;
-    for (i = 0; i < 4 && result == SBL_SUCCESS; i++) {
-        line->patch = patch | (i & 1 ? SBL__PATCH_NEAR : 0) | (i & 2 ? SBL__PATCH_WIDER : 0);
+    for (i = 0; i < 2 * SBL__LEVELS && result == SBL_SUCCESS; i++) {
+        line->patch = patch | (i & 1 ? SBL__PATCH_NEAR : 0) | SBL__PATCH_LEVEL * (uint32_t)(i >> 1);
         result = sbl__stand_walk(c, line);
     }
     return result;
@@ -9723,17 +9738,21 @@ static sbl_result sbl__bounce_cuts(sbl__core *c, sbl__bounce *b, sbl__slice *sli
 /* >>bounce: rays */
 
 /* Over the hemisphere at a place. */
-static void sbl__bounce_aim(const sbl__core *c, const sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number,
+static void sbl__bounce_aim(const sbl__core *c, sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number,
                             sbl__cast *out) {
-    float normal[3];
-    const float offset = sbl__place_normal(&c->scene.geometry, at->place, normal);
+    sbl__bounce_aimed *aim = &b->aim;
     int k;
-    sbl__cosine_direction(normal, b->sequence, number, seed, out->direction);
-    for (k = 0; k < 3; k++) out->origin[k] = at->position[k] + offset * normal[k];
+    if (!aim->known || aim->place != at->place) {
+        aim->known = 1;
+        aim->place = at->place;
+        aim->offset = sbl__place_normal(&c->scene.geometry, at->place, aim->normal);
+    }
+    sbl__cosine_direction(aim->normal, b->sequence, number, seed, out->direction);
+    for (k = 0; k < 3; k++) out->origin[k] = at->position[k] + aim->offset * aim->normal[k];
     out->limit = 1e30f;
 }
 
-static void sbl__bounce_seed_ray(const sbl__core *c, const sbl__bounce *b, int number, sbl__cast *out) {
+static void sbl__bounce_seed_ray(const sbl__core *c, sbl__bounce *b, int number, sbl__cast *out) {
     const int seed = number / SBL__BOUNCE_SEED_RAYS;
     sbl__bounce_aim(c, b, &b->seeds[seed], sbl__hash((uint32_t)seed), number % SBL__BOUNCE_SEED_RAYS, out);
 }
@@ -9751,7 +9770,7 @@ static void sbl__bounce_judge_seeds(sbl__bounce *b) {
     }
 }
 
-static void sbl__bounce_ray(const sbl__core *c, const sbl__bounce *b, int number, sbl__cast *out) {
+static void sbl__bounce_ray(const sbl__core *c, sbl__bounce *b, int number, sbl__cast *out) {
     const sbl__bounce_point *p = &b->points[number / SBL__BOUNCE_RAYS];
     const int stretch = p->number % SBL__MAX_LOOKS * SBL__BOUNCE_RAYS + number % SBL__BOUNCE_RAYS;
     const uint32_t hash = sbl__hash((uint32_t)p->leaf + 0x10000000u * (uint32_t)(p->number / SBL__MAX_LOOKS));
@@ -9833,91 +9852,148 @@ static void sbl__bounce_sky(const sbl__core *c, const sbl__bounce *b, int point,
     }
 }
 
-/* Hits become leaves. */
-static sbl_result sbl__bounce_join(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
-    sbl__store *s = &c->scene.store;
-    const int count = b->point_count * SBL__BOUNCE_RAYS;
-    const size_t leaves = (size_t)s->leaf_count;
-    int i, k;
-    if (!b->light) b->light = (float *)sbl__alloc(&c->base, leaves, 3 * sizeof *b->light);
-    if (!b->sums) b->sums = (float *)sbl__alloc(&c->base, leaves, 3 * sizeof *b->sums);
-    if (!b->light || !b->sums) return SBL_ERROR_OUT_OF_MEMORY;
-    for (; b->at < count; b->at++) {
-        sbl__hit *hit = &b->hits[b->at];
-        const uint32_t *reference;
-        uint32_t patch;
+/* Where points go, so that those of a leaf follow each other. */
+static void sbl__bounce_order(sbl__bounce *b, int leaves) {
+    int i, next = 0;
+    for (i = 0; i < leaves; i++) b->states[i].points = b->states[i].valid = 0;
+    for (i = 0; i < b->point_count; i++) {
+        b->states[b->points[i].leaf].points++;
+        b->states[b->points[i].leaf].valid += b->readings[i].valid;
+    }
+    for (i = 0; i < leaves; next += b->states[i++].points) b->states[i].first = next;
+    for (i = 0; i < leaves; i++) b->states[i].points = 0;
+    for (i = 0; i < b->point_count; i++) {
+        sbl__bounce_leaf *leaf = &b->states[b->points[i].leaf];
+        b->order[i] = leaf->first + leaf->points++;
+    }
+}
+
+static void sbl__swap(void *a, void *b, size_t bytes) {
+    char *x = (char *)a, *y = (char *)b, keep[SBL__BOUNCE_RAYS * sizeof(sbl__hit)];
+    memcpy(keep, x, bytes);
+    memcpy(x, y, bytes);
+    memcpy(y, keep, bytes);
+}
+
+/* Points, with their rays and readings, leaf by leaf: bounces read them in that order. */
+static sbl_result sbl__bounce_sort(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
+    if (!b->order) b->order = (int *)sbl__alloc_raw(&c->base, (size_t)b->point_count, sizeof *b->order);
+    if (!b->order) return SBL_ERROR_OUT_OF_MEMORY;
+    if (b->at == 0) sbl__bounce_order(b, c->scene.store.leaf_count);
+    for (; b->at < b->point_count; b->at++) {
+        int *to = &b->order[b->at];
         if (sbl__late(slice)) return SBL_UNFINISHED;
-        if (b->joined || hit->place == SBL__NOWHERE) continue;
-        reference = sbl__place_find(s, hit, &patch, &k);
-        hit->place = reference && *reference ? *reference - 1 : SBL__NOWHERE;
+        while (*to != b->at) {
+            const size_t i = (size_t)b->at, j = (size_t)*to;
+            sbl__swap(&b->points[i], &b->points[j], sizeof *b->points);
+            sbl__swap(&b->readings[i], &b->readings[j], sizeof *b->readings);
+            sbl__swap(&b->hits[i * SBL__BOUNCE_RAYS], &b->hits[j * SBL__BOUNCE_RAYS],
+                      SBL__BOUNCE_RAYS * sizeof *b->hits);
+            sbl__swap(to, &b->order[j], sizeof *to);
+        }
     }
-    b->joined = 1;
-    memset(b->light, 0, leaves * 3 * sizeof *b->light);
-    for (i = 0; i < s->leaf_count; i++) b->states[i].valid = 0;
-    for (i = 0; i < b->point_count; i++) b->states[b->points[i].leaf].valid += b->readings[i].valid;
-    for (i = 0; i < b->point_count; i++) {
-        const int leaf = b->points[i].leaf;
-        if (!b->readings[i].valid) continue;
-        for (k = 0; k < 3; k++) b->light[3 * leaf + k] += b->readings[i].radiance[k] / (float)b->states[leaf].valid;
-    }
-    for (i = 0; i < s->leaf_count; i++) s->leaves[i].lamps = sbl__rgbe(b->light + 3 * i);
-    for (i = 0; i < b->point_count; i++) {
-        const int leaf = b->points[i].leaf;
-        float sky[3];
-        if (!b->readings[i].valid) continue;
-        sbl__bounce_sky(c, b, i, sky);
-        for (k = 0; k < 3; k++) b->light[3 * leaf + k] += sky[k] / (float)b->states[leaf].valid;
-    }
-    for (i = 0; i < s->leaf_count; i++) memcpy(s->leaves[i].light, b->light + 3 * i, sizeof s->leaves[i].light);
     return SBL_SUCCESS;
 }
 
-/* What leaves get from each other, as they are now. */
+/* Of a leaf: what its points' rays met becomes leaves; what comes from what shines. */
+static void sbl__bounce_join_leaf(sbl__core *c, sbl__bounce *b, int leaf) {
+    sbl__store *s = &c->scene.store;
+    const sbl__bounce_leaf *state = &b->states[leaf];
+    float *light = b->light + 3 * leaf, rest[3] = { 0, 0, 0 };
+    int i, k;
+    light[0] = light[1] = light[2] = 0;
+    for (i = state->first; i < state->first + state->points; i++) {
+        sbl__hit *hits = &b->hits[(size_t)i * SBL__BOUNCE_RAYS];
+        float sky[3];
+        if (b->readings[i].valid) {
+            sbl__bounce_sky(c, b, i, sky);
+            for (k = 0; k < 3; k++) rest[k] += sky[k] / (float)state->valid;
+            for (k = 0; k < 3; k++) light[k] += b->readings[i].radiance[k] / (float)state->valid;
+        }
+        for (k = 0; k < SBL__BOUNCE_RAYS && leaf >= b->joined; k++) {
+            const uint32_t *reference;
+            uint32_t patch;
+            int depth;
+            if (hits[k].place == SBL__NOWHERE) continue;
+            reference = sbl__place_find(s, &hits[k], &patch, &depth);
+            hits[k].place = reference && *reference ? *reference - 1 : SBL__NOWHERE;
+        }
+    }
+    s->leaves[leaf].lamps = sbl__rgbe(light);
+    for (k = 0; k < 3; k++) s->leaves[leaf].light[k] = light[k] += rest[k];
+}
+
+static sbl_result sbl__bounce_join(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
+    const int leaves = c->scene.store.leaf_count;
+    if (!b->light) b->light = (float *)sbl__alloc_raw(&c->base, (size_t)leaves, 3 * sizeof *b->light);
+    if (!b->light) return SBL_ERROR_OUT_OF_MEMORY;
+    for (; b->at < leaves; b->at++) {
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        sbl__bounce_join_leaf(c, b, b->at);
+        b->joined = SBL__MAX(b->joined, b->at + 1);
+    }
+    return SBL_SUCCESS;
+}
+
+/* What a leaf's points get from others, as these are now. */
+static void sbl__bounce_sum(const sbl__store *s, const sbl__bounce *b, const sbl__bounce_leaf *leaf, float out[3]) {
+    float sum[3] = { 0, 0, 0 };
+    int i, j, k;
+    for (i = leaf->first; i < leaf->first + leaf->points; i++) {
+        const sbl__hit *hits = &b->hits[(size_t)i * SBL__BOUNCE_RAYS];
+        if (!b->readings[i].valid) continue;
+        for (j = 0; j < SBL__BOUNCE_RAYS; j++) {
+            if (hits[j].place == SBL__NOWHERE) continue;
+            for (k = 0; k < 3; k++) sum[k] += (float)hits[j].albedo[k] * s->leaves[hits[j].place].light[k];
+        }
+    }
+    for (k = 0; k < 3; k++) out[k] = leaf->valid ? sum[k] / (65535.0f * SBL__BOUNCE_RAYS * (float)leaf->valid) : 0;
+}
+
+/* A round: one more bounce, of what leaves before have already gathered too (Gauss and Seidel's way). */
 static sbl_result sbl__bounce_gather(const sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
     const sbl__store *s = &c->scene.store;
-    if (b->at == 0) memset(b->sums, 0, 3 * (size_t)s->leaf_count * sizeof *b->sums);
-    for (; b->at < b->point_count; b->at++) {
-        const int leaf = b->points[b->at].leaf;
-        const sbl__hit *hits = &b->hits[(size_t)b->at * SBL__BOUNCE_RAYS];
-        float sum[3] = { 0, 0, 0 };
-        int i, k;
+    sbl__balance *balance = &b->balance;
+    if (b->at == 0) memset(balance, 0, sizeof *balance);
+    for (; b->at < s->leaf_count; b->at++) {
+        float *light = s->leaves[b->at].light, sum[3];
+        int k;
         if (sbl__late(slice)) return SBL_UNFINISHED;
-        if (!b->readings[b->at].valid) continue;
-        for (i = 0; i < SBL__BOUNCE_RAYS; i++) {
-            if (hits[i].place == SBL__NOWHERE) continue;
-            for (k = 0; k < 3; k++) sum[k] += (float)hits[i].albedo[k] * s->leaves[hits[i].place].light[k];
+        sbl__bounce_sum(s, b, &b->states[b->at], sum);
+        for (k = 0; k < 3; k++) {
+            const float lit = b->light[3 * b->at + k], next = lit + sum[k];
+            balance->lit[k] += (double)lit;
+            balance->before[k] += (double)light[k];
+            balance->after[k] += (double)next;
+            balance->change += fabs((double)next - light[k]);
+            light[k] = next;
         }
-        for (k = 0; k < 3; k++)
-            b->sums[3 * leaf + k] += sum[k] / (65535.0f * SBL__BOUNCE_RAYS * (float)b->states[leaf].valid);
     }
     return SBL_SUCCESS;
 }
 
-/* One more bounce. What has gathered is scaled to what is emitted, channel by channel: the slowest part of the way, the
-   whole room's brightness, is taken at once. SBL_SUCCESS: no more are needed. */
+/* After a round. At first, what has gathered is scaled to what is emitted, channel by channel: the slowest part of the
+   way, the whole room's brightness, is taken at once. SBL_SUCCESS: no more rounds are needed. */
 static sbl_result sbl__bounce_solve(sbl__core *c, sbl__bounce *b) {
-    sbl__store *s = &c->scene.store;
-    double lit[3] = { 0, 0, 0 }, lost[3] = { 0, 0, 0 }, change = 0, sum = 0, ratio;
+    const sbl__balance *balance = &b->balance;
+    const sbl__store *s = &c->scene.store;
+    double sum = 0, ratio;
     int i, k;
-    for (i = 0; i < s->leaf_count; i++)
-        for (k = 0; k < 3; k++) {
-            lit[k] += (double)b->light[3 * i + k];
-            lost[k] += (double)s->leaves[i].light[k] - b->sums[3 * i + k];
-        }
-    for (i = 0; i < s->leaf_count; i++)
-        for (k = 0; k < 3; k++) {
-            const double scale = b->rounds < SBL__BOUNCE_SCALED && lost[k] > 0 && lit[k] > 0 ? lit[k] / lost[k] : 1;
-            const double next = b->light[3 * i + k] + scale * b->sums[3 * i + k];
-            change += fabs(next - s->leaves[i].light[k]);
-            sum += next;
-            s->leaves[i].light[k] = (float)next;
-        }
-    ratio = b->change > 0 ? SBL__MIN(change / b->change, 0.999) : 0.999;
-    b->change = change;
+    for (k = 0; k < 3; k++) {
+        const double lit = balance->lit[k], gathered = balance->after[k] - lit;
+        const double lost = 0.5 * (balance->before[k] + balance->after[k]) - gathered;
+        const float scale = (float)(lost > 0 ? lit / lost : 1);
+        sum += balance->after[k];
+        if (b->rounds >= SBL__BOUNCE_SCALED || !(scale > 0)) continue;
+        for (i = 0; i < s->leaf_count; i++)
+            s->leaves[i].light[k] = b->light[3 * i + k] + scale * (s->leaves[i].light[k] - b->light[3 * i + k]);
+    }
+    ratio = b->change > 0 ? SBL__MIN(balance->change / b->change, 0.999) : 0.999;
+    b->change = balance->change;
     b->rounds++;
-    if (b->rounds < SBL__BOUNCE_SCALED + 2 && change > 0) return SBL_UNFINISHED;
-    return change * ratio / (1 - ratio) <= SBL__BOUNCE_REST * sum || b->rounds >= SBL__BOUNCE_ROUNDS ? SBL_SUCCESS
-                                                                                              : SBL_UNFINISHED;
+    if (b->rounds < SBL__BOUNCE_SCALED + 2 && b->change > 0) return SBL_UNFINISHED;
+    return b->change * ratio / (1 - ratio) <= SBL__BOUNCE_REST * sum || b->rounds >= SBL__BOUNCE_ROUNDS
+        ? SBL_SUCCESS : SBL_UNFINISHED;
 }
 
 /* Once a scene, where walls that are clamped hold so much light that it shows. */
@@ -9972,6 +10048,7 @@ static sbl_result sbl__bounce_piece(sbl__core *c, sbl__bounce *b, sbl__slice *sl
             return sbl__bounce_cast(c, b, sbl__bounce_ray, b->point_count * SBL__BOUNCE_RAYS, b->hits, slice);
         case SBL__BOUNCE_SITES: return sbl__bounce_sites(c, b, slice);
         case SBL__BOUNCE_LIGHT: return sbl__job_step(&c->device, &b->job, slice);
+        case SBL__BOUNCE_SORT: return sbl__bounce_sort(c, b, slice);
         case SBL__BOUNCE_JOIN: return sbl__bounce_join(c, b, slice);
         case SBL__BOUNCE_GATHER: return sbl__bounce_gather(c, b, slice);
         case SBL__BOUNCE_SOLVE: return SBL_SUCCESS;
@@ -10039,7 +10116,7 @@ static sbl__bounce_stage sbl__bounce_next(sbl__core *c, sbl__bounce *b) {
         case SBL__BOUNCE_LIGHT:
             c->stats.readbacks += b->job.counts.readbacks;
             c->stats.bounce_rays += b->job.counts.rays;
-            return SBL__BOUNCE_JOIN;
+            return SBL__BOUNCE_SORT;
         case SBL__BOUNCE_SOLVE:
             if (sbl__bounce_solve(c, b) != SBL_SUCCESS) return SBL__BOUNCE_GATHER;
             sbl__bounce_warn(c, b);
@@ -10068,6 +10145,8 @@ static void sbl__bounce_rest(const sbl__device *d, sbl__bounce *b) {
     sbl__free(d->base, b->sites);
     sbl__free(d->base, b->readings);
     sbl__free(d->base, b->stands);
+    sbl__free(d->base, b->light);
+    sbl__free(d->base, b->order);
     sbl__table_delete(d, &b->casts);
     sbl__blocks_free(d, &b->blocks);
     sbl__job_free(d, &b->job);
@@ -10077,6 +10156,8 @@ static void sbl__bounce_rest(const sbl__device *d, sbl__bounce *b) {
     b->sites = NULL;
     b->readings = NULL;
     b->stands = NULL;
+    b->light = NULL;
+    b->order = NULL;
 }
 
 static void sbl__bounce_free(const sbl__device *d, sbl__bounce *b) {
@@ -10084,8 +10165,6 @@ static void sbl__bounce_free(const sbl__device *d, sbl__bounce *b) {
     sbl__free(d->base, b->points);
     sbl__free(d->base, b->states);
     sbl__free(d->base, b->hits);
-    sbl__free(d->base, b->light);
-    sbl__free(d->base, b->sums);
     memset(b, 0, sizeof *b);
 }
 
