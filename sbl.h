@@ -5481,7 +5481,7 @@ typedef struct sbl__patching {  /* while patches are made */
     double area;                /* of all */
     double least;               /* area below which a mesh's patches count as one */
     double growth;              /* of cells' area, since the first ones were too many or too few */
-    int pooled;                 /* all patches of a mesh are taken for one */
+    double pool;                /* of the area below which a mesh's patches count as one, since they were too many */
 } sbl__patching;
 
 static void sbl__patching_free(sbl__base *base, sbl__patching *p) {
@@ -5496,7 +5496,7 @@ static void sbl__patching_free(sbl__base *base, sbl__patching *p) {
 static sbl_result sbl__patching_begin(sbl__base *base, sbl__patching *p, const sbl__geometry *g) {
     const size_t triangles = (size_t)g->triangle_count;
     int i;
-    p->growth = 1;
+    p->growth = p->pool = 1;
     p->vertex_room = p->edge_room = 16;
     while (p->vertex_room < g->vertex_count * 2.0) p->vertex_room *= 2;
     while (p->edge_room < g->triangle_count * 4.0) p->edge_room *= 2;
@@ -5596,11 +5596,12 @@ static void sbl__patch_measure(const sbl__geometry *g, sbl__patching *p, uint32_
     if (along < SBL__PATCH_EVEN) patch->flat = 0;
 }
 
-/* Where cells lie, for about so many leaves on both sides; of a scene without area there is one. */
+/* Where cells lie, for about so many leaves on both sides, and which patches are too small for some of their own; of a
+   scene without area there is one. */
 static void sbl__patch_grid(const sbl__geometry *g, sbl__patching *p, sbl__store *s, double leaves) {
     const double cell = 2 * p->area / leaves;
     int k;
-    p->least = p->pooled ? DBL_MAX : SBL__PATCH_LEAST * p->growth * cell;
+    p->least = SBL__PATCH_LEAST * p->pool * cell;
     s->length = (float)sqrt(p->growth * cell);
     if (!sbl__between(&s->length, FLT_MIN, FLT_MAX)) s->length = 1;
     for (k = 0; k < 3; k++) s->origin[k] = g->bounds[0][k] - s->length * (1.37f + 0.21f * (float)k);
@@ -5684,6 +5685,12 @@ static const char *const sbl__glsl_frame[] = {
 "mat3 sbl_frame(vec3 n) {\n",
 "    float s = n.z < 0.0 ? -1.0 : 1.0, f = -1.0 / (s + n.z), g = n.x * n.y * f;\n",
 "    return mat3(1.0 + s * n.x * n.x * f, s * g, -s * n.x, g, s + n.y * n.y * f, -n.y, n);\n",
+"}\n",
+"\n",
+"// A direction about a frame's third axis, by the cosine. u: 0 to 1.\n",
+"vec3 sbl_by_cosine(mat3 frame, vec2 u) {\n",
+"    float radius = sqrt(u.x), angle = 6.283185307 * u.y;\n",
+"    return frame * vec3(radius * cos(angle), radius * sin(angle), sqrt(1.0 - u.x));\n",
 "}\n",
 0 };
 /* <<glsl */
@@ -8397,10 +8404,9 @@ static const char *const sbl__glsl_trace[] = {
 "    float longest = sqrt(max(dot(e1, e1), max(dot(e2, e2), dot(e3, e3))));\n",
 "    vec3 across = cross(e1 / longest, e2 / longest) * (hit.back ? -1.0 : 1.0);\n",
 "    vec3 normal = dot(across, across) > 0.0 ? normalize(across) : -direction;\n",
-"    uint other = sbl_hash_step(hash, 1u);\n",
-"    float u = (float(hash >> 8) + 0.5) / 16777216.0, angle = 6.283185307 * (float(other >> 8) + 0.5) / 16777216.0;\n",
+"    vec2 u = (vec2(uvec2(hash, sbl_hash_step(hash, 1u)) >> 8) + 0.5) / 16777216.0;\n",
 "    position = p0 + hit.b1 * e1 + hit.b2 * e2 + ray_offset * (length(p0) + 2.0 * longest) * normal;\n",
-"    direction = sbl_frame(normal) * vec3(sqrt(u) * cos(angle), sqrt(u) * sin(angle), sqrt(1.0 - u));\n",
+"    direction = sbl_by_cosine(sbl_frame(normal), u);\n",
 "}\n",
 "#endif\n",
 "\n",
@@ -8417,8 +8423,7 @@ static const char *const sbl__glsl_trace[] = {
 "    for (int i = within.y * blocks.x + within.x; i < rays; i += blocks.x * blocks.y) {\n",
 "        uvec2 fraction = texelFetch(sbl_sequence, skip + i).xy ^ scramble;\n",
 "        vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0 * vec2(spread, 1.0);\n",
-"        float radius = sqrt(u.x), angle = 6.283185307 * u.y;\n",
-"        vec3 direction = frame * vec3(radius * cos(angle), radius * sin(angle), sqrt(1.0 - u.x));\n",
+"        vec3 direction = sbl_by_cosine(frame, u);\n",
 "        vec3 from = position, share = vec3(1);\n",
 "        for (int leg = 0; leg < SBL_LEGS; leg++) {\n",
 "            sbl_Hit hit = sbl_trace(from, direction, 1e30);\n",
@@ -9175,12 +9180,11 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
 #define SBL__BOUNCE_REST 2e-4      /* of the light, that may be missing at the end */
 #define SBL__BOUNCE_GROWTH 1.5     /* of cells' area, where leaves do not suffice */
 #define SBL__BOUNCE_GROWTH_MOST 2.0
+#define SBL__BOUNCE_POOL 16.0      /* in all; what then finds no room stays dark: there are more meshes than leaves */
 #define SBL__BOUNCE_FIRST 0.3     /* of the leaves that there may be, that seeds' rays may find */
 #define SBL__BOUNCE_FIRST_POWER 2.4  /* measured: cells that much larger make them fewer by that */
 #define SBL__BOUNCE_SPARE 0.12     /* of the leaves that there may be: where there are fewer, cells are made smaller, */
 #define SBL__BOUNCE_SHRINK 0.03    /* by so much at most at a time */
-#define SBL__BOUNCE_POOL 6.0       /* and in all, with patches that are kept apart */
-#define SBL__BOUNCE_GROWTH_END 16.0  /* in all; what then finds no room stays dark: there are more meshes than leaves */
 #define SBL__BOUNCE_WIDER 0.6      /* of the leaves that there may be, from which on new ones are of wider cells, */
 #define SBL__BOUNCE_WIDEST 0.8     /* and of the widest */
 #define SBL__BOUNCE_AIM 0.35        /* of the leaves that there may be, for which cells are cut at first */
@@ -9188,10 +9192,10 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
 #define SBL__CAST_COLUMNS 256
 #define SBL__CAST_ROWS 64
 
-/* A ray, as cast.glsl takes it. */
+/* A ray, as cast.glsl takes it. fractions: 16 bits each, of where it goes by the cosine. */
 #define SBL__CAST(X) \
     X(sbl__cast, VEC3, origin) X(sbl__cast, FLOAT, limit) \
-    X(sbl__cast, VEC3, direction) X(sbl__cast, UINT, unused)
+    X(sbl__cast, VEC3, direction) X(sbl__cast, UINT, fractions)
 SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sbl_casts"), NULL)
 
 #define SBL__NOWHERE 0xffffffffu
@@ -9213,8 +9217,8 @@ typedef struct sbl__bounce_aimed { int known; uint32_t place; float normal[3], o
 
 typedef enum sbl__bounce_stage {
     SBL__BOUNCE_BEGIN, SBL__BOUNCE_PATCHES, SBL__BOUNCE_SEED, SBL__BOUNCE_SOW, SBL__BOUNCE_PLACE, SBL__BOUNCE_FEEL,
-    SBL__BOUNCE_CUT, SBL__BOUNCE_CAST, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_SORT, SBL__BOUNCE_JOIN, SBL__BOUNCE_GATHER,
-    SBL__BOUNCE_SOLVE, SBL__BOUNCE_SEND, SBL__BOUNCE_DONE
+    SBL__BOUNCE_CUT, SBL__BOUNCE_CAST, SBL__BOUNCE_FIND, SBL__BOUNCE_SORT, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT,
+    SBL__BOUNCE_JOIN, SBL__BOUNCE_GATHER, SBL__BOUNCE_SOLVE, SBL__BOUNCE_SEND, SBL__BOUNCE_DONE
 } sbl__bounce_stage;
 
 typedef struct sbl__bounce {
@@ -9262,7 +9266,8 @@ typedef struct sbl__bounce {
 
 /* >>glsl cast: shaders_embedded/cast.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_cast[] = {
-"// Rays in, hits out: what each of some rays meets first.\n",
+"// Rays in, hits out: what each of some rays meets first. A ray of negative limit goes off a surface whose normal is\n",
+"// its direction, somewhere by the cosine.\n",
 "SBL_OUT(0, out_place);   // where; 1 + the triangle's number, its low bits, negative: of its back side; 0: nothing\n",
 "SBL_OUT(1, out_albedo);  // the surface's colour there; the number's high bits\n",
 "\n",
@@ -9271,7 +9276,11 @@ static const char *const sbl__glsl_cast[] = {
 "    int ray = texel.y * columns + texel.x;\n",
 "    if (ray >= count) sbl_leave;\n",
 "    vec3 origin = sbl_cast_origin(ray), direction = sbl_cast_direction(ray), albedo = vec3(0);\n",
-"    sbl_Hit hit = sbl_trace(origin, direction, sbl_cast_limit(ray));\n",
+"    float limit = sbl_cast_limit(ray);\n",
+"    uint fractions = sbl_cast_fractions(ray);\n",
+"    vec2 u = (vec2(fractions & 65535u, fractions >> 16) + 0.5) / 65536.0;\n",
+"    if (limit < 0.0) direction = sbl_by_cosine(sbl_frame(direction), u);\n",
+"    sbl_Hit hit = sbl_trace(origin, direction, abs(limit));\n",
 "    float low = 0.0, high = 0.0;\n",
 "    if (hit.triangle >= 0) {\n",
 "        int object = int(sbl_triangle_object(hit.triangle));\n",
@@ -9500,7 +9509,7 @@ static sbl_result sbl__bounce_add(sbl__core *c, sbl__bounce *b, const sbl__hit *
     int leaf, depth;
     uint32_t patch, *reference = sbl__place_find(s, at, &patch, &depth);
     if (!reference || (!*reference && s->leaf_count >= s->most)) {
-        *crowded = b->patching.growth < SBL__BOUNCE_GROWTH_END;
+        *crowded = b->patching.pool < SBL__BOUNCE_POOL;
         return SBL_SUCCESS;
     }
     if (!*reference) return sbl__bounce_add_leaf(c, b, at, reference);
@@ -9550,6 +9559,7 @@ static void sbl__bounce_feeler(const sbl__core *c, sbl__bounce *b, int number, s
         if (cube[k] && d < -1e-6f) out->limit = SBL__MIN(out->limit, -x / d);
     }
     for (k = 0; k < 3; k++) out->direction[k] = right[k] > 0 || right[k] < 0 ? (float)right[k] : 0;
+    out->fractions = 0;
     out->limit = SBL__MIN(SBL__MAX(out->limit, 0.0f), 2 * length);
 }
 
@@ -9747,9 +9757,13 @@ static void sbl__bounce_aim(const sbl__core *c, sbl__bounce *b, const sbl__hit *
         aim->place = at->place;
         aim->offset = sbl__place_normal(&c->scene.geometry, at->place, aim->normal);
     }
-    sbl__cosine_direction(aim->normal, b->sequence, number, seed, out->direction);
-    for (k = 0; k < 3; k++) out->origin[k] = at->position[k] + aim->offset * aim->normal[k];
-    out->limit = 1e30f;
+    out->fractions = (b->sequence[2 * number] ^ sbl__hash(seed)) >> 16 |
+                     ((b->sequence[2 * number + 1] ^ sbl__hash(seed + 1u)) & 0xffff0000u);
+    for (k = 0; k < 3; k++) {
+        out->direction[k] = aim->normal[k];
+        out->origin[k] = at->position[k] + aim->offset * aim->normal[k];
+    }
+    out->limit = -1e30f;
 }
 
 static void sbl__bounce_seed_ray(const sbl__core *c, sbl__bounce *b, int number, sbl__cast *out) {
@@ -9777,42 +9791,92 @@ static void sbl__bounce_ray(const sbl__core *c, sbl__bounce *b, int number, sbl_
     sbl__bounce_aim(c, b, &p->at, hash, stretch, out);
 }
 
-/* >>bounce: light from what shines */
+/* >>bounce: points in order */
 
 /* A point's leaf may have been cut since it was found, and it may lie on the other side now. */
-static sbl_result sbl__bounce_find(sbl__core *c, sbl__bounce *b, sbl__bounce_point *p) {
+static sbl_result sbl__bounce_find(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
     sbl__store *s = &c->scene.store;
-    int depth;
-    uint32_t patch, *reference = sbl__place_find(s, &p->at, &patch, &depth);
-    if (reference && !*reference) {
-        sbl_result result = sbl__store_add_leaf(&c->base, s, reference);
-        if (result != SBL_SUCCESS) return result;
-        if (!sbl__grow(&c->base, &b->states, &b->state_room, s->leaf_count, sizeof *b->states))
-            return SBL_ERROR_OUT_OF_MEMORY;
-        memset(&b->states[s->leaf_count - 1], 0, sizeof *b->states);
+    for (; b->at < b->point_count; b->at++) {
+        sbl__bounce_point *p = &b->points[b->at];
+        int depth;
+        uint32_t patch, *reference;
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        reference = sbl__place_find(s, &p->at, &patch, &depth);
+        if (reference && !*reference) {
+            sbl_result result = sbl__store_add_leaf(&c->base, s, reference);
+            if (result != SBL_SUCCESS) return result;
+            if (!sbl__grow(&c->base, &b->states, &b->state_room, s->leaf_count, sizeof *b->states))
+                return SBL_ERROR_OUT_OF_MEMORY;
+        }
+        if (reference) p->leaf = (int)*reference - 1;
     }
-    if (reference) p->leaf = (int)*reference - 1;
     return SBL_SUCCESS;
 }
 
+/* Where points go, so that those of a leaf follow each other. */
+static sbl_result sbl__bounce_order(sbl__core *c, sbl__bounce *b) {
+    const int leaves = c->scene.store.leaf_count;
+    int i, next = 0;
+    if (!b->order) b->order = (int *)sbl__alloc_raw(&c->base, (size_t)b->point_count, sizeof *b->order);
+    if (!b->order) return SBL_ERROR_OUT_OF_MEMORY;
+    memset(b->states, 0, (size_t)leaves * sizeof *b->states);
+    for (i = 0; i < b->point_count; i++) b->states[b->points[i].leaf].points++;
+    for (i = 0; i < leaves; next += b->states[i++].points) b->states[i].first = next;
+    for (i = 0; i < leaves; i++) b->states[i].points = 0;
+    for (i = 0; i < b->point_count; i++) {
+        sbl__bounce_leaf *leaf = &b->states[b->points[i].leaf];
+        b->order[i] = leaf->first + leaf->points++;
+    }
+    return SBL_SUCCESS;
+}
+
+static void sbl__swap(void *a, void *b, size_t bytes) {
+    char keep[SBL__BOUNCE_RAYS * sizeof(sbl__hit)];
+    memcpy(keep, a, bytes);
+    memcpy(a, b, bytes);
+    memcpy(b, keep, bytes);
+}
+
+/* Points and their rays, leaf by leaf: bounces read them in that order. */
+static sbl_result sbl__bounce_sort(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
+    if (b->at == 0) {
+        const sbl_result result = sbl__bounce_order(c, b);
+        if (result != SBL_SUCCESS) return result;
+    }
+    for (; b->at < b->point_count; b->at++) {
+        int *to = &b->order[b->at];
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        while (*to != b->at) {
+            const size_t i = (size_t)b->at, j = (size_t)*to;
+            sbl__swap(&b->points[i], &b->points[j], sizeof *b->points);
+            sbl__swap(&b->hits[i * SBL__BOUNCE_RAYS], &b->hits[j * SBL__BOUNCE_RAYS],
+                      SBL__BOUNCE_RAYS * sizeof *b->hits);
+            sbl__swap(to, &b->order[j], sizeof *to);
+        }
+    }
+    sbl__free(&c->base, b->order);
+    b->order = NULL;
+    return SBL_SUCCESS;
+}
+
+/* >>bounce: light from what shines */
+
 static sbl_result sbl__bounce_sites(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
-    sbl_result result = SBL_SUCCESS;
     if (!b->sites) b->sites = (sbl__site *)sbl__alloc_raw(&c->base, (size_t)b->point_count, sizeof *b->sites);
     if (!b->readings)
         b->readings = (sbl_reading *)sbl__alloc_raw(&c->base, (size_t)b->point_count, sizeof *b->readings);
     if (!b->sites || !b->readings) return SBL_ERROR_OUT_OF_MEMORY;
-    for (; b->at < b->point_count && result == SBL_SUCCESS; b->at++) {
+    for (; b->at < b->point_count; b->at++) {
         const sbl__hit *at = &b->points[b->at].at;
         sbl__site *site = &b->sites[b->at];
         if (sbl__late(slice)) return SBL_UNFINISHED;
-        result = sbl__bounce_find(c, b, &b->points[b->at]);
         memcpy(site->position, at->position, sizeof site->position);
         site->offset = sbl__place_normal(&c->scene.geometry, at->place, site->normal);
         memcpy(site->geometric_normal, site->normal, sizeof site->normal);
         site->number = (uint32_t)b->at;
         site->span = 1;
     }
-    return result;
+    return SBL_SUCCESS;
 }
 
 static void sbl__bounce_light(sbl__core *c, sbl__bounce *b) {
@@ -9852,56 +9916,15 @@ static void sbl__bounce_sky(const sbl__core *c, const sbl__bounce *b, int point,
     }
 }
 
-/* Where points go, so that those of a leaf follow each other. */
-static void sbl__bounce_order(sbl__bounce *b, int leaves) {
-    int i, next = 0;
-    for (i = 0; i < leaves; i++) b->states[i].points = b->states[i].valid = 0;
-    for (i = 0; i < b->point_count; i++) {
-        b->states[b->points[i].leaf].points++;
-        b->states[b->points[i].leaf].valid += b->readings[i].valid;
-    }
-    for (i = 0; i < leaves; next += b->states[i++].points) b->states[i].first = next;
-    for (i = 0; i < leaves; i++) b->states[i].points = 0;
-    for (i = 0; i < b->point_count; i++) {
-        sbl__bounce_leaf *leaf = &b->states[b->points[i].leaf];
-        b->order[i] = leaf->first + leaf->points++;
-    }
-}
-
-static void sbl__swap(void *a, void *b, size_t bytes) {
-    char *x = (char *)a, *y = (char *)b, keep[SBL__BOUNCE_RAYS * sizeof(sbl__hit)];
-    memcpy(keep, x, bytes);
-    memcpy(x, y, bytes);
-    memcpy(y, keep, bytes);
-}
-
-/* Points, with their rays and readings, leaf by leaf: bounces read them in that order. */
-static sbl_result sbl__bounce_sort(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
-    if (!b->order) b->order = (int *)sbl__alloc_raw(&c->base, (size_t)b->point_count, sizeof *b->order);
-    if (!b->order) return SBL_ERROR_OUT_OF_MEMORY;
-    if (b->at == 0) sbl__bounce_order(b, c->scene.store.leaf_count);
-    for (; b->at < b->point_count; b->at++) {
-        int *to = &b->order[b->at];
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        while (*to != b->at) {
-            const size_t i = (size_t)b->at, j = (size_t)*to;
-            sbl__swap(&b->points[i], &b->points[j], sizeof *b->points);
-            sbl__swap(&b->readings[i], &b->readings[j], sizeof *b->readings);
-            sbl__swap(&b->hits[i * SBL__BOUNCE_RAYS], &b->hits[j * SBL__BOUNCE_RAYS],
-                      SBL__BOUNCE_RAYS * sizeof *b->hits);
-            sbl__swap(to, &b->order[j], sizeof *to);
-        }
-    }
-    return SBL_SUCCESS;
-}
-
 /* Of a leaf: what its points' rays met becomes leaves; what comes from what shines. */
 static void sbl__bounce_join_leaf(sbl__core *c, sbl__bounce *b, int leaf) {
     sbl__store *s = &c->scene.store;
-    const sbl__bounce_leaf *state = &b->states[leaf];
+    sbl__bounce_leaf *state = &b->states[leaf];
     float *light = b->light + 3 * leaf, rest[3] = { 0, 0, 0 };
     int i, k;
     light[0] = light[1] = light[2] = 0;
+    for (i = state->first, state->valid = 0; i < state->first + state->points; i++)
+        state->valid += b->readings[i].valid;
     for (i = state->first; i < state->first + state->points; i++) {
         sbl__hit *hits = &b->hits[(size_t)i * SBL__BOUNCE_RAYS];
         float sky[3];
@@ -10046,9 +10069,10 @@ static sbl_result sbl__bounce_piece(sbl__core *c, sbl__bounce *b, sbl__slice *sl
                 return SBL_ERROR_OUT_OF_MEMORY;
             b->at = SBL__MAX(b->at, b->cast * SBL__BOUNCE_RAYS);
             return sbl__bounce_cast(c, b, sbl__bounce_ray, b->point_count * SBL__BOUNCE_RAYS, b->hits, slice);
+        case SBL__BOUNCE_FIND: return sbl__bounce_find(c, b, slice);
+        case SBL__BOUNCE_SORT: return sbl__bounce_sort(c, b, slice);
         case SBL__BOUNCE_SITES: return sbl__bounce_sites(c, b, slice);
         case SBL__BOUNCE_LIGHT: return sbl__job_step(&c->device, &b->job, slice);
-        case SBL__BOUNCE_SORT: return sbl__bounce_sort(c, b, slice);
         case SBL__BOUNCE_JOIN: return sbl__bounce_join(c, b, slice);
         case SBL__BOUNCE_GATHER: return sbl__bounce_gather(c, b, slice);
         case SBL__BOUNCE_SOLVE: return SBL_SUCCESS;
@@ -10060,12 +10084,10 @@ static sbl_result sbl__bounce_piece(sbl__core *c, sbl__bounce *b, sbl__slice *sl
 
 /* All begins anew, with larger cells or smaller ones; or there are more patches than leaves, whatever the cells. */
 static sbl__bounce_stage sbl__bounce_again(sbl__bounce *b, double growth) {
-    b->patching.growth *= growth;
-    if (b->patching.growth > SBL__BOUNCE_POOL && !b->patching.pooled) {
-        b->patching.pooled = 1;
-        b->patching.growth = 1;
-    }
-    b->patching.stage = SBL__PATCH_GRID;
+    sbl__patching *p = &b->patching;
+    p->growth *= growth;
+    if (growth > 1 || p->pool <= 1) p->pool *= growth;
+    p->stage = SBL__PATCH_GRID;
     b->spread = 0;
     b->seed_count = b->held_count = b->point_count = b->fresh = b->cast = b->parted = b->sown = 0;
     memset(b->stands, 0, SBL__STANDS * sizeof *b->stands);
@@ -10079,7 +10101,7 @@ static sbl__bounce_stage sbl__bounce_next(sbl__core *c, sbl__bounce *b) {
         case SBL__BOUNCE_PLACE:
             if (b->crowded) return sbl__bounce_again(b, SBL__MAX(b->crowding, SBL__BOUNCE_GROWTH));
             share = (double)c->scene.store.leaf_count / c->scene.store.most;
-            if (!b->fresh && share > SBL__BOUNCE_FIRST && b->patching.growth < SBL__BOUNCE_GROWTH_END)
+            if (!b->fresh && share > SBL__BOUNCE_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
                 /* with what they see there would be too many */
                 return sbl__bounce_again(b, pow(share / SBL__BOUNCE_FIRST, SBL__BOUNCE_FIRST_POWER));
             if (c->scene.store.leaf_count > b->fresh) return SBL__BOUNCE_FEEL;
@@ -10090,11 +10112,11 @@ static sbl__bounce_stage sbl__bounce_next(sbl__core *c, sbl__bounce *b) {
                 b->queue_count = b->point_count * SBL__BOUNCE_RAYS;
                 return SBL__BOUNCE_PLACE;
             }
-            if (b->sown && share < SBL__BOUNCE_SPARE && b->patching.growth <= 1 && share > 2 * b->share) {
+            if (b->sown && share < SBL__BOUNCE_SPARE && share > 2 * b->share) {
                 b->share = share;  /* much of the scene is seen by nothing: the rest may have more */
                 return sbl__bounce_again(b, SBL__MAX(share / SBL__BOUNCE_AIM, SBL__BOUNCE_SHRINK));
             }
-            if (b->sown) return SBL__BOUNCE_SITES;
+            if (b->sown) return SBL__BOUNCE_FIND;
             b->sown = 1;
             b->queue = b->seeds;  /* at last what no ray met */
             b->queue_count = b->seed_count;
@@ -10116,7 +10138,7 @@ static sbl__bounce_stage sbl__bounce_next(sbl__core *c, sbl__bounce *b) {
         case SBL__BOUNCE_LIGHT:
             c->stats.readbacks += b->job.counts.readbacks;
             c->stats.bounce_rays += b->job.counts.rays;
-            return SBL__BOUNCE_SORT;
+            return SBL__BOUNCE_JOIN;
         case SBL__BOUNCE_SOLVE:
             if (sbl__bounce_solve(c, b) != SBL_SUCCESS) return SBL__BOUNCE_GATHER;
             sbl__bounce_warn(c, b);

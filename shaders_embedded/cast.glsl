@@ -1,4 +1,5 @@
-// Rays in, hits out: what each of some rays meets first.
+// Rays in, hits out: what each of some rays meets first. A ray of negative limit goes off a surface whose normal is
+// its direction, somewhere by the cosine.
 SBL_OUT(0, out_place);   // where; 1 + the triangle's number, its low bits, negative: of its back side; 0: nothing
 SBL_OUT(1, out_albedo);  // the surface's colour there; the number's high bits
 
@@ -7,7 +8,11 @@ void main() {
     int ray = texel.y * columns + texel.x;
     if (ray >= count) sbl_leave;
     vec3 origin = sbl_cast_origin(ray), direction = sbl_cast_direction(ray), albedo = vec3(0);
-    sbl_Hit hit = sbl_trace(origin, direction, sbl_cast_limit(ray));
+    float limit = sbl_cast_limit(ray);
+    uint fractions = sbl_cast_fractions(ray);
+    vec2 u = (vec2(fractions & 65535u, fractions >> 16) + 0.5) / 65536.0;
+    if (limit < 0.0) direction = sbl_by_cosine(sbl_frame(direction), u);
+    sbl_Hit hit = sbl_trace(origin, direction, abs(limit));
     float low = 0.0, high = 0.0;
     if (hit.triangle >= 0) {
         int object = int(sbl_triangle_object(hit.triangle));

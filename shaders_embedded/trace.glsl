@@ -44,10 +44,9 @@ void sbl_go_on(sbl_Hit hit, uint hash, inout vec3 position, inout vec3 direction
     float longest = sqrt(max(dot(e1, e1), max(dot(e2, e2), dot(e3, e3))));
     vec3 across = cross(e1 / longest, e2 / longest) * (hit.back ? -1.0 : 1.0);
     vec3 normal = dot(across, across) > 0.0 ? normalize(across) : -direction;
-    uint other = sbl_hash_step(hash, 1u);
-    float u = (float(hash >> 8) + 0.5) / 16777216.0, angle = 6.283185307 * (float(other >> 8) + 0.5) / 16777216.0;
+    vec2 u = (vec2(uvec2(hash, sbl_hash_step(hash, 1u)) >> 8) + 0.5) / 16777216.0;
     position = p0 + hit.b1 * e1 + hit.b2 * e2 + ray_offset * (length(p0) + 2.0 * longest) * normal;
-    direction = sbl_frame(normal) * vec3(sqrt(u) * cos(angle), sqrt(u) * sin(angle), sqrt(1.0 - u));
+    direction = sbl_by_cosine(sbl_frame(normal), u);
 }
 #endif
 
@@ -64,8 +63,7 @@ void main() {
     for (int i = within.y * blocks.x + within.x; i < rays; i += blocks.x * blocks.y) {
         uvec2 fraction = texelFetch(sbl_sequence, skip + i).xy ^ scramble;
         vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0 * vec2(spread, 1.0);
-        float radius = sqrt(u.x), angle = 6.283185307 * u.y;
-        vec3 direction = frame * vec3(radius * cos(angle), radius * sin(angle), sqrt(1.0 - u.x));
+        vec3 direction = sbl_by_cosine(frame, u);
         vec3 from = position, share = vec3(1);
         for (int leg = 0; leg < SBL_LEGS; leg++) {
             sbl_Hit hit = sbl_trace(from, direction, 1e30);

@@ -358,11 +358,11 @@ TEST(furnaces) {
                 if (kind == 2) scene_sphere(&s, m, 0, 0, 0, 1, 48, 28, 1);
                 site_count = 0;
                 add_sites_anywhere(0.9, 200);
-                if (!use_scene(&s, 4096) || !gather(SBL_MODE_GI, raster ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE, 256)) { scene_free(&s); return; }
+                if (!use_scene(&s, 6144) || !gather(SBL_MODE_GI, raster ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE, 512)) { scene_free(&s); return; }
                 worst = off_one(&mean);
                 printf("  furnace %d of albedo %g%s: mean off by %.2g, worst %.2g; %d\n", kind, (double)albedos[i], raster ? ", rasterised" : "", mean,
                     worst, sbl_query_stats(context).bounce_samples);
-                CHECK(mean < 0.005 && worst < (kind ? 0.05 : 0.01), "furnace %d of albedo %g: the mean of R is off by %g, at most %g", kind,
+                CHECK(mean < 0.005 && worst < (kind ? 0.05 : 0.015), "furnace %d of albedo %g: the mean of R is off by %g, at most %g", kind,
                     (double)albedos[i], mean, worst);
                 if (!raster && i != 1) check_furnace_picture((double)albedos[i], kind);
                 scene_free(&s);
@@ -866,23 +866,24 @@ TEST(a_crowd_of_boxes) {
     site_count = 0;
     add_sites_in_box(-1, -0.7, -1, 1, 1, 1, 5);
     for (i = 0; i < 2; i++) {
-        if (!use_scene(&s, i ? 1024 : 8192) || !gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 128)) break;
+        if (!use_scene(&s, i ? 1424 : 8192) || !gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 128)) break;
         worst = off_one(&mean);
         printf("  mean off by %.2g, worst %.2g; %d samples, cells of %g\n", mean, worst, sbl_query_stats(context).bounce_samples,
             (double)context->core.scene.store.length);
         CHECK(mean < 0.01 && worst < 0.05, "R is off by %g, at most %g", mean, worst);
-        CHECK(context->core.scene.store.length < 0.7f, "cells are of %g: all grew", (double)context->core.scene.store.length);
+        CHECK(context->core.scene.store.length < 0.45f, "cells are of %g: all grew", (double)context->core.scene.store.length);
     }
     scene_free(&s);
 }
 
-/* More sides of things than the store has room for, however wide its cells: it ends, and what there is room for is right. */
+/* More sides of things than the store has room for, however wide its cells: it ends, and nothing stays dark. Many shelves share a few measurements, so
+   they are only about right. */
 TEST(more_sides_than_samples) {
     enum { SHELVES = 700 };
     static float corners[6 * 3 * SHELVES];
     test_scene s = { 0 };
     const int m = furnace_material(&s, 0.5f);
-    int i, k, right = 0;
+    int i, k;
     for (i = 0; i < SHELVES; i++)  /* squares above each other, in eight stacks */
         for (k = 0; k < 6; k++) {
             float *p = &corners[3 * (6 * i + k)];
@@ -896,12 +897,15 @@ TEST(more_sides_than_samples) {
     scene_mesh(&s, m, corners, NULL, NULL, 6 * SHELVES, NULL, 6 * SHELVES);
     site_count = 0;
     for (i = 0; i < 40; i++) add_site(0.5, 0.05 * i + 0.01, 0.5, 0, 1, 0, 1);
-    if (use_scene(&s, 1024) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 64)) {
-        const int samples = sbl_query_stats(context).bounce_samples;
-        for (i = 0; i < site_count; i++) right += fabs((double)readings[i].radiance[0] - 1) < 0.05;
-        printf("  %d samples, right at %d of %d sites\n", samples, right, site_count);
-        CHECK(samples > 100 && samples <= 1024, "%d samples", samples);
-        CHECK(right > site_count / 4, "R is right at %d of %d sites", right, site_count);
+    for (k = 1024; k <= 1184; k += 80) {
+        double off = 0, mean;
+        if (!use_scene(&s, k) || !gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 256)) break;
+        for (i = 0; i < site_count; i++) off += fabs((double)readings[i].radiance[0] - 1) / site_count;
+        mean = mean_of(0, site_count, 0);
+        printf("  %d samples of %d: mean %.3f, off by %.3f\n", sbl_query_stats(context).bounce_samples, k, mean, off);
+        CHECK(sbl_query_stats(context).bounce_samples > 100 && sbl_query_stats(context).bounce_samples <= k, "%d samples of %d",
+            sbl_query_stats(context).bounce_samples, k);
+        CHECK(fabs(mean - 1) < 0.25 && off < 0.25, "R is %g on average, off by %g", mean, off);
     }
     scene_free(&s);
 }
