@@ -321,8 +321,8 @@
 
    Its limits: all is diffuse. An albedo above 0.98 bounces as 0.98, so that light ends. A small and very bright
    surface, such as a ceiling just above a lamp, is found by rays at random, as by a path tracer: it leaves specks. And
-   what a draw callback draws is not in it: it neither blocks nor reflects light between surfaces, and sensors see of it
-   what it emits; it is itself lit by what bounces off the meshes.
+   what a draw callback draws is not in it: it neither blocks nor reflects light between surfaces. It is told what light
+   to reflect towards sensors, one value for each of six directions, and is itself lit like all that the camera sees.
 
 
    ON THE TWO WAYS TO SEE
@@ -638,8 +638,12 @@ typedef struct sbl_draw_view {
     float radiance_scale;     /* keeps bright lamps inside the texels' range */
     float depth_scale;
     int write_depth;          /* 1: the shader must write gl_FragDepth, see above */
-    float epsilon;            /* the ambient factor of the paper, 0 in SBL_MODE_DIRECT and SBL_MODE_GI: what does not
-                                 emit radiates epsilon * albedo */
+    float epsilon;            /* the ambient factor of the paper, 0 in SBL_MODE_DIRECT and SBL_MODE_GI */
+    float light[6][3];        /* SBL_VIEW_SENSOR: R for what faces +x, -x, +y, -y, +z, -z. A surface radiates what it
+                                 emits, and its albedo times the mean of the three that its normal turns to, weighted
+                                 by the squares of the normal's components (an ambient cube: McTaggart 2004,
+                                 "Half-Life 2 / Valve Source Shading"). SBL_MODE_GI: what meshes, lights and sky send
+                                 to draw_bounds, bounces and all; in other modes epsilon */
     int sensor, face;         /* SBL_VIEW_SENSOR: number within its level; face 0 looks along the normal */
 } sbl_draw_view;
 
@@ -5326,6 +5330,8 @@ typedef struct sbl__store {
     sbl__leaf *leaves;
     int split_count, split_room, leaf_count, leaf_room;
     int most;                  /* leaves */
+    float brightest;           /* of the leaves' */
+    float air[6][3];           /* R where the host draws, towards +x, -x, +y, -y, +z, -z */
     sbl__table table;          /* all four, one after the other: textures are few */
     int first_cell, first_split, first_leaf;  /* texels of four words */
 } sbl__store;
@@ -5654,6 +5660,9 @@ static void sbl__store_part(const sbl__device *d, const sbl__buffer *b, int texe
 static sbl_result sbl__store_send(const sbl__device *d, sbl__store *s, int triangles, int wide) {
     sbl__buffer *buffer = &s->table.buffer;
     sbl_result result;
+    int i;
+    for (i = 0, s->brightest = 0; i < s->leaf_count; i++)
+        s->brightest = SBL__MAX(s->brightest, sbl__max3(s->leaves[i].light));
     s->first_cell = triangles / 4 + 1;
     s->first_split = s->first_cell + s->cell_room / 2;
     s->first_leaf = s->first_split + 2 * s->split_count;
@@ -5722,7 +5731,7 @@ static const char *const sbl__glsl_store[] = {
 "    }\n",
 "    if (distance * per_cell * float(SBL_NEAR_PART) < 1.0) patch_word |= SBL_PATCH_NEAR;\n",
 "    uint reference = 0u;\n",
-"    for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {  // or as seen from elsewhere, or a wider one\n",
+"    for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {  // as seen from elsewhere, or wider\n",
 "        uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);\n",
 "        uint check = sbl_hash_step(sbl_hash_step(sbl_hash_step(hash, at.z), at.y), at.x) | 1u;\n",
 "        for (int i = 0; i < SBL_PROBES; i++) {\n",
@@ -7777,7 +7786,9 @@ static const sbl__recipe sbl__recipe_lamps = {
     SBL__TEXTURED | SBL__WIDE | SBL__VIEWS | SBL__INSPECT | SBL__COMPUTE
 };
 
-static unsigned sbl__aim_features(const sbl__scene *s) { return s->features | (s->draw ? SBL__VIEWS : 0); }
+static unsigned sbl__aim_features(const sbl__scene *s, const sbl__spec *spec) {
+    return s->features | (s->draw && !spec->traced ? SBL__VIEWS : 0);
+}
 
 /* For the program in use; what views show of the host's drawing is the caller's to bind. blocks: invocations of a
    look. */
@@ -7866,6 +7877,7 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
     const int most = d->gl.capabilities.max_texture_size;
     sbl__lens *lens = &r->lenses[SBL__LENS_SITE], *probe = &r->lenses[SBL__LENS_PROBE];
     const sbl__texture *color = &r->atlas;
+    float brightest;
     int size[2], sums[2], k;
     sbl_result result;
     sbl__layout_make(&lens->layout, spec->hemicube, spec->size, spec->fov);
@@ -7882,7 +7894,10 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
         size[k] = SBL__MAX(lens->area[k], probe->area[k]);
         sums[k] = SBL__MAX(lens->area[k] / lens->layout.block, probe->area[k] / probe->layout.block);
     }
-    r->radiance_scale = sbl__raster_scale(SBL__MAX(scene->brightest, spec->epsilon));
+    brightest = SBL__MAX(scene->brightest, spec->bounced ? scene->store.brightest : spec->epsilon);
+    for (k = 0; k < 6 && spec->bounced && scene->draw; k++)
+        brightest = SBL__MAX(brightest, sbl__max3(scene->store.air[k]));
+    r->radiance_scale = sbl__raster_scale(brightest);
     r->face = r->row = 0;
     result = sbl__texture_make(d, &r->atlas, size[0], size[1], SBL__GL_RGBA16F);
     if (result == SBL_SUCCESS) result = sbl__texture_make(d, &r->depth, size[0], size[1], SBL__GL_DEPTH_COMPONENT32F);
@@ -8170,6 +8185,8 @@ static void sbl__raster_view(const sbl__device *d, const sbl__raster *r, const s
     v->depth_scale = SBL__VIEW_DEPTH;
     v->write_depth = (d->features & SBL__WRITE_DEPTH) != 0;
     v->epsilon = b->spec->epsilon;
+    for (k = 0; k < 18; k++) v->light[k / 3][k % 3] = v->epsilon;
+    if (b->spec->bounced) memcpy(v->light, b->scene->store.air, sizeof v->light);
     v->sensor = look->sensor;
     v->face = face;
 }
@@ -8726,7 +8743,7 @@ static sbl_result sbl__job_compile(sbl__device *d, const sbl__job *j) {
         { &sbl__recipe_trace, spec->traced, features },
         { &sbl__recipe_sensor, !spec->traced, features },
         { &sbl__recipe_sky, !spec->traced && j->scene->environment.pixels && !spec->paper, features },
-        { &sbl__recipe_lamps, spec->lamp_rays > 0, sbl__aim_features(j->scene) },
+        { &sbl__recipe_lamps, spec->lamp_rays > 0, sbl__aim_features(j->scene, spec) },
         { &sbl__recipe_reduce_blocks, !spec->traced, 0 },
         { &sbl__recipe_reduce_sum, 1, 0 }
     };
@@ -8864,14 +8881,15 @@ static sbl_result sbl__job_aim(sbl__device *d, sbl__job *j, const sbl__slice *sl
     const double pace = sbl__pace_begin(&j->aim_pace, slice, SBL__LOOKS_FIRST, 1);
     const double room = SBL__MIN(sbl__whole_lots(d, pace, j->aim.parts), (double)j->look_most);
     const int count = (int)SBL__MIN(room, (double)(j->drawn - j->aimed)), blocks[2] = { 1, j->aim.parts };
+    const unsigned features = sbl__aim_features(j->scene, &j->task.spec);
     sbl__batch b;
     sbl_result result;
     sbl__job_batch(j, j->aimed, count, &b);
     result = sbl__looks_send(d, &j->table, b.looks, b.count, b.slots->count);
-    if (result == SBL_SUCCESS) result = sbl__use(d, &sbl__recipe_lamps, sbl__aim_features(j->scene));
+    if (result == SBL_SUCCESS) result = sbl__use(d, &sbl__recipe_lamps, features);
     if (result != SBL_SUCCESS) return result;
     sbl__aim_bind(d, &j->aim, &b, blocks, j->task.spec.traced ? 1 : j->raster.radiance_scale);
-    if (j->scene->draw) sbl__raster_bind(d, &j->raster, j->scene->geometry.extent);
+    if (features & SBL__VIEWS) sbl__raster_bind(d, &j->raster, j->scene->geometry.extent);
     sbl__rays_send(d, &b, &j->aim.target, blocks);
     sbl__pace_end(d, &j->aim_pace, sbl__whole_lots(d, count, j->aim.parts));
     j->aimed += count;
@@ -9163,6 +9181,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
    line where it stands. */
 
 #define SBL__BOUNCE_SEEDS 1.0      /* of a cell, as large as cells are at first */
+#define SBL__BOUNCE_SEEDS_WIDEST (8.0 / (1 << 2 * SBL__LEVEL_SHIFT * (SBL__LEVELS - 1)))  /* at least: 8 of a widest */
 #define SBL__BOUNCE_SEED_RAYS 4
 #define SBL__BOUNCE_POINTS 4
 #define SBL__BOUNCE_RAYS 16        /* of a point */
@@ -9189,6 +9208,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
 #define SBL__BOUNCE_WIDEST 0.8     /* and of the widest */
 #define SBL__BOUNCE_AIM 0.35        /* of the leaves that there may be, for which cells are cut at first */
 #define SBL__BOUNCE_SHARE 0.35f    /* of the time of a picture that needs it, about */
+#define SBL__AIR_SITES 54          /* six at each of nine places */
+#define SBL__AIR_RAYS 512
 #define SBL__CAST_COLUMNS 256
 #define SBL__CAST_ROWS 64
 
@@ -9199,6 +9220,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
 SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sbl_casts"), NULL)
 
 #define SBL__NOWHERE 0xffffffffu
+#define SBL__UNSEEN FLT_MAX        /* how far away the surfaces are that see a place, where there are none */
 
 /* Where a ray met a surface, and how far it went. place: triangle << 1 | back, or SBL__NOWHERE; at the end its leaf's
    number. */
@@ -9218,7 +9240,7 @@ typedef struct sbl__bounce_aimed { int known; uint32_t place; float normal[3], o
 typedef enum sbl__bounce_stage {
     SBL__BOUNCE_BEGIN, SBL__BOUNCE_PATCHES, SBL__BOUNCE_SEED, SBL__BOUNCE_SOW, SBL__BOUNCE_PLACE, SBL__BOUNCE_FEEL,
     SBL__BOUNCE_CUT, SBL__BOUNCE_CAST, SBL__BOUNCE_FIND, SBL__BOUNCE_SORT, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT,
-    SBL__BOUNCE_JOIN, SBL__BOUNCE_GATHER, SBL__BOUNCE_SOLVE, SBL__BOUNCE_SEND, SBL__BOUNCE_DONE
+    SBL__BOUNCE_JOIN, SBL__BOUNCE_GATHER, SBL__BOUNCE_SOLVE, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
 } sbl__bounce_stage;
 
 typedef struct sbl__bounce {
@@ -9254,20 +9276,22 @@ typedef struct sbl__bounce {
     double crowding, share;          /* of the leaves that there may be, that there were with larger cells */
     float progress;
     int rounds, crowded;
-    int sown;                        /* seeds have been placed */
+    int sown, seen;                  /* seeds have been placed; leaves that there were without them */
     int joined;                      /* leaves whose rays' places are leaves */
     sbl__table casts;
     sbl__blocks blocks;
     sbl__pace pace;
-    sbl__job job;                    /* the light at the points */
+    sbl__job job;                    /* the light at the points; then in the air */
+    sbl__site air[SBL__AIR_SITES];
+    sbl_reading air_readings[SBL__AIR_SITES];
 } sbl__bounce;
 
 /* >>bounce: rays in, hits out */
 
 /* >>glsl cast: shaders_embedded/cast.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_cast[] = {
-"// Rays in, hits out: what each of some rays meets first. A ray of negative limit goes off a surface whose normal is\n",
-"// its direction, somewhere by the cosine.\n",
+"// Rays in, hits out: what each of some rays meets first. A ray of negative limit goes off a surface somewhere, by\n",
+"// the cosine; its direction is the surface's normal.\n",
 "SBL_OUT(0, out_place);   // where; 1 + the triangle's number, its low bits, negative: of its back side; 0: nothing\n",
 "SBL_OUT(1, out_albedo);  // the surface's colour there; the number's high bits\n",
 "\n",
@@ -9387,13 +9411,14 @@ static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
 }
 
 /* Where the reference stands that leads to a place's light: in its cell or, where that has none and there are many, in
-   the wider one around it; NULL: there is no room. *patch: whose the cell is. */
+   a wider one around it; NULL: there is no room. *patch: whose the cell is. What no surface sees, but points in the air
+   may, has the widest only. */
 static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32_t *patch, int *depth) {
     static const double shares[SBL__LEVELS] = { SBL__BOUNCE_WIDER, SBL__BOUNCE_WIDEST, 1 };
     uint32_t *reference = NULL;
-    int level;
-    *patch = sbl__place_patch(s, at);
-    for (level = 0; level < SBL__LEVELS; level++, *patch += SBL__PATCH_LEVEL) {
+    int level = at->distance < SBL__UNSEEN ? 0 : SBL__LEVELS - 1;
+    *patch = sbl__place_patch(s, at) + SBL__PATCH_LEVEL * (uint32_t)level;
+    for (; level < SBL__LEVELS; level++, *patch += SBL__PATCH_LEVEL) {
         reference = sbl__store_find(s, *patch, at->position, depth);
         if (reference && (*reference || s->leaf_count < shares[level] * s->most)) break;
     }
@@ -9454,6 +9479,7 @@ static sbl_result sbl__bounce_add_seeds(sbl__core *c, sbl__bounce *b, uint32_t t
 static sbl_result sbl__bounce_seed(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
     const sbl__geometry *g = &c->scene.geometry;
     const sbl__store *s = &c->scene.store;
+    const double density = SBL__MAX(SBL__BOUNCE_SEEDS * b->patching.growth, SBL__BOUNCE_SEEDS_WIDEST);
     sbl_result result = SBL_SUCCESS;
     for (; b->at < g->triangle_count && result == SBL_SUCCESS; b->at++) {
         const uint32_t triangle = (uint32_t)b->at;
@@ -9462,8 +9488,7 @@ static sbl_result sbl__bounce_seed(sbl__core *c, sbl__bounce *b, sbl__slice *sli
         double normal[3], k;
         if (sbl__late(slice)) return SBL_UNFINISHED;
         if (o->flags & SBL__HIDDEN_FROM_SENSORS) continue;
-        b->spread += SBL__BOUNCE_SEEDS * b->patching.growth * sbl__scene_normal(g, triangle, normal) /
-                     (length * length);
+        b->spread += density * sbl__scene_normal(g, triangle, normal) / (length * length);
         for (k = floor(from); k < floor(b->spread) && result == SBL_SUCCESS; k++)
             result = sbl__bounce_add_seeds(c, b, triangle, (uint32_t)k);
     }
@@ -9771,16 +9796,15 @@ static void sbl__bounce_seed_ray(const sbl__core *c, sbl__bounce *b, int number,
     sbl__bounce_aim(c, b, &b->seeds[seed], sbl__hash((uint32_t)seed), number % SBL__BOUNCE_SEED_RAYS, out);
 }
 
-/* A seed counts as seen from where its nearest ray came to; one whose rays meet nothing is not wanted. */
+/* A seed counts as seen from where its nearest ray came to; one whose rays meet nothing as from SBL__UNSEEN. */
 static void sbl__bounce_judge_seeds(sbl__bounce *b) {
     int i, k;
     for (i = 0; i < b->seed_count; i++) {
         const sbl__hit *hits = &b->hits[(size_t)i * SBL__BOUNCE_SEED_RAYS];
-        b->seeds[i].distance = FLT_MAX;
+        b->seeds[i].distance = SBL__UNSEEN;
         for (k = 0; k < SBL__BOUNCE_SEED_RAYS; k++)
             if (hits[k].place != SBL__NOWHERE)
                 b->seeds[i].distance = SBL__MIN(b->seeds[i].distance, hits[k].distance);
-        if (!(b->seeds[i].distance < FLT_MAX)) b->seeds[i].place = SBL__NOWHERE;
     }
 }
 
@@ -10019,6 +10043,51 @@ static sbl_result sbl__bounce_solve(sbl__core *c, sbl__bounce *b) {
         ? SBL_SUCCESS : SBL_UNFINISHED;
 }
 
+/* >>bounce: light in the air, for what the host draws */
+
+/* At the middle of what it draws, and half of the way to each of its corners: six sensors each. */
+static void sbl__bounce_air(sbl__core *c, sbl__bounce *b) {
+    const sbl__scene *s = &c->scene;
+    sbl__seeing seeing;
+    sbl__task task;
+    int i, k;
+    memset(&seeing, 0, sizeof seeing);
+    memset(&task, 0, sizeof task);
+    memset(b->air, 0, sizeof b->air);
+    seeing.mode = SBL_MODE_GI;
+    seeing.backend = SBL_BACKEND_TRACE;
+    seeing.rays = SBL__AIR_RAYS;
+    sbl__spec_make(&task.spec, &seeing, s, &c->desc);
+    for (i = 0; i < SBL__AIR_SITES; i++) {
+        sbl__site *site = &b->air[i];
+        const int place = i / 6, axis = i % 6 / 2;
+        for (k = 0; k < 3; k++) {
+            const double share = place == 8 ? 0.5 : place >> k & 1 ? 0.75 : 0.25;
+            site->position[k] = (float)((1 - share) * s->draw_bounds[0][k] + share * s->draw_bounds[1][k]);
+        }
+        site->normal[axis] = site->geometric_normal[axis] = i & 1 ? -1.0f : 1.0f;
+        site->number = (uint32_t)i;
+        site->span = 1;
+    }
+    task.sites = b->air;
+    task.readings = b->air_readings;
+    task.site_count = SBL__AIR_SITES;
+    memset(&b->job.counts, 0, sizeof b->job.counts);
+    sbl__job_begin(&b->job, s, &task);
+}
+
+static void sbl__bounce_air_read(sbl__core *c, const sbl__bounce *b) {
+    sbl__store *s = &c->scene.store;
+    int i, k, valid[6] = { 0, 0, 0, 0, 0, 0 };
+    memset(s->air, 0, sizeof s->air);
+    for (i = 0; i < SBL__AIR_SITES; i++) valid[i % 6] += b->air_readings[i].valid;
+    for (i = 0; i < SBL__AIR_SITES; i++)
+        for (k = 0; k < 3 && b->air_readings[i].valid; k++)
+            s->air[i % 6][k] += b->air_readings[i].radiance[k] / (float)valid[i % 6];
+    c->stats.readbacks += b->job.counts.readbacks;
+    c->stats.bounce_rays += b->job.counts.rays;
+}
+
 /* Once a scene, where walls that are clamped hold so much light that it shows. */
 static void sbl__bounce_warn(sbl__core *c, const sbl__bounce *b) {
     const sbl__geometry *g = &c->scene.geometry;
@@ -10076,6 +10145,7 @@ static sbl_result sbl__bounce_piece(sbl__core *c, sbl__bounce *b, sbl__slice *sl
         case SBL__BOUNCE_JOIN: return sbl__bounce_join(c, b, slice);
         case SBL__BOUNCE_GATHER: return sbl__bounce_gather(c, b, slice);
         case SBL__BOUNCE_SOLVE: return SBL_SUCCESS;
+        case SBL__BOUNCE_AIR: return sbl__job_step(&c->device, &b->job, slice);
         default:
             c->device.gl.doing = "storing bounced light";
             return sbl__store_send(&c->device, s, g->triangle_count, g->wide);
@@ -10112,12 +10182,13 @@ static sbl__bounce_stage sbl__bounce_next(sbl__core *c, sbl__bounce *b) {
                 b->queue_count = b->point_count * SBL__BOUNCE_RAYS;
                 return SBL__BOUNCE_PLACE;
             }
-            if (b->sown && share < SBL__BOUNCE_SPARE && share > 2 * b->share) {
+            if (b->sown && b->seen > 0 && share < SBL__BOUNCE_SPARE && share > 2 * b->share) {
                 b->share = share;  /* much of the scene is seen by nothing: the rest may have more */
                 return sbl__bounce_again(b, SBL__MAX(share / SBL__BOUNCE_AIM, SBL__BOUNCE_SHRINK));
             }
             if (b->sown) return SBL__BOUNCE_FIND;
             b->sown = 1;
+            b->seen = c->scene.store.leaf_count;
             b->queue = b->seeds;  /* at last what no ray met */
             b->queue_count = b->seed_count;
             return SBL__BOUNCE_PLACE;
@@ -10143,6 +10214,13 @@ static sbl__bounce_stage sbl__bounce_next(sbl__core *c, sbl__bounce *b) {
             if (sbl__bounce_solve(c, b) != SBL_SUCCESS) return SBL__BOUNCE_GATHER;
             sbl__bounce_warn(c, b);
             return SBL__BOUNCE_SEND;
+        case SBL__BOUNCE_SEND:
+            if (!c->scene.draw) return SBL__BOUNCE_DONE;
+            sbl__bounce_air(c, b);
+            return SBL__BOUNCE_AIR;
+        case SBL__BOUNCE_AIR:
+            sbl__bounce_air_read(c, b);
+            return SBL__BOUNCE_DONE;
         default: return (sbl__bounce_stage)(b->stage + 1);
     }
 }
@@ -10252,7 +10330,7 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__seeing *s, sbl__slice *s
    Stored light as a stream: a header, the store's four arrays, a checksum. What is read is believed only where it fits
    the scene and itself. */
 
-#define SBL__SAVED_VERSION 2u
+#define SBL__SAVED_VERSION 3u
 #define SBL__SAVED_ORDER 0x01020304u
 #define SBL__SAVED_SEED 0xcbf29ce484222325u
 #define SBL__SAVED_CELLS (1 << 22)     /* at most; as many splits, and half as many leaves */
@@ -10262,7 +10340,7 @@ typedef struct sbl__saved {
     uint32_t version, order;
     uint64_t scene;                    /* hash of what the light depends on */
     int32_t triangles, cells, splits, leaves;
-    float origin[3], length;
+    float origin[3], length, air[6][3];
 } sbl__saved;
 
 static const char sbl__saved_name[8] = { 's', 'b', 'l', 's', 't', 'o', 'r', 'e' };
@@ -10280,6 +10358,7 @@ static uint64_t sbl__saved_scene(const sbl__scene *s) {
     hash = sbl__hash_bytes(hash, s->lights.list, (size_t)s->lights.count * sizeof *s->lights.list);
     hash = sbl__hash_bytes(hash, e->sky, sizeof e->sky);
     hash = sbl__hash_bytes(hash, e->axes, sizeof e->axes);
+    if (s->draw) hash = sbl__hash_bytes(hash, s->draw_bounds, sizeof s->draw_bounds);
     if (e->pixels) hash = sbl__hash_bytes(hash, e->pixels, 3 * sizeof(float) * (size_t)e->width * (size_t)e->height);
     return hash;
 }
@@ -10314,6 +10393,7 @@ static int sbl__saved_write(const sbl__scene *s, sbl_write_function put, void *u
     header.leaves = s->store.leaf_count;
     memcpy(header.origin, s->store.origin, sizeof header.origin);
     header.length = s->store.length;
+    memcpy(header.air, s->store.air, sizeof header.air);
     sbl__saved_parts(&s->store, header.triangles, parts);
     sum = sbl__hash_bytes(SBL__SAVED_SEED, &header, sizeof header);
     fine = put(&header, sizeof header, user) == sizeof header;
@@ -10334,7 +10414,8 @@ static const char *sbl__saved_check(const sbl__saved *header, const sbl__scene *
         return "it is of another scene";
     if (cells < 1 || cells > most || (cells & (cells - 1)) || header->splits < 0 || header->splits > most ||
         header->leaves < 0 || header->leaves > most / 2 || !sbl__all_finite(header->origin, 3) ||
-        !sbl__between(&header->length, FLT_MIN, FLT_MAX)) return "it is damaged";
+        !sbl__between(&header->length, FLT_MIN, FLT_MAX) || !sbl__all_finite(&header->air[0][0], 18))
+        return "it is damaged";
     return NULL;
 }
 
@@ -10369,6 +10450,7 @@ static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene,
     if (*why) return SBL_ERROR_INVALID_ARGUMENT;
     memcpy(s->origin, header.origin, sizeof s->origin);
     s->length = header.length;
+    memcpy(s->air, header.air, sizeof s->air);
     s->patches = (uint32_t *)sbl__alloc(d->base, (size_t)header.triangles, sizeof *s->patches);
     s->cells = (sbl__cell_slot *)sbl__alloc(d->base, (size_t)header.cells, sizeof *s->cells);
     s->splits = (sbl__split *)sbl__alloc(d->base, (size_t)header.splits, sizeof *s->splits);
@@ -11881,12 +11963,13 @@ static sbl_result sbl__inspect_aim(const sbl__looking *k, const sbl__batch *b) {
     sbl__core *c = k->core;
     sbl__device *d = &c->device;
     const sbl__job *j = &c->job;
-    const sbl_result result = sbl__use(d, &sbl__recipe_lamps, sbl__aim_features(&c->scene) | SBL__INSPECT);
+    const unsigned features = sbl__aim_features(&c->scene, &j->task.spec);
+    const sbl_result result = sbl__use(d, &sbl__recipe_lamps, features | SBL__INSPECT);
     if (result != SBL_SUCCESS) return result;
     sbl__aim_bind(d, &j->aim, b, b->slots->blocks, 1);
-    if (c->scene.draw) sbl__raster_bind(d, &j->raster, c->scene.geometry.extent);
+    if (features & SBL__VIEWS) sbl__raster_bind(d, &j->raster, c->scene.geometry.extent);
     sbl__set_int(d, "parts", j->aim.parts);
-    sbl__set_int(d, "sheet_slot", c->scene.draw ? j->task.first_look % sbl__job_slots(j)->count : 0);
+    sbl__set_int(d, "sheet_slot", features & SBL__VIEWS ? j->task.first_look % sbl__job_slots(j)->count : 0);
     sbl__rays_send(d, b, &b->blocks->target, b->slots->blocks);
     return SBL_SUCCESS;
 }

@@ -39,8 +39,8 @@ static const char vertex_shader[] =
 
 /* One body, four programs: what a sensor or the camera wants, with or without a depth of its own. */
 static const char fragment_shader[] =
-    "uniform vec3 eye, albedo, emission;\n"
-    "uniform float radiance_scale, epsilon, depth_scale;\n"
+    "uniform vec3 eye, albedo, emission, light[6];\n"  // light: see sbl_draw_view
+    "uniform float radiance_scale, depth_scale;\n"
     "in vec3 position;\n"
     "flat in vec3 normal;\n"
     "flat in float glow;\n"
@@ -65,7 +65,9 @@ static const char fragment_shader[] =
     "    out_emission = vec4(glow * emission, 0);\n"
     "    out_id = id;\n"
     "#else\n"
-    "    vec3 radiance = glow > 0.0 ? emission : epsilon * albedo;\n"
+    "    vec3 w = normal * normal;\n"
+    "    vec3 r = w.x * light[normal.x < 0.0 ? 1 : 0] + w.y * light[normal.y < 0.0 ? 3 : 2] + w.z * light[normal.z < 0.0 ? 5 : 4];\n"
+    "    vec3 radiance = glow > 0.0 ? emission : albedo * r;\n"
     "    out_radiance = vec4(radiance * radiance_scale, gl_FrontFacing ? 1.0 / gl_FragCoord.w : -1.0 / gl_FragCoord.w);\n"
     "#endif\n"
     "#ifdef WRITE_DEPTH\n"
@@ -98,7 +100,7 @@ static void slabs_draw(const sbl_draw_view *view, void *user) {
     gl.Uniform3fv(host_gl_uniform(program, "albedo"), 1, slab_albedo);
     gl.Uniform3fv(host_gl_uniform(program, "emission"), 1, slab_glow);
     gl.Uniform1f(host_gl_uniform(program, "radiance_scale"), view->radiance_scale);
-    gl.Uniform1f(host_gl_uniform(program, "epsilon"), view->epsilon);
+    gl.Uniform3fv(host_gl_uniform(program, "light"), 6, view->light[0]);
     gl.Uniform1f(host_gl_uniform(program, "depth_scale"), view->depth_scale);
     gl.BindVertexArray(s->vertex_array);
     gl.DrawArraysInstanced(GL_TRIANGLES, 0, SLAB_VERTICES, SLABS);

@@ -1,6 +1,6 @@
 """Run by bench_cycles inside Blender 3.x: sets a scene up for Cycles once, then renders it whenever a line "SAMPLES SEED FILE.exr" comes in.
 
-Every surface is a two-sided Lambertian of the file's base colour, every emitter glows to both sides, light does not bounce. Nothing is
+Every surface is a two-sided Lambertian of the file's base colour, every emitter glows to both sides; light bounces as often as asked. Nothing is
 clamped, denoised or adaptive, and pixels are sampled at their centres. Geometry and hierarchy stay in memory from picture to picture.
 After each picture a line "BENCH SECONDS" goes out, the time of Blender's render call, without the writing of the file.
 """
@@ -72,10 +72,11 @@ render.threads_mode, render.threads = 'FIXED', job['threads']
 render.use_persistent_data = True
 cycles.use_adaptive_sampling = cycles.use_denoising = False
 cycles.pixel_filter_type, cycles.filter_width = 'GAUSSIAN', 0.01  # the narrowest there is: pixel centres
-cycles.max_bounces = cycles.diffuse_bounces = 0
+cycles.max_bounces = cycles.diffuse_bounces = job['bounces']
 cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0
 cycles.caustics_reflective = cycles.caustics_refractive = False
-scene.view_layers[0].use_pass_diffuse_direct = True  # light over pi, the surface's colour taken out: R
+# light over pi, the surface's colour taken out: R, in two parts
+scene.view_layers[0].use_pass_diffuse_direct = scene.view_layers[0].use_pass_diffuse_indirect = True
 image = render.image_settings
 image.file_format, image.color_depth, image.exr_codec = 'OPEN_EXR_MULTILAYER', '32', 'NONE'
 scene.view_settings.view_transform = 'Raw'

@@ -1,5 +1,5 @@
-// Rays in, hits out: what each of some rays meets first. A ray of negative limit goes off a surface whose normal is
-// its direction, somewhere by the cosine.
+// Rays in, hits out: what each of some rays meets first. A ray of negative limit goes off a surface somewhere, by
+// the cosine; its direction is the surface's normal.
 SBL_OUT(0, out_place);   // where; 1 + the triangle's number, its low bits, negative: of its back side; 0: nothing
 SBL_OUT(1, out_albedo);  // the surface's colour there; the number's high bits
 

@@ -23,7 +23,7 @@ int sbl_leaf_at(int number, bool back, vec3 position, float distance) {
     }
     if (distance * per_cell * float(SBL_NEAR_PART) < 1.0) patch_word |= SBL_PATCH_NEAR;
     uint reference = 0u;
-    for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {  // or as seen from elsewhere, or a wider one
+    for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {  // as seen from elsewhere, or wider
         uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);
         uint check = sbl_hash_step(sbl_hash_step(sbl_hash_step(hash, at.z), at.y), at.x) | 1u;
         for (int i = 0; i < SBL_PROBES; i++) {

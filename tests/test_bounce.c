@@ -910,6 +910,170 @@ TEST(more_sides_than_samples) {
     scene_free(&s);
 }
 
+/* Ground that no surface sees has light all the same, for who looks at it from the air. A square under the sun, seen from above its middle: the form
+   factor of a square is known. */
+TEST(ground_that_no_surface_sees) {
+    static const float sizes[] = { 1, 30 };  /* of the ground; seen from 1 above */
+    int i;
+    for (i = 0; i < 2; i++) {
+        test_scene s = { 0 };
+        const double half = (double)sizes[i], x = half / sqrt(1 + half * half), seen_share = 4 / 3.14159265358979 * x * atan(x);
+        const float w = sizes[i];
+        double expected = 0.5 * 3 / 3.14159265358979 * seen_share;
+        scene_quad(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), -w, -1, -w, -w, -1, w, w, -1, w, w, -1, -w);
+        if (i) scene_box(&s, 0, 9, -1, 9, 10, 0, 10);  /* far away; its sides see the ground */
+        scene_light(&s, SBL_LIGHT_DIRECTIONAL, 3, 3, 3)->direction[1] = -1;
+        site_count = 0;
+        add_site(0, 0, 0, 0, -1, 0, 1);
+        if (use_scene(&s, 4096) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 4096)) {
+            printf("  %g of %g; %d samples\n", (double)readings[0].radiance[0], expected, sbl_query_stats(context).bounce_samples);
+            CHECK(fabs((double)readings[0].radiance[0] / expected - 1) < 0.02, "R is %g, not %g", (double)readings[0].radiance[0], expected);
+        }
+        scene_free(&s);
+    }
+}
+
+/* >>what the host draws */
+
+static struct drawn { unsigned program; float albedo, emission, light[6][3]; int views; } drawn;
+
+static unsigned drawn_shader(const sbl__gl *gl, unsigned type, const char *text) {
+    const char *const parts[3] = { "#version 330 core\n", drawn.views ? "#define WRITE_DEPTH\n" : "", text };
+    unsigned shader = gl->CreateShader(type);
+    gl->ShaderSource(shader, 3, parts, NULL);
+    gl->CompileShader(shader);
+    return shader;
+}
+
+/* A box of half a side 0.3 about the origin, which reflects by the ambient cube that it is told. */
+static void draw_box(const sbl_draw_view *view, void *user) {
+    static const char vertex[] =
+        "uniform vec4 column[4];\n"
+        "out vec3 normal;\n"
+        "void main() {\n"
+        "    int face = gl_VertexID / 6, axis = face >> 1, corner = gl_VertexID % 6, q = corner < 3 ? corner : corner == 3 ? 0 : corner - 2;\n"
+        "    float side = (face & 1) == 0 ? 1.0 : -1.0;\n"
+        "    vec2 uv = vec2(q == 1 || q == 2 ? 1.0 : -1.0, q >= 2 ? 1.0 : -1.0) * vec2(side, 1.0);\n"
+        "    vec3 p = axis == 0 ? vec3(side, uv) : axis == 1 ? vec3(uv.y, side, uv.x) : vec3(uv, side);\n"
+        "    normal = axis == 0 ? vec3(side, 0, 0) : axis == 1 ? vec3(0, side, 0) : vec3(0, 0, side);\n"
+        "    gl_Position = mat4(column[0], column[1], column[2], column[3]) * vec4(0.3 * p, 1.0);\n"
+        "}\n";
+    static const char fragment[] =
+        "uniform vec3 light[6];\n"
+        "uniform float albedo, emission, radiance_scale, depth_scale;\n"
+        "in vec3 normal;\n"
+        "layout(location = 0) out vec4 radiance;\n"
+        "void main() {\n"
+        "    vec3 n = normalize(normal), w = n * n;\n"
+        "    vec3 r = w.x * light[n.x < 0.0 ? 1 : 0] + w.y * light[n.y < 0.0 ? 3 : 2] + w.z * light[n.z < 0.0 ? 5 : 4];\n"
+        "    radiance = vec4((emission + albedo * r) * radiance_scale, gl_FrontFacing ? 1.0 / gl_FragCoord.w : -1.0 / gl_FragCoord.w);\n"
+        "#ifdef WRITE_DEPTH\n"
+        "    gl_FragDepth = gl_FragCoord.w * depth_scale;\n"
+        "#endif\n"
+        "}\n";
+    const sbl__gl *gl = &context->core.device.gl;
+    int i;
+    (void)user;
+    if (view->kind != SBL_VIEW_SENSOR) return;
+    if (!drawn.program) {
+        drawn.views = view->write_depth;
+        drawn.program = gl->CreateProgram();
+        gl->AttachShader(drawn.program, drawn_shader(gl, SBL__GL_VERTEX_SHADER, vertex));
+        gl->AttachShader(drawn.program, drawn_shader(gl, SBL__GL_FRAGMENT_SHADER, fragment));
+        gl->LinkProgram(drawn.program);
+    }
+    drawn.views++;
+    memcpy(drawn.light, view->light, sizeof drawn.light);
+    gl->UseProgram(drawn.program);
+    for (i = 0; i < 4; i++) {
+        const char name[] = { 'c', 'o', 'l', 'u', 'm', 'n', '[', (char)('0' + i), ']', 0 };
+        const float *x = view->world_to_clip + 4 * i;
+        gl->Uniform4f(gl->GetUniformLocation(drawn.program, name), x[0], x[1], x[2], x[3]);
+    }
+    for (i = 0; i < 6; i++) {
+        const char name[] = { 'l', 'i', 'g', 'h', 't', '[', (char)('0' + i), ']', 0 };
+        gl->Uniform3f(gl->GetUniformLocation(drawn.program, name), view->light[i][0], view->light[i][1], view->light[i][2]);
+    }
+    gl->Uniform1f(gl->GetUniformLocation(drawn.program, "albedo"), drawn.albedo);
+    gl->Uniform1f(gl->GetUniformLocation(drawn.program, "emission"), drawn.emission);
+    gl->Uniform1f(gl->GetUniformLocation(drawn.program, "radiance_scale"), view->radiance_scale);
+    gl->Uniform1f(gl->GetUniformLocation(drawn.program, "depth_scale"), view->depth_scale);
+    gl->DrawArrays(SBL__GL_TRIANGLES, 0, 36);
+}
+
+/* In a furnace a drawn thing that emits what it does not reflect cannot be told from the walls. */
+TEST(drawn_things_are_told_their_light) {
+    test_scene s = { 0 };
+    sbl_scene_desc scene;
+    const int m = furnace_material(&s, 0.5f);
+    double mean, worst, least = 2, most = 0;
+    int i;
+    scene_box(&s, m, -1.2f, -1, -0.9f, 1.2f, 1, 0.9f);
+    scene = scene_desc(&s);
+    scene.draw = draw_box;
+    for (i = 0; i < 3; i++) { scene.draw_bounds[0][i] = -0.3f; scene.draw_bounds[1][i] = 0.3f; }
+    scene.draw_max_radiance = 1;
+    scene.bounce_samples = 4096;
+    drawn.albedo = 0.8f;
+    drawn.emission = 0.2f;
+    site_count = 0;
+    add_sites_in_box(-1.2, -1, -0.9, 1.2, 1, 0.9, 3);
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && gather(SBL_MODE_GI, SBL_BACKEND_RASTER, 64), "no light: %s", watch_last(&seen));
+    worst = off_one(&mean);
+    for (i = 0; i < 18; i++) {
+        least = fmin(least, (double)drawn.light[i / 3][i % 3]);
+        most = test_max(most, (double)drawn.light[i / 3][i % 3]);
+    }
+    printf("  %d views; told %.4f to %.4f; mean off by %.2g, worst %.2g\n", drawn.views, least, most, mean, worst);
+    CHECK(drawn.views > 54 && least > 0.99 && most < 1.01, "%d views are told %g to %g", drawn.views, least, most);
+    CHECK(mean < 0.005 && worst < 0.05, "R is off by %g, at most %g", mean, worst);
+    drawn.emission = 0;  /* the thing is seen at all */
+    REQUIRE(gather(SBL_MODE_GI, SBL_BACKEND_RASTER, 64), "no light: %s", watch_last(&seen));
+    off_one(&mean);
+    CHECK(mean > 0.01, "a dark thing changes R by %g", mean);
+    scene_free(&s);
+    memset(&s, 0, sizeof s);
+    scene_quad(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), -1, -1, -1, -1, -1, 1, 1, -1, 1, 1, -1, -1);
+    scene_light(&s, SBL_LIGHT_DIRECTIONAL, 2, 3, 5)->direction[1] = -1;  /* from above: for a side that faces up, known */
+    scene.meshes = s.meshes;
+    scene.mesh_count = s.mesh_count;
+    scene.materials = s.materials;
+    scene.lights = s.lights;
+    scene.light_count = s.light_count;
+    site_count = 0;
+    add_site(0, -1, 0, 0, 1, 0, 1);
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && gather(SBL_MODE_GI, SBL_BACKEND_RASTER, 64), "no light: %s", watch_last(&seen));
+    CHECK(fabs((double)drawn.light[2][2] * 3.14159265 / 5 - 1) < 0.001, "what faces up is told %g", (double)drawn.light[2][2]);
+    CHECK(drawn.light[3][0] > 0.05f && drawn.light[3][0] < 0.5f * drawn.light[2][0], "what faces down is told %g", (double)drawn.light[3][0]);
+    REQUIRE(gather(SBL_MODE_DIRECT, SBL_BACKEND_RASTER, 64), "no light: %s", watch_last(&seen));
+    CHECK(most_of(0, 1) >= 0 && drawn.light[2][2] == 0, "in SBL_MODE_DIRECT it is told %g", (double)drawn.light[2][2]);
+    context->core.device.gl.DeleteProgram(drawn.program);
+    scene_free(&s);
+}
+
+/* Rasterised light goes with the light's strength, however strong or weak, though views have texels of sixteen bits. */
+TEST(light_of_any_strength) {
+    static const float strengths[] = { 1, 1e-9f, 1e9f };
+    double first = 0;
+    int i, k;
+    for (i = 0; i < 3; i++) {
+        test_scene s = { 0 };
+        sbl_light *light;
+        double mean;
+        scene_box(&s, scene_material(&s, 0.7f, 0.6f, 0.5f), -1, -1, -1, 1, 1, 1);
+        light = scene_light(&s, SBL_LIGHT_POINT, strengths[i], strengths[i], strengths[i]);
+        for (k = 0; k < 3; k++) light->position[k] = 0.3f * (float)k;
+        site_count = 0;
+        add_sites_anywhere(0.5, 30);
+        if (use_scene(&s, 1024) && gather(SBL_MODE_GI, SBL_BACKEND_RASTER, 64)) {
+            mean = mean_of(0, site_count, 0) / (double)strengths[i];
+            if (i == 0) first = mean;
+            CHECK(mean > 0.05 && fabs(mean / first - 1) < 1e-3, "light of strength %g gives %g of it, of strength 1 %g", (double)strengths[i], mean, first);
+        }
+        scene_free(&s);
+    }
+}
+
 /* >>all front ends find the same */
 
 static int inspect_all(int *same) {
@@ -992,6 +1156,9 @@ int main(void) {
     RUN(a_pleated_sheet);
     RUN(a_crowd_of_boxes);
     RUN(more_sides_than_samples);
+    RUN(ground_that_no_surface_sees);
+    RUN(drawn_things_are_told_their_light);
+    RUN(light_of_any_strength);
     RUN(gather_inspection_and_picture_agree);
     sbl_destroy(context);
     return test_report();
