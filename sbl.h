@@ -299,7 +299,7 @@
    since that place is hardly lit as its cell is on average. The store itself is only seen on surfaces of
    SBL_MATERIAL_NO_SENSORS, and in SBL_CHANNEL_STORE.
 
-   What it costs: a picture takes 2 to 3.5 times as long as with direct light alone, store included, and more where it
+   What it costs: a picture takes 2 to 3 times as long as with direct light alone, store included, and more where it
    is small (measured in rooms of several kinds, llvmpipe on two cores). The store is made by a scene's first picture or
    gather in this mode, and serves all that follow, of any camera and size, until the scene changes: sbl_set_scene and
    sbl_set_mesh_transform make it anew; after sbl_set_materials and sbl_set_lights, where only what shines differs, the
@@ -307,15 +307,16 @@
    sbl_save_store and sbl_load_store carry a store over to the next run. seconds.bounce and bounce_samples of sbl_stats
    tell what it took.
 
-   Its budget: sbl_scene_desc.bounce_samples, cells at most, all of one size. Cells are cut for about half of it, the
-   rest is for what stands on surfaces. Where that does not suffice, what is found last gets wider cells, or all begins
-   again with larger ones; where much of the scene is seen by nothing, such as a meadow around a house, all begins again
-   with smaller ones. Raise it where a room is lit through a gap or a door, where geometry is fine beside the size of
+   Its budget: sbl_scene_desc.bounce_samples, cells at most, all of one size. Cells are cut for about a third of it,
+   the rest is for what stands on surfaces. Where that does not suffice, what is found last gets wider cells, or all
+   begins again with larger ones, and small patches of a mesh share theirs; where much of the scene is seen by nothing,
+   such as a meadow around a house, all begins again with smaller ones. What no surface sees, but sensors in the air
+   may, gets the widest. Raise it where a room is lit through a gap or a door, where geometry is fine beside the size of
    the scene, or where light seems to come in patches; grain of single pixels is the sensors', and needs `rays`. Lower
    it for a quick look. Time and memory go with it.
 
    How exact it is, measured against an independent path tracer at default settings: relative root mean square error of
-   R in blocks of 4 x 4 pixels: 0.8 % in the Cornell box, 1.5 % in a staircase room that 130 emitting triangles light,
+   R in blocks of 4 x 4 pixels: 0.8 % in the Cornell box, 1.6 % in a staircase room that 130 emitting triangles light,
    4 % in a furnished room of 130,000 triangles that the sky lights through windows; in 8 x 8, 2.3 to 3 % in a dark room
    with a door ajar.
 
