@@ -193,6 +193,11 @@ static void leak_scene(test_scene *s, int kind) {
                 divide_mesh(s, &s->meshes[i], 4);
             }
             break;
+        case 8:  /* ground that nothing else sees, but a sun */
+            scene_quad(s, grey, -20, 0, -20, -20, 0, 20, 20, 0, 20, 20, 0, -20);
+            box_without_bottom(s, grey, 1.53f, 0, 1.37f, 2.12f, 0.6f, 2.03f);
+            scene_light(s, SBL_LIGHT_DIRECTIONAL, 3, 3, 3)->direction[1] = -1;
+            break;
         default:  /* two rooms */
             scene_box(s, scene_material(s, 0.7f, 0.6f, 0.5f), 0, 0, 0, 8, 3, 4);
             material = scene_lamp(s, 5, 5, 5);
@@ -206,16 +211,16 @@ static void leak_scene(test_scene *s, int kind) {
 static void leak_sites(int kind, int n) {
     site_count = 0;
     if (kind < 3) add_sites_in_box(1.53, 0.51, 1.37, 2.12, 1.1, 2.03, n);
-    else if (kind == 3) add_sites_in_box(1.53, 0, 1.37, 2.12, 0.6, 2.03, n);
+    else if (kind == 3 || kind == 8) add_sites_in_box(1.53, 0, 1.37, 2.12, 0.6, 2.03, n);
     else if (kind == 4) add_sites_in_box(2 - 0.15, 0, 1.7 - 0.1, 2 + 0.15, 0.6, 1.7 + 0.1, n);
     else add_sites_in_box(3.88, 0, 0, 8, 3, 4, n);
 }
 
 TEST(walls_keep_light_out) {
     static const char *const names[] = { "a thin box", "a hollow box", "a box of slabs", "a box on the floor", "a turned box", "two rooms", "two rooms askew",
-                                         "a wall of small triangles" };
+                                         "a wall of small triangles", "a box on open ground" };
     int kind, i, j;
-    for (kind = 0; kind < 8; kind++)
+    for (kind = 0; kind < 9; kind++)
         for (i = 0; i < 3; i++)
             for (j = 0; j < 3; j++) {
                 test_scene s = { 0 };
@@ -228,7 +233,7 @@ TEST(walls_keep_light_out) {
                 inside = site_count;
                 add_site(0.5, 0, 0.5, 0, 1, 0, 1);
                 add_site(1, 0, 1.5, 0, 1, 0, 1);
-                add_site(0, 1.5, 2, 1, 0, 0, 1);
+                add_site(0.1, 1.5, 2, 1, 0, 0, 1);
                 scale_sites(scales[i]);
                 if (!use_scene(&s, budgets[j]) || !gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 256)) { scene_free(&s); return; }
                 lit = mean_of(inside, site_count, 0);
@@ -1001,6 +1006,24 @@ static void draw_box(const sbl_draw_view *view, void *user) {
     gl->DrawArrays(SBL__GL_TRIANGLES, 0, 36);
 }
 
+static struct { unsigned char bytes[1 << 22]; size_t count, at; } saved;
+
+static size_t saved_put(const void *data, size_t bytes, void *user) {
+    (void)user;
+    if (bytes > sizeof saved.bytes - saved.count) return 0;
+    memcpy(saved.bytes + saved.count, data, bytes);
+    saved.count += bytes;
+    return bytes;
+}
+
+static size_t saved_get(void *data, size_t bytes, void *user) {
+    (void)user;
+    bytes = bytes < saved.count - saved.at ? bytes : saved.count - saved.at;
+    memcpy(data, saved.bytes + saved.at, bytes);
+    saved.at += bytes;
+    return bytes;
+}
+
 /* In a furnace a drawn thing that emits what it does not reflect cannot be told from the walls. */
 TEST(drawn_things_are_told_their_light) {
     test_scene s = { 0 };
@@ -1045,6 +1068,17 @@ TEST(drawn_things_are_told_their_light) {
     REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && gather(SBL_MODE_GI, SBL_BACKEND_RASTER, 64), "no light: %s", watch_last(&seen));
     CHECK(fabs((double)drawn.light[2][2] * 3.14159265 / 5 - 1) < 0.001, "what faces up is told %g", (double)drawn.light[2][2]);
     CHECK(drawn.light[3][0] > 0.05f && drawn.light[3][0] < 0.5f * drawn.light[2][0], "what faces down is told %g", (double)drawn.light[3][0]);
+    {
+        const float before = drawn.light[2][2];  /* a stored store knows it, too; but not one of things drawn elsewhere */
+        REQUIRE(sbl_save_store(context, saved_put, NULL) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS &&
+                sbl_load_store(context, saved_get, NULL) == SBL_SUCCESS && gather(SBL_MODE_GI, SBL_BACKEND_RASTER, 64), "%s", watch_last(&seen));
+        CHECK(sbl_query_stats(context).bounce_rays == 0 && !memcmp(&drawn.light[2][2], &before, sizeof before), "after loading it is told %g, not %g",
+            (double)drawn.light[2][2], (double)before);
+        scene.draw_bounds[0][0] = -0.4f;
+        saved.at = 0;
+        CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_load_store(context, saved_get, NULL) == SBL_ERROR_INVALID_ARGUMENT,
+            "light of things drawn elsewhere is loaded");
+    }
     REQUIRE(gather(SBL_MODE_DIRECT, SBL_BACKEND_RASTER, 64), "no light: %s", watch_last(&seen));
     CHECK(most_of(0, 1) >= 0 && drawn.light[2][2] == 0, "in SBL_MODE_DIRECT it is told %g", (double)drawn.light[2][2]);
     context->core.device.gl.DeleteProgram(drawn.program);
