@@ -9844,7 +9844,7 @@ static sbl_result sbl__bounce_order(sbl__core *c, sbl__bounce *b) {
     int i, next = 0;
     if (!b->order) b->order = (int *)sbl__alloc_raw(&c->base, (size_t)b->point_count, sizeof *b->order);
     if (!b->order) return SBL_ERROR_OUT_OF_MEMORY;
-    memset(b->states, 0, (size_t)leaves * sizeof *b->states);
+    for (i = 0; i < leaves; i++) b->states[i].points = 0;
     for (i = 0; i < b->point_count; i++) b->states[b->points[i].leaf].points++;
     for (i = 0; i < leaves; next += b->states[i++].points) b->states[i].first = next;
     for (i = 0; i < leaves; i++) b->states[i].points = 0;

@@ -241,7 +241,7 @@ TEST(the_store_comes_in_pieces) {
         REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_begin(context, &view) == SBL_SUCCESS, "cannot begin");
         REQUIRE(bounced_steps(context, budgets[i], counts) == SBL_SUCCESS && bounced_read(context, now) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
         CHECK(memcmp(now, whole, sizeof now) == 0, "in steps of %g s the picture differs", budgets[i]);
-        for (stage = SBL__BOUNCE_PATCHES; stage < SBL__BOUNCE_DONE && i == 0; stage++)
+        for (stage = SBL__BOUNCE_PATCHES; stage <= SBL__BOUNCE_SEND && i == 0; stage++)  /* the air is for what the host draws */
             CHECK(counts[stage] >= (stage == SBL__BOUNCE_LIGHT ? 10 : 1), "stage %d took %d steps", stage, counts[stage]);
     }
     sbl_destroy(context);
