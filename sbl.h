@@ -7896,8 +7896,7 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
         sums[k] = SBL__MAX(lens->area[k] / lens->layout.block, probe->area[k] / probe->layout.block);
     }
     brightest = SBL__MAX(scene->brightest, spec->bounced ? scene->store.brightest : spec->epsilon);
-    for (k = 0; k < 6 && spec->bounced && scene->draw; k++)
-        brightest = SBL__MAX(brightest, sbl__max3(scene->store.air[k]));
+    for (k = 0; k < 6 && spec->bounced; k++) brightest = SBL__MAX(brightest, sbl__max3(scene->store.air[k]));
     r->radiance_scale = sbl__raster_scale(brightest);
     r->face = r->row = 0;
     result = sbl__texture_make(d, &r->atlas, size[0], size[1], SBL__GL_RGBA16F);
@@ -9200,14 +9199,15 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
 #define SBL__BOUNCE_REST 2e-4      /* of the light, that may be missing at the end */
 #define SBL__BOUNCE_GROWTH 1.5     /* of cells' area, where leaves do not suffice */
 #define SBL__BOUNCE_GROWTH_MOST 2.0
-#define SBL__BOUNCE_POOL 16.0      /* in all; what then finds no room stays dark: there are more meshes than leaves */
-#define SBL__BOUNCE_FIRST 0.3     /* of the leaves that there may be, that seeds' rays may find */
+#define SBL__BOUNCE_POOL 16.0      /* of the area of patches that count as one, in all; what then finds no room stays
+                                      dark: there are more meshes than leaves */
+#define SBL__BOUNCE_FIRST 0.3      /* of the leaves that there may be, that seeds' rays may find */
 #define SBL__BOUNCE_FIRST_POWER 2.4  /* measured: cells that much larger make them fewer by that */
 #define SBL__BOUNCE_SPARE 0.12     /* of the leaves that there may be: where there are fewer, cells are made smaller, */
 #define SBL__BOUNCE_SHRINK 0.03    /* by so much at most at a time */
 #define SBL__BOUNCE_WIDER 0.6      /* of the leaves that there may be, from which on new ones are of wider cells, */
 #define SBL__BOUNCE_WIDEST 0.8     /* and of the widest */
-#define SBL__BOUNCE_AIM 0.35        /* of the leaves that there may be, for which cells are cut at first */
+#define SBL__BOUNCE_AIM 0.35       /* of the leaves that there may be, for which cells are cut at first */
 #define SBL__BOUNCE_SHARE 0.35f    /* of the time of a picture that needs it, about */
 #define SBL__AIR_SITES 54          /* six at each of nine places */
 #define SBL__AIR_RAYS 512
@@ -9904,22 +9904,40 @@ static sbl_result sbl__bounce_sites(sbl__core *c, sbl__bounce *b, sbl__slice *sl
     return SBL_SUCCESS;
 }
 
-static void sbl__bounce_light(sbl__core *c, sbl__bounce *b) {
-    sbl__seeing seeing;
+/* Begins the job. spec: made by sbl__bounce_spec. */
+static void sbl__bounce_measure(sbl__core *c, sbl__bounce *b, const sbl__spec *spec, const sbl__site *sites,
+                                sbl_reading *readings, int count) {
     sbl__task task;
-    memset(&seeing, 0, sizeof seeing);
     memset(&task, 0, sizeof task);
-    seeing.mode = SBL_MODE_DIRECT;
-    seeing.backend = SBL_BACKEND_TRACE;
-    seeing.rays = SBL__BOUNCE_LAMP_RAYS;
-    sbl__spec_make(&task.spec, &seeing, &c->scene, &c->desc);
-    task.spec.rays = SBL__BOUNCE_DARK_RAYS;
-    task.spec.skyless = 1;  /* the kept rays know what comes from there */
-    task.sites = b->sites;
-    task.readings = b->readings;
-    task.site_count = b->point_count;
+    task.spec = *spec;
+    task.sites = sites;
+    task.readings = readings;
+    task.site_count = count;
     memset(&b->job.counts, 0, sizeof b->job.counts);
     sbl__job_begin(&b->job, &c->scene, &task);
+}
+
+static void sbl__bounce_spec(const sbl__core *c, sbl_mode mode, int rays, sbl__spec *spec) {
+    sbl__seeing seeing;
+    memset(&seeing, 0, sizeof seeing);
+    seeing.mode = mode;
+    seeing.backend = SBL_BACKEND_TRACE;
+    seeing.rays = rays;
+    sbl__spec_make(spec, &seeing, &c->scene, &c->desc);
+}
+
+/* What the job has cost. */
+static void sbl__bounce_count(sbl__core *c, const sbl__bounce *b) {
+    c->stats.readbacks += b->job.counts.readbacks;
+    c->stats.bounce_rays += b->job.counts.rays;
+}
+
+static void sbl__bounce_light(sbl__core *c, sbl__bounce *b) {
+    sbl__spec spec;
+    sbl__bounce_spec(c, SBL_MODE_DIRECT, SBL__BOUNCE_LAMP_RAYS, &spec);
+    spec.rays = SBL__BOUNCE_DARK_RAYS;
+    spec.skyless = 1;  /* the kept rays know what comes from there */
+    sbl__bounce_measure(c, b, &spec, b->sites, b->readings, b->point_count);
 }
 
 /* >>bounce: all bounces at once */
@@ -10048,33 +10066,23 @@ static sbl_result sbl__bounce_solve(sbl__core *c, sbl__bounce *b) {
 
 /* At the middle of what it draws, and half of the way to each of its corners: six sensors each. */
 static void sbl__bounce_air(sbl__core *c, sbl__bounce *b) {
-    const sbl__scene *s = &c->scene;
-    sbl__seeing seeing;
-    sbl__task task;
+    const float *low = c->scene.draw_bounds[0], *high = c->scene.draw_bounds[1];
+    sbl__spec spec;
     int i, k;
-    memset(&seeing, 0, sizeof seeing);
-    memset(&task, 0, sizeof task);
     memset(b->air, 0, sizeof b->air);
-    seeing.mode = SBL_MODE_GI;
-    seeing.backend = SBL_BACKEND_TRACE;
-    seeing.rays = SBL__AIR_RAYS;
-    sbl__spec_make(&task.spec, &seeing, s, &c->desc);
     for (i = 0; i < SBL__AIR_SITES; i++) {
         sbl__site *site = &b->air[i];
         const int place = i / 6, axis = i % 6 / 2;
         for (k = 0; k < 3; k++) {
             const double share = place == 8 ? 0.5 : place >> k & 1 ? 0.75 : 0.25;
-            site->position[k] = (float)((1 - share) * s->draw_bounds[0][k] + share * s->draw_bounds[1][k]);
+            site->position[k] = (float)((1 - share) * low[k] + share * high[k]);
         }
         site->normal[axis] = site->geometric_normal[axis] = i & 1 ? -1.0f : 1.0f;
         site->number = (uint32_t)i;
         site->span = 1;
     }
-    task.sites = b->air;
-    task.readings = b->air_readings;
-    task.site_count = SBL__AIR_SITES;
-    memset(&b->job.counts, 0, sizeof b->job.counts);
-    sbl__job_begin(&b->job, s, &task);
+    sbl__bounce_spec(c, SBL_MODE_GI, SBL__AIR_RAYS, &spec);
+    sbl__bounce_measure(c, b, &spec, b->air, b->air_readings, SBL__AIR_SITES);
 }
 
 static void sbl__bounce_air_read(sbl__core *c, const sbl__bounce *b) {
@@ -10085,8 +10093,6 @@ static void sbl__bounce_air_read(sbl__core *c, const sbl__bounce *b) {
     for (i = 0; i < SBL__AIR_SITES; i++)
         for (k = 0; k < 3 && b->air_readings[i].valid; k++)
             s->air[i % 6][k] += b->air_readings[i].radiance[k] / (float)valid[i % 6];
-    c->stats.readbacks += b->job.counts.readbacks;
-    c->stats.bounce_rays += b->job.counts.rays;
 }
 
 /* Once a scene, where walls that are clamped hold so much light that it shows. */
@@ -10208,8 +10214,7 @@ static sbl__bounce_stage sbl__bounce_next(sbl__core *c, sbl__bounce *b) {
             sbl__bounce_light(c, b);
             return SBL__BOUNCE_LIGHT;
         case SBL__BOUNCE_LIGHT:
-            c->stats.readbacks += b->job.counts.readbacks;
-            c->stats.bounce_rays += b->job.counts.rays;
+            sbl__bounce_count(c, b);
             return SBL__BOUNCE_JOIN;
         case SBL__BOUNCE_SOLVE:
             if (sbl__bounce_solve(c, b) != SBL_SUCCESS) return SBL__BOUNCE_GATHER;
@@ -10220,6 +10225,7 @@ static sbl__bounce_stage sbl__bounce_next(sbl__core *c, sbl__bounce *b) {
             sbl__bounce_air(c, b);
             return SBL__BOUNCE_AIR;
         case SBL__BOUNCE_AIR:
+            sbl__bounce_count(c, b);
             sbl__bounce_air_read(c, b);
             return SBL__BOUNCE_DONE;
         default: return (sbl__bounce_stage)(b->stage + 1);

@@ -940,10 +940,10 @@ TEST(ground_that_no_surface_sees) {
 
 /* >>what the host draws */
 
-static struct drawn { unsigned program; float albedo, emission, light[6][3]; int views; } drawn;
+static struct drawn { unsigned program; float albedo, emission, light[6][3]; int views; } drawn;  /* light: what it was told last */
 
-static unsigned drawn_shader(const sbl__gl *gl, unsigned type, const char *text) {
-    const char *const parts[3] = { "#version 330 core\n", drawn.views ? "#define WRITE_DEPTH\n" : "", text };
+static unsigned drawn_shader(const sbl__gl *gl, unsigned type, int write_depth, const char *text) {
+    const char *const parts[3] = { "#version 330 core\n", write_depth ? "#define WRITE_DEPTH\n" : "", text };
     unsigned shader = gl->CreateShader(type);
     gl->ShaderSource(shader, 3, parts, NULL);
     gl->CompileShader(shader);
@@ -981,10 +981,9 @@ static void draw_box(const sbl_draw_view *view, void *user) {
     (void)user;
     if (view->kind != SBL_VIEW_SENSOR) return;
     if (!drawn.program) {
-        drawn.views = view->write_depth;
         drawn.program = gl->CreateProgram();
-        gl->AttachShader(drawn.program, drawn_shader(gl, SBL__GL_VERTEX_SHADER, vertex));
-        gl->AttachShader(drawn.program, drawn_shader(gl, SBL__GL_FRAGMENT_SHADER, fragment));
+        gl->AttachShader(drawn.program, drawn_shader(gl, SBL__GL_VERTEX_SHADER, 0, vertex));
+        gl->AttachShader(drawn.program, drawn_shader(gl, SBL__GL_FRAGMENT_SHADER, view->write_depth, fragment));
         gl->LinkProgram(drawn.program);
     }
     drawn.views++;
