@@ -139,7 +139,7 @@
    (sbl_material.albedo_texture). Where zero is also a value that you may want:
 
        epsilon       0 is 0.02 in SBL_MODE_AMBIENT and SBL_MODE_PAPER: for none give FLT_MIN, which is as good
-       threshold     0 is the preset's: to sense every pixel set tile = 1
+       threshold     0 is none: to sense every pixel set tile = 1
        facet_limit   0 is off; the tool sbl_render sets 2, which suits models from files
        filter_radius 0 is 2: a negative one is no filter
        sbl_site.offset  0 is what rounding needs: a negative one is none
@@ -272,18 +272,45 @@
    that pixel's light where its sensor looks once: to the bit where rays are traced, up to rounding where views are
    drawn.
 
+   ON ERROR
+
+   sbl_picture_desc.error says how far R may be off: root mean square over the visible pixels, as a share of R's mean
+   there, in luminance. By default it is 0.015, or what 16 looks of each sensor give, so that a picture does not take
+   for ever where light comes through windows; what is asked for is worth 128 looks. A picture begins with few sensors
+   that look once, and predicts what each part of it is off by:
+
+       noise           what rays found differently along neighbouring directions, after interpolation and filter; taken
+                       together over sensors close by, since one alone may not have met the window that the next one did
+       interpolation   what second differences of light between sensors leave open; where a surface is continued beyond
+                       its last sensor, what they say there; and sensors of a neighbour that contradict
+
+   Then it spends rays where they lessen the error most for their cost: sensors look again, or stand closer, down to
+   single pixels, until the sum is what was asked. The times for 8, 4, 2 and 1 % are about as 1 to 1.5
+   to 3 to 6. SBL_CHANNEL_ERROR is the prediction for every pixel: the standard error of R's luminance, in R's unit;
+   sbl_stats.error_expected that of the whole picture, while it is under way, too: a host may stop when it is good
+   enough.
+
+   How true it is, at 8, 4, 2 and 1 %, against references: the true error is 0.7 to 1.2 times the prediction in the
+   Cornell box and a staircase room, up to 1.4 times in a room lit through windows. What cannot be told: a shadow that
+   slips between all sensors of the first level, `tile` pixels apart; a window that no ray has met; what the store of
+   bounced light is off by as a whole, 0.5 to 1 %, so that less than 1 % of error asks for more than there is in
+   SBL_MODE_GI.
+
+   `tile`, `rays` and `threshold` are for experts: with `rays` each sensor looks once, with so many; with `threshold`
+   cells are split where their corners differ by more than that.
+
    ON LIGHTS
 
    Surfaces emit (sbl_material.emission); point, spot and directional lights shine (sbl_light); the sky does,
    constant, by a picture or by a function (sbl_environment). What an emitting triangle, a sphere or a sun gives
    unhindered is computed in closed form, with the horizon; rays only measure which share of it arrives. So light is
-   exact where all of a lamp is seen, black where none is, and its noise is that of a share in between. An eighth of
-   `rays`, and a look at corners and rims, tells whether all or nothing arrives; where neither does, or lamps are
-   many, the rest are traced too. A light without size gets one ray, up to 32 of them. Up to 256 lamps are weighed one
-   by one. Of more, those far off for their size stand together in clusters of a tree, of which rays pick single ones
-   in proportion to what they give: the cost of a sensor hardly grows from there on, and the mean stays right; the
-   noise is a few percent. Of a sky picture, what is brighter than four times its mean is a lamp of that kind, so that
-   a sun in it casts a clean shadow; the rest is met by the rays over the hemisphere.
+   exact where all of a lamp is seen, black where none is, and its noise is that of a share in between. Of
+   256 `rays` an eighth, and a look at corners and rims, tells whether all or nothing arrives; where neither does, or
+   lamps are many, the rest are traced too. A light without size gets one ray, up to 32 of them. Up to 256 lamps are
+   weighed one by one. Of more, those far off for their size stand together in clusters of a tree, of which rays pick
+   single ones in proportion to what they give: the cost of a sensor hardly grows from there on, and the mean stays
+   right; the noise is a few percent. Of a sky picture, what is brighter than four times its mean is a lamp of that
+   kind, so that a sun in it casts a clean shadow; the rest is met by the rays over the hemisphere.
 
 
    ON LIGHT THAT BOUNCES
@@ -312,8 +339,8 @@
    begins again with larger ones, and small patches of a mesh share theirs; where much of the scene is seen by nothing,
    such as a meadow around a house, all begins again with smaller ones. What no surface sees, but sensors in the air
    may, gets the widest. Raise it where a room is lit through a gap or a door, where geometry is fine beside the size of
-   the scene, or where light seems to come in patches; grain of single pixels is the sensors', and needs `rays`. Lower
-   it for a quick look. Time and memory go with it.
+   the scene, or where light seems to come in patches; grain of single pixels is the sensors', and needs a smaller
+   `error`. Lower it for a quick look. Time and memory go with it.
 
    How exact it is, measured against an independent path tracer at default settings: relative root mean square error of
    R in blocks of 4 x 4 pixels: 0.8 % in the Cornell box, 1.6 % in a staircase room that 130 emitting triangles light,
@@ -328,7 +355,7 @@
 
    ON THE TWO WAYS TO SEE
 
-   SBL_BACKEND_TRACE sends `rays` cosine-distributed rays through a bounding volume hierarchy in a compute shader, or
+   SBL_BACKEND_TRACE sends cosine-distributed rays through a bounding volume hierarchy in a compute shader, or
    a fragment shader before GL 4.3, and at most as many more to lamps (stats.rays does not count these): its cost
    hardly grows with the scene. The sensors' noise is known, so that refinement follows light and not noise, and the
    filter leaves alone what noise does not explain. SBL_BACKEND_RASTER draws the scene into a sensor's views, as the
@@ -717,14 +744,17 @@ typedef struct sbl_picture_desc {
     sbl_preset preset;
     sbl_sensor_kind sensor_kind;
     sbl_backend backend;
-    int rays;                  /* of a traced sensor, 1 to 4096, and at most as many more towards lamps. Default:
-                                  64 / 256 / 1024 */
+    float error;               /* what R may be off, root mean square over the visible pixels, as a share of its mean
+                                  there: sensors stand where they lessen it, and look as often as that takes. 0 to 1;
+                                  see ON ERROR. Default: 0.05 / 0.015 / 0.0075,
+                                  or what 16 looks a sensor give */
+    int rays;                  /* of a traced sensor, the same for all, 1 to 4096, and at most as many more towards
+                                  lamps. Default: as many as the error takes */
     int sensor_size;           /* of a rasterised sensor: texels across a view, 4 to 512. Default: 32 / 64 / 128 */
     float sensor_fov;          /* degrees, SBL_SENSOR_SINGLE only, 1 to 179. Default: 135 */
-    int tile;                  /* first distance between sensors in pixels, 1 (every pixel) to 1024. Default:
-                                  16 / 16 / 8 */
-    float threshold;           /* refine where neighbours differ by more: a share of their mean, in SBL_MODE_PAPER a
-                                  radiance. Default: 0.3 / 0.15 / 0.07, paper 0.05 */
+    int tile;                  /* first distance between sensors in pixels, 1 (every pixel) to 1024. Default: 16 */
+    float threshold;           /* refine where neighbours differ by more, instead of where the error says: a share of
+                                  their mean, in SBL_MODE_PAPER a radiance. Default: none, paper 0.05 */
     float epsilon;             /* ambient factor of SBL_MODE_AMBIENT and SBL_MODE_PAPER. Default: 0.02 (SBL_MODE_DIRECT:
                                   always 0, and so in SBL_MODE_GI) */
     float facet_limit;         /* pixels: triangles of smaller height on the screen are lit by their true normals, since
@@ -750,6 +780,7 @@ typedef enum sbl_channel {
     SBL_CHANNEL_DEPTH,      /* 1: distance along the view axis */
     SBL_CHANNEL_SENSORS,    /* 1: 0 interpolated, else 1 + the level at which a sensor stood here */
     SBL_CHANNEL_STORE,      /* 3: the stored R, cell by cell (SBL_MODE_GI; else 0) */
+    SBL_CHANNEL_ERROR,      /* 1: the predicted standard error of R's luminance, see ON ERROR */
     SBL_CHANNEL_COUNT
 } sbl_channel;
 
@@ -762,7 +793,7 @@ typedef struct sbl_stats {
     int triangles;            /* in the scene, degenerate ones left out */
     int visible_pixels;       /* pixels that show a surface */
     int64_t sensors;          /* points at which light was gathered */
-    int64_t sensor_views;     /* views drawn for them; a sensor that stands for many pixels looks up to four times */
+    int64_t sensor_views;     /* views drawn for them, for each of their looks */
     int64_t sensor_texels;
     int bounce_samples;       /* that bounced light is stored for, SBL_MODE_GI */
     int64_t bounce_rays;      /* of the store, if it was made for this: between surfaces, and of its sensors */
@@ -771,6 +802,8 @@ typedef struct sbl_stats {
     double bvh_seconds;       /* building the hierarchy, once per scene, part of seconds.surface of its first traced
                                  picture */
     size_t bvh_bytes;         /* on the GPU */
+    float error_asked;        /* sbl_picture_desc.error; 0: none */
+    float error_expected;     /* what it is predicted to be, so far */
     int64_t invalid_sensors;  /* stuck inside geometry; their neighbours' light was used instead */
     int level_count;
     struct { int tile; int64_t sensors; } levels[SBL_MAX_LEVELS];
@@ -793,7 +826,7 @@ typedef struct sbl_site {
 /* The light there. */
 typedef struct sbl_reading {
     float radiance[3];  /* R */
-    float noise;        /* its standard error (mean of the channels) where it can be told; else 0 */
+    float noise;        /* its standard error, luminance, where it can be told; else 0 */
     float hit_share;    /* of the hemisphere, weighted by the cosine, that sees surfaces: 1 less what sees the sky */
     float back_share;   /* of that, what sees back faces */
     float hit_mean;     /* distance to the surfaces seen, world: mean, */
@@ -1142,6 +1175,9 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 #define SBL__COUNT(array) ((int)(sizeof(array) / sizeof((array)[0])))
 #define SBL__PI 3.14159265358979323846
 #define SBL__MIN(a, b) ((a) < (b) ? (a) : (b))
+#define SBL__LUMINANCE 0.2126f, 0.7152f, 0.0722f  /* of linear sRGB */
+#define SBL__LUMINANCE 0.2126f, 0.7152f, 0.0722f  /* of linear sRGB */
+#define SBL__LUMINANCE_OF(c) (0.2126f * (c)[0] + 0.7152f * (c)[1] + 0.0722f * (c)[2])
 #define SBL__MAX(a, b) ((a) > (b) ? (a) : (b))
 
 static double sbl__now(void) {
@@ -3136,11 +3172,12 @@ typedef struct sbl__seeing {
     int rays, sensor_size;
     float sensor_fov, epsilon;
     uint32_t seed;
+    int look_rays, looks;      /* where rays is 0: of a look; a sensor looks so often at most */
     int every_ray;             /* also those that only tell how far surfaces are, because nothing but lamps shines */
 } sbl__seeing;
 
 #define SBL__SEEING(d) { (d)->mode, (d)->preset, (d)->sensor_kind, (d)->backend, (d)->rays, (d)->sensor_size, \
-                         (d)->sensor_fov, (d)->epsilon, (d)->seed, 0 }
+                         (d)->sensor_fov, (d)->epsilon, (d)->seed, 0, 0, 0 }
 
 /* host_draws: the scene has a draw callback. */
 static void sbl__check_seeing(sbl__check *check, const char *where, const sbl__seeing *s, int host_draws) {
@@ -3158,7 +3195,7 @@ static void sbl__check_seeing(sbl__check *check, const char *where, const sbl__s
         (s->mode == SBL_MODE_PAPER || s->sensor_kind == SBL_SENSOR_SINGLE || host_draws))
         sbl__mistake(check, "%s: backend is SBL_BACKEND_TRACE %s; use SBL_BACKEND_AUTO or SBL_BACKEND_RASTER", where,
                      host_draws ? "in a scene with a draw callback" : "with the paper's single view");
-    sbl__check_int(check, where, "rays", s->rays, rays);
+    if (s->rays) sbl__check_int(check, where, "rays", s->rays, rays);
     sbl__check_int(check, where, "sensor_size", s->sensor_size, sizes);
     if (!sbl__between(&s->sensor_fov, 1, 179))
         sbl__mistake(check, "%s: sensor_fov is %g; it must be 1 to 179 degrees", where, (double)s->sensor_fov);
@@ -3206,7 +3243,9 @@ static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_de
     sbl__check_int(&check, where, "height", d->height, sizes);
     sbl__check_seeing(&check, where, &seeing, host_draws);
     sbl__check_int(&check, where, "tile", d->tile, tiles);
-    if (!sbl__between(&d->threshold, FLT_MIN, FLT_MAX))
+    if (!sbl__between(&d->error, 0, 1))
+        sbl__mistake(&check, "%s: error is %g; it must be 0 to 1", where, (double)d->error);
+    if (!sbl__between(&d->threshold, 0, FLT_MAX))
         sbl__mistake(&check, "%s: threshold is %g; it must be positive and finite", where, (double)d->threshold);
     if (!sbl__between(&d->facet_limit, 0, FLT_MAX))
         sbl__mistake(&check, "%s: facet_limit is %g; it must be 0 or more, and finite", where, (double)d->facet_limit);
@@ -6722,7 +6761,7 @@ typedef struct sbl__site {
     float geometric_normal[3];  /* unit: the side that its sensor is moved off to */
     float offset;               /* how far it is moved */
     uint32_t number;            /* turns its directions: another one for each site */
-    int span;                   /* pixels across that it stands for */
+    int first, looks;           /* which of its looks are wanted: so many, from number `first` on */
 } sbl__site;
 
 /* HOW, for a whole job. */
@@ -6731,7 +6770,8 @@ typedef struct sbl__spec {
     int paper;                  /* exactly the paper: never turned, equation 4, lamps met by texels, no other light */
     int hemicube, size;         /* views: five or one, texels across */
     float fov;                  /* of the one, degrees */
-    int rays;                   /* over the hemisphere */
+    int looks;                  /* that a site may have */
+    int rays;                   /* of a look, over the hemisphere */
     int lamp_rays;              /* towards lamps, at most; 0: there are none, or they are met like any surface */
     int lamps_apart;            /* views and rays over the hemisphere do not see emitters: lamp_rays are for them */
     int bounced;                /* surfaces send out the light that the store knows */
@@ -6752,30 +6792,27 @@ typedef struct sbl__look {
     int sensor;                 /* number within the job */
 } sbl__look;
 
-#define SBL__MAX_LOOKS 4
+#define SBL__MAX_LOOKS 128
+#define SBL__DEFAULT_LOOKS 16
 /* Looks stand this share off their surface: of the scene's extent where depth buffers decide what is seen, of their own
    triangle's reach where rays do. Six times what float rounding needs (from 2.5e-7 down, spheres see themselves). */
 #define SBL__OFFSET 1.5e-6f
 
-/* How often a sensor looks: one that stands for many pixels is worth the more: what noise it has left would show as
-   blotches of that size. */
-static int sbl__looks_of(const sbl__spec *spec, const sbl__site *site) {
-    return spec->paper ? 1 : site->span >= 8 ? 4 : site->span >= 4 ? 2 : 1;
-}
-
-/* Look number `look` of `looks`: off the surface along the geometric normal, turned by the site's hash, or (paper)
-   not. */
-static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int look, int looks, sbl__look *out) {
+/* Look number `look` of a site: off the surface along the geometric normal, turned by the site's hash, or (paper) not.
+   However many there are, they turn evenly. */
+static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int look, sbl__look *out) {
     const uint32_t hash = sbl__hash(site->number ^ sbl__hash(spec->seed));
+    double turn = 0, share = 0.5;  /* the radical inverse */
     int k;
+    for (k = look; k > 0; k >>= 1, share *= 0.5) turn += k & 1 ? share : 0;
     for (k = 0; k < 3; k++) {
         out->position[k] = site->position[k] + site->offset * site->geometric_normal[k];
         out->normal[k] = site->normal[k];
     }
     out->offset = site->offset;
-    out->turn = spec->paper ? 0 : (float)(0.5 * SBL__PI * (hash / 4294967296.0 + (double)look / looks));
+    out->turn = spec->paper ? 0 : (float)(0.5 * SBL__PI * (hash / 4294967296.0 + turn));
     out->seed = hash;
-    out->number = (int)((double)look / looks * SBL__MAX_LOOKS);
+    out->number = look;
 }
 
 /* A look as shaders that send rays take it. */
@@ -7081,12 +7118,12 @@ static int sbl__morton_order(const void *first, const void *second) {
 
 /* `rays` points for each of a site's looks, each of whose `stretches` covers the square evenly by itself. The caller
    frees it; NULL: out of memory. */
-static uint32_t *sbl__sequence_make(sbl__base *base, int rays, int stretches) {
-    uint32_t *points = (uint32_t *)sbl__alloc_raw(base, (size_t)rays * SBL__MAX_LOOKS, 8);
+static uint32_t *sbl__sequence_make(sbl__base *base, int looks, int rays, int stretches) {
+    uint32_t *points = (uint32_t *)sbl__alloc_raw(base, (size_t)rays * (size_t)looks, 8);
     int look, k;
     if (!points) return NULL;
-    sbl__sobol(points, rays * SBL__MAX_LOOKS);
-    for (look = 0; look < SBL__MAX_LOOKS; look++)
+    sbl__sobol(points, rays * looks);
+    for (look = 0; look < looks; look++)
         for (k = 0; k < stretches; k++) {
             const size_t from = (size_t)rays * (size_t)k / (size_t)stretches;
             const size_t to = (size_t)rays * (size_t)(k + 1) / (size_t)stretches;
@@ -7107,11 +7144,11 @@ static void sbl__cosine_direction(const float normal[3], const uint32_t *sequenc
         out[k] = (float)(sqrt(u) * (cos(angle) * right[k] - sin(angle) * up[k]) + sqrt(1 - u) * normal[k]);
 }
 
-static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int rays, int stretches) {
-    uint32_t *points = sbl__sequence_make(d->base, rays, stretches);
+static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int looks, int rays, int stretches) {
+    uint32_t *points = sbl__sequence_make(d->base, looks, rays, stretches);
     sbl_result result;
     if (!points) return SBL_ERROR_OUT_OF_MEMORY;
-    result = sbl__buffer_make(d, &t->buffer, (size_t)rays * SBL__MAX_LOOKS * 8, points, SBL__GL_STATIC_DRAW);
+    result = sbl__buffer_make(d, &t->buffer, (size_t)rays * (size_t)looks * 8, points, SBL__GL_STATIC_DRAW);
     sbl__free(d->base, points);
     return result == SBL_SUCCESS ? sbl__table_show(d, t, SBL__GL_RG32UI, 0) : result;
 }
@@ -7131,7 +7168,7 @@ static sbl_result sbl__aim_setup(const sbl__device *d, sbl__aim *a, const sbl__s
     a->rays = spec->lamp_rays;
     a->parts = parts;
     if (!a->rays) return SBL_SUCCESS;
-    result = sbl__sequence_store(d, &a->sequence, a->rays, SBL__LAMP_PASSES * parts);
+    result = sbl__sequence_store(d, &a->sequence, spec->looks, a->rays, SBL__LAMP_PASSES * parts);
     if (result == SBL_SUCCESS) result = sbl__texture_make(d, &a->light, slots->columns, rows * parts, SBL__GL_RGBA32F);
     return result == SBL_SUCCESS ? sbl__target_make(d, &a->target, &color, 1, NULL) : result;
 }
@@ -7185,13 +7222,14 @@ static const char *const sbl__glsl_lamps[] = {
 "                                      // that is hidden\n",
 "SBL_OUT(1, out_way);                  // a ray: its direction, its lamp's leaf. An entry: 0 0 0, its leaf\n",
 "#else\n",
-"SBL_OUT(0, out_light);                // R, each part's own; the variance of its channels' mean\n",
+"SBL_OUT(0, out_light);                // R, each part's own; the variance of its luminance\n",
 "#endif\n",
 "\n",
 "const float PI = 3.14159265;\n",
+"const vec3 SBL_LUMINANCE = vec3(0.2126, 0.7152, 0.0722);\n",
 "const int SBL_CERTAIN = 32;         // so many points of light get a ray each\n",
-"const float SBL_STRATA = 0.1;       // stratified points have far less variance than independent ones: a tenth is\n",
-"                                    // what edges across a lamp leave\n",
+"const float SBL_STRATA = 1.3;       // variance of n stratified points, as a share of independent ones', times the\n",
+"                                    // root of n: what edges across a lamp leave, measured\n",
 "const float SBL_OPENING = 0.3;      // a cluster whose radius is a smaller share of its distance is not opened ...\n",
 "const int SBL_OPENINGS = 12;        // ... or of twice as much, and so on, until all entries have room\n",
 "const float SBL_SPARSE = 16.0;      // rays that a group must get on average, to be known by a ratio\n",
@@ -7642,7 +7680,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    if (point) sure += light;\n",
 "    else if (cluster) {\n",
 "        sampled += light;\n",
-"        float mean = dot(light, vec3(1.0 / 3.0));\n",
+"        float mean = dot(light, SBL_LUMINANCE);\n",
 "        squares += mean * mean;\n",
 "    } else {\n",
 "        seen += outerProduct(light, l.group);\n",
@@ -7654,26 +7692,26 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// All is open, or nothing: the first rays tell; so do clusters that are alike.\n",
 "bool sbl_undecided() {\n",
-"    float mean = dot(sampled, vec3(1.0 / 3.0)) / max(taken, 1.0);\n",
+"    float mean = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);\n",
 "    float error = (squares / max(taken, 1.0) - mean * mean) / max(taken, 1.0);\n",
 "    bool mixed = dot(bright, dark) > 0.0 || (seen[0] != vec3(0) && seen[0] != open[0]) ||\n",
 "                 (seen[1] != vec3(0) && seen[1] != open[1]);\n",
-"    return mixed || SBL_STRATA * error > SBL_KNOWN * mean * mean;\n",
+"    return mixed || SBL_STRATA * inversesqrt(max(taken, 1.0)) * error > SBL_KNOWN * mean * mean;\n",
 "}\n",
 "\n",
-"// R, and the variance of its channels' mean.\n",
+"// R, and the variance of its luminance.\n",
 "vec4 sbl_combine() {\n",
-"    float clusters = dot(sampled, vec3(1.0 / 3.0)) / max(taken, 1.0);\n",
-"    float variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) / max(taken, 1.0);\n",
+"    float clusters = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);\n",
+"    float variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * pow(max(taken, 1.0), -1.5);\n",
 "    vec3 light = sure + sampled / max(taken, 1.0);\n",
 "    for (int g = 0; g < 2; g++) {\n",
 "        vec3 share = vec3(open[g].r > 0.0 ? seen[g].r / open[g].r : 0.0,\n",
 "                          open[g].g > 0.0 ? seen[g].g / open[g].g : 0.0,\n",
 "                          open[g].b > 0.0 ? seen[g].b / open[g].b : 0.0);\n",
-"        float mean = dot(whole[g], vec3(1.0 / 3.0)), lit_share = lit[g] / max(samples[g], 1.0);\n",
+"        float mean = dot(whole[g], SBL_LUMINANCE), lit_share = lit[g] / max(samples[g], 1.0);\n",
 "        if (sparse[g] > 0.0) continue;\n",
 "        light += whole[g] * share;\n",
-"        variance += mean * mean * lit_share * (1.0 - lit_share) / max(samples[g], 1.0);\n",
+"        variance += mean * mean * lit_share * (1.0 - lit_share) * pow(max(samples[g], 1.0), -1.5);\n",
 "    }\n",
 "    return vec4(light, SBL_STRATA * variance * unit * scale) * unit * scale;\n",
 "}\n",
@@ -8368,7 +8406,7 @@ static sbl_result sbl__trace_setup(const sbl__device *d, sbl__trace *t, const sb
     s->count = s->columns * rows;
     *probe = *s;
     probe->blocks[0] = probe->blocks[1] = 1;
-    result = sbl__sequence_store(d, &t->sequence, t->rays, 1);
+    result = sbl__sequence_store(d, &t->sequence, spec->looks, t->rays, 1);
     if (result == SBL_SUCCESS) result = sbl__blocks_make(d, blocks, s->columns * s->blocks[0], rows * s->blocks[1]);
     return result;
 }
@@ -8385,6 +8423,9 @@ static const char *const sbl__glsl_trace[] = {
 "uniform float ray_offset;             // of a surface's reach, that rays start off it\n",
 "SBL_OUT(0, out_sum);\n",
 "SBL_OUT(1, out_hits);\n",
+"\n",
+"const vec3 SBL_LUMINANCE = vec3(0.2126, 0.7152, 0.0722);\n",
+"const float SBL_NEIGHBOURS = 0.62;  // variance, as a share of what pairs tell: measured, 16 to 256 rays\n",
 "\n",
 "// A surface nearer than its cell is wide is not lit as the cell is on average: there a ray goes on, once, by the\n",
 "// cosine; only what lamps send there is taken from the store.\n",
@@ -8437,7 +8478,11 @@ static const char *const sbl__glsl_trace[] = {
 "    int skip = int(sbl_look_number(sensor)) * rays;\n",
 "\n",
 "    vec4 sum = vec4(0), hits = vec4(0, 0, 1e30, 0);\n",
-"    for (int i = within.y * blocks.x + within.x; i < rays; i += blocks.x * blocks.y) {\n",
+"    float squares = 0.0, other = 0.0;\n",
+"    int part = within.y * blocks.x + within.x, parts = blocks.x * blocks.y;\n",
+"    // Rays go in pairs of neighbours along the curve: how far those differ tells the noise of stratified points.\n",
+"    for (int k = 0, i = 2 * part; i < rays; k++, i = 2 * (part + (k >> 1) * parts) + (k & 1)) {\n",
+"        vec3 before = sum.rgb;\n",
 "        uvec2 fraction = texelFetch(sbl_sequence, skip + i).xy ^ scramble;\n",
 "        vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0 * vec2(spread, 1.0);\n",
 "        vec3 direction = sbl_by_cosine(frame, u);\n",
@@ -8461,11 +8506,12 @@ static const char *const sbl__glsl_trace[] = {
 "            sbl_go_on(hit, sbl_hash_step(sbl_hash_step(scramble.x, uint(i)), scramble.y), from, direction);\n",
 "#endif\n",
 "        }\n",
+"        float light = dot(sum.rgb - before, SBL_LUMINANCE);\n",
+"        if ((k & 1) == 1) squares += (light - other) * (light - other);\n",
+"        other = light;\n",
 "    }\n",
-"    sum /= float(rays);\n",
-"    float light = dot(sum.rgb, vec3(1.0 / 3.0));\n",
-"    sbl_write(out_sum, sum);\n",
-"    sbl_write(out_hits, vec4(hits.xy / float(rays), hits.z, light * light));\n",
+"    sbl_write(out_sum, sum / float(rays));\n",
+"    sbl_write(out_hits, vec4(hits.xy / float(rays), hits.z, SBL_NEIGHBOURS * squares / float(rays * rays)));\n",
 "}\n",
 0 };
 /* <<glsl */
@@ -8522,7 +8568,6 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 #define SBL__SUBMISSIONS 8         /* of views under way at a time, at most */
 #define SBL__SUSPECT_SHARE 0.02f   /* of back faces that a look may see unsuspected */
 #define SBL__STUCK_SHARE 0.75f     /* of its offset within which a look must not meet anything on its way back */
-#define SBL__VISIBLE_DIFFERENCE 0.01f  /* relative; below it all readings are as good as equal */
 #define SBL__TEXEL_NOISE 2.6f      /* of views, relative, times their size: measured for a lamp in a box */
 
 /* What the GPU found for each look: sum of weight * radiance, weight that sees back faces; weight that sees surfaces,
@@ -8594,6 +8639,7 @@ static void sbl__job_free(const sbl__device *d, sbl__job *j) {
 /* s has its defaults filled in, its back end chosen. The scene is ready (sbl__scene_step), but for the paper's mode. */
 static void sbl__spec_make(sbl__spec *spec, const sbl__seeing *s, const sbl__scene *scene, const sbl_context_desc *c) {
     const sbl__environment *e = &scene->environment;
+    const int rays = s->rays ? s->rays : s->look_rays;
     const int dark = s->mode != SBL_MODE_GI && !e->pixels &&
                      !(s->epsilon + e->sky[0] + e->sky[1] + e->sky[2] > 0);
     memset(spec, 0, sizeof *spec);
@@ -8601,12 +8647,13 @@ static void sbl__spec_make(sbl__spec *spec, const sbl__seeing *s, const sbl__sce
     spec->paper = s->mode == SBL_MODE_PAPER;
     spec->lamps_apart = !spec->paper;
     spec->bounced = s->mode == SBL_MODE_GI;
-    spec->lamp_rays = spec->lamps_apart && scene->lights.leaves ? s->rays : 0;
+    spec->looks = s->rays || spec->paper ? 1 : s->looks;
+    spec->lamp_rays = spec->lamps_apart && scene->lights.leaves ? rays : 0;
     spec->epsilon = s->epsilon;
     spec->seed = s->seed;
     spec->batch = c->batch;
     if (spec->traced)  /* where only lamps shine, rays over the hemisphere merely tell where a sensor stands: few do */
-        spec->rays = dark && !s->every_ray ? SBL__MIN(s->rays, SBL__TRACE_CHUNK) : s->rays;
+        spec->rays = dark && !s->every_ray ? SBL__MIN(rays, SBL__TRACE_CHUNK) : rays;
     else {
         spec->hemicube = s->sensor_kind == SBL_SENSOR_HEMICUBE;
         spec->size = s->sensor_size;
@@ -8629,15 +8676,13 @@ static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, fl
     return SBL__OFFSET * (spec->traced && reach > 0 ? reach : scene->geometry.extent);
 }
 
-/* Noise of readings that `noise` does not tell, relative. */
-static float sbl__spec_tolerance(const sbl__spec *spec) {
-    return spec->traced ? SBL__VISIBLE_DIFFERENCE : SBL__TEXEL_NOISE / (float)spec->size;
-}
+/* Rays of a look, where sensors look as often as the error takes: as many as a sensor that stands for little needs. */
+static int sbl__look_rays(float error) { return error >= 0.06f ? 16 : error >= 0.015f ? 32 : 64; }
 
 static int sbl__spec_equal(const sbl__spec *a, const sbl__spec *b) {
     return a->traced == b->traced && a->paper == b->paper && a->hemicube == b->hemicube && a->size == b->size &&
            a->fov == b->fov && a->rays == b->rays && a->lamp_rays == b->lamp_rays && a->lamps_apart == b->lamps_apart &&
-           a->bounced == b->bounced && a->skyless == b->skyless && a->epsilon == b->epsilon &&
+           a->bounced == b->bounced && a->skyless == b->skyless && a->looks == b->looks && a->epsilon == b->epsilon &&
            a->atlas_size == b->atlas_size && a->batch == b->batch;
 }
 
@@ -8696,8 +8741,7 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "                           // variance\n",
 "uniform int parts;         // 0: there are none\n",
 "layout(location = 0) out vec4 out_sum;\n",
-"layout(location = 1) out vec4 out_hits;  // w: the variance of the light's mean over the channels, where rays\n",
-"                                         // sampled it\n",
+"layout(location = 1) out vec4 out_hits;  // w: the variance of its luminance, where rays sampled it\n",
 "\n",
 "void main() {\n",
 "    int sensor = int(gl_FragCoord.y) * width + int(gl_FragCoord.x);\n",
@@ -8716,9 +8760,6 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "        sum += row;\n",
 "        hits.xyw += row_hits.xyw;\n",
 "    }\n",
-"    // where rays were traced, blocks are independent estimates of a share each, and w sums their squares\n",
-"    float n = float(blocks.x * blocks.y), mean = dot(sum.rgb, vec3(1.0 / 3.0));\n",
-"    hits.w = n > 1.0 ? max((hits.w - mean * mean / n) * n / (n - 1.0), 0.0) : 0.0;\n",
 "    for (int i = 0; i < parts; i++) {\n",
 "        ivec2 at = ivec2(slot % columns, slot / columns * parts + i);\n",
 "        vec4 light = texelFetch(lights, at, 0) / float(parts);\n",
@@ -8768,7 +8809,7 @@ static sbl_result sbl__job_start_round(const sbl__device *d, sbl__job *j, int le
     j->site = j->look = j->cleared = j->batch = j->row = 0;
     j->drawn = j->aimed = j->reduced = lens == SBL__LENS_SITE ? j->task.first_look : 0;
     if (lens == SBL__LENS_PROBE) looks = j->suspect_count;
-    else for (i = 0; i < j->task.site_count; i++) looks += sbl__looks_of(&j->task.spec, &j->task.sites[i]);
+    else for (i = 0; i < j->task.site_count; i++) looks += j->task.sites[i].looks;
     rows = (int)SBL__MIN((looks + j->drawn + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH, INT_MAX);
     if (rows > most) {
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "%.0f sensors in one job; the driver's textures hold "
@@ -8784,12 +8825,11 @@ static sbl_result sbl__job_start_round(const sbl__device *d, sbl__job *j, int le
 static void sbl__job_next_look(sbl__job *j, int number, sbl__look *out) {
     const int probe = j->lens == SBL__LENS_PROBE;
     const sbl__site *site = &j->task.sites[probe ? j->suspects[j->site] : j->site];
-    const int looks = sbl__looks_of(&j->task.spec, site);
     int k;
-    sbl__look_make(&j->task.spec, site, probe ? 0 : j->look, looks, out);
+    sbl__look_make(&j->task.spec, site, site->first + (probe ? 0 : j->look), out);
     out->sensor = number;
     for (k = 0; probe && k < 3; k++) out->normal[k] = -site->geometric_normal[k];
-    if (!probe && ++j->look < looks) return;
+    if (!probe && ++j->look < site->looks) return;
     j->look = 0;
     j->site++;
 }
@@ -8960,9 +9000,10 @@ static void sbl__job_take(sbl__job *j, const float sum[4], const float hits[4]) 
     const sbl__spec *spec = &j->task.spec;
     const float scale = spec->traced ? 1 : j->raster.radiance_scale;
     const float length = spec->traced ? 1 : j->scene->geometry.extent;
-    const int looks = sbl__looks_of(spec, &j->task.sites[j->site]);
+    const int looks = j->task.sites[j->site].looks;
+    static const float luminance[3] = { SBL__LUMINANCE };
     sbl_reading *r = &j->task.readings[j->site];
-    float noise = 0;
+    float variance = 0;
     int k;
     if (j->look == 0) {
         memset(r, 0, sizeof *r);
@@ -8973,8 +9014,12 @@ static void sbl__job_take(sbl__job *j, const float sum[4], const float hits[4]) 
         r->hit_min = hits[0] > 0 ? hits[2] * length : 0;
     }
     for (k = 0; k < 3; k++) r->radiance[k] += sum[k] / scale;
-    if (spec->traced || spec->lamp_rays) noise = (float)sqrt((double)hits[3]) / scale;
-    r->noise += noise * noise;
+    if (spec->traced || spec->lamp_rays) variance = hits[3] / (scale * scale);
+    if (!spec->traced && !spec->paper) {
+        const float texels = SBL__TEXEL_NOISE / (float)spec->size * sbl__dot(luminance, sum) / scale;
+        variance += texels * texels;
+    }
+    r->noise += variance;
     if (++j->look < looks) return;
     for (k = 0; k < 3; k++) r->radiance[k] /= (float)looks;
     r->noise = (float)sqrt((double)r->noise) / (float)looks;
@@ -9185,6 +9230,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
 #define SBL__BOUNCE_SEED_RAYS 4
 #define SBL__BOUNCE_POINTS 4
 #define SBL__BOUNCE_RAYS 16        /* of a point */
+#define SBL__BOUNCE_STRETCHES 4    /* of the sequence, which points take in turns */
 #define SBL__BOUNCE_LAMP_RAYS 8
 #define SBL__BOUNCE_DARK_RAYS 4    /* over the hemisphere: they merely tell where a point stands */
 #define SBL__BOUNCE_FEELERS 8
@@ -9450,7 +9496,7 @@ static sbl_result sbl__bounce_begin(sbl__core *c, sbl__bounce *b) {
     sbl__store *s = &c->scene.store;
     sbl__free(&c->base, s->patches);
     s->patches = (uint32_t *)sbl__alloc(&c->base, (size_t)g->triangle_count, sizeof *s->patches);
-    b->sequence = sbl__sequence_make(&c->base, SBL__BOUNCE_RAYS, 1);
+    b->sequence = sbl__sequence_make(&c->base, SBL__BOUNCE_STRETCHES, SBL__BOUNCE_RAYS, 1);
     b->stands = (uint32_t *)sbl__alloc(&c->base, SBL__STANDS, sizeof *b->stands);
     if (!s->patches || !b->sequence || !b->stands) return SBL_ERROR_OUT_OF_MEMORY;
     return sbl__patching_begin(&c->base, &b->patching, g);
@@ -9811,8 +9857,8 @@ static void sbl__bounce_judge_seeds(sbl__bounce *b) {
 
 static void sbl__bounce_ray(const sbl__core *c, sbl__bounce *b, int number, sbl__cast *out) {
     const sbl__bounce_point *p = &b->points[number / SBL__BOUNCE_RAYS];
-    const int stretch = p->number % SBL__MAX_LOOKS * SBL__BOUNCE_RAYS + number % SBL__BOUNCE_RAYS;
-    const uint32_t hash = sbl__hash((uint32_t)p->leaf + 0x10000000u * (uint32_t)(p->number / SBL__MAX_LOOKS));
+    const int stretch = p->number % SBL__BOUNCE_STRETCHES * SBL__BOUNCE_RAYS + number % SBL__BOUNCE_RAYS;
+    const uint32_t hash = sbl__hash((uint32_t)p->leaf + 0x10000000u * (uint32_t)(p->number / SBL__BOUNCE_STRETCHES));
     sbl__bounce_aim(c, b, &p->at, hash, stretch, out);
 }
 
@@ -9899,7 +9945,8 @@ static sbl_result sbl__bounce_sites(sbl__core *c, sbl__bounce *b, sbl__slice *sl
         site->offset = sbl__place_normal(&c->scene.geometry, at->place, site->normal);
         memcpy(site->geometric_normal, site->normal, sizeof site->normal);
         site->number = (uint32_t)b->at;
-        site->span = 1;
+        site->first = 0;
+        site->looks = 1;
     }
     return SBL_SUCCESS;
 }
@@ -10079,7 +10126,8 @@ static void sbl__bounce_air(sbl__core *c, sbl__bounce *b) {
         }
         site->normal[axis] = site->geometric_normal[axis] = i & 1 ? -1.0f : 1.0f;
         site->number = (uint32_t)i;
-        site->span = 1;
+        site->first = 0;
+        site->looks = 1;
     }
     sbl__bounce_spec(c, SBL_MODE_GI, SBL__AIR_RAYS, &spec);
     sbl__bounce_measure(c, b, &spec, b->air, b->air_readings, SBL__AIR_SITES);
@@ -10509,58 +10557,116 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
 }
 
 /* ======================================================================================================== >>refine
-   Which sites get sensors (section III-G), level by level, and what the other pixels get from them.
+   Where sensors stand (section III-G) and how often each looks; what the other pixels get from them, and how far off
+   all of it is likely to be.
 
-   A cell is a rectangle of pixels with sensors at its four corners. It is split where two corners that belong together
-   differ by more than the threshold, or where some pixel inside belongs to no corner. Neighbours share corners; a
-   sensor that a split puts on the edge of a neighbour tests that neighbour too, so that a shadow's edge is followed
-   even where it slips between the corners.
+   A cell is a rectangle of pixels with sensors at its four corners, which neighbours share. Each round lists sites for
+   the job (COLLECT), takes what it found (TAKE) and predicts the error of every cell (WEIGH):
+
+       bias    what interpolation misses: told by how light bends from sensor to sensor, and by sensors that a
+               neighbour's split put on the cell's rim
+       noise   what is left of its corners' noise: they stand for many pixels in a wide cell, and in a narrow one the
+               filter takes the mean of many
+
+   While the sum is more than was asked for, SPEND buys what gains most for its cost: cells that are split, and sensors
+   that look again. Whether it is a shadow's edge or a window that a few rays find, the next ray goes where it counts.
+   With a threshold (always in SBL_MODE_PAPER) cells are split where their corners differ by more than that instead.
 
        +-------+-------+      +---+---+-------+      o sensor of the first level
        o       o       o      o   *   o       o      * sensor that the split of the left cell adds; the right cell's
        |       |       |      *   *   *       |        interpolation is tested against the one on their common edge
        o       o       o      o   *   o       o
 
-   Everything here runs on the CPU, in slices: r->at is what comes next. */
+   Everything here runs on the CPU, in slices: r->at is what comes next. Errors are relative to the picture's mean
+   luminance, and squared. */
 
 typedef struct sbl__pixel {
     float position[3], normal[3], geometric_normal[3];
     float offset;             /* of its sensor, off the surface */
-    float radiance[3], noise; /* of R and its standard error */
+    float radiance[3];        /* the mean of its sensor's looks */
+    double variance;          /* of one look's luminance */
+    float error;              /* predicted standard error of what the picture shows, luminance */
     float stored[3];          /* what the store knows of R here */
     uint32_t id;              /* 0: nothing is seen here */
     int look;                 /* number of its sensor's first look in the job that it was in */
+    int looks, wanted;        /* that its sensor has taken, and is to take */
+    short round;              /* in which it was read last */
     unsigned char level;      /* 0: interpolated, else 1 + level */
     unsigned char sensed;     /* 1: its own sensor's light stands in radiance */
     unsigned char invalid;    /* the sensor was stuck inside geometry */
-    unsigned char queued;     /* a sensor is on its way */
+    unsigned char queued;     /* looks are on their way */
 } sbl__pixel;
 
-#define SBL__CURVATURE_WEIGHT 8.0f    /* how much stricter the threshold is for what interpolation is known to miss */
-#define SBL__NOISE_WEIGHT 4           /* differences count from twice the standard error on */
+#define SBL__COVERAGE 0.75f           /* of the bilinear weight must belong: with less, light is extrapolated */
+#define SBL__CONTINUED 4              /* pixels across a cell, from which down it may be */
+#define SBL__MAX_ROUNDS 40            /* bounds the transfers of a picture */
+#define SBL__FLOOR_SHARE 0.02f        /* of the picture's mean: radiance below which differences do not count */
 #define SBL__LEAST_NOISE 1e-12f       /* in the radiance map: above 0, below all that counts */
-#define SBL__MAX_ROUNDS 24            /* of following edges into neighbours; bounds the transfers of a picture */
-#define SBL__COVERAGE 0.75f           /* of the bilinear weight must belong: with less, light is extrapolated, badly */
-#define SBL__FLOOR_SHARE 0.02         /* of the first level's mean: radiance below which differences do not count */
+#define SBL__NOISE_WEIGHT 4           /* with a threshold: differences count from twice the standard error on */
+#define SBL__LOOKS_GAIN 0.4f          /* variance of twice as many looks: points of one Sobol sequence */
+#define SBL__LOOKS_GROWTH 8           /* times as many in one round, at most */
+#define SBL__AIM_BELOW 0.9            /* of the error that was asked for, squared: what a round spends for */
+#define SBL__AIM_SHARE 0.6            /* and at most so far down at once: what seems worth it now may not be then */
+#define SBL__SPLIT_COST 3.0f          /* looks: of five new sensors most are shared */
+#define SBL__SPLIT_GAIN 0.875f        /* of what interpolation misses */
+/* Root mean square of what interpolation along an edge misses, as a share of the second differences at its ends:
+   measured on lamps' shadows, tiles of 2 to 16 pixels. A step between the ends; a parabola, once straightened out; */
+#define SBL__MISSED_STEP 0.29f
+#define SBL__MISSED_CURVE 0.1f
+#define SBL__MISSED_BEYOND 0.35f      /* of extrapolation as far as a cell's width */
+#define SBL__UNKNOWN_BEYOND 0.05f     /* of the light itself, whatever the differences say: of a silhouette, */
+#define SBL__UNKNOWN_CONTACT 0.25f    /* and where the other surface is near enough to cast its shadow there */
+#define SBL__CONTACT 2.5f             /* times the distance of sensors that it is away */
+#define SBL__NOISE_BENDS 0.75f        /* of sensors' variance: what noise alone makes of the above */
+#define SBL__JOB_LOOKS (1 << 21)      /* in one job, about */
+#define SBL__NOISE_DOUBT 2.0f         /* of it: what might be noise is no reason to split; looks will tell */
+#define SBL__HERITAGE 0.6f            /* of a cell's noise, what its parent's counts: few sensors know theirs badly */
+#define SBL__GLARING 5.0f             /* times the error asked for, as a share of a cell's own light and of */
+#define SBL__GLARING_FLOOR 0.1f       /* so much of the mean, that is missed nowhere: ragged shadows would show */
+#define SBL__GAIN_BINS 512            /* gains are sorted into quarters of octaves */
 
-typedef struct sbl__cell { int x0, y0, x1, y1; int level, split; int parent; /* or -1 */ } sbl__cell;
+typedef struct sbl__cell {
+    int x0, y0, x1, y1, level, split;
+    int parent;               /* or -1 */
+    int looks;                /* that new sensors at its corners begin with */
+    int pixels;               /* that it gives light to; negative: not counted yet */
+    float missing;            /* share of them that its corners do not cover */
+    float bends2;             /* what its edges and its rim say that it misses, noise and all */
+    float bias2, noise2;      /* predicted errors */
+    float light, variance;    /* means of its corners: luminance; relative variance of a look, with its parent's */
+    float split_gain, look_gain;  /* a look that it would cost */
+} sbl__cell;
 
 typedef struct sbl__refine {
     int width, height, tile;
-    int geometry_aware, relative;
-    float threshold;
+    int geometry_aware;
+    float threshold;          /* 0: cells are split for what it gains */
+    int relative;             /* the threshold is a share of the mean */
+    float asked;              /* error; 0: as good as it gets */
+    int most_looks;           /* of a sensor */
+    float smoothing;          /* pixels that the filter takes the mean of */
     sbl__pixel *pixels;
     sbl__cell *cells;
     int cell_count, cell_room;
     int fresh;                /* cells from here on have not been judged */
     int judged_end;           /* cells that the judgement under way looks at */
     int rounds;
+    int weighed;              /* errors are known */
     int at, row;              /* what comes next of the loop under way */
+    int listed;               /* cells before this one have been listed for the round's jobs */
     sbl__site *sites;         /* of the job under way: site i is pixel sites[i].number; and its answers */
     sbl_reading *readings;
     int site_count, site_room, reading_room, look_count;
-    double mean;              /* of the round's readings, summed up */
-    float floor;              /* radiance below which differences do not count */
+    float mean[3];            /* of R over the picture, */
+    double sum[3];            /* and what it is made of in the round under way, */
+    double pixels_summed;
+    float luminance;          /* its luminance, */
+    float weights[3];         /* and what differences of channels count in errors */
+    double bias2, noise2;     /* summed over pixels */
+    double predicted, first_predicted;  /* error of the picture so far, and after the first round */
+    double gains[SBL__GAIN_BINS];  /* what may be bought, by what it gains for its cost */
+    float least_gain;         /* that is bought in this round */
+    int bought;               /* cells split and sensors asked again */
     int *orphans;             /* pixels that no cell covers, while light is spread over them ... */
     float *found;             /* ... and what each gets in this ring */
     int orphan_count;
@@ -10601,16 +10707,32 @@ static float sbl__belongs(const sbl__pixel *a, const sbl__pixel *b, int geometry
 /* Can its light be used for others? */
 static int sbl__usable(const sbl__pixel *p) { return p->sensed && !p->invalid; }
 
-/* Is the difference between two radiances worth more sensors? Not what their noise (its variance) explains. */
-static int sbl__differ(const sbl__refine *r, const float a[3], const float b[3], double variance) {
-    float most = 0, mean = 0, least;
-    int k;
-    for (k = 0; k < 3; k++) {
-        most = SBL__MAX(most, (float)fabs((double)a[k] - b[k]));
-        mean = SBL__MAX(mean, 0.5f * (a[k] + b[k]));
-    }
-    least = r->threshold * (r->relative ? mean + r->floor : 1.0f);
-    return (double)most * most > (double)least * least + SBL__NOISE_WEIGHT * variance;
+/* The sensor at (x, y), if there is one whose light a pixel there can have; else NULL. */
+static const sbl__pixel *sbl__sensor_for(const sbl__refine *r, const sbl__pixel *pixel, int x, int y) {
+    const sbl__pixel *p;
+    if (x < 0 || y < 0 || x >= r->width || y >= r->height) return NULL;
+    p = sbl__pixel_at(r, x, y);
+    return sbl__usable(p) && sbl__belongs(pixel, p, r->geometry_aware) > 0 ? p : NULL;
+}
+
+/* >>refine: noise */
+
+/* Variance of a mean of so many looks, as a share of one's. */
+static float sbl__looks_share(int looks) {
+    float share = 1;
+    for (; looks > 1; looks >>= 1) share *= SBL__LOOKS_GAIN;
+    return share;
+}
+
+/* Of a sensor's luminance. */
+static double sbl__variance(const sbl__pixel *p) { return p->variance * (double)sbl__looks_share(p->looks); }
+static float sbl__noise(const sbl__pixel *p) { return (float)sqrt(sbl__variance(p)); }
+
+/* What is left of the variance of sensors so many pixels apart when they have been interpolated and filtered: bilinear
+   weights keep 4/9 on average, and a filter that takes the mean of n pixels the more of it the wider the cell is. */
+static float sbl__noise_left(const sbl__refine *r, int span) {
+    const float area = (float)span * (float)span;
+    return span <= 1 ? 1 / r->smoothing : area / (2.25f * area + r->smoothing - 1);
 }
 
 /* >>refine: interpolation */
@@ -10625,27 +10747,62 @@ static const sbl__pixel *sbl__cell_corner(const sbl__refine *r, const sbl__cell 
     return sbl__pixel_at(r, corner & 1 ? c->x1 : c->x0, corner & 2 ? c->y1 : c->y0);
 }
 
-/* Light at pixel (x, y) from a cell's corners, and its noise; out may be NULL. Returns how well the corners cover it,
-   0 to 1. */
-static float sbl__interpolate(const sbl__refine *r, const sbl__cell *c, int x, int y, float out[4]) {
+static int sbl__cell_span(const sbl__cell *c) { return SBL__MAX(c->x1 - c->x0, c->y1 - c->y0); }
+
+/* A weighted sum of sensors' light. */
+typedef struct sbl__mix { float light[3], own, covered; double variance; } sbl__mix;
+
+static void sbl__mix_add(sbl__mix *m, const sbl__pixel *p, float weight) {
+    int k;
+    for (k = 0; k < 3; k++) m->light[k] += weight * p->radiance[k];
+    m->variance += (double)(weight * weight) * sbl__variance(p);
+}
+
+/* A corner shows another surface than a pixel: what the pixel's own surface would have there, continued from the
+   corners beside it, in a straight line through the sensors as far beyond, where there are some. */
+static void sbl__mix_continue(const sbl__refine *r, const sbl__cell *c, int corner, const sbl__pixel *pixel,
+                              float weight, sbl__mix *m) {
+    const sbl__pixel *near_by[2], *beyond[2];
+    float share;
+    int axis;
+    for (axis = 0; axis < 2; axis++) {
+        const int beside = corner ^ (axis ? 2 : 1);
+        const int x = corner & 1 ? c->x1 : c->x0, y = corner & 2 ? c->y1 : c->y0;
+        const int x1 = beside & 1 ? c->x1 : c->x0, y1 = beside & 2 ? c->y1 : c->y0;
+        near_by[axis] = x1 == x && y1 == y ? NULL : sbl__sensor_for(r, pixel, x1, y1);
+        beyond[axis] = near_by[axis] ? sbl__sensor_for(r, pixel, 2 * x1 - x, 2 * y1 - y) : NULL;
+    }
+    share = weight / (near_by[0] && near_by[1] ? 2.0f : 1.0f);
+    for (axis = 0; axis < 2; axis++) {
+        if (!near_by[axis]) continue;
+        sbl__mix_add(m, near_by[axis], beyond[axis] ? 2 * share : share);
+        if (beyond[axis]) sbl__mix_add(m, beyond[axis], -share);
+        m->covered += share;
+    }
+}
+
+/* Light at pixel (x, y) from a cell's corners. m->own: how well they cover it, 0 to 1; m->covered: with what is
+   continued from them; 0: there is no light. */
+static void sbl__interpolate(const sbl__refine *r, const sbl__cell *c, int x, int y, sbl__mix *m) {
     const sbl__pixel *pixel = sbl__pixel_at(r, x, y);
-    float f[2], sum[3] = { 0, 0, 0 }, variance = 0, weights = 0;
+    float f[2];
     int corner, k;
+    memset(m, 0, sizeof *m);
     sbl__cell_share(c, x, y, f);
     for (corner = 0; corner < 4; corner++) {
         const sbl__pixel *p = sbl__cell_corner(r, c, corner);
-        float weight = (corner & 1 ? f[0] : 1 - f[0]) * (corner & 2 ? f[1] : 1 - f[1]);
-        if (weight <= 0 || !sbl__usable(p)) continue;
-        weight *= sbl__belongs(pixel, p, r->geometry_aware);
-        for (k = 0; k < 3; k++) sum[k] += weight * p->radiance[k];
-        variance += weight * weight * p->noise * p->noise;
-        weights += weight;
+        float weight = (corner & 1 ? f[0] : 1 - f[0]) * (corner & 2 ? f[1] : 1 - f[1]), belongs;
+        if (weight <= 0) continue;
+        belongs = sbl__usable(p) ? sbl__belongs(pixel, p, r->geometry_aware) : 0;
+        if (belongs > 0) {
+            sbl__mix_add(m, p, weight * belongs);
+            m->own += weight * belongs;
+            m->covered += weight * belongs;
+        } else if (r->geometry_aware) sbl__mix_continue(r, c, corner, pixel, weight, m);
     }
-    if (out && weights > 0) {
-        for (k = 0; k < 3; k++) out[k] = sum[k] / weights;
-        out[3] = (float)sqrt((double)variance) / weights;
-    }
-    return weights;
+    if (!(m->covered > 0)) return;
+    for (k = 0; k < 3; k++) m->light[k] = SBL__MAX(m->light[k] / m->covered, 0.0f);
+    m->variance /= (double)m->covered * (double)m->covered;
 }
 
 /* Pixels that a cell answers for: up to its right and lower edge, with them at the picture's border. */
@@ -10669,58 +10826,144 @@ static sbl__edge sbl__cell_edge(const sbl__cell *c, int side) {
     return e;
 }
 
-/* How light bends along an edge: second differences at its two corners, over sensors as far beyond them, and the
-   variance of each; neighbours that are alike may still have a peak between them. */
-typedef struct sbl__bends { int count; float differences[2][3], variances[2]; } sbl__bends;
+/* How light bends along an edge: second differences at its two corners, over sensors as far beyond them. */
+typedef struct sbl__bends { int known[2]; float differences[2][3]; } sbl__bends;
 
-static sbl__bends sbl__edge_bends(const sbl__refine *r, const sbl__edge *e) {
+static void sbl__edge_bends(const sbl__refine *r, const sbl__edge *e, sbl__bends *out) {
     const int dx = e->x1 - e->x0, dy = e->y1 - e->y0;
     const sbl__pixel *a = sbl__pixel_at(r, e->x0, e->y0), *b = sbl__pixel_at(r, e->x1, e->y1);
-    sbl__bends bends;
     int end, k;
-    memset(&bends, 0, sizeof bends);
+    memset(out, 0, sizeof *out);
     if (dx + dy <= 1 || !r->geometry_aware || !sbl__usable(a) || !sbl__usable(b) || !(sbl__belongs(a, b, 1) > 0))
-        return bends;
+        return;
     for (end = 0; end < 2; end++) {
-        const int x = end ? e->x1 + dx : e->x0 - dx, y = end ? e->y1 + dy : e->y0 - dy;
-        const sbl__pixel *corner = end ? b : a, *other = end ? a : b, *p;
-        if (x < 0 || y < 0 || x >= r->width || y >= r->height) continue;
-        p = sbl__pixel_at(r, x, y);
-        if (!sbl__usable(p) || !(sbl__belongs(corner, p, 1) > 0)) continue;
+        const sbl__pixel *corner = end ? b : a, *other = end ? a : b;
+        const sbl__pixel *p = sbl__sensor_for(r, corner, end ? e->x1 + dx : e->x0 - dx, end ? e->y1 + dy : e->y0 - dy);
+        if (!p) continue;
+        out->known[end] = 1;
         for (k = 0; k < 3; k++)
-            bends.differences[bends.count][k] = p->radiance[k] - 2 * corner->radiance[k] + other->radiance[k];
-        bends.variances[bends.count++] =
-            p->noise * p->noise + 4 * corner->noise * corner->noise + other->noise * other->noise;
+            out->differences[end][k] = p->radiance[k] - 2 * corner->radiance[k] + other->radiance[k];
     }
-    return bends;
-}
-
-/* Bends it so much that a straight line misses its middle? */
-static int sbl__edge_curved(const sbl__refine *r, const sbl__edge *e) {
-    const sbl__pixel *a = sbl__pixel_at(r, e->x0, e->y0), *b = sbl__pixel_at(r, e->x1, e->y1);
-    const sbl__bends bends = sbl__edge_bends(r, e);
-    const int two = bends.count > 1;
-    float straight[3], curved[3], weight;
-    int k;
-    if (!bends.count) return 0;
-    /* a parabola's middle lies an eighth of its second difference off the line */
-    weight = SBL__CURVATURE_WEIGHT / (float)(8 * bends.count);
-    for (k = 0; k < 3; k++) {
-        straight[k] = 0.5f * (a->radiance[k] + b->radiance[k]);
-        curved[k] = straight[k] - weight * (bends.differences[0][k] + (two ? bends.differences[1][k] : 0));
-    }
-    return sbl__differ(r, straight, curved, weight * weight * (bends.variances[0] + (two ? bends.variances[1] : 0)));
 }
 
 /* The second difference that interpolation along an edge goes by: the lesser of the two where they agree, since at a
    kink they do not. */
 static void sbl__edge_parabola(const sbl__refine *r, const sbl__edge *e, float out[3]) {
-    const sbl__bends bends = sbl__edge_bends(r, e);
+    sbl__bends bends;
     int k;
+    sbl__edge_bends(r, e, &bends);
     for (k = 0; k < 3; k++) {
-        float a = bends.count ? bends.differences[0][k] : 0, b = bends.count > 1 ? bends.differences[1][k] : 0;
+        const float a = bends.differences[0][k], b = bends.differences[1][k];
         out[k] = a * b <= 0 ? 0 : fabs((double)a) < fabs((double)b) ? a : b;
     }
+}
+
+/* >>refine: what interpolation misses */
+
+/* Along an edge, in one channel, root mean square. d: the difference of its ends; a step between them bends it as much
+   as that at both, and the other way. A wide penumbra's middle bends it less than it differs: there it misses little.
+   */
+static float sbl__bends_missed(float at_0, float at_1, float d) {
+    const float a = (float)fabs((double)at_0), b = (float)fabs((double)at_1);
+    const float most = SBL__MAX(a, b), least = SBL__MIN(a, b);
+    const float abrupt = SBL__MIN(0.5f * (a + b) / SBL__MAX((float)fabs((double)d), 1e-30f), 1.0f);
+    const float even = at_0 * at_1 < 0 ? SBL__MISSED_STEP * 0.5f * (a + b) * abrupt : SBL__MISSED_CURVE * least;
+    return even + SBL__MISSED_CURVE * (most - least) * abrupt;
+}
+
+/* A variance, and the squared difference of two lights, as they count in errors. */
+static float sbl__relative2(const sbl__refine *r, double variance) {
+    return (float)SBL__MIN(variance / r->luminance / r->luminance, 1e30);
+}
+
+static float sbl__squared(const sbl__refine *r, const float difference[3]) {
+    float sum = 0;
+    int k;
+    for (k = 0; k < 3; k++) sum += r->weights[k] * difference[k] * (r->weights[k] * difference[k]);
+    return sum;
+}
+
+static float sbl__distance2(const float a[3], const float b[3]) {
+    const float d[3] = { a[0] - b[0], a[1] - b[1], a[2] - b[2] };
+    return sbl__dot(d, d);
+}
+
+/* Of extrapolation over an end of an edge into the cell: by the second difference beyond it, and by what may hide
+   between the sensor and where its surface ends. */
+static float sbl__beyond2(const sbl__refine *r, const sbl__edge *e, int end) {
+    const int dx = e->x1 - e->x0, dy = e->y1 - e->y0, way = end ? 1 : -1;
+    const int x = end ? e->x1 : e->x0, y = end ? e->y1 : e->y0;
+    const sbl__pixel *p = sbl__pixel_at(r, x, y), *next, *last, *other;
+    float difference[3], unknown = SBL__UNKNOWN_BEYOND;
+    int k;
+    next = sbl__sensor_for(r, p, x + way * dx, y + way * dy);
+    last = sbl__sensor_for(r, p, x + 2 * way * dx, y + 2 * way * dy);
+    other = end ? sbl__pixel_at(r, e->x0, e->y0) : sbl__pixel_at(r, e->x1, e->y1);
+    if (other->id && (!next || sbl__distance2(p->position, other->position) <
+                                   SBL__CONTACT * SBL__CONTACT * sbl__distance2(p->position, next->position)))
+        unknown = SBL__UNKNOWN_CONTACT;
+    for (k = 0; k < 3; k++) {
+        const double known = next && last ? p->radiance[k] - 2 * next->radiance[k] + last->radiance[k]
+                           : next         ? p->radiance[k] - next->radiance[k] : 0;
+        difference[k] = unknown * SBL__MAX(p->radiance[k], r->mean[k]);
+        difference[k] = SBL__MAX(SBL__MISSED_BEYOND * (float)fabs(known), difference[k]);
+    }
+    return sbl__squared(r, difference);
+}
+
+/* Of a cell, as its edges tell: inside, and where it is continued. */
+static float sbl__cell_bends2(const sbl__refine *r, const sbl__cell *c) {
+    float inside = 0, beyond = 0;
+    int side, end, k, insides = 0, beyonds = 0;
+    for (side = 0; side < 4; side++) {
+        const sbl__edge e = sbl__cell_edge(c, side);
+        const sbl__pixel *ends[2];
+        sbl__bends bends;
+        if (e.x1 - e.x0 + e.y1 - e.y0 < 1) continue;
+        ends[0] = sbl__pixel_at(r, e.x0, e.y0);
+        ends[1] = sbl__pixel_at(r, e.x1, e.y1);
+        if (sbl__usable(ends[0]) && sbl__usable(ends[1]) && sbl__belongs(ends[0], ends[1], 1) > 0) {
+            float missed[3];
+            sbl__edge_bends(r, &e, &bends);
+            for (k = 0; k < 3; k++) {
+                const float d = ends[1]->radiance[k] - ends[0]->radiance[k];
+                const float at_0 = bends.known[0] ? bends.differences[0][k] : -bends.differences[1][k];
+                const float at_1 = bends.known[1] ? bends.differences[1][k] : -bends.differences[0][k];
+                missed[k] = bends.known[0] || bends.known[1] ? sbl__bends_missed(at_0, at_1, d)
+                                                             : SBL__MISSED_STEP * (float)fabs((double)d);
+            }
+            inside += sbl__squared(r, missed);
+            insides++;
+        } else for (end = 0; end < 2; end++)
+            if (sbl__usable(ends[end])) { beyond += sbl__beyond2(r, &e, end); beyonds++; }
+    }
+    if (insides) inside /= (float)insides;
+    beyond = beyonds ? beyond / (float)beyonds : inside;
+    return (1 - c->missing) * inside + c->missing * beyond;
+}
+
+/* As sensors on its rim tell, which neighbours' splits put there. Corners are skipped: they are the cell's own. */
+static float sbl__cell_rim2(const sbl__refine *r, const sbl__cell *c) {
+    float sum = 0;
+    int side, i, k, count = 0;
+    for (side = 0; side < 4; side++) {
+        const int length = side & 1 ? c->y1 - c->y0 : c->x1 - c->x0;
+        for (i = 1; i < length; i++) {
+            const int x = side == 0 || side == 2 ? c->x0 + i : side == 1 ? c->x0 : c->x1;
+            const int y = side == 1 || side == 3 ? c->y0 + i : side == 0 ? c->y0 : c->y1;
+            const sbl__pixel *p = sbl__pixel_at(r, x, y);
+            sbl__mix guess;
+            float difference[3];
+            if (!sbl__usable(p)) continue;
+            sbl__interpolate(r, c, x, y, &guess);
+            if (!(guess.covered > 0)) continue;
+            for (k = 0; k < 3; k++) difference[k] = p->radiance[k] - guess.light[k];
+            sum += SBL__MAX(sbl__squared(r, difference) -
+                            1.5f * sbl__relative2(r, guess.variance + sbl__variance(p)), 0.0f);
+            count++;
+        }
+    }
+    return count ? sum / (float)count : 0;
 }
 
 /* >>refine: cells */
@@ -10733,48 +10976,19 @@ static sbl_result sbl__refine_add_cell(sbl__base *base, sbl__refine *r, const sb
 
 static int sbl__cell_is_single(const sbl__cell *c) { return c->x1 - c->x0 <= 1 && c->y1 - c->y0 <= 1; }
 
-static int sbl__cell_must_split(const sbl__refine *r, const sbl__cell *c) {
-    int i, k, x, y;
-    if (sbl__cell_is_single(c)) return 0;
-    for (i = 0; i < 4; i++)
-        for (k = i + 1; k < 4; k++) {
-            const sbl__pixel *a = sbl__cell_corner(r, c, i), *b = sbl__cell_corner(r, c, k);
-            if (sbl__usable(a) && sbl__usable(b) && sbl__belongs(a, b, r->geometry_aware) > 0 &&
-                sbl__differ(r, a->radiance, b->radiance, a->noise * a->noise + b->noise * b->noise)) return 1;
-        }
-    for (i = 0; i < 4; i++) {
-        const sbl__edge edge = sbl__cell_edge(c, i);
-        if (sbl__edge_curved(r, &edge)) return 1;
+/* The fewest looks that one of a cell's sensors has taken; 0: there is none. */
+static int sbl__cell_looks(const sbl__refine *r, const sbl__cell *c) {
+    int corner, looks = 0;
+    for (corner = 0; corner < 4; corner++) {
+        const sbl__pixel *p = sbl__cell_corner(r, c, corner);
+        if (sbl__usable(p) && p->looks) looks = looks ? SBL__MIN(looks, p->looks) : p->looks;
     }
-    for (y = c->y0; y <= sbl__cell_end_y(r, c); y++)
-        for (x = c->x0; x <= sbl__cell_end_x(r, c); x++) {
-            const sbl__pixel *p = sbl__pixel_at(r, x, y);
-            if (p->id && !p->sensed && sbl__interpolate(r, c, x, y, NULL) < SBL__COVERAGE) return 1;
-        }
-    return 0;
-}
-
-/* Does a sensor on the cell's rim contradict what the cell would have put there? Corners are skipped: they are the
-   cell's own. */
-static int sbl__cell_contradicted(const sbl__refine *r, const sbl__cell *c) {
-    int side, i;
-    if (sbl__cell_is_single(c)) return 0;
-    for (side = 0; side < 4; side++) {
-        const int length = side & 1 ? c->y1 - c->y0 : c->x1 - c->x0;
-        for (i = 1; i < length; i++) {
-            const int x = side == 0 || side == 2 ? c->x0 + i : side == 1 ? c->x0 : c->x1;
-            const int y = side == 1 || side == 3 ? c->y0 + i : side == 0 ? c->y0 : c->y1;
-            const sbl__pixel *p = sbl__pixel_at(r, x, y);
-            float guess[4];
-            if (sbl__usable(p) && sbl__interpolate(r, c, x, y, guess) > 0 &&
-                sbl__differ(r, guess, p->radiance, guess[3] * guess[3] + p->noise * p->noise)) return 1;
-        }
-    }
-    return 0;
+    return looks;
 }
 
 static sbl_result sbl__cell_split(sbl__base *base, sbl__refine *r, int index) {
     const sbl__cell c = r->cells[index];
+    const int looks = SBL__MAX(1, sbl__cell_looks(r, &c));  /* with fewer they would be worse than interpolation */
     const int columns = c.x1 - c.x0 > 1 ? 2 : 1, rows = c.y1 - c.y0 > 1 ? 2 : 1;
     const int xs[3] = { c.x0, columns == 2 ? (c.x0 + c.x1) / 2 : c.x1, c.x1 };
     const int ys[3] = { c.y0, rows == 2 ? (c.y0 + c.y1) / 2 : c.y1, c.y1 };
@@ -10783,10 +10997,69 @@ static sbl_result sbl__cell_split(sbl__base *base, sbl__refine *r, int index) {
     r->cells[index].split = 1;
     for (j = 0; j < rows && result == SBL_SUCCESS; j++)
         for (i = 0; i < columns && result == SBL_SUCCESS; i++) {
-            const sbl__cell part = { xs[i], ys[j], xs[i + 1], ys[j + 1], c.level + 1, 0, index };
+            const sbl__cell part = { xs[i], ys[j], xs[i + 1], ys[j + 1], c.level + 1, 0, index, looks,
+                                     -1, 0, 0, 0, 0, 0, 0, 0, 0 };
             result = sbl__refine_add_cell(base, r, &part);
         }
     return result;
+}
+
+/* Is the difference between two radiances more than the threshold, and more than their noise (its variance) explains?
+   */
+static int sbl__differ(const sbl__refine *r, const float a[3], const float b[3], double variance) {
+    float most = 0, mean = 0, least;
+    int k;
+    for (k = 0; k < 3; k++) {
+        most = SBL__MAX(most, (float)fabs((double)a[k] - b[k]));
+        mean = SBL__MAX(mean, 0.5f * (a[k] + b[k]));
+    }
+    least = r->threshold * (r->relative ? mean + SBL__FLOOR_SHARE * r->luminance : 1.0f);
+    return (double)most * most > (double)least * least + SBL__NOISE_WEIGHT * variance;
+}
+
+/* Do corners that belong together differ by more than the threshold, or does a sensor on the rim? */
+static int sbl__cell_differs(const sbl__refine *r, const sbl__cell *c) {
+    int i, k, side;
+    for (i = 0; i < 4; i++)
+        for (k = i + 1; k < 4; k++) {
+            const sbl__pixel *a = sbl__cell_corner(r, c, i), *b = sbl__cell_corner(r, c, k);
+            if (sbl__usable(a) && sbl__usable(b) && sbl__belongs(a, b, r->geometry_aware) > 0 &&
+                sbl__differ(r, a->radiance, b->radiance, sbl__variance(a) + sbl__variance(b))) return 1;
+        }
+    for (side = 0; side < 4; side++) {
+        const int length = side & 1 ? c->y1 - c->y0 : c->x1 - c->x0;
+        for (i = 1; i < length; i++) {
+            const int x = side == 0 || side == 2 ? c->x0 + i : side == 1 ? c->x0 : c->x1;
+            const int y = side == 1 || side == 3 ? c->y0 + i : side == 0 ? c->y0 : c->y1;
+            const sbl__pixel *p = sbl__pixel_at(r, x, y);
+            sbl__mix guess;
+            if (!sbl__usable(p)) continue;
+            sbl__interpolate(r, c, x, y, &guess);
+            if (guess.own > 0 && sbl__differ(r, guess.light, p->radiance, guess.variance + sbl__variance(p))) return 1;
+        }
+    }
+    return 0;
+}
+
+/* Counts what a cell gives light to. Returns 1 where its corners do not cover some of it: then it must be split. */
+static int sbl__cell_count(const sbl__refine *r, sbl__cell *c) {
+    const int continued = r->geometry_aware && sbl__cell_span(c) <= SBL__CONTINUED && !(r->threshold > 0);
+    float missing = 0;
+    int x, y, bare = 0;
+    c->pixels = 0;
+    for (y = c->y0; y <= sbl__cell_end_y(r, c); y++)
+        for (x = c->x0; x <= sbl__cell_end_x(r, c); x++) {
+            const sbl__pixel *p = sbl__pixel_at(r, x, y);
+            sbl__mix m;
+            if (!p->id) continue;
+            c->pixels++;
+            if (p->sensed) continue;
+            sbl__interpolate(r, c, x, y, &m);
+            missing += 1 - m.own;
+            bare |= (continued ? m.covered : m.own) < SBL__COVERAGE;
+        }
+    c->missing = c->pixels ? missing / (float)c->pixels : 0;
+    return bare;
 }
 
 /* >>refine: rounds. Each is done in slices, and starts with r->at = 0. */
@@ -10798,7 +11071,7 @@ static sbl_result sbl__refine_begin(sbl__base *base, sbl__refine *r, sbl__slice 
     for (; r->at < across * down; r->at++) {
         const int x = r->at % across * r->tile, y = r->at / across * r->tile;
         const int right = SBL__MIN(x + r->tile, r->width - 1), lower = SBL__MIN(y + r->tile, r->height - 1);
-        const sbl__cell cell = { x, y, right, lower, 0, 0, -1 };
+        const sbl__cell cell = { x, y, right, lower, 0, 0, -1, 1, -1, 0, 0, 0, 0, 0, 0, 0, 0 };
         const sbl_result result = sbl__refine_add_cell(base, r, &cell);
         if (result != SBL_SUCCESS) return result;
         if (sbl__late(slice)) { r->at++; return SBL_UNFINISHED; }
@@ -10806,42 +11079,42 @@ static sbl_result sbl__refine_begin(sbl__base *base, sbl__refine *r, sbl__slice 
     return SBL_SUCCESS;
 }
 
-/* The site of pixel number `index`, whose sensor stands for so many pixels across. */
-static void sbl__refine_site(const sbl__refine *r, int index, int span, sbl__site *out) {
+/* The site of pixel number `index`, for looks from number `first` on. */
+static void sbl__refine_site(const sbl__refine *r, int index, int first, int looks, sbl__site *out) {
     const sbl__pixel *p = &r->pixels[index];
     memcpy(out->position, p->position, sizeof out->position);
     memcpy(out->normal, p->normal, sizeof out->normal);
     memcpy(out->geometric_normal, p->geometric_normal, sizeof out->geometric_normal);
     out->offset = p->offset;
     out->number = (uint32_t)index;
-    out->span = span;
+    out->first = first;
+    out->looks = looks;
 }
 
-static int sbl__level_tile(const sbl__refine *r, int level) { return level < 31 ? r->tile >> level : 0; }
-
-/* Lists the sites at the corners of the cells that have not been judged yet. */
-static sbl_result sbl__refine_collect(sbl__base *base, sbl__refine *r, const sbl__spec *spec, sbl__slice *slice) {
+/* Lists the sites at the corners of cells that have no sensor yet, or one that is to look again: of so many looks that
+   they fit in one job. */
+static sbl_result sbl__refine_collect(sbl__base *base, sbl__refine *r, sbl__slice *slice) {
     int corner;
-    if (r->at == 0) {
-        r->at = r->fresh;
-        r->site_count = r->look_count = 0;
-    }
-    for (; r->at < r->cell_count; r->at++) {
-        const sbl__cell *c = &r->cells[r->at];
+    if (r->at == 0) r->site_count = r->look_count = 0;
+    r->at = 1;
+    for (; r->listed < r->cell_count && r->look_count < SBL__JOB_LOOKS; r->listed++) {
+        const sbl__cell *c = &r->cells[r->listed];
         if (sbl__late(slice)) return SBL_UNFINISHED;
+        if (c->split) continue;
         if (!sbl__grow(base, &r->sites, &r->site_room, r->site_count + 4, sizeof *r->sites))
             return SBL_ERROR_OUT_OF_MEMORY;
         for (corner = 0; corner < 4; corner++) {
             const int x = corner & 1 ? c->x1 : c->x0, y = corner & 2 ? c->y1 : c->y0;
             sbl__pixel *p = sbl__pixel_at(r, x, y);
-            sbl__site *site = &r->sites[r->site_count];
-            if (!p->id || p->sensed || p->queued) continue;
+            if (!p->id || p->queued || (p->sensed && p->wanted <= p->looks)) continue;
             p->queued = 1;
-            p->level = (unsigned char)(1 + SBL__MIN(c->level, SBL_MAX_LEVELS - 1));
-            p->look = r->look_count;
-            sbl__refine_site(r, y * r->width + x, sbl__level_tile(r, c->level), site);
-            r->look_count += sbl__looks_of(spec, site);
-            r->site_count++;
+            if (!p->sensed) {
+                p->level = (unsigned char)(1 + SBL__MIN(c->level, SBL_MAX_LEVELS - 1));
+                p->look = r->look_count;
+                p->wanted = c->looks;
+            }
+            sbl__refine_site(r, y * r->width + x, p->looks, p->wanted - p->looks, &r->sites[r->site_count++]);
+            r->look_count += p->wanted - p->looks;
         }
     }
     return sbl__grow(base, &r->readings, &r->reading_room, r->site_count, sizeof *r->readings)
@@ -10851,44 +11124,208 @@ static sbl_result sbl__refine_collect(sbl__base *base, sbl__refine *r, const sbl
 /* Takes the answers of the job. */
 static sbl_result sbl__refine_take(sbl__refine *r, sbl_stats *stats, sbl__slice *slice) {
     int k;
-    if (r->at == 0) r->mean = 0;
     for (; r->at < r->site_count; r->at++) {
         const sbl_reading *reading = &r->readings[r->at];
+        const int looks = r->sites[r->at].looks;
         sbl__pixel *p = &r->pixels[r->sites[r->at].number];
+        const float share = (float)looks / (float)(p->looks + looks);
         if (r->at && sbl__late(slice)) return SBL_UNFINISHED;
-        for (k = 0; k < 3; k++) {
-            p->radiance[k] = reading->radiance[k];
-            r->mean += (double)p->radiance[k] / 3;
-        }
-        p->noise = reading->noise;
-        p->sensed = 1;
+        for (k = 0; k < 3; k++) p->radiance[k] += share * (reading->radiance[k] - p->radiance[k]);
+        p->variance += (double)share * ((double)reading->noise * reading->noise * looks - p->variance);
+        p->looks += looks;
         p->queued = 0;
+        p->round = (short)r->rounds;
+        for (k = 0; k < 3 && r->rounds == 0; k++) r->sum[k] += p->radiance[k];
+        r->pixels_summed += r->rounds == 0;
+        if (p->sensed) continue;
+        p->sensed = 1;
         p->invalid = !reading->valid;
         stats->invalid_sensors += p->invalid;
         stats->levels[p->level - 1].sensors++;
         stats->level_count = SBL__MAX(stats->level_count, p->level);
         stats->sensors++;
     }
-    if (r->rounds == 0) r->floor = r->site_count ? (float)(SBL__FLOOR_SHARE * r->mean / r->site_count) : 0;
+    if (r->listed < r->cell_count) return SBL_SUCCESS;
+    r->listed = 0;
     r->rounds++;
     r->judged_end = r->cell_count;
     return SBL_SUCCESS;
 }
 
-/* Judges cells: the fresh ones, and older ones that new sensors contradict. Afterwards r->fresh < r->cell_count where
-   some were split. */
-static sbl_result sbl__refine_judge(sbl__base *base, sbl__refine *r, sbl__slice *slice) {
+/* >>refine: what is worth its cost */
+
+static int sbl__gain_bin(float gain) {
+    int exponent;
+    const double mantissa = frexp((double)gain, &exponent);
+    const int bin = 4 * (exponent + 100) + (int)(8 * (mantissa - 0.5));
+    return SBL__MIN(SBL__MAX(bin, 0), SBL__GAIN_BINS - 1);
+}
+
+/* The least gain of a bin. */
+static float sbl__bin_gain(int bin) {
+    return (float)ldexp(0.5 + 0.125 * (bin % 4), bin / 4 - 100);
+}
+
+/* Before cells are weighed: the mean of the round before is what errors are relative to. */
+static void sbl__weigh_begin(sbl__refine *r) {
+    static const float luminance[3] = { SBL__LUMINANCE };
+    int k;
+    for (k = 0; k < 3 && r->pixels_summed > 0; k++) r->mean[k] = (float)(r->sum[k] / r->pixels_summed);
+    r->luminance = SBL__MAX(sbl__dot(luminance, r->mean), 1e-30f);
+    for (k = 0; k < 3; k++)
+        r->weights[k] = (float)sqrt((double)luminance[k] / r->luminance /
+                                    (double)SBL__MAX(r->mean[k], 0.01f * r->luminance));
+    memset(r->sum, 0, sizeof r->sum);
+    memset(r->gains, 0, sizeof r->gains);
+    r->pixels_summed = r->bias2 = r->noise2 = 0;
+    r->bought = 0;
+}
+
+/* How many pixels the filter takes the mean of in a cell of single pixels: not those that differ. */
+static float sbl__cell_smoothing(const sbl__refine *r, const sbl__cell *c, float noise) {
+    float alike = 0;
+    int side, k, count = 0;
+    for (side = 0; side < 4; side++) {
+        const sbl__edge e = sbl__cell_edge(c, side);
+        const sbl__pixel *a = sbl__pixel_at(r, e.x0, e.y0), *b = sbl__pixel_at(r, e.x1, e.y1);
+        if (a == b || !sbl__usable(a) || !sbl__usable(b)) continue;
+        count++;
+        if (sbl__belongs(a, b, r->geometry_aware) > 0) {
+            float d = 0, most = 0;
+            for (k = 0; k < 3; k++) {
+                d = SBL__MAX(d, (float)fabs((double)a->radiance[k] - b->radiance[k]));
+                most = SBL__MAX(most, a->radiance[k] + b->radiance[k]);
+            }
+            d /= SBL__MAX(2 * noise + 0.01f * most, 1e-30f);
+            alike += (float)exp(-0.25 * d * d);
+        }
+    }
+    if (count) alike /= (float)count;
+    return 1 + 0.5f * (r->smoothing - 1) * alike * alike;
+}
+
+/* What a cell's corners say of noise and of the mean. */
+static void sbl__cell_noise(sbl__refine *r, sbl__cell *c) {
+    float variance, share = 0, light[3] = { 0, 0, 0 };
+    double sum = 0;
+    int corner, k, count = 0;
+    for (corner = 0; corner < 4; corner++) {
+        const sbl__pixel *p = sbl__cell_corner(r, c, corner);
+        if (!sbl__usable(p)) continue;
+        sum += p->variance;
+        share += sbl__looks_share(p->looks);
+        for (k = 0; k < 3; k++) light[k] += p->radiance[k];
+        count++;
+    }
+    c->noise2 = 0;
+    if (!count) return;
+    c->variance = variance = sbl__relative2(r, sum / count);
+    if (c->parent >= 0) c->variance += SBL__HERITAGE * (r->cells[c->parent].variance - variance);
+    variance = c->variance * share / (float)count;
+    c->noise2 = variance;
+    if (!sbl__cell_is_single(c)) c->noise2 *= sbl__noise_left(r, sbl__cell_span(c));
+    else c->noise2 /= sbl__cell_smoothing(r, c, r->luminance * (float)sqrt((double)variance));
+    for (k = 0; k < 3; k++) r->sum[k] += (double)light[k] * c->pixels / count;
+    r->pixels_summed += c->pixels;
+    c->light = (SBL__LUMINANCE_OF(light)) / (float)count;
+}
+
+/* Has a sensor at one of its corners been read in the last round? */
+static int sbl__cell_has_news(const sbl__refine *r, const sbl__cell *c) {
+    int corner;
+    for (corner = 0; corner < 4; corner++)
+        if (sbl__cell_corner(r, c, corner)->round == r->rounds - 1) return 1;
+    return 0;
+}
+
+/* What a cell misses, and what splitting it would gain. */
+static void sbl__cell_weigh_split(sbl__refine *r, sbl__cell *c, int fresh) {
+    const int bare = fresh && sbl__cell_count(r, c);
+    if (sbl__cell_is_single(c)) return;
+    if (bare) c->split_gain = FLT_MAX;
+    else if (r->threshold > 0) c->split_gain = sbl__cell_differs(r, c) ? FLT_MAX : 0;
+    else if (fresh || sbl__cell_has_news(r, c) || sbl__cell_span(c) > SBL__CONTINUED)
+        c->bends2 = SBL__MAX(sbl__cell_bends2(r, c), sbl__cell_rim2(r, c));
+}
+
+/* Predicts the errors of a cell, and enters what can be bought there. What must be split comes first. */
+static void sbl__cell_weigh(sbl__refine *r, sbl__cell *c, int fresh) {
+    float bias2, gain, variance;
+    int looks = sbl__cell_looks(r, c), most;
+    sbl__cell_weigh_split(r, c, fresh);
+    sbl__cell_noise(r, c);
+    variance = c->noise2 / sbl__noise_left(r, sbl__cell_span(c));
+    c->bias2 = SBL__MAX(c->bends2 - SBL__NOISE_BENDS * variance, 0.0f);
+    r->bias2 += (double)c->bias2 * c->pixels;
+    r->noise2 += (double)c->noise2 * c->pixels;
+    bias2 = SBL__MAX(c->bends2 - SBL__NOISE_DOUBT * variance, 0.0f);
+    if (!sbl__cell_is_single(c) && !(r->threshold > 0)) {
+        const float glaring = SBL__GLARING * r->asked * (c->light / r->luminance + SBL__GLARING_FLOOR);
+        const float cost = SBL__SPLIT_COST * (float)SBL__MAX(looks, 1);
+        gain = bias2 * SBL__SPLIT_GAIN * (float)c->pixels / cost;
+        if (c->split_gain < FLT_MAX) c->split_gain = bias2 > glaring * glaring ? FLT_MAX : gain;
+        if (gain > 0) r->gains[sbl__gain_bin(c->split_gain)] += (double)gain * cost;
+    }
+    c->look_gain = 0;
+    if (!looks || looks >= r->most_looks) return;
+    c->look_gain = gain = c->noise2 * (float)c->pixels * (1 - SBL__LOOKS_GAIN) / (float)looks;
+    most = SBL__MIN(SBL__LOOKS_GROWTH * looks, r->most_looks);
+    for (; looks < most && gain > 0; looks *= 2) {
+        r->gains[sbl__gain_bin(gain)] += (double)gain * looks;
+        gain *= 0.5f * SBL__LOOKS_GAIN;
+    }
+}
+
+/* How much of what is offered must be bought for the error that was asked. */
+static void sbl__weigh_end(sbl__refine *r) {
+    const double pixels = SBL__MAX(r->pixels_summed, 1.0), asked2 = (double)r->asked * r->asked;
+    double left = r->bias2 + r->noise2, aim;
+    int bin = SBL__GAIN_BINS;
+    r->predicted = sqrt(left / pixels);
+    if (!r->weighed) r->first_predicted = r->predicted;
+    r->weighed = 1;
+    r->least_gain = FLT_MAX;
+    if (left <= asked2 * pixels || r->rounds > SBL__MAX_ROUNDS) return;
+    aim = SBL__MAX(SBL__AIM_BELOW * asked2 * pixels, SBL__AIM_SHARE * left);
+    while (bin > 1 && left > aim) left -= r->gains[--bin];
+    r->least_gain = sbl__bin_gain(bin);
+}
+
+static sbl_result sbl__refine_weigh(sbl__refine *r, sbl__slice *slice) {
+    if (r->at == 0) sbl__weigh_begin(r);
+    for (; r->at < r->judged_end; r->at++) {
+        if (r->at && sbl__late(slice)) return SBL_UNFINISHED;
+        if (!r->cells[r->at].split) sbl__cell_weigh(r, &r->cells[r->at], r->at >= r->fresh);
+    }
+    sbl__weigh_end(r);
+    return SBL_SUCCESS;
+}
+
+/* A cell's sensors look again, as often as that is worth it. */
+static void sbl__cell_look_again(sbl__refine *r, const sbl__cell *c) {
+    float gain = c->look_gain;
+    int corner, looks = sbl__cell_looks(r, c), growth = 1;
+    for (; growth < SBL__LOOKS_GROWTH && gain >= r->least_gain; growth *= 2) gain *= 0.5f * SBL__LOOKS_GAIN;
+    looks = SBL__MIN(looks * growth, r->most_looks);
+    for (corner = 0; corner < 4; corner++) {
+        sbl__pixel *p = sbl__pixel_at(r, corner & 1 ? c->x1 : c->x0, corner & 2 ? c->y1 : c->y0);
+        if (!sbl__usable(p) || !p->looks || p->wanted >= looks) continue;
+        p->wanted = looks;
+        r->bought++;
+    }
+}
+
+/* Buys it. Afterwards r->bought is 0 where nothing was. */
+static sbl_result sbl__refine_spend(sbl__base *base, sbl__refine *r, sbl__slice *slice) {
     for (; r->at < r->judged_end; r->at++) {
         const sbl__cell *c = &r->cells[r->at];
-        int split;
-        if (sbl__late(slice)) return SBL_UNFINISHED;
+        if (r->at && sbl__late(slice)) return SBL_UNFINISHED;
         if (c->split) continue;
-        if (r->at >= r->fresh) split = sbl__cell_must_split(r, c);
-        else split = r->rounds <= SBL__MAX_ROUNDS && sbl__cell_contradicted(r, c);
-        if (split) {
+        if (c->split_gain >= r->least_gain && !sbl__cell_is_single(c)) {
             const sbl_result result = sbl__cell_split(base, r, r->at);
             if (result != SBL_SUCCESS) return result;
-        }
+            r->bought++;
+        } else if (c->look_gain >= r->least_gain) sbl__cell_look_again(r, c);
     }
     r->fresh = r->judged_end;
     return SBL_SUCCESS;
@@ -10915,21 +11352,25 @@ static void sbl__fill_row(sbl__refine *r, const sbl__edge *row, const sbl__cell 
     const int y = row->y0;
     int x, k;
     for (x = row->x0; x <= row->x1; x++) {
-        const sbl__pixel *p = sbl__pixel_at(r, x, y);
-        float *to = rgba + 4 * ((size_t)y * (size_t)r->width + (size_t)x), f[2], covered;
+        sbl__pixel *p = sbl__pixel_at(r, x, y);
+        float *to = rgba + 4 * ((size_t)y * (size_t)r->width + (size_t)x), f[2];
+        sbl__mix m;
         to[0] = to[1] = to[2] = to[3] = 0;
         if (!p->id) continue;
+        p->error = r->luminance * (float)sqrt((double)(c->bias2 + c->noise2));
         if (sbl__usable(p)) {
             memcpy(to, p->radiance, sizeof p->radiance);
-            to[3] = p->noise;
+            to[3] = sbl__noise(p);
+            p->error = r->luminance * (float)sqrt((double)c->noise2);
         } else {
-            covered = sbl__interpolate(r, c, x, y, to);
-            if (!(covered > 0)) { r->orphan_count++; continue; }
+            sbl__interpolate(r, c, x, y, &m);
+            if (!(m.covered > 0)) { r->orphan_count++; continue; }
             sbl__cell_share(c, x, y, f);
+            to[3] = (float)sqrt(m.variance);
             for (k = 0; k < 3; k++) {
                 const float across = 0.5f * f[0] * (1 - f[0]) * (bends[0][k] + f[1] * (bends[1][k] - bends[0][k]));
                 const float down = 0.5f * f[1] * (1 - f[1]) * (bends[2][k] + f[0] * (bends[3][k] - bends[2][k]));
-                to[k] = SBL__MAX(to[k] - covered * covered * (across + down), 0.0f);
+                to[k] = SBL__MAX(m.light[k] - m.own * m.own * (across + down), 0.0f);
             }
         }
         to[3] = SBL__MAX(to[3], SBL__LEAST_NOISE);
@@ -11050,15 +11491,15 @@ static const char *const sbl__glsl_filter[] = {
 "uniform int radius;\n",
 "uniform float falloff;       // 1 / (2 sigma^2), sigma in pixels\n",
 "uniform int geometry_aware;\n",
-"uniform float tolerance;     // noise that is there in any case, relative\n",
 "layout(location = 0) out vec4 out_radiance;\n",
 "\n",
+"const float SBL_VISIBLE = 0.01;  // relative difference that is as good as none\n",
 "const float SBL_DOUBT = 0.25;  // how fast trust falls with the square of a difference over the noise\n",
 "\n",
 "// 1 where noise alone explains the difference, nearing 0 where it is several times as large.\n",
 "float sbl_alike(vec4 a, vec4 b) {\n",
 "    vec3 apart = abs(a.rgb - b.rgb);\n",
-"    float noise = a.a + b.a + tolerance * (max(a.r, max(a.g, a.b)) + max(b.r, max(b.g, b.b)));\n",
+"    float noise = a.a + b.a + SBL_VISIBLE * (max(a.r, max(a.g, a.b)) + max(b.r, max(b.g, b.b)));\n",
 "    float difference = max(apart.r, max(apart.g, apart.b)) / max(noise, 1e-30);\n",
 "    return exp(-SBL_DOUBT * difference * difference);\n",
 "}\n",
@@ -11093,13 +11534,27 @@ static const sbl__recipe sbl__recipe_filter = {
 
 typedef struct sbl__filter {
     int radius, geometry_aware;
-    float tolerance;            /* see sbl__spec_tolerance */
 } sbl__filter;
+
+static double sbl__filter_sigma(int radius) { return SBL__MAX(0.5 * radius, 0.1); }
+
+/* How many pixels it takes the mean of, as far as independent noise is concerned. */
+static float sbl__filter_pixels(int radius) {
+    const double sigma = sbl__filter_sigma(radius);
+    double sum = 0, squares = 0;
+    int x;
+    for (x = -SBL__MAX(radius, 0); x <= SBL__MAX(radius, 0); x++) {
+        const double weight = exp(-x * x / (2 * sigma * sigma));
+        sum += weight;
+        squares += weight * weight;
+    }
+    return (float)((sum * sum / squares) * (sum * sum / squares));
+}
 
 /* Rows of the smoothed map from those of the radiance map. */
 static sbl_result sbl__filter_draw(sbl__device *d, const sbl__filter *f, const sbl__gbuffer *g,
                                    const sbl__texture *radiance, const sbl__target *out, const int rows[2]) {
-    const double sigma = SBL__MAX(0.5 * f->radius, 0.1);
+    const double sigma = sbl__filter_sigma(f->radius);
     const sbl_result result = sbl__use(d, &sbl__recipe_filter, 0);
     if (result != SBL_SUCCESS) return result;
     sbl__pass_rows(d, out, rows[0], rows[1]);
@@ -11110,7 +11565,6 @@ static sbl_result sbl__filter_draw(sbl__device *d, const sbl__filter *f, const s
     sbl__set_int(d, "radius", f->radius);
     sbl__set_float(d, "falloff", (float)(1 / (2 * sigma * sigma)));
     sbl__set_int(d, "geometry_aware", f->geometry_aware);
-    sbl__set_float(d, "tolerance", f->tolerance);
     sbl__draw_screen(d);
     return SBL_SUCCESS;
 }
@@ -11244,8 +11698,8 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
 /* ======================================================================================================== >>picture
    The front end that makes pictures: a short loop over jobs, level by level, in bounded pieces. */
 
-/* In their order; JUDGE goes back to COLLECT while cells are split. Where the picture under way is looked at, TAKE goes
-   to JUDGE by way of FILL to PREVIEW. */
+/* In their order; SPEND goes back to COLLECT while there is something to sense. Where the picture under way is
+   looked at, WEIGH goes to SPEND by way of FILL to PREVIEW. */
 typedef enum sbl__stage {
     SBL__STAGE_NONE,
     SBL__STAGE_SETUP,    /* textures and memory */
@@ -11256,7 +11710,8 @@ typedef enum sbl__stage {
     SBL__STAGE_COLLECT,  /* which pixels get sensors */
     SBL__STAGE_SENSE,    /* the job */
     SBL__STAGE_TAKE,     /* its readings */
-    SBL__STAGE_JUDGE,    /* which cells are split */
+    SBL__STAGE_WEIGH,    /* how far off the picture is */
+    SBL__STAGE_SPEND,    /* what is done about it */
     SBL__STAGE_FILL, SBL__STAGE_ORPHANS, SBL__STAGE_ADOPT, SBL__STAGE_SEND,  /* the radiance map */
     SBL__STAGE_PREVIEW,
     SBL__STAGE_FILTER,
@@ -11318,17 +11773,21 @@ static int sbl__picture_under_way(const sbl__picture *p) {
     return p->stage != SBL__STAGE_NONE && p->stage != SBL__STAGE_DONE;
 }
 
-/* desc has its defaults filled in and has been checked. */
-static void sbl__picture_begin(sbl__picture *p, const sbl__core *c, const sbl_picture_desc *desc) {
+/* desc has its defaults filled in and has been checked. asked: its error is the host's own. */
+static void sbl__picture_begin(sbl__picture *p, const sbl__core *c, const sbl_picture_desc *desc, int asked) {
     const sbl__seeing seeing = SBL__SEEING(desc);
     p->desc = *desc;
     p->seeing = seeing;
+    p->seeing.look_rays = sbl__look_rays(desc->error);
+    p->seeing.looks = asked ? SBL__MAX_LOOKS : SBL__DEFAULT_LOOKS;
     p->scene_version = c->scene.version;
     p->refine.width = desc->width;
     p->refine.height = desc->height;
     p->refine.tile = desc->tile;
     p->refine.threshold = desc->threshold;
+    p->refine.asked = desc->error;
     p->refine.geometry_aware = p->refine.relative = desc->mode != SBL_MODE_PAPER;
+    p->refine.smoothing = sbl__filter_pixels(desc->filter_radius);
     p->store_share = sbl__prepare_share(c, &seeing);
     p->stage = SBL__STAGE_SETUP;
 }
@@ -11402,7 +11861,8 @@ static void sbl__picture_take_pixel(const sbl__core *c, const sbl__picture *p, c
     out->stored[2] = from[3][3];
     if (!out->sensed) return;  /* else it takes no sensor */
     memcpy(out->radiance, out->stored, sizeof out->radiance);
-    out->noise = SBL__STORED_NOISE * sbl__max3(out->stored);
+    out->variance = (double)(SBL__STORED_NOISE * sbl__max3(out->stored));
+    out->variance *= out->variance;
 }
 
 /* Brings rows of the G-buffer to the host. */
@@ -11472,7 +11932,6 @@ static sbl_result sbl__picture_filter(sbl__core *c, sbl__picture *p, const sbl__
     if (result != SBL_SUCCESS) return result;
     filter.radius = SBL__MAX(p->desc.filter_radius, 0);
     filter.geometry_aware = p->desc.mode != SBL_MODE_PAPER;
-    filter.tolerance = sbl__spec_tolerance(&p->spec);
     rows[0] = p->at;
     rows[1] = sbl__pace_rows(&p->filter_pace, slice, &p->filtered_target, p->at);
     result = sbl__filter_draw(&c->device, &filter, &p->gbuffer, &p->radiance, &p->filtered_target, rows);
@@ -11537,10 +11996,11 @@ static sbl_result sbl__picture_piece(sbl__core *c, sbl__picture *p, sbl__slice *
         case SBL__STAGE_SURFACE: return sbl__picture_surface(c, p, &p->gbuffer, centre, slice);
         case SBL__STAGE_READ: return sbl__picture_read(c, p);
         case SBL__STAGE_CELLS: return sbl__refine_begin(base, r, slice);
-        case SBL__STAGE_COLLECT: return sbl__refine_collect(base, r, &p->spec, slice);
+        case SBL__STAGE_COLLECT: return sbl__refine_collect(base, r, slice);
         case SBL__STAGE_SENSE: return sbl__job_step(&c->device, &c->job, slice);
         case SBL__STAGE_TAKE: return sbl__refine_take(r, &c->stats, slice);
-        case SBL__STAGE_JUDGE: return sbl__refine_judge(base, r, slice);
+        case SBL__STAGE_WEIGH: return sbl__refine_weigh(r, slice);
+        case SBL__STAGE_SPEND: return sbl__refine_spend(base, r, slice);
         case SBL__STAGE_FILL: return sbl__picture_fill(c, p, slice);
         case SBL__STAGE_ORPHANS: return sbl__refine_find_orphans(base, r, p->rgba, slice);
         case SBL__STAGE_ADOPT: return sbl__refine_adopt(r, p->rgba, slice);
@@ -11556,10 +12016,10 @@ static sbl_result sbl__picture_piece(sbl__core *c, sbl__picture *p, sbl__slice *
 
 /* What follows a stage that is done. */
 static sbl__stage sbl__picture_next(sbl__core *c, sbl__picture *p) {
-    const int sensed = p->refine.fresh == p->refine.cell_count;  /* no cell was split */
     switch (p->stage) {
         case SBL__STAGE_PREPARE:
             sbl__spec_make(&p->spec, &p->seeing, &c->scene, &c->desc);
+            p->refine.most_looks = p->spec.looks;
             sbl__camera_make(&p->camera, &p->desc, &c->scene.geometry);
             sbl__surface_begin(&p->surface);
             return SBL__STAGE_SURFACE;
@@ -11570,15 +12030,17 @@ static sbl__stage sbl__picture_next(sbl__core *c, sbl__picture *p) {
         case SBL__STAGE_SENSE:
             sbl__core_count(c);
             return SBL__STAGE_TAKE;
-        case SBL__STAGE_TAKE:
+        case SBL__STAGE_TAKE: return p->refine.listed ? SBL__STAGE_COLLECT : SBL__STAGE_WEIGH;
+        case SBL__STAGE_WEIGH:
+            c->stats.error_expected = (float)p->refine.predicted;
             p->previewing = p->watched && (double)c->stats.sensors >= SBL__PREVIEW_GROWTH * (double)p->previewed;
-            return p->previewing ? SBL__STAGE_FILL : SBL__STAGE_JUDGE;
-        case SBL__STAGE_JUDGE: return sensed ? SBL__STAGE_FILL : SBL__STAGE_COLLECT;
+            return p->previewing ? SBL__STAGE_FILL : SBL__STAGE_SPEND;
+        case SBL__STAGE_SPEND: return p->refine.bought ? SBL__STAGE_COLLECT : SBL__STAGE_FILL;
         case SBL__STAGE_SEND: return p->previewing ? SBL__STAGE_PREVIEW : SBL__STAGE_FILTER;
         case SBL__STAGE_PREVIEW:
             p->previewing = 0;
             p->previewed = c->stats.sensors;
-            return SBL__STAGE_JUDGE;
+            return SBL__STAGE_SPEND;
         case SBL__STAGE_FILTER:
             sbl__surface_begin(&p->surface);
             return SBL__STAGE_SAMPLE;
@@ -11612,18 +12074,21 @@ static sbl_result sbl__picture_step(sbl__core *c, sbl__picture *p, sbl__slice *s
     return result != SBL_SUCCESS ? result : p->stage == SBL__STAGE_DONE ? SBL_SUCCESS : SBL_UNFINISHED;
 }
 
-/* An estimate: round k of about log2(tile) + 1 costs about twice the one before. */
+/* An estimate: how far the predicted error has come down, by its logarithm. */
 static float sbl__picture_progress(const sbl__core *c, const sbl__picture *p) {
-    const double rounds = 1 + log((double)p->desc.tile) / log(2.0);
-    double round = p->refine.rounds, share;
+    const sbl__refine *r = &p->refine;
+    const double first = r->first_predicted, asked = r->asked;
+    double share = 0;
     if (p->stage == SBL__STAGE_DONE) return 1;
     if (p->stage < SBL__STAGE_CELLS) return 0;
     if (p->stage == SBL__STAGE_FILTER) return 0.94f;
     if (p->stage >= SBL__STAGE_SAMPLE) return 0.95f + 0.05f * (float)p->resolved / (float)p->desc.samples;
     if (p->stage >= SBL__STAGE_FILL && !p->previewing) return 0.93f;
-    if (p->stage == SBL__STAGE_SENSE) round += sbl__job_progress(&c->job);
-    share = (pow(2, SBL__MIN(round / rounds, 1.0) * rounds) - 1) / (pow(2, rounds) - 1);
-    return 0.02f + 0.9f * (float)SBL__MIN(share, 1.0);
+    if (r->weighed) share = 0.2;
+    if (r->weighed && asked > 0 && first > asked)
+        share += 0.8 * log(first / SBL__MAX(r->predicted, asked)) / log(first / asked);
+    if (p->stage == SBL__STAGE_SENSE) share += 0.5 * (1 - share) * (double)sbl__job_progress(&c->job);
+    return 0.02f + 0.9f * (float)SBL__MIN(SBL__MAX(share, 0.0), 1.0);
 }
 
 /* Runs stages until the preview under way is there. */
@@ -11708,7 +12173,8 @@ static void sbl__site_make(const sbl__core *c, const sbl__gathering *g, int numb
                      out->geometric_normal);
     out->offset = from->offset > 0 ? from->offset : from->offset < 0 ? 0 : sbl__spec_offset(&g->spec, &c->scene, 0);
     out->number = (uint32_t)number;
-    out->span = 1;
+    out->first = 0;
+    out->looks = 1;
 }
 
 /* desc has its defaults filled in and has been checked. */
@@ -11889,7 +12355,7 @@ static sbl_result sbl__inspect_trace(const sbl__looking *k, const sbl__batch *b)
 static sbl_result sbl__inspect_rays(sbl__looking *k) {
     sbl__core *c = k->core;
     const int rays = c->job.task.spec.rays, size[2] = { 4, (rays + 3) / 4 };
-    uint32_t *sequence = sbl__sequence_make(&c->base, rays, 1);
+    uint32_t *sequence = sbl__sequence_make(&c->base, 1, rays, 1);
     float *data = NULL;
     sbl_result result = sequence ? sbl__inspect_run(k, sbl__inspect_trace, size, &data) : SBL_ERROR_OUT_OF_MEMORY;
     int i, n;
@@ -12050,8 +12516,8 @@ static sbl_result sbl__inspect(sbl__looking *k) {
     task.readings = &k->reading;
     task.site_count = 1;
     task.first_look = k->picture->refine.pixels[k->pixel].look;
-    sbl__refine_site(&k->picture->refine, k->pixel, 1, &k->site);
-    sbl__look_make(&task.spec, &k->site, 0, 1, &k->look);
+    sbl__refine_site(&k->picture->refine, k->pixel, 0, 1, &k->site);
+    sbl__look_make(&task.spec, &k->site, 0, &k->look);
     sbl__job_begin(&c->job, &c->scene, &task);
     while (result == SBL_UNFINISHED) {
         result = sbl__job_step(&c->device, &c->job, &slice);
@@ -12070,9 +12536,7 @@ static void sbl__inspect_tell(const sbl__looking *k, sbl_sensor *out) {
     const sbl__pixel *p = &k->picture->refine.pixels[k->pixel];
     const sbl__spec *spec = &k->picture->spec;
     const sbl_reading *r = &k->reading;
-    sbl__site site = k->site;
     int i;
-    site.span = p->level ? sbl__level_tile(&k->picture->refine, p->level - 1) : 1;
     out->backend = spec->traced ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
     memcpy(out->site.position, p->position, sizeof p->position);
     memcpy(out->site.normal, p->normal, sizeof p->normal);
@@ -12081,8 +12545,8 @@ static void sbl__inspect_tell(const sbl__looking *k, sbl_sensor *out) {
     memcpy(out->position, k->look.position, sizeof out->position);
     memcpy(out->normal, k->look.normal, sizeof out->normal);
     memcpy(out->radiance, p->sensed ? p->radiance : r->radiance, sizeof out->radiance);
-    out->noise = p->sensed ? p->noise : r->noise;
-    out->looks = p->sensed ? sbl__looks_of(spec, &site) : 1;
+    out->noise = p->sensed ? sbl__noise(p) : r->noise;
+    out->looks = p->sensed ? p->looks : 1;
     for (i = 0; i < 3; i++) {
         out->from_lamps[i] = k->from_lamps[i];
         out->from_surroundings[i] = SBL__MAX(r->radiance[i] - k->from_lamps[i], 0.0f);
@@ -12435,7 +12899,6 @@ static void sbl__seeing_defaults(sbl__seeing *s) {
         s->sensor_kind = s->mode == SBL_MODE_PAPER ? SBL_SENSOR_SINGLE : SBL_SENSOR_HEMICUBE;
     if (!s->sensor_size) s->sensor_size = draft ? 32 : high ? 128 : 64;
     if (sbl__zero(&s->sensor_fov)) s->sensor_fov = 135;
-    if (!s->rays) s->rays = draft ? 64 : high ? 1024 : 256;
     if (s->mode == SBL_MODE_DIRECT || s->mode == SBL_MODE_GI) s->epsilon = 0;
     else if (sbl__zero(&s->epsilon)) s->epsilon = 0.02f;
 }
@@ -12459,8 +12922,9 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
     if (!d.width && !d.height) { d.width = 640; d.height = 480; }
     if (d.width > 0 && d.height > 0 && sbl__all_zero(d.view_to_clip, 16))
         sbl_perspective(d.view_to_clip, 40, (float)d.width / (float)d.height);
-    if (!d.tile) d.tile = high ? 8 : 16;
-    if (sbl__zero(&d.threshold)) d.threshold = d.mode == SBL_MODE_PAPER ? 0.05f : draft ? 0.3f : high ? 0.07f : 0.15f;
+    if (sbl__zero(&d.error) && d.mode != SBL_MODE_PAPER) d.error = draft ? 0.05f : high ? 0.0075f : 0.015f;
+    if (!d.tile) d.tile = 16;
+    if (sbl__zero(&d.threshold) && d.mode == SBL_MODE_PAPER) d.threshold = 0.05f;
     if (!d.filter_radius) d.filter_radius = 2;
     if (!d.samples) d.samples = draft ? 1 : high ? 16 : 4;
     return d;
@@ -12473,6 +12937,8 @@ SBL_API sbl_gather_desc sbl_gather_desc_defaults(const sbl_gather_desc *desc) {
     {
         sbl__seeing seeing = SBL__SEEING(&d);
         sbl__seeing_defaults(&seeing);
+        if (!seeing.rays)
+            seeing.rays = d.preset == SBL_PRESET_DRAFT ? 64 : d.preset == SBL_PRESET_HIGH ? 1024 : 256;
         SBL__SEE(&d, &seeing);
     }
     return d;
@@ -12757,8 +13223,9 @@ SBL_API sbl_result sbl_begin(sbl_context *c, const sbl_picture_desc *desc) {
     sbl__core_begin(&c->core, &seeing);
     c->core.stats.width = d.width;
     c->core.stats.height = d.height;
+    c->core.stats.error_asked = d.error;
     for (level = 0; level < SBL_MAX_LEVELS; level++) c->core.stats.levels[level].tile = SBL__MAX(1, d.tile >> level);
-    sbl__picture_begin(&c->picture, &c->core, &d);
+    sbl__picture_begin(&c->picture, &c->core, &d, desc && desc->error > 0);
     c->work = SBL__WORK_PICTURE;
     c->core.stats.seconds.total = sbl__now() - start;
     return SBL_SUCCESS;
@@ -12872,7 +13339,7 @@ SBL_API void sbl_end(sbl_context *c) {
 
 static const struct { int components, attachment; } sbl__channels[SBL_CHANNEL_COUNT] = {
     { 3, -1 }, { 3, -1 }, { 3, SBL__GBUFFER_ALBEDO }, { 3, -1 }, { 3, -1 }, { 1, -1 }, { 1, -1 }, { 1, -1 },
-    { 3, -1 }
+    { 3, -1 }, { 1, -1 }
 };
 
 SBL_API int sbl_channel_components(sbl_channel channel) {
@@ -12890,7 +13357,8 @@ static void sbl__channel_pixel(const sbl__picture *p, sbl_channel channel, size_
     else if (channel == SBL_CHANNEL_POSITION) memcpy(out, pixel->position, sizeof pixel->position);
     else if (channel == SBL_CHANNEL_STORE) memcpy(out, pixel->stored, sizeof pixel->stored);
     else out[0] = channel == SBL_CHANNEL_ID ? (float)pixel->id
-                : channel == SBL_CHANNEL_DEPTH ? (float)depth : (float)pixel->level;
+                : channel == SBL_CHANNEL_DEPTH ? (float)depth
+                : channel == SBL_CHANNEL_ERROR ? pixel->error : (float)pixel->level;
 }
 
 /* The target that a channel is read from, or NULL where the host has it. */
@@ -12912,7 +13380,7 @@ static sbl_result sbl__channel_ready(sbl_context *c, const char *function) {
                     "sbl_step");
         return SBL_ERROR_STATE;
     }
-    if (!p->refine.rounds) return SBL_UNFINISHED;
+    if (!p->refine.weighed) return SBL_UNFINISHED;
     sbl__visit_enter(c, &visit);
     result = sbl__picture_watch(&c->core, p);
     if (result != SBL_SUCCESS && visit.inside == SBL__INSIDE_NOTHING) sbl__abandon(c);

@@ -157,6 +157,7 @@ static int show_penumbra(sbl_context *context, sbl_preset preset, const char *fo
     sbl_scene_desc scene = { .meshes = w.meshes, .materials = materials, .material_count = MATERIALS, .textures = &window_picture, .texture_count = 1 };
     sbl_picture_desc view = { .width = WIDTH, .height = HEIGHT, .preset = preset, .samples = 4 };
     int i;
+    view.rays = preset == SBL_PRESET_DRAFT ? 64 : preset == SBL_PRESET_HIGH ? 1024 : 256;  /* of each sensor */
     w.count = 0;
     ADD(&w, quad, 0, 0, 0, 12, 1, 12, WHITE);
     ADD(&w, box, -0.8f, 0.9f, -0.2f, 1.6f, 0.06f, 1.4f, BLUE);  /* a table */

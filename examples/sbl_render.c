@@ -128,7 +128,7 @@ static struct options {
     const char *scene, *output, *stats, *sky_picture, *store;
     int channel, mode, preset, backend;
     int size[2], inspect[2];
-    double eye[3], look_at[3], up[3], fov, sky[3], sky_rotation, sky_scale, sky_up[3], epsilon, sensor_fov, threshold, facet_limit, exposure;
+    double eye[3], look_at[3], up[3], fov, sky[3], sky_rotation, sky_scale, sky_up[3], epsilon, sensor_fov, error, threshold, facet_limit, exposure;
     int rays, bounce_samples, sensor_size, tile, filter_radius, samples, seed;
     scene_file_options reading;
 } options = { .output = "sbl.png", .size = { 640, 480 }, .up = { 0, 1, 0 }, .fov = 40, .sky_scale = 1, .sky_up = { 0, 1, 0 }, .facet_limit = 2 };
@@ -137,7 +137,7 @@ typedef enum option_kind { FLAG, TEXT, CHOICE, INTEGERS, NUMBERS, LIST, BYTES } 
 
 enum { CHANNEL_WORDS, MODE_WORDS, PRESET_WORDS, BACKEND_WORDS };
 static const char *const words[][SBL_CHANNEL_COUNT + 1] = {
-    { "final", "radiance", "albedo", "normal", "position", "id", "depth", "sensors", "store", NULL },  /* as sbl_channel */
+    { "final", "radiance", "albedo", "normal", "position", "id", "depth", "sensors", "store", "error", NULL },  /* as sbl_channel */
     { "gi", "ambient", "direct", "paper", NULL },
     { "draft", "default", "high", NULL },
     { "auto", "raster", "trace", NULL } };
@@ -146,7 +146,7 @@ static const sbl_backend backends[] = { SBL_BACKEND_AUTO, SBL_BACKEND_RASTER, SB
 static const sbl_preset presets[] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL_PRESET_HIGH };
 
 enum {
-    OUTPUT, CHANNEL, SIZE, EYE, LOOK_AT, UP, FOV, SKY, SKY_ROTATION, SKY_SCALE, SKY_UP, MODE, PRESET, BACKEND, RAYS, BOUNCE_SAMPLES, EPSILON, SENSOR_SIZE, SENSOR_FOV, TILE, THRESHOLD, FACET_LIMIT,
+    OUTPUT, CHANNEL, SIZE, EYE, LOOK_AT, UP, FOV, SKY, SKY_ROTATION, SKY_SCALE, SKY_UP, MODE, PRESET, ERROR, BACKEND, RAYS, BOUNCE_SAMPLES, EPSILON, SENSOR_SIZE, SENSOR_FOV, TILE, THRESHOLD, FACET_LIMIT,
     FILTER_RADIUS, SAMPLES, EXPOSURE, SEED, INSPECT, STATS, ALLOW_PATH, MEMORY, READ_TIME, STORE, QUIET, VERBOSE, HELP, VERSION, OPTION_COUNT
 };
 
@@ -161,7 +161,8 @@ static const struct option {
     [OUTPUT]        = { "--output", "FILE", TEXT, &options.output, 0, 0, 0, "also -o; .png (8-bit sRGB), .pfm or .exr (linear float32); default sbl.png" },
     [CHANNEL]       = { "--channel", "NAME", CHOICE, &options.channel, CHANNEL_WORDS, 0, 0,
                         "final (default) | radiance (R: light without surface colour) | albedo | normal | position | id | depth |\n"
-                        "sensors (which pixels had a sensor, by level) | store (what is kept of bounced light, cell by cell)" },
+                        "sensors (which pixels had a sensor, by level) | store (what is kept of bounced light, cell by cell) |\n"
+                        "error (how far radiance is predicted to be off: one standard deviation of its luminance)" },
     [SIZE]          = { "--size", "WxH", INTEGERS, options.size, 2, 1, 16384, "pixels; default 640x480" },
     [EYE]           = { "--eye", "X,Y,Z", NUMBERS, options.eye, 3, -1e18, 1e18, "where the camera stands" },
     [LOOK_AT]       = { "--look-at", "X,Y,Z", NUMBERS, options.look_at, 3, -1e18, 1e18, "what it looks at" },
@@ -179,16 +180,19 @@ static const struct option {
                         "epsilon, tiles, Gaussian)" },
     [PRESET]        = { "--preset", "NAME", CHOICE, &options.preset, PRESET_WORDS, 0, 0, "draft | default | high" },
     [BACKEND]       = { "--backend", "NAME", CHOICE, &options.backend, BACKEND_WORDS, 0, 0, "auto (default: trace; raster in mode paper) | raster | trace" },
-    [RAYS]          = { "--rays", "N", INTEGERS, &options.rays, 1, 1, 4096, "samples of a traced sensor; default 64, 256, 1024 by preset" },
+    [ERROR]         = { "--error", "E", NUMBERS, &options.error, 1, 0.0001, 1,
+                        "how far radiance may be off, such as 2% or 0.02: root mean square over the picture, as a share of its mean;\n"
+                        "default 5%, 1.5%, 0.75% by preset, or what 16 looks a sensor give" },
+    [RAYS]          = { "--rays", "N", INTEGERS, &options.rays, 1, 1, 4096, "samples of a traced sensor, the same for all; default: as many as the error takes" },
     [BOUNCE_SAMPLES] = { "--bounce-samples", "N", INTEGERS, &options.bounce_samples, 1, 1024, 1048576,
                          "places that bounced light is stored for, in mode gi, at most: more where light comes through gaps or geometry\n"
                          "is fine; about 4 KB of memory each; default 49152" },
     [EPSILON]       = { "--epsilon", "E", NUMBERS, &options.epsilon, 1, 0, 1e30, "ambient factor of the modes paper and ambient; default 0.02" },
     [SENSOR_SIZE]   = { "--sensor-size", "N", INTEGERS, &options.sensor_size, 1, 4, 512, "texels across a sensor's view; default 32, 64, 128 by preset" },
     [SENSOR_FOV]    = { "--sensor-fov", "DEGREES", NUMBERS, &options.sensor_fov, 1, 1, 179, "mode paper only; default 135" },
-    [TILE]          = { "--tile", "N", INTEGERS, &options.tile, 1, 1, 1024, "first distance between sensors in pixels, 1 senses every pixel; default 16, 16, 8 by preset" },
+    [TILE]          = { "--tile", "N", INTEGERS, &options.tile, 1, 1, 1024, "first distance between sensors in pixels, 1 senses every pixel; default 16" },
     [THRESHOLD]     = { "--threshold", "T", NUMBERS, &options.threshold, 1, 0, 1e30,
-                        "refine where neighbours differ by more: a share of their mean, default 0.3, 0.15, 0.07 by preset;\n"
+                        "refine where neighbours differ by more, instead of where the error says: a share of their mean;\n"
                         "in mode paper a radiance, default 0.05" },
     [FACET_LIMIT]   = { "--facet-limit", "PIXELS", NUMBERS, &options.facet_limit, 1, 0, 1e30,
                         "triangles of smaller height are lit by their true normals, larger ones by the file's; default 2" },
@@ -257,6 +261,7 @@ static int parse_numbers(const struct option *o, const char *text) {
             numbers[i] = strtod(text, &end);
             if (end == text) return 0;
             text = end;
+            if (o == &table[ERROR] && *text == '%') { numbers[i] /= 100; text++; }
         }
         if (!(numbers[i] >= o->low && numbers[i] <= o->high)) return 0;
     }
@@ -467,7 +472,9 @@ static unsigned char *make_visible(const image *in, sbl_channel channel) {
             double x = (double)v[n == 3 ? k : 0];
             int c = n == 3 ? k : 0;
             switch (channel) {
-                case SBL_CHANNEL_FINAL: case SBL_CHANNEL_RADIANCE: case SBL_CHANNEL_STORE: sbl_encode_srgb8(to + k, v + c, 1, exposure); break;
+                case SBL_CHANNEL_FINAL: case SBL_CHANNEL_RADIANCE: case SBL_CHANNEL_STORE: case SBL_CHANNEL_ERROR:
+                    sbl_encode_srgb8(to + k, v + c, 1, exposure);
+                    break;
                 case SBL_CHANNEL_ALBEDO: sbl_encode_srgb8(to + k, v + c, 1, 1); break;
                 case SBL_CHANNEL_NORMAL: to[k] = surface ? to_byte(0.5 + 0.5 * x) : 0; break;
                 case SBL_CHANNEL_POSITION: to[k] = surface ? to_byte(high[c] > low[c] ? (x - low[c]) / (high[c] - low[c]) : 0.5) : 0; break;
@@ -605,6 +612,7 @@ static int write_stats(FILE *out, const sbl_context *context, const totals *all)
     fprintf(out, "\",\n  \"mode\": \"%s\",\n  \"size\": [%d, %d],\n  \"triangles\": %d,\n  \"lights\": %d,\n  \"visible_pixels\": %d,\n", mode, s.width,
             s.height, s.triangles, all->lights, s.visible_pixels);
     fprintf(out, "  \"backend\": \"%s\",\n", s.backend == SBL_BACKEND_TRACE ? "trace" : "raster");
+    fprintf(out, "  \"error\": {\"asked\": %.6g, \"expected\": %.6g},\n", (double)s.error_asked, (double)s.error_expected);
     fprintf(out, "  \"sensors\": %.0f,\n  \"sensor_views\": %.0f,\n  \"sensor_texels\": %.0f,\n  \"rays\": %.0f,\n  \"bounce_samples\": %d,\n  \"bounce_rays\": %.0f,\n"
             "  \"levels\": [",
             (double)s.sensors, (double)s.sensor_views, (double)s.sensor_texels, (double)s.rays, s.bounce_samples, (double)s.bounce_rays);
@@ -821,6 +829,7 @@ static void fill_desc(sbl_picture_desc *desc, progress *bar) {
     if (given[MODE]) desc->mode = modes[options.mode];
     if (given[PRESET]) desc->preset = presets[options.preset];
     desc->backend = backends[options.backend];
+    desc->error = (float)options.error;
     desc->rays = options.rays;
     desc->sensor_size = options.sensor_size;
     desc->sensor_fov = (float)options.sensor_fov;

@@ -7,15 +7,15 @@ uniform usampler2D ids;
 uniform int radius;
 uniform float falloff;       // 1 / (2 sigma^2), sigma in pixels
 uniform int geometry_aware;
-uniform float tolerance;     // noise that is there in any case, relative
 layout(location = 0) out vec4 out_radiance;
 
+const float SBL_VISIBLE = 0.01;  // relative difference that is as good as none
 const float SBL_DOUBT = 0.25;  // how fast trust falls with the square of a difference over the noise
 
 // 1 where noise alone explains the difference, nearing 0 where it is several times as large.
 float sbl_alike(vec4 a, vec4 b) {
     vec3 apart = abs(a.rgb - b.rgb);
-    float noise = a.a + b.a + tolerance * (max(a.r, max(a.g, a.b)) + max(b.r, max(b.g, b.b)));
+    float noise = a.a + b.a + SBL_VISIBLE * (max(a.r, max(a.g, a.b)) + max(b.r, max(b.g, b.b)));
     float difference = max(apart.r, max(apart.g, apart.b)) / max(noise, 1e-30);
     return exp(-SBL_DOUBT * difference * difference);
 }

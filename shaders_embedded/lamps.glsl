@@ -25,13 +25,14 @@ SBL_OUT(0, out_light);                // a ray: what it brought; 1: open, 2: hid
                                       // that is hidden
 SBL_OUT(1, out_way);                  // a ray: its direction, its lamp's leaf. An entry: 0 0 0, its leaf
 #else
-SBL_OUT(0, out_light);                // R, each part's own; the variance of its channels' mean
+SBL_OUT(0, out_light);                // R, each part's own; the variance of its luminance
 #endif
 
 const float PI = 3.14159265;
+const vec3 SBL_LUMINANCE = vec3(0.2126, 0.7152, 0.0722);
 const int SBL_CERTAIN = 32;         // so many points of light get a ray each
-const float SBL_STRATA = 0.1;       // stratified points have far less variance than independent ones: a tenth is
-                                    // what edges across a lamp leave
+const float SBL_STRATA = 1.3;       // variance of n stratified points, as a share of independent ones', times the
+                                    // root of n: what edges across a lamp leave, measured
 const float SBL_OPENING = 0.3;      // a cluster whose radius is a smaller share of its distance is not opened ...
 const int SBL_OPENINGS = 12;        // ... or of twice as much, and so on, until all entries have room
 const float SBL_SPARSE = 16.0;      // rays that a group must get on average, to be known by a ratio
@@ -482,7 +483,7 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, int rim, bool poi
     if (point) sure += light;
     else if (cluster) {
         sampled += light;
-        float mean = dot(light, vec3(1.0 / 3.0));
+        float mean = dot(light, SBL_LUMINANCE);
         squares += mean * mean;
     } else {
         seen += outerProduct(light, l.group);
@@ -494,26 +495,26 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, int rim, bool poi
 
 // All is open, or nothing: the first rays tell; so do clusters that are alike.
 bool sbl_undecided() {
-    float mean = dot(sampled, vec3(1.0 / 3.0)) / max(taken, 1.0);
+    float mean = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);
     float error = (squares / max(taken, 1.0) - mean * mean) / max(taken, 1.0);
     bool mixed = dot(bright, dark) > 0.0 || (seen[0] != vec3(0) && seen[0] != open[0]) ||
                  (seen[1] != vec3(0) && seen[1] != open[1]);
-    return mixed || SBL_STRATA * error > SBL_KNOWN * mean * mean;
+    return mixed || SBL_STRATA * inversesqrt(max(taken, 1.0)) * error > SBL_KNOWN * mean * mean;
 }
 
-// R, and the variance of its channels' mean.
+// R, and the variance of its luminance.
 vec4 sbl_combine() {
-    float clusters = dot(sampled, vec3(1.0 / 3.0)) / max(taken, 1.0);
-    float variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) / max(taken, 1.0);
+    float clusters = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);
+    float variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * pow(max(taken, 1.0), -1.5);
     vec3 light = sure + sampled / max(taken, 1.0);
     for (int g = 0; g < 2; g++) {
         vec3 share = vec3(open[g].r > 0.0 ? seen[g].r / open[g].r : 0.0,
                           open[g].g > 0.0 ? seen[g].g / open[g].g : 0.0,
                           open[g].b > 0.0 ? seen[g].b / open[g].b : 0.0);
-        float mean = dot(whole[g], vec3(1.0 / 3.0)), lit_share = lit[g] / max(samples[g], 1.0);
+        float mean = dot(whole[g], SBL_LUMINANCE), lit_share = lit[g] / max(samples[g], 1.0);
         if (sparse[g] > 0.0) continue;
         light += whole[g] * share;
-        variance += mean * mean * lit_share * (1.0 - lit_share) / max(samples[g], 1.0);
+        variance += mean * mean * lit_share * (1.0 - lit_share) * pow(max(samples[g], 1.0), -1.5);
     }
     return vec4(light, SBL_STRATA * variance * unit * scale) * unit * scale;
 }

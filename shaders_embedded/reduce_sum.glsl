@@ -10,8 +10,7 @@ uniform sampler2D lights;  // parts texels a sensor, one below the other, whose 
                            // variance
 uniform int parts;         // 0: there are none
 layout(location = 0) out vec4 out_sum;
-layout(location = 1) out vec4 out_hits;  // w: the variance of the light's mean over the channels, where rays
-                                         // sampled it
+layout(location = 1) out vec4 out_hits;  // w: the variance of its luminance, where rays sampled it
 
 void main() {
     int sensor = int(gl_FragCoord.y) * width + int(gl_FragCoord.x);
@@ -30,9 +29,6 @@ void main() {
         sum += row;
         hits.xyw += row_hits.xyw;
     }
-    // where rays were traced, blocks are independent estimates of a share each, and w sums their squares
-    float n = float(blocks.x * blocks.y), mean = dot(sum.rgb, vec3(1.0 / 3.0));
-    hits.w = n > 1.0 ? max((hits.w - mean * mean / n) * n / (n - 1.0), 0.0) : 0.0;
     for (int i = 0; i < parts; i++) {
         ivec2 at = ivec2(slot % columns, slot / columns * parts + i);
         vec4 light = texelFetch(lights, at, 0) / float(parts);

@@ -421,6 +421,7 @@ static int box_render(sbl_context *context, int hemicube, int size, int side, sb
     view.sensor_kind = hemicube ? SBL_SENSOR_HEMICUBE : SBL_SENSOR_SINGLE;
     view.backend = SBL_BACKEND_RASTER;
     view.sensor_size = size;
+    view.rays = 256;
     view.tile = 1;
     view.filter_radius = -1;
     view.samples = 1;
@@ -699,7 +700,7 @@ static int place_render(place *p, sbl_backend backend, int amount, int side, uin
     view.epsilon = 1;
     view.backend = backend;
     if (backend == SBL_BACKEND_TRACE) view.rays = amount;
-    else view.sensor_size = amount;
+    else { view.sensor_size = amount; view.rays = 256; }
     view.tile = 1;
     view.filter_radius = -1;
     view.samples = 1;

@@ -278,6 +278,7 @@ static inline sbl_picture_desc scene_plain(sbl_picture_desc view, sbl_mode mode,
     view.filter_radius = -1;
     view.samples = 1;
     view.sensor_size = sensor_size;
+    view.rays = 256;
     if (sensor_size) view.backend = SBL_BACKEND_RASTER;
     return view;
 }

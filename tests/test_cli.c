@@ -543,7 +543,7 @@ static void inspect_with(const char *backend, const char *seen) {
 
 TEST(a_sensor_can_be_inspected) {
     room_obj();
-    inspect_with("trace", " 256 rays\n");
+    inspect_with("trace", " 32 rays\n");
     inspect_with("raster", " 5 views, 16 x 12 texels\n");
     CHECK(TOOL(ROOM, "--inspect", "24,0", "-o", "outside.png") == 1 && ran.err_lines == 1 && !exists("outside.png"),
           "outside of the picture: exit status %d: %s", ran.status, ran.err);
@@ -819,7 +819,7 @@ static double wall_mean(int k, double *deviation) {
     free(p.values);
     return sum;
 }
-#define WALL_IN_THE_OPEN "lone.obj", "--eye", "0.5,0,0", "--look-at", "0,0,0", "--fov", "60", "--size", "12x12", "--mode", "direct", "--quiet", "--channel", "radiance", "-o", "sky.pfm"
+#define WALL_IN_THE_OPEN "lone.obj", "--eye", "0.5,0,0", "--look-at", "0,0,0", "--fov", "60", "--size", "12x12", "--mode", "direct", "--rays", "256", "--quiet", "--channel", "radiance", "-o", "sky.pfm"
 static void check_sky(double expected, double tolerance, const char *what) {
     double deviation, mean = wall_mean(1, &deviation);
     CHECK(ran.status == 0 && fabs(mean - expected) <= tolerance && deviation <= tolerance, "%s: exit status %d, R is %g +- %g, expected %g: %s", what, ran.status,

@@ -41,6 +41,26 @@ static void tally_add(tally *t, double r, double expected) {
 static double tally_error(const tally *t) { return sqrt(t->squares / t->count) / (t->expected_sum / t->count); }
 static double tally_bias(const tally *t) { return t->sum / t->expected_sum - 1; }
 
+/* What is predicted is what was asked for, or less, and the pixels' predictions make it up. */
+static void check_prediction(const sbl_picture_desc *view, const sbl_stats *stats, const float *radiance) {
+    float *error = scene_channel(context, view, SBL_CHANNEL_ERROR), *id = scene_channel(context, view, SBL_CHANNEL_ID);
+    double squares = 0, sum = 0;
+    int i, wrong = 0;
+    for (i = 0; i < SIZE * SIZE; i++) {
+        wrong += id[i] != 0 ? !(error[i] >= 0 && error[i] < 1) : error[i] != 0;
+        squares += (double)error[i] * (double)error[i];
+        sum += 0.2126 * (double)radiance[3 * i] + 0.7152 * (double)radiance[3 * i + 1] + 0.0722 * (double)radiance[3 * i + 2];
+    }
+    squares = sqrt(squares * stats->visible_pixels) / sum;
+    printf("  asked for %.3f %%, predicted %.3f %%, by pixels %.3f %%\n", 100 * (double)stats->error_asked, 100 * (double)stats->error_expected, 100 * squares);
+    CHECK(wrong == 0, "%d pixels have a strange error", wrong);
+    CHECK(stats->error_asked == view->error && stats->error_expected <= stats->error_asked && stats->error_expected > 0.5f * stats->error_asked,
+          "asked for %g, %g is predicted", (double)stats->error_asked, (double)stats->error_expected);
+    CHECK(squares > 0.8 * (double)stats->error_expected && squares < 1.2 * (double)stats->error_expected, "pixels' errors make %.3f %%", 100 * squares);
+    free(error);
+    free(id);
+}
+
 TEST(refinement_on_the_cornell_box) {
     test_scene s = { 0 };
     sbl_scene_desc desc;
@@ -53,7 +73,7 @@ TEST(refinement_on_the_cornell_box) {
     sbl_stats stats;
     v3 lamp[4];
     uint64_t seed = 1;
-    double share;
+    double share, off;
     int n, i, k, x, y;
     memset(everywhere, 0, sizeof everywhere);
     scene_cornell_box(&s);
@@ -61,16 +81,19 @@ TEST(refinement_on_the_cornell_box) {
     reference = ref_create(&desc);
     for (i = 0; i < 4; i++) lamp[i] = v3_from((const float *)s.meshes[1].positions.data + 3 * i);
     view.mode = SBL_MODE_DIRECT;
+    view.error = 0.004f;
     if (!scene_render(context, &s, &view)) goto done;
     stats = sbl_query_stats(context);
     radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
     share = (double)stats.sensors / stats.visible_pixels;
+    check_prediction(&view, &stats, radiance);
     for (n = 0; n < WINDOWS * WINDOWS; n++) {
         int x0 = 10 + n % WINDOWS * (SIZE - WINDOW - 20) / (WINDOWS - 1), y0 = 10 + n / WINDOWS * (SIZE - WINDOW - 20) / (WINDOWS - 1);
         sbl_picture_desc window = window_of(view, x0, y0, WINDOW);
         const int ways = n % 5 ? RASTER : WAYS;
         float *parts[WAYS];
         window.tile = 1;
+        window.rays = 256;
         for (k = 0; k < ways; k++) {
             if (k != FILTERED) window.filter_radius = -1;
             if (k == RASTER) { window.backend = SBL_BACKEND_RASTER; window.sensor_size = 128; }
@@ -99,6 +122,9 @@ TEST(refinement_on_the_cornell_box) {
     CHECK(tiled.count > 12000, "only %d pixels are compared", tiled.count);
     CHECK(tally_error(&noise) < 0.0045, "the reference is too noisy: %.2f %%", 100 * tally_error(&noise));
     CHECK(share <= 0.2, "%.1f %% of the pixels are sensed", 100 * share);
+    off = sqrt(fmax(tally_error(&tiled) * tally_error(&tiled) - tally_error(&noise) * tally_error(&noise), 0));
+    CHECK(off < 1.5 * (double)stats.error_expected && off > 0.4 * (double)stats.error_expected, "R is off by %.3f %%, %.3f %% was predicted", 100 * off,
+          100 * (double)stats.error_expected);
     CHECK(tally_error(&tiled) < 0.0052 && fabs(tally_bias(&tiled)) < 0.0005, "by default R is off by %.2f %%, bias %+.3f %%",
           100 * tally_error(&tiled), 100 * tally_bias(&tiled));
     for (k = 0; k < WAYS; k++) {

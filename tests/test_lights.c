@@ -170,7 +170,8 @@ static void add_lamp(test_scene *s, int kind, v3 c, double size) {
 static sbl_picture_desc patch(int width, int height, double size, double x, double z, int plain) {
     sbl_picture_desc view = scene_view(width, height, (float)(360 / REF_PI * atan(size / 6)), (float)x, 3, (float)z, (float)x, 0, (float)z);
     view.mode = SBL_MODE_DIRECT;
-    if (plain) { view.tile = 1; view.filter_radius = -1; view.samples = 1; }
+    if (plain) { view.tile = 1; view.filter_radius = -1; view.samples = 1; view.rays = 256; }
+    else view.error = 0.002f;
     return view;
 }
 
@@ -391,7 +392,7 @@ static void half_covered(sbl_backend backend, int plain, int steps, double rms_a
         add_floor(&s);
         add_lamp(&s, kind, v3_of(0, 1, 0), kind == SUN ? sin(5 * REF_PI / 180) : 0.4);
         snprintf(name, sizeof name, "%s%s", kind_names[kind], backend == SBL_BACKEND_RASTER ? ", raster" : plain ? "" : ", default settings");
-        /* of a ball's triangles half are hidden by the others, and get half of the rays */
+        /* of a ball's triangles half are hidden by the others, and get half of the rays. By default 0.2 % are asked for */
         sweep(name, &s, reach, view, steps, rms_allowed, (kind == BALL ? 2 : 1) * jump_allowed);
         scene_free(&s);
     }
@@ -399,7 +400,7 @@ static void half_covered(sbl_backend backend, int plain, int steps, double rms_a
 
 /* One look of one sensor, unfiltered. */
 TEST(half_covered_single_looks) { half_covered(SBL_BACKEND_AUTO, 1, 200, 0.012, 0.04); }
-TEST(half_covered_default_settings) { half_covered(SBL_BACKEND_AUTO, 0, 200, 0.0035, 0.01); }
+TEST(half_covered_default_settings) { half_covered(SBL_BACKEND_AUTO, 0, 200, 0.004, 0.016); }
 
 TEST(half_covered_raster) { half_covered(SBL_BACKEND_RASTER, 1, 50, 0.012, 0.04); }
 
@@ -633,7 +634,8 @@ static void sun_in_a_picture(int number, int wall, int plain) {
         printf("    %s: mean %+.3f %%, %.3f %% rms\n", name, 100 * mean, 100 * rms);
         CHECK(counts[i] > 30, "%s: %d pixels", name, counts[i]);
         CHECK(fabs(mean) < (plain ? 0.003 : 0.005), "%s: mean R is off by %+.3f %%", name, 100 * mean);
-        CHECK(rms < (plain ? 0.015 : 0.01), "%s: R is off by %.3f %% rms", name, 100 * rms);
+        /* what is asked for is a share of the lit floor's light */
+        CHECK(rms < (plain || !i ? 0.015 : 0.01), "%s: R is off by %.3f %% rms", name, 100 * rms);
     }
     ref_destroy(scene);
     scene_free(&s);
@@ -819,7 +821,7 @@ TEST(contact_shadows_touch) {
                             /* at the box's corners a pixel's side may look past them */
                             if (x == 0 || x == view.width - 1 || id[at - view.width - 1] < 2 || id[at - view.width + 1] < 2) continue;
                             feet++;
-                            CHECK(radiance[3 * at] == 0, "scale %g, %s and %s%s: R at the foot of column %d is %g", (double)scale, sheet ? "sheet" : "box",
+                            CHECK(radiance[3 * at] < 1e-6f, "scale %g, %s and %s%s: R at the foot of column %d is %g", (double)scale, sheet ? "sheet" : "box",
                                   kind % 3 ? "sun" : "point", plain ? "" : ", default settings", x, (double)radiance[3 * at]);
                         }
                     free(radiance);

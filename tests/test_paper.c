@@ -390,6 +390,7 @@ TEST(interpolation_stays_on_its_surface) {
         double worst;
         view.mode = SBL_MODE_DIRECT;
         view.sensor_size = 32;
+        view.rays = 256;
         view.threshold = kind < 2 ? 0 : 1e6f;
         view.filter_radius = kind < 2 ? 0 : -1;
         s.meshes[0].id = kind % 2 ? 7 : 0;

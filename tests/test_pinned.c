@@ -139,23 +139,23 @@ static uint64_t hash_of(const sbl_picture_desc *view) {
 /* renderer: part of GL_RENDERER; version: part of GL_VERSION */
 static const struct { const char *renderer, *version; uint64_t hashes[PINS]; } pins[] = {
     { "llvmpipe (LLVM 15.0.6, 256 bits)", "Mesa 22.3.6", {
-        0x9a5dc445a8f0678au,  /* cornell_ambient_traced */
-        0xae0cefa7c3c7c0eeu,  /* cornell_direct_traced */
-        0xd60fd016589166d8u,  /* cornell_direct_high */
-        0xefdcb4693f394ad7u,  /* cornell_ambient_rasterised */
-        0x7253f009c1b5148du,  /* cornell_paper */
-        0xb938efaa8fa81bc3u,  /* everything_ambient_traced */
-        0xaeb0d1de87ee2e1au,  /* everything_ambient_rasterised */
-        0x291fab4bdbb3bf2fu,  /* everything_paper */
-        0x30d4f164a8fbebc9u,  /* lights_direct_traced */
-        0x02adf8db283e08d3u,  /* lights_direct_rasterised */
-        0x8f9a5ca5a89c34ffu,  /* sky_ambient_traced */
-        0x1220b0c15355c2d4u,  /* sky_ambient_rasterised */
-        0x5651773c8339295bu,  /* many_lamps_direct_traced */
-        0xd785897890685941u,  /* many_lamps_direct_rasterised */
-        0x5830cffb3ccb607bu,  /* cornell_gi_traced */
-        0x2f6bfff31d1ae0d9u,  /* cornell_gi_rasterised */
-        0x334434d4dda18de9u,  /* sky_gi_traced */ } }
+        0x104972c7fff45a21u,  /* cornell_ambient_traced */
+        0x1fad02180258934du,  /* cornell_direct_traced */
+        0xffbd7f1248de57a4u,  /* cornell_direct_high */
+        0x4167a657b6bc7801u,  /* cornell_ambient_rasterised */
+        0xce132c492558648du,  /* cornell_paper */
+        0x204346891a77301au,  /* everything_ambient_traced */
+        0x02d9f3efe85518e6u,  /* everything_ambient_rasterised */
+        0x273c1be276d6732fu,  /* everything_paper */
+        0x9731816895c0f243u,  /* lights_direct_traced */
+        0x6c57405f62f9ee87u,  /* lights_direct_rasterised */
+        0x52e70bdc504f9bc4u,  /* sky_ambient_traced */
+        0x12f3c814edca4ad2u,  /* sky_ambient_rasterised */
+        0x859042ed63a7915au,  /* many_lamps_direct_traced */
+        0xee7e725881bdf016u,  /* many_lamps_direct_rasterised */
+        0x31bab25d41dc9cc1u,  /* cornell_gi_traced */
+        0x867927995cd14c7eu,  /* cornell_gi_rasterised */
+        0xf1c89417186e0a47u,  /* sky_gi_traced */ } }
 };
 
 TEST(pictures_are_the_same_as_ever) {
