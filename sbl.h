@@ -12084,10 +12084,11 @@ static float sbl__picture_progress(const sbl__core *c, const sbl__picture *p) {
     if (p->stage == SBL__STAGE_FILTER) return 0.94f;
     if (p->stage >= SBL__STAGE_SAMPLE) return 0.95f + 0.05f * (float)p->resolved / (float)p->desc.samples;
     if (p->stage >= SBL__STAGE_FILL && !p->previewing) return 0.93f;
-    if (r->weighed) share = 0.2;
+    if (r->weighed) share = 0.03;
     if (r->weighed && asked > 0 && first > asked)
-        share += 0.8 * log(first / SBL__MAX(r->predicted, asked)) / log(first / asked);
-    if (p->stage == SBL__STAGE_SENSE) share += 0.5 * (1 - share) * (double)sbl__job_progress(&c->job);
+        share += 0.97 * log(first / SBL__MAX(r->predicted, asked)) / log(first / asked);
+    if (p->stage == SBL__STAGE_SENSE && r->weighed) share += 0.5 * (1 - share) * (double)sbl__job_progress(&c->job);
+    else if (p->stage == SBL__STAGE_SENSE) share = 0.03 * (double)sbl__job_progress(&c->job);
     return 0.02f + 0.9f * (float)SBL__MIN(SBL__MAX(share, 0.0), 1.0);
 }
 
