@@ -749,12 +749,12 @@ typedef struct sbl_picture_desc {
                                   see ON ERROR. Default: 0.05 / 0.015 / 0.0075,
                                   or what 16 looks a sensor give */
     int rays;                  /* of a traced sensor, the same for all, 1 to 4096, and at most as many more towards
-                                  lamps. Default: as many as the error takes */
+                                  lamps. Default: 0, as many as the error takes */
     int sensor_size;           /* of a rasterised sensor: texels across a view, 4 to 512. Default: 32 / 64 / 128 */
     float sensor_fov;          /* degrees, SBL_SENSOR_SINGLE only, 1 to 179. Default: 135 */
     int tile;                  /* first distance between sensors in pixels, 1 (every pixel) to 1024. Default: 16 */
     float threshold;           /* refine where neighbours differ by more, instead of where the error says: a share of
-                                  their mean, in SBL_MODE_PAPER a radiance. Default: none, paper 0.05 */
+                                  their mean, in SBL_MODE_PAPER a radiance. Default: 0, none, paper 0.05 */
     float epsilon;             /* ambient factor of SBL_MODE_AMBIENT and SBL_MODE_PAPER. Default: 0.02 (SBL_MODE_DIRECT:
                                   always 0, and so in SBL_MODE_GI) */
     float facet_limit;         /* pixels: triangles of smaller height on the screen are lit by their true normals, since
@@ -844,8 +844,8 @@ typedef struct sbl_gather_desc {
     sbl_preset preset;
     sbl_sensor_kind sensor_kind;
     sbl_backend backend;
-    int rays;                  /* given, all are sent; by default few where nothing but lamps shines, since there they
-                                  only tell hit_share to valid */
+    int rays;                  /* given, all are sent; else few where nothing but lamps shines, since there they only
+                                  tell hit_share to valid. Default: 64 / 256 / 1024 */
     int sensor_size;
     float sensor_fov;
     float epsilon;

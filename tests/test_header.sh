@@ -187,7 +187,7 @@ defaults_agree() {
     # a field and its comment on one line
     awk '{ if (inside) { sub(/^ */, " "); line = line $0 } else line = $0; inside = line ~ /\/\*/ && line !~ /\*\//; if (!inside) print line }' \
         sbl.h > "$folder/joined"
-    # sbl_gather_desc has the defaults of the fields that it shares
+    # sbl_gather_desc has the defaults of the fields that it shares, but where it says so
     awk '
         /^typedef struct sbl_(picture|gather)_desc \{/ { inside = 1; gather = /gather/ }
         /^\}/ { inside = 0 }
@@ -198,7 +198,7 @@ defaults_agree() {
             gsub(/,|\[[^]]*\]/, " ", names)
             count = split(names, name, " ")
         }
-        inside && gather { if (name[1] in known) print "gather." name[1], known[name[1]]; next }
+        inside && gather && !/Default: / { if (name[1] in known) print "gather." name[1], known[name[1]]; next }
         inside && /Default: / {
             text = $0
             sub(/.*Default: /, "", text)
@@ -208,7 +208,7 @@ defaults_agree() {
             for (i = 1; i <= count; i++) {
                 if (values ~ /\//) known[name[i]] = value[1] " " value[3] " " value[5]
                 else known[name[i]] = value[i] " " value[i] " " value[i]
-                print name[i], known[name[i]]
+                print (gather ? "gather." : "") name[i], known[name[i]]
             }
         }' "$folder/joined" | sed 's/\. / /g; s/\.$//' > "$folder/said"
     sed -n '/^typedef struct sbl_context_desc {/,/^}/s/^ *int \([a-z_]*\);.* 0: \([0-9][0-9]*\).*/\1 \2/p

@@ -29,6 +29,7 @@ int main(void) {
     printf("view_to_clip %.4g %.4g %.4g\n", fov_y(&d[0]), fov_y(&d[1]), fov_y(&d[2]));
     PRINT(sensor_size);
     PRINT(sensor_fov);
+    PRINT(error);
     PRINT(rays);
     PRINT(tile);
     PRINT(threshold);
