@@ -291,7 +291,7 @@
    enough.
 
    How true it is, at 8, 4, 2 and 1 %, against references: the true error is 0.7 to 1.2 times the prediction in the
-   Cornell box and a staircase room, up to 1.4 times in a room lit through windows. What cannot be told: a shadow that
+   Cornell box and a staircase room, up to 1.5 times in a room lit through windows. What cannot be told: a shadow that
    slips between all sensors of the first level, `tile` pixels apart; a window that no ray has met; what the store of
    bounced light is off by as a whole, 0.5 to 1 %, so that less than 1 % of error asks for more than there is in
    SBL_MODE_GI.
