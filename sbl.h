@@ -1175,9 +1175,6 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 #define SBL__COUNT(array) ((int)(sizeof(array) / sizeof((array)[0])))
 #define SBL__PI 3.14159265358979323846
 #define SBL__MIN(a, b) ((a) < (b) ? (a) : (b))
-#define SBL__LUMINANCE 0.2126f, 0.7152f, 0.0722f  /* of linear sRGB */
-#define SBL__LUMINANCE 0.2126f, 0.7152f, 0.0722f  /* of linear sRGB */
-#define SBL__LUMINANCE_OF(c) (0.2126f * (c)[0] + 0.7152f * (c)[1] + 0.0722f * (c)[2])
 #define SBL__MAX(a, b) ((a) > (b) ? (a) : (b))
 
 static double sbl__now(void) {
@@ -1298,6 +1295,9 @@ static int sbl__zero(const float *x) { return sbl__all_zero(x, 1); }
 static int sbl__between(const float *x, float low, float high) { return sbl__finite(x) && *x >= low && *x <= high; }
 
 static float sbl__dot(const float a[3], const float b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+static const float sbl__luminance_weights[3] = { 0.2126f, 0.7152f, 0.0722f };  /* of linear sRGB */
+static float sbl__luminance(const float c[3]) { return sbl__dot(sbl__luminance_weights, c); }
 static float sbl__max3(const float a[3]) { return SBL__MAX(a[0], SBL__MAX(a[1], a[2])); }
 static double sbl__sum3(const float v[3]) { return (double)v[0] + v[1] + v[2]; }
 
@@ -7046,6 +7046,9 @@ static const char *const sbl__glsl_carrier[] = {
 "                                 // trace neighbouring rays\n",
 "uniform int columns;             // sensors across the target\n",
 "uniform int first_slot, count;   // this many sensors stand from first_slot on\n",
+"\n",
+"const vec3 SBL_LUMINANCE = vec3(0.2126, 0.7152, 0.0722);  // weights of linear sRGB\n",
+"\n",
 "#ifdef SBL_COMPUTE\n",
 "layout(local_size_x = SBL_WORKGROUP) in;\n",
 "#define SBL_OUT(place, name) layout(rgba32f, binding = place) writeonly uniform image2D name\n",
@@ -7226,7 +7229,6 @@ static const char *const sbl__glsl_lamps[] = {
 "#endif\n",
 "\n",
 "const float PI = 3.14159265;\n",
-"const vec3 SBL_LUMINANCE = vec3(0.2126, 0.7152, 0.0722);\n",
 "const int SBL_CERTAIN = 32;         // so many points of light get a ray each\n",
 "const float SBL_STRATA = 1.3;       // variance of n stratified points, as a share of independent ones', times the\n",
 "                                    // root of n: what edges across a lamp leave, measured\n",
@@ -8424,7 +8426,6 @@ static const char *const sbl__glsl_trace[] = {
 "SBL_OUT(0, out_sum);\n",
 "SBL_OUT(1, out_hits);\n",
 "\n",
-"const vec3 SBL_LUMINANCE = vec3(0.2126, 0.7152, 0.0722);\n",
 "const float SBL_NEIGHBOURS = 0.62;  // variance, as a share of what pairs tell: measured, 16 to 256 rays\n",
 "\n",
 "// A surface nearer than its cell is wide is not lit as the cell is on average: there a ray goes on, once, by the\n",
@@ -9001,7 +9002,6 @@ static void sbl__job_take(sbl__job *j, const float sum[4], const float hits[4]) 
     const float scale = spec->traced ? 1 : j->raster.radiance_scale;
     const float length = spec->traced ? 1 : j->scene->geometry.extent;
     const int looks = j->task.sites[j->site].looks;
-    static const float luminance[3] = { SBL__LUMINANCE };
     sbl_reading *r = &j->task.readings[j->site];
     float variance = 0;
     int k;
@@ -9016,7 +9016,7 @@ static void sbl__job_take(sbl__job *j, const float sum[4], const float hits[4]) 
     for (k = 0; k < 3; k++) r->radiance[k] += sum[k] / scale;
     if (spec->traced || spec->lamp_rays) variance = hits[3] / (scale * scale);
     if (!spec->traced && !spec->paper) {
-        const float texels = SBL__TEXEL_NOISE / (float)spec->size * sbl__dot(luminance, sum) / scale;
+        const float texels = SBL__TEXEL_NOISE / (float)spec->size * sbl__luminance(sum) / scale;
         variance += texels * texels;
     }
     r->noise += variance;
@@ -10604,6 +10604,7 @@ typedef struct sbl__pixel {
 #define SBL__LEAST_NOISE 1e-12f       /* in the radiance map: above 0, below all that counts */
 #define SBL__NOISE_WEIGHT 4           /* with a threshold: differences count from twice the standard error on */
 #define SBL__LOOKS_GAIN 0.4f          /* variance of twice as many looks: points of one Sobol sequence */
+#define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* what the next doubling gains a look, of what this one does */
 #define SBL__LOOKS_GROWTH 8           /* times as many in one round, at most */
 #define SBL__AIM_BELOW 0.9            /* of the error that was asked for, squared: what a round spends for */
 #define SBL__AIM_SHARE 0.6            /* and at most so far down at once: what seems worth it now may not be then */
@@ -10629,7 +10630,7 @@ typedef struct sbl__cell {
     int x0, y0, x1, y1, level, split;
     int parent;               /* or -1 */
     int looks;                /* that new sensors at its corners begin with */
-    int pixels;               /* that it gives light to; negative: not counted yet */
+    int pixels;               /* that it gives light to; counted when it is first weighed */
     float missing;            /* share of them that its corners do not cover */
     float bends2;             /* what its edges and its rim say that it misses, noise and all */
     float bias2, noise2;      /* predicted errors */
@@ -10813,7 +10814,7 @@ static int sbl__cell_end_y(const sbl__refine *r, const sbl__cell *c) {
     return c->y1 == r->height - 1 ? c->y1 : c->y1 - 1;
 }
 
-/* From one pixel to another in the same row or column. */
+/* From one pixel to another: mostly in the same row or column. */
 typedef struct sbl__edge { int x0, y0, x1, y1; } sbl__edge;
 
 /* A cell's: above, below, left, right. */
@@ -10942,35 +10943,54 @@ static float sbl__cell_bends2(const sbl__refine *r, const sbl__cell *c) {
     return (1 - c->missing) * inside + c->missing * beyond;
 }
 
-/* As sensors on its rim tell, which neighbours' splits put there. Corners are skipped: they are the cell's own. */
+/* The next sensor on a cell's rim, which a neighbour's split put there, from place *at on, and what the cell would have
+   put there; NULL: there is none any more. Corners are skipped: they are the cell's own. */
+static const sbl__pixel *sbl__cell_rim_next(const sbl__refine *r, const sbl__cell *c, int *at, sbl__mix *guess) {
+    const int width = c->x1 - c->x0, height = c->y1 - c->y0;
+    while (*at < 2 * (width + height)) {
+        const int along = *at < 2 * width, i = along ? *at >> 1 : (*at - 2 * width) >> 1, far_side = *at & 1;
+        const int x = along ? c->x0 + i : far_side ? c->x1 : c->x0, y = !along ? c->y0 + i : far_side ? c->y1 : c->y0;
+        const sbl__pixel *p = sbl__pixel_at(r, x, y);
+        (*at)++;
+        if (i == 0 || !sbl__usable(p)) continue;
+        sbl__interpolate(r, c, x, y, guess);
+        return p;
+    }
+    return NULL;
+}
+
+/* As sensors on its rim tell. */
 static float sbl__cell_rim2(const sbl__refine *r, const sbl__cell *c) {
-    float sum = 0;
-    int side, i, k, count = 0;
-    for (side = 0; side < 4; side++) {
-        const int length = side & 1 ? c->y1 - c->y0 : c->x1 - c->x0;
-        for (i = 1; i < length; i++) {
-            const int x = side == 0 || side == 2 ? c->x0 + i : side == 1 ? c->x0 : c->x1;
-            const int y = side == 1 || side == 3 ? c->y0 + i : side == 0 ? c->y0 : c->y1;
-            const sbl__pixel *p = sbl__pixel_at(r, x, y);
-            sbl__mix guess;
-            float difference[3];
-            if (!sbl__usable(p)) continue;
-            sbl__interpolate(r, c, x, y, &guess);
-            if (!(guess.covered > 0)) continue;
-            for (k = 0; k < 3; k++) difference[k] = p->radiance[k] - guess.light[k];
-            sum += SBL__MAX(sbl__squared(r, difference) -
-                            1.5f * sbl__relative2(r, guess.variance + sbl__variance(p)), 0.0f);
-            count++;
-        }
+    const sbl__pixel *p;
+    sbl__mix guess;
+    float sum = 0, difference[3];
+    int k, at = 0, count = 0;
+    while ((p = sbl__cell_rim_next(r, c, &at, &guess)) != NULL) {
+        if (!(guess.covered > 0)) continue;
+        for (k = 0; k < 3; k++) difference[k] = p->radiance[k] - guess.light[k];
+        sum += SBL__MAX(sbl__squared(r, difference) -
+                        1.5f * sbl__relative2(r, guess.variance + sbl__variance(p)), 0.0f);
+        count++;
     }
     return count ? sum / (float)count : 0;
 }
 
 /* >>refine: cells */
 
-static sbl_result sbl__refine_add_cell(sbl__base *base, sbl__refine *r, const sbl__cell *cell) {
+/* From one corner to the one across. */
+static sbl_result sbl__refine_add_cell(sbl__base *base, sbl__refine *r, const sbl__edge *diagonal, int level,
+                                       int parent, int looks) {
+    sbl__cell *c;
     if (!sbl__grow(base, &r->cells, &r->cell_room, r->cell_count + 1, sizeof *r->cells)) return SBL_ERROR_OUT_OF_MEMORY;
-    r->cells[r->cell_count++] = *cell;
+    c = &r->cells[r->cell_count++];
+    memset(c, 0, sizeof *c);
+    c->x0 = diagonal->x0;
+    c->y0 = diagonal->y0;
+    c->x1 = diagonal->x1;
+    c->y1 = diagonal->y1;
+    c->level = level;
+    c->parent = parent;
+    c->looks = looks;
     return SBL_SUCCESS;
 }
 
@@ -10997,9 +11017,8 @@ static sbl_result sbl__cell_split(sbl__base *base, sbl__refine *r, int index) {
     r->cells[index].split = 1;
     for (j = 0; j < rows && result == SBL_SUCCESS; j++)
         for (i = 0; i < columns && result == SBL_SUCCESS; i++) {
-            const sbl__cell part = { xs[i], ys[j], xs[i + 1], ys[j + 1], c.level + 1, 0, index, looks,
-                                     -1, 0, 0, 0, 0, 0, 0, 0, 0 };
-            result = sbl__refine_add_cell(base, r, &part);
+            const sbl__edge diagonal = { xs[i], ys[j], xs[i + 1], ys[j + 1] };
+            result = sbl__refine_add_cell(base, r, &diagonal, c.level + 1, index, looks);
         }
     return result;
 }
@@ -11019,25 +11038,17 @@ static int sbl__differ(const sbl__refine *r, const float a[3], const float b[3],
 
 /* Do corners that belong together differ by more than the threshold, or does a sensor on the rim? */
 static int sbl__cell_differs(const sbl__refine *r, const sbl__cell *c) {
-    int i, k, side;
+    const sbl__pixel *p;
+    sbl__mix guess;
+    int i, k, at = 0;
     for (i = 0; i < 4; i++)
         for (k = i + 1; k < 4; k++) {
             const sbl__pixel *a = sbl__cell_corner(r, c, i), *b = sbl__cell_corner(r, c, k);
             if (sbl__usable(a) && sbl__usable(b) && sbl__belongs(a, b, r->geometry_aware) > 0 &&
                 sbl__differ(r, a->radiance, b->radiance, sbl__variance(a) + sbl__variance(b))) return 1;
         }
-    for (side = 0; side < 4; side++) {
-        const int length = side & 1 ? c->y1 - c->y0 : c->x1 - c->x0;
-        for (i = 1; i < length; i++) {
-            const int x = side == 0 || side == 2 ? c->x0 + i : side == 1 ? c->x0 : c->x1;
-            const int y = side == 1 || side == 3 ? c->y0 + i : side == 0 ? c->y0 : c->y1;
-            const sbl__pixel *p = sbl__pixel_at(r, x, y);
-            sbl__mix guess;
-            if (!sbl__usable(p)) continue;
-            sbl__interpolate(r, c, x, y, &guess);
-            if (guess.own > 0 && sbl__differ(r, guess.light, p->radiance, guess.variance + sbl__variance(p))) return 1;
-        }
-    }
+    while ((p = sbl__cell_rim_next(r, c, &at, &guess)) != NULL)
+        if (guess.own > 0 && sbl__differ(r, guess.light, p->radiance, guess.variance + sbl__variance(p))) return 1;
     return 0;
 }
 
@@ -11071,8 +11082,8 @@ static sbl_result sbl__refine_begin(sbl__base *base, sbl__refine *r, sbl__slice 
     for (; r->at < across * down; r->at++) {
         const int x = r->at % across * r->tile, y = r->at / across * r->tile;
         const int right = SBL__MIN(x + r->tile, r->width - 1), lower = SBL__MIN(y + r->tile, r->height - 1);
-        const sbl__cell cell = { x, y, right, lower, 0, 0, -1, 1, -1, 0, 0, 0, 0, 0, 0, 0, 0 };
-        const sbl_result result = sbl__refine_add_cell(base, r, &cell);
+        const sbl__edge diagonal = { x, y, right, lower };
+        const sbl_result result = sbl__refine_add_cell(base, r, &diagonal, 0, -1, 1);
         if (result != SBL_SUCCESS) return result;
         if (sbl__late(slice)) { r->at++; return SBL_UNFINISHED; }
     }
@@ -11168,12 +11179,11 @@ static float sbl__bin_gain(int bin) {
 
 /* Before cells are weighed: the mean of the round before is what errors are relative to. */
 static void sbl__weigh_begin(sbl__refine *r) {
-    static const float luminance[3] = { SBL__LUMINANCE };
     int k;
     for (k = 0; k < 3 && r->pixels_summed > 0; k++) r->mean[k] = (float)(r->sum[k] / r->pixels_summed);
-    r->luminance = SBL__MAX(sbl__dot(luminance, r->mean), 1e-30f);
+    r->luminance = SBL__MAX(sbl__luminance(r->mean), 1e-30f);
     for (k = 0; k < 3; k++)
-        r->weights[k] = (float)sqrt((double)luminance[k] / r->luminance /
+        r->weights[k] = (float)sqrt((double)sbl__luminance_weights[k] / r->luminance /
                                     (double)SBL__MAX(r->mean[k], 0.01f * r->luminance));
     memset(r->sum, 0, sizeof r->sum);
     memset(r->gains, 0, sizeof r->gains);
@@ -11227,7 +11237,7 @@ static void sbl__cell_noise(sbl__refine *r, sbl__cell *c) {
     else c->noise2 /= sbl__cell_smoothing(r, c, r->luminance * (float)sqrt((double)variance));
     for (k = 0; k < 3; k++) r->sum[k] += (double)light[k] * c->pixels / count;
     r->pixels_summed += c->pixels;
-    c->light = (SBL__LUMINANCE_OF(light)) / (float)count;
+    c->light = sbl__luminance(light) / (float)count;
 }
 
 /* Has a sensor at one of its corners been read in the last round? */
@@ -11272,7 +11282,7 @@ static void sbl__cell_weigh(sbl__refine *r, sbl__cell *c, int fresh) {
     most = SBL__MIN(SBL__LOOKS_GROWTH * looks, r->most_looks);
     for (; looks < most && gain > 0; looks *= 2) {
         r->gains[sbl__gain_bin(gain)] += (double)gain * looks;
-        gain *= 0.5f * SBL__LOOKS_GAIN;
+        gain *= SBL__LOOKS_GAIN_NEXT;
     }
 }
 
@@ -11305,7 +11315,8 @@ static sbl_result sbl__refine_weigh(sbl__refine *r, sbl__slice *slice) {
 static void sbl__cell_look_again(sbl__refine *r, const sbl__cell *c) {
     float gain = c->look_gain;
     int corner, looks = sbl__cell_looks(r, c), growth = 1;
-    for (; growth < SBL__LOOKS_GROWTH && gain >= r->least_gain; growth *= 2) gain *= 0.5f * SBL__LOOKS_GAIN;
+    for (; growth < SBL__LOOKS_GROWTH && gain >= r->least_gain; growth *= 2)
+        gain *= SBL__LOOKS_GAIN_NEXT;
     looks = SBL__MIN(looks * growth, r->most_looks);
     for (corner = 0; corner < 4; corner++) {
         sbl__pixel *p = sbl__pixel_at(r, corner & 1 ? c->x1 : c->x0, corner & 2 ? c->y1 : c->y0);

@@ -5,6 +5,9 @@ uniform ivec2 blocks;            // invocations of a sensor: four by some, so th
                                  // trace neighbouring rays
 uniform int columns;             // sensors across the target
 uniform int first_slot, count;   // this many sensors stand from first_slot on
+
+const vec3 SBL_LUMINANCE = vec3(0.2126, 0.7152, 0.0722);  // weights of linear sRGB
+
 #ifdef SBL_COMPUTE
 layout(local_size_x = SBL_WORKGROUP) in;
 #define SBL_OUT(place, name) layout(rgba32f, binding = place) writeonly uniform image2D name

@@ -29,7 +29,6 @@ SBL_OUT(0, out_light);                // R, each part's own; the variance of its
 #endif
 
 const float PI = 3.14159265;
-const vec3 SBL_LUMINANCE = vec3(0.2126, 0.7152, 0.0722);
 const int SBL_CERTAIN = 32;         // so many points of light get a ray each
 const float SBL_STRATA = 1.3;       // variance of n stratified points, as a share of independent ones', times the
                                     // root of n: what edges across a lamp leave, measured

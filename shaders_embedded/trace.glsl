@@ -9,7 +9,6 @@ uniform float ray_offset;             // of a surface's reach, that rays start o
 SBL_OUT(0, out_sum);
 SBL_OUT(1, out_hits);
 
-const vec3 SBL_LUMINANCE = vec3(0.2126, 0.7152, 0.0722);
 const float SBL_NEIGHBOURS = 0.62;  // variance, as a share of what pairs tell: measured, 16 to 256 rays
 
 // A surface nearer than its cell is wide is not lit as the cell is on average: there a ray goes on, once, by the
