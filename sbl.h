@@ -10608,7 +10608,7 @@ typedef struct sbl__pixel {
 #define SBL__LOOKS_GROWTH 8           /* times as many in one round, at most */
 #define SBL__AIM_BELOW 0.9            /* of the error that was asked for, squared: what a round spends for */
 #define SBL__AIM_SHARE 0.6            /* and at most so far down at once: what seems worth it now may not be then */
-#define SBL__SPLIT_COST 3.0f          /* looks: of five new sensors most are shared */
+#define SBL__SPLIT_COST 3             /* looks: of five new sensors most are shared */
 #define SBL__SPLIT_GAIN 0.875f        /* of what interpolation misses */
 /* Root mean square of what interpolation along an edge misses, as a share of the second differences at its ends:
    measured on lamps' shadows, tiles of 2 to 16 pixels. A step between the ends; a parabola, once straightened out; */
@@ -10622,6 +10622,7 @@ typedef struct sbl__pixel {
 #define SBL__JOB_LOOKS (1 << 21)      /* in one job, about */
 #define SBL__NOISE_DOUBT 2.0f         /* of it: what might be noise is no reason to split; looks will tell */
 #define SBL__HERITAGE 0.6f            /* of a cell's noise, what its parent's counts: few sensors know theirs badly */
+#define SBL__DARKNESS 0.1f            /* of the mean: errors in the dark are seen, though the sum hardly counts them */
 #define SBL__GLARING 5.0f             /* times the error asked for, as a share of a cell's own light and of */
 #define SBL__GLARING_FLOOR 0.1f       /* so much of the mean, that is missed nowhere: ragged shadows would show */
 #define SBL__GAIN_BINS 512            /* gains are sorted into quarters of octaves */
@@ -10635,7 +10636,7 @@ typedef struct sbl__cell {
     float bends2;             /* what its edges and its rim say that it misses, noise and all */
     float bias2, noise2;      /* predicted errors */
     float light, variance;    /* means of its corners: luminance; relative variance of a look, with its parent's */
-    float split_gain, look_gain;  /* a look that it would cost */
+    float split_gain, look_gain;  /* what a look that it would cost is worth */
 } sbl__cell;
 
 typedef struct sbl__refine {
@@ -10665,8 +10666,8 @@ typedef struct sbl__refine {
     float weights[3];         /* and what differences of channels count in errors */
     double bias2, noise2;     /* summed over pixels */
     double predicted, first_predicted;  /* error of the picture so far, and after the first round */
-    double gains[SBL__GAIN_BINS];  /* what may be bought, by what it gains for its cost */
-    float least_gain;         /* that is bought in this round */
+    double gains[SBL__GAIN_BINS];  /* what may be bought, by its worth */
+    float least_gain;         /* that is bought in this round: worth */
     int bought;               /* cells split and sensors asked again */
     int *orphans;             /* pixels that no cell covers, while light is spread over them ... */
     float *found;             /* ... and what each gets in this ring */
@@ -11258,9 +11259,14 @@ static void sbl__cell_weigh_split(sbl__refine *r, sbl__cell *c, int fresh) {
         c->bends2 = SBL__MAX(sbl__cell_bends2(r, c), sbl__cell_rim2(r, c));
 }
 
+/* Something that can be bought: each look that it costs takes its gain from the sum of squared errors. */
+static void sbl__weigh_enter(sbl__refine *r, float worth, float gain, int looks) {
+    if (gain > 0) r->gains[sbl__gain_bin(worth)] += (double)gain * looks;
+}
+
 /* Predicts the errors of a cell, and enters what can be bought there. What must be split comes first. */
 static void sbl__cell_weigh(sbl__refine *r, sbl__cell *c, int fresh) {
-    float bias2, gain, variance;
+    float bias2, gain, variance, care;
     int looks = sbl__cell_looks(r, c), most;
     sbl__cell_weigh_split(r, c, fresh);
     sbl__cell_noise(r, c);
@@ -11269,19 +11275,21 @@ static void sbl__cell_weigh(sbl__refine *r, sbl__cell *c, int fresh) {
     r->bias2 += (double)c->bias2 * c->pixels;
     r->noise2 += (double)c->noise2 * c->pixels;
     bias2 = SBL__MAX(c->bends2 - SBL__NOISE_DOUBT * variance, 0.0f);
+    care = 1 / (c->light / r->luminance + SBL__DARKNESS);
     if (!sbl__cell_is_single(c) && !(r->threshold > 0)) {
         const float glaring = SBL__GLARING * r->asked * (c->light / r->luminance + SBL__GLARING_FLOOR);
-        const float cost = SBL__SPLIT_COST * (float)SBL__MAX(looks, 1);
-        gain = bias2 * SBL__SPLIT_GAIN * (float)c->pixels / cost;
-        if (c->split_gain < FLT_MAX) c->split_gain = bias2 > glaring * glaring ? FLT_MAX : gain;
-        if (gain > 0) r->gains[sbl__gain_bin(c->split_gain)] += (double)gain * cost;
+        const int cost = SBL__SPLIT_COST * SBL__MAX(looks, 1);
+        gain = bias2 * SBL__SPLIT_GAIN * (float)c->pixels / (float)cost;
+        if (c->split_gain < FLT_MAX) c->split_gain = bias2 > glaring * glaring ? FLT_MAX : gain * care;
+        sbl__weigh_enter(r, c->split_gain, gain, cost);
     }
     c->look_gain = 0;
     if (!looks || looks >= r->most_looks) return;
-    c->look_gain = gain = c->noise2 * (float)c->pixels * (1 - SBL__LOOKS_GAIN) / (float)looks;
+    gain = c->noise2 * (float)c->pixels * (1 - SBL__LOOKS_GAIN) / (float)looks;
+    c->look_gain = gain * care;
     most = SBL__MIN(SBL__LOOKS_GROWTH * looks, r->most_looks);
-    for (; looks < most && gain > 0; looks *= 2) {
-        r->gains[sbl__gain_bin(gain)] += (double)gain * looks;
+    for (; looks < most; looks *= 2) {
+        sbl__weigh_enter(r, gain * care, gain, looks);
         gain *= SBL__LOOKS_GAIN_NEXT;
     }
 }
@@ -11621,24 +11629,29 @@ static const char *const sbl__glsl_resolve[] = {
 "\n",
 "// R at the sample: of the four nearest pixels where they belong; else of those farther away; else of anything.\n",
 "vec3 sbl_light_at(ivec2 at, uint id) {\n",
-"    ivec2 size = textureSize(radiance, 0);\n",
+"    ivec2 size = textureSize(radiance, 0), least = at + ivec2(floor(offset));\n",
 "    vec3 p = texelFetch(sample_positions, at, 0).xyz, n = texelFetch(sample_normals, at, 0).xyz;\n",
-"    vec4 near = vec4(0), far = vec4(0), rest = vec4(0);\n",
+"    vec4 near = vec4(0);\n",
+"    for (int i = 0; i < 4; i++) {\n",
+"        ivec2 there = clamp(least + ivec2(i & 1, i >> 1), ivec2(0), size - 1);\n",
+"        if (texelFetch(ids, there, 0).x != id) continue;\n",
+"        vec2 tent = 1.0 - abs(vec2(least + ivec2(i & 1, i >> 1) - at) - offset);\n",
+"        near += tent.x * tent.y * vec4(texelFetch(radiance, there, 0).rgb, 1) *\n",
+"                sbl_belongs(p, n, texelFetch(positions, there, 0).xyz, texelFetch(normals, there, 0).xyz);\n",
+"    }\n",
+"    if (near.a > SBL_NEAR_ENOUGH) return near.rgb / near.a;\n",
+"    vec4 far = vec4(0), rest = vec4(0);\n",
 "    for (int y = -SBL_REACH; y <= SBL_REACH; y++)\n",
 "        for (int x = -SBL_REACH; x <= SBL_REACH; x++) {\n",
 "            ivec2 there = clamp(at + ivec2(x, y), ivec2(0), size - 1);\n",
 "            uint there_id = texelFetch(ids, there, 0).x;\n",
 "            if (there_id == 0u) continue;\n",
 "            vec3 q = texelFetch(positions, there, 0).xyz, m = texelFetch(normals, there, 0).xyz;\n",
-"            vec4 r = vec4(texelFetch(radiance, there, 0).rgb, 1);\n",
-"            vec2 d = abs(vec2(x, y) - offset);\n",
-"            float tent = max(0.0, 1.0 - d.x) * max(0.0, 1.0 - d.y), reach = exp(-dot(d, d));\n",
-"            float belongs = there_id == id ? sbl_belongs(p, n, q, m) : 0.0;\n",
-"            near += r * tent * belongs;\n",
-"            far += r * reach * (belongs + (there_id == id ? SBL_SAME_ID : 0.0));\n",
-"            rest += r * reach * (SBL_OTHER_ID + max(0.0, dot(n, m)));\n",
+"            vec2 d = vec2(x, y) - offset;\n",
+"            vec4 r = exp(-dot(d, d)) * vec4(texelFetch(radiance, there, 0).rgb, 1);\n",
+"            if (there_id == id) far += r * (sbl_belongs(p, n, q, m) + SBL_SAME_ID);\n",
+"            rest += r * (SBL_OTHER_ID + max(0.0, dot(n, m)));\n",
 "        }\n",
-"    if (near.a > SBL_NEAR_ENOUGH) return near.rgb / near.a;\n",
 "    if (far.a > 0.0) return far.rgb / far.a;\n",
 "    return rest.a > 0.0 ? rest.rgb / rest.a : vec3(0);\n",
 "}\n",

@@ -34,24 +34,29 @@ vec3 sbl_sky_smooth(vec3 direction) {
 
 // R at the sample: of the four nearest pixels where they belong; else of those farther away; else of anything.
 vec3 sbl_light_at(ivec2 at, uint id) {
-    ivec2 size = textureSize(radiance, 0);
+    ivec2 size = textureSize(radiance, 0), least = at + ivec2(floor(offset));
     vec3 p = texelFetch(sample_positions, at, 0).xyz, n = texelFetch(sample_normals, at, 0).xyz;
-    vec4 near = vec4(0), far = vec4(0), rest = vec4(0);
+    vec4 near = vec4(0);
+    for (int i = 0; i < 4; i++) {
+        ivec2 there = clamp(least + ivec2(i & 1, i >> 1), ivec2(0), size - 1);
+        if (texelFetch(ids, there, 0).x != id) continue;
+        vec2 tent = 1.0 - abs(vec2(least + ivec2(i & 1, i >> 1) - at) - offset);
+        near += tent.x * tent.y * vec4(texelFetch(radiance, there, 0).rgb, 1) *
+                sbl_belongs(p, n, texelFetch(positions, there, 0).xyz, texelFetch(normals, there, 0).xyz);
+    }
+    if (near.a > SBL_NEAR_ENOUGH) return near.rgb / near.a;
+    vec4 far = vec4(0), rest = vec4(0);
     for (int y = -SBL_REACH; y <= SBL_REACH; y++)
         for (int x = -SBL_REACH; x <= SBL_REACH; x++) {
             ivec2 there = clamp(at + ivec2(x, y), ivec2(0), size - 1);
             uint there_id = texelFetch(ids, there, 0).x;
             if (there_id == 0u) continue;
             vec3 q = texelFetch(positions, there, 0).xyz, m = texelFetch(normals, there, 0).xyz;
-            vec4 r = vec4(texelFetch(radiance, there, 0).rgb, 1);
-            vec2 d = abs(vec2(x, y) - offset);
-            float tent = max(0.0, 1.0 - d.x) * max(0.0, 1.0 - d.y), reach = exp(-dot(d, d));
-            float belongs = there_id == id ? sbl_belongs(p, n, q, m) : 0.0;
-            near += r * tent * belongs;
-            far += r * reach * (belongs + (there_id == id ? SBL_SAME_ID : 0.0));
-            rest += r * reach * (SBL_OTHER_ID + max(0.0, dot(n, m)));
+            vec2 d = vec2(x, y) - offset;
+            vec4 r = exp(-dot(d, d)) * vec4(texelFetch(radiance, there, 0).rgb, 1);
+            if (there_id == id) far += r * (sbl_belongs(p, n, q, m) + SBL_SAME_ID);
+            rest += r * (SBL_OTHER_ID + max(0.0, dot(n, m)));
         }
-    if (near.a > SBL_NEAR_ENOUGH) return near.rgb / near.a;
     if (far.a > 0.0) return far.rgb / far.a;
     return rest.a > 0.0 ? rest.rgb / rest.a : vec3(0);
 }
