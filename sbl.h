@@ -276,7 +276,7 @@
 
    sbl_picture_desc.error says how far R may be off: root mean square over the visible pixels, as a share of R's mean
    there, in luminance. By default it is 0.015, or what 16 looks of each sensor give, so that a picture does not take
-   for ever where light comes through windows; what is asked for is worth 128 looks. A picture begins with few sensors
+   for ever where light comes through windows; what is asked for is worth 512 looks. A picture begins with few sensors
    that look once, and predicts what each part of it is off by:
 
        noise           what rays found differently along neighbouring directions, after interpolation and filter; taken
@@ -6792,7 +6792,7 @@ typedef struct sbl__look {
     int sensor;                 /* number within the job */
 } sbl__look;
 
-#define SBL__MAX_LOOKS 128
+#define SBL__MAX_LOOKS 512
 #define SBL__DEFAULT_LOOKS 16
 /* Looks stand this share off their surface: of the scene's extent where depth buffers decide what is seen, of their own
    triangle's reach where rays do. Six times what float rounding needs (from 2.5e-7 down, spheres see themselves). */
@@ -10616,15 +10616,18 @@ typedef struct sbl__pixel {
 #define SBL__MISSED_CURVE 0.1f
 #define SBL__MISSED_BEYOND 0.35f      /* of extrapolation as far as a cell's width */
 #define SBL__UNKNOWN_BEYOND 0.05f     /* of the light itself, whatever the differences say: of a silhouette, */
-#define SBL__UNKNOWN_CONTACT 0.25f    /* and where the other surface is near enough to cast its shadow there */
+#define SBL__UNKNOWN_CONTACT 0.12f    /* and where the other surface is near enough to cast its shadow there */
 #define SBL__CONTACT 2.5f             /* times the distance of sensors that it is away */
 #define SBL__NOISE_BENDS 0.75f        /* of sensors' variance: what noise alone makes of the above */
+#define SBL__FILTER_VISIBLE 0.0025f   /* as in filter.glsl */
+#define SBL__FILTER_DOUBT 0.25        /* likewise */
 #define SBL__JOB_LOOKS (1 << 21)      /* in one job, about */
 #define SBL__NOISE_DOUBT 2.0f         /* of it: what might be noise is no reason to split; looks will tell */
 #define SBL__HERITAGE 0.6f            /* of a cell's noise, what its parent's counts: few sensors know theirs badly */
 #define SBL__DARKNESS 0.1f            /* of the mean: errors in the dark are seen, though the sum hardly counts them */
 #define SBL__GLARING 5.0f             /* times the error asked for, as a share of a cell's own light and of */
 #define SBL__GLARING_FLOOR 0.1f       /* so much of the mean, that is missed nowhere: ragged shadows would show */
+#define SBL__UNKNOWN_PIXEL 0.15f      /* of the picture's error: what a pixel may be off where nothing tells of it */
 #define SBL__GAIN_BINS 512            /* gains are sorted into quarters of octaves */
 
 typedef struct sbl__cell {
@@ -10976,6 +10979,12 @@ static float sbl__cell_rim2(const sbl__refine *r, const sbl__cell *c) {
     return count ? sum / (float)count : 0;
 }
 
+/* Rims tell of those places where neighbours had reason to split: there a cell misses more than on the whole. */
+static float sbl__cell_missed2(const sbl__refine *r, const sbl__cell *c) {
+    const float bends2 = sbl__cell_bends2(r, c), rim2 = sbl__cell_rim2(r, c);
+    return SBL__MAX(bends2, 0.5f * (bends2 + rim2));
+}
+
 /* >>refine: cells */
 
 /* From one corner to the one across. */
@@ -11207,8 +11216,8 @@ static float sbl__cell_smoothing(const sbl__refine *r, const sbl__cell *c, float
                 d = SBL__MAX(d, (float)fabs((double)a->radiance[k] - b->radiance[k]));
                 most = SBL__MAX(most, a->radiance[k] + b->radiance[k]);
             }
-            d /= SBL__MAX(2 * noise + 0.01f * most, 1e-30f);
-            alike += (float)exp(-0.25 * d * d);
+            d /= SBL__MAX(2 * noise + SBL__FILTER_VISIBLE * most, 1e-30f);
+            alike += (float)exp(-SBL__FILTER_DOUBT * d * d);
         }
     }
     if (count) alike /= (float)count;
@@ -11256,7 +11265,7 @@ static void sbl__cell_weigh_split(sbl__refine *r, sbl__cell *c, int fresh) {
     if (bare) c->split_gain = FLT_MAX;
     else if (r->threshold > 0) c->split_gain = sbl__cell_differs(r, c) ? FLT_MAX : 0;
     else if (fresh || sbl__cell_has_news(r, c) || sbl__cell_span(c) > SBL__CONTINUED)
-        c->bends2 = SBL__MAX(sbl__cell_bends2(r, c), sbl__cell_rim2(r, c));
+        c->bends2 = sbl__cell_missed2(r, c);
 }
 
 /* Something that can be bought: each look that it costs takes its gain from the sum of squared errors. */
@@ -11272,14 +11281,14 @@ static void sbl__cell_weigh(sbl__refine *r, sbl__cell *c, int fresh) {
     sbl__cell_noise(r, c);
     variance = c->noise2 / sbl__noise_left(r, sbl__cell_span(c));
     c->bias2 = SBL__MAX(c->bends2 - SBL__NOISE_BENDS * variance, 0.0f);
-    r->bias2 += (double)c->bias2 * c->pixels;
+    r->bias2 += (double)c->bias2 * (c->pixels - 1);  /* one is a sensor's */
     r->noise2 += (double)c->noise2 * c->pixels;
     bias2 = SBL__MAX(c->bends2 - SBL__NOISE_DOUBT * variance, 0.0f);
     care = 1 / (c->light / r->luminance + SBL__DARKNESS);
     if (!sbl__cell_is_single(c) && !(r->threshold > 0)) {
         const float glaring = SBL__GLARING * r->asked * (c->light / r->luminance + SBL__GLARING_FLOOR);
         const int cost = SBL__SPLIT_COST * SBL__MAX(looks, 1);
-        gain = bias2 * SBL__SPLIT_GAIN * (float)c->pixels / (float)cost;
+        gain = bias2 * SBL__SPLIT_GAIN * (float)(c->pixels - 1) / (float)cost;
         if (c->split_gain < FLT_MAX) c->split_gain = bias2 > glaring * glaring ? FLT_MAX : gain * care;
         sbl__weigh_enter(r, c->split_gain, gain, cost);
     }
@@ -11365,6 +11374,12 @@ static const sbl__cell *sbl__cell_known(const sbl__refine *r, const sbl__cell *c
     return c;
 }
 
+/* What a pixel's light may be off by, from what is told of it: relative, squared. */
+static float sbl__expected(const sbl__refine *r, float told2) {
+    const double unknown = (double)SBL__UNKNOWN_PIXEL * r->predicted;
+    return r->luminance * (float)sqrt((double)told2 + unknown * unknown);
+}
+
 /* A row of a cell, interpolated in cell c, which is known. Pixels that nothing covers keep a noise of 0, and are
    counted. */
 static void sbl__fill_row(sbl__refine *r, const sbl__edge *row, const sbl__cell *c, float bends[4][3], float *rgba) {
@@ -11376,11 +11391,11 @@ static void sbl__fill_row(sbl__refine *r, const sbl__edge *row, const sbl__cell 
         sbl__mix m;
         to[0] = to[1] = to[2] = to[3] = 0;
         if (!p->id) continue;
-        p->error = r->luminance * (float)sqrt((double)(c->bias2 + c->noise2));
+        p->error = sbl__expected(r, c->bias2 + c->noise2);
         if (sbl__usable(p)) {
             memcpy(to, p->radiance, sizeof p->radiance);
             to[3] = sbl__noise(p);
-            p->error = r->luminance * (float)sqrt((double)c->noise2);
+            p->error = sbl__expected(r, c->noise2);
         } else {
             sbl__interpolate(r, c, x, y, &m);
             if (!(m.covered > 0)) { r->orphan_count++; continue; }
@@ -11512,8 +11527,8 @@ static const char *const sbl__glsl_filter[] = {
 "uniform int geometry_aware;\n",
 "layout(location = 0) out vec4 out_radiance;\n",
 "\n",
-"const float SBL_VISIBLE = 0.01;  // relative difference that is as good as none\n",
-"const float SBL_DOUBT = 0.25;  // how fast trust falls with the square of a difference over the noise\n",
+"const float SBL_VISIBLE = 0.0025;  // relative difference that is as good as none\n",
+"const float SBL_DOUBT = 0.25;      // how fast trust falls with the square of a difference over the noise\n",
 "\n",
 "// 1 where noise alone explains the difference, nearing 0 where it is several times as large.\n",
 "float sbl_alike(vec4 a, vec4 b) {\n",

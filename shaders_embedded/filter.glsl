@@ -9,8 +9,8 @@ uniform float falloff;       // 1 / (2 sigma^2), sigma in pixels
 uniform int geometry_aware;
 layout(location = 0) out vec4 out_radiance;
 
-const float SBL_VISIBLE = 0.01;  // relative difference that is as good as none
-const float SBL_DOUBT = 0.25;  // how fast trust falls with the square of a difference over the noise
+const float SBL_VISIBLE = 0.0025;  // relative difference that is as good as none
+const float SBL_DOUBT = 0.25;      // how fast trust falls with the square of a difference over the noise
 
 // 1 where noise alone explains the difference, nearing 0 where it is several times as large.
 float sbl_alike(vec4 a, vec4 b) {

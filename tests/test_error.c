@@ -1,0 +1,237 @@
+/* Predicted errors against true ones: scenes whose R is known at every pixel, in closed form or by an independent caster, asked for errors
+   of 1 to 8 %. */
+#define SBL_IMPLEMENTATION
+#define SBL_EGL
+#include "../sbl.h"
+#include "test.h"
+#include "scenes.h"
+#include "reference.h"
+
+static sbl_context *context;
+
+enum { WIDTH = 128, HEIGHT = 96, POLYGONS = 40, LEVELS = 4 };
+
+/* What gives light: polygons of one radiance (grey), of which convex ones may be covered by others, and the caster where it takes one. */
+typedef struct known {
+    test_scene scene;
+    sbl_picture_desc view;
+    v3 corners[POLYGONS][4];
+    double radiance[POLYGONS];    /* negative: what stands in the light of a sky of 1 */
+    int count;
+    double sky;
+    double blocker[4], height, lamp_height;  /* of a rectangle over the floor: x0, z0, x1, z1 */
+    double view_below;            /* what is higher is not compared; 0: everything is */
+    int lamp;                     /* the mesh that the caster asks for; 0: none */
+    int levels;                   /* of the errors that are asked for */
+    double within;                /* so many pixels must be within twice their predicted error */
+    double dark;                  /* how far off the dark may be when the least error is asked for, as a share of its own light; 0: any */
+} known;
+
+static void known_polygon(known *k, double radiance, const float *corners) {
+    int i;
+    for (i = 0; i < 4; i++) k->corners[k->count][i] = v3_from(corners + 3 * i);
+    k->radiance[k->count++] = radiance;
+}
+
+/* A rectangle that looks down. */
+static void known_lamp(known *k, double radiance, float x0, float z0, float x1, float z1, float y) {
+    const float corners[12] = { x0, y, z0, x1, y, z0, x1, y, z1, x0, y, z1 };
+    scene_polygon(&k->scene, scene_lamp(&k->scene, (float)radiance, (float)radiance, (float)radiance), corners, 4);
+    known_polygon(k, radiance, corners);
+}
+
+/* A rectangle of a ceiling, black from below, and what of the sky it takes away. */
+static void known_lid(known *k, float x0, float z0, float x1, float z1, float y) {
+    const float corners[12] = { x0, y, z0, x1, y, z0, x1, y, z1, x0, y, z1 };
+    scene_polygon(&k->scene, scene_material(&k->scene, 0.5f, 0.5f, 0.5f), corners, 4);
+    known_polygon(k, -1, corners);
+}
+
+static void known_floor(known *k, float half) { scene_floor(&k->scene, scene_material(&k->scene, 0.5f, 0.5f, 0.5f), 0, half); }
+
+/* A rectangle hangs between a square lamp and the floor: penumbrae of all widths, in closed form. */
+static void penumbra(known *k) {
+    const float blocker[12] = { -0.7f, 1, -0.2f, 0.4f, 1, -0.2f, 0.4f, 1, 0.5f, -0.7f, 1, 0.5f };
+    known_floor(k, 4);
+    known_lamp(k, 3, -0.4f, -0.4f, 0.4f, 0.4f, 2);
+    scene_polygon(&k->scene, scene_material(&k->scene, 0.5f, 0.5f, 0.5f), blocker, 4);
+    k->blocker[0] = -0.7f; k->blocker[1] = -0.2f; k->blocker[2] = 0.4f; k->blocker[3] = 0.5f;
+    k->height = 1;
+    k->lamp_height = 2;
+    k->view = scene_view(WIDTH, HEIGHT, 60, 0, 0.9f, 2.4f, 0, 0, 0);
+}
+
+/* Sky through a hole in the ceiling; and through bars. */
+static void window_of(known *k, int bars) {
+    int i;
+    known_floor(k, 60);
+    known_lid(k, -60, -60, 60, -0.5f, 1.5f);
+    known_lid(k, -60, 0.5f, 60, 60, 1.5f);
+    known_lid(k, -60, -0.5f, -0.8f, 0.5f, 1.5f);
+    known_lid(k, 0.8f, -0.5f, 60, 0.5f, 1.5f);
+    for (i = 0; i < bars; i++) {
+        const float x = -0.8f + 1.6f * ((float)i + 0.6f) / (float)bars;
+        known_lid(k, x, -0.5f, x + 0.6f / (float)bars, 0.5f, 1.5f);
+    }
+    k->levels = LEVELS - 1;  /* 1 % takes 30 million rays */
+    k->dark = bars ? 0.35 : 0.42;
+    k->within = bars ? 0.85 : 0.9;  /* few rays find a gap between bars: noise with a long tail */
+    k->sky = 1;
+    k->view_below = 1;
+    scene_sky(&k->scene, 1, 1, 1);
+    k->view = scene_view(WIDTH, HEIGHT, 60, 0, 1.2f, 2.5f, 0, 0, 0);
+}
+
+static void hole(known *k) { window_of(k, 0); }
+static void bars(known *k) { window_of(k, 6); }
+
+/* Two walls and a floor under the sky. */
+static void corner(known *k) {
+    const float left[12] = { -1, 0, -1, -1, 0, 3, -1, 1.5f, 3, -1, 1.5f, -1 }, back[12] = { -1, 0, -1, 3, 0, -1, 3, 1.5f, -1, -1, 1.5f, -1 };
+    const float ground[12] = { -1, 0, -1, 3, 0, -1, 3, 0, 3, -1, 0, 3 };
+    const int grey = scene_material(&k->scene, 0.5f, 0.5f, 0.5f);
+    scene_polygon(&k->scene, grey, left, 4);
+    scene_polygon(&k->scene, grey, back, 4);
+    scene_polygon(&k->scene, grey, ground, 4);
+    known_polygon(k, -1, left);
+    known_polygon(k, -1, back);
+    known_polygon(k, -1, ground);
+    k->sky = 1;
+    scene_sky(&k->scene, 1, 1, 1);
+    k->view = scene_view(WIDTH, HEIGHT, 60, 1.6f, 1.6f, 2.2f, -0.4f, 0.3f, -0.4f);
+}
+
+/* 36 lamps of different brightness over a floor. */
+static void many_lamps(known *k) {
+    int i;
+    known_floor(k, 6);
+    for (i = 0; i < 36; i++) {
+        const float x = (float)(i % 6) - 2.5f, z = (float)(i / 6) - 2.5f, size = 0.02f + 0.02f * (float)(i % 5);
+        known_lamp(k, 1 + 7 * (i * 7 % 36) / 36.0, x - size, z - size, x + size, z + size, 0.5f + 0.1f * (float)(i % 4));
+    }
+    k->dark = 0.04;
+    k->view = scene_view(WIDTH, HEIGHT, 60, 0, 3, 4, 0, 0, 0);
+}
+
+/* Boards that stand in a lamp's light: shadows of every kind, as the caster finds them. */
+static void boards(known *k) {
+    const float corners[12] = { -0.3f, 2, -0.3f, 0.3f, 2, -0.3f, 0.3f, 2, 0.3f, -0.3f, 2, 0.3f };
+    const int grey = scene_material(&k->scene, 0.5f, 0.5f, 0.5f);
+    int i;
+    known_floor(k, 3);
+    k->lamp = k->scene.mesh_count;
+    scene_polygon(&k->scene, scene_lamp(&k->scene, 5, 5, 5), corners, 4);
+    known_polygon(k, 5, corners);
+    for (i = 0; i < 8; i++) {
+        const float x = 0.45f * (float)(i % 4) - 0.8f, z = 0.9f * (float)(i / 4) - 0.6f;
+        scene_box(&k->scene, grey, x, 0.001f, z, x + 0.03f + 0.02f * (float)i, 0.1f + 0.08f * (float)i, z + 0.1f);
+    }
+    k->dark = 0.37;
+    k->view = scene_view(WIDTH, HEIGHT, 50, 0.5f, 1.7f, 2.2f, 0, 0.1f, 0);
+}
+
+/* R where the surface is at p and looks along n. */
+static double known_light(const known *k, const ref_scene *caster, v3 p, v3 n, uint64_t *seed) {
+    double light = k->sky;
+    int i;
+    if (k->lamp) return k->radiance[0] * ref_quad_light(caster, p, n, k->corners[0], k->lamp, 20, seed);
+    for (i = 0; i < k->count; i++) light += k->radiance[i] * ref_polygon(p, n, k->corners[i], 4);
+    if (k->height > 0) {  /* its shadow on the lamp's plane takes away what it covers */
+        const double t = k->lamp_height / k->height;
+        const double x0 = fmax(k->corners[0][0].x, p.x + t * (k->blocker[0] - p.x)), x1 = fmin(k->corners[0][2].x, p.x + t * (k->blocker[2] - p.x));
+        const double z0 = fmax(k->corners[0][0].z, p.z + t * (k->blocker[1] - p.z)), z1 = fmin(k->corners[0][2].z, p.z + t * (k->blocker[3] - p.z));
+        const v3 covered[4] = { { x0, k->lamp_height, z0 }, { x1, k->lamp_height, z0 }, { x1, k->lamp_height, z1 }, { x0, k->lamp_height, z1 } };
+        if (x1 > x0 && z1 > z0) light -= k->radiance[0] * ref_polygon(p, n, covered, 4);
+    }
+    return light;
+}
+
+typedef struct figures { double truth, predicted, by_pixels, within, dark; } figures;  /* dark: share of their own light, where it is a tenth of the mean */
+
+static figures compare(const known *k, const double *truth) {
+    float *light = scene_channel(context, &k->view, SBL_CHANNEL_RADIANCE), *error = scene_channel(context, &k->view, SBL_CHANNEL_ERROR);
+    figures f = { 0, 0, 0, 0, 0 };
+    double squares = 0, predicted = 0, mean = 0, dark_squares = 0, dark_light = 0;
+    int i, count = 0, within = 0;
+    for (i = 0; i < WIDTH * HEIGHT; i++) {
+        const double off = (double)light[3 * i + 1] - truth[i];
+        if (truth[i] < 0) continue;
+        squares += off * off;
+        predicted += (double)error[i] * (double)error[i];
+        mean += truth[i];
+        count++;
+    }
+    for (i = 0; i < WIDTH * HEIGHT; i++) {
+        const double off = fabs((double)light[3 * i + 1] - truth[i]);
+        within += truth[i] >= 0 && off <= 2 * (double)error[i] + 1e-4 * mean / count;
+        if (!(truth[i] > 0) || truth[i] > 0.1 * mean / count) continue;
+        dark_squares += off * off;
+        dark_light += truth[i] * truth[i];
+    }
+    f.dark = dark_light > 0 ? sqrt(dark_squares / dark_light) : 0;
+    free(light);
+    free(error);
+    f.truth = sqrt(squares / count) / (mean / count);
+    f.by_pixels = sqrt(predicted / count) / (mean / count);
+    f.predicted = (double)sbl_query_stats(context).error_expected;
+    f.within = (double)within / count;
+    return f;
+}
+
+static void predicted_well(void (*make)(known *)) {
+    static const float asked[LEVELS] = { 0.08f, 0.04f, 0.02f, 0.01f };
+    static known k;
+    static double truth[WIDTH * HEIGHT];
+    sbl_scene_desc desc;
+    ref_scene *caster;
+    uint64_t seed = 1;
+    int i, level;
+    memset(&k, 0, sizeof k);
+    k.levels = LEVELS;
+    k.within = 0.9;
+    make(&k);
+    k.view.mode = SBL_MODE_DIRECT;
+    desc = scene_desc(&k.scene);
+    caster = ref_create(&desc);
+    for (i = 0; i < WIDTH * HEIGHT; i++) {
+        const ref_point p = ref_pixel(caster, &k.view, i % WIDTH, i / WIDTH);
+        truth[i] = p.hit && !ref_glows(caster, &p) && !(k.view_below > 0 && p.position.y > k.view_below) ? known_light(&k, caster, p.position, p.normal, &seed) : -1;
+    }
+    for (level = 0; level < k.levels; level++) {
+        figures f;
+        k.view.error = asked[level];
+        if (!scene_render(context, &k.scene, &k.view)) break;
+        f = compare(&k, truth);
+        printf("  asked for %.1f %%: %.2f %% predicted, %.2f %% by pixels, %.2f %% true; %.1f %% of the pixels within twice theirs; %lld sensors, %lld rays\n",
+               100 * (double)asked[level], 100 * f.predicted, 100 * f.by_pixels, 100 * f.truth, 100 * f.within, (long long)sbl_query_stats(context).sensors,
+               (long long)sbl_query_stats(context).rays);
+        CHECK(f.predicted <= (double)asked[level] && f.predicted > 0.5 * (double)asked[level], "asked for %g: %g is predicted", (double)asked[level], f.predicted);
+        CHECK(f.truth < 1.35 * f.predicted && f.truth > 0.5 * f.predicted, "asked for %g: %.2f %% is predicted, %.2f %% true", (double)asked[level],
+              100 * f.predicted, 100 * f.truth);
+        CHECK(f.by_pixels < 1.2 * f.predicted && f.by_pixels > 0.8 * f.predicted, "asked for %g: %.2f %% is predicted, by pixels %.2f %%", (double)asked[level],
+              100 * f.predicted, 100 * f.by_pixels);
+        CHECK(level < k.levels - 1 || k.dark == 0 || f.dark < k.dark, "in the dark R is off by %.1f %% of itself", 100 * f.dark);
+        CHECK(f.within > k.within, "asked for %g: %.1f %% of the pixels are within twice their predicted error", (double)asked[level], 100 * f.within);
+    }
+    ref_destroy(caster);
+    scene_free(&k.scene);
+}
+
+TEST(of_penumbrae) { predicted_well(penumbra); }
+TEST(of_sky_through_a_hole) { predicted_well(hole); }
+TEST(of_sky_through_bars) { predicted_well(bars); }
+TEST(of_a_corner_under_the_sky) { predicted_well(corner); }
+TEST(of_many_lamps) { predicted_well(many_lamps); }
+TEST(of_boards_in_the_light) { predicted_well(boards); }
+
+int main(void) {
+    if (sbl_create(NULL, &context) != SBL_SUCCESS) { printf("no context\n0 passed, 1 failed, 0 skipped\n"); return 1; }
+    RUN(of_penumbrae);
+    RUN(of_sky_through_a_hole);
+    RUN(of_sky_through_bars);
+    RUN(of_a_corner_under_the_sky);
+    RUN(of_many_lamps);
+    RUN(of_boards_in_the_light);
+    sbl_destroy(context);
+    return test_report();
+}
