@@ -307,6 +307,10 @@ static void fuzz_picture(fuzz_bytes *b, fuzz_context *c, sbl_picture_desc *view)
     view->filter_radius = fuzz_int(b, -1, 3);
     view->samples = fuzz_int(b, 1, 3);
     view->seed = fuzz_byte(b);
+    if ((view->seed & 3) == 3) {  /* the error decides; more than 1 and less than 0 are none */
+        view->rays = 0;
+        view->error = view->seed == 255 ? -1 : 0.02f * (float)(view->seed >> 2);
+    }
     if (shape & 1) view->threshold = fuzz_float(b, 0, 1);
     if (shape & 2) view->epsilon = fuzz_float(b, 0, 1);
     if (shape & 4) view->facet_limit = fuzz_float(b, 0, 4);
