@@ -217,6 +217,41 @@ static void predicted_well(void (*make)(known *)) {
     scene_free(&k.scene);
 }
 
+/* The shadow of a red lamp under a blue sky of five: an error counts by its channel's own mean, and red has an eighth of the light. Were it
+   luminance that is looked at, red would be off by 29 %. */
+TEST(of_a_red_shadow_in_blue_light) {
+    static known k;
+    float *light;
+    double squares = 0, mean = 0, off;
+    int i, count = 0;
+    memset(&k, 0, sizeof k);
+    penumbra(&k);
+    for (i = 0; i < k.scene.material_count; i++) k.scene.materials[i].emission[1] = k.scene.materials[i].emission[2] = 0;
+    scene_sky(&k.scene, 0, 0, 5);
+    k.view.mode = SBL_MODE_DIRECT;
+    k.view.error = 0.02f;
+    if (scene_render(context, &k.scene, &k.view)) {
+        const sbl_scene_desc desc = scene_desc(&k.scene);
+        ref_scene *caster = ref_create(&desc);
+        light = scene_channel(context, &k.view, SBL_CHANNEL_RADIANCE);
+        for (i = 0; i < WIDTH * HEIGHT; i++) {
+            const ref_point p = ref_pixel(caster, &k.view, i % WIDTH, i / WIDTH);
+            double truth;
+            if (!p.hit || p.position.y > 0.5) continue;
+            truth = known_light(&k, caster, p.position, p.normal, NULL);
+            squares += ((double)light[3 * i] - truth) * ((double)light[3 * i] - truth);
+            mean += truth;
+            count++;
+        }
+        off = sqrt(squares / count) / (mean / count);
+        printf("  red is off by %.2f %%\n", 100 * off);
+        CHECK(off < 0.09, "red is off by %.2f %%", 100 * off);
+        free(light);
+        ref_destroy(caster);
+    }
+    scene_free(&k.scene);
+}
+
 TEST(of_penumbrae) { predicted_well(penumbra); }
 TEST(of_sky_through_a_hole) { predicted_well(hole); }
 TEST(of_sky_through_bars) { predicted_well(bars); }
@@ -232,6 +267,7 @@ int main(void) {
     RUN(of_a_corner_under_the_sky);
     RUN(of_many_lamps);
     RUN(of_boards_in_the_light);
+    RUN(of_a_red_shadow_in_blue_light);
     sbl_destroy(context);
     return test_report();
 }
