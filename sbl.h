@@ -10885,7 +10885,7 @@ static float sbl__squared(const sbl__refine *r, const float difference[3]) {
     float sum = 0;
     int k;
     for (k = 0; k < 3; k++) sum += r->weights[k] * difference[k] * (r->weights[k] * difference[k]);
-    return sum;
+    return SBL__MIN(sum, 1e30f);  /* neither infinite nor a NaN */
 }
 
 static float sbl__distance2(const float a[3], const float b[3]) {
@@ -11276,19 +11276,20 @@ static void sbl__weigh_enter(sbl__refine *r, float worth, float gain, int looks)
 /* Predicts the errors of a cell, and enters what can be bought there. What must be split comes first. */
 static void sbl__cell_weigh(sbl__refine *r, sbl__cell *c, int fresh) {
     float bias2, gain, variance, care;
-    int looks = sbl__cell_looks(r, c), most;
+    int looks = sbl__cell_looks(r, c), most, guessed;
     sbl__cell_weigh_split(r, c, fresh);
     sbl__cell_noise(r, c);
+    guessed = SBL__MAX(c->pixels - 1, 0);  /* one is a sensor's */
     variance = c->noise2 / sbl__noise_left(r, sbl__cell_span(c));
     c->bias2 = SBL__MAX(c->bends2 - SBL__NOISE_BENDS * variance, 0.0f);
-    r->bias2 += (double)c->bias2 * (c->pixels - 1);  /* one is a sensor's */
+    r->bias2 += (double)c->bias2 * guessed;
     r->noise2 += (double)c->noise2 * c->pixels;
     bias2 = SBL__MAX(c->bends2 - SBL__NOISE_DOUBT * variance, 0.0f);
     care = 1 / (c->light / r->luminance + SBL__DARKNESS);
     if (!sbl__cell_is_single(c) && !(r->threshold > 0)) {
         const float glaring = SBL__GLARING * r->asked * (c->light / r->luminance + SBL__GLARING_FLOOR);
         const int cost = SBL__SPLIT_COST * SBL__MAX(looks, 1);
-        gain = bias2 * SBL__SPLIT_GAIN * (float)(c->pixels - 1) / (float)cost;
+        gain = bias2 * SBL__SPLIT_GAIN * (float)guessed / (float)cost;
         if (c->split_gain < FLT_MAX) c->split_gain = bias2 > glaring * glaring ? FLT_MAX : gain * care;
         sbl__weigh_enter(r, c->split_gain, gain, cost);
     }
