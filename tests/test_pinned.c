@@ -144,7 +144,7 @@ static const struct { const char *renderer, *version; uint64_t hashes[PINS]; } p
         0xaf42ac4035686160u,  /* cornell_direct_high */
         0xbbde03372f6204b8u,  /* cornell_ambient_rasterised */
         0xce132c492558648du,  /* cornell_paper */
-        0xafe19d805faa9029u,  /* everything_ambient_traced */
+        0x2908b0f1ad331eceu,  /* everything_ambient_traced */
         0x1ca9bb9596f45ad6u,  /* everything_ambient_rasterised */
         0x273c1be276d6732fu,  /* everything_paper */
         0x0741bcfa978e41a1u,  /* lights_direct_traced */
