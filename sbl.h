@@ -769,7 +769,7 @@ typedef struct sbl_picture_desc {
 } sbl_picture_desc;
 
 /* What can be read. Components are floats. Where the camera sees nothing all are 0 but final, which shows the sky. Of a
-   picture under way FINAL is not anti-aliased, and RADIANCE not filtered. */
+   picture under way FINAL is not anti-aliased. */
 typedef enum sbl_channel {
     SBL_CHANNEL_FINAL = 0,  /* 3: emission + albedo * R, anti-aliased */
     SBL_CHANNEL_RADIANCE,   /* 3: R, filtered, at pixel centres */
@@ -10662,6 +10662,7 @@ typedef struct sbl__refine {
     sbl__site *sites;         /* of the job under way: site i is pixel sites[i].number; and its answers */
     sbl_reading *readings;
     int site_count, site_room, reading_room, look_count;
+    int64_t taken;            /* looks, so far */
     float mean[3];            /* of R over the picture, */
     double sum[3];            /* and what it is made of in the round under way, */
     double pixels_summed;
@@ -11154,6 +11155,7 @@ static sbl_result sbl__refine_take(sbl__refine *r, sbl_stats *stats, sbl__slice 
         for (k = 0; k < 3; k++) p->radiance[k] += share * (reading->radiance[k] - p->radiance[k]);
         p->variance += (double)share * ((double)reading->noise * reading->noise * looks - p->variance);
         p->looks += looks;
+        r->taken += looks;
         p->queued = 0;
         p->round = (short)r->rounds;
         for (k = 0; k < 3 && r->rounds == 0; k++) r->sum[k] += p->radiance[k];
@@ -11738,8 +11740,8 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
 /* ======================================================================================================== >>picture
    The front end that makes pictures: a short loop over jobs, level by level, in bounded pieces. */
 
-/* In their order; SPEND goes back to COLLECT while there is something to sense. Where the picture under way is
-   looked at, WEIGH goes to SPEND by way of FILL to PREVIEW. */
+/* In their order; SPEND goes back to COLLECT while there is something to sense. PREVIEW is left out but where the
+   picture under way is looked at: then WEIGH goes to SPEND by way of FILL to PREVIEW. */
 typedef enum sbl__stage {
     SBL__STAGE_NONE,
     SBL__STAGE_SETUP,    /* textures and memory */
@@ -11753,8 +11755,8 @@ typedef enum sbl__stage {
     SBL__STAGE_WEIGH,    /* how far off the picture is */
     SBL__STAGE_SPEND,    /* what is done about it */
     SBL__STAGE_FILL, SBL__STAGE_ORPHANS, SBL__STAGE_ADOPT, SBL__STAGE_SEND,  /* the radiance map */
-    SBL__STAGE_PREVIEW,
     SBL__STAGE_FILTER,
+    SBL__STAGE_PREVIEW,
     SBL__STAGE_SAMPLE,   /* an anti-aliasing sample's G-buffer */
     SBL__STAGE_RESOLVE,
     SBL__STAGE_DONE
@@ -11779,14 +11781,14 @@ typedef struct sbl__picture {
     int resolved;               /* anti-aliasing samples done */
     int watched;                /* somebody looks at the picture under way: previews are made */
     int previewing;             /* FILL to PREVIEW are for one */
-    int64_t previewed;          /* sensors that the last preview knows of; 0: there is none */
+    int64_t previewed;          /* looks that the last preview knows of; 0: there is none */
     float store_share;          /* of progress */
     float progress;
 } sbl__picture;
 
 #define SBL__READ_PIXELS 32768    /* of the G-buffer, read at once */
 #define SBL__STORED_NOISE 0.1f    /* of stored light where it is shown, relative: for the filter */
-#define SBL__PREVIEW_GROWTH 1.25  /* so many times the last preview's sensors make the next one */
+#define SBL__PREVIEW_GROWTH 1.25  /* so many times the last preview's looks make the next one */
 
 static void sbl__picture_free(const sbl__device *d, sbl__picture *p) {
     int i;
@@ -11862,8 +11864,7 @@ static sbl_result sbl__picture_setup(const sbl__device *d, sbl__picture *p) {
 
 /* What the last stages need: made when they come, not before. */
 static sbl_result sbl__picture_setup_end(const sbl__device *d, sbl__picture *p) {
-    sbl_result result = sbl__picture_make(d, p, &p->filtered, &p->filtered_target);
-    if (result == SBL_SUCCESS) result = sbl__picture_make(d, p, &p->finals[0], &p->final_targets[0]);
+    sbl_result result = sbl__picture_make(d, p, &p->finals[0], &p->final_targets[0]);
     if (result == SBL_SUCCESS) result = sbl__picture_make(d, p, &p->finals[1], &p->final_targets[1]);
     if (result == SBL_SUCCESS && p->desc.samples > 1)
         result = sbl__gbuffer_make(d, &p->sample, p->desc.width, p->desc.height, &p->surface.depth);
@@ -11968,7 +11969,8 @@ static sbl_result sbl__picture_filter(sbl__core *c, sbl__picture *p, const sbl__
     int rows[2];
     sbl_result result = SBL_SUCCESS;
     c->device.gl.doing = "filtering";
-    if (p->at == 0) result = sbl__picture_setup_end(&c->device, p);
+    if (p->at == 0) result = sbl__picture_make(&c->device, p, &p->filtered, &p->filtered_target);
+    if (p->at == 0 && result == SBL_SUCCESS && !p->previewing) result = sbl__picture_setup_end(&c->device, p);
     if (result != SBL_SUCCESS) return result;
     filter.radius = SBL__MAX(p->desc.filter_radius, 0);
     filter.geometry_aware = p->desc.mode != SBL_MODE_PAPER;
@@ -11983,7 +11985,7 @@ static sbl_result sbl__picture_filter(sbl__core *c, sbl__picture *p, const sbl__
 
 /* Rows of a sample, or of a preview: the sample at pixel centres, lit by what the map knows. */
 static sbl_result sbl__picture_resolve(sbl__core *c, sbl__picture *p, const sbl__slice *slice) {
-    const int preview = p->previewing, samples = preview ? 1 : p->desc.samples, from = p->resolved & 1;
+    const int preview = p->stage == SBL__STAGE_PREVIEW, samples = preview ? 1 : p->desc.samples, from = p->resolved & 1;
     const sbl__target *out = preview ? &p->preview_target : &p->final_targets[1 - from];
     sbl__resolve r;
     int rows[2];
@@ -11993,7 +11995,7 @@ static sbl_result sbl__picture_resolve(sbl__core *c, sbl__picture *p, const sbl_
     if (result != SBL_SUCCESS) return result;
     r.centres = &p->gbuffer;
     r.sample = samples > 1 ? &p->sample : &p->gbuffer;
-    r.radiance = preview ? &p->radiance : &p->filtered;
+    r.radiance = &p->filtered;
     r.previous = preview ? &p->radiance : &p->finals[from];
     r.environment = &c->scene.environment;
     r.camera = &p->camera;
@@ -12073,17 +12075,17 @@ static sbl__stage sbl__picture_next(sbl__core *c, sbl__picture *p) {
         case SBL__STAGE_TAKE: return p->refine.listed ? SBL__STAGE_COLLECT : SBL__STAGE_WEIGH;
         case SBL__STAGE_WEIGH:
             c->stats.error_expected = (float)p->refine.predicted;
-            p->previewing = p->watched && (double)c->stats.sensors >= SBL__PREVIEW_GROWTH * (double)p->previewed;
+            p->previewing = p->watched && (double)p->refine.taken >= SBL__PREVIEW_GROWTH * (double)p->previewed;
             return p->previewing ? SBL__STAGE_FILL : SBL__STAGE_SPEND;
         case SBL__STAGE_SPEND: return p->refine.bought ? SBL__STAGE_COLLECT : SBL__STAGE_FILL;
-        case SBL__STAGE_SEND: return p->previewing ? SBL__STAGE_PREVIEW : SBL__STAGE_FILTER;
         case SBL__STAGE_PREVIEW:
+            if (!p->previewing) return SBL__STAGE_SAMPLE;
             p->previewing = 0;
-            p->previewed = c->stats.sensors;
+            p->previewed = p->refine.taken;
             return SBL__STAGE_SPEND;
         case SBL__STAGE_FILTER:
             sbl__surface_begin(&p->surface);
-            return SBL__STAGE_SAMPLE;
+            return p->watched ? SBL__STAGE_PREVIEW : SBL__STAGE_SAMPLE;
         case SBL__STAGE_RESOLVE:
             sbl__surface_begin(&p->surface);
             return ++p->resolved < p->desc.samples ? SBL__STAGE_SAMPLE : SBL__STAGE_DONE;
@@ -12093,11 +12095,11 @@ static sbl__stage sbl__picture_next(sbl__core *c, sbl__picture *p) {
 
 /* Where a stage's seconds are counted. */
 static double *sbl__picture_seconds(sbl__core *c, sbl__stage stage) {
-    return stage <= SBL__STAGE_READ                                    ? &c->stats.seconds.surface
-         : stage == SBL__STAGE_SENSE                                   ? &c->stats.seconds.gather
-         : stage == SBL__STAGE_FILTER                                  ? &c->stats.seconds.filter
-         : stage >= SBL__STAGE_SAMPLE || stage == SBL__STAGE_PREVIEW   ? &c->stats.seconds.resolve
-                                                                       : &c->stats.seconds.refine;
+    return stage <= SBL__STAGE_READ    ? &c->stats.seconds.surface
+         : stage == SBL__STAGE_SENSE   ? &c->stats.seconds.gather
+         : stage == SBL__STAGE_FILTER  ? &c->stats.seconds.filter
+         : stage >= SBL__STAGE_PREVIEW ? &c->stats.seconds.resolve
+                                       : &c->stats.seconds.refine;
 }
 
 /* One bounded piece of the picture. SBL_SUCCESS: it is done. */
@@ -12121,9 +12123,8 @@ static float sbl__picture_progress(const sbl__core *c, const sbl__picture *p) {
     double share = 0;
     if (p->stage == SBL__STAGE_DONE) return 1;
     if (p->stage < SBL__STAGE_CELLS) return 0;
-    if (p->stage == SBL__STAGE_FILTER) return 0.94f;
     if (p->stage >= SBL__STAGE_SAMPLE) return 0.95f + 0.05f * (float)p->resolved / (float)p->desc.samples;
-    if (p->stage >= SBL__STAGE_FILL && !p->previewing) return 0.93f;
+    if (p->stage >= SBL__STAGE_FILL && !p->previewing) return p->stage >= SBL__STAGE_FILTER ? 0.94f : 0.93f;
     if (r->weighed) share = 0.03;
     if (r->weighed && asked > 0 && first > asked)
         share += 0.97 * log(first / SBL__MAX(r->predicted, asked)) / log(first / asked);
@@ -12149,7 +12150,7 @@ static sbl_result sbl__picture_watch(sbl__core *c, sbl__picture *p) {
     p->watched = 1;
     if (p->previewed) return SBL_SUCCESS;
     if (p->previewing) return sbl__picture_finish_preview(c, p, &slice);
-    while (p->stage >= SBL__STAGE_FILL && p->stage <= SBL__STAGE_SEND && result == SBL_UNFINISHED)
+    while (p->stage >= SBL__STAGE_FILL && p->stage <= SBL__STAGE_FILTER && result == SBL_UNFINISHED)
         result = sbl__picture_step(c, p, &slice);  /* the last map is being made: it is what is shown */
     if (result != SBL_UNFINISHED) return result;
     stage = p->stage;
@@ -12157,7 +12158,7 @@ static sbl_result sbl__picture_watch(sbl__core *c, sbl__picture *p) {
     refine_at = p->refine.at;
     row = p->refine.row;
     p->previewing = 1;
-    p->stage = stage >= SBL__STAGE_FILTER ? SBL__STAGE_PREVIEW : SBL__STAGE_FILL;
+    p->stage = stage > SBL__STAGE_FILTER ? SBL__STAGE_PREVIEW : SBL__STAGE_FILL;
     p->at = p->refine.at = p->refine.row = 0;
     result = sbl__picture_finish_preview(c, p, &slice);
     p->stage = stage;
@@ -13406,7 +13407,7 @@ static void sbl__channel_pixel(const sbl__picture *p, sbl_channel channel, size_
 static const sbl__target *sbl__channel_target(const sbl__picture *p, sbl_channel channel) {
     const int done = p->stage == SBL__STAGE_DONE;
     if (channel == SBL_CHANNEL_FINAL) return done ? &p->final_targets[p->resolved & 1] : &p->preview_target;
-    if (channel == SBL_CHANNEL_RADIANCE) return done ? &p->filtered_target : &p->radiance_target;
+    if (channel == SBL_CHANNEL_RADIANCE) return &p->filtered_target;
     return channel == SBL_CHANNEL_ALBEDO ? &p->gbuffer.target : NULL;
 }
 
