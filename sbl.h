@@ -7230,8 +7230,9 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "const float PI = 3.14159265;\n",
 "const int SBL_CERTAIN = 32;         // so many points of light get a ray each\n",
-"const float SBL_STRATA = 1.3;       // variance of n stratified points, as a share of independent ones', times the\n",
-"                                    // root of n: what edges across a lamp leave, measured\n",
+"const float SBL_STRATA = 1.5;       // variance of n stratified points, as a share of independent ones', times the\n",
+"                                    // root of n: what edges across a lamp leave, measured;\n",
+"const float SBL_STRATA_LOST = 0.6;  // and where as many lamps share the points\n",
 "const float SBL_OPENING = 0.3;      // a cluster whose radius is a smaller share of its distance is not opened ...\n",
 "const int SBL_OPENINGS = 12;        // ... or of twice as much, and so on, until all entries have room\n",
 "const float SBL_SPARSE = 16.0;      // rays that a group must get on average, to be known by a ratio\n",
@@ -7529,14 +7530,15 @@ static const char *const sbl__glsl_lamps[] = {
 "int entries[SBL_LAMPS];      // a leaf, or -1 - a node; from the end on: points of light, which get a ray each\n",
 "float strengths[SBL_LAMPS];  // what each gives about, summed up\n",
 "int used, certain;           // how many of either\n",
-"float total, crowd;          // sum of the strengths, and of their squares\n",
+"float total, crowd;          // sum of the strengths, and of their squares,\n",
+"float crowd_within;          // with those of the lamps in clusters\n",
 "mat2x3 whole;                // light of single lamps, unhindered; two groups, since of a closed mesh one is all\n",
 "                             // hidden, the other all open\n",
 "bool rounded;                // there are round lamps\n",
 "\n",
 "// Takes node or leaf number i into account; returns the one that is next, or `limit` where entries have run out.\n",
 "int sbl_consider(int i, int limit, float opening, bool last, out bool full) {\n",
-"    int leaf = i, next = i + 1;\n",
+"    int leaf = i, next = i + 1, lamps = 1;\n",
 "    float strength = 0.0;\n",
 "    bool single = lamp_leaves <= SBL_LAMPS, point = false;\n",
 "    full = false;\n",
@@ -7548,6 +7550,7 @@ static const char *const sbl__glsl_lamps[] = {
 "            leaf = int(sbl_lamp_node_first_leaf(i));\n",
 "        } else if (last || c.radius * c.radius < opening * opening * dot(c.to, c.to)) {\n",
 "            next = c.beyond;\n",
+"            lamps = (c.beyond - i + 1) / 2;\n",
 "            strength = sbl_strength(i, c);\n",
 "        }\n",
 "    }\n",
@@ -7566,6 +7569,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        else {\n",
 "            total += strength;\n",
 "            crowd += strength * strength;\n",
+"            crowd_within += strength * strength / float(lamps);\n",
 "            strengths[used] = total;\n",
 "            entries[used++] = single ? leaf : -1 - i;\n",
 "        }\n",
@@ -7580,7 +7584,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    rounded = false;\n",
 "    for (int attempt = 0; attempt < SBL_OPENINGS && full; attempt++, opening *= 2.0) {\n",
 "        used = certain = 0;\n",
-"        total = crowd = 0.0;\n",
+"        total = crowd = crowd_within = 0.0;\n",
 "        whole = mat2x3(0);\n",
 "        full = false;\n",
 "        for (int i = 0; i < limit; ) i = sbl_consider(i, limit, opening, attempt == SBL_OPENINGS - 1, full);\n",
@@ -7692,19 +7696,26 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// >>combine\n",
 "\n",
+"// Variance of n points over the lamps, as a share of independent ones': strata of a lamp's own are the smaller the\n",
+"// more points it gets.\n",
+"float sbl_strata(float points) {\n",
+"    float lamps = total * total / max(crowd_within, 1e-37);\n",
+"    return min(SBL_STRATA * sqrt(max(lamps - 1.0, 1.0) / max(points, 1.0)), SBL_STRATA_LOST);\n",
+"}\n",
+"\n",
 "// All is open, or nothing: the first rays tell; so do clusters that are alike.\n",
 "bool sbl_undecided() {\n",
 "    float mean = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);\n",
 "    float error = (squares / max(taken, 1.0) - mean * mean) / max(taken, 1.0);\n",
 "    bool mixed = dot(bright, dark) > 0.0 || (seen[0] != vec3(0) && seen[0] != open[0]) ||\n",
 "                 (seen[1] != vec3(0) && seen[1] != open[1]);\n",
-"    return mixed || SBL_STRATA * inversesqrt(max(taken, 1.0)) * error > SBL_KNOWN * mean * mean;\n",
+"    return mixed || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;\n",
 "}\n",
 "\n",
 "// R, and the variance of its luminance.\n",
 "vec4 sbl_combine() {\n",
 "    float clusters = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);\n",
-"    float variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * pow(max(taken, 1.0), -1.5);\n",
+"    float variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * sbl_strata(taken) / max(taken, 1.0);\n",
 "    vec3 light = sure + sampled / max(taken, 1.0);\n",
 "    for (int g = 0; g < 2; g++) {\n",
 "        vec3 share = vec3(open[g].r > 0.0 ? seen[g].r / open[g].r : 0.0,\n",
@@ -7713,9 +7724,9 @@ static const char *const sbl__glsl_lamps[] = {
 "        float mean = dot(whole[g], SBL_LUMINANCE), lit_share = lit[g] / max(samples[g], 1.0);\n",
 "        if (sparse[g] > 0.0) continue;\n",
 "        light += whole[g] * share;\n",
-"        variance += mean * mean * lit_share * (1.0 - lit_share) * pow(max(samples[g], 1.0), -1.5);\n",
+"        variance += mean * mean * lit_share * (1.0 - lit_share) * sbl_strata(samples[g]) / max(samples[g], 1.0);\n",
 "    }\n",
-"    return vec4(light, SBL_STRATA * variance * unit * scale) * unit * scale;\n",
+"    return vec4(light, variance * unit * scale) * unit * scale;\n",
 "}\n",
 "\n",
 "// How many passes the rays are traced in: after the first, an eighth of them or half of few, it is known whether\n",
@@ -8678,7 +8689,7 @@ static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, fl
 }
 
 /* Rays of a look, where sensors look as often as the error takes: as many as a sensor that stands for little needs. */
-static int sbl__look_rays(float error) { return error >= 0.06f ? 16 : error >= 0.015f ? 32 : 64; }
+static int sbl__look_rays(float error) { return error >= 0.06f ? 16 : error >= 0.015f ? 32 : error >= 0.004f ? 64 : 128; }
 
 static int sbl__spec_equal(const sbl__spec *a, const sbl__spec *b) {
     return a->traced == b->traced && a->paper == b->paper && a->hemicube == b->hemicube && a->size == b->size &&
@@ -11383,6 +11394,13 @@ static float sbl__expected(const sbl__refine *r, float told2) {
     return r->luminance * (float)sqrt((double)told2 + unknown * unknown);
 }
 
+/* Noise of a sensor as the filter is told: what its cell's sensors know of theirs, where its own few rays agree by
+   chance. */
+static float sbl__noise_among(const sbl__refine *r, const sbl__cell *c, const sbl__pixel *p) {
+    const float told = r->luminance * (float)sqrt((double)c->variance * (double)sbl__looks_share(p->looks));
+    return SBL__MAX(told, sbl__noise(p));
+}
+
 /* A row of a cell, interpolated in cell c, which is known. Pixels that nothing covers keep a noise of 0, and are
    counted. */
 static void sbl__fill_row(sbl__refine *r, const sbl__edge *row, const sbl__cell *c, float bends[4][3], float *rgba) {
@@ -11397,7 +11415,7 @@ static void sbl__fill_row(sbl__refine *r, const sbl__edge *row, const sbl__cell 
         p->error = sbl__expected(r, c->bias2 + c->noise2);
         if (sbl__usable(p)) {
             memcpy(to, p->radiance, sizeof p->radiance);
-            to[3] = sbl__noise(p);
+            to[3] = sbl__noise_among(r, c, p);
             p->error = sbl__expected(r, c->noise2);
         } else {
             sbl__interpolate(r, c, x, y, &m);

@@ -30,8 +30,9 @@ SBL_OUT(0, out_light);                // R, each part's own; the variance of its
 
 const float PI = 3.14159265;
 const int SBL_CERTAIN = 32;         // so many points of light get a ray each
-const float SBL_STRATA = 1.3;       // variance of n stratified points, as a share of independent ones', times the
-                                    // root of n: what edges across a lamp leave, measured
+const float SBL_STRATA = 1.5;       // variance of n stratified points, as a share of independent ones', times the
+                                    // root of n: what edges across a lamp leave, measured;
+const float SBL_STRATA_LOST = 0.6;  // and where as many lamps share the points
 const float SBL_OPENING = 0.3;      // a cluster whose radius is a smaller share of its distance is not opened ...
 const int SBL_OPENINGS = 12;        // ... or of twice as much, and so on, until all entries have room
 const float SBL_SPARSE = 16.0;      // rays that a group must get on average, to be known by a ratio
@@ -329,14 +330,15 @@ bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
 int entries[SBL_LAMPS];      // a leaf, or -1 - a node; from the end on: points of light, which get a ray each
 float strengths[SBL_LAMPS];  // what each gives about, summed up
 int used, certain;           // how many of either
-float total, crowd;          // sum of the strengths, and of their squares
+float total, crowd;          // sum of the strengths, and of their squares,
+float crowd_within;          // with those of the lamps in clusters
 mat2x3 whole;                // light of single lamps, unhindered; two groups, since of a closed mesh one is all
                              // hidden, the other all open
 bool rounded;                // there are round lamps
 
 // Takes node or leaf number i into account; returns the one that is next, or `limit` where entries have run out.
 int sbl_consider(int i, int limit, float opening, bool last, out bool full) {
-    int leaf = i, next = i + 1;
+    int leaf = i, next = i + 1, lamps = 1;
     float strength = 0.0;
     bool single = lamp_leaves <= SBL_LAMPS, point = false;
     full = false;
@@ -348,6 +350,7 @@ int sbl_consider(int i, int limit, float opening, bool last, out bool full) {
             leaf = int(sbl_lamp_node_first_leaf(i));
         } else if (last || c.radius * c.radius < opening * opening * dot(c.to, c.to)) {
             next = c.beyond;
+            lamps = (c.beyond - i + 1) / 2;
             strength = sbl_strength(i, c);
         }
     }
@@ -366,6 +369,7 @@ int sbl_consider(int i, int limit, float opening, bool last, out bool full) {
         else {
             total += strength;
             crowd += strength * strength;
+            crowd_within += strength * strength / float(lamps);
             strengths[used] = total;
             entries[used++] = single ? leaf : -1 - i;
         }
@@ -380,7 +384,7 @@ void sbl_choose() {
     rounded = false;
     for (int attempt = 0; attempt < SBL_OPENINGS && full; attempt++, opening *= 2.0) {
         used = certain = 0;
-        total = crowd = 0.0;
+        total = crowd = crowd_within = 0.0;
         whole = mat2x3(0);
         full = false;
         for (int i = 0; i < limit; ) i = sbl_consider(i, limit, opening, attempt == SBL_OPENINGS - 1, full);
@@ -492,19 +496,26 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, int rim, bool poi
 
 // >>combine
 
+// Variance of n points over the lamps, as a share of independent ones': strata of a lamp's own are the smaller the
+// more points it gets.
+float sbl_strata(float points) {
+    float lamps = total * total / max(crowd_within, 1e-37);
+    return min(SBL_STRATA * sqrt(max(lamps - 1.0, 1.0) / max(points, 1.0)), SBL_STRATA_LOST);
+}
+
 // All is open, or nothing: the first rays tell; so do clusters that are alike.
 bool sbl_undecided() {
     float mean = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);
     float error = (squares / max(taken, 1.0) - mean * mean) / max(taken, 1.0);
     bool mixed = dot(bright, dark) > 0.0 || (seen[0] != vec3(0) && seen[0] != open[0]) ||
                  (seen[1] != vec3(0) && seen[1] != open[1]);
-    return mixed || SBL_STRATA * inversesqrt(max(taken, 1.0)) * error > SBL_KNOWN * mean * mean;
+    return mixed || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;
 }
 
 // R, and the variance of its luminance.
 vec4 sbl_combine() {
     float clusters = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);
-    float variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * pow(max(taken, 1.0), -1.5);
+    float variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * sbl_strata(taken) / max(taken, 1.0);
     vec3 light = sure + sampled / max(taken, 1.0);
     for (int g = 0; g < 2; g++) {
         vec3 share = vec3(open[g].r > 0.0 ? seen[g].r / open[g].r : 0.0,
@@ -513,9 +524,9 @@ vec4 sbl_combine() {
         float mean = dot(whole[g], SBL_LUMINANCE), lit_share = lit[g] / max(samples[g], 1.0);
         if (sparse[g] > 0.0) continue;
         light += whole[g] * share;
-        variance += mean * mean * lit_share * (1.0 - lit_share) * pow(max(samples[g], 1.0), -1.5);
+        variance += mean * mean * lit_share * (1.0 - lit_share) * sbl_strata(samples[g]) / max(samples[g], 1.0);
     }
-    return vec4(light, SBL_STRATA * variance * unit * scale) * unit * scale;
+    return vec4(light, variance * unit * scale) * unit * scale;
 }
 
 // How many passes the rays are traced in: after the first, an eighth of them or half of few, it is known whether
