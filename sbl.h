@@ -7696,17 +7696,17 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "// >>combine\n",
 "\n",
-"// Variance of n points over the lamps, as a share of independent ones': strata of a lamp's own are the smaller the\n",
+"// Variance of the mean of n points over the lamps, as a share of one's: strata of a lamp's own are the smaller the\n",
 "// more points it gets.\n",
-"float sbl_strata(float points) {\n",
-"    float lamps = total * total / max(crowd_within, 1e-37);\n",
-"    return min(SBL_STRATA * sqrt(max(lamps - 1.0, 1.0) / max(points, 1.0)), SBL_STRATA_LOST);\n",
+"float sbl_strata(float n) {\n",
+"    float lamps = total * total / max(crowd_within, 1e-37), points = max(n, 1.0);\n",
+"    return min(SBL_STRATA * sqrt(max(lamps - 1.0, 1.0) / points), SBL_STRATA_LOST) / points;\n",
 "}\n",
 "\n",
 "// All is open, or nothing: the first rays tell; so do clusters that are alike.\n",
 "bool sbl_undecided() {\n",
 "    float mean = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);\n",
-"    float error = (squares / max(taken, 1.0) - mean * mean) / max(taken, 1.0);\n",
+"    float error = squares / max(taken, 1.0) - mean * mean;\n",
 "    bool mixed = dot(bright, dark) > 0.0 || (seen[0] != vec3(0) && seen[0] != open[0]) ||\n",
 "                 (seen[1] != vec3(0) && seen[1] != open[1]);\n",
 "    return mixed || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;\n",
@@ -7715,7 +7715,7 @@ static const char *const sbl__glsl_lamps[] = {
 "// R, and the variance of its luminance.\n",
 "vec4 sbl_combine() {\n",
 "    float clusters = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);\n",
-"    float variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * sbl_strata(taken) / max(taken, 1.0);\n",
+"    float variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * sbl_strata(taken);\n",
 "    vec3 light = sure + sampled / max(taken, 1.0);\n",
 "    for (int g = 0; g < 2; g++) {\n",
 "        vec3 share = vec3(open[g].r > 0.0 ? seen[g].r / open[g].r : 0.0,\n",
@@ -7724,7 +7724,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        float mean = dot(whole[g], SBL_LUMINANCE), lit_share = lit[g] / max(samples[g], 1.0);\n",
 "        if (sparse[g] > 0.0) continue;\n",
 "        light += whole[g] * share;\n",
-"        variance += mean * mean * lit_share * (1.0 - lit_share) * sbl_strata(samples[g]) / max(samples[g], 1.0);\n",
+"        variance += mean * mean * lit_share * (1.0 - lit_share) * sbl_strata(samples[g]);\n",
 "    }\n",
 "    return vec4(light, variance * unit * scale) * unit * scale;\n",
 "}\n",
@@ -8689,7 +8689,9 @@ static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, fl
 }
 
 /* Rays of a look, where sensors look as often as the error takes: as many as a sensor that stands for little needs. */
-static int sbl__look_rays(float error) { return error >= 0.06f ? 16 : error >= 0.015f ? 32 : error >= 0.004f ? 64 : 128; }
+static int sbl__look_rays(float error) {
+    return error >= 0.06f ? 16 : error >= 0.015f ? 32 : error >= 0.004f ? 64 : 128;
+}
 
 static int sbl__spec_equal(const sbl__spec *a, const sbl__spec *b) {
     return a->traced == b->traced && a->paper == b->paper && a->hemicube == b->hemicube && a->size == b->size &&

@@ -496,17 +496,17 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, int rim, bool poi
 
 // >>combine
 
-// Variance of n points over the lamps, as a share of independent ones': strata of a lamp's own are the smaller the
+// Variance of the mean of n points over the lamps, as a share of one's: strata of a lamp's own are the smaller the
 // more points it gets.
-float sbl_strata(float points) {
-    float lamps = total * total / max(crowd_within, 1e-37);
-    return min(SBL_STRATA * sqrt(max(lamps - 1.0, 1.0) / max(points, 1.0)), SBL_STRATA_LOST);
+float sbl_strata(float n) {
+    float lamps = total * total / max(crowd_within, 1e-37), points = max(n, 1.0);
+    return min(SBL_STRATA * sqrt(max(lamps - 1.0, 1.0) / points), SBL_STRATA_LOST) / points;
 }
 
 // All is open, or nothing: the first rays tell; so do clusters that are alike.
 bool sbl_undecided() {
     float mean = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);
-    float error = (squares / max(taken, 1.0) - mean * mean) / max(taken, 1.0);
+    float error = squares / max(taken, 1.0) - mean * mean;
     bool mixed = dot(bright, dark) > 0.0 || (seen[0] != vec3(0) && seen[0] != open[0]) ||
                  (seen[1] != vec3(0) && seen[1] != open[1]);
     return mixed || sbl_strata(taken) * error > SBL_KNOWN * mean * mean;
@@ -515,7 +515,7 @@ bool sbl_undecided() {
 // R, and the variance of its luminance.
 vec4 sbl_combine() {
     float clusters = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);
-    float variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * sbl_strata(taken) / max(taken, 1.0);
+    float variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * sbl_strata(taken);
     vec3 light = sure + sampled / max(taken, 1.0);
     for (int g = 0; g < 2; g++) {
         vec3 share = vec3(open[g].r > 0.0 ? seen[g].r / open[g].r : 0.0,
@@ -524,7 +524,7 @@ vec4 sbl_combine() {
         float mean = dot(whole[g], SBL_LUMINANCE), lit_share = lit[g] / max(samples[g], 1.0);
         if (sparse[g] > 0.0) continue;
         light += whole[g] * share;
-        variance += mean * mean * lit_share * (1.0 - lit_share) * sbl_strata(samples[g]) / max(samples[g], 1.0);
+        variance += mean * mean * lit_share * (1.0 - lit_share) * sbl_strata(samples[g]);
     }
     return vec4(light, variance * unit * scale) * unit * scale;
 }
