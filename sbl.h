@@ -5356,6 +5356,7 @@ typedef struct sbl__cell_slot { uint32_t check, reference; } sbl__cell_slot;
     X(sbl__split, UVEC2, sides) X(sbl__split, UVEC2, unused)
 SBL__RECORD(sbl__split, SBL__SPLIT, "sbl_split", "sbl_store", SBL__SCENE_TABLE("sbl_store"), "first_split")
 
+/* light: R; the last eight bits of its blue are what sbl__leaf_doubt tells. lamps: what of it comes from lamps. */
 #define SBL__LEAF_RECORD(X) X(sbl__leaf, VEC3, light) X(sbl__leaf, UINT, lamps)
 SBL__RECORD(sbl__leaf, SBL__LEAF_RECORD, "sbl_leaf", "sbl_store", "", "first_leaf")
 
@@ -5383,6 +5384,30 @@ static void sbl__store_free(const sbl__device *d, sbl__store *s) {
     sbl__free(d->base, s->leaves);
     sbl__table_delete(d, &s->table);
     memset(s, 0, sizeof *s);
+}
+
+/* >>store: how far off it is. Shaders need not know: the bits come along with the light. */
+
+#define SBL__DOUBT_STEPS 16        /* an octave; bits 0: it is not told */
+#define SBL__DOUBT_LEAST 1e-30f    /* blue that has such bits */
+
+static void sbl__leaf_set_doubt(sbl__leaf *leaf, double doubt) {
+    uint32_t bits, step;
+    if (leaf->light[2] < SBL__DOUBT_LEAST) return;
+    step = (uint32_t)SBL__MIN(SBL__MAX(-SBL__DOUBT_STEPS * log(SBL__MAX(doubt, 1e-9)) / log(2.0), 1.0), 255.0);
+    memcpy(&bits, &leaf->light[2], sizeof bits);
+    bits = (bits & ~255u) | step;
+    memcpy(&leaf->light[2], &bits, sizeof bits);
+}
+
+/* How far off light is likely to be that is gathered at a place whose stored light this is: a standard error, as a
+   share of the stored light; 0: unknown. */
+static float sbl__leaf_doubt(const float light[3]) {
+    uint32_t bits;
+    if (light[2] < SBL__DOUBT_LEAST) return 0;
+    memcpy(&bits, &light[2], sizeof bits);
+    bits &= 255u;
+    return bits ? (float)pow(2.0, -(double)bits / SBL__DOUBT_STEPS) : 0;
 }
 
 /* >>store: cells. store.glsl does the same. */
@@ -9227,11 +9252,15 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
    are kept, and from these all bounces at once.
 
        seeds -> { place -> feel } -> cast -> hits are placed likewise, until nothing new is hit -> light -> solve
+       -> doubt
 
    A leaf has up to SBL__BOUNCE_POINTS points, wherever seeds or rays met it; each sends SBL__BOUNCE_RAYS rays. Ray r of
    a leaf's meets leaf j in the colour a, so that R_i = L_i + mean over r of a * R_j: L from what shines, measured by
    the job. The rays are kept, and the equations solved by iteration (Kajiya 1986; gathering, as Cohen and Greenberg
    1985).
+
+   How far off that is: a leaf's points differ, and are but a few; so much light, of random sign, takes the same ways
+   from leaf to leaf as light does, and what of it arrives tells how far off light is that is gathered there.
 
    Where a surface goes on beneath what stands on it, a leaf must not be lit for both sides: from each leaf's first
    point feelers go out along its surface to the end of its cell, and what they meet cuts it (sbl__store_add_split). In
@@ -9267,6 +9296,10 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
 #define SBL__BOUNCE_WIDER 0.6      /* of the leaves that there may be, from which on new ones are of wider cells, */
 #define SBL__BOUNCE_WIDEST 0.8     /* and of the widest */
 #define SBL__BOUNCE_AIM 0.35       /* of the leaves that there may be, for which cells are cut at first */
+#define SBL__DOUBT_ROUNDS 6
+#define SBL__DOUBT_STRATA 0.35     /* of what a leaf's points differ by is its error: measured. They and their rays are
+                                      points of sequences, and neighbours make good what one misses */
+#define SBL__DOUBT_MOST 0.3        /* before that: few rays that all meet one leaf exaggerate */
 #define SBL__BOUNCE_SHARE 0.35f    /* of the time of a picture that needs it, about */
 #define SBL__AIR_SITES 54          /* six at each of nine places */
 #define SBL__AIR_RAYS 512
@@ -9300,7 +9333,8 @@ typedef struct sbl__bounce_aimed { int known; uint32_t place; float normal[3], o
 typedef enum sbl__bounce_stage {
     SBL__BOUNCE_BEGIN, SBL__BOUNCE_PATCHES, SBL__BOUNCE_SEED, SBL__BOUNCE_SOW, SBL__BOUNCE_PLACE, SBL__BOUNCE_FEEL,
     SBL__BOUNCE_CUT, SBL__BOUNCE_CAST, SBL__BOUNCE_FIND, SBL__BOUNCE_SORT, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT,
-    SBL__BOUNCE_JOIN, SBL__BOUNCE_GATHER, SBL__BOUNCE_SOLVE, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
+    SBL__BOUNCE_JOIN, SBL__BOUNCE_GATHER, SBL__BOUNCE_SOLVE, SBL__BOUNCE_NOISE, SBL__BOUNCE_CARRY, SBL__BOUNCE_DOUBT,
+    SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
 } sbl__bounce_stage;
 
 typedef struct sbl__bounce {
@@ -9329,7 +9363,8 @@ typedef struct sbl__bounce {
     sbl_reading *readings;
     uint32_t *stands;                /* hashes of the lines walked last */
     int parted;                      /* a line has cut leaves that had points: all hits are to be placed again */
-    float *light;                    /* three a leaf: what comes from what shines */
+    float *light;                    /* three a leaf: what comes from what shines; at last its noise */
+    float *solved;                   /* light, while noise stands in its place */
     int *order;                      /* where each point goes, leaf by leaf */
     double change;                   /* that the last round made */
     sbl__balance balance;            /* of the round under way */
@@ -10061,19 +10096,25 @@ static sbl_result sbl__bounce_join(sbl__core *c, sbl__bounce *b, sbl__slice *sli
     return SBL_SUCCESS;
 }
 
-/* What a leaf's points get from others, as these are now. */
+#define SBL__BOUNCE_UNIT (65535.0f * SBL__BOUNCE_RAYS)  /* of what sbl__bounce_add_got sums */
+
+/* Adds what a point gets from leaves, as these are now. */
+static void sbl__bounce_add_got(const sbl__store *s, const sbl__bounce *b, int point, float sum[3]) {
+    const sbl__hit *hits = &b->hits[(size_t)point * SBL__BOUNCE_RAYS];
+    int j, k;
+    for (j = 0; j < SBL__BOUNCE_RAYS; j++) {
+        if (hits[j].place == SBL__NOWHERE) continue;
+        for (k = 0; k < 3; k++) sum[k] += (float)hits[j].albedo[k] * s->leaves[hits[j].place].light[k];
+    }
+}
+
+/* What a leaf's points get from others, on average. */
 static void sbl__bounce_sum(const sbl__store *s, const sbl__bounce *b, const sbl__bounce_leaf *leaf, float out[3]) {
     float sum[3] = { 0, 0, 0 };
-    int i, j, k;
-    for (i = leaf->first; i < leaf->first + leaf->points; i++) {
-        const sbl__hit *hits = &b->hits[(size_t)i * SBL__BOUNCE_RAYS];
-        if (!b->readings[i].valid) continue;
-        for (j = 0; j < SBL__BOUNCE_RAYS; j++) {
-            if (hits[j].place == SBL__NOWHERE) continue;
-            for (k = 0; k < 3; k++) sum[k] += (float)hits[j].albedo[k] * s->leaves[hits[j].place].light[k];
-        }
-    }
-    for (k = 0; k < 3; k++) out[k] = leaf->valid ? sum[k] / (65535.0f * SBL__BOUNCE_RAYS * (float)leaf->valid) : 0;
+    int i, k;
+    for (i = leaf->first; i < leaf->first + leaf->points; i++)
+        if (b->readings[i].valid) sbl__bounce_add_got(s, b, i, sum);
+    for (k = 0; k < 3; k++) out[k] = leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0;
 }
 
 /* A round: one more bounce, of what leaves before have already gathered too (Gauss and Seidel's way). */
@@ -10120,6 +10161,72 @@ static sbl_result sbl__bounce_solve(sbl__core *c, sbl__bounce *b) {
     if (b->rounds < SBL__BOUNCE_SCALED + 2 && b->change > 0) return SBL_UNFINISHED;
     return b->change * ratio / (1 - ratio) <= SBL__BOUNCE_REST * sum || b->rounds >= SBL__BOUNCE_ROUNDS
         ? SBL_SUCCESS : SBL_UNFINISHED;
+}
+
+/* >>bounce: how far off it is */
+
+/* What a leaf's light may be off by, in colours and of random sign. Of one point alone nothing is known but its
+   light. */
+static void sbl__bounce_noise_of(const sbl__core *c, const sbl__bounce *b, int leaf, float out[3]) {
+    const sbl__store *s = &c->scene.store;
+    const sbl__bounce_leaf *state = &b->states[leaf];
+    const uint32_t signs = sbl__hash_step(0, (uint32_t)leaf);
+    double sum[3] = { 0, 0, 0 }, squares[3] = { 0, 0, 0 };
+    int i, k;
+    for (i = state->first; i < state->first + state->points; i++) {
+        float got[3] = { 0, 0, 0 }, sky[3];
+        if (!b->readings[i].valid) continue;
+        sbl__bounce_add_got(s, b, i, got);
+        sbl__bounce_sky(c, b, i, sky);
+        for (k = 0; k < 3; k++) {
+            const double light = (double)got[k] / SBL__BOUNCE_UNIT + sky[k] + b->readings[i].radiance[k];
+            sum[k] += light;
+            squares[k] += light * light;
+        }
+    }
+    for (k = 0; k < 3; k++) {
+        const double n = state->valid, variance = n > 1 ? (squares[k] - sum[k] * sum[k] / n) / (n - 1) / n
+                                                        : 0.25 * sum[k] * sum[k];
+        out[k] = (float)(variance > 0 ? sqrt(variance) : 0) * (signs >> (8 + k) & 1 ? 1.0f : -1.0f);
+    }
+}
+
+static sbl_result sbl__bounce_noise(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
+    const sbl__store *s = &c->scene.store;
+    if (!b->solved) b->solved = (float *)sbl__alloc_raw(&c->base, (size_t)s->leaf_count, 3 * sizeof *b->solved);
+    if (!b->solved) return SBL_ERROR_OUT_OF_MEMORY;
+    for (; b->at < s->leaf_count; b->at++) {
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        memcpy(b->solved + 3 * b->at, s->leaves[b->at].light, 3 * sizeof *b->solved);
+        sbl__bounce_noise_of(c, b, b->at, b->light + 3 * b->at);
+    }
+    return SBL_SUCCESS;
+}
+
+/* Noise takes light's place, for rounds of SBL__BOUNCE_CARRY. */
+static void sbl__bounce_carry_begin(const sbl__store *s, sbl__bounce *b) {
+    int i;
+    for (i = 0; i < s->leaf_count; i++) memcpy(s->leaves[i].light, b->light + 3 * i, 3 * sizeof *b->light);
+    b->rounds = 0;
+}
+
+/* Light takes its place again; what came from elsewhere is a leaf's doubt. */
+static sbl_result sbl__bounce_doubt(const sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
+    const sbl__store *s = &c->scene.store;
+    for (; b->at < s->leaf_count; b->at++) {
+        const float *solved = b->solved + 3 * b->at, *own = b->light + 3 * b->at;
+        float *light = s->leaves[b->at].light;
+        double doubt2 = 0;
+        int k;
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        for (k = 0; k < 3; k++) {
+            const double off = solved[k] > 0 ? ((double)light[k] - own[k]) / solved[k] : 0;
+            doubt2 += off * off / 3;
+            light[k] = solved[k];
+        }
+        sbl__leaf_set_doubt(&s->leaves[b->at], SBL__DOUBT_STRATA * SBL__MIN(sqrt(doubt2), SBL__DOUBT_MOST));
+    }
+    return SBL_SUCCESS;
 }
 
 /* >>bounce: light in the air, for what the host draws */
@@ -10213,6 +10320,9 @@ static sbl_result sbl__bounce_piece(sbl__core *c, sbl__bounce *b, sbl__slice *sl
         case SBL__BOUNCE_JOIN: return sbl__bounce_join(c, b, slice);
         case SBL__BOUNCE_GATHER: return sbl__bounce_gather(c, b, slice);
         case SBL__BOUNCE_SOLVE: return SBL_SUCCESS;
+        case SBL__BOUNCE_NOISE: return sbl__bounce_noise(c, b, slice);
+        case SBL__BOUNCE_CARRY: return sbl__bounce_gather(c, b, slice);
+        case SBL__BOUNCE_DOUBT: return sbl__bounce_doubt(c, b, slice);
         case SBL__BOUNCE_AIR: return sbl__job_step(&c->device, &b->job, slice);
         default:
             c->device.gl.doing = "storing bounced light";
@@ -10280,7 +10390,11 @@ static sbl__bounce_stage sbl__bounce_next(sbl__core *c, sbl__bounce *b) {
         case SBL__BOUNCE_SOLVE:
             if (sbl__bounce_solve(c, b) != SBL_SUCCESS) return SBL__BOUNCE_GATHER;
             sbl__bounce_warn(c, b);
-            return SBL__BOUNCE_SEND;
+            return SBL__BOUNCE_NOISE;
+        case SBL__BOUNCE_NOISE:
+            sbl__bounce_carry_begin(&c->scene.store, b);
+            return SBL__BOUNCE_CARRY;
+        case SBL__BOUNCE_CARRY: return ++b->rounds < SBL__DOUBT_ROUNDS ? SBL__BOUNCE_CARRY : SBL__BOUNCE_DOUBT;
         case SBL__BOUNCE_SEND:
             if (!c->scene.draw) return SBL__BOUNCE_DONE;
             sbl__bounce_air(c, b);
@@ -10314,6 +10428,7 @@ static void sbl__bounce_rest(const sbl__device *d, sbl__bounce *b) {
     sbl__free(d->base, b->readings);
     sbl__free(d->base, b->stands);
     sbl__free(d->base, b->light);
+    sbl__free(d->base, b->solved);
     sbl__free(d->base, b->order);
     sbl__table_delete(d, &b->casts);
     sbl__blocks_free(d, &b->blocks);
@@ -10324,7 +10439,7 @@ static void sbl__bounce_rest(const sbl__device *d, sbl__bounce *b) {
     b->sites = NULL;
     b->readings = NULL;
     b->stands = NULL;
-    b->light = NULL;
+    b->light = b->solved = NULL;
     b->order = NULL;
 }
 
@@ -10581,8 +10696,9 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
        noise   what is left of its corners' noise: they stand for many pixels in a wide cell, and in a narrow one the
                filter takes the mean of many
 
-   While the sum is more than was asked for, SPEND buys what gains most for its cost: cells that are split, and sensors
-   that look again. Whether it is a shadow's edge or a window that a few rays find, the next ray goes where it counts.
+   Besides there is what stored light is off by (doubt), which nothing here can make less. While the sum is more than was
+   asked for, SPEND buys what gains most for its cost: cells that are split, and sensors that look again. Whether it is a
+   shadow's edge or a window that a few rays find, the next ray goes where it counts.
    With a threshold (always in SBL_MODE_PAPER) cells are split where their corners differ by more than that instead.
 
        +-------+-------+      +---+---+-------+      o sensor of the first level
@@ -10600,6 +10716,7 @@ typedef struct sbl__pixel {
     double variance;          /* of one look's luminance */
     float error;              /* predicted standard error of what the picture shows, luminance */
     float stored[3];          /* what the store knows of R here */
+    float doubt;              /* standard error of R that comes of what the store is off by; luminance */
     uint32_t id;              /* 0: nothing is seen here */
     int look;                 /* number of its sensor's first look in the job that it was in */
     int looks, wanted;        /* that its sensor has taken, and is to take */
@@ -10621,6 +10738,7 @@ typedef struct sbl__pixel {
 #define SBL__LOOKS_GROWTH 8           /* times as many in one round, at most */
 #define SBL__AIM_BELOW 0.9            /* of the error that was asked for, squared: what a round spends for */
 #define SBL__AIM_SHARE 0.6            /* and at most so far down at once: what seems worth it now may not be then */
+#define SBL__AIM_LEAST 0.7            /* of it: what is left for sensors, however far off stored light is */
 #define SBL__SPLIT_COST 3             /* looks: of five new sensors most are shared */
 #define SBL__SPLIT_GAIN 0.875f        /* of what interpolation misses */
 /* Root mean square of what interpolation along an edge misses, as a share of the second differences at its ends:
@@ -10682,6 +10800,7 @@ typedef struct sbl__refine {
     float luminance;          /* its luminance, */
     float weights[3];         /* and what differences of channels count in errors */
     double bias2, noise2;     /* summed over pixels */
+    double doubt2;            /* likewise; absolute */
     double predicted, first_predicted;  /* error of the picture so far, and after the first round */
     double gains[SBL__GAIN_BINS];  /* what may be bought, by its worth */
     float least_gain;         /* that is bought in this round: worth */
@@ -11321,10 +11440,12 @@ static void sbl__cell_weigh(sbl__refine *r, sbl__cell *c, int fresh) {
 
 /* How much of what is offered must be bought for the error that was asked. */
 static void sbl__weigh_end(sbl__refine *r) {
-    const double pixels = SBL__MAX(r->pixels_summed, 1.0), asked2 = (double)r->asked * r->asked;
+    const double pixels = SBL__MAX(r->pixels_summed, 1.0), all2 = (double)r->asked * r->asked;
+    const double doubt2 = r->doubt2 / ((double)r->luminance * r->luminance * pixels);
+    const double asked2 = SBL__MAX(all2 - doubt2, SBL__AIM_LEAST * all2);
     double left = r->bias2 + r->noise2, aim;
     int bin = SBL__GAIN_BINS;
-    r->predicted = sqrt(left / pixels);
+    r->predicted = sqrt(left / pixels + doubt2);
     if (!r->weighed) r->first_predicted = r->predicted;
     r->weighed = 1;
     r->least_gain = FLT_MAX;
@@ -11391,9 +11512,9 @@ static const sbl__cell *sbl__cell_known(const sbl__refine *r, const sbl__cell *c
 }
 
 /* What a pixel's light may be off by, from what is told of it: relative, squared. */
-static float sbl__expected(const sbl__refine *r, float told2) {
-    const double unknown = (double)SBL__UNKNOWN_PIXEL * r->predicted;
-    return r->luminance * (float)sqrt((double)told2 + unknown * unknown);
+static float sbl__expected(const sbl__refine *r, const sbl__pixel *p, float told2) {
+    const double unknown = (double)SBL__UNKNOWN_PIXEL * r->predicted, doubt = (double)p->doubt / r->luminance;
+    return r->luminance * (float)sqrt((double)told2 + unknown * unknown + doubt * doubt);
 }
 
 /* Noise of a sensor as the filter is told: what its cell's sensors know of theirs, where its own few rays agree by
@@ -11414,11 +11535,11 @@ static void sbl__fill_row(sbl__refine *r, const sbl__edge *row, const sbl__cell 
         sbl__mix m;
         to[0] = to[1] = to[2] = to[3] = 0;
         if (!p->id) continue;
-        p->error = sbl__expected(r, c->bias2 + c->noise2);
+        p->error = sbl__expected(r, p, c->bias2 + c->noise2);
         if (sbl__usable(p)) {
             memcpy(to, p->radiance, sizeof p->radiance);
             to[3] = sbl__noise_among(r, c, p);
-            p->error = sbl__expected(r, c->noise2);
+            p->error = sbl__expected(r, p, c->noise2);
         } else {
             sbl__interpolate(r, c, x, y, &m);
             if (!(m.covered > 0)) { r->orphan_count++; continue; }
@@ -11920,7 +12041,10 @@ static void sbl__picture_take_pixel(const sbl__core *c, const sbl__picture *p, c
     out->stored[0] = out->sensed ? -1 - from[1][3] : from[1][3];
     out->stored[1] = from[2][3];
     out->stored[2] = from[3][3];
-    if (!out->sensed) return;  /* else it takes no sensor */
+    if (!out->sensed) {
+        out->doubt = SBL__MIN(sbl__leaf_doubt(out->stored) * sbl__luminance(out->stored), 1e30f);
+        return;
+    }
     memcpy(out->radiance, out->stored, sizeof out->radiance);
     out->variance = (double)(SBL__STORED_NOISE * sbl__max3(out->stored));
     out->variance *= out->variance;
@@ -11945,10 +12069,13 @@ static sbl_result sbl__picture_read(sbl__core *c, sbl__picture *p) {
     c->stats.readbacks += parts + 1;
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
         const float *from[4];
+        sbl__pixel *pixel;
         uint32_t id;
         memcpy(&id, ids + i, sizeof id);
         for (k = 0; k < 4; k++) from[k] = data + 4 * ((size_t)count * (size_t)k + (size_t)i);
-        sbl__picture_take_pixel(c, p, from, id, &p->refine.pixels[(size_t)p->at * (size_t)width + (size_t)i]);
+        pixel = &p->refine.pixels[(size_t)p->at * (size_t)width + (size_t)i];
+        sbl__picture_take_pixel(c, p, from, id, pixel);
+        p->refine.doubt2 += (double)pixel->doubt * pixel->doubt;
         c->stats.visible_pixels += id != 0;
     }
     sbl__free(c->device.base, data);
