@@ -10735,6 +10735,11 @@ typedef struct sbl__pixel {
 #define SBL__NOISE_WEIGHT 4           /* with a threshold: differences count from twice the standard error on */
 #define SBL__LOOKS_GAIN 0.4f          /* variance of twice as many looks: points of one Sobol sequence */
 #define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* what the next doubling gains a look, of what this one does */
+#define SBL__DOUBLINGS 10             /* of looks; 2^9 is SBL__MAX_LOOKS */
+#define SBL__LOOKS_APART 1.1          /* variance of a difference, as a share of both's sum: they complement each other */
+#define SBL__LOOKS_COMPARED 64        /* sensors that tell how much looks gain */
+#define SBL__LOOKS_WRONG_LEAST 0.5    /* times what is thought to begin with, at least, */
+#define SBL__LOOKS_WRONG_MOST 8.0     /* and at most */
 #define SBL__LOOKS_GROWTH 8           /* times as many in one round, at most */
 #define SBL__AIM_BELOW 0.9            /* of the error that was asked for, squared: what a round spends for */
 #define SBL__AIM_SHARE 0.6            /* and at most so far down at once: what seems worth it now may not be then */
@@ -10799,6 +10804,9 @@ typedef struct sbl__refine {
     double pixels_summed;
     float luminance;          /* its luminance, */
     float weights[3];         /* and what differences of channels count in errors */
+    float shares[SBL__DOUBLINGS];  /* variance of a mean of 2^k looks, as a share of one's */
+    double differed2[SBL__DOUBLINGS], expected2[SBL__DOUBLINGS];  /* by which second looks differ from the first 2^k */
+    int compared[SBL__DOUBLINGS];
     double bias2, noise2;     /* summed over pixels */
     double doubt2;            /* likewise; absolute */
     double predicted, first_predicted;  /* error of the picture so far, and after the first round */
@@ -10855,16 +10863,48 @@ static const sbl__pixel *sbl__sensor_for(const sbl__refine *r, const sbl__pixel 
 
 /* >>refine: noise */
 
-/* Variance of a mean of so many looks, as a share of one's. */
-static float sbl__looks_share(int looks) {
-    float share = 1;
-    for (; looks > 1; looks >>= 1) share *= SBL__LOOKS_GAIN;
-    return share;
+/* How often looks have been doubled. */
+static int sbl__doublings(int looks) {
+    int k = 0;
+    for (; looks > 1 && k < SBL__DOUBLINGS - 1; looks >>= 1) k++;
+    return k;
+}
+
+/* Variance of a mean of so many looks, as a share of one's: points of one Sobol sequence are better than independent
+   ones, by how much depends on what there is to be seen. So where sensors look again, what the new looks differ by from
+   those before tells. */
+static float sbl__looks_share(const sbl__refine *r, int looks) { return r->shares[sbl__doublings(looks)]; }
+
+static void sbl__looks_begin(sbl__refine *r) {
+    int k;
+    for (k = 0; k < SBL__DOUBLINGS; k++) r->shares[k] = (float)pow((double)SBL__LOOKS_GAIN, k);
+}
+
+/* A sensor that has looked `before` times, and as often or more once more: off2, by what square the two differ. */
+static void sbl__looks_differ(sbl__refine *r, const sbl__pixel *p, int before, int more, double off2) {
+    const int k = sbl__doublings(before);
+    const double gain = (double)SBL__LOOKS_GAIN;
+    r->differed2[k] += off2;
+    r->expected2[k] += SBL__LOOKS_APART * p->variance * (pow(gain, k) + pow(gain, sbl__doublings(more)));
+    r->compared[k]++;
+}
+
+/* What that tells, as far as it was seen; beyond, as before. */
+static void sbl__looks_learn(sbl__refine *r) {
+    double times = 1;
+    int k;
+    for (k = 0; k < SBL__DOUBLINGS; k++) {
+        if (r->compared[k] >= SBL__LOOKS_COMPARED && r->expected2[k] > 0)
+            times = SBL__MIN(SBL__MAX(r->differed2[k] / r->expected2[k], SBL__LOOKS_WRONG_LEAST), SBL__LOOKS_WRONG_MOST);
+        r->shares[k] = (float)(times * pow((double)SBL__LOOKS_GAIN, k));
+    }
 }
 
 /* Of a sensor's luminance. */
-static double sbl__variance(const sbl__pixel *p) { return p->variance * (double)sbl__looks_share(p->looks); }
-static float sbl__noise(const sbl__pixel *p) { return (float)sqrt(sbl__variance(p)); }
+static double sbl__variance(const sbl__refine *r, const sbl__pixel *p) {
+    return p->variance * (double)sbl__looks_share(r, p->looks);
+}
+static float sbl__noise(const sbl__refine *r, const sbl__pixel *p) { return (float)sqrt(sbl__variance(r, p)); }
 
 /* What is left of the variance of sensors so many pixels apart when they have been interpolated and filtered: bilinear
    weights keep 4/9 on average, and a filter that takes the mean of n pixels the more of it the wider the cell is. */
@@ -10890,10 +10930,10 @@ static int sbl__cell_span(const sbl__cell *c) { return SBL__MAX(c->x1 - c->x0, c
 /* A weighted sum of sensors' light. */
 typedef struct sbl__mix { float light[3], own, covered; double variance; } sbl__mix;
 
-static void sbl__mix_add(sbl__mix *m, const sbl__pixel *p, float weight) {
+static void sbl__mix_add(const sbl__refine *r, sbl__mix *m, const sbl__pixel *p, float weight) {
     int k;
     for (k = 0; k < 3; k++) m->light[k] += weight * p->radiance[k];
-    m->variance += (double)(weight * weight) * sbl__variance(p);
+    m->variance += (double)(weight * weight) * sbl__variance(r, p);
 }
 
 /* A corner shows another surface than a pixel: what the pixel's own surface would have there, continued from the
@@ -10913,8 +10953,8 @@ static void sbl__mix_continue(const sbl__refine *r, const sbl__cell *c, int corn
     share = weight / (near_by[0] && near_by[1] ? 2.0f : 1.0f);
     for (axis = 0; axis < 2; axis++) {
         if (!near_by[axis]) continue;
-        sbl__mix_add(m, near_by[axis], beyond[axis] ? 2 * share : share);
-        if (beyond[axis]) sbl__mix_add(m, beyond[axis], -share);
+        sbl__mix_add(r, m, near_by[axis], beyond[axis] ? 2 * share : share);
+        if (beyond[axis]) sbl__mix_add(r, m, beyond[axis], -share);
         m->covered += share;
     }
 }
@@ -10933,7 +10973,7 @@ static void sbl__interpolate(const sbl__refine *r, const sbl__cell *c, int x, in
         if (weight <= 0) continue;
         belongs = sbl__usable(p) ? sbl__belongs(pixel, p, r->geometry_aware) : 0;
         if (belongs > 0) {
-            sbl__mix_add(m, p, weight * belongs);
+            sbl__mix_add(r, m, p, weight * belongs);
             m->own += weight * belongs;
             m->covered += weight * belongs;
         } else if (r->geometry_aware) sbl__mix_continue(r, c, corner, pixel, weight, m);
@@ -11106,7 +11146,7 @@ static float sbl__cell_rim2(const sbl__refine *r, const sbl__cell *c) {
         if (!(guess.covered > 0)) continue;
         for (k = 0; k < 3; k++) difference[k] = p->radiance[k] - guess.light[k];
         sum += SBL__MAX(sbl__squared(r, difference) -
-                        1.5f * sbl__relative2(r, guess.variance + sbl__variance(p)), 0.0f);
+                        1.5f * sbl__relative2(r, guess.variance + sbl__variance(r, p)), 0.0f);
         count++;
     }
     return count ? sum / (float)count : 0;
@@ -11188,10 +11228,10 @@ static int sbl__cell_differs(const sbl__refine *r, const sbl__cell *c) {
         for (k = i + 1; k < 4; k++) {
             const sbl__pixel *a = sbl__cell_corner(r, c, i), *b = sbl__cell_corner(r, c, k);
             if (sbl__usable(a) && sbl__usable(b) && sbl__belongs(a, b, r->geometry_aware) > 0 &&
-                sbl__differ(r, a->radiance, b->radiance, sbl__variance(a) + sbl__variance(b))) return 1;
+                sbl__differ(r, a->radiance, b->radiance, sbl__variance(r, a) + sbl__variance(r, b))) return 1;
         }
     while ((p = sbl__cell_rim_next(r, c, &at, &guess)) != NULL)
-        if (guess.own > 0 && sbl__differ(r, guess.light, p->radiance, guess.variance + sbl__variance(p))) return 1;
+        if (guess.own > 0 && sbl__differ(r, guess.light, p->radiance, guess.variance + sbl__variance(r, p))) return 1;
     return 0;
 }
 
@@ -11283,9 +11323,11 @@ static sbl_result sbl__refine_take(sbl__refine *r, sbl_stats *stats, sbl__slice 
         const int looks = r->sites[r->at].looks;
         sbl__pixel *p = &r->pixels[r->sites[r->at].number];
         const float share = (float)looks / (float)(p->looks + looks);
+        const double off = (double)sbl__luminance(reading->radiance) - sbl__luminance(p->radiance);
         if (r->at && sbl__late(slice)) return SBL_UNFINISHED;
         for (k = 0; k < 3; k++) p->radiance[k] += share * (reading->radiance[k] - p->radiance[k]);
         p->variance += (double)share * ((double)reading->noise * reading->noise * looks - p->variance);
+        if (p->looks) sbl__looks_differ(r, p, p->looks, looks, off * off);
         p->looks += looks;
         r->taken += looks;
         p->queued = 0;
@@ -11324,6 +11366,7 @@ static float sbl__bin_gain(int bin) {
 /* Before cells are weighed: the mean of the round before is what errors are relative to. */
 static void sbl__weigh_begin(sbl__refine *r) {
     int k;
+    sbl__looks_learn(r);
     for (k = 0; k < 3 && r->pixels_summed > 0; k++) r->mean[k] = (float)(r->sum[k] / r->pixels_summed);
     r->luminance = SBL__MAX(sbl__luminance(r->mean), 1e-30f);
     for (k = 0; k < 3; k++)
@@ -11367,7 +11410,7 @@ static void sbl__cell_noise(sbl__refine *r, sbl__cell *c) {
         const sbl__pixel *p = sbl__cell_corner(r, c, corner);
         if (!sbl__usable(p)) continue;
         sum += p->variance;
-        share += sbl__looks_share(p->looks);
+        share += sbl__looks_share(r, p->looks);
         for (k = 0; k < 3; k++) light[k] += p->radiance[k];
         count++;
     }
@@ -11520,8 +11563,8 @@ static float sbl__expected(const sbl__refine *r, const sbl__pixel *p, float told
 /* Noise of a sensor as the filter is told: what its cell's sensors know of theirs, where its own few rays agree by
    chance. */
 static float sbl__noise_among(const sbl__refine *r, const sbl__cell *c, const sbl__pixel *p) {
-    const float told = r->luminance * (float)sqrt((double)c->variance * (double)sbl__looks_share(p->looks));
-    return SBL__MAX(told, sbl__noise(p));
+    const float told = r->luminance * (float)sqrt((double)c->variance * (double)sbl__looks_share(r, p->looks));
+    return SBL__MAX(told, sbl__noise(r, p));
 }
 
 /* A row of a cell, interpolated in cell c, which is known. Pixels that nothing covers keep a noise of 0, and are
@@ -11969,6 +12012,7 @@ static void sbl__picture_begin(sbl__picture *p, const sbl__core *c, const sbl_pi
     p->refine.tile = desc->tile;
     p->refine.threshold = desc->threshold;
     p->refine.asked = desc->error;
+    sbl__looks_begin(&p->refine);
     p->refine.geometry_aware = p->refine.relative = desc->mode != SBL_MODE_PAPER;
     p->refine.smoothing = sbl__filter_pixels(desc->filter_radius);
     p->store_share = sbl__prepare_share(c, &seeing);
@@ -12734,7 +12778,7 @@ static void sbl__inspect_tell(const sbl__looking *k, sbl_sensor *out) {
     memcpy(out->position, k->look.position, sizeof out->position);
     memcpy(out->normal, k->look.normal, sizeof out->normal);
     memcpy(out->radiance, p->sensed ? p->radiance : r->radiance, sizeof out->radiance);
-    out->noise = p->sensed ? sbl__noise(p) : r->noise;
+    out->noise = p->sensed ? sbl__noise(&k->picture->refine, p) : r->noise;
     out->looks = p->sensed ? p->looks : 1;
     for (i = 0; i < 3; i++) {
         out->from_lamps[i] = k->from_lamps[i];
