@@ -8540,7 +8540,7 @@ static const char *const sbl__glsl_trace[] = {
 "            share *= further;\n",
 "            if (max(share.r, max(share.g, share.b)) <= 0.0) break;\n",
 "#ifdef SBL_BOUNCED\n",
-"            sbl_go_on(hit, sbl_hash_step(sbl_hash_step(scramble.x, uint(i)), scramble.y), from, direction);\n",
+"            sbl_go_on(hit, sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y), from, direction);\n",
 "#endif\n",
 "        }\n",
 "        float light = dot(sum.rgb - before, SBL_LUMINANCE);\n",
@@ -10696,9 +10696,9 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
        noise   what is left of its corners' noise: they stand for many pixels in a wide cell, and in a narrow one the
                filter takes the mean of many
 
-   Besides there is what stored light is off by (doubt), which nothing here can make less. While the sum is more than was
-   asked for, SPEND buys what gains most for its cost: cells that are split, and sensors that look again. Whether it is a
-   shadow's edge or a window that a few rays find, the next ray goes where it counts.
+   Besides there is what stored light is off by (doubt), which nothing here can make less. While the sum is more than
+   was asked for, SPEND buys what gains most for its cost: cells that are split, and sensors that look again. Whether it
+   is a shadow's edge or a window that a few rays find, the next ray goes where it counts.
    With a threshold (always in SBL_MODE_PAPER) cells are split where their corners differ by more than that instead.
 
        +-------+-------+      +---+---+-------+      o sensor of the first level
@@ -10736,7 +10736,7 @@ typedef struct sbl__pixel {
 #define SBL__LOOKS_GAIN 0.4f          /* variance of twice as many looks: points of one Sobol sequence */
 #define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* what the next doubling gains a look, of what this one does */
 #define SBL__DOUBLINGS 10             /* of looks; 2^9 is SBL__MAX_LOOKS */
-#define SBL__LOOKS_APART 1.1          /* variance of a difference, as a share of both's sum: they complement each other */
+#define SBL__LOOKS_APART 1.1          /* variance of a difference, as a share of both's sum: points complement others */
 #define SBL__LOOKS_COMPARED 64        /* sensors that tell how much looks gain */
 #define SBL__LOOKS_WRONG_LEAST 0.5    /* times what is thought to begin with, at least, */
 #define SBL__LOOKS_WRONG_MOST 8.0     /* and at most */
@@ -10895,7 +10895,8 @@ static void sbl__looks_learn(sbl__refine *r) {
     int k;
     for (k = 0; k < SBL__DOUBLINGS; k++) {
         if (r->compared[k] >= SBL__LOOKS_COMPARED && r->expected2[k] > 0)
-            times = SBL__MIN(SBL__MAX(r->differed2[k] / r->expected2[k], SBL__LOOKS_WRONG_LEAST), SBL__LOOKS_WRONG_MOST);
+            times = SBL__MAX(SBL__MIN(r->differed2[k] / r->expected2[k], SBL__LOOKS_WRONG_MOST),
+                             SBL__LOOKS_WRONG_LEAST);
         r->shares[k] = (float)(times * pow((double)SBL__LOOKS_GAIN, k));
     }
 }

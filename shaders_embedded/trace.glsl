@@ -87,7 +87,7 @@ void main() {
             share *= further;
             if (max(share.r, max(share.g, share.b)) <= 0.0) break;
 #ifdef SBL_BOUNCED
-            sbl_go_on(hit, sbl_hash_step(sbl_hash_step(scramble.x, uint(i)), scramble.y), from, direction);
+            sbl_go_on(hit, sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y), from, direction);
 #endif
         }
         float light = dot(sum.rgb - before, SBL_LUMINANCE);
