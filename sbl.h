@@ -9304,7 +9304,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
 #define SBL__DOUBT_ROUNDS 6
 #define SBL__DOUBT_STRATA 0.35     /* of what a leaf's points differ by is its error: measured. They and their rays are
                                       points of sequences, and neighbours make good what one misses */
-#define SBL__DOUBT_MOST 0.3        /* before that: few rays that all meet one leaf exaggerate */
+#define SBL__DOUBT_MOST 0.12       /* before that: few rays that all meet one leaf exaggerate */
 #define SBL__BOUNCE_SHARE 0.35f    /* of the time of a picture that needs it, about */
 #define SBL__AIR_SITES 54          /* six at each of nine places */
 #define SBL__AIR_RAYS 512
