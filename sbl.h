@@ -2269,7 +2269,9 @@ enum {
     SBL__WRITE_DEPTH = 1 << 4,  /* there is no clip control */
     SBL__COMPUTE = 1 << 5,
     SBL__BOUNCED = 1 << 6,      /* sensors see light that has bounced, see >>store */
-    SBL__FEATURES = 7
+    SBL__MIXED = 1 << 7,        /* lamps are not just triangles, few enough to be taken singly */
+    SBL__CUTOUTS = 1 << 8,      /* some materials have holes */
+    SBL__FEATURES = 9
 };
 
 #define SBL__SHADERS_MOST 10
@@ -2297,9 +2299,8 @@ static const char *const sbl__glsl_tables[] = {
 "#define sbl_fetch(texels, i) texelFetch(texels, i)\n",
 "#endif\n",
 "\n",
-"// Software renderers run both sides of every if, but leave loops that no lane enters: an if for what is long and\n",
-"// rare.\n",
-"#define sbl_when(condition) for (int sbl_once = 0; sbl_once < ((condition) ? 1 : 0); sbl_once++)\n",
+"// Software renderers run both sides of every if, and loops at least once, but leave loops that no lane is in: what\n",
+"// is long and seldom wanted is a loop whose count may be 0, or a feature.\n",
 0 };
 /* <<glsl */
 
@@ -2353,7 +2354,8 @@ static sbl_result sbl__program_link(const sbl__device *d, unsigned *out, const u
 
 static sbl_result sbl__program_make(const sbl__device *d, unsigned *out, const sbl__recipe *recipe, unsigned features) {
     static const char *const names[SBL__FEATURES] = {
-        "TEXTURED", "WIDE", "VIEWS", "INSPECT", "WRITE_DEPTH", "COMPUTE", "BOUNCED"
+        "TEXTURED", "WIDE", "VIEWS", "INSPECT", "WRITE_DEPTH", "COMPUTE", "BOUNCED", "MIXED",
+        "CUTOUTS"
     };
     const sbl__gl *gl = &d->gl;
     const int compute = (features & SBL__COMPUTE) != 0;
@@ -4129,7 +4131,7 @@ static const char *const sbl__glsl_sky[] = {
 "// The rest of it.\n",
 "vec3 sbl_sky(vec3 direction) {\n",
 "    vec3 radiance = vec3(0);\n",
-"    sbl_when (sky_limit > 0.0) {\n",
+"    if (sky_limit > 0.0) {\n",
 "        ivec2 size = textureSize(sky_picture, 0);\n",
 "        radiance = texelFetch(sky_picture, min(ivec2(sbl_sky_at(direction) * vec2(size)), size - 1), 0).rgb;\n",
 "        radiance *= 1.0 - sbl_sky_excess(radiance);\n",
@@ -4805,12 +4807,12 @@ static const char *const sbl__glsl_traverse[] = {
 "// The nearest hit nearer than `limit`.\n",
 "sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit) {\n",
 "    sbl_Hit hit = sbl_Hit(0.0, -1, 0x7fffffff, 0.0, 0.0, false);\n",
-"#ifdef SBL_TEXTURED\n",
+"#ifdef SBL_CUTOUTS\n",
 "    // Cutouts: the nearest hit is looked at, and where nothing is there the ray goes on behind it.\n",
 "    for (int layer = 0; layer < SBL_LAYERS; layer++) {\n",
 "        bool solid = true;\n",
 "        hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);\n",
-"        sbl_when (hit.triangle >= 0 && sbl_triangle_cutout(hit.triangle) != 0u)\n",
+"        if (hit.triangle >= 0 && sbl_triangle_cutout(hit.triangle) != 0u)\n",
 "            solid = sbl_solid(int(sbl_triangle_object(hit.triangle)),\n",
 "                              sbl_attributes_at(hit.triangle, hit.b1, hit.b2));\n",
 "        if (solid) break;\n",
@@ -4901,6 +4903,7 @@ typedef struct sbl__lights {
     int ready;
     sbl__table table;
     int nodes, leaves;         /* in the table */
+    int mixed;                 /* not just triangles, few enough to be taken singly */
     uint32_t (*names)[2];      /* of the leaves: kind; triangle of the scene, light, or row * width + column */
     sbl__lamps *building;
 } sbl__lights;
@@ -5268,12 +5271,14 @@ static sbl_result sbl__lamps_store(const sbl__device *d, const sbl__environment 
     int i;
     sbl__free(d->base, lights->names);
     lights->names = (uint32_t (*)[2])sbl__alloc_raw(d->base, (size_t)l->count, sizeof *lights->names);
+    lights->mixed = l->count > SBL__LAMPS;
     if (all && lights->names) {
         if (nodes) memcpy(all, l->nodes, nodes);
         for (i = 0; i < l->count; i++) {
             const uint32_t code = l->list[i].code, kind = code >> SBL__LAMP_KIND_SHIFT;
             const uint32_t number = code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
             memcpy(all + nodes + sizeof(sbl__lamp_leaf) * (size_t)i, &code, sizeof code);
+            lights->mixed = lights->mixed || kind != SBL__LAMP_TRIANGLE;
             lights->names[i][0] = kind;
             lights->names[i][1] = kind == SBL__LAMP_TRIANGLE ? l->list[i].triangle : number;
             if (kind == SBL__LAMP_SKY_TEXEL)
@@ -5892,7 +5897,8 @@ static void sbl__scene_dress_mesh(sbl__scene *s, const sbl_material *m, sbl__obj
         memcpy(o->emission_texture, t->places[m->emission_texture - 1], sizeof o->emission_texture);
         scale = t->brightest[m->emission_texture - 1];
     }
-    if (m->albedo_texture || m->emission_texture || m->alpha_cutoff > 0) s->features |= SBL__TEXTURED;
+    if (m->albedo_texture || m->emission_texture) s->features |= SBL__TEXTURED;
+    if (m->alpha_cutoff > 0) s->features |= SBL__TEXTURED | SBL__CUTOUTS;
     s->brightest = SBL__MAX(s->brightest, scale * sbl__max3(m->emission));
 }
 
@@ -5900,7 +5906,7 @@ static void sbl__scene_dress_mesh(sbl__scene *s, const sbl_material *m, sbl__obj
 static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
     int i;
     s->brightest = SBL__MAX(s->environment.brightest, s->draw ? s->draw_brightest : 0);
-    s->features &= ~(unsigned)SBL__TEXTURED;
+    s->features &= ~(unsigned)(SBL__TEXTURED | SBL__CUTOUTS);
     if (s->geometry.colored) s->features |= SBL__TEXTURED;
     for (i = 0; i < s->geometry.mesh_count; i++)
         sbl__scene_dress_mesh(s, &materials[s->geometry.meshes[i].material], &s->geometry.objects[i]);
@@ -6137,12 +6143,20 @@ static const char *const sbl__glsl_scene[] = {
 "// A texture's place in its store is first row, width, height, kind. Bilinear, decoded before it is filtered; (0,\n",
 "// 0) is the first texel's outer corner.\n",
 "vec4 sbl_texture(uvec4 place, vec2 uv) {\n",
-"    if (place.w == 0u) return vec4(1);\n",
+"#ifdef SBL_TEXTURED\n",
 "    if ((place.w & SBL_TEXTURE_CLAMPS) == 0u) uv -= floor(uv);\n",
 "    vec2 at = uv * vec2(place.yz) - 0.5, corner = floor(at), f = at - corner;\n",
 "    ivec2 c = ivec2(clamp(corner, vec2(-1e9), vec2(1e9)));\n",
-"    return mix(mix(sbl_texel(place, c), sbl_texel(place, c + ivec2(1, 0)), f.x),\n",
-"               mix(sbl_texel(place, c + ivec2(0, 1)), sbl_texel(place, c + ivec2(1, 1)), f.x), f.y);\n",
+"    vec4 sum = vec4(place.w == 0u ? 1 : 0);\n",
+"    for (int i = 0; i < (place.w == 0u ? 0 : 4); i++) {\n",
+"        ivec2 step = ivec2(i & 1, i >> 1);\n",
+"        vec2 weight = mix(1.0 - f, f, vec2(step));\n",
+"        sum += weight.x * weight.y * sbl_texel(place, c + step);\n",
+"    }\n",
+"    return sum;\n",
+"#else\n",
+"    return vec4(1);\n",
+"#endif\n",
 "}\n",
 "\n",
 "// The surface's colour; a: what cutouts go by.\n",
@@ -6282,7 +6296,7 @@ static const char *const sbl__glsl_outgoing[] = {
 "    vec3 radiance = emits ? sbl_object_emission(object) : epsilon * sbl_object_albedo(object);\n",
 "    if (emits && lamps_apart) radiance = vec3(0);\n",
 "#ifdef SBL_TEXTURED\n",
-"    sbl_when (!sbl_outgoing_is_plain(object, back)) {\n",
+"    if (!sbl_outgoing_is_plain(object, back)) {\n",
 "        uvec4 place = emits ? sbl_object_emission_texture(object) : sbl_object_albedo_texture(object);\n",
 "        radiance *= ((emits ? vec4(1) : at.color) * sbl_texture(place, at.uv)).rgb;\n",
 "    }\n",
@@ -6512,8 +6526,8 @@ static const char *const sbl__glsl_visibility_fragment[] = {
 "layout(location = 0) out uint out_triangle;  // 1 + its number; 0: nothing is seen\n",
 "\n",
 "void main() {\n",
-"#ifdef SBL_TEXTURED\n",
-"    sbl_when (sbl_object_alpha_cutoff(int(sbl_vertex_object(sbl_corners(triangle).x))) > 0.0)\n",
+"#ifdef SBL_CUTOUTS\n",
+"    if (sbl_object_alpha_cutoff(int(sbl_vertex_object(sbl_corners(triangle).x))) > 0.0)\n",
 "        if (sbl_surface(triangle, sbl_camera_origin(), sbl_camera_direction()).albedo.a == 0.0) discard;\n",
 "#endif\n",
 "    out_triangle = uint(triangle) + 1u;\n",
@@ -6528,7 +6542,7 @@ static const sbl__recipe sbl__recipe_visibility = {
     "visibility", { sbl__glsl_scene, sbl__glsl_visibility_vertex },
     { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_camera, sbl__glsl_visibility_fragment },
     { &sbl__vertex_record, &sbl__attributes_record, &sbl__object_record },
-    SBL__TEXTURED | SBL__WIDE | SBL__WRITE_DEPTH
+    SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__WRITE_DEPTH
 };
 
 /* World to clip, rows first, the world taken relative to the eye. */
@@ -6628,12 +6642,12 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "// geometric normal and of emission.\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// Where no sensor smooths it: the mean over about a cell.\n",
-"vec3 sbl_stored_smooth(int number, sbl_Surface s) {\n",
+"// Where no sensor smooths it: the mean over about a cell, of 5 x 5 points.\n",
+"vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {\n",
 "    mat3 frame = sbl_frame(s.geometric_normal);\n",
 "    float step = 0.25 / per_cell, weight = 0.0;\n",
 "    vec3 sum = vec3(0);\n",
-"    for (int i = 0; i < 25; i++) {\n",
+"    for (int i = 0; i < points; i++) {\n",
 "        vec3 light = sbl_stored(number, s.back, s.position + step * (frame * vec3(i % 5 - 2, i / 5 - 2, 0)), 1e30);\n",
 "        float known = max(light.r, max(light.g, light.b)) > 0.0 ? 1.0 : 0.0;\n",
 "        sum += light;\n",
@@ -6647,7 +6661,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    uint triangle = texelFetch(triangles, ivec2(gl_FragCoord.xy), 0).x;\n",
 "    out_position = out_normal = out_geometric_normal = out_albedo = out_emission = vec4(0);\n",
 "    out_id = 0u;\n",
-"    sbl_when (triangle > 0u) {\n",
+"    if (triangle > 0u) {\n",
 "        vec3 origin = sbl_camera_origin(), direction = sbl_camera_direction();\n",
 "        sbl_Surface s = sbl_surface(int(triangle) - 1, origin, direction);\n",
 "        // Shading normals are there to hide facets; facets that are too small to be seen show the light that the\n",
@@ -6665,7 +6679,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "#ifdef SBL_BOUNCED\n",
 "        bool excluded = (sbl_object_flags(s.object) & SBL_NO_SENSORS) != 0u;\n",
 "        vec3 light = sbl_stored(int(triangle) - 1, s.back, s.position, 1e30);\n",
-"        sbl_when (excluded) light = sbl_stored_smooth(int(triangle) - 1, s);\n",
+"        vec3 smooth_light = sbl_stored_smooth(int(triangle) - 1, s, excluded ? 25 : 0);\n",
+"        if (excluded) light = smooth_light;\n",
 "        out_normal.w = excluded ? -1.0 - light.r : light.r;\n",
 "        out_geometric_normal.w = light.g;\n",
 "        out_emission.w = light.b;\n",
@@ -6680,7 +6695,7 @@ static const sbl__recipe sbl__recipe_gbuffer = {
     { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_camera, sbl__glsl_frame, sbl__glsl_store,
       sbl__glsl_gbuffer_fragment },
     { &sbl__vertex_record, &sbl__attributes_record, &sbl__object_record, &sbl__split_record, &sbl__leaf_record },
-    SBL__WIDE | SBL__BOUNCED
+    SBL__TEXTURED | SBL__WIDE | SBL__BOUNCED
 };
 
 /* What is drawn, for whom. */
@@ -6806,6 +6821,7 @@ typedef struct sbl__spec {
     int lamps_apart;            /* views and rays over the hemisphere do not see emitters: lamp_rays are for them */
     int bounced;                /* surfaces send out the light that the store knows */
     int skyless;                /* rays over the hemisphere do not see the sky */
+    int dark;                   /* nor anything that shines: those of a site's first look tell where it stands */
     float epsilon;
     uint32_t seed;
     int atlas_size, batch;      /* of sbl_context_desc */
@@ -7276,6 +7292,9 @@ static const char *const sbl__glsl_lamps[] = {
 "const int SBL_RIM = 12;             // points along the rim of a round lamp, at this share of its disc:\n",
 "const float SBL_RIM_AT = 0.99;\n",
 "const float SBL_KNOWN = 1e-6;       // relative variance from which on clusters are known well enough\n",
+"const float SBL_SMALL = 16.0;       // squared distance over squared size from which on a triangle is\n",
+"const float SBL_POINT[2] = float[2](-0.337845472747895, 0.725271359470687);\n",
+"const float SBL_POINT_WEIGHT[2] = float[2](0.223381589678011, 0.109951743655322);\n",
 "const float SBL_BEFORE_LAMP = 0.99999;  // share of the way to a lamp that must be free\n",
 "\n",
 "struct sbl_Lamp {\n",
@@ -7304,7 +7323,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    ivec2 texel = ivec2(at & ((1u << SBL_SKY_COLUMN_BITS) - 1u), at >> SBL_SKY_COLUMN_BITS);\n",
 "    sbl_Lamp l = sbl_Lamp(code >> SBL_LAMP_KIND_SHIFT, vec3(0), vec3(0), vec3(0), vec3(0), 1e30, 0.0, 0.0, texel,\n",
 "                          int(at), -1, vec2(1, 0));\n",
-"    sbl_when (l.kind == SBL_LAMP_TRIANGLE) {\n",
+"    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
 "        int object = int(sbl_triangle_object(l.triangle));\n",
 "        l.corner = sbl_triangle_corner_0(l.triangle);\n",
 "        l.side_1 = sbl_triangle_corner_1(l.triangle) - l.corner;\n",
@@ -7319,14 +7338,15 @@ static const char *const sbl__glsl_lamps[] = {
 "        if (abs(off) < 0.5 * sbl_look_offset(look) * length(normal)) l.emission = vec3(0);\n",
 "        if (l.group.y == 1.0 && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u) l.emission = vec3(0);\n",
 "    }\n",
-"    sbl_when (l.kind == SBL_LAMP_SKY_TEXEL) {\n",
+"#ifdef SBL_MIXED\n",
+"    if (l.kind == SBL_LAMP_SKY_TEXEL) {\n",
 "        vec2 size = vec2(textureSize(sky_picture, 0)), middle = (vec2(l.texel) + 0.5) / size;\n",
 "        vec3 radiance = texelFetch(sky_picture, l.texel, 0).rgb;\n",
 "        l.corner = sbl_sky_direction(middle.x, cos(PI * middle.y));\n",
 "        l.emission = radiance * (sbl_sky_excess(radiance) / unit * (2.0 * PI / size.x) * 2.0 * sin(PI * middle.y) *\n",
 "                                 sin(0.5 * PI / size.y));\n",
 "    }\n",
-"    sbl_when (sbl_is_light(l)) {\n",
+"    if (sbl_is_light(l)) {\n",
 "        l.corner = sbl_light_position(int(at));\n",
 "        l.emission = sbl_light_intensity(int(at)) / unit;\n",
 "        l.sine2 = sbl_light_radius(int(at));\n",
@@ -7342,6 +7362,7 @@ static const char *const sbl__glsl_lamps[] = {
 "            l.sine2 = min(l.radius * l.radius / (l.away * l.away), 1.0);\n",
 "        }\n",
 "    }\n",
+"#endif\n",
 "    return l;\n",
 "}\n",
 "\n",
@@ -7354,21 +7375,25 @@ static const char *const sbl__glsl_lamps[] = {
 "    return size > 0.0 ? atan(size, dot(p, q)) * normal.z / size : 0.0;\n",
 "}\n",
 "\n",
-"// Share of a hemisphere around z that a triangle fills, weighted by the cosine: Lambert 1760. Corners relative to\n",
-"// the sensor, in its frame.\n",
+"// Share of a hemisphere around z that a triangle fills, weighted by the cosine. Corners relative to the sensor, in\n",
+"// its frame. Lambert 1760: the sum over the edges of what is above the horizon; where the triangle is small for\n",
+"// its distance that would lose itself in rounding, and six points (Dunavant 1985, degree 4) know it to 4e-6.\n",
 "float sbl_form_factor(vec3 a, vec3 b, vec3 c) {\n",
-"    vec3 middle = (a + b + c) / 3.0, normal = cross(b - a, c - a);\n",
-"    float distance2 = dot(middle, middle);\n",
-"    float size2 = max(dot(b - a, b - a), max(dot(c - a, c - a), dot(c - b, c - b)));\n",
-"    if (min(a.z, min(b.z, c.z)) > 0.0 && distance2 > 1e5 * size2)  // too small for the sum's rounding: a point\n",
-"        return 0.5 * abs(dot(normal, middle)) * middle.z / (PI * distance2 * distance2);\n",
 "    vec3 corners[3] = vec3[3](a, b, c), entry = vec3(0), leave = vec3(0);\n",
-"    float sum = 0.0;\n",
-"    bool cut = false;\n",
-"    for (int k = 0; k < 3; k++) {  // what is below the horizon does not count\n",
-"        vec3 p = corners[k], q = corners[k == 2 ? 0 : k + 1];\n",
-"        if (max(p.z, q.z) <= 0.0) continue;\n",
-"        if (min(p.z, q.z) <= 0.0) {\n",
+"    vec3 middle = (a + b + c) / 3.0, normal = cross(b - a, c - a);\n",
+"    float distance2 = dot(middle, middle), points = 0.0, sum = 0.0;\n",
+"    float size2 = max(dot(b - a, b - a), max(dot(c - a, c - a), dot(c - b, c - b)));\n",
+"    bool small = min(a.z, min(b.z, c.z)) > 0.0 && distance2 > SBL_SMALL * size2, cut = false;\n",
+"    for (int k = 0; k < 6; k++) {  // on the ways from the corners to the middle, and beyond it\n",
+"        vec3 p = middle + SBL_POINT[k / 3] * (corners[k % 3] - middle);\n",
+"        float length2 = dot(p, p) / distance2;\n",
+"        points += SBL_POINT_WEIGHT[k / 3] * p.z / (length2 * length2);\n",
+"    }\n",
+"    int edges = small || max(a.z, max(b.z, c.z)) <= 0.0 ? 0 : 4;\n",
+"    for (int k = 0; k < edges; k++) {\n",
+"        vec3 p = k == 3 ? leave : corners[k], q = k == 3 ? entry : corners[k == 2 ? 0 : k + 1];\n",
+"        if (k == 3 ? !cut : max(p.z, q.z) <= 0.0) continue;\n",
+"        if (k < 3 && min(p.z, q.z) <= 0.0) {\n",
 "            vec3 x = vec3(mix(p.xy, q.xy, p.z / (p.z - q.z)), 0);\n",
 "            cut = true;\n",
 "            if (p.z <= 0.0) entry = p = x;\n",
@@ -7376,8 +7401,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        }\n",
 "        sum += sbl_edge(p, q);\n",
 "    }\n",
-"    if (cut) sum += sbl_edge(leave, entry);\n",
-"    return abs(sum) / (2.0 * PI);\n",
+"    return small ? points * 0.5 * abs(dot(normal, middle)) / (PI * distance2 * distance2) : abs(sum) / (2.0 * PI);\n",
 "}\n",
 "\n",
 "// The same for a round lamp whose middle has the cosine z to the normal, over the sine squared of the angle that\n",
@@ -7393,14 +7417,16 @@ static const char *const sbl__glsl_lamps[] = {
 "// R from a lamp that nothing hides.\n",
 "vec3 sbl_unhindered(sbl_Lamp l) {\n",
 "    float factor = 0.0;\n",
-"    sbl_when (l.kind == SBL_LAMP_TRIANGLE) {\n",
+"    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
 "        vec3 corner = to_frame * l.corner;\n",
 "        factor = sbl_form_factor(corner, corner + to_frame * l.side_1, corner + to_frame * l.side_2);\n",
 "    }\n",
-"    sbl_when (sbl_is_light(l)) factor = sbl_round(dot(n, l.corner), l.sine2) / PI;\n",
+"#ifdef SBL_MIXED\n",
+"    if (sbl_is_light(l)) factor = sbl_round(dot(n, l.corner), l.sine2) / PI;\n",
 "    // about: above 0 where some of it is above the horizon\n",
-"    sbl_when (l.kind == SBL_LAMP_SKY_TEXEL)\n",
+"    if (l.kind == SBL_LAMP_SKY_TEXEL)\n",
 "        factor = max(dot(n, l.corner) + PI / float(textureSize(sky_picture, 0).y), 0.0) / PI;\n",
+"#endif\n",
 "    return l.emission * factor;\n",
 "}\n",
 "\n",
@@ -7464,7 +7490,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    sbl_Sample s = sbl_Sample(l.corner, 1e30, l.emission / PI, u);\n",
 "    // by solid angle where it is large, else by area (Heitz 2019, \"A Low-Distortion Map Between Triangle and\n",
 "    // Square\")\n",
-"    sbl_when (l.kind == SBL_LAMP_TRIANGLE) {\n",
+"    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
 "        vec3 normal = cross(l.side_1, l.side_2), corner_1 = l.corner + l.side_1, corner_2 = l.corner + l.side_2;\n",
 "        vec4 ray = sbl_spherical(normalize(l.corner), normalize(corner_1), normalize(corner_2), u);\n",
 "        s.b = u.y > u.x ? vec2(0.5 * u.x, u.y - 0.5 * u.x) : vec2(u.x - 0.5 * u.y, 0.5 * u.y);\n",
@@ -7482,13 +7508,14 @@ static const char *const sbl__glsl_lamps[] = {
 "        s.direction = to / s.far;\n",
 "        s.light *= ray.w > 0.0 ? ray.w : 0.5 * abs(dot(normal, s.direction)) / (s.far * s.far);\n",
 "    }\n",
-"    sbl_when (l.kind == SBL_LAMP_SKY_TEXEL) {\n",
+"#ifdef SBL_MIXED\n",
+"    if (l.kind == SBL_LAMP_SKY_TEXEL) {\n",
 "        vec2 size = vec2(textureSize(sky_picture, 0));\n",
 "        float row = float(l.texel.y);\n",
 "        s.direction = sbl_sky_direction((float(l.texel.x) + u.x) / size.x,\n",
 "                                        mix(cos(PI * row / size.y), cos(PI * (row + 1.0) / size.y), u.y));\n",
 "    }\n",
-"    sbl_when (sbl_is_light(l)) {\n",
+"    if (sbl_is_light(l)) {\n",
 "        // off: what the ray's cosine to the middle lacks to 1\n",
 "        float cosine = sqrt(1.0 - l.sine2), off = u.x * l.sine2 / (1.0 + cosine);\n",
 "        float r = sqrt(max(off * (2.0 - off), 0.0));\n",
@@ -7497,6 +7524,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        if (l.kind == SBL_LAMP_NEAR_LIGHT)\n",
 "            s.far = l.away * (1.0 - off) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));\n",
 "    }\n",
+"#endif\n",
 "    s.light *= max(dot(n, s.direction), 0.0);\n",
 "    return s;\n",
 "}\n",
@@ -7572,7 +7600,8 @@ static const char *const sbl__glsl_lamps[] = {
 "    float strength = 0.0;\n",
 "    bool single = lamp_leaves <= SBL_LAMPS, point = false;\n",
 "    full = false;\n",
-"    sbl_when (!single) {\n",
+"#ifdef SBL_MIXED\n",
+"    if (!single) {\n",
 "        sbl_Cluster c = sbl_cluster(i);\n",
 "        if (dot(n, c.to) + c.radius <= 0.0) next = c.beyond;\n",
 "        else if (c.beyond == i + 1) {\n",
@@ -7584,7 +7613,8 @@ static const char *const sbl__glsl_lamps[] = {
 "            strength = sbl_strength(i, c);\n",
 "        }\n",
 "    }\n",
-"    sbl_when (single) {\n",
+"#endif\n",
+"    if (single) {\n",
 "        sbl_Lamp l = sbl_lamp(leaf);\n",
 "        vec3 light = sbl_unhindered(l);\n",
 "        strength = light.r + light.g + light.b;\n",
@@ -7705,7 +7735,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    }\n",
 "    if (hidden || probe) return;\n",
 "#ifdef SBL_TEXTURED\n",
-"    sbl_when (l.kind == SBL_LAMP_TRIANGLE) {\n",
+"    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
 "        sbl_Attributes at = sbl_attributes_at(l.triangle, s.b.x, s.b.y);\n",
 "        light *= sbl_texture(sbl_object_emission_texture(int(sbl_triangle_object(l.triangle))), at.uv).rgb;\n",
 "    }\n",
@@ -7830,13 +7860,15 @@ static const char *const sbl__glsl_lamps[] = {
 "            if (probe && entry < 0) continue;\n",
 "            p.leaf = entry;\n",
 "            p.cluster = entry < 0;\n",
-"            sbl_when (p.cluster) sbl_descend(p, -1 - entry, fraction.x);\n",
+"#ifdef SBL_MIXED\n",
+"            if (p.cluster) sbl_descend(p, -1 - entry, fraction.x);\n",
+"#endif\n",
 "            sbl_Lamp l = sbl_lamp(p.leaf);\n",
 "            bool corner = probe && l.kind == SBL_LAMP_TRIANGLE;\n",
 "            if (probe && (l.kind == SBL_LAMP_SKY_TEXEL || (corner && rim >= SBL_CORNERS))) continue;\n",
 "            if (probe) p.u = vec2(SBL_RIM_AT, (float(rim) + float(scramble.y >> 8) / 16777216.0) / float(SBL_RIM));\n",
 "            sbl_Sample s = sbl_sample(l, p.u);\n",
-"            sbl_when (corner) {\n",
+"            if (corner) {\n",
 "                vec3 way = l.corner + (rim == 1 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_1 +\n",
 "                           (rim == 2 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_2;\n",
 "                s.far = length(way);\n",
@@ -7865,11 +7897,11 @@ static const sbl__recipe sbl__recipe_lamps = {
     { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_carrier, sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_lamps },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
       &sbl__look_words_record, &sbl__lamp_node_record, &sbl__lamp_leaf_record, &sbl__light_record_record },
-    SBL__TEXTURED | SBL__WIDE | SBL__VIEWS | SBL__INSPECT | SBL__COMPUTE
+    SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__VIEWS | SBL__INSPECT | SBL__COMPUTE | SBL__MIXED
 };
 
 static unsigned sbl__aim_features(const sbl__scene *s, const sbl__spec *spec) {
-    return s->features | (s->draw && !spec->traced ? SBL__VIEWS : 0);
+    return s->features | (s->draw && !spec->traced ? SBL__VIEWS : 0) | (s->lights.mixed ? SBL__MIXED : 0);
 }
 
 /* For the program in use; what views show of the host's drawing is the caller's to bind. blocks: invocations of a
@@ -8460,7 +8492,9 @@ static const char *const sbl__glsl_trace[] = {
 "// reduce_blocks.glsl.\n",
 "uniform usamplerBuffer sbl_sequence;  // points of the Sobol sequence, two 32-bit fractions each, along a Morton\n",
 "                                      // curve\n",
-"uniform int rays;                     // of a sensor\n",
+"uniform int rays;                     // of a look\n",
+"uniform bool dark;                    // nothing shines but lamps: rays merely tell where a sensor stands, and\n",
+"                                      // those of its first look do\n",
 "uniform float spread;                 // 1: the cosine's whole hemisphere; 0: all rays go along the normal\n",
 "uniform vec3 sky;\n",
 "uniform float ray_offset;             // of a surface's reach, that rays start off it\n",
@@ -8482,7 +8516,7 @@ static const char *const sbl__glsl_trace[] = {
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
 "    sbl_Attributes at = sbl_Attributes(vec2(0), vec4(1));\n",
 "#ifdef SBL_TEXTURED\n",
-"    sbl_when (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);\n",
+"    if (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);\n",
 "#endif\n",
 "    vec3 radiance = sbl_outgoing(object, hit.back, at);\n",
 "    share = vec3(0);\n",
@@ -8517,13 +8551,13 @@ static const char *const sbl__glsl_trace[] = {
 "    vec3 position = sbl_look_position(sensor);\n",
 "    mat3 frame = sbl_frame(sbl_look_normal(sensor));\n",
 "    uvec2 scramble = sbl_look_scramble(sensor);\n",
-"    int skip = int(sbl_look_number(sensor)) * rays;\n",
+"    int number = int(sbl_look_number(sensor)), skip = number * rays, end = dark && number > 0 ? 0 : rays;\n",
 "\n",
 "    vec4 sum = vec4(0), hits = vec4(0, 0, 1e30, 0);\n",
 "    float squares = 0.0, other = 0.0;\n",
 "    int part = within.y * blocks.x + within.x, parts = blocks.x * blocks.y;\n",
 "    // Rays go in pairs of neighbours along the curve: how far those differ tells the noise of stratified points.\n",
-"    for (int k = 0, i = 2 * part; i < rays; k++, i = 2 * (part + (k >> 1) * parts) + (k & 1)) {\n",
+"    for (int k = 0, i = 2 * part; i < end; k++, i = 2 * (part + (k >> 1) * parts) + (k & 1)) {\n",
 "        vec3 before = sum.rgb;\n",
 "        uvec2 fraction = texelFetch(sbl_sequence, skip + i).xy ^ scramble;\n",
 "        vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0 * vec2(spread, 1.0);\n",
@@ -8565,7 +8599,7 @@ static const sbl__recipe sbl__recipe_trace = {
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
       &sbl__look_words_record,
       &sbl__split_record, &sbl__leaf_record },
-    SBL__TEXTURED | SBL__WIDE | SBL__COMPUTE | SBL__BOUNCED
+    SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__BOUNCED
 };
 
 /* Traces a batch, which has been sent; slots->blocks invocations share a look's rays. probe: one ray a look, along its
@@ -8575,6 +8609,7 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
     if (result != SBL_SUCCESS) return result;
     sbl__rays_bind(d, b, &t->sequence, b->slots->blocks);
     sbl__set_int(d, "rays", probe ? 1 : t->rays);
+    sbl__set_int(d, "dark", b->spec->dark);
     sbl__set_int(d, "lamps_apart", b->spec->lamps_apart);
     sbl__set_float(d, "epsilon", b->spec->epsilon);
     sbl__set_float(d, "spread", probe ? 0.0f : 1.0f);
@@ -8682,7 +8717,7 @@ static void sbl__job_free(const sbl__device *d, sbl__job *j) {
 static void sbl__spec_make(sbl__spec *spec, const sbl__seeing *s, const sbl__scene *scene, const sbl_context_desc *c) {
     const sbl__environment *e = &scene->environment;
     const int rays = s->rays ? s->rays : s->look_rays;
-    const int dark = s->mode != SBL_MODE_GI && !e->pixels &&
+    const int dark = s->mode != SBL_MODE_GI && !e->pixels && !s->every_ray &&
                      !(s->epsilon + e->sky[0] + e->sky[1] + e->sky[2] > 0);
     memset(spec, 0, sizeof *spec);
     spec->traced = s->backend == SBL_BACKEND_TRACE;
@@ -8694,9 +8729,10 @@ static void sbl__spec_make(sbl__spec *spec, const sbl__seeing *s, const sbl__sce
     spec->epsilon = s->epsilon;
     spec->seed = s->seed;
     spec->batch = c->batch;
-    if (spec->traced)  /* where only lamps shine, rays over the hemisphere merely tell where a sensor stands: few do */
-        spec->rays = dark && !s->every_ray ? SBL__MIN(rays, SBL__TRACE_CHUNK) : rays;
-    else {
+    if (spec->traced) {
+        spec->dark = dark;
+        spec->rays = dark ? SBL__MIN(rays, SBL__TRACE_CHUNK) : rays;
+    } else {
         spec->hemicube = s->sensor_kind == SBL_SENSOR_HEMICUBE;
         spec->size = s->sensor_size;
         spec->fov = s->sensor_fov;
@@ -8726,8 +8762,8 @@ static int sbl__look_rays(float error) {
 static int sbl__spec_equal(const sbl__spec *a, const sbl__spec *b) {
     return a->traced == b->traced && a->paper == b->paper && a->hemicube == b->hemicube && a->size == b->size &&
            a->fov == b->fov && a->rays == b->rays && a->lamp_rays == b->lamp_rays && a->lamps_apart == b->lamps_apart &&
-           a->bounced == b->bounced && a->skyless == b->skyless && a->looks == b->looks && a->epsilon == b->epsilon &&
-           a->atlas_size == b->atlas_size && a->batch == b->batch;
+           a->bounced == b->bounced && a->skyless == b->skyless && a->dark == b->dark && a->looks == b->looks &&
+           a->epsilon == b->epsilon && a->atlas_size == b->atlas_size && a->batch == b->batch;
 }
 
 /* >>job: setting up */
@@ -9136,9 +9172,11 @@ static void sbl__job_count(sbl__job *j) {
     const sbl__spec *spec = &j->task.spec;
     const int looks = j->look_count - j->task.first_look;
     const sbl__layout *l = &j->raster.lenses[SBL__LENS_SITE].layout;
+    int i;
     if (j->lens == SBL__LENS_PROBE) return;
     j->counts.looks += looks;
-    if (spec->traced) j->counts.rays += (int64_t)looks * spec->rays;
+    if (spec->dark) for (i = 0; i < j->task.site_count; i++) j->counts.rays += j->task.sites[i].first ? 0 : spec->rays;
+    else if (spec->traced) j->counts.rays += (int64_t)looks * spec->rays;
     else {
         j->counts.views += (int64_t)looks * l->view_count;
         j->counts.texels += (int64_t)looks * l->sheet_width * l->sheet_height;
@@ -9427,7 +9465,7 @@ static const sbl__recipe sbl__recipe_cast = {
     { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_carrier, sbl__glsl_traverse, sbl__glsl_cast },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
       &sbl__cast_record },
-    SBL__TEXTURED | SBL__WIDE | SBL__COMPUTE
+    SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE
 };
 
 static sbl_result sbl__cast_send(sbl__core *c, sbl__bounce *b, const sbl__cast *rays, int count) {
@@ -10777,7 +10815,8 @@ typedef struct sbl__cell {
     int looks;                /* that new sensors at its corners begin with */
     int pixels;               /* that it gives light to; counted when it is first weighed */
     float missing;            /* share of them that its corners do not cover */
-    float bends2;             /* what its edges and its rim say that it misses, noise and all */
+    float bends2;             /* what its edges and its rim say that it misses, noise and all; */
+    float unknown2;           /* of that, what no difference tells */
     float bias2, noise2;      /* predicted errors */
     float light, variance;    /* means of its corners: luminance; relative variance of a look, with its parent's */
     float split_gain, look_gain;  /* what a look that it would cost is worth */
@@ -11072,13 +11111,13 @@ static float sbl__distance2(const float a[3], const float b[3]) {
     return sbl__dot(d, d);
 }
 
-/* Of extrapolation over an end of an edge into the cell: by the second difference beyond it, and by what may hide
-   between the sensor and where its surface ends. */
-static float sbl__beyond2(const sbl__refine *r, const sbl__edge *e, int end) {
+/* Of extrapolation over an end of an edge into the cell: by the second difference beyond it, and *unknown: by what may
+   hide between the sensor and where its surface ends. */
+static float sbl__beyond2(const sbl__refine *r, const sbl__edge *e, int end, float *unknown2) {
     const int dx = e->x1 - e->x0, dy = e->y1 - e->y0, way = end ? 1 : -1;
     const int x = end ? e->x1 : e->x0, y = end ? e->y1 : e->y0;
     const sbl__pixel *p = sbl__pixel_at(r, x, y), *next, *last, *other;
-    float difference[3], unknown = SBL__UNKNOWN_BEYOND;
+    float difference[3], hidden[3], unknown = SBL__UNKNOWN_BEYOND;
     int k;
     next = sbl__sensor_for(r, p, x + way * dx, y + way * dy);
     last = sbl__sensor_for(r, p, x + 2 * way * dx, y + 2 * way * dy);
@@ -11089,15 +11128,16 @@ static float sbl__beyond2(const sbl__refine *r, const sbl__edge *e, int end) {
     for (k = 0; k < 3; k++) {
         const double known = next && last ? p->radiance[k] - 2 * next->radiance[k] + last->radiance[k]
                            : next         ? p->radiance[k] - next->radiance[k] : 0;
-        difference[k] = unknown * SBL__MAX(p->radiance[k], r->mean[k]);
-        difference[k] = SBL__MAX(SBL__MISSED_BEYOND * (float)fabs(known), difference[k]);
+        hidden[k] = unknown * SBL__MAX(p->radiance[k], r->mean[k]);
+        difference[k] = SBL__MAX(SBL__MISSED_BEYOND * (float)fabs(known), hidden[k]);
     }
+    *unknown2 += sbl__squared(r, hidden);
     return sbl__squared(r, difference);
 }
 
 /* Of a cell, as its edges tell: inside, and where it is continued. */
-static float sbl__cell_bends2(const sbl__refine *r, const sbl__cell *c) {
-    float inside = 0, beyond = 0;
+static float sbl__cell_bends2(const sbl__refine *r, sbl__cell *c) {
+    float inside = 0, beyond = 0, unknown = 0;
     int side, end, k, insides = 0, beyonds = 0;
     for (side = 0; side < 4; side++) {
         const sbl__edge e = sbl__cell_edge(c, side);
@@ -11119,10 +11159,11 @@ static float sbl__cell_bends2(const sbl__refine *r, const sbl__cell *c) {
             inside += sbl__squared(r, missed);
             insides++;
         } else for (end = 0; end < 2; end++)
-            if (sbl__usable(ends[end])) { beyond += sbl__beyond2(r, &e, end); beyonds++; }
+            if (sbl__usable(ends[end])) { beyond += sbl__beyond2(r, &e, end, &unknown); beyonds++; }
     }
     if (insides) inside /= (float)insides;
     beyond = beyonds ? beyond / (float)beyonds : inside;
+    c->unknown2 = beyonds ? c->missing * unknown / (float)beyonds : 0;
     return (1 - c->missing) * inside + c->missing * beyond;
 }
 
@@ -11159,7 +11200,7 @@ static float sbl__cell_rim2(const sbl__refine *r, const sbl__cell *c) {
 }
 
 /* Rims tell of those places where neighbours had reason to split: there a cell misses more than on the whole. */
-static float sbl__cell_missed2(const sbl__refine *r, const sbl__cell *c) {
+static float sbl__cell_missed2(const sbl__refine *r, sbl__cell *c) {
     const float bends2 = sbl__cell_bends2(r, c), rim2 = sbl__cell_rim2(r, c);
     return SBL__MAX(bends2, 0.5f * (bends2 + rim2));
 }
@@ -11464,10 +11505,10 @@ static void sbl__cell_weigh(sbl__refine *r, sbl__cell *c, int fresh) {
     sbl__cell_noise(r, c);
     guessed = SBL__MAX(c->pixels - 1, 0);  /* one is a sensor's */
     variance = c->noise2 / sbl__noise_left(r, sbl__cell_span(c));
-    c->bias2 = SBL__MAX(c->bends2 - SBL__NOISE_BENDS * variance, 0.0f);
+    c->bias2 = SBL__MAX(c->bends2 - SBL__NOISE_BENDS * variance, c->unknown2);
     r->bias2 += (double)c->bias2 * guessed;
     r->noise2 += (double)c->noise2 * c->pixels;
-    bias2 = SBL__MAX(c->bends2 - SBL__NOISE_DOUBT * variance, 0.0f);
+    bias2 = SBL__MAX(c->bends2 - SBL__NOISE_DOUBT * variance, c->unknown2);
     care = 1 / (c->light / r->luminance + SBL__DARKNESS);
     if (!sbl__cell_is_single(c) && !(r->threshold > 0)) {
         const float glaring = SBL__GLARING * r->asked * (c->light / r->luminance + SBL__GLARING_FLOOR);
@@ -11823,10 +11864,9 @@ static const char *const sbl__glsl_resolve[] = {
 "// As a camera sees the environment: bilinear.\n",
 "vec3 sbl_sky_smooth(vec3 direction) {\n",
 "    vec3 radiance = vec3(0);\n",
-"    if (sky_limit == 0.0) return radiance;\n",
 "    ivec2 size = textureSize(sky_picture, 0);\n",
 "    vec2 at = sbl_sky_at(direction) * vec2(size) - 0.5, corner = floor(at), f = at - corner;\n",
-"    for (int i = 0; i < 4; i++) {\n",
+"    for (int i = 0; i < (sky_limit == 0.0 ? 0 : 4); i++) {\n",
 "        ivec2 step = ivec2(i & 1, i >> 1), texel = ivec2(corner) + step;\n",
 "        vec2 weight = mix(1.0 - f, f, vec2(step));\n",
 "        texel = ivec2((texel.x + size.x) % size.x, clamp(texel.y, 0, size.y - 1));\n",
@@ -11847,21 +11887,21 @@ static const char *const sbl__glsl_resolve[] = {
 "        near += tent.x * tent.y * vec4(texelFetch(radiance, there, 0).rgb, 1) *\n",
 "                sbl_belongs(p, n, texelFetch(positions, there, 0).xyz, texelFetch(normals, there, 0).xyz);\n",
 "    }\n",
-"    if (near.a > SBL_NEAR_ENOUGH) return near.rgb / near.a;\n",
+"    bool enough = near.a > SBL_NEAR_ENOUGH;\n",
+"    int across = 2 * SBL_REACH + 1, count = enough ? 0 : across * across;\n",
 "    vec4 far = vec4(0), rest = vec4(0);\n",
-"    for (int y = -SBL_REACH; y <= SBL_REACH; y++)\n",
-"        for (int x = -SBL_REACH; x <= SBL_REACH; x++) {\n",
-"            ivec2 there = clamp(at + ivec2(x, y), ivec2(0), size - 1);\n",
-"            uint there_id = texelFetch(ids, there, 0).x;\n",
-"            if (there_id == 0u) continue;\n",
-"            vec3 q = texelFetch(positions, there, 0).xyz, m = texelFetch(normals, there, 0).xyz;\n",
-"            vec2 d = vec2(x, y) - offset;\n",
-"            vec4 r = exp(-dot(d, d)) * vec4(texelFetch(radiance, there, 0).rgb, 1);\n",
-"            if (there_id == id) far += r * (sbl_belongs(p, n, q, m) + SBL_SAME_ID);\n",
-"            rest += r * (SBL_OTHER_ID + max(0.0, dot(n, m)));\n",
-"        }\n",
-"    if (far.a > 0.0) return far.rgb / far.a;\n",
-"    return rest.a > 0.0 ? rest.rgb / rest.a : vec3(0);\n",
+"    for (int i = 0; i < count; i++) {\n",
+"        ivec2 step = ivec2(i % across, i / across) - SBL_REACH, there = clamp(at + step, ivec2(0), size - 1);\n",
+"        uint there_id = texelFetch(ids, there, 0).x;\n",
+"        if (there_id == 0u) continue;\n",
+"        vec3 q = texelFetch(positions, there, 0).xyz, m = texelFetch(normals, there, 0).xyz;\n",
+"        vec2 d = vec2(step) - offset;\n",
+"        vec4 r = exp(-dot(d, d)) * vec4(texelFetch(radiance, there, 0).rgb, 1);\n",
+"        if (there_id == id) far += r * (sbl_belongs(p, n, q, m) + SBL_SAME_ID);\n",
+"        rest += r * (SBL_OTHER_ID + max(0.0, dot(n, m)));\n",
+"    }\n",
+"    vec4 light = enough ? near : far.a > 0.0 ? far : rest;\n",
+"    return light.a > 0.0 ? light.rgb / light.a : vec3(0);\n",
 "}\n",
 "\n",
 "void main() {\n",
@@ -13205,14 +13245,20 @@ static void sbl__context_free(sbl_context *c) {
 
 /* GL, under the guard: what all passes share, and all programs where the host asked for them. */
 static sbl_result sbl__context_start(sbl__core *core) {
+    enum { TEXTURED = SBL__TEXTURED, CUTOUTS = SBL__TEXTURED | SBL__CUTOUTS, VIEWS = SBL__VIEWS, MIXED = SBL__MIXED };
     static const struct { const sbl__recipe *recipe; unsigned features; } programs[] = {
-        { &sbl__recipe_visibility, 0 }, { &sbl__recipe_visibility, SBL__TEXTURED }, { &sbl__recipe_gbuffer, 0 },
-        { &sbl__recipe_trace, 0 }, { &sbl__recipe_trace, SBL__TEXTURED }, { &sbl__recipe_lamps, 0 },
-        { &sbl__recipe_lamps, SBL__TEXTURED }, { &sbl__recipe_lamps, SBL__VIEWS },
-        { &sbl__recipe_lamps, SBL__VIEWS | SBL__TEXTURED }, { &sbl__recipe_sensor, 0 },
-        { &sbl__recipe_sensor, SBL__TEXTURED }, { &sbl__recipe_sky, 0 }, { &sbl__recipe_reduce_blocks, 0 },
-        { &sbl__recipe_reduce_sum, 0 }, { &sbl__recipe_filter, 0 }, { &sbl__recipe_resolve, 0 },
-        { &sbl__recipe_copy, 0 }
+        { &sbl__recipe_visibility, 0 }, { &sbl__recipe_visibility, TEXTURED }, { &sbl__recipe_visibility, CUTOUTS },
+        { &sbl__recipe_gbuffer, 0 }, { &sbl__recipe_gbuffer, TEXTURED },
+        { &sbl__recipe_trace, 0 }, { &sbl__recipe_trace, TEXTURED }, { &sbl__recipe_trace, CUTOUTS },
+        { &sbl__recipe_lamps, 0 }, { &sbl__recipe_lamps, TEXTURED }, { &sbl__recipe_lamps, CUTOUTS },
+        { &sbl__recipe_lamps, VIEWS }, { &sbl__recipe_lamps, VIEWS | TEXTURED },
+        { &sbl__recipe_lamps, VIEWS | CUTOUTS }, { &sbl__recipe_lamps, MIXED },
+        { &sbl__recipe_lamps, MIXED | TEXTURED }, { &sbl__recipe_lamps, MIXED | CUTOUTS },
+        { &sbl__recipe_lamps, MIXED | VIEWS },
+        { &sbl__recipe_lamps, MIXED | VIEWS | TEXTURED }, { &sbl__recipe_lamps, MIXED | VIEWS | CUTOUTS },
+        { &sbl__recipe_sensor, 0 }, { &sbl__recipe_sensor, TEXTURED },
+        { &sbl__recipe_sky, 0 }, { &sbl__recipe_reduce_blocks, 0 }, { &sbl__recipe_reduce_sum, 0 },
+        { &sbl__recipe_filter, 0 }, { &sbl__recipe_resolve, 0 }, { &sbl__recipe_copy, 0 }
     };
     sbl__guard guard;
     sbl_result result;

@@ -12,12 +12,12 @@ layout(location = 5) out uint out_id;
 // geometric normal and of emission.
 
 #ifdef SBL_BOUNCED
-// Where no sensor smooths it: the mean over about a cell.
-vec3 sbl_stored_smooth(int number, sbl_Surface s) {
+// Where no sensor smooths it: the mean over about a cell, of 5 x 5 points.
+vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
     mat3 frame = sbl_frame(s.geometric_normal);
     float step = 0.25 / per_cell, weight = 0.0;
     vec3 sum = vec3(0);
-    for (int i = 0; i < 25; i++) {
+    for (int i = 0; i < points; i++) {
         vec3 light = sbl_stored(number, s.back, s.position + step * (frame * vec3(i % 5 - 2, i / 5 - 2, 0)), 1e30);
         float known = max(light.r, max(light.g, light.b)) > 0.0 ? 1.0 : 0.0;
         sum += light;
@@ -31,7 +31,7 @@ void main() {
     uint triangle = texelFetch(triangles, ivec2(gl_FragCoord.xy), 0).x;
     out_position = out_normal = out_geometric_normal = out_albedo = out_emission = vec4(0);
     out_id = 0u;
-    sbl_when (triangle > 0u) {
+    if (triangle > 0u) {
         vec3 origin = sbl_camera_origin(), direction = sbl_camera_direction();
         sbl_Surface s = sbl_surface(int(triangle) - 1, origin, direction);
         // Shading normals are there to hide facets; facets that are too small to be seen show the light that the
@@ -49,7 +49,8 @@ void main() {
 #ifdef SBL_BOUNCED
         bool excluded = (sbl_object_flags(s.object) & SBL_NO_SENSORS) != 0u;
         vec3 light = sbl_stored(int(triangle) - 1, s.back, s.position, 1e30);
-        sbl_when (excluded) light = sbl_stored_smooth(int(triangle) - 1, s);
+        vec3 smooth_light = sbl_stored_smooth(int(triangle) - 1, s, excluded ? 25 : 0);
+        if (excluded) light = smooth_light;
         out_normal.w = excluded ? -1.0 - light.r : light.r;
         out_geometric_normal.w = light.g;
         out_emission.w = light.b;

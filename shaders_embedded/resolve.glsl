@@ -20,10 +20,9 @@ const float SBL_OTHER_ID = 0.01;        // and one of another where there is not
 // As a camera sees the environment: bilinear.
 vec3 sbl_sky_smooth(vec3 direction) {
     vec3 radiance = vec3(0);
-    if (sky_limit == 0.0) return radiance;
     ivec2 size = textureSize(sky_picture, 0);
     vec2 at = sbl_sky_at(direction) * vec2(size) - 0.5, corner = floor(at), f = at - corner;
-    for (int i = 0; i < 4; i++) {
+    for (int i = 0; i < (sky_limit == 0.0 ? 0 : 4); i++) {
         ivec2 step = ivec2(i & 1, i >> 1), texel = ivec2(corner) + step;
         vec2 weight = mix(1.0 - f, f, vec2(step));
         texel = ivec2((texel.x + size.x) % size.x, clamp(texel.y, 0, size.y - 1));
@@ -44,21 +43,21 @@ vec3 sbl_light_at(ivec2 at, uint id) {
         near += tent.x * tent.y * vec4(texelFetch(radiance, there, 0).rgb, 1) *
                 sbl_belongs(p, n, texelFetch(positions, there, 0).xyz, texelFetch(normals, there, 0).xyz);
     }
-    if (near.a > SBL_NEAR_ENOUGH) return near.rgb / near.a;
+    bool enough = near.a > SBL_NEAR_ENOUGH;
+    int across = 2 * SBL_REACH + 1, count = enough ? 0 : across * across;
     vec4 far = vec4(0), rest = vec4(0);
-    for (int y = -SBL_REACH; y <= SBL_REACH; y++)
-        for (int x = -SBL_REACH; x <= SBL_REACH; x++) {
-            ivec2 there = clamp(at + ivec2(x, y), ivec2(0), size - 1);
-            uint there_id = texelFetch(ids, there, 0).x;
-            if (there_id == 0u) continue;
-            vec3 q = texelFetch(positions, there, 0).xyz, m = texelFetch(normals, there, 0).xyz;
-            vec2 d = vec2(x, y) - offset;
-            vec4 r = exp(-dot(d, d)) * vec4(texelFetch(radiance, there, 0).rgb, 1);
-            if (there_id == id) far += r * (sbl_belongs(p, n, q, m) + SBL_SAME_ID);
-            rest += r * (SBL_OTHER_ID + max(0.0, dot(n, m)));
-        }
-    if (far.a > 0.0) return far.rgb / far.a;
-    return rest.a > 0.0 ? rest.rgb / rest.a : vec3(0);
+    for (int i = 0; i < count; i++) {
+        ivec2 step = ivec2(i % across, i / across) - SBL_REACH, there = clamp(at + step, ivec2(0), size - 1);
+        uint there_id = texelFetch(ids, there, 0).x;
+        if (there_id == 0u) continue;
+        vec3 q = texelFetch(positions, there, 0).xyz, m = texelFetch(normals, there, 0).xyz;
+        vec2 d = vec2(step) - offset;
+        vec4 r = exp(-dot(d, d)) * vec4(texelFetch(radiance, there, 0).rgb, 1);
+        if (there_id == id) far += r * (sbl_belongs(p, n, q, m) + SBL_SAME_ID);
+        rest += r * (SBL_OTHER_ID + max(0.0, dot(n, m)));
+    }
+    vec4 light = enough ? near : far.a > 0.0 ? far : rest;
+    return light.a > 0.0 ? light.rgb / light.a : vec3(0);
 }
 
 void main() {

@@ -33,12 +33,20 @@ vec4 sbl_texel(uvec4 place, ivec2 at) {
 // A texture's place in its store is first row, width, height, kind. Bilinear, decoded before it is filtered; (0,
 // 0) is the first texel's outer corner.
 vec4 sbl_texture(uvec4 place, vec2 uv) {
-    if (place.w == 0u) return vec4(1);
+#ifdef SBL_TEXTURED
     if ((place.w & SBL_TEXTURE_CLAMPS) == 0u) uv -= floor(uv);
     vec2 at = uv * vec2(place.yz) - 0.5, corner = floor(at), f = at - corner;
     ivec2 c = ivec2(clamp(corner, vec2(-1e9), vec2(1e9)));
-    return mix(mix(sbl_texel(place, c), sbl_texel(place, c + ivec2(1, 0)), f.x),
-               mix(sbl_texel(place, c + ivec2(0, 1)), sbl_texel(place, c + ivec2(1, 1)), f.x), f.y);
+    vec4 sum = vec4(place.w == 0u ? 1 : 0);
+    for (int i = 0; i < (place.w == 0u ? 0 : 4); i++) {
+        ivec2 step = ivec2(i & 1, i >> 1);
+        vec2 weight = mix(1.0 - f, f, vec2(step));
+        sum += weight.x * weight.y * sbl_texel(place, c + step);
+    }
+    return sum;
+#else
+    return vec4(1);
+#endif
 }
 
 // The surface's colour; a: what cutouts go by.

@@ -25,7 +25,7 @@ float sbl_sky_excess(vec3 radiance) {
 // The rest of it.
 vec3 sbl_sky(vec3 direction) {
     vec3 radiance = vec3(0);
-    sbl_when (sky_limit > 0.0) {
+    if (sky_limit > 0.0) {
         ivec2 size = textureSize(sky_picture, 0);
         radiance = texelFetch(sky_picture, min(ivec2(sbl_sky_at(direction) * vec2(size)), size - 1), 0).rgb;
         radiance *= 1.0 - sbl_sky_excess(radiance);

@@ -9,6 +9,5 @@
 #define sbl_fetch(texels, i) texelFetch(texels, i)
 #endif
 
-// Software renderers run both sides of every if, but leave loops that no lane enters: an if for what is long and
-// rare.
-#define sbl_when(condition) for (int sbl_once = 0; sbl_once < ((condition) ? 1 : 0); sbl_once++)
+// Software renderers run both sides of every if, and loops at least once, but leave loops that no lane is in: what
+// is long and seldom wanted is a loop whose count may be 0, or a feature.

@@ -2,7 +2,9 @@
 // reduce_blocks.glsl.
 uniform usamplerBuffer sbl_sequence;  // points of the Sobol sequence, two 32-bit fractions each, along a Morton
                                       // curve
-uniform int rays;                     // of a sensor
+uniform int rays;                     // of a look
+uniform bool dark;                    // nothing shines but lamps: rays merely tell where a sensor stands, and
+                                      // those of its first look do
 uniform float spread;                 // 1: the cosine's whole hemisphere; 0: all rays go along the normal
 uniform vec3 sky;
 uniform float ray_offset;             // of a surface's reach, that rays start off it
@@ -24,7 +26,7 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool last, out vec3 share) {
     int object = int(sbl_triangle_object(hit.triangle));
     sbl_Attributes at = sbl_Attributes(vec2(0), vec4(1));
 #ifdef SBL_TEXTURED
-    sbl_when (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);
+    if (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);
 #endif
     vec3 radiance = sbl_outgoing(object, hit.back, at);
     share = vec3(0);
@@ -59,13 +61,13 @@ void main() {
     vec3 position = sbl_look_position(sensor);
     mat3 frame = sbl_frame(sbl_look_normal(sensor));
     uvec2 scramble = sbl_look_scramble(sensor);
-    int skip = int(sbl_look_number(sensor)) * rays;
+    int number = int(sbl_look_number(sensor)), skip = number * rays, end = dark && number > 0 ? 0 : rays;
 
     vec4 sum = vec4(0), hits = vec4(0, 0, 1e30, 0);
     float squares = 0.0, other = 0.0;
     int part = within.y * blocks.x + within.x, parts = blocks.x * blocks.y;
     // Rays go in pairs of neighbours along the curve: how far those differ tells the noise of stratified points.
-    for (int k = 0, i = 2 * part; i < rays; k++, i = 2 * (part + (k >> 1) * parts) + (k & 1)) {
+    for (int k = 0, i = 2 * part; i < end; k++, i = 2 * (part + (k >> 1) * parts) + (k & 1)) {
         vec3 before = sum.rgb;
         uvec2 fraction = texelFetch(sbl_sequence, skip + i).xy ^ scramble;
         vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0 * vec2(spread, 1.0);

@@ -128,12 +128,12 @@ sbl_Hit sbl_nearest(vec3 origin, vec3 direction, float after, int past, float li
 // The nearest hit nearer than `limit`.
 sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit) {
     sbl_Hit hit = sbl_Hit(0.0, -1, 0x7fffffff, 0.0, 0.0, false);
-#ifdef SBL_TEXTURED
+#ifdef SBL_CUTOUTS
     // Cutouts: the nearest hit is looked at, and where nothing is there the ray goes on behind it.
     for (int layer = 0; layer < SBL_LAYERS; layer++) {
         bool solid = true;
         hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);
-        sbl_when (hit.triangle >= 0 && sbl_triangle_cutout(hit.triangle) != 0u)
+        if (hit.triangle >= 0 && sbl_triangle_cutout(hit.triangle) != 0u)
             solid = sbl_solid(int(sbl_triangle_object(hit.triangle)),
                               sbl_attributes_at(hit.triangle, hit.b1, hit.b2));
         if (solid) break;

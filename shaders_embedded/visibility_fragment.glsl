@@ -3,8 +3,8 @@ uniform vec2 depth_from_w;  // depth = x * gl_FragCoord.w + y, where the driver 
 layout(location = 0) out uint out_triangle;  // 1 + its number; 0: nothing is seen
 
 void main() {
-#ifdef SBL_TEXTURED
-    sbl_when (sbl_object_alpha_cutoff(int(sbl_vertex_object(sbl_corners(triangle).x))) > 0.0)
+#ifdef SBL_CUTOUTS
+    if (sbl_object_alpha_cutoff(int(sbl_vertex_object(sbl_corners(triangle).x))) > 0.0)
         if (sbl_surface(triangle, sbl_camera_origin(), sbl_camera_direction()).albedo.a == 0.0) discard;
 #endif
     out_triangle = uint(triangle) + 1u;

@@ -1,6 +1,6 @@
 /* bench: how fast sbl.h gathers light.
 
-       bench [raster] [trace] [lamps] [--json] [--quick] [FILE...]        all parts by default
+       bench [raster] [trace] [lamps] [versions] [--json] [--quick] [FILE...]        all parts but the last by default
 
    raster: what gathering in batches is worth, on the Cornell box's 32 triangles. Side by side in one process and one GL context, in several
    alternating runs, for each kind of sensor and several sizes:
@@ -15,7 +15,7 @@
    beside the repository, where they lie there), against rasterised sensors of about the same error and, where it is installed, against Embree.
    A sensor at every pixel; no lamps: every surface radiates its albedo, so that the light is smooth. All scenes and ways alternate.
 
-   lamps: see bench_lamps.h.
+   lamps, versions: see bench_lamps.h, bench_versions.h.
 
    Prints medians of the runs; --json prints the same as one JSON object; --quick measures less. Never fails on a timing: only when
    something does not work at all, or when two ways do not see the same light. */
@@ -1008,20 +1008,22 @@ static void trace_free(void) {
 }
 
 #include "bench_lamps.h"
+#include "bench_versions.h"
 
 int main(int argc, char **argv) {
     char *files[FILES_MOST];
-    int json = 0, quick = 0, file_count = 0, raster_on = 0, trace_on = 0, lamps_on = 0, i, ok;
+    int json = 0, quick = 0, file_count = 0, raster_on = 0, trace_on = 0, lamps_on = 0, versions_on = 0, i, ok;
     for (i = 1; i < argc; i++) {
         if (strcmp(argv[i], "--json") == 0) json = 1;
         else if (strcmp(argv[i], "--quick") == 0) quick = 1;
         else if (strcmp(argv[i], "raster") == 0) raster_on = 1;
         else if (strcmp(argv[i], "trace") == 0) trace_on = 1;
         else if (strcmp(argv[i], "lamps") == 0) lamps_on = 1;
+        else if (strcmp(argv[i], "versions") == 0) versions_on = 1;
         else if (argv[i][0] != '-' && file_count < FILES_MOST) files[file_count++] = argv[i];
-        else return fprintf(stderr, "usage: bench [raster] [trace] [lamps] [--json] [--quick] [FILE...]\n"), 2;
+        else return fprintf(stderr, "usage: bench [raster] [trace] [lamps] [versions] [--json] [--quick] [FILE...]\n"), 2;
     }
-    if (!raster_on && !trace_on && !lamps_on) raster_on = trace_on = lamps_on = 1;
+    if (!raster_on && !trace_on && !lamps_on && !versions_on) raster_on = trace_on = lamps_on = 1;
     ok = !trace_on || trace_load(quick, files, file_count);
     ok = ok && host_gl_open("bench");
     if (ok) {
@@ -1037,6 +1039,8 @@ int main(int argc, char **argv) {
         if (ok && trace_on) ok = trace_part(json, quick);
         if (!json && lamps_on && (raster_on || trace_on)) printf("\n");
         if (ok && lamps_on) ok = lamps_part(json, quick);
+        if (!json && versions_on && (raster_on || trace_on || lamps_on)) printf("\n");
+        if (ok && versions_on) ok = versions_part(json, quick);
         if (json) printf("}\n");
     }
     trace_free();

@@ -181,6 +181,8 @@ TEST(lamps_and_noise) {
     r = reading_at(site_of(0, 0, 0, 0, 1, 0), 256);
     CHECK(fabs(r.radiance[0] / (3 * form) - 1) < 1e-4, "R is %.7g, expected %.7g", (double)r.radiance[0], 3 * form);
     CHECK(r.noise < 1e-4f * r.radiance[0], "all of the lamp is seen, and the noise is %g", (double)r.noise);
+    r = reading_at(site_of(0, 0.25f, 0, 0, -1, 0), 0);  /* few rays, which bring no light, but tell of the floor */
+    CHECK(r.hit_share > 0.9f && fabs(r.hit_min - 0.25) < 0.1, "of the floor %g are seen, from %g on", (double)r.hit_share, (double)r.hit_min);
     scene_quad(&s, grey, 0, 0.5f, -1, 0, 1.5f, -1, 0, 1.5f, 1, 0, 0.5f, 1);
     scene_quad(&s, grey, 0, 0.5f, -1, -2, 0.5f, -1, -2, 0.5f, 1, 0, 0.5f, 1);
     REQUIRE(use_scene(&s), "no scene");

@@ -19,7 +19,7 @@ static const char *const trace_hits_main[] = {
 static const sbl__recipe trace_hits_recipe = {
     "hits", { sbl__glsl_fullscreen_vertex }, { sbl__glsl_scene, sbl__glsl_traverse, trace_hits_main },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record },
-    SBL__TEXTURED | SBL__WIDE };
+    SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE };
 
 enum { TRACE_HITS_WIDTH = 1024, TRACE_HITS_MOST = 1024 * 1024 };
 
