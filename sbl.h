@@ -166,7 +166,7 @@
    it looks at the clock, and what it sends to GL follows the speed that was seen. In no call does GL work longer than
    sbl_context_desc.longest_submission at a time, so that no driver's watchdog sees a hang. Two things cannot be cut:
    one submission's smallest part (a few sensors; one row of pixels), and the compiler of shaders. Programs are compiled
-   when they are first used, one a step, and stay: with sbl_context_desc.compile_ahead sbl_create compiles all (0.5 s on
+   when they are first used, one a step, and stay: with sbl_context_desc.compile_ahead sbl_create compiles all (0.9 s on
    llvmpipe), but the inspection's; sbl_query_capabilities tells how many there are and how long they took. Neither
    slices nor the measured speed ever change a result.
 
