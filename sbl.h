@@ -2044,7 +2044,7 @@ typedef struct sbl__target { unsigned id; int width, height, count; unsigned tex
 
 typedef struct sbl__program { const struct sbl__recipe *recipe; unsigned features, id; } sbl__program;
 
-#define SBL__PROGRAMS_MOST 64  /* recipes times the features that each knows are fewer */
+#define SBL__PROGRAMS_MOST 128  /* recipes times the features that each knows are fewer */
 
 typedef struct sbl__device {
     sbl__base *base;
@@ -2354,8 +2354,7 @@ static sbl_result sbl__program_link(const sbl__device *d, unsigned *out, const u
 
 static sbl_result sbl__program_make(const sbl__device *d, unsigned *out, const sbl__recipe *recipe, unsigned features) {
     static const char *const names[SBL__FEATURES] = {
-        "TEXTURED", "WIDE", "VIEWS", "INSPECT", "WRITE_DEPTH", "COMPUTE", "BOUNCED", "MIXED",
-        "CUTOUTS"
+        "TEXTURED", "WIDE", "VIEWS", "INSPECT", "WRITE_DEPTH", "COMPUTE", "BOUNCED", "MIXED", "CUTOUTS"
     };
     const sbl__gl *gl = &d->gl;
     const int compute = (features & SBL__COMPUTE) != 0;
@@ -6143,7 +6142,7 @@ static const char *const sbl__glsl_scene[] = {
 "// A texture's place in its store is first row, width, height, kind. Bilinear, decoded before it is filtered; (0,\n",
 "// 0) is the first texel's outer corner.\n",
 "vec4 sbl_texture(uvec4 place, vec2 uv) {\n",
-"#ifdef SBL_TEXTURED\n",
+"#if defined(SBL_TEXTURED) || defined(SBL_CUTOUTS)\n",
 "    if ((place.w & SBL_TEXTURE_CLAMPS) == 0u) uv -= floor(uv);\n",
 "    vec2 at = uv * vec2(place.yz) - 0.5, corner = floor(at), f = at - corner;\n",
 "    ivec2 c = ivec2(clamp(corner, vec2(-1e9), vec2(1e9)));\n",
@@ -6542,7 +6541,7 @@ static const sbl__recipe sbl__recipe_visibility = {
     "visibility", { sbl__glsl_scene, sbl__glsl_visibility_vertex },
     { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_camera, sbl__glsl_visibility_fragment },
     { &sbl__vertex_record, &sbl__attributes_record, &sbl__object_record },
-    SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__WRITE_DEPTH
+    SBL__CUTOUTS | SBL__WIDE | SBL__WRITE_DEPTH
 };
 
 /* World to clip, rows first, the world taken relative to the eye. */
@@ -11135,7 +11134,7 @@ static float sbl__beyond2(const sbl__refine *r, const sbl__edge *e, int end, flo
     return sbl__squared(r, difference);
 }
 
-/* Of a cell, as its edges tell: inside, and where it is continued. */
+/* Of a cell, as its edges tell: inside, and where it is continued; there its unknown2 is found, too. */
 static float sbl__cell_bends2(const sbl__refine *r, sbl__cell *c) {
     float inside = 0, beyond = 0, unknown = 0;
     int side, end, k, insides = 0, beyonds = 0;
@@ -13247,7 +13246,7 @@ static void sbl__context_free(sbl_context *c) {
 static sbl_result sbl__context_start(sbl__core *core) {
     enum { TEXTURED = SBL__TEXTURED, CUTOUTS = SBL__TEXTURED | SBL__CUTOUTS, VIEWS = SBL__VIEWS, MIXED = SBL__MIXED };
     static const struct { const sbl__recipe *recipe; unsigned features; } programs[] = {
-        { &sbl__recipe_visibility, 0 }, { &sbl__recipe_visibility, TEXTURED }, { &sbl__recipe_visibility, CUTOUTS },
+        { &sbl__recipe_visibility, 0 }, { &sbl__recipe_visibility, CUTOUTS },
         { &sbl__recipe_gbuffer, 0 }, { &sbl__recipe_gbuffer, TEXTURED },
         { &sbl__recipe_trace, 0 }, { &sbl__recipe_trace, TEXTURED }, { &sbl__recipe_trace, CUTOUTS },
         { &sbl__recipe_lamps, 0 }, { &sbl__recipe_lamps, TEXTURED }, { &sbl__recipe_lamps, CUTOUTS },

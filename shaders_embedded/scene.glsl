@@ -33,7 +33,7 @@ vec4 sbl_texel(uvec4 place, ivec2 at) {
 // A texture's place in its store is first row, width, height, kind. Bilinear, decoded before it is filtered; (0,
 // 0) is the first texel's outer corner.
 vec4 sbl_texture(uvec4 place, vec2 uv) {
-#ifdef SBL_TEXTURED
+#if defined(SBL_TEXTURED) || defined(SBL_CUTOUTS)
     if ((place.w & SBL_TEXTURE_CLAMPS) == 0u) uv -= floor(uv);
     vec2 at = uv * vec2(place.yz) - 0.5, corner = floor(at), f = at - corner;
     ivec2 c = ivec2(clamp(corner, vec2(-1e9), vec2(1e9)));

@@ -48,6 +48,14 @@ static double now(void) {
 
 static int fail(const char *what) { return fprintf(stderr, "bench: %s\n", what), 0; }
 
+/* Seconds at an error, by the line through the two measured points around it, or the last two, both axes logarithmic. */
+static double seconds_at(const double *seconds, const double *errors, int count, double error) {
+    int i = 0;
+    while (i + 2 < count && errors[i + 1] > error) i++;
+    if (!(errors[i] > errors[i + 1])) return seconds[i];
+    return seconds[i] * exp(log(seconds[i + 1] / seconds[i]) * log(error / errors[i]) / log(errors[i + 1] / errors[i]));
+}
+
 /* ---- the plain way */
 
 static const char draw_vertex[] =

@@ -90,13 +90,6 @@ static int lamps_scene(sbl_context *context, int kind, int count) {
     return ok || fail("lamps: the scene is refused");
 }
 
-/* Where the line through the two nearest measured points, both axes logarithmic, reaches the target. */
-static double lamps_time_at_target(const double seconds[LAMP_RAYS], const double errors[LAMP_RAYS]) {
-    int i = errors[1] > lamp_target ? 1 : 0;
-    double slope = log(seconds[i + 1] / seconds[i]) / log(errors[i + 1] / errors[i]);
-    return seconds[i] * exp(slope * log(lamp_target / errors[i]));
-}
-
 static int lamps_part(int json, int quick) {
     sbl_context_desc desc = { 0 };
     sbl_context *context = NULL;
@@ -130,7 +123,7 @@ static int lamps_part(int json, int quick) {
             }
             free(reference);
             if (!ok) break;
-            at = lamps_time_at_target(seconds, errors);
+            at = seconds_at(seconds, errors, LAMP_RAYS, lamp_target);
             if (!json) printf("| %s | %d | %.1f, %.2f %% | %.1f, %.2f %% | %.1f, %.2f %% | %.1f |\n", lamp_kinds[kind], count, 1e6 * seconds[0], 100 * errors[0], 1e6 * seconds[1], 100 * errors[1],
                               1e6 * seconds[2], 100 * errors[2], 1e6 * at);
             else printf("%s{\"kind\": \"%s\", \"triangles\": %d, \"microseconds_at_target\": %.4g}", kind + number ? ", " : "", lamp_kinds[kind], count, 1e6 * at);

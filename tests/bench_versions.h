@@ -3,6 +3,7 @@
    have. The reference: windows of the same picture, spread over all of it, with 4,096 rays at every pixel. */
 #ifndef BENCH_VERSIONS_H
 #define BENCH_VERSIONS_H
+#ifdef BENCH_BEFORE
 #include "version.h"
 
 enum { WINDOW = 8, WINDOWS = 16, BLOCK_SIDE = 4, ASKED = 6, OLD_RUNS = 3, VERSION_ROOMS = 4 };
@@ -26,14 +27,11 @@ static const char *const preset_names[OLD_RUNS] = { "draft", "default", "high" }
 
 typedef struct measured { double seconds, pixels, blocks; long long sensors; } measured;  /* errors: shares of the mean, over pixels and blocks */
 
-#ifdef BENCH_BEFORE
 typedef struct reference_windows {
     float *light[2];                /* of two seeds: WINDOWS * WINDOWS windows one after the other */
     int corner[WINDOWS * WINDOWS][2];
     double mean, noise_pixels, noise_blocks;  /* variances of the two seeds' mean */
 } reference_windows;
-
-static double luminance_of(const float *c) { return 0.2126 * (double)c[0] + 0.7152 * (double)c[1] + 0.0722 * (double)c[2]; }
 
 /* Adds up squares of differences over pixels and over blocks of one window. */
 static void window_compare(const float *a, int a_width, const float *b, const float *c, double *pixels, double *blocks) {
@@ -44,8 +42,8 @@ static void window_compare(const float *a, int a_width, const float *b, const fl
             for (y = by; y < by + BLOCK_SIDE; y++)
                 for (x = bx; x < bx + BLOCK_SIDE; x++) {
                     const int i = 3 * (y * WINDOW + x);
-                    double d = luminance_of(a + 3 * ((size_t)y * (size_t)a_width + (size_t)x)) - luminance_of(b + i);
-                    if (c) d += 0.5 * (luminance_of(b + i) - luminance_of(c + i));
+                    double d = (double)sbl__luminance(a + 3 * ((size_t)y * (size_t)a_width + (size_t)x)) - (double)sbl__luminance(b + i);
+                    if (c) d += 0.5 * ((double)sbl__luminance(b + i) - (double)sbl__luminance(c + i));
                     *pixels += d * d;
                     sum += d;
                 }
@@ -74,7 +72,7 @@ static int reference_make(reference_windows *r, const version_view *view) {
     for (i = 0; i < WINDOWS * WINDOWS; i++) {
         window_compare(r->light[0] + window * (size_t)i, WINDOW, r->light[1] + window * (size_t)i, NULL, &pixels, &blocks);
         for (k = 0; k < WINDOW * WINDOW; k++)
-            r->mean += 0.5 * (luminance_of(r->light[0] + window * (size_t)i + 3 * k) + luminance_of(r->light[1] + window * (size_t)i + 3 * k));
+            r->mean += 0.5 * ((double)sbl__luminance(r->light[0] + window * (size_t)i + 3 * k) + (double)sbl__luminance(r->light[1] + window * (size_t)i + 3 * k));
     }
     r->mean /= WINDOWS * WINDOWS * WINDOW * WINDOW;
     r->noise_pixels = pixels / 4;
@@ -102,15 +100,15 @@ static int version_measure(const version *v, const version_view *view, const ver
     return 1;
 }
 
-/* Seconds at an error, by the line through the two measured points around it, or the last two, both axes logarithmic. */
-static double seconds_at(const measured *m, int count, int by_blocks, double error) {
-    int i = 0;
-    double e[2];
-    while (i + 2 < count && (by_blocks ? m[i + 1].blocks : m[i + 1].pixels) > error) i++;
-    e[0] = by_blocks ? m[i].blocks : m[i].pixels;
-    e[1] = by_blocks ? m[i + 1].blocks : m[i + 1].pixels;
-    if (!(e[0] > e[1])) return m[i].seconds;
-    return m[i].seconds * exp(log(m[i + 1].seconds / m[i].seconds) * log(error / e[0]) / log(e[1] / e[0]));
+/* How many times sooner this version is at an older one's error. */
+static double sooner(const measured *before, const measured *now, int by_blocks) {
+    double seconds[ASKED], errors[ASKED];
+    int i;
+    for (i = 0; i < ASKED; i++) {
+        seconds[i] = now[i].seconds;
+        errors[i] = by_blocks ? now[i].blocks : now[i].pixels;
+    }
+    return before->seconds / seconds_at(seconds, errors, ASKED, by_blocks ? before->blocks : before->pixels);
 }
 
 static int version_room_run(const struct version_room *scene, const version_view *view, int json, int first) {
@@ -132,7 +130,7 @@ static int version_room_run(const struct version_room *scene, const version_view
         for (i = 0; i < scene->presets; i++)
             printf("%s{\"preset\": \"%s\", \"seconds\": %.4g, \"error\": %.4g, \"error_4x4\": %.4g, \"sensors\": %lld, \"sooner\": %.3g, \"sooner_4x4\": %.3g}",
                    i ? ", " : "", preset_names[i], before[i].seconds, before[i].pixels, before[i].blocks, before[i].sensors,
-                   before[i].seconds / seconds_at(now, ASKED, 0, before[i].pixels), before[i].seconds / seconds_at(now, ASKED, 1, before[i].blocks));
+                   sooner(&before[i], now, 0), sooner(&before[i], now, 1));
         printf("], \"now\": [");
         for (i = 0; i < ASKED; i++)
             printf("%s{\"asked\": %g, \"seconds\": %.4g, \"error\": %.4g, \"error_4x4\": %.4g, \"sensors\": %lld}", i ? ", " : "", (double)scene->asked[i],
@@ -143,8 +141,8 @@ static int version_room_run(const struct version_room *scene, const version_view
                view->height);
         for (i = 0; i < scene->presets; i++)
             printf("  before, %-10s %8.2f %8.2f %8.2f %10lld   %5.2f %5.2f\n", preset_names[i], before[i].seconds, 100 * before[i].pixels, 100 * before[i].blocks,
-                   before[i].sensors, before[i].seconds / seconds_at(now, ASKED, 0, before[i].pixels),
-                   before[i].seconds / seconds_at(now, ASKED, 1, before[i].blocks));
+                   before[i].sensors, sooner(&before[i], now, 0),
+                   sooner(&before[i], now, 1));
         for (i = 0; i < ASKED; i++)
             printf("  asked %5.2f %%       %8.2f %8.2f %8.2f %10lld\n", 100 * (double)scene->asked[i], now[i].seconds, 100 * now[i].pixels, 100 * now[i].blocks,
                    now[i].sensors);
@@ -157,7 +155,6 @@ static int version_room_run(const struct version_room *scene, const version_view
 
 static sbl_gl_function versions_function(const char *name, void *user) { (void)user; return host_gl_function(name); }
 
-/* One room; a GL context is open already, but files are read by children that do not use it. */
 static int versions_part(int json, int quick) {
     int i, ok = 1, first = 1;
     printf(json ? ", \"versions\": [" : "");

@@ -174,6 +174,23 @@ END
 }
 check bench_rooms bench_rooms
 
+bench_versions() {
+    "$BUILD_DIR/bench" versions --quick --json > "$folder/bench.json" || return
+    cat "$folder/bench.json"
+    python3 - "$folder/bench.json" << 'END'
+import json, sys
+(room,) = json.load(open(sys.argv[1])).get("versions") or [None]  # where there is no git history, there is no older version
+if room:
+    before, now = room["before"], room["now"]
+    assert [b["preset"] for b in before] == ["draft", "default", "high"] and len(now) == 6, "the pictures"
+    for p in before + now:
+        assert p["seconds"] > 0 and p["sensors"] > 1000 and 0.0005 < p["error_4x4"] < p["error"] < 0.07, "a picture"
+    for pictures in before, now:
+        assert [p["error"] for p in pictures] == sorted((p["error"] for p in pictures), reverse=True), "the better, the better"
+END
+}
+check bench_versions bench_versions
+
 # >>failures: a status that is not 0, one line on stderr
 
 # fails_in_words PROGRAM ARGUMENTS...

@@ -387,6 +387,21 @@ TEST(programs_compile_when_used_or_ahead) {
     scene_free(&textured);
 }
 
+/* A context keeps all programs that it has compiled: whatever scenes come, there is room for them. */
+TEST(programs_have_room) {
+    static const sbl__recipe *const recipes[] = {
+        &sbl__recipe_copy, &sbl__recipe_visibility, &sbl__recipe_gbuffer, &sbl__recipe_lamps, &sbl__recipe_sensor, &sbl__recipe_sky,
+        &sbl__recipe_reduce_blocks, &sbl__recipe_trace, &sbl__recipe_reduce_sum, &sbl__recipe_cast, &sbl__recipe_filter, &sbl__recipe_resolve };
+    int i, k, all = 0;
+    for (i = 0; i < SBL__COUNT(recipes); i++) {
+        int variants = 1;
+        for (k = 0; k < SBL__FEATURES; k++)  /* but those that are the driver's, not the scene's */
+            if ((recipes[i]->features & ~(unsigned)(SBL__WRITE_DEPTH | SBL__COMPUTE)) >> k & 1) variants *= 2;
+        all += variants;
+    }
+    CHECK(all > 60 && all <= SBL__PROGRAMS_MOST, "there may be %d programs, and there is room for %d", all, SBL__PROGRAMS_MOST);
+}
+
 /* >>something to see */
 
 static double distance(const float *a, const float *b) {
@@ -602,6 +617,7 @@ int main(void) {
     RUN(the_store_comes_in_pieces);
     RUN(the_store_is_left_at_any_step);
     RUN(programs_compile_when_used_or_ahead);
+    RUN(programs_have_room);
     RUN(each_level_is_sharper);
     RUN(a_finished_picture_stays);
     RUN(inspection_adds_up);

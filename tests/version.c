@@ -68,7 +68,6 @@ static int version_render(const version_view *view, const version_settings *sett
     stats = sbl_query_stats(context);
     cost->seconds = stats.seconds.total - stats.seconds.scene;
     cost->sensors = (long long)stats.sensors;
-    cost->rays = (long long)stats.rays;
     return sbl_read_channel(context, SBL_CHANNEL_RADIANCE, radiance, (size_t)desc.width * (size_t)desc.height * 3) == SBL_SUCCESS;
 }
 

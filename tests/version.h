@@ -15,11 +15,11 @@ typedef struct version_settings {
     int window[4];            /* x, y, width, height of the pixels wanted, from the top left; width 0: all */
 } version_settings;
 
-typedef struct version_cost { double seconds; long long sensors, rays; } version_cost;
+typedef struct version_cost { double seconds; long long sensors; } version_cost;
 
 /* All return 0 where they fail; why is on stderr. */
 typedef struct version {
-    int (*load)(const char *path);                               /* before there is GL: files are read in a child process */
+    int (*load)(const char *path);
     int (*start)(void (*(*get)(const char *name, void *user))(void), float sky);
     int (*render)(const version_view *view, const version_settings *settings, float *radiance, version_cost *cost);
     void (*stop)(void);
