@@ -591,7 +591,8 @@ void main() {
     // So that the first pass does not overlook an edge that hides little, corners and rims of few lamps are looked
     // at.
     int passes = sbl_pass_count(), rims = rounded ? SBL_RIM : SBL_CORNERS;
-    int probes = passes > 1 && used <= SBL_PROBED ? rims * used : 0, skip = int(sbl_look_number(look)) * rays;
+    int probes = passes > 1 && used <= SBL_PROBED ? rims * used : 0;
+    int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;
     bool undecided = total > 0.0;
     for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // the points of light come first
         // each part has a stretch of the sequence, and each eighth of it covers a lamp, and the lamps, evenly

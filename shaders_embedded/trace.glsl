@@ -3,6 +3,7 @@
 uniform usamplerBuffer sbl_sequence;  // points of the Sobol sequence, two 32-bit fractions each, along a Morton
                                       // curve
 uniform int rays;                     // of a look
+uniform int paired;                   // 1: an invocation takes two at a time; 0: one, which its outputs tell of
 uniform bool dark;                    // nothing shines but lamps: rays merely tell where a sensor stands, and
                                       // those of its first look do
 uniform float spread;                 // 1: the cosine's whole hemisphere; 0: all rays go along the normal
@@ -61,18 +62,23 @@ void main() {
     vec3 position = sbl_look_position(sensor);
     mat3 frame = sbl_frame(sbl_look_normal(sensor));
     uvec2 scramble = sbl_look_scramble(sensor);
-    int number = int(sbl_look_number(sensor)), skip = number * rays, end = dark && number > 0 ? 0 : rays;
+    uint which = sbl_look_which(sensor);
+    int number = int(which & SBL_LOOK_NUMBER), skip = number * rays, end = dark && number > 0 ? 0 : rays;
 
     vec4 sum = vec4(0), hits = vec4(0, 0, 1e30, 0);
     float squares = 0.0, other = 0.0;
     int part = within.y * blocks.x + within.x, parts = blocks.x * blocks.y;
     // Rays go in pairs of neighbours along the curve: how far those differ tells the noise of stratified points.
-    for (int k = 0, i = 2 * part; i < end; k++, i = 2 * (part + (k >> 1) * parts) + (k & 1)) {
+    for (int k = 0, i = part << paired; i < end;
+         k++, i = (part + (k >> paired) * parts << paired) + (k & paired)) {
         vec3 before = sum.rgb;
         uvec2 fraction = texelFetch(sbl_sequence, skip + i).xy ^ scramble;
-        vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0 * vec2(spread, 1.0);
-        vec3 direction = sbl_by_cosine(frame, u);
-        vec3 from = position, share = vec3(1);
+        vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0;
+        float weight = 1.0;
+#ifdef SBL_GUIDED
+        weight = sbl_guide(int(which >> SBL_LOOK_GUIDE_SHIFT), u);
+#endif
+        vec3 direction = sbl_by_cosine(frame, u * vec2(spread, 1.0)), from = position, share = vec3(weight);
         for (int leg = 0; leg < SBL_LEGS; leg++) {
             sbl_Hit hit = sbl_trace(from, direction, 1e30);
             if (hit.triangle < 0) {
@@ -82,8 +88,8 @@ void main() {
             vec3 further;
             sum.rgb += share * sbl_radiance(hit, from + direction * hit.distance, leg == SBL_LEGS - 1, further);
             if (leg == 0) {
-                sum.a += hit.back ? 1.0 : 0.0;
-                hits.xy += vec2(1.0, hit.distance);
+                sum.a += hit.back ? weight : 0.0;
+                hits.xy += weight * vec2(1.0, hit.distance);
                 hits.z = min(hits.z, hit.distance);
             }
             share *= further;

@@ -73,7 +73,6 @@ static void window_of(known *k, int bars) {
         const float x = -0.8f + 1.6f * ((float)i + 0.6f) / (float)bars;
         known_lid(k, x, -0.5f, x + 0.6f / (float)bars, 0.5f, 1.5f);
     }
-    k->levels = LEVELS - 1;  /* 1 % takes 30 million rays */
     k->dark = bars ? 0.35 : 0.42;
     k->within = 0.9;
     k->sky = 1;

@@ -1,0 +1,36 @@
+// Where a sensor's rays go: more of them where light was found from around it, see >>guide in sbl.h. A guide is
+// where SBL_GUIDE_RINGS rings begin, which are equally likely by the cosine, and where in each of them its
+// SBL_GUIDE_SECTORS sectors do: eight 16-bit shares a texel.
+#ifdef SBL_GUIDED
+uniform usampler2D sbl_guides;
+
+// The interval that x lies in, of `texels` times eight from a texel on: its beginning, its end, its number.
+vec3 sbl_guide_interval(ivec2 from, int texels, float x) {
+    vec3 at = vec3(0, 65536, -1);
+    for (int i = 0; i < texels; i++) {
+        uvec4 eight = texelFetch(sbl_guides, from + ivec2(i, 0), 0);
+        vec4 a = vec4(eight & 0xffffu), b = vec4(eight >> 16);
+        vec4 begun_a = step(a, vec4(x)), begun_b = step(b, vec4(x));
+        vec4 last = max(a * begun_a, b * begun_b);
+        vec4 next = min(mix(vec4(65536), a, 1.0 - begun_a), mix(vec4(65536), b, 1.0 - begun_b));
+        at.x = max(at.x, max(max(last.x, last.y), max(last.z, last.w)));
+        at.y = min(at.y, min(min(next.x, next.y), min(next.z, next.w)));
+        at.z += dot(begun_a + begun_b, vec4(1));
+    }
+    return at;
+}
+
+// Moves u, evenly spread, to where a guide sends it. Returns what a ray there counts: less, where there are more.
+float sbl_guide(int guide, inout vec2 u) {
+    const int ring_texels = SBL_GUIDE_RINGS / 8, sector_texels = SBL_GUIDE_SECTORS / 8;
+    const vec2 counts = vec2(SBL_GUIDE_RINGS, SBL_GUIDE_SECTORS);
+    ivec2 from = ivec2(guide % SBL_GUIDES_ACROSS * SBL_GUIDE_TEXELS, guide / SBL_GUIDES_ACROSS);
+    vec2 x = u * 65536.0;
+    vec3 ring = sbl_guide_interval(from, ring_texels, x.x);
+    from.x += ring_texels + int(ring.z) * sector_texels;
+    vec3 sector = sbl_guide_interval(from, sector_texels, x.y);
+    vec2 begins = vec2(ring.x, sector.x), widths = vec2(ring.y, sector.y) - begins;
+    u = (vec2(ring.z, sector.z) + (x - begins) / widths) / counts;
+    return 65536.0 / (widths.x * counts.x) * (65536.0 / (widths.y * counts.y));
+}
+#endif

@@ -1,0 +1,279 @@
+/* Guides: where sensors' rays go when light comes through a hole. As densities by themselves; ray by ray against the hole; and the pictures that they make. */
+#define SBL_IMPLEMENTATION
+#define SBL_EGL
+#include "../sbl.h"
+#include "test.h"
+#include "scenes.h"
+#include "gl_watch.h"
+
+enum { WIDTH = 96, HEIGHT = 72, PIXELS = WIDTH * HEIGHT };
+
+static watch seen;
+static test_scene dark_room;
+
+/* A closed room, and a hole in its ceiling, x and z from -0.3 to 0.3, under a sky of 1. */
+static const float hole = 0.3f, lid = 1.5f;
+
+static void dark_room_make(test_scene *s) {
+    static const float lids[4][4] = { { -3, -1, 3, -0.3f }, { -3, 0.3f, 3, 3 }, { -3, -0.3f, -0.3f, 0.3f }, { 0.3f, -0.3f, 3, 0.3f } };
+    static const float walls[4][4] = { { -3, -1, 3, -1 }, { -3, 3, 3, 3 }, { -3, -1, -3, 3 }, { 3, -1, 3, 3 } };
+    const int grey = scene_material(s, 0.5f, 0.5f, 0.5f);
+    int i;
+    scene_floor(s, grey, 0, 3);
+    for (i = 0; i < 4; i++) {
+        const float *l = lids[i], *w = walls[i];
+        const float ceiling[12] = { l[0], lid, l[1], l[2], lid, l[1], l[2], lid, l[3], l[0], lid, l[3] };
+        const float wall[12] = { w[0], 0, w[1], w[2], 0, w[3], w[2], lid, w[3], w[0], lid, w[1] };
+        scene_polygon(s, grey, ceiling, 4);
+        scene_polygon(s, grey, wall, 4);
+    }
+    scene_sky(s, 1, 1, 1);
+}
+
+static sbl_picture_desc view_of(void) {
+    sbl_picture_desc view = scene_view(WIDTH, HEIGHT, 70, 0.3f, 1.1f, 2.2f, 0, 0.2f, -0.5f);
+    view.mode = SBL_MODE_DIRECT;
+    view.error = 0.04f;
+    return view;
+}
+
+/* >>densities */
+
+/* Shares of rays add up to all, none is too small for what no scout found, and they follow what was found. */
+TEST(guides_are_densities) {
+    static float found[SBL__GUIDE_BINS];
+    static uint32_t words[SBL__GUIDE_WORDS];
+    const int bright = 5 * SBL__GUIDE_SECTORS + 7;
+    int kind, i, count = 0;
+    for (kind = 0; kind < 3; kind++) {
+        double all = 0, weights = 0, in_bright = 0;
+        memset(found, 0, sizeof found);
+        if (kind == 1) found[bright] = 4;
+        if (kind == 2) for (i = 0; i < SBL__GUIDE_BINS; i++) found[i] = (float)(i * 7919 % 101);
+        sbl__guide_make(found, words);
+        for (i = 0, count = 0; i < 512 * 512; i++, count++) {
+            double u[2] = { (i % 512 + 0.5) / 512, (i / 512 + 0.5) / 512 };
+            const double weight = sbl__guide_send(words, u);
+            const int bin = sbl__guide_bin(u[0], u[1]);
+            if (!(u[0] >= 0 && u[0] <= 1 && u[1] >= 0 && u[1] <= 1)) break;
+            if (weight > 1.01 / (SBL__GUIDE_EVEN * SBL__GUIDE_EVEN)) break;
+            all += weight;
+            weights += weight * u[0];  /* the mean of any function stays: here u's own */
+            in_bright += bin == bright;
+        }
+        REQUIRE(count == 512 * 512, "guide %d: point %d goes astray", kind, i);
+        CHECK(fabs(all / count - 1) < 0.01, "guide %d: weights are %g on average", kind, all / count);
+        CHECK(fabs(weights / all - 0.5) < 0.01, "guide %d: u is %g on average", kind, weights / all);
+        if (kind == 0) CHECK(fabs(in_bright / count * SBL__GUIDE_BINS - 1) < 0.2, "an even guide sends %g to a bin", in_bright / count);
+        if (kind == 1) CHECK(in_bright / count > 0.08, "%g of the rays go where all the light is", in_bright / count);
+    }
+}
+
+/* >>rays */
+
+static double hit_height(const sbl_sensor *s, const sbl_sensor_ray *ray, double at[2]) {
+    const double t = ((double)lid - s->position[1]) / ray->direction[1];
+    at[0] = s->position[0] + t * ray->direction[0];
+    at[1] = s->position[2] + t * ray->direction[2];
+    return t;
+}
+
+/* Each ray is told where it went and what it saw there; most go through the hole; together they are the sensor's light. */
+TEST(rays_go_through_the_hole) {
+    static float radiance[4 * 4096], weights[4096];
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_context *context = watch_context(&seen, &desc, &dark_room);
+    sbl_picture_desc view = view_of();
+    int x, y, i, sensors = 0, wrong = 0, rays = 0, through = 0;
+    double even = 0, guided = 0, worst = 0;
+    if (!context) return;
+    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    REQUIRE(context->picture.spec.guided, "there are no guides");
+    for (y = 0; y < HEIGHT; y += 4)
+        for (x = 0; x < WIDTH; x += 4) {
+            double sum = 0, all = 0, ways = 0;
+            sbl_sensor s;
+            watch_forget(&seen);
+            if (sbl_inspect_sensor(context, x, y, &s, radiance, weights, 4096) != SBL_SUCCESS || s.position[1] > 1.4f) continue;
+            for (i = 0; i < s.ray_count; i++) {
+                const sbl_sensor_ray *ray = &s.rays[i];
+                double at[2], off;
+                const double t = hit_height(&s, ray, at);
+                const int open = t > 0 && fabs(at[0]) < (double)hole && fabs(at[1]) < (double)hole;
+                off = fabs(fmax(fabs(at[0]), fabs(at[1])) - (double)hole);
+                wrong += off > 1e-3 && (ray->radiance[0] > 0.5f) != open;
+                if (ray->radiance[0] > 0.5f) worst = fmax(worst, fabs((double)ray->radiance[0] - 1));
+                ways += open;
+                sum += (double)(radiance[4 * i] * weights[i]);
+                all += (double)weights[i];
+            }
+            sensors++;
+            rays += s.ray_count;
+            through += (int)ways;
+            even += s.radiance[0];
+            guided += ways / s.ray_count;
+            CHECK(fabs(sum - s.from_surroundings[0]) < 1e-4 * s.radiance[0] + 1e-6, "%d %d: the sheet gives %g, the sensor %g", x, y, sum,
+                  (double)s.from_surroundings[0]);
+            CHECK(fabs(all - s.weight_sum) < 1e-3, "%d %d: weights are %g and %g", x, y, all, (double)s.weight_sum);
+        }
+    printf("  %d sensors: %.1f %% of the rays would go through the hole, %.1f %% do\n", sensors, 100 * even / sensors, 100 * guided / sensors);
+    CHECK(sensors > 100 && wrong == 0 && worst < 1e-3, "%d sensors, %d of %d rays saw what is not there; by up to %g", sensors, wrong, rays, worst);
+    CHECK(guided > 8 * even, "%g of the rays go through the hole, evenly %g would", guided / sensors, even / sensors);
+    sbl_destroy(context);
+}
+
+/* >>pictures */
+
+static int render(sbl_context *context, const sbl_picture_desc *view, float *out) {
+    return context && sbl_render(context, view) == SBL_SUCCESS && context->picture.spec.guided &&
+           sbl_read_channel(context, SBL_CHANNEL_RADIANCE, out, 3 * PIXELS) == SBL_SUCCESS;
+}
+
+/* The same to the bit in any batches and slices, in fragment shaders, and after other pictures. */
+TEST(the_picture_is_the_same) {
+    static const int batches[] = { 1, 7, 100000 };
+    static float expected[3 * PIXELS], now[3 * PIXELS];
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_picture_desc view = view_of();
+    sbl_context *context = watch_context(&seen, &desc, &dark_room);
+    sbl_result result;
+    int i, steps = 0, scouting = 0, guiding = 0;
+    view.error = 0.08f;
+    REQUIRE(render(context, &view, expected) && render(context, &view, now), "no picture: %s", watch_last(&seen));
+    CHECK(memcmp(now, expected, sizeof now) == 0, "a second picture differs");
+    REQUIRE(sbl_begin(context, &view) == SBL_SUCCESS, "cannot begin");
+    while ((result = sbl_step(context, 1e-9)) == SBL_UNFINISHED && steps++ < 1000000) {
+        scouting += context->picture.stage == SBL__STAGE_SCOUT;
+        guiding += context->picture.stage == SBL__STAGE_GUIDE;
+    }
+    CHECK(result == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_RADIANCE, now, 3 * PIXELS) == SBL_SUCCESS, "no picture in steps");
+    CHECK(memcmp(now, expected, sizeof now) == 0, "steps change the picture");
+    CHECK(scouting > 20 && guiding > 1, "%d steps of scouts, %d of guides", scouting, guiding);
+    sbl_destroy(context);
+    for (i = 0; i < 4; i++) {
+        desc.batch = i < 3 ? batches[i] : 0;
+        desc.disabled = i == 3 ? (uint32_t)SBL_CAPABILITY_COMPUTE : 0;
+        context = watch_context(&seen, &desc, &dark_room);
+        REQUIRE(render(context, &view, now), "no picture: %s", watch_last(&seen));
+        CHECK(memcmp(now, expected, sizeof now) == 0, i < 3 ? "batches of %d change the picture" : "fragment shaders do", desc.batch);
+        sbl_destroy(context);
+    }
+}
+
+/* What 4 % take with guides; without them it is five times as many rays. And where the light is even, there are none. */
+TEST(few_rays_do) {
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_picture_desc view = view_of();
+    sbl_context *context = watch_context(&seen, &desc, &dark_room);
+    test_scene open = { 0 };
+    sbl_scene_desc scene;
+    double rays;
+    if (!context) return;
+    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    rays = (double)sbl_query_stats(context).rays;
+    printf("  %.2f million rays for %.2f %%\n", 1e-6 * rays, 100 * (double)sbl_query_stats(context).error_expected);
+    CHECK(rays < 1.1e6 && sbl_query_stats(context).error_expected <= 0.04f, "%.2f million rays", 1e-6 * rays);
+    scene_floor(&open, scene_material(&open, 0.5f, 0.5f, 0.5f), 0, 3);
+    scene_sky(&open, 1, 1, 1);
+    scene = scene_desc(&open);
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    CHECK(!context->picture.spec.guided && !context->picture.guides.words, "a plain floor has guides");
+    sbl_destroy(context);
+    scene_free(&open);
+}
+
+/* Looks of a few rays, too noisy for what is asked, get more, guided ones, too; as many rays a sensor as before. */
+TEST(looks_grow) {
+    static const float asked[2] = { 0.3f, 0.01f };
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_context *context = watch_context(&seen, &desc, &dark_room);
+    int i;
+    for (i = 0; i < 2 && context; i++) {
+        sbl_picture_desc view = view_of();
+        const sbl__spec *spec = &context->picture.spec;
+        view.error = asked[i];
+        if (i) view.tile = 32;  /* the first round is enough */
+        REQUIRE(sbl_begin(context, &view) == SBL_SUCCESS, "cannot begin");
+        while (context->picture.stage < SBL__STAGE_SPEND || context->picture.refine.rounds == 0) REQUIRE(sbl_step(context, 1e-9) == SBL_UNFINISHED, "too early");
+        printf("  asked for %g %%: looks of %d rays, %d at most\n", 100 * (double)asked[i], spec->rays, spec->looks);
+        if (i == 0) CHECK(spec->rays == 16 && spec->looks == SBL__MAX_LOOKS, "looks of %d rays, %d at most", spec->rays, spec->looks);
+        if (i == 1) CHECK(spec->rays == 128 && spec->looks == SBL__MAX_LOOKS / 2, "looks of %d rays, %d at most", spec->rays, spec->looks);
+        sbl_end(context);
+    }
+    sbl_destroy(context);
+}
+
+/* A guide serves where rings' sectors begin on the same side as at home: not across the plane where sbl__frame turns round. */
+TEST(guides_serve_their_like) {
+    static const struct { float normal[3]; int serves; } others[] = {
+        { { 0.999999f, 0, 0.001f }, 1 }, { { 0.999999f, 0, -0.001f }, 0 }, { { 0.99f, 0.14f, 0 }, 1 }, { { 0, 1, 0 }, 0 } };
+    sbl__pixel home, other;
+    int i;
+    memset(&home, 0, sizeof home);
+    home.id = 1;
+    home.normal[0] = 1;
+    for (i = 0; i < 4; i++) {
+        other = home;
+        memcpy(other.normal, others[i].normal, sizeof other.normal);
+        CHECK((sbl__guide_fits(&home, &other) > 0.5f) == others[i].serves, "normal %d: %g", i, (double)sbl__guide_fits(&home, &other));
+    }
+    CHECK(sbl__guide_fits(&home, &home) >= 1, "a guide does not serve its own sensor");
+}
+
+/* In a larger picture guides are as many, and further apart. */
+TEST(guides_are_bounded) {
+    sbl__core core;
+    sbl__picture p;
+    memset(&core, 0, sizeof core);
+    memset(&p, 0, sizeof p);
+    p.refine.tile = 16;
+    p.desc.width = 4096;
+    p.desc.height = 2160;
+    core.base.allocator.alloc = watch_alloc;
+    core.base.allocator.free = watch_free;
+    core.base.allocator.user = &seen;
+    core.device.base = &core.base;
+    REQUIRE(sbl__guides_begin(&core.device, &p) == SBL_SUCCESS, "no guides");
+    CHECK(p.guides.columns * p.guides.rows < SBL__GUIDES_MOST && p.guides.step == 32, "%d x %d guides, %d pixels apart", p.guides.columns, p.guides.rows,
+          p.guides.step);
+    sbl__free(&core.base, p.guides.found);
+    sbl__free(&core.base, p.guides.words);
+}
+
+TEST(memory_runs_out) {
+    static float expected[3 * PIXELS], now[3 * PIXELS];
+    sbl_context_desc desc = watch_desc(&seen);
+    sbl_picture_desc view = view_of();
+    sbl_context *context = watch_context(&seen, &desc, &dark_room);
+    int at, refused = 0;
+    view.error = 0.08f;
+    REQUIRE(render(context, &view, expected), "no picture: %s", watch_last(&seen));
+    for (at = 1; at < 600; at += 1 + at / 40) {
+        sbl_result result;
+        seen.refused = 0;
+        seen.refuse_at = seen.allocations + at;
+        result = sbl_render(context, &view);
+        seen.refuse_at = 0;
+        if (!seen.refused) break;
+        refused++;
+        CHECK(result == SBL_ERROR_OUT_OF_MEMORY, "allocation %d: %s", at, sbl_result_string(result));
+    }
+    CHECK(refused > 20 && at < 600, "%d allocations were refused", refused);
+    CHECK(render(context, &view, now) && memcmp(now, expected, sizeof now) == 0, "the next picture differs");
+    sbl_destroy(context);
+    CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are left, %d strangers", seen.blocks, seen.strangers);
+}
+
+int main(void) {
+    dark_room_make(&dark_room);
+    RUN(guides_are_densities);
+    RUN(rays_go_through_the_hole);
+    RUN(the_picture_is_the_same);
+    RUN(few_rays_do);
+    RUN(looks_grow);
+    RUN(guides_serve_their_like);
+    RUN(guides_are_bounded);
+    RUN(memory_runs_out);
+    scene_free(&dark_room);
+    return test_report();
+}
