@@ -268,16 +268,15 @@
 
    Sensor rotations come from a hash of pixel and seed. The same input gives the same picture, bit for bit, on the same
    GL driver, whatever the batch size, the slices and the number of repetitions; between GL paths and drivers it agrees
-   up to rounding. sbl_gather at the site of pixel i (sbl_sensor.site), as its site i and with the picture's seed, finds
-   that pixel's light where its sensor looks once: to the bit where rays are traced, up to rounding where views are
-   drawn.
+   up to rounding. sbl_gather at the site of pixel i (sbl_sensor.site), as its site i and with the picture's seed and rays
+   (given, not 0), finds that pixel's light: to the bit where rays are traced, up to rounding where views are drawn.
 
    ON ERROR
 
    sbl_picture_desc.error says how far R may be off: root mean square over the visible pixels, as a share of R's mean
-   there, in luminance. By default it is 0.015, or what 16 looks of each sensor give, so that a picture does not take
-   for ever where light comes through windows; what is asked for is worth 512 looks. A picture begins with few sensors
-   that look once, and predicts what each part of it is off by:
+   there, in luminance. By default it is 0.015, or what 512 rays of each sensor give (high: 1,024), so that a picture
+   does not take for ever where light comes through windows; what is asked for is worth 16 times as many and more. A
+   picture begins with few sensors that look once, and predicts what each part of it is off by:
 
        noise           what rays found differently along neighbouring directions, after interpolation and filter; taken
                        together over sensors close by, since one alone may not have met the window that the next one did
@@ -295,6 +294,10 @@
    does. Where it is most of what was asked, sensors do not go below 0.84 of that themselves.
 
    How much sensors gain by looking again is learned in each picture: from how second looks differ from the first.
+
+   Where the first looks are far too noisy for what is asked, light comes through windows, or from few other bright
+   places. Then 256 single rays go before from pixels 2 to 16 apart, and sensors' rays are sent mostly where those found
+   light (>>guide), which takes half to two thirds of the rays away; and looks take up to 128 rays instead of 16 or 32.
 
    How true it is, at 8, 4, 2 and 1 %, against references: the true error is 0.6 to 1.2 times the prediction where R is
    known in closed form and in the Cornell box, up to 1.5 times in rooms lit through windows or a door ajar. What cannot
@@ -752,7 +755,7 @@ typedef struct sbl_picture_desc {
     float error;               /* what R may be off, root mean square over the visible pixels, as a share of its mean
                                   there: sensors stand where they lessen it, and look as often as that takes. 0 to 1;
                                   see ON ERROR. Default: 0.05 / 0.015 / 0.0075,
-                                  or what 16 looks a sensor give */
+                                  or what 512 rays a sensor give */
     int rays;                  /* of a traced sensor, the same for all, 1 to 4096, and at most as many more towards
                                   lamps. Default: 0, as many as the error takes */
     int sensor_size;           /* of a rasterised sensor: texels across a view, 4 to 512. Default: 32 / 64 / 128 */
@@ -902,8 +905,8 @@ typedef struct sbl_sensor_ray {
                           | side 3 | side 4 |     a side holds the half above the horizon
                           +--------+--------+
 
-   A traced one has rays; its sheet is a row of them, a texel each. Either has rays to lamps, unless the mode is
-   SBL_MODE_PAPER, where emitters are met by texels. */
+   A traced one has rays; its sheet is a row of them, a texel each, whose weights differ where rays are guided. Either
+   has rays to lamps, unless the mode is SBL_MODE_PAPER, where emitters are met by texels. */
 typedef struct sbl_sensor {
     sbl_backend backend;      /* RASTER or TRACE */
     sbl_site site;            /* what it is for: sbl_gather finds the same light there */
@@ -1082,6 +1085,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
                   >>scene        the six together; scene.glsl and outgoing.glsl, which all shaders share
    a sensor       >>surface      where light is wanted: the camera's G-buffer
                   >>sensors      looks: frames, views, weights
+                  >>guide        rays go where others found light
                   >>aim          rays towards lamps
                   >>raster       to see by views drawn into texels
                   >>trace        to see by rays

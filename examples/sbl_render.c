@@ -182,7 +182,7 @@ static const struct option {
     [BACKEND]       = { "--backend", "NAME", CHOICE, &options.backend, BACKEND_WORDS, 0, 0, "auto (default: trace; raster in mode paper) | raster | trace" },
     [ERROR]         = { "--error", "E", NUMBERS, &options.error, 1, 0.0001, 1,
                         "how far radiance may be off, such as 2% or 0.02: root mean square over the picture, as a share of its mean;\n"
-                        "default 5%, 1.5%, 0.75% by preset, or what 16 looks a sensor give" },
+                        "default 5%, 1.5%, 0.75% by preset, or what 512 rays a sensor give (high: 1024)" },
     [RAYS]          = { "--rays", "N", INTEGERS, &options.rays, 1, 1, 4096, "samples of a traced sensor, the same for all; default: as many as the error takes" },
     [BOUNCE_SAMPLES] = { "--bounce-samples", "N", INTEGERS, &options.bounce_samples, 1, 1024, 1048576,
                          "places that bounced light is stored for, in mode gi, at most: more where light comes through gaps or geometry\n"
