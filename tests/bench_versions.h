@@ -6,7 +6,7 @@
 #ifdef BENCH_BEFORE
 #include "version.h"
 
-enum { WINDOW = 8, WINDOWS = 16, BLOCK_SIDE = 4, ASKED = 6, OLD_RUNS = 3, VERSION_ROOMS = 4 };
+enum { WINDOW = 4, WINDOWS = 32, BLOCK_SIDE = 4, ASKED = 6, OLD_RUNS = 3, VERSION_ROOMS = 4 };
 
 static const struct version_room {
     const char *name, *path;
