@@ -268,8 +268,9 @@
 
    Sensor rotations come from a hash of pixel and seed. The same input gives the same picture, bit for bit, on the same
    GL driver, whatever the batch size, the slices and the number of repetitions; between GL paths and drivers it agrees
-   up to rounding. sbl_gather at the site of pixel i (sbl_sensor.site), as its site i and with the picture's seed and rays
-   (given, not 0), finds that pixel's light: to the bit where rays are traced, up to rounding where views are drawn.
+   up to rounding. sbl_gather at the site of pixel i (sbl_sensor.site), as its site i and with the picture's seed and
+   rays (given, not 0), finds that pixel's light: to the bit where rays are traced, up to rounding where views are
+   drawn.
 
    ON ERROR
 
