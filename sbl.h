@@ -26,7 +26,9 @@
                                            +-----------------------------------+   level by level, to single pixels
 
    The middle of it stands alone, too: sbl_gather takes any points with normals and returns the light that arrives
-   there, for lightmaps, vertices, probes and tools of your own.
+   there, for tools of your own; in the place of the camera's pixels there may be a lightmap's texels, see ON LIGHTMAPS;
+   meshes may have their light at their vertices, see ON VERTEX LIGHT; and points in the air theirs from all sides, see
+   ON PROBES.
 
    WHAT IT DOES NOT DO
 
@@ -93,9 +95,15 @@
        sbl_load_store             reads it again
        sbl_query_bounds           the scene's extent
        sbl_render                 a whole picture in one call
+       sbl_bake_lightmap          a whole lightmap in one call
+       sbl_bake_vertices          the light at meshes' vertices in one call
        sbl_gather                 the light at any points with normals, in one call
+       sbl_bake_probes            the light at points in the air, in one call
        sbl_begin                  a picture in steps: begin, step until done, end
+       sbl_begin_lightmap         a lightmap in steps, in a picture's place
+       sbl_begin_vertices         the light at vertices in steps
        sbl_begin_gather           the light at any points in steps
+       sbl_begin_probes           the light at points in the air in steps
        sbl_step                   works for about so many seconds
        sbl_progress               how far it is, 0 to 1
        sbl_end                    abandons what is under way or frees a finished picture
@@ -109,6 +117,9 @@
        sbl_context_desc_defaults  a descriptor with its zeros replaced by the defaults
        sbl_picture_desc_defaults  likewise
        sbl_gather_desc_defaults   likewise
+       sbl_lightmap_desc_defaults likewise
+       sbl_probes_desc_defaults   likewise
+       sbl_vertices_desc_defaults likewise
        sbl_query_desc             the context's descriptor, defaults filled in
        sbl_query_capabilities     which GL, which optional features are in use, what was compiled
        sbl_query_stats            counts and seconds of the picture or gather begun last
@@ -142,14 +153,19 @@
        threshold     0 is none: to sense every pixel set tile = 1
        facet_limit   0 is off; the tool sbl_render sets 2, which suits models from files
        filter_radius 0 is 2: a negative one is no filter
+       gutter        0 is 16: a negative one is no gutter
+       seams         0 is to sew them: negative, they are left as they are
+       smoothing     0 is 0.02: a negative one is none
        sbl_site.offset  0 is what rounding needs: a negative one is none
+       move          0 is off: probes stay where they are asked for
 
    ON MEMORY
 
    Everything is allocated through the descriptor's allocator, or malloc and free. sbl_set_scene copies what it is
    given: arrays, textures and GL buffers may be freed afterwards. Running out of memory is a result
    (SBL_ERROR_OUT_OF_MEMORY), and leaves the context usable: the scene or picture being made is dropped, an older
-   scene stays. sbl_gather needs no memory for its points but the host's own: it works on 65,536 at a time.
+   scene stays. sbl_gather needs no memory for its points but the host's own: it works on 65,536 at a time. So does
+   sbl_bake_probes, on 128.
 
    ON LIFETIMES
 
@@ -270,7 +286,7 @@
    GL driver, whatever the batch size, the slices and the number of repetitions; between GL paths and drivers it agrees
    up to rounding. sbl_gather at the site of pixel i (sbl_sensor.site), as its site i and with the picture's seed and
    rays (given, not 0), finds that pixel's light: to the bit where rays are traced, up to rounding where views are
-   drawn.
+   drawn. What a probe finds depends on its number, place and rays and the seed, on no other probe.
 
    ON ERROR
 
@@ -362,6 +378,96 @@
    to reflect towards sensors, one value for each of six directions, and is itself lit like all that the camera sees.
 
 
+   ON LIGHTMAPS
+
+   A lightmap is a picture of the scene's surface: give meshes lightmap_texcoords, which spread all of them over one map
+   without overlapping (tools call it a second UV set, or a lightmap unwrap), and call
+
+       sbl_lightmap_desc map = { 0 };
+       map.width = map.height = 1024;
+       if (sbl_bake_lightmap(context, &map) != SBL_SUCCESS) return 0;
+       sbl_read_channel(context, SBL_CHANNEL_FINAL, light, 1024 * 1024 * 3);
+
+   Light of a surface is albedo * light + emission then: what the map holds is R. All that is said of pictures holds for
+   it: an error is asked for and predicted, texel by texel (SBL_CHANNEL_ERROR), sensors stand where they lessen it,
+   sbl_step works in pieces, sbl_inspect_sensor shows what a texel's sensor sees. Refinement, interpolation and filter
+   stay within charts: triangles that touch both in the world and in the map. Leave four texels and more between charts,
+   and twice as many for each mip level that is to be sampled: FINAL is continued so far, half from either side.
+   A texel that a chart only grazes has the light of the chart's nearest point, a little inward: where walls meet it
+   would stand in both. Texels that nobody gets to see have their neighbours' light, or it would show beside what hides
+   them: those that something lies on, nearer than half a texel or so, those inside of other things (what bounces tells
+   where no light gets, so in SBL_MODE_GI), and those close to such an edge.
+   Where charts meet in the world and normals agree, FINAL is sewn: changed by as little as makes bilinear samples of
+   both sides the same, but for light that differs by half and more, since there something stands between. Such edges
+   must be shared by triangles, end to end. sbl_stats tells the largest difference before and after.
+   Where charts overlap, or lie outside of the map, a warning names the first place, SBL_CHANNEL_OVERLAP all of them.
+
+
+   ON PROBES
+
+   A probe is the light at a point in the air, from all sides, for what moves through a scene that has been baked. Give
+   positions, or a grid, which fills the scene's bounds:
+
+       static sbl_probe probes[8 * 4 * 8];
+       sbl_probes_desc desc = { 0 };
+       desc.probes = probes;
+       desc.grid[0] = desc.grid[2] = 8;
+       desc.grid[1] = 4;
+       if (sbl_bake_probes(context, &desc) != SBL_SUCCESS) return 0;
+
+   R on a surface there that faces n is sh[i] * Y_i(n) * (1, 2/3 or 1/4) summed over the nine; what it sends out is its
+   emission + albedo * R. The ambient cube says the same more coarsely: the mean of the three sides that n turns to,
+   weighted by the squares of its components. Both hold all the light there is, lamps with their shadows too.
+
+   How it comes about: what surfaces and the sky send arrives along `rays` single rays, evenly over the sphere. What
+   lamps give is measured as sensors measure it, in closed form with the horizon, on 320 normals all around, and their
+   cosine is then divided out: of a point of light this leaves at most 0.4 % (of the norm of its first four
+   coefficients), of what is larger less. The noise of a lamp that is half hidden is 1.3 % with 4,096 rays, 0.5 % with
+   16,384. What lies beyond the ninth coefficient is lost, as always: of a small lamp R made of nine is a little
+   negative on the far side, where the cube has 0.
+
+   Surfaces have two sides here, and a probe sees the light of both. Whether it stands inside of something only faces
+   tell: `valid` is 0 where more than a quarter of all directions end on back faces. So it is in closed things, where
+   all do, under the ground, and close behind a wall of one layer; where meshes are wound at random it says nothing, and
+   back_share is there to judge by another measure. The light is right in any case for where the probe stands. With
+   `move` such a probe looks for a way out: through the nearest back face that it saw towards each octant, the nearest
+   one first, and an eighth of `move` beyond, but never farther than `move` from where it was asked for. The first
+   place that is valid is taken, and position tells it; where there is none, it stays.
+
+   For shadows of light from probes (as in DDGI), distance and distance_squared are the means of the distance and of its
+   square to what is seen, with weights max(0, cosine to the octant's middle): half the sphere for each. The sky is left
+   out; where nothing else is seen both are 0, which stands for no end.
+
+   What a draw callback draws is in the light, which views see then (SBL_BACKEND_RASTER: on 132 normals, and four times
+   on each of the cube's sides, five views each time; of a point of light this leaves 1.4 %), and not in sky, distance,
+   distance_squared, back_share and valid, which rays find.
+   ON VERTEX LIGHT
+
+   Where there is neither room nor a second UV set for lightmaps, light can stand at the vertices; a renderer draws what
+   lies between as it draws vertex colours:
+
+       sbl_vertices_desc bake = { 0 };
+       bake.radiance = light;             // 3 floats a vertex, of all meshes, one mesh after the other
+       bake.count = 3 * vertex_count;
+       if (sbl_bake_vertices(context, &bake) != SBL_SUCCESS) return 0;
+
+   R is gathered at points spread over the triangles, never at vertices or edges, where it jumps and where walls meet;
+   and the vertices get what makes the interpolated light fit these points best, by least squares, after L. Kavan,
+   A. W. Bargteil and P.-P. Sloan, "Least Squares Vertex Baking" (EGSR 2011): where triangles are large for the light on
+   them, it is nearer to the truth than light that is measured at vertices or averaged around them. To fit the points
+   beside a shadow's edge a vertex may have to be darker than all of them; what would be negative is 0.
+
+   Vertices of a mesh that stand in the same place and whose normals agree (to 1 degree) are one, so that seams of
+   textures do not show; where normals differ, as at hard edges, each has its own light. Without normals, a vertex has
+   the mean of its triangles'. Points stuck inside geometry are left out, and so are those that see little but back
+   faces, and thus lie inside of something; unless most points of a mesh do, since whole rooms are modelled inside out.
+   Vertices that no other points are next to take their neighbours' light, from edge to edge, up to 64 edges far, or 0
+   where there is none. A vertex that no triangle has, but for those without area, is 0.
+
+   Of noise a vertex has little, since a dozen points and more are around it: by default they look with 64 rays each. It
+   takes about 200 bytes of memory a triangle, and a few microseconds for the fit.
+
+
    ON THE TWO WAYS TO SEE
 
    SBL_BACKEND_TRACE sends cosine-distributed rays through a bounding volume hierarchy in a compute shader, or
@@ -436,6 +542,9 @@ typedef enum sbl_log_level { SBL_LOG_ERROR, SBL_LOG_WARNING, SBL_LOG_INFO } sbl_
     X(INVALID_LIGHT, "a light or the environment is not usable")                      \
     X(INVALID_PICTURE_DESC, "a field of sbl_picture_desc is out of range")            \
     X(INVALID_GATHER_DESC, "a field of sbl_gather_desc, or a site, is out of range")  \
+    X(INVALID_LIGHTMAP_DESC, "a field of sbl_lightmap_desc is out of range")          \
+    X(INVALID_PROBES_DESC, "a field of sbl_probes_desc is out of range")              \
+    X(INVALID_VERTICES_DESC, "a field of sbl_vertices_desc is out of range")          \
     X(WRONG_ORDER, "a function was called before what it needs")                      \
     X(OUT_OF_MEMORY, "memory could not be allocated")                                 \
     X(TOO_LARGE, "more than the GL context or the index range can hold")              \
@@ -447,7 +556,9 @@ typedef enum sbl_log_level { SBL_LOG_ERROR, SBL_LOG_WARNING, SBL_LOG_INFO } sbl_
     X(FRAMEBUFFER, "a framebuffer is not complete")                                   \
     X(DRAWS_WRONG, "the driver's picture of a known triangle is wrong")               \
     X(DEGENERATE_TRIANGLES, "triangles without area were left out")                   \
-    X(NOTHING_VISIBLE, "the camera sees no surface")                                  \
+    X(NOTHING_VISIBLE, "the camera sees no surface, or a lightmap has none")          \
+    X(OVERLAP, "triangles share texels of a lightmap")                                \
+    X(OUTSIDE, "triangles lie outside of a lightmap")                                 \
     X(NO_LIGHT, "nothing in the scene shines")                                        \
     X(SCALE, "the scene is too small, too large or too far off for exact light")      \
     X(INVALID_STORE, "saved light is damaged or of another scene")                    \
@@ -549,6 +660,8 @@ typedef struct sbl_mesh {
     sbl_stream positions;  /* 3 components; required */
     sbl_stream normals;    /* 3; object space, any length. Absent: flat */
     sbl_stream texcoords;  /* 2; v = 0 is the texture's first row. Absent: 0 0 */
+    sbl_stream lightmap_texcoords;  /* 2: where it is in lightmaps, (0, 0) the first row's first corner, (1, 1) the last
+                                       one's; see sbl_lightmap_desc. Absent: in none */
     sbl_stream colors;     /* 4: linear rgb and alpha, multiplied with the material's albedo. Absent: 1 1 1 1 */
     sbl_stream indices;    /* SBL_UINT8, SBL_UINT16 or SBL_UINT32. Absent: 0 1 2, 3 4 5, ... */
     int vertex_count;
@@ -790,6 +903,7 @@ typedef enum sbl_channel {
     SBL_CHANNEL_SENSORS,    /* 1: 0 interpolated, else 1 + the level at which a sensor stood here */
     SBL_CHANNEL_STORE,      /* 3: the stored R, cell by cell (SBL_MODE_GI; else 0) */
     SBL_CHANNEL_ERROR,      /* 1: the predicted standard error of R's luminance, see ON ERROR */
+    SBL_CHANNEL_OVERLAP,    /* 1: lightmaps: how many other triangles show at the texel's centre, too; else 0 */
     SBL_CHANNEL_COUNT
 } sbl_channel;
 
@@ -813,7 +927,10 @@ typedef struct sbl_stats {
     size_t bvh_bytes;         /* on the GPU */
     float error_asked;        /* sbl_picture_desc.error; 0: none */
     float error_expected;     /* what it is predicted to be, so far */
-    int64_t invalid_sensors;  /* stuck inside geometry; their neighbours' light was used instead */
+    int64_t invalid_sensors;  /* stuck inside geometry; their neighbours' light was used instead. Of a lightmap also
+                                 those that something lies on */
+    int seams;                /* of a lightmap: edges where charts meet; and the largest difference of R's luminance */
+    float seam_before, seam_after;  /* across them, a share of the mean, before and after they were sewn */
     int level_count;
     struct { int tile; int64_t sensors; } levels[SBL_MAX_LEVELS];
     int readbacks;            /* transfers from GPU to host during the picture */
@@ -863,6 +980,122 @@ typedef struct sbl_gather_desc {
     void *progress_user;
     uint32_t end_canary;
 } sbl_gather_desc;
+
+/* >>lightmap types */
+
+/* A picture of the surface of all meshes that have lightmap_texcoords, spread out as these say. What is named as in
+   sbl_picture_desc means the same, a texel being a pixel; zero is the default everywhere. A texel shows the point of a
+   surface that is nearest to its centre, where any surface touches its square; light is what arrives on the front:
+   the side that normals point to, without them the side whose corners run counter-clockwise. Triangles that touch each
+   other both in the world and in the map are a chart; nothing is interpolated or filtered across charts.
+   Channels differ from a picture's in three: FINAL is R, continued into the gutter; ID is 1 + the chart's number;
+   DEPTH is 0. */
+typedef struct sbl_lightmap_desc {
+    uint32_t start_canary;
+    int width, height;         /* texels, 1 to 16384. Default: 512 512 */
+    const int *meshes;         /* numbers of the meshes that are baked, all with lightmap_texcoords; read when the
+                                  lightmap begins. Default: all that have them */
+    int mesh_count;
+    int gutter;                /* texels beyond charts' edges that FINAL is continued into, at most 16384, so that
+                                  neither bilinear sampling nor mip maps mix in black; negative: none. Default: 16 */
+    int seams;                 /* where charts meet in the world and normals agree, FINAL is changed a little, to be
+                                  the same on both sides; negative, or without a gutter: it is not */
+    sbl_mode mode;             /* but not SBL_MODE_PAPER */
+    sbl_preset preset;
+    sbl_backend backend;
+    float error;               /* of R, root mean square over the texels. Default: 0.02 / 0.005 / 0.0025, or what 512
+                                  rays a sensor give */
+    int rays;
+    int sensor_size;
+    int tile;
+    float threshold;
+    float epsilon;
+    int filter_radius;
+    uint32_t seed;
+    int (*progress)(float done, void *user);
+    void *progress_user;
+    uint32_t end_canary;
+} sbl_lightmap_desc;
+
+/* >>probe types */
+
+/* The light at a point in the air.
+   sh: the radiance that arrives, in real orthonormal spherical harmonics: sh[i] is the integral over the sphere of
+   L(w) Y_i(w), w = (x, y, z) a unit vector towards where it comes from, for i = 0 to 8
+
+       Y_0     0.28209479  (1 / sqrt(4 pi))               Y_1 2 3   0.48860251 (sqrt(3 / 4 pi)) times y, z, x
+       Y_4 5   1.09254843  (sqrt(15 / 4 pi)) x y, y z     Y_6       0.31539157 (sqrt(5 / 16 pi)) (3 z^2 - 1)
+       Y_7     1.09254843  x z                            Y_8       0.54627422 (sqrt(15 / 16 pi)) (x^2 - y^2)
+
+   R(n) = irradiance / pi = the sum of A_i sh[i] Y_i(n), where A_0 = 1, A_1 to A_3 = 2/3, A_4 to A_8 = 1/4. */
+typedef struct sbl_probe {
+    float position[3];         /* where it stands: where it was asked for, or was moved to */
+    float sh[9][3];            /* rgb of each */
+    float cube[6][3];          /* R on a surface that faces +x, -x, +y, -y, +z, -z */
+    float sky;                 /* share of all directions that end on no surface, 0 to 1 */
+    float distance[8];         /* to the surfaces seen towards each octant (bit 0 of its number: x > 0, bit 1: y > 0,
+                                  bit 2: z > 0), world: mean with weights max(0, cosine to the octant's middle); 0 where
+                                  none is seen */
+    float distance_squared[8]; /* the same of the distance's square */
+    float back_share;          /* of the directions that end on surfaces, those that end on back faces */
+    int valid;                 /* 0: it stands inside something, or its light overflows */
+} sbl_probe;
+
+/* Zero is the default everywhere; what is named as in sbl_picture_desc means the same. */
+typedef struct sbl_probes_desc {
+    uint32_t start_canary;
+    const float *positions;    /* 3 a probe, world; not copied: must stay until all are done */
+    sbl_probe *probes;         /* likewise: receives one a position, those of the first positions first */
+    int count;                 /* 0 and up. With a grid: its number of points. Default: that */
+    int grid[3];               /* where positions is NULL: so many points along x, y and z, x fastest, y next, at the
+                                  middles of so many cells between */
+    float lowest[3], highest[3];  /* these corners, world. Default (all zero): the scene's bounds */
+    float move;                /* how far a probe that stands inside something may be moved to get out, world: see ON
+                                  PROBES. Default: 0, not at all */
+    sbl_mode mode;             /* but not SBL_MODE_PAPER */
+    sbl_preset preset;
+    sbl_backend backend;
+    int rays;                  /* of a probe, over the sphere, 64 to 65536; and at most a 64th of them, but 32 to 256,
+                                  from each normal towards lamps. Default: 1024 / 4096 / 16384 */
+    int sensor_size;           /* of views, SBL_BACKEND_RASTER. Default: 8 / 16 / 32 */
+    float epsilon;
+    uint32_t seed;             /* turns the rays */
+    int (*progress)(float done, void *user);
+    void *progress_user;
+    uint32_t end_canary;
+} sbl_probes_desc;
+/* >>vertex types */
+
+/* Light at the vertices of meshes; see ON VERTEX LIGHT. Zero is the default everywhere; what is named as in
+   sbl_gather_desc means the same, a site being one of the points that light is gathered at. Light is what arrives on
+   the front: the side that normals point to, without them the side whose corners run counter-clockwise. */
+typedef struct sbl_vertices_desc {
+    uint32_t start_canary;
+    const int *meshes;         /* numbers of the meshes, in the order in which their vertices come; read when it begins.
+                                  Default: all of the scene */
+    int mesh_count;
+    float *radiance;           /* the host's, in use until it is done: receives R, 3 floats a vertex, of sbl_mesh's
+                                  vertex_count vertices one mesh after the other; never negative */
+    size_t count;              /* floats that radiance has room for */
+    int samples;               /* points over a triangle that has its mesh's mean area, 1 to 1024; others have as many
+                                  more or fewer as they are larger, but at least 4, and at most 8 times as many.
+                                  Default: 4 / 8 / 16 */
+    int average;               /* 1: instead of least squares, means of the points around each vertex: smoother, and
+                                  wrong where triangles are large for the light on them */
+    float smoothing;           /* how much the light's slope may not differ between triangles that share an edge, beside
+                                  their points; all light that is linear is left as it is. Negative: none. Default:
+                                  0.02 */
+    sbl_mode mode;             /* but not SBL_MODE_PAPER */
+    sbl_preset preset;
+    sbl_backend backend;
+    int rays;                  /* of a point. Default: 16 / 64 / 256 */
+    int sensor_size;
+    float epsilon;
+    uint32_t seed;
+    int (*progress)(float done, void *user);
+    void *progress_user;
+    uint32_t end_canary;
+} sbl_vertices_desc;
 
 /* >>inspection types */
 
@@ -987,6 +1220,22 @@ SBL_API sbl_result sbl_render(sbl_context *context, const sbl_picture_desc *desc
    Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (larger than the driver's textures). */
 SBL_API sbl_result sbl_begin(sbl_context *context, const sbl_picture_desc *desc);
 
+/* Bakes a lightmap: sbl_begin_lightmap, then sbl_step until done. Results: those of both. */
+SBL_API sbl_result sbl_bake_lightmap(sbl_context *context, const sbl_lightmap_desc *desc);
+
+/* Starts a lightmap, in the place of a picture: what is said of pictures holds for it, from sbl_step to
+   sbl_inspect_sensor. Triangles that overlap in the map, or lie outside of it, are named in warnings.
+   Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (larger than the driver's textures). */
+SBL_API sbl_result sbl_begin_lightmap(sbl_context *context, const sbl_lightmap_desc *desc);
+
+/* Bakes light at vertices: sbl_begin_vertices, then sbl_step until done. Results: those of both. */
+SBL_API sbl_result sbl_bake_vertices(sbl_context *context, const sbl_vertices_desc *desc);
+
+/* Starts light at vertices, in the place of a gather: a picture under way is abandoned, a finished one stays.
+   desc->radiance is the host's and in use until it is done, and filled at the end.
+   Results: INVALID_ARGUMENT (each mistake logged), STATE (no scene), OUT_OF_MEMORY. */
+SBL_API sbl_result sbl_begin_vertices(sbl_context *context, const sbl_vertices_desc *desc);
+
 /* Gathers the light that arrives at points: sbl_begin_gather, then sbl_step until done. Results: those of both. */
 SBL_API sbl_result sbl_gather(sbl_context *context, const sbl_gather_desc *desc);
 
@@ -996,9 +1245,17 @@ SBL_API sbl_result sbl_gather(sbl_context *context, const sbl_gather_desc *desc)
    Results: INVALID_ARGUMENT (each mistake logged; of sites the first ones), STATE (no scene). */
 SBL_API sbl_result sbl_begin_gather(sbl_context *context, const sbl_gather_desc *desc);
 
+/* Bakes probes: sbl_begin_probes, then sbl_step until done. Results: those of both. */
+SBL_API sbl_result sbl_bake_probes(sbl_context *context, const sbl_probes_desc *desc);
+
+/* Starts gathering light in the air into desc->probes, the host's and in use until all are done. With a draw callback
+   light is seen by views. A picture under way is abandoned, a finished one stays.
+   Results: INVALID_ARGUMENT (each mistake logged; of positions the first ones), STATE (no scene). */
+SBL_API sbl_result sbl_begin_probes(sbl_context *context, const sbl_probes_desc *desc);
+
 /* Works on what was begun last for about `seconds` (0 or less: until it is done); see ON TIME.
-   Results: SUCCESS (done: channels can be read, readings are there), UNFINISHED, CANCELLED, STATE (nothing was begun),
-   OUT_OF_MEMORY, UNSUPPORTED (sensors larger than the driver's textures), GL.
+   Results: SUCCESS (done: channels can be read, readings or probes are there), UNFINISHED, CANCELLED, STATE (nothing
+   was begun), OUT_OF_MEMORY, UNSUPPORTED (sensors larger than the driver's textures), GL.
    After CANCELLED or an error it is gone. */
 SBL_API sbl_result sbl_step(sbl_context *context, double seconds);
 
@@ -1047,6 +1304,9 @@ SBL_API void sbl_encode_srgb8(unsigned char *out, const float *linear, size_t co
 SBL_API sbl_context_desc sbl_context_desc_defaults(const sbl_context_desc *desc);
 SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc);
 SBL_API sbl_gather_desc sbl_gather_desc_defaults(const sbl_gather_desc *desc);
+SBL_API sbl_lightmap_desc sbl_lightmap_desc_defaults(const sbl_lightmap_desc *desc);
+SBL_API sbl_probes_desc sbl_probes_desc_defaults(const sbl_probes_desc *desc);
+SBL_API sbl_vertices_desc sbl_vertices_desc_defaults(const sbl_vertices_desc *desc);
 
 /* All zeroes for a NULL context. */
 SBL_API sbl_context_desc sbl_query_desc(const sbl_context *context);
@@ -1084,7 +1344,8 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
                   >>lamps        what sensors aim rays at
                   >>store        light that bounces: cells on surfaces, and how they are found
                   >>scene        the six together; scene.glsl and outgoing.glsl, which all shaders share
-   a sensor       >>surface      where light is wanted: the camera's G-buffer
+   a sensor       >>atlas        which triangle each texel of a lightmap shows
+                  >>surface      where light is wanted: the camera's G-buffer, or a lightmap's
                   >>sensors      looks: frames, views, weights
                   >>guide        rays go where others found light
                   >>aim          rays towards lamps
@@ -1096,8 +1357,12 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    a picture      >>refine       which pixels get sensors; interpolation
                   >>filter       smoothing of R
                   >>resolve      composition, anti-aliasing
+                  >>gutters      a lightmap is continued beyond its charts,
+                  >>seams        and made the same on both sides of where they meet
    front ends     >>picture      the stages above, in steps
                   >>gather       any points
+                  >>vertices     light at meshes' vertices, fitted to points over their triangles
+                  >>probes       points in the air, from all sides
                   >>inspect      one sensor, shown
                   >>trial        a known triangle, before all else
    the door       >>egl          a headless context
@@ -1117,8 +1382,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
        sbl_channel, with its comment; a row in sbl__channels (>>public); where refinement knows it, a line in
        sbl__channel_pixel; where a target holds it, one in sbl__channel_target. A name in examples/sbl_render.c's list.
 
-   To add a front end, which asks for light and does something else with it than a picture (tried with an ambient
-   cube at a point, in one call: 51 lines):
+   To add a front end, which asks for light and does something else with it than a picture:
        >>gather is the shortest one, take its shape. A struct with a stage, the sites and the readings; begin stores;
        step calls, until each is done, sbl__prepare (hierarchy, lamps, store), sbl__spec_make (how to see),
        sbl__job_begin with a task (sites, readings), sbl__job_step with the slice it was given. Loops over many things
@@ -1145,6 +1409,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 #include <limits.h>
 #include <math.h>
 #include <stdarg.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -2284,7 +2549,8 @@ enum {
     SBL__MIXED = 1 << 7,        /* lamps are not just triangles, few enough to be taken singly */
     SBL__CUTOUTS = 1 << 8,      /* some materials have holes */
     SBL__GUIDED = 1 << 9,       /* rays go where guides send them, see >>guide */
-    SBL__FEATURES = 10
+    SBL__LIGHTMAP = 1 << 10,    /* texels of an atlas, not the camera's pixels */
+    SBL__FEATURES = 11
 };
 
 #define SBL__SHADERS_MOST 10
@@ -2368,7 +2634,7 @@ static sbl_result sbl__program_link(const sbl__device *d, unsigned *out, const u
 static sbl_result sbl__program_make(const sbl__device *d, unsigned *out, const sbl__recipe *recipe, unsigned features) {
     static const char *const names[SBL__FEATURES] = {
         "TEXTURED", "WIDE", "VIEWS", "INSPECT", "WRITE_DEPTH", "COMPUTE", "BOUNCED", "MIXED", "CUTOUTS",
-        "GUIDED"
+        "GUIDED", "LIGHTMAP"
     };
     const sbl__gl *gl = &d->gl;
     const int compute = (features & SBL__COMPUTE) != 0;
@@ -2969,9 +3235,10 @@ static void sbl__check_transform(sbl__check *check, int mesh, const float m[16])
 
 static void sbl__check_mesh(sbl__check *check, const sbl_scene_desc *desc, int number) {
     const sbl_mesh *m = &desc->meshes[number];
-    const sbl__stream_use streams[5] = {
+    const sbl__stream_use streams[] = {
         { "positions", &m->positions, 3, m->vertex_count, 0 }, { "normals", &m->normals, 3, m->vertex_count, 0 },
         { "texcoords", &m->texcoords, 2, m->vertex_count, 0 }, { "colors", &m->colors, 4, m->vertex_count, 0 },
+        { "lightmap_texcoords", &m->lightmap_texcoords, 2, m->vertex_count, 0 },
         { "indices", &m->indices, 1, m->index_count, 1 }
     };
     const int indexed = sbl__stream_present(&m->indices);
@@ -2983,10 +3250,10 @@ static void sbl__check_mesh(sbl__check *check, const sbl_scene_desc *desc, int n
     if (m->vertex_count > 0 && !sbl__stream_present(&m->positions))
         sbl__mistake(check, "mesh %d: positions are missing (data and gl_buffer are both 0) for vertex_count %d",
                      number, m->vertex_count);
-    for (i = 0; i < 4; i++) sbl__check_stream(check, number, &streams[i]);
+    for (i = 0; i < 5; i++) sbl__check_stream(check, number, &streams[i]);
     if (indexed && (m->index_count < 0 || m->index_count % 3 != 0))
         sbl__mistake(check, "mesh %d: index_count is %d; it must be a multiple of 3", number, m->index_count);
-    else if (indexed) sbl__check_stream(check, number, &streams[4]);
+    else if (indexed) sbl__check_stream(check, number, &streams[5]);
     else if (m->vertex_count % 3 != 0)
         sbl__mistake(check, "mesh %d: vertex_count is %d; without indices it must be a multiple of 3", number,
                      m->vertex_count);
@@ -3249,28 +3516,34 @@ static void sbl__check_camera(sbl__check *check, const char *where, const sbl_pi
                      (double)m[7], (double)m[11], (double)m[15]);
 }
 
-/* d has its defaults filled in; `given` is what the host wrote, or NULL. host_draws: the scene has a draw callback. */
+/* What pictures and lightmaps share. host_draws: the scene has a draw callback. */
+static void sbl__check_fields(sbl__check *check, const char *where, const sbl_picture_desc *d, int host_draws) {
+    static const int sizes[2] = { 1, 16384 }, tiles[2] = { 1, 1024 };
+    const sbl__seeing seeing = SBL__SEEING(d);
+    sbl__check_int(check, where, "width", d->width, sizes);
+    sbl__check_int(check, where, "height", d->height, sizes);
+    sbl__check_seeing(check, where, &seeing, host_draws);
+    sbl__check_int(check, where, "tile", d->tile, tiles);
+    if (!sbl__between(&d->error, 0, 1))
+        sbl__mistake(check, "%s: error is %g; it must be 0 to 1", where, (double)d->error);
+    if (!sbl__between(&d->threshold, 0, FLT_MAX))
+        sbl__mistake(check, "%s: threshold is %g; it must be positive and finite", where, (double)d->threshold);
+    if (d->filter_radius > 32)
+        sbl__mistake(check, "%s: filter_radius is %d; it must be at most 32", where, d->filter_radius);
+}
+
+/* d has its defaults filled in; `given` is what the host wrote, or NULL. */
 static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_desc *given, const sbl_picture_desc *d,
                                      int host_draws) {
-    static const int sizes[2] = { 1, 16384 }, tiles[2] = { 1, 1024 }, samples[2] = { 1, 64 };
+    static const int samples[2] = { 1, 64 };
     const char *where = "sbl_picture_desc";
-    const sbl__seeing seeing = SBL__SEEING(d);
     sbl__check check;
     sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_PICTURE_DESC);
     if (given && !sbl__check_canaries(&check, where, given->start_canary, given->end_canary))
         return sbl__check_end(&check);
-    sbl__check_int(&check, where, "width", d->width, sizes);
-    sbl__check_int(&check, where, "height", d->height, sizes);
-    sbl__check_seeing(&check, where, &seeing, host_draws);
-    sbl__check_int(&check, where, "tile", d->tile, tiles);
-    if (!sbl__between(&d->error, 0, 1))
-        sbl__mistake(&check, "%s: error is %g; it must be 0 to 1", where, (double)d->error);
-    if (!sbl__between(&d->threshold, 0, FLT_MAX))
-        sbl__mistake(&check, "%s: threshold is %g; it must be positive and finite", where, (double)d->threshold);
+    sbl__check_fields(&check, where, d, host_draws);
     if (!sbl__between(&d->facet_limit, 0, FLT_MAX))
         sbl__mistake(&check, "%s: facet_limit is %g; it must be 0 or more, and finite", where, (double)d->facet_limit);
-    if (d->filter_radius > 32)
-        sbl__mistake(&check, "%s: filter_radius is %d; it must be at most 32", where, d->filter_radius);
     sbl__check_int(&check, where, "samples", d->samples, samples);
     sbl__check_camera(&check, where, d);
     return sbl__check_end(&check);
@@ -3316,6 +3589,79 @@ static sbl_result sbl__check_gather(const sbl__base *base, const sbl_gather_desc
     return sbl__check_end(&check);
 }
 
+/* How a probe is seen. */
+static sbl__seeing sbl__probes_seeing(const sbl_probes_desc *d) {
+    sbl__seeing s;
+    memset(&s, 0, sizeof s);
+    s.mode = d->mode;
+    s.preset = d->preset;
+    s.backend = d->backend;
+    s.sensor_size = d->sensor_size;
+    s.epsilon = d->epsilon;
+    s.seed = d->seed;
+    return s;
+}
+
+/* Points of a grid; INT_MAX: too many, 0: there is no grid. */
+static int sbl__grid_count(const int grid[3]) {
+    double count = 1;
+    int k;
+    for (k = 0; k < 3; k++) count *= grid[k];
+    return grid[0] < 1 || grid[1] < 1 || grid[2] < 1 ? 0 : (int)SBL__MIN(count, (double)INT_MAX);
+}
+
+static void sbl__check_grid(sbl__check *check, const char *where, const sbl_probes_desc *d) {
+    static const int sizes[2] = { 1, 16384 };
+    const int given = d->grid[0] || d->grid[1] || d->grid[2], points = sbl__grid_count(d->grid);
+    int k;
+    if (!given && d->count > 0)
+        sbl__mistake(check, "%s: count is %d; positions is NULL, and there is no grid", where, d->count);
+    for (k = 0; k < 3 && given; k++) {
+        char name[16];
+        snprintf(name, sizeof name, "grid[%d]", k);
+        sbl__check_int(check, where, name, d->grid[k], sizes);
+    }
+    if (points == INT_MAX) sbl__mistake(check, "%s: grid has more points than an int can count", where);
+    else if (points && d->count != points && d->count >= 0)
+        sbl__mistake(check, "%s: count is %d; the grid has %d points", where, d->count, points);
+    sbl__check_finite(check, where, "lowest", d->lowest, 3);
+    sbl__check_finite(check, where, "highest", d->highest, 3);
+    for (k = 0; k < 3 && sbl__all_finite(d->lowest, 3) && sbl__all_finite(d->highest, 3); k++)
+        if (d->lowest[k] > d->highest[k])
+            sbl__mistake(check, "%s: lowest[%d] is %g; highest[%d], %g, is less", where, k, (double)d->lowest[k], k,
+                         (double)d->highest[k]);
+}
+
+/* The same for probes; `seeing` is how sensors are told to see. */
+static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc *given, const sbl_probes_desc *d,
+                                    const sbl__seeing *seeing, int host_draws) {
+    static const int rays[2] = { 64, 65536 };
+    const char *where = "sbl_probes_desc";
+    sbl__check check;
+    int i, wrong = 0;
+    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_PROBES_DESC);
+    if (given && !sbl__check_canaries(&check, where, given->start_canary, given->end_canary))
+        return sbl__check_end(&check);
+    sbl__check_seeing(&check, where, seeing, host_draws);
+    if (d->mode == SBL_MODE_PAPER) sbl__mistake(&check, "%s: mode is SBL_MODE_PAPER; it is for pictures", where);
+    sbl__check_int(&check, where, "rays", d->rays, rays);
+    if (!sbl__between(&d->move, 0, FLT_MAX))
+        sbl__mistake(&check, "%s: move is %g; it must be finite and not negative", where, (double)d->move);
+    if (d->count < 0) sbl__mistake(&check, "%s: count is %d; it cannot be negative", where, d->count);
+    if (!d->probes && d->count > 0)
+        sbl__mistake(&check, "%s: probes is NULL; it receives count probes", where);
+    if (!d->positions) sbl__check_grid(&check, where, d);
+    for (i = 0; d->positions && i < d->count; i++) {
+        char name[32];
+        if (sbl__all_finite(d->positions + 3 * (size_t)i, 3)) continue;
+        snprintf(name, sizeof name, "probe %d", i);
+        if (wrong++ < SBL__SITES_NAMED) sbl__check_finite(&check, name, "position", d->positions + 3 * (size_t)i, 3);
+    }
+    if (wrong > SBL__SITES_NAMED)
+        sbl__mistake(&check, "%s: and %d probes more are as wrong", where, wrong - SBL__SITES_NAMED);
+    return sbl__check_end(&check);
+}
+
 /* ======================================================================================================== >>geometry
    Meshes: read from the host's streams, validated, converted into a handful of arrays that stand on the GPU as tables.
 
@@ -3346,12 +3692,14 @@ SBL__RECORD(sbl__object, SBL__OBJECT, "sbl_object", "sbl_objects", SBL__SCENE_TA
 typedef struct sbl__mesh {
     int first_vertex, vertex_count, first_triangle, triangle_count;
     int material;
+    int lightmapped;               /* it has lightmap_texcoords */
     float transform[16];
 } sbl__mesh;
 
 typedef struct sbl__geometry {
     sbl__mesh *meshes;
     int mesh_count;
+    float *lightmap_texcoords;     /* 2 floats a vertex; NULL: no mesh has any */
     float *positions, *normals;    /* object space, 3 floats a vertex: what sbl_set_mesh_transform starts from */
     sbl__vertex *vertices;
     sbl__attributes *attributes;
@@ -3371,6 +3719,7 @@ static void sbl__geometry_free(const sbl__device *d, sbl__geometry *g) {
     sbl__free(d->base, g->meshes);
     sbl__free(d->base, g->positions);
     sbl__free(d->base, g->normals);
+    sbl__free(d->base, g->lightmap_texcoords);
     sbl__free(d->base, g->vertices);
     sbl__free(d->base, g->attributes);
     sbl__free(d->base, g->indices);
@@ -3446,6 +3795,7 @@ typedef struct sbl__mesh_data {
     float *positions, *normals, *texcoords, *colors;  /* the last two: NULL where the mesh has none */
     uint32_t *corners;                                /* three of the mesh's vertices a triangle */
     int vertex_count, corner_count;
+    float *lightmap_texcoords;                        /* as positions; NULL where the mesh has none */
     int has_normals;
 } sbl__mesh_data;
 
@@ -3459,6 +3809,7 @@ static sbl_result sbl__mesh_read(const sbl__device *d, const sbl__geometry *g, c
     const sbl__stream_use positions = { "positions", &in->positions, 3, vertices, 0 };
     const sbl__stream_use normals = { "normals", &in->normals, 3, vertices, 0 };
     const sbl__stream_use texcoords = { "texcoords", &in->texcoords, 2, vertices, 0 };
+    const sbl__stream_use lightmap = { "lightmap_texcoords", &in->lightmap_texcoords, 2, vertices, 0 };
     const sbl__stream_use colors = { "colors", &in->colors, 4, vertices, 0 };
     const sbl__stream_use indices = { "indices", &in->indices, 1, in->index_count, 1 };
     sbl_result result = SBL_SUCCESS;
@@ -3470,6 +3821,8 @@ static sbl_result sbl__mesh_read(const sbl__device *d, const sbl__geometry *g, c
     m->normals = g->normals + 3 * (size_t)g->vertex_count;
     m->corners = g->indices + 3 * (size_t)g->triangle_count;
     m->has_normals = sbl__stream_present(&in->normals);
+    if (sbl__stream_present(&in->lightmap_texcoords))
+        m->lightmap_texcoords = g->lightmap_texcoords + 2 * (size_t)g->vertex_count;
     if (sbl__stream_present(&in->texcoords)) m->texcoords = (float *)sbl__alloc_raw(d->base, (size_t)vertices, 8);
     if (sbl__stream_present(&in->colors)) m->colors = (float *)sbl__alloc_raw(d->base, (size_t)vertices, 16);
     if ((sbl__stream_present(&in->texcoords) && !m->texcoords) || (sbl__stream_present(&in->colors) && !m->colors))
@@ -3477,6 +3830,8 @@ static sbl_result sbl__mesh_read(const sbl__device *d, const sbl__geometry *g, c
     if (result == SBL_SUCCESS && vertices) result = sbl__stream_read(d, &positions, m->positions);
     if (result == SBL_SUCCESS && m->has_normals) result = sbl__stream_read(d, &normals, m->normals);
     if (result == SBL_SUCCESS && m->texcoords) result = sbl__stream_read(d, &texcoords, m->texcoords);
+    if (result == SBL_SUCCESS && m->lightmap_texcoords)
+        result = sbl__stream_read(d, &lightmap, m->lightmap_texcoords);
     if (result == SBL_SUCCESS && m->colors) result = sbl__stream_read(d, &colors, m->colors);
     if (result == SBL_SUCCESS && indexed) result = sbl__stream_read(d, &indices, m->corners);
     for (i = 0; !indexed && i < m->corner_count; i++) m->corners[i] = (uint32_t)i;
@@ -3508,11 +3863,13 @@ static void sbl__mesh_validate(sbl__check *check, const sbl__mesh_data *m, int n
     const sbl__stream_use positions = { "positions", NULL, 3, m->vertex_count, 0 };
     const sbl__stream_use normals = { "normals", NULL, 3, m->vertex_count, 0 };
     const sbl__stream_use texcoords = { "texcoords", NULL, 2, m->vertex_count, 0 };
+    const sbl__stream_use lightmap = { "lightmap_texcoords", NULL, 2, m->vertex_count, 0 };
     const sbl__stream_use colors = { "colors", NULL, 4, m->vertex_count, 0 };
     int i;
     sbl__mesh_check(check, number, &positions, m->positions, any);
     if (m->has_normals) sbl__mesh_check(check, number, &normals, m->normals, any);
     if (m->texcoords) sbl__mesh_check(check, number, &texcoords, m->texcoords, any);
+    if (m->lightmap_texcoords) sbl__mesh_check(check, number, &lightmap, m->lightmap_texcoords, any);
     if (m->colors) sbl__mesh_check(check, number, &colors, m->colors, share);
     for (i = 0; i < m->corner_count; i++)
         if (m->corners[i] >= (uint32_t)m->vertex_count) {
@@ -3536,6 +3893,7 @@ static void sbl__mesh_convert(sbl__geometry *g, const sbl__mesh_data *m, int num
     mesh->first_vertex = g->vertex_count;
     mesh->vertex_count = m->vertex_count;
     mesh->first_triangle = g->triangle_count;
+    mesh->lightmapped = m->lightmap_texcoords != NULL;
     for (v = 0; v < m->vertex_count; v++) {
         sbl__attributes *a = &g->attributes[g->vertex_count + v];
         const float *color = m->colors ? m->colors + 4 * (size_t)v : white;
@@ -3634,10 +3992,11 @@ static sbl_result sbl__geometry_add(const sbl__device *d, sbl__geometry *g, cons
 static sbl_result sbl__geometry_make(const sbl__device *d, sbl__geometry *g, const sbl_scene_desc *desc) {
     double vertices = 0, triangles = 0;
     sbl_result result = SBL_SUCCESS;
-    int i;
+    int i, lightmapped = 0;
     for (i = 0; i < desc->mesh_count; i++) {
         const sbl_mesh *m = &desc->meshes[i];
         vertices += m->vertex_count;
+        lightmapped |= sbl__stream_present(&m->lightmap_texcoords);
         triangles += (sbl__stream_present(&m->indices) ? m->index_count : m->vertex_count) / 3;
     }
     if (vertices > INT_MAX / 4 || triangles > INT_MAX / 4) {
@@ -3653,7 +4012,9 @@ static sbl_result sbl__geometry_make(const sbl__device *d, sbl__geometry *g, con
     g->attributes = (sbl__attributes *)sbl__alloc(d->base, (size_t)vertices, sizeof(sbl__attributes));
     g->indices = (uint32_t *)sbl__alloc(d->base, (size_t)triangles, 12);
     g->objects = (sbl__object *)sbl__alloc(d->base, (size_t)desc->mesh_count, sizeof(sbl__object));
-    if (!g->meshes || !g->positions || !g->normals || !g->vertices || !g->attributes || !g->indices || !g->objects)
+    if (lightmapped) g->lightmap_texcoords = (float *)sbl__alloc(d->base, (size_t)vertices, 8);
+    if (!g->meshes || !g->positions || !g->normals || !g->vertices || !g->attributes || !g->indices || !g->objects ||
+        (lightmapped && !g->lightmap_texcoords))
         return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < desc->mesh_count; i++) {  /* all mistakes are reported, not only the first mesh's */
         const sbl_result mesh = sbl__geometry_add(d, g, &desc->meshes[i], i);
@@ -6236,20 +6597,13 @@ static const char *const sbl__glsl_surface[] = {
 "    return sbl_Attributes(uv, color / 65535.0);\n",
 "}\n",
 "\n",
-"sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {\n",
+"// The point of a triangle at b1, b2, weights of its second and third corner, as it is seen along direction.\n",
+"sbl_Surface sbl_surface_at(int triangle, float b1, float b2, vec3 direction) {\n",
 "    ivec3 v = sbl_corners(triangle);\n",
 "    vec3 p0 = sbl_vertex_position(v.x), e1 = sbl_vertex_position(v.y) - p0, e2 = sbl_vertex_position(v.z) - p0;\n",
 "    int object = int(sbl_vertex_object(v.x));\n",
-"\n",
-"    // Barycentrics of the ray's hit by Cramer's rule (Moeller and Trumbore 1997), kept inside the triangle.\n",
-"    // The cross product is scaled to the edges' size first, so that small triangles do not underflow.\n",
 "    float size = max(max(max(abs(e1.x), abs(e1.y)), abs(e1.z)), max(max(abs(e2.x), abs(e2.y)), abs(e2.z)));\n",
 "    vec3 s1 = e1 / size, s2 = e2 / size;\n",
-"    vec3 t = (origin - p0) / size, q = cross(t, s1), h = cross(direction, s2);\n",
-"    float determinant = dot(s1, h);\n",
-"    float b1 = clamp(dot(t, h) / determinant, 0.0, 1.0);\n",
-"    float b2 = clamp(dot(direction, q) / determinant, 0.0, 1.0 - b1);\n",
-"    if (!(abs(determinant) > 0.0)) { b1 = 1.0 / 3.0; b2 = 1.0 / 3.0; }\n",
 "    float b0 = 1.0 - b1 - b2;\n",
 "\n",
 "    sbl_Surface s;\n",
@@ -6273,6 +6627,36 @@ static const char *const sbl__glsl_surface[] = {
 "    s.object = object;\n",
 "    return s;\n",
 "}\n",
+"\n",
+"// Where a ray meets it.\n",
+"sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {\n",
+"    ivec3 v = sbl_corners(triangle);\n",
+"    vec3 p0 = sbl_vertex_position(v.x), e1 = sbl_vertex_position(v.y) - p0, e2 = sbl_vertex_position(v.z) - p0;\n",
+"\n",
+"    // Barycentrics of the ray's hit by Cramer's rule (Moeller and Trumbore 1997), kept inside the triangle.\n",
+"    // The cross product is scaled to the edges' size first, so that small triangles do not underflow.\n",
+"    float size = max(max(max(abs(e1.x), abs(e1.y)), abs(e1.z)), max(max(abs(e2.x), abs(e2.y)), abs(e2.z)));\n",
+"    vec3 s1 = e1 / size, s2 = e2 / size;\n",
+"    vec3 t = (origin - p0) / size, q = cross(t, s1), h = cross(direction, s2);\n",
+"    float determinant = dot(s1, h);\n",
+"    float b1 = clamp(dot(t, h) / determinant, 0.0, 1.0);\n",
+"    float b2 = clamp(dot(direction, q) / determinant, 0.0, 1.0 - b1);\n",
+"    if (!(abs(determinant) > 0.0)) { b1 = 1.0 / 3.0; b2 = 1.0 / 3.0; }\n",
+"    return sbl_surface_at(triangle, b1, b2, direction);\n",
+"}\n",
+"\n",
+"#ifdef SBL_LIGHTMAP\n",
+"// Seen from the front, see sbl_lightmap_desc.\n",
+"sbl_Surface sbl_surface_front(int triangle, float b1, float b2) {\n",
+"    ivec3 v = sbl_corners(triangle);\n",
+"    vec3 p0 = sbl_vertex_position(v.x), e1 = sbl_vertex_position(v.y) - p0, e2 = sbl_vertex_position(v.z) - p0;\n",
+"    float size = max(max(max(abs(e1.x), abs(e1.y)), abs(e1.z)), max(max(abs(e2.x), abs(e2.y)), abs(e2.z)));\n",
+"    vec3 face = normalize(cross(e1 / size, e2 / size));\n",
+"    vec3 normal = (1.0 - b1 - b2) * sbl_attributes_normal(v.x) + b1 * sbl_attributes_normal(v.y) +\n",
+"                  b2 * sbl_attributes_normal(v.z);\n",
+"    return sbl_surface_at(triangle, b1, b2, dot(normal, face) < 0.0 ? face : -face);\n",
+"}\n",
+"#endif\n",
 0 };
 /* <<glsl */
 
@@ -6326,12 +6710,374 @@ static const char *const sbl__glsl_outgoing[] = {
 0 };
 /* <<glsl */
 
+/* ======================================================================================================== >>atlas
+   Which point of which triangle each texel of a lightmap shows, found on the CPU. A triangle shows at all texels whose
+   squares it touches, at its point nearest to the texel's centre; where several do, the nearest one counts, the first
+   of those that are as near. Triangles that share a corner, in the world and in the map, are one chart.
+
+       (0, 0) +----+----+----+     the row's part of a triangle spans x0 .. x1: those are the texels that it touches
+              | x0 |####|x1  |
+              +----+----+----+ (1, 1)                                                                              */
+
+#define SBL__ATLAS_WORDS 4      /* of a texel: 1 + triangle, or 0; weights of its second and third corner; 1 + chart */
+#define SBL__ATLAS_FAR 1e30f    /* away: nothing is shown */
+#define SBL__ATLAS_INSIDE 1e-3  /* weight of each corner from which on a centre is no triangle's neighbour's, too: */
+#define SBL__ATLAS_WELL -1.0f   /* away: it lies well inside; */
+#define SBL__ATLAS_EDGE -0.5f   /* it may be the neighbour's */
+#define SBL__ATLAS_INSET 0.02   /* texels, from an edge: in a crease a sensor would stand in the other wall, too */
+#define SBL__ATLAS_INSET_MOST 0.01  /* share of the way to the triangle's middle */
+
+typedef enum sbl__atlas_stage {
+    SBL__ATLAS_CLEAR, SBL__ATLAS_WELD, SBL__ATLAS_JOIN, SBL__ATLAS_NUMBER, SBL__ATLAS_TRIANGLES, SBL__ATLAS_DONE
+} sbl__atlas_stage;
+
+typedef struct sbl__atlas {
+    int width, height;
+    unsigned char *wanted;      /* a mesh: is it baked? */
+    sbl__atlas_stage stage;
+    int at, row;                /* what comes next of the stage; the triangle's row, once it is begun */
+    uint32_t *parents;          /* a vertex: one of the same chart; itself: it stands for the chart */
+    uint32_t *slots;            /* 1 + vertex, by a hash of where it is in the world and in the map; 0: free */
+    uint32_t slot_count;        /* a power of two */
+    uint32_t *texels;           /* SBL__ATLAS_WORDS each */
+    float *away;                /* a texel: squared distance from its centre of what it shows, texels; below 0: it lies
+                                   inside, SBL__ATLAS_WELL or SBL__ATLAS_EDGE, and 1 less for each other that has it */
+    int charts;
+    double world_area, area;    /* of all triangles, in the world and on the map, texels */
+    int overlapping, outside;   /* triangles that were named, or would be */
+} sbl__atlas;
+
+static void sbl__atlas_free(sbl__base *base, sbl__atlas *a) {
+    sbl__free(base, a->wanted);
+    sbl__free(base, a->parents);
+    sbl__free(base, a->slots);
+    sbl__free(base, a->texels);
+    sbl__free(base, a->away);
+    memset(a, 0, sizeof *a);
+}
+
+/* Makes room for a lightmap of the meshes that are named, or of all that can be; numbers have been checked. */
+static sbl_result sbl__atlas_begin(sbl__base *base, sbl__atlas *a, const sbl__geometry *g,
+                                   const sbl_lightmap_desc *desc) {
+    int i;
+    a->width = desc->width;
+    a->height = desc->height;
+    a->stage = SBL__ATLAS_CLEAR;
+    a->wanted = (unsigned char *)sbl__alloc(base, (size_t)g->mesh_count, 1);
+    if (!a->wanted) return SBL_ERROR_OUT_OF_MEMORY;
+    for (i = 0; i < desc->mesh_count; i++) a->wanted[desc->meshes[i]] = 1;
+    for (i = 0; i < g->mesh_count && !desc->mesh_count; i++) a->wanted[i] = g->meshes[i].lightmapped != 0;
+    return SBL_SUCCESS;
+}
+
+static sbl_result sbl__atlas_make(sbl__base *base, sbl__atlas *a, const sbl__geometry *g) {
+    const size_t texels = (size_t)a->width * (size_t)a->height;
+    for (a->slot_count = 16; a->slot_count < 2 * (uint32_t)g->vertex_count; a->slot_count *= 2) {}
+    a->parents = (uint32_t *)sbl__alloc_raw(base, (size_t)g->vertex_count, sizeof *a->parents);
+    a->slots = (uint32_t *)sbl__alloc(base, a->slot_count, sizeof *a->slots);
+    a->texels = (uint32_t *)sbl__alloc(base, texels, SBL__ATLAS_WORDS * sizeof *a->texels);
+    a->away = (float *)sbl__alloc_raw(base, texels, sizeof *a->away);
+    return a->parents && a->slots && a->texels && a->away ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+}
+
+/* Is vertex or triangle of a mesh that is baked? */
+static int sbl__atlas_wants(const sbl__atlas *a, const sbl__geometry *g, uint32_t vertex) {
+    return a->wanted[g->vertices[vertex].object];
+}
+
+/* >>atlas: charts */
+
+static uint32_t sbl__atlas_root(sbl__atlas *a, uint32_t vertex) {
+    while (a->parents[vertex] != vertex) {
+        a->parents[vertex] = a->parents[a->parents[vertex]];
+        vertex = a->parents[vertex];
+    }
+    return vertex;
+}
+
+/* The lesser number stands for both. */
+static void sbl__atlas_join(sbl__atlas *a, uint32_t one, uint32_t other) {
+    one = sbl__atlas_root(a, one);
+    other = sbl__atlas_root(a, other);
+    a->parents[SBL__MAX(one, other)] = SBL__MIN(one, other);
+}
+
+/* Where a vertex is: mesh, world, map. */
+static void sbl__atlas_place(const sbl__geometry *g, uint32_t vertex, uint32_t place[6]) {
+    const float *uv = g->lightmap_texcoords + 2 * (size_t)vertex;
+    int k;
+    place[0] = g->vertices[vertex].object;
+    for (k = 0; k < 5; k++) {
+        const float x = k < 3 ? g->vertices[vertex].position[k] : uv[k - 3];
+        place[1 + k] = sbl__zero(&x) ? 0 : sbl__float_bits(&x);  /* -0 is 0 */
+    }
+}
+
+/* Joins a vertex with the first one that stands in the same place, of those so far. */
+static void sbl__atlas_weld(sbl__atlas *a, const sbl__geometry *g, uint32_t vertex) {
+    uint32_t place[6], other[6], slot = 0;
+    int k;
+    sbl__atlas_place(g, vertex, place);
+    for (k = 0; k < 6; k++) slot = sbl__hash(slot ^ place[k]);
+    for (slot &= a->slot_count - 1; a->slots[slot]; slot = (slot + 1) & (a->slot_count - 1)) {
+        sbl__atlas_place(g, a->slots[slot] - 1, other);
+        if (memcmp(place, other, sizeof place)) continue;
+        sbl__atlas_join(a, vertex, a->slots[slot] - 1);
+        return;
+    }
+    a->slots[slot] = vertex + 1;
+}
+
+/* >>atlas: texels */
+
+typedef struct sbl__atlas_triangle {
+    double corners[3][2];  /* texels */
+    double area;           /* twice, signed */
+    uint32_t number;
+    uint32_t chart;
+    int rows[2], first_column, last_column;
+} sbl__atlas_triangle;
+
+/* What a range of the map touches of `size` texels: first and last, and nothing where last is less. */
+static void sbl__atlas_span(double low, double high, int size, int out[2]) {
+    const double first = floor(low), last = SBL__MAX(first, ceil(high) - 1);
+    out[0] = first >= size ? size : first < 0 ? 0 : (int)first;
+    out[1] = last >= size ? size - 1 : last < 0 ? -1 : (int)last;
+}
+
+static void sbl__atlas_take(const sbl__atlas *a, const sbl__geometry *g, uint32_t number, sbl__atlas_triangle *t) {
+    const int size[2] = { a->width, a->height };
+    double low = DBL_MAX, high = -DBL_MAX;
+    int i, k;
+    for (i = 0; i < 3; i++) {
+        const uint32_t vertex = g->indices[3 * (size_t)number + (size_t)i];
+        const float *uv = g->lightmap_texcoords + 2 * (size_t)vertex;
+        for (k = 0; k < 2; k++) t->corners[i][k] = (double)uv[k] * size[k];
+        low = SBL__MIN(low, t->corners[i][1]);
+        high = SBL__MAX(high, t->corners[i][1]);
+    }
+    t->area = (t->corners[1][0] - t->corners[0][0]) * (t->corners[2][1] - t->corners[0][1]) -
+              (t->corners[2][0] - t->corners[0][0]) * (t->corners[1][1] - t->corners[0][1]);
+    t->number = number;
+    t->chart = a->parents[g->indices[3 * (size_t)number]];
+    sbl__atlas_span(low, high, a->height, t->rows);
+}
+
+static void sbl__extend(double *from, double *to, double x) {
+    *from = SBL__MIN(*from, x);
+    *to = SBL__MAX(*to, x);
+}
+
+/* Columns that the triangle touches in a row. */
+static void sbl__atlas_columns(const sbl__atlas *a, const sbl__atlas_triangle *t, int row, int columns[2]) {
+    double low = DBL_MAX, high = -DBL_MAX;
+    int i, side;
+    for (i = 0; i < 3; i++) {
+        const double *p = t->corners[i], *q = t->corners[(i + 1) % 3];
+        if (p[1] >= row && p[1] <= row + 1) sbl__extend(&low, &high, p[0]);
+        for (side = row; side <= row + 1; side++)
+            if ((p[1] < side) != (q[1] < side))
+                sbl__extend(&low, &high, p[0] + (side - p[1]) / (q[1] - p[1]) * (q[0] - p[0]));
+    }
+    columns[0] = 0;
+    columns[1] = -1;
+    if (low <= high) sbl__atlas_span(low, high, a->width, columns);
+}
+
+/* The triangle's point nearest to a texel's centre: weights of its corners. Returns the squared distance, or
+   SBL__ATLAS_WELL or SBL__ATLAS_EDGE where it is the centre itself. */
+static double sbl__atlas_nearest(const sbl__atlas_triangle *t, const double centre[2], double weights[3]) {
+    double least = DBL_MAX;
+    int i, k, inside = t->area != 0, well = 1;
+    for (i = 0; i < 3 && inside; i++) {
+        const double *p = t->corners[(i + 1) % 3], *q = t->corners[(i + 2) % 3];
+        weights[i] = ((p[0] - centre[0]) * (q[1] - centre[1]) - (q[0] - centre[0]) * (p[1] - centre[1])) / t->area;
+        if (!(weights[i] >= 0)) inside = 0;
+        if (weights[i] < SBL__ATLAS_INSIDE) well = 0;
+    }
+    if (inside) return (double)(well ? SBL__ATLAS_WELL : SBL__ATLAS_EDGE);
+    for (i = 0; i < 3; i++) {
+        const double *p = t->corners[i], *q = t->corners[(i + 1) % 3];
+        double along = 0, length2 = 0, distance2 = 0, d;
+        for (k = 0; k < 2; k++) {
+            along += (centre[k] - p[k]) * (q[k] - p[k]);
+            length2 += (q[k] - p[k]) * (q[k] - p[k]);
+        }
+        along = length2 > 0 ? SBL__MIN(SBL__MAX(along / length2, 0.0), 1.0) : 0;
+        for (k = 0; k < 2; k++) {
+            d = p[k] + along * (q[k] - p[k]) - centre[k];
+            distance2 += d * d;
+        }
+        if (!(distance2 < least)) continue;
+        least = distance2;
+        weights[i] = 1 - along;
+        weights[(i + 1) % 3] = along;
+        weights[(i + 2) % 3] = 0;
+    }
+    return least;
+}
+
+/* Moves a point at a triangle's edge inward. */
+static void sbl__atlas_inset(const sbl__atlas_triangle *t, double weights[3]) {
+    double distance2 = 0, share;
+    int i, k;
+    for (k = 0; k < 2; k++) {
+        double d = 0;
+        for (i = 0; i < 3; i++) d += (1 / 3.0 - weights[i]) * t->corners[i][k];
+        distance2 += d * d;
+    }
+    share = SBL__MIN(SBL__ATLAS_INSET / SBL__MAX(sqrt(distance2), 1e-30), SBL__ATLAS_INSET_MOST);
+    for (i = 0; i < 3; i++) weights[i] += share * (1 / 3.0 - weights[i]);
+}
+
+/* Does what a texel shows have its centre well inside? */
+static int sbl__atlas_well(const sbl__atlas *a, size_t texel) {
+    return floor((double)a->away[texel]) >= (double)a->away[texel];
+}
+
+/* Other triangles that show at its centre, too. */
+static float sbl__atlas_others(const sbl__atlas *a, size_t texel) {
+    return a->away[texel] < 0 ? (float)ceil(-(double)a->away[texel]) - 1 : 0;
+}
+
+/* Tells of the first triangle whose texel is another's, and counts such texels. */
+static void sbl__atlas_tell_overlap(sbl__base *base, sbl__atlas *a, const sbl__geometry *g, uint32_t triangle,
+                                    size_t texel) {
+    const uint32_t first = a->texels[SBL__ATLAS_WORDS * texel] - 1;
+    const int mesh = (int)g->vertices[g->indices[3 * (size_t)triangle]].object;
+    const int first_mesh = (int)g->vertices[g->indices[3 * (size_t)first]].object;
+    if (sbl__atlas_others(a, texel) > 0 || a->overlapping++) return;
+    sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_OVERLAP, "lightmap: triangle %d of mesh %d and triangle %d of mesh %d "
+             "share texel %d %d; light of the first one is shown there, in all such places",
+             (int)first - g->meshes[first_mesh].first_triangle, first_mesh,
+             (int)triangle - g->meshes[mesh].first_triangle, mesh, (int)(texel % (size_t)a->width),
+             (int)(texel / (size_t)a->width));
+}
+
+static void sbl__atlas_texel(sbl__base *base, sbl__atlas *a, const sbl__geometry *g, const sbl__atlas_triangle *t,
+                             const int at[2]) {
+    const size_t i = (size_t)at[1] * (size_t)a->width + (size_t)at[0];
+    const double centre[2] = { at[0] + 0.5, at[1] + 0.5 };
+    uint32_t *texel = a->texels + SBL__ATLAS_WORDS * i;
+    double weights[3];
+    const float away = (float)sbl__atlas_nearest(t, centre, weights);
+    const int well = away <= SBL__ATLAS_WELL, other_chart = t->chart + 1 != texel[3];
+    int k;
+    if (away < 0 && a->away[i] < 0 && (other_chart || (well && sbl__atlas_well(a, i)))) {
+        sbl__atlas_tell_overlap(base, a, g, t->number, i);
+        a->away[i] -= 1;
+        return;
+    }
+    if (!(away < a->away[i])) return;
+    a->away[i] = away;
+    if (!well) sbl__atlas_inset(t, weights);
+    texel[0] = t->number + 1;
+    for (k = 1; k < 3; k++) {
+        const float weight = (float)weights[k];
+        texel[k] = sbl__float_bits(&weight);
+    }
+    texel[3] = t->chart + 1;
+}
+
+/* Tells of a triangle that is not on the map as a whole. */
+static void sbl__atlas_tell_outside(sbl__base *base, sbl__atlas *a, const sbl__geometry *g,
+                                    const sbl__atlas_triangle *t) {
+    const int size[2] = { a->width, a->height }, mesh = (int)g->vertices[g->indices[3 * (size_t)t->number]].object;
+    const double *outside = NULL;
+    int i, k;
+    for (i = 0; i < 3; i++)
+        for (k = 0; k < 2; k++)
+            if (t->corners[i][k] < -0.5 || t->corners[i][k] > size[k] + 0.5) outside = t->corners[i];
+    if (!outside || a->outside++) return;
+    sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_OUTSIDE, "lightmap: triangle %d of mesh %d has a corner at %g %g; "
+             "what lies outside of 0 to 1 is not baked", (int)t->number - g->meshes[mesh].first_triangle, mesh,
+             outside[0] / a->width, outside[1] / a->height);
+}
+
+/* Rows of a triangle, from a->row on. */
+static sbl_result sbl__atlas_draw(sbl__base *base, sbl__atlas *a, const sbl__geometry *g, uint32_t number,
+                                  sbl__slice *slice) {
+    sbl__atlas_triangle t;
+    int at[2], columns[2];
+    sbl__atlas_take(a, g, number, &t);
+    if (a->row == 0) {
+        double normal[3];
+        a->world_area += sbl__scene_normal(g, number, normal);
+        a->area += 0.5 * fabs(t.area);
+        sbl__atlas_tell_outside(base, a, g, &t);
+    }
+    for (a->row = SBL__MAX(a->row, t.rows[0]); a->row <= t.rows[1]; a->row++) {
+        if (a->row > t.rows[0] && sbl__late(slice)) return SBL_UNFINISHED;
+        sbl__atlas_columns(a, &t, a->row, columns);
+        at[1] = a->row;
+        for (at[0] = columns[0]; at[0] <= columns[1]; at[0]++) sbl__atlas_texel(base, a, g, &t, at);
+    }
+    a->row = 0;
+    return SBL_SUCCESS;
+}
+
+/* Texels, on average, are so large: across, world; 0: they have no size. */
+static float sbl__atlas_texel_size(const sbl__atlas *a) {
+    return a->area > 0 ? (float)sqrt(a->world_area / a->area) : 0;
+}
+
+/* One vertex, triangle or row of the stage under way. */
+static sbl_result sbl__atlas_item(sbl__base *base, sbl__atlas *a, const sbl__geometry *g, sbl__slice *slice) {
+    const uint32_t at = (uint32_t)a->at, *corners = g->indices + 3 * (size_t)at;
+    int i;
+    switch (a->stage) {
+        case SBL__ATLAS_CLEAR:
+            for (i = 0; i < a->width; i++) a->away[(size_t)at * (size_t)a->width + (size_t)i] = SBL__ATLAS_FAR;
+            break;
+        case SBL__ATLAS_WELD:
+            a->parents[at] = at;
+            if (sbl__atlas_wants(a, g, at)) sbl__atlas_weld(a, g, at);
+            break;
+        case SBL__ATLAS_JOIN:
+            for (i = 1; i < 3 && sbl__atlas_wants(a, g, corners[0]); i++) sbl__atlas_join(a, corners[0], corners[i]);
+            break;
+        case SBL__ATLAS_NUMBER:  /* those that stand for charts come before all others of theirs */
+            if (!sbl__atlas_wants(a, g, at)) break;
+            a->parents[at] = a->parents[at] == at ? (uint32_t)a->charts++ : a->parents[a->parents[at]];
+            break;
+        case SBL__ATLAS_TRIANGLES:
+            if (sbl__atlas_wants(a, g, corners[0])) return sbl__atlas_draw(base, a, g, at, slice);
+            break;
+        default: break;
+    }
+    return SBL_SUCCESS;
+}
+
+/* One piece. SBL_SUCCESS: texels are known. */
+static sbl_result sbl__atlas_step(sbl__base *base, sbl__atlas *a, const sbl__geometry *g, sbl__slice *slice) {
+    sbl_result result = a->texels ? SBL_SUCCESS : sbl__atlas_make(base, a, g);
+    if (result != SBL_SUCCESS) return result;
+    for (; a->stage < SBL__ATLAS_DONE; a->stage = (sbl__atlas_stage)(a->stage + 1), a->at = 0) {
+        const int count = a->stage == SBL__ATLAS_CLEAR ? a->height
+                        : a->stage == SBL__ATLAS_WELD || a->stage == SBL__ATLAS_NUMBER ? g->vertex_count
+                                                                                      : g->triangle_count;
+        for (; a->at < count; a->at++) {
+            if (sbl__late(slice)) return SBL_UNFINISHED;
+            result = sbl__atlas_item(base, a, g, slice);
+            if (result != SBL_SUCCESS) return result;
+        }
+    }
+    if (a->overlapping > 1 || a->outside > 1)
+        sbl__log(base, SBL_LOG_WARNING, a->overlapping > 1 ? SBL_LOG_ITEM_OVERLAP : SBL_LOG_ITEM_OUTSIDE, "lightmap: "
+                 "triangles overlap in %d texels; %d triangles lie outside", a->overlapping, a->outside);
+    sbl__free(base, a->parents);
+    sbl__free(base, a->slots);
+    a->parents = a->slots = NULL;
+    return SBL_SUCCESS;
+}
+
 /* ======================================================================================================== >>surface
    Where light is wanted in a picture: the camera's G-buffer (section III-F), once at pixel centres and once for each
-   anti-aliasing sample. First which triangle every pixel sees, then its surface point; then the host draws over it.
+   anti-aliasing sample. First which triangle every pixel sees, then its surface point; then the host draws over it. Of
+   a lightmap the atlas tells the triangles, and their points.
 
        triangles --visibility--> triangle a pixel --gbuffer--> position, normals, albedo, emission, id
-                   (depth)                                     <-- the host's draw callback, same depth            */
+         atlas     (depth)    -> and its point                 <-- the host's draw callback, same depth            */
 
 typedef struct sbl__gbuffer {
     sbl__texture position, normal, geometric_normal, albedo, emission, id;
@@ -6353,6 +7099,7 @@ typedef struct sbl__camera {
 } sbl__camera;
 
 typedef enum sbl__surface_stage {
+    SBL__SURFACE_ATLAS, SBL__SURFACE_SEND,  /* of a lightmap; then POINTS */
     SBL__SURFACE_CLEAR, SBL__SURFACE_TRIANGLES, SBL__SURFACE_POINTS, SBL__SURFACE_HOST, SBL__SURFACE_DONE
 } sbl__surface_stage;
 
@@ -6396,9 +7143,11 @@ static void sbl__gbuffer_free(const sbl__device *d, sbl__gbuffer *g) {
     sbl__texture_delete(d, &g->id);
 }
 
-static sbl_result sbl__surface_make(const sbl__device *d, sbl__surface *s, int width, int height) {
+static sbl_result sbl__surface_make(const sbl__device *d, sbl__surface *s, int width, int height, int lightmap) {
     const sbl__texture *color = &s->triangles;
-    sbl_result result = sbl__texture_make(d, &s->triangles, width, height, SBL__GL_R32UI);
+    sbl_result result = sbl__texture_make(d, &s->triangles, width, height,
+                                          lightmap ? SBL__GL_RGBA32UI : SBL__GL_R32UI);
+    if (lightmap) return result;
     if (result == SBL_SUCCESS) result = sbl__texture_make(d, &s->depth, width, height, SBL__GL_DEPTH_COMPONENT32F);
     return result == SBL_SUCCESS ? sbl__target_make(d, &s->visibility, &color, 1, &s->depth) : result;
 }
@@ -6570,11 +7319,6 @@ static void sbl__camera_rows(const sbl__camera *c, const float clip[16], float r
 
 #define SBL__BEFORE_CAMERA 1e-3  /* of a triangle's greatest distance: what is nearer to the camera's plane is cut */
 
-static void sbl__extend(double *from, double *to, double x) {
-    *from = SBL__MIN(*from, x);
-    *to = SBL__MAX(*to, x);
-}
-
 /* About how many pixels of the band's rows a triangle covers: half of the bounds on the screen of what of it lies
    before the camera. */
 static double sbl__triangle_pixels(const sbl__surface *s, const sbl__camera *c, float rows[4][4],
@@ -6641,8 +7385,8 @@ static sbl_result sbl__surface_triangles(sbl__device *d, sbl__surface *s, const 
 
 /* >>glsl gbuffer_fragment: shaders_embedded/gbuffer_fragment.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_gbuffer_fragment[] = {
-"// The surface points of the triangles that are seen.\n",
-"uniform usampler2D triangles;  // of visibility_fragment.glsl\n",
+"// The surface points of the triangles that are seen, or that a lightmap's texels show.\n",
+"uniform usampler2D triangles;  // of visibility_fragment.glsl; lightmaps: see SBL__ATLAS_WORDS\n",
 "uniform float facet_limit;     // shading normals count from triangles of this least height on, in pixels; fully\n",
 "                               // from twice that on\n",
 "layout(location = 0) out vec4 out_position;          // w: reach, see surface.glsl\n",
@@ -6671,10 +7415,15 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "#endif\n",
 "\n",
 "void main() {\n",
-"    uint triangle = texelFetch(triangles, ivec2(gl_FragCoord.xy), 0).x;\n",
+"    uvec4 texel = texelFetch(triangles, ivec2(gl_FragCoord.xy), 0);\n",
+"    uint triangle = texel.x;\n",
 "    out_position = out_normal = out_geometric_normal = out_albedo = out_emission = vec4(0);\n",
 "    out_id = 0u;\n",
 "    if (triangle > 0u) {\n",
+"#ifdef SBL_LIGHTMAP\n",
+"        sbl_Surface s = sbl_surface_front(int(triangle) - 1, uintBitsToFloat(texel.y), uintBitsToFloat(texel.z));\n",
+"        s.id = texel.w;\n",
+"#else\n",
 "        vec3 origin = sbl_camera_origin(), direction = sbl_camera_direction();\n",
 "        sbl_Surface s = sbl_surface(int(triangle) - 1, origin, direction);\n",
 "        // Shading normals are there to hide facets; facets that are too small to be seen show the light that the\n",
@@ -6683,6 +7432,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        if (facet_limit > 0.0)\n",
 "            s.normal = normalize(mix(s.geometric_normal, s.normal,\n",
 "                                     clamp(s.facet / (facet_limit * pixel) - 1.0, 0.0, 1.0)));\n",
+"#endif\n",
 "        out_position = vec4(s.position, s.reach);\n",
 "        out_normal = vec4(s.normal, 0);\n",
 "        out_geometric_normal = vec4(s.geometric_normal, 0);\n",
@@ -6708,7 +7458,7 @@ static const sbl__recipe sbl__recipe_gbuffer = {
     { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_camera, sbl__glsl_frame, sbl__glsl_store,
       sbl__glsl_gbuffer_fragment },
     { &sbl__vertex_record, &sbl__attributes_record, &sbl__object_record, &sbl__split_record, &sbl__leaf_record },
-    SBL__TEXTURED | SBL__WIDE | SBL__BOUNCED
+    SBL__TEXTURED | SBL__WIDE | SBL__BOUNCED | SBL__LIGHTMAP
 };
 
 /* What is drawn, for whom. */
@@ -6719,13 +7469,14 @@ typedef struct sbl__surface_job {
     float offset[2];           /* of the sample from the pixels' centres, pixels */
     float epsilon;             /* told to the host */
     int bounced;               /* stored light is found, too */
+    sbl__atlas *atlas;         /* of a lightmap; else NULL */
 } sbl__surface_job;
 
 /* Surface points of as many rows as the slice has time for. */
 static sbl_result sbl__surface_points(sbl__device *d, sbl__surface *s, const sbl__surface_job *job) {
-    const unsigned bounced = job->bounced ? SBL__BOUNCED : 0;
+    const unsigned bounced = job->bounced ? SBL__BOUNCED : 0, lightmap = job->atlas ? SBL__LIGHTMAP : 0;
     const sbl__gbuffer *g = job->gbuffer;
-    sbl_result result = sbl__use(d, &sbl__recipe_gbuffer, job->scene->features | bounced);
+    sbl_result result = sbl__use(d, &sbl__recipe_gbuffer, job->scene->features | bounced | lightmap);
     if (result != SBL_SUCCESS) return result;
     sbl__pass_rows(d, &g->target, s->at, s->rows);
     sbl__scene_bind(d, job->scene);
@@ -6762,7 +7513,20 @@ static void sbl__surface_host(const sbl__device *d, const sbl__scene *scene, con
     sbl__host_draw(d, scene->draw, &view, scene->draw_user);
 }
 
-static void sbl__surface_begin(sbl__surface *s) { s->stage = SBL__SURFACE_CLEAR; }
+/* lightmap: its atlas has been begun. */
+static void sbl__surface_begin(sbl__surface *s, int lightmap) {
+    s->stage = lightmap ? SBL__SURFACE_ATLAS : SBL__SURFACE_CLEAR;
+    s->at = 0;
+}
+
+/* Rows of the atlas to the GPU. */
+static sbl_result sbl__surface_send(const sbl__device *d, sbl__surface *s, const sbl__atlas *a) {
+    const int most = SBL__MAX(1, SBL__BAND_PIXELS / 16 / a->width), rows = SBL__MIN(most, a->height - s->at);
+    const sbl_result result = sbl__texture_write(d, &s->triangles, s->at, rows, a->texels + SBL__ATLAS_WORDS *
+                                                 (size_t)s->at * (size_t)a->width);
+    s->at += rows;
+    return result;
+}
 
 /* The next band of rows that triangles are drawn in, or what follows the last one. */
 static void sbl__surface_next_band(sbl__surface *s, int row, int triangles) {
@@ -6775,11 +7539,19 @@ static void sbl__surface_next_band(sbl__surface *s, int row, int triangles) {
 
 /* One piece of it. SBL_SUCCESS: the G-buffer is drawn. */
 static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__surface_job *job,
-                                    const sbl__slice *slice) {
+                                    sbl__slice *slice) {
     const int triangles = job->scene->geometry.triangle_count;
     sbl_result result = SBL_SUCCESS;
     d->gl.doing = "drawing the G-buffer";
     switch (s->stage) {
+        case SBL__SURFACE_ATLAS:
+            result = sbl__atlas_step(d->base, job->atlas, &job->scene->geometry, slice);
+            if (result == SBL_SUCCESS) s->stage = SBL__SURFACE_SEND;
+            break;
+        case SBL__SURFACE_SEND:
+            result = sbl__surface_send(d, s, job->atlas);
+            if (s->at == job->atlas->height) { s->stage = SBL__SURFACE_POINTS; s->at = 0; }
+            break;
         case SBL__SURFACE_CLEAR:
             sbl__pass(d, &s->visibility, NULL, NULL, 0);
             sbl__clear_uint(d, 0);
@@ -6795,7 +7567,8 @@ static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__
             s->rows = sbl__pace_rows(&s->point_pace, slice, &job->gbuffer->target, s->at);
             result = sbl__surface_points(d, s, job);
             sbl__pace_end(d, &s->point_pace, (double)s->rows * job->gbuffer->target.width);
-            if (s->at == job->gbuffer->target.height) s->stage = SBL__SURFACE_HOST;
+            if (s->at == job->gbuffer->target.height)
+                s->stage = job->atlas ? SBL__SURFACE_DONE : SBL__SURFACE_HOST;
             break;
         case SBL__SURFACE_HOST:
             if (job->scene->draw)
@@ -6837,6 +7610,8 @@ typedef struct sbl__spec {
     int skyless;                /* rays over the hemisphere do not see the sky */
     int dark;                   /* nor anything that shines: those of a site's first look tell where it stands */
     int guided;                 /* sites have guides */
+    float reach;                /* rays: farther off counts as so far off in mean distances; 0: nothing does */
+    int narrow;                 /* a look's one ray goes along the normal */
     float epsilon;
     uint32_t seed;
     int atlas_size, batch;      /* of sbl_context_desc */
@@ -8688,6 +9463,7 @@ static const char *const sbl__glsl_trace[] = {
 "uniform bool dark;                    // nothing shines but lamps: rays merely tell where a sensor stands, and\n",
 "                                      // those of its first look do\n",
 "uniform float spread;                 // 1: the cosine's whole hemisphere; 0: all rays go along the normal\n",
+"uniform float reach;                  // what is farther off counts as so far off in the mean distance\n",
 "uniform vec3 sky;\n",
 "uniform float ray_offset;             // of a surface's reach, that rays start off it\n",
 "SBL_OUT(0, out_sum);\n",
@@ -8770,7 +9546,7 @@ static const char *const sbl__glsl_trace[] = {
 "            sum.rgb += share * sbl_radiance(hit, from + direction * hit.distance, leg == SBL_LEGS - 1, further);\n",
 "            if (leg == 0) {\n",
 "                sum.a += hit.back ? weight : 0.0;\n",
-"                hits.xy += weight * vec2(1.0, hit.distance);\n",
+"                hits.xy += weight * vec2(1.0, min(hit.distance, reach));\n",
 "                hits.z = min(hits.z, hit.distance);\n",
 "            }\n",
 "            share *= further;\n",
@@ -8811,6 +9587,7 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
     sbl__set_int(d, "lamps_apart", b->spec->lamps_apart);
     sbl__set_float(d, "epsilon", b->spec->epsilon);
     sbl__set_float(d, "spread", probe ? 0.0f : 1.0f);
+    sbl__set_float(d, "reach", b->spec->reach > 0 ? b->spec->reach : 1e30f);
     sbl__set_float(d, "ray_offset", SBL__OFFSET);
     if (b->spec->guided) sbl__bind(d, "sbl_guides", &b->guides->texture);
     if (b->spec->skyless) {
@@ -8972,6 +9749,7 @@ static int sbl__spec_equal(const sbl__spec *a, const sbl__spec *b) {
     return a->traced == b->traced && a->paper == b->paper && a->hemicube == b->hemicube && a->size == b->size &&
            a->fov == b->fov && a->rays == b->rays && a->lamp_rays == b->lamp_rays && a->lamps_apart == b->lamps_apart &&
            a->bounced == b->bounced && a->skyless == b->skyless && a->dark == b->dark && a->looks == b->looks &&
+           a->narrow == b->narrow &&
            a->epsilon == b->epsilon && a->atlas_size == b->atlas_size && a->batch == b->batch;
 }
 
@@ -9151,7 +9929,7 @@ static sbl_result sbl__job_clear(const sbl__device *d, sbl__job *j) {
 static sbl_result sbl__job_submit(sbl__device *d, sbl__job *j, double room, double *units) {
     const sbl__spec *spec = &j->task.spec;
     const int all = j->scene->geometry.triangle_count, slots = sbl__job_slots(j)->count, slot = j->drawn % slots;
-    const int *blocks = sbl__job_slots(j)->blocks;
+    const int *blocks = sbl__job_slots(j)->blocks, narrow = j->lens == SBL__LENS_PROBE || spec->narrow;
     sbl__batch b;
     int i, end = all;
     sbl_result result;
@@ -9166,7 +9944,7 @@ static sbl_result sbl__job_submit(sbl__device *d, sbl__job *j, double room, doub
     *units = j->batch;
     if (spec->traced) {
         result = sbl__looks_send(d, &j->table, b.looks, b.count, b.slots->count);
-        if (result == SBL_SUCCESS) result = sbl__trace_draw(d, &j->trace, &b, j->lens == SBL__LENS_PROBE, 1);
+        if (result == SBL_SUCCESS) result = sbl__trace_draw(d, &j->trace, &b, narrow, 1);
         *units = sbl__whole_lots(d, j->batch, blocks[0] * blocks[1]);
     } else {
         if (room < j->batch) end = (int)SBL__MIN(j->triangle + SBL__MAX(1.0, ceil(all * room / j->batch)), (double)all);
@@ -9357,7 +10135,7 @@ static sbl_result sbl__job_read(const sbl__device *d, sbl__job *j) {
         else {
             const int site = j->site, first_look = j->look == 0;
             sbl__job_take(j, sum, hits);
-            if (first_look && sbl__back_share(sum, hits) > SBL__SUSPECT_SHARE)
+            if (first_look && j->task.sites[site].offset > 0 && sbl__back_share(sum, hits) > SBL__SUSPECT_SHARE)
                 result = sbl__job_suspect(d->base, j, site);
         }
     }
@@ -10962,6 +11740,8 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
    Everything here runs on the CPU, in slices: r->at is what comes next. Errors are relative to the picture's mean
    luminance, and squared. */
 
+enum { SBL__TOUCHED = 1, SBL__HIDDEN };
+
 typedef struct sbl__pixel {
     float position[3], normal[3], geometric_normal[3];
     float offset;             /* of its sensor, off the surface */
@@ -10976,12 +11756,17 @@ typedef struct sbl__pixel {
     short round;              /* in which it was read last */
     unsigned char level;      /* 0: interpolated, else 1 + level */
     unsigned char sensed;     /* 1: its own sensor's light stands in radiance */
-    unsigned char invalid;    /* the sensor was stuck inside geometry */
+    unsigned char invalid;    /* the sensor was stuck inside geometry, or what it stands on is hidden */
+    unsigned char hides;      /* a lightmap's texel: SBL__HIDDEN, SBL__TOUCHED, or neither */
     unsigned char queued;     /* looks are on their way */
 } sbl__pixel;
 
 #define SBL__COVERAGE 0.75f           /* of the bilinear weight must belong: with less, light is extrapolated */
 #define SBL__CONTINUED 4              /* pixels across a cell, from which down it may be */
+#define SBL__HIDDEN_SHARE 0.9f        /* of what a texel's sensor sees must be surfaces, where they hide it, */
+#define SBL__HIDDEN_NEAR 0.45f        /* on average so near: a share of the reach, */
+#define SBL__HIDDEN_REACH 2           /* which is so many texels; */
+#define SBL__HIDDEN_TOUCH 0.15f       /* what is nearer, as a share of it, touches the texel */
 #define SBL__MAX_ROUNDS 40            /* bounds the transfers of a picture */
 #define SBL__FLOOR_SHARE 0.02f        /* of the picture's mean: radiance below which differences do not count */
 #define SBL__LEAST_NOISE 1e-12f       /* in the radiance map: above 0, below all that counts */
@@ -11035,6 +11820,9 @@ typedef struct sbl__cell {
 typedef struct sbl__refine {
     int width, height, tile;
     int geometry_aware;
+    float reach;              /* of sensors' mean distances: two texels; 0: it is no lightmap, */
+    int bounced;              /* in which no light at all is to be had inside of things only; */
+    double lit, lit_backs;    /* and sensors with light, so far, and their shares of back faces */
     float threshold;          /* 0: cells are split for what it gains */
     int relative;             /* the threshold is a share of the mean */
     float asked;              /* error; 0: as good as it gets */
@@ -11613,6 +12401,43 @@ static sbl_result sbl__refine_collect(sbl__base *base, sbl__refine *r, sbl__slic
                ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
+/* A lightmap's texel that nobody gets to see is hidden: most of what it sees lies on it, nearer than texels are large,
+   or it is inside of something, which no bounce reaches. Its own light would show beyond the edge of what hides it; its
+   neighbours' does not. Close to that edge light changes within a fraction of a texel: there it is their neighbours',
+   too. */
+static int sbl__refine_hides(sbl__refine *r, const sbl_reading *reading) {
+    const int dark = sbl__all_zero(reading->radiance, 3), backs = reading->back_share > 0.5f;
+    if (!(r->reach > 0) || !(reading->hit_min > 0)) return 0;
+    r->lit += !dark;
+    r->lit_backs += dark ? 0 : (double)reading->back_share;
+    if (r->bounced && dark && backs && r->lit_backs <= 0.5 * r->lit) return SBL__HIDDEN;
+    if (reading->hit_share > SBL__HIDDEN_SHARE && reading->hit_mean < SBL__HIDDEN_NEAR * r->reach) return SBL__HIDDEN;
+    return reading->hit_min < SBL__HIDDEN_TOUCH * r->reach ? SBL__TOUCHED : 0;
+}
+
+/* Pixel number `index` has its reading: is it or a neighbour of it to take others' light? */
+static void sbl__refine_hide(sbl__refine *r, int index, const sbl_reading *reading) {
+    const int x = index % r->width, y = index / r->width;
+    sbl__pixel *p = &r->pixels[index];
+    int i;
+    p->invalid = !reading->valid;
+    p->hides = (unsigned char)sbl__refine_hides(r, reading);
+    if (p->hides == SBL__HIDDEN) {
+        p->invalid = 1;
+        r->doubt2 -= (double)p->doubt * (double)p->doubt;  /* of light that is not shown */
+        p->doubt = 0;
+    }
+    for (i = 0; i < 9 && p->hides; i++) {
+        const int x1 = x + i % 3 - 1, y1 = y + i / 3 - 1;
+        sbl__pixel *other;
+        if (x1 < 0 || y1 < 0 || x1 >= r->width || y1 >= r->height) continue;
+        other = sbl__pixel_at(r, x1, y1);
+        if (other->id != p->id) continue;
+        if (p->hides == SBL__TOUCHED && other->hides == SBL__HIDDEN) p->invalid = 1;
+        if (p->hides == SBL__HIDDEN && other->hides == SBL__TOUCHED) other->invalid = 1;
+    }
+}
+
 /* Takes the answers of the job. */
 static sbl_result sbl__refine_take(sbl__refine *r, sbl_stats *stats, sbl__slice *slice) {
     int k;
@@ -11634,7 +12459,7 @@ static sbl_result sbl__refine_take(sbl__refine *r, sbl_stats *stats, sbl__slice 
         r->pixels_summed += r->rounds == 0;
         if (p->sensed) continue;
         p->sensed = 1;
-        p->invalid = !reading->valid;
+        sbl__refine_hide(r, (int)r->sites[r->at].number, reading);
         stats->invalid_sensors += p->invalid;
         stats->levels[p->level - 1].sensors++;
         stats->level_count = SBL__MAX(stats->level_count, p->level);
@@ -12019,7 +12844,7 @@ static int sbl__refine_spread(const sbl__refine *r, const float *rgba, int index
 /* Pixels whose own sensor is stuck and that no cell covers. */
 static sbl_result sbl__refine_find_orphans(sbl__base *base, sbl__refine *r, const float *rgba, sbl__slice *slice) {
     const int pixels = r->width * r->height;
-    if (!r->orphan_count) return SBL_SUCCESS;
+    if (r->at == 0 && !r->orphan_count) return SBL_SUCCESS;
     if (r->at == 0) {
         sbl__free(base, r->orphans);
         sbl__free(base, r->found);
@@ -12299,6 +13124,472 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
     return SBL_SUCCESS;
 }
 
+/* ======================================================================================================== >>gutters
+   A lightmap is continued beyond its charts, ring by ring: each texel of a ring has the mean of those of its eight
+   neighbours that the rings before it reached. */
+
+typedef struct sbl__gutters {
+    int width, height;
+    int rings;                 /* that are wanted */
+    float *light;              /* 4 floats a texel: R; the ring, 0 on charts, below 0: none yet */
+    int taken, done;           /* R has been filled in; all rings are there */
+    int *ring, *next;          /* texels of the ring under way, and of the one after it */
+    int ring_count, next_count;
+    int number, at;            /* the ring under way, 0: the texels around charts are being found; what comes next */
+} sbl__gutters;
+
+#define SBL__GUTTER_NONE (-1.0f)
+#define SBL__GUTTER_NEXT (-2.0f)  /* it will be in the next ring */
+
+static void sbl__gutters_free(sbl__base *base, sbl__gutters *g) {
+    sbl__free(base, g->light);
+    sbl__free(base, g->ring);
+    sbl__free(base, g->next);
+    memset(g, 0, sizeof *g);
+}
+
+/* rings has been set. */
+static sbl_result sbl__gutters_begin(sbl__base *base, sbl__gutters *g, const sbl__atlas *a) {
+    const size_t texels = (size_t)a->width * (size_t)a->height;
+    g->width = a->width;
+    g->height = a->height;
+    g->light = (float *)sbl__alloc_raw(base, texels, 16);
+    g->ring = (int *)sbl__alloc_raw(base, texels, sizeof *g->ring);
+    g->next = (int *)sbl__alloc_raw(base, texels, sizeof *g->next);
+    return g->light && g->ring && g->next ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+}
+
+/* Neighbour k of a texel; -1 beyond the map. */
+static int sbl__gutters_neighbour(const sbl__gutters *g, int texel, int k) {
+    static const signed char steps[8][2] = { { -1, -1 }, { 0, -1 }, { 1, -1 }, { -1, 0 },
+                                             { 1, 0 }, { -1, 1 }, { 0, 1 }, { 1, 1 } };
+    const int x = texel % g->width + steps[k][0], y = texel / g->width + steps[k][1];
+    return x < 0 || y < 0 || x >= g->width || y >= g->height ? -1 : y * g->width + x;
+}
+
+/* Neighbours of a texel that is known come into the next ring. */
+static void sbl__gutters_spread(sbl__gutters *g, int texel) {
+    int k;
+    for (k = 0; k < 8; k++) {
+        const int other = sbl__gutters_neighbour(g, texel, k);
+        float *ring = other < 0 ? NULL : &g->light[4 * (size_t)other + 3];
+        if (!ring || *ring > SBL__GUTTER_NONE || *ring < SBL__GUTTER_NONE) continue;
+        *ring = SBL__GUTTER_NEXT;
+        g->next[g->next_count++] = other;
+    }
+}
+
+static void sbl__gutters_light(sbl__gutters *g, int texel) {
+    float *out = g->light + 4 * (size_t)texel, sum[3] = { 0, 0, 0 };
+    int k, i, count = 0;
+    for (k = 0; k < 8; k++) {
+        const int other = sbl__gutters_neighbour(g, texel, k);
+        const float *from = g->light + 4 * (size_t)SBL__MAX(other, 0);
+        if (other < 0 || from[3] < 0 || from[3] >= (float)g->number) continue;
+        for (i = 0; i < 3; i++) sum[i] += from[i];
+        count++;
+    }
+    for (i = 0; i < 3; i++) out[i] = count ? sum[i] / (float)count : 0;
+    out[3] = (float)g->number;
+}
+
+/* What has been found around charts, or around a ring, is the next ring. */
+static void sbl__gutters_next(sbl__gutters *g) {
+    int *ring = g->ring;
+    g->ring = g->next;
+    g->next = ring;
+    g->ring_count = g->next_count;
+    g->next_count = g->at = 0;
+    g->number++;
+}
+
+/* One piece. SBL_SUCCESS: all rings are there. light holds R as the filter leaves it: on charts the fourth float is 1.
+   */
+static sbl_result sbl__gutters_step(sbl__gutters *g, sbl__slice *slice) {
+    const int texels = g->width * g->height;
+    for (; g->number == 0 && g->at < texels; g->at++) {
+        float *ring = &g->light[4 * (size_t)g->at + 3];
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        *ring = *ring > 0 ? 0 : SBL__GUTTER_NONE;
+    }
+    for (; g->number == 0 && g->at < 2 * texels; g->at++) {
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        if (g->light[4 * (size_t)(g->at - texels) + 3] >= 0) sbl__gutters_spread(g, g->at - texels);
+    }
+    if (g->number == 0) sbl__gutters_next(g);
+    for (; g->number <= g->rings && g->ring_count; sbl__gutters_next(g)) {
+        for (; g->at < g->ring_count; g->at++) {
+            if (sbl__late(slice)) return SBL_UNFINISHED;
+            sbl__gutters_light(g, g->ring[g->at]);
+        }
+        for (; g->at < 2 * g->ring_count; g->at++) {
+            if (sbl__late(slice)) return SBL_UNFINISHED;
+            sbl__gutters_spread(g, g->ring[g->at - g->ring_count]);
+        }
+    }
+    return SBL_SUCCESS;
+}
+
+/* ======================================================================================================== >>seams
+   Where charts meet in the world, a lightmap's bilinear samples are to be the same on both sides: its texels are
+   changed, as little as that takes, by least squares
+
+       the least of   sum over points of seams of (A x - B x)^2   +   SBL__SEAM_KEEP * sum over texels of (x - x0)^2
+
+   where A and B mix the four texels around a point's two places in the map; by conjugate gradients, all three channels
+   at once; what would be negative is bound to 0, and the rest fitted once more. (Iwanicki, "Lighting technology of The
+   Last of Us", SIGGRAPH 2013.) Seams are edges of triangles with the same ends and normals in the world, but not in the
+   map: light that differs since normals do is left alone, and so is light that differs much: there something stands
+   between, a wall on a floor that is parted beneath it. */
+
+#define SBL__SEAM_KEEP 0.0002
+#define SBL__SEAM_POINTS 2        /* a texel */
+#define SBL__SEAM_POINTS_MOST 65536  /* an edge */
+#define SBL__SEAM_TURN 0.998      /* cosine between normals from which on they are the same */
+#define SBL__SEAM_DIFFERENT 0.5f  /* share of the brighter side from which on they differ much */
+#define SBL__SEAM_CHAIN 16        /* edges between the same ends that are looked at, at most */
+#define SBL__SEAM_STEPS 1000
+#define SBL__SEAM_ROUNDS 4
+#define SBL__SEAM_LEFT 1e-10      /* of the squared residual */
+
+typedef struct sbl__seam_point { int unknowns[8]; float weights[8]; } sbl__seam_point;  /* B's are negative */
+
+/* Three channels of an unknown: what its texel changes by, and what conjugate gradients keep. */
+typedef struct sbl__seam_texel {
+    int texel;
+    int bound[3];               /* it is 0, and would have to be less */
+    double light[3], change[3], residual[3], direction[3], product[3];
+} sbl__seam_texel;
+
+typedef enum sbl__seams_stage {
+    SBL__SEAMS_EDGES, SBL__SEAMS_LIGHT, SBL__SEAMS_BEFORE, SBL__SEAMS_BEGIN,
+    SBL__SEAMS_TURN, SBL__SEAMS_PRODUCT, SBL__SEAMS_MEASURE, SBL__SEAMS_ADVANCE,  /* again and again */
+    SBL__SEAMS_APPLY, SBL__SEAMS_AFTER, SBL__SEAMS_DONE
+} sbl__seams_stage;
+
+typedef struct sbl__seams {
+    sbl__seams_stage stage;
+    int at;
+    uint32_t *slots;            /* 1 + an edge: 3 * triangle + its first corner, by a hash of its ends; 0: free */
+    uint32_t slot_count;        /* a power of two */
+    sbl__seam_point *points;
+    int point_count, point_room;
+    int *unknown_of;            /* a texel: 1 + its number among the unknowns; 0: it is none */
+    sbl__seam_texel *unknowns;
+    int unknown_count, unknown_room;
+    int seams, steps;
+    int rounds, bound;          /* of all steps: once more where channels have been bound, in the one under way */
+    double first2, residual2;   /* the squared residual at first, and now */
+    double sum;                 /* of the stage under way */
+    double along;               /* how far the step goes; or how much of its direction stays */
+    float before, after;        /* largest difference across seams, luminance */
+} sbl__seams;
+
+static void sbl__seams_free(sbl__base *base, sbl__seams *s) {
+    sbl__free(base, s->slots);
+    sbl__free(base, s->points);
+    sbl__free(base, s->unknown_of);
+    sbl__free(base, s->unknowns);
+    memset(s, 0, sizeof *s);
+}
+
+/* >>seams: edges */
+
+/* An edge's vertices, in an order that does not depend on the triangle. */
+static void sbl__seam_ends(const sbl__geometry *g, uint32_t edge, uint32_t ends[2]) {
+    const uint32_t triangle = edge / 3, corner = edge % 3;
+    const float *a, *b;
+    int k;
+    ends[0] = g->indices[3 * (size_t)triangle + corner];
+    ends[1] = g->indices[3 * (size_t)triangle + (corner + 1) % 3];
+    a = g->vertices[ends[0]].position;
+    b = g->vertices[ends[1]].position;
+    for (k = 0; k < 2 && !(a[k] < b[k]) && !(b[k] < a[k]); k++) {}
+    if (b[k] < a[k]) {
+        const uint32_t first = ends[0];
+        ends[0] = ends[1];
+        ends[1] = first;
+    }
+}
+
+static uint32_t sbl__seam_hash(const sbl__geometry *g, const uint32_t ends[2]) {
+    uint32_t hash = 0;
+    int i, k;
+    for (i = 0; i < 2; i++)
+        for (k = 0; k < 3; k++) {
+            const float *x = &g->vertices[ends[i]].position[k];
+            hash = sbl__hash(hash ^ (sbl__zero(x) ? 0 : sbl__float_bits(x)));
+        }
+    return hash;
+}
+
+/* Vertices in the same place: of the world, and of the map. */
+static int sbl__seam_same(const float *a, const float *b, int count) {
+    int k;
+    for (k = 0; k < count; k++) if (a[k] < b[k] || b[k] < a[k]) return 0;
+    return 1;
+}
+
+/* The normal that light is for at an edge's end. */
+static void sbl__seam_normal(const sbl__geometry *g, uint32_t edge, uint32_t vertex, double out[3]) {
+    int k;
+    for (k = 0; k < 3; k++) out[k] = (double)g->attributes[vertex].normal[k];
+    if (!sbl__normalize(out)) sbl__scene_normal(g, edge / 3, out);
+}
+
+/* Do two edges stand in the same place of the world? parted: and are to be sewn. */
+static int sbl__seam_alike(const sbl__geometry *g, uint32_t one, uint32_t other, const uint32_t ends[2][2],
+                           int *parted) {
+    int i, alike = 1;
+    *parted = 0;
+    for (i = 0; i < 2; i++) {
+        const uint32_t a = ends[0][i], b = ends[1][i];
+        double m[3], n[3];
+        if (!sbl__seam_same(g->vertices[a].position, g->vertices[b].position, 3)) return 0;
+        if (!sbl__seam_same(g->lightmap_texcoords + 2 * (size_t)a, g->lightmap_texcoords + 2 * (size_t)b, 2))
+            *parted = 1;
+        sbl__seam_normal(g, one, a, m);
+        sbl__seam_normal(g, other, b, n);
+        alike = alike && m[0] * n[0] + m[1] * n[1] + m[2] * n[2] > SBL__SEAM_TURN;
+    }
+    *parted = *parted && alike;
+    return 1;
+}
+
+/* Four texels and their weights around a place in the map, in texels; returns 0 where one of them has no light. */
+static int sbl__seam_mix(const sbl__gutters *g, const double at[2], int side, sbl__seam_point *p) {
+    const int size[2] = { g->width, g->height };
+    int low[2], high[2], i, k;
+    double share[2];
+    for (k = 0; k < 2; k++) {
+        const double x = SBL__MIN(SBL__MAX(at[k] - 0.5, 0.0), size[k] - 1.0);
+        low[k] = (int)x;
+        high[k] = SBL__MIN(low[k] + 1, size[k] - 1);
+        share[k] = x - low[k];
+    }
+    for (i = 0; i < 4; i++) {
+        const int texel = (i & 2 ? high[1] : low[1]) * g->width + (i & 1 ? high[0] : low[0]);
+        const double weight = (i & 1 ? share[0] : 1 - share[0]) * (i & 2 ? share[1] : 1 - share[1]);
+        if (g->light[4 * (size_t)texel + 3] < 0) return 0;
+        p->unknowns[4 * side + i] = texel;
+        p->weights[4 * side + i] = (float)(side ? -weight : weight);
+    }
+    return 1;
+}
+
+/* Does light on both sides of a point, whose unknowns are texels yet, come from the same surroundings? */
+static int sbl__seam_is_even(const sbl__gutters *g, const sbl__seam_point *p) {
+    float sides[2] = { 0, 0 };
+    int i;
+    for (i = 0; i < 8; i++)
+        sides[i / 4] += (float)fabs((double)p->weights[i]) * sbl__luminance(g->light + 4 * (size_t)p->unknowns[i]);
+    return fabs((double)sides[0] - sides[1]) <= (double)(SBL__SEAM_DIFFERENT * SBL__MAX(sides[0], sides[1]));
+}
+
+/* Such a point: each of its unknowns gets its number. */
+static sbl_result sbl__seam_add(sbl__base *base, sbl__seams *s, const sbl__seam_point *p) {
+    sbl__seam_point *out;
+    int i;
+    if (!sbl__grow(base, &s->points, &s->point_room, s->point_count + 1, sizeof *s->points) ||
+        !sbl__grow(base, &s->unknowns, &s->unknown_room, s->unknown_count + 8, sizeof *s->unknowns))
+        return SBL_ERROR_OUT_OF_MEMORY;
+    out = &s->points[s->point_count++];
+    *out = *p;
+    for (i = 0; i < 8; i++) {
+        int *number = &s->unknown_of[p->unknowns[i]];
+        if (!*number) {
+            memset(&s->unknowns[s->unknown_count], 0, sizeof *s->unknowns);
+            s->unknowns[s->unknown_count++].texel = p->unknowns[i];
+            *number = s->unknown_count;
+        }
+        out->unknowns[i] = *number - 1;
+    }
+    return SBL_SUCCESS;
+}
+
+/* Points along a seam, whose ends in the map are places[side][end]. */
+static sbl_result sbl__seam_points(sbl__base *base, sbl__seams *s, const sbl__gutters *light,
+                                   const double places[2][2][2]) {
+    double longest = 0;
+    int side, k, i, count;
+    for (side = 0; side < 2; side++) {
+        const double dx = places[side][1][0] - places[side][0][0], dy = places[side][1][1] - places[side][0][1];
+        longest = SBL__MAX(longest, sqrt(dx * dx + dy * dy));
+    }
+    count = (int)SBL__MIN(SBL__SEAM_POINTS * longest + 1, SBL__SEAM_POINTS_MOST);
+    s->seams++;
+    for (i = 0; i < count; i++) {
+        const double t = (i + 0.5) / count;
+        sbl__seam_point point;
+        int whole = 1;
+        for (side = 0; side < 2; side++) {
+            double at[2];
+            for (k = 0; k < 2; k++) at[k] = (1 - t) * places[side][0][k] + t * places[side][1][k];
+            whole = whole && sbl__seam_mix(light, at, side, &point);
+        }
+        if (whole && sbl__seam_is_even(light, &point) && sbl__seam_add(base, s, &point) != SBL_SUCCESS)
+            return SBL_ERROR_OUT_OF_MEMORY;
+    }
+    return SBL_SUCCESS;
+}
+
+/* Looks for edges that stand where this one does, and keeps it for those to come. */
+static sbl_result sbl__seams_edge(sbl__base *base, sbl__seams *s, const sbl__gutters *light, const sbl__geometry *g,
+                                  uint32_t edge) {
+    const int size[2] = { light->width, light->height };
+    uint32_t ends[2][2], slot;
+    int looked = 0, side, end, k;
+    sbl__seam_ends(g, edge, ends[0]);
+    for (slot = sbl__seam_hash(g, ends[0]) & (s->slot_count - 1); s->slots[slot] && looked < SBL__SEAM_CHAIN;
+         slot = (slot + 1) & (s->slot_count - 1)) {
+        const uint32_t other = s->slots[slot] - 1;
+        double places[2][2][2];
+        int parted;
+        sbl__seam_ends(g, other, ends[1]);
+        if (!sbl__seam_alike(g, edge, other, (const uint32_t (*)[2])ends, &parted)) continue;
+        looked++;
+        if (!parted) continue;
+        for (side = 0; side < 2; side++)
+            for (end = 0; end < 2; end++)
+                for (k = 0; k < 2; k++)
+                    places[side][end][k] =
+                        (double)g->lightmap_texcoords[2 * (size_t)ends[side][end] + (size_t)k] * size[k];
+        if (sbl__seam_points(base, s, light, (const double (*)[2][2])places) != SBL_SUCCESS)
+            return SBL_ERROR_OUT_OF_MEMORY;
+    }
+    if (!s->slots[slot]) s->slots[slot] = edge + 1;
+    return SBL_SUCCESS;
+}
+
+/* >>seams: conjugate gradients. Every stage is a loop over points or unknowns. */
+
+/* What a point has of three channels of the unknowns. */
+static void sbl__seam_difference(const sbl__seams *s, const sbl__seam_point *p, size_t member, double out[3]) {
+    int i, k;
+    for (k = 0; k < 3; k++) out[k] = 0;
+    for (i = 0; i < 8; i++) {
+        const double *from = (const double *)((const char *)&s->unknowns[p->unknowns[i]] + member);
+        for (k = 0; k < 3; k++) out[k] += (double)p->weights[i] * from[k];
+    }
+}
+
+static void sbl__seam_spread(sbl__seams *s, const sbl__seam_point *p, const double difference[3], size_t member) {
+    int i, k;
+    for (i = 0; i < 8; i++) {
+        double *to = (double *)((char *)&s->unknowns[p->unknowns[i]] + member);
+        for (k = 0; k < 3; k++) to[k] += (double)p->weights[i] * difference[k];
+    }
+}
+
+#define SBL__SEAM_MEMBER(name) offsetof(sbl__seam_texel, name)
+
+/* The stages that loop over points. */
+static void sbl__seams_point(sbl__seams *s, const sbl__seam_point *p) {
+    const int product = s->stage == SBL__SEAMS_PRODUCT;
+    double d[3];
+    float difference[3], jump;
+    int k;
+    sbl__seam_difference(s, p, product ? SBL__SEAM_MEMBER(direction) : SBL__SEAM_MEMBER(light), d);
+    for (k = 0; k < 3; k++) difference[k] = (float)d[k];
+    jump = (float)fabs((double)sbl__luminance(difference));
+    if (s->stage == SBL__SEAMS_BEFORE) {
+        if (!s->rounds) s->before = SBL__MAX(s->before, jump);
+        for (k = 0; k < 3; k++) d[k] = -d[k];
+        sbl__seam_spread(s, p, d, SBL__SEAM_MEMBER(residual));
+    } else if (product) sbl__seam_spread(s, p, d, SBL__SEAM_MEMBER(product));
+    else s->after = SBL__MAX(s->after, jump);
+}
+
+/* Those that loop over unknowns. */
+static void sbl__seams_unknown(sbl__seams *s, sbl__seam_texel *u, float *light) {
+    float *texel = light + 4 * (size_t)u->texel;
+    int k;
+    for (k = 0; k < 3; k++)
+        switch (s->stage) {
+            case SBL__SEAMS_LIGHT: u->light[k] = (double)texel[k]; break;
+            case SBL__SEAMS_BEGIN:
+                if (u->bound[k]) u->residual[k] = 0;
+                s->sum += u->residual[k] * u->residual[k];
+                break;
+            case SBL__SEAMS_TURN:
+                u->direction[k] = u->residual[k] + s->along * u->direction[k];
+                u->product[k] = SBL__SEAM_KEEP * u->direction[k];
+                break;
+            case SBL__SEAMS_MEASURE: s->sum += u->direction[k] * u->product[k]; break;
+            case SBL__SEAMS_ADVANCE:
+                u->change[k] += s->along * u->direction[k];
+                if (!u->bound[k]) u->residual[k] -= s->along * u->product[k];
+                s->sum += u->residual[k] * u->residual[k];
+                break;
+            default:
+                if (u->light[k] + u->change[k] < 0) u->bound[k] = s->bound = 1;
+                texel[k] = (float)SBL__MAX(u->light[k] + u->change[k], 0.0);
+                u->light[k] = (double)texel[k];
+                u->change[k] = u->residual[k] = u->direction[k] = 0;
+        }
+}
+
+static sbl__seams_stage sbl__seams_next(sbl__seams *s) {
+    const double sum = s->sum;
+    s->sum = 0;
+    s->at = 0;
+    switch (s->stage) {
+        case SBL__SEAMS_BEGIN:
+            s->first2 = s->residual2 = sum;
+            s->along = 0;
+            return sum > 0 ? SBL__SEAMS_TURN : SBL__SEAMS_APPLY;
+        case SBL__SEAMS_MEASURE: s->along = sum > 0 ? s->residual2 / sum : 0; return SBL__SEAMS_ADVANCE;
+        case SBL__SEAMS_ADVANCE:
+            s->along = sum / s->residual2;
+            s->residual2 = sum;
+            return ++s->steps < SBL__SEAM_STEPS && sum > SBL__SEAM_LEFT * s->first2 ? SBL__SEAMS_TURN
+                                                                                    : SBL__SEAMS_APPLY;
+        case SBL__SEAMS_APPLY:
+            if (!s->bound || ++s->rounds == SBL__SEAM_ROUNDS) return SBL__SEAMS_AFTER;
+            s->bound = s->steps = 0;
+            return SBL__SEAMS_BEFORE;
+        default: return (sbl__seams_stage)(s->stage + 1);
+    }
+}
+
+static int sbl__seams_count(const sbl__seams *s, const sbl__geometry *g) {
+    switch (s->stage) {
+        case SBL__SEAMS_EDGES: return 3 * g->triangle_count;
+        case SBL__SEAMS_BEFORE: case SBL__SEAMS_PRODUCT: case SBL__SEAMS_AFTER: return s->point_count;
+        default: return s->unknown_count;
+    }
+}
+
+static sbl_result sbl__seams_begin(sbl__base *base, sbl__seams *s, const sbl__atlas *a, const sbl__geometry *g) {
+    double edges = 0;
+    int i;
+    for (i = 0; i < g->mesh_count; i++) if (a->wanted[i]) edges += 3.0 * g->meshes[i].triangle_count;
+    for (s->slot_count = 16; s->slot_count < 2 * edges && s->slot_count < 0x80000000u; s->slot_count *= 2) {}
+    s->slots = (uint32_t *)sbl__alloc(base, s->slot_count, sizeof *s->slots);
+    s->unknown_of = (int *)sbl__alloc(base, (size_t)a->width * (size_t)a->height, sizeof *s->unknown_of);
+    return s->slots && s->unknown_of ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+}
+
+/* One piece. SBL_SUCCESS: light is sewn. */
+static sbl_result sbl__seams_step(sbl__base *base, sbl__seams *s, const sbl__gutters *light, const sbl__atlas *a,
+                                  const sbl__geometry *g, sbl__slice *slice) {
+    sbl_result result = s->slots ? SBL_SUCCESS : sbl__seams_begin(base, s, a, g);
+    if (result != SBL_SUCCESS) return result;
+    for (; s->stage < SBL__SEAMS_DONE; s->stage = sbl__seams_next(s)) {
+        const int count = sbl__seams_count(s, g);
+        for (; s->at < count; s->at++) {
+            const int points = s->stage == SBL__SEAMS_BEFORE || s->stage == SBL__SEAMS_PRODUCT ||
+                               s->stage == SBL__SEAMS_AFTER;
+            if (sbl__late(slice)) return SBL_UNFINISHED;
+            if (points) sbl__seams_point(s, &s->points[s->at]);
+            else if (s->stage != SBL__SEAMS_EDGES) sbl__seams_unknown(s, &s->unknowns[s->at], light->light);
+            else if (sbl__atlas_wants(a, g, g->indices[s->at]) &&
+                     sbl__seams_edge(base, s, light, g, (uint32_t)s->at) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
+        }
+    }
+    return SBL_SUCCESS;
+}
+
 /* ======================================================================================================== >>picture
    The front end that makes pictures: a short loop over jobs, level by level, in bounded pieces. */
 
@@ -12320,6 +13611,7 @@ typedef enum sbl__stage {
     SBL__STAGE_FILL, SBL__STAGE_ORPHANS, SBL__STAGE_ADOPT, SBL__STAGE_SEND,  /* the radiance map */
     SBL__STAGE_FILTER,
     SBL__STAGE_PREVIEW,
+    SBL__STAGE_GUTTERS,  /* of a lightmap, which then is done */
     SBL__STAGE_SAMPLE,   /* an anti-aliasing sample's G-buffer */
     SBL__STAGE_RESOLVE,
     SBL__STAGE_DONE
@@ -12333,6 +13625,11 @@ typedef struct sbl__picture {
     sbl__spec spec;
     uint32_t scene_version;     /* what it shows */
     sbl__camera camera;
+    int lightmap;               /* it is one: the atlas takes the camera's place */
+    sbl__atlas atlas;
+    sbl__gutters gutters;
+    sbl__seams seams;
+    int sew;
     sbl__surface surface;
     sbl__gbuffer gbuffer, sample;
     sbl__refine refine;
@@ -12370,6 +13667,9 @@ static void sbl__picture_free(const sbl__device *d, sbl__picture *p) {
     sbl__gbuffer_free(d, &p->gbuffer);
     sbl__gbuffer_free(d, &p->sample);
     sbl__surface_free(d, &p->surface);
+    sbl__atlas_free(d->base, &p->atlas);
+    sbl__gutters_free(d->base, &p->gutters);
+    sbl__seams_free(d->base, &p->seams);
     sbl__refine_free(d->base, &p->refine);
     sbl__guides_free(d, &p->guides);
     sbl__free(d->base, p->rgba);
@@ -12395,9 +13695,18 @@ static void sbl__picture_begin(sbl__picture *p, const sbl__core *c, const sbl_pi
     p->refine.asked = desc->error;
     sbl__looks_begin(&p->refine);
     p->refine.geometry_aware = p->refine.relative = desc->mode != SBL_MODE_PAPER;
+    p->refine.bounced = desc->mode == SBL_MODE_GI;
     p->refine.smoothing = sbl__filter_pixels(desc->filter_radius);
     p->store_share = sbl__prepare_share(c, &seeing);
     p->stage = SBL__STAGE_SETUP;
+}
+
+/* What has been begun is a lightmap. */
+static sbl_result sbl__picture_begin_lightmap(sbl__core *c, sbl__picture *p, const sbl_lightmap_desc *desc) {
+    p->lightmap = 1;
+    p->gutters.rings = SBL__MAX(desc->gutter, 0);
+    p->sew = desc->seams >= 0;
+    return sbl__atlas_begin(&c->base, &p->atlas, &c->scene.geometry, desc);
 }
 
 /* >>picture: textures and memory, one of them a piece */
@@ -12417,11 +13726,12 @@ static sbl_result sbl__picture_setup(const sbl__device *d, sbl__picture *p) {
                                                             sizeof(sbl__pixel));
             return p->refine.pixels ? SBL_UNFINISHED : SBL_ERROR_OUT_OF_MEMORY;
         case 1: {
-            const sbl_result result = sbl__surface_make(d, &p->surface, width, height);
+            const sbl_result result = sbl__surface_make(d, &p->surface, width, height, p->lightmap);
             return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
         }
         case 2: {
-            const sbl_result result = sbl__gbuffer_make(d, &p->gbuffer, width, height, &p->surface.depth);
+            const sbl_result result = sbl__gbuffer_make(d, &p->gbuffer, width, height,
+                                                        p->lightmap ? NULL : &p->surface.depth);
             return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
         }
         default: return SBL_SUCCESS;
@@ -12431,6 +13741,7 @@ static sbl_result sbl__picture_setup(const sbl__device *d, sbl__picture *p) {
 /* What the last stages need: made when they come, not before. */
 static sbl_result sbl__picture_setup_end(const sbl__device *d, sbl__picture *p) {
     sbl_result result = sbl__picture_make(d, p, &p->finals[0], &p->final_targets[0]);
+    if (p->lightmap) return result;
     if (result == SBL_SUCCESS) result = sbl__picture_make(d, p, &p->finals[1], &p->final_targets[1]);
     if (result == SBL_SUCCESS && p->desc.samples > 1)
         result = sbl__gbuffer_make(d, &p->sample, p->desc.width, p->desc.height, &p->surface.depth);
@@ -12440,7 +13751,7 @@ static sbl_result sbl__picture_setup_end(const sbl__device *d, sbl__picture *p) 
 /* >>picture: what the camera sees */
 
 static sbl_result sbl__picture_surface(sbl__core *c, sbl__picture *p, const sbl__gbuffer *g, const float offset[2],
-                                       const sbl__slice *slice) {
+                                       sbl__slice *slice) {
     sbl__surface_job job;
     job.scene = &c->scene;
     job.camera = &p->camera;
@@ -12449,6 +13760,7 @@ static sbl_result sbl__picture_surface(sbl__core *c, sbl__picture *p, const sbl_
     job.offset[1] = offset[1];
     job.epsilon = p->desc.epsilon;
     job.bounced = p->spec.bounced && g == &p->gbuffer;
+    job.atlas = p->lightmap ? &p->atlas : NULL;
     return sbl__surface_step(&c->device, &p->surface, &job, slice);
 }
 
@@ -12508,6 +13820,7 @@ static sbl_result sbl__picture_read(sbl__core *c, sbl__picture *p) {
     if (result != SBL_SUCCESS || p->at < p->desc.height) return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
     if (c->stats.visible_pixels == 0)
         sbl__log(c->device.base, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE,
+                 p->lightmap ? "no mesh of the lightmap has a triangle on the map; check lightmap_texcoords" :
                  "the camera sees no surface; check world_to_view, view_to_clip and the scene's bounds");
     return SBL_SUCCESS;
 }
@@ -12583,6 +13896,45 @@ static sbl_result sbl__picture_resolve(sbl__core *c, sbl__picture *p, const sbl_
     return result != SBL_SUCCESS || p->at == p->desc.height ? result : SBL_UNFINISHED;
 }
 
+/* >>picture: FINAL of a lightmap */
+
+static sbl_result sbl__picture_gutters(sbl__core *c, sbl__picture *p, sbl__slice *slice) {
+    const int width = p->desc.width, most = SBL__MAX(1, SBL__READ_PIXELS / width);
+    const int rows = SBL__MIN(most, p->desc.height - p->at);
+    const size_t first = (size_t)p->at * (size_t)width;
+    sbl__gutters *g = &p->gutters;
+    sbl_result result = g->light ? SBL_SUCCESS : sbl__gutters_begin(&c->base, g, &p->atlas);
+    if (result != SBL_SUCCESS) return result;
+    if (!g->taken) {
+        c->device.gl.doing = "reading R";
+        result = sbl__target_read(&c->device, &p->filtered_target, 0, p->at, rows, g->light + 4 * first);
+        c->stats.readbacks++;
+        p->at += rows;
+        g->taken = p->at == p->desc.height;
+        if (g->taken) p->at = 0;
+        return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
+    }
+    if (!g->done) {
+        result = sbl__gutters_step(g, slice);
+        g->done = result == SBL_SUCCESS;
+        return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
+    }
+    if (g->rings && p->sew && p->seams.stage < SBL__SEAMS_DONE) {
+        result = sbl__seams_step(&c->base, &p->seams, g, &p->atlas, &c->scene.geometry, slice);
+        c->stats.seams = p->seams.seams;
+        c->stats.seam_before = p->seams.before / p->refine.luminance;
+        c->stats.seam_after = p->seams.after / p->refine.luminance;
+        return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
+    }
+    c->device.gl.doing = "sending the lightmap";
+    result = sbl__texture_write(&c->device, &p->finals[0], p->at, rows, g->light + 4 * first);
+    p->at += rows;
+    if (result != SBL_SUCCESS || p->at < p->desc.height) return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
+    sbl__gutters_free(&c->base, g);
+    sbl__seams_free(&c->base, &p->seams);
+    return SBL_SUCCESS;
+}
+
 /* >>picture: guides, see >>guide */
 
 static sbl_result sbl__guides_begin(const sbl__device *d, sbl__picture *p) {
@@ -12640,6 +13992,8 @@ static void sbl__picture_sense(sbl__core *c, sbl__picture *p) {
     task.readings = p->refine.readings;
     task.site_count = p->refine.site_count;
     task.guides = &p->guides;
+    if (p->lightmap) p->refine.reach = SBL__HIDDEN_REACH * sbl__atlas_texel_size(&p->atlas);
+    task.spec.reach = p->refine.reach;
     sbl__job_begin(&c->job, &c->scene, &task);
 }
 
@@ -12672,7 +14026,9 @@ static sbl_result sbl__picture_piece(sbl__core *c, sbl__picture *p, sbl__slice *
         case SBL__STAGE_SAMPLE:
             sbl__sample_offset(p->resolved, p->desc.samples, offset);
             return p->desc.samples > 1 ? sbl__picture_surface(c, p, &p->sample, offset, slice) : SBL_SUCCESS;
-        case SBL__STAGE_PREVIEW: case SBL__STAGE_RESOLVE: return sbl__picture_resolve(c, p, slice);
+        case SBL__STAGE_GUTTERS: return sbl__picture_gutters(c, p, slice);
+        case SBL__STAGE_PREVIEW: case SBL__STAGE_RESOLVE:
+            return p->lightmap ? SBL_SUCCESS : sbl__picture_resolve(c, p, slice);
         default: return SBL_SUCCESS;
     }
 }
@@ -12701,7 +14057,7 @@ static sbl__stage sbl__picture_next(sbl__core *c, sbl__picture *p) {
             sbl__spec_make(&p->spec, &p->seeing, &c->scene, &c->desc);
             p->refine.most_looks = p->spec.looks;
             sbl__camera_make(&p->camera, &p->desc, &c->scene.geometry);
-            sbl__surface_begin(&p->surface);
+            sbl__surface_begin(&p->surface, p->lightmap);
             return SBL__STAGE_SURFACE;
         case SBL__STAGE_COLLECT:
             if (!p->refine.site_count) return SBL__STAGE_TAKE;
@@ -12731,15 +14087,17 @@ static sbl__stage sbl__picture_next(sbl__core *c, sbl__picture *p) {
             return SBL__STAGE_COLLECT;
         case SBL__STAGE_SPEND: return p->refine.bought ? SBL__STAGE_COLLECT : SBL__STAGE_FILL;
         case SBL__STAGE_PREVIEW:
-            if (!p->previewing) return SBL__STAGE_SAMPLE;
+            if (!p->previewing) return p->lightmap ? SBL__STAGE_GUTTERS : SBL__STAGE_SAMPLE;
             p->previewing = 0;
             p->previewed = p->refine.taken;
             return SBL__STAGE_SPEND;
         case SBL__STAGE_FILTER:
-            sbl__surface_begin(&p->surface);
+            if (p->lightmap) return p->previewing ? SBL__STAGE_PREVIEW : SBL__STAGE_GUTTERS;
+            sbl__surface_begin(&p->surface, 0);
             return p->watched ? SBL__STAGE_PREVIEW : SBL__STAGE_SAMPLE;
+        case SBL__STAGE_GUTTERS: return SBL__STAGE_DONE;
         case SBL__STAGE_RESOLVE:
-            sbl__surface_begin(&p->surface);
+            sbl__surface_begin(&p->surface, 0);
             return ++p->resolved < p->desc.samples ? SBL__STAGE_SAMPLE : SBL__STAGE_DONE;
         default: return (sbl__stage)(p->stage + 1);
     }
@@ -12838,6 +14196,7 @@ typedef struct sbl__gathering {
     sbl__site *sites;           /* of the job */
     int first, count;           /* which they are */
     int at;                     /* the next one to be made */
+    uint32_t passed;            /* sites of those before, where it goes on with others */
     float store_share;          /* of progress */
     float progress;
 } sbl__gathering;
@@ -12866,7 +14225,7 @@ static void sbl__site_make(const sbl__core *c, const sbl__gathering *g, int numb
     sbl__unit_normal(sbl__all_zero(from->geometric_normal, 3) ? from->normal : from->geometric_normal,
                      out->geometric_normal);
     out->offset = from->offset > 0 ? from->offset : from->offset < 0 ? 0 : sbl__spec_offset(&g->spec, &c->scene, 0);
-    out->number = (uint32_t)number;
+    out->number = g->passed + (uint32_t)number;
     out->guide = out->first = 0;
     out->looks = 1;
 }
@@ -12879,6 +14238,17 @@ static void sbl__gathering_begin(const sbl__core *c, sbl__gathering *g, const sb
     g->seeing.every_ray = every_ray;
     g->store_share = sbl__prepare_share(c, &seeing);
     g->stage = SBL__GATHER_PREPARE;
+}
+
+/* One that is done, or has not begun, goes on with so many other sites: they stand where its own stood, and are at most
+   as many as it had first. */
+static void sbl__gathering_more(sbl__gathering *g, int site_count) {
+    if (g->stage == SBL__GATHER_DONE) {
+        g->passed += (uint32_t)g->desc.site_count;
+        g->stage = SBL__GATHER_SITES_NEXT;
+    }
+    g->first = g->at = 0;
+    g->desc.site_count = site_count;
 }
 
 /* The sites of the next job, from first + at on; then the job begins. */
@@ -12939,6 +14309,1157 @@ static float sbl__gathering_progress(const sbl__core *c, const sbl__gathering *g
     if (g->stage == SBL__GATHER_DONE) return 1;
     if (g->stage == SBL__GATHER_SENSE) done += (double)sbl__job_progress(&c->job) * g->count;
     return (float)(done / SBL__MAX(1, g->desc.site_count));
+}
+
+/* ======================================================================================================== >>vertices
+   The front end for light at vertices (Kavan, Bargteil and Sloan 2011). Gathers, one after the other, tell R at points
+   over the triangles; unknown x is the light at a vertex, or at several that are one, and hat functions h interpolate
+   it. What is solved, by conjugate gradients, is the least sum of
+
+       weight (sum of x h - R)^2           of each point: its share of its triangle's area
+       smoothing area (slope - slope)^2    of each edge that two triangles share, a hinge: of how light's slopes across
+                                           it differ, in units of light
+
+   where each triangle has the 3 x 3 numbers that its points add to the matrix, and each hinge 4. Weights are areas over
+   the mean one of the mesh. */
+
+#define SBL__VERTICES_POINTS 65536      /* of a gather: one job's */
+#define SBL__VERTICES_FEW 4             /* points over a triangle, unless `samples` is less; */
+#define SBL__VERTICES_MANY 8            /* and at most so many times `samples` */
+#define SBL__VERTICES_LEAST 1e-9f       /* of a triangle's area over the mean: thinner ones count as much */
+#define SBL__VERTICES_AGREE 0.99985f    /* cosine between normals of vertices that are one: 1 degree */
+#define SBL__VERTICES_BACK 0.9f         /* of a hemisphere, back faces: the point is inside of something; */
+#define SBL__VERTICES_INSIDE_OUT 0.5    /* but where more of a mesh's points see as many, its room is inside out */
+#define SBL__VERTICES_SUMS 16           /* of a triangle's points: see sums */
+#define SBL__VERTICES_WHOLE 1e-5f       /* of a triangle's area may miss by rounding */
+#define SBL__VERTICES_SPRING 0.02f      /* points that are left out hold their triangle's corners together so much */
+#define SBL__VERTICES_PRECISION 1e-6    /* of the solution, where it ends, */
+#define SBL__VERTICES_ROUNDS 1000       /* or after so many rounds */
+#define SBL__VERTICES_RINGS 64          /* edges that light is carried over */
+#define SBL__VERTICES_SMOOTHEST 1e6f
+#define SBL__VERTICES_GRAZING 0.01      /* SBL_GRAZING */
+#define SBL__VERTICES_NONE UINT32_MAX
+
+/* SENSE is the gather's; all others go over triangles, vertices, hinges or points, one by one */
+typedef enum sbl__vertices_stage {
+    SBL__VERTICES_IDLE,
+    SBL__VERTICES_FACES, SBL__VERTICES_WELD, SBL__VERTICES_EDGES,  /* normals and areas; unknowns; hinges */
+    SBL__VERTICES_SITES, SBL__VERTICES_SENSE, SBL__VERTICES_TAKE,
+    SBL__VERTICES_TIGHTEN, SBL__VERTICES_BEND,                     /* the matrix: triangles, hinges */
+    SBL__VERTICES_START, SBL__VERTICES_MASS, SBL__VERTICES_HINGES, SBL__VERTICES_DOT, SBL__VERTICES_ADVANCE,
+    SBL__VERTICES_TURN,
+    SBL__VERTICES_AVERAGE,
+    SBL__VERTICES_SETTLE, SBL__VERTICES_SPREAD, SBL__VERTICES_RING,  /* to vertices without light of their own */
+    SBL__VERTICES_WRITE,
+    SBL__VERTICES_DONE
+} sbl__vertices_stage;
+
+/* A mesh that is baked. */
+typedef struct sbl__vertices_part {
+    int mesh, first_vertex, first_triangle;
+    double area;
+    double points, doubtful;    /* that are valid; that see back faces */
+} sbl__vertices_part;
+
+/* sides: 3 * triangle + corner at which the side begins. weights: of the two corners that lie opposite, and of the
+   first side's two ends. */
+typedef struct sbl__hinge { uint32_t sides[2]; float weights[4]; } sbl__hinge;
+
+typedef struct sbl__vertices {
+    sbl__vertices_stage stage;
+    int at, part;               /* what comes next of the stage, and the mesh that it is of */
+    int ready;                  /* the stage has its memory */
+    sbl_vertices_desc desc;     /* defaults filled in */
+    sbl__vertices_part *parts;
+    int part_count, vertex_count, triangle_count;
+    sbl__gathering gathering;
+    sbl_site *sites;
+    sbl_reading *readings;
+    int site_count;             /* of the gather under way */
+    double points, taken;       /* in all, and of the gathers before */
+    struct { int part, triangle, point; } next, first;  /* of the site that is made, and of the gather's first */
+    float *normals;             /* a vertex: sum of its triangles' */
+    uint32_t *unknowns;         /* a vertex: the first one that it is one with, or SBL__VERTICES_NONE */
+    uint32_t *slots, slot_mask; /* 1 + vertex or side, by a hash of its place or ends; 0: free */
+    uint32_t *corners;          /* three unknowns a triangle */
+    float *areas;               /* a triangle, over the mean */
+    float *sums;                /* a triangle: 00 01 02 11 12 22 of its matrix; sum of its points' weights; for each
+                                   corner three of the right side */
+    float *doubts;              /* the same of points that see back faces; NULL: there was none */
+    sbl__hinge *hinges;
+    int hinge_count, hinge_room;
+    unsigned char *lit;         /* an unknown: it has points of its own, or neighbours' light */
+    double *light, *rest, *way, *step;  /* three an unknown: x; what is left of the right side; where x goes; the
+                                           matrix times that */
+    double *diagonal;           /* an unknown; sum of weights where it is a mean */
+    double power[3], along[3], next_power[3], off[3], scale[3];  /* sums of a round */
+    int rounds, ring, spread;   /* so far; of light that is carried; this ring has vertices */
+} sbl__vertices;
+
+static void sbl__vertices_free(sbl__base *base, sbl__vertices *s) {
+    void *const blocks[] = { s->parts, s->sites, s->readings, s->normals, s->unknowns, s->slots, s->corners, s->areas,
+                             s->sums, s->doubts, s->hinges, s->lit, s->light, s->rest, s->way, s->step, s->diagonal };
+    int i;
+    for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(base, blocks[i]);
+    sbl__gathering_free(base, &s->gathering);
+    memset(s, 0, sizeof *s);
+}
+
+static int sbl__vertices_under_way(const sbl__vertices *s) {
+    return s->stage != SBL__VERTICES_IDLE && s->stage != SBL__VERTICES_DONE;
+}
+
+/* desc has its defaults filled in and has been checked. The gathering is begun by the caller. */
+static sbl_result sbl__vertices_begin(sbl__core *c, sbl__vertices *s, const sbl_vertices_desc *desc) {
+    const sbl__geometry *g = &c->scene.geometry;
+    int i;
+    s->desc = *desc;
+    s->part_count = desc->mesh_count ? desc->mesh_count : g->mesh_count;
+    s->parts = (sbl__vertices_part *)sbl__alloc(&c->base, (size_t)s->part_count, sizeof *s->parts);
+    if (!s->parts) return SBL_ERROR_OUT_OF_MEMORY;
+    for (i = 0; i < s->part_count; i++) {
+        sbl__vertices_part *part = &s->parts[i];
+        part->mesh = desc->mesh_count ? desc->meshes[i] : i;
+        part->first_vertex = s->vertex_count;
+        part->first_triangle = s->triangle_count;
+        s->vertex_count += g->meshes[part->mesh].vertex_count;
+        s->triangle_count += g->meshes[part->mesh].triangle_count;
+    }
+    s->desc.meshes = NULL;
+    s->stage = SBL__VERTICES_FACES;
+    return SBL_SUCCESS;
+}
+
+/* >>vertices: what is one. Numbers of vertices and triangles are those of all parts, one after the other, unless they
+   are said to be the scene's. */
+
+static uint32_t sbl__vertices_triangle(const sbl__vertices *s, const sbl__geometry *g, int part, int triangle) {
+    const sbl__vertices_part *p = &s->parts[part];
+    return (uint32_t)(g->meshes[p->mesh].first_triangle + triangle - p->first_triangle);
+}
+
+static uint32_t sbl__vertices_vertex(const sbl__vertices *s, const sbl__geometry *g, int vertex) {
+    const sbl__vertices_part *p = &s->parts[s->part];
+    return (uint32_t)(g->meshes[p->mesh].first_vertex + vertex - p->first_vertex);
+}
+
+/* Area, and which vertices there are; those without normals have the mean of their triangles'. */
+static void sbl__vertices_face(sbl__vertices *s, const sbl__geometry *g, int triangle) {
+    sbl__vertices_part *part = &s->parts[s->part];
+    const uint32_t number = sbl__vertices_triangle(s, g, s->part, triangle);
+    const float *p[3];
+    double face[3], area;
+    int i, k;
+    for (i = 0; i < 3; i++) p[i] = sbl__corner_of(g, number, i);
+    sbl__triangle_normal(p, face);
+    area = 0.5 * sqrt(face[0] * face[0] + face[1] * face[1] + face[2] * face[2]);
+    s->areas[triangle] = (float)area;
+    part->area += area;
+    if (!sbl__normalize(face)) face[0] = face[1] = face[2] = 0;
+    for (i = 0; i < 3; i++) {
+        const uint32_t vertex = g->indices[3 * (size_t)number + (size_t)i] -
+                                (uint32_t)g->meshes[part->mesh].first_vertex + (uint32_t)part->first_vertex;
+        s->corners[3 * (size_t)triangle + (size_t)i] = s->unknowns[vertex] = vertex;
+        for (k = 0; k < 3; k++) s->normals[3 * (size_t)vertex + (size_t)k] += (float)face[k];
+    }
+}
+
+/* Unit, in the scene; 0 0 0 where there is none. */
+static void sbl__vertices_normal(const sbl__vertices *s, const sbl__geometry *g, int vertex, float out[3]) {
+    const float *own = g->attributes[sbl__vertices_vertex(s, g, vertex)].normal;
+    const float *mean = s->normals + 3 * (size_t)vertex;
+    double n[3] = { mean[0], mean[1], mean[2] };
+    int k;
+    if (!sbl__normalize(n)) n[0] = n[1] = n[2] = 0;
+    for (k = 0; k < 3; k++) out[k] = sbl__all_zero(own, 3) ? (float)n[k] : own[k];
+}
+
+/* A vertex is one with the first that stands where it does and whose normal agrees. */
+static void sbl__vertices_weld(sbl__vertices *s, const sbl__geometry *g, int vertex) {
+    const float *place = g->vertices[sbl__vertices_vertex(s, g, vertex)].position;
+    uint32_t slot = (uint32_t)s->part;
+    float normal[3], other[3];
+    int k, same;
+    if (s->unknowns[vertex] == SBL__VERTICES_NONE) return;
+    sbl__vertices_normal(s, g, vertex, normal);
+    if (sbl__all_zero(normal, 3)) return;
+    for (k = 0; k < 3; k++) slot = sbl__hash(slot ^ (sbl__zero(place + k) ? 0 : sbl__float_bits(place + k)));
+    for (slot &= s->slot_mask; s->slots[slot]; slot = (slot + 1) & s->slot_mask) {
+        const int first = (int)s->slots[slot] - 1;
+        const float *there;
+        if (first < s->parts[s->part].first_vertex) continue;
+        there = g->vertices[sbl__vertices_vertex(s, g, first)].position;
+        for (k = 0, same = 1; k < 3; k++) same &= place[k] == there[k];
+        if (!same) continue;
+        sbl__vertices_normal(s, g, first, other);
+        if (!(sbl__dot(normal, other) >= SBL__VERTICES_AGREE)) continue;
+        s->unknowns[vertex] = (uint32_t)first;
+        return;
+    }
+    s->slots[slot] = (uint32_t)vertex + 1;
+}
+
+/* The unknown at a side's first or second end (0, 1), or opposite (2). */
+static uint32_t sbl__vertices_end(const sbl__vertices *s, uint32_t side, uint32_t which) {
+    return s->corners[side - side % 3 + (side + which) % 3];
+}
+
+/* Where an unknown is in the part at hand, in the scene. */
+static const float *sbl__vertices_place(const sbl__vertices *s, const sbl__geometry *g, uint32_t unknown) {
+    return g->vertices[sbl__vertices_vertex(s, g, (int)unknown)].position;
+}
+
+/* The weights of a hinge: slopes across its side, laid flat, of which none is left where light is linear. */
+static void sbl__hinge_make(const sbl__vertices *s, const sbl__geometry *g, sbl__hinge *h) {
+    const float *p = sbl__vertices_place(s, g, sbl__vertices_end(s, h->sides[0], 0));
+    const float *q = sbl__vertices_place(s, g, sbl__vertices_end(s, h->sides[0], 1));
+    double length2 = 0, along[2], height[2], share[2], norm = 0;
+    double w[4] = { 0, 0, 0, 0 };
+    int i, k;
+    for (k = 0; k < 3; k++) length2 += ((double)q[k] - p[k]) * ((double)q[k] - p[k]);
+    for (i = 0; i < 2; i++) {
+        const float *apex = sbl__vertices_place(s, g, sbl__vertices_end(s, h->sides[i], 2));
+        along[i] = height[i] = 0;
+        for (k = 0; k < 3; k++) along[i] += ((double)apex[k] - p[k]) * ((double)q[k] - p[k]) / length2;
+        for (k = 0; k < 3; k++) {
+            const double d = (double)apex[k] - p[k] - along[i] * ((double)q[k] - p[k]);
+            height[i] += d * d;
+        }
+        height[i] = sqrt(height[i]);
+    }
+    if (length2 > 0 && height[0] + height[1] > 0) {
+        for (i = 0; i < 2; i++) share[i] = height[1 - i] / (height[0] + height[1]);
+        for (i = 0; i < 2; i++) {
+            w[i] = share[i];
+            w[2] -= share[i] * (1 - along[i]);
+            w[3] -= share[i] * along[i];
+        }
+        for (i = 0; i < 4; i++) norm += w[i] * w[i];
+        norm = sqrt(SBL__MAX(norm, 1.0));
+    }
+    for (i = 0; i < 4; i++) h->weights[i] = norm > 0 ? (float)(w[i] / norm) : 0;
+}
+
+/* The first triangle that has the side makes a hinge with each other. */
+static sbl_result sbl__vertices_side(sbl__base *base, sbl__vertices *s, const sbl__geometry *g, uint32_t side) {
+    const uint32_t a = sbl__vertices_end(s, side, 0), b = sbl__vertices_end(s, side, 1);
+    uint32_t slot = sbl__hash(SBL__MIN(a, b) ^ sbl__hash(SBL__MAX(a, b))) & s->slot_mask;
+    for (; s->slots[slot]; slot = (slot + 1) & s->slot_mask) {
+        const uint32_t other = s->slots[slot] - 1, c = sbl__vertices_end(s, other, 0);
+        const uint32_t d = sbl__vertices_end(s, other, 1);
+        sbl__hinge *hinge;
+        if (!((a == c && b == d) || (a == d && b == c))) continue;
+        if (!sbl__grow(base, &s->hinges, &s->hinge_room, s->hinge_count + 1, sizeof *s->hinges))
+            return SBL_ERROR_OUT_OF_MEMORY;
+        hinge = &s->hinges[s->hinge_count++];
+        hinge->sides[0] = other;
+        hinge->sides[1] = side;
+        sbl__hinge_make(s, g, hinge);
+        return SBL_SUCCESS;
+    }
+    s->slots[slot] = side + 1;
+    return SBL_SUCCESS;
+}
+
+static int sbl__vertices_fits(const sbl__vertices *s) { return !s->desc.average; }
+static int sbl__vertices_bends(const sbl__vertices *s) { return sbl__vertices_fits(s) && s->desc.smoothing > 0; }
+
+/* Points over a triangle. */
+static int sbl__vertices_samples(const sbl__vertices *s, int triangle) {
+    const double wanted = (double)s->areas[triangle] * s->desc.samples + 0.5;
+    const double most = SBL__VERTICES_MANY * s->desc.samples;
+    return SBL__MAX((int)SBL__MIN(wanted, most), SBL__MIN(SBL__VERTICES_FEW, s->desc.samples));
+}
+
+static sbl_result sbl__vertices_edges(sbl__base *base, sbl__vertices *s, const sbl__geometry *g, int triangle) {
+    const sbl__vertices_part *part = &s->parts[s->part];
+    const double mean = part->area / SBL__MAX(1, g->meshes[part->mesh].triangle_count);
+    uint32_t *corners = s->corners + 3 * (size_t)triangle;
+    sbl_result result = SBL_SUCCESS;
+    uint32_t i;
+    s->areas[triangle] = mean > 0 ? (float)(s->areas[triangle] / mean) : 1;
+    s->areas[triangle] = SBL__MAX(s->areas[triangle], SBL__VERTICES_LEAST);
+    s->points += sbl__vertices_samples(s, triangle);
+    for (i = 0; i < 3; i++) corners[i] = s->unknowns[corners[i]];
+    for (i = 0; i < 3 && sbl__vertices_bends(s) && result == SBL_SUCCESS; i++)
+        result = sbl__vertices_side(base, s, g, 3 * (uint32_t)triangle + i);
+    return result;
+}
+
+/* >>vertices: points */
+
+/* Weights of a triangle's corners at its point number k: quarters of quarters, in turn, and never at an edge (Basu and
+   Owen 2015, "Low Discrepancy Constructions in the Triangle"). */
+static void sbl__vertices_point(int k, double weights[3]) {
+    double scale = 1;
+    int i;
+    for (i = 0; i < 3; i++) weights[i] = 1 / 3.0;
+    for (; k > 0; k /= 4) {
+        const int corner = k % 4 - 1;
+        for (i = 0; i < 3 && corner >= 0; i++) weights[i] += 0.5 * scale * ((i == corner) - 1 / 3.0);
+        scale *= corner >= 0 ? 0.5 : -0.5;
+    }
+}
+
+/* As surface.glsl has it: the front is the interpolated normal's side, and that keeps off the horizon. */
+static void sbl__vertices_site(const sbl__geometry *g, uint32_t number, const double weights[3], sbl_site *out) {
+    const float *p[3];
+    double face[3], normal[3] = { 0, 0, 0 }, height = 0;
+    int i, k;
+    memset(out, 0, sizeof *out);
+    for (i = 0; i < 3; i++) p[i] = sbl__corner_of(g, number, i);
+    sbl__triangle_normal(p, face);
+    sbl__normalize(face);
+    for (k = 0; k < 3; k++) {
+        double at = 0;
+        for (i = 0; i < 3; i++) {
+            at += weights[i] * p[i][k];
+            normal[k] += weights[i] * g->attributes[g->indices[3 * (size_t)number + (size_t)i]].normal[k];
+        }
+        out->position[k] = (float)at;
+        height += normal[k] * face[k];
+    }
+    for (k = 0; k < 3 && height < 0; k++) face[k] = -face[k];
+    if (normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2] <= 1e-12 || !sbl__normalize(normal))
+        memcpy(normal, face, sizeof normal);
+    height = normal[0] * face[0] + normal[1] * face[1] + normal[2] * face[2];
+    for (k = 0; k < 3 && height < SBL__VERTICES_GRAZING; k++)
+        normal[k] += (SBL__VERTICES_GRAZING - height) * face[k];
+    sbl__normalize(normal);
+    for (k = 0; k < 3; k++) {
+        out->normal[k] = (float)normal[k];
+        out->geometric_normal[k] = (float)face[k];
+    }
+}
+
+/* The triangle of the point at hand; next.part is its part. */
+static int sbl__vertices_here(sbl__vertices *s) {
+    while (s->next.part + 1 < s->part_count && s->next.triangle >= s->parts[s->next.part + 1].first_triangle)
+        s->next.part++;
+    return s->next.triangle;
+}
+
+static void sbl__vertices_pass(sbl__vertices *s) {
+    if (++s->next.point < sbl__vertices_samples(s, s->next.triangle)) return;
+    s->next.point = 0;
+    s->next.triangle++;
+}
+
+static void sbl__vertices_ask(sbl__vertices *s, const sbl__geometry *g, int i) {
+    const int triangle = sbl__vertices_here(s);
+    double weights[3];
+    sbl__vertices_point(s->next.point, weights);
+    sbl__vertices_site(g, sbl__vertices_triangle(s, g, s->next.part, triangle), weights, &s->sites[i]);
+    sbl__vertices_pass(s);
+}
+
+/* What was found at a point goes to its triangle. */
+static sbl_result sbl__vertices_take(sbl__base *base, sbl__vertices *s, int i) {
+    const sbl_reading *r = &s->readings[i];
+    const int triangle = sbl__vertices_here(s), doubtful = r->back_share * r->hit_share > SBL__VERTICES_BACK;
+    const double weight = (double)s->areas[triangle] / sbl__vertices_samples(s, triangle);
+    double h[3];
+    float *sums;
+    int a, b, k;
+    sbl__vertices_point(s->next.point, h);
+    sbl__vertices_pass(s);
+    if (!r->valid) return SBL_SUCCESS;
+    s->parts[s->next.part].points += 1;
+    s->parts[s->next.part].doubtful += doubtful;
+    if (doubtful && !s->doubts)
+        s->doubts = (float *)sbl__alloc(base, (size_t)s->triangle_count, SBL__VERTICES_SUMS * sizeof *s->doubts);
+    sums = doubtful ? s->doubts : s->sums;
+    if (!sums) return SBL_ERROR_OUT_OF_MEMORY;
+    sums += SBL__VERTICES_SUMS * (size_t)triangle;
+    for (a = 0; a < 3; a++)
+        for (b = a; b < 3; b++) *sums++ += (float)(weight * h[a] * h[b]);
+    *sums++ += (float)weight;
+    for (a = 0; a < 3; a++)
+        for (k = 0; k < 3; k++) *sums++ += (float)(weight * h[a] * r->radiance[k]);
+    return SBL_SUCCESS;
+}
+
+/* >>vertices: the solution */
+
+static const unsigned char sbl__mass_at[3][3] = { { 0, 1, 2 }, { 1, 3, 4 }, { 2, 4, 5 } };
+
+/* A triangle's sums go to its corners. Where points were left out, they hold its corners together. */
+static void sbl__vertices_tighten(sbl__vertices *s, int triangle) {
+    const sbl__vertices_part *part = &s->parts[s->part];
+    const uint32_t *corners = s->corners + 3 * (size_t)triangle;
+    float *sums = s->sums + SBL__VERTICES_SUMS * (size_t)triangle, missing, spring;
+    const float *more = s->doubts ? s->doubts + SBL__VERTICES_SUMS * (size_t)triangle : NULL;
+    int a, b, k;
+    for (k = 0; k < SBL__VERTICES_SUMS && more && part->doubtful > SBL__VERTICES_INSIDE_OUT * part->points; k++)
+        sums[k] += more[k];
+    if (!(sums[6] > 0)) return;
+    missing = s->areas[triangle] - sums[6];
+    spring = missing > SBL__VERTICES_WHOLE * s->areas[triangle] ? SBL__VERTICES_SPRING * missing / 3 : 0;
+    for (a = 0; a < 3; a++) {
+        const size_t at = corners[a];
+        s->lit[at] = 1;
+        for (k = 0; k < 3; k++) s->rest[3 * at + (size_t)k] += sums[7 + 3 * a + k];
+        for (b = 0; b < 3 && !sbl__vertices_fits(s); b++) s->diagonal[at] += sums[sbl__mass_at[a][b]];
+    }
+    for (a = 0; a < 3 && sbl__vertices_fits(s); a++) {
+        for (b = a; b < 3; b++) sums[sbl__mass_at[a][b]] += a == b ? 2 * spring : -spring;
+        s->diagonal[corners[a]] += sums[sbl__mass_at[a][a]];
+    }
+}
+
+/* The four unknowns of a hinge, as its weights. */
+static void sbl__hinge_unknowns(const sbl__vertices *s, const sbl__hinge *h, size_t out[4]) {
+    out[0] = sbl__vertices_end(s, h->sides[0], 2);
+    out[1] = sbl__vertices_end(s, h->sides[1], 2);
+    out[2] = sbl__vertices_end(s, h->sides[0], 0);
+    out[3] = sbl__vertices_end(s, h->sides[0], 1);
+}
+
+static void sbl__vertices_bend(sbl__vertices *s, sbl__hinge *h) {
+    const float *known[2];
+    size_t at[4];
+    double scale;
+    int i;
+    for (i = 0; i < 2; i++) known[i] = s->sums + SBL__VERTICES_SUMS * (size_t)(h->sides[i] / 3) + 6;
+    scale = sqrt((double)s->desc.smoothing * SBL__MIN(*known[0], *known[1]));
+    sbl__hinge_unknowns(s, h, at);
+    for (i = 0; i < 4; i++) {
+        h->weights[i] = (float)(h->weights[i] * scale);
+        s->diagonal[at[i]] += (double)h->weights[i] * h->weights[i];
+    }
+}
+
+static void sbl__vertices_start(sbl__vertices *s, size_t unknown) {
+    const double d = s->diagonal[unknown];
+    size_t i;
+    for (i = 3 * unknown; i < 3 * unknown + 3; i++) {
+        s->way[i] = d > 0 ? s->rest[i] / d : 0;
+        s->power[i - 3 * unknown] += s->rest[i] * s->way[i];
+        s->scale[i - 3 * unknown] += s->way[i] * s->way[i];
+    }
+}
+
+/* step += a triangle's or a hinge's part of the matrix times way. */
+static void sbl__vertices_multiply(sbl__vertices *s, int triangle) {
+    const float *mass = s->sums + SBL__VERTICES_SUMS * (size_t)triangle;
+    const uint32_t *corners = s->corners + 3 * (size_t)triangle;
+    int a, b, k;
+    for (a = 0; a < 3; a++)
+        for (b = 0; b < 3; b++) {
+            const double m = mass[sbl__mass_at[a][b]], *from = s->way + 3 * (size_t)corners[b];
+            double *to = s->step + 3 * (size_t)corners[a];
+            for (k = 0; k < 3; k++) to[k] += m * from[k];
+        }
+}
+
+static void sbl__vertices_multiply_hinge(sbl__vertices *s, const sbl__hinge *h) {
+    size_t at[4];
+    int i, k;
+    sbl__hinge_unknowns(s, h, at);
+    for (k = 0; k < 3; k++) {
+        double bend = 0;
+        for (i = 0; i < 4; i++) bend += h->weights[i] * s->way[3 * at[i] + (size_t)k];
+        for (i = 0; i < 4; i++) s->step[3 * at[i] + (size_t)k] += h->weights[i] * bend;
+    }
+}
+
+static void sbl__vertices_advance(sbl__vertices *s, size_t unknown) {
+    const double d = s->diagonal[unknown];
+    int k;
+    for (k = 0; k < 3 && d > 0; k++) {
+        const size_t i = 3 * unknown + (size_t)k;
+        const double far = s->along[k] > 0 ? s->power[k] / s->along[k] : 0;
+        s->light[i] += far * s->way[i];
+        s->rest[i] -= far * s->step[i];
+        s->next_power[k] += s->rest[i] * s->rest[i] / d;
+        s->off[k] += s->rest[i] / d * (s->rest[i] / d);
+    }
+}
+
+static void sbl__vertices_turn(sbl__vertices *s, size_t unknown) {
+    const double d = s->diagonal[unknown];
+    int k;
+    for (k = 0; k < 3 && d > 0; k++) {
+        const size_t i = 3 * unknown + (size_t)k;
+        s->way[i] = s->rest[i] / d + (s->power[k] > 0 ? s->next_power[k] / s->power[k] : 0) * s->way[i];
+        s->step[i] = 0;
+    }
+}
+
+/* After a round: is the solution there? */
+static int sbl__vertices_solved(sbl__vertices *s) {
+    const double precision2 = SBL__VERTICES_PRECISION * SBL__VERTICES_PRECISION;
+    int k, solved = 1;
+    for (k = 0; k < 3; k++) solved &= s->off[k] <= precision2 * s->scale[k];
+    return solved || ++s->rounds >= SBL__VERTICES_ROUNDS;
+}
+
+/* >>vertices: what has no light of its own */
+
+static void sbl__vertices_spread(sbl__vertices *s, int triangle) {
+    const uint32_t *corners = s->corners + 3 * (size_t)triangle;
+    int a, b, k;
+    for (a = 0; a < 3; a++)
+        for (b = 0; b < 3 && !s->lit[corners[a]]; b++) {
+            if (!s->lit[corners[b]]) continue;
+            for (k = 0; k < 3; k++)
+                s->step[3 * (size_t)corners[a] + (size_t)k] += s->light[3 * (size_t)corners[b] + (size_t)k];
+            s->diagonal[corners[a]] += 1;
+        }
+}
+
+static void sbl__vertices_ring(sbl__vertices *s, size_t unknown) {
+    int k;
+    if (s->lit[unknown] || !(s->diagonal[unknown] > 0)) return;
+    for (k = 0; k < 3; k++) s->light[3 * unknown + (size_t)k] = s->step[3 * unknown + (size_t)k] / s->diagonal[unknown];
+    s->lit[unknown] = 1;
+    s->spread = 1;
+}
+
+static void sbl__vertices_write(sbl__vertices *s, size_t vertex) {
+    const uint32_t unknown = s->unknowns[vertex];
+    int k;
+    for (k = 0; k < 3; k++) {
+        const double x = unknown == SBL__VERTICES_NONE ? 0 : s->light[3 * (size_t)unknown + (size_t)k];
+        s->desc.radiance[3 * vertex + (size_t)k] = x > 0 ? (float)SBL__MIN(x, (double)FLT_MAX) : 0;
+    }
+}
+
+/* >>vertices: stages */
+
+/* slots for so many things, all free. */
+static int sbl__vertices_slots(sbl__base *base, sbl__vertices *s, size_t things) {
+    uint32_t count = 16;
+    while (count < 2 * things) count *= 2;
+    sbl__free(base, s->slots);
+    s->slots = (uint32_t *)sbl__alloc(base, count, sizeof *s->slots);
+    s->slot_mask = count - 1;
+    return s->slots != NULL;
+}
+
+static int sbl__vertices_make(sbl__base *base, sbl__vertices *s) {
+    const size_t vertices = (size_t)s->vertex_count, triangles = (size_t)s->triangle_count;
+    s->normals = (float *)sbl__alloc(base, vertices, 12);
+    s->unknowns = (uint32_t *)sbl__alloc_raw(base, vertices, sizeof *s->unknowns);
+    s->corners = (uint32_t *)sbl__alloc_raw(base, triangles, 12);
+    s->areas = (float *)sbl__alloc_raw(base, triangles, sizeof *s->areas);
+    if (s->unknowns) memset(s->unknowns, 0xff, vertices * sizeof *s->unknowns);
+    return s->normals && s->unknowns && s->corners && s->areas && sbl__vertices_slots(base, s, vertices);
+}
+
+/* Sites, readings, and sums of what they tell. */
+static int sbl__vertices_make_sums(sbl__base *base, sbl__vertices *s) {
+    const size_t most = (size_t)SBL__MIN(s->points, (double)SBL__VERTICES_POINTS);
+    sbl__free(base, s->normals);
+    sbl__free(base, s->slots);
+    s->normals = NULL;
+    s->slots = NULL;
+    s->sites = (sbl_site *)sbl__alloc_raw(base, most, sizeof *s->sites);
+    s->readings = (sbl_reading *)sbl__alloc_raw(base, most, sizeof *s->readings);
+    s->sums = (float *)sbl__alloc(base, (size_t)s->triangle_count, SBL__VERTICES_SUMS * sizeof *s->sums);
+    s->gathering.desc.sites = s->sites;
+    s->gathering.desc.readings = s->readings;
+    return s->sites && s->readings && s->sums;
+}
+
+static int sbl__vertices_make_solution(sbl__base *base, sbl__vertices *s) {
+    const size_t vertices = (size_t)s->vertex_count;
+    const int fits = sbl__vertices_fits(s);
+    sbl__free(base, s->sites);
+    sbl__free(base, s->readings);
+    s->sites = NULL;
+    s->readings = NULL;
+    s->lit = (unsigned char *)sbl__alloc(base, vertices, 1);
+    s->diagonal = (double *)sbl__alloc(base, vertices, 8);
+    s->rest = (double *)sbl__alloc(base, vertices, 24);
+    s->light = (double *)sbl__alloc(base, vertices, 24);
+    s->step = (double *)sbl__alloc(base, vertices, 24);
+    if (fits) s->way = (double *)sbl__alloc(base, vertices, 24);
+    return s->lit && s->diagonal && s->rest && s->light && s->step && (s->way || !fits);
+}
+
+/* Before a stage's first item. Returns 0 where memory is out. */
+static int sbl__vertices_enter(sbl__base *base, sbl__vertices *s) {
+    const double left = s->points - s->taken;
+    switch (s->stage) {
+        case SBL__VERTICES_FACES: return sbl__vertices_make(base, s);
+        case SBL__VERTICES_EDGES:
+            return !sbl__vertices_bends(s) || sbl__vertices_slots(base, s, 3 * (size_t)s->triangle_count);
+        case SBL__VERTICES_SITES:
+            if (!s->sites && !sbl__vertices_make_sums(base, s)) return 0;
+            s->site_count = (int)SBL__MIN(left, (double)SBL__VERTICES_POINTS);
+            s->first.part = s->next.part;
+            s->first.triangle = s->next.triangle;
+            s->first.point = s->next.point;
+            return 1;
+        case SBL__VERTICES_SENSE: sbl__gathering_more(&s->gathering, s->site_count); return 1;
+        case SBL__VERTICES_TAKE:
+            s->next.part = s->first.part;
+            s->next.triangle = s->first.triangle;
+            s->next.point = s->first.point;
+            return 1;
+        case SBL__VERTICES_TIGHTEN: return sbl__vertices_make_solution(base, s);
+        case SBL__VERTICES_DOT: memset(s->along, 0, sizeof s->along); return 1;
+        case SBL__VERTICES_ADVANCE:
+            memset(s->next_power, 0, sizeof s->next_power);
+            memset(s->off, 0, sizeof s->off);
+            return 1;
+        case SBL__VERTICES_SPREAD: s->spread = 0; return 1;
+        default: return 1;
+    }
+}
+
+/* Items of the stage. */
+static int sbl__vertices_items(const sbl__vertices *s) {
+    switch (s->stage) {
+        case SBL__VERTICES_FACES: case SBL__VERTICES_EDGES: case SBL__VERTICES_TIGHTEN: case SBL__VERTICES_MASS:
+        case SBL__VERTICES_SPREAD: return s->triangle_count;
+        case SBL__VERTICES_SITES: case SBL__VERTICES_TAKE: return s->site_count;
+        case SBL__VERTICES_BEND: case SBL__VERTICES_HINGES: return s->hinge_count;
+        default: return s->vertex_count;
+    }
+}
+
+/* The part that the vertex or triangle at hand is of, in stages that ask for it. */
+static void sbl__vertices_find_part(sbl__vertices *s) {
+    if (s->stage > SBL__VERTICES_EDGES && s->stage != SBL__VERTICES_TIGHTEN) return;
+    while (s->part + 1 < s->part_count) {
+        const sbl__vertices_part *next = &s->parts[s->part + 1];
+        if (s->at < (s->stage == SBL__VERTICES_WELD ? next->first_vertex : next->first_triangle)) break;
+        s->part++;
+    }
+}
+
+static sbl_result sbl__vertices_item(sbl__base *base, sbl__vertices *s, const sbl__geometry *g) {
+    const size_t at = (size_t)s->at;
+    int k;
+    sbl__vertices_find_part(s);
+    switch (s->stage) {
+        case SBL__VERTICES_FACES: sbl__vertices_face(s, g, s->at); break;
+        case SBL__VERTICES_WELD: sbl__vertices_weld(s, g, s->at); break;
+        case SBL__VERTICES_EDGES: return sbl__vertices_edges(base, s, g, s->at);
+        case SBL__VERTICES_SITES: sbl__vertices_ask(s, g, s->at); break;
+        case SBL__VERTICES_TAKE: return sbl__vertices_take(base, s, s->at);
+        case SBL__VERTICES_TIGHTEN: sbl__vertices_tighten(s, s->at); break;
+        case SBL__VERTICES_BEND: sbl__vertices_bend(s, &s->hinges[at]); break;
+        case SBL__VERTICES_START: sbl__vertices_start(s, at); break;
+        case SBL__VERTICES_MASS: sbl__vertices_multiply(s, s->at); break;
+        case SBL__VERTICES_HINGES: sbl__vertices_multiply_hinge(s, &s->hinges[at]); break;
+        case SBL__VERTICES_DOT:
+            for (k = 0; k < 3; k++) s->along[k] += s->way[3 * at + (size_t)k] * s->step[3 * at + (size_t)k];
+            break;
+        case SBL__VERTICES_ADVANCE: sbl__vertices_advance(s, at); break;
+        case SBL__VERTICES_TURN: sbl__vertices_turn(s, at); break;
+        case SBL__VERTICES_AVERAGE:
+            for (k = 0; k < 3 && s->diagonal[at] > 0; k++)
+                s->light[3 * at + (size_t)k] = s->rest[3 * at + (size_t)k] / s->diagonal[at];
+            break;
+        case SBL__VERTICES_SETTLE:
+            for (k = 0; k < 3; k++) s->step[3 * at + (size_t)k] = 0;
+            s->diagonal[at] = 0;
+            break;
+        case SBL__VERTICES_SPREAD: sbl__vertices_spread(s, s->at); break;
+        case SBL__VERTICES_RING: sbl__vertices_ring(s, at); break;
+        case SBL__VERTICES_WRITE: sbl__vertices_write(s, at); break;
+        default: break;
+    }
+    return SBL_SUCCESS;
+}
+
+/* The stage after the one whose items are through. */
+static sbl__vertices_stage sbl__vertices_next(sbl__vertices *s) {
+    switch (s->stage) {
+        case SBL__VERTICES_EDGES: return s->points > 0 ? SBL__VERTICES_SITES : SBL__VERTICES_WRITE;
+        case SBL__VERTICES_TAKE:
+            s->taken += s->site_count;
+            return s->taken < s->points ? SBL__VERTICES_SITES : SBL__VERTICES_TIGHTEN;
+        case SBL__VERTICES_TIGHTEN: return sbl__vertices_fits(s) ? SBL__VERTICES_BEND : SBL__VERTICES_AVERAGE;
+        case SBL__VERTICES_ADVANCE: return sbl__vertices_solved(s) ? SBL__VERTICES_SETTLE : SBL__VERTICES_TURN;
+        case SBL__VERTICES_TURN:
+            memcpy(s->power, s->next_power, sizeof s->power);
+            return SBL__VERTICES_MASS;
+        case SBL__VERTICES_RING:
+            return s->spread && ++s->ring < SBL__VERTICES_RINGS ? SBL__VERTICES_SPREAD : SBL__VERTICES_WRITE;
+        default: return (sbl__vertices_stage)(s->stage + 1);
+    }
+}
+
+/* The stage's items, from s->at on. */
+static sbl_result sbl__vertices_stage_step(sbl__core *c, sbl__vertices *s, sbl__slice *slice) {
+    if (!s->ready && !sbl__vertices_enter(&c->base, s)) return SBL_ERROR_OUT_OF_MEMORY;
+    s->ready = 1;
+    if (s->stage == SBL__VERTICES_SENSE) return sbl__gathering_step(c, &s->gathering, slice);
+    for (; s->at < sbl__vertices_items(s); s->at++) {
+        sbl_result result;
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        result = sbl__vertices_item(&c->base, s, &c->scene.geometry);
+        if (result != SBL_SUCCESS) return result;
+    }
+    return SBL_SUCCESS;
+}
+
+/* Stages until the slice is over, or a piece of a gather or a round of the solution is done. SBL_SUCCESS: all light is
+   there, and no memory is held. */
+static sbl_result sbl__vertices_step(sbl__core *c, sbl__vertices *s, sbl__slice *slice) {
+    const double start = sbl__now();
+    const int sense = s->stage == SBL__VERTICES_SENSE;
+    double *seconds = s->stage < SBL__VERTICES_SENSE ? &c->stats.seconds.surface : &c->stats.seconds.refine;
+    sbl_result result;
+    do {
+        result = sbl__vertices_stage_step(c, s, slice);
+        if (result != SBL_SUCCESS) break;
+        s->stage = sbl__vertices_next(s);
+        s->at = s->part = s->ready = 0;
+    } while (!sense && s->stage != SBL__VERTICES_SENSE && s->stage != SBL__VERTICES_MASS &&
+             s->stage != SBL__VERTICES_SPREAD && s->stage != SBL__VERTICES_DONE);
+    if (!sense) *seconds += sbl__now() - start;
+    if (s->stage == SBL__VERTICES_DONE) {
+        sbl__gathering gathering = s->gathering;  /* the host's progress is still to be called */
+        gathering.sites = NULL;
+        sbl__vertices_free(&c->base, s);
+        s->gathering = gathering;
+        s->stage = SBL__VERTICES_DONE;
+    }
+    return result != SBL_SUCCESS ? result : s->stage == SBL__VERTICES_DONE ? SBL_SUCCESS : SBL_UNFINISHED;
+}
+
+#define SBL__VERTICES_SENSING 0.95f  /* share of progress that gathers have */
+
+static float sbl__vertices_progress(const sbl__core *c, const sbl__vertices *s) {
+    double done = s->taken;
+    if (s->stage == SBL__VERTICES_DONE) return 1;
+    if (s->stage == SBL__VERTICES_SENSE) done += (double)sbl__gathering_progress(c, &s->gathering) * s->site_count;
+    if (s->stage == SBL__VERTICES_TAKE) done += s->site_count;
+    return s->points > 0 && s->stage > SBL__VERTICES_EDGES ? SBL__VERTICES_SENSING * (float)(done / s->points) : 0;
+}
+
+/* ======================================================================================================== >>probes
+   The front end for points in the air: batches of so many. A batch's light is gathered twice over: what lamps give, at
+   sites whose normals lie all over the sphere and face the cube's six sides; and what surfaces and the sky send, along
+   single rays. Where views see, the former sites find all the light, and rays only tell of surfaces. Then those probes
+   that stand inside something try other places, round by round. */
+
+#define SBL__PROBES_BATCH 128
+#define SBL__PROBE_RINGS 10        /* of normals, and so many on each: of a point of light 0.4 % of the norm of its */
+#define SBL__PROBE_AROUND 32       /* first four coefficients is left as alias, at most; */
+#define SBL__PROBE_VIEW_RINGS 6    /* where views see: 1.4 % */
+#define SBL__PROBE_VIEW_AROUND 22
+#define SBL__PROBE_LOOKS 4         /* towards lamps, of the cube's sides, whose noise no others average out */
+#define SBL__PROBE_LAMP_SHARE 64   /* of the rays, so small a share is sent to lamps from each normal: */
+#define SBL__PROBE_LAMP_LEAST 32   /* twice what lamps.glsl needs to know what is hidden by a ratio */
+#define SBL__PROBE_LAMP_MOST 256
+#define SBL__PROBE_INSIDE 0.25     /* share of all directions that end on back faces, at most */
+#define SBL__PROBE_BEYOND 0.125    /* of `move`: so far beyond a back face that is gone through, */
+#define SBL__PROBE_BARELY 0.015625 /* and at least so far */
+
+enum { SBL__PROBE_FACES, SBL__PROBE_RAYS, SBL__PROBE_KINDS };  /* of sites */
+
+typedef enum sbl__probing_stage {
+    SBL__PROBES_NONE, SBL__PROBES_PREPARE, SBL__PROBES_BATCH_NEXT, SBL__PROBES_SITES, SBL__PROBES_SENSE,
+    SBL__PROBES_TAKE, SBL__PROBES_CLOSE, SBL__PROBES_DONE
+} sbl__probing_stage;
+
+/* A probe of the batch, at one place. */
+typedef struct sbl__probe_sum {
+    int number;
+    int overflows;
+    float place[3];
+    double sh[9][3], cube[6][3];
+    double hits, back;             /* rays */
+    double weight[8], distance[8], squared[8];
+    float exits[8][4];             /* towards each octant the nearest back face that was seen from where the probe is
+                                      asked for: direction and distance; 0: none, or it was tried */
+} sbl__probe_sum;
+
+typedef struct sbl__probing {
+    sbl__probing_stage stage;
+    sbl_probes_desc desc;          /* defaults filled in */
+    sbl__seeing seeing;
+    sbl__spec specs[SBL__PROBE_KINDS];
+    int rings, around;             /* normals */
+    double ring[SBL__PROBE_RINGS], ring_weight[SBL__PROBE_RINGS];  /* their height, 0 to 1, and weight, all 1 */
+    uint32_t *sequence;            /* of the rays */
+    sbl__probe_sum *sums;          /* of the batch */
+    sbl__site *sites;              /* of a job */
+    sbl_reading *readings;
+    int first, taken;              /* probes: of the batch, and how many it began with */
+    int count, round;              /* those that are still tried */
+    int kind, from, job_count;     /* the sites of the job, counted over the batch */
+    int at;                        /* of the job, the next one to be made or taken */
+    float store_share;             /* of progress */
+    float progress;
+} sbl__probing;
+
+static void sbl__probing_free(sbl__base *base, sbl__probing *g) {
+    sbl__free(base, g->sequence);
+    sbl__free(base, g->sums);
+    sbl__free(base, g->sites);
+    sbl__free(base, g->readings);
+    memset(g, 0, sizeof *g);
+}
+
+static int sbl__probing_under_way(const sbl__probing *g) {
+    return g->stage != SBL__PROBES_NONE && g->stage != SBL__PROBES_DONE;
+}
+
+/* The share of a harmonic that a cosine leaves in R. */
+static double sbl__harmonic_share(int i) { return i == 0 ? 1 : i < 4 ? 2 / 3.0 : 0.25; }
+
+static void sbl__harmonics(const double d[3], double out[9]) {
+    const double a = 0.5 / sqrt(SBL__PI), b = a * sqrt(3.0), c = a * sqrt(15.0);
+    const double x = d[0], y = d[1], z = d[2];
+    out[0] = a;
+    out[1] = b * y;
+    out[2] = b * z;
+    out[3] = b * x;
+    out[4] = c * x * y;
+    out[5] = c * y * z;
+    out[6] = 0.5 * a * sqrt(5.0) * (3 * z * z - 1);
+    out[7] = c * x * z;
+    out[8] = 0.5 * c * (x * x - y * y);
+}
+
+/* The six sides of a cube. */
+static double sbl__side(const double d[3], int side) { return side & 1 ? -d[side / 2] : d[side / 2]; }
+
+/* The nodes and weights of Gauss and Legendre between 0 and 1: the polynomial's roots, by Newton's method. */
+static void sbl__gauss_nodes(int count, double *nodes, double *weights) {
+    int i, k, step;
+    for (i = 0; i < count; i++) {
+        double x = cos(SBL__PI * (i + 0.75) / (count + 0.5)), slope = 1;
+        for (step = 0; step < 20; step++) {
+            double before = 1, value = x;
+            for (k = 2; k <= count; k++) {
+                const double next = ((2 * k - 1) * x * value - (k - 1) * before) / k;
+                before = value;
+                value = next;
+            }
+            slope = count * (x * value - before) / (x * x - 1);
+            x -= value / slope;
+        }
+        nodes[i] = 0.5 + 0.5 * x;
+        weights[i] = 1 / ((1 - x * x) * slope * slope);
+    }
+}
+
+static int sbl__probe_normals(const sbl__probing *g) { return g->rings * g->around; }
+
+/* Sites of a probe. */
+static int sbl__probe_sites(const sbl__probing *g, int kind) {
+    return kind == SBL__PROBE_RAYS ? g->desc.rays : sbl__probe_normals(g) + 6;
+}
+
+/* Normal number i. The even part of R bends where a normal crosses a light's horizon, and needs many axes; its odd part
+   is as smooth as can be. So rings stand on the upper half, where their rule sees no bend at a pole; every other normal
+   is turned round to its antipode, which doubles the axes; and every other ring is turned by half a step. */
+static void sbl__probe_normal(const sbl__probing *g, int i, double out[3]) {
+    const int ring = i / g->around, step = i % g->around, sign = (ring + step) & 1 ? -1 : 1;
+    const double angle = 2 * SBL__PI * (step + 0.5 * (ring & 1)) / g->around, z = g->ring[ring], r = sqrt(1 - z * z);
+    out[0] = sign * r * cos(angle);
+    out[1] = sign * r * sin(angle);
+    out[2] = sign * z;
+}
+
+/* Where its site number i looks: along a ray; or a normal; or as one of the cube's sides. */
+static void sbl__probe_direction(const sbl__probing *g, int number, int i, double out[3]) {
+    const int normals = sbl__probe_normals(g);
+    double u[2], r;
+    if (g->kind == SBL__PROBE_FACES && i < normals) {
+        sbl__probe_normal(g, i, out);
+    } else if (g->kind == SBL__PROBE_FACES) {
+        out[0] = out[1] = out[2] = 0;
+        out[(i - normals) / 2] = (i - normals) & 1 ? -1 : 1;
+    } else {
+        sbl__sequence_at(g->sequence, i, sbl__hash((uint32_t)number ^ sbl__hash(g->desc.seed)), u);
+        out[2] = 1 - 2 * u[0];
+        r = sqrt(1 - out[2] * out[2]);
+        out[0] = r * cos(2 * SBL__PI * u[1]);
+        out[1] = r * sin(2 * SBL__PI * u[1]);
+    }
+}
+
+/* Where probe number i is asked for. */
+static void sbl__probe_asked(const sbl_probes_desc *d, int i, float out[3]) {
+    int k;
+    for (k = 0; k < 3; k++) {
+        const double share = (i % SBL__MAX(1, d->grid[k]) + 0.5) / SBL__MAX(1, d->grid[k]);
+        out[k] = d->positions ? d->positions[3 * (size_t)i + (size_t)k]
+                              : (float)((1 - share) * d->lowest[k] + share * d->highest[k]);
+        i /= SBL__MAX(1, d->grid[k]);
+    }
+}
+
+/* desc has its defaults filled in and has been checked; seeing, too. */
+static void sbl__probing_begin(const sbl__core *c, sbl__probing *g, const sbl_probes_desc *desc,
+                               const sbl__seeing *seeing) {
+    const float (*bounds)[3] = c->scene.geometry.bounds;
+    g->desc = *desc;
+    if (sbl__all_zero(desc->lowest, 3) && sbl__all_zero(desc->highest, 3)) {
+        memcpy(g->desc.lowest, bounds[0], sizeof g->desc.lowest);
+        memcpy(g->desc.highest, bounds[1], sizeof g->desc.highest);
+    }
+    g->seeing = *seeing;
+    g->rings = seeing->backend == SBL_BACKEND_TRACE ? SBL__PROBE_RINGS : SBL__PROBE_VIEW_RINGS;
+    g->around = seeing->backend == SBL_BACKEND_TRACE ? SBL__PROBE_AROUND : SBL__PROBE_VIEW_AROUND;
+    sbl__gauss_nodes(g->rings, g->ring, g->ring_weight);
+    g->store_share = sbl__prepare_share(c, seeing);
+    g->stage = SBL__PROBES_PREPARE;
+}
+
+/* How the two kinds of sites see, and memory for a batch. */
+static sbl_result sbl__probing_setup(sbl__core *c, sbl__probing *g) {
+    const int traced = g->seeing.backend == SBL_BACKEND_TRACE;
+    sbl__spec *faces = &g->specs[SBL__PROBE_FACES], *rays = &g->specs[SBL__PROBE_RAYS];
+    const int most = SBL__MAX(sbl__probe_sites(g, SBL__PROBE_FACES), g->desc.rays);
+    const int batch = SBL__MIN(SBL__PROBES_BATCH, g->desc.count);
+    const size_t room = (size_t)SBL__MIN(SBL__GATHER_SITES, (double)most * batch);
+    sbl__seeing seeing = g->seeing;
+    seeing.rays = SBL__MAX(g->desc.rays / SBL__PROBE_LAMP_SHARE, SBL__PROBE_LAMP_LEAST);
+    seeing.rays = SBL__MIN(seeing.rays, SBL__PROBE_LAMP_MOST);
+    if (traced) {  /* lamps alone */
+        seeing.mode = SBL_MODE_DIRECT;
+        seeing.epsilon = 0;
+    }
+    sbl__spec_make(faces, &seeing, &c->scene, &c->desc);
+    if (traced) faces->skyless = faces->dark = faces->narrow = faces->rays = 1;
+    faces->looks = SBL__PROBE_LOOKS;
+    seeing = g->seeing;
+    seeing.backend = SBL_BACKEND_TRACE;
+    seeing.rays = seeing.every_ray = 1;
+    sbl__spec_make(rays, &seeing, &c->scene, &c->desc);
+    rays->lamp_rays = 0;
+    rays->narrow = 1;
+    g->sequence = sbl__sequence_make(&c->base, 1, g->desc.rays, 1);
+    g->sums = (sbl__probe_sum *)sbl__alloc(&c->base, (size_t)batch, sizeof *g->sums);
+    g->sites = (sbl__site *)sbl__alloc_raw(&c->base, room, sizeof *g->sites);
+    g->readings = (sbl_reading *)sbl__alloc_raw(&c->base, room, sizeof *g->readings);
+    return g->sequence && g->sums && g->sites && g->readings ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+}
+
+/* The round's first job is next. Where nothing is a lamp, rays find all there is. */
+static void sbl__probing_round(const sbl__core *c, sbl__probing *g) {
+    const int faces = g->seeing.backend != SBL_BACKEND_TRACE || c->scene.lights.leaves > 0;
+    g->kind = faces ? SBL__PROBE_FACES : SBL__PROBE_RAYS;
+    g->from = g->at = 0;
+    g->stage = SBL__PROBES_SITES;
+}
+
+static void sbl__probing_batch(const sbl__core *c, sbl__probing *g) {
+    int i;
+    g->taken = g->count = SBL__MIN(SBL__PROBES_BATCH, g->desc.count - g->first);
+    g->round = 0;
+    memset(g->sums, 0, sizeof *g->sums * (size_t)g->count);
+    for (i = 0; i < g->count; i++) {
+        g->sums[i].number = g->first + i;
+        sbl__probe_asked(&g->desc, g->first + i, g->sums[i].place);
+    }
+    sbl__probing_round(c, g);
+}
+
+/* The sites of the next job; then it begins. */
+static sbl_result sbl__probing_sites(sbl__core *c, sbl__probing *g, sbl__slice *slice) {
+    const int each = sbl__probe_sites(g, g->kind), normals = sbl__probe_normals(g);
+    sbl__task task;
+    g->job_count = SBL__MIN(SBL__GATHER_SITES, g->count * each - g->from);
+    for (; g->at < g->job_count; g->at++) {
+        const int i = (g->from + g->at) % each;
+        const sbl__probe_sum *sum = &g->sums[(g->from + g->at) / each];
+        sbl__site *site = &g->sites[g->at];
+        double direction[3];
+        int k;
+        if (g->at && sbl__late(slice)) return SBL_UNFINISHED;
+        memset(site, 0, sizeof *site);
+        sbl__probe_direction(g, sum->number, i, direction);
+        for (k = 0; k < 3; k++) site->normal[k] = site->geometric_normal[k] = (float)direction[k];
+        memcpy(site->position, sum->place, sizeof site->position);
+        site->number = (uint32_t)sum->number * (uint32_t)each + (uint32_t)i;
+        site->looks = g->kind == SBL__PROBE_FACES && i >= normals ? g->specs[SBL__PROBE_FACES].looks : 1;
+    }
+    memset(&task, 0, sizeof task);
+    task.spec = g->specs[g->kind];
+    task.sites = g->sites;
+    task.readings = g->readings;
+    task.site_count = g->job_count;
+    sbl__job_begin(&c->job, &c->scene, &task);
+    return SBL_SUCCESS;
+}
+
+/* Adds light from the direction, of its site number `site`: radiance along a ray, or R of a normal. */
+static void sbl__probe_add(const sbl__probing *g, sbl__probe_sum *sum, int site, const double d[3],
+                           const sbl_reading *r) {
+    const int rays = g->kind == SBL__PROBE_RAYS;
+    const double share = rays ? 1.0 / g->desc.rays : g->ring_weight[site / g->around] / g->around;
+    const double area = 4 * SBL__PI * share;
+    double y[9];
+    int i, k;
+    sbl__harmonics(d, y);
+    for (i = 0; i < 9; i++) {
+        const double weight = area * y[i] / (rays ? 1 : sbl__harmonic_share(i));
+        for (k = 0; k < 3; k++) sum->sh[i][k] += weight * (double)r->radiance[k];
+    }
+    for (i = 0; i < 6 && rays; i++) {
+        const double weight = area / SBL__PI * SBL__MAX(sbl__side(d, i), 0.0);
+        for (k = 0; k < 3; k++) sum->cube[i][k] += weight * (double)r->radiance[k];
+    }
+}
+
+/* Adds what a ray met. */
+static void sbl__probe_meet(sbl__probe_sum *sum, const double d[3], const sbl_reading *r, int exits) {
+    const int here = (d[0] > 0) | (d[1] > 0) << 1 | (d[2] > 0) << 2;
+    const double distance = (double)r->hit_mean;
+    float *way = sum->exits[here];
+    int i, k;
+    if (!(r->hit_share > 0)) return;
+    sum->hits++;
+    for (i = 0; i < 8; i++) {
+        const double along = ((i & 1 ? d[0] : -d[0]) + (i & 2 ? d[1] : -d[1]) + (i & 4 ? d[2] : -d[2])) / sqrt(3.0);
+        const double weight = SBL__MAX(along, 0.0);
+        sum->weight[i] += weight;
+        sum->distance[i] += weight * distance;
+        sum->squared[i] += weight * distance * distance;
+    }
+    if (!(r->back_share > 0)) return;
+    sum->back++;
+    if (!exits || (way[3] > 0 && way[3] <= r->hit_mean)) return;
+    for (k = 0; k < 3; k++) way[k] = (float)d[k];
+    way[3] = r->hit_mean;
+}
+
+/* Takes the job's readings. */
+static sbl_result sbl__probing_take(sbl__probing *g, sbl__slice *slice) {
+    const int each = sbl__probe_sites(g, g->kind), normals = sbl__probe_normals(g);
+    const int traced = g->seeing.backend == SBL_BACKEND_TRACE;
+    for (; g->at < g->job_count; g->at++) {
+        const int i = (g->from + g->at) % each;
+        const sbl_reading *r = &g->readings[g->at];
+        sbl__probe_sum *sum = &g->sums[(g->from + g->at) / each];
+        double d[3];
+        int k;
+        if (g->at && sbl__late(slice)) return SBL_UNFINISHED;
+        sum->overflows |= !r->valid;
+        if (g->kind == SBL__PROBE_FACES && i >= normals) {
+            for (k = 0; k < 3; k++) sum->cube[i - normals][k] += (double)r->radiance[k];
+            continue;
+        }
+        sbl__probe_direction(g, sum->number, i, d);
+        if (traced || g->kind == SBL__PROBE_FACES) sbl__probe_add(g, sum, i, d, r);
+        if (g->kind == SBL__PROBE_RAYS) sbl__probe_meet(sum, d, r, g->round == 0 && g->desc.move > 0);
+    }
+    return SBL_SUCCESS;
+}
+
+/* The probe that the sums make. */
+static void sbl__probe_make(const sbl__probing *g, const sbl__probe_sum *sum, sbl_probe *out) {
+    int i, k, finite;
+    memset(out, 0, sizeof *out);
+    for (i = 0; i < 9; i++) for (k = 0; k < 3; k++) out->sh[i][k] = (float)sum->sh[i][k];
+    for (i = 0; i < 6; i++) for (k = 0; k < 3; k++) out->cube[i][k] = (float)sum->cube[i][k];
+    for (i = 0; i < 8 && sum->hits > 0; i++) {
+        out->distance[i] = sum->weight[i] > 0 ? (float)(sum->distance[i] / sum->weight[i]) : 0;
+        out->distance_squared[i] = sum->weight[i] > 0 ? (float)(sum->squared[i] / sum->weight[i]) : 0;
+    }
+    out->sky = (float)(1 - sum->hits / g->desc.rays);
+    out->back_share = sum->hits > 0 ? (float)(sum->back / sum->hits) : 0;
+    finite = sbl__all_finite(&out->sh[0][0], 27) && sbl__all_finite(&out->cube[0][0], 18) &&
+             sbl__all_finite(out->distance, 8) && sbl__all_finite(out->distance_squared, 8);
+    if (!finite) memset(out, 0, sizeof *out);
+    out->valid = finite && !sum->overflows && sum->back <= SBL__PROBE_INSIDE * g->desc.rays;
+    memcpy(out->position, sum->place, sizeof out->position);
+}
+
+/* Moves it out through the nearest back face that is left. 0: there is none near enough. */
+static int sbl__probe_move(const sbl__probing *g, sbl__probe_sum *sum) {
+    const double most = (double)g->desc.move;
+    float from[3], *way = NULL;
+    double far_off;
+    int i, k;
+    for (i = 0; i < 8; i++)
+        if (sum->exits[i][3] > 0 && (!way || sum->exits[i][3] < way[3])) way = sum->exits[i];
+    if (!way || (double)way[3] > (1 - SBL__PROBE_BARELY) * most) return 0;
+    far_off = SBL__MIN((double)way[3] + SBL__PROBE_BEYOND * most, most);
+    sbl__probe_asked(&g->desc, sum->number, from);
+    for (k = 0; k < 3; k++) sum->place[k] = (float)((double)from[k] + far_off * (double)way[k]);
+    way[3] = 0;
+    return 1;
+}
+
+/* Tells the host what was found; those that are not valid go on to the next round. */
+static void sbl__probing_close(sbl__core *c, sbl__probing *g) {
+    int i, left = 0;
+    c->stats.sensors += g->count;
+    for (i = 0; i < g->count; i++) {
+        sbl__probe_sum next;
+        sbl_probe probe;
+        sbl__probe_make(g, &g->sums[i], &probe);
+        if (probe.valid || g->round == 0) g->desc.probes[g->sums[i].number] = probe;
+        c->stats.invalid_sensors += probe.valid ? g->round == 0 ? 0 : -1 : g->round == 0;
+        if (probe.valid) continue;
+        memset(&next, 0, sizeof next);
+        next.number = g->sums[i].number;
+        memcpy(next.exits, g->sums[i].exits, sizeof next.exits);
+        if (sbl__probe_move(g, &next)) g->sums[left++] = next;
+    }
+    g->count = left;
+    g->round++;
+    if (left) sbl__probing_round(c, g);
+    else {
+        g->first += g->taken;
+        g->stage = g->first < g->desc.count ? SBL__PROBES_BATCH_NEXT : SBL__PROBES_DONE;
+    }
+}
+
+/* One bounded piece. SBL_SUCCESS: all probes are there. */
+static sbl_result sbl__probing_step(sbl__core *c, sbl__probing *g, sbl__slice *slice) {
+    const double start = sbl__now();
+    const double bounced = c->stats.seconds.bounce;
+    double *seconds = g->stage == SBL__PROBES_PREPARE ? &c->stats.seconds.surface : &c->stats.seconds.gather;
+    sbl_result result = SBL_SUCCESS;
+    switch (g->stage) {
+        case SBL__PROBES_PREPARE:
+            result = sbl__prepare(c, &g->seeing, slice);
+            if (result != SBL_SUCCESS || !g->desc.count) break;
+            result = sbl__probing_setup(c, g);
+            break;
+        case SBL__PROBES_BATCH_NEXT: sbl__probing_batch(c, g); break;
+        case SBL__PROBES_SITES:
+            result = sbl__probing_sites(c, g, slice);
+            if (result == SBL_SUCCESS) g->stage = SBL__PROBES_SENSE;
+            break;
+        case SBL__PROBES_SENSE:
+            result = sbl__job_step(&c->device, &c->job, slice);
+            if (result != SBL_SUCCESS) break;
+            sbl__core_count(c);
+            g->at = 0;
+            g->stage = SBL__PROBES_TAKE;
+            break;
+        case SBL__PROBES_TAKE:
+            result = sbl__probing_take(g, slice);
+            if (result != SBL_SUCCESS) break;
+            g->from += g->job_count;
+            g->at = 0;
+            g->stage = SBL__PROBES_SITES;
+            if (g->from < g->count * sbl__probe_sites(g, g->kind)) break;
+            g->from = 0;
+            if (++g->kind == SBL__PROBE_KINDS) g->stage = SBL__PROBES_CLOSE;
+            break;
+        case SBL__PROBES_CLOSE: sbl__probing_close(c, g); break;
+        default: break;
+    }
+    if (g->stage == SBL__PROBES_PREPARE && result == SBL_SUCCESS)
+        g->stage = g->desc.count ? SBL__PROBES_BATCH_NEXT : SBL__PROBES_DONE;
+    *seconds += sbl__now() - start - (c->stats.seconds.bounce - bounced);
+    return result != SBL_SUCCESS ? result : g->stage == SBL__PROBES_DONE ? SBL_SUCCESS : SBL_UNFINISHED;
+}
+
+static float sbl__probing_progress(const sbl__core *c, const sbl__probing *g) {
+    double part = 0;
+    if (g->stage == SBL__PROBES_DONE) return 1;
+    if (g->stage <= SBL__PROBES_BATCH_NEXT) return (float)(g->first / (double)SBL__MAX(1, g->desc.count));
+    if (g->stage == SBL__PROBES_SENSE) part = (double)sbl__job_progress(&c->job) * g->job_count;
+    else if (g->stage == SBL__PROBES_TAKE) part = g->job_count;
+    part = (part + g->from) / SBL__MAX(1, g->count * sbl__probe_sites(g, SBL__MIN(g->kind, SBL__PROBE_RAYS)));
+    part = 0.5 * (SBL__MIN(part, 1.0) + g->kind);
+    return (float)((g->first + (g->round ? 1 : SBL__MIN(part, 1.0)) * g->taken) / g->desc.count);
 }
 
 /* ======================================================================================================== >>inspect
@@ -13296,10 +15817,10 @@ static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gb
     const float *middle, *corner;
     float pixels[SBL__TRIAL_SIZE * SBL__TRIAL_SIZE][4];
     sbl__camera camera;
-    const sbl__slice slice = sbl__slice_of(&c->desc, 0);
+    sbl__slice slice = sbl__slice_of(&c->desc, 0);
     sbl__surface_job job;
     sbl_picture_desc view;
-    sbl_result result = sbl__surface_make(&c->device, surface, SBL__TRIAL_SIZE, SBL__TRIAL_SIZE);
+    sbl_result result = sbl__surface_make(&c->device, surface, SBL__TRIAL_SIZE, SBL__TRIAL_SIZE, 0);
     if (result == SBL_SUCCESS)
         result = sbl__gbuffer_make(&c->device, gbuffer, SBL__TRIAL_SIZE, SBL__TRIAL_SIZE, &surface->depth);
     if (result != SBL_SUCCESS) return result;
@@ -13311,7 +15832,7 @@ static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gb
     job.scene = &c->scene;
     job.camera = &camera;
     job.gbuffer = gbuffer;
-    sbl__surface_begin(surface);
+    sbl__surface_begin(surface, 0);
     do result = sbl__surface_step(&c->device, surface, &job, &slice); while (result == SBL_UNFINISHED);
     if (result == SBL_SUCCESS)
         result = sbl__target_read(&c->device, &gbuffer->target, SBL__GBUFFER_POSITION, 0, SBL__TRIAL_SIZE, pixels);
@@ -13516,7 +16037,9 @@ static void sbl__egl_destroy(sbl__egl *e) { (void)e; }
 /* ======================================================================================================== >>public
    Thin: validate, run the stages, put GL back. */
 
-typedef enum sbl__work { SBL__WORK_NONE, SBL__WORK_PICTURE, SBL__WORK_GATHER } sbl__work;
+typedef enum sbl__work {
+    SBL__WORK_NONE, SBL__WORK_PICTURE, SBL__WORK_GATHER, SBL__WORK_VERTICES, SBL__WORK_PROBES
+} sbl__work;
 
 /* Is the host being called? Callbacks may ask how things are; that of progress, between two pieces of work, may read
    channels too. */
@@ -13528,6 +16051,8 @@ struct sbl_context {
     sbl__core core;
     sbl__picture picture;      /* under way, or finished */
     sbl__gathering gathering;
+    sbl__probing probing;
+    sbl__vertices vertices;
     sbl__inspection inspection;
     sbl__work work;            /* what was begun last */
     sbl__inside inside;
@@ -13645,6 +16170,101 @@ SBL_API sbl_gather_desc sbl_gather_desc_defaults(const sbl_gather_desc *desc) {
     return d;
 }
 
+/* The picture that a lightmap is. */
+static sbl_picture_desc sbl__lightmap_picture(const sbl_lightmap_desc *d) {
+    sbl_picture_desc picture;
+    memset(&picture, 0, sizeof picture);
+    picture.width = d->width;
+    picture.height = d->height;
+    picture.mode = d->mode;
+    picture.preset = d->preset;
+    picture.backend = d->backend;
+    picture.error = d->error;
+    picture.rays = d->rays;
+    picture.sensor_size = d->sensor_size;
+    picture.tile = d->tile;
+    picture.threshold = d->threshold;
+    picture.epsilon = d->epsilon;
+    picture.filter_radius = d->filter_radius;
+    picture.samples = 1;
+    picture.seed = d->seed;
+    picture.progress = d->progress;
+    picture.progress_user = d->progress_user;
+    sbl__identity(picture.world_to_view);
+    return sbl_picture_desc_defaults(&picture);
+}
+
+SBL_API sbl_probes_desc sbl_probes_desc_defaults(const sbl_probes_desc *desc) {
+    sbl_probes_desc d;
+    sbl__seeing seeing;
+    int draft, high;
+    memset(&d, 0, sizeof d);
+    if (desc) d = *desc;
+    draft = d.preset == SBL_PRESET_DRAFT;
+    high = d.preset == SBL_PRESET_HIGH;
+    if (!d.sensor_size) d.sensor_size = draft ? 8 : high ? 32 : 16;
+    if (!d.rays) d.rays = draft ? 1024 : high ? 16384 : 4096;
+    if (!d.positions && !d.count) d.count = sbl__grid_count(d.grid);
+    seeing = sbl__probes_seeing(&d);
+    sbl__seeing_defaults(&seeing);
+    d.mode = seeing.mode;
+    d.epsilon = seeing.epsilon;
+    return d;
+}
+
+SBL_API sbl_lightmap_desc sbl_lightmap_desc_defaults(const sbl_lightmap_desc *desc) {
+    sbl_lightmap_desc d;
+    sbl_picture_desc picture;
+    memset(&d, 0, sizeof d);
+    if (desc) d = *desc;
+    if (!d.width && !d.height) d.width = d.height = 512;
+    if (!d.gutter) d.gutter = 16;
+    if (sbl__zero(&d.error))
+        d.error = d.preset == SBL_PRESET_DRAFT ? 0.02f : d.preset == SBL_PRESET_HIGH ? 0.0025f : 0.005f;
+    picture = sbl__lightmap_picture(&d);
+    d.mode = picture.mode;
+    d.error = picture.error;
+    d.sensor_size = picture.sensor_size;
+    d.tile = picture.tile;
+    d.epsilon = picture.epsilon;
+    d.filter_radius = picture.filter_radius;
+    return d;
+}
+
+/* The gather that light at vertices is made of, without its sites. */
+static sbl_gather_desc sbl__vertices_gather(const sbl_vertices_desc *d) {
+    sbl_gather_desc gather;
+    memset(&gather, 0, sizeof gather);
+    gather.mode = d->mode;
+    gather.preset = d->preset;
+    gather.backend = d->backend;
+    gather.rays = d->rays;
+    gather.sensor_size = d->sensor_size;
+    gather.epsilon = d->epsilon;
+    gather.seed = d->seed;
+    gather.progress = d->progress;
+    gather.progress_user = d->progress_user;
+    return sbl_gather_desc_defaults(&gather);
+}
+
+SBL_API sbl_vertices_desc sbl_vertices_desc_defaults(const sbl_vertices_desc *desc) {
+    sbl_vertices_desc d;
+    sbl_gather_desc gather;
+    int draft, high;
+    memset(&d, 0, sizeof d);
+    if (desc) d = *desc;
+    draft = d.preset == SBL_PRESET_DRAFT;
+    high = d.preset == SBL_PRESET_HIGH;
+    if (!d.samples) d.samples = draft ? 4 : high ? 16 : 8;
+    if (sbl__zero(&d.smoothing)) d.smoothing = 0.02f;
+    if (!d.rays) d.rays = draft ? 16 : high ? 256 : 64;
+    gather = sbl__vertices_gather(&d);
+    d.mode = gather.mode;
+    d.sensor_size = gather.sensor_size;
+    d.epsilon = gather.epsilon;
+    return d;
+}
+
 /* >>public: contexts */
 
 /* All but the struct itself. A context that sbl_create gave up half-way is freed too. */
@@ -13655,6 +16275,8 @@ static void sbl__context_free(sbl_context *c) {
         sbl__visit_enter(c, &visit);
         sbl__picture_free(&core->device, &c->picture);
         sbl__gathering_free(&core->base, &c->gathering);
+        sbl__probing_free(&core->base, &c->probing);
+        sbl__vertices_free(&core->base, &c->vertices);
         sbl__inspection_free(&core->base, &c->inspection);
         sbl__bounce_end(core);
         sbl__job_free(&core->device, &core->job);
@@ -13751,6 +16373,8 @@ SBL_API void sbl_destroy(sbl_context *c) {
 static void sbl__abandon(sbl_context *c) {
     if (sbl__picture_under_way(&c->picture)) sbl__picture_free(&c->core.device, &c->picture);
     sbl__gathering_free(&c->core.base, &c->gathering);
+    sbl__probing_free(&c->core.base, &c->probing);
+    sbl__vertices_free(&c->core.base, &c->vertices);
     sbl__job_free(&c->core.device, &c->core.job);
     c->work = c->picture.stage == SBL__STAGE_NONE ? SBL__WORK_NONE : SBL__WORK_PICTURE;
 }
@@ -13902,28 +16526,24 @@ SBL_API sbl_result sbl_query_bounds(const sbl_context *c, float lowest[3], float
 
 /* >>public: begin, step, end */
 
-SBL_API sbl_result sbl_begin(sbl_context *c, const sbl_picture_desc *desc) {
+/* A picture, or where `lightmap` is not NULL a lightmap; d has been checked. asked: its error is the host's own. */
+static sbl_result sbl__begin(sbl_context *c, sbl_picture_desc d, int asked, const sbl_lightmap_desc *lightmap) {
     const double start = sbl__now();
-    sbl_picture_desc d = sbl_picture_desc_defaults(desc);
+    const int most = c->core.device.gl.capabilities.max_texture_size;
     sbl__seeing seeing = SBL__SEEING(&d);
     sbl__visit visit;
-    sbl_result result;
-    int most, level;
-    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
-    if (sbl__called_back(c, "sbl_begin", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
-    if (!sbl__has_scene(c, "sbl_begin")) return SBL_ERROR_STATE;
-    if (sbl__all_zero(d.world_to_view, 16)) sbl__camera_frame(&c->core.scene.geometry, &d);
-    result = sbl__check_picture(&c->core.base, desc, &d, c->core.scene.draw != NULL);
-    if (result != SBL_SUCCESS) return result;
-    most = c->core.device.gl.capabilities.max_texture_size;
+    sbl_result result = SBL_SUCCESS;
+    int level;
     if (d.width > most || d.height > most) {
-        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "sbl_picture_desc: size is %d x %d; this "
-                 "driver's textures are at most %d across", d.width, d.height, most);
+        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "%s: size is %d x %d; this driver's textures "
+                 "are at most %d across", lightmap ? "sbl_lightmap_desc" : "sbl_picture_desc", d.width, d.height, most);
         return SBL_ERROR_UNSUPPORTED;
     }
     d.backend = seeing.backend = sbl__choose_backend(&seeing, &c->core.scene);
     sbl__visit_enter(c, &visit);
     sbl__gathering_free(&c->core.base, &c->gathering);
+    sbl__probing_free(&c->core.base, &c->probing);
+    sbl__vertices_free(&c->core.base, &c->vertices);
     sbl__picture_free(&c->core.device, &c->picture);
     sbl__inspection_free(&c->core.base, &c->inspection);
     sbl__visit_leave(c, &visit);
@@ -13932,10 +16552,60 @@ SBL_API sbl_result sbl_begin(sbl_context *c, const sbl_picture_desc *desc) {
     c->core.stats.height = d.height;
     c->core.stats.error_asked = d.error;
     for (level = 0; level < SBL_MAX_LEVELS; level++) c->core.stats.levels[level].tile = SBL__MAX(1, d.tile >> level);
-    sbl__picture_begin(&c->picture, &c->core, &d, desc && desc->error > 0);
+    sbl__picture_begin(&c->picture, &c->core, &d, asked);
+    if (lightmap) result = sbl__picture_begin_lightmap(&c->core, &c->picture, lightmap);
     c->work = SBL__WORK_PICTURE;
+    if (result != SBL_SUCCESS) sbl__abandon(c);
     c->core.stats.seconds.total = sbl__now() - start;
-    return SBL_SUCCESS;
+    return result;
+}
+
+SBL_API sbl_result sbl_begin(sbl_context *c, const sbl_picture_desc *desc) {
+    sbl_picture_desc d = sbl_picture_desc_defaults(desc);
+    sbl_result result;
+    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
+    if (sbl__called_back(c, "sbl_begin", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
+    if (!sbl__has_scene(c, "sbl_begin")) return SBL_ERROR_STATE;
+    if (sbl__all_zero(d.world_to_view, 16)) sbl__camera_frame(&c->core.scene.geometry, &d);
+    result = sbl__check_picture(&c->core.base, desc, &d, c->core.scene.draw != NULL);
+    return result == SBL_SUCCESS ? sbl__begin(c, d, desc && desc->error > 0, NULL) : result;
+}
+
+/* d has its defaults filled in. */
+static sbl_result sbl__check_lightmap(const sbl__base *base, const sbl_lightmap_desc *given, const sbl_lightmap_desc *d,
+                                      const sbl__scene *scene) {
+    static const int gutters[2] = { -INT_MAX, 16384 };
+    const char *where = "sbl_lightmap_desc";
+    const sbl_picture_desc picture = sbl__lightmap_picture(d);
+    const sbl__geometry *g = &scene->geometry;
+    sbl__check check;
+    int i;
+    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_LIGHTMAP_DESC);
+    if (given && !sbl__check_canaries(&check, where, given->start_canary, given->end_canary))
+        return sbl__check_end(&check);
+    sbl__check_fields(&check, where, &picture, scene->draw != NULL);
+    if (d->mode == SBL_MODE_PAPER) sbl__mistake(&check, "%s: mode is SBL_MODE_PAPER; it is for pictures", where);
+    sbl__check_int(&check, where, "gutter", d->gutter, gutters);
+    sbl__check_array(&check, where, "mesh_count", d->mesh_count, d->meshes);
+    for (i = 0; d->meshes && i < d->mesh_count; i++) {
+        const int mesh = d->meshes[i];
+        if (mesh < 0 || mesh >= g->mesh_count)
+            sbl__mistake(&check, "%s: meshes[%d] is %d; the scene has %d", where, i, mesh, g->mesh_count);
+        else if (!g->meshes[mesh].lightmapped)
+            sbl__mistake(&check, "%s: meshes[%d] is %d, a mesh without lightmap_texcoords", where, i, mesh);
+    }
+    return sbl__check_end(&check);
+}
+
+SBL_API sbl_result sbl_begin_lightmap(sbl_context *c, const sbl_lightmap_desc *desc) {
+    const sbl_lightmap_desc d = sbl_lightmap_desc_defaults(desc);
+    const sbl_picture_desc picture = sbl__lightmap_picture(&d);
+    sbl_result result;
+    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
+    if (sbl__called_back(c, "sbl_begin_lightmap", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
+    if (!sbl__has_scene(c, "sbl_begin_lightmap")) return SBL_ERROR_STATE;
+    result = sbl__check_lightmap(&c->core.base, desc, &d, &c->core.scene);
+    return result == SBL_SUCCESS ? sbl__begin(c, picture, desc && desc->error > 0, &d) : result;
 }
 
 SBL_API sbl_result sbl_begin_gather(sbl_context *c, const sbl_gather_desc *desc) {
@@ -13960,28 +16630,154 @@ SBL_API sbl_result sbl_begin_gather(sbl_context *c, const sbl_gather_desc *desc)
     return SBL_SUCCESS;
 }
 
+/* d has its defaults filled in, and gather is what it is made of. */
+static sbl_result sbl__check_vertices(const sbl__base *base, const sbl_vertices_desc *given, const sbl_vertices_desc *d,
+                                      const sbl__scene *scene) {
+    static const int samples[2] = { 1, 1024 }, flags[2] = { 0, 1 };
+    const char *where = "sbl_vertices_desc";
+    const sbl_gather_desc gather = sbl__vertices_gather(d);
+    const sbl__seeing seeing = SBL__SEEING(&gather);
+    const sbl__geometry *g = &scene->geometry;
+    double vertices = 0, triangles = 0;
+    sbl__check check;
+    int i;
+    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_VERTICES_DESC);
+    if (given && !sbl__check_canaries(&check, where, given->start_canary, given->end_canary))
+        return sbl__check_end(&check);
+    sbl__check_seeing(&check, where, &seeing, scene->draw != NULL);
+    if (d->mode == SBL_MODE_PAPER) sbl__mistake(&check, "%s: mode is SBL_MODE_PAPER; it is for pictures", where);
+    sbl__check_int(&check, where, "samples", d->samples, samples);
+    sbl__check_int(&check, where, "average", d->average, flags);
+    if (!sbl__between(&d->smoothing, -FLT_MAX, SBL__VERTICES_SMOOTHEST))
+        sbl__mistake(&check, "%s: smoothing is %g; it must be finite and at most %g", where, (double)d->smoothing,
+                     (double)SBL__VERTICES_SMOOTHEST);
+    sbl__check_array(&check, where, "mesh_count", d->mesh_count, d->meshes);
+    for (i = 0; i < (d->mesh_count ? d->mesh_count : g->mesh_count) && (d->meshes || !d->mesh_count); i++) {
+        const int mesh = d->mesh_count ? d->meshes[i] : i;
+        if (mesh >= 0 && mesh < g->mesh_count) {
+            vertices += g->meshes[mesh].vertex_count;
+            triangles += g->meshes[mesh].triangle_count;
+        } else
+            sbl__mistake(&check, "%s: meshes[%d] is %d; the scene has %d", where, i, mesh, g->mesh_count);
+    }
+    if (vertices > INT_MAX / 4 || triangles > INT_MAX / 4)
+        sbl__mistake(&check, "%s: meshes have %.0f vertices and %.0f triangles; at most %d of each can be numbered",
+                     where, vertices, triangles, INT_MAX / 4);
+    if (vertices > 0 && !d->radiance)
+        sbl__mistake(&check, "%s: radiance is NULL; it receives 3 floats for each of %.0f vertices", where, vertices);
+    if ((double)d->count < 3 * vertices)
+        sbl__mistake(&check, "%s: count is %.0f; %.0f vertices need %.0f floats", where, (double)d->count, vertices,
+                     3 * vertices);
+    return sbl__check_end(&check);
+}
+
+SBL_API sbl_result sbl_begin_vertices(sbl_context *c, const sbl_vertices_desc *desc) {
+    const double start = sbl__now();
+    const sbl_vertices_desc d = sbl_vertices_desc_defaults(desc);
+    sbl_gather_desc gather = sbl__vertices_gather(&d);
+    sbl__seeing seeing = SBL__SEEING(&gather);
+    sbl__visit visit;
+    sbl_result result;
+    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
+    if (sbl__called_back(c, "sbl_begin_vertices", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
+    if (!sbl__has_scene(c, "sbl_begin_vertices")) return SBL_ERROR_STATE;
+    result = sbl__check_vertices(&c->core.base, desc, &d, &c->core.scene);
+    if (result != SBL_SUCCESS) return result;
+    gather.backend = seeing.backend = sbl__choose_backend(&seeing, &c->core.scene);
+    sbl__visit_enter(c, &visit);
+    sbl__abandon(c);
+    sbl__visit_leave(c, &visit);
+    sbl__core_begin(&c->core, &seeing);
+    result = sbl__vertices_begin(&c->core, &c->vertices, &d);
+    if (result != SBL_SUCCESS) return result;
+    sbl__gathering_begin(&c->core, &c->vertices.gathering, &gather, desc && desc->rays > 0);
+    c->work = SBL__WORK_VERTICES;
+    c->core.stats.seconds.total = sbl__now() - start;
+    return SBL_SUCCESS;
+}
+
+SBL_API sbl_result sbl_begin_probes(sbl_context *c, const sbl_probes_desc *desc) {
+    const double start = sbl__now();
+    const sbl_probes_desc d = sbl_probes_desc_defaults(desc);
+    sbl__seeing seeing = sbl__probes_seeing(&d);
+    sbl__visit visit;
+    sbl_result result;
+    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
+    if (sbl__called_back(c, "sbl_begin_probes", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
+    if (!sbl__has_scene(c, "sbl_begin_probes")) return SBL_ERROR_STATE;
+    sbl__seeing_defaults(&seeing);
+    result = sbl__check_probes(&c->core.base, desc, &d, &seeing, c->core.scene.draw != NULL);
+    if (result != SBL_SUCCESS) return result;
+    seeing.backend = sbl__choose_backend(&seeing, &c->core.scene);
+    sbl__visit_enter(c, &visit);
+    sbl__abandon(c);
+    sbl__visit_leave(c, &visit);
+    sbl__core_begin(&c->core, &seeing);
+    sbl__probing_begin(&c->core, &c->probing, &d, &seeing);
+    c->work = SBL__WORK_PROBES;
+    c->core.stats.seconds.total = sbl__now() - start;
+    return SBL_SUCCESS;
+}
+
+/* >>public: the work that was begun last */
+
+static sbl_result sbl__work_step(sbl_context *c, sbl__slice *slice) {
+    switch (c->work) {
+        case SBL__WORK_GATHER: return sbl__gathering_step(&c->core, &c->gathering, slice);
+        case SBL__WORK_VERTICES: return sbl__vertices_step(&c->core, &c->vertices, slice);
+        case SBL__WORK_PROBES: return sbl__probing_step(&c->core, &c->probing, slice);
+        default: return sbl__picture_step(&c->core, &c->picture, slice);
+    }
+}
+
+/* Without the store's share. */
+static float sbl__work_progress(const sbl_context *c) {
+    switch (c->work) {
+        case SBL__WORK_GATHER: return sbl__gathering_progress(&c->core, &c->gathering);
+        case SBL__WORK_VERTICES: return sbl__vertices_progress(&c->core, &c->vertices);
+        case SBL__WORK_PROBES: return sbl__probing_progress(&c->core, &c->probing);
+        default: return sbl__picture_progress(&c->core, &c->picture);
+    }
+}
+
+/* Whom it tells how far it is, how far that was, and the store's share of it. */
+typedef struct sbl__work_report {
+    int (*progress)(float done, void *user);
+    void *user;
+    float *done, store;
+} sbl__work_report;
+
+#define SBL__REPORT(work) { (work).desc.progress, (work).desc.progress_user, &(work).progress, (work).store_share }
+
+static sbl__work_report sbl__work_reports(sbl_context *c) {
+    const sbl__work_report picture = SBL__REPORT(c->picture), gather = SBL__REPORT(c->gathering);
+    const sbl__work_report vertices = SBL__REPORT(c->vertices.gathering), probes = SBL__REPORT(c->probing);
+    return c->work == SBL__WORK_GATHER ? gather : c->work == SBL__WORK_VERTICES ? vertices
+         : c->work == SBL__WORK_PROBES ? probes : picture;
+}
+
 /* One bounded piece of what is under way, and the host's word on it. */
 static sbl_result sbl__context_step(sbl_context *c, sbl__slice *slice) {
-    sbl__picture *p = &c->picture;
-    sbl__gathering *g = &c->gathering;
     sbl__core *core = &c->core;
-    const int picture = c->work == SBL__WORK_PICTURE;
     const double start = sbl__now();
-    int (*progress)(float, void *) = picture ? p->desc.progress : g->desc.progress;
-    float *done = picture ? &p->progress : &g->progress, store, now;
-    sbl_result result = picture ? sbl__picture_step(core, p, slice) : sbl__gathering_step(core, g, slice), errors;
-    errors = sbl__gl_check(&core->device.gl);
+    sbl_result result = sbl__work_step(c, slice);
+    const sbl_result errors = sbl__gl_check(&core->device.gl);
+    const sbl__work_report report = sbl__work_reports(c);
+    const float now = report.store * sbl__bounce_progress(core) + (1 - report.store) * sbl__work_progress(c);
     if (errors != SBL_SUCCESS && (result == SBL_SUCCESS || result == SBL_UNFINISHED)) result = errors;
-    store = picture ? p->store_share : g->store_share;
-    now = picture ? sbl__picture_progress(core, p) : sbl__gathering_progress(core, g);
-    now = store * sbl__bounce_progress(core) + (1 - store) * now;
-    *done = SBL__MAX(*done, now);
+    *report.done = SBL__MAX(*report.done, now);
     core->stats.seconds.total += sbl__now() - start;
-    if ((result != SBL_SUCCESS && result != SBL_UNFINISHED) || !progress) return result;
+    if ((result != SBL_SUCCESS && result != SBL_UNFINISHED) || !report.progress) return result;
     c->inside = SBL__INSIDE_PROGRESS;
-    if (progress(*done, picture ? p->desc.progress_user : g->desc.progress_user)) result = SBL_CANCELLED;
+    if (report.progress(*report.done, report.user)) result = SBL_CANCELLED;
     c->inside = SBL__INSIDE_WORK;
     return result;
+}
+
+/* Does core.job, or will it, work for sites that are not a picture's? */
+static int sbl__sites_under_way(const sbl_context *c) {
+    return sbl__gathering_under_way(&c->gathering) || sbl__vertices_under_way(&c->vertices) ||
+           sbl__probing_under_way(&c->probing);
 }
 
 #define SBL__SLICE_REST 0.2  /* share of a slice that is not worth another piece */
@@ -13997,7 +16793,7 @@ SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
         sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, "sbl_step", "there is no picture; call sbl_begin first");
         return SBL_ERROR_STATE;
     }
-    if (!sbl__picture_under_way(&c->picture) && !sbl__gathering_under_way(&c->gathering)) return SBL_SUCCESS;
+    if (!sbl__picture_under_way(&c->picture) && !sbl__sites_under_way(c)) return SBL_SUCCESS;
     slice = sbl__slice_of(&c->core.desc, seconds);
     last = seconds > 0 ? slice.end - SBL__SLICE_REST * seconds : DBL_MAX;
     sbl__visit_enter(c, &visit);
@@ -14019,13 +16815,32 @@ SBL_API sbl_result sbl_render(sbl_context *c, const sbl_picture_desc *desc) {
     return result == SBL_SUCCESS ? sbl_step(c, 0) : result;
 }
 
+SBL_API sbl_result sbl_bake_lightmap(sbl_context *c, const sbl_lightmap_desc *desc) {
+    const sbl_result result = sbl_begin_lightmap(c, desc);
+    return result == SBL_SUCCESS ? sbl_step(c, 0) : result;
+}
+
+SBL_API sbl_result sbl_bake_vertices(sbl_context *c, const sbl_vertices_desc *desc) {
+    const sbl_result result = sbl_begin_vertices(c, desc);
+    return result == SBL_SUCCESS ? sbl_step(c, 0) : result;
+}
+
 SBL_API sbl_result sbl_gather(sbl_context *c, const sbl_gather_desc *desc) {
     const sbl_result result = sbl_begin_gather(c, desc);
     return result == SBL_SUCCESS ? sbl_step(c, 0) : result;
 }
 
+SBL_API sbl_result sbl_bake_probes(sbl_context *c, const sbl_probes_desc *desc) {
+    const sbl_result result = sbl_begin_probes(c, desc);
+    return result == SBL_SUCCESS ? sbl_step(c, 0) : result;
+}
+
 SBL_API float sbl_progress(const sbl_context *c) {
-    return !c ? 0 : c->work == SBL__WORK_GATHER ? c->gathering.progress : c->picture.progress;
+    return !c ? 0
+         : c->work == SBL__WORK_GATHER   ? c->gathering.progress
+         : c->work == SBL__WORK_VERTICES ? c->vertices.gathering.progress
+         : c->work == SBL__WORK_PROBES   ? c->probing.progress
+                                         : c->picture.progress;
 }
 
 SBL_API void sbl_end(sbl_context *c) {
@@ -14035,6 +16850,8 @@ SBL_API void sbl_end(sbl_context *c) {
     sbl__visit_enter(c, &visit);
     sbl__picture_free(&c->core.device, &c->picture);
     sbl__gathering_free(&c->core.base, &c->gathering);
+    sbl__probing_free(&c->core.base, &c->probing);
+    sbl__vertices_free(&c->core.base, &c->vertices);
     sbl__inspection_free(&c->core.base, &c->inspection);
     sbl__bounce_end(&c->core);
     sbl__job_free(&c->core.device, &c->core.job);
@@ -14046,7 +16863,7 @@ SBL_API void sbl_end(sbl_context *c) {
 
 static const struct { int components, attachment; } sbl__channels[SBL_CHANNEL_COUNT] = {
     { 3, -1 }, { 3, -1 }, { 3, SBL__GBUFFER_ALBEDO }, { 3, -1 }, { 3, -1 }, { 1, -1 }, { 1, -1 }, { 1, -1 },
-    { 3, -1 }, { 1, -1 }
+    { 3, -1 }, { 1, -1 }, { 1, -1 }
 };
 
 SBL_API int sbl_channel_components(sbl_channel channel) {
@@ -14058,8 +16875,10 @@ static void sbl__channel_pixel(const sbl__picture *p, sbl_channel channel, size_
     const sbl__pixel *pixel = &p->refine.pixels[i];
     double depth = 0;
     int k;
-    for (k = 0; k < 3; k++) depth -= p->camera.back[k] * ((double)pixel->position[k] - p->camera.eye[k]);
-    if (!pixel->id) memset(out, 0, (size_t)sbl__channels[channel].components * sizeof *out);
+    for (k = 0; k < 3 && !p->lightmap; k++)
+        depth -= p->camera.back[k] * ((double)pixel->position[k] - p->camera.eye[k]);
+    if (channel == SBL_CHANNEL_OVERLAP) out[0] = p->lightmap ? sbl__atlas_others(&p->atlas, i) : 0;
+    else if (!pixel->id) memset(out, 0, (size_t)sbl__channels[channel].components * sizeof *out);
     else if (channel == SBL_CHANNEL_NORMAL) memcpy(out, pixel->normal, sizeof pixel->normal);
     else if (channel == SBL_CHANNEL_POSITION) memcpy(out, pixel->position, sizeof pixel->position);
     else if (channel == SBL_CHANNEL_STORE) memcpy(out, pixel->stored, sizeof pixel->stored);
@@ -14071,6 +16890,7 @@ static void sbl__channel_pixel(const sbl__picture *p, sbl_channel channel, size_
 /* The target that a channel is read from, or NULL where the host has it. */
 static const sbl__target *sbl__channel_target(const sbl__picture *p, sbl_channel channel) {
     const int done = p->stage == SBL__STAGE_DONE;
+    if (channel == SBL_CHANNEL_FINAL && p->lightmap && !done) return &p->filtered_target;
     if (channel == SBL_CHANNEL_FINAL) return done ? &p->final_targets[p->resolved & 1] : &p->preview_target;
     if (channel == SBL_CHANNEL_RADIANCE) return &p->filtered_target;
     return channel == SBL_CHANNEL_ALBEDO ? &p->gbuffer.target : NULL;
@@ -14240,9 +17060,9 @@ SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *
     looking.weights = weights;
     sbl__visit_enter(c, &visit);
     waiting = c->core.job;
-    if (sbl__gathering_under_way(&c->gathering)) memset(&c->core.job, 0, sizeof c->core.job);
+    if (sbl__sites_under_way(c)) memset(&c->core.job, 0, sizeof c->core.job);
     result = sbl__inspect(&looking);
-    if (sbl__gathering_under_way(&c->gathering)) {
+    if (sbl__sites_under_way(c)) {
         sbl__job_free(&c->core.device, &c->core.job);
         c->core.job = waiting;
     }

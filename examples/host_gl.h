@@ -38,7 +38,7 @@
     X(STENCILMASK, StencilMask) X(STENCILOP, StencilOp) X(TEXIMAGE2D, TexImage2D) X(TEXPARAMETERI, TexParameteri)                      \
     X(UNIFORM1F, Uniform1f) X(UNIFORM1I, Uniform1i) X(UNIFORM2F, Uniform2f) X(UNIFORM2I, Uniform2i) X(UNIFORM3FV, Uniform3fv)          \
     X(UNIFORM4F, Uniform4f) X(UNIFORMMATRIX4FV, UniformMatrix4fv) X(USEPROGRAM, UseProgram)                                            \
-    X(VERTEXATTRIBPOINTER, VertexAttribPointer) X(VIEWPORT, Viewport)
+    X(VERTEXATTRIB4F, VertexAttrib4f) X(VERTEXATTRIBPOINTER, VertexAttribPointer) X(VIEWPORT, Viewport)
 
 static struct host_gl {
 #define X(TYPE, name) PFNGL##TYPE##PROC name;

@@ -263,18 +263,23 @@ static float *scene__vectors(scene_file *file, const ai_real *from, unsigned cou
     return out;
 }
 
+/* assimp counts from the bottom, for glTF too. */
+static float *scene__texcoords(scene__reader *r, const struct aiMesh *in, unsigned set) {
+    const unsigned count = in->mNumVertices;
+    float *v = in->mTextureCoords[set] ? scene__vectors(r->file, &in->mTextureCoords[set]->x, count, 2, 3) : NULL;
+    size_t i;
+    for (i = 0; v && i < count; i++) v[2 * i + 1] = 1 - v[2 * i + 1];
+    return v;
+}
+
 static void scene__attributes(scene__reader *r, const struct aiMesh *in, sbl_mesh *out) {
     const unsigned set_of = in->mMaterialIndex < r->in->mNumMaterials ? r->uv_set[in->mMaterialIndex] : 0;
     const unsigned set = set_of < AI_MAX_NUMBER_OF_TEXTURECOORDS ? set_of : 0, count = in->mNumVertices;
     size_t i;
     out->positions.data = scene__vectors(r->file, &in->mVertices->x, count, 3, 3);
     if (in->mNormals) out->normals.data = scene__vectors(r->file, &in->mNormals->x, count, 3, 3);
-    if (in->mTextureCoords[set]) {
-        float *v = scene__vectors(r->file, &in->mTextureCoords[set]->x, count, 2, 3);
-        out->texcoords.data = v;
-        /* assimp counts from the bottom, for glTF too */
-        for (i = 0; v && i < count; i++) v[2 * i + 1] = 1 - v[2 * i + 1];
-    }
+    out->texcoords.data = scene__texcoords(r, in, set);
+    out->lightmap_texcoords.data = set == 1 ? out->texcoords.data : scene__texcoords(r, in, 1);
     if (in->mColors[0]) {
         float *v = scene__vectors(r->file, &in->mColors[0]->r, count, 4, 4);
         out->colors.data = v;

@@ -27,6 +27,7 @@ static int scene__trust_mesh(const scene_file *file, sbl_mesh *m) {
     return scene__trust_stream(file, &m->positions, m->vertex_count, 3, SBL_FLOAT32) &&
            scene__trust_stream(file, &m->normals, m->vertex_count, 3, SBL_FLOAT32) &&
            scene__trust_stream(file, &m->texcoords, m->vertex_count, 2, SBL_FLOAT32) &&
+           scene__trust_stream(file, &m->lightmap_texcoords, m->vertex_count, 2, SBL_FLOAT32) &&
            scene__trust_stream(file, &m->colors, m->vertex_count, 4, SBL_FLOAT32) &&
            scene__trust_stream(file, &m->indices, m->index_count, 1, SBL_UINT32);
 }

@@ -1,5 +1,5 @@
-// The surface points of the triangles that are seen.
-uniform usampler2D triangles;  // of visibility_fragment.glsl
+// The surface points of the triangles that are seen, or that a lightmap's texels show.
+uniform usampler2D triangles;  // of visibility_fragment.glsl; lightmaps: see SBL__ATLAS_WORDS
 uniform float facet_limit;     // shading normals count from triangles of this least height on, in pixels; fully
                                // from twice that on
 layout(location = 0) out vec4 out_position;          // w: reach, see surface.glsl
@@ -28,10 +28,15 @@ vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
 #endif
 
 void main() {
-    uint triangle = texelFetch(triangles, ivec2(gl_FragCoord.xy), 0).x;
+    uvec4 texel = texelFetch(triangles, ivec2(gl_FragCoord.xy), 0);
+    uint triangle = texel.x;
     out_position = out_normal = out_geometric_normal = out_albedo = out_emission = vec4(0);
     out_id = 0u;
     if (triangle > 0u) {
+#ifdef SBL_LIGHTMAP
+        sbl_Surface s = sbl_surface_front(int(triangle) - 1, uintBitsToFloat(texel.y), uintBitsToFloat(texel.z));
+        s.id = texel.w;
+#else
         vec3 origin = sbl_camera_origin(), direction = sbl_camera_direction();
         sbl_Surface s = sbl_surface(int(triangle) - 1, origin, direction);
         // Shading normals are there to hide facets; facets that are too small to be seen show the light that the
@@ -40,6 +45,7 @@ void main() {
         if (facet_limit > 0.0)
             s.normal = normalize(mix(s.geometric_normal, s.normal,
                                      clamp(s.facet / (facet_limit * pixel) - 1.0, 0.0, 1.0)));
+#endif
         out_position = vec4(s.position, s.reach);
         out_normal = vec4(s.normal, 0);
         out_geometric_normal = vec4(s.geometric_normal, 0);

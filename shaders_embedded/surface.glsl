@@ -39,20 +39,13 @@ sbl_Attributes sbl_mix_attributes(ivec3 v, vec3 b) {
     return sbl_Attributes(uv, color / 65535.0);
 }
 
-sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {
+// The point of a triangle at b1, b2, weights of its second and third corner, as it is seen along direction.
+sbl_Surface sbl_surface_at(int triangle, float b1, float b2, vec3 direction) {
     ivec3 v = sbl_corners(triangle);
     vec3 p0 = sbl_vertex_position(v.x), e1 = sbl_vertex_position(v.y) - p0, e2 = sbl_vertex_position(v.z) - p0;
     int object = int(sbl_vertex_object(v.x));
-
-    // Barycentrics of the ray's hit by Cramer's rule (Moeller and Trumbore 1997), kept inside the triangle.
-    // The cross product is scaled to the edges' size first, so that small triangles do not underflow.
     float size = max(max(max(abs(e1.x), abs(e1.y)), abs(e1.z)), max(max(abs(e2.x), abs(e2.y)), abs(e2.z)));
     vec3 s1 = e1 / size, s2 = e2 / size;
-    vec3 t = (origin - p0) / size, q = cross(t, s1), h = cross(direction, s2);
-    float determinant = dot(s1, h);
-    float b1 = clamp(dot(t, h) / determinant, 0.0, 1.0);
-    float b2 = clamp(dot(direction, q) / determinant, 0.0, 1.0 - b1);
-    if (!(abs(determinant) > 0.0)) { b1 = 1.0 / 3.0; b2 = 1.0 / 3.0; }
     float b0 = 1.0 - b1 - b2;
 
     sbl_Surface s;
@@ -76,3 +69,33 @@ sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {
     s.object = object;
     return s;
 }
+
+// Where a ray meets it.
+sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {
+    ivec3 v = sbl_corners(triangle);
+    vec3 p0 = sbl_vertex_position(v.x), e1 = sbl_vertex_position(v.y) - p0, e2 = sbl_vertex_position(v.z) - p0;
+
+    // Barycentrics of the ray's hit by Cramer's rule (Moeller and Trumbore 1997), kept inside the triangle.
+    // The cross product is scaled to the edges' size first, so that small triangles do not underflow.
+    float size = max(max(max(abs(e1.x), abs(e1.y)), abs(e1.z)), max(max(abs(e2.x), abs(e2.y)), abs(e2.z)));
+    vec3 s1 = e1 / size, s2 = e2 / size;
+    vec3 t = (origin - p0) / size, q = cross(t, s1), h = cross(direction, s2);
+    float determinant = dot(s1, h);
+    float b1 = clamp(dot(t, h) / determinant, 0.0, 1.0);
+    float b2 = clamp(dot(direction, q) / determinant, 0.0, 1.0 - b1);
+    if (!(abs(determinant) > 0.0)) { b1 = 1.0 / 3.0; b2 = 1.0 / 3.0; }
+    return sbl_surface_at(triangle, b1, b2, direction);
+}
+
+#ifdef SBL_LIGHTMAP
+// Seen from the front, see sbl_lightmap_desc.
+sbl_Surface sbl_surface_front(int triangle, float b1, float b2) {
+    ivec3 v = sbl_corners(triangle);
+    vec3 p0 = sbl_vertex_position(v.x), e1 = sbl_vertex_position(v.y) - p0, e2 = sbl_vertex_position(v.z) - p0;
+    float size = max(max(max(abs(e1.x), abs(e1.y)), abs(e1.z)), max(max(abs(e2.x), abs(e2.y)), abs(e2.z)));
+    vec3 face = normalize(cross(e1 / size, e2 / size));
+    vec3 normal = (1.0 - b1 - b2) * sbl_attributes_normal(v.x) + b1 * sbl_attributes_normal(v.y) +
+                  b2 * sbl_attributes_normal(v.z);
+    return sbl_surface_at(triangle, b1, b2, dot(normal, face) < 0.0 ? face : -face);
+}
+#endif

@@ -7,6 +7,7 @@ uniform int paired;                   // 1: an invocation takes two at a time; 0
 uniform bool dark;                    // nothing shines but lamps: rays merely tell where a sensor stands, and
                                       // those of its first look do
 uniform float spread;                 // 1: the cosine's whole hemisphere; 0: all rays go along the normal
+uniform float reach;                  // what is farther off counts as so far off in the mean distance
 uniform vec3 sky;
 uniform float ray_offset;             // of a surface's reach, that rays start off it
 SBL_OUT(0, out_sum);
@@ -89,7 +90,7 @@ void main() {
             sum.rgb += share * sbl_radiance(hit, from + direction * hit.distance, leg == SBL_LEGS - 1, further);
             if (leg == 0) {
                 sum.a += hit.back ? weight : 0.0;
-                hits.xy += weight * vec2(1.0, hit.distance);
+                hits.xy += weight * vec2(1.0, min(hit.distance, reach));
                 hits.z = min(hits.z, hit.distance);
             }
             share *= further;

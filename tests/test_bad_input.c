@@ -949,7 +949,7 @@ TEST(values_that_do_not_exist) {
     small_picture picture;
     SAID(sbl_read_channel(context, (sbl_channel)-1, some, 3), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_read_channel", "channel is -1");
     SAID(sbl_read_channel(context, SBL_CHANNEL_COUNT, picture.values, SMALL_FLOATS), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT,
-        "sbl_read_channel", "channel is 10");
+        "sbl_read_channel", "channel is 11");
     CHECK(sbl_channel_texture(context, (sbl_channel)-1) == 0 && sbl_channel_texture(context, SBL_CHANNEL_COUNT) == 0, "textures of channels that do not exist");
     CHECK(sbl_channel_components((sbl_channel)-1) == 0 && sbl_channel_components(SBL_CHANNEL_COUNT) == 0, "components of channels that do not exist");
     CHECK(sbl_result_string((sbl_result)-1) && sbl_result_string(SBL_RESULT_COUNT) && *sbl_result_string((sbl_result)99), "results that do not exist");

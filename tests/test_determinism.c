@@ -9,7 +9,7 @@
 #include "gl_host.h"
 #include "gl_fake.h"
 
-enum { WIDTH = 40, HEIGHT = 30, PIXELS = WIDTH * HEIGHT, FLOATS = 22 * PIXELS };  /* 6 channels of 3 floats, 4 of 1 */
+enum { WIDTH = 40, HEIGHT = 30, PIXELS = WIDTH * HEIGHT, FLOATS = 23 * PIXELS };  /* 6 channels of 3 floats, 5 of 1 */
 typedef struct picture { float values[FLOATS]; } picture;
 
 static watch seen;

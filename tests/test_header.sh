@@ -187,9 +187,15 @@ defaults_agree() {
     # a field and its comment on one line
     awk '{ if (inside) { sub(/^ */, " "); line = line $0 } else line = $0; inside = line ~ /\/\*/ && line !~ /\*\//; if (!inside) print line }' \
         sbl.h > "$folder/joined"
-    # sbl_gather_desc has the defaults of the fields that it shares, but where it says so
+    # the other descriptors have the defaults of the fields that they share with sbl_picture_desc, but where they say so
     awk '
-        /^typedef struct sbl_(picture|gather)_desc \{/ { inside = 1; gather = /gather/ }
+        /^typedef struct sbl_(picture|gather|lightmap|vertices|probes)_desc \{/ {
+            inside = 1
+            prefix = $3
+            sub(/^sbl_/, "", prefix)
+            sub(/_desc$/, ".", prefix)
+            if (prefix == "picture.") prefix = ""
+        }
         /^\}/ { inside = 0 }
         inside {
             names = $0
@@ -198,17 +204,18 @@ defaults_agree() {
             gsub(/,|\[[^]]*\]/, " ", names)
             count = split(names, name, " ")
         }
-        inside && gather && !/Default: / { if (name[1] in known) print "gather." name[1], known[name[1]]; next }
+        inside && prefix && !/Default: / { if (name[1] in known) print prefix name[1], known[name[1]]; next }
         inside && /Default: / {
             text = $0
             sub(/.*Default: /, "", text)
-            match(text, /^[0-9. \/]+/)
+            if (!match(text, /^[0-9. \/]+/)) next
             values = substr(text, 1, RLENGTH)
             split(values, value, " ")
             for (i = 1; i <= count; i++) {
-                if (values ~ /\//) known[name[i]] = value[1] " " value[3] " " value[5]
-                else known[name[i]] = value[i] " " value[i] " " value[i]
-                print (gather ? "gather." : "") name[i], known[name[i]]
+                if (values ~ /\//) is = value[1] " " value[3] " " value[5]
+                else is = value[i] " " value[i] " " value[i]
+                if (!prefix) known[name[i]] = is
+                print prefix name[i], is
             }
         }' "$folder/joined" | sed 's/\. / /g; s/\.$//' > "$folder/said"
     sed -n '/^typedef struct sbl_context_desc {/,/^}/s/^ *int \([a-z_]*\);.* 0: \([0-9][0-9]*\).*/\1 \2/p

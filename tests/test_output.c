@@ -4,20 +4,8 @@
 #define _GNU_SOURCE
 #include "test.h"
 #include "tool.h"
-#include <poll.h>
 #include <sys/ptrace.h>
 #include <sys/syscall.h>
-
-enum { SIGNALS = 3 };
-static const int signals[SIGNALS] = { SIGINT, SIGTERM, SIGHUP };
-
-/* A shell without job control starts its background jobs deaf to SIGINT. */
-static void hear_signals(void) {
-    int i;
-    for (i = 0; i < SIGNALS; i++) signal(signals[i], SIG_DFL);
-}
-
-static int said(const char *words) { return strstr(ran.err, words) != NULL; }
 
 static mode_t mode_of(const char *name) {
     struct stat info;
@@ -454,43 +442,6 @@ TEST(what_is_ignored_stays_ignored) {
 
 #define LONG "room.obj", "--mode", "ambient", "--size", "640x480", "--rays", "4096", "--threshold", "0", "--samples", "1"
 
-static char shown[1 << 18];
-
-/* Runs the tool on a terminal until its bar shows so many percent, then sends the signal. What it said lies in shown,
-   the end of it in ran.err. 0 where there are no terminals. */
-static int interrupt_at(const char *const *arguments, int percent, int number) {
-    struct pollfd waiting;
-    size_t n = 0;
-    int master = posix_openpt(O_RDWR | O_NOCTTY), slave = -1, sent = 0;
-    const char *name;
-    pid_t child;
-    if (master < 0 || grantpt(master) != 0 || unlockpt(master) != 0 || (name = ptsname(master)) == NULL ||
-        (slave = open(name, O_RDWR | O_NOCTTY)) < 0)
-        return 0;
-    in_child = hear_signals;
-    child = start(arguments, slave, 0);
-    in_child = NULL;
-    close(slave);
-    waiting.fd = master;
-    waiting.events = POLLIN;
-    while (poll(&waiting, 1, -1) > 0 && n < sizeof shown - 1) {
-        const ssize_t got = read(master, shown + n, sizeof shown - 1 - n);
-        const char *last;
-        if (got <= 0) break;
-        shown[n += (size_t)got] = 0;
-        last = strrchr(shown, ']');
-        if (!sent && last && strchr(last, '%') && atoi(last + 1) >= percent) {
-            kill(child, number);
-            sent = 1;
-        }
-    }
-    finish(child);
-    close(master);
-    shown[n] = 0;
-    snprintf(ran.err, sizeof ran.err, "%.500s", shown + (n < 500 ? 0 : n - 500));
-    return 1;
-}
-
 TEST(before_the_first_level) {
     static const char *const arguments[] = { LONG, "--tile", "1", "-o", "out.png", "--stats", "out.json", NULL };
     int k;
@@ -500,7 +451,7 @@ TEST(before_the_first_level) {
         if (!interrupt_at(arguments, k, signals[k])) SKIP("no pseudo-terminals");
         CHECK(ran.status == 128 + signals[k] && said("interrupted; there is nothing to be seen yet"),
               "exit status %d: %s", ran.status, ran.err);
-        CHECK(k < 2 || strstr(shown, " left"), "the bar should tell the time left: %s", ran.err);
+        CHECK(k < 2 || strstr(on_terminal, " left"), "the bar should tell the time left: %s", ran.err);
         CHECK(!exists("out.png") && !exists("out.partial.png") && !exists("out.json") && !parts_left(),
               "something was written");
     }

@@ -126,7 +126,7 @@ static void pin_cases(pin_case cases[PINS]) {
 static uint64_t hash_of(const sbl_picture_desc *view) {
     uint64_t hash = 14695981039346656037u;
     int channel;
-    for (channel = 0; channel < SBL_CHANNEL_COUNT; channel++) {
+    for (channel = 0; channel < SBL_CHANNEL_OVERLAP; channel++) {
         const size_t bytes = (size_t)(view->width * view->height * sbl_channel_components((sbl_channel)channel)) * sizeof(float);
         float *values = scene_channel(context, view, (sbl_channel)channel);
         size_t i;

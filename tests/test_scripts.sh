@@ -124,4 +124,22 @@ leak_is_seen() {
 check a_lost_context_is_seen leak_is_seen
 check mutants_fit_the_header tests/mutants --check
 
+# >>unwrap
+
+unwrap_without_blender() { ! env PATH=/nowhere /bin/sh scripts/unwrap examples/scenes/cornell_box.obj "$folder/u.glb" > "$folder/said" 2>&1; cat "$folder/said"; grep -q blender "$folder/said"; }
+unwrap_usage() {
+    scripts/unwrap examples/scenes/cornell_box.obj > "$folder/said" 2>&1
+    [ $? = 2 ] && grep -q 'SCENE OUT.glb' "$folder/said" && { scripts/unwrap examples/scenes/cornell_box.obj "$folder/u.obj" 2> "$folder/said"; [ $? = 2 ]; }
+}
+# the charts lie apart, on whole texels: nothing overlaps, nothing lies outside
+unwrap_box() {
+    scripts/unwrap examples/scenes/cornell_box.obj "$folder/u.glb" 128 &&
+    "${BUILD_DIR:-build}/sbl_bake" "$folder/u.glb" --lightmap 128 --mode direct --preset draft -o "$folder/baked" > "$folder/said" 2>&1 || { cat "$folder/said"; return 1; }
+    cat "$folder/said"
+    [ ! -s "$folder/said" ] && [ ! -e "$folder/baked/overlap.png" ] && [ -s "$folder/baked/lightmap.pfm" ]
+}
+check unwrap_without_blender unwrap_without_blender
+check unwrap_usage unwrap_usage
+if command -v blender > /dev/null; then check unwrap_box unwrap_box; else skip unwrap_box "no blender"; fi
+
 report

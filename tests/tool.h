@@ -1,5 +1,5 @@
-/* build/sbl_render run as a user runs it, in a folder of its own; for the tests of the command line. Include after
-   test.h.
+/* build/sbl_render run as a user runs it, in a folder of its own, or after tool_use("NAME") another tool; for the tests of
+   the command line. Include after test.h.
 
        int main(int argc, char **argv) {
            if (!tool_begin(argv[0])) return 1;
@@ -11,6 +11,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <ftw.h>
+#include <poll.h>
 #include <signal.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -105,6 +106,58 @@ static int run(const char *const *arguments) {
 #define TOOL(...) run((const char *const[]){ __VA_ARGS__, NULL })
 #define SMALL "--sensor-size", "8", "--samples", "1"
 
+static inline int said(const char *words) { return strstr(ran.err, words) != NULL; }
+
+/* ---- signals ---- */
+
+enum { SIGNALS = 3 };
+static const int signals[SIGNALS] = { SIGINT, SIGTERM, SIGHUP };
+
+/* A shell without job control starts its background jobs deaf to SIGINT. */
+static inline void hear_signals(void) {
+    int i;
+    for (i = 0; i < SIGNALS; i++) signal(signals[i], SIG_DFL);
+}
+
+static char on_terminal[1 << 18];
+
+/* Runs the tool on a terminal until its bar shows so many percent, then sends the signal. What it said lies in on_terminal,
+   the end of it in ran.err. 0 where there are no terminals. */
+static inline int interrupt_at(const char *const *arguments, int percent, int number) {
+    struct pollfd waiting;
+    size_t n = 0;
+    int master = posix_openpt(O_RDWR | O_NOCTTY), slave = -1, sent = 0;
+    const char *name;
+    pid_t child;
+    if (master < 0 || grantpt(master) != 0 || unlockpt(master) != 0 || (name = ptsname(master)) == NULL ||
+        (slave = open(name, O_RDWR | O_NOCTTY)) < 0)
+        return 0;
+    in_child = hear_signals;
+    child = start(arguments, slave, 0);
+    in_child = NULL;
+    close(slave);
+    waiting.fd = master;
+    waiting.events = POLLIN;
+    while (poll(&waiting, 1, -1) > 0 && n < sizeof on_terminal - 1) {
+        const ssize_t got = read(master, on_terminal + n, sizeof on_terminal - 1 - n);
+        const char *last;
+        if (got <= 0) break;
+        on_terminal[n += (size_t)got] = 0;
+        last = strrchr(on_terminal, ']');
+        if (!sent && last && strchr(last, '%') && atoi(last + 1) >= percent) {
+            kill(child, number);
+            sent = 1;
+        }
+    }
+    finish(child);
+    close(master);
+    on_terminal[n] = 0;
+    snprintf(ran.err, sizeof ran.err, "%.500s", on_terminal + (n < 500 ? 0 : n - 500));
+    return 1;
+}
+
+/* ---- files ---- */
+
 static char *in_folder(const char *name) {
     static char path[8][512];
     static int next;
@@ -154,7 +207,7 @@ static picture read_pfm(const char *name) {
     if (!in) return p;
     if (fgets(line, sizeof line, in) && strcmp(line, "PF\n") == 0 &&
         fscanf(in, "%d %d\n%f%n", &p.width, &p.height, &scale, &head) == 3 && fgetc(in) == '\n' && scale < 0 &&
-        p.width > 0 && p.height > 0 && p.width < 1000 && p.height < 1000) {
+        p.width > 0 && p.height > 0 && p.width < 4096 && p.height < 4096) {
         length = 3 * p.width;
         p.values = (float *)calloc((size_t)(length * p.height), sizeof(float));
         for (y = p.height - 1; y >= 0; y--)
@@ -168,7 +221,7 @@ static picture read_pfm(const char *name) {
     return p;
 }
 
-static void room_obj(void) {
+static inline void room_obj(void) {
     write_text("room.mtl", "newmtl floor\nKd .7 .5 .3\nnewmtl lamp\nKd 0 0 0\nKe 5 6 7\n");
     write_text(
         "room.obj",
@@ -176,6 +229,9 @@ static void room_obj(void) {
         "v -2 2 -2\nv 2 2 -2\nusemtl floor\nf 1 2 3 4\nf 1 4 10 9\nusemtl lamp\nf 5 6 7 8\n");
 }
 #define ROOM "room.obj", "--eye", "0,1.4,3", "--look-at", "0,.5,0", "--size", "24x16", SMALL
+
+/* From now on build/NAME is run. */
+static inline void tool_use(const char *name) { strcpy(strrchr(tool, '/') + 1, name); }
 
 /* Returns 0 where there is no place to work in. */
 static int tool_begin(const char *argv0) {

@@ -10,13 +10,22 @@ int main(void) {
     static const sbl_preset presets[3] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL_PRESET_HIGH };
     sbl_picture_desc zero = { 0 }, d[3], direct, paper;
     sbl_gather_desc gather = { 0 }, g[3];
+    sbl_lightmap_desc lightmap = { 0 }, l[3];
+    sbl_probes_desc probes = { 0 }, p[3];
+    sbl_vertices_desc vertices = { 0 }, v[3];
     int i;
-    zero.mode = gather.mode = SBL_MODE_AMBIENT;  /* which has an epsilon */
+    zero.mode = gather.mode = lightmap.mode = probes.mode = vertices.mode = SBL_MODE_AMBIENT;  /* which has an epsilon */
     for (i = 0; i < 3; i++) {
         zero.preset = presets[i];
         d[i] = sbl_picture_desc_defaults(&zero);
         gather.preset = presets[i];
         g[i] = sbl_gather_desc_defaults(&gather);
+        lightmap.preset = presets[i];
+        l[i] = sbl_lightmap_desc_defaults(&lightmap);
+        probes.preset = presets[i];
+        p[i] = sbl_probes_desc_defaults(&probes);
+        vertices.preset = presets[i];
+        v[i] = sbl_vertices_desc_defaults(&vertices);
     }
     zero.preset = SBL_PRESET_DEFAULT;
     zero.mode = SBL_MODE_DIRECT;
@@ -41,6 +50,28 @@ int main(void) {
     PRINT_GATHER(sensor_size);
     PRINT_GATHER(sensor_fov);
     PRINT_GATHER(epsilon);
+#define PRINT_LIGHTMAP(field) printf("lightmap." #field " %g %g %g\n", (double)l[0].field, (double)l[1].field, (double)l[2].field)
+    PRINT_LIGHTMAP(width);
+    PRINT_LIGHTMAP(height);
+    PRINT_LIGHTMAP(gutter);
+    PRINT_LIGHTMAP(error);
+    PRINT_LIGHTMAP(rays);
+    PRINT_LIGHTMAP(sensor_size);
+    PRINT_LIGHTMAP(tile);
+    PRINT_LIGHTMAP(threshold);
+    PRINT_LIGHTMAP(epsilon);
+    PRINT_LIGHTMAP(filter_radius);
+#define PRINT_PROBES(field) printf("probes." #field " %g %g %g\n", (double)p[0].field, (double)p[1].field, (double)p[2].field)
+    PRINT_PROBES(move);
+    PRINT_PROBES(rays);
+    PRINT_PROBES(sensor_size);
+    PRINT_PROBES(epsilon);
+#define PRINT_VERTICES(field) printf("vertices." #field " %g %g %g\n", (double)v[0].field, (double)v[1].field, (double)v[2].field)
+    PRINT_VERTICES(samples);
+    PRINT_VERTICES(smoothing);
+    PRINT_VERTICES(rays);
+    PRINT_VERTICES(sensor_size);
+    PRINT_VERTICES(epsilon);
     printf("longest_submission %g\n", (double)sbl_context_desc_defaults(NULL).longest_submission);
     printf("atlas_size %d\n", sbl_context_desc_defaults(NULL).atlas_size);
     printf("threshold in paper mode %g\n", (double)paper.threshold);

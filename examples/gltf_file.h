@@ -1,0 +1,255 @@
+/* Writes an sbl_scene_desc whose arrays lie in client memory, as scene_file.h makes it (32-bit floats and indices), as
+   glTF 2.0: a .gltf, a .bin with the arrays, and a .png for each texture. Lights are left out: what is written is meant
+   for surfaces whose light is baked. That is where the extension MOZ_lightmap says (index: of the texture, texCoord 1,
+   intensity), which viewers read as irradiance = intensity * texture, decoded from sRGB. Include after picture_file.h.
+
+       gltf_file out = { &file->scene, file->names, "scene.bin", "atlas.png", 3.5, NULL };
+       ok = gltf_write_json(stream, &out);     and gltf_write_bin, gltf_write_texture, each into a stream of its own  */
+#ifndef GLTF_FILE_H
+#define GLTF_FILE_H
+
+typedef struct gltf_file {
+    const sbl_scene_desc *scene;
+    const char *const *names;   /* of the meshes */
+    const char *bin;            /* the names that the .gltf refers to */
+    const char *lightmap;       /* NULL: none */
+    double intensity;
+    const float *radiance;      /* NULL, or three a vertex, mesh after mesh: the attribute _RADIANCE */
+} gltf_file;
+
+enum { GLTF_NAME = 32 };  /* characters of a texture's file */
+
+static void gltf_texture_name(char name[GLTF_NAME], int number) { snprintf(name, GLTF_NAME, "texture_%d.png", number); }
+
+/* ---- arrays, in the order in which they lie in the .bin ---- */
+
+enum { GLTF_POSITION, GLTF_NORMAL, GLTF_TEXCOORD_0, GLTF_TEXCOORD_1, GLTF_COLOR_0, GLTF_RADIANCE, GLTF_INDICES, GLTF_ARRAYS };
+
+typedef struct gltf__array { const void *data; int count, components; } gltf__array;
+
+/* first: of the mesh's vertices among all. */
+static void gltf__arrays(const gltf_file *f, const sbl_mesh *m, size_t first, gltf__array out[GLTF_ARRAYS]) {
+    const gltf__array all[GLTF_ARRAYS] = {
+        { m->positions.data, m->vertex_count, 3 }, { m->normals.data, m->vertex_count, 3 },
+        { m->texcoords.data, m->vertex_count, 2 }, { m->lightmap_texcoords.data, m->vertex_count, 2 },
+        { m->colors.data, m->vertex_count, 4 }, { f->radiance ? f->radiance + 3 * first : NULL, m->vertex_count, 3 },
+        { m->indices.data, m->index_count, 1 }
+    };
+    int i;
+    for (i = 0; i < GLTF_ARRAYS; i++) {
+        out[i] = all[i];
+        if (!out[i].data || out[i].count <= 0) out[i].count = 0;
+    }
+    for (i = 0; i < GLTF_ARRAYS && (!out[GLTF_POSITION].count || !out[GLTF_INDICES].count); i++) out[i].count = 0;
+}
+
+static size_t gltf__bytes(const gltf__array *a) { return 4 * (size_t)a->count * (size_t)a->components; }
+
+static void gltf__put_word(FILE *out, uint32_t word) {
+    unsigned char bytes[4];
+    int i;
+    for (i = 0; i < 4; i++) bytes[i] = (unsigned char)(word >> 8 * i & 255);
+    fwrite(bytes, 1, 4, out);
+}
+
+/* Normals as glTF wants them: of length 1. */
+static void gltf__put_normals(FILE *out, const float *v, int count) {
+    int i, k;
+    for (i = 0; i < count; i++, v += 3) {
+        const double length = sqrt((double)v[0] * (double)v[0] + (double)v[1] * (double)v[1] + (double)v[2] * (double)v[2]);
+        for (k = 0; k < 3; k++) {
+            const float unit = length > 0 ? (float)((double)v[k] / length) : k == 1 ? 1.0f : 0.0f;
+            uint32_t word;
+            memcpy(&word, &unit, 4);
+            gltf__put_word(out, word);
+        }
+    }
+}
+
+static int gltf_write_bin(FILE *out, const gltf_file *f) {
+    const sbl_mesh *m = f->scene->meshes;
+    gltf__array arrays[GLTF_ARRAYS];
+    size_t first = 0, i;
+    int number, k;
+    for (number = 0; number < f->scene->mesh_count; first += (size_t)m->vertex_count, number++, m++) {
+        gltf__arrays(f, m, first, arrays);
+        for (k = 0; k < GLTF_ARRAYS; k++) {
+            const size_t words = gltf__bytes(&arrays[k]) / 4;
+            if (k == GLTF_NORMAL) gltf__put_normals(out, (const float *)arrays[k].data, arrays[k].count);
+            for (i = 0; i < words && k != GLTF_NORMAL; i++) {
+                uint32_t word;
+                memcpy(&word, (const char *)arrays[k].data + 4 * i, 4);
+                gltf__put_word(out, word);
+            }
+        }
+    }
+    return 1;
+}
+
+/* ---- textures ---- */
+
+/* number: counted from 0. Whatever its format, 8 bits of sRGB come out. */
+static int gltf_write_texture(FILE *out, const gltf_file *f, int number) {
+    const sbl_texture *t = &f->scene->textures[number];
+    const size_t count = (size_t)t->width * (size_t)t->height * (size_t)t->channels;
+    const float *linear = (const float *)t->pixels;
+    unsigned char *bytes;
+    size_t i;
+    int ok;
+    if (t->format == SBL_PIXELS_SRGB8)
+        return stbi_write_png_to_func(write_bytes, out, t->width, t->height, t->channels, t->pixels, 0);
+    bytes = (unsigned char *)malloc(count);
+    if (!bytes) return 0;
+    sbl_encode_srgb8(bytes, linear, count, 1);
+    for (i = 0; i < count && t->channels % 2 == 0; i++)
+        if ((int)(i % (size_t)t->channels) == t->channels - 1) bytes[i] = to_byte((double)linear[i]);
+    ok = stbi_write_png_to_func(write_bytes, out, t->width, t->height, t->channels, bytes, 0);
+    free(bytes);
+    return ok;
+}
+
+/* ---- the .gltf ---- */
+
+/* A name may hold anything. */
+static void gltf__put_name(FILE *out, const char *name) {
+    fputc('"', out);
+    for (; *name; name++) {
+        const unsigned char c = (unsigned char)*name;
+        if (c < 32 || c >= 127) fputc('?', out);
+        else if (c == '"' || c == '\\') fprintf(out, "\\%c", c);
+        else fputc(c, out);
+    }
+    fputc('"', out);
+}
+
+static void gltf__put_material(FILE *out, const gltf_file *f, int number) {
+    const sbl_material *m = &f->scene->materials[number];
+    double most = 1;
+    int k;
+    for (k = 0; k < 3; k++) if ((double)m->emission[k] > most) most = (double)m->emission[k];
+    fprintf(out, "%s\n    {\"doubleSided\": true, \"pbrMetallicRoughness\": {\"metallicFactor\": 0, \"roughnessFactor\": 1, "
+            "\"baseColorFactor\": [%.7g, %.7g, %.7g, 1]", number ? "," : "", (double)m->albedo[0], (double)m->albedo[1], (double)m->albedo[2]);
+    if (m->albedo_texture) fprintf(out, ", \"baseColorTexture\": {\"index\": %d}", m->albedo_texture - 1);
+    fprintf(out, "}, \"emissiveFactor\": [%.7g, %.7g, %.7g]", (double)m->emission[0] / most, (double)m->emission[1] / most, (double)m->emission[2] / most);
+    if (m->emission_texture) fprintf(out, ", \"emissiveTexture\": {\"index\": %d}", m->emission_texture - 1);
+    if (m->alpha_cutoff > 0) fprintf(out, ", \"alphaMode\": \"MASK\", \"alphaCutoff\": %.7g", (double)m->alpha_cutoff);
+    if (most > 1 || f->lightmap) fprintf(out, ", \"extensions\": {");
+    if (most > 1) fprintf(out, "\"KHR_materials_emissive_strength\": {\"emissiveStrength\": %.7g}%s", most, f->lightmap ? ", " : "");
+    if (f->lightmap)
+        fprintf(out, "\"MOZ_lightmap\": {\"index\": %d, \"texCoord\": 1, \"intensity\": %.7g}", f->scene->texture_count, f->intensity);
+    fprintf(out, "%s}", most > 1 || f->lightmap ? "}" : "");
+}
+
+/* The accessor's least and most, which positions must have. */
+static void gltf__put_bounds(FILE *out, const gltf__array *a) {
+    const float *v = (const float *)a->data;
+    float low[3], high[3];
+    int i, k;
+    for (k = 0; k < 3; k++) low[k] = high[k] = v[k];
+    for (i = 0; i < a->count; i++, v += 3)
+        for (k = 0; k < 3; k++) {
+            if (v[k] < low[k]) low[k] = v[k];
+            if (v[k] > high[k]) high[k] = v[k];
+        }
+    fprintf(out, ", \"min\": [%.9g, %.9g, %.9g], \"max\": [%.9g, %.9g, %.9g]", (double)low[0], (double)low[1], (double)low[2],
+            (double)high[0], (double)high[1], (double)high[2]);
+}
+
+enum { GLTF__ACCESSORS, GLTF__VIEWS, GLTF__MESHES };
+
+/* One list over all arrays of all meshes: their accessors, views, or what each mesh has of them. Returns the bytes. */
+static double gltf__put_arrays(FILE *out, const gltf_file *f, int what) {
+    static const char *const attributes[GLTF_ARRAYS] = { "POSITION", "NORMAL", "TEXCOORD_0", "TEXCOORD_1", "COLOR_0", "_RADIANCE", NULL };
+    static const char *const types[5] = { "", "SCALAR", "VEC2", "VEC3", "VEC4" };
+    const sbl_mesh *m = f->scene->meshes;
+    gltf__array arrays[GLTF_ARRAYS];
+    double at = 0;
+    size_t first = 0;
+    int number, k, accessor = 0, meshes = 0;
+    for (number = 0; number < f->scene->mesh_count; first += (size_t)m->vertex_count, number++, m++) {
+        gltf__arrays(f, m, first, arrays);
+        if (!arrays[GLTF_POSITION].count) continue;
+        if (what == GLTF__MESHES) fprintf(out, "%s\n    {\"primitives\": [{\"material\": %d, \"attributes\": {", meshes++ ? "," : "", m->material);
+        for (k = 0; k < GLTF_ARRAYS; k++) {
+            const gltf__array *a = &arrays[k];
+            if (!a->count) continue;
+            if (what == GLTF__VIEWS)
+                fprintf(out, "%s\n    {\"buffer\": 0, \"byteOffset\": %.0f, \"byteLength\": %.0f, \"target\": %d}", accessor ? "," : "", at,
+                        (double)gltf__bytes(a), k == GLTF_INDICES ? 34963 : 34962);
+            else if (what == GLTF__ACCESSORS) {
+                fprintf(out, "%s\n    {\"bufferView\": %d, \"componentType\": %d, \"count\": %d, \"type\": \"%s\"", accessor ? "," : "", accessor,
+                        k == GLTF_INDICES ? 5125 : 5126, a->count, types[a->components]);
+                if (k == GLTF_POSITION) gltf__put_bounds(out, a);
+                fputc('}', out);
+            } else if (k == GLTF_INDICES) fprintf(out, "}, \"indices\": %d", accessor);
+            else fprintf(out, "%s\"%s\": %d", k ? ", " : "", attributes[k], accessor);
+            at += (double)gltf__bytes(a);
+            accessor++;
+        }
+        if (what == GLTF__MESHES) fprintf(out, "}]}");
+    }
+    return at;
+}
+
+static void gltf__put_nodes(FILE *out, const gltf_file *f) {
+    const sbl_mesh *m = f->scene->meshes;
+    gltf__array arrays[GLTF_ARRAYS];
+    int number, k, moved, nodes = 0;
+    for (number = 0; number < f->scene->mesh_count; number++, m++) {
+        gltf__arrays(f, m, 0, arrays);
+        if (!arrays[GLTF_POSITION].count) continue;
+        fprintf(out, "%s\n    {\"name\": ", nodes ? "," : "");
+        gltf__put_name(out, f->names[number]);
+        fprintf(out, ", \"mesh\": %d", nodes++);
+        for (k = moved = 0; k < 16; k++) moved |= m->transform[k] != 0.0f;
+        for (k = 0; k < 16 && moved; k++) fprintf(out, "%s%.9g%s", k ? ", " : ", \"matrix\": [", (double)m->transform[k], k == 15 ? "]" : "");
+        fputc('}', out);
+    }
+    fprintf(out, "\n  ],\n  \"scene\": 0, \"scenes\": [{\"nodes\": [");
+    for (k = 0; k < nodes; k++) fprintf(out, "%s%d", k ? ", " : "", k);
+    fprintf(out, "]}]");
+}
+
+static void gltf__put_textures(FILE *out, const gltf_file *f) {
+    const int count = f->scene->texture_count, all = count + (f->lightmap != NULL);
+    char name[GLTF_NAME];
+    int i;
+    if (!all) return;
+    fprintf(out, ",\n  \"images\": [");
+    for (i = 0; i < count; i++) {
+        gltf_texture_name(name, i);
+        fprintf(out, "%s\n    {\"uri\": \"%s\"}", i ? "," : "", name);
+    }
+    if (f->lightmap) fprintf(out, "%s\n    {\"uri\": \"%s\"}", count ? "," : "", f->lightmap);
+    fprintf(out, "\n  ],\n  \"samplers\": [{\"wrapS\": 10497, \"wrapT\": 10497}, {\"wrapS\": 33071, \"wrapT\": 33071}],\n  \"textures\": [");
+    for (i = 0; i < all; i++)
+        fprintf(out, "%s\n    {\"source\": %d, \"sampler\": %d}", i ? "," : "", i, i == count || f->scene->textures[i].wrap == SBL_WRAP_CLAMP);
+    fprintf(out, "\n  ]");
+}
+
+static int gltf_write_json(FILE *out, const gltf_file *f) {
+    double bytes;
+    int i, strong = 0, k;
+    for (i = 0; i < f->scene->material_count; i++)
+        for (k = 0; k < 3; k++) strong |= f->scene->materials[i].emission[k] > 1;
+    fprintf(out, "{\n  \"asset\": {\"version\": \"2.0\", \"generator\": \"sbl.h %s\"}", sbl_version());
+    if (strong || f->lightmap)
+        fprintf(out, ",\n  \"extensionsUsed\": [%s%s%s]", strong ? "\"KHR_materials_emissive_strength\"" : "",
+                strong && f->lightmap ? ", " : "", f->lightmap ? "\"MOZ_lightmap\"" : "");
+    fprintf(out, ",\n  \"materials\": [");
+    for (i = 0; i < f->scene->material_count; i++) gltf__put_material(out, f, i);
+    fprintf(out, "\n  ]");
+    gltf__put_textures(out, f);
+    fprintf(out, ",\n  \"accessors\": [");
+    bytes = gltf__put_arrays(out, f, GLTF__ACCESSORS);
+    fprintf(out, "\n  ],\n  \"bufferViews\": [");
+    gltf__put_arrays(out, f, GLTF__VIEWS);
+    fprintf(out, "\n  ],\n  \"buffers\": [{\"uri\": \"%s\", \"byteLength\": %.0f}],\n  \"meshes\": [", f->bin, bytes);
+    gltf__put_arrays(out, f, GLTF__MESHES);
+    fprintf(out, "\n  ],\n  \"nodes\": [");
+    gltf__put_nodes(out, f);
+    fprintf(out, "\n}\n");
+    return 1;
+}
+
+#endif

@@ -1,0 +1,638 @@
+/* Demonstrates a baking tool on top of sbl.h: reads a scene file, bakes its light and writes it for engines and viewers. `sbl_bake --help` says how. */
+#define _DEFAULT_SOURCE
+#define SBL_IMPLEMENTATION
+#define SBL_EGL
+#include "../sbl.h"
+#include "output_file.h"
+#include "picture_file.h"
+#include "scene_file.h"
+#include "gltf_file.h"
+#define TOOL_NAME "sbl_bake"
+#define TOOL_MAKES "bake"
+#include "tool.h"
+#include "tool_options.h"
+#include "tool_scene.h"
+
+/* ---- the command line ---- */
+
+static struct options {
+    int lightmap, gutter, grid[3];
+    const char *positions;  /* the file of probes' positions; NULL: a grid */
+    double error, move;
+} options;
+
+enum { OUTPUT = COMMON_OPTIONS, LIGHTMAP, GUTTER, ERROR, VERTICES, PROBES, MOVE, OPTION_COUNT };
+
+static const tool_option table[OPTION_COUNT] = {
+    COMMON_ROWS,
+    [OUTPUT]   = { "--output", "PATH", TEXT, &common.output, 0, 0, 0, "also -o; a folder for --lightmap, made where there is none; a file for the others" },
+    [LIGHTMAP] = { "--lightmap", "N", INTEGERS, &options.lightmap, 1, 1, 16384,
+                   "bakes all meshes with second texture coordinates (TEXCOORD_1; scripts/unwrap makes them) into one map of\n"
+                   "N x N texels, and writes into the folder PATH:\n"
+                   "lightmap.pfm, lightmap.exr    R a texel, linear; 0 where no surface is\n"
+                   "atlas.pfm, atlas.exr          the same, continued into the gutters: for bilinear sampling and mip maps\n"
+                   "atlas.png                     8 bits of sRGB of atlas divided by what scene.gltf says\n"
+                   "scene.gltf, scene.bin, texture_*.png   the scene; each material's extension MOZ_lightmap refers to\n"
+                   "                              atlas.png: light arriving (irradiance) is intensity * texture, R a pi-th of that\n"
+                   "overlap.png                   only where charts overlap: red shows where" },
+    [GUTTER]   = { "--gutter", "TEXELS", INTEGERS, &options.gutter, 1, 0, 16384, "how far atlas is continued beyond charts; default 16" },
+    [ERROR]    = { "--error", "E", SHARES, &options.error, 1, 0.0001, 1,
+                   "of --lightmap: how far radiance may be off, such as 2% or 0.02: root mean square over the map, as a share of its mean;\n"
+                   "default 2%, 0.5%, 0.25% by preset, or what 512 rays a sensor give (high: 1024)" },
+    [VERTICES] = { "--vertices", NULL, FLAG, NULL, 0, 0, 0,
+                   "bakes light at all meshes' vertices, by least squares over their triangles, and writes PATH.ply (binary; world:\n"
+                   "x y z nx ny nz radiance_r radiance_g radiance_b, which is R, and the faces) or PATH.gltf (with a .bin and\n"
+                   "texture_*.png beside it; the vertices' attribute _RADIANCE)" },
+    [PROBES]   = { "--probes", "NXxNYxNZ|FILE", SIZES, options.grid, 3, 1, 4096,
+                   "bakes light at points in the air, and writes PATH.json: a grid's cells' middles, over the scene's extent, x\n"
+                   "fastest; or those that a text FILE.txt lists, three numbers a line. Of each its position; whether it is valid\n"
+                   "(not inside of something); sh: radiance in nine real orthonormal spherical harmonics, rgb each, in the order\n"
+                   "1, y, z, x, xy, yz, 3z2-1, xz, x2-y2; cube: R towards +x -x +y -y +z -z; sky: share of directions that see\n"
+                   "it; distance, distance_squared: means towards the octants (see sbl_probe in sbl.h); back_share", NULL, &options.positions },
+    [MOVE]     = { "--move", "DISTANCE", NUMBERS, &options.move, 1, 0, 1e18,
+                   "how far a probe that stands inside of something may be moved to get out; default 0" },
+};
+static int given[OPTION_COUNT];
+
+static void print_help(void) {
+    printf("usage: sbl_bake SCENE --lightmap N -o FOLDER [options]\n"
+           "       sbl_bake SCENE --vertices -o FILE.ply|FILE.gltf [options]\n"
+           "       sbl_bake SCENE --probes NXxNYxNZ|FILE -o FILE.json [options]\n\n"
+           "Bakes the light of a scene file by sensor based lighting.\n"
+           "SCENE: .obj .gltf .glb, and what else assimp reads; --lightmap needs second texture coordinates\n\n");
+    tool_print_options(table + COMMON_OPTIONS, OPTION_COUNT - COMMON_OPTIONS);
+    tool_print_options(table, COMMON_OPTIONS);
+    printf("\nMaterials and lights are read as sbl_render reads them. Uses of one mesh share its coordinates and so overlap:\n"
+           "scripts/unwrap makes each a mesh of its own.\n"
+           "\nEach file is written whole or not at all. Ctrl-C, SIGTERM and SIGHUP leave the lightmap so far, if there is any yet,\n"
+           "in FOLDER/lightmap.partial.pfm; a second one ends at once.\n"
+           "\nExit status: 0 done; 1 failed, with one line on stderr; 2 bad usage; interrupted: 130 by SIGINT, 143 by SIGTERM,\n"
+           "129 by SIGHUP.\n");
+}
+
+static int ends_with(const char *path, const char *ending) { return scene__ends_with(path, ending); }
+
+static int parse(int argc, char **argv) {
+    static const int of_lightmaps[] = { GUTTER, ERROR, TILE, THRESHOLD, FILTER_RADIUS };
+    int i;
+    const tool_command command = { argc, argv, table, OPTION_COUNT, given, &common.scene, 1 };
+    int status = tool_parse(&command);
+    if (status != DONE || given[HELP] || given[VERSION]) return status;
+    status = common_check(given);
+    if (status != DONE) return status;
+    if (given[LIGHTMAP] + given[VERTICES] + given[PROBES] != 1)
+        return misuse("give one of --lightmap, --vertices and --probes: what is to be baked; see --help");
+    if (!common.output) return misuse("--output is missing: %s", given[LIGHTMAP] ? "the folder to write to" : "the file to write");
+    for (i = 0; i < (int)(sizeof of_lightmaps / sizeof *of_lightmaps); i++)
+        if (given[of_lightmaps[i]] && !given[LIGHTMAP]) return misuse("%s needs --lightmap", table[of_lightmaps[i]].name);
+    if (given[MOVE] && !given[PROBES]) return misuse("--move needs --probes");
+    if (given[VERTICES] && !ends_with(common.output, ".ply") && !ends_with(common.output, ".gltf"))
+        return misuse("--output %s: the name must end in .ply or .gltf", common.output);
+    if (given[PROBES] && !ends_with(common.output, ".json")) return misuse("--output %s: the name must end in .json", common.output);
+    if (common_mode(given) == SBL_MODE_PAPER) return misuse("--mode paper: it is for pictures; choose another --mode");
+    common.input = options.positions;
+    return DONE;
+}
+
+/* ---- a lightmap: the files of a folder ---- */
+
+enum {
+    R_PFM = OWN_TARGETS, ATLAS_PFM, ATLAS_PNG, GLTF, BIN,
+#ifdef SBL_RENDER_OPENEXR
+    R_EXR, ATLAS_EXR,
+#endif
+    OVERLAP, PARTIAL, TEXTURES
+};
+
+static const char *const names[TEXTURES] = {
+    [R_PFM] = "lightmap.pfm", [ATLAS_PFM] = "atlas.pfm", [ATLAS_PNG] = "atlas.png", [GLTF] = "scene.gltf", [BIN] = "scene.bin",
+#ifdef SBL_RENDER_OPENEXR
+    [R_EXR] = "lightmap.exr", [ATLAS_EXR] = "atlas.exr",
+#endif
+    [OVERLAP] = "overlap.png", [PARTIAL] = "lightmap.partial.pfm"
+};
+static char *paths[TARGETS_MOST];
+
+/* A file in the folder whose name has so many characters. Returns the exit status. */
+static int target_add(int number, size_t folder, const char *name) {
+    paths[number] = output__join(common.output, folder, name);
+    if (!paths[number]) return fail("no memory is left");
+    output_find(&targets[number], paths[number]);
+    if (target_count <= number) target_count = number + 1;
+    return DONE;
+}
+
+/* Returns the exit status, as find_more_files does, which is asked once the scene is read. */
+static int find_files(void) {
+    struct stat info;
+    int i, status = DONE;
+    if (stat(common.output, &info) == 0 && !S_ISDIR(info.st_mode)) return misuse("--output %s: it is no folder; give another name", common.output);
+    if (stat(common.output, &info) != 0 && mkdir(common.output, 0777) != 0)
+        return fail("%s: cannot be made: %s; give another folder", common.output, strerror(errno));
+    targets_begin();
+    for (i = OWN_TARGETS; i < TEXTURES && status == DONE; i++) status = target_add(i, strlen(common.output), names[i]);
+    return status == DONE ? targets_check(OVERLAP) : status;
+}
+
+/* The scene's textures, from target number `first` on. Returns the exit status. */
+static int find_textures(const scene_file *file, int first, size_t folder) {
+    int i, status = DONE;
+    if (file->scene.texture_count > TARGETS_MOST - first)
+        return fail("%s: it has %d textures; this tool writes at most %d", common.scene, file->scene.texture_count, TARGETS_MOST - first);
+    for (i = 0; i < file->scene.texture_count && status == DONE; i++) {
+        char name[GLTF_NAME];
+        gltf_texture_name(name, i);
+        status = target_add(first + i, folder, name);
+    }
+    return status;
+}
+
+static int find_more_files(const scene_file *file) {
+    int i, mapped = 0;
+    for (i = 0; i < file->scene.mesh_count; i++) mapped += file->scene.meshes[i].lightmap_texcoords.data != NULL;
+    if (!mapped) return fail("%s: no mesh has second texture coordinates (TEXCOORD_1); scripts/unwrap makes them", common.scene);
+    return find_textures(file, TEXTURES, strlen(common.output));
+}
+
+typedef struct lightmap {
+    image light, atlas;      /* 0 where no surface is; continued */
+    image overlap;           /* no values: there is none */
+    double intensity;        /* atlas.png times this is irradiance */
+    gltf_file gltf;
+    int texture;             /* that is written next */
+} lightmap;
+
+static int write_light_pfm(FILE *out, const void *what) { return write_pfm(out, &((const lightmap *)what)->light); }
+static int write_atlas_pfm(FILE *out, const void *what) { return write_pfm(out, &((const lightmap *)what)->atlas); }
+#ifdef SBL_RENDER_OPENEXR
+static int write_light_exr(FILE *out, const void *what) { return write_exr(out, &((const lightmap *)what)->light); }
+static int write_atlas_exr(FILE *out, const void *what) { return write_exr(out, &((const lightmap *)what)->atlas); }
+#endif
+static int write_atlas_png(FILE *out, const void *what) {
+    const lightmap *l = (const lightmap *)what;
+    return write_png(out, &l->atlas, SBL_CHANNEL_FINAL, log(atan(1.0) * 4 / l->intensity) / log(2.0));
+}
+static int write_overlap(FILE *out, const void *what) { return write_png(out, &((const lightmap *)what)->overlap, SBL_CHANNEL_ALBEDO, 0); }
+static int write_scene(FILE *out, const void *what) { return gltf_write_json(out, &((const lightmap *)what)->gltf); }
+static int write_scene_bin(FILE *out, const void *what) { return gltf_write_bin(out, &((const lightmap *)what)->gltf); }
+static int write_texture(FILE *out, const void *what) {
+    const lightmap *l = (const lightmap *)what;
+    return gltf_write_texture(out, &l->gltf, l->texture);
+}
+
+static int compare_floats(const void *a, const void *b) {
+    const float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+/* What 8 bits are best spent on: all but the brightest thousandth, and no more than eight times the mean. 0: no memory is left. */
+static double bright(const image *light) {
+    const size_t texels = (size_t)light->width * (size_t)light->height;
+    float *most = (float *)malloc(texels * sizeof *most);
+    size_t i, lit = 0;
+    double result = 1, sum = 0;
+    if (!most) return 0;
+    for (i = 0; i < texels; i++) {
+        const float *v = light->values + 3 * i, larger = v[0] > v[1] ? v[0] : v[1];
+        most[lit] = larger > v[2] ? larger : v[2];
+        sum += (double)most[lit];
+        lit += most[lit] > 0;
+    }
+    qsort(most, lit, sizeof *most, compare_floats);
+    if (lit) result = (double)most[lit - 1 - lit / 1000];
+    if (lit && result > 8 * sum / (double)lit) result = 8 * sum / (double)lit;
+    free(most);
+    return result;
+}
+
+/* R where a surface is. */
+static sbl_result read_light(sbl_context *context, lightmap *l, int size) {
+    image id = { 0, 0, 0, NULL };
+    const size_t texels = (size_t)size * (size_t)size;
+    sbl_result result = picture_read(context, size, size, SBL_CHANNEL_RADIANCE, &l->light);
+    size_t i;
+    if (result == SBL_SUCCESS) result = picture_read(context, size, size, SBL_CHANNEL_ID, &id);
+    for (i = 0; i < texels && result == SBL_SUCCESS; i++)
+        if (!(id.values[i] > 0)) l->light.values[3 * i] = l->light.values[3 * i + 1] = l->light.values[3 * i + 2] = 0;
+    free(id.values);
+    return result;
+}
+
+/* Red where triangles share a texel, grey where one has it alone. */
+static sbl_result read_overlap(sbl_context *context, lightmap *l, int size) {
+    image others = { 0, 0, 0, NULL }, *shown = &l->overlap;
+    const size_t texels = (size_t)size * (size_t)size;
+    sbl_result result = picture_read(context, size, size, SBL_CHANNEL_OVERLAP, &others);
+    size_t i;
+    int any = 0;
+    for (i = 0; i < texels && result == SBL_SUCCESS; i++) any |= others.values[i] > 0;
+    if (any) result = picture_read(context, size, size, SBL_CHANNEL_NORMAL, shown);
+    for (i = 0; i < texels && any && result == SBL_SUCCESS; i++) {
+        float *v = shown->values + 3 * i;
+        const float there = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] > 0 ? 0.3f : 0;
+        const int shared = others.values[i] > 0;
+        v[0] = shared ? 1 : there;
+        v[1] = v[2] = shared ? 0 : there;
+    }
+    if (!any || result != SBL_SUCCESS) { free(shown->values); shown->values = NULL; }
+    free(others.values);
+    return result;
+}
+
+/* All files; returns the exit status. */
+static int keep_lightmap(lightmap *l) {
+    static const struct { int target; target_writer write; } files[] = {
+        { R_PFM, write_light_pfm }, { ATLAS_PFM, write_atlas_pfm }, { ATLAS_PNG, write_atlas_png },
+#ifdef SBL_RENDER_OPENEXR
+        { R_EXR, write_light_exr }, { ATLAS_EXR, write_atlas_exr },
+#endif
+        { OVERLAP, write_overlap }, { BIN, write_scene_bin }, { GLTF, write_scene }
+    };
+    const int count = (int)(sizeof files / sizeof *files);
+    int i;
+    for (i = 0; i < l->gltf.scene->texture_count + count; i++) {
+        const int texture = i < l->gltf.scene->texture_count, file = i - l->gltf.scene->texture_count;
+        const int target = texture ? TEXTURES + i : files[file].target;
+        l->texture = i;
+        if (target == OVERLAP && !l->overlap.values) continue;
+        if (interrupted) return stop("%s is not written", targets[target].name);
+        if (!target_write(&targets[target], texture ? write_texture : files[file].write, l, 0))
+            return interrupted ? stop("%s is not written", targets[target].name) : fail_to_write(targets[target].name);
+    }
+    return DONE;
+}
+
+static void describe_lightmap(sbl_lightmap_desc *desc, progress *bar) {
+    memset(desc, 0, sizeof *desc);
+    desc->width = desc->height = options.lightmap;
+    if (given[GUTTER]) desc->gutter = options.gutter ? options.gutter : -1;
+    desc->mode = common_mode(given);
+    if (given[PRESET]) desc->preset = presets[common.preset];
+    desc->backend = backends[common.backend];
+    desc->error = (float)options.error;
+    desc->rays = common.rays;
+    desc->sensor_size = common.sensor_size;
+    desc->tile = common.tile;
+    if (given[THRESHOLD]) desc->threshold = common.threshold > (double)least ? (float)common.threshold : least;
+    if (given[EPSILON]) desc->epsilon = common.epsilon > (double)least ? (float)common.epsilon : least;
+    if (given[FILTER_RADIUS]) desc->filter_radius = common.filter_radius ? common.filter_radius : -1;
+    desc->seed = (uint32_t)common.seed;
+    desc->progress = on_progress;
+    desc->progress_user = bar;
+}
+
+static int bake_lightmap(const tool_task *task, double *seconds) {
+    progress bar = { !given[QUIET] && isatty(STDERR_FILENO), now(), 0 };
+    sbl_context *context = task->context;
+    sbl_lightmap_desc desc;
+    lightmap l;
+    sbl_result result;
+    int status = DONE;
+    memset(&l, 0, sizeof l);
+    describe_lightmap(&desc, &bar);
+    result = sbl_begin_lightmap(context, &desc);
+    if (result == SBL_SUCCESS) result = work(context);
+    if (bar.shown) fprintf(stderr, "\r%70s\r", "");
+    *seconds = now() - task->start;
+    if (result == SBL_UNFINISHED) {
+        result = read_light(context, &l, desc.width);
+        if (result == SBL_UNFINISHED) status = stop("there is no light yet");
+        else if (result == SBL_SUCCESS && target_write(&targets[PARTIAL], write_light_pfm, &l, 1))
+            status = stop("the light so far (%.0f %%) is in %s", floor(100 * (double)sbl_progress(context)), targets[PARTIAL].name);
+        else status = stop("the light so far cannot be written to %s: %s", targets[PARTIAL].name, why_not_written());
+    } else {
+        if (result == SBL_SUCCESS) result = read_light(context, &l, desc.width);
+        if (result == SBL_SUCCESS) result = picture_read(context, desc.width, desc.height, SBL_CHANNEL_FINAL, &l.atlas);
+        if (result == SBL_SUCCESS) result = read_overlap(context, &l, desc.width);
+        l.intensity = result == SBL_SUCCESS ? atan(1.0) * 4 * bright(&l.light) : 0;
+        l.gltf.scene = &task->file->scene;
+        l.gltf.names = task->file->names;
+        l.gltf.bin = names[BIN];
+        l.gltf.lightmap = names[ATLAS_PNG];
+        l.gltf.intensity = l.intensity;
+        if (result == SBL_SUCCESS && !(l.intensity > 0)) result = SBL_ERROR_OUT_OF_MEMORY;
+        status = result == SBL_SUCCESS ? keep_lightmap(&l) : fail_with(task->said, common.scene, result);
+    }
+    free(l.light.values);
+    free(l.atlas.values);
+    free(l.overlap.values);
+    if (status == DONE && bar.shown)
+        fprintf(stderr, "%s: %d x %d texels, %.0f sensors, %.1f s\n", common.output, desc.width, desc.height,
+                (double)sbl_query_stats(context).sensors, *seconds);
+    return status;
+}
+
+/* ---- one file ---- */
+
+enum { ONE_FILE = OWN_TARGETS, VERTEX_BIN, VERTEX_TEXTURES };
+
+/* Returns the exit status. */
+static int find_file(void) {
+    targets_begin();
+    output_find(&targets[ONE_FILE], common.output);
+    target_count = ONE_FILE + 1;
+    return targets_check(target_count);
+}
+
+/* ---- vertices ---- */
+
+typedef struct vertices {
+    const sbl_scene_desc *scene;
+    float *radiance;
+    size_t count;           /* vertices of all meshes */
+    double faces;
+    gltf_file gltf;
+    int texture;
+} vertices;
+
+static char bin_name[PATH_MAX];
+
+/* What lies beside a .gltf. */
+static int find_vertex_files(const scene_file *file) {
+    const char *slash = strrchr(common.output, '/'), *base = slash ? slash + 1 : common.output;
+    const size_t folder = (size_t)(base - common.output);
+    int status;
+    if (!ends_with(common.output, ".gltf")) return DONE;
+    snprintf(bin_name, sizeof bin_name, "%.*s.bin", (int)(strlen(base) - 5), base);
+    status = target_add(VERTEX_BIN, folder, bin_name);
+    if (status == DONE) status = find_textures(file, VERTEX_TEXTURES, folder);
+    return status == DONE ? targets_check(VERTEX_BIN + 1) : status;
+}
+
+static void transform_point(const float m[16], const float *p, double out[3]) {
+    int k, moved = 0;
+    for (k = 0; k < 16; k++) moved |= m[k] != 0.0f;
+    for (k = 0; k < 3; k++)
+        out[k] = !moved ? (double)p[k] : (double)m[k] * (double)p[0] + (double)m[4 + k] * (double)p[1] + (double)m[8 + k] * (double)p[2] + (double)m[12 + k];
+}
+
+static void add_cross(const double a[3], const double b[3], double scale, double out[3]) {
+    out[0] += scale * (a[1] * b[2] - a[2] * b[1]);
+    out[1] += scale * (a[2] * b[0] - a[0] * b[2]);
+    out[2] += scale * (a[0] * b[1] - a[1] * b[0]);
+}
+
+/* Normals by the matrix of cofactors, which keeps them upright; its sign mirrors them where the mesh is mirrored. */
+static void transform_normal(const float m[16], const float *n, double out[3]) {
+    double column[3][3], normal[3] = { 0, 0, 0 }, determinant[3] = { 0, 0, 0 };
+    int i, k, moved = 0;
+    for (k = 0; k < 16; k++) moved |= m[k] != 0.0f;
+    for (i = 0; i < 3; i++) for (k = 0; k < 3; k++) column[i][k] = moved ? (double)m[4 * i + k] : i == k;
+    for (i = 0; i < 3; i++) add_cross(column[(i + 1) % 3], column[(i + 2) % 3], (double)n[i], normal);
+    add_cross(column[1], column[2], 1, determinant);
+    for (k = 0; k < 3; k++)
+        out[k] = normal[k] * (determinant[0] * column[0][0] + determinant[1] * column[0][1] + determinant[2] * column[0][2] < 0 ? -1 : 1);
+}
+
+/* Three world coordinates a vertex: the file's normals, or the mean of the triangles'. NULL: no memory is left. */
+static double *normals_of(const sbl_mesh *m) {
+    const float *positions = (const float *)m->positions.data, *normals = (const float *)m->normals.data;
+    const uint32_t *indices = (const uint32_t *)m->indices.data;
+    double *out = (double *)calloc(3 * (size_t)m->vertex_count + 1, sizeof *out), corners[3][3], a[3], b[3];
+    int i, k, corner;
+    for (i = 0; out && normals && i < m->vertex_count; i++) transform_normal(m->transform, normals + 3 * (size_t)i, out + 3 * (size_t)i);
+    for (i = 0; out && !normals && i < m->index_count; i += 3) {
+        for (corner = 0; corner < 3; corner++) transform_point(m->transform, positions + 3 * (size_t)indices[i + corner], corners[corner]);
+        for (k = 0; k < 3; k++) { a[k] = corners[1][k] - corners[0][k]; b[k] = corners[2][k] - corners[0][k]; }
+        for (corner = 0; corner < 3; corner++) add_cross(a, b, 1, out + 3 * (size_t)indices[i + corner]);
+    }
+    for (i = 0; out && i < m->vertex_count; i++) {
+        double *n = out + 3 * (size_t)i;
+        const double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+        for (k = 0; k < 3 && length > 0; k++) n[k] /= length;
+    }
+    return out;
+}
+
+static void put_float(FILE *out, double number) {
+    const float value = (float)number;
+    uint32_t word;
+    memcpy(&word, &value, 4);
+    gltf__put_word(out, word);
+}
+
+static int write_ply(FILE *out, const void *what) {
+    static const char *const names_of[9] = { "x", "y", "z", "nx", "ny", "nz", "radiance_r", "radiance_g", "radiance_b" };
+    const vertices *v = (const vertices *)what;
+    const sbl_mesh *m = v->scene->meshes;
+    const float *radiance = v->radiance;
+    uint32_t first = 0;
+    int number, i, k;
+    fprintf(out, "ply\nformat binary_little_endian 1.0\ncomment radiance: irradiance over pi\nelement vertex %.0f\n", (double)v->count);
+    for (k = 0; k < 9; k++) fprintf(out, "property float %s\n", names_of[k]);
+    fprintf(out, "element face %.0f\nproperty list uchar int vertex_indices\nend_header\n", v->faces);
+    for (number = 0; number < v->scene->mesh_count; number++, m++) {
+        double *normals = normals_of(m), at[3];
+        if (!normals) return 0;
+        for (i = 0; i < m->vertex_count; i++, radiance += 3) {
+            transform_point(m->transform, (const float *)m->positions.data + 3 * (size_t)i, at);
+            for (k = 0; k < 3; k++) put_float(out, at[k]);
+            for (k = 0; k < 3; k++) put_float(out, normals[3 * (size_t)i + (size_t)k]);
+            for (k = 0; k < 3; k++) put_float(out, (double)radiance[k]);
+        }
+        free(normals);
+    }
+    for (number = 0, m = v->scene->meshes; number < v->scene->mesh_count; first += (uint32_t)m->vertex_count, number++, m++)
+        for (i = 0; i < m->index_count; i++) {
+            if (i % 3 == 0) fputc(3, out);
+            gltf__put_word(out, first + ((const uint32_t *)m->indices.data)[i]);
+        }
+    return 1;
+}
+
+static int write_vertex_gltf(FILE *out, const void *what) { return gltf_write_json(out, &((const vertices *)what)->gltf); }
+static int write_vertex_bin(FILE *out, const void *what) { return gltf_write_bin(out, &((const vertices *)what)->gltf); }
+static int write_vertex_texture(FILE *out, const void *what) {
+    const vertices *v = (const vertices *)what;
+    return gltf_write_texture(out, &v->gltf, v->texture);
+}
+
+static int keep_vertices(vertices *v) {
+    const int gltf = ends_with(common.output, ".gltf"), files = gltf ? v->scene->texture_count + 2 : 1;
+    int i;
+    for (i = 0; i < files; i++) {  /* the one that refers to the others last */
+        const int last = i == files - 1, bin = i == files - 2;
+        output_file *target = &targets[last ? ONE_FILE : bin ? VERTEX_BIN : VERTEX_TEXTURES + i];
+        v->texture = i;
+        if (interrupted || !target_write(target, last ? gltf ? write_vertex_gltf : write_ply : bin ? write_vertex_bin : write_vertex_texture, v, 0))
+            return interrupted ? stop("%s is not written", target->name) : fail_to_write(target->name);
+    }
+    return DONE;
+}
+
+static int bake_vertices(const tool_task *task, double *seconds) {
+    progress bar = { !given[QUIET] && isatty(STDERR_FILENO), now(), 0 };
+    sbl_vertices_desc desc;
+    vertices v;
+    sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
+    int i, status;
+    memset(&v, 0, sizeof v);
+    memset(&desc, 0, sizeof desc);
+    v.scene = &task->file->scene;
+    for (i = 0; i < v.scene->mesh_count; i++) {
+        v.count += (size_t)v.scene->meshes[i].vertex_count;
+        v.faces += v.scene->meshes[i].index_count / 3;
+    }
+    v.radiance = (float *)calloc(3 * v.count + 1, sizeof *v.radiance);
+    v.gltf.scene = v.scene;
+    v.gltf.names = task->file->names;
+    v.gltf.bin = bin_name;
+    v.gltf.radiance = v.radiance;
+    desc.radiance = v.radiance;
+    desc.count = 3 * v.count;
+    desc.mode = common_mode(given);
+    if (given[PRESET]) desc.preset = presets[common.preset];
+    desc.backend = backends[common.backend];
+    desc.rays = common.rays;
+    desc.sensor_size = common.sensor_size;
+    if (given[EPSILON]) desc.epsilon = common.epsilon > (double)least ? (float)common.epsilon : least;
+    desc.seed = (uint32_t)common.seed;
+    desc.progress = on_progress;
+    desc.progress_user = &bar;
+    if (v.radiance) result = sbl_begin_vertices(task->context, &desc);
+    if (result == SBL_SUCCESS) result = work(task->context);
+    if (bar.shown) fprintf(stderr, "\r%70s\r", "");
+    *seconds = now() - task->start;
+    if (result == SBL_UNFINISHED) status = stop("nothing is written");
+    else status = result == SBL_SUCCESS ? keep_vertices(&v) : fail_with(task->said, common.scene, result);
+    if (status == DONE && bar.shown) fprintf(stderr, "%s: %.0f vertices, %.1f s\n", common.output, (double)v.count, *seconds);
+    free(v.radiance);
+    return status;
+}
+
+/* ---- probes ---- */
+
+typedef struct probes { sbl_probe *all; float *positions; int count; } probes;
+
+/* A line's three numbers, parted by blanks or commas. Returns 1, 0 where it is empty or a comment, -1 where it is anything else. */
+static int read_position(char *line, float out[3]) {
+    char *at = line, *end;
+    int k;
+    line[strcspn(line, "#\r\n")] = 0;
+    if (!line[strspn(line, " \t")]) return 0;
+    for (k = 0; k < 3; k++, at = end + (*end == ',')) {
+        const double number = strtod(at, &end);
+        if (end == at || !(number >= -1e18 && number <= 1e18)) return -1;
+        out[k] = (float)number;
+        end += strspn(end, " \t");
+    }
+    return *at ? -1 : 1;
+}
+
+/* Returns the exit status. */
+static int read_positions(probes *p) {
+    FILE *in = fopen(options.positions, "r");
+    char line[512];
+    int room = 0, number = 0, status = DONE;
+    if (!in) return fail("%s: cannot be read: %s", options.positions, strerror(errno));
+    while (status == DONE && fgets(line, sizeof line, in)) {
+        float position[3];
+        const int kind = read_position(line, position);
+        number++;
+        if (kind < 0) status = fail("%s: line %d is not three numbers", options.positions, number);
+        if (kind <= 0) continue;
+        if (p->count == room) {
+            float *larger = room > INT_MAX / 8 ? NULL : (float *)realloc(p->positions, (size_t)(room = 2 * room + 64) * sizeof position);
+            if (!larger) { status = fail("%s: no memory is left for so many positions", options.positions); break; }
+            p->positions = larger;
+        }
+        memcpy(p->positions + 3 * (size_t)p->count++, position, sizeof position);
+    }
+    fclose(in);
+    return status;
+}
+
+static void put_numbers(FILE *out, const char *name, const float *numbers, int count) {
+    int i;
+    fprintf(out, ", \"%s\": [", name);
+    for (i = 0; i < count; i++) fprintf(out, "%s%.7g", i ? ", " : "", (double)numbers[i]);
+    fputc(']', out);
+}
+
+static void put_colors(FILE *out, const char *name, const float (*colors)[3], int count) {
+    int i;
+    fprintf(out, ", \"%s\": [", name);
+    for (i = 0; i < count; i++)
+        fprintf(out, "%s[%.7g, %.7g, %.7g]", i ? ", " : "", (double)colors[i][0], (double)colors[i][1], (double)colors[i][2]);
+    fputc(']', out);
+}
+
+static int write_probes(FILE *out, const void *what) {
+    const probes *p = (const probes *)what;
+    int i;
+    fprintf(out, "{");
+    if (!options.positions) fprintf(out, "\"grid\": [%d, %d, %d],\n ", options.grid[0], options.grid[1], options.grid[2]);
+    fprintf(out, "\"probes\": [");
+    for (i = 0; i < p->count; i++) {
+        const sbl_probe *q = &p->all[i];
+        fprintf(out, "%s\n  {\"position\": [%.9g, %.9g, %.9g], \"valid\": %s", i ? "," : "", (double)q->position[0], (double)q->position[1],
+                (double)q->position[2], q->valid ? "true" : "false");
+        put_colors(out, "sh", q->sh, 9);
+        put_colors(out, "cube", q->cube, 6);
+        fprintf(out, ", \"sky\": %.7g", (double)q->sky);
+        put_numbers(out, "distance", q->distance, 8);
+        put_numbers(out, "distance_squared", q->distance_squared, 8);
+        fprintf(out, ", \"back_share\": %.7g}", (double)q->back_share);
+    }
+    fprintf(out, "\n]}\n");
+    return 1;
+}
+
+static int bake_probes(const tool_task *task, double *seconds) {
+    progress bar = { !given[QUIET] && isatty(STDERR_FILENO), now(), 0 };
+    sbl_probes_desc desc;
+    probes p = { NULL, NULL, 0 };
+    sbl_result result = SBL_SUCCESS;
+    int status = options.positions ? read_positions(&p) : DONE, k, valid = 0;
+    if (status != DONE) { free(p.positions); return status; }
+    memset(&desc, 0, sizeof desc);
+    if (!options.positions) p.count = options.grid[0] * options.grid[1] * options.grid[2];
+    for (k = 0; k < 3 && !options.positions; k++) desc.grid[k] = options.grid[k];
+    p.all = (sbl_probe *)calloc((size_t)p.count + 1, sizeof *p.all);
+    desc.positions = p.positions;
+    desc.probes = p.all;
+    desc.count = p.count;
+    desc.move = (float)options.move;
+    desc.mode = common_mode(given);
+    if (given[PRESET]) desc.preset = presets[common.preset];
+    desc.backend = backends[common.backend];
+    desc.rays = common.rays;
+    desc.sensor_size = common.sensor_size;
+    if (given[EPSILON]) desc.epsilon = common.epsilon > (double)least ? (float)common.epsilon : least;
+    desc.seed = (uint32_t)common.seed;
+    desc.progress = on_progress;
+    desc.progress_user = &bar;
+    if (!p.all) result = SBL_ERROR_OUT_OF_MEMORY;
+    if (result == SBL_SUCCESS && p.count) result = sbl_begin_probes(task->context, &desc);
+    if (result == SBL_SUCCESS && p.count) result = work(task->context);
+    if (bar.shown) fprintf(stderr, "\r%70s\r", "");
+    *seconds = now() - task->start;
+    if (result == SBL_UNFINISHED) status = stop("nothing is written");
+    else if (result != SBL_SUCCESS) status = fail_with(task->said, common.scene, result);
+    else if (!target_write(&targets[ONE_FILE], write_probes, &p, 0))
+        status = interrupted ? stop("nothing is written") : fail_to_write(common.output);
+    for (k = 0; k < p.count && status == DONE; k++) valid += p.all[k].valid;
+    if (status == DONE && bar.shown) fprintf(stderr, "%s: %d probes, %d valid, %.1f s\n", common.output, p.count, valid, *seconds);
+    free(p.all);
+    free(p.positions);
+    return status;
+}
+
+/* ---- all of it ---- */
+
+int main(int argc, char **argv) {
+    const double start = now();
+    int i, status = parse(argc, argv);
+    if (status != DONE) return status;
+    if (given[HELP]) { print_help(); return fflush(stdout) == 0 ? DONE : FAILED; }
+    if (given[VERSION]) { printf("sbl_bake %s\n", sbl_version()); return fflush(stdout) == 0 ? DONE : FAILED; }
+    catch_signals();
+    status = given[LIGHTMAP] ? find_files() : find_file();
+    if (status == DONE)
+        status = given[LIGHTMAP]   ? tool_run(start, given, bake_lightmap, find_more_files)
+               : given[VERTICES]   ? tool_run(start, given, bake_vertices, find_vertex_files)
+                                   : tool_run(start, given, bake_probes, NULL);
+    targets_free();
+    for (i = 0; i < TARGETS_MOST; i++) free(paths[i]);
+    return status;
+}

@@ -1,0 +1,183 @@
+/* What the tools share: one line for each thing that goes wrong, signals, a progress bar. Include after sbl.h,
+   output_file.h and scene_file.h, with TOOL_NAME defined, and what it makes. */
+#ifndef TOOL_H
+#define TOOL_H
+
+#include <signal.h>
+#include <sys/resource.h>
+#include <sys/mman.h>
+#include <sys/time.h>
+
+enum { DONE = 0, FAILED = 1, BAD_USAGE = 2, INTERRUPTED = 128 };  /* and the signal's number */
+
+static volatile sig_atomic_t interrupted;  /* the signal's number */
+
+/* Who asks twice is not made to wait. */
+static void on_interrupt(int number) {
+    if (interrupted) { output_abandon(); _exit(INTERRUPTED + number); }
+    interrupted = number;
+}
+
+static void catch_signals(void) {
+    static const int numbers[] = { SIGINT, SIGTERM, SIGHUP };
+    struct sigaction action, before;
+    int i, handle;
+    memset(&action, 0, sizeof action);
+    action.sa_handler = on_interrupt;
+    sigfillset(&action.sa_mask);
+    for (i = 0; i < 3; i++)  /* what nohup or the shell has it ignore stays ignored */
+        if (sigaction(numbers[i], NULL, &before) == 0 && before.sa_handler != SIG_IGN)
+            sigaction(numbers[i], &action, NULL);
+    signal(SIGPIPE, SIG_IGN);  /* a closed pipe is a failed write, */
+    signal(SIGXFSZ, SIG_IGN);  /* and so is a file that may not grow */
+    do handle = open("/dev/null", O_RDWR);  /* closed ones are filled, or what is said goes into some file */
+    while (handle >= 0 && handle <= STDERR_FILENO);
+    if (handle >= 0) close(handle);
+}
+
+static double now(void) {
+    struct timeval t;
+    gettimeofday(&t, NULL);
+    return (double)t.tv_sec + 1e-6 * (double)t.tv_usec;
+}
+
+/* ---- what is said: one line each, whatever the names of files and meshes hold ---- */
+
+static void say(const char *kind, const char *format, va_list arguments) {
+    char text[1024], *c;
+    vsnprintf(text, sizeof text, format, arguments);
+    for (c = text; *c; c++)
+        if ((unsigned char)*c < 32 || *c == 127) *c = '?';
+    fprintf(stderr, TOOL_NAME ": %s%s\n", kind, text);
+}
+
+/* They return the exit status. */
+static int fail(const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    say("", format, arguments);
+    va_end(arguments);
+    return FAILED;
+}
+static int misuse(const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    say("", format, arguments);
+    va_end(arguments);
+    return BAD_USAGE;
+}
+
+static int stop(const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    say("interrupted; ", format, arguments);
+    va_end(arguments);
+    return INTERRUPTED + interrupted;
+}
+
+static void tell(const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    say("", format, arguments);
+    va_end(arguments);
+}
+
+static void warn(const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    say("warning: ", format, arguments);
+    va_end(arguments);
+}
+
+/* What sbl.h logs: the first error becomes the one line of a failure, warnings are shown when all went well. */
+typedef struct messages {
+    char error[640];
+    int errors;
+    char warnings[8][512];
+    int warnings_kept;
+    const scene_file *file;
+} messages;
+
+static void on_log(sbl_log_level level, sbl_log_item item, const char *message, void *user) {
+    messages *m = (messages *)user;
+    int mesh;
+    (void)item;
+    if (level == SBL_LOG_ERROR && m->errors++ == 0) {
+        if (m->file && sscanf(message, "mesh %d:", &mesh) == 1 && mesh >= 0 && mesh < m->file->scene.mesh_count)
+            snprintf(m->error, sizeof m->error, "%.500s (mesh %d is \"%.100s\")", message, mesh, m->file->names[mesh]);
+        else snprintf(m->error, sizeof m->error, "%.600s", message);
+    }
+    if (level == SBL_LOG_WARNING && m->warnings_kept < 8) snprintf(m->warnings[m->warnings_kept++], sizeof m->warnings[0], "%.500s", message);
+}
+
+static int fail_with(const messages *m, const char *where, sbl_result result) {
+    if (!m->errors) return fail("%s: %s", where, sbl_result_string(result));
+    if (m->errors == 1) return fail("%s: %s", where, m->error);
+    return fail("%s: %s, and %d mistakes more", where, m->error, m->errors - 1);
+}
+
+/* ---- progress ---- */
+
+typedef struct progress { int shown; double start, last; } progress;
+
+static inline int on_progress(float done, void *user) {
+    progress *p = (progress *)user;
+    double time = now();
+    if (p->shown && (p->last <= 0 || time - p->last > 0.1)) {
+        double left = done > 0.01f ? (time - p->start) * (1 - (double)done) / (double)done : -1;
+        char bar[41];
+        int i;
+        for (i = 0; i < 40; i++) bar[i] = (float)i < 40 * done ? '#' : '.';
+        bar[40] = 0;
+        fprintf(stderr, "\r[%s] %3d %%", bar, (int)(100 * done));
+        if (left >= 0) fprintf(stderr, "  %d:%02d left ", (int)left / 60, (int)left % 60);
+        fflush(stderr);
+        p->last = time;
+    }
+    return 0;  /* cancelling would lose the picture so far */
+}
+
+/* ---- work ---- */
+
+/* Until the picture is done, or interrupted: SBL_UNFINISHED. */
+static inline sbl_result work(sbl_context *context) {
+    const double slice = 0.25;  /* seconds that an interrupt may wait, about */
+    sbl_result result = SBL_UNFINISHED;
+    while (result == SBL_UNFINISHED && !interrupted) result = sbl_step(context, slice);
+    return result;
+}
+
+/* ---- ulimit -v: drivers break down where they get no memory ---- */
+
+static void on_breakdown(int number) {
+    static const char line[] = TOOL_NAME ": the graphics driver broke down for want of memory; allow more than this ulimit -v\n";
+    (void)number;
+    if (write(STDERR_FILENO, line, sizeof line - 1) >= 0) _exit(FAILED);
+    _exit(FAILED);
+}
+
+/* Where memory is limited: whether a driver can be loaded at all; and from now on one that breaks down does it in words. */
+static int check_address_space(void) {
+    const size_t driver = (size_t)512 << 20;  /* Mesa's software renderer on two cores */
+    struct rlimit limit;
+    void *room;
+    if (getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY) return 1;
+    signal(SIGSEGV, on_breakdown);
+    signal(SIGBUS, on_breakdown);
+    signal(SIGABRT, on_breakdown);
+    room = mmap(NULL, driver, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+    if (room != MAP_FAILED) munmap(room, driver);
+    return room != MAP_FAILED;
+}
+
+
+static void on_confined(const char *path, const char *message, void *user) {
+    (void)user;
+    tell("%s: the process that read it: %s", path, message);
+}
+
+
+static size_t put_bytes(const void *data, size_t bytes, void *user) { return fwrite(data, 1, bytes, (FILE *)user); }
+static size_t get_bytes(void *data, size_t bytes, void *user) { return fread(data, 1, bytes, (FILE *)user); }
+
+#endif

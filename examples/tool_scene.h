@@ -1,0 +1,338 @@
+/* What tools share that read a scene, have sbl.h work on it, and write files: options, the scene's light, statistics,
+   files that are written, stored light, and the order of all that. Include after tool.h, tool_options.h and
+   output_file.h. A tool's own options follow the common ones in its table:
+
+       enum { OUTPUT = COMMON_OPTIONS, ..., OPTION_COUNT };
+       static int given[OPTION_COUNT];
+       static const tool_option table[OPTION_COUNT] = { COMMON_ROWS, [OUTPUT] = { ... }, ... };  */
+#ifndef TOOL_SCENE_H
+#define TOOL_SCENE_H
+
+/* ---- options ---- */
+
+static struct tool_common {
+    const char *scene, *output, *stats, *sky_picture, *store, *input;  /* another file that is read, or NULL */
+    int mode, preset, backend, rays, bounce_samples, sensor_size, tile, filter_radius, seed;
+    double sky[3], sky_rotation, sky_scale, sky_up[3], epsilon, threshold;
+    scene_file_options reading;
+} common = { .sky_scale = 1, .sky_up = { 0, 1, 0 } };
+
+static const char *const mode_words[] = { "gi", "ambient", "direct", "paper", NULL };
+static const char *const preset_words[] = { "draft", "default", "high", NULL };
+static const char *const backend_words[] = { "auto", "raster", "trace", NULL };
+static const sbl_mode modes[] = { SBL_MODE_GI, SBL_MODE_AMBIENT, SBL_MODE_DIRECT, SBL_MODE_PAPER };
+static const sbl_backend backends[] = { SBL_BACKEND_AUTO, SBL_BACKEND_RASTER, SBL_BACKEND_TRACE };
+static const sbl_preset presets[] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL_PRESET_HIGH };
+
+enum {
+    SKY, SKY_ROTATION, SKY_SCALE, SKY_UP, MODE, PRESET, BACKEND, RAYS, BOUNCE_SAMPLES, EPSILON, SENSOR_SIZE, TILE,
+    THRESHOLD, FILTER_RADIUS, SEED, STATS, ALLOW_PATH, MEMORY, READ_TIME, STORE, QUIET, VERBOSE, HELP, VERSION,
+    COMMON_OPTIONS
+};
+
+#define COMMON_ROWS \
+    [SKY]           = { "--sky", "R,G,B|FILE", NUMBERS_OR_FILE, common.sky, 3, 0, 1e30, \
+                        "constant radiance of all that is not hit; default 0,0,0, or 1,1,1 where nothing else shines; or a picture of it\n" \
+                        "(FILE.hdr; .png, .jpg, ... are decoded from sRGB): equirectangular, its upper edge is straight up, its middle is +x", NULL, &common.sky_picture }, \
+    [SKY_ROTATION]  = { "--sky-rotation", "DEGREES", NUMBERS, &common.sky_rotation, 1, -360, 360, "of the picture, counter-clockwise seen from above; default 0", NULL, NULL }, \
+    [SKY_SCALE]     = { "--sky-scale", "F", NUMBERS, &common.sky_scale, 1, 0, 1e30, "of the picture's light; default 1", NULL, NULL }, \
+    [SKY_UP]        = { "--sky-up", "X,Y,Z", NUMBERS, common.sky_up, 3, -1e18, 1e18, "what is up in the picture; default 0,1,0", NULL, NULL }, \
+    [MODE]          = { "--mode", "NAME", CHOICE, &common.mode, 0, 0, 0, \
+                        "gi (default: lamps, sky, and what all surfaces reflect, to the last bounce) | direct (lamps and sky only) |\n" \
+                        "ambient (direct, and a faint glow of every surface) | paper (exactly the paper: one 135 degree view,\n" \
+                        "epsilon, tiles, Gaussian; pictures only)", mode_words, NULL }, \
+    [PRESET]        = { "--preset", "NAME", CHOICE, &common.preset, 0, 0, 0, "draft | default | high", preset_words, NULL }, \
+    [BACKEND]       = { "--backend", "NAME", CHOICE, &common.backend, 0, 0, 0, "auto (default: trace; raster in mode paper) | raster | trace", backend_words, NULL }, \
+    [RAYS]          = { "--rays", "N", INTEGERS, &common.rays, 1, 1, 4096, "samples of a traced sensor, the same for all; default: as many as the error takes", NULL, NULL }, \
+    [BOUNCE_SAMPLES] = { "--bounce-samples", "N", INTEGERS, &common.bounce_samples, 1, 1024, 1048576, \
+                         "places that bounced light is stored for, in mode gi, at most: more where light comes through gaps or geometry\n" \
+                         "is fine; about 4 KB of memory each; default 49152", NULL, NULL }, \
+    [EPSILON]       = { "--epsilon", "E", NUMBERS, &common.epsilon, 1, 0, 1e30, "ambient factor of the modes paper and ambient; default 0.02", NULL, NULL }, \
+    [SENSOR_SIZE]   = { "--sensor-size", "N", INTEGERS, &common.sensor_size, 1, 4, 512, "texels across a sensor's view; default 32, 64, 128 by preset", NULL, NULL }, \
+    [TILE]          = { "--tile", "N", INTEGERS, &common.tile, 1, 1, 1024, "first distance between sensors in pixels, 1 senses every pixel; default 16", NULL, NULL }, \
+    [THRESHOLD]     = { "--threshold", "T", NUMBERS, &common.threshold, 1, 0, 1e30, \
+                        "refine where neighbours differ by more, instead of where the error says: a share of their mean;\n" \
+                        "in mode paper a radiance, default 0.05", NULL, NULL }, \
+    [FILTER_RADIUS] = { "--filter-radius", "N", INTEGERS, &common.filter_radius, 1, 0, 32, "of the Gaussian, pixels, 0 for none; default 2", NULL, NULL }, \
+    [SEED]          = { "--seed", "N", INTEGERS, &common.seed, 1, 0, INT_MAX, "of the sensors' rotations; default 0", NULL, NULL }, \
+    [STORE]         = { "--store", "FILE", TEXT, &common.store, 0, 0, 0, \
+                        "bounced light is loaded from there where it fits the scene, else made and saved there; --mode gi", NULL, NULL }, \
+    [STATS]         = { "--stats", "FILE", TEXT, &common.stats, 0, 0, 0, "counts, seconds (total: from start to picture) and peak memory as JSON", NULL, NULL }, \
+    [ALLOW_PATH]    = { "--allow-path", "DIR", LIST, common.reading.allow, SCENE_FILE_FOLDERS, 0, 0, \
+                        "the scene may name files beneath it, besides those beneath its own folder; may be given several times", NULL, NULL }, \
+    [MEMORY]        = { "--memory", "SIZE", BYTES, &common.reading.memory, 1, 16.0 * (1 << 20), 1024.0 * (1 << 30) * 1024, \
+                        "what the scene may take, such as 512M or 4G; default half of the machine's memory, or of what its control\n" \
+                        "group has; never more than half of what ulimit -v leaves", NULL, NULL }, \
+    [READ_TIME]     = { "--read-time", "SECONDS", NUMBERS, &common.reading.seconds, 1, 0.1, 1e6, "what reading the scene may take; default 60", NULL, NULL }, \
+    [QUIET]         = { "--quiet", NULL, FLAG, NULL, 0, 0, 0, "no progress bar, no warnings", NULL, NULL }, \
+    [VERBOSE]       = { "--verbose", NULL, FLAG, NULL, 0, 0, 0, "tells how far the kernel confines the process that reads files", NULL, NULL }, \
+    [HELP]          = { "--help", NULL, FLAG, NULL, 0, 0, 0, "this text", NULL, NULL }, \
+    [VERSION]       = { "--version", NULL, FLAG, NULL, 0, 0, 0, "the version", NULL, NULL }
+
+static sbl_mode common_mode(const int *given) { return given[MODE] ? modes[common.mode] : SBL_MODE_GI; }
+
+/* What cannot go together. Returns the exit status. */
+static int common_check(const int *given) {
+    const sbl_mode mode = common_mode(given);
+    if (!common.scene) return misuse("usage: " TOOL_NAME " SCENE [options]; see --help");
+    if (given[STORE] && mode != SBL_MODE_GI) return misuse("--store needs --mode gi: other modes have no light that bounces");
+    if (given[EPSILON] && (mode == SBL_MODE_GI || mode == SBL_MODE_DIRECT))
+        return misuse("--epsilon needs --mode ambient or paper: the other modes have no ambient factor");
+    if (common.sky_picture && mode == SBL_MODE_PAPER)
+        return misuse("--sky %s: --mode paper has no sky pictures; give a colour or choose another --mode", common.sky_picture);
+    if (!common.sky_picture && (given[SKY_ROTATION] || given[SKY_SCALE] || given[SKY_UP]))
+        return misuse("--sky-rotation, --sky-scale, --sky-up: they need --sky with a picture");
+    if (common.sky_up[0] == 0.0 && common.sky_up[1] == 0.0 && common.sky_up[2] == 0.0) return misuse("--sky-up: it must not be 0,0,0");
+    if (backends[common.backend] == SBL_BACKEND_TRACE && mode == SBL_MODE_PAPER)
+        return misuse("--backend trace: the paper's sensor rasterises; leave it out or choose another --mode");
+    return DONE;
+}
+
+/* ---- the scene's light ---- */
+
+static const float least = 1e-30f;  /* to sbl.h zero means the default; on the command line it means zero */
+
+/* Does anything in it shine? */
+static int is_lit(const sbl_scene_desc *scene) {
+    int i, k;
+    if (scene->light_count > 0) return 1;
+    for (i = 0; i < scene->mesh_count; i++)
+        for (k = 0; k < 3; k++) if (scene->materials[scene->meshes[i].material].emission[k] > 0) return 1;
+    return scene->mesh_count == 0;
+}
+
+/* A scene in which nothing shines gets a sky. */
+static int lit_by_us(const sbl_scene_desc *scene, const int *given) { return !given[SKY] && !is_lit(scene); }
+
+/* sky: NULL, or its picture. */
+static sbl_scene_desc common_scene(const scene_file *file, const scene_file *sky, const int *given) {
+    sbl_scene_desc scene = file->scene;
+    int i;
+    for (i = 0; i < 3; i++) scene.sky[i] = common.sky_picture ? 0 : (float)common.sky[i];
+    for (i = 0; i < 3 && lit_by_us(&scene, given); i++) scene.sky[i] = 1;
+    if (sky) {
+        scene.environment.picture = sky->scene.environment.picture;
+        scene.environment.scale = common.sky_scale > (double)least ? (float)common.sky_scale : least;
+        scene.environment.rotation = (float)common.sky_rotation;
+        for (i = 0; i < 3; i++) scene.environment.up[i] = (float)common.sky_up[i];
+    }
+    scene.bounce_samples = common.bounce_samples;
+    return scene;
+}
+
+/* ---- files that are written: whole, and never over what is read ---- */
+
+enum { STATISTICS, STORED, OWN_TARGETS, TARGETS_MOST = 1024 };
+static output_file targets[TARGETS_MOST];
+static int target_count;
+
+static void targets_free(void) { while (target_count > 0) output_free(&targets[--target_count]); }
+
+/* --stats and --store; the tool's own follow. */
+static void targets_begin(void) {
+    if (common.stats) output_find(&targets[STATISTICS], common.stats);
+    if (common.store) output_find(&targets[STORED], common.store);
+    target_count = OWN_TARGETS;
+}
+
+/* No two are one file, none is what is read, and those before `checked` can be written. Returns the exit status. */
+static int targets_check(int checked) {
+    const char *const inputs[3] = { common.scene, common.sky_picture, common.input };
+    output_file input;
+    int i, k, status = DONE;
+    for (k = 0; k < target_count; k++)
+        for (i = k + 1; i < target_count; i++)
+            if (output_same(&targets[i], &targets[k]))
+                return misuse("%s and %s are one file; give %s another name", targets[i].name, targets[k].name,
+                              k == STORED ? "--store" : k == STATISTICS ? "--stats" : "one of them");
+    for (k = 0; k < 3 && status == DONE; k++) {
+        if (!inputs[k] || !output_find(&input, inputs[k])) continue;
+        for (i = 0; i < target_count && status == DONE; i++)
+            if (output_same(&targets[i], &input))
+                status = misuse("%s would overwrite %s, which is read; give another name", targets[i].name, inputs[k]);
+        output_free(&input);
+    }
+    for (i = 0; i < checked && status == DONE; i++)
+        if (targets[i].name && !output_check(&targets[i]))
+            status = fail("%s: cannot be written: %s; give another file name", targets[i].name, strerror(errno));
+    return status;
+}
+
+/* What the scene's reader has opened besides is known once it has ended. */
+static int targets_check_read(const scene_file *file) {
+    struct stat info;
+    int i, k;
+    for (i = 0; i < target_count; i++)
+        for (k = 0; k < file->read_count && targets[i].path && stat(targets[i].path, &info) == 0; k++)
+            if (file->read[k].device == info.st_dev && file->read[k].inode == info.st_ino)
+                return misuse("%s would overwrite a file that %s reads; give another name", targets[i].name, common.scene);
+    return DONE;
+}
+
+typedef int (*target_writer)(FILE *out, const void *what);  /* returns whether it is whole; errno may say why not */
+
+/* Returns whether it is written; not after an interrupt, unless it is what an interrupt leaves (late). */
+static int target_write(output_file *target, target_writer write, const void *what, int late) {
+    FILE *out = output_open(target);
+    int ok;
+    if (!out) return 0;
+    errno = 0;
+    ok = write(out, what);
+    return output_close(target, out, ok, late ? NULL : &interrupted);
+}
+
+static const char *why_not_written(void) { return errno ? strerror(errno) : "the writer failed"; }
+
+static int fail_to_write(const char *name) {
+    return fail("%s: cannot be written: %s; free some space or give another file name", name, why_not_written());
+}
+
+/* ---- statistics ---- */
+
+typedef struct totals { const sbl_context *context; int lights; double load, seconds; } totals;
+
+static int write_stats(FILE *out, const void *what) {
+    const totals *all = (const totals *)what;
+    const sbl_context *context = all->context;
+    const sbl_stats s = sbl_query_stats(context);
+    const sbl_capabilities capabilities = sbl_query_capabilities(context);
+    const char *c, *mode;
+    struct rusage self, child;
+    int i;
+    getrusage(RUSAGE_SELF, &self);
+    getrusage(RUSAGE_CHILDREN, &child);  /* the one that read the scene; it was gone before this one grew */
+    if (child.ru_maxrss > self.ru_maxrss) self.ru_maxrss = child.ru_maxrss;
+    fprintf(out, "{\n  \"version\": \"%s\",\n  \"renderer\": \"", sbl_version());
+    for (c = capabilities.renderer; *c; c++) {
+        if (*c == '"' || *c == '\\') fputc('\\', out);
+        fputc((unsigned char)*c < 32 ? ' ' : *c, out);
+    }
+    mode = s.mode == SBL_MODE_GI ? "gi" : s.mode == SBL_MODE_DIRECT ? "direct" : s.mode == SBL_MODE_PAPER ? "paper" : "ambient";
+    fprintf(out, "\",\n  \"mode\": \"%s\",\n  \"size\": [%d, %d],\n  \"triangles\": %d,\n  \"lights\": %d,\n  \"visible_pixels\": %d,\n", mode, s.width,
+            s.height, s.triangles, all->lights, s.visible_pixels);
+    fprintf(out, "  \"backend\": \"%s\",\n", s.backend == SBL_BACKEND_TRACE ? "trace" : "raster");
+    fprintf(out, "  \"error\": {\"asked\": %.6g, \"expected\": %.6g},\n", (double)s.error_asked, (double)s.error_expected);
+    if (s.seams)
+        fprintf(out, "  \"seams\": {\"edges\": %d, \"largest_before\": %.6g, \"largest_after\": %.6g},\n", s.seams, (double)s.seam_before,
+                (double)s.seam_after);
+    fprintf(out, "  \"sensors\": %.0f,\n  \"sensor_views\": %.0f,\n  \"sensor_texels\": %.0f,\n  \"rays\": %.0f,\n  \"bounce_samples\": %d,\n  \"bounce_rays\": %.0f,\n"
+            "  \"levels\": [",
+            (double)s.sensors, (double)s.sensor_views, (double)s.sensor_texels, (double)s.rays, s.bounce_samples, (double)s.bounce_rays);
+    for (i = 0; i < s.level_count; i++)
+        fprintf(out, "%s{\"tile\": %d, \"sensors\": %.0f}", i ? ", " : "", s.levels[i].tile, (double)s.levels[i].sensors);
+    fprintf(out, "],\n  \"seconds\": {\"load\": %.6f, \"scene\": %.6f, \"surface\": %.6f, \"gather\": %.6f, \"bounce\": %.6f, ", all->load, s.seconds.scene,
+            s.seconds.surface, s.seconds.gather, s.seconds.bounce);
+    fprintf(out, "\"refine\": %.6f, \"filter\": %.6f, \"resolve\": %.6f, \"total\": %.6f},\n", s.seconds.refine, s.seconds.filter, s.seconds.resolve, all->seconds);
+    fprintf(out, "  \"microseconds_per_sensor\": %.6f,\n  \"peak_gpu_bytes\": %.0f,\n  \"peak_host_bytes\": %.0f\n}\n",
+            s.microseconds_per_sensor, (double)sbl_query_memory(context).gpu_peak_bytes, 1024.0 * (double)self.ru_maxrss);
+    return 1;
+}
+
+/* Returns the exit status. */
+static int keep_stats(const totals *all) {
+    if (!interrupted && target_write(&targets[STATISTICS], write_stats, all, 0)) return DONE;
+    return interrupted ? stop("%s is written, %s is not", common.output, common.stats) : fail_to_write(common.stats);
+}
+
+/* ---- bounced light that is kept ---- */
+
+/* 1: it is there, and is of this scene. Otherwise it is made anew, which a warning says where there was something. */
+static int load_store(sbl_context *context, messages *said) {
+    FILE *in = common.store ? fopen(common.store, "rb") : NULL;
+    int loaded;
+    if (!in) return 0;
+    loaded = sbl_load_store(context, get_bytes, in) == SBL_SUCCESS;
+    fclose(in);
+    if (!loaded && said->warnings_kept < 8)
+        snprintf(said->warnings[said->warnings_kept++], sizeof said->warnings[0], "--store %.200s: %.250s; it is made "
+                 "anew", common.store, strncmp(said->error, "sbl_load_store: ", 16) ? said->error : said->error + 16);
+    said->errors = 0;
+    return loaded;
+}
+
+/* Returns the exit status. */
+static int keep_store(sbl_context *context) {
+    FILE *out = output_open(&targets[STORED]);
+    errno = 0;
+    if (out && output_close(&targets[STORED], out, sbl_save_store(context, put_bytes, out) == SBL_SUCCESS, &interrupted))
+        return DONE;
+    return interrupted ? stop("%s is written, %s is not", common.output, common.store) : fail_to_write(common.store);
+}
+
+
+/* ---- all of it ---- */
+
+typedef struct tool_task {
+    const scene_file *file;
+    sbl_context *context;   /* the scene is set */
+    messages *said;
+    double start, load;     /* when the tool began; seconds of reading */
+} tool_task;
+
+/* Does the tool's own work, and returns the exit status; *seconds: when it was done, for the statistics. */
+typedef int (*tool_worker)(const tool_task *task, double *seconds);
+
+static int tool__work(const scene_file *file, const scene_file *sky, tool_task *task, const int *given, tool_worker worker) {
+    const sbl_scene_desc scene = common_scene(file, sky, given);
+    const sbl_result result = sbl_set_scene(task->context, &scene);
+    totals all = { task->context, file->scene.light_count, task->load, 0 };
+    int status, loaded;
+    if (result != SBL_SUCCESS) return fail_with(task->said, common.scene, result);
+    if (interrupted) return stop("no " TOOL_MAKES " was begun");
+    loaded = load_store(task->context, task->said);
+    status = worker(task, &all.seconds);
+    if (status == DONE && common.stats) status = keep_stats(&all);
+    if (status == DONE && common.store && !loaded) status = keep_store(task->context);
+    return status;
+}
+
+static void tool__warn(const scene_file *file, const messages *said, const int *given) {
+    int i;
+    if (lit_by_us(&file->scene, given))
+        warn("%s: nothing in it shines; an even sky of 1,1,1 lights it, --sky chooses another", common.scene);
+    for (i = 0; i < file->warning_count && i < SCENE_FILE_WARNINGS; i++) warn("%s: %s", common.scene, file->warnings[i]);
+    if (file->warning_count > SCENE_FILE_WARNINGS)
+        warn("%s: and %d warnings more", common.scene, file->warning_count - SCENE_FILE_WARNINGS);
+    for (i = 0; i < said->warnings_kept; i++) warn("%s: %s", common.scene, said->warnings[i]);
+}
+
+/* Reads the scene, works, says what there is to be said; returns the exit status. prepare: NULL, or is asked once the
+   scene is read and before any work. */
+static int tool_run(double start, const int *given, tool_worker worker, int (*prepare)(const scene_file *file)) {
+    sbl_context_desc context_desc;
+    scene_file *file, *sky = NULL;
+    messages said;
+    tool_task task;
+    char error[512];
+    sbl_result result;
+    int status = DONE;
+    memset(&task, 0, sizeof task);
+    memset(&said, 0, sizeof said);
+    common.reading.cancel = &interrupted;
+    if (given[VERBOSE]) common.reading.log = on_confined;
+    file = scene_file_load(common.scene, &common.reading, error, sizeof error);
+    if (file && common.sky_picture) sky = scene_file_load_sky(common.sky_picture, &common.reading, error, sizeof error);
+    task.file = said.file = file;
+    task.said = &said;
+    task.start = start;
+    task.load = now() - start;
+    if (interrupted) status = stop("no " TOOL_MAKES " was begun");
+    else if (!file || (common.sky_picture && !sky)) status = fail("%s", error);
+    else if (!check_address_space()) status = fail("OpenGL: ulimit -v leaves less than 512 MB for the driver; allow more");
+    if (status == DONE && prepare) status = prepare(file);
+    if (status == DONE) status = targets_check_read(file);
+    if (status == DONE) {
+        memset(&context_desc, 0, sizeof context_desc);
+        context_desc.logger.log = on_log;
+        context_desc.logger.user = &said;
+        result = sbl_create(&context_desc, &task.context);
+        status = result == SBL_SUCCESS ? tool__work(file, sky, &task, given, worker) : fail_with(&said, "OpenGL", result);
+        sbl_destroy(task.context);
+        if (status == DONE && !given[QUIET]) tool__warn(file, &said, given);
+    }
+    scene_file_free(file);
+    scene_file_free(sky);
+    return status;
+}
+
+#endif

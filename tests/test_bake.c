@@ -1,0 +1,459 @@
+/* build/sbl_bake as a user runs it, and build/host_lightmap, which draws what it wrote. The scene is a floor beneath a lamp,
+   whose light Lambert's formula gives. */
+#define _GNU_SOURCE
+#include "test.h"
+#include "tool.h"
+#include "../sbl.h"
+#include "reference.h"
+
+/* ---- a scene with second texture coordinates ---- */
+
+enum { FLOOR, LAMP, QUADS };
+
+/* Corners as in the file: the floor's node moves it to where it is. */
+static const float quads[QUADS][4][3] = {
+    { { -2, 0, -2 }, { -2, 0, 2 }, { 2, 0, 2 }, { 2, 0, -2 } },
+    { { -0.5f, 2, -0.5f }, { 0.5f, 2, -0.5f }, { 0.5f, 2, 0.5f }, { -0.5f, 2, 0.5f } }
+};
+static const float moved[3] = { 0.25f, -0.5f, 0 };
+static const double strength = 5;
+
+/* charts: left, upper, right, lower edge of each in the map; floor_v of its texture runs along x. */
+static void write_scene(const char *name, float charts[QUADS][4], int second) {
+    char json[8192], bin[64];
+    FILE *out;
+    int i, k, n = 0;
+    const unsigned indices[6] = { 0, 1, 2, 0, 2, 3 };
+    snprintf(bin, sizeof bin, "%s.bin", name);
+    out = fopen(in_folder(bin), "wb");
+    for (i = 0; i < QUADS; i++) {
+        const float *c = charts[i], uv0[8] = { 0, 0, 0, 1, 1, 1, 1, 0 }, uv1[8] = { c[0], c[1], c[0], c[3], c[2], c[3], c[2], c[1] };
+        fwrite(quads[i], 1, 48, out);
+        fwrite(uv0, 1, 32, out);
+        fwrite(uv1, 1, 32, out);
+    }
+    fwrite(indices, 1, 24, out);
+    fclose(out);
+    n += sprintf(json + n, "{\"asset\":{\"version\":\"2.0\"},\"extensionsUsed\":[\"KHR_materials_emissive_strength\"],\"scene\":0,\"scenes\":[{\"nodes\":"
+                 "[0,1]}],\"nodes\":[{\"name\":\"floor \\\"1\\\"\",\"mesh\":0,\"translation\":[%g,%g,%g]},{\"mesh\":1}],\"meshes\":[",
+                 (double)moved[0], (double)moved[1], (double)moved[2]);
+    for (i = 0; i < QUADS; i++)
+        n += sprintf(json + n, "%s{\"primitives\":[{\"attributes\":{\"POSITION\":%d,\"TEXCOORD_0\":%d%s},\"indices\":6,\"material\":%d}]}", i ? "," : "",
+                     3 * i, 3 * i + 1, !second ? "" : i ? ",\"TEXCOORD_1\":5" : ",\"TEXCOORD_1\":2", i);
+    n += sprintf(json + n, "],\"images\":[{\"uri\":\"floor.ppm\"}],\"textures\":[{\"source\":0}],\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorFactor\":"
+                 "[0.5,0.5,1,1],\"baseColorTexture\":{\"index\":0}}},{\"pbrMetallicRoughness\":{\"baseColorFactor\":[0,0,0,1]},\"emissiveFactor\":[1,1,0.5],"
+                 "\"extensions\":{\"KHR_materials_emissive_strength\":{\"emissiveStrength\":%g}}}],\"accessors\":[", strength);
+    for (i = 0; i < QUADS; i++)
+        n += sprintf(json + n, "{\"bufferView\":%d,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\",\"min\":[%g,%g,%g],\"max\":[%g,%g,%g]},"
+                     "{\"bufferView\":%d,\"componentType\":5126,\"count\":4,\"type\":\"VEC2\"},{\"bufferView\":%d,\"componentType\":5126,\"count\":4,"
+                     "\"type\":\"VEC2\"},", 3 * i, (double)quads[i][0][0], (double)quads[i][0][1], (double)quads[i][0][2], (double)quads[i][2][0],
+                     (double)quads[i][2][1], (double)quads[i][2][2], 3 * i + 1, 3 * i + 2);
+    n += sprintf(json + n, "{\"bufferView\":6,\"componentType\":5125,\"count\":6,\"type\":\"SCALAR\"}],\"bufferViews\":[");
+    for (i = 0; i < QUADS; i++)
+        for (k = 0; k < 3; k++)
+            n += sprintf(json + n, "{\"buffer\":0,\"byteOffset\":%d,\"byteLength\":%d},", 112 * i + (k ? 16 + 32 * k : 0), k ? 32 : 48);
+    n += sprintf(json + n, "{\"buffer\":0,\"byteOffset\":224,\"byteLength\":24}],\"buffers\":[{\"uri\":\"%s\",\"byteLength\":248}]}", bin);
+    write_file(name, json, (size_t)n);
+    write_file("floor.ppm", "P6\n2 1\n255\n\xff\xff\xff\x80\x40\xff", 11 + 6);
+}
+
+static float apart[QUADS][4] = { { 0.1f, 0.1f, 0.6f, 0.6f }, { 0.7f, 0.7f, 0.9f, 0.9f } };
+
+/* R on the floor at a place of the map. */
+static double truth_at(double u, double v) {
+    const float *c = apart[FLOOR];
+    const v3 p = { -2 + 4 * (u - (double)c[0]) / (double)(c[2] - c[0]) + (double)moved[0], (double)moved[1],
+                   -2 + 4 * (v - (double)c[1]) / (double)(c[3] - c[1]) }, n = { 0, 1, 0 };
+    v3 corners[4];
+    int i;
+    for (i = 0; i < 4; i++) { corners[i].x = (double)quads[LAMP][i][0]; corners[i].y = (double)quads[LAMP][i][1]; corners[i].z = (double)quads[LAMP][i][2]; }
+    return strength * ref_polygon(p, n, corners, 4);
+}
+
+#define MAP 64
+#define DIRECT "--mode", "direct", "--lightmap", "64", "--quiet"
+
+static int inside(const float *chart, int x, int y) {  /* the texel's centre */
+    const double u = (x + 0.5) / MAP, v = (y + 0.5) / MAP;
+    return u > (double)chart[0] && u < (double)chart[2] && v > (double)chart[1] && v < (double)chart[3];
+}
+
+/* The texel and the chart have something in common. */
+static int touches(const float *chart, int x, int y) {
+    return x + 1 > MAP * chart[0] && x < MAP * chart[2] && y + 1 > MAP * chart[1] && y < MAP * chart[3];
+}
+
+static const float *texel(const picture *p, int x, int y) { return p->values + 3 * (y * p->width + x); }
+
+/* ---- lightmaps ---- */
+
+TEST(a_lightmap_holds_lamberts_light) {
+    picture light, atlas;
+    int x, y, k, wrong = 0, dark = 0, filled = 0;
+    double worst = 0;
+    write_scene("room.gltf", apart, 1);
+    REQUIRE(TOOL("room.gltf", DIRECT, "-o", "out", "--stats", "out.json") == 0, "exit status %d: %s", ran.status, ran.err);
+    CHECK(ran.err_lines == 0 && ran.out_lines == 0 && exists("out.json") && !parts_left(), "it said %s%s", ran.err, ran.out);
+    light = read_pfm("out/lightmap.pfm");
+    atlas = read_pfm("out/atlas.pfm");
+    REQUIRE(light.values && atlas.values && light.width == MAP && light.height == MAP && atlas.width == MAP, "no lightmap");
+    for (y = 0; y < MAP; y++)
+        for (x = 0; x < MAP; x++) {
+            const float *R = texel(&light, x, y), *a = texel(&atlas, x, y);
+            const int on = touches(apart[FLOOR], x, y) || touches(apart[LAMP], x, y);
+            if (inside(apart[FLOOR], x, y)) {
+                const double truth = truth_at((x + 0.5) / MAP, (y + 0.5) / MAP);
+                worst = test_max(worst, test_max(fabs((double)R[0] - truth), fabs(2 * (double)R[2] - truth)) / truth_at(0.35, 0.35));
+            }
+            for (k = 0; k < 3; k++) {
+                wrong += on ? R[k] != a[k] : R[k] != 0.0f;
+                filled += !on && a[k] > 0;
+                dark += touches(apart[FLOOR], x, y) && !(R[k] > 0);
+            }
+        }
+    CHECK(worst < 0.01, "off by %g of the brightest", worst);
+    CHECK(wrong == 0 && dark == 0, "%d values are wrong, %d are dark", wrong, dark);
+    CHECK(filled > 3 * 400, "only %d values in the gutter", filled);
+    free(light.values);
+    free(atlas.values);
+#ifdef SBL_RENDER_OPENEXR
+    CHECK(exists("out/lightmap.exr") && exists("out/atlas.exr"), "no .exr");
+#endif
+    CHECK(!exists("out/overlap.png"), "there is no overlap");
+}
+
+/* Eight bits, the factor, and the factor's place in the .gltf. */
+TEST(viewers_get_the_same_light) {
+    char text[16384];
+    const char *extension;
+    picture atlas;
+    unsigned char *png;
+    double intensity = 0, worst = 0;
+    int lines, width = 0, height = 0, channels, i, index = -1, set = -1, bright = 0;
+    write_scene("room.gltf", apart, 1);
+    REQUIRE(TOOL("room.gltf", DIRECT, "-o", "out") == 0, "exit status %d: %s", ran.status, ran.err);
+    read_text(in_folder("out/scene.gltf"), text, sizeof text, &lines);
+    extension = strstr(text, "\"MOZ_lightmap\": {");
+    REQUIRE(extension && sscanf(extension, "\"MOZ_lightmap\": {\"index\": %d, \"texCoord\": %d, \"intensity\": %lf}", &index, &set, &intensity) == 3,
+            "no MOZ_lightmap in %s", text);
+    CHECK(set == 1 && index == 1 && strstr(text, "\"uri\": \"atlas.png\"") && strstr(text, "TEXCOORD_1") && intensity > 0, "it is %.100s", extension);
+    atlas = read_pfm("out/atlas.pfm");
+    png = stbi_load(in_folder("out/atlas.png"), &width, &height, &channels, 3);
+    REQUIRE(atlas.values && png && width == MAP && height == MAP, "no atlas");
+    for (i = 0; i < 3 * MAP * MAP; i++) {
+        const double c = png[i] / 255.0, linear = c <= 0.04045 ? c / 12.92 : pow((c + 0.055) / 1.055, 2.4);
+        const double R = intensity * linear / REF_PI, step = 0.012 * intensity / REF_PI;
+        bright += png[i] == 255;
+        if (png[i] < 255) worst = test_max(worst, fabs(R - (double)atlas.values[i]) / step);
+        else CHECK((double)atlas.values[i] > R - step, "texel %d is %g", i / 3, (double)atlas.values[i]);
+    }
+    CHECK(worst < 1, "off by %g steps of eight bits", worst);
+    CHECK(bright > 0 && bright < 3 * 200, "%d values are 255", bright);
+    free(atlas.values);
+    stbi_image_free(png);
+}
+
+/* What is written is the scene: read again it gives the same lightmap and the same picture. */
+TEST(the_scene_is_written_whole) {
+    picture light, again, seen, seen_again;
+    int i, differ = 0, colored = 0;
+    write_scene("room.gltf", apart, 1);
+    REQUIRE(TOOL("room.gltf", DIRECT, "-o", "out") == 0, "exit status %d: %s", ran.status, ran.err);
+    REQUIRE(TOOL("out/scene.gltf", DIRECT, "-o", "again") == 0, "exit status %d: %s", ran.status, ran.err);
+    light = read_pfm("out/lightmap.pfm");
+    again = read_pfm("again/lightmap.pfm");
+    REQUIRE(light.values && again.values, "no lightmap");
+    for (i = 0; i < 3 * MAP * MAP; i++) differ += fabs((double)light.values[i] - (double)again.values[i]) > 1e-5 * (double)light.values[i];
+    CHECK(differ == 0, "%d values differ", differ);
+    tool_use("sbl_render");
+    CHECK(TOOL("room.gltf", "--channel", "albedo", "--size", "40x30", "-o", "a.pfm") == 0, "%s", ran.err);
+    CHECK(TOOL("out/scene.gltf", "--channel", "albedo", "--size", "40x30", "-o", "b.pfm") == 0, "%s", ran.err);
+    tool_use("sbl_bake");
+    seen = read_pfm("a.pfm");
+    seen_again = read_pfm("b.pfm");
+    REQUIRE(seen.values && seen_again.values, "no picture");
+    for (i = 0, differ = 0; i < 3 * 40 * 30; i++) {
+        differ += fabs((double)seen.values[i] - (double)seen_again.values[i]) > 1e-4;
+        colored += i % 3 == 0 && seen.values[i] > 0 && fabs((double)seen.values[i] - (double)seen.values[i + 1]) > 0.05;
+    }
+    CHECK(differ == 0 && colored > 20, "%d values differ; %d are coloured", differ, colored);
+    free(light.values);
+    free(again.values);
+    free(seen.values);
+    free(seen_again.values);
+}
+
+TEST(overlaps_are_shown) {
+    static float over[QUADS][4] = { { 0.1f, 0.1f, 0.6f, 0.6f }, { 0.5f, 0.5f, 0.9f, 0.9f } };
+    int width = 0, height = 0, channels, x, y, wrong = 0;
+    unsigned char *png;
+    write_scene("room.gltf", over, 1);
+    REQUIRE(TOOL("room.gltf", "--mode", "direct", "--lightmap", "64", "-o", "out") == 0, "exit status %d: %s", ran.status, ran.err);
+    CHECK(said("share texel") && said("overlap in"), "%s", ran.err);
+    png = stbi_load(in_folder("out/overlap.png"), &width, &height, &channels, 3);
+    REQUIRE(png && width == MAP && height == MAP, "no overlap.png");
+    for (y = 0; y < MAP; y++)
+        for (x = 0; x < MAP; x++) {
+            const unsigned char *p = png + 3 * (y * MAP + x);
+            const int red = p[0] > 200 && p[1] < 50;
+            wrong += red != (inside(over[FLOOR], x, y) && inside(over[LAMP], x, y));
+        }
+    CHECK(wrong == 0, "%d texels are wrong", wrong);
+    stbi_image_free(png);
+}
+
+/* ---- vertices and probes ---- */
+
+/* The floor has four corners: what fits best there is what the test finds by a fit of its own. */
+TEST(vertices_fit_lamberts_light) {
+    enum { HEAD = 1024, VERTEX = 36, CELLS = 200 };
+    static unsigned char file[65536];
+    FILE *in;
+    size_t size;
+    const unsigned char *body;
+    const char *end;
+    double b[4] = { 0 }, best[4], m[4][4] = { { 0 } };
+    float v[8][9];
+    int i, k, x, y, side, faces = 0, step;
+    write_scene("room.gltf", apart, 1);
+    REQUIRE(TOOL("room.gltf", "--mode", "direct", "--vertices", "--preset", "high", "-o", "out.ply", "--quiet") == 0 && ran.err_lines == 0,
+            "exit status %d: %s", ran.status, ran.err);
+    in = fopen(in_folder("out.ply"), "rb");
+    REQUIRE(in, "no out.ply");
+    size = fread(file, 1, sizeof file - 1, in);
+    fclose(in);
+    end = strstr((const char *)file, "end_header\n");
+    REQUIRE(end && strstr((const char *)file, "ply\nformat binary_little_endian 1.0\n") && strstr((const char *)file, "element vertex 8\n") &&
+            strstr((const char *)file, "element face 4\n"), "the head is %.300s", (const char *)file);
+    body = (const unsigned char *)end + strlen("end_header\n");
+    REQUIRE(size == (size_t)(body - file) + 8 * VERTEX + 4 * 13, "it has %d bytes", (int)size);
+    memcpy(v, body, sizeof v);  /* this machine is little-endian, or the test fails */
+    for (body += 8 * VERTEX; faces < 4; faces++, body += 13) {
+        uint32_t corner[3];
+        memcpy(corner, body + 1, 12);
+        CHECK(body[0] == 3 && corner[0] < 8 && corner[1] < 8 && corner[2] < 8 && (corner[0] < 4) == (corner[2] < 4), "face %d", faces);
+    }
+    /* the two triangles of the floor, 0 1 2 and 0 2 3: least squares on a fine grid, by Gauss-Seidel */
+    for (side = 0; side < 2; side++)
+        for (y = 0; y < CELLS; y++)
+            for (x = 0; x < CELLS; x++) {
+                const double s = (x + 0.5) / CELLS, t = (y + 0.5) / CELLS;  /* along x and z */
+                const double truth = truth_at(0.1 + 0.5 * s, 0.1 + 0.5 * t);
+                const double hat[2][4] = { { 1 - t, t - s, s, 0 }, { 1 - s, 0, t, s - t } };
+                if ((t > s) != (side == 0)) continue;
+                for (i = 0; i < 4; i++) {
+                    b[i] += hat[side][i] * truth;
+                    for (k = 0; k < 4; k++) m[i][k] += hat[side][i] * hat[side][k];
+                }
+            }
+    for (i = 0; i < 4; i++) best[i] = 0;
+    for (step = 0; step < 2000; step++)
+        for (i = 0; i < 4; i++) {
+            double rest = b[i];
+            for (k = 0; k < 4; k++) rest -= k == i ? 0 : m[i][k] * best[k];
+            best[i] = rest / m[i][i];
+        }
+    for (i = 0; i < 8; i++) {
+        const int quad = i / 4;
+        int found = -1;
+        for (k = 0; k < 4; k++)
+            if (fabs((double)(v[i][0] - quads[quad][k][0] - (quad ? 0 : moved[0]))) < 1e-5 && fabs((double)(v[i][2] - quads[quad][k][2])) < 1e-5 &&
+                fabs((double)(v[i][1] - quads[quad][k][1] - (quad ? 0 : moved[1]))) < 1e-5) found = k;
+        CHECK(found >= 0, "vertex %d stands at %g %g %g", i, (double)v[i][0], (double)v[i][1], (double)v[i][2]);
+        CHECK(fabs((double)v[i][3]) < 1e-5 && fabs(fabs((double)v[i][4]) - 1) < 1e-5 && (v[i][4] > 0) == (quad == 0), "normal %g %g %g", (double)v[i][3],
+              (double)v[i][4], (double)v[i][5]);
+        if (quad == 0 && found >= 0)
+            CHECK(fabs((double)v[i][6] - test_max(best[found], 0)) < 0.08 * truth_at(0.35, 0.35) && fabs(2 * (double)v[i][8] - (double)v[i][6]) < 1e-3,
+                  "vertex %d has %g %g, not %g", i, (double)v[i][6], (double)v[i][8], best[found]);
+    }
+    REQUIRE(TOOL("room.gltf", "--mode", "direct", "--vertices", "-o", "new.gltf", "--quiet") == 0, "exit status %d: %s", ran.status, ran.err);
+    read_text(in_folder("new.gltf"), (char *)file, sizeof file, &i);
+    CHECK(strstr((const char *)file, "\"_RADIANCE\": ") && strstr((const char *)file, "\"uri\": \"new.bin\"") && exists("new.bin") && exists("texture_0.png"),
+          "no attribute");
+    CHECK(TOOL("new.gltf", DIRECT, "-o", "again") == 0 && exists("again/lightmap.pfm"), "it cannot be read: %s", ran.err);
+}
+
+static double basis(int i, const double d[3]) {  /* real, orthonormal */
+    const double x = d[0], y = d[1], z = d[2], pi = REF_PI;
+    switch (i) {
+        case 0: return sqrt(1 / (4 * pi));
+        case 1: return sqrt(3 / (4 * pi)) * y;
+        case 2: return sqrt(3 / (4 * pi)) * z;
+        case 3: return sqrt(3 / (4 * pi)) * x;
+        case 4: return sqrt(15 / (4 * pi)) * x * y;
+        case 5: return sqrt(15 / (4 * pi)) * y * z;
+        case 6: return sqrt(5 / (16 * pi)) * (3 * z * z - 1);
+        case 7: return sqrt(15 / (4 * pi)) * x * z;
+        default: return sqrt(15 / (16 * pi)) * (x * x - y * y);
+    }
+}
+
+/* Probes under the lamp and beside it: its light over its area, by numbers. The floor sends nothing in this mode. */
+TEST(probes_hold_the_lamps_light) {
+    static const double points[2][3] = { { 0.2, 1, 0.1 }, { -1, 1.5, 0.4 } };
+    static char text[65536];
+    const char *at;
+    int lines, i, k, x, y, probe;
+    write_scene("room.gltf", apart, 1);
+    write_text("points.txt", "# two\n0.2 1 0.1\n\n -1, 1.5,0.4  # beside\n");
+    REQUIRE(TOOL("room.gltf", "--mode", "direct", "--probes", "points.txt", "-o", "out.json", "--quiet") == 0 && ran.err_lines == 0, "exit status %d: %s",
+            ran.status, ran.err);
+    read_text(in_folder("out.json"), text, sizeof text, &lines);
+    at = text;
+    for (probe = 0; probe < 2; probe++) {
+        double truth[9] = { 0 }, norm = 0, position[3] = { 0, 0, 0 }, sh[3];
+        int count = 0;
+        at = strstr(at, "{\"position\": [");
+        REQUIRE(at && sscanf(at, "{\"position\": [%lf, %lf, %lf], \"valid\": true, \"sh\": [%n", &position[0], &position[1], &position[2], &count) == 3 && count,
+                "probe %d is not there: %.200s", probe, at ? at : text);
+        for (k = 0; k < 3; k++) CHECK(fabs(position[k] - points[probe][k]) < 1e-6, "it stands at %g", position[k]);
+        at += count;
+        for (y = 0; y < 200; y++)
+            for (x = 0; x < 200; x++) {
+                const double d[3] = { -0.5 + (x + 0.5) / 200 - points[probe][0], 2 - points[probe][1], -0.5 + (y + 0.5) / 200 - points[probe][2] };
+                const double r = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]), unit[3] = { d[0] / r, d[1] / r, d[2] / r };
+                for (i = 0; i < 9; i++) truth[i] += strength * basis(i, unit) * fabs(unit[1]) / (r * r) / 40000;
+            }
+        for (i = 0; i < 4; i++) norm += truth[i] * truth[i];
+        for (i = 0; i < 9; i++) {
+            REQUIRE(sscanf(at, "%*[, ][%lf, %lf, %lf]%n", &sh[0], &sh[1], &sh[2], &count) == 3 || sscanf(at, "[%lf, %lf, %lf]%n", &sh[0], &sh[1], &sh[2], &count) == 3,
+                    "coefficient %d is not there: %.80s", i, at);
+            at += count;
+            CHECK(fabs(sh[0] - truth[i]) < 0.005 * sqrt(norm) && fabs(2 * sh[2] - sh[0]) < 1e-3 * sqrt(norm), "probe %d, coefficient %d is %g %g, not %g", probe, i,
+                  sh[0], sh[2], truth[i]);
+        }
+    }
+    CHECK(!strstr(at, "\"position\""), "there are more");
+    REQUIRE(TOOL("room.gltf", "--mode", "direct", "--probes", "2x3x1", "--preset", "draft", "-o", "out.json", "--quiet") == 0, "%s", ran.err);
+    read_text(in_folder("out.json"), text, sizeof text, &lines);
+    for (i = 0, at = text; (at = strstr(at, "{\"position\": [")) != NULL; i++, at++) {  /* bounds: -1.75 to 2.25, -0.5 to 2, -2 to 2 */
+        double p[3] = { 0, 0, 0 };
+        const double expected[3] = { -1.75 + 4 * (i % 2 + 0.5) / 2, -0.5 + 2.5 * (i / 2 + 0.5) / 3, 0 };
+        CHECK(sscanf(at, "{\"position\": [%lf, %lf, %lf]", &p[0], &p[1], &p[2]) == 3, "%.50s", at);
+        for (k = 0; k < 3; k++) CHECK(fabs(p[k] - expected[k]) < 1e-5, "point %d: %g, not %g", i, p[k], expected[k]);
+    }
+    CHECK(i == 6 && strstr(text, "\"grid\": [2, 3, 1]"), "%d probes", i);
+}
+
+/* ---- what is wrong ---- */
+
+#define REFUSED(code, words, ...) do { \
+        CHECK(TOOL(__VA_ARGS__) == code && said(words) && ran.err_lines == 1, "exit status %d, expected %d and \"%s\": %s", ran.status, code, words, ran.err); \
+    } while (0)
+
+TEST(what_is_wrong_is_said) {
+    write_scene("room.gltf", apart, 1);
+    write_scene("plain.gltf", apart, 0);
+    write_text("file", "x");
+    REFUSED(2, "usage: sbl_bake", "--lightmap", "64");
+    REFUSED(2, "give one of --lightmap, --vertices and --probes", "room.gltf", "-o", "out");
+    REFUSED(2, "give one of --lightmap, --vertices and --probes", "room.gltf", "-o", "out", "--lightmap", "64", "--vertices");
+    REFUSED(2, "--gutter needs --lightmap", "room.gltf", "--vertices", "-o", "no.ply", "--gutter", "3");
+    REFUSED(2, "--move needs --probes", "room.gltf", "--vertices", "-o", "no.ply", "--move", "3");
+    REFUSED(2, "must end in .ply or .gltf", "room.gltf", "--vertices", "-o", "out.obj");
+    REFUSED(2, "must end in .json", "room.gltf", "--probes", "2x2x2", "-o", "out.txt");
+    REFUSED(2, "--probes 2x2", "room.gltf", "--probes", "2x2", "-o", "no.json");
+    REFUSED(2, "--probes 0x1x1", "room.gltf", "--probes", "0x1x1", "-o", "no.json");
+    REFUSED(1, "cannot be read", "room.gltf", "--probes", "none.txt", "-o", "no.json", "--quiet");
+    write_text("bad.txt", "1 2 3\n\n# none\n4 5\n");
+    REFUSED(1, "line 4 is not three numbers", "room.gltf", "--probes", "bad.txt", "-o", "no.json", "--quiet");
+    write_text("bad.json", "1 2 3\n");
+    REFUSED(2, "which is read", "room.gltf", "--probes", "bad.json", "-o", "bad.json");
+    CHECK(!exists("no.json") && !exists("no.ply"), "something was written");
+    REFUSED(2, "--output is missing", "room.gltf", "--lightmap", "64");
+    REFUSED(2, "no folder", "room.gltf", "--lightmap", "64", "-o", "file");
+    REFUSED(1, "cannot be made", "room.gltf", "--lightmap", "64", "-o", "no/such/folder");
+    REFUSED(2, "--mode paper", "room.gltf", "--lightmap", "64", "-o", "new", "--mode", "paper");
+    REFUSED(2, "--lightmap 0", "room.gltf", "--lightmap", "0", "-o", "new");
+    REFUSED(2, "--lightmap 16385", "room.gltf", "--lightmap", "16385", "-o", "new");
+    REFUSED(2, "--gutter -1", "room.gltf", "--lightmap", "64", "--gutter", "-1", "-o", "new");
+    REFUSED(2, "there is no option --eye", "room.gltf", "--lightmap", "64", "-o", "new", "--eye", "0,0,0");
+    REFUSED(1, "scripts/unwrap", "plain.gltf", "--lightmap", "64", "-o", "new", "--quiet");
+    CHECK(!exists("new/lightmap.pfm") && !exists("new/scene.gltf"), "something was written");
+    CHECK(TOOL("room.gltf", DIRECT, "-o", "here") == 0, "%s", ran.err);
+    REFUSED(2, "which is read", "here/scene.gltf", DIRECT, "-o", "here");
+    CHECK(TOOL("--help") == 0 && strstr(ran.out, "MOZ_lightmap") && TOOL("--version") == 0 && strstr(ran.out, "sbl_bake 0."), "%s", ran.out);
+}
+
+TEST(a_full_disk_is_said) {
+    static const char *const arguments[] = { "room.gltf", DIRECT, "-o", "full", NULL };
+    write_scene("room.gltf", apart, 1);
+    finish(start(arguments, -1, 4096));
+    CHECK(ran.status == 1 && said("cannot be written") && ran.err_lines == 1 && !parts_left(), "exit status %d: %s", ran.status, ran.err);
+    CHECK(!exists("full/lightmap.pfm") && !exists("full/atlas.pfm"), "half a file is there");
+}
+
+TEST(interrupted) {
+    static const char *const early[] = { "room.gltf", "--lightmap", "2048", "--rays", "4096", "--tile", "1", "-o", "early", NULL };
+    static const char *const late[] = { "room.gltf", "--lightmap", "1024", "--mode", "ambient", "--rays", "4096", "--threshold", "0", "-o", "late", NULL };
+    picture light;
+    write_scene("room.gltf", apart, 1);
+    if (!interrupt_at(early, 0, SIGINT)) SKIP("no pseudo-terminals");
+    CHECK(ran.status == 130 && said("interrupted; ") && !exists("early/lightmap.partial.pfm") && !exists("early/lightmap.pfm"), "exit status %d: %s",
+          ran.status, ran.err);
+    CHECK(interrupt_at(late, 5, SIGTERM) && ran.status == 143 && said("the light so far ("), "exit status %d: %s", ran.status, ran.err);
+    light = read_pfm("late/lightmap.partial.pfm");
+    CHECK(light.values && light.width == 1024 && *texel(&light, 300, 300) > 0 && !exists("late/lightmap.pfm") && !parts_left(), "no light so far");
+    free(light.values);
+}
+
+/* ---- a host draws it ---- */
+
+/* From above the map's light is drawn where the camera sees the floor; a pixel there is as large as a texel. */
+TEST(a_host_draws_it) {
+    picture drawn;
+    double worst = 0;
+    int x, y, seen = 0;
+    write_scene("room.gltf", apart, 1);
+    REQUIRE(TOOL("room.gltf", "--mode", "direct", "--lightmap", "256", "-o", "out") == 0, "%s", ran.err);
+    tool_use("host_lightmap");
+    CHECK(TOOL("room.gltf", "out", "--eye", "0.25,1.5,0", "--look-at", "0.25,-0.5,0", "--up", "0,0,-1", "--fov", "80", "--size", "50x50", "--channel",
+               "radiance", "-o", "drawn.pfm") == 0 && ran.err_lines == 0, "exit status %d: %s", ran.status, ran.err);
+    drawn = read_pfm("drawn.pfm");
+    CHECK(drawn.values != NULL, "nothing is drawn");
+    for (y = 0; y < 50 && drawn.values; y++)
+        for (x = 0; x < 50; x++) {
+            const double across = 2 * tan(40 * REF_PI / 180) * 2, u = 0.35 + ((x + 0.5) / 50 - 0.5) * across / 4 * 0.5,
+                         v = 0.35 + ((y + 0.5) / 50 - 0.5) * across / 4 * 0.5;
+            if (u < 0.11 || u > 0.59 || v < 0.11 || v > 0.59) continue;
+            seen++;
+            worst = test_max(worst, fabs((double)*texel(&drawn, x, y) - truth_at(u, v)) / truth_at(0.35, 0.35));
+        }
+    CHECK(seen > 2000 && worst < 0.015, "%d pixels, off by %g of the brightest", seen, worst);
+    free(drawn.values);
+    CHECK(TOOL("room.gltf", "out", "--eye", "0.25,1.4,3", "--look-at", "0.25,0.5,0", "--size", "60x40", "--sky", "1,1,1") == 0 && exists("out/frame_00.png") &&
+          exists("out/frame_11.png"), "exit status %d: %s", ran.status, ran.err);
+    for (x = 0; x < 2; x++) {  /* the ball goes from left to right: it is where the sky was */
+        int width = 0, height = 0, channels, column, from = x ? 30 : 0, balls = 0;
+        unsigned char *png = stbi_load(in_folder(x ? "out/frame_11.png" : "out/frame_00.png"), &width, &height, &channels, 3);
+        for (column = from; png && column < from + 30; column++) {
+            const unsigned char *p = png + 3 * (23 * width + column);
+            balls += p[0] > 10 && p[0] < 250;
+        }
+        CHECK(png && width == 60 && height == 40, "frame %d", x ? 11 : 0);
+        stbi_image_free(png);
+        CHECK(balls > 0, "no ball in frame %d", x ? 11 : 0);
+    }
+    REFUSED(1, "atlas.pfm", "room.gltf", "nowhere", "-o", "x.png");
+    REFUSED(2, "usage", "room.gltf");
+    REFUSED(2, "must end in", "room.gltf", "out", "-o", "x.jpg");
+    tool_use("sbl_bake");
+}
+
+int main(int argc, char **argv) {
+    (void)argc;
+    if (!tool_begin(argv[0])) return 1;
+    tool_use("sbl_bake");
+    RUN(a_lightmap_holds_lamberts_light);
+    RUN(viewers_get_the_same_light);
+    RUN(the_scene_is_written_whole);
+    RUN(overlaps_are_shown);
+    RUN(vertices_fit_lamberts_light);
+    RUN(probes_hold_the_lamps_light);
+    RUN(what_is_wrong_is_said);
+    RUN(a_full_disk_is_said);
+    RUN(interrupted);
+    RUN(a_host_draws_it);
+    tool_end();
+    return test_report();
+}

@@ -1,0 +1,758 @@
+/* Lightmaps: which texel shows what, against the geometry itself; what light they hold, against closed forms; and what strangers' coordinates do. */
+#define SBL_IMPLEMENTATION
+#define SBL_EGL
+#include "../sbl.h"
+#include "test.h"
+#include "scenes.h"
+#include "reference.h"
+#include "gl_watch.h"
+
+static watch seen;
+static sbl_context *context;
+
+static int use_scene(const test_scene *s) {
+    const sbl_context_desc desc = watch_desc(&seen);
+    sbl_destroy(context);
+    context = watch_context(&seen, &desc, s);
+    watch_forget(&seen);
+    return context != NULL;
+}
+
+static sbl_lightmap_desc map_of(int width, int height, sbl_mode mode) {
+    sbl_lightmap_desc desc;
+    memset(&desc, 0, sizeof desc);
+    desc.width = width;
+    desc.height = height;
+    desc.mode = mode;
+    return desc;
+}
+
+/* A channel of the finished lightmap; the caller frees it. */
+static float *channel_of(const sbl_lightmap_desc *desc, sbl_channel channel) {
+    sbl_picture_desc view;
+    memset(&view, 0, sizeof view);
+    view.width = desc->width;
+    view.height = desc->height;
+    return scene_channel(context, &view, channel);
+}
+
+/* Bakes, and returns R; NULL where that fails. */
+static float *bake_stored(const test_scene *s, const sbl_lightmap_desc *desc, int bounce_samples) {
+    sbl_scene_desc scene = scene_desc(s);
+    sbl_result result;
+    if (!use_scene(s)) { CHECK(0, "no context: %s", watch_last(&seen)); return NULL; }
+    scene.bounce_samples = bounce_samples;
+    CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
+    result = sbl_bake_lightmap(context, desc);
+    CHECK(result == SBL_SUCCESS, "%s: %s", sbl_result_string(result), watch_last(&seen));
+    return result == SBL_SUCCESS ? channel_of(desc, SBL_CHANNEL_RADIANCE) : NULL;
+}
+
+static float *bake(const test_scene *s, const sbl_lightmap_desc *desc) { return bake_stored(s, desc, 1024); }
+
+static void uv_set(test_scene *s, sbl_mesh *mesh, const float *uv) { mesh->lightmap_texcoords.data = scene_copy(s, uv, 2 * mesh->vertex_count); }
+
+/* A quad's corners 0 0, u 0, u v, 0 v of the texture, on a rectangle of the map: x0, y0, x1, y1. */
+static void uv_rectangle(test_scene *s, sbl_mesh *quad, float x0, float y0, float x1, float y1) {
+    const float uv[8] = { x0, y0, x1, y0, x1, y1, x0, y1 };
+    uv_set(s, quad, uv);
+}
+
+/* >>texels */
+
+enum { SIDE = 48 };
+
+/* Which part of a square a triangle covers: the triangle cut along the square's four sides (Sutherland and Hodgman 1974). */
+static double covered(double p[3][2], double x, double y) {
+    double from[16][2], to[16][2], area = 0;
+    int count = 3, cut, i;
+    memcpy(from, p, 6 * sizeof(double));
+    for (cut = 0; cut < 4; cut++) {
+        const int axis = cut & 1;
+        const double side = (axis ? y : x) + (cut >= 2), way = cut >= 2 ? -1 : 1;
+        int kept = 0;
+        for (i = 0; i < count; i++) {
+            const double *a = from[i], *b = from[(i + 1) % count], ha = way * (a[axis] - side), hb = way * (b[axis] - side);
+            if (ha >= 0) { to[kept][0] = a[0]; to[kept++][1] = a[1]; }
+            if ((ha >= 0) != (hb >= 0)) {
+                to[kept][0] = a[0] + ha / (ha - hb) * (b[0] - a[0]);
+                to[kept++][1] = a[1] + ha / (ha - hb) * (b[1] - a[1]);
+            }
+        }
+        count = kept;
+        memcpy(from, to, sizeof from);
+    }
+    for (i = 0; i < count; i++) area += from[i][0] * from[(i + 1) % count][1] - from[(i + 1) % count][0] * from[i][1];
+    return 0.5 * fabs(area);
+}
+
+/* The least distance from a texel's centre to a triangle, by many points of it. */
+static double distance_to(double p[3][2], double x, double y) {
+    double least = HUGE_VAL;
+    int i, j;
+    for (i = 0; i <= 200; i++)
+        for (j = 0; j <= 200 - i; j++) {
+            const double b = i / 200.0, c = j / 200.0, a = 1 - b - c;
+            const double dx = a * p[0][0] + b * p[1][0] + c * p[2][0] - x, dy = a * p[0][1] + b * p[1][1] + c * p[2][1] - y;
+            least = fmin(least, sqrt(dx * dx + dy * dy));
+        }
+    return least;
+}
+
+/* Twenty triangles, each alone on a floor whose world is the map itself: a texel shows one exactly where it covers a part of its square, and there the
+   point that is nearest to its centre, at edges 0.02 texels inward. */
+TEST(texels_show_what_touches_them) {
+    uint64_t seed = 5;
+    int run, i, k;
+    for (run = 0; run < 20; run++) {
+        static test_scene s;
+        const sbl_lightmap_desc desc = map_of(SIDE, SIDE, SBL_MODE_DIRECT);
+        double p[3][2];
+        float world[9], uv[6], *position, *id, *light;
+        int x, y, shown = 0, wrong = 0;
+        double worst = 0;
+        memset(&s, 0, sizeof s);
+        for (i = 0; i < 3; i++) {
+            for (k = 0; k < 2; k++) {
+                const double size = run % 4 == 0 ? 2 : run % 4 == 1 ? 8 : SIDE, low = run % 4 < 2 ? 20 : 0;
+                uv[2 * i + k] = (float)((low + size * ref_random(&seed)) / SIDE);
+                if (run % 4 == 3 && i == 2) uv[4 + k] = 0.5f * (uv[k] + uv[2 + k]) + 1e-3f * (float)k;  /* thin */
+                p[i][k] = (double)uv[2 * i + k] * SIDE;
+            }
+            world[3 * i] = (float)p[i][0];
+            world[3 * i + 1] = 0;
+            world[3 * i + 2] = (float)p[i][1];
+        }
+        uv_set(&s, scene_mesh(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), world, NULL, NULL, 3, NULL, 0), uv);
+        scene_sky(&s, 1, 1, 1);
+        light = bake(&s, &desc);
+        if (light) {
+            position = channel_of(&desc, SBL_CHANNEL_POSITION);
+            id = channel_of(&desc, SBL_CHANNEL_ID);
+            for (y = 0; y < SIDE; y++)
+                for (x = 0; x < SIDE; x++) {
+                    const float *at = position + 3 * (y * SIDE + x);
+                    const double part = covered(p, x, y), dx = (double)at[0] - x - 0.5, dz = (double)at[2] - y - 0.5;
+                    const int is_shown = id[y * SIDE + x] > 0;
+                    shown += is_shown;
+                    if (is_shown != (part > 0) && (part == 0 || part > 1e-9)) wrong++;
+                    if (is_shown) worst = fmax(worst, sqrt(dx * dx + dz * dz) - distance_to(p, x + 0.5, y + 0.5));
+                    if (is_shown && !(fabs((double)light[3 * (y * SIDE + x)] - 1) < 1e-3)) wrong++;
+                }
+            CHECK(shown > 0 && wrong == 0, "triangle %d: %d texels, %d wrong", run, shown, wrong);
+            CHECK(worst < 0.021, "triangle %d: a point is %g texels farther than the nearest", run, worst);
+            free(position);
+            free(id);
+        }
+        free(light);
+        scene_free(&s);
+    }
+}
+
+/* A chart that is a point, one that is a line, one so small that it lies inside of a texel. */
+TEST(charts_without_area_are_shown) {
+    static const float where[3][6] = { { 0.31f, 0.52f, 0.31f, 0.52f, 0.31f, 0.52f }, { 0.1f, 0.2f, 0.5f, 0.2f, 0.9f, 0.2f },
+                                       { 0.501f, 0.801f, 0.502f, 0.801f, 0.501f, 0.802f } };
+    static test_scene s;
+    static const float world[9] = { 0, 0, 0, 0, 0, 1, 1, 0, 0 };
+    sbl_lightmap_desc desc = map_of(16, 16, SBL_MODE_DIRECT);
+    float *light, *id;
+    int i, shown = 0;
+    memset(&s, 0, sizeof s);
+    for (i = 0; i < 3; i++) uv_set(&s, scene_mesh(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), world, NULL, NULL, 3, NULL, 0), where[i]);
+    scene_sky(&s, 1, 1, 1);
+    desc.gutter = -1;
+    light = bake(&s, &desc);
+    if (light) {
+        float *final = channel_of(&desc, SBL_CHANNEL_FINAL);
+        id = channel_of(&desc, SBL_CHANNEL_ID);
+        for (i = 0; i < 256; i++) {
+            shown += id[i] > 0;
+            CHECK((light[3 * i] > 0) == (id[i] > 0) && (final[3 * i] > 0) == (id[i] > 0), "texel %d: id %g, R %g, final %g", i, (double)id[i],
+                  (double)light[3 * i], (double)final[3 * i]);
+        }
+        CHECK(id[8 * 16 + 4] > 0 && id[12 * 16 + 8] > 0 && id[3 * 16 + 8] > 0, "a chart is missing");
+        CHECK(shown == 1 + 1 + 14, "%d texels are shown", shown);
+        free(id);
+        free(final);
+    }
+    free(light);
+    scene_free(&s);
+}
+
+/* >>light */
+
+/* A lamp over a floor, whose chart lies askew: every texel against the lamp's closed form. The other side of the map is the same floor mirrored. */
+TEST(a_floor_under_a_lamp) {
+    static const float lamp[12] = { -0.5f, 1, -0.5f, 0.5f, 1, -0.5f, 0.5f, 1, 0.5f, -0.5f, 1, 0.5f };
+    static const float askew[8] = { 0.05f, 0.1f, 0.02f, 0.9f, 0.43f, 0.95f, 0.48f, 0.05f };
+    static test_scene s;
+    const sbl_lightmap_desc desc = map_of(192, 192, SBL_MODE_DIRECT);
+    const v3 up = v3_of(0, 1, 0);
+    float mirrored[8], *light;
+    v3 corners[4];
+    int i, k;
+    memset(&s, 0, sizeof s);
+    for (i = 0; i < 4; i++) {
+        mirrored[2 * i] = 1 - askew[2 * i];
+        mirrored[2 * i + 1] = askew[2 * i + 1];
+        corners[i] = v3_from(lamp + 3 * i);
+    }
+    scene_polygon(&s, scene_lamp(&s, 2, 2, 2), lamp, 4);
+    k = scene_material(&s, 0.5f, 0.5f, 0.5f);
+    uv_set(&s, scene_floor(&s, k, 0, 1.5f), askew);
+    uv_set(&s, scene_floor(&s, k, 0, 1.5f), mirrored);
+    light = bake(&s, &desc);
+    if (light) {
+        float *position = channel_of(&desc, SBL_CHANNEL_POSITION), *id = channel_of(&desc, SBL_CHANNEL_ID);
+        double squares = 0, worst = 0, mean = 0;
+        int count = 0, charts[3] = { 0, 0, 0 };
+        for (i = 0; i < 192 * 192; i++) {
+            const double truth = 2 * ref_polygon(v3_from(position + 3 * i), up, corners, 4), off = (double)light[3 * i] - truth;
+            if (!(id[i] > 0)) continue;
+            charts[id[i] > 2 ? 0 : (int)id[i]]++;
+            squares += off * off;
+            mean += truth;
+            worst = fmax(worst, fabs(off) / truth);
+            count++;
+        }
+        mean /= count;
+        printf("  %d texels: %.3f %% rms, %.2f %% at worst; %lld sensors\n", count, 100 * sqrt(squares / count) / mean, 100 * worst,
+               (long long)sbl_query_stats(context).sensors);
+        CHECK(sqrt(squares / count) < 0.005 * mean, "rms %.3f %%", 100 * sqrt(squares / count) / mean);
+        CHECK(charts[0] == 0 && charts[1] > 10000 && charts[1] == charts[2], "charts of %d and %d texels, %d of others", charts[1], charts[2], charts[0]);
+        CHECK(sbl_query_stats(context).visible_pixels == count, "%d texels are told", sbl_query_stats(context).visible_pixels);
+        free(position);
+        free(id);
+    }
+    free(light);
+    scene_free(&s);
+}
+
+/* A closed box that shines and reflects: R is emission / (1 - albedo) everywhere, in charts that leave a texel between them; and beyond them as far as the
+   gutter reaches. */
+TEST(a_furnace) {
+    static test_scene s;
+    sbl_lightmap_desc desc = map_of(128, 96, SBL_MODE_GI);
+    float *light;
+    int i, k, x, y;
+    memset(&s, 0, sizeof s);
+    i = scene_material(&s, 0.5f, 0.5f, 0.5f);
+    for (k = 0; k < 3; k++) s.materials[i].emission[k] = 1;
+    scene_box(&s, i, 0, 0, 0, 2, 1, 3);
+    for (i = 0; i < 6; i++) {
+        const float x0 = (float)(i % 3) / 4 + 0.1f, y0 = (float)(i / 3) / 4 + 0.1f;
+        float turned[12];
+        uv_rectangle(&s, &s.meshes[i], x0, y0, x0 + 0.24f, y0 + 0.235f);
+        for (k = 0; k < 12; k++) turned[k] = ((const float *)s.meshes[i].positions.data)[3 * (3 - k / 3) + k % 3];
+        s.meshes[i].positions.data = scene_copy(&s, turned, 12);  /* they face inward */
+    }
+    desc.gutter = 5;
+    light = bake_stored(&s, &desc, 0);
+    if (light) {
+        float *final = channel_of(&desc, SBL_CHANNEL_FINAL), *id = channel_of(&desc, SBL_CHANNEL_ID);
+        double worst = 0, squares = 0;
+        int shown = 0, wrong = 0;
+        for (y = 0; y < 96; y++)
+            for (x = 0; x < 128; x++) {
+                const int texel = y * 128 + x;
+                int near_one = 0, u, v;
+                for (v = -5; v <= 5; v++)
+                    for (u = -5; u <= 5; u++)
+                        near_one |= x + u >= 0 && x + u < 128 && y + v >= 0 && y + v < 96 && id[texel + v * 128 + u] > 0;
+                shown += id[texel] > 0;
+                if (id[texel] > 0) squares += pow((double)light[3 * texel + 1] / 2 - 1, 2);
+                else wrong += light[3 * texel] != 0;
+                if (near_one) worst = fmax(worst, fabs((double)final[3 * texel + 2] / 2 - 1));
+                else wrong += final[3 * texel] != 0;
+            }
+        CHECK(shown > 5 * 30 * 20 && wrong == 0, "%d texels are shown, %d wrong", shown, wrong);
+        printf("  %.2f %% rms, gutter and all %.2f %% at worst\n", 100 * sqrt(squares / shown), 100 * worst);
+        CHECK(sqrt(squares / shown) < 0.005 && worst < 0.05, "off by %.3f %% rms, %.2f %% at worst", 100 * sqrt(squares / shown), 100 * worst);
+        free(final);
+        free(id);
+    }
+    free(light);
+    scene_free(&s);
+}
+
+/* A bright floor and a dark one, side by side in the map without a texel between them: neither has any of the other's light. */
+TEST(charts_keep_their_light) {
+    static test_scene s;
+    sbl_lightmap_desc desc = map_of(64, 64, SBL_MODE_DIRECT);
+    static const float roof[12] = { -9, 0.3f, -9, 9, 0.3f, -9, 9, 0.3f, 9, -9, 0.3f, 9 };
+    float *light;
+    int i, k;
+    memset(&s, 0, sizeof s);
+    k = scene_material(&s, 0.5f, 0.5f, 0.5f);
+    uv_rectangle(&s, scene_floor(&s, k, 0.31f, 1), 0.1f, 0.1f, 0.5f, 0.9f);
+    uv_rectangle(&s, scene_floor(&s, k, 0.29f, 0.5f), 0.5f, 0.1f, 0.9f, 0.9f);
+    scene_polygon(&s, k, roof, 4);
+    scene_box(&s, k, -9, -1, -9, 9, 0.299f, 9);
+    scene_sky(&s, 1, 1, 1);
+    light = bake(&s, &desc);
+    if (light) {
+        float *id = channel_of(&desc, SBL_CHANNEL_ID);
+        int bright = 0, dark = 0, wrong = 0;
+        for (i = 0; i < 64 * 64; i++) {
+            if (id[i] == 1.0f) { bright++; wrong += !(fabs((double)light[3 * i] - 1) < 0.002); }
+            if (id[i] == 2.0f) { dark++; wrong += !(light[3 * i] < 1e-3f); }
+        }
+        CHECK(bright > 1000 && dark > 1000 && wrong == 0, "%d bright texels, %d dark ones, %d wrong", bright, dark, wrong);
+        free(id);
+    }
+    free(light);
+    scene_free(&s);
+}
+
+/* >>what nobody sees */
+
+/* A plate that shines to both sides lies on a floor, a thousandth of a texel above it: its light on what it covers must not show around it. */
+TEST(what_lies_on_a_floor_does_not_shine_out) {
+    static test_scene s;
+    const sbl_lightmap_desc desc = map_of(64, 64, SBL_MODE_DIRECT);
+    float *light, *final;
+    int x, y, k, bright = 0, dark = 0, under = 0;
+    memset(&s, 0, sizeof s);
+    uv_rectangle(&s, scene_floor(&s, scene_material(&s, 0, 0, 0), 0, 1), 0.03f, 0.03f, 0.97f, 0.97f);
+    k = scene_lamp(&s, 20, 20, 20);
+    scene_quad(&s, k, -0.31f, 1e-3f, -0.21f, -0.31f, 1e-3f, 0.37f, 0.26f, 1e-3f, 0.37f, 0.26f, 1e-3f, -0.21f);
+    scene_sky(&s, 0.1f, 0.1f, 0.1f);
+    light = bake(&s, &desc);
+    final = channel_of(&desc, SBL_CHANNEL_FINAL);
+    REQUIRE(light && final, "no lightmap");
+    for (y = 2; y < 62; y++)
+        for (x = 2; x < 62; x++) {
+            const float R = final[3 * (y * 64 + x)];
+            const double u = ((x + 0.5) / 64 - 0.5) / 0.47, v = ((y + 0.5) / 64 - 0.5) / 0.47;
+            under += fabs(u) < 0.2 && fabs(v) < 0.2;
+            bright += R > 0.4f;  /* close to its edge the plate does shine */
+            dark += R < 0.05f;
+        }
+    CHECK(bright == 0 && dark == 0 && under > 100, "%d texels are too bright, %d too dark; %d are covered", bright, dark, under);
+    CHECK(sbl_query_stats(context).invalid_sensors > 100, "%d sensors are hidden", (int)sbl_query_stats(context).invalid_sensors);
+    free(light);
+    free(final);
+    scene_free(&s);
+}
+
+/* A black box stands on a floor under an even sky: what is beneath it is dark, but has its rim's light, so that nothing dark shows where samples mix
+   texels. A wall beside a point takes half of the sky. */
+TEST(boxes_leave_no_dark_rims) {
+    static test_scene s;
+    const sbl_lightmap_desc desc = map_of(64, 64, SBL_MODE_GI);
+    float *light;
+    int x, y, wrong = 0, beneath = 0;
+    memset(&s, 0, sizeof s);
+    uv_rectangle(&s, scene_floor(&s, scene_material(&s, 0, 0, 0), 0, 1), 0.03f, 0.03f, 0.97f, 0.97f);
+    scene_box(&s, 0, -0.4f, 0, -0.3f, 0.35f, 0.8f, 0.45f);
+    scene_sky(&s, 1, 1, 1);
+    light = bake(&s, &desc);
+    REQUIRE(light, "no lightmap");
+    for (y = 2; y < 62; y++)
+        for (x = 2; x < 62; x++) {
+            const float R = light[3 * (y * 64 + x)];
+            beneath += x > 26 && x < 38 && y > 26 && y < 38 && R > 0.4f && R < 0.7f;
+            wrong += R < 0.45f;
+        }
+    CHECK(wrong == 0 && beneath == 11 * 11, "%d texels are dark, %d beneath the box are not", wrong, beneath);
+    free(light);
+    scene_free(&s);
+}
+
+/* >>seams */
+
+enum { PATCHES_X = 8, PATCHES_Y = 4, PATCH = 4, BALL_X = PATCHES_X * PATCH, BALL_Y = PATCHES_Y * PATCH };
+
+/* A ball without its poles, of patches that are charts of their own; smooth normals. Corner i, j of the ball: */
+static void ball_corner(int i, int j, float out[3]) {
+    const double a = 2 * REF_PI * (i % BALL_X) / BALL_X, b = REF_PI * (0.15 + 0.7 * j / BALL_Y);
+    out[0] = (float)(cos(a) * sin(b));
+    out[1] = (float)cos(b);
+    out[2] = (float)(sin(a) * sin(b));
+}
+
+/* Where corner i, j is in the map of patch x, y. */
+static void ball_place(int x, int y, int i, int j, double out[2]) {
+    out[0] = (x + 0.1 + 0.8 * (i - PATCH * x) / PATCH) / PATCHES_X;
+    out[1] = (y + 0.1 + 0.8 * (j - PATCH * y) / PATCH) / PATCHES_Y;
+}
+
+static void ball_of_patches(test_scene *s, int material) {
+    int x, y, i, j, k;
+    for (y = 0; y < PATCHES_Y; y++)
+        for (x = 0; x < PATCHES_X; x++) {
+            float positions[PATCH * PATCH * 6 * 3], uv[PATCH * PATCH * 6 * 2];
+            int n = 0;
+            sbl_mesh *mesh;
+            for (j = PATCH * y; j < PATCH * (y + 1); j++)
+                for (i = PATCH * x; i < PATCH * (x + 1); i++)
+                    for (k = 0; k < 6; k++, n++) {
+                        static const int corners[6][2] = { { 0, 0 }, { 1, 1 }, { 0, 1 }, { 0, 0 }, { 1, 0 }, { 1, 1 } };
+                        double place[2];
+                        ball_corner(i + corners[k][0], j + corners[k][1], positions + 3 * n);
+                        ball_place(x, y, i + corners[k][0], j + corners[k][1], place);
+                        uv[2 * n] = (float)place[0];
+                        uv[2 * n + 1] = (float)place[1];
+                    }
+            mesh = scene_mesh(s, material, positions, positions, NULL, n, NULL, 0);
+            uv_set(s, mesh, uv);
+        }
+}
+
+static double sample_of(const float *map, int width, int height, const double place[2]) {  /* bilinear; red */
+    const double x = place[0] * width - 0.5, y = place[1] * height - 0.5, fx = x - floor(x), fy = y - floor(y);
+    const float *p = map + 3 * ((int)floor(y) * width + (int)floor(x));
+    return (1 - fy) * ((1 - fx) * (double)p[0] + fx * (double)p[3]) + fy * ((1 - fx) * (double)p[3 * width] + fx * (double)p[3 * width + 3]);
+}
+
+/* The largest difference across all edges between patches. */
+static double largest_jump(const float *map, int width, int height) {
+    double worst = 0;
+    int i, j, step;
+    for (i = 0; i < BALL_X; i++)
+        for (j = 0; j <= BALL_Y; j++)
+            for (step = 0; step < 8; step++) {
+                double a[2][2], b[2][2], p[2], q[2];
+                int k, x = i / PATCH, y = j / PATCH, before = (x + PATCHES_X - 1) % PATCHES_X;
+                if (i % PATCH == 0 && j < BALL_Y) {  /* a meridian, from j to j + 1 */
+                    ball_place(x, y, i, j, a[0]);
+                    ball_place(x, y, i, j + 1, a[1]);
+                    ball_place(before, y, before * PATCH + PATCH, j, b[0]);
+                    ball_place(before, y, before * PATCH + PATCH, j + 1, b[1]);
+                    for (k = 0; k < 2; k++) {
+                        p[k] = a[0][k] + (a[1][k] - a[0][k]) * step / 8;
+                        q[k] = b[0][k] + (b[1][k] - b[0][k]) * step / 8;
+                    }
+                    worst = test_max(worst, fabs(sample_of(map, width, height, p) - sample_of(map, width, height, q)));
+                }
+                if (j % PATCH == 0 && j > 0 && j < BALL_Y) {  /* a parallel, from i to i + 1 */
+                    ball_place(x, y, i, j, a[0]);
+                    ball_place(x, y, i + 1, j, a[1]);
+                    ball_place(x, y - 1, i, j, b[0]);
+                    ball_place(x, y - 1, i + 1, j, b[1]);
+                    for (k = 0; k < 2; k++) {
+                        p[k] = a[0][k] + (a[1][k] - a[0][k]) * step / 8;
+                        q[k] = b[0][k] + (b[1][k] - b[0][k]) * step / 8;
+                    }
+                    worst = test_max(worst, fabs(sample_of(map, width, height, p) - sample_of(map, width, height, q)));
+                }
+            }
+    return worst;
+}
+
+TEST(seams_of_a_ball) {
+    static test_scene s;
+    sbl_lightmap_desc desc = map_of(256, 128, SBL_MODE_DIRECT);
+    float *light, *left, *sewn, *again, *id;
+    double mean = 0, moved = 0, before, after;
+    int i, texels = 0, count;
+    sbl_stats stats;
+    memset(&s, 0, sizeof s);
+    ball_of_patches(&s, scene_material(&s, 0.5f, 0.5f, 0.5f));
+    scene_quad(&s, scene_lamp(&s, 9, 7, 5), -1, 3, -1, 1, 3, -1, 1, 3, 1, -1, 3, 1);
+    scene_sky(&s, 0.3f, 0.4f, 0.5f);
+    desc.rays = 64;
+    desc.seams = -1;
+    light = bake(&s, &desc);
+    left = channel_of(&desc, SBL_CHANNEL_FINAL);
+    id = channel_of(&desc, SBL_CHANNEL_ID);
+    CHECK(sbl_query_stats(context).seams == 0, "seams are sewn");
+    desc.seams = 0;
+    again = bake(&s, &desc);
+    sewn = channel_of(&desc, SBL_CHANNEL_FINAL);
+    stats = sbl_query_stats(context);
+    REQUIRE(light && left && id && again && sewn, "no lightmap");
+    CHECK(memcmp(light, again, 256 * 128 * 3 * sizeof *light) == 0, "R differs");
+    for (i = 0; i < 256 * 128; i++) {
+        if (!(id[i] > 0)) continue;
+        texels++;
+        mean += (double)light[3 * i];
+        moved += pow((double)sewn[3 * i] - (double)light[3 * i], 2);
+    }
+    mean /= texels;
+    moved = sqrt(moved / texels) / mean;
+    before = largest_jump(left, 256, 128) / mean;
+    after = largest_jump(sewn, 256, 128) / mean;
+    printf("  largest jump %.2f %% before, %.2f %% after (told: %.2f, %.2f); texels moved by %.2f %% rms\n", 100 * before, 100 * after, 100 * (double)stats.seam_before,
+           100 * (double)stats.seam_after, 100 * moved);
+    CHECK(before > 0.03 && after < 0.01 && moved < 0.02, "%g before, %g after, moved by %g", before, after, moved);
+    CHECK((double)stats.seam_before > 0.5 * before && (double)stats.seam_before < 2 * before && stats.seam_after < 0.01f, "told %g, %g", (double)stats.seam_before,
+          (double)stats.seam_after);
+    count = BALL_X * (PATCHES_Y - 1) + BALL_Y * PATCHES_X;
+    CHECK(stats.seams == count, "%d seams, expected %d", stats.seams, count);
+    free(light);
+    free(left);
+    free(id);
+    free(again);
+    free(sewn);
+    scene_free(&s);
+}
+
+/* A floor is parted beneath a wall: one side is lit, the other in the dark. */
+TEST(seams_do_not_leak) {
+    static test_scene s;
+    const sbl_lightmap_desc desc = map_of(64, 32, SBL_MODE_DIRECT);
+    float *light, *final;
+    double dark = 0, bright = 0;
+    int x, y, material;
+    memset(&s, 0, sizeof s);
+    material = scene_material(&s, 0.5f, 0.5f, 0.5f);
+    uv_rectangle(&s, scene_quad(&s, material, -1, 0, -1, -1, 0, 1, 0, 0, 1, 0, 0, -1), 0.05f, 0.1f, 0.45f, 0.9f);
+    uv_rectangle(&s, scene_quad(&s, material, 0, 0, -1, 0, 0, 1, 1, 0, 1, 1, 0, -1), 0.55f, 0.1f, 0.95f, 0.9f);
+    scene_quad(&s, material, 0, 0, -5, 0, 0, 5, 0, 9, 5, 0, 9, -5);
+    scene_quad(&s, scene_lamp(&s, 5, 5, 5), 0.2f, 2, -0.5f, 0.8f, 2, -0.5f, 0.8f, 2, 0.5f, 0.2f, 2, 0.5f);
+    light = bake(&s, &desc);
+    final = channel_of(&desc, SBL_CHANNEL_FINAL);
+    REQUIRE(light && final, "no lightmap");
+    for (y = 0; y < 32; y++)
+        for (x = 0; x < 64; x++) {
+            double *most = x < 30 ? &dark : &bright;
+            *most = test_max(*most, test_max((double)final[3 * (y * 64 + x)], (double)light[3 * (y * 64 + x)]));
+        }
+    CHECK(bright > 0.1 && dark < 1e-3 * bright, "%g on the dark side, %g on the other", dark, bright);
+    CHECK(sbl_query_stats(context).seams == 1, "%d seams", sbl_query_stats(context).seams);
+    free(light);
+    free(final);
+    scene_free(&s);
+}
+
+/* The front is where normals point to; without them, where corners run counter-clockwise. */
+TEST(light_falls_on_the_front) {
+    int turned, normals;
+    for (turned = 0; turned < 2; turned++)
+        for (normals = 0; normals < 3; normals++) {
+            static test_scene s;
+            static const uint32_t orders[2][6] = { { 0, 1, 2, 0, 2, 3 }, { 0, 2, 1, 0, 3, 2 } };
+            static const float corners[12] = { -1, 0, -1, -1, 0, 1, 1, 0, 1, 1, 0, -1 }, lamp[12] = { -1, 1, -1, 1, 1, -1, 1, 1, 1, -1, 1, 1 };
+            static const float up[12] = { 0, 1, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0 }, down[12] = { 0, -1, 0, 0, -1, 0, 0, -1, 0, 0, -1, 0 };
+            const sbl_lightmap_desc desc = map_of(16, 16, SBL_MODE_DIRECT);
+            const int lit = normals == 0 ? !turned : normals == 1;
+            float *light;
+            memset(&s, 0, sizeof s);
+            uv_rectangle(&s, scene_mesh(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), corners, normals == 0 ? NULL : normals == 1 ? up : down, NULL, 4,
+                                        orders[turned], 6), 0, 0, 1, 1);
+            scene_polygon(&s, scene_lamp(&s, 1, 1, 1), lamp, 4);
+            light = bake(&s, &desc);
+            if (light) CHECK((light[3 * 136] > 0.2f) == lit && (light[3 * 136] > 0) == lit, "corners %s, normals %s: R is %g", turned ? "turned" : "as they are",
+                             normals == 0 ? "absent" : normals == 1 ? "up" : "down", (double)light[3 * 136]);
+            free(light);
+            scene_free(&s);
+        }
+}
+
+/* >>what strangers bring */
+
+static void strange(const float *first, const float *second, sbl_log_item item, const char *word) {
+    static test_scene s;
+    sbl_lightmap_desc desc = map_of(32, 32, SBL_MODE_DIRECT);
+    float *light;
+    int k;
+    memset(&s, 0, sizeof s);
+    k = scene_material(&s, 0.5f, 0.5f, 0.5f);
+    uv_set(&s, scene_floor(&s, k, 0, 1), first);
+    uv_set(&s, scene_floor(&s, k, 1, 1), second);
+    scene_sky(&s, 1, 1, 1);
+    light = bake(&s, &desc);
+    CHECK(watch_said(&seen, SBL_LOG_WARNING, item, word, "mesh 1", NULL), "%s", watch_last(&seen));
+    free(light);
+    scene_free(&s);
+}
+
+TEST(overlaps_are_named_and_shown) {
+    static const float here[8] = { 0.1f, 0.1f, 0.6f, 0.1f, 0.6f, 0.6f, 0.1f, 0.6f }, there[8] = { 0.5f, 0.5f, 0.9f, 0.5f, 0.9f, 0.9f, 0.5f, 0.9f };
+    static const sbl_channel overlap = SBL_CHANNEL_OVERLAP;
+    const sbl_lightmap_desc desc = map_of(32, 32, SBL_MODE_DIRECT);
+    float *shared;
+    int i, count = 0;
+    strange(here, there, SBL_LOG_ITEM_OVERLAP, "texel 16 16");
+    shared = channel_of(&desc, overlap);
+    for (i = 0; i < 32 * 32; i++) {
+        const int inside = i % 32 >= 16 && i % 32 <= 18 && i / 32 >= 16 && i / 32 <= 18;
+        CHECK((shared[i] > 0) == inside, "texel %d %d: %g others", i % 32, i / 32, (double)shared[i]);
+        count += shared[i] > 0;
+    }
+    CHECK(count == 9 && watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_OVERLAP, "9 texels", NULL, NULL), "%d texels are shared: %s", count, watch_last(&seen));
+    free(shared);
+}
+
+TEST(charts_outside_are_named) {
+    static const float here[8] = { 0.1f, 0.1f, 0.4f, 0.1f, 0.4f, 0.4f, 0.1f, 0.4f }, there[8] = { 0.5f, 0.5f, 1.5f, 0.5f, 1.5f, 0.9f, 0.5f, 0.9f };
+    static const float far_off[8] = { 1e30f, -1e30f, 3e38f, 1, -3e38f, 3e38f, 7, 7 };
+    strange(here, there, SBL_LOG_ITEM_OUTSIDE, "1.5 0.");
+    strange(here, far_off, SBL_LOG_ITEM_OUTSIDE, "lightmap");
+}
+
+/* A vertex that is no number is a mistake of the scene; a map without any mesh is empty, and is told. */
+TEST(bad_coordinates_are_mistakes) {
+    static test_scene s;
+    sbl_lightmap_desc desc = map_of(32, 32, SBL_MODE_DIRECT);
+    static float uv[8] = { 0, 0, 1, 0, 1, 1, 0, 1 };
+    sbl_scene_desc scene;
+    float *light;
+    int i, lit = 0;
+    memset(&s, 0, sizeof s);
+    scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 1);
+    scene_sky(&s, 1, 1, 1);
+    light = bake(&s, &desc);
+    for (i = 0; light && i < 32 * 32 * 3; i++) lit += light[i] != 0;
+    CHECK(lit == 0 && watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, "lightmap_texcoords", NULL, NULL), "%s", watch_last(&seen));
+    free(light);
+    uv[5] = (float)NAN;
+    uv_set(&s, &s.meshes[0], uv);
+    scene = scene_desc(&s);
+    CHECK(sbl_set_scene(context, &scene) == SBL_ERROR_INVALID_ARGUMENT, "a coordinate that is no number is taken");
+    CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh 0", "lightmap_texcoords", "vertex 2"), "%s", watch_last(&seen));
+    uv[5] = 1;
+    s.meshes[0].lightmap_texcoords.type = SBL_UINT8;
+    scene = scene_desc(&s);
+    CHECK(sbl_set_scene(context, &scene) == SBL_ERROR_INVALID_ARGUMENT, "whole numbers are taken");
+    CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh 0", "lightmap_texcoords.type", NULL), "%s", watch_last(&seen));
+    scene_free(&s);
+}
+
+static void refused(sbl_lightmap_desc desc, const char *word) {
+    const sbl_result result = sbl_begin_lightmap(context, &desc);
+    CHECK(result == SBL_ERROR_INVALID_ARGUMENT, "%s: %s", word, sbl_result_string(result));
+    CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_LIGHTMAP_DESC, "sbl_lightmap_desc", word, NULL), "%s: %s", word, watch_last(&seen));
+    watch_forget(&seen);
+}
+
+TEST(every_field_is_checked) {
+    static test_scene s;
+    static const int meshes[3] = { 0, 1, 7 };
+    const sbl_lightmap_desc good = map_of(16, 16, SBL_MODE_DIRECT);
+    sbl_lightmap_desc d;
+    memset(&s, 0, sizeof s);
+    uv_rectangle(&s, scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 1), 0, 0, 1, 1);
+    scene_floor(&s, 0, 2, 1);
+    REQUIRE(use_scene(&s), "no context");
+    d = good; d.width = -3; refused(d, "width");
+    d = good; d.width = 16385; refused(d, "width");
+    d = good; d.height = 0; refused(d, "height");
+    d = good; d.gutter = 16385; refused(d, "gutter");
+    d = good; d.mode = SBL_MODE_PAPER; refused(d, "SBL_MODE_PAPER");
+    d = good; d.mode = (sbl_mode)99; refused(d, "mode");
+    d = good; d.preset = (sbl_preset)-1; refused(d, "preset");
+    d = good; d.backend = (sbl_backend)77; refused(d, "backend");
+    d = good; d.error = -1; refused(d, "error");
+    d = good; d.rays = 5000; refused(d, "rays");
+    d = good; d.sensor_size = 1; refused(d, "sensor_size");
+    d = good; d.tile = 2000; refused(d, "tile");
+    d = good; d.threshold = (float)NAN; refused(d, "threshold");
+    d = good; d.epsilon = -1; d.mode = SBL_MODE_AMBIENT; refused(d, "epsilon");
+    d = good; d.filter_radius = 33; refused(d, "filter_radius");
+    d = good; d.start_canary = 1; refused(d, "start_canary");
+    d = good; d.end_canary = 1; refused(d, "end_canary");
+    d = good; d.mesh_count = 1; refused(d, "mesh_count");
+    d = good; d.meshes = meshes; d.mesh_count = -1; refused(d, "mesh_count");
+    d = good; d.meshes = meshes; d.mesh_count = 2; refused(d, "meshes[1]");
+    d = good; d.meshes = meshes; d.mesh_count = 3; refused(d, "meshes[2]");
+    CHECK(sbl_begin_lightmap(NULL, &good) == SBL_ERROR_INVALID_ARGUMENT && sbl_bake_lightmap(NULL, NULL) == SBL_ERROR_INVALID_ARGUMENT, "NULL is taken");
+    d = sbl_lightmap_desc_defaults(NULL);
+    CHECK(d.width == 512 && d.height == 512 && d.gutter == 16 && d.mode == SBL_MODE_GI && d.tile == 16 && d.filter_radius == 2 && d.error == 0.005f,
+          "%d x %d, gutter %d", d.width, d.height, d.gutter);
+    scene_free(&s);
+}
+
+/* Of two meshes the one that is asked for. */
+TEST(meshes_are_chosen) {
+    static test_scene s;
+    static const int second = 1;
+    sbl_lightmap_desc desc = map_of(16, 16, SBL_MODE_DIRECT);
+    float *light;
+    memset(&s, 0, sizeof s);
+    scene_material(&s, 0.5f, 0.5f, 0.5f);
+    uv_rectangle(&s, scene_floor(&s, 0, 0, 1), 0, 0, 0.5f, 1);
+    uv_rectangle(&s, scene_floor(&s, 0, 2, 1), 0.5f, 0, 1, 1);
+    scene_sky(&s, 1, 1, 1);
+    desc.gutter = -1;
+    desc.meshes = &second;
+    desc.mesh_count = 1;
+    light = bake(&s, &desc);
+    if (light) CHECK(light[3 * (8 * 16 + 4)] == 0 && fabs((double)light[3 * (8 * 16 + 12)] - 1) < 1e-3, "left %g, right %g", (double)light[3 * (8 * 16 + 4)],
+                     (double)light[3 * (8 * 16 + 12)]);
+    free(light);
+    scene_free(&s);
+}
+
+/* >>as pictures are */
+
+static int cancel(float done, void *user) { (void)user; return done > 0.3f; }
+
+/* In thin slices it is the same to the bit; under way R can be read; it can be cancelled, and the scene replaced. */
+TEST(it_comes_in_pieces) {
+    static test_scene s;
+    sbl_lightmap_desc desc = map_of(100, 60, SBL_MODE_GI);
+    sbl_sensor sensor;
+    sbl_scene_desc scene;
+    float *whole, *pieces, *early, last = 0;
+    sbl_result result;
+    int i, steps = 0, looked = 0, lit = 0;
+    memset(&s, 0, sizeof s);
+    scene_material(&s, 0.5f, 0.5f, 0.5f);
+    scene_box(&s, 0, -0.3f, 0, -0.3f, 0.3f, 0.6f, 0.3f);
+    for (i = 0; i < 6; i++) uv_rectangle(&s, &s.meshes[i], 0.1f * (float)i + 0.01f, 0.5f, 0.1f * (float)i + 0.09f, 0.9f);
+    uv_rectangle(&s, scene_floor(&s, 0, 0, 1), 0.02f, 0.02f, 0.4f, 0.47f);
+    scene_sky(&s, 1, 0.5f, 0.2f);
+    desc.gutter = 4;
+    whole = bake(&s, &desc);
+    if (whole) {
+        const size_t floats = 100 * 60 * 3;
+        float *final = channel_of(&desc, SBL_CHANNEL_FINAL);
+        CHECK(sbl_inspect_sensor(context, 20, 12, &sensor, NULL, NULL, 0) == SBL_SUCCESS && sensor.normal[1] > 0.99f, "%s", watch_last(&seen));
+        CHECK(sbl_channel_texture(context, SBL_CHANNEL_FINAL) && sbl_channel_texture(context, SBL_CHANNEL_OVERLAP), "no texture");
+        early = (float *)calloc(floats, sizeof *early);
+        CHECK(sbl_begin_lightmap(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
+        do {
+            result = sbl_step(context, 1e-5);
+            steps++;
+            CHECK(sbl_progress(context) >= last, "progress falls from %g", (double)last);
+            last = sbl_progress(context);
+            if (!looked && result == SBL_UNFINISHED && sbl_read_channel(context, SBL_CHANNEL_FINAL, early, floats) == SBL_SUCCESS) looked = steps;
+        } while (result == SBL_UNFINISHED);
+        CHECK(result == SBL_SUCCESS && steps > 20 && looked > 0, "%s, %d steps, looked at %d", sbl_result_string(result), steps, looked);
+        for (i = 0; i < (int)floats; i++) lit += early[i] > 0;
+        CHECK(lit > 4000, "of the lightmap under way %d values shine", lit);
+        pieces = channel_of(&desc, SBL_CHANNEL_RADIANCE);
+        CHECK(memcmp(whole, pieces, floats * sizeof *whole) == 0, "R differs");
+        free(pieces);
+        pieces = channel_of(&desc, SBL_CHANNEL_FINAL);
+        CHECK(memcmp(final, pieces, floats * sizeof *whole) == 0, "the gutter differs");
+        free(pieces);
+        free(early);
+        free(final);
+        desc.progress = cancel;
+        CHECK(sbl_bake_lightmap(context, &desc) == SBL_CANCELLED, "it is not cancelled");
+        desc.progress = NULL;
+        CHECK(sbl_begin_lightmap(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-5) == SBL_UNFINISHED, "%s", watch_last(&seen));
+        scene = scene_desc(&s);
+        scene.mesh_count = 1;
+        CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_step(context, 0) == SBL_ERROR_STATE, "it goes on in another scene");
+        CHECK(sbl_bake_lightmap(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
+    }
+    free(whole);
+    scene_free(&s);
+}
+
+int main(void) {
+    RUN(texels_show_what_touches_them);
+    RUN(charts_without_area_are_shown);
+    RUN(a_floor_under_a_lamp);
+    RUN(a_furnace);
+    RUN(charts_keep_their_light);
+    RUN(what_lies_on_a_floor_does_not_shine_out);
+    RUN(boxes_leave_no_dark_rims);
+    RUN(seams_of_a_ball);
+    RUN(seams_do_not_leak);
+    RUN(light_falls_on_the_front);
+    RUN(overlaps_are_named_and_shown);
+    RUN(charts_outside_are_named);
+    RUN(bad_coordinates_are_mistakes);
+    RUN(every_field_is_checked);
+    RUN(meshes_are_chosen);
+    RUN(it_comes_in_pieces);
+    sbl_destroy(context);
+    CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are left, %d are strangers", seen.blocks, seen.strangers);
+    return test_report() || test_errors;
+}
