@@ -14768,9 +14768,9 @@ static void sbl__vertices_advance(sbl__vertices *s, size_t unknown) {
     int k;
     for (k = 0; k < 3 && d > 0; k++) {
         const size_t i = 3 * unknown + (size_t)k;
-        const double far = s->along[k] > 0 ? s->power[k] / s->along[k] : 0;
-        s->light[i] += far * s->way[i];
-        s->rest[i] -= far * s->step[i];
+        const double share = s->along[k] > 0 ? s->power[k] / s->along[k] : 0;
+        s->light[i] += share * s->way[i];
+        s->rest[i] -= share * s->step[i];
         s->next_power[k] += s->rest[i] * s->rest[i] / d;
         s->off[k] += s->rest[i] / d * (s->rest[i] / d);
     }

@@ -93,6 +93,20 @@ check vertex_light_run vertex_light_run
 check vertex_light_mesh vertex_light_mesh
 check vertex_light_picture vertex_light_picture
 
+# >>bake_vertices: least squares are nearer to the truth than averages
+
+bake_vertices_run() {
+    run bake_vertices bake_vertices &&
+    sed -n 's/.* vertices, off by \([0-9.]*\) % (by averages \([0-9.]*\) %).*/\1 \2/p' "$folder/bake_vertices/said" |
+        awk '{ ok = $1 > 0.1 && $1 < 6 && $2 > 1.3 * $1 } END { exit !ok }'
+}
+bake_vertices_mesh() {
+    awk '/^element vertex/ { vertices = $3 } /^element face/ { faces = $3 } body && NF == 6 { v++; lit += $4 + $5 + $6 > 60 } body && NF == 4 { f++ }
+        /^end_header/ { body = 1 } END { print v, f, lit; exit !(v == vertices && f == faces && v > 1000 && lit > v / 2) }' "$folder/bake_vertices/bake_vertices.ply"
+}
+check bake_vertices_run bake_vertices_run
+check bake_vertices_mesh bake_vertices_mesh
+
 # >>paper_metrics
 
 # rows FILE COLUMNS ROWS: a header and so many rows of that many numbers above 0
@@ -201,7 +215,7 @@ fails_in_words() {
     [ "$status" -gt 0 ] && [ "$status" -lt 126 ] && [ "$(wc -l < "$folder/errors")" = 1 ]
 }
 without_gl() { (export __EGL_VENDOR_LIBRARY_FILENAMES=/dev/null; fails_in_words "$1" "$folder"); }
-for example in minimal host_context host_draw lights vertex_light paper_metrics; do
+for example in minimal host_context host_draw lights vertex_light bake_vertices paper_metrics; do
     check "${example}_without_folder" fails_in_words "$example" "$folder/no such folder"
     check "${example}_without_gl" without_gl "$example"
 done

@@ -310,14 +310,16 @@ TEST(charts_keep_their_light) {
 /* A plate that shines to both sides lies on a floor, a thousandth of a texel above it: its light on what it covers must not show around it. */
 TEST(what_lies_on_a_floor_does_not_shine_out) {
     static test_scene s;
-    const sbl_lightmap_desc desc = map_of(64, 64, SBL_MODE_DIRECT);
+    sbl_lightmap_desc desc = map_of(64, 64, SBL_MODE_DIRECT);
     float *light, *final;
     int x, y, k, bright = 0, dark = 0, under = 0;
     memset(&s, 0, sizeof s);
     uv_rectangle(&s, scene_floor(&s, scene_material(&s, 0, 0, 0), 0, 1), 0.03f, 0.03f, 0.97f, 0.97f);
     k = scene_lamp(&s, 20, 20, 20);
-    scene_quad(&s, k, -0.31f, 1e-3f, -0.21f, -0.31f, 1e-3f, 0.37f, 0.26f, 1e-3f, 0.37f, 0.26f, 1e-3f, -0.21f);
+    /* its edges: a twentieth of a texel inside of texels' centres */
+    scene_quad(&s, k, -0.3141f, 1e-3f, -0.2144f, -0.3141f, 1e-3f, 0.4139f, 0.2809f, 1e-3f, 0.4139f, 0.2809f, 1e-3f, -0.2144f);
     scene_sky(&s, 0.1f, 0.1f, 0.1f);
+    desc.rays = 1024;  /* few ones may miss the plate's edge */
     light = bake(&s, &desc);
     final = channel_of(&desc, SBL_CHANNEL_FINAL);
     REQUIRE(light && final, "no lightmap");
@@ -517,6 +519,97 @@ TEST(seams_do_not_leak) {
     scene_free(&s);
 }
 
+/* Two squares of one mesh that share an edge in the world: in the map they are apart, and so two charts. flat: they lie in a plane, and light may be
+   sewn; else they stand at a right angle, and may not. */
+static void two_squares(test_scene *s, int flat) {
+    const float far_side[2][3] = { { 1, flat ? 0 : 1.0f, -1 }, { 1, flat ? 0 : 1.0f, 1 } };
+    const float a[3] = { -1, 0, -1 }, b[3] = { -1, 0, 1 }, c[3] = { flat ? 0 : 1.0f, 0, 1 }, d[3] = { flat ? 0 : 1.0f, 0, -1 };
+    const float *corners[12] = { a, b, c, a, c, d, d, c, far_side[1], d, far_side[1], far_side[0] };
+    const float place[12][2] = { { 0, 0 }, { 0, 1 }, { 1, 1 }, { 0, 0 }, { 1, 1 }, { 1, 0 }, { 0, 0 }, { 0, 1 }, { 1, 1 }, { 0, 0 }, { 1, 1 }, { 1, 0 } };
+    float positions[36], uv[24];
+    int i, k;
+    for (i = 0; i < 12; i++) {
+        for (k = 0; k < 3; k++) positions[3 * i + k] = corners[i][k];
+        uv[2 * i] = (i < 6 ? 0.05f : 0.55f) + 0.4f * place[i][0];
+        uv[2 * i + 1] = 0.1f + 0.8f * place[i][1];
+    }
+    uv_set(s, scene_mesh(s, scene_material(s, 0.5f, 0.5f, 0.5f), positions, NULL, NULL, 12, NULL, 0), uv);
+}
+
+TEST(charts_are_parted_by_the_map) {
+    static test_scene s;
+    sbl_lightmap_desc desc = map_of(64, 32, SBL_MODE_DIRECT);
+    int flat, i;
+    desc.rays = 16;
+    for (flat = 0; flat < 2; flat++) {
+        float *light, *id;
+        int left = 0, right = 0, wrong = 0;
+        memset(&s, 0, sizeof s);
+        two_squares(&s, flat);
+        scene_sky(&s, 1, 1, 1);
+        light = bake(&s, &desc);
+        id = channel_of(&desc, SBL_CHANNEL_ID);
+        for (i = 0; id && i < 64 * 32; i++) {
+            left += id[i] == 1.0f && i % 64 < 32;
+            right += id[i] == 2.0f && i % 64 >= 32;
+            wrong += id[i] > 0 && (id[i] > 1.5f) != (i % 64 >= 32);
+        }
+        CHECK(left > 500 && right > 500 && wrong == 0, "flat %d: %d and %d texels, %d wrong", flat, left, right, wrong);
+        CHECK(sbl_query_stats(context).seams == flat, "flat %d: %d seams", flat, sbl_query_stats(context).seams);
+        free(light);
+        free(id);
+        scene_free(&s);
+    }
+}
+
+/* Gutters, by the rule: each texel of a ring has the mean of its neighbours in the rings before it. */
+TEST(gutters_are_means_of_the_rings_before) {
+    enum { W = 48, H = 32, RINGS = 5 };
+    static test_scene s;
+    sbl_lightmap_desc desc = map_of(W, H, SBL_MODE_DIRECT);
+    static float expected[W * H];
+    static int ring[W * H];
+    float *light, *id, *final;
+    int i, j, k, n, wrong = 0, beyond = 0;
+    memset(&s, 0, sizeof s);
+    uv_rectangle(&s, scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 1), 0.31f, 0.29f, 0.52f, 0.63f);
+    scene_quad(&s, scene_lamp(&s, 5, 5, 5), -0.9f, 0.5f, -0.6f, -0.2f, 0.5f, -0.6f, -0.2f, 0.5f, 0.6f, -0.9f, 0.5f, 0.6f);
+    desc.gutter = RINGS;
+    light = bake(&s, &desc);
+    id = channel_of(&desc, SBL_CHANNEL_ID);
+    final = channel_of(&desc, SBL_CHANNEL_FINAL);
+    REQUIRE(light && id && final, "no lightmap");
+    for (i = 0; i < W * H; i++) {
+        ring[i] = id[i] > 0 ? 0 : 99;
+        expected[i] = id[i] > 0 ? light[3 * i] : 0;
+    }
+    for (n = 1; n <= RINGS; n++)
+        for (j = 0; j < H; j++)
+            for (i = 0; i < W; i++) {
+                double sum = 0;
+                int count = 0;
+                if (ring[j * W + i] < n) continue;
+                for (k = 0; k < 9; k++) {
+                    const int x = i + k % 3 - 1, y = j + k / 3 - 1;
+                    if (x < 0 || y < 0 || x >= W || y >= H || ring[y * W + x] >= n) continue;
+                    sum += (double)expected[y * W + x];
+                    count++;
+                }
+                if (!count) continue;
+                ring[j * W + i] = n;
+                expected[j * W + i] = (float)(sum / count);
+            }
+    for (i = 0; i < W * H; i++) {
+        wrong += fabs((double)final[3 * i] - (double)expected[i]) > 1e-3 * (double)expected[i];
+        beyond += ring[i] == RINGS;
+    }
+    CHECK(wrong == 0 && beyond > 20, "%d texels are wrong; the last ring has %d", wrong, beyond);
+    free(light);
+    free(id);
+    free(final);
+    scene_free(&s);
+}
+
 /* The front is where normals point to; without them, where corners run counter-clockwise. */
 TEST(light_falls_on_the_front) {
     int turned, normals;
@@ -578,8 +671,10 @@ TEST(overlaps_are_named_and_shown) {
 
 TEST(charts_outside_are_named) {
     static const float here[8] = { 0.1f, 0.1f, 0.4f, 0.1f, 0.4f, 0.4f, 0.1f, 0.4f }, there[8] = { 0.5f, 0.5f, 1.5f, 0.5f, 1.5f, 0.9f, 0.5f, 0.9f };
+    static const float left[8] = { -0.3f, 0.5f, 0.3f, 0.5f, 0.3f, 0.9f, -0.3f, 0.9f };
     static const float far_off[8] = { 1e30f, -1e30f, 3e38f, 1, -3e38f, 3e38f, 7, 7 };
     strange(here, there, SBL_LOG_ITEM_OUTSIDE, "1.5 0.");
+    strange(here, left, SBL_LOG_ITEM_OUTSIDE, "-0.3 0.");
     strange(here, far_off, SBL_LOG_ITEM_OUTSIDE, "lightmap");
 }
 
@@ -705,7 +800,7 @@ TEST(it_comes_in_pieces) {
         early = (float *)calloc(floats, sizeof *early);
         CHECK(sbl_begin_lightmap(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
         do {
-            result = sbl_step(context, 1e-5);
+            result = sbl_step(context, 1e-9);  /* one item a step */
             steps++;
             CHECK(sbl_progress(context) >= last, "progress falls from %g", (double)last);
             last = sbl_progress(context);
@@ -735,6 +830,128 @@ TEST(it_comes_in_pieces) {
     scene_free(&s);
 }
 
+/* ---- what can go wrong ---- */
+
+/* A floor of two charts, with a lamp: all that a lightmap does is done, sewing too. */
+static void small_room(test_scene *s) {
+    int material;
+    memset(s, 0, sizeof *s);
+    material = scene_material(s, 0.5f, 0.5f, 0.5f);
+    uv_rectangle(s, scene_quad(s, material, -1, 0, -1, -1, 0, 1, 0, 0, 1, 0, 0, -1), 0.05f, 0.1f, 0.45f, 0.9f);
+    uv_rectangle(s, scene_quad(s, material, 0, 0, -1, 0, 0, 1, 1, 0, 1, 1, 0, -1), 0.55f, 0.1f, 0.95f, 0.9f);
+    scene_quad(s, scene_lamp(s, 5, 5, 5), -0.3f, 1, -0.3f, 0.3f, 1, -0.3f, 0.3f, 1, 0.3f, -0.3f, 1, 0.3f);
+}
+
+/* Each allocation is refused once: it fails, says so, and leaves nothing behind; then it works. */
+TEST(memory_runs_out) {
+    static test_scene s;
+    sbl_lightmap_desc desc = map_of(24, 12, SBL_MODE_DIRECT);
+    int place, blocks, failed = 0;
+    size_t bytes;
+    small_room(&s);
+    REQUIRE(use_scene(&s), "no context");
+    desc.rays = 16;
+    desc.gutter = 2;
+    CHECK(sbl_bake_lightmap(context, &desc) == SBL_SUCCESS && sbl_query_stats(context).seams == 1, "%s", watch_last(&seen));
+    sbl_end(context);
+    blocks = seen.blocks;
+    bytes = sbl_query_memory(context).host_bytes;
+    for (place = 1; place < 400; place++) {
+        sbl_result result;
+        watch_forget(&seen);
+        seen.refused = 0;
+        seen.refuse_at = seen.allocations + place;
+        result = sbl_bake_lightmap(context, &desc);
+        seen.refuse_at = 0;
+        CHECK(result == (seen.refused ? SBL_ERROR_OUT_OF_MEMORY : SBL_SUCCESS), "allocation %d: %s", place, sbl_result_string(result));
+        CHECK(result == SBL_SUCCESS || (seen.errors > 0 && sbl_step(context, 0) == SBL_ERROR_STATE), "allocation %d: it goes on, or nothing is said", place);
+        sbl_end(context);
+        CHECK(seen.blocks == blocks && sbl_query_memory(context).host_bytes == bytes, "allocation %d: %d blocks are left", place, seen.blocks - blocks);
+        if (!seen.refused) break;
+        failed++;
+    }
+    CHECK(failed > 20 && place < 400, "%d allocations failed", failed);
+    scene_free(&s);
+}
+
+/* Maps of one texel, of a row, of more than there is room for. */
+TEST(sizes_of_all_kinds) {
+    static const int sizes[][2] = { { 1, 1 }, { 1, 7 }, { 300, 1 }, { 3, 3 }, { 2, 2 } };
+    static test_scene s;
+    sbl_lightmap_desc desc;
+    int i;
+    small_room(&s);
+    for (i = 0; i < (int)(sizeof sizes / sizeof *sizes); i++) {
+        float *light, most = 0;
+        int k;
+        desc = map_of(sizes[i][0], sizes[i][1], SBL_MODE_DIRECT);
+        desc.rays = 16;
+        light = bake(&s, &desc);
+        for (k = 0; light && k < 3 * desc.width * desc.height; k++) if (light[k] > most) most = light[k];
+        CHECK(light && most > 0.1f && most < 2, "%d x %d: %g at most", desc.width, desc.height, (double)most);
+        free(light);
+    }
+    desc = map_of(16384, 16384, SBL_MODE_DIRECT);
+    watch_forget(&seen);
+    if (sbl_query_capabilities(context).max_texture_size < 16384)
+        CHECK(sbl_begin_lightmap(context, &desc) == SBL_ERROR_UNSUPPORTED, "larger than textures can be");
+    else CHECK(sbl_begin_lightmap(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));  /* nothing is made yet */
+    sbl_end(context);
+    scene_free(&s);
+}
+
+/* Two rooms side by side share the floor's chart, the lamp is in one of them. closed: walls without thickness; outward: modelled inside out. */
+static void two_rooms(test_scene *s, int outward) {
+    static const float walls[7][12] = {
+        { -2, 0, -1, -2, 0, 1, -2, 1, 1, -2, 1, -1 }, { 2, 0, -1, 2, 1, -1, 2, 1, 1, 2, 0, 1 }, { -2, 0, -1, -2, 1, -1, 2, 1, -1, 2, 0, -1 },
+        { -2, 0, 1, 2, 0, 1, 2, 1, 1, -2, 1, 1 }, { -2, 1, -1, -2, 1, 1, 2, 1, 1, 2, 1, -1 }, { 0, 0, -1, 0, 0, 1, 0, 1, 1, 0, 1, -1 },
+        { -2, 0, -1, -2, 0, 1, 2, 0, 1, 2, 0, -1 } };
+    const int white = scene_material(s, 0.7f, 0.7f, 0.7f);
+    int i, k;
+    for (i = 0; i < 7; i++) {
+        float c[12];
+        for (k = 0; k < 12; k++) c[k] = walls[i][outward ? 3 * ((4 - k / 3) % 4) + k % 3 : k];
+        if (i < 6) scene_polygon(s, white, c, 4);
+        else {  /* the floor's front is up in any case */
+            sbl_mesh *floor = scene_polygon(s, white, walls[i], 4);
+            float uv[12];
+            for (k = 0; k < 6; k++) {
+                const float *p = (const float *)floor->positions.data + 3 * k;
+                uv[2 * k] = 0.05f + 0.9f * (p[0] + 2) / 4;
+                uv[2 * k + 1] = 0.1f + 0.8f * (p[2] + 1) / 2;
+            }
+            REQUIRE(floor->vertex_count <= 6, "a polygon has %d vertices", floor->vertex_count);
+            uv_set(s, floor, uv);
+        }
+    }
+    scene_quad(s, scene_lamp(s, 5, 5, 5), 0.7f, 0.9f, -0.3f, 1.3f, 0.9f, -0.3f, 1.3f, 0.9f, 0.3f, 0.7f, 0.9f, 0.3f);
+}
+
+TEST(thin_walls_hold_light_back) {
+    static test_scene s;
+    int run;
+    for (run = 0; run < 4; run++) {  /* in both modes, both ways round */
+        sbl_lightmap_desc desc = map_of(64, 32, run & 1 ? SBL_MODE_GI : SBL_MODE_DIRECT);
+        float *light, *final;
+        double dark = 0, bright = 0, least = HUGE_VAL;
+        int x, y;
+        memset(&s, 0, sizeof s);
+        two_rooms(&s, run / 2);
+        light = bake(&s, &desc);
+        final = channel_of(&desc, SBL_CHANNEL_FINAL);
+        for (y = 4; light && final && y < 28; y++)
+            for (x = 4; x < 60; x++) {
+                const double R = test_max((double)light[3 * (y * 64 + x)], (double)final[3 * (y * 64 + x)]);
+                if (x < 31) dark = test_max(dark, R);
+                if (x > 33) { bright = test_max(bright, R); least = test_min(least, (double)final[3 * (y * 64 + x)]); }
+            }
+        CHECK(light && final && bright > 0.3 && least > 0.05 && dark < 1e-3 * bright, "run %d: %g at most in the dark; the lit side has %g to %g", run, dark, least, bright);
+        free(light);
+        free(final);
+        scene_free(&s);
+    }
+}
+
 int main(void) {
     RUN(texels_show_what_touches_them);
     RUN(charts_without_area_are_shown);
@@ -745,6 +962,8 @@ int main(void) {
     RUN(boxes_leave_no_dark_rims);
     RUN(seams_of_a_ball);
     RUN(seams_do_not_leak);
+    RUN(charts_are_parted_by_the_map);
+    RUN(gutters_are_means_of_the_rings_before);
     RUN(light_falls_on_the_front);
     RUN(overlaps_are_named_and_shown);
     RUN(charts_outside_are_named);
@@ -752,6 +971,9 @@ int main(void) {
     RUN(every_field_is_checked);
     RUN(meshes_are_chosen);
     RUN(it_comes_in_pieces);
+    RUN(memory_runs_out);
+    RUN(sizes_of_all_kinds);
+    RUN(thin_walls_hold_light_back);
     sbl_destroy(context);
     CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are left, %d are strangers", seen.blocks, seen.strangers);
     return test_report() || test_errors;

@@ -134,7 +134,7 @@ unwrap_usage() {
 # the charts lie apart, on whole texels: nothing overlaps, nothing lies outside
 unwrap_box() {
     scripts/unwrap examples/scenes/cornell_box.obj "$folder/u.glb" 128 &&
-    "${BUILD_DIR:-build}/sbl_bake" "$folder/u.glb" --lightmap 128 --mode direct --preset draft -o "$folder/baked" > "$folder/said" 2>&1 || { cat "$folder/said"; return 1; }
+    build/sbl_bake "$folder/u.glb" --lightmap 128 --mode direct --preset draft -o "$folder/baked" > "$folder/said" 2>&1 || { cat "$folder/said"; return 1; }
     cat "$folder/said"
     [ ! -s "$folder/said" ] && [ ! -e "$folder/baked/overlap.png" ] && [ -s "$folder/baked/lightmap.pfm" ]
 }
