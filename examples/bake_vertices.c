@@ -1,13 +1,13 @@
 /* Demonstrates light at a mesh's own vertices, few and far between as a game's are: sbl_bake_vertices fits them by least squares to points all over the
    triangles. bake_vertices.ply is the Cornell box with its light as colours, for any viewer of models; what is printed tells how far
-   the light between the vertices is from that of a mesh with sixteen times as many, fitted and by averages. The first argument is the
+   the light between the vertices is from that of a mesh with four times as many, fitted and by averages. The first argument is the
    folder to write to. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #include "cornell_box.h"
 #include <math.h>
 
-enum { COARSE = 8, FINE = 32 };  /* cells across each quad */
+enum { COARSE = 8, FINE = 16 };  /* cells across each quad */
 
 /* Each quad of the box cut into cells x cells squares of two triangles. */
 typedef struct box { int cells; float (*positions)[3]; unsigned *indices; } box;
