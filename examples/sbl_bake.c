@@ -16,12 +16,14 @@
 /* ---- the command line ---- */
 
 static struct options {
-    int lightmap, gutter, grid[3];
+    int lightmap, gutter, supersample, samples, grid[3];
     const char *positions;  /* the file of probes' positions; NULL: a grid */
-    double error, move;
+    double error, move, smoothing;
 } options;
 
-enum { OUTPUT = COMMON_OPTIONS, LIGHTMAP, GUTTER, ERROR, VERTICES, PROBES, MOVE, OPTION_COUNT };
+enum {
+    OUTPUT = COMMON_OPTIONS, LIGHTMAP, GUTTER, DIRECTIONAL, SUPERSAMPLE, ERROR, VERTICES, AVERAGE, SAMPLES, SMOOTHING, PROBES, MOVE, OPTION_COUNT
+};
 
 static const tool_option table[OPTION_COUNT] = {
     COMMON_ROWS,
@@ -36,6 +38,11 @@ static const tool_option table[OPTION_COUNT] = {
                    "                              atlas.png: light arriving (irradiance) is intensity * texture, R a pi-th of that\n"
                    "overlap.png                   only where charts overlap: red shows where" },
     [GUTTER]   = { "--gutter", "TEXELS", INTEGERS, &options.gutter, 1, 0, 16384, "how far atlas is continued beyond charts; default 16" },
+    [DIRECTIONAL] = { "--directional", NULL, FLAG, NULL, 0, 0, 0,
+                   "of --lightmap: also where light comes from, for normal maps: sh_0 to sh_3, .pfm and .exr: radiance over a texel's\n"
+                   "hemisphere in the real orthonormal spherical harmonics 1, y, z, x; continued like atlas" },
+    [SUPERSAMPLE] = { "--supersample", "N", INTEGERS, &options.supersample, 1, 1, 8,
+                   "of --lightmap: N x N places a texel, whose mean it is: for shadows finer than texels; default 1" },
     [ERROR]    = { "--error", "E", SHARES, &options.error, 1, 0.0001, 1,
                    "of --lightmap: how far radiance may be off, such as 2% or 0.02: root mean square over the map, as a share of its mean;\n"
                    "default 2%, 0.5%, 0.25% by preset, or what 512 rays a sensor give (high: 1024)" },
@@ -43,6 +50,12 @@ static const tool_option table[OPTION_COUNT] = {
                    "bakes light at all meshes' vertices, by least squares over their triangles, and writes PATH.ply (binary; world:\n"
                    "x y z nx ny nz radiance_r radiance_g radiance_b, which is R, and the faces) or PATH.gltf (with a .bin and\n"
                    "texture_*.png beside it; the vertices' attribute _RADIANCE)" },
+    [AVERAGE]  = { "--average", NULL, FLAG, NULL, 0, 0, 0,
+                   "of --vertices: means around each vertex instead of least squares: smoother, and wrong where triangles are large" },
+    [SAMPLES]  = { "--samples", "N", INTEGERS, &options.samples, 1, 1, 1024,
+                   "of --vertices: points over a triangle of a mesh's mean area; default 4, 8, 16 by preset" },
+    [SMOOTHING] = { "--smoothing", "S", NUMBERS, &options.smoothing, 1, 0, 1e6,
+                   "of --vertices: how much light's slope is kept from differing between triangles that share an edge; default 0.02" },
     [PROBES]   = { "--probes", "NXxNYxNZ|FILE", SIZES, options.grid, 3, 1, 4096,
                    "bakes light at points in the air, and writes PATH.json: a grid's cells' middles, over the scene's extent, x\n"
                    "fastest; or those that a text FILE.txt lists, three numbers a line. Of each its position; whether it is valid\n"
@@ -73,7 +86,8 @@ static void print_help(void) {
 static int ends_with(const char *path, const char *ending) { return scene__ends_with(path, ending); }
 
 static int parse(int argc, char **argv) {
-    static const int of_lightmaps[] = { GUTTER, ERROR, TILE, THRESHOLD, FILTER_RADIUS };
+    static const int of_lightmaps[] = { GUTTER, DIRECTIONAL, SUPERSAMPLE, ERROR, TILE, THRESHOLD, FILTER_RADIUS };
+    static const int of_vertices[] = { AVERAGE, SAMPLES, SMOOTHING };
     int i;
     const tool_command command = { argc, argv, table, OPTION_COUNT, given, &common.scene, 1 };
     int status = tool_parse(&command);
@@ -85,6 +99,8 @@ static int parse(int argc, char **argv) {
     if (!common.output) return misuse("--output is missing: %s", given[LIGHTMAP] ? "the folder to write to" : "the file to write");
     for (i = 0; i < (int)(sizeof of_lightmaps / sizeof *of_lightmaps); i++)
         if (given[of_lightmaps[i]] && !given[LIGHTMAP]) return misuse("%s needs --lightmap", table[of_lightmaps[i]].name);
+    for (i = 0; i < (int)(sizeof of_vertices / sizeof *of_vertices); i++)
+        if (given[of_vertices[i]] && !given[VERTICES]) return misuse("%s needs --vertices", table[of_vertices[i]].name);
     if (given[MOVE] && !given[PROBES]) return misuse("--move needs --probes");
     if (given[VERTICES] && !ends_with(common.output, ".ply") && !ends_with(common.output, ".gltf"))
         return misuse("--output %s: the name must end in .ply or .gltf", common.output);
@@ -97,17 +113,18 @@ static int parse(int argc, char **argv) {
 /* ---- a lightmap: the files of a folder ---- */
 
 enum {
-    R_PFM = OWN_TARGETS, ATLAS_PFM, ATLAS_PNG, GLTF, BIN,
+    R_PFM = OWN_TARGETS, ATLAS_PFM, ATLAS_PNG, GLTF, BIN, SH_PFM, SH_PFM_LAST = SH_PFM + 3,
 #ifdef SBL_RENDER_OPENEXR
-    R_EXR, ATLAS_EXR,
+    R_EXR, ATLAS_EXR, SH_EXR, SH_EXR_LAST = SH_EXR + 3,
 #endif
     OVERLAP, PARTIAL, TEXTURES
 };
 
 static const char *const names[TEXTURES] = {
     [R_PFM] = "lightmap.pfm", [ATLAS_PFM] = "atlas.pfm", [ATLAS_PNG] = "atlas.png", [GLTF] = "scene.gltf", [BIN] = "scene.bin",
+    [SH_PFM] = "sh_0.pfm", "sh_1.pfm", "sh_2.pfm", "sh_3.pfm",
 #ifdef SBL_RENDER_OPENEXR
-    [R_EXR] = "lightmap.exr", [ATLAS_EXR] = "atlas.exr",
+    [R_EXR] = "lightmap.exr", [ATLAS_EXR] = "atlas.exr", [SH_EXR] = "sh_0.exr", "sh_1.exr", "sh_2.exr", "sh_3.exr",
 #endif
     [OVERLAP] = "overlap.png", [PARTIAL] = "lightmap.partial.pfm"
 };
@@ -157,15 +174,25 @@ static int find_more_files(const scene_file *file) {
 typedef struct lightmap {
     image light, atlas;      /* 0 where no surface is; continued */
     image overlap;           /* no values: there is none */
+    image harmonics[4];      /* likewise */
+    int harmonic;            /* that is written next */
     double intensity;        /* atlas.png times this is irradiance */
     gltf_file gltf;
     int texture;             /* that is written next */
 } lightmap;
 
 static int write_light_pfm(FILE *out, const void *what) { return write_pfm(out, &((const lightmap *)what)->light); }
+static int write_harmonic_pfm(FILE *out, const void *what) {
+    const lightmap *l = (const lightmap *)what;
+    return write_pfm(out, &l->harmonics[l->harmonic]);
+}
 static int write_atlas_pfm(FILE *out, const void *what) { return write_pfm(out, &((const lightmap *)what)->atlas); }
 #ifdef SBL_RENDER_OPENEXR
 static int write_light_exr(FILE *out, const void *what) { return write_exr(out, &((const lightmap *)what)->light); }
+static int write_harmonic_exr(FILE *out, const void *what) {
+    const lightmap *l = (const lightmap *)what;
+    return write_exr(out, &l->harmonics[l->harmonic]);
+}
 static int write_atlas_exr(FILE *out, const void *what) { return write_exr(out, &((const lightmap *)what)->atlas); }
 #endif
 static int write_atlas_png(FILE *out, const void *what) {
@@ -239,12 +266,23 @@ static sbl_result read_overlap(sbl_context *context, lightmap *l, int size) {
     return result;
 }
 
+/* The one that a file shows; -1: it shows none. */
+static int harmonic_of(int target) {
+    if (target >= SH_PFM && target <= SH_PFM_LAST) return target - SH_PFM;
+#ifdef SBL_RENDER_OPENEXR
+    if (target >= SH_EXR && target <= SH_EXR_LAST) return target - SH_EXR;
+#endif
+    return -1;
+}
+
 /* All files; returns the exit status. */
 static int keep_lightmap(lightmap *l) {
     static const struct { int target; target_writer write; } files[] = {
         { R_PFM, write_light_pfm }, { ATLAS_PFM, write_atlas_pfm }, { ATLAS_PNG, write_atlas_png },
+        { SH_PFM, write_harmonic_pfm }, { SH_PFM + 1, write_harmonic_pfm }, { SH_PFM + 2, write_harmonic_pfm }, { SH_PFM + 3, write_harmonic_pfm },
 #ifdef SBL_RENDER_OPENEXR
         { R_EXR, write_light_exr }, { ATLAS_EXR, write_atlas_exr },
+        { SH_EXR, write_harmonic_exr }, { SH_EXR + 1, write_harmonic_exr }, { SH_EXR + 2, write_harmonic_exr }, { SH_EXR + 3, write_harmonic_exr },
 #endif
         { OVERLAP, write_overlap }, { BIN, write_scene_bin }, { GLTF, write_scene }
     };
@@ -255,6 +293,8 @@ static int keep_lightmap(lightmap *l) {
         const int target = texture ? TEXTURES + i : files[file].target;
         l->texture = i;
         if (target == OVERLAP && !l->overlap.values) continue;
+        l->harmonic = texture ? -1 : harmonic_of(target);
+        if (l->harmonic >= 0 && !l->harmonics[l->harmonic].values) continue;
         if (interrupted) return stop("%s is not written", targets[target].name);
         if (!target_write(&targets[target], texture ? write_texture : files[file].write, l, 0))
             return interrupted ? stop("%s is not written", targets[target].name) : fail_to_write(targets[target].name);
@@ -270,6 +310,8 @@ static void describe_lightmap(sbl_lightmap_desc *desc, progress *bar) {
     if (given[PRESET]) desc->preset = presets[common.preset];
     desc->backend = backends[common.backend];
     desc->error = (float)options.error;
+    desc->directional = given[DIRECTIONAL];
+    desc->supersample = options.supersample;
     desc->rays = common.rays;
     desc->sensor_size = common.sensor_size;
     desc->tile = common.tile;
@@ -287,7 +329,7 @@ static int bake_lightmap(const tool_task *task, double *seconds) {
     sbl_lightmap_desc desc;
     lightmap l;
     sbl_result result;
-    int status = DONE;
+    int i, status = DONE;
     memset(&l, 0, sizeof l);
     describe_lightmap(&desc, &bar);
     result = sbl_begin_lightmap(context, &desc);
@@ -303,6 +345,8 @@ static int bake_lightmap(const tool_task *task, double *seconds) {
     } else {
         if (result == SBL_SUCCESS) result = read_light(context, &l, desc.width);
         if (result == SBL_SUCCESS) result = picture_read(context, desc.width, desc.height, SBL_CHANNEL_FINAL, &l.atlas);
+        for (i = 0; i < 4 && given[DIRECTIONAL] && result == SBL_SUCCESS; i++)
+            result = picture_read(context, desc.width, desc.height, (sbl_channel)(SBL_CHANNEL_SH_0 + i), &l.harmonics[i]);
         if (result == SBL_SUCCESS) result = read_overlap(context, &l, desc.width);
         l.intensity = result == SBL_SUCCESS ? atan(1.0) * 4 * bright(&l.light) : 0;
         l.gltf.scene = &task->file->scene;
@@ -316,6 +360,7 @@ static int bake_lightmap(const tool_task *task, double *seconds) {
     free(l.light.values);
     free(l.atlas.values);
     free(l.overlap.values);
+    for (i = 0; i < 4; i++) free(l.harmonics[i].values);
     if (status == DONE && bar.shown)
         fprintf(stderr, "%s: %d x %d texels, %.0f sensors, %.1f s\n", common.output, desc.width, desc.height,
                 (double)sbl_query_stats(context).sensors, *seconds);
@@ -479,6 +524,9 @@ static int bake_vertices(const tool_task *task, double *seconds) {
     v.gltf.bin = bin_name;
     v.gltf.radiance = v.radiance;
     desc.radiance = v.radiance;
+    desc.average = given[AVERAGE];
+    desc.samples = options.samples;
+    if (given[SMOOTHING]) desc.smoothing = options.smoothing > (double)least ? (float)options.smoothing : -1;
     desc.count = 3 * v.count;
     desc.mode = common_mode(given);
     if (given[PRESET]) desc.preset = presets[common.preset];

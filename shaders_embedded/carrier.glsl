@@ -8,6 +8,13 @@ uniform int first_slot, count;   // this many sensors stand from first_slot on
 
 const vec3 SBL_LUMINANCE = vec3(0.2126, 0.7152, 0.0722);  // weights of linear sRGB
 
+// What R that comes from a unit direction w counts in the radiance's first two bands of real spherical harmonics:
+// 1, y, z, x. reciprocal: of the cosine between w and the normal n.
+vec4 sbl_harmonics(vec3 w, vec3 n, float reciprocal) {
+    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w over the cosine
+    return 3.14159265 * vec4(0.28209479 * reciprocal, 0.48860251 * way.yzx);
+}
+
 #ifdef SBL_COMPUTE
 layout(local_size_x = SBL_WORKGROUP) in;
 #define SBL_OUT(place, name) layout(rgba32f, binding = place) writeonly uniform image2D name

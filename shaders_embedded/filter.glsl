@@ -2,6 +2,7 @@
 // pixel also counts the less the more its normal and its plane differ, and its light by more than noise can
 // explain.
 uniform sampler2D radiance;  // R; a: its noise, above 0 where there is a surface
+uniform sampler2D layer;     // SBL_DIRECTIONAL: harmonics, which are smoothed where R and they are alike
 uniform sampler2D positions, normals;
 uniform usampler2D ids;
 uniform int radius;
@@ -11,11 +12,12 @@ layout(location = 0) out vec4 out_radiance;
 
 const float SBL_VISIBLE = 0.0025;  // relative difference that is as good as none
 const float SBL_DOUBT = 0.25;      // how fast trust falls with the square of a difference over the noise
+const float SBL_HARMONIC = 2.0;    // noise of a harmonic, about, over R's
 
 // 1 where noise alone explains the difference, nearing 0 where it is several times as large.
 float sbl_alike(vec4 a, vec4 b) {
-    vec3 apart = abs(a.rgb - b.rgb);
-    float noise = a.a + b.a + SBL_VISIBLE * (max(a.r, max(a.g, a.b)) + max(b.r, max(b.g, b.b)));
+    vec3 apart = abs(a.rgb - b.rgb), c = abs(a.rgb), d = abs(b.rgb);
+    float noise = a.a + b.a + SBL_VISIBLE * (max(c.r, max(c.g, c.b)) + max(d.r, max(d.g, d.b)));
     float difference = max(apart.r, max(apart.g, apart.b)) / max(noise, 1e-30);
     return exp(-SBL_DOUBT * difference * difference);
 }
@@ -27,6 +29,9 @@ void main() {
     if (id == 0u) return;
     vec3 p = texelFetch(positions, at, 0).xyz, n = texelFetch(normals, at, 0).xyz;
     vec4 sum = vec4(0), own = texelFetch(radiance, at, 0);
+#ifdef SBL_DIRECTIONAL
+    vec4 own_layer = vec4(texelFetch(layer, at, 0).rgb, SBL_HARMONIC * own.a);
+#endif
     for (int y = max(-radius, -at.y); y <= min(radius, size.y - 1 - at.y); y++)
         for (int x = max(-radius, -at.x); x <= min(radius, size.x - 1 - at.x); x++) {
             ivec2 there = at + ivec2(x, y);
@@ -37,6 +42,10 @@ void main() {
                 weight *= sbl_belongs(p, n, texelFetch(positions, there, 0).xyz,
                                       texelFetch(normals, there, 0).xyz) *
                           sbl_alike(own, light);
+#ifdef SBL_DIRECTIONAL
+            light = vec4(texelFetch(layer, there, 0).rgb, SBL_HARMONIC * light.a);
+            weight *= sbl_alike(own_layer, light);
+#endif
             sum += weight * vec4(light.rgb, 1);
         }
     out_radiance = vec4(sum.rgb / sum.a, 1);

@@ -26,6 +26,11 @@ SBL_OUT(0, out_light);                // a ray: what it brought; 1: open, 2: hid
 SBL_OUT(1, out_way);                  // a ray: its direction, its lamp's leaf. An entry: 0 0 0, its leaf
 #else
 SBL_OUT(0, out_light);                // R, each part's own; the variance of its luminance
+#ifdef SBL_DIRECTIONAL
+SBL_OUT(1, out_red);                  // and its harmonics
+SBL_OUT(2, out_green);
+SBL_OUT(3, out_blue);
+#endif
 #endif
 
 const float PI = 3.14159265;
@@ -183,6 +188,46 @@ vec3 sbl_unhindered(sbl_Lamp l) {
 #endif
     return l.emission * factor;
 }
+
+#ifdef SBL_DIRECTIONAL
+// What a lamp that nothing hides gives of the first four harmonics: of its solid angle, and of the integral of
+// directions over it, whose part along the normal is R's. Of round lamps on the horizon the rest is a guess.
+mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
+    float solid_angle = 0.0;
+    vec3 way = vec3(0);
+    if (l.kind == SBL_LAMP_TRIANGLE) {
+        vec3 a = to_frame * l.corner, sides[2] = vec3[2](to_frame * l.side_1, to_frame * l.side_2);
+        vec3 corners[3] = vec3[3](a, a + sides[0], a + sides[1]), kept[4];
+        int count = 0;
+        for (int k = 0; k < 3; k++) {
+            vec3 p = corners[k], q = corners[(k + 1) % 3];
+            if (p.z > 0.0) kept[count++] = p;
+            if ((p.z > 0.0) != (q.z > 0.0)) kept[count++] = vec3(mix(p.xy, q.xy, p.z / (p.z - q.z)), 0);
+        }
+        for (int k = 0; k < count; k++) {  // Lambert 1760
+            vec3 p = kept[k], q = kept[k + 1 < count ? k + 1 : 0], across = cross(p, q);
+            float size = length(across);
+            way += size > 0.0 ? 0.5 * atan(size, dot(p, q)) / size * across : vec3(0);
+        }
+        for (int k = 1; k + 1 < count; k++) {  // Van Oosterom and Strackee 1983
+            vec3 p = kept[0], q = kept[k], r = kept[k + 1], lengths = vec3(length(p), length(q), length(r));
+            float cosines = lengths.x * lengths.y * lengths.z + dot(p, q) * lengths.z + dot(q, r) * lengths.x +
+                            dot(r, p) * lengths.y;
+            solid_angle += 2.0 * atan(dot(p, cross(q, r)), cosines);
+        }
+        way = transpose(to_frame) * way * sign(solid_angle);
+        solid_angle = abs(solid_angle);
+    }
+#ifdef SBL_MIXED
+    if (sbl_is_light(l)) {  // all of it has the intensity pi times sine squared, see sbl_round
+        float z = dot(n, l.corner), shown = clamp(0.5 + 0.5 * z / max(sqrt(l.sine2), 1e-30), 0.0, 1.0);
+        solid_angle = shown * 2.0 / (1.0 + sqrt(1.0 - l.sine2));
+        way = shown * (l.corner - z * n) + sbl_round(z, l.sine2) * n;
+    }
+#endif
+    return outerProduct(vec4(0.28209479 * solid_angle, 0.48860251 * way.yzx), l.emission);
+}
+#endif
 
 // >>clusters
 
@@ -347,6 +392,9 @@ float crowd_within;          // with those of the lamps in clusters
 mat2x3 whole;                // light of single lamps, unhindered; two groups, since of a closed mesh one is all
                              // hidden, the other all open
 bool rounded;                // there are round lamps
+#ifdef SBL_DIRECTIONAL
+mat3x4 whole_harmonics[2];
+#endif
 
 // Takes node or leaf number i into account; returns the one that is next, or `limit` where entries have run out.
 int sbl_consider(int i, int limit, float opening, bool last, out bool full) {
@@ -374,7 +422,12 @@ int sbl_consider(int i, int limit, float opening, bool last, out bool full) {
         strength = light.r + light.g + light.b;
         rounded = rounded || l.kind != SBL_LAMP_TRIANGLE;
         point = l.sine2 == 0.0 && sbl_is_light(l) && certain < SBL_CERTAIN;
-        if (!point && l.kind != SBL_LAMP_SKY_TEXEL) whole += outerProduct(light, l.group);
+        if (!point && l.kind != SBL_LAMP_SKY_TEXEL) {
+            whole += outerProduct(light, l.group);
+#ifdef SBL_DIRECTIONAL
+            whole_harmonics[l.group.y > 0.0 ? 1 : 0] += sbl_unhindered_harmonics(l);
+#endif
+        }
     }
     if (strength > 0.0) {
         full = used + certain == SBL_LAMPS;
@@ -400,6 +453,9 @@ void sbl_choose() {
         used = certain = 0;
         total = crowd = crowd_within = 0.0;
         whole = mat2x3(0);
+#ifdef SBL_DIRECTIONAL
+        whole_harmonics[0] = whole_harmonics[1] = mat3x4(0);
+#endif
         full = false;
         for (int i = 0; i < limit; ) i = sbl_consider(i, limit, opening, attempt == SBL_OPENINGS - 1, full);
     }
@@ -454,6 +510,9 @@ float taken, squares;    // rays; sum of the squares of what clusters gave
 vec2 sparse;             // 1: a group that rays hardly meet is no ground for a ratio: it is sampled as clusters
                          // are
 vec2 bright, dark;       // whether any of a group was seen, or hidden
+#ifdef SBL_DIRECTIONAL
+mat3x4 open_harmonics[2], seen_harmonics[2], sure_harmonics, sampled_harmonics;  // as the above
+#endif
 #ifdef SBL_INSPECT
 vec4 report, report_way; // what is written
 bool reporting;          // the ray that is shot is the one
@@ -466,6 +525,10 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, int rim, bool poi
     vec3 light = s.light / p.share, to = s.direction;
     taken += point || probe ? 0.0 : 1.0;
     if (!(light.r + light.g + light.b > 0.0)) return;
+#ifdef SBL_DIRECTIONAL
+    vec4 counts = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), 1e-6));
+    if (!cluster && !point && !probe) open_harmonics[l.group.y > 0.0 ? 1 : 0] += outerProduct(counts, light);
+#endif
     if (!cluster && !point && !probe) {
         open += outerProduct(light, l.group);
         samples += l.group;
@@ -496,6 +559,12 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, int rim, bool poi
 #endif
 #ifdef SBL_INSPECT
     if (reporting && !point) report.rgb = light;
+#endif
+#ifdef SBL_DIRECTIONAL
+    mat3x4 harmonics = outerProduct(counts, light);
+    if (point) sure_harmonics += harmonics;
+    else if (cluster) sampled_harmonics += harmonics;
+    else seen_harmonics[l.group.y > 0.0 ? 1 : 0] += harmonics;
 #endif
     if (point) sure += light;
     else if (cluster) {
@@ -531,6 +600,9 @@ vec4 sbl_combine() {
     float clusters = dot(sampled, SBL_LUMINANCE) / max(taken, 1.0);
     float variance = max(squares / max(taken, 1.0) - clusters * clusters, 0.0) * sbl_strata(taken);
     vec3 light = sure + sampled / max(taken, 1.0);
+#ifdef SBL_DIRECTIONAL
+    sure_harmonics += sampled_harmonics / max(taken, 1.0);
+#endif
     for (int g = 0; g < 2; g++) {
         vec3 share = vec3(open[g].r > 0.0 ? seen[g].r / open[g].r : 0.0,
                           open[g].g > 0.0 ? seen[g].g / open[g].g : 0.0,
@@ -538,6 +610,13 @@ vec4 sbl_combine() {
         float mean = dot(whole[g], SBL_LUMINANCE), lit_share = lit[g] / max(samples[g], 1.0);
         if (sparse[g] > 0.0) continue;
         light += whole[g] * share;
+#ifdef SBL_DIRECTIONAL
+        // all that is known, as far as it is seen; and by what the seen part differs from that, as rays tell
+        for (int k = 0; k < 3; k++)
+            if (open[g][k] > 0.0)
+                sure_harmonics[k] += share[k] * whole_harmonics[g][k] + whole[g][k] / open[g][k] *
+                                     (seen_harmonics[g][k] - share[k] * open_harmonics[g][k]);
+#endif
         variance += mean * mean * lit_share * (1.0 - lit_share) * sbl_strata(samples[g]);
     }
     return vec4(light, variance * unit * scale) * unit * scale;
@@ -586,6 +665,10 @@ void main() {
     sure = sampled = vec3(0);
     samples = lit = bright = dark = vec2(0);
     taken = squares = 0.0;
+#ifdef SBL_DIRECTIONAL
+    sure_harmonics = sampled_harmonics = mat3x4(0);
+    open_harmonics[0] = open_harmonics[1] = seen_harmonics[0] = seen_harmonics[1] = mat3x4(0);
+#endif
     float enough = SBL_SPARSE * float(parts) / float(rays) * total;
     sparse = vec2(lessThan(vec3(1) * whole, vec2(enough)));
     // So that the first pass does not overlook an edge that hides little, corners and rims of few lamps are looked
@@ -642,5 +725,11 @@ void main() {
     sbl_write(out_way, report_way);
 #else
     sbl_write(out_light, sbl_combine());
+#ifdef SBL_DIRECTIONAL
+    sure_harmonics *= unit * scale;
+    sbl_write(out_red, sure_harmonics[0]);
+    sbl_write(out_green, sure_harmonics[1]);
+    sbl_write(out_blue, sure_harmonics[2]);
+#endif
 #endif
 }

@@ -12,6 +12,12 @@ uniform vec3 sky;
 uniform float ray_offset;             // of a surface's reach, that rays start off it
 SBL_OUT(0, out_sum);
 SBL_OUT(1, out_hits);
+#ifdef SBL_DIRECTIONAL
+SBL_OUT(2, out_red);
+SBL_OUT(3, out_green);
+SBL_OUT(4, out_blue);
+SBL_OUT(5, out_even);                 // of light that comes evenly from everywhere, what these rays miss
+#endif
 
 const float SBL_NEIGHBOURS = 0.62;  // variance, as a share of what pairs tell: measured, 16 to 256 rays
 
@@ -42,6 +48,15 @@ vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool last, out vec3 share) {
     return radiance;
 }
 
+#ifdef SBL_DIRECTIONAL
+// The mean reciprocal cosine of rays in the stratum of u that this one lies in. A look has one in each; near the
+// horizon a single one's own would be too large by far, or too small.
+float sbl_stratum_reciprocal(float u) {
+    float n = float(rays), k = n - floor(u * n);
+    return 2.0 * sqrt(n) / (sqrt(k) + sqrt(k - 1.0));
+}
+#endif
+
 #ifdef SBL_BOUNCED
 // Where a ray goes on, and how.
 void sbl_go_on(sbl_Hit hit, uint hash, inout vec3 position, inout vec3 direction) {
@@ -68,6 +83,8 @@ void main() {
 
     vec4 sum = vec4(0), hits = vec4(0, 0, 1e30, 0);
     float squares = 0.0, other = 0.0;
+    mat3x4 harmonics = mat3x4(0);
+    vec4 even = vec4(0);
     int part = within.y * blocks.x + within.x, parts = blocks.x * blocks.y;
     // Rays go in pairs of neighbours along the curve: how far those differ tells the noise of stratified points.
     for (int k = 0, i = part << paired; i < end;
@@ -80,6 +97,7 @@ void main() {
         weight = sbl_guide(int(which >> SBL_LOOK_GUIDE_SHIFT), u);
 #endif
         vec3 direction = sbl_by_cosine(frame, u * vec2(spread, 1.0)), from = position, share = vec3(weight);
+        vec3 way = direction;
         for (int leg = 0; leg < SBL_LEGS; leg++) {
             sbl_Hit hit = sbl_trace(from, direction, 1e30);
             if (hit.triangle < 0) {
@@ -99,10 +117,21 @@ void main() {
             sbl_go_on(hit, sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y), from, direction);
 #endif
         }
+#ifdef SBL_DIRECTIONAL
+        vec4 counts = sbl_harmonics(way, frame[2], sbl_stratum_reciprocal(u.x));
+        harmonics += outerProduct(counts, sum.rgb - before);
+        even -= weight * counts;
+#endif
         float light = dot(sum.rgb - before, SBL_LUMINANCE);
         if ((k & 1) == 1) squares += (light - other) * (light - other);
         other = light;
     }
     sbl_write(out_sum, sum / float(rays));
     sbl_write(out_hits, vec4(hits.xy / float(rays), hits.z, SBL_NEIGHBOURS * squares / float(rays * rays)));
+#ifdef SBL_DIRECTIONAL
+    sbl_write(out_red, harmonics[0] / float(rays));
+    sbl_write(out_green, harmonics[1] / float(rays));
+    sbl_write(out_blue, harmonics[2] / float(rays));
+    sbl_write(out_even, sbl_harmonics(frame[2], frame[2], 2.0) / float(parts) + even / float(rays));
+#endif
 }

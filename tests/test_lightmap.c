@@ -6,57 +6,7 @@
 #include "scenes.h"
 #include "reference.h"
 #include "gl_watch.h"
-
-static watch seen;
-static sbl_context *context;
-
-static int use_scene(const test_scene *s) {
-    const sbl_context_desc desc = watch_desc(&seen);
-    sbl_destroy(context);
-    context = watch_context(&seen, &desc, s);
-    watch_forget(&seen);
-    return context != NULL;
-}
-
-static sbl_lightmap_desc map_of(int width, int height, sbl_mode mode) {
-    sbl_lightmap_desc desc;
-    memset(&desc, 0, sizeof desc);
-    desc.width = width;
-    desc.height = height;
-    desc.mode = mode;
-    return desc;
-}
-
-/* A channel of the finished lightmap; the caller frees it. */
-static float *channel_of(const sbl_lightmap_desc *desc, sbl_channel channel) {
-    sbl_picture_desc view;
-    memset(&view, 0, sizeof view);
-    view.width = desc->width;
-    view.height = desc->height;
-    return scene_channel(context, &view, channel);
-}
-
-/* Bakes, and returns R; NULL where that fails. */
-static float *bake_stored(const test_scene *s, const sbl_lightmap_desc *desc, int bounce_samples) {
-    sbl_scene_desc scene = scene_desc(s);
-    sbl_result result;
-    if (!use_scene(s)) { CHECK(0, "no context: %s", watch_last(&seen)); return NULL; }
-    scene.bounce_samples = bounce_samples;
-    CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
-    result = sbl_bake_lightmap(context, desc);
-    CHECK(result == SBL_SUCCESS, "%s: %s", sbl_result_string(result), watch_last(&seen));
-    return result == SBL_SUCCESS ? channel_of(desc, SBL_CHANNEL_RADIANCE) : NULL;
-}
-
-static float *bake(const test_scene *s, const sbl_lightmap_desc *desc) { return bake_stored(s, desc, 1024); }
-
-static void uv_set(test_scene *s, sbl_mesh *mesh, const float *uv) { mesh->lightmap_texcoords.data = scene_copy(s, uv, 2 * mesh->vertex_count); }
-
-/* A quad's corners 0 0, u 0, u v, 0 v of the texture, on a rectangle of the map: x0, y0, x1, y1. */
-static void uv_rectangle(test_scene *s, sbl_mesh *quad, float x0, float y0, float x1, float y1) {
-    const float uv[8] = { x0, y0, x1, y0, x1, y1, x0, y1 };
-    uv_set(s, quad, uv);
-}
+#include "lightmap.h"
 
 /* >>texels */
 
@@ -446,8 +396,8 @@ static double largest_jump(const float *map, int width, int height) {
 TEST(seams_of_a_ball) {
     static test_scene s;
     sbl_lightmap_desc desc = map_of(256, 128, SBL_MODE_DIRECT);
-    float *light, *left, *sewn, *again, *id;
-    double mean = 0, moved = 0, before, after;
+    float *light, *left, *sewn, *again, *id, *sh[2];
+    double mean = 0, moved = 0, before, after, before_sh, after_sh;
     int i, texels = 0, count;
     sbl_stats stats;
     memset(&s, 0, sizeof s);
@@ -455,16 +405,19 @@ TEST(seams_of_a_ball) {
     scene_quad(&s, scene_lamp(&s, 9, 7, 5), -1, 3, -1, 1, 3, -1, 1, 3, 1, -1, 3, 1);
     scene_sky(&s, 0.3f, 0.4f, 0.5f);
     desc.rays = 64;
+    desc.directional = 1;
     desc.seams = -1;
     light = bake(&s, &desc);
+    sh[0] = channel_of(&desc, SBL_CHANNEL_SH_2);
     left = channel_of(&desc, SBL_CHANNEL_FINAL);
     id = channel_of(&desc, SBL_CHANNEL_ID);
     CHECK(sbl_query_stats(context).seams == 0, "seams are sewn");
     desc.seams = 0;
     again = bake(&s, &desc);
     sewn = channel_of(&desc, SBL_CHANNEL_FINAL);
+    sh[1] = channel_of(&desc, SBL_CHANNEL_SH_2);
     stats = sbl_query_stats(context);
-    REQUIRE(light && left && id && again && sewn, "no lightmap");
+    REQUIRE(light && left && id && again && sewn && sh[0] && sh[1], "no lightmap");
     CHECK(memcmp(light, again, 256 * 128 * 3 * sizeof *light) == 0, "R differs");
     for (i = 0; i < 256 * 128; i++) {
         if (!(id[i] > 0)) continue;
@@ -481,6 +434,10 @@ TEST(seams_of_a_ball) {
     CHECK(before > 0.03 && after < 0.01 && moved < 0.02, "%g before, %g after, moved by %g", before, after, moved);
     CHECK((double)stats.seam_before > 0.5 * before && (double)stats.seam_before < 2 * before && stats.seam_after < 0.01f, "told %g, %g", (double)stats.seam_before,
           (double)stats.seam_after);
+    before_sh = largest_jump(sh[0], 256, 128) / mean;
+    after_sh = largest_jump(sh[1], 256, 128) / mean;
+    printf("  a harmonic: %.2f %% before, %.2f %% after\n", 100 * before_sh, 100 * after_sh);
+    CHECK(before_sh > 0.03 && after_sh < 0.02, "a harmonic: %g before, %g after", before_sh, after_sh);
     count = BALL_X * (PATCHES_Y - 1) + BALL_Y * PATCHES_X;
     CHECK(stats.seams == count, "%d seams, expected %d", stats.seams, count);
     free(light);
@@ -488,6 +445,8 @@ TEST(seams_of_a_ball) {
     free(id);
     free(again);
     free(sewn);
+    free(sh[0]);
+    free(sh[1]);
     scene_free(&s);
 }
 
@@ -726,6 +685,11 @@ TEST(every_field_is_checked) {
     d = good; d.width = 16385; refused(d, "width");
     d = good; d.height = 0; refused(d, "height");
     d = good; d.gutter = 16385; refused(d, "gutter");
+    d = good; d.supersample = -1; refused(d, "supersample");
+    d = good; d.supersample = 9; refused(d, "supersample");
+    d = good; d.supersample = INT_MAX; d.width = INT_MAX; refused(d, "supersample");
+    d = good; d.supersample = 2; d.height = 8193; refused(d, "supersample");
+    d = good; d.directional = 2; refused(d, "directional");
     d = good; d.mode = SBL_MODE_PAPER; refused(d, "SBL_MODE_PAPER");
     d = good; d.mode = (sbl_mode)99; refused(d, "mode");
     d = good; d.preset = (sbl_preset)-1; refused(d, "preset");
@@ -791,10 +755,12 @@ TEST(it_comes_in_pieces) {
     uv_rectangle(&s, scene_floor(&s, 0, 0, 1), 0.02f, 0.02f, 0.4f, 0.47f);
     scene_sky(&s, 1, 0.5f, 0.2f);
     desc.gutter = 4;
+    desc.directional = 1;
+    desc.supersample = 2;
     whole = bake(&s, &desc);
     if (whole) {
         const size_t floats = 100 * 60 * 3;
-        float *final = channel_of(&desc, SBL_CHANNEL_FINAL);
+        float *final = channel_of(&desc, SBL_CHANNEL_FINAL), *harmonics = channel_of(&desc, SBL_CHANNEL_SH_3);
         CHECK(sbl_inspect_sensor(context, 20, 12, &sensor, NULL, NULL, 0) == SBL_SUCCESS && sensor.normal[1] > 0.99f, "%s", watch_last(&seen));
         CHECK(sbl_channel_texture(context, SBL_CHANNEL_FINAL) && sbl_channel_texture(context, SBL_CHANNEL_OVERLAP), "no texture");
         early = (float *)calloc(floats, sizeof *early);
@@ -815,6 +781,10 @@ TEST(it_comes_in_pieces) {
         pieces = channel_of(&desc, SBL_CHANNEL_FINAL);
         CHECK(memcmp(final, pieces, floats * sizeof *whole) == 0, "the gutter differs");
         free(pieces);
+        pieces = channel_of(&desc, SBL_CHANNEL_SH_3);
+        CHECK(memcmp(harmonics, pieces, floats * sizeof *whole) == 0, "a harmonic differs");
+        free(pieces);
+        free(harmonics);
         free(early);
         free(final);
         desc.progress = cancel;
@@ -852,11 +822,13 @@ TEST(memory_runs_out) {
     REQUIRE(use_scene(&s), "no context");
     desc.rays = 16;
     desc.gutter = 2;
+    desc.directional = 1;
+    desc.supersample = 2;
     CHECK(sbl_bake_lightmap(context, &desc) == SBL_SUCCESS && sbl_query_stats(context).seams == 1, "%s", watch_last(&seen));
     sbl_end(context);
     blocks = seen.blocks;
     bytes = sbl_query_memory(context).host_bytes;
-    for (place = 1; place < 400; place++) {
+    for (place = 1; place < 600; place++) {
         sbl_result result;
         watch_forget(&seen);
         seen.refused = 0;
@@ -870,7 +842,7 @@ TEST(memory_runs_out) {
         if (!seen.refused) break;
         failed++;
     }
-    CHECK(failed > 20 && place < 400, "%d allocations failed", failed);
+    CHECK(failed > 20 && place < 600, "%d allocations failed", failed);
     scene_free(&s);
 }
 
