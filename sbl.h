@@ -400,7 +400,7 @@
    Where charts meet in the world and normals agree, FINAL is sewn: changed by as little as makes bilinear samples of
    both sides the same, but for light that differs by half and more, since there something stands between. Such edges
    must be shared by triangles, end to end. sbl_stats tells the largest difference before and after.
-   Light that changes within a texel, a thin shadow or the edge of a wide one, is known at the texel's middle only, until
+   Light that changes within a texel, a thin shadow or the edge of a wide one, is known at its middle only, until
    `supersample` asks for more places: 2 takes twice the time, about.
    Of a surface whose normals a texture bends light must be known from several sides. With `directional` SH_0 to SH_3
    hold the radiance L over each texel's hemisphere, rgb: the integrals of L * 0.28209479, and of L * 0.48860251 times
@@ -414,7 +414,7 @@
 
    (SH_3, SH_1, SH_2) is also the way to where most light comes from, for engines that store a colour and one direction.
    What the error predicts is R's; harmonics see the same rays, and are filtered and sewn as R is. They take 8 % more
-   time, and 128 more bytes a texel.
+   time, and 144 more bytes a texel.
    Where charts overlap, or lie outside of the map, a warning names the first place, SBL_CHANNEL_OVERLAP all of them.
 
 
@@ -13279,6 +13279,11 @@ static const char *const sbl__glsl_filter[] = {
 "const float SBL_DOUBT = 0.25;      // how fast trust falls with the square of a difference over the noise\n",
 "const float SBL_HARMONIC = 2.0;    // noise of a harmonic, about, over R's\n",
 "\n",
+"uniform float few;                 // noise that few rays leave in harmonics, where R has none: a share of R\n",
+"\n",
+"// Noise of a harmonic, about.\n",
+"float sbl_harmonic_noise(vec4 light) { return SBL_HARMONIC * light.a + few * max(light.r, max(light.g, light.b)); }\n",
+"\n",
 "// 1 where noise alone explains the difference, nearing 0 where it is several times as large.\n",
 "float sbl_alike(vec4 a, vec4 b) {\n",
 "    vec3 apart = abs(a.rgb - b.rgb), c = abs(a.rgb), d = abs(b.rgb);\n",
@@ -13295,7 +13300,7 @@ static const char *const sbl__glsl_filter[] = {
 "    vec3 p = texelFetch(positions, at, 0).xyz, n = texelFetch(normals, at, 0).xyz;\n",
 "    vec4 sum = vec4(0), own = texelFetch(radiance, at, 0);\n",
 "#ifdef SBL_DIRECTIONAL\n",
-"    vec4 own_layer = vec4(texelFetch(layer, at, 0).rgb, SBL_HARMONIC * own.a);\n",
+"    vec4 own_layer = vec4(texelFetch(layer, at, 0).rgb, sbl_harmonic_noise(own));\n",
 "#endif\n",
 "    for (int y = max(-radius, -at.y); y <= min(radius, size.y - 1 - at.y); y++)\n",
 "        for (int x = max(-radius, -at.x); x <= min(radius, size.x - 1 - at.x); x++) {\n",
@@ -13308,7 +13313,7 @@ static const char *const sbl__glsl_filter[] = {
 "                                      texelFetch(normals, there, 0).xyz) *\n",
 "                          sbl_alike(own, light);\n",
 "#ifdef SBL_DIRECTIONAL\n",
-"            light = vec4(texelFetch(layer, there, 0).rgb, SBL_HARMONIC * light.a);\n",
+"            light = vec4(texelFetch(layer, there, 0).rgb, sbl_harmonic_noise(light));\n",
 "            weight *= sbl_alike(own_layer, light);\n",
 "#endif\n",
 "            sum += weight * vec4(light.rgb, 1);\n",
@@ -13325,7 +13330,8 @@ static const sbl__recipe sbl__recipe_filter = {
 typedef struct sbl__filter {
     int radius, geometry_aware;
     const sbl__texture *radiance;  /* R */
-    const sbl__texture *layer;     /* what is smoothed, where that is not R; or NULL */
+    const sbl__texture *layer;     /* harmonics, where those are smoothed; or NULL */
+    float few;                     /* noise in them, where R has none: a share of R */
 } sbl__filter;
 
 static double sbl__filter_sigma(int radius) { return SBL__MAX(0.5 * radius, 0.1); }
@@ -13352,6 +13358,7 @@ static sbl_result sbl__filter_draw(sbl__device *d, const sbl__filter *f, const s
     sbl__pass_rows(d, out, rows[0], rows[1]);
     sbl__bind(d, "radiance", f->radiance);
     if (f->layer) sbl__bind(d, "layer", f->layer);
+    sbl__set_float(d, "few", f->few);
     sbl__bind(d, "positions", &g->position);
     sbl__bind(d, "normals", &g->normal);
     sbl__bind(d, "ids", &g->id);
@@ -14036,6 +14043,8 @@ typedef struct sbl__picture {
     float progress;
 } sbl__picture;
 
+#define SBL__FEW_RAYS 1.0f        /* noise of a harmonic, a share of R, over the root of a look's rays: those on the
+                                     horizon count most for it, and there are few */
 #define SBL__READ_PIXELS 32768    /* of the G-buffer, read at once */
 #define SBL__STORED_NOISE 0.1f    /* of stored light where it is shown, relative: for the filter */
 #define SBL__PREVIEW_GROWTH 1.25  /* so many times the last preview's looks make the next one */
@@ -14319,6 +14328,7 @@ static sbl_result sbl__picture_filter(sbl__core *c, sbl__picture *p, const sbl__
     filter.geometry_aware = p->desc.mode != SBL_MODE_PAPER;
     filter.radiance = &p->radiance;
     filter.layer = layer ? &p->layer : NULL;
+    filter.few = p->spec.dark || !p->spec.traced ? 0 : SBL__FEW_RAYS / (float)sqrt((double)p->spec.rays);
     rows[0] = p->at;
     rows[1] = sbl__pace_rows(&p->filter_pace, slice, target, p->at);
     result = sbl__filter_draw(&c->device, &filter, &p->gbuffer, target, rows);

@@ -14,6 +14,11 @@ const float SBL_VISIBLE = 0.0025;  // relative difference that is as good as non
 const float SBL_DOUBT = 0.25;      // how fast trust falls with the square of a difference over the noise
 const float SBL_HARMONIC = 2.0;    // noise of a harmonic, about, over R's
 
+uniform float few;                 // noise that few rays leave in harmonics, where R has none: a share of R
+
+// Noise of a harmonic, about.
+float sbl_harmonic_noise(vec4 light) { return SBL_HARMONIC * light.a + few * max(light.r, max(light.g, light.b)); }
+
 // 1 where noise alone explains the difference, nearing 0 where it is several times as large.
 float sbl_alike(vec4 a, vec4 b) {
     vec3 apart = abs(a.rgb - b.rgb), c = abs(a.rgb), d = abs(b.rgb);
@@ -30,7 +35,7 @@ void main() {
     vec3 p = texelFetch(positions, at, 0).xyz, n = texelFetch(normals, at, 0).xyz;
     vec4 sum = vec4(0), own = texelFetch(radiance, at, 0);
 #ifdef SBL_DIRECTIONAL
-    vec4 own_layer = vec4(texelFetch(layer, at, 0).rgb, SBL_HARMONIC * own.a);
+    vec4 own_layer = vec4(texelFetch(layer, at, 0).rgb, sbl_harmonic_noise(own));
 #endif
     for (int y = max(-radius, -at.y); y <= min(radius, size.y - 1 - at.y); y++)
         for (int x = max(-radius, -at.x); x <= min(radius, size.x - 1 - at.x); x++) {
@@ -43,7 +48,7 @@ void main() {
                                       texelFetch(normals, there, 0).xyz) *
                           sbl_alike(own, light);
 #ifdef SBL_DIRECTIONAL
-            light = vec4(texelFetch(layer, there, 0).rgb, SBL_HARMONIC * light.a);
+            light = vec4(texelFetch(layer, there, 0).rgb, sbl_harmonic_noise(light));
             weight *= sbl_alike(own_layer, light);
 #endif
             sum += weight * vec4(light.rgb, 1);

@@ -51,6 +51,7 @@ int main(void) {
     PRINT_GATHER(sensor_fov);
     PRINT_GATHER(epsilon);
 #define PRINT_LIGHTMAP(field) printf("lightmap." #field " %g %g %g\n", (double)l[0].field, (double)l[1].field, (double)l[2].field)
+    PRINT_LIGHTMAP(supersample);
     PRINT_LIGHTMAP(width);
     PRINT_LIGHTMAP(height);
     PRINT_LIGHTMAP(gutter);
