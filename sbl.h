@@ -7866,6 +7866,8 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 #define SBL__GUIDE_BINS (SBL__GUIDE_RINGS * SBL__GUIDE_SECTORS)
 #define SBL__GUIDE_WORDS (4 * SBL__GUIDE_TEXELS)
 #define SBL__GUIDE_EVEN 0.2       /* of the rays go evenly: what no scout found must not be missed */
+#define SBL__GUIDE_DARK 0.4       /* lit share of the bins up to which no more do; */
+#define SBL__GUIDE_LIT 0.7        /* and from which on all do: even rays know even light without noise */
 #define SBL__GUIDE_STEP 8          /* pixels from one to the next; */
 #define SBL__GUIDES_FEW 4096       /* less, where they are not more then, */
 #define SBL__GUIDES_MOST 16384     /* and more where they would be more */
@@ -7908,12 +7910,13 @@ static float sbl__guide_smooth(const float *found, int ring, int sector) {
 
 /* Where `count` intervals begin whose lengths are as the shares, which are mixed with even ones: 16 bits each, two a
    word. */
-static void sbl__guide_intervals(const float *shares, int count, uint32_t *words) {
+static void sbl__guide_intervals(const float *shares, int count, double even, uint32_t *words) {
     double all = 0, sum = 0;
     int i;
     for (i = 0; i < count; i++) all += shares[i];
+    if (!(all > 0)) even = 1;
     for (i = 0; i < count; i++) {
-        const double even = all > 0 ? SBL__GUIDE_EVEN : 1, part = all > 0 ? sum / all : 0;
+        const double part = all > 0 ? sum / all : 0;
         const uint32_t begin = (uint32_t)(65536 * ((1 - even) * part + even * i / count));
         if (i & 1) words[i / 2] |= begin << 16;
         else words[i / 2] = begin;
@@ -7921,19 +7924,38 @@ static void sbl__guide_intervals(const float *shares, int count, uint32_t *words
     }
 }
 
+/* Of the rays, the share that goes evenly: the more, the more bins have light, as their densities' squared mean over
+   their mean square tells. */
+static double sbl__guide_even(const float *densities) {
+    double sum = 0, squares = 0, lit;
+    int i;
+    for (i = 0; i < SBL__GUIDE_BINS; i++) {
+        sum += densities[i];
+        squares += (double)densities[i] * densities[i];
+    }
+    lit = squares > 0 ? sum * sum / (squares * SBL__GUIDE_BINS) : 1;
+    lit = SBL__MIN(SBL__MAX((lit - SBL__GUIDE_DARK) / (SBL__GUIDE_LIT - SBL__GUIDE_DARK), 0.0), 1.0);
+    return SBL__GUIDE_EVEN + (1 - SBL__GUIDE_EVEN) * lit;
+}
+
 /* found: of its bins. */
 static void sbl__guide_make(const float *found, uint32_t *words) {
-    float rings[SBL__GUIDE_RINGS], sectors[SBL__GUIDE_SECTORS];
+    float rings[SBL__GUIDE_RINGS], densities[SBL__GUIDE_BINS];
+    double even;
     int ring, sector;
     for (ring = 0; ring < SBL__GUIDE_RINGS; ring++) {
         rings[ring] = 0;
         for (sector = 0; sector < SBL__GUIDE_SECTORS; sector++) {
-            sectors[sector] = (float)sqrt((double)sbl__guide_smooth(found, ring, sector));
-            rings[ring] += sectors[sector];
+            float *density = &densities[ring * SBL__GUIDE_SECTORS + sector];
+            *density = (float)sqrt((double)sbl__guide_smooth(found, ring, sector));
+            rings[ring] += *density;
         }
-        sbl__guide_intervals(sectors, SBL__GUIDE_SECTORS, words + (SBL__GUIDE_RINGS + ring * SBL__GUIDE_SECTORS) / 2);
     }
-    sbl__guide_intervals(rings, SBL__GUIDE_RINGS, words);
+    even = sbl__guide_even(densities);
+    for (ring = 0; ring < SBL__GUIDE_RINGS; ring++)
+        sbl__guide_intervals(densities + ring * SBL__GUIDE_SECTORS, SBL__GUIDE_SECTORS, even,
+                             words + (SBL__GUIDE_RINGS + ring * SBL__GUIDE_SECTORS) / 2);
+    sbl__guide_intervals(rings, SBL__GUIDE_RINGS, even, words);
 }
 
 static double sbl__guide_begin(const uint32_t *words, int i) {

@@ -4,6 +4,7 @@
 #include "../sbl.h"
 #include "test.h"
 #include "scenes.h"
+#include "reference.h"
 #include "gl_watch.h"
 
 enum { WIDTH = 96, HEIGHT = 72, PIXELS = WIDTH * HEIGHT };
@@ -220,6 +221,34 @@ TEST(guides_serve_their_like) {
     CHECK(sbl__guide_fits(&home, &home) >= 1, "a guide does not serve its own sensor");
 }
 
+/* Where scouts find light everywhere, as often as chance has it, rays go evenly: each counts as much. Where they find it in a tenth of the bins, most go there. */
+TEST(even_light_needs_no_guide) {
+    uint64_t seed = 9;
+    int run, i;
+    for (run = 0; run < 2; run++) {
+        float found[SBL__GUIDE_BINS];
+        uint32_t words[SBL__GUIDE_WORDS];
+        double worst = 0, least = HUGE_VAL;
+        memset(found, 0, sizeof found);
+        memset(words, 0, sizeof words);
+        for (i = 0; i < 6 * SBL__GUIDE_BINS; i++) {  /* six scouts a bin, on average */
+            const int bin = (int)(ref_random(&seed) * SBL__GUIDE_BINS);
+            if (run == 0 || bin < SBL__GUIDE_BINS / 10) found[bin] += 1;
+        }
+        sbl__guide_make(found, words);
+        for (i = 0; i < 1000; i++) {
+            double u[2], weight;
+            u[0] = ref_random(&seed);
+            u[1] = ref_random(&seed);
+            weight = sbl__guide_send(words, u);
+            worst = fmax(worst, fabs(weight - 1));
+            least = fmin(least, weight);
+        }
+        if (run == 0) CHECK(worst < 1e-3, "rays count up to %g more or less than others", worst);
+        else CHECK(least < 0.2, "rays towards the light count %g", least);
+    }
+}
+
 /* In a larger picture guides are as many, and further apart. */
 TEST(guides_are_bounded) {
     sbl__core core;
@@ -272,6 +301,7 @@ int main(void) {
     RUN(few_rays_do);
     RUN(looks_grow);
     RUN(guides_serve_their_like);
+    RUN(even_light_needs_no_guide);
     RUN(guides_are_bounded);
     RUN(memory_runs_out);
     scene_free(&dark_room);
