@@ -1,4 +1,4 @@
-# Run by scripts/unwrap, inside Blender: SCENE OUT.glb SIZE DEGREES.
+# Run by scripts/unwrap, inside Blender: SCENE OUT.glb SIZE DEGREES GAP.
 import math
 import os
 import sys
@@ -6,13 +6,11 @@ import sys
 import bpy
 import numpy
 
-GAP = 4  # texels between charts
-
 if not hasattr(numpy, "bool"):  # Blender 3.4's reader of glTF asks for it, numpy 1.24 has dropped it
     numpy.bool = bool
 
-scene, out, size, degrees = sys.argv[sys.argv.index("--") + 1:]
-size, degrees = int(size), float(degrees)
+scene, out, size, degrees, GAP = sys.argv[sys.argv.index("--") + 1:]
+size, degrees, GAP = int(size), float(degrees), int(GAP)  # GAP: texels between charts
 
 
 def read():

@@ -1,4 +1,4 @@
-/* A fuzz target: bytes become calls in any order, with scenes, pictures, gathers and allocators that are often wrong.
+/* A fuzz target: bytes become calls in any order, with scenes, pictures, gathers, bakes and allocators that are often wrong.
    sbl.h must refuse with a message or do what was asked: no NaN or infinity comes out, nothing leaks, and a known
    picture comes out of the context as before. tests/test_fuzz.c runs a bounded, repeatable part of it, and
    build/test_fuzz FILE... single inputs. By itself, for as long as wanted:
@@ -33,6 +33,9 @@ typedef struct fuzz_context {
     sbl_site *sites;                            /* of the gather under way */
     sbl_reading *readings;
     int site_count;
+    void *baked_from;                           /* what a bake under way reads, */
+    float *baked;                               /* and its result */
+    size_t baked_count;
 } fuzz_context;
 
 typedef struct fuzz_bytes {
@@ -48,7 +51,7 @@ static struct {
     float known[3 * 16];
     GLuint buffer, texture;    /* the host's */
 } fuzz;
-static struct { int accepted, refused, pictures, gathers, inspections, out_of_memory; } fuzz_counts;
+static struct { int accepted, refused, pictures, gathers, bakes, inspections, out_of_memory; } fuzz_counts;
 static int fuzz_failures;
 
 #define FUZZ_CHECK(condition, ...) do { if (!(condition)) FUZZ__FAIL(__VA_ARGS__); } while (0)
@@ -186,6 +189,7 @@ static void fuzz_mesh(fuzz_bytes *b, sbl_mesh *m) {
     if (shape & 4) fuzz_stream(b, &m->colors, 4, m->vertex_count, 0);
     if (shape & 8) fuzz_stream(b, &m->indices, 1, m->index_count, SBL__MIN(SBL__MAX(m->vertex_count, 1), 200));
     if (shape & 16) fuzz_transform(b, m->transform);
+    if (shape & 32) fuzz_stream(b, &m->lightmap_texcoords, 2, m->vertex_count, 0);
     m->material = fuzz_int(b, 0, FUZZ_MATERIALS - 1);
     m->id = fuzz_byte(b);
 }
@@ -258,6 +262,7 @@ static sbl_result fuzz_set_scene(fuzz_bytes *b, sbl_context *context) {
 /* A wall and a lamp in front of it: a scene that is there without luck. */
 static sbl_result fuzz_known_scene(sbl_context *context) {
     static const float corners[18] = { -3, -3, -1, 3, -3, -1, 0, 4, -2, -1, -1, 1, 1, -1, 1, 0, 1, 2 };
+    static const float places[6] = { 0.1f, 0.1f, 0.9f, 0.1f, 0.5f, 0.9f };
     sbl_material materials[2];
     sbl_mesh meshes[2];
     sbl_scene_desc scene;
@@ -271,6 +276,7 @@ static sbl_result fuzz_known_scene(sbl_context *context) {
         meshes[i].vertex_count = 3;
         meshes[i].material = i;
     }
+    meshes[0].lightmap_texcoords.data = places;
     scene.meshes = meshes;
     scene.mesh_count = 2;
     scene.materials = materials;
@@ -367,6 +373,88 @@ static void fuzz_gather(fuzz_bytes *b, fuzz_context *c, sbl_gather_desc *gather)
     gather->progress_user = c;
 }
 
+/* >>bakes. Light at vertices and of probes is baked into floats that are the caller's to free. */
+
+static void fuzz_lightmap(fuzz_bytes *b, fuzz_context *c, sbl_lightmap_desc *map) {
+    const unsigned shape = fuzz_byte(b);
+    memset(map, 0, sizeof *map);
+    map->width = fuzz_int(b, 1, FUZZ_SIDE);
+    map->height = fuzz_int(b, 1, FUZZ_SIDE);
+    if (map->width * (double)map->height > FUZZ_SIDE * FUZZ_SIDE || (!map->width && !map->height)) map->width = -1;
+    map->gutter = fuzz_int(b, -1, 4);
+    map->directional = shape & 1 ? fuzz_int(b, 0, 1) : 0;
+    map->supersample = shape & 2 ? fuzz_int(b, 1, 3) : 0;
+    map->seams = shape & 4 ? -1 : 0;
+    map->mode = (sbl_mode)fuzz_int(b, 0, SBL_MODE_COUNT - 1);
+    map->backend = (sbl_backend)fuzz_int(b, 0, SBL_BACKEND_COUNT - 1);
+    map->rays = shape & 8 ? 0 : fuzz_int(b, 1, 40);
+    map->error = shape & 16 ? fuzz_float(b, 0, 1) : 0;
+    map->sensor_size = fuzz_int(b, 4, 16);
+    map->tile = fuzz_int(b, 1, 8);
+    map->filter_radius = fuzz_int(b, -1, 3);
+    if (shape & 32) map->threshold = fuzz_float(b, 0, 1);
+    if (shape & 64) map->epsilon = fuzz_float(b, 0, 1);
+    map->seed = fuzz_byte(b);
+    c->cancel_in = fuzz_cancel(b);
+    map->progress = fuzz_progress;
+    map->progress_user = c;
+}
+
+/* meshes: of which some are named. */
+static void fuzz_vertices(fuzz_bytes *b, fuzz_context *c, int meshes[2], sbl_vertices_desc *light) {
+    const unsigned shape = fuzz_byte(b);
+    int i;
+    memset(light, 0, sizeof *light);
+    for (i = 0; i < 2; i++) meshes[i] = fuzz_int(b, 0, FUZZ_MESHES - 1);
+    if (shape & 1) { light->meshes = meshes; light->mesh_count = fuzz_int(b, 0, 2) % 3; }
+    light->count = shape & 2 ? fuzz_byte(b) % 128 : 3 * 12 * FUZZ_MESHES;
+    light->radiance = (float *)malloc(light->count * sizeof(float) + 1);
+    if (!light->radiance) abort();
+    light->samples = fuzz_int(b, 0, 9);
+    light->average = (int)(shape >> 2 & 1);
+    light->smoothing = shape & 8 ? fuzz_float(b, -1, 1) : 0;
+    light->mode = (sbl_mode)fuzz_int(b, 0, SBL_MODE_COUNT - 1);
+    light->backend = (sbl_backend)fuzz_int(b, 0, SBL_BACKEND_COUNT - 1);
+    light->rays = fuzz_int(b, 0, 40);
+    light->sensor_size = fuzz_int(b, 4, 16);
+    if (shape & 16) light->epsilon = fuzz_float(b, 0, 1);
+    light->seed = fuzz_byte(b);
+    memset(light->radiance, 0, light->count * sizeof(float));
+    c->cancel_in = fuzz_cancel(b);
+    light->progress = fuzz_progress;
+    light->progress_user = c;
+}
+
+static void fuzz_probes(fuzz_bytes *b, fuzz_context *c, float **positions, sbl_probes_desc *desc) {
+    const unsigned shape = fuzz_byte(b);
+    const int count = (int)(fuzz_byte(b) % (FUZZ_SITES + 1));
+    memset(desc, 0, sizeof *desc);
+    *positions = (float *)malloc(3 * (size_t)count * sizeof(float) + 1);
+    desc->probes = (sbl_probe *)malloc(((size_t)count + !count) * sizeof *desc->probes);
+    if (!*positions || !desc->probes) abort();
+    memset(desc->probes, 0, ((size_t)count + !count) * sizeof *desc->probes);
+    fuzz_floats(b, *positions, 3 * count, -2, 2);
+    desc->count = count;
+    if (shape & 1) desc->positions = *positions;
+    else {  /* a grid of as many, or a wrong one */
+        desc->grid[0] = fuzz_int(b, 1, 1);
+        desc->grid[1] = count ? count : 1;
+        desc->grid[2] = 1;
+        if (!count && desc->grid[0] > 0) desc->count = -1;
+    }
+    if (shape & 2) { fuzz_floats(b, desc->lowest, 3, -2, 0); fuzz_floats(b, desc->highest, 3, 0, 2); }
+    if (shape & 4) desc->move = fuzz_float(b, 0, 1);
+    desc->mode = (sbl_mode)fuzz_int(b, 0, SBL_MODE_COUNT - 1);
+    desc->backend = (sbl_backend)fuzz_int(b, 0, SBL_BACKEND_COUNT - 1);
+    desc->rays = fuzz_int(b, 64, 100);
+    desc->sensor_size = fuzz_int(b, 4, 16);
+    if (shape & 8) desc->epsilon = fuzz_float(b, 0, 1);
+    desc->seed = fuzz_byte(b);
+    c->cancel_in = fuzz_cancel(b);
+    desc->progress = fuzz_progress;
+    desc->progress_user = c;
+}
+
 /* >>contexts and calls */
 
 /* What is handed out is NaN, so that floats which were never written show. */
@@ -437,10 +525,18 @@ static void fuzz_gather_gone(fuzz_context *c, int whole) {
         fuzz_numbers("readings", (const float *)c->readings, sizeof *c->readings / 4 * (size_t)c->site_count);
         fuzz_counts.gathers++;
     }
+    if (whole && c->baked) {
+        fuzz_numbers("baked light", c->baked, c->baked_count);
+        fuzz_counts.bakes++;
+    }
     free(c->sites);
     free(c->readings);
+    free(c->baked_from);
+    free(c->baked);
     c->sites = NULL;
     c->readings = NULL;
+    c->baked_from = NULL;
+    c->baked = NULL;
 }
 
 static void fuzz_destroy(fuzz_context *c) {
@@ -561,6 +657,61 @@ static void fuzz_gathering(fuzz_bytes *b, fuzz_context *c, int whole) {
     free(gather.readings);
 }
 
+static void fuzz_bake_lightmap(fuzz_bytes *b, fuzz_context *c, int whole) {
+    sbl_lightmap_desc map;
+    sbl_result result;
+    int channel;
+    fuzz_lightmap(b, c, &map);
+    result = FUZZ_CALL(c, whole ? sbl_bake_lightmap(c->sbl, &map) : sbl_begin_lightmap(c->sbl, &map));
+    if (result == SBL_ERROR_INVALID_ARGUMENT || result == SBL_ERROR_STATE || result == SBL_ERROR_UNSUPPORTED) return;
+    fuzz_gather_gone(c, 0);
+    c->width = map.width;
+    c->height = map.height;
+    if (!whole || result != SBL_SUCCESS) return;
+    fuzz_counts.bakes++;
+    for (channel = 0; channel < SBL_CHANNEL_COUNT; channel++) {
+        fuzz_read(c, channel, SIZE_MAX);
+        if (map.seed & 1) sbl_channel_texture(c->sbl, (sbl_channel)channel);
+    }
+    fuzz_inspect(c, (int)map.seed % map.width, (int)map.seed / map.width % map.height, SIZE_MAX);
+}
+
+/* Of vertices, or of probes. */
+static void fuzz_bake(fuzz_bytes *b, fuzz_context *c, int whole) {
+    const fuzz_context before = *c;
+    const int of_probes = fuzz_byte(b) & 1;
+    sbl_vertices_desc light;
+    sbl_probes_desc probes;
+    int *meshes = (int *)calloc(2, sizeof *meshes);
+    float *positions = NULL, *out;
+    size_t count;
+    sbl_result result;
+    if (!meshes) abort();
+    if (of_probes) {
+        fuzz_probes(b, c, &positions, &probes);
+        out = (float *)probes.probes;
+        count = probes.count > 0 ? sizeof *probes.probes / 4 * (size_t)probes.count : 0;
+        result = FUZZ_CALL(c, sbl_begin_probes(c->sbl, &probes));
+    } else {
+        fuzz_vertices(b, c, meshes, &light);
+        out = light.radiance;
+        count = light.count;
+        result = FUZZ_CALL(c, sbl_begin_vertices(c->sbl, &light));
+    }
+    free(meshes);  /* they are read when it begins */
+    if (result == SBL_SUCCESS) {
+        fuzz_gather_gone(c, 0);
+        c->baked_from = positions;
+        c->baked = out;
+        c->baked_count = count;
+        if (whole) fuzz_step(c, 0);
+        return;
+    }
+    c->cancel_in = before.cancel_in;
+    free(positions);
+    free(out);
+}
+
 /* An allocator that refuses the nth time from here, and from then on if the byte says so. */
 static void fuzz_refuse(fuzz_bytes *b, fuzz_context *c) {
     const unsigned byte = fuzz_byte(b);
@@ -588,6 +739,12 @@ static void fuzz_one_call(fuzz_bytes *b) {
     fuzz_context *c = &fuzz.contexts[what >> 7];
     float m[16];
     int i;
+    if ((what >> 4 & 7) == 7 && what % 16 > 7) {  /* what came last, out of the way of the corpus */
+        if (what & 1) fuzz_bake_lightmap(b, c, (int)(what >> 1 & 1));
+        else fuzz_bake(b, c, (int)(what >> 1 & 1));
+        FUZZ_CHECK(eglGetCurrentContext() == gl.context, "the host's GL context is not current any more");
+        return;
+    }
     switch (what % 16) {
         case 0: if (FUZZ_CALL(c, fuzz_set_scene(b, c->sbl)) == SBL_SUCCESS) fuzz_gather_gone(c, 0); break;
         case 1: if (FUZZ_CALL(c, fuzz_known_scene(c->sbl)) == SBL_SUCCESS) fuzz_gather_gone(c, 0); break;

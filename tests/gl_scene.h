@@ -2,8 +2,8 @@
 #ifndef GL_SCENE_H
 #define GL_SCENE_H
 
-/* 6 channels of 3 floats and 3 of 1 */
-enum { SMALL_WIDTH = 11, SMALL_HEIGHT = 9, SMALL_PIXELS = SMALL_WIDTH * SMALL_HEIGHT, SMALL_FLOATS = 23 * SMALL_PIXELS };
+/* 10 channels of 3 floats and 5 of 1 */
+enum { SMALL_WIDTH = 11, SMALL_HEIGHT = 9, SMALL_PIXELS = SMALL_WIDTH * SMALL_HEIGHT, SMALL_FLOATS = 35 * SMALL_PIXELS };
 
 typedef struct small_picture { float values[SMALL_FLOATS]; } small_picture;
 

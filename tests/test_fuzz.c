@@ -55,6 +55,27 @@ TEST(random_bytes) {
           fuzz_counts.pictures, fuzz_counts.gathers);
 }
 
+/* Bakes of all kinds, begun over each other, in the scene that is there without luck and in others. */
+TEST(random_bakes) {
+    uint32_t state = 777;
+    int round, i;
+    memset(&fuzz_counts, 0, sizeof fuzz_counts);
+    for (round = 0; round < 60; round++) {
+        const int before = fuzz_failures;
+        for (i = 0; i < 400; i++) {
+            state = state * 1664525u + 1013904223u;
+            input[i] = (unsigned char)(state >> 24);
+            if ((state >> 8 & 3) == 0) input[i] = (unsigned char)(0x78 | (state >> 20 & 7));
+        }
+        input[0] = 0;
+        input[1] = 1;
+        fuzz_one(input, 400);
+        CHECK(fuzz_failures == before, "round %d: see above", round);
+    }
+    CHECK(fuzz_counts.accepted > 100 && fuzz_counts.refused > 100 && fuzz_counts.bakes > 30, "%d calls accepted, %d refused, %d bakes finished",
+          fuzz_counts.accepted, fuzz_counts.refused, fuzz_counts.bakes);
+}
+
 int main(int count, char **files) {
     int i;
     if (!fuzz_open()) { printf("no context\n"); return 1; }
@@ -62,6 +83,7 @@ int main(int count, char **files) {
     if (count > 1) return fuzz_failures != 0;
     RUN(corpus);
     RUN(random_bytes);
+    RUN(random_bakes);
     fuzz_close();
     return test_report();
 }

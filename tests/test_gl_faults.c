@@ -337,6 +337,122 @@ TEST(allocations_of_larger_pictures) {
     scene_free(&gap);
 }
 
+/* >>bakes: a lightmap with all that it can have, vertices, probes */
+
+enum { BAKE_LIGHTMAP, BAKE_VERTICES, BAKE_PROBES, BAKES };
+enum { MAP = 8, BAKE_FLOATS = 18 * MAP * MAP };
+
+static float baked[BAKE_FLOATS];
+
+static void bake_room(test_scene *s) {
+    static const float left[8] = { 0.05f, 0.1f, 0.45f, 0.1f, 0.45f, 0.9f, 0.05f, 0.9f }, right[8] = { 0.55f, 0.1f, 0.95f, 0.1f, 0.95f, 0.9f, 0.55f, 0.9f };
+    int material;
+    memset(s, 0, sizeof *s);
+    material = scene_material(s, 0.5f, 0.5f, 0.5f);
+    scene_quad(s, material, -1, 0, -1, -1, 0, 1, 0, 0, 1, 0, 0, -1)->lightmap_texcoords.data = left;
+    scene_quad(s, material, 0, 0, -1, 0, 0, 1, 1, 0, 1, 1, 0, -1)->lightmap_texcoords.data = right;
+    scene_quad(s, scene_lamp(s, 5, 5, 5), -0.3f, 1, -0.3f, 0.3f, 1, -0.3f, 0.3f, 1, 0.3f, -0.3f, 1, 0.3f);
+    scene_sky(s, 0.1f, 0.2f, 0.3f);
+}
+
+static sbl_result bake_one(sbl_context *context, int kind) {
+    static sbl_probe probes[2];
+    sbl_result result;
+    memset(baked, 0, sizeof baked);
+    if (kind == BAKE_LIGHTMAP) {
+        sbl_lightmap_desc map;
+        int channel;
+        memset(&map, 0, sizeof map);
+        map.width = map.height = MAP;
+        map.directional = 1;
+        map.supersample = 2;
+        map.gutter = 2;
+        map.rays = 16;
+        map.mode = SBL_MODE_DIRECT;
+        result = sbl_bake_lightmap(context, &map);
+        for (channel = 0; channel < 6 && result == SBL_SUCCESS; channel++)
+            result = sbl_read_channel(context, channel < 4 ? (sbl_channel)(SBL_CHANNEL_SH_0 + channel) : channel == 4 ? SBL_CHANNEL_FINAL : SBL_CHANNEL_RADIANCE,
+                                      baked + 3 * MAP * MAP * channel, 3 * MAP * MAP);
+    } else if (kind == BAKE_VERTICES) {
+        sbl_vertices_desc light;
+        memset(&light, 0, sizeof light);
+        light.radiance = baked;
+        light.count = BAKE_FLOATS;
+        light.rays = 8;
+        light.mode = SBL_MODE_DIRECT;
+        result = sbl_bake_vertices(context, &light);
+    } else {
+        sbl_probes_desc desc;
+        memset(&desc, 0, sizeof desc);
+        desc.probes = probes;
+        desc.grid[0] = 2;
+        desc.grid[1] = desc.grid[2] = 1;
+        desc.rays = 64;
+        desc.mode = SBL_MODE_DIRECT;
+        result = sbl_bake_probes(context, &desc);
+        memcpy(baked, probes, sizeof probes);
+    }
+    return result;
+}
+
+/* Every seventh place, another one of the seven in each run over kinds and faults. */
+TEST(bakes) {
+    static const struct { fake_fault fault; GLenum error; sbl_result right; } faults[] = {
+        { FAKE_NONE, 0, SBL_ERROR_OUT_OF_MEMORY }, { FAKE_ERROR, GL_OUT_OF_MEMORY, SBL_ERROR_OUT_OF_MEMORY }, { FAKE_REFUSE, GL_INVALID_OPERATION, SBL_ERROR_GL },
+        { FAKE_NO_NAME, 0, SBL_ERROR_GL }, { FAKE_FRAMEBUFFER, 0, SBL_ERROR_GL } };
+    static const int strides[] = { 7, 7, 7, 2, 1 };
+    static float right[BAKE_FLOATS];
+    sbl_context_desc desc = faulty_desc();
+    test_scene room;
+    sbl_scene_desc bare;
+    int i, kind, place, last, failed, lit, blocks = seen.blocks;
+    bake_room(&room);
+    bare = scene_desc(&room);
+    for (kind = 0; kind < BAKES; kind++) {
+        sbl_context *context;
+        usage start, end;
+        fake_disarm();
+        REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &bare) == SBL_SUCCESS && bake_one(context, kind) == SBL_SUCCESS, "%s",
+                watch_last(&seen));
+        memcpy(right, baked, sizeof right);
+        CHECK(bake_one(context, kind) == SBL_SUCCESS && memcmp(baked, right, sizeof right) == 0, "kind %d: it differs", kind);
+        for (i = lit = 0; i < BAKE_FLOATS; i++) lit += right[i] > 0;
+        CHECK(lit > 20, "kind %d: %d values shine", kind, lit);
+        start = usage_take(context);
+        for (i = 0; i < (int)(sizeof faults / sizeof *faults); i++)
+            for (place = 1 + (kind + i) % strides[i], last = failed = 0; place < MOST_PLACES && !last; place += strides[i]) {
+                sbl_result result;
+                const int replaced = place / strides[i] % 4 == 0;  /* what is made once a scene, too */
+                if (replaced) CHECK(sbl_set_scene(context, &bare) == SBL_SUCCESS, "%s", watch_last(&seen));
+                watch_forget(&seen);
+                gl_state_take(&before);
+                if (faults[i].fault == FAKE_NONE) { seen.refused = 0; seen.refuse_at = seen.allocations + place; }
+                else fake_arm(faults[i].fault, place, faults[i].error);
+                result = bake_one(context, kind);
+                last = !(faults[i].fault == FAKE_NONE ? seen.refused : fake.hits);
+                seen.refuse_at = 0;
+                fake_disarm();
+                gl_state_take(&after);
+                CHECK(!gl_state_difference(&before, &after), "kind %d, fault %d at %d left behind: %s", kind, i, place, gl_state_difference(&before, &after));
+                if (result == SBL_SUCCESS) CHECK(memcmp(baked, right, sizeof right) == 0, "kind %d, fault %d at %d: success, but other light", kind, i, place);
+                else CHECK(result == faults[i].right && seen.errors > 0, "kind %d, fault %d at %d: \"%s\", %d messages", kind, i, place, sbl_result_string(result), seen.errors);
+                failed += result != SBL_SUCCESS;
+                result = bake_one(context, kind);
+                CHECK(result == SBL_SUCCESS && memcmp(baked, right, sizeof right) == 0, "kind %d, fault %d at %d: afterwards \"%s\", or other light", kind, i, place,
+                      sbl_result_string(result));
+                end = usage_take(context);
+                CHECK(start.blocks == end.blocks && start.host == end.host && start.gpu == end.gpu && memcmp(start.objects, end.objects, sizeof end.objects) == 0,
+                      "kind %d, fault %d at %d: in use %d blocks, %.0f and %.0f bytes; before %d, %.0f, %.0f", kind, i, place, end.blocks, (double)end.host,
+                      (double)end.gpu, start.blocks, (double)start.host, (double)start.gpu);
+                if (last) CHECK(failed > (faults[i].fault == FAKE_FRAMEBUFFER ? 0 : 2), "kind %d, fault %d: %d failures", kind, i, failed);
+                if (test_errors > 20) break;
+            }
+        sbl_destroy(context);
+    }
+    CHECK(seen.blocks == blocks && fake_live() == 0, "%d blocks and %d GL objects leaked", seen.blocks - blocks, fake_live());
+    scene_free(&room);
+}
+
 /* A scene past what buffer textures hold has programs of its own, compiled when its first picture needs them. Whatever fails there, the next try
    succeeds, and so does the scene before. */
 TEST(scene_programs) {
@@ -602,6 +718,7 @@ int main(void) {
     RUN(allocations_of_larger_pictures);
     RUN(scene_programs);
     if (getenv("MESA_GL_VERSION_OVERRIDE")) goto wide;  /* an older GL strikes at the same places */
+    RUN(bakes);
     printf("with bounced light:\n");
     small_mode = SBL_MODE_GI;
     if (!references(SBL_BACKEND_TRACE)) { printf("without faults: %s; %d GL objects made, %d left\n", watch_last(&seen), fake.made, fake_live()); return 1; }

@@ -569,6 +569,51 @@ TEST(gutters_are_means_of_the_rings_before) {
     scene_free(&s);
 }
 
+/* A bright chart and a dark one, 32 texels apart: in mip levels 0 to 3, each the mean of four texels, bilinear samples anywhere on a chart, up to its edges,
+   have its own light. */
+TEST(mip_levels_do_not_bleed) {
+    enum { N = 128 };
+    static const float roof[12] = { -9, 0.3f, -9, 9, 0.3f, -9, 9, 0.3f, 9, -9, 0.3f, 9 };
+    static test_scene s;
+    const sbl_lightmap_desc desc = map_of(N, N, SBL_MODE_DIRECT);
+    static float level[3 * N * N];
+    float *light, *final;
+    int lod, size = N, x, y, k;
+    memset(&s, 0, sizeof s);
+    k = scene_material(&s, 0.5f, 0.5f, 0.5f);
+    uv_rectangle(&s, scene_floor(&s, k, 0.31f, 1), 17.3f / N, 17.3f / N, 47.6f / N, 110.2f / N);
+    uv_rectangle(&s, scene_floor(&s, k, 0.29f, 0.5f), 79.6f / N, 17.3f / N, 110.2f / N, 110.2f / N);
+    scene_polygon(&s, k, roof, 4);
+    scene_box(&s, k, -9, -1, -9, 9, 0.299f, 9);
+    scene_sky(&s, 1, 1, 1);
+    light = bake(&s, &desc);
+    final = channel_of(&desc, SBL_CHANNEL_FINAL);
+    REQUIRE(light && final, "no lightmap");
+    memcpy(level, final, sizeof level);
+    for (lod = 0; lod < 4; lod++, size /= 2) {
+        double least = HUGE_VAL, most = 0;
+        for (y = 0; y <= 100; y++)
+            for (x = 0; x <= 100; x++) {
+                double bright[2], dark[2];
+                bright[0] = (17.3 + 30.3 * x / 100) / N;
+                dark[0] = (79.6 + 30.6 * x / 100) / N;
+                bright[1] = dark[1] = (17.3 + 92.9 * y / 100) / N;
+                least = test_min(least, sample_of(level, size, size, bright));
+                most = test_max(most, sample_of(level, size, size, dark));
+            }
+        CHECK(least > 0.99 && most < 1e-3, "level %d: the bright chart has %g and more, the dark one up to %g", lod, least, most);
+        for (y = 0; y < size / 2; y++)
+            for (x = 0; x < size / 2; x++)
+                for (k = 0; k < 3; k++) {
+                    const float *from = level + 3 * (2 * y * size + 2 * x) + k;
+                    level[3 * (y * size / 2 + x) + k] = 0.25f * (from[0] + from[3] + from[3 * size] + from[3 * size + 3]);
+                }
+    }
+    free(light);
+    free(final);
+    scene_free(&s);
+}
+
 /* The front is where normals point to; without them, where corners run counter-clockwise. */
 TEST(light_falls_on_the_front) {
     int turned, normals;
@@ -935,6 +980,7 @@ int main(void) {
     RUN(seams_do_not_leak);
     RUN(charts_are_parted_by_the_map);
     RUN(gutters_are_means_of_the_rings_before);
+    RUN(mip_levels_do_not_bleed);
     RUN(light_falls_on_the_front);
     RUN(overlaps_are_named_and_shown);
     RUN(charts_outside_are_named);

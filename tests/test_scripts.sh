@@ -129,11 +129,12 @@ check mutants_fit_the_header tests/mutants --check
 unwrap_without_blender() { ! env PATH=/nowhere /bin/sh scripts/unwrap examples/scenes/cornell_box.obj "$folder/u.glb" > "$folder/said" 2>&1; cat "$folder/said"; grep -q blender "$folder/said"; }
 unwrap_usage() {
     scripts/unwrap examples/scenes/cornell_box.obj > "$folder/said" 2>&1
-    [ $? = 2 ] && grep -q 'SCENE OUT.glb' "$folder/said" && { scripts/unwrap examples/scenes/cornell_box.obj "$folder/u.obj" 2> "$folder/said"; [ $? = 2 ]; }
+    [ $? = 2 ] && grep -q 'SCENE OUT.glb' "$folder/said" && { scripts/unwrap examples/scenes/cornell_box.obj "$folder/u.obj" 2> "$folder/said"; [ $? = 2 ]; } &&
+        { scripts/unwrap examples/scenes/cornell_box.obj "$folder/u.glb" --size 512 2> "$folder/said"; [ $? = 2 ]; } && grep -q numbers "$folder/said"
 }
 # the charts lie apart, on whole texels: nothing overlaps, nothing lies outside
 unwrap_box() {
-    scripts/unwrap examples/scenes/cornell_box.obj "$folder/u.glb" 128 &&
+    scripts/unwrap examples/scenes/cornell_box.obj "$folder/u.glb" 128 66 6 &&
     build/sbl_bake "$folder/u.glb" --lightmap 128 --mode direct --preset draft -o "$folder/baked" > "$folder/said" 2>&1 || { cat "$folder/said"; return 1; }
     cat "$folder/said"
     [ ! -s "$folder/said" ] && [ ! -e "$folder/baked/overlap.png" ] && [ -s "$folder/baked/lightmap.pfm" ]
