@@ -9,7 +9,7 @@
 #include "gl_host.h"
 #include "gl_fake.h"
 
-enum { WIDTH = 40, HEIGHT = 30, PIXELS = WIDTH * HEIGHT, FLOATS = 23 * PIXELS };  /* 6 channels of 3 floats, 5 of 1 */
+enum { WIDTH = 40, HEIGHT = 30, PIXELS = WIDTH * HEIGHT, FLOATS = 35 * PIXELS };  /* 10 channels of 3 floats, 5 of 1 */
 typedef struct picture { float values[FLOATS]; } picture;
 
 static watch seen;
@@ -38,6 +38,7 @@ static float *channel_of(picture *p, sbl_channel channel) {
 
 static int read_all(sbl_context *context, picture *out) {
     int channel, i;
+    if (channel_of(out, SBL_CHANNEL_COUNT) != out->values + FLOATS) return 0;  /* there are other channels than FLOATS says */
     for (i = 0; i < FLOATS; i++) out->values[i] = (float)NAN;
     for (channel = 0; channel < SBL_CHANNEL_COUNT; channel++)
         if (sbl_read_channel(context, (sbl_channel)channel, channel_of(out, (sbl_channel)channel),
