@@ -949,7 +949,7 @@ TEST(values_that_do_not_exist) {
     small_picture picture;
     SAID(sbl_read_channel(context, (sbl_channel)-1, some, 3), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_read_channel", "channel is -1");
     SAID(sbl_read_channel(context, SBL_CHANNEL_COUNT, picture.values, SMALL_FLOATS), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT,
-        "sbl_read_channel", "channel is 11");
+        "sbl_read_channel", "channel is 15");
     CHECK(sbl_channel_texture(context, (sbl_channel)-1) == 0 && sbl_channel_texture(context, SBL_CHANNEL_COUNT) == 0, "textures of channels that do not exist");
     CHECK(sbl_channel_components((sbl_channel)-1) == 0 && sbl_channel_components(SBL_CHANNEL_COUNT) == 0, "components of channels that do not exist");
     CHECK(sbl_result_string((sbl_result)-1) && sbl_result_string(SBL_RESULT_COUNT) && *sbl_result_string((sbl_result)99), "results that do not exist");
@@ -1139,9 +1139,12 @@ typedef struct meddler {
     int which, calls, refused, read;
 } meddler;
 
-enum { MEDDLINGS = 10 };
+enum { MEDDLINGS = 20 };
 
-/* Does one thing that may not be done now; returns 1 where it was refused. */
+static size_t put_nothing(const void *data, size_t size, void *user) { return (void)data, (void)size, (void)user, 0; }
+static size_t get_nothing(void *data, size_t size, void *user) { return (void)data, (void)size, (void)user, 0; }
+
+/* Does one thing that may not be done now, counts where it was refused. */
 static int meddle(meddler *m) {
     static sbl_sensor sensor;
     static float values[3 * SMALL_PIXELS];
@@ -1151,18 +1154,31 @@ static int meddle(meddler *m) {
     sbl_site site;
     sbl_reading reading;
     sbl_gather_desc gather;
-    float matrix[16];
+    sbl_lightmap_desc lightmap;
+    sbl_vertices_desc vertices;
+    sbl_probes_desc probes;
+    sbl_probe probe;
+    float matrix[16], light[3 * 64];
     const int errors = seen.errors;
     sbl_result result;
     if (m->which < 0) return 0;
     identity(matrix);
     memset(&gather, 0, sizeof gather);
+    memset(&lightmap, 0, sizeof lightmap);
+    memset(&vertices, 0, sizeof vertices);
+    memset(&probes, 0, sizeof probes);
     memset(&site, 0, sizeof site);
     site.normal[1] = 1;
     gather.sites = &site;
     gather.readings = &reading;
     gather.site_count = 1;
-    gather.mode = SBL_MODE_AMBIENT;
+    gather.mode = lightmap.mode = vertices.mode = probes.mode = SBL_MODE_AMBIENT;
+    lightmap.width = lightmap.height = 8;
+    vertices.radiance = light;
+    vertices.count = 64;
+    probes.positions = light;
+    probes.count = 1;
+    probes.probes = &probe;
     m->calls++;
     switch (m->which) {
         case 0: result = sbl_set_scene(c, &scene); break;
@@ -1173,7 +1189,17 @@ static int meddle(meddler *m) {
         case 5: result = sbl_inspect_sensor(c, 5, 5, &sensor, NULL, NULL, 0); break;
         case 6: result = sbl_render(c, &view_of_it); break;
         case 7: result = sbl_gather(c, &gather); break;
-        case 8: sbl_end(c); result = SBL_ERROR_STATE; break;
+        case 8: result = sbl_begin_lightmap(c, &lightmap); break;
+        case 9: result = sbl_bake_lightmap(c, &lightmap); break;
+        case 10: result = sbl_begin_vertices(c, &vertices); break;
+        case 11: result = sbl_bake_vertices(c, &vertices); break;
+        case 12: result = sbl_begin_probes(c, &probes); break;
+        case 13: result = sbl_bake_probes(c, &probes); break;
+        case 14: result = sbl_set_materials(c, scene.materials, scene.material_count); break;
+        case 15: result = sbl_set_lights(c, scene.lights, scene.light_count); break;
+        case 16: result = sbl_save_store(c, put_nothing, NULL); break;
+        case 17: result = sbl_load_store(c, get_nothing, NULL); break;
+        case 18: sbl_end(c); result = SBL_ERROR_STATE; break;
         default: sbl_destroy(c); result = SBL_ERROR_STATE; break;
     }
     if (sbl_query_stats(c).triangles > 0 && result == SBL_ERROR_STATE && seen.errors == errors + 1) m->refused++;
