@@ -1,8 +1,10 @@
-"""Run by bench_cycles inside Blender 3.x: sets a scene up for Cycles once, then renders it whenever a line "SAMPLES SEED FILE.exr" comes in.
+"""Run by bench_cycles and bench_bake inside Blender 3.x: sets a scene up for Cycles once, then renders it whenever a line "SAMPLES SEED FILE"
+comes in; or, where the job has a "lightmap", bakes one of so many texels a side, by the meshes' second texture coordinates.
 
 Every surface is a two-sided Lambertian of the file's base colour, every emitter glows to both sides; light bounces as often as asked. Nothing is
 clamped, denoised or adaptive, and pixels are sampled at their centres. Geometry and hierarchy stay in memory from picture to picture.
-After each picture a line "BENCH SECONDS" goes out, the time of Blender's render call, without the writing of the file.
+After each picture a line "BENCH SECONDS" goes out, the time of Blender's render call, without the writing of the file: OpenEXR, or of a
+lightmap floats (red, green, blue, the lowest row first).
 """
 import json, math, sys, time
 import bpy
@@ -50,44 +52,72 @@ for thing in list(bpy.data.objects):
         bpy.data.objects.remove(thing)
 
 scene = bpy.context.scene
-eye, look_at, up = (Vector(job[key]) for key in ('eye', 'look_at', 'up'))
-backward = (eye - look_at).normalized()
-right = up.cross(backward).normalized()
-lens = bpy.data.cameras.new('lens')
-lens.sensor_fit, lens.angle = 'VERTICAL', math.radians(job['fov'])
-lens.clip_start, lens.clip_end = 1e-3, 1e6
-scene.camera = bpy.data.objects.new('camera', lens)
-scene.collection.objects.link(scene.camera)
-scene.camera.matrix_world = to_blender @ Matrix.Translation(eye) @ Matrix((right, backward.cross(right), backward)).transposed().to_4x4()
-
 scene.world = bpy.data.worlds.new('sky')
 scene.world.use_nodes = True
 scene.world.node_tree.nodes['Background'].inputs['Color'].default_value = (0, 0, 0, 1)
-
 render, cycles = scene.render, scene.cycles
 render.engine, cycles.device = 'CYCLES', 'CPU'
-render.resolution_x, render.resolution_y = job['size']
-render.resolution_percentage = 100
 render.threads_mode, render.threads = 'FIXED', job['threads']
 render.use_persistent_data = True
 cycles.use_adaptive_sampling = cycles.use_denoising = False
-cycles.pixel_filter_type, cycles.filter_width = 'GAUSSIAN', 0.01  # the narrowest there is: pixel centres
 cycles.max_bounces = cycles.diffuse_bounces = job['bounces']
 cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0
 cycles.caustics_reflective = cycles.caustics_refractive = False
-# light over pi, the surface's colour taken out: R, in two parts
-scene.view_layers[0].use_pass_diffuse_direct = scene.view_layers[0].use_pass_diffuse_indirect = True
-image = render.image_settings
-image.file_format, image.color_depth, image.exr_codec = 'OPEN_EXR_MULTILAYER', '32', 'NONE'
-scene.view_settings.view_transform = 'Raw'
 
+
+def camera():
+    """Returns what renders the picture through the job's camera, and what writes it."""
+    eye, look_at, up = (Vector(job[key]) for key in ('eye', 'look_at', 'up'))
+    backward = (eye - look_at).normalized()
+    right = up.cross(backward).normalized()
+    lens = bpy.data.cameras.new('lens')
+    lens.sensor_fit, lens.angle = 'VERTICAL', math.radians(job['fov'])
+    lens.clip_start, lens.clip_end = 1e-3, 1e6
+    scene.camera = bpy.data.objects.new('camera', lens)
+    scene.collection.objects.link(scene.camera)
+    scene.camera.matrix_world = to_blender @ Matrix.Translation(eye) @ Matrix((right, backward.cross(right), backward)).transposed().to_4x4()
+    render.resolution_x, render.resolution_y = job['size']
+    render.resolution_percentage = 100
+    cycles.pixel_filter_type, cycles.filter_width = 'GAUSSIAN', 0.01  # the narrowest there is: pixel centres
+    # light over pi, the surface's colour taken out: R, in two parts
+    scene.view_layers[0].use_pass_diffuse_direct = scene.view_layers[0].use_pass_diffuse_indirect = True
+    image = render.image_settings
+    image.file_format, image.color_depth, image.exr_codec = 'OPEN_EXR_MULTILAYER', '32', 'NONE'
+    scene.view_settings.view_transform = 'Raw'
+    return bpy.ops.render.render, lambda path: bpy.data.images['Render Result'].save_render(path, scene=scene)
+
+
+def lightmap():
+    """The same of a lightmap of R."""
+    import numpy
+    size = job['lightmap']
+    image = bpy.data.images.new('light', size, size, float_buffer=True)
+    for material in bpy.data.materials:
+        if material.use_nodes:  # where Blender bakes to: the active picture
+            material.node_tree.nodes.active = material.node_tree.nodes.new('ShaderNodeTexImage')
+            material.node_tree.nodes.active.image = image
+    meshes = [thing for thing in scene.objects if thing.type == 'MESH']
+    for mesh in meshes:
+        mesh.select_set(True)
+        mesh.data.uv_layers.active_index = 1
+    bpy.context.view_layer.objects.active = meshes[0]
+
+    def write(path):
+        texels = numpy.empty(4 * size * size, numpy.float32)
+        image.pixels.foreach_get(texels)
+        texels.reshape(-1, 4)[:, :3].tofile(path)
+
+    return lambda: bpy.ops.object.bake(type='DIFFUSE', pass_filter={'DIRECT', 'INDIRECT'}, margin=0, use_clear=True), write
+
+
+make, write = (lightmap if 'lightmap' in job else camera)()
 print('BENCH ready', flush=True)
 for line in sys.stdin:
     samples, cycles.seed, path = (f(x) for f, x in zip((int, int, str), line.split(' ', 2)))
     cycles.samples = samples
     scene.update_tag()  # without it Cycles keeps to the settings of its first picture
     start = time.perf_counter()
-    bpy.ops.render.render()
+    make()
     seconds = time.perf_counter() - start
-    bpy.data.images['Render Result'].save_render(path.rstrip('\n'), scene=scene)
+    write(path.rstrip('\n'))
     print('BENCH %.6f' % seconds, flush=True)

@@ -1,7 +1,5 @@
 /* The same input gives the same picture, bit for bit: whatever the batch, the slices, the repetitions, what the context did before, and whether a mesh was
    moved or stood there from the start. Where bits may differ (other GL paths, other atlas sizes, the host's own shaders) the difference is rounding. */
-#define SBL_IMPLEMENTATION
-#define SBL_EGL
 #include "../sbl.h"
 #include "test.h"
 #include "scenes.h"

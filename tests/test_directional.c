@@ -1,6 +1,4 @@
 /* Directional lightmaps, where light comes from, against closed forms; and supersampled ones, of light that changes within a texel. */
-#define SBL_IMPLEMENTATION
-#define SBL_EGL
 #include "../sbl.h"
 #include "test.h"
 #include "scenes.h"

@@ -1,8 +1,6 @@
 /* The same small pictures from other drivers, in processes of their own: Mesa's softpipe, which interprets shaders and has GL 3.3 only, and zink, which gives
    them to Vulkan (lavapipe here). They must agree with llvmpipe's, which the other tests hold to references. */
 #define _DEFAULT_SOURCE
-#define SBL_IMPLEMENTATION
-#define SBL_EGL
 #include "../sbl.h"
 #include "test.h"
 #include "scenes.h"

@@ -1,6 +1,5 @@
 /* What goes in and comes out as GL objects. Meshes from GL buffers and textures from GL names give the same picture, bit for bit, as the same bytes
    from client memory; a channel's texture holds what sbl_read_channel gives. */
-#define SBL_IMPLEMENTATION
 #include "../sbl.h"
 #include "test.h"
 #include "scenes.h"

@@ -9,10 +9,12 @@ umask 077  # root's may be so; others must be able to read it all the same
 prefix="$folder/prefix" stage="$folder/a stage"
 list() { (cd "$1" && find . -type f | sort); }
 cat > "$folder/expected" << 'END'
+./bin/sbl_bake
 ./bin/sbl_render
 ./include/sbl.h
 ./share/cmake/sbl/sblConfig.cmake
 ./share/cmake/sbl/sblConfigVersion.cmake
+./share/man/man1/sbl_bake.1
 ./share/man/man1/sbl_render.1
 ./share/pkgconfig/sbl.pc
 END
@@ -31,7 +33,7 @@ stages_relatively() {
 is_readable() {
     [ "$(find "$prefix" -type d ! -perm 755 | grep -vcx "$prefix")" = 0 ] &&
     [ "$(find "$prefix" -type f ! -perm -444 | wc -l)" = 0 ] &&
-    [ "$(find "$prefix" -type f -perm 755)" = "$prefix/bin/sbl_render" ] && same sbl.h "$prefix/include/sbl.h"
+    [ "$(find "$prefix" -type f -perm 755 | sort | tr '\n' ' ')" = "$prefix/bin/sbl_bake $prefix/bin/sbl_render " ] && same sbl.h "$prefix/include/sbl.h"
 }
 refuses() { ! "$@" > "$folder/said" 2>&1 && cat "$folder/said" && [ "$(wc -l < "$folder/said")" = 1 ]; }
 check installs installs
@@ -41,11 +43,11 @@ check stages_relatively stages_relatively
 check refuses_a_relative_prefix refuses env PREFIX=opt DESTDIR="$folder/no" scripts/install
 check refuses_an_unknown_option refuses env PREFIX="$folder/no" scripts/install --remove
 
-# >>the tool
+# >>the tools
 
-tool_runs() { (cd / && "$prefix/bin/sbl_render" --version) | grep -qx "sbl_render $version"; }
+tool_runs() { (cd / && "$prefix/bin/$1" --version) | grep -qx "$1 $version"; }
 version=$(sed -n 's/^ *sbl_version *"\([0-9.]*\)"$/\1/p' sbl.h | head -n 1)
-check tool_runs tool_runs
+for tool in sbl_render sbl_bake; do check ${tool}_runs tool_runs $tool; done
 
 # >>a program, which also proves that it was this header
 
@@ -110,37 +112,34 @@ else
     skip with_cmake "cmake is missing"
 fi
 
-# >>the manual page
+# >>the manual pages
 
-page=$prefix/share/man/man1/sbl_render.1
+page_of() { page=$prefix/share/man/man1/$1.1; }
 page_has_all() {
-    "$prefix/bin/sbl_render" --help | grep -o '^  --[a-z-]*' | while read -r option; do
+    page_of "$1"
+    "$prefix/bin/$1" --help | grep -o '^  --[a-z-]*' | while read -r option; do
         grep -q "^$(echo "$option" | sed 's/-/\\\\-/g')" "$page" || { echo "$option is missing"; return 1; }
     done && for section in NAME SYNOPSIS DESCRIPTION OPTIONS NOTES 'EXIT STATUS'; do
         [ "$(grep -cx ".SH $section" "$page")" = 1 ] || { echo "section $section"; return 1; }
     done && ! sed '1,/^.SH EXIT/d' "$page" | grep '^[.]'
 }
-check page_has_all page_has_all
 # nothing of --help is lost: words, in order
 words() { tr -s ' \n' '\n\n' | grep -v '^$'; }
 page_says_what_help_says() {
-    "$prefix/bin/sbl_render" --help | sed 's/^usage: //; s/^Exit status: //' | words > "$folder/help"
-    sed -e '1,/^.SH SYNOPSIS/d' -e '/^\.[ST][HP]/d' -e '/^\.PP/d' -e 's/^\\&//; s/\\-/-/g; s/\\e/\\/g' "$page" |
+    page_of "$1"
+    "$prefix/bin/$1" --help | sed 's/^usage: //; s/^Exit status: //' | words > "$folder/help"
+    sed -e '1,/^.SH SYNOPSIS/d' -e '/^\.[ST][HP]/d' -e '/^\.PP/d' -e '/^\.br/d' -e 's/^\\&//; s/\\-/-/g; s/\\e/\\/g' "$page" |
     words > "$folder/page"
     same "$folder/help" "$folder/page"
 }
-check page_says_what_help_says page_says_what_help_says
-if command -v mandoc > /dev/null; then
-    check page_is_clean mandoc -T lint -W warning "$page"
-else
-    skip page_is_clean "mandoc is missing"
-fi
-if command -v groff > /dev/null; then
-    page_for_groff() { groff -man -ww -z "$page" > "$folder/said" 2>&1; nothing "$folder/said"; }
-    check page_for_groff page_for_groff
-else
-    skip page_for_groff "groff is missing"
-fi
+page_for_groff() { page_of "$1" && groff -man -ww -z "$page" > "$folder/said" 2>&1; nothing "$folder/said"; }
+page_is_clean() { page_of "$1" && mandoc -T lint -W warning "$page"; }
+for tool in sbl_render sbl_bake; do
+    check "page_has_all ($tool)" page_has_all $tool
+    check "page_says_what_help_says ($tool)" page_says_what_help_says $tool
+    if command -v mandoc > /dev/null; then check "page_is_clean ($tool)" page_is_clean $tool; else skip page_is_clean "mandoc is missing"; fi
+    if command -v groff > /dev/null; then check "page_for_groff ($tool)" page_for_groff $tool; else skip page_for_groff "groff is missing"; fi
+done
 
 # >>and away
 

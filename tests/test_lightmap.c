@@ -1,12 +1,11 @@
 /* Lightmaps: which texel shows what, against the geometry itself; what light they hold, against closed forms; and what strangers' coordinates do. */
-#define SBL_IMPLEMENTATION
-#define SBL_EGL
 #include "../sbl.h"
 #include "test.h"
 #include "scenes.h"
 #include "reference.h"
 #include "gl_watch.h"
 #include "lightmap.h"
+#include <limits.h>
 
 /* >>texels */
 

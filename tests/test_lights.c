@@ -1,8 +1,6 @@
 /* Direct light from every kind of light against closed forms, and its balance: what leaves the lamps arrives on the walls around them.
    The truth is summed here in double precision from the scene's own description: triangles by Lambert's formula, spheres and suns as fans
    of triangles about their middle, points by the inverse square. An opaque edge cuts every lamp by the plane through it and the sensor. */
-#define SBL_IMPLEMENTATION
-#define SBL_EGL
 #include "../sbl.h"
 #include "test.h"
 #include "scenes.h"

@@ -1,6 +1,4 @@
 /* The paper's own mode against its sums done on the CPU, and what holds of tiles, thresholds and filter in any mode. */
-#define SBL_IMPLEMENTATION
-#define SBL_EGL
 #include "../sbl.h"
 #include "test.h"
 #include "scenes.h"

@@ -3,8 +3,6 @@
 
    A change that is meant to change pictures pins them anew, and says in its commit message by how much they moved; scripts/compare_commits
    measures that. */
-#define SBL_IMPLEMENTATION
-#define SBL_EGL
 #include "../sbl.h"
 #include "test.h"
 #include "scenes.h"

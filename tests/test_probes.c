@@ -1,7 +1,5 @@
 /* Probes: the light at points in the air, against closed forms and loops of their own over directions, lamps' areas and boxes; where they stand, and how
    they come about. */
-#define SBL_IMPLEMENTATION
-#define SBL_EGL
 #include "../sbl.h"
 #include "test.h"
 #include "scenes.h"

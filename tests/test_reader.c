@@ -1,8 +1,6 @@
 /* The process that reads scenes (examples/scene_file.h): what it may do, how long, with how much memory, and that it is
    gone afterwards. The readers here are this program's own functions, so that each does one thing wrong. */
 #define _DEFAULT_SOURCE
-#define SBL_IMPLEMENTATION
-#define SBL_EGL
 #include "../sbl.h"
 #include "../examples/scene_file.h"
 #include "test.h"

@@ -1,7 +1,5 @@
 /* The pipeline against the ray caster of reference.h, pixel by pixel: what the camera sees, what arrives there, what single sensors
    see; every vertex format, texture format and kind of camera. */
-#define SBL_IMPLEMENTATION
-#define SBL_EGL
 #include "../sbl.h"
 #include "test.h"
 #include "scenes.h"

@@ -2,8 +2,6 @@
    is what one thread alone gets, bit for bit. scripts/test runs this once more under the thread sanitizer, which finds
    what they share though nothing came of it; tests/tsan.supp holds the driver's part. */
 #define _POSIX_C_SOURCE 200809L
-#define SBL_IMPLEMENTATION
-#define SBL_EGL
 #include "../sbl.h"
 #include <pthread.h>
 #include "test.h"

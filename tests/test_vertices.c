@@ -1,6 +1,4 @@
 /* Light at vertices: against closed forms, where triangles are small for it and where they are large; which vertices are one; what is buried; and what strangers ask for. */
-#define SBL_IMPLEMENTATION
-#define SBL_EGL
 #include "../sbl.h"
 #include "test.h"
 #include "scenes.h"
