@@ -4,6 +4,7 @@
        picture varied FILE WIDTH HEIGHT     decodes, has that size, is not one colour nor all but black or white
        picture pyramid FILE                 minimal: an orange pyramid, one of its faces brighter, stands before grey
        picture cornell FILE                 host_context: the Cornell box the right way round and up in the right part, a shape in the left
+       picture charts FILE                  bake_lightmap: 4 x 4 charts, light from coloured walls on the back wall, none black between
        picture slabs WITH BARE              host_draw: lit slabs, their shadow, and what their glow adds, against the picture without them
        picture alike A B [ROWS]             but for a few pixels; in the first rows
        picture plot FILE SERIES             so many colours of lines inside the axes
@@ -94,6 +95,19 @@ static int cornell(const picture *p) {
     return 0;
 }
 
+static int charts(const picture *p) {
+    const int cell = p->width / 4;
+    const unsigned char *left = at(p, 3 * cell + cell / 16, cell / 3), *right = at(p, 4 * cell - cell / 16, cell / 3), *lamp = at(p, cell + cell / 2, cell / 2);
+    const unsigned char *top = at(p, 3 * cell + cell / 2, 2 * cell + cell / 2);
+    int x, black = 0;
+    for (x = 0; x < p->width; x++) black += light(at(p, x, cell)) == 0;
+    printf("back wall %d %d %d to %d %d %d; %d black texels between charts\n", left[0], left[1], left[2], right[0], right[1], right[2], black);
+    if (left[0] * right[1] < 1.1 * left[1] * right[0]) return fail("redder by the red wall, greener by the green one");
+    if (light(top) < 1.5 * light(lamp) || light(lamp) < 100) return fail("the tall block's top is lit by the lamp, the lamp by what the room reflects");
+    if (black) return fail("charts continued beyond their edges");
+    return 0;
+}
+
 static int slabs(const picture *with, const picture *bare) {
     int x, y, teal = 0, glowing = 0, shadow = 0, warmed = 0, coloured = 0;
     double light_of_teal = 0;
@@ -171,6 +185,7 @@ int main(int argc, char **argv) {
     else if (strcmp(argv[1], "slabs") == 0 && argc == 4) status = slabs(&a, (b = load(argv[3]), &b));
     else if (strcmp(argv[1], "alike") == 0 && argc >= 4) status = alike(&a, (b = load(argv[3]), &b), argc > 4 ? atoi(argv[4]) : 0);
     else if (strcmp(argv[1], "plot") == 0 && argc == 4) status = plot(&a, atoi(argv[3]));
+    else if (strcmp(argv[1], "charts") == 0) status = charts(&a);
     else if (strcmp(argv[1], "halves") == 0) status = halves(&a);
     stbi_image_free(a.pixels);
     if (b.pixels) stbi_image_free(b.pixels);

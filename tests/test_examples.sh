@@ -93,6 +93,16 @@ check vertex_light_run vertex_light_run
 check vertex_light_mesh vertex_light_mesh
 check vertex_light_picture vertex_light_picture
 
+# >>bake_lightmap
+
+bake_lightmap_is_short() { lines=$(wc -l < examples/bake_lightmap.c); echo "$lines lines"; [ "$lines" -gt 0 ] && [ "$lines" -le 60 ]; }
+bake_lightmap_map() {
+    run bake_lightmap bake_lightmap && grep -Eq '^bake_lightmap: 50176 texels, .* off by [0-9.]+ %' "$folder/bake_lightmap/said" &&
+    look varied bake_lightmap/bake_lightmap.png 256 256 && look charts bake_lightmap/bake_lightmap.png
+}
+check bake_lightmap_is_short bake_lightmap_is_short
+check bake_lightmap_map bake_lightmap_map
+
 # >>bake_vertices: least squares are nearer to the truth than averages
 
 bake_vertices_run() {
@@ -216,7 +226,7 @@ fails_in_words() {
     [ "$status" -gt 0 ] && [ "$status" -lt 126 ] && [ "$(wc -l < "$folder/errors")" = 1 ]
 }
 without_gl() { (export __EGL_VENDOR_LIBRARY_FILENAMES=/dev/null; fails_in_words "$1" "$folder"); }
-for example in minimal host_context host_draw lights vertex_light bake_vertices paper_metrics; do
+for example in minimal host_context host_draw lights vertex_light bake_lightmap bake_vertices paper_metrics; do
     check "${example}_without_folder" fails_in_words "$example" "$folder/no such folder"
     check "${example}_without_gl" without_gl "$example"
 done
