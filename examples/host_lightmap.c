@@ -240,18 +240,85 @@ static void draw(const host *h, const sbl_scene_desc *scene, const float world_t
 
 enum { ACROSS = 6, PROBES = ACROSS * ACROSS * ACROSS };
 
-typedef struct room { float lowest[3], highest[3]; sbl_probe probes[PROBES]; } room;
+typedef struct room {
+    float lowest[3], highest[3];
+    float world_to_view[16], view_to_clip[16];  /* the camera */
+    sbl_probe probes[PROBES];
+} room;
 
 /* A grid over the room, baked here and now. */
 static sbl_result room_bake(room *r, sbl_context *context) {
     sbl_probes_desc desc;
-    sbl_result result = sbl_query_bounds(context, r->lowest, r->highest);
     int k;
     memset(&desc, 0, sizeof desc);
     for (k = 0; k < 3; k++) desc.grid[k] = ACROSS;
     desc.probes = r->probes;
     desc.mode = common_mode(given);
-    return result == SBL_SUCCESS ? sbl_bake_probes(context, &desc) : result;
+    return sbl_bake_probes(context, &desc);
+}
+
+/* Of what is seen from the camera, is most from behind, such as a closed room's walls from outside? */
+static sbl_result room_from_behind(const room *r, sbl_context *context, int *behind) {
+    const float *m = r->world_to_view;
+    sbl_probes_desc desc;
+    sbl_probe probe;
+    sbl_result result;
+    float eye[3];
+    int k;
+    for (k = 0; k < 3; k++) eye[k] = -(m[4 * k] * m[12] + m[4 * k + 1] * m[13] + m[4 * k + 2] * m[14]);
+    memset(&desc, 0, sizeof desc);
+    desc.positions = eye;
+    desc.probes = &probe;
+    desc.count = 1;
+    desc.mode = SBL_MODE_DIRECT;
+    desc.rays = 65536;  /* the scene is small from there */
+    result = sbl_bake_probes(context, &desc);
+    *behind = result == SBL_SUCCESS && probe.back_share > 0.5f;
+    return result;
+}
+
+/* Green radiance from the direction (x, 0, z) / sqrt(2), x and z 1 or -1: the sum of the harmonics there. */
+static float light_from(const sbl_probe *p, float x, float z) {
+    return 0.282095f * p->sh[0][1] + 0.345494f * (z * p->sh[2][1] + x * p->sh[3][1]) + 0.157696f * p->sh[6][1] + 0.546274f * x * z * p->sh[7][1] +
+           0.273137f * p->sh[8][1];
+}
+
+/* A place inside, at half the room's height: where a probe sees furthest along one of the four diagonals, and what is neither dark nor too bright
+   for a picture. */
+static void room_enter(room *r) {
+    const sbl_probe *best = NULL;
+    int i, way = 0, diagonal;
+    float most = 0;
+    for (i = 0; i < PROBES; i++) {
+        const sbl_probe *p = &r->probes[i];
+        const int level = i / ACROSS % ACROSS;
+        if (!p->valid || (level != ACROSS / 2 && level != ACROSS / 2 - 1)) continue;
+        for (diagonal = 0; diagonal < 4; diagonal++) {
+            const int below = (diagonal & 1) + 2 * (diagonal & 2), above = below + 2;  /* octants: x, then y, then z */
+            const float far = p->distance[below] < p->distance[above] ? p->distance[below] : p->distance[above];
+            const float light = light_from(p, diagonal & 1 ? 1 : -1, diagonal & 2 ? 1 : -1);
+            const float score = light > 0 ? far * sqrtf(light < 1 ? light : 1 / light) * (1 - p->sky) * (1 - p->back_share) : 0;
+            if (score <= most) continue;
+            most = score;
+            best = p;
+            way = diagonal;
+        }
+    }
+    if (best) sbl_look_at(r->world_to_view, best->position[0], best->position[1], best->position[2], best->position[0] + (way & 1 ? 1 : -1),
+                          best->position[1], best->position[2] + (way & 2 ? 1 : -1), 0, 1, 0);
+}
+
+static sbl_result room_make(room *r, const scene_file *file, sbl_context *context, int *misplaced) {
+    sbl_result result = sbl_query_bounds(context, r->lowest, r->highest);
+    int behind = 0;
+    if (result != SBL_SUCCESS) return result;
+    *misplaced = !camera_place(r->world_to_view, r->view_to_clip, file, given, r->lowest, r->highest);
+    if (*misplaced || common.output) return result;
+    result = room_bake(r, context);
+    if (result != SBL_SUCCESS || file->has_camera || given[EYE] || given[LOOK_AT]) return result;
+    result = room_from_behind(r, context, &behind);
+    if (behind) room_enter(r);
+    return result;
 }
 
 /* Of the eight probes around a point, those that are valid. */
@@ -350,7 +417,8 @@ static int keep_frame(int number) {
 }
 
 /* A few steps to the right, while a ball goes the same way, faster. */
-static int draw_walk(const host *h, const scene_file *file, const room *r, const float start[16], const float view_to_clip[16]) {
+static int draw_walk(const host *h, const scene_file *file, const room *r) {
+    const float *start = r->world_to_view;
     float world_to_view[16], eye[3], ball[3], across = 0;
     int i, k, status = DONE;
     for (k = 0; k < 3; k++) across += r->highest[k] - r->lowest[k];
@@ -363,25 +431,24 @@ static int draw_walk(const host *h, const scene_file *file, const room *r, const
         }
         memcpy(world_to_view, start, sizeof world_to_view);
         world_to_view[12] -= 0.006f * across * time;
-        draw(h, &file->scene, world_to_view, view_to_clip);
-        draw_ball(h, r, ball, world_to_view, view_to_clip);
+        draw(h, &file->scene, world_to_view, r->view_to_clip);
+        draw_ball(h, r, ball, world_to_view, r->view_to_clip);
         status = keep_frame(i);
     }
     return status;
 }
 
-static int show(const scene_file *file, const image *lightmap, const room *r) {
-    float world_to_view[16], view_to_clip[16], across = 0;
+static int show(const scene_file *file, const image *lightmap, room *r) {
+    float across = 0;
     host h = { 0 };
     int k, status;
     for (k = 0; k < 3; k++) across += r->highest[k] - r->lowest[k];
-    if (!camera_place(world_to_view, view_to_clip, file, given, r->lowest, r->highest)) return camera_misuse();
-    view_to_clip[14] = -0.001f * across;  /* depths from a two-thousandth of the scene on */
+    r->view_to_clip[14] = -0.001f * across;  /* depths from a two-thousandth of the scene on */
     if (!host_gl_open(TOOL_NAME)) return FAILED;
     if (!host_make(&h, &file->scene, lightmap)) status = fail("the driver cannot draw it");
-    else if (!common.output) status = draw_walk(&h, file, r, world_to_view, view_to_clip);
+    else if (!common.output) status = draw_walk(&h, file, r);
     else {
-        draw(&h, &file->scene, world_to_view, view_to_clip);
+        draw(&h, &file->scene, r->world_to_view, r->view_to_clip);
         status = keep_frame(0);
     }
     free(h.textures);
@@ -395,10 +462,11 @@ static int draw_all(const tool_task *task, double *seconds) {
     image lightmap = { 0, 0, 0, NULL };
     room *r = (room *)calloc(1, sizeof *r);
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
-    int status;
+    int status, misplaced = 0;
     snprintf(path, sizeof path, "%s/atlas.pfm", files[1]);
-    if (r) result = common.output ? sbl_query_bounds(task->context, r->lowest, r->highest) : room_bake(r, task->context);
-    if (result != SBL_SUCCESS) status = fail_with(task->said, files[0], result);
+    if (r) result = room_make(r, task->file, task->context, &misplaced);
+    if (misplaced) status = camera_misuse();
+    else if (result != SBL_SUCCESS) status = fail_with(task->said, files[0], result);
     else if (!read_pfm(path, &lightmap)) status = fail("%s: it is not there or no .pfm; sbl_bake %s --lightmap 512 -o %s makes it", path, files[0], files[1]);
     else status = show(task->file, &lightmap, r);
     free(lightmap.values);

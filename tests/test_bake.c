@@ -440,6 +440,53 @@ TEST(a_host_draws_it) {
     tool_use("sbl_bake");
 }
 
+/* A box that is seen from inside alone, its walls aglow; a quad a wall, and a chart in a map of three by two cells. */
+static void write_closed_room(void) {
+    static const char json[] =
+        "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"mesh\":0}],\"meshes\":[{\"primitives\":[{\"attributes\":"
+        "{\"POSITION\":0,\"TEXCOORD_0\":1,\"TEXCOORD_1\":1},\"indices\":2,\"material\":0}]}],\"materials\":[{\"emissiveFactor\":[0.2,0.2,0.2],\"pbrMetallicRoughness\":"
+        "{\"baseColorFactor\":[0.5,0.5,0.5,1]}}],\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":24,\"type\":\"VEC3\",\"min\":[-2,-1,-3],"
+        "\"max\":[2,1,3]},{\"bufferView\":1,\"componentType\":5126,\"count\":24,\"type\":\"VEC2\"},{\"bufferView\":2,\"componentType\":5125,\"count\":36,"
+        "\"type\":\"SCALAR\"}],\"bufferViews\":[{\"buffer\":0,\"byteOffset\":0,\"byteLength\":288},{\"buffer\":0,\"byteOffset\":288,\"byteLength\":192},"
+        "{\"buffer\":0,\"byteOffset\":480,\"byteLength\":144}],\"buffers\":[{\"uri\":\"closed.bin\",\"byteLength\":624}]}";
+    static const float half[3] = { 2, 1, 3 };
+    float positions[24][3], texcoords[24][2];
+    unsigned indices[36];
+    FILE *out;
+    int i, k;
+    for (i = 0; i < 24; i++) {  /* wall i / 4: of axis wall / 2, the lower or the upper one; corners around it */
+        const int wall = i / 4, axis = wall / 2, side = wall % 2 ? 1 : -1, u = (i & 3) == 1 || (i & 3) == 2, v = (i & 3) >= 2;
+        for (k = 0; k < 3; k++) positions[i][k] = 0;
+        positions[i][axis] = (float)side * half[axis];
+        positions[i][(axis + 1) % 3] = (float)(side < 0 ? 2 * u - 1 : 2 * v - 1) * half[(axis + 1) % 3];
+        positions[i][(axis + 2) % 3] = (float)(side < 0 ? 2 * v - 1 : 2 * u - 1) * half[(axis + 2) % 3];
+        texcoords[i][0] = ((float)(wall % 3) + (u ? 0.9f : 0.1f)) / 3;
+        texcoords[i][1] = ((float)(wall / 3) + (v ? 0.9f : 0.1f)) / 2;
+    }
+    for (i = 0; i < 36; i++) indices[i] = (unsigned)(i / 6 * 4) + (unsigned)("012023"[i % 6] - '0');
+    out = fopen(in_folder("closed.bin"), "wb");
+    fwrite(positions, 1, sizeof positions, out);
+    fwrite(texcoords, 1, sizeof texcoords, out);
+    fwrite(indices, 1, sizeof indices, out);
+    fclose(out);
+    write_file("closed.gltf", json, strlen(json));
+}
+
+/* From where all of it would be in sight only the walls' backs are: the walk is inside. */
+TEST(a_host_walks_inside) {
+    unsigned char *png;
+    int width = 0, height = 0, channels, i, dark = 0;
+    write_closed_room();
+    REQUIRE(TOOL("closed.gltf", "--mode", "direct", "--lightmap", "48", "-o", "out") == 0 && ran.err_lines == 0, "%s", ran.err);
+    tool_use("host_lightmap");
+    CHECK(TOOL("closed.gltf", "out", "--mode", "direct", "--size", "60x40") == 0 && ran.err_lines == 0, "exit status %d: %s", ran.status, ran.err);
+    png = stbi_load(in_folder("out/frame_06.png"), &width, &height, &channels, 3);
+    for (i = 0; png && i < width * height; i++) dark += png[3 * i] < 100;
+    CHECK(png && width == 60 && height == 40 && dark < 24, "%d of %d x %d pixels are dark", dark, width, height);
+    stbi_image_free(png);
+    tool_use("sbl_bake");
+}
+
 int main(int argc, char **argv) {
     (void)argc;
     if (!tool_begin(argv[0])) return 1;
@@ -454,6 +501,7 @@ int main(int argc, char **argv) {
     RUN(a_full_disk_is_said);
     RUN(interrupted);
     RUN(a_host_draws_it);
+    RUN(a_host_walks_inside);
     tool_end();
     return test_report();
 }
