@@ -6,12 +6,12 @@
 #define STB_IMAGE_WRITE_IMPLEMENTATION
 #include <stb/stb_image_write.h>
 
-enum { SIZE = 256, CELLS = 4, GAP = 4 };  /* texels across the map, charts across it, texels around each chart */
+enum { RESOLUTION = 256, CELLS = 4, GAP = 4 };  /* texels across the map, charts across it, texels around each chart */
 
 /* Where the corners of quad number i lie in the map, 0 to 1: in a cell of their own. A host that has no such coordinates finds them with an
    unwrapper, such as xatlas or Blender. */
 static void chart(int i, float texcoords[8]) {
-    const float gap = (float)GAP / SIZE, cell = 1.0f / CELLS, x = (float)(i % CELLS) * cell, y = (float)(i / CELLS) * cell;
+    const float gap = (float)GAP / RESOLUTION, cell = 1.0f / CELLS, x = (float)(i % CELLS) * cell, y = (float)(i / CELLS) * cell;
     int corner;
     for (corner = 0; corner < 4; corner++) {
         texcoords[2 * corner] = corner == 1 || corner == 2 ? x + cell - gap : x + gap;
@@ -20,11 +20,11 @@ static void chart(int i, float texcoords[8]) {
 }
 
 int main(int argc, char **argv) {
-    static float light[SIZE * SIZE * 3], texcoords[CORNELL_QUADS][8];
-    static unsigned char pixels[SIZE * SIZE * 3];
+    static float light[RESOLUTION * RESOLUTION * 3], texcoords[CORNELL_QUADS][8];
+    static unsigned char pixels[RESOLUTION * RESOLUTION * 3];
     cornell_box box;
     const sbl_scene_desc *scene = cornell_box_make(&box);
-    const sbl_lightmap_desc map = { .width = SIZE, .height = SIZE };  /* all else: defaults */
+    const sbl_lightmap_desc map = { .width = RESOLUTION, .height = RESOLUTION };  /* all else: defaults */
     sbl_context *context;
     sbl_stats stats;
     char path[1024];
@@ -35,14 +35,14 @@ int main(int argc, char **argv) {
     }
     if (sbl_create(headless("bake_lightmap"), &context) != SBL_SUCCESS) return 1;  /* sbl.h says what is wrong on stderr */
     ok = sbl_set_scene(context, scene) == SBL_SUCCESS && sbl_bake_lightmap(context, &map) == SBL_SUCCESS &&
-         sbl_read_channel(context, SBL_CHANNEL_FINAL, light, SIZE * SIZE * 3) == SBL_SUCCESS;
+         sbl_read_channel(context, SBL_CHANNEL_FINAL, light, RESOLUTION * RESOLUTION * 3) == SBL_SUCCESS;
     stats = sbl_query_stats(context);
     sbl_destroy(context);
     if (!ok) return 1;
     printf("bake_lightmap: %d texels, %.1f s; light is off by %.1f %%, as far as that can be told\n", stats.visible_pixels, stats.seconds.total,
            100 * (double)stats.error_expected);
-    sbl_encode_srgb8(pixels, light, SIZE * SIZE * 3, 1);
+    sbl_encode_srgb8(pixels, light, RESOLUTION * RESOLUTION * 3, 1);
     snprintf(path, sizeof path, "%s/bake_lightmap.png", argc > 1 ? argv[1] : ".");
-    if (stbi_write_png(path, SIZE, SIZE, 3, pixels, 0)) return 0;
+    if (stbi_write_png(path, RESOLUTION, RESOLUTION, 3, pixels, 0)) return 0;
     return fprintf(stderr, "bake_lightmap: cannot write %s\n", path), 1;
 }
