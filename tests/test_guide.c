@@ -132,7 +132,7 @@ static int render(sbl_context *context, const sbl_picture_desc *view, float *out
 
 /* The same to the bit in any batches and slices, in fragment shaders, and after other pictures. */
 TEST(the_picture_is_the_same) {
-    static const int batches[] = { 1, 7, 100000 };
+    static const int batches[] = { 23, 100, 100000 };
     static float expected[3 * PIXELS], now[3 * PIXELS];
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = view_of();
