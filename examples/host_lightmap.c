@@ -242,6 +242,7 @@ enum { ACROSS = 6, PROBES = ACROSS * ACROSS * ACROSS };
 
 typedef struct room {
     float lowest[3], highest[3];
+    float across;                                   /* its width, height and depth together */
     float world_to_view[16], view_to_clip[16];  /* the camera */
     sbl_probe probes[PROBES];
 } room;
@@ -257,15 +258,20 @@ static sbl_result room_bake(room *r, sbl_context *context) {
     return sbl_bake_probes(context, &desc);
 }
 
+/* The place of a camera: the view matrix' rows are to the right, up and back. */
+static void eye_of(const float world_to_view[16], float eye[3]) {
+    const float *m = world_to_view;
+    int k;
+    for (k = 0; k < 3; k++) eye[k] = -(m[4 * k] * m[12] + m[4 * k + 1] * m[13] + m[4 * k + 2] * m[14]);
+}
+
 /* Of what is seen from the camera, is most from behind, such as a closed room's walls from outside? */
 static sbl_result room_from_behind(const room *r, sbl_context *context, int *behind) {
-    const float *m = r->world_to_view;
     sbl_probes_desc desc;
     sbl_probe probe;
     sbl_result result;
     float eye[3];
-    int k;
-    for (k = 0; k < 3; k++) eye[k] = -(m[4 * k] * m[12] + m[4 * k + 1] * m[13] + m[4 * k + 2] * m[14]);
+    eye_of(r->world_to_view, eye);
     memset(&desc, 0, sizeof desc);
     desc.positions = eye;
     desc.probes = &probe;
@@ -310,9 +316,11 @@ static void room_enter(room *r) {
 
 static sbl_result room_make(room *r, const scene_file *file, sbl_context *context, int *misplaced) {
     sbl_result result = sbl_query_bounds(context, r->lowest, r->highest);
-    int behind = 0;
+    int k, behind = 0;
     if (result != SBL_SUCCESS) return result;
+    for (k = 0; k < 3; k++) r->across += r->highest[k] - r->lowest[k];
     *misplaced = !camera_place(r->world_to_view, r->view_to_clip, file, given, r->lowest, r->highest);
+    r->view_to_clip[14] = -0.001f * r->across;  /* depths from a two-thousandth of the scene on */
     if (*misplaced || common.output) return result;
     result = room_bake(r, context);
     if (result != SBL_SUCCESS || file->has_camera || given[EYE] || given[LOOK_AT]) return result;
@@ -347,16 +355,14 @@ static void room_light(const room *r, const float point[3], float cube[6][3]) {
 }
 
 static void draw_ball(const host *h, const room *r, const float middle[3], const float world_to_view[16], const float view_to_clip[16]) {
-    float cube[6][3], across = 0;
-    int k;
-    for (k = 0; k < 3; k++) across += r->highest[k] - r->lowest[k];
+    float cube[6][3];
     room_light(r, middle, cube);
     gl.UseProgram(h->ball_program);
     gl.UniformMatrix4fv(host_gl_uniform(h->ball_program, "world_to_view"), 1, GL_FALSE, world_to_view);
     gl.UniformMatrix4fv(host_gl_uniform(h->ball_program, "view_to_clip"), 1, GL_FALSE, view_to_clip);
     gl.Uniform3fv(host_gl_uniform(h->ball_program, "middle"), 1, middle);
     gl.Uniform3fv(host_gl_uniform(h->ball_program, "cube"), 6, cube[0]);
-    gl.Uniform1f(host_gl_uniform(h->ball_program, "radius"), 0.015f * across);
+    gl.Uniform1f(host_gl_uniform(h->ball_program, "radius"), 0.015f * r->across);
     gl.BindVertexArray(h->ball_array);
     gl.DrawArraysInstanced(GL_TRIANGLES, 0, BALL_VERTICES, 1);
 }
@@ -418,19 +424,15 @@ static int keep_frame(int number) {
 
 /* A few steps to the right, while a ball goes the same way, faster. */
 static int draw_walk(const host *h, const scene_file *file, const room *r) {
-    const float *start = r->world_to_view;
-    float world_to_view[16], eye[3], ball[3], across = 0;
+    const float *start = r->world_to_view, across = r->across;
+    float world_to_view[16], eye[3], ball[3];
     int i, k, status = DONE;
-    for (k = 0; k < 3; k++) across += r->highest[k] - r->lowest[k];
     for (i = 0; i < FRAMES && status == DONE; i++) {
         const float time = (float)i / (FRAMES - 1) - 0.5f;
-        for (k = 0; k < 3; k++) {  /* rows of start: right, up, back */
-            const float right = start[4 * k], up = start[4 * k + 1], back = start[4 * k + 2];
-            eye[k] = -(right * start[12] + up * start[13] + back * start[14]) + 0.006f * across * time * right;
-            ball[k] = eye[k] + across * (0.08f * time * right - 0.015f * up - 0.1f * back);
-        }
         memcpy(world_to_view, start, sizeof world_to_view);
         world_to_view[12] -= 0.006f * across * time;
+        eye_of(world_to_view, eye);
+        for (k = 0; k < 3; k++) ball[k] = eye[k] + across * (0.08f * time * start[4 * k] - 0.015f * start[4 * k + 1] - 0.1f * start[4 * k + 2]);
         draw(h, &file->scene, world_to_view, r->view_to_clip);
         draw_ball(h, r, ball, world_to_view, r->view_to_clip);
         status = keep_frame(i);
@@ -438,12 +440,9 @@ static int draw_walk(const host *h, const scene_file *file, const room *r) {
     return status;
 }
 
-static int show(const scene_file *file, const image *lightmap, room *r) {
-    float across = 0;
+static int show(const scene_file *file, const image *lightmap, const room *r) {
     host h = { 0 };
-    int k, status;
-    for (k = 0; k < 3; k++) across += r->highest[k] - r->lowest[k];
-    r->view_to_clip[14] = -0.001f * across;  /* depths from a two-thousandth of the scene on */
+    int status;
     if (!host_gl_open(TOOL_NAME)) return FAILED;
     if (!host_make(&h, &file->scene, lightmap)) status = fail("the driver cannot draw it");
     else if (!common.output) status = draw_walk(&h, file, r);

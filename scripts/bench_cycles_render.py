@@ -1,4 +1,4 @@
-"""Run by bench_cycles and bench_bake inside Blender 3.x: sets a scene up for Cycles once, then renders it whenever a line "SAMPLES SEED FILE"
+"""Run by bench_cycles_blender.py inside Blender 3.x: sets a scene up for Cycles once, then renders it whenever a line "SAMPLES SEED FILE"
 comes in; or, where the job has a "lightmap", bakes one of so many texels a side, by the meshes' second texture coordinates.
 
 Every surface is a two-sided Lambertian of the file's base colour, every emitter glows to both sides; light bounces as often as asked. Nothing is

@@ -13,6 +13,8 @@
 #include <stdint.h>
 #include <stdlib.h>
 
+#define SCENE_PI 3.14159265358979323846
+
 enum { SCENE_MESHES = 96, SCENE_MATERIALS = 96, SCENE_TEXTURES = 64, SCENE_LIGHTS = 16, SCENE_BLOCKS = 512 };
 
 typedef struct test_scene {
@@ -174,7 +176,7 @@ static inline sbl_mesh *scene_sphere(test_scene *s, int material, float x, float
     int row = slices + 1, vertices = row * (stacks + 1), i, j, n = 0;
     float *positions = (float *)scene_alloc(s, sizeof(float) * 3 * (size_t)vertices), *normals = (float *)scene_alloc(s, sizeof(float) * 3 * (size_t)vertices);
     uint32_t *indices = (uint32_t *)scene_alloc(s, sizeof *indices * 6 * (size_t)(slices * stacks));
-    const double pi = 3.14159265358979323846;
+    const double pi = SCENE_PI;
     for (i = 0; i <= stacks; i++)
         for (j = 0; j <= slices; j++) {
             double theta = pi * i / stacks, phi = 2 * pi * (j % slices) / slices, ring = i == 0 || i == stacks ? 0 : sin(theta);
@@ -219,7 +221,7 @@ static inline sbl_mesh *scene_disc(test_scene *s, int material, const float cent
     int i, k;
     for (k = 0; k < 3; k++) positions[3 * triangles + k] = centre[k];
     for (i = 0; i < triangles; i++) {
-        double phi = 2 * 3.14159265358979323846 * i / triangles;
+        double phi = 2 * SCENE_PI * i / triangles;
         for (k = 0; k < 3; k++) positions[3 * i + k] = (float)((double)centre[k] + (double)u[k] * cos(phi) + (double)v[k] * sin(phi));
         indices[3 * i] = (uint32_t)triangles;
         indices[3 * i + 1] = (uint32_t)i;

@@ -922,9 +922,9 @@ TEST(ground_that_no_surface_sees) {
     int i;
     for (i = 0; i < 2; i++) {
         test_scene s = { 0 };
-        const double half = (double)sizes[i], x = half / sqrt(1 + half * half), seen_share = 4 / 3.14159265358979 * x * atan(x);
+        const double half = (double)sizes[i], x = half / sqrt(1 + half * half), seen_share = 4 / SBL__PI * x * atan(x);
         const float w = sizes[i];
-        double expected = 0.5 * 3 / 3.14159265358979 * seen_share;
+        double expected = 0.5 * 3 / SBL__PI * seen_share;
         scene_quad(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), -w, -1, -w, -w, -1, w, w, -1, w, w, -1, -w);
         if (i) scene_box(&s, 0, 9, -1, 9, 10, 0, 10);  /* far away; its sides see the ground */
         scene_light(&s, SBL_LIGHT_DIRECTIONAL, 3, 3, 3)->direction[1] = -1;
@@ -1065,7 +1065,7 @@ TEST(drawn_things_are_told_their_light) {
     site_count = 0;
     add_site(0, -1, 0, 0, 1, 0, 1);
     REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && gather(SBL_MODE_GI, SBL_BACKEND_RASTER, 64), "no light: %s", watch_last(&seen));
-    CHECK(fabs((double)drawn.light[2][2] * 3.14159265 / 5 - 1) < 0.001, "what faces up is told %g", (double)drawn.light[2][2]);
+    CHECK(fabs((double)drawn.light[2][2] * SBL__PI / 5 - 1) < 0.001, "what faces up is told %g", (double)drawn.light[2][2]);
     CHECK(drawn.light[3][0] > 0.05f && drawn.light[3][0] < 0.5f * drawn.light[2][0], "what faces down is told %g", (double)drawn.light[3][0]);
     {
         const float before = drawn.light[2][2];  /* a stored store knows it, too; but not one of things drawn elsewhere */

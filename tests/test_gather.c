@@ -5,8 +5,6 @@
 #include "scenes.h"
 #include "gl_watch.h"
 
-static const double PI = 3.14159265358979323846;
-
 static watch seen;
 static sbl_context *context;
 
@@ -137,10 +135,10 @@ TEST(sky_and_lights) {
     light->position[1] = 2;
     REQUIRE(use_scene(&s), "no scene");
     r = reading_at(site_of(0, 0, 0, 0, 1, 0), 16);
-    CHECK(fabs(r.radiance[0] / (10 / 4.0 / PI) - 1) < 1e-5, "a point light: R is %.7g, expected %.7g", (double)r.radiance[0], 10 / 4.0 / PI);
+    CHECK(fabs(r.radiance[0] / (10 / 4.0 / SCENE_PI) - 1) < 1e-5, "a point light: R is %.7g, expected %.7g", (double)r.radiance[0], 10 / 4.0 / SCENE_PI);
     r = reading_at(site_of(2, 0, 0, 0, 1, 0), 16);
-    CHECK(fabs(r.radiance[1] / (20 / 8.0 * sqrt(0.5) / PI) - 1) < 1e-5, "from the side: R is %.7g, expected %.7g", (double)r.radiance[1],
-          20 / 8.0 * sqrt(0.5) / PI);
+    CHECK(fabs(r.radiance[1] / (20 / 8.0 * sqrt(0.5) / SCENE_PI) - 1) < 1e-5, "from the side: R is %.7g, expected %.7g", (double)r.radiance[1],
+          20 / 8.0 * sqrt(0.5) / SCENE_PI);
     CHECK(reading_at(site_of(0, 3, 0, 0, 1, 0), 16).radiance[0] == 0, "light from below the horizon");
     scene_free(&s);
 }
@@ -153,7 +151,7 @@ TEST(distances_to_a_disc) {
     const float centre[3] = { 0, 0, 0 };
     int i;
     for (i = 0; i < 4; i++) {
-        const double t = angles[i] * PI / 180, h = 2;
+        const double t = angles[i] * SCENE_PI / 180, h = 2;
         const float u[3] = { (float)(h * tan(t)), 0, 0 }, v[3] = { 0, 0, (float)(h * tan(t)) };
         sbl_reading r, back;
         scene_disc(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), centre, u, v, 2048);
@@ -174,7 +172,7 @@ TEST(lamps_and_noise) {
     test_scene s = { 0 };
     sbl_reading r;
     int grey = scene_material(&s, 0.5f, 0.5f, 0.5f), lamp = scene_lamp(&s, 3, 3, 3);
-    double a = 0.5, h = 2, form = 4 * a / sqrt(a * a + h * h) * atan(a / sqrt(a * a + h * h)) / PI;  /* four corners of a x a: Howell, B-4 */
+    double a = 0.5, h = 2, form = 4 * a / sqrt(a * a + h * h) * atan(a / sqrt(a * a + h * h)) / SCENE_PI;  /* four corners of a x a: Howell, B-4 */
     scene_quad(&s, lamp, -0.5f, 2, -0.5f, 0.5f, 2, -0.5f, 0.5f, 2, 0.5f, -0.5f, 2, 0.5f);
     scene_floor(&s, grey, 0, 4);
     REQUIRE(use_scene(&s), "no scene");

@@ -6,7 +6,7 @@
 #include "reference.h"
 #include "gl_watch.h"
 
-static const double pi = 3.14159265358979323846;
+static const double pi = REF_PI;
 static watch seen;
 static sbl_context *context;
 
