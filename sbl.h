@@ -3063,6 +3063,34 @@ static void sbl__pace_end(const sbl__device *d, sbl__pace *p, double units) {
     p->cost = p->cost > cost ? p->cost + fall * (cost - p->cost) : cost;
 }
 
+/* >>device: stages. Work that takes long is a list of stages, each done in pieces that fit into a slice. A table has one
+   row for each stage, in their order; row 0 stands for work that has not begun, and the stage behind the last row for
+   work that is done. To add a stage, add a row and, if other stages refer to it, its name in the room's enum. */
+typedef struct sbl__stage_row {
+    sbl_result (*piece)(void *work, sbl__slice *slice);  /* does one piece; SBL_UNFINISHED: the stage needs more pieces;
+                                                            NULL: the stage has no work of its own */
+    int (*next)(void *work);                             /* returns the stage that follows; NULL: the next row */
+} sbl__stage_row;
+
+/* Where staged work stands. */
+typedef struct sbl__stages {
+    int stage;  /* row of the table; 0: not begun */
+    int at;     /* counter of the stage for its own use, 0 when the stage begins */
+} sbl__stages;
+
+/* Does one piece of the present stage. Returns SBL_SUCCESS when the last stage is done, and from then on. */
+static sbl_result sbl__stages_step(sbl__stages *s, const sbl__stage_row *table, int row_count, void *work,
+                                   sbl__slice *slice) {
+    if (s->stage < row_count) {
+        const sbl__stage_row *row = &table[s->stage];
+        const sbl_result result = row->piece ? row->piece(work, slice) : SBL_SUCCESS;
+        if (result != SBL_SUCCESS) return result;
+        s->stage = row->next ? row->next(work) : s->stage + 1;
+        s->at = 0;
+    }
+    return s->stage < row_count ? SBL_UNFINISHED : SBL_SUCCESS;
+}
+
 /* >>device: its life */
 
 /* Invocations of a workgroup, and of a lot. A renderer on the CPU gives a workgroup to a thread as a whole, so that
@@ -14722,18 +14750,16 @@ static sbl_result sbl__picture_watch(sbl__core *c, sbl__picture *p) {
 #define SBL__GATHER_SITES 65536  /* of a job */
 #define SBL__UNIT_SLACK 1e-6     /* of a normal's squared length: nearer to 1 it is taken as it is */
 
-typedef enum sbl__gathering_stage {
-    SBL__GATHER_NONE, SBL__GATHER_PREPARE, SBL__GATHER_SITES_NEXT, SBL__GATHER_SENSE, SBL__GATHER_DONE
-} sbl__gathering_stage;
+enum { SBL__GATHER_PREPARE = 1, SBL__GATHER_SITES_NEXT, SBL__GATHER_SENSE, SBL__GATHER_DONE };
 
 typedef struct sbl__gathering {
-    sbl__gathering_stage stage;
+    sbl__core *core;
+    sbl__stages stages;
     sbl_gather_desc desc;       /* defaults filled in */
     sbl__seeing seeing;
     sbl__spec spec;
     sbl__site *sites;           /* of the job */
     int first, count;           /* which they are */
-    int at;                     /* the next one to be made */
     uint32_t passed;            /* sites of those before, where it goes on with others */
     float store_share;          /* of progress */
     float progress;
@@ -14745,7 +14771,7 @@ static void sbl__gathering_free(sbl__base *base, sbl__gathering *g) {
 }
 
 static int sbl__gathering_under_way(const sbl__gathering *g) {
-    return g->stage != SBL__GATHER_NONE && g->stage != SBL__GATHER_DONE;
+    return g->stages.stage && g->stages.stage != SBL__GATHER_DONE;
 }
 
 static void sbl__unit_normal(const float from[3], float out[3]) {
@@ -14769,35 +14795,51 @@ static void sbl__site_make(const sbl__core *c, const sbl__gathering *g, int numb
 }
 
 /* desc has its defaults filled in and has been checked. */
-static void sbl__gathering_begin(const sbl__core *c, sbl__gathering *g, const sbl_gather_desc *desc, int every_ray) {
+static void sbl__gathering_begin(sbl__core *c, sbl__gathering *g, const sbl_gather_desc *desc, int every_ray) {
     const sbl__seeing seeing = SBL__SEEING(desc);
+    g->core = c;
     g->desc = *desc;
     g->seeing = seeing;
     g->seeing.every_ray = every_ray;
     g->store_share = sbl__prepare_share(c, &seeing);
-    g->stage = SBL__GATHER_PREPARE;
+    g->stages.stage = SBL__GATHER_PREPARE;
 }
 
 /* One that is done, or has not begun, goes on with so many other sites: they stand where its own stood, and are at most
    as many as it had first. */
 static void sbl__gathering_more(sbl__gathering *g, int site_count) {
-    if (g->stage == SBL__GATHER_DONE) {
+    if (g->stages.stage == SBL__GATHER_DONE) {
         g->passed += (uint32_t)g->desc.site_count;
-        g->stage = SBL__GATHER_SITES_NEXT;
+        g->stages.stage = SBL__GATHER_SITES_NEXT;
     }
-    g->first = g->at = 0;
+    g->first = g->stages.at = 0;
     g->desc.site_count = site_count;
 }
 
-/* The sites of the next job, from first + at on; then the job begins. */
-static sbl_result sbl__gathering_next(sbl__core *c, sbl__gathering *g, sbl__slice *slice) {
+/* Prepares the scene. */
+static sbl_result sbl__gathering_prepare(void *work, sbl__slice *slice) {
+    sbl__gathering *g = (sbl__gathering *)work;
+    const sbl_result result = sbl__prepare(g->core, &g->seeing, slice);
+    if (result == SBL_SUCCESS) sbl__spec_make(&g->spec, &g->seeing, &g->core->scene, &g->core->desc);
+    return result;
+}
+
+static int sbl__gathering_after_prepare(void *work) {
+    return ((sbl__gathering *)work)->desc.site_count ? SBL__GATHER_SITES_NEXT : SBL__GATHER_DONE;
+}
+
+/* Makes the sites of the next job, from first on; then the job begins. */
+static sbl_result sbl__gathering_sites(void *work, sbl__slice *slice) {
+    sbl__gathering *g = (sbl__gathering *)work;
+    sbl__core *c = g->core;
+    int *at = &g->stages.at;
     sbl__task task;
-    if (g->at == 0) g->count = SBL__MIN(SBL__GATHER_SITES, g->desc.site_count - g->first);
+    if (*at == 0) g->count = SBL__MIN(SBL__GATHER_SITES, g->desc.site_count - g->first);
     if (!g->sites) g->sites = (sbl__site *)sbl__alloc_raw(&c->base, (size_t)g->count, sizeof *g->sites);
     if (!g->sites) return SBL_ERROR_OUT_OF_MEMORY;
-    for (; g->at < g->count; g->at++) {
-        if (g->at && sbl__late(slice)) return SBL_UNFINISHED;
-        sbl__site_make(c, g, g->first + g->at, &g->sites[g->at]);
+    for (; *at < g->count; ++*at) {
+        if (*at && sbl__late(slice)) return SBL_UNFINISHED;
+        sbl__site_make(c, g, g->first + *at, &g->sites[*at]);
     }
     memset(&task, 0, sizeof task);
     task.spec = g->spec;
@@ -14808,44 +14850,43 @@ static sbl_result sbl__gathering_next(sbl__core *c, sbl__gathering *g, sbl__slic
     return SBL_SUCCESS;
 }
 
-/* One bounded piece. SBL_SUCCESS: all readings are there. */
+static sbl_result sbl__gathering_sense(void *work, sbl__slice *slice) {
+    sbl__core *c = ((sbl__gathering *)work)->core;
+    return sbl__job_step(&c->device, &c->job, slice);
+}
+
+/* Counts the sensors of the job that is done. */
+static int sbl__gathering_after_sense(void *work) {
+    sbl__gathering *g = (sbl__gathering *)work;
+    sbl_stats *stats = &g->core->stats;
+    int i;
+    sbl__core_count(g->core);
+    stats->sensors += g->count;
+    for (i = g->first; i < g->first + g->count; i++) stats->invalid_sensors += !g->desc.readings[i].valid;
+    g->first += g->count;
+    return g->first < g->desc.site_count ? SBL__GATHER_SITES_NEXT : SBL__GATHER_DONE;
+}
+
+/* Does one bounded piece. SBL_SUCCESS: all readings are there. */
 static sbl_result sbl__gathering_step(sbl__core *c, sbl__gathering *g, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { NULL, NULL },
+        { sbl__gathering_prepare, sbl__gathering_after_prepare },
+        { sbl__gathering_sites, NULL },
+        { sbl__gathering_sense, sbl__gathering_after_sense }
+    };
     const double start = sbl__now();
     const double bounced = c->stats.seconds.bounce;
-    double *seconds = g->stage == SBL__GATHER_PREPARE ? &c->stats.seconds.surface : &c->stats.seconds.gather;
-    sbl_result result = SBL_SUCCESS;
-    int i;
-    switch (g->stage) {
-        case SBL__GATHER_PREPARE:
-            result = sbl__prepare(c, &g->seeing, slice);
-            if (result != SBL_SUCCESS) break;
-            sbl__spec_make(&g->spec, &g->seeing, &c->scene, &c->desc);
-            g->stage = g->desc.site_count ? SBL__GATHER_SITES_NEXT : SBL__GATHER_DONE;
-            break;
-        case SBL__GATHER_SITES_NEXT:
-            result = sbl__gathering_next(c, g, slice);
-            if (result == SBL_SUCCESS) g->stage = SBL__GATHER_SENSE;
-            break;
-        case SBL__GATHER_SENSE:
-            result = sbl__job_step(&c->device, &c->job, slice);
-            if (result != SBL_SUCCESS) break;
-            sbl__core_count(c);
-            c->stats.sensors += g->count;
-            for (i = g->first; i < g->first + g->count; i++) c->stats.invalid_sensors += !g->desc.readings[i].valid;
-            g->first += g->count;
-            g->at = 0;
-            g->stage = g->first < g->desc.site_count ? SBL__GATHER_SITES_NEXT : SBL__GATHER_DONE;
-            break;
-        default: break;
-    }
+    double *seconds = g->stages.stage == SBL__GATHER_PREPARE ? &c->stats.seconds.surface : &c->stats.seconds.gather;
+    const sbl_result result = sbl__stages_step(&g->stages, table, SBL__COUNT(table), g, slice);
     *seconds += sbl__now() - start - (c->stats.seconds.bounce - bounced);
-    return result != SBL_SUCCESS ? result : g->stage == SBL__GATHER_DONE ? SBL_SUCCESS : SBL_UNFINISHED;
+    return result;
 }
 
 static float sbl__gathering_progress(const sbl__core *c, const sbl__gathering *g) {
     double done = g->first;
-    if (g->stage == SBL__GATHER_DONE) return 1;
-    if (g->stage == SBL__GATHER_SENSE) done += (double)sbl__job_progress(&c->job) * g->count;
+    if (g->stages.stage == SBL__GATHER_DONE) return 1;
+    if (g->stages.stage == SBL__GATHER_SENSE) done += (double)sbl__job_progress(&c->job) * g->count;
     return (float)(done / SBL__MAX(1, g->desc.site_count));
 }
 
