@@ -5,7 +5,7 @@ set -u
 cd "$(dirname "$0")/.." || exit 1
 references=../shared/references
 scenes=../shared/scenes
-. tests/check.sh
+. tests/support/check.sh
 
 [ -f "$references/compare.py" ] && [ -f "$scenes/cornell_box/cornell_box.obj" ] || {
     skip references "no ../shared/references and ../shared/scenes beside the repository"

@@ -5,9 +5,9 @@
 #define SBL_EGL
 #include "../sbl.h"
 #include "../examples/scene_file.h"
-#include "test.h"
-#include "reference.h"
-#include "trace_hits.h"
+#include "support/test.h"
+#include "support/reference.h"
+#include "support/trace_hits.h"
 
 static scene_file *file;
 static sbl_context *context;

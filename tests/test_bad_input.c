@@ -4,10 +4,10 @@
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
 #include "../sbl.h"
-#include "test.h"
-#include "scenes.h"
-#include "gl_watch.h"
-#include "gl_scene.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/gl_watch.h"
+#include "support/gl_scene.h"
 #include <limits.h>
 
 #define INF ((float)HUGE_VAL)

@@ -1,10 +1,10 @@
 /* build/sbl_bake as a user runs it, and build/host_lightmap, which draws what it wrote. The scene is a floor beneath a lamp,
    whose light Lambert's formula gives. */
 #define _GNU_SOURCE
-#include "test.h"
-#include "tool.h"
+#include "support/test.h"
+#include "support/tool.h"
 #include "../sbl.h"
-#include "reference.h"
+#include "support/reference.h"
 
 /* ---- a scene with second texture coordinates ---- */
 

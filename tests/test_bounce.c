@@ -3,9 +3,9 @@
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
 #include "../sbl.h"
-#include "test.h"
-#include "scenes.h"
-#include "gl_watch.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/gl_watch.h"
 
 enum { MOST_SITES = 2048 };
 

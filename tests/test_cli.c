@@ -1,8 +1,8 @@
 /* The command line tool, run as a user runs it: build/sbl_render beside this program. Its files are made here, so that what must come out is known. */
 #define _XOPEN_SOURCE 700
 #define _DEFAULT_SOURCE
-#include "test.h"
-#include "tool.h"
+#include "support/test.h"
+#include "support/tool.h"
 #include <ctype.h>
 #include <math.h>
 #include <poll.h>

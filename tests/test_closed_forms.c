@@ -2,9 +2,9 @@
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
 #include "../sbl.h"
-#include "test.h"
-#include "scenes.h"
-#include "reference.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/reference.h"
 
 static sbl_context *context;
 

@@ -4,9 +4,9 @@
    The reference is the lamp's closed form times its visibility, by the ray caster. A sensor at all 262,144 pixels would take minutes on
    a software renderer, so windows spread over the picture stand for it: crops of the same camera, pixel for pixel. */
 #include "../sbl.h"
-#include "test.h"
-#include "scenes.h"
-#include "reference.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/reference.h"
 
 static sbl_context *context;
 

@@ -1,11 +1,11 @@
 /* The same input gives the same picture, bit for bit: whatever the batch, the slices, the repetitions, what the context did before, and whether a mesh was
    moved or stood there from the start. Where bits may differ (other GL paths, other atlas sizes, the host's own shaders) the difference is rounding. */
 #include "../sbl.h"
-#include "test.h"
-#include "scenes.h"
-#include "gl_watch.h"
-#include "gl_host.h"
-#include "gl_fake.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/gl_watch.h"
+#include "support/gl_host.h"
+#include "support/gl_fake.h"
 
 enum { WIDTH = 40, HEIGHT = 30, PIXELS = WIDTH * HEIGHT, FLOATS = 35 * PIXELS };  /* 10 channels of 3 floats, 5 of 1 */
 typedef struct picture { float values[FLOATS]; } picture;

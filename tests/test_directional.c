@@ -1,10 +1,10 @@
 /* Directional lightmaps, where light comes from, against closed forms; and supersampled ones, of light that changes within a texel. */
 #include "../sbl.h"
-#include "test.h"
-#include "scenes.h"
-#include "reference.h"
-#include "gl_watch.h"
-#include "lightmap.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/reference.h"
+#include "support/gl_watch.h"
+#include "support/lightmap.h"
 
 /* >>where light comes from */
 

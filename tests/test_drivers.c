@@ -2,10 +2,10 @@
    them to Vulkan (lavapipe here). They must agree with llvmpipe's, which the other tests hold to references. */
 #define _DEFAULT_SOURCE
 #include "../sbl.h"
-#include "test.h"
-#include "scenes.h"
-#include "gl_watch.h"
-#include "gl_scene.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/gl_watch.h"
+#include "support/gl_scene.h"
 #include <sys/wait.h>
 #include <unistd.h>
 

@@ -3,9 +3,9 @@
 set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
-. tests/check.sh
+. tests/support/check.sh
 : "${BUILD_DIR:=build}"
-gcc -std=c99 -O2 -Wall -Wextra tests/picture.c -lm -o "$folder/picture" || exit 1
+gcc -std=c99 -O2 -Wall -Wextra tests/tools/picture.c -lm -o "$folder/picture" || exit 1
 
 # run NAME FOLDER ARGUMENTS...: an example ends well, says nothing on stderr, and leaves what it printed in FOLDER/said
 run() {

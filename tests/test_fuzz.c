@@ -1,7 +1,7 @@
-/* What the fuzz target (fuzz.c) finds in a bounded, repeatable run: the inputs of tests/corpus, small ones that between
+/* What the fuzz target (fuzz/fuzz.c) finds in a bounded, repeatable run: the inputs of tests/fuzz/corpus, small ones that between
    them reach nearly all that a long run reached, orders of calls that matter, and each mistake that was found; then
    some of random bytes. build/test_fuzz FILE... runs these files instead. */
-#include "fuzz.c"
+#include "fuzz/fuzz.c"
 
 static unsigned char input[4096];
 
@@ -22,7 +22,7 @@ TEST(corpus) {
     int number;
     for (number = 0; ; number++) {
         FILE *file;
-        snprintf(path, sizeof path, "tests/corpus/%02d", number);
+        snprintf(path, sizeof path, "tests/fuzz/corpus/%02d", number);
         if (!(file = fopen(path, "rb"))) break;
         fclose(file);
         CHECK(run_file(path), "%s: see above", path);

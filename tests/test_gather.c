@@ -1,9 +1,9 @@
 /* Light at any points: sbl_gather. It is the picture's own primitive, so that at a pixel's site it finds that pixel's light, bit for bit; elsewhere closed
    forms say what it must find. */
 #include "../sbl.h"
-#include "test.h"
-#include "scenes.h"
-#include "gl_watch.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/gl_watch.h"
 
 static watch seen;
 static sbl_context *context;

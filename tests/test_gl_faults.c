@@ -3,13 +3,13 @@
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
 #include "../sbl.h"
-#include "test.h"
-#include "scenes.h"
-#include "gl_watch.h"
-#include "gl_scene.h"
-#include "gl_host.h"
-#include "gl_state.h"
-#include "gl_fake.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/gl_watch.h"
+#include "support/gl_scene.h"
+#include "support/gl_host.h"
+#include "support/gl_state.h"
+#include "support/gl_fake.h"
 
 enum { MOST_PLACES = 2000 };  /* a loop over places that ends here does not end by itself */
 

@@ -1,9 +1,9 @@
 /* What goes in and comes out as GL objects. Meshes from GL buffers and textures from GL names give the same picture, bit for bit, as the same bytes
    from client memory; a channel's texture holds what sbl_read_channel gives. */
 #include "../sbl.h"
-#include "test.h"
-#include "scenes.h"
-#include "gl_host.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/gl_host.h"
 
 static sbl_context *context;
 

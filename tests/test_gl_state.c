@@ -9,13 +9,13 @@ static __eglMustCastToProperFunctionPointerType missing_proc(const char *name);
 #define SBL_EGL
 #include "../sbl.h"
 #undef eglGetProcAddress
-#include "test.h"
-#include "scenes.h"
-#include "gl_watch.h"
-#include "gl_scene.h"
-#include "gl_host.h"
-#include "gl_state.h"
-#include "gl_fake.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/gl_watch.h"
+#include "support/gl_scene.h"
+#include "support/gl_host.h"
+#include "support/gl_state.h"
+#include "support/gl_fake.h"
 
 static const char *missing;  /* the function that the headless contexts' loader does not know */
 

@@ -2,10 +2,10 @@
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
 #include "../sbl.h"
-#include "test.h"
-#include "scenes.h"
-#include "reference.h"
-#include "gl_watch.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/reference.h"
+#include "support/gl_watch.h"
 
 enum { WIDTH = 96, HEIGHT = 72, PIXELS = WIDTH * HEIGHT };
 

@@ -3,7 +3,7 @@
 set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
-. tests/check.sh
+. tests/support/check.sh
 warnings='-Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror'
 
 # >>compilers
@@ -292,7 +292,7 @@ check top_level_is_tidy top_level
 
 # >>the house
 
-check rooms_keep_their_rules python3 tests/rooms.py
+check rooms_keep_their_rules python3 tests/tools/rooms.py
 
 # one place says what a surface sends out: it alone reads the ambient factor and multiplies it with the surface's colour
 one_outgoing() {

@@ -3,7 +3,7 @@
 set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
-. tests/check.sh
+. tests/support/check.sh
 umask 077  # root's may be so; others must be able to read it all the same
 
 prefix="$folder/prefix" stage="$folder/a stage"

@@ -1,10 +1,10 @@
 /* Lightmaps: which texel shows what, against the geometry itself; what light they hold, against closed forms; and what strangers' coordinates do. */
 #include "../sbl.h"
-#include "test.h"
-#include "scenes.h"
-#include "reference.h"
-#include "gl_watch.h"
-#include "lightmap.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/reference.h"
+#include "support/gl_watch.h"
+#include "support/lightmap.h"
 #include <limits.h>
 
 /* >>texels */

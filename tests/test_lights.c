@@ -2,9 +2,9 @@
    The truth is summed here in double precision from the scene's own description: triangles by Lambert's formula, spheres and suns as fans
    of triangles about their middle, points by the inverse square. An opaque edge cuts every lamp by the plane through it and the sensor. */
 #include "../sbl.h"
-#include "test.h"
-#include "scenes.h"
-#include "reference.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/reference.h"
 
 static sbl_context *context;
 

@@ -2,8 +2,8 @@
    makes a certain system call, which this program sees as its tracer, or when its progress bar shows so many percent.
    None of it depends on how fast anything runs. */
 #define _GNU_SOURCE
-#include "test.h"
-#include "tool.h"
+#include "support/test.h"
+#include "support/tool.h"
 #include <sys/ptrace.h>
 #include <sys/syscall.h>
 

@@ -1,8 +1,8 @@
 /* The paper's own mode against its sums done on the CPU, and what holds of tiles, thresholds and filter in any mode. */
 #include "../sbl.h"
-#include "test.h"
-#include "scenes.h"
-#include "reference.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/reference.h"
 
 static sbl_context *context;
 

@@ -4,8 +4,8 @@
    A change that is meant to change pictures pins them anew, and says in its commit message by how much they moved; scripts/compare_commits
    measures that. */
 #include "../sbl.h"
-#include "test.h"
-#include "scenes.h"
+#include "support/test.h"
+#include "support/scenes.h"
 
 static sbl_context *context;
 

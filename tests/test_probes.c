@@ -1,10 +1,10 @@
 /* Probes: the light at points in the air, against closed forms and loops of their own over directions, lamps' areas and boxes; where they stand, and how
    they come about. */
 #include "../sbl.h"
-#include "test.h"
-#include "scenes.h"
-#include "reference.h"
-#include "gl_watch.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/reference.h"
+#include "support/gl_watch.h"
 
 static const double pi = REF_PI;
 static watch seen;

@@ -3,7 +3,7 @@
 #define _DEFAULT_SOURCE
 #include "../sbl.h"
 #include "../examples/scene_file.h"
-#include "test.h"
+#include "support/test.h"
 #include <sys/inotify.h>
 #include <sys/ptrace.h>
 #include <sys/socket.h>

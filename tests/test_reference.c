@@ -1,9 +1,9 @@
 /* The pipeline against the ray caster of reference.h, pixel by pixel: what the camera sees, what arrives there, what single sensors
    see; every vertex format, texture format and kind of camera. */
 #include "../sbl.h"
-#include "test.h"
-#include "scenes.h"
-#include "reference.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/reference.h"
 
 static sbl_context *context;
 

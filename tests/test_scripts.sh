@@ -3,7 +3,7 @@
 set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
-. tests/check.sh
+. tests/support/check.sh
 
 # >>embed_shaders, in a copy
 
@@ -64,9 +64,9 @@ fake="$folder/fake repository"
 # fake_tests NAME|END|LAST-LINE...: runs scripts/test over programs that print LAST-LINE and then do END; its output in $folder/verdict
 fake_tests() {
     rm -rf "$fake"
-    mkdir -p "$fake/tests"
+    mkdir -p "$fake/tests/support"
     cp -r scripts "$fake"
-    cp tests/keep_loaded.c tests/lsan.supp tests/tsan.supp "$fake/tests"
+    cp tests/support/keep_loaded.c tests/support/lsan.supp tests/support/tsan.supp "$fake/tests/support"
     printf '#include <pthread.h>\nint shared;\nvoid *touch(void *);\nvoid *touch(void *user) { shared++; return user; }\n' > "$fake/tests/touch.h"
     for spec in "$@"; do
         body=${spec#*|}
@@ -119,10 +119,10 @@ check test_sees_a_race fails_with '4 passed, 1 failed, 0 skipped' "$good" \
 
 leak_is_seen() {
     gcc -std=c99 -g -fsanitize=address,undefined tests/header/leak.c -lEGL -lm -o "$folder/leak" || return
-    ! ASAN_OPTIONS=detect_leaks=1 LSAN_OPTIONS=suppressions=tests/lsan.supp "$folder/leak" && grep -q 'LeakSanitizer: detected' "$folder/log"
+    ! ASAN_OPTIONS=detect_leaks=1 LSAN_OPTIONS=suppressions=tests/support/lsan.supp "$folder/leak" && grep -q 'LeakSanitizer: detected' "$folder/log"
 }
 check a_lost_context_is_seen leak_is_seen
-check mutants_fit_the_header tests/mutants --check
+check mutants_fit_the_header tests/tools/mutants --check
 
 # >>unwrap
 

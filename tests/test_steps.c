@@ -8,11 +8,11 @@ static int clock_of_test(struct timeval *out, void *zone);
 #define SBL_EGL
 #include "../sbl.h"
 #undef gettimeofday
-#include "test.h"
-#include "scenes.h"
-#include "gl_watch.h"
-#include "gl_host.h"
-#include "gl_fake.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/gl_watch.h"
+#include "support/gl_host.h"
+#include "support/gl_fake.h"
 
 enum { WIDTH = 160, HEIGHT = 120, PIXELS = WIDTH * HEIGHT };
 

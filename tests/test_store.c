@@ -3,9 +3,9 @@
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
 #include "../sbl.h"
-#include "test.h"
-#include "scenes.h"
-#include "gl_watch.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/gl_watch.h"
 
 enum { SITES = 48, SIDE = 24, PIXELS = SIDE * SIDE, STREAM = 1 << 22, WALLS = 0, LAMP = 1, BOX = 2 };
 

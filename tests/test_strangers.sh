@@ -4,7 +4,7 @@
 set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
-. tests/check.sh
+. tests/support/check.sh
 tool="$PWD/${BUILD_DIR:-build}/sbl_render"
 [ "${BUILD_DIR:-build}" = build/sanitize ] && sanitized=1 || sanitized=
 folder=$(cd "$folder" && pwd -P)  # as messages name it

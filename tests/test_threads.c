@@ -1,14 +1,14 @@
 /* Two threads, each with a GL context and an sbl.h of its own, do all there is to do at the same time: what comes out
    is what one thread alone gets, bit for bit. scripts/test runs this once more under the thread sanitizer, which finds
-   what they share though nothing came of it; tests/tsan.supp holds the driver's part. */
+   what they share though nothing came of it; tests/support/tsan.supp holds the driver's part. */
 #define _POSIX_C_SOURCE 200809L
 #include "../sbl.h"
 #include <pthread.h>
-#include "test.h"
-#include "scenes.h"
-#include "gl_watch.h"
-#include "gl_scene.h"
-#include "gl_host.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/gl_watch.h"
+#include "support/gl_scene.h"
+#include "support/gl_host.h"
 
 enum { THREADS = 2, ROUNDS = 4, SITES = 5, SHEET = 4096 };
 

@@ -2,10 +2,10 @@
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
 #include "../sbl.h"
-#include "test.h"
-#include "scenes.h"
-#include "reference.h"
-#include "trace_hits.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/reference.h"
+#include "support/trace_hits.h"
 
 #if defined(__SANITIZE_ADDRESS__)
   #define MILLION 100000

@@ -4,8 +4,8 @@
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
 #include "../sbl.h"
-#include "test.h"
-#include "scenes.h"
+#include "support/test.h"
+#include "support/scenes.h"
 
 static sbl_context *context;
 static sbl_backend backend;

@@ -1,9 +1,9 @@
 /* Light at vertices: against closed forms, where triangles are small for it and where they are large; which vertices are one; what is buried; and what strangers ask for. */
 #include "../sbl.h"
-#include "test.h"
-#include "scenes.h"
-#include "reference.h"
-#include "gl_watch.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/reference.h"
+#include "support/gl_watch.h"
 
 static watch seen;
 static sbl_context *context;

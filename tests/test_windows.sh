@@ -4,7 +4,7 @@
 set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
-. tests/check.sh
+. tests/support/check.sh
 warnings='-Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror'
 
 # the manual's programs in that chapter, each from its first #include on
@@ -137,7 +137,7 @@ done
 export LIBGL_ALWAYS_SOFTWARE=1
 look() { (cd "$folder" && ./picture "$@"); }
 here() { mkdir -p "$folder/here" && "$copy/scripts/build" minimal && "$copy/build/minimal" "$folder/here"; }
-gcc -std=c99 -O2 -Wall -Wextra tests/picture.c -lm -o "$folder/picture" || exit 1
+gcc -std=c99 -O2 -Wall -Wextra tests/tools/picture.c -lm -o "$folder/picture" || exit 1
 here > "$folder/log" 2>&1 || { cat "$folder/log"; exit 1; }
 
 # as macOS has it: no compute shaders, no clip control

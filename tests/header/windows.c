@@ -2,7 +2,7 @@
 #include "../../examples/wgl.h"
 #define SBL_IMPLEMENTATION
 #include "../../sbl.h"
-#include "../test.h"
+#include "../support/test.h"
 
 static int unknown;  /* functions that wglGetProcAddress did not find */
 

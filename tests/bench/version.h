@@ -1,4 +1,4 @@
-/* One version of sbl.h behind plain numbers, so that a program can hold two of them: tests/version.c is compiled once with each header. */
+/* One version of sbl.h behind plain numbers, so that a program can hold two of them: tests/bench/version.c is compiled once with each header. */
 #ifndef VERSION_H
 #define VERSION_H
 

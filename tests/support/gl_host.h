@@ -6,7 +6,7 @@
 #ifndef GL_HOST_H
 #define GL_HOST_H
 
-#include "../examples/host_gl.h"
+#include "../../examples/host_gl.h"
 
 #define GL_HOST_FUNCTIONS(X)                                                                                                              \
     X(BEGINCONDITIONALRENDER, BeginConditionalRender) X(BINDBUFFERBASE, BindBufferBase) X(BINDBUFFERRANGE, BindBufferRange)               \

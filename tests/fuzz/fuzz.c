@@ -3,20 +3,20 @@
    picture comes out of the context as before. tests/test_fuzz.c runs a bounded, repeatable part of it, and
    build/test_fuzz FILE... single inputs. By itself, for as long as wanted:
 
-       clang -g -O1 -fsanitize=fuzzer,address,undefined tests/fuzz.c -lEGL -lm -o build/fuzz &&
-       mkdir -p build/corpus && ASAN_OPTIONS=detect_leaks=0 build/fuzz -max_len=1024 build/corpus tests/corpus
+       clang -g -O1 -fsanitize=fuzzer,address,undefined tests/fuzz/fuzz.c -lEGL -lm -o build/fuzz &&
+       mkdir -p build/corpus && ASAN_OPTIONS=detect_leaks=0 build/fuzz -max_len=1024 build/corpus tests/fuzz/corpus
 
    Leaks are counted here, since drivers have some of their own. Client arrays have exactly the size that their
    descriptor asks for, and go as soon as sbl.h may no longer look at them. */
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
-#include "../sbl.h"
+#include "../../sbl.h"
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
-#include "test.h"
-#include "gl_host.h"
+#include "../support/test.h"
+#include "../support/gl_host.h"
 
 enum { FUZZ_CALLS = 24, FUZZ_MESHES = 3, FUZZ_MATERIALS = 3, FUZZ_TEXTURES = 2, FUZZ_LIGHTS = 2, FUZZ_SITES = 6,
        FUZZ_SIDE = 8, FUZZ_ARRAY = 1 << 14, FUZZ_BLOCKS = 64 };

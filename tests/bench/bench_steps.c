@@ -6,9 +6,9 @@
    repository two rooms. Never fails on a timing. */
 #define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
-#include "../sbl.h"
-#include "../examples/host_gl.h"
-#include "../examples/scene_file.h"
+#include "../../sbl.h"
+#include "../../examples/host_gl.h"
+#include "../../examples/scene_file.h"
 #include <stdlib.h>
 #include <time.h>
 

@@ -8,7 +8,7 @@ Prints the table, then a line for each offence; exits with 1 where there is one.
 """
 import glob, os, re, sys
 
-os.chdir(os.path.join(os.path.dirname(os.path.abspath(__file__)), '..'))
+os.chdir(os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', '..'))
 COLUMNS, LINES, PARAMETERS = 120, 80, 6
 GL_ROOMS = {'gl', 'device'}
 LONGEST = 20

@@ -2,9 +2,9 @@
    at every pixel the lamp's closed form times the share of it that is seen, told by two estimates of SIDE x SIDE rays each (default 256, 16).
    NaN where R is not to be compared: on the lamp, where nothing is hit, on edges. Prints the noise, which is what the two differ by. */
 #define SBL_IMPLEMENTATION
-#include "../sbl.h"
-#include "../examples/cornell_box.h"
-#include "reference.h"
+#include "../../sbl.h"
+#include "../../examples/cornell_box.h"
+#include "../support/reference.h"
 #include <stdio.h>
 
 /* R of a lamp of radiance 1; 0: not to be compared. */

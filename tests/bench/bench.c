@@ -21,10 +21,10 @@
    something does not work at all, or when two ways do not see the same light. */
 #define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
-#include "../sbl.h"
-#include "../examples/cornell_box.h"
-#include "../examples/host_gl.h"
-#include "../examples/scene_file.h"
+#include "../../sbl.h"
+#include "../../examples/cornell_box.h"
+#include "../../examples/host_gl.h"
+#include "../../examples/scene_file.h"
 #include "bench_embree.h"
 #include <stdlib.h>
 #include <time.h>
