@@ -1399,7 +1399,8 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 
    What may be touched: anything, as long as scripts/test passes. tests/test_pinned.c holds pictures to the bit;
    scripts/compare_commits BASE shows for 178 pictures what a change did, and how long both take. tests/tools/rooms.py
-   lists rooms, lengths and parameters: no function has more than 80 lines or 6 parameters, no line more than 120 columns.
+   lists rooms, lengths and parameters: no function has more than 80 lines or 6 parameters, no line more than 120
+   columns.
 
    To add a channel (4 lines, tried with the sensors' noise):
        sbl_channel, with its comment; a row in sbl__channels (>>public); where refinement knows it, a line in
