@@ -6,6 +6,8 @@
 #include "headless.h"
 #include "cornell_box.h"
 #include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
 
 enum { COARSE = 8, FINE = 16 };  /* cells across each quad */
 

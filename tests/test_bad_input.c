@@ -1,8 +1,6 @@
 /* What a host can get wrong: every field of every descriptor, NULL, the wrong order, too little room, cancelling, giving up. Each mistake gives its
    result and a message that names the place, the field and the value; nothing changes, nothing leaks, and a known picture comes out
    of the context as before, bit for bit. */
-#define SBL_IMPLEMENTATION
-#define SBL_EGL
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -1278,7 +1276,7 @@ TEST(sizes_far_apart) {
         view.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
         sbl_look_at(view.world_to_view, 0.3f * sizes[i], 0.2f * sizes[i], 2 * sizes[i], 0, 0, 0, 0, 1, 0);
         CHECK(small_render(context, &view, &picture) == SBL_SUCCESS, "from %g: %s", (double)sizes[i], watch_last(&seen));
-        for (k = 0; k < SMALL_FLOATS; k++) if (!sbl__finite(&picture.values[k])) break;
+        for (k = 0; k < SMALL_FLOATS; k++) if (!isfinite(picture.values[k])) break;
         CHECK(k == SMALL_FLOATS, "from %g: float %d of the channels is %g", (double)sizes[i], k, (double)picture.values[k]);
     }
     known_picture();
@@ -1307,7 +1305,7 @@ TEST(warnings) {
               seen.errors, seen.warnings, watch_last(&seen));
         if (cases[i].warnings) CHECK(seen.messages[0].item == cases[i].item, "case %d: the warning is \"%s\"", i, watch_last(&seen));
         for (way = 0; way < 2 && !cases[i].warnings; way++) {  /* without a warning it is right: Lambert's sum, Howell B-4 */
-            const double form = 2 / sqrt(1.25) * atan(0.5 / sqrt(1.25)) / SBL__PI;
+            const double form = 2 / sqrt(1.25) * atan(0.5 / sqrt(1.25)) / TEST_PI;
             view = small_view();
             view.mode = SBL_MODE_DIRECT;
             view.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;

@@ -1,11 +1,11 @@
 /* Light that bounces: SBL_MODE_GI. What closed forms, sums of light and a path tracer say it must be, what walls must keep out, and when the
    store of it is made anew. */
-#define SBL_IMPLEMENTATION
-#define SBL_EGL
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
 #include "support/gl_watch.h"
+#include "support/inside.h"
+#include "../examples/host_gl.h"
 
 enum { MOST_SITES = 2048 };
 
@@ -317,7 +317,7 @@ static void add_sites_anywhere(double radius, int count) {
     while (count > 0) {
         double p[6], length = 0;
         int k;
-        for (k = 0; k < 6; k++) p[k] = 2 * ((hash = sbl__hash(hash)) / 4294967296.0) - 1;
+        for (k = 0; k < 6; k++) p[k] = 2 * ((hash = test_hash(hash)) / 4294967296.0) - 1;
         for (k = 3; k < 6; k++) length += p[k] * p[k];
         if (length > 1 || length < 0.01 || p[0] * p[0] + p[1] * p[1] + p[2] * p[2] > 1) continue;
         length = sqrt(length);
@@ -435,7 +435,7 @@ TEST(albedo_of_one) {
 enum { AREA_LIGHT, POINT_LIGHT, ROUND_LIGHT, SPOT_LIGHT, SOFT_SPOT, LIGHTS };
 
 static double flux_scene(test_scene *s, int kind) {
-    const double pi = SBL__PI, inner = cos(15 * pi / 180), outer = cos(35 * pi / 180);
+    const double pi = TEST_PI, inner = cos(15 * pi / 180), outer = cos(35 * pi / 180);
     sbl_light *light = NULL;
     scene_box(s, scene_material(s, 0.3f, 0.6f, 0.85f), 0, 0, 0, 3, 2, 2.2f);
     if (kind == AREA_LIGHT) {
@@ -469,7 +469,7 @@ TEST(light_is_neither_made_nor_lost) {
         for (k = 0; k < 3; k++) {
             double absorbed = 0;
             for (i = 0; i < site_count; i++)
-                absorbed += (i < walls ? 1 - rho[k] : 1) * SBL__PI * (double)readings[i].radiance[k] * areas[i];
+                absorbed += (i < walls ? 1 - rho[k] : 1) * TEST_PI * (double)readings[i].radiance[k] * areas[i];
             printf("  light %d, albedo %g: %.4f of it is absorbed\n", kind, rho[k], absorbed / emitted);
             CHECK(fabs(absorbed / emitted - 1) < 0.01, "light %d, albedo %g: %g of it is absorbed", kind, rho[k], absorbed / emitted);
         }
@@ -483,7 +483,7 @@ static const float face_albedo[6][3] = { { 0.8f, 0.1f, 0.5f }, { 0.1f, 0.8f, 0.5
     { 0.5f, 0.5f, 0 } };
 static const float face_emission[6][3] = { { 0, 0, 0.2f }, { 0, 0, 0 }, { 0, 0, 0 }, { 1, 0.5f, 2 }, { 0, 0.3f, 0 }, { 0.1f, 0, 0 } };
 
-static double chance(uint32_t *state) { *state = *state * 747796405u + 2891336453u; return (sbl__hash(*state) + 0.5) / 4294967296.0; }
+static double chance(uint32_t *state) { *state = *state * 747796405u + 2891336453u; return (test_hash(*state) + 0.5) / 4294967296.0; }
 
 /* What comes along one path, from a point of a face on. Faces are 2 * axis + side. */
 static void follow_path(int face, uint32_t *state, double light[3]) {
@@ -493,7 +493,7 @@ static void follow_path(int face, uint32_t *state, double light[3]) {
     at[face / 2] = face % 2;
     for (bounce = 0; bounce < 60; bounce++) {
         const int axis = face / 2;
-        const double u = chance(state), angle = 2 * SBL__PI * chance(state);
+        const double u = chance(state), angle = 2 * TEST_PI * chance(state);
         double way[3], nearest = 1e30;
         way[(axis + 1) % 3] = sqrt(u) * cos(angle);
         way[(axis + 2) % 3] = sqrt(u) * sin(angle);
@@ -801,14 +801,14 @@ TEST(a_trench_narrower_than_cells) {
         add_site((a[0] + b[0]) / 2, (a[1] + b[1]) / 2, 0.1, strip < STRIPS ? 1 : strip < 2 * STRIPS ? 0 : -1, strip / STRIPS == 1, 0, 1);
     }
     if (use_scene(&s, 1024) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 2048)) {
-        printf("  cells of %g\n", (double)context->core.scene.store.length);
+        printf("  cells of %g\n", (double)inside_cell_length(context));
         for (i = 0; i < site_count; i++) {
             const double here = (double)readings[i].radiance[0] / expected[i * STRIPS / 6 + STRIPS / 12] - 1;
             off += fabs(here) / site_count;
             worst = fabs(here) > worst ? fabs(here) : worst;
         }
         printf("  off by %.2g, at most %.2g\n", off, worst);
-        CHECK(context->core.scene.store.length > 1, "cells are no wider than the trench");
+        CHECK(inside_cell_length(context) > 1, "cells are no wider than the trench");
         CHECK(off < 0.02 && worst < 0.06, "R is off by %g on average, %g at most", off, worst);
     }
     scene_free(&s);
@@ -848,8 +848,8 @@ TEST(a_pleated_sheet) {
             if (x < -0.1) most = test_max(most, here);
         }
         lit /= count;
-        printf("  lit %g, in the dark %g at most; cells of %g\n", lit, most, (double)context->core.scene.store.length);
-        CHECK(context->core.scene.store.length > 0.1f, "cells are no wider than two pleats");
+        printf("  lit %g, in the dark %g at most; cells of %g\n", lit, most, (double)inside_cell_length(context));
+        CHECK(inside_cell_length(context) > 0.1f, "cells are no wider than two pleats");
         CHECK(count > PIXELS / 10 && lit > 0.1, "R of what is lit is %g", lit);
         CHECK(most < 0.01 * lit, "R in the dark is %g of what is lit", most / lit);
         free(stored);
@@ -874,9 +874,9 @@ TEST(a_crowd_of_boxes) {
         if (!use_scene(&s, i ? 1424 : 8192) || !gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 128)) break;
         worst = off_one(&mean);
         printf("  mean off by %.2g, worst %.2g; %d samples, cells of %g\n", mean, worst, sbl_query_stats(context).bounce_samples,
-            (double)context->core.scene.store.length);
+            (double)inside_cell_length(context));
         CHECK(mean < 0.01 && worst < 0.05, "R is off by %g, at most %g", mean, worst);
-        CHECK(context->core.scene.store.length < 0.45f, "cells are of %g: all grew", (double)context->core.scene.store.length);
+        CHECK(inside_cell_length(context) < 0.45f, "cells are of %g: all grew", (double)inside_cell_length(context));
     }
     scene_free(&s);
 }
@@ -922,9 +922,9 @@ TEST(ground_that_no_surface_sees) {
     int i;
     for (i = 0; i < 2; i++) {
         test_scene s = { 0 };
-        const double half = (double)sizes[i], x = half / sqrt(1 + half * half), seen_share = 4 / SBL__PI * x * atan(x);
+        const double half = (double)sizes[i], x = half / sqrt(1 + half * half), seen_share = 4 / TEST_PI * x * atan(x);
         const float w = sizes[i];
-        double expected = 0.5 * 3 / SBL__PI * seen_share;
+        double expected = 0.5 * 3 / TEST_PI * seen_share;
         scene_quad(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), -w, -1, -w, -w, -1, w, w, -1, w, w, -1, -w);
         if (i) scene_box(&s, 0, 9, -1, 9, 10, 0, 10);  /* far away; its sides see the ground */
         scene_light(&s, SBL_LIGHT_DIRECTIONAL, 3, 3, 3)->direction[1] = -1;
@@ -940,15 +940,7 @@ TEST(ground_that_no_surface_sees) {
 
 /* >>what the host draws */
 
-static struct drawn { unsigned program; float albedo, emission, light[6][3]; int views; } drawn;  /* light: what it was told last */
-
-static unsigned drawn_shader(const sbl__gl *gl, unsigned type, int write_depth, const char *text) {
-    const char *const parts[3] = { "#version 330 core\n", write_depth ? "#define WRITE_DEPTH\n" : "", text };
-    unsigned shader = gl->CreateShader(type);
-    gl->ShaderSource(shader, 3, parts, NULL);
-    gl->CompileShader(shader);
-    return shader;
-}
+static struct drawn { GLuint program; float albedo, emission, light[6][3]; int views; } drawn;  /* light: what it was told last */
 
 /* A box of half a side 0.3 about the origin, which reflects by the ambient cube that it is told. */
 static void draw_box(const sbl_draw_view *view, void *user) {
@@ -976,33 +968,28 @@ static void draw_box(const sbl_draw_view *view, void *user) {
         "    gl_FragDepth = gl_FragCoord.w * depth_scale;\n"
         "#endif\n"
         "}\n";
-    const sbl__gl *gl = &context->core.device.gl;
     int i;
     (void)user;
     if (view->kind != SBL_VIEW_SENSOR) return;
-    if (!drawn.program) {
-        drawn.program = gl->CreateProgram();
-        gl->AttachShader(drawn.program, drawn_shader(gl, SBL__GL_VERTEX_SHADER, 0, vertex));
-        gl->AttachShader(drawn.program, drawn_shader(gl, SBL__GL_FRAGMENT_SHADER, view->write_depth, fragment));
-        gl->LinkProgram(drawn.program);
-    }
+    if (!drawn.program)
+        drawn.program = host_gl_program("test_bounce", view->write_depth ? "#define WRITE_DEPTH\n" : "", vertex, fragment);
     drawn.views++;
     memcpy(drawn.light, view->light, sizeof drawn.light);
-    gl->UseProgram(drawn.program);
+    gl.UseProgram(drawn.program);
     for (i = 0; i < 4; i++) {
         const char name[] = { 'c', 'o', 'l', 'u', 'm', 'n', '[', (char)('0' + i), ']', 0 };
         const float *x = view->world_to_clip + 4 * i;
-        gl->Uniform4f(gl->GetUniformLocation(drawn.program, name), x[0], x[1], x[2], x[3]);
+        gl.Uniform4f(gl.GetUniformLocation(drawn.program, name), x[0], x[1], x[2], x[3]);
     }
     for (i = 0; i < 6; i++) {
         const char name[] = { 'l', 'i', 'g', 'h', 't', '[', (char)('0' + i), ']', 0 };
-        gl->Uniform3f(gl->GetUniformLocation(drawn.program, name), view->light[i][0], view->light[i][1], view->light[i][2]);
+        gl.Uniform3fv(gl.GetUniformLocation(drawn.program, name), 1, view->light[i]);
     }
-    gl->Uniform1f(gl->GetUniformLocation(drawn.program, "albedo"), drawn.albedo);
-    gl->Uniform1f(gl->GetUniformLocation(drawn.program, "emission"), drawn.emission);
-    gl->Uniform1f(gl->GetUniformLocation(drawn.program, "radiance_scale"), view->radiance_scale);
-    gl->Uniform1f(gl->GetUniformLocation(drawn.program, "depth_scale"), view->depth_scale);
-    gl->DrawArrays(SBL__GL_TRIANGLES, 0, 36);
+    gl.Uniform1f(gl.GetUniformLocation(drawn.program, "albedo"), drawn.albedo);
+    gl.Uniform1f(gl.GetUniformLocation(drawn.program, "emission"), drawn.emission);
+    gl.Uniform1f(gl.GetUniformLocation(drawn.program, "radiance_scale"), view->radiance_scale);
+    gl.Uniform1f(gl.GetUniformLocation(drawn.program, "depth_scale"), view->depth_scale);
+    gl.DrawArrays(GL_TRIANGLES, 0, 36);
 }
 
 static struct { unsigned char bytes[1 << 22]; size_t count, at; } saved;
@@ -1030,6 +1017,7 @@ TEST(drawn_things_are_told_their_light) {
     const int m = furnace_material(&s, 0.5f);
     double mean, worst, least = 2, most = 0;
     int i;
+    REQUIRE(host_gl_open("test_bounce"), "no GL");  /* for its functions: they serve the context that sbl.h made, too */
     scene_box(&s, m, -1.2f, -1, -0.9f, 1.2f, 1, 0.9f);
     scene = scene_desc(&s);
     scene.draw = draw_box;
@@ -1065,7 +1053,7 @@ TEST(drawn_things_are_told_their_light) {
     site_count = 0;
     add_site(0, -1, 0, 0, 1, 0, 1);
     REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && gather(SBL_MODE_GI, SBL_BACKEND_RASTER, 64), "no light: %s", watch_last(&seen));
-    CHECK(fabs((double)drawn.light[2][2] * SBL__PI / 5 - 1) < 0.001, "what faces up is told %g", (double)drawn.light[2][2]);
+    CHECK(fabs((double)drawn.light[2][2] * TEST_PI / 5 - 1) < 0.001, "what faces up is told %g", (double)drawn.light[2][2]);
     CHECK(drawn.light[3][0] > 0.05f && drawn.light[3][0] < 0.5f * drawn.light[2][0], "what faces down is told %g", (double)drawn.light[3][0]);
     {
         const float before = drawn.light[2][2];  /* a stored store knows it, too; but not one of things drawn elsewhere */
@@ -1080,7 +1068,7 @@ TEST(drawn_things_are_told_their_light) {
     }
     REQUIRE(gather(SBL_MODE_DIRECT, SBL_BACKEND_RASTER, 64), "no light: %s", watch_last(&seen));
     CHECK(most_of(0, 1) >= 0 && drawn.light[2][2] == 0, "in SBL_MODE_DIRECT it is told %g", (double)drawn.light[2][2]);
-    context->core.device.gl.DeleteProgram(drawn.program);
+    host_gl_close();
     scene_free(&s);
 }
 

@@ -1,9 +1,8 @@
 /* Pictures whose radiance map is known in closed form: furnaces, skies, Lambert's polygons, half-space occlusion, the sensors' weights. */
-#define SBL_IMPLEMENTATION
-#define SBL_EGL
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
+#include "support/inside.h"
 #include "support/reference.h"
 
 static sbl_context *context;
@@ -546,7 +545,7 @@ TEST(samples_cover_pixels) {
             double sum = 0;
             for (i = 0; i < view.samples; i++) {
                 float offset[2];  /* rightwards, downwards */
-                sbl__sample_offset(i, view.samples, offset);
+                inside_sample_offset(i, view.samples, offset);
                 sum += x - 3.5 + offset[0] > left && x - 3.5 + offset[0] < right && 3.5 - y - offset[1] > low && 3.5 - y - offset[1] < high;
             }
             worst = test_max(worst, fabs(seen - overlap(x - 4, x - 3, left, right) * overlap(3 - y, 4 - y, low, high)));
@@ -606,13 +605,13 @@ TEST(near_things_in_large_scenes) {
 TEST(half_floats) {
     int i, wrong = 0;
     for (i = 0; i < 0x7bff; i++) {
-        const float low = sbl__from_half((uint16_t)i), high = sbl__from_half((uint16_t)(i + 1)), middle = 0.5f * (low + high);
+        const float low = inside_from_half((uint16_t)i), high = inside_from_half((uint16_t)(i + 1)), middle = 0.5f * (low + high);
         const float below = low + 0.49f * (high - low), above = low + 0.51f * (high - low);
-        wrong += sbl__to_half(low) != i || sbl__to_half(-high) != (0x8000 | (i + 1)) || !(high > low);
-        wrong += sbl__to_half(below) != i || sbl__to_half(above) != i + 1 || sbl__to_half(middle) != i + (i & 1);
+        wrong += inside_to_half(low) != i || inside_to_half(-high) != (0x8000 | (i + 1)) || !(high > low);
+        wrong += inside_to_half(below) != i || inside_to_half(above) != i + 1 || inside_to_half(middle) != i + (i & 1);
     }
     CHECK(wrong == 0, "%d are rounded wrongly", wrong);
-    CHECK(sbl__to_half(1) == 0x3c00 && sbl__to_half(1e9f) == 0x7bff && sbl__to_half(0) == 0, "1, or what is too large, or 0");
+    CHECK(inside_to_half(1) == 0x3c00 && inside_to_half(1e9f) == 0x7bff && inside_to_half(0) == 0, "1, or what is too large, or 0");
 }
 
 /* A glowing lid over a floor, 2 x 2 at height 1; what the floor sees of it. */

@@ -1,10 +1,9 @@
 /* Predicted errors against true ones: scenes whose R is known at every pixel, in closed form or by an independent caster, asked for errors
    of 1 to 8 %. */
-#define SBL_IMPLEMENTATION
-#define SBL_EGL
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
+#include "support/inside.h"
 #include "support/reference.h"
 
 static sbl_context *context;
@@ -297,48 +296,15 @@ TEST(of_looks_between_near_plates) {
 /* What may hide beside a silhouette is no difference that noise could make: a cell by itself, between two surfaces with a strip of a third
    that no sensor stands on. */
 TEST(of_what_silhouettes_hide) {
-    enum { SIDE = 17 };
-    static sbl__pixel pixels[SIDE * SIDE];
     float hidden[2] = { 0, 0 };
-    int run, i, k;
+    int run;
     for (run = 0; run < 3; run++) {  /* dim; four times as bright; one surface all over */
         const float light = run == 1 ? 4 : 1;
-        sbl__refine r;
-        sbl__cell c;
-        memset(&r, 0, sizeof r);
-        memset(&c, 0, sizeof c);
-        memset(pixels, 0, sizeof pixels);
-        sbl__looks_begin(&r);
-        r.width = r.height = SIDE;
-        r.pixels = pixels;
-        r.asked = 0.1f;
-        r.luminance = r.smoothing = 1;
-        r.most_looks = 16;
-        for (k = 0; k < 3; k++) r.weights[k] = r.mean[k] = 1;
-        c.x1 = c.y1 = SIDE - 1;
-        c.parent = -1;
-        c.looks = 1;
-        c.pixels = SIDE * SIDE;
-        c.missing = run == 2 ? 0 : 0.25f;
-        for (i = 0; i < SIDE * SIDE; i++) {
-            sbl__pixel *p = &pixels[i];
-            const int x = i % SIDE, y = i / SIDE;
-            p->id = run == 2 || x < 4 ? 1 : x < 8 ? 2 : 3;
-            p->position[0] = (float)x;
-            p->position[1] = (float)y;
-            p->position[2] = p->id == 1 ? 0 : 5;
-            p->normal[2] = p->geometric_normal[2] = 1;
-            if (x % (SIDE - 1) || y % (SIDE - 1)) continue;
-            p->sensed = 1;
-            p->looks = 1;
-            p->variance = 100 * (double)light * (double)light;
-            for (k = 0; k < 3; k++) p->radiance[k] = light;
-        }
-        sbl__cell_weigh(&r, &c, 0);
-        CHECK(c.noise2 > 1 && c.light > 0.9f * light, "noise %g, light %g", (double)c.noise2, (double)c.light);
-        if (run < 2) hidden[run] = c.bias2;
-        else CHECK(c.bias2 == 0 && c.split_gain == 0, "even light misses %g, a split gains %g", (double)c.bias2, (double)c.split_gain);
-        CHECK(run == 2 || c.split_gain > 0, "a split gains %g", (double)c.split_gain);
+        const inside_weight w = inside_weigh_corners(run < 2, light);
+        CHECK(w.noise2 > 1 && w.light > 0.9f * light, "noise %g, light %g", (double)w.noise2, (double)w.light);
+        if (run < 2) hidden[run] = w.bias2;
+        else CHECK(w.bias2 == 0 && w.split_gain == 0, "even light misses %g, a split gains %g", (double)w.bias2, (double)w.split_gain);
+        CHECK(run == 2 || w.split_gain > 0, "a split gains %g", (double)w.split_gain);
     }
     CHECK(hidden[0] > 0.25f * 0.04f * 0.04f && hidden[0] < 0.25f * 3 * 0.15f * 0.15f, "hidden: %g", (double)hidden[0]);
     CHECK(hidden[1] > 15.9f * hidden[0] && hidden[1] < 16.1f * hidden[0], "of four times the light: %g times as much", (double)(hidden[1] / hidden[0]));

@@ -1,10 +1,9 @@
 /* What happens when GL or the allocator fails, at every place at which it can: the right result and a message, nothing leaked, GL's state as it was, and
    the same picture as ever from the context afterwards. Never success with another picture. */
-#define SBL_IMPLEMENTATION
-#define SBL_EGL
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
+#include "support/inside.h"
 #include "support/gl_watch.h"
 #include "support/gl_scene.h"
 #include "support/gl_host.h"
@@ -499,12 +498,6 @@ TEST(scene_programs) {
 
 /* >>sbl_create */
 
-static int is_optional(const char *function) {
-#define X(type, name, parameters) || strcmp(function, "gl" #name) == 0
-    return 0 SBL__GL_OPTIONAL_FUNCTIONS(X);
-#undef X
-}
-
 static void every_creation(fake_fault fault, GLenum error, sbl_result right, const char *name, int least) {
     sbl_context_desc desc = faulty_desc();
     int place, blocks = seen.blocks;
@@ -539,7 +532,7 @@ static void every_creation(fake_fault fault, GLenum error, sbl_result right, con
                       fake.lookup, watch_last(&seen));
         }
         if (fault == FAKE_LOOKUP && hit)
-            CHECK((result == SBL_SUCCESS) == is_optional(fake.lookup), "without %s: \"%s\"", fake.lookup, sbl_result_string(result));
+            CHECK((result == SBL_SUCCESS) == inside_gl_is_optional(fake.lookup), "without %s: \"%s\"", fake.lookup, sbl_result_string(result));
         CHECK(seen.blocks == blocks && seen.strangers == 0, "%s %d: %d blocks leaked", name, place, seen.blocks - blocks);
         CHECK(fake_live() == 0 && fake.strangers == 0, "%s %d: %d GL objects leaked, %d strangers deleted", name, place, fake_live(), fake.strangers);
         if (!hit) break;

@@ -3,12 +3,7 @@
    And contexts side by side, in one GL context and headless ones: none disturbs another. */
 #include <EGL/egl.h>
 #include <string.h>
-static __eglMustCastToProperFunctionPointerType missing_proc(const char *name);
-#define eglGetProcAddress missing_proc  /* for headless contexts: see headless_creation_fails */
-#define SBL_IMPLEMENTATION
-#define SBL_EGL
 #include "../sbl.h"
-#undef eglGetProcAddress
 #include "support/test.h"
 #include "support/scenes.h"
 #include "support/gl_watch.h"
@@ -19,8 +14,12 @@ static __eglMustCastToProperFunctionPointerType missing_proc(const char *name);
 
 static const char *missing;  /* the function that the headless contexts' loader does not know */
 
-static __eglMustCastToProperFunctionPointerType missing_proc(const char *name) {
-    return missing && strcmp(name, missing) == 0 ? NULL : eglGetProcAddress(name);
+/* The linker turns all calls of eglGetProcAddress into calls of this one: see scripts/Makefile. */
+typedef __eglMustCastToProperFunctionPointerType egl_function;
+egl_function __real_eglGetProcAddress(const char *name);
+egl_function __wrap_eglGetProcAddress(const char *name);
+egl_function __wrap_eglGetProcAddress(const char *name) {
+    return missing && strcmp(name, missing) == 0 ? NULL : __real_eglGetProcAddress(name);
 }
 
 static watch seen;

@@ -1,11 +1,10 @@
 /* Sensors stuck inside geometry. A sensor stands a little off its surface; where a closed box hovers over a floor by less than that, the sensors of
    the floor that the camera still sees in the gap stand inside the box. They must be found out, and must not bring to the floor the light
    that shines inside. A room modelled inside out, where every surface shows its back, must not be mistaken for that. */
-#define SBL_IMPLEMENTATION
-#define SBL_EGL
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
+#include "support/inside.h"
 
 static sbl_context *context;
 static sbl_backend backend;
@@ -47,11 +46,11 @@ TEST(stuck_sensors_bring_no_light_from_inside) {
     sbl_stats stats;
     sbl_sensor sensor;
     float *radiance, *position, red = 0, lowest_green = 1;
-    float offset = 0;
+    float offset;
     int i, gap_row = -1, open_row = -1;
     gap_scene(&s, 0);  /* how far do sensors stand off the floor? */
     REQUIRE(scene_render(context, &s, &view), "no picture");
-    for (i = 0; i < view.width * view.height; i++) offset = fmaxf(offset, context->picture.refine.pixels[i].offset);
+    offset = inside_farthest_offset(context);
     scene_free(&s);
     gap_scene(&s, 0.4f * offset);
     REQUIRE(scene_render(context, &s, &view), "no picture");

@@ -33,6 +33,8 @@ typedef struct reference_windows {
     double mean, noise_pixels, noise_blocks;  /* variances of the two seeds' mean */
 } reference_windows;
 
+static double luminance(const float c[3]) { return 0.2126 * (double)c[0] + 0.7152 * (double)c[1] + 0.0722 * (double)c[2]; }
+
 /* Adds up squares of differences over pixels and over blocks of one window. */
 static void window_compare(const float *a, int a_width, const float *b, const float *c, double *pixels, double *blocks) {
     int bx, by, x, y;
@@ -42,8 +44,8 @@ static void window_compare(const float *a, int a_width, const float *b, const fl
             for (y = by; y < by + BLOCK_SIDE; y++)
                 for (x = bx; x < bx + BLOCK_SIDE; x++) {
                     const int i = 3 * (y * WINDOW + x);
-                    double d = (double)sbl__luminance(a + 3 * ((size_t)y * (size_t)a_width + (size_t)x)) - (double)sbl__luminance(b + i);
-                    if (c) d += 0.5 * ((double)sbl__luminance(b + i) - (double)sbl__luminance(c + i));
+                    double d = luminance(a + 3 * ((size_t)y * (size_t)a_width + (size_t)x)) - luminance(b + i);
+                    if (c) d += 0.5 * (luminance(b + i) - luminance(c + i));
                     *pixels += d * d;
                     sum += d;
                 }
@@ -72,7 +74,7 @@ static int reference_make(reference_windows *r, const version_view *view) {
     for (i = 0; i < WINDOWS * WINDOWS; i++) {
         window_compare(r->light[0] + window * (size_t)i, WINDOW, r->light[1] + window * (size_t)i, NULL, &pixels, &blocks);
         for (k = 0; k < WINDOW * WINDOW; k++)
-            r->mean += 0.5 * ((double)sbl__luminance(r->light[0] + window * (size_t)i + 3 * k) + (double)sbl__luminance(r->light[1] + window * (size_t)i + 3 * k));
+            r->mean += 0.5 * (luminance(r->light[0] + window * (size_t)i + 3 * k) + luminance(r->light[1] + window * (size_t)i + 3 * k));
     }
     r->mean /= WINDOWS * WINDOWS * WINDOW * WINDOW;
     r->noise_pixels = pixels / 4;

@@ -1,8 +1,6 @@
-/* See version.h. Built with -DVERSION=version_now and the header of this tree, and with -DVERSION=version_before and an older one: sbl.h
-   and the folder examples are those that the include path names. */
+/* See version.h. Built with -DVERSION=version_now and the header of this tree, and with -DVERSION=version_before, an older header
+   and that header's implementation, static here. The include path says which sbl.h and which folder examples are meant. */
 #define _DEFAULT_SOURCE
-#define SBL_STATIC
-#define SBL_IMPLEMENTATION
 #include <sbl.h>
 #include <examples/scene_file.h>
 #include "version.h"

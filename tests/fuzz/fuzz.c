@@ -187,7 +187,9 @@ static void fuzz_mesh(fuzz_bytes *b, sbl_mesh *m) {
     if (shape & 1) fuzz_stream(b, &m->normals, 3, m->vertex_count, 0);
     if (shape & 2) fuzz_stream(b, &m->texcoords, 2, m->vertex_count, 0);
     if (shape & 4) fuzz_stream(b, &m->colors, 4, m->vertex_count, 0);
-    if (shape & 8) fuzz_stream(b, &m->indices, 1, m->index_count, SBL__MIN(SBL__MAX(m->vertex_count, 1), 200));
+    if (shape & 8)
+        fuzz_stream(b, &m->indices, 1, m->index_count,
+                    m->vertex_count < 1 ? 1 : m->vertex_count > 200 ? 200 : m->vertex_count);
     if (shape & 16) fuzz_transform(b, m->transform);
     if (shape & 32) fuzz_stream(b, &m->lightmap_texcoords, 2, m->vertex_count, 0);
     m->material = fuzz_int(b, 0, FUZZ_MATERIALS - 1);

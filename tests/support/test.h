@@ -4,11 +4,15 @@
        int main(void) { RUN(sum_is_one); return test_report(); }
 
    CHECK reports and goes on; REQUIRE reports and leaves the test. SKIP leaves it, saying why. The last line of a program's output is
-   "N passed, N failed, N skipped"; scripts/test adds them up. A test that checks nothing counts as failed. */
+   "N passed, N failed, N skipped"; scripts/test adds them up. A test that checks nothing counts as failed.
+
+       TEST_ONLY=sum_is_one build/test_NAME        runs this test alone; the program fails if there is none */
 #ifndef TEST_H
 #define TEST_H
 
+#include <stdint.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 static int test_passed, test_failed, test_skipped;
@@ -21,11 +25,23 @@ static int test_checks, test_errors, test_left_out;
 #define REQUIRE(condition, ...) do { test_checks++; if (!(condition)) { TEST__FAIL(__VA_ARGS__); return; } } while (0)
 #define SKIP(...) do { test_left_out = 1; printf("  skipped: "); printf(__VA_ARGS__); printf("\n"); return; } while (0)
 
+#define TEST_PI 3.14159265358979323846
+
 /* NaN, which fmax and fmin pass over, stays: every comparison with it fails. */
 static inline double test_max(double a, double b) { return a >= b || a != a ? a : b; }
 static inline double test_min(double a, double b) { return a <= b || a != a ? a : b; }
 
+/* Spreads x over 32 bits (PCG), for rows of numbers without a pattern. */
+static inline uint32_t test_hash(uint32_t x) {
+    uint32_t word;
+    x = x * 747796405u + 2891336453u;
+    word = ((x >> ((x >> 28) + 4u)) ^ x) * 277803737u;
+    return (word >> 22) ^ word;
+}
+
 static void test_run(const char *name, void (*function)(void)) {
+    const char *only = getenv("TEST_ONLY");
+    if (only && strcmp(only, name) != 0) return;
     test_checks = test_errors = test_left_out = 0;
     function();
     if (!test_left_out && test_checks == 0) { test_errors++; printf("  %s checks nothing\n", name); }
@@ -38,7 +54,7 @@ static void test_run(const char *name, void (*function)(void)) {
 
 static int test_report(void) {
     printf("%d passed, %d failed, %d skipped\n", test_passed, test_failed, test_skipped);
-    return test_failed != 0;
+    return test_failed != 0 || test_passed + test_skipped == 0;
 }
 
 #endif
