@@ -1019,6 +1019,7 @@ TEST(drawn_things_are_told_their_light) {
     int i;
     REQUIRE(host_gl_open("test_bounce"), "no GL");  /* for its functions: they serve the context that sbl.h made, too */
     scene_box(&s, m, -1.2f, -1, -0.9f, 1.2f, 1, 0.9f);
+    if (!use_scene(&s, 4096)) return;
     scene = scene_desc(&s);
     scene.draw = draw_box;
     for (i = 0; i < 3; i++) { scene.draw_bounds[0][i] = -0.3f; scene.draw_bounds[1][i] = 0.3f; }
