@@ -1847,7 +1847,7 @@ static unsigned char sbl__to_byte(float x) {
 
 typedef struct sbl__gl {
     sbl__base *base;
-    const char *doing;  /* current activity, such as "storing meshes"; completes messages that end with "while" */
+    const char *doing;  /* current activity, such as "storing meshes"; messages put it after the word "while" */
 #define SBL__X(type, name, parameters) type (SBL__GLAPI *name) parameters;
     SBL__GL_FUNCTIONS(SBL__X)
     SBL__GL_OPTIONAL_FUNCTIONS(SBL__X)
@@ -1913,7 +1913,7 @@ enum {
 static sbl_result sbl__gl_check(const sbl__gl *gl) {
     sbl_result result = SBL_SUCCESS;
     int i;
-    for (i = 0; i < 32; i++) {  /* the limit matters for a lost context, which reports errors for ever */
+    for (i = 0; i < 32; i++) {  /* the loop is limited because a lost context reports errors for ever */
         unsigned error = gl->GetError();
         if (error == SBL__GL_NO_ERROR) break;
         if (error == SBL__GL_OUT_OF_MEMORY) {
@@ -2027,7 +2027,7 @@ static sbl_result sbl__gl_load(sbl__gl *gl, sbl__base *base, const sbl_context_d
    before that function returns. sbl__guard_force sets the state that all passes rely on. It runs after the state has
    been saved, and again after each call of the host's draw callback, which may have changed it. */
 
-/* The arguments of glEnable; needed: the first GL version that has the switch, as 10 * major + minor */
+/* Switches for glEnable; needed: the first GL version that has the switch, as 10 * major + minor */
 static const struct { unsigned name; int needed; } sbl__guard_switches[] = {
     { SBL__GL_CULL_FACE, 33 }, { SBL__GL_DEPTH_TEST, 33 }, { SBL__GL_STENCIL_TEST, 33 }, { SBL__GL_SCISSOR_TEST, 33 },
     { SBL__GL_COLOR_LOGIC_OP, 33 }, { SBL__GL_DITHER, 33 }, { SBL__GL_POLYGON_OFFSET_FILL, 33 },
@@ -2069,7 +2069,8 @@ typedef struct sbl__guard {
     unsigned char switches[32], blend[SBL__GUARD_DRAW_BUFFERS], color_mask[SBL__GUARD_DRAW_BUFFERS][4], depth_mask;
     int pixel_store[16], polygon_mode[2], front_face, clamp_read, depth_function, clip_origin, clip_depth;
     unsigned char scissor_test[SBL__GUARD_VIEWPORTS];
-    int viewport[4], scissor[4], scissors[SBL__GUARD_VIEWPORTS][4];  /* plural: if the driver has a viewport array */
+    int viewport[4], scissor[4], scissors[SBL__GUARD_VIEWPORTS][4];  /* viewports, scissors, depth_ranges and
+                                                      scissor_test are used if the driver has a viewport array */
     float viewports[SBL__GUARD_VIEWPORTS][4];
     double depth_range[2], depth_ranges[SBL__GUARD_VIEWPORTS][2];
     int program, vertex_array, buffers[8], draw_framebuffer, read_framebuffer, active_texture;
@@ -3430,7 +3431,8 @@ static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, in
 
 /* >>check: lights and the environment */
 
-#define SBL__CONE(light) ((light)->cone > 0.0f ? (light)->cone : 90.0f)  /* degrees; the default is 90 */
+/* Opening angle of a spot light's cone in degrees; 0 in sbl_light means 90 */
+#define SBL__CONE(light) ((light)->cone > 0.0f ? (light)->cone : 90.0f)
 
 /* Largest width and height of the environment's picture, in texels; lamps store each texel coordinate in 15 bits */
 #define SBL__SKY_MOST 16384
@@ -4008,7 +4010,7 @@ static void sbl__mesh_convert(sbl__geometry *g, const sbl__mesh_data *m, int num
         }
         sbl__triangle_normal(p, normal);
         if (normal[0] == 0 && normal[1] == 0 && normal[2] == 0) { g->degenerate_count++; continue; }
-        for (i = 0; i < 3; i++)  /* m->corners lie in g->indices too, but never before the place that is written here */
+        for (i = 0; i < 3; i++)  /* g->indices also holds m->corners, but only those already read are overwritten */
             g->indices[3 * (size_t)g->triangle_count + (size_t)i] = (uint32_t)g->vertex_count + corners[i];
         g->triangle_count++;
     }
@@ -4244,7 +4246,7 @@ static void sbl__geometry_bind(sbl__device *d, const sbl__geometry *g) {
 #define SBL__TEXEL_TABLE_WIDTH 4096  /* texels per row; less if the driver's textures are smaller */
 
 typedef struct sbl__textures {
-    sbl__texture tables[2];    /* texel tables: 8-bit sRGB, 16-bit float */
+    sbl__texture tables[2];    /* texel tables: [0] 8-bit sRGB, [1] 16-bit floats */
     uint32_t (*places)[4];     /* per texture: first row in its table, width, height, kind; copied to sbl__object */
     float *brightest;          /* per texture: largest component of any texel; 1 for 8-bit sRGB */
     int count;                 /* number of textures */
@@ -4305,7 +4307,7 @@ static void sbl__texels_write_bytes(const sbl__texel_table *table, size_t at, co
 /* Writes the pixels of any other texture. copy: NULL, or the r g b a that were read from the host's GL texture. Logs an
    error and returns SBL_ERROR_INVALID_ARGUMENT if a component is negative or not finite. */
 static sbl_result sbl__texels_write_pixels(const sbl__device *d, const sbl__textures *s, const sbl__texel_table *table,
-                                    const sbl_texture *t, int index, const float *copy) {
+                                           const sbl_texture *t, int index, const float *copy) {
     const int width = (int)s->places[index][1], height = (int)s->places[index][2];
     const size_t stride = sbl__texture_stride(t, width);
     size_t at = (size_t)s->places[index][0] * (size_t)table->width;
@@ -4430,17 +4432,17 @@ static void sbl__textures_bind(sbl__device *d, const sbl__textures *s) {
 }
 
 /* ====================================================================================================== >>environment
-   Light that arrives from where no surface is: from the sky, which is constant, and from a picture around the scene.
-   Radiance of the picture up to a limit is found by rays over the hemisphere. Radiance above it would make them noisy,
-   so each texel that exceeds the limit is also a lamp, which emits the excess (see >>lamps). */
+   Light that arrives from directions without a surface: from the sky, which is constant, and from a picture around the
+   scene. Rays over the hemisphere find the picture's radiance up to a limit. Radiance above the limit would make their
+   results noisy, so each texel that exceeds the limit is also a lamp, which emits the excess (see >>lamps). */
 
-/* The limit, in multiples of the picture's mean radiance over all directions */
+/* Limit for the radiance that rays over the hemisphere find, in multiples of the picture's mean over all directions */
 #define SBL__SKY_LIMIT 4
 
 typedef struct sbl__environment {
     float sky[3];        /* constant radiance from all directions, added to the picture's */
     float *pixels;       /* radiance of the picture, host's scale included: r g b; NULL if there is no picture */
-    int width, height;   /* of the picture, texels */
+    int width, height;   /* size of the picture, texels */
     float axes[3][3];    /* the picture's x, up and z axes in world space: unit vectors */
     float limit;         /* radiance (largest component) above which a texel is a lamp; 0 if there is no picture */
     float brightest;     /* largest component of the radiance from any direction, sky and picture together */
@@ -4557,8 +4559,8 @@ static sbl_result sbl__environment_make(const sbl__device *d, sbl__environment *
 
 #define SBL__FAR 1e29f   /* a distance above this means that a ray hit nothing */
 
-/* Radiance that a ray over the hemisphere finds if it hits nothing: the sky, and the picture up to its limit.
-   Same as `sky + sbl_sky(direction)` in trace.glsl. */
+/* Radiance that a ray over the hemisphere finds if it hits nothing: the sky's, plus the picture's up to the limit. Same
+   as `sky + sbl_sky(direction)` in trace.glsl. */
 static void sbl__environment_rest(const sbl__environment *e, const double direction[3], float light[3]) {
     double d[3] = { 0, 0, 0 }, excess;
     const float *texel;
@@ -4591,7 +4593,7 @@ static const char *const sbl__glsl_sky[] = {
 "uniform sampler2D sky_picture;\n",
 "uniform vec3 sky_x, sky_up, sky_z;  // axes of the picture in world space: unit vectors\n",
 "uniform float sky_limit;            // radiance (largest component) above which a texel is also a lamp, which emits\n",
-"                                    // the excess; 0: there is no picture\n",
+"                                    // the excess; 0: the picture gives no light, or there is none\n",
 "\n",
 "// Position in the picture where a direction points to: 0 to 1 from left to right and from top to bottom.\n",
 "vec2 sbl_sky_at(vec3 direction) {\n",
@@ -7706,7 +7708,7 @@ typedef struct sbl__site {
     float normal[3];            /* unit vector to the centre of the hemisphere; a surface's shading normal */
     float geometric_normal[3];  /* unit vector along which the sensor is moved off the surface */
     float offset;               /* distance by which the sensor is moved, world units */
-    uint32_t number;            /* seeds the rotation of the site's directions; differs between places */
+    uint32_t number;            /* seed for rotating the site's rays or views; different for sites at other positions */
     int guide;                  /* number of the guide that directs the site's rays, see >>guide; 0: no guide */
     int first, looks;           /* the job makes this number of looks, beginning with look number `first` */
 } sbl__site;
@@ -7720,18 +7722,19 @@ typedef struct sbl__spec {
     int traced;                 /* 1: sensors trace rays; 0: they rasterise views */
     int paper;                  /* 1: exactly the paper's method: views are not rotated, texels are weighted by
                                    equation 4, emitters are seen in views, other kinds of lamps are ignored */
-    int hemicube, size;         /* rasterised: 1: five views, 0: one view; texels across a view */
+    int hemicube;               /* rasterised: 1: five views form half a cube; 0: one view along the normal */
+    int size;                   /* rasterised: width and height of a view, texels */
     float fov;                  /* rasterised, one view: field of view, degrees */
     int looks;                  /* maximum number of looks per site */
-    int rays;                   /* traced: rays over the hemisphere per look */
+    int rays;                   /* traced: number of rays over the hemisphere per look */
     int lamp_rays;              /* maximum number of rays towards lamps per look; 0: no rays are aimed at lamps */
     int lamps_apart;            /* 1: lamp_rays measure emitters, so other rays and views see them without emission */
     int bounced;                /* 1: surfaces also reflect the bounced light of the store; 0: only epsilon */
-    int skyless;                /* traced: 1: rays over the hemisphere do not see the sky and the environment */
-    int dark;                   /* traced: 1: rays over the hemisphere cannot find light; only a site's first look
-                                   traces them, since readings also tell distances and back faces */
-    int guided;                 /* 1: sites have guides */
-    float reach;                /* traced: larger distances count as this one in mean distances; 0: no limit */
+    int skyless;                /* traced: 1: rays over the hemisphere see neither the sky nor the environment */
+    int dark;                   /* traced: 1: rays over the hemisphere cannot find light, so only a site's first look
+                                   traces them, for the distances and back faces that readings report */
+    int guided;                 /* 1: guides direct the sites' rays, see >>guide */
+    float reach;                /* traced: upper limit for each distance in a reading's mean distance; 0: no limit */
     int narrow;                 /* traced: 1: a look traces one ray only, along the normal */
     int directional;            /* 1: the job also yields sbl__harmonics for each site */
     float epsilon;
@@ -7741,7 +7744,7 @@ typedef struct sbl__spec {
 
 /* One look of a site. */
 typedef struct sbl__look {
-    float position[3];          /* of the sensor: the site's, moved by the offset */
+    float position[3];          /* position of the sensor: the site's position, moved by the offset */
     float normal[3];
     float offset;
     float turn;                 /* rasterised: rotation of the views about the normal, radians */
@@ -7751,18 +7754,19 @@ typedef struct sbl__look {
     int sensor;                 /* index of the look among all looks of the job */
 } sbl__look;
 
-#define SBL__MAX_LOOKS 512         /* per site, if looks are added until the error is small enough */
-#define SBL__DEFAULT_LOOKS 16      /* per site, otherwise */
-#define SBL__LOOK_RAYS_MOST 128    /* maximum number of rays per look if looks are added for a small error */
-#define SBL__LOOK_VARIANCE 12.5    /* relative variance that one look may have, in squares of the requested error */
+#define SBL__MAX_LOOKS 512         /* maximum number of looks per site if the host has requested an error */
+#define SBL__DEFAULT_LOOKS 16      /* maximum number of looks per site if the host has not requested an error */
+#define SBL__LOOK_RAYS_MOST 128    /* maximum number of rays per look when a noisy look gets more rays */
+#define SBL__LOOK_VARIANCE 12.5    /* a look gets more rays while its relative variance exceeds this multiple of the
+                                      requested error squared (see sbl__look_growth) */
 /* Distance of a sensor from its surface. It is a share of the scene's extent if views are rasterised, because of the
    depth buffer's precision, and of the triangle's reach (see surface.glsl) if rays are traced. The share is six times
    what float rounding needs: from 2.5e-7 down, sensors on spheres see the sphere itself. */
 #define SBL__OFFSET 1.5e-6f
 
-/* Makes look number `look` of a site. It is moved off the surface along the geometric normal. Its rotation about the
-   normal is the site's hash plus the look number's radical inverse, in quarter turns, so that any number of looks are
-   spread evenly over a quarter turn. In the paper's mode looks are not rotated. */
+/* Makes look number `look` of a site. The sensor is moved off the surface along the geometric normal. Its rotation
+   about the normal is the site's hash (0 to 1) plus the look number's radical inverse, in quarter turns, so that any
+   number of looks are spread evenly over a quarter turn. In the paper's mode looks are not rotated. */
 static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int look, sbl__look *out) {
     const uint32_t hash = sbl__hash(site->number ^ sbl__hash(spec->seed));
     double turn = 0, share = 0.5;  /* turn: radical inverse of `look` in base 2, 0 to 1 */
@@ -7805,9 +7809,9 @@ typedef struct sbl__layout {
     int hemicube, size, view_count;
     double tangent;             /* tangent of half the field of view; 1 for a hemicube */
     int rects[5][4];            /* per view: x, y, width, height in the sheet, texels */
-    int sheet_width, sheet_height;  /* texels, without padding */
-    int block, blocks[2];       /* reduce_blocks.glsl adds up block x block texels; the sheet is padded to blocks[0] x
-                                   blocks[1] whole blocks */
+    int sheet_width, sheet_height;  /* size of the sheet without padding, texels */
+    int block;                  /* width and height of the squares of texels that reduce_blocks.glsl adds up */
+    int blocks[2];              /* number of such squares across and down; the sheet is padded to whole ones */
 } sbl__layout;
 
 /* A view, as the vertex attributes that sensor_vertex.glsl declares. */
@@ -7990,7 +7994,7 @@ typedef struct sbl__guides {
     float *found;               /* NULL once the guides are made; before: for each grid pixel and each bin, the sum of
                                    the squared luminances that the pixel's scouts found */
     uint32_t *words;            /* the guides, as guide.glsl reads them, SBL__GUIDE_WORDS each */
-    sbl__texture texture;       /* the same on the GPU */
+    sbl__texture texture;       /* copy of `words` on the GPU */
 } sbl__guides;
 
 static void sbl__guides_free(const sbl__device *d, sbl__guides *g) {
@@ -8077,7 +8081,7 @@ static double sbl__guide_interval_begin(const uint32_t *words, int i) {
 }
 
 /* Same as sbl_guide in guide.glsl: maps a uniform point u of the unit square to one that is distributed by the guide,
-   and returns the weight of its ray. words: the guide's */
+   and returns the weight of its ray. words: first word of the guide */
 static double sbl__guide_send(const uint32_t *words, double u[2]) {
     static const int counts[2] = { SBL__GUIDE_RINGS, SBL__GUIDE_SECTORS };
     double weight = 1;
@@ -8122,8 +8126,8 @@ typedef struct sbl__slots {
 typedef struct sbl__blocks {
     sbl__texture sums, hits;
     sbl__texture harmonics[3];  /* directional jobs: coefficients of red, green, blue */
-    sbl__texture even;          /* directional jobs: by how much the coefficients that the rays sampled are too small if
-                                   the same radiance comes from all directions; reduce_sum.glsl corrects it */
+    sbl__texture even;          /* directional jobs: exact coefficients of radiance 1 from all directions, minus those
+                                   that the rays yield; reduce_sum.glsl uses them to correct the rays' coefficients */
     sbl__target target;
 } sbl__blocks;
 
@@ -8133,7 +8137,7 @@ static unsigned sbl__features_of(const sbl__scene *scene, const sbl__spec *spec)
            (spec->guided ? (unsigned)SBL__GUIDED : 0) | (spec->directional ? (unsigned)SBL__DIRECTIONAL : 0);
 }
 
-/* Looks that are drawn or traced together, in the `count` slots from number `slot` on. */
+/* Looks that are drawn or traced together. They use `count` slots, beginning with slot number `slot`. */
 typedef struct sbl__batch {
     const sbl__scene *scene;
     const sbl__spec *spec;
@@ -8187,20 +8191,22 @@ static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const
 
 /* >>glsl carrier: shaders_embedded/carrier.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_carrier[] = {
-"// What sensors' programs have in common. A sensor has a block of texels, one an invocation. There are two\n",
-"// carriers: fragment shaders drawn over the blocks, and compute shaders, in which the invocations of a sensor\n",
-"// follow each other.\n",
-"uniform ivec2 blocks;            // invocations of a sensor: four by some, so that those that run side by side\n",
-"                                 // trace neighbouring rays\n",
-"uniform int columns;             // sensors across the target\n",
-"uniform int first_slot, count;   // this many sensors stand from first_slot on\n",
+"// Shared by all programs that trace rays for sensors. Each sensor (a look, see >>sensors in sbl.h) has a slot of\n",
+"// blocks.x * blocks.y texels in the outputs, and one invocation computes each texel. The programs run either as\n",
+"// fragment shaders, drawn over the slots, or as compute shaders, with consecutive invocations for each slot.\n",
+"uniform ivec2 blocks;            // width and height of a slot, texels; at most 4 wide, so that invocations that run\n",
+"                                 // side by side trace neighbouring rays\n",
+"uniform int columns;             // number of slots in a row of the outputs\n",
+"uniform int first_slot, count;   // the looks of this draw use `count` slots, beginning with slot first_slot\n",
 "\n",
 "const vec3 SBL_LUMINANCE = vec3(0.2126, 0.7152, 0.0722);  // weights of linear sRGB\n",
 "\n",
-"// What R that comes from a unit direction w counts in the radiance's first two bands of real spherical harmonics:\n",
-"// 1, y, z, x. reciprocal: of the cosine between w and the normal n.\n",
+"// Weights by which light from the unit direction w contributes to the coefficients of the first two bands of real\n",
+"// spherical harmonics, in the order 1, y, z, x. The light is given as its part of R (irradiance / pi), which\n",
+"// includes the cosine between w and the normal n; the coefficients describe radiance, which does not.\n",
+"// reciprocal: 1 / that cosine\n",
 "vec4 sbl_harmonics(vec3 w, vec3 n, float reciprocal) {\n",
-"    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w over the cosine\n",
+"    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w divided by the cosine\n",
 "    return 3.14159265 * vec4(0.28209479 * reciprocal, 0.48860251 * way.yzx);\n",
 "}\n",
 "\n",
@@ -16586,7 +16592,7 @@ typedef struct sbl__egl {
     EGLSurface surface;
 } sbl__egl;
 
-/* The EGL state of the host while the library's context is current. */
+/* The host's EGL state, saved while the library's own context is current. */
 typedef struct sbl__egl_before {
     int switched;        /* 1 if the state was saved and must be restored */
     EGLDisplay display;
@@ -16600,8 +16606,8 @@ static sbl_gl_function sbl__egl_function(const char *name, void *user) {
     return (sbl_gl_function)eglGetProcAddress(name);
 }
 
-/* Tries to create a context on a display and to make it current, with a pbuffer or without a surface. Returns 1 on
-   success. */
+/* Tries to create a context on a display and to make it current. pbuffer: 1: with a pbuffer as its surface; 0: without
+   a surface. Returns 1 on success. */
 static int sbl__egl_try(sbl__egl *e, EGLDisplay display, int pbuffer) {
     static const EGLint context_attributes[] = { EGL_CONTEXT_MAJOR_VERSION, 3, EGL_CONTEXT_MINOR_VERSION, 3,
                                                  EGL_CONTEXT_OPENGL_PROFILE_MASK,
