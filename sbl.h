@@ -1847,7 +1847,7 @@ static unsigned char sbl__to_byte(float x) {
 
 typedef struct sbl__gl {
     sbl__base *base;
-    const char *doing;  /* current activity, such as "storing meshes"; messages put it after the word "while" */
+    const char *doing;  /* current activity, for messages such as "GL error 0x0502 while storing meshes" */
 #define SBL__X(type, name, parameters) type (SBL__GLAPI *name) parameters;
     SBL__GL_FUNCTIONS(SBL__X)
     SBL__GL_OPTIONAL_FUNCTIONS(SBL__X)
@@ -3239,7 +3239,7 @@ static void sbl__check_int(sbl__check *check, const char *where, const char *nam
 
 /* >>check: meshes */
 
-/* Of each sbl_type: the bytes of a component, and the factor that turns a stored integer into its value */
+/* For each sbl_type: bytes of a component, and the factor that converts a stored integer to its value */
 static const struct { int bytes; double scale; } sbl__types[SBL_TYPE_COUNT] = {
     { 4, 1 }, { 2, 1 }, { 1, 1 / 255.0 }, { 2, 1 / 65535.0 }, { 1, 1 / 127.0 }, { 2, 1 / 32767.0 },
     { 1, 1 }, { 2, 1 }, { 4, 1 }
@@ -3431,7 +3431,7 @@ static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, in
 
 /* >>check: lights and the environment */
 
-/* Opening angle of a spot light's cone in degrees; 0 in sbl_light means 90 */
+/* Full angle of a spot light's cone in degrees; 0 in sbl_light means 90 */
 #define SBL__CONE(light) ((light)->cone > 0.0f ? (light)->cone : 90.0f)
 
 /* Largest width and height of the environment's picture, in texels; lamps store each texel coordinate in 15 bits */
@@ -7728,8 +7728,8 @@ typedef struct sbl__spec {
     int looks;                  /* maximum number of looks per site */
     int rays;                   /* traced: number of rays over the hemisphere per look */
     int lamp_rays;              /* maximum number of rays towards lamps per look; 0: no rays are aimed at lamps */
-    int lamps_apart;            /* 1: lamp_rays measure emitters, so other rays and views see them without emission */
-    int bounced;                /* 1: surfaces also reflect the bounced light of the store; 0: only epsilon */
+    int lamps_apart;            /* 1: lamp_rays measure all emission, so other rays and views do not see it */
+    int bounced;                /* 1: surfaces reflect bounced light (see >>store) and ambient light; 0: ambient only */
     int skyless;                /* traced: 1: rays over the hemisphere see neither the sky nor the environment */
     int dark;                   /* traced: 1: rays over the hemisphere cannot find light, so only a site's first look
                                    traces them, for the distances and back faces that readings report */
@@ -7737,8 +7737,8 @@ typedef struct sbl__spec {
     float reach;                /* traced: upper limit for each distance in a reading's mean distance; 0: no limit */
     int narrow;                 /* traced: 1: a look traces one ray only, along the normal */
     int directional;            /* 1: the job also yields sbl__harmonics for each site */
-    float epsilon;
-    uint32_t seed;
+    float epsilon;              /* ambient light: radiance that reaches all surfaces from all directions */
+    uint32_t seed;              /* seed for the rotation of all sensors, see sbl_picture_desc */
     int atlas_size, batch;      /* fields of sbl_context_desc */
 } sbl__spec;
 
@@ -7760,8 +7760,9 @@ typedef struct sbl__look {
 #define SBL__LOOK_VARIANCE 12.5    /* a look gets more rays while its relative variance exceeds this multiple of the
                                       requested error squared (see sbl__look_growth) */
 /* Distance of a sensor from its surface. It is a share of the scene's extent if views are rasterised, because of the
-   depth buffer's precision, and of the triangle's reach (see surface.glsl) if rays are traced. The share is six times
-   what float rounding needs: from 2.5e-7 down, sensors on spheres see the sphere itself. */
+   depth buffer's precision, and of the triangle's reach if rays are traced: its distance from the origin plus its size
+   (see surface.glsl). The share is six times what float rounding needs: at 2.5e-7 and below, sensors on a sphere see
+   the sphere itself. */
 #define SBL__OFFSET 1.5e-6f
 
 /* Makes look number `look` of a site. The sensor is moved off the surface along the geometric normal. Its rotation
@@ -7814,7 +7815,7 @@ typedef struct sbl__layout {
     int blocks[2];              /* number of such squares across and down; the sheet is padded to whole ones */
 } sbl__layout;
 
-/* A view, as the vertex attributes that sensor_vertex.glsl declares. */
+/* The vertex attributes of a view. sensor_vertex.glsl explains them. */
 typedef struct sbl__view { float eye[3], right[4], up[4], forward[4], offset[2]; } sbl__view;
 
 static void sbl__layout_make(sbl__layout *l, int hemicube, int size, float fov) {
@@ -8004,7 +8005,7 @@ static void sbl__guides_free(const sbl__device *d, sbl__guides *g) {
     memset(g, 0, sizeof *g);
 }
 
-/* Index of the bin that a point of the unit square lies in */
+/* Index of the bin that contains a point of the unit square. ring_share, sector_share: the point's coordinates */
 static int sbl__guide_bin(double ring_share, double sector_share) {
     const int ring = (int)(ring_share * SBL__GUIDE_RINGS), sector = (int)(sector_share * SBL__GUIDE_SECTORS);
     return SBL__MIN(ring, SBL__GUIDE_RINGS - 1) * SBL__GUIDE_SECTORS + SBL__MIN(sector, SBL__GUIDE_SECTORS - 1);
@@ -8194,8 +8195,8 @@ static const char *const sbl__glsl_carrier[] = {
 "// Shared by all programs that trace rays for sensors. Each sensor (a look, see >>sensors in sbl.h) has a slot of\n",
 "// blocks.x * blocks.y texels in the outputs, and one invocation computes each texel. The programs run either as\n",
 "// fragment shaders, drawn over the slots, or as compute shaders, with consecutive invocations for each slot.\n",
-"uniform ivec2 blocks;            // width and height of a slot, texels; at most 4 wide, so that invocations that run\n",
-"                                 // side by side trace neighbouring rays\n",
+"uniform ivec2 blocks;            // width and height of a slot, texels; at most 4 wide, so that invocations that\n",
+"                                 // run side by side trace neighbouring rays\n",
 "uniform int columns;             // number of slots in a row of the outputs\n",
 "uniform int first_slot, count;   // the looks of this draw use `count` slots, beginning with slot first_slot\n",
 "\n",
@@ -16632,9 +16633,8 @@ static int sbl__egl_try(sbl__egl *e, EGLDisplay display, int pbuffer) {
     return 1;
 }
 
-/* Creates a context: on Mesa's surfaceless platform or, if that fails, on the first of up to 16 EGL devices that works
-   or, if none does, with a pbuffer on the default display. Displays stay initialised, because a whole process shares
-   them. */
+/* Creates a context. Tries Mesa's surfaceless platform, then up to 16 EGL devices, then a pbuffer on the default
+   display. Displays are never terminated, because all users in a process share them. */
 static sbl_result sbl__egl_create(sbl__egl *e, const sbl__base *base) {
     const PFNEGLGETPLATFORMDISPLAYEXTPROC get_display =
         (PFNEGLGETPLATFORMDISPLAYEXTPROC)eglGetProcAddress("eglGetPlatformDisplayEXT");

@@ -1,8 +1,8 @@
 // Shared by all programs that trace rays for sensors. Each sensor (a look, see >>sensors in sbl.h) has a slot of
 // blocks.x * blocks.y texels in the outputs, and one invocation computes each texel. The programs run either as
 // fragment shaders, drawn over the slots, or as compute shaders, with consecutive invocations for each slot.
-uniform ivec2 blocks;            // width and height of a slot, texels; at most 4 wide, so that invocations that run
-                                 // side by side trace neighbouring rays
+uniform ivec2 blocks;            // width and height of a slot, texels; at most 4 wide, so that invocations that
+                                 // run side by side trace neighbouring rays
 uniform int columns;             // number of slots in a row of the outputs
 uniform int first_slot, count;   // the looks of this draw use `count` slots, beginning with slot first_slot
 
