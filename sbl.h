@@ -2157,7 +2157,7 @@ static void sbl__guard_force(const sbl__gl *gl) {
     gl->BindBuffer(SBL__GL_PIXEL_PACK_BUFFER, 0);
     gl->BindBuffer(SBL__GL_PIXEL_UNPACK_BUFFER, 0);
     for (i = 0; i < SBL__GUARD_UNITS; i++) gl->BindSampler((unsigned)i, 0);
-    gl->ActiveTexture(SBL__GL_TEXTURE0);  /* later code binds new textures to the active unit; unit 0 is restored */
+    gl->ActiveTexture(SBL__GL_TEXTURE0);  /* new textures are bound to the active unit, and the guard restores unit 0 */
 }
 
 static void sbl__guard_switch(const sbl__gl *gl, unsigned name, int on) {
@@ -3374,7 +3374,7 @@ static void sbl__check_material(sbl__check *check, const sbl_scene_desc *desc, i
 
 static int sbl__texture_channels(const sbl_texture *t) { return t->channels ? t->channels : 4; }
 
-/* Bytes of a texel */
+/* Bytes per pixel in client memory */
 static size_t sbl__texture_texel(const sbl_texture *t) {
     return (size_t)sbl__texture_channels(t) * (t->format == SBL_PIXELS_FLOAT ? 4u : 1u);
 }
@@ -4248,7 +4248,7 @@ static void sbl__geometry_bind(sbl__device *d, const sbl__geometry *g) {
 typedef struct sbl__textures {
     sbl__texture tables[2];    /* texel tables: [0] 8-bit sRGB, [1] 16-bit floats */
     uint32_t (*places)[4];     /* per texture: first row in its table, width, height, kind; copied to sbl__object */
-    float *brightest;          /* per texture: largest component of any texel; 1 for 8-bit sRGB */
+    float *brightest;          /* per texture: largest component of any texel; always 1 if pixels are 8-bit sRGB */
     int count;                 /* number of textures */
     uint64_t hash;             /* hash of both tables' texels */
 } sbl__textures;
@@ -7991,7 +7991,8 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 /* The guides of a picture, for the pixels of a grid. Guide number 0 belongs to no pixel and keeps the cosine
    distribution. The guide of grid pixel `place`, counted row by row, has number 1 + place. */
 typedef struct sbl__guides {
-    int columns, rows, step;    /* pixels of the grid; distance between them in pixels of the picture */
+    int columns, rows;          /* size of the grid */
+    int step;                   /* distance between neighbours of the grid, in pixels of the picture */
     float *found;               /* NULL once the guides are made; before: for each grid pixel and each bin, the sum of
                                    the squared luminances that the pixel's scouts found */
     uint32_t *words;            /* the guides, as guide.glsl reads them, SBL__GUIDE_WORDS each */
