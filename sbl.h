@@ -1438,8 +1438,9 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 #include <stdlib.h>
 #include <string.h>
 #ifdef _WIN32
-  /* As windows.h declares them, to the type, so that it may stand before, after, or stay out of the host's file. Its
-     macros are no names here: near, far, small, interface and the like; tests/test_windows.sh knows them all. */
+  /* These declarations have exactly the types of those in windows.h, so that the host may include windows.h before this
+     file, after it, or not at all. No identifier in this file may be a macro of windows.h, such as near, far, small or
+     interface; tests/test_windows.sh checks it. */
   #ifdef __cplusplus
   extern "C" {
   #endif
@@ -1458,7 +1459,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 #endif
 #ifdef SBL_EGL
   #ifndef EGL_NO_X11
-    #define EGL_NO_X11  /* keeps Xlib's macros (None, Bool, Status) out of the host's file */
+    #define EGL_NO_X11  /* keeps the macros of Xlib (None, Bool, Status) out of the host's file */
     #define SBL__EGL_NO_X11
   #endif
   #include <EGL/egl.h>
@@ -1469,13 +1470,14 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 #endif
 
 /* ======================================================================================================== >>base
-   Config, log, memory, math. */
+   Helpers that all other rooms use: the clock, the log, memory and arithmetic. */
 
 #define SBL__COUNT(array) ((int)(sizeof(array) / sizeof((array)[0])))
 #define SBL__PI 3.14159265358979323846
 #define SBL__MIN(a, b) ((a) < (b) ? (a) : (b))
 #define SBL__MAX(a, b) ((a) > (b) ? (a) : (b))
 
+/* Time in seconds since an unspecified start. */
 static double sbl__now(void) {
 #ifdef _WIN32
     int64_t count, frequency;
@@ -1489,10 +1491,11 @@ static double sbl__now(void) {
 #endif
 }
 
-typedef struct sbl__base {  /* what every room needs of the context */
+/* The part of the context that every room uses. */
+typedef struct sbl__base {
     sbl_allocator allocator;
     sbl_logger logger;
-    sbl_memory memory;
+    sbl_memory memory;  /* bytes in use now and at most so far */
 } sbl__base;
 
 static void sbl__log(const sbl__base *base, sbl_log_level level, sbl_log_item item, const char *format, ...) {
@@ -1517,10 +1520,11 @@ static void sbl__default_log(sbl_log_level level, sbl_log_item item, const char 
 static void *sbl__default_alloc(size_t bytes, void *user) { (void)user; return malloc(bytes); }
 static void sbl__default_free(void *pointer, void *user) { (void)user; free(pointer); }
 
-#define SBL__ALLOC_PREFIX 16  /* holds the size; keeps malloc's alignment */
+/* Bytes in front of each allocated block. They hold the block's size; 16 of them preserve the alignment of malloc. */
+#define SBL__ALLOC_PREFIX 16
 
-/* count * size bytes of any content; NULL (logged) on overflow or out of memory. A count of 0 gives a pointer all the
-   same. */
+/* Allocates count * size bytes with undefined contents. Logs an error and returns NULL if the product overflows or
+   memory is exhausted. A count of 0 returns a valid pointer, so NULL always means failure. */
 static void *sbl__alloc_raw(sbl__base *base, size_t count, size_t size) {
     char *block = NULL;
     size_t bytes = count * size;
@@ -1528,7 +1532,7 @@ static void *sbl__alloc_raw(sbl__base *base, size_t count, size_t size) {
         block = (char *)base->allocator.alloc(bytes + SBL__ALLOC_PREFIX, base->allocator.user);
     if (!block) {
         sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_OUT_OF_MEMORY,
-                 "out of memory: %.0f bytes of host memory were refused; use a smaller scene or picture",
+                 "out of memory: the allocator refused %.0f bytes of host memory; use a smaller scene or picture",
                  (double)count * (double)size);
         return NULL;
     }
@@ -1538,7 +1542,7 @@ static void *sbl__alloc_raw(sbl__base *base, size_t count, size_t size) {
     return block + SBL__ALLOC_PREFIX;
 }
 
-/* The same, zeroed. */
+/* Like sbl__alloc_raw, but the contents are zero. */
 static void *sbl__alloc(sbl__base *base, size_t count, size_t size) {
     void *block = sbl__alloc_raw(base, count, size);
     if (block) memset(block, 0, count * size);
@@ -1553,8 +1557,9 @@ static void sbl__free(sbl__base *base, void *pointer) {
     base->allocator.free((char *)pointer - SBL__ALLOC_PREFIX, base->allocator.user);
 }
 
-/* Makes room for `needed` elements of `size` bytes in an array of *room; `array` points to the pointer to it. At least
-   doubles it, so that growing one by one costs little. Returns 0, and changes nothing, where memory is out. */
+/* Enlarges an array if needed, so that it can hold `needed` elements of `size` bytes. array: address of the pointer to
+   the array; *room: its capacity in elements. The capacity at least doubles, so that appending single elements takes
+   constant time on average. Returns 1 on success; returns 0 and changes nothing if memory is exhausted. */
 static int sbl__grow(sbl__base *base, void *array, int *room, int needed, size_t size) {
     const int more = needed > INT_MAX / 2 - 1024 ? needed : SBL__MAX(needed, *room * 2 + 1024);
     void *old, *grown;
@@ -1569,8 +1574,8 @@ static int sbl__grow(sbl__base *base, void *array, int *room, int needed, size_t
     return 1;
 }
 
-/* What the host gives is judged by its bits, before anything is computed with it: a compiler may have been told that
-   there is neither infinity nor NaN (-ffast-math), and comparisons then say nothing about them. */
+/* Numbers from the host are tested by their bits before any arithmetic uses them. With -ffast-math the compiler assumes
+   that infinity and NaN do not occur, so comparisons of floats cannot detect them. */
 static uint32_t sbl__float_bits(const float *x) {
     uint32_t bits;
     memcpy(&bits, x, sizeof bits);
@@ -1595,7 +1600,7 @@ static int sbl__between(const float *x, float low, float high) { return sbl__fin
 
 static float sbl__dot(const float a[3], const float b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
-static const float sbl__luminance_weights[3] = { 0.2126f, 0.7152f, 0.0722f };  /* of linear sRGB */
+static const float sbl__luminance_weights[3] = { 0.2126f, 0.7152f, 0.0722f };  /* for linear sRGB: red, green, blue */
 static float sbl__luminance(const float c[3]) { return sbl__dot(sbl__luminance_weights, c); }
 static float sbl__max3(const float a[3]) { return SBL__MAX(a[0], SBL__MAX(a[1], a[2])); }
 static double sbl__sum3(const float v[3]) { return (double)v[0] + v[1] + v[2]; }
@@ -1606,7 +1611,8 @@ static void sbl__cross(const double a[3], const double b[3], double out[3]) {
     out[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-/* Edges of a triangle from its first corner, and their cross product: its normal, twice its area long. */
+/* Computes the cross product of a triangle's edges p[1] - p[0] and p[2] - p[0]. It is perpendicular to the triangle,
+   and its length is twice the triangle's area. */
 static void sbl__triangle_normal(const float *const p[3], double normal[3]) {
     double a[3], b[3];
     int k;
@@ -1617,7 +1623,7 @@ static void sbl__triangle_normal(const float *const p[3], double normal[3]) {
     sbl__cross(a, b, normal);
 }
 
-/* 0 where the vector is too short to have a direction */
+/* Scales v to unit length and returns 1. If the length of v is 0, infinite or NaN, returns 0 and leaves v unchanged. */
 static int sbl__normalize(double v[3]) {
     double length = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
     if (!(length > 0.0) || !(length < DBL_MAX)) return 0;
@@ -1625,6 +1631,7 @@ static int sbl__normalize(double v[3]) {
     return 1;
 }
 
+/* out = a * b; all matrices are column-major. */
 static void sbl__multiply(float out[16], const float a[16], const float b[16]) {
     int column, row, k;
     for (column = 0; column < 4; column++)
@@ -1640,7 +1647,8 @@ static void sbl__identity(float m[16]) {
     for (i = 0; i < 16; i++) m[i] = i % 5 == 0 ? 1.0f : 0.0f;
 }
 
-/* Determinant of the linear part; 0 where it is singular or the matrix is not affine. */
+/* Determinant of the upper left 3 x 3 part of a column-major matrix. Returns 0 if that part is singular, or if the
+   matrix is not affine, that is, if its last row is not 0 0 0 1. */
 static double sbl__affine_determinant(const float m[16]) {
     if (m[3] != 0.0f || m[7] != 0.0f || m[11] != 0.0f || m[15] != 1.0f) return 0;
     return (double)m[0] * ((double)m[5] * m[10] - (double)m[6] * m[9]) -
@@ -1656,7 +1664,9 @@ static uint32_t sbl__hash(uint32_t x) {
     return (word >> 22) ^ word;
 }
 
-/* Of bytes, four at a time: FNV-1a's steps (Fowler, Noll, Vo), with words for bytes. */
+/* Continues `hash` over a block of memory. The steps are those of FNV-1a (Fowler, Noll, Vo), but each takes a 32-bit
+   word instead of a byte and is followed by a shift that mixes high bits into low ones. An incomplete last word is
+   padded with zeroes. */
 static uint64_t sbl__hash_bytes(uint64_t hash, const void *data, size_t bytes) {
     const unsigned char *at = (const unsigned char *)data;
     size_t i;
@@ -1669,7 +1679,8 @@ static uint64_t sbl__hash_bytes(uint64_t hash, const void *data, size_t bytes) {
     return hash;
 }
 
-/* 16-bit float, rounded to nearest even; too large values become the largest */
+/* Converts a finite number to a 16-bit float, rounding to nearest even. Numbers beyond the range of 16-bit floats
+   become the largest finite one (65504) with the same sign. */
 static uint16_t sbl__to_half(float value) {
     uint32_t bits, sign, mantissa, rest, half;
     int exponent, shift;
@@ -1686,6 +1697,7 @@ static uint16_t sbl__to_half(float value) {
     return (uint16_t)(sign | SBL__MIN(half, 0x7bffu));
 }
 
+/* Converts a 16-bit float to a 32-bit float. Infinity and NaN stay what they are. */
 static float sbl__from_half(uint16_t half) {
     int exponent = (half >> 10) & 31, mantissa = half & 1023;
     const double value = exponent ? ldexp((double)(mantissa + 1024), exponent - 25) : ldexp((double)mantissa, -24);
@@ -1703,14 +1715,14 @@ static float sbl__linear_to_srgb(float x) {
     return x <= 0.0031308f ? 12.92f * x : (float)(1.055 * pow(x, 1 / 2.4) - 0.055);
 }
 
-/* A share of one, to 0 .. 255. */
+/* Maps 0 .. 1 to the integers 0 .. 255, rounding to nearest. Numbers outside 0 .. 1 are clamped. */
 static unsigned char sbl__to_byte(float x) {
     return (unsigned char)(255.0f * SBL__MIN(SBL__MAX(x, 0.0f), 1.0f) + 0.5f);
 }
 
 /* ======================================================================================================== >>gl
-   The functions that are loaded, errors, and the guard of the host's state. What passes need of GL is the next room's;
-   no room below these two calls GL by itself. */
+   Loads the GL functions, reads GL errors, and saves and restores the GL state of the host. The room >>device builds
+   textures, programs and draws on top of this one. No room after >>device calls GL directly. */
 
 #ifdef _WIN32
   #define SBL__GLAPI __stdcall
@@ -1718,6 +1730,7 @@ static unsigned char sbl__to_byte(float x) {
   #define SBL__GLAPI
 #endif
 
+/* GL functions that the library requires: X(return type, name without "gl", parameters) */
 #define SBL__GL_FUNCTIONS(X) \
     X(void, ActiveTexture, (unsigned unit)) \
     X(void, AttachShader, (unsigned program, unsigned shader)) \
@@ -1812,7 +1825,7 @@ static unsigned char sbl__to_byte(float x) {
       int stride, const void *offset)) \
     X(void, Viewport, (int x, int y, int width, int height))
 
-/* used where present; missing is no error */
+/* GL functions that the library uses if the driver has them */
 #define SBL__GL_OPTIONAL_FUNCTIONS(X) \
     X(void, BindImageTexture, (unsigned unit, unsigned texture, int level, unsigned char layered, int layer, \
       unsigned access, unsigned format)) \
@@ -1826,6 +1839,8 @@ static unsigned char sbl__to_byte(float x) {
     X(void, ScissorIndexedv, (unsigned index, const int *box)) \
     X(void, ViewportIndexedfv, (unsigned index, const float *box))
 
+/* Numbers of texture units, draw buffers, viewports and image units whose state the guard saves and restores. Programs
+   may use no other texture or image units. */
 #define SBL__GUARD_UNITS 13
 #define SBL__GUARD_DRAW_BUFFERS 8
 #define SBL__GUARD_VIEWPORTS 16
@@ -1833,13 +1848,14 @@ static unsigned char sbl__to_byte(float x) {
 
 typedef struct sbl__gl {
     sbl__base *base;
-    const char *doing;  /* the work under way, for messages: "the GPU is out of memory while ..." */
+    const char *doing;  /* current activity, for messages such as "GL error 0x0502 while storing meshes" */
 #define SBL__X(type, name, parameters) type (SBL__GLAPI *name) parameters;
     SBL__GL_FUNCTIONS(SBL__X)
     SBL__GL_OPTIONAL_FUNCTIONS(SBL__X)
 #undef SBL__X
     sbl_capabilities capabilities;
-    int viewports;  /* of the viewport array (GL 4.1); 1 without */
+    int viewports;  /* number of viewports in the driver's viewport array (GL 4.1), at most SBL__GUARD_VIEWPORTS;
+                       1 if the driver has no viewport array */
 } sbl__gl;
 
 enum {
@@ -1893,16 +1909,18 @@ enum {
     SBL__GL_LOWER_LEFT = 0x8CA1, SBL__GL_NEGATIVE_ONE_TO_ONE = 0x935E, SBL__GL_ZERO_TO_ONE = 0x935F
 };
 
-/* Clears the error flags; the worst found becomes the result. */
+/* Reads and clears all GL error flags and logs each error. Returns SBL_SUCCESS if there was none, otherwise
+   SBL_ERROR_OUT_OF_MEMORY if one of them was GL_OUT_OF_MEMORY, otherwise SBL_ERROR_GL. */
 static sbl_result sbl__gl_check(const sbl__gl *gl) {
     sbl_result result = SBL_SUCCESS;
     int i;
-    for (i = 0; i < 32; i++) {  /* a lost context reports errors for ever */
+    for (i = 0; i < 32; i++) {  /* the loop is limited because a lost context reports errors for ever */
         unsigned error = gl->GetError();
         if (error == SBL__GL_NO_ERROR) break;
         if (error == SBL__GL_OUT_OF_MEMORY) {
             sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_OUT_OF_MEMORY,
-                     "the GPU is out of memory while %s; use a smaller scene, picture or atlas", gl->doing);
+                     "the GPU is out of memory while %s; use a smaller scene or picture, or a smaller texture for "
+                     "sensors (see sbl_context_desc)", gl->doing);
             result = SBL_ERROR_OUT_OF_MEMORY;
         } else {
             sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_ERROR, "GL error 0x%04x while %s", error, gl->doing);
@@ -1927,12 +1945,14 @@ static int sbl__gl_has_extension(const sbl__gl *gl, const char *name) {
     return 0;
 }
 
+/* version: 10 * major + minor, such as 43 for GL 4.3 */
 static int sbl__gl_at_least(const sbl__gl *gl, int version) {
     return gl->capabilities.gl_major * 10 + gl->capabilities.gl_minor >= version;
 }
 
-/* A function as the host's loader finds it. wglGetProcAddress gives NULL, or on some drivers 1, 2, 3 or -1, for GL 1.1:
-   that is exported by opengl32.dll itself, whose being loaded is the host's business. */
+/* Looks up a GL function with the host's loader. Returns NULL if it does not exist. For the functions of GL 1.1,
+   wglGetProcAddress returns NULL or, with some drivers, 1, 2, 3 or -1, because opengl32.dll exports these functions
+   itself. They are then looked up in opengl32.dll, which the host must have loaded. */
 static sbl_gl_function sbl__gl_find(const sbl_context_desc *desc, const char *name) {
     const sbl_gl_function found = desc->get_gl_function(name, desc->gl_user);
     if ((intptr_t)found < -1 || (intptr_t)found > 3) return found;
@@ -1945,7 +1965,7 @@ static sbl_gl_function sbl__gl_find(const sbl_context_desc *desc, const char *na
     return NULL;
 }
 
-/* The loader's functions into the table. Returns 0, every missing name logged, where one that is needed is missing. */
+/* Fills the table of GL functions. Logs each required function that is missing. Returns 1 if none is, otherwise 0. */
 static int sbl__gl_load_functions(sbl__gl *gl, const sbl_context_desc *desc) {
     int missing = 0;
 #define SBL__LOAD(type, name, parameters) \
@@ -1955,7 +1975,8 @@ static int sbl__gl_load_functions(sbl__gl *gl, const sbl_context_desc *desc) {
     if (!gl->name) { \
         missing++; \
         sbl__log(gl->base, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_FUNCTION_MISSING, \
-                 "the GL loader does not know gl" #name "; sbl.h needs OpenGL 3.3 core, current in this thread"); \
+                 "the GL loader did not find gl" #name "; sbl.h needs an OpenGL 3.3 core context that is current in " \
+                 "this thread"); \
     }
     SBL__GL_FUNCTIONS(SBL__LOAD_NEEDED)
     if (missing) return 0;
@@ -1965,7 +1986,8 @@ static int sbl__gl_load_functions(sbl__gl *gl, const sbl_context_desc *desc) {
     return 1;
 }
 
-/* What the driver can, and which of it is used. */
+/* Loads the GL functions and fills gl->capabilities and gl->viewports: what the driver offers, and which of its
+   optional features the library uses, namely those that desc->disabled does not exclude. */
 static sbl_result sbl__gl_load(sbl__gl *gl, sbl__base *base, const sbl_context_desc *desc) {
     sbl_capabilities *c = &gl->capabilities;
     const char *text;
@@ -1980,8 +2002,9 @@ static sbl_result sbl__gl_load(sbl__gl *gl, sbl__base *base, const sbl_context_d
     gl->GetIntegerv(SBL__GL_MAJOR_VERSION, &c->gl_major);
     gl->GetIntegerv(SBL__GL_MINOR_VERSION, &c->gl_minor);
     if (!sbl__gl_at_least(gl, 33) || strstr(c->version, "OpenGL ES")) {
-        sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_NO_GL, "the current GL context is \"%s\"; sbl.h needs OpenGL 3.3 or "
-                 "later, and the context current in this thread", c->version[0] ? c->version : "none");
+        sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_NO_GL, "the current GL context is \"%s\"; sbl.h needs a context of "
+                 "OpenGL 3.3 or later (not OpenGL ES) that is current in this thread",
+                 c->version[0] ? c->version : "none");
         return SBL_ERROR_UNSUPPORTED;
     }
     gl->GetIntegerv(SBL__GL_MAX_TEXTURE_SIZE, &c->max_texture_size);
@@ -2001,10 +2024,12 @@ static sbl_result sbl__gl_load(sbl__gl *gl, sbl__base *base, const sbl_context_d
     return SBL_SUCCESS;
 }
 
-/* The state guard: everything sbl.h changes, saved on the way in and put back on the way out.
-   sbl__guard_force sets what all passes rely on; it is called again after the host's draw callback. */
+/* The state guard saves all GL state that the library changes when the host calls a public function, and restores it
+   before that function returns. sbl__guard_force sets the state that all passes rely on. It runs after the state has
+   been saved, and again after each call of the host's draw callback, which may have changed it. */
 
-static const struct { unsigned name; int needed; } sbl__guard_switches[] = {  /* needed: GL version that has it */
+/* Switches for glEnable; needed: the first GL version that has the switch, as 10 * major + minor */
+static const struct { unsigned name; int needed; } sbl__guard_switches[] = {
     { SBL__GL_CULL_FACE, 33 }, { SBL__GL_DEPTH_TEST, 33 }, { SBL__GL_STENCIL_TEST, 33 }, { SBL__GL_SCISSOR_TEST, 33 },
     { SBL__GL_COLOR_LOGIC_OP, 33 }, { SBL__GL_DITHER, 33 }, { SBL__GL_POLYGON_OFFSET_FILL, 33 },
     { SBL__GL_POLYGON_SMOOTH, 33 }, { SBL__GL_MULTISAMPLE, 33 }, { SBL__GL_SAMPLE_ALPHA_TO_COVERAGE, 33 },
@@ -2016,6 +2041,7 @@ static const struct { unsigned name; int needed; } sbl__guard_switches[] = {  /*
     { SBL__GL_SAMPLE_SHADING, 40 }, { SBL__GL_PRIMITIVE_RESTART_FIXED_INDEX, 43 }
 };
 
+/* The parameters of glPixelStore and the values that the library works with */
 static const struct { unsigned name; int value; } sbl__guard_pixel_store[] = {
     { SBL__GL_UNPACK_SWAP_BYTES, 0 }, { SBL__GL_UNPACK_LSB_FIRST, 0 }, { SBL__GL_UNPACK_ROW_LENGTH, 0 },
     { SBL__GL_UNPACK_SKIP_ROWS, 0 }, { SBL__GL_UNPACK_SKIP_PIXELS, 0 }, { SBL__GL_UNPACK_ALIGNMENT, 1 },
@@ -2025,12 +2051,14 @@ static const struct { unsigned name; int value; } sbl__guard_pixel_store[] = {
     { SBL__GL_PACK_IMAGE_HEIGHT, 0 }
 };
 
-static const unsigned sbl__guard_image[6] = {  /* in the order of glBindImageTexture */
+/* The state of an image unit, in the order of the parameters of glBindImageTexture */
+static const unsigned sbl__guard_image[6] = {
     SBL__GL_IMAGE_BINDING_NAME, SBL__GL_IMAGE_BINDING_LEVEL, SBL__GL_IMAGE_BINDING_LAYERED,
     SBL__GL_IMAGE_BINDING_LAYER, SBL__GL_IMAGE_BINDING_ACCESS, SBL__GL_IMAGE_BINDING_FORMAT
 };
 
-/* The bindings of TEXTURE_BUFFER and COPY_READ_BUFFER are asked by the targets' own names. */
+/* Buffer targets, and the names that query their bindings. For TEXTURE_BUFFER and COPY_READ_BUFFER, GL uses the name of
+   the target itself. */
 static const struct { unsigned target, query; } sbl__guard_buffers[] = {
     { SBL__GL_ARRAY_BUFFER, SBL__GL_ARRAY_BUFFER_BINDING }, { SBL__GL_TEXTURE_BUFFER, SBL__GL_TEXTURE_BUFFER },
     { SBL__GL_COPY_READ_BUFFER, SBL__GL_COPY_READ_BUFFER },
@@ -2042,7 +2070,8 @@ typedef struct sbl__guard {
     unsigned char switches[32], blend[SBL__GUARD_DRAW_BUFFERS], color_mask[SBL__GUARD_DRAW_BUFFERS][4], depth_mask;
     int pixel_store[16], polygon_mode[2], front_face, clamp_read, depth_function, clip_origin, clip_depth;
     unsigned char scissor_test[SBL__GUARD_VIEWPORTS];
-    int viewport[4], scissor[4], scissors[SBL__GUARD_VIEWPORTS][4];  /* the arrays where there are such */
+    int viewport[4], scissor[4], scissors[SBL__GUARD_VIEWPORTS][4];  /* viewports, scissors, depth_ranges and
+                                                      scissor_test are used if the driver has a viewport array */
     float viewports[SBL__GUARD_VIEWPORTS][4];
     double depth_range[2], depth_ranges[SBL__GUARD_VIEWPORTS][2];
     int program, vertex_array, buffers[8], draw_framebuffer, read_framebuffer, active_texture;
@@ -2050,7 +2079,7 @@ typedef struct sbl__guard {
     int images[SBL__GUARD_IMAGES][6];
 } sbl__guard;
 
-/* How fragments are made and kept: half of the guard. */
+/* Saves the state that decides how fragments are produced and written. sbl__guard_save saves the rest. */
 static void sbl__guard_save_drawing(const sbl__gl *gl, sbl__guard *g) {
     int i;
     for (i = 0; i < SBL__COUNT(sbl__guard_switches); i++)
@@ -2102,7 +2131,7 @@ static void sbl__guard_save(const sbl__gl *gl, sbl__guard *g) {
     }
     for (i = 0; gl->capabilities.used & SBL_CAPABILITY_COMPUTE && i < 6 * SBL__GUARD_IMAGES; i++)
         gl->GetIntegeri_v(sbl__guard_image[i % 6], (unsigned)i / 6, &g->images[i / 6][i % 6]);
-    sbl__gl_clear_errors(gl);  /* a binding that an old driver cannot be asked for reads 0 */
+    sbl__gl_clear_errors(gl);  /* old drivers refuse some of the queries above with an error; the value is then 0 */
 }
 
 static void sbl__guard_force(const sbl__gl *gl) {
@@ -2129,7 +2158,7 @@ static void sbl__guard_force(const sbl__gl *gl) {
     gl->BindBuffer(SBL__GL_PIXEL_PACK_BUFFER, 0);
     gl->BindBuffer(SBL__GL_PIXEL_UNPACK_BUFFER, 0);
     for (i = 0; i < SBL__GUARD_UNITS; i++) gl->BindSampler((unsigned)i, 0);
-    gl->ActiveTexture(SBL__GL_TEXTURE0);  /* textures are made on whatever unit is active: one that is put back */
+    gl->ActiveTexture(SBL__GL_TEXTURE0);  /* new textures are bound to the active unit, and the guard restores unit 0 */
 }
 
 static void sbl__guard_switch(const sbl__gl *gl, unsigned name, int on) {
@@ -3141,13 +3170,14 @@ static void sbl__device_free(sbl__device *d) {
 }
 
 /* ======================================================================================================== >>check
-   Descriptors, field by field: every mistake is logged with its place, name and value, and what to change. */
+   Validates descriptors field by field, before anything changes. Every mistake is logged with the place, name and value
+   of the field and with what it must be. */
 
 typedef struct sbl__check {
     const sbl__base *base;
-    const sbl__device *device;  /* that knows the host's buffers and textures; NULL where none are named */
-    sbl_log_item item;          /* of the mistakes */
-    int mistakes;
+    const sbl__device *device;  /* looks up the host's GL buffers and textures; NULL if the descriptor has none */
+    sbl_log_item item;          /* log item of the mistakes */
+    int mistakes;               /* number of mistakes found */
 } sbl__check;
 
 static void sbl__check_start(sbl__check *check, const sbl__base *base, const sbl__device *device, sbl_log_item item) {
@@ -3171,7 +3201,7 @@ static sbl_result sbl__check_end(const sbl__check *check) {
     return check->mistakes ? SBL_ERROR_INVALID_ARGUMENT : SBL_SUCCESS;
 }
 
-/* Was the struct zeroed before use? */
+/* Returns 1 if both canaries are 0. Otherwise the host has not zeroed the struct: reports this and returns 0. */
 static int sbl__check_canaries(sbl__check *check, const char *name, uint32_t start, uint32_t end) {
     if (start == 0 && end == 0) return 1;
     sbl__mistake(check, "%s: start_canary is 0x%x, end_canary 0x%x; zero the whole struct before use", name, start,
@@ -3179,7 +3209,7 @@ static int sbl__check_canaries(sbl__check *check, const char *name, uint32_t sta
     return 0;
 }
 
-/* where: such as "light 3". Three numbers that must be finite and not negative. */
+/* Checks that three numbers are finite and not negative. where: the object that has the field, such as "light 3" */
 static void sbl__check_color(sbl__check *check, const char *where, const char *name, const float color[3]) {
     int k;
     for (k = 0; k < 3; k++)
@@ -3195,13 +3225,14 @@ static void sbl__check_finite(sbl__check *check, const char *where, const char *
             sbl__mistake(check, "%s: %s[%d] is %g; it must be finite", where, name, k, (double)v[k]);
 }
 
-/* An array of a descriptor: the name and value of its count. */
+/* Checks that an array and its element count fit together. name: the field that holds the count */
 static void sbl__check_array(sbl__check *check, const char *where, const char *name, int count, const void *array) {
     if (count < 0 || (count > 0 && !array))
-        sbl__mistake(check, "%s: %s is %d, and its array is %s", where, name, count, array ? "given" : "NULL");
+        sbl__mistake(check, "%s: %s is %d and its array is %s; a count must not be negative, and one above 0 needs an "
+                     "array", where, name, count, array ? "given" : "NULL");
 }
 
-/* low <= x <= high, where low and high stand in words. */
+/* Checks that range[0] <= x <= range[1]. */
 static void sbl__check_int(sbl__check *check, const char *where, const char *name, int x, const int range[2]) {
     if (x < range[0] || x > range[1])
         sbl__mistake(check, "%s: %s is %d; it must be %d to %d", where, name, x, range[0], range[1]);
@@ -3209,6 +3240,7 @@ static void sbl__check_int(sbl__check *check, const char *where, const char *nam
 
 /* >>check: meshes */
 
+/* For each sbl_type: bytes of a component, and the factor that converts a stored integer to its value */
 static const struct { int bytes; double scale; } sbl__types[SBL_TYPE_COUNT] = {
     { 4, 1 }, { 2, 1 }, { 1, 1 / 255.0 }, { 2, 1 / 65535.0 }, { 1, 1 / 127.0 }, { 2, 1 / 32767.0 },
     { 1, 1 }, { 2, 1 }, { 4, 1 }
@@ -3224,35 +3256,37 @@ static size_t sbl__stream_stride(const sbl_stream *s, int components) {
     return s->stride ? s->stride : sbl__stream_element(s, components);
 }
 
-/* A stream of a mesh and what is read from it; indices are whole numbers. */
+/* A stream of a mesh, and how to read it. */
 typedef struct sbl__stream_use {
-    const char *name;
+    const char *name;          /* field of sbl_mesh, for messages */
     const sbl_stream *stream;
-    int components, count, whole;
+    int components, count;     /* components of an element; elements */
+    int is_index;              /* 1: elements are unsigned integers; 0: components are read as floats */
 } sbl__stream_use;
 
-/* GL buffers are looked at, not read. */
+/* Checks that a stream's elements do not overlap and lie inside the address space and, if the stream names a GL buffer,
+   inside that buffer. The buffer is queried for its size but not read. */
 static void sbl__check_stream_extent(sbl__check *check, int mesh, const sbl__stream_use *use) {
     const sbl_stream *s = use->stream;
     const size_t element = sbl__stream_element(s, use->components), stride = sbl__stream_stride(s, use->components);
     const double needed = (double)s->offset + (double)stride * (use->count - 1) + (double)element;
     double size;
     if (stride < element) {
-        sbl__mistake(check, "mesh %d: %s.stride is %.0f, less than the %.0f bytes of an element", mesh, use->name,
-                     (double)stride, (double)element);
+        sbl__mistake(check, "mesh %d: %s.stride is %.0f; it must be at least the %.0f bytes of an element", mesh,
+                     use->name, (double)stride, (double)element);
         return;
     }
     if (use->count <= 0) return;
     if ((size_t)use->count - 1 > (SIZE_MAX / 2 - element) / stride || s->offset > SIZE_MAX / 2) {
-        sbl__mistake(check, "mesh %d: %s.offset %.0f and stride %.0f reach past the address space with %d elements",
+        sbl__mistake(check, "mesh %d: %s.offset is %.0f and its stride %.0f; %d elements exceed the address space",
                      mesh, use->name, (double)s->offset, (double)stride, use->count);
         return;
     }
     if (!s->gl_buffer) return;
     size = SBL__MAX(0.0, (double)sbl__host_buffer_bytes(check->device, s->gl_buffer));
     if (size < needed)
-        sbl__mistake(check, "mesh %d: %s.gl_buffer %u holds %.0f bytes, %d elements from offset %.0f need %.0f", mesh,
-                     use->name, s->gl_buffer, size, use->count, (double)s->offset, needed - (double)s->offset);
+        sbl__mistake(check, "mesh %d: %s.gl_buffer %u holds %.0f bytes; its %d elements from offset %.0f on need %.0f",
+                     mesh, use->name, s->gl_buffer, size, use->count, (double)s->offset, needed - (double)s->offset);
 }
 
 static void sbl__check_stream(sbl__check *check, int mesh, const sbl__stream_use *use) {
@@ -3262,13 +3296,13 @@ static void sbl__check_stream(sbl__check *check, int mesh, const sbl__stream_use
     if (s->data && s->gl_buffer)
         sbl__mistake(check, "mesh %d: %s.data and %s.gl_buffer (%u) are both set; give one", mesh, use->name, use->name,
                      s->gl_buffer);
-    if (type < 0 || type >= SBL_TYPE_COUNT || (type >= (int)SBL_UINT8) != use->whole) {
-        sbl__mistake(check, "mesh %d: %s.type is %d; %s", mesh, use->name, type,
-                     use->whole ? "indices are SBL_UINT8, SBL_UINT16 or SBL_UINT32" : "use a float or normalised type");
+    if (type < 0 || type >= SBL_TYPE_COUNT || (type >= (int)SBL_UINT8) != use->is_index) {
+        sbl__mistake(check, "mesh %d: %s.type is %d; %s", mesh, use->name, type, use->is_index ?
+                     "it must be SBL_UINT8, SBL_UINT16 or SBL_UINT32" : "it must be a float or normalised type");
         return;
     }
     if (s->type == SBL_UINT8_NORM && use->components == 3)
-        sbl__mistake(check, "mesh %d: %s.type is %d, SBL_UINT8_NORM; it is for colours and texture coordinates only",
+        sbl__mistake(check, "mesh %d: %s.type is %d, SBL_UINT8_NORM; only colours and texture coordinates may have it",
                      mesh, use->name, type);
     sbl__check_stream_extent(check, mesh, use);
 }
@@ -3312,7 +3346,8 @@ static void sbl__check_mesh(sbl__check *check, const sbl_scene_desc *desc, int n
                      m->vertex_count);
     sbl__check_transform(check, number, m->transform);
     if (m->material < 0 || m->material >= desc->material_count)
-        sbl__mistake(check, "mesh %d: material is %d; the scene has %d", number, m->material, desc->material_count);
+        sbl__mistake(check, "mesh %d: material is %d; it must be 0 or more, and less than material_count (%d)", number,
+                     m->material, desc->material_count);
 }
 
 /* >>check: materials and textures */
@@ -3340,6 +3375,7 @@ static void sbl__check_material(sbl__check *check, const sbl_scene_desc *desc, i
 
 static int sbl__texture_channels(const sbl_texture *t) { return t->channels ? t->channels : 4; }
 
+/* Bytes per pixel in client memory */
 static size_t sbl__texture_texel(const sbl_texture *t) {
     return (size_t)sbl__texture_channels(t) * (t->format == SBL_PIXELS_FLOAT ? 4u : 1u);
 }
@@ -3348,7 +3384,8 @@ static size_t sbl__texture_stride(const sbl_texture *t, int width) {
     return t->stride ? t->stride : (size_t)width * sbl__texture_texel(t);
 }
 
-/* Pixels in client memory, of at most `most` a side. where: such as "texture 2"; prefix: "", or "picture." */
+/* Checks the channels, size and stride of pixels in client memory. most: largest width and height. where: the object in
+   messages, such as "texture 2". prefix: stands before the names of fields in messages: "" or "picture." */
 static void sbl__check_pixels(sbl__check *check, const char *where, const char *prefix, const sbl_texture *t,
                               int most) {
     if (t->channels < 0 || t->channels > 4) {
@@ -3358,10 +3395,10 @@ static void sbl__check_pixels(sbl__check *check, const char *where, const char *
     if (t->width < 1 || t->height < 1 || t->width > most || t->height > most)
         sbl__mistake(check, "%s: %ssize is %d x %d; both must be 1 to %d", where, prefix, t->width, t->height, most);
     else if (t->stride && t->stride < (size_t)t->width * sbl__texture_texel(t))
-        sbl__mistake(check, "%s: %sstride is %.0f, less than a row's %.0f bytes", where, prefix, (double)t->stride,
-                     (double)t->width * (double)sbl__texture_texel(t));
+        sbl__mistake(check, "%s: %sstride is %.0f; it must be at least the %.0f bytes of a row", where, prefix,
+                     (double)t->stride, (double)t->width * (double)sbl__texture_texel(t));
     else if (t->stride > SIZE_MAX / 4 / (size_t)t->height)
-        sbl__mistake(check, "%s: %sstride is %.0f; %d rows of it reach past the address space", where, prefix,
+        sbl__mistake(check, "%s: %sstride is %.0f; %d rows of it exceed the address space", where, prefix,
                      (double)t->stride, t->height);
 }
 
@@ -3372,12 +3409,12 @@ static int sbl__check_format(sbl__check *check, const char *where, const char *p
     return 0;
 }
 
-#define SBL__TEXTURE_MOST 65536  /* pixels a side */
+#define SBL__TEXTURE_MOST 65536  /* largest width and height of a texture, in pixels */
 
 static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, int index) {
     const sbl_texture *t = &desc->textures[index];
     char where[32];
-    snprintf(where, sizeof where, "texture %d", index + 1);  /* as materials count them */
+    snprintf(where, sizeof where, "texture %d", index + 1);  /* sbl_material numbers textures from 1 */
     if (!sbl__check_format(check, where, "", t)) return;
     if ((int)t->wrap < 0 || (int)t->wrap >= SBL_WRAP_COUNT)
         sbl__mistake(check, "%s: wrap is %d; it must be 0 to %d", where, (int)t->wrap, SBL_WRAP_COUNT - 1);
@@ -3395,8 +3432,11 @@ static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, in
 
 /* >>check: lights and the environment */
 
+/* Full angle of a spot light's cone in degrees; 0 in sbl_light means 90 */
 #define SBL__CONE(light) ((light)->cone > 0.0f ? (light)->cone : 90.0f)
-#define SBL__SKY_MOST 16384  /* texels across the environment's picture: lamps keep 15 bits for each coordinate */
+
+/* Largest width and height of the environment's picture, in texels; lamps store each texel coordinate in 15 bits */
+#define SBL__SKY_MOST 16384
 
 static void sbl__check_light(sbl__check *check, const sbl_light *l, int number) {
     const int distant = l->kind == SBL_LIGHT_DIRECTIONAL;
@@ -3411,7 +3451,7 @@ static void sbl__check_light(sbl__check *check, const sbl_light *l, int number) 
     if (l->kind != SBL_LIGHT_POINT) {
         sbl__check_finite(check, where, "direction", l->direction, 3);
         if (sbl__all_zero(l->direction, 3))
-            sbl__mistake(check, "%s: direction is 0 0 0; it must point the way the light goes", where);
+            sbl__mistake(check, "%s: direction is 0 0 0; it must be the direction in which the light travels", where);
     }
     if (!distant && !sbl__between(&l->radius, 0, FLT_MAX))
         sbl__mistake(check, "%s: radius is %g; it must be finite and not negative", where, (double)l->radius);
@@ -3421,8 +3461,8 @@ static void sbl__check_light(sbl__check *check, const sbl_light *l, int number) 
     if (!sbl__between(&l->cone, 0, 180))
         sbl__mistake(check, "%s: cone is %g; it must be 0 to 180 degrees", where, (double)l->cone);
     else if (!sbl__between(&l->inner_cone, 0, SBL__CONE(l)))
-        sbl__mistake(check, "%s: inner_cone is %g; it must be 0 to the cone's %g degrees", where, (double)l->inner_cone,
-                     (double)SBL__CONE(l));
+        sbl__mistake(check, "%s: inner_cone is %g; it must be 0 to the %g degrees of the cone", where,
+                     (double)l->inner_cone, (double)SBL__CONE(l));
 }
 
 static void sbl__check_environment(sbl__check *check, const sbl_environment *e) {
@@ -3434,8 +3474,8 @@ static void sbl__check_environment(sbl__check *check, const sbl_environment *e) 
         sbl__mistake(check, "%s: picture.pixels and radiance are both set; give one", where);
     if (sbl__check_format(check, where, "picture.", t) && (t->pixels || t->width || t->height || t->channels)) {
         if (!t->pixels && !e->radiance && (t->width || t->height))
-            sbl__mistake(check, "%s: picture.pixels and radiance are NULL, the picture's size is %d x %d; give pixels "
-                         "or a function", where, t->width, t->height);
+            sbl__mistake(check, "%s: picture.pixels and radiance are both NULL, but the picture's size is %d x %d; "
+                         "give pixels or a function", where, t->width, t->height);
         if (t->pixels || t->width || t->height) sbl__check_pixels(check, where, "picture.", t, SBL__SKY_MOST);
         else if (t->channels < 0 || t->channels > 4)
             sbl__mistake(check, "%s: picture.channels is %d; it must be 1 to 4, or 0 for 4", where, t->channels);
@@ -3716,17 +3756,18 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
 }
 
 /* ======================================================================================================== >>geometry
-   Meshes: read from the host's streams, validated, converted into a handful of arrays that stand on the GPU as tables.
+   Reads meshes from the host's streams, validates them, and converts them into four arrays, which are also on the GPU
+   as tables:
 
-       positions   a vertex: where it is in the world, its mesh
-       attributes  a vertex: normal, texture coordinates, colour
-       indices     three vertex numbers a triangle; triangle t of mesh m stands at meshes[m].first_triangle + t
-       objects     a mesh: its material                                                                           */
+       positions   per vertex: position in world space, number of its mesh's object
+       attributes  per vertex: normal, texture coordinates, colour
+       indices     per triangle: three vertex numbers; the triangles of mesh m begin at meshes[m].first_triangle
+       objects     per mesh: its material                                                                           */
 
 #define SBL__VERTEX(X) X(sbl__vertex, VEC3, position) X(sbl__vertex, UINT, object)
 SBL__RECORD(sbl__vertex, SBL__VERTEX, "sbl_vertex", "sbl_positions", SBL__SCENE_TABLE("sbl_positions"), NULL)
 
-/* colours: 16 bits a component */
+/* color_rg and color_ba hold two components of the colour each, 0 .. 65535, the first one in the low 16 bits. */
 #define SBL__ATTRIBUTES(X) \
     X(sbl__attributes, VEC3, normal) X(sbl__attributes, FLOAT, u) \
     X(sbl__attributes, FLOAT, v) X(sbl__attributes, UINT, color_rg) X(sbl__attributes, UINT, color_ba) \
@@ -3734,7 +3775,8 @@ SBL__RECORD(sbl__vertex, SBL__VERTEX, "sbl_vertex", "sbl_positions", SBL__SCENE_
 SBL__RECORD(sbl__attributes, SBL__ATTRIBUTES, "sbl_attributes", "sbl_attributes", SBL__SCENE_TABLE("sbl_attributes"),
             NULL)
 
-/* textures: first row in the texel store, width, height, kind (see >>textures); all zero: none */
+/* id is sbl_mesh.id or, if that is 0, the mesh's index + 1. A texture is given by its first row in the texel table, its
+   width, its height and its kind (see >>textures); four zeroes mean that the object has no such texture. */
 #define SBL__OBJECT(X) \
     X(sbl__object, VEC3, albedo) X(sbl__object, FLOAT, alpha_cutoff) \
     X(sbl__object, VEC3, emission) X(sbl__object, UINT, flags) \
@@ -3745,27 +3787,28 @@ SBL__RECORD(sbl__object, SBL__OBJECT, "sbl_object", "sbl_objects", SBL__SCENE_TA
 typedef struct sbl__mesh {
     int first_vertex, vertex_count, first_triangle, triangle_count;
     int material;
-    int lightmapped;               /* it has lightmap_texcoords */
-    float transform[16];
+    int lightmapped;               /* 1 if the mesh has lightmap_texcoords */
+    float transform[16];           /* object space to world space, column-major */
 } sbl__mesh;
 
 typedef struct sbl__geometry {
     sbl__mesh *meshes;
     int mesh_count;
-    float *lightmap_texcoords;     /* 2 floats a vertex; NULL: no mesh has any */
-    float *positions, *normals;    /* object space, 3 floats a vertex: what sbl_set_mesh_transform starts from */
+    float *lightmap_texcoords;     /* 2 floats per vertex; NULL if no mesh has them */
+    float *positions, *normals;    /* in object space, 3 floats per vertex; sbl_set_mesh_transform needs them */
     sbl__vertex *vertices;
     sbl__attributes *attributes;
     uint32_t *indices;
     sbl__object *objects;
-    int vertex_count, triangle_count, degenerate_count;
-    int colored;                   /* some mesh has vertex colours */
-    float bounds[2][3];
-    float extent;                  /* longest distance inside the bounds, plus how far they lie from the origin: sets
-                                      offsets and depth */
+    int vertex_count, triangle_count;
+    int degenerate_count;          /* triangles without area, which were left out */
+    int colored;                   /* 1 if some mesh has vertex colours */
+    float bounds[2][3];            /* lowest and highest coordinates of the scene in world space */
+    float extent;                  /* diagonal of the bounds plus their largest absolute coordinate, in world units;
+                                      offsets from surfaces and depth are in proportion to it */
     sbl__table position_table, attribute_table, index_table, object_table;
-    unsigned vertex_array;         /* positions, object, texture coordinates, colour */
-    int wide;                      /* the tables are */
+    unsigned vertex_array;         /* GL vertex array: position, object, texture coordinates, colour */
+    int wide;                      /* 1 if tables are 2D textures, because one exceeds the limit of buffer textures */
 } sbl__geometry;
 
 static void sbl__geometry_free(const sbl__device *d, sbl__geometry *g) {
@@ -3816,7 +3859,7 @@ static uint32_t sbl__index(const unsigned char *at, sbl_type type) {
     return u32;
 }
 
-/* Elements of a stream as floats, or where `whole` as 32-bit numbers. The stream has been checked. */
+/* Reads the elements of a stream that has been checked, as float or, if use->is_index, as uint32_t. */
 static sbl_result sbl__stream_read(const sbl__device *d, const sbl__stream_use *use, void *out) {
     const sbl_stream *s = use->stream;
     const size_t stride = sbl__stream_stride(s, use->components), element = sbl__stream_element(s, use->components);
@@ -3833,7 +3876,7 @@ static sbl_result sbl__stream_read(const sbl__device *d, const sbl__stream_use *
     }
     for (i = 0; i < use->count && result == SBL_SUCCESS; i++) {
         const unsigned char *at = from + stride * (size_t)i;
-        if (use->whole) ((uint32_t *)out)[i] = sbl__index(at, s->type);
+        if (use->is_index) ((uint32_t *)out)[i] = sbl__index(at, s->type);
         else
             for (k = 0; k < use->components; k++)
                 ((float *)out)[(size_t)use->components * (size_t)i + (size_t)k] =
@@ -3843,12 +3886,13 @@ static sbl_result sbl__stream_read(const sbl__device *d, const sbl__stream_use *
     return result;
 }
 
-/* A mesh as it was read. Positions, normals and corners stand in the geometry's own arrays already. */
+/* A mesh that has been read. positions, normals, lightmap_texcoords and corners point into the arrays of sbl__geometry.
+   texcoords, colors and lightmap_texcoords are NULL if the mesh has none. */
 typedef struct sbl__mesh_data {
-    float *positions, *normals, *texcoords, *colors;  /* the last two: NULL where the mesh has none */
-    uint32_t *corners;                                /* three of the mesh's vertices a triangle */
+    float *positions, *normals, *texcoords, *colors;
+    uint32_t *corners;           /* three vertex numbers per triangle, counted from the mesh's first vertex */
     int vertex_count, corner_count;
-    float *lightmap_texcoords;                        /* as positions; NULL where the mesh has none */
+    float *lightmap_texcoords;
     int has_normals;
 } sbl__mesh_data;
 
@@ -3893,7 +3937,7 @@ static sbl_result sbl__mesh_read(const sbl__device *d, const sbl__geometry *g, c
 
 /* >>geometry: validating */
 
-/* The first element of an attribute that has a value outside of low .. high is a mistake. */
+/* Reports the first component of an attribute that is not finite or lies outside range[0] .. range[1]. */
 static void sbl__mesh_check(sbl__check *check, int mesh, const sbl__stream_use *use, const float *v,
                             const float range[2]) {
     int i, k;
@@ -3938,7 +3982,7 @@ static uint32_t sbl__pack_color(const float *two) {
     return (uint32_t)(two[0] * 65535.0f + 0.5f) | (uint32_t)(two[1] * 65535.0f + 0.5f) << 16;
 }
 
-/* Attributes and triangles of a mesh that has been read and validated; triangles without area are left out. */
+/* Fills the attributes and indices of a mesh that has been read and validated. Leaves out triangles without area. */
 static void sbl__mesh_convert(sbl__geometry *g, const sbl__mesh_data *m, int number) {
     static const float white[4] = { 1, 1, 1, 1 };
     sbl__mesh *mesh = &g->meshes[number];
@@ -3967,7 +4011,7 @@ static void sbl__mesh_convert(sbl__geometry *g, const sbl__mesh_data *m, int num
         }
         sbl__triangle_normal(p, normal);
         if (normal[0] == 0 && normal[1] == 0 && normal[2] == 0) { g->degenerate_count++; continue; }
-        for (i = 0; i < 3; i++)  /* never past what is still to be read */
+        for (i = 0; i < 3; i++)  /* g->indices also holds m->corners, but only those already read are overwritten */
             g->indices[3 * (size_t)g->triangle_count + (size_t)i] = (uint32_t)g->vertex_count + corners[i];
         g->triangle_count++;
     }
@@ -3976,8 +4020,9 @@ static void sbl__mesh_convert(sbl__geometry *g, const sbl__mesh_data *m, int num
     if (m->colors) g->colored = 1;
 }
 
-/* A mirror turns the corners of triangles round: turns them back, so that the front stays the front. */
-static void sbl__mesh_turn(sbl__geometry *g, const sbl__mesh *mesh) {
+/* Reverses the winding of a mesh's triangles. A transform with a negative determinant (a reflection) reverses it, too,
+   so front faces stay front faces. */
+static void sbl__mesh_reverse(sbl__geometry *g, const sbl__mesh *mesh) {
     int t;
     for (t = mesh->first_triangle; t < mesh->first_triangle + mesh->triangle_count; t++) {
         uint32_t *corners = g->indices + 3 * (size_t)t, swap = corners[1];
@@ -3986,15 +4031,17 @@ static void sbl__mesh_turn(sbl__geometry *g, const sbl__mesh *mesh) {
     }
 }
 
-#define SBL__COORDINATE_MOST 1e18  /* squares, and sums of a few, stay floats */
+/* Limit of coordinates in world space. Below it, sums of a few squared coordinates do not overflow a float. */
+#define SBL__COORDINATE_MOST 1e18
 
-/* Object to world for one mesh: positions, normals. Returns 0 where a vertex goes too far (logged). */
-static int sbl__mesh_place(const sbl__base *base, sbl__geometry *g, int number, const float m[16]) {
+/* Transforms the positions and normals of one mesh by m, object space to world space. Returns 1 on success; logs an
+   error and returns 0 if a coordinate is not below SBL__COORDINATE_MOST. */
+static int sbl__mesh_transform(const sbl__base *base, sbl__geometry *g, int number, const float m[16]) {
     const sbl__mesh *mesh = &g->meshes[number];
     const double d = sbl__affine_determinant(m);
     double n[9], column[3][3];
     int v, i, k;
-    /* normals go by the cofactors: the inverse transpose but for scale */
+    /* Normals are transformed by the cofactor matrix, which is the inverse transpose times the determinant. */
     for (i = 0; i < 3; i++) for (k = 0; k < 3; k++) column[i][k] = m[4 * i + k];
     for (i = 0; i < 3; i++) sbl__cross(column[(i + 1) % 3], column[(i + 2) % 3], n + 3 * i);
     for (v = mesh->first_vertex; v < mesh->first_vertex + mesh->vertex_count; v++) {
@@ -4008,18 +4055,18 @@ static int sbl__mesh_place(const sbl__base *base, sbl__geometry *g, int number, 
         }
         for (i = 0; i < 3; i++)
             if (!(fabs((double)world[i]) < SBL__COORDINATE_MOST)) {
-                sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: vertex %d stands at %g %g %g in the "
-                         "world; coordinates must stay below 1e18", number, v - mesh->first_vertex, (double)world[0],
-                         (double)world[1], (double)world[2]);
+                sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh %d: vertex %d is at %g %g %g in world "
+                         "space; coordinates must be between -1e18 and 1e18", number, v - mesh->first_vertex,
+                         (double)world[0], (double)world[1], (double)world[2]);
                 return 0;
             }
-        if (!sbl__normalize(normal)) normal[0] = normal[1] = normal[2] = 0;  /* no normal: flat */
+        if (!sbl__normalize(normal)) normal[0] = normal[1] = normal[2] = 0;  /* the vertex is shaded flat */
         for (i = 0; i < 3; i++) g->attributes[v].normal[i] = (float)normal[i];
     }
     return 1;
 }
 
-/* The three steps, for mesh number `number` of the scene. All its mistakes are reported. */
+/* Reads, validates and converts mesh `number` of the scene and transforms it to world space. Reports all mistakes. */
 static sbl_result sbl__geometry_add(const sbl__device *d, sbl__geometry *g, const sbl_mesh *in, int number) {
     sbl__mesh *mesh = &g->meshes[number];
     sbl__mesh_data data;
@@ -4034,14 +4081,14 @@ static sbl_result sbl__geometry_add(const sbl__device *d, sbl__geometry *g, cons
         sbl__mesh_convert(g, &data, number);
         if (sbl__all_zero(in->transform, 16)) sbl__identity(mesh->transform);
         else memcpy(mesh->transform, in->transform, sizeof mesh->transform);
-        if (sbl__affine_determinant(mesh->transform) < 0) sbl__mesh_turn(g, mesh);
-        if (!sbl__mesh_place(d->base, g, number, mesh->transform)) result = SBL_ERROR_INVALID_ARGUMENT;
+        if (sbl__affine_determinant(mesh->transform) < 0) sbl__mesh_reverse(g, mesh);
+        if (!sbl__mesh_transform(d->base, g, number, mesh->transform)) result = SBL_ERROR_INVALID_ARGUMENT;
     }
     sbl__mesh_data_free(d, &data);
     return result;
 }
 
-/* All meshes; the descriptor has been checked. */
+/* Adds all meshes of a descriptor that has been checked. */
 static sbl_result sbl__geometry_make(const sbl__device *d, sbl__geometry *g, const sbl_scene_desc *desc) {
     double vertices = 0, triangles = 0;
     sbl_result result = SBL_SUCCESS;
@@ -4053,8 +4100,8 @@ static sbl_result sbl__geometry_make(const sbl__device *d, sbl__geometry *g, con
         triangles += (sbl__stream_present(&m->indices) ? m->index_count : m->vertex_count) / 3;
     }
     if (vertices > INT_MAX / 4 || triangles > INT_MAX / 4) {
-        sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the scene has %.0f vertices and %.0f triangles; at "
-                 "most %d of each can be numbered", vertices, triangles, INT_MAX / 4);
+        sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the scene has %.0f vertices and %.0f triangles; it "
+                 "may have at most %d of each", vertices, triangles, INT_MAX / 4);
         return SBL_ERROR_UNSUPPORTED;
     }
     g->mesh_count = desc->mesh_count;
@@ -4069,7 +4116,7 @@ static sbl_result sbl__geometry_make(const sbl__device *d, sbl__geometry *g, con
     if (!g->meshes || !g->positions || !g->normals || !g->vertices || !g->attributes || !g->indices || !g->objects ||
         (lightmapped && !g->lightmap_texcoords))
         return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = 0; i < desc->mesh_count; i++) {  /* all mistakes are reported, not only the first mesh's */
+    for (i = 0; i < desc->mesh_count; i++) {  /* goes on after a mesh with mistakes, so that those of all are logged */
         const sbl_result mesh = sbl__geometry_add(d, g, &desc->meshes[i], i);
         if (mesh == SBL_SUCCESS) continue;
         result = mesh;
@@ -4077,11 +4124,12 @@ static sbl_result sbl__geometry_make(const sbl__device *d, sbl__geometry *g, con
     }
     if (g->degenerate_count)
         sbl__log(d->base, SBL_LOG_WARNING, SBL_LOG_ITEM_DEGENERATE_TRIANGLES,
-                 "%d triangles without area were left out of %.0f", g->degenerate_count, triangles);
+                 "%d of %.0f triangles have no area and were left out", g->degenerate_count, triangles);
     return result;
 }
 
-/* drawn: bounds of what the host draws, lowest corner first; NULL where it does not. */
+/* Computes the scene's bounds and extent. drawn: lowest and highest corner of what the host draws itself; NULL if it
+   draws nothing */
 static void sbl__geometry_measure(sbl__geometry *g, const float (*drawn)[3]) {
     double diagonal = 0, farthest = 0;
     int i, k;
@@ -4106,6 +4154,7 @@ static void sbl__geometry_measure(sbl__geometry *g, const float (*drawn)[3]) {
     if (!(g->extent > 0)) g->extent = 1;
 }
 
+/* Makes the contents of the tables' buffers visible to shaders. */
 static sbl_result sbl__geometry_show(const sbl__device *d, sbl__geometry *g) {
     sbl_result result = sbl__table_show(d, &g->position_table, SBL__GL_RGBA32UI, g->wide);
     if (result == SBL_SUCCESS) result = sbl__table_show(d, &g->attribute_table, SBL__GL_RGBA32UI, g->wide);
@@ -4114,19 +4163,19 @@ static sbl_result sbl__geometry_show(const sbl__device *d, sbl__geometry *g) {
     return result;
 }
 
-/* Objects that have changed. */
+/* Sends all objects to the GPU after materials have changed. */
 static sbl_result sbl__geometry_show_objects(const sbl__device *d, sbl__geometry *g) {
     sbl__buffer_write(d, &g->object_table.buffer, 0, sizeof(sbl__object) * (size_t)g->mesh_count, g->objects);
     return sbl__table_show(d, &g->object_table, SBL__GL_RGBA32UI, g->wide);
 }
 
-/* As sensor_vertex.glsl takes them. */
+/* The vertex attributes that sensor_vertex.glsl declares. */
 static const sbl__input sbl__vertex_inputs[] = {
     { 0, 3, SBL__GL_FLOAT, 0, 0, sizeof(sbl__vertex), offsetof(sbl__vertex, position) },
     { 1, 1, SBL__GL_UNSIGNED_INT, 1, 0, sizeof(sbl__vertex), offsetof(sbl__vertex, object) }
 };
 static const sbl__input sbl__attribute_inputs[] = {
-    { 2, 2, SBL__GL_FLOAT, 0, 0, sizeof(sbl__attributes), 12 },  /* u and v follow each other */
+    { 2, 2, SBL__GL_FLOAT, 0, 0, sizeof(sbl__attributes), 12 },  /* u and v, which follow the 12 bytes of the normal */
     { 3, 2, SBL__GL_UNSIGNED_INT, 1, 0, sizeof(sbl__attributes), offsetof(sbl__attributes, color_rg) }
 };
 
@@ -4151,14 +4200,15 @@ static sbl_result sbl__geometry_upload(const sbl__device *d, sbl__geometry *g) {
     return sbl__gl_check(&d->gl);
 }
 
-/* Moves a mesh in the arrays and on the GPU. On INVALID_ARGUMENT it stands where it stood. */
+/* Gives a mesh another transform, in the arrays and on the GPU. Logs an error, leaves the mesh as it was and returns
+   SBL_ERROR_INVALID_ARGUMENT if a vertex would be too far away (see sbl__mesh_transform). */
 static sbl_result sbl__geometry_move(const sbl__device *d, sbl__geometry *g, int number, const float transform[16]) {
     sbl__mesh *mesh = &g->meshes[number];
     const size_t first = (size_t)mesh->first_vertex, count = (size_t)mesh->vertex_count;
     const size_t corners = 3 * (size_t)mesh->first_triangle;
-    const int turned = (sbl__affine_determinant(mesh->transform) < 0) != (sbl__affine_determinant(transform) < 0);
-    if (!sbl__mesh_place(d->base, g, number, transform)) {
-        sbl__mesh_place(d->base, g, number, mesh->transform);
+    const int reversed = (sbl__affine_determinant(mesh->transform) < 0) != (sbl__affine_determinant(transform) < 0);
+    if (!sbl__mesh_transform(d->base, g, number, transform)) {
+        sbl__mesh_transform(d->base, g, number, mesh->transform);
         return SBL_ERROR_INVALID_ARGUMENT;
     }
     memcpy(mesh->transform, transform, sizeof mesh->transform);
@@ -4166,8 +4216,8 @@ static sbl_result sbl__geometry_move(const sbl__device *d, sbl__geometry *g, int
                       g->vertices + first);
     sbl__buffer_write(d, &g->attribute_table.buffer, sizeof(sbl__attributes) * first, sizeof(sbl__attributes) * count,
                       g->attributes + first);
-    if (turned) {
-        sbl__mesh_turn(g, mesh);
+    if (reversed) {
+        sbl__mesh_reverse(g, mesh);
         sbl__buffer_write(d, &g->index_table.buffer, 4 * corners, 12 * (size_t)mesh->triangle_count,
                           g->indices + corners);
     }
@@ -4190,43 +4240,45 @@ static void sbl__geometry_bind(sbl__device *d, const sbl__geometry *g) {
 }
 
 /* ======================================================================================================== >>textures
-   Texels of all textures of a kind stand in one GL texture, the store, each from a row of its own on: 8-bit sRGB
-   as it is, all else as 16-bit floats. scene.glsl filters them bilinearly. */
+   All textures of the scene share two GL textures, the texel tables: one for textures that the host gives as 8-bit
+   sRGB, whose bytes it keeps, and one of 16-bit floats for all others. A texture begins at the start of a row of its
+   table; its texels follow each other without gaps, whatever its width. scene.glsl filters them bilinearly. */
 
-#define SBL__STORE_WIDTH 4096
+#define SBL__TEXEL_TABLE_WIDTH 4096  /* texels per row; less if the driver's textures are smaller */
 
 typedef struct sbl__textures {
-    sbl__texture stores[2];    /* 8-bit sRGB, 16-bit float */
-    uint32_t (*places)[4];     /* of each texture: first row, width, height, kind; see sbl__object */
-    float *brightest;          /* component of each */
-    int count;
-    uint64_t hash;             /* of all pixels */
+    sbl__texture tables[2];    /* texel tables: [0] 8-bit sRGB, [1] 16-bit floats */
+    uint32_t (*places)[4];     /* per texture: first row in its table, width, height, kind; copied to sbl__object */
+    float *brightest;          /* per texture: largest component of any texel; always 1 if pixels are 8-bit sRGB */
+    int count;                 /* number of textures */
+    uint64_t hash;             /* hash of both tables' texels */
 } sbl__textures;
 
 static void sbl__textures_free(const sbl__device *d, sbl__textures *t) {
-    sbl__texture_delete(d, &t->stores[0]);
-    sbl__texture_delete(d, &t->stores[1]);
+    sbl__texture_delete(d, &t->tables[0]);
+    sbl__texture_delete(d, &t->tables[1]);
     sbl__free(d->base, t->places);
     sbl__free(d->base, t->brightest);
     memset(t, 0, sizeof *t);
 }
 
-/* A store while it is filled. */
-typedef struct sbl__texel_store { unsigned char *bytes; size_t texel; int width, rows; } sbl__texel_store;
+/* A texel table while the CPU fills it. texel: bytes per texel, 4 for 8-bit sRGB or 8 for 16-bit floats */
+typedef struct sbl__texel_table { unsigned char *bytes; size_t texel; int width, rows; } sbl__texel_table;
 
-/* r g b a as the store has them, at texel number `at`. */
-static void sbl__store_texel(const sbl__texel_store *store, size_t at, const float rgba[4]) {
-    unsigned char *to = store->bytes + store->texel * at;
+/* Writes a linear colour to texel number `at`, in the table's format. */
+static void sbl__texel_write(const sbl__texel_table *table, size_t at, const float rgba[4]) {
+    unsigned char *to = table->bytes + table->texel * at;
     uint16_t half[4];
     int i;
     for (i = 0; i < 4; i++) {
-        if (store->texel == 8) half[i] = sbl__to_half(rgba[i]);
+        if (table->texel == 8) half[i] = sbl__to_half(rgba[i]);
         else to[i] = sbl__to_byte(i < 3 ? sbl__linear_to_srgb(rgba[i]) : rgba[i]);
     }
-    if (store->texel == 8) memcpy(to, half, 8);
+    if (table->texel == 8) memcpy(to, half, 8);
 }
 
-/* Pixel x of a row as r g b a, bytes as 0 to 1. */
+/* Reads pixel x of a row. Bytes are divided by 255. One channel is grey, two are grey and alpha; c[3] is left unchanged
+   if the texture has no alpha. */
 static void sbl__read_pixel(const sbl_texture *t, const unsigned char *row, int x, float c[4]) {
     const int channels = sbl__texture_channels(t);
     int k;
@@ -4237,15 +4289,15 @@ static void sbl__read_pixel(const sbl_texture *t, const unsigned char *row, int 
     if (channels < 3) c[1] = c[2] = c[0];
 }
 
-/* Bytes of an 8-bit sRGB texture, as they are: GL decodes them. */
-static void sbl__store_bytes(const sbl__texel_store *store, size_t at, const sbl_texture *t) {
+/* Writes the bytes of an 8-bit sRGB texture unchanged, from texel number `at` on. GL decodes them when shaders read. */
+static void sbl__texels_write_bytes(const sbl__texel_table *table, size_t at, const sbl_texture *t) {
     const int channels = sbl__texture_channels(t);
     const size_t stride = sbl__texture_stride(t, t->width);
     int x, y;
     for (y = 0; y < t->height; y++)
         for (x = 0; x < t->width; x++, at++) {
             const unsigned char *p = (const unsigned char *)t->pixels + (size_t)y * stride + (size_t)(channels * x);
-            unsigned char *q = store->bytes + 4 * at;
+            unsigned char *q = table->bytes + 4 * at;
             q[0] = p[0];
             q[1] = p[channels < 3 ? 0 : 1];
             q[2] = p[channels < 3 ? 0 : 2];
@@ -4253,12 +4305,13 @@ static void sbl__store_bytes(const sbl__texel_store *store, size_t at, const sbl
         }
 }
 
-/* Pixels of any other texture. copy: NULL, or what the host's GL texture was read as. */
-static sbl_result sbl__store_pixels(const sbl__device *d, const sbl__textures *s, const sbl__texel_store *store,
-                                    const sbl_texture *t, int index, const float *copy) {
+/* Writes the pixels of any other texture. copy: NULL, or the r g b a that were read from the host's GL texture. Logs an
+   error and returns SBL_ERROR_INVALID_ARGUMENT if a component is negative or not finite. */
+static sbl_result sbl__texels_write_pixels(const sbl__device *d, const sbl__textures *s, const sbl__texel_table *table,
+                                           const sbl_texture *t, int index, const float *copy) {
     const int width = (int)s->places[index][1], height = (int)s->places[index][2];
     const size_t stride = sbl__texture_stride(t, width);
-    size_t at = (size_t)s->places[index][0] * (size_t)store->width;
+    size_t at = (size_t)s->places[index][0] * (size_t)table->width;
     int x, y, k;
     for (y = 0; y < height; y++)
         for (x = 0; x < width; x++, at++) {
@@ -4272,19 +4325,19 @@ static sbl_result sbl__store_pixels(const sbl__device *d, const sbl__textures *s
                     return SBL_ERROR_INVALID_ARGUMENT;
                 }
             s->brightest[index] = SBL__MAX(s->brightest[index], sbl__max3(c));
-            sbl__store_texel(store, at, c);
+            sbl__texel_write(table, at, c);
         }
     return SBL_SUCCESS;
 }
 
-static sbl_result sbl__textures_fill(sbl__device *d, const sbl__textures *s, const sbl__texel_store *store,
+static sbl_result sbl__textures_fill(sbl__device *d, const sbl__textures *s, const sbl__texel_table *table,
                                      const sbl_texture *t, int index) {
     const uint32_t *place = s->places[index];
     const int size[2] = { (int)place[1], (int)place[2] };
     float *copy = NULL;
     sbl_result result = SBL_SUCCESS;
     if (t->pixels && t->format == SBL_PIXELS_SRGB8) {
-        sbl__store_bytes(store, (size_t)place[0] * (size_t)store->width, t);
+        sbl__texels_write_bytes(table, (size_t)place[0] * (size_t)table->width, t);
         s->brightest[index] = 1;
         return SBL_SUCCESS;
     }
@@ -4295,20 +4348,20 @@ static sbl_result sbl__textures_fill(sbl__device *d, const sbl__textures *s, con
         result = sbl__host_texture_read(d, t->gl_texture, size, copy);
         d->gl.doing = "storing textures";
     }
-    if (result == SBL_SUCCESS) result = sbl__store_pixels(d, s, store, t, index, copy);
+    if (result == SBL_SUCCESS) result = sbl__texels_write_pixels(d, s, table, t, index, copy);
     sbl__free(d->base, copy);
     return result;
 }
 
-/* Gives a texture its rows in the store. */
-static sbl_result sbl__textures_place(sbl__device *d, sbl__textures *s, sbl__texel_store *store, const sbl_texture *t,
+/* Assigns rows of a texel table to a texture. */
+static sbl_result sbl__textures_place(sbl__device *d, sbl__textures *s, sbl__texel_table *table, const sbl_texture *t,
                                       int index) {
     const int most = d->gl.capabilities.max_texture_size;
     int size[2] = { t->width, t->height };
     double rows;
     if (t->gl_texture) {
         sbl_result result;
-        d->gl.doing = "looking at a GL texture";
+        d->gl.doing = "querying a GL texture";
         result = sbl__host_texture_size(d, t->gl_texture, size);
         d->gl.doing = "storing textures";
         if (result == SBL_ERROR_OUT_OF_MEMORY) return result;
@@ -4318,25 +4371,25 @@ static sbl_result sbl__textures_place(sbl__device *d, sbl__textures *s, sbl__tex
             return SBL_ERROR_INVALID_ARGUMENT;
         }
     }
-    rows = ceil((double)size[0] * size[1] / store->width);
-    if (store->rows + rows > most) {
+    rows = ceil((double)size[0] * size[1] / table->width);
+    if (table->rows + rows > most) {
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "texture %d: all textures together need more than "
-                 "%d x %d texels; use smaller ones", index + 1, store->width, most);
+                 "%d x %d texels; use smaller textures", index + 1, table->width, most);
         return SBL_ERROR_UNSUPPORTED;
     }
-    s->places[index][0] = (uint32_t)store->rows;
+    s->places[index][0] = (uint32_t)table->rows;
     s->places[index][1] = (uint32_t)size[0];
     s->places[index][2] = (uint32_t)size[1];
-    s->places[index][3] = (store->texel == 8 ? SBL__TEXTURE_FLOAT : SBL__TEXTURE_SRGB) |
+    s->places[index][3] = (table->texel == 8 ? SBL__TEXTURE_FLOAT : SBL__TEXTURE_SRGB) |
                           (t->wrap == SBL_WRAP_CLAMP ? SBL__TEXTURE_CLAMPS : 0);
-    store->rows += (int)rows;
+    table->rows += (int)rows;
     return SBL_SUCCESS;
 }
 
-/* All textures; the descriptor has been checked. */
+/* Makes the texel tables for all textures of a descriptor that has been checked. */
 static sbl_result sbl__textures_make(sbl__device *d, sbl__textures *s, const sbl_scene_desc *desc) {
     static const unsigned formats[2] = { SBL__GL_SRGB8_ALPHA8, SBL__GL_RGBA16F };
-    sbl__texel_store stores[2];
+    sbl__texel_table tables[2];
     sbl_result result = SBL_SUCCESS;
     int i;
     d->gl.doing = "storing textures";
@@ -4344,55 +4397,57 @@ static sbl_result sbl__textures_make(sbl__device *d, sbl__textures *s, const sbl
     s->places = (uint32_t (*)[4])sbl__alloc(d->base, (size_t)s->count, sizeof *s->places);
     s->brightest = (float *)sbl__alloc(d->base, (size_t)s->count, sizeof(float));
     if (!s->places || !s->brightest) return SBL_ERROR_OUT_OF_MEMORY;
-    memset(stores, 0, sizeof stores);
+    memset(tables, 0, sizeof tables);
     for (i = 0; i < 2; i++) {
-        stores[i].texel = i ? 8 : 4;
-        stores[i].width = SBL__MIN(SBL__STORE_WIDTH, d->gl.capabilities.max_texture_size);
+        tables[i].texel = i ? 8 : 4;
+        tables[i].width = SBL__MIN(SBL__TEXEL_TABLE_WIDTH, d->gl.capabilities.max_texture_size);
     }
-#define SBL__STORE_OF(i) (&stores[desc->textures[i].format != SBL_PIXELS_SRGB8])
+#define SBL__TABLE_OF(i) (&tables[desc->textures[i].format != SBL_PIXELS_SRGB8])
     for (i = 0; i < s->count && result == SBL_SUCCESS; i++)
-        result = sbl__textures_place(d, s, SBL__STORE_OF(i), &desc->textures[i], i);
+        result = sbl__textures_place(d, s, SBL__TABLE_OF(i), &desc->textures[i], i);
     for (i = 0; i < 2 && result == SBL_SUCCESS; i++) {
-        sbl__texel_store *store = &stores[i];
-        if (!store->rows) continue;
-        store->bytes = (unsigned char *)sbl__alloc(d->base, (size_t)store->rows * (size_t)store->width, store->texel);
-        if (!store->bytes) result = SBL_ERROR_OUT_OF_MEMORY;
+        sbl__texel_table *table = &tables[i];
+        if (!table->rows) continue;
+        table->bytes = (unsigned char *)sbl__alloc(d->base, (size_t)table->rows * (size_t)table->width, table->texel);
+        if (!table->bytes) result = SBL_ERROR_OUT_OF_MEMORY;
     }
     for (i = 0; i < s->count && result == SBL_SUCCESS; i++)
-        result = sbl__textures_fill(d, s, SBL__STORE_OF(i), &desc->textures[i], i);
-#undef SBL__STORE_OF
+        result = sbl__textures_fill(d, s, SBL__TABLE_OF(i), &desc->textures[i], i);
+#undef SBL__TABLE_OF
     for (i = 0; i < 2; i++) {
         if (result == SBL_SUCCESS)
-            s->hash = sbl__hash_bytes(s->hash, stores[i].bytes, (size_t)stores[i].rows * (size_t)stores[i].width *
-                                                                stores[i].texel);
-        if (result == SBL_SUCCESS && stores[i].rows)
-            result = sbl__texture_make(d, &s->stores[i], stores[i].width, stores[i].rows, formats[i]);
-        if (result == SBL_SUCCESS && stores[i].rows)
-            result = sbl__texture_write(d, &s->stores[i], 0, stores[i].rows, stores[i].bytes);
-        sbl__free(d->base, stores[i].bytes);
+            s->hash = sbl__hash_bytes(s->hash, tables[i].bytes, (size_t)tables[i].rows * (size_t)tables[i].width *
+                                                                tables[i].texel);
+        if (result == SBL_SUCCESS && tables[i].rows)
+            result = sbl__texture_make(d, &s->tables[i], tables[i].width, tables[i].rows, formats[i]);
+        if (result == SBL_SUCCESS && tables[i].rows)
+            result = sbl__texture_write(d, &s->tables[i], 0, tables[i].rows, tables[i].bytes);
+        sbl__free(d->base, tables[i].bytes);
     }
     return result;
 }
 
 static void sbl__textures_bind(sbl__device *d, const sbl__textures *s) {
-    sbl__bind(d, "sbl_texels_srgb", &s->stores[0]);
-    sbl__bind(d, "sbl_texels_float", &s->stores[1]);
+    sbl__bind(d, "sbl_texels_srgb", &s->tables[0]);
+    sbl__bind(d, "sbl_texels_float", &s->tables[1]);
 }
 
 /* ====================================================================================================== >>environment
-   Light from where nothing is hit: the constant sky, and a picture. What of the picture is too bright to be left to
-   rays over the hemisphere is a lamp, texel by texel (see >>lamps). */
+   Light that arrives from directions without a surface: from the sky, which is constant, and from a picture around the
+   scene. Rays over the hemisphere find the picture's radiance up to a limit. Radiance above the limit would make their
+   results noisy, so each texel that exceeds the limit is also a lamp, which emits the excess (see >>lamps). */
 
-#define SBL__SKY_LIMIT 4  /* mean radiances: what is brighter is a lamp; rays meet the rest with little noise */
+/* Limit for the radiance that rays over the hemisphere find, in multiples of the picture's mean over all directions */
+#define SBL__SKY_LIMIT 4
 
 typedef struct sbl__environment {
-    float sky[3];        /* constant */
-    float *pixels;       /* the picture, scaled: r g b; NULL: there is none */
-    int width, height;
-    float axes[3][3];    /* x, up, z of the picture in the world */
-    float limit;         /* radiance from which on a texel is a lamp; 0: there is no picture */
-    float brightest;
-    sbl__texture texels;
+    float sky[3];        /* constant radiance from all directions, added to the picture's */
+    float *pixels;       /* radiance of the picture, host's scale included: r g b; NULL if there is no picture */
+    int width, height;   /* size of the picture, texels */
+    float axes[3][3];    /* the picture's x, up and z axes in world space: unit vectors */
+    float limit;         /* radiance (largest component) above which a texel is a lamp; 0 if there is no picture */
+    float brightest;     /* largest component of the radiance from any direction, sky and picture together */
+    sbl__texture texels; /* the picture on the GPU */
 } sbl__environment;
 
 static void sbl__environment_free(const sbl__device *d, sbl__environment *e) {
@@ -4401,14 +4456,15 @@ static void sbl__environment_free(const sbl__device *d, sbl__environment *e) {
     memset(e, 0, sizeof *e);
 }
 
-/* Up is where the host says; x and z turn there from +y the shortest way, then by its rotation. */
+/* Computes the picture's axes. The shortest rotation that takes +y to the host's `up` is applied to x and z; then both
+   are rotated about `up` by desc->rotation. */
 static void sbl__environment_axes(sbl__environment *e, const sbl_environment *desc) {
     const double turn = desc->rotation * SBL__PI / 180;
     double up[3] = { 0, 1, 0 }, x[3] = { 1, 0, 0 }, z[3];
     int k;
     for (k = 0; k < 3 && !sbl__all_zero(desc->up, 3); k++) up[k] = desc->up[k];
     sbl__normalize(up);
-    if (up[1] > -1 + 1e-9) {  /* about their cross product; from -y, half a turn about x */
+    if (up[1] > -1 + 1e-9) {  /* rotates x; if `up` is -y, the rotation is half a turn about x, which does not move x */
         x[0] = 1 - up[0] * up[0] / (1 + up[1]);
         x[1] = -up[0];
         x[2] = -up[0] * up[2] / (1 + up[1]);
@@ -4421,7 +4477,7 @@ static void sbl__environment_axes(sbl__environment *e, const sbl_environment *de
     }
 }
 
-/* The direction of the middle of a texel, as sky.glsl has it. */
+/* World direction of the centre of a texel. sbl_sky_direction in sky.glsl uses the same mapping. */
 static void sbl__environment_direction(const sbl__environment *e, int x, int y, double out[3]) {
     const double angle = SBL__PI * (y + 0.5) / e->height, around = 2 * SBL__PI * ((x + 0.5) / e->width - 0.5);
     int k;
@@ -4429,7 +4485,8 @@ static void sbl__environment_direction(const sbl__environment *e, int x, int y, 
         out[k] = sin(angle) * (cos(around) * e->axes[0][k] + sin(around) * e->axes[2][k]) + cos(angle) * e->axes[1][k];
 }
 
-/* Radiance of a texel as the host gives it, scaled. */
+/* Gets the linear radiance of a texel from the host's pixels or function, multiplied by the host's scale. c[3] has no
+   meaning. */
 static void sbl__environment_texel(const sbl__environment *e, const sbl_environment *desc, int x, int y, float c[4]) {
     const sbl_texture *t = &desc->picture;
     double exact[3];
@@ -4447,7 +4504,7 @@ static void sbl__environment_texel(const sbl__environment *e, const sbl_environm
     for (k = 0; k < 3; k++) c[k] *= desc->scale > 0 ? desc->scale : 1.0f;
 }
 
-/* The picture as floats: r g b on the CPU, r g b a for the GPU; and what of it is a lamp. */
+/* Fills e->pixels (r g b) and texels (r g b a, for the GPU); computes e->limit and e->brightest. */
 static sbl_result sbl__environment_read(const sbl__base *base, sbl__environment *e, const sbl_environment *desc,
                                         float *texels) {
     double mean = 0, weights = 0;
@@ -4501,9 +4558,10 @@ static sbl_result sbl__environment_make(const sbl__device *d, sbl__environment *
     return result;
 }
 
-#define SBL__FAR 1e29f   /* hits that are further away are none */
+#define SBL__FAR 1e29f   /* a distance above this means that a ray hit nothing */
 
-/* What rays over the hemisphere see where they meet nothing: as trace.glsl. */
+/* Radiance that a ray over the hemisphere finds if it hits nothing: the sky's, plus the picture's up to the limit. Same
+   as `sky + sbl_sky(direction)` in trace.glsl. */
 static void sbl__environment_rest(const sbl__environment *e, const double direction[3], float light[3]) {
     double d[3] = { 0, 0, 0 }, excess;
     const float *texel;
@@ -4519,7 +4577,7 @@ static void sbl__environment_rest(const sbl__environment *e, const double direct
     for (k = 0; k < 3; k++) light[k] += (float)((1 - excess) * (double)texel[k]);
 }
 
-/* For sky.glsl. */
+/* Sets the uniforms of sky.glsl and the uniform `sky`. */
 static void sbl__environment_bind(sbl__device *d, const sbl__environment *e) {
     sbl__bind(d, "sky_picture", &e->texels);
     sbl__set_vec3(d, "sky_x", e->axes[0]);
@@ -4531,31 +4589,33 @@ static void sbl__environment_bind(sbl__device *d, const sbl__environment *e) {
 
 /* >>glsl sky: shaders_embedded/sky.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sky[] = {
-"// The environment's picture, equirectangular: light from where nothing is hit, besides the constant sky (see\n",
-"// sbl_environment).\n",
+"// The environment's picture (see sbl_environment), in equirectangular projection. A ray that hits nothing finds\n",
+"// the sum of its light and of the constant sky's.\n",
 "uniform sampler2D sky_picture;\n",
-"uniform vec3 sky_x, sky_up, sky_z;  // its axes in the world\n",
-"uniform float sky_limit;            // radiance from which on it is left to lamps.glsl; 0: there is no picture\n",
+"uniform vec3 sky_x, sky_up, sky_z;  // axes of the picture in world space: unit vectors\n",
+"uniform float sky_limit;            // radiance (largest component) above which a texel is also a lamp, which emits\n",
+"                                    // the excess; 0: the picture gives no light, or there is none\n",
 "\n",
-"// Where a direction meets the picture, in its widths and heights.\n",
+"// Position in the picture where a direction points to: 0 to 1 from left to right and from top to bottom.\n",
 "vec2 sbl_sky_at(vec3 direction) {\n",
 "    vec3 d = vec3(dot(direction, sky_x), dot(direction, sky_up), dot(direction, sky_z)) / length(direction);\n",
 "    float around = d.x == 0.0 && d.z == 0.0 ? 0.0 : atan(d.z, d.x) / 6.283185307;\n",
 "    return vec2(0.5 + around, acos(clamp(d.y, -1.0, 1.0)) / 3.14159265);\n",
 "}\n",
 "\n",
-"// The way back; z: the cosine to sky_up.\n",
+"// Inverse of sbl_sky_at: world direction of a position in the picture. across: 0 to 1 from left to right;\n",
+"// z: cosine of the angle between the direction and sky_up\n",
 "vec3 sbl_sky_direction(float across, float z) {\n",
 "    float angle = 6.283185307 * (across - 0.5), r = sqrt(max(1.0 - z * z, 0.0));\n",
 "    return r * cos(angle) * sky_x + z * sky_up + r * sin(angle) * sky_z;\n",
 "}\n",
 "\n",
-"// What of a texel's light lamps.glsl samples.\n",
+"// Share of a texel's light, 0 to 1, that lamps.glsl samples because it exceeds the limit.\n",
 "float sbl_sky_excess(vec3 radiance) {\n",
 "    return max(1.0 - sky_limit / max(max(radiance.r, radiance.g), max(radiance.b, 1e-37)), 0.0);\n",
 "}\n",
 "\n",
-"// The rest of it.\n",
+"// Radiance of the picture in a direction, without the share that lamps.glsl samples and without the constant sky.\n",
 "vec3 sbl_sky(vec3 direction) {\n",
 "    vec3 radiance = vec3(0);\n",
 "    if (sky_limit > 0.0) {\n",
@@ -6191,14 +6251,15 @@ static void sbl__store_bind(sbl__device *d, const sbl__store *s) {
 
 /* >>glsl frame: shaders_embedded/frame.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_frame[] = {
-"// Right, up and forward of a sensor that looks along n: Duff et al. 2017, \"Building an Orthonormal Basis,\n",
-"// Revisited\".\n",
+"// Right-handed orthonormal basis whose third column is the unit vector n: Duff et al. 2017, \"Building an\n",
+"// Orthonormal Basis, Revisited\".\n",
 "mat3 sbl_frame(vec3 n) {\n",
 "    float s = n.z < 0.0 ? -1.0 : 1.0, f = -1.0 / (s + n.z), g = n.x * n.y * f;\n",
 "    return mat3(1.0 + s * n.x * n.x * f, s * g, -s * n.x, g, s + n.y * n.y * f, -n.y, n);\n",
 "}\n",
 "\n",
-"// A direction about a frame's third axis, by the cosine. u: 0 to 1.\n",
+"// Maps a uniform point u of the unit square to a cosine-distributed direction over the hemisphere about the\n",
+"// frame's third column.\n",
 "vec3 sbl_by_cosine(mat3 frame, vec2 u) {\n",
 "    float radius = sqrt(u.x), angle = 6.283185307 * u.y;\n",
 "    return frame * vec3(radius * cos(angle), radius * sin(angle), sqrt(1.0 - u.x));\n",
@@ -7297,7 +7358,8 @@ static void sbl__camera_rays(const sbl__camera *c, const float offset[2], const 
 
 /* >>glsl camera: shaders_embedded/camera.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_camera[] = {
-"// The camera's rays: a pixel's is affine in its position.\n",
+"// Rays through the camera's pixels, in world space. Origin and direction are affine functions of the pixel's\n",
+"// position.\n",
 "uniform vec3 origin_0, origin_x, origin_y;\n",
 "uniform vec3 direction_0, direction_x, direction_y;\n",
 "\n",
@@ -7637,71 +7699,79 @@ static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__
 }
 
 /* ======================================================================================================== >>sensors
-   Sites, where light is wanted; looks, the sensors that stand there; how a look's views lie on its sheet, and what each
-   texel weighs. */
+   Defines where and how incoming light is measured. A site is a place where light is wanted. A look is one measurement
+   there, by a sensor that traces rays over the hemisphere or rasterises views of it. A site may have several looks,
+   each with other directions, whose mean is the site's reading. This room also lays out a look's views in a rectangle
+   of texels, its sheet, and computes the weights of these texels. */
 
-/* WHERE. */
 typedef struct sbl__site {
-    float position[3];          /* on the surface, or in the air */
-    float normal[3];            /* unit: the hemisphere's middle, the shading normal of a surface */
-    float geometric_normal[3];  /* unit: the side that its sensor is moved off to */
-    float offset;               /* how far it is moved */
-    uint32_t number;            /* turns its directions: another one for each site */
-    int guide;                  /* of its rays, see >>guide; 0: none */
-    int first, looks;           /* which of its looks are wanted: so many, from number `first` on */
+    float position[3];          /* world space: on a surface or in the air */
+    float normal[3];            /* unit vector to the centre of the hemisphere; a surface's shading normal */
+    float geometric_normal[3];  /* unit vector along which the sensor is moved off the surface */
+    float offset;               /* distance by which the sensor is moved, world units */
+    uint32_t number;            /* seed for rotating the site's rays or views; different for sites at other positions */
+    int guide;                  /* number of the guide that directs the site's rays, see >>guide; 0: no guide */
+    int first, looks;           /* the job makes this number of looks, beginning with look number `first` */
 } sbl__site;
 
-/* WHERE FROM: the radiance that arrives over a site's hemisphere, in the first two bands of spherical harmonics, rgb of
-   each, as in sbl_probe. */
+/* The radiance that arrives over a site's hemisphere, projected to the first two bands of spherical harmonics: four
+   coefficients, each r g b, in the order of sbl_probe. */
 typedef struct sbl__harmonics { float sh[4][3]; } sbl__harmonics;
 
-/* HOW, for a whole job. */
+/* How all sensors of a job measure light. */
 typedef struct sbl__spec {
-    int traced;                 /* rays, or views */
-    int paper;                  /* exactly the paper: never turned, equation 4, lamps met by texels, no other light */
-    int hemicube, size;         /* views: five or one, texels across */
-    float fov;                  /* of the one, degrees */
-    int looks;                  /* that a site may have */
-    int rays;                   /* of a look, over the hemisphere */
-    int lamp_rays;              /* towards lamps, at most; 0: there are none, or they are met like any surface */
-    int lamps_apart;            /* views and rays over the hemisphere do not see emitters: lamp_rays are for them */
-    int bounced;                /* surfaces send out the light that the store knows */
-    int skyless;                /* rays over the hemisphere do not see the sky */
-    int dark;                   /* nor anything that shines: those of a site's first look tell where it stands */
-    int guided;                 /* sites have guides */
-    float reach;                /* rays: farther off counts as so far off in mean distances; 0: nothing does */
-    int narrow;                 /* a look's one ray goes along the normal */
-    int directional;            /* readings tell where light comes from, see sbl__harmonics */
-    float epsilon;
-    uint32_t seed;
-    int atlas_size, batch;      /* of sbl_context_desc */
+    int traced;                 /* 1: sensors trace rays; 0: they rasterise views */
+    int paper;                  /* 1: exactly the paper's method: views are not rotated, texels are weighted by
+                                   equation 4, emitters are seen in views, other kinds of lamps are ignored */
+    int hemicube;               /* rasterised: 1: five views form half a cube; 0: one view along the normal */
+    int size;                   /* rasterised: width and height of a view, texels */
+    float fov;                  /* rasterised, one view: field of view, degrees */
+    int looks;                  /* maximum number of looks per site */
+    int rays;                   /* traced: number of rays over the hemisphere per look */
+    int lamp_rays;              /* maximum number of rays towards lamps per look; 0: no rays are aimed at lamps */
+    int lamps_apart;            /* 1: lamp_rays measure all emission, so other rays and views do not see it */
+    int bounced;                /* 1: surfaces reflect bounced light (see >>store) and ambient light; 0: ambient only */
+    int skyless;                /* traced: 1: rays over the hemisphere see neither the sky nor the environment */
+    int dark;                   /* traced: 1: rays over the hemisphere cannot find light, so only a site's first look
+                                   traces them, for the distances and back faces that readings report */
+    int guided;                 /* 1: guides direct the sites' rays, see >>guide */
+    float reach;                /* traced: upper limit for each distance in a reading's mean distance; 0: no limit */
+    int narrow;                 /* traced: 1: a look traces one ray only, along the normal */
+    int directional;            /* 1: the job also yields sbl__harmonics for each site */
+    float epsilon;              /* ambient light: radiance that reaches all surfaces from all directions */
+    uint32_t seed;              /* seed for the rotation of all sensors, see sbl_picture_desc */
+    int atlas_size, batch;      /* fields of sbl_context_desc */
 } sbl__spec;
 
-/* One sensor: a site, seen from off its surface, turned somehow. A site may have several, each turned further. */
+/* One look of a site. */
 typedef struct sbl__look {
-    float position[3];          /* off the surface */
+    float position[3];          /* position of the sensor: the site's position, moved by the offset */
     float normal[3];
     float offset;
-    float turn;                 /* about the normal, radians: views */
-    uint32_t seed;              /* scrambles the directions: rays */
-    int number;                 /* of the site's looks: which stretch of the sequence its rays follow */
-    int guide;                  /* the site's */
-    int sensor;                 /* number within the job */
+    float turn;                 /* rasterised: rotation of the views about the normal, radians */
+    uint32_t seed;              /* traced: scrambles the points of the sequence that give the rays' directions */
+    int number;                 /* index among the site's looks; selects the section of the sequence for its rays */
+    int guide;                  /* number of the site's guide */
+    int sensor;                 /* index of the look among all looks of the job */
 } sbl__look;
 
-#define SBL__MAX_LOOKS 512
-#define SBL__DEFAULT_LOOKS 16
-#define SBL__LOOK_RAYS_MOST 128    /* where sensors look again */
-#define SBL__LOOK_VARIANCE 12.5    /* that a look may have, in squares of the error asked for */
-/* Looks stand this share off their surface: of the scene's extent where depth buffers decide what is seen, of their own
-   triangle's reach where rays do. Six times what float rounding needs (from 2.5e-7 down, spheres see themselves). */
+#define SBL__MAX_LOOKS 512         /* maximum number of looks per site if the host has requested an error */
+#define SBL__DEFAULT_LOOKS 16      /* maximum number of looks per site if the host has not requested an error */
+#define SBL__LOOK_RAYS_MOST 128    /* maximum number of rays per look when a noisy look gets more rays */
+#define SBL__LOOK_VARIANCE 12.5    /* a look gets more rays while its relative variance exceeds this multiple of the
+                                      requested error squared (see sbl__look_growth) */
+/* Distance of a sensor from its surface. It is a share of the scene's extent if views are rasterised, because of the
+   depth buffer's precision, and of the triangle's reach if rays are traced: its distance from the origin plus its size
+   (see surface.glsl). The share is six times what float rounding needs: at 2.5e-7 and below, sensors on a sphere see
+   the sphere itself. */
 #define SBL__OFFSET 1.5e-6f
 
-/* Look number `look` of a site: off the surface along the geometric normal, turned by the site's hash, or (paper) not.
-   However many there are, they turn evenly. */
+/* Makes look number `look` of a site. The sensor is moved off the surface along the geometric normal. Its rotation
+   about the normal is the site's hash (0 to 1) plus the look number's radical inverse, in quarter turns, so that any
+   number of looks are spread evenly over a quarter turn. In the paper's mode looks are not rotated. */
 static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int look, sbl__look *out) {
     const uint32_t hash = sbl__hash(site->number ^ sbl__hash(spec->seed));
-    double turn = 0, share = 0.5;  /* the radical inverse */
+    double turn = 0, share = 0.5;  /* turn: radical inverse of `look` in base 2, 0 to 1 */
     int k;
     for (k = look; k > 0; k >>= 1, share *= 0.5) turn += k & 1 ? share : 0;
     for (k = 0; k < 3; k++) {
@@ -7715,7 +7785,8 @@ static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int loo
     out->guide = site->guide;
 }
 
-/* A look as shaders that send rays take it. */
+/* The data of a look that ray-tracing shaders read. The word `which` holds the look's number in its low
+   SBL__LOOK_GUIDE_SHIFT bits and the guide's number above them. */
 #define SBL__LOOK_RECORD(X) \
     X(sbl__look_words, VEC3, position) X(sbl__look_words, FLOAT, turn) \
     X(sbl__look_words, VEC3, normal) X(sbl__look_words, FLOAT, offset) \
@@ -7735,16 +7806,17 @@ static void sbl__look_write(const sbl__look *l, sbl__look_words *out) {
 
 /* >>sensors: views */
 
+/* Positions of a look's views in its sheet. */
 typedef struct sbl__layout {
     int hemicube, size, view_count;
-    double tangent;             /* of half the view's width: 1 for a hemicube */
-    int rects[5][4];            /* x, y, width, height in the sheet */
-    int sheet_width, sheet_height;            /* without padding */
-    int block, blocks[2];       /* the reduction's first step adds block x block texels; the sheet is padded to whole
-                                   blocks */
+    double tangent;             /* tangent of half the field of view; 1 for a hemicube */
+    int rects[5][4];            /* per view: x, y, width, height in the sheet, texels */
+    int sheet_width, sheet_height;  /* size of the sheet without padding, texels */
+    int block;                  /* width and height of the squares of texels that reduce_blocks.glsl adds up */
+    int blocks[2];              /* number of such squares across and down; the sheet is padded to whole ones */
 } sbl__layout;
 
-/* As the vertex shader takes it, see sensor_vertex.glsl. */
+/* The vertex attributes of a view. sensor_vertex.glsl explains them. */
 typedef struct sbl__view { float eye[3], right[4], up[4], forward[4], offset[2]; } sbl__view;
 
 static void sbl__layout_make(sbl__layout *l, int hemicube, int size, float fov) {
@@ -7769,10 +7841,11 @@ static void sbl__layout_make(sbl__layout *l, int hemicube, int size, float fov) 
     l->blocks[1] = (l->sheet_height + l->block - 1) / l->block;
 }
 
+/* Width (axis 0) or height (axis 1) of a sheet with its padding, texels */
 static int sbl__layout_pitch(const sbl__layout *l, int axis) { return l->blocks[axis] * l->block; }
 
-/* Tangents to a normal: Duff et al. 2017, "Building an Orthonormal Basis, Revisited". right x up = -normal, as in a
-   view that looks along it. */
+/* Computes two tangents of a unit normal (Duff et al. 2017, "Building an Orthonormal Basis, Revisited") and rotates
+   them about it by `turn` radians. right x up = -normal, as for a camera that looks along the normal. */
 static void sbl__frame(const float n[3], double turn, double right[3], double up[3]) {
     const double s = n[2] < 0.0f ? -1 : 1, a = -1 / (s + n[2]), b = (double)n[0] * n[1] * a;
     const double c = cos(turn), d = sin(turn);
@@ -7783,7 +7856,8 @@ static void sbl__frame(const float n[3], double turn, double right[3], double up
     for (k = 0; k < 3; k++) { right[k] = c * t[k] + d * u[k]; up[k] = c * u[k] - d * t[k]; }
 }
 
-/* Directions of view `face`: 0 looks along the normal, 1 to 4 to the sides with the normal up. */
+/* Computes the axes of a look's view in world space. View 0 looks along the normal. Views 1 to 4 of a hemicube look
+   sideways, and the normal is their up direction. */
 static void sbl__view_axes(const sbl__look *l, int face, double right[3], double up[3], double forward[3]) {
     double t[3], u[3];
     int k;
@@ -7796,7 +7870,8 @@ static void sbl__view_axes(const sbl__look *l, int face, double right[3], double
     }
 }
 
-/* corner: of the look's sheet in the atlas; size: of the part of it that is drawn to; texels. */
+/* Makes a view's vertex attributes. corner: lowest x and y of the look's sheet in the texture of all sheets; size:
+   width and height of the part of this texture that is drawn to; all in texels */
 static void sbl__view_make(const sbl__layout *l, const sbl__look *look, int face, const int corner[2],
                            const int size[2], sbl__view *out) {
     const int *r = l->rects[face];
@@ -7817,7 +7892,8 @@ static void sbl__view_make(const sbl__layout *l, const sbl__look *look, int face
     out->forward[3] = face ? 0.0f : -1.0f;
 }
 
-/* The range of x and y, in tangents, that a view's rectangle spans. */
+/* Gets the rectangle that a view covers in the plane at unit distance: lowest and highest x, lowest and highest y. The
+   side views of a hemicube begin at the horizon, y = 0. */
 static void sbl__view_range(const sbl__layout *l, int face, double range[4]) {
     range[0] = -l->tangent; range[1] = l->tangent;
     range[2] = face ? 0 : -l->tangent; range[3] = l->tangent;
@@ -7825,10 +7901,10 @@ static void sbl__view_range(const sbl__layout *l, int face, double range[4]) {
 
 /* >>sensors: weights */
 
-/* Projected solid angle over pi of the corner rectangle [0, x] x [0, y] at unit distance. Top: in a plane across the
-   normal; the integral of 1 / (pi (1 + x^2 + y^2)^2). Side: in a plane along the normal, y up; the integral of
-   y / (pi (1 + x^2 + y^2)^2), less its value at y = 0. These are the form factors of Cohen and Greenberg 1985,
-   "The Hemi-Cube", integrated. */
+/* Form factor (projected solid angle divided by pi) of the rectangle [0, x] x [0, y] in a plane at unit distance:
+   integrals of the form factors in Cohen and Greenberg 1985, "The Hemi-Cube". sbl__corner_top: the plane is
+   perpendicular to the normal; integral of 1 / (pi (1 + x^2 + y^2)^2). sbl__corner_side: the plane is parallel to the
+   normal, which is its y axis; integral of y / (pi (1 + x^2 + y^2)^2). */
 static double sbl__corner_top(double x, double y) {
     double a = sqrt(1 + x * x), b = sqrt(1 + y * y);
     return (x / a * atan(y / a) + y / b * atan(x / b)) / (2 * SBL__PI);
@@ -7839,19 +7915,22 @@ static double sbl__corner_side(double x, double y) {
     return (atan(x) - atan(x / b) / b) / (2 * SBL__PI);
 }
 
-/* From corner x0, y0 to x1, y1. */
+/* Form factor of the rectangle with the opposite corners from[] and to[] (x and y), where `corner` is one of the two
+   functions above. */
 static double sbl__rectangle_weight(double (*corner)(double, double), const double from[2], const double to[2]) {
     return corner(to[0], to[1]) - corner(from[0], to[1]) - corner(to[0], from[1]) + corner(from[0], from[1]);
 }
 
-/* The paper's V'' of equation 4: onto the unit sphere, then down onto the tangent plane. */
+/* V'' of the paper's equation 4: projects the point (x, y, 1) to the unit sphere, then along the normal to the tangent
+   plane. */
 static void sbl__paper_project(double x, double y, double out[2]) {
     double length = sqrt(x * x + y * y + 1);
     out[0] = x / length;
     out[1] = y / length;
 }
 
-/* Equation 4 over pi; section III-E's factor rdx * rdy and the mean over as many texels cancel. */
+/* The paper's equation 4 divided by pi. The factor rdx * rdy of its section III-E is left out, because it cancels
+   against the mean over that number of texels. */
 static double sbl__paper_weight(const double from[2], const double to[2]) {
     double v0[2], v1[2], v2[2];
     sbl__paper_project(from[0], from[1], v0);
@@ -7860,8 +7939,8 @@ static double sbl__paper_weight(const double from[2], const double to[2]) {
     return fabs((v1[0] - v0[0]) * (v2[1] - v0[1]) - (v1[1] - v0[1]) * (v2[0] - v0[0])) / SBL__PI;
 }
 
-/* Row j of a view's weights, two floats a texel of the padded sheet: share of the hemisphere's projected solid angle;
-   length of the texel's ray at unit depth. */
+/* Computes row j of a view's weights. `weights` has two floats per texel of the padded sheet: the texel's form factor,
+   and the ratio of distance to depth for the ray through its centre. */
 static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, float *weights) {
     const int *r = l->rects[face];
     float *out = weights + 2 * ((size_t)(r[1] + j) * (size_t)sbl__layout_pitch(l, 0) + (size_t)r[0]);
@@ -7881,34 +7960,44 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 }
 
 /* ======================================================================================================== >>guide
-   Where light comes through windows, rays by the cosine mostly meet none. So scouts go before: single rays by the
-   cosine from pixels a few apart (the same job, of looks of one ray). A guide is what those of a pixel and of the ones
-   around it found, a histogram of light over the hemisphere, in rings about the normal and sectors of each that are
-   equally likely by the cosine. Sensors nearby send most of their rays by it, and each counts the less the more there
-   are of its kind: the mean is the same, its noise is less (living-room: a fifth of the variance).
+   Sends more of a sensor's rays in directions where light was found nearby. If light comes through a window, for
+   example, most cosine-distributed rays miss it. Scouts are therefore traced first: single cosine-distributed rays from
+   a grid of pixels. A guide is a histogram over the hemisphere of the light that the scouts of one of these pixels and
+   of those around it found. The hemisphere is divided into rings about the normal and the rings into sectors, so that
+   all bins are equally likely under the cosine distribution. Sensors near the pixel choose most of their directions by
+   the guide. The weight of a ray is the inverse of the factor by which the guide made its bin more likely. This leaves
+   the expected value as it is and reduces the noise (scene living-room: to a fifth of the variance).
 
-       u, evenly spread  --guide-->  u, where light was found  --sbl_by_cosine-->  direction
+       u, uniform in the square  --guide-->  u, denser where light was found  --sbl_by_cosine-->  direction
 
-   The density of a bin is the root mean square of its light: that is best (Rath and others 2020, "Variance-Aware Path
-   Guiding"; Mueller and others 2017, "Practical Path Guiding", for the idea). */
+   The density of a bin is the root mean square of its light, which gives the least variance (Rath and others 2020,
+   "Variance-Aware Path Guiding"). The idea is from Mueller and others 2017, "Practical Path Guiding". */
 
 #define SBL__GUIDE_BINS (SBL__GUIDE_RINGS * SBL__GUIDE_SECTORS)
 #define SBL__GUIDE_WORDS (4 * SBL__GUIDE_TEXELS)
-#define SBL__GUIDE_EVEN 0.2       /* of the rays go evenly: what no scout found must not be missed */
-#define SBL__GUIDE_DARK 0.4       /* lit share of the bins up to which no more do; */
-#define SBL__GUIDE_LIT 0.7        /* and from which on all do: even rays know even light without noise */
-#define SBL__GUIDE_STEP 8          /* pixels from one to the next; */
-#define SBL__GUIDES_FEW 4096       /* less, where they are not more then, */
-#define SBL__GUIDES_MOST 16384     /* and more where they would be more */
-#define SBL__SCOUTS 256            /* rays from a guide's sensor */
-#define SBL__SCOUTS_AT_ONCE 131072 /* in one job */
+/* Even rays are those that keep the cosine distribution. At least a share SBL__GUIDE_EVEN of all rays are even, so that
+   light which no scout found is not missed. If the share of bins that are lit is above SBL__GUIDE_DARK, more rays are
+   even; at SBL__GUIDE_LIT and above, all are, because they sample uniform light with the least noise. */
+#define SBL__GUIDE_EVEN 0.2
+#define SBL__GUIDE_DARK 0.4
+#define SBL__GUIDE_LIT 0.7
+/* Distance between the grid's pixels. A quarter or half of it is used if there are then fewer than SBL__GUIDES_FEW
+   guides; otherwise it is doubled until there are fewer than SBL__GUIDES_MOST. */
+#define SBL__GUIDE_STEP 8
+#define SBL__GUIDES_FEW 4096
+#define SBL__GUIDES_MOST 16384
+#define SBL__SCOUTS 256            /* scouts from each pixel of the grid */
+#define SBL__SCOUTS_AT_ONCE 131072 /* scouts that one job traces, at most */
 
-/* Number 0 is none. Guides stand on a grid of a picture's pixels. */
+/* The guides of a picture, for the pixels of a grid. Guide number 0 belongs to no pixel and keeps the cosine
+   distribution. The guide of grid pixel `place`, counted row by row, has number 1 + place. */
 typedef struct sbl__guides {
-    int columns, rows, step;    /* step: pixels */
-    float *found;               /* while they are made: by bins, squared luminance of what each one's scouts found */
-    uint32_t *words;            /* as shaders take them */
-    sbl__texture texture;
+    int columns, rows;          /* size of the grid */
+    int step;                   /* distance between neighbours of the grid, in pixels of the picture */
+    float *found;               /* NULL once the guides are made; before: for each grid pixel and each bin, the sum of
+                                   the squared luminances that the pixel's scouts found */
+    uint32_t *words;            /* the guides, as guide.glsl reads them, SBL__GUIDE_WORDS each */
+    sbl__texture texture;       /* copy of `words` on the GPU */
 } sbl__guides;
 
 static void sbl__guides_free(const sbl__device *d, sbl__guides *g) {
@@ -7918,12 +8007,13 @@ static void sbl__guides_free(const sbl__device *d, sbl__guides *g) {
     memset(g, 0, sizeof *g);
 }
 
+/* Index of the bin that contains a point of the unit square. ring_share, sector_share: the point's coordinates */
 static int sbl__guide_bin(double ring_share, double sector_share) {
     const int ring = (int)(ring_share * SBL__GUIDE_RINGS), sector = (int)(sector_share * SBL__GUIDE_SECTORS);
     return SBL__MIN(ring, SBL__GUIDE_RINGS - 1) * SBL__GUIDE_SECTORS + SBL__MIN(sector, SBL__GUIDE_SECTORS - 1);
 }
 
-/* The sum of a bin and its neighbours: scouts are few. */
+/* Weighted mean of a bin and its neighbours. It reduces noise, since few scouts fall into one bin. */
 static float sbl__guide_smooth(const float *found, int ring, int sector) {
     static const float weights[3] = { 0.2f, 0.6f, 0.2f };
     float sum = 0;
@@ -7937,8 +8027,9 @@ static float sbl__guide_smooth(const float *found, int ring, int sector) {
     return sum;
 }
 
-/* Where `count` intervals begin whose lengths are as the shares, which are mixed with even ones: 16 bits each, two a
-   word. */
+/* Divides 0 .. 65536 into `count` intervals and writes where each begins, as 16-bit numbers, two per word. A part
+   `even` (0 to 1) of the range is divided equally, the rest in proportion to the shares. If all shares are 0, the whole
+   range is divided equally. */
 static void sbl__guide_intervals(const float *shares, int count, double even, uint32_t *words) {
     double all = 0, sum = 0;
     int i;
@@ -7953,8 +8044,8 @@ static void sbl__guide_intervals(const float *shares, int count, double even, ui
     }
 }
 
-/* Of the rays, the share that goes evenly: the more, the more bins have light, as their densities' squared mean over
-   their mean square tells. */
+/* Share of even rays, SBL__GUIDE_EVEN to 1. `lit`, the squared mean of the densities over their mean square, is the
+   share of bins that are lit: exactly if all lit bins have the same density, approximately otherwise. */
 static double sbl__guide_even(const float *densities) {
     double sum = 0, squares = 0, lit;
     int i;
@@ -7967,7 +8058,7 @@ static double sbl__guide_even(const float *densities) {
     return SBL__GUIDE_EVEN + (1 - SBL__GUIDE_EVEN) * lit;
 }
 
-/* found: of its bins. */
+/* Makes a guide. found: for each bin, the squared luminance that scouts found */
 static void sbl__guide_make(const float *found, uint32_t *words) {
     float rings[SBL__GUIDE_RINGS], densities[SBL__GUIDE_BINS];
     double even;
@@ -7987,11 +8078,13 @@ static void sbl__guide_make(const float *found, uint32_t *words) {
     sbl__guide_intervals(rings, SBL__GUIDE_RINGS, even, words);
 }
 
-static double sbl__guide_begin(const uint32_t *words, int i) {
+/* Beginning of interval i, as sbl__guide_intervals has written it */
+static double sbl__guide_interval_begin(const uint32_t *words, int i) {
     return (double)(words[i / 2] >> (i & 1 ? 16 : 0) & 0xffffu);
 }
 
-/* As in guide.glsl: moves u; returns what a ray there counts. words: of the guide. */
+/* Same as sbl_guide in guide.glsl: maps a uniform point u of the unit square to one that is distributed by the guide,
+   and returns the weight of its ray. words: first word of the guide */
 static double sbl__guide_send(const uint32_t *words, double u[2]) {
     static const int counts[2] = { SBL__GUIDE_RINGS, SBL__GUIDE_SECTORS };
     double weight = 1;
@@ -8000,9 +8093,9 @@ static double sbl__guide_send(const uint32_t *words, double u[2]) {
         const double x = u[axis] * 65536;
         double begin, end;
         int i = 0;
-        while (i + 1 < counts[axis] && sbl__guide_begin(words, i + 1) <= x) i++;
-        begin = sbl__guide_begin(words, i);
-        end = i + 1 < counts[axis] ? sbl__guide_begin(words, i + 1) : 65536;
+        while (i + 1 < counts[axis] && sbl__guide_interval_begin(words, i + 1) <= x) i++;
+        begin = sbl__guide_interval_begin(words, i);
+        end = i + 1 < counts[axis] ? sbl__guide_interval_begin(words, i + 1) : 65536;
         u[axis] = (i + (x - begin) / (end - begin)) / counts[axis];
         weight *= 65536 / ((end - begin) * counts[axis]);
         words += (SBL__GUIDE_RINGS + i * SBL__GUIDE_SECTORS) / 2;
@@ -8010,56 +8103,59 @@ static double sbl__guide_send(const uint32_t *words, double u[2]) {
     return weight;
 }
 
-/* Words of guide number `guide`. */
+/* First word of guide number `guide` */
 static uint32_t *sbl__guide_words(const sbl__guides *g, int guide) {
     return g->words + (size_t)guide * SBL__GUIDE_WORDS;
 }
 
-/* The bins of place number `place` on the grid, whose guide is 1 + place. */
+/* What the scouts of grid pixel number `place` found: SBL__GUIDE_BINS floats */
 static float *sbl__guide_found(const sbl__guides *g, int place) {
     return g->found + (size_t)place * SBL__GUIDE_BINS;
 }
 
-/* Rows of their texture. */
+/* Height of the guides' texture, each of whose rows holds SBL__GUIDES_ACROSS guides */
 static int sbl__guide_rows(const sbl__guides *g) { return g->columns * g->rows / SBL__GUIDES_ACROSS + 1; }
 
-/* >>sensors: what both ways to see work on */
+/* >>sensors: data of both kinds of sensors, those that rasterise views and those that trace rays */
 
-/* How looks lie side by side in textures: look number n of a job in slot n % count, whatever the batch, so that a
-   picture never depends on it. */
+/* Slots for looks, side by side in textures. Look number n of a job uses slot n % count, however the job is divided
+   into batches, so that results do not depend on the division. */
 typedef struct sbl__slots {
     int columns, count;
-    int blocks[2];              /* texels of a look in the block sums */
+    int blocks[2];              /* width and height of a slot in the textures of sbl__blocks, texels */
 } sbl__slots;
 
-/* Partial sums of the looks in all slots, as reduce_blocks.glsl and trace.glsl write them. */
+/* Partial sums of the looks in all slots. reduce_blocks.glsl and trace.glsl write them. */
 typedef struct sbl__blocks {
     sbl__texture sums, hits;
-    sbl__texture harmonics[3];  /* of red, green, blue; where there are any, */
-    sbl__texture even;          /* and what rays miss of even light's */
+    sbl__texture harmonics[3];  /* directional jobs: coefficients of red, green, blue */
+    sbl__texture even;          /* directional jobs: exact coefficients of radiance 1 from all directions, minus those
+                                   that the rays yield; reduce_sum.glsl uses them to correct the rays' coefficients */
     sbl__target target;
 } sbl__blocks;
 
+/* Features (SBL__BOUNCED and others) that shaders need for this scene and spec */
 static unsigned sbl__features_of(const sbl__scene *scene, const sbl__spec *spec) {
     return scene->features | (spec->bounced ? (unsigned)SBL__BOUNCED : 0) |
            (spec->guided ? (unsigned)SBL__GUIDED : 0) | (spec->directional ? (unsigned)SBL__DIRECTIONAL : 0);
 }
 
-/* Looks that are drawn together: `count` of them from slot `slot` on. */
+/* Looks that are drawn or traced together. They use `count` slots, beginning with slot number `slot`. */
 typedef struct sbl__batch {
     const sbl__scene *scene;
     const sbl__spec *spec;
     const sbl__slots *slots;
     const sbl__blocks *blocks;
     const sbl__look *looks;
-    const sbl__table *table;    /* of their words; where rays are sent */
-    const sbl__guides *guides;  /* where the spec says that there are */
+    const sbl__table *table;    /* table of sbl__look_words, if rays are traced */
+    const sbl__guides *guides;  /* NULL if the spec is not guided */
     int slot, count;
 } sbl__batch;
 
 static unsigned sbl__batch_features(const sbl__batch *b) { return sbl__features_of(b->scene, b->spec); }
 
-/* count: of its textures, from the first on. */
+/* Makes the textures of partial sums and a target that draws to them. count: makes only the first `count` of them, in
+   the order of the array below, and deletes the others */
 static sbl_result sbl__blocks_make(const sbl__device *d, sbl__blocks *b, int count, int width, int height) {
     sbl__texture *const textures[6] = { &b->sums, &b->hits, &b->harmonics[0], &b->harmonics[1], &b->harmonics[2],
                                         &b->even };
@@ -8083,7 +8179,7 @@ static void sbl__blocks_free(const sbl__device *d, sbl__blocks *b) {
     sbl__texture_delete(d, &b->hits);
 }
 
-/* Sends looks to the shaders that send rays. */
+/* Sends looks to the table that ray-tracing shaders read. room: number of looks that the table can hold */
 static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const sbl__look *looks, int count,
                                   int room) {
     sbl__look_words *words = (sbl__look_words *)sbl__alloc_raw(d->base, (size_t)count, sizeof *words);
@@ -8098,20 +8194,22 @@ static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const
 
 /* >>glsl carrier: shaders_embedded/carrier.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_carrier[] = {
-"// What sensors' programs have in common. A sensor has a block of texels, one an invocation. There are two\n",
-"// carriers: fragment shaders drawn over the blocks, and compute shaders, in which the invocations of a sensor\n",
-"// follow each other.\n",
-"uniform ivec2 blocks;            // invocations of a sensor: four by some, so that those that run side by side\n",
-"                                 // trace neighbouring rays\n",
-"uniform int columns;             // sensors across the target\n",
-"uniform int first_slot, count;   // this many sensors stand from first_slot on\n",
+"// Shared by all programs that trace rays for sensors. Each sensor (a look, see >>sensors in sbl.h) has a slot of\n",
+"// blocks.x * blocks.y texels in the outputs, and one invocation computes each texel. The programs run either as\n",
+"// fragment shaders, drawn over the slots, or as compute shaders, with consecutive invocations for each slot.\n",
+"uniform ivec2 blocks;            // width and height of a slot, texels; at most 4 wide, so that invocations that\n",
+"                                 // run side by side trace neighbouring rays\n",
+"uniform int columns;             // number of slots in a row of the outputs\n",
+"uniform int first_slot, count;   // the looks of this draw use `count` slots, beginning with slot first_slot\n",
 "\n",
 "const vec3 SBL_LUMINANCE = vec3(0.2126, 0.7152, 0.0722);  // weights of linear sRGB\n",
 "\n",
-"// What R that comes from a unit direction w counts in the radiance's first two bands of real spherical harmonics:\n",
-"// 1, y, z, x. reciprocal: of the cosine between w and the normal n.\n",
+"// Weights by which light from the unit direction w contributes to the coefficients of the first two bands of real\n",
+"// spherical harmonics, in the order 1, y, z, x. The light is given as its part of R (irradiance / pi), which\n",
+"// includes the cosine between w and the normal n; the coefficients describe radiance, which does not.\n",
+"// reciprocal: 1 / that cosine\n",
 "vec4 sbl_harmonics(vec3 w, vec3 n, float reciprocal) {\n",
-"    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w over the cosine\n",
+"    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w divided by the cosine\n",
 "    return 3.14159265 * vec4(0.28209479 * reciprocal, 0.48860251 * way.yzx);\n",
 "}\n",
 "\n",
@@ -9353,7 +9451,8 @@ static const sbl__recipe sbl__recipe_sensor = {
 
 /* >>glsl sky_vertex: shaders_embedded/sky_vertex.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sky_vertex[] = {
-"// The environment behind all that a sensor's view sees: a rectangle for every view, see sensor_vertex.glsl.\n",
+"// Draws the environment's picture as the background of many sensors' views at once: an instance is one view, whose\n",
+"// rectangle it covers. sensor_vertex.glsl explains the attributes.\n",
 "layout(location = 5) in vec4 view_right;\n",
 "layout(location = 6) in vec4 view_up;\n",
 "layout(location = 7) in vec4 view_forward;\n",
@@ -9372,9 +9471,9 @@ static const char *const sbl__glsl_sky_vertex[] = {
 /* >>glsl sky_fragment: shaders_embedded/sky_fragment.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_sky_fragment[] = {
 "in vec3 direction;\n",
-"uniform vec3 sky;  // constant\n",
+"uniform vec3 sky;  // constant radiance that is added to the picture's\n",
 "uniform float radiance_scale;\n",
-"layout(location = 0) out vec4 out_radiance;  // as in sensor_fragment.glsl; nothing is hit\n",
+"layout(location = 0) out vec4 out_radiance;  // a: 0, which means that nothing is hit; see sensor_fragment.glsl\n",
 "\n",
 "void main() { out_radiance = vec4(radiance_scale * (sky + sbl_sky(direction)), 0); }\n",
 0 };
@@ -9683,13 +9782,14 @@ static sbl_result sbl__trace_setup(const sbl__device *d, sbl__trace *t, const sb
 
 /* >>glsl guide: shaders_embedded/guide.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_guide[] = {
-"// Where a sensor's rays go: more of them where light was found from around it, see >>guide in sbl.h. A guide is\n",
-"// where SBL_GUIDE_RINGS rings begin, which are equally likely by the cosine, and where in each of them its\n",
-"// SBL_GUIDE_SECTORS sectors do: eight 16-bit shares a texel.\n",
+"// Distributes a sensor's rays by a guide (see >>guide in sbl.h). A guide divides 0 .. 65536 into SBL_GUIDE_RINGS\n",
+"// intervals, one per ring of the hemisphere, and for each ring into SBL_GUIDE_SECTORS intervals, one per sector.\n",
+"// It stores the beginning of each interval as a 16-bit number, eight of them per texel.\n",
 "#ifdef SBL_GUIDED\n",
 "uniform usampler2D sbl_guides;\n",
 "\n",
-"// The interval that x lies in, of `texels` times eight from a texel on: its beginning, its end, its number.\n",
+"// Finds the interval that contains x, among the 8 * texels intervals that are stored from texel `from` on. Returns\n",
+"// its beginning, its end and its index.\n",
 "vec3 sbl_guide_interval(ivec2 from, int texels, float x) {\n",
 "    vec3 at = vec3(0, 65536, -1);\n",
 "    for (int i = 0; i < texels; i++) {\n",
@@ -9705,7 +9805,8 @@ static const char *const sbl__glsl_guide[] = {
 "    return at;\n",
 "}\n",
 "\n",
-"// Moves u, evenly spread, to where a guide sends it. Returns what a ray there counts: less, where there are more.\n",
+"// Maps a uniform point u of the unit square to one that is distributed by the guide. Returns the weight of its\n",
+"// ray: the inverse of the point's density, so that the expected value of the ray's light does not change.\n",
 "float sbl_guide(int guide, inout vec2 u) {\n",
 "    const int ring_texels = SBL_GUIDE_RINGS / 8, sector_texels = SBL_GUIDE_SECTORS / 8;\n",
 "    const vec2 counts = vec2(SBL_GUIDE_RINGS, SBL_GUIDE_SECTORS);\n",
@@ -16368,13 +16469,13 @@ static void sbl__inspect_tell(const sbl__looking *k, sbl_sensor *out) {
 }
 
 /* ======================================================================================================== >>trial
-   Some drivers take every call and draw nothing, or something else. So each context begins with a triangle whose place
-   is known: the camera's G-buffer must show it, and a sensor's rays must meet it. */
+   Tests the driver when a context is created. Some drivers accept every call but draw nothing, or something wrong. The
+   scene of the test is one triangle: a camera's G-buffer must show it, and a sensor's rays must hit it. */
 
-#define SBL__TRIAL_SIZE 8   /* pixels a side */
+#define SBL__TRIAL_SIZE 8   /* width and height of the G-buffer, pixels */
 #define SBL__TRIAL_RAYS 16
 
-/* Both sides of a white triangle at z = 0 around the origin; the camera stands at z = 2. */
+/* Makes a scene of one white, two-sided triangle in the plane z = 0, around the origin. */
 static sbl_result sbl__trial_scene(sbl__core *c) {
     static const float corners[9] = { -4, -4, 0, 4, -4, 0, 0, 4, 0 };
     sbl_material material;
@@ -16392,7 +16493,8 @@ static sbl_result sbl__trial_scene(sbl__core *c) {
     return sbl__scene_make(&c->device, &c->scene, &desc);
 }
 
-/* shown: does the pixel in the middle show the triangle, and that in an upper corner nothing? */
+/* Draws the G-buffer of a camera at z = 2 that looks at the origin. *shown: 1 if a pixel in the middle shows the
+   triangle at the right position and a pixel in an upper corner shows nothing */
 static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gbuffer *gbuffer, int *shown) {
     const float *middle, *corner;
     float pixels[SBL__TRIAL_SIZE * SBL__TRIAL_SIZE][4];
@@ -16424,7 +16526,8 @@ static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gb
     return result;
 }
 
-/* met: do a sensor's rays, from a unit away, bring the triangle's colour? */
+/* Traces a sensor at unit distance from the triangle. *met: 1 if most of its rays hit the triangle, at the right
+   distance, and find the radiance that the ambient light of 0.5 gives it */
 static sbl_result sbl__trial_rays(sbl__core *c, int *met) {
     sbl_gather_desc desc;
     sbl__gathering gathering;
@@ -16454,6 +16557,7 @@ static sbl_result sbl__trial_rays(sbl__core *c, int *met) {
     return result;
 }
 
+/* Runs both tests. Returns SBL_ERROR_GL, after logging the driver's name, if one fails. */
 static sbl_result sbl__trial(sbl__core *c) {
     sbl__surface surface;
     sbl__gbuffer gbuffer;
@@ -16464,9 +16568,9 @@ static sbl_result sbl__trial(sbl__core *c) {
     if (result == SBL_SUCCESS) result = sbl__trial_camera(c, &surface, &gbuffer, &shown);
     if (result == SBL_SUCCESS) result = sbl__trial_rays(c, &met);
     if (result == SBL_SUCCESS && !(shown && met)) {
-        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_DRAWS_WRONG, "the driver \"%s\" (%s) %s; use another one, or "
+        sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_DRAWS_WRONG, "the driver \"%s\" (%s) %s; use another driver or "
                  "another version of it", c->device.gl.capabilities.renderer, c->device.gl.capabilities.version,
-                 shown ? "traces a known ray to a wrong place" : "does not draw a known triangle where it stands");
+                 shown ? "traces a known ray incorrectly" : "does not draw a known triangle correctly");
         result = SBL_ERROR_GL;
     }
     sbl__gbuffer_free(&c->device, &gbuffer);
@@ -16479,20 +16583,21 @@ static sbl_result sbl__trial(sbl__core *c) {
 }
 
 /* ======================================================================================================== >>egl
-   The headless GL context that the library makes for itself, and whose context is current. */
+   Creates a headless GL context if the host defines SBL_EGL and gives no GL loader, and makes it current while the
+   library works. Without SBL_EGL, the host must have a GL context. */
 
 #ifdef SBL_EGL
 
 typedef struct sbl__egl {
-    int owned;           /* there is one */
+    int owned;           /* 1 if the library has created a context; the other fields are then valid */
     EGLDisplay display;
     EGLContext context;
     EGLSurface surface;
 } sbl__egl;
 
-/* What was current before, to be put back. */
+/* The host's EGL state, saved while the library's own context is current. */
 typedef struct sbl__egl_before {
-    int switched;
+    int switched;        /* 1 if the state was saved and must be restored */
     EGLDisplay display;
     EGLContext context;
     EGLSurface draw, read;
@@ -16504,6 +16609,8 @@ static sbl_gl_function sbl__egl_function(const char *name, void *user) {
     return (sbl_gl_function)eglGetProcAddress(name);
 }
 
+/* Tries to create a context on a display and to make it current. pbuffer: 1: with a pbuffer as its surface; 0: without
+   a surface. Returns 1 on success. */
 static int sbl__egl_try(sbl__egl *e, EGLDisplay display, int pbuffer) {
     static const EGLint context_attributes[] = { EGL_CONTEXT_MAJOR_VERSION, 3, EGL_CONTEXT_MINOR_VERSION, 3,
                                                  EGL_CONTEXT_OPENGL_PROFILE_MASK,
@@ -16528,8 +16635,8 @@ static int sbl__egl_try(sbl__egl *e, EGLDisplay display, int pbuffer) {
     return 1;
 }
 
-/* Surfaceless, then each device, then a pbuffer on the default display. Displays are shared process-wide and stay
-   initialised. */
+/* Creates a context. Tries Mesa's surfaceless platform, then up to 16 EGL devices, then a pbuffer on the default
+   display. Displays are never terminated, because all users in a process share them. */
 static sbl_result sbl__egl_create(sbl__egl *e, const sbl__base *base) {
     const PFNEGLGETPLATFORMDISPLAYEXTPROC get_display =
         (PFNEGLGETPLATFORMDISPLAYEXTPROC)eglGetProcAddress("eglGetPlatformDisplayEXT");
@@ -16549,9 +16656,9 @@ static sbl_result sbl__egl_create(sbl__egl *e, const sbl__base *base) {
     if (!made) made = sbl__egl_try(e, eglGetDisplay(EGL_DEFAULT_DISPLAY), 1);
     e->owned = made;
     if (made) return SBL_SUCCESS;
-    sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_NO_GL, "no headless OpenGL 3.3 context could be made (tried "
-             "surfaceless, devices, pbuffer; EGL error 0x%04x); install a GL driver such as Mesa's, or hand over "
-             "get_gl_function", (unsigned)eglGetError());
+    sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_NO_GL, "no headless OpenGL 3.3 context could be created (tried the "
+             "surfaceless platform, all devices and a pbuffer; EGL error 0x%04x); install a GL driver such as Mesa's, "
+             "or set get_gl_function in sbl_context_desc", (unsigned)eglGetError());
     return SBL_ERROR_UNSUPPORTED;
 }
 
@@ -16564,14 +16671,14 @@ static void sbl__egl_save(sbl__egl_before *b) {
     b->switched = 1;
 }
 
-/* Makes a context and its loader, for a host that has given none. */
+/* Saves the EGL state of a host that has given no GL loader, and gives it a context and a loader. */
 static sbl_result sbl__egl_open(sbl__egl *e, const sbl__base *base, sbl__egl_before *b, sbl_context_desc *desc) {
     sbl__egl_save(b);
     desc->get_gl_function = sbl__egl_function;
     return sbl__egl_create(e, base);
 }
 
-/* Makes the library's own context current, where it has one and it is not. */
+/* Makes the library's own context current, if there is one and it is not current already. */
 static void sbl__egl_enter(const sbl__egl *e, sbl__egl_before *b) {
     b->switched = 0;
     if (!e->owned || eglGetCurrentContext() == e->context) return;
@@ -16580,6 +16687,7 @@ static void sbl__egl_enter(const sbl__egl *e, sbl__egl_before *b) {
     eglMakeCurrent(e->display, e->surface, e->surface, e->context);
 }
 
+/* Restores the host's EGL state if it was saved. */
 static void sbl__egl_leave(const sbl__egl *e, const sbl__egl_before *b) {
     if (!b->switched) return;
     if (e->display != EGL_NO_DISPLAY) eglMakeCurrent(e->display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
@@ -16596,7 +16704,7 @@ static void sbl__egl_destroy(sbl__egl *e) {
     e->owned = 0;
 }
 
-#else  /* the host has a context of its own, or none */
+#else  /* without SBL_EGL */
 
 typedef struct sbl__egl { int none; } sbl__egl;
 typedef struct sbl__egl_before { int none; } sbl__egl_before;
@@ -16604,7 +16712,7 @@ typedef struct sbl__egl_before { int none; } sbl__egl_before;
 static sbl_result sbl__egl_open(sbl__egl *e, const sbl__base *base, sbl__egl_before *b, sbl_context_desc *desc) {
     (void)e; (void)b; (void)desc;
     sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "sbl_context_desc: get_gl_function is NULL; give "
-             "the loader of your GL context, or define SBL_EGL for a headless one");
+             "the loader of your GL context, or define SBL_EGL for a headless context");
     return SBL_ERROR_INVALID_ARGUMENT;
 }
 

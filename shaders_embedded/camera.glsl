@@ -1,4 +1,5 @@
-// The camera's rays: a pixel's is affine in its position.
+// Rays through the camera's pixels, in world space. Origin and direction are affine functions of the pixel's
+// position.
 uniform vec3 origin_0, origin_x, origin_y;
 uniform vec3 direction_0, direction_x, direction_y;
 

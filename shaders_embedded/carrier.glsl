@@ -1,17 +1,19 @@
-// What sensors' programs have in common. A sensor has a block of texels, one an invocation. There are two
-// carriers: fragment shaders drawn over the blocks, and compute shaders, in which the invocations of a sensor
-// follow each other.
-uniform ivec2 blocks;            // invocations of a sensor: four by some, so that those that run side by side
-                                 // trace neighbouring rays
-uniform int columns;             // sensors across the target
-uniform int first_slot, count;   // this many sensors stand from first_slot on
+// Shared by all programs that trace rays for sensors. Each sensor (a look, see >>sensors in sbl.h) has a slot of
+// blocks.x * blocks.y texels in the outputs, and one invocation computes each texel. The programs run either as
+// fragment shaders, drawn over the slots, or as compute shaders, with consecutive invocations for each slot.
+uniform ivec2 blocks;            // width and height of a slot, texels; at most 4 wide, so that invocations that
+                                 // run side by side trace neighbouring rays
+uniform int columns;             // number of slots in a row of the outputs
+uniform int first_slot, count;   // the looks of this draw use `count` slots, beginning with slot first_slot
 
 const vec3 SBL_LUMINANCE = vec3(0.2126, 0.7152, 0.0722);  // weights of linear sRGB
 
-// What R that comes from a unit direction w counts in the radiance's first two bands of real spherical harmonics:
-// 1, y, z, x. reciprocal: of the cosine between w and the normal n.
+// Weights by which light from the unit direction w contributes to the coefficients of the first two bands of real
+// spherical harmonics, in the order 1, y, z, x. The light is given as its part of R (irradiance / pi), which
+// includes the cosine between w and the normal n; the coefficients describe radiance, which does not.
+// reciprocal: 1 / that cosine
 vec4 sbl_harmonics(vec3 w, vec3 n, float reciprocal) {
-    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w over the cosine
+    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w divided by the cosine
     return 3.14159265 * vec4(0.28209479 * reciprocal, 0.48860251 * way.yzx);
 }
 

@@ -1,10 +1,11 @@
-// Where a sensor's rays go: more of them where light was found from around it, see >>guide in sbl.h. A guide is
-// where SBL_GUIDE_RINGS rings begin, which are equally likely by the cosine, and where in each of them its
-// SBL_GUIDE_SECTORS sectors do: eight 16-bit shares a texel.
+// Distributes a sensor's rays by a guide (see >>guide in sbl.h). A guide divides 0 .. 65536 into SBL_GUIDE_RINGS
+// intervals, one per ring of the hemisphere, and for each ring into SBL_GUIDE_SECTORS intervals, one per sector.
+// It stores the beginning of each interval as a 16-bit number, eight of them per texel.
 #ifdef SBL_GUIDED
 uniform usampler2D sbl_guides;
 
-// The interval that x lies in, of `texels` times eight from a texel on: its beginning, its end, its number.
+// Finds the interval that contains x, among the 8 * texels intervals that are stored from texel `from` on. Returns
+// its beginning, its end and its index.
 vec3 sbl_guide_interval(ivec2 from, int texels, float x) {
     vec3 at = vec3(0, 65536, -1);
     for (int i = 0; i < texels; i++) {
@@ -20,7 +21,8 @@ vec3 sbl_guide_interval(ivec2 from, int texels, float x) {
     return at;
 }
 
-// Moves u, evenly spread, to where a guide sends it. Returns what a ray there counts: less, where there are more.
+// Maps a uniform point u of the unit square to one that is distributed by the guide. Returns the weight of its
+// ray: the inverse of the point's density, so that the expected value of the ray's light does not change.
 float sbl_guide(int guide, inout vec2 u) {
     const int ring_texels = SBL_GUIDE_RINGS / 8, sector_texels = SBL_GUIDE_SECTORS / 8;
     const vec2 counts = vec2(SBL_GUIDE_RINGS, SBL_GUIDE_SECTORS);

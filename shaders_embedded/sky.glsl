@@ -1,28 +1,30 @@
-// The environment's picture, equirectangular: light from where nothing is hit, besides the constant sky (see
-// sbl_environment).
+// The environment's picture (see sbl_environment), in equirectangular projection. A ray that hits nothing finds
+// the sum of its light and of the constant sky's.
 uniform sampler2D sky_picture;
-uniform vec3 sky_x, sky_up, sky_z;  // its axes in the world
-uniform float sky_limit;            // radiance from which on it is left to lamps.glsl; 0: there is no picture
+uniform vec3 sky_x, sky_up, sky_z;  // axes of the picture in world space: unit vectors
+uniform float sky_limit;            // radiance (largest component) above which a texel is also a lamp, which emits
+                                    // the excess; 0: the picture gives no light, or there is none
 
-// Where a direction meets the picture, in its widths and heights.
+// Position in the picture where a direction points to: 0 to 1 from left to right and from top to bottom.
 vec2 sbl_sky_at(vec3 direction) {
     vec3 d = vec3(dot(direction, sky_x), dot(direction, sky_up), dot(direction, sky_z)) / length(direction);
     float around = d.x == 0.0 && d.z == 0.0 ? 0.0 : atan(d.z, d.x) / 6.283185307;
     return vec2(0.5 + around, acos(clamp(d.y, -1.0, 1.0)) / 3.14159265);
 }
 
-// The way back; z: the cosine to sky_up.
+// Inverse of sbl_sky_at: world direction of a position in the picture. across: 0 to 1 from left to right;
+// z: cosine of the angle between the direction and sky_up
 vec3 sbl_sky_direction(float across, float z) {
     float angle = 6.283185307 * (across - 0.5), r = sqrt(max(1.0 - z * z, 0.0));
     return r * cos(angle) * sky_x + z * sky_up + r * sin(angle) * sky_z;
 }
 
-// What of a texel's light lamps.glsl samples.
+// Share of a texel's light, 0 to 1, that lamps.glsl samples because it exceeds the limit.
 float sbl_sky_excess(vec3 radiance) {
     return max(1.0 - sky_limit / max(max(radiance.r, radiance.g), max(radiance.b, 1e-37)), 0.0);
 }
 
-// The rest of it.
+// Radiance of the picture in a direction, without the share that lamps.glsl samples and without the constant sky.
 vec3 sbl_sky(vec3 direction) {
     vec3 radiance = vec3(0);
     if (sky_limit > 0.0) {

@@ -1,4 +1,5 @@
-// The environment behind all that a sensor's view sees: a rectangle for every view, see sensor_vertex.glsl.
+// Draws the environment's picture as the background of many sensors' views at once: an instance is one view, whose
+// rectangle it covers. sensor_vertex.glsl explains the attributes.
 layout(location = 5) in vec4 view_right;
 layout(location = 6) in vec4 view_up;
 layout(location = 7) in vec4 view_forward;
