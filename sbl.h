@@ -317,8 +317,8 @@
 
    Light does not leak through walls or creep under them, because cells are kept apart in three ways. The two sides of
    a wall have different cells. Surfaces seen from less than half a cell's length away have different cells than the
-   same surfaces seen from farther away. And where something stands on a surface, such as a wall on the floor of two
-   rooms, the plane of the wall cuts the cells of the floor.
+   same surfaces seen from farther away. Where something stands on a surface, such as a wall on the floor of two rooms,
+   the plane of the wall cuts the cells of the floor.
 
    Points are placed where rays meet surfaces. At each point, light from lamps is measured as sensors measure it, and
    rays find the sky and the other cells. These rays are kept. They define a system of equations, whose solution
@@ -1535,80 +1535,165 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 #ifndef SBL_IMPLEMENTATION_INCLUDED
 #define SBL_IMPLEMENTATION_INCLUDED
 
-/* The rooms, in the order of execution; each calls only rooms above it. Search for the tag.
+/* ROOMS
 
-   the machine    >>base         config, log, memory, math
-                  >>gl           the loader, and the guard that keeps the host's state
-                  >>records      structs that shaders read: C and GLSL from one list
-                  >>device       textures, targets, programs, passes, time: nothing below calls GL by itself
-   the scene      >>check        descriptors, before anything changes
-                  >>geometry     meshes: read, validated, converted
-                  >>textures     the texel store
-                  >>environment  light from far away
-                  >>bvh          the hierarchy that rays go through
-                  >>lamps        what sensors aim rays at
-                  >>store        light that bounces: cells on surfaces, and how they are found
-                  >>scene        the six together; scene.glsl and outgoing.glsl, which all shaders share
-   a sensor       >>atlas        which triangle each texel of a lightmap shows
-                  >>surface      where light is wanted: the camera's G-buffer, or a lightmap's
-                  >>sensors      looks: frames, views, weights
-                  >>guide        rays go where others found light
-                  >>aim          rays towards lamps
-                  >>raster       to see by views drawn into texels
-                  >>trace        to see by rays
-                  >>job          sites in, readings out: the heart. Above it nobody knows how it sees
-   light that     >>bounce       fills the store: sites, rays between surfaces, all bounces at once
-   bounces        >>saved        the store as a stream
-   a picture      >>refine       which pixels get sensors; interpolation
-                  >>filter       smoothing of R
-                  >>resolve      composition, anti-aliasing
-                  >>gutters      a lightmap is continued beyond its charts,
-                  >>seams        and made the same on both sides of where they meet
-   front ends     >>picture      the stages above, in steps
-                  >>gather       any points
-                  >>vertices     light at meshes' vertices, fitted to points over their triangles
-                  >>probes       points in the air, from all sides
-                  >>inspect      one sensor, shown
-                  >>trial        a known triangle, before all else
-   the door       >>egl          a headless context
-                  >>public       the functions declared above: thin
+   The implementation is divided into rooms. They follow each other in the order of execution, and a function calls only
+   functions of its own room and of rooms above it. Search for the tag to find a room.
 
-   Each shader stands beside what uses it, between its >>glsl markers, as a copy of shaders_embedded/NAME.glsl that
-   scripts/embed_shaders makes: change the file, run the script.
+   the machine    >>base         clock, log, memory, arithmetic
+                  >>gl           loads GL functions; saves and restores the GL state of the host
+                  >>records      structs that both C and shaders read, each written from one list of fields
+                  >>device       textures, targets, programs, draws, time; staged work. No room below calls GL directly
+   the scene      >>check        checks descriptors before anything changes
+                  >>geometry     reads, checks and converts meshes
+                  >>textures     the texels of all textures, in one table
+                  >>environment  the sky: constant radiance and a picture
+                  >>bvh          the bounding volume hierarchy that rays traverse
+                  >>lamps        everything that sensors send rays to, and the trees that group lamps
+                  >>store        bounced light: the cells on surfaces, and the hash grid that finds them
+                  >>scene        the six rooms above as one scene; GLSL that all shaders share
+   a sensor       >>atlas        finds the triangle that each texel of a lightmap shows
+                  >>surface      the G-buffer of a camera or of a lightmap: which surface point each pixel shows
+                  >>sensors      sites, looks, the views of a look, weights
+                  >>guide        sends rays to where nearby rays have found light
+                  >>aim          rays towards lamps, and the sequences that all rays follow
+                  >>raster       measures by drawing views, as the paper does
+                  >>trace        measures by tracing rays
+                  >>job          the core: takes sites, returns readings, by rays or by views
+   bounced light  >>bounce       fills the store: points, rays between surfaces, the solution with all bounces
+                  >>saved        writes the store to a stream and reads it
+   a picture      >>refine       which pixels get sensors, interpolation, the predicted error
+                  >>filter       smooths R
+                  >>resolve      composition and anti-aliasing
+                  >>gutters      continues a lightmap into the texels around its charts
+                  >>seams        makes a lightmap equal on both sides of its seams
+   front ends     >>picture      pictures and lightmaps
+                  >>gather       readings at any points
+                  >>vertices     light at vertices, fitted to points on triangles
+                  >>probes       light at points in the air
+                  >>inspect      one sensor of a finished picture in detail
+                  >>trial        draws a known triangle, to find drivers that do not work
+   the interface  >>egl          creates the headless GL context
+                  >>public       the functions declared above: check, delegate, restore GL
+
+   Each shader is a file, shaders_embedded/NAME.glsl. scripts/embed_shaders copies it between the markers >>glsl of the
+   room that uses it. To change a shader, change the file and run the script.
+
+
+   SYMPTOMS
+
+   Look here first if something is wrong. sbl_inspect_sensor shows the rays and sums of a single pixel. scripts/test
+   runs the tests of one room by name, for example scripts/test lights.
+
+   a shadow of a lamp is wrong or noisy                       >>aim (lamps.glsl), then >>lamps
+   a shadow is missing, or its edge is coarse                 >>refine: no sensor was placed there
+   light leaks through a wall: from lamps or sky              >>trace, >>bvh
+   light leaks through or under a wall: bounced light         >>store, >>bounce (cells, cuts)
+   bounced light is patchy, too bright or too dark            >>bounce
+   bright specks, or grain                                    >>guide, >>trace; only in SBL_MODE_GI: >>bounce
+   dark or bright spots at corners and contacts               >>job (stuck tests), >>sensors (offset)
+   facets, or wrong normals                                   >>surface (facet_limit), >>geometry
+   light is blurred across an edge                            >>filter, >>refine (belongs.glsl)
+   edges of objects are jagged                                >>resolve
+   wrong colours or texture coordinates                       >>textures, >>geometry
+   a wrong sky                                                >>environment
+   a lightmap has visible seams, or dark borders              >>seams, >>gutters
+   a lightmap shows wrong charts, or hidden texels            >>atlas, >>refine
+   light at vertices, or of probes, is wrong                  >>vertices, >>probes
+   pictures of two runs differ                                tests/test_determinism.c, then >>sensors (rotation)
+   the predicted error is wrong                               >>refine; the error of stored light: >>bounce
+   the target error is missed or takes too long               >>refine (rounds), >>guide
+   a slow picture: see sbl_stats.seconds                      the room of the largest number
+   one sbl_step takes too long, or a driver's watchdog bites  >>device (pace)
+   a driver is refused, draws nothing, or reports GL errors   >>trial, >>gl, >>device
+   the GL state of the host has changed                       >>gl (guard)
+   a descriptor is refused, or accepted wrongly               >>check
+
+
+   GLOSSARY
+
+   One word has one meaning, also in private names. The second column is the prefix of such names, in small letters for
+   functions and types and in capitals for constants; functions with that prefix stand only in the rooms of the third
+   column. tests/tools/words.py checks this table.
+
+   term         prefix            rooms                 meaning
+   R                                                    irradiance / pi, the quantity that sensors measure
+   guard        sbl__guard        >>gl                  saves, sets and restores the GL state of the host
+   record       sbl__record       >>records             a list of fields, from which a C struct and GLSL are made
+   table        sbl__table        >>device              data that shaders read by number: a texture or buffer texture
+   target       sbl__target       >>device              textures that a pass draws into
+   recipe                                               the files, records and features that make a GL program
+   pace         sbl__pace         >>device              the measured speed of GL work, and how much to submit at once
+   slice        sbl__slice        >>device              the time that one sbl_step has
+   stage        sbl__stages       >>device              a part of long work; a table of stages is worked piece by piece
+   patch        sbl__patch        >>store               neighbouring triangles that form one smooth surface
+   cell                                                 the part of a patch in one cube of the store's grid
+   cut                                                  a plane that divides a cell
+   leaf         sbl__leaf         >>store               an undivided part of a cell; it holds one value of R
+   store        sbl__store        >>store >>textures    the bounced light of the scene: all cells and their R
+   point                                                a place in a leaf where its light is measured
+   hierarchy    sbl__bvh          >>bvh                 the bounding volume hierarchy over all triangles
+   lamp         sbl__lamp         >>lamps               an emitting triangle, a light or a bright texel of the sky
+   cluster      sbl__cluster      >>lamps               neighbouring lamps, of which a ray picks one
+   rim sample                                           a ray to the corner or rim of a lamp
+   atlas        sbl__atlas        >>atlas               the map of a lightmap: its texels and their triangles
+   chart                                                triangles that touch in the world and in the atlas
+   gutter       sbl__gutters      >>gutters             texels around a chart, which continue its light
+   seam         sbl__seam         >>seams               an edge where charts meet in the world, but not in the atlas
+   G-buffer     sbl__gbuffer      >>surface             position, normals, colours and id at each pixel
+   site         sbl__site         >>sensors >>gather    a point with a normal where light is wanted
+   sensor                                               the measurement at a site: one or more looks
+   look         sbl__look         >>sensors >>job       one part of a sensor's measurement, with its own rotation
+   view         sbl__view         >>sensors             one of the pictures that a rasterised look consists of
+   view texture sbl__raster       >>raster              the texture that holds the views of a batch of looks
+   batch        sbl__batch        >>guide               looks that are measured together
+   guide        sbl__guide        >>guide >>refine      a histogram of the directions that light comes from
+   stuck test                                           rays or a view that tell whether a sensor is inside geometry
+   job          sbl__job          >>job                 the measurement of a list of sites
+   tile                                                 a rectangle of pixels with a sensor at each corner
+   uncertainty                                          a standard error; its square is a variance
+   probe        sbl__probe        >>probes              light at a point in the air, for things that move
+   front end                                            one kind of work that the host can begin, such as a picture
 
 
    FOR THOSE WHO CHANGE IT
 
-   What may be touched: anything, as long as scripts/test passes. tests/test_pinned.c holds pictures to the bit;
-   scripts/compare_commits BASE shows for 178 pictures what a change did, and how long both take. tests/rooms.py lists
-   rooms, lengths and parameters: no function has more than 80 lines or 6 parameters, no line more than 120 columns.
+   Anything may be changed as long as scripts/test passes. tests/test_pinned.c compares pictures to the bit.
+   scripts/compare_commits BASE shows what a change does to some 220 pictures and bakes, and to their times.
+   tests/tools/rooms.py lists the length of all rooms. It refuses functions of more than 80 lines or 6 parameters, and
+   lines of more than 120 columns.
 
-   To add a channel (4 lines, tried with the sensors' noise):
-       sbl_channel, with its comment; a row in sbl__channels (>>public); where refinement knows it, a line in
-       sbl__channel_pixel; where a target holds it, one in sbl__channel_target. A name in examples/sbl_render.c's list.
+   To add a channel:
+       add it to sbl_channel, with a comment, and add a row to sbl__channels (>>public). If refinement holds its values,
+       add a line to sbl__channel_pixel; if a target holds them, add one to sbl__channel_target. Add its name to the
+       list in examples/sbl_render.c.
 
-   To add a front end, which asks for light and does something else with it than a picture:
-       >>gather is the shortest one, take its shape. A struct with a stage, the sites and the readings; begin stores;
-       step calls, until each is done, sbl__prepare (hierarchy, lamps, store), sbl__spec_make (how to see),
-       sbl__job_begin with a task (sites, readings), sbl__job_step with the slice it was given. Loops over many things
-       ask sbl__late and return SBL_UNFINISHED. In >>public: a function that checks and begins, a case in
-       sbl__context_step. The readings also lie on the GPU: sbl__job.results, a texel a look.
+   To add a front end:
+       write a room like >>gather, which is the shortest. Its begin function stores the descriptor. Its table of stages
+       calls sbl__prepare (hierarchy, lamps, store), then sbl__spec_make (how to measure), then sbl__job_begin with a
+       task (sites and readings), then sbl__job_step until the job is done. Work on many items ends a piece when
+       sbl__late is true. Add one row to the table of front ends (begin, step, progress, free, report), and a function
+       to the interface that checks the descriptor and begins. sbl__job.results holds the readings on the GPU as well.
 
-   To add a light:
-       a kind in sbl_light_kind and what it needs in sbl_light; sbl__check_light; in >>lamps its words (LIGHT_RECORD,
-       from which the GLSL that reads them is made), its power, its bounds; in lamps.glsl sbl_lamp, which reads it, what
-       it gives unhindered, and a point of it for a ray. tests/test_lights.c has closed forms to hold it to.
+   To add a kind of light:
+       add it to sbl_light_kind, its parameters to sbl_light, and its checks to sbl__check_light. In >>lamps, add its
+       fields to SBL__LIGHT_RECORD, its power, and its bounds. In lamps.glsl, extend sbl_lamp (reads the record), the
+       closed form of its unobstructed light, and the choice of a point on it. tests/test_lights.c compares each kind
+       with closed forms.
 
    To add a shader, or a table that shaders read:
-       a file in shaders_embedded, a pair of markers where it is used, a recipe (which files make the program, which
-       records they read, which features make variants) and sbl__use in front of the draw. It compiles when it is
-       first used; sbl__context_start (>>public) lists those that sbl_create can compile. A record is a list of fields
-       (SBL__RECORD): the C struct and the GLSL functions sbl_NAME_FIELD(i) come from it.
+       add a file to shaders_embedded and a pair of markers to the room that uses it. Declare a recipe: the files of the
+       program, the records that they read, and the features that make variants. Call sbl__use before drawing. Programs
+       are compiled when first used; sbl__context_start (>>public) lists those that compile_ahead compiles. SBL__RECORD
+       makes a C struct and the GLSL functions sbl_NAME_FIELD(i) from a list of fields.
 
-   To change what a surface sends out: outgoing.glsl, the only place that knows.
+   To add a property of materials:
+       add it to sbl_material and to its checks, to SBL__OBJECT (>>geometry) and to sbl__scene_dress_mesh (>>scene). Use
+       it in material.glsl and in its C twin. material.glsl is the only file that knows what a surface sends out:
+       emission, reflection, sampling of directions, cut-out. All other shaders call it.
 
-   Work must stay in pieces: whatever loops over triangles, pixels or sites looks at the slice; whatever draws takes
-   from sbl__pace_begin how much, and tells sbl__pace_end. Neither may change what comes out. */
+   Work must stay divisible into short pieces. Loops over triangles, pixels or sites must check the slice. Everything
+   that draws must ask sbl__pace_begin how much to draw, and report to sbl__pace_end. Neither may change results. */
 
 #include <float.h>
 #include <limits.h>
