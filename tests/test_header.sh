@@ -244,11 +244,12 @@ quick_start_runs() {
 check quick_start_compiles_and_draws quick_start_runs
 
 # The manual's other snippets: statements with a context, an array of floats and a number of vertices at hand. Formulas
-# have no semicolons; whole programs have an #include, and test_windows.sh compiles them.
+# have no semicolons. test_windows.sh compiles the programs of the chapters on embedding.
 manual_snippets() {
     awk -v folder="$folder" '
-        function end() { if (text ~ /;\n/ && text !~ /#include/) printf "%s", text > sprintf("%s/manual_%02d.txt", folder, ++n); text = "" }
+        function end() { if (text ~ /;\n/) printf "%s", text > sprintf("%s/manual_%02d.txt", folder, ++n); text = "" }
         /^   ON UNITS$/ { on = 1 }
+        /^   ON MEMORY$/ { exit }
         on && /^       / { text = text substr($0, 8) "\n"; next }
         on { end() }' "$folder/manual"
     {
