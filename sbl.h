@@ -103,7 +103,6 @@
    FUNCTIONS
 
    Contexts and scenes:
-
        sbl_create                 creates a context in the host's GL context, or in a headless GL context of its own
        sbl_destroy                frees a context and everything in it
        sbl_set_scene              replaces the scene: meshes, materials, textures, lights, sky
@@ -114,7 +113,6 @@
        sbl_load_store             reads stored bounced light that an earlier run has written
 
    Work in one call:
-
        sbl_render_picture         renders a picture
        sbl_gather_readings        measures the light at any points with normals
        sbl_bake_lightmap          bakes a lightmap
@@ -122,7 +120,6 @@
        sbl_bake_probes            bakes the light at points in the air
 
    The same work in steps (begin once, step until done, end):
-
        sbl_begin_picture          starts a picture
        sbl_begin_readings         starts readings
        sbl_begin_lightmap         starts a lightmap, which takes the place of a picture
@@ -133,20 +130,17 @@
        sbl_end                    stops and frees whatever was begun, and frees a finished picture or lightmap
 
    Results:
-
        sbl_read_channel           copies one channel of a picture or lightmap into a float array
        sbl_channel_texture        returns the GL texture of a channel
        sbl_channel_components     returns the number of floats per pixel of a channel
        sbl_inspect_sensor         shows what one sensor sees, weighs and sums: "why is this pixel dark?"
 
    Helpers:
-
        sbl_look_at                makes a world_to_view matrix
        sbl_perspective            makes a view_to_clip matrix
        sbl_encode_srgb8           converts radiance to 8-bit sRGB, for PNG files and screens
 
    Descriptors with each zero replaced by its default:
-
        sbl_context_desc_defaults
        sbl_picture_desc_defaults
        sbl_readings_desc_defaults
@@ -155,7 +149,6 @@
        sbl_probes_desc_defaults
 
    Queries (each returns a struct, which is all zeroes for a NULL context):
-
        sbl_query_desc             the context's descriptor, with its defaults filled in
        sbl_query_bounds           the bounding box of the scene
        sbl_query_capabilities     the GL version, and which optional GL features exist and are used
@@ -164,7 +157,6 @@
        sbl_query_memory           bytes in use now and at peak
 
    Names:
-
        sbl_version                "0.2.0"
        sbl_result_string          describes a result
        sbl_log_item_string        describes a log item
@@ -225,7 +217,7 @@
 
    Triangles that are small on the screen are lit by their true normals, larger ones by the shading normals of their
    vertices: shading normals exist to hide facets that are large enough to be seen. sbl_picture_desc.facet_limit is the
-   limit in pixels.
+   limit, by default 2 pixels.
 
    Geometry that only the host can draw, such as the result of a vertex shader, takes part through a draw callback. See
    sbl_draw_view.
@@ -321,7 +313,7 @@
    the plane of the wall cuts the cells of the floor.
 
    Points are placed where rays meet surfaces. At each point, light from lamps is measured as sensors measure it, and
-   rays find the sky and the other cells. These rays are kept. They define a system of equations, whose solution
+   rays find the sky and the other cells. These rays are kept. They define a system of linear equations, whose solution
    contains all bounces at once.
 
    The sensors of a picture use the store only for the light that other surfaces reflect towards them. They measure all

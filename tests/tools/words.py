@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
-"""words.py: checks the words of sbl.h. It prints a line for each offence, and exits with 1 if there is one.
+"""words.py [FILE]: checks the words of sbl.h. It prints a line for each offence, and exits with 1 if there is one.
 
     rooms       each >>room that sbl.h mentions exists
     chapters    each chapter of the manual that sbl.h mentions ("see ON MEMORY") exists
+    names       each name of the interface that the manual mentions, such as sbl_step or SBL_MODE_GI, is declared
     glossary    it has at most 40 terms; each prefix occurs; private functions with a prefix of the glossary are defined
                 only in the rooms that its row names
     words       no word of BANNED occurs in sbl.h
@@ -51,6 +52,14 @@ def unknown_chapters(text):
     for name in sorted(set(re.findall(r'\bON(?: [A-Z]{2,})+', joined))):
         if name not in chapters:
             yield 'sbl.h: the manual has no chapter %s' % name
+
+
+def unknown_names(text):
+    end = text.index('\n*/\n')
+    declared = set(re.findall(r'\b(?:sbl|SBL)_\w+', text[end:]))
+    for name in sorted(set(re.findall(r'\b(?:sbl|SBL)_\w+(?<!_)\b', text[:end]))):
+        if name not in declared:
+            yield 'sbl.h: the manual mentions %s, which is not declared' % name
 
 
 def glossary(text):
@@ -107,9 +116,9 @@ def sentences(text):
 
 
 def main():
-    with open('sbl.h') as f:
+    with open(sys.argv[1] if len(sys.argv) > 1 else 'sbl.h') as f:
         text = f.read()
-    checks = unknown_rooms, unknown_chapters, glossary_offences, banned_words, sentences
+    checks = unknown_rooms, unknown_chapters, unknown_names, glossary_offences, banned_words, sentences
     offences = [offence for find in checks for offence in find(text)]
     print('%d terms in the glossary, %d banned words' % (len(glossary(text)), len(BANNED)))
     for offence in offences:
