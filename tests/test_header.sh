@@ -255,9 +255,9 @@ manual_snippets() {
     {
         printf '#define SBL_IMPLEMENTATION\n#include "sbl.h"\n'
         for code in "$folder"/manual_*.txt; do
-            name=$(basename "$code" .txt)
-            echo "int $name(sbl_context *context, float *light, size_t vertex_count);"
-            echo "int $name(sbl_context *context, float *light, size_t vertex_count) {"
+            snippet=$(basename "$code" .txt)
+            echo "int $snippet(sbl_context *context, float *light, size_t vertex_count);"
+            echo "int $snippet(sbl_context *context, float *light, size_t vertex_count) {"
             echo '(void)context; (void)light; (void)vertex_count;'
             cat "$code"
             echo 'return 1; }'
