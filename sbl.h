@@ -1,56 +1,72 @@
-/* sbl.h - v0.1.0 - sensor based lighting: global illumination in one C header
+/* sbl.h - v0.2.0 - sensor based lighting: global illumination in one C header
 
-   Do this once, in one C or C++ file of your program:
+   Do this in exactly one C or C++ file of your program:
 
        #define SBL_IMPLEMENTATION
-       #define SBL_EGL              // optional: sbl.h can make a headless GL context of its own (link with -lEGL)
+       #define SBL_EGL              // optional: sbl.h can then create a headless GL context (link with -lEGL)
        #include "sbl.h"
 
-   and include the header without the defines wherever you call it. Needs C99 or C++11, libm, and OpenGL 3.3 core or
+   All other files include the header without these defines. sbl.h needs C99 or C++11, libm, and OpenGL 3.3 core or
    later.
 
 
    WHAT IT IS
 
-   You hand over triangles, materials and a camera; you get back a lit picture, with all the light that bounces between
-   surfaces. Light is gathered where it is needed: at carefully chosen visible points stand sensors. Each looks over its
-   hemisphere and tells how much light arrives there: the radiance that its rays find, or the texels of the small views
-   that it draws, weighted and summed; and what lamps give, in closed form, times the share of it that rays find open.
-   What surfaces reflect they look up in a store, which is filled once a scene. Tiles of the picture are refined where
-   neighbouring sensors differ; the rest is interpolated; a filter that never mixes surfaces and the surface colour
-   finish the picture. The method is "Sensor based Lighting" by M. Banquiero and M. Leone; ON THE PAPER says what is its
-   own.
+   sbl.h computes global illumination. You give it triangles, materials, lights and a camera. It returns a picture with
+   direct light and with all light that surfaces reflect to each other.
+
+   The library measures light only at selected points and interpolates the rest:
+
+       site      a point with a normal, where light is wanted
+       sensor    the measurement at a site. It collects light from the hemisphere above the site
+       look      one part of a sensor's measurement: a number of rays, or one set of views. Each look is rotated
+                 differently. The result of a sensor is the mean of its looks
+       reading   the result of a sensor: the light, its noise, and figures that tell whether the sensor can be trusted
+       lamp      anything that sensors send rays to: an emitting triangle, a light, a bright texel of a sky picture
+       store     the bounced light of the scene: one value for each cell, a small piece of a surface
+       tile      a rectangle of pixels with a sensor at each of its four corners
+
+   A sensor finds light in three ways. For lamps it computes the light of the whole lamp in closed form, and multiplies
+   it by the fraction of the lamp that rays find unobstructed. For the sky it traces rays (or draws small views of the
+   scene) and forms a weighted sum of what they find. For light that surfaces reflect, the same rays look up the store,
+   which is computed once for each scene.
+
+   A picture starts with large tiles. Tiles whose predicted error is large are subdivided, down to single pixels.
+   Pixels between sensors are interpolated. A filter that never mixes different surfaces smooths the result.
+   Multiplication by the surface colour completes the picture.
 
        camera --> G-buffer --> tiles --> sites --> sensors --> readings --> refine --> filter --> resolve --> final
                                            ^                                   |
                                            +-----------------------------------+   level by level, to single pixels
 
-   The middle of it stands alone, too: sbl_gather takes any points with normals and returns the light that arrives
-   there, for tools of your own; in the place of the camera's pixels there may be a lightmap's texels, see ON LIGHTMAPS;
-   meshes may have their light at their vertices, see ON VERTEX LIGHT; and points in the air theirs from all sides, see
-   ON PROBES.
+   The same sensors serve five purposes:
+
+       pictures    light at the pixels of a camera                        see ON PICTURES
+       lightmaps   light at the texels of a map of all surfaces           see ON LIGHTMAPS
+       vertices    light at the vertices of meshes                        see ON VERTEX LIGHT
+       probes      light at points in the air, from all directions        see ON PROBES
+       readings    light at any points with normals that you give         see sbl_readings_desc
+
+   The method is "Sensor based Lighting" by M. Banquiero and M. Leone. The chapter ON THE PAPER lists the differences.
+
 
    WHAT IT DOES NOT DO
 
-   No glossy or transparent surfaces (a metal is read as its base colour), so no mirrors and no caustics; no textures
-   smaller than their texels seen from afar (bilinear filtering, no mip maps). It opens no files and creates no windows.
-
-   MODES
-
-       SBL_MODE_GI       the default: emitters, lights, sky, and what all surfaces reflect, to the last bounce
-       SBL_MODE_DIRECT   emitters, lights and sky only; about half the time
-       SBL_MODE_AMBIENT  direct light, and every surface glows with epsilon * albedo: bounced light as the paper has it
-       SBL_MODE_PAPER    the paper to the letter; see ON THE PAPER
+   All surfaces are diffuse. There are no glossy and no transparent surfaces, and so no mirrors and no caustics; a
+   metal is treated as a diffuse surface of its base colour. Textures are filtered bilinearly without mip maps, so a
+   texture whose texels are smaller than a pixel shows aliasing. sbl.h opens no files and creates no windows.
 
 
    QUICK START
+
+   This program renders a floor below a lamp into an array of floats. Compile it with: cc quick.c -lEGL -lm
 
        #define SBL_IMPLEMENTATION
        #define SBL_EGL
        #include "sbl.h"
 
        int main(void) {
-           static const float corners[] = {  // a floor and, above it, a lamp
+           static const float corners[] = {  // a floor and a lamp above it
                -1, 0, -1,   -1, 0, 1,    1, 0, 1,    1, 0, -1,
                -.3f, 1, -.3f,   .3f, 1, -.3f,   .3f, 1, .3f,   -.3f, 1, .3f };
            static const unsigned short quad[] = { 0, 1, 2, 0, 2, 3 };
@@ -76,7 +92,8 @@
            sbl_look_at(view.world_to_view, 0, 1.5f, 3, 0, 0.4f, 0, 0, 1, 0);
            sbl_perspective(view.view_to_clip, 40, 1);
            if (sbl_create(NULL, &context) != SBL_SUCCESS) return 1;
-           if (sbl_set_scene(context, &scene) != SBL_SUCCESS || sbl_render(context, &view) != SBL_SUCCESS) return 1;
+           if (sbl_set_scene(context, &scene) != SBL_SUCCESS) return 1;
+           if (sbl_render_picture(context, &view) != SBL_SUCCESS) return 1;
            sbl_read_channel(context, SBL_CHANNEL_FINAL, picture, 64 * 64 * 3);
            sbl_destroy(context);
            return 0;
@@ -85,148 +102,485 @@
 
    FUNCTIONS
 
-       sbl_create                 a context in the host's GL context, or in a headless one of its own
-       sbl_destroy                frees all of it
+   Contexts and scenes:
+       sbl_create                 creates a context in the host's GL context, or in a headless GL context of its own
+       sbl_destroy                frees a context and everything in it
        sbl_set_scene              replaces the scene: meshes, materials, textures, lights, sky
        sbl_set_mesh_transform     moves one mesh
-       sbl_set_materials          gives the scene other materials
-       sbl_set_lights             gives it other lights
-       sbl_save_store             writes the stored light, for another run
-       sbl_load_store             reads it again
-       sbl_query_bounds           the scene's extent
-       sbl_render                 a whole picture in one call
-       sbl_bake_lightmap          a whole lightmap in one call
-       sbl_bake_vertices          the light at meshes' vertices in one call
-       sbl_gather                 the light at any points with normals, in one call
-       sbl_bake_probes            the light at points in the air, in one call
-       sbl_begin                  a picture in steps: begin, step until done, end
-       sbl_begin_lightmap         a lightmap in steps, in a picture's place
-       sbl_begin_vertices         the light at vertices in steps
-       sbl_begin_gather           the light at any points in steps
-       sbl_begin_probes           the light at points in the air in steps
-       sbl_step                   works for about so many seconds
-       sbl_progress               how far it is, 0 to 1
-       sbl_end                    abandons what is under way or frees a finished picture
-       sbl_read_channel           a result as a float array
-       sbl_channel_texture        a result as a GL texture
-       sbl_channel_components     floats per pixel of a channel
-       sbl_inspect_sensor         what one sensor sees, weighs and sums: "why is this pixel dark?"
-       sbl_look_at                helper: world_to_view
-       sbl_perspective            helper: view_to_clip
-       sbl_encode_srgb8           helper: radiance as 8-bit sRGB, for PNG files and screens
-       sbl_context_desc_defaults  a descriptor with its zeros replaced by the defaults
-       sbl_picture_desc_defaults  likewise
-       sbl_gather_desc_defaults   likewise
-       sbl_lightmap_desc_defaults likewise
-       sbl_probes_desc_defaults   likewise
-       sbl_vertices_desc_defaults likewise
-       sbl_query_desc             the context's descriptor, defaults filled in
-       sbl_query_capabilities     which GL, which optional features are in use, what was compiled
-       sbl_query_stats            counts and seconds of the picture or gather begun last
-       sbl_query_memory           bytes in use and at peak
-       sbl_version                "0.1.0"
-       sbl_result_string          a result in words
-       sbl_log_item_string        a log item's name
+       sbl_set_materials          replaces the materials of the scene
+       sbl_set_lights             replaces the lights of the scene
+       sbl_save_store             writes the stored bounced light, for a later run
+       sbl_load_store             reads stored bounced light that an earlier run has written
+
+   Work in one call:
+       sbl_render_picture         renders a picture
+       sbl_gather_readings        measures the light at any points with normals
+       sbl_bake_lightmap          bakes a lightmap
+       sbl_bake_vertices          bakes the light at the vertices of meshes
+       sbl_bake_probes            bakes the light at points in the air
+
+   The same work in steps (begin once, step until done, end):
+       sbl_begin_picture          starts a picture
+       sbl_begin_readings         starts readings
+       sbl_begin_lightmap         starts a lightmap, which takes the place of a picture
+       sbl_begin_vertices         starts light at vertices
+       sbl_begin_probes           starts probes
+       sbl_step                   works for about the given number of seconds
+       sbl_progress               returns how much is done, 0 to 1
+       sbl_end                    stops and frees whatever was begun, and frees a finished picture or lightmap
+
+   Results:
+       sbl_read_channel           copies one channel of a picture or lightmap into a float array
+       sbl_channel_texture        returns the GL texture of a channel
+       sbl_channel_components     returns the number of floats per pixel of a channel
+       sbl_inspect_sensor         shows what one sensor sees, weighs and sums: "why is this pixel dark?"
+
+   Helpers:
+       sbl_look_at                makes a world_to_view matrix
+       sbl_perspective            makes a view_to_clip matrix
+       sbl_encode_srgb8           converts radiance to 8-bit sRGB, for PNG files and screens
+
+   Descriptors with each zero replaced by its default:
+       sbl_context_desc_defaults
+       sbl_picture_desc_defaults
+       sbl_readings_desc_defaults
+       sbl_lightmap_desc_defaults
+       sbl_vertices_desc_defaults
+       sbl_probes_desc_defaults
+
+   Queries (each returns a struct, which is all zeroes for a NULL context):
+       sbl_query_desc             the context's descriptor, with its defaults filled in
+       sbl_query_bounds           the bounding box of the scene
+       sbl_query_capabilities     the GL version, and which optional GL features exist and are used
+       sbl_query_programs         the number of GL programs compiled so far, and the seconds spent compiling them
+       sbl_query_stats            counts and times of the work that was begun last
+       sbl_query_memory           bytes in use now and at peak
+
+   Names:
+       sbl_version                "0.2.0"
+       sbl_result_string          describes a result
+       sbl_log_item_string        describes a log item
 
 
    ON UNITS
 
-   Scene-linear radiance in any consistent unit, lengths likewise: light is right in scenes from 5e-10 to 6e9 across
-   that are no farther from the origin than 4,000 of their sizes; past that there is a warning, and nothing that
-   overflows comes out as NaN. For a surface point p with normal n:
+   Radiance is linear, not gamma encoded, and may have any unit. Lengths may have any unit too. Use one unit of each
+   kind throughout a scene. Results are accurate for scenes that are between 5e-10 and 6e9 units across and whose
+   distance from the origin is at most 4,000 times their size. Outside these limits sbl_set_scene logs a warning. A
+   value that overflows never becomes NaN.
 
-       E(p) = integral over the hemisphere of L(p, w) cos(theta) dw      irradiance
-       R(p) = E(p) / pi                                                  the radiance map; a uniform sky of 1 gives 1
+   For a surface point p with normal n:
+
+       E(p) = integral over the hemisphere of L(p, w) cos(theta) dw      the irradiance
+       R(p) = E(p) / pi                                                  a uniform sky of radiance 1 gives R = 1
        final = emission(p) + albedo(p) * R(p)
 
-   Surfaces are Lambertian, reflect on both sides and emit on both sides unless a material says one-sided.
-   Matrices are column-major, as GL has them; view space looks down -z. Pixel (0, 0) is the top left one; a pixel is
-   sampled at its centre. Arrays and textures hold the top row first (texture coordinate v = 0 is the top edge).
+   R is the quantity that sensors measure. This manual calls it R everywhere; fields and channels call it radiance.
+
+   Surfaces are Lambertian. They reflect on both sides. They also emit on both sides, unless the material has the flag
+   SBL_MATERIAL_ONE_SIDED_EMISSION.
+
+   Matrices are column-major, as in GL. View space looks along -z. Pixel (0, 0) is the top left pixel. A pixel is
+   sampled at its centre. Arrays and textures hold the top row first: texture coordinate v = 0 is the top edge.
+
 
    ON ZEROS
 
-   Zero is the default, in all descriptors: fill them with zeroes, set what you care about. Numbers of things count
-   from 0, as in C (sbl_mesh.material), but for textures, which count from 1, so that 0 is none
-   (sbl_material.albedo_texture). Where zero is also a value that you may want:
+   Zero is the default of every field of a descriptor; where zero itself would be a meaningful value, a negative number
+   asks for it ("none" or "off").
 
-       epsilon       0 is 0.02 in SBL_MODE_AMBIENT and SBL_MODE_PAPER: for none give FLT_MIN, which is as good
-       threshold     0 is none: to sense every pixel set tile = 1
-       facet_limit   0 is off; the tool sbl_render sets 2, which suits models from files
-       filter_radius 0 is 2: a negative one is no filter
-       gutter        0 is 16: a negative one is no gutter
-       seams         0 is to sew them: negative, they are left as they are
-       smoothing     0 is 0.02: a negative one is none
-       sbl_site.offset  0 is what rounding needs: a negative one is none
-       move          0 is off: probes stay where they are asked for
+   So fill a descriptor with zeroes and set only the fields that you care about. For example, filter_radius = 0 selects
+   the default radius of 2 pixels, and filter_radius = -1 turns the filter off. The comment at each field names its
+   default and says what a negative number means.
+
+   Items are numbered from 0, as in C (sbl_mesh.material). Textures are numbered from 1, so that 0 means no texture
+   (sbl_material.albedo_texture). A material has no defaults: zero albedo is black, zero emission emits nothing.
+
+
+   ON PICTURES
+
+   sbl_render_picture renders the scene as the camera of sbl_picture_desc sees it. Read the result with
+   sbl_read_channel or sbl_channel_texture. The most used channels are SBL_CHANNEL_FINAL (the lit picture) and
+   SBL_CHANNEL_RADIANCE (R, light without surface colour).
+
+   sbl_picture_desc.options.mode selects the light that is computed:
+
+       SBL_MODE_GI       the default: emitters, lights, sky, and the light that all surfaces reflect, with all bounces
+       SBL_MODE_DIRECT   only emitters, lights and sky. It takes a third to half of the time of SBL_MODE_GI
+       SBL_MODE_AMBIENT  direct light, and every surface that does not emit has the radiance epsilon * albedo. This is
+                         the paper's substitute for bounced light
+       SBL_MODE_PAPER    the paper's method without changes, see ON THE PAPER
+
+   The struct sbl_options (field `options`) is the same in all five descriptors: mode, preset, backend, rays, sensor
+   size, epsilon, seed and the progress callback. The preset (draft, default, high) selects the defaults of other
+   fields; their comments then list three values.
+
+   Triangles that are small on the screen are lit by their true normals, larger ones by the shading normals of their
+   vertices: shading normals exist to hide facets that are large enough to be seen. sbl_picture_desc.facet_limit is the
+   limit, by default 2 pixels.
+
+   Geometry that only the host can draw, such as the result of a vertex shader, takes part through a draw callback. See
+   sbl_draw_view.
+
+
+   ON THE TARGET ERROR
+
+   sbl_picture_desc.target_error is the error of R that you accept: the root mean square over the visible pixels, in
+   luminance, divided by the mean luminance of R there. 0.02 means 2 %. The default is 0.015 (draft 0.05, high 0.0075).
+
+   With the default target, each sensor takes at most 16 looks, which are 512 rays (high: 1,024). This limit keeps the
+   time bounded where light comes through windows, and there the picture may miss the target. If you set target_error
+   yourself, a sensor may take up to 512 looks, at least 16 times as many rays.
+
+   A picture begins with few sensors that take one look each. From these it predicts the error of each tile, which has
+   two parts:
+
+       noise           the differences between rays in neighbouring directions, after interpolation and filter. They
+                       are averaged over nearby sensors, because a single sensor may miss the window that the next one
+                       has found
+       interpolation   the part of the light that interpolation between sensors misses. It is estimated from second
+                       differences of the light between sensors, also where a surface continues beyond its last sensor,
+                       and from sensors of a neighbouring tile that contradict the interpolated value
+
+   The library then spends rays where they reduce the error most for their cost. Sensors take further looks, or tiles
+   are subdivided, down to single pixels, until the predicted error of the picture reaches the target. The times for
+   targets of 8, 4, 2 and 1 % are about in the ratio 1 : 1.5 : 3 : 6.
+
+   SBL_CHANNEL_ERROR is the prediction for each pixel: the standard error of the luminance of R, in the unit of R.
+   sbl_stats.picture.expected_error is the prediction for the whole picture. Both are available while the picture is
+   under way, so a host may stop when the picture is good enough.
+
+   SBL_MODE_GI adds a third part: the error of the stored light. It is estimated from the differences between the
+   points of a cell, and propagated from cell to cell as light is. Sensors cannot reduce this part; a larger
+   max_bounce_cells does. The sensors' own part of the error is never driven below 0.84 of the target, even where the
+   store's part alone exceeds it.
+
+   The noise of a sensor falls faster than that of independent rays, because rays follow a low-discrepancy sequence.
+   Each picture measures how much faster, by comparing the second looks of sensors with their first looks.
+
+   If the first looks are far too noisy for the target, most light comes through windows or from a few other bright
+   places. The picture then first traces 256 single rays from each pixel of a grid, whose spacing is 2 to 16 pixels.
+   These rays give guides: histograms of the directions that light comes from. Sensors send most of their rays in these
+   directions, which saves half to two thirds of all rays. If noise is still too high, looks become longer: up to 128
+   rays instead of 16 to 64.
+
+   Accuracy of the prediction, measured at targets of 8, 4, 2 and 1 % against references: the true error is 0.6 to 1.2
+   times the prediction where R is known in closed form and in the Cornell box, and up to 1.5 times the prediction in
+   rooms that are lit through windows or a door ajar. Three errors cannot be predicted: a shadow that falls between all
+   sensors of the first level, which are `tile` pixels apart; a window that no ray has met; and changes of the stored
+   light inside a cell, where a cell is larger than the geometry beside it.
+
+   Three fields are for experts. If `rays` is set, each sensor takes exactly one look of that many rays. `tile` is the
+   size of the first tiles in pixels; 1 places a sensor at every pixel. If `threshold` is set, a tile is subdivided
+   where its corners differ by more than the threshold, instead of where the predicted error is large.
+
+
+   ON LIGHTS
+
+   Light has three sources. Surfaces emit (sbl_material.emission). Point, spot and directional lights shine without
+   being visible themselves (sbl_light). The sky shines where nothing is hit: with a constant radiance
+   (sbl_scene_desc.sky), and with a picture or a function (sbl_environment).
+
+   A lamp is one emitting triangle, one light, or one bright texel of a sky picture. For emitting triangles, spheres
+   and suns, the unobstructed light is computed in closed form, and the horizon of the sensor's surface is taken into
+   account. Rays towards the lamp only measure the fraction that arrives. So the light is exact where the whole lamp is
+   visible, and black where nothing of it is visible. In between, its noise is the noise of the measured fraction.
+
+   A sensor sends at most as many rays towards lamps as over its hemisphere. If `rays` is 256, it first sends an eighth
+   of them, and looks at the corners and rims of lamps. If these rays are all open or all blocked, it stops there. It
+   traces the rest if they disagree, or if there are many lamps. A light without size needs only one ray; up to 32 such
+   lights get one ray each.
+
+   Up to 256 lamps are weighed one by one. If there are more, lamps that are far away for their size are combined to
+   clusters of a tree. Each ray picks a single lamp of a cluster, with a probability proportional to the light it
+   gives. The mean stays correct, the noise is a few percent, and the cost of a sensor hardly grows with more lamps.
+
+   Texels of a sky picture that are brighter than four times its mean are lamps, so that a sun in the picture casts a
+   clean shadow. Rays over the hemisphere meet the rest of the sky.
+
+
+   ON BOUNCED LIGHT
+
+   SBL_MODE_GI keeps a store: the value of R on all surfaces of the scene, visible or not, one value for each cell.
+
+       patch     neighbouring triangles of a mesh that form one smooth surface
+       cell      the part of a patch that lies in one cube of a grid over the scene
+       point     a place in a cell where its light is measured; a cell has up to four
+
+   Light does not leak through walls or creep under them, because cells are kept apart in three ways. The two sides of
+   a wall have different cells. Surfaces seen from less than half a cell's length away have different cells than the
+   same surfaces seen from farther away. Where something stands on a surface, such as a wall on the floor of two rooms,
+   the plane of the wall cuts the cells of the floor.
+
+   Points are placed where rays meet surfaces. At each point, light from lamps is measured as sensors measure it, and
+   rays find the sky and the other cells. These rays are kept. They define a system of linear equations, whose solution
+   contains all bounces at once.
+
+   The sensors of a picture use the store only for the light that other surfaces reflect towards them. They measure all
+   light that reaches them with rays of their own, and lamps in closed form. If a traced ray meets a surface at less
+   than the length of a cell, the mean of the cell says little about that place; the ray then continues from there,
+   once. The store itself is visible only on surfaces with SBL_MATERIAL_NO_SENSORS and in SBL_CHANNEL_STORE.
+
+   Cost: a picture takes 2 to 3 times as long as with direct light alone, including the store, and more if the picture
+   is small (measured in rooms of several kinds, llvmpipe on two cores). The first work in this mode makes the store.
+   It then serves all pictures and bakes of the scene, with any camera and size, until the scene changes. sbl_set_scene
+   and sbl_set_mesh_transform discard it. After sbl_set_materials or sbl_set_lights, if only emission or lights have
+   changed, the store's rays are reused and the update takes half as long. sbl_end frees the memory of these rays, but
+   not the store. sbl_save_store and sbl_load_store carry a store over to the next run. sbl_stats.seconds.bounce and
+   sbl_stats.store tell what the store has cost.
+
+   Budget: sbl_scene_desc.max_bounce_cells limits the number of cells. At first all cells have one size, which is
+   chosen so that about a third of the budget is used; the rest is kept for cells that are cut. Three measures keep the
+   store within its budget: cells that are found last become larger, the store is rebuilt with larger cells, and small
+   patches of a mesh share cells. If rays reach only a small part of the scene, as with a house in a wide meadow, the
+   store is rebuilt with smaller cells. Surfaces that no other surface sees get the largest cells; only sensors in the
+   air may see these.
+
+   Raise the budget if a room is lit through a gap or a door, if geometry is small compared with the scene, or if light
+   looks patchy. Grain of single pixels comes from the sensors and needs a smaller target_error. Lower the budget for a
+   quick preview. Time and memory grow with it.
+
+   Accuracy at default settings, measured against an independent path tracer (relative root mean square error of R, in
+   blocks of 4 x 4 pixels): 0.8 % in the Cornell box, 1.6 % in a staircase room that 130 emitting triangles light, 4 %
+   in a furnished room of 130,000 triangles that the sky lights through windows. In blocks of 8 x 8 pixels: 2.3 to 3 %
+   in a dark room with a door ajar.
+
+   Limits: all reflection is diffuse. An albedo above 0.98 reflects bounced light as 0.98, so that the sum of all
+   bounces stays finite. A small and very bright surface, such as a ceiling just above a lamp, is found by rays at
+   random, as in a path tracer, and leaves bright specks. Geometry of a draw callback neither blocks nor reflects light
+   between other surfaces. The callback is told what light to reflect towards sensors, one value for each of six
+   directions. Light that arrives at this geometry is measured as for everything that the camera sees.
+
+
+   ON LIGHTMAPS
+
+   A lightmap is a picture of the scene's surfaces, spread out in a plane:
+
+       chart     a part of a surface whose triangles touch each other both in the world and in the map
+       gutter    the texels around a chart that show no surface. They repeat the chart's light, so that filtering does
+                 not mix in black
+       seam      an edge where two charts meet in the world, but not in the map
+
+   Give meshes lightmap_texcoords that place all their triangles in one map without overlapping. Other tools call these
+   coordinates a second UV set or a lightmap unwrap. Then call:
+
+       sbl_lightmap_desc map = { 0 };
+       map.width = map.height = 1024;
+       if (sbl_bake_lightmap(context, &map) != SBL_SUCCESS) return 0;
+       sbl_read_channel(context, SBL_CHANNEL_FINAL, light, 1024 * 1024 * 3);
+
+   The map holds R. A renderer shows emission + albedo * R. The statements about pictures are true for lightmaps: the
+   target error is predicted and reached texel by texel (SBL_CHANNEL_ERROR), sensors stand where they reduce it most,
+   sbl_step works in pieces, and sbl_inspect_sensor shows what the sensor of a texel sees. Refinement, interpolation
+   and filter never cross the border of a chart.
+
+   Space between charts: leave at least four texels, and twice as many for each mip level that you sample. FINAL is
+   continued into this space, half of it from either chart.
+
+   Texels at borders: a texel that a chart only touches gets the light of the chart's nearest point, moved a little
+   inward. Without this, a sensor in the corner of two walls would stand inside both.
+
+   Hidden texels: these get the light of their neighbours, because their own darkness would show beside the thing that
+   hides them. A texel is hidden if something lies on it, closer than about half a texel. In SBL_MODE_GI a texel that
+   no light reaches at all lies inside something and is hidden too. So are texels close to the border of a hidden area.
+
+   Seams: where charts meet in the world and their normals agree, FINAL is changed as little as possible so that
+   bilinear samples are equal on both sides. Light that differs by half or more is left as it is, because something
+   stands between the two sides. The triangles on both sides must share the edge from end to end. sbl_stats.lightmap
+   tells the largest difference before and after.
+
+   Detail within a texel: the light of a texel is the light at its centre. Light that changes within a texel, such as a
+   thin shadow or the edge of a wide one, needs `supersample`, which measures several places per texel. A value of 2
+   takes about twice the time.
+
+   Overlaps: if charts overlap or lie outside the map, a warning names the first place, and SBL_CHANNEL_OVERLAP shows
+   all of them.
+
+   Normal maps need light from several directions. If `directional` is set, the channels SH_0 to SH_3 hold the radiance
+   L over the hemisphere of each texel in rgb, as integrals of L times 0.28209479, and of L times 0.48860251 times y,
+   z, x of the direction that the light comes from. These four alone would give
+
+       R(m) = 0.28209479 SH_0 + 0.32573501 (m_y SH_1 + m_z SH_2 + m_x SH_3)
+
+   whose error is 19 % of R on average, over high and low lamps, windows and skies, for normals m that lean up to 45
+   degrees. It is more accurate (7 %) to use them only for the change of R from the surface's own normal n. The change
+   follows a lobe whose sharpness the harmonics give (Hazel, Geomerics 2015). For each colour channel:
+
+       v = 0.16286750 (SH_3, SH_1, SH_2)    r = min(|v| / (0.28209479 SH_0), 1)    a = (1 - r) / (1 + r)
+       f(m) = a + 2 (1 - a) (1 + r) ((1 + dot(m, v) / |v|) / 2)^(1 + 2 r)          R(m) = FINAL f(m) / f(n)
+
+   (SH_3, SH_1, SH_2) is also the direction that most light comes from, for engines that store one colour and one
+   direction. The predicted error is that of R. The harmonics come from the same rays, and are filtered and their seams
+   closed as for R. They take 8 % more time and 144 more bytes per texel.
+
+
+   ON VERTEX LIGHT
+
+   Light can be stored at vertices where lightmaps need too much memory, or where there is no second UV set. A renderer
+   interpolates it as it interpolates vertex colours:
+
+       sbl_vertices_desc bake = { 0 };
+       bake.radiance = light;             // 3 floats per vertex, of all meshes, one mesh after the other
+       bake.float_count = 3 * vertex_count;
+       if (sbl_bake_vertices(context, &bake) != SBL_SUCCESS) return 0;
+
+   R is measured at points spread over the triangles, never at vertices or edges, where R jumps and where walls meet.
+   The light at the vertices is the least-squares fit: the values whose interpolation is closest to R at the points (L.
+   Kavan, A. W. Bargteil and P.-P. Sloan, "Least Squares Vertex Baking", EGSR 2011). If triangles are large compared
+   with the changes of light on them, the fit is more accurate than light that is measured at vertices or averaged
+   around them. Beside the edge of a shadow the fit may make a vertex darker than all points around it. Values that
+   would be negative are 0.
+
+   Vertices of a mesh that have the same position, and normals that agree within 1 degree, share one value, so that
+   texture seams do not show. If the normals differ, as at hard edges, each vertex has its own light. A vertex without
+   a normal uses the mean normal of its triangles.
+
+   Points stuck inside geometry are left out. So are points that see little but back faces, because these lie inside
+   something; but if most points of a mesh see back faces, all are kept, because whole rooms are modelled inside out. A
+   vertex without any point beside it gets the light of its neighbours, from edge to edge, over at most 64 edges, or 0
+   if no neighbour has light. A vertex that belongs to no triangle, or only to triangles without area, gets 0.
+
+   A vertex has little noise, because it averages a dozen points or more. So a point uses 64 rays by default. The fit
+   takes about 200 bytes of memory and a few microseconds per triangle.
+
+
+   ON PROBES
+
+   A probe is the light at a point in the air, from all directions. It lights things that move through a baked scene.
+   Give positions, or a grid, which fills the bounds of the scene:
+
+       static sbl_probe probes[8 * 4 * 8];
+       sbl_probes_desc desc = { 0 };
+       desc.probes = probes;
+       desc.grid[0] = desc.grid[2] = 8;
+       desc.grid[1] = 4;
+       if (sbl_bake_probes(context, &desc) != SBL_SUCCESS) return 0;
+
+   A surface at the probe that faces n receives
+
+       R(n) = sum over i = 0 to 8 of A_i sh[i] Y_i(n),   A_0 = 1,   A_1 to A_3 = 2/3,   A_4 to A_8 = 1/4
+
+   and sends out emission + albedo * R. sbl_probe lists the functions Y_i. The ambient cube (sbl_probe.cube) is a
+   coarser form of the same light: R is the mean of the three sides that n turns to, weighted by the squares of the
+   components of n. Both contain all light, including that of lamps and their shadows.
+
+   Accuracy: light from surfaces and from the sky is measured along `rays` single rays, evenly over the sphere. Light
+   from lamps is measured as sensors measure it, in closed form with the horizon, on 320 normals all around, and the
+   cosine is divided out afterwards. For a point light this leaves an error of at most 0.4 % of the norm of its first
+   four coefficients, and less for larger lamps. The noise of a half hidden lamp is 1.3 % with 4,096 rays and 0.5 %
+   with 16,384. Nine coefficients cannot represent sharper light: for a small lamp, R becomes slightly negative on the
+   far side, where the cube gives 0.
+
+   Validity: surfaces have two sides here, and a probe sees the light of both. Only back faces tell whether a probe is
+   inside something: `valid` is 0 if more than a quarter of all directions end on back faces. This finds probes in
+   closed objects, below the ground, and close behind a wall of one layer. If meshes are wound at random it tells
+   nothing; use back_share for a test of your own. The light is correct for the probe's position in any case.
+
+   Moving probes out of solids: if `move` is above 0, an invalid probe tries other positions. In each octant it takes
+   the nearest back face that it has seen. It goes through the nearest of these first, and an eighth of `move` beyond
+   it, but never farther than `move` from the position that was asked for. The probe stays at the first valid position,
+   which `position` tells. If there is none, it stays where it was.
+
+   Shadows of light from probes (as in DDGI): distance and distance_squared are the means of the distance to the
+   visible surfaces, and of its square. Each octant uses the weights max(0, cosine to the middle of the octant), so it
+   covers half the sphere. The sky is left out. If nothing but sky is visible, both are 0, which means infinitely far.
+
+   Geometry of a draw callback contributes to the light. The probe then sees by views (SBL_BACKEND_RASTER): on 132
+   normals, and four times on each side of the cube, with five views each time. For a point light this leaves an error
+   of 1.4 %. Rays still find sky, distance, distance_squared, back_share and valid, and these do not include that
+   geometry.
+
 
    ON MEMORY
 
-   Everything is allocated through the descriptor's allocator, or malloc and free. sbl_set_scene copies what it is
-   given: arrays, textures and GL buffers may be freed afterwards. Running out of memory is a result
-   (SBL_ERROR_OUT_OF_MEMORY), and leaves the context usable: the scene or picture being made is dropped, an older
-   scene stays. sbl_gather needs no memory for its points but the host's own: it works on 65,536 at a time. So does
-   sbl_bake_probes, on 128.
+   All memory comes from the allocator of sbl_context_desc, by default malloc and free. sbl_set_scene copies its input:
+   the host may free arrays, textures and GL buffers afterwards.
+
+   If memory runs out, the function returns SBL_ERROR_OUT_OF_MEMORY and the context stays usable. The scene or picture
+   that was being made is dropped; an older scene stays.
+
+   sbl_gather_readings works on 65,536 points at a time and sbl_bake_probes on 128, so their memory does not grow with
+   the number of points. The arrays of points and results are the host's own.
+
 
    ON LIFETIMES
 
-   A finished picture can be read until the next sbl_begin or sbl_end, whatever else happens: also after sbl_set_scene,
-   after moves, during and after a gather. Only sbl_inspect_sensor needs the scene as the picture saw it, and says so
-   (SBL_ERROR_STATE) where it has changed. A picture under way ends when its scene changes. The textures of a finished
-   picture's channels live as long as it; those of one under way until the next sbl_step.
+   A finished picture stays readable until the next sbl_begin_picture, sbl_begin_lightmap or sbl_end, whatever else
+   happens: also after sbl_set_scene, after meshes have moved, and during and after readings, vertices and probes.
+   sbl_inspect_sensor is the one exception. It needs the scene that the picture was made of, and returns
+   SBL_ERROR_STATE if the scene has changed.
+
+   A picture that is under way is dropped when its scene changes. The textures of a finished picture's channels live as
+   long as the picture; those of a picture under way live until the next sbl_step.
+
 
    ON TIME
 
-   sbl_set_scene copies and sends the scene; sbl_begin only looks at the descriptor; all else is done in sbl_step: the
-   hierarchy of a scene's first traced picture, the store of light of its first in SBL_MODE_GI, the G-buffer, sensors,
-   filter and every anti-aliasing sample, all in pieces. sbl_step(context, 0.005) returns after about 5 ms: on the CPU
-   it looks at the clock, and what it sends to GL follows the speed that was seen. In no call does GL work longer than
-   sbl_context_desc.longest_submission at a time, so that no driver's watchdog sees a hang. Two things cannot be cut:
-   one submission's smallest part (a few sensors; one row of pixels), and the compiler of shaders. Programs are compiled
-   when they are first used, one a step, and stay: with sbl_context_desc.compile_ahead sbl_create compiles all (0.9 s on
-   llvmpipe), but the inspection's; sbl_query_capabilities tells how many there are and how long they took. Neither
-   slices nor the measured speed ever change a result.
+   sbl_set_scene copies the scene and sends it to GL. The sbl_begin_... functions only check their descriptor. All
+   other work is done by sbl_step, in small pieces: the bounding volume hierarchy (with the scene's first traced rays),
+   the store of bounced light (with the scene's first work in SBL_MODE_GI), the G-buffer, sensors, filter, and all
+   anti-aliasing samples.
 
-   From the first level on, the channels of a picture under way can be read and shown: the best so far, interpolated and
-   resolved from what is known. Who asks for one gets it at once; from then on each level brings a sharper one, made in
-   the steps. Before the first level sbl_read_channel returns SBL_UNFINISHED, and sbl_channel_texture 0.
+   sbl_step(context, 0.005) returns after about 5 ms. CPU work checks the clock. GL work is sized by the speed that was
+   measured so far. GL never works longer at a time than about sbl_context_desc.longest_submission, so that no driver's
+   watchdog takes it for a hang. Two things cannot be divided: the smallest part of a submission (a few sensors, or one
+   row of pixels), and the compilation of a shader program. Neither the slices nor the measured speed ever change a
+   result.
 
-   ON ERRORS
+   Programs are compiled when they are first used, one per step, and are kept. With sbl_context_desc.compile_ahead,
+   sbl_create compiles all of them, except those of inspections and of directional lightmaps (0.9 s on llvmpipe).
+   sbl_query_programs tells how many programs were compiled and how long this took.
 
-   Every function that can fail returns an sbl_result; what went wrong, where, and what to change goes to the logger as
-   one line a mistake. Descriptors are checked whole, in release builds too: all mistakes in one are reported in one
-   call, and a descriptor with a mistake changes nothing. Functions accept a NULL context (SBL_ERROR_INVALID_ARGUMENT).
+   The channels of a picture under way can be read and shown after the first level. They hold the best picture so far,
+   interpolated and resolved from what is known. The first request makes such a preview at once. After that, sbl_step
+   makes a better one whenever the number of looks has grown by a quarter. Before the end of the first level,
+   sbl_read_channel returns SBL_UNFINISHED and sbl_channel_texture returns 0.
 
-   Callbacks of a context (draw, environment, allocator, logger, progress) may call its sbl_query_... functions and
-   sbl_progress; what changes or steps it is refused there with SBL_ERROR_STATE. Progress is called between two pieces
-   of work and may read channels as well; it cancels by what it returns.
+
+   ON RESULTS AND MESSAGES
+
+   Every function that can fail returns an sbl_result. The logger receives the details: one line for each mistake,
+   which says what went wrong, where, and what to change. Descriptors are checked completely, in release builds too.
+   All mistakes in a descriptor are reported by one call, and a descriptor with a mistake changes nothing. Every
+   function accepts a NULL context; those that return a result then return SBL_ERROR_INVALID_ARGUMENT.
+
+   Callbacks (draw, environment, allocator, logger, progress) may call the sbl_query_... functions of their context,
+   and sbl_progress. Functions that change or step the context are refused there with SBL_ERROR_STATE. The progress
+   callback is called between two pieces of work. It may also read channels, and cancels the work by returning a
+   nonzero value.
+
 
    ON THREADS
 
-   No globals: contexts are independent. One context must not be used by two threads at once, and its GL context must be
-   current.
+   There are no globals, so contexts are independent of each other. Two threads must not use one context at the same
+   time. The GL context of an sbl context must be current in the calling thread.
+
 
    ON GL STATE
 
-   Functions that use GL read the state they are about to change and put it back before they return, on failure and
-   cancel too: framebuffers, program, vertex array, buffers, textures, samplers and images of the units they use,
-   viewport, scissor, depth, stencil, blend, cull, masks, clear values, polygon mode, pixel store, sRGB, clip distances,
-   depth clamp, clip control, and so on. With a headless context of its own the EGL binding is put back instead. GL
-   errors that the host left behind are cleared. A conditional render, a transform feedback and queries that count
-   samples or primitives must not be active during the calls: they cannot be set aside, and would drop or count sbl.h's
-   own drawing. All sbl functions that touch GL need the same GL context current that sbl_create was called in;
-   sbl_destroy too.
+   Functions that use GL save the state that they change and restore it before they return, also on failure and cancel:
+   framebuffers, program, vertex array, buffers, textures, samplers and images of the units that they use, viewport,
+   scissor, depth, stencil, blend, cull, masks, clear values, polygon mode, pixel store, sRGB, clip distances, depth
+   clamp, clip control, and so on. If the context has its own headless GL context, the EGL binding is restored instead.
+   GL errors that the host has left behind are cleared.
+
+   A conditional render, a transform feedback, and queries that count samples or primitives must not be active during a
+   call. sbl.h cannot suspend them, and they would drop or count its own drawing.
+
+   All functions that touch GL, including sbl_destroy, need the same current GL context as sbl_create.
+
 
    ON WINDOWS AND MACOS
 
-   SBL_EGL is for systems that have EGL. On Windows and macOS the host makes an OpenGL context of 3.3 core or later
-   current, by whatever means it has (WGL, GLFW, SDL, Qt), and gives its loader as sbl_context_desc.get_gl_function.
-   The window's size and pixel format are of no account, and it need not be visible: sbl.h draws to textures of its own,
-   of 16-bit and 32-bit floats, as every GL 3.3 can. OpenGL ES is refused, and with it ANGLE: it lacks clip distances
-   and buffer textures.
+   SBL_EGL is for systems that have EGL. On Windows and macOS the host creates an OpenGL context of version 3.3 core or
+   later (with WGL, GLFW, SDL, Qt), makes it current, and sets sbl_context_desc.get_gl_function to its loader. The size
+   and the pixel format of the window do not matter, and the window may be invisible: sbl.h draws into its own textures
+   of 16-bit and 32-bit floats, which every GL 3.3 supports. OpenGL ES, and so ANGLE, is refused, because it has
+   neither clip distances nor buffer textures.
 
-   Windows: windows.h may be included before sbl.h, after it, or not at all. A loader may be wglGetProcAddress and
-   nothing else: functions of GL 1.1, which that does not know, sbl.h takes from opengl32.dll, and where it answers 1,
-   2, 3 or -1 that counts as not found. It answers only while a context is current. After wglMakeCurrent:
+   Windows: windows.h may be included before sbl.h, after it, or not at all. The loader may consist of
+   wglGetProcAddress alone. It does not know the functions of GL 1.1, so sbl.h takes these from opengl32.dll. A return
+   value of 1, 2, 3 or -1 counts as not found. The loader works only while a context is current. After wglMakeCurrent:
 
        #include <windows.h>
        #define SBL_IMPLEMENTATION
@@ -244,9 +598,9 @@
            return sbl_create(&desc, &context) == SBL_SUCCESS ? context : NULL;
        }
 
-   macOS: GL ends at 4.1 there, which has neither compute shaders nor clip control. Rays are then traced by fragment
-   shaders, and the light is the same. Only contexts that are core and forward compatible have more than GL 2.1. With
-   GLFW, on this and any other system:
+   macOS: the newest GL is 4.1, which has neither compute shaders nor clip control. Fragment shaders then trace the
+   rays, with the same results. A context must be core and forward compatible, because others end at GL 2.1. With GLFW,
+   on macOS and on any other system:
 
        #include <GLFW/glfw3.h>
        #define SBL_IMPLEMENTATION
@@ -271,238 +625,58 @@
            glfwMakeContextCurrent(window);
            desc.get_gl_function = load;
            if (sbl_create(&desc, &context) != SBL_SUCCESS) return 1;
-           // sbl_set_scene, sbl_begin; in every frame sbl_step, and sbl_channel_texture to draw
+           // sbl_set_scene and sbl_begin_picture; then in every frame sbl_step, and sbl_channel_texture to draw
            sbl_destroy(context);
            glfwTerminate();
            return 0;
        }
 
-   What is tested: mingw-w64 for 64 and 32 bits, 64 bits under wine; GL 4.1 on Mesa. Not Microsoft's compiler, and no
-   Mac.
+   Tested are mingw-w64 for 64 and 32 bits, the 64-bit programs under wine, and GL 4.1 on Mesa. Microsoft's compiler
+   and a Mac have not been tested.
+
 
    ON DETERMINISM
 
-   Sensor rotations come from a hash of pixel and seed. The same input gives the same picture, bit for bit, on the same
-   GL driver, whatever the batch size, the slices and the number of repetitions; between GL paths and drivers it agrees
-   up to rounding. sbl_gather at the site of pixel i (sbl_sensor.site), as its site i and with the picture's seed and
-   rays (given, not 0), finds that pixel's light: to the bit where rays are traced, up to rounding where views are
-   drawn. What a probe finds depends on its number, place and rays and the seed, on no other probe.
+   The rotation of a sensor comes from a hash of its pixel and of the seed. The same input gives the same picture, bit
+   for bit, on the same GL driver, whatever the batch size, the slices of sbl_step, and the number of repetitions.
+   Other GL versions and drivers give the same picture up to rounding.
 
-   ON ERROR
+   sbl_gather_readings can repeat the light of pixel i. Give it the site of that pixel (sbl_sensor.site) as its site
+   number i, with the picture's seed and `rays`, which must be set and not 0. The result is equal to the bit if rays
+   are traced, and equal up to rounding if views are drawn.
 
-   sbl_picture_desc.error says how far R may be off: root mean square over the visible pixels, as a share of R's mean
-   there, in luminance. By default it is 0.015, or what 512 rays of each sensor give (high: 1,024), so that a picture
-   does not take for ever where light comes through windows; what is asked for is worth 16 times as many and more. A
-   picture begins with few sensors that look once, and predicts what each part of it is off by:
-
-       noise           what rays found differently along neighbouring directions, after interpolation and filter; taken
-                       together over sensors close by, since one alone may not have met the window that the next one did
-       interpolation   what second differences of light between sensors leave open; where a surface is continued beyond
-                       its last sensor, what they say there; and sensors of a neighbour that contradict
-
-   Then it spends rays where they lessen the error most for their cost: sensors look again, or stand closer, down to
-   single pixels, until the sum is what was asked. The times for 8, 4, 2 and 1 % are about as 1 to 1.5
-   to 3 to 6. SBL_CHANNEL_ERROR is the prediction for every pixel: the standard error of R's luminance, in R's unit;
-   sbl_stats.error_expected that of the whole picture, while it is under way, too: a host may stop when it is good
-   enough.
-
-   In SBL_MODE_GI there is a third part, what stored light is off by: the noise of the places that it is kept for, told
-   by how their points differ, and carried from place to place as light is. Sensors cannot make it less: bounce_samples
-   does. Where it is most of what was asked, sensors do not go below 0.84 of that themselves.
-
-   How much sensors gain by looking again is learned in each picture: from how second looks differ from the first.
-
-   Where the first looks are far too noisy for what is asked, light comes through windows, or from few other bright
-   places. Then 256 single rays go before from pixels 2 to 16 apart, and sensors' rays are sent mostly where those found
-   light (>>guide), which takes half to two thirds of the rays away; and looks take up to 128 rays instead of 16 or 32.
-
-   How true it is, at 8, 4, 2 and 1 %, against references: the true error is 0.6 to 1.2 times the prediction where R is
-   known in closed form and in the Cornell box, up to 1.5 times in rooms lit through windows or a door ajar. What cannot
-   be told: a shadow that slips between all sensors of the first level, `tile` pixels apart; a window that no ray has
-   met; what cells of stored light smooth over that are larger than what lies next to them.
-
-   `tile`, `rays` and `threshold` are for experts: with `rays` each sensor looks once, with so many; with `threshold`
-   cells are split where their corners differ by more than that.
-
-   ON LIGHTS
-
-   Surfaces emit (sbl_material.emission); point, spot and directional lights shine (sbl_light); the sky does,
-   constant, by a picture or by a function (sbl_environment). What an emitting triangle, a sphere or a sun gives
-   unhindered is computed in closed form, with the horizon; rays only measure which share of it arrives. So light is
-   exact where all of a lamp is seen, black where none is, and its noise is that of a share in between. Of
-   256 `rays` an eighth, and a look at corners and rims, tells whether all or nothing arrives; where neither does, or
-   lamps are many, the rest are traced too. A light without size gets one ray, up to 32 of them. Up to 256 lamps are
-   weighed one by one. Of more, those far off for their size stand together in clusters of a tree, of which rays pick
-   single ones in proportion to what they give: the cost of a sensor hardly grows from there on, and the mean stays
-   right; the noise is a few percent. Of a sky picture, what is brighter than four times its mean is a lamp of that
-   kind, so that a sun in it casts a clean shadow; the rest is met by the rays over the hemisphere.
-
-
-   ON LIGHT THAT BOUNCES
-
-   SBL_MODE_GI keeps a store of R on all surfaces of the scene, seen or not. Surfaces are cut into patches, neighbouring
-   triangles that make one smooth surface, and these into cells by a grid over the scene. Each side of a wall has cells
-   of its own, and so has what is seen from near; and where something stands on a surface, such as a wall on the floor
-   of two rooms, its plane cuts the cell. So light neither leaks through nor creeps underneath. Where light's own rays
-   meet surfaces, up to four points a cell, R from lamps is measured as sensors measure it, and rays look for the sky
-   and at the other cells. They are kept: from them all bounces are solved at once, to the last. The sensors of a
-   picture then find what any surface reflects in one look, and still measure all that reaches them by rays of their
-   own, and lamps in closed form; a traced ray that meets a surface nearer than a cell is wide goes on from there, once,
-   since that place is hardly lit as its cell is on average. The store itself is only seen on surfaces of
-   SBL_MATERIAL_NO_SENSORS, and in SBL_CHANNEL_STORE.
-
-   What it costs: a picture takes 2 to 3 times as long as with direct light alone, store included, and more where it
-   is small (measured in rooms of several kinds, llvmpipe on two cores). The store is made by a scene's first picture or
-   gather in this mode, and serves all that follow, of any camera and size, until the scene changes: sbl_set_scene and
-   sbl_set_mesh_transform make it anew; after sbl_set_materials and sbl_set_lights, where only what shines differs, the
-   rays are still there, and it takes half as long. sbl_end gives back the memory of these rays, not the store.
-   sbl_save_store and sbl_load_store carry a store over to the next run. seconds.bounce and bounce_samples of sbl_stats
-   tell what it took.
-
-   Its budget: sbl_scene_desc.bounce_samples, cells at most, all of one size. Cells are cut for about a third of it,
-   the rest is for what stands on surfaces. Where that does not suffice, what is found last gets wider cells, or all
-   begins again with larger ones, and small patches of a mesh share theirs; where much of the scene is seen by nothing,
-   such as a meadow around a house, all begins again with smaller ones. What no surface sees, but sensors in the air
-   may, gets the widest. Raise it where a room is lit through a gap or a door, where geometry is fine beside the size of
-   the scene, or where light seems to come in patches; grain of single pixels is the sensors', and needs a smaller
-   `error`. Lower it for a quick look. Time and memory go with it.
-
-   How exact it is, measured against an independent path tracer at default settings: relative root mean square error of
-   R in blocks of 4 x 4 pixels: 0.8 % in the Cornell box, 1.6 % in a staircase room that 130 emitting triangles light,
-   4 % in a furnished room of 130,000 triangles that the sky lights through windows; in 8 x 8, 2.3 to 3 % in a dark room
-   with a door ajar.
-
-   Its limits: all is diffuse. An albedo above 0.98 bounces as 0.98, so that light ends. A small and very bright
-   surface, such as a ceiling just above a lamp, is found by rays at random, as by a path tracer: it leaves specks. And
-   what a draw callback draws is not in it: it neither blocks nor reflects light between surfaces. It is told what light
-   to reflect towards sensors, one value for each of six directions, and is itself lit like all that the camera sees.
-
-
-   ON LIGHTMAPS
-
-   A lightmap is a picture of the scene's surface: give meshes lightmap_texcoords, which spread all of them over one map
-   without overlapping (tools call it a second UV set, or a lightmap unwrap), and call
-
-       sbl_lightmap_desc map = { 0 };
-       map.width = map.height = 1024;
-       if (sbl_bake_lightmap(context, &map) != SBL_SUCCESS) return 0;
-       sbl_read_channel(context, SBL_CHANNEL_FINAL, light, 1024 * 1024 * 3);
-
-   Light of a surface is albedo * light + emission then: what the map holds is R. All that is said of pictures holds for
-   it: an error is asked for and predicted, texel by texel (SBL_CHANNEL_ERROR), sensors stand where they lessen it,
-   sbl_step works in pieces, sbl_inspect_sensor shows what a texel's sensor sees. Refinement, interpolation and filter
-   stay within charts: triangles that touch both in the world and in the map. Leave four texels and more between charts,
-   and twice as many for each mip level that is to be sampled: FINAL is continued so far, half from either side.
-   A texel that a chart only grazes has the light of the chart's nearest point, a little inward: where walls meet it
-   would stand in both. Texels that nobody gets to see have their neighbours' light, or it would show beside what hides
-   them: those that something lies on, nearer than half a texel or so, those inside of other things (what bounces tells
-   where no light gets, so in SBL_MODE_GI), and those close to such an edge.
-   Where charts meet in the world and normals agree, FINAL is sewn: changed by as little as makes bilinear samples of
-   both sides the same, but for light that differs by half and more, since there something stands between. Such edges
-   must be shared by triangles, end to end. sbl_stats tells the largest difference before and after.
-   Light that changes within a texel, a thin shadow or the edge of a wide one, is known at its middle only, until
-   `supersample` asks for more places: 2 takes twice the time, about.
-   Of a surface whose normals a texture bends light must be known from several sides. With `directional` SH_0 to SH_3
-   hold the radiance L over each texel's hemisphere, rgb: the integrals of L * 0.28209479, and of L * 0.48860251 times
-   y, z, x of where it comes from. Alone they would give R(m) = 0.28209479 SH_0 + 0.32573501 (m_y SH_1 + m_z SH_2 + m_x
-   SH_3), off by 19 % of R on average over lamps high and low, windows and skies, for normals m that lean up to 45
-   degrees. Half of that or less is left (7 %) where they only tell how R changes from the surface's own normal n, along
-   a lobe whose sharpness the harmonics tell (Hazel, Geomerics 2015), for each channel:
-
-       v = 0.16286750 (SH_3, SH_1, SH_2)    r = min(|v| / (0.28209479 SH_0), 1)    a = (1 - r) / (1 + r)
-       f(m) = a + 2 (1 - a) (1 + r) ((1 + dot(m, v) / |v|) / 2)^(1 + 2 r)          R(m) = FINAL f(m) / f(n)
-
-   (SH_3, SH_1, SH_2) is also the way to where most light comes from, for engines that store a colour and one direction.
-   What the error predicts is R's; harmonics see the same rays, and are filtered and sewn as R is. They take 8 % more
-   time, and 144 more bytes a texel.
-   Where charts overlap, or lie outside of the map, a warning names the first place, SBL_CHANNEL_OVERLAP all of them.
-
-
-   ON PROBES
-
-   A probe is the light at a point in the air, from all sides, for what moves through a scene that has been baked. Give
-   positions, or a grid, which fills the scene's bounds:
-
-       static sbl_probe probes[8 * 4 * 8];
-       sbl_probes_desc desc = { 0 };
-       desc.probes = probes;
-       desc.grid[0] = desc.grid[2] = 8;
-       desc.grid[1] = 4;
-       if (sbl_bake_probes(context, &desc) != SBL_SUCCESS) return 0;
-
-   R on a surface there that faces n is sh[i] * Y_i(n) * (1, 2/3 or 1/4) summed over the nine; what it sends out is its
-   emission + albedo * R. The ambient cube says the same more coarsely: the mean of the three sides that n turns to,
-   weighted by the squares of its components. Both hold all the light there is, lamps with their shadows too.
-
-   How it comes about: what surfaces and the sky send arrives along `rays` single rays, evenly over the sphere. What
-   lamps give is measured as sensors measure it, in closed form with the horizon, on 320 normals all around, and their
-   cosine is then divided out: of a point of light this leaves at most 0.4 % (of the norm of its first four
-   coefficients), of what is larger less. The noise of a lamp that is half hidden is 1.3 % with 4,096 rays, 0.5 % with
-   16,384. What lies beyond the ninth coefficient is lost, as always: of a small lamp R made of nine is a little
-   negative on the far side, where the cube has 0.
-
-   Surfaces have two sides here, and a probe sees the light of both. Whether it stands inside of something only faces
-   tell: `valid` is 0 where more than a quarter of all directions end on back faces. So it is in closed things, where
-   all do, under the ground, and close behind a wall of one layer; where meshes are wound at random it says nothing, and
-   back_share is there to judge by another measure. The light is right in any case for where the probe stands. With
-   `move` such a probe looks for a way out: through the nearest back face that it saw towards each octant, the nearest
-   one first, and an eighth of `move` beyond, but never farther than `move` from where it was asked for. The first
-   place that is valid is taken, and position tells it; where there is none, it stays.
-
-   For shadows of light from probes (as in DDGI), distance and distance_squared are the means of the distance and of its
-   square to what is seen, with weights max(0, cosine to the octant's middle): half the sphere for each. The sky is left
-   out; where nothing else is seen both are 0, which stands for no end.
-
-   What a draw callback draws is in the light, which views see then (SBL_BACKEND_RASTER: on 132 normals, and four times
-   on each of the cube's sides, five views each time; of a point of light this leaves 1.4 %), and not in sky, distance,
-   distance_squared, back_share and valid, which rays find.
-   ON VERTEX LIGHT
-
-   Where there is neither room nor a second UV set for lightmaps, light can stand at the vertices; a renderer draws what
-   lies between as it draws vertex colours:
-
-       sbl_vertices_desc bake = { 0 };
-       bake.radiance = light;             // 3 floats a vertex, of all meshes, one mesh after the other
-       bake.count = 3 * vertex_count;
-       if (sbl_bake_vertices(context, &bake) != SBL_SUCCESS) return 0;
-
-   R is gathered at points spread over the triangles, never at vertices or edges, where it jumps and where walls meet;
-   and the vertices get what makes the interpolated light fit these points best, by least squares, after L. Kavan,
-   A. W. Bargteil and P.-P. Sloan, "Least Squares Vertex Baking" (EGSR 2011): where triangles are large for the light on
-   them, it is nearer to the truth than light that is measured at vertices or averaged around them. To fit the points
-   beside a shadow's edge a vertex may have to be darker than all of them; what would be negative is 0.
-
-   Vertices of a mesh that stand in the same place and whose normals agree (to 1 degree) are one, so that seams of
-   textures do not show; where normals differ, as at hard edges, each has its own light. Without normals, a vertex has
-   the mean of its triangles'. Points stuck inside geometry are left out, and so are those that see little but back
-   faces, and thus lie inside of something; unless most points of a mesh do, since whole rooms are modelled inside out.
-   Vertices that no other points are next to take their neighbours' light, from edge to edge, up to 64 edges far, or 0
-   where there is none. A vertex that no triangle has, but for those without area, is 0.
-
-   Of noise a vertex has little, since a dozen points and more are around it: by default they look with 64 rays each. It
-   takes about 200 bytes of memory a triangle, and a few microseconds for the fit.
+   The light of a probe depends on its number, its position, `rays` and the seed, and not on other probes.
 
 
    ON THE TWO WAYS TO SEE
 
-   SBL_BACKEND_TRACE sends cosine-distributed rays through a bounding volume hierarchy in a compute shader, or
-   a fragment shader before GL 4.3, and at most as many more to lamps (stats.rays does not count these): its cost
-   hardly grows with the scene. The sensors' noise is known, so that refinement follows light and not noise, and the
-   filter leaves alone what noise does not explain. SBL_BACKEND_RASTER draws the scene into a sensor's views, as the
-   paper does: it serves geometry that only the host can draw, and is the check on the other. Its cost grows with the
-   number of triangles. Lamps get rays here too, which meet the meshes; what a draw callback draws stands between
-   where the views show it, and what it emits is met by texels. AUTO traces wherever rays can be traced. Above the job
-   (see the rooms) no line knows which of them runs.
+   SBL_BACKEND_TRACE traces rays through a bounding volume hierarchy, in a compute shader, or in a fragment shader
+   before GL 4.3. The rays have a cosine distribution. At most as many more rays go to lamps; sbl_stats.sensors.rays
+   does not count these. The cost hardly grows with the scene. The noise of the sensors is known, so refinement follows
+   light and not noise, and the filter leaves differences alone that noise does not explain.
+
+   SBL_BACKEND_RASTER draws the scene into the views of a sensor, as the paper does. It can see geometry that only the
+   host can draw, and it serves as a check of the other way. Its cost grows with the number of triangles. Rays go to
+   lamps here too, and meet the meshes. Where the geometry of a draw callback blocks a lamp, the views show it; light
+   that this geometry emits is found by the texels of the views.
+
+   SBL_BACKEND_AUTO traces wherever it can.
 
 
    ON THE PAPER
 
-   SBL_MODE_PAPER is the paper: one view of 135 degrees, equation 4, epsilon, the absolute threshold, the Gaussian on
-   one id; emitters are met by texels, and there are no lights besides. All other modes differ in this: a sensor sees
-   its whole hemisphere, by rays that follow the cosine, or, rasterised, by the five views of a hemicube, whose
-   weights are the texels' exact projected solid angles; it is turned about its normal by a hash of its pixel; lamps
-   are in closed form; the threshold is relative; interpolation and filter also respect normals and planes; and a
-   sensor that stands for many pixels looks two to four times.
+   SBL_MODE_PAPER is the paper's method: one view of 135 degrees, equation 4, epsilon, the absolute threshold, and the
+   Gaussian filter over one id. The texels of the views find emitters, and there are no other lights.
+
+   All other modes differ from the paper:
+
+       hemisphere      a sensor sees the whole hemisphere: by rays with a cosine distribution, or by the five views of a
+                       hemicube, whose weights are the exact projected solid angles of their texels
+       rotation        a sensor is rotated about its normal by a hash of its pixel
+       lamps           their light is computed in closed form
+       threshold       it is relative
+       interpolation   it respects normals and planes as well as ids, and so does the filter
+       looks           a sensor takes as many looks as the target error requires, up to 512
 */
 
 #ifndef SBL_INCLUDED
@@ -1353,81 +1527,165 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 #ifndef SBL_IMPLEMENTATION_INCLUDED
 #define SBL_IMPLEMENTATION_INCLUDED
 
-/* The rooms, in the order of execution; each calls only rooms above it. Search for the tag.
+/* ROOMS
 
-   the machine    >>base         config, log, memory, math
-                  >>gl           the loader, and the guard that keeps the host's state
-                  >>records      structs that shaders read: C and GLSL from one list
-                  >>device       textures, targets, programs, passes, time: nothing below calls GL by itself
-   the scene      >>check        descriptors, before anything changes
-                  >>geometry     meshes: read, validated, converted
-                  >>textures     the texel store
-                  >>environment  light from far away
-                  >>bvh          the hierarchy that rays go through
-                  >>lamps        what sensors aim rays at
-                  >>store        light that bounces: cells on surfaces, and how they are found
-                  >>scene        the six together; scene.glsl and outgoing.glsl, which all shaders share
-   a sensor       >>atlas        which triangle each texel of a lightmap shows
-                  >>surface      where light is wanted: the camera's G-buffer, or a lightmap's
-                  >>sensors      looks: frames, views, weights
-                  >>guide        rays go where others found light
-                  >>aim          rays towards lamps
-                  >>raster       to see by views drawn into texels
-                  >>trace        to see by rays
-                  >>job          sites in, readings out: the heart. Above it nobody knows how it sees
-   light that     >>bounce       fills the store: sites, rays between surfaces, all bounces at once
-   bounces        >>saved        the store as a stream
-   a picture      >>refine       which pixels get sensors; interpolation
-                  >>filter       smoothing of R
-                  >>resolve      composition, anti-aliasing
-                  >>gutters      a lightmap is continued beyond its charts,
-                  >>seams        and made the same on both sides of where they meet
-   front ends     >>picture      the stages above, in steps
-                  >>gather       any points
-                  >>vertices     light at meshes' vertices, fitted to points over their triangles
-                  >>probes       points in the air, from all sides
-                  >>inspect      one sensor, shown
-                  >>trial        a known triangle, before all else
-   the door       >>egl          a headless context
-                  >>public       the functions declared above: thin
+   The implementation is divided into rooms. They follow each other in the order of execution, and a function calls only
+   functions of its own room and of rooms above it. Search for the tag to find a room.
 
-   Each shader stands beside what uses it, between its >>glsl markers, as a copy of shaders_embedded/NAME.glsl that
-   scripts/embed_shaders makes: change the file, run the script.
+   the machine    >>base         clock, log, memory, arithmetic
+                  >>gl           loads GL functions; saves and restores the GL state of the host
+                  >>records      structs that both C and shaders read, each written from one list of fields
+                  >>device       textures, targets, programs, draws, time; staged work. No room below calls GL directly
+   the scene      >>check        checks descriptors before anything changes
+                  >>geometry     reads, checks and converts meshes
+                  >>textures     the texels of all textures, in one table
+                  >>environment  the sky: constant radiance and a picture
+                  >>bvh          the bounding volume hierarchy that rays traverse
+                  >>lamps        everything that sensors send rays to, and the trees that group lamps
+                  >>store        bounced light: the cells on surfaces, and the hash grid that finds them
+                  >>scene        the six rooms above as one scene; GLSL that all shaders share
+   a sensor       >>atlas        finds the triangle that each texel of a lightmap shows
+                  >>surface      the G-buffer of a camera or of a lightmap: which surface point each pixel shows
+                  >>sensors      sites, looks, the views of a look, weights
+                  >>guide        sends rays to where nearby rays have found light
+                  >>aim          rays towards lamps, and the sequences that all rays follow
+                  >>raster       measures by drawing views, as the paper does
+                  >>trace        measures by tracing rays
+                  >>job          the core: takes sites, returns readings, by rays or by views
+   bounced light  >>bounce       fills the store: points, rays between surfaces, the solution with all bounces
+                  >>saved        writes the store to a stream and reads it
+   a picture      >>refine       which pixels get sensors, interpolation, the predicted error
+                  >>filter       smooths R
+                  >>resolve      composition and anti-aliasing
+                  >>gutters      continues a lightmap into the texels around its charts
+                  >>seams        makes a lightmap equal on both sides of its seams
+   front ends     >>picture      pictures and lightmaps
+                  >>gather       readings at any points
+                  >>vertices     light at vertices, fitted to points on triangles
+                  >>probes       light at points in the air
+                  >>inspect      one sensor of a finished picture in detail
+                  >>trial        draws a known triangle, to find drivers that do not work
+   the interface  >>egl          creates the headless GL context
+                  >>public       the functions declared above: check, delegate, restore GL
+
+   Each shader is a file, shaders_embedded/NAME.glsl. scripts/embed_shaders copies it between the markers >>glsl of the
+   room that uses it. To change a shader, change the file and run the script.
+
+
+   SYMPTOMS
+
+   Look here first if something is wrong. sbl_inspect_sensor shows the rays and sums of a single pixel. scripts/test
+   runs the tests of one room by name, for example scripts/test lights.
+
+   a shadow of a lamp is wrong or noisy                       >>aim (lamps.glsl), then >>lamps
+   a shadow is missing, or its edge is coarse                 >>refine: no sensor was placed there
+   light leaks through a wall: from lamps or sky              >>trace, >>bvh
+   light leaks through or under a wall: bounced light         >>store, >>bounce (cells, cuts)
+   bounced light is patchy, too bright or too dark            >>bounce
+   bright specks, or grain                                    >>guide, >>trace; only in SBL_MODE_GI: >>bounce
+   dark or bright spots at corners and contacts               >>job (stuck tests), >>sensors (offset)
+   facets, or wrong normals                                   >>surface (facet_limit), >>geometry
+   light is blurred across an edge                            >>filter, >>refine (belongs.glsl)
+   edges of objects are jagged                                >>resolve
+   wrong colours or texture coordinates                       >>textures, >>geometry
+   a wrong sky                                                >>environment
+   a lightmap has visible seams, or dark borders              >>seams, >>gutters
+   a lightmap shows wrong charts, or hidden texels            >>atlas, >>refine
+   light at vertices, or of probes, is wrong                  >>vertices, >>probes
+   pictures of two runs differ                                tests/test_determinism.c, then >>sensors (rotation)
+   the predicted error is wrong                               >>refine; the error of stored light: >>bounce
+   the target error is missed or takes too long               >>refine (rounds), >>guide
+   a slow picture: see sbl_stats.seconds                      the room of the largest number
+   one sbl_step takes too long, or a driver's watchdog bites  >>device (pace)
+   a driver is refused, draws nothing, or reports GL errors   >>trial, >>gl, >>device
+   the GL state of the host has changed                       >>gl (guard)
+   a descriptor is refused, or accepted wrongly               >>check
+
+
+   GLOSSARY
+
+   One word has one meaning, also in private names. The second column is the prefix of such names, in small letters for
+   functions and types and in capitals for constants; functions with that prefix stand only in the rooms of the third
+   column. tests/tools/words.py checks this table.
+
+   term         prefix            rooms                 meaning
+   R                                                    irradiance / pi, the quantity that sensors measure
+   guard        sbl__guard        >>gl                  saves, sets and restores the GL state of the host
+   record       sbl__record       >>records             a list of fields, from which a C struct and GLSL are made
+   table        sbl__table        >>device              data that shaders read by number: a texture or buffer texture
+   target       sbl__target       >>device              textures that a pass draws into
+   recipe                                               the files, records and features that make a GL program
+   pace         sbl__pace         >>device              the measured speed of GL work, and how much to submit at once
+   slice        sbl__slice        >>device              the time that one sbl_step has
+   stage        sbl__stages       >>device              a part of long work; a table of stages is worked piece by piece
+   patch        sbl__patch        >>store               neighbouring triangles that form one smooth surface
+   cell                                                 the part of a patch in one cube of the store's grid
+   cut                                                  a plane that divides a cell
+   leaf         sbl__leaf         >>store               an undivided part of a cell; it holds one value of R
+   store        sbl__store        >>store >>textures    the bounced light of the scene: all cells and their R
+   point                                                a place in a leaf where its light is measured
+   hierarchy    sbl__bvh          >>bvh                 the bounding volume hierarchy over all triangles
+   lamp         sbl__lamp         >>lamps               an emitting triangle, a light or a bright texel of the sky
+   cluster      sbl__cluster      >>lamps               neighbouring lamps, of which a ray picks one
+   rim sample                                           a ray to the corner or rim of a lamp
+   atlas        sbl__atlas        >>atlas               the map of a lightmap: its texels and their triangles
+   chart                                                triangles that touch in the world and in the atlas
+   gutter       sbl__gutters      >>gutters             texels around a chart, which continue its light
+   seam         sbl__seam         >>seams               an edge where charts meet in the world, but not in the atlas
+   G-buffer     sbl__gbuffer      >>surface             position, normals, colours and id at each pixel
+   site         sbl__site         >>sensors >>gather    a point with a normal where light is wanted
+   sensor                                               the measurement at a site: one or more looks
+   look         sbl__look         >>sensors >>job       one part of a sensor's measurement, with its own rotation
+   view         sbl__view         >>sensors             one of the pictures that a rasterised look consists of
+   view texture sbl__raster       >>raster              the texture that holds the views of a batch of looks
+   batch        sbl__batch        >>guide               looks that are measured together
+   guide        sbl__guide        >>guide >>refine      a histogram of the directions that light comes from
+   stuck test                                           rays or a view that tell whether a sensor is inside geometry
+   job          sbl__job          >>job                 the measurement of a list of sites
+   tile                                                 a rectangle of pixels with a sensor at each corner
+   uncertainty                                          a standard error; its square is a variance
+   probe        sbl__probe        >>probes              light at a point in the air, for things that move
+   front end                                            one kind of work that the host can begin, such as a picture
 
 
    FOR THOSE WHO CHANGE IT
 
-   What may be touched: anything, as long as scripts/test passes. tests/test_pinned.c holds pictures to the bit;
-   scripts/compare_commits BASE shows for 178 pictures what a change did, and how long both take. tests/tools/rooms.py
-   lists rooms, lengths and parameters: no function has more than 80 lines or 6 parameters, no line more than 120
-   columns.
+   Anything may be changed as long as scripts/test passes. tests/test_pinned.c compares pictures to the bit.
+   scripts/compare_commits BASE shows what a change does to some 220 pictures and bakes, and to their times.
+   tests/tools/rooms.py lists the length of all rooms. It refuses functions of more than 80 lines or 6 parameters, and
+   lines of more than 120 columns.
 
-   To add a channel (4 lines, tried with the sensors' noise):
-       sbl_channel, with its comment; a row in sbl__channels (>>public); where refinement knows it, a line in
-       sbl__channel_pixel; where a target holds it, one in sbl__channel_target. A name in examples/sbl_render.c's list.
+   To add a channel:
+       add it to sbl_channel, with a comment, and add a row to sbl__channels (>>public). If refinement holds its values,
+       add a line to sbl__channel_pixel; if a target holds them, add one to sbl__channel_target. Add its name to the
+       list in examples/sbl_render.c.
 
-   To add a front end, which asks for light and does something else with it than a picture:
-       >>gather is the shortest one, take its shape. A struct with a stage, the sites and the readings; begin stores;
-       step calls, until each is done, sbl__prepare (hierarchy, lamps, store), sbl__spec_make (how to see),
-       sbl__job_begin with a task (sites, readings), sbl__job_step with the slice it was given. Loops over many things
-       ask sbl__late and return SBL_UNFINISHED. In >>public: a function that checks and begins, a case in
-       sbl__context_step. The readings also lie on the GPU: sbl__job.results, a texel a look.
+   To add a front end:
+       write a room like >>gather, which is the shortest. Its begin function stores the descriptor. Its table of stages
+       calls sbl__prepare (hierarchy, lamps, store), then sbl__spec_make (how to measure), then sbl__job_begin with a
+       task (sites and readings), then sbl__job_step until the job is done. Work on many items ends a piece when
+       sbl__late is true. Add one row to the table of front ends (begin, step, progress, free, report), and a function
+       to the interface that checks the descriptor and begins. sbl__job.results holds the readings on the GPU as well.
 
-   To add a light:
-       a kind in sbl_light_kind and what it needs in sbl_light; sbl__check_light; in >>lamps its words (LIGHT_RECORD,
-       from which the GLSL that reads them is made), its power, its bounds; in lamps.glsl sbl_lamp, which reads it, what
-       it gives unhindered, and a point of it for a ray. tests/test_lights.c has closed forms to hold it to.
+   To add a kind of light:
+       add it to sbl_light_kind, its parameters to sbl_light, and its checks to sbl__check_light. In >>lamps, add its
+       fields to SBL__LIGHT_RECORD, its power, and its bounds. In lamps.glsl, extend sbl_lamp (reads the record), the
+       closed form of its unobstructed light, and the choice of a point on it. tests/test_lights.c compares each kind
+       with closed forms.
 
    To add a shader, or a table that shaders read:
-       a file in shaders_embedded, a pair of markers where it is used, a recipe (which files make the program, which
-       records they read, which features make variants) and sbl__use in front of the draw. It compiles when it is
-       first used; sbl__context_start (>>public) lists those that sbl_create can compile. A record is a list of fields
-       (SBL__RECORD): the C struct and the GLSL functions sbl_NAME_FIELD(i) come from it.
+       add a file to shaders_embedded and a pair of markers to the room that uses it. Declare a recipe: the files of the
+       program, the records that they read, and the features that make variants. Call sbl__use before drawing. Programs
+       are compiled when first used; sbl__context_start (>>public) lists those that compile_ahead compiles. SBL__RECORD
+       makes a C struct and the GLSL functions sbl_NAME_FIELD(i) from a list of fields.
 
-   To change what a surface sends out: outgoing.glsl, the only place that knows.
+   To add a property of materials:
+       add it to sbl_material and to its checks, to SBL__OBJECT (>>geometry) and to sbl__scene_dress_mesh (>>scene). Use
+       it in material.glsl and in its C twin. material.glsl is the only file that knows what a surface sends out:
+       emission, reflection, sampling of directions, cut-out. All other shaders call it.
 
-   Work must stay in pieces: whatever loops over triangles, pixels or sites looks at the slice; whatever draws takes
-   from sbl__pace_begin how much, and tells sbl__pace_end. Neither may change what comes out. */
+   Work must stay divisible into short pieces. Loops over triangles, pixels or sites must check the slice. Everything
+   that draws must ask sbl__pace_begin how much to draw, and report to sbl__pace_end. Neither may change results. */
 
 #include <float.h>
 #include <limits.h>

@@ -27,43 +27,48 @@ enum {
 
 static const tool_option table[OPTION_COUNT] = {
     COMMON_ROWS,
-    [OUTPUT]   = { "--output", "PATH", TEXT, &common.output, 0, 0, 0, "also -o; a folder for --lightmap, made where there is none; a file for the others" },
+    [OUTPUT]   = { "--output", "PATH", TEXT, &common.output, 0, 0, 0,
+                   "also -o; a file; for --lightmap a folder, which is created if it does not exist"},
     [LIGHTMAP] = { "--lightmap", "N", INTEGERS, &options.lightmap, 1, 1, 16384,
-                   "bakes all meshes with second texture coordinates (TEXCOORD_1; scripts/unwrap makes them) into one map of\n"
-                   "N x N texels, and writes into the folder PATH:\n"
-                   "lightmap.pfm, lightmap.exr    R a texel, linear; 0 where no surface is\n"
-                   "atlas.pfm, atlas.exr          the same, continued into the gutters: for bilinear sampling and mip maps\n"
-                   "atlas.png                     8 bits of sRGB of atlas divided by what scene.gltf says\n"
-                   "scene.gltf, scene.bin, texture_*.png   the scene; each material's extension MOZ_lightmap refers to\n"
-                   "                              atlas.png: light arriving (irradiance) is intensity * texture, R a pi-th of that\n"
-                   "overlap.png                   only where charts overlap: red shows where" },
-    [GUTTER]   = { "--gutter", "TEXELS", INTEGERS, &options.gutter, 1, 0, 16384, "how far atlas is continued beyond charts; default 16" },
+                   "bakes all meshes that have second texture coordinates (TEXCOORD_1; scripts/unwrap makes them) into one map\n"
+                   "of N x N texels, and writes into the folder PATH:\n"
+                   "lightmap.pfm, lightmap.exr    R (irradiance / pi) of each texel, linear; 0 where there is no surface\n"
+                   "atlas.pfm, atlas.exr          the same, continued into the gutters, for bilinear sampling and mip maps\n"
+                   "atlas.png                     atlas in 8-bit sRGB, scaled as scene.gltf says\n"
+                   "scene.gltf, scene.bin, texture_*.png   the scene; the extension MOZ_lightmap of each material refers to\n"
+                   "                              atlas.png: irradiance is intensity * texture; R is that divided by pi\n"
+                   "overlap.png                   only if charts overlap: red shows where"},
+    [GUTTER]   = { "--gutter", "TEXELS", INTEGERS, &options.gutter, 1, 0, 16384,
+                   "continues atlas this far beyond the charts; default 16"},
     [DIRECTIONAL] = { "--directional", NULL, FLAG, NULL, 0, 0, 0,
-                   "of --lightmap: also where light comes from, for normal maps: sh_0 to sh_3, .pfm and .exr: radiance over a texel's\n"
-                   "hemisphere in the real orthonormal spherical harmonics 1, y, z, x; continued like atlas" },
+                   "with --lightmap: also writes the directions of light, for normal maps: sh_0 to sh_3 (.pfm, .exr), the\n"
+                   "radiance over the hemisphere of each texel in the real orthonormal spherical harmonics 1, y, z, x, continued\n"
+                   "like atlas"},
     [SUPERSAMPLE] = { "--supersample", "N", INTEGERS, &options.supersample, 1, 1, 8,
-                   "of --lightmap: N x N places a texel, whose mean it is: for shadows finer than texels; default 1" },
+                   "with --lightmap: measures N x N places in each texel and takes their mean, for shadows finer than texels;\n"
+                   "default 1"},
     [ERROR]    = { "--error", "E", SHARES, &options.error, 1, 0.0001, 1,
-                   "of --lightmap: how far radiance may be off, such as 2% or 0.02: root mean square over the map, as a share of its mean;\n"
-                   "default 2%, 0.5%, 0.25% by preset, or what 512 rays a sensor give (high: 1024)" },
+                   "with --lightmap: target error of R, such as 2% or 0.02: root mean square over the map, divided by its mean;\n"
+                   "default 2%, 0.5%, 0.25% by preset; with the default, a sensor uses at most 512, 1024, 2048 rays"},
     [VERTICES] = { "--vertices", NULL, FLAG, NULL, 0, 0, 0,
-                   "bakes light at all meshes' vertices, by least squares over their triangles, and writes PATH.ply (binary; world:\n"
-                   "x y z nx ny nz radiance_r radiance_g radiance_b, which is R, and the faces) or PATH.gltf (with a .bin and\n"
-                   "texture_*.png beside it; the vertices' attribute _RADIANCE)" },
+                   "bakes light at the vertices of all meshes, by least squares over their triangles, and writes PATH.ply\n"
+                   "(binary: x y z nx ny nz in the world, radiance_r radiance_g radiance_b, which is R, and the faces) or PATH.gltf\n"
+                   "(with a .bin and texture_*.png beside it; vertex attribute _RADIANCE)"},
     [AVERAGE]  = { "--average", NULL, FLAG, NULL, 0, 0, 0,
-                   "of --vertices: means around each vertex instead of least squares: smoother, and wrong where triangles are large" },
+                   "with --vertices: takes the mean around each vertex instead of least squares; this is smoother, but wrong where\n"
+                   "triangles are large"},
     [SAMPLES]  = { "--samples", "N", INTEGERS, &options.samples, 1, 1, 1024,
-                   "of --vertices: points over a triangle of a mesh's mean area; default 4, 8, 16 by preset" },
+                   "with --vertices: points on a triangle of mean area; default 4, 8, 16 by preset"},
     [SMOOTHING] = { "--smoothing", "S", NUMBERS, &options.smoothing, 1, 0, 1e6,
-                   "of --vertices: how much light's slope is kept from differing between triangles that share an edge; default 0.02" },
+                   "with --vertices: weight that keeps the slope of light equal across edges; 0 turns it off; default 0.02"},
     [PROBES]   = { "--probes", "NXxNYxNZ|FILE", SIZES, options.grid, 3, 1, 4096,
-                   "bakes light at points in the air, and writes PATH.json: a grid's cells' middles, over the scene's extent, x\n"
-                   "fastest; or those that a text FILE.txt lists, three numbers a line. Of each its position; whether it is valid\n"
-                   "(not inside of something); sh: radiance in nine real orthonormal spherical harmonics, rgb each, in the order\n"
-                   "1, y, z, x, xy, yz, 3z2-1, xz, x2-y2; cube: R towards +x -x +y -y +z -z; sky: share of directions that see\n"
-                   "it; distance, distance_squared: means towards the octants (see sbl_probe in sbl.h); back_share", NULL, &options.positions },
+                   "bakes light at points in the air, and writes PATH.json. The points are the centres of the cells of a grid over\n"
+                   "the bounds of the scene, x fastest, or the points of a text FILE.txt with three numbers on each line. Each has a\n"
+                   "position; valid (false inside something); sh: radiance in nine real orthonormal spherical harmonics, rgb each, in\n"
+                   "the order 1, y, z, x, xy, yz, 3z2-1, xz, x2-y2; cube: R towards +x -x +y -y +z -z; sky: the share of directions\n"
+                   "that see the sky; distance, distance_squared: means towards the octants (see sbl_probe in sbl.h); back_share", NULL, &options.positions },
     [MOVE]     = { "--move", "DISTANCE", NUMBERS, &options.move, 1, 0, 1e18,
-                   "how far a probe that stands inside of something may be moved to get out; default 0" },
+                   "the largest distance that a probe may be moved to get out of something; default 0"},
 };
 static int given[OPTION_COUNT];
 
@@ -72,15 +77,15 @@ static void print_help(void) {
            "       sbl_bake SCENE --vertices -o FILE.ply|FILE.gltf [options]\n"
            "       sbl_bake SCENE --probes NXxNYxNZ|FILE -o FILE.json [options]\n\n"
            "Bakes the light of a scene file by sensor based lighting.\n"
-           "SCENE: .obj .gltf .glb, and what else assimp reads; --lightmap needs second texture coordinates\n\n");
+           "SCENE: .obj .gltf .glb, and other formats that assimp reads; --lightmap needs second texture coordinates\n\n");
     tool_print_options(table + COMMON_OPTIONS, OPTION_COUNT - COMMON_OPTIONS);
     tool_print_options(table, COMMON_OPTIONS);
-    printf("\nMaterials and lights are read as sbl_render reads them. Uses of one mesh share its coordinates and so overlap:\n"
-           "scripts/unwrap makes each a mesh of its own.\n"
-           "\nEach file is written whole or not at all. Ctrl-C, SIGTERM and SIGHUP leave the lightmap so far, if there is any yet,\n"
-           "in FOLDER/lightmap.partial.pfm; a second one ends at once.\n"
-           "\nExit status: 0 done; 1 failed, with one line on stderr; 2 bad usage; interrupted: 130 by SIGINT, 143 by SIGTERM,\n"
-           "129 by SIGHUP.\n");
+    printf("\nMaterials and lights are read as by sbl_render. If a mesh is used several times, all uses have the same\n"
+           "coordinates and overlap in a lightmap; scripts/unwrap makes each use a mesh of its own.\n"
+           "\nEach file is written completely or not at all. Ctrl-C, SIGTERM and SIGHUP save the lightmap so far, if there is\n"
+           "any, in FOLDER/lightmap.partial.pfm; a second signal ends the program at once.\n"
+           "\nExit status: 0 success; 1 failure, with one line on stderr; 2 wrong usage; interrupted: 130 by SIGINT, 143 by\n"
+           "SIGTERM, 129 by SIGHUP.\n");
 }
 
 static int ends_with(const char *path, const char *ending) { return scene__ends_with(path, ending); }

@@ -30,43 +30,50 @@ enum {
 static const tool_option table[OPTION_COUNT] = {
     COMMON_ROWS,
     CAMERA_ROWS,
-    [OUTPUT]        = { "--output", "FILE", TEXT, &common.output, 0, 0, 0, "also -o; .png (8-bit sRGB), .pfm or .exr (linear float32); default sbl.png" },
+    [OUTPUT]        = { "--output", "FILE", TEXT, &common.output, 0, 0, 0,
+                   "also -o; .png (8-bit sRGB), .pfm or .exr (linear 32-bit floats); default sbl.png"},
     [CHANNEL]       = { "--channel", "NAME", CHOICE, &options.channel, 0, 0, 0,
-                        "final (default) | radiance (R: light without surface colour) | albedo | normal | position | id | depth |\n"
-                        "sensors (which pixels had a sensor, by level) | store (what is kept of bounced light, cell by cell) |\n"
-                        "error (how far radiance is predicted to be off: one standard deviation of its luminance)", channel_words },
+                   "final (default) | radiance (R: irradiance / pi, light without surface colour) | albedo | normal | position |\n"
+                   "id | depth | sensors (which pixels had a sensor, and at which level) | store (stored bounced light, cell by\n"
+                   "cell) | error (predicted standard error of the luminance of radiance)", channel_words },
     [ERROR]         = { "--error", "E", SHARES, &options.error, 1, 0.0001, 1,
-                        "how far radiance may be off, such as 2% or 0.02: root mean square over the picture, as a share of its mean;\n"
-                        "default 5%, 1.5%, 0.75% by preset, or what 512 rays a sensor give (high: 1024)" },
-    [SENSOR_FOV]    = { "--sensor-fov", "DEGREES", NUMBERS, &options.sensor_fov, 1, 1, 179, "mode paper only; default 135" },
+                   "target error of radiance, such as 2% or 0.02: root mean square over the picture, divided by its mean;\n"
+                   "default 5%, 1.5%, 0.75% by preset; with the default, a sensor uses at most 512 rays (high: 1024)"},
+    [SENSOR_FOV]    = { "--sensor-fov", "DEGREES", NUMBERS, &options.sensor_fov, 1, 1, 179,
+                   "width of the sensor's view, mode paper only; default 135"},
     [FACET_LIMIT]   = { "--facet-limit", "PIXELS", NUMBERS, &options.facet_limit, 1, 0, 1e30,
-                        "triangles of smaller height are lit by their true normals, larger ones by the file's; default 2" },
-    [SAMPLES]       = { "--samples", "N", INTEGERS, &options.samples, 1, 1, 64, "anti-aliasing of final, samples a pixel; default 1, 4, 16 by preset" },
-    [EXPOSURE]      = { "--exposure", "STOPS", NUMBERS, &options.exposure, 1, -100, 100, "brightens final and radiance in a .png; default 0" },
+                   "triangles of smaller height on the screen are lit by their true normals, larger ones by the normals of the\n"
+                   "file; default 2"},
+    [SAMPLES]       = { "--samples", "N", INTEGERS, &options.samples, 1, 1, 64,
+                   "anti-aliasing samples of final for each pixel; default 1, 4, 16 by preset"},
+    [EXPOSURE]      = { "--exposure", "STOPS", NUMBERS, &options.exposure, 1, -100, 100,
+                   "brightens final and radiance in a .png by this many stops; default 0"},
     [INSPECT]       = { "--inspect", "X,Y", INTEGERS, options.inspect, 2, 0, 16383,
-                        "writes what the sensor of that pixel sees instead of the picture, and prints its sums" },
+                   "instead of the picture, writes what the sensor of that pixel sees, and prints its sums"},
 };
 static int given[OPTION_COUNT];
 
 static void print_help(void) {
     printf("usage: sbl_render SCENE [options]\n\n"
            "Renders a scene file by sensor based lighting.\n"
-           "SCENE: .obj .gltf .glb, and what else assimp reads (.fbx, .ply, ...)\n\n");
+           "SCENE: .obj .gltf .glb, and other formats that assimp reads (.fbx, .ply, ...)\n\n");
     tool_print_options(table + CAMERA_END, OPTION_COUNT - CAMERA_END);
     tool_print_options(table + COMMON_OPTIONS, CAMERA_END - COMMON_OPTIONS);
     tool_print_options(table, COMMON_OPTIONS);
-    printf("\nMaterials: OBJ Kd map_Kd Ke map_Ke d map_d (cutout at 0.5); glTF base colour, emission with KHR_materials_emissive_strength,\n"
-           "alphaMode MASK (BLEND as a cutout at 0.5). Metal and gloss are read as their base colour. A surface emits to both sides.\n"
-           "Lights: glTF KHR_lights_punctual (candela and lux are radiance times area and irradiance here; ranges are left out), and the\n"
-           "point, spot and directional lights of other formats.\n"
-           "In a .png a normal is 0.5 + 0.5 n, a position is relative to what is visible, near is light in a depth, ids are random\n"
-           "colours, and sensors run from blue (first level) over green and yellow to red (last). In .pfm and .exr all values are raw.\n"
-           "\nA file is written whole or not at all: the new one takes its name at the end, and the permissions of the old one.\n"
-           "A symbolic link stays, and what it leads to is replaced; where a file has other names (hard links), these keep the\n"
-           "old picture. What is read cannot be overwritten. Ctrl-C, SIGTERM and SIGHUP leave the picture so far, if there is\n"
-           "anything to be seen yet, in NAME.partial.png (.pfm, .exr); a second one ends at once.\n"
-           "\nExit status: 0 done; 1 failed, with one line on stderr; 2 bad usage; interrupted: 130 by SIGINT, 143 by SIGTERM,\n"
-           "129 by SIGHUP.\n");
+    printf("\nMaterials: OBJ Kd map_Kd Ke map_Ke d map_d (cut out at 0.5); glTF base colour, emission with\n"
+           "KHR_materials_emissive_strength, alphaMode MASK (BLEND is cut out at 0.5). Metal and glossy surfaces are\n"
+           "treated as diffuse surfaces of their base colour. A surface emits to both sides.\n"
+           "Lights: glTF KHR_lights_punctual (candela are radiance times area, lux are irradiance; ranges are ignored), and\n"
+           "the point, spot and directional lights of other formats.\n"
+           "Values in a .png: a normal n is shown as 0.5 + 0.5 n, a position relative to the visible extent, a small depth as\n"
+           "bright, ids as random colours, sensors from blue (first level) over green and yellow to red (last level). A .pfm\n"
+           "or .exr holds the unchanged values.\n"
+           "\nA file is written completely or not at all. The new file gets its name at the end, and the permissions of the\n"
+           "old one. A symbolic link stays, and the file that it leads to is replaced. If the old file has other names (hard\n"
+           "links), these keep the old picture. Input files cannot be overwritten. Ctrl-C, SIGTERM and SIGHUP save the\n"
+           "picture so far, if there is any, in NAME.partial.png (.pfm, .exr); a second signal ends the program at once.\n"
+           "\nExit status: 0 success; 1 failure, with one line on stderr; 2 wrong usage; interrupted: 130 by SIGINT, 143 by\n"
+           "SIGTERM, 129 by SIGHUP.\n");
 }
 
 static int ends_with(const char *path, const char *ending) { return scene__ends_with(path, ending); }

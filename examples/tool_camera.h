@@ -11,11 +11,17 @@ static struct tool_camera {
 enum { SIZE = COMMON_OPTIONS, EYE, LOOK_AT, UP, FOV, CAMERA_END };
 
 #define CAMERA_ROWS \
-    [SIZE]          = { "--size", "WxH", SIZES, camera.size, 2, 1, 16384, "pixels; default 640x480", NULL, NULL }, \
-    [EYE]           = { "--eye", "X,Y,Z", NUMBERS, camera.eye, 3, -1e18, 1e18, "where the camera stands", NULL, NULL }, \
-    [LOOK_AT]       = { "--look-at", "X,Y,Z", NUMBERS, camera.look_at, 3, -1e18, 1e18, "what it looks at", NULL, NULL }, \
-    [UP]            = { "--up", "X,Y,Z", NUMBERS, camera.up, 3, -1e18, 1e18, "what is up", NULL, NULL }, \
-    [FOV]           = { "--fov", "DEGREES", NUMBERS, &camera.fov, 1, 1, 179, "vertical; the defaults of these four: the file's camera, else one that frames the scene", NULL, NULL }
+    [SIZE]          = { "--size", "WxH", SIZES, camera.size, 2, 1, 16384, \
+                        "width and height in pixels; default 640x480", NULL, NULL }, \
+    [EYE]           = { "--eye", "X,Y,Z", NUMBERS, camera.eye, 3, -1e18, 1e18, \
+                        "the position of the camera; default: see --fov", NULL, NULL }, \
+    [LOOK_AT]       = { "--look-at", "X,Y,Z", NUMBERS, camera.look_at, 3, -1e18, 1e18, \
+                        "the point that the camera looks at; default: see --fov", NULL, NULL }, \
+    [UP]            = { "--up", "X,Y,Z", NUMBERS, camera.up, 3, -1e18, 1e18, \
+                        "the direction that is up in the picture; default: see --fov", NULL, NULL }, \
+    [FOV]           = { "--fov", "DEGREES", NUMBERS, &camera.fov, 1, 1, 179, \
+                        "vertical field of view. Defaults of --eye, --look-at, --up and --fov: the camera of the file, or one that\n" \
+                        "shows the whole scene", NULL, NULL }
 
 /* By the options, else by the file, else so that the scene's bounds are seen. Returns 0 where the directions are degenerate. */
 static int camera_place(float world_to_view[16], float view_to_clip[16], const scene_file *file, const int *given,

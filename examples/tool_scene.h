@@ -32,42 +32,59 @@ enum {
 
 #define COMMON_ROWS \
     [SKY]           = { "--sky", "R,G,B|FILE", NUMBERS_OR_FILE, common.sky, 3, 0, 1e30, \
-                        "constant radiance of all that is not hit; default 0,0,0, or 1,1,1 where nothing else shines; or a picture of it\n" \
-                        "(FILE.hdr; .png, .jpg, ... are decoded from sRGB): equirectangular, its upper edge is straight up, its middle is +x", NULL, &common.sky_picture }, \
-    [SKY_ROTATION]  = { "--sky-rotation", "DEGREES", NUMBERS, &common.sky_rotation, 1, -360, 360, "of the picture, counter-clockwise seen from above; default 0", NULL, NULL }, \
-    [SKY_SCALE]     = { "--sky-scale", "F", NUMBERS, &common.sky_scale, 1, 0, 1e30, "of the picture's light; default 1", NULL, NULL }, \
-    [SKY_UP]        = { "--sky-up", "X,Y,Z", NUMBERS, common.sky_up, 3, -1e18, 1e18, "what is up in the picture; default 0,1,0", NULL, NULL }, \
+                        "constant radiance of the sky, default 0,0,0, or 1,1,1 if nothing else emits light; or a picture of the sky:\n" \
+                        "FILE.hdr, or .png, .jpg, ..., which are decoded from sRGB. The picture is equirectangular: its upper edge is\n" \
+                        "straight up, its middle is +x", NULL, &common.sky_picture }, \
+    [SKY_ROTATION]  = { "--sky-rotation", "DEGREES", NUMBERS, &common.sky_rotation, 1, -360, 360, \
+                        "rotates the sky picture counter-clockwise, seen from above; default 0", NULL, NULL }, \
+    [SKY_SCALE]     = { "--sky-scale", "F", NUMBERS, &common.sky_scale, 1, 0, 1e30, \
+                        "multiplies the light of the sky picture; default 1", NULL, NULL }, \
+    [SKY_UP]        = { "--sky-up", "X,Y,Z", NUMBERS, common.sky_up, 3, -1e18, 1e18, \
+                        "the direction that is up in the sky picture; default 0,1,0", NULL, NULL }, \
     [MODE]          = { "--mode", "NAME", CHOICE, &common.mode, 0, 0, 0, \
-                        "gi (default: lamps, sky, and what all surfaces reflect, to the last bounce) | direct (lamps and sky only) |\n" \
-                        "ambient (direct, and a faint glow of every surface) | paper (exactly the paper: one 135 degree view,\n" \
-                        "epsilon, tiles, Gaussian; pictures only)", mode_words, NULL }, \
-    [PRESET]        = { "--preset", "NAME", CHOICE, &common.preset, 0, 0, 0, "draft | default | high", preset_words, NULL }, \
-    [BACKEND]       = { "--backend", "NAME", CHOICE, &common.backend, 0, 0, 0, "auto (default: trace; raster in mode paper) | raster | trace", backend_words, NULL }, \
-    [RAYS]          = { "--rays", "N", INTEGERS, &common.rays, 1, 1, 4096, "samples of a traced sensor, the same for all; default: as many as the error takes", NULL, NULL }, \
+                        "gi        the default: emitters, lights, sky, and the light that surfaces reflect, with all bounces\n" \
+                        "direct    emitters, lights and sky only\n" \
+                        "ambient   direct light, and every surface glows with epsilon times its colour\n" \
+                        "paper     the paper's method, with one view of 135 degrees; for pictures only", mode_words, NULL }, \
+    [PRESET]        = { "--preset", "NAME", CHOICE, &common.preset, 0, 0, 0, \
+                        "draft | default | high: selects the defaults of other options", preset_words, NULL }, \
+    [BACKEND]       = { "--backend", "NAME", CHOICE, &common.backend, 0, 0, 0, \
+                        "auto (default): trace, and raster in mode paper | raster: draws views | trace: traces rays", backend_words, NULL }, \
+    [RAYS]          = { "--rays", "N", INTEGERS, &common.rays, 1, 1, 4096, \
+                        "traces exactly this many rays for each sensor; default: as many as the target error requires", NULL, NULL }, \
     [BOUNCE_SAMPLES] = { "--bounce-samples", "N", INTEGERS, &common.bounce_samples, 1, 1024, 1048576, \
-                         "places that bounced light is stored for, in mode gi, at most: more where light comes through gaps or geometry\n" \
-                         "is fine; about 4 KB of memory each; default 49152", NULL, NULL }, \
-    [EPSILON]       = { "--epsilon", "E", NUMBERS, &common.epsilon, 1, 0, 1e30, "ambient factor of the modes paper and ambient; default 0.02", NULL, NULL }, \
-    [SENSOR_SIZE]   = { "--sensor-size", "N", INTEGERS, &common.sensor_size, 1, 4, 512, "texels across a sensor's view; default 32, 64, 128 by preset", NULL, NULL }, \
-    [TILE]          = { "--tile", "N", INTEGERS, &common.tile, 1, 1, 1024, "first distance between sensors in pixels, 1 senses every pixel; default 16", NULL, NULL }, \
+                        "the largest number of cells that bounced light is stored for, in mode gi; about 4 KB of memory each;\n" \
+                        "default 49152. Use more if light comes through gaps, or if geometry is fine", NULL, NULL }, \
+    [EPSILON]       = { "--epsilon", "E", NUMBERS, &common.epsilon, 1, 0, 1e30, \
+                        "the ambient factor of the modes paper and ambient; default 0.02", NULL, NULL }, \
+    [SENSOR_SIZE]   = { "--sensor-size", "N", INTEGERS, &common.sensor_size, 1, 4, 512, \
+                        "texels across one view of a rasterised sensor; default 32, 64, 128 by preset", NULL, NULL }, \
+    [TILE]          = { "--tile", "N", INTEGERS, &common.tile, 1, 1, 1024, \
+                        "distance between the first sensors in pixels; 1 places a sensor at every pixel; default 16", NULL, NULL }, \
     [THRESHOLD]     = { "--threshold", "T", NUMBERS, &common.threshold, 1, 0, 1e30, \
-                        "refine where neighbours differ by more, instead of where the error says: a share of their mean;\n" \
-                        "in mode paper a radiance, default 0.05", NULL, NULL }, \
-    [FILTER_RADIUS] = { "--filter-radius", "N", INTEGERS, &common.filter_radius, 1, 0, 32, "of the Gaussian, pixels, 0 for none; default 2", NULL, NULL }, \
-    [SEED]          = { "--seed", "N", INTEGERS, &common.seed, 1, 0, INT_MAX, "of the sensors' rotations; default 0", NULL, NULL }, \
+                        "refines where neighbours differ by more than this share of their mean, instead of where the predicted\n" \
+                        "error is large; in mode paper this is a radiance, default 0.05", NULL, NULL }, \
+    [FILTER_RADIUS] = { "--filter-radius", "N", INTEGERS, &common.filter_radius, 1, 0, 32, \
+                        "radius of the Gaussian filter in pixels; 0 turns it off; default 2", NULL, NULL }, \
+    [SEED]          = { "--seed", "N", INTEGERS, &common.seed, 1, 0, INT_MAX, \
+                        "changes the rotations of the sensors, and so the noise; default 0", NULL, NULL }, \
     [STORE]         = { "--store", "FILE", TEXT, &common.store, 0, 0, 0, \
-                        "bounced light is loaded from there where it fits the scene, else made and saved there; --mode gi", NULL, NULL }, \
-    [STATS]         = { "--stats", "FILE", TEXT, &common.stats, 0, 0, 0, "counts, seconds (total: from start to picture) and peak memory as JSON", NULL, NULL }, \
+                        "loads stored bounced light from FILE if it belongs to this scene; otherwise computes it and saves it there;\n" \
+                        "mode gi only", NULL, NULL }, \
+    [STATS]         = { "--stats", "FILE", TEXT, &common.stats, 0, 0, 0, \
+                        "writes counts, seconds (total: from start to picture) and peak memory as JSON", NULL, NULL }, \
     [ALLOW_PATH]    = { "--allow-path", "DIR", LIST, common.reading.allow, SCENE_FILE_FOLDERS, 0, 0, \
-                        "the scene may name files beneath it, besides those beneath its own folder; may be given several times", NULL, NULL }, \
+                        "lets the scene name files below DIR as well as below its own folder; can be given several times", NULL, NULL }, \
     [MEMORY]        = { "--memory", "SIZE", BYTES, &common.reading.memory, 1, 16.0 * (1 << 20), 1024.0 * (1 << 30) * 1024, \
-                        "what the scene may take, such as 512M or 4G; default half of the machine's memory, or of what its control\n" \
-                        "group has; never more than half of what ulimit -v leaves", NULL, NULL }, \
-    [READ_TIME]     = { "--read-time", "SECONDS", NUMBERS, &common.reading.seconds, 1, 0.1, 1e6, "what reading the scene may take; default 60", NULL, NULL }, \
-    [QUIET]         = { "--quiet", NULL, FLAG, NULL, 0, 0, 0, "no progress bar, no warnings", NULL, NULL }, \
-    [VERBOSE]       = { "--verbose", NULL, FLAG, NULL, 0, 0, 0, "tells how far the kernel confines the process that reads files", NULL, NULL }, \
-    [HELP]          = { "--help", NULL, FLAG, NULL, 0, 0, 0, "this text", NULL, NULL }, \
-    [VERSION]       = { "--version", NULL, FLAG, NULL, 0, 0, 0, "the version", NULL, NULL }
+                        "the most memory that the scene may use, such as 512M or 4G; default: half of the machine's memory, or of\n" \
+                        "the limit of its control group; never more than half of what ulimit -v leaves", NULL, NULL }, \
+    [READ_TIME]     = { "--read-time", "SECONDS", NUMBERS, &common.reading.seconds, 1, 0.1, 1e6, \
+                        "the longest time that reading the scene may take; default 60", NULL, NULL }, \
+    [QUIET]         = { "--quiet", NULL, FLAG, NULL, 0, 0, 0, "shows no progress bar and no warnings", NULL, NULL }, \
+    [VERBOSE]       = { "--verbose", NULL, FLAG, NULL, 0, 0, 0, \
+                        "says how far the kernel confines the process that reads files", NULL, NULL }, \
+    [HELP]          = { "--help", NULL, FLAG, NULL, 0, 0, 0, "shows this text", NULL, NULL }, \
+    [VERSION]       = { "--version", NULL, FLAG, NULL, 0, 0, 0, "shows the version", NULL, NULL }
 
 static sbl_mode common_mode(const int *given) { return given[MODE] ? modes[common.mode] : SBL_MODE_GI; }
 

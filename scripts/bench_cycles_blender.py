@@ -1,4 +1,5 @@
-"""What bench_cycles and bench_bake share: Blender in a process of its own, which renders what it is asked for; see bench_cycles_render.py there."""
+"""Runs Blender in a process of its own and asks it for renderings. Shared by bench_cycles and bench_bake; the side inside
+Blender is bench_cycles_render.py."""
 import json, os, shutil, subprocess, sys
 
 

@@ -1,10 +1,12 @@
-"""Run by bench_cycles_blender.py inside Blender 3.x: sets a scene up for Cycles once, then renders it whenever a line "SAMPLES SEED FILE"
-comes in; or, where the job has a "lightmap", bakes one of so many texels a side, by the meshes' second texture coordinates.
+"""bench_cycles_blender.py runs this script inside Blender 3.x. It prepares a scene for Cycles once. It then renders the
+scene for each line "SAMPLES SEED FILE" on stdin. If the job has a "lightmap", it bakes a lightmap of that many texels
+across instead, with the second texture coordinates of the meshes.
 
-Every surface is a two-sided Lambertian of the file's base colour, every emitter glows to both sides; light bounces as often as asked. Nothing is
-clamped, denoised or adaptive, and pixels are sampled at their centres. Geometry and hierarchy stay in memory from picture to picture.
-After each picture a line "BENCH SECONDS" goes out, the time of Blender's render call, without the writing of the file: OpenEXR, or of a
-lightmap floats (red, green, blue, the lowest row first).
+Every surface is a two-sided Lambertian surface of the file's base colour. Every emitter emits to both sides. The job
+sets the number of bounces. Nothing is clamped, denoised or adaptive, and pixels are sampled at their centres. Geometry
+and hierarchy stay in memory between pictures. After each picture the script prints a line "BENCH SECONDS": the time of
+Blender's render call, without writing the file. The file is OpenEXR, or for a lightmap raw floats (red, green, blue,
+the lowest row first).
 """
 import json, math, sys, time
 import bpy

@@ -1,4 +1,4 @@
-# Run by scripts/unwrap, inside Blender: SCENE OUT.glb SIZE DEGREES GAP.
+# scripts/unwrap runs this script inside Blender, with the arguments SCENE OUT.glb SIZE DEGREES GAP.
 import math
 import os
 import sys

@@ -243,6 +243,30 @@ quick_start_runs() {
 }
 check quick_start_compiles_and_draws quick_start_runs
 
+# The manual's other snippets: statements with a context, an array of floats and a number of vertices at hand. Formulas
+# have no semicolons. test_windows.sh compiles the programs of the chapters on embedding.
+manual_snippets() {
+    awk -v folder="$folder" '
+        function end() { if (text ~ /;\n/) printf "%s", text > sprintf("%s/manual_%02d.txt", folder, ++n); text = "" }
+        /^   ON UNITS$/ { on = 1 }
+        /^   ON MEMORY$/ { exit }
+        on && /^       / { text = text substr($0, 8) "\n"; next }
+        on { end() }' "$folder/manual"
+    {
+        printf '#define SBL_IMPLEMENTATION\n#include "sbl.h"\n'
+        for code in "$folder"/manual_*.txt; do
+            snippet=$(basename "$code" .txt)
+            echo "int $snippet(sbl_context *context, float *light, size_t vertex_count);"
+            echo "int $snippet(sbl_context *context, float *light, size_t vertex_count) {"
+            echo '(void)context; (void)light; (void)vertex_count;'
+            cat "$code"
+            echo 'return 1; }'
+        done
+    } > "$folder/manual.c"
+    [ "$(ls "$folder"/manual_*.txt | wc -l)" -ge 3 ] && gcc -std=c99 $warnings -Wno-unused -I . -c "$folder/manual.c" -o "$folder/manual.o"
+}
+check manual_snippets_compile manual_snippets
+
 # The README's blocks marked c: those with a main are whole programs and run; those with an #include compile as a file;
 # all others compile as statements with a context, a scene and a picture at hand.
 snippet_compiles() {
@@ -293,6 +317,7 @@ check top_level_is_tidy top_level
 # >>the house
 
 check rooms_keep_their_rules python3 tests/tools/rooms.py
+check words_keep_their_meaning python3 tests/tools/words.py
 
 # one place says what a surface sends out: it alone reads the ambient factor and multiplies it with the surface's colour
 one_outgoing() {
@@ -302,7 +327,7 @@ one_outgoing() {
 }
 check one_copy_of_outgoing_radiance one_outgoing
 rooms_are_listed() {
-    awk '/^#ifdef SBL_IMPLEMENTATION/ { on = 1 } on && /FOR THOSE WHO CHANGE IT/ { exit }
+    awk '/^#ifdef SBL_IMPLEMENTATION/ { on = 1 } on && /^   SYMPTOMS$/ { exit }
         on { while (match($0, />>[a-z]+  /)) { print substr($0, RSTART + 2, RLENGTH - 4); $0 = substr($0, RSTART + RLENGTH) } }' sbl.h > "$folder/expected"
     sed -n 's/^\/\* =* >>\([a-z]*\)$/\1/p' sbl.h > "$folder/is"
     same "$folder/expected" "$folder/is"
