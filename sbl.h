@@ -686,7 +686,7 @@
 #include <stdint.h>
 
 #define SBL_VERSION_MAJOR 0
-#define SBL_VERSION_MINOR 1
+#define SBL_VERSION_MINOR 2
 #define SBL_VERSION_PATCH 0
 
 /* SBL_STATIC makes every function private to the one file that holds the implementation. SBL_API may be set to what
@@ -730,7 +730,7 @@ typedef enum sbl_log_level { SBL_LOG_ERROR, SBL_LOG_WARNING, SBL_LOG_INFO } sbl_
     X(INVALID_TEXTURE, "a texture is not usable")                                     \
     X(INVALID_LIGHT, "a light or the environment is not usable")                      \
     X(INVALID_PICTURE_DESC, "a field of sbl_picture_desc is out of range")            \
-    X(INVALID_GATHER_DESC, "a field of sbl_gather_desc, or a site, is out of range")  \
+    X(INVALID_READINGS_DESC, "a field of sbl_readings_desc, or a site, is out of range")  \
     X(INVALID_LIGHTMAP_DESC, "a field of sbl_lightmap_desc is out of range")          \
     X(INVALID_PROBES_DESC, "a field of sbl_probes_desc is out of range")              \
     X(INVALID_VERTICES_DESC, "a field of sbl_vertices_desc is out of range")          \
@@ -792,8 +792,9 @@ typedef struct sbl_context_desc {
     sbl_logger logger;        /* default: errors and warnings to stderr, one line each; define SBL_NO_STDIO for
                                  silence */
     uint32_t disabled;        /* sbl_capability bits to do without, for tests. Default: none */
-    int atlas_size;           /* texels across the texture that holds a batch of sensors, 256 to 16384; 0: 2048, or what
-                                 the driver can. Other sizes differ by rounding */
+    int sensor_texture_size;  /* width and height, in texels, of the texture that holds the views of a batch of sensors,
+                                 256 to 16384, at most what the driver supports. Default: 2048. The size changes
+                                 pictures by float rounding only */
     int batch;                /* sensors drawn in one call, at most what the atlas holds; 0: what the time allows. Never
                                  changes a picture */
     float longest_submission; /* seconds that GL may work at a time, about. Default: 0.1 */
@@ -809,15 +810,25 @@ typedef struct sbl_capabilities {
     int max_texture_size;
     int max_texture_buffer_size;  /* texels; scenes of more (3 a triangle, 2 a vertex, 5 a mesh) are read from 2D
                                      textures: 15 to 45 % slower on llvmpipe */
-    int programs;             /* compiled so far, */
-    double compile_seconds;   /* which took so long */
     char renderer[128];       /* GL_RENDERER */
     char version[128];        /* GL_VERSION */
 } sbl_capabilities;
 
+typedef struct sbl_programs {
+    int count;                /* number of GL programs compiled so far */
+    double compile_seconds;   /* seconds spent compiling them */
+} sbl_programs;
+
+typedef struct sbl_bounds {
+    float lowest[3];   /* lowest world coordinates of the scene */
+    float highest[3];  /* highest world coordinates of the scene */
+} sbl_bounds;
+
 typedef struct sbl_memory {
-    size_t host_bytes, host_peak_bytes;
-    size_t gpu_bytes, gpu_peak_bytes;  /* what was asked of GL: textures and buffers; a driver may use more */
+    size_t host_bytes;        /* bytes that the context holds of the host's memory now */
+    size_t host_peak_bytes;   /* the highest host_bytes so far */
+    size_t gpu_bytes;         /* bytes of the GL textures and buffers that the context holds; a driver may use more */
+    size_t gpu_peak_bytes;    /* the highest gpu_bytes so far */
 } sbl_memory;
 
 /* >>scene types */
@@ -938,7 +949,7 @@ typedef struct sbl_environment {
                                  the world, called in sbl_set_scene for every texel's middle of a picture of
                                  picture.width x height. Default: 512 x 256 */
     void *user;
-    float scale;              /* of its light. Default: 1 */
+    float scale;              /* factor of its light. Default: 1. Negative: 0, no light */
     float rotation;           /* of the picture about `up`, degrees, counter-clockwise seen from above */
     float up[3];              /* default: 0 1 0 */
 } sbl_environment;
@@ -1004,9 +1015,9 @@ typedef struct sbl_scene_desc {
     void *draw_user;
     float draw_bounds[2][3];   /* world bounds (lowest corner, highest corner) of what draw draws; required with it */
     float draw_max_radiance;   /* highest radiance that draw writes, so that texels do not overflow. Default: 1 */
-    int bounce_samples;        /* places that bounced light is stored for, at most (SBL_MODE_GI): 1024 to 1048576. About
-                                  4 KB of host memory each while they are made and 2 KB from then on, until sbl_end;
-                                  100 bytes of the GPU's. See ON LIGHT THAT BOUNCES. Default: 49152 */
+    int max_bounce_cells;      /* maximum number of cells that store bounced light in SBL_MODE_GI, 1024 to 1048576. A cell
+                                  takes about 4 KB of host memory while the store is made, 2 KB from then on until
+                                  sbl_end, and 100 bytes of GPU memory. Default: 49152 */
     uint32_t end_canary;
 } sbl_scene_desc;
 
@@ -1044,38 +1055,57 @@ typedef enum sbl_backend {
     SBL_BACKEND_COUNT
 } sbl_backend;
 
-/* Zero is the default everywhere. Where three numbers stand: draft / default / high preset. */
+/* What the descriptors of all front ends share: how sensors gather light, and how progress is reported. Zero is the
+   default of every field. Three numbers are the values of the presets draft / default / high. */
+typedef struct sbl_options {
+    sbl_mode mode;             /* which light is gathered. Default: SBL_MODE_GI. SBL_MODE_PAPER is for pictures and
+                                  readings only */
+    sbl_preset preset;         /* which defaults the other fields have */
+    sbl_backend backend;       /* how sensors see. Default: SBL_BACKEND_AUTO */
+    int rays;                  /* number of rays that a sensor traces over its hemisphere, 1 to 4096 (a probe: 64 to
+                                  65536 over the sphere). At most as many more are traced towards lamps. Default of
+                                  pictures and lightmaps: as many as the target error takes. Default of readings:
+                                  64 / 256 / 1024, but fewer if nothing but lamps shines, because the rays then only
+                                  measure hit_share to valid. Default of vertices: 16 / 64 / 256 at each point. Default
+                                  of probes: 1024 / 4096 / 16384, and from each of a probe's normals a 64th of them,
+                                  but 32 to 256, towards lamps */
+    int sensor_size;           /* number of texels across a view of a rasterised sensor, 4 to 512. Default: 32 / 64 / 128;
+                                  of probes: 8 / 16 / 32 */
+    float epsilon;             /* ambient factor of SBL_MODE_AMBIENT and SBL_MODE_PAPER: a surface glows with epsilon *
+                                  albedo. Default: 0.02. Negative: no ambient light. The other modes ignore it */
+    uint32_t seed;             /* seed of the sensors' rotations */
+    int (*progress)(float done, void *user);  /* called between two pieces of work; done goes from 0 to 1. A nonzero
+                                                 result cancels the work. Default: NULL, no report */
+    void *progress_user;       /* passed to progress */
+} sbl_options;
+
+/* Zero is the default of every field. Three numbers are the values of the presets draft / default / high. */
 typedef struct sbl_picture_desc {
     uint32_t start_canary;
     int width, height;         /* pixels, 1 to 16384. Default: 640 480 */
     float world_to_view[16];   /* rigid. Default (all zero): frames the scene from the front, see sbl_look_at */
     float view_to_clip[16];    /* perspective, or orthographic, which sees what is behind it too; near and far planes
                                   are ignored. Default: 40 degrees */
-    sbl_mode mode;
-    sbl_preset preset;
-    sbl_sensor_kind sensor_kind;
-    sbl_backend backend;
-    float error;               /* what R may be off, root mean square over the visible pixels, as a share of its mean
-                                  there: sensors stand where they lessen it, and look as often as that takes. 0 to 1;
-                                  see ON ERROR. Default: 0.05 / 0.015 / 0.0075,
-                                  or what 512 rays a sensor give */
-    int rays;                  /* of a traced sensor, the same for all, 1 to 4096, and at most as many more towards
-                                  lamps. Default: 0, as many as the error takes */
-    int sensor_size;           /* of a rasterised sensor: texels across a view, 4 to 512. Default: 32 / 64 / 128 */
-    float sensor_fov;          /* degrees, SBL_SENSOR_SINGLE only, 1 to 179. Default: 135 */
-    int tile;                  /* first distance between sensors in pixels, 1 (every pixel) to 1024. Default: 16 */
-    float threshold;           /* refine where neighbours differ by more, instead of where the error says: a share of
-                                  their mean, in SBL_MODE_PAPER a radiance. Default: 0, none, paper 0.05 */
-    float epsilon;             /* ambient factor of SBL_MODE_AMBIENT and SBL_MODE_PAPER. Default: 0.02 (SBL_MODE_DIRECT:
-                                  always 0, and so in SBL_MODE_GI) */
-    float facet_limit;         /* pixels: triangles of smaller height on the screen are lit by their true normals, since
-                                  shading normals are there to hide facets that can be seen; those of twice as much by
-                                  their shading normals. 0: shading normals everywhere */
-    int filter_radius;         /* of the Gaussian, pixels, at most 32; negative: no filter. Default: 2 */
-    int samples;               /* anti-aliasing of `final`, samples a pixel, 1 to 64. Default: 1 / 4 / 16 */
-    uint32_t seed;             /* of the sensors' rotations */
-    int (*progress)(float done, void *user);  /* done: 0 to 1; return nonzero to cancel */
-    void *progress_user;
+    sbl_options options;       /* see sbl_options */
+    sbl_sensor_kind sensor_kind;  /* which views a rasterised sensor has. Default: SBL_SENSOR_DEFAULT */
+    float sensor_fov;          /* field of view of SBL_SENSOR_SINGLE, 1 to 179 degrees. Default: 135 */
+    float target_error;        /* root mean square error of R over the visible pixels that is asked for, as a share of the
+                                  mean R there, 0 to 1. Sensors are placed, and look again, where that reduces the error
+                                  most; see THE TARGET ERROR. Default: 0.05 / 0.015 / 0.0075, or the error that 512 rays
+                                  a sensor reach */
+    int tile;                  /* distance between the sensors of the first level in pixels, 1 (every pixel) to 1024.
+                                  Default: 16 */
+    float threshold;           /* refine where neighbouring sensors differ by more than this share of their mean, instead
+                                  of where the target error asks for it; in SBL_MODE_PAPER the threshold is a radiance.
+                                  Default: the target error decides; in SBL_MODE_PAPER 0.05. Negative: 0, so that every
+                                  difference refines */
+    float facet_limit;         /* smallest height on the screen, in pixels, of triangles that shading normals light:
+                                  smaller ones are lit by their true normals, because the facets that shading normals
+                                  hide cannot be seen there, and those of twice the height fully by shading normals.
+                                  Default: 2. Negative: shading normals everywhere */
+    int filter_radius;         /* radius of the Gaussian filter in pixels, at most 32. Default: 2. Negative: no filter */
+    int samples;               /* number of anti-aliasing samples of a pixel of SBL_CHANNEL_FINAL, 1 to 64.
+                                  Default: 1 / 4 / 16 */
     uint32_t end_canary;
 } sbl_picture_desc;
 
@@ -1102,33 +1132,46 @@ typedef enum sbl_channel {
 
 #define SBL_MAX_LEVELS 16
 
+/* Counts and seconds of the work that was begun last. Fields that do not belong to that work are 0. */
 typedef struct sbl_stats {
     sbl_mode mode;
-    sbl_backend backend;      /* RASTER or TRACE */
-    int width, height;
-    int triangles;            /* in the scene, degenerate ones left out */
-    int visible_pixels;       /* pixels that show a surface */
-    int64_t sensors;          /* points at which light was gathered */
-    int64_t sensor_views;     /* views drawn for them, for each of their looks */
-    int64_t sensor_texels;
-    int bounce_samples;       /* that bounced light is stored for, SBL_MODE_GI */
-    int64_t bounce_rays;      /* of the store, if it was made for this: between surfaces, and of its sensors */
-    int lamps;                /* emitting triangles, lights and bright texels of the sky that sensors aim rays at */
-    int64_t rays;             /* traced over the hemispheres; those towards lamps come on top */
-    double bvh_seconds;       /* building the hierarchy, once per scene, part of seconds.surface of its first traced
-                                 picture */
-    size_t bvh_bytes;         /* on the GPU */
-    float error_asked;        /* sbl_picture_desc.error; 0: none */
-    float error_expected;     /* what it is predicted to be, so far */
-    int64_t invalid_sensors;  /* stuck inside geometry; their neighbours' light was used instead. Of a lightmap also
-                                 those that something lies on */
-    int seams;                /* of a lightmap: edges where charts meet; and the largest difference of R's luminance */
-    float seam_before, seam_after;  /* across them, a share of the mean, before and after they were sewn */
-    int level_count;
-    struct { int tile; int64_t sensors; } levels[SBL_MAX_LEVELS];
-    int readbacks;            /* transfers from GPU to host during the picture */
+    sbl_backend backend;          /* SBL_BACKEND_RASTER or SBL_BACKEND_TRACE */
+    struct {
+        int triangles;            /* number of triangles in the scene without degenerate ones */
+        int lamps;                /* number of emitting triangles, lights and bright texels of the sky that sensors send
+                                     rays to */
+        double bvh_seconds;       /* seconds spent on building the bounding volume hierarchy, once for a scene; they are
+                                     part of seconds.surface of the scene's first traced work */
+        size_t bvh_bytes;         /* GPU memory of the hierarchy */
+    } scene;
+    struct {                      /* the store of bounced light, SBL_MODE_GI */
+        int cells;                /* number of cells in the store */
+        int64_t rays;             /* number of rays between surfaces and of its sensors, if this work made the store */
+    } store;
+    struct {
+        int64_t count;            /* number of points at which light was gathered */
+        int64_t invalid;          /* number of these that are stuck inside geometry, whose neighbours' light is used
+                                     instead; in a lightmap also those that something lies on */
+        int64_t views;            /* number of views drawn for them, over all looks */
+        int64_t texels;           /* number of texels in these views */
+        int64_t rays;             /* number of rays traced over the hemispheres; rays towards lamps are not counted */
+        int readbacks;            /* number of transfers from GPU to host */
+        double microseconds;      /* seconds.total divided by count, as in the paper, in microseconds */
+    } sensors;
+    struct {                      /* the picture or lightmap */
+        int width, height;
+        int visible_pixels;       /* number of pixels that show a surface */
+        float target_error;       /* the error that was asked for; 0 in SBL_MODE_PAPER */
+        float expected_error;     /* the predicted error so far */
+        int level_count;          /* number of entries in levels */
+        struct { int tile; int64_t sensors; } levels[SBL_MAX_LEVELS];  /* tile size in pixels and number of sensors */
+    } picture;
+    struct {
+        int seams;                /* number of edges at which charts meet in the world */
+        float seam_before, seam_after;  /* largest difference of R's luminance across seams before and after they were
+                                           made equal, as a share of the mean */
+    } lightmap;
     struct { double scene, surface, bounce, gather, refine, filter, resolve, total; } seconds;
-    double microseconds_per_sensor;  /* total over sensors, as in the paper */
 } sbl_stats;
 
 /* >>gather types */
@@ -1154,25 +1197,16 @@ typedef struct sbl_reading {
 } sbl_reading;
 
 /* Zero is the default everywhere; what is named as in sbl_picture_desc means the same. */
-typedef struct sbl_gather_desc {
+typedef struct sbl_readings_desc {
     uint32_t start_canary;
     const sbl_site *sites;     /* not copied: must stay until the gather is done */
     sbl_reading *readings;     /* likewise: receives one a site, those of the first sites first */
     int site_count;            /* 0 and up */
-    sbl_mode mode;
-    sbl_preset preset;
-    sbl_sensor_kind sensor_kind;
-    sbl_backend backend;
-    int rays;                  /* given, all are sent; else few where nothing but lamps shines, since there they only
-                                  tell hit_share to valid. Default: 64 / 256 / 1024 */
-    int sensor_size;
-    float sensor_fov;
-    float epsilon;
-    uint32_t seed;             /* of the sensors' rotations: site i is turned as pixel i of a picture is */
-    int (*progress)(float done, void *user);  /* as for a picture */
-    void *progress_user;
+    sbl_options options;       /* see sbl_options; site i is rotated as pixel i of a picture is */
+    sbl_sensor_kind sensor_kind;  /* as in sbl_picture_desc */
+    float sensor_fov;          /* as in sbl_picture_desc */
     uint32_t end_canary;
-} sbl_gather_desc;
+} sbl_readings_desc;
 
 /* >>lightmap types */
 
@@ -1197,20 +1231,12 @@ typedef struct sbl_lightmap_desc {
     int supersample;           /* places across a texel at which light is known, 1 to 8: FINAL, RADIANCE and SH are
                                   their means, for light that changes within a texel; other channels tell of the place
                                   nearest to its centre. width and height times this: at most 16384. Default: 1 */
-    sbl_mode mode;             /* but not SBL_MODE_PAPER */
-    sbl_preset preset;
-    sbl_backend backend;
-    float error;               /* of R, root mean square over the texels. Default: 0.02 / 0.005 / 0.0025, or what 512
-                                  rays a sensor give */
-    int rays;
-    int sensor_size;
-    int tile;
-    float threshold;
-    float epsilon;
-    int filter_radius;
-    uint32_t seed;
-    int (*progress)(float done, void *user);
-    void *progress_user;
+    sbl_options options;       /* see sbl_options */
+    float target_error;        /* root mean square error of R over the texels that is asked for, as in sbl_picture_desc.
+                                  Default: 0.02 / 0.005 / 0.0025, or the error that 512 rays a sensor reach */
+    int tile;                  /* as in sbl_picture_desc, in texels */
+    float threshold;           /* as in sbl_picture_desc */
+    int filter_radius;         /* as in sbl_picture_desc, in texels */
     uint32_t end_canary;
 } sbl_lightmap_desc;
 
@@ -1243,28 +1269,19 @@ typedef struct sbl_probes_desc {
     uint32_t start_canary;
     const float *positions;    /* 3 a probe, world; not copied: must stay until all are done */
     sbl_probe *probes;         /* likewise: receives one a position, those of the first positions first */
-    int count;                 /* 0 and up. With a grid: its number of points. Default: that */
+    int probe_count;           /* number of probes, 0 and up. With a grid: its number of points, which is the default */
     int grid[3];               /* where positions is NULL: so many points along x, y and z, x fastest, y next, at the
                                   middles of so many cells between */
     float lowest[3], highest[3];  /* these corners, world. Default (all zero): the scene's bounds */
     float move;                /* how far a probe that stands inside something may be moved to get out, world: see ON
                                   PROBES. Default: 0, not at all */
-    sbl_mode mode;             /* but not SBL_MODE_PAPER */
-    sbl_preset preset;
-    sbl_backend backend;
-    int rays;                  /* of a probe, over the sphere, 64 to 65536; and at most a 64th of them, but 32 to 256,
-                                  from each normal towards lamps. Default: 1024 / 4096 / 16384 */
-    int sensor_size;           /* of views, SBL_BACKEND_RASTER. Default: 8 / 16 / 32 */
-    float epsilon;
-    uint32_t seed;             /* turns the rays */
-    int (*progress)(float done, void *user);
-    void *progress_user;
+    sbl_options options;       /* see sbl_options; the seed rotates the rays */
     uint32_t end_canary;
 } sbl_probes_desc;
 /* >>vertex types */
 
 /* Light at the vertices of meshes; see ON VERTEX LIGHT. Zero is the default everywhere; what is named as in
-   sbl_gather_desc means the same, a site being one of the points that light is gathered at. Light is what arrives on
+   sbl_readings_desc means the same, a site being one of the points that light is gathered at. Light is what arrives on
    the front: the side that normals point to, without them the side whose corners run counter-clockwise. */
 typedef struct sbl_vertices_desc {
     uint32_t start_canary;
@@ -1273,7 +1290,7 @@ typedef struct sbl_vertices_desc {
     int mesh_count;
     float *radiance;           /* the host's, in use until it is done: receives R, 3 floats a vertex, of sbl_mesh's
                                   vertex_count vertices one mesh after the other; never negative */
-    size_t count;              /* floats that radiance has room for */
+    size_t float_count;        /* number of floats that radiance has room for */
     int samples;               /* points over a triangle that has its mesh's mean area, 1 to 1024; others have as many
                                   more or fewer as they are larger, but at least 4, and at most 8 times as many.
                                   Default: 4 / 8 / 16 */
@@ -1282,15 +1299,7 @@ typedef struct sbl_vertices_desc {
     float smoothing;           /* how much the light's slope may not differ between triangles that share an edge, beside
                                   their points; all light that is linear is left as it is. Negative: none. Default:
                                   0.02 */
-    sbl_mode mode;             /* but not SBL_MODE_PAPER */
-    sbl_preset preset;
-    sbl_backend backend;
-    int rays;                  /* of a point. Default: 16 / 64 / 256 */
-    int sensor_size;
-    float epsilon;
-    uint32_t seed;
-    int (*progress)(float done, void *user);
-    void *progress_user;
+    sbl_options options;       /* see sbl_options; rays are those of one point */
     uint32_t end_canary;
 } sbl_vertices_desc;
 
@@ -1340,7 +1349,7 @@ typedef struct sbl_sensor_ray {
    has rays to lamps, unless the mode is SBL_MODE_PAPER, where emitters are met by texels. */
 typedef struct sbl_sensor {
     sbl_backend backend;      /* RASTER or TRACE */
-    sbl_site site;            /* what it is for: sbl_gather finds the same light there */
+    sbl_site site;            /* what it is for: sbl_gather_readings finds the same light there */
     float position[3];        /* where it stands: the site moved off its surface */
     float normal[3];
     float radiance[3];        /* R as it entered the picture, before interpolation and filter: the mean of its looks */
@@ -1406,16 +1415,13 @@ SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights,
 SBL_API sbl_result sbl_save_store(sbl_context *context, sbl_write_function put, void *user);
 SBL_API sbl_result sbl_load_store(sbl_context *context, sbl_read_function get, void *user);
 
-/* World bounds of the scene; 0 0 0 both where it is empty. Results: INVALID_ARGUMENT, STATE. */
-SBL_API sbl_result sbl_query_bounds(const sbl_context *context, float lowest[3], float highest[3]);
-
-/* Renders a picture: sbl_begin, then sbl_step until done. Results: those of both. */
-SBL_API sbl_result sbl_render(sbl_context *context, const sbl_picture_desc *desc);
+/* Renders a picture: sbl_begin_picture, then sbl_step until done. Results: those of both. */
+SBL_API sbl_result sbl_render_picture(sbl_context *context, const sbl_picture_desc *desc);
 
 /* Starts a picture: looks at desc, and does none of the work. desc: NULL or zeroes mean defaults; copied. What was
    begun before is dropped, a finished picture too.
    Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (larger than the driver's textures). */
-SBL_API sbl_result sbl_begin(sbl_context *context, const sbl_picture_desc *desc);
+SBL_API sbl_result sbl_begin_picture(sbl_context *context, const sbl_picture_desc *desc);
 
 /* Bakes a lightmap: sbl_begin_lightmap, then sbl_step until done. Results: those of both. */
 SBL_API sbl_result sbl_bake_lightmap(sbl_context *context, const sbl_lightmap_desc *desc);
@@ -1433,14 +1439,14 @@ SBL_API sbl_result sbl_bake_vertices(sbl_context *context, const sbl_vertices_de
    Results: INVALID_ARGUMENT (each mistake logged), STATE (no scene), OUT_OF_MEMORY. */
 SBL_API sbl_result sbl_begin_vertices(sbl_context *context, const sbl_vertices_desc *desc);
 
-/* Gathers the light that arrives at points: sbl_begin_gather, then sbl_step until done. Results: those of both. */
-SBL_API sbl_result sbl_gather(sbl_context *context, const sbl_gather_desc *desc);
+/* Gathers the light that arrives at points: sbl_begin_readings, then sbl_step until done. Results: those of both. */
+SBL_API sbl_result sbl_gather_readings(sbl_context *context, const sbl_readings_desc *desc);
 
 /* Starts gathering light at desc->sites into desc->readings, both the host's and in use until it is done. It sees what
    sensors see: with a draw callback, and in SBL_MODE_PAPER, by views. A picture under way is abandoned, a finished one
    stays.
    Results: INVALID_ARGUMENT (each mistake logged; of sites the first ones), STATE (no scene). */
-SBL_API sbl_result sbl_begin_gather(sbl_context *context, const sbl_gather_desc *desc);
+SBL_API sbl_result sbl_begin_readings(sbl_context *context, const sbl_readings_desc *desc);
 
 /* Bakes probes: sbl_begin_probes, then sbl_step until done. Results: those of both. */
 SBL_API sbl_result sbl_bake_probes(sbl_context *context, const sbl_probes_desc *desc);
@@ -1466,23 +1472,24 @@ SBL_API void sbl_end(sbl_context *context);
 SBL_API int sbl_channel_components(sbl_channel channel);
 
 /* Copies a channel: width * height * components floats, top row first. Of a picture under way the best so far.
-   count: floats that `out` has room for.
+   float_count: number of floats that out has room for.
    Results: INVALID_ARGUMENT, STATE (no picture), UNFINISHED (nothing to be seen yet), OUT_OF_MEMORY, GL. */
-SBL_API sbl_result sbl_read_channel(sbl_context *context, sbl_channel channel, float *out, size_t count);
+SBL_API sbl_result sbl_read_channel(sbl_context *context, sbl_channel channel, float *out, size_t float_count);
 
 /* The GL texture that holds a channel: GL_TEXTURE_2D, width x height, top row first, NEAREST; RGBA32F or RGBA16F; ID is
    R32UI, DEPTH and SENSORS R32F. 0: there is no picture, or nothing to be seen yet. Owned by sbl.h; valid until the
-   next sbl_begin or sbl_end, and while the picture is under way until the next sbl_step. */
+   next sbl_begin_picture or sbl_end, and while the picture is under way until the next sbl_step. */
 SBL_API uint32_t sbl_channel_texture(sbl_context *context, sbl_channel channel);
 
 /* Gathers light again for pixel (x, y) of the finished picture and shows how it came about.
    radiance: NULL, or 4 floats a texel of the sheet, first row first: rgb = radiance, a = distance to what was seen,
    negative for back faces, 0 for nothing. weights: NULL, or 1 float a texel, their sum is sensor->weight_sum.
-   count: texels that both have room for; call with NULL arrays first to learn sheet_width and sheet_height.
+   texel_count: number of texels that both have room for; call with NULL arrays first to learn sheet_width and
+   sheet_height.
    Results: INVALID_ARGUMENT (outside the picture, no surface there, no room), STATE (no finished picture, or its scene
    has changed), OUT_OF_MEMORY, GL. */
 SBL_API sbl_result sbl_inspect_sensor(sbl_context *context, int x, int y, sbl_sensor *sensor, float *radiance,
-                                      float *weights, size_t count);
+                                      float *weights, size_t texel_count);
 
 /* world_to_view of a camera at `eye` that looks at `at`. Returns 0 and writes nothing where the directions are
    degenerate, else 1. */
@@ -1493,23 +1500,26 @@ SBL_API int sbl_look_at(float world_to_view[16], float eye_x, float eye_y, float
    where they are out of range, else 1. */
 SBL_API int sbl_perspective(float view_to_clip[16], float fov_y, float aspect);
 
-/* out[i] = linear[i] * scale as 8-bit sRGB (IEC 61966-2-1), rounded; below 0 and NaN are 0, above 1 is 255. count:
-   numbers, not pixels. scale: the exposure; 1 where radiance 1 is to be white. */
-SBL_API void sbl_encode_srgb8(unsigned char *out, const float *linear, size_t count, float scale);
+/* Writes linear[i] * scale as 8-bit sRGB (IEC 61966-2-1) to out[i], rounded. Negative numbers and NaN become 0, numbers
+   above 1 become 255. float_count: number of floats, not of pixels. scale: the exposure; 1 shows radiance 1 as white. */
+SBL_API void sbl_encode_srgb8(unsigned char *out, const float *linear, size_t float_count, float scale);
 
 /* Copies with every zero that means a default replaced by it; NULL is all zeroes. */
 SBL_API sbl_context_desc sbl_context_desc_defaults(const sbl_context_desc *desc);
 SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc);
-SBL_API sbl_gather_desc sbl_gather_desc_defaults(const sbl_gather_desc *desc);
+SBL_API sbl_readings_desc sbl_readings_desc_defaults(const sbl_readings_desc *desc);
 SBL_API sbl_lightmap_desc sbl_lightmap_desc_defaults(const sbl_lightmap_desc *desc);
 SBL_API sbl_probes_desc sbl_probes_desc_defaults(const sbl_probes_desc *desc);
 SBL_API sbl_vertices_desc sbl_vertices_desc_defaults(const sbl_vertices_desc *desc);
 
-/* All zeroes for a NULL context. */
+/* Queries return a copy of what the context knows; all fields are 0 for a NULL context. sbl_query_desc returns the
+   descriptor with its defaults filled in, sbl_query_bounds zeroes if there is no scene or an empty one. */
 SBL_API sbl_context_desc sbl_query_desc(const sbl_context *context);
 SBL_API sbl_capabilities sbl_query_capabilities(const sbl_context *context);
 SBL_API sbl_stats sbl_query_stats(const sbl_context *context);
+SBL_API sbl_programs sbl_query_programs(const sbl_context *context);
 SBL_API sbl_memory sbl_query_memory(const sbl_context *context);
+SBL_API sbl_bounds sbl_query_bounds(const sbl_context *context);
 
 SBL_API const char *sbl_version(void);
 SBL_API const char *sbl_result_string(sbl_result result);
@@ -2640,6 +2650,7 @@ typedef struct sbl__device {
     unsigned features;       /* those that all programs have here */
     unsigned empty_array;    /* a vertex array without attributes */
     sbl__program programs[SBL__PROGRAMS_MOST];  /* compiled so far */
+    sbl_programs compiled;
     int program_count;
     unsigned program;        /* in use */
     int unit;                /* the next texture unit of the program in use */
@@ -2998,8 +3009,8 @@ static sbl_result sbl__program_need(sbl__device *d, const sbl__recipe *recipe, u
     d->gl.doing = doing;
     if (result != SBL_SUCCESS) return result;
     d->programs[d->program_count++] = program;
-    d->gl.capabilities.programs = d->program_count;
-    d->gl.capabilities.compile_seconds += sbl__now() - start;
+    d->compiled.count = d->program_count;
+    d->compiled.compile_seconds += sbl__now() - start;
     return SBL_SUCCESS;
 }
 
@@ -3738,8 +3749,8 @@ static void sbl__check_environment(sbl__check *check, const sbl_environment *e) 
         else if (t->channels < 0 || t->channels > 4)
             sbl__mistake(check, "%s: picture.channels is %d; it must be 1 to 4, or 0 for 4", where, t->channels);
     }
-    if (!sbl__between(&e->scale, 0, FLT_MAX))
-        sbl__mistake(check, "%s: scale is %g; it must be finite and not negative", where, (double)e->scale);
+    if (!sbl__finite(&e->scale))
+        sbl__mistake(check, "%s: scale is %g; it must be finite", where, (double)e->scale);
     if (!sbl__finite(&e->rotation))
         sbl__mistake(check, "%s: rotation is %g; it must be finite", where, (double)e->rotation);
     sbl__check_finite(check, where, "up", e->up, 3);
@@ -3748,7 +3759,7 @@ static void sbl__check_environment(sbl__check *check, const sbl_environment *e) 
 /* >>check: whole descriptors */
 
 static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *desc) {
-    static const int samples[2] = { 1024, 1048576 };
+    static const int cells[2] = { 1024, 1048576 };
     const char *where = "sbl_scene_desc";
     sbl__check check;
     int i, k;
@@ -3768,7 +3779,8 @@ static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *d
     if (!sbl__between(&desc->draw_max_radiance, 0, FLT_MAX))
         sbl__mistake(&check, "%s: draw_max_radiance is %g; it must be finite and not negative", where,
                      (double)desc->draw_max_radiance);
-    if (desc->bounce_samples) sbl__check_int(&check, where, "bounce_samples", desc->bounce_samples, samples);
+    if (desc->max_bounce_cells)
+        sbl__check_int(&check, where, "max_bounce_cells", desc->max_bounce_cells, cells);
     check.item = SBL_LOG_ITEM_INVALID_LIGHT;
     for (i = 0; desc->lights && i < desc->light_count; i++) sbl__check_light(&check, &desc->lights[i], i);
     sbl__check_environment(&check, &desc->environment);
@@ -3782,7 +3794,7 @@ static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *d
 }
 
 static sbl_result sbl__check_context(const sbl__base *base, const sbl_context_desc *d) {
-    static const int atlas_sizes[2] = { 256, 16384 };
+    static const int sizes[2] = { 256, 16384 };
     const char *where = "sbl_context_desc";
     sbl__check check;
     sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_CONTEXT_DESC);
@@ -3793,223 +3805,12 @@ static sbl_result sbl__check_context(const sbl__base *base, const sbl_context_de
     if (d->disabled & ~(uint32_t)SBL_CAPABILITY_ALL)
         sbl__mistake(&check, "%s: disabled is 0x%x; only the bits 0x%x exist", where, d->disabled,
                      (unsigned)SBL_CAPABILITY_ALL);
-    if (d->atlas_size) sbl__check_int(&check, where, "atlas_size", d->atlas_size, atlas_sizes);
+    if (d->sensor_texture_size)
+        sbl__check_int(&check, where, "sensor_texture_size", d->sensor_texture_size, sizes);
     if (d->batch < 0) sbl__mistake(&check, "%s: batch is %d; it cannot be negative", where, d->batch);
     if (!sbl__between(&d->longest_submission, 0, FLT_MAX))
         sbl__mistake(&check, "%s: longest_submission is %g; it must be finite and not negative", where,
                      (double)d->longest_submission);
-    return sbl__check_end(&check);
-}
-
-/* How sensors see, as pictures and gathers ask for it. */
-typedef struct sbl__seeing {
-    sbl_mode mode;
-    sbl_preset preset;
-    sbl_sensor_kind sensor_kind;
-    sbl_backend backend;
-    int rays, sensor_size;
-    float sensor_fov, epsilon;
-    uint32_t seed;
-    int look_rays, looks;      /* where rays is 0: of a look; a sensor looks so often at most */
-    int every_ray;             /* also those that only tell how far surfaces are, because nothing but lamps shines */
-} sbl__seeing;
-
-#define SBL__SEEING(d) { (d)->mode, (d)->preset, (d)->sensor_kind, (d)->backend, (d)->rays, (d)->sensor_size, \
-                         (d)->sensor_fov, (d)->epsilon, (d)->seed, 0, 0, 0 }
-
-/* host_draws: the scene has a draw callback. */
-static void sbl__check_seeing(sbl__check *check, const char *where, const sbl__seeing *s, int host_draws) {
-    static const int modes[2] = { 0, SBL_MODE_COUNT - 1 }, presets[2] = { 0, SBL_PRESET_COUNT - 1 };
-    static const int kinds[2] = { 0, SBL_SENSOR_KIND_COUNT - 1 }, backends[2] = { 0, SBL_BACKEND_COUNT - 1 };
-    static const int rays[2] = { 1, 4096 }, sizes[2] = { 4, 512 };
-    sbl__check_int(check, where, "mode", (int)s->mode, modes);
-    sbl__check_int(check, where, "preset", (int)s->preset, presets);
-    sbl__check_int(check, where, "sensor_kind", (int)s->sensor_kind, kinds);
-    if (s->mode == SBL_MODE_PAPER && s->sensor_kind == SBL_SENSOR_HEMICUBE)
-        sbl__mistake(check, "%s: sensor_kind is SBL_SENSOR_HEMICUBE in SBL_MODE_PAPER; the paper's sensor is "
-                     "SBL_SENSOR_SINGLE", where);
-    sbl__check_int(check, where, "backend", (int)s->backend, backends);
-    if (s->backend == SBL_BACKEND_TRACE &&
-        (s->mode == SBL_MODE_PAPER || s->sensor_kind == SBL_SENSOR_SINGLE || host_draws))
-        sbl__mistake(check, "%s: backend is SBL_BACKEND_TRACE %s; use SBL_BACKEND_AUTO or SBL_BACKEND_RASTER", where,
-                     host_draws ? "in a scene with a draw callback" : "with the paper's single view");
-    if (s->rays) sbl__check_int(check, where, "rays", s->rays, rays);
-    sbl__check_int(check, where, "sensor_size", s->sensor_size, sizes);
-    if (!sbl__between(&s->sensor_fov, 1, 179))
-        sbl__mistake(check, "%s: sensor_fov is %g; it must be 1 to 179 degrees", where, (double)s->sensor_fov);
-    if (!sbl__between(&s->epsilon, 0, FLT_MAX))
-        sbl__mistake(check, "%s: epsilon is %g; it must be finite and not negative", where, (double)s->epsilon);
-}
-
-static int sbl__rigid(const float m[16]) {
-    int i, k;
-    for (i = 0; i < 3; i++)
-        for (k = 0; k < 3; k++)
-            if (fabs((double)m[i] * m[k] + (double)m[4 + i] * m[4 + k] + (double)m[8 + i] * m[8 + k] - (i == k)) > 1e-3)
-                return 0;
-    return sbl__affine_determinant(m) > 0;
-}
-
-static void sbl__check_camera(sbl__check *check, const char *where, const sbl_picture_desc *d) {
-    const float *v = d->world_to_view, *m = d->view_to_clip;
-    int perspective, orthographic;
-    sbl__check_finite(check, where, "world_to_view", v, 16);
-    if (sbl__all_finite(v, 16) && !sbl__rigid(v))
-        sbl__mistake(check, "%s: world_to_view is not rigid (a rotation and a translation, column-major); sbl_look_at "
-                     "makes one", where);
-    sbl__check_finite(check, where, "view_to_clip", m, 16);
-    if (!sbl__all_finite(m, 16) || d->width <= 0 || d->height <= 0) return;  /* no default projection without a size */
-    perspective = m[3] == 0.0f && m[7] == 0.0f && m[11] < 0.0f && m[15] == 0.0f && m[12] == 0.0f && m[13] == 0.0f;
-    orthographic = m[3] == 0.0f && m[7] == 0.0f && m[11] == 0.0f && m[15] == 1.0f && m[8] == 0.0f && m[9] == 0.0f;
-    if (!(perspective || orthographic) || m[0] == 0.0f || m[5] == 0.0f || m[1] != 0.0f || m[4] != 0.0f)
-        sbl__mistake(check, "%s: view_to_clip is neither a perspective nor an orthographic projection (column-major, "
-                     "looking down -z; its last row is %g %g %g %g); sbl_perspective makes one", where, (double)m[3],
-                     (double)m[7], (double)m[11], (double)m[15]);
-}
-
-/* What pictures and lightmaps share. host_draws: the scene has a draw callback. */
-static void sbl__check_fields(sbl__check *check, const char *where, const sbl_picture_desc *d, int host_draws) {
-    static const int sizes[2] = { 1, 16384 }, tiles[2] = { 1, 1024 };
-    const sbl__seeing seeing = SBL__SEEING(d);
-    sbl__check_int(check, where, "width", d->width, sizes);
-    sbl__check_int(check, where, "height", d->height, sizes);
-    sbl__check_seeing(check, where, &seeing, host_draws);
-    sbl__check_int(check, where, "tile", d->tile, tiles);
-    if (!sbl__between(&d->error, 0, 1))
-        sbl__mistake(check, "%s: error is %g; it must be 0 to 1", where, (double)d->error);
-    if (!sbl__between(&d->threshold, 0, FLT_MAX))
-        sbl__mistake(check, "%s: threshold is %g; it must be positive and finite", where, (double)d->threshold);
-    if (d->filter_radius > 32)
-        sbl__mistake(check, "%s: filter_radius is %d; it must be at most 32", where, d->filter_radius);
-}
-
-/* d has its defaults filled in; `given` is what the host wrote, or NULL. */
-static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_desc *given, const sbl_picture_desc *d,
-                                     int host_draws) {
-    static const int samples[2] = { 1, 64 };
-    const char *where = "sbl_picture_desc";
-    sbl__check check;
-    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_PICTURE_DESC);
-    if (given && !sbl__check_canaries(&check, where, given->start_canary, given->end_canary))
-        return sbl__check_end(&check);
-    sbl__check_fields(&check, where, d, host_draws);
-    if (!sbl__between(&d->facet_limit, 0, FLT_MAX))
-        sbl__mistake(&check, "%s: facet_limit is %g; it must be 0 or more, and finite", where, (double)d->facet_limit);
-    sbl__check_int(&check, where, "samples", d->samples, samples);
-    sbl__check_camera(&check, where, d);
-    return sbl__check_end(&check);
-}
-
-#define SBL__SITES_NAMED 16  /* of wrong sites so many are named, the others counted */
-
-/* Returns 1 where the site is fit for use; names what is wrong with it where `named`. */
-static int sbl__check_site(sbl__check *check, const sbl_site *s, int number, int named) {
-    const int good = sbl__all_finite(s->position, 3) && sbl__all_finite(s->normal, 3) &&
-                     !sbl__all_zero(s->normal, 3) && sbl__all_finite(s->geometric_normal, 3) &&
-                     sbl__finite(&s->offset);
-    char where[32];
-    if (good || !named) return good;
-    snprintf(where, sizeof where, "site %d", number);
-    sbl__check_finite(check, where, "position", s->position, 3);
-    sbl__check_finite(check, where, "normal", s->normal, 3);
-    if (sbl__all_zero(s->normal, 3))
-        sbl__mistake(check, "%s: normal is 0 0 0; it must point to the side that the light comes from", where);
-    sbl__check_finite(check, where, "geometric_normal", s->geometric_normal, 3);
-    sbl__check_finite(check, where, "offset", &s->offset, 1);
-    return 0;
-}
-
-/* The same for a gather. */
-static sbl_result sbl__check_gather(const sbl__base *base, const sbl_gather_desc *given, const sbl_gather_desc *d,
-                                    int host_draws) {
-    const char *where = "sbl_gather_desc";
-    const sbl__seeing seeing = SBL__SEEING(d);
-    sbl__check check;
-    int i, wrong = 0;
-    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_GATHER_DESC);
-    if (given && !sbl__check_canaries(&check, where, given->start_canary, given->end_canary))
-        return sbl__check_end(&check);
-    sbl__check_seeing(&check, where, &seeing, host_draws);
-    sbl__check_array(&check, where, "site_count", d->site_count, d->sites);
-    if (!d->readings && d->site_count > 0)
-        sbl__mistake(&check, "%s: readings is NULL; it receives site_count readings", where);
-    for (i = 0; d->sites && i < d->site_count; i++)
-        wrong += !sbl__check_site(&check, &d->sites[i], i, wrong < SBL__SITES_NAMED);
-    if (wrong > SBL__SITES_NAMED)
-        sbl__mistake(&check, "%s: and %d sites more are as wrong", where, wrong - SBL__SITES_NAMED);
-    return sbl__check_end(&check);
-}
-
-/* How a probe is seen. */
-static sbl__seeing sbl__probes_seeing(const sbl_probes_desc *d) {
-    sbl__seeing s;
-    memset(&s, 0, sizeof s);
-    s.mode = d->mode;
-    s.preset = d->preset;
-    s.backend = d->backend;
-    s.sensor_size = d->sensor_size;
-    s.epsilon = d->epsilon;
-    s.seed = d->seed;
-    return s;
-}
-
-/* Points of a grid; INT_MAX: too many, 0: there is no grid. */
-static int sbl__grid_count(const int grid[3]) {
-    double count = 1;
-    int k;
-    for (k = 0; k < 3; k++) count *= grid[k];
-    return grid[0] < 1 || grid[1] < 1 || grid[2] < 1 ? 0 : (int)SBL__MIN(count, (double)INT_MAX);
-}
-
-static void sbl__check_grid(sbl__check *check, const char *where, const sbl_probes_desc *d) {
-    static const int sizes[2] = { 1, 16384 };
-    const int given = d->grid[0] || d->grid[1] || d->grid[2], points = sbl__grid_count(d->grid);
-    int k;
-    if (!given && d->count > 0)
-        sbl__mistake(check, "%s: count is %d; positions is NULL, and there is no grid", where, d->count);
-    for (k = 0; k < 3 && given; k++) {
-        char name[16];
-        snprintf(name, sizeof name, "grid[%d]", k);
-        sbl__check_int(check, where, name, d->grid[k], sizes);
-    }
-    if (points == INT_MAX) sbl__mistake(check, "%s: grid has more points than an int can count", where);
-    else if (points && d->count != points && d->count >= 0)
-        sbl__mistake(check, "%s: count is %d; the grid has %d points", where, d->count, points);
-    sbl__check_finite(check, where, "lowest", d->lowest, 3);
-    sbl__check_finite(check, where, "highest", d->highest, 3);
-    for (k = 0; k < 3 && sbl__all_finite(d->lowest, 3) && sbl__all_finite(d->highest, 3); k++)
-        if (d->lowest[k] > d->highest[k])
-            sbl__mistake(check, "%s: lowest[%d] is %g; highest[%d], %g, is less", where, k, (double)d->lowest[k], k,
-                         (double)d->highest[k]);
-}
-
-/* The same for probes; `seeing` is how sensors are told to see. */
-static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc *given, const sbl_probes_desc *d,
-                                    const sbl__seeing *seeing, int host_draws) {
-    static const int rays[2] = { 64, 65536 };
-    const char *where = "sbl_probes_desc";
-    sbl__check check;
-    int i, wrong = 0;
-    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_PROBES_DESC);
-    if (given && !sbl__check_canaries(&check, where, given->start_canary, given->end_canary))
-        return sbl__check_end(&check);
-    sbl__check_seeing(&check, where, seeing, host_draws);
-    if (d->mode == SBL_MODE_PAPER) sbl__mistake(&check, "%s: mode is SBL_MODE_PAPER; it is for pictures", where);
-    sbl__check_int(&check, where, "rays", d->rays, rays);
-    if (!sbl__between(&d->move, 0, FLT_MAX))
-        sbl__mistake(&check, "%s: move is %g; it must be finite and not negative", where, (double)d->move);
-    if (d->count < 0) sbl__mistake(&check, "%s: count is %d; it cannot be negative", where, d->count);
-    if (!d->probes && d->count > 0)
-        sbl__mistake(&check, "%s: probes is NULL; it receives count probes", where);
-    if (!d->positions) sbl__check_grid(&check, where, d);
-    for (i = 0; d->positions && i < d->count; i++) {
-        char name[32];
-        if (sbl__all_finite(d->positions + 3 * (size_t)i, 3)) continue;
-        snprintf(name, sizeof name, "probe %d", i);
-        if (wrong++ < SBL__SITES_NAMED) sbl__check_finite(&check, name, "position", d->positions + 3 * (size_t)i, 3);
-    }
-    if (wrong > SBL__SITES_NAMED)
-        sbl__mistake(&check, "%s: and %d probes more are as wrong", where, wrong - SBL__SITES_NAMED);
     return sbl__check_end(&check);
 }
 
@@ -4759,7 +4560,7 @@ static void sbl__environment_texel(const sbl__environment *e, const sbl_environm
         sbl__read_pixel(t, (const unsigned char *)t->pixels + (size_t)y * sbl__texture_stride(t, e->width), x, c);
         for (k = 0; k < 3 && t->format == SBL_PIXELS_SRGB8; k++) c[k] = sbl__srgb_to_linear(c[k]);
     }
-    for (k = 0; k < 3; k++) c[k] *= desc->scale > 0 ? desc->scale : 1.0f;
+    for (k = 0; k < 3; k++) c[k] *= sbl__zero(&desc->scale) ? 1.0f : SBL__MAX(desc->scale, 0.0f);
 }
 
 /* Fills e->pixels (r g b) and texels (r g b a, for the GPU); computes e->limit and e->brightest. */
@@ -6750,7 +6551,7 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
     }
     if (result == SBL_SUCCESS) result = sbl__scene_check_radiance(d->base, s);
     if (result == SBL_SUCCESS) result = sbl__scene_fit(d, s);
-    if (result == SBL_SUCCESS) sbl__scene_fit_store(d, s, desc->bounce_samples);
+    if (result == SBL_SUCCESS) sbl__scene_fit_store(d, s, desc->max_bounce_cells);
     d->gl.doing = "storing meshes";
     if (result == SBL_SUCCESS) result = sbl__geometry_upload(d, &s->geometry);
     if (result != SBL_SUCCESS) sbl__scene_free(d, s);
@@ -7081,6 +6882,438 @@ static const char *const sbl__glsl_outgoing[] = {
 "#endif\n",
 0 };
 /* <<glsl */
+
+/* ====================================================================================================== >>options
+   What front ends are asked for: the options that all share, and the descriptor of each front end. The defaults of a
+   descriptor and its checks stand side by side. */
+
+/* Fills in the defaults of the options. rays, sizes: the defaults of rays and sensor_size for the presets default, draft
+   and high. */
+static void sbl__options_defaults(sbl_options *o, const int rays[SBL_PRESET_COUNT], const int sizes[SBL_PRESET_COUNT]) {
+    const int preset = (int)o->preset >= 0 && o->preset < SBL_PRESET_COUNT ? (int)o->preset : 0;
+    if (o->mode == SBL_MODE_DEFAULT) o->mode = SBL_MODE_GI;
+    if (!o->rays) o->rays = rays[preset];
+    if (!o->sensor_size) o->sensor_size = sizes[preset];
+    if (o->mode == SBL_MODE_DIRECT || o->mode == SBL_MODE_GI) o->epsilon = 0;
+    else if (sbl__zero(&o->epsilon)) o->epsilon = 0.02f;
+}
+
+/* Default of rays where none are asked for, because the target error decides. */
+static const int sbl__rays_by_error[SBL_PRESET_COUNT] = { 0, 0, 0 };
+static const int sbl__sensor_sizes[SBL_PRESET_COUNT] = { 64, 32, 128 };
+
+/* papers: SBL_MODE_PAPER is allowed. rays: lowest and highest number. host_draws: the scene has a draw callback. */
+static void sbl__check_options(sbl__check *check, const char *where, const sbl_options *o, int papers,
+                               const int rays[2], int host_draws) {
+    static const int modes[2] = { 0, SBL_MODE_COUNT - 1 }, presets[2] = { 0, SBL_PRESET_COUNT - 1 };
+    static const int backends[2] = { 0, SBL_BACKEND_COUNT - 1 }, sizes[2] = { 4, 512 };
+    sbl__check_int(check, where, "options.mode", (int)o->mode, modes);
+    if (o->mode == SBL_MODE_PAPER && !papers)
+        sbl__mistake(check, "%s: options.mode is SBL_MODE_PAPER; only pictures and readings have it", where);
+    sbl__check_int(check, where, "options.preset", (int)o->preset, presets);
+    sbl__check_int(check, where, "options.backend", (int)o->backend, backends);
+    if (o->backend == SBL_BACKEND_TRACE && (o->mode == SBL_MODE_PAPER || host_draws))
+        sbl__mistake(check, "%s: options.backend is SBL_BACKEND_TRACE %s; use SBL_BACKEND_AUTO or SBL_BACKEND_RASTER",
+                     where, host_draws ? "in a scene with a draw callback" : "in SBL_MODE_PAPER");
+    if (o->rays) sbl__check_int(check, where, "options.rays", o->rays, rays);
+    sbl__check_int(check, where, "options.sensor_size", o->sensor_size, sizes);
+    if (!sbl__between(&o->epsilon, -FLT_MAX, FLT_MAX))
+        sbl__mistake(check, "%s: options.epsilon is %g; it must be finite", where, (double)o->epsilon);
+}
+
+static const int sbl__sensor_rays[2] = { 1, 4096 };  /* lowest and highest number of rays of a sensor */
+
+static sbl_sensor_kind sbl__sensor_kind_default(sbl_sensor_kind kind, sbl_mode mode) {
+    return kind != SBL_SENSOR_DEFAULT ? kind : mode == SBL_MODE_PAPER ? SBL_SENSOR_SINGLE : SBL_SENSOR_HEMICUBE;
+}
+
+/* Checks which views a rasterised sensor has. */
+static void sbl__check_sensor_kind(sbl__check *check, const char *where, const sbl_options *o, sbl_sensor_kind kind,
+                                   float fov) {
+    static const int kinds[2] = { 0, SBL_SENSOR_KIND_COUNT - 1 };
+    sbl__check_int(check, where, "sensor_kind", (int)kind, kinds);
+    if (o->mode == SBL_MODE_PAPER && kind == SBL_SENSOR_HEMICUBE)
+        sbl__mistake(check, "%s: sensor_kind is SBL_SENSOR_HEMICUBE in SBL_MODE_PAPER; the paper's sensor is "
+                     "SBL_SENSOR_SINGLE", where);
+    if (o->backend == SBL_BACKEND_TRACE && kind == SBL_SENSOR_SINGLE && o->mode != SBL_MODE_PAPER)
+        sbl__mistake(check, "%s: options.backend is SBL_BACKEND_TRACE with SBL_SENSOR_SINGLE; use SBL_BACKEND_AUTO or "
+                     "SBL_BACKEND_RASTER", where);
+    if (!sbl__between(&fov, 1, 179))
+        sbl__mistake(check, "%s: sensor_fov is %g; it must be 1 to 179 degrees", where, (double)fov);
+}
+
+/* How sensors see: the options of a front end, resolved. */
+typedef struct sbl__seeing {
+    sbl_mode mode;
+    sbl_preset preset;
+    sbl_sensor_kind sensor_kind;
+    sbl_backend backend;
+    int rays, sensor_size;
+    float sensor_fov, epsilon;
+    uint32_t seed;
+    int look_rays, looks;      /* where rays is 0: of a look; a sensor looks so often at most */
+    int every_ray;             /* also those that only tell how far surfaces are, because nothing but lamps shines */
+} sbl__seeing;
+
+/* o has its defaults filled in. */
+static sbl__seeing sbl__seeing_of(const sbl_options *o, sbl_sensor_kind kind, float fov) {
+    sbl__seeing s;
+    memset(&s, 0, sizeof s);
+    s.mode = o->mode;
+    s.preset = o->preset;
+    s.sensor_kind = kind;
+    s.backend = o->backend;
+    s.rays = o->rays;
+    s.sensor_size = o->sensor_size;
+    s.sensor_fov = fov;
+    s.epsilon = SBL__MAX(o->epsilon, 0.0f);
+    s.seed = o->seed;
+    return s;
+}
+
+static int sbl__rigid(const float m[16]) {
+    int i, k;
+    for (i = 0; i < 3; i++)
+        for (k = 0; k < 3; k++)
+            if (fabs((double)m[i] * m[k] + (double)m[4 + i] * m[4 + k] + (double)m[8 + i] * m[8 + k] - (i == k)) > 1e-3)
+                return 0;
+    return sbl__affine_determinant(m) > 0;
+}
+
+static void sbl__check_camera(sbl__check *check, const char *where, const sbl_picture_desc *d) {
+    const float *v = d->world_to_view, *m = d->view_to_clip;
+    int perspective, orthographic;
+    sbl__check_finite(check, where, "world_to_view", v, 16);
+    if (sbl__all_finite(v, 16) && !sbl__rigid(v))
+        sbl__mistake(check, "%s: world_to_view is not rigid (a rotation and a translation, column-major); sbl_look_at "
+                     "makes one", where);
+    sbl__check_finite(check, where, "view_to_clip", m, 16);
+    if (!sbl__all_finite(m, 16) || d->width <= 0 || d->height <= 0) return;  /* no default projection without a size */
+    perspective = m[3] == 0.0f && m[7] == 0.0f && m[11] < 0.0f && m[15] == 0.0f && m[12] == 0.0f && m[13] == 0.0f;
+    orthographic = m[3] == 0.0f && m[7] == 0.0f && m[11] == 0.0f && m[15] == 1.0f && m[8] == 0.0f && m[9] == 0.0f;
+    if (!(perspective || orthographic) || m[0] == 0.0f || m[5] == 0.0f || m[1] != 0.0f || m[4] != 0.0f)
+        sbl__mistake(check, "%s: view_to_clip is neither a perspective nor an orthographic projection (column-major, "
+                     "looking down -z; its last row is %g %g %g %g); sbl_perspective makes one", where, (double)m[3],
+                     (double)m[7], (double)m[11], (double)m[15]);
+}
+
+/* >>options: pictures */
+
+SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc) {
+    static const float errors[SBL_PRESET_COUNT] = { 0.015f, 0.05f, 0.0075f };
+    static const int samples[SBL_PRESET_COUNT] = { 4, 1, 16 };
+    sbl_picture_desc d;
+    int preset;
+    memset(&d, 0, sizeof d);
+    if (desc) d = *desc;
+    preset = (int)d.options.preset >= 0 && d.options.preset < SBL_PRESET_COUNT ? (int)d.options.preset : 0;
+    sbl__options_defaults(&d.options, sbl__rays_by_error, sbl__sensor_sizes);
+    d.sensor_kind = sbl__sensor_kind_default(d.sensor_kind, d.options.mode);
+    if (sbl__zero(&d.sensor_fov)) d.sensor_fov = 135;
+    if (!d.width && !d.height) { d.width = 640; d.height = 480; }
+    if (d.width > 0 && d.height > 0 && sbl__all_zero(d.view_to_clip, 16))
+        sbl_perspective(d.view_to_clip, 40, (float)d.width / (float)d.height);
+    if (sbl__zero(&d.target_error) && d.options.mode != SBL_MODE_PAPER) d.target_error = errors[preset];
+    if (!d.tile) d.tile = 16;
+    if (sbl__zero(&d.threshold) && d.options.mode == SBL_MODE_PAPER) d.threshold = 0.05f;
+    if (sbl__zero(&d.facet_limit)) d.facet_limit = 2;
+    if (!d.filter_radius) d.filter_radius = 2;
+    if (!d.samples) d.samples = samples[preset];
+    return d;
+}
+
+/* Checks what pictures and lightmaps share. */
+static void sbl__check_refinement(sbl__check *check, const char *where, const sbl_picture_desc *d) {
+    static const int sizes[2] = { 1, 16384 }, tiles[2] = { 1, 1024 };
+    sbl__check_int(check, where, "width", d->width, sizes);
+    sbl__check_int(check, where, "height", d->height, sizes);
+    sbl__check_int(check, where, "tile", d->tile, tiles);
+    if (!sbl__between(&d->target_error, 0, 1))
+        sbl__mistake(check, "%s: target_error is %g; it must be 0 to 1", where, (double)d->target_error);
+    if (!sbl__between(&d->threshold, -FLT_MAX, FLT_MAX))
+        sbl__mistake(check, "%s: threshold is %g; it must be finite", where, (double)d->threshold);
+    if (d->filter_radius > 32)
+        sbl__mistake(check, "%s: filter_radius is %d; it must be at most 32", where, d->filter_radius);
+}
+
+/* d has its defaults filled in; `given` is what the host wrote, or NULL. host_draws: the scene has a draw callback. */
+static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_desc *given, const sbl_picture_desc *d,
+                                     int host_draws) {
+    static const int samples[2] = { 1, 64 };
+    const char *where = "sbl_picture_desc";
+    sbl__check check;
+    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_PICTURE_DESC);
+    if (given && !sbl__check_canaries(&check, where, given->start_canary, given->end_canary))
+        return sbl__check_end(&check);
+    sbl__check_options(&check, where, &d->options, 1, sbl__sensor_rays, host_draws);
+    sbl__check_sensor_kind(&check, where, &d->options, d->sensor_kind, d->sensor_fov);
+    sbl__check_refinement(&check, where, d);
+    if (!sbl__between(&d->facet_limit, -FLT_MAX, FLT_MAX))
+        sbl__mistake(&check, "%s: facet_limit is %g; it must be finite", where, (double)d->facet_limit);
+    sbl__check_int(&check, where, "samples", d->samples, samples);
+    sbl__check_camera(&check, where, d);
+    return sbl__check_end(&check);
+}
+
+/* >>options: lightmaps */
+
+/* Width and height are checked only if the supersampled size fits. */
+static int sbl__supersample_fits(const sbl_lightmap_desc *d) {
+    const int most = 16384;
+    return d->supersample >= 1 && d->supersample <= 8 && d->width >= 1 && d->height >= 1 &&
+           d->width <= most / d->supersample && d->height <= most / d->supersample;
+}
+
+/* The picture whose refinement a lightmap uses, of width and height times supersample. */
+static sbl_picture_desc sbl__lightmap_picture(const sbl_lightmap_desc *d) {
+    const int across = sbl__supersample_fits(d) ? d->supersample : 1;
+    sbl_picture_desc picture;
+    memset(&picture, 0, sizeof picture);
+    picture.options = d->options;
+    picture.width = d->width * across;
+    picture.height = d->height * across;
+    picture.target_error = d->target_error;
+    picture.tile = d->tile;
+    picture.threshold = d->threshold;
+    picture.filter_radius = d->filter_radius;
+    picture.samples = 1;
+    sbl__identity(picture.world_to_view);
+    return sbl_picture_desc_defaults(&picture);
+}
+
+SBL_API sbl_lightmap_desc sbl_lightmap_desc_defaults(const sbl_lightmap_desc *desc) {
+    sbl_lightmap_desc d;
+    sbl_picture_desc picture;
+    memset(&d, 0, sizeof d);
+    if (desc) d = *desc;
+    if (!d.width && !d.height) d.width = d.height = 512;
+    if (!d.gutter) d.gutter = 16;
+    if (!d.supersample) d.supersample = 1;
+    if (sbl__zero(&d.target_error))
+        d.target_error = d.options.preset == SBL_PRESET_DRAFT  ? 0.02f
+                       : d.options.preset == SBL_PRESET_HIGH   ? 0.0025f
+                                                               : 0.005f;
+    picture = sbl__lightmap_picture(&d);
+    d.options = picture.options;
+    d.tile = picture.tile;
+    d.filter_radius = picture.filter_radius;
+    return d;
+}
+
+/* d has its defaults filled in; `given` is what the host wrote, or NULL. */
+static sbl_result sbl__check_lightmap(const sbl__base *base, const sbl_lightmap_desc *given, const sbl_lightmap_desc *d,
+                                      const sbl__scene *scene) {
+    static const int gutters[2] = { -INT_MAX, 16384 }, supersamples[2] = { 1, 8 }, switches[2] = { 0, 1 };
+    const char *where = "sbl_lightmap_desc";
+    const sbl_picture_desc picture = sbl__lightmap_picture(d);
+    const sbl__geometry *g = &scene->geometry;
+    sbl__check check;
+    int i;
+    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_LIGHTMAP_DESC);
+    if (given && !sbl__check_canaries(&check, where, given->start_canary, given->end_canary))
+        return sbl__check_end(&check);
+    sbl__check_options(&check, where, &d->options, 0, sbl__sensor_rays, scene->draw != NULL);
+    sbl__check_refinement(&check, where, &picture);
+    sbl__check_int(&check, where, "gutter", d->gutter, gutters);
+    sbl__check_int(&check, where, "directional", d->directional, switches);
+    sbl__check_int(&check, where, "supersample", d->supersample, supersamples);
+    if (d->supersample > 1 && d->supersample <= supersamples[1] && !sbl__supersample_fits(d))
+        sbl__mistake(&check, "%s: %d x %d texels, supersample %d: more than 16384 places across", where, d->width,
+                     d->height, d->supersample);
+    sbl__check_array(&check, where, "mesh_count", d->mesh_count, d->meshes);
+    for (i = 0; d->meshes && i < d->mesh_count; i++) {
+        const int mesh = d->meshes[i];
+        if (mesh < 0 || mesh >= g->mesh_count)
+            sbl__mistake(&check, "%s: meshes[%d] is %d; the scene has %d", where, i, mesh, g->mesh_count);
+        else if (!g->meshes[mesh].lightmapped)
+            sbl__mistake(&check, "%s: meshes[%d] is %d, a mesh without lightmap_texcoords", where, i, mesh);
+    }
+    return sbl__check_end(&check);
+}
+
+/* >>options: readings */
+
+SBL_API sbl_readings_desc sbl_readings_desc_defaults(const sbl_readings_desc *desc) {
+    static const int rays[SBL_PRESET_COUNT] = { 256, 64, 1024 };
+    sbl_readings_desc d;
+    memset(&d, 0, sizeof d);
+    if (desc) d = *desc;
+    sbl__options_defaults(&d.options, rays, sbl__sensor_sizes);
+    d.sensor_kind = sbl__sensor_kind_default(d.sensor_kind, d.options.mode);
+    if (sbl__zero(&d.sensor_fov)) d.sensor_fov = 135;
+    return d;
+}
+
+#define SBL__SITES_NAMED 16  /* of wrong sites so many are named, the others counted */
+
+/* Returns 1 where the site is fit for use; names what is wrong with it where `named`. */
+static int sbl__check_site(sbl__check *check, const sbl_site *s, int number, int named) {
+    const int good = sbl__all_finite(s->position, 3) && sbl__all_finite(s->normal, 3) &&
+                     !sbl__all_zero(s->normal, 3) && sbl__all_finite(s->geometric_normal, 3) &&
+                     sbl__finite(&s->offset);
+    char where[32];
+    if (good || !named) return good;
+    snprintf(where, sizeof where, "site %d", number);
+    sbl__check_finite(check, where, "position", s->position, 3);
+    sbl__check_finite(check, where, "normal", s->normal, 3);
+    if (sbl__all_zero(s->normal, 3))
+        sbl__mistake(check, "%s: normal is 0 0 0; it must point to the side that the light comes from", where);
+    sbl__check_finite(check, where, "geometric_normal", s->geometric_normal, 3);
+    sbl__check_finite(check, where, "offset", &s->offset, 1);
+    return 0;
+}
+
+/* d has its defaults filled in; `given` is what the host wrote, or NULL. */
+static sbl_result sbl__check_readings(const sbl__base *base, const sbl_readings_desc *given, const sbl_readings_desc *d,
+                                      int host_draws) {
+    const char *where = "sbl_readings_desc";
+    sbl__check check;
+    int i, wrong = 0;
+    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_READINGS_DESC);
+    if (given && !sbl__check_canaries(&check, where, given->start_canary, given->end_canary))
+        return sbl__check_end(&check);
+    sbl__check_options(&check, where, &d->options, 1, sbl__sensor_rays, host_draws);
+    sbl__check_sensor_kind(&check, where, &d->options, d->sensor_kind, d->sensor_fov);
+    sbl__check_array(&check, where, "site_count", d->site_count, d->sites);
+    if (!d->readings && d->site_count > 0)
+        sbl__mistake(&check, "%s: readings is NULL; it receives site_count readings", where);
+    for (i = 0; d->sites && i < d->site_count; i++)
+        wrong += !sbl__check_site(&check, &d->sites[i], i, wrong < SBL__SITES_NAMED);
+    if (wrong > SBL__SITES_NAMED)
+        sbl__mistake(&check, "%s: and %d sites more are as wrong", where, wrong - SBL__SITES_NAMED);
+    return sbl__check_end(&check);
+}
+
+/* >>options: light at vertices */
+
+/* The readings that light at vertices is made of, without their sites. */
+static sbl_readings_desc sbl__vertices_readings(const sbl_vertices_desc *d) {
+    sbl_readings_desc readings;
+    memset(&readings, 0, sizeof readings);
+    readings.options = d->options;
+    return sbl_readings_desc_defaults(&readings);
+}
+
+SBL_API sbl_vertices_desc sbl_vertices_desc_defaults(const sbl_vertices_desc *desc) {
+    static const int rays[SBL_PRESET_COUNT] = { 64, 16, 256 };
+    sbl_vertices_desc d;
+    memset(&d, 0, sizeof d);
+    if (desc) d = *desc;
+    sbl__options_defaults(&d.options, rays, sbl__sensor_sizes);
+    if (!d.samples) d.samples = d.options.preset == SBL_PRESET_DRAFT ? 4 : d.options.preset == SBL_PRESET_HIGH ? 16 : 8;
+    if (sbl__zero(&d.smoothing)) d.smoothing = 0.02f;
+    return d;
+}
+
+#define SBL__VERTICES_SMOOTHEST 1e6f
+
+/* d has its defaults filled in; `given` is what the host wrote, or NULL. */
+static sbl_result sbl__check_vertices(const sbl__base *base, const sbl_vertices_desc *given, const sbl_vertices_desc *d,
+                                      const sbl__scene *scene) {
+    static const int samples[2] = { 1, 1024 }, flags[2] = { 0, 1 };
+    const char *where = "sbl_vertices_desc";
+    const sbl__geometry *g = &scene->geometry;
+    double vertices = 0, triangles = 0;
+    sbl__check check;
+    int i;
+    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_VERTICES_DESC);
+    if (given && !sbl__check_canaries(&check, where, given->start_canary, given->end_canary))
+        return sbl__check_end(&check);
+    sbl__check_options(&check, where, &d->options, 0, sbl__sensor_rays, scene->draw != NULL);
+    sbl__check_int(&check, where, "samples", d->samples, samples);
+    sbl__check_int(&check, where, "average", d->average, flags);
+    if (!sbl__between(&d->smoothing, -FLT_MAX, SBL__VERTICES_SMOOTHEST))
+        sbl__mistake(&check, "%s: smoothing is %g; it must be finite and at most %g", where, (double)d->smoothing,
+                     (double)SBL__VERTICES_SMOOTHEST);
+    sbl__check_array(&check, where, "mesh_count", d->mesh_count, d->meshes);
+    for (i = 0; i < (d->mesh_count ? d->mesh_count : g->mesh_count) && (d->meshes || !d->mesh_count); i++) {
+        const int mesh = d->mesh_count ? d->meshes[i] : i;
+        if (mesh >= 0 && mesh < g->mesh_count) {
+            vertices += g->meshes[mesh].vertex_count;
+            triangles += g->meshes[mesh].triangle_count;
+        } else
+            sbl__mistake(&check, "%s: meshes[%d] is %d; the scene has %d", where, i, mesh, g->mesh_count);
+    }
+    if (vertices > INT_MAX / 4 || triangles > INT_MAX / 4)
+        sbl__mistake(&check, "%s: meshes have %.0f vertices and %.0f triangles; at most %d of each can be numbered",
+                     where, vertices, triangles, INT_MAX / 4);
+    if (vertices > 0 && !d->radiance)
+        sbl__mistake(&check, "%s: radiance is NULL; it receives 3 floats for each of %.0f vertices", where, vertices);
+    if ((double)d->float_count < 3 * vertices)
+        sbl__mistake(&check, "%s: float_count is %.0f; %.0f vertices need %.0f floats", where, (double)d->float_count,
+                     vertices, 3 * vertices);
+    return sbl__check_end(&check);
+}
+
+/* >>options: probes */
+
+/* Points of a grid; INT_MAX: too many, 0: there is no grid. */
+static int sbl__grid_count(const int grid[3]) {
+    double count = 1;
+    int k;
+    for (k = 0; k < 3; k++) count *= grid[k];
+    return grid[0] < 1 || grid[1] < 1 || grid[2] < 1 ? 0 : (int)SBL__MIN(count, (double)INT_MAX);
+}
+
+static void sbl__check_grid(sbl__check *check, const char *where, const sbl_probes_desc *d) {
+    static const int sizes[2] = { 1, 16384 };
+    const int given = d->grid[0] || d->grid[1] || d->grid[2], points = sbl__grid_count(d->grid);
+    int k;
+    if (!given && d->probe_count > 0)
+        sbl__mistake(check, "%s: probe_count is %d; positions is NULL, and there is no grid", where, d->probe_count);
+    for (k = 0; k < 3 && given; k++) {
+        char name[16];
+        snprintf(name, sizeof name, "grid[%d]", k);
+        sbl__check_int(check, where, name, d->grid[k], sizes);
+    }
+    if (points == INT_MAX) sbl__mistake(check, "%s: grid has more points than an int can count", where);
+    else if (points && d->probe_count != points && d->probe_count >= 0)
+        sbl__mistake(check, "%s: probe_count is %d; the grid has %d points", where, d->probe_count, points);
+    sbl__check_finite(check, where, "lowest", d->lowest, 3);
+    sbl__check_finite(check, where, "highest", d->highest, 3);
+    for (k = 0; k < 3 && sbl__all_finite(d->lowest, 3) && sbl__all_finite(d->highest, 3); k++)
+        if (d->lowest[k] > d->highest[k])
+            sbl__mistake(check, "%s: lowest[%d] is %g; highest[%d], %g, is less", where, k, (double)d->lowest[k], k,
+                         (double)d->highest[k]);
+}
+
+SBL_API sbl_probes_desc sbl_probes_desc_defaults(const sbl_probes_desc *desc) {
+    static const int rays[SBL_PRESET_COUNT] = { 4096, 1024, 16384 }, sizes[SBL_PRESET_COUNT] = { 16, 8, 32 };
+    sbl_probes_desc d;
+    memset(&d, 0, sizeof d);
+    if (desc) d = *desc;
+    sbl__options_defaults(&d.options, rays, sizes);
+    if (!d.positions && !d.probe_count) d.probe_count = sbl__grid_count(d.grid);
+    return d;
+}
+
+/* d has its defaults filled in; `given` is what the host wrote, or NULL. */
+static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc *given, const sbl_probes_desc *d,
+                                    int host_draws) {
+    static const int rays[2] = { 64, 65536 };
+    const char *where = "sbl_probes_desc";
+    sbl__check check;
+    int i, wrong = 0;
+    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_PROBES_DESC);
+    if (given && !sbl__check_canaries(&check, where, given->start_canary, given->end_canary))
+        return sbl__check_end(&check);
+    sbl__check_options(&check, where, &d->options, 0, rays, host_draws);
+    if (!sbl__between(&d->move, 0, FLT_MAX))
+        sbl__mistake(&check, "%s: move is %g; it must be finite and not negative", where, (double)d->move);
+    if (d->probe_count < 0) sbl__mistake(&check, "%s: probe_count is %d; it cannot be negative", where, d->probe_count);
+    if (!d->probes && d->probe_count > 0)
+        sbl__mistake(&check, "%s: probes is NULL; it receives probe_count probes", where);
+    if (!d->positions) sbl__check_grid(&check, where, d);
+    for (i = 0; d->positions && i < d->probe_count; i++) {
+        char name[32];
+        if (sbl__all_finite(d->positions + 3 * (size_t)i, 3)) continue;
+        snprintf(name, sizeof name, "probe %d", i);
+        if (wrong++ < SBL__SITES_NAMED) sbl__check_finite(&check, name, "position", d->positions + 3 * (size_t)i, 3);
+    }
+    if (wrong > SBL__SITES_NAMED)
+        sbl__mistake(&check, "%s: and %d probes more are as wrong", where, wrong - SBL__SITES_NAMED);
+    return sbl__check_end(&check);
+}
 
 /* ======================================================================================================== >>atlas
    Which point of which triangle each texel of a lightmap shows, found on the CPU. A triangle shows at all texels whose
@@ -7544,7 +7777,7 @@ static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const
     for (k = 0; k < 3; k++) c->eye[k] = -(c->right[k] * m[12] + c->up[k] * m[13] + c->back[k] * m[14]);
     c->orthographic = desc->view_to_clip[11] == 0.0f;
     c->depth_scale = (float)SBL__DEPTH_SHARE * g->extent;
-    c->facet_limit = desc->facet_limit;
+    c->facet_limit = SBL__MAX(desc->facet_limit, 0.0f);
     c->nearest = DBL_MAX;
     c->farthest = -DBL_MAX;
     for (i = 0; i < 8; i++) {
@@ -10372,7 +10605,7 @@ static void sbl__spec_make(sbl__spec *spec, const sbl__seeing *s, const sbl__sce
         spec->hemicube = s->sensor_kind == SBL_SENSOR_HEMICUBE;
         spec->size = s->sensor_size;
         spec->fov = s->sensor_fov;
-        spec->atlas_size = c->atlas_size;
+        spec->atlas_size = c->sensor_texture_size;
     }
 }
 
@@ -10958,10 +11191,10 @@ typedef struct sbl__core {
 /* What the job's counts mean to the host. */
 static void sbl__core_count(sbl__core *c) {
     const sbl__job_counts *n = &c->job.counts;
-    c->stats.sensor_views = n->views;
-    c->stats.sensor_texels = n->texels;
-    c->stats.rays = n->rays;
-    c->stats.readbacks += n->readbacks;
+    c->stats.sensors.views = n->views;
+    c->stats.sensors.texels = n->texels;
+    c->stats.sensors.rays = n->rays;
+    c->stats.sensors.readbacks += n->readbacks;
     c->job.counts.readbacks = 0;
 }
 
@@ -10970,9 +11203,9 @@ static sbl_result sbl__core_prepare(sbl__core *c, const sbl__seeing *s, sbl__sli
     const sbl__hierarchy *h = &c->scene.hierarchy;
     const sbl_result result = sbl__seeing_needs_rays(s) ? sbl__scene_step(&c->device, &c->scene, slice) : SBL_SUCCESS;
     if (result != SBL_SUCCESS) return result;
-    c->stats.bvh_seconds = h->seconds;
-    c->stats.lamps = sbl__seeing_needs_rays(s) ? c->scene.lights.leaves : 0;
-    c->stats.bvh_bytes = h->node_table.buffer.bytes + h->triangle_table.buffer.bytes + h->node_table.texels.bytes +
+    c->stats.scene.bvh_seconds = h->seconds;
+    c->stats.scene.lamps = sbl__seeing_needs_rays(s) ? c->scene.lights.leaves : 0;
+    c->stats.scene.bvh_bytes = h->node_table.buffer.bytes + h->triangle_table.buffer.bytes + h->node_table.texels.bytes +
                          h->triangle_table.texels.bytes;
     return SBL_SUCCESS;
 }
@@ -10982,7 +11215,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
     const double scene_seconds = c->stats.seconds.scene;
     memset(&c->stats, 0, sizeof c->stats);
     memset(&c->job.counts, 0, sizeof c->job.counts);
-    c->stats.triangles = c->scene.geometry.triangle_count;
+    c->stats.scene.triangles = c->scene.geometry.triangle_count;
     c->stats.seconds.scene = scene_seconds;
     c->stats.mode = s->mode;
     c->stats.backend = s->backend;
@@ -11232,8 +11465,8 @@ static sbl_result sbl__bounce_cast(sbl__core *c, sbl__bounce *b, sbl__cast_make 
     sbl__free(d->base, rays);
     if (result != SBL_SUCCESS) return result;
     sbl__pace_end(d, &b->pace, some);
-    c->stats.readbacks += 2;
-    c->stats.bounce_rays += some;
+    c->stats.sensors.readbacks += 2;
+    c->stats.store.rays += some;
     b->at += some;
     return b->at < count ? SBL_UNFINISHED : SBL_SUCCESS;
 }
@@ -11764,8 +11997,8 @@ static void sbl__bounce_spec(const sbl__core *c, sbl_mode mode, int rays, sbl__s
 
 /* What the job has cost. */
 static void sbl__bounce_count(sbl__core *c, const sbl__bounce *b) {
-    c->stats.readbacks += b->job.counts.readbacks;
-    c->stats.bounce_rays += b->job.counts.rays;
+    c->stats.sensors.readbacks += b->job.counts.readbacks;
+    c->stats.store.rays += b->job.counts.rays;
 }
 
 static void sbl__bounce_light(sbl__core *c, sbl__bounce *b) {
@@ -12204,7 +12437,7 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     const double start = sbl__now();
     sbl__store *s = &c->scene.store;
     sbl_result result;
-    c->stats.bounce_samples = s->leaf_count;
+    c->stats.store.cells = s->leaf_count;
     if (s->ready) return SBL_SUCCESS;
     if (c->bounce && c->bounce->surfaces != c->scene.surfaces) sbl__bounce_end(c);
     if (!c->bounce) {
@@ -12222,7 +12455,7 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
         else result = SBL_UNFINISHED;
     } else if (result != SBL_UNFINISHED) sbl__bounce_end(c);
     c->stats.seconds.bounce += sbl__now() - start;
-    c->stats.bounce_samples = s->leaf_count;
+    c->stats.store.cells = s->leaf_count;
     return result;
 }
 
@@ -13226,10 +13459,10 @@ static sbl_result sbl__refine_take(sbl__refine *r, sbl_stats *stats, sbl__slice 
         if (p->sensed) continue;
         p->sensed = 1;
         sbl__refine_hide(r, (int)r->sites[r->at].number, reading);
-        stats->invalid_sensors += p->invalid;
-        stats->levels[p->level - 1].sensors++;
-        stats->level_count = SBL__MAX(stats->level_count, p->level);
-        stats->sensors++;
+        stats->sensors.invalid += p->invalid;
+        stats->picture.levels[p->level - 1].sensors++;
+        stats->picture.level_count = SBL__MAX(stats->picture.level_count, p->level);
+        stats->sensors.count++;
     }
     if (r->listed < r->cell_count) return SBL_SUCCESS;
     r->listed = 0;
@@ -14501,10 +14734,10 @@ static int sbl__picture_under_way(const sbl__picture *p) {
 
 /* desc has its defaults filled in and has been checked. asked: its error is the host's own. */
 static void sbl__picture_begin(sbl__picture *p, const sbl__core *c, const sbl_picture_desc *desc, int asked) {
-    const sbl__seeing seeing = SBL__SEEING(desc);
+    const sbl__seeing seeing = sbl__seeing_of(&desc->options, desc->sensor_kind, desc->sensor_fov);
     p->desc = *desc;
     p->seeing = seeing;
-    p->seeing.look_rays = sbl__look_rays(desc->error);
+    p->seeing.look_rays = sbl__look_rays(desc->target_error);
     p->seeing.looks = asked ? SBL__MAX_LOOKS : SBL__DEFAULT_LOOKS;
     p->scene_version = c->scene.version;
     p->size[0] = desc->width;
@@ -14513,11 +14746,11 @@ static void sbl__picture_begin(sbl__picture *p, const sbl__core *c, const sbl_pi
     p->refine.width = desc->width;
     p->refine.height = desc->height;
     p->refine.tile = desc->tile;
-    p->refine.threshold = desc->threshold;
-    p->refine.asked = desc->error;
+    p->refine.threshold = desc->threshold < 0 ? FLT_MIN : desc->threshold;
+    p->refine.asked = desc->target_error;
     sbl__looks_begin(&p->refine);
-    p->refine.geometry_aware = p->refine.relative = desc->mode != SBL_MODE_PAPER;
-    p->refine.bounced = desc->mode == SBL_MODE_GI;
+    p->refine.geometry_aware = p->refine.relative = desc->options.mode != SBL_MODE_PAPER;
+    p->refine.bounced = desc->options.mode == SBL_MODE_GI;
     p->refine.smoothing = sbl__filter_pixels(desc->filter_radius);
     p->store_share = sbl__prepare_share(c, &seeing);
     p->stage = SBL__STAGE_SETUP;
@@ -14597,7 +14830,7 @@ static sbl_result sbl__picture_surface(sbl__core *c, sbl__picture *p, const sbl_
     job.gbuffer = g;
     job.offset[0] = offset[0];
     job.offset[1] = offset[1];
-    job.epsilon = p->desc.epsilon;
+    job.epsilon = p->seeing.epsilon;
     job.bounced = p->spec.bounced && g == &p->gbuffer;
     job.atlas = p->lightmap ? &p->atlas : NULL;
     return sbl__surface_step(&c->device, &p->surface, &job, slice);
@@ -14673,7 +14906,7 @@ static sbl_result sbl__picture_read(sbl__core *c, sbl__picture *p) {
     for (k = 0; k < parts && result == SBL_SUCCESS; k++)
         result = sbl__target_read(&c->device, t, attachments[k], p->at, rows, data + 4 * (size_t)count * (size_t)k);
     if (result == SBL_SUCCESS) result = sbl__target_read(&c->device, t, SBL__GBUFFER_ID, p->at, rows, ids);
-    c->stats.readbacks += parts + 1;
+    c->stats.sensors.readbacks += parts + 1;
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
         const float *from[4];
         sbl__pixel *pixel;
@@ -14684,14 +14917,14 @@ static sbl_result sbl__picture_read(sbl__core *c, sbl__picture *p) {
         sbl__picture_take_pixel(c, p, from, id, pixel);
         if (p->directional && pixel->sensed) sbl__harmonics_even(pixel, &p->refine.harmonics[pixel - p->refine.pixels]);
         p->refine.doubt2 += (double)pixel->doubt * pixel->doubt;
-        c->stats.visible_pixels += id && !p->shown;
+        c->stats.picture.visible_pixels += id && !p->shown;
     }
     sbl__free(c->device.base, data);
     for (i = p->at / p->across * p->size[0]; p->shown && i < (p->at + rows) / p->across * p->size[0]; i++)
-        c->stats.visible_pixels += sbl__picture_show(p, i) > 0;
+        c->stats.picture.visible_pixels += sbl__picture_show(p, i) > 0;
     p->at += rows;
     if (result != SBL_SUCCESS || p->at < p->desc.height) return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
-    if (c->stats.visible_pixels == 0)
+    if (c->stats.picture.visible_pixels == 0)
         sbl__log(c->device.base, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE,
                  p->lightmap ? "no mesh of the lightmap has a triangle on the map; check lightmap_texcoords" :
                  "the camera sees no surface; check world_to_view, view_to_clip and the scene's bounds");
@@ -14735,7 +14968,7 @@ static sbl_result sbl__picture_filter(sbl__core *c, sbl__picture *p, const sbl__
     if (p->at == 0 && result == SBL_SUCCESS && !p->previewing && !layer) result = sbl__picture_setup_end(&c->device, p);
     if (result != SBL_SUCCESS) return result;
     filter.radius = SBL__MAX(p->desc.filter_radius, 0);
-    filter.geometry_aware = p->desc.mode != SBL_MODE_PAPER;
+    filter.geometry_aware = p->desc.options.mode != SBL_MODE_PAPER;
     filter.radiance = &p->radiance;
     filter.layer = layer ? &p->layer : NULL;
     filter.few = p->spec.dark || !p->spec.traced ? 0 : SBL__FEW_RAYS / (float)sqrt((double)p->spec.rays);
@@ -14790,7 +15023,7 @@ static sbl_result sbl__picture_take_light(sbl__core *c, sbl__picture *p, int row
     if (across > 1) data = (float *)sbl__alloc_raw(&c->base, (size_t)count * (size_t)(across * across), 16);
     if (!data) return SBL_ERROR_OUT_OF_MEMORY;
     result = sbl__target_read(&c->device, from, 0, p->at * across, rows * across, data);
-    c->stats.readbacks++;
+    c->stats.sensors.readbacks++;
     if (across == 1) return result;
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
         const uint32_t id = p->refine.pixels[p->shown[first + i]].id;
@@ -14813,9 +15046,9 @@ static sbl_result sbl__picture_sew(sbl__core *c, sbl__picture *p, sbl__slice *sl
     const int layer = p->refine.layer;
     const sbl_result result = sbl__seams_step(&c->base, s, &p->gutters, &p->atlas, &c->scene.geometry, slice);
     if (layer) return result;
-    c->stats.seams = s->seams;
-    c->stats.seam_before = s->before / p->refine.luminance;
-    c->stats.seam_after = s->after / p->refine.luminance;
+    c->stats.lightmap.seams = s->seams;
+    c->stats.lightmap.seam_before = s->before / p->refine.luminance;
+    c->stats.lightmap.seam_after = s->after / p->refine.luminance;
     return result;
 }
 
@@ -14964,7 +15197,7 @@ static void sbl__picture_see(const sbl__core *c, sbl__picture *p) {
    guides, where they see light at all; if that is not enough, looks get more rays. Either way sensors begin anew. */
 static sbl__stage sbl__picture_look_better(const sbl__core *c, sbl__picture *p) {
     const int times = !p->spec.traced || p->seeing.rays ? 1 :
-                      sbl__look_growth(p->desc.error, p->refine.look2, p->seeing.look_rays);
+                      sbl__look_growth(p->desc.target_error, p->refine.look2, p->seeing.look_rays);
     const int guided = p->spec.guided;
     if (times == 1) return SBL__STAGE_WEIGH;
     sbl__refine_forget(&p->refine);
@@ -14997,7 +15230,7 @@ static sbl__stage sbl__picture_next(sbl__core *c, sbl__picture *p) {
                 const sbl__stage stage = sbl__picture_look_better(c, p);
                 if (stage != SBL__STAGE_WEIGH) return stage;
             }
-            c->stats.error_expected = (float)p->refine.predicted;
+            c->stats.picture.expected_error = (float)p->refine.predicted;
             p->previewing = p->watched && (double)p->refine.taken >= SBL__PREVIEW_GROWTH * (double)p->previewed;
             return p->previewing ? SBL__STAGE_FILL : SBL__STAGE_SPEND;
         case SBL__STAGE_SCOUTS:
@@ -15115,7 +15348,7 @@ enum { SBL__GATHER_PREPARE = 1, SBL__GATHER_SITES_NEXT, SBL__GATHER_SENSE, SBL__
 typedef struct sbl__gathering {
     sbl__core *core;
     sbl__stages stages;
-    sbl_gather_desc desc;       /* defaults filled in */
+    sbl_readings_desc desc;       /* defaults filled in */
     sbl__seeing seeing;
     sbl__spec spec;
     sbl__site *sites;           /* of the job */
@@ -15155,8 +15388,8 @@ static void sbl__site_make(const sbl__core *c, const sbl__gathering *g, int numb
 }
 
 /* desc has its defaults filled in and has been checked. */
-static void sbl__gathering_begin(sbl__core *c, sbl__gathering *g, const sbl_gather_desc *desc, int every_ray) {
-    const sbl__seeing seeing = SBL__SEEING(desc);
+static void sbl__gathering_begin(sbl__core *c, sbl__gathering *g, const sbl_readings_desc *desc, int every_ray) {
+    const sbl__seeing seeing = sbl__seeing_of(&desc->options, desc->sensor_kind, desc->sensor_fov);
     g->core = c;
     g->desc = *desc;
     g->seeing = seeing;
@@ -15221,8 +15454,8 @@ static int sbl__gathering_after_sense(void *work) {
     sbl_stats *stats = &g->core->stats;
     int i;
     sbl__core_count(g->core);
-    stats->sensors += g->count;
-    for (i = g->first; i < g->first + g->count; i++) stats->invalid_sensors += !g->desc.readings[i].valid;
+    stats->sensors.count += g->count;
+    for (i = g->first; i < g->first + g->count; i++) stats->sensors.invalid += !g->desc.readings[i].valid;
     g->first += g->count;
     return g->first < g->desc.site_count ? SBL__GATHER_SITES_NEXT : SBL__GATHER_DONE;
 }
@@ -15275,7 +15508,6 @@ static float sbl__gathering_progress(const sbl__core *c, const sbl__gathering *g
 #define SBL__VERTICES_PRECISION 1e-6    /* of the solution, where it ends, */
 #define SBL__VERTICES_ROUNDS 1000       /* or after so many rounds */
 #define SBL__VERTICES_RINGS 64          /* edges that light is carried over */
-#define SBL__VERTICES_SMOOTHEST 1e6f
 #define SBL__VERTICES_GRAZING 0.01      /* SBL_GRAZING */
 #define SBL__VERTICES_NONE UINT32_MAX
 
@@ -16085,7 +16317,7 @@ static int sbl__probe_normals(const sbl__probing *g) { return g->rings * g->arou
 
 /* Sites of a probe. */
 static int sbl__probe_sites(const sbl__probing *g, int kind) {
-    return kind == SBL__PROBE_RAYS ? g->desc.rays : sbl__probe_normals(g) + 6;
+    return kind == SBL__PROBE_RAYS ? g->desc.options.rays : sbl__probe_normals(g) + 6;
 }
 
 /* Normal number i. The even part of R bends where a normal crosses a light's horizon, and needs many axes; its odd part
@@ -16109,7 +16341,7 @@ static void sbl__probe_direction(const sbl__probing *g, int number, int i, doubl
         out[0] = out[1] = out[2] = 0;
         out[(i - normals) / 2] = (i - normals) & 1 ? -1 : 1;
     } else {
-        sbl__sequence_at(g->sequence, i, sbl__hash((uint32_t)number ^ sbl__hash(g->desc.seed)), u);
+        sbl__sequence_at(g->sequence, i, sbl__hash((uint32_t)number ^ sbl__hash(g->desc.options.seed)), u);
         out[2] = 1 - 2 * u[0];
         r = sqrt(1 - out[2] * out[2]);
         out[0] = r * cos(2 * SBL__PI * u[1]);
@@ -16149,11 +16381,11 @@ static void sbl__probing_begin(const sbl__core *c, sbl__probing *g, const sbl_pr
 static sbl_result sbl__probing_setup(sbl__core *c, sbl__probing *g) {
     const int traced = g->seeing.backend == SBL_BACKEND_TRACE;
     sbl__spec *faces = &g->specs[SBL__PROBE_FACES], *rays = &g->specs[SBL__PROBE_RAYS];
-    const int most = SBL__MAX(sbl__probe_sites(g, SBL__PROBE_FACES), g->desc.rays);
-    const int batch = SBL__MIN(SBL__PROBES_BATCH, g->desc.count);
+    const int most = SBL__MAX(sbl__probe_sites(g, SBL__PROBE_FACES), g->desc.options.rays);
+    const int batch = SBL__MIN(SBL__PROBES_BATCH, g->desc.probe_count);
     const size_t room = (size_t)SBL__MIN(SBL__GATHER_SITES, (double)most * batch);
     sbl__seeing seeing = g->seeing;
-    seeing.rays = SBL__MAX(g->desc.rays / SBL__PROBE_LAMP_SHARE, SBL__PROBE_LAMP_LEAST);
+    seeing.rays = SBL__MAX(g->desc.options.rays / SBL__PROBE_LAMP_SHARE, SBL__PROBE_LAMP_LEAST);
     seeing.rays = SBL__MIN(seeing.rays, SBL__PROBE_LAMP_MOST);
     if (traced) {  /* lamps alone */
         seeing.mode = SBL_MODE_DIRECT;
@@ -16168,7 +16400,7 @@ static sbl_result sbl__probing_setup(sbl__core *c, sbl__probing *g) {
     sbl__spec_make(rays, &seeing, &c->scene, &c->desc);
     rays->lamp_rays = 0;
     rays->narrow = 1;
-    g->sequence = sbl__sequence_make(&c->base, 1, g->desc.rays, 1);
+    g->sequence = sbl__sequence_make(&c->base, 1, g->desc.options.rays, 1);
     g->sums = (sbl__probe_sum *)sbl__alloc(&c->base, (size_t)batch, sizeof *g->sums);
     g->sites = (sbl__site *)sbl__alloc_raw(&c->base, room, sizeof *g->sites);
     g->readings = (sbl_reading *)sbl__alloc_raw(&c->base, room, sizeof *g->readings);
@@ -16185,7 +16417,7 @@ static void sbl__probing_round(const sbl__core *c, sbl__probing *g) {
 
 static void sbl__probing_batch(const sbl__core *c, sbl__probing *g) {
     int i;
-    g->taken = g->count = SBL__MIN(SBL__PROBES_BATCH, g->desc.count - g->first);
+    g->taken = g->count = SBL__MIN(SBL__PROBES_BATCH, g->desc.probe_count - g->first);
     g->round = 0;
     memset(g->sums, 0, sizeof *g->sums * (size_t)g->count);
     for (i = 0; i < g->count; i++) {
@@ -16227,7 +16459,7 @@ static sbl_result sbl__probing_sites(sbl__core *c, sbl__probing *g, sbl__slice *
 static void sbl__probe_add(const sbl__probing *g, sbl__probe_sum *sum, int site, const double d[3],
                            const sbl_reading *r) {
     const int rays = g->kind == SBL__PROBE_RAYS;
-    const double share = rays ? 1.0 / g->desc.rays : g->ring_weight[site / g->around] / g->around;
+    const double share = rays ? 1.0 / g->desc.options.rays : g->ring_weight[site / g->around] / g->around;
     const double area = 4 * SBL__PI * share;
     double y[9];
     int i, k;
@@ -16297,12 +16529,12 @@ static void sbl__probe_make(const sbl__probing *g, const sbl__probe_sum *sum, sb
         out->distance[i] = sum->weight[i] > 0 ? (float)(sum->distance[i] / sum->weight[i]) : 0;
         out->distance_squared[i] = sum->weight[i] > 0 ? (float)(sum->squared[i] / sum->weight[i]) : 0;
     }
-    out->sky = (float)(1 - sum->hits / g->desc.rays);
+    out->sky = (float)(1 - sum->hits / g->desc.options.rays);
     out->back_share = sum->hits > 0 ? (float)(sum->back / sum->hits) : 0;
     finite = sbl__all_finite(&out->sh[0][0], 27) && sbl__all_finite(&out->cube[0][0], 18) &&
              sbl__all_finite(out->distance, 8) && sbl__all_finite(out->distance_squared, 8);
     if (!finite) memset(out, 0, sizeof *out);
-    out->valid = finite && !sum->overflows && sum->back <= SBL__PROBE_INSIDE * g->desc.rays;
+    out->valid = finite && !sum->overflows && sum->back <= SBL__PROBE_INSIDE * g->desc.options.rays;
     memcpy(out->position, sum->place, sizeof out->position);
 }
 
@@ -16325,13 +16557,13 @@ static int sbl__probe_move(const sbl__probing *g, sbl__probe_sum *sum) {
 /* Tells the host what was found; those that are not valid go on to the next round. */
 static void sbl__probing_close(sbl__core *c, sbl__probing *g) {
     int i, left = 0;
-    c->stats.sensors += g->count;
+    c->stats.sensors.count += g->count;
     for (i = 0; i < g->count; i++) {
         sbl__probe_sum next;
         sbl_probe probe;
         sbl__probe_make(g, &g->sums[i], &probe);
         if (probe.valid || g->round == 0) g->desc.probes[g->sums[i].number] = probe;
-        c->stats.invalid_sensors += probe.valid ? g->round == 0 ? 0 : -1 : g->round == 0;
+        c->stats.sensors.invalid += probe.valid ? g->round == 0 ? 0 : -1 : g->round == 0;
         if (probe.valid) continue;
         memset(&next, 0, sizeof next);
         next.number = g->sums[i].number;
@@ -16343,7 +16575,7 @@ static void sbl__probing_close(sbl__core *c, sbl__probing *g) {
     if (left) sbl__probing_round(c, g);
     else {
         g->first += g->taken;
-        g->stage = g->first < g->desc.count ? SBL__PROBES_BATCH_NEXT : SBL__PROBES_DONE;
+        g->stage = g->first < g->desc.probe_count ? SBL__PROBES_BATCH_NEXT : SBL__PROBES_DONE;
     }
 }
 
@@ -16356,7 +16588,7 @@ static sbl_result sbl__probing_step(sbl__core *c, sbl__probing *g, sbl__slice *s
     switch (g->stage) {
         case SBL__PROBES_PREPARE:
             result = sbl__prepare(c, &g->seeing, slice);
-            if (result != SBL_SUCCESS || !g->desc.count) break;
+            if (result != SBL_SUCCESS || !g->desc.probe_count) break;
             result = sbl__probing_setup(c, g);
             break;
         case SBL__PROBES_BATCH_NEXT: sbl__probing_batch(c, g); break;
@@ -16385,7 +16617,7 @@ static sbl_result sbl__probing_step(sbl__core *c, sbl__probing *g, sbl__slice *s
         default: break;
     }
     if (g->stage == SBL__PROBES_PREPARE && result == SBL_SUCCESS)
-        g->stage = g->desc.count ? SBL__PROBES_BATCH_NEXT : SBL__PROBES_DONE;
+        g->stage = g->desc.probe_count ? SBL__PROBES_BATCH_NEXT : SBL__PROBES_DONE;
     *seconds += sbl__now() - start - (c->stats.seconds.bounce - bounced);
     return result != SBL_SUCCESS ? result : g->stage == SBL__PROBES_DONE ? SBL_SUCCESS : SBL_UNFINISHED;
 }
@@ -16393,12 +16625,12 @@ static sbl_result sbl__probing_step(sbl__core *c, sbl__probing *g, sbl__slice *s
 static float sbl__probing_progress(const sbl__core *c, const sbl__probing *g) {
     double part = 0;
     if (g->stage == SBL__PROBES_DONE) return 1;
-    if (g->stage <= SBL__PROBES_BATCH_NEXT) return (float)(g->first / (double)SBL__MAX(1, g->desc.count));
+    if (g->stage <= SBL__PROBES_BATCH_NEXT) return (float)(g->first / (double)SBL__MAX(1, g->desc.probe_count));
     if (g->stage == SBL__PROBES_SENSE) part = (double)sbl__job_progress(&c->job) * g->job_count;
     else if (g->stage == SBL__PROBES_TAKE) part = g->job_count;
     part = (part + g->from) / SBL__MAX(1, g->count * sbl__probe_sites(g, SBL__MIN(g->kind, SBL__PROBE_RAYS)));
     part = 0.5 * (SBL__MIN(part, 1.0) + g->kind);
-    return (float)((g->first + (g->round ? 1 : SBL__MIN(part, 1.0)) * g->taken) / g->desc.count);
+    return (float)((g->first + (g->round ? 1 : SBL__MIN(part, 1.0)) * g->taken) / g->desc.probe_count);
 }
 
 /* ======================================================================================================== >>inspect
@@ -16787,7 +17019,7 @@ static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gb
 /* Traces a sensor at unit distance from the triangle. *met: 1 if most of its rays hit the triangle, at the right
    distance, and find the radiance that the ambient light of 0.5 gives it */
 static sbl_result sbl__trial_rays(sbl__core *c, int *met) {
-    sbl_gather_desc desc;
+    sbl_readings_desc desc;
     sbl__gathering gathering;
     sbl_reading reading;
     sbl__slice slice = sbl__slice_of(&c->desc, 0);
@@ -16802,11 +17034,11 @@ static sbl_result sbl__trial_rays(sbl__core *c, int *met) {
     desc.sites = &site;
     desc.readings = &reading;
     desc.site_count = 1;
-    desc.mode = SBL_MODE_AMBIENT;
-    desc.backend = SBL_BACKEND_TRACE;
-    desc.epsilon = 0.5f;
-    desc.rays = SBL__TRIAL_RAYS;
-    desc = sbl_gather_desc_defaults(&desc);
+    desc.options.mode = SBL_MODE_AMBIENT;
+    desc.options.backend = SBL_BACKEND_TRACE;
+    desc.options.epsilon = 0.5f;
+    desc.options.rays = SBL__TRIAL_RAYS;
+    desc = sbl_readings_desc_defaults(&desc);
     sbl__gathering_begin(c, &gathering, &desc, 1);
     do result = sbl__gathering_step(c, &gathering, &slice); while (result == SBL_UNFINISHED);
     sbl__gathering_free(&c->base, &gathering);
@@ -17047,179 +17279,6 @@ static int sbl__has_scene(const sbl_context *c, const char *function) {
     return 0;
 }
 
-/* >>public: defaults */
-
-SBL_API sbl_context_desc sbl_context_desc_defaults(const sbl_context_desc *desc) {
-    sbl_context_desc d;
-    memset(&d, 0, sizeof d);
-    if (desc) d = *desc;
-    if (!d.allocator.alloc && !d.allocator.free) {
-        d.allocator.alloc = sbl__default_alloc;
-        d.allocator.free = sbl__default_free;
-    }
-    if (!d.logger.log) d.logger.log = sbl__default_log;
-    if (!d.atlas_size) d.atlas_size = 2048;
-    if (sbl__zero(&d.longest_submission)) d.longest_submission = 0.1f;
-    return d;
-}
-
-/* Of what pictures and gathers share. */
-static void sbl__seeing_defaults(sbl__seeing *s) {
-    const int draft = s->preset == SBL_PRESET_DRAFT, high = s->preset == SBL_PRESET_HIGH;
-    if (s->mode == SBL_MODE_DEFAULT) s->mode = SBL_MODE_GI;
-    if (s->sensor_kind == SBL_SENSOR_DEFAULT)
-        s->sensor_kind = s->mode == SBL_MODE_PAPER ? SBL_SENSOR_SINGLE : SBL_SENSOR_HEMICUBE;
-    if (!s->sensor_size) s->sensor_size = draft ? 32 : high ? 128 : 64;
-    if (sbl__zero(&s->sensor_fov)) s->sensor_fov = 135;
-    if (s->mode == SBL_MODE_DIRECT || s->mode == SBL_MODE_GI) s->epsilon = 0;
-    else if (sbl__zero(&s->epsilon)) s->epsilon = 0.02f;
-}
-
-#define SBL__SEE(d, s) \
-    ((d)->mode = (s)->mode, (d)->sensor_kind = (s)->sensor_kind, (d)->backend = (s)->backend, (d)->rays = (s)->rays, \
-     (d)->sensor_size = (s)->sensor_size, (d)->sensor_fov = (s)->sensor_fov, (d)->epsilon = (s)->epsilon)
-
-SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc) {
-    sbl_picture_desc d;
-    int draft, high;
-    memset(&d, 0, sizeof d);
-    if (desc) d = *desc;
-    draft = d.preset == SBL_PRESET_DRAFT;
-    high = d.preset == SBL_PRESET_HIGH;
-    {
-        sbl__seeing seeing = SBL__SEEING(&d);
-        sbl__seeing_defaults(&seeing);
-        SBL__SEE(&d, &seeing);
-    }
-    if (!d.width && !d.height) { d.width = 640; d.height = 480; }
-    if (d.width > 0 && d.height > 0 && sbl__all_zero(d.view_to_clip, 16))
-        sbl_perspective(d.view_to_clip, 40, (float)d.width / (float)d.height);
-    if (sbl__zero(&d.error) && d.mode != SBL_MODE_PAPER) d.error = draft ? 0.05f : high ? 0.0075f : 0.015f;
-    if (!d.tile) d.tile = 16;
-    if (sbl__zero(&d.threshold) && d.mode == SBL_MODE_PAPER) d.threshold = 0.05f;
-    if (!d.filter_radius) d.filter_radius = 2;
-    if (!d.samples) d.samples = draft ? 1 : high ? 16 : 4;
-    return d;
-}
-
-SBL_API sbl_gather_desc sbl_gather_desc_defaults(const sbl_gather_desc *desc) {
-    sbl_gather_desc d;
-    memset(&d, 0, sizeof d);
-    if (desc) d = *desc;
-    {
-        sbl__seeing seeing = SBL__SEEING(&d);
-        sbl__seeing_defaults(&seeing);
-        if (!seeing.rays)
-            seeing.rays = d.preset == SBL_PRESET_DRAFT ? 64 : d.preset == SBL_PRESET_HIGH ? 1024 : 256;
-        SBL__SEE(&d, &seeing);
-    }
-    return d;
-}
-
-/* The picture that a lightmap is. */
-/* Width and height have been checked only if it does. */
-static int sbl__supersample_fits(const sbl_lightmap_desc *d) {
-    const int most = 16384;
-    return d->supersample >= 1 && d->supersample <= 8 && d->width >= 1 && d->height >= 1 &&
-           d->width <= most / d->supersample && d->height <= most / d->supersample;
-}
-
-static sbl_picture_desc sbl__lightmap_picture(const sbl_lightmap_desc *d) {
-    const int across = sbl__supersample_fits(d) ? d->supersample : 1;
-    sbl_picture_desc picture;
-    memset(&picture, 0, sizeof picture);
-    picture.width = d->width * across;
-    picture.height = d->height * across;
-    picture.mode = d->mode;
-    picture.preset = d->preset;
-    picture.backend = d->backend;
-    picture.error = d->error;
-    picture.rays = d->rays;
-    picture.sensor_size = d->sensor_size;
-    picture.tile = d->tile;
-    picture.threshold = d->threshold;
-    picture.epsilon = d->epsilon;
-    picture.filter_radius = d->filter_radius;
-    picture.samples = 1;
-    picture.seed = d->seed;
-    picture.progress = d->progress;
-    picture.progress_user = d->progress_user;
-    sbl__identity(picture.world_to_view);
-    return sbl_picture_desc_defaults(&picture);
-}
-
-SBL_API sbl_probes_desc sbl_probes_desc_defaults(const sbl_probes_desc *desc) {
-    sbl_probes_desc d;
-    sbl__seeing seeing;
-    int draft, high;
-    memset(&d, 0, sizeof d);
-    if (desc) d = *desc;
-    draft = d.preset == SBL_PRESET_DRAFT;
-    high = d.preset == SBL_PRESET_HIGH;
-    if (!d.sensor_size) d.sensor_size = draft ? 8 : high ? 32 : 16;
-    if (!d.rays) d.rays = draft ? 1024 : high ? 16384 : 4096;
-    if (!d.positions && !d.count) d.count = sbl__grid_count(d.grid);
-    seeing = sbl__probes_seeing(&d);
-    sbl__seeing_defaults(&seeing);
-    d.mode = seeing.mode;
-    d.epsilon = seeing.epsilon;
-    return d;
-}
-
-SBL_API sbl_lightmap_desc sbl_lightmap_desc_defaults(const sbl_lightmap_desc *desc) {
-    sbl_lightmap_desc d;
-    sbl_picture_desc picture;
-    memset(&d, 0, sizeof d);
-    if (desc) d = *desc;
-    if (!d.width && !d.height) d.width = d.height = 512;
-    if (!d.gutter) d.gutter = 16;
-    if (!d.supersample) d.supersample = 1;
-    if (sbl__zero(&d.error))
-        d.error = d.preset == SBL_PRESET_DRAFT ? 0.02f : d.preset == SBL_PRESET_HIGH ? 0.0025f : 0.005f;
-    picture = sbl__lightmap_picture(&d);
-    d.mode = picture.mode;
-    d.error = picture.error;
-    d.sensor_size = picture.sensor_size;
-    d.tile = picture.tile;
-    d.epsilon = picture.epsilon;
-    d.filter_radius = picture.filter_radius;
-    return d;
-}
-
-/* The gather that light at vertices is made of, without its sites. */
-static sbl_gather_desc sbl__vertices_gather(const sbl_vertices_desc *d) {
-    sbl_gather_desc gather;
-    memset(&gather, 0, sizeof gather);
-    gather.mode = d->mode;
-    gather.preset = d->preset;
-    gather.backend = d->backend;
-    gather.rays = d->rays;
-    gather.sensor_size = d->sensor_size;
-    gather.epsilon = d->epsilon;
-    gather.seed = d->seed;
-    gather.progress = d->progress;
-    gather.progress_user = d->progress_user;
-    return sbl_gather_desc_defaults(&gather);
-}
-
-SBL_API sbl_vertices_desc sbl_vertices_desc_defaults(const sbl_vertices_desc *desc) {
-    sbl_vertices_desc d;
-    sbl_gather_desc gather;
-    int draft, high;
-    memset(&d, 0, sizeof d);
-    if (desc) d = *desc;
-    draft = d.preset == SBL_PRESET_DRAFT;
-    high = d.preset == SBL_PRESET_HIGH;
-    if (!d.samples) d.samples = draft ? 4 : high ? 16 : 8;
-    if (sbl__zero(&d.smoothing)) d.smoothing = 0.02f;
-    if (!d.rays) d.rays = draft ? 16 : high ? 256 : 64;
-    gather = sbl__vertices_gather(&d);
-    d.mode = gather.mode;
-    d.sensor_size = gather.sensor_size;
-    d.epsilon = gather.epsilon;
-    return d;
-}
-
 /* >>public: contexts */
 
 /* All but the struct itself. A context that sbl_create gave up half-way is freed too. */
@@ -17272,8 +17331,22 @@ static sbl_result sbl__context_start(sbl__core *core) {
     sbl__gl_clear_errors(&core->device.gl);
     if (result == SBL_SUCCESS && core->desc.compile_ahead)
         sbl__log(&core->base, SBL_LOG_INFO, SBL_LOG_ITEM_INFO, "%d programs were compiled in %.3f s",
-                 core->device.program_count, core->device.gl.capabilities.compile_seconds);
+                 core->device.compiled.count, core->device.compiled.compile_seconds);
     return result;
+}
+
+SBL_API sbl_context_desc sbl_context_desc_defaults(const sbl_context_desc *desc) {
+    sbl_context_desc d;
+    memset(&d, 0, sizeof d);
+    if (desc) d = *desc;
+    if (!d.allocator.alloc && !d.allocator.free) {
+        d.allocator.alloc = sbl__default_alloc;
+        d.allocator.free = sbl__default_free;
+    }
+    if (!d.logger.log) d.logger.log = sbl__default_log;
+    if (!d.sensor_texture_size) d.sensor_texture_size = 2048;
+    if (sbl__zero(&d.longest_submission)) d.longest_submission = 0.1f;
+    return d;
 }
 
 SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
@@ -17358,7 +17431,7 @@ SBL_API sbl_result sbl_set_scene(sbl_context *c, const sbl_scene_desc *desc) {
         c->core.scene = scene;
         c->core.has_scene = 1;
         if (c->work == SBL__WORK_NONE) memset(&c->core.stats, 0, sizeof c->core.stats);
-        c->core.stats.triangles = scene.geometry.triangle_count;
+        c->core.stats.scene.triangles = scene.geometry.triangle_count;
         c->core.stats.seconds.scene = sbl__now() - start;
     }
     sbl__visit_leave(c, &visit);
@@ -17466,26 +17539,13 @@ SBL_API sbl_result sbl_set_mesh_transform(sbl_context *c, int mesh, const float 
     return result;
 }
 
-SBL_API sbl_result sbl_query_bounds(const sbl_context *c, float lowest[3], float highest[3]) {
-    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
-    if (!lowest || !highest) {
-        sbl__refuse(c, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_query_bounds",
-                    lowest ? "highest is NULL" : "lowest is NULL");
-        return SBL_ERROR_INVALID_ARGUMENT;
-    }
-    if (!sbl__has_scene(c, "sbl_query_bounds")) return SBL_ERROR_STATE;
-    memcpy(lowest, c->core.scene.geometry.bounds[0], 3 * sizeof(float));
-    memcpy(highest, c->core.scene.geometry.bounds[1], 3 * sizeof(float));
-    return SBL_SUCCESS;
-}
-
 /* >>public: begin, step, end */
 
 /* A picture, or where `lightmap` is not NULL a lightmap; d has been checked. asked: its error is the host's own. */
 static sbl_result sbl__begin(sbl_context *c, sbl_picture_desc d, int asked, const sbl_lightmap_desc *lightmap) {
     const double start = sbl__now();
     const int most = c->core.device.gl.capabilities.max_texture_size;
-    sbl__seeing seeing = SBL__SEEING(&d);
+    sbl__seeing seeing = sbl__seeing_of(&d.options, d.sensor_kind, d.sensor_fov);
     sbl__visit visit;
     sbl_result result = SBL_SUCCESS;
     int level;
@@ -17494,7 +17554,7 @@ static sbl_result sbl__begin(sbl_context *c, sbl_picture_desc d, int asked, cons
                  "are at most %d across", lightmap ? "sbl_lightmap_desc" : "sbl_picture_desc", d.width, d.height, most);
         return SBL_ERROR_UNSUPPORTED;
     }
-    d.backend = seeing.backend = sbl__choose_backend(&seeing, &c->core.scene);
+    d.options.backend = seeing.backend = sbl__choose_backend(&seeing, &c->core.scene);
     sbl__visit_enter(c, &visit);
     sbl__gathering_free(&c->core.base, &c->gathering);
     sbl__probing_free(&c->core.base, &c->probing);
@@ -17503,10 +17563,10 @@ static sbl_result sbl__begin(sbl_context *c, sbl_picture_desc d, int asked, cons
     sbl__inspection_free(&c->core.base, &c->inspection);
     sbl__visit_leave(c, &visit);
     sbl__core_begin(&c->core, &seeing);
-    c->core.stats.width = lightmap ? lightmap->width : d.width;
-    c->core.stats.height = lightmap ? lightmap->height : d.height;
-    c->core.stats.error_asked = d.error;
-    for (level = 0; level < SBL_MAX_LEVELS; level++) c->core.stats.levels[level].tile = SBL__MAX(1, d.tile >> level);
+    c->core.stats.picture.width = lightmap ? lightmap->width : d.width;
+    c->core.stats.picture.height = lightmap ? lightmap->height : d.height;
+    c->core.stats.picture.target_error = d.target_error;
+    for (level = 0; level < SBL_MAX_LEVELS; level++) c->core.stats.picture.levels[level].tile = SBL__MAX(1, d.tile >> level);
     sbl__picture_begin(&c->picture, &c->core, &d, asked);
     if (lightmap) result = sbl__picture_begin_lightmap(&c->core, &c->picture, lightmap);
     c->work = SBL__WORK_PICTURE;
@@ -17515,47 +17575,15 @@ static sbl_result sbl__begin(sbl_context *c, sbl_picture_desc d, int asked, cons
     return result;
 }
 
-SBL_API sbl_result sbl_begin(sbl_context *c, const sbl_picture_desc *desc) {
+SBL_API sbl_result sbl_begin_picture(sbl_context *c, const sbl_picture_desc *desc) {
     sbl_picture_desc d = sbl_picture_desc_defaults(desc);
     sbl_result result;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
-    if (sbl__called_back(c, "sbl_begin", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
-    if (!sbl__has_scene(c, "sbl_begin")) return SBL_ERROR_STATE;
+    if (sbl__called_back(c, "sbl_begin_picture", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
+    if (!sbl__has_scene(c, "sbl_begin_picture")) return SBL_ERROR_STATE;
     if (sbl__all_zero(d.world_to_view, 16)) sbl__camera_frame(&c->core.scene.geometry, &d);
     result = sbl__check_picture(&c->core.base, desc, &d, c->core.scene.draw != NULL);
-    return result == SBL_SUCCESS ? sbl__begin(c, d, desc && desc->error > 0, NULL) : result;
-}
-
-/* d has its defaults filled in. */
-static sbl_result sbl__check_lightmap(const sbl__base *base, const sbl_lightmap_desc *given, const sbl_lightmap_desc *d,
-                                      const sbl__scene *scene) {
-    static const int gutters[2] = { -INT_MAX, 16384 }, supersamples[2] = { 1, 8 };
-    static const int switches[2] = { 0, 1 };
-    const char *where = "sbl_lightmap_desc";
-    const sbl_picture_desc picture = sbl__lightmap_picture(d);
-    const sbl__geometry *g = &scene->geometry;
-    sbl__check check;
-    int i;
-    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_LIGHTMAP_DESC);
-    if (given && !sbl__check_canaries(&check, where, given->start_canary, given->end_canary))
-        return sbl__check_end(&check);
-    sbl__check_fields(&check, where, &picture, scene->draw != NULL);
-    if (d->mode == SBL_MODE_PAPER) sbl__mistake(&check, "%s: mode is SBL_MODE_PAPER; it is for pictures", where);
-    sbl__check_int(&check, where, "gutter", d->gutter, gutters);
-    sbl__check_int(&check, where, "directional", d->directional, switches);
-    sbl__check_int(&check, where, "supersample", d->supersample, supersamples);
-    if (d->supersample > 1 && d->supersample <= supersamples[1] && !sbl__supersample_fits(d))
-        sbl__mistake(&check, "%s: %d x %d texels, supersample %d: more than 16384 places across", where, d->width,
-                     d->height, d->supersample);
-    sbl__check_array(&check, where, "mesh_count", d->mesh_count, d->meshes);
-    for (i = 0; d->meshes && i < d->mesh_count; i++) {
-        const int mesh = d->meshes[i];
-        if (mesh < 0 || mesh >= g->mesh_count)
-            sbl__mistake(&check, "%s: meshes[%d] is %d; the scene has %d", where, i, mesh, g->mesh_count);
-        else if (!g->meshes[mesh].lightmapped)
-            sbl__mistake(&check, "%s: meshes[%d] is %d, a mesh without lightmap_texcoords", where, i, mesh);
-    }
-    return sbl__check_end(&check);
+    return result == SBL_SUCCESS ? sbl__begin(c, d, desc && desc->target_error > 0, NULL) : result;
 }
 
 SBL_API sbl_result sbl_begin_lightmap(sbl_context *c, const sbl_lightmap_desc *desc) {
@@ -17566,77 +17594,36 @@ SBL_API sbl_result sbl_begin_lightmap(sbl_context *c, const sbl_lightmap_desc *d
     if (sbl__called_back(c, "sbl_begin_lightmap", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
     if (!sbl__has_scene(c, "sbl_begin_lightmap")) return SBL_ERROR_STATE;
     result = sbl__check_lightmap(&c->core.base, desc, &d, &c->core.scene);
-    return result == SBL_SUCCESS ? sbl__begin(c, picture, desc && desc->error > 0, &d) : result;
+    return result == SBL_SUCCESS ? sbl__begin(c, picture, desc && desc->target_error > 0, &d) : result;
 }
 
-SBL_API sbl_result sbl_begin_gather(sbl_context *c, const sbl_gather_desc *desc) {
+SBL_API sbl_result sbl_begin_readings(sbl_context *c, const sbl_readings_desc *desc) {
     const double start = sbl__now();
-    sbl_gather_desc d = sbl_gather_desc_defaults(desc);
-    sbl__seeing seeing = SBL__SEEING(&d);
+    sbl_readings_desc d = sbl_readings_desc_defaults(desc);
+    sbl__seeing seeing = sbl__seeing_of(&d.options, d.sensor_kind, d.sensor_fov);
     sbl__visit visit;
     sbl_result result;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
-    if (sbl__called_back(c, "sbl_begin_gather", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
-    if (!sbl__has_scene(c, "sbl_begin_gather")) return SBL_ERROR_STATE;
-    result = sbl__check_gather(&c->core.base, desc, &d, c->core.scene.draw != NULL);
+    if (sbl__called_back(c, "sbl_begin_readings", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
+    if (!sbl__has_scene(c, "sbl_begin_readings")) return SBL_ERROR_STATE;
+    result = sbl__check_readings(&c->core.base, desc, &d, c->core.scene.draw != NULL);
     if (result != SBL_SUCCESS) return result;
-    d.backend = seeing.backend = sbl__choose_backend(&seeing, &c->core.scene);
+    d.options.backend = seeing.backend = sbl__choose_backend(&seeing, &c->core.scene);
     sbl__visit_enter(c, &visit);
     sbl__abandon(c);
     sbl__visit_leave(c, &visit);
     sbl__core_begin(&c->core, &seeing);
-    sbl__gathering_begin(&c->core, &c->gathering, &d, desc && desc->rays > 0);
+    sbl__gathering_begin(&c->core, &c->gathering, &d, desc && desc->options.rays > 0);
     c->work = SBL__WORK_GATHER;
     c->core.stats.seconds.total = sbl__now() - start;
     return SBL_SUCCESS;
 }
 
-/* d has its defaults filled in, and gather is what it is made of. */
-static sbl_result sbl__check_vertices(const sbl__base *base, const sbl_vertices_desc *given, const sbl_vertices_desc *d,
-                                      const sbl__scene *scene) {
-    static const int samples[2] = { 1, 1024 }, flags[2] = { 0, 1 };
-    const char *where = "sbl_vertices_desc";
-    const sbl_gather_desc gather = sbl__vertices_gather(d);
-    const sbl__seeing seeing = SBL__SEEING(&gather);
-    const sbl__geometry *g = &scene->geometry;
-    double vertices = 0, triangles = 0;
-    sbl__check check;
-    int i;
-    sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_VERTICES_DESC);
-    if (given && !sbl__check_canaries(&check, where, given->start_canary, given->end_canary))
-        return sbl__check_end(&check);
-    sbl__check_seeing(&check, where, &seeing, scene->draw != NULL);
-    if (d->mode == SBL_MODE_PAPER) sbl__mistake(&check, "%s: mode is SBL_MODE_PAPER; it is for pictures", where);
-    sbl__check_int(&check, where, "samples", d->samples, samples);
-    sbl__check_int(&check, where, "average", d->average, flags);
-    if (!sbl__between(&d->smoothing, -FLT_MAX, SBL__VERTICES_SMOOTHEST))
-        sbl__mistake(&check, "%s: smoothing is %g; it must be finite and at most %g", where, (double)d->smoothing,
-                     (double)SBL__VERTICES_SMOOTHEST);
-    sbl__check_array(&check, where, "mesh_count", d->mesh_count, d->meshes);
-    for (i = 0; i < (d->mesh_count ? d->mesh_count : g->mesh_count) && (d->meshes || !d->mesh_count); i++) {
-        const int mesh = d->mesh_count ? d->meshes[i] : i;
-        if (mesh >= 0 && mesh < g->mesh_count) {
-            vertices += g->meshes[mesh].vertex_count;
-            triangles += g->meshes[mesh].triangle_count;
-        } else
-            sbl__mistake(&check, "%s: meshes[%d] is %d; the scene has %d", where, i, mesh, g->mesh_count);
-    }
-    if (vertices > INT_MAX / 4 || triangles > INT_MAX / 4)
-        sbl__mistake(&check, "%s: meshes have %.0f vertices and %.0f triangles; at most %d of each can be numbered",
-                     where, vertices, triangles, INT_MAX / 4);
-    if (vertices > 0 && !d->radiance)
-        sbl__mistake(&check, "%s: radiance is NULL; it receives 3 floats for each of %.0f vertices", where, vertices);
-    if ((double)d->count < 3 * vertices)
-        sbl__mistake(&check, "%s: count is %.0f; %.0f vertices need %.0f floats", where, (double)d->count, vertices,
-                     3 * vertices);
-    return sbl__check_end(&check);
-}
-
 SBL_API sbl_result sbl_begin_vertices(sbl_context *c, const sbl_vertices_desc *desc) {
     const double start = sbl__now();
     const sbl_vertices_desc d = sbl_vertices_desc_defaults(desc);
-    sbl_gather_desc gather = sbl__vertices_gather(&d);
-    sbl__seeing seeing = SBL__SEEING(&gather);
+    sbl_readings_desc gather = sbl__vertices_readings(&d);
+    sbl__seeing seeing = sbl__seeing_of(&gather.options, gather.sensor_kind, gather.sensor_fov);
     sbl__visit visit;
     sbl_result result;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
@@ -17644,14 +17631,14 @@ SBL_API sbl_result sbl_begin_vertices(sbl_context *c, const sbl_vertices_desc *d
     if (!sbl__has_scene(c, "sbl_begin_vertices")) return SBL_ERROR_STATE;
     result = sbl__check_vertices(&c->core.base, desc, &d, &c->core.scene);
     if (result != SBL_SUCCESS) return result;
-    gather.backend = seeing.backend = sbl__choose_backend(&seeing, &c->core.scene);
+    gather.options.backend = seeing.backend = sbl__choose_backend(&seeing, &c->core.scene);
     sbl__visit_enter(c, &visit);
     sbl__abandon(c);
     sbl__visit_leave(c, &visit);
     sbl__core_begin(&c->core, &seeing);
     result = sbl__vertices_begin(&c->core, &c->vertices, &d);
     if (result != SBL_SUCCESS) return result;
-    sbl__gathering_begin(&c->core, &c->vertices.gathering, &gather, desc && desc->rays > 0);
+    sbl__gathering_begin(&c->core, &c->vertices.gathering, &gather, desc && desc->options.rays > 0);
     c->work = SBL__WORK_VERTICES;
     c->core.stats.seconds.total = sbl__now() - start;
     return SBL_SUCCESS;
@@ -17660,14 +17647,13 @@ SBL_API sbl_result sbl_begin_vertices(sbl_context *c, const sbl_vertices_desc *d
 SBL_API sbl_result sbl_begin_probes(sbl_context *c, const sbl_probes_desc *desc) {
     const double start = sbl__now();
     const sbl_probes_desc d = sbl_probes_desc_defaults(desc);
-    sbl__seeing seeing = sbl__probes_seeing(&d);
+    sbl__seeing seeing = sbl__seeing_of(&d.options, SBL_SENSOR_HEMICUBE, 135);
     sbl__visit visit;
     sbl_result result;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
     if (sbl__called_back(c, "sbl_begin_probes", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
     if (!sbl__has_scene(c, "sbl_begin_probes")) return SBL_ERROR_STATE;
-    sbl__seeing_defaults(&seeing);
-    result = sbl__check_probes(&c->core.base, desc, &d, &seeing, c->core.scene.draw != NULL);
+    result = sbl__check_probes(&c->core.base, desc, &d, c->core.scene.draw != NULL);
     if (result != SBL_SUCCESS) return result;
     seeing.backend = sbl__choose_backend(&seeing, &c->core.scene);
     sbl__visit_enter(c, &visit);
@@ -17708,7 +17694,8 @@ typedef struct sbl__work_report {
     float *done, store;
 } sbl__work_report;
 
-#define SBL__REPORT(work) { (work).desc.progress, (work).desc.progress_user, &(work).progress, (work).store_share }
+#define SBL__REPORT(work) \
+    { (work).desc.options.progress, (work).desc.options.progress_user, &(work).progress, (work).store_share }
 
 static sbl__work_report sbl__work_reports(sbl_context *c) {
     const sbl__work_report picture = SBL__REPORT(c->picture), gather = SBL__REPORT(c->gathering);
@@ -17751,7 +17738,7 @@ SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
     if (sbl__called_back(c, "sbl_step", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
     if (c->work == SBL__WORK_NONE) {
-        sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, "sbl_step", "there is no picture; call sbl_begin first");
+        sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, "sbl_step", "there is no picture; call sbl_begin_picture first");
         return SBL_ERROR_STATE;
     }
     if (!sbl__picture_under_way(&c->picture) && !sbl__sites_under_way(c)) return SBL_SUCCESS;
@@ -17760,8 +17747,8 @@ SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
     sbl__visit_enter(c, &visit);
     do result = sbl__context_step(c, &slice);
     while (result == SBL_UNFINISHED && sbl__now() < last);
-    if (c->core.stats.sensors)
-        c->core.stats.microseconds_per_sensor = 1e6 * c->core.stats.seconds.total / (double)c->core.stats.sensors;
+    if (c->core.stats.sensors.count)
+        c->core.stats.sensors.microseconds = 1e6 * c->core.stats.seconds.total / (double)c->core.stats.sensors.count;
     if (result != SBL_SUCCESS && result != SBL_UNFINISHED) {
         if (c->work == SBL__WORK_PICTURE) sbl__picture_free(&c->core.device, &c->picture);  /* though it be finished */
         sbl__abandon(c);
@@ -17771,8 +17758,8 @@ SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
     return result;
 }
 
-SBL_API sbl_result sbl_render(sbl_context *c, const sbl_picture_desc *desc) {
-    const sbl_result result = sbl_begin(c, desc);
+SBL_API sbl_result sbl_render_picture(sbl_context *c, const sbl_picture_desc *desc) {
+    const sbl_result result = sbl_begin_picture(c, desc);
     return result == SBL_SUCCESS ? sbl_step(c, 0) : result;
 }
 
@@ -17786,8 +17773,8 @@ SBL_API sbl_result sbl_bake_vertices(sbl_context *c, const sbl_vertices_desc *de
     return result == SBL_SUCCESS ? sbl_step(c, 0) : result;
 }
 
-SBL_API sbl_result sbl_gather(sbl_context *c, const sbl_gather_desc *desc) {
-    const sbl_result result = sbl_begin_gather(c, desc);
+SBL_API sbl_result sbl_gather_readings(sbl_context *c, const sbl_readings_desc *desc) {
+    const sbl_result result = sbl_begin_readings(c, desc);
     return result == SBL_SUCCESS ? sbl_step(c, 0) : result;
 }
 
@@ -17867,7 +17854,7 @@ static sbl_result sbl__channel_ready(sbl_context *c, const char *function) {
     sbl_result result;
     if (p->stage == SBL__STAGE_DONE) return SBL_SUCCESS;
     if (p->stage == SBL__STAGE_NONE) {
-        sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "there is no picture; call sbl_render, or sbl_begin and "
+        sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "there is no picture; call sbl_render_picture, or sbl_begin_picture and "
                     "sbl_step");
         return SBL_ERROR_STATE;
     }
@@ -17905,7 +17892,7 @@ static sbl_result sbl__channel_copy(sbl_context *c, const sbl__target *t, int at
     return result;
 }
 
-SBL_API sbl_result sbl_read_channel(sbl_context *c, sbl_channel channel, float *out, size_t count) {
+SBL_API sbl_result sbl_read_channel(sbl_context *c, sbl_channel channel, float *out, size_t float_count) {
     const int components = sbl_channel_components(channel);
     const sbl__target *target;
     size_t pixels, i;
@@ -17918,9 +17905,9 @@ SBL_API sbl_result sbl_read_channel(sbl_context *c, sbl_channel channel, float *
         return SBL_ERROR_INVALID_ARGUMENT;
     }
     pixels = (size_t)c->picture.size[0] * (size_t)c->picture.size[1];
-    if (c->picture.stage != SBL__STAGE_NONE && count < pixels * (size_t)components) {
-        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_read_channel: count is %.0f; "
-                 "channel %d of %d x %d pixels needs %.0f floats", (double)count, (int)channel, c->picture.size[0],
+    if (c->picture.stage != SBL__STAGE_NONE && float_count < pixels * (size_t)components) {
+        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_read_channel: float_count is %.0f; "
+                 "channel %d of %d x %d pixels needs %.0f floats", (double)float_count, (int)channel, c->picture.size[0],
                  c->picture.size[1], (double)pixels * components);
         return SBL_ERROR_INVALID_ARGUMENT;
     }
@@ -17996,8 +17983,8 @@ static sbl_result sbl__inspect_check(const sbl_context *c, int x, int y, const s
     }
     if (p->stage != SBL__STAGE_DONE || p->scene_version != c->core.scene.version) {
         sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, "sbl_inspect_sensor", p->stage != SBL__STAGE_DONE ?
-                    "there is no finished picture; call sbl_render first" :
-                    "the scene has changed since the picture was made; call sbl_render again");
+                    "there is no finished picture; call sbl_render_picture first" :
+                    "the scene has changed since the picture was made; call sbl_render_picture again");
         return SBL_ERROR_STATE;
     }
     if (x < 0 || y < 0 || x >= p->size[0] || y >= p->size[1])
@@ -18009,7 +17996,7 @@ static sbl_result sbl__inspect_check(const sbl_context *c, int x, int y, const s
 }
 
 SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *sensor, float *radiance, float *weights,
-                                      size_t count) {
+                                      size_t texel_count) {
     sbl__job waiting;  /* that of a gather under way, which is not to be disturbed */
     sbl__looking looking;
     sbl_sensor s;
@@ -18021,9 +18008,9 @@ SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *
     if (result != SBL_SUCCESS) return result;
     memset(&s, 0, sizeof s);
     sbl__sheet_size(c, &s);
-    if ((radiance || weights) && count < (size_t)s.sheet_width * (size_t)s.sheet_height) {
-        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor: count is %.0f; the "
-                 "sheet has %d x %d texels", (double)count, s.sheet_width, s.sheet_height);
+    if ((radiance || weights) && texel_count < (size_t)s.sheet_width * (size_t)s.sheet_height) {
+        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor: texel_count is %.0f; the "
+                 "sheet has %d x %d texels", (double)texel_count, s.sheet_width, s.sheet_height);
         return SBL_ERROR_INVALID_ARGUMENT;
     }
     sbl__inspection_free(&c->core.base, &c->inspection);
@@ -18095,9 +18082,9 @@ SBL_API int sbl_perspective(float m[16], float fov_y, float aspect) {
     return 1;
 }
 
-SBL_API void sbl_encode_srgb8(unsigned char *out, const float *linear, size_t count, float scale) {
+SBL_API void sbl_encode_srgb8(unsigned char *out, const float *linear, size_t float_count, float scale) {
     size_t i;
-    for (i = 0; i < count; i++) {
+    for (i = 0; i < float_count; i++) {
         const int infinite = sbl__float_bits(&linear[i]) == 0x7f800000u;
         const double x = infinite ? 1 : sbl__finite(&linear[i]) ? (double)linear[i] * (double)scale : 0;
         const double y = !(x > 0) ? 0 : x >= 1 ? 1 : x <= 0.0031308 ? 12.92 * x : 1.055 * pow(x, 1 / 2.4) - 0.055;
@@ -18108,7 +18095,9 @@ SBL_API void sbl_encode_srgb8(unsigned char *out, const float *linear, size_t co
 /* >>public: queries */
 
 SBL_API sbl_context_desc sbl_query_desc(const sbl_context *c) {
-    return c ? c->core.desc : sbl_context_desc_defaults(NULL);
+    sbl_context_desc none;
+    memset(&none, 0, sizeof none);
+    return c ? c->core.desc : none;
 }
 
 SBL_API sbl_capabilities sbl_query_capabilities(const sbl_context *c) {
@@ -18129,7 +18118,22 @@ SBL_API sbl_memory sbl_query_memory(const sbl_context *c) {
     return c ? c->core.base.memory : none;
 }
 
-SBL_API const char *sbl_version(void) { return "0.1.0"; }
+SBL_API sbl_programs sbl_query_programs(const sbl_context *c) {
+    sbl_programs programs;
+    memset(&programs, 0, sizeof programs);
+    return c ? c->core.device.compiled : programs;
+}
+
+SBL_API sbl_bounds sbl_query_bounds(const sbl_context *c) {
+    sbl_bounds bounds;
+    memset(&bounds, 0, sizeof bounds);
+    if (!c || !c->core.has_scene) return bounds;
+    memcpy(bounds.lowest, c->core.scene.geometry.bounds[0], sizeof bounds.lowest);
+    memcpy(bounds.highest, c->core.scene.geometry.bounds[1], sizeof bounds.highest);
+    return bounds;
+}
+
+SBL_API const char *sbl_version(void) { return "0.2.0"; }
 
 SBL_API const char *sbl_result_string(sbl_result result) {
     static const char *const words[SBL_RESULT_COUNT] = {

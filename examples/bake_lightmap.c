@@ -39,8 +39,8 @@ int main(int argc, char **argv) {
     stats = sbl_query_stats(context);
     sbl_destroy(context);
     if (!ok) return 1;
-    printf("bake_lightmap: %d texels, %.1f s; light is off by %.1f %%, as far as that can be told\n", stats.visible_pixels, stats.seconds.total,
-           100 * (double)stats.error_expected);
+    printf("bake_lightmap: %d texels, %.1f s; light is off by %.1f %%, as far as that can be told\n", stats.picture.visible_pixels, stats.seconds.total,
+           100 * (double)stats.picture.expected_error);
     sbl_encode_srgb8(pixels, light, RESOLUTION * RESOLUTION * 3, 1);
     snprintf(path, sizeof path, "%s/bake_lightmap.png", argc > 1 ? argv[1] : ".");
     if (stbi_write_png(path, RESOLUTION, RESOLUTION, 3, pixels, 0)) return 0;

@@ -46,7 +46,7 @@ static int box_bake(sbl_context *context, const box *b, int average, float *ligh
     sbl_mesh meshes[CORNELL_QUADS] = { { .vertex_count = 0 } };
     cornell_box plain;
     sbl_scene_desc scene = *cornell_box_make(&plain);
-    sbl_vertices_desc bake = { .radiance = light, .count = 3 * (size_t)vertices_of(b->cells), .average = average };
+    sbl_vertices_desc bake = { .radiance = light, .float_count = 3 * (size_t)vertices_of(b->cells), .average = average };
     unsigned *local = (unsigned *)malloc((size_t)triangles * sizeof *local);
     int i, ok;
     if (!local) return 0;

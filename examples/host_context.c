@@ -110,10 +110,10 @@ static int run(sbl_context *context) {
     int frame, seen = 0;
     sbl_result result = SBL_UNFINISHED;
     cornell_box_view(&view, PICTURE, PICTURE);
-    view.preset = SBL_PRESET_DRAFT;
+    view.options.preset = SBL_PRESET_DRAFT;
     view.samples = 4;
     if (sbl_set_scene(context, cornell_box_make(&box)) != SBL_SUCCESS) return 0;
-    if (sbl_begin(context, &view) != SBL_SUCCESS) return 0;
+    if (sbl_begin_picture(context, &view) != SBL_SUCCESS) return 0;
     for (frame = 0; result == SBL_UNFINISHED; frame++) {
         GLuint texture;
         shape_draw(0.05f * (float)frame);

@@ -143,11 +143,11 @@ static int render(sbl_context *context, slabs *s, float *picture) {
     }
     view.width = WIDTH;
     view.height = HEIGHT;
-    view.preset = SBL_PRESET_DRAFT;  /* the callback is called five times a sensor */
+    view.options.preset = SBL_PRESET_DRAFT;  /* the callback is called five times a sensor */
     view.samples = 4;
     sbl_look_at(view.world_to_view, 0.6f, 1.7f, 5.2f, 0, 1, 0, 0, 1, 0);
     sbl_perspective(view.view_to_clip, 34, (float)WIDTH / HEIGHT);
-    return sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS &&
+    return sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS &&
            sbl_read_channel(context, SBL_CHANNEL_FINAL, picture, WIDTH * HEIGHT * 3) == SBL_SUCCESS;
 }
 
@@ -168,7 +168,7 @@ int main(int argc, char **argv) {
     desc.get_gl_function = gl_function;
     if (slabs_make(&s) && sbl_create(&desc, &context) == SBL_SUCCESS) {  /* sbl.h says what is wrong on stderr */
         ok = render(context, bare ? NULL : &s, picture);
-        printf("host_draw: %lld sensors, %.0f us each\n", (long long)sbl_query_stats(context).sensors, sbl_query_stats(context).microseconds_per_sensor);
+        printf("host_draw: %lld sensors, %.0f us each\n", (long long)sbl_query_stats(context).sensors.count, sbl_query_stats(context).sensors.microseconds);
     }
     sbl_destroy(context);
     for (i = 0; i < 2; i++)

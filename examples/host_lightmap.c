@@ -254,7 +254,7 @@ static sbl_result room_bake(room *r, sbl_context *context) {
     memset(&desc, 0, sizeof desc);
     for (k = 0; k < 3; k++) desc.grid[k] = ACROSS;
     desc.probes = r->probes;
-    desc.mode = common_mode(given);
+    desc.options.mode = common_mode(given);
     return sbl_bake_probes(context, &desc);
 }
 
@@ -275,9 +275,9 @@ static sbl_result room_from_behind(const room *r, sbl_context *context, int *beh
     memset(&desc, 0, sizeof desc);
     desc.positions = eye;
     desc.probes = &probe;
-    desc.count = 1;
-    desc.mode = SBL_MODE_DIRECT;
-    desc.rays = 65536;  /* the scene is small from there */
+    desc.probe_count = 1;
+    desc.options.mode = SBL_MODE_DIRECT;
+    desc.options.rays = 65536;  /* the scene is small from there */
     result = sbl_bake_probes(context, &desc);
     *behind = result == SBL_SUCCESS && probe.back_share > 0.5f;
     return result;
@@ -315,9 +315,11 @@ static void room_enter(room *r) {
 }
 
 static sbl_result room_make(room *r, const scene_file *file, sbl_context *context, int *misplaced) {
-    sbl_result result = sbl_query_bounds(context, r->lowest, r->highest);
+    const sbl_bounds bounds = sbl_query_bounds(context);
+    sbl_result result = SBL_SUCCESS;
     int k, behind = 0;
-    if (result != SBL_SUCCESS) return result;
+    memcpy(r->lowest, bounds.lowest, sizeof r->lowest);
+    memcpy(r->highest, bounds.highest, sizeof r->highest);
     for (k = 0; k < 3; k++) r->across += r->highest[k] - r->lowest[k];
     *misplaced = !camera_place(r->world_to_view, r->view_to_clip, file, given, r->lowest, r->highest);
     r->view_to_clip[14] = -0.001f * r->across;  /* depths from a two-thousandth of the scene on */

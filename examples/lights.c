@@ -101,11 +101,11 @@ static unsigned char pixels[(HEIGHT + INSET) * WIDTH * 3];
 static int render(sbl_context *context, const sbl_picture_desc *view, const char *name) {
     static float picture[WIDTH * HEIGHT * 3];
     sbl_stats stats;
-    if (sbl_render(context, view) != SBL_SUCCESS) return 0;
+    if (sbl_render_picture(context, view) != SBL_SUCCESS) return 0;
     if (sbl_read_channel(context, SBL_CHANNEL_FINAL, picture, WIDTH * HEIGHT * 3) != SBL_SUCCESS) return 0;
     sbl_encode_srgb8(pixels, picture, WIDTH * HEIGHT * 3, 1);
     stats = sbl_query_stats(context);
-    printf("%-16s %6.0f sensors %7.2f s\n", name, (double)stats.sensors, stats.seconds.total);
+    printf("%-16s %6.0f sensors %7.2f s\n", name, (double)stats.sensors.count, stats.seconds.total);
     return 1;
 }
 
@@ -155,9 +155,9 @@ static int show_penumbra(sbl_context *context, sbl_preset preset, const char *fo
     static const char *const names[SBL_PRESET_COUNT] = { "penumbra_default", "penumbra_draft", "penumbra_high" };
     static world w;
     sbl_scene_desc scene = { .meshes = w.meshes, .materials = materials, .material_count = MATERIALS, .textures = &window_picture, .texture_count = 1 };
-    sbl_picture_desc view = { .width = WIDTH, .height = HEIGHT, .preset = preset, .samples = 4 };
+    sbl_picture_desc view = { .width = WIDTH, .height = HEIGHT, .options.preset = preset, .samples = 4 };
     int i;
-    view.rays = preset == SBL_PRESET_DRAFT ? 64 : preset == SBL_PRESET_HIGH ? 1024 : 256;  /* of each sensor */
+    view.options.rays = preset == SBL_PRESET_DRAFT ? 64 : preset == SBL_PRESET_HIGH ? 1024 : 256;  /* of each sensor */
     w.count = 0;
     ADD(&w, quad, 0, 0, 0, 12, 1, 12, WHITE);
     ADD(&w, box, -0.8f, 0.9f, -0.2f, 1.6f, 0.06f, 1.4f, BLUE);  /* a table */

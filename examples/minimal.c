@@ -34,7 +34,7 @@ int main(int argc, char **argv) {
     sbl_look_at(view.world_to_view, 0.5f, 1.5f, 6, 0, 0.9f, 0, 0, 1, 0);
     sbl_perspective(view.view_to_clip, 40, (float)WIDTH / HEIGHT);
     if (sbl_create(headless("minimal"), &context) != SBL_SUCCESS) return 1;  /* sbl.h says what is wrong on stderr */
-    ok = sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS &&
+    ok = sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS &&
          sbl_read_channel(context, SBL_CHANNEL_FINAL, picture, WIDTH * HEIGHT * 3) == SBL_SUCCESS;
     sbl_destroy(context);
     if (!ok) return 1;

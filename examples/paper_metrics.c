@@ -53,14 +53,14 @@ static int measure(metrics *m, int width, int height, int sensor_size, sbl_stats
     sbl_picture_desc view = { 0 };
     int run;
     cornell_box_view(&view, width, height);
-    view.mode = SBL_MODE_PAPER;
-    view.sensor_size = sensor_size;
+    view.options.mode = SBL_MODE_PAPER;
+    view.options.sensor_size = sensor_size;
     view.samples = 1;
-    view.progress = out_of_time;
-    view.progress_user = m;
+    view.options.progress = out_of_time;
+    view.options.progress_user = m;
     memset(stats, 0, sizeof *stats);
     for (run = 0; run < 3 && (run == 0 || stats->seconds.total < 1); run++) {
-        sbl_result result = sbl_render(m->context, &view);
+        sbl_result result = sbl_render_picture(m->context, &view);
         sbl_stats latest = sbl_query_stats(m->context);
         if (result == SBL_CANCELLED && run == 0) {
             printf("  %dx%d, sensors of %d: given up, out of time\n", width, height, sensor_size);
@@ -70,7 +70,7 @@ static int measure(metrics *m, int width, int height, int sensor_size, sbl_stats
         if (result != SBL_SUCCESS) return FAILED;  /* sbl.h says what is wrong on stderr */
         if (run == 0 || latest.seconds.total < stats->seconds.total) *stats = latest;
     }
-    printf("  %dx%d, sensors of %d: %lld sensors, %.1f us each\n", width, height, sensor_size, (long long)stats->sensors, stats->microseconds_per_sensor);
+    printf("  %dx%d, sensors of %d: %lld sensors, %.1f us each\n", width, height, sensor_size, (long long)stats->sensors.count, stats->sensors.microseconds);
     fflush(stdout);
     return MEASURED;
 }
@@ -114,7 +114,7 @@ static int table_1(metrics *m) {
         int width = m->plan->table[i][0], height = m->plan->table[i][1];
         outcome = measure(m, width, height, size, &stats);
         if (outcome != MEASURED) break;
-        fprintf(csv, "%d,%d,%d,%lld,%.3f\n", width, height, size, (long long)stats.sensors, stats.microseconds_per_sensor);
+        fprintf(csv, "%d,%d,%d,%lld,%.3f\n", width, height, size, (long long)stats.sensors.count, stats.sensors.microseconds);
     }
     return csv_close(csv, "table_1.csv") && outcome != FAILED;
 }
@@ -130,8 +130,8 @@ static int figures_10_and_11(metrics *m) {
             int width = m->plan->resolutions[k][0], height = m->plan->resolutions[k][1], size = m->plan->sizes[i];
             outcome = measure(m, width, height, size, &stats);
             if (outcome != MEASURED) break;
-            fprintf(times_csv, "%d,%d,%d,%.3f\n", width, height, size, stats.microseconds_per_sensor);
-            fprintf(counts_csv, "%d,%d,%d,%lld\n", width, height, size, (long long)stats.sensors);
+            fprintf(times_csv, "%d,%d,%d,%.3f\n", width, height, size, stats.sensors.microseconds);
+            fprintf(counts_csv, "%d,%d,%d,%lld\n", width, height, size, (long long)stats.sensors.count);
         }
     ok = times_csv && csv_close(times_csv, "figure_10.csv");
     ok = counts_csv && csv_close(counts_csv, "figure_11.csv") && ok;
@@ -171,7 +171,7 @@ static int figure_12(metrics *m) {
              sbl_read_channel(m->context, SBL_CHANNEL_RADIANCE, radiance, 3 * pixels) == SBL_SUCCESS &&
              sbl_read_channel(m->context, SBL_CHANNEL_ID, id, pixels) == SBL_SUCCESS;
         if (!ok) break;
-        fprintf(csv, "%d,%lld,%.5f\n", size, (long long)stats.sensors, roughness(radiance, id, side));
+        fprintf(csv, "%d,%lld,%.5f\n", size, (long long)stats.sensors.count, roughness(radiance, id, side));
         for (y = 0; y < side; y++)
             sbl_encode_srgb8(sheet + 3 * (y * width + i * (side + gap)), picture + 3 * y * side, (size_t)(3 * side), 1);
     }

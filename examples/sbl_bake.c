@@ -311,21 +311,21 @@ static void describe_lightmap(sbl_lightmap_desc *desc, progress *bar) {
     memset(desc, 0, sizeof *desc);
     desc->width = desc->height = options.lightmap;
     if (given[GUTTER]) desc->gutter = options.gutter ? options.gutter : -1;
-    desc->mode = common_mode(given);
-    if (given[PRESET]) desc->preset = presets[common.preset];
-    desc->backend = backends[common.backend];
-    desc->error = (float)options.error;
+    desc->options.mode = common_mode(given);
+    if (given[PRESET]) desc->options.preset = presets[common.preset];
+    desc->options.backend = backends[common.backend];
+    desc->target_error = (float)options.error;
     desc->directional = given[DIRECTIONAL];
     desc->supersample = options.supersample;
-    desc->rays = common.rays;
-    desc->sensor_size = common.sensor_size;
+    desc->options.rays = common.rays;
+    desc->options.sensor_size = common.sensor_size;
     desc->tile = common.tile;
-    if (given[THRESHOLD]) desc->threshold = common.threshold > (double)least ? (float)common.threshold : least;
-    if (given[EPSILON]) desc->epsilon = common.epsilon > (double)least ? (float)common.epsilon : least;
+    if (given[THRESHOLD]) desc->threshold = zero_or(common.threshold);
+    if (given[EPSILON]) desc->options.epsilon = zero_or(common.epsilon);
     if (given[FILTER_RADIUS]) desc->filter_radius = common.filter_radius ? common.filter_radius : -1;
-    desc->seed = (uint32_t)common.seed;
-    desc->progress = on_progress;
-    desc->progress_user = bar;
+    desc->options.seed = (uint32_t)common.seed;
+    desc->options.progress = on_progress;
+    desc->options.progress_user = bar;
 }
 
 static int bake_lightmap(const tool_task *task, double *seconds) {
@@ -368,7 +368,7 @@ static int bake_lightmap(const tool_task *task, double *seconds) {
     for (i = 0; i < 4; i++) free(l.harmonics[i].values);
     if (status == DONE && bar.shown)
         fprintf(stderr, "%s: %d x %d texels, %.0f sensors, %.1f s\n", common.output, desc.width, desc.height,
-                (double)sbl_query_stats(context).sensors, *seconds);
+                (double)sbl_query_stats(context).sensors.count, *seconds);
     return status;
 }
 
@@ -531,17 +531,17 @@ static int bake_vertices(const tool_task *task, double *seconds) {
     desc.radiance = v.radiance;
     desc.average = given[AVERAGE];
     desc.samples = options.samples;
-    if (given[SMOOTHING]) desc.smoothing = options.smoothing > (double)least ? (float)options.smoothing : -1;
-    desc.count = 3 * v.count;
-    desc.mode = common_mode(given);
-    if (given[PRESET]) desc.preset = presets[common.preset];
-    desc.backend = backends[common.backend];
-    desc.rays = common.rays;
-    desc.sensor_size = common.sensor_size;
-    if (given[EPSILON]) desc.epsilon = common.epsilon > (double)least ? (float)common.epsilon : least;
-    desc.seed = (uint32_t)common.seed;
-    desc.progress = on_progress;
-    desc.progress_user = &bar;
+    if (given[SMOOTHING]) desc.smoothing = zero_or(options.smoothing);
+    desc.float_count = 3 * v.count;
+    desc.options.mode = common_mode(given);
+    if (given[PRESET]) desc.options.preset = presets[common.preset];
+    desc.options.backend = backends[common.backend];
+    desc.options.rays = common.rays;
+    desc.options.sensor_size = common.sensor_size;
+    if (given[EPSILON]) desc.options.epsilon = zero_or(common.epsilon);
+    desc.options.seed = (uint32_t)common.seed;
+    desc.options.progress = on_progress;
+    desc.options.progress_user = &bar;
     if (v.radiance) result = sbl_begin_vertices(task->context, &desc);
     if (result == SBL_SUCCESS) result = work(task->context);
     if (bar.shown) fprintf(stderr, "\r%70s\r", "");
@@ -644,17 +644,17 @@ static int bake_probes(const tool_task *task, double *seconds) {
     p.all = (sbl_probe *)calloc((size_t)p.count + 1, sizeof *p.all);
     desc.positions = p.positions;
     desc.probes = p.all;
-    desc.count = p.count;
+    desc.probe_count = p.count;
     desc.move = (float)options.move;
-    desc.mode = common_mode(given);
-    if (given[PRESET]) desc.preset = presets[common.preset];
-    desc.backend = backends[common.backend];
-    desc.rays = common.rays;
-    desc.sensor_size = common.sensor_size;
-    if (given[EPSILON]) desc.epsilon = common.epsilon > (double)least ? (float)common.epsilon : least;
-    desc.seed = (uint32_t)common.seed;
-    desc.progress = on_progress;
-    desc.progress_user = &bar;
+    desc.options.mode = common_mode(given);
+    if (given[PRESET]) desc.options.preset = presets[common.preset];
+    desc.options.backend = backends[common.backend];
+    desc.options.rays = common.rays;
+    desc.options.sensor_size = common.sensor_size;
+    if (given[EPSILON]) desc.options.epsilon = zero_or(common.epsilon);
+    desc.options.seed = (uint32_t)common.seed;
+    desc.options.progress = on_progress;
+    desc.options.progress_user = &bar;
     if (!p.all) result = SBL_ERROR_OUT_OF_MEMORY;
     if (result == SBL_SUCCESS && p.count) result = sbl_begin_probes(task->context, &desc);
     if (result == SBL_SUCCESS && p.count) result = work(task->context);

@@ -19,7 +19,7 @@
 static struct options {
     int channel, inspect[2], samples;
     double sensor_fov, error, facet_limit, exposure;
-} options = { .facet_limit = 2 };
+} options;
 
 static const char *const channel_words[] = { "final", "radiance", "albedo", "normal", "position", "id", "depth", "sensors", "store", "error", NULL };  /* as sbl_channel */
 
@@ -221,38 +221,38 @@ static void fill_desc(sbl_picture_desc *desc, progress *bar) {
     memset(desc, 0, sizeof *desc);
     desc->width = camera.size[0];
     desc->height = camera.size[1];
-    if (given[MODE]) desc->mode = modes[common.mode];
-    if (given[PRESET]) desc->preset = presets[common.preset];
-    desc->backend = backends[common.backend];
-    desc->error = (float)options.error;
-    desc->rays = common.rays;
-    desc->sensor_size = common.sensor_size;
+    if (given[MODE]) desc->options.mode = modes[common.mode];
+    if (given[PRESET]) desc->options.preset = presets[common.preset];
+    desc->options.backend = backends[common.backend];
+    desc->target_error = (float)options.error;
+    desc->options.rays = common.rays;
+    desc->options.sensor_size = common.sensor_size;
     desc->sensor_fov = (float)options.sensor_fov;
     desc->tile = common.tile;
-    if (given[THRESHOLD]) desc->threshold = common.threshold > (double)least ? (float)common.threshold : least;
-    desc->facet_limit = (float)options.facet_limit;
-    if (given[EPSILON]) desc->epsilon = common.epsilon > (double)least ? (float)common.epsilon : least;
+    if (given[THRESHOLD]) desc->threshold = zero_or(common.threshold);
+    if (given[FACET_LIMIT]) desc->facet_limit = zero_or(options.facet_limit);
+    if (given[EPSILON]) desc->options.epsilon = zero_or(common.epsilon);
     if (given[FILTER_RADIUS]) desc->filter_radius = common.filter_radius ? common.filter_radius : -1;
     desc->samples = (sbl_channel)options.channel == SBL_CHANNEL_FINAL ? options.samples : 1;  /* the other channels show pixel centres */
-    desc->seed = (uint32_t)common.seed;
-    desc->progress = on_progress;
-    desc->progress_user = bar;
+    desc->options.seed = (uint32_t)common.seed;
+    desc->options.progress = on_progress;
+    desc->options.progress_user = bar;
 }
 
 static int render(const tool_task *task, double *seconds) {
     const sbl_channel channel = given[INSPECT] ? SBL_CHANNEL_FINAL : (sbl_channel)options.channel;
     progress bar = { !given[QUIET] && isatty(STDERR_FILENO), now(), 0 };
     sbl_context *context = task->context;
-    float lowest[3], highest[3];
+    sbl_bounds bounds;
     sbl_picture_desc desc;
     image picture = { 0, 0, 0, NULL };
     const view all = { &picture, channel };
     sbl_result result;
     int status = DONE;
     fill_desc(&desc, &bar);
-    sbl_query_bounds(context, lowest, highest);
-    if (!camera_place(desc.world_to_view, desc.view_to_clip, task->file, given, lowest, highest)) return camera_misuse();
-    result = sbl_begin(context, &desc);
+    bounds = sbl_query_bounds(context);
+    if (!camera_place(desc.world_to_view, desc.view_to_clip, task->file, given, bounds.lowest, bounds.highest)) return camera_misuse();
+    result = sbl_begin_picture(context, &desc);
     if (result == SBL_SUCCESS) result = work(context);
     if (bar.shown) fprintf(stderr, "\r%70s\r", "");
     if (!given[INSPECT] && (result == SBL_SUCCESS || result == SBL_UNFINISHED))
@@ -265,7 +265,7 @@ static int render(const tool_task *task, double *seconds) {
     free(picture.values);
     if (status == DONE && bar.shown)
         fprintf(stderr, "%s: %d x %d, %.0f sensors, %.1f s\n", common.output, picture.width, picture.height,
-                (double)sbl_query_stats(context).sensors, *seconds);
+                (double)sbl_query_stats(context).sensors.count, *seconds);
     return status;
 }
 

@@ -107,7 +107,8 @@ static int common_check(const int *given) {
 
 /* ---- the scene's light ---- */
 
-static const float least = 1e-30f;  /* to sbl.h zero means the default; on the command line it means zero */
+/* To sbl.h zero means the default and a negative number zero; on the command line zero means zero. */
+static float zero_or(double x) { return x > 0 ? (float)x : -1; }
 
 /* Does anything in it shine? */
 static int is_lit(const sbl_scene_desc *scene) {
@@ -129,11 +130,11 @@ static sbl_scene_desc common_scene(const scene_file *file, const scene_file *sky
     for (i = 0; i < 3 && lit_by_us(&scene, given); i++) scene.sky[i] = 1;
     if (sky) {
         scene.environment.picture = sky->scene.environment.picture;
-        scene.environment.scale = common.sky_scale > (double)least ? (float)common.sky_scale : least;
+        scene.environment.scale = zero_or(common.sky_scale);
         scene.environment.rotation = (float)common.sky_rotation;
         for (i = 0; i < 3; i++) scene.environment.up[i] = (float)common.sky_up[i];
     }
-    scene.bounce_samples = common.bounce_samples;
+    scene.max_bounce_cells = common.bounce_samples;
     return scene;
 }
 
@@ -225,23 +226,23 @@ static int write_stats(FILE *out, const void *what) {
         fputc((unsigned char)*c < 32 ? ' ' : *c, out);
     }
     mode = s.mode == SBL_MODE_GI ? "gi" : s.mode == SBL_MODE_DIRECT ? "direct" : s.mode == SBL_MODE_PAPER ? "paper" : "ambient";
-    fprintf(out, "\",\n  \"mode\": \"%s\",\n  \"size\": [%d, %d],\n  \"triangles\": %d,\n  \"lights\": %d,\n  \"visible_pixels\": %d,\n", mode, s.width,
-            s.height, s.triangles, all->lights, s.visible_pixels);
+    fprintf(out, "\",\n  \"mode\": \"%s\",\n  \"size\": [%d, %d],\n  \"triangles\": %d,\n  \"lights\": %d,\n  \"visible_pixels\": %d,\n", mode, s.picture.width,
+            s.picture.height, s.scene.triangles, all->lights, s.picture.visible_pixels);
     fprintf(out, "  \"backend\": \"%s\",\n", s.backend == SBL_BACKEND_TRACE ? "trace" : "raster");
-    fprintf(out, "  \"error\": {\"asked\": %.6g, \"expected\": %.6g},\n", (double)s.error_asked, (double)s.error_expected);
-    if (s.seams)
-        fprintf(out, "  \"seams\": {\"edges\": %d, \"largest_before\": %.6g, \"largest_after\": %.6g},\n", s.seams, (double)s.seam_before,
-                (double)s.seam_after);
+    fprintf(out, "  \"error\": {\"asked\": %.6g, \"expected\": %.6g},\n", (double)s.picture.target_error, (double)s.picture.expected_error);
+    if (s.lightmap.seams)
+        fprintf(out, "  \"seams\": {\"edges\": %d, \"largest_before\": %.6g, \"largest_after\": %.6g},\n", s.lightmap.seams, (double)s.lightmap.seam_before,
+                (double)s.lightmap.seam_after);
     fprintf(out, "  \"sensors\": %.0f,\n  \"sensor_views\": %.0f,\n  \"sensor_texels\": %.0f,\n  \"rays\": %.0f,\n  \"bounce_samples\": %d,\n  \"bounce_rays\": %.0f,\n"
             "  \"levels\": [",
-            (double)s.sensors, (double)s.sensor_views, (double)s.sensor_texels, (double)s.rays, s.bounce_samples, (double)s.bounce_rays);
-    for (i = 0; i < s.level_count; i++)
-        fprintf(out, "%s{\"tile\": %d, \"sensors\": %.0f}", i ? ", " : "", s.levels[i].tile, (double)s.levels[i].sensors);
+            (double)s.sensors.count, (double)s.sensors.views, (double)s.sensors.texels, (double)s.sensors.rays, s.store.cells, (double)s.store.rays);
+    for (i = 0; i < s.picture.level_count; i++)
+        fprintf(out, "%s{\"tile\": %d, \"sensors\": %.0f}", i ? ", " : "", s.picture.levels[i].tile, (double)s.picture.levels[i].sensors);
     fprintf(out, "],\n  \"seconds\": {\"load\": %.6f, \"scene\": %.6f, \"surface\": %.6f, \"gather\": %.6f, \"bounce\": %.6f, ", all->load, s.seconds.scene,
             s.seconds.surface, s.seconds.gather, s.seconds.bounce);
     fprintf(out, "\"refine\": %.6f, \"filter\": %.6f, \"resolve\": %.6f, \"total\": %.6f},\n", s.seconds.refine, s.seconds.filter, s.seconds.resolve, all->seconds);
     fprintf(out, "  \"microseconds_per_sensor\": %.6f,\n  \"peak_gpu_bytes\": %.0f,\n  \"peak_host_bytes\": %.0f\n}\n",
-            s.microseconds_per_sensor, (double)sbl_query_memory(context).gpu_peak_bytes, 1024.0 * (double)self.ru_maxrss);
+            s.sensors.microseconds, (double)sbl_query_memory(context).gpu_peak_bytes, 1024.0 * (double)self.ru_maxrss);
     return 1;
 }
 

@@ -1,4 +1,4 @@
-/* Demonstrates light at points of your own, here the vertices of a finely divided Cornell box: sbl_gather takes them
+/* Demonstrates light at points of your own, here the vertices of a finely divided Cornell box: sbl_gather_readings takes them
    with their normals, vertex_light.ply is the mesh with its light as colours, for any viewer of models, and
    vertex_light.png shows it. The first argument is the folder to write them to. */
 #define SBL_IMPLEMENTATION
@@ -105,7 +105,7 @@ static int picture_make(sbl_context *context) {
     sbl_mesh meshes[CORNELL_QUADS] = { { .vertex_count = 0 } };
     const sbl_scene_desc scene = {
         .meshes = meshes, .mesh_count = CORNELL_QUADS, .materials = &plain, .material_count = 1, .sky = { 1, 1, 1 } };
-    sbl_picture_desc view = { .mode = SBL_MODE_DIRECT, .preset = SBL_PRESET_DRAFT, .tile = 1024 };  /* light: any */
+    sbl_picture_desc view = { .options.mode = SBL_MODE_DIRECT, .options.preset = SBL_PRESET_DRAFT, .tile = 1024 };  /* light: any */
     int quad;
     for (quad = 0; quad < CORNELL_QUADS; quad++) {
         meshes[quad].positions.data = positions[quad * PER_QUAD];
@@ -116,20 +116,20 @@ static int picture_make(sbl_context *context) {
         meshes[quad].index_count = 6 * CELLS;
     }
     cornell_box_view(&view, ACROSS, ACROSS);
-    return sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS &&
+    return sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS &&
            sbl_read_channel(context, SBL_CHANNEL_ALBEDO, picture, 3 * ACROSS * ACROSS) == SBL_SUCCESS;
 }
 
 int main(int argc, char **argv) {
     const char *folder = argc > 1 ? argv[1] : ".";
-    const sbl_gather_desc gather = { .sites = sites, .readings = readings, .site_count = VERTICES };  /* defaults */
+    const sbl_readings_desc gather = { .sites = sites, .readings = readings, .site_count = VERTICES };  /* defaults */
     sbl_context *context;
     cornell_box box;
     char path[1024];
     int i, hidden = 0, ok;
     vertices_make();
     if (sbl_create(headless("vertex_light"), &context) != SBL_SUCCESS) return 1;  /* sbl.h says why on stderr */
-    ok = sbl_set_scene(context, cornell_box_make(&box)) == SBL_SUCCESS && sbl_gather(context, &gather) == SBL_SUCCESS;
+    ok = sbl_set_scene(context, cornell_box_make(&box)) == SBL_SUCCESS && sbl_gather_readings(context, &gather) == SBL_SUCCESS;
     if (ok) {
         for (i = 0; i < VERTICES; i++) hidden += inside(&readings[i]);
         printf("vertex_light: %d vertices, %d of them inside something, %.2f s\n", (int)VERTICES, hidden,

@@ -18,13 +18,13 @@ static sbl_picture_desc camera_view(int width, int height) {
     memset(&view, 0, sizeof view);
     view.width = width;
     view.height = height;
-    view.mode = SBL_MODE_AMBIENT;
-    view.epsilon = 1;
+    view.options.mode = SBL_MODE_AMBIENT;
+    view.options.epsilon = 1;
     view.tile = 1;
     view.filter_radius = -1;
     view.samples = 1;
     view.facet_limit = 1e9f;  /* normals are the triangles' own: no ray starts into its own surface */
-    view.backend = SBL_BACKEND_TRACE;
+    view.options.backend = SBL_BACKEND_TRACE;
     sbl_look_at(view.world_to_view, camera[0], camera[1], camera[2], camera[3], camera[4], camera[5], camera[6], camera[7], camera[8]);
     sbl_perspective(view.view_to_clip, camera[9], (float)width / (float)height);
     return view;
@@ -36,8 +36,8 @@ TEST(a_thousand_points_see_the_same_triangles) {
     ref_scene *truth = ref_create(&file->scene);
     float *rays = (float *)malloc(32 * (size_t)POINTS * EACH);
     hits_compared seen;
-    view.rays = 1;
-    REQUIRE(rays && sbl_render(context, &view) == SBL_SUCCESS, "no picture");
+    view.options.rays = 1;
+    REQUIRE(rays && sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture");
     seen = trace_hits_compare(context, truth, rays, trace_hits_rays(context, &view, POINTS, EACH, 7, rays));
     printf("  %d rays, %d hits, %d ties, %d differ, %d of them away from all edges\n", seen.rays, seen.hits, seen.ties, seen.differ, seen.unexplained);
     CHECK(seen.rays == POINTS * EACH, "only %d rays", seen.rays);
@@ -53,11 +53,11 @@ TEST(smooth_light_is_what_rasterised_sensors_find) {
     float traced[3 * WIDTH * HEIGHT], drawn[3 * WIDTH * HEIGHT];
     double squares = 0, sum = 0, error;
     int i;
-    view.rays = 4096;
-    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_RADIANCE, traced, 3 * WIDTH * HEIGHT) == SBL_SUCCESS, "no picture");
-    view.backend = SBL_BACKEND_RASTER;
-    view.sensor_size = 256;
-    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_RADIANCE, drawn, 3 * WIDTH * HEIGHT) == SBL_SUCCESS, "no picture");
+    view.options.rays = 4096;
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_RADIANCE, traced, 3 * WIDTH * HEIGHT) == SBL_SUCCESS, "no picture");
+    view.options.backend = SBL_BACKEND_RASTER;
+    view.options.sensor_size = 256;
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_RADIANCE, drawn, 3 * WIDTH * HEIGHT) == SBL_SUCCESS, "no picture");
     for (i = 0; i < 3 * WIDTH * HEIGHT; i++) {
         squares += ((double)traced[i] - drawn[i]) * ((double)traced[i] - drawn[i]);
         sum += drawn[i];

@@ -24,9 +24,9 @@ static void known_picture(void) {
     sbl_scene_desc desc = scene_desc(&small);
     if (sbl_set_scene(context, &desc) != SBL_SUCCESS) abort();
     view = small_view();
-    view.backend = SBL_BACKEND_TRACE;
+    view.options.backend = SBL_BACKEND_TRACE;
     if (small_render(context, &view, &expected_traced) != SBL_SUCCESS) abort();
-    view.backend = SBL_BACKEND_RASTER;
+    view.options.backend = SBL_BACKEND_RASTER;
     if (small_render(context, &view, &expected) != SBL_SUCCESS) abort();
     memory = sbl_query_memory(context);
     blocks = seen.blocks;
@@ -38,11 +38,11 @@ static int usable(const char *after) {
     sbl_result result;
     sbl_memory now;
     view = small_view();
-    view.backend = SBL_BACKEND_TRACE;
+    view.options.backend = SBL_BACKEND_TRACE;
     result = small_render(context, &view, &picture);
     CHECK(result == SBL_SUCCESS && small_same(&picture, &expected_traced), "after %s: the known picture, traced, gives \"%s\" or has changed: %s",
           after, sbl_result_string(result), watch_last(&seen));
-    view.backend = SBL_BACKEND_RASTER;
+    view.options.backend = SBL_BACKEND_RASTER;
     result = small_render(context, &view, &picture);
     now = sbl_query_memory(context);
     CHECK(result == SBL_SUCCESS, "after %s: the known picture gives \"%s\": %s", after, sbl_result_string(result), watch_last(&seen));
@@ -75,6 +75,12 @@ static void bad_context(const sbl_context_desc *desc, const char *mistake, const
 
 #define BAD_CONTEXT(change, field, value) do { sbl_context_desc d = watch_desc(&seen); change; bad_context(&d, #change, field, value); } while (0)
 
+static int has_no_bounds(const sbl_context *c) {
+    static const sbl_bounds none;
+    const sbl_bounds bounds = sbl_query_bounds(c);
+    return memcmp(&bounds, &none, sizeof none) == 0;
+}
+
 TEST(context_desc) {
     BAD_CONTEXT(d.start_canary = 0xabc, "start_canary", "abc");
     BAD_CONTEXT(d.end_canary = 0xabc, "end_canary", "abc");
@@ -82,10 +88,10 @@ TEST(context_desc) {
     BAD_CONTEXT(d.allocator.alloc = NULL, "allocator.alloc", "NULL");
     BAD_CONTEXT(d.disabled = 0x80000000u, "disabled", "0x80000000");
     BAD_CONTEXT(d.disabled = SBL_CAPABILITY_ALL + 1, "disabled", "0x");
-    BAD_CONTEXT(d.atlas_size = -1, "atlas_size", "-1");
-    BAD_CONTEXT(d.atlas_size = 255, "atlas_size", "255");
-    BAD_CONTEXT(d.atlas_size = 16385, "atlas_size", "16385");
-    BAD_CONTEXT(d.atlas_size = INT_MIN, "atlas_size", "-2147483648");
+    BAD_CONTEXT(d.sensor_texture_size = -1, "atlas_size", "-1");
+    BAD_CONTEXT(d.sensor_texture_size = 255, "atlas_size", "255");
+    BAD_CONTEXT(d.sensor_texture_size = 16385, "atlas_size", "16385");
+    BAD_CONTEXT(d.sensor_texture_size = INT_MIN, "atlas_size", "-2147483648");
     BAD_CONTEXT(d.batch = -1, "batch", "-1");
     BAD_CONTEXT(d.batch = INT_MIN, "batch", "-2147483648");
     usable("bad context descriptors");
@@ -96,7 +102,7 @@ TEST(context_desc_all_at_once) {
     sbl_context *out = NULL;
     d.allocator.free = NULL;
     d.disabled = 0xff00;
-    d.atlas_size = 7;
+    d.sensor_texture_size = 7;
     d.batch = -3;
     watch_forget(&seen);
     CHECK(sbl_create(&d, &out) == SBL_ERROR_INVALID_ARGUMENT && !out, "four mistakes are accepted");
@@ -234,10 +240,10 @@ TEST(scene_desc) {
     BAD_SCENE(f.scene.draw_max_radiance = NOT, SCENE_DESC, "sbl_scene_desc", "draw_max_radiance", "nan");
     BAD_SCENE(f.scene.draw_max_radiance = INF, SCENE_DESC, "sbl_scene_desc", "draw_max_radiance", "inf");
     BAD_SCENE(f.scene.draw_max_radiance = -2, SCENE_DESC, "sbl_scene_desc", "draw_max_radiance", "-2");
-    BAD_SCENE(f.scene.bounce_samples = -1, SCENE_DESC, "sbl_scene_desc", "bounce_samples", "-1");
-    BAD_SCENE(f.scene.bounce_samples = 1, SCENE_DESC, "sbl_scene_desc", "bounce_samples", "is 1;");
-    BAD_SCENE(f.scene.bounce_samples = 1023, SCENE_DESC, "sbl_scene_desc", "bounce_samples", "1023");
-    BAD_SCENE(f.scene.bounce_samples = 1048577, SCENE_DESC, "sbl_scene_desc", "bounce_samples", "1048577");
+    BAD_SCENE(f.scene.max_bounce_cells = -1, SCENE_DESC, "sbl_scene_desc", "max_bounce_cells", "-1");
+    BAD_SCENE(f.scene.max_bounce_cells = 1, SCENE_DESC, "sbl_scene_desc", "max_bounce_cells", "is 1;");
+    BAD_SCENE(f.scene.max_bounce_cells = 1023, SCENE_DESC, "sbl_scene_desc", "max_bounce_cells", "1023");
+    BAD_SCENE(f.scene.max_bounce_cells = 1048577, SCENE_DESC, "sbl_scene_desc", "max_bounce_cells", "1048577");
     usable("bad scene descriptors");
 }
 
@@ -544,7 +550,7 @@ TEST(lights_without_light) {
     unlit[2].angle = 180;
     for (way = 0; way < 2; way++) {
         view = small_view();
-        view.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
+        view.options.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
         memset(&desc.environment, 0, sizeof desc.environment);
         desc.light_count = 0;
         REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS && small_render(context, &view, &without) == SBL_SUCCESS, "%s", watch_last(&seen));
@@ -628,10 +634,10 @@ TEST(empty_scenes_and_meshes) {
     nothing.sky[1] = 0.5f;
     watch_forget(&seen);
     REQUIRE(sbl_set_scene(context, &nothing) == SBL_SUCCESS, "an empty scene is refused: %s", watch_last(&seen));
-    CHECK(sbl_query_bounds(context, low, high) == SBL_SUCCESS && low[0] == 0 && low[2] == 0 && high[1] == 0, "its bounds are not 0");
+    CHECK(scene_bounds(context, low, high) && low[0] == 0 && low[2] == 0 && high[1] == 0, "its bounds are not 0");
     for (way = 0; way < 2; way++) {
         view = small_view();
-        view.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
+        view.options.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
         watch_forget(&seen);
         REQUIRE(small_render(context, &view, &picture) == SBL_SUCCESS, "an empty scene is not rendered: %s", watch_last(&seen));
         for (i = 0; i < 3 * SMALL_PIXELS; i++) if (picture.values[i] != nothing.sky[i % 3]) break;
@@ -639,22 +645,22 @@ TEST(empty_scenes_and_meshes) {
         CHECK(watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, NULL, NULL, NULL), "no warning that nothing is visible");
     }
     memset(&view, 0, sizeof view);
-    view.mode = SBL_MODE_AMBIENT;
+    view.options.mode = SBL_MODE_AMBIENT;
     view.width = view.height = 4;
-    view.sensor_size = 4;
-    CHECK(sbl_render(context, &view) == SBL_SUCCESS, "the default camera fails in an empty scene: %s", watch_last(&seen));
+    view.options.sensor_size = 4;
+    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "the default camera fails in an empty scene: %s", watch_last(&seen));
 
     fixture_reset();  /* a mesh without vertices, one without triangles, one whose indices are given and none */
     memset(&f.meshes[1], 0, sizeof f.meshes[1]);
-    CHECK(sbl_set_scene(context, &f.scene) == SBL_SUCCESS && sbl_query_stats(context).triangles == 2, "an empty mesh is refused: %s", watch_last(&seen));
+    CHECK(sbl_set_scene(context, &f.scene) == SBL_SUCCESS && sbl_query_stats(context).scene.triangles == 2, "an empty mesh is refused: %s", watch_last(&seen));
     fixture_reset();
     f.meshes[0].index_count = f.meshes[1].index_count = 0;
-    CHECK(sbl_set_scene(context, &f.scene) == SBL_SUCCESS && sbl_query_stats(context).triangles == 0, "meshes without triangles are refused: %s",
+    CHECK(sbl_set_scene(context, &f.scene) == SBL_SUCCESS && sbl_query_stats(context).scene.triangles == 0, "meshes without triangles are refused: %s",
           watch_last(&seen));
     view = small_view();
-    CHECK(sbl_render(context, &view) == SBL_SUCCESS, "meshes without triangles are not rendered: %s", watch_last(&seen));
-    view.backend = SBL_BACKEND_TRACE;
-    CHECK(sbl_render(context, &view) == SBL_SUCCESS, "meshes without triangles are not traced: %s", watch_last(&seen));
+    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "meshes without triangles are not rendered: %s", watch_last(&seen));
+    view.options.backend = SBL_BACKEND_TRACE;
+    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "meshes without triangles are not traced: %s", watch_last(&seen));
     known_picture();
     usable("empty scenes");
 }
@@ -675,7 +681,7 @@ TEST(degenerate_triangles) {
     }
     for (way = 0; way < 2; way++) {
         view = small_view();
-        view.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
+        view.options.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
         desc = scene_desc(&good);
         watch_forget(&seen);
         REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS && small_render(context, &view, &without) == SBL_SUCCESS, "%s", watch_last(&seen));
@@ -686,7 +692,7 @@ TEST(degenerate_triangles) {
         CHECK(seen.warnings == 1 && seen.errors == 0 && watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_DEGENERATE_TRIANGLES, "4", NULL, NULL),
               "%d warnings, the last: %s",
               seen.warnings, watch_last(&seen));
-        CHECK(sbl_query_stats(context).triangles == 4, "%d triangles are left, expected 4", sbl_query_stats(context).triangles);
+        CHECK(sbl_query_stats(context).scene.triangles == 4, "%d triangles are left, expected 4", sbl_query_stats(context).scene.triangles);
         REQUIRE(small_render(context, &view, &with) == SBL_SUCCESS, "%s", watch_last(&seen));
         CHECK(small_same(&with, &without), "degenerate triangles change the picture");
     }
@@ -707,8 +713,8 @@ TEST(extreme_light) {
         scene_floor(&s, scene_lamp(&s, lights[i], lights[i], lights[i]), 1, 1);
         desc = scene_desc(&s);
         view = small_view();
-        view.mode = SBL_MODE_DIRECT;
-        view.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
+        view.options.mode = SBL_MODE_DIRECT;
+        view.options.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
         CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS && small_render(context, &view, &picture) == SBL_SUCCESS, "light of %g fails", (double)lights[i]);
         for (k = 0; k < 3 * SMALL_PIXELS; k++) if (!(picture.values[k] >= 0 && picture.values[k] <= lights[i] * 1.01f)) break;
         CHECK(k == 3 * SMALL_PIXELS, "light of %g: float %d of the picture is %g", (double)lights[i], k, (double)picture.values[k]);
@@ -722,7 +728,7 @@ TEST(extreme_light) {
 static void bad_picture(const sbl_picture_desc *desc, sbl_result right, sbl_log_item item, const char *mistake, const char *field, const char *value) {
     static small_picture picture;
     watch_forget(&seen);
-    refused(sbl_begin(context, desc), right, item, mistake, "sbl_picture_desc", field, value);
+    refused(sbl_begin_picture(context, desc), right, item, mistake, "sbl_picture_desc", field, value);
     CHECK(small_read(context, &picture) == SBL_SUCCESS && small_same(&picture, &expected), "%s: the finished picture is gone", mistake);
     CHECK(seen.blocks == blocks, "%s: %d blocks leaked", mistake, seen.blocks - blocks);
 }
@@ -744,22 +750,22 @@ TEST(picture_desc) {
     BAD_PICTURE(d.height = 0, "height", "0");
     BAD_PICTURE(d.height = -1, "height", "-1");
     BAD_PICTURE(d.height = INT_MAX, "height", "2147483647");
-    BAD_PICTURE(d.mode = (sbl_mode)-1, "mode", "-1");
-    BAD_PICTURE(d.mode = SBL_MODE_COUNT, "mode", "5");
-    BAD_PICTURE(d.preset = (sbl_preset)-1, "preset", "-1");
-    BAD_PICTURE(d.preset = SBL_PRESET_COUNT, "preset", "3");
+    BAD_PICTURE(d.options.mode = (sbl_mode)-1, "mode", "-1");
+    BAD_PICTURE(d.options.mode = SBL_MODE_COUNT, "mode", "5");
+    BAD_PICTURE(d.options.preset = (sbl_preset)-1, "preset", "-1");
+    BAD_PICTURE(d.options.preset = SBL_PRESET_COUNT, "preset", "3");
     BAD_PICTURE(d.sensor_kind = (sbl_sensor_kind)-1, "sensor_kind", "-1");
     BAD_PICTURE(d.sensor_kind = SBL_SENSOR_KIND_COUNT, "sensor_kind", "3");
-    BAD_PICTURE((d.mode = SBL_MODE_PAPER, d.sensor_kind = SBL_SENSOR_HEMICUBE), "sensor_kind", "HEMICUBE");
-    BAD_PICTURE(d.backend = (sbl_backend)-1, "backend", "-1");
-    BAD_PICTURE(d.backend = SBL_BACKEND_COUNT, "backend", "3");
-    BAD_PICTURE((d.backend = SBL_BACKEND_TRACE, d.mode = SBL_MODE_PAPER), "backend is SBL_BACKEND_TRACE", "single view");
-    BAD_PICTURE((d.backend = SBL_BACKEND_TRACE, d.sensor_kind = SBL_SENSOR_SINGLE), "backend is SBL_BACKEND_TRACE", "single view");
-    BAD_PICTURE(d.rays = -1, "rays", "-1");
-    BAD_PICTURE(d.rays = 4097, "rays", "4097");
-    BAD_PICTURE(d.sensor_size = -1, "sensor_size", "-1");
-    BAD_PICTURE(d.sensor_size = 3, "sensor_size", "3");
-    BAD_PICTURE(d.sensor_size = 513, "sensor_size", "513");
+    BAD_PICTURE((d.options.mode = SBL_MODE_PAPER, d.sensor_kind = SBL_SENSOR_HEMICUBE), "sensor_kind", "HEMICUBE");
+    BAD_PICTURE(d.options.backend = (sbl_backend)-1, "backend", "-1");
+    BAD_PICTURE(d.options.backend = SBL_BACKEND_COUNT, "backend", "3");
+    BAD_PICTURE((d.options.backend = SBL_BACKEND_TRACE, d.options.mode = SBL_MODE_PAPER), "backend is SBL_BACKEND_TRACE", "single view");
+    BAD_PICTURE((d.options.backend = SBL_BACKEND_TRACE, d.sensor_kind = SBL_SENSOR_SINGLE), "backend is SBL_BACKEND_TRACE", "single view");
+    BAD_PICTURE(d.options.rays = -1, "rays", "-1");
+    BAD_PICTURE(d.options.rays = 4097, "rays", "4097");
+    BAD_PICTURE(d.options.sensor_size = -1, "sensor_size", "-1");
+    BAD_PICTURE(d.options.sensor_size = 3, "sensor_size", "3");
+    BAD_PICTURE(d.options.sensor_size = 513, "sensor_size", "513");
     BAD_PICTURE(d.sensor_fov = NOT, "sensor_fov", "nan");
     BAD_PICTURE(d.sensor_fov = INF, "sensor_fov", "inf");
     BAD_PICTURE(d.sensor_fov = 0.5f, "sensor_fov", "0.5");
@@ -767,16 +773,13 @@ TEST(picture_desc) {
     BAD_PICTURE(d.sensor_fov = -90, "sensor_fov", "-90");
     BAD_PICTURE(d.tile = -1, "tile", "-1");
     BAD_PICTURE(d.tile = 1025, "tile", "1025");
-    BAD_PICTURE(d.error = -0.25f, "error", "-0.25");
-    BAD_PICTURE(d.error = 1.5f, "error", "1.5");
-    BAD_PICTURE(d.error = NOT, "error", "nan");
-    BAD_PICTURE(d.threshold = -0.25f, "threshold", "-0.25");
+    BAD_PICTURE(d.target_error = -0.25f, "error", "-0.25");
+    BAD_PICTURE(d.target_error = 1.5f, "error", "1.5");
+    BAD_PICTURE(d.target_error = NOT, "error", "nan");
     BAD_PICTURE(d.threshold = NOT, "threshold", "nan");
     BAD_PICTURE(d.threshold = INF, "threshold", "inf");
-    BAD_PICTURE(d.epsilon = -0.25f, "epsilon", "-0.25");
-    BAD_PICTURE(d.epsilon = NOT, "epsilon", "nan");
-    BAD_PICTURE(d.epsilon = INF, "epsilon", "inf");
-    BAD_PICTURE(d.facet_limit = -0.25f, "facet_limit", "-0.25");
+    BAD_PICTURE(d.options.epsilon = NOT, "epsilon", "nan");
+    BAD_PICTURE(d.options.epsilon = INF, "epsilon", "inf");
     BAD_PICTURE(d.facet_limit = NOT, "facet_limit", "nan");
     BAD_PICTURE(d.facet_limit = INF, "facet_limit", "inf");
     BAD_PICTURE(d.filter_radius = 33, "filter_radius", "33");
@@ -811,16 +814,16 @@ TEST(picture_desc_all_at_once) {
     int i, count = (int)(sizeof fields / sizeof *fields);
     sbl_picture_desc d = small_view();
     d.width = d.height = -5;
-    d.mode = SBL_MODE_COUNT;
-    d.preset = SBL_PRESET_COUNT;
+    d.options.mode = SBL_MODE_COUNT;
+    d.options.preset = SBL_PRESET_COUNT;
     d.sensor_kind = SBL_SENSOR_KIND_COUNT;
-    d.backend = SBL_BACKEND_COUNT;
-    d.rays = d.sensor_size = d.tile = d.samples = -1;
-    d.sensor_fov = d.threshold = d.epsilon = d.facet_limit = NOT;
+    d.options.backend = SBL_BACKEND_COUNT;
+    d.options.rays = d.options.sensor_size = d.tile = d.samples = -1;
+    d.sensor_fov = d.threshold = d.options.epsilon = d.facet_limit = NOT;
     d.filter_radius = 99;
     d.world_to_view[2] = d.world_to_view[9] = d.view_to_clip[7] = INF;
     watch_forget(&seen);
-    CHECK(sbl_render(context, &d) == SBL_ERROR_INVALID_ARGUMENT, "%d mistakes are accepted", count);
+    CHECK(sbl_render_picture(context, &d) == SBL_ERROR_INVALID_ARGUMENT, "%d mistakes are accepted", count);
     for (i = 0; i < count; i++)
         CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_PICTURE_DESC, "sbl_picture_desc", fields[i], NULL), "nothing is said about %s", fields[i]);
     CHECK(seen.errors == count, "%d errors for %d mistakes", seen.errors, count);
@@ -831,30 +834,30 @@ TEST(picture_desc_all_at_once) {
 TEST(picture_desc_ends_of_ranges) {
     sbl_picture_desc d = small_view();
     d.width = d.height = 1;
-    d.sensor_size = 4;
+    d.options.sensor_size = 4;
     d.sensor_kind = SBL_SENSOR_SINGLE;
     d.sensor_fov = 179;
     d.tile = 1024;
     d.filter_radius = 32;
     d.samples = 64;
     d.threshold = 1e-30f;
-    d.seed = 0xffffffffu;
-    CHECK(sbl_render(context, &d) == SBL_SUCCESS, "%s", watch_last(&seen));
+    d.options.seed = 0xffffffffu;
+    CHECK(sbl_render_picture(context, &d) == SBL_SUCCESS, "%s", watch_last(&seen));
     d.width = 3;
     d.height = 1;
     d.sensor_fov = 1;
-    d.sensor_size = 512;
+    d.options.sensor_size = 512;
     d.tile = 1;
     d.filter_radius = INT_MIN;
     d.samples = 1;
     d.threshold = 3e38f;
-    CHECK(sbl_render(context, &d) == SBL_SUCCESS, "%s", watch_last(&seen));
-    d.backend = SBL_BACKEND_TRACE;
+    CHECK(sbl_render_picture(context, &d) == SBL_SUCCESS, "%s", watch_last(&seen));
+    d.options.backend = SBL_BACKEND_TRACE;
     d.sensor_kind = SBL_SENSOR_DEFAULT;
-    d.rays = 4096;
-    CHECK(sbl_render(context, &d) == SBL_SUCCESS, "%s", watch_last(&seen));
-    d.rays = 1;
-    CHECK(sbl_render(context, &d) == SBL_SUCCESS, "%s", watch_last(&seen));
+    d.options.rays = 4096;
+    CHECK(sbl_render_picture(context, &d) == SBL_SUCCESS, "%s", watch_last(&seen));
+    d.options.rays = 1;
+    CHECK(sbl_render_picture(context, &d) == SBL_SUCCESS, "%s", watch_last(&seen));
     usable("the ends of ranges");
 }
 
@@ -863,39 +866,39 @@ TEST(rays_with_a_draw_callback) {
     desc.draw = draws_nothing;
     REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
     view = small_view();
-    view.backend = SBL_BACKEND_TRACE;
+    view.options.backend = SBL_BACKEND_TRACE;
     watch_forget(&seen);
-    refused(sbl_begin(context, &view), SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_PICTURE_DESC, "rays with a draw callback",
+    refused(sbl_begin_picture(context, &view), SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_PICTURE_DESC, "rays with a draw callback",
         "sbl_picture_desc", "backend is SBL_BACKEND_TRACE", "draw callback");
     known_picture();
 }
 
-/* The ends of the range of bounce_samples are inside, and 0 is the default, too. */
-TEST(bounce_samples_ends_of_range) {
+/* The ends of the range of max_bounce_cells are inside, and 0 is the default, too. */
+TEST(max_bounce_cells_ends_of_range) {
     static const int samples[] = { 0, 1024, 1048576 };
     int i;
     for (i = 0; i < 3; i++) {
         sbl_scene_desc desc = scene_desc(&small);
         sbl_picture_desc d = small_view();
         sbl_stats stats;
-        desc.bounce_samples = samples[i];
-        d.mode = i ? SBL_MODE_GI : SBL_MODE_DEFAULT;
+        desc.max_bounce_cells = samples[i];
+        d.options.mode = i ? SBL_MODE_GI : SBL_MODE_DEFAULT;
         watch_forget(&seen);
         if (samples[i] > 2000) {  /* much work, of which a little is done */
-            CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_begin(context, &d) == SBL_SUCCESS && sbl_step(context, 1e-3) == SBL_UNFINISHED,
-                  "bounce_samples of %d: %s", samples[i], watch_last(&seen));
+            CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_begin_picture(context, &d) == SBL_SUCCESS && sbl_step(context, 1e-3) == SBL_UNFINISHED,
+                  "max_bounce_cells of %d: %s", samples[i], watch_last(&seen));
             continue;
         }
-        REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_render(context, &d) == SBL_SUCCESS, "bounce_samples of %d: %s", samples[i],
+        REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_render_picture(context, &d) == SBL_SUCCESS, "max_bounce_cells of %d: %s", samples[i],
                 watch_last(&seen));
         stats = sbl_query_stats(context);
-        CHECK(stats.mode == SBL_MODE_GI && stats.bounce_samples > 100 && stats.bounce_samples <= (i ? samples[i] : 49152), "bounce_samples of %d gives %d",
-              samples[i], stats.bounce_samples);
+        CHECK(stats.mode == SBL_MODE_GI && stats.store.cells > 100 && stats.store.cells <= (i ? samples[i] : 49152), "store.cells of %d gives %d",
+              samples[i], stats.store.cells);
         CHECK(stats.seconds.bounce > 0 && stats.seconds.bounce < stats.seconds.total, "the store takes %g s of %g", stats.seconds.bounce, stats.seconds.total);
     }
     sbl_end(context);
     known_picture();
-    usable("bounce_samples");
+    usable("max_bounce_cells");
 }
 
 /* >>calls */
@@ -915,29 +918,27 @@ TEST(null_parameters) {
     SAID(sbl_set_mesh_transform(context, 0, NULL), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_set_mesh_transform", "transform");
     SAID(sbl_set_mesh_transform(context, -1, matrix), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_set_mesh_transform", "mesh is -1");
     SAID(sbl_set_mesh_transform(context, 8, matrix), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_set_mesh_transform", "mesh is 8");
-    SAID(sbl_query_bounds(context, NULL, three), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_query_bounds", "lowest");
-    SAID(sbl_query_bounds(context, three, NULL), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_query_bounds", "highest");
     SAID(sbl_read_channel(context, SBL_CHANNEL_FINAL, NULL, 1000000), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_read_channel", "out");
     SAID(sbl_inspect_sensor(context, 1, 1, NULL, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_inspect_sensor", "sensor");
 
     CHECK(sbl_set_scene(NULL, &scene) == SBL_ERROR_INVALID_ARGUMENT, "sbl_set_scene without context");
     CHECK(sbl_set_mesh_transform(NULL, 0, matrix) == SBL_ERROR_INVALID_ARGUMENT, "sbl_set_mesh_transform without context");
-    CHECK(sbl_query_bounds(NULL, three, three) == SBL_ERROR_INVALID_ARGUMENT, "sbl_query_bounds without context");
-    CHECK(sbl_render(NULL, &view) == SBL_ERROR_INVALID_ARGUMENT, "sbl_render without context");
-    CHECK(sbl_begin(NULL, &view) == SBL_ERROR_INVALID_ARGUMENT, "sbl_begin without context");
+    CHECK(has_no_bounds(NULL), "sbl_query_bounds without context");
+    CHECK(sbl_render_picture(NULL, &view) == SBL_ERROR_INVALID_ARGUMENT, "sbl_render without context");
+    CHECK(sbl_begin_picture(NULL, &view) == SBL_ERROR_INVALID_ARGUMENT, "sbl_begin without context");
     CHECK(sbl_step(NULL, 0) == SBL_ERROR_INVALID_ARGUMENT, "sbl_step without context");
     CHECK(sbl_read_channel(NULL, SBL_CHANNEL_FINAL, three, 3) == SBL_ERROR_INVALID_ARGUMENT, "sbl_read_channel without context");
     CHECK(sbl_inspect_sensor(NULL, 0, 0, &sensor, NULL, NULL, 0) == SBL_ERROR_INVALID_ARGUMENT, "sbl_inspect_sensor without context");
     CHECK(sbl_channel_texture(NULL, SBL_CHANNEL_FINAL) == 0, "sbl_channel_texture without context");
     CHECK(sbl_progress(NULL) == 0, "sbl_progress without context");
-    CHECK(sbl_query_desc(NULL).atlas_size == sbl_context_desc_defaults(NULL).atlas_size, "sbl_query_desc without context");
-    CHECK(sbl_query_capabilities(NULL).gl_major == 0 && sbl_query_stats(NULL).width == 0 && sbl_query_memory(NULL).host_bytes == 0, "queries without context");
+    CHECK(sbl_query_desc(NULL).sensor_texture_size == sbl_context_desc_defaults(NULL).sensor_texture_size, "sbl_query_desc without context");
+    CHECK(sbl_query_capabilities(NULL).gl_major == 0 && sbl_query_stats(NULL).picture.width == 0 && sbl_query_memory(NULL).host_bytes == 0, "queries without context");
     sbl_end(NULL);
     sbl_destroy(NULL);
 
     /* all defaults; the default logger writes one line to stderr */
     CHECK(sbl_create(NULL, &out) == SBL_SUCCESS, "sbl_create without a descriptor");
-    CHECK(sbl_begin(out, NULL) == SBL_ERROR_STATE, "sbl_begin without a scene");
+    CHECK(sbl_begin_picture(out, NULL) == SBL_ERROR_STATE, "sbl_begin without a scene");
     sbl_destroy(out);
     usable("NULL parameters");
 }
@@ -977,8 +978,8 @@ static void little_room(sbl_backend backend) {
     int channel, i;
     size_t texels;
     view = small_view();
-    view.backend = backend;
-    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+    view.options.backend = backend;
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
     for (channel = 0; channel < SBL_CHANNEL_COUNT; channel++) {
         size_t needed = (size_t)(SMALL_PIXELS * sbl_channel_components((sbl_channel)channel));
         for (i = 0; i < SMALL_FLOATS; i++) floats[i] = 7;
@@ -1030,10 +1031,10 @@ TEST(wrong_order) {
     REQUIRE(sbl_create(&desc, &fresh) == SBL_SUCCESS, "%s", watch_last(&seen));
 #define NOT_YET(call, function) SAID(call, SBL_ERROR_STATE, WRONG_ORDER, function, NULL)
     NOT_YET(sbl_set_mesh_transform(fresh, 0, matrix), "sbl_set_mesh_transform");
-    NOT_YET(sbl_query_bounds(fresh, three, three), "sbl_query_bounds");
-    NOT_YET(sbl_begin(fresh, &view), "sbl_begin");
-    NOT_YET(sbl_begin(fresh, NULL), "sbl_begin");
-    NOT_YET(sbl_render(fresh, &view), "sbl_begin");
+    CHECK(has_no_bounds(fresh), "bounds without a scene");
+    NOT_YET(sbl_begin_picture(fresh, &view), "sbl_begin_picture");
+    NOT_YET(sbl_begin_picture(fresh, NULL), "sbl_begin");
+    NOT_YET(sbl_render_picture(fresh, &view), "sbl_begin");
     NOT_YET(sbl_step(fresh, 0), "sbl_step");
     NOT_YET(sbl_read_channel(fresh, SBL_CHANNEL_FINAL, floats, SMALL_FLOATS), "sbl_read_channel");
     NOT_YET(sbl_inspect_sensor(fresh, 0, 0, &sensor, NULL, NULL, 0), "sbl_inspect_sensor");
@@ -1042,7 +1043,7 @@ TEST(wrong_order) {
     REQUIRE(sbl_set_scene(fresh, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
     NOT_YET(sbl_step(fresh, 0), "sbl_step");
     NOT_YET(sbl_read_channel(fresh, SBL_CHANNEL_ID, floats, SMALL_FLOATS), "sbl_read_channel");
-    REQUIRE(sbl_begin(fresh, &view) == SBL_SUCCESS && sbl_step(fresh, 1e-9) == SBL_UNFINISHED, "%s", watch_last(&seen));
+    REQUIRE(sbl_begin_picture(fresh, &view) == SBL_SUCCESS && sbl_step(fresh, 1e-9) == SBL_UNFINISHED, "%s", watch_last(&seen));
     watch_forget(&seen);
     floats[0] = 7;
     CHECK(sbl_read_channel(fresh, SBL_CHANNEL_FINAL, floats, SMALL_FLOATS) == SBL_UNFINISHED && sbl_channel_texture(fresh, SBL_CHANNEL_FINAL) == 0 &&
@@ -1055,7 +1056,7 @@ TEST(wrong_order) {
     sbl_end(fresh);
     NOT_YET(sbl_step(fresh, 0), "sbl_step");
     NOT_YET(sbl_read_channel(fresh, SBL_CHANNEL_FINAL, floats, SMALL_FLOATS), "sbl_read_channel");
-    CHECK(sbl_set_mesh_transform(fresh, 0, matrix) == SBL_SUCCESS && sbl_query_bounds(fresh, three, three) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(sbl_set_mesh_transform(fresh, 0, matrix) == SBL_SUCCESS && scene_bounds(fresh, three, three), "%s", watch_last(&seen));
     sbl_destroy(fresh);
     CHECK(seen.blocks == before && seen.strangers == 0, "%d blocks leaked", seen.blocks - before);
     usable("the wrong order");
@@ -1081,10 +1082,10 @@ TEST(cancel_at_every_call) {
             float value;
             c.stop_at = stop;
             view = small_view();
-            view.backend = budget < 2 ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
-            view.progress = cancel;
-            view.progress_user = &c;
-            result = sbl_begin(context, &view);
+            view.options.backend = budget < 2 ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
+            view.options.progress = cancel;
+            view.options.progress_user = &c;
+            result = sbl_begin_picture(context, &view);
             for (steps = 0; steps < 10000 && (steps == 0 ? result == SBL_SUCCESS : result == SBL_UNFINISHED); steps++)
                 result = sbl_step(context, budget % 2 ? 1e-9 : 0);
             REQUIRE(steps < 10000, "the picture is not done after %d calls of sbl_step", steps);
@@ -1115,14 +1116,14 @@ TEST(giving_up_midway) {
             sbl_context *c = context;
             int before = seen.blocks;
             view = small_view();
-            view.backend = steps % 2 ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
+            view.options.backend = steps % 2 ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
             if (way == 4) REQUIRE(sbl_create(&desc, &c) == SBL_SUCCESS && sbl_set_scene(c, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
-            REQUIRE(sbl_begin(c, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+            REQUIRE(sbl_begin_picture(c, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
             for (k = 0; k < steps; k++) if (sbl_step(c, 1e-9) != SBL_UNFINISHED) break;
             if (way == 0) sbl_end(c);
             else if (way == 1) CHECK(sbl_set_scene(c, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
             else if (way == 2) CHECK(sbl_set_mesh_transform(c, 0, matrix) == SBL_SUCCESS, "%s", watch_last(&seen));
-            else if (way == 3) CHECK(sbl_begin(c, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+            else if (way == 3) CHECK(sbl_begin_picture(c, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
             else sbl_destroy(c);
             if (way < 3) CHECK(sbl_progress(c) == 0 && sbl_step(c, 0) == SBL_ERROR_STATE, "the picture goes on");
             if (way == 4) CHECK(seen.blocks == before, "%d blocks leaked by sbl_destroy after %d steps", seen.blocks - before, steps);
@@ -1151,7 +1152,7 @@ static int meddle(meddler *m) {
     sbl_context *c = m->context;
     sbl_site site;
     sbl_reading reading;
-    sbl_gather_desc gather;
+    sbl_readings_desc gather;
     sbl_lightmap_desc lightmap;
     sbl_vertices_desc vertices;
     sbl_probes_desc probes;
@@ -1170,23 +1171,23 @@ static int meddle(meddler *m) {
     gather.sites = &site;
     gather.readings = &reading;
     gather.site_count = 1;
-    gather.mode = lightmap.mode = vertices.mode = probes.mode = SBL_MODE_AMBIENT;
+    gather.options.mode = lightmap.options.mode = vertices.options.mode = probes.options.mode = SBL_MODE_AMBIENT;
     lightmap.width = lightmap.height = 8;
     vertices.radiance = light;
-    vertices.count = 64;
+    vertices.float_count = 64;
     probes.positions = light;
-    probes.count = 1;
+    probes.probe_count = 1;
     probes.probes = &probe;
     m->calls++;
     switch (m->which) {
         case 0: result = sbl_set_scene(c, &scene); break;
         case 1: result = sbl_set_mesh_transform(c, 0, matrix); break;
-        case 2: result = sbl_begin(c, &view_of_it); break;
-        case 3: result = sbl_begin_gather(c, &gather); break;
+        case 2: result = sbl_begin_picture(c, &view_of_it); break;
+        case 3: result = sbl_begin_readings(c, &gather); break;
         case 4: result = sbl_step(c, 0); break;
         case 5: result = sbl_inspect_sensor(c, 5, 5, &sensor, NULL, NULL, 0); break;
-        case 6: result = sbl_render(c, &view_of_it); break;
-        case 7: result = sbl_gather(c, &gather); break;
+        case 6: result = sbl_render_picture(c, &view_of_it); break;
+        case 7: result = sbl_gather_readings(c, &gather); break;
         case 8: result = sbl_begin_lightmap(c, &lightmap); break;
         case 9: result = sbl_bake_lightmap(c, &lightmap); break;
         case 10: result = sbl_begin_vertices(c, &vertices); break;
@@ -1200,7 +1201,7 @@ static int meddle(meddler *m) {
         case 18: sbl_end(c); result = SBL_ERROR_STATE; break;
         default: sbl_destroy(c); result = SBL_ERROR_STATE; break;
     }
-    if (sbl_query_stats(c).triangles > 0 && result == SBL_ERROR_STATE && seen.errors == errors + 1) m->refused++;
+    if (sbl_query_stats(c).scene.triangles > 0 && result == SBL_ERROR_STATE && seen.errors == errors + 1) m->refused++;
     if (sbl_read_channel(c, SBL_CHANNEL_RADIANCE, values, 3 * SMALL_PIXELS) == SBL_SUCCESS) m->read++;
     return 0;
 }
@@ -1219,7 +1220,7 @@ TEST(callbacks_that_call_back) {
     int way, which;
     for (way = 0; way < 3; way++) {  /* progress, rastered and traced; draw */
         view = small_view();
-        view.backend = way == 1 ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
+        view.options.backend = way == 1 ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
         REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
         for (which = -1; which < MEDDLINGS; which++) {  /* the first does nothing */
             meddler m = { NULL, 0, 0, 0, 0 };
@@ -1235,10 +1236,10 @@ TEST(callbacks_that_call_back) {
                 result = sbl_set_scene(context, &drawn);
                 REQUIRE(result == SBL_SUCCESS, "%s", watch_last(&seen));
             } else {
-                view.progress = meddling_progress;
-                view.progress_user = &m;
+                view.options.progress = meddling_progress;
+                view.options.progress_user = &m;
             }
-            REQUIRE(sbl_begin(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+            REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
             result = sbl_step(context, 0);
             if (which < 0) {
                 REQUIRE(result == SBL_SUCCESS && small_read(context, &plain) == SBL_SUCCESS && small_plausible(&plain), "%s", watch_last(&seen));
@@ -1249,7 +1250,7 @@ TEST(callbacks_that_call_back) {
             CHECK(m.calls > 1 && m.refused == m.calls, "way %d, call %d: refused %d of %d times", way, which, m.refused, m.calls);
             CHECK((m.read > 0) == (way < 2), "way %d, call %d: %d channels were read", way, which, m.read);
         }
-        view.progress = NULL;
+        view.options.progress = NULL;
     }
     REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
     usable("callbacks that call back");
@@ -1273,7 +1274,7 @@ TEST(sizes_far_apart) {
     REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
     for (i = 0; i < count; i++) for (way = 0; way < 2; way++) {
         view = small_view();
-        view.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
+        view.options.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
         sbl_look_at(view.world_to_view, 0.3f * sizes[i], 0.2f * sizes[i], 2 * sizes[i], 0, 0, 0, 0, 1, 0);
         CHECK(small_render(context, &view, &picture) == SBL_SUCCESS, "from %g: %s", (double)sizes[i], watch_last(&seen));
         for (k = 0; k < SMALL_FLOATS; k++) if (!isfinite(picture.values[k])) break;
@@ -1307,8 +1308,8 @@ TEST(warnings) {
         for (way = 0; way < 2 && !cases[i].warnings; way++) {  /* without a warning it is right: Lambert's sum, Howell B-4 */
             const double form = 2 / sqrt(1.25) * atan(0.5 / sqrt(1.25)) / TEST_PI;
             view = small_view();
-            view.mode = SBL_MODE_DIRECT;
-            view.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
+            view.options.mode = SBL_MODE_DIRECT;
+            view.options.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
             view.tile = 1;
             view.filter_radius = -1;
             sbl_look_at(view.world_to_view, away, away + 0.9f * size, away + 0.001f * size, away, away, away, 0, 1, 0);
@@ -1374,7 +1375,7 @@ int main(void) {
     RUN(picture_desc_all_at_once);
     RUN(picture_desc_ends_of_ranges);
     RUN(rays_with_a_draw_callback);
-    RUN(bounce_samples_ends_of_range);
+    RUN(max_bounce_cells_ends_of_range);
     RUN(null_parameters);
     RUN(values_that_do_not_exist);
     RUN(helpers_out_of_range);

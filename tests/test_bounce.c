@@ -20,7 +20,7 @@ static int site_count;
 static int use_scene(const test_scene *s, int samples) {
     const sbl_context_desc desc = watch_desc(&seen);
     sbl_scene_desc scene = scene_desc(s);
-    scene.bounce_samples = samples;
+    scene.max_bounce_cells = samples;
     if (!context && sbl_create(&desc, &context) != SBL_SUCCESS) context = NULL;
     if (context && sbl_set_scene(context, &scene) == SBL_SUCCESS) return 1;
     CHECK(0, "no context or scene: %s", watch_last(&seen));
@@ -76,18 +76,18 @@ static void scale_sites(float scale) {
 
 /* Readings at all sites. */
 static int gather(sbl_mode mode, sbl_backend backend, int rays) {
-    sbl_gather_desc desc;
+    sbl_readings_desc desc;
     sbl_result result;
     memset(&desc, 0, sizeof desc);
     memset(readings, 0xff, sizeof readings);
     desc.sites = sites;
     desc.readings = readings;
     desc.site_count = site_count;
-    desc.mode = mode;
-    desc.backend = backend;
-    desc.rays = rays;
-    desc.sensor_size = 32;
-    result = sbl_gather(context, &desc);
+    desc.options.mode = mode;
+    desc.options.backend = backend;
+    desc.options.rays = rays;
+    desc.options.sensor_size = 32;
+    result = sbl_gather_readings(context, &desc);
     CHECK(result == SBL_SUCCESS, "no readings: %s", watch_last(&seen));
     return result == SBL_SUCCESS;
 }
@@ -239,7 +239,7 @@ TEST(walls_keep_light_out) {
                 lit = mean_of(inside, site_count, 0);
                 dark = most_of(0, inside);
                 if (dark > 0) printf("  %s, scale %g, %d: lit %g, dark %g; %d leaves %.2f s\n", names[kind], (double)scales[i], budgets[j], lit, dark,
-                       sbl_query_stats(context).bounce_samples, sbl_query_stats(context).seconds.bounce);
+                       sbl_query_stats(context).store.cells, sbl_query_stats(context).seconds.bounce);
                 CHECK(lit > 0.1, "%s, scale %g, %d samples: the room's R is %g", names[kind], (double)scales[i], budgets[j], lit);
                 CHECK(dark < 1e-4 * lit, "%s, scale %g, %d samples: R in the dark is %g of the room's", names[kind], (double)scales[i],
                       budgets[j], dark / lit);
@@ -331,10 +331,10 @@ static void check_furnace_picture(double rho, int kind) {
     float *radiance, *final;
     double worst = 0, mean = 0, sum = 0;
     int i;
-    view.mode = SBL_MODE_GI;
+    view.options.mode = SBL_MODE_GI;
     view.samples = 1;
-    view.rays = 256;
-    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    view.options.rays = 256;
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
     radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
     final = scene_channel(context, &view, SBL_CHANNEL_FINAL);
     for (i = 0; i < 3 * 16 * 12; i++) {
@@ -366,7 +366,7 @@ TEST(furnaces) {
                 if (!use_scene(&s, 6144) || !gather(SBL_MODE_GI, raster ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE, 512)) { scene_free(&s); return; }
                 worst = off_one(&mean);
                 printf("  furnace %d of albedo %g%s: mean off by %.2g, worst %.2g; %d\n", kind, (double)albedos[i], raster ? ", rasterised" : "", mean,
-                    worst, sbl_query_stats(context).bounce_samples);
+                    worst, sbl_query_stats(context).store.cells);
                 CHECK(mean < 0.005 && worst < (kind ? 0.05 : 0.015), "furnace %d of albedo %g: the mean of R is off by %g, at most %g", kind,
                     (double)albedos[i], mean, worst);
                 if (!raster && i != 1) check_furnace_picture((double)albedos[i], kind);
@@ -660,8 +660,8 @@ enum { WIDTH = 20, HEIGHT = 15, PIXELS = WIDTH * HEIGHT };
 
 static sbl_picture_desc reuse_view(int number) {
     sbl_picture_desc view = scene_view(WIDTH, HEIGHT, 60, number ? 3.5f : 0.5f, 1.5f, number ? 3 : 3.5f, 2, 0.8f, 1);
-    view.mode = SBL_MODE_GI;
-    view.rays = 32;
+    view.options.mode = SBL_MODE_GI;
+    view.options.rays = 32;
     view.samples = 1;
     return view;
 }
@@ -682,10 +682,10 @@ static float *fresh_picture(const test_scene *s, const sbl_picture_desc *view, i
     if (fresh) {
         sbl_scene_desc scene = scene_desc(s);
         float transform[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.3f, 0, 0, 1 };
-        scene.bounce_samples = 2048;
+        scene.max_bounce_cells = 2048;
         CHECK(sbl_set_scene(fresh, &scene) == SBL_SUCCESS, "no scene: %s", watch_last(&quiet));
         if (moved >= 0) CHECK(sbl_set_mesh_transform(fresh, moved, transform) == SBL_SUCCESS, "no move: %s", watch_last(&quiet));
-        CHECK(sbl_render(fresh, view) == SBL_SUCCESS, "no picture: %s", watch_last(&quiet));
+        CHECK(sbl_render_picture(fresh, view) == SBL_SUCCESS, "no picture: %s", watch_last(&quiet));
         *stats = sbl_query_stats(fresh);
         picture = scene_channel(fresh, view, SBL_CHANNEL_FINAL);
     }
@@ -701,21 +701,21 @@ static double check_fresh(const char *what, const test_scene *s, int number, int
     float *fresh = fresh_picture(s, &view, moved, &stats), *mine = NULL;
     double off = 0, sum = 0;
     int i;
-    CHECK(sbl_render(context, &view) == SBL_SUCCESS, "%s: no picture: %s", what, watch_last(&seen));
+    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "%s: no picture: %s", what, watch_last(&seen));
     own = sbl_query_stats(context);
     mine = scene_channel(context, &view, SBL_CHANNEL_FINAL);
     CHECK(fresh && memcmp(fresh, mine, 3 * PIXELS * sizeof *mine) == 0, "%s: the picture is not that of a fresh context", what);
-    CHECK(stats.bounce_samples == own.bounce_samples && own.bounce_samples > 100, "%s: %d samples, freshly %d", what, own.bounce_samples,
-        stats.bounce_samples);
+    CHECK(stats.store.cells == own.store.cells && own.store.cells > 100, "%s: %d samples, freshly %d", what, own.store.cells,
+        stats.store.cells);
     for (i = 0; i < 3 * PIXELS; i++) { off += *last ? fabs((double)mine[i] - (double)(*last)[i]) : 0; sum += (double)mine[i]; }
     free(fresh);
     free(*last);
     *last = mine;
     if (number) {  /* the store is there */
-        CHECK(own.readbacks < stats.readbacks, "%s: %d readbacks, with the store %d", what, own.readbacks, stats.readbacks);
-        CHECK(own.bounce_rays == 0, "%s: %.0f rays for a store that is there", what, (double)own.bounce_rays);
-    } else CHECK(own.bounce_rays == stats.bounce_rays && own.bounce_rays > 1000, "%s: a store of %.0f rays, freshly of %.0f", what, (double)own.bounce_rays,
-                 (double)stats.bounce_rays);
+        CHECK(own.sensors.readbacks < stats.sensors.readbacks, "%s: %d readbacks, with the store %d", what, own.sensors.readbacks, stats.sensors.readbacks);
+        CHECK(own.store.rays == 0, "%s: %.0f rays for a store that is there", what, (double)own.store.rays);
+    } else CHECK(own.store.rays == stats.store.rays && own.store.rays > 1000, "%s: a store of %.0f rays, freshly of %.0f", what, (double)own.store.rays,
+                 (double)stats.store.rays);
     return off / sum;
 }
 
@@ -837,10 +837,10 @@ TEST(a_pleated_sheet) {
     light = scene_light(&s, SBL_LIGHT_DIRECTIONAL, 1, 1, 1);  /* 42 degrees above the horizon */
     light->direction[0] = -0.743f;
     light->direction[1] = -0.669f;
-    view.mode = SBL_MODE_GI;
+    view.options.mode = SBL_MODE_GI;
     view.samples = 1;
-    view.rays = 16;
-    if (use_scene(&s, 1024) && sbl_render(context, &view) == SBL_SUCCESS) {
+    view.options.rays = 16;
+    if (use_scene(&s, 1024) && sbl_render_picture(context, &view) == SBL_SUCCESS) {
         float *stored = scene_channel(context, &view, SBL_CHANNEL_STORE), *normal = scene_channel(context, &view, SBL_CHANNEL_NORMAL);
         for (i = 0; i < PIXELS; i++) {
             const double x = (double)normal[3 * i], here = (double)stored[3 * i];
@@ -873,7 +873,7 @@ TEST(a_crowd_of_boxes) {
     for (i = 0; i < 2; i++) {
         if (!use_scene(&s, i ? 1424 : 8192) || !gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 128)) break;
         worst = off_one(&mean);
-        printf("  mean off by %.2g, worst %.2g; %d samples, cells of %g\n", mean, worst, sbl_query_stats(context).bounce_samples,
+        printf("  mean off by %.2g, worst %.2g; %d samples, cells of %g\n", mean, worst, sbl_query_stats(context).store.cells,
             (double)inside_cell_length(context));
         CHECK(mean < 0.01 && worst < 0.05, "R is off by %g, at most %g", mean, worst);
         CHECK(inside_cell_length(context) < 0.45f, "cells are of %g: all grew", (double)inside_cell_length(context));
@@ -907,9 +907,9 @@ TEST(more_sides_than_samples) {
         if (!use_scene(&s, k) || !gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 256)) break;
         for (i = 0; i < site_count; i++) off += fabs((double)readings[i].radiance[0] - 1) / site_count;
         mean = mean_of(0, site_count, 0);
-        printf("  %d samples of %d: mean %.3f, off by %.3f\n", sbl_query_stats(context).bounce_samples, k, mean, off);
-        CHECK(sbl_query_stats(context).bounce_samples > 100 && sbl_query_stats(context).bounce_samples <= k, "%d samples of %d",
-            sbl_query_stats(context).bounce_samples, k);
+        printf("  %d samples of %d: mean %.3f, off by %.3f\n", sbl_query_stats(context).store.cells, k, mean, off);
+        CHECK(sbl_query_stats(context).store.cells > 100 && sbl_query_stats(context).store.cells <= k, "%d samples of %d",
+            sbl_query_stats(context).store.cells, k);
         CHECK(fabs(mean - 1) < 0.25 && off < 0.25, "R is %g on average, off by %g", mean, off);
     }
     scene_free(&s);
@@ -931,7 +931,7 @@ TEST(ground_that_no_surface_sees) {
         site_count = 0;
         add_site(0, 0, 0, 0, -1, 0, 1);
         if (use_scene(&s, 4096) && gather(SBL_MODE_GI, SBL_BACKEND_TRACE, 4096)) {
-            printf("  %g of %g; %d samples\n", (double)readings[0].radiance[0], expected, sbl_query_stats(context).bounce_samples);
+            printf("  %g of %g; %d samples\n", (double)readings[0].radiance[0], expected, sbl_query_stats(context).store.cells);
             CHECK(fabs((double)readings[0].radiance[0] / expected - 1) < 0.02, "R is %g, not %g", (double)readings[0].radiance[0], expected);
         }
         scene_free(&s);
@@ -1024,7 +1024,7 @@ TEST(drawn_things_are_told_their_light) {
     scene.draw = draw_box;
     for (i = 0; i < 3; i++) { scene.draw_bounds[0][i] = -0.3f; scene.draw_bounds[1][i] = 0.3f; }
     scene.draw_max_radiance = 1;
-    scene.bounce_samples = 4096;
+    scene.max_bounce_cells = 4096;
     drawn.albedo = 0.8f;
     drawn.emission = 0.2f;
     site_count = 0;
@@ -1060,7 +1060,7 @@ TEST(drawn_things_are_told_their_light) {
         const float before = drawn.light[2][2];  /* a stored store knows it, too; but not one of things drawn elsewhere */
         REQUIRE(sbl_save_store(context, saved_put, NULL) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS &&
                 sbl_load_store(context, saved_get, NULL) == SBL_SUCCESS && gather(SBL_MODE_GI, SBL_BACKEND_RASTER, 64), "%s", watch_last(&seen));
-        CHECK(sbl_query_stats(context).bounce_rays == 0 && !memcmp(&drawn.light[2][2], &before, sizeof before), "after loading it is told %g, not %g",
+        CHECK(sbl_query_stats(context).store.rays == 0 && !memcmp(&drawn.light[2][2], &before, sizeof before), "after loading it is told %g, not %g",
             (double)drawn.light[2][2], (double)before);
         scene.draw_bounds[0][0] = -0.4f;
         saved.at = 0;
@@ -1126,24 +1126,24 @@ TEST(gather_inspection_and_picture_agree) {
     REQUIRE(use_scene(&s, 4096), "no scene");
     for (b = 0; b < 2; b++) {
         sbl_picture_desc view = scene_plain(scene_cornell_view(WIDTH, HEIGHT), SBL_MODE_GI, 16);
-        sbl_gather_desc desc;
+        sbl_readings_desc desc;
         int shown, inspected, same = 0, close = 0;
-        view.backend = backends[b];
-        view.rays = 64;
-        view.seed = 7;
-        REQUIRE(sbl_render(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+        view.options.backend = backends[b];
+        view.options.rays = 64;
+        view.options.seed = 7;
+        REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
         radiance[b] = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
         shown = inspect_all(&inspected);
         memset(&desc, 0, sizeof desc);
         desc.sites = sites;
         desc.readings = readings;
         desc.site_count = PIXELS;
-        desc.mode = SBL_MODE_GI;
-        desc.backend = backends[b];
-        desc.rays = 64;
-        desc.sensor_size = 16;
-        desc.seed = 7;
-        REQUIRE(sbl_gather(context, &desc) == SBL_SUCCESS, "no gather: %s", watch_last(&seen));
+        desc.options.mode = SBL_MODE_GI;
+        desc.options.backend = backends[b];
+        desc.options.rays = 64;
+        desc.options.sensor_size = 16;
+        desc.options.seed = 7;
+        REQUIRE(sbl_gather_readings(context, &desc) == SBL_SUCCESS, "no gather: %s", watch_last(&seen));
         for (i = 0; i < PIXELS; i++) {
             const double r = (double)radiance[b][3 * i];
             if (sites[i].position[2] == 0 && sites[i].position[1] == 0 && sites[i].position[0] == 0) continue;

@@ -58,7 +58,7 @@ TEST(furnace) {
         int width = sizes[i] > 64 ? 1 : 16;
         sbl_picture_desc view = scene_plain(scene_view(width, width > 1 ? 12 : 1, 90, 0.2f, -0.3f, 0.8f, -0.1f, 0, -1), SBL_MODE_AMBIENT, sizes[i]);
         double worst;
-        view.epsilon = 2;
+        view.options.epsilon = 2;
         worst = worst_radiance(&s, &view, 0.5, 1, 2, 0);
         CHECK(worst < 0.0025, "sensor size %d: R is off by %.5f in a furnace of 0.5 1 2", sizes[i], worst);
     }
@@ -275,7 +275,7 @@ TEST(sensors_are_turned_by_pixel_and_seed) {
     scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 100);
     memset(a, 0, sizeof a);
     for (i = 0; i < 3; i++) {
-        view.seed = i == 2 ? 77 : 5;
+        view.options.seed = i == 2 ? 77 : 5;
         if (i != 1 && !scene_render(context, &s, &view)) break;
         CHECK(sbl_inspect_sensor(context, 3 + (i == 1), 4, &a[i], NULL, NULL, 0) == SBL_SUCCESS, "the sensor cannot be looked at");
     }
@@ -426,7 +426,7 @@ static void check_scale(float scale, float away, int holes) {
         sbl_picture_desc view = scene_view(24, 18, 75, 0, 0.5f * scale + 0, 1.75f * scale, 0, -1 * scale, -0.5f * scale);
         if (away != 0) view = scene_view(24, 18, 75, ox, oy + 0.5f * scale, oz + 1.75f * scale, ox, oy - scale, oz - 0.5f * scale);
         view = scene_plain(view, kind < 2 ? SBL_MODE_AMBIENT : SBL_MODE_DIRECT, 32);
-        view.epsilon = 1;
+        view.options.epsilon = 1;
         if (kind == 2) scene_sphere(&s, surface, 0, -0.5f, 0, 1, 48, 32, 0);
         else scene_box(&s, surface, -2, -1, -2, 2, 2, 2);
         if (kind == 1 || kind == 3) scene_box(&s, surface, -0.5f, -1, -0.5f, 0.25f, -0.25f, 0.5f);
@@ -489,14 +489,14 @@ TEST(ambient_room) {
     double worst;
     scene_box(&s, scene_material(&s, 0.8f, 0.4f, 0.2f), -1, -1, -1, 1, 1, 1);
     scene_sky(&s, 9, 9, 9);
-    view.epsilon = 0.5f;
+    view.options.epsilon = 0.5f;
     worst = worst_radiance(&s, &view, 0.4, 0.2, 0.1, 0);
     CHECK(worst < 0.001, "epsilon 0.5: R is off by %.5f", worst);
-    view.epsilon = 0;  /* the default, 0.02 */
+    view.options.epsilon = 0;  /* the default, 0.02 */
     worst = worst_radiance(&s, &view, 0.016, 0.008, 0.004, 0);
     CHECK(worst < 0.00005, "epsilon by default: R is off by %.6f", worst);
-    view.epsilon = 0.5f;
-    view.mode = SBL_MODE_DIRECT;
+    view.options.epsilon = 0.5f;
+    view.options.mode = SBL_MODE_DIRECT;
     worst = worst_radiance(&s, &view, 0, 0, 0, 0);
     CHECK(worst == 0, "direct mode has ambient light: %.5f", worst);
     scene_free(&s);
@@ -512,7 +512,7 @@ TEST(vertex_colours) {
     for (i = 0; i < 4; i++) { colors[i][0] = 0.5f; colors[i][1] = 0.25f; colors[i][2] = 1; colors[i][3] = 1; }
     scene_box(&s, scene_material(&s, 0.8f, 0.4f, 0.2f), -1, -1, -1, 1, 1, 1);
     for (i = 0; i < s.mesh_count; i++) s.meshes[i].colors.data = colors;
-    view.epsilon = 0.5f;
+    view.options.epsilon = 0.5f;
     worst = worst_radiance(&s, &view, 0.2, 0.05, 0.1, 0);
     CHECK(worst < 0.001, "R is off by %.5f", worst);
     albedo = scene_channel(context, &view, SBL_CHANNEL_ALBEDO);
@@ -535,7 +535,7 @@ TEST(samples_cover_pixels) {
     double worst = 0, worst_sum = 0;
     int x, y, i;
     scene_quad(&s, scene_lamp(&s, 1, 1, 1), (float)left, (float)low, 0, (float)right, (float)low, 0, (float)right, (float)high, 0, (float)left, (float)high, 0);
-    view.mode = SBL_MODE_DIRECT;
+    view.options.mode = SBL_MODE_DIRECT;
     view.samples = 64;
     if (!scene_render(context, &s, &view)) return;
     final = scene_channel(context, &view, SBL_CHANNEL_FINAL);
@@ -577,7 +577,7 @@ TEST(environment_behind) {
         sbl_picture_desc view = scene_view(1, 1, 1, 0, 0, 0, (float)(sin(down) * cos(around)), (float)cos(down), (float)(sin(down) * sin(around)));
         float final[3] = { (float)NAN, 0, 0 };
         view.samples = 1;
-        CHECK(sbl_render(context, &view) == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_FINAL, final, 3) == SBL_SUCCESS, "no picture");
+        CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_FINAL, final, 3) == SBL_SUCCESS, "no picture");
         for (k = 0; k < 3; k++) worst = test_max(worst, fabs((double)final[k] - 1 - k - (double)pixels[3 * i + k]));
     }
     CHECK(worst < 1e-3, "the sky is off by %g", worst);
@@ -669,7 +669,7 @@ TEST(one_sided_emission) {
         if (i == 0) {
             memcpy(s.meshes[1].transform, mirror, sizeof mirror);
             if (!scene_render(context, &s, &view)) break;
-        } else CHECK(sbl_set_mesh_transform(context, 1, mirror) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS, "not moved");
+        } else CHECK(sbl_set_mesh_transform(context, 1, mirror) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS, "not moved");
         picture = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
         CHECK(picture[0] > 0.5f, "mirrored%s it turns away: R is %g", i ? " later" : "", (double)picture[0]);
         free(picture);
@@ -764,7 +764,7 @@ TEST(transforms) {
             memcpy(moved, place, sizeof moved);
             moved[13] += 0.5f;
             CHECK(sbl_set_mesh_transform(context, 1, moved) == SBL_SUCCESS, "the mesh cannot be moved");
-            CHECK(sbl_render(context, &view) == SBL_SUCCESS, "the picture failed");
+            CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "the picture failed");
         }
         {
             float *radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE), *position = scene_channel(context, &view, SBL_CHANNEL_POSITION);
@@ -775,7 +775,7 @@ TEST(transforms) {
                 if (!(off <= worst)) worst = off;
             }
             CHECK(sqrt(squares / 36) < 0.01 && worst < 0.03, "step %d: R is off by %.3f %% rms, %.3f %% at worst", step, 100 * sqrt(squares / 36), 100 * worst);
-            CHECK(sbl_query_bounds(context, low, high) == SBL_SUCCESS && fabs((double)high[1] - up - 0.5) < 1e-6 && low[1] == 0 && high[0] == 100,
+            CHECK(scene_bounds(context, low, high) && fabs((double)high[1] - up - 0.5) < 1e-6 && low[1] == 0 && high[0] == 100,
                   "the bounds do not follow: %g", (double)high[1]);
             free(radiance);
             free(position);

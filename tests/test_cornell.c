@@ -49,12 +49,12 @@ static void check_prediction(const sbl_picture_desc *view, const sbl_stats *stat
         squares += (double)error[i] * (double)error[i];
         sum += 0.2126 * (double)radiance[3 * i] + 0.7152 * (double)radiance[3 * i + 1] + 0.0722 * (double)radiance[3 * i + 2];
     }
-    squares = sqrt(squares * stats->visible_pixels) / sum;
-    printf("  asked for %.3f %%, predicted %.3f %%, by pixels %.3f %%\n", 100 * (double)stats->error_asked, 100 * (double)stats->error_expected, 100 * squares);
+    squares = sqrt(squares * stats->picture.visible_pixels) / sum;
+    printf("  asked for %.3f %%, predicted %.3f %%, by pixels %.3f %%\n", 100 * (double)stats->picture.target_error, 100 * (double)stats->picture.expected_error, 100 * squares);
     CHECK(wrong == 0, "%d pixels have a strange error", wrong);
-    CHECK(stats->error_asked == view->error && stats->error_expected <= stats->error_asked && stats->error_expected > 0.5f * stats->error_asked,
-          "asked for %g, %g is predicted", (double)stats->error_asked, (double)stats->error_expected);
-    CHECK(squares > 0.8 * (double)stats->error_expected && squares < 1.2 * (double)stats->error_expected, "pixels' errors make %.3f %%", 100 * squares);
+    CHECK(stats->picture.target_error == view->target_error && stats->picture.expected_error <= stats->picture.target_error && stats->picture.expected_error > 0.5f * stats->picture.target_error,
+          "asked for %g, %g is predicted", (double)stats->picture.target_error, (double)stats->picture.expected_error);
+    CHECK(squares > 0.8 * (double)stats->picture.expected_error && squares < 1.2 * (double)stats->picture.expected_error, "pixels' errors make %.3f %%", 100 * squares);
     free(error);
     free(id);
 }
@@ -78,12 +78,12 @@ TEST(refinement_on_the_cornell_box) {
     desc = scene_desc(&s);
     reference = ref_create(&desc);
     for (i = 0; i < 4; i++) lamp[i] = v3_from((const float *)s.meshes[1].positions.data + 3 * i);
-    view.mode = SBL_MODE_DIRECT;
-    view.error = 0.004f;
+    view.options.mode = SBL_MODE_DIRECT;
+    view.target_error = 0.004f;
     if (!scene_render(context, &s, &view)) goto done;
     stats = sbl_query_stats(context);
     radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
-    share = (double)stats.sensors / stats.visible_pixels;
+    share = (double)stats.sensors.count / stats.picture.visible_pixels;
     check_prediction(&view, &stats, radiance);
     for (n = 0; n < WINDOWS * WINDOWS; n++) {
         int x0 = 10 + n % WINDOWS * (SIZE - WINDOW - 20) / (WINDOWS - 1), y0 = 10 + n / WINDOWS * (SIZE - WINDOW - 20) / (WINDOWS - 1);
@@ -91,10 +91,10 @@ TEST(refinement_on_the_cornell_box) {
         const int ways = n % 5 ? RASTER : WAYS;
         float *parts[WAYS];
         window.tile = 1;
-        window.rays = 256;
+        window.options.rays = 256;
         for (k = 0; k < ways; k++) {
             if (k != FILTERED) window.filter_radius = -1;
-            if (k == RASTER) { window.backend = SBL_BACKEND_RASTER; window.sensor_size = 128; }
+            if (k == RASTER) { window.options.backend = SBL_BACKEND_RASTER; window.options.sensor_size = 128; }
             if (!scene_render(context, &s, &window)) goto done;
             parts[k] = scene_channel(context, &window, SBL_CHANNEL_RADIANCE);
         }
@@ -121,8 +121,8 @@ TEST(refinement_on_the_cornell_box) {
     CHECK(tally_error(&noise) < 0.0045, "the reference is too noisy: %.2f %%", 100 * tally_error(&noise));
     CHECK(share <= 0.2, "%.1f %% of the pixels are sensed", 100 * share);
     off = sqrt(fmax(tally_error(&tiled) * tally_error(&tiled) - tally_error(&noise) * tally_error(&noise), 0));
-    CHECK(off < 1.5 * (double)stats.error_expected && off > 0.4 * (double)stats.error_expected, "R is off by %.3f %%, %.3f %% was predicted", 100 * off,
-          100 * (double)stats.error_expected);
+    CHECK(off < 1.5 * (double)stats.picture.expected_error && off > 0.4 * (double)stats.picture.expected_error, "R is off by %.3f %%, %.3f %% was predicted", 100 * off,
+          100 * (double)stats.picture.expected_error);
     CHECK(tally_error(&tiled) < 0.0052 && fabs(tally_bias(&tiled)) < 0.0005, "by default R is off by %.2f %%, bias %+.3f %%",
           100 * tally_error(&tiled), 100 * tally_bias(&tiled));
     for (k = 0; k < WAYS; k++) {

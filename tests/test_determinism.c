@@ -19,12 +19,12 @@ static sbl_mode mode;
 static sbl_picture_desc cornell_view(void) {
     sbl_picture_desc view = scene_cornell_view(WIDTH, HEIGHT);
     view.tile = 8;
-    view.mode = mode;
-    view.backend = backend;
-    view.rays = 24;  /* more than one shader invocation takes */
-    view.sensor_size = 16;
+    view.options.mode = mode;
+    view.options.backend = backend;
+    view.options.rays = 24;  /* more than one shader invocation takes */
+    view.options.sensor_size = 16;
     view.samples = 2;
-    view.epsilon = 0.1f;
+    view.options.epsilon = 0.1f;
     return view;
 }
 
@@ -45,7 +45,7 @@ static int read_all(sbl_context *context, picture *out) {
 }
 
 static int render(sbl_context *context, const sbl_picture_desc *view, picture *out) {
-    return sbl_render(context, view) == SBL_SUCCESS && read_all(context, out);
+    return sbl_render_picture(context, view) == SBL_SUCCESS && read_all(context, out);
 }
 
 static int same(const picture *a, const picture *b) { return memcmp(a, b, sizeof *a) == 0; }
@@ -127,9 +127,9 @@ TEST(slices) {
         sbl_picture_desc view = cornell_view();
         sbl_result result;
         calls = 0;
-        view.progress = i & 1 ? counts_calls : NULL;
-        view.progress_user = &calls;
-        result = sbl_begin(context, &view);
+        view.options.progress = i & 1 ? counts_calls : NULL;
+        view.options.progress_user = &calls;
+        result = sbl_begin_picture(context, &view);
         for (steps = 0; steps < 100000 && (steps ? result == SBL_UNFINISHED : result == SBL_SUCCESS); steps++)
             result = sbl_step(context, i < 4 ? budgets[i] : budgets[steps % 3]);  /* the last: all of them in turns */
         REQUIRE(result == SBL_SUCCESS && read_all(context, &now), "slices %d: \"%s\" after %d steps", i, sbl_result_string(result), steps);
@@ -152,16 +152,16 @@ TEST(repetitions) {
     CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && render(context, &view, &now) && same(&now, &expected), "the scene set twice differs");
     small.width = 7;
     small.height = 50;
-    small.sensor_size = 33;
-    small.backend = SBL_BACKEND_RASTER;
-    small.mode = SBL_MODE_PAPER;
-    CHECK(sbl_render(context, &small) == SBL_SUCCESS, "%s", watch_last(&seen));
+    small.options.sensor_size = 33;
+    small.options.backend = SBL_BACKEND_RASTER;
+    small.options.mode = SBL_MODE_PAPER;
+    CHECK(sbl_render_picture(context, &small) == SBL_SUCCESS, "%s", watch_last(&seen));
     CHECK(render(context, &view, &now) && same(&now, &expected), "after another picture it differs");
     scene_sphere(&other, scene_lamp(&other, 1, 2, 3), 0, 0, 0, 2, 12, 8, 1);
     other_scene = scene_desc(&other);
-    CHECK(sbl_set_scene(context, &other_scene) == SBL_SUCCESS && sbl_render(context, &small) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(sbl_set_scene(context, &other_scene) == SBL_SUCCESS && sbl_render_picture(context, &small) == SBL_SUCCESS, "%s", watch_last(&seen));
     CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && render(context, &view, &now) && same(&now, &expected), "after another scene it differs");
-    CHECK(sbl_begin(context, &view) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED, "%s", watch_last(&seen));
+    CHECK(sbl_begin_picture(context, &view) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED, "%s", watch_last(&seen));
     CHECK(render(context, &view, &now) && same(&now, &expected), "after an abandoned picture it differs");
     sbl_destroy(context);
     memset(&plain, 0, sizeof plain);  /* malloc, whose memory is often zero; the other allocator's never is */
@@ -199,7 +199,7 @@ TEST(moving) {
         CHECK(render(context, &view, &now) && render(another, &view, &fresh), "%s", watch_last(&seen));
         CHECK(!same(&now, &expected), "place %d: moving a block changes nothing", i);
         CHECK(same(&now, &fresh), "place %d: the moved block differs from one that stood there from the start", i);
-        CHECK(sbl_query_bounds(context, low[0], high[0]) == SBL_SUCCESS && sbl_query_bounds(another, low[1], high[1]) == SBL_SUCCESS &&
+        CHECK(scene_bounds(context, low[0], high[0]) && scene_bounds(another, low[1], high[1]) &&
               memcmp(low[0], low[1], sizeof low[0]) == 0 && memcmp(high[0], high[1], sizeof high[0]) == 0, "place %d: the bounds differ", i);
         sbl_destroy(another);
     }
@@ -220,7 +220,7 @@ TEST(seeds) {
     if (!context) return;
     for (i = 0; i < 4; i++) {
         distance d;
-        view.seed = values[i];
+        view.options.seed = values[i];
         CHECK(render(context, &view, &now) && render(context, &view, &again), "%s", watch_last(&seen));
         CHECK(same(&now, &again), "seed %u twice differs", values[i]);
         d = distance_of(&expected, &now);
@@ -248,7 +248,7 @@ static void rounding(distance d, const char *what) {
 
 static sbl_picture_desc plain_view(void) {
     sbl_picture_desc view = scene_plain(cornell_view(), mode, 16);
-    view.epsilon = 0.1f;
+    view.options.epsilon = 0.1f;
     return view;
 }
 
@@ -297,7 +297,7 @@ TEST(atlas_sizes) {
     if (!plain_picture(&desc, &base)) return;
     for (i = 0; i < 4; i++) {
         distance d;
-        desc.atlas_size = sizes[i];
+        desc.sensor_texture_size = sizes[i];
         if (!plain_picture(&desc, &now)) return;
         d = distance_of(&base, &now);
         printf("  atlas of %d: mean %.2g, rms %.2g, most %.2g, %d pixels\n", sizes[i], d.mean, d.rms, d.most, d.pixels);
@@ -334,7 +334,7 @@ TEST(past_buffer_textures) {
     scene = scene_desc(&crowd);
     desc.get_gl_function = fake_proc;
     view.tile = 16;
-    view.sensor_size = 8;
+    view.options.sensor_size = 8;
     view.threshold = 1e9f;  /* few sensors, of one view */
     if (backend == SBL_BACKEND_RASTER) view.sensor_kind = SBL_SENSOR_SINGLE;
     for (i = 0; i < 2; i++) {
@@ -516,7 +516,7 @@ static void drawn_by_host(int first, uint32_t disabled, int lit) {
     nothing.corners = 0;
     scene.draw = host_geometry_draw;
     scene.draw_user = &h;
-    REQUIRE(sbl_query_bounds(context, scene.draw_bounds[0], scene.draw_bounds[1]) == SBL_SUCCESS, "no bounds");
+    REQUIRE(scene_bounds(context, scene.draw_bounds[0], scene.draw_bounds[1]), "no bounds");
     scene.draw_max_radiance = 17;
     REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && render(context, &view, &drawn), "%s", watch_last(&seen));
     CHECK(h.calls[SBL_VIEW_CAMERA] >= 1 && h.calls[SBL_VIEW_SENSOR] > 1000, "the callback was called %d and %d times", h.calls[0], h.calls[1]);

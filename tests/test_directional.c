@@ -77,7 +77,7 @@ TEST(harmonics_of_two_lamps) {
         }
         uv_rectangle(&s, scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 2), 0.1f, 0.05f, 0.9f, 0.95f);
         desc.directional = 1;
-        desc.backend = backends[run];
+        desc.options.backend = backends[run];
         R = bake(&s, &desc);
         position = channel_of(&desc, SBL_CHANNEL_POSITION);
         id = channel_of(&desc, SBL_CHANNEL_ID);
@@ -205,7 +205,7 @@ TEST(even_light_has_no_direction) {
         uv_rectangle(&s, scene_quad(&s, scene_material(&s, 0, 0, 0), 0, 0, 0, 0, 0, 1, 1, 0.7f, 1.2f, 1, 0.7f, 0.2f), 0.1f, 0.1f, 0.9f, 0.9f);
         if (run == 3) s.materials[s.material_count - 1].flags = SBL_MATERIAL_NO_SENSORS;
         desc.directional = 1;
-        desc.backend = run == 1 ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
+        desc.options.backend = run == 1 ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
         R = bake_stored(&s, &desc, 0);
         id = channel_of(&desc, SBL_CHANNEL_ID);
         normal = channel_of(&desc, SBL_CHANNEL_NORMAL);
@@ -249,7 +249,7 @@ TEST(half_a_sky) {
         scene_sky(&s, 1, 1, 1);
         desc.directional = 1;
         desc.tile = 1;
-        desc.backend = run ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
+        desc.options.backend = run ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
         R = bake(&s, &desc);
         id = channel_of(&desc, SBL_CHANNEL_ID);
         harmonics_of(&desc, sh);
@@ -290,7 +290,7 @@ TEST(harmonics_are_asked_for) {
     sh = channel_of(&desc, SBL_CHANNEL_SH_2);
     for (i = 0; sh && i < 3 * 24 * 24; i++) lit += sh[i] != 0;
     free(sh);
-    CHECK(sbl_render(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
     sh = channel_of(&desc, SBL_CHANNEL_SH_0);
     for (i = 0; sh && i < 3 * 24 * 24; i++) lit += sh[i] != 0;
     free(sh);
@@ -368,8 +368,8 @@ TEST(a_shadow_crosses_texels) {
         error[run] = sqrt(squares / crossed);
         CHECK(crossed >= N && wrong == 0, "%d places: %d texels are crossed, %d wrong", places[run], crossed, wrong);
         CHECK(far_off < (places[run] == 8 ? 0.092 : 0.021), "%d places: positions are %g texels off centres", places[run], far_off);
-        CHECK(sbl_query_stats(context).width == N && sbl_query_stats(context).visible_pixels == N * N, "%d texels across, %d visible",
-              sbl_query_stats(context).width, sbl_query_stats(context).visible_pixels);
+        CHECK(sbl_query_stats(context).picture.width == N && sbl_query_stats(context).picture.visible_pixels == N * N, "%d texels across, %d visible",
+              sbl_query_stats(context).picture.width, sbl_query_stats(context).picture.visible_pixels);
         free(R);
         free(final);
         free(position);

@@ -28,7 +28,7 @@ static int child(const char *path) {
     small_scene(&s);
     desc = scene_desc(&s);
     memset(&small_atlas, 0, sizeof small_atlas);
-    small_atlas.atlas_size = 256;
+    small_atlas.sensor_texture_size = 256;
     if (!good || sbl_create(&small_atlas, &context) != SBL_SUCCESS) return 1;
     about = sbl_query_capabilities(context);
     good = fwrite(about.renderer, sizeof about.renderer, 1, file) == 1 && sbl_set_scene(context, &desc) == SBL_SUCCESS;
@@ -36,8 +36,8 @@ static int child(const char *path) {
         sbl_picture_desc view;
         small_backend = ways[i].backend;
         view = small_view();
-        view.mode = ways[i].mode;
-        view.rays = 8;
+        view.options.mode = ways[i].mode;
+        view.options.rays = 8;
         good = small_render(context, &view, &picture) == SBL_SUCCESS && fwrite(&picture, sizeof picture, 1, file) == 1;
     }
     sbl_destroy(context);

@@ -171,7 +171,7 @@ static figures compare(const known *k, const double *truth) {
     free(error);
     f.truth = sqrt(squares / count) / (mean / count);
     f.by_pixels = sqrt(predicted / count) / (mean / count);
-    f.predicted = (double)sbl_query_stats(context).error_expected;
+    f.predicted = (double)sbl_query_stats(context).picture.expected_error;
     f.within = (double)within / count;
     return f;
 }
@@ -188,7 +188,7 @@ static void predicted_well(void (*make)(known *)) {
     k.levels = LEVELS;
     k.within = 0.9;
     make(&k);
-    k.view.mode = SBL_MODE_DIRECT;
+    k.view.options.mode = SBL_MODE_DIRECT;
     desc = scene_desc(&k.scene);
     caster = ref_create(&desc);
     for (i = 0; i < WIDTH * HEIGHT; i++) {
@@ -197,12 +197,12 @@ static void predicted_well(void (*make)(known *)) {
     }
     for (level = 0; level < k.levels; level++) {
         figures f;
-        k.view.error = asked[level];
+        k.view.target_error = asked[level];
         if (!scene_render(context, &k.scene, &k.view)) break;
         f = compare(&k, truth);
         printf("  asked for %.1f %%: %.2f %% predicted, %.2f %% by pixels, %.2f %% true; %.1f %% of the pixels within twice theirs; %lld sensors, %lld rays\n",
-               100 * (double)asked[level], 100 * f.predicted, 100 * f.by_pixels, 100 * f.truth, 100 * f.within, (long long)sbl_query_stats(context).sensors,
-               (long long)sbl_query_stats(context).rays);
+               100 * (double)asked[level], 100 * f.predicted, 100 * f.by_pixels, 100 * f.truth, 100 * f.within, (long long)sbl_query_stats(context).sensors.count,
+               (long long)sbl_query_stats(context).sensors.rays);
         CHECK(f.predicted <= (double)asked[level] && f.predicted > 0.5 * (double)asked[level], "asked for %g: %g is predicted", (double)asked[level], f.predicted);
         CHECK(f.truth < 1.35 * f.predicted && f.truth > 0.5 * f.predicted, "asked for %g: %.2f %% is predicted, %.2f %% true", (double)asked[level],
               100 * f.predicted, 100 * f.truth);
@@ -226,8 +226,8 @@ TEST(of_a_red_shadow_in_blue_light) {
     penumbra(&k);
     for (i = 0; i < k.scene.material_count; i++) k.scene.materials[i].emission[1] = k.scene.materials[i].emission[2] = 0;
     scene_sky(&k.scene, 0, 0, 5);
-    k.view.mode = SBL_MODE_DIRECT;
-    k.view.error = 0.02f;
+    k.view.options.mode = SBL_MODE_DIRECT;
+    k.view.target_error = 0.02f;
     if (scene_render(context, &k.scene, &k.view)) {
         const sbl_scene_desc desc = scene_desc(&k.scene);
         ref_scene *caster = ref_create(&desc);
@@ -258,7 +258,7 @@ static void plates(known *k) {
     known_floor(k, 3);
     scene_sky(&k->scene, 1, 1, 1);
     k->view = scene_view(64, 48, 60, 0.3f, 1.6f, 1.6f, 0, 0.1f, 0);
-    k->view.mode = SBL_MODE_GI;
+    k->view.options.mode = SBL_MODE_GI;
     k->view.tile = 1;
     k->view.filter_radius = -1;
 }
@@ -270,19 +270,19 @@ TEST(of_looks_between_near_plates) {
     int i;
     memset(&k, 0, sizeof k);
     plates(&k);
-    k.view.rays = 4096;
+    k.view.options.rays = 4096;
     if (scene_render(context, &k.scene, &k.view)) {
         float *truth = scene_channel(context, &k.view, SBL_CHANNEL_RADIANCE), *light;
         double squares = 0, mean = 0, off, predicted;
-        k.view.rays = 0;
-        k.view.error = 0.01f;
+        k.view.options.rays = 0;
+        k.view.target_error = 0.01f;
         if (scene_render(context, &k.scene, &k.view)) {
             light = scene_channel(context, &k.view, SBL_CHANNEL_RADIANCE);
             for (i = 0; i < 64 * 48; i++) {
                 squares += ((double)light[3 * i] - (double)truth[3 * i]) * ((double)light[3 * i] - (double)truth[3 * i]);
                 mean += (double)truth[3 * i];
             }
-            predicted = (double)sbl_query_stats(context).error_expected;
+            predicted = (double)sbl_query_stats(context).picture.expected_error;
             off = sqrt(squares * 64 * 48) / mean;
             printf("  %.2f %% predicted, %.2f %% true\n", 100 * predicted, 100 * off);
             CHECK(off < 1.1 * predicted, "%.2f %% is predicted, %.2f %% true", 100 * predicted, 100 * off);
@@ -318,13 +318,13 @@ TEST(of_few_bounce_samples) {
     int i;
     memset(&k, 0, sizeof k);
     plates(&k);
-    k.view.rays = 1024;
+    k.view.options.rays = 1024;
     for (i = 0; i < 2; i++) {
         sbl_scene_desc desc = scene_desc(&k.scene);
-        desc.bounce_samples = i ? 300000 : 4096;
-        if (sbl_set_scene(context, &desc) != SBL_SUCCESS || sbl_render(context, &k.view) != SBL_SUCCESS) break;
+        desc.max_bounce_cells = i ? 300000 : 4096;
+        if (sbl_set_scene(context, &desc) != SBL_SUCCESS || sbl_render_picture(context, &k.view) != SBL_SUCCESS) break;
         light[i] = scene_channel(context, &k.view, SBL_CHANNEL_RADIANCE);
-        predicted[i] = (double)sbl_query_stats(context).error_expected;
+        predicted[i] = (double)sbl_query_stats(context).picture.expected_error;
     }
     for (i = 0; i < 64 * 48 && light[0] && light[1]; i++) {
         squares += ((double)light[0][3 * i] - (double)light[1][3 * i]) * ((double)light[0][3 * i] - (double)light[1][3 * i]);

@@ -1,4 +1,4 @@
-/* Light at any points: sbl_gather. It is the picture's own primitive, so that at a pixel's site it finds that pixel's light, bit for bit; elsewhere closed
+/* Light at any points: sbl_gather_readings. It is the picture's own primitive, so that at a pixel's site it finds that pixel's light, bit for bit; elsewhere closed
    forms say what it must find. */
 #include "../sbl.h"
 #include "support/test.h"
@@ -16,13 +16,13 @@ static int use_scene(const test_scene *s) {
     return context != NULL;
 }
 
-static sbl_gather_desc gather_of(const sbl_site *sites, sbl_reading *readings, int count) {
-    sbl_gather_desc desc;
+static sbl_readings_desc gather_of(const sbl_site *sites, sbl_reading *readings, int count) {
+    sbl_readings_desc desc;
     memset(&desc, 0, sizeof desc);
     desc.sites = sites;
     desc.readings = readings;
     desc.site_count = count;
-    desc.mode = SBL_MODE_DIRECT;
+    desc.options.mode = SBL_MODE_DIRECT;
     return desc;
 }
 
@@ -37,10 +37,10 @@ static sbl_site site_of(float x, float y, float z, float nx, float ny, float nz)
 /* The reading at one site, in the scene in use. */
 static sbl_reading reading_at(sbl_site site, int rays) {
     sbl_reading r;
-    sbl_gather_desc desc = gather_of(&site, &r, 1);
-    desc.rays = rays;
+    sbl_readings_desc desc = gather_of(&site, &r, 1);
+    desc.options.rays = rays;
     memset(&r, 0xff, sizeof r);
-    CHECK(sbl_gather(context, &desc) == SBL_SUCCESS, "no reading: %s", watch_last(&seen));
+    CHECK(sbl_gather_readings(context, &desc) == SBL_SUCCESS, "no reading: %s", watch_last(&seen));
     return r;
 }
 
@@ -50,20 +50,20 @@ enum { WIDTH = 32, HEIGHT = 24, PIXELS = WIDTH * HEIGHT };
 
 static sbl_picture_desc every_pixel(sbl_mode mode, sbl_backend backend) {
     sbl_picture_desc view = scene_plain(scene_cornell_view(WIDTH, HEIGHT), mode, 16);
-    view.backend = backend;
-    view.rays = 64;
-    view.seed = 7;
+    view.options.backend = backend;
+    view.options.rays = 64;
+    view.options.seed = 7;
     return view;
 }
 
-static sbl_gather_desc gather_as(const sbl_picture_desc *view, const sbl_site *sites, sbl_reading *readings) {
-    sbl_gather_desc desc = gather_of(sites, readings, PIXELS);
-    desc.mode = view->mode;
-    desc.backend = view->backend;
-    desc.rays = view->rays;
-    desc.sensor_size = view->sensor_size;
-    desc.epsilon = view->epsilon;
-    desc.seed = view->seed;
+static sbl_readings_desc gather_as(const sbl_picture_desc *view, const sbl_site *sites, sbl_reading *readings) {
+    sbl_readings_desc desc = gather_of(sites, readings, PIXELS);
+    desc.options.mode = view->options.mode;
+    desc.options.backend = view->options.backend;
+    desc.options.rays = view->options.rays;
+    desc.options.sensor_size = view->options.sensor_size;
+    desc.options.epsilon = view->options.epsilon;
+    desc.options.seed = view->options.seed;
     return desc;
 }
 
@@ -78,10 +78,10 @@ TEST(finds_what_the_picture_found) {
     scene_cornell_box(&s);
     for (w = 0; w < 4; w++) {
         const sbl_picture_desc view = every_pixel(ways[w].mode, ways[w].backend);
-        sbl_gather_desc desc = gather_as(&view, sites, readings);
+        sbl_readings_desc desc = gather_as(&view, sites, readings);
         float *radiance;
         int same = 0, lit = 0, noisy = 0, shown = 0, close = 0;
-        REQUIRE(use_scene(&s) && sbl_render(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+        REQUIRE(use_scene(&s) && sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
         radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
         REQUIRE(radiance, "no radiance");
         for (i = 0; i < PIXELS; i++) {
@@ -92,7 +92,7 @@ TEST(finds_what_the_picture_found) {
                 shown++;
             }
         }
-        REQUIRE(sbl_gather(context, &desc) == SBL_SUCCESS, "no gather: %s", watch_last(&seen));
+        REQUIRE(sbl_gather_readings(context, &desc) == SBL_SUCCESS, "no gather: %s", watch_last(&seen));
         for (i = 0; i < PIXELS; i++) {
             if (sites[i].position[0] == 278 && sites[i].position[1] == 100) continue;
             same += memcmp(readings[i].radiance, radiance + 3 * i, sizeof readings[i].radiance) == 0;
@@ -101,13 +101,13 @@ TEST(finds_what_the_picture_found) {
             noisy += readings[i].noise > 0;
         }
         CHECK(shown > PIXELS / 2 && close > shown * 98 / 100, "way %d: %d of %d readings are close to the picture's", w, close, shown);
-        if (view.backend == SBL_BACKEND_TRACE)  /* views lie elsewhere in the atlas, and round otherwise */
+        if (view.options.backend == SBL_BACKEND_TRACE)  /* views lie elsewhere in the atlas, and round otherwise */
             CHECK(same == shown, "way %d: %d of %d readings are the picture's to the bit", w, same, shown);
         CHECK(lit > PIXELS / 4, "way %d: %d pixels are lit", w, lit);
         CHECK((noisy > 0) == (ways[w].mode != SBL_MODE_PAPER), "way %d: noise is told at %d pixels", w, noisy);
         desc.readings = again;
-        desc.seed = 8;
-        CHECK(sbl_gather(context, &desc) == SBL_SUCCESS, "no gather: %s", watch_last(&seen));
+        desc.options.seed = 8;
+        CHECK(sbl_gather_readings(context, &desc) == SBL_SUCCESS, "no gather: %s", watch_last(&seen));
         CHECK((memcmp(again, readings, sizeof again) != 0) == (ways[w].mode != SBL_MODE_PAPER), "way %d: what does the seed change?", w);
         free(radiance);
     }
@@ -251,7 +251,7 @@ TEST(in_the_planes_of_walls) {
         const float far_off = 1e4f, c = turned ? cosf(0.3f) : 1, d = turned ? sinf(0.3f) : 0;
         test_scene s = { 0 };
         const int black = scene_material(&s, 0, 0, 0);
-        sbl_gather_desc desc = gather_of(sites, readings, SITES);
+        sbl_readings_desc desc = gather_of(sites, readings, SITES);
         double worst[3] = { 0, 0, 0 };
         scene_sky(&s, 1, 1, 1);
         scene_quad(&s, black, 0, -1, 0, c * far_off, -1, d * far_off, c * far_off, far_off, d * far_off, 0, far_off, 0);
@@ -262,11 +262,11 @@ TEST(in_the_planes_of_walls) {
             sites[i] = site_of(c * x - d * z, 0.001f * (float)i, d * x + c * z, 0, 1, 0);
             sites[i].offset = -1;
         }
-        desc.mode = SBL_MODE_AMBIENT;
-        desc.backend = (sbl_backend)backend;
-        desc.sensor_size = 32;
-        desc.rays = 1024;
-        REQUIRE(sbl_gather(context, &desc) == SBL_SUCCESS, "no gather: %s", watch_last(&seen));
+        desc.options.mode = SBL_MODE_AMBIENT;
+        desc.options.backend = (sbl_backend)backend;
+        desc.options.sensor_size = 32;
+        desc.options.rays = 1024;
+        REQUIRE(sbl_gather_readings(context, &desc) == SBL_SUCCESS, "no gather: %s", watch_last(&seen));
         for (i = 0; i < SITES; i++) {
             const double expected[3] = { 1, 0.75, 0.25 }, error = fabs(readings[i].radiance[0] / expected[i % 3] - 1);
             worst[i % 3] = error > worst[i % 3] ? error : worst[i % 3];
@@ -294,7 +294,7 @@ TEST(slices_cancel_and_end) {
     static sbl_reading whole[COUNT], now[COUNT];
     static const double slices[] = { 1e-9, 1e-3 };
     test_scene s = { 0 };
-    sbl_gather_desc desc;
+    sbl_readings_desc desc;
     sbl_scene_desc scene;
     sbl_result result;
     float before, limit = 0.3f;
@@ -304,15 +304,15 @@ TEST(slices_cancel_and_end) {
     REQUIRE(use_scene(&s), "no scene");
     floor_sites(sites, COUNT);
     desc = gather_of(sites, whole, COUNT);
-    desc.rays = 24;
-    REQUIRE(sbl_gather(context, &desc) == SBL_SUCCESS, "no gather: %s", watch_last(&seen));
-    CHECK(sbl_query_stats(context).sensors == COUNT && sbl_query_stats(context).rays == 24 * COUNT, "stats: %d sensors, %d rays",
-          (int)sbl_query_stats(context).sensors, (int)sbl_query_stats(context).rays);
+    desc.options.rays = 24;
+    REQUIRE(sbl_gather_readings(context, &desc) == SBL_SUCCESS, "no gather: %s", watch_last(&seen));
+    CHECK(sbl_query_stats(context).sensors.count == COUNT && sbl_query_stats(context).sensors.rays == 24 * COUNT, "stats: %d sensors.count, %d sensors.rays",
+          (int)sbl_query_stats(context).sensors.count, (int)sbl_query_stats(context).sensors.rays);
     CHECK(sbl_step(context, 0) == SBL_SUCCESS && sbl_progress(context) == 1, "a finished gather is not finished");
     desc.readings = now;
     for (i = 0; i < 2; i++) {
         memset(now, 0, sizeof now);
-        REQUIRE(use_scene(&s) && sbl_begin_gather(context, &desc) == SBL_SUCCESS, "cannot begin");
+        REQUIRE(use_scene(&s) && sbl_begin_readings(context, &desc) == SBL_SUCCESS, "cannot begin");
         for (steps = 0, before = 0; (result = sbl_step(context, slices[i])) == SBL_UNFINISHED; steps++) {
             CHECK(sbl_progress(context) >= before, "progress falls from %g to %g", (double)before, (double)sbl_progress(context));
             before = sbl_progress(context);
@@ -320,23 +320,23 @@ TEST(slices_cancel_and_end) {
         CHECK(result == SBL_SUCCESS && memcmp(now, whole, sizeof now) == 0, "slices of %g s change readings", slices[i]);
         CHECK(steps > (i ? 5 : 50), "slices of %g s: %d steps", slices[i], steps);
     }
-    desc.progress = stops_at;
-    desc.progress_user = &limit;
-    CHECK(sbl_begin_gather(context, &desc) == SBL_SUCCESS, "cannot begin");
+    desc.options.progress = stops_at;
+    desc.options.progress_user = &limit;
+    CHECK(sbl_begin_readings(context, &desc) == SBL_SUCCESS, "cannot begin");
     while ((result = sbl_step(context, 1e-4)) == SBL_UNFINISHED) {}
     CHECK(result == SBL_CANCELLED && sbl_step(context, 0) == SBL_ERROR_STATE, "not cancelled: %s", sbl_result_string(result));
-    desc.progress = NULL;
-    CHECK(sbl_begin_gather(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED, "cannot begin");
+    desc.options.progress = NULL;
+    CHECK(sbl_begin_readings(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED, "cannot begin");
     sbl_end(context);
     CHECK(sbl_step(context, 0) == SBL_ERROR_STATE && sbl_progress(context) == 0, "an ended gather goes on");
-    CHECK(sbl_begin_gather(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED, "cannot begin");
+    CHECK(sbl_begin_readings(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED, "cannot begin");
     CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_step(context, 0) == SBL_ERROR_STATE, "a gather survives its scene");
     memset(now, 0, sizeof now);
-    CHECK(sbl_gather(context, &desc) == SBL_SUCCESS && memcmp(now, whole, sizeof now) == 0, "what was abandoned leaves traces");
+    CHECK(sbl_gather_readings(context, &desc) == SBL_SUCCESS && memcmp(now, whole, sizeof now) == 0, "what was abandoned leaves traces");
     desc.site_count = 0;
     desc.sites = NULL;
     desc.readings = NULL;
-    CHECK(sbl_gather(context, &desc) == SBL_SUCCESS, "no sites are too few");
+    CHECK(sbl_gather_readings(context, &desc) == SBL_SUCCESS, "no sites are too few");
     scene_free(&s);
 }
 
@@ -347,22 +347,22 @@ TEST(inspection_in_between) {
     static sbl_reading whole[COUNT], now[COUNT];
     test_scene s = { 0 };
     sbl_picture_desc view = scene_cornell_view(8, 8);
-    sbl_gather_desc desc = gather_of(sites, whole, COUNT);
+    sbl_readings_desc desc = gather_of(sites, whole, COUNT);
     sbl_sensor alone, between;
     sbl_result result, inspected;
     sbl_memory memory;
     int refused;
     scene_cornell_box(&s);
-    view.rays = 20;
-    desc.rays = 24;
+    view.options.rays = 20;
+    desc.options.rays = 24;
     floor_sites(sites, COUNT);
-    REQUIRE(use_scene(&s) && sbl_gather(context, &desc) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS &&
+    REQUIRE(use_scene(&s) && sbl_gather_readings(context, &desc) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS &&
             sbl_inspect_sensor(context, 4, 4, &alone, NULL, NULL, 0) == SBL_SUCCESS, "no picture");
     desc.readings = now;
     for (refused = 0; refused < 2; refused++) {
         int looks = 0;
         memset(now, 0, sizeof now);
-        REQUIRE(sbl_begin_gather(context, &desc) == SBL_SUCCESS, "cannot begin");
+        REQUIRE(sbl_begin_readings(context, &desc) == SBL_SUCCESS, "cannot begin");
         while ((result = sbl_step(context, 1e-9)) == SBL_UNFINISHED && looks < 500) {
             memory = sbl_query_memory(context);
             seen.refuse_at = refused ? seen.allocations + 3 : 0;
@@ -385,7 +385,7 @@ TEST(a_million_points) {
     test_scene s = { 0 };
     sbl_site *sites = (sbl_site *)malloc(sizeof *sites * MANY);
     sbl_reading *readings = (sbl_reading *)malloc(sizeof *readings * MANY);
-    sbl_gather_desc desc;
+    sbl_readings_desc desc;
     sbl_memory few, many;
     int i, wrong = 0;
     scene_sky(&s, 1, 1, 1);
@@ -393,12 +393,12 @@ TEST(a_million_points) {
     if (!sites || !readings || !use_scene(&s)) { CHECK(0, "no memory or scene"); goto done; }
     for (i = 0; i < MANY; i++) sites[i] = site_of((float)(i % 1000) * 0.01f - 5, 0, (float)(i / 1000) * 0.01f - 5, 0, i & 1 ? 1.0f : -1.0f, 0);
     desc = gather_of(sites, readings, FEW);
-    desc.rays = 4;
-    CHECK(sbl_gather(context, &desc) == SBL_SUCCESS, "few: %s", watch_last(&seen));
+    desc.options.rays = 4;
+    CHECK(sbl_gather_readings(context, &desc) == SBL_SUCCESS, "few: %s", watch_last(&seen));
     few = sbl_query_memory(context);
     desc.site_count = MANY;
     memset(readings, 0xff, sizeof *readings * MANY);
-    CHECK(sbl_gather(context, &desc) == SBL_SUCCESS, "many: %s", watch_last(&seen));
+    CHECK(sbl_gather_readings(context, &desc) == SBL_SUCCESS, "many: %s", watch_last(&seen));
     many = sbl_query_memory(context);
     for (i = 0; i < MANY; i++) wrong += !(readings[i].radiance[0] == 1 && readings[i].radiance[2] == 1 && readings[i].valid);
     CHECK(wrong == 0, "%d of a million readings are wrong", wrong);
@@ -419,12 +419,12 @@ TEST(mistakes) {
     test_scene s = { 0 };
     sbl_site site = site_of(0, 0, 0, 0, 1, 0);
     sbl_reading reading, untouched;
-    sbl_gather_desc good = gather_of(&site, &reading, 1), d;
+    sbl_readings_desc good = gather_of(&site, &reading, 1), d;
     sbl_context_desc desc = watch_desc(&seen);
     sbl_context *empty = NULL;
 #define REFUSED(result, item, a, b) do { \
         watch_forget(&seen); \
-        CHECK(sbl_gather(context, &d) == result, "not refused: " a " " b); \
+        CHECK(sbl_gather_readings(context, &d) == result, "not refused: " a " " b); \
         CHECK(watch_said(&seen, SBL_LOG_ERROR, item, a, b, NULL), "said: %s", watch_last(&seen)); \
         CHECK(memcmp(&reading, &untouched, sizeof reading) == 0, "a refused gather writes readings"); \
         d = good; \
@@ -435,21 +435,21 @@ TEST(mistakes) {
     memset(&reading, 0x5a, sizeof reading);
     untouched = reading;
     d = good;
-    d.start_canary = 1; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_GATHER_DESC, "sbl_gather_desc", "canary");
-    d.sites = NULL; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_GATHER_DESC, "site_count is 1", "NULL");
-    d.readings = NULL; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_GATHER_DESC, "sbl_gather_desc", "readings");
-    d.site_count = -3; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_GATHER_DESC, "site_count", "-3");
-    d.rays = 5000; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_GATHER_DESC, "rays", "5000");
-    d.mode = (sbl_mode)99; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_GATHER_DESC, "mode", "99");
-    d.epsilon = -1; d.mode = SBL_MODE_AMBIENT; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_GATHER_DESC, "epsilon", "-1");
-    site.position[1] = (float)NAN; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_GATHER_DESC, "site", "position");
-    site.normal[1] = 0; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_GATHER_DESC, "site", "normal");
-    site.geometric_normal[0] = (float)INFINITY; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_GATHER_DESC, "site", "geometric_normal");
-    site.offset = (float)INFINITY; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_GATHER_DESC, "site", "offset");
-    CHECK(sbl_gather(context, &good) == SBL_SUCCESS && memcmp(&reading, &untouched, sizeof reading) != 0, "a good gather after bad ones: %s", watch_last(&seen));
-    CHECK(sbl_begin_gather(NULL, &good) == SBL_ERROR_INVALID_ARGUMENT && sbl_gather(NULL, NULL) == SBL_ERROR_INVALID_ARGUMENT, "a NULL context is taken");
-    CHECK(sbl_gather(context, NULL) == SBL_SUCCESS, "a NULL descriptor is all zeroes: no sites");
-    CHECK(sbl_create(&desc, &empty) == SBL_SUCCESS && sbl_gather(empty, &good) == SBL_ERROR_STATE, "a gather without a scene");
+    d.start_canary = 1; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "sbl_readings_desc", "canary");
+    d.sites = NULL; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "site_count is 1", "NULL");
+    d.readings = NULL; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "sbl_readings_desc", "readings");
+    d.site_count = -3; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "site_count", "-3");
+    d.options.rays = 5000; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "rays", "5000");
+    d.options.mode = (sbl_mode)99; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "mode", "99");
+    d.options.epsilon = -1; d.options.mode = SBL_MODE_AMBIENT; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "epsilon", "-1");
+    site.position[1] = (float)NAN; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "site", "position");
+    site.normal[1] = 0; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "site", "normal");
+    site.geometric_normal[0] = (float)INFINITY; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "site", "geometric_normal");
+    site.offset = (float)INFINITY; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "site", "offset");
+    CHECK(sbl_gather_readings(context, &good) == SBL_SUCCESS && memcmp(&reading, &untouched, sizeof reading) != 0, "a good gather after bad ones: %s", watch_last(&seen));
+    CHECK(sbl_begin_readings(NULL, &good) == SBL_ERROR_INVALID_ARGUMENT && sbl_gather_readings(NULL, NULL) == SBL_ERROR_INVALID_ARGUMENT, "a NULL context is taken");
+    CHECK(sbl_gather_readings(context, NULL) == SBL_SUCCESS, "a NULL descriptor is all zeroes: no sites");
+    CHECK(sbl_create(&desc, &empty) == SBL_SUCCESS && sbl_gather_readings(empty, &good) == SBL_ERROR_STATE, "a gather without a scene");
     sbl_destroy(empty);
     scene_free(&s);
 }
@@ -460,14 +460,14 @@ TEST(memory_runs_out) {
     static sbl_site sites[COUNT];
     static sbl_reading whole[COUNT], now[COUNT];
     test_scene s = { 0 };
-    sbl_gather_desc desc;
+    sbl_readings_desc desc;
     int at, refused = 0, blocks;
     scene_cornell_box(&s);
     REQUIRE(use_scene(&s), "no scene");
     floor_sites(sites, COUNT);
     desc = gather_of(sites, whole, COUNT);
-    desc.rays = 16;
-    REQUIRE(sbl_gather(context, &desc) == SBL_SUCCESS, "no gather");
+    desc.options.rays = 16;
+    REQUIRE(sbl_gather_readings(context, &desc) == SBL_SUCCESS, "no gather");
     desc.readings = now;
     for (at = 1; at < 400; at++) {
         sbl_result result;
@@ -475,13 +475,13 @@ TEST(memory_runs_out) {
         blocks = seen.blocks;
         seen.refused = 0;
         seen.refuse_at = seen.allocations + at;
-        result = sbl_gather(context, &desc);
+        result = sbl_gather_readings(context, &desc);
         if (!seen.refused) { seen.refuse_at = 0; break; }
         refused++;
         CHECK(result == SBL_ERROR_OUT_OF_MEMORY, "allocation %d: %s", at, sbl_result_string(result));
         seen.refuse_at = 0;
         memset(now, 0, sizeof now);
-        CHECK(sbl_gather(context, &desc) == SBL_SUCCESS && memcmp(now, whole, sizeof now) == 0, "allocation %d: the next gather differs", at);
+        CHECK(sbl_gather_readings(context, &desc) == SBL_SUCCESS && memcmp(now, whole, sizeof now) == 0, "allocation %d: the next gather differs", at);
         sbl_end(context);
         CHECK(seen.blocks >= blocks, "allocation %d: %d blocks before, %d after", at, blocks, seen.blocks);
     }

@@ -23,7 +23,7 @@ static const float moved[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 3, 0.1f, 0.
 static sbl_context_desc faulty_desc(void) {
     sbl_context_desc desc = watch_desc(&seen);
     desc.get_gl_function = fake_proc;
-    desc.atlas_size = 256;
+    desc.sensor_texture_size = 256;
     return desc;
 }
 
@@ -55,7 +55,7 @@ static void scenes_make(void) {
 /* >>the calls that can fail, each from a context in which all before it went well */
 
 typedef enum phase { PHASE_SCENE, PHASE_MOVE, PHASE_BEGIN, PHASE_RENDER, PHASE_READ, PHASE_TEXTURE, PHASE_INSPECT, PHASE_GATHER, PHASES } phase;
-static const char *const phase_names[PHASES] = { "sbl_set_scene", "sbl_set_mesh_transform", "sbl_begin", "sbl_step", "sbl_read_channel", "sbl_channel_texture", "sbl_inspect_sensor", "sbl_gather" };
+static const char *const phase_names[PHASES] = { "sbl_set_scene", "sbl_set_mesh_transform", "sbl_begin", "sbl_step", "sbl_read_channel", "sbl_channel_texture", "sbl_inspect_sensor", "sbl_gather_readings" };
 
 static small_picture picture;
 static int replacing;
@@ -72,17 +72,17 @@ static sbl_result small_gather(sbl_context *context) {
     static const sbl_site sites[SITES] = { { { 1, 0, 0.5f }, { 0, 1, 0 }, { 0, 0, 0 }, 0 }, { { 0, 0.7f, 0 }, { 0, 1, 0 }, { 0, 0, 0 }, 0 },
                                            { { 0, 0.3f, 0 }, { 1, 0, 0 }, { 0, 0, 0 }, 0 } };  /* the last stands in the box, and looks back */
     const sbl_picture_desc view = small_view();
-    sbl_gather_desc desc;
+    sbl_readings_desc desc;
     memset(&desc, 0, sizeof desc);
     memset(readings, 0, sizeof readings);
     desc.sites = sites;
     desc.readings = readings;
     desc.site_count = SITES;
-    desc.mode = view.mode;
-    desc.backend = view.backend;
-    desc.rays = view.rays;
-    desc.sensor_size = view.sensor_size;
-    return sbl_gather(context, &desc);
+    desc.options.mode = view.options.mode;
+    desc.options.backend = view.options.backend;
+    desc.options.rays = view.options.rays;
+    desc.options.sensor_size = view.options.sensor_size;
+    return sbl_gather_readings(context, &desc);
 }
 
 /* The sensor without its arrays, which are the context's; and these. */
@@ -100,9 +100,9 @@ static int phase_prepare(sbl_context *context, phase p) {
     sbl_picture_desc view = small_view();
     if (p == PHASE_RENDER) {  /* the scene anew, so that what is built once a scene is built by the call */
         sbl_scene_desc desc = scene_desc(&scene);
-        return sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_begin(context, &view) == SBL_SUCCESS;
+        return sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_begin_picture(context, &view) == SBL_SUCCESS;
     }
-    if (p >= PHASE_READ) return sbl_render(context, &view) == SBL_SUCCESS;
+    if (p >= PHASE_READ) return sbl_render_picture(context, &view) == SBL_SUCCESS;
     return 1;
 }
 
@@ -112,7 +112,7 @@ static sbl_result phase_run(sbl_context *context, phase p) {
     switch (p) {
         case PHASE_SCENE: return sbl_set_scene(context, &desc);
         case PHASE_MOVE: return sbl_set_mesh_transform(context, SMALL_BOX, moved);
-        case PHASE_BEGIN: return sbl_begin(context, &view);
+        case PHASE_BEGIN: return sbl_begin_picture(context, &view);
         case PHASE_RENDER: return sbl_step(context, 0);
         case PHASE_READ: return small_read(context, &picture);
         case PHASE_TEXTURE: return sbl_channel_texture(context, SBL_CHANNEL_DEPTH) &&
@@ -129,7 +129,7 @@ static int phase_right(sbl_context *context, phase p) {
     if (p == PHASE_INSPECT) return sensor_same();
     if (p == PHASE_GATHER) return memcmp(readings, expected_readings, sizeof readings) == 0;
     if (p == PHASE_BEGIN && sbl_step(context, 0) != SBL_SUCCESS) return 0;
-    if ((p == PHASE_SCENE || p == PHASE_MOVE) && sbl_render(context, &view) != SBL_SUCCESS) return 0;
+    if ((p == PHASE_SCENE || p == PHASE_MOVE) && sbl_render_picture(context, &view) != SBL_SUCCESS) return 0;
     return small_read(context, &picture) == SBL_SUCCESS && small_same(&picture, p == PHASE_SCENE || p == PHASE_MOVE ? &expected_moved : &expected);
 }
 
@@ -143,7 +143,7 @@ static void every_function(sbl_context *context, phase p, const char *fault, int
           sbl_result_string(step), sbl_result_string(reading), sbl_result_string(inspection));
     CHECK(p < PHASE_READ || (small_same(&read, &expected) && sensor_same()), "%s, %s %d: afterwards the picture or its sensor differs", phase_names[p], fault, place);
     CHECK(p < PHASE_READ || phase_run(context, PHASE_TEXTURE) == SBL_SUCCESS, "%s, %s %d: afterwards there is no texture", phase_names[p], fault, place);
-    CHECK(small_gather(context) == SBL_SUCCESS && (p < PHASE_RENDER || phase_right(context, PHASE_GATHER)), "%s, %s %d: afterwards sbl_gather fails, or differs",
+    CHECK(small_gather(context) == SBL_SUCCESS && (p < PHASE_RENDER || phase_right(context, PHASE_GATHER)), "%s, %s %d: afterwards sbl_gather_readings fails, or differs",
           phase_names[p], fault, place);
     CHECK(p < PHASE_READ || (phase_run(context, PHASE_INSPECT) == SBL_SUCCESS && sensor_same()), "%s, %s %d: after a gather the sensor differs", phase_names[p], fault, place);
 }
@@ -161,7 +161,7 @@ static void still_usable(sbl_context *context, phase p, int succeeded, const cha
     result = small_render(context, &view, &again);
     CHECK(result == SBL_SUCCESS && small_same(&again, &expected), "%s, %s %d: afterwards the context gives \"%s\" or another picture",
           phase_names[p], fault, place, sbl_result_string(result));
-    CHECK(sbl_query_bounds(context, low, high) == SBL_SUCCESS && memcmp(low, bounds[0], sizeof low) == 0 && memcmp(high, bounds[1], sizeof high) == 0,
+    CHECK(scene_bounds(context, low, high) && memcmp(low, bounds[0], sizeof low) == 0 && memcmp(high, bounds[1], sizeof high) == 0,
           "%s, %s %d: the scene's bounds have changed", phase_names[p], fault, place);
 }
 
@@ -184,8 +184,8 @@ static int every_place(sbl_context *context, phase p, fake_fault fault, GLenum e
     usage start, end;
     sbl_picture_desc view = small_view();
     int place;
-    if (sbl_render(context, &view) != SBL_SUCCESS) return 0;
-    if (phase_run(context, PHASE_INSPECT) != SBL_SUCCESS || sbl_render(context, &view) != SBL_SUCCESS) return 0;  /* all programs are there */
+    if (sbl_render_picture(context, &view) != SBL_SUCCESS) return 0;
+    if (phase_run(context, PHASE_INSPECT) != SBL_SUCCESS || sbl_render_picture(context, &view) != SBL_SUCCESS) return 0;  /* all programs are there */
     start = usage_take(context);
     for (place = 1; place < MOST_PLACES; place += small_mode == SBL_MODE_GI ? 3 : 1) {  /* there are many */
         sbl_result result;
@@ -260,7 +260,7 @@ TEST(first_inspections) {
             sbl_context *context;
             sbl_result result;
             fake_disarm();
-            REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &first) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS, "%s",
+            REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &first) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS, "%s",
                     watch_last(&seen));
             if (faults[i].fault == FAKE_NONE) { seen.refused = 0; seen.refuse_at = seen.allocations + place; }
             else fake_arm(faults[i].fault, place, faults[i].error);
@@ -288,16 +288,16 @@ static void larger_picture(const test_scene *s, const sbl_picture_desc *view, in
     sbl_scene_desc first = scene_desc(s);
     sbl_context *context;
     int place, before_all = seen.blocks, blocks;
-    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &first) == SBL_SUCCESS && sbl_render(context, view) == SBL_SUCCESS,
+    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &first) == SBL_SUCCESS && sbl_render_picture(context, view) == SBL_SUCCESS,
             "%s", watch_last(&seen));
-    CHECK((sbl_query_stats(context).invalid_sensors > 0) == stuck, "%d sensors are stuck", (int)sbl_query_stats(context).invalid_sensors);
+    CHECK((sbl_query_stats(context).sensors.invalid > 0) == stuck, "%d sensors are stuck", (int)sbl_query_stats(context).sensors.invalid);
     sbl_end(context);
     blocks = seen.blocks;
     for (place = 1; place < MOST_PLACES; place += small_mode == SBL_MODE_GI ? 3 : 1) {  /* there are many */
         sbl_result result;
         seen.refused = 0;
         seen.refuse_at = seen.allocations + place;
-        result = sbl_render(context, view);
+        result = sbl_render_picture(context, view);
         seen.refuse_at = 0;
         CHECK(result == (seen.refused ? SBL_ERROR_OUT_OF_MEMORY : SBL_SUCCESS), "allocation %d: \"%s\"", place, sbl_result_string(result));
         sbl_end(context);
@@ -318,14 +318,14 @@ TEST(allocations_of_larger_pictures) {
     view.height = 48;
     view.tile = 1;
     view.samples = 1;
-    view.sensor_size = 4;
+    view.options.sensor_size = 4;
     larger_picture(&scene, &view, 0);
     scene_floor(&gap, grey, 0, 10);
     scene_box(&gap, grey, -1, small_backend == SBL_BACKEND_TRACE ? 4e-5f : 2.3e-5f, -1, 1, 1, 1);
     scene_sky(&gap, 0, 1, 0);
     view.width = 8;
     view.height = 64;
-    view.sensor_size = 16;
+    view.options.sensor_size = 16;
     sbl_look_at(view.world_to_view, -1.2f - 3, 3 * slope, 0, -1.2f, 0, 0, 0, 1, 0);  /* grazing */
     memset(view.view_to_clip, 0, sizeof view.view_to_clip);
     view.view_to_clip[0] = 2;
@@ -366,8 +366,8 @@ static sbl_result bake_one(sbl_context *context, int kind) {
         map.directional = 1;
         map.supersample = 2;
         map.gutter = 2;
-        map.rays = 16;
-        map.mode = SBL_MODE_DIRECT;
+        map.options.rays = 16;
+        map.options.mode = SBL_MODE_DIRECT;
         result = sbl_bake_lightmap(context, &map);
         for (channel = 0; channel < 6 && result == SBL_SUCCESS; channel++)
             result = sbl_read_channel(context, channel < 4 ? (sbl_channel)(SBL_CHANNEL_SH_0 + channel) : channel == 4 ? SBL_CHANNEL_FINAL : SBL_CHANNEL_RADIANCE,
@@ -376,9 +376,9 @@ static sbl_result bake_one(sbl_context *context, int kind) {
         sbl_vertices_desc light;
         memset(&light, 0, sizeof light);
         light.radiance = baked;
-        light.count = BAKE_FLOATS;
-        light.rays = 8;
-        light.mode = SBL_MODE_DIRECT;
+        light.float_count = BAKE_FLOATS;
+        light.options.rays = 8;
+        light.options.mode = SBL_MODE_DIRECT;
         result = sbl_bake_vertices(context, &light);
     } else {
         sbl_probes_desc desc;
@@ -386,8 +386,8 @@ static sbl_result bake_one(sbl_context *context, int kind) {
         desc.probes = probes;
         desc.grid[0] = 2;
         desc.grid[1] = desc.grid[2] = 1;
-        desc.rays = 64;
-        desc.mode = SBL_MODE_DIRECT;
+        desc.options.rays = 64;
+        desc.options.mode = SBL_MODE_DIRECT;
         result = sbl_bake_probes(context, &desc);
         memcpy(baked, probes, sizeof probes);
     }
@@ -473,10 +473,10 @@ TEST(scene_programs) {
             sbl_result result;
             fake_disarm();
             REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &fits) == SBL_SUCCESS &&
-                    sbl_render(context, &view) == SBL_SUCCESS && sbl_set_scene(context, &past) == SBL_SUCCESS, "%s", watch_last(&seen));
+                    sbl_render_picture(context, &view) == SBL_SUCCESS && sbl_set_scene(context, &past) == SBL_SUCCESS, "%s", watch_last(&seen));
             watch_forget(&seen);
             fake_arm(faults[i].fault, place, faults[i].error);
-            result = sbl_render(context, &view);
+            result = sbl_render_picture(context, &view);
             last = !fake.hits;
             fake_disarm();
             CHECK(result == (last ? SBL_SUCCESS : faults[i].right), "fault %d at %d: \"%s\"", i, place, sbl_result_string(result));
@@ -671,7 +671,7 @@ static int references(sbl_backend backend) {
            small_gather(context) == SBL_SUCCESS && memcpy(expected_readings, readings, sizeof readings) && readings[0].radiance[0] > 0 && readings[2].back_share > 0.5f &&
            memcpy(expected_rays, expected_sensor.rays, (size_t)expected_sensor.ray_count * sizeof *expected_rays) &&
            memcpy(expected_lamps, expected_sensor.lamps, (size_t)expected_sensor.lamp_count * sizeof *expected_lamps) &&
-           sbl_query_bounds(context, bounds[0], bounds[1]) == SBL_SUCCESS && sbl_set_scene(context, &other) == SBL_SUCCESS &&
+           scene_bounds(context, bounds[0], bounds[1]) && sbl_set_scene(context, &other) == SBL_SUCCESS &&
            small_render(context, &view, &expected_moved) == SBL_SUCCESS && small_plausible(&expected) && !small_same(&expected, &expected_moved);
     sbl_destroy(context);
     return good && fake.made >= 20 && fake_live() == 0;

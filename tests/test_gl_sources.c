@@ -114,7 +114,7 @@ TEST(textures_hold_the_channels) {
     scene_quad(&s, scene_lamp(&s, 9, 8, 7), -0.2f, 1, -0.2f, 0.2f, 1, -0.2f, 0.2f, 1, 0.2f, -0.2f, 1, 0.2f);
     scene_sky(&s, 0.1f, 0.2f, 0.3f);
     desc = scene_desc(&s);
-    REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_begin(context, &view) == SBL_SUCCESS, "no scene");
+    REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_begin_picture(context, &view) == SBL_SUCCESS, "no scene");
     for (steps = 0; result == SBL_UNFINISHED && steps < 100000; steps++) {
         result = sbl_step(context, 1e-9);
         if (result == SBL_UNFINISHED && steps % 16 == 0) shown += compare_channels("under way");

@@ -111,7 +111,7 @@ static void every_function(small_picture *picture, small_picture *traced) {
     GIVES(sbl_create(&desc, &context), SBL_SUCCESS);
     if (!context) return;
 
-    GIVES(sbl_begin(context, &view), SBL_ERROR_STATE);
+    GIVES(sbl_begin_picture(context, &view), SBL_ERROR_STATE);
     GIVES(sbl_step(context, 0), SBL_ERROR_STATE);
     GIVES(sbl_set_scene(context, NULL), SBL_ERROR_INVALID_ARGUMENT);
     wrong.sky[0] = -1;
@@ -148,49 +148,49 @@ static void every_function(small_picture *picture, small_picture *traced) {
     GIVES(sbl_set_mesh_transform(context, SMALL_BOX, back), SBL_SUCCESS);
 
     bad.width = -1;
-    GIVES(sbl_begin(context, &bad), SBL_ERROR_INVALID_ARGUMENT);
+    GIVES(sbl_begin_picture(context, &bad), SBL_ERROR_INVALID_ARGUMENT);
     bad = small_view();
-    bad.mode = SBL_MODE_COUNT;
-    GIVES(sbl_begin(context, &bad), SBL_ERROR_INVALID_ARGUMENT);
-    bad.mode = SBL_MODE_GI;
-    GIVES(sbl_begin(context, &bad), SBL_SUCCESS);
+    bad.options.mode = SBL_MODE_COUNT;
+    GIVES(sbl_begin_picture(context, &bad), SBL_ERROR_INVALID_ARGUMENT);
+    bad.options.mode = SBL_MODE_GI;
+    GIVES(sbl_begin_picture(context, &bad), SBL_SUCCESS);
     GIVES(sbl_step(context, 1e-9), SBL_UNFINISHED);
     GIVES(sbl_step(context, 0), SBL_SUCCESS);
-    GIVES(sbl_begin(context, &view), SBL_SUCCESS);
+    GIVES(sbl_begin_picture(context, &view), SBL_SUCCESS);
     fake_arm(FAKE_FRAMEBUFFER, 2, 0);
     GIVES(sbl_step(context, 0), SBL_ERROR_GL);
     fake_disarm();
     for (i = 1; i <= 8; i++) {  /* programs are compiled when they are first used */
-        GIVES(sbl_begin(context, &view), SBL_SUCCESS);
+        GIVES(sbl_begin_picture(context, &view), SBL_SUCCESS);
         fake_arm(i % 2 ? FAKE_COMPILE : FAKE_LINK, 1, 0);
         GIVES(sbl_step(context, 0), SBL_ERROR_GL);
         fake_disarm();
     }
-    GIVES(sbl_begin(context, NULL), SBL_SUCCESS);
+    GIVES(sbl_begin_picture(context, NULL), SBL_SUCCESS);
     KEPT(sbl_end(context));
-    view.progress = cancel_second;
-    view.progress_user = &calls;
-    GIVES(sbl_begin(context, &view), SBL_SUCCESS);
+    view.options.progress = cancel_second;
+    view.options.progress_user = &calls;
+    GIVES(sbl_begin_picture(context, &view), SBL_SUCCESS);
     GIVES(sbl_step(context, 0), SBL_CANCELLED);
-    view.progress = NULL;
+    view.options.progress = NULL;
     for (i = 1; i < 1000; i++) {
         fake_arm(FAKE_REFUSE, i, GL_INVALID_OPERATION);
-        KEPT(sbl_render(context, &view));
+        KEPT(sbl_render_picture(context, &view));
         if (!fake.hits) break;
     }
-    view.backend = SBL_BACKEND_TRACE;
+    view.options.backend = SBL_BACKEND_TRACE;
     for (i = 1; i < 1000; i++) {
         fake_arm(FAKE_REFUSE, i, GL_OUT_OF_MEMORY);
-        KEPT(sbl_render(context, &view));
+        KEPT(sbl_render_picture(context, &view));
         if (!fake.hits) break;
     }
     fake_disarm();
-    GIVES(sbl_render(context, &view), SBL_SUCCESS);
+    GIVES(sbl_render_picture(context, &view), SBL_SUCCESS);
     CHECK(small_read(context, traced) == SBL_SUCCESS, "the traced picture%s cannot be read: %s", situation, watch_last(&seen));
     GIVES(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, weights, 64 * 64), SBL_SUCCESS);
     view = small_view();
 
-    GIVES(sbl_begin(context, &view), SBL_SUCCESS);
+    GIVES(sbl_begin_picture(context, &view), SBL_SUCCESS);
     for (steps = 0; steps < 10000; steps++) {
         sbl_result result = SBL_RESULT_COUNT;
         KEPT(result = sbl_step(context, 1e-9));
@@ -212,7 +212,7 @@ static void every_function(small_picture *picture, small_picture *traced) {
     fake_disarm();
 
     gl.Enable(0xdead);  /* an error that the host left behind */
-    GIVES(sbl_render(context, &view), SBL_SUCCESS);
+    GIVES(sbl_render_picture(context, &view), SBL_SUCCESS);
     CHECK(gl.GetError() == GL_NO_ERROR, "sbl_render%s leaves a GL error", situation);
     CHECK(small_read(context, picture) == SBL_SUCCESS, "the picture%s cannot be read: %s", situation, watch_last(&seen));
     KEPT(sbl_destroy(context));
@@ -272,7 +272,7 @@ TEST(one_by_one) {
     host_scene_make(&scene);
     REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene.desc) == SBL_SUCCESS &&
             small_render(context, &view, &alone[0]) == SBL_SUCCESS, "%s", watch_last(&seen));
-    view.backend = SBL_BACKEND_TRACE;
+    view.options.backend = SBL_BACKEND_TRACE;
     REQUIRE(small_render(context, &view, &alone[1]) == SBL_SUCCESS, "%s", watch_last(&seen));
     CHECK(small_same(&alone[0], &by_default[0]) && small_same(&alone[1], &by_default[1]), "another GL context gives another picture");
     gl.GenSamplers(1, &sampler);
@@ -291,7 +291,7 @@ TEST(one_by_one) {
         if (n == 5) gl.DepthMask(GL_FALSE);
         if (n == 6) for (k = 0; k < 16; k++) gl.BindSampler((GLuint)k, sampler);
         for (way = 0; way < 2; way++) {
-            view.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
+            view.options.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
             KEPT(small_render(context, &view, &picture));
             CHECK(small_same(&picture, &alone[way]), "%s changes the %s picture", name, way ? "traced" : "rasterised");
         }
@@ -420,7 +420,7 @@ TEST(the_host_draws_on) {
     REQUIRE(program && gl.CheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE, "no shape");
     shape_state();
     REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene.desc) == SBL_SUCCESS &&
-            sbl_begin(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+            sbl_begin_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
     for (steps = 0; result == SBL_UNFINISHED; steps++) {
         gl.Uniform1f(host_gl_uniform(program, "angle"), 0.05f * (float)steps);
         shape_draw(first);
@@ -541,11 +541,11 @@ static test_scene other;
 static sbl_picture_desc other_view(void) {
     sbl_picture_desc view = small_view();
     view.tile = 3;
-    view.sensor_size = 12;
+    view.options.sensor_size = 12;
     view.samples = 1;
-    view.mode = SBL_MODE_DIRECT;
-    view.backend = SBL_BACKEND_TRACE;
-    view.seed = 5;
+    view.options.mode = SBL_MODE_DIRECT;
+    view.options.backend = SBL_BACKEND_TRACE;
+    view.options.seed = 5;
     return view;
 }
 
@@ -571,7 +571,7 @@ static void side_by_side(const sbl_context_desc *desc, const char *where) {
     CHECK(!small_same(&alone[0], &alone[1]), "%s: the two pictures are the same", where);
     for (i = 0; i < 2; i++) REQUIRE(sbl_create(desc, &contexts[i]) == SBL_SUCCESS, "%s: %s", where, watch_last(&seen));
     for (i = 0; i < 2; i++) CHECK(sbl_set_scene(contexts[i], &scenes[i]) == SBL_SUCCESS, "%s: %s", where, watch_last(&seen));
-    for (i = 0; i < 2; i++) CHECK(sbl_begin(contexts[i], &views[i]) == SBL_SUCCESS, "%s: %s", where, watch_last(&seen));
+    for (i = 0; i < 2; i++) CHECK(sbl_begin_picture(contexts[i], &views[i]) == SBL_SUCCESS, "%s: %s", where, watch_last(&seen));
     for (round = 0; round < 10000 && done != 3; round++)
         for (i = 0; i < 2; i++) {
             sbl_result result = sbl_step(contexts[i], 1e-9);
@@ -640,16 +640,16 @@ static void headless_functions(void) {
     BOUND(CHECK(sbl_set_scene(context, &s) == SBL_SUCCESS, "%s", watch_last(&seen)));
     BOUND(CHECK(sbl_set_scene(context, NULL) != SBL_SUCCESS, "NULL"));
     BOUND(CHECK(sbl_set_mesh_transform(context, 0, back) == SBL_SUCCESS, "%s", watch_last(&seen)));
-    BOUND(CHECK(sbl_begin(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen)));
+    BOUND(CHECK(sbl_begin_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen)));
     BOUND(CHECK(sbl_step(context, 1e-9) == SBL_UNFINISHED, "%s", watch_last(&seen)));
     BOUND(CHECK(sbl_step(context, 0) == SBL_SUCCESS, "%s", watch_last(&seen)));
     BOUND(CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, room, SMALL_FLOATS) == SBL_SUCCESS, "%s", watch_last(&seen)));
     BOUND(CHECK(sbl_channel_texture(context, SBL_CHANNEL_DEPTH) != 0, "%s", watch_last(&seen)));
     BOUND(CHECK(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, NULL, NULL, 0) == SBL_SUCCESS, "%s", watch_last(&seen)));
-    view.progress = cancel_second;
-    view.progress_user = &calls;
-    BOUND(CHECK(sbl_render(context, &view) == SBL_CANCELLED, "%s", watch_last(&seen)));
-    BOUND(CHECK(sbl_begin(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen)));
+    view.options.progress = cancel_second;
+    view.options.progress_user = &calls;
+    BOUND(CHECK(sbl_render_picture(context, &view) == SBL_CANCELLED, "%s", watch_last(&seen)));
+    BOUND(CHECK(sbl_begin_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen)));
     BOUND(sbl_end(context));
     BOUND(sbl_destroy(context));
 }
@@ -766,9 +766,9 @@ TEST(viewport_array) {
     GIVES(sbl_create(&desc, &context), SBL_SUCCESS);
     if (!context) return;
     GIVES(sbl_set_scene(context, &scene.desc), SBL_SUCCESS);
-    GIVES(sbl_render(context, &view), SBL_SUCCESS);
-    view.backend = SBL_BACKEND_TRACE;
-    GIVES(sbl_render(context, &view), SBL_SUCCESS);
+    GIVES(sbl_render_picture(context, &view), SBL_SUCCESS);
+    view.options.backend = SBL_BACKEND_TRACE;
+    GIVES(sbl_render_picture(context, &view), SBL_SUCCESS);
     sbl_destroy(context);
 }
 

@@ -33,8 +33,8 @@ static void dark_room_make(test_scene *s) {
 
 static sbl_picture_desc view_of(void) {
     sbl_picture_desc view = scene_view(WIDTH, HEIGHT, 70, 0.3f, 1.1f, 2.2f, 0, 0.2f, -0.5f);
-    view.mode = SBL_MODE_DIRECT;
-    view.error = 0.04f;
+    view.options.mode = SBL_MODE_DIRECT;
+    view.target_error = 0.04f;
     return view;
 }
 
@@ -88,7 +88,7 @@ TEST(rays_go_through_the_hole) {
     int x, y, i, sensors = 0, wrong = 0, rays = 0, through = 0;
     double even = 0, guided = 0, worst = 0;
     if (!context) return;
-    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
     REQUIRE(context->picture.spec.guided, "there are no guides");
     for (y = 0; y < HEIGHT; y += 4)
         for (x = 0; x < WIDTH; x += 4) {
@@ -126,7 +126,7 @@ TEST(rays_go_through_the_hole) {
 /* >>pictures */
 
 static int render(sbl_context *context, const sbl_picture_desc *view, float *out) {
-    return context && sbl_render(context, view) == SBL_SUCCESS && context->picture.spec.guided &&
+    return context && sbl_render_picture(context, view) == SBL_SUCCESS && context->picture.spec.guided &&
            sbl_read_channel(context, SBL_CHANNEL_RADIANCE, out, 3 * (size_t)(view->width * view->height)) == SBL_SUCCESS;
 }
 
@@ -141,10 +141,10 @@ TEST(the_picture_is_the_same) {
     int i, steps = 0, scouting = 0, guiding = 0;
     view.width /= 2;
     view.height /= 2;
-    view.error = 0.08f;
+    view.target_error = 0.08f;
     REQUIRE(render(context, &view, expected) && render(context, &view, now), "no picture: %s", watch_last(&seen));
     CHECK(memcmp(now, expected, sizeof now) == 0, "a second picture differs");
-    REQUIRE(sbl_begin(context, &view) == SBL_SUCCESS, "cannot begin");
+    REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
     while ((result = sbl_step(context, 1e-9)) == SBL_UNFINISHED && steps++ < 1000000) {
         scouting += context->picture.stage == SBL__STAGE_SCOUT;
         guiding += context->picture.stage == SBL__STAGE_GUIDE;
@@ -172,14 +172,14 @@ TEST(few_rays_do) {
     sbl_scene_desc scene;
     double rays;
     if (!context) return;
-    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
-    rays = (double)sbl_query_stats(context).rays;
-    printf("  %.2f million rays for %.2f %%\n", 1e-6 * rays, 100 * (double)sbl_query_stats(context).error_expected);
-    CHECK(rays < 1.1e6 && sbl_query_stats(context).error_expected <= 0.04f, "%.2f million rays", 1e-6 * rays);
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    rays = (double)sbl_query_stats(context).sensors.rays;
+    printf("  %.2f million rays for %.2f %%\n", 1e-6 * rays, 100 * (double)sbl_query_stats(context).picture.expected_error);
+    CHECK(rays < 1.1e6 && sbl_query_stats(context).picture.expected_error <= 0.04f, "%.2f million rays", 1e-6 * rays);
     scene_floor(&open, scene_material(&open, 0.5f, 0.5f, 0.5f), 0, 3);
     scene_sky(&open, 1, 1, 1);
     scene = scene_desc(&open);
-    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
     CHECK(!context->picture.spec.guided && !context->picture.guides.words, "a plain floor has guides");
     sbl_destroy(context);
     scene_free(&open);
@@ -194,9 +194,9 @@ TEST(looks_grow) {
     for (i = 0; i < 2 && context; i++) {
         sbl_picture_desc view = view_of();
         const sbl__spec *spec = &context->picture.spec;
-        view.error = asked[i];
+        view.target_error = asked[i];
         if (i) view.tile = 32;  /* the first round is enough */
-        REQUIRE(sbl_begin(context, &view) == SBL_SUCCESS, "cannot begin");
+        REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
         while (context->picture.stage < SBL__STAGE_SPEND || context->picture.refine.rounds == 0) REQUIRE(sbl_step(context, 1e-9) == SBL_UNFINISHED, "too early");
         printf("  asked for %g %%: looks of %d rays, %d at most\n", 100 * (double)asked[i], spec->rays, spec->looks);
         if (i == 0) CHECK(spec->rays == 16 && spec->looks == SBL__MAX_LOOKS, "looks of %d rays, %d at most", spec->rays, spec->looks);
@@ -277,13 +277,13 @@ TEST(memory_runs_out) {
     sbl_picture_desc view = view_of();
     sbl_context *context = watch_context(&seen, &desc, &dark_room);
     int at, refused = 0;
-    view.error = 0.08f;
+    view.target_error = 0.08f;
     REQUIRE(render(context, &view, expected), "no picture: %s", watch_last(&seen));
     for (at = 1; at < 600; at += 1 + at / 40) {
         sbl_result result;
         seen.refused = 0;
         seen.refuse_at = seen.allocations + at;
-        result = sbl_render(context, &view);
+        result = sbl_render_picture(context, &view);
         seen.refuse_at = 0;
         if (!seen.refused) break;
         refused++;

@@ -167,10 +167,10 @@ TEST(a_floor_under_a_lamp) {
         }
         mean /= count;
         printf("  %d texels: %.3f %% rms, %.2f %% at worst; %lld sensors\n", count, 100 * sqrt(squares / count) / mean, 100 * worst,
-               (long long)sbl_query_stats(context).sensors);
+               (long long)sbl_query_stats(context).sensors.count);
         CHECK(sqrt(squares / count) < 0.005 * mean, "rms %.3f %%", 100 * sqrt(squares / count) / mean);
         CHECK(charts[0] == 0 && charts[1] > 10000 && charts[1] == charts[2], "charts of %d and %d texels, %d of others", charts[1], charts[2], charts[0]);
-        CHECK(sbl_query_stats(context).visible_pixels == count, "%d texels are told", sbl_query_stats(context).visible_pixels);
+        CHECK(sbl_query_stats(context).picture.visible_pixels == count, "%d texels are told", sbl_query_stats(context).picture.visible_pixels);
         free(position);
         free(id);
     }
@@ -268,7 +268,7 @@ TEST(what_lies_on_a_floor_does_not_shine_out) {
     /* its edges: a twentieth of a texel inside of texels' centres */
     scene_quad(&s, k, -0.3141f, 1e-3f, -0.2144f, -0.3141f, 1e-3f, 0.4139f, 0.2809f, 1e-3f, 0.4139f, 0.2809f, 1e-3f, -0.2144f);
     scene_sky(&s, 0.1f, 0.1f, 0.1f);
-    desc.rays = 1024;  /* few ones may miss the plate's edge */
+    desc.options.rays = 1024;  /* few ones may miss the plate's edge */
     light = bake(&s, &desc);
     final = channel_of(&desc, SBL_CHANNEL_FINAL);
     REQUIRE(light && final, "no lightmap");
@@ -281,7 +281,7 @@ TEST(what_lies_on_a_floor_does_not_shine_out) {
             dark += R < 0.05f;
         }
     CHECK(bright == 0 && dark == 0 && under > 100, "%d texels are too bright, %d too dark; %d are covered", bright, dark, under);
-    CHECK(sbl_query_stats(context).invalid_sensors > 100, "%d sensors are hidden", (int)sbl_query_stats(context).invalid_sensors);
+    CHECK(sbl_query_stats(context).sensors.invalid > 100, "%d sensors are hidden", (int)sbl_query_stats(context).sensors.invalid);
     free(light);
     free(final);
     scene_free(&s);
@@ -403,14 +403,14 @@ TEST(seams_of_a_ball) {
     ball_of_patches(&s, scene_material(&s, 0.5f, 0.5f, 0.5f));
     scene_quad(&s, scene_lamp(&s, 9, 7, 5), -1, 3, -1, 1, 3, -1, 1, 3, 1, -1, 3, 1);
     scene_sky(&s, 0.3f, 0.4f, 0.5f);
-    desc.rays = 64;
+    desc.options.rays = 64;
     desc.directional = 1;
     desc.seams = -1;
     light = bake(&s, &desc);
     sh[0] = channel_of(&desc, SBL_CHANNEL_SH_2);
     left = channel_of(&desc, SBL_CHANNEL_FINAL);
     id = channel_of(&desc, SBL_CHANNEL_ID);
-    CHECK(sbl_query_stats(context).seams == 0, "seams are sewn");
+    CHECK(sbl_query_stats(context).lightmap.seams == 0, "seams are sewn");
     desc.seams = 0;
     again = bake(&s, &desc);
     sewn = channel_of(&desc, SBL_CHANNEL_FINAL);
@@ -428,17 +428,17 @@ TEST(seams_of_a_ball) {
     moved = sqrt(moved / texels) / mean;
     before = largest_jump(left, 256, 128) / mean;
     after = largest_jump(sewn, 256, 128) / mean;
-    printf("  largest jump %.2f %% before, %.2f %% after (told: %.2f, %.2f); texels moved by %.2f %% rms\n", 100 * before, 100 * after, 100 * (double)stats.seam_before,
-           100 * (double)stats.seam_after, 100 * moved);
+    printf("  largest jump %.2f %% before, %.2f %% after (told: %.2f, %.2f); texels moved by %.2f %% rms\n", 100 * before, 100 * after, 100 * (double)stats.lightmap.seam_before,
+           100 * (double)stats.lightmap.seam_after, 100 * moved);
     CHECK(before > 0.03 && after < 0.01 && moved < 0.02, "%g before, %g after, moved by %g", before, after, moved);
-    CHECK((double)stats.seam_before > 0.5 * before && (double)stats.seam_before < 2 * before && stats.seam_after < 0.01f, "told %g, %g", (double)stats.seam_before,
-          (double)stats.seam_after);
+    CHECK((double)stats.lightmap.seam_before > 0.5 * before && (double)stats.lightmap.seam_before < 2 * before && stats.lightmap.seam_after < 0.01f, "told %g, %g", (double)stats.lightmap.seam_before,
+          (double)stats.lightmap.seam_after);
     before_sh = largest_jump(sh[0], 256, 128) / mean;
     after_sh = largest_jump(sh[1], 256, 128) / mean;
     printf("  a harmonic: %.2f %% before, %.2f %% after\n", 100 * before_sh, 100 * after_sh);
     CHECK(before_sh > 0.03 && after_sh < 0.02, "a harmonic: %g before, %g after", before_sh, after_sh);
     count = BALL_X * (PATCHES_Y - 1) + BALL_Y * PATCHES_X;
-    CHECK(stats.seams == count, "%d seams, expected %d", stats.seams, count);
+    CHECK(stats.lightmap.seams == count, "%d seams, expected %d", stats.lightmap.seams, count);
     free(light);
     free(left);
     free(id);
@@ -471,7 +471,7 @@ TEST(seams_do_not_leak) {
             *most = test_max(*most, test_max((double)final[3 * (y * 64 + x)], (double)light[3 * (y * 64 + x)]));
         }
     CHECK(bright > 0.1 && dark < 1e-3 * bright, "%g on the dark side, %g on the other", dark, bright);
-    CHECK(sbl_query_stats(context).seams == 1, "%d seams", sbl_query_stats(context).seams);
+    CHECK(sbl_query_stats(context).lightmap.seams == 1, "%d seams", sbl_query_stats(context).lightmap.seams);
     free(light);
     free(final);
     scene_free(&s);
@@ -498,7 +498,7 @@ TEST(charts_are_parted_by_the_map) {
     static test_scene s;
     sbl_lightmap_desc desc = map_of(64, 32, SBL_MODE_DIRECT);
     int flat, i;
-    desc.rays = 16;
+    desc.options.rays = 16;
     for (flat = 0; flat < 2; flat++) {
         float *light, *id;
         int left = 0, right = 0, wrong = 0;
@@ -513,7 +513,7 @@ TEST(charts_are_parted_by_the_map) {
             wrong += id[i] > 0 && (id[i] > 1.5f) != (i % 64 >= 32);
         }
         CHECK(left > 500 && right > 500 && wrong == 0, "flat %d: %d and %d texels, %d wrong", flat, left, right, wrong);
-        CHECK(sbl_query_stats(context).seams == flat, "flat %d: %d seams", flat, sbl_query_stats(context).seams);
+        CHECK(sbl_query_stats(context).lightmap.seams == flat, "flat %d: %d seams", flat, sbl_query_stats(context).lightmap.seams);
         free(light);
         free(id);
         scene_free(&s);
@@ -734,16 +734,16 @@ TEST(every_field_is_checked) {
     d = good; d.supersample = INT_MAX; d.width = INT_MAX; refused(d, "supersample");
     d = good; d.supersample = 2; d.height = 8193; refused(d, "supersample");
     d = good; d.directional = 2; refused(d, "directional");
-    d = good; d.mode = SBL_MODE_PAPER; refused(d, "SBL_MODE_PAPER");
-    d = good; d.mode = (sbl_mode)99; refused(d, "mode");
-    d = good; d.preset = (sbl_preset)-1; refused(d, "preset");
-    d = good; d.backend = (sbl_backend)77; refused(d, "backend");
-    d = good; d.error = -1; refused(d, "error");
-    d = good; d.rays = 5000; refused(d, "rays");
-    d = good; d.sensor_size = 1; refused(d, "sensor_size");
+    d = good; d.options.mode = SBL_MODE_PAPER; refused(d, "SBL_MODE_PAPER");
+    d = good; d.options.mode = (sbl_mode)99; refused(d, "mode");
+    d = good; d.options.preset = (sbl_preset)-1; refused(d, "preset");
+    d = good; d.options.backend = (sbl_backend)77; refused(d, "backend");
+    d = good; d.target_error = -1; refused(d, "error");
+    d = good; d.options.rays = 5000; refused(d, "rays");
+    d = good; d.options.sensor_size = 1; refused(d, "sensor_size");
     d = good; d.tile = 2000; refused(d, "tile");
     d = good; d.threshold = (float)NAN; refused(d, "threshold");
-    d = good; d.epsilon = -1; d.mode = SBL_MODE_AMBIENT; refused(d, "epsilon");
+    d = good; d.options.epsilon = -1; d.options.mode = SBL_MODE_AMBIENT; refused(d, "epsilon");
     d = good; d.filter_radius = 33; refused(d, "filter_radius");
     d = good; d.start_canary = 1; refused(d, "start_canary");
     d = good; d.end_canary = 1; refused(d, "end_canary");
@@ -753,7 +753,7 @@ TEST(every_field_is_checked) {
     d = good; d.meshes = meshes; d.mesh_count = 3; refused(d, "meshes[2]");
     CHECK(sbl_begin_lightmap(NULL, &good) == SBL_ERROR_INVALID_ARGUMENT && sbl_bake_lightmap(NULL, NULL) == SBL_ERROR_INVALID_ARGUMENT, "NULL is taken");
     d = sbl_lightmap_desc_defaults(NULL);
-    CHECK(d.width == 512 && d.height == 512 && d.gutter == 16 && d.mode == SBL_MODE_GI && d.tile == 16 && d.filter_radius == 2 && d.error == 0.005f,
+    CHECK(d.width == 512 && d.height == 512 && d.gutter == 16 && d.options.mode == SBL_MODE_GI && d.tile == 16 && d.filter_radius == 2 && d.target_error == 0.005f,
           "%d x %d, gutter %d", d.width, d.height, d.gutter);
     scene_free(&s);
 }
@@ -831,9 +831,9 @@ TEST(it_comes_in_pieces) {
         free(harmonics);
         free(early);
         free(final);
-        desc.progress = cancel;
+        desc.options.progress = cancel;
         CHECK(sbl_bake_lightmap(context, &desc) == SBL_CANCELLED, "it is not cancelled");
-        desc.progress = NULL;
+        desc.options.progress = NULL;
         CHECK(sbl_begin_lightmap(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-5) == SBL_UNFINISHED, "%s", watch_last(&seen));
         scene = scene_desc(&s);
         scene.mesh_count = 1;
@@ -864,11 +864,11 @@ TEST(memory_runs_out) {
     size_t bytes;
     small_room(&s);
     REQUIRE(use_scene(&s), "no context");
-    desc.rays = 16;
+    desc.options.rays = 16;
     desc.gutter = 2;
     desc.directional = 1;
     desc.supersample = 2;
-    CHECK(sbl_bake_lightmap(context, &desc) == SBL_SUCCESS && sbl_query_stats(context).seams == 1, "%s", watch_last(&seen));
+    CHECK(sbl_bake_lightmap(context, &desc) == SBL_SUCCESS && sbl_query_stats(context).lightmap.seams == 1, "%s", watch_last(&seen));
     sbl_end(context);
     blocks = seen.blocks;
     bytes = sbl_query_memory(context).host_bytes;
@@ -901,7 +901,7 @@ TEST(sizes_of_all_kinds) {
         float *light, most = 0;
         int k;
         desc = map_of(sizes[i][0], sizes[i][1], SBL_MODE_DIRECT);
-        desc.rays = 16;
+        desc.options.rays = 16;
         light = bake(&s, &desc);
         for (k = 0; light && k < 3 * desc.width * desc.height; k++) if (light[k] > most) most = light[k];
         CHECK(light && most > 0.1f && most < 2, "%d x %d: %g at most", desc.width, desc.height, (double)most);

@@ -167,9 +167,9 @@ static void add_lamp(test_scene *s, int kind, v3 c, double size) {
 /* A patch of the floor around (x, 0, z) from above, a sensor a pixel, or with everything at its default. */
 static sbl_picture_desc patch(int width, int height, double size, double x, double z, int plain) {
     sbl_picture_desc view = scene_view(width, height, (float)(360 / REF_PI * atan(size / 6)), (float)x, 3, (float)z, (float)x, 0, (float)z);
-    view.mode = SBL_MODE_DIRECT;
-    if (plain) { view.tile = 1; view.filter_radius = -1; view.samples = 1; view.rays = 256; }
-    else view.error = 0.002f;
+    view.options.mode = SBL_MODE_DIRECT;
+    if (plain) { view.tile = 1; view.filter_radius = -1; view.samples = 1; view.options.rays = 256; }
+    else view.target_error = 0.002f;
     return view;
 }
 
@@ -228,7 +228,7 @@ static void fully_visible(sbl_backend backend, int plain, double tolerance, doub
             errors error;
             double allowed = places[place].horizon ? horizon_tolerance : tolerance;
             if (kind >= POINT && (places[place].at[1] < 0 || (place > 2 && place != 5))) continue;
-            view.backend = backend;
+            view.options.backend = backend;
             if (backend == SBL_BACKEND_RASTER) { view.width = 4; view.height = 3; }
             add_floor(&s);
             add_lamp(&s, kind, v3_of(places[place].at[0], places[place].at[1], places[place].at[2]), places[place].size);
@@ -262,8 +262,8 @@ TEST(spot_cones) {
             l->direction[0] = -0.02f; l->direction[1] = -0.1f;
             l->cone = cones[i][0];
             l->inner_cone = cones[i][1];
-            view.backend = way ? SBL_BACKEND_RASTER : SBL_BACKEND_AUTO;
-            if (way) { view.sensor_size = 4; }
+            view.options.backend = way ? SBL_BACKEND_RASTER : SBL_BACKEND_AUTO;
+            if (way) { view.options.sensor_size = 4; }
             desc = scene_desc(&s);
             scene = ref_create(&desc);
             if (scene_render(context, &s, &view)) {
@@ -351,7 +351,7 @@ static double sweep(const char *name, test_scene *s, double reach, sbl_picture_d
         float *radiance, *error;
         e.at = v3_mad(v3_of(0, 0.5, 0), e.open, reach * (2 * step / (steps - 1.0) - 1));
         place[12] = (float)e.at.x; place[13] = (float)e.at.y; place[14] = (float)e.at.z;
-        if (sbl_set_mesh_transform(context, cover, place) != SBL_SUCCESS || sbl_render(context, &view) != SBL_SUCCESS) break;
+        if (sbl_set_mesh_transform(context, cover, place) != SBL_SUCCESS || sbl_render_picture(context, &view) != SBL_SUCCESS) break;
         radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
         error = scene_channel(context, &view, SBL_CHANNEL_ERROR);
         for (i = 0; i < view.width * view.height; i++) {
@@ -390,7 +390,7 @@ static void half_covered(sbl_backend backend, int plain, int steps, double rms_a
         double reach = kind == SUN ? 0.06 : kind == QUAD || kind == TRIANGLE ? 0.4 : 0.27;
         sbl_picture_desc view = backend == SBL_BACKEND_RASTER ? patch(1, 1, 0.01, 0, 0, 1) : patch(5, 4, 0.05 * reach, 0, 0, plain);
         char name[80];
-        view.backend = backend;
+        view.options.backend = backend;
         add_floor(&s);
         add_lamp(&s, kind, v3_of(0, 1, 0), kind == SUN ? sin(5 * REF_PI / 180) : 0.4);
         snprintf(name, sizeof name, "%s%s", kind_names[kind], backend == SBL_BACKEND_RASTER ? ", raster" : plain ? "" : ", default settings");
@@ -413,7 +413,7 @@ TEST(half_covered_noise_is_known) {
         const double reach = kinds[i] == SUN ? 0.06 : kinds[i] == QUAD ? 0.4 : 0.27;
         sbl_picture_desc view = patch(5, 4, 0.05 * reach, 0, 0, 1);
         double known;
-        view.rays = 64;
+        view.options.rays = 64;
         add_floor(&s);
         add_lamp(&s, kinds[i], v3_of(0, 1, 0), kinds[i] == SUN ? sin(5 * REF_PI / 180) : 0.4);
         known = sweep(kind_names[kinds[i]], &s, 0.9 * reach, view, 100, 0.04, 0.2);
@@ -439,7 +439,7 @@ TEST(textured_lamp) {
             sbl_scene_desc desc;
             ref_scene *scene;
             int lamp = scene_lamp(&bright, 0, 0, 0);
-            view.backend = way ? SBL_BACKEND_RASTER : SBL_BACKEND_AUTO;
+            view.options.backend = way ? SBL_BACKEND_RASTER : SBL_BACKEND_AUTO;
             for (i = 0; i < 64 * 4; i++) pixels[i] = (float)((i % 4 == 3) | ((i >= 32 * 4) == half));
             add_floor(&s);
             s.materials[scene_lamp(&s, 2, 1, 0.5f)].emission_texture = scene_texture(&s, pixels, sizeof pixels, SBL_PIXELS_FLOAT, 64, 1, 4);
@@ -484,7 +484,7 @@ static sbl_picture_desc plate(test_scene *s, v3 n, int width, int height) {
     sbl_picture_desc view = scene_view(width, height, 10, (float)eye.x, (float)eye.y, (float)eye.z, 0, 0, 0);
     scene_quad(s, scene_material(s, 0.5f, 0.5f, 0.5f), (float)a.x, (float)a.y, (float)a.z, (float)b.x, (float)b.y, (float)b.z,
                (float)-a.x, (float)-a.y, (float)-a.z, (float)-b.x, (float)-b.y, (float)-b.z);
-    view.mode = SBL_MODE_DIRECT;
+    view.options.mode = SBL_MODE_DIRECT;
     view.tile = 1;
     view.filter_radius = -1;
     return view;
@@ -532,7 +532,7 @@ TEST(sky_by_function) {
             sky_calls calls = { 0, 0, { 0, 0, 0 }, 1 };
             sbl_picture_desc view = plate(&s, plates[i], way ? 3 : 8, way ? 2 : 6);
             double r;
-            view.backend = way ? SBL_BACKEND_RASTER : SBL_BACKEND_AUTO;
+            view.options.backend = way ? SBL_BACKEND_RASTER : SBL_BACKEND_AUTO;
             s.environment.radiance = gradient;
             s.environment.user = &calls;
             check_even("a sky of 1", &s, &view, 2, 1, 1, 0.001, 0.002);
@@ -576,7 +576,7 @@ TEST(sky_picture_rotated) {
                 test_scene s = { 0 };
                 sbl_picture_desc view = plate(&s, plates[i], way ? 3 : 8, way ? 2 : 6);
                 char name[80];
-                view.backend = way ? SBL_BACKEND_RASTER : SBL_BACKEND_AUTO;
+                view.options.backend = way ? SBL_BACKEND_RASTER : SBL_BACKEND_AUTO;
                 s.environment.picture.pixels = pixels;
                 s.environment.picture.format = SBL_PIXELS_FLOAT;
                 s.environment.picture.width = WIDTH;
@@ -782,7 +782,7 @@ TEST(no_light_under_thin_walls) {
                     test_scene s = { 0 };
                     sbl_picture_desc view = scene_view(24, 18, 100, -0.9f * scale, 0.9f * scale, -0.9f * scale, scale, -0.9f * scale, scale);
                     int white = scene_material(&s, 0.8f, 0.8f, 0.8f);
-                    view.mode = SBL_MODE_DIRECT;
+                    view.options.mode = SBL_MODE_DIRECT;
                     if (way) { view.tile = 1; view.filter_radius = -1; }
                     if (thick < 0) scene_quad(&s, white, -1, -1, -1, 1, -1, -1, 1, -1, 1, -1, -1, 1);  /* the floor alone: what arrives */
                     else if (thick == 0) scene_box(&s, white, -1, -1, -1, 1, 1, 1);
@@ -820,7 +820,7 @@ TEST(contact_shadows_touch) {
                 sbl_picture_desc view = scene_view(64, 48, 40, 0, 1.5f * scale, 3 * scale, 0, 0.1f * scale, 0.3f * scale);
                 sbl_light *l;
                 int feet = 0, lit = 0;
-                view.mode = SBL_MODE_DIRECT;
+                view.options.mode = SBL_MODE_DIRECT;
                 if (plain) { view.tile = 1; view.filter_radius = -1; }
                 add_floor(&s);
                 sheet = kind / 3;
@@ -867,7 +867,7 @@ TEST(no_acne) {
                 sbl_light *l;
                 double worst = 0, darkest = 1;
                 int seen = 0;
-                view.mode = SBL_MODE_DIRECT;
+                view.options.mode = SBL_MODE_DIRECT;
                 if (plain) { view.tile = 1; view.filter_radius = -1; }
                 if (kind == 0) add_floor(&s);
                 else scene_sphere(&s, scene_material(&s, 1, 1, 1), 0, 0, 0, 0.8f, kind == 3 ? 200 : 24, kind == 3 ? 120 : 16, kind > 1);
@@ -923,13 +923,13 @@ static double arriving(const test_scene *s, v3 half, int from_outside, int acros
         d[axis] = (float)sign;
         view = scene_view(across, across, 40, eye * d[0], eye * d[1], eye * d[2], (3 - eye) * d[0], (3 - eye) * d[1], (3 - eye) * d[2]);
         sbl_perspective(view.view_to_clip, (float)(360 / REF_PI * atan(height / 2 / fabs((double)eye - v3_axis(half, axis)))), (float)(width / height));
-        view.mode = SBL_MODE_DIRECT;
+        view.options.mode = SBL_MODE_DIRECT;
         view.tile = 1;
         view.filter_radius = -1;
         view.samples = 1;
-        if (sbl_render(context, &view) != SBL_SUCCESS) return NAN;
-        CHECK(sbl_query_stats(context).visible_pixels == across * across, "side %d: %d of %d pixels show it", side,
-              sbl_query_stats(context).visible_pixels, across * across);
+        if (sbl_render_picture(context, &view) != SBL_SUCCESS) return NAN;
+        CHECK(sbl_query_stats(context).picture.visible_pixels == across * across, "side %d: %d of %d pixels show it", side,
+              sbl_query_stats(context).picture.visible_pixels, across * across);
         radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
         for (i = 0; i < across * across; i++) mean += (double)radiance[3 * i] / (across * across);
         free(radiance);
@@ -1081,8 +1081,8 @@ TEST(none_of_it_in_paper_mode) {
     add_lamp(&s, SUN, v3_of(0, 1, 0), 0.3);
     s.environment.radiance = bright;
     CHECK(brightest(&s, &view) > 1, "the scene is dark in direct mode too");
-    view.mode = SBL_MODE_PAPER;
-    view.epsilon = 1e-6f;
+    view.options.mode = SBL_MODE_PAPER;
+    view.options.epsilon = 1e-6f;
     CHECK(brightest(&s, &view) < 1e-5f, "there is light in paper mode: %g", (double)brightest(&s, &view));
     scene_free(&s);
 }

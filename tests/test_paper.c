@@ -62,7 +62,7 @@ static void paper_sum(const ref_scene *scene, v3 p, v3 n, double epsilon, double
 static void check_paper(const test_scene *s, sbl_picture_desc view, double fov, const char *name) {
     sbl_scene_desc desc = scene_desc(s);
     ref_scene *reference = ref_create(&desc);
-    int rd = view.sensor_size, x, y, k, count = 0, doubtful = 0;
+    int rd = view.options.sensor_size, x, y, k, count = 0, doubtful = 0;
     double *weights = (double *)calloc((size_t)(rd * rd), sizeof *weights), worst = 0, sum = 0, expected_sum = 0;
     if (!weights) abort();
     for (k = 0; k < rd * rd; k++) weights[k] = paper_weight(fov, rd, k % rd, k / rd);
@@ -73,7 +73,7 @@ static void check_paper(const test_scene *s, sbl_picture_desc view, double fov, 
                 ref_point p = ref_pixel(reference, &view, x, y);
                 double expected[3], luminance, slack, off = 0;
                 if (!p.hit || ref_is_edge(reference, &view, x, y)) continue;
-                paper_sum(reference, p.position, p.normal, (double)view.epsilon, fov, rd, weights, expected, NULL);
+                paper_sum(reference, p.position, p.normal, (double)view.options.epsilon, fov, rd, weights, expected, NULL);
                 luminance = (expected[0] + expected[1] + expected[2]) / 3;
                 for (k = 0; k < 3; k++) {
                     double r = (double)radiance[3 * (y * view.width + x) + k];
@@ -82,7 +82,7 @@ static void check_paper(const test_scene *s, sbl_picture_desc view, double fov, 
                 }
                 count++;
                 if (off > 0.01) {  /* a lamp may cover few texels: one at its rim is more than 1 % of the light */
-                    paper_sum(reference, p.position, p.normal, (double)view.epsilon, fov, rd, weights, expected, &slack);
+                    paper_sum(reference, p.position, p.normal, (double)view.options.epsilon, fov, rd, weights, expected, &slack);
                     off -= slack / luminance;
                     doubtful++;
                 } else for (k = 0; k < 3; k++) {
@@ -124,10 +124,10 @@ TEST(paper_sums) {
     sbl_picture_desc view = scene_plain(scene_view(20, 20, 37, 278, 273, -800, 278, 273, 0), SBL_MODE_PAPER, 64);
     scene_cornell_box(&s);
     turn(&s, &view, 0.5, 0.3);
-    view.epsilon = 0.02f;
+    view.options.epsilon = 0.02f;
     check_paper(&s, view, 135, "Cornell box");
-    view.epsilon = 0.5f;
-    view.sensor_size = 33;
+    view.options.epsilon = 0.5f;
+    view.options.sensor_size = 33;
     view.sensor_fov = 100;
     check_paper(&s, view, 100, "Cornell box, 33 texels, 100 degrees");
     scene_free(&s);
@@ -139,7 +139,7 @@ TEST(paper_sums_on_sphere) {
     sbl_picture_desc view = scene_plain(scene_view(16, 12, 60, 0.2f, 0.3f, 0.1f, 0.5f, -0.2f, -1), SBL_MODE_PAPER, 24);
     static const float eyes[3][3] = { { 2, 1, -1 }, { -1, -2, 0.5f }, { 0.3f, 0.2f, 2 } };
     int i;
-    view.epsilon = 0.25f;
+    view.options.epsilon = 0.25f;
     scene_sphere(&s, scene_material(&s, 0.7f, 0.2f, 0.4f), 0, 0, 0, 3, 16, 11, 0);
     scene_box(&s, scene_lamp(&s, 2, 3, 1), 0.5f, 0.9f, -1.1f, 0.9f, 1.2f, -0.6f);
     scene_box(&s, scene_material(&s, 0.1f, 0.9f, 0.9f), -1.2f, -0.7f, -0.3f, -0.6f, 0.4f, 0.5f);
@@ -227,8 +227,8 @@ TEST(filter_stays_on_its_surface) {
     s.meshes[0].id = s.meshes[1].id = 7;
     worst = step_error(&s, &view, &between);
     CHECK(worst < 0.005 && between == 0, "one id, two normals: R is off by %.4f, %d pixels are mixed", worst, between);
-    view.mode = SBL_MODE_PAPER;
-    view.sensor_size = 64;
+    view.options.mode = SBL_MODE_PAPER;
+    view.options.sensor_size = 64;
     worst = step_error(&s, &view, &between);
     CHECK(between >= 24, "the paper's filter knows only ids, yet %d pixels are mixed", between);
     scene_free(&s);
@@ -252,7 +252,7 @@ TEST(paper_filter_stays_on_its_id) {
             if (right.y * (j - 31.5) + up.y * (i - 31.5) > 0) expected[1] += paper_weight(135, 64, j, i);
         }
     view.filter_radius = 8;
-    view.epsilon = 0.02f;
+    view.options.epsilon = 0.02f;
     if (!scene_render(context, &s, &view)) { scene_free(&s); return; }
     radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
     id = scene_channel(context, &view, SBL_CHANNEL_ID);
@@ -282,7 +282,7 @@ TEST(filter_smooths) {
             sbl_picture_desc view = scene_plain(scene_view(48, 48, 30, 0, 9, 1, 0, 0, 0), modes[mode], 8);
             double sum = 0, squares = 0;
             view.filter_radius = filtered ? 4 : -1;
-            view.epsilon = 5;  /* what glows so is seen by texels */
+            view.options.epsilon = 5;  /* what glows so is seen by texels */
             if (scene_render(context, &s, &view)) {
                 float *radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
                 for (i = 0; i < 48 * 48; i++) {
@@ -325,9 +325,9 @@ TEST(odd_sizes) {
                 float *radiance, *final, *sensed;
                 int marked = 0, pixels = view.width * view.height;
                 sbl_stats stats;
-                view.mode = modes[m];
+                view.options.mode = modes[m];
                 view.tile = tiles[t];
-                view.sensor_size = m ? 32 : 8;
+                view.options.sensor_size = m ? 32 : 8;
                 if (!scene_render(context, &s, &view)) continue;
                 radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
                 final = scene_channel(context, &view, SBL_CHANNEL_FINAL);
@@ -337,8 +337,8 @@ TEST(odd_sizes) {
                 for (i = 0; i < pixels; i++) marked += sensed[i] > 0;
                 stats = sbl_query_stats(context);
                 CHECK(worst < 0.005, "mode %d, %d x %d, tile %d: R is off by %.4f", (int)modes[m], view.width, view.height, tiles[t], worst);
-                CHECK(stats.visible_pixels == pixels, "%d x %d: %d pixels are visible", view.width, view.height, stats.visible_pixels);
-                CHECK(marked == stats.sensors && marked > 0, "%d x %d, tile %d: %d pixels are marked, %d sensors counted", view.width, view.height, tiles[t], marked, (int)stats.sensors);
+                CHECK(stats.picture.visible_pixels == pixels, "%d x %d: %d pixels are visible", view.width, view.height, stats.picture.visible_pixels);
+                CHECK(marked == stats.sensors.count && marked > 0, "%d x %d, tile %d: %d pixels are marked, %d sensors.count counted", view.width, view.height, tiles[t], marked, (int)stats.sensors.count);
                 CHECK(tiles[t] != 1 || marked == pixels, "%d x %d: tile 1 sensed %d pixels", view.width, view.height, marked);
                 free(radiance); free(final); free(sensed);
             }
@@ -356,8 +356,8 @@ TEST(constant_light_needs_few_sensors) {
         int fine;
         scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 1000);
         scene_sky(&s, 1, 1, 1);
-        view.mode = modes[m];
-        view.sensor_size = 32;
+        view.options.mode = modes[m];
+        view.options.sensor_size = 32;
         for (fine = 0; fine < 2; fine++) {
             float *radiance;
             sbl_stats stats;
@@ -366,8 +366,8 @@ TEST(constant_light_needs_few_sensors) {
             radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
             stats = sbl_query_stats(context);
             for (i = 0; i < 96 * 64; i++) off[fine] = test_max(off[fine], fabs((double)radiance[3 * i] - (m ? 0.8773 : 1)));
-            if (fine) CHECK(stats.sensors == 96 * 64, "tile 1: %d sensors", (int)stats.sensors);
-            else CHECK(stats.sensors >= 4 * 6 && stats.sensors <= 5 * 7 * 2, "tile 16: %d sensors for 24 tiles", (int)stats.sensors);
+            if (fine) CHECK(stats.sensors.count == 96 * 64, "tile 1: %d sensors.count", (int)stats.sensors.count);
+            else CHECK(stats.sensors.count >= 4 * 6 && stats.sensors.count <= 5 * 7 * 2, "tile 16: %d sensors.count for 24 tiles", (int)stats.sensors.count);
             free(radiance);
         }
         CHECK(off[0] < 0.002 && off[1] < 0.002, "mode %d: R is off by %.5f with tiles, by %.5f without", (int)modes[m], off[0], off[1]);
@@ -386,9 +386,9 @@ TEST(interpolation_stays_on_its_surface) {
         sbl_picture_desc view = step_view(64, 64);
         sbl_stats stats;
         double worst;
-        view.mode = SBL_MODE_DIRECT;
-        view.sensor_size = 32;
-        view.rays = 256;
+        view.options.mode = SBL_MODE_DIRECT;
+        view.options.sensor_size = 32;
+        view.options.rays = 256;
         view.threshold = kind < 2 ? 0 : 1e6f;
         view.filter_radius = kind < 2 ? 0 : -1;
         s.meshes[0].id = kind % 2 ? 7 : 0;
@@ -396,7 +396,7 @@ TEST(interpolation_stays_on_its_surface) {
         worst = step_error(&s, &view, &between);
         stats = sbl_query_stats(context);
         CHECK(worst < 0.02 && between == 0, "%s, threshold %g: R is off by %.4f, %d pixels are mixed", name, (double)view.threshold, worst, between);
-        CHECK(stats.sensors < 64 * 64 / 2, "%s: %d sensors", name, (int)stats.sensors);
+        CHECK(stats.sensors.count < 64 * 64 / 2, "%s: %d sensors.count", name, (int)stats.sensors.count);
     }
     scene_free(&s);
 }
@@ -420,8 +420,8 @@ TEST(tile_1_senses_what_is_visible) {
     }
     CHECK(visible > 100 && visible < 1000, "%d pixels show the sphere", visible);
     CHECK(wrong == 0, "%d pixels are wrongly sensed or not", wrong);
-    CHECK(stats.sensors == visible && stats.visible_pixels == visible, "%d sensors, %d visible, expected %d", (int)stats.sensors, stats.visible_pixels, visible);
-    CHECK(stats.sensor_views == 5 * stats.sensors, "%d views", (int)stats.sensor_views);
+    CHECK(stats.sensors.count == visible && stats.picture.visible_pixels == visible, "%d sensors.count, %d visible, expected %d", (int)stats.sensors.count, stats.picture.visible_pixels, visible);
+    CHECK(stats.sensors.views == 5 * stats.sensors.count, "%d views", (int)stats.sensors.views);
     free(id);
     free(sensed);
     scene_free(&s);
@@ -436,8 +436,8 @@ static void check_threshold(sbl_mode mode, const float thresholds[3]) {
     float *exact = NULL;
     int i, k;
     scene_cornell_box(&s);
-    view.mode = mode;
-    view.sensor_size = 32;
+    view.options.mode = mode;
+    view.options.sensor_size = 32;
     view.filter_radius = -1;
     view.tile = 1;
     if (scene_render(context, &s, &view)) exact = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
@@ -451,18 +451,18 @@ static void check_threshold(sbl_mode mode, const float thresholds[3]) {
         if (!scene_render(context, &s, &view)) continue;
         radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
         stats = sbl_query_stats(context);
-        sensors[k] = stats.sensors;
+        sensors[k] = stats.sensors.count;
         for (i = 0; i < 64 * 64; i++) {
             mean += (double)exact[3 * i] / (64 * 64);
             off[k] += fabs((double)radiance[3 * i] - (double)exact[3 * i]) / (64 * 64);
         }
         off[k] /= mean;
-        CHECK(stats.level_count == 5, "%d levels", stats.level_count);
-        for (i = 0; i < stats.level_count && i < SBL_MAX_LEVELS; i++) {
-            sum += stats.levels[i].sensors;
-            CHECK(stats.levels[i].tile == 16 >> i, "level %d has tile %d", i, stats.levels[i].tile);
+        CHECK(stats.picture.level_count == 5, "%d levels", stats.picture.level_count);
+        for (i = 0; i < stats.picture.level_count && i < SBL_MAX_LEVELS; i++) {
+            sum += stats.picture.levels[i].sensors;
+            CHECK(stats.picture.levels[i].tile == 16 >> i, "level %d has tile %d", i, stats.picture.levels[i].tile);
         }
-        CHECK(sum == stats.sensors, "the levels sum to %d, not %d", (int)sum, (int)stats.sensors);
+        CHECK(sum == stats.sensors.count, "the levels sum to %d, not %d", (int)sum, (int)stats.sensors.count);
         free(radiance);
     }
     printf("  thresholds %g %g %g: %d %d %d sensors of %d, mean error %.2f %.2f %.2f %%\n", (double)thresholds[0], (double)thresholds[1], (double)thresholds[2],
@@ -496,11 +496,11 @@ TEST(threshold_units) {
             int i;
             scene_cornell_box(&s);
             for (i = 0; i < 3; i++) s.materials[3].emission[i] *= k ? 8 : 1;
-            view.mode = modes[m];
-            view.sensor_size = 16;
+            view.options.mode = modes[m];
+            view.options.sensor_size = 16;
             view.threshold = k == 2 ? 0.4f : 0.05f;
-            view.epsilon = 1e-9f;
-            if (scene_render(context, &s, &view)) sensors[k] = sbl_query_stats(context).sensors;
+            view.options.epsilon = 1e-9f;
+            if (scene_render(context, &s, &view)) sensors[k] = sbl_query_stats(context).sensors.count;
             scene_free(&s);
         }
         if (m == 0) CHECK(sensors[1] > sensors[0] && sensors[2] == sensors[0], "paper: %d, %d, %d sensors", (int)sensors[0], (int)sensors[1], (int)sensors[2]);

@@ -77,13 +77,13 @@ typedef struct pin_case {
 
 static sbl_picture_desc view_of(int scene, sbl_mode mode, sbl_backend backend, sbl_preset preset) {
     sbl_picture_desc view = scene ? scene_view(56, 40, 50, 0.5f, 1.6f, 5, 0, 0.9f, 0) : scene_cornell_view(48, 48);
-    view.mode = mode;
-    view.backend = backend;
-    view.preset = preset;
-    if (backend == SBL_BACKEND_RASTER) view.sensor_size = 16;
+    view.options.mode = mode;
+    view.options.backend = backend;
+    view.options.preset = preset;
+    if (backend == SBL_BACKEND_RASTER) view.options.sensor_size = 16;
     view.samples = 3;
-    view.facet_limit = scene == 1 ? 2 : 0;
-    view.seed = (uint32_t)(scene + 1);
+    view.facet_limit = scene == 1 ? 2 : -1;
+    view.options.seed = (uint32_t)(scene + 1);
     return view;
 }
 

@@ -23,14 +23,14 @@ static sbl_probes_desc probes_of(const float *positions, sbl_probe *probes, int 
     memset(&desc, 0, sizeof desc);
     desc.positions = positions;
     desc.probes = probes;
-    desc.count = count;
-    desc.mode = SBL_MODE_DIRECT;
+    desc.probe_count = count;
+    desc.options.mode = SBL_MODE_DIRECT;
     return desc;
 }
 
 static void bake(const sbl_probes_desc *desc) {
     sbl_result result;
-    memset(desc->probes, 0xff, sizeof *desc->probes * (size_t)desc->count);
+    memset(desc->probes, 0xff, sizeof *desc->probes * (size_t)desc->probe_count);
     result = sbl_bake_probes(context, desc);
     CHECK(result == SBL_SUCCESS, "%s: %s", sbl_result_string(result), watch_last(&seen));
 }
@@ -39,7 +39,7 @@ static sbl_probe probe_at(float x, float y, float z, sbl_mode mode) {
     const float at[3] = { x, y, z };
     sbl_probe probe;
     sbl_probes_desc desc = probes_of(at, &probe, 1);
-    desc.mode = mode;
+    desc.options.mode = mode;
     bake(&desc);
     return probe;
 }
@@ -133,8 +133,8 @@ TEST(a_uniform_sky) {
         sbl_probe p;
         sbl_probes_desc desc = probes_of(at, &p, 1);
         double worst = 0;
-        desc.backend = (sbl_backend)backend;
-        desc.mode = backend == SBL_BACKEND_TRACE ? SBL_MODE_GI : SBL_MODE_DIRECT;
+        desc.options.backend = (sbl_backend)backend;
+        desc.options.mode = backend == SBL_BACKEND_TRACE ? SBL_MODE_GI : SBL_MODE_DIRECT;
         bake(&desc);
         for (i = 0; i < 9; i++)
             for (k = 0; k < 3; k++) worst = test_max(worst, fabs((double)p.sh[i][k] / s.sky[k] - (i ? 0 : sqrt(4 * pi))) / sqrt(4 * pi));
@@ -199,8 +199,8 @@ TEST(a_rectangular_lamp) {
             /* a wall just above that ends over the probe: it hides what lies beyond x = 0, and takes many rays */
             if (hidden) scene_quad(&s, scene_material(&s, 0, 0, 0), 7, 8.01f, 8, 7, 8.01f, 10.5f, 9, 8.01f, 10.5f, 9, 8.01f, 8);
             REQUIRE(use_scene(&s), "no scene");
-            desc.backend = (sbl_backend)backend;
-            if (hidden) desc.rays = 16384;
+            desc.options.backend = (sbl_backend)backend;
+            if (hidden) desc.options.rays = 16384;
             rectangle(&f, a, u, v, 5, hidden ? 0 : 10);
             bake(&desc);
             CHECK(off(&p, 1, &f) < most, "back end %d, hidden %d: off by %g", backend, hidden, off(&p, 1, &f));
@@ -266,8 +266,8 @@ TEST(a_furnace) {
         for (i = 0; i < 3; i++) s.materials[m].emission[i] = 1;
         scene_box(&s, m, -1, -1, -1, 1, 1, 1);
         REQUIRE(use_scene(&s), "no scene");
-        desc.mode = SBL_MODE_GI;
-        desc.backend = (sbl_backend)backend;
+        desc.options.mode = SBL_MODE_GI;
+        desc.options.backend = (sbl_backend)backend;
         bake(&desc);
         for (i = 0; i < 9; i++) worst = test_max(worst, fabs((double)p.sh[i][0] / 2 - (i ? 0 : sqrt(4 * pi))) / sqrt(4 * pi));
         for (i = 0; i < 6; i++) worst_cube = test_max(worst_cube, fabs((double)p.cube[i][1] / 2 - 1));
@@ -440,12 +440,12 @@ TEST(moving_out) {
         REQUIRE(use_scene(&s), "no scene");
         desc = probes_of(at, still, 3);
         bake(&desc);
-        CHECK(!still[0].valid && still[1].valid && !still[2].valid && sbl_query_stats(context).invalid_sensors == 2, "nothing is moved unasked");
+        CHECK(!still[0].valid && still[1].valid && !still[2].valid && sbl_query_stats(context).sensors.invalid == 2, "nothing is moved unasked");
         desc.probes = moved;
         desc.move = blocked ? 0.7f : 0.4f;
         bake(&desc);
-        CHECK(sbl_query_stats(context).invalid_sensors == 0, "%d are left", (int)sbl_query_stats(context).invalid_sensors);
-        CHECK(sbl_query_stats(context).sensors >= 5 + blocked, "%d sensors", (int)sbl_query_stats(context).sensors);
+        CHECK(sbl_query_stats(context).sensors.invalid == 0, "%d are left", (int)sbl_query_stats(context).sensors.invalid);
+        CHECK(sbl_query_stats(context).sensors.count >= 5 + blocked, "%d sensors.count", (int)sbl_query_stats(context).sensors.count);
         CHECK(memcmp(&moved[1], &still[1], sizeof *moved) == 0, "one that is valid is moved");
         for (i = 0; i < 3; i += 2) {
             const float *p = moved[i].position;
@@ -464,7 +464,7 @@ TEST(moving_out) {
         bake(&desc);
         CHECK(memcmp(moved, still, sizeof moved) == 0, "what cannot get out does not stay");
         desc.move = 0.3f;
-        desc.mode = SBL_MODE_DIRECT;
+        desc.options.mode = SBL_MODE_DIRECT;
         bake(&desc);
         CHECK(moved[2].valid == 0 || apart(moved[2].position, at + 6) <= 0.3001, "too far");
         scene_free(&s);
@@ -508,7 +508,7 @@ TEST(grids_in_order) {
         memcpy(desc.grid, sizes, sizeof desc.grid);
         for (i = 0; i < 3 && !bounds; i++) { desc.lowest[i] = 2 * low[i]; desc.highest[i] = 2 * high[i]; }
         memset(listed, 0, sizeof listed);
-        desc.count = 0;
+        desc.probe_count = 0;
         CHECK(sbl_bake_probes(context, &desc) == SBL_SUCCESS && memcmp(probes, listed, sizeof probes) == 0, "count is not the grid's by default");
     }
     scene_free(&s);
@@ -540,26 +540,26 @@ TEST(every_field_is_checked) {
     d = good; d.start_canary = 1; refused(d, "start_canary");
     d = good; d.end_canary = 1; refused(d, "end_canary");
     d = good; d.probes = NULL; refused(d, "probes is NULL");
-    d = good; d.count = -1; refused(d, "count is -1");
+    d = good; d.probe_count = -1; refused(d, "count is -1");
     d = good; d.positions = NULL; refused(d, "no grid");
-    d = good; d.mode = SBL_MODE_PAPER; refused(d, "SBL_MODE_PAPER");
-    d = good; d.mode = (sbl_mode)99; refused(d, "mode");
-    d = good; d.preset = (sbl_preset)-1; refused(d, "preset");
-    d = good; d.backend = (sbl_backend)77; refused(d, "backend");
-    d = good; d.rays = 63; refused(d, "rays is 63");
-    d = good; d.rays = 65537; refused(d, "rays is 65537");
-    d = good; d.rays = -5; refused(d, "rays is -5");
-    d = good; d.sensor_size = 3; refused(d, "sensor_size");
-    d = good; d.epsilon = -1; d.mode = SBL_MODE_AMBIENT; refused(d, "epsilon");
+    d = good; d.options.mode = SBL_MODE_PAPER; refused(d, "SBL_MODE_PAPER");
+    d = good; d.options.mode = (sbl_mode)99; refused(d, "mode");
+    d = good; d.options.preset = (sbl_preset)-1; refused(d, "preset");
+    d = good; d.options.backend = (sbl_backend)77; refused(d, "backend");
+    d = good; d.options.rays = 63; refused(d, "rays is 63");
+    d = good; d.options.rays = 65537; refused(d, "rays is 65537");
+    d = good; d.options.rays = -5; refused(d, "rays is -5");
+    d = good; d.options.sensor_size = 3; refused(d, "sensor_size");
+    d = good; d.options.epsilon = -1; d.options.mode = SBL_MODE_AMBIENT; refused(d, "epsilon");
     d = good; d.move = -1; refused(d, "move is -1");
     d = good; d.move = (float)NAN; refused(d, "move");
     d = good; d.move = (float)INFINITY; refused(d, "move");
-    d = grid; d.count = 7; refused(d, "the grid has 8");
-    d = grid; d.count = 1; refused(d, "the grid has 8");
+    d = grid; d.probe_count = 7; refused(d, "the grid has 8");
+    d = grid; d.probe_count = 1; refused(d, "the grid has 8");
     d = grid; d.grid[1] = 0; refused(d, "grid[1] is 0");
     d = grid; d.grid[2] = -2; refused(d, "grid[2] is -2");
     d = grid; d.grid[0] = 16385; refused(d, "grid[0] is 16385");
-    d = grid; d.grid[0] = d.grid[1] = d.grid[2] = 16384; d.count = 0; refused(d, "more points");
+    d = grid; d.grid[0] = d.grid[1] = d.grid[2] = 16384; d.probe_count = 0; refused(d, "more points");
     d = grid; d.lowest[1] = (float)NAN; refused(d, "lowest[1]");
     d = grid; d.highest[2] = (float)INFINITY; refused(d, "highest[2]");
     d = grid; d.lowest[1] = 1; refused(d, "lowest[1] is 1");
@@ -578,9 +578,9 @@ TEST(every_field_is_checked) {
     CHECK(sbl_create(&watched, &empty) == SBL_SUCCESS && sbl_bake_probes(empty, &good) == SBL_ERROR_STATE, "probes without a scene");
     sbl_destroy(empty);
     d = sbl_probes_desc_defaults(NULL);
-    CHECK(d.rays == 4096 && d.sensor_size == 16 && d.mode == SBL_MODE_GI && d.count == 0 && d.move == 0 && d.epsilon == 0, "rays %d, size %d", d.rays, d.sensor_size);
+    CHECK(d.options.rays == 4096 && d.options.sensor_size == 16 && d.options.mode == SBL_MODE_GI && d.probe_count == 0 && d.move == 0 && d.options.epsilon == 0, "rays %d, size %d", d.options.rays, d.options.sensor_size);
     d = sbl_probes_desc_defaults(&grid);
-    CHECK(d.count == 8, "count %d", d.count);
+    CHECK(d.probe_count == 8, "probe_count %d", d.probe_count);
 }
 
 /* >>how it runs */
@@ -618,14 +618,14 @@ TEST(slices_cancel_and_end) {
     scene = scene_desc(&s);
     REQUIRE(use_scene(&s), "no scene");
     desc = probes_of(at, whole, MANY);
-    desc.mode = SBL_MODE_GI;
-    desc.rays = 300;
+    desc.options.mode = SBL_MODE_GI;
+    desc.options.rays = 300;
     desc.move = 100;
     bake(&desc);
     for (i = 0; i < MANY; i++) moved += apart(whole[i].position, at + 3 * i) > 0;
     CHECK(moved > 5 && moved < MANY / 2, "%d were moved", moved);
-    CHECK(sbl_query_stats(context).sensors >= MANY + moved && sbl_query_stats(context).rays >= (int64_t)300 * MANY && sbl_query_stats(context).backend == SBL_BACKEND_TRACE,
-          "%d sensors, %d rays", (int)sbl_query_stats(context).sensors, (int)sbl_query_stats(context).rays);
+    CHECK(sbl_query_stats(context).sensors.count >= MANY + moved && sbl_query_stats(context).sensors.rays >= (int64_t)300 * MANY && sbl_query_stats(context).backend == SBL_BACKEND_TRACE,
+          "%d sensors, %d rays", (int)sbl_query_stats(context).sensors.count, (int)sbl_query_stats(context).sensors.rays);
     CHECK(sbl_step(context, 0) == SBL_SUCCESS && sbl_progress(context) == 1, "what is finished is not finished");
     desc.probes = now;
     for (i = 0; i < 2; i++) {
@@ -641,33 +641,33 @@ TEST(slices_cancel_and_end) {
         CHECK(result == SBL_SUCCESS && memcmp(now, whole, sizeof now) == 0, "slices of %g s change probes: %s", slices[i], sbl_result_string(result));
         CHECK(steps > (i ? 20 : 100) && before > 0.5f, "slices of %g s: %d steps, the last at %g", slices[i], steps, (double)before);
     }
-    desc.count = 200;  /* fewer are the same */
+    desc.probe_count = 200;  /* fewer are the same */
     memset(now, 0, sizeof now);
     bake(&desc);
     CHECK(memcmp(now, whole, 200 * sizeof *now) == 0 && now[200].valid == 0 && now[200].sh[0][0] == 0, "fewer probes are others");
-    desc.seed = 5;
+    desc.options.seed = 5;
     bake(&desc);
     CHECK(memcmp(now[0].sh, whole[0].sh, sizeof now[0].sh) != 0, "what does the seed change?");
-    desc.seed = 0;
-    desc.count = MANY;
-    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS && sbl_begin_probes(context, &desc) == SBL_SUCCESS, "cannot begin");
+    desc.options.seed = 0;
+    desc.probe_count = MANY;
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS && sbl_begin_probes(context, &desc) == SBL_SUCCESS, "cannot begin");
     memset(now, 0, sizeof now);
     while ((result = sbl_step(context, 1e-9)) == SBL_UNFINISHED)
         if (looks < 20 && ++looks) CHECK(sbl_inspect_sensor(context, 4, 4, &sensor, NULL, NULL, 0) == SBL_SUCCESS, "%s", watch_last(&seen));
     CHECK(result == SBL_SUCCESS && memcmp(now, whole, sizeof now) == 0, "looks at a sensor change probes: %s", sbl_result_string(result));
     CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, pixels, 8 * 8 * 3) == SBL_SUCCESS, "the picture is gone");
-    desc.progress = stops_at;
-    desc.progress_user = &limit;
+    desc.options.progress = stops_at;
+    desc.options.progress_user = &limit;
     CHECK(sbl_begin_probes(context, &desc) == SBL_SUCCESS, "cannot begin");
     while ((result = sbl_step(context, 1e-4)) == SBL_UNFINISHED) {}
     CHECK(result == SBL_CANCELLED && sbl_step(context, 0) == SBL_SUCCESS, "not cancelled: %s", sbl_result_string(result));  /* the picture is */
-    desc.progress = NULL;
+    desc.options.progress = NULL;
     CHECK(sbl_begin_probes(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED, "cannot begin");
     sbl_end(context);
     CHECK(sbl_step(context, 0) == SBL_ERROR_STATE && sbl_progress(context) == 0, "what was ended goes on");
     CHECK(sbl_begin_probes(context, &desc) == SBL_SUCCESS && sbl_step(context, 0.01) == SBL_UNFINISHED, "cannot begin");
     CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_step(context, 0) == SBL_ERROR_STATE, "it goes on in another scene");
-    CHECK(sbl_begin_probes(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED && sbl_begin(context, &view) == SBL_SUCCESS &&
+    CHECK(sbl_begin_probes(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED && sbl_begin_picture(context, &view) == SBL_SUCCESS &&
           sbl_step(context, 0) == SBL_SUCCESS, "no picture in its place");
     memset(now, 0, sizeof now);
     bake(&desc);
@@ -689,10 +689,10 @@ TEST(many_probes) {
     scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 10);
     REQUIRE(use_scene(&s), "no scene");
     for (i = 0; i < 3 * HEAPS; i++) at[i] = 1 + 0.001f * (float)i;
-    desc.rays = 64;
+    desc.options.rays = 64;
     bake(&desc);
     few = sbl_query_memory(context);
-    desc.count = HEAPS;
+    desc.probe_count = HEAPS;
     bake(&desc);
     heaps = sbl_query_memory(context);
     CHECK(heaps.host_peak_bytes == few.host_peak_bytes && heaps.gpu_peak_bytes == few.gpu_peak_bytes, "memory grows: host %.2f to %.2f MB, GPU %.2f to %.2f MB",
@@ -715,7 +715,7 @@ TEST(memory_runs_out) {
     many_places(at);
     REQUIRE(use_scene(&s), "no scene");
     desc = probes_of(at, whole, COUNT);
-    desc.rays = 64;
+    desc.options.rays = 64;
     desc.move = 100;
     bake(&desc);
     desc.probes = now;
@@ -752,8 +752,8 @@ TEST(views_and_rays_agree) {
     REQUIRE(use_scene(&s), "no scene");
     for (backend = 0; backend < 2; backend++) {
         sbl_probes_desc desc = probes_of(at, probes[backend], 3);
-        desc.mode = SBL_MODE_GI;
-        desc.backend = backend ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
+        desc.options.mode = SBL_MODE_GI;
+        desc.options.backend = backend ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
         bake(&desc);
     }
     for (i = 0; i < 3; i++) {
@@ -799,8 +799,8 @@ TEST(callbacks_may_not_begin) {
     memset(&s, 0, sizeof s);
     scene_sky(&s, 1, 1, 1);
     REQUIRE(use_scene(&s), "no scene");
-    desc.progress = calls_back;
-    desc.progress_user = &refusals;
+    desc.options.progress = calls_back;
+    desc.options.progress_user = &refusals;
     bake(&desc);
     CHECK(refusals > 3 && refusals < 1000 && p.valid, "%d", refusals);
     scene_free(&s);
@@ -821,16 +821,16 @@ TEST(a_host_that_draws) {
     scene_floor(&s, scene_lamp(&s, 1, 1, 1), 0, 3);
     scene_sky(&s, 2, 2, 2);
     REQUIRE(use_scene(&s), "no scene");
-    desc.backend = SBL_BACKEND_RASTER;
+    desc.options.backend = SBL_BACKEND_RASTER;
     bake(&desc);
     scene = scene_desc(&s);
     scene.draw = nothing;
     scene.draw_user = &views;
     scene.draw_bounds[1][1] = 1;
     REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
-    desc.backend = SBL_BACKEND_TRACE;
+    desc.options.backend = SBL_BACKEND_TRACE;
     refused(desc, "SBL_BACKEND_TRACE");
-    desc.backend = SBL_BACKEND_AUTO;
+    desc.options.backend = SBL_BACKEND_AUTO;
     desc.probes = &drawn;
     bake(&desc);
     CHECK(views == (132 + 24) * 5, "%d views", views);

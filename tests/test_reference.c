@@ -161,7 +161,7 @@ static void check_light(sbl_mode mode, double epsilon) {
     textured_scene(&s);
     desc = scene_desc(&s);
     reference = ref_create(&desc);
-    view.epsilon = (float)epsilon;
+    view.options.epsilon = (float)epsilon;
     if (scene_render(context, &s, &view)) {
         float *radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
         for (y = 0; y < view.height; y++)
@@ -215,7 +215,7 @@ static void check_texels(sbl_mode mode) {
     textured_scene(&s);
     desc = scene_desc(&s);
     reference = ref_create(&desc);
-    view.epsilon = 0.5f;
+    view.options.epsilon = 0.5f;
     if (!scene_render(context, &s, &view)) goto done;
     for (n = 0; n < (int)(sizeof pixels / sizeof *pixels); n++) {
         ref_point p = ref_pixel(reference, &view, pixels[n][0], pixels[n][1]);
@@ -408,7 +408,7 @@ TEST(transformed_smooth_mesh) {
 
 /* facet_limit: facets that are smaller on the screen are lit by their own normals, those of twice as much by their shading normals. */
 TEST(facets) {
-    static const float limits[3] = { 0, 1, 1e6f };  /* the ball's facets are some 20 pixels high */
+    static const float limits[3] = { -1, 1, 1e6f };  /* the ball's facets are some 20 pixels high */
     float *flat = NULL;
     int way, i, k;
     for (way = 3; way >= 0; way--) {  /* 3: a ball without normals */
@@ -418,7 +418,7 @@ TEST(facets) {
         double apart = 0;
         scene_sphere(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 0, 0, 0.9f, 12, 8, way < 3);
         view.tile = 64;
-        view.facet_limit = way < 3 ? limits[way] : 0;
+        view.facet_limit = way < 3 ? limits[way] : -1;
         REQUIRE(scene_render(context, &s, &view), "no picture");
         normals = scene_channel(context, &view, SBL_CHANNEL_NORMAL);
         for (i = 0; flat && i < 64 * 64; i++)

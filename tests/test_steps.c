@@ -32,11 +32,11 @@ static int clock_of_test(struct timeval *out, void *zone) {
 
 static sbl_picture_desc view_of(sbl_backend backend) {
     sbl_picture_desc view = scene_cornell_view(WIDTH, HEIGHT);
-    view.mode = SBL_MODE_AMBIENT;
-    view.epsilon = 0.1f;
-    view.backend = backend;
-    view.rays = 24;
-    view.sensor_size = 16;
+    view.options.mode = SBL_MODE_AMBIENT;
+    view.options.epsilon = 0.1f;
+    view.options.backend = backend;
+    view.options.rays = 24;
+    view.options.sensor_size = 16;
     view.samples = 3;
     return view;
 }
@@ -60,9 +60,9 @@ TEST(every_stage_comes_in_pieces) {
     view.tile = 64;
     view.threshold = 10;
     gpu = sbl_query_memory(context).gpu_bytes;
-    i = sbl_query_capabilities(context).programs;
-    REQUIRE(sbl_begin(context, &view) == SBL_SUCCESS, "cannot begin");
-    CHECK(sbl_query_memory(context).gpu_bytes == gpu && sbl_query_capabilities(context).programs == i, "sbl_begin makes textures or compiles");
+    i = sbl_query_programs(context).count;
+    REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
+    CHECK(sbl_query_memory(context).gpu_bytes == gpu && sbl_query_programs(context).count == i, "sbl_begin makes textures or compiles");
     while (result == SBL_UNFINISHED && steps++ < 1000000) {
         counts[context->picture.stage]++;
         result = sbl_step(context, 1e-9);
@@ -87,7 +87,7 @@ TEST(the_hierarchy_comes_in_pieces) {
     scene = scene_desc(&s);
     memset(view.world_to_view, 0, sizeof view.world_to_view);
     view.width = view.height = 8;
-    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_begin(context, &view) == SBL_SUCCESS, "%s",
+    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_begin_picture(context, &view) == SBL_SUCCESS, "%s",
             watch_last(&seen));
     while (result == SBL_UNFINISHED && steps++ < 1000000) {
         before += context->picture.stage == SBL__STAGE_PREPARE;
@@ -110,7 +110,7 @@ static int calls_at(float longest, sbl_backend backend, float *radiance) {
     context = watch_context(&seen, &desc, &cornell);
     if (!context) return 0;
     fake_arm(FAKE_REFUSE, INT_MAX, 0);
-    CHECK(sbl_render(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
     count = fake.counts[FAKE_REFUSE];
     fake_disarm();
     CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, radiance, 3 * PIXELS) == SBL_SUCCESS, "no picture");
@@ -135,14 +135,14 @@ TEST(steps_keep_to_their_time) {
     static sbl_site sites[SITES];
     static sbl_reading readings[SITES];
     sbl_context_desc desc = watch_desc(&seen);
-    sbl_gather_desc gather;
+    sbl_readings_desc gather;
     int way, i, steps = 0;
     memset(&gather, 0, sizeof gather);
     gather.sites = sites;
     gather.readings = readings;
     gather.site_count = SITES;
-    gather.mode = SBL_MODE_AMBIENT;
-    gather.rays = 4;
+    gather.options.mode = SBL_MODE_AMBIENT;
+    gather.options.rays = 4;
     for (i = 0; i < SITES; i++) { sites[i].position[0] = sites[i].position[2] = 200; sites[i].position[1] = 100; sites[i].normal[1] = 1; }
     for (way = 0; way < 3; way++) {
         sbl_picture_desc view = view_of(way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER);
@@ -151,7 +151,7 @@ TEST(steps_keep_to_their_time) {
         long longest = 0, shortest = BUDGET;
         if (!context) return;
         clock_tick = 100;
-        REQUIRE((way < 2 ? sbl_begin(context, &view) : sbl_begin_gather(context, &gather)) == SBL_SUCCESS, "cannot begin: %s", watch_last(&seen));
+        REQUIRE((way < 2 ? sbl_begin_picture(context, &view) : sbl_begin_readings(context, &gather)) == SBL_SUCCESS, "cannot begin: %s", watch_last(&seen));
         for (steps = 0; result == SBL_UNFINISHED && steps < 100000; steps++) {
             const long start = clock_now;
             result = sbl_step(context, 1e-6 * BUDGET);
@@ -173,8 +173,8 @@ enum { GATHER_SITES = 64 };
 static sbl_site gather_sites[GATHER_SITES];
 static sbl_reading gather_readings[GATHER_SITES];
 
-static sbl_gather_desc gather_of(sbl_mode mode) {
-    sbl_gather_desc gather;
+static sbl_readings_desc gather_of(sbl_mode mode) {
+    sbl_readings_desc gather;
     int i;
     memset(&gather, 0, sizeof gather);
     for (i = 0; i < GATHER_SITES; i++) {
@@ -185,17 +185,17 @@ static sbl_gather_desc gather_of(sbl_mode mode) {
     gather.sites = gather_sites;
     gather.readings = gather_readings;
     gather.site_count = GATHER_SITES;
-    gather.mode = mode;
-    gather.rays = 8;
+    gather.options.mode = mode;
+    gather.options.rays = 8;
     return gather;
 }
 
 /* A small picture, most of whose work is the store. */
 static sbl_picture_desc bounced_view(void) {
     sbl_picture_desc view = scene_cornell_view(WIDTH / 8, HEIGHT / 8);
-    view.mode = SBL_MODE_GI;
-    view.backend = SBL_BACKEND_TRACE;
-    view.rays = 8;
+    view.options.mode = SBL_MODE_GI;
+    view.options.backend = SBL_BACKEND_TRACE;
+    view.options.rays = 8;
     view.samples = 1;
     return view;
 }
@@ -228,17 +228,17 @@ TEST(the_store_comes_in_pieces) {
     sbl_stats stats, again;
     int i, stage;
     if (!context) return;
-    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS && bounced_read(context, whole) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS && bounced_read(context, whole) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
     stats = sbl_query_stats(context);
-    CHECK(stats.bounce_samples > 100 && stats.bounce_samples <= 1024, "%d samples", stats.bounce_samples);
-    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS && bounced_read(context, now) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    CHECK(stats.store.cells > 100 && stats.store.cells <= 1024, "%d samples", stats.store.cells);
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS && bounced_read(context, now) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
     again = sbl_query_stats(context);
     CHECK(memcmp(now, whole, sizeof now) == 0, "a store that is there gives another picture");
-    CHECK(stats.bounce_rays > 1000 && again.bounce_rays == 0 && again.bounce_samples == stats.bounce_samples && again.rays == stats.rays,
-          "a store of %d samples and %.0f rays, then of %d and %.0f", stats.bounce_samples, (double)stats.bounce_rays, again.bounce_samples, (double)again.bounce_rays);
+    CHECK(stats.store.rays > 1000 && again.store.rays == 0 && again.store.cells == stats.store.cells && again.sensors.rays == stats.sensors.rays,
+          "a store of %d samples and %.0f rays, then of %d and %.0f", stats.store.cells, (double)stats.store.rays, again.store.cells, (double)again.store.rays);
     for (i = 0; i < 3; i++) {
         int counts[SBL__BOUNCE_DONE + 1] = { 0 };
-        REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_begin(context, &view) == SBL_SUCCESS, "cannot begin");
+        REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
         REQUIRE(bounced_steps(context, budgets[i], counts) == SBL_SUCCESS && bounced_read(context, now) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
         CHECK(memcmp(now, whole, sizeof now) == 0, "in steps of %g s the picture differs", budgets[i]);
         for (stage = SBL__BOUNCE_PATCHES; stage <= SBL__BOUNCE_SEND && i == 0; stage++)  /* the air is for what the host draws */
@@ -273,15 +273,15 @@ TEST(the_store_is_left_at_any_step) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_context *context = watch_context(&seen, &desc, &cornell);
     sbl_scene_desc scene = scene_desc(&cornell);
-    sbl_gather_desc gather = gather_of(SBL_MODE_AMBIENT), like = gather_of(SBL_MODE_GI);
+    sbl_readings_desc gather = gather_of(SBL_MODE_AMBIENT), like = gather_of(SBL_MODE_GI);
     const int whats = (int)(sizeof names / sizeof *names);
     int what, at, blocks, round = 0;
     if (!context) return;
     {
         sbl_picture_desc view = bounced_view();
-        REQUIRE(sbl_gather(context, &gather) == SBL_SUCCESS, "no gather");
+        REQUIRE(sbl_gather_readings(context, &gather) == SBL_SUCCESS, "no gather");
         memcpy(ambient, gather_readings, sizeof ambient);
-        REQUIRE(sbl_render(context, &view) == SBL_SUCCESS && bounced_read(context, whole) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+        REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS && bounced_read(context, whole) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
     }
     sbl_end(context);
     REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS, "no scene");
@@ -293,34 +293,34 @@ TEST(the_store_is_left_at_any_step) {
             sbl_result result = SBL_UNFINISHED;
             int steps, calls = at + 1;
             REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS, "no scene");
-            if (what == 7) { view.progress = cancels; view.progress_user = &calls; }
-            REQUIRE(sbl_begin(context, &view) == SBL_SUCCESS, "cannot begin");
+            if (what == 7) { view.options.progress = cancels; view.options.progress_user = &calls; }
+            REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
             for (steps = 0; (steps < at || what == 7) && result == SBL_UNFINISHED; steps++) result = sbl_step(context, 1e-9);
             while (at == 0 && what != 7 && result == SBL_UNFINISHED && !lit(context)) result = sbl_step(context, 1e-9);
             done += result == SBL_SUCCESS;
             CHECK(what != 7 || !context->core.bounce || context->core.scene.store.ready, "cancelled after %d steps, a store is left", at);
             CHECK(result == SBL_SUCCESS || result == (what == 7 ? SBL_CANCELLED : SBL_UNFINISHED), "%s", watch_last(&seen));
-            view.progress = NULL;
+            view.options.progress = NULL;
             result = SBL_SUCCESS;
             switch (what) {
-                case 1: other.mode = SBL_MODE_AMBIENT; result = sbl_render(context, &other); break;
-                case 2: result = sbl_gather(context, &gather);
+                case 1: other.options.mode = SBL_MODE_AMBIENT; result = sbl_render_picture(context, &other); break;
+                case 2: result = sbl_gather_readings(context, &gather);
                         CHECK(memcmp(ambient, gather_readings, sizeof ambient) == 0, "after %d steps the gather differs", at); break;
-                case 3: result = sbl_begin_gather(context, &like); if (at & 1) sbl_step(context, 1e-9); break;
+                case 3: result = sbl_begin_readings(context, &like); if (at & 1) sbl_step(context, 1e-9); break;
                 case 4: case 7:
                     sbl_end(context);
                     sbl_set_scene(context, &scene);
                     CHECK(seen.blocks == blocks, "%s after %d steps: %d blocks, not %d", names[what], at, seen.blocks, blocks);
                     break;
                 case 5: result = sbl_set_mesh_transform(context, 3, away);
-                        if (at & 1) sbl_begin(context, &view), sbl_step(context, 1e-9);
+                        if (at & 1) sbl_begin_picture(context, &view), sbl_step(context, 1e-9);
                         sbl_set_mesh_transform(context, 3, back); break;
                 case 6: result = sbl_set_scene(context, &scene); break;
-                case 8: other.backend = SBL_BACKEND_RASTER; other.sensor_size = 4; result = sbl_begin(context, &other); sbl_step(context, 1e-9); break;
+                case 8: other.options.backend = SBL_BACKEND_RASTER; other.options.sensor_size = 4; result = sbl_begin_picture(context, &other); sbl_step(context, 1e-9); break;
                 default: break;
             }
             CHECK(result == SBL_SUCCESS, "%s after %d steps: %s", names[what], at, watch_last(&seen));
-            CHECK(sbl_render(context, &view) == SBL_SUCCESS && bounced_read(context, now) == SBL_SUCCESS, "%s after %d steps: %s", names[what], at,
+            CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS && bounced_read(context, now) == SBL_SUCCESS, "%s after %d steps: %s", names[what], at,
                   watch_last(&seen));
             CHECK(memcmp(now, whole, sizeof now) == 0, "%s after %d steps changes the picture by %g of it", names[what], at, store_distance(whole, now));
         }
@@ -337,7 +337,7 @@ TEST(programs_compile_when_used_or_ahead) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_context *context;
     sbl_picture_desc view = view_of(SBL_BACKEND_TRACE);
-    sbl_capabilities before, after;
+    sbl_programs before, after;
     static const unsigned char texel[4] = { 200, 150, 100, 255 };
     test_scene textured = { 0 };
     sbl_scene_desc scene;
@@ -345,31 +345,31 @@ TEST(programs_compile_when_used_or_ahead) {
     sbl_result result = SBL_UNFINISHED;
     context = watch_context(&seen, &desc, &cornell);
     if (!context) return;
-    before = sbl_query_capabilities(context);
-    CHECK(before.programs <= 4, "%d programs are compiled before they are used", before.programs);  /* those of >>trial */
-    REQUIRE(sbl_begin(context, &view) == SBL_SUCCESS, "cannot begin");
+    before = sbl_query_programs(context);
+    CHECK(before.count <= 4, "%d programs are compiled before they are used", before.count);  /* those of >>trial */
+    REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
     while (result == SBL_UNFINISHED && steps++ < 1000000) {
-        programs = sbl_query_capabilities(context).programs;
+        programs = sbl_query_programs(context).count;
         result = sbl_step(context, 1e-9);
-        programs = sbl_query_capabilities(context).programs - programs;
+        programs = sbl_query_programs(context).count - programs;
         most = programs > most ? programs : most;
     }
-    after = sbl_query_capabilities(context);
+    after = sbl_query_programs(context);
     CHECK(result == SBL_SUCCESS && most == 1, "%d programs in one step", most);
-    CHECK(after.programs >= 5 && after.compile_seconds > 0, "%d programs in %g s", after.programs, after.compile_seconds);
-    CHECK(sbl_render(context, &view) == SBL_SUCCESS && sbl_query_capabilities(context).programs == after.programs, "compiled again");
+    CHECK(after.count >= 5 && after.compile_seconds > 0, "%d programs in %g s", after.count, after.compile_seconds);
+    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS && sbl_query_programs(context).count == after.count, "compiled again");
     sbl_destroy(context);
 
     desc.compile_ahead = 1;
     context = watch_context(&seen, &desc, &cornell);
     if (!context) return;
-    before = sbl_query_capabilities(context);
-    CHECK(before.programs > after.programs && before.compile_seconds > 0, "ahead: %d programs in %g s", before.programs, before.compile_seconds);
-    CHECK(sbl_render(context, &view) == SBL_SUCCESS, "no picture");
-    view.backend = SBL_BACKEND_RASTER;
-    CHECK(sbl_render(context, &view) == SBL_SUCCESS, "no picture");
-    view.mode = SBL_MODE_PAPER;
-    CHECK(sbl_render(context, &view) == SBL_SUCCESS, "no picture");
+    before = sbl_query_programs(context);
+    CHECK(before.count > after.count && before.compile_seconds > 0, "ahead: %d programs in %g s", before.count, before.compile_seconds);
+    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture");
+    view.options.backend = SBL_BACKEND_RASTER;
+    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture");
+    view.options.mode = SBL_MODE_PAPER;
+    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture");
     scene_quad(&textured, material, -1, 0, -1, 1, 0, -1, 1, 0, 1, -1, 0, 1);
     textured.materials[material].albedo_texture = scene_texture(&textured, texel, sizeof texel, SBL_PIXELS_SRGB8, 1, 1, 4);
     textured.environment.picture = textured.textures[0];
@@ -379,10 +379,10 @@ TEST(programs_compile_when_used_or_ahead) {
     for (k = 0; k < 2; k++) {
         sbl_picture_desc plain = view_of(k ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE);
         memset(plain.world_to_view, 0, sizeof plain.world_to_view);
-        CHECK(sbl_render(context, &plain) == SBL_SUCCESS, "no textured picture");
+        CHECK(sbl_render_picture(context, &plain) == SBL_SUCCESS, "no textured picture");
     }
-    CHECK(sbl_query_capabilities(context).programs == before.programs, "%d programs were not compiled ahead",
-          sbl_query_capabilities(context).programs - before.programs);
+    CHECK(sbl_query_programs(context).count == before.count, "%d programs were not compiled ahead",
+          sbl_query_programs(context).count - before.count);
     sbl_destroy(context);
     scene_free(&textured);
 }
@@ -423,9 +423,9 @@ TEST(each_level_is_sharper) {
     int k, shown = 0, waiting = 0, seen_before = 0;
     if (!context) return;
     view.samples = 1;
-    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS, "no picture");
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture");
     for (k = 0; k < 2; k++) REQUIRE(sbl_read_channel(context, channels[k], whole[k], 3 * PIXELS) == SBL_SUCCESS, "not read");
-    REQUIRE(sbl_begin(context, &view) == SBL_SUCCESS, "cannot begin");
+    REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
     CHECK(sbl_channel_texture(context, SBL_CHANNEL_FINAL) == 0, "a texture of nothing");
     memset(last, 0, sizeof last);
     while (result == SBL_UNFINISHED) {
@@ -443,8 +443,8 @@ TEST(each_level_is_sharper) {
             if (before[k] > 0) CHECK(error < 1.1 * before[k], "channel %d: a level brings the error from %g to %g", k, before[k], error);
             else first[k] = error;
             before[k] = error;
-            if (k && sbl_query_stats(context).sensors != sensors) shown++;  /* it comes in rows */
-            if (k) sensors = sbl_query_stats(context).sensors;
+            if (k && sbl_query_stats(context).sensors.count != sensors) shown++;  /* it comes in rows */
+            if (k) sensors = sbl_query_stats(context).sensors.count;
         }
     }
     CHECK(result == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
@@ -472,7 +472,7 @@ TEST(a_finished_picture_stays) {
     sbl_sensor sensor;
     sbl_site site;
     sbl_reading reading;
-    sbl_gather_desc gather;
+    sbl_readings_desc gather;
     uint32_t name;
     int k, step;
     if (!context) return;
@@ -483,8 +483,8 @@ TEST(a_finished_picture_stays) {
     gather.sites = &site;
     gather.readings = &reading;
     gather.site_count = 1;
-    gather.mode = SBL_MODE_AMBIENT;
-    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS, "no picture");
+    gather.options.mode = SBL_MODE_AMBIENT;
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture");
     for (k = 0; k < SBL_CHANNEL_COUNT; k++)
         REQUIRE(sbl_read_channel(context, (sbl_channel)k, whole[k], 3 * PIXELS) == SBL_SUCCESS, "channel %d", k);
     name = sbl_channel_texture(context, SBL_CHANNEL_FINAL);
@@ -496,8 +496,8 @@ TEST(a_finished_picture_stays) {
                 CHECK(sbl_set_scene(context, &empty) == (step == -2 ? SBL_ERROR_OUT_OF_MEMORY : SBL_SUCCESS) || seen.refused, "no memory");
                 break;
             case 0: CHECK(sbl_set_mesh_transform(context, 0, bad) == SBL_ERROR_INVALID_ARGUMENT, "a bad move"); break;
-            case 1: CHECK(sbl_gather(context, &gather) == SBL_SUCCESS, "a gather"); break;
-            case 2: CHECK(sbl_begin_gather(context, &gather) == SBL_SUCCESS, "the beginning of a gather"); break;
+            case 1: CHECK(sbl_gather_readings(context, &gather) == SBL_SUCCESS, "a gather"); break;
+            case 2: CHECK(sbl_begin_readings(context, &gather) == SBL_SUCCESS, "the beginning of a gather"); break;
             case 3: CHECK(sbl_set_mesh_transform(context, 0, away) == SBL_SUCCESS, "a move"); break;
             case 4: CHECK(sbl_set_scene(context, &empty) == SBL_SUCCESS, "an empty scene"); break;
             default: CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS, "the scene again"); break;
@@ -523,7 +523,7 @@ TEST(inspection_adds_up) {
     if (!context) return;
     for (b = 0; b < 2; b++) {
         sbl_picture_desc view = scene_plain(view_of(SBL_BACKEND_TRACE), SBL_MODE_AMBIENT, b ? 16 : 0);
-        REQUIRE(sbl_render(context, &view) == SBL_SUCCESS, "no picture");
+        REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture");
         for (at = 0; at < 60; at++) {
             const int x = 20 + 2 * at, y = 10 + (at * 53) % 100;
             static float radiance[4 * 64 * 64], weights[64 * 64];
@@ -541,7 +541,7 @@ TEST(inspection_adds_up) {
                     lamps += s.rays[i].radiance[0];
                     continue;
                 }
-                for (k = 0; k < 3; k++) rays[k] += (double)s.rays[i].radiance[k] / view.rays;
+                for (k = 0; k < 3; k++) rays[k] += (double)s.rays[i].radiance[k] / view.options.rays;
             }
             for (i = 0, k = 0; i < s.lamp_count; i++) { k += s.lamps[i].rays; open += s.lamps[i].open; }
             for (i = 0; i < 3; i++) {
@@ -574,7 +574,7 @@ TEST(inspection_tells_levels) {
     int met[SBL_MAX_LEVELS + 1] = { 0 }, at, wrong = 0;
     if (!context) return;
     view.samples = 1;
-    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_SENSORS, levels, PIXELS) == SBL_SUCCESS, "no picture");
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_SENSORS, levels, PIXELS) == SBL_SUCCESS, "no picture");
     for (at = 0; at < PIXELS; at++) {
         const int level = (int)levels[at];
         sbl_sensor s;
@@ -594,14 +594,14 @@ TEST(stats_tell_of_lamps_and_the_hierarchy) {
     sbl_stats stats;
     if (!context) return;
     view.width = view.height = 8;
-    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS, "no picture");
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture");
     stats = sbl_query_stats(context);
-    CHECK(stats.lamps == 2 && stats.triangles == 32, "%d lamps among %d triangles; the lamp is 2 of 32", stats.lamps, stats.triangles);
-    CHECK(stats.bvh_bytes > 32 * 36 && stats.bvh_bytes < 32 * 200, "32 triangles' hierarchy takes %.0f bytes", (double)stats.bvh_bytes);
-    view.mode = SBL_MODE_PAPER;
-    view.backend = SBL_BACKEND_AUTO;
-    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS, "no picture");
-    CHECK(sbl_query_stats(context).lamps == 0, "the paper's sensors aim at %d lamps", sbl_query_stats(context).lamps);
+    CHECK(stats.scene.lamps == 2 && stats.scene.triangles == 32, "%d lamps among %d triangles; the lamp is 2 of 32", stats.scene.lamps, stats.scene.triangles);
+    CHECK(stats.scene.bvh_bytes > 32 * 36 && stats.scene.bvh_bytes < 32 * 200, "32 triangles' hierarchy takes %.0f bytes", (double)stats.scene.bvh_bytes);
+    view.options.mode = SBL_MODE_PAPER;
+    view.options.backend = SBL_BACKEND_AUTO;
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture");
+    CHECK(sbl_query_stats(context).scene.lamps == 0, "the paper's sensors aim at %d lamps", sbl_query_stats(context).scene.lamps);
     sbl_destroy(context);
 }
 

@@ -50,7 +50,7 @@ static void make_room(test_scene *s) {
 
 static sbl_result set(const test_scene *s) {
     sbl_scene_desc desc = scene_desc(s);
-    desc.bounce_samples = 2048;
+    desc.max_bounce_cells = 2048;
     return sbl_set_scene(context, &desc);
 }
 
@@ -64,7 +64,7 @@ static int start(void) {
 
 /* Light across the room. */
 static sbl_result gather(sbl_reading readings[SITES]) {
-    sbl_gather_desc desc;
+    sbl_readings_desc desc;
     sbl_site sites[SITES];
     int i;
     memset(&desc, 0, sizeof desc);
@@ -78,15 +78,15 @@ static sbl_result gather(sbl_reading readings[SITES]) {
     desc.sites = sites;
     desc.readings = readings;
     desc.site_count = SITES;
-    desc.mode = SBL_MODE_GI;
-    desc.rays = 32;
-    return sbl_gather(context, &desc);
+    desc.options.mode = SBL_MODE_GI;
+    desc.options.rays = 32;
+    return sbl_gather_readings(context, &desc);
 }
 
 static sbl_picture_desc view_of(float x) {
     sbl_picture_desc view = scene_view(SIDE, SIDE, 70, x, 1.5f, 0.3f, 2.2f, 1, 4);
-    view.mode = SBL_MODE_GI;
-    view.rays = 32;
+    view.options.mode = SBL_MODE_GI;
+    view.options.rays = 32;
     view.tile = 4;
     view.samples = 1;
     return view;
@@ -96,8 +96,8 @@ static sbl_picture_desc view_of(float x) {
 static void same_as_fresh(const char *what, int bounced) {
     static sbl_reading here[SITES], fresh[SITES];
     REQUIRE(gather(here) == SBL_SUCCESS, "%s: %s", what, watch_last(&seen));
-    CHECK((sbl_query_stats(context).bounce_rays > 0) == bounced, "%s: %.0f rays of bounced light", what,
-          (double)sbl_query_stats(context).bounce_rays);
+    CHECK((sbl_query_stats(context).store.rays > 0) == bounced, "%s: %.0f rays of bounced light", what,
+          (double)sbl_query_stats(context).store.rays);
     REQUIRE(start() && gather(fresh) == SBL_SUCCESS, "%s: no fresh light: %s", what, watch_last(&seen));
     CHECK(!memcmp(here, fresh, sizeof fresh), "%s: first site %.9g, in a fresh context %.9g", what,
           (double)here[0].radiance[0], (double)fresh[0].radiance[0]);
@@ -177,7 +177,7 @@ static void refused(const char *what, const char *words) {
     CHECK(sbl_load_store(context, get, NULL) == SBL_ERROR_INVALID_ARGUMENT &&
           watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_STORE, words, "", ""), "%s: %s", what,
           watch_last(&seen));
-    CHECK(gather(readings) == SBL_SUCCESS && sbl_query_stats(context).bounce_rays == 0, "%s: the store is gone",
+    CHECK(gather(readings) == SBL_SUCCESS && sbl_query_stats(context).store.rays == 0, "%s: the store is gone",
           what);
 }
 
@@ -192,7 +192,7 @@ TEST(saved_and_loaded) {
     REQUIRE(start() && sbl_load_store(context, get, NULL) == SBL_SUCCESS, "%s", watch_last(&seen));
     CHECK(stream.at == stream.count, "%.0f of %.0f bytes are read", (double)stream.at, (double)stream.count);
     REQUIRE(gather(loaded) == SBL_SUCCESS, "%s", watch_last(&seen));
-    CHECK(sbl_query_stats(context).bounce_rays == 0, "a loaded store is made again");
+    CHECK(sbl_query_stats(context).store.rays == 0, "a loaded store is made again");
     CHECK(!memcmp(made, loaded, sizeof made), "first site %.9g, loaded %.9g", (double)made[0].radiance[0],
           (double)loaded[0].radiance[0]);
     scene.materials[LAMP].emission[1] = 9;
@@ -286,15 +286,15 @@ TEST(progress_covers_the_store) {
     sbl_picture_desc view = view_of(0.5f);
     int calls;
     make_room(&scene);
-    view.progress = on_progress;
+    view.options.progress = on_progress;
     memset(&told, 0, sizeof told);
-    REQUIRE(start() && sbl_render(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+    REQUIRE(start() && sbl_render_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
     CHECK(told.calls > 30 && !told.falls && told.last >= 1, "%d calls, %d fall, the last says %g", told.calls,
           told.falls, (double)told.last);
     calls = told.calls;
     memset(&told, 0, sizeof told);
     told.stop_at = calls / 5;
-    REQUIRE(start() && sbl_render(context, &view) == SBL_CANCELLED, "it is not cancelled: %s", watch_last(&seen));
+    REQUIRE(start() && sbl_render_picture(context, &view) == SBL_CANCELLED, "it is not cancelled: %s", watch_last(&seen));
     CHECK(told.calls == told.stop_at && told.last > 0.02f && told.last < 0.34f, "%d calls, %g done", told.calls,
           (double)told.last);
     same_as_fresh("after a cancelled store", 1);
@@ -311,7 +311,7 @@ TEST(pictures_of_the_store) {
     int i, shown = 0, sensed = 0;
     make_room(&scene);
     scene.meshes[scene.mesh_count - 1].id = 77;
-    REQUIRE(start() && sbl_render(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+    REQUIRE(start() && sbl_render_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
     REQUIRE(sbl_read_channel(context, SBL_CHANNEL_STORE, stored, 3 * PIXELS) == SBL_SUCCESS &&
             sbl_read_channel(context, SBL_CHANNEL_RADIANCE, light, 3 * PIXELS) == SBL_SUCCESS, "%s", watch_last(&seen));
     CHECK(sbl_channel_texture(context, SBL_CHANNEL_STORE) != 0, "no texture: %s", watch_last(&seen));
@@ -319,7 +319,7 @@ TEST(pictures_of_the_store) {
     CHECK(fabs(sums[0] / sums[1] - 1) < 0.1, "the store has %g of the light", sums[0] / sums[1]);
     scene.materials[BOX].flags = SBL_MATERIAL_NO_SENSORS;
     for (i = 0; i < scene.mesh_count; i++) if (scene.meshes[i].material == BOX) scene.meshes[i].id = 77;
-    REQUIRE(set(&scene) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+    REQUIRE(set(&scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
     REQUIRE(sbl_read_channel(context, SBL_CHANNEL_RADIANCE, excluded, 3 * PIXELS) == SBL_SUCCESS &&
             sbl_read_channel(context, SBL_CHANNEL_SENSORS, sensors, PIXELS) == SBL_SUCCESS &&
             sbl_read_channel(context, SBL_CHANNEL_ID, ids, PIXELS) == SBL_SUCCESS, "%s", watch_last(&seen));
@@ -332,8 +332,8 @@ TEST(pictures_of_the_store) {
     }
     CHECK(shown > 20 && sensed == 0, "%d pixels show the box, %d have sensors", shown, sensed);
     CHECK(fabs(box[0] / box[1] - 1) < 0.15, "the box has %g of the light that sensors find", box[0] / box[1]);
-    view.mode = SBL_MODE_DIRECT;
-    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS &&
+    view.options.mode = SBL_MODE_DIRECT;
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS &&
             sbl_read_channel(context, SBL_CHANNEL_STORE, stored, 3 * PIXELS) == SBL_SUCCESS, "%s", watch_last(&seen));
     for (i = 0; i < 3 * PIXELS; i++) sums[2] += (double)stored[i];
     CHECK(sums[2] == 0, "direct light has a store of %g", sums[2]);

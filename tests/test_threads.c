@@ -51,15 +51,16 @@ static sbl_result set_scene(worker *w, output *out) {
 static sbl_result move(worker *w, output *out) {
     static const float matrix[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.25f, 0, 0, 1 };
     sbl_result result = sbl_set_mesh_transform(w->context, SMALL_BOX, matrix);
-    return result == SBL_SUCCESS ? sbl_query_bounds(w->context, out->bounds, out->bounds + 3) : result;
+    scene_bounds(w->context, out->bounds, out->bounds + 3);
+    return result;
 }
 
 static sbl_result render(worker *w, sbl_backend backend, double seconds) {
     sbl_picture_desc view = small_view();
     sbl_result result;
-    view.backend = backend;
-    view.seed = (uint32_t)w->number;
-    result = sbl_begin(w->context, &view);
+    view.options.backend = backend;
+    view.options.seed = (uint32_t)w->number;
+    result = sbl_begin_picture(w->context, &view);
     if (result == SBL_SUCCESS) do result = sbl_step(w->context, seconds); while (result == SBL_UNFINISHED);
     return result;
 }
@@ -81,7 +82,7 @@ static sbl_result inspect(worker *w, output *out) {
 
 static sbl_result gather(worker *w, output *out) {
     sbl_site sites[SITES];
-    sbl_gather_desc desc;
+    sbl_readings_desc desc;
     int i;
     memset(sites, 0, sizeof sites);
     memset(&desc, 0, sizeof desc);
@@ -89,9 +90,9 @@ static sbl_result gather(worker *w, output *out) {
     desc.sites = sites;
     desc.readings = out->readings;
     desc.site_count = SITES;
-    desc.mode = SBL_MODE_AMBIENT;
-    desc.rays = 20;
-    return sbl_gather(w->context, &desc);
+    desc.options.mode = SBL_MODE_AMBIENT;
+    desc.options.rays = 20;
+    return sbl_gather_readings(w->context, &desc);
 }
 
 static sbl_result destroy(worker *w, output *out) { (void)out; sbl_destroy(w->context); return SBL_SUCCESS; }

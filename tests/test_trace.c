@@ -22,9 +22,9 @@ static sbl_context *context;
 
 static sbl_picture_desc traced(sbl_picture_desc view, sbl_mode mode, int rays) {
     view = scene_plain(view, mode, 0);
-    view.sensor_size = 0;
-    view.backend = SBL_BACKEND_TRACE;
-    view.rays = rays;
+    view.options.sensor_size = 0;
+    view.options.backend = SBL_BACKEND_TRACE;
+    view.options.rays = rays;
     return view;
 }
 
@@ -57,12 +57,12 @@ TEST(agrees_with_raster_on_smooth_light) {
     float *a, *b;
     double error;
     glowing_room(&s);
-    raster.epsilon = ray.epsilon = 1;
+    raster.options.epsilon = ray.options.epsilon = 1;
     REQUIRE(scene_render(context, &s, &raster), "no picture");
-    CHECK(sbl_query_stats(context).backend == SBL_BACKEND_RASTER && sbl_query_stats(context).rays == 0, "the stats do not say raster");
+    CHECK(sbl_query_stats(context).backend == SBL_BACKEND_RASTER && sbl_query_stats(context).sensors.rays == 0, "the stats do not say raster");
     a = scene_channel(context, &raster, SBL_CHANNEL_RADIANCE);
     REQUIRE(scene_render(context, &s, &ray), "no picture");
-    CHECK(sbl_query_stats(context).backend == SBL_BACKEND_TRACE && sbl_query_stats(context).rays >= 4096 * (int64_t)sbl_query_stats(context).sensors, "the stats do not say trace");
+    CHECK(sbl_query_stats(context).backend == SBL_BACKEND_TRACE && sbl_query_stats(context).sensors.rays >= 4096 * (int64_t)sbl_query_stats(context).sensors.count, "the stats do not say trace");
     b = scene_channel(context, &ray, SBL_CHANNEL_RADIANCE);
     error = difference(b, a, 64 * 64);
     CHECK(error < 0.003, "traced and rasterised differ by %.2f %% rms", 100 * error);
@@ -80,15 +80,15 @@ TEST(error_falls_with_the_rays) {
     float *truth, *r;
     int i;
     sbl_picture_desc best = traced(view, SBL_MODE_AMBIENT, 4096);
-    best.epsilon = 1;
-    best.seed = 77;
+    best.options.epsilon = 1;
+    best.options.seed = 77;
     glowing_room(&s);
     REQUIRE(scene_render(context, &s, &best), "no picture");
     truth = scene_channel(context, &best, SBL_CHANNEL_RADIANCE);
     for (i = 0; i < 3; i++) {
         sbl_picture_desc ray = traced(view, SBL_MODE_AMBIENT, steps[i].rays);
         double error;
-        ray.epsilon = 1;
+        ray.options.epsilon = 1;
         REQUIRE(scene_render(context, &s, &ray), "no picture");
         r = scene_channel(context, &ray, SBL_CHANNEL_RADIANCE);
         error = difference(r, truth, 48 * 48);
@@ -126,7 +126,7 @@ TEST(closed_walls_are_tight) {
         float *r, *positions;
         double escaped = 0;
         sbl_mesh *mesh;
-        view.seed = (uint32_t)way;
+        view.options.seed = (uint32_t)way;
         scene_sky(&s, 1e6f, 1e6f, 1e6f);
         mesh = scene_sphere(&s, scene_material(&s, 0, 0, 0), 0, 0, 0, 1, 256, 128, 0);
         memcpy(mesh->transform, turns[way], sizeof turns[way]);
@@ -139,7 +139,7 @@ TEST(closed_walls_are_tight) {
         }
         mesh->positions.data = positions;
         REQUIRE(scene_render(context, &s, &view), "no picture");
-        rays += (double)sbl_query_stats(context).rays;
+        rays += (double)sbl_query_stats(context).sensors.rays;
         r = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
         for (i = 0; i < 64 * 64 * 3; i++) escaped += (double)r[i];
         CHECK(escaped == 0, "wall %d: light of %g came in", way, escaped);
@@ -352,8 +352,8 @@ TEST(the_picture_does_not_depend_on_the_slices) {
     sbl_picture_desc view = scene_cornell_view(48, 40);
     float *first = NULL;
     int i;
-    view.backend = SBL_BACKEND_TRACE;
-    view.rays = 40;
+    view.options.backend = SBL_BACKEND_TRACE;
+    view.options.rays = 40;
     scene_cornell_box(&s);
     for (i = 0; i < 4; i++) {
         sbl_context_desc desc;
@@ -364,9 +364,9 @@ TEST(the_picture_does_not_depend_on_the_slices) {
         memset(&desc, 0, sizeof desc);
         desc.batch = i == 1 ? 1 : i == 2 ? 77 : 0;
         REQUIRE(sbl_create(&desc, &other) == SBL_SUCCESS && sbl_set_scene(other, &scene) == SBL_SUCCESS, "no context");
-        if (i < 3) result = sbl_render(other, &view);
+        if (i < 3) result = sbl_render_picture(other, &view);
         else {
-            REQUIRE(sbl_begin(other, &view) == SBL_SUCCESS, "cannot begin");
+            REQUIRE(sbl_begin_picture(other, &view) == SBL_SUCCESS, "cannot begin");
             do result = sbl_step(other, 1e-4); while (result == SBL_UNFINISHED);
         }
         REQUIRE(result == SBL_SUCCESS, "%s", sbl_result_string(result));
@@ -394,7 +394,7 @@ TEST(moved_meshes_are_found) {
     scene_sphere(&s, scene_lamp(&s, 3, 0, 0), 0, 0.5f, 0, 0.5f, 16, 8, 0);
     last = s.mesh_count - 1;
     REQUIRE(scene_render(context, &s, &view), "no picture");
-    REQUIRE(sbl_set_mesh_transform(context, last, up) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS, "not moved");
+    REQUIRE(sbl_set_mesh_transform(context, last, up) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS, "not moved");
     moved = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
     memcpy(s.meshes[last].transform, up, sizeof up);
     REQUIRE(scene_render(context, &s, &view), "no picture");
@@ -439,9 +439,9 @@ TEST(nasty_triangles) {
         scene_box(&s, grey, -1, -1, -1, 1, 1, 1);
         for (i = 0; i < 3 * copies; i++) indices[i] = (uint32_t)i;
         scene_mesh(&s, grey, corners, NULL, NULL, 3 * copies, indices, 3 * copies);
-        view.epsilon = 1;  /* all glow alike; a shader that takes too many turns is stopped, and light is missing */
+        view.options.epsilon = 1;  /* all glow alike; a shader that takes too many turns is stopped, and light is missing */
         compare_hits(way == 0 ? "copies" : way == 1 ? "copies of either winding" : "needles", &s, &view, 100, 200);  /* side by side across the room */
-        CHECK(sbl_query_stats(context).triangles == 12 + copies, "%d triangles", sbl_query_stats(context).triangles);
+        CHECK(sbl_query_stats(context).scene.triangles == 12 + copies, "%d triangles", sbl_query_stats(context).scene.triangles);
         CHECK(way == 2 || context->core.scene.hierarchy.node_count < 100, "copies make a hierarchy of %d nodes", context->core.scene.hierarchy.node_count);
         r = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
         for (i = 0; i < 32 * 32 * 3; i++) worst = test_max(worst, fabs((double)r[i] - 0.5));
@@ -473,7 +473,7 @@ TEST(every_ray_arrives) {
         scene_floor(&s, white, -1.5f, 50);
         scene_quad(&s, white, -3, -3, -1.5f, 3, -3, -1.5f, 3, 3, -1.5f, -3, 3, -1.5f);
         scene_sky(&s, 1, 1, 1);
-        view.epsilon = 1;
+        view.options.epsilon = 1;
         if (way == 0) compare_hits("large triangles", &s, &view, 100, 50);
         else REQUIRE(scene_render(context, &s, &view), "no picture");
         r = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
@@ -484,7 +484,7 @@ TEST(every_ray_arrives) {
             low = test_min(low, (double)r[3 * i]);
             high = test_max(high, (double)r[3 * i]);
         }
-        CHECK(sbl_query_stats(context).triangles == count + 4, "%d triangles", sbl_query_stats(context).triangles);
+        CHECK(sbl_query_stats(context).scene.triangles == count + 4, "%d triangles", sbl_query_stats(context).scene.triangles);
         CHECK(seen > 100 && low > 1 - 1e-4 && high < 1 + 1e-4, "%s: in %d pixels R is %g to %g, and should be 1", way == 0 ? "large triangles" : "a fan", seen, low, high);
         free(r);
         free(id);
@@ -503,9 +503,9 @@ TEST(a_million_triangles) {
     for (i = 0; i < 4; i++) scene_sphere(&s, grey, 120 + 100.0f * (float)i, 150 + 80.0f * (float)i, 300, 60, MILLION / 4 / 700, 350, 0);
     compare_hits("a million triangles", &s, &view, 100, 300);
     stats = sbl_query_stats(context);
-    printf("  %d triangles, hierarchy of %.1f MiB in %.2f s\n", stats.triangles, (double)stats.bvh_bytes / 1048576, stats.bvh_seconds);
-    CHECK(stats.triangles > MILLION * 0.97 && (double)stats.bvh_bytes < 100.0 * stats.triangles && (double)stats.bvh_bytes > 36.0 * stats.triangles,
-          "%d triangles take %.0f bytes", stats.triangles, (double)stats.bvh_bytes);
+    printf("  %d triangles, hierarchy of %.1f MiB in %.2f s\n", stats.scene.triangles, (double)stats.scene.bvh_bytes / 1048576, stats.scene.bvh_seconds);
+    CHECK(stats.scene.triangles > MILLION * 0.97 && (double)stats.scene.bvh_bytes < 100.0 * stats.scene.triangles && (double)stats.scene.bvh_bytes > 36.0 * stats.scene.triangles,
+          "%d triangles take %.0f bytes", stats.scene.triangles, (double)stats.scene.bvh_bytes);
     scene_free(&s);
 }
 
@@ -519,7 +519,7 @@ TEST(ten_million_triangles) {
     double start, worst = 0;
     float *r;
     int i;
-    view.epsilon = 1;
+    view.options.epsilon = 1;
     scene_sky(&s, 1e6f, 1e6f, 1e6f);
     scene_sphere(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 0, 0, 1, 3200, 1600, 0);
     start = sbl__now();
@@ -529,10 +529,10 @@ TEST(ten_million_triangles) {
     memory = sbl_query_memory(context);
     r = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
     for (i = 0; i < 32 * 32 * 3; i++) worst = test_max(worst, fabs((double)r[i] - 0.5));
-    printf("  %d triangles: %.1f s, of them scene %.1f and hierarchy %.1f; at peak %.0f MiB of host memory and %.0f of GL's\n", stats.triangles, start,
-           stats.seconds.scene, stats.bvh_seconds, (double)memory.host_peak_bytes / 1048576, (double)memory.gpu_peak_bytes / 1048576);
-    CHECK(stats.triangles > 9e6 && worst < 1e-4, "of %d triangles R is off by %g", stats.triangles, worst);
-    CHECK((double)memory.host_peak_bytes + (double)memory.gpu_peak_bytes < 300.0 * stats.triangles, "too much memory");
+    printf("  %d triangles: %.1f s, of them scene %.1f and hierarchy %.1f; at peak %.0f MiB of host memory and %.0f of GL's\n", stats.scene.triangles, start,
+           stats.seconds.scene, stats.scene.bvh_seconds, (double)memory.host_peak_bytes / 1048576, (double)memory.gpu_peak_bytes / 1048576);
+    CHECK(stats.scene.triangles > 9e6 && worst < 1e-4, "of %d triangles R is off by %g", stats.scene.triangles, worst);
+    CHECK((double)memory.host_peak_bytes + (double)memory.gpu_peak_bytes < 300.0 * stats.scene.triangles, "too much memory");
     free(r);
     scene_free(&s);
 }
@@ -544,17 +544,17 @@ TEST(refusals) {
     scene_cornell_box(&s);
     desc = scene_desc(&s);
     REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS, "no scene");
-    view.backend = SBL_BACKEND_TRACE;
-    view.mode = SBL_MODE_PAPER;
-    CHECK(sbl_begin(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "the paper's mode was traced");
-    view.mode = SBL_MODE_DIRECT;
-    view.rays = 4097;
-    CHECK(sbl_begin(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "4097 rays were taken");
-    view.rays = -1;
-    CHECK(sbl_begin(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "-1 rays were taken");
-    view.rays = 0;
-    view.backend = SBL_BACKEND_COUNT;
-    CHECK(sbl_begin(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "a backend that does not exist was taken");
+    view.options.backend = SBL_BACKEND_TRACE;
+    view.options.mode = SBL_MODE_PAPER;
+    CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "the paper's mode was traced");
+    view.options.mode = SBL_MODE_DIRECT;
+    view.options.rays = 4097;
+    CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "4097 rays were taken");
+    view.options.rays = -1;
+    CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "-1 rays were taken");
+    view.options.rays = 0;
+    view.options.backend = SBL_BACKEND_COUNT;
+    CHECK(sbl_begin_picture(context, &view) == SBL_ERROR_INVALID_ARGUMENT, "a backend that does not exist was taken");
     scene_free(&s);
 }
 

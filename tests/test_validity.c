@@ -11,8 +11,8 @@ static sbl_backend backend;
 
 static sbl_picture_desc plain(sbl_picture_desc view, int sensor_size) {
     view = scene_plain(view, SBL_MODE_DIRECT, sensor_size);
-    view.backend = backend;
-    view.rays = 256;
+    view.options.backend = backend;
+    view.options.rays = 256;
     return view;
 }
 
@@ -67,7 +67,7 @@ TEST(stuck_sensors_bring_no_light_from_inside) {
         lowest_green = radiance[3 * i + 1] < lowest_green ? radiance[3 * i + 1] : lowest_green;
     }
     CHECK(gap_row >= 0 && open_row >= 0, "the camera does not see the floor in the gap and before it");
-    CHECK(stats.invalid_sensors > 100, "%d sensors were found stuck", (int)stats.invalid_sensors);
+    CHECK(stats.sensors.invalid > 100, "%d sensors were found stuck", (int)stats.sensors.invalid);
     CHECK(red < 0.01f, "red light of %g came out of the box", (double)red);
     CHECK(lowest_green > 0.2f, "a pixel got %g of the sky: it took nothing from its neighbours", (double)lowest_green);
     if (gap_row >= 0 && open_row >= 0) {
@@ -93,7 +93,7 @@ TEST(a_room_inside_out_is_valid) {
         scene_box(&s, lamp, -0.3f, 0.7f, -0.3f, 0.3f, 0.8f, 0.3f);
         REQUIRE(scene_render(context, &s, &view), "no picture");
         stats = sbl_query_stats(context);
-        CHECK(stats.invalid_sensors == 0, "%d sensors were taken for stuck", (int)stats.invalid_sensors);
+        CHECK(stats.sensors.invalid == 0, "%d sensors were taken for stuck", (int)stats.sensors.invalid);
         pictures[turned] = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
         scene_free(&s);
     }

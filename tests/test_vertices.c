@@ -25,7 +25,7 @@ static int vertices_of(const test_scene *s) {
 static sbl_vertices_desc desc_of(sbl_mode mode) {
     sbl_vertices_desc desc;
     memset(&desc, 0, sizeof desc);
-    desc.mode = mode;
+    desc.options.mode = mode;
     return desc;
 }
 
@@ -38,7 +38,7 @@ static float *bake_again(const sbl_vertices_desc *from, int count) {
     if (!light) abort();
     for (i = 0; i <= 3 * count; i++) light[i] = (float)NAN;
     desc.radiance = light;
-    desc.count = 3 * (size_t)count;
+    desc.float_count = 3 * (size_t)count;
     result = sbl_bake_vertices(context, &desc);
     CHECK(result == SBL_SUCCESS && sbl_progress(context) == 1, "%s: %s", sbl_result_string(result), watch_last(&seen));
     for (i = 0; i < 3 * count && result == SBL_SUCCESS; i++)
@@ -220,13 +220,13 @@ TEST(a_furnace) {
     }
     REQUIRE(use_scene(&s), "no context");
     scene = scene_desc(&s);
-    scene.bounce_samples = 0;
+    scene.max_bounce_cells = 0;
     CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
     for (way = 0; way < 3; way++) {
         double worst = 0;
         float *light;
         desc.average = way == 1;
-        desc.backend = way == 2 ? SBL_BACKEND_RASTER : SBL_BACKEND_AUTO;
+        desc.options.backend = way == 2 ? SBL_BACKEND_RASTER : SBL_BACKEND_AUTO;
         desc.samples = way == 2 ? 4 : 0;
         light = bake_again(&desc, 24);
         for (i = 0; light && i < 72; i++) worst = test_max(worst, fabs((double)light[i] / 2 - 1));
@@ -501,7 +501,7 @@ TEST(points_follow_area) {
     for (i = 0; i < 4; i++) {
         desc.samples = uses[i].samples;
         light = bake(&s, &desc);
-        CHECK(light && sbl_query_stats(context).sensors == uses[i].sensors, "samples %d: %d points", uses[i].samples, (int)sbl_query_stats(context).sensors);
+        CHECK(light && sbl_query_stats(context).sensors.count == uses[i].sensors, "samples %d: %d points", uses[i].samples, (int)sbl_query_stats(context).sensors.count);
         free(light);
     }
     scene_free(&s);
@@ -518,12 +518,12 @@ TEST(points_follow_area) {
     scene_sun(&s, 0, 1, 0);
     desc.samples = 8;
     light = bake(&s, &desc);
-    CHECK(light && sbl_query_stats(context).sensors == 16 + 64 + (24 * 24 * 2 - 1) * 4, "%d points", (int)sbl_query_stats(context).sensors);
+    CHECK(light && sbl_query_stats(context).sensors.count == 16 + 64 + (24 * 24 * 2 - 1) * 4, "%d points", (int)sbl_query_stats(context).sensors.count);
     free(light);
     scene_free(&s);
     desc.samples = 7;  /* each gather's points go where they belong */
     worst = grid_under_a_lamp(100, desc);
-    CHECK(sbl_query_stats(context).sensors == 7 * 20002 && worst < 0.002, "%d points, off by %.3f %%", (int)sbl_query_stats(context).sensors, 100 * worst);
+    CHECK(sbl_query_stats(context).sensors.count == 7 * 20002 && worst < 0.002, "%d points, off by %.3f %%", (int)sbl_query_stats(context).sensors.count, 100 * worst);
 }
 
 /* >>what is buried */
@@ -621,34 +621,34 @@ TEST(every_field_is_checked) {
     scene_floor(&s, 0, 2, 1);
     REQUIRE(use_scene(&s), "no context");
     good.radiance = light;
-    good.count = 24;
+    good.float_count = 24;
     CHECK(sbl_begin_vertices(context, &good) == SBL_SUCCESS, "%s", watch_last(&seen));
     d = good; d.radiance = NULL; refused(d, "radiance");
-    d = good; d.count = 23; refused(d, "count is 23");
+    d = good; d.float_count = 23; refused(d, "count is 23");
     d = good; d.samples = -1; refused(d, "samples");
     d = good; d.samples = 1025; refused(d, "samples");
     d = good; d.average = 2; refused(d, "average");
     d = good; d.smoothing = (float)NAN; refused(d, "smoothing");
     d = good; d.smoothing = 2e6f; refused(d, "smoothing");
-    d = good; d.mode = SBL_MODE_PAPER; refused(d, "SBL_MODE_PAPER");
-    d = good; d.mode = (sbl_mode)99; refused(d, "mode");
-    d = good; d.preset = (sbl_preset)-1; refused(d, "preset");
-    d = good; d.backend = (sbl_backend)77; refused(d, "backend");
-    d = good; d.rays = 5000; refused(d, "rays");
-    d = good; d.sensor_size = 1; refused(d, "sensor_size");
-    d = good; d.epsilon = -1; d.mode = SBL_MODE_AMBIENT; refused(d, "epsilon");
+    d = good; d.options.mode = SBL_MODE_PAPER; refused(d, "SBL_MODE_PAPER");
+    d = good; d.options.mode = (sbl_mode)99; refused(d, "mode");
+    d = good; d.options.preset = (sbl_preset)-1; refused(d, "preset");
+    d = good; d.options.backend = (sbl_backend)77; refused(d, "backend");
+    d = good; d.options.rays = 5000; refused(d, "rays");
+    d = good; d.options.sensor_size = 1; refused(d, "sensor_size");
+    d = good; d.options.epsilon = -1; d.options.mode = SBL_MODE_AMBIENT; refused(d, "epsilon");
     d = good; d.start_canary = 1; refused(d, "start_canary");
     d = good; d.end_canary = 1; refused(d, "end_canary");
     d = good; d.mesh_count = 1; refused(d, "mesh_count");
     d = good; d.meshes = meshes; d.mesh_count = -1; refused(d, "mesh_count");
     d = good; d.meshes = meshes; d.mesh_count = 3; refused(d, "meshes[2]");
-    d = good; d.meshes = meshes; d.mesh_count = 1; d.count = 11; refused(d, "count is 11");
+    d = good; d.meshes = meshes; d.mesh_count = 1; d.float_count = 11; refused(d, "count is 11");
     CHECK(sbl_progress(context) == 0 && sbl_step(context, 0) == SBL_SUCCESS && sbl_progress(context) == 1, "a mistake changed what was under way");
     CHECK(sbl_begin_vertices(NULL, &good) == SBL_ERROR_INVALID_ARGUMENT && sbl_bake_vertices(NULL, NULL) == SBL_ERROR_INVALID_ARGUMENT, "NULL is taken");
     CHECK(sbl_bake_vertices(context, NULL) == SBL_ERROR_INVALID_ARGUMENT && watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_VERTICES_DESC, "radiance", NULL, NULL),
           "%s", watch_last(&seen));
     d = sbl_vertices_desc_defaults(NULL);
-    CHECK(d.mode == SBL_MODE_GI && d.samples == 8 && d.rays == 64 && !d.average && d.smoothing == 0.02f, "samples %d, rays %d, smoothing %g", d.samples, d.rays,
+    CHECK(d.options.mode == SBL_MODE_GI && d.samples == 8 && d.options.rays == 64 && !d.average && d.smoothing == 0.02f, "samples %d, rays %d, smoothing %g", d.samples, d.options.rays,
           (double)d.smoothing);
     sbl_destroy(context);
     {
@@ -688,8 +688,8 @@ TEST(it_comes_in_pieces) {
     whole = bake(&s, &desc);
     REQUIRE(whole && count <= 300, "no light");
     desc.radiance = pieces;
-    desc.count = 3 * (size_t)count;
-    CHECK(sbl_render(context, &view) == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_FINAL, picture[0], 1200) == SBL_SUCCESS, "%s", watch_last(&seen));
+    desc.float_count = 3 * (size_t)count;
+    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_FINAL, picture[0], 1200) == SBL_SUCCESS, "%s", watch_last(&seen));
     CHECK(sbl_begin_vertices(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
     while (result == SBL_UNFINISHED) {
         result = sbl_step(context, 1e-6);
@@ -706,8 +706,8 @@ TEST(it_comes_in_pieces) {
     sbl_end(context);
     CHECK(sbl_progress(context) == 0, "something is left");
     blocks = seen.blocks;
-    desc.progress = cancel;
-    desc.progress_user = &stop;
+    desc.options.progress = cancel;
+    desc.options.progress_user = &stop;
     for (stop = 0; stop <= 1; stop += 0.0625f) {
         memset(pieces, 0, sizeof pieces);
         result = sbl_bake_vertices(context, &desc);
@@ -717,7 +717,7 @@ TEST(it_comes_in_pieces) {
         CHECK(sbl_step(context, 0) == SBL_ERROR_STATE, "it goes on");
     }
     CHECK(calls > 30, "progress was called %d times", calls);
-    desc.progress = NULL;
+    desc.options.progress = NULL;
     for (place = 0; place < 60; place += 3) {  /* whatever it is at */
         const int way = place / 3 % 4;
         float m[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0.1f, 0, 1 };
@@ -732,7 +732,7 @@ TEST(it_comes_in_pieces) {
     }
     CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
     CHECK(sbl_begin_vertices(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-6) == SBL_UNFINISHED, "%s", watch_last(&seen));
-    CHECK(sbl_render(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
     CHECK(sbl_begin_vertices(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-6) == SBL_UNFINISHED, "%s", watch_last(&seen));
     scene_free(&s);
 }
@@ -756,12 +756,12 @@ TEST(callbacks_and_seeds) {
     count = vertices_of(&s);
     light[0] = bake(&s, &desc);
     calls = 0;
-    desc.progress = meddle;
-    desc.progress_user = &desc;
+    desc.options.progress = meddle;
+    desc.options.progress_user = &desc;
     light[1] = bake_again(&desc, count);
     CHECK(calls > 5 && meddled == 2 * calls, "refused %d times in %d calls", meddled, calls);
-    desc.progress = NULL;
-    desc.seed = 7;
+    desc.options.progress = NULL;
+    desc.options.seed = 7;
     light[2] = bake_again(&desc, count);
     if (light[0] && light[1] && light[2]) {
         CHECK(memcmp(light[0], light[1], 12 * (size_t)count) == 0, "it is another");
@@ -782,7 +782,7 @@ TEST(memory_runs_out) {
         small_scene(&s);
         REQUIRE(use_scene(&s), "no context");
         desc.radiance = light;
-        desc.count = 900;
+        desc.float_count = 900;
         desc.average = average;
         CHECK(sbl_bake_vertices(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
         sbl_end(context);

@@ -425,17 +425,17 @@ static sbl_gl_function gl_function(const char *name, void *user) {
 static int box_render(sbl_context *context, int hemicube, int size, int side, sbl_stats *stats) {
     sbl_picture_desc view = { 0 };
     cornell_box_view(&view, side, side);
-    view.mode = SBL_MODE_AMBIENT;
+    view.options.mode = SBL_MODE_AMBIENT;
     view.sensor_kind = hemicube ? SBL_SENSOR_HEMICUBE : SBL_SENSOR_SINGLE;
-    view.backend = SBL_BACKEND_RASTER;
-    view.sensor_size = size;
-    view.rays = 256;
+    view.options.backend = SBL_BACKEND_RASTER;
+    view.options.sensor_size = size;
+    view.options.rays = 256;
     view.tile = 1;
     view.filter_radius = -1;
     view.samples = 1;
-    if (sbl_render(context, &view) != SBL_SUCCESS) return 0;  /* sbl.h says what is wrong on stderr */
+    if (sbl_render_picture(context, &view) != SBL_SUCCESS) return 0;  /* sbl.h says what is wrong on stderr */
     *stats = sbl_query_stats(context);
-    return stats->sensors > 0 || fail("the picture has no sensors");
+    return stats->sensors.count > 0 || fail("the picture has no sensors");
 }
 
 /* Every stride-th surface point of the finished picture, and the mean of what sbl.h found there. */
@@ -503,9 +503,9 @@ static int row_measure(sbl_context *context, row *r, int runs, int side, int mos
         double texels = (double)s.width * s.height;
         ok = box_render(context, r->hemicube, r->size, side, &stats);
         if (!ok) break;
-        r->sensors = (long long)stats.sensors;
-        r->sbl[n] = 1e6 * stats.seconds.gather / (double)stats.sensors;
-        r->total[n] = 1e6 * stats.seconds.total / (double)stats.sensors;
+        r->sensors = (long long)stats.sensors.count;
+        r->sbl[n] = 1e6 * stats.seconds.gather / (double)stats.sensors.count;
+        r->total[n] = 1e6 * stats.seconds.total / (double)stats.sensors.count;
         r->plain[n] = 1e6 * plain_gather(&s, &p, plain_light) / p.count;
         r->fill[n] = 1e6 * fill_seconds(8) * texels * r->complexity;
         r->speedup[n] = r->plain[n] / r->sbl[n];
@@ -517,7 +517,7 @@ static int row_measure(sbl_context *context, row *r, int runs, int side, int mos
         profile.on = 1;
         ok = box_render(context, r->hemicube, r->size, side, &stats);
         profile.on = 0;
-        for (run = 0; ok && run < PARTS; run++) r->parts[run] = 1e6 * profile.seconds[run] / (double)stats.sensors;
+        for (run = 0; ok && run < PARTS; run++) r->parts[run] = 1e6 * profile.seconds[run] / (double)stats.sensors.count;
     }
     if (ok) r->light_ratio = (light[0] + light[1] + light[2]) / (plain_light[0] + plain_light[1] + plain_light[2]);
     if (gl.GetError() != GL_NO_ERROR) ok = fail("a GL error in the plain way");
@@ -571,7 +571,7 @@ static int raster_part(int json, int quick) {
     int i, ok, count = 0;
     desc.get_gl_function = gl_function;
     ok = sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, cornell_box_make(&box)) == SBL_SUCCESS &&
-         plain_start(&box, sbl_picture_desc_defaults(NULL).epsilon);
+         plain_start(&box, sbl_picture_desc_defaults(NULL).options.epsilon);
     for (i = 0; ok && i < 2 * (quick ? 2 : SIZES); i++) {
         row *r = &rows[count];
         r->hemicube = i % 2 == 0;
@@ -704,18 +704,18 @@ typedef struct place {
 static int place_render(place *p, sbl_backend backend, int amount, int side, uint32_t seed, sbl_stats *stats) {
     sbl_picture_desc view = p->view;
     view.width = view.height = side;
-    view.mode = SBL_MODE_AMBIENT;
-    view.epsilon = 1;
-    view.backend = backend;
-    if (backend == SBL_BACKEND_TRACE) view.rays = amount;
-    else { view.sensor_size = amount; view.rays = 256; }
+    view.options.mode = SBL_MODE_AMBIENT;
+    view.options.epsilon = 1;
+    view.options.backend = backend;
+    if (backend == SBL_BACKEND_TRACE) view.options.rays = amount;
+    else { view.options.sensor_size = amount; view.options.rays = 256; }
     view.tile = 1;
     view.filter_radius = -1;
     view.samples = 1;
-    view.seed = seed;
-    if (sbl_render(p->context, &view) != SBL_SUCCESS) return 0;  /* sbl.h says what is wrong on stderr */
+    view.options.seed = seed;
+    if (sbl_render_picture(p->context, &view) != SBL_SUCCESS) return 0;  /* sbl.h says what is wrong on stderr */
     *stats = sbl_query_stats(p->context);
-    return (stats->backend == backend && stats->sensors > 0) || fail("the picture has no sensors");
+    return (stats->backend == backend && stats->sensors.count > 0) || fail("the picture has no sensors");
 }
 
 /* Relative RMSE of R in the small picture just made. */
@@ -765,7 +765,8 @@ static void log_error(sbl_log_level level, sbl_log_item item, const char *messag
 static int place_open(place *p, int quick) {
     sbl_context_desc desc = { 0 };
     sbl_stats stats;
-    float bounds[2][3], extent = 0;
+    sbl_bounds bounds;
+    float extent = 0;
     int i, k, most = quick ? 36 : SMALL_MOST * SMALL_MOST;
     desc.get_gl_function = gl_function;
     desc.logger.log = log_error;
@@ -775,7 +776,7 @@ static int place_open(place *p, int quick) {
             if (!place_render(p, SBL_BACKEND_TRACE, ray_counts[0], p->side, 0, &stats)) return 0;
         if (quick || stats.seconds.gather > 0.08 || p->side >= SIDE_MOST) break;
     }
-    p->triangles = stats.triangles;
+    p->triangles = stats.scene.triangles;
     if (!points_read(p->context, p->side, p->side * p->side + 1, &p->points, p->light)) return 0;
     p->small = (int)sqrt(fmin(fmax(4e6 / p->triangles, 49), most));  /* a rasterised sensor costs as much as the scene has triangles */
     if (!place_render(p, SBL_BACKEND_TRACE, REFERENCE_RAYS, p->small, REFERENCE_SEED, &stats) ||
@@ -786,8 +787,8 @@ static int place_open(place *p, int quick) {
         p->view_runs[i] = p->triangles < HEAVY ? 3 : view_sizes[i] == 8;
         if (p->view_runs[i] && !place_render(p, SBL_BACKEND_RASTER, view_sizes[i], 1, 0, &stats)) return 0;
     }
-    sbl_query_bounds(p->context, bounds[0], bounds[1]);
-    for (k = 0; k < 3; k++) extent = fmaxf(extent, bounds[1][k] - bounds[0][k]);
+    bounds = sbl_query_bounds(p->context);
+    for (k = 0; k < 3; k++) extent = fmaxf(extent, bounds.highest[k] - bounds.lowest[k]);
     p->embree = embree_make(&p->desc, 1e-4f * extent);
     return 1;
 }
@@ -808,12 +809,12 @@ static int place_run(place *p) {
     sbl_stats stats;
     int i, n = p->runs;
     if (sbl_set_scene(p->context, &p->desc) != SBL_SUCCESS || !place_render(p, SBL_BACKEND_TRACE, ray_counts[0], 8, 0, &stats)) return 0;
-    p->bvh[n] = stats.bvh_seconds;
-    p->bvh_bytes = stats.bvh_bytes;
+    p->bvh[n] = stats.scene.bvh_seconds;
+    p->bvh_bytes = stats.scene.bvh_bytes;
     for (i = 0; i < RAYS; i++) {
         if (!place_render(p, SBL_BACKEND_TRACE, ray_counts[i], i < 2 ? p->side : p->side / 2, 0, &stats)) return 0;
-        p->us[i][n] = 1e6 * stats.seconds.gather / (double)stats.sensors;
-        p->mrays[i][n] = 1e-6 * (double)stats.rays / stats.seconds.gather;
+        p->us[i][n] = 1e6 * stats.seconds.gather / (double)stats.sensors.count;
+        p->mrays[i][n] = 1e-6 * (double)stats.sensors.rays / stats.seconds.gather;
     }
     if (p->embree) {
         const points *at = &p->points;
@@ -830,7 +831,7 @@ static int place_run(place *p) {
     for (i = 0; i < VIEWS; i++) {
         if (n >= p->view_runs[i]) continue;
         if (!place_render(p, SBL_BACKEND_RASTER, view_sizes[i], p->small, 0, &stats) || !place_error(p, &p->errors[RAYS + i])) return 0;
-        p->us[RAYS + i][n] = 1e6 * stats.seconds.gather / (double)stats.sensors;
+        p->us[RAYS + i][n] = 1e6 * stats.seconds.gather / (double)stats.sensors.count;
     }
     p->runs++;
     return 1;

@@ -40,21 +40,21 @@ static float *lamps_render(sbl_context *context, int rays, uint32_t seed, double
     sbl_picture_desc view = { 0 };
     sbl_stats stats;
     view.width = view.height = LAMP_SIDE;
-    view.mode = SBL_MODE_DIRECT;
+    view.options.mode = SBL_MODE_DIRECT;
     view.tile = 1;
     view.filter_radius = -1;
     view.samples = 1;
-    view.rays = rays;
-    view.seed = seed;
+    view.options.rays = rays;
+    view.options.seed = seed;
     sbl_perspective(view.view_to_clip, 40, 1);
     sbl_look_at(view.world_to_view, 0, 3.5f, 0.01f, 0, 0, 0, 0, 1, 0);
-    if (!radiance || sbl_render(context, &view) != SBL_SUCCESS || sbl_read_channel(context, SBL_CHANNEL_RADIANCE, radiance, LAMP_SIDE * LAMP_SIDE * 3) != SBL_SUCCESS) {
+    if (!radiance || sbl_render_picture(context, &view) != SBL_SUCCESS || sbl_read_channel(context, SBL_CHANNEL_RADIANCE, radiance, LAMP_SIDE * LAMP_SIDE * 3) != SBL_SUCCESS) {
         free(radiance);
         fail("lamps: a picture failed");
         return NULL;
     }
     stats = sbl_query_stats(context);
-    *seconds = stats.seconds.gather / (double)stats.sensors;
+    *seconds = stats.seconds.gather / (double)stats.sensors.count;
     return radiance;
 }
 

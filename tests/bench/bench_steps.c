@@ -126,21 +126,21 @@ static int measure(const struct picture *p, double slice) {
     for (i = 0; i < 3; i++) scene.sky[i] = p->sky;
     view.width = p->width;
     view.height = p->height;
-    view.preset = p->preset;
-    view.mode = p->mode;
+    view.options.preset = p->preset;
+    view.options.mode = p->mode;
     view.facet_limit = 2;
     sbl_look_at(view.world_to_view, p->eye[0], p->eye[1], p->eye[2], p->at[0], p->at[1], p->at[2], p->up[0], p->up[1], p->up[2]);
     sbl_perspective(view.view_to_clip, p->fov, (float)p->width / (float)p->height);
     desc.get_gl_function = gl_function;
-    ok = sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS;  /* shaders */
+    ok = sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS;  /* shaders */
     start = now();
-    ok = ok && sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS;
+    ok = ok && sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS;
     easy = now() - start;
     start = now();
     ok = ok && sbl_set_scene(context, &scene) == SBL_SUCCESS;
     easy -= now() - start;
     start = now();
-    ok = ok && sbl_begin(context, &view) == SBL_SUCCESS;
+    ok = ok && sbl_begin_picture(context, &view) == SBL_SUCCESS;
     all = begin = now() - start;
     do {
         start = now();
@@ -152,7 +152,7 @@ static int measure(const struct picture *p, double slice) {
     } while (ok && result == SBL_UNFINISHED && count < STEPS_MOST);
     ok = ok && result == SBL_SUCCESS;
     submission.on = 1;
-    ok = ok && sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS;
+    ok = ok && sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS;
     submission.on = submission.open = 0;
     sbl_destroy(context);
     scene_file_free(file);

@@ -40,6 +40,17 @@ static void crop(float m[16], const version_view *view, const int window[4]) {
     }
 }
 
+/* Names that differ between the two interfaces. */
+#ifdef VERSION_HAS_ERROR
+#define VERSION_OPTION(name) options.name
+#define VERSION_RENDER sbl_render_picture
+#define VERSION_SENSORS sensors.count
+#else
+#define VERSION_OPTION(name) name
+#define VERSION_RENDER sbl_render
+#define VERSION_SENSORS sensors
+#endif
+
 static int version_render(const version_view *view, const version_settings *settings, float *radiance, version_cost *cost) {
     static const sbl_preset presets[3] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL_PRESET_HIGH };
     const double *e = view->eye, *a = view->look_at, *u = view->up;
@@ -47,14 +58,14 @@ static int version_render(const version_view *view, const version_settings *sett
     sbl_stats stats;
     desc.width = settings->window[2] ? settings->window[2] : view->width;
     desc.height = settings->window[2] ? settings->window[3] : view->height;
-    desc.mode = SBL_MODE_DIRECT;
-    desc.preset = presets[settings->preset];
-    desc.seed = (uint32_t)settings->seed;
+    desc.VERSION_OPTION(mode) = SBL_MODE_DIRECT;
+    desc.VERSION_OPTION(preset) = presets[settings->preset];
+    desc.VERSION_OPTION(seed) = (uint32_t)settings->seed;
 #ifdef VERSION_HAS_ERROR
-    desc.error = settings->error;
+    desc.target_error = settings->error;
 #endif
     if (settings->rays) {
-        desc.rays = settings->rays;
+        desc.VERSION_OPTION(rays) = settings->rays;
         desc.tile = desc.samples = 1;
         desc.filter_radius = -1;
     }
@@ -62,10 +73,10 @@ static int version_render(const version_view *view, const version_settings *sett
                 (float)u[2]);
     sbl_perspective(desc.view_to_clip, (float)view->fov, (float)view->width / (float)view->height);
     if (settings->window[2]) crop(desc.view_to_clip, view, settings->window);
-    if (sbl_render(context, &desc) != SBL_SUCCESS) return 0;
+    if (VERSION_RENDER(context, &desc) != SBL_SUCCESS) return 0;
     stats = sbl_query_stats(context);
     cost->seconds = stats.seconds.total - stats.seconds.scene;
-    cost->sensors = (long long)stats.sensors;
+    cost->sensors = (long long)stats.VERSION_SENSORS;
     return sbl_read_channel(context, SBL_CHANNEL_RADIANCE, radiance, (size_t)desc.width * (size_t)desc.height * 3) == SBL_SUCCESS;
 }
 

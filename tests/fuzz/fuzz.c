@@ -254,7 +254,7 @@ static sbl_result fuzz_set_scene(fuzz_bytes *b, sbl_context *context) {
         scene.draw_max_radiance = fuzz_float(b, 0, 4);
     }
     last = fuzz_byte(b);
-    scene.bounce_samples = last == 253 ? 1023 : 1024 + (int)last;
+    scene.max_bounce_cells = last == 253 ? 1023 : 1024 + (int)last;
     if (last >= 254) scene.start_canary = 1;
     result = sbl_set_scene(context, &scene);
     while (b->block_count) free(b->blocks[--b->block_count]);
@@ -284,7 +284,7 @@ static sbl_result fuzz_known_scene(sbl_context *context) {
     scene.materials = materials;
     scene.material_count = 2;
     scene.sky[2] = 0.25f;
-    scene.bounce_samples = 1024;
+    scene.max_bounce_cells = 1024;
     return sbl_set_scene(context, &scene);
 }
 
@@ -307,20 +307,20 @@ static void fuzz_picture(fuzz_bytes *b, fuzz_context *c, sbl_picture_desc *view)
     view->width = fuzz_int(b, 1, FUZZ_SIDE);
     view->height = fuzz_int(b, 1, FUZZ_SIDE);
     if (view->width * (double)view->height > FUZZ_SIDE * FUZZ_SIDE || (!view->width && !view->height)) view->width = -1;
-    view->mode = (sbl_mode)fuzz_int(b, 0, SBL_MODE_COUNT - 1);
-    view->backend = (sbl_backend)fuzz_int(b, 0, SBL_BACKEND_COUNT - 1);
-    view->rays = fuzz_int(b, 1, 40);
-    view->sensor_size = fuzz_int(b, 4, 16);
+    view->options.mode = (sbl_mode)fuzz_int(b, 0, SBL_MODE_COUNT - 1);
+    view->options.backend = (sbl_backend)fuzz_int(b, 0, SBL_BACKEND_COUNT - 1);
+    view->options.rays = fuzz_int(b, 1, 40);
+    view->options.sensor_size = fuzz_int(b, 4, 16);
     view->tile = fuzz_int(b, 1, 8);
     view->filter_radius = fuzz_int(b, -1, 3);
     view->samples = fuzz_int(b, 1, 3);
-    view->seed = fuzz_byte(b);
-    if ((view->seed & 3) == 3) {  /* the error decides; more than 1 and less than 0 are none */
-        view->rays = 0;
-        view->error = view->seed == 255 ? -1 : 0.02f * (float)(view->seed >> 2);
+    view->options.seed = fuzz_byte(b);
+    if ((view->options.seed & 3) == 3) {  /* the error decides; more than 1 and less than 0 are none */
+        view->options.rays = 0;
+        view->target_error = view->options.seed == 255 ? -1 : 0.02f * (float)(view->options.seed >> 2);
     }
     if (shape & 1) view->threshold = fuzz_float(b, 0, 1);
-    if (shape & 2) view->epsilon = fuzz_float(b, 0, 1);
+    if (shape & 2) view->options.epsilon = fuzz_float(b, 0, 1);
     if (shape & 4) view->facet_limit = fuzz_float(b, 0, 4);
     if (shape & 8) view->sensor_fov = fuzz_float(b, 1, 179);
     if (shape & 16) view->sensor_kind = (sbl_sensor_kind)fuzz_int(b, 0, SBL_SENSOR_KIND_COUNT - 1);
@@ -340,12 +340,12 @@ static void fuzz_picture(fuzz_bytes *b, fuzz_context *c, sbl_picture_desc *view)
         }
     }
     c->cancel_in = fuzz_cancel(b);
-    view->progress = fuzz_progress;
-    view->progress_user = c;
+    view->options.progress = fuzz_progress;
+    view->options.progress_user = c;
 }
 
 /* Its sites and readings are the caller's to free. */
-static void fuzz_gather(fuzz_bytes *b, fuzz_context *c, sbl_gather_desc *gather) {
+static void fuzz_gather(fuzz_bytes *b, fuzz_context *c, sbl_readings_desc *gather) {
     const unsigned shape = fuzz_byte(b);
     const int count = (int)(fuzz_byte(b) % (FUZZ_SITES + 1));
     sbl_site *sites = (sbl_site *)calloc((size_t)count + !count, sizeof *sites);
@@ -362,17 +362,17 @@ static void fuzz_gather(fuzz_bytes *b, fuzz_context *c, sbl_gather_desc *gather)
         if (shape & 1) fuzz_floats(b, sites[i].geometric_normal, 3, -1, 1);
         if (shape & 2) sites[i].offset = fuzz_float(b, -1, 1);
     }
-    gather->mode = (sbl_mode)fuzz_int(b, 0, SBL_MODE_COUNT - 1);
-    gather->backend = (sbl_backend)fuzz_int(b, 0, SBL_BACKEND_COUNT - 1);
-    gather->rays = fuzz_int(b, 0, 40);
-    gather->sensor_size = fuzz_int(b, 4, 16);
-    gather->seed = fuzz_byte(b);
-    if (shape & 4) gather->epsilon = fuzz_float(b, 0, 1);
+    gather->options.mode = (sbl_mode)fuzz_int(b, 0, SBL_MODE_COUNT - 1);
+    gather->options.backend = (sbl_backend)fuzz_int(b, 0, SBL_BACKEND_COUNT - 1);
+    gather->options.rays = fuzz_int(b, 0, 40);
+    gather->options.sensor_size = fuzz_int(b, 4, 16);
+    gather->options.seed = fuzz_byte(b);
+    if (shape & 4) gather->options.epsilon = fuzz_float(b, 0, 1);
     if (shape & 8) gather->sensor_fov = fuzz_float(b, 1, 179);
     if (shape & 16) gather->sensor_kind = (sbl_sensor_kind)fuzz_int(b, 0, SBL_SENSOR_KIND_COUNT - 1);
     c->cancel_in = fuzz_cancel(b);
-    gather->progress = fuzz_progress;
-    gather->progress_user = c;
+    gather->options.progress = fuzz_progress;
+    gather->options.progress_user = c;
 }
 
 /* >>bakes. Light at vertices and of probes is baked into floats that are the caller's to free. */
@@ -387,19 +387,19 @@ static void fuzz_lightmap(fuzz_bytes *b, fuzz_context *c, sbl_lightmap_desc *map
     map->directional = shape & 1 ? fuzz_int(b, 0, 1) : 0;
     map->supersample = shape & 2 ? fuzz_int(b, 1, 3) : 0;
     map->seams = shape & 4 ? -1 : 0;
-    map->mode = (sbl_mode)fuzz_int(b, 0, SBL_MODE_COUNT - 1);
-    map->backend = (sbl_backend)fuzz_int(b, 0, SBL_BACKEND_COUNT - 1);
-    map->rays = shape & 8 ? 0 : fuzz_int(b, 1, 40);
-    map->error = shape & 16 ? fuzz_float(b, 0, 1) : 0;
-    map->sensor_size = fuzz_int(b, 4, 16);
+    map->options.mode = (sbl_mode)fuzz_int(b, 0, SBL_MODE_COUNT - 1);
+    map->options.backend = (sbl_backend)fuzz_int(b, 0, SBL_BACKEND_COUNT - 1);
+    map->options.rays = shape & 8 ? 0 : fuzz_int(b, 1, 40);
+    map->target_error = shape & 16 ? fuzz_float(b, 0, 1) : 0;
+    map->options.sensor_size = fuzz_int(b, 4, 16);
     map->tile = fuzz_int(b, 1, 8);
     map->filter_radius = fuzz_int(b, -1, 3);
     if (shape & 32) map->threshold = fuzz_float(b, 0, 1);
-    if (shape & 64) map->epsilon = fuzz_float(b, 0, 1);
-    map->seed = fuzz_byte(b);
+    if (shape & 64) map->options.epsilon = fuzz_float(b, 0, 1);
+    map->options.seed = fuzz_byte(b);
     c->cancel_in = fuzz_cancel(b);
-    map->progress = fuzz_progress;
-    map->progress_user = c;
+    map->options.progress = fuzz_progress;
+    map->options.progress_user = c;
 }
 
 /* meshes: of which some are named. */
@@ -409,22 +409,22 @@ static void fuzz_vertices(fuzz_bytes *b, fuzz_context *c, int meshes[2], sbl_ver
     memset(light, 0, sizeof *light);
     for (i = 0; i < 2; i++) meshes[i] = fuzz_int(b, 0, FUZZ_MESHES - 1);
     if (shape & 1) { light->meshes = meshes; light->mesh_count = fuzz_int(b, 0, 2) % 3; }
-    light->count = shape & 2 ? fuzz_byte(b) % 128 : 3 * 12 * FUZZ_MESHES;
-    light->radiance = (float *)malloc(light->count * sizeof(float) + 1);
+    light->float_count = shape & 2 ? fuzz_byte(b) % 128 : 3 * 12 * FUZZ_MESHES;
+    light->radiance = (float *)malloc(light->float_count * sizeof(float) + 1);
     if (!light->radiance) abort();
     light->samples = fuzz_int(b, 0, 9);
     light->average = (int)(shape >> 2 & 1);
     light->smoothing = shape & 8 ? fuzz_float(b, -1, 1) : 0;
-    light->mode = (sbl_mode)fuzz_int(b, 0, SBL_MODE_COUNT - 1);
-    light->backend = (sbl_backend)fuzz_int(b, 0, SBL_BACKEND_COUNT - 1);
-    light->rays = fuzz_int(b, 0, 40);
-    light->sensor_size = fuzz_int(b, 4, 16);
-    if (shape & 16) light->epsilon = fuzz_float(b, 0, 1);
-    light->seed = fuzz_byte(b);
-    memset(light->radiance, 0, light->count * sizeof(float));
+    light->options.mode = (sbl_mode)fuzz_int(b, 0, SBL_MODE_COUNT - 1);
+    light->options.backend = (sbl_backend)fuzz_int(b, 0, SBL_BACKEND_COUNT - 1);
+    light->options.rays = fuzz_int(b, 0, 40);
+    light->options.sensor_size = fuzz_int(b, 4, 16);
+    if (shape & 16) light->options.epsilon = fuzz_float(b, 0, 1);
+    light->options.seed = fuzz_byte(b);
+    memset(light->radiance, 0, light->float_count * sizeof(float));
     c->cancel_in = fuzz_cancel(b);
-    light->progress = fuzz_progress;
-    light->progress_user = c;
+    light->options.progress = fuzz_progress;
+    light->options.progress_user = c;
 }
 
 static void fuzz_probes(fuzz_bytes *b, fuzz_context *c, float **positions, sbl_probes_desc *desc) {
@@ -436,25 +436,25 @@ static void fuzz_probes(fuzz_bytes *b, fuzz_context *c, float **positions, sbl_p
     if (!*positions || !desc->probes) abort();
     memset(desc->probes, 0, ((size_t)count + !count) * sizeof *desc->probes);
     fuzz_floats(b, *positions, 3 * count, -2, 2);
-    desc->count = count;
+    desc->probe_count = count;
     if (shape & 1) desc->positions = *positions;
     else {  /* a grid of as many, or a wrong one */
         desc->grid[0] = fuzz_int(b, 1, 1);
         desc->grid[1] = count ? count : 1;
         desc->grid[2] = 1;
-        if (!count && desc->grid[0] > 0) desc->count = -1;
+        if (!count && desc->grid[0] > 0) desc->probe_count = -1;
     }
     if (shape & 2) { fuzz_floats(b, desc->lowest, 3, -2, 0); fuzz_floats(b, desc->highest, 3, 0, 2); }
     if (shape & 4) desc->move = fuzz_float(b, 0, 1);
-    desc->mode = (sbl_mode)fuzz_int(b, 0, SBL_MODE_COUNT - 1);
-    desc->backend = (sbl_backend)fuzz_int(b, 0, SBL_BACKEND_COUNT - 1);
-    desc->rays = fuzz_int(b, 64, 100);
-    desc->sensor_size = fuzz_int(b, 4, 16);
-    if (shape & 8) desc->epsilon = fuzz_float(b, 0, 1);
-    desc->seed = fuzz_byte(b);
+    desc->options.mode = (sbl_mode)fuzz_int(b, 0, SBL_MODE_COUNT - 1);
+    desc->options.backend = (sbl_backend)fuzz_int(b, 0, SBL_BACKEND_COUNT - 1);
+    desc->options.rays = fuzz_int(b, 64, 100);
+    desc->options.sensor_size = fuzz_int(b, 4, 16);
+    if (shape & 8) desc->options.epsilon = fuzz_float(b, 0, 1);
+    desc->options.seed = fuzz_byte(b);
     c->cancel_in = fuzz_cancel(b);
-    desc->progress = fuzz_progress;
-    desc->progress_user = c;
+    desc->options.progress = fuzz_progress;
+    desc->options.progress_user = c;
 }
 
 /* >>contexts and calls */
@@ -593,15 +593,17 @@ static void fuzz_inspect(fuzz_context *c, int x, int y, size_t room) {
 static void fuzz_queries(fuzz_bytes *b, fuzz_context *c) {
     const int number = fuzz_int(b, 0, 40);
     sbl_picture_desc picture = sbl_picture_desc_defaults(NULL);
-    sbl_gather_desc gather = sbl_gather_desc_defaults(NULL);
+    sbl_readings_desc gather = sbl_readings_desc_defaults(NULL);
     sbl_stats stats = sbl_query_stats(c->sbl);
     sbl_memory memory = sbl_query_memory(c->sbl);
-    sbl_capabilities capabilities = sbl_query_capabilities(c->sbl);
+    const sbl_programs programs = sbl_query_programs(c->sbl);
     sbl_context_desc desc = sbl_query_desc(c->sbl);
-    float numbers[12], bounds[6], m[16];
+    const sbl_bounds bounds = sbl_query_bounds(c->sbl);
+    float numbers[12], m[16];
     unsigned char bytes[12];
     fuzz_floats(b, numbers, 12, -2, 2);
-    if (FUZZ_CALL(c, sbl_query_bounds(c->sbl, bounds, bounds + 3)) == SBL_SUCCESS) fuzz_numbers("bounds", bounds, 6);
+    fuzz_numbers("bounds", bounds.lowest, 3);
+    fuzz_numbers("bounds", bounds.highest, 3);
     if (sbl_look_at(m, numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5], numbers[6], numbers[7],
                     numbers[8])) fuzz_numbers("sbl_look_at", m, 16);
     if (sbl_perspective(m, 60 * numbers[9], numbers[10])) fuzz_numbers("sbl_perspective", m, 16);
@@ -609,8 +611,8 @@ static void fuzz_queries(fuzz_bytes *b, fuzz_context *c) {
     FUZZ_CHECK(sbl_progress(c->sbl) >= 0 && sbl_progress(c->sbl) <= 1, "sbl_progress");
     FUZZ_CHECK(sbl_result_string((sbl_result)number)[0] && sbl_log_item_string((sbl_log_item)number)[0], "no words");
     FUZZ_CHECK(memory.host_bytes <= memory.host_peak_bytes && memory.gpu_bytes <= memory.gpu_peak_bytes, "peaks");
-    FUZZ_CHECK(picture.width && gather.rays && desc.atlas_size && stats.sensors >= 0, "defaults");
-    FUZZ_CHECK(!c->sbl || capabilities.programs <= 64, "%d programs", capabilities.programs);
+    FUZZ_CHECK(picture.width && gather.options.rays && desc.sensor_texture_size && stats.sensors.count >= 0, "defaults");
+    FUZZ_CHECK(!c->sbl || programs.count <= 64, "%d programs", programs.count);
 }
 
 static double fuzz_seconds(fuzz_bytes *b) {
@@ -629,7 +631,7 @@ static void fuzz_render(fuzz_bytes *b, fuzz_context *c, int whole) {
     sbl_result result;
     int channel;
     fuzz_picture(b, c, &view);
-    result = FUZZ_CALL(c, whole ? sbl_render(c->sbl, &view) : sbl_begin(c->sbl, &view));
+    result = FUZZ_CALL(c, whole ? sbl_render_picture(c->sbl, &view) : sbl_begin_picture(c->sbl, &view));
     if (result == SBL_ERROR_INVALID_ARGUMENT || result == SBL_ERROR_STATE || result == SBL_ERROR_UNSUPPORTED) return;
     fuzz_gather_gone(c, 0);
     c->width = view.width;
@@ -637,15 +639,15 @@ static void fuzz_render(fuzz_bytes *b, fuzz_context *c, int whole) {
     if (!whole || result != SBL_SUCCESS) return;
     fuzz_counts.pictures++;
     for (channel = 0; channel < SBL_CHANNEL_COUNT; channel++) fuzz_read(c, channel, SIZE_MAX);
-    fuzz_inspect(c, (int)view.seed % view.width, (int)view.seed / view.width % view.height, SIZE_MAX);
+    fuzz_inspect(c, (int)view.options.seed % view.width, (int)view.options.seed / view.width % view.height, SIZE_MAX);
 }
 
 static void fuzz_gathering(fuzz_bytes *b, fuzz_context *c, int whole) {
     fuzz_context before = *c;
-    sbl_gather_desc gather;
+    sbl_readings_desc gather;
     sbl_result result;
     fuzz_gather(b, c, &gather);
-    result = FUZZ_CALL(c, sbl_begin_gather(c->sbl, &gather));
+    result = FUZZ_CALL(c, sbl_begin_readings(c->sbl, &gather));
     if (result == SBL_SUCCESS) {
         fuzz_gather_gone(c, 0);
         c->sites = (sbl_site *)(size_t)gather.sites;
@@ -673,9 +675,9 @@ static void fuzz_bake_lightmap(fuzz_bytes *b, fuzz_context *c, int whole) {
     fuzz_counts.bakes++;
     for (channel = 0; channel < SBL_CHANNEL_COUNT; channel++) {
         fuzz_read(c, channel, SIZE_MAX);
-        if (map.seed & 1) sbl_channel_texture(c->sbl, (sbl_channel)channel);
+        if (map.options.seed & 1) sbl_channel_texture(c->sbl, (sbl_channel)channel);
     }
-    fuzz_inspect(c, (int)map.seed % map.width, (int)map.seed / map.width % map.height, SIZE_MAX);
+    fuzz_inspect(c, (int)map.options.seed % map.width, (int)map.options.seed / map.width % map.height, SIZE_MAX);
 }
 
 /* Of vertices, or of probes. */
@@ -692,12 +694,12 @@ static void fuzz_bake(fuzz_bytes *b, fuzz_context *c, int whole) {
     if (of_probes) {
         fuzz_probes(b, c, &positions, &probes);
         out = (float *)probes.probes;
-        count = probes.count > 0 ? sizeof *probes.probes / 4 * (size_t)probes.count : 0;
+        count = probes.probe_count > 0 ? sizeof *probes.probes / 4 * (size_t)probes.probe_count : 0;
         result = FUZZ_CALL(c, sbl_begin_probes(c->sbl, &probes));
     } else {
         fuzz_vertices(b, c, meshes, &light);
         out = light.radiance;
-        count = light.count;
+        count = light.float_count;
         result = FUZZ_CALL(c, sbl_begin_vertices(c->sbl, &light));
     }
     free(meshes);  /* they are read when it begins */
@@ -731,7 +733,7 @@ static void fuzz_second(fuzz_bytes *b, fuzz_context *c) {
     if (shape & 4) fuzz_refuse(b, c);
     desc.disabled = shape >> 3 & SBL_CAPABILITY_ALL;
     desc.batch = shape & 32 ? fuzz_int(b, 0, 9) : 0;
-    desc.atlas_size = shape & 64 ? fuzz_int(b, 256, 300) : 0;
+    desc.sensor_texture_size = shape & 64 ? fuzz_int(b, 256, 300) : 0;
     desc.longest_submission = shape & 128 ? fuzz_float(b, 0, 1) : 0;
     fuzz_make(c, &desc);
 }
@@ -787,11 +789,11 @@ static sbl_result fuzz_known(fuzz_context *c, float picture[3 * 16]) {
     sbl_result result = fuzz_known_scene(c->sbl);
     memset(&empty, 0, sizeof empty);
     memset(&view, 0, sizeof view);
-    view.width = view.height = view.rays = 4;
+    view.width = view.height = view.options.rays = 4;
     view.tile = 2;
     view.samples = 1;
-    view.mode = SBL_MODE_GI;
-    if (result == SBL_SUCCESS) result = sbl_render(c->sbl, &view);
+    view.options.mode = SBL_MODE_GI;
+    if (result == SBL_SUCCESS) result = sbl_render_picture(c->sbl, &view);
     if (result == SBL_SUCCESS) result = sbl_read_channel(c->sbl, SBL_CHANNEL_FINAL, picture, 3 * 16);
     if (result == SBL_SUCCESS) result = sbl_set_scene(c->sbl, &empty);
     sbl_end(c->sbl);

@@ -16,7 +16,7 @@ int main() {
     sbl_picture_desc desc = sbl_picture_desc_defaults(NULL);  // a struct returned by value, made in the other language
     desc.width = 7;
     if (sbl_picture_desc_defaults(&desc).width != 7) return printf("a struct got lost between C and C++\n"), 1;
-    if (sbl_render(NULL, &desc) != SBL_ERROR_INVALID_ARGUMENT) return printf("sbl_render takes a NULL context\n"), 1;
+    if (sbl_render_picture(NULL, &desc) != SBL_ERROR_INVALID_ARGUMENT) return printf("sbl_render takes a NULL context\n"), 1;
     printf("%s\n", version);
     return 0;
 }

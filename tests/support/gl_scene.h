@@ -32,11 +32,11 @@ static sbl_mode small_mode = SBL_MODE_AMBIENT;
 static inline sbl_picture_desc small_view(void) {
     sbl_picture_desc view = scene_view(SMALL_WIDTH, SMALL_HEIGHT, 50, 1.5f, 1.7f, 2.4f, 0, 0.3f, 0);
     view.tile = 4;
-    view.sensor_size = 8;
+    view.options.sensor_size = 8;
     view.samples = 2;
-    view.mode = small_mode;
-    view.backend = small_backend;
-    view.rays = 20;  /* more than one shader invocation takes */
+    view.options.mode = small_mode;
+    view.options.backend = small_backend;
+    view.options.rays = 20;  /* more than one shader invocation takes */
     return view;
 }
 
@@ -57,7 +57,7 @@ static inline sbl_result small_read(sbl_context *context, small_picture *out) {
 }
 
 static inline sbl_result small_render(sbl_context *context, const sbl_picture_desc *view, small_picture *out) {
-    sbl_result result = sbl_render(context, view);
+    sbl_result result = sbl_render_picture(context, view);
     return result == SBL_SUCCESS ? small_read(context, out) : result;
 }
 

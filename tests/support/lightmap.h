@@ -18,7 +18,7 @@ static sbl_lightmap_desc map_of(int width, int height, sbl_mode mode) {
     memset(&desc, 0, sizeof desc);
     desc.width = width;
     desc.height = height;
-    desc.mode = mode;
+    desc.options.mode = mode;
     return desc;
 }
 
@@ -36,7 +36,7 @@ static float *bake_stored(const test_scene *s, const sbl_lightmap_desc *desc, in
     sbl_scene_desc scene = scene_desc(s);
     sbl_result result;
     if (!use_scene(s)) { CHECK(0, "no context: %s", watch_last(&seen)); return NULL; }
-    scene.bounce_samples = bounce_samples;
+    scene.max_bounce_cells = bounce_samples;
     CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
     result = sbl_bake_lightmap(context, desc);
     CHECK(result == SBL_SUCCESS, "%s: %s", sbl_result_string(result), watch_last(&seen));

@@ -45,7 +45,7 @@ static inline void scene_free(test_scene *s) {
 static inline sbl_scene_desc scene_desc(const test_scene *s) {
     sbl_scene_desc desc;
     memset(&desc, 0, sizeof desc);
-    desc.bounce_samples = 1024;
+    desc.max_bounce_cells = 1024;
     desc.meshes = s->meshes;
     desc.mesh_count = s->mesh_count;
     desc.materials = s->materials;
@@ -257,11 +257,19 @@ static inline void scene_cornell_box(test_scene *s) {
 
 /* >>pictures */
 
+/* The scene's bounds. Returns 1. */
+static inline int scene_bounds(const sbl_context *context, float lowest[3], float highest[3]) {
+    const sbl_bounds bounds = sbl_query_bounds(context);
+    memcpy(lowest, bounds.lowest, sizeof bounds.lowest);
+    memcpy(highest, bounds.highest, sizeof bounds.highest);
+    return 1;
+}
+
 /* In SBL_MODE_AMBIENT, which is quicker than the default; its epsilon is what closed forms expect. */
 static inline sbl_picture_desc scene_view(int width, int height, float fov, float ex, float ey, float ez, float ax, float ay, float az) {
     sbl_picture_desc view;
     memset(&view, 0, sizeof view);
-    view.mode = SBL_MODE_AMBIENT;
+    view.options.mode = SBL_MODE_AMBIENT;
     view.width = width;
     view.height = height;
     if (!sbl_look_at(view.world_to_view, ex, ey, ez, ax, ay, az, 0, 1, 0)) sbl_look_at(view.world_to_view, ex, ey, ez, ax, ay, az, 0, 0, -1);
@@ -275,20 +283,20 @@ static inline sbl_picture_desc scene_cornell_view(int width, int height) {
 
 /* A sensor at every pixel, no filter: what is measured is the gathering alone. */
 static inline sbl_picture_desc scene_plain(sbl_picture_desc view, sbl_mode mode, int sensor_size) {
-    view.mode = mode;
+    view.options.mode = mode;
     view.tile = 1;
     view.filter_radius = -1;
     view.samples = 1;
-    view.sensor_size = sensor_size;
-    view.rays = 256;
-    if (sensor_size) view.backend = SBL_BACKEND_RASTER;
+    view.options.sensor_size = sensor_size;
+    view.options.rays = 256;
+    if (sensor_size) view.options.backend = SBL_BACKEND_RASTER;
     return view;
 }
 
 static inline int scene_render(sbl_context *context, const test_scene *s, const sbl_picture_desc *view) {
     sbl_scene_desc desc = scene_desc(s);
     sbl_result result = sbl_set_scene(context, &desc);
-    if (result == SBL_SUCCESS) result = sbl_render(context, view);
+    if (result == SBL_SUCCESS) result = sbl_render_picture(context, view);
     CHECK(result == SBL_SUCCESS, "the picture failed: %s", sbl_result_string(result));
     return result == SBL_SUCCESS;
 }
