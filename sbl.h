@@ -3064,31 +3064,52 @@ static void sbl__pace_end(const sbl__device *d, sbl__pace *p, double units) {
 }
 
 /* >>device: stages. Work that takes long is a list of stages, each done in pieces that fit into a slice. A table has one
-   row for each stage, in their order; row 0 stands for work that has not begun, and the stage behind the last row for
-   work that is done. To add a stage, add a row and, if other stages refer to it, its name in the room's enum. */
+   row for each stage, in their order; the stage behind the last row stands for work that is done. Where a room must know
+   whether work has begun, row 0 is empty and stands for work that has not. A stage is either one function that does
+   pieces until it says that they were all, or a loop of `count` turns that each do a little. To add a stage, add a row
+   and, if other stages refer to it, its name in the room's enum. */
 typedef struct sbl__stage_row {
     sbl_result (*piece)(void *work, sbl__slice *slice);  /* does one piece; SBL_UNFINISHED: the stage needs more pieces;
-                                                            NULL: the stage has no work of its own */
+                                                            of a loop: what it needs each time before it goes on */
     int (*next)(void *work);                             /* returns the stage that follows; NULL: the next row */
+    sbl_result (*turn)(void *work, int at);              /* does turn number `at` of the loop */
+    int (*count)(void *work);                            /* how many turns there are; it may change with each of them */
 } sbl__stage_row;
 
 /* Where staged work stands. */
 typedef struct sbl__stages {
-    int stage;  /* row of the table; 0: not begun */
-    int at;     /* counter of the stage for its own use, 0 when the stage begins */
+    int stage;  /* row of the table */
+    int at;     /* next turn of a loop, or a counter for a piece's own use; 0 when the stage begins */
 } sbl__stages;
 
-/* Does one piece of the present stage. Returns SBL_SUCCESS when the last stage is done, and from then on. */
+/* Does one piece of the present stage: of a loop, the turns that there is time for. Returns SBL_SUCCESS when the last
+   stage is done, and from then on. */
 static sbl_result sbl__stages_step(sbl__stages *s, const sbl__stage_row *table, int row_count, void *work,
                                    sbl__slice *slice) {
     if (s->stage < row_count) {
         const sbl__stage_row *row = &table[s->stage];
-        const sbl_result result = row->piece ? row->piece(work, slice) : SBL_SUCCESS;
+        sbl_result result = row->piece ? row->piece(work, slice) : SBL_SUCCESS;
+        for (; row->turn && s->at < row->count(work) && result == SBL_SUCCESS; s->at++) {
+            if (sbl__late(slice)) return SBL_UNFINISHED;
+            result = row->turn(work, s->at);
+        }
         if (result != SBL_SUCCESS) return result;
         s->stage = row->next ? row->next(work) : s->stage + 1;
         s->at = 0;
     }
     return s->stage < row_count ? SBL_UNFINISHED : SBL_SUCCESS;
+}
+
+/* Does stage after stage, for many small ones: until one of them needs more time than the slice has. */
+static sbl_result sbl__stages_run(sbl__stages *s, const sbl__stage_row *table, int row_count, void *work,
+                                  sbl__slice *slice) {
+    sbl_result result;
+    int stage;
+    do {
+        stage = s->stage;
+        result = sbl__stages_step(s, table, row_count, work, slice);
+    } while (result == SBL_UNFINISHED && s->stage != stage);
+    return result;
 }
 
 /* >>device: its life */
@@ -4578,7 +4599,7 @@ static const char *const sbl__glsl_sky[] = {
 #define SBL__BVH_DROPPED 0xffffffffu  /* in the order: nothing stands here */
 #define SBL__BVH_GRID_STEPS 512  /* boxes of fewer steps in all directions ... */
 #define SBL__BVH_GRID_LEAST 32   /* and of as many triangles get a grid of their own */
-#define SBL__BVH_CHUNK 2048      /* triangles between looks at the clock */
+#define SBL__BVH_CHUNK 32        /* triangles of a turn: what a turn costs besides must not count */
 #define SBL__UPLOAD_CHUNK 65536  /* bytes */
 
 /* A child: lowest x | highest x << 16, likewise y, z, in steps of the grid; a node's number, or
@@ -4634,14 +4655,9 @@ typedef struct sbl__grid { float origin[3], per_length[3]; int place; /* among t
    will name them. */
 typedef struct sbl__bvh_task { int first, count, depth, parent, side; sbl__grid grid; sbl__box box; } sbl__bvh_task;
 
-typedef enum sbl__bvh_split_stage {
-    SBL__SPLIT_MEASURE, SBL__SPLIT_COUNT, SBL__SPLIT_PART, SBL__SPLIT_DONE
-} sbl__bvh_split_stage;
-
 /* A task's triangles being split in two by place. */
 typedef struct sbl__bvh_split {
-    int at, left, axis, bin;     /* the triangle that is next; how many came first; where the cut is; axis < 0: none */
-    sbl__bvh_split_stage stage;
+    int left, axis, bin;         /* triangles that came first so far; where the cut is; axis < 0: there is none */
     float scale[3];
     sbl__box centroids, bins[3][SBL__BVH_BINS], halves[2];
     int counts[3][SBL__BVH_BINS];
@@ -4651,21 +4667,23 @@ typedef struct sbl__bvh_split {
 typedef struct sbl__bvh_work { double sum; float area; int parent; } sbl__bvh_work;
 
 typedef enum sbl__bvh_stage {
-    SBL__BVH_BOXES, SBL__BVH_SPLITS, SBL__BVH_COSTS, SBL__BVH_TRIANGLES, SBL__BVH_NODES
+    SBL__BVH_BOXES, SBL__BVH_TASK, SBL__BVH_MEASURE, SBL__BVH_COUNT, SBL__BVH_PART, SBL__BVH_NODE, SBL__BVH_COSTS
 } sbl__bvh_stage;
 
 typedef struct sbl__bvh {        /* while it is built */
-    sbl__bvh_stage stage;
-    int at;                      /* what of the stage is next */
+    sbl__stages stages;
+    const sbl__device *device;
+    const sbl__geometry *geometry;
+    struct sbl__hierarchy *hierarchy;
     sbl__node *nodes;
     uint32_t *order;             /* triangle numbers, leaf after leaf */
     sbl__box *boxes;             /* of the triangles */
     sbl__bvh_work *work;
     sbl__box all;
     sbl__bvh_task stack[2 * SBL__STACK];
+    sbl__bvh_task task;          /* the one that is under way */
     int top;
     sbl__bvh_split split;
-    int splitting;               /* the task at the top is */
 } sbl__bvh;
 
 typedef struct sbl__hierarchy {
@@ -4699,36 +4717,74 @@ static void sbl__hierarchy_free(const sbl__device *d, sbl__hierarchy *h) {
 
 /* >>bvh: splitting */
 
-static void sbl__split_begin(sbl__bvh_split *s, const sbl__bvh_task *t) {
-    s->stage = SBL__SPLIT_MEASURE;
-    s->at = t->first;
-    s->left = 0;
-    s->axis = -1;
-    sbl__box_clear(&s->centroids);
-    sbl__box_clear(&s->halves[0]);
-    sbl__box_clear(&s->halves[1]);
-}
-
 static int sbl__split_bin(const sbl__bvh_split *s, const sbl__box *b, int axis) {
     return (int)((b->low[axis] + b->high[axis] - s->centroids.low[axis]) * s->scale[axis]);
 }
 
+/* Chunks of triangles that the task under way has. */
+static int sbl__bvh_chunks(void *work) {
+    return (((sbl__bvh *)work)->task.count + SBL__BVH_CHUNK - 1) / SBL__BVH_CHUNK;
+}
+
+/* The triangles of a chunk: from returned to *end - 1 of the order. */
+static int sbl__bvh_chunk(const sbl__bvh *b, int chunk, int *end) {
+    const int first = b->task.first + chunk * SBL__BVH_CHUNK;
+    *end = SBL__MIN(first + SBL__BVH_CHUNK, b->task.first + b->task.count);
+    return first;
+}
+
+/* Finds the bounds of the centroids. */
+static sbl_result sbl__split_measure(void *work, int chunk) {
+    sbl__bvh *b = (sbl__bvh *)work;
+    int end, i = sbl__bvh_chunk(b, chunk, &end), k;
+    for (; i < end; i++) {
+        const sbl__box *box = &b->boxes[b->order[i]];
+        float centroid[3];
+        for (k = 0; k < 3; k++) centroid[k] = box->low[k] + box->high[k];
+        sbl__box_add_point(&b->split.centroids, centroid);
+    }
+    return SBL_SUCCESS;
+}
+
 /* Where bins start and how wide they are, once the centroids are known. */
-static void sbl__split_bins(sbl__bvh_split *s, const sbl__bvh_task *t) {
+static int sbl__split_bins(void *work) {
+    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_split *s = &b->split;
     int axis, k;
     for (axis = 0; axis < 3; axis++) {
         const float size = s->centroids.high[axis] - s->centroids.low[axis];
         s->scale[axis] = size > 0 ? (float)SBL__BVH_BINS * 0.99999f / size : 0;
-        if (!sbl__finite(&s->scale[axis]) || t->depth >= SBL__BVH_SAH_DEPTH) s->scale[axis] = 0;
+        if (!sbl__finite(&s->scale[axis]) || b->task.depth >= SBL__BVH_SAH_DEPTH) s->scale[axis] = 0;
         for (k = 0; k < SBL__BVH_BINS; k++) {
             sbl__box_clear(&s->bins[axis][k]);
             s->counts[axis][k] = 0;
         }
     }
+    return SBL__BVH_COUNT;
+}
+
+/* Puts triangles into bins. */
+static sbl_result sbl__split_count(void *work, int chunk) {
+    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_split *s = &b->split;
+    int end, i = sbl__bvh_chunk(b, chunk, &end), axis;
+    for (; i < end; i++) {
+        const sbl__box *box = &b->boxes[b->order[i]];
+        for (axis = 0; axis < 3; axis++) {
+            int bin;
+            if (s->scale[axis] <= 0) continue;
+            bin = sbl__split_bin(s, box, axis);
+            sbl__box_add(&s->bins[axis][bin], box);
+            s->counts[axis][bin]++;
+        }
+    }
+    return SBL_SUCCESS;
 }
 
 /* The cut that costs least, of all between bins. */
-static void sbl__split_choose(sbl__bvh_split *s, int count) {
+static int sbl__split_choose(void *work) {
+    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_split *s = &b->split;
     float best = FLT_MAX, areas[SBL__BVH_BINS], cost;
     int axis, k, n;
     sbl__box sweep;
@@ -4744,54 +4800,26 @@ static void sbl__split_choose(sbl__bvh_split *s, int count) {
         for (k = 0, n = 0; k < SBL__BVH_BINS - 1; k++) {
             sbl__box_add(&sweep, &s->bins[axis][k]);
             n += s->counts[axis][k];
-            if (n == 0 || n == count) continue;
+            if (n == 0 || n == b->task.count) continue;
             cost = sbl__box_area(&sweep) * (float)n + areas[k + 1];
             if (cost < best) { best = cost; s->axis = axis; s->bin = k; }
         }
     }
+    return s->axis >= 0 ? SBL__BVH_PART : SBL__BVH_NODE;
 }
 
-/* One triangle of the stage under way. */
-static void sbl__split_triangle(sbl__bvh_split *s, uint32_t *order, const sbl__box *boxes, int first, int i) {
-    const sbl__box *b = &boxes[order[i]];
-    float centroid[3];
-    int axis, k, bin;
-    if (s->stage == SBL__SPLIT_MEASURE) {
-        for (k = 0; k < 3; k++) centroid[k] = b->low[k] + b->high[k];
-        sbl__box_add_point(&s->centroids, centroid);
-    } else if (s->stage == SBL__SPLIT_COUNT) {
-        for (axis = 0; axis < 3; axis++) {
-            if (s->scale[axis] <= 0) continue;
-            bin = sbl__split_bin(s, b, axis);
-            sbl__box_add(&s->bins[axis][bin], b);
-            s->counts[axis][bin]++;
-        }
-    } else {
-        bin = sbl__split_bin(s, b, s->axis);
-        sbl__box_add(&s->halves[bin > s->bin], b);
-        if (bin <= s->bin) {
-            uint32_t swap = order[first + s->left];
-            order[first + s->left++] = order[i];
-            order[i] = swap;
-        }
-    }
-}
-
-/* Goes on splitting; SBL_UNFINISHED where the slice is over. s->left is 0 where it cannot be done. */
-static sbl_result sbl__split_step(sbl__bvh_split *s, const sbl__bvh_task *t, sbl__bvh *b, const sbl__slice *slice) {
-    const int end = t->first + t->count;
-    while (s->stage != SBL__SPLIT_DONE) {
-        const int stop = SBL__MIN(end, s->at + SBL__BVH_CHUNK);
-        for (; s->at < stop; s->at++) sbl__split_triangle(s, b->order, b->boxes, t->first, s->at);
-        if (s->at == end) {
-            if (s->stage == SBL__SPLIT_MEASURE) sbl__split_bins(s, t);
-            if (s->stage == SBL__SPLIT_COUNT) sbl__split_choose(s, t->count);
-            s->stage = s->stage == SBL__SPLIT_MEASURE               ? SBL__SPLIT_COUNT
-                     : s->stage == SBL__SPLIT_COUNT && s->axis >= 0 ? SBL__SPLIT_PART
-                                                                    : SBL__SPLIT_DONE;
-            s->at = t->first;
-        }
-        if (t->count > SBL__BVH_CHUNK && sbl__now() >= slice->end && s->stage != SBL__SPLIT_DONE) return SBL_UNFINISHED;
+/* Brings the triangles of the first half to the front. */
+static sbl_result sbl__split_part(void *work, int chunk) {
+    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_split *s = &b->split;
+    int end, i = sbl__bvh_chunk(b, chunk, &end);
+    for (; i < end; i++) {
+        const uint32_t number = b->order[i];
+        const int second = sbl__split_bin(s, &b->boxes[number], s->axis) > s->bin;
+        sbl__box_add(&s->halves[second], &b->boxes[number]);
+        if (second) continue;
+        b->order[i] = b->order[b->task.first + s->left];
+        b->order[b->task.first + s->left++] = number;
     }
     return SBL_SUCCESS;
 }
@@ -4840,8 +4868,10 @@ static int sbl__bvh_corner_order(const void *first, const void *second) {
 
 /* Of triangles that lie exactly on each other only the first can be seen: a thousand copies must not cost a thousand
    tests. Shortens the task. */
-static sbl_result sbl__bvh_drop_copies(sbl__base *base, const sbl__geometry *g, uint32_t *order, sbl__bvh_task *t) {
-    sbl__bvh_corners *corners = (sbl__bvh_corners *)sbl__alloc(base, (size_t)t->count, sizeof *corners);
+static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
+    const sbl__geometry *g = b->geometry;
+    uint32_t *order = b->order;
+    sbl__bvh_corners *corners = (sbl__bvh_corners *)sbl__alloc(b->device->base, (size_t)t->count, sizeof *corners);
     int i, k, kept = 0, last = 0;
     if (!corners) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < t->count; i++) {
@@ -4859,7 +4889,7 @@ static sbl_result sbl__bvh_drop_copies(sbl__base *base, const sbl__geometry *g, 
     }
     for (i = kept; i < t->count; i++) order[t->first + i] = SBL__BVH_DROPPED;
     t->count = kept;
-    sbl__free(base, corners);
+    sbl__free(b->device->base, corners);
     return SBL_SUCCESS;
 }
 
@@ -4868,10 +4898,15 @@ static uint32_t *sbl__bvh_child(sbl__bvh *b, int node, int side) {
 }
 
 /* Takes up a task: names its node to its parent, in a finer grid where it is small for the present one. */
-static void sbl__bvh_begin_task(sbl__hierarchy *h, sbl__bvh_task *t) {
-    sbl__bvh *b = h->building;
-    uint32_t *child = sbl__bvh_child(b, t->parent, t->side) + 3;
+static sbl_result sbl__bvh_begin_task(void *work, sbl__slice *slice) {
+    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__hierarchy *h = b->hierarchy;
+    sbl__bvh_task *t = &b->task;
+    uint32_t *child;
     int k, fine = 1;
+    (void)slice;
+    *t = b->stack[--b->top];
+    child = sbl__bvh_child(b, t->parent, t->side) + 3;
     for (k = 0; k < 3; k++) fine &= (t->box.high[k] - t->box.low[k]) * t->grid.per_length[k] < SBL__BVH_GRID_STEPS;
     *child = (uint32_t)h->node_count;
     if (fine && t->count >= SBL__BVH_GRID_LEAST && t->depth < SBL__BVH_SAH_DEPTH) {
@@ -4879,17 +4914,25 @@ static void sbl__bvh_begin_task(sbl__hierarchy *h, sbl__bvh_task *t) {
         *child |= SBL__ENTER;
         t->grid = sbl__bvh_add_grid(h, &t->box, t->grid.place);
     }
-    sbl__split_begin(&b->split, t);
+    memset(&b->work[h->node_count], 0, sizeof *b->work);
+    b->split.left = 0;
+    b->split.axis = -1;
+    sbl__box_clear(&b->split.centroids);
+    sbl__box_clear(&b->split.halves[0]);
+    sbl__box_clear(&b->split.halves[1]);
+    return SBL_SUCCESS;
 }
 
-/* Writes the node of a task that has been split, and leaves its halves as leaves or tasks. */
-static sbl_result sbl__bvh_end_task(sbl__base *base, const sbl__geometry *g, sbl__hierarchy *h, sbl__bvh_task *t) {
-    sbl__bvh *b = h->building;
+/* Writes the node of the task, which has been split, and leaves its halves as leaves or tasks. */
+static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
+    sbl__bvh *b = (sbl__bvh *)work;
     sbl__bvh_split *s = &b->split;
-    const int node = h->node_count;
+    sbl__bvh_task *t = &b->task;
+    const int node = b->hierarchy->node_count++;
     int side, i;
+    (void)slice;
     if (!s->left) {  /* all at one place, or too deep: halves by number; of one triangle one is empty, never entered */
-        const sbl_result result = sbl__bvh_drop_copies(base, g, b->order, t);
+        const sbl_result result = sbl__bvh_drop_copies(b, t);
         if (result != SBL_SUCCESS) return result;
         s->left = t->count / 2;
         for (i = 0; i < t->count; i++) sbl__box_add(&s->halves[i >= s->left], &b->boxes[b->order[t->first + i]]);
@@ -4905,18 +4948,19 @@ static sbl_result sbl__bvh_end_task(sbl__base *base, const sbl__geometry *g, sbl
             child[3] = SBL__LEAF | (uint32_t)(SBL__MAX(1, count) - 1) << 28 | (uint32_t)first;
         else {
             sbl__bvh_task *task = &b->stack[b->top++];
+            *task = *t;
             task->first = first;
             task->count = count;
-            task->depth = t->depth + 1;
+            task->depth++;
             task->parent = node;
             task->side = side;
-            task->grid = t->grid;
             task->box = s->halves[side];
         }
     }
-    h->node_count++;
     return SBL_SUCCESS;
 }
+
+static int sbl__bvh_after_task(void *work) { return ((sbl__bvh *)work)->top ? SBL__BVH_TASK : SBL__BVH_COSTS; }
 
 /* >>bvh: its stages */
 
@@ -4925,6 +4969,9 @@ static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, s
     sbl__bvh *b = (sbl__bvh *)sbl__alloc(d->base, 1, sizeof *b);
     if (!b) return SBL_ERROR_OUT_OF_MEMORY;
     h->building = b;
+    b->device = d;
+    b->geometry = g;
+    b->hierarchy = h;
     h->node_count = h->triangle_count = 0;
     h->cost = h->seconds = 0;
     memset(h->grid_origin, 0, sizeof h->grid_origin);
@@ -4937,155 +4984,126 @@ static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, s
     return b->nodes && b->order && b->boxes && b->work ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Boxes of the triangles that sensors see; then the first task. */
-static sbl_result sbl__bvh_boxes(const sbl__geometry *g, sbl__hierarchy *h, sbl__slice *slice) {
-    sbl__bvh *b = h->building;
-    sbl__bvh_task *task = &b->stack[0];
+static int sbl__bvh_all_triangles(void *work) { return ((sbl__bvh *)work)->geometry->triangle_count; }
+
+/* The box of a triangle, if sensors see it. */
+static sbl_result sbl__bvh_box(void *work, int at) {
+    sbl__bvh *b = (sbl__bvh *)work;
+    const uint32_t i = (uint32_t)at;
     int corner;
-    for (; b->at < g->triangle_count; b->at++) {
-        const uint32_t i = (uint32_t)b->at;
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        if (sbl__object_of(g, i)->flags & SBL_MATERIAL_HIDDEN_FROM_SENSORS) continue;
-        b->order[h->triangle_count++] = i;
-        sbl__box_clear(&b->boxes[i]);
-        for (corner = 0; corner < 3; corner++) sbl__box_add_point(&b->boxes[i], sbl__corner_of(g, i, corner));
-        sbl__box_add(&b->all, &b->boxes[i]);
-    }
-    if (!h->triangle_count) return SBL_SUCCESS;  /* sensors see nothing at all */
+    if (sbl__object_of(b->geometry, i)->flags & SBL_MATERIAL_HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
+    b->order[b->hierarchy->triangle_count++] = i;
+    sbl__box_clear(&b->boxes[i]);
+    for (corner = 0; corner < 3; corner++) sbl__box_add_point(&b->boxes[i], sbl__corner_of(b->geometry, i, corner));
+    sbl__box_add(&b->all, &b->boxes[i]);
+    return SBL_SUCCESS;
+}
+
+/* The first task, where sensors see anything at all. */
+static int sbl__bvh_after_boxes(void *work) {
+    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__hierarchy *h = b->hierarchy;
+    sbl__bvh_task *task = &b->stack[0];
+    if (!h->triangle_count) return SBL__BVH_COSTS;
     task->count = h->triangle_count;
     task->box = b->all;
     task->grid = sbl__bvh_add_grid(h, &b->all, 0);  /* number 0; it names the root as child_0 would */
     memcpy(h->grid_origin, task->grid.origin, 12);
     memcpy(h->grid_per_length, task->grid.per_length, 12);
     b->top = 1;
-    return SBL_SUCCESS;
+    return SBL__BVH_TASK;
 }
 
-static sbl_result sbl__bvh_splits(sbl__base *base, const sbl__geometry *g, sbl__hierarchy *h, sbl__slice *slice) {
-    sbl__bvh *b = h->building;
-    while (b->top) {
-        sbl__bvh_task t;
-        sbl_result result;
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        if (!b->splitting) {
-            sbl__bvh_begin_task(h, &b->stack[b->top - 1]);
-            memset(&b->work[h->node_count], 0, sizeof *b->work);
-            b->splitting = 1;
-        }
-        result = sbl__split_step(&b->split, &b->stack[b->top - 1], b, slice);
-        if (result != SBL_SUCCESS) return result;
-        t = b->stack[--b->top];
-        b->splitting = 0;
-        result = sbl__bvh_end_task(base, g, h, &t);
-        if (result != SBL_SUCCESS) return result;
-    }
-    return SBL_SUCCESS;
-}
+static int sbl__bvh_inner_nodes(void *work) { return ((sbl__bvh *)work)->hierarchy->node_count - 1; }
 
 /* Children come after their parents: what rays meet below a node is added up on the way back. */
-static sbl_result sbl__bvh_costs(sbl__hierarchy *h, sbl__slice *slice) {
-    sbl__bvh *b = h->building;
-    for (; b->at < h->node_count - 1; b->at++) {
-        const int i = h->node_count - 1 - b->at;
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        b->work[b->work[i].parent].sum += b->work[i].sum;
-        if (b->work[i].area > 0) h->cost = SBL__MAX(h->cost, b->work[i].sum / b->work[i].area);
-    }
+static sbl_result sbl__bvh_cost(void *work, int at) {
+    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__hierarchy *h = b->hierarchy;
+    const sbl__bvh_work *node = &b->work[h->node_count - 1 - at];
+    b->work[node->parent].sum += node->sum;
+    if (node->area > 0) h->cost = SBL__MAX(h->cost, node->sum / node->area);
     return SBL_SUCCESS;
 }
 
-/* The triangles' records to the GPU, in the leaves' order. */
-static sbl_result sbl__bvh_triangles(const sbl__device *d, const sbl__geometry *g, sbl__hierarchy *h,
-                                     const sbl__slice *slice) {
-    enum { MOST = SBL__UPLOAD_CHUNK / sizeof(sbl__triangle) };
-    sbl__bvh *b = h->building;
-    sbl__triangle *records = (sbl__triangle *)sbl__alloc(d->base, MOST, sizeof *records);
-    sbl_result result = records ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
-    if (result == SBL_SUCCESS && !b->at)
-        result = sbl__buffer_make(d, &h->triangle_table.buffer, sizeof *records * (size_t)h->triangle_count, NULL,
-                                  SBL__GL_STATIC_DRAW);
-    while (b->at < h->triangle_count && result == SBL_SUCCESS) {
-        const int count = SBL__MIN((int)MOST, h->triangle_count - b->at);
-        int i;
-        for (i = 0; i < count; i++) {
-            const uint32_t number = b->order[b->at + i];
-            sbl__triangle *t = &records[i];
-            memset(t, 0, sizeof *t);
-            if (number == SBL__BVH_DROPPED) continue;
-            memcpy(t->corner_0, sbl__corner_of(g, number, 0), 12);
-            memcpy(t->corner_1, sbl__corner_of(g, number, 1), 12);
-            memcpy(t->corner_2, sbl__corner_of(g, number, 2), 12);
-            t->object = g->vertices[g->indices[3 * (size_t)number]].object;
-            t->number = number;
-            t->cutout = sbl__object_of(g, number)->alpha_cutoff != 0.0f;
-        }
-        sbl__buffer_write(d, &h->triangle_table.buffer, sizeof *records * (size_t)b->at,
-                          sizeof *records * (size_t)count, records);
-        b->at += count;
-        if (b->at < h->triangle_count && sbl__now() >= slice->end) result = SBL_UNFINISHED;
-    }
-    sbl__free(d->base, records);
-    if (result == SBL_SUCCESS) result = sbl__table_show(d, &h->triangle_table, SBL__GL_RGBA32UI, g->wide);
-    return result;
-}
-
-static sbl_result sbl__bvh_nodes(const sbl__device *d, sbl__hierarchy *h, int wide, const sbl__slice *slice) {
-    enum { MOST = SBL__UPLOAD_CHUNK / sizeof(sbl__node) };
-    sbl__bvh *b = h->building;
+/* Stores `count` elements of a table's `all` from number stages.at on, and shows it to shaders once all are there. */
+static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, size_t size, int count, int all) {
+    int *at = &b->stages.at;
     sbl_result result = SBL_SUCCESS;
-    if (!b->at)
-        result = sbl__buffer_make(d, &h->node_table.buffer, sizeof(sbl__node) * (size_t)h->node_count, NULL,
-                                  SBL__GL_STATIC_DRAW);
-    while (b->at < h->node_count && result == SBL_SUCCESS) {
-        const int count = SBL__MIN((int)MOST, h->node_count - b->at);
-        sbl__buffer_write(d, &h->node_table.buffer, sizeof(sbl__node) * (size_t)b->at,
-                          sizeof(sbl__node) * (size_t)count, b->nodes + b->at);
-        b->at += count;
-        if (b->at < h->node_count && sbl__now() >= slice->end) result = SBL_UNFINISHED;
-    }
-    if (result == SBL_SUCCESS) result = sbl__table_show(d, &h->node_table, SBL__GL_RGBA32UI, wide);
+    if (!*at) result = sbl__buffer_make(b->device, &t->buffer, size * (size_t)all, NULL, SBL__GL_STATIC_DRAW);
+    if (result != SBL_SUCCESS) return result;
+    if (count) sbl__buffer_write(b->device, &t->buffer, size * (size_t)*at, size * (size_t)count, from);
+    *at += count;
+    if (*at < all) return SBL_UNFINISHED;
+    result = sbl__table_show(b->device, t, SBL__GL_RGBA32UI, b->geometry->wide);
+    if (b->geometry->wide) sbl__buffer_delete(b->device, &t->buffer);  /* copied */
     return result;
 }
 
-/* One stage, or as much of it as the slice has time for. */
-static sbl_result sbl__bvh_work_on(const sbl__device *d, const sbl__geometry *g, sbl__hierarchy *h, sbl__slice *slice) {
-    switch (h->building->stage) {
-        case SBL__BVH_BOXES: return sbl__bvh_boxes(g, h, slice);
-        case SBL__BVH_SPLITS: return sbl__bvh_splits(d->base, g, h, slice);
-        case SBL__BVH_COSTS: return sbl__bvh_costs(h, slice);
-        case SBL__BVH_TRIANGLES: return sbl__bvh_triangles(d, g, h, slice);
-        default: return sbl__bvh_nodes(d, h, g->wide, slice);
+/* Triangles' records, in the leaves' order. */
+static sbl_result sbl__bvh_triangles(void *work, sbl__slice *slice) {
+    enum { MOST = SBL__UPLOAD_CHUNK / sizeof(sbl__triangle) };
+    sbl__bvh *b = (sbl__bvh *)work;
+    const sbl__geometry *g = b->geometry;
+    sbl__hierarchy *h = b->hierarchy;
+    const int count = SBL__MIN((int)MOST, h->triangle_count - b->stages.at);
+    sbl__triangle *records = (sbl__triangle *)sbl__alloc(b->device->base, MOST, sizeof *records);
+    sbl_result result;
+    int i;
+    (void)slice;
+    if (!records) return SBL_ERROR_OUT_OF_MEMORY;
+    for (i = 0; i < count; i++) {
+        const uint32_t number = b->order[b->stages.at + i];
+        sbl__triangle *t = &records[i];
+        if (number == SBL__BVH_DROPPED) continue;
+        memcpy(t->corner_0, sbl__corner_of(g, number, 0), 12);
+        memcpy(t->corner_1, sbl__corner_of(g, number, 1), 12);
+        memcpy(t->corner_2, sbl__corner_of(g, number, 2), 12);
+        t->object = g->vertices[g->indices[3 * (size_t)number]].object;
+        t->number = number;
+        t->cutout = sbl__object_of(g, number)->alpha_cutoff != 0.0f;
     }
+    result = sbl__bvh_upload(b, &h->triangle_table, records, sizeof *records, count, h->triangle_count);
+    sbl__free(b->device->base, records);
+    return result;
+}
+
+static sbl_result sbl__bvh_nodes(void *work, sbl__slice *slice) {
+    enum { MOST = SBL__UPLOAD_CHUNK / sizeof(sbl__node) };
+    sbl__bvh *b = (sbl__bvh *)work;
+    const int at = b->stages.at, all = b->hierarchy->node_count;
+    (void)slice;
+    return sbl__bvh_upload(b, &b->hierarchy->node_table, b->nodes + at, sizeof *b->nodes,
+                           SBL__MIN((int)MOST, all - at), all);
 }
 
 /* Builds the hierarchy and brings it to the GPU. SBL_SUCCESS: it is ready; after an error it can be begun anew. */
 static sbl_result sbl__hierarchy_step(sbl__device *d, const sbl__geometry *g, sbl__hierarchy *h, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { NULL, sbl__bvh_after_boxes, sbl__bvh_box, sbl__bvh_all_triangles },
+        { sbl__bvh_begin_task, NULL, NULL, NULL },
+        { NULL, sbl__split_bins, sbl__split_measure, sbl__bvh_chunks },
+        { NULL, sbl__split_choose, sbl__split_count, sbl__bvh_chunks },
+        { NULL, NULL, sbl__split_part, sbl__bvh_chunks },
+        { sbl__bvh_end_task, sbl__bvh_after_task, NULL, NULL },
+        { NULL, NULL, sbl__bvh_cost, sbl__bvh_inner_nodes },
+        { sbl__bvh_triangles, NULL, NULL, NULL },
+        { sbl__bvh_nodes, NULL, NULL, NULL }
+    };
     const double start = sbl__now();
     sbl_result result = SBL_SUCCESS;
     if (h->ready) return SBL_SUCCESS;
     d->gl.doing = "storing the hierarchy";
     if (!h->building) result = sbl__bvh_begin(d, g, h);
-    while (result == SBL_SUCCESS) {
-        sbl__bvh *b = h->building;
-        result = sbl__bvh_work_on(d, g, h, slice);
-        if (result != SBL_SUCCESS) break;
-        b->at = 0;
-        if (b->stage == SBL__BVH_NODES) { h->ready = 1; break; }
-        b->stage = b->stage == SBL__BVH_BOXES    ? SBL__BVH_SPLITS
-                 : b->stage == SBL__BVH_SPLITS   ? SBL__BVH_COSTS
-                 : b->stage == SBL__BVH_COSTS    ? SBL__BVH_TRIANGLES
-                                                 : SBL__BVH_NODES;
-    }
+    if (result == SBL_SUCCESS) result = sbl__stages_run(&h->building->stages, table, SBL__COUNT(table), h->building,
+                                                        slice);
     h->seconds += sbl__now() - start;
     if (result == SBL_UNFINISHED) return result;
-    if (h->ready) {  /* the GPU has the nodes; the order tells where lamps are */
+    if (result == SBL_SUCCESS) {  /* the GPU has the nodes; the order tells where lamps are */
+        h->ready = 1;
         sbl__free(d->base, h->order);
         h->order = h->building->order;
         h->building->order = NULL;
-        if (g->wide) {  /* copied */
-            sbl__buffer_delete(d, &h->node_table.buffer);
-            sbl__buffer_delete(d, &h->triangle_table.buffer);
-        }
     }
     sbl__bvh_free(d, h->building);
     h->building = NULL;
@@ -14870,10 +14888,10 @@ static int sbl__gathering_after_sense(void *work) {
 /* Does one bounded piece. SBL_SUCCESS: all readings are there. */
 static sbl_result sbl__gathering_step(sbl__core *c, sbl__gathering *g, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, NULL },
-        { sbl__gathering_prepare, sbl__gathering_after_prepare },
-        { sbl__gathering_sites, NULL },
-        { sbl__gathering_sense, sbl__gathering_after_sense }
+        { NULL, NULL, NULL, NULL },
+        { sbl__gathering_prepare, sbl__gathering_after_prepare, NULL, NULL },
+        { sbl__gathering_sites, NULL, NULL, NULL },
+        { sbl__gathering_sense, sbl__gathering_after_sense, NULL, NULL }
     };
     const double start = sbl__now();
     const double bounced = c->stats.seconds.bounce;
