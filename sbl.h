@@ -5321,14 +5321,13 @@ typedef struct sbl__cluster { double power, all_sides, square[6], front[3]; floa
 /* What is left to build of a tree: lamps first .. first + count - 1. */
 typedef struct sbl__lamp_range { int first, count; } sbl__lamp_range;
 
-typedef enum sbl__lamps_stage {
-    SBL__LAMPS_TRIANGLES, SBL__LAMPS_SKY, SBL__LAMPS_PLACE, SBL__LAMPS_SORT, SBL__LAMPS_SPLIT, SBL__LAMPS_ADD,
-    SBL__LAMPS_STORE
-} sbl__lamps_stage;
-
 typedef struct sbl__lamps {    /* while the trees are built */
-    sbl__lamps_stage stage;
-    int at;                    /* what of the stage is next */
+    sbl__stages stages;
+    const sbl__device *device;
+    const sbl__geometry *geometry;
+    const sbl__hierarchy *hierarchy;
+    const sbl__environment *environment;
+    struct sbl__lights *lights;
     sbl__lamp *list, *sorted;  /* sorted: the other half of merging */
     int count, room;
     double low[3], side;       /* of the near lamps' middles: the cube that the curve runs through */
@@ -5388,11 +5387,11 @@ static sbl_result sbl__lights_make(sbl__base *base, sbl__lights *l, const sbl_li
 
 /* >>lamps: collecting */
 
-static int sbl__lamps_add(sbl__base *base, sbl__lamps *l, const sbl__lamp *lamp) {
-    if (!(lamp->power > 0)) return 1;
-    if (!sbl__grow(base, &l->list, &l->room, l->count + 1, sizeof *l->list)) return 0;
+static sbl_result sbl__lamps_add(sbl__lamps *l, const sbl__lamp *lamp) {
+    if (!(lamp->power > 0)) return SBL_SUCCESS;
+    if (!sbl__grow(l->device->base, &l->list, &l->room, l->count + 1, sizeof *l->list)) return SBL_ERROR_OUT_OF_MEMORY;
     l->list[l->count++] = *lamp;
-    return 1;
+    return SBL_SUCCESS;
 }
 
 /* A lamp without sides, in bounds of so much around its middle. */
@@ -5407,19 +5406,25 @@ static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3
     }
 }
 
-/* Triangle `number` of the scene, `place` in the hierarchy's order. */
-static int sbl__lamps_add_triangle(sbl__base *base, sbl__lamps *l, const sbl__geometry *g, uint32_t number, int place) {
-    const sbl__object *object = sbl__object_of(g, number);
+static int sbl__lamps_triangles(void *work) { return ((sbl__lamps *)work)->hierarchy->triangle_count; }
+
+/* The triangle at a place of the hierarchy's order, where it shines. */
+static sbl_result sbl__lamps_add_triangle(void *work, int place) {
+    sbl__lamps *l = (sbl__lamps *)work;
+    const uint32_t number = l->hierarchy->order[place];
+    const sbl__object *object;
     const double zero[3] = { 0, 0, 0 };
     const float *p[3];
     double normal[3], area;
     sbl__lamp lamp;
     sbl__box box;
     int k;
-    if (!(object->emission[0] + object->emission[1] + object->emission[2] > 0)) return 1;
+    if (number == SBL__BVH_DROPPED) return SBL_SUCCESS;
+    object = sbl__object_of(l->geometry, number);
+    if (!(object->emission[0] + object->emission[1] + object->emission[2] > 0)) return SBL_SUCCESS;
     sbl__box_clear(&box);
     for (k = 0; k < 3; k++) {
-        p[k] = sbl__corner_of(g, number, k);
+        p[k] = sbl__corner_of(l->geometry, number, k);
         sbl__box_add_point(&box, p[k]);
     }
     sbl__triangle_normal(p, normal);
@@ -5431,7 +5436,7 @@ static int sbl__lamps_add_triangle(sbl__base *base, sbl__lamps *l, const sbl__ge
     for (k = 0; k < 3 && area > 0; k++) lamp.normal[k] = (float)(0.5 * normal[k] / area);
     lamp.one_sided = (object->flags & SBL_MATERIAL_ONE_SIDED_EMISSION) != 0;
     lamp.triangle = number;
-    return sbl__lamps_add(base, l, &lamp);
+    return sbl__lamps_add(l, &lamp);
 }
 
 /* A light's record, and where it stands or lies. */
@@ -5454,7 +5459,11 @@ static void sbl__light_write(const sbl_light *light, sbl__light_record *record, 
     record->spot_offset = (float)(spot ? -outer * scale : 1);
 }
 
-static int sbl__lamps_add_light(sbl__base *base, sbl__lamps *l, const sbl_light *light, int number) {
+static int sbl__lamps_lights(void *work) { return ((sbl__lamps *)work)->lights->count; }
+
+static sbl_result sbl__lamps_add_light(void *work, int number) {
+    sbl__lamps *l = (sbl__lamps *)work;
+    const sbl_light *light = &l->lights->list[number];
     const int distant = light->kind == SBL_LIGHT_DIRECTIONAL;
     const uint32_t kind = distant ? SBL__LAMP_FAR_LIGHT : SBL__LAMP_NEAR_LIGHT;
     double place[3], half = 0.5 * light->angle * SBL__PI / 180;
@@ -5466,25 +5475,33 @@ static int sbl__lamps_add_light(sbl__base *base, sbl__lamps *l, const sbl_light 
                    distant ? 2 * sin(0.5 * half) : light->radius, sbl__sum3(light->intensity));
     lamp.distant = distant;
     for (k = 0; distant && k < 3; k++) lamp.normal[k] = (float)place[k];
-    return sbl__lamps_add(base, l, &lamp);
+    return sbl__lamps_add(l, &lamp);
 }
 
-static int sbl__lamps_add_texel(sbl__base *base, sbl__lamps *l, const sbl__environment *e, int x, int y) {
-    const float *c = e->pixels + 3 * ((size_t)y * (size_t)e->width + (size_t)x);
+static int sbl__lamps_texels(void *work) {
+    const sbl__environment *e = ((sbl__lamps *)work)->environment;
+    return e->pixels ? e->width * e->height : 0;
+}
+
+static sbl_result sbl__lamps_add_texel(void *work, int at) {
+    sbl__lamps *l = (sbl__lamps *)work;
+    const sbl__environment *e = l->environment;
+    const int x = at % e->width, y = at / e->width;
+    const float *c = e->pixels + 3 * (size_t)at;
     const double step = SBL__PI / e->height;
     const double solid_angle = 2 * SBL__PI / e->width * 2 * sin(step * (y + 0.5)) * sin(0.5 * step);
     const uint32_t number = (uint32_t)y << SBL__SKY_COLUMN_BITS | (uint32_t)x;
     double direction[3];
     sbl__lamp lamp;
     int k;
-    if (!(sbl__max3(c) > e->limit)) return 1;
+    if (!(sbl__max3(c) > e->limit)) return SBL_SUCCESS;
     sbl__environment_direction(e, x, y, direction);
     sbl__lamp_make(&lamp, SBL__LAMP_SKY_TEXEL << SBL__LAMP_KIND_SHIFT | number, direction,
                    SBL__MIN(step + 2 * SBL__PI / e->width, 1.0),
                    sbl__sum3(c) * (1 - e->limit / sbl__max3(c)) * solid_angle);
     lamp.distant = 1;
     for (k = 0; k < 3; k++) lamp.normal[k] = (float)direction[k];
-    return sbl__lamps_add(base, l, &lamp);
+    return sbl__lamps_add(l, &lamp);
 }
 
 /* How many lamps there will be, at most: what tables must hold. */
@@ -5531,7 +5548,8 @@ static int sbl__lamp_before(const sbl__lamp *a, const sbl__lamp *b) {
 }
 
 /* Merges runs of l->width lamps, then runs of twice as many, until all are one. */
-static sbl_result sbl__lamps_sort(sbl__lamps *l, sbl__slice *slice) {
+static sbl_result sbl__lamps_sort(void *work, sbl__slice *slice) {
+    sbl__lamps *l = (sbl__lamps *)work;
     for (; l->width < l->count; l->width *= 2, l->out = 0) {
         while (l->out < l->count) {
             const int run = l->out / (2 * l->width) * (2 * l->width);
@@ -5563,8 +5581,14 @@ static int sbl__lamps_cut(const sbl__lamps *l, const sbl__lamp_range *r) {
     return high;
 }
 
+static void sbl__lamps_push(sbl__lamps *l, int first, int count) {
+    l->ranges[l->depth].first = first;
+    l->ranges[l->depth++].count = count;
+}
+
 /* Nodes in preorder: which leaves, and where each subtree ends. */
-static sbl_result sbl__lamps_split(sbl__lamps *l, sbl__slice *slice) {
+static sbl_result sbl__lamps_split(void *work, sbl__slice *slice) {
+    sbl__lamps *l = (sbl__lamps *)work;
     while (l->depth) {
         sbl__lamp_range r = l->ranges[--l->depth];
         sbl__lamp_node *node = &l->nodes[l->node_count];
@@ -5573,10 +5597,8 @@ static sbl_result sbl__lamps_split(sbl__lamps *l, sbl__slice *slice) {
         l->node_count++;
         if (r.count > 1) {
             const int cut = sbl__lamps_cut(l, &r);
-            l->ranges[l->depth].first = cut;  /* the right half is done after the left one */
-            l->ranges[l->depth++].count = r.first + r.count - cut;
-            l->ranges[l->depth].first = r.first;
-            l->ranges[l->depth++].count = cut - r.first;
+            sbl__lamps_push(l, cut, r.first + r.count - cut);  /* the right half is done after the left one */
+            sbl__lamps_push(l, r.first, cut - r.first);
         }
         if (l->depth && sbl__late(slice)) return SBL_UNFINISHED;
     }
@@ -5630,64 +5652,44 @@ static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_nod
     if (distant) node->beyond |= SBL__FAR_NODE;
 }
 
-/* What is known of each node's lamps together, from the last node to the first: its halves then lie on the stack, the
-   left one on top. */
-static sbl_result sbl__lamps_add_up(sbl__lamps *l, sbl__slice *slice) {
-    for (; l->at < l->node_count; l->at++) {
-        const int number = l->node_count - 1 - l->at;
-        sbl__lamp_node *node = &l->nodes[number];
-        const sbl__lamp *lamp = &l->list[node->first_leaf];
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        if ((int)node->beyond == number + 1) sbl__cluster_of_lamp(&l->clusters[l->depth++], lamp);
-        else {
-            sbl__cluster *left = &l->clusters[l->depth - 1], *right = &l->clusters[l->depth - 2];
-            sbl__cluster both = *left;
-            sbl__cluster_add(&both, right);
-            *right = both;
-            l->depth--;
-        }
-        sbl__cluster_write(&l->clusters[l->depth - 1], lamp->distant, node);
+static int sbl__lamps_nodes(void *work) { return ((sbl__lamps *)work)->node_count; }
+
+/* What is known of a node's lamps together, from the last node to the first: its halves then lie on the stack, the left
+   one on top. */
+static sbl_result sbl__lamps_add_up(void *work, int at) {
+    sbl__lamps *l = (sbl__lamps *)work;
+    const int number = l->node_count - 1 - at;
+    sbl__lamp_node *node = &l->nodes[number];
+    const sbl__lamp *lamp = &l->list[node->first_leaf];
+    if ((int)node->beyond == number + 1) sbl__cluster_of_lamp(&l->clusters[l->depth++], lamp);
+    else {
+        sbl__cluster *left = &l->clusters[l->depth - 1], *right = left - 1, both = *left;
+        sbl__cluster_add(&both, right);
+        *right = both;
+        l->depth--;
     }
+    sbl__cluster_write(&l->clusters[l->depth - 1], lamp->distant, node);
     return SBL_SUCCESS;
 }
 
 /* >>lamps: their stages */
 
-static sbl_result sbl__lamps_collect(const sbl__device *d, const sbl__geometry *g, const sbl__hierarchy *h,
-                                     sbl__lamps *l, sbl__slice *slice) {
-    for (; l->at < h->triangle_count; l->at++) {
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        if (h->order[l->at] == SBL__BVH_DROPPED) continue;
-        if (!sbl__lamps_add_triangle(d->base, l, g, h->order[l->at], l->at)) return SBL_ERROR_OUT_OF_MEMORY;
-    }
-    return SBL_SUCCESS;
-}
-
-static sbl_result sbl__lamps_collect_sky(const sbl__device *d, const sbl__environment *e, const sbl__lights *lights,
-                                         sbl__slice *slice) {
-    sbl__lamps *l = lights->building;
+static sbl_result sbl__lamps_place(void *work, sbl__slice *slice) {
+    sbl__lamps *l = (sbl__lamps *)work;
+    sbl__base *base = l->device->base;
     int i;
-    for (i = 0; i < lights->count && !l->at; i++)
-        if (!sbl__lamps_add_light(d->base, l, &lights->list[i], i)) return SBL_ERROR_OUT_OF_MEMORY;
-    for (; e->pixels && l->at < e->width * e->height; l->at++) {
-        if (l->at && sbl__late(slice)) return SBL_UNFINISHED;
-        if (!sbl__lamps_add_texel(d->base, l, e, l->at % e->width, l->at / e->width)) return SBL_ERROR_OUT_OF_MEMORY;
-    }
-    return SBL_SUCCESS;
-}
-
-static sbl_result sbl__lamps_place(const sbl__device *d, sbl__lamps *l) {
-    int i;
+    (void)slice;
     sbl__lamps_measure(l);
     for (i = 0; i < l->count; i++) l->list[i].curve = sbl__lamp_curve(l, &l->list[i]);
-    l->sorted = (sbl__lamp *)sbl__alloc_raw(d->base, (size_t)l->count, sizeof *l->sorted);
-    l->nodes = (sbl__lamp_node *)sbl__alloc_raw(d->base, 2 * (size_t)l->count, sizeof *l->nodes);
+    l->sorted = (sbl__lamp *)sbl__alloc_raw(base, (size_t)l->count, sizeof *l->sorted);
+    l->nodes = (sbl__lamp_node *)sbl__alloc_raw(base, 2 * (size_t)l->count, sizeof *l->nodes);
     l->width = 1;
     return l->sorted && l->nodes ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 /* Both trees, once the lamps are in order. */
-static void sbl__lamps_plant(sbl__lamps *l) {
+static int sbl__lamps_plant(void *work) {
+    sbl__lamps *l = (sbl__lamps *)work;
     int first = 0, end = l->count;
     while (first < end) {  /* the first distant one */
         const int middle = first + (end - first) / 2;
@@ -5695,51 +5697,53 @@ static void sbl__lamps_plant(sbl__lamps *l) {
         else first = middle + 1;
     }
     l->depth = 0;
-    if (l->count > first) {
-        l->ranges[l->depth].first = first;
-        l->ranges[l->depth++].count = l->count - first;
-    }
-    if (first) {
-        l->ranges[l->depth].first = 0;
-        l->ranges[l->depth++].count = first;
-    }
+    if (l->count > first) sbl__lamps_push(l, first, l->count - first);
+    if (first) sbl__lamps_push(l, 0, first);
+    return l->stages.stage + 1;
 }
 
-static sbl_result sbl__lamps_store(const sbl__device *d, const sbl__environment *e, sbl__lights *lights, int wide) {
-    const sbl__lamps *l = lights->building;
+/* Stores leaf number i, and the name that the host knows its lamp by. */
+static void sbl__lamps_store_leaf(const sbl__lamps *l, int i, void *to) {
+    const uint32_t code = l->list[i].code, kind = code >> SBL__LAMP_KIND_SHIFT;
+    const uint32_t number = code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
+    uint32_t *name = l->lights->names[i];
+    memcpy(to, &code, sizeof code);
+    name[0] = kind;
+    name[1] = kind == SBL__LAMP_TRIANGLE  ? l->list[i].triangle
+            : kind == SBL__LAMP_SKY_TEXEL ? (number >> SBL__SKY_COLUMN_BITS) * (uint32_t)l->environment->width +
+                                            (number & ((1u << SBL__SKY_COLUMN_BITS) - 1))
+                                          : number;
+    l->lights->mixed |= kind != SBL__LAMP_TRIANGLE;
+}
+
+static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
+    sbl__lamps *l = (sbl__lamps *)work;
+    const sbl__device *d = l->device;
+    sbl__lights *lights = l->lights;
     const size_t nodes = sizeof(sbl__lamp_node) * (size_t)l->node_count;
     const size_t leaves = sizeof(sbl__lamp_leaf) * (size_t)l->count;
     const size_t bytes = nodes + leaves + sizeof(sbl__light_record) * (size_t)lights->count;
     unsigned char *all = (unsigned char *)sbl__alloc(d->base, bytes, 1);
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
     int i;
+    (void)slice;
     sbl__free(d->base, lights->names);
     lights->names = (uint32_t (*)[2])sbl__alloc_raw(d->base, (size_t)l->count, sizeof *lights->names);
-    lights->mixed = l->count > SBL__LAMPS;
     if (all && lights->names) {
-        if (nodes) memcpy(all, l->nodes, nodes);
-        for (i = 0; i < l->count; i++) {
-            const uint32_t code = l->list[i].code, kind = code >> SBL__LAMP_KIND_SHIFT;
-            const uint32_t number = code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
-            memcpy(all + nodes + sizeof(sbl__lamp_leaf) * (size_t)i, &code, sizeof code);
-            lights->mixed = lights->mixed || kind != SBL__LAMP_TRIANGLE;
-            lights->names[i][0] = kind;
-            lights->names[i][1] = kind == SBL__LAMP_TRIANGLE ? l->list[i].triangle : number;
-            if (kind == SBL__LAMP_SKY_TEXEL)
-                lights->names[i][1] = (number >> SBL__SKY_COLUMN_BITS) * (uint32_t)e->width +
-                                      (number & ((1u << SBL__SKY_COLUMN_BITS) - 1));
-        }
+        lights->nodes = l->node_count;
+        lights->leaves = l->count;
+        lights->mixed = l->count > SBL__LAMPS;
+        memcpy(all, l->nodes, nodes);
+        for (i = 0; i < l->count; i++) sbl__lamps_store_leaf(l, i, all + nodes + sizeof(sbl__lamp_leaf) * (size_t)i);
         for (i = 0; i < lights->count; i++) {
             sbl__light_record record;
             double place[3];
             sbl__light_write(&lights->list[i], &record, place);
             memcpy(all + nodes + leaves + sizeof record * (size_t)i, &record, sizeof record);
         }
-        lights->nodes = l->node_count;
-        lights->leaves = l->count;
         result = sbl__buffer_make(d, &lights->table.buffer, bytes, all, SBL__GL_STATIC_DRAW);
-        if (result == SBL_SUCCESS) result = sbl__table_show(d, &lights->table, SBL__GL_RGBA32UI, wide);
-        if (wide) sbl__buffer_delete(d, &lights->table.buffer);
+        if (result == SBL_SUCCESS) result = sbl__table_show(d, &lights->table, SBL__GL_RGBA32UI, l->geometry->wide);
+        if (l->geometry->wide) sbl__buffer_delete(d, &lights->table.buffer);
     }
     sbl__free(d->base, all);
     return result;
@@ -5749,37 +5753,30 @@ static sbl_result sbl__lamps_store(const sbl__device *d, const sbl__environment 
    are ready; after an error they can be begun anew. */
 static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const sbl__hierarchy *h,
                                    const sbl__environment *e, sbl__lights *lights, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { NULL, NULL, sbl__lamps_add_triangle, sbl__lamps_triangles },
+        { NULL, NULL, sbl__lamps_add_light, sbl__lamps_lights },
+        { NULL, NULL, sbl__lamps_add_texel, sbl__lamps_texels },
+        { sbl__lamps_place, NULL, NULL, NULL },
+        { sbl__lamps_sort, sbl__lamps_plant, NULL, NULL },
+        { sbl__lamps_split, NULL, NULL, NULL },
+        { NULL, NULL, sbl__lamps_add_up, sbl__lamps_nodes },
+        { sbl__lamps_store, NULL, NULL, NULL }
+    };
     sbl__lamps *l = lights->building;
-    sbl_result result = SBL_SUCCESS;
+    sbl_result result;
     if (lights->ready) return SBL_SUCCESS;
     d->gl.doing = "storing lamps";
     if (!l) lights->building = l = (sbl__lamps *)sbl__alloc(d->base, 1, sizeof *l);
     if (!l) return SBL_ERROR_OUT_OF_MEMORY;
-    while (result == SBL_SUCCESS && !lights->ready) {
-        switch (l->stage) {
-            case SBL__LAMPS_TRIANGLES: result = sbl__lamps_collect(d, g, h, l, slice); break;
-            case SBL__LAMPS_SKY: result = sbl__lamps_collect_sky(d, e, lights, slice); break;
-            case SBL__LAMPS_PLACE: result = sbl__lamps_place(d, l); break;
-            case SBL__LAMPS_SORT:
-                result = sbl__lamps_sort(l, slice);
-                if (result == SBL_SUCCESS) sbl__lamps_plant(l);
-                break;
-            case SBL__LAMPS_SPLIT: result = sbl__lamps_split(l, slice); break;
-            case SBL__LAMPS_ADD: result = sbl__lamps_add_up(l, slice); break;
-            default:
-                result = sbl__lamps_store(d, e, lights, g->wide);
-                lights->ready = result == SBL_SUCCESS;
-        }
-        if (result != SBL_SUCCESS || lights->ready) break;
-        l->at = 0;
-        l->stage = l->stage == SBL__LAMPS_TRIANGLES ? SBL__LAMPS_SKY
-                 : l->stage == SBL__LAMPS_SKY       ? SBL__LAMPS_PLACE
-                 : l->stage == SBL__LAMPS_PLACE     ? SBL__LAMPS_SORT
-                 : l->stage == SBL__LAMPS_SORT      ? SBL__LAMPS_SPLIT
-                 : l->stage == SBL__LAMPS_SPLIT     ? SBL__LAMPS_ADD
-                                                    : SBL__LAMPS_STORE;
-    }
+    l->device = d;
+    l->geometry = g;
+    l->hierarchy = h;
+    l->environment = e;
+    l->lights = lights;
+    result = sbl__stages_run(&l->stages, table, SBL__COUNT(table), l, slice);
     if (result == SBL_UNFINISHED) return result;
+    lights->ready = result == SBL_SUCCESS;
     sbl__lamps_free(d, l);
     lights->building = NULL;
     return result;
@@ -7170,15 +7167,22 @@ typedef struct sbl__camera {
     float facet_limit;         /* see sbl_picture_desc */
 } sbl__camera;
 
-typedef enum sbl__surface_stage {
-    SBL__SURFACE_ATLAS, SBL__SURFACE_SEND,  /* of a lightmap; then POINTS */
-    SBL__SURFACE_CLEAR, SBL__SURFACE_TRIANGLES, SBL__SURFACE_POINTS, SBL__SURFACE_HOST, SBL__SURFACE_DONE
-} sbl__surface_stage;
+/* What is drawn, for whom. */
+typedef struct sbl__surface_job {
+    const sbl__scene *scene;
+    const sbl__camera *camera;
+    const sbl__gbuffer *gbuffer;
+    float offset[2];           /* of the sample from the pixels' centres, pixels */
+    float epsilon;             /* told to the host */
+    int bounced;               /* stored light is found, too */
+    sbl__atlas *atlas;         /* of a lightmap; else NULL */
+} sbl__surface_job;
 
 /* One drawing of a G-buffer, in slices; the textures are kept for the next one. */
 typedef struct sbl__surface {
-    sbl__surface_stage stage;
-    int at;                    /* the triangle, or the row, that is next */
+    sbl__stages stages;        /* at: the triangle, or the row, that is next */
+    sbl__device *device;
+    const sbl__surface_job *job;
     int row, rows;             /* the band under way */
     sbl__texture triangles, depth;
     sbl__target visibility;
@@ -7421,16 +7425,39 @@ static double sbl__triangle_pixels(const sbl__surface *s, const sbl__camera *c, 
     return 0.5 * (to[0] - from[0]) * (to[1] - from[1]);
 }
 
-/* Draws on from triangle s->at, as many as the slice has time for. */
-static sbl_result sbl__surface_triangles(sbl__device *d, sbl__surface *s, const sbl__scene *scene, const sbl__camera *c,
-                                         const float offset[2], const sbl__slice *slice) {
+/* Goes on with another band of rows, in which all triangles are drawn. */
+static void sbl__surface_band(sbl__surface *s, int row) {
+    s->row = row;
+    s->rows = SBL__MIN(SBL__MAX(1, SBL__BAND_PIXELS / s->visibility.width), s->visibility.height - row);
+    s->stages.at = 0;
+}
+
+static sbl_result sbl__surface_clear(void *work, sbl__slice *slice) {
+    sbl__surface *s = (sbl__surface *)work;
+    (void)slice;
+    sbl__pass(s->device, &s->visibility, NULL, NULL, 0);
+    sbl__clear_uint(s->device, 0);
+    sbl__clear_depth(s->device);
+    sbl__surface_band(s, 0);
+    return sbl__gl_check(&s->device->gl);
+}
+
+/* Draws as many triangles of a band as the slice has time for. */
+static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     static const char *const names[4] = { "clip_x", "clip_y", "clip_z", "clip_w" };
+    sbl__surface *s = (sbl__surface *)work;
+    sbl__device *d = s->device;
+    const sbl__scene *scene = s->job->scene;
+    const sbl__camera *c = s->job->camera;
     const sbl__geometry *g = &scene->geometry;
-    const int band[4] = { 0, s->row, s->visibility.width, s->rows };
+    const float *offset = s->job->offset;
+    const int band[4] = { 0, s->row, s->visibility.width, s->rows }, at = s->stages.at;
     double room = sbl__pace_begin(&s->triangle_pace, slice, 65536, 1), pixels = 0;
     float clip[16], rows[4][4], eye[3];
-    int end = s->at, i;
-    sbl_result result = sbl__use(d, &sbl__recipe_visibility, scene->features);
+    int end = at, i;
+    sbl_result result;
+    if (!g->triangle_count) return SBL_SUCCESS;
+    result = sbl__use(d, &sbl__recipe_visibility, scene->features);
     if (result != SBL_SUCCESS) return result;
     sbl__camera_clip(c, offset, &s->visibility, clip);
     sbl__camera_rows(c, clip, rows);
@@ -7447,10 +7474,12 @@ static sbl_result sbl__surface_triangles(sbl__device *d, sbl__surface *s, const 
     for (i = 0; i < 3; i++) eye[i] = (float)c->eye[i];
     sbl__set_vec3(d, "eye", eye);
     sbl__set_vec2(d, "depth_from_w", c->orthographic ? 0 : c->depth_scale, 0);
-    sbl__draw_triangles(d, s->at, end - s->at);
+    sbl__draw_triangles(d, at, end - at);
     sbl__pace_end(d, &s->triangle_pace, pixels);
-    s->at = end;
-    return sbl__gl_check(&d->gl);
+    s->stages.at = end;
+    if (end == g->triangle_count) sbl__surface_band(s, s->row + s->rows);
+    result = sbl__gl_check(&d->gl);
+    return result == SBL_SUCCESS && s->row < s->visibility.height ? SBL_UNFINISHED : result;
 }
 
 /* >>surface: its points */
@@ -7533,43 +7562,43 @@ static const sbl__recipe sbl__recipe_gbuffer = {
     SBL__TEXTURED | SBL__WIDE | SBL__BOUNCED | SBL__LIGHTMAP
 };
 
-/* What is drawn, for whom. */
-typedef struct sbl__surface_job {
-    const sbl__scene *scene;
-    const sbl__camera *camera;
-    const sbl__gbuffer *gbuffer;
-    float offset[2];           /* of the sample from the pixels' centres, pixels */
-    float epsilon;             /* told to the host */
-    int bounced;               /* stored light is found, too */
-    sbl__atlas *atlas;         /* of a lightmap; else NULL */
-} sbl__surface_job;
-
 /* Surface points of as many rows as the slice has time for. */
-static sbl_result sbl__surface_points(sbl__device *d, sbl__surface *s, const sbl__surface_job *job) {
+static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
+    sbl__surface *s = (sbl__surface *)work;
+    const sbl__surface_job *job = s->job;
+    sbl__device *d = s->device;
+    const sbl__target *target = &job->gbuffer->target;
     const unsigned bounced = job->bounced ? SBL__BOUNCED : 0, lightmap = job->atlas ? SBL__LIGHTMAP : 0;
-    const sbl__gbuffer *g = job->gbuffer;
+    const int rows = sbl__pace_rows(&s->point_pace, slice, target, s->stages.at);
     sbl_result result = sbl__use(d, &sbl__recipe_gbuffer, job->scene->features | bounced | lightmap);
     if (result != SBL_SUCCESS) return result;
-    sbl__pass_rows(d, &g->target, s->at, s->rows);
+    sbl__pass_rows(d, target, s->stages.at, rows);
     sbl__scene_bind(d, job->scene);
     if (bounced) sbl__store_bind(d, &job->scene->store);
     sbl__bind(d, "triangles", &s->triangles);
-    sbl__camera_set(d, job->camera, job->offset, &g->target);
+    sbl__camera_set(d, job->camera, job->offset, target);
     sbl__set_float(d, "facet_limit", job->camera->facet_limit);
     sbl__draw_screen(d);
-    s->at += s->rows;
-    return sbl__gl_check(&d->gl);
+    sbl__pace_end(d, &s->point_pace, (double)rows * target->width);
+    s->stages.at += rows;
+    result = sbl__gl_check(&d->gl);
+    return result == SBL_SUCCESS && s->stages.at < target->height ? SBL_UNFINISHED : result;
 }
 
 /* >>surface: what the host draws over it */
 
-static void sbl__surface_host(const sbl__device *d, const sbl__scene *scene, const sbl__camera *c,
-                              const sbl__gbuffer *g, const float offset[2], float epsilon) {
-    const int all[4] = { 0, 0, g->target.width, g->target.height };
+static sbl_result sbl__surface_host(void *work, sbl__slice *slice) {
+    const sbl__surface *s = (const sbl__surface *)work;
+    const sbl__surface_job *job = s->job;
+    const sbl__camera *c = job->camera;
+    const sbl__target *target = &job->gbuffer->target;
+    const int all[4] = { 0, 0, target->width, target->height };
     float clip[16];
     sbl_draw_view view;
     int k;
-    sbl__camera_clip(c, offset, &g->target, clip);
+    (void)slice;
+    if (!job->scene->draw) return SBL_SUCCESS;
+    sbl__camera_clip(c, job->offset, target, clip);
     memset(&view, 0, sizeof view);
     view.kind = SBL_VIEW_CAMERA;
     memcpy(view.viewport, all, sizeof view.viewport);
@@ -7579,78 +7608,55 @@ static void sbl__surface_host(const sbl__device *d, const sbl__scene *scene, con
     for (k = 0; k < 3; k++) view.eye[k] = (float)c->eye[k];
     view.radiance_scale = 1;
     view.depth_scale = c->depth_scale;
-    view.write_depth = (d->features & SBL__WRITE_DEPTH) != 0;
-    view.epsilon = epsilon;
-    sbl__pass(d, &g->target, NULL, all, SBL__PASS_DEPTH);
-    sbl__host_draw(d, scene->draw, &view, scene->draw_user);
+    view.write_depth = (s->device->features & SBL__WRITE_DEPTH) != 0;
+    view.epsilon = job->epsilon;
+    sbl__pass(s->device, target, NULL, all, SBL__PASS_DEPTH);
+    sbl__host_draw(s->device, job->scene->draw, &view, job->scene->draw_user);
+    return sbl__gl_check(&s->device->gl);
 }
 
-/* lightmap: its atlas has been begun. */
-static void sbl__surface_begin(sbl__surface *s, int lightmap) {
-    s->stage = lightmap ? SBL__SURFACE_ATLAS : SBL__SURFACE_CLEAR;
-    s->at = 0;
+/* >>surface: a lightmap's */
+
+static sbl_result sbl__surface_atlas(void *work, sbl__slice *slice) {
+    const sbl__surface *s = (const sbl__surface *)work;
+    return sbl__atlas_step(s->device->base, s->job->atlas, &s->job->scene->geometry, slice);
 }
 
 /* Rows of the atlas to the GPU. */
-static sbl_result sbl__surface_send(const sbl__device *d, sbl__surface *s, const sbl__atlas *a) {
-    const int most = SBL__MAX(1, SBL__BAND_PIXELS / 16 / a->width), rows = SBL__MIN(most, a->height - s->at);
-    const sbl_result result = sbl__texture_write(d, &s->triangles, s->at, rows, a->texels + SBL__ATLAS_WORDS *
-                                                 (size_t)s->at * (size_t)a->width);
-    s->at += rows;
-    return result;
+static sbl_result sbl__surface_send(void *work, sbl__slice *slice) {
+    sbl__surface *s = (sbl__surface *)work;
+    const sbl__atlas *a = s->job->atlas;
+    const int at = s->stages.at, rows = SBL__MIN(SBL__MAX(1, SBL__BAND_PIXELS / 16 / a->width), a->height - at);
+    const sbl_result result = sbl__texture_write(s->device, &s->triangles, at, rows, a->texels + SBL__ATLAS_WORDS *
+                                                 (size_t)at * (size_t)a->width);
+    (void)slice;
+    s->stages.at += rows;
+    return result == SBL_SUCCESS && s->stages.at < a->height ? SBL_UNFINISHED : result;
 }
 
-/* The next band of rows that triangles are drawn in, or what follows the last one. */
-static void sbl__surface_next_band(sbl__surface *s, int row, int triangles) {
-    const int most = SBL__MAX(1, SBL__BAND_PIXELS / s->visibility.width), left = s->visibility.height - row;
-    s->at = 0;
-    s->row = row;
-    s->rows = SBL__MIN(most, left);
-    s->stage = left > 0 && triangles ? SBL__SURFACE_TRIANGLES : SBL__SURFACE_POINTS;
-}
+/* >>surface: its stages */
+
+/* Another G-buffer; of a lightmap, its atlas has been begun. */
+static void sbl__surface_begin(sbl__surface *s) { memset(&s->stages, 0, sizeof s->stages); }
 
 /* One piece of it. SBL_SUCCESS: the G-buffer is drawn. */
-static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__surface_job *job,
-                                    sbl__slice *slice) {
-    const int triangles = job->scene->geometry.triangle_count;
-    sbl_result result = SBL_SUCCESS;
+static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__surface_job *job, sbl__slice *slice) {
+    static const sbl__stage_row camera[] = {
+        { sbl__surface_clear, NULL, NULL, NULL },
+        { sbl__surface_triangles, NULL, NULL, NULL },
+        { sbl__surface_points, NULL, NULL, NULL },
+        { sbl__surface_host, NULL, NULL, NULL }
+    };
+    static const sbl__stage_row lightmap[] = {
+        { sbl__surface_atlas, NULL, NULL, NULL },
+        { sbl__surface_send, NULL, NULL, NULL },
+        { sbl__surface_points, NULL, NULL, NULL }
+    };
     d->gl.doing = "drawing the G-buffer";
-    switch (s->stage) {
-        case SBL__SURFACE_ATLAS:
-            result = sbl__atlas_step(d->base, job->atlas, &job->scene->geometry, slice);
-            if (result == SBL_SUCCESS) s->stage = SBL__SURFACE_SEND;
-            break;
-        case SBL__SURFACE_SEND:
-            result = sbl__surface_send(d, s, job->atlas);
-            if (s->at == job->atlas->height) { s->stage = SBL__SURFACE_POINTS; s->at = 0; }
-            break;
-        case SBL__SURFACE_CLEAR:
-            sbl__pass(d, &s->visibility, NULL, NULL, 0);
-            sbl__clear_uint(d, 0);
-            sbl__clear_depth(d);
-            result = sbl__gl_check(&d->gl);
-            sbl__surface_next_band(s, 0, triangles);
-            break;
-        case SBL__SURFACE_TRIANGLES:
-            result = sbl__surface_triangles(d, s, job->scene, job->camera, job->offset, slice);
-            if (s->at == triangles) sbl__surface_next_band(s, s->row + s->rows, triangles);
-            break;
-        case SBL__SURFACE_POINTS:
-            s->rows = sbl__pace_rows(&s->point_pace, slice, &job->gbuffer->target, s->at);
-            result = sbl__surface_points(d, s, job);
-            sbl__pace_end(d, &s->point_pace, (double)s->rows * job->gbuffer->target.width);
-            if (s->at == job->gbuffer->target.height)
-                s->stage = job->atlas ? SBL__SURFACE_DONE : SBL__SURFACE_HOST;
-            break;
-        case SBL__SURFACE_HOST:
-            if (job->scene->draw)
-                sbl__surface_host(d, job->scene, job->camera, job->gbuffer, job->offset, job->epsilon);
-            result = sbl__gl_check(&d->gl);
-            s->stage = SBL__SURFACE_DONE;
-            break;
-        default: break;
-    }
-    return result != SBL_SUCCESS ? result : s->stage == SBL__SURFACE_DONE ? SBL_SUCCESS : SBL_UNFINISHED;
+    s->device = d;
+    s->job = job;
+    return job->atlas ? sbl__stages_step(&s->stages, lightmap, SBL__COUNT(lightmap), s, slice)
+                      : sbl__stages_step(&s->stages, camera, SBL__COUNT(camera), s, slice);
 }
 
 /* ======================================================================================================== >>sensors
@@ -14640,7 +14646,7 @@ static sbl__stage sbl__picture_next(sbl__core *c, sbl__picture *p) {
         case SBL__STAGE_PREPARE:
             sbl__picture_see(c, p);
             sbl__camera_make(&p->camera, &p->desc, &c->scene.geometry);
-            sbl__surface_begin(&p->surface, p->lightmap);
+            sbl__surface_begin(&p->surface);
             return SBL__STAGE_SURFACE;
         case SBL__STAGE_COLLECT:
             if (!p->refine.site_count) return SBL__STAGE_TAKE;
@@ -14676,11 +14682,11 @@ static sbl__stage sbl__picture_next(sbl__core *c, sbl__picture *p) {
             return SBL__STAGE_SPEND;
         case SBL__STAGE_FILTER:
             if (p->lightmap) return p->previewing ? SBL__STAGE_PREVIEW : SBL__STAGE_GUTTERS;
-            sbl__surface_begin(&p->surface, 0);
+            sbl__surface_begin(&p->surface);
             return p->watched ? SBL__STAGE_PREVIEW : SBL__STAGE_SAMPLE;
         case SBL__STAGE_TURN: return p->refine.layer ? SBL__STAGE_FILL : SBL__STAGE_DONE;
         case SBL__STAGE_RESOLVE:
-            sbl__surface_begin(&p->surface, 0);
+            sbl__surface_begin(&p->surface);
             return ++p->resolved < p->desc.samples ? SBL__STAGE_SAMPLE : SBL__STAGE_DONE;
         default: return (sbl__stage)(p->stage + 1);
     }
@@ -16429,7 +16435,7 @@ static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gb
     job.scene = &c->scene;
     job.camera = &camera;
     job.gbuffer = gbuffer;
-    sbl__surface_begin(surface, 0);
+    sbl__surface_begin(surface);
     do result = sbl__surface_step(&c->device, surface, &job, &slice); while (result == SBL_UNFINISHED);
     if (result == SBL_SUCCESS)
         result = sbl__target_read(&c->device, &gbuffer->target, SBL__GBUFFER_POSITION, 0, SBL__TRIAL_SIZE, pixels);
