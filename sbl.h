@@ -5983,17 +5983,13 @@ static sbl_result sbl__store_add_split(sbl__base *base, sbl__store *s, uint32_t 
 /* >>store: patches. Triangles of a mesh belong together that share an edge, by the places of its ends, and bend little
    there. */
 
-typedef enum sbl__patch_stage {
-    SBL__PATCH_WELD, SBL__PATCH_JOIN, SBL__PATCH_MEASURE, SBL__PATCH_GRID, SBL__PATCH_WRITE
-} sbl__patch_stage;
-
 typedef struct sbl__edge_slot { uint32_t a, b, triangle; } sbl__edge_slot;  /* triangle + 1; 0: empty */
 
 typedef struct sbl__patch { double area; float normal[3], bounds[2][3]; int flat; } sbl__patch;
 
 typedef struct sbl__patching {  /* while patches are made */
-    sbl__patch_stage stage;
-    int at;
+    sbl__stages stages;
+    const sbl__geometry *geometry;
     uint32_t *vertices;         /* a table of vertex numbers + 1, by place */
     uint32_t *welded;           /* the first vertex at each one's place */
     sbl__edge_slot *edges;
@@ -6018,6 +6014,7 @@ static void sbl__patching_free(sbl__base *base, sbl__patching *p) {
 static sbl_result sbl__patching_begin(sbl__base *base, sbl__patching *p, const sbl__geometry *g) {
     const size_t triangles = (size_t)g->triangle_count;
     int i;
+    p->geometry = g;
     p->growth = p->pool = 1;
     p->vertex_room = p->edge_room = 16;
     while (p->vertex_room < g->vertex_count * 2.0) p->vertex_room *= 2;
@@ -6033,7 +6030,13 @@ static sbl_result sbl__patching_begin(sbl__base *base, sbl__patching *p, const s
     return SBL_SUCCESS;
 }
 
-static void sbl__patch_weld(const sbl__geometry *g, sbl__patching *p, uint32_t vertex) {
+static int sbl__patching_vertices(void *work) { return ((sbl__patching *)work)->geometry->vertex_count; }
+static int sbl__patching_triangles(void *work) { return ((sbl__patching *)work)->geometry->triangle_count; }
+
+static sbl_result sbl__patch_weld(void *work, int at) {
+    sbl__patching *p = (sbl__patching *)work;
+    const sbl__geometry *g = p->geometry;
+    const uint32_t vertex = (uint32_t)at;
     const sbl__vertex *v = &g->vertices[vertex];
     uint32_t hash = sbl__hash_step(0, v->object), mask = (uint32_t)(p->vertex_room - 1), i;
     int k;
@@ -6044,6 +6047,7 @@ static void sbl__patch_weld(const sbl__geometry *g, sbl__patching *p, uint32_t v
     }
     if (!p->vertices[i]) p->vertices[i] = vertex + 1;
     p->welded[vertex] = p->vertices[i] - 1;
+    return SBL_SUCCESS;
 }
 
 static void sbl__scene_triangle(const sbl__geometry *g, uint32_t triangle, const float *corners[3]) {
@@ -6067,7 +6071,10 @@ static uint32_t sbl__patch_root(uint32_t *parents, uint32_t triangle) {
     return triangle;
 }
 
-static void sbl__patch_join(const sbl__geometry *g, sbl__patching *p, uint32_t triangle) {
+static sbl_result sbl__patch_join(void *work, int at) {
+    sbl__patching *p = (sbl__patching *)work;
+    const sbl__geometry *g = p->geometry;
+    const uint32_t triangle = (uint32_t)at;
     const uint32_t *corners = &g->indices[3 * (size_t)triangle], mask = (uint32_t)(p->edge_room - 1);
     double normal[3], other[3];
     int k;
@@ -6089,10 +6096,14 @@ static void sbl__patch_join(const sbl__geometry *g, sbl__patching *p, uint32_t t
         found = sbl__patch_root(p->parents, p->edges[i].triangle - 1);
         p->parents[SBL__MAX(root, found)] = SBL__MIN(root, found);
     }
+    return SBL_SUCCESS;
 }
 
 /* A patch's area; is it flat? */
-static void sbl__patch_measure(const sbl__geometry *g, sbl__patching *p, uint32_t triangle) {
+static sbl_result sbl__patch_measure(void *work, int at) {
+    sbl__patching *p = (sbl__patching *)work;
+    const sbl__geometry *g = p->geometry;
+    const uint32_t triangle = (uint32_t)at;
     const uint32_t root = sbl__patch_root(p->parents, triangle);
     sbl__patch *patch = &p->patches[root];
     const sbl__object *o = sbl__object_of(g, triangle);
@@ -6116,21 +6127,23 @@ static void sbl__patch_measure(const sbl__geometry *g, sbl__patching *p, uint32_
     }
     for (k = 0, along = 0; k < 3; k++) along += normal[k] * patch->normal[k];
     if (along < SBL__PATCH_EVEN) patch->flat = 0;
+    return SBL_SUCCESS;
 }
 
 /* Where cells lie, for about so many leaves on both sides, and which patches are too small for some of their own; of a
    scene without area there is one. */
-static void sbl__patch_grid(const sbl__geometry *g, sbl__patching *p, sbl__store *s, double leaves) {
+static void sbl__patch_grid(sbl__patching *p, sbl__store *s, double leaves) {
     const double cell = 2 * p->area / leaves;
     int k;
     p->least = SBL__PATCH_LEAST * p->pool * cell;
     s->length = (float)sqrt(p->growth * cell);
     if (!sbl__between(&s->length, FLT_MIN, FLT_MAX)) s->length = 1;
-    for (k = 0; k < 3; k++) s->origin[k] = g->bounds[0][k] - s->length * (1.37f + 0.21f * (float)k);
+    for (k = 0; k < 3; k++) s->origin[k] = p->geometry->bounds[0][k] - s->length * (1.37f + 0.21f * (float)k);
 }
 
 /* The triangle's word. */
-static uint32_t sbl__patch_word(const sbl__geometry *g, sbl__patching *p, uint32_t triangle) {
+static uint32_t sbl__patch_word(sbl__patching *p, uint32_t triangle) {
+    const sbl__geometry *g = p->geometry;
     const uint32_t root = sbl__patch_root(p->parents, triangle);
     const uint32_t mesh = (uint32_t)(sbl__object_of(g, triangle) - g->objects);
     const int pooled = p->patches[root].area < p->least;
@@ -6144,27 +6157,14 @@ static uint32_t sbl__patch_word(const sbl__geometry *g, sbl__patching *p, uint32
            (p->patches[root].flat && !pooled ? SBL__PATCH_FLAT : 0) | (n[axis] < 0 ? SBL__PATCH_BACK : 0);
 }
 
-/* Patches, and where cells lie. SBL_SUCCESS: each triangle has its word. */
-static sbl_result sbl__patching_step(const sbl__geometry *g, sbl__patching *p, sbl__store *s,
-                                     double leaves, sbl__slice *slice) {
-    while (p->stage <= SBL__PATCH_WRITE) {
-        const int count = p->stage == SBL__PATCH_WELD ? g->vertex_count : p->stage == SBL__PATCH_GRID ? 1
-                                                                                      : g->triangle_count;
-        for (; p->at < count; p->at++) {
-            const uint32_t i = (uint32_t)p->at;
-            if (sbl__late(slice)) return SBL_UNFINISHED;
-            switch (p->stage) {
-                case SBL__PATCH_WELD: sbl__patch_weld(g, p, i); break;
-                case SBL__PATCH_JOIN: sbl__patch_join(g, p, i); break;
-                case SBL__PATCH_MEASURE: sbl__patch_measure(g, p, i); break;
-                case SBL__PATCH_GRID: sbl__patch_grid(g, p, s, leaves); break;
-                default: s->patches[i] = sbl__patch_word(g, p, i);
-            }
-        }
-        p->stage = (sbl__patch_stage)(p->stage + 1);
-        p->at = 0;
-    }
-    return SBL_SUCCESS;
+/* One piece of finding the patches. SBL_SUCCESS: they are known. */
+static sbl_result sbl__patching_step(sbl__patching *p, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { NULL, NULL, sbl__patch_weld, sbl__patching_vertices },
+        { NULL, NULL, sbl__patch_join, sbl__patching_triangles },
+        { NULL, NULL, sbl__patch_measure, sbl__patching_triangles }
+    };
+    return sbl__stages_step(&p->stages, table, SBL__COUNT(table), p, slice);
 }
 
 /* >>store: on the GPU */
@@ -7636,10 +7636,7 @@ static sbl_result sbl__surface_send(void *work, sbl__slice *slice) {
 
 /* >>surface: its stages */
 
-/* Another G-buffer; of a lightmap, its atlas has been begun. */
-static void sbl__surface_begin(sbl__surface *s) { memset(&s->stages, 0, sizeof s->stages); }
-
-/* One piece of it. SBL_SUCCESS: the G-buffer is drawn. */
+/* One piece of it; of a lightmap, the atlas has been begun. SBL_SUCCESS: the G-buffer is drawn, and can be again. */
 static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__surface_job *job, sbl__slice *slice) {
     static const sbl__stage_row camera[] = {
         { sbl__surface_clear, NULL, NULL, NULL },
@@ -7652,11 +7649,14 @@ static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__
         { sbl__surface_send, NULL, NULL, NULL },
         { sbl__surface_points, NULL, NULL, NULL }
     };
+    sbl_result result;
     d->gl.doing = "drawing the G-buffer";
     s->device = d;
     s->job = job;
-    return job->atlas ? sbl__stages_step(&s->stages, lightmap, SBL__COUNT(lightmap), s, slice)
-                      : sbl__stages_step(&s->stages, camera, SBL__COUNT(camera), s, slice);
+    result = job->atlas ? sbl__stages_step(&s->stages, lightmap, SBL__COUNT(lightmap), s, slice)
+                        : sbl__stages_step(&s->stages, camera, SBL__COUNT(camera), s, slice);
+    if (result == SBL_SUCCESS) memset(&s->stages, 0, sizeof s->stages);
+    return result;
 }
 
 /* ======================================================================================================== >>sensors
@@ -10735,33 +10735,35 @@ typedef struct sbl__balance { double lit[3], before[3], after[3], change; } sbl_
 /* A place's normal, for the many rays from there that follow each other. */
 typedef struct sbl__bounce_aimed { int known; uint32_t place; float normal[3], offset; } sbl__bounce_aimed;
 
+typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
+
 typedef enum sbl__bounce_stage {
-    SBL__BOUNCE_BEGIN, SBL__BOUNCE_PATCHES, SBL__BOUNCE_SEED, SBL__BOUNCE_SOW, SBL__BOUNCE_PLACE, SBL__BOUNCE_FEEL,
-    SBL__BOUNCE_CUT, SBL__BOUNCE_CAST, SBL__BOUNCE_FIND, SBL__BOUNCE_SORT, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT,
-    SBL__BOUNCE_JOIN, SBL__BOUNCE_GATHER, SBL__BOUNCE_SOLVE, SBL__BOUNCE_NOISE, SBL__BOUNCE_CARRY, SBL__BOUNCE_DOUBT,
-    SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
+    SBL__BOUNCE_BEGIN, SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_WORDS, SBL__BOUNCE_SEED, SBL__BOUNCE_SOW,
+    SBL__BOUNCE_PLACE, SBL__BOUNCE_FEEL, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST, SBL__BOUNCE_FIND, SBL__BOUNCE_ORDER,
+    SBL__BOUNCE_SORT, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_JOIN, SBL__BOUNCE_GATHER, SBL__BOUNCE_NOISE,
+    SBL__BOUNCE_CARRY, SBL__BOUNCE_DOUBT, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
 } sbl__bounce_stage;
 
 typedef struct sbl__bounce {
-    sbl__bounce_stage stage;
-    int at;                          /* what of the stage is next */
+    sbl__stages stages;
+    sbl__core *core;
+    sbl__store *store;               /* the scene's */
+    const sbl__geometry *geometry;
     uint32_t scene, surfaces;        /* versions that it is for */
-    sbl__patching patching;
-    double spread;                   /* seeds that the triangles so far should have */
-    sbl__hit *seeds;                 /* places all over the surfaces */
-    int seed_count, seed_room;
-    const sbl__hit *queue;           /* places that may become points: of seeds, hits or `again` */
-    int queue_count;
-    sbl__hit *held, *again;          /* those that wait for feelers; and now do not any more */
-    int held_count, held_room, again_room;
     sbl__bounce_point *points;
     sbl__bounce_leaf *states;        /* of the leaves */
     int point_count, point_room, state_room;
+    sbl__hits hits;                  /* SBL__BOUNCE_RAYS a point */
+    int joined;                      /* leaves whose rays' places are leaves */
+    float progress;
+    sbl__patching patching;          /* from here on: dropped when the store is ready */
+    double spread;                   /* seeds that the triangles so far should have */
+    sbl__hits seeds;                 /* places all over the surfaces */
+    sbl__hits queue;                 /* places that may become points: some of those in seeds, hits or `again` */
+    sbl__hits held, again;           /* those that wait for feelers; and now do not any more */
+    sbl__hits feelers;
     int fresh;                       /* leaves from here on have not been felt */
     int cast;                        /* points from here on have not been cast */
-    sbl__hit *hits;                  /* SBL__BOUNCE_RAYS a point */
-    sbl__hit *feelers;
-    int hit_room, feeler_room;
     uint32_t *sequence;
     sbl__bounce_aimed aim;
     sbl__site *sites;
@@ -10773,11 +10775,10 @@ typedef struct sbl__bounce {
     int *order;                      /* where each point goes, leaf by leaf */
     double change;                   /* that the last round made */
     sbl__balance balance;            /* of the round under way */
-    double crowding, share;          /* of the leaves that there may be, that there were with larger cells */
-    float progress;
-    int rounds, crowded;
+    double crowding;                 /* above 0: there are too many cells, this much larger they would be few enough */
+    double share;                    /* of the leaves that there may be, that there were with larger cells */
+    int rounds;
     int sown, seen;                  /* seeds have been placed; leaves that there were without them */
-    int joined;                      /* leaves whose rays' places are leaves */
     sbl__table casts;
     sbl__blocks blocks;
     sbl__pace pace;
@@ -10830,17 +10831,18 @@ static const sbl__recipe sbl__recipe_cast = {
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE
 };
 
-static sbl_result sbl__cast_send(sbl__core *c, sbl__bounce *b, const sbl__cast *rays, int count) {
+static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int count) {
     const size_t room = SBL__CAST_COLUMNS * SBL__CAST_ROWS;
-    sbl__device *d = &c->device;
+    const sbl__scene *scene = &b->core->scene;
+    sbl__device *d = &b->core->device;
     sbl_result result = sbl__blocks_make(d, &b->blocks, 2, SBL__CAST_COLUMNS, SBL__CAST_ROWS);
     if (result == SBL_SUCCESS)
         result = sbl__buffer_stream(d, &b->casts.buffer, room * sizeof *rays, rays, (size_t)count * sizeof *rays);
     if (result == SBL_SUCCESS) result = sbl__table_show(d, &b->casts, SBL__GL_RGBA32UI, 0);
-    if (result == SBL_SUCCESS) result = sbl__use(d, &sbl__recipe_cast, c->scene.features);
+    if (result == SBL_SUCCESS) result = sbl__use(d, &sbl__recipe_cast, scene->features);
     if (result != SBL_SUCCESS) return result;
-    sbl__scene_bind(d, &c->scene);
-    sbl__hierarchy_bind(d, &c->scene.hierarchy);
+    sbl__scene_bind(d, scene);
+    sbl__hierarchy_bind(d, &scene->hierarchy);
     sbl__bind_table(d, "sbl_casts", &b->casts);
     sbl__set_ints(d, "blocks", 1, 1);
     sbl__set_int(d, "columns", SBL__CAST_COLUMNS);
@@ -10866,40 +10868,41 @@ static void sbl__cast_take(const sbl__cast *ray, const float place[4], const flo
     }
 }
 
-typedef void (*sbl__cast_make)(const sbl__core *c, sbl__bounce *b, int number, sbl__cast *out);
+typedef void (*sbl__cast_make)(sbl__bounce *b, int number, sbl__cast *out);
 
-/* Casts some of the rays number b->at .. count - 1 into hits, as many at once as there is time for. SBL_SUCCESS: there
-   are no more. */
-static sbl_result sbl__bounce_cast(sbl__core *c, sbl__bounce *b, sbl__cast_make make, int count, sbl__hit *hits,
+/* Casts some of the rays number stages.at .. count - 1 into hits, as many at once as there is time for. SBL_SUCCESS:
+   there are no more. */
+static sbl_result sbl__bounce_cast(sbl__bounce *b, sbl__cast_make make, int count, sbl__hits *hits,
                                    const sbl__slice *slice) {
     enum { MOST = SBL__CAST_COLUMNS * SBL__CAST_ROWS };
-    sbl__device *d = &c->device;
+    sbl__device *d = &b->core->device;
     const double room = sbl__pace_begin(&b->pace, slice, 1024, 64);
-    const int some = (int)SBL__MIN(SBL__MIN(room, (double)MOST), count - b->at);
+    const int at = b->stages.at, some = (int)SBL__MIN(SBL__MIN(room, (double)MOST), count - at);
     const int rows = (some + SBL__CAST_COLUMNS - 1) / SBL__CAST_COLUMNS;
     const size_t texels = (size_t)rows * SBL__CAST_COLUMNS;
     sbl__cast *rays;
     float *places, *albedos;
     sbl_result result;
     int i;
+    if (!sbl__grow(d->base, &hits->list, &hits->room, count, sizeof *hits->list)) return SBL_ERROR_OUT_OF_MEMORY;
     if (some <= 0) return SBL_SUCCESS;
     rays = (sbl__cast *)sbl__alloc_raw(d->base, texels, sizeof *rays + 32);
     if (!rays) return SBL_ERROR_OUT_OF_MEMORY;
     places = (float *)(rays + texels);
     albedos = places + 4 * texels;
-    for (i = 0; i < some; i++) make(c, b, b->at + i, &rays[i]);
-    result = sbl__cast_send(c, b, rays, some);
+    for (i = 0; i < some; i++) make(b, at + i, &rays[i]);
+    result = sbl__cast_send(b, rays, some);
     if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 0, 0, rows, places);
     if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 1, 0, rows, albedos);
     for (i = 0; i < some && result == SBL_SUCCESS; i++)
-        sbl__cast_take(&rays[i], places + 4 * (size_t)i, albedos + 4 * (size_t)i, &hits[b->at + i]);
+        sbl__cast_take(&rays[i], places + 4 * (size_t)i, albedos + 4 * (size_t)i, &hits->list[at + i]);
     sbl__free(d->base, rays);
     if (result != SBL_SUCCESS) return result;
     sbl__pace_end(d, &b->pace, some);
-    c->stats.readbacks += 2;
-    c->stats.bounce_rays += some;
-    b->at += some;
-    return b->at < count ? SBL_UNFINISHED : SBL_SUCCESS;
+    b->core->stats.readbacks += 2;
+    b->core->stats.bounce_rays += some;
+    b->stages.at += some;
+    return b->stages.at < count ? SBL_UNFINISHED : SBL_SUCCESS;
 }
 
 /* >>bounce: places that may become points */
@@ -10911,17 +10914,18 @@ static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
 }
 
 /* Where the reference stands that leads to a place's light: in its cell or, where that has none and there are many, in
-   a wider one around it; NULL: there is no room. *patch: whose the cell is. What no surface sees, but points in the air
-   may, has the widest only. */
-static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32_t *patch, int *depth) {
+   a wider one around it; NULL: there is no room. *patch: whose the cell is, unless it is NULL. What no surface sees, but
+   points in the air may, has the widest only. */
+static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32_t *patch) {
     static const double shares[SBL__LEVELS] = { SBL__BOUNCE_WIDER, SBL__BOUNCE_WIDEST, 1 };
-    uint32_t *reference = NULL;
-    int level = at->distance < SBL__UNSEEN ? 0 : SBL__LEVELS - 1;
-    *patch = sbl__place_patch(s, at) + SBL__PATCH_LEVEL * (uint32_t)level;
-    for (; level < SBL__LEVELS; level++, *patch += SBL__PATCH_LEVEL) {
-        reference = sbl__store_find(s, *patch, at->position, depth);
+    uint32_t *reference = NULL, word = sbl__place_patch(s, at);
+    int level = at->distance < SBL__UNSEEN ? 0 : SBL__LEVELS - 1, depth;
+    word += SBL__PATCH_LEVEL * (uint32_t)level;
+    for (; level < SBL__LEVELS; level++, word += SBL__PATCH_LEVEL) {
+        reference = sbl__store_find(s, word, at->position, &depth);
         if (reference && (*reference || s->leaf_count < shares[level] * s->most)) break;
     }
+    if (patch) *patch = word;
     return reference;
 }
 
@@ -10944,56 +10948,77 @@ static float sbl__place_normal(const sbl__geometry *g, uint32_t place, float nor
     return (float)(SBL__OFFSET * (sqrt(away) + 2 * sqrt(longest)));
 }
 
-static sbl_result sbl__bounce_begin(sbl__core *c, sbl__bounce *b) {
-    const sbl__geometry *g = &c->scene.geometry;
-    sbl__store *s = &c->scene.store;
-    sbl__free(&c->base, s->patches);
-    s->patches = (uint32_t *)sbl__alloc(&c->base, (size_t)g->triangle_count, sizeof *s->patches);
-    b->sequence = sbl__sequence_make(&c->base, SBL__BOUNCE_STRETCHES, SBL__BOUNCE_RAYS, 1);
-    b->stands = (uint32_t *)sbl__alloc(&c->base, SBL__STANDS, sizeof *b->stands);
-    if (!s->patches || !b->sequence || !b->stands) return SBL_ERROR_OUT_OF_MEMORY;
-    return sbl__patching_begin(&c->base, &b->patching, g);
+static sbl_result sbl__bounce_begin(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    sbl__base *base = &b->core->base;
+    (void)slice;
+    sbl__free(base, b->store->patches);
+    b->store->patches = (uint32_t *)sbl__alloc(base, (size_t)b->geometry->triangle_count, sizeof *b->store->patches);
+    b->sequence = sbl__sequence_make(base, SBL__BOUNCE_STRETCHES, SBL__BOUNCE_RAYS, 1);
+    b->stands = (uint32_t *)sbl__alloc(base, SBL__STANDS, sizeof *b->stands);
+    if (!b->store->patches || !b->sequence || !b->stands) return SBL_ERROR_OUT_OF_MEMORY;
+    return sbl__patching_begin(base, &b->patching, b->geometry);
 }
 
-/* One on each side of a triangle. */
-static sbl_result sbl__bounce_add_seeds(sbl__core *c, sbl__bounce *b, uint32_t triangle, uint32_t number) {
-    const uint32_t hash = sbl__hash(number);
-    double u = hash / 4294967296.0, v = sbl__hash(hash) / 4294967296.0;
-    const float *p[3];
-    int side, k;
-    if (!sbl__grow(&c->base, &b->seeds, &b->seed_room, b->seed_count + 2, sizeof *b->seeds))
-        return SBL_ERROR_OUT_OF_MEMORY;
-    if (u + v > 1) { u = 1 - u; v = 1 - v; }
-    sbl__scene_triangle(&c->scene.geometry, triangle, p);
-    for (side = 0; side < 2; side++) {
-        sbl__hit *out = &b->seeds[b->seed_count++];
-        memset(out, 0, sizeof *out);
-        for (k = 0; k < 3; k++)
-            out->position[k] = (float)(p[0][k] + u * ((double)p[1][k] - p[0][k]) + v * ((double)p[2][k] - p[0][k]));
-        out->place = triangle << 1 | (uint32_t)side;
-    }
+static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
+    return sbl__patching_step(&((sbl__bounce *)work)->patching, slice);
+}
+
+/* Empties the store, for cells as large as they are to be now. */
+static sbl_result sbl__bounce_grid(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    (void)slice;
+    sbl__patch_grid(&b->patching, b->store, SBL__BOUNCE_AIM * b->store->most);
+    return sbl__store_clear(&b->core->base, b->store, b->store->most);
+}
+
+static int sbl__bounce_triangles(void *work) { return ((sbl__bounce *)work)->geometry->triangle_count; }
+
+static sbl_result sbl__bounce_word(void *work, int triangle) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    b->store->patches[triangle] = sbl__patch_word(&b->patching, (uint32_t)triangle);
     return SBL_SUCCESS;
 }
 
-/* So many a cell, all over the scene. */
-static sbl_result sbl__bounce_seed(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
-    const sbl__geometry *g = &c->scene.geometry;
-    const sbl__store *s = &c->scene.store;
-    const double density = SBL__MAX(SBL__BOUNCE_SEEDS * b->patching.growth, SBL__BOUNCE_SEEDS_WIDEST);
+static sbl_result sbl__hits_add(sbl__bounce *b, sbl__hits *to, const sbl__hit *hit) {
+    if (!sbl__grow(&b->core->base, &to->list, &to->room, to->count + 1, sizeof *to->list))
+        return SBL_ERROR_OUT_OF_MEMORY;
+    to->list[to->count++] = *hit;
+    return SBL_SUCCESS;
+}
+
+/* One on each side of a triangle. */
+static sbl_result sbl__bounce_add_seeds(sbl__bounce *b, uint32_t triangle, uint32_t number) {
+    const uint32_t hash = sbl__hash(number);
+    double u = hash / 4294967296.0, v = sbl__hash(hash) / 4294967296.0;
+    const float *p[3];
+    sbl__hit seed;
     sbl_result result = SBL_SUCCESS;
-    for (; b->at < g->triangle_count && result == SBL_SUCCESS; b->at++) {
-        const uint32_t triangle = (uint32_t)b->at;
-        const sbl__object *o = sbl__object_of(g, triangle);
-        const double length = (double)s->length, from = b->spread;
-        double normal[3], k;
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        if (o->flags & SBL__HIDDEN_FROM_SENSORS) continue;
-        b->spread += density * sbl__scene_normal(g, triangle, normal) / (length * length);
-        for (k = floor(from); k < floor(b->spread) && result == SBL_SUCCESS; k++)
-            result = sbl__bounce_add_seeds(c, b, triangle, (uint32_t)k);
+    int k;
+    if (u + v > 1) { u = 1 - u; v = 1 - v; }
+    sbl__scene_triangle(b->geometry, triangle, p);
+    memset(&seed, 0, sizeof seed);
+    for (k = 0; k < 3; k++)
+        seed.position[k] = (float)(p[0][k] + u * ((double)p[1][k] - p[0][k]) + v * ((double)p[2][k] - p[0][k]));
+    for (k = 0; k < 2 && result == SBL_SUCCESS; k++) {
+        seed.place = triangle << 1 | (uint32_t)k;
+        result = sbl__hits_add(b, &b->seeds, &seed);
     }
-    if (result == SBL_SUCCESS)
-        result = sbl__store_clear(&c->base, &c->scene.store, c->scene.store.most);
+    return result;
+}
+
+/* So many a cell. */
+static sbl_result sbl__bounce_seed(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const uint32_t triangle = (uint32_t)at;
+    const double density = SBL__MAX(SBL__BOUNCE_SEEDS * b->patching.growth, SBL__BOUNCE_SEEDS_WIDEST);
+    const double length = (double)b->store->length;
+    double normal[3], k = floor(b->spread);
+    sbl_result result = SBL_SUCCESS;
+    if (sbl__object_of(b->geometry, triangle)->flags & SBL__HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
+    b->spread += density * sbl__scene_normal(b->geometry, triangle, normal) / (length * length);
+    for (; k < floor(b->spread) && result == SBL_SUCCESS; k++)
+        result = sbl__bounce_add_seeds(b, triangle, (uint32_t)k);
     return result;
 }
 
@@ -11008,71 +11033,114 @@ static void sbl__bounce_settle(const sbl__geometry *g, sbl__hit *at) {
     for (k = 0; k < 3; k++) at->position[k] = (float)(at->position[k] - off * normal[k]);
 }
 
-static sbl_result sbl__bounce_add_point(sbl__core *c, sbl__bounce *b, const sbl__hit *at, int leaf) {
-    if (!sbl__grow(&c->base, &b->points, &b->point_room, b->point_count + 1, sizeof *b->points))
+static sbl_result sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
+    sbl__bounce_point *point;
+    if (!sbl__grow(&b->core->base, &b->points, &b->point_room, b->point_count + 1, sizeof *b->points))
         return SBL_ERROR_OUT_OF_MEMORY;
-    b->points[b->point_count].at = *at;
-    sbl__bounce_settle(&c->scene.geometry, &b->points[b->point_count].at);
-    b->points[b->point_count].number = b->states[leaf].points++;
-    b->points[b->point_count++].leaf = leaf;
+    point = &b->points[b->point_count++];
+    point->at = *at;
+    point->leaf = leaf;
+    point->number = b->states[leaf].points++;
+    sbl__bounce_settle(b->geometry, &point->at);
     return SBL_SUCCESS;
 }
 
-static sbl_result sbl__bounce_add_leaf(sbl__core *c, sbl__bounce *b, const sbl__hit *at, uint32_t *reference) {
-    const int leaf = c->scene.store.leaf_count;
-    sbl_result result = sbl__store_add_leaf(&c->base, &c->scene.store, reference);
+/* A leaf that the reference is to lead to, without points. */
+static sbl_result sbl__bounce_add_leaf(sbl__bounce *b, uint32_t *reference) {
+    const int leaf = b->store->leaf_count;
+    const sbl_result result = sbl__store_add_leaf(&b->core->base, b->store, reference);
     if (result != SBL_SUCCESS) return result;
-    if (!sbl__grow(&c->base, &b->states, &b->state_room, leaf + 1, sizeof *b->states)) return SBL_ERROR_OUT_OF_MEMORY;
+    if (!sbl__grow(&b->core->base, &b->states, &b->state_room, leaf + 1, sizeof *b->states))
+        return SBL_ERROR_OUT_OF_MEMORY;
     memset(&b->states[leaf], 0, sizeof *b->states);
     b->states[leaf].first = b->point_count;
-    return sbl__bounce_add_point(c, b, at, leaf);
-}
-
-/* A place that a seed or a ray found. Sets *crowded where there is no room for it. */
-static sbl_result sbl__bounce_add(sbl__core *c, sbl__bounce *b, const sbl__hit *at, int *crowded) {
-    sbl__store *s = &c->scene.store;
-    int leaf, depth;
-    uint32_t patch, *reference = sbl__place_find(s, at, &patch, &depth);
-    if (!reference || (!*reference && s->leaf_count >= s->most)) {
-        *crowded = b->patching.pool < SBL__BOUNCE_POOL;
-        return SBL_SUCCESS;
-    }
-    if (!*reference) return sbl__bounce_add_leaf(c, b, at, reference);
-    leaf = (int)*reference - 1;
-    if (leaf < b->fresh) return b->states[leaf].points < SBL__BOUNCE_POINTS ? sbl__bounce_add_point(c, b, at, leaf)
-                                                                            : SBL_SUCCESS;
-    if (!sbl__grow(&c->base, &b->held, &b->held_room, b->held_count + 1, sizeof *b->held))
-        return SBL_ERROR_OUT_OF_MEMORY;
-    b->held[b->held_count++] = *at;
     return SBL_SUCCESS;
 }
 
-/* The queue's places. b->crowded: there are too many cells. */
-static sbl_result sbl__bounce_place(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
-    sbl_result result = SBL_SUCCESS;
-    int crowded = 0;
-    for (; b->at < b->queue_count && result == SBL_SUCCESS && !crowded; b->at++) {
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        if (b->queue[b->at].place != SBL__NOWHERE) result = sbl__bounce_add(c, b, &b->queue[b->at], &crowded);
+/* Those of the queue, while there is room. */
+static int sbl__bounce_queued(void *work) {
+    const sbl__bounce *b = (const sbl__bounce *)work;
+    return b->crowding > 0 ? 0 : b->queue.count;
+}
+
+/* A place that a seed or a ray found. Sets b->crowding where there is no room for it. */
+static sbl_result sbl__bounce_place(void *work, int number) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const sbl__hit *at = &b->queue.list[number];
+    const sbl__store *s = b->store;
+    uint32_t *reference;
+    int leaf;
+    if (at->place == SBL__NOWHERE) return SBL_SUCCESS;
+    reference = sbl__place_find(s, at, NULL);
+    if (!reference || (!*reference && s->leaf_count >= s->most)) {
+        if (b->patching.pool < SBL__BOUNCE_POOL)
+            b->crowding = SBL__MIN(1.3 * b->queue.count / (number + 1), SBL__BOUNCE_GROWTH_MOST);
+        return SBL_SUCCESS;
     }
-    b->crowded = crowded;
-    if (crowded) b->crowding = SBL__MIN(1.3 * b->queue_count / SBL__MAX(b->at, 1), SBL__BOUNCE_GROWTH_MOST);
-    return result;
+    leaf = (int)*reference - 1;
+    if (leaf < 0) {
+        const sbl_result result = sbl__bounce_add_leaf(b, reference);
+        return result == SBL_SUCCESS ? sbl__bounce_add_point(b, at, s->leaf_count - 1) : result;
+    }
+    if (leaf >= b->fresh) return sbl__hits_add(b, &b->held, at);
+    return b->states[leaf].points < SBL__BOUNCE_POINTS ? sbl__bounce_add_point(b, at, leaf) : SBL_SUCCESS;
+}
+
+/* What may become points next. */
+static int sbl__bounce_queue(sbl__bounce *b, sbl__hit *list, int count) {
+    b->queue.list = list;
+    b->queue.count = count;
+    return SBL__BOUNCE_PLACE;
+}
+
+/* All begins anew, with larger cells or smaller ones; or there are more patches than leaves, whatever the cells. */
+static int sbl__bounce_again(sbl__bounce *b, double growth) {
+    sbl__patching *p = &b->patching;
+    p->growth *= growth;
+    if (growth > 1 || p->pool <= 1) p->pool *= growth;
+    b->spread = b->crowding = 0;
+    b->seeds.count = b->held.count = b->point_count = b->fresh = b->cast = b->parted = b->sown = 0;
+    memset(b->stands, 0, SBL__STANDS * sizeof *b->stands);
+    return SBL__BOUNCE_GRID;
+}
+
+/* Leaves that are new are felt and points that are new are cast, until there are none. */
+static int sbl__bounce_after_place(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const double share = (double)b->store->leaf_count / b->store->most;
+    if (b->crowding > 0) return sbl__bounce_again(b, SBL__MAX(b->crowding, SBL__BOUNCE_GROWTH));
+    if (!b->fresh && share > SBL__BOUNCE_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
+        /* with what they see there would be too many */
+        return sbl__bounce_again(b, pow(share / SBL__BOUNCE_FIRST, SBL__BOUNCE_FIRST_POWER));
+    if (b->store->leaf_count > b->fresh) return SBL__BOUNCE_FEEL;
+    if (b->cast < b->point_count) return SBL__BOUNCE_CAST;
+    if (b->parted) {  /* leaves that had points were cut: their other sides may want some */
+        b->parted = 0;
+        return sbl__bounce_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
+    }
+    if (b->sown && b->seen > 0 && share < SBL__BOUNCE_SPARE && share > 2 * b->share) {
+        b->share = share;  /* much of the scene is seen by nothing: the rest may have more */
+        return sbl__bounce_again(b, SBL__MAX(share / SBL__BOUNCE_AIM, SBL__BOUNCE_SHRINK));
+    }
+    if (b->sown) return SBL__BOUNCE_FIND;
+    b->sown = 1;
+    b->seen = b->store->leaf_count;
+    return sbl__bounce_queue(b, b->seeds.list, b->seeds.count);  /* at last what no ray met */
 }
 
 /* >>bounce: feelers */
 
-static void sbl__bounce_feeler(const sbl__core *c, sbl__bounce *b, int number, sbl__cast *out) {
-    const sbl__store *s = &c->scene.store;
+static void sbl__bounce_feeler(sbl__bounce *b, int number, sbl__cast *out) {
+    const sbl__store *s = b->store;
     const int leaf = b->fresh + number / SBL__BOUNCE_FEELERS;
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
     const double share = number % SBL__BOUNCE_FEELERS + sbl__hash((uint32_t)leaf) / 4294967296.0;
-    const float offset = sbl__place_normal(&c->scene.geometry, at->place, out->direction);
+    const float offset = sbl__place_normal(b->geometry, at->place, out->direction);
     double right[3], up[3];
     uint32_t cube[3], patch;
     float length;
     int k;
-    sbl__place_find(s, at, &patch, &k);
+    sbl__place_find(s, at, &patch);
     length = sbl__cell_length(s, patch);
     sbl__frame(out->direction, 2 * SBL__PI / SBL__BOUNCE_FEELERS * share, right, up);
     sbl__cell_place(s, patch, at->position, cube);
@@ -11086,6 +11154,13 @@ static void sbl__bounce_feeler(const sbl__core *c, sbl__bounce *b, int number, s
     for (k = 0; k < 3; k++) out->direction[k] = right[k] > 0 || right[k] < 0 ? (float)right[k] : 0;
     out->fractions = 0;
     out->limit = SBL__MIN(SBL__MAX(out->limit, 0.0f), 2 * length);
+}
+
+static sbl_result sbl__bounce_feel(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    b->core->device.gl.doing = "feeling along surfaces";
+    return sbl__bounce_cast(b, sbl__bounce_feeler, (b->store->leaf_count - b->fresh) * SBL__BOUNCE_FEELERS, &b->feelers,
+                            slice);
 }
 
 /* A line along a flat surface where something stands on it. */
@@ -11104,9 +11179,10 @@ static void sbl__stand_place(const sbl__stand *line, double t, float position[3]
 
 /* Where a plane that a feeler met stands on the feeler's surface, as far as the bounds of both reach: of a flat patch,
    or of the one triangle; 0: that is no line worth it. */
-static int sbl__stand_make(const sbl__core *c, const sbl__hit *at, const sbl__hit *met, sbl__stand *line) {
-    const sbl__store *s = &c->scene.store;
-    const sbl__patch *patches = c->bounce->patching.patches;
+static int sbl__stand_make(const sbl__bounce *b, const sbl__hit *at, const sbl__hit *met, sbl__stand *line) {
+    const sbl__store *s = b->store;
+    const sbl__geometry *g = b->geometry;
+    const sbl__patch *patches = b->patching.patches;
     const uint32_t patch = sbl__place_patch(s, at) & ~SBL__PATCH_NEAR, other = s->patches[met->place >> 1];
     const double length = (double)s->length;
     const sbl__patch *own, *its = other & SBL__PATCH_FLAT ? &patches[other >> SBL__PATCH_SHIFT] : NULL;
@@ -11116,9 +11192,9 @@ static int sbl__stand_make(const sbl__core *c, const sbl__hit *at, const sbl__hi
     int k;
     if (!(patch & SBL__PATCH_FLAT)) return 0;
     own = &patches[patch >> SBL__PATCH_SHIFT];
-    slack = SBL__FEELER_APART * length + 4 * (double)sbl__place_normal(&c->scene.geometry, at->place, normal);
-    sbl__place_normal(&c->scene.geometry, met->place, line->normal);
-    sbl__scene_triangle(&c->scene.geometry, met->place >> 1, p);
+    slack = SBL__FEELER_APART * length + 4 * (double)sbl__place_normal(g, at->place, normal);
+    sbl__place_normal(g, met->place, line->normal);
+    sbl__scene_triangle(g, met->place >> 1, p);
     for (k = 0; k < 3; k++) {
         const int m = (k + 1) % 3, n = (k + 2) % 3;
         along[k] = (double)normal[m] * line->normal[n] - (double)normal[n] * line->normal[m];
@@ -11129,10 +11205,10 @@ static int sbl__stand_make(const sbl__core *c, const sbl__hit *at, const sbl__hi
         const float most = SBL__MAX(SBL__MAX(p[0][k], p[1][k]), p[2][k]);
         const float low = SBL__MAX(own->bounds[0][k], its ? its->bounds[0][k] : least);
         const float high = SBL__MIN(own->bounds[1][k], its ? its->bounds[1][k] : most);
-        const double a = ((double)low - slack - met->position[k]), b = ((double)high + slack - met->position[k]);
+        const double from = (double)low - slack - met->position[k], to = (double)high + slack - met->position[k];
         if (fabs(along[k]) < 1e-6) continue;
-        t0 = SBL__MAX(t0, SBL__MIN(a / along[k], b / along[k]));
-        t1 = SBL__MIN(t1, SBL__MAX(a / along[k], b / along[k]));
+        t0 = SBL__MAX(t0, SBL__MIN(from / along[k], to / along[k]));
+        t1 = SBL__MIN(t1, SBL__MAX(from / along[k], to / along[k]));
     }
     if (!(t1 - t0 >= SBL__STAND_LEAST * length)) return 0;
     for (k = 0; k < 3; k++) {
@@ -11148,10 +11224,9 @@ static int sbl__stand_make(const sbl__core *c, const sbl__hit *at, const sbl__hi
 
 /* Cuts what the line crosses below a reference: sides[side] of a split, or its cell's own where split is negative.
    range: the stretch of the line that lies there. */
-static sbl_result sbl__stand_part(sbl__core *c, const sbl__stand *line, int split, int side, const double range[2],
+static sbl_result sbl__stand_part(sbl__bounce *b, const sbl__stand *line, int split, int side, const double range[2],
                                   int depth) {
-    sbl__store *s = &c->scene.store;
-    sbl__bounce *b = c->bounce;
+    sbl__store *s = b->store;
     uint32_t *reference = split < 0 ? &line->slot->reference : &s->splits[split].sides[side];
     sbl_result result = SBL_SUCCESS;
     double over[2];
@@ -11160,7 +11235,7 @@ static sbl_result sbl__stand_part(sbl__core *c, const sbl__stand *line, int spli
         const float *first = *reference ? b->points[b->states[*reference - 1].first].at.position : NULL;
         if (depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
         if (first && (int)*reference <= b->fresh) b->parted = 1;
-        return sbl__store_cut(&c->base, s, reference, line->normal, line->distance,
+        return sbl__store_cut(&b->core->base, s, reference, line->normal, line->distance,
                               first && sbl__dot(line->normal, first) > line->distance);
     }
     split = (int)(*reference & ~SBL__CELL_SPLIT);
@@ -11175,14 +11250,14 @@ static sbl_result sbl__stand_part(sbl__core *c, const sbl__stand *line, int spli
         double part[2];
         if (SBL__MAX(sign * over[0], sign * over[1]) <= line->apart) continue;
         for (i = 0; i < 2; i++) part[i] = sign * over[i] < 0 ? cross : range[i];
-        result = sbl__stand_part(c, line, split, side, part, depth + 1);
+        result = sbl__stand_part(b, line, split, side, part, depth + 1);
     }
     return result;
 }
 
 /* Cuts all cells that the line crosses. */
-static sbl_result sbl__stand_walk(sbl__core *c, sbl__stand *line) {
-    const sbl__store *s = &c->scene.store;
+static sbl_result sbl__stand_walk(sbl__bounce *b, sbl__stand *line) {
+    const sbl__store *s = b->store;
     const double length = (double)sbl__cell_length(s, line->patch);
     double next[3], step[3], range[2] = { 0, 0 };
     sbl_result result = SBL_SUCCESS;
@@ -11201,7 +11276,7 @@ static sbl_result sbl__stand_walk(sbl__core *c, sbl__stand *line) {
         sbl__stand_place(line, 0.5 * (range[0] + range[1]), middle);
         line->slot = sbl__store_slot(s, line->patch, middle, &check);
         if (line->slot) line->slot->check = check;
-        if (line->slot) result = sbl__stand_part(c, line, -1, 0, range, 0);
+        if (line->slot) result = sbl__stand_part(b, line, -1, 0, range, 0);
         range[0] = range[1];
         next[axis] += step[axis];
     }
@@ -11209,78 +11284,78 @@ static sbl_result sbl__stand_walk(sbl__core *c, sbl__stand *line) {
 }
 
 /* Cuts all cells along the line, once. */
-static sbl_result sbl__stand_cut(sbl__core *c, sbl__stand *line) {
+static sbl_result sbl__stand_cut(sbl__bounce *b, sbl__stand *line) {
     const uint32_t patch = line->patch, hash = sbl__hash_step(sbl__hash_step(0, patch), line->what);
-    uint32_t *walked = &c->bounce->stands[hash % SBL__STANDS];
+    uint32_t *walked = &b->stands[hash % SBL__STANDS];
     sbl_result result = SBL_SUCCESS;
     int i;
     if (*walked == hash) return SBL_SUCCESS;
     *walked = hash;
     for (i = 0; i < 2 * SBL__LEVELS && result == SBL_SUCCESS; i++) {
         line->patch = patch | (i & 1 ? SBL__PATCH_NEAR : 0) | SBL__PATCH_LEVEL * (uint32_t)(i >> 1);
-        result = sbl__stand_walk(c, line);
+        result = sbl__stand_walk(b, line);
     }
     return result;
 }
 
 /* Cuts a leaf by what one of its feelers met, where that stands on its surface and nothing else parts the two. */
-static sbl_result sbl__bounce_cut(sbl__core *c, sbl__bounce *b, int leaf, const sbl__hit *met) {
-    sbl__store *s = &c->scene.store;
-    sbl__bounce_leaf *state = &b->states[leaf];
-    const sbl__hit *at = &b->points[state->first].at;
+static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *met) {
+    sbl__store *s = b->store;
+    const sbl__hit *at = &b->points[b->states[leaf].first].at;
     float before[3], normal[3], own[3], apart;
     sbl__stand line;
     uint32_t *reference, patch;
     int k, depth;
-    sbl__place_find(s, at, &patch, &depth);
-    sbl__place_normal(&c->scene.geometry, at->place, own);
-    sbl__place_normal(&c->scene.geometry, met->place, normal);
+    sbl__place_find(s, at, &patch);
+    sbl__place_normal(b->geometry, at->place, own);
+    sbl__place_normal(b->geometry, met->place, normal);
     apart = sbl__dot(normal, at->position) - sbl__dot(normal, met->position);
     if (fabs((double)sbl__dot(normal, own)) > SBL__FEELER_STEEP) return SBL_SUCCESS;
-    if (sbl__stand_make(c, at, met, &line)) return sbl__stand_cut(c, &line);
+    if (sbl__stand_make(b, at, met, &line)) return sbl__stand_cut(b, &line);
     if (fabs((double)apart) < SBL__FEELER_APART * (double)s->length) return SBL_SUCCESS;
     for (k = 0; k < 3; k++)  /* just behind what was met */
         before[k] = met->position[k] + (float)SBL__FEELER_APART * (met->position[k] - at->position[k]);
     reference = sbl__store_find(s, patch, before, &depth);
     if (!reference || *reference != (uint32_t)leaf + 1 || depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
-    return sbl__store_add_split(&c->base, s, patch, at->position, normal, sbl__dot(normal, met->position));
+    return sbl__store_add_split(&b->core->base, s, patch, at->position, normal, sbl__dot(normal, met->position));
 }
 
-static sbl_result sbl__bounce_cuts(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
-    sbl__store *s = &c->scene.store;
+static int sbl__bounce_fresh_leaves(void *work) {
+    const sbl__bounce *b = (const sbl__bounce *)work;
+    return b->store->leaf_count - b->fresh;
+}
+
+static sbl_result sbl__bounce_cuts(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const sbl__hit *met = &b->feelers.list[at * SBL__BOUNCE_FEELERS];
     sbl_result result = SBL_SUCCESS;
-    sbl__hit *held = b->held;
-    const int room = b->held_room;
     int i;
-    for (; b->fresh + b->at < s->leaf_count && result == SBL_SUCCESS; b->at++) {
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        for (i = 0; i < SBL__BOUNCE_FEELERS && result == SBL_SUCCESS; i++) {
-            const sbl__hit *met = &b->feelers[b->at * SBL__BOUNCE_FEELERS + i];
-            if (met->place != SBL__NOWHERE) result = sbl__bounce_cut(c, b, b->fresh + b->at, met);
-        }
-    }
-    b->fresh = s->leaf_count;
-    b->held = b->again;  /* what was held is placed again */
-    b->held_room = b->again_room;
-    b->again = held;
-    b->again_room = room;
-    b->queue = held;
-    b->queue_count = b->held_count;
-    b->held_count = 0;
+    for (i = 0; i < SBL__BOUNCE_FEELERS && result == SBL_SUCCESS; i++)
+        if (met[i].place != SBL__NOWHERE) result = sbl__bounce_cut(b, b->fresh + at, &met[i]);
     return result;
+}
+
+/* What was held is placed again. */
+static int sbl__bounce_after_cuts(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const sbl__hits held = b->held;
+    b->fresh = b->store->leaf_count;
+    b->held = b->again;
+    b->held.count = 0;
+    b->again = held;
+    return sbl__bounce_queue(b, held.list, held.count);
 }
 
 /* >>bounce: rays */
 
 /* Over the hemisphere at a place. */
-static void sbl__bounce_aim(const sbl__core *c, sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number,
-                            sbl__cast *out) {
+static void sbl__bounce_aim(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
     sbl__bounce_aimed *aim = &b->aim;
     int k;
     if (!aim->known || aim->place != at->place) {
         aim->known = 1;
         aim->place = at->place;
-        aim->offset = sbl__place_normal(&c->scene.geometry, at->place, aim->normal);
+        aim->offset = sbl__place_normal(b->geometry, at->place, aim->normal);
     }
     out->fractions = (b->sequence[2 * number] ^ sbl__hash(seed)) >> 16 |
                      ((b->sequence[2 * number + 1] ^ sbl__hash(seed + 1u)) & 0xffff0000u);
@@ -11291,57 +11366,76 @@ static void sbl__bounce_aim(const sbl__core *c, sbl__bounce *b, const sbl__hit *
     out->limit = -1e30f;
 }
 
-static void sbl__bounce_seed_ray(const sbl__core *c, sbl__bounce *b, int number, sbl__cast *out) {
+static void sbl__bounce_seed_ray(sbl__bounce *b, int number, sbl__cast *out) {
     const int seed = number / SBL__BOUNCE_SEED_RAYS;
-    sbl__bounce_aim(c, b, &b->seeds[seed], sbl__hash((uint32_t)seed), number % SBL__BOUNCE_SEED_RAYS, out);
+    sbl__bounce_aim(b, &b->seeds.list[seed], sbl__hash((uint32_t)seed), number % SBL__BOUNCE_SEED_RAYS, out);
+}
+
+static sbl_result sbl__bounce_sow(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    b->core->device.gl.doing = "sending first rays between surfaces";
+    return sbl__bounce_cast(b, sbl__bounce_seed_ray, b->seeds.count * SBL__BOUNCE_SEED_RAYS, &b->hits, slice);
 }
 
 /* A seed counts as seen from where its nearest ray came to; one whose rays meet nothing as from SBL__UNSEEN. */
-static void sbl__bounce_judge_seeds(sbl__bounce *b) {
+static int sbl__bounce_after_sow(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
     int i, k;
-    for (i = 0; i < b->seed_count; i++) {
-        const sbl__hit *hits = &b->hits[(size_t)i * SBL__BOUNCE_SEED_RAYS];
-        b->seeds[i].distance = SBL__UNSEEN;
+    for (i = 0; i < b->seeds.count; i++) {
+        const sbl__hit *hits = &b->hits.list[(size_t)i * SBL__BOUNCE_SEED_RAYS];
+        float *distance = &b->seeds.list[i].distance;
+        *distance = SBL__UNSEEN;
         for (k = 0; k < SBL__BOUNCE_SEED_RAYS; k++)
-            if (hits[k].place != SBL__NOWHERE)
-                b->seeds[i].distance = SBL__MIN(b->seeds[i].distance, hits[k].distance);
+            if (hits[k].place != SBL__NOWHERE) *distance = SBL__MIN(*distance, hits[k].distance);
     }
+    return sbl__bounce_queue(b, b->hits.list, b->seeds.count * SBL__BOUNCE_SEED_RAYS);
 }
 
-static void sbl__bounce_ray(const sbl__core *c, sbl__bounce *b, int number, sbl__cast *out) {
+static void sbl__bounce_ray(sbl__bounce *b, int number, sbl__cast *out) {
     const sbl__bounce_point *p = &b->points[number / SBL__BOUNCE_RAYS];
     const int stretch = p->number % SBL__BOUNCE_STRETCHES * SBL__BOUNCE_RAYS + number % SBL__BOUNCE_RAYS;
     const uint32_t hash = sbl__hash((uint32_t)p->leaf + 0x10000000u * (uint32_t)(p->number / SBL__BOUNCE_STRETCHES));
-    sbl__bounce_aim(c, b, &p->at, hash, stretch, out);
+    sbl__bounce_aim(b, &p->at, hash, stretch, out);
+}
+
+/* Casts the rays of new points. */
+static sbl_result sbl__bounce_follow(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    b->core->device.gl.doing = "following light between surfaces";
+    b->stages.at = SBL__MAX(b->stages.at, b->cast * SBL__BOUNCE_RAYS);
+    return sbl__bounce_cast(b, sbl__bounce_ray, b->point_count * SBL__BOUNCE_RAYS, &b->hits, slice);
+}
+
+static int sbl__bounce_after_follow(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const int first = b->cast * SBL__BOUNCE_RAYS;
+    b->cast = b->point_count;
+    return sbl__bounce_queue(b, b->hits.list + first, b->point_count * SBL__BOUNCE_RAYS - first);
 }
 
 /* >>bounce: points in order */
 
+static int sbl__bounce_points(void *work) { return ((sbl__bounce *)work)->point_count; }
+static int sbl__bounce_leaves(void *work) { return ((sbl__bounce *)work)->store->leaf_count; }
+
 /* A point's leaf may have been cut since it was found, and it may lie on the other side now. */
-static sbl_result sbl__bounce_find(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
-    sbl__store *s = &c->scene.store;
-    for (; b->at < b->point_count; b->at++) {
-        sbl__bounce_point *p = &b->points[b->at];
-        int depth;
-        uint32_t patch, *reference;
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        reference = sbl__place_find(s, &p->at, &patch, &depth);
-        if (reference && !*reference) {
-            sbl_result result = sbl__store_add_leaf(&c->base, s, reference);
-            if (result != SBL_SUCCESS) return result;
-            if (!sbl__grow(&c->base, &b->states, &b->state_room, s->leaf_count, sizeof *b->states))
-                return SBL_ERROR_OUT_OF_MEMORY;
-        }
-        if (reference) p->leaf = (int)*reference - 1;
-    }
-    return SBL_SUCCESS;
+static sbl_result sbl__bounce_find(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    sbl__bounce_point *p = &b->points[at];
+    uint32_t *reference = sbl__place_find(b->store, &p->at, NULL);
+    sbl_result result = SBL_SUCCESS;
+    if (reference && !*reference) result = sbl__bounce_add_leaf(b, reference);
+    if (reference) p->leaf = (int)*reference - 1;
+    return result;
 }
 
 /* Where points go, so that those of a leaf follow each other. */
-static sbl_result sbl__bounce_order(sbl__core *c, sbl__bounce *b) {
-    const int leaves = c->scene.store.leaf_count;
+static sbl_result sbl__bounce_order(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const int leaves = b->store->leaf_count;
     int i, next = 0;
-    if (!b->order) b->order = (int *)sbl__alloc_raw(&c->base, (size_t)b->point_count, sizeof *b->order);
+    (void)slice;
+    b->order = (int *)sbl__alloc_raw(&b->core->base, (size_t)b->point_count, sizeof *b->order);
     if (!b->order) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < leaves; i++) b->states[i].points = 0;
     for (i = 0; i < b->point_count; i++) b->states[b->points[i].leaf].points++;
@@ -11362,54 +11456,68 @@ static void sbl__swap(void *a, void *b, size_t bytes) {
 }
 
 /* Points and their rays, leaf by leaf: bounces read them in that order. */
-static sbl_result sbl__bounce_sort(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
-    if (b->at == 0) {
-        const sbl_result result = sbl__bounce_order(c, b);
-        if (result != SBL_SUCCESS) return result;
+static sbl_result sbl__bounce_sort(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    sbl__hit *hits = b->hits.list;
+    int *to = &b->order[at];
+    while (*to != at) {
+        const int j = *to;
+        sbl__swap(&b->points[at], &b->points[j], sizeof *b->points);
+        sbl__swap(&hits[(size_t)at * SBL__BOUNCE_RAYS], &hits[(size_t)j * SBL__BOUNCE_RAYS],
+                  SBL__BOUNCE_RAYS * sizeof *hits);
+        sbl__swap(to, &b->order[j], sizeof *to);
     }
-    for (; b->at < b->point_count; b->at++) {
-        int *to = &b->order[b->at];
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        while (*to != b->at) {
-            const size_t i = (size_t)b->at, j = (size_t)*to;
-            sbl__swap(&b->points[i], &b->points[j], sizeof *b->points);
-            sbl__swap(&b->hits[i * SBL__BOUNCE_RAYS], &b->hits[j * SBL__BOUNCE_RAYS],
-                      SBL__BOUNCE_RAYS * sizeof *b->hits);
-            sbl__swap(to, &b->order[j], sizeof *to);
-        }
-    }
-    sbl__free(&c->base, b->order);
-    b->order = NULL;
     return SBL_SUCCESS;
 }
 
 /* >>bounce: light from what shines */
 
-static sbl_result sbl__bounce_sites(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
-    if (!b->sites) b->sites = (sbl__site *)sbl__alloc_raw(&c->base, (size_t)b->point_count, sizeof *b->sites);
-    if (!b->readings)
-        b->readings = (sbl_reading *)sbl__alloc_raw(&c->base, (size_t)b->point_count, sizeof *b->readings);
-    if (!b->sites || !b->readings) return SBL_ERROR_OUT_OF_MEMORY;
-    for (; b->at < b->point_count; b->at++) {
-        const sbl__hit *at = &b->points[b->at].at;
-        sbl__site *site = &b->sites[b->at];
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        memcpy(site->position, at->position, sizeof site->position);
-        site->offset = sbl__place_normal(&c->scene.geometry, at->place, site->normal);
-        memcpy(site->geometric_normal, site->normal, sizeof site->normal);
-        site->number = (uint32_t)b->at;
-        site->guide = site->first = 0;
-        site->looks = 1;
-    }
+/* Memory for light on its way. */
+static sbl_result sbl__bounce_room(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    sbl__base *base = &b->core->base;
+    const size_t points = (size_t)b->point_count, leaves = (size_t)b->store->leaf_count;
+    (void)slice;
+    if (b->solved) return SBL_SUCCESS;  /* it is there */
+    sbl__free(base, b->order);
+    b->order = NULL;
+    b->sites = (sbl__site *)sbl__alloc_raw(base, points, sizeof *b->sites);
+    b->readings = (sbl_reading *)sbl__alloc_raw(base, points, sizeof *b->readings);
+    b->light = (float *)sbl__alloc_raw(base, leaves, 3 * sizeof *b->light);
+    b->solved = (float *)sbl__alloc_raw(base, leaves, 3 * sizeof *b->solved);
+    return b->sites && b->readings && b->light && b->solved ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+}
+
+static sbl_result sbl__bounce_site(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const sbl__hit *hit = &b->points[at].at;
+    sbl__site *site = &b->sites[at];
+    memset(site, 0, sizeof *site);
+    memcpy(site->position, hit->position, sizeof site->position);
+    site->offset = sbl__place_normal(b->geometry, hit->place, site->normal);
+    memcpy(site->geometric_normal, site->normal, sizeof site->normal);
+    site->number = (uint32_t)at;
+    site->looks = 1;
     return SBL_SUCCESS;
 }
 
-/* Begins the job. spec: made by sbl__bounce_spec. */
-static void sbl__bounce_measure(sbl__core *c, sbl__bounce *b, const sbl__spec *spec, const sbl__site *sites,
-                                sbl_reading *readings, int count) {
+/* Begins a job for so many sites, of what shines (SBL_MODE_DIRECT) or of all light. */
+static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, const sbl__site *sites, sbl_reading *readings,
+                                int count) {
+    const int direct = mode == SBL_MODE_DIRECT;
+    sbl__core *c = b->core;
+    sbl__seeing seeing;
     sbl__task task;
+    memset(&seeing, 0, sizeof seeing);
     memset(&task, 0, sizeof task);
-    task.spec = *spec;
+    seeing.mode = mode;
+    seeing.backend = SBL_BACKEND_TRACE;
+    seeing.rays = direct ? SBL__BOUNCE_LAMP_RAYS : SBL__AIR_RAYS;
+    sbl__spec_make(&task.spec, &seeing, &c->scene, &c->desc);
+    if (direct) {
+        task.spec.rays = SBL__BOUNCE_DARK_RAYS;
+        task.spec.skyless = 1;  /* the kept rays know what comes from there */
+    }
     task.sites = sites;
     task.readings = readings;
     task.site_count = count;
@@ -11417,35 +11525,28 @@ static void sbl__bounce_measure(sbl__core *c, sbl__bounce *b, const sbl__spec *s
     sbl__job_begin(&b->job, &c->scene, &task);
 }
 
-static void sbl__bounce_spec(const sbl__core *c, sbl_mode mode, int rays, sbl__spec *spec) {
-    sbl__seeing seeing;
-    memset(&seeing, 0, sizeof seeing);
-    seeing.mode = mode;
-    seeing.backend = SBL_BACKEND_TRACE;
-    seeing.rays = rays;
-    sbl__spec_make(spec, &seeing, &c->scene, &c->desc);
+static int sbl__bounce_after_sites(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    sbl__bounce_measure(b, SBL_MODE_DIRECT, b->sites, b->readings, b->point_count);
+    return SBL__BOUNCE_LIGHT;
 }
 
-/* What the job has cost. */
-static void sbl__bounce_count(sbl__core *c, const sbl__bounce *b) {
-    c->stats.readbacks += b->job.counts.readbacks;
-    c->stats.bounce_rays += b->job.counts.rays;
-}
-
-static void sbl__bounce_light(sbl__core *c, sbl__bounce *b) {
-    sbl__spec spec;
-    sbl__bounce_spec(c, SBL_MODE_DIRECT, SBL__BOUNCE_LAMP_RAYS, &spec);
-    spec.rays = SBL__BOUNCE_DARK_RAYS;
-    spec.skyless = 1;  /* the kept rays know what comes from there */
-    sbl__bounce_measure(c, b, &spec, b->sites, b->readings, b->point_count);
+/* One piece of the job. */
+static sbl_result sbl__bounce_sense(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    sbl_stats *stats = &b->core->stats;
+    const sbl_result result = sbl__job_step(&b->core->device, &b->job, slice);
+    if (result != SBL_SUCCESS) return result;
+    stats->readbacks += b->job.counts.readbacks;
+    stats->bounce_rays += b->job.counts.rays;
+    return SBL_SUCCESS;
 }
 
 /* >>bounce: all bounces at once */
 
 /* What a point's rays that met nothing bring. */
-static void sbl__bounce_sky(const sbl__core *c, const sbl__bounce *b, int point, float out[3]) {
-    const sbl__environment *e = &c->scene.environment;
-    const sbl__hit *hits = &b->hits[(size_t)point * SBL__BOUNCE_RAYS];
+static void sbl__bounce_sky(const sbl__bounce *b, int point, float out[3]) {
+    const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
     int i, k;
     out[0] = out[1] = out[2] = 0;
     for (i = 0; i < SBL__BOUNCE_RAYS; i++) {
@@ -11454,101 +11555,113 @@ static void sbl__bounce_sky(const sbl__core *c, const sbl__bounce *b, int point,
         if (!(hits[i].distance > SBL__FAR)) continue;
         for (k = 0; k < 3; k++) direction[k] = (double)hits[i].position[k] - b->points[point].at.position[k];
         if (!sbl__normalize(direction)) continue;
-        sbl__environment_rest(e, direction, light);
+        sbl__environment_rest(&b->core->scene.environment, direction, light);
         for (k = 0; k < 3; k++) out[k] += light[k] / SBL__BOUNCE_RAYS;
     }
 }
 
+/* Makes leaves of the places that a point's rays met. */
+static void sbl__bounce_join_point(sbl__bounce *b, int point) {
+    sbl__hit *hit = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS], *const end = hit + SBL__BOUNCE_RAYS;
+    for (; hit < end; hit++) {
+        const uint32_t *reference;
+        if (hit->place == SBL__NOWHERE) continue;
+        reference = sbl__place_find(b->store, hit, NULL);
+        hit->place = reference && *reference ? *reference - 1 : SBL__NOWHERE;
+    }
+}
+
 /* Of a leaf: what its points' rays met becomes leaves; what comes from what shines. */
-static void sbl__bounce_join_leaf(sbl__core *c, sbl__bounce *b, int leaf) {
-    sbl__store *s = &c->scene.store;
-    sbl__bounce_leaf *state = &b->states[leaf];
-    float *light = b->light + 3 * leaf, rest[3] = { 0, 0, 0 };
+static sbl_result sbl__bounce_join(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    sbl__bounce_leaf *state = &b->states[at];
+    sbl__leaf *leaf = &b->store->leaves[at];
+    float *light = b->light + 3 * at, rest[3] = { 0, 0, 0 };
     int i, k;
     light[0] = light[1] = light[2] = 0;
     for (i = state->first, state->valid = 0; i < state->first + state->points; i++)
         state->valid += b->readings[i].valid;
     for (i = state->first; i < state->first + state->points; i++) {
-        sbl__hit *hits = &b->hits[(size_t)i * SBL__BOUNCE_RAYS];
         float sky[3];
-        if (b->readings[i].valid) {
-            sbl__bounce_sky(c, b, i, sky);
-            for (k = 0; k < 3; k++) rest[k] += sky[k] / (float)state->valid;
-            for (k = 0; k < 3; k++) light[k] += b->readings[i].radiance[k] / (float)state->valid;
-        }
-        for (k = 0; k < SBL__BOUNCE_RAYS && leaf >= b->joined; k++) {
-            const uint32_t *reference;
-            uint32_t patch;
-            int depth;
-            if (hits[k].place == SBL__NOWHERE) continue;
-            reference = sbl__place_find(s, &hits[k], &patch, &depth);
-            hits[k].place = reference && *reference ? *reference - 1 : SBL__NOWHERE;
-        }
+        if (at >= b->joined) sbl__bounce_join_point(b, i);
+        if (!b->readings[i].valid) continue;
+        sbl__bounce_sky(b, i, sky);
+        for (k = 0; k < 3; k++) rest[k] += sky[k] / (float)state->valid;
+        for (k = 0; k < 3; k++) light[k] += b->readings[i].radiance[k] / (float)state->valid;
     }
-    s->leaves[leaf].lamps = sbl__rgbe(light);
-    for (k = 0; k < 3; k++) s->leaves[leaf].light[k] = light[k] += rest[k];
-}
-
-static sbl_result sbl__bounce_join(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
-    const int leaves = c->scene.store.leaf_count;
-    if (!b->light) b->light = (float *)sbl__alloc_raw(&c->base, (size_t)leaves, 3 * sizeof *b->light);
-    if (!b->light) return SBL_ERROR_OUT_OF_MEMORY;
-    for (; b->at < leaves; b->at++) {
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        sbl__bounce_join_leaf(c, b, b->at);
-        b->joined = SBL__MAX(b->joined, b->at + 1);
-    }
+    leaf->lamps = sbl__rgbe(light);
+    for (k = 0; k < 3; k++) leaf->light[k] = light[k] += rest[k];
+    b->joined = SBL__MAX(b->joined, at + 1);
     return SBL_SUCCESS;
 }
 
 #define SBL__BOUNCE_UNIT (65535.0f * SBL__BOUNCE_RAYS)  /* of what sbl__bounce_add_got sums */
 
 /* Adds what a point gets from leaves, as these are now. */
-static void sbl__bounce_add_got(const sbl__store *s, const sbl__bounce *b, int point, float sum[3]) {
-    const sbl__hit *hits = &b->hits[(size_t)point * SBL__BOUNCE_RAYS];
+static void sbl__bounce_add_got(const sbl__bounce *b, int point, float sum[3]) {
+    const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
     int j, k;
     for (j = 0; j < SBL__BOUNCE_RAYS; j++) {
         if (hits[j].place == SBL__NOWHERE) continue;
-        for (k = 0; k < 3; k++) sum[k] += (float)hits[j].albedo[k] * s->leaves[hits[j].place].light[k];
+        for (k = 0; k < 3; k++) sum[k] += (float)hits[j].albedo[k] * b->store->leaves[hits[j].place].light[k];
     }
 }
 
 /* What a leaf's points get from others, on average. */
-static void sbl__bounce_sum(const sbl__store *s, const sbl__bounce *b, const sbl__bounce_leaf *leaf, float out[3]) {
+static void sbl__bounce_sum(const sbl__bounce *b, const sbl__bounce_leaf *leaf, float out[3]) {
     float sum[3] = { 0, 0, 0 };
     int i, k;
     for (i = leaf->first; i < leaf->first + leaf->points; i++)
-        if (b->readings[i].valid) sbl__bounce_add_got(s, b, i, sum);
+        if (b->readings[i].valid) sbl__bounce_add_got(b, i, sum);
     for (k = 0; k < 3; k++) out[k] = leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0;
 }
 
 /* A round: one more bounce, of what leaves before have already gathered too (Gauss and Seidel's way). */
-static sbl_result sbl__bounce_gather(const sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
-    const sbl__store *s = &c->scene.store;
+static sbl_result sbl__bounce_gather(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
     sbl__balance *balance = &b->balance;
-    if (b->at == 0) memset(balance, 0, sizeof *balance);
-    for (; b->at < s->leaf_count; b->at++) {
-        float *light = s->leaves[b->at].light, sum[3];
-        int k;
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        sbl__bounce_sum(s, b, &b->states[b->at], sum);
-        for (k = 0; k < 3; k++) {
-            const float lit = b->light[3 * b->at + k], next = lit + sum[k];
-            balance->lit[k] += (double)lit;
-            balance->before[k] += (double)light[k];
-            balance->after[k] += (double)next;
-            balance->change += fabs((double)next - light[k]);
-            light[k] = next;
-        }
+    float *light = b->store->leaves[at].light, sum[3];
+    int k;
+    if (at == 0) memset(balance, 0, sizeof *balance);
+    sbl__bounce_sum(b, &b->states[at], sum);
+    for (k = 0; k < 3; k++) {
+        const float lit = b->light[3 * at + k], next = lit + sum[k];
+        balance->lit[k] += (double)lit;
+        balance->before[k] += (double)light[k];
+        balance->after[k] += (double)next;
+        balance->change += fabs((double)next - light[k]);
+        light[k] = next;
     }
     return SBL_SUCCESS;
 }
 
+/* Once a scene, where walls that are clamped hold so much light that it shows. */
+static void sbl__bounce_warn(const sbl__bounce *b) {
+    const sbl__geometry *g = b->geometry;
+    sbl__store *s = b->store;
+    double lit = 0, all = 0;
+    int i, white = 0;
+    for (i = 0; i < s->leaf_count; i++) {
+        lit += sbl__sum3(b->light + 3 * i);
+        all += sbl__sum3(s->leaves[i].light);
+    }
+    for (i = 0; i < g->mesh_count; i++) {
+        const float *a = g->objects[i].albedo;
+        white += SBL__MIN(SBL__MIN(a[0], a[1]), a[2]) > SBL__BOUNCE_ALBEDO && !g->objects[i].albedo_texture[1];
+    }
+    if (!white || !(all > SBL__BOUNCE_HELD * lit) || s->warned) return;
+    sbl__log(&b->core->base, SBL_LOG_WARNING, SBL_LOG_ITEM_ALBEDO, "%d meshes have albedos above %g and hold much "
+             "light; what bounces is that of %g: closed rooms of such walls would never grow dark", white,
+             (double)SBL__BOUNCE_ALBEDO, (double)SBL__BOUNCE_ALBEDO);
+    s->warned = 1;
+}
+
 /* After a round. At first, what has gathered is scaled to what is emitted, channel by channel: the slowest part of the
-   way, the whole room's brightness, is taken at once. SBL_SUCCESS: no more rounds are needed. */
-static sbl_result sbl__bounce_solve(sbl__core *c, sbl__bounce *b) {
+   way, the whole room's brightness, is taken at once. */
+static int sbl__bounce_after_gather(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
     const sbl__balance *balance = &b->balance;
-    const sbl__store *s = &c->scene.store;
+    const sbl__store *s = b->store;
     double sum = 0, ratio;
     int i, k;
     for (k = 0; k < 3; k++) {
@@ -11563,17 +11676,18 @@ static sbl_result sbl__bounce_solve(sbl__core *c, sbl__bounce *b) {
     ratio = b->change > 0 ? SBL__MIN(balance->change / b->change, 0.999) : 0.999;
     b->change = balance->change;
     b->rounds++;
-    if (b->rounds < SBL__BOUNCE_SCALED + 2 && b->change > 0) return SBL_UNFINISHED;
-    return b->change * ratio / (1 - ratio) <= SBL__BOUNCE_REST * sum || b->rounds >= SBL__BOUNCE_ROUNDS
-        ? SBL_SUCCESS : SBL_UNFINISHED;
+    if (b->rounds < SBL__BOUNCE_SCALED + 2 && b->change > 0) return SBL__BOUNCE_GATHER;
+    if (!(b->change * ratio / (1 - ratio) <= SBL__BOUNCE_REST * sum) && b->rounds < SBL__BOUNCE_ROUNDS)
+        return SBL__BOUNCE_GATHER;
+    sbl__bounce_warn(b);
+    return SBL__BOUNCE_NOISE;
 }
 
 /* >>bounce: how far off it is */
 
 /* What a leaf's light may be off by, in colours and of random sign. Of one point alone nothing is known but its
    light. */
-static void sbl__bounce_noise_of(const sbl__core *c, const sbl__bounce *b, int leaf, float out[3]) {
-    const sbl__store *s = &c->scene.store;
+static void sbl__bounce_noise_of(const sbl__bounce *b, int leaf, float out[3]) {
     const sbl__bounce_leaf *state = &b->states[leaf];
     const uint32_t signs = sbl__hash_step(0, (uint32_t)leaf);
     double sum[3] = { 0, 0, 0 }, squares[3] = { 0, 0, 0 };
@@ -11581,8 +11695,8 @@ static void sbl__bounce_noise_of(const sbl__core *c, const sbl__bounce *b, int l
     for (i = state->first; i < state->first + state->points; i++) {
         float got[3] = { 0, 0, 0 }, sky[3];
         if (!b->readings[i].valid) continue;
-        sbl__bounce_add_got(s, b, i, got);
-        sbl__bounce_sky(c, b, i, sky);
+        sbl__bounce_add_got(b, i, got);
+        sbl__bounce_sky(b, i, sky);
         for (k = 0; k < 3; k++) {
             const double light = (double)got[k] / SBL__BOUNCE_UNIT + sky[k] + b->readings[i].radiance[k];
             sum[k] += light;
@@ -11596,263 +11710,116 @@ static void sbl__bounce_noise_of(const sbl__core *c, const sbl__bounce *b, int l
     }
 }
 
-static sbl_result sbl__bounce_noise(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
-    const sbl__store *s = &c->scene.store;
-    if (!b->solved) b->solved = (float *)sbl__alloc_raw(&c->base, (size_t)s->leaf_count, 3 * sizeof *b->solved);
-    if (!b->solved) return SBL_ERROR_OUT_OF_MEMORY;
-    for (; b->at < s->leaf_count; b->at++) {
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        memcpy(b->solved + 3 * b->at, s->leaves[b->at].light, 3 * sizeof *b->solved);
-        sbl__bounce_noise_of(c, b, b->at, b->light + 3 * b->at);
-    }
+static sbl_result sbl__bounce_noise(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    memcpy(b->solved + 3 * at, b->store->leaves[at].light, 3 * sizeof *b->solved);
+    sbl__bounce_noise_of(b, at, b->light + 3 * at);
     return SBL_SUCCESS;
 }
 
-/* Noise takes light's place, for rounds of SBL__BOUNCE_CARRY. */
-static void sbl__bounce_carry_begin(const sbl__store *s, sbl__bounce *b) {
+/* Noise takes light's place, and goes the same ways. */
+static int sbl__bounce_after_noise(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
     int i;
-    for (i = 0; i < s->leaf_count; i++) memcpy(s->leaves[i].light, b->light + 3 * i, 3 * sizeof *b->light);
+    for (i = 0; i < b->store->leaf_count; i++)
+        memcpy(b->store->leaves[i].light, b->light + 3 * i, 3 * sizeof *b->light);
     b->rounds = 0;
+    return SBL__BOUNCE_CARRY;
+}
+
+static int sbl__bounce_after_carry(void *work) {
+    return ++((sbl__bounce *)work)->rounds < SBL__DOUBT_ROUNDS ? SBL__BOUNCE_CARRY : SBL__BOUNCE_DOUBT;
 }
 
 /* Light takes its place again; what came from elsewhere is a leaf's doubt. */
-static sbl_result sbl__bounce_doubt(const sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
-    const sbl__store *s = &c->scene.store;
-    for (; b->at < s->leaf_count; b->at++) {
-        const float *solved = b->solved + 3 * b->at, *own = b->light + 3 * b->at;
-        float *light = s->leaves[b->at].light;
-        double doubt2 = 0;
-        int k;
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        for (k = 0; k < 3; k++) {
-            const double off = solved[k] > 0 ? ((double)light[k] - own[k]) / solved[k] : 0;
-            doubt2 += off * off / 3;
-            light[k] = solved[k];
-        }
-        sbl__leaf_set_doubt(&s->leaves[b->at], SBL__DOUBT_STRATA * SBL__MIN(sqrt(doubt2), SBL__DOUBT_MOST));
+static sbl_result sbl__bounce_doubt(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const float *solved = b->solved + 3 * at, *own = b->light + 3 * at;
+    float *light = b->store->leaves[at].light;
+    double doubt2 = 0;
+    int k;
+    for (k = 0; k < 3; k++) {
+        const double off = solved[k] > 0 ? ((double)light[k] - own[k]) / solved[k] : 0;
+        doubt2 += off * off / 3;
+        light[k] = solved[k];
     }
+    sbl__leaf_set_doubt(&b->store->leaves[at], SBL__DOUBT_STRATA * SBL__MIN(sqrt(doubt2), SBL__DOUBT_MOST));
     return SBL_SUCCESS;
+}
+
+static sbl_result sbl__bounce_send(void *work, sbl__slice *slice) {
+    const sbl__bounce *b = (const sbl__bounce *)work;
+    (void)slice;
+    b->core->device.gl.doing = "storing bounced light";
+    return sbl__store_send(&b->core->device, b->store, b->geometry->triangle_count, b->geometry->wide);
 }
 
 /* >>bounce: light in the air, for what the host draws */
 
 /* At the middle of what it draws, and half of the way to each of its corners: six sensors each. */
-static void sbl__bounce_air(sbl__core *c, sbl__bounce *b) {
-    const float *low = c->scene.draw_bounds[0], *high = c->scene.draw_bounds[1];
-    sbl__spec spec;
+static int sbl__bounce_after_send(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const sbl__scene *scene = &b->core->scene;
     int i, k;
+    if (!scene->draw) return SBL__BOUNCE_DONE;
     memset(b->air, 0, sizeof b->air);
     for (i = 0; i < SBL__AIR_SITES; i++) {
         sbl__site *site = &b->air[i];
         const int place = i / 6, axis = i % 6 / 2;
         for (k = 0; k < 3; k++) {
             const double share = place == 8 ? 0.5 : place >> k & 1 ? 0.75 : 0.25;
-            site->position[k] = (float)((1 - share) * low[k] + share * high[k]);
+            site->position[k] = (float)((1 - share) * scene->draw_bounds[0][k] + share * scene->draw_bounds[1][k]);
         }
         site->normal[axis] = site->geometric_normal[axis] = i & 1 ? -1.0f : 1.0f;
         site->number = (uint32_t)i;
-        site->guide = site->first = 0;
         site->looks = 1;
     }
-    sbl__bounce_spec(c, SBL_MODE_GI, SBL__AIR_RAYS, &spec);
-    sbl__bounce_measure(c, b, &spec, b->air, b->air_readings, SBL__AIR_SITES);
+    sbl__bounce_measure(b, SBL_MODE_GI, b->air, b->air_readings, SBL__AIR_SITES);
+    return SBL__BOUNCE_AIR;
 }
 
-static void sbl__bounce_air_read(sbl__core *c, const sbl__bounce *b) {
-    sbl__store *s = &c->scene.store;
+static int sbl__bounce_after_air(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    float (*air)[3] = b->store->air;
     int i, k, valid[6] = { 0, 0, 0, 0, 0, 0 };
-    memset(s->air, 0, sizeof s->air);
+    memset(air, 0, sizeof b->store->air);
     for (i = 0; i < SBL__AIR_SITES; i++) valid[i % 6] += b->air_readings[i].valid;
     for (i = 0; i < SBL__AIR_SITES; i++)
         for (k = 0; k < 3 && b->air_readings[i].valid; k++)
-            s->air[i % 6][k] += b->air_readings[i].radiance[k] / (float)valid[i % 6];
-}
-
-/* Once a scene, where walls that are clamped hold so much light that it shows. */
-static void sbl__bounce_warn(sbl__core *c, const sbl__bounce *b) {
-    const sbl__geometry *g = &c->scene.geometry;
-    sbl__store *s = &c->scene.store;
-    double lit = 0, all = 0;
-    int i, white = 0;
-    for (i = 0; i < s->leaf_count; i++) {
-        lit += sbl__sum3(b->light + 3 * i);
-        all += sbl__sum3(s->leaves[i].light);
-    }
-    for (i = 0; i < g->mesh_count; i++) {
-        const float *a = g->objects[i].albedo;
-        white += SBL__MIN(SBL__MIN(a[0], a[1]), a[2]) > SBL__BOUNCE_ALBEDO && !g->objects[i].albedo_texture[1];
-    }
-    if (white && all > SBL__BOUNCE_HELD * lit && !s->warned) {
-        sbl__log(&c->base, SBL_LOG_WARNING, SBL_LOG_ITEM_ALBEDO, "%d meshes have albedos above %g and hold much light; "
-                 "what bounces is that of %g: closed rooms of such walls would never grow dark", white,
-                 (double)SBL__BOUNCE_ALBEDO, (double)SBL__BOUNCE_ALBEDO);
-        s->warned = 1;
-    }
+            air[i % 6][k] += b->air_readings[i].radiance[k] / (float)valid[i % 6];
+    return SBL__BOUNCE_DONE;
 }
 
 /* >>bounce: its life */
 
-static sbl_result sbl__bounce_piece(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
-    sbl__store *s = &c->scene.store;
-    const sbl__geometry *g = &c->scene.geometry;
-    switch (b->stage) {
-        case SBL__BOUNCE_BEGIN: return sbl__bounce_begin(c, b);
-        case SBL__BOUNCE_PATCHES: return sbl__patching_step(g, &b->patching, s, SBL__BOUNCE_AIM * s->most, slice);
-        case SBL__BOUNCE_SEED: return sbl__bounce_seed(c, b, slice);
-        case SBL__BOUNCE_SOW:
-            c->device.gl.doing = "sending first rays between surfaces";
-            if (!sbl__grow(&c->base, &b->hits, &b->hit_room, b->seed_count * SBL__BOUNCE_SEED_RAYS, sizeof *b->hits))
-                return SBL_ERROR_OUT_OF_MEMORY;
-            return sbl__bounce_cast(c, b, sbl__bounce_seed_ray, b->seed_count * SBL__BOUNCE_SEED_RAYS, b->hits, slice);
-        case SBL__BOUNCE_PLACE: return sbl__bounce_place(c, b, slice);
-        case SBL__BOUNCE_FEEL:
-            c->device.gl.doing = "feeling along surfaces";
-            if (!sbl__grow(&c->base, &b->feelers, &b->feeler_room, (s->leaf_count - b->fresh) * SBL__BOUNCE_FEELERS,
-                           sizeof *b->feelers)) return SBL_ERROR_OUT_OF_MEMORY;
-            return sbl__bounce_cast(c, b, sbl__bounce_feeler, (s->leaf_count - b->fresh) * SBL__BOUNCE_FEELERS,
-                                    b->feelers, slice);
-        case SBL__BOUNCE_CUT: return sbl__bounce_cuts(c, b, slice);
-        case SBL__BOUNCE_CAST:
-            c->device.gl.doing = "following light between surfaces";
-            if (!sbl__grow(&c->base, &b->hits, &b->hit_room, b->point_count * SBL__BOUNCE_RAYS, sizeof *b->hits))
-                return SBL_ERROR_OUT_OF_MEMORY;
-            b->at = SBL__MAX(b->at, b->cast * SBL__BOUNCE_RAYS);
-            return sbl__bounce_cast(c, b, sbl__bounce_ray, b->point_count * SBL__BOUNCE_RAYS, b->hits, slice);
-        case SBL__BOUNCE_FIND: return sbl__bounce_find(c, b, slice);
-        case SBL__BOUNCE_SORT: return sbl__bounce_sort(c, b, slice);
-        case SBL__BOUNCE_SITES: return sbl__bounce_sites(c, b, slice);
-        case SBL__BOUNCE_LIGHT: return sbl__job_step(&c->device, &b->job, slice);
-        case SBL__BOUNCE_JOIN: return sbl__bounce_join(c, b, slice);
-        case SBL__BOUNCE_GATHER: return sbl__bounce_gather(c, b, slice);
-        case SBL__BOUNCE_SOLVE: return SBL_SUCCESS;
-        case SBL__BOUNCE_NOISE: return sbl__bounce_noise(c, b, slice);
-        case SBL__BOUNCE_CARRY: return sbl__bounce_gather(c, b, slice);
-        case SBL__BOUNCE_DOUBT: return sbl__bounce_doubt(c, b, slice);
-        case SBL__BOUNCE_AIR: return sbl__job_step(&c->device, &b->job, slice);
-        default:
-            c->device.gl.doing = "storing bounced light";
-            return sbl__store_send(&c->device, s, g->triangle_count, g->wide);
-    }
-}
-
-/* All begins anew, with larger cells or smaller ones; or there are more patches than leaves, whatever the cells. */
-static sbl__bounce_stage sbl__bounce_again(sbl__bounce *b, double growth) {
-    sbl__patching *p = &b->patching;
-    p->growth *= growth;
-    if (growth > 1 || p->pool <= 1) p->pool *= growth;
-    p->stage = SBL__PATCH_GRID;
-    b->spread = 0;
-    b->seed_count = b->held_count = b->point_count = b->fresh = b->cast = b->parted = b->sown = 0;
-    memset(b->stands, 0, SBL__STANDS * sizeof *b->stands);
-    return SBL__BOUNCE_PATCHES;
-}
-
-/* What follows a stage that is done. */
-static sbl__bounce_stage sbl__bounce_next(sbl__core *c, sbl__bounce *b) {
-    double share;
-    switch (b->stage) {
-        case SBL__BOUNCE_PLACE:
-            if (b->crowded) return sbl__bounce_again(b, SBL__MAX(b->crowding, SBL__BOUNCE_GROWTH));
-            share = (double)c->scene.store.leaf_count / c->scene.store.most;
-            if (!b->fresh && share > SBL__BOUNCE_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
-                /* with what they see there would be too many */
-                return sbl__bounce_again(b, pow(share / SBL__BOUNCE_FIRST, SBL__BOUNCE_FIRST_POWER));
-            if (c->scene.store.leaf_count > b->fresh) return SBL__BOUNCE_FEEL;
-            if (b->cast < b->point_count) return SBL__BOUNCE_CAST;
-            if (b->parted) {  /* leaves that had points were cut: their other sides may want some */
-                b->parted = 0;
-                b->queue = b->hits;
-                b->queue_count = b->point_count * SBL__BOUNCE_RAYS;
-                return SBL__BOUNCE_PLACE;
-            }
-            if (b->sown && b->seen > 0 && share < SBL__BOUNCE_SPARE && share > 2 * b->share) {
-                b->share = share;  /* much of the scene is seen by nothing: the rest may have more */
-                return sbl__bounce_again(b, SBL__MAX(share / SBL__BOUNCE_AIM, SBL__BOUNCE_SHRINK));
-            }
-            if (b->sown) return SBL__BOUNCE_FIND;
-            b->sown = 1;
-            b->seen = c->scene.store.leaf_count;
-            b->queue = b->seeds;  /* at last what no ray met */
-            b->queue_count = b->seed_count;
-            return SBL__BOUNCE_PLACE;
-        case SBL__BOUNCE_CUT: return SBL__BOUNCE_PLACE;
-        case SBL__BOUNCE_SOW:
-            sbl__bounce_judge_seeds(b);
-            b->queue = b->hits;
-            b->queue_count = b->seed_count * SBL__BOUNCE_SEED_RAYS;
-            return SBL__BOUNCE_PLACE;
-        case SBL__BOUNCE_CAST:
-            b->queue = b->hits + (size_t)b->cast * SBL__BOUNCE_RAYS;
-            b->queue_count = (b->point_count - b->cast) * SBL__BOUNCE_RAYS;
-            b->cast = b->point_count;
-            return SBL__BOUNCE_PLACE;
-        case SBL__BOUNCE_SITES:
-            sbl__bounce_light(c, b);
-            return SBL__BOUNCE_LIGHT;
-        case SBL__BOUNCE_LIGHT:
-            sbl__bounce_count(c, b);
-            return SBL__BOUNCE_JOIN;
-        case SBL__BOUNCE_SOLVE:
-            if (sbl__bounce_solve(c, b) != SBL_SUCCESS) return SBL__BOUNCE_GATHER;
-            sbl__bounce_warn(c, b);
-            return SBL__BOUNCE_NOISE;
-        case SBL__BOUNCE_NOISE:
-            sbl__bounce_carry_begin(&c->scene.store, b);
-            return SBL__BOUNCE_CARRY;
-        case SBL__BOUNCE_CARRY: return ++b->rounds < SBL__DOUBT_ROUNDS ? SBL__BOUNCE_CARRY : SBL__BOUNCE_DOUBT;
-        case SBL__BOUNCE_SEND:
-            if (!c->scene.draw) return SBL__BOUNCE_DONE;
-            sbl__bounce_air(c, b);
-            return SBL__BOUNCE_AIR;
-        case SBL__BOUNCE_AIR:
-            sbl__bounce_count(c, b);
-            sbl__bounce_air_read(c, b);
-            return SBL__BOUNCE_DONE;
-        default: return (sbl__bounce_stage)(b->stage + 1);
-    }
-}
-
 /* What shines has changed: what is known of the surfaces stays. */
 static void sbl__bounce_relight(sbl__bounce *b) {
-    if (b->stage > SBL__BOUNCE_SITES) b->stage = SBL__BOUNCE_SITES;
-    b->at = b->stage == SBL__BOUNCE_SITES ? 0 : b->at;
+    if (b->stages.stage >= SBL__BOUNCE_SITES) {
+        b->stages.stage = SBL__BOUNCE_SITES;
+        b->stages.at = 0;
+    }
     b->rounds = 0;
     b->change = 0;
 }
 
 /* Points and their hits are kept, for other lights; what else was needed is not. */
 static void sbl__bounce_rest(const sbl__device *d, sbl__bounce *b) {
-    if (!b) return;
+    void *const blocks[] = { b->seeds.list, b->held.list, b->again.list, b->feelers.list, b->sequence, b->sites,
+                             b->readings, b->stands, b->light, b->solved, b->order };
+    int i;
+    for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(d->base, blocks[i]);
     sbl__patching_free(d->base, &b->patching);
-    sbl__free(d->base, b->seeds);
-    sbl__free(d->base, b->held);
-    sbl__free(d->base, b->again);
-    sbl__free(d->base, b->feelers);
-    sbl__free(d->base, b->sequence);
-    sbl__free(d->base, b->sites);
-    sbl__free(d->base, b->readings);
-    sbl__free(d->base, b->stands);
-    sbl__free(d->base, b->light);
-    sbl__free(d->base, b->solved);
-    sbl__free(d->base, b->order);
     sbl__table_delete(d, &b->casts);
     sbl__blocks_free(d, &b->blocks);
     sbl__job_free(d, &b->job);
-    b->seeds = b->held = b->again = b->feelers = NULL;
-    b->seed_room = b->held_room = b->again_room = b->feeler_room = 0;
-    b->sequence = NULL;
-    b->sites = NULL;
-    b->readings = NULL;
-    b->stands = NULL;
-    b->light = b->solved = NULL;
-    b->order = NULL;
+    memset(&b->patching, 0, sizeof *b - offsetof(sbl__bounce, patching));
 }
 
 static void sbl__bounce_free(const sbl__device *d, sbl__bounce *b) {
     sbl__bounce_rest(d, b);
     sbl__free(d->base, b->points);
     sbl__free(d->base, b->states);
-    sbl__free(d->base, b->hits);
+    sbl__free(d->base, b->hits.list);
     memset(b, 0, sizeof *b);
 }
 
@@ -11863,27 +11830,57 @@ static void sbl__bounce_end(sbl__core *c) {
     c->bounce = NULL;
 }
 
+/* The filling that goes on, or a new one; NULL: memory is out. */
+static sbl__bounce *sbl__bounce_under_way(sbl__core *c) {
+    sbl__bounce *b;
+    if (c->bounce && c->bounce->surfaces != c->scene.surfaces) sbl__bounce_end(c);
+    if (!c->bounce) c->bounce = (sbl__bounce *)sbl__alloc(&c->base, 1, sizeof *c->bounce);
+    else if (c->bounce->scene != c->scene.version) sbl__bounce_relight(c->bounce);
+    b = c->bounce;
+    if (!b) return NULL;
+    b->core = c;
+    b->store = &c->scene.store;
+    b->geometry = &c->scene.geometry;
+    b->surfaces = c->scene.surfaces;
+    b->scene = c->scene.version;
+    return b;
+}
+
 /* One bounded piece of the store. SBL_SUCCESS: it is there. */
 static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { sbl__bounce_begin, NULL, NULL, NULL },
+        { sbl__bounce_patches, NULL, NULL, NULL },
+        { sbl__bounce_grid, NULL, NULL, NULL },
+        { NULL, NULL, sbl__bounce_word, sbl__bounce_triangles },
+        { NULL, NULL, sbl__bounce_seed, sbl__bounce_triangles },
+        { sbl__bounce_sow, sbl__bounce_after_sow, NULL, NULL },
+        { NULL, sbl__bounce_after_place, sbl__bounce_place, sbl__bounce_queued },
+        { sbl__bounce_feel, NULL, NULL, NULL },
+        { NULL, sbl__bounce_after_cuts, sbl__bounce_cuts, sbl__bounce_fresh_leaves },
+        { sbl__bounce_follow, sbl__bounce_after_follow, NULL, NULL },
+        { NULL, NULL, sbl__bounce_find, sbl__bounce_points },
+        { sbl__bounce_order, NULL, NULL, NULL },
+        { NULL, NULL, sbl__bounce_sort, sbl__bounce_points },
+        { sbl__bounce_room, sbl__bounce_after_sites, sbl__bounce_site, sbl__bounce_points },
+        { sbl__bounce_sense, NULL, NULL, NULL },
+        { NULL, NULL, sbl__bounce_join, sbl__bounce_leaves },
+        { NULL, sbl__bounce_after_gather, sbl__bounce_gather, sbl__bounce_leaves },
+        { NULL, sbl__bounce_after_noise, sbl__bounce_noise, sbl__bounce_leaves },
+        { NULL, sbl__bounce_after_carry, sbl__bounce_gather, sbl__bounce_leaves },
+        { NULL, NULL, sbl__bounce_doubt, sbl__bounce_leaves },
+        { sbl__bounce_send, sbl__bounce_after_send, NULL, NULL },
+        { sbl__bounce_sense, sbl__bounce_after_air, NULL, NULL }
+    };
     const double start = sbl__now();
     sbl__store *s = &c->scene.store;
-    sbl_result result;
-    c->stats.bounce_samples = s->leaf_count;
-    if (s->ready) return SBL_SUCCESS;
-    if (c->bounce && c->bounce->surfaces != c->scene.surfaces) sbl__bounce_end(c);
-    if (!c->bounce) {
-        c->bounce = (sbl__bounce *)sbl__alloc(&c->base, 1, sizeof *c->bounce);
-        if (!c->bounce) return SBL_ERROR_OUT_OF_MEMORY;
-        c->bounce->surfaces = c->scene.surfaces;
-    } else if (c->bounce->scene != c->scene.version) sbl__bounce_relight(c->bounce);
-    c->bounce->scene = c->scene.version;
-    result = sbl__bounce_piece(c, c->bounce, slice);
-    if (result == SBL_SUCCESS) {
-        c->bounce->stage = sbl__bounce_next(c, c->bounce);
-        c->bounce->at = 0;
-        s->ready = c->bounce->stage == SBL__BOUNCE_DONE;
-        if (s->ready) sbl__bounce_rest(&c->device, c->bounce);
-        else result = SBL_UNFINISHED;
+    sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
+    if (!s->ready && sbl__bounce_under_way(c))
+        result = sbl__stages_step(&c->bounce->stages, table, SBL__COUNT(table), c->bounce, slice);
+    if (s->ready) result = SBL_SUCCESS;
+    else if (result == SBL_SUCCESS) {
+        sbl__bounce_rest(&c->device, c->bounce);
+        s->ready = 1;
     } else if (result != SBL_UNFINISHED) sbl__bounce_end(c);
     c->stats.seconds.bounce += sbl__now() - start;
     c->stats.bounce_samples = s->leaf_count;
@@ -11895,10 +11892,10 @@ static float sbl__bounce_progress(sbl__core *c) {
     sbl__bounce *b = c->bounce;
     float now;
     if (c->scene.store.ready || !b) return c->scene.store.ready ? 1.0f : 0.0f;
-    now = b->stage < SBL__BOUNCE_SITES    ? 0.5f * (float)b->cast / (float)(SBL__BOUNCE_POINTS * c->scene.store.most)
-        : b->stage == SBL__BOUNCE_SITES   ? 0.5f
-        : b->stage == SBL__BOUNCE_LIGHT   ? 0.5f + 0.4f * sbl__job_progress(&b->job)
-                                          : 0.9f;
+    now = b->stages.stage < SBL__BOUNCE_SITES  ? 0.5f * (float)b->cast / (float)(SBL__BOUNCE_POINTS * b->store->most)
+        : b->stages.stage == SBL__BOUNCE_SITES ? 0.5f
+        : b->stages.stage == SBL__BOUNCE_LIGHT ? 0.5f + 0.4f * sbl__job_progress(&b->job)
+                                               : 0.9f;
     b->progress = SBL__MAX(b->progress, SBL__MIN(now, 0.99f));
     return b->progress;
 }
@@ -14646,7 +14643,6 @@ static sbl__stage sbl__picture_next(sbl__core *c, sbl__picture *p) {
         case SBL__STAGE_PREPARE:
             sbl__picture_see(c, p);
             sbl__camera_make(&p->camera, &p->desc, &c->scene.geometry);
-            sbl__surface_begin(&p->surface);
             return SBL__STAGE_SURFACE;
         case SBL__STAGE_COLLECT:
             if (!p->refine.site_count) return SBL__STAGE_TAKE;
@@ -14682,11 +14678,9 @@ static sbl__stage sbl__picture_next(sbl__core *c, sbl__picture *p) {
             return SBL__STAGE_SPEND;
         case SBL__STAGE_FILTER:
             if (p->lightmap) return p->previewing ? SBL__STAGE_PREVIEW : SBL__STAGE_GUTTERS;
-            sbl__surface_begin(&p->surface);
             return p->watched ? SBL__STAGE_PREVIEW : SBL__STAGE_SAMPLE;
         case SBL__STAGE_TURN: return p->refine.layer ? SBL__STAGE_FILL : SBL__STAGE_DONE;
         case SBL__STAGE_RESOLVE:
-            sbl__surface_begin(&p->surface);
             return ++p->resolved < p->desc.samples ? SBL__STAGE_SAMPLE : SBL__STAGE_DONE;
         default: return (sbl__stage)(p->stage + 1);
     }
@@ -16435,7 +16429,6 @@ static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gb
     job.scene = &c->scene;
     job.camera = &camera;
     job.gbuffer = gbuffer;
-    sbl__surface_begin(surface);
     do result = sbl__surface_step(&c->device, surface, &job, &slice); while (result == SBL_UNFINISHED);
     if (result == SBL_SUCCESS)
         result = sbl__target_read(&c->device, &gbuffer->target, SBL__GBUFFER_POSITION, 0, SBL__TRIAL_SIZE, pixels);
