@@ -9968,7 +9968,8 @@ typedef enum sbl__job_stage {
 } sbl__job_stage;
 
 typedef struct sbl__job {
-    sbl__job_stage stage;
+    sbl__stages stages;
+    sbl__device *device;
     sbl__task task;
     const sbl__scene *scene;
     sbl__job_counts counts;     /* since the caller last cleared them */
@@ -9991,10 +9992,8 @@ typedef struct sbl__job {
     int look_count;             /* of the round */
     int site, look;             /* that are next: to be drawn, to be read */
     int drawn, aimed, reduced;  /* looks */
-    int cleared;                /* the atlas is, for the present filling */
     int batch;                  /* looks of a batch whose triangles are not all drawn */
     int triangle;               /* of these, the next one */
-    int row;                    /* of results, the next one to be read */
     sbl__pace draw_pace[SBL__LENSES], aim_pace, reduce_pace[SBL__LENSES];
 } sbl__job;
 
@@ -10086,10 +10085,14 @@ static const sbl__slots *sbl__lens_slots(const sbl__job *j, int lens) {
 static const sbl__slots *sbl__job_slots(const sbl__job *j) { return sbl__lens_slots(j, j->lens); }
 
 /* Textures, sequences, room for a batch of looks. */
-static sbl_result sbl__job_setup(const sbl__device *d, sbl__job *j) {
+static sbl_result sbl__job_setup(void *work, sbl__slice *slice) {
+    sbl__job *j = (sbl__job *)work;
+    const sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
     int room = 0, lens;
     sbl_result result;
+    (void)slice;
+    j->device->gl.doing = "making the sensors' textures";
     j->lens = SBL__LENS_SITE;
     if (spec->traced) result = sbl__trace_setup(d, &j->trace, j->scene, spec, &j->blocks);
     else result = sbl__raster_setup(d, &j->raster, j->scene, spec, &j->blocks);
@@ -10105,13 +10108,17 @@ static sbl_result sbl__job_setup(const sbl__device *d, sbl__job *j) {
     return j->looks ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Weights of both kinds of views; the second ones are few. */
-static sbl_result sbl__job_weigh(const sbl__device *d, sbl__job *j, const sbl__slice *slice) {
+/* Weights of both kinds of views; the second ones are few. Then all resources are there. */
+static sbl_result sbl__job_weigh(void *work, sbl__slice *slice) {
+    sbl__job *j = (sbl__job *)work;
     for (; j->lens < SBL__LENSES && !j->task.spec.traced; j->lens++) {
-        const sbl_result result = sbl__raster_weigh(d, &j->raster, &j->raster.lenses[j->lens], &j->task.spec, slice);
+        sbl__lens *lens = &j->raster.lenses[j->lens];
+        const sbl_result result = sbl__raster_weigh(j->device, &j->raster, lens, &j->task.spec, slice);
         if (result != SBL_SUCCESS) return result;
     }
-    j->lens = SBL__LENS_SITE;
+    j->ready = 1;
+    j->made_for = j->task.spec;
+    j->made_for_scene = j->scene->version;
     return SBL_SUCCESS;
 }
 
@@ -10192,38 +10199,17 @@ static const sbl__recipe sbl__recipe_reduce_sum = {
     "reduce_sum", { sbl__glsl_fullscreen_vertex }, { sbl__glsl_reduce_sum }, { NULL }, SBL__DIRECTIONAL
 };
 
-/* Compiles one of the programs that the job needs. SBL_SUCCESS: all are there. */
-static sbl_result sbl__job_compile(sbl__device *d, const sbl__job *j) {
-    const sbl__spec *spec = &j->task.spec;
-    const unsigned features = sbl__features_of(j->scene, spec);
-    const struct { const sbl__recipe *recipe; int needed; unsigned features; } programs[] = {
-        { &sbl__recipe_trace, spec->traced, features },
-        { &sbl__recipe_sensor, !spec->traced, features },
-        { &sbl__recipe_sky, !spec->traced && j->scene->environment.pixels && !spec->paper, features },
-        { &sbl__recipe_lamps, spec->lamp_rays > 0, sbl__aim_features(j->scene, spec) },
-        { &sbl__recipe_reduce_blocks, !spec->traced, features },
-        { &sbl__recipe_reduce_sum, 1, features }
-    };
-    int i;
-    for (i = 0; i < SBL__COUNT(programs); i++) {
-        sbl_result result;
-        if (!programs[i].needed || sbl__program_find(d, programs[i].recipe, programs[i].features)) continue;
-        result = sbl__program_need(d, programs[i].recipe, programs[i].features);
-        return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
-    }
-    return SBL_SUCCESS;
-}
-
 /* >>job: a round */
 
 /* Starts with the task's sites, or with the suspects. */
-static sbl_result sbl__job_start_round(const sbl__device *d, sbl__job *j, int lens) {
+static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
+    const sbl__device *d = j->device;
     const int most = d->gl.capabilities.max_texture_size, directional = j->task.spec.directional;
     const sbl__results *results = &j->results[lens];
     double looks = 0;
     int i, rows;
     j->lens = lens;
-    j->site = j->look = j->cleared = j->batch = j->row = 0;
+    j->site = j->look = j->batch = 0;
     j->drawn = j->aimed = j->reduced = lens == SBL__LENS_SITE ? j->task.first_look : 0;
     if (lens == SBL__LENS_PROBE) looks = j->suspect_count;
     else for (i = 0; i < j->task.site_count; i++) looks += j->task.sites[i].looks;
@@ -10237,6 +10223,31 @@ static sbl_result sbl__job_start_round(const sbl__device *d, sbl__job *j, int le
     if (results->sums.height >= rows && results->target.id && (results->target.count > 2) == directional)
         return SBL_SUCCESS;
     return sbl__blocks_make(d, &j->results[lens], directional ? 5 : 2, SBL__RESULTS_WIDTH, rows);
+}
+
+/* Compiles one of the programs that the job needs. SBL_SUCCESS: all are there, and the sites' round is begun. */
+static sbl_result sbl__job_compile(void *work, sbl__slice *slice) {
+    sbl__job *j = (sbl__job *)work;
+    sbl__device *d = j->device;
+    const sbl__spec *spec = &j->task.spec;
+    const unsigned features = sbl__features_of(j->scene, spec);
+    const struct { const sbl__recipe *recipe; int needed; unsigned features; } programs[] = {
+        { &sbl__recipe_trace, spec->traced, features },
+        { &sbl__recipe_sensor, !spec->traced, features },
+        { &sbl__recipe_sky, !spec->traced && j->scene->environment.pixels && !spec->paper, features },
+        { &sbl__recipe_lamps, spec->lamp_rays > 0, sbl__aim_features(j->scene, spec) },
+        { &sbl__recipe_reduce_blocks, !spec->traced, features },
+        { &sbl__recipe_reduce_sum, 1, features }
+    };
+    int i;
+    (void)slice;
+    for (i = 0; i < SBL__COUNT(programs); i++) {
+        sbl_result result;
+        if (!programs[i].needed || sbl__program_find(d, programs[i].recipe, programs[i].features)) continue;
+        result = sbl__program_need(d, programs[i].recipe, programs[i].features);
+        return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
+    }
+    return sbl__job_start_round(j, SBL__LENS_SITE);
 }
 
 /* The next look of the round. A probe stands where the site's first look stands, and looks back. */
@@ -10266,18 +10277,10 @@ static void sbl__job_batch(const sbl__job *j, int first, int count, sbl__batch *
     out->count = count;
 }
 
-/* The slots that the present filling will use are filled with sky. */
-static sbl_result sbl__job_clear(const sbl__device *d, sbl__job *j) {
-    const sbl__slots *slots = sbl__job_slots(j);
-    const int used = SBL__MIN(slots->count, j->drawn % slots->count + j->look_count - j->drawn);
-    if (!j->task.spec.traced) sbl__raster_clear(d, &j->raster, &j->raster.lenses[j->lens], j->scene, used);
-    j->cleared = 1;
-    return sbl__gl_check(&d->gl);
-}
-
 /* Draws as many looks as there is room for, in the slice and in the slots, or a part of one. units: what it did, in
    those of the pace. */
-static sbl_result sbl__job_submit(sbl__device *d, sbl__job *j, double room, double *units) {
+static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
+    sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
     const int all = j->scene->geometry.triangle_count, slots = sbl__job_slots(j)->count, slot = j->drawn % slots;
     const int *blocks = sbl__job_slots(j)->blocks, narrow = j->lens == SBL__LENS_PROBE || spec->narrow;
@@ -10310,39 +10313,58 @@ static sbl_result sbl__job_submit(sbl__device *d, sbl__job *j, double room, doub
     return SBL_SUCCESS;
 }
 
+/* The slots that the present filling will use are filled with sky. */
+static sbl_result sbl__job_clear(sbl__job *j) {
+    const sbl__slots *slots = sbl__job_slots(j);
+    const int used = SBL__MIN(slots->count, j->drawn % slots->count + j->look_count - j->drawn);
+    sbl_result result;
+    if (!j->task.spec.traced) sbl__raster_clear(j->device, &j->raster, &j->raster.lenses[j->lens], j->scene, used);
+    j->stages.at = 1;
+    result = sbl__gl_check(&j->device->gl);
+    return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
+}
+
 /* One piece of drawing. Where there is no hurry some submissions of views are under way at a time: a renderer on the
    CPU then prepares one while it draws another (a quarter less time at 2,000 triangles). */
-static sbl_result sbl__job_draw(sbl__device *d, sbl__job *j, const sbl__slice *slice) {
-    const sbl__spec *spec = &j->task.spec;
+static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
+    sbl__job *j = (sbl__job *)work;
+    sbl__device *d = j->device;
     const int slots = sbl__job_slots(j)->count, first = j->drawn;
     const double fit = (slice->end - sbl__now()) / slice->longest;
-    const int most = spec->traced ? 1 : (int)SBL__MIN(SBL__MAX(fit, 1), SBL__SUBMISSIONS);
-    const double room = sbl__pace_begin(&j->draw_pace[j->lens], slice, SBL__LOOKS_FIRST, 1e-6);
-    double units = 0, all = 0;
+    const int most = j->task.spec.traced ? 1 : (int)SBL__MIN(SBL__MAX(fit, 1), SBL__SUBMISSIONS);
+    double room, units = 0, all = 0;
     sbl_result result = SBL_SUCCESS;
     int i, full = 0;
+    d->gl.doing = "drawing sensors";
+    if (!j->stages.at) return sbl__job_clear(j);
+    room = sbl__pace_begin(&j->draw_pace[j->lens], slice, SBL__LOOKS_FIRST, 1e-6);
     for (i = 0; i < most && !full && result == SBL_SUCCESS; i++) {
         if (i) sbl__submit(d);
-        result = sbl__job_submit(d, j, room, &units);
+        result = sbl__job_submit(j, room, &units);
         all += units;
         full = j->drawn > first && (j->drawn == j->look_count || j->drawn % slots == 0);
     }
     if (result == SBL_SUCCESS) sbl__pace_end(d, &j->draw_pace[j->lens], all);
     if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
-    if (result != SBL_SUCCESS || !full) return result;
-    j->stage = spec->lamp_rays && j->lens == SBL__LENS_SITE ? SBL__JOB_AIM : SBL__JOB_REDUCE;
-    j->cleared = 0;
-    return SBL_SUCCESS;
+    return result == SBL_SUCCESS && !full ? SBL_UNFINISHED : result;
+}
+
+static int sbl__job_after_draw(void *work) {
+    const sbl__job *j = (const sbl__job *)work;
+    return j->task.spec.lamp_rays && j->lens == SBL__LENS_SITE ? SBL__JOB_AIM : SBL__JOB_REDUCE;
 }
 
 /* One piece of sending rays towards lamps. All views have been drawn: what the host draws stands between. */
-static sbl_result sbl__job_aim(sbl__device *d, sbl__job *j, const sbl__slice *slice) {
+static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
+    sbl__job *j = (sbl__job *)work;
+    sbl__device *d = j->device;
     const double pace = sbl__pace_begin(&j->aim_pace, slice, SBL__LOOKS_FIRST, 1);
     const double room = SBL__MIN(sbl__whole_lots(d, pace, j->aim.parts), (double)j->look_most);
     const int count = (int)SBL__MIN(room, (double)(j->drawn - j->aimed)), blocks[2] = { 1, j->aim.parts };
     const unsigned features = sbl__aim_features(j->scene, &j->task.spec);
     sbl__batch b;
     sbl_result result;
+    d->gl.doing = "sending rays towards lamps";
     sbl__job_batch(j, j->aimed, count, &b);
     result = sbl__looks_send(d, &j->table, b.looks, b.count, b.slots->count);
     if (result == SBL_SUCCESS) result = sbl__use(d, &sbl__recipe_lamps, features);
@@ -10352,12 +10374,13 @@ static sbl_result sbl__job_aim(sbl__device *d, sbl__job *j, const sbl__slice *sl
     sbl__rays_send(d, &b, &j->aim.target, blocks);
     sbl__pace_end(d, &j->aim_pace, sbl__whole_lots(d, count, j->aim.parts));
     j->aimed += count;
-    if (j->aimed == j->drawn) j->stage = SBL__JOB_REDUCE;
-    return sbl__gl_check(&d->gl);
+    result = sbl__gl_check(&d->gl);
+    return result == SBL_SUCCESS && j->aimed < j->drawn ? SBL_UNFINISHED : result;
 }
 
 /* Sums of looks first .. last into their results. */
-static sbl_result sbl__job_sum(sbl__device *d, const sbl__job *j, int first, int last) {
+static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
+    sbl__device *d = j->device;
     const sbl__slots *slots = sbl__job_slots(j);
     const sbl__results *out = &j->results[j->lens];
     const int directional = j->task.spec.directional, aimed = j->task.spec.lamp_rays && j->lens == SBL__LENS_SITE;
@@ -10389,7 +10412,9 @@ static sbl_result sbl__job_sum(sbl__device *d, const sbl__job *j, int first, int
 }
 
 /* One piece of reducing the slots' present filling: rows of slots. */
-static sbl_result sbl__job_reduce(sbl__device *d, sbl__job *j, const sbl__slice *slice) {
+static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
+    sbl__job *j = (sbl__job *)work;
+    sbl__device *d = j->device;
     const sbl__slots *slots = sbl__job_slots(j);
     const int slot = j->reduced % slots->count, skip = slot % slots->columns, row = slot / slots->columns;
     const double room = sbl__pace_begin(&j->reduce_pace[j->lens], slice, SBL__LOOKS_FIRST, 1);
@@ -10397,23 +10422,24 @@ static sbl_result sbl__job_reduce(sbl__device *d, sbl__job *j, const sbl__slice 
     const int count = SBL__MIN(j->drawn - j->reduced, most - skip), rows = (skip + count - 1) / slots->columns + 1;
     const int area[2] = { row, rows }, turned = !j->task.spec.traced && j->task.spec.directional;
     sbl_result result = SBL_SUCCESS;
+    d->gl.doing = "adding up sensors";
     if (turned)
         result = sbl__looks_send(d, &j->table, j->looks, (j->drawn - 1) % slots->count + 1, slots->count);
     if (!j->task.spec.traced && result == SBL_SUCCESS)
         result = sbl__raster_reduce(d, &j->raster, &j->raster.lenses[j->lens], &j->blocks,
                                     turned ? &j->table : NULL, area);
-    if (result == SBL_SUCCESS) result = sbl__job_sum(d, j, j->reduced, j->reduced + count - 1);
+    if (result == SBL_SUCCESS) result = sbl__job_sum(j, j->reduced, j->reduced + count - 1);
     sbl__pace_end(d, &j->reduce_pace[j->lens], rows * slots->columns);
     if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
-    if (result != SBL_SUCCESS) return result;
     j->reduced += count;
-    if (j->reduced < j->drawn) return SBL_SUCCESS;
-    j->stage = j->drawn < j->look_count ? SBL__JOB_DRAW : SBL__JOB_READ;
-    if (j->stage == SBL__JOB_READ) {
-        j->site = j->look = 0;
-        j->row = (j->lens == SBL__LENS_SITE ? j->task.first_look : 0) / SBL__RESULTS_WIDTH;
-    }
-    return SBL_SUCCESS;
+    return result == SBL_SUCCESS && j->reduced < j->drawn ? SBL_UNFINISHED : result;
+}
+
+static int sbl__job_after_reduce(void *work) {
+    sbl__job *j = (sbl__job *)work;
+    if (j->drawn < j->look_count) return SBL__JOB_DRAW;
+    j->site = j->look = 0;
+    return SBL__JOB_READ;
 }
 
 /* >>job: reading */
@@ -10472,8 +10498,8 @@ static void sbl__job_take(sbl__job *j, const float *const found[5]) {
    what shines inside a thing may hide its walls. So looks that see any back faces are asked to look back to where they
    came from, and their sensor is stuck when it sees something nearer than its own surface. A site's first look tells.
    */
-static sbl_result sbl__job_suspect(sbl__base *base, sbl__job *j, int site) {
-    if (!sbl__grow(base, &j->suspects, &j->suspect_room, j->suspect_count + 1, sizeof *j->suspects))
+static sbl_result sbl__job_suspect(sbl__job *j, int site) {
+    if (!sbl__grow(j->device->base, &j->suspects, &j->suspect_room, j->suspect_count + 1, sizeof *j->suspects))
         return SBL_ERROR_OUT_OF_MEMORY;
     j->suspects[j->suspect_count++] = site;
     return SBL_SUCCESS;
@@ -10486,47 +10512,17 @@ static void sbl__job_convict(sbl__job *j, const float hits[4]) {
         j->task.readings[site].valid = 0;
 }
 
-/* One piece of reading results: a few rows at once. */
-static sbl_result sbl__job_read(const sbl__device *d, sbl__job *j) {
-    const sbl__results *from = &j->results[j->lens];
-    const int first = j->lens == SBL__LENS_SITE ? j->task.first_look : 0;
-    const int end = (j->look_count + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH;
-    const int rows = SBL__MIN(SBL__READ_ROWS, end - j->row), count = rows * SBL__RESULTS_WIDTH;
-    const int parts = from->target.count;
-    float *data = (float *)sbl__alloc_raw(d->base, (size_t)count, 16 * (size_t)parts);
-    sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
-    int i, k;
-    for (k = 0; k < parts && result == SBL_SUCCESS; k++)
-        result = sbl__target_read(d, &from->target, k, j->row, rows, data + 4 * (size_t)count * (size_t)k);
-    j->counts.readbacks += parts;
-    for (i = 0; i < count && result == SBL_SUCCESS; i++) {
-        const int look = j->row * SBL__RESULTS_WIDTH + i;
-        const float *found[5];
-        for (k = 0; k < 5; k++) found[k] = data + 4 * ((size_t)count * (size_t)SBL__MIN(k, parts - 1) + (size_t)i);
-        if (look < first || look >= j->look_count) continue;
-        if (j->lens == SBL__LENS_PROBE) sbl__job_convict(j, found[1]);
-        else {
-            const int site = j->site, first_look = j->look == 0;
-            sbl__job_take(j, found);
-            if (first_look && j->task.sites[site].offset > 0 &&
-                sbl__back_share(found[0], found[1]) > SBL__SUSPECT_SHARE)
-                result = sbl__job_suspect(d->base, j, site);
-        }
+/* What a look of the round found; `found`: see sbl__results. */
+static sbl_result sbl__job_judge(sbl__job *j, const float *const found[5]) {
+    const int site = j->site, first_look = j->look == 0;
+    if (j->lens == SBL__LENS_PROBE) {
+        sbl__job_convict(j, found[1]);
+        return SBL_SUCCESS;
     }
-    sbl__free(d->base, data);
-    j->row += rows;
-    return result;
-}
-
-/* >>job: its life */
-
-static void sbl__job_begin(sbl__job *j, const sbl__scene *scene, const sbl__task *task) {
-    const int same = j->ready && j->made_for_scene == scene->version && sbl__spec_equal(&j->made_for, &task->spec);
-    j->task = *task;
-    j->scene = scene;
-    j->suspect_count = 0;
-    j->ready = same;
-    j->stage = task->site_count == 0 ? SBL__JOB_DONE : same ? SBL__JOB_COMPILE : SBL__JOB_SETUP;
+    sbl__job_take(j, found);
+    if (!first_look || !(j->task.sites[site].offset > 0) ||
+        !(sbl__back_share(found[0], found[1]) > SBL__SUSPECT_SHARE)) return SBL_SUCCESS;
+    return sbl__job_suspect(j, site);
 }
 
 /* Counts a round that is done. */
@@ -10545,65 +10541,80 @@ static void sbl__job_count(sbl__job *j) {
     }
 }
 
+/* One piece of reading results: a few rows at once. Behind the last, those of suspects may begin. */
+static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
+    sbl__job *j = (sbl__job *)work;
+    const sbl__device *d = j->device;
+    const sbl__results *from = &j->results[j->lens];
+    const int first = j->lens == SBL__LENS_SITE ? j->task.first_look : 0;
+    const int end = (j->look_count + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH;
+    const int row = first / SBL__RESULTS_WIDTH + j->stages.at;
+    const int rows = SBL__MIN(SBL__READ_ROWS, end - row), count = rows * SBL__RESULTS_WIDTH;
+    const int parts = from->target.count;
+    float *data = (float *)sbl__alloc_raw(d->base, (size_t)count, 16 * (size_t)parts);
+    sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    int i, k;
+    (void)slice;
+    j->device->gl.doing = "reading sensors";
+    for (k = 0; k < parts && result == SBL_SUCCESS; k++)
+        result = sbl__target_read(d, &from->target, k, row, rows, data + 4 * (size_t)count * (size_t)k);
+    j->counts.readbacks += parts;
+    for (i = 0; i < count && result == SBL_SUCCESS; i++) {
+        const int look = row * SBL__RESULTS_WIDTH + i;
+        const float *found[5];
+        for (k = 0; k < 5; k++) found[k] = data + 4 * ((size_t)count * (size_t)SBL__MIN(k, parts - 1) + (size_t)i);
+        if (look >= first && look < j->look_count) result = sbl__job_judge(j, found);
+    }
+    sbl__free(d->base, data);
+    j->stages.at += rows;
+    if (result != SBL_SUCCESS || row + rows < end) return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
+    sbl__job_count(j);
+    return j->lens == SBL__LENS_SITE && j->suspect_count ? sbl__job_start_round(j, SBL__LENS_PROBE) : SBL_SUCCESS;
+}
+
+static int sbl__job_after_read(void *work) {
+    const sbl__job *j = (const sbl__job *)work;
+    return j->drawn < j->look_count ? SBL__JOB_DRAW : SBL__JOB_DONE;
+}
+
+/* >>job: its life */
+
+static void sbl__job_begin(sbl__job *j, const sbl__scene *scene, const sbl__task *task) {
+    const int same = j->ready && j->made_for_scene == scene->version && sbl__spec_equal(&j->made_for, &task->spec);
+    j->task = *task;
+    j->scene = scene;
+    j->suspect_count = 0;
+    j->ready = same;
+    j->stages.stage = task->site_count == 0 ? SBL__JOB_DONE : same ? SBL__JOB_COMPILE : SBL__JOB_SETUP;
+    j->stages.at = 0;
+}
+
 /* One bounded piece. SBL_SUCCESS: all readings are there. After an error the job can be begun again. */
-static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, const sbl__slice *slice) {
-    sbl_result result = SBL_SUCCESS;
-    switch (j->stage) {
-        case SBL__JOB_SETUP:
-            d->gl.doing = "making the sensors' textures";
-            result = sbl__job_setup(d, j);
-            if (result == SBL_SUCCESS) j->stage = SBL__JOB_WEIGH;
-            break;
-        case SBL__JOB_WEIGH:
-            result = sbl__job_weigh(d, j, slice);
-            if (result != SBL_SUCCESS) break;
-            j->ready = 1;
-            j->made_for = j->task.spec;
-            j->made_for_scene = j->scene->version;
-            j->stage = SBL__JOB_COMPILE;
-            break;
-        case SBL__JOB_COMPILE:
-            result = sbl__job_compile(d, j);
-            if (result == SBL_SUCCESS) result = sbl__job_start_round(d, j, SBL__LENS_SITE);
-            if (result == SBL_SUCCESS) j->stage = SBL__JOB_DRAW;
-            break;
-        case SBL__JOB_DRAW:
-            d->gl.doing = "drawing sensors";
-            result = j->cleared ? sbl__job_draw(d, j, slice) : sbl__job_clear(d, j);
-            break;
-        case SBL__JOB_AIM:
-            d->gl.doing = "sending rays towards lamps";
-            result = sbl__job_aim(d, j, slice);
-            break;
-        case SBL__JOB_REDUCE:
-            d->gl.doing = "adding up sensors";
-            result = sbl__job_reduce(d, j, slice);
-            break;
-        case SBL__JOB_READ:
-            d->gl.doing = "reading sensors";
-            result = sbl__job_read(d, j);
-            if (result != SBL_SUCCESS || j->row * SBL__RESULTS_WIDTH < j->look_count) break;
-            sbl__job_count(j);
-            if (j->lens == SBL__LENS_SITE && j->suspect_count) {
-                result = sbl__job_start_round(d, j, SBL__LENS_PROBE);
-                j->stage = SBL__JOB_DRAW;
-            } else j->stage = SBL__JOB_DONE;
-            break;
-        default: break;
-    }
-    if (result != SBL_SUCCESS && result != SBL_UNFINISHED) {
-        j->stage = SBL__JOB_IDLE;
-        j->ready = 0;
-        return result;
-    }
-    return j->stage == SBL__JOB_DONE ? SBL_SUCCESS : SBL_UNFINISHED;
+static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { NULL, NULL, NULL, NULL },
+        { sbl__job_setup, NULL, NULL, NULL },
+        { sbl__job_weigh, NULL, NULL, NULL },
+        { sbl__job_compile, NULL, NULL, NULL },
+        { sbl__job_draw, sbl__job_after_draw, NULL, NULL },
+        { sbl__job_aim, NULL, NULL, NULL },
+        { sbl__job_reduce, sbl__job_after_reduce, NULL, NULL },
+        { sbl__job_read, sbl__job_after_read, NULL, NULL }
+    };
+    sbl_result result;
+    j->device = d;
+    result = sbl__stages_step(&j->stages, table, SBL__COUNT(table), j, slice);
+    if (result == SBL_SUCCESS || result == SBL_UNFINISHED) return result;
+    j->stages.stage = SBL__JOB_IDLE;
+    j->ready = 0;
+    return result;
 }
 
 /* How much of it is done, 0 to 1: of its first round, which is nearly all of it. */
 static float sbl__job_progress(const sbl__job *j) {
     const int looks = j->look_count - j->task.first_look;
-    if (j->stage == SBL__JOB_DONE || j->lens == SBL__LENS_PROBE) return 1;
-    if (j->stage < SBL__JOB_DRAW || looks < 1) return 0;
+    if (j->stages.stage == SBL__JOB_DONE || j->lens == SBL__LENS_PROBE) return 1;
+    if (j->stages.stage < SBL__JOB_DRAW || looks < 1) return 0;
     return (float)(j->drawn - j->task.first_look) / (float)looks;
 }
 
@@ -16340,7 +16351,7 @@ static sbl_result sbl__inspect(sbl__looking *k) {
     sbl__job_begin(&c->job, &c->scene, &task);
     while (result == SBL_UNFINISHED) {
         result = sbl__job_step(&c->device, &c->job, &slice);
-        if (result != SBL_UNFINISHED || c->job.stage != SBL__JOB_READ || seen) continue;
+        if (result != SBL_UNFINISHED || c->job.stages.stage != SBL__JOB_READ || seen) continue;
         seen = 1;  /* before probes draw over it */
         c->device.gl.doing = "looking at a sensor";
         result = task.spec.traced ? sbl__inspect_rays(k) : sbl__inspect_sheet(k);
