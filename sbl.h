@@ -4202,6 +4202,22 @@ static const float *sbl__corner_of(const sbl__geometry *g, uint32_t triangle, in
     return g->vertices[g->indices[3 * (size_t)triangle + (size_t)corner]].position;
 }
 
+static void sbl__scene_triangle(const sbl__geometry *g, uint32_t triangle, const float *corners[3]) {
+    int k;
+    for (k = 0; k < 3; k++) corners[k] = sbl__corner_of(g, triangle, k);
+}
+
+/* Unit; returns its area. */
+static double sbl__scene_normal(const sbl__geometry *g, uint32_t triangle, double normal[3]) {
+    const float *corners[3];
+    double area;
+    sbl__scene_triangle(g, triangle, corners);
+    sbl__triangle_normal(corners, normal);
+    area = 0.5 * sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+    if (!sbl__normalize(normal)) normal[0] = normal[1] = normal[2] = 0;
+    return area;
+}
+
 static void sbl__geometry_bind(sbl__device *d, const sbl__geometry *g) {
     sbl__bind_table(d, "sbl_objects", &g->object_table);
     sbl__bind_table(d, "sbl_positions", &g->position_table);
@@ -4635,6 +4651,12 @@ static void sbl__box_add_point(sbl__box *b, const float *p) {
     }
 }
 
+static void sbl__box_of_triangle(sbl__box *b, const sbl__geometry *g, uint32_t triangle) {
+    int k;
+    sbl__box_clear(b);
+    for (k = 0; k < 3; k++) sbl__box_add_point(b, sbl__corner_of(g, triangle, k));
+}
+
 static void sbl__box_add(sbl__box *b, const sbl__box *other) {
     int k;
     for (k = 0; k < 3; k++) {
@@ -4990,11 +5012,9 @@ static int sbl__bvh_all_triangles(void *work) { return ((sbl__bvh *)work)->geome
 static sbl_result sbl__bvh_box(void *work, int at) {
     sbl__bvh *b = (sbl__bvh *)work;
     const uint32_t i = (uint32_t)at;
-    int corner;
     if (sbl__object_of(b->geometry, i)->flags & SBL_MATERIAL_HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
     b->order[b->hierarchy->triangle_count++] = i;
-    sbl__box_clear(&b->boxes[i]);
-    for (corner = 0; corner < 3; corner++) sbl__box_add_point(&b->boxes[i], sbl__corner_of(b->geometry, i, corner));
+    sbl__box_of_triangle(&b->boxes[i], b->geometry, i);
     sbl__box_add(&b->all, &b->boxes[i]);
     return SBL_SUCCESS;
 }
@@ -5310,13 +5330,13 @@ typedef struct sbl__lamp {
     uint64_t curve;            /* place along a Morton curve; near before distant */
     uint32_t code;
     uint32_t triangle;         /* number in the scene */
-    float low[3], high[3];     /* bounds */
+    sbl__box bounds;
     float normal[3];           /* 0: shines to all sides; of directions, the direction */
     float power;
     int one_sided, distant;
 } sbl__lamp;
 
-typedef struct sbl__cluster { double power, all_sides, square[6], front[3]; float low[3], high[3]; } sbl__cluster;
+typedef struct sbl__cluster { double power, all_sides, square[6], front[3]; sbl__box bounds; } sbl__cluster;
 
 /* What is left to build of a tree: lamps first .. first + count - 1. */
 typedef struct sbl__lamp_range { int first, count; } sbl__lamp_range;
@@ -5401,8 +5421,8 @@ static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3
     lamp->code = code;
     lamp->power = (float)SBL__MIN(power / SBL__PI, SBL__POWER_MOST);
     for (k = 0; k < 3; k++) {
-        lamp->low[k] = (float)(middle[k] - around);
-        lamp->high[k] = (float)(middle[k] + around);
+        lamp->bounds.low[k] = (float)(middle[k] - around);
+        lamp->bounds.high[k] = (float)(middle[k] + around);
     }
 }
 
@@ -5414,26 +5434,17 @@ static sbl_result sbl__lamps_add_triangle(void *work, int place) {
     const uint32_t number = l->hierarchy->order[place];
     const sbl__object *object;
     const double zero[3] = { 0, 0, 0 };
-    const float *p[3];
     double normal[3], area;
     sbl__lamp lamp;
-    sbl__box box;
     int k;
     if (number == SBL__BVH_DROPPED) return SBL_SUCCESS;
     object = sbl__object_of(l->geometry, number);
     if (!(object->emission[0] + object->emission[1] + object->emission[2] > 0)) return SBL_SUCCESS;
-    sbl__box_clear(&box);
-    for (k = 0; k < 3; k++) {
-        p[k] = sbl__corner_of(l->geometry, number, k);
-        sbl__box_add_point(&box, p[k]);
-    }
-    sbl__triangle_normal(p, normal);
-    area = 0.5 * sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+    area = sbl__scene_normal(l->geometry, number, normal);
     sbl__lamp_make(&lamp, SBL__LAMP_TRIANGLE << SBL__LAMP_KIND_SHIFT | (uint32_t)place, zero, 0,
                    SBL__MAX(area * sbl__sum3(object->emission), SBL__POWER_LEAST));
-    memcpy(lamp.low, box.low, sizeof lamp.low);
-    memcpy(lamp.high, box.high, sizeof lamp.high);
-    for (k = 0; k < 3 && area > 0; k++) lamp.normal[k] = (float)(0.5 * normal[k] / area);
+    sbl__box_of_triangle(&lamp.bounds, l->geometry, number);
+    for (k = 0; k < 3; k++) lamp.normal[k] = (float)normal[k];
     lamp.one_sided = (object->flags & SBL_MATERIAL_ONE_SIDED_EMISSION) != 0;
     lamp.triangle = number;
     return sbl__lamps_add(l, &lamp);
@@ -5517,25 +5528,25 @@ static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e,
 
 /* >>lamps: in order along a Morton curve through the bounds of all near lamps; then the directions */
 
-static double sbl__lamp_middle(const sbl__lamp *lamp, int k) { return 0.5 * ((double)lamp->low[k] + lamp->high[k]); }
+static double sbl__box_middle(const sbl__box *b, int k) { return 0.5 * ((double)b->high[k] + b->low[k]); }
 
 static void sbl__lamps_measure(sbl__lamps *l) {
     int i, k;
     l->low[0] = l->low[1] = l->low[2] = DBL_MAX;
     for (i = 0; i < l->count; i++)
         for (k = 0; k < 3 && !l->list[i].distant; k++)
-            l->low[k] = SBL__MIN(l->low[k], sbl__lamp_middle(&l->list[i], k));
+            l->low[k] = SBL__MIN(l->low[k], sbl__box_middle(&l->list[i].bounds, k));
     l->side = 0;
     for (i = 0; i < l->count; i++)
         for (k = 0; k < 3 && !l->list[i].distant; k++)
-            l->side = SBL__MAX(l->side, sbl__lamp_middle(&l->list[i], k) - l->low[k]);
+            l->side = SBL__MAX(l->side, sbl__box_middle(&l->list[i].bounds, k) - l->low[k]);
 }
 
 static uint64_t sbl__lamp_curve(const sbl__lamps *l, const sbl__lamp *lamp) {
     uint64_t curve = (uint64_t)lamp->distant << 63;
     int k, bit;
     for (k = 0; k < 3; k++) {
-        const double middle = sbl__lamp_middle(lamp, k);
+        const double middle = sbl__box_middle(&lamp->bounds, k);
         const double share = lamp->distant ? 0.25 * (middle + 2) : l->side > 0 ? (middle - l->low[k]) / l->side : 0;
         const uint64_t place = (uint64_t)(SBL__MIN(SBL__MAX(share, 0.0), 1.0) * ((1 << SBL__CURVE_BITS) - 1));
         for (bit = 0; bit < SBL__CURVE_BITS; bit++) curve |= (place >> bit & 1u) << (3 * bit + k);
@@ -5614,11 +5625,8 @@ static void sbl__cluster_of_lamp(sbl__cluster *c, const sbl__lamp *lamp) {
     c->all_sides = shown;
     for (k = 0; k < 6; k++)
         c->square[k] = sides ? shown * lamp->normal[pairs[k][0]] * lamp->normal[pairs[k][1]] : k < 3 ? shown : 0;
-    for (k = 0; k < 3; k++) {
-        c->front[k] = front ? shown * lamp->normal[k] : 0;
-        c->low[k] = lamp->low[k];
-        c->high[k] = lamp->high[k];
-    }
+    for (k = 0; k < 3; k++) c->front[k] = front ? shown * lamp->normal[k] : 0;
+    c->bounds = lamp->bounds;
 }
 
 static void sbl__cluster_add(sbl__cluster *c, const sbl__cluster *other) {
@@ -5626,11 +5634,8 @@ static void sbl__cluster_add(sbl__cluster *c, const sbl__cluster *other) {
     c->power += other->power;
     c->all_sides += other->all_sides;
     for (k = 0; k < 6; k++) c->square[k] += other->square[k];
-    for (k = 0; k < 3; k++) {
-        c->front[k] += other->front[k];
-        c->low[k] = SBL__MIN(c->low[k], other->low[k]);
-        c->high[k] = SBL__MAX(c->high[k], other->high[k]);
-    }
+    for (k = 0; k < 3; k++) c->front[k] += other->front[k];
+    sbl__box_add(&c->bounds, &other->bounds);
 }
 
 static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_node *node) {
@@ -5638,10 +5643,10 @@ static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_nod
     double radius = 0;
     int k;
     for (k = 0; k < 3; k++) {
-        const double side = 0.5 * ((double)c->high[k] - c->low[k]);
+        const double side = 0.5 * ((double)c->bounds.high[k] - c->bounds.low[k]);
         const double mixed = SBL__MAX(SBL__MIN(c->square[3 + k], SBL__MOMENT_MOST), -SBL__MOMENT_MOST);
         radius += side * side;
-        node->middle[k] = (float)(0.5 * ((double)c->high[k] + c->low[k]));
+        node->middle[k] = (float)sbl__box_middle(&c->bounds, k);
         /* sum |x| <= sqrt(sum 1 * sum x^2) */
         node->square[k] = (float)(all_sides * SBL__MIN(c->square[k], SBL__MOMENT_MOST));
         node->mixed[k] = (float)(all_sides * mixed);
@@ -6048,22 +6053,6 @@ static sbl_result sbl__patch_weld(void *work, int at) {
     if (!p->vertices[i]) p->vertices[i] = vertex + 1;
     p->welded[vertex] = p->vertices[i] - 1;
     return SBL_SUCCESS;
-}
-
-static void sbl__scene_triangle(const sbl__geometry *g, uint32_t triangle, const float *corners[3]) {
-    int k;
-    for (k = 0; k < 3; k++) corners[k] = sbl__corner_of(g, triangle, k);
-}
-
-/* Unit; returns its area. */
-static double sbl__scene_normal(const sbl__geometry *g, uint32_t triangle, double normal[3]) {
-    const float *corners[3];
-    double area;
-    sbl__scene_triangle(g, triangle, corners);
-    sbl__triangle_normal(corners, normal);
-    area = 0.5 * sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
-    if (!sbl__normalize(normal)) normal[0] = normal[1] = normal[2] = 0;
-    return area;
 }
 
 static uint32_t sbl__patch_root(uint32_t *parents, uint32_t triangle) {
@@ -7148,13 +7137,10 @@ static sbl_result sbl__atlas_step(sbl__base *base, sbl__atlas *a, const sbl__geo
        triangles --visibility--> triangle a pixel --gbuffer--> position, normals, albedo, emission, id
          atlas     (depth)    -> and its point                 <-- the host's draw callback, same depth            */
 
-typedef struct sbl__gbuffer {
-    sbl__texture position, normal, geometric_normal, albedo, emission, id;
-    sbl__target target;
-} sbl__gbuffer;
-
 enum { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL, SBL__GBUFFER_ALBEDO,
        SBL__GBUFFER_EMISSION, SBL__GBUFFER_ID, SBL__GBUFFER_COUNT };  /* attachments */
+
+typedef struct sbl__gbuffer { sbl__texture textures[SBL__GBUFFER_COUNT]; sbl__target target; } sbl__gbuffer;
 
 /* What the rasteriser and the rays of the G-buffer need; rows are of world to view, the world taken relative to the
    eye. */
@@ -7197,26 +7183,20 @@ static sbl_result sbl__gbuffer_make(const sbl__device *d, sbl__gbuffer *g, int w
                                     const sbl__texture *depth) {
     static const unsigned formats[SBL__GBUFFER_COUNT] = { SBL__GL_RGBA32F, SBL__GL_RGBA32F, SBL__GL_RGBA32F,
                                                           SBL__GL_RGBA16F, SBL__GL_RGBA32F, SBL__GL_R32UI };
-    sbl__texture *textures[SBL__GBUFFER_COUNT];
+    const sbl__texture *textures[SBL__GBUFFER_COUNT];
     sbl_result result = SBL_SUCCESS;
     int i;
-    textures[0] = &g->position; textures[1] = &g->normal; textures[2] = &g->geometric_normal;
-    textures[3] = &g->albedo; textures[4] = &g->emission; textures[5] = &g->id;
-    for (i = 0; i < SBL__GBUFFER_COUNT && result == SBL_SUCCESS; i++)
-        result = sbl__texture_make(d, textures[i], width, height, formats[i]);
-    if (result == SBL_SUCCESS)
-        result = sbl__target_make(d, &g->target, (const sbl__texture *const *)textures, SBL__GBUFFER_COUNT, depth);
-    return result;
+    for (i = 0; i < SBL__GBUFFER_COUNT && result == SBL_SUCCESS; i++) {
+        textures[i] = &g->textures[i];
+        result = sbl__texture_make(d, &g->textures[i], width, height, formats[i]);
+    }
+    return result == SBL_SUCCESS ? sbl__target_make(d, &g->target, textures, SBL__GBUFFER_COUNT, depth) : result;
 }
 
 static void sbl__gbuffer_free(const sbl__device *d, sbl__gbuffer *g) {
+    int i;
     sbl__target_delete(d, &g->target);
-    sbl__texture_delete(d, &g->position);
-    sbl__texture_delete(d, &g->normal);
-    sbl__texture_delete(d, &g->geometric_normal);
-    sbl__texture_delete(d, &g->albedo);
-    sbl__texture_delete(d, &g->emission);
-    sbl__texture_delete(d, &g->id);
+    for (i = 0; i < SBL__GBUFFER_COUNT; i++) sbl__texture_delete(d, &g->textures[i]);
 }
 
 static sbl_result sbl__surface_make(const sbl__device *d, sbl__surface *s, int width, int height, int lightmap) {
@@ -11959,25 +11939,32 @@ static uint64_t sbl__saved_scene(const sbl__scene *s) {
     return hash;
 }
 
-/* The arrays that follow the header, and their sizes. */
-typedef struct sbl__saved_part { void *data; size_t bytes; } sbl__saved_part;
+/* One end of a stream: get or put is the host's function, the other is NULL. */
+typedef struct sbl__saved_stream {
+    sbl_read_function get;
+    sbl_write_function put;
+    void *user;
+    uint64_t sum;                      /* hash of all that went through */
+} sbl__saved_stream;
 
-static void sbl__saved_parts(const sbl__store *s, int triangles, sbl__saved_part parts[4]) {
-    parts[0].data = s->patches;
-    parts[0].bytes = (size_t)triangles * sizeof *s->patches;
-    parts[1].data = s->cells;
-    parts[1].bytes = (size_t)s->cell_room * sizeof *s->cells;
-    parts[2].data = s->splits;
-    parts[2].bytes = (size_t)s->split_count * sizeof *s->splits;
-    parts[3].data = s->leaves;
-    parts[3].bytes = (size_t)s->leaf_count * sizeof *s->leaves;
+static int sbl__saved_pass(sbl__saved_stream *s, void *data, size_t bytes) {
+    if (bytes && (s->get ? s->get(data, bytes, s->user) : s->put(data, bytes, s->user)) != bytes) return 0;
+    s->sum = sbl__hash_bytes(s->sum, data, bytes);
+    return 1;
+}
+
+/* The arrays that follow the header. */
+static int sbl__saved_arrays(sbl__saved_stream *stream, const sbl__store *s, int triangles) {
+    return sbl__saved_pass(stream, s->patches, (size_t)triangles * sizeof *s->patches) &&
+           sbl__saved_pass(stream, s->cells, (size_t)s->cell_room * sizeof *s->cells) &&
+           sbl__saved_pass(stream, s->splits, (size_t)s->split_count * sizeof *s->splits) &&
+           sbl__saved_pass(stream, s->leaves, (size_t)s->leaf_count * sizeof *s->leaves);
 }
 
 static int sbl__saved_write(const sbl__scene *s, sbl_write_function put, void *user) {
+    sbl__saved_stream stream = { NULL, put, user, SBL__SAVED_SEED };
     sbl__saved header;
-    sbl__saved_part parts[4];
     uint64_t sum;
-    int i, fine;
     memset(&header, 0, sizeof header);
     memcpy(header.name, sbl__saved_name, sizeof header.name);
     header.version = SBL__SAVED_VERSION;
@@ -11990,14 +11977,10 @@ static int sbl__saved_write(const sbl__scene *s, sbl_write_function put, void *u
     memcpy(header.origin, s->store.origin, sizeof header.origin);
     header.length = s->store.length;
     memcpy(header.air, s->store.air, sizeof header.air);
-    sbl__saved_parts(&s->store, header.triangles, parts);
-    sum = sbl__hash_bytes(SBL__SAVED_SEED, &header, sizeof header);
-    fine = put(&header, sizeof header, user) == sizeof header;
-    for (i = 0; i < 4 && fine; i++) {
-        sum = sbl__hash_bytes(sum, parts[i].data, parts[i].bytes);
-        fine = !parts[i].bytes || put(parts[i].data, parts[i].bytes, user) == parts[i].bytes;
-    }
-    return fine && put(&sum, sizeof sum, user) == sizeof sum;
+    if (!sbl__saved_pass(&stream, &header, sizeof header)) return 0;
+    if (!sbl__saved_arrays(&stream, &s->store, header.triangles)) return 0;
+    sum = stream.sum;
+    return sbl__saved_pass(&stream, &sum, sizeof sum);
 }
 
 /* NULL: it is of this scene and this version. */
@@ -12036,12 +12019,11 @@ static int sbl__saved_sound(const sbl__store *s) {
 /* Reads a store, of which nothing is made yet. *why: what is wrong with the data. */
 static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene, sbl__store *s, sbl_read_function get,
                                   void *user, const char **why) {
+    sbl__saved_stream stream = { get, NULL, user, SBL__SAVED_SEED };
     sbl__saved header;
-    sbl__saved_part parts[4];
-    uint64_t sum, end = 0;
-    int i;
+    uint64_t sum, end;
     *why = "it ends too soon";
-    if (get(&header, sizeof header, user) != sizeof header) return SBL_ERROR_INVALID_ARGUMENT;
+    if (!sbl__saved_pass(&stream, &header, sizeof header)) return SBL_ERROR_INVALID_ARGUMENT;
     *why = sbl__saved_check(&header, scene);
     if (*why) return SBL_ERROR_INVALID_ARGUMENT;
     memcpy(s->origin, header.origin, sizeof s->origin);
@@ -12055,15 +12037,10 @@ static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene,
     s->cell_room = header.cells;
     s->split_count = s->split_room = header.splits;
     s->leaf_count = s->leaf_room = header.leaves;
-    sbl__saved_parts(s, header.triangles, parts);
-    sum = sbl__hash_bytes(SBL__SAVED_SEED, &header, sizeof header);
     *why = "it ends too soon";
-    for (i = 0; i < 4; i++) {
-        if (parts[i].bytes && get(parts[i].data, parts[i].bytes, user) != parts[i].bytes)
-            return SBL_ERROR_INVALID_ARGUMENT;
-        sum = sbl__hash_bytes(sum, parts[i].data, parts[i].bytes);
-    }
-    if (get(&end, sizeof end, user) != sizeof end) return SBL_ERROR_INVALID_ARGUMENT;
+    if (!sbl__saved_arrays(&stream, s, header.triangles)) return SBL_ERROR_INVALID_ARGUMENT;
+    sum = stream.sum;
+    if (!sbl__saved_pass(&stream, &end, sizeof end)) return SBL_ERROR_INVALID_ARGUMENT;
     *why = end == sum && sbl__saved_sound(s) ? NULL : "it is damaged";
     return *why ? SBL_ERROR_INVALID_ARGUMENT : SBL_SUCCESS;
 }
@@ -13441,9 +13418,9 @@ static sbl_result sbl__filter_draw(sbl__device *d, const sbl__filter *f, const s
     sbl__bind(d, "radiance", f->radiance);
     if (f->layer) sbl__bind(d, "layer", f->layer);
     sbl__set_float(d, "few", f->few);
-    sbl__bind(d, "positions", &g->position);
-    sbl__bind(d, "normals", &g->normal);
-    sbl__bind(d, "ids", &g->id);
+    sbl__bind(d, "positions", &g->textures[SBL__GBUFFER_POSITION]);
+    sbl__bind(d, "normals", &g->textures[SBL__GBUFFER_NORMAL]);
+    sbl__bind(d, "ids", &g->textures[SBL__GBUFFER_ID]);
     sbl__set_int(d, "radius", f->radius);
     sbl__set_float(d, "falloff", (float)(1 / (2 * sigma * sigma)));
     sbl__set_int(d, "geometry_aware", f->geometry_aware);
@@ -13563,14 +13540,14 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
     if (result != SBL_SUCCESS) return result;
     sbl__pass_rows(d, out, rows[0], rows[1]);
     sbl__bind(d, "radiance", r->radiance);
-    sbl__bind(d, "positions", &r->centres->position);
-    sbl__bind(d, "normals", &r->centres->normal);
-    sbl__bind(d, "ids", &r->centres->id);
-    sbl__bind(d, "sample_positions", &r->sample->position);
-    sbl__bind(d, "sample_normals", &r->sample->normal);
-    sbl__bind(d, "sample_albedo", &r->sample->albedo);
-    sbl__bind(d, "sample_emission", &r->sample->emission);
-    sbl__bind(d, "sample_ids", &r->sample->id);
+    sbl__bind(d, "positions", &r->centres->textures[SBL__GBUFFER_POSITION]);
+    sbl__bind(d, "normals", &r->centres->textures[SBL__GBUFFER_NORMAL]);
+    sbl__bind(d, "ids", &r->centres->textures[SBL__GBUFFER_ID]);
+    sbl__bind(d, "sample_positions", &r->sample->textures[SBL__GBUFFER_POSITION]);
+    sbl__bind(d, "sample_normals", &r->sample->textures[SBL__GBUFFER_NORMAL]);
+    sbl__bind(d, "sample_albedo", &r->sample->textures[SBL__GBUFFER_ALBEDO]);
+    sbl__bind(d, "sample_emission", &r->sample->textures[SBL__GBUFFER_EMISSION]);
+    sbl__bind(d, "sample_ids", &r->sample->textures[SBL__GBUFFER_ID]);
     sbl__bind(d, "previous", r->previous);
     sbl__environment_bind(d, r->environment);
     sbl__camera_set(d, r->camera, r->offset, out);
@@ -17629,9 +17606,9 @@ SBL_API uint32_t sbl_channel_texture(sbl_context *c, sbl_channel channel) {
     if (sbl__channel_ready(c, "sbl_channel_texture") != SBL_SUCCESS) return 0;
     target = sbl__channel_target(&c->picture, channel);
     if (c->picture.shown && (!target || target->width != c->picture.size[0])) return sbl__channel_send(c, channel);
-    if (channel == SBL_CHANNEL_NORMAL) return c->picture.gbuffer.normal.id;
-    if (channel == SBL_CHANNEL_POSITION) return c->picture.gbuffer.position.id;
-    if (channel == SBL_CHANNEL_ID) return c->picture.gbuffer.id.id;
+    if (channel == SBL_CHANNEL_NORMAL) return c->picture.gbuffer.textures[SBL__GBUFFER_NORMAL].id;
+    if (channel == SBL_CHANNEL_POSITION) return c->picture.gbuffer.textures[SBL__GBUFFER_POSITION].id;
+    if (channel == SBL_CHANNEL_ID) return c->picture.gbuffer.textures[SBL__GBUFFER_ID].id;
     return target ? target->textures[SBL__MAX(0, sbl__channels[channel].attachment)] : sbl__channel_send(c, channel);
 }
 
