@@ -3063,17 +3063,18 @@ static void sbl__pace_end(const sbl__device *d, sbl__pace *p, double units) {
     p->cost = p->cost > cost ? p->cost + fall * (cost - p->cost) : cost;
 }
 
-/* >>device: stages. Work that takes long is a list of stages, each done in pieces that fit into a slice. A table has one
-   row for each stage, in their order; the stage behind the last row stands for work that is done. Where a room must know
-   whether work has begun, row 0 is empty and stands for work that has not. A stage is either one function that does
-   pieces until it says that they were all, or a loop of `count` turns that each do a little. To add a stage, add a row
-   and, if other stages refer to it, its name in the room's enum. */
+/* >>device: stages. Work that takes long is a list of stages, each done in pieces that fit into a slice. A table has
+   one row for each stage, in their order; the stage behind the last row stands for work that is done. A room that must
+   know whether its work has begun leaves row 0 empty. A stage is either a function that does one piece at a time and says
+   when there are no more, or a loop over many small things. To add a stage, add a row and, if other stages refer to it,
+   its name in the room's enum. */
 typedef struct sbl__stage_row {
     sbl_result (*piece)(void *work, sbl__slice *slice);  /* does one piece; SBL_UNFINISHED: the stage needs more pieces;
-                                                            of a loop: what it needs each time before it goes on */
+                                                            NULL: the stage is a loop only, or has no work */
     int (*next)(void *work);                             /* returns the stage that follows; NULL: the next row */
-    sbl_result (*turn)(void *work, int at);              /* does turn number `at` of the loop */
-    int (*count)(void *work);                            /* how many turns there are; it may change with each of them */
+    sbl_result (*turn)(void *work, int at);              /* a loop's: does number `at`; NULL: the stage is no loop.
+                                                            `piece` then runs whenever the loop starts or goes on */
+    int (*count)(void *work);                            /* a loop's: returns how many there are, at every turn */
 } sbl__stage_row;
 
 /* Where staged work stands. */
@@ -10293,30 +10294,24 @@ static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     return SBL_SUCCESS;
 }
 
-/* The slots that the present filling will use are filled with sky. */
-static sbl_result sbl__job_clear(sbl__job *j) {
-    const sbl__slots *slots = sbl__job_slots(j);
-    const int used = SBL__MIN(slots->count, j->drawn % slots->count + j->look_count - j->drawn);
-    sbl_result result;
-    if (!j->task.spec.traced) sbl__raster_clear(j->device, &j->raster, &j->raster.lenses[j->lens], j->scene, used);
-    j->stages.at = 1;
-    result = sbl__gl_check(&j->device->gl);
-    return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
-}
-
 /* One piece of drawing. Where there is no hurry some submissions of views are under way at a time: a renderer on the
    CPU then prepares one while it draws another (a quarter less time at 2,000 triangles). */
 static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
-    const int slots = sbl__job_slots(j)->count, first = j->drawn;
+    const int slots = sbl__job_slots(j)->count, first = j->drawn, left = j->look_count - first;
     const double fit = (slice->end - sbl__now()) / slice->longest;
-    const int most = j->task.spec.traced ? 1 : (int)SBL__MIN(SBL__MAX(fit, 1), SBL__SUBMISSIONS);
+    const int traced = j->task.spec.traced, most = traced ? 1 : (int)SBL__MIN(SBL__MAX(fit, 1), SBL__SUBMISSIONS);
+    sbl__lens *lens = &j->raster.lenses[j->lens];
     double room, units = 0, all = 0;
     sbl_result result = SBL_SUCCESS;
     int i, full = 0;
     d->gl.doing = "drawing sensors";
-    if (!j->stages.at) return sbl__job_clear(j);
+    if (j->stages.at++ == 0) {  /* the slots that will be used are filled with sky */
+        if (!traced) sbl__raster_clear(d, &j->raster, lens, j->scene, SBL__MIN(slots, first % slots + left));
+        result = sbl__gl_check(&d->gl);
+        return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
+    }
     room = sbl__pace_begin(&j->draw_pace[j->lens], slice, SBL__LOOKS_FIRST, 1e-6);
     for (i = 0; i < most && !full && result == SBL_SUCCESS; i++) {
         if (i) sbl__submit(d);
@@ -10473,36 +10468,29 @@ static void sbl__job_take(sbl__job *j, const float *const found[5]) {
     j->site++;
 }
 
-/* A sensor is stuck when the little way it was moved off its surface took it through another: it then stands inside
+/* What a look of the round found; `found`: see sbl__results.
+
+   A sensor is stuck when the little way it was moved off its surface took it through another: it then stands inside
    something that the visible point is outside of. What it sees tells little: whole rooms are modelled inside out, and
    what shines inside a thing may hide its walls. So looks that see any back faces are asked to look back to where they
    came from, and their sensor is stuck when it sees something nearer than its own surface. A site's first look tells.
    */
-static sbl_result sbl__job_suspect(sbl__job *j, int site) {
-    if (!sbl__grow(j->device->base, &j->suspects, &j->suspect_room, j->suspect_count + 1, sizeof *j->suspects))
-        return SBL_ERROR_OUT_OF_MEMORY;
-    j->suspects[j->suspect_count++] = site;
-    return SBL_SUCCESS;
-}
-
-static void sbl__job_convict(sbl__job *j, const float hits[4]) {
-    const int site = j->suspects[j->site++];
-    const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent;
-    if (hits[0] > 0 && hits[2] * length < SBL__STUCK_SHARE * j->task.sites[site].offset)
-        j->task.readings[site].valid = 0;
-}
-
-/* What a look of the round found; `found`: see sbl__results. */
 static sbl_result sbl__job_judge(sbl__job *j, const float *const found[5]) {
-    const int site = j->site, first_look = j->look == 0;
-    if (j->lens == SBL__LENS_PROBE) {
-        sbl__job_convict(j, found[1]);
+    const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent, *hits = found[1];
+    const int back = j->lens == SBL__LENS_PROBE, site = back ? j->suspects[j->site++] : j->site;
+    const int first_look = j->look == 0;
+    if (back) {
+        if (hits[0] > 0 && hits[2] * length < SBL__STUCK_SHARE * j->task.sites[site].offset)
+            j->task.readings[site].valid = 0;
         return SBL_SUCCESS;
     }
     sbl__job_take(j, found);
     if (!first_look || !(j->task.sites[site].offset > 0) ||
-        !(sbl__back_share(found[0], found[1]) > SBL__SUSPECT_SHARE)) return SBL_SUCCESS;
-    return sbl__job_suspect(j, site);
+        !(sbl__back_share(found[0], hits) > SBL__SUSPECT_SHARE)) return SBL_SUCCESS;
+    if (!sbl__grow(j->device->base, &j->suspects, &j->suspect_room, j->suspect_count + 1, sizeof *j->suspects))
+        return SBL_ERROR_OUT_OF_MEMORY;
+    j->suspects[j->suspect_count++] = site;
+    return SBL_SUCCESS;
 }
 
 /* Counts a round that is done. */
@@ -10620,18 +10608,6 @@ static void sbl__core_count(sbl__core *c) {
     c->job.counts.readbacks = 0;
 }
 
-/* Makes ready what sensors of that kind need of the scene. SBL_SUCCESS: it is. */
-static sbl_result sbl__core_prepare(sbl__core *c, const sbl__seeing *s, sbl__slice *slice) {
-    const sbl__hierarchy *h = &c->scene.hierarchy;
-    const sbl_result result = sbl__seeing_needs_rays(s) ? sbl__scene_step(&c->device, &c->scene, slice) : SBL_SUCCESS;
-    if (result != SBL_SUCCESS) return result;
-    c->stats.bvh_seconds = h->seconds;
-    c->stats.lamps = sbl__seeing_needs_rays(s) ? c->scene.lights.leaves : 0;
-    c->stats.bvh_bytes = h->node_table.buffer.bytes + h->triangle_table.buffer.bytes + h->node_table.texels.bytes +
-                         h->triangle_table.texels.bytes;
-    return SBL_SUCCESS;
-}
-
 /* Clears the stats for what is begun. */
 static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
     const double scene_seconds = c->stats.seconds.scene;
@@ -10729,7 +10705,7 @@ typedef struct sbl__bounce_aimed { int known; uint32_t place; float normal[3], o
 typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
 
 typedef enum sbl__bounce_stage {
-    SBL__BOUNCE_BEGIN, SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_WORDS, SBL__BOUNCE_SEED, SBL__BOUNCE_SOW,
+    SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_WORDS, SBL__BOUNCE_SEED, SBL__BOUNCE_SOW,
     SBL__BOUNCE_PLACE, SBL__BOUNCE_FEEL, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST, SBL__BOUNCE_FIND, SBL__BOUNCE_ORDER,
     SBL__BOUNCE_SORT, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_JOIN, SBL__BOUNCE_GATHER, SBL__BOUNCE_NOISE,
     SBL__BOUNCE_CARRY, SBL__BOUNCE_DOUBT, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
@@ -10904,9 +10880,9 @@ static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
     return patch | (at->distance * SBL__NEAR_PART < s->length ? SBL__PATCH_NEAR : 0);
 }
 
-/* Where the reference stands that leads to a place's light: in its cell or, where that has none and there are many, in
-   a wider one around it; NULL: there is no room. *patch: whose the cell is, unless it is NULL. What no surface sees, but
-   points in the air may, has the widest only. */
+/* Finds the reference that leads to a place's light: in its cell or, where that has none and there are many, in a wider
+   cell around it; NULL: there is no room. Sets *patch to the cell's own word, unless it is NULL. What no surface sees,
+   but points in the air may, has the widest cells only. */
 static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32_t *patch) {
     static const double shares[SBL__LEVELS] = { SBL__BOUNCE_WIDER, SBL__BOUNCE_WIDEST, 1 };
     uint32_t *reference = NULL, word = sbl__place_patch(s, at);
@@ -10939,20 +10915,20 @@ static float sbl__place_normal(const sbl__geometry *g, uint32_t place, float nor
     return (float)(SBL__OFFSET * (sqrt(away) + 2 * sqrt(longest)));
 }
 
-static sbl_result sbl__bounce_begin(void *work, sbl__slice *slice) {
+/* Finds the patches that surfaces are cut into. */
+static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
-    (void)slice;
-    sbl__free(base, b->store->patches);
-    b->store->patches = (uint32_t *)sbl__alloc(base, (size_t)b->geometry->triangle_count, sizeof *b->store->patches);
-    b->sequence = sbl__sequence_make(base, SBL__BOUNCE_STRETCHES, SBL__BOUNCE_RAYS, 1);
+    uint32_t **patches = &b->store->patches;
+    sbl_result result;
+    if (b->sequence) return sbl__patching_step(&b->patching, slice);
+    sbl__free(base, *patches);
+    *patches = (uint32_t *)sbl__alloc(base, (size_t)b->geometry->triangle_count, sizeof **patches);
     b->stands = (uint32_t *)sbl__alloc(base, SBL__STANDS, sizeof *b->stands);
-    if (!b->store->patches || !b->sequence || !b->stands) return SBL_ERROR_OUT_OF_MEMORY;
-    return sbl__patching_begin(base, &b->patching, b->geometry);
-}
-
-static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
-    return sbl__patching_step(&((sbl__bounce *)work)->patching, slice);
+    b->sequence = sbl__sequence_make(base, SBL__BOUNCE_STRETCHES, SBL__BOUNCE_RAYS, 1);
+    if (!*patches || !b->stands || !b->sequence) return SBL_ERROR_OUT_OF_MEMORY;
+    result = sbl__patching_begin(base, &b->patching, b->geometry);
+    return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
 
 /* Empties the store, for cells as large as they are to be now. */
@@ -11013,26 +10989,23 @@ static sbl_result sbl__bounce_seed(void *work, int at) {
     return result;
 }
 
-/* Back onto its triangle's plane, off which the length of its ray has taken it by rounding. */
-static void sbl__bounce_settle(const sbl__geometry *g, sbl__hit *at) {
+/* A point at a place, brought back onto its triangle's plane, off which the length of its ray has taken it by
+   rounding. */
+static sbl_result sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
+    sbl__bounce_point *point;
     const float *p[3];
     double normal[3], off = 0;
     int k;
-    sbl__scene_triangle(g, at->place >> 1, p);
-    sbl__scene_normal(g, at->place >> 1, normal);
-    for (k = 0; k < 3; k++) off += normal[k] * ((double)at->position[k] - p[0][k]);
-    for (k = 0; k < 3; k++) at->position[k] = (float)(at->position[k] - off * normal[k]);
-}
-
-static sbl_result sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
-    sbl__bounce_point *point;
     if (!sbl__grow(&b->core->base, &b->points, &b->point_room, b->point_count + 1, sizeof *b->points))
         return SBL_ERROR_OUT_OF_MEMORY;
     point = &b->points[b->point_count++];
     point->at = *at;
     point->leaf = leaf;
     point->number = b->states[leaf].points++;
-    sbl__bounce_settle(b->geometry, &point->at);
+    sbl__scene_triangle(b->geometry, at->place >> 1, p);
+    sbl__scene_normal(b->geometry, at->place >> 1, normal);
+    for (k = 0; k < 3; k++) off += normal[k] * ((double)at->position[k] - p[0][k]);
+    for (k = 0; k < 3; k++) point->at.position[k] = (float)(at->position[k] - off * normal[k]);
     return SBL_SUCCESS;
 }
 
@@ -11598,25 +11571,20 @@ static void sbl__bounce_add_got(const sbl__bounce *b, int point, float sum[3]) {
     }
 }
 
-/* What a leaf's points get from others, on average. */
-static void sbl__bounce_sum(const sbl__bounce *b, const sbl__bounce_leaf *leaf, float out[3]) {
-    float sum[3] = { 0, 0, 0 };
-    int i, k;
-    for (i = leaf->first; i < leaf->first + leaf->points; i++)
-        if (b->readings[i].valid) sbl__bounce_add_got(b, i, sum);
-    for (k = 0; k < 3; k++) out[k] = leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0;
-}
-
-/* A round: one more bounce, of what leaves before have already gathered too (Gauss and Seidel's way). */
+/* A round: one more bounce, of what leaves before have already gathered too (Gauss and Seidel's way). Its points get
+   light from other leaves; what they get on average is added to what comes from what shines. */
 static sbl_result sbl__bounce_gather(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
+    const sbl__bounce_leaf *leaf = &b->states[at];
     sbl__balance *balance = &b->balance;
-    float *light = b->store->leaves[at].light, sum[3];
-    int k;
+    float *light = b->store->leaves[at].light, sum[3] = { 0, 0, 0 };
+    int i, k;
     if (at == 0) memset(balance, 0, sizeof *balance);
-    sbl__bounce_sum(b, &b->states[at], sum);
+    for (i = leaf->first; i < leaf->first + leaf->points; i++)
+        if (b->readings[i].valid) sbl__bounce_add_got(b, i, sum);
     for (k = 0; k < 3; k++) {
-        const float lit = b->light[3 * at + k], next = lit + sum[k];
+        const float lit = b->light[3 * at + k];
+        const float next = lit + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
         balance->lit[k] += (double)lit;
         balance->before[k] += (double)light[k];
         balance->after[k] += (double)next;
@@ -11678,12 +11646,14 @@ static int sbl__bounce_after_gather(void *work) {
 
 /* What a leaf's light may be off by, in colours and of random sign. Of one point alone nothing is known but its
    light. */
-static void sbl__bounce_noise_of(const sbl__bounce *b, int leaf, float out[3]) {
-    const sbl__bounce_leaf *state = &b->states[leaf];
-    const uint32_t signs = sbl__hash_step(0, (uint32_t)leaf);
+static sbl_result sbl__bounce_noise(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const sbl__bounce_leaf *leaf = &b->states[at];
+    const uint32_t signs = sbl__hash_step(0, (uint32_t)at);
     double sum[3] = { 0, 0, 0 }, squares[3] = { 0, 0, 0 };
     int i, k;
-    for (i = state->first; i < state->first + state->points; i++) {
+    memcpy(b->solved + 3 * at, b->store->leaves[at].light, 3 * sizeof *b->solved);
+    for (i = leaf->first; i < leaf->first + leaf->points; i++) {
         float got[3] = { 0, 0, 0 }, sky[3];
         if (!b->readings[i].valid) continue;
         sbl__bounce_add_got(b, i, got);
@@ -11695,16 +11665,10 @@ static void sbl__bounce_noise_of(const sbl__bounce *b, int leaf, float out[3]) {
         }
     }
     for (k = 0; k < 3; k++) {
-        const double n = state->valid, variance = n > 1 ? (squares[k] - sum[k] * sum[k] / n) / (n - 1) / n
-                                                        : 0.25 * sum[k] * sum[k];
-        out[k] = (float)(variance > 0 ? sqrt(variance) : 0) * (signs >> (8 + k) & 1 ? 1.0f : -1.0f);
+        const double n = leaf->valid, variance = n > 1 ? (squares[k] - sum[k] * sum[k] / n) / (n - 1) / n
+                                                       : 0.25 * sum[k] * sum[k];
+        b->light[3 * at + k] = (float)(variance > 0 ? sqrt(variance) : 0) * (signs >> (8 + k) & 1 ? 1.0f : -1.0f);
     }
-}
-
-static sbl_result sbl__bounce_noise(void *work, int at) {
-    sbl__bounce *b = (sbl__bounce *)work;
-    memcpy(b->solved + 3 * at, b->store->leaves[at].light, 3 * sizeof *b->solved);
-    sbl__bounce_noise_of(b, at, b->light + 3 * at);
     return SBL_SUCCESS;
 }
 
@@ -11783,16 +11747,6 @@ static int sbl__bounce_after_air(void *work) {
 
 /* >>bounce: its life */
 
-/* What shines has changed: what is known of the surfaces stays. */
-static void sbl__bounce_relight(sbl__bounce *b) {
-    if (b->stages.stage >= SBL__BOUNCE_SITES) {
-        b->stages.stage = SBL__BOUNCE_SITES;
-        b->stages.at = 0;
-    }
-    b->rounds = 0;
-    b->change = 0;
-}
-
 /* Points and their hits are kept, for other lights; what else was needed is not. */
 static void sbl__bounce_rest(const sbl__device *d, sbl__bounce *b) {
     void *const blocks[] = { b->seeds.list, b->held.list, b->again.list, b->feelers.list, b->sequence, b->sites,
@@ -11806,29 +11760,31 @@ static void sbl__bounce_rest(const sbl__device *d, sbl__bounce *b) {
     memset(&b->patching, 0, sizeof *b - offsetof(sbl__bounce, patching));
 }
 
-static void sbl__bounce_free(const sbl__device *d, sbl__bounce *b) {
-    sbl__bounce_rest(d, b);
-    sbl__free(d->base, b->points);
-    sbl__free(d->base, b->states);
-    sbl__free(d->base, b->hits.list);
-    memset(b, 0, sizeof *b);
-}
-
 /* What is under way is dropped. */
 static void sbl__bounce_end(sbl__core *c) {
-    if (c->bounce) sbl__bounce_free(&c->device, c->bounce);
-    sbl__free(&c->base, c->bounce);
+    sbl__bounce *b = c->bounce;
+    if (!b) return;
+    sbl__bounce_rest(&c->device, b);
+    sbl__free(&c->base, b->points);
+    sbl__free(&c->base, b->states);
+    sbl__free(&c->base, b->hits.list);
+    sbl__free(&c->base, b);
     c->bounce = NULL;
 }
 
-/* The filling that goes on, or a new one; NULL: memory is out. */
+/* The filling that goes on, or a new one; NULL: memory is out. Where only what shines has changed, what is known of the
+   surfaces stays. */
 static sbl__bounce *sbl__bounce_under_way(sbl__core *c) {
     sbl__bounce *b;
     if (c->bounce && c->bounce->surfaces != c->scene.surfaces) sbl__bounce_end(c);
     if (!c->bounce) c->bounce = (sbl__bounce *)sbl__alloc(&c->base, 1, sizeof *c->bounce);
-    else if (c->bounce->scene != c->scene.version) sbl__bounce_relight(c->bounce);
     b = c->bounce;
     if (!b) return NULL;
+    if (b->scene != c->scene.version && b->stages.stage >= SBL__BOUNCE_SITES) {
+        b->stages.stage = SBL__BOUNCE_SITES;
+        b->stages.at = b->rounds = 0;
+        b->change = 0;
+    }
     b->core = c;
     b->store = &c->scene.store;
     b->geometry = &c->scene.geometry;
@@ -11840,7 +11796,6 @@ static sbl__bounce *sbl__bounce_under_way(sbl__core *c) {
 /* One bounded piece of the store. SBL_SUCCESS: it is there. */
 static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { sbl__bounce_begin, NULL, NULL, NULL },
         { sbl__bounce_patches, NULL, NULL, NULL },
         { sbl__bounce_grid, NULL, NULL, NULL },
         { NULL, NULL, sbl__bounce_word, sbl__bounce_triangles },
@@ -11898,8 +11853,15 @@ static float sbl__prepare_share(const sbl__core *c, const sbl__seeing *s) {
 
 /* Makes ready what sensors of that kind need of the scene. SBL_SUCCESS: it is. */
 static sbl_result sbl__prepare(sbl__core *c, const sbl__seeing *s, sbl__slice *slice) {
-    const sbl_result result = sbl__core_prepare(c, s, slice);
-    return result == SBL_SUCCESS && s->mode == SBL_MODE_GI ? sbl__bounce_step(c, slice) : result;
+    const sbl__hierarchy *h = &c->scene.hierarchy;
+    const int rays = sbl__seeing_needs_rays(s);
+    const sbl_result result = rays ? sbl__scene_step(&c->device, &c->scene, slice) : SBL_SUCCESS;
+    if (result != SBL_SUCCESS) return result;
+    c->stats.bvh_seconds = h->seconds;
+    c->stats.lamps = rays ? c->scene.lights.leaves : 0;
+    c->stats.bvh_bytes = h->node_table.buffer.bytes + h->triangle_table.buffer.bytes + h->node_table.texels.bytes +
+                         h->triangle_table.texels.bytes;
+    return s->mode == SBL_MODE_GI ? sbl__bounce_step(c, slice) : SBL_SUCCESS;
 }
 
 /* ======================================================================================================== >>saved
