@@ -1406,10 +1406,10 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
        sbl__channel_pixel; where a target holds it, one in sbl__channel_target. A name in examples/sbl_render.c's list.
 
    To add a front end, which asks for light and does something else with it than a picture:
-       >>gather is the shortest one, take its shape. A struct with a stage, the sites and the readings; begin stores;
-       step calls, until each is done, sbl__prepare (hierarchy, lamps, store), sbl__spec_make (how to see),
-       sbl__job_begin with a task (sites, readings), sbl__job_step with the slice it was given. Loops over many things
-       ask sbl__late and return SBL_UNFINISHED. In >>public: a function that checks and begins, a case in
+       >>gather is the shortest one, take its shape. A struct with sbl__stages, the sites and the readings; begin stores;
+       a table of stages (>>device) calls, until each is done, sbl__prepare (hierarchy, lamps, store), sbl__spec_make
+       (how to see), sbl__job_begin with a task (sites, readings), sbl__job_step with the slice it was given. A loop over
+       many things is a stage with `turn` and `count`. In >>public: a function that checks and begins, a case in
        sbl__context_step. The readings also lie on the GPU: sbl__job.results, a texel a look.
 
    To add a light:
@@ -1425,8 +1425,8 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 
    To change what a surface sends out: outgoing.glsl, the only place that knows.
 
-   Work must stay in pieces: whatever loops over triangles, pixels or sites looks at the slice; whatever draws takes
-   from sbl__pace_begin how much, and tells sbl__pace_end. Neither may change what comes out. */
+   Work must stay in pieces: whatever loops over triangles, pixels or sites is a stage or looks at the slice; whatever
+   draws takes from sbl__pace_begin how much, and tells sbl__pace_end. Neither may change what comes out. */
 
 #include <float.h>
 #include <limits.h>
@@ -3064,10 +3064,10 @@ static void sbl__pace_end(const sbl__device *d, sbl__pace *p, double units) {
 }
 
 /* >>device: stages. Work that takes long is a list of stages, each done in pieces that fit into a slice. A table has
-   one row for each stage, in their order; the stage behind the last row stands for work that is done. A room that must
-   know whether its work has begun leaves row 0 empty. A stage is either a function that does one piece at a time and says
-   when there are no more, or a loop over many small things. To add a stage, add a row and, if other stages refer to it,
-   its name in the room's enum. */
+   one row for each stage, in their order; the stage behind the last row stands for work that is done. A room that
+   must know whether its work has begun leaves row 0 empty. A stage is either a function that does one piece at a
+   time and says when there are no more, or a loop over many small things. To add a stage, add a row and, if other
+   stages refer to it, its name in the room's enum. */
 typedef struct sbl__stage_row {
     sbl_result (*piece)(void *work, sbl__slice *slice);  /* does one piece; SBL_UNFINISHED: the stage needs more pieces;
                                                             NULL: the stage is a loop only, or has no work */
@@ -5531,18 +5531,6 @@ static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e,
 
 static double sbl__box_middle(const sbl__box *b, int k) { return 0.5 * ((double)b->high[k] + b->low[k]); }
 
-static void sbl__lamps_measure(sbl__lamps *l) {
-    int i, k;
-    l->low[0] = l->low[1] = l->low[2] = DBL_MAX;
-    for (i = 0; i < l->count; i++)
-        for (k = 0; k < 3 && !l->list[i].distant; k++)
-            l->low[k] = SBL__MIN(l->low[k], sbl__box_middle(&l->list[i].bounds, k));
-    l->side = 0;
-    for (i = 0; i < l->count; i++)
-        for (k = 0; k < 3 && !l->list[i].distant; k++)
-            l->side = SBL__MAX(l->side, sbl__box_middle(&l->list[i].bounds, k) - l->low[k]);
-}
-
 static uint64_t sbl__lamp_curve(const sbl__lamps *l, const sbl__lamp *lamp) {
     uint64_t curve = (uint64_t)lamp->distant << 63;
     int k, bit;
@@ -5683,9 +5671,15 @@ static sbl_result sbl__lamps_add_up(void *work, int at) {
 static sbl_result sbl__lamps_place(void *work, sbl__slice *slice) {
     sbl__lamps *l = (sbl__lamps *)work;
     sbl__base *base = l->device->base;
-    int i;
+    int i, k;
     (void)slice;
-    sbl__lamps_measure(l);
+    l->low[0] = l->low[1] = l->low[2] = DBL_MAX;
+    for (i = 0; i < l->count; i++)
+        for (k = 0; k < 3 && !l->list[i].distant; k++)
+            l->low[k] = SBL__MIN(l->low[k], sbl__box_middle(&l->list[i].bounds, k));
+    for (i = 0; i < l->count; i++)
+        for (k = 0; k < 3 && !l->list[i].distant; k++)
+            l->side = SBL__MAX(l->side, sbl__box_middle(&l->list[i].bounds, k) - l->low[k]);
     for (i = 0; i < l->count; i++) l->list[i].curve = sbl__lamp_curve(l, &l->list[i]);
     l->sorted = (sbl__lamp *)sbl__alloc_raw(base, (size_t)l->count, sizeof *l->sorted);
     l->nodes = (sbl__lamp_node *)sbl__alloc_raw(base, 2 * (size_t)l->count, sizeof *l->nodes);
@@ -10026,9 +10020,6 @@ static sbl_backend sbl__choose_backend(const sbl__seeing *s, const sbl__scene *s
     return s->backend != SBL_BACKEND_AUTO ? s->backend : views ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
 }
 
-/* Must the scene be ready for it? */
-static int sbl__seeing_needs_rays(const sbl__seeing *s) { return s->mode != SBL_MODE_PAPER; }
-
 /* How far sensors stand off a surface whose triangle reaches so far; 0: unknown. */
 static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, float reach) {
     return SBL__OFFSET * (spec->traced && reach > 0 ? reach : scene->geometry.extent);
@@ -10851,6 +10842,7 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, sbl__cast_make make, int coun
     float *places, *albedos;
     sbl_result result;
     int i;
+    d->gl.doing = "casting rays between surfaces";
     if (!sbl__grow(d->base, &hits->list, &hits->room, count, sizeof *hits->list)) return SBL_ERROR_OUT_OF_MEMORY;
     if (some <= 0) return SBL_SUCCESS;
     rays = (sbl__cast *)sbl__alloc_raw(d->base, texels, sizeof *rays + 32);
@@ -11122,7 +11114,6 @@ static void sbl__bounce_feeler(sbl__bounce *b, int number, sbl__cast *out) {
 
 static sbl_result sbl__bounce_feel(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
-    b->core->device.gl.doing = "feeling along surfaces";
     return sbl__bounce_cast(b, sbl__bounce_feeler, (b->store->leaf_count - b->fresh) * SBL__BOUNCE_FEELERS, &b->feelers,
                             slice);
 }
@@ -11132,7 +11123,6 @@ typedef struct sbl__stand {
     uint32_t patch, what;        /* stands there: a patch's word, or a triangle's number * 2 */
     float normal[3], distance;   /* the plane of what stands there */
     double from[3], along[3];
-    double apart;                /* planes nearer than that are the same */
     sbl__cell_slot *slot;        /* of the cell where it is walked */
 } sbl__stand;
 
@@ -11179,7 +11169,6 @@ static int sbl__stand_make(const sbl__bounce *b, const sbl__hit *at, const sbl__
         line->from[k] = met->position[k] + t0 * along[k];
         line->along[k] = (t1 - t0) * along[k];
     }
-    line->apart = SBL__FEELER_APART * length;
     line->distance = sbl__dot(line->normal, p[0]);
     line->what = its ? other | 1u : met->place & ~1u;
     line->patch = patch;
@@ -11191,6 +11180,7 @@ static int sbl__stand_make(const sbl__bounce *b, const sbl__hit *at, const sbl__
 static sbl_result sbl__stand_part(sbl__bounce *b, const sbl__stand *line, int split, int side, const double range[2],
                                   int depth) {
     sbl__store *s = b->store;
+    const double apart = SBL__FEELER_APART * (double)s->length;
     uint32_t *reference = split < 0 ? &line->slot->reference : &s->splits[split].sides[side];
     sbl_result result = SBL_SUCCESS;
     double over[2];
@@ -11208,11 +11198,11 @@ static sbl_result sbl__stand_part(sbl__bounce *b, const sbl__stand *line, int sp
         sbl__stand_place(line, range[i], position);
         over[i] = (double)sbl__dot(s->splits[split].normal, position) - s->splits[split].distance;
     }
-    if (SBL__MAX(fabs(over[0]), fabs(over[1])) <= line->apart) return SBL_SUCCESS;  /* it is cut there */
+    if (SBL__MAX(fabs(over[0]), fabs(over[1])) <= apart) return SBL_SUCCESS;  /* it is cut there */
     for (side = 0; side < 2 && result == SBL_SUCCESS; side++) {
         const double sign = side ? 1 : -1, cross = range[0] + over[0] / (over[0] - over[1]) * (range[1] - range[0]);
         double part[2];
-        if (SBL__MAX(sign * over[0], sign * over[1]) <= line->apart) continue;
+        if (SBL__MAX(sign * over[0], sign * over[1]) <= apart) continue;
         for (i = 0; i < 2; i++) part[i] = sign * over[i] < 0 ? cross : range[i];
         result = sbl__stand_part(b, line, split, side, part, depth + 1);
     }
@@ -11337,7 +11327,6 @@ static void sbl__bounce_seed_ray(sbl__bounce *b, int number, sbl__cast *out) {
 
 static sbl_result sbl__bounce_sow(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
-    b->core->device.gl.doing = "sending first rays between surfaces";
     return sbl__bounce_cast(b, sbl__bounce_seed_ray, b->seeds.count * SBL__BOUNCE_SEED_RAYS, &b->hits, slice);
 }
 
@@ -11365,7 +11354,6 @@ static void sbl__bounce_ray(sbl__bounce *b, int number, sbl__cast *out) {
 /* Casts the rays of new points. */
 static sbl_result sbl__bounce_follow(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
-    b->core->device.gl.doing = "following light between surfaces";
     b->stages.at = SBL__MAX(b->stages.at, b->cast * SBL__BOUNCE_RAYS);
     return sbl__bounce_cast(b, sbl__bounce_ray, b->point_count * SBL__BOUNCE_RAYS, &b->hits, slice);
 }
@@ -11854,7 +11842,7 @@ static float sbl__prepare_share(const sbl__core *c, const sbl__seeing *s) {
 /* Makes ready what sensors of that kind need of the scene. SBL_SUCCESS: it is. */
 static sbl_result sbl__prepare(sbl__core *c, const sbl__seeing *s, sbl__slice *slice) {
     const sbl__hierarchy *h = &c->scene.hierarchy;
-    const int rays = sbl__seeing_needs_rays(s);
+    const int rays = s->mode != SBL_MODE_PAPER;
     const sbl_result result = rays ? sbl__scene_step(&c->device, &c->scene, slice) : SBL_SUCCESS;
     if (result != SBL_SUCCESS) return result;
     c->stats.bvh_seconds = h->seconds;
