@@ -1673,9 +1673,10 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    To add a front end:
        write a room like >>gather, which is the shortest. Its begin function stores the descriptor. Its table of stages
        calls sbl__prepare (hierarchy, lamps, store), then sbl__spec_make (how to measure), then sbl__job_begin with a
-       task (sites and readings), then sbl__job_step until the job is done. Work on many items ends a piece when
-       sbl__late is true. Add one row to the table of front ends (begin, step, progress, free, report), and a function
-       to the interface that checks the descriptor and begins. sbl__job.results holds the readings on the GPU as well.
+       task (sites and readings), then sbl__job_step until the job is done. A loop over many items is a stage with
+       turn and count, or ends a piece when sbl__late is true. Add one row to the table of front ends (begin, step,
+       progress, free, report), and a function to the interface that checks the descriptor and begins. sbl__job.results
+       holds the readings on the GPU as well.
 
    To add a kind of light:
        add it to sbl_light_kind, its parameters to sbl_light, and its checks to sbl__check_light. In >>lamps, add its
@@ -3362,32 +3363,54 @@ static void sbl__pace_end(const sbl__device *d, sbl__pace *p, double units) {
     p->cost = p->cost > cost ? p->cost + fall * (cost - p->cost) : cost;
 }
 
-/* >>device: stages. Work that takes long is a list of stages, each done in pieces that fit into a slice. A table has one
-   row for each stage, in their order; row 0 stands for work that has not begun, and the stage behind the last row for
-   work that is done. To add a stage, add a row and, if other stages refer to it, its name in the room's enum. */
+/* >>device: stages. Work that takes long is a list of stages, each done in pieces that fit into a slice. A table has
+   one row for each stage, in their order; the stage behind the last row stands for work that is done. A room that
+   must know whether its work has begun leaves row 0 empty. A stage is either a function that does one piece at a
+   time and says when there are no more, or a loop over many small things. To add a stage, add a row and, if other
+   stages refer to it, its name in the room's enum. */
 typedef struct sbl__stage_row {
     sbl_result (*piece)(void *work, sbl__slice *slice);  /* does one piece; SBL_UNFINISHED: the stage needs more pieces;
-                                                            NULL: the stage has no work of its own */
+                                                            NULL: the stage is a loop only, or has no work */
     int (*next)(void *work);                             /* returns the stage that follows; NULL: the next row */
+    sbl_result (*turn)(void *work, int at);              /* a loop's: does number `at`; NULL: the stage is no loop.
+                                                            `piece` then runs whenever the loop starts or goes on */
+    int (*count)(void *work);                            /* a loop's: returns how many there are, at every turn */
 } sbl__stage_row;
 
 /* Where staged work stands. */
 typedef struct sbl__stages {
-    int stage;  /* row of the table; 0: not begun */
-    int at;     /* counter of the stage for its own use, 0 when the stage begins */
+    int stage;  /* row of the table */
+    int at;     /* next turn of a loop, or a counter for a piece's own use; 0 when the stage begins */
 } sbl__stages;
 
-/* Does one piece of the present stage. Returns SBL_SUCCESS when the last stage is done, and from then on. */
+/* Does one piece of the present stage: of a loop, the turns that there is time for. Returns SBL_SUCCESS when the last
+   stage is done, and from then on. */
 static sbl_result sbl__stages_step(sbl__stages *s, const sbl__stage_row *table, int row_count, void *work,
                                    sbl__slice *slice) {
     if (s->stage < row_count) {
         const sbl__stage_row *row = &table[s->stage];
-        const sbl_result result = row->piece ? row->piece(work, slice) : SBL_SUCCESS;
+        sbl_result result = row->piece ? row->piece(work, slice) : SBL_SUCCESS;
+        for (; row->turn && s->at < row->count(work) && result == SBL_SUCCESS; s->at++) {
+            if (sbl__late(slice)) return SBL_UNFINISHED;
+            result = row->turn(work, s->at);
+        }
         if (result != SBL_SUCCESS) return result;
         s->stage = row->next ? row->next(work) : s->stage + 1;
         s->at = 0;
     }
     return s->stage < row_count ? SBL_UNFINISHED : SBL_SUCCESS;
+}
+
+/* Does stage after stage, for many small ones: until one of them needs more time than the slice has. */
+static sbl_result sbl__stages_run(sbl__stages *s, const sbl__stage_row *table, int row_count, void *work,
+                                  sbl__slice *slice) {
+    sbl_result result;
+    int stage;
+    do {
+        stage = s->stage;
+        result = sbl__stages_step(s, table, row_count, work, slice);
+    } while (result == SBL_UNFINISHED && s->stage != stage);
+    return result;
 }
 
 /* >>device: its life */
@@ -4291,6 +4314,22 @@ static const float *sbl__corner_of(const sbl__geometry *g, uint32_t triangle, in
     return g->vertices[g->indices[3 * (size_t)triangle + (size_t)corner]].position;
 }
 
+static void sbl__scene_triangle(const sbl__geometry *g, uint32_t triangle, const float *corners[3]) {
+    int k;
+    for (k = 0; k < 3; k++) corners[k] = sbl__corner_of(g, triangle, k);
+}
+
+/* Unit; returns its area. */
+static double sbl__scene_normal(const sbl__geometry *g, uint32_t triangle, double normal[3]) {
+    const float *corners[3];
+    double area;
+    sbl__scene_triangle(g, triangle, corners);
+    sbl__triangle_normal(corners, normal);
+    area = 0.5 * sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+    if (!sbl__normalize(normal)) normal[0] = normal[1] = normal[2] = 0;
+    return area;
+}
+
 static void sbl__geometry_bind(sbl__device *d, const sbl__geometry *g) {
     sbl__bind_table(d, "sbl_objects", &g->object_table);
     sbl__bind_table(d, "sbl_positions", &g->position_table);
@@ -4698,7 +4737,7 @@ static const char *const sbl__glsl_sky[] = {
 #define SBL__BVH_DROPPED 0xffffffffu  /* in the order: nothing stands here */
 #define SBL__BVH_GRID_STEPS 512  /* boxes of fewer steps in all directions ... */
 #define SBL__BVH_GRID_LEAST 32   /* and of as many triangles get a grid of their own */
-#define SBL__BVH_CHUNK 2048      /* triangles between looks at the clock */
+#define SBL__BVH_CHUNK 32        /* triangles of a turn: what a turn costs besides must not count */
 #define SBL__UPLOAD_CHUNK 65536  /* bytes */
 
 /* A child: lowest x | highest x << 16, likewise y, z, in steps of the grid; a node's number, or
@@ -4734,6 +4773,12 @@ static void sbl__box_add_point(sbl__box *b, const float *p) {
     }
 }
 
+static void sbl__box_of_triangle(sbl__box *b, const sbl__geometry *g, uint32_t triangle) {
+    int k;
+    sbl__box_clear(b);
+    for (k = 0; k < 3; k++) sbl__box_add_point(b, sbl__corner_of(g, triangle, k));
+}
+
 static void sbl__box_add(sbl__box *b, const sbl__box *other) {
     int k;
     for (k = 0; k < 3; k++) {
@@ -4754,14 +4799,9 @@ typedef struct sbl__grid { float origin[3], per_length[3]; int place; /* among t
    will name them. */
 typedef struct sbl__bvh_task { int first, count, depth, parent, side; sbl__grid grid; sbl__box box; } sbl__bvh_task;
 
-typedef enum sbl__bvh_split_stage {
-    SBL__SPLIT_MEASURE, SBL__SPLIT_COUNT, SBL__SPLIT_PART, SBL__SPLIT_DONE
-} sbl__bvh_split_stage;
-
 /* A task's triangles being split in two by place. */
 typedef struct sbl__bvh_split {
-    int at, left, axis, bin;     /* the triangle that is next; how many came first; where the cut is; axis < 0: none */
-    sbl__bvh_split_stage stage;
+    int left, axis, bin;         /* triangles that came first so far; where the cut is; axis < 0: there is none */
     float scale[3];
     sbl__box centroids, bins[3][SBL__BVH_BINS], halves[2];
     int counts[3][SBL__BVH_BINS];
@@ -4771,21 +4811,23 @@ typedef struct sbl__bvh_split {
 typedef struct sbl__bvh_work { double sum; float area; int parent; } sbl__bvh_work;
 
 typedef enum sbl__bvh_stage {
-    SBL__BVH_BOXES, SBL__BVH_SPLITS, SBL__BVH_COSTS, SBL__BVH_TRIANGLES, SBL__BVH_NODES
+    SBL__BVH_BOXES, SBL__BVH_TASK, SBL__BVH_MEASURE, SBL__BVH_COUNT, SBL__BVH_PART, SBL__BVH_NODE, SBL__BVH_COSTS
 } sbl__bvh_stage;
 
 typedef struct sbl__bvh {        /* while it is built */
-    sbl__bvh_stage stage;
-    int at;                      /* what of the stage is next */
+    sbl__stages stages;
+    const sbl__device *device;
+    const sbl__geometry *geometry;
+    struct sbl__hierarchy *hierarchy;
     sbl__node *nodes;
     uint32_t *order;             /* triangle numbers, leaf after leaf */
     sbl__box *boxes;             /* of the triangles */
     sbl__bvh_work *work;
     sbl__box all;
     sbl__bvh_task stack[2 * SBL__STACK];
+    sbl__bvh_task task;          /* the one that is under way */
     int top;
     sbl__bvh_split split;
-    int splitting;               /* the task at the top is */
 } sbl__bvh;
 
 typedef struct sbl__hierarchy {
@@ -4819,36 +4861,74 @@ static void sbl__hierarchy_free(const sbl__device *d, sbl__hierarchy *h) {
 
 /* >>bvh: splitting */
 
-static void sbl__split_begin(sbl__bvh_split *s, const sbl__bvh_task *t) {
-    s->stage = SBL__SPLIT_MEASURE;
-    s->at = t->first;
-    s->left = 0;
-    s->axis = -1;
-    sbl__box_clear(&s->centroids);
-    sbl__box_clear(&s->halves[0]);
-    sbl__box_clear(&s->halves[1]);
-}
-
 static int sbl__split_bin(const sbl__bvh_split *s, const sbl__box *b, int axis) {
     return (int)((b->low[axis] + b->high[axis] - s->centroids.low[axis]) * s->scale[axis]);
 }
 
+/* Chunks of triangles that the task under way has. */
+static int sbl__bvh_chunks(void *work) {
+    return (((sbl__bvh *)work)->task.count + SBL__BVH_CHUNK - 1) / SBL__BVH_CHUNK;
+}
+
+/* The triangles of a chunk: from returned to *end - 1 of the order. */
+static int sbl__bvh_chunk(const sbl__bvh *b, int chunk, int *end) {
+    const int first = b->task.first + chunk * SBL__BVH_CHUNK;
+    *end = SBL__MIN(first + SBL__BVH_CHUNK, b->task.first + b->task.count);
+    return first;
+}
+
+/* Finds the bounds of the centroids. */
+static sbl_result sbl__split_measure(void *work, int chunk) {
+    sbl__bvh *b = (sbl__bvh *)work;
+    int end, i = sbl__bvh_chunk(b, chunk, &end), k;
+    for (; i < end; i++) {
+        const sbl__box *box = &b->boxes[b->order[i]];
+        float centroid[3];
+        for (k = 0; k < 3; k++) centroid[k] = box->low[k] + box->high[k];
+        sbl__box_add_point(&b->split.centroids, centroid);
+    }
+    return SBL_SUCCESS;
+}
+
 /* Where bins start and how wide they are, once the centroids are known. */
-static void sbl__split_bins(sbl__bvh_split *s, const sbl__bvh_task *t) {
+static int sbl__split_bins(void *work) {
+    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_split *s = &b->split;
     int axis, k;
     for (axis = 0; axis < 3; axis++) {
         const float size = s->centroids.high[axis] - s->centroids.low[axis];
         s->scale[axis] = size > 0 ? (float)SBL__BVH_BINS * 0.99999f / size : 0;
-        if (!sbl__finite(&s->scale[axis]) || t->depth >= SBL__BVH_SAH_DEPTH) s->scale[axis] = 0;
+        if (!sbl__finite(&s->scale[axis]) || b->task.depth >= SBL__BVH_SAH_DEPTH) s->scale[axis] = 0;
         for (k = 0; k < SBL__BVH_BINS; k++) {
             sbl__box_clear(&s->bins[axis][k]);
             s->counts[axis][k] = 0;
         }
     }
+    return SBL__BVH_COUNT;
+}
+
+/* Puts triangles into bins. */
+static sbl_result sbl__split_count(void *work, int chunk) {
+    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_split *s = &b->split;
+    int end, i = sbl__bvh_chunk(b, chunk, &end), axis;
+    for (; i < end; i++) {
+        const sbl__box *box = &b->boxes[b->order[i]];
+        for (axis = 0; axis < 3; axis++) {
+            int bin;
+            if (s->scale[axis] <= 0) continue;
+            bin = sbl__split_bin(s, box, axis);
+            sbl__box_add(&s->bins[axis][bin], box);
+            s->counts[axis][bin]++;
+        }
+    }
+    return SBL_SUCCESS;
 }
 
 /* The cut that costs least, of all between bins. */
-static void sbl__split_choose(sbl__bvh_split *s, int count) {
+static int sbl__split_choose(void *work) {
+    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_split *s = &b->split;
     float best = FLT_MAX, areas[SBL__BVH_BINS], cost;
     int axis, k, n;
     sbl__box sweep;
@@ -4864,54 +4944,26 @@ static void sbl__split_choose(sbl__bvh_split *s, int count) {
         for (k = 0, n = 0; k < SBL__BVH_BINS - 1; k++) {
             sbl__box_add(&sweep, &s->bins[axis][k]);
             n += s->counts[axis][k];
-            if (n == 0 || n == count) continue;
+            if (n == 0 || n == b->task.count) continue;
             cost = sbl__box_area(&sweep) * (float)n + areas[k + 1];
             if (cost < best) { best = cost; s->axis = axis; s->bin = k; }
         }
     }
+    return s->axis >= 0 ? SBL__BVH_PART : SBL__BVH_NODE;
 }
 
-/* One triangle of the stage under way. */
-static void sbl__split_triangle(sbl__bvh_split *s, uint32_t *order, const sbl__box *boxes, int first, int i) {
-    const sbl__box *b = &boxes[order[i]];
-    float centroid[3];
-    int axis, k, bin;
-    if (s->stage == SBL__SPLIT_MEASURE) {
-        for (k = 0; k < 3; k++) centroid[k] = b->low[k] + b->high[k];
-        sbl__box_add_point(&s->centroids, centroid);
-    } else if (s->stage == SBL__SPLIT_COUNT) {
-        for (axis = 0; axis < 3; axis++) {
-            if (s->scale[axis] <= 0) continue;
-            bin = sbl__split_bin(s, b, axis);
-            sbl__box_add(&s->bins[axis][bin], b);
-            s->counts[axis][bin]++;
-        }
-    } else {
-        bin = sbl__split_bin(s, b, s->axis);
-        sbl__box_add(&s->halves[bin > s->bin], b);
-        if (bin <= s->bin) {
-            uint32_t swap = order[first + s->left];
-            order[first + s->left++] = order[i];
-            order[i] = swap;
-        }
-    }
-}
-
-/* Goes on splitting; SBL_UNFINISHED where the slice is over. s->left is 0 where it cannot be done. */
-static sbl_result sbl__split_step(sbl__bvh_split *s, const sbl__bvh_task *t, sbl__bvh *b, const sbl__slice *slice) {
-    const int end = t->first + t->count;
-    while (s->stage != SBL__SPLIT_DONE) {
-        const int stop = SBL__MIN(end, s->at + SBL__BVH_CHUNK);
-        for (; s->at < stop; s->at++) sbl__split_triangle(s, b->order, b->boxes, t->first, s->at);
-        if (s->at == end) {
-            if (s->stage == SBL__SPLIT_MEASURE) sbl__split_bins(s, t);
-            if (s->stage == SBL__SPLIT_COUNT) sbl__split_choose(s, t->count);
-            s->stage = s->stage == SBL__SPLIT_MEASURE               ? SBL__SPLIT_COUNT
-                     : s->stage == SBL__SPLIT_COUNT && s->axis >= 0 ? SBL__SPLIT_PART
-                                                                    : SBL__SPLIT_DONE;
-            s->at = t->first;
-        }
-        if (t->count > SBL__BVH_CHUNK && sbl__now() >= slice->end && s->stage != SBL__SPLIT_DONE) return SBL_UNFINISHED;
+/* Brings the triangles of the first half to the front. */
+static sbl_result sbl__split_part(void *work, int chunk) {
+    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__bvh_split *s = &b->split;
+    int end, i = sbl__bvh_chunk(b, chunk, &end);
+    for (; i < end; i++) {
+        const uint32_t number = b->order[i];
+        const int second = sbl__split_bin(s, &b->boxes[number], s->axis) > s->bin;
+        sbl__box_add(&s->halves[second], &b->boxes[number]);
+        if (second) continue;
+        b->order[i] = b->order[b->task.first + s->left];
+        b->order[b->task.first + s->left++] = number;
     }
     return SBL_SUCCESS;
 }
@@ -4960,8 +5012,10 @@ static int sbl__bvh_corner_order(const void *first, const void *second) {
 
 /* Of triangles that lie exactly on each other only the first can be seen: a thousand copies must not cost a thousand
    tests. Shortens the task. */
-static sbl_result sbl__bvh_drop_copies(sbl__base *base, const sbl__geometry *g, uint32_t *order, sbl__bvh_task *t) {
-    sbl__bvh_corners *corners = (sbl__bvh_corners *)sbl__alloc(base, (size_t)t->count, sizeof *corners);
+static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
+    const sbl__geometry *g = b->geometry;
+    uint32_t *order = b->order;
+    sbl__bvh_corners *corners = (sbl__bvh_corners *)sbl__alloc(b->device->base, (size_t)t->count, sizeof *corners);
     int i, k, kept = 0, last = 0;
     if (!corners) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < t->count; i++) {
@@ -4979,7 +5033,7 @@ static sbl_result sbl__bvh_drop_copies(sbl__base *base, const sbl__geometry *g, 
     }
     for (i = kept; i < t->count; i++) order[t->first + i] = SBL__BVH_DROPPED;
     t->count = kept;
-    sbl__free(base, corners);
+    sbl__free(b->device->base, corners);
     return SBL_SUCCESS;
 }
 
@@ -4988,10 +5042,15 @@ static uint32_t *sbl__bvh_child(sbl__bvh *b, int node, int side) {
 }
 
 /* Takes up a task: names its node to its parent, in a finer grid where it is small for the present one. */
-static void sbl__bvh_begin_task(sbl__hierarchy *h, sbl__bvh_task *t) {
-    sbl__bvh *b = h->building;
-    uint32_t *child = sbl__bvh_child(b, t->parent, t->side) + 3;
+static sbl_result sbl__bvh_begin_task(void *work, sbl__slice *slice) {
+    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__hierarchy *h = b->hierarchy;
+    sbl__bvh_task *t = &b->task;
+    uint32_t *child;
     int k, fine = 1;
+    (void)slice;
+    *t = b->stack[--b->top];
+    child = sbl__bvh_child(b, t->parent, t->side) + 3;
     for (k = 0; k < 3; k++) fine &= (t->box.high[k] - t->box.low[k]) * t->grid.per_length[k] < SBL__BVH_GRID_STEPS;
     *child = (uint32_t)h->node_count;
     if (fine && t->count >= SBL__BVH_GRID_LEAST && t->depth < SBL__BVH_SAH_DEPTH) {
@@ -4999,17 +5058,25 @@ static void sbl__bvh_begin_task(sbl__hierarchy *h, sbl__bvh_task *t) {
         *child |= SBL__ENTER;
         t->grid = sbl__bvh_add_grid(h, &t->box, t->grid.place);
     }
-    sbl__split_begin(&b->split, t);
+    memset(&b->work[h->node_count], 0, sizeof *b->work);
+    b->split.left = 0;
+    b->split.axis = -1;
+    sbl__box_clear(&b->split.centroids);
+    sbl__box_clear(&b->split.halves[0]);
+    sbl__box_clear(&b->split.halves[1]);
+    return SBL_SUCCESS;
 }
 
-/* Writes the node of a task that has been split, and leaves its halves as leaves or tasks. */
-static sbl_result sbl__bvh_end_task(sbl__base *base, const sbl__geometry *g, sbl__hierarchy *h, sbl__bvh_task *t) {
-    sbl__bvh *b = h->building;
+/* Writes the node of the task, which has been split, and leaves its halves as leaves or tasks. */
+static sbl_result sbl__bvh_end_task(void *work, sbl__slice *slice) {
+    sbl__bvh *b = (sbl__bvh *)work;
     sbl__bvh_split *s = &b->split;
-    const int node = h->node_count;
+    sbl__bvh_task *t = &b->task;
+    const int node = b->hierarchy->node_count++;
     int side, i;
+    (void)slice;
     if (!s->left) {  /* all at one place, or too deep: halves by number; of one triangle one is empty, never entered */
-        const sbl_result result = sbl__bvh_drop_copies(base, g, b->order, t);
+        const sbl_result result = sbl__bvh_drop_copies(b, t);
         if (result != SBL_SUCCESS) return result;
         s->left = t->count / 2;
         for (i = 0; i < t->count; i++) sbl__box_add(&s->halves[i >= s->left], &b->boxes[b->order[t->first + i]]);
@@ -5025,18 +5092,19 @@ static sbl_result sbl__bvh_end_task(sbl__base *base, const sbl__geometry *g, sbl
             child[3] = SBL__LEAF | (uint32_t)(SBL__MAX(1, count) - 1) << 28 | (uint32_t)first;
         else {
             sbl__bvh_task *task = &b->stack[b->top++];
+            *task = *t;
             task->first = first;
             task->count = count;
-            task->depth = t->depth + 1;
+            task->depth++;
             task->parent = node;
             task->side = side;
-            task->grid = t->grid;
             task->box = s->halves[side];
         }
     }
-    h->node_count++;
     return SBL_SUCCESS;
 }
+
+static int sbl__bvh_after_task(void *work) { return ((sbl__bvh *)work)->top ? SBL__BVH_TASK : SBL__BVH_COSTS; }
 
 /* >>bvh: its stages */
 
@@ -5045,6 +5113,9 @@ static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, s
     sbl__bvh *b = (sbl__bvh *)sbl__alloc(d->base, 1, sizeof *b);
     if (!b) return SBL_ERROR_OUT_OF_MEMORY;
     h->building = b;
+    b->device = d;
+    b->geometry = g;
+    b->hierarchy = h;
     h->node_count = h->triangle_count = 0;
     h->cost = h->seconds = 0;
     memset(h->grid_origin, 0, sizeof h->grid_origin);
@@ -5057,155 +5128,124 @@ static sbl_result sbl__bvh_begin(const sbl__device *d, const sbl__geometry *g, s
     return b->nodes && b->order && b->boxes && b->work ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Boxes of the triangles that sensors see; then the first task. */
-static sbl_result sbl__bvh_boxes(const sbl__geometry *g, sbl__hierarchy *h, sbl__slice *slice) {
-    sbl__bvh *b = h->building;
+static int sbl__bvh_all_triangles(void *work) { return ((sbl__bvh *)work)->geometry->triangle_count; }
+
+/* The box of a triangle, if sensors see it. */
+static sbl_result sbl__bvh_box(void *work, int at) {
+    sbl__bvh *b = (sbl__bvh *)work;
+    const uint32_t i = (uint32_t)at;
+    if (sbl__object_of(b->geometry, i)->flags & SBL_MATERIAL_HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
+    b->order[b->hierarchy->triangle_count++] = i;
+    sbl__box_of_triangle(&b->boxes[i], b->geometry, i);
+    sbl__box_add(&b->all, &b->boxes[i]);
+    return SBL_SUCCESS;
+}
+
+/* The first task, where sensors see anything at all. */
+static int sbl__bvh_after_boxes(void *work) {
+    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__hierarchy *h = b->hierarchy;
     sbl__bvh_task *task = &b->stack[0];
-    int corner;
-    for (; b->at < g->triangle_count; b->at++) {
-        const uint32_t i = (uint32_t)b->at;
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        if (sbl__object_of(g, i)->flags & SBL_MATERIAL_HIDDEN_FROM_SENSORS) continue;
-        b->order[h->triangle_count++] = i;
-        sbl__box_clear(&b->boxes[i]);
-        for (corner = 0; corner < 3; corner++) sbl__box_add_point(&b->boxes[i], sbl__corner_of(g, i, corner));
-        sbl__box_add(&b->all, &b->boxes[i]);
-    }
-    if (!h->triangle_count) return SBL_SUCCESS;  /* sensors see nothing at all */
+    if (!h->triangle_count) return SBL__BVH_COSTS;
     task->count = h->triangle_count;
     task->box = b->all;
     task->grid = sbl__bvh_add_grid(h, &b->all, 0);  /* number 0; it names the root as child_0 would */
     memcpy(h->grid_origin, task->grid.origin, 12);
     memcpy(h->grid_per_length, task->grid.per_length, 12);
     b->top = 1;
-    return SBL_SUCCESS;
+    return SBL__BVH_TASK;
 }
 
-static sbl_result sbl__bvh_splits(sbl__base *base, const sbl__geometry *g, sbl__hierarchy *h, sbl__slice *slice) {
-    sbl__bvh *b = h->building;
-    while (b->top) {
-        sbl__bvh_task t;
-        sbl_result result;
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        if (!b->splitting) {
-            sbl__bvh_begin_task(h, &b->stack[b->top - 1]);
-            memset(&b->work[h->node_count], 0, sizeof *b->work);
-            b->splitting = 1;
-        }
-        result = sbl__split_step(&b->split, &b->stack[b->top - 1], b, slice);
-        if (result != SBL_SUCCESS) return result;
-        t = b->stack[--b->top];
-        b->splitting = 0;
-        result = sbl__bvh_end_task(base, g, h, &t);
-        if (result != SBL_SUCCESS) return result;
-    }
-    return SBL_SUCCESS;
-}
+static int sbl__bvh_inner_nodes(void *work) { return ((sbl__bvh *)work)->hierarchy->node_count - 1; }
 
 /* Children come after their parents: what rays meet below a node is added up on the way back. */
-static sbl_result sbl__bvh_costs(sbl__hierarchy *h, sbl__slice *slice) {
-    sbl__bvh *b = h->building;
-    for (; b->at < h->node_count - 1; b->at++) {
-        const int i = h->node_count - 1 - b->at;
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        b->work[b->work[i].parent].sum += b->work[i].sum;
-        if (b->work[i].area > 0) h->cost = SBL__MAX(h->cost, b->work[i].sum / b->work[i].area);
-    }
+static sbl_result sbl__bvh_cost(void *work, int at) {
+    sbl__bvh *b = (sbl__bvh *)work;
+    sbl__hierarchy *h = b->hierarchy;
+    const sbl__bvh_work *node = &b->work[h->node_count - 1 - at];
+    b->work[node->parent].sum += node->sum;
+    if (node->area > 0) h->cost = SBL__MAX(h->cost, node->sum / node->area);
     return SBL_SUCCESS;
 }
 
-/* The triangles' records to the GPU, in the leaves' order. */
-static sbl_result sbl__bvh_triangles(const sbl__device *d, const sbl__geometry *g, sbl__hierarchy *h,
-                                     const sbl__slice *slice) {
-    enum { MOST = SBL__UPLOAD_CHUNK / sizeof(sbl__triangle) };
-    sbl__bvh *b = h->building;
-    sbl__triangle *records = (sbl__triangle *)sbl__alloc(d->base, MOST, sizeof *records);
-    sbl_result result = records ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
-    if (result == SBL_SUCCESS && !b->at)
-        result = sbl__buffer_make(d, &h->triangle_table.buffer, sizeof *records * (size_t)h->triangle_count, NULL,
-                                  SBL__GL_STATIC_DRAW);
-    while (b->at < h->triangle_count && result == SBL_SUCCESS) {
-        const int count = SBL__MIN((int)MOST, h->triangle_count - b->at);
-        int i;
-        for (i = 0; i < count; i++) {
-            const uint32_t number = b->order[b->at + i];
-            sbl__triangle *t = &records[i];
-            memset(t, 0, sizeof *t);
-            if (number == SBL__BVH_DROPPED) continue;
-            memcpy(t->corner_0, sbl__corner_of(g, number, 0), 12);
-            memcpy(t->corner_1, sbl__corner_of(g, number, 1), 12);
-            memcpy(t->corner_2, sbl__corner_of(g, number, 2), 12);
-            t->object = g->vertices[g->indices[3 * (size_t)number]].object;
-            t->number = number;
-            t->cutout = sbl__object_of(g, number)->alpha_cutoff != 0.0f;
-        }
-        sbl__buffer_write(d, &h->triangle_table.buffer, sizeof *records * (size_t)b->at,
-                          sizeof *records * (size_t)count, records);
-        b->at += count;
-        if (b->at < h->triangle_count && sbl__now() >= slice->end) result = SBL_UNFINISHED;
-    }
-    sbl__free(d->base, records);
-    if (result == SBL_SUCCESS) result = sbl__table_show(d, &h->triangle_table, SBL__GL_RGBA32UI, g->wide);
-    return result;
-}
-
-static sbl_result sbl__bvh_nodes(const sbl__device *d, sbl__hierarchy *h, int wide, const sbl__slice *slice) {
-    enum { MOST = SBL__UPLOAD_CHUNK / sizeof(sbl__node) };
-    sbl__bvh *b = h->building;
+/* Stores `count` elements of a table's `all` from number stages.at on, and shows it to shaders once all are there. */
+static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, size_t size, int count, int all) {
+    int *at = &b->stages.at;
     sbl_result result = SBL_SUCCESS;
-    if (!b->at)
-        result = sbl__buffer_make(d, &h->node_table.buffer, sizeof(sbl__node) * (size_t)h->node_count, NULL,
-                                  SBL__GL_STATIC_DRAW);
-    while (b->at < h->node_count && result == SBL_SUCCESS) {
-        const int count = SBL__MIN((int)MOST, h->node_count - b->at);
-        sbl__buffer_write(d, &h->node_table.buffer, sizeof(sbl__node) * (size_t)b->at,
-                          sizeof(sbl__node) * (size_t)count, b->nodes + b->at);
-        b->at += count;
-        if (b->at < h->node_count && sbl__now() >= slice->end) result = SBL_UNFINISHED;
-    }
-    if (result == SBL_SUCCESS) result = sbl__table_show(d, &h->node_table, SBL__GL_RGBA32UI, wide);
+    if (!*at) result = sbl__buffer_make(b->device, &t->buffer, size * (size_t)all, NULL, SBL__GL_STATIC_DRAW);
+    if (result != SBL_SUCCESS) return result;
+    if (count) sbl__buffer_write(b->device, &t->buffer, size * (size_t)*at, size * (size_t)count, from);
+    *at += count;
+    if (*at < all) return SBL_UNFINISHED;
+    result = sbl__table_show(b->device, t, SBL__GL_RGBA32UI, b->geometry->wide);
+    if (b->geometry->wide) sbl__buffer_delete(b->device, &t->buffer);  /* copied */
     return result;
 }
 
-/* One stage, or as much of it as the slice has time for. */
-static sbl_result sbl__bvh_work_on(const sbl__device *d, const sbl__geometry *g, sbl__hierarchy *h, sbl__slice *slice) {
-    switch (h->building->stage) {
-        case SBL__BVH_BOXES: return sbl__bvh_boxes(g, h, slice);
-        case SBL__BVH_SPLITS: return sbl__bvh_splits(d->base, g, h, slice);
-        case SBL__BVH_COSTS: return sbl__bvh_costs(h, slice);
-        case SBL__BVH_TRIANGLES: return sbl__bvh_triangles(d, g, h, slice);
-        default: return sbl__bvh_nodes(d, h, g->wide, slice);
+/* Triangles' records, in the leaves' order. */
+static sbl_result sbl__bvh_triangles(void *work, sbl__slice *slice) {
+    enum { MOST = SBL__UPLOAD_CHUNK / sizeof(sbl__triangle) };
+    sbl__bvh *b = (sbl__bvh *)work;
+    const sbl__geometry *g = b->geometry;
+    sbl__hierarchy *h = b->hierarchy;
+    const int count = SBL__MIN((int)MOST, h->triangle_count - b->stages.at);
+    sbl__triangle *records = (sbl__triangle *)sbl__alloc(b->device->base, MOST, sizeof *records);
+    sbl_result result;
+    int i;
+    (void)slice;
+    if (!records) return SBL_ERROR_OUT_OF_MEMORY;
+    for (i = 0; i < count; i++) {
+        const uint32_t number = b->order[b->stages.at + i];
+        sbl__triangle *t = &records[i];
+        if (number == SBL__BVH_DROPPED) continue;
+        memcpy(t->corner_0, sbl__corner_of(g, number, 0), 12);
+        memcpy(t->corner_1, sbl__corner_of(g, number, 1), 12);
+        memcpy(t->corner_2, sbl__corner_of(g, number, 2), 12);
+        t->object = g->vertices[g->indices[3 * (size_t)number]].object;
+        t->number = number;
+        t->cutout = sbl__object_of(g, number)->alpha_cutoff != 0.0f;
     }
+    result = sbl__bvh_upload(b, &h->triangle_table, records, sizeof *records, count, h->triangle_count);
+    sbl__free(b->device->base, records);
+    return result;
+}
+
+static sbl_result sbl__bvh_nodes(void *work, sbl__slice *slice) {
+    enum { MOST = SBL__UPLOAD_CHUNK / sizeof(sbl__node) };
+    sbl__bvh *b = (sbl__bvh *)work;
+    const int at = b->stages.at, all = b->hierarchy->node_count;
+    (void)slice;
+    return sbl__bvh_upload(b, &b->hierarchy->node_table, b->nodes + at, sizeof *b->nodes,
+                           SBL__MIN((int)MOST, all - at), all);
 }
 
 /* Builds the hierarchy and brings it to the GPU. SBL_SUCCESS: it is ready; after an error it can be begun anew. */
 static sbl_result sbl__hierarchy_step(sbl__device *d, const sbl__geometry *g, sbl__hierarchy *h, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { NULL, sbl__bvh_after_boxes, sbl__bvh_box, sbl__bvh_all_triangles },
+        { sbl__bvh_begin_task, NULL, NULL, NULL },
+        { NULL, sbl__split_bins, sbl__split_measure, sbl__bvh_chunks },
+        { NULL, sbl__split_choose, sbl__split_count, sbl__bvh_chunks },
+        { NULL, NULL, sbl__split_part, sbl__bvh_chunks },
+        { sbl__bvh_end_task, sbl__bvh_after_task, NULL, NULL },
+        { NULL, NULL, sbl__bvh_cost, sbl__bvh_inner_nodes },
+        { sbl__bvh_triangles, NULL, NULL, NULL },
+        { sbl__bvh_nodes, NULL, NULL, NULL }
+    };
     const double start = sbl__now();
     sbl_result result = SBL_SUCCESS;
     if (h->ready) return SBL_SUCCESS;
     d->gl.doing = "storing the hierarchy";
     if (!h->building) result = sbl__bvh_begin(d, g, h);
-    while (result == SBL_SUCCESS) {
-        sbl__bvh *b = h->building;
-        result = sbl__bvh_work_on(d, g, h, slice);
-        if (result != SBL_SUCCESS) break;
-        b->at = 0;
-        if (b->stage == SBL__BVH_NODES) { h->ready = 1; break; }
-        b->stage = b->stage == SBL__BVH_BOXES    ? SBL__BVH_SPLITS
-                 : b->stage == SBL__BVH_SPLITS   ? SBL__BVH_COSTS
-                 : b->stage == SBL__BVH_COSTS    ? SBL__BVH_TRIANGLES
-                                                 : SBL__BVH_NODES;
-    }
+    if (result == SBL_SUCCESS) result = sbl__stages_run(&h->building->stages, table, SBL__COUNT(table), h->building,
+                                                        slice);
     h->seconds += sbl__now() - start;
     if (result == SBL_UNFINISHED) return result;
-    if (h->ready) {  /* the GPU has the nodes; the order tells where lamps are */
+    if (result == SBL_SUCCESS) {  /* the GPU has the nodes; the order tells where lamps are */
+        h->ready = 1;
         sbl__free(d->base, h->order);
         h->order = h->building->order;
         h->building->order = NULL;
-        if (g->wide) {  /* copied */
-            sbl__buffer_delete(d, &h->node_table.buffer);
-            sbl__buffer_delete(d, &h->triangle_table.buffer);
-        }
     }
     sbl__bvh_free(d, h->building);
     h->building = NULL;
@@ -5412,25 +5452,24 @@ typedef struct sbl__lamp {
     uint64_t curve;            /* place along a Morton curve; near before distant */
     uint32_t code;
     uint32_t triangle;         /* number in the scene */
-    float low[3], high[3];     /* bounds */
+    sbl__box bounds;
     float normal[3];           /* 0: shines to all sides; of directions, the direction */
     float power;
     int one_sided, distant;
 } sbl__lamp;
 
-typedef struct sbl__cluster { double power, all_sides, square[6], front[3]; float low[3], high[3]; } sbl__cluster;
+typedef struct sbl__cluster { double power, all_sides, square[6], front[3]; sbl__box bounds; } sbl__cluster;
 
 /* What is left to build of a tree: lamps first .. first + count - 1. */
 typedef struct sbl__lamp_range { int first, count; } sbl__lamp_range;
 
-typedef enum sbl__lamps_stage {
-    SBL__LAMPS_TRIANGLES, SBL__LAMPS_SKY, SBL__LAMPS_PLACE, SBL__LAMPS_SORT, SBL__LAMPS_SPLIT, SBL__LAMPS_ADD,
-    SBL__LAMPS_STORE
-} sbl__lamps_stage;
-
 typedef struct sbl__lamps {    /* while the trees are built */
-    sbl__lamps_stage stage;
-    int at;                    /* what of the stage is next */
+    sbl__stages stages;
+    const sbl__device *device;
+    const sbl__geometry *geometry;
+    const sbl__hierarchy *hierarchy;
+    const sbl__environment *environment;
+    struct sbl__lights *lights;
     sbl__lamp *list, *sorted;  /* sorted: the other half of merging */
     int count, room;
     double low[3], side;       /* of the near lamps' middles: the cube that the curve runs through */
@@ -5490,11 +5529,11 @@ static sbl_result sbl__lights_make(sbl__base *base, sbl__lights *l, const sbl_li
 
 /* >>lamps: collecting */
 
-static int sbl__lamps_add(sbl__base *base, sbl__lamps *l, const sbl__lamp *lamp) {
-    if (!(lamp->power > 0)) return 1;
-    if (!sbl__grow(base, &l->list, &l->room, l->count + 1, sizeof *l->list)) return 0;
+static sbl_result sbl__lamps_add(sbl__lamps *l, const sbl__lamp *lamp) {
+    if (!(lamp->power > 0)) return SBL_SUCCESS;
+    if (!sbl__grow(l->device->base, &l->list, &l->room, l->count + 1, sizeof *l->list)) return SBL_ERROR_OUT_OF_MEMORY;
     l->list[l->count++] = *lamp;
-    return 1;
+    return SBL_SUCCESS;
 }
 
 /* A lamp without sides, in bounds of so much around its middle. */
@@ -5504,36 +5543,33 @@ static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3
     lamp->code = code;
     lamp->power = (float)SBL__MIN(power / SBL__PI, SBL__POWER_MOST);
     for (k = 0; k < 3; k++) {
-        lamp->low[k] = (float)(middle[k] - around);
-        lamp->high[k] = (float)(middle[k] + around);
+        lamp->bounds.low[k] = (float)(middle[k] - around);
+        lamp->bounds.high[k] = (float)(middle[k] + around);
     }
 }
 
-/* Triangle `number` of the scene, `place` in the hierarchy's order. */
-static int sbl__lamps_add_triangle(sbl__base *base, sbl__lamps *l, const sbl__geometry *g, uint32_t number, int place) {
-    const sbl__object *object = sbl__object_of(g, number);
+static int sbl__lamps_triangles(void *work) { return ((sbl__lamps *)work)->hierarchy->triangle_count; }
+
+/* The triangle at a place of the hierarchy's order, where it shines. */
+static sbl_result sbl__lamps_add_triangle(void *work, int place) {
+    sbl__lamps *l = (sbl__lamps *)work;
+    const uint32_t number = l->hierarchy->order[place];
+    const sbl__object *object;
     const double zero[3] = { 0, 0, 0 };
-    const float *p[3];
     double normal[3], area;
     sbl__lamp lamp;
-    sbl__box box;
     int k;
-    if (!(object->emission[0] + object->emission[1] + object->emission[2] > 0)) return 1;
-    sbl__box_clear(&box);
-    for (k = 0; k < 3; k++) {
-        p[k] = sbl__corner_of(g, number, k);
-        sbl__box_add_point(&box, p[k]);
-    }
-    sbl__triangle_normal(p, normal);
-    area = 0.5 * sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+    if (number == SBL__BVH_DROPPED) return SBL_SUCCESS;
+    object = sbl__object_of(l->geometry, number);
+    if (!(object->emission[0] + object->emission[1] + object->emission[2] > 0)) return SBL_SUCCESS;
+    area = sbl__scene_normal(l->geometry, number, normal);
     sbl__lamp_make(&lamp, SBL__LAMP_TRIANGLE << SBL__LAMP_KIND_SHIFT | (uint32_t)place, zero, 0,
                    SBL__MAX(area * sbl__sum3(object->emission), SBL__POWER_LEAST));
-    memcpy(lamp.low, box.low, sizeof lamp.low);
-    memcpy(lamp.high, box.high, sizeof lamp.high);
-    for (k = 0; k < 3 && area > 0; k++) lamp.normal[k] = (float)(0.5 * normal[k] / area);
+    sbl__box_of_triangle(&lamp.bounds, l->geometry, number);
+    for (k = 0; k < 3; k++) lamp.normal[k] = (float)normal[k];
     lamp.one_sided = (object->flags & SBL_MATERIAL_ONE_SIDED_EMISSION) != 0;
     lamp.triangle = number;
-    return sbl__lamps_add(base, l, &lamp);
+    return sbl__lamps_add(l, &lamp);
 }
 
 /* A light's record, and where it stands or lies. */
@@ -5556,7 +5592,11 @@ static void sbl__light_write(const sbl_light *light, sbl__light_record *record, 
     record->spot_offset = (float)(spot ? -outer * scale : 1);
 }
 
-static int sbl__lamps_add_light(sbl__base *base, sbl__lamps *l, const sbl_light *light, int number) {
+static int sbl__lamps_lights(void *work) { return ((sbl__lamps *)work)->lights->count; }
+
+static sbl_result sbl__lamps_add_light(void *work, int number) {
+    sbl__lamps *l = (sbl__lamps *)work;
+    const sbl_light *light = &l->lights->list[number];
     const int distant = light->kind == SBL_LIGHT_DIRECTIONAL;
     const uint32_t kind = distant ? SBL__LAMP_FAR_LIGHT : SBL__LAMP_NEAR_LIGHT;
     double place[3], half = 0.5 * light->angle * SBL__PI / 180;
@@ -5568,25 +5608,33 @@ static int sbl__lamps_add_light(sbl__base *base, sbl__lamps *l, const sbl_light 
                    distant ? 2 * sin(0.5 * half) : light->radius, sbl__sum3(light->intensity));
     lamp.distant = distant;
     for (k = 0; distant && k < 3; k++) lamp.normal[k] = (float)place[k];
-    return sbl__lamps_add(base, l, &lamp);
+    return sbl__lamps_add(l, &lamp);
 }
 
-static int sbl__lamps_add_texel(sbl__base *base, sbl__lamps *l, const sbl__environment *e, int x, int y) {
-    const float *c = e->pixels + 3 * ((size_t)y * (size_t)e->width + (size_t)x);
+static int sbl__lamps_texels(void *work) {
+    const sbl__environment *e = ((sbl__lamps *)work)->environment;
+    return e->pixels ? e->width * e->height : 0;
+}
+
+static sbl_result sbl__lamps_add_texel(void *work, int at) {
+    sbl__lamps *l = (sbl__lamps *)work;
+    const sbl__environment *e = l->environment;
+    const int x = at % e->width, y = at / e->width;
+    const float *c = e->pixels + 3 * (size_t)at;
     const double step = SBL__PI / e->height;
     const double solid_angle = 2 * SBL__PI / e->width * 2 * sin(step * (y + 0.5)) * sin(0.5 * step);
     const uint32_t number = (uint32_t)y << SBL__SKY_COLUMN_BITS | (uint32_t)x;
     double direction[3];
     sbl__lamp lamp;
     int k;
-    if (!(sbl__max3(c) > e->limit)) return 1;
+    if (!(sbl__max3(c) > e->limit)) return SBL_SUCCESS;
     sbl__environment_direction(e, x, y, direction);
     sbl__lamp_make(&lamp, SBL__LAMP_SKY_TEXEL << SBL__LAMP_KIND_SHIFT | number, direction,
                    SBL__MIN(step + 2 * SBL__PI / e->width, 1.0),
                    sbl__sum3(c) * (1 - e->limit / sbl__max3(c)) * solid_angle);
     lamp.distant = 1;
     for (k = 0; k < 3; k++) lamp.normal[k] = (float)direction[k];
-    return sbl__lamps_add(base, l, &lamp);
+    return sbl__lamps_add(l, &lamp);
 }
 
 /* How many lamps there will be, at most: what tables must hold. */
@@ -5602,25 +5650,13 @@ static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e,
 
 /* >>lamps: in order along a Morton curve through the bounds of all near lamps; then the directions */
 
-static double sbl__lamp_middle(const sbl__lamp *lamp, int k) { return 0.5 * ((double)lamp->low[k] + lamp->high[k]); }
-
-static void sbl__lamps_measure(sbl__lamps *l) {
-    int i, k;
-    l->low[0] = l->low[1] = l->low[2] = DBL_MAX;
-    for (i = 0; i < l->count; i++)
-        for (k = 0; k < 3 && !l->list[i].distant; k++)
-            l->low[k] = SBL__MIN(l->low[k], sbl__lamp_middle(&l->list[i], k));
-    l->side = 0;
-    for (i = 0; i < l->count; i++)
-        for (k = 0; k < 3 && !l->list[i].distant; k++)
-            l->side = SBL__MAX(l->side, sbl__lamp_middle(&l->list[i], k) - l->low[k]);
-}
+static double sbl__box_middle(const sbl__box *b, int k) { return 0.5 * ((double)b->high[k] + b->low[k]); }
 
 static uint64_t sbl__lamp_curve(const sbl__lamps *l, const sbl__lamp *lamp) {
     uint64_t curve = (uint64_t)lamp->distant << 63;
     int k, bit;
     for (k = 0; k < 3; k++) {
-        const double middle = sbl__lamp_middle(lamp, k);
+        const double middle = sbl__box_middle(&lamp->bounds, k);
         const double share = lamp->distant ? 0.25 * (middle + 2) : l->side > 0 ? (middle - l->low[k]) / l->side : 0;
         const uint64_t place = (uint64_t)(SBL__MIN(SBL__MAX(share, 0.0), 1.0) * ((1 << SBL__CURVE_BITS) - 1));
         for (bit = 0; bit < SBL__CURVE_BITS; bit++) curve |= (place >> bit & 1u) << (3 * bit + k);
@@ -5633,7 +5669,8 @@ static int sbl__lamp_before(const sbl__lamp *a, const sbl__lamp *b) {
 }
 
 /* Merges runs of l->width lamps, then runs of twice as many, until all are one. */
-static sbl_result sbl__lamps_sort(sbl__lamps *l, sbl__slice *slice) {
+static sbl_result sbl__lamps_sort(void *work, sbl__slice *slice) {
+    sbl__lamps *l = (sbl__lamps *)work;
     for (; l->width < l->count; l->width *= 2, l->out = 0) {
         while (l->out < l->count) {
             const int run = l->out / (2 * l->width) * (2 * l->width);
@@ -5665,8 +5702,14 @@ static int sbl__lamps_cut(const sbl__lamps *l, const sbl__lamp_range *r) {
     return high;
 }
 
+static void sbl__lamps_push(sbl__lamps *l, int first, int count) {
+    l->ranges[l->depth].first = first;
+    l->ranges[l->depth++].count = count;
+}
+
 /* Nodes in preorder: which leaves, and where each subtree ends. */
-static sbl_result sbl__lamps_split(sbl__lamps *l, sbl__slice *slice) {
+static sbl_result sbl__lamps_split(void *work, sbl__slice *slice) {
+    sbl__lamps *l = (sbl__lamps *)work;
     while (l->depth) {
         sbl__lamp_range r = l->ranges[--l->depth];
         sbl__lamp_node *node = &l->nodes[l->node_count];
@@ -5675,10 +5718,8 @@ static sbl_result sbl__lamps_split(sbl__lamps *l, sbl__slice *slice) {
         l->node_count++;
         if (r.count > 1) {
             const int cut = sbl__lamps_cut(l, &r);
-            l->ranges[l->depth].first = cut;  /* the right half is done after the left one */
-            l->ranges[l->depth++].count = r.first + r.count - cut;
-            l->ranges[l->depth].first = r.first;
-            l->ranges[l->depth++].count = cut - r.first;
+            sbl__lamps_push(l, cut, r.first + r.count - cut);  /* the right half is done after the left one */
+            sbl__lamps_push(l, r.first, cut - r.first);
         }
         if (l->depth && sbl__late(slice)) return SBL_UNFINISHED;
     }
@@ -5694,11 +5735,8 @@ static void sbl__cluster_of_lamp(sbl__cluster *c, const sbl__lamp *lamp) {
     c->all_sides = shown;
     for (k = 0; k < 6; k++)
         c->square[k] = sides ? shown * lamp->normal[pairs[k][0]] * lamp->normal[pairs[k][1]] : k < 3 ? shown : 0;
-    for (k = 0; k < 3; k++) {
-        c->front[k] = front ? shown * lamp->normal[k] : 0;
-        c->low[k] = lamp->low[k];
-        c->high[k] = lamp->high[k];
-    }
+    for (k = 0; k < 3; k++) c->front[k] = front ? shown * lamp->normal[k] : 0;
+    c->bounds = lamp->bounds;
 }
 
 static void sbl__cluster_add(sbl__cluster *c, const sbl__cluster *other) {
@@ -5706,11 +5744,8 @@ static void sbl__cluster_add(sbl__cluster *c, const sbl__cluster *other) {
     c->power += other->power;
     c->all_sides += other->all_sides;
     for (k = 0; k < 6; k++) c->square[k] += other->square[k];
-    for (k = 0; k < 3; k++) {
-        c->front[k] += other->front[k];
-        c->low[k] = SBL__MIN(c->low[k], other->low[k]);
-        c->high[k] = SBL__MAX(c->high[k], other->high[k]);
-    }
+    for (k = 0; k < 3; k++) c->front[k] += other->front[k];
+    sbl__box_add(&c->bounds, &other->bounds);
 }
 
 static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_node *node) {
@@ -5718,10 +5753,10 @@ static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_nod
     double radius = 0;
     int k;
     for (k = 0; k < 3; k++) {
-        const double side = 0.5 * ((double)c->high[k] - c->low[k]);
+        const double side = 0.5 * ((double)c->bounds.high[k] - c->bounds.low[k]);
         const double mixed = SBL__MAX(SBL__MIN(c->square[3 + k], SBL__MOMENT_MOST), -SBL__MOMENT_MOST);
         radius += side * side;
-        node->middle[k] = (float)(0.5 * ((double)c->high[k] + c->low[k]));
+        node->middle[k] = (float)sbl__box_middle(&c->bounds, k);
         /* sum |x| <= sqrt(sum 1 * sum x^2) */
         node->square[k] = (float)(all_sides * SBL__MIN(c->square[k], SBL__MOMENT_MOST));
         node->mixed[k] = (float)(all_sides * mixed);
@@ -5732,64 +5767,50 @@ static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_nod
     if (distant) node->beyond |= SBL__FAR_NODE;
 }
 
-/* What is known of each node's lamps together, from the last node to the first: its halves then lie on the stack, the
-   left one on top. */
-static sbl_result sbl__lamps_add_up(sbl__lamps *l, sbl__slice *slice) {
-    for (; l->at < l->node_count; l->at++) {
-        const int number = l->node_count - 1 - l->at;
-        sbl__lamp_node *node = &l->nodes[number];
-        const sbl__lamp *lamp = &l->list[node->first_leaf];
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        if ((int)node->beyond == number + 1) sbl__cluster_of_lamp(&l->clusters[l->depth++], lamp);
-        else {
-            sbl__cluster *left = &l->clusters[l->depth - 1], *right = &l->clusters[l->depth - 2];
-            sbl__cluster both = *left;
-            sbl__cluster_add(&both, right);
-            *right = both;
-            l->depth--;
-        }
-        sbl__cluster_write(&l->clusters[l->depth - 1], lamp->distant, node);
+static int sbl__lamps_nodes(void *work) { return ((sbl__lamps *)work)->node_count; }
+
+/* What is known of a node's lamps together, from the last node to the first: its halves then lie on the stack, the left
+   one on top. */
+static sbl_result sbl__lamps_add_up(void *work, int at) {
+    sbl__lamps *l = (sbl__lamps *)work;
+    const int number = l->node_count - 1 - at;
+    sbl__lamp_node *node = &l->nodes[number];
+    const sbl__lamp *lamp = &l->list[node->first_leaf];
+    if ((int)node->beyond == number + 1) sbl__cluster_of_lamp(&l->clusters[l->depth++], lamp);
+    else {
+        sbl__cluster *left = &l->clusters[l->depth - 1], *right = left - 1, both = *left;
+        sbl__cluster_add(&both, right);
+        *right = both;
+        l->depth--;
     }
+    sbl__cluster_write(&l->clusters[l->depth - 1], lamp->distant, node);
     return SBL_SUCCESS;
 }
 
 /* >>lamps: their stages */
 
-static sbl_result sbl__lamps_collect(const sbl__device *d, const sbl__geometry *g, const sbl__hierarchy *h,
-                                     sbl__lamps *l, sbl__slice *slice) {
-    for (; l->at < h->triangle_count; l->at++) {
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        if (h->order[l->at] == SBL__BVH_DROPPED) continue;
-        if (!sbl__lamps_add_triangle(d->base, l, g, h->order[l->at], l->at)) return SBL_ERROR_OUT_OF_MEMORY;
-    }
-    return SBL_SUCCESS;
-}
-
-static sbl_result sbl__lamps_collect_sky(const sbl__device *d, const sbl__environment *e, const sbl__lights *lights,
-                                         sbl__slice *slice) {
-    sbl__lamps *l = lights->building;
-    int i;
-    for (i = 0; i < lights->count && !l->at; i++)
-        if (!sbl__lamps_add_light(d->base, l, &lights->list[i], i)) return SBL_ERROR_OUT_OF_MEMORY;
-    for (; e->pixels && l->at < e->width * e->height; l->at++) {
-        if (l->at && sbl__late(slice)) return SBL_UNFINISHED;
-        if (!sbl__lamps_add_texel(d->base, l, e, l->at % e->width, l->at / e->width)) return SBL_ERROR_OUT_OF_MEMORY;
-    }
-    return SBL_SUCCESS;
-}
-
-static sbl_result sbl__lamps_place(const sbl__device *d, sbl__lamps *l) {
-    int i;
-    sbl__lamps_measure(l);
+static sbl_result sbl__lamps_place(void *work, sbl__slice *slice) {
+    sbl__lamps *l = (sbl__lamps *)work;
+    sbl__base *base = l->device->base;
+    int i, k;
+    (void)slice;
+    l->low[0] = l->low[1] = l->low[2] = DBL_MAX;
+    for (i = 0; i < l->count; i++)
+        for (k = 0; k < 3 && !l->list[i].distant; k++)
+            l->low[k] = SBL__MIN(l->low[k], sbl__box_middle(&l->list[i].bounds, k));
+    for (i = 0; i < l->count; i++)
+        for (k = 0; k < 3 && !l->list[i].distant; k++)
+            l->side = SBL__MAX(l->side, sbl__box_middle(&l->list[i].bounds, k) - l->low[k]);
     for (i = 0; i < l->count; i++) l->list[i].curve = sbl__lamp_curve(l, &l->list[i]);
-    l->sorted = (sbl__lamp *)sbl__alloc_raw(d->base, (size_t)l->count, sizeof *l->sorted);
-    l->nodes = (sbl__lamp_node *)sbl__alloc_raw(d->base, 2 * (size_t)l->count, sizeof *l->nodes);
+    l->sorted = (sbl__lamp *)sbl__alloc_raw(base, (size_t)l->count, sizeof *l->sorted);
+    l->nodes = (sbl__lamp_node *)sbl__alloc_raw(base, 2 * (size_t)l->count, sizeof *l->nodes);
     l->width = 1;
     return l->sorted && l->nodes ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 /* Both trees, once the lamps are in order. */
-static void sbl__lamps_plant(sbl__lamps *l) {
+static int sbl__lamps_plant(void *work) {
+    sbl__lamps *l = (sbl__lamps *)work;
     int first = 0, end = l->count;
     while (first < end) {  /* the first distant one */
         const int middle = first + (end - first) / 2;
@@ -5797,51 +5818,53 @@ static void sbl__lamps_plant(sbl__lamps *l) {
         else first = middle + 1;
     }
     l->depth = 0;
-    if (l->count > first) {
-        l->ranges[l->depth].first = first;
-        l->ranges[l->depth++].count = l->count - first;
-    }
-    if (first) {
-        l->ranges[l->depth].first = 0;
-        l->ranges[l->depth++].count = first;
-    }
+    if (l->count > first) sbl__lamps_push(l, first, l->count - first);
+    if (first) sbl__lamps_push(l, 0, first);
+    return l->stages.stage + 1;
 }
 
-static sbl_result sbl__lamps_store(const sbl__device *d, const sbl__environment *e, sbl__lights *lights, int wide) {
-    const sbl__lamps *l = lights->building;
+/* Stores leaf number i, and the name that the host knows its lamp by. */
+static void sbl__lamps_store_leaf(const sbl__lamps *l, int i, void *to) {
+    const uint32_t code = l->list[i].code, kind = code >> SBL__LAMP_KIND_SHIFT;
+    const uint32_t number = code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
+    uint32_t *name = l->lights->names[i];
+    memcpy(to, &code, sizeof code);
+    name[0] = kind;
+    name[1] = kind == SBL__LAMP_TRIANGLE  ? l->list[i].triangle
+            : kind == SBL__LAMP_SKY_TEXEL ? (number >> SBL__SKY_COLUMN_BITS) * (uint32_t)l->environment->width +
+                                            (number & ((1u << SBL__SKY_COLUMN_BITS) - 1))
+                                          : number;
+    l->lights->mixed |= kind != SBL__LAMP_TRIANGLE;
+}
+
+static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
+    sbl__lamps *l = (sbl__lamps *)work;
+    const sbl__device *d = l->device;
+    sbl__lights *lights = l->lights;
     const size_t nodes = sizeof(sbl__lamp_node) * (size_t)l->node_count;
     const size_t leaves = sizeof(sbl__lamp_leaf) * (size_t)l->count;
     const size_t bytes = nodes + leaves + sizeof(sbl__light_record) * (size_t)lights->count;
     unsigned char *all = (unsigned char *)sbl__alloc(d->base, bytes, 1);
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
     int i;
+    (void)slice;
     sbl__free(d->base, lights->names);
     lights->names = (uint32_t (*)[2])sbl__alloc_raw(d->base, (size_t)l->count, sizeof *lights->names);
-    lights->mixed = l->count > SBL__LAMPS;
     if (all && lights->names) {
-        if (nodes) memcpy(all, l->nodes, nodes);
-        for (i = 0; i < l->count; i++) {
-            const uint32_t code = l->list[i].code, kind = code >> SBL__LAMP_KIND_SHIFT;
-            const uint32_t number = code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
-            memcpy(all + nodes + sizeof(sbl__lamp_leaf) * (size_t)i, &code, sizeof code);
-            lights->mixed = lights->mixed || kind != SBL__LAMP_TRIANGLE;
-            lights->names[i][0] = kind;
-            lights->names[i][1] = kind == SBL__LAMP_TRIANGLE ? l->list[i].triangle : number;
-            if (kind == SBL__LAMP_SKY_TEXEL)
-                lights->names[i][1] = (number >> SBL__SKY_COLUMN_BITS) * (uint32_t)e->width +
-                                      (number & ((1u << SBL__SKY_COLUMN_BITS) - 1));
-        }
+        lights->nodes = l->node_count;
+        lights->leaves = l->count;
+        lights->mixed = l->count > SBL__LAMPS;
+        memcpy(all, l->nodes, nodes);
+        for (i = 0; i < l->count; i++) sbl__lamps_store_leaf(l, i, all + nodes + sizeof(sbl__lamp_leaf) * (size_t)i);
         for (i = 0; i < lights->count; i++) {
             sbl__light_record record;
             double place[3];
             sbl__light_write(&lights->list[i], &record, place);
             memcpy(all + nodes + leaves + sizeof record * (size_t)i, &record, sizeof record);
         }
-        lights->nodes = l->node_count;
-        lights->leaves = l->count;
         result = sbl__buffer_make(d, &lights->table.buffer, bytes, all, SBL__GL_STATIC_DRAW);
-        if (result == SBL_SUCCESS) result = sbl__table_show(d, &lights->table, SBL__GL_RGBA32UI, wide);
-        if (wide) sbl__buffer_delete(d, &lights->table.buffer);
+        if (result == SBL_SUCCESS) result = sbl__table_show(d, &lights->table, SBL__GL_RGBA32UI, l->geometry->wide);
+        if (l->geometry->wide) sbl__buffer_delete(d, &lights->table.buffer);
     }
     sbl__free(d->base, all);
     return result;
@@ -5851,37 +5874,30 @@ static sbl_result sbl__lamps_store(const sbl__device *d, const sbl__environment 
    are ready; after an error they can be begun anew. */
 static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const sbl__hierarchy *h,
                                    const sbl__environment *e, sbl__lights *lights, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { NULL, NULL, sbl__lamps_add_triangle, sbl__lamps_triangles },
+        { NULL, NULL, sbl__lamps_add_light, sbl__lamps_lights },
+        { NULL, NULL, sbl__lamps_add_texel, sbl__lamps_texels },
+        { sbl__lamps_place, NULL, NULL, NULL },
+        { sbl__lamps_sort, sbl__lamps_plant, NULL, NULL },
+        { sbl__lamps_split, NULL, NULL, NULL },
+        { NULL, NULL, sbl__lamps_add_up, sbl__lamps_nodes },
+        { sbl__lamps_store, NULL, NULL, NULL }
+    };
     sbl__lamps *l = lights->building;
-    sbl_result result = SBL_SUCCESS;
+    sbl_result result;
     if (lights->ready) return SBL_SUCCESS;
     d->gl.doing = "storing lamps";
     if (!l) lights->building = l = (sbl__lamps *)sbl__alloc(d->base, 1, sizeof *l);
     if (!l) return SBL_ERROR_OUT_OF_MEMORY;
-    while (result == SBL_SUCCESS && !lights->ready) {
-        switch (l->stage) {
-            case SBL__LAMPS_TRIANGLES: result = sbl__lamps_collect(d, g, h, l, slice); break;
-            case SBL__LAMPS_SKY: result = sbl__lamps_collect_sky(d, e, lights, slice); break;
-            case SBL__LAMPS_PLACE: result = sbl__lamps_place(d, l); break;
-            case SBL__LAMPS_SORT:
-                result = sbl__lamps_sort(l, slice);
-                if (result == SBL_SUCCESS) sbl__lamps_plant(l);
-                break;
-            case SBL__LAMPS_SPLIT: result = sbl__lamps_split(l, slice); break;
-            case SBL__LAMPS_ADD: result = sbl__lamps_add_up(l, slice); break;
-            default:
-                result = sbl__lamps_store(d, e, lights, g->wide);
-                lights->ready = result == SBL_SUCCESS;
-        }
-        if (result != SBL_SUCCESS || lights->ready) break;
-        l->at = 0;
-        l->stage = l->stage == SBL__LAMPS_TRIANGLES ? SBL__LAMPS_SKY
-                 : l->stage == SBL__LAMPS_SKY       ? SBL__LAMPS_PLACE
-                 : l->stage == SBL__LAMPS_PLACE     ? SBL__LAMPS_SORT
-                 : l->stage == SBL__LAMPS_SORT      ? SBL__LAMPS_SPLIT
-                 : l->stage == SBL__LAMPS_SPLIT     ? SBL__LAMPS_ADD
-                                                    : SBL__LAMPS_STORE;
-    }
+    l->device = d;
+    l->geometry = g;
+    l->hierarchy = h;
+    l->environment = e;
+    l->lights = lights;
+    result = sbl__stages_run(&l->stages, table, SBL__COUNT(table), l, slice);
     if (result == SBL_UNFINISHED) return result;
+    lights->ready = result == SBL_SUCCESS;
     sbl__lamps_free(d, l);
     lights->building = NULL;
     return result;
@@ -6088,17 +6104,13 @@ static sbl_result sbl__store_add_split(sbl__base *base, sbl__store *s, uint32_t 
 /* >>store: patches. Triangles of a mesh belong together that share an edge, by the places of its ends, and bend little
    there. */
 
-typedef enum sbl__patch_stage {
-    SBL__PATCH_WELD, SBL__PATCH_JOIN, SBL__PATCH_MEASURE, SBL__PATCH_GRID, SBL__PATCH_WRITE
-} sbl__patch_stage;
-
 typedef struct sbl__edge_slot { uint32_t a, b, triangle; } sbl__edge_slot;  /* triangle + 1; 0: empty */
 
 typedef struct sbl__patch { double area; float normal[3], bounds[2][3]; int flat; } sbl__patch;
 
 typedef struct sbl__patching {  /* while patches are made */
-    sbl__patch_stage stage;
-    int at;
+    sbl__stages stages;
+    const sbl__geometry *geometry;
     uint32_t *vertices;         /* a table of vertex numbers + 1, by place */
     uint32_t *welded;           /* the first vertex at each one's place */
     sbl__edge_slot *edges;
@@ -6123,6 +6135,7 @@ static void sbl__patching_free(sbl__base *base, sbl__patching *p) {
 static sbl_result sbl__patching_begin(sbl__base *base, sbl__patching *p, const sbl__geometry *g) {
     const size_t triangles = (size_t)g->triangle_count;
     int i;
+    p->geometry = g;
     p->growth = p->pool = 1;
     p->vertex_room = p->edge_room = 16;
     while (p->vertex_room < g->vertex_count * 2.0) p->vertex_room *= 2;
@@ -6138,7 +6151,13 @@ static sbl_result sbl__patching_begin(sbl__base *base, sbl__patching *p, const s
     return SBL_SUCCESS;
 }
 
-static void sbl__patch_weld(const sbl__geometry *g, sbl__patching *p, uint32_t vertex) {
+static int sbl__patching_vertices(void *work) { return ((sbl__patching *)work)->geometry->vertex_count; }
+static int sbl__patching_triangles(void *work) { return ((sbl__patching *)work)->geometry->triangle_count; }
+
+static sbl_result sbl__patch_weld(void *work, int at) {
+    sbl__patching *p = (sbl__patching *)work;
+    const sbl__geometry *g = p->geometry;
+    const uint32_t vertex = (uint32_t)at;
     const sbl__vertex *v = &g->vertices[vertex];
     uint32_t hash = sbl__hash_step(0, v->object), mask = (uint32_t)(p->vertex_room - 1), i;
     int k;
@@ -6149,22 +6168,7 @@ static void sbl__patch_weld(const sbl__geometry *g, sbl__patching *p, uint32_t v
     }
     if (!p->vertices[i]) p->vertices[i] = vertex + 1;
     p->welded[vertex] = p->vertices[i] - 1;
-}
-
-static void sbl__scene_triangle(const sbl__geometry *g, uint32_t triangle, const float *corners[3]) {
-    int k;
-    for (k = 0; k < 3; k++) corners[k] = sbl__corner_of(g, triangle, k);
-}
-
-/* Unit; returns its area. */
-static double sbl__scene_normal(const sbl__geometry *g, uint32_t triangle, double normal[3]) {
-    const float *corners[3];
-    double area;
-    sbl__scene_triangle(g, triangle, corners);
-    sbl__triangle_normal(corners, normal);
-    area = 0.5 * sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
-    if (!sbl__normalize(normal)) normal[0] = normal[1] = normal[2] = 0;
-    return area;
+    return SBL_SUCCESS;
 }
 
 static uint32_t sbl__patch_root(uint32_t *parents, uint32_t triangle) {
@@ -6172,7 +6176,10 @@ static uint32_t sbl__patch_root(uint32_t *parents, uint32_t triangle) {
     return triangle;
 }
 
-static void sbl__patch_join(const sbl__geometry *g, sbl__patching *p, uint32_t triangle) {
+static sbl_result sbl__patch_join(void *work, int at) {
+    sbl__patching *p = (sbl__patching *)work;
+    const sbl__geometry *g = p->geometry;
+    const uint32_t triangle = (uint32_t)at;
     const uint32_t *corners = &g->indices[3 * (size_t)triangle], mask = (uint32_t)(p->edge_room - 1);
     double normal[3], other[3];
     int k;
@@ -6194,10 +6201,14 @@ static void sbl__patch_join(const sbl__geometry *g, sbl__patching *p, uint32_t t
         found = sbl__patch_root(p->parents, p->edges[i].triangle - 1);
         p->parents[SBL__MAX(root, found)] = SBL__MIN(root, found);
     }
+    return SBL_SUCCESS;
 }
 
 /* A patch's area; is it flat? */
-static void sbl__patch_measure(const sbl__geometry *g, sbl__patching *p, uint32_t triangle) {
+static sbl_result sbl__patch_measure(void *work, int at) {
+    sbl__patching *p = (sbl__patching *)work;
+    const sbl__geometry *g = p->geometry;
+    const uint32_t triangle = (uint32_t)at;
     const uint32_t root = sbl__patch_root(p->parents, triangle);
     sbl__patch *patch = &p->patches[root];
     const sbl__object *o = sbl__object_of(g, triangle);
@@ -6221,21 +6232,23 @@ static void sbl__patch_measure(const sbl__geometry *g, sbl__patching *p, uint32_
     }
     for (k = 0, along = 0; k < 3; k++) along += normal[k] * patch->normal[k];
     if (along < SBL__PATCH_EVEN) patch->flat = 0;
+    return SBL_SUCCESS;
 }
 
 /* Where cells lie, for about so many leaves on both sides, and which patches are too small for some of their own; of a
    scene without area there is one. */
-static void sbl__patch_grid(const sbl__geometry *g, sbl__patching *p, sbl__store *s, double leaves) {
+static void sbl__patch_grid(sbl__patching *p, sbl__store *s, double leaves) {
     const double cell = 2 * p->area / leaves;
     int k;
     p->least = SBL__PATCH_LEAST * p->pool * cell;
     s->length = (float)sqrt(p->growth * cell);
     if (!sbl__between(&s->length, FLT_MIN, FLT_MAX)) s->length = 1;
-    for (k = 0; k < 3; k++) s->origin[k] = g->bounds[0][k] - s->length * (1.37f + 0.21f * (float)k);
+    for (k = 0; k < 3; k++) s->origin[k] = p->geometry->bounds[0][k] - s->length * (1.37f + 0.21f * (float)k);
 }
 
 /* The triangle's word. */
-static uint32_t sbl__patch_word(const sbl__geometry *g, sbl__patching *p, uint32_t triangle) {
+static uint32_t sbl__patch_word(sbl__patching *p, uint32_t triangle) {
+    const sbl__geometry *g = p->geometry;
     const uint32_t root = sbl__patch_root(p->parents, triangle);
     const uint32_t mesh = (uint32_t)(sbl__object_of(g, triangle) - g->objects);
     const int pooled = p->patches[root].area < p->least;
@@ -6249,27 +6262,14 @@ static uint32_t sbl__patch_word(const sbl__geometry *g, sbl__patching *p, uint32
            (p->patches[root].flat && !pooled ? SBL__PATCH_FLAT : 0) | (n[axis] < 0 ? SBL__PATCH_BACK : 0);
 }
 
-/* Patches, and where cells lie. SBL_SUCCESS: each triangle has its word. */
-static sbl_result sbl__patching_step(const sbl__geometry *g, sbl__patching *p, sbl__store *s,
-                                     double leaves, sbl__slice *slice) {
-    while (p->stage <= SBL__PATCH_WRITE) {
-        const int count = p->stage == SBL__PATCH_WELD ? g->vertex_count : p->stage == SBL__PATCH_GRID ? 1
-                                                                                      : g->triangle_count;
-        for (; p->at < count; p->at++) {
-            const uint32_t i = (uint32_t)p->at;
-            if (sbl__late(slice)) return SBL_UNFINISHED;
-            switch (p->stage) {
-                case SBL__PATCH_WELD: sbl__patch_weld(g, p, i); break;
-                case SBL__PATCH_JOIN: sbl__patch_join(g, p, i); break;
-                case SBL__PATCH_MEASURE: sbl__patch_measure(g, p, i); break;
-                case SBL__PATCH_GRID: sbl__patch_grid(g, p, s, leaves); break;
-                default: s->patches[i] = sbl__patch_word(g, p, i);
-            }
-        }
-        p->stage = (sbl__patch_stage)(p->stage + 1);
-        p->at = 0;
-    }
-    return SBL_SUCCESS;
+/* One piece of finding the patches. SBL_SUCCESS: they are known. */
+static sbl_result sbl__patching_step(sbl__patching *p, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { NULL, NULL, sbl__patch_weld, sbl__patching_vertices },
+        { NULL, NULL, sbl__patch_join, sbl__patching_triangles },
+        { NULL, NULL, sbl__patch_measure, sbl__patching_triangles }
+    };
+    return sbl__stages_step(&p->stages, table, SBL__COUNT(table), p, slice);
 }
 
 /* >>store: on the GPU */
@@ -7686,13 +7686,10 @@ static sbl_result sbl__atlas_step(sbl__base *base, sbl__atlas *a, const sbl__geo
        triangles --visibility--> triangle a pixel --gbuffer--> position, normals, albedo, emission, id
          atlas     (depth)    -> and its point                 <-- the host's draw callback, same depth            */
 
-typedef struct sbl__gbuffer {
-    sbl__texture position, normal, geometric_normal, albedo, emission, id;
-    sbl__target target;
-} sbl__gbuffer;
-
 enum { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL, SBL__GBUFFER_ALBEDO,
        SBL__GBUFFER_EMISSION, SBL__GBUFFER_ID, SBL__GBUFFER_COUNT };  /* attachments */
+
+typedef struct sbl__gbuffer { sbl__texture textures[SBL__GBUFFER_COUNT]; sbl__target target; } sbl__gbuffer;
 
 /* What the rasteriser and the rays of the G-buffer need; rows are of world to view, the world taken relative to the
    eye. */
@@ -7705,15 +7702,22 @@ typedef struct sbl__camera {
     float facet_limit;         /* see sbl_picture_desc */
 } sbl__camera;
 
-typedef enum sbl__surface_stage {
-    SBL__SURFACE_ATLAS, SBL__SURFACE_SEND,  /* of a lightmap; then POINTS */
-    SBL__SURFACE_CLEAR, SBL__SURFACE_TRIANGLES, SBL__SURFACE_POINTS, SBL__SURFACE_HOST, SBL__SURFACE_DONE
-} sbl__surface_stage;
+/* What is drawn, for whom. */
+typedef struct sbl__surface_job {
+    const sbl__scene *scene;
+    const sbl__camera *camera;
+    const sbl__gbuffer *gbuffer;
+    float offset[2];           /* of the sample from the pixels' centres, pixels */
+    float epsilon;             /* told to the host */
+    int bounced;               /* stored light is found, too */
+    sbl__atlas *atlas;         /* of a lightmap; else NULL */
+} sbl__surface_job;
 
 /* One drawing of a G-buffer, in slices; the textures are kept for the next one. */
 typedef struct sbl__surface {
-    sbl__surface_stage stage;
-    int at;                    /* the triangle, or the row, that is next */
+    sbl__stages stages;        /* at: the triangle, or the row, that is next */
+    sbl__device *device;
+    const sbl__surface_job *job;
     int row, rows;             /* the band under way */
     sbl__texture triangles, depth;
     sbl__target visibility;
@@ -7728,26 +7732,20 @@ static sbl_result sbl__gbuffer_make(const sbl__device *d, sbl__gbuffer *g, int w
                                     const sbl__texture *depth) {
     static const unsigned formats[SBL__GBUFFER_COUNT] = { SBL__GL_RGBA32F, SBL__GL_RGBA32F, SBL__GL_RGBA32F,
                                                           SBL__GL_RGBA16F, SBL__GL_RGBA32F, SBL__GL_R32UI };
-    sbl__texture *textures[SBL__GBUFFER_COUNT];
+    const sbl__texture *textures[SBL__GBUFFER_COUNT];
     sbl_result result = SBL_SUCCESS;
     int i;
-    textures[0] = &g->position; textures[1] = &g->normal; textures[2] = &g->geometric_normal;
-    textures[3] = &g->albedo; textures[4] = &g->emission; textures[5] = &g->id;
-    for (i = 0; i < SBL__GBUFFER_COUNT && result == SBL_SUCCESS; i++)
-        result = sbl__texture_make(d, textures[i], width, height, formats[i]);
-    if (result == SBL_SUCCESS)
-        result = sbl__target_make(d, &g->target, (const sbl__texture *const *)textures, SBL__GBUFFER_COUNT, depth);
-    return result;
+    for (i = 0; i < SBL__GBUFFER_COUNT && result == SBL_SUCCESS; i++) {
+        textures[i] = &g->textures[i];
+        result = sbl__texture_make(d, &g->textures[i], width, height, formats[i]);
+    }
+    return result == SBL_SUCCESS ? sbl__target_make(d, &g->target, textures, SBL__GBUFFER_COUNT, depth) : result;
 }
 
 static void sbl__gbuffer_free(const sbl__device *d, sbl__gbuffer *g) {
+    int i;
     sbl__target_delete(d, &g->target);
-    sbl__texture_delete(d, &g->position);
-    sbl__texture_delete(d, &g->normal);
-    sbl__texture_delete(d, &g->geometric_normal);
-    sbl__texture_delete(d, &g->albedo);
-    sbl__texture_delete(d, &g->emission);
-    sbl__texture_delete(d, &g->id);
+    for (i = 0; i < SBL__GBUFFER_COUNT; i++) sbl__texture_delete(d, &g->textures[i]);
 }
 
 static sbl_result sbl__surface_make(const sbl__device *d, sbl__surface *s, int width, int height, int lightmap) {
@@ -7957,16 +7955,39 @@ static double sbl__triangle_pixels(const sbl__surface *s, const sbl__camera *c, 
     return 0.5 * (to[0] - from[0]) * (to[1] - from[1]);
 }
 
-/* Draws on from triangle s->at, as many as the slice has time for. */
-static sbl_result sbl__surface_triangles(sbl__device *d, sbl__surface *s, const sbl__scene *scene, const sbl__camera *c,
-                                         const float offset[2], const sbl__slice *slice) {
+/* Goes on with another band of rows, in which all triangles are drawn. */
+static void sbl__surface_band(sbl__surface *s, int row) {
+    s->row = row;
+    s->rows = SBL__MIN(SBL__MAX(1, SBL__BAND_PIXELS / s->visibility.width), s->visibility.height - row);
+    s->stages.at = 0;
+}
+
+static sbl_result sbl__surface_clear(void *work, sbl__slice *slice) {
+    sbl__surface *s = (sbl__surface *)work;
+    (void)slice;
+    sbl__pass(s->device, &s->visibility, NULL, NULL, 0);
+    sbl__clear_uint(s->device, 0);
+    sbl__clear_depth(s->device);
+    sbl__surface_band(s, 0);
+    return sbl__gl_check(&s->device->gl);
+}
+
+/* Draws as many triangles of a band as the slice has time for. */
+static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     static const char *const names[4] = { "clip_x", "clip_y", "clip_z", "clip_w" };
+    sbl__surface *s = (sbl__surface *)work;
+    sbl__device *d = s->device;
+    const sbl__scene *scene = s->job->scene;
+    const sbl__camera *c = s->job->camera;
     const sbl__geometry *g = &scene->geometry;
-    const int band[4] = { 0, s->row, s->visibility.width, s->rows };
+    const float *offset = s->job->offset;
+    const int band[4] = { 0, s->row, s->visibility.width, s->rows }, at = s->stages.at;
     double room = sbl__pace_begin(&s->triangle_pace, slice, 65536, 1), pixels = 0;
     float clip[16], rows[4][4], eye[3];
-    int end = s->at, i;
-    sbl_result result = sbl__use(d, &sbl__recipe_visibility, scene->features);
+    int end = at, i;
+    sbl_result result;
+    if (!g->triangle_count) return SBL_SUCCESS;
+    result = sbl__use(d, &sbl__recipe_visibility, scene->features);
     if (result != SBL_SUCCESS) return result;
     sbl__camera_clip(c, offset, &s->visibility, clip);
     sbl__camera_rows(c, clip, rows);
@@ -7983,10 +8004,12 @@ static sbl_result sbl__surface_triangles(sbl__device *d, sbl__surface *s, const 
     for (i = 0; i < 3; i++) eye[i] = (float)c->eye[i];
     sbl__set_vec3(d, "eye", eye);
     sbl__set_vec2(d, "depth_from_w", c->orthographic ? 0 : c->depth_scale, 0);
-    sbl__draw_triangles(d, s->at, end - s->at);
+    sbl__draw_triangles(d, at, end - at);
     sbl__pace_end(d, &s->triangle_pace, pixels);
-    s->at = end;
-    return sbl__gl_check(&d->gl);
+    s->stages.at = end;
+    if (end == g->triangle_count) sbl__surface_band(s, s->row + s->rows);
+    result = sbl__gl_check(&d->gl);
+    return result == SBL_SUCCESS && s->row < s->visibility.height ? SBL_UNFINISHED : result;
 }
 
 /* >>surface: its points */
@@ -8069,43 +8092,43 @@ static const sbl__recipe sbl__recipe_gbuffer = {
     SBL__TEXTURED | SBL__WIDE | SBL__BOUNCED | SBL__LIGHTMAP
 };
 
-/* What is drawn, for whom. */
-typedef struct sbl__surface_job {
-    const sbl__scene *scene;
-    const sbl__camera *camera;
-    const sbl__gbuffer *gbuffer;
-    float offset[2];           /* of the sample from the pixels' centres, pixels */
-    float epsilon;             /* told to the host */
-    int bounced;               /* stored light is found, too */
-    sbl__atlas *atlas;         /* of a lightmap; else NULL */
-} sbl__surface_job;
-
 /* Surface points of as many rows as the slice has time for. */
-static sbl_result sbl__surface_points(sbl__device *d, sbl__surface *s, const sbl__surface_job *job) {
+static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
+    sbl__surface *s = (sbl__surface *)work;
+    const sbl__surface_job *job = s->job;
+    sbl__device *d = s->device;
+    const sbl__target *target = &job->gbuffer->target;
     const unsigned bounced = job->bounced ? SBL__BOUNCED : 0, lightmap = job->atlas ? SBL__LIGHTMAP : 0;
-    const sbl__gbuffer *g = job->gbuffer;
+    const int rows = sbl__pace_rows(&s->point_pace, slice, target, s->stages.at);
     sbl_result result = sbl__use(d, &sbl__recipe_gbuffer, job->scene->features | bounced | lightmap);
     if (result != SBL_SUCCESS) return result;
-    sbl__pass_rows(d, &g->target, s->at, s->rows);
+    sbl__pass_rows(d, target, s->stages.at, rows);
     sbl__scene_bind(d, job->scene);
     if (bounced) sbl__store_bind(d, &job->scene->store);
     sbl__bind(d, "triangles", &s->triangles);
-    sbl__camera_set(d, job->camera, job->offset, &g->target);
+    sbl__camera_set(d, job->camera, job->offset, target);
     sbl__set_float(d, "facet_limit", job->camera->facet_limit);
     sbl__draw_screen(d);
-    s->at += s->rows;
-    return sbl__gl_check(&d->gl);
+    sbl__pace_end(d, &s->point_pace, (double)rows * target->width);
+    s->stages.at += rows;
+    result = sbl__gl_check(&d->gl);
+    return result == SBL_SUCCESS && s->stages.at < target->height ? SBL_UNFINISHED : result;
 }
 
 /* >>surface: what the host draws over it */
 
-static void sbl__surface_host(const sbl__device *d, const sbl__scene *scene, const sbl__camera *c,
-                              const sbl__gbuffer *g, const float offset[2], float epsilon) {
-    const int all[4] = { 0, 0, g->target.width, g->target.height };
+static sbl_result sbl__surface_host(void *work, sbl__slice *slice) {
+    const sbl__surface *s = (const sbl__surface *)work;
+    const sbl__surface_job *job = s->job;
+    const sbl__camera *c = job->camera;
+    const sbl__target *target = &job->gbuffer->target;
+    const int all[4] = { 0, 0, target->width, target->height };
     float clip[16];
     sbl_draw_view view;
     int k;
-    sbl__camera_clip(c, offset, &g->target, clip);
+    (void)slice;
+    if (!job->scene->draw) return SBL_SUCCESS;
+    sbl__camera_clip(c, job->offset, target, clip);
     memset(&view, 0, sizeof view);
     view.kind = SBL_VIEW_CAMERA;
     memcpy(view.viewport, all, sizeof view.viewport);
@@ -8115,78 +8138,55 @@ static void sbl__surface_host(const sbl__device *d, const sbl__scene *scene, con
     for (k = 0; k < 3; k++) view.eye[k] = (float)c->eye[k];
     view.radiance_scale = 1;
     view.depth_scale = c->depth_scale;
-    view.write_depth = (d->features & SBL__WRITE_DEPTH) != 0;
-    view.epsilon = epsilon;
-    sbl__pass(d, &g->target, NULL, all, SBL__PASS_DEPTH);
-    sbl__host_draw(d, scene->draw, &view, scene->draw_user);
+    view.write_depth = (s->device->features & SBL__WRITE_DEPTH) != 0;
+    view.epsilon = job->epsilon;
+    sbl__pass(s->device, target, NULL, all, SBL__PASS_DEPTH);
+    sbl__host_draw(s->device, job->scene->draw, &view, job->scene->draw_user);
+    return sbl__gl_check(&s->device->gl);
 }
 
-/* lightmap: its atlas has been begun. */
-static void sbl__surface_begin(sbl__surface *s, int lightmap) {
-    s->stage = lightmap ? SBL__SURFACE_ATLAS : SBL__SURFACE_CLEAR;
-    s->at = 0;
+/* >>surface: a lightmap's */
+
+static sbl_result sbl__surface_atlas(void *work, sbl__slice *slice) {
+    const sbl__surface *s = (const sbl__surface *)work;
+    return sbl__atlas_step(s->device->base, s->job->atlas, &s->job->scene->geometry, slice);
 }
 
 /* Rows of the atlas to the GPU. */
-static sbl_result sbl__surface_send(const sbl__device *d, sbl__surface *s, const sbl__atlas *a) {
-    const int most = SBL__MAX(1, SBL__BAND_PIXELS / 16 / a->width), rows = SBL__MIN(most, a->height - s->at);
-    const sbl_result result = sbl__texture_write(d, &s->triangles, s->at, rows, a->texels + SBL__ATLAS_WORDS *
-                                                 (size_t)s->at * (size_t)a->width);
-    s->at += rows;
-    return result;
+static sbl_result sbl__surface_send(void *work, sbl__slice *slice) {
+    sbl__surface *s = (sbl__surface *)work;
+    const sbl__atlas *a = s->job->atlas;
+    const int at = s->stages.at, rows = SBL__MIN(SBL__MAX(1, SBL__BAND_PIXELS / 16 / a->width), a->height - at);
+    const sbl_result result = sbl__texture_write(s->device, &s->triangles, at, rows, a->texels + SBL__ATLAS_WORDS *
+                                                 (size_t)at * (size_t)a->width);
+    (void)slice;
+    s->stages.at += rows;
+    return result == SBL_SUCCESS && s->stages.at < a->height ? SBL_UNFINISHED : result;
 }
 
-/* The next band of rows that triangles are drawn in, or what follows the last one. */
-static void sbl__surface_next_band(sbl__surface *s, int row, int triangles) {
-    const int most = SBL__MAX(1, SBL__BAND_PIXELS / s->visibility.width), left = s->visibility.height - row;
-    s->at = 0;
-    s->row = row;
-    s->rows = SBL__MIN(most, left);
-    s->stage = left > 0 && triangles ? SBL__SURFACE_TRIANGLES : SBL__SURFACE_POINTS;
-}
+/* >>surface: its stages */
 
-/* One piece of it. SBL_SUCCESS: the G-buffer is drawn. */
-static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__surface_job *job,
-                                    sbl__slice *slice) {
-    const int triangles = job->scene->geometry.triangle_count;
-    sbl_result result = SBL_SUCCESS;
+/* One piece of it; of a lightmap, the atlas has been begun. SBL_SUCCESS: the G-buffer is drawn, and can be again. */
+static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__surface_job *job, sbl__slice *slice) {
+    static const sbl__stage_row camera[] = {
+        { sbl__surface_clear, NULL, NULL, NULL },
+        { sbl__surface_triangles, NULL, NULL, NULL },
+        { sbl__surface_points, NULL, NULL, NULL },
+        { sbl__surface_host, NULL, NULL, NULL }
+    };
+    static const sbl__stage_row lightmap[] = {
+        { sbl__surface_atlas, NULL, NULL, NULL },
+        { sbl__surface_send, NULL, NULL, NULL },
+        { sbl__surface_points, NULL, NULL, NULL }
+    };
+    sbl_result result;
     d->gl.doing = "drawing the G-buffer";
-    switch (s->stage) {
-        case SBL__SURFACE_ATLAS:
-            result = sbl__atlas_step(d->base, job->atlas, &job->scene->geometry, slice);
-            if (result == SBL_SUCCESS) s->stage = SBL__SURFACE_SEND;
-            break;
-        case SBL__SURFACE_SEND:
-            result = sbl__surface_send(d, s, job->atlas);
-            if (s->at == job->atlas->height) { s->stage = SBL__SURFACE_POINTS; s->at = 0; }
-            break;
-        case SBL__SURFACE_CLEAR:
-            sbl__pass(d, &s->visibility, NULL, NULL, 0);
-            sbl__clear_uint(d, 0);
-            sbl__clear_depth(d);
-            result = sbl__gl_check(&d->gl);
-            sbl__surface_next_band(s, 0, triangles);
-            break;
-        case SBL__SURFACE_TRIANGLES:
-            result = sbl__surface_triangles(d, s, job->scene, job->camera, job->offset, slice);
-            if (s->at == triangles) sbl__surface_next_band(s, s->row + s->rows, triangles);
-            break;
-        case SBL__SURFACE_POINTS:
-            s->rows = sbl__pace_rows(&s->point_pace, slice, &job->gbuffer->target, s->at);
-            result = sbl__surface_points(d, s, job);
-            sbl__pace_end(d, &s->point_pace, (double)s->rows * job->gbuffer->target.width);
-            if (s->at == job->gbuffer->target.height)
-                s->stage = job->atlas ? SBL__SURFACE_DONE : SBL__SURFACE_HOST;
-            break;
-        case SBL__SURFACE_HOST:
-            if (job->scene->draw)
-                sbl__surface_host(d, job->scene, job->camera, job->gbuffer, job->offset, job->epsilon);
-            result = sbl__gl_check(&d->gl);
-            s->stage = SBL__SURFACE_DONE;
-            break;
-        default: break;
-    }
-    return result != SBL_SUCCESS ? result : s->stage == SBL__SURFACE_DONE ? SBL_SUCCESS : SBL_UNFINISHED;
+    s->device = d;
+    s->job = job;
+    result = job->atlas ? sbl__stages_step(&s->stages, lightmap, SBL__COUNT(lightmap), s, slice)
+                        : sbl__stages_step(&s->stages, camera, SBL__COUNT(camera), s, slice);
+    if (result == SBL_SUCCESS) memset(&s->stages, 0, sizeof s->stages);
+    return result;
 }
 
 /* ======================================================================================================== >>sensors
@@ -10537,7 +10537,8 @@ typedef enum sbl__job_stage {
 } sbl__job_stage;
 
 typedef struct sbl__job {
-    sbl__job_stage stage;
+    sbl__stages stages;
+    sbl__device *device;
     sbl__task task;
     const sbl__scene *scene;
     sbl__job_counts counts;     /* since the caller last cleared them */
@@ -10560,10 +10561,8 @@ typedef struct sbl__job {
     int look_count;             /* of the round */
     int site, look;             /* that are next: to be drawn, to be read */
     int drawn, aimed, reduced;  /* looks */
-    int cleared;                /* the atlas is, for the present filling */
     int batch;                  /* looks of a batch whose triangles are not all drawn */
     int triangle;               /* of these, the next one */
-    int row;                    /* of results, the next one to be read */
     sbl__pace draw_pace[SBL__LENSES], aim_pace, reduce_pace[SBL__LENSES];
 } sbl__job;
 
@@ -10615,9 +10614,6 @@ static sbl_backend sbl__choose_backend(const sbl__seeing *s, const sbl__scene *s
     return s->backend != SBL_BACKEND_AUTO ? s->backend : views ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
 }
 
-/* Must the scene be ready for it? */
-static int sbl__seeing_needs_rays(const sbl__seeing *s) { return s->mode != SBL_MODE_PAPER; }
-
 /* How far sensors stand off a surface whose triangle reaches so far; 0: unknown. */
 static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, float reach) {
     return SBL__OFFSET * (spec->traced && reach > 0 ? reach : scene->geometry.extent);
@@ -10655,10 +10651,14 @@ static const sbl__slots *sbl__lens_slots(const sbl__job *j, int lens) {
 static const sbl__slots *sbl__job_slots(const sbl__job *j) { return sbl__lens_slots(j, j->lens); }
 
 /* Textures, sequences, room for a batch of looks. */
-static sbl_result sbl__job_setup(const sbl__device *d, sbl__job *j) {
+static sbl_result sbl__job_setup(void *work, sbl__slice *slice) {
+    sbl__job *j = (sbl__job *)work;
+    const sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
     int room = 0, lens;
     sbl_result result;
+    (void)slice;
+    j->device->gl.doing = "making the sensors' textures";
     j->lens = SBL__LENS_SITE;
     if (spec->traced) result = sbl__trace_setup(d, &j->trace, j->scene, spec, &j->blocks);
     else result = sbl__raster_setup(d, &j->raster, j->scene, spec, &j->blocks);
@@ -10674,13 +10674,17 @@ static sbl_result sbl__job_setup(const sbl__device *d, sbl__job *j) {
     return j->looks ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Weights of both kinds of views; the second ones are few. */
-static sbl_result sbl__job_weigh(const sbl__device *d, sbl__job *j, const sbl__slice *slice) {
+/* Weights of both kinds of views; the second ones are few. Then all resources are there. */
+static sbl_result sbl__job_weigh(void *work, sbl__slice *slice) {
+    sbl__job *j = (sbl__job *)work;
     for (; j->lens < SBL__LENSES && !j->task.spec.traced; j->lens++) {
-        const sbl_result result = sbl__raster_weigh(d, &j->raster, &j->raster.lenses[j->lens], &j->task.spec, slice);
+        sbl__lens *lens = &j->raster.lenses[j->lens];
+        const sbl_result result = sbl__raster_weigh(j->device, &j->raster, lens, &j->task.spec, slice);
         if (result != SBL_SUCCESS) return result;
     }
-    j->lens = SBL__LENS_SITE;
+    j->ready = 1;
+    j->made_for = j->task.spec;
+    j->made_for_scene = j->scene->version;
     return SBL_SUCCESS;
 }
 
@@ -10761,38 +10765,17 @@ static const sbl__recipe sbl__recipe_reduce_sum = {
     "reduce_sum", { sbl__glsl_fullscreen_vertex }, { sbl__glsl_reduce_sum }, { NULL }, SBL__DIRECTIONAL
 };
 
-/* Compiles one of the programs that the job needs. SBL_SUCCESS: all are there. */
-static sbl_result sbl__job_compile(sbl__device *d, const sbl__job *j) {
-    const sbl__spec *spec = &j->task.spec;
-    const unsigned features = sbl__features_of(j->scene, spec);
-    const struct { const sbl__recipe *recipe; int needed; unsigned features; } programs[] = {
-        { &sbl__recipe_trace, spec->traced, features },
-        { &sbl__recipe_sensor, !spec->traced, features },
-        { &sbl__recipe_sky, !spec->traced && j->scene->environment.pixels && !spec->paper, features },
-        { &sbl__recipe_lamps, spec->lamp_rays > 0, sbl__aim_features(j->scene, spec) },
-        { &sbl__recipe_reduce_blocks, !spec->traced, features },
-        { &sbl__recipe_reduce_sum, 1, features }
-    };
-    int i;
-    for (i = 0; i < SBL__COUNT(programs); i++) {
-        sbl_result result;
-        if (!programs[i].needed || sbl__program_find(d, programs[i].recipe, programs[i].features)) continue;
-        result = sbl__program_need(d, programs[i].recipe, programs[i].features);
-        return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
-    }
-    return SBL_SUCCESS;
-}
-
 /* >>job: a round */
 
 /* Starts with the task's sites, or with the suspects. */
-static sbl_result sbl__job_start_round(const sbl__device *d, sbl__job *j, int lens) {
+static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
+    const sbl__device *d = j->device;
     const int most = d->gl.capabilities.max_texture_size, directional = j->task.spec.directional;
     const sbl__results *results = &j->results[lens];
     double looks = 0;
     int i, rows;
     j->lens = lens;
-    j->site = j->look = j->cleared = j->batch = j->row = 0;
+    j->site = j->look = j->batch = 0;
     j->drawn = j->aimed = j->reduced = lens == SBL__LENS_SITE ? j->task.first_look : 0;
     if (lens == SBL__LENS_PROBE) looks = j->suspect_count;
     else for (i = 0; i < j->task.site_count; i++) looks += j->task.sites[i].looks;
@@ -10806,6 +10789,31 @@ static sbl_result sbl__job_start_round(const sbl__device *d, sbl__job *j, int le
     if (results->sums.height >= rows && results->target.id && (results->target.count > 2) == directional)
         return SBL_SUCCESS;
     return sbl__blocks_make(d, &j->results[lens], directional ? 5 : 2, SBL__RESULTS_WIDTH, rows);
+}
+
+/* Compiles one of the programs that the job needs. SBL_SUCCESS: all are there, and the sites' round is begun. */
+static sbl_result sbl__job_compile(void *work, sbl__slice *slice) {
+    sbl__job *j = (sbl__job *)work;
+    sbl__device *d = j->device;
+    const sbl__spec *spec = &j->task.spec;
+    const unsigned features = sbl__features_of(j->scene, spec);
+    const struct { const sbl__recipe *recipe; int needed; unsigned features; } programs[] = {
+        { &sbl__recipe_trace, spec->traced, features },
+        { &sbl__recipe_sensor, !spec->traced, features },
+        { &sbl__recipe_sky, !spec->traced && j->scene->environment.pixels && !spec->paper, features },
+        { &sbl__recipe_lamps, spec->lamp_rays > 0, sbl__aim_features(j->scene, spec) },
+        { &sbl__recipe_reduce_blocks, !spec->traced, features },
+        { &sbl__recipe_reduce_sum, 1, features }
+    };
+    int i;
+    (void)slice;
+    for (i = 0; i < SBL__COUNT(programs); i++) {
+        sbl_result result;
+        if (!programs[i].needed || sbl__program_find(d, programs[i].recipe, programs[i].features)) continue;
+        result = sbl__program_need(d, programs[i].recipe, programs[i].features);
+        return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
+    }
+    return sbl__job_start_round(j, SBL__LENS_SITE);
 }
 
 /* The next look of the round. A probe stands where the site's first look stands, and looks back. */
@@ -10835,18 +10843,10 @@ static void sbl__job_batch(const sbl__job *j, int first, int count, sbl__batch *
     out->count = count;
 }
 
-/* The slots that the present filling will use are filled with sky. */
-static sbl_result sbl__job_clear(const sbl__device *d, sbl__job *j) {
-    const sbl__slots *slots = sbl__job_slots(j);
-    const int used = SBL__MIN(slots->count, j->drawn % slots->count + j->look_count - j->drawn);
-    if (!j->task.spec.traced) sbl__raster_clear(d, &j->raster, &j->raster.lenses[j->lens], j->scene, used);
-    j->cleared = 1;
-    return sbl__gl_check(&d->gl);
-}
-
 /* Draws as many looks as there is room for, in the slice and in the slots, or a part of one. units: what it did, in
    those of the pace. */
-static sbl_result sbl__job_submit(sbl__device *d, sbl__job *j, double room, double *units) {
+static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
+    sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
     const int all = j->scene->geometry.triangle_count, slots = sbl__job_slots(j)->count, slot = j->drawn % slots;
     const int *blocks = sbl__job_slots(j)->blocks, narrow = j->lens == SBL__LENS_PROBE || spec->narrow;
@@ -10881,37 +10881,50 @@ static sbl_result sbl__job_submit(sbl__device *d, sbl__job *j, double room, doub
 
 /* One piece of drawing. Where there is no hurry some submissions of views are under way at a time: a renderer on the
    CPU then prepares one while it draws another (a quarter less time at 2,000 triangles). */
-static sbl_result sbl__job_draw(sbl__device *d, sbl__job *j, const sbl__slice *slice) {
-    const sbl__spec *spec = &j->task.spec;
-    const int slots = sbl__job_slots(j)->count, first = j->drawn;
+static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
+    sbl__job *j = (sbl__job *)work;
+    sbl__device *d = j->device;
+    const int slots = sbl__job_slots(j)->count, first = j->drawn, left = j->look_count - first;
     const double fit = (slice->end - sbl__now()) / slice->longest;
-    const int most = spec->traced ? 1 : (int)SBL__MIN(SBL__MAX(fit, 1), SBL__SUBMISSIONS);
-    const double room = sbl__pace_begin(&j->draw_pace[j->lens], slice, SBL__LOOKS_FIRST, 1e-6);
-    double units = 0, all = 0;
+    const int traced = j->task.spec.traced, most = traced ? 1 : (int)SBL__MIN(SBL__MAX(fit, 1), SBL__SUBMISSIONS);
+    sbl__lens *lens = &j->raster.lenses[j->lens];
+    double room, units = 0, all = 0;
     sbl_result result = SBL_SUCCESS;
     int i, full = 0;
+    d->gl.doing = "drawing sensors";
+    if (j->stages.at++ == 0) {  /* the slots that will be used are filled with sky */
+        if (!traced) sbl__raster_clear(d, &j->raster, lens, j->scene, SBL__MIN(slots, first % slots + left));
+        result = sbl__gl_check(&d->gl);
+        return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
+    }
+    room = sbl__pace_begin(&j->draw_pace[j->lens], slice, SBL__LOOKS_FIRST, 1e-6);
     for (i = 0; i < most && !full && result == SBL_SUCCESS; i++) {
         if (i) sbl__submit(d);
-        result = sbl__job_submit(d, j, room, &units);
+        result = sbl__job_submit(j, room, &units);
         all += units;
         full = j->drawn > first && (j->drawn == j->look_count || j->drawn % slots == 0);
     }
     if (result == SBL_SUCCESS) sbl__pace_end(d, &j->draw_pace[j->lens], all);
     if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
-    if (result != SBL_SUCCESS || !full) return result;
-    j->stage = spec->lamp_rays && j->lens == SBL__LENS_SITE ? SBL__JOB_AIM : SBL__JOB_REDUCE;
-    j->cleared = 0;
-    return SBL_SUCCESS;
+    return result == SBL_SUCCESS && !full ? SBL_UNFINISHED : result;
+}
+
+static int sbl__job_after_draw(void *work) {
+    const sbl__job *j = (const sbl__job *)work;
+    return j->task.spec.lamp_rays && j->lens == SBL__LENS_SITE ? SBL__JOB_AIM : SBL__JOB_REDUCE;
 }
 
 /* One piece of sending rays towards lamps. All views have been drawn: what the host draws stands between. */
-static sbl_result sbl__job_aim(sbl__device *d, sbl__job *j, const sbl__slice *slice) {
+static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
+    sbl__job *j = (sbl__job *)work;
+    sbl__device *d = j->device;
     const double pace = sbl__pace_begin(&j->aim_pace, slice, SBL__LOOKS_FIRST, 1);
     const double room = SBL__MIN(sbl__whole_lots(d, pace, j->aim.parts), (double)j->look_most);
     const int count = (int)SBL__MIN(room, (double)(j->drawn - j->aimed)), blocks[2] = { 1, j->aim.parts };
     const unsigned features = sbl__aim_features(j->scene, &j->task.spec);
     sbl__batch b;
     sbl_result result;
+    d->gl.doing = "sending rays towards lamps";
     sbl__job_batch(j, j->aimed, count, &b);
     result = sbl__looks_send(d, &j->table, b.looks, b.count, b.slots->count);
     if (result == SBL_SUCCESS) result = sbl__use(d, &sbl__recipe_lamps, features);
@@ -10921,12 +10934,13 @@ static sbl_result sbl__job_aim(sbl__device *d, sbl__job *j, const sbl__slice *sl
     sbl__rays_send(d, &b, &j->aim.target, blocks);
     sbl__pace_end(d, &j->aim_pace, sbl__whole_lots(d, count, j->aim.parts));
     j->aimed += count;
-    if (j->aimed == j->drawn) j->stage = SBL__JOB_REDUCE;
-    return sbl__gl_check(&d->gl);
+    result = sbl__gl_check(&d->gl);
+    return result == SBL_SUCCESS && j->aimed < j->drawn ? SBL_UNFINISHED : result;
 }
 
 /* Sums of looks first .. last into their results. */
-static sbl_result sbl__job_sum(sbl__device *d, const sbl__job *j, int first, int last) {
+static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
+    sbl__device *d = j->device;
     const sbl__slots *slots = sbl__job_slots(j);
     const sbl__results *out = &j->results[j->lens];
     const int directional = j->task.spec.directional, aimed = j->task.spec.lamp_rays && j->lens == SBL__LENS_SITE;
@@ -10958,7 +10972,9 @@ static sbl_result sbl__job_sum(sbl__device *d, const sbl__job *j, int first, int
 }
 
 /* One piece of reducing the slots' present filling: rows of slots. */
-static sbl_result sbl__job_reduce(sbl__device *d, sbl__job *j, const sbl__slice *slice) {
+static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
+    sbl__job *j = (sbl__job *)work;
+    sbl__device *d = j->device;
     const sbl__slots *slots = sbl__job_slots(j);
     const int slot = j->reduced % slots->count, skip = slot % slots->columns, row = slot / slots->columns;
     const double room = sbl__pace_begin(&j->reduce_pace[j->lens], slice, SBL__LOOKS_FIRST, 1);
@@ -10966,23 +10982,24 @@ static sbl_result sbl__job_reduce(sbl__device *d, sbl__job *j, const sbl__slice 
     const int count = SBL__MIN(j->drawn - j->reduced, most - skip), rows = (skip + count - 1) / slots->columns + 1;
     const int area[2] = { row, rows }, turned = !j->task.spec.traced && j->task.spec.directional;
     sbl_result result = SBL_SUCCESS;
+    d->gl.doing = "adding up sensors";
     if (turned)
         result = sbl__looks_send(d, &j->table, j->looks, (j->drawn - 1) % slots->count + 1, slots->count);
     if (!j->task.spec.traced && result == SBL_SUCCESS)
         result = sbl__raster_reduce(d, &j->raster, &j->raster.lenses[j->lens], &j->blocks,
                                     turned ? &j->table : NULL, area);
-    if (result == SBL_SUCCESS) result = sbl__job_sum(d, j, j->reduced, j->reduced + count - 1);
+    if (result == SBL_SUCCESS) result = sbl__job_sum(j, j->reduced, j->reduced + count - 1);
     sbl__pace_end(d, &j->reduce_pace[j->lens], rows * slots->columns);
     if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
-    if (result != SBL_SUCCESS) return result;
     j->reduced += count;
-    if (j->reduced < j->drawn) return SBL_SUCCESS;
-    j->stage = j->drawn < j->look_count ? SBL__JOB_DRAW : SBL__JOB_READ;
-    if (j->stage == SBL__JOB_READ) {
-        j->site = j->look = 0;
-        j->row = (j->lens == SBL__LENS_SITE ? j->task.first_look : 0) / SBL__RESULTS_WIDTH;
-    }
-    return SBL_SUCCESS;
+    return result == SBL_SUCCESS && j->reduced < j->drawn ? SBL_UNFINISHED : result;
+}
+
+static int sbl__job_after_reduce(void *work) {
+    sbl__job *j = (sbl__job *)work;
+    if (j->drawn < j->look_count) return SBL__JOB_DRAW;
+    j->site = j->look = 0;
+    return SBL__JOB_READ;
 }
 
 /* >>job: reading */
@@ -11036,66 +11053,29 @@ static void sbl__job_take(sbl__job *j, const float *const found[5]) {
     j->site++;
 }
 
-/* A sensor is stuck when the little way it was moved off its surface took it through another: it then stands inside
+/* What a look of the round found; `found`: see sbl__results.
+
+   A sensor is stuck when the little way it was moved off its surface took it through another: it then stands inside
    something that the visible point is outside of. What it sees tells little: whole rooms are modelled inside out, and
    what shines inside a thing may hide its walls. So looks that see any back faces are asked to look back to where they
    came from, and their sensor is stuck when it sees something nearer than its own surface. A site's first look tells.
    */
-static sbl_result sbl__job_suspect(sbl__base *base, sbl__job *j, int site) {
-    if (!sbl__grow(base, &j->suspects, &j->suspect_room, j->suspect_count + 1, sizeof *j->suspects))
+static sbl_result sbl__job_judge(sbl__job *j, const float *const found[5]) {
+    const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent, *hits = found[1];
+    const int back = j->lens == SBL__LENS_PROBE, site = back ? j->suspects[j->site++] : j->site;
+    const int first_look = j->look == 0;
+    if (back) {
+        if (hits[0] > 0 && hits[2] * length < SBL__STUCK_SHARE * j->task.sites[site].offset)
+            j->task.readings[site].valid = 0;
+        return SBL_SUCCESS;
+    }
+    sbl__job_take(j, found);
+    if (!first_look || !(j->task.sites[site].offset > 0) ||
+        !(sbl__back_share(found[0], hits) > SBL__SUSPECT_SHARE)) return SBL_SUCCESS;
+    if (!sbl__grow(j->device->base, &j->suspects, &j->suspect_room, j->suspect_count + 1, sizeof *j->suspects))
         return SBL_ERROR_OUT_OF_MEMORY;
     j->suspects[j->suspect_count++] = site;
     return SBL_SUCCESS;
-}
-
-static void sbl__job_convict(sbl__job *j, const float hits[4]) {
-    const int site = j->suspects[j->site++];
-    const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent;
-    if (hits[0] > 0 && hits[2] * length < SBL__STUCK_SHARE * j->task.sites[site].offset)
-        j->task.readings[site].valid = 0;
-}
-
-/* One piece of reading results: a few rows at once. */
-static sbl_result sbl__job_read(const sbl__device *d, sbl__job *j) {
-    const sbl__results *from = &j->results[j->lens];
-    const int first = j->lens == SBL__LENS_SITE ? j->task.first_look : 0;
-    const int end = (j->look_count + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH;
-    const int rows = SBL__MIN(SBL__READ_ROWS, end - j->row), count = rows * SBL__RESULTS_WIDTH;
-    const int parts = from->target.count;
-    float *data = (float *)sbl__alloc_raw(d->base, (size_t)count, 16 * (size_t)parts);
-    sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
-    int i, k;
-    for (k = 0; k < parts && result == SBL_SUCCESS; k++)
-        result = sbl__target_read(d, &from->target, k, j->row, rows, data + 4 * (size_t)count * (size_t)k);
-    j->counts.readbacks += parts;
-    for (i = 0; i < count && result == SBL_SUCCESS; i++) {
-        const int look = j->row * SBL__RESULTS_WIDTH + i;
-        const float *found[5];
-        for (k = 0; k < 5; k++) found[k] = data + 4 * ((size_t)count * (size_t)SBL__MIN(k, parts - 1) + (size_t)i);
-        if (look < first || look >= j->look_count) continue;
-        if (j->lens == SBL__LENS_PROBE) sbl__job_convict(j, found[1]);
-        else {
-            const int site = j->site, first_look = j->look == 0;
-            sbl__job_take(j, found);
-            if (first_look && j->task.sites[site].offset > 0 &&
-                sbl__back_share(found[0], found[1]) > SBL__SUSPECT_SHARE)
-                result = sbl__job_suspect(d->base, j, site);
-        }
-    }
-    sbl__free(d->base, data);
-    j->row += rows;
-    return result;
-}
-
-/* >>job: its life */
-
-static void sbl__job_begin(sbl__job *j, const sbl__scene *scene, const sbl__task *task) {
-    const int same = j->ready && j->made_for_scene == scene->version && sbl__spec_equal(&j->made_for, &task->spec);
-    j->task = *task;
-    j->scene = scene;
-    j->suspect_count = 0;
-    j->ready = same;
-    j->stage = task->site_count == 0 ? SBL__JOB_DONE : same ? SBL__JOB_COMPILE : SBL__JOB_SETUP;
 }
 
 /* Counts a round that is done. */
@@ -11114,65 +11094,80 @@ static void sbl__job_count(sbl__job *j) {
     }
 }
 
+/* One piece of reading results: a few rows at once. Behind the last, those of suspects may begin. */
+static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
+    sbl__job *j = (sbl__job *)work;
+    const sbl__device *d = j->device;
+    const sbl__results *from = &j->results[j->lens];
+    const int first = j->lens == SBL__LENS_SITE ? j->task.first_look : 0;
+    const int end = (j->look_count + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH;
+    const int row = first / SBL__RESULTS_WIDTH + j->stages.at;
+    const int rows = SBL__MIN(SBL__READ_ROWS, end - row), count = rows * SBL__RESULTS_WIDTH;
+    const int parts = from->target.count;
+    float *data = (float *)sbl__alloc_raw(d->base, (size_t)count, 16 * (size_t)parts);
+    sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    int i, k;
+    (void)slice;
+    j->device->gl.doing = "reading sensors";
+    for (k = 0; k < parts && result == SBL_SUCCESS; k++)
+        result = sbl__target_read(d, &from->target, k, row, rows, data + 4 * (size_t)count * (size_t)k);
+    j->counts.readbacks += parts;
+    for (i = 0; i < count && result == SBL_SUCCESS; i++) {
+        const int look = row * SBL__RESULTS_WIDTH + i;
+        const float *found[5];
+        for (k = 0; k < 5; k++) found[k] = data + 4 * ((size_t)count * (size_t)SBL__MIN(k, parts - 1) + (size_t)i);
+        if (look >= first && look < j->look_count) result = sbl__job_judge(j, found);
+    }
+    sbl__free(d->base, data);
+    j->stages.at += rows;
+    if (result != SBL_SUCCESS || row + rows < end) return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
+    sbl__job_count(j);
+    return j->lens == SBL__LENS_SITE && j->suspect_count ? sbl__job_start_round(j, SBL__LENS_PROBE) : SBL_SUCCESS;
+}
+
+static int sbl__job_after_read(void *work) {
+    const sbl__job *j = (const sbl__job *)work;
+    return j->drawn < j->look_count ? SBL__JOB_DRAW : SBL__JOB_DONE;
+}
+
+/* >>job: its life */
+
+static void sbl__job_begin(sbl__job *j, const sbl__scene *scene, const sbl__task *task) {
+    const int same = j->ready && j->made_for_scene == scene->version && sbl__spec_equal(&j->made_for, &task->spec);
+    j->task = *task;
+    j->scene = scene;
+    j->suspect_count = 0;
+    j->ready = same;
+    j->stages.stage = task->site_count == 0 ? SBL__JOB_DONE : same ? SBL__JOB_COMPILE : SBL__JOB_SETUP;
+    j->stages.at = 0;
+}
+
 /* One bounded piece. SBL_SUCCESS: all readings are there. After an error the job can be begun again. */
-static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, const sbl__slice *slice) {
-    sbl_result result = SBL_SUCCESS;
-    switch (j->stage) {
-        case SBL__JOB_SETUP:
-            d->gl.doing = "making the sensors' textures";
-            result = sbl__job_setup(d, j);
-            if (result == SBL_SUCCESS) j->stage = SBL__JOB_WEIGH;
-            break;
-        case SBL__JOB_WEIGH:
-            result = sbl__job_weigh(d, j, slice);
-            if (result != SBL_SUCCESS) break;
-            j->ready = 1;
-            j->made_for = j->task.spec;
-            j->made_for_scene = j->scene->version;
-            j->stage = SBL__JOB_COMPILE;
-            break;
-        case SBL__JOB_COMPILE:
-            result = sbl__job_compile(d, j);
-            if (result == SBL_SUCCESS) result = sbl__job_start_round(d, j, SBL__LENS_SITE);
-            if (result == SBL_SUCCESS) j->stage = SBL__JOB_DRAW;
-            break;
-        case SBL__JOB_DRAW:
-            d->gl.doing = "drawing sensors";
-            result = j->cleared ? sbl__job_draw(d, j, slice) : sbl__job_clear(d, j);
-            break;
-        case SBL__JOB_AIM:
-            d->gl.doing = "sending rays towards lamps";
-            result = sbl__job_aim(d, j, slice);
-            break;
-        case SBL__JOB_REDUCE:
-            d->gl.doing = "adding up sensors";
-            result = sbl__job_reduce(d, j, slice);
-            break;
-        case SBL__JOB_READ:
-            d->gl.doing = "reading sensors";
-            result = sbl__job_read(d, j);
-            if (result != SBL_SUCCESS || j->row * SBL__RESULTS_WIDTH < j->look_count) break;
-            sbl__job_count(j);
-            if (j->lens == SBL__LENS_SITE && j->suspect_count) {
-                result = sbl__job_start_round(d, j, SBL__LENS_PROBE);
-                j->stage = SBL__JOB_DRAW;
-            } else j->stage = SBL__JOB_DONE;
-            break;
-        default: break;
-    }
-    if (result != SBL_SUCCESS && result != SBL_UNFINISHED) {
-        j->stage = SBL__JOB_IDLE;
-        j->ready = 0;
-        return result;
-    }
-    return j->stage == SBL__JOB_DONE ? SBL_SUCCESS : SBL_UNFINISHED;
+static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { NULL, NULL, NULL, NULL },
+        { sbl__job_setup, NULL, NULL, NULL },
+        { sbl__job_weigh, NULL, NULL, NULL },
+        { sbl__job_compile, NULL, NULL, NULL },
+        { sbl__job_draw, sbl__job_after_draw, NULL, NULL },
+        { sbl__job_aim, NULL, NULL, NULL },
+        { sbl__job_reduce, sbl__job_after_reduce, NULL, NULL },
+        { sbl__job_read, sbl__job_after_read, NULL, NULL }
+    };
+    sbl_result result;
+    j->device = d;
+    result = sbl__stages_step(&j->stages, table, SBL__COUNT(table), j, slice);
+    if (result == SBL_SUCCESS || result == SBL_UNFINISHED) return result;
+    j->stages.stage = SBL__JOB_IDLE;
+    j->ready = 0;
+    return result;
 }
 
 /* How much of it is done, 0 to 1: of its first round, which is nearly all of it. */
 static float sbl__job_progress(const sbl__job *j) {
     const int looks = j->look_count - j->task.first_look;
-    if (j->stage == SBL__JOB_DONE || j->lens == SBL__LENS_PROBE) return 1;
-    if (j->stage < SBL__JOB_DRAW || looks < 1) return 0;
+    if (j->stages.stage == SBL__JOB_DONE || j->lens == SBL__LENS_PROBE) return 1;
+    if (j->stages.stage < SBL__JOB_DRAW || looks < 1) return 0;
     return (float)(j->drawn - j->task.first_look) / (float)looks;
 }
 
@@ -11196,18 +11191,6 @@ static void sbl__core_count(sbl__core *c) {
     c->stats.sensors.rays = n->rays;
     c->stats.sensors.readbacks += n->readbacks;
     c->job.counts.readbacks = 0;
-}
-
-/* Makes ready what sensors of that kind need of the scene. SBL_SUCCESS: it is. */
-static sbl_result sbl__core_prepare(sbl__core *c, const sbl__seeing *s, sbl__slice *slice) {
-    const sbl__hierarchy *h = &c->scene.hierarchy;
-    const sbl_result result = sbl__seeing_needs_rays(s) ? sbl__scene_step(&c->device, &c->scene, slice) : SBL_SUCCESS;
-    if (result != SBL_SUCCESS) return result;
-    c->stats.scene.bvh_seconds = h->seconds;
-    c->stats.scene.lamps = sbl__seeing_needs_rays(s) ? c->scene.lights.leaves : 0;
-    c->stats.scene.bvh_bytes = h->node_table.buffer.bytes + h->triangle_table.buffer.bytes + h->node_table.texels.bytes +
-                         h->triangle_table.texels.bytes;
-    return SBL_SUCCESS;
 }
 
 /* Clears the stats for what is begun. */
@@ -11304,33 +11287,35 @@ typedef struct sbl__balance { double lit[3], before[3], after[3], change; } sbl_
 /* A place's normal, for the many rays from there that follow each other. */
 typedef struct sbl__bounce_aimed { int known; uint32_t place; float normal[3], offset; } sbl__bounce_aimed;
 
+typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
+
 typedef enum sbl__bounce_stage {
-    SBL__BOUNCE_BEGIN, SBL__BOUNCE_PATCHES, SBL__BOUNCE_SEED, SBL__BOUNCE_SOW, SBL__BOUNCE_PLACE, SBL__BOUNCE_FEEL,
-    SBL__BOUNCE_CUT, SBL__BOUNCE_CAST, SBL__BOUNCE_FIND, SBL__BOUNCE_SORT, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT,
-    SBL__BOUNCE_JOIN, SBL__BOUNCE_GATHER, SBL__BOUNCE_SOLVE, SBL__BOUNCE_NOISE, SBL__BOUNCE_CARRY, SBL__BOUNCE_DOUBT,
-    SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
+    SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_WORDS, SBL__BOUNCE_SEED, SBL__BOUNCE_SOW,
+    SBL__BOUNCE_PLACE, SBL__BOUNCE_FEEL, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST, SBL__BOUNCE_FIND, SBL__BOUNCE_ORDER,
+    SBL__BOUNCE_SORT, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_JOIN, SBL__BOUNCE_GATHER, SBL__BOUNCE_NOISE,
+    SBL__BOUNCE_CARRY, SBL__BOUNCE_DOUBT, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
 } sbl__bounce_stage;
 
 typedef struct sbl__bounce {
-    sbl__bounce_stage stage;
-    int at;                          /* what of the stage is next */
+    sbl__stages stages;
+    sbl__core *core;
+    sbl__store *store;               /* the scene's */
+    const sbl__geometry *geometry;
     uint32_t scene, surfaces;        /* versions that it is for */
-    sbl__patching patching;
-    double spread;                   /* seeds that the triangles so far should have */
-    sbl__hit *seeds;                 /* places all over the surfaces */
-    int seed_count, seed_room;
-    const sbl__hit *queue;           /* places that may become points: of seeds, hits or `again` */
-    int queue_count;
-    sbl__hit *held, *again;          /* those that wait for feelers; and now do not any more */
-    int held_count, held_room, again_room;
     sbl__bounce_point *points;
     sbl__bounce_leaf *states;        /* of the leaves */
     int point_count, point_room, state_room;
+    sbl__hits hits;                  /* SBL__BOUNCE_RAYS a point */
+    int joined;                      /* leaves whose rays' places are leaves */
+    float progress;
+    sbl__patching patching;          /* from here on: dropped when the store is ready */
+    double spread;                   /* seeds that the triangles so far should have */
+    sbl__hits seeds;                 /* places all over the surfaces */
+    sbl__hits queue;                 /* places that may become points: some of those in seeds, hits or `again` */
+    sbl__hits held, again;           /* those that wait for feelers; and now do not any more */
+    sbl__hits feelers;
     int fresh;                       /* leaves from here on have not been felt */
     int cast;                        /* points from here on have not been cast */
-    sbl__hit *hits;                  /* SBL__BOUNCE_RAYS a point */
-    sbl__hit *feelers;
-    int hit_room, feeler_room;
     uint32_t *sequence;
     sbl__bounce_aimed aim;
     sbl__site *sites;
@@ -11342,11 +11327,10 @@ typedef struct sbl__bounce {
     int *order;                      /* where each point goes, leaf by leaf */
     double change;                   /* that the last round made */
     sbl__balance balance;            /* of the round under way */
-    double crowding, share;          /* of the leaves that there may be, that there were with larger cells */
-    float progress;
-    int rounds, crowded;
+    double crowding;                 /* above 0: there are too many cells, this much larger they would be few enough */
+    double share;                    /* of the leaves that there may be, that there were with larger cells */
+    int rounds;
     int sown, seen;                  /* seeds have been placed; leaves that there were without them */
-    int joined;                      /* leaves whose rays' places are leaves */
     sbl__table casts;
     sbl__blocks blocks;
     sbl__pace pace;
@@ -11399,17 +11383,18 @@ static const sbl__recipe sbl__recipe_cast = {
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE
 };
 
-static sbl_result sbl__cast_send(sbl__core *c, sbl__bounce *b, const sbl__cast *rays, int count) {
+static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int count) {
     const size_t room = SBL__CAST_COLUMNS * SBL__CAST_ROWS;
-    sbl__device *d = &c->device;
+    const sbl__scene *scene = &b->core->scene;
+    sbl__device *d = &b->core->device;
     sbl_result result = sbl__blocks_make(d, &b->blocks, 2, SBL__CAST_COLUMNS, SBL__CAST_ROWS);
     if (result == SBL_SUCCESS)
         result = sbl__buffer_stream(d, &b->casts.buffer, room * sizeof *rays, rays, (size_t)count * sizeof *rays);
     if (result == SBL_SUCCESS) result = sbl__table_show(d, &b->casts, SBL__GL_RGBA32UI, 0);
-    if (result == SBL_SUCCESS) result = sbl__use(d, &sbl__recipe_cast, c->scene.features);
+    if (result == SBL_SUCCESS) result = sbl__use(d, &sbl__recipe_cast, scene->features);
     if (result != SBL_SUCCESS) return result;
-    sbl__scene_bind(d, &c->scene);
-    sbl__hierarchy_bind(d, &c->scene.hierarchy);
+    sbl__scene_bind(d, scene);
+    sbl__hierarchy_bind(d, &scene->hierarchy);
     sbl__bind_table(d, "sbl_casts", &b->casts);
     sbl__set_ints(d, "blocks", 1, 1);
     sbl__set_int(d, "columns", SBL__CAST_COLUMNS);
@@ -11435,40 +11420,42 @@ static void sbl__cast_take(const sbl__cast *ray, const float place[4], const flo
     }
 }
 
-typedef void (*sbl__cast_make)(const sbl__core *c, sbl__bounce *b, int number, sbl__cast *out);
+typedef void (*sbl__cast_make)(sbl__bounce *b, int number, sbl__cast *out);
 
-/* Casts some of the rays number b->at .. count - 1 into hits, as many at once as there is time for. SBL_SUCCESS: there
-   are no more. */
-static sbl_result sbl__bounce_cast(sbl__core *c, sbl__bounce *b, sbl__cast_make make, int count, sbl__hit *hits,
+/* Casts some of the rays number stages.at .. count - 1 into hits, as many at once as there is time for. SBL_SUCCESS:
+   there are no more. */
+static sbl_result sbl__bounce_cast(sbl__bounce *b, sbl__cast_make make, int count, sbl__hits *hits,
                                    const sbl__slice *slice) {
     enum { MOST = SBL__CAST_COLUMNS * SBL__CAST_ROWS };
-    sbl__device *d = &c->device;
+    sbl__device *d = &b->core->device;
     const double room = sbl__pace_begin(&b->pace, slice, 1024, 64);
-    const int some = (int)SBL__MIN(SBL__MIN(room, (double)MOST), count - b->at);
+    const int at = b->stages.at, some = (int)SBL__MIN(SBL__MIN(room, (double)MOST), count - at);
     const int rows = (some + SBL__CAST_COLUMNS - 1) / SBL__CAST_COLUMNS;
     const size_t texels = (size_t)rows * SBL__CAST_COLUMNS;
     sbl__cast *rays;
     float *places, *albedos;
     sbl_result result;
     int i;
+    d->gl.doing = "casting rays between surfaces";
+    if (!sbl__grow(d->base, &hits->list, &hits->room, count, sizeof *hits->list)) return SBL_ERROR_OUT_OF_MEMORY;
     if (some <= 0) return SBL_SUCCESS;
     rays = (sbl__cast *)sbl__alloc_raw(d->base, texels, sizeof *rays + 32);
     if (!rays) return SBL_ERROR_OUT_OF_MEMORY;
     places = (float *)(rays + texels);
     albedos = places + 4 * texels;
-    for (i = 0; i < some; i++) make(c, b, b->at + i, &rays[i]);
-    result = sbl__cast_send(c, b, rays, some);
+    for (i = 0; i < some; i++) make(b, at + i, &rays[i]);
+    result = sbl__cast_send(b, rays, some);
     if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 0, 0, rows, places);
     if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 1, 0, rows, albedos);
     for (i = 0; i < some && result == SBL_SUCCESS; i++)
-        sbl__cast_take(&rays[i], places + 4 * (size_t)i, albedos + 4 * (size_t)i, &hits[b->at + i]);
+        sbl__cast_take(&rays[i], places + 4 * (size_t)i, albedos + 4 * (size_t)i, &hits->list[at + i]);
     sbl__free(d->base, rays);
     if (result != SBL_SUCCESS) return result;
     sbl__pace_end(d, &b->pace, some);
-    c->stats.sensors.readbacks += 2;
-    c->stats.store.rays += some;
-    b->at += some;
-    return b->at < count ? SBL_UNFINISHED : SBL_SUCCESS;
+    b->core->stats.sensors.readbacks += 2;
+    b->core->stats.store.rays += some;
+    b->stages.at += some;
+    return b->stages.at < count ? SBL_UNFINISHED : SBL_SUCCESS;
 }
 
 /* >>bounce: places that may become points */
@@ -11479,18 +11466,19 @@ static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
     return patch | (at->distance * SBL__NEAR_PART < s->length ? SBL__PATCH_NEAR : 0);
 }
 
-/* Where the reference stands that leads to a place's light: in its cell or, where that has none and there are many, in
-   a wider one around it; NULL: there is no room. *patch: whose the cell is. What no surface sees, but points in the air
-   may, has the widest only. */
-static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32_t *patch, int *depth) {
+/* Finds the reference that leads to a place's light: in its cell or, where that has none and there are many, in a wider
+   cell around it; NULL: there is no room. Sets *patch to the cell's own word, unless it is NULL. What no surface sees,
+   but points in the air may, has the widest cells only. */
+static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32_t *patch) {
     static const double shares[SBL__LEVELS] = { SBL__BOUNCE_WIDER, SBL__BOUNCE_WIDEST, 1 };
-    uint32_t *reference = NULL;
-    int level = at->distance < SBL__UNSEEN ? 0 : SBL__LEVELS - 1;
-    *patch = sbl__place_patch(s, at) + SBL__PATCH_LEVEL * (uint32_t)level;
-    for (; level < SBL__LEVELS; level++, *patch += SBL__PATCH_LEVEL) {
-        reference = sbl__store_find(s, *patch, at->position, depth);
+    uint32_t *reference = NULL, word = sbl__place_patch(s, at);
+    int level = at->distance < SBL__UNSEEN ? 0 : SBL__LEVELS - 1, depth;
+    word += SBL__PATCH_LEVEL * (uint32_t)level;
+    for (; level < SBL__LEVELS; level++, word += SBL__PATCH_LEVEL) {
+        reference = sbl__store_find(s, word, at->position, &depth);
         if (reference && (*reference || s->leaf_count < shares[level] * s->most)) break;
     }
+    if (patch) *patch = word;
     return reference;
 }
 
@@ -11513,135 +11501,196 @@ static float sbl__place_normal(const sbl__geometry *g, uint32_t place, float nor
     return (float)(SBL__OFFSET * (sqrt(away) + 2 * sqrt(longest)));
 }
 
-static sbl_result sbl__bounce_begin(sbl__core *c, sbl__bounce *b) {
-    const sbl__geometry *g = &c->scene.geometry;
-    sbl__store *s = &c->scene.store;
-    sbl__free(&c->base, s->patches);
-    s->patches = (uint32_t *)sbl__alloc(&c->base, (size_t)g->triangle_count, sizeof *s->patches);
-    b->sequence = sbl__sequence_make(&c->base, SBL__BOUNCE_STRETCHES, SBL__BOUNCE_RAYS, 1);
-    b->stands = (uint32_t *)sbl__alloc(&c->base, SBL__STANDS, sizeof *b->stands);
-    if (!s->patches || !b->sequence || !b->stands) return SBL_ERROR_OUT_OF_MEMORY;
-    return sbl__patching_begin(&c->base, &b->patching, g);
+/* Finds the patches that surfaces are cut into. */
+static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    sbl__base *base = &b->core->base;
+    uint32_t **patches = &b->store->patches;
+    sbl_result result;
+    if (b->sequence) return sbl__patching_step(&b->patching, slice);
+    sbl__free(base, *patches);
+    *patches = (uint32_t *)sbl__alloc(base, (size_t)b->geometry->triangle_count, sizeof **patches);
+    b->stands = (uint32_t *)sbl__alloc(base, SBL__STANDS, sizeof *b->stands);
+    b->sequence = sbl__sequence_make(base, SBL__BOUNCE_STRETCHES, SBL__BOUNCE_RAYS, 1);
+    if (!*patches || !b->stands || !b->sequence) return SBL_ERROR_OUT_OF_MEMORY;
+    result = sbl__patching_begin(base, &b->patching, b->geometry);
+    return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
+}
+
+/* Empties the store, for cells as large as they are to be now. */
+static sbl_result sbl__bounce_grid(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    (void)slice;
+    sbl__patch_grid(&b->patching, b->store, SBL__BOUNCE_AIM * b->store->most);
+    return sbl__store_clear(&b->core->base, b->store, b->store->most);
+}
+
+static int sbl__bounce_triangles(void *work) { return ((sbl__bounce *)work)->geometry->triangle_count; }
+
+static sbl_result sbl__bounce_word(void *work, int triangle) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    b->store->patches[triangle] = sbl__patch_word(&b->patching, (uint32_t)triangle);
+    return SBL_SUCCESS;
+}
+
+static sbl_result sbl__hits_add(sbl__bounce *b, sbl__hits *to, const sbl__hit *hit) {
+    if (!sbl__grow(&b->core->base, &to->list, &to->room, to->count + 1, sizeof *to->list))
+        return SBL_ERROR_OUT_OF_MEMORY;
+    to->list[to->count++] = *hit;
+    return SBL_SUCCESS;
 }
 
 /* One on each side of a triangle. */
-static sbl_result sbl__bounce_add_seeds(sbl__core *c, sbl__bounce *b, uint32_t triangle, uint32_t number) {
+static sbl_result sbl__bounce_add_seeds(sbl__bounce *b, uint32_t triangle, uint32_t number) {
     const uint32_t hash = sbl__hash(number);
     double u = hash / 4294967296.0, v = sbl__hash(hash) / 4294967296.0;
     const float *p[3];
-    int side, k;
-    if (!sbl__grow(&c->base, &b->seeds, &b->seed_room, b->seed_count + 2, sizeof *b->seeds))
-        return SBL_ERROR_OUT_OF_MEMORY;
-    if (u + v > 1) { u = 1 - u; v = 1 - v; }
-    sbl__scene_triangle(&c->scene.geometry, triangle, p);
-    for (side = 0; side < 2; side++) {
-        sbl__hit *out = &b->seeds[b->seed_count++];
-        memset(out, 0, sizeof *out);
-        for (k = 0; k < 3; k++)
-            out->position[k] = (float)(p[0][k] + u * ((double)p[1][k] - p[0][k]) + v * ((double)p[2][k] - p[0][k]));
-        out->place = triangle << 1 | (uint32_t)side;
-    }
-    return SBL_SUCCESS;
-}
-
-/* So many a cell, all over the scene. */
-static sbl_result sbl__bounce_seed(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
-    const sbl__geometry *g = &c->scene.geometry;
-    const sbl__store *s = &c->scene.store;
-    const double density = SBL__MAX(SBL__BOUNCE_SEEDS * b->patching.growth, SBL__BOUNCE_SEEDS_WIDEST);
+    sbl__hit seed;
     sbl_result result = SBL_SUCCESS;
-    for (; b->at < g->triangle_count && result == SBL_SUCCESS; b->at++) {
-        const uint32_t triangle = (uint32_t)b->at;
-        const sbl__object *o = sbl__object_of(g, triangle);
-        const double length = (double)s->length, from = b->spread;
-        double normal[3], k;
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        if (o->flags & SBL__HIDDEN_FROM_SENSORS) continue;
-        b->spread += density * sbl__scene_normal(g, triangle, normal) / (length * length);
-        for (k = floor(from); k < floor(b->spread) && result == SBL_SUCCESS; k++)
-            result = sbl__bounce_add_seeds(c, b, triangle, (uint32_t)k);
+    int k;
+    if (u + v > 1) { u = 1 - u; v = 1 - v; }
+    sbl__scene_triangle(b->geometry, triangle, p);
+    memset(&seed, 0, sizeof seed);
+    for (k = 0; k < 3; k++)
+        seed.position[k] = (float)(p[0][k] + u * ((double)p[1][k] - p[0][k]) + v * ((double)p[2][k] - p[0][k]));
+    for (k = 0; k < 2 && result == SBL_SUCCESS; k++) {
+        seed.place = triangle << 1 | (uint32_t)k;
+        result = sbl__hits_add(b, &b->seeds, &seed);
     }
-    if (result == SBL_SUCCESS)
-        result = sbl__store_clear(&c->base, &c->scene.store, c->scene.store.most);
     return result;
 }
 
-/* Back onto its triangle's plane, off which the length of its ray has taken it by rounding. */
-static void sbl__bounce_settle(const sbl__geometry *g, sbl__hit *at) {
+/* So many a cell. */
+static sbl_result sbl__bounce_seed(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const uint32_t triangle = (uint32_t)at;
+    const double density = SBL__MAX(SBL__BOUNCE_SEEDS * b->patching.growth, SBL__BOUNCE_SEEDS_WIDEST);
+    const double length = (double)b->store->length;
+    double normal[3], k = floor(b->spread);
+    sbl_result result = SBL_SUCCESS;
+    if (sbl__object_of(b->geometry, triangle)->flags & SBL__HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
+    b->spread += density * sbl__scene_normal(b->geometry, triangle, normal) / (length * length);
+    for (; k < floor(b->spread) && result == SBL_SUCCESS; k++)
+        result = sbl__bounce_add_seeds(b, triangle, (uint32_t)k);
+    return result;
+}
+
+/* A point at a place, brought back onto its triangle's plane, off which the length of its ray has taken it by
+   rounding. */
+static sbl_result sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
+    sbl__bounce_point *point;
     const float *p[3];
     double normal[3], off = 0;
     int k;
-    sbl__scene_triangle(g, at->place >> 1, p);
-    sbl__scene_normal(g, at->place >> 1, normal);
-    for (k = 0; k < 3; k++) off += normal[k] * ((double)at->position[k] - p[0][k]);
-    for (k = 0; k < 3; k++) at->position[k] = (float)(at->position[k] - off * normal[k]);
-}
-
-static sbl_result sbl__bounce_add_point(sbl__core *c, sbl__bounce *b, const sbl__hit *at, int leaf) {
-    if (!sbl__grow(&c->base, &b->points, &b->point_room, b->point_count + 1, sizeof *b->points))
+    if (!sbl__grow(&b->core->base, &b->points, &b->point_room, b->point_count + 1, sizeof *b->points))
         return SBL_ERROR_OUT_OF_MEMORY;
-    b->points[b->point_count].at = *at;
-    sbl__bounce_settle(&c->scene.geometry, &b->points[b->point_count].at);
-    b->points[b->point_count].number = b->states[leaf].points++;
-    b->points[b->point_count++].leaf = leaf;
+    point = &b->points[b->point_count++];
+    point->at = *at;
+    point->leaf = leaf;
+    point->number = b->states[leaf].points++;
+    sbl__scene_triangle(b->geometry, at->place >> 1, p);
+    sbl__scene_normal(b->geometry, at->place >> 1, normal);
+    for (k = 0; k < 3; k++) off += normal[k] * ((double)at->position[k] - p[0][k]);
+    for (k = 0; k < 3; k++) point->at.position[k] = (float)(at->position[k] - off * normal[k]);
     return SBL_SUCCESS;
 }
 
-static sbl_result sbl__bounce_add_leaf(sbl__core *c, sbl__bounce *b, const sbl__hit *at, uint32_t *reference) {
-    const int leaf = c->scene.store.leaf_count;
-    sbl_result result = sbl__store_add_leaf(&c->base, &c->scene.store, reference);
+/* A leaf that the reference is to lead to, without points. */
+static sbl_result sbl__bounce_add_leaf(sbl__bounce *b, uint32_t *reference) {
+    const int leaf = b->store->leaf_count;
+    const sbl_result result = sbl__store_add_leaf(&b->core->base, b->store, reference);
     if (result != SBL_SUCCESS) return result;
-    if (!sbl__grow(&c->base, &b->states, &b->state_room, leaf + 1, sizeof *b->states)) return SBL_ERROR_OUT_OF_MEMORY;
+    if (!sbl__grow(&b->core->base, &b->states, &b->state_room, leaf + 1, sizeof *b->states))
+        return SBL_ERROR_OUT_OF_MEMORY;
     memset(&b->states[leaf], 0, sizeof *b->states);
     b->states[leaf].first = b->point_count;
-    return sbl__bounce_add_point(c, b, at, leaf);
-}
-
-/* A place that a seed or a ray found. Sets *crowded where there is no room for it. */
-static sbl_result sbl__bounce_add(sbl__core *c, sbl__bounce *b, const sbl__hit *at, int *crowded) {
-    sbl__store *s = &c->scene.store;
-    int leaf, depth;
-    uint32_t patch, *reference = sbl__place_find(s, at, &patch, &depth);
-    if (!reference || (!*reference && s->leaf_count >= s->most)) {
-        *crowded = b->patching.pool < SBL__BOUNCE_POOL;
-        return SBL_SUCCESS;
-    }
-    if (!*reference) return sbl__bounce_add_leaf(c, b, at, reference);
-    leaf = (int)*reference - 1;
-    if (leaf < b->fresh) return b->states[leaf].points < SBL__BOUNCE_POINTS ? sbl__bounce_add_point(c, b, at, leaf)
-                                                                            : SBL_SUCCESS;
-    if (!sbl__grow(&c->base, &b->held, &b->held_room, b->held_count + 1, sizeof *b->held))
-        return SBL_ERROR_OUT_OF_MEMORY;
-    b->held[b->held_count++] = *at;
     return SBL_SUCCESS;
 }
 
-/* The queue's places. b->crowded: there are too many cells. */
-static sbl_result sbl__bounce_place(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
-    sbl_result result = SBL_SUCCESS;
-    int crowded = 0;
-    for (; b->at < b->queue_count && result == SBL_SUCCESS && !crowded; b->at++) {
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        if (b->queue[b->at].place != SBL__NOWHERE) result = sbl__bounce_add(c, b, &b->queue[b->at], &crowded);
+/* Those of the queue, while there is room. */
+static int sbl__bounce_queued(void *work) {
+    const sbl__bounce *b = (const sbl__bounce *)work;
+    return b->crowding > 0 ? 0 : b->queue.count;
+}
+
+/* A place that a seed or a ray found. Sets b->crowding where there is no room for it. */
+static sbl_result sbl__bounce_place(void *work, int number) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const sbl__hit *at = &b->queue.list[number];
+    const sbl__store *s = b->store;
+    uint32_t *reference;
+    int leaf;
+    if (at->place == SBL__NOWHERE) return SBL_SUCCESS;
+    reference = sbl__place_find(s, at, NULL);
+    if (!reference || (!*reference && s->leaf_count >= s->most)) {
+        if (b->patching.pool < SBL__BOUNCE_POOL)
+            b->crowding = SBL__MIN(1.3 * b->queue.count / (number + 1), SBL__BOUNCE_GROWTH_MOST);
+        return SBL_SUCCESS;
     }
-    b->crowded = crowded;
-    if (crowded) b->crowding = SBL__MIN(1.3 * b->queue_count / SBL__MAX(b->at, 1), SBL__BOUNCE_GROWTH_MOST);
-    return result;
+    leaf = (int)*reference - 1;
+    if (leaf < 0) {
+        const sbl_result result = sbl__bounce_add_leaf(b, reference);
+        return result == SBL_SUCCESS ? sbl__bounce_add_point(b, at, s->leaf_count - 1) : result;
+    }
+    if (leaf >= b->fresh) return sbl__hits_add(b, &b->held, at);
+    return b->states[leaf].points < SBL__BOUNCE_POINTS ? sbl__bounce_add_point(b, at, leaf) : SBL_SUCCESS;
+}
+
+/* What may become points next. */
+static int sbl__bounce_queue(sbl__bounce *b, sbl__hit *list, int count) {
+    b->queue.list = list;
+    b->queue.count = count;
+    return SBL__BOUNCE_PLACE;
+}
+
+/* All begins anew, with larger cells or smaller ones; or there are more patches than leaves, whatever the cells. */
+static int sbl__bounce_again(sbl__bounce *b, double growth) {
+    sbl__patching *p = &b->patching;
+    p->growth *= growth;
+    if (growth > 1 || p->pool <= 1) p->pool *= growth;
+    b->spread = b->crowding = 0;
+    b->seeds.count = b->held.count = b->point_count = b->fresh = b->cast = b->parted = b->sown = 0;
+    memset(b->stands, 0, SBL__STANDS * sizeof *b->stands);
+    return SBL__BOUNCE_GRID;
+}
+
+/* Leaves that are new are felt and points that are new are cast, until there are none. */
+static int sbl__bounce_after_place(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const double share = (double)b->store->leaf_count / b->store->most;
+    if (b->crowding > 0) return sbl__bounce_again(b, SBL__MAX(b->crowding, SBL__BOUNCE_GROWTH));
+    if (!b->fresh && share > SBL__BOUNCE_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
+        /* with what they see there would be too many */
+        return sbl__bounce_again(b, pow(share / SBL__BOUNCE_FIRST, SBL__BOUNCE_FIRST_POWER));
+    if (b->store->leaf_count > b->fresh) return SBL__BOUNCE_FEEL;
+    if (b->cast < b->point_count) return SBL__BOUNCE_CAST;
+    if (b->parted) {  /* leaves that had points were cut: their other sides may want some */
+        b->parted = 0;
+        return sbl__bounce_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
+    }
+    if (b->sown && b->seen > 0 && share < SBL__BOUNCE_SPARE && share > 2 * b->share) {
+        b->share = share;  /* much of the scene is seen by nothing: the rest may have more */
+        return sbl__bounce_again(b, SBL__MAX(share / SBL__BOUNCE_AIM, SBL__BOUNCE_SHRINK));
+    }
+    if (b->sown) return SBL__BOUNCE_FIND;
+    b->sown = 1;
+    b->seen = b->store->leaf_count;
+    return sbl__bounce_queue(b, b->seeds.list, b->seeds.count);  /* at last what no ray met */
 }
 
 /* >>bounce: feelers */
 
-static void sbl__bounce_feeler(const sbl__core *c, sbl__bounce *b, int number, sbl__cast *out) {
-    const sbl__store *s = &c->scene.store;
+static void sbl__bounce_feeler(sbl__bounce *b, int number, sbl__cast *out) {
+    const sbl__store *s = b->store;
     const int leaf = b->fresh + number / SBL__BOUNCE_FEELERS;
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
     const double share = number % SBL__BOUNCE_FEELERS + sbl__hash((uint32_t)leaf) / 4294967296.0;
-    const float offset = sbl__place_normal(&c->scene.geometry, at->place, out->direction);
+    const float offset = sbl__place_normal(b->geometry, at->place, out->direction);
     double right[3], up[3];
     uint32_t cube[3], patch;
     float length;
     int k;
-    sbl__place_find(s, at, &patch, &k);
+    sbl__place_find(s, at, &patch);
     length = sbl__cell_length(s, patch);
     sbl__frame(out->direction, 2 * SBL__PI / SBL__BOUNCE_FEELERS * share, right, up);
     sbl__cell_place(s, patch, at->position, cube);
@@ -11657,12 +11706,17 @@ static void sbl__bounce_feeler(const sbl__core *c, sbl__bounce *b, int number, s
     out->limit = SBL__MIN(SBL__MAX(out->limit, 0.0f), 2 * length);
 }
 
+static sbl_result sbl__bounce_feel(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    return sbl__bounce_cast(b, sbl__bounce_feeler, (b->store->leaf_count - b->fresh) * SBL__BOUNCE_FEELERS, &b->feelers,
+                            slice);
+}
+
 /* A line along a flat surface where something stands on it. */
 typedef struct sbl__stand {
     uint32_t patch, what;        /* stands there: a patch's word, or a triangle's number * 2 */
     float normal[3], distance;   /* the plane of what stands there */
     double from[3], along[3];
-    double apart;                /* planes nearer than that are the same */
     sbl__cell_slot *slot;        /* of the cell where it is walked */
 } sbl__stand;
 
@@ -11673,9 +11727,10 @@ static void sbl__stand_place(const sbl__stand *line, double t, float position[3]
 
 /* Where a plane that a feeler met stands on the feeler's surface, as far as the bounds of both reach: of a flat patch,
    or of the one triangle; 0: that is no line worth it. */
-static int sbl__stand_make(const sbl__core *c, const sbl__hit *at, const sbl__hit *met, sbl__stand *line) {
-    const sbl__store *s = &c->scene.store;
-    const sbl__patch *patches = c->bounce->patching.patches;
+static int sbl__stand_make(const sbl__bounce *b, const sbl__hit *at, const sbl__hit *met, sbl__stand *line) {
+    const sbl__store *s = b->store;
+    const sbl__geometry *g = b->geometry;
+    const sbl__patch *patches = b->patching.patches;
     const uint32_t patch = sbl__place_patch(s, at) & ~SBL__PATCH_NEAR, other = s->patches[met->place >> 1];
     const double length = (double)s->length;
     const sbl__patch *own, *its = other & SBL__PATCH_FLAT ? &patches[other >> SBL__PATCH_SHIFT] : NULL;
@@ -11685,9 +11740,9 @@ static int sbl__stand_make(const sbl__core *c, const sbl__hit *at, const sbl__hi
     int k;
     if (!(patch & SBL__PATCH_FLAT)) return 0;
     own = &patches[patch >> SBL__PATCH_SHIFT];
-    slack = SBL__FEELER_APART * length + 4 * (double)sbl__place_normal(&c->scene.geometry, at->place, normal);
-    sbl__place_normal(&c->scene.geometry, met->place, line->normal);
-    sbl__scene_triangle(&c->scene.geometry, met->place >> 1, p);
+    slack = SBL__FEELER_APART * length + 4 * (double)sbl__place_normal(g, at->place, normal);
+    sbl__place_normal(g, met->place, line->normal);
+    sbl__scene_triangle(g, met->place >> 1, p);
     for (k = 0; k < 3; k++) {
         const int m = (k + 1) % 3, n = (k + 2) % 3;
         along[k] = (double)normal[m] * line->normal[n] - (double)normal[n] * line->normal[m];
@@ -11698,17 +11753,16 @@ static int sbl__stand_make(const sbl__core *c, const sbl__hit *at, const sbl__hi
         const float most = SBL__MAX(SBL__MAX(p[0][k], p[1][k]), p[2][k]);
         const float low = SBL__MAX(own->bounds[0][k], its ? its->bounds[0][k] : least);
         const float high = SBL__MIN(own->bounds[1][k], its ? its->bounds[1][k] : most);
-        const double a = ((double)low - slack - met->position[k]), b = ((double)high + slack - met->position[k]);
+        const double from = (double)low - slack - met->position[k], to = (double)high + slack - met->position[k];
         if (fabs(along[k]) < 1e-6) continue;
-        t0 = SBL__MAX(t0, SBL__MIN(a / along[k], b / along[k]));
-        t1 = SBL__MIN(t1, SBL__MAX(a / along[k], b / along[k]));
+        t0 = SBL__MAX(t0, SBL__MIN(from / along[k], to / along[k]));
+        t1 = SBL__MIN(t1, SBL__MAX(from / along[k], to / along[k]));
     }
     if (!(t1 - t0 >= SBL__STAND_LEAST * length)) return 0;
     for (k = 0; k < 3; k++) {
         line->from[k] = met->position[k] + t0 * along[k];
         line->along[k] = (t1 - t0) * along[k];
     }
-    line->apart = SBL__FEELER_APART * length;
     line->distance = sbl__dot(line->normal, p[0]);
     line->what = its ? other | 1u : met->place & ~1u;
     line->patch = patch;
@@ -11717,10 +11771,10 @@ static int sbl__stand_make(const sbl__core *c, const sbl__hit *at, const sbl__hi
 
 /* Cuts what the line crosses below a reference: sides[side] of a split, or its cell's own where split is negative.
    range: the stretch of the line that lies there. */
-static sbl_result sbl__stand_part(sbl__core *c, const sbl__stand *line, int split, int side, const double range[2],
+static sbl_result sbl__stand_part(sbl__bounce *b, const sbl__stand *line, int split, int side, const double range[2],
                                   int depth) {
-    sbl__store *s = &c->scene.store;
-    sbl__bounce *b = c->bounce;
+    sbl__store *s = b->store;
+    const double apart = SBL__FEELER_APART * (double)s->length;
     uint32_t *reference = split < 0 ? &line->slot->reference : &s->splits[split].sides[side];
     sbl_result result = SBL_SUCCESS;
     double over[2];
@@ -11729,7 +11783,7 @@ static sbl_result sbl__stand_part(sbl__core *c, const sbl__stand *line, int spli
         const float *first = *reference ? b->points[b->states[*reference - 1].first].at.position : NULL;
         if (depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
         if (first && (int)*reference <= b->fresh) b->parted = 1;
-        return sbl__store_cut(&c->base, s, reference, line->normal, line->distance,
+        return sbl__store_cut(&b->core->base, s, reference, line->normal, line->distance,
                               first && sbl__dot(line->normal, first) > line->distance);
     }
     split = (int)(*reference & ~SBL__CELL_SPLIT);
@@ -11738,20 +11792,20 @@ static sbl_result sbl__stand_part(sbl__core *c, const sbl__stand *line, int spli
         sbl__stand_place(line, range[i], position);
         over[i] = (double)sbl__dot(s->splits[split].normal, position) - s->splits[split].distance;
     }
-    if (SBL__MAX(fabs(over[0]), fabs(over[1])) <= line->apart) return SBL_SUCCESS;  /* it is cut there */
+    if (SBL__MAX(fabs(over[0]), fabs(over[1])) <= apart) return SBL_SUCCESS;  /* it is cut there */
     for (side = 0; side < 2 && result == SBL_SUCCESS; side++) {
         const double sign = side ? 1 : -1, cross = range[0] + over[0] / (over[0] - over[1]) * (range[1] - range[0]);
         double part[2];
-        if (SBL__MAX(sign * over[0], sign * over[1]) <= line->apart) continue;
+        if (SBL__MAX(sign * over[0], sign * over[1]) <= apart) continue;
         for (i = 0; i < 2; i++) part[i] = sign * over[i] < 0 ? cross : range[i];
-        result = sbl__stand_part(c, line, split, side, part, depth + 1);
+        result = sbl__stand_part(b, line, split, side, part, depth + 1);
     }
     return result;
 }
 
 /* Cuts all cells that the line crosses. */
-static sbl_result sbl__stand_walk(sbl__core *c, sbl__stand *line) {
-    const sbl__store *s = &c->scene.store;
+static sbl_result sbl__stand_walk(sbl__bounce *b, sbl__stand *line) {
+    const sbl__store *s = b->store;
     const double length = (double)sbl__cell_length(s, line->patch);
     double next[3], step[3], range[2] = { 0, 0 };
     sbl_result result = SBL_SUCCESS;
@@ -11770,7 +11824,7 @@ static sbl_result sbl__stand_walk(sbl__core *c, sbl__stand *line) {
         sbl__stand_place(line, 0.5 * (range[0] + range[1]), middle);
         line->slot = sbl__store_slot(s, line->patch, middle, &check);
         if (line->slot) line->slot->check = check;
-        if (line->slot) result = sbl__stand_part(c, line, -1, 0, range, 0);
+        if (line->slot) result = sbl__stand_part(b, line, -1, 0, range, 0);
         range[0] = range[1];
         next[axis] += step[axis];
     }
@@ -11778,78 +11832,78 @@ static sbl_result sbl__stand_walk(sbl__core *c, sbl__stand *line) {
 }
 
 /* Cuts all cells along the line, once. */
-static sbl_result sbl__stand_cut(sbl__core *c, sbl__stand *line) {
+static sbl_result sbl__stand_cut(sbl__bounce *b, sbl__stand *line) {
     const uint32_t patch = line->patch, hash = sbl__hash_step(sbl__hash_step(0, patch), line->what);
-    uint32_t *walked = &c->bounce->stands[hash % SBL__STANDS];
+    uint32_t *walked = &b->stands[hash % SBL__STANDS];
     sbl_result result = SBL_SUCCESS;
     int i;
     if (*walked == hash) return SBL_SUCCESS;
     *walked = hash;
     for (i = 0; i < 2 * SBL__LEVELS && result == SBL_SUCCESS; i++) {
         line->patch = patch | (i & 1 ? SBL__PATCH_NEAR : 0) | SBL__PATCH_LEVEL * (uint32_t)(i >> 1);
-        result = sbl__stand_walk(c, line);
+        result = sbl__stand_walk(b, line);
     }
     return result;
 }
 
 /* Cuts a leaf by what one of its feelers met, where that stands on its surface and nothing else parts the two. */
-static sbl_result sbl__bounce_cut(sbl__core *c, sbl__bounce *b, int leaf, const sbl__hit *met) {
-    sbl__store *s = &c->scene.store;
-    sbl__bounce_leaf *state = &b->states[leaf];
-    const sbl__hit *at = &b->points[state->first].at;
+static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *met) {
+    sbl__store *s = b->store;
+    const sbl__hit *at = &b->points[b->states[leaf].first].at;
     float before[3], normal[3], own[3], apart;
     sbl__stand line;
     uint32_t *reference, patch;
     int k, depth;
-    sbl__place_find(s, at, &patch, &depth);
-    sbl__place_normal(&c->scene.geometry, at->place, own);
-    sbl__place_normal(&c->scene.geometry, met->place, normal);
+    sbl__place_find(s, at, &patch);
+    sbl__place_normal(b->geometry, at->place, own);
+    sbl__place_normal(b->geometry, met->place, normal);
     apart = sbl__dot(normal, at->position) - sbl__dot(normal, met->position);
     if (fabs((double)sbl__dot(normal, own)) > SBL__FEELER_STEEP) return SBL_SUCCESS;
-    if (sbl__stand_make(c, at, met, &line)) return sbl__stand_cut(c, &line);
+    if (sbl__stand_make(b, at, met, &line)) return sbl__stand_cut(b, &line);
     if (fabs((double)apart) < SBL__FEELER_APART * (double)s->length) return SBL_SUCCESS;
     for (k = 0; k < 3; k++)  /* just behind what was met */
         before[k] = met->position[k] + (float)SBL__FEELER_APART * (met->position[k] - at->position[k]);
     reference = sbl__store_find(s, patch, before, &depth);
     if (!reference || *reference != (uint32_t)leaf + 1 || depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
-    return sbl__store_add_split(&c->base, s, patch, at->position, normal, sbl__dot(normal, met->position));
+    return sbl__store_add_split(&b->core->base, s, patch, at->position, normal, sbl__dot(normal, met->position));
 }
 
-static sbl_result sbl__bounce_cuts(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
-    sbl__store *s = &c->scene.store;
+static int sbl__bounce_fresh_leaves(void *work) {
+    const sbl__bounce *b = (const sbl__bounce *)work;
+    return b->store->leaf_count - b->fresh;
+}
+
+static sbl_result sbl__bounce_cuts(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const sbl__hit *met = &b->feelers.list[at * SBL__BOUNCE_FEELERS];
     sbl_result result = SBL_SUCCESS;
-    sbl__hit *held = b->held;
-    const int room = b->held_room;
     int i;
-    for (; b->fresh + b->at < s->leaf_count && result == SBL_SUCCESS; b->at++) {
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        for (i = 0; i < SBL__BOUNCE_FEELERS && result == SBL_SUCCESS; i++) {
-            const sbl__hit *met = &b->feelers[b->at * SBL__BOUNCE_FEELERS + i];
-            if (met->place != SBL__NOWHERE) result = sbl__bounce_cut(c, b, b->fresh + b->at, met);
-        }
-    }
-    b->fresh = s->leaf_count;
-    b->held = b->again;  /* what was held is placed again */
-    b->held_room = b->again_room;
-    b->again = held;
-    b->again_room = room;
-    b->queue = held;
-    b->queue_count = b->held_count;
-    b->held_count = 0;
+    for (i = 0; i < SBL__BOUNCE_FEELERS && result == SBL_SUCCESS; i++)
+        if (met[i].place != SBL__NOWHERE) result = sbl__bounce_cut(b, b->fresh + at, &met[i]);
     return result;
+}
+
+/* What was held is placed again. */
+static int sbl__bounce_after_cuts(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const sbl__hits held = b->held;
+    b->fresh = b->store->leaf_count;
+    b->held = b->again;
+    b->held.count = 0;
+    b->again = held;
+    return sbl__bounce_queue(b, held.list, held.count);
 }
 
 /* >>bounce: rays */
 
 /* Over the hemisphere at a place. */
-static void sbl__bounce_aim(const sbl__core *c, sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number,
-                            sbl__cast *out) {
+static void sbl__bounce_aim(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
     sbl__bounce_aimed *aim = &b->aim;
     int k;
     if (!aim->known || aim->place != at->place) {
         aim->known = 1;
         aim->place = at->place;
-        aim->offset = sbl__place_normal(&c->scene.geometry, at->place, aim->normal);
+        aim->offset = sbl__place_normal(b->geometry, at->place, aim->normal);
     }
     out->fractions = (b->sequence[2 * number] ^ sbl__hash(seed)) >> 16 |
                      ((b->sequence[2 * number + 1] ^ sbl__hash(seed + 1u)) & 0xffff0000u);
@@ -11860,57 +11914,74 @@ static void sbl__bounce_aim(const sbl__core *c, sbl__bounce *b, const sbl__hit *
     out->limit = -1e30f;
 }
 
-static void sbl__bounce_seed_ray(const sbl__core *c, sbl__bounce *b, int number, sbl__cast *out) {
+static void sbl__bounce_seed_ray(sbl__bounce *b, int number, sbl__cast *out) {
     const int seed = number / SBL__BOUNCE_SEED_RAYS;
-    sbl__bounce_aim(c, b, &b->seeds[seed], sbl__hash((uint32_t)seed), number % SBL__BOUNCE_SEED_RAYS, out);
+    sbl__bounce_aim(b, &b->seeds.list[seed], sbl__hash((uint32_t)seed), number % SBL__BOUNCE_SEED_RAYS, out);
+}
+
+static sbl_result sbl__bounce_sow(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    return sbl__bounce_cast(b, sbl__bounce_seed_ray, b->seeds.count * SBL__BOUNCE_SEED_RAYS, &b->hits, slice);
 }
 
 /* A seed counts as seen from where its nearest ray came to; one whose rays meet nothing as from SBL__UNSEEN. */
-static void sbl__bounce_judge_seeds(sbl__bounce *b) {
+static int sbl__bounce_after_sow(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
     int i, k;
-    for (i = 0; i < b->seed_count; i++) {
-        const sbl__hit *hits = &b->hits[(size_t)i * SBL__BOUNCE_SEED_RAYS];
-        b->seeds[i].distance = SBL__UNSEEN;
+    for (i = 0; i < b->seeds.count; i++) {
+        const sbl__hit *hits = &b->hits.list[(size_t)i * SBL__BOUNCE_SEED_RAYS];
+        float *distance = &b->seeds.list[i].distance;
+        *distance = SBL__UNSEEN;
         for (k = 0; k < SBL__BOUNCE_SEED_RAYS; k++)
-            if (hits[k].place != SBL__NOWHERE)
-                b->seeds[i].distance = SBL__MIN(b->seeds[i].distance, hits[k].distance);
+            if (hits[k].place != SBL__NOWHERE) *distance = SBL__MIN(*distance, hits[k].distance);
     }
+    return sbl__bounce_queue(b, b->hits.list, b->seeds.count * SBL__BOUNCE_SEED_RAYS);
 }
 
-static void sbl__bounce_ray(const sbl__core *c, sbl__bounce *b, int number, sbl__cast *out) {
+static void sbl__bounce_ray(sbl__bounce *b, int number, sbl__cast *out) {
     const sbl__bounce_point *p = &b->points[number / SBL__BOUNCE_RAYS];
     const int stretch = p->number % SBL__BOUNCE_STRETCHES * SBL__BOUNCE_RAYS + number % SBL__BOUNCE_RAYS;
     const uint32_t hash = sbl__hash((uint32_t)p->leaf + 0x10000000u * (uint32_t)(p->number / SBL__BOUNCE_STRETCHES));
-    sbl__bounce_aim(c, b, &p->at, hash, stretch, out);
+    sbl__bounce_aim(b, &p->at, hash, stretch, out);
+}
+
+/* Casts the rays of new points. */
+static sbl_result sbl__bounce_follow(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    b->stages.at = SBL__MAX(b->stages.at, b->cast * SBL__BOUNCE_RAYS);
+    return sbl__bounce_cast(b, sbl__bounce_ray, b->point_count * SBL__BOUNCE_RAYS, &b->hits, slice);
+}
+
+static int sbl__bounce_after_follow(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const int first = b->cast * SBL__BOUNCE_RAYS;
+    b->cast = b->point_count;
+    return sbl__bounce_queue(b, b->hits.list + first, b->point_count * SBL__BOUNCE_RAYS - first);
 }
 
 /* >>bounce: points in order */
 
+static int sbl__bounce_points(void *work) { return ((sbl__bounce *)work)->point_count; }
+static int sbl__bounce_leaves(void *work) { return ((sbl__bounce *)work)->store->leaf_count; }
+
 /* A point's leaf may have been cut since it was found, and it may lie on the other side now. */
-static sbl_result sbl__bounce_find(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
-    sbl__store *s = &c->scene.store;
-    for (; b->at < b->point_count; b->at++) {
-        sbl__bounce_point *p = &b->points[b->at];
-        int depth;
-        uint32_t patch, *reference;
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        reference = sbl__place_find(s, &p->at, &patch, &depth);
-        if (reference && !*reference) {
-            sbl_result result = sbl__store_add_leaf(&c->base, s, reference);
-            if (result != SBL_SUCCESS) return result;
-            if (!sbl__grow(&c->base, &b->states, &b->state_room, s->leaf_count, sizeof *b->states))
-                return SBL_ERROR_OUT_OF_MEMORY;
-        }
-        if (reference) p->leaf = (int)*reference - 1;
-    }
-    return SBL_SUCCESS;
+static sbl_result sbl__bounce_find(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    sbl__bounce_point *p = &b->points[at];
+    uint32_t *reference = sbl__place_find(b->store, &p->at, NULL);
+    sbl_result result = SBL_SUCCESS;
+    if (reference && !*reference) result = sbl__bounce_add_leaf(b, reference);
+    if (reference) p->leaf = (int)*reference - 1;
+    return result;
 }
 
 /* Where points go, so that those of a leaf follow each other. */
-static sbl_result sbl__bounce_order(sbl__core *c, sbl__bounce *b) {
-    const int leaves = c->scene.store.leaf_count;
+static sbl_result sbl__bounce_order(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const int leaves = b->store->leaf_count;
     int i, next = 0;
-    if (!b->order) b->order = (int *)sbl__alloc_raw(&c->base, (size_t)b->point_count, sizeof *b->order);
+    (void)slice;
+    b->order = (int *)sbl__alloc_raw(&b->core->base, (size_t)b->point_count, sizeof *b->order);
     if (!b->order) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < leaves; i++) b->states[i].points = 0;
     for (i = 0; i < b->point_count; i++) b->states[b->points[i].leaf].points++;
@@ -11931,54 +12002,68 @@ static void sbl__swap(void *a, void *b, size_t bytes) {
 }
 
 /* Points and their rays, leaf by leaf: bounces read them in that order. */
-static sbl_result sbl__bounce_sort(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
-    if (b->at == 0) {
-        const sbl_result result = sbl__bounce_order(c, b);
-        if (result != SBL_SUCCESS) return result;
+static sbl_result sbl__bounce_sort(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    sbl__hit *hits = b->hits.list;
+    int *to = &b->order[at];
+    while (*to != at) {
+        const int j = *to;
+        sbl__swap(&b->points[at], &b->points[j], sizeof *b->points);
+        sbl__swap(&hits[(size_t)at * SBL__BOUNCE_RAYS], &hits[(size_t)j * SBL__BOUNCE_RAYS],
+                  SBL__BOUNCE_RAYS * sizeof *hits);
+        sbl__swap(to, &b->order[j], sizeof *to);
     }
-    for (; b->at < b->point_count; b->at++) {
-        int *to = &b->order[b->at];
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        while (*to != b->at) {
-            const size_t i = (size_t)b->at, j = (size_t)*to;
-            sbl__swap(&b->points[i], &b->points[j], sizeof *b->points);
-            sbl__swap(&b->hits[i * SBL__BOUNCE_RAYS], &b->hits[j * SBL__BOUNCE_RAYS],
-                      SBL__BOUNCE_RAYS * sizeof *b->hits);
-            sbl__swap(to, &b->order[j], sizeof *to);
-        }
-    }
-    sbl__free(&c->base, b->order);
-    b->order = NULL;
     return SBL_SUCCESS;
 }
 
 /* >>bounce: light from what shines */
 
-static sbl_result sbl__bounce_sites(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
-    if (!b->sites) b->sites = (sbl__site *)sbl__alloc_raw(&c->base, (size_t)b->point_count, sizeof *b->sites);
-    if (!b->readings)
-        b->readings = (sbl_reading *)sbl__alloc_raw(&c->base, (size_t)b->point_count, sizeof *b->readings);
-    if (!b->sites || !b->readings) return SBL_ERROR_OUT_OF_MEMORY;
-    for (; b->at < b->point_count; b->at++) {
-        const sbl__hit *at = &b->points[b->at].at;
-        sbl__site *site = &b->sites[b->at];
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        memcpy(site->position, at->position, sizeof site->position);
-        site->offset = sbl__place_normal(&c->scene.geometry, at->place, site->normal);
-        memcpy(site->geometric_normal, site->normal, sizeof site->normal);
-        site->number = (uint32_t)b->at;
-        site->guide = site->first = 0;
-        site->looks = 1;
-    }
+/* Memory for light on its way. */
+static sbl_result sbl__bounce_room(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    sbl__base *base = &b->core->base;
+    const size_t points = (size_t)b->point_count, leaves = (size_t)b->store->leaf_count;
+    (void)slice;
+    if (b->solved) return SBL_SUCCESS;  /* it is there */
+    sbl__free(base, b->order);
+    b->order = NULL;
+    b->sites = (sbl__site *)sbl__alloc_raw(base, points, sizeof *b->sites);
+    b->readings = (sbl_reading *)sbl__alloc_raw(base, points, sizeof *b->readings);
+    b->light = (float *)sbl__alloc_raw(base, leaves, 3 * sizeof *b->light);
+    b->solved = (float *)sbl__alloc_raw(base, leaves, 3 * sizeof *b->solved);
+    return b->sites && b->readings && b->light && b->solved ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+}
+
+static sbl_result sbl__bounce_site(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const sbl__hit *hit = &b->points[at].at;
+    sbl__site *site = &b->sites[at];
+    memset(site, 0, sizeof *site);
+    memcpy(site->position, hit->position, sizeof site->position);
+    site->offset = sbl__place_normal(b->geometry, hit->place, site->normal);
+    memcpy(site->geometric_normal, site->normal, sizeof site->normal);
+    site->number = (uint32_t)at;
+    site->looks = 1;
     return SBL_SUCCESS;
 }
 
-/* Begins the job. spec: made by sbl__bounce_spec. */
-static void sbl__bounce_measure(sbl__core *c, sbl__bounce *b, const sbl__spec *spec, const sbl__site *sites,
-                                sbl_reading *readings, int count) {
+/* Begins a job for so many sites, of what shines (SBL_MODE_DIRECT) or of all light. */
+static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, const sbl__site *sites, sbl_reading *readings,
+                                int count) {
+    const int direct = mode == SBL_MODE_DIRECT;
+    sbl__core *c = b->core;
+    sbl__seeing seeing;
     sbl__task task;
+    memset(&seeing, 0, sizeof seeing);
     memset(&task, 0, sizeof task);
-    task.spec = *spec;
+    seeing.mode = mode;
+    seeing.backend = SBL_BACKEND_TRACE;
+    seeing.rays = direct ? SBL__BOUNCE_LAMP_RAYS : SBL__AIR_RAYS;
+    sbl__spec_make(&task.spec, &seeing, &c->scene, &c->desc);
+    if (direct) {
+        task.spec.rays = SBL__BOUNCE_DARK_RAYS;
+        task.spec.skyless = 1;  /* the kept rays know what comes from there */
+    }
     task.sites = sites;
     task.readings = readings;
     task.site_count = count;
@@ -11986,35 +12071,28 @@ static void sbl__bounce_measure(sbl__core *c, sbl__bounce *b, const sbl__spec *s
     sbl__job_begin(&b->job, &c->scene, &task);
 }
 
-static void sbl__bounce_spec(const sbl__core *c, sbl_mode mode, int rays, sbl__spec *spec) {
-    sbl__seeing seeing;
-    memset(&seeing, 0, sizeof seeing);
-    seeing.mode = mode;
-    seeing.backend = SBL_BACKEND_TRACE;
-    seeing.rays = rays;
-    sbl__spec_make(spec, &seeing, &c->scene, &c->desc);
+static int sbl__bounce_after_sites(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    sbl__bounce_measure(b, SBL_MODE_DIRECT, b->sites, b->readings, b->point_count);
+    return SBL__BOUNCE_LIGHT;
 }
 
-/* What the job has cost. */
-static void sbl__bounce_count(sbl__core *c, const sbl__bounce *b) {
-    c->stats.sensors.readbacks += b->job.counts.readbacks;
-    c->stats.store.rays += b->job.counts.rays;
-}
-
-static void sbl__bounce_light(sbl__core *c, sbl__bounce *b) {
-    sbl__spec spec;
-    sbl__bounce_spec(c, SBL_MODE_DIRECT, SBL__BOUNCE_LAMP_RAYS, &spec);
-    spec.rays = SBL__BOUNCE_DARK_RAYS;
-    spec.skyless = 1;  /* the kept rays know what comes from there */
-    sbl__bounce_measure(c, b, &spec, b->sites, b->readings, b->point_count);
+/* One piece of the job. */
+static sbl_result sbl__bounce_sense(void *work, sbl__slice *slice) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    sbl_stats *stats = &b->core->stats;
+    const sbl_result result = sbl__job_step(&b->core->device, &b->job, slice);
+    if (result != SBL_SUCCESS) return result;
+    stats->sensors.readbacks += b->job.counts.readbacks;
+    stats->store.rays += b->job.counts.rays;
+    return SBL_SUCCESS;
 }
 
 /* >>bounce: all bounces at once */
 
 /* What a point's rays that met nothing bring. */
-static void sbl__bounce_sky(const sbl__core *c, const sbl__bounce *b, int point, float out[3]) {
-    const sbl__environment *e = &c->scene.environment;
-    const sbl__hit *hits = &b->hits[(size_t)point * SBL__BOUNCE_RAYS];
+static void sbl__bounce_sky(const sbl__bounce *b, int point, float out[3]) {
+    const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
     int i, k;
     out[0] = out[1] = out[2] = 0;
     for (i = 0; i < SBL__BOUNCE_RAYS; i++) {
@@ -12023,101 +12101,108 @@ static void sbl__bounce_sky(const sbl__core *c, const sbl__bounce *b, int point,
         if (!(hits[i].distance > SBL__FAR)) continue;
         for (k = 0; k < 3; k++) direction[k] = (double)hits[i].position[k] - b->points[point].at.position[k];
         if (!sbl__normalize(direction)) continue;
-        sbl__environment_rest(e, direction, light);
+        sbl__environment_rest(&b->core->scene.environment, direction, light);
         for (k = 0; k < 3; k++) out[k] += light[k] / SBL__BOUNCE_RAYS;
     }
 }
 
+/* Makes leaves of the places that a point's rays met. */
+static void sbl__bounce_join_point(sbl__bounce *b, int point) {
+    sbl__hit *hit = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS], *const end = hit + SBL__BOUNCE_RAYS;
+    for (; hit < end; hit++) {
+        const uint32_t *reference;
+        if (hit->place == SBL__NOWHERE) continue;
+        reference = sbl__place_find(b->store, hit, NULL);
+        hit->place = reference && *reference ? *reference - 1 : SBL__NOWHERE;
+    }
+}
+
 /* Of a leaf: what its points' rays met becomes leaves; what comes from what shines. */
-static void sbl__bounce_join_leaf(sbl__core *c, sbl__bounce *b, int leaf) {
-    sbl__store *s = &c->scene.store;
-    sbl__bounce_leaf *state = &b->states[leaf];
-    float *light = b->light + 3 * leaf, rest[3] = { 0, 0, 0 };
+static sbl_result sbl__bounce_join(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    sbl__bounce_leaf *state = &b->states[at];
+    sbl__leaf *leaf = &b->store->leaves[at];
+    float *light = b->light + 3 * at, rest[3] = { 0, 0, 0 };
     int i, k;
     light[0] = light[1] = light[2] = 0;
     for (i = state->first, state->valid = 0; i < state->first + state->points; i++)
         state->valid += b->readings[i].valid;
     for (i = state->first; i < state->first + state->points; i++) {
-        sbl__hit *hits = &b->hits[(size_t)i * SBL__BOUNCE_RAYS];
         float sky[3];
-        if (b->readings[i].valid) {
-            sbl__bounce_sky(c, b, i, sky);
-            for (k = 0; k < 3; k++) rest[k] += sky[k] / (float)state->valid;
-            for (k = 0; k < 3; k++) light[k] += b->readings[i].radiance[k] / (float)state->valid;
-        }
-        for (k = 0; k < SBL__BOUNCE_RAYS && leaf >= b->joined; k++) {
-            const uint32_t *reference;
-            uint32_t patch;
-            int depth;
-            if (hits[k].place == SBL__NOWHERE) continue;
-            reference = sbl__place_find(s, &hits[k], &patch, &depth);
-            hits[k].place = reference && *reference ? *reference - 1 : SBL__NOWHERE;
-        }
+        if (at >= b->joined) sbl__bounce_join_point(b, i);
+        if (!b->readings[i].valid) continue;
+        sbl__bounce_sky(b, i, sky);
+        for (k = 0; k < 3; k++) rest[k] += sky[k] / (float)state->valid;
+        for (k = 0; k < 3; k++) light[k] += b->readings[i].radiance[k] / (float)state->valid;
     }
-    s->leaves[leaf].lamps = sbl__rgbe(light);
-    for (k = 0; k < 3; k++) s->leaves[leaf].light[k] = light[k] += rest[k];
-}
-
-static sbl_result sbl__bounce_join(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
-    const int leaves = c->scene.store.leaf_count;
-    if (!b->light) b->light = (float *)sbl__alloc_raw(&c->base, (size_t)leaves, 3 * sizeof *b->light);
-    if (!b->light) return SBL_ERROR_OUT_OF_MEMORY;
-    for (; b->at < leaves; b->at++) {
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        sbl__bounce_join_leaf(c, b, b->at);
-        b->joined = SBL__MAX(b->joined, b->at + 1);
-    }
+    leaf->lamps = sbl__rgbe(light);
+    for (k = 0; k < 3; k++) leaf->light[k] = light[k] += rest[k];
+    b->joined = SBL__MAX(b->joined, at + 1);
     return SBL_SUCCESS;
 }
 
 #define SBL__BOUNCE_UNIT (65535.0f * SBL__BOUNCE_RAYS)  /* of what sbl__bounce_add_got sums */
 
 /* Adds what a point gets from leaves, as these are now. */
-static void sbl__bounce_add_got(const sbl__store *s, const sbl__bounce *b, int point, float sum[3]) {
-    const sbl__hit *hits = &b->hits[(size_t)point * SBL__BOUNCE_RAYS];
+static void sbl__bounce_add_got(const sbl__bounce *b, int point, float sum[3]) {
+    const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
     int j, k;
     for (j = 0; j < SBL__BOUNCE_RAYS; j++) {
         if (hits[j].place == SBL__NOWHERE) continue;
-        for (k = 0; k < 3; k++) sum[k] += (float)hits[j].albedo[k] * s->leaves[hits[j].place].light[k];
+        for (k = 0; k < 3; k++) sum[k] += (float)hits[j].albedo[k] * b->store->leaves[hits[j].place].light[k];
     }
 }
 
-/* What a leaf's points get from others, on average. */
-static void sbl__bounce_sum(const sbl__store *s, const sbl__bounce *b, const sbl__bounce_leaf *leaf, float out[3]) {
-    float sum[3] = { 0, 0, 0 };
-    int i, k;
-    for (i = leaf->first; i < leaf->first + leaf->points; i++)
-        if (b->readings[i].valid) sbl__bounce_add_got(s, b, i, sum);
-    for (k = 0; k < 3; k++) out[k] = leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0;
-}
-
-/* A round: one more bounce, of what leaves before have already gathered too (Gauss and Seidel's way). */
-static sbl_result sbl__bounce_gather(const sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
-    const sbl__store *s = &c->scene.store;
+/* A round: one more bounce, of what leaves before have already gathered too (Gauss and Seidel's way). Its points get
+   light from other leaves; what they get on average is added to what comes from what shines. */
+static sbl_result sbl__bounce_gather(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const sbl__bounce_leaf *leaf = &b->states[at];
     sbl__balance *balance = &b->balance;
-    if (b->at == 0) memset(balance, 0, sizeof *balance);
-    for (; b->at < s->leaf_count; b->at++) {
-        float *light = s->leaves[b->at].light, sum[3];
-        int k;
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        sbl__bounce_sum(s, b, &b->states[b->at], sum);
-        for (k = 0; k < 3; k++) {
-            const float lit = b->light[3 * b->at + k], next = lit + sum[k];
-            balance->lit[k] += (double)lit;
-            balance->before[k] += (double)light[k];
-            balance->after[k] += (double)next;
-            balance->change += fabs((double)next - light[k]);
-            light[k] = next;
-        }
+    float *light = b->store->leaves[at].light, sum[3] = { 0, 0, 0 };
+    int i, k;
+    if (at == 0) memset(balance, 0, sizeof *balance);
+    for (i = leaf->first; i < leaf->first + leaf->points; i++)
+        if (b->readings[i].valid) sbl__bounce_add_got(b, i, sum);
+    for (k = 0; k < 3; k++) {
+        const float lit = b->light[3 * at + k];
+        const float next = lit + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
+        balance->lit[k] += (double)lit;
+        balance->before[k] += (double)light[k];
+        balance->after[k] += (double)next;
+        balance->change += fabs((double)next - light[k]);
+        light[k] = next;
     }
     return SBL_SUCCESS;
 }
 
+/* Once a scene, where walls that are clamped hold so much light that it shows. */
+static void sbl__bounce_warn(const sbl__bounce *b) {
+    const sbl__geometry *g = b->geometry;
+    sbl__store *s = b->store;
+    double lit = 0, all = 0;
+    int i, white = 0;
+    for (i = 0; i < s->leaf_count; i++) {
+        lit += sbl__sum3(b->light + 3 * i);
+        all += sbl__sum3(s->leaves[i].light);
+    }
+    for (i = 0; i < g->mesh_count; i++) {
+        const float *a = g->objects[i].albedo;
+        white += SBL__MIN(SBL__MIN(a[0], a[1]), a[2]) > SBL__BOUNCE_ALBEDO && !g->objects[i].albedo_texture[1];
+    }
+    if (!white || !(all > SBL__BOUNCE_HELD * lit) || s->warned) return;
+    sbl__log(&b->core->base, SBL_LOG_WARNING, SBL_LOG_ITEM_ALBEDO, "%d meshes have albedos above %g and hold much "
+             "light; what bounces is that of %g: closed rooms of such walls would never grow dark", white,
+             (double)SBL__BOUNCE_ALBEDO, (double)SBL__BOUNCE_ALBEDO);
+    s->warned = 1;
+}
+
 /* After a round. At first, what has gathered is scaled to what is emitted, channel by channel: the slowest part of the
-   way, the whole room's brightness, is taken at once. SBL_SUCCESS: no more rounds are needed. */
-static sbl_result sbl__bounce_solve(sbl__core *c, sbl__bounce *b) {
+   way, the whole room's brightness, is taken at once. */
+static int sbl__bounce_after_gather(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
     const sbl__balance *balance = &b->balance;
-    const sbl__store *s = &c->scene.store;
+    const sbl__store *s = b->store;
     double sum = 0, ratio;
     int i, k;
     for (k = 0; k < 3; k++) {
@@ -12132,26 +12217,29 @@ static sbl_result sbl__bounce_solve(sbl__core *c, sbl__bounce *b) {
     ratio = b->change > 0 ? SBL__MIN(balance->change / b->change, 0.999) : 0.999;
     b->change = balance->change;
     b->rounds++;
-    if (b->rounds < SBL__BOUNCE_SCALED + 2 && b->change > 0) return SBL_UNFINISHED;
-    return b->change * ratio / (1 - ratio) <= SBL__BOUNCE_REST * sum || b->rounds >= SBL__BOUNCE_ROUNDS
-        ? SBL_SUCCESS : SBL_UNFINISHED;
+    if (b->rounds < SBL__BOUNCE_SCALED + 2 && b->change > 0) return SBL__BOUNCE_GATHER;
+    if (!(b->change * ratio / (1 - ratio) <= SBL__BOUNCE_REST * sum) && b->rounds < SBL__BOUNCE_ROUNDS)
+        return SBL__BOUNCE_GATHER;
+    sbl__bounce_warn(b);
+    return SBL__BOUNCE_NOISE;
 }
 
 /* >>bounce: how far off it is */
 
 /* What a leaf's light may be off by, in colours and of random sign. Of one point alone nothing is known but its
    light. */
-static void sbl__bounce_noise_of(const sbl__core *c, const sbl__bounce *b, int leaf, float out[3]) {
-    const sbl__store *s = &c->scene.store;
-    const sbl__bounce_leaf *state = &b->states[leaf];
-    const uint32_t signs = sbl__hash_step(0, (uint32_t)leaf);
+static sbl_result sbl__bounce_noise(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const sbl__bounce_leaf *leaf = &b->states[at];
+    const uint32_t signs = sbl__hash_step(0, (uint32_t)at);
     double sum[3] = { 0, 0, 0 }, squares[3] = { 0, 0, 0 };
     int i, k;
-    for (i = state->first; i < state->first + state->points; i++) {
+    memcpy(b->solved + 3 * at, b->store->leaves[at].light, 3 * sizeof *b->solved);
+    for (i = leaf->first; i < leaf->first + leaf->points; i++) {
         float got[3] = { 0, 0, 0 }, sky[3];
         if (!b->readings[i].valid) continue;
-        sbl__bounce_add_got(s, b, i, got);
-        sbl__bounce_sky(c, b, i, sky);
+        sbl__bounce_add_got(b, i, got);
+        sbl__bounce_sky(b, i, sky);
         for (k = 0; k < 3; k++) {
             const double light = (double)got[k] / SBL__BOUNCE_UNIT + sky[k] + b->readings[i].radiance[k];
             sum[k] += light;
@@ -12159,300 +12247,168 @@ static void sbl__bounce_noise_of(const sbl__core *c, const sbl__bounce *b, int l
         }
     }
     for (k = 0; k < 3; k++) {
-        const double n = state->valid, variance = n > 1 ? (squares[k] - sum[k] * sum[k] / n) / (n - 1) / n
-                                                        : 0.25 * sum[k] * sum[k];
-        out[k] = (float)(variance > 0 ? sqrt(variance) : 0) * (signs >> (8 + k) & 1 ? 1.0f : -1.0f);
-    }
-}
-
-static sbl_result sbl__bounce_noise(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
-    const sbl__store *s = &c->scene.store;
-    if (!b->solved) b->solved = (float *)sbl__alloc_raw(&c->base, (size_t)s->leaf_count, 3 * sizeof *b->solved);
-    if (!b->solved) return SBL_ERROR_OUT_OF_MEMORY;
-    for (; b->at < s->leaf_count; b->at++) {
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        memcpy(b->solved + 3 * b->at, s->leaves[b->at].light, 3 * sizeof *b->solved);
-        sbl__bounce_noise_of(c, b, b->at, b->light + 3 * b->at);
+        const double n = leaf->valid, variance = n > 1 ? (squares[k] - sum[k] * sum[k] / n) / (n - 1) / n
+                                                       : 0.25 * sum[k] * sum[k];
+        b->light[3 * at + k] = (float)(variance > 0 ? sqrt(variance) : 0) * (signs >> (8 + k) & 1 ? 1.0f : -1.0f);
     }
     return SBL_SUCCESS;
 }
 
-/* Noise takes light's place, for rounds of SBL__BOUNCE_CARRY. */
-static void sbl__bounce_carry_begin(const sbl__store *s, sbl__bounce *b) {
+/* Noise takes light's place, and goes the same ways. */
+static int sbl__bounce_after_noise(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
     int i;
-    for (i = 0; i < s->leaf_count; i++) memcpy(s->leaves[i].light, b->light + 3 * i, 3 * sizeof *b->light);
+    for (i = 0; i < b->store->leaf_count; i++)
+        memcpy(b->store->leaves[i].light, b->light + 3 * i, 3 * sizeof *b->light);
     b->rounds = 0;
+    return SBL__BOUNCE_CARRY;
+}
+
+static int sbl__bounce_after_carry(void *work) {
+    return ++((sbl__bounce *)work)->rounds < SBL__DOUBT_ROUNDS ? SBL__BOUNCE_CARRY : SBL__BOUNCE_DOUBT;
 }
 
 /* Light takes its place again; what came from elsewhere is a leaf's doubt. */
-static sbl_result sbl__bounce_doubt(const sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
-    const sbl__store *s = &c->scene.store;
-    for (; b->at < s->leaf_count; b->at++) {
-        const float *solved = b->solved + 3 * b->at, *own = b->light + 3 * b->at;
-        float *light = s->leaves[b->at].light;
-        double doubt2 = 0;
-        int k;
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        for (k = 0; k < 3; k++) {
-            const double off = solved[k] > 0 ? ((double)light[k] - own[k]) / solved[k] : 0;
-            doubt2 += off * off / 3;
-            light[k] = solved[k];
-        }
-        sbl__leaf_set_doubt(&s->leaves[b->at], SBL__DOUBT_STRATA * SBL__MIN(sqrt(doubt2), SBL__DOUBT_MOST));
+static sbl_result sbl__bounce_doubt(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const float *solved = b->solved + 3 * at, *own = b->light + 3 * at;
+    float *light = b->store->leaves[at].light;
+    double doubt2 = 0;
+    int k;
+    for (k = 0; k < 3; k++) {
+        const double off = solved[k] > 0 ? ((double)light[k] - own[k]) / solved[k] : 0;
+        doubt2 += off * off / 3;
+        light[k] = solved[k];
     }
+    sbl__leaf_set_doubt(&b->store->leaves[at], SBL__DOUBT_STRATA * SBL__MIN(sqrt(doubt2), SBL__DOUBT_MOST));
     return SBL_SUCCESS;
+}
+
+static sbl_result sbl__bounce_send(void *work, sbl__slice *slice) {
+    const sbl__bounce *b = (const sbl__bounce *)work;
+    (void)slice;
+    b->core->device.gl.doing = "storing bounced light";
+    return sbl__store_send(&b->core->device, b->store, b->geometry->triangle_count, b->geometry->wide);
 }
 
 /* >>bounce: light in the air, for what the host draws */
 
 /* At the middle of what it draws, and half of the way to each of its corners: six sensors each. */
-static void sbl__bounce_air(sbl__core *c, sbl__bounce *b) {
-    const float *low = c->scene.draw_bounds[0], *high = c->scene.draw_bounds[1];
-    sbl__spec spec;
+static int sbl__bounce_after_send(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    const sbl__scene *scene = &b->core->scene;
     int i, k;
+    if (!scene->draw) return SBL__BOUNCE_DONE;
     memset(b->air, 0, sizeof b->air);
     for (i = 0; i < SBL__AIR_SITES; i++) {
         sbl__site *site = &b->air[i];
         const int place = i / 6, axis = i % 6 / 2;
         for (k = 0; k < 3; k++) {
             const double share = place == 8 ? 0.5 : place >> k & 1 ? 0.75 : 0.25;
-            site->position[k] = (float)((1 - share) * low[k] + share * high[k]);
+            site->position[k] = (float)((1 - share) * scene->draw_bounds[0][k] + share * scene->draw_bounds[1][k]);
         }
         site->normal[axis] = site->geometric_normal[axis] = i & 1 ? -1.0f : 1.0f;
         site->number = (uint32_t)i;
-        site->guide = site->first = 0;
         site->looks = 1;
     }
-    sbl__bounce_spec(c, SBL_MODE_GI, SBL__AIR_RAYS, &spec);
-    sbl__bounce_measure(c, b, &spec, b->air, b->air_readings, SBL__AIR_SITES);
+    sbl__bounce_measure(b, SBL_MODE_GI, b->air, b->air_readings, SBL__AIR_SITES);
+    return SBL__BOUNCE_AIR;
 }
 
-static void sbl__bounce_air_read(sbl__core *c, const sbl__bounce *b) {
-    sbl__store *s = &c->scene.store;
+static int sbl__bounce_after_air(void *work) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    float (*air)[3] = b->store->air;
     int i, k, valid[6] = { 0, 0, 0, 0, 0, 0 };
-    memset(s->air, 0, sizeof s->air);
+    memset(air, 0, sizeof b->store->air);
     for (i = 0; i < SBL__AIR_SITES; i++) valid[i % 6] += b->air_readings[i].valid;
     for (i = 0; i < SBL__AIR_SITES; i++)
         for (k = 0; k < 3 && b->air_readings[i].valid; k++)
-            s->air[i % 6][k] += b->air_readings[i].radiance[k] / (float)valid[i % 6];
-}
-
-/* Once a scene, where walls that are clamped hold so much light that it shows. */
-static void sbl__bounce_warn(sbl__core *c, const sbl__bounce *b) {
-    const sbl__geometry *g = &c->scene.geometry;
-    sbl__store *s = &c->scene.store;
-    double lit = 0, all = 0;
-    int i, white = 0;
-    for (i = 0; i < s->leaf_count; i++) {
-        lit += sbl__sum3(b->light + 3 * i);
-        all += sbl__sum3(s->leaves[i].light);
-    }
-    for (i = 0; i < g->mesh_count; i++) {
-        const float *a = g->objects[i].albedo;
-        white += SBL__MIN(SBL__MIN(a[0], a[1]), a[2]) > SBL__BOUNCE_ALBEDO && !g->objects[i].albedo_texture[1];
-    }
-    if (white && all > SBL__BOUNCE_HELD * lit && !s->warned) {
-        sbl__log(&c->base, SBL_LOG_WARNING, SBL_LOG_ITEM_ALBEDO, "%d meshes have albedos above %g and hold much light; "
-                 "what bounces is that of %g: closed rooms of such walls would never grow dark", white,
-                 (double)SBL__BOUNCE_ALBEDO, (double)SBL__BOUNCE_ALBEDO);
-        s->warned = 1;
-    }
+            air[i % 6][k] += b->air_readings[i].radiance[k] / (float)valid[i % 6];
+    return SBL__BOUNCE_DONE;
 }
 
 /* >>bounce: its life */
 
-static sbl_result sbl__bounce_piece(sbl__core *c, sbl__bounce *b, sbl__slice *slice) {
-    sbl__store *s = &c->scene.store;
-    const sbl__geometry *g = &c->scene.geometry;
-    switch (b->stage) {
-        case SBL__BOUNCE_BEGIN: return sbl__bounce_begin(c, b);
-        case SBL__BOUNCE_PATCHES: return sbl__patching_step(g, &b->patching, s, SBL__BOUNCE_AIM * s->most, slice);
-        case SBL__BOUNCE_SEED: return sbl__bounce_seed(c, b, slice);
-        case SBL__BOUNCE_SOW:
-            c->device.gl.doing = "sending first rays between surfaces";
-            if (!sbl__grow(&c->base, &b->hits, &b->hit_room, b->seed_count * SBL__BOUNCE_SEED_RAYS, sizeof *b->hits))
-                return SBL_ERROR_OUT_OF_MEMORY;
-            return sbl__bounce_cast(c, b, sbl__bounce_seed_ray, b->seed_count * SBL__BOUNCE_SEED_RAYS, b->hits, slice);
-        case SBL__BOUNCE_PLACE: return sbl__bounce_place(c, b, slice);
-        case SBL__BOUNCE_FEEL:
-            c->device.gl.doing = "feeling along surfaces";
-            if (!sbl__grow(&c->base, &b->feelers, &b->feeler_room, (s->leaf_count - b->fresh) * SBL__BOUNCE_FEELERS,
-                           sizeof *b->feelers)) return SBL_ERROR_OUT_OF_MEMORY;
-            return sbl__bounce_cast(c, b, sbl__bounce_feeler, (s->leaf_count - b->fresh) * SBL__BOUNCE_FEELERS,
-                                    b->feelers, slice);
-        case SBL__BOUNCE_CUT: return sbl__bounce_cuts(c, b, slice);
-        case SBL__BOUNCE_CAST:
-            c->device.gl.doing = "following light between surfaces";
-            if (!sbl__grow(&c->base, &b->hits, &b->hit_room, b->point_count * SBL__BOUNCE_RAYS, sizeof *b->hits))
-                return SBL_ERROR_OUT_OF_MEMORY;
-            b->at = SBL__MAX(b->at, b->cast * SBL__BOUNCE_RAYS);
-            return sbl__bounce_cast(c, b, sbl__bounce_ray, b->point_count * SBL__BOUNCE_RAYS, b->hits, slice);
-        case SBL__BOUNCE_FIND: return sbl__bounce_find(c, b, slice);
-        case SBL__BOUNCE_SORT: return sbl__bounce_sort(c, b, slice);
-        case SBL__BOUNCE_SITES: return sbl__bounce_sites(c, b, slice);
-        case SBL__BOUNCE_LIGHT: return sbl__job_step(&c->device, &b->job, slice);
-        case SBL__BOUNCE_JOIN: return sbl__bounce_join(c, b, slice);
-        case SBL__BOUNCE_GATHER: return sbl__bounce_gather(c, b, slice);
-        case SBL__BOUNCE_SOLVE: return SBL_SUCCESS;
-        case SBL__BOUNCE_NOISE: return sbl__bounce_noise(c, b, slice);
-        case SBL__BOUNCE_CARRY: return sbl__bounce_gather(c, b, slice);
-        case SBL__BOUNCE_DOUBT: return sbl__bounce_doubt(c, b, slice);
-        case SBL__BOUNCE_AIR: return sbl__job_step(&c->device, &b->job, slice);
-        default:
-            c->device.gl.doing = "storing bounced light";
-            return sbl__store_send(&c->device, s, g->triangle_count, g->wide);
-    }
-}
-
-/* All begins anew, with larger cells or smaller ones; or there are more patches than leaves, whatever the cells. */
-static sbl__bounce_stage sbl__bounce_again(sbl__bounce *b, double growth) {
-    sbl__patching *p = &b->patching;
-    p->growth *= growth;
-    if (growth > 1 || p->pool <= 1) p->pool *= growth;
-    p->stage = SBL__PATCH_GRID;
-    b->spread = 0;
-    b->seed_count = b->held_count = b->point_count = b->fresh = b->cast = b->parted = b->sown = 0;
-    memset(b->stands, 0, SBL__STANDS * sizeof *b->stands);
-    return SBL__BOUNCE_PATCHES;
-}
-
-/* What follows a stage that is done. */
-static sbl__bounce_stage sbl__bounce_next(sbl__core *c, sbl__bounce *b) {
-    double share;
-    switch (b->stage) {
-        case SBL__BOUNCE_PLACE:
-            if (b->crowded) return sbl__bounce_again(b, SBL__MAX(b->crowding, SBL__BOUNCE_GROWTH));
-            share = (double)c->scene.store.leaf_count / c->scene.store.most;
-            if (!b->fresh && share > SBL__BOUNCE_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
-                /* with what they see there would be too many */
-                return sbl__bounce_again(b, pow(share / SBL__BOUNCE_FIRST, SBL__BOUNCE_FIRST_POWER));
-            if (c->scene.store.leaf_count > b->fresh) return SBL__BOUNCE_FEEL;
-            if (b->cast < b->point_count) return SBL__BOUNCE_CAST;
-            if (b->parted) {  /* leaves that had points were cut: their other sides may want some */
-                b->parted = 0;
-                b->queue = b->hits;
-                b->queue_count = b->point_count * SBL__BOUNCE_RAYS;
-                return SBL__BOUNCE_PLACE;
-            }
-            if (b->sown && b->seen > 0 && share < SBL__BOUNCE_SPARE && share > 2 * b->share) {
-                b->share = share;  /* much of the scene is seen by nothing: the rest may have more */
-                return sbl__bounce_again(b, SBL__MAX(share / SBL__BOUNCE_AIM, SBL__BOUNCE_SHRINK));
-            }
-            if (b->sown) return SBL__BOUNCE_FIND;
-            b->sown = 1;
-            b->seen = c->scene.store.leaf_count;
-            b->queue = b->seeds;  /* at last what no ray met */
-            b->queue_count = b->seed_count;
-            return SBL__BOUNCE_PLACE;
-        case SBL__BOUNCE_CUT: return SBL__BOUNCE_PLACE;
-        case SBL__BOUNCE_SOW:
-            sbl__bounce_judge_seeds(b);
-            b->queue = b->hits;
-            b->queue_count = b->seed_count * SBL__BOUNCE_SEED_RAYS;
-            return SBL__BOUNCE_PLACE;
-        case SBL__BOUNCE_CAST:
-            b->queue = b->hits + (size_t)b->cast * SBL__BOUNCE_RAYS;
-            b->queue_count = (b->point_count - b->cast) * SBL__BOUNCE_RAYS;
-            b->cast = b->point_count;
-            return SBL__BOUNCE_PLACE;
-        case SBL__BOUNCE_SITES:
-            sbl__bounce_light(c, b);
-            return SBL__BOUNCE_LIGHT;
-        case SBL__BOUNCE_LIGHT:
-            sbl__bounce_count(c, b);
-            return SBL__BOUNCE_JOIN;
-        case SBL__BOUNCE_SOLVE:
-            if (sbl__bounce_solve(c, b) != SBL_SUCCESS) return SBL__BOUNCE_GATHER;
-            sbl__bounce_warn(c, b);
-            return SBL__BOUNCE_NOISE;
-        case SBL__BOUNCE_NOISE:
-            sbl__bounce_carry_begin(&c->scene.store, b);
-            return SBL__BOUNCE_CARRY;
-        case SBL__BOUNCE_CARRY: return ++b->rounds < SBL__DOUBT_ROUNDS ? SBL__BOUNCE_CARRY : SBL__BOUNCE_DOUBT;
-        case SBL__BOUNCE_SEND:
-            if (!c->scene.draw) return SBL__BOUNCE_DONE;
-            sbl__bounce_air(c, b);
-            return SBL__BOUNCE_AIR;
-        case SBL__BOUNCE_AIR:
-            sbl__bounce_count(c, b);
-            sbl__bounce_air_read(c, b);
-            return SBL__BOUNCE_DONE;
-        default: return (sbl__bounce_stage)(b->stage + 1);
-    }
-}
-
-/* What shines has changed: what is known of the surfaces stays. */
-static void sbl__bounce_relight(sbl__bounce *b) {
-    if (b->stage > SBL__BOUNCE_SITES) b->stage = SBL__BOUNCE_SITES;
-    b->at = b->stage == SBL__BOUNCE_SITES ? 0 : b->at;
-    b->rounds = 0;
-    b->change = 0;
-}
-
 /* Points and their hits are kept, for other lights; what else was needed is not. */
 static void sbl__bounce_rest(const sbl__device *d, sbl__bounce *b) {
-    if (!b) return;
+    void *const blocks[] = { b->seeds.list, b->held.list, b->again.list, b->feelers.list, b->sequence, b->sites,
+                             b->readings, b->stands, b->light, b->solved, b->order };
+    int i;
+    for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(d->base, blocks[i]);
     sbl__patching_free(d->base, &b->patching);
-    sbl__free(d->base, b->seeds);
-    sbl__free(d->base, b->held);
-    sbl__free(d->base, b->again);
-    sbl__free(d->base, b->feelers);
-    sbl__free(d->base, b->sequence);
-    sbl__free(d->base, b->sites);
-    sbl__free(d->base, b->readings);
-    sbl__free(d->base, b->stands);
-    sbl__free(d->base, b->light);
-    sbl__free(d->base, b->solved);
-    sbl__free(d->base, b->order);
     sbl__table_delete(d, &b->casts);
     sbl__blocks_free(d, &b->blocks);
     sbl__job_free(d, &b->job);
-    b->seeds = b->held = b->again = b->feelers = NULL;
-    b->seed_room = b->held_room = b->again_room = b->feeler_room = 0;
-    b->sequence = NULL;
-    b->sites = NULL;
-    b->readings = NULL;
-    b->stands = NULL;
-    b->light = b->solved = NULL;
-    b->order = NULL;
-}
-
-static void sbl__bounce_free(const sbl__device *d, sbl__bounce *b) {
-    sbl__bounce_rest(d, b);
-    sbl__free(d->base, b->points);
-    sbl__free(d->base, b->states);
-    sbl__free(d->base, b->hits);
-    memset(b, 0, sizeof *b);
+    memset(&b->patching, 0, sizeof *b - offsetof(sbl__bounce, patching));
 }
 
 /* What is under way is dropped. */
 static void sbl__bounce_end(sbl__core *c) {
-    if (c->bounce) sbl__bounce_free(&c->device, c->bounce);
-    sbl__free(&c->base, c->bounce);
+    sbl__bounce *b = c->bounce;
+    if (!b) return;
+    sbl__bounce_rest(&c->device, b);
+    sbl__free(&c->base, b->points);
+    sbl__free(&c->base, b->states);
+    sbl__free(&c->base, b->hits.list);
+    sbl__free(&c->base, b);
     c->bounce = NULL;
+}
+
+/* The filling that goes on, or a new one; NULL: memory is out. Where only what shines has changed, what is known of the
+   surfaces stays. */
+static sbl__bounce *sbl__bounce_under_way(sbl__core *c) {
+    sbl__bounce *b;
+    if (c->bounce && c->bounce->surfaces != c->scene.surfaces) sbl__bounce_end(c);
+    if (!c->bounce) c->bounce = (sbl__bounce *)sbl__alloc(&c->base, 1, sizeof *c->bounce);
+    b = c->bounce;
+    if (!b) return NULL;
+    if (b->scene != c->scene.version && b->stages.stage >= SBL__BOUNCE_SITES) {
+        b->stages.stage = SBL__BOUNCE_SITES;
+        b->stages.at = b->rounds = 0;
+        b->change = 0;
+    }
+    b->core = c;
+    b->store = &c->scene.store;
+    b->geometry = &c->scene.geometry;
+    b->surfaces = c->scene.surfaces;
+    b->scene = c->scene.version;
+    return b;
 }
 
 /* One bounded piece of the store. SBL_SUCCESS: it is there. */
 static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { sbl__bounce_patches, NULL, NULL, NULL },
+        { sbl__bounce_grid, NULL, NULL, NULL },
+        { NULL, NULL, sbl__bounce_word, sbl__bounce_triangles },
+        { NULL, NULL, sbl__bounce_seed, sbl__bounce_triangles },
+        { sbl__bounce_sow, sbl__bounce_after_sow, NULL, NULL },
+        { NULL, sbl__bounce_after_place, sbl__bounce_place, sbl__bounce_queued },
+        { sbl__bounce_feel, NULL, NULL, NULL },
+        { NULL, sbl__bounce_after_cuts, sbl__bounce_cuts, sbl__bounce_fresh_leaves },
+        { sbl__bounce_follow, sbl__bounce_after_follow, NULL, NULL },
+        { NULL, NULL, sbl__bounce_find, sbl__bounce_points },
+        { sbl__bounce_order, NULL, NULL, NULL },
+        { NULL, NULL, sbl__bounce_sort, sbl__bounce_points },
+        { sbl__bounce_room, sbl__bounce_after_sites, sbl__bounce_site, sbl__bounce_points },
+        { sbl__bounce_sense, NULL, NULL, NULL },
+        { NULL, NULL, sbl__bounce_join, sbl__bounce_leaves },
+        { NULL, sbl__bounce_after_gather, sbl__bounce_gather, sbl__bounce_leaves },
+        { NULL, sbl__bounce_after_noise, sbl__bounce_noise, sbl__bounce_leaves },
+        { NULL, sbl__bounce_after_carry, sbl__bounce_gather, sbl__bounce_leaves },
+        { NULL, NULL, sbl__bounce_doubt, sbl__bounce_leaves },
+        { sbl__bounce_send, sbl__bounce_after_send, NULL, NULL },
+        { sbl__bounce_sense, sbl__bounce_after_air, NULL, NULL }
+    };
     const double start = sbl__now();
     sbl__store *s = &c->scene.store;
-    sbl_result result;
-    c->stats.store.cells = s->leaf_count;
-    if (s->ready) return SBL_SUCCESS;
-    if (c->bounce && c->bounce->surfaces != c->scene.surfaces) sbl__bounce_end(c);
-    if (!c->bounce) {
-        c->bounce = (sbl__bounce *)sbl__alloc(&c->base, 1, sizeof *c->bounce);
-        if (!c->bounce) return SBL_ERROR_OUT_OF_MEMORY;
-        c->bounce->surfaces = c->scene.surfaces;
-    } else if (c->bounce->scene != c->scene.version) sbl__bounce_relight(c->bounce);
-    c->bounce->scene = c->scene.version;
-    result = sbl__bounce_piece(c, c->bounce, slice);
-    if (result == SBL_SUCCESS) {
-        c->bounce->stage = sbl__bounce_next(c, c->bounce);
-        c->bounce->at = 0;
-        s->ready = c->bounce->stage == SBL__BOUNCE_DONE;
-        if (s->ready) sbl__bounce_rest(&c->device, c->bounce);
-        else result = SBL_UNFINISHED;
+    sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
+    if (!s->ready && sbl__bounce_under_way(c))
+        result = sbl__stages_step(&c->bounce->stages, table, SBL__COUNT(table), c->bounce, slice);
+    if (s->ready) result = SBL_SUCCESS;
+    else if (result == SBL_SUCCESS) {
+        sbl__bounce_rest(&c->device, c->bounce);
+        s->ready = 1;
     } else if (result != SBL_UNFINISHED) sbl__bounce_end(c);
     c->stats.seconds.bounce += sbl__now() - start;
     c->stats.store.cells = s->leaf_count;
@@ -12464,10 +12420,10 @@ static float sbl__bounce_progress(sbl__core *c) {
     sbl__bounce *b = c->bounce;
     float now;
     if (c->scene.store.ready || !b) return c->scene.store.ready ? 1.0f : 0.0f;
-    now = b->stage < SBL__BOUNCE_SITES    ? 0.5f * (float)b->cast / (float)(SBL__BOUNCE_POINTS * c->scene.store.most)
-        : b->stage == SBL__BOUNCE_SITES   ? 0.5f
-        : b->stage == SBL__BOUNCE_LIGHT   ? 0.5f + 0.4f * sbl__job_progress(&b->job)
-                                          : 0.9f;
+    now = b->stages.stage < SBL__BOUNCE_SITES  ? 0.5f * (float)b->cast / (float)(SBL__BOUNCE_POINTS * b->store->most)
+        : b->stages.stage == SBL__BOUNCE_SITES ? 0.5f
+        : b->stages.stage == SBL__BOUNCE_LIGHT ? 0.5f + 0.4f * sbl__job_progress(&b->job)
+                                               : 0.9f;
     b->progress = SBL__MAX(b->progress, SBL__MIN(now, 0.99f));
     return b->progress;
 }
@@ -12479,8 +12435,15 @@ static float sbl__prepare_share(const sbl__core *c, const sbl__seeing *s) {
 
 /* Makes ready what sensors of that kind need of the scene. SBL_SUCCESS: it is. */
 static sbl_result sbl__prepare(sbl__core *c, const sbl__seeing *s, sbl__slice *slice) {
-    const sbl_result result = sbl__core_prepare(c, s, slice);
-    return result == SBL_SUCCESS && s->mode == SBL_MODE_GI ? sbl__bounce_step(c, slice) : result;
+    const sbl__hierarchy *h = &c->scene.hierarchy;
+    const int rays = s->mode != SBL_MODE_PAPER;
+    const sbl_result result = rays ? sbl__scene_step(&c->device, &c->scene, slice) : SBL_SUCCESS;
+    if (result != SBL_SUCCESS) return result;
+    c->stats.scene.bvh_seconds = h->seconds;
+    c->stats.scene.lamps = rays ? c->scene.lights.leaves : 0;
+    c->stats.scene.bvh_bytes = h->node_table.buffer.bytes + h->triangle_table.buffer.bytes + h->node_table.texels.bytes +
+                         h->triangle_table.texels.bytes;
+    return s->mode == SBL_MODE_GI ? sbl__bounce_step(c, slice) : SBL_SUCCESS;
 }
 
 /* ======================================================================================================== >>saved
@@ -12520,25 +12483,32 @@ static uint64_t sbl__saved_scene(const sbl__scene *s) {
     return hash;
 }
 
-/* The arrays that follow the header, and their sizes. */
-typedef struct sbl__saved_part { void *data; size_t bytes; } sbl__saved_part;
+/* One end of a stream: get or put is the host's function, the other is NULL. */
+typedef struct sbl__saved_stream {
+    sbl_read_function get;
+    sbl_write_function put;
+    void *user;
+    uint64_t sum;                      /* hash of all that went through */
+} sbl__saved_stream;
 
-static void sbl__saved_parts(const sbl__store *s, int triangles, sbl__saved_part parts[4]) {
-    parts[0].data = s->patches;
-    parts[0].bytes = (size_t)triangles * sizeof *s->patches;
-    parts[1].data = s->cells;
-    parts[1].bytes = (size_t)s->cell_room * sizeof *s->cells;
-    parts[2].data = s->splits;
-    parts[2].bytes = (size_t)s->split_count * sizeof *s->splits;
-    parts[3].data = s->leaves;
-    parts[3].bytes = (size_t)s->leaf_count * sizeof *s->leaves;
+static int sbl__saved_pass(sbl__saved_stream *s, void *data, size_t bytes) {
+    if (bytes && (s->get ? s->get(data, bytes, s->user) : s->put(data, bytes, s->user)) != bytes) return 0;
+    s->sum = sbl__hash_bytes(s->sum, data, bytes);
+    return 1;
+}
+
+/* The arrays that follow the header. */
+static int sbl__saved_arrays(sbl__saved_stream *stream, const sbl__store *s, int triangles) {
+    return sbl__saved_pass(stream, s->patches, (size_t)triangles * sizeof *s->patches) &&
+           sbl__saved_pass(stream, s->cells, (size_t)s->cell_room * sizeof *s->cells) &&
+           sbl__saved_pass(stream, s->splits, (size_t)s->split_count * sizeof *s->splits) &&
+           sbl__saved_pass(stream, s->leaves, (size_t)s->leaf_count * sizeof *s->leaves);
 }
 
 static int sbl__saved_write(const sbl__scene *s, sbl_write_function put, void *user) {
+    sbl__saved_stream stream = { NULL, put, user, SBL__SAVED_SEED };
     sbl__saved header;
-    sbl__saved_part parts[4];
     uint64_t sum;
-    int i, fine;
     memset(&header, 0, sizeof header);
     memcpy(header.name, sbl__saved_name, sizeof header.name);
     header.version = SBL__SAVED_VERSION;
@@ -12551,14 +12521,10 @@ static int sbl__saved_write(const sbl__scene *s, sbl_write_function put, void *u
     memcpy(header.origin, s->store.origin, sizeof header.origin);
     header.length = s->store.length;
     memcpy(header.air, s->store.air, sizeof header.air);
-    sbl__saved_parts(&s->store, header.triangles, parts);
-    sum = sbl__hash_bytes(SBL__SAVED_SEED, &header, sizeof header);
-    fine = put(&header, sizeof header, user) == sizeof header;
-    for (i = 0; i < 4 && fine; i++) {
-        sum = sbl__hash_bytes(sum, parts[i].data, parts[i].bytes);
-        fine = !parts[i].bytes || put(parts[i].data, parts[i].bytes, user) == parts[i].bytes;
-    }
-    return fine && put(&sum, sizeof sum, user) == sizeof sum;
+    if (!sbl__saved_pass(&stream, &header, sizeof header)) return 0;
+    if (!sbl__saved_arrays(&stream, &s->store, header.triangles)) return 0;
+    sum = stream.sum;
+    return sbl__saved_pass(&stream, &sum, sizeof sum);
 }
 
 /* NULL: it is of this scene and this version. */
@@ -12597,12 +12563,11 @@ static int sbl__saved_sound(const sbl__store *s) {
 /* Reads a store, of which nothing is made yet. *why: what is wrong with the data. */
 static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene, sbl__store *s, sbl_read_function get,
                                   void *user, const char **why) {
+    sbl__saved_stream stream = { get, NULL, user, SBL__SAVED_SEED };
     sbl__saved header;
-    sbl__saved_part parts[4];
-    uint64_t sum, end = 0;
-    int i;
+    uint64_t sum, end;
     *why = "it ends too soon";
-    if (get(&header, sizeof header, user) != sizeof header) return SBL_ERROR_INVALID_ARGUMENT;
+    if (!sbl__saved_pass(&stream, &header, sizeof header)) return SBL_ERROR_INVALID_ARGUMENT;
     *why = sbl__saved_check(&header, scene);
     if (*why) return SBL_ERROR_INVALID_ARGUMENT;
     memcpy(s->origin, header.origin, sizeof s->origin);
@@ -12616,15 +12581,10 @@ static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene,
     s->cell_room = header.cells;
     s->split_count = s->split_room = header.splits;
     s->leaf_count = s->leaf_room = header.leaves;
-    sbl__saved_parts(s, header.triangles, parts);
-    sum = sbl__hash_bytes(SBL__SAVED_SEED, &header, sizeof header);
     *why = "it ends too soon";
-    for (i = 0; i < 4; i++) {
-        if (parts[i].bytes && get(parts[i].data, parts[i].bytes, user) != parts[i].bytes)
-            return SBL_ERROR_INVALID_ARGUMENT;
-        sum = sbl__hash_bytes(sum, parts[i].data, parts[i].bytes);
-    }
-    if (get(&end, sizeof end, user) != sizeof end) return SBL_ERROR_INVALID_ARGUMENT;
+    if (!sbl__saved_arrays(&stream, s, header.triangles)) return SBL_ERROR_INVALID_ARGUMENT;
+    sum = stream.sum;
+    if (!sbl__saved_pass(&stream, &end, sizeof end)) return SBL_ERROR_INVALID_ARGUMENT;
     *why = end == sum && sbl__saved_sound(s) ? NULL : "it is damaged";
     return *why ? SBL_ERROR_INVALID_ARGUMENT : SBL_SUCCESS;
 }
@@ -14002,9 +13962,9 @@ static sbl_result sbl__filter_draw(sbl__device *d, const sbl__filter *f, const s
     sbl__bind(d, "radiance", f->radiance);
     if (f->layer) sbl__bind(d, "layer", f->layer);
     sbl__set_float(d, "few", f->few);
-    sbl__bind(d, "positions", &g->position);
-    sbl__bind(d, "normals", &g->normal);
-    sbl__bind(d, "ids", &g->id);
+    sbl__bind(d, "positions", &g->textures[SBL__GBUFFER_POSITION]);
+    sbl__bind(d, "normals", &g->textures[SBL__GBUFFER_NORMAL]);
+    sbl__bind(d, "ids", &g->textures[SBL__GBUFFER_ID]);
     sbl__set_int(d, "radius", f->radius);
     sbl__set_float(d, "falloff", (float)(1 / (2 * sigma * sigma)));
     sbl__set_int(d, "geometry_aware", f->geometry_aware);
@@ -14124,14 +14084,14 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
     if (result != SBL_SUCCESS) return result;
     sbl__pass_rows(d, out, rows[0], rows[1]);
     sbl__bind(d, "radiance", r->radiance);
-    sbl__bind(d, "positions", &r->centres->position);
-    sbl__bind(d, "normals", &r->centres->normal);
-    sbl__bind(d, "ids", &r->centres->id);
-    sbl__bind(d, "sample_positions", &r->sample->position);
-    sbl__bind(d, "sample_normals", &r->sample->normal);
-    sbl__bind(d, "sample_albedo", &r->sample->albedo);
-    sbl__bind(d, "sample_emission", &r->sample->emission);
-    sbl__bind(d, "sample_ids", &r->sample->id);
+    sbl__bind(d, "positions", &r->centres->textures[SBL__GBUFFER_POSITION]);
+    sbl__bind(d, "normals", &r->centres->textures[SBL__GBUFFER_NORMAL]);
+    sbl__bind(d, "ids", &r->centres->textures[SBL__GBUFFER_ID]);
+    sbl__bind(d, "sample_positions", &r->sample->textures[SBL__GBUFFER_POSITION]);
+    sbl__bind(d, "sample_normals", &r->sample->textures[SBL__GBUFFER_NORMAL]);
+    sbl__bind(d, "sample_albedo", &r->sample->textures[SBL__GBUFFER_ALBEDO]);
+    sbl__bind(d, "sample_emission", &r->sample->textures[SBL__GBUFFER_EMISSION]);
+    sbl__bind(d, "sample_ids", &r->sample->textures[SBL__GBUFFER_ID]);
     sbl__bind(d, "previous", r->previous);
     sbl__environment_bind(d, r->environment);
     sbl__camera_set(d, r->camera, r->offset, out);
@@ -15215,7 +15175,6 @@ static sbl__stage sbl__picture_next(sbl__core *c, sbl__picture *p) {
         case SBL__STAGE_PREPARE:
             sbl__picture_see(c, p);
             sbl__camera_make(&p->camera, &p->desc, &c->scene.geometry);
-            sbl__surface_begin(&p->surface, p->lightmap);
             return SBL__STAGE_SURFACE;
         case SBL__STAGE_COLLECT:
             if (!p->refine.site_count) return SBL__STAGE_TAKE;
@@ -15251,11 +15210,9 @@ static sbl__stage sbl__picture_next(sbl__core *c, sbl__picture *p) {
             return SBL__STAGE_SPEND;
         case SBL__STAGE_FILTER:
             if (p->lightmap) return p->previewing ? SBL__STAGE_PREVIEW : SBL__STAGE_GUTTERS;
-            sbl__surface_begin(&p->surface, 0);
             return p->watched ? SBL__STAGE_PREVIEW : SBL__STAGE_SAMPLE;
         case SBL__STAGE_TURN: return p->refine.layer ? SBL__STAGE_FILL : SBL__STAGE_DONE;
         case SBL__STAGE_RESOLVE:
-            sbl__surface_begin(&p->surface, 0);
             return ++p->resolved < p->desc.samples ? SBL__STAGE_SAMPLE : SBL__STAGE_DONE;
         default: return (sbl__stage)(p->stage + 1);
     }
@@ -15463,10 +15420,10 @@ static int sbl__gathering_after_sense(void *work) {
 /* Does one bounded piece. SBL_SUCCESS: all readings are there. */
 static sbl_result sbl__gathering_step(sbl__core *c, sbl__gathering *g, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, NULL },
-        { sbl__gathering_prepare, sbl__gathering_after_prepare },
-        { sbl__gathering_sites, NULL },
-        { sbl__gathering_sense, sbl__gathering_after_sense }
+        { NULL, NULL, NULL, NULL },
+        { sbl__gathering_prepare, sbl__gathering_after_prepare, NULL, NULL },
+        { sbl__gathering_sites, NULL, NULL, NULL },
+        { sbl__gathering_sense, sbl__gathering_after_sense, NULL, NULL }
     };
     const double start = sbl__now();
     const double bounced = c->stats.seconds.bounce;
@@ -16914,7 +16871,7 @@ static sbl_result sbl__inspect(sbl__looking *k) {
     sbl__job_begin(&c->job, &c->scene, &task);
     while (result == SBL_UNFINISHED) {
         result = sbl__job_step(&c->device, &c->job, &slice);
-        if (result != SBL_UNFINISHED || c->job.stage != SBL__JOB_READ || seen) continue;
+        if (result != SBL_UNFINISHED || c->job.stages.stage != SBL__JOB_READ || seen) continue;
         seen = 1;  /* before probes draw over it */
         c->device.gl.doing = "looking at a sensor";
         result = task.spec.traced ? sbl__inspect_rays(k) : sbl__inspect_sheet(k);
@@ -17004,7 +16961,6 @@ static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gb
     job.scene = &c->scene;
     job.camera = &camera;
     job.gbuffer = gbuffer;
-    sbl__surface_begin(surface, 0);
     do result = sbl__surface_step(&c->device, surface, &job, &slice); while (result == SBL_UNFINISHED);
     if (result == SBL_SUCCESS)
         result = sbl__target_read(&c->device, &gbuffer->target, SBL__GBUFFER_POSITION, 0, SBL__TRIAL_SIZE, pixels);
@@ -17955,9 +17911,9 @@ SBL_API uint32_t sbl_channel_texture(sbl_context *c, sbl_channel channel) {
     if (sbl__channel_ready(c, "sbl_channel_texture") != SBL_SUCCESS) return 0;
     target = sbl__channel_target(&c->picture, channel);
     if (c->picture.shown && (!target || target->width != c->picture.size[0])) return sbl__channel_send(c, channel);
-    if (channel == SBL_CHANNEL_NORMAL) return c->picture.gbuffer.normal.id;
-    if (channel == SBL_CHANNEL_POSITION) return c->picture.gbuffer.position.id;
-    if (channel == SBL_CHANNEL_ID) return c->picture.gbuffer.id.id;
+    if (channel == SBL_CHANNEL_NORMAL) return c->picture.gbuffer.textures[SBL__GBUFFER_NORMAL].id;
+    if (channel == SBL_CHANNEL_POSITION) return c->picture.gbuffer.textures[SBL__GBUFFER_POSITION].id;
+    if (channel == SBL_CHANNEL_ID) return c->picture.gbuffer.textures[SBL__GBUFFER_ID].id;
     return target ? target->textures[SBL__MAX(0, sbl__channels[channel].attachment)] : sbl__channel_send(c, channel);
 }
 

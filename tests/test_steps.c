@@ -212,7 +212,7 @@ static sbl_result bounced_steps(sbl_context *context, double seconds, int counts
     sbl_result result = SBL_UNFINISHED;
     int steps = 0;
     while (result == SBL_UNFINISHED && steps++ < 1000000) {
-        if (context->core.bounce) counts[context->core.bounce->stage]++;
+        if (context->core.bounce) counts[context->core.bounce->stages.stage]++;
         result = sbl_step(context, seconds);
     }
     return result;
@@ -260,7 +260,7 @@ static int cancels(float done, void *user) { (void)done; return --*(int *)user <
 /* Is the store half way through what lamps give? */
 static int lit(const sbl_context *context) {
     const sbl__bounce *b = context->core.bounce;
-    return b && b->stage == SBL__BOUNCE_LIGHT && b->job.stage == SBL__JOB_READ;
+    return b && b->stages.stage == SBL__BOUNCE_LIGHT && b->job.stages.stage == SBL__JOB_READ;
 }
 
 /* After each number of short steps, and first in the midst of the store's lamps, something else happens; the picture that is made afterwards is the usual one, bit for bit. */

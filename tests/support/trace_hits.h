@@ -40,7 +40,7 @@ static int trace_hits(sbl_context *c, const float *rays, int count, traced_hit *
     memset(&target, 0, sizeof target);
     sbl__visit_enter(c, &visit);
     d->gl.doing = "casting rays";
-    result = sbl__scene_step(d, scene, &slice);
+    do result = sbl__scene_step(d, scene, &slice); while (result == SBL_UNFINISHED);
     if (result == SBL_SUCCESS) result = sbl__buffer_make(d, &table.buffer, (size_t)count * 32, rays, SBL__GL_STREAM_DRAW);
     if (result == SBL_SUCCESS) result = sbl__table_show(d, &table, SBL__GL_RGBA32F, 0);
     if (result == SBL_SUCCESS) result = sbl__texture_make(d, &texture, TRACE_HITS_WIDTH, rows, SBL__GL_RGBA32F);
