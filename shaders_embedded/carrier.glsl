@@ -6,13 +6,17 @@ uniform ivec2 blocks;            // invocations of a sensor: four by some, so th
 uniform int columns;             // sensors across the target
 uniform int first_slot, count;   // this many sensors stand from first_slot on
 
-const vec3 SBL_LUMINANCE = vec3(0.2126, 0.7152, 0.0722);  // weights of linear sRGB
+const vec3 SBL_LUMINANCE = vec3(SBL_LUMINANCE_WEIGHTS);
+const float SBL_COSINE_LEAST = 1e-6;  // for reciprocals of cosines
+
+// 32-bit fractions as a point between 0 and 1.
+vec2 sbl_unit_square(uvec2 fractions) { return (vec2(fractions >> 8) + 0.5) / SBL_FRACTIONS; }
 
 // What R that comes from a unit direction w counts in the radiance's first two bands of real spherical harmonics:
 // 1, y, z, x. reciprocal: of the cosine between w and the normal n.
 vec4 sbl_harmonics(vec3 w, vec3 n, float reciprocal) {
     vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w over the cosine
-    return 3.14159265 * vec4(0.28209479 * reciprocal, 0.48860251 * way.yzx);
+    return SBL_PI * vec4(SBL_HARMONIC_0 * reciprocal, SBL_HARMONIC_1 * way.yzx);
 }
 
 #ifdef SBL_COMPUTE

@@ -7,6 +7,6 @@ mat3 sbl_frame(vec3 n) {
 
 // A direction about a frame's third axis, by the cosine. u: 0 to 1.
 vec3 sbl_by_cosine(mat3 frame, vec2 u) {
-    float radius = sqrt(u.x), angle = 6.283185307 * u.y;
+    float radius = sqrt(u.x), angle = 2.0 * SBL_PI * u.y;
     return frame * vec3(radius * cos(angle), radius * sin(angle), sqrt(1.0 - u.x));
 }
