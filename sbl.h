@@ -1769,6 +1769,8 @@ static unsigned char sbl__to_byte(float x) {
     X(void, GenSamplers, (int count, unsigned *names)) \
     X(void, GenTextures, (int count, unsigned *names)) \
     X(void, GenVertexArrays, (int count, unsigned *names)) \
+    X(void, GetActiveUniform, (unsigned program, unsigned index, int room, int *length, int *size, unsigned *type, \
+      char *name)) \
     X(void, GetBooleani_v, (unsigned name, unsigned index, unsigned char *out)) \
     X(void, GetBooleanv, (unsigned name, unsigned char *out)) \
     X(void, GetBufferParameteri64v, (unsigned target, unsigned name, int64_t *out)) \
@@ -1843,6 +1845,7 @@ typedef struct sbl__gl {
 #undef SBL__X
     sbl_capabilities capabilities;
     int viewports;  /* of the viewport array (GL 4.1); 1 without */
+    int units;      /* texture units that a program may use: the driver's, of those that the guard restores */
 } sbl__gl;
 
 enum {
@@ -1881,6 +1884,8 @@ enum {
     SBL__GL_PIXEL_PACK_BUFFER_BINDING = 0x88ED, SBL__GL_PIXEL_UNPACK_BUFFER_BINDING = 0x88EF,
     SBL__GL_SAMPLER_BINDING = 0x8919, SBL__GL_FRAGMENT_SHADER = 0x8B30, SBL__GL_VERTEX_SHADER = 0x8B31,
     SBL__GL_COMPILE_STATUS = 0x8B81, SBL__GL_LINK_STATUS = 0x8B82, SBL__GL_CURRENT_PROGRAM = 0x8B8D,
+    SBL__GL_MAX_TEXTURE_IMAGE_UNITS = 0x8872, SBL__GL_ACTIVE_UNIFORMS = 0x8B86, SBL__GL_SAMPLER_2D = 0x8B5E,
+    SBL__GL_UNSIGNED_INT_SAMPLER_2D = 0x8DD2, SBL__GL_UNSIGNED_INT_SAMPLER_BUFFER = 0x8DD8,
     SBL__GL_TEXTURE_BUFFER = 0x8C2A, SBL__GL_MAX_TEXTURE_BUFFER_SIZE = 0x8C2B,
     SBL__GL_TEXTURE_BINDING_BUFFER = 0x8C2C, SBL__GL_RASTERIZER_DISCARD = 0x8C89,
     SBL__GL_DRAW_FRAMEBUFFER_BINDING = 0x8CA6, SBL__GL_READ_FRAMEBUFFER = 0x8CA8, SBL__GL_DRAW_FRAMEBUFFER = 0x8CA9,
@@ -1989,6 +1994,8 @@ static sbl_result sbl__gl_load(sbl__gl *gl, sbl__base *base, const sbl_context_d
     }
     gl->GetIntegerv(SBL__GL_MAX_TEXTURE_SIZE, &c->max_texture_size);
     gl->GetIntegerv(SBL__GL_MAX_TEXTURE_BUFFER_SIZE, &c->max_texture_buffer_size);
+    gl->GetIntegerv(SBL__GL_MAX_TEXTURE_IMAGE_UNITS, &gl->units);
+    gl->units = SBL__MIN(gl->units, SBL__GUARD_UNITS);
     if (gl->ClipControl && (sbl__gl_at_least(gl, 45) || sbl__gl_has_extension(gl, "GL_ARB_clip_control")))
         c->available |= SBL_CAPABILITY_CLIP_CONTROL;
     if (sbl__gl_at_least(gl, 43) && gl->BindImageTexture && gl->DispatchCompute && gl->GetIntegeri_v &&
@@ -2693,6 +2700,25 @@ static sbl_result sbl__program_link(const sbl__device *d, unsigned *out, const u
     return SBL_ERROR_GL;
 }
 
+/* Refuses a program that reads more textures than there are units to bind them to. */
+static sbl_result sbl__program_check_textures(const sbl__device *d, unsigned program, const char *name) {
+    const sbl__gl *gl = &d->gl;
+    int uniforms = 0, textures = 0, i;
+    gl->GetProgramiv(program, SBL__GL_ACTIVE_UNIFORMS, &uniforms);
+    for (i = 0; i < uniforms; i++) {
+        char text[64];
+        int length = 0, size = 0;
+        unsigned type = 0;
+        gl->GetActiveUniform(program, (unsigned)i, (int)sizeof text, &length, &size, &type, text);
+        if (type == SBL__GL_SAMPLER_2D || type == SBL__GL_UNSIGNED_INT_SAMPLER_2D ||
+            type == SBL__GL_UNSIGNED_INT_SAMPLER_BUFFER) textures += size;
+    }
+    if (textures <= gl->units) return SBL_SUCCESS;
+    sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the program \"%s\" reads %d textures; there are %d "
+             "texture units (GL 3.3 promises 16, of which sbl.h uses %d)", name, textures, gl->units, SBL__GUARD_UNITS);
+    return SBL_ERROR_UNSUPPORTED;
+}
+
 static sbl_result sbl__program_make(const sbl__device *d, unsigned *out, const sbl__recipe *recipe, unsigned features) {
     static const char *const names[SBL__FEATURES] = {
         "TEXTURED", "WIDE", "VIEWS", "INSPECT", "WRITE_DEPTH", "COMPUTE", "BOUNCED", "MIXED", "CUTOUTS",
@@ -2719,6 +2745,7 @@ static sbl_result sbl__program_make(const sbl__device *d, unsigned *out, const s
     if (result == SBL_SUCCESS) result = sbl__program_link(d, out, shaders, recipe->name);
     if (shaders[0]) gl->DeleteShader(shaders[0]);
     if (shaders[1]) gl->DeleteShader(shaders[1]);
+    if (result == SBL_SUCCESS) result = sbl__program_check_textures(d, *out, recipe->name);
     if (result == SBL_SUCCESS) result = sbl__gl_check(gl);
     if (result != SBL_SUCCESS && *out) { gl->DeleteProgram(*out); *out = 0; }
     return result;
@@ -2789,7 +2816,7 @@ static void sbl__set_vec4(const sbl__device *d, const char *name, const float v[
 
 static void sbl__bind_to(sbl__device *d, const char *name, unsigned target, unsigned texture) {
     const int place = sbl__place(d, name);
-    if (place < 0 || d->unit >= SBL__GUARD_UNITS) return;  /* units that are put back */
+    if (place < 0) return;
     d->gl.ActiveTexture(SBL__GL_TEXTURE0 + (unsigned)d->unit);
     d->gl.BindTexture(target, texture);
     d->gl.Uniform1i(place, d->unit++);
@@ -4567,8 +4594,8 @@ static const char *const sbl__glsl_material[] = {
 "    vec3 weight;  // what the radiance that the ray finds counts towards the receiver\n",
 "};\n",
 "\n",
-"// A direction from which light is reflected towards the receiver, drawn by the cosine. across: the surface's normal\n",
-"// of any length, 0 where the triangle has no area. u: 0 to 1.\n",
+"// A direction from which light is reflected towards the receiver, drawn by the cosine. across: the surface's\n",
+"// normal of any length, 0 where the triangle has no area. u: 0 to 1.\n",
 "sbl_Bounce sbl_bounce(sbl_Material m, vec3 across, vec3 to_receiver, vec2 u) {\n",
 "    vec3 normal = dot(across, across) > 0.0 ? normalize(across) : to_receiver;\n",
 "    return sbl_Bounce(sbl_by_cosine(sbl_frame(normal), u), normal, m.albedo);\n",
@@ -13526,9 +13553,9 @@ static sbl_result sbl__filter_draw(sbl__device *d, const sbl__filter *f, const s
 
 /* >>glsl resolve: shaders_embedded/resolve.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_resolve[] = {
-"// Composition (section III-H) of one anti-aliasing sample of every pixel: emission plus reflected light. The sample\n",
-"// has its own G-buffer; R is looked up among the nearest pixel centres that show the same surface, so that light\n",
-"// never bleeds over an edge.\n",
+"// Composition (section III-H) of one anti-aliasing sample of every pixel: emission plus reflected light. The\n",
+"// sample has its own G-buffer; R is looked up among the nearest pixel centres that show the same surface, so that\n",
+"// light never bleeds over an edge.\n",
 "uniform sampler2D radiance;                 // R at pixel centres\n",
 "uniform sampler2D positions, normals;       // at pixel centres\n",
 "uniform usampler2D ids;\n",
@@ -15286,7 +15313,7 @@ static void sbl__vertices_point(int k, double weights[3]) {
 /* As surface.glsl has it: the front is the interpolated normal's side, and that keeps off the horizon. */
 static void sbl__vertices_site(const sbl__geometry *g, uint32_t number, const double weights[3], sbl_site *out) {
     const float *p[3];
-    double face[3], normal[3] = { 0, 0, 0 }, height = 0;
+    double face[3], normal[3] = { 0, 0, 0 }, height = 0, length2;
     int i, k;
     memset(out, 0, sizeof *out);
     for (i = 0; i < 3; i++) p[i] = sbl__corner_of(g, number, i);
@@ -15302,8 +15329,8 @@ static void sbl__vertices_site(const sbl__geometry *g, uint32_t number, const do
         height += normal[k] * face[k];
     }
     for (k = 0; k < 3 && height < 0; k++) face[k] = -face[k];
-    height = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2];
-    if (height <= SBL__NORMAL_LEAST || !sbl__normalize(normal)) memcpy(normal, face, sizeof normal);
+    length2 = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2];
+    if (length2 <= SBL__NORMAL_LEAST || !sbl__normalize(normal)) memcpy(normal, face, sizeof normal);
     height = normal[0] * face[0] + normal[1] * face[1] + normal[2] * face[2];
     for (k = 0; k < 3 && height < SBL__GRAZING; k++)
         normal[k] += (SBL__GRAZING - height) * face[k];

@@ -75,8 +75,8 @@ struct sbl_Bounce {
     vec3 weight;  // what the radiance that the ray finds counts towards the receiver
 };
 
-// A direction from which light is reflected towards the receiver, drawn by the cosine. across: the surface's normal
-// of any length, 0 where the triangle has no area. u: 0 to 1.
+// A direction from which light is reflected towards the receiver, drawn by the cosine. across: the surface's
+// normal of any length, 0 where the triangle has no area. u: 0 to 1.
 sbl_Bounce sbl_bounce(sbl_Material m, vec3 across, vec3 to_receiver, vec2 u) {
     vec3 normal = dot(across, across) > 0.0 ? normalize(across) : to_receiver;
     return sbl_Bounce(sbl_by_cosine(sbl_frame(normal), u), normal, m.albedo);

@@ -1,6 +1,6 @@
-// Composition (section III-H) of one anti-aliasing sample of every pixel: emission plus reflected light. The sample
-// has its own G-buffer; R is looked up among the nearest pixel centres that show the same surface, so that light
-// never bleeds over an edge.
+// Composition (section III-H) of one anti-aliasing sample of every pixel: emission plus reflected light. The
+// sample has its own G-buffer; R is looked up among the nearest pixel centres that show the same surface, so that
+// light never bleeds over an edge.
 uniform sampler2D radiance;                 // R at pixel centres
 uniform sampler2D positions, normals;       // at pixel centres
 uniform usampler2D ids;
