@@ -4451,6 +4451,7 @@ static void sbl__textures_bind(sbl__device *d, const sbl__textures *s) {
    need for it. */
 static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *m, sbl__object *o, float *brightest) {
     const int holes = m->alpha_cutoff > 0;
+    unsigned features = 0;
     float scale = 1;
     memcpy(o->albedo, m->albedo, sizeof o->albedo);
     memcpy(o->emission, m->emission, sizeof o->emission);
@@ -4464,7 +4465,9 @@ static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *
         scale = t->brightest[m->emission_texture - 1];
     }
     *brightest = SBL__MAX(*brightest, scale * sbl__max3(m->emission));
-    return (m->albedo_texture || m->emission_texture || holes ? SBL__TEXTURED : 0u) | (holes ? SBL__CUTOUTS : 0u);
+    if (holes) features |= SBL__TEXTURED | SBL__CUTOUTS;
+    if (m->albedo_texture || m->emission_texture) features |= SBL__TEXTURED;
+    return features;
 }
 
 /* True if light on its way meets something else, apart from what emits. */
@@ -8711,6 +8714,12 @@ static const char *const sbl__glsl_lamps[] = {
 "    vec2 b;       // barycentrics on a triangle\n",
 "};\n",
 "\n",
+"// Weights of the second and third corner of a triangle at a point of its plane. from_corner: from the first corner.\n",
+"vec2 sbl_barycentrics(sbl_Lamp l, vec3 normal, vec3 from_corner) {\n",
+"    vec2 areas = vec2(dot(cross(from_corner, l.side_2), normal), dot(cross(l.side_1, from_corner), normal));\n",
+"    return areas / dot(normal, normal);\n",
+"}\n",
+"\n",
 "sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {\n",
 "    sbl_Sample s = sbl_Sample(l.corner, SBL_INFINITE, l.brightness / SBL_PI, u);\n",
 "    // by solid angle where it is large, else by area (Heitz 2019, \"A Low-Distortion Map Between Triangle and\n",
@@ -8726,8 +8735,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        vec3 to = l.corner + s.b.x * l.side_1 + s.b.y * l.side_2;\n",
 "        if (ray.w > 0.0) {\n",
 "            to = ray.xyz * dot(l.corner, normal) / dot(ray.xyz, normal);\n",
-"            s.b = vec2(dot(cross(to - l.corner, l.side_2), normal), dot(cross(l.side_1, to - l.corner), normal)) /\n",
-"                  dot(normal, normal);\n",
+"            s.b = sbl_barycentrics(l, normal, to - l.corner);\n",
 "        }\n",
 "        s.far = length(to);\n",
 "        s.direction = to / s.far;\n",
@@ -8800,8 +8808,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // of a thin body\n",
 "        bool beyond = seen > (1.0 + SBL_AT_LAMP) * there;\n",
 "        if (there > 0.0 && (beyond || (seen >= (1.0 - SBL_AT_LAMP) * there && !other_side))) return false;\n",
-"        vec3 hit = there * ray - l.corner;\n",
-"        vec2 b = vec2(dot(cross(hit, l.side_2), normal), dot(cross(l.side_1, hit), normal)) / dot(normal, normal);\n",
+"        vec2 b = sbl_barycentrics(l, normal, there * ray - l.corner);\n",
 "        if (attempt == SBL_LOOKS_AGAIN - 1 || (there > 0.0 && min(b.x, b.y) >= 0.0 && b.x + b.y <= 1.0))\n",
 "            return seen < (other_side ? 1.0 + SBL_AT_LAMP : 1.0 - SBL_AT_LAMP) * dot(point, forward);\n",
 "    }\n",

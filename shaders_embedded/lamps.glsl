@@ -284,6 +284,12 @@ struct sbl_Sample {
     vec2 b;       // barycentrics on a triangle
 };
 
+// Weights of the second and third corner of a triangle at a point of its plane. from_corner: from the first corner.
+vec2 sbl_barycentrics(sbl_Lamp l, vec3 normal, vec3 from_corner) {
+    vec2 areas = vec2(dot(cross(from_corner, l.side_2), normal), dot(cross(l.side_1, from_corner), normal));
+    return areas / dot(normal, normal);
+}
+
 sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
     sbl_Sample s = sbl_Sample(l.corner, SBL_INFINITE, l.brightness / SBL_PI, u);
     // by solid angle where it is large, else by area (Heitz 2019, "A Low-Distortion Map Between Triangle and
@@ -299,8 +305,7 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
         vec3 to = l.corner + s.b.x * l.side_1 + s.b.y * l.side_2;
         if (ray.w > 0.0) {
             to = ray.xyz * dot(l.corner, normal) / dot(ray.xyz, normal);
-            s.b = vec2(dot(cross(to - l.corner, l.side_2), normal), dot(cross(l.side_1, to - l.corner), normal)) /
-                  dot(normal, normal);
+            s.b = sbl_barycentrics(l, normal, to - l.corner);
         }
         s.far = length(to);
         s.direction = to / s.far;
@@ -373,8 +378,7 @@ bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
         bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // of a thin body
         bool beyond = seen > (1.0 + SBL_AT_LAMP) * there;
         if (there > 0.0 && (beyond || (seen >= (1.0 - SBL_AT_LAMP) * there && !other_side))) return false;
-        vec3 hit = there * ray - l.corner;
-        vec2 b = vec2(dot(cross(hit, l.side_2), normal), dot(cross(l.side_1, hit), normal)) / dot(normal, normal);
+        vec2 b = sbl_barycentrics(l, normal, there * ray - l.corner);
         if (attempt == SBL_LOOKS_AGAIN - 1 || (there > 0.0 && min(b.x, b.y) >= 0.0 && b.x + b.y <= 1.0))
             return seen < (other_side ? 1.0 + SBL_AT_LAMP : 1.0 - SBL_AT_LAMP) * dot(point, forward);
     }
