@@ -1690,10 +1690,10 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
        are compiled when first used; sbl__context_start (>>public) lists those that compile_ahead compiles. SBL__RECORD
        makes a C struct and the GLSL functions sbl_NAME_FIELD(i) from a list of fields.
 
-   To add a property of materials:
-       add it to sbl_material and to its checks, to SBL__OBJECT (>>geometry) and to sbl__scene_dress_mesh (>>scene). Use
-       it in material.glsl and in its C twin. material.glsl is the only file that knows what a surface sends out:
-       emission, reflection, sampling of directions, cut-out. All other shaders call it.
+   To change what a surface does with light (emission, reflection, cut-out):
+       edit material.glsl, which all shaders call, and >>material, which computes the same on the CPU.
+       tests/test_bounce.c compares the two. tests/test_header.sh refuses shaders that read a material themselves. A new
+       property of materials goes to sbl_material and its checks, and to SBL__OBJECT (>>geometry).
 
    Work must stay divisible into short pieces. Loops over triangles, pixels or sites must check the slice. Everything
    that draws must ask sbl__pace_begin how much to draw, and report to sbl__pace_end. Neither may change results. */
@@ -1869,7 +1869,8 @@ static int sbl__between(const float *x, float low, float high) { return sbl__fin
 
 static float sbl__dot(const float a[3], const float b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
-static const float sbl__luminance_weights[3] = { 0.2126f, 0.7152f, 0.0722f };  /* for linear sRGB: red, green, blue */
+#define SBL__LUMINANCE_WEIGHTS 0.2126f, 0.7152f, 0.0722f  /* for linear sRGB: red, green, blue */
+static const float sbl__luminance_weights[3] = { SBL__LUMINANCE_WEIGHTS };
 static float sbl__luminance(const float c[3]) { return sbl__dot(sbl__luminance_weights, c); }
 static float sbl__max3(const float a[3]) { return SBL__MAX(a[0], SBL__MAX(a[1], a[2])); }
 static double sbl__sum3(const float v[3]) { return (double)v[0] + v[1] + v[2]; }
@@ -2048,6 +2049,8 @@ static unsigned char sbl__to_byte(float x) {
     X(void, GenSamplers, (int count, unsigned *names)) \
     X(void, GenTextures, (int count, unsigned *names)) \
     X(void, GenVertexArrays, (int count, unsigned *names)) \
+    X(void, GetActiveUniform, (unsigned program, unsigned index, int room, int *length, int *size, unsigned *type, \
+      char *name)) \
     X(void, GetBooleani_v, (unsigned name, unsigned index, unsigned char *out)) \
     X(void, GetBooleanv, (unsigned name, unsigned char *out)) \
     X(void, GetBufferParameteri64v, (unsigned target, unsigned name, int64_t *out)) \
@@ -2125,6 +2128,8 @@ typedef struct sbl__gl {
     sbl_capabilities capabilities;
     int viewports;  /* number of viewports in the driver's viewport array (GL 4.1), at most SBL__GUARD_VIEWPORTS;
                        1 if the driver has no viewport array */
+    int units;      /* number of texture units that a program may use: at most the driver's, and at most those whose
+                       state the guard restores */
 } sbl__gl;
 
 enum {
@@ -2163,6 +2168,8 @@ enum {
     SBL__GL_PIXEL_PACK_BUFFER_BINDING = 0x88ED, SBL__GL_PIXEL_UNPACK_BUFFER_BINDING = 0x88EF,
     SBL__GL_SAMPLER_BINDING = 0x8919, SBL__GL_FRAGMENT_SHADER = 0x8B30, SBL__GL_VERTEX_SHADER = 0x8B31,
     SBL__GL_COMPILE_STATUS = 0x8B81, SBL__GL_LINK_STATUS = 0x8B82, SBL__GL_CURRENT_PROGRAM = 0x8B8D,
+    SBL__GL_MAX_TEXTURE_IMAGE_UNITS = 0x8872, SBL__GL_ACTIVE_UNIFORMS = 0x8B86, SBL__GL_SAMPLER_2D = 0x8B5E,
+    SBL__GL_UNSIGNED_INT_SAMPLER_2D = 0x8DD2, SBL__GL_UNSIGNED_INT_SAMPLER_BUFFER = 0x8DD8,
     SBL__GL_TEXTURE_BUFFER = 0x8C2A, SBL__GL_MAX_TEXTURE_BUFFER_SIZE = 0x8C2B,
     SBL__GL_TEXTURE_BINDING_BUFFER = 0x8C2C, SBL__GL_RASTERIZER_DISCARD = 0x8C89,
     SBL__GL_DRAW_FRAMEBUFFER_BINDING = 0x8CA6, SBL__GL_READ_FRAMEBUFFER = 0x8CA8, SBL__GL_DRAW_FRAMEBUFFER = 0x8CA9,
@@ -2278,6 +2285,8 @@ static sbl_result sbl__gl_load(sbl__gl *gl, sbl__base *base, const sbl_context_d
     }
     gl->GetIntegerv(SBL__GL_MAX_TEXTURE_SIZE, &c->max_texture_size);
     gl->GetIntegerv(SBL__GL_MAX_TEXTURE_BUFFER_SIZE, &c->max_texture_buffer_size);
+    gl->GetIntegerv(SBL__GL_MAX_TEXTURE_IMAGE_UNITS, &gl->units);
+    gl->units = SBL__MIN(gl->units, SBL__GUARD_UNITS);
     if (gl->ClipControl && (sbl__gl_at_least(gl, 45) || sbl__gl_has_extension(gl, "GL_ARB_clip_control")))
         c->available |= SBL_CAPABILITY_CLIP_CONTROL;
     if (sbl__gl_at_least(gl, 43) && gl->BindImageTexture && gl->DispatchCompute && gl->GetIntegeri_v &&
@@ -2578,17 +2587,45 @@ typedef struct sbl__record {
 #define SBL__GUIDES_ACROSS 15      /* and guides in a row of the texture */
 #define SBL__LOOK_NUMBER 0x3ffu    /* of a look's word: its number; above it that of its guide */
 #define SBL__LOOK_GUIDE_SHIFT 10
+#define SBL__HASH_FACTOR 0x9e3779b1u
+#define SBL__HASH_SHIFT 15
+#define SBL__RGBE_BIAS 128         /* of the exponent of three numbers that share one, */
+#define SBL__RGBE_BITS 8           /* and the bits of each number */
+
+/* Floats: shaders get these very words, so that they must be valid in GLSL too. */
+#define SBL__INFINITE 1e30f            /* the distance of what is not there; of a ray that has no limit */
+#define SBL__FRACTIONS 16777216.0      /* values that a 32-bit fraction has as a float: 2^24 */
+#define SBL__COLOR_MOST 65535.0f       /* of a component of a vertex colour: 1 */
+#define SBL__GUIDE_STEPS 65536.0       /* values of a guide's 16-bit shares */
+#define SBL__HARMONIC_0 0.28209479f    /* spherical harmonics of band 0: 1 / sqrt(4 pi); */
+#define SBL__HARMONIC_1 0.48860251f    /* of band 1: sqrt(3 / (4 pi)), times y, z or x */
+#define SBL__BOUNCE_ALBEDO 0.98f       /* share of the light that bounces, at most */
+#define SBL__SKY_LEAST 1e-37f          /* radiance that divides */
+#define SBL__CELL_MOST 2e9f            /* cells along an axis */
+#define SBL__NORMAL_LEAST 1e-12        /* squared length of an interpolated normal that still has a direction */
+#define SBL__GRAZING 0.01              /* cosine that shading normals are kept from the horizon */
+#define SBL__BELONGS_COSINE 0.8f       /* between the normals of points that belong together, at least; */
+#define SBL__BELONGS_TURN 0.2f         /* and what it must be above that for them to belong together fully */
+#define SBL__BELONGS_OFF 8.0f          /* times the distance off the plane, over the distance: 1: not fully, 2: not */
+#define SBL__FILTER_VISIBLE 0.0025f    /* relative difference of light that is as good as none */
+#define SBL__FILTER_FALL 0.25          /* how fast weights fall with the square of a difference over the noise */
+#define SBL__DIVISOR_LEAST 1e-30f
 
 #define SBL__SHARED_INTS(X) \
     X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) X(SKY_COLUMN_BITS) \
     X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(PROBES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) \
-    X(GUIDE_RINGS) X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOOK_GUIDE_SHIFT)
+    X(GUIDE_RINGS) X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOOK_GUIDE_SHIFT) \
+    X(HASH_SHIFT) X(RGBE_BIAS) X(RGBE_BITS)
 #define SBL__SHARED_BITS(X) \
     X(TEXTURE_SRGB) X(TEXTURE_KIND) X(TEXTURE_CLAMPS) \
     X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS) \
     X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) \
     X(LAMP_TRIANGLE) X(LAMP_NEAR_LIGHT) X(LAMP_FAR_LIGHT) X(LAMP_SKY_TEXEL) X(FAR_NODE) \
-    X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_SPLIT) X(LOOK_NUMBER)
+    X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_SPLIT) X(LOOK_NUMBER) X(HASH_FACTOR)
+#define SBL__SHARED_FLOATS(X) \
+    X(PI) X(LUMINANCE_WEIGHTS) X(INFINITE) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
+    X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_TURN) \
+    X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST)
 
 #define SBL__PRELUDE_MOST 8192     /* characters that a program's constants and records may have, each */
 
@@ -2608,6 +2645,12 @@ static size_t sbl__write_constants(char *text, size_t length) {
 #undef SBL__X
 #define SBL__X(name) length = sbl__write(text, length, "#define SBL_" #name " %uu\n", SBL__##name);
     SBL__SHARED_BITS(SBL__X)
+#undef SBL__X
+    /* as they are written, for printf would round them, and write the commas of some locales */
+#define SBL__TEXT(...) #__VA_ARGS__
+#define SBL__TEXT_OF(...) SBL__TEXT(__VA_ARGS__)
+#define SBL__X(name) length = sbl__write(text, length, "#define SBL_" #name " %s\n", SBL__TEXT_OF(SBL__##name));
+    SBL__SHARED_FLOATS(SBL__X)
 #undef SBL__X
     return length;
 }
@@ -2955,6 +2998,25 @@ static sbl_result sbl__program_link(const sbl__device *d, unsigned *out, const u
     return SBL_ERROR_GL;
 }
 
+/* Refuses a program that reads more textures than there are units to bind them to. */
+static sbl_result sbl__program_check_textures(const sbl__device *d, unsigned program, const char *name) {
+    const sbl__gl *gl = &d->gl;
+    int uniforms = 0, textures = 0, i;
+    gl->GetProgramiv(program, SBL__GL_ACTIVE_UNIFORMS, &uniforms);
+    for (i = 0; i < uniforms; i++) {
+        char text[64];
+        int length = 0, size = 0;
+        unsigned type = 0;
+        gl->GetActiveUniform(program, (unsigned)i, (int)sizeof text, &length, &size, &type, text);
+        if (type == SBL__GL_SAMPLER_2D || type == SBL__GL_UNSIGNED_INT_SAMPLER_2D ||
+            type == SBL__GL_UNSIGNED_INT_SAMPLER_BUFFER) textures += size;
+    }
+    if (textures <= gl->units) return SBL_SUCCESS;
+    sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the program \"%s\" reads %d textures; there are %d "
+             "texture units (GL 3.3 promises 16, of which sbl.h uses %d)", name, textures, gl->units, SBL__GUARD_UNITS);
+    return SBL_ERROR_UNSUPPORTED;
+}
+
 static sbl_result sbl__program_make(const sbl__device *d, unsigned *out, const sbl__recipe *recipe, unsigned features) {
     static const char *const names[SBL__FEATURES] = {
         "TEXTURED", "WIDE", "VIEWS", "INSPECT", "WRITE_DEPTH", "COMPUTE", "BOUNCED", "MIXED", "CUTOUTS",
@@ -2981,6 +3043,7 @@ static sbl_result sbl__program_make(const sbl__device *d, unsigned *out, const s
     if (result == SBL_SUCCESS) result = sbl__program_link(d, out, shaders, recipe->name);
     if (shaders[0]) gl->DeleteShader(shaders[0]);
     if (shaders[1]) gl->DeleteShader(shaders[1]);
+    if (result == SBL_SUCCESS) result = sbl__program_check_textures(d, *out, recipe->name);
     if (result == SBL_SUCCESS) result = sbl__gl_check(gl);
     if (result != SBL_SUCCESS && *out) { gl->DeleteProgram(*out); *out = 0; }
     return result;
@@ -3051,7 +3114,7 @@ static void sbl__set_vec4(const sbl__device *d, const char *name, const float v[
 
 static void sbl__bind_to(sbl__device *d, const char *name, unsigned target, unsigned texture) {
     const int place = sbl__place(d, name);
-    if (place < 0 || d->unit >= SBL__GUARD_UNITS) return;  /* units that are put back */
+    if (place < 0) return;
     d->gl.ActiveTexture(SBL__GL_TEXTURE0 + (unsigned)d->unit);
     d->gl.BindTexture(target, texture);
     d->gl.Uniform1i(place, d->unit++);
@@ -4061,7 +4124,7 @@ static void sbl__mesh_validate(sbl__check *check, const sbl__mesh_data *m, int n
 /* >>geometry: converting */
 
 static uint32_t sbl__pack_color(const float *two) {
-    return (uint32_t)(two[0] * 65535.0f + 0.5f) | (uint32_t)(two[1] * 65535.0f + 0.5f) << 16;
+    return (uint32_t)(two[0] * SBL__COLOR_MOST + 0.5f) | (uint32_t)(two[1] * SBL__COLOR_MOST + 0.5f) << 16;
 }
 
 /* Fills the attributes and indices of a mesh that has been read and validated. Leaves out triangles without area. */
@@ -4530,6 +4593,169 @@ static void sbl__textures_bind(sbl__device *d, const sbl__textures *s) {
     sbl__bind(d, "sbl_texels_float", &s->tables[1]);
 }
 
+/* ======================================================================================================== >>material
+   What surfaces do with light: emission, reflection, holes. material.glsl does it for all shaders; here is the same for
+   the CPU, and nowhere else. */
+
+/* Writes a material into its mesh's object, and raises *brightest to its radiance. Returns the features that programs
+   need for it. */
+static unsigned sbl__material_write(const sbl__textures *t, const sbl_material *m, sbl__object *o, float *brightest) {
+    const int holes = m->alpha_cutoff > 0;
+    unsigned features = 0;
+    float scale = 1;
+    memcpy(o->albedo, m->albedo, sizeof o->albedo);
+    memcpy(o->emission, m->emission, sizeof o->emission);
+    memset(o->albedo_texture, 0, sizeof o->albedo_texture);
+    memset(o->emission_texture, 0, sizeof o->emission_texture);
+    o->alpha_cutoff = m->alpha_cutoff;
+    o->flags = m->flags;
+    if (m->albedo_texture) memcpy(o->albedo_texture, t->places[m->albedo_texture - 1], sizeof o->albedo_texture);
+    if (m->emission_texture) {
+        memcpy(o->emission_texture, t->places[m->emission_texture - 1], sizeof o->emission_texture);
+        scale = t->brightest[m->emission_texture - 1];
+    }
+    *brightest = SBL__MAX(*brightest, scale * sbl__max3(m->emission));
+    if (holes) features |= SBL__TEXTURED | SBL__CUTOUTS;
+    if (m->albedo_texture || m->emission_texture) features |= SBL__TEXTURED;
+    return features;
+}
+
+/* True if light on its way meets something else, apart from what emits. */
+static int sbl__reflects_otherwise(const sbl__object *a, const sbl__object *b) {
+    const uint32_t flags = ~SBL__ONE_SIDED_EMISSION;
+    return memcmp(a->albedo, b->albedo, sizeof a->albedo) || (a->flags & flags) != (b->flags & flags) ||
+           memcmp(&a->alpha_cutoff, &b->alpha_cutoff, sizeof a->alpha_cutoff) ||
+           memcmp(a->albedo_texture, b->albedo_texture, sizeof a->albedo_texture);
+}
+
+/* Radiance that one side of a surface emits, before its texture is applied. */
+static void sbl__emission(const sbl__object *o, int back, float out[3]) {
+    const int dark = back && o->flags & SBL__ONE_SIDED_EMISSION;
+    int k;
+    for (k = 0; k < 3; k++) out[k] = dark ? 0 : o->emission[k];
+}
+
+static int sbl__emits(const sbl__object *o, int back) {
+    float emission[3];
+    sbl__emission(o, back, emission);
+    return sbl__max3(emission) > 0;
+}
+
+/* The share of R that bounces in the store, before the texture is applied. */
+static void sbl__bounced(const sbl__object *o, float out[3]) {
+    int k;
+    for (k = 0; k < 3; k++) out[k] = SBL__MIN(SBL__MAX(o->albedo[k], 0.0f), SBL__BOUNCE_ALBEDO);
+}
+
+/* True if less bounces of each colour than the surface reflects. */
+static int sbl__holds_light(const sbl__object *o) {
+    float share[3];
+    sbl__bounced(o, share);
+    return share[0] < o->albedo[0] && share[1] < o->albedo[1] && share[2] < o->albedo[2] && !o->albedo_texture[1];
+}
+
+#define SBL__SHARE_ONE 65535.0f    /* the share 1 in 16 bits */
+
+/* A share of light that bounces, in 16 bits. */
+static void sbl__share_pack(const float share[3], uint16_t out[3]) {
+    int k;
+    for (k = 0; k < 3; k++) out[k] = (uint16_t)(SBL__SHARE_ONE * share[k] + 0.5f);
+}
+
+/* Adds the light that a surface reflects, times SBL__SHARE_ONE. light: R, which falls on it. */
+static void sbl__add_reflected(const uint16_t share[3], const float light[3], float sum[3]) {
+    int k;
+    for (k = 0; k < 3; k++) sum[k] += (float)share[k] * light[k];
+}
+
+/* >>glsl material: shaders_embedded/material.glsl, copied by scripts/embed_shaders */
+static const char *const sbl__glsl_material[] = {
+"// What surfaces do with light: what they emit, what they reflect, where a reflected ray goes on, and where they\n",
+"// have holes. No other shader reads a material; >>material in sbl.h is the same for the CPU.\n",
+"uniform float epsilon;     // the ambient factor\n",
+"uniform bool lamps_apart;  // light from emitters comes from lamps.glsl\n",
+"\n",
+"// A material at a point, after its textures have been read.\n",
+"struct sbl_Material {\n",
+"    vec3 albedo;   // share of the light that is reflected, the same towards all directions\n",
+"    bool cut_out;  // there is a hole here\n",
+"};\n",
+"\n",
+"sbl_Material sbl_material(int object, sbl_Attributes at) {\n",
+"    vec4 texel = sbl_texture(sbl_object_albedo_texture(object), at.uv);\n",
+"    vec4 color = at.color * texel * vec4(sbl_object_albedo(object), 1);\n",
+"    return sbl_Material(color.rgb, color.a < sbl_object_alpha_cutoff(object));\n",
+"}\n",
+"\n",
+"// False: sbl_material finds no hole anywhere, and need not be asked.\n",
+"bool sbl_has_holes(int object) { return sbl_object_alpha_cutoff(object) > 0.0; }\n",
+"\n",
+"// Radiance that one side of a surface emits, before its texture is applied.\n",
+"vec3 sbl_emission(int object, bool back) {\n",
+"    bool dark = back && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u;\n",
+"    return dark ? vec3(0) : sbl_object_emission(object);\n",
+"}\n",
+"\n",
+"bool sbl_emits(int object, bool back) {\n",
+"    vec3 emission = sbl_emission(object, back);\n",
+"    return max(max(emission.r, emission.g), emission.b) > 0.0;\n",
+"}\n",
+"\n",
+"// The factor by which the texture changes the emission at a point.\n",
+"vec3 sbl_emission_pattern(int object, sbl_Attributes at) {\n",
+"    return sbl_texture(sbl_object_emission_texture(object), at.uv).rgb;\n",
+"}\n",
+"\n",
+"// True: sbl_outgoing does not read the attributes.\n",
+"bool sbl_outgoing_is_plain(int object, bool back) {\n",
+"#ifdef SBL_TEXTURED\n",
+"#ifdef SBL_BOUNCED\n",
+"    return false;\n",
+"#else\n",
+"    return sbl_emits(object, back) ? lamps_apart : epsilon <= 0.0;\n",
+"#endif\n",
+"#else\n",
+"    return true;\n",
+"#endif\n",
+"}\n",
+"\n",
+"// Radiance that a surface sends towards a sensor besides the stored light that it reflects: Ck of equations 1 and\n",
+"// 2, which is the radiance of an emitter, or the ambient factor times the colour.\n",
+"vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {\n",
+"    bool emits = sbl_emits(object, back);\n",
+"    vec3 radiance = emits ? sbl_emission(object, back) : epsilon * sbl_object_albedo(object);\n",
+"    if (emits && lamps_apart) radiance = vec3(0);\n",
+"#ifdef SBL_TEXTURED\n",
+"    if (!sbl_outgoing_is_plain(object, back)) {\n",
+"        uvec4 place = emits ? sbl_object_emission_texture(object) : sbl_object_albedo_texture(object);\n",
+"        radiance *= ((emits ? vec4(1) : at.color) * sbl_texture(place, at.uv)).rgb;\n",
+"    }\n",
+"#endif\n",
+"    return radiance;\n",
+"}\n",
+"\n",
+"// Radiance that a surface sends towards its receiver. light: R, which falls on it.\n",
+"vec3 sbl_reflected(sbl_Material m, vec3 light) { return m.albedo * light; }\n",
+"\n",
+"// The share of R that bounces in the store. It is below 1, since closed rooms would otherwise never grow dark.\n",
+"vec3 sbl_bounced(sbl_Material m) { return clamp(m.albedo, 0.0, SBL_BOUNCE_ALBEDO); }\n",
+"\n",
+"// A ray that goes on from a surface.\n",
+"struct sbl_Bounce {\n",
+"    vec3 direction;\n",
+"    vec3 off;     // unit vector off the surface, on the side where the ray starts\n",
+"    vec3 weight;  // what the radiance that the ray finds counts towards the receiver\n",
+"};\n",
+"\n",
+"// A direction from which light is reflected towards the receiver, drawn by the cosine. across: the surface's\n",
+"// normal of any length, 0 where the triangle has no area. u: 0 to 1.\n",
+"sbl_Bounce sbl_bounce(sbl_Material m, vec3 across, vec3 to_receiver, vec2 u) {\n",
+"    vec3 normal = dot(across, across) > 0.0 ? normalize(across) : to_receiver;\n",
+"    return sbl_Bounce(sbl_by_cosine(sbl_frame(normal), u), normal, m.albedo);\n",
+"}\n",
+0 };
+/* <<glsl */
+
 /* ====================================================================================================== >>environment
    Light that arrives from directions without a surface: from the sky, which is constant, and from a picture around the
    scene. Rays over the hemisphere find the picture's radiance up to a limit. Radiance above the limit would make their
@@ -4625,7 +4851,7 @@ static sbl_result sbl__environment_read(const sbl__base *base, sbl__environment 
             e->brightest = SBL__MAX(e->brightest, sbl__max3(c) + sbl__max3(e->sky));
         }
     }
-    e->limit = (float)SBL__MIN(SBL__MAX(SBL__SKY_LIMIT * mean / weights, 1e-37), FLT_MAX);
+    e->limit = (float)SBL__MIN(SBL__MAX(SBL__SKY_LIMIT * mean / weights, (double)SBL__SKY_LEAST), FLT_MAX);
     return SBL_SUCCESS;
 }
 
@@ -4671,7 +4897,7 @@ static void sbl__environment_rest(const sbl__environment *e, const double direct
     x = (int)((0.5 + atan2(d[2], d[0]) / (2 * SBL__PI)) * e->width);
     y = (int)(acos(SBL__MIN(SBL__MAX(d[1], -1.0), 1.0)) / SBL__PI * e->height);
     texel = e->pixels + 3 * ((size_t)SBL__MIN(y, e->height - 1) * (size_t)e->width + (size_t)SBL__MIN(x, e->width - 1));
-    excess = SBL__MAX(1 - (double)(e->limit / SBL__MAX(sbl__max3(texel), 1e-37f)), 0);
+    excess = SBL__MAX(1 - (double)(e->limit / SBL__MAX(sbl__max3(texel), SBL__SKY_LEAST)), 0);
     for (k = 0; k < 3; k++) light[k] += (float)((1 - excess) * (double)texel[k]);
 }
 
@@ -4697,20 +4923,20 @@ static const char *const sbl__glsl_sky[] = {
 "// Position in the picture where a direction points to: 0 to 1 from left to right and from top to bottom.\n",
 "vec2 sbl_sky_at(vec3 direction) {\n",
 "    vec3 d = vec3(dot(direction, sky_x), dot(direction, sky_up), dot(direction, sky_z)) / length(direction);\n",
-"    float around = d.x == 0.0 && d.z == 0.0 ? 0.0 : atan(d.z, d.x) / 6.283185307;\n",
-"    return vec2(0.5 + around, acos(clamp(d.y, -1.0, 1.0)) / 3.14159265);\n",
+"    float around = d.x == 0.0 && d.z == 0.0 ? 0.0 : atan(d.z, d.x) / (2.0 * SBL_PI);\n",
+"    return vec2(0.5 + around, acos(clamp(d.y, -1.0, 1.0)) / SBL_PI);\n",
 "}\n",
 "\n",
 "// Inverse of sbl_sky_at: world direction of a position in the picture. across: 0 to 1 from left to right;\n",
 "// z: cosine of the angle between the direction and sky_up\n",
 "vec3 sbl_sky_direction(float across, float z) {\n",
-"    float angle = 6.283185307 * (across - 0.5), r = sqrt(max(1.0 - z * z, 0.0));\n",
+"    float angle = 2.0 * SBL_PI * (across - 0.5), r = sqrt(max(1.0 - z * z, 0.0));\n",
 "    return r * cos(angle) * sky_x + z * sky_up + r * sin(angle) * sky_z;\n",
 "}\n",
 "\n",
 "// Share of a texel's light, 0 to 1, that lamps.glsl samples because it exceeds the limit.\n",
 "float sbl_sky_excess(vec3 radiance) {\n",
-"    return max(1.0 - sky_limit / max(max(radiance.r, radiance.g), max(radiance.b, 1e-37)), 0.0);\n",
+"    return max(1.0 - sky_limit / max(max(radiance.r, radiance.g), max(radiance.b, SBL_SKY_LEAST)), 0.0);\n",
 "}\n",
 "\n",
 "// Radiance of the picture in a direction, without the share that lamps.glsl samples and without the constant sky.\n",
@@ -5272,19 +5498,23 @@ static const char *const sbl__glsl_traverse[] = {
 "const float SBL_SELF_DEEP = 1e-4;     // a hit nearer than this share of its triangle's depth may be rounding:\n",
 "const float SBL_SELF_WIDE = 2.4e-7;   // it must be farther than half so many of its width\n",
 "\n",
-"#ifdef SBL_TEXTURED\n",
+"// Attributes of a triangle that is traced, at b1, b2.\n",
 "sbl_Attributes sbl_attributes_at(int triangle, float b1, float b2) {\n",
+"#ifdef SBL_TEXTURED\n",
 "    ivec3 corners = sbl_corners(int(sbl_triangle_number(triangle)));\n",
 "    vec3 b = vec3(1.0 - b1 - b2, b1, b2);\n",
 "    sbl_Attributes at = sbl_Attributes(vec2(0), vec4(0));\n",
 "    for (int k = 0; k < 3; k++) {\n",
 "        int v = corners[k];\n",
 "        at.uv += b[k] * vec2(sbl_attributes_u(v), sbl_attributes_v(v));\n",
-"        at.color += b[k] / 65535.0 * sbl_unpack_color(sbl_attributes_color_rg(v), sbl_attributes_color_ba(v));\n",
+"        vec4 color = sbl_unpack_color(sbl_attributes_color_rg(v), sbl_attributes_color_ba(v));\n",
+"        at.color += b[k] / SBL_COLOR_MOST * color;\n",
 "    }\n",
 "    return at;\n",
-"}\n",
+"#else\n",
+"    return SBL_PLAIN;\n",
 "#endif\n",
+"}\n",
 "\n",
 "struct sbl_Hit {\n",
 "    float distance;   // in lengths of the direction\n",
@@ -5293,6 +5523,8 @@ static const char *const sbl__glsl_traverse[] = {
 "    float b1, b2;     // barycentrics of the second and third corner\n",
 "    bool back;\n",
 "};\n",
+"\n",
+"sbl_Attributes sbl_attributes_of(sbl_Hit hit) { return sbl_attributes_at(hit.triangle, hit.b1, hit.b2); }\n",
 "\n",
 "// Does the ray's stretch up to `nearest` cross the box? Its entry distance, or 0x7fffffff; distances are the bits\n",
 "// of floats, since they order as integers where none is negative, and a negative one is below all others. `per` is\n",
@@ -5399,8 +5631,7 @@ static const char *const sbl__glsl_traverse[] = {
 "        bool solid = true;\n",
 "        hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);\n",
 "        if (hit.triangle >= 0 && sbl_triangle_cutout(hit.triangle) != 0u)\n",
-"            solid = sbl_solid(int(sbl_triangle_object(hit.triangle)),\n",
-"                              sbl_attributes_at(hit.triangle, hit.b1, hit.b2));\n",
+"            solid = !sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit)).cut_out;\n",
 "        if (solid) break;\n",
 "    }\n",
 "#else\n",
@@ -5556,18 +5787,20 @@ static sbl_result sbl__lamps_add_triangle(void *work, int place) {
     const uint32_t number = l->hierarchy->order[place];
     const sbl__object *object;
     const double zero[3] = { 0, 0, 0 };
+    float emission[3];
     double normal[3], area;
     sbl__lamp lamp;
     int k;
     if (number == SBL__BVH_DROPPED) return SBL_SUCCESS;
     object = sbl__object_of(l->geometry, number);
-    if (!(object->emission[0] + object->emission[1] + object->emission[2] > 0)) return SBL_SUCCESS;
+    if (!sbl__emits(object, 0)) return SBL_SUCCESS;
+    sbl__emission(object, 0, emission);
     area = sbl__scene_normal(l->geometry, number, normal);
     sbl__lamp_make(&lamp, SBL__LAMP_TRIANGLE << SBL__LAMP_KIND_SHIFT | (uint32_t)place, zero, 0,
-                   SBL__MAX(area * sbl__sum3(object->emission), SBL__POWER_LEAST));
+                   SBL__MAX(area * sbl__sum3(emission), SBL__POWER_LEAST));
     sbl__box_of_triangle(&lamp.bounds, l->geometry, number);
     for (k = 0; k < 3; k++) lamp.normal[k] = (float)normal[k];
-    lamp.one_sided = (object->flags & SBL_MATERIAL_ONE_SIDED_EMISSION) != 0;
+    lamp.one_sided = !sbl__emits(object, 1);
     lamp.triangle = number;
     return sbl__lamps_add(l, &lamp);
 }
@@ -5642,7 +5875,7 @@ static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e,
     double lamps = light_count;
     size_t i;
     for (i = 0; i < (size_t)g->mesh_count; i++)
-        if (!sbl__all_zero(g->objects[i].emission, 3)) lamps += g->meshes[i].triangle_count;
+        if (sbl__emits(&g->objects[i], 0)) lamps += g->meshes[i].triangle_count;
     for (i = 0; e->pixels && i < (size_t)e->width * (size_t)e->height; i++)
         lamps += sbl__max3(e->pixels + 3 * i) > e->limit;
     return lamps;
@@ -5985,8 +6218,8 @@ static float sbl__leaf_doubt(const float light[3]) {
 /* >>store: cells. store.glsl does the same. */
 
 static uint32_t sbl__hash_step(uint32_t hash, uint32_t x) {
-    hash = (hash ^ x) * 0x9e3779b1u;
-    return hash ^ hash >> 15;
+    hash = (hash ^ x) * SBL__HASH_FACTOR;
+    return hash ^ hash >> SBL__HASH_SHIFT;
 }
 
 static float sbl__cell_length(const sbl__store *s, uint32_t patch) {
@@ -6000,7 +6233,7 @@ static void sbl__cell_place(const sbl__store *s, uint32_t patch, const float pos
     int k;
     for (k = 0; k < 3; k++) {
         const float x = (position[k] - s->origin[k]) * per_cell;
-        at[k] = x > 0 ? x < 2e9f ? (uint32_t)x : 2000000000u : 0;
+        at[k] = (uint32_t)SBL__MIN(SBL__MAX(x, 0), SBL__CELL_MOST);
     }
     if (patch & SBL__PATCH_FLAT) at[patch >> SBL__PATCH_AXIS_SHIFT & 3u] = 0;
 }
@@ -6040,9 +6273,9 @@ static uint32_t sbl__rgbe(const float light[3]) {
     int exponent, k;
     if (!(frexp((double)sbl__max3(light), &exponent) > 0) || exponent < -127) return 0;
     exponent = SBL__MIN(exponent, 127);
-    word = (uint32_t)(exponent + 128) << 24;
+    word = (uint32_t)(exponent + SBL__RGBE_BIAS) << 24;
     for (k = 0; k < 3; k++) {
-        const double part = ldexp((double)light[k], 8 - exponent) + 0.5;
+        const double part = ldexp((double)light[k], SBL__RGBE_BITS - exponent) + 0.5;
         word |= (uint32_t)SBL__MIN(SBL__MAX(part, 0), 255.0) << 8 * k;
     }
     return word;
@@ -6320,7 +6553,7 @@ static const char *const sbl__glsl_frame[] = {
 "// Maps a uniform point u of the unit square to a cosine-distributed direction over the hemisphere about the\n",
 "// frame's third column.\n",
 "vec3 sbl_by_cosine(mat3 frame, vec2 u) {\n",
-"    float radius = sqrt(u.x), angle = 6.283185307 * u.y;\n",
+"    float radius = sqrt(u.x), angle = 2.0 * SBL_PI * u.y;\n",
 "    return frame * vec3(radius * cos(angle), radius * sin(angle), sqrt(1.0 - u.x));\n",
 "}\n",
 0 };
@@ -6338,7 +6571,7 @@ static const char *const sbl__glsl_store[] = {
 "uniform float per_cell;   // 1 / length of a cell\n",
 "\n",
 "uint sbl_hash_step(uint hash, uint x) {\n",
-"    hash = (hash ^ x) * 0x9e3779b1u;\n",
+"    hash = (hash ^ x) * SBL_HASH_FACTOR;\n",
 "    return hash ^ hash >> 15;\n",
 "}\n",
 "\n",
@@ -6346,7 +6579,7 @@ static const char *const sbl__glsl_store[] = {
 "// away; 0: there is none.\n",
 "int sbl_leaf_at(int number, bool back, vec3 position, float distance) {\n",
 "    uint patch_word = sbl_fetch(sbl_store, number >> 2)[number & 3] ^ (back ? SBL_PATCH_BACK : 0u);\n",
-"    uvec3 at = uvec3(clamp((position - cell_origin) * per_cell, vec3(0), vec3(2e9)));\n",
+"    uvec3 at = uvec3(clamp((position - cell_origin) * per_cell, vec3(0), vec3(SBL_CELL_MOST)));\n",
 "    if ((patch_word & SBL_PATCH_FLAT) != 0u) {\n",
 "        uint axis = patch_word >> SBL_PATCH_AXIS_SHIFT & 3u;\n",
 "        at *= uvec3(axis != 0u, axis != 1u, axis != 2u);\n",
@@ -6382,7 +6615,8 @@ static const char *const sbl__glsl_store[] = {
 "\n",
 "vec3 sbl_lamps_of(int leaf) {\n",
 "    uint rgbe = leaf == 0 ? 0u : sbl_leaf_lamps(leaf - 1);\n",
-"    return vec3(rgbe & 255u, rgbe >> 8 & 255u, rgbe >> 16 & 255u) * exp2(float(rgbe >> 24) - 136.0);\n",
+"    float exponent = float(rgbe >> 24) - float(SBL_RGBE_BIAS + SBL_RGBE_BITS);\n",
+"    return vec3(rgbe & 255u, rgbe >> 8 & 255u, rgbe >> 16 & 255u) * exp2(exponent);\n",
 "}\n",
 "\n",
 "// R there.\n",
@@ -6429,34 +6663,15 @@ static void sbl__scene_free(const sbl__device *d, sbl__scene *s) {
     memset(s, 0, sizeof *s);
 }
 
-/* A material into its mesh's object. */
-static void sbl__scene_dress_mesh(sbl__scene *s, const sbl_material *m, sbl__object *o) {
-    const sbl__textures *t = &s->textures;
-    float scale = 1;
-    memcpy(o->albedo, m->albedo, sizeof o->albedo);
-    memcpy(o->emission, m->emission, sizeof o->emission);
-    memset(o->albedo_texture, 0, sizeof o->albedo_texture);
-    memset(o->emission_texture, 0, sizeof o->emission_texture);
-    o->alpha_cutoff = m->alpha_cutoff;
-    o->flags = m->flags;
-    if (m->albedo_texture) memcpy(o->albedo_texture, t->places[m->albedo_texture - 1], sizeof o->albedo_texture);
-    if (m->emission_texture) {
-        memcpy(o->emission_texture, t->places[m->emission_texture - 1], sizeof o->emission_texture);
-        scale = t->brightest[m->emission_texture - 1];
-    }
-    if (m->albedo_texture || m->emission_texture) s->features |= SBL__TEXTURED;
-    if (m->alpha_cutoff > 0) s->features |= SBL__TEXTURED | SBL__CUTOUTS;
-    s->brightest = SBL__MAX(s->brightest, scale * sbl__max3(m->emission));
-}
-
-/* All of them. What shines brightest is found anew. */
+/* Writes all materials into their meshes' objects, and finds the brightest radiance. */
 static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
     int i;
     s->brightest = SBL__MAX(s->environment.brightest, s->draw ? s->draw_brightest : 0);
     s->features &= ~(unsigned)(SBL__TEXTURED | SBL__CUTOUTS);
     if (s->geometry.colored) s->features |= SBL__TEXTURED;
     for (i = 0; i < s->geometry.mesh_count; i++)
-        sbl__scene_dress_mesh(s, &materials[s->geometry.meshes[i].material], &s->geometry.objects[i]);
+        s->features |= sbl__material_write(&s->textures, &materials[s->geometry.meshes[i].material],
+                                           &s->geometry.objects[i], &s->brightest);
 }
 
 #define SBL__STORE_LEAVES 49152
@@ -6575,14 +6790,6 @@ static void sbl__scene_changed(const sbl__device *d, sbl__scene *s) {
     sbl__scene_relit(d, s);
 }
 
-/* Does that differ which light meets on its way, besides what shines? */
-static int sbl__objects_differ(const sbl__object *a, const sbl__object *b) {
-    const uint32_t flags = ~SBL__ONE_SIDED_EMISSION;
-    return memcmp(a->albedo, b->albedo, sizeof a->albedo) || (a->flags & flags) != (b->flags & flags) ||
-           memcmp(&a->alpha_cutoff, &b->alpha_cutoff, sizeof a->alpha_cutoff) ||
-           memcmp(a->albedo_texture, b->albedo_texture, sizeof a->albedo_texture);
-}
-
 /* Other materials and lights, as many as there are. On failure all is as it was. */
 static sbl_result sbl__scene_relight(sbl__device *d, sbl__scene *s, const sbl_material *materials,
                                      const sbl_light *lights) {
@@ -6613,7 +6820,8 @@ static sbl_result sbl__scene_relight(sbl__device *d, sbl__scene *s, const sbl_ma
         sbl__geometry_show_objects(d, &s->geometry);
         return result;
     }
-    for (i = 0; i < s->geometry.mesh_count; i++) differ |= sbl__objects_differ(&objects[i], &s->geometry.objects[i]);
+    for (i = 0; i < s->geometry.mesh_count; i++)
+        differ |= sbl__reflects_otherwise(&objects[i], &s->geometry.objects[i]);
     sbl__free(d->base, objects);
     sbl__lights_free(d, &s->lights);
     s->lights = others;
@@ -6669,6 +6877,8 @@ static const char *const sbl__glsl_scene[] = {
 "\n",
 "struct sbl_Attributes { vec2 uv; vec4 color; };\n",
 "\n",
+"const sbl_Attributes SBL_PLAIN = sbl_Attributes(vec2(0), vec4(1));  // of a surface without textures and colours\n",
+"\n",
 "vec4 sbl_unpack_color(uint rg, uint ba) { return vec4(rg & 65535u, rg >> 16, ba & 65535u, ba >> 16); }\n",
 "\n",
 "vec4 sbl_texel(uvec4 place, ivec2 at) {\n",
@@ -6676,15 +6886,11 @@ static const char *const sbl__glsl_scene[] = {
 "    if ((place.w & SBL_TEXTURE_CLAMPS) != 0u) at = clamp(at, ivec2(0), size - 1);\n",
 "    else at -= size * ivec2(floor(vec2(at) / vec2(size)));\n",
 "    at = clamp(at, ivec2(0), size - 1);  // the division above may round up for far repeats\n",
+"    bool srgb = (place.w & SBL_TEXTURE_KIND) == SBL_TEXTURE_SRGB;\n",
 "    int index = at.y * size.x + at.x;\n",
-"    if ((place.w & SBL_TEXTURE_KIND) == SBL_TEXTURE_SRGB) {\n",
-"        int width = textureSize(sbl_texels_srgb, 0).x;\n",
-"        ivec2 texel = ivec2(uint(index) % uint(width), place.x + uint(index) / uint(width));\n",
-"        return texelFetch(sbl_texels_srgb, texel, 0);\n",
-"    }\n",
-"    int width = textureSize(sbl_texels_float, 0).x;\n",
+"    int width = srgb ? textureSize(sbl_texels_srgb, 0).x : textureSize(sbl_texels_float, 0).x;\n",
 "    ivec2 texel = ivec2(uint(index) % uint(width), place.x + uint(index) / uint(width));\n",
-"    return texelFetch(sbl_texels_float, texel, 0);\n",
+"    return srgb ? texelFetch(sbl_texels_srgb, texel, 0) : texelFetch(sbl_texels_float, texel, 0);\n",
 "}\n",
 "\n",
 "// A texture's place in its store is first row, width, height, kind. Bilinear, decoded before it is filtered; (0,\n",
@@ -6705,25 +6911,6 @@ static const char *const sbl__glsl_scene[] = {
 "    return vec4(1);\n",
 "#endif\n",
 "}\n",
-"\n",
-"// The surface's colour; a: what cutouts go by.\n",
-"vec4 sbl_color(int object, sbl_Attributes at) {\n",
-"    return at.color * sbl_texture(sbl_object_albedo_texture(object), at.uv) * vec4(sbl_object_albedo(object), 1);\n",
-"}\n",
-"\n",
-"// Without textures, all colours are the materials'.\n",
-"vec3 sbl_albedo(int object, sbl_Attributes at) {\n",
-"#ifdef SBL_TEXTURED\n",
-"    return sbl_color(object, at).rgb;\n",
-"#else\n",
-"    return sbl_object_albedo(object);\n",
-"#endif\n",
-"}\n",
-"\n",
-"// Does a cutout leave anything here?\n",
-"bool sbl_solid(int object, sbl_Attributes at) {\n",
-"    return sbl_color(object, at).a >= sbl_object_alpha_cutoff(object);\n",
-"}\n",
 0 };
 /* <<glsl */
 
@@ -6734,7 +6921,7 @@ static const char *const sbl__glsl_surface[] = {
 "// surface.\n",
 "struct sbl_Surface {\n",
 "    vec3 position, normal, geometric_normal;  // normals point against the ray\n",
-"    vec4 albedo;                              // a: 0 where the cutout leaves nothing\n",
+"    sbl_Material material;\n",
 "    vec3 emission;\n",
 "    float facet;                              // the triangle's least height\n",
 "    float reach;                              // of its corners from the origin, plus its longest side: what\n",
@@ -6744,8 +6931,6 @@ static const char *const sbl__glsl_surface[] = {
 "    bool back;                                // its back side is seen\n",
 "};\n",
 "\n",
-"const float SBL_GRAZING = 0.01;  // cosine that shading normals are kept from the horizon\n",
-"\n",
 "// Interpolated where it is long enough, towards the viewer's side of the triangle, and bent away from the\n",
 "// surface's own horizon: a shading normal that turns away from the viewer would aim the sensor at the surface\n",
 "// itself.\n",
@@ -6753,7 +6938,7 @@ static const char *const sbl__glsl_surface[] = {
 "    vec3 normal = b.x * sbl_attributes_normal(v.x) + b.y * sbl_attributes_normal(v.y) +\n",
 "                  b.z * sbl_attributes_normal(v.z);\n",
 "    float length2 = dot(normal, normal);\n",
-"    normal = length2 > 1e-12 ? normal * inversesqrt(length2) : face;\n",
+"    normal = length2 > SBL_NORMAL_LEAST ? normal * inversesqrt(length2) : face;\n",
 "    normal = dot(normal, geometric_normal) < 0.0 ? -normal : normal;\n",
 "    float grazing = dot(normal, normalize(direction));\n",
 "    if (grazing > -SBL_GRAZING) normal = normalize(normal - (grazing + SBL_GRAZING) * normalize(direction));\n",
@@ -6767,35 +6952,45 @@ static const char *const sbl__glsl_surface[] = {
 "    vec4 color = b.x * sbl_unpack_color(sbl_attributes_color_rg(v.x), sbl_attributes_color_ba(v.x)) +\n",
 "                 b.y * sbl_unpack_color(sbl_attributes_color_rg(v.y), sbl_attributes_color_ba(v.y)) +\n",
 "                 b.z * sbl_unpack_color(sbl_attributes_color_rg(v.z), sbl_attributes_color_ba(v.z));\n",
-"    return sbl_Attributes(uv, color / 65535.0);\n",
+"    return sbl_Attributes(uv, color / SBL_COLOR_MOST);\n",
+"}\n",
+"\n",
+"// A triangle: its vertices, its first corner, and the edges from there. size is the largest component of both\n",
+"// edges. Cross products take the edges over size (s1, s2), so that those of small triangles do not underflow.\n",
+"struct sbl_Facet {\n",
+"    ivec3 v;\n",
+"    vec3 p0, e1, e2, s1, s2;\n",
+"    float size;\n",
+"};\n",
+"\n",
+"sbl_Facet sbl_facet(int triangle) {\n",
+"    ivec3 v = sbl_corners(triangle);\n",
+"    vec3 p0 = sbl_vertex_position(v.x), e1 = sbl_vertex_position(v.y) - p0, e2 = sbl_vertex_position(v.z) - p0;\n",
+"    float size = max(max(max(abs(e1.x), abs(e1.y)), abs(e1.z)), max(max(abs(e2.x), abs(e2.y)), abs(e2.z)));\n",
+"    return sbl_Facet(v, p0, e1, e2, e1 / size, e2 / size, size);\n",
 "}\n",
 "\n",
 "// The point of a triangle at b1, b2, weights of its second and third corner, as it is seen along direction.\n",
 "sbl_Surface sbl_surface_at(int triangle, float b1, float b2, vec3 direction) {\n",
-"    ivec3 v = sbl_corners(triangle);\n",
-"    vec3 p0 = sbl_vertex_position(v.x), e1 = sbl_vertex_position(v.y) - p0, e2 = sbl_vertex_position(v.z) - p0;\n",
-"    int object = int(sbl_vertex_object(v.x));\n",
-"    float size = max(max(max(abs(e1.x), abs(e1.y)), abs(e1.z)), max(max(abs(e2.x), abs(e2.y)), abs(e2.z)));\n",
-"    vec3 s1 = e1 / size, s2 = e2 / size;\n",
+"    sbl_Facet f = sbl_facet(triangle);\n",
+"    int object = int(sbl_vertex_object(f.v.x));\n",
 "    float b0 = 1.0 - b1 - b2;\n",
 "\n",
 "    sbl_Surface s;\n",
-"    s.position = p0 + (b1 * e1 + b2 * e2);\n",
-"    vec3 across = cross(s1, s2), s3 = s2 - s1;\n",
+"    s.position = f.p0 + (b1 * f.e1 + b2 * f.e2);\n",
+"    vec3 across = cross(f.s1, f.s2), s3 = f.s2 - f.s1;\n",
 "    float widest = max(max(abs(across.x), abs(across.y)), abs(across.z));\n",
 "    vec3 face = normalize(widest > 1e-15 ? across : widest > 0.0 ? across / widest : -direction);  // no underflow\n",
-"    float longest = sqrt(max(dot(s1, s1), max(dot(s2, s2), dot(s3, s3))));\n",
-"    s.facet = size * length(across) / longest;\n",
-"    s.reach = length(p0) + 2.0 * size * longest;\n",
+"    float longest = sqrt(max(dot(f.s1, f.s1), max(dot(f.s2, f.s2), dot(s3, s3))));\n",
+"    s.facet = f.size * length(across) / longest;\n",
+"    s.reach = length(f.p0) + 2.0 * f.size * longest;\n",
 "    s.back = dot(face, direction) > 0.0;\n",
 "    s.geometric_normal = s.back ? -face : face;\n",
-"    s.normal = sbl_shading_normal(v, vec3(b0, b1, b2), face, s.geometric_normal, direction);\n",
+"    s.normal = sbl_shading_normal(f.v, vec3(b0, b1, b2), face, s.geometric_normal, direction);\n",
 "\n",
-"    sbl_Attributes at = sbl_mix_attributes(v, vec3(b0, b1, b2));\n",
-"    s.albedo = sbl_color(object, at);\n",
-"    s.albedo.a = s.albedo.a < sbl_object_alpha_cutoff(object) ? 0.0 : 1.0;\n",
-"    s.emission = sbl_object_emission(object) * sbl_texture(sbl_object_emission_texture(object), at.uv).rgb;\n",
-"    if (s.back && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u) s.emission = vec3(0);\n",
+"    sbl_Attributes at = sbl_mix_attributes(f.v, vec3(b0, b1, b2));\n",
+"    s.material = sbl_material(object, at);\n",
+"    s.emission = sbl_emission(object, s.back) * sbl_emission_pattern(object, at);\n",
 "    s.id = sbl_object_id(object);\n",
 "    s.object = object;\n",
 "    return s;\n",
@@ -6803,15 +6998,11 @@ static const char *const sbl__glsl_surface[] = {
 "\n",
 "// Where a ray meets it.\n",
 "sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {\n",
-"    ivec3 v = sbl_corners(triangle);\n",
-"    vec3 p0 = sbl_vertex_position(v.x), e1 = sbl_vertex_position(v.y) - p0, e2 = sbl_vertex_position(v.z) - p0;\n",
+"    sbl_Facet f = sbl_facet(triangle);\n",
 "\n",
 "    // Barycentrics of the ray's hit by Cramer's rule (Moeller and Trumbore 1997), kept inside the triangle.\n",
-"    // The cross product is scaled to the edges' size first, so that small triangles do not underflow.\n",
-"    float size = max(max(max(abs(e1.x), abs(e1.y)), abs(e1.z)), max(max(abs(e2.x), abs(e2.y)), abs(e2.z)));\n",
-"    vec3 s1 = e1 / size, s2 = e2 / size;\n",
-"    vec3 t = (origin - p0) / size, q = cross(t, s1), h = cross(direction, s2);\n",
-"    float determinant = dot(s1, h);\n",
+"    vec3 t = (origin - f.p0) / f.size, q = cross(t, f.s1), h = cross(direction, f.s2);\n",
+"    float determinant = dot(f.s1, h);\n",
 "    float b1 = clamp(dot(t, h) / determinant, 0.0, 1.0);\n",
 "    float b2 = clamp(dot(direction, q) / determinant, 0.0, 1.0 - b1);\n",
 "    if (!(abs(determinant) > 0.0)) { b1 = 1.0 / 3.0; b2 = 1.0 / 3.0; }\n",
@@ -6821,63 +7012,11 @@ static const char *const sbl__glsl_surface[] = {
 "#ifdef SBL_LIGHTMAP\n",
 "// Seen from the front, see sbl_lightmap_desc.\n",
 "sbl_Surface sbl_surface_front(int triangle, float b1, float b2) {\n",
-"    ivec3 v = sbl_corners(triangle);\n",
-"    vec3 p0 = sbl_vertex_position(v.x), e1 = sbl_vertex_position(v.y) - p0, e2 = sbl_vertex_position(v.z) - p0;\n",
-"    float size = max(max(max(abs(e1.x), abs(e1.y)), abs(e1.z)), max(max(abs(e2.x), abs(e2.y)), abs(e2.z)));\n",
-"    vec3 face = normalize(cross(e1 / size, e2 / size));\n",
-"    vec3 normal = (1.0 - b1 - b2) * sbl_attributes_normal(v.x) + b1 * sbl_attributes_normal(v.y) +\n",
-"                  b2 * sbl_attributes_normal(v.z);\n",
+"    sbl_Facet f = sbl_facet(triangle);\n",
+"    vec3 face = normalize(cross(f.s1, f.s2));\n",
+"    vec3 normal = (1.0 - b1 - b2) * sbl_attributes_normal(f.v.x) + b1 * sbl_attributes_normal(f.v.y) +\n",
+"                  b2 * sbl_attributes_normal(f.v.z);\n",
 "    return sbl_surface_at(triangle, b1, b2, dot(normal, face) < 0.0 ? face : -face);\n",
-"}\n",
-"#endif\n",
-0 };
-/* <<glsl */
-
-/* >>glsl outgoing: shaders_embedded/outgoing.glsl, copied by scripts/embed_shaders */
-static const char *const sbl__glsl_outgoing[] = {
-"// What a surface sends towards a sensor: Ck of equations 1 and 2, an emitter's radiance, or the ambient factor\n",
-"// times the colour; or the light that bounces there, which the store knows. All that sensors see comes through\n",
-"// here.\n",
-"uniform float epsilon;     // the ambient factor\n",
-"uniform bool lamps_apart;  // light from emitters comes from lamps.glsl\n",
-"\n",
-"bool sbl_emits(int object, bool back) {\n",
-"    vec3 emission = sbl_object_emission(object);\n",
-"    bool turned = back && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u;\n",
-"    return max(max(emission.r, emission.g), emission.b) > 0.0 && !turned;\n",
-"}\n",
-"\n",
-"// Is what it sends known without its attributes? `back`: of its back side.\n",
-"bool sbl_outgoing_is_plain(int object, bool back) {\n",
-"#ifdef SBL_TEXTURED\n",
-"#ifdef SBL_BOUNCED\n",
-"    return false;\n",
-"#else\n",
-"    return sbl_emits(object, back) ? lamps_apart : epsilon <= 0.0;\n",
-"#endif\n",
-"#else\n",
-"    return true;\n",
-"#endif\n",
-"}\n",
-"\n",
-"// at: at the point, where it is not plain.\n",
-"vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {\n",
-"    bool emits = sbl_emits(object, back);\n",
-"    vec3 radiance = emits ? sbl_object_emission(object) : epsilon * sbl_object_albedo(object);\n",
-"    if (emits && lamps_apart) radiance = vec3(0);\n",
-"#ifdef SBL_TEXTURED\n",
-"    if (!sbl_outgoing_is_plain(object, back)) {\n",
-"        uvec4 place = emits ? sbl_object_emission_texture(object) : sbl_object_albedo_texture(object);\n",
-"        radiance *= ((emits ? vec4(1) : at.color) * sbl_texture(place, at.uv)).rgb;\n",
-"    }\n",
-"#endif\n",
-"    return radiance;\n",
-"}\n",
-"\n",
-"#ifdef SBL_BOUNCED\n",
-"// The light that a point reflects. number: of its triangle in the scene; distance: to whom.\n",
-"vec3 sbl_reflected(int object, int number, bool back, vec3 position, float distance, sbl_Attributes at) {\n",
-"    return sbl_albedo(object, at) * sbl_stored(number, back, position, distance);\n",
 "}\n",
 "#endif\n",
 0 };
@@ -7895,8 +8034,8 @@ static const char *const sbl__glsl_visibility_fragment[] = {
 "\n",
 "void main() {\n",
 "#ifdef SBL_CUTOUTS\n",
-"    if (sbl_object_alpha_cutoff(int(sbl_vertex_object(sbl_corners(triangle).x))) > 0.0)\n",
-"        if (sbl_surface(triangle, sbl_camera_origin(), sbl_camera_direction()).albedo.a == 0.0) discard;\n",
+"    if (sbl_has_holes(int(sbl_vertex_object(sbl_corners(triangle).x))))\n",
+"        if (sbl_surface(triangle, sbl_camera_origin(), sbl_camera_direction()).material.cut_out) discard;\n",
 "#endif\n",
 "    out_triangle = uint(triangle) + 1u;\n",
 "#ifdef SBL_WRITE_DEPTH\n",
@@ -7908,7 +8047,8 @@ static const char *const sbl__glsl_visibility_fragment[] = {
 
 static const sbl__recipe sbl__recipe_visibility = {
     "visibility", { sbl__glsl_scene, sbl__glsl_visibility_vertex },
-    { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_camera, sbl__glsl_visibility_fragment },
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_surface, sbl__glsl_camera,
+      sbl__glsl_visibility_fragment },
     { &sbl__vertex_record, &sbl__attributes_record, &sbl__object_record },
     SBL__CUTOUTS | SBL__WIDE | SBL__WRITE_DEPTH
 };
@@ -8036,7 +8176,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    float step = 0.25 / per_cell, weight = 0.0;\n",
 "    vec3 sum = vec3(0);\n",
 "    for (int i = 0; i < points; i++) {\n",
-"        vec3 light = sbl_stored(number, s.back, s.position + step * (frame * vec3(i % 5 - 2, i / 5 - 2, 0)), 1e30);\n",
+"        vec3 place = s.position + step * (frame * vec3(i % 5 - 2, i / 5 - 2, 0));\n",
+"        vec3 light = sbl_stored(number, s.back, place, SBL_INFINITE);\n",
 "        float known = max(light.r, max(light.g, light.b)) > 0.0 ? 1.0 : 0.0;\n",
 "        sum += light;\n",
 "        weight += known;\n",
@@ -8067,12 +8208,12 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        out_position = vec4(s.position, s.reach);\n",
 "        out_normal = vec4(s.normal, 0);\n",
 "        out_geometric_normal = vec4(s.geometric_normal, 0);\n",
-"        out_albedo = vec4(s.albedo.rgb, 1);\n",
+"        out_albedo = vec4(s.material.albedo, 1);\n",
 "        out_emission = vec4(s.emission, 0);\n",
 "        out_id = s.id;\n",
 "#ifdef SBL_BOUNCED\n",
 "        bool excluded = (sbl_object_flags(s.object) & SBL_NO_SENSORS) != 0u;\n",
-"        vec3 light = sbl_stored(int(triangle) - 1, s.back, s.position, 1e30);\n",
+"        vec3 light = sbl_stored(int(triangle) - 1, s.back, s.position, SBL_INFINITE);\n",
 "        vec3 smooth_light = sbl_stored_smooth(int(triangle) - 1, s, excluded ? 25 : 0);\n",
 "        if (excluded) light = smooth_light;\n",
 "        out_normal.w = excluded ? -1.0 - light.r : light.r;\n",
@@ -8086,7 +8227,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 
 static const sbl__recipe sbl__recipe_gbuffer = {
     "gbuffer", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_surface, sbl__glsl_camera, sbl__glsl_frame, sbl__glsl_store,
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_surface, sbl__glsl_camera, sbl__glsl_store,
       sbl__glsl_gbuffer_fragment },
     { &sbl__vertex_record, &sbl__attributes_record, &sbl__object_record, &sbl__split_record, &sbl__leaf_record },
     SBL__TEXTURED | SBL__WIDE | SBL__BOUNCED | SBL__LIGHTMAP
@@ -8528,7 +8669,7 @@ static void sbl__guide_intervals(const float *shares, int count, double even, ui
     if (!(all > 0)) even = 1;
     for (i = 0; i < count; i++) {
         const double part = all > 0 ? sum / all : 0;
-        const uint32_t begin = (uint32_t)(65536 * ((1 - even) * part + even * i / count));
+        const uint32_t begin = (uint32_t)(SBL__GUIDE_STEPS * ((1 - even) * part + even * i / count));
         if (i & 1) words[i / 2] |= begin << 16;
         else words[i / 2] = begin;
         sum += shares[i];
@@ -8581,14 +8722,14 @@ static double sbl__guide_send(const uint32_t *words, double u[2]) {
     double weight = 1;
     int axis;
     for (axis = 0; axis < 2; axis++) {
-        const double x = u[axis] * 65536;
+        const double x = u[axis] * SBL__GUIDE_STEPS;
         double begin, end;
         int i = 0;
         while (i + 1 < counts[axis] && sbl__guide_interval_begin(words, i + 1) <= x) i++;
         begin = sbl__guide_interval_begin(words, i);
-        end = i + 1 < counts[axis] ? sbl__guide_interval_begin(words, i + 1) : 65536;
+        end = i + 1 < counts[axis] ? sbl__guide_interval_begin(words, i + 1) : SBL__GUIDE_STEPS;
         u[axis] = (i + (x - begin) / (end - begin)) / counts[axis];
-        weight *= 65536 / ((end - begin) * counts[axis]);
+        weight *= SBL__GUIDE_STEPS / ((end - begin) * counts[axis]);
         words += (SBL__GUIDE_RINGS + i * SBL__GUIDE_SECTORS) / 2;
     }
     return weight;
@@ -8693,7 +8834,11 @@ static const char *const sbl__glsl_carrier[] = {
 "uniform int columns;             // number of slots in a row of the outputs\n",
 "uniform int first_slot, count;   // the looks of this draw use `count` slots, beginning with slot first_slot\n",
 "\n",
-"const vec3 SBL_LUMINANCE = vec3(0.2126, 0.7152, 0.0722);  // weights of linear sRGB\n",
+"const vec3 SBL_LUMINANCE = vec3(SBL_LUMINANCE_WEIGHTS);\n",
+"const float SBL_COSINE_LEAST = 1e-6;  // for reciprocals of cosines\n",
+"\n",
+"// 32-bit fractions as a point between 0 and 1.\n",
+"vec2 sbl_unit_square(uvec2 fractions) { return (vec2(fractions >> 8) + 0.5) / SBL_FRACTIONS; }\n",
 "\n",
 "// Weights by which light from the unit direction w contributes to the coefficients of the first two bands of real\n",
 "// spherical harmonics, in the order 1, y, z, x. The light is given as its part of R (irradiance / pi), which\n",
@@ -8701,7 +8846,7 @@ static const char *const sbl__glsl_carrier[] = {
 "// reciprocal: 1 / that cosine\n",
 "vec4 sbl_harmonics(vec3 w, vec3 n, float reciprocal) {\n",
 "    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w divided by the cosine\n",
-"    return 3.14159265 * vec4(0.28209479 * reciprocal, 0.48860251 * way.yzx);\n",
+"    return SBL_PI * vec4(SBL_HARMONIC_0 * reciprocal, SBL_HARMONIC_1 * way.yzx);\n",
 "}\n",
 "\n",
 "#ifdef SBL_COMPUTE\n",
@@ -8798,7 +8943,7 @@ static void sbl__sequence_at(const uint32_t *sequence, int i, uint32_t seed, dou
     int axis;
     for (axis = 0; axis < 2; axis++) {
         const uint32_t x = sequence[2 * i + axis] ^ sbl__hash(seed + (uint32_t)axis);
-        u[axis] = ((x >> 8) + 0.5) / 16777216.0;
+        u[axis] = ((x >> 8) + 0.5) / SBL__FRACTIONS;
     }
 }
 
@@ -8906,7 +9051,6 @@ static const char *const sbl__glsl_lamps[] = {
 "#endif\n",
 "#endif\n",
 "\n",
-"const float PI = 3.14159265;\n",
 "const int SBL_CERTAIN = 32;         // so many points of light get a ray each\n",
 "const float SBL_STRATA = 1.5;       // variance of n stratified points, as a share of independent ones', times the\n",
 "                                    // root of n: what edges across a lamp leave, measured;\n",
@@ -8931,7 +9075,7 @@ static const char *const sbl__glsl_lamps[] = {
 "\n",
 "struct sbl_Lamp {\n",
 "    uint kind;\n",
-"    vec3 emission;             // a triangle's radiance; a light's irradiance of a surface here that faces it; a\n",
+"    vec3 brightness;           // a triangle's radiance; a light's irradiance of a surface here that faces it; a\n",
 "                               // texel's light, radiance times solid angle\n",
 "    vec3 corner;               // of the triangle, from the sensor; else the unit direction to the light's, or the\n",
 "                               // texel's, middle\n",
@@ -8953,34 +9097,33 @@ static const char *const sbl__glsl_lamps[] = {
 "sbl_Lamp sbl_lamp(int leaf) {\n",
 "    uint code = sbl_lamp_leaf_code(leaf), at = code & ((1u << SBL_LAMP_KIND_SHIFT) - 1u);\n",
 "    ivec2 texel = ivec2(at & ((1u << SBL_SKY_COLUMN_BITS) - 1u), at >> SBL_SKY_COLUMN_BITS);\n",
-"    sbl_Lamp l = sbl_Lamp(code >> SBL_LAMP_KIND_SHIFT, vec3(0), vec3(0), vec3(0), vec3(0), 1e30, 0.0, 0.0, texel,\n",
-"                          int(at), -1, vec2(1, 0));\n",
+"    sbl_Lamp l = sbl_Lamp(code >> SBL_LAMP_KIND_SHIFT, vec3(0), vec3(0), vec3(0), vec3(0), SBL_INFINITE, 0.0, 0.0,\n",
+"                          texel, int(at), -1, vec2(1, 0));\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
 "        int object = int(sbl_triangle_object(l.triangle));\n",
 "        l.corner = sbl_triangle_corner_0(l.triangle);\n",
 "        l.side_1 = sbl_triangle_corner_1(l.triangle) - l.corner;\n",
 "        l.side_2 = sbl_triangle_corner_2(l.triangle) - l.corner;\n",
 "        l.corner -= position;\n",
-"        l.emission = sbl_object_emission(object) / unit;\n",
 "        l.number = int(sbl_triangle_number(l.triangle));\n",
 "        vec3 normal = cross(l.side_1, l.side_2);\n",
 "        float off = dot(normal, l.corner);\n",
 "        l.group = off > 0.0 ? vec2(0, 1) : vec2(1, 0);\n",
+"        l.brightness = sbl_emission(object, l.group.y == 1.0) / unit;\n",
 "        // seen edge-on; above all its own, which rounding may put above the horizon, all over it\n",
-"        if (abs(off) < 0.5 * sbl_look_offset(look) * length(normal)) l.emission = vec3(0);\n",
-"        if (l.group.y == 1.0 && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u) l.emission = vec3(0);\n",
+"        if (abs(off) < 0.5 * sbl_look_offset(look) * length(normal)) l.brightness = vec3(0);\n",
 "    }\n",
 "#ifdef SBL_MIXED\n",
 "    if (l.kind == SBL_LAMP_SKY_TEXEL) {\n",
 "        vec2 size = vec2(textureSize(sky_picture, 0)), middle = (vec2(l.texel) + 0.5) / size;\n",
 "        vec3 radiance = texelFetch(sky_picture, l.texel, 0).rgb;\n",
-"        l.corner = sbl_sky_direction(middle.x, cos(PI * middle.y));\n",
-"        l.emission = radiance * (sbl_sky_excess(radiance) / unit * (2.0 * PI / size.x) * 2.0 * sin(PI * middle.y) *\n",
-"                                 sin(0.5 * PI / size.y));\n",
+"        l.corner = sbl_sky_direction(middle.x, cos(SBL_PI * middle.y));\n",
+"        l.brightness = radiance * (sbl_sky_excess(radiance) / unit * (2.0 * SBL_PI / size.x) * 2.0 *\n",
+"                                   sin(SBL_PI * middle.y) * sin(0.5 * SBL_PI / size.y));\n",
 "    }\n",
 "    if (sbl_is_light(l)) {\n",
 "        l.corner = sbl_light_position(int(at));\n",
-"        l.emission = sbl_light_intensity(int(at)) / unit;\n",
+"        l.brightness = sbl_light_intensity(int(at)) / unit;\n",
 "        l.sine2 = sbl_light_radius(int(at));\n",
 "        if (l.kind == SBL_LAMP_NEAR_LIGHT) {\n",
 "            l.corner -= position;\n",
@@ -8990,7 +9133,7 @@ static const char *const sbl__glsl_lamps[] = {
 "            float spot = clamp(dot(sbl_light_axis(int(at)), -l.corner) * sbl_light_spot_scale(int(at)) +\n",
 "                               sbl_light_spot_offset(int(at)), 0.0, 1.0);  // KHR_lights_punctual\n",
 "            if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // the sensor stands in it\n",
-"            l.emission *= spot * spot / (l.away * l.away);\n",
+"            l.brightness *= spot * spot / (l.away * l.away);\n",
 "            l.sine2 = min(l.radius * l.radius / (l.away * l.away), 1.0);\n",
 "        }\n",
 "    }\n",
@@ -9033,7 +9176,8 @@ static const char *const sbl__glsl_lamps[] = {
 "        }\n",
 "        sum += sbl_edge(p, q);\n",
 "    }\n",
-"    return small ? points * 0.5 * abs(dot(normal, middle)) / (PI * distance2 * distance2) : abs(sum) / (2.0 * PI);\n",
+"    return small ? points * 0.5 * abs(dot(normal, middle)) / (SBL_PI * distance2 * distance2)\n",
+"                 : abs(sum) / (2.0 * SBL_PI);\n",
 "}\n",
 "\n",
 "// The same for a round lamp whose middle has the cosine z to the normal, over the sine squared of the angle that\n",
@@ -9042,8 +9186,8 @@ static const char *const sbl__glsl_lamps[] = {
 "    float sine = sqrt(sine2), s = sqrt(max(1.0 - z * z, 0.0));\n",
 "    if (z >= sine || z <= -sine) return max(z, 0.0);\n",
 "    float q = z / sine, x = sqrt(1.0 / sine2 - 1.0), y = clamp(-x * z / s, -1.0, 1.0), w = s * sqrt(1.0 - y * y);\n",
-"    if (sine2 < 1e-4) return sine / PI * (q * acos(-q) + sqrt(1.0 - q * q) * (2.0 + q * q) / 3.0);\n",
-"    return (z * acos(y) - x * w + atan(w, x) / sine2) / PI;\n",
+"    if (sine2 < 1e-4) return sine / SBL_PI * (q * acos(-q) + sqrt(1.0 - q * q) * (2.0 + q * q) / 3.0);\n",
+"    return (z * acos(y) - x * w + atan(w, x) / sine2) / SBL_PI;\n",
 "}\n",
 "\n",
 "// R from a lamp that nothing hides.\n",
@@ -9054,12 +9198,12 @@ static const char *const sbl__glsl_lamps[] = {
 "        factor = sbl_form_factor(corner, corner + to_frame * l.side_1, corner + to_frame * l.side_2);\n",
 "    }\n",
 "#ifdef SBL_MIXED\n",
-"    if (sbl_is_light(l)) factor = sbl_round(dot(n, l.corner), l.sine2) / PI;\n",
+"    if (sbl_is_light(l)) factor = sbl_round(dot(n, l.corner), l.sine2) / SBL_PI;\n",
 "    // about: above 0 where some of it is above the horizon\n",
 "    if (l.kind == SBL_LAMP_SKY_TEXEL)\n",
-"        factor = max(dot(n, l.corner) + PI / float(textureSize(sky_picture, 0).y), 0.0) / PI;\n",
+"        factor = max(dot(n, l.corner) + SBL_PI / float(textureSize(sky_picture, 0).y), 0.0) / SBL_PI;\n",
 "#endif\n",
-"    return l.emission * factor;\n",
+"    return l.brightness * factor;\n",
 "}\n",
 "\n",
 "#ifdef SBL_DIRECTIONAL\n",
@@ -9098,7 +9242,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        way = shown * (l.corner - z * n) + sbl_round(z, l.sine2) * n;\n",
 "    }\n",
 "#endif\n",
-"    return outerProduct(vec4(0.28209479 * solid_angle, 0.48860251 * way.yzx), l.emission);\n",
+"    return outerProduct(vec4(SBL_HARMONIC_0 * solid_angle, SBL_HARMONIC_1 * way.yzx), l.brightness);\n",
 "}\n",
 "#endif\n",
 "\n",
@@ -9140,7 +9284,7 @@ static const char *const sbl__glsl_lamps[] = {
 "vec4 sbl_spherical(vec3 a, vec3 b, vec3 c, vec2 u) {\n",
 "    vec3 ab = cross(a, b), bc = cross(b, c), ca = cross(c, a);\n",
 "    float alpha = atan(length(cross(ab, ca)), -dot(ab, ca)), beta = atan(length(cross(bc, ab)), -dot(bc, ab));\n",
-"    float gamma = atan(length(cross(ca, bc)), -dot(ca, bc)), solid_angle = alpha + beta + gamma - PI;\n",
+"    float gamma = atan(length(cross(ca, bc)), -dot(ca, bc)), solid_angle = alpha + beta + gamma - SBL_PI;\n",
 "    if (!(solid_angle > 0.01)) return vec4(0);\n",
 "    float s = sin(u.x * solid_angle - alpha), t = cos(u.x * solid_angle - alpha);\n",
 "    float sin_alpha = sin(alpha), cos_alpha = cos(alpha);\n",
@@ -9158,8 +9302,14 @@ static const char *const sbl__glsl_lamps[] = {
 "    vec2 b;       // barycentrics on a triangle\n",
 "};\n",
 "\n",
+"// Weights of the second and third corner of a triangle at a point of its plane. from_corner: from the first corner.\n",
+"vec2 sbl_barycentrics(sbl_Lamp l, vec3 normal, vec3 from_corner) {\n",
+"    vec2 areas = vec2(dot(cross(from_corner, l.side_2), normal), dot(cross(l.side_1, from_corner), normal));\n",
+"    return areas / dot(normal, normal);\n",
+"}\n",
+"\n",
 "sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {\n",
-"    sbl_Sample s = sbl_Sample(l.corner, 1e30, l.emission / PI, u);\n",
+"    sbl_Sample s = sbl_Sample(l.corner, SBL_INFINITE, l.brightness / SBL_PI, u);\n",
 "    // by solid angle where it is large, else by area (Heitz 2019, \"A Low-Distortion Map Between Triangle and\n",
 "    // Square\")\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
@@ -9173,8 +9323,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        vec3 to = l.corner + s.b.x * l.side_1 + s.b.y * l.side_2;\n",
 "        if (ray.w > 0.0) {\n",
 "            to = ray.xyz * dot(l.corner, normal) / dot(ray.xyz, normal);\n",
-"            s.b = vec2(dot(cross(to - l.corner, l.side_2), normal), dot(cross(l.side_1, to - l.corner), normal)) /\n",
-"                  dot(normal, normal);\n",
+"            s.b = sbl_barycentrics(l, normal, to - l.corner);\n",
 "        }\n",
 "        s.far = length(to);\n",
 "        s.direction = to / s.far;\n",
@@ -9185,13 +9334,14 @@ static const char *const sbl__glsl_lamps[] = {
 "        vec2 size = vec2(textureSize(sky_picture, 0));\n",
 "        float row = float(l.texel.y);\n",
 "        s.direction = sbl_sky_direction((float(l.texel.x) + u.x) / size.x,\n",
-"                                        mix(cos(PI * row / size.y), cos(PI * (row + 1.0) / size.y), u.y));\n",
+"                                        mix(cos(SBL_PI * row / size.y), cos(SBL_PI * (row + 1.0) / size.y), u.y));\n",
 "    }\n",
 "    if (sbl_is_light(l)) {\n",
 "        // off: what the ray's cosine to the middle lacks to 1\n",
 "        float cosine = sqrt(1.0 - l.sine2), off = u.x * l.sine2 / (1.0 + cosine);\n",
 "        float r = sqrt(max(off * (2.0 - off), 0.0));\n",
-"        s.direction = sbl_frame(l.corner) * vec3(r * cos(2.0 * PI * u.y), r * sin(2.0 * PI * u.y), 1.0 - off);\n",
+"        float angle = 2.0 * SBL_PI * u.y;\n",
+"        s.direction = sbl_frame(l.corner) * vec3(r * cos(angle), r * sin(angle), 1.0 - off);\n",
 "        s.light *= 2.0 / (1.0 + cosine);\n",
 "        if (l.kind == SBL_LAMP_NEAR_LIGHT)\n",
 "            s.far = l.away * (1.0 - off) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));\n",
@@ -9246,8 +9396,7 @@ static const char *const sbl__glsl_lamps[] = {
 "        bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // of a thin body\n",
 "        bool beyond = seen > (1.0 + SBL_AT_LAMP) * there;\n",
 "        if (there > 0.0 && (beyond || (seen >= (1.0 - SBL_AT_LAMP) * there && !other_side))) return false;\n",
-"        vec3 hit = there * ray - l.corner;\n",
-"        vec2 b = vec2(dot(cross(hit, l.side_2), normal), dot(cross(l.side_1, hit), normal)) / dot(normal, normal);\n",
+"        vec2 b = sbl_barycentrics(l, normal, there * ray - l.corner);\n",
 "        if (attempt == SBL_LOOKS_AGAIN - 1 || (there > 0.0 && min(b.x, b.y) >= 0.0 && b.x + b.y <= 1.0))\n",
 "            return seen < (other_side ? 1.0 + SBL_AT_LAMP : 1.0 - SBL_AT_LAMP) * dot(point, forward);\n",
 "    }\n",
@@ -9399,16 +9548,16 @@ static const char *const sbl__glsl_lamps[] = {
 "    taken += point || probe ? 0.0 : 1.0;\n",
 "    if (!(light.r + light.g + light.b > 0.0)) return;\n",
 "#ifdef SBL_DIRECTIONAL\n",
-"    vec4 counts = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), 1e-6));\n",
+"    vec4 counts = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), SBL_COSINE_LEAST));\n",
 "    if (!cluster && !point && !probe) open_harmonics[l.group.y > 0.0 ? 1 : 0] += outerProduct(counts, light);\n",
 "#endif\n",
 "    if (!cluster && !point && !probe) {\n",
 "        open += outerProduct(light, l.group);\n",
 "        samples += l.group;\n",
 "    }\n",
-"    if (s.far < 1e30) to = s.far * s.direction + (position - stand);\n",
-"    float away = s.far < 1e30 ? length(to) : 1.0;\n",
-"    sbl_Hit hit = sbl_trace(stand, to / away, s.far < 1e30 ? away * SBL_BEFORE_LAMP : 1e30);\n",
+"    if (s.far < SBL_INFINITE) to = s.far * s.direction + (position - stand);\n",
+"    float away = s.far < SBL_INFINITE ? length(to) : 1.0;\n",
+"    sbl_Hit hit = sbl_trace(stand, to / away, s.far < SBL_INFINITE ? away * SBL_BEFORE_LAMP : SBL_INFINITE);\n",
 "    bool hidden = hit.triangle >= 0 && hit.number != l.number;\n",
 "#ifdef SBL_VIEWS\n",
 "    hidden = hidden || sbl_hidden(slot, l, s);\n",
@@ -9427,7 +9576,7 @@ static const char *const sbl__glsl_lamps[] = {
 "#ifdef SBL_TEXTURED\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
 "        sbl_Attributes at = sbl_attributes_at(l.triangle, s.b.x, s.b.y);\n",
-"        light *= sbl_texture(sbl_object_emission_texture(int(sbl_triangle_object(l.triangle))), at.uv).rgb;\n",
+"        light *= sbl_emission_pattern(int(sbl_triangle_object(l.triangle)), at);\n",
 "    }\n",
 "#endif\n",
 "#ifdef SBL_INSPECT\n",
@@ -9564,7 +9713,7 @@ static const char *const sbl__glsl_lamps[] = {
 "            uint probed = uint(from - 1 - k);\n",
 "            int rim = probe ? int(probed % uint(rims)) : -1, entry = entries[point ? SBL_LAMPS - 1 - k : 0];\n",
 "            uvec2 fraction = texelFetch(sbl_sequence, skip + max(k, 0)).xy ^ scramble;\n",
-"            vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0;\n",
+"            vec2 u = sbl_unit_square(fraction);\n",
 "            sbl_Pick p = sbl_Pick(0, point ? 1.0 / float(parts) : 1.0, u, false);\n",
 "            if (probe) entry = entries[probed / uint(rims)];\n",
 "            else if (!point) entry = sbl_pick_entry(p);\n",
@@ -9577,7 +9726,8 @@ static const char *const sbl__glsl_lamps[] = {
 "            sbl_Lamp l = sbl_lamp(p.leaf);\n",
 "            bool corner = probe && l.kind == SBL_LAMP_TRIANGLE;\n",
 "            if (probe && (l.kind == SBL_LAMP_SKY_TEXEL || (corner && rim >= SBL_CORNERS))) continue;\n",
-"            if (probe) p.u = vec2(SBL_RIM_AT, (float(rim) + float(scramble.y >> 8) / 16777216.0) / float(SBL_RIM));\n",
+"            float turned = float(rim) + float(scramble.y >> 8) / SBL_FRACTIONS;\n",
+"            if (probe) p.u = vec2(SBL_RIM_AT, turned / float(SBL_RIM));\n",
 "            sbl_Sample s = sbl_sample(l, p.u);\n",
 "            if (corner) {\n",
 "                vec3 way = l.corner + (rim == 1 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_1 +\n",
@@ -9611,7 +9761,8 @@ static const char *const sbl__glsl_lamps[] = {
 
 static const sbl__recipe sbl__recipe_lamps = {
     "lamps", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_carrier, sbl__glsl_traverse, sbl__glsl_sky, sbl__glsl_lamps },
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_carrier, sbl__glsl_traverse, sbl__glsl_sky,
+      sbl__glsl_lamps },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
       &sbl__look_words_record, &sbl__lamp_node_record, &sbl__lamp_leaf_record, &sbl__light_record_record },
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__VIEWS | SBL__INSPECT | SBL__COMPUTE | SBL__MIXED |
@@ -9851,14 +10002,13 @@ static const char *const sbl__glsl_sensor_vertex[] = {
 "    int number = int(object);\n",
 "#ifdef SBL_TEXTURED\n",
 "    fragment_uv = vertex_uv;\n",
-"    fragment_color = sbl_unpack_color(vertex_color.x, vertex_color.y) / 65535.0;\n",
+"    fragment_color = sbl_unpack_color(vertex_color.x, vertex_color.y) / SBL_COLOR_MOST;\n",
 "#endif\n",
 "#if defined(SBL_TEXTURED) || defined(SBL_BOUNCED)\n",
 "    fragment_object = number;\n",
 "#else\n",
-"    sbl_Attributes plain = sbl_Attributes(vec2(0), vec4(1));\n",
-"    radiance_front = radiance_scale * sbl_outgoing(number, false, plain);\n",
-"    radiance_back = radiance_scale * sbl_outgoing(number, true, plain);\n",
+"    radiance_front = radiance_scale * sbl_outgoing(number, false, SBL_PLAIN);\n",
+"    radiance_back = radiance_scale * sbl_outgoing(number, true, SBL_PLAIN);\n",
 "#endif\n",
 "    vec3 p = (position - view_eye) * per_length;\n",
 "    float x = dot(view_right.xyz, p), y = dot(view_up.xyz, p), w = dot(view_forward.xyz, p);\n",
@@ -9912,9 +10062,9 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "    if (!sbl_seen_here()) discard;\n",
 "#ifdef SBL_TEXTURED\n",
 "    sbl_Attributes at = sbl_Attributes(fragment_uv, fragment_color);\n",
-"    if (sbl_object_alpha_cutoff(fragment_object) > 0.0 && !sbl_solid(fragment_object, at)) discard;\n",
+"    if (sbl_has_holes(fragment_object) && sbl_material(fragment_object, at).cut_out) discard;\n",
 "#else\n",
-"    sbl_Attributes at = sbl_Attributes(vec2(0), vec4(1));\n",
+"    sbl_Attributes at = SBL_PLAIN;\n",
 "#endif\n",
 "#if defined(SBL_TEXTURED) || defined(SBL_BOUNCED)\n",
 "    vec3 radiance = sbl_outgoing(fragment_object, !gl_FrontFacing, at) * radiance_scale;\n",
@@ -9922,8 +10072,8 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "    vec3 radiance = gl_FrontFacing ? radiance_front : radiance_back;\n",
 "#endif\n",
 "#ifdef SBL_BOUNCED\n",
-"    radiance += radiance_scale * sbl_reflected(fragment_object, fragment_triangle, !gl_FrontFacing, fragment_place,\n",
-"                                               length(fragment_way), at);\n",
+"    vec3 light = sbl_stored(fragment_triangle, !gl_FrontFacing, fragment_place, length(fragment_way));\n",
+"    radiance += radiance_scale * sbl_reflected(sbl_material(fragment_object, at), light);\n",
 "#endif\n",
 "    out_radiance = vec4(radiance, gl_FrontFacing ? 1.0 / gl_FragCoord.w : -1.0 / gl_FragCoord.w);\n",
 "#ifdef SBL_WRITE_DEPTH\n",
@@ -9934,8 +10084,8 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 /* <<glsl */
 
 static const sbl__recipe sbl__recipe_sensor = {
-    "sensor", { sbl__glsl_scene, sbl__glsl_store, sbl__glsl_outgoing, sbl__glsl_sensor_vertex },
-    { sbl__glsl_scene, sbl__glsl_store, sbl__glsl_outgoing, sbl__glsl_sensor_fragment },
+    "sensor", { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_sensor_vertex },
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_store, sbl__glsl_sensor_fragment },
     { &sbl__object_record, &sbl__vertex_record, &sbl__attributes_record, &sbl__split_record, &sbl__leaf_record },
     SBL__TEXTURED | SBL__WIDE | SBL__WRITE_DEPTH | SBL__BOUNCED
 };
@@ -10164,7 +10314,7 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "\n",
 "void main() {\n",
 "    ivec2 at = ivec2(gl_FragCoord.xy), corner = at * block, sheet_corner = (at % blocks) * block;\n",
-"    vec4 sum = vec4(0), hits = vec4(0, 0, 1e30, 0);\n",
+"    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_INFINITE, 0);\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "    int slot = at.y / blocks.y * columns + at.x / blocks.x;\n",
 "    float s = sin(sbl_look_turn(slot)), c = cos(sbl_look_turn(slot));\n",
@@ -10180,14 +10330,14 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "            row += weight.x * texel.rgb;\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "            vec3 way = texelFetch(directions, sheet_corner + ivec2(x, y), 0).xyz;\n",
-"            vec4 counts = sbl_harmonics(frame * way, frame[2], 1.0 / max(way.z, 1e-6));\n",
+"            vec4 counts = sbl_harmonics(frame * way, frame[2], 1.0 / max(way.z, SBL_COSINE_LEAST));\n",
 "            harmonics += outerProduct(counts, weight.x * texel.rgb);\n",
 "#endif\n",
 "            float seen = weight.x > 0.0 && texel.a != 0.0 ? weight.x : 0.0;\n",
 "            float length_to_hit = abs(texel.a) * weight.y;\n",
 "            back += texel.a < 0.0 ? seen : 0.0;\n",
 "            hits.x += seen;\n",
-"            hits.y += seen * min(length_to_hit, 1e30);\n",
+"            hits.y += seen * min(length_to_hit, SBL_INFINITE);\n",
 "            hits.z = seen > 0.0 ? min(hits.z, length_to_hit) : hits.z;\n",
 "        }\n",
 "        sum += vec4(row, back);\n",
@@ -10282,13 +10432,13 @@ static const char *const sbl__glsl_guide[] = {
 "// Finds the interval that contains x, among the 8 * texels intervals that are stored from texel `from` on. Returns\n",
 "// its beginning, its end and its index.\n",
 "vec3 sbl_guide_interval(ivec2 from, int texels, float x) {\n",
-"    vec3 at = vec3(0, 65536, -1);\n",
+"    vec3 at = vec3(0, SBL_GUIDE_STEPS, -1);\n",
 "    for (int i = 0; i < texels; i++) {\n",
 "        uvec4 eight = texelFetch(sbl_guides, from + ivec2(i, 0), 0);\n",
 "        vec4 a = vec4(eight & 0xffffu), b = vec4(eight >> 16);\n",
 "        vec4 begun_a = step(a, vec4(x)), begun_b = step(b, vec4(x));\n",
 "        vec4 last = max(a * begun_a, b * begun_b);\n",
-"        vec4 next = min(mix(vec4(65536), a, 1.0 - begun_a), mix(vec4(65536), b, 1.0 - begun_b));\n",
+"        vec4 end = vec4(SBL_GUIDE_STEPS), next = min(mix(end, a, 1.0 - begun_a), mix(end, b, 1.0 - begun_b));\n",
 "        at.x = max(at.x, max(max(last.x, last.y), max(last.z, last.w)));\n",
 "        at.y = min(at.y, min(min(next.x, next.y), min(next.z, next.w)));\n",
 "        at.z += dot(begun_a + begun_b, vec4(1));\n",
@@ -10302,13 +10452,13 @@ static const char *const sbl__glsl_guide[] = {
 "    const int ring_texels = SBL_GUIDE_RINGS / 8, sector_texels = SBL_GUIDE_SECTORS / 8;\n",
 "    const vec2 counts = vec2(SBL_GUIDE_RINGS, SBL_GUIDE_SECTORS);\n",
 "    ivec2 from = ivec2(guide % SBL_GUIDES_ACROSS * SBL_GUIDE_TEXELS, guide / SBL_GUIDES_ACROSS);\n",
-"    vec2 x = u * 65536.0;\n",
+"    vec2 x = u * SBL_GUIDE_STEPS;\n",
 "    vec3 ring = sbl_guide_interval(from, ring_texels, x.x);\n",
 "    from.x += ring_texels + int(ring.z) * sector_texels;\n",
 "    vec3 sector = sbl_guide_interval(from, sector_texels, x.y);\n",
 "    vec2 begins = vec2(ring.x, sector.x), widths = vec2(ring.y, sector.y) - begins;\n",
 "    u = (vec2(ring.z, sector.z) + (x - begins) / widths) / counts;\n",
-"    return 65536.0 / (widths.x * counts.x) * (65536.0 / (widths.y * counts.y));\n",
+"    return SBL_GUIDE_STEPS / (widths.x * counts.x) * (SBL_GUIDE_STEPS / (widths.y * counts.y));\n",
 "}\n",
 "#endif\n",
 0 };
@@ -10347,21 +10497,18 @@ static const char *const sbl__glsl_trace[] = {
 "const int SBL_LEGS = 1;\n",
 "#endif\n",
 "\n",
-"// What a hit sends back. share: of the light that arrives there, where the ray goes on; else 0.\n",
-"vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool last, out vec3 share) {\n",
+"// Radiance that a hit sends back. goes_on: another ray finds the light that arrives there, but for that of lamps.\n",
+"vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool last, out bool goes_on, out sbl_Material material) {\n",
 "    int object = int(sbl_triangle_object(hit.triangle));\n",
-"    sbl_Attributes at = sbl_Attributes(vec2(0), vec4(1));\n",
-"#ifdef SBL_TEXTURED\n",
-"    if (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);\n",
-"#endif\n",
+"    sbl_Attributes at = SBL_PLAIN;\n",
+"    if (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_of(hit);\n",
 "    vec3 radiance = sbl_outgoing(object, hit.back, at);\n",
-"    share = vec3(0);\n",
+"    goes_on = false;\n",
 "#ifdef SBL_BOUNCED\n",
-"    vec3 albedo = sbl_albedo(object, at);\n",
-"    bool near = !last && hit.distance * per_cell < 1.0;\n",
+"    material = sbl_material(object, at);\n",
+"    goes_on = !last && hit.distance * per_cell < 1.0;\n",
 "    int leaf = sbl_leaf_at(hit.number, hit.back, position, hit.distance);\n",
-"    radiance += albedo * (near ? sbl_lamps_of(leaf) : sbl_light_of(leaf));\n",
-"    if (near) share = albedo;\n",
+"    radiance += sbl_reflected(material, goes_on ? sbl_lamps_of(leaf) : sbl_light_of(leaf));\n",
 "#endif\n",
 "    return radiance;\n",
 "}\n",
@@ -10376,16 +10523,17 @@ static const char *const sbl__glsl_trace[] = {
 "#endif\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// Where a ray goes on, and how.\n",
-"void sbl_go_on(sbl_Hit hit, uint hash, inout vec3 position, inout vec3 direction) {\n",
+"// Moves a ray to where it goes on from a hit. Returns what the light that it finds there counts.\n",
+"vec3 sbl_go_on(sbl_Hit hit, sbl_Material material, uint hash, inout vec3 position, inout vec3 direction) {\n",
 "    vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,\n",
 "         e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;\n",
 "    float longest = sqrt(max(dot(e1, e1), max(dot(e2, e2), dot(e3, e3))));\n",
 "    vec3 across = cross(e1 / longest, e2 / longest) * (hit.back ? -1.0 : 1.0);\n",
-"    vec3 normal = dot(across, across) > 0.0 ? normalize(across) : -direction;\n",
-"    vec2 u = (vec2(uvec2(hash, sbl_hash_step(hash, 1u)) >> 8) + 0.5) / 16777216.0;\n",
-"    position = p0 + hit.b1 * e1 + hit.b2 * e2 + ray_offset * (length(p0) + 2.0 * longest) * normal;\n",
-"    direction = sbl_by_cosine(sbl_frame(normal), u);\n",
+"    vec2 u = sbl_unit_square(uvec2(hash, sbl_hash_step(hash, 1u)));\n",
+"    sbl_Bounce bounce = sbl_bounce(material, across, -direction, u);\n",
+"    position = p0 + hit.b1 * e1 + hit.b2 * e2 + ray_offset * (length(p0) + 2.0 * longest) * bounce.off;\n",
+"    direction = bounce.direction;\n",
+"    return bounce.weight;\n",
 "}\n",
 "#endif\n",
 "\n",
@@ -10399,7 +10547,7 @@ static const char *const sbl__glsl_trace[] = {
 "    uint which = sbl_look_which(sensor);\n",
 "    int number = int(which & SBL_LOOK_NUMBER), skip = number * rays, end = dark && number > 0 ? 0 : rays;\n",
 "\n",
-"    vec4 sum = vec4(0), hits = vec4(0, 0, 1e30, 0);\n",
+"    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_INFINITE, 0);\n",
 "    float squares = 0.0, other = 0.0;\n",
 "    mat3x4 harmonics = mat3x4(0);\n",
 "    vec4 even = vec4(0);\n",
@@ -10409,7 +10557,7 @@ static const char *const sbl__glsl_trace[] = {
 "         k++, i = (part + (k >> paired) * parts << paired) + (k & paired)) {\n",
 "        vec3 before = sum.rgb;\n",
 "        uvec2 fraction = texelFetch(sbl_sequence, skip + i).xy ^ scramble;\n",
-"        vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0;\n",
+"        vec2 u = sbl_unit_square(fraction);\n",
 "        float weight = 1.0;\n",
 "#ifdef SBL_GUIDED\n",
 "        weight = sbl_guide(int(which >> SBL_LOOK_GUIDE_SHIFT), u);\n",
@@ -10417,22 +10565,25 @@ static const char *const sbl__glsl_trace[] = {
 "        vec3 direction = sbl_by_cosine(frame, u * vec2(spread, 1.0)), from = position, share = vec3(weight);\n",
 "        vec3 way = direction;\n",
 "        for (int leg = 0; leg < SBL_LEGS; leg++) {\n",
-"            sbl_Hit hit = sbl_trace(from, direction, 1e30);\n",
+"            sbl_Hit hit = sbl_trace(from, direction, SBL_INFINITE);\n",
 "            if (hit.triangle < 0) {\n",
 "                sum.rgb += share * (sky + sbl_sky(direction));\n",
 "                break;\n",
 "            }\n",
-"            vec3 further;\n",
-"            sum.rgb += share * sbl_radiance(hit, from + direction * hit.distance, leg == SBL_LEGS - 1, further);\n",
+"            bool goes_on;\n",
+"            sbl_Material material;\n",
+"            vec3 place = from + direction * hit.distance;\n",
+"            sum.rgb += share * sbl_radiance(hit, place, leg == SBL_LEGS - 1, goes_on, material);\n",
 "            if (leg == 0) {\n",
 "                sum.a += hit.back ? weight : 0.0;\n",
 "                hits.xy += weight * vec2(1.0, min(hit.distance, reach));\n",
 "                hits.z = min(hits.z, hit.distance);\n",
 "            }\n",
-"            share *= further;\n",
-"            if (max(share.r, max(share.g, share.b)) <= 0.0) break;\n",
+"            if (!goes_on) break;\n",
 "#ifdef SBL_BOUNCED\n",
-"            sbl_go_on(hit, sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y), from, direction);\n",
+"            uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y);\n",
+"            share *= sbl_go_on(hit, material, hash, from, direction);\n",
+"            if (max(share.r, max(share.g, share.b)) <= 0.0) break;\n",
 "#endif\n",
 "        }\n",
 "#ifdef SBL_DIRECTIONAL\n",
@@ -10458,7 +10609,7 @@ static const char *const sbl__glsl_trace[] = {
 
 static const sbl__recipe sbl__recipe_trace = {
     "trace", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_store, sbl__glsl_outgoing, sbl__glsl_frame, sbl__glsl_carrier, sbl__glsl_traverse,
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_store, sbl__glsl_carrier, sbl__glsl_traverse,
       sbl__glsl_sky, sbl__glsl_guide, sbl__glsl_trace },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
       &sbl__look_words_record,
@@ -10478,7 +10629,7 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
     sbl__set_int(d, "lamps_apart", b->spec->lamps_apart);
     sbl__set_float(d, "epsilon", b->spec->epsilon);
     sbl__set_float(d, "spread", probe ? 0.0f : 1.0f);
-    sbl__set_float(d, "reach", b->spec->reach > 0 ? b->spec->reach : 1e30f);
+    sbl__set_float(d, "reach", b->spec->reach > 0 ? b->spec->reach : SBL__INFINITE);
     sbl__set_float(d, "ray_offset", SBL__OFFSET);
     if (b->spec->guided) sbl__bind(d, "sbl_guides", &b->guides->texture);
     if (b->spec->skyless) {
@@ -10727,7 +10878,7 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "    if (sensor < first || sensor > last) discard;\n",
 "    int slot = sensor % slots;\n",
 "    ivec2 corner = ivec2(slot % columns, slot / columns) * blocks;\n",
-"    vec4 sum = vec4(0), hits = vec4(0, 0, 1e30, 0), missed = vec4(0);\n",
+"    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_INFINITE, 0), missed = vec4(0);\n",
 "    for (int y = 0; y < blocks.y; y++) {\n",
 "        vec4 row = vec4(0), row_hits = vec4(0);\n",
 "        for (int x = 0; x < blocks.x; x++) {\n",
@@ -11237,7 +11388,6 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
 #define SBL__FEELER_APART 1e-3     /* of a cell: planes nearer than that to a former hit are the same */
 #define SBL__STAND_LEAST 0.25      /* of a cell: shorter lines cut the one leaf from where they were met */
 #define SBL__STANDS 1024           /* lines that are remembered, not to be walked again */
-#define SBL__BOUNCE_ALBEDO 0.98f   /* that light bounces with, at most */
 #define SBL__BOUNCE_HELD 3.0       /* times the light that falls on surfaces at first, from which on clamping shows */
 #define SBL__BOUNCE_SCALED 4       /* first rounds whose light is scaled, see sbl__bounce_solve */
 #define SBL__BOUNCE_ROUNDS 200
@@ -11273,8 +11423,8 @@ SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sb
 #define SBL__UNSEEN FLT_MAX        /* how far away the surfaces are that see a place, where there are none */
 
 /* Where a ray met a surface, and how far it went. place: triangle << 1 | back, or SBL__NOWHERE; at the end its leaf's
-   number. */
-typedef struct sbl__hit { float position[3], distance; uint32_t place; uint16_t albedo[4]; } sbl__hit;
+   number. share: of the light that bounces there, see sbl__share_pack. */
+typedef struct sbl__hit { float position[3], distance; uint32_t place; uint16_t share[4]; } sbl__hit;
 
 typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* of its leaf's */ } sbl__bounce_point;
 
@@ -11346,13 +11496,13 @@ static const char *const sbl__glsl_cast[] = {
 "// Rays in, hits out: what each of some rays meets first. A ray of negative limit goes off a surface somewhere, by\n",
 "// the cosine; its direction is the surface's normal.\n",
 "SBL_OUT(0, out_place);   // where; 1 + the triangle's number, its low bits, negative: of its back side; 0: nothing\n",
-"SBL_OUT(1, out_albedo);  // the surface's colour there; the number's high bits\n",
+"SBL_OUT(1, out_share);   // the share of light that bounces there; the number's high bits\n",
 "\n",
 "void main() {\n",
 "    ivec2 texel = sbl_texel_of_invocation();\n",
 "    int ray = texel.y * columns + texel.x;\n",
 "    if (ray >= count) sbl_leave;\n",
-"    vec3 origin = sbl_cast_origin(ray), direction = sbl_cast_direction(ray), albedo = vec3(0);\n",
+"    vec3 origin = sbl_cast_origin(ray), direction = sbl_cast_direction(ray), share = vec3(0);\n",
 "    float limit = sbl_cast_limit(ray);\n",
 "    uint fractions = sbl_cast_fractions(ray);\n",
 "    vec2 u = (vec2(fractions & 65535u, fractions >> 16) + 0.5) / 65536.0;\n",
@@ -11361,23 +11511,19 @@ static const char *const sbl__glsl_cast[] = {
 "    float low = 0.0, high = 0.0;\n",
 "    if (hit.triangle >= 0) {\n",
 "        int object = int(sbl_triangle_object(hit.triangle));\n",
-"        sbl_Attributes at = sbl_Attributes(vec2(0), vec4(1));\n",
-"#ifdef SBL_TEXTURED\n",
-"        at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);\n",
-"#endif\n",
-"        albedo = sbl_albedo(object, at);\n",
+"        share = sbl_bounced(sbl_material(object, sbl_attributes_of(hit)));\n",
 "        low = (float(hit.number % SBL_CAST_NUMBERS) + 1.0) * (hit.back ? -1.0 : 1.0);\n",
 "        high = float(hit.number / SBL_CAST_NUMBERS);\n",
 "    }\n",
 "    sbl_write(out_place, vec4(origin + direction * hit.distance, low));\n",
-"    sbl_write(out_albedo, vec4(albedo, high));\n",
+"    sbl_write(out_share, vec4(share, high));\n",
 "}\n",
 0 };
 /* <<glsl */
 
 static const sbl__recipe sbl__recipe_cast = {
     "cast", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_carrier, sbl__glsl_traverse, sbl__glsl_cast },
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_carrier, sbl__glsl_traverse, sbl__glsl_cast },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
       &sbl__cast_record },
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE
@@ -11405,8 +11551,8 @@ static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int coun
 }
 
 /* What cast.glsl wrote for a ray. */
-static void sbl__cast_take(const sbl__cast *ray, const float place[4], const float albedo[4], sbl__hit *out) {
-    const double low = fabs((double)place[3]) - 1, number = low + SBL__CAST_NUMBERS * (double)albedo[3];
+static void sbl__cast_take(const sbl__cast *ray, const float place[4], const float share[4], sbl__hit *out) {
+    const double low = fabs((double)place[3]) - 1, number = low + SBL__CAST_NUMBERS * (double)share[3];
     double length2 = 0;
     int k;
     memset(out, 0, sizeof *out);
@@ -11414,10 +11560,7 @@ static void sbl__cast_take(const sbl__cast *ray, const float place[4], const flo
     for (k = 0; k < 3; k++) length2 += ((double)place[k] - ray->origin[k]) * ((double)place[k] - ray->origin[k]);
     out->distance = (float)sqrt(length2);
     out->place = low < 0 ? SBL__NOWHERE : (uint32_t)number << 1 | (place[3] < 0);
-    for (k = 0; k < 3; k++) {
-        const float a = SBL__MIN(SBL__MAX(albedo[k], 0.0f), SBL__BOUNCE_ALBEDO);
-        out->albedo[k] = (uint16_t)(65535 * a + 0.5f);
-    }
+    sbl__share_pack(share, out->share);
 }
 
 typedef void (*sbl__cast_make)(sbl__bounce *b, int number, sbl__cast *out);
@@ -11433,7 +11576,7 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, sbl__cast_make make, int coun
     const int rows = (some + SBL__CAST_COLUMNS - 1) / SBL__CAST_COLUMNS;
     const size_t texels = (size_t)rows * SBL__CAST_COLUMNS;
     sbl__cast *rays;
-    float *places, *albedos;
+    float *places, *shares;
     sbl_result result;
     int i;
     d->gl.doing = "casting rays between surfaces";
@@ -11442,13 +11585,13 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, sbl__cast_make make, int coun
     rays = (sbl__cast *)sbl__alloc_raw(d->base, texels, sizeof *rays + 32);
     if (!rays) return SBL_ERROR_OUT_OF_MEMORY;
     places = (float *)(rays + texels);
-    albedos = places + 4 * texels;
+    shares = places + 4 * texels;
     for (i = 0; i < some; i++) make(b, at + i, &rays[i]);
     result = sbl__cast_send(b, rays, some);
     if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 0, 0, rows, places);
-    if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 1, 0, rows, albedos);
+    if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 1, 0, rows, shares);
     for (i = 0; i < some && result == SBL_SUCCESS; i++)
-        sbl__cast_take(&rays[i], places + 4 * (size_t)i, albedos + 4 * (size_t)i, &hits->list[at + i]);
+        sbl__cast_take(&rays[i], places + 4 * (size_t)i, shares + 4 * (size_t)i, &hits->list[at + i]);
     sbl__free(d->base, rays);
     if (result != SBL_SUCCESS) return result;
     sbl__pace_end(d, &b->pace, some);
@@ -11911,7 +12054,7 @@ static void sbl__bounce_aim(sbl__bounce *b, const sbl__hit *at, uint32_t seed, i
         out->direction[k] = aim->normal[k];
         out->origin[k] = at->position[k] + aim->offset * aim->normal[k];
     }
-    out->limit = -1e30f;
+    out->limit = -SBL__INFINITE;
 }
 
 static void sbl__bounce_seed_ray(sbl__bounce *b, int number, sbl__cast *out) {
@@ -12141,16 +12284,15 @@ static sbl_result sbl__bounce_join(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-#define SBL__BOUNCE_UNIT (65535.0f * SBL__BOUNCE_RAYS)  /* of what sbl__bounce_add_got sums */
+#define SBL__BOUNCE_UNIT (SBL__SHARE_ONE * SBL__BOUNCE_RAYS)  /* of what sbl__bounce_add_got sums */
 
 /* Adds what a point gets from leaves, as these are now. */
 static void sbl__bounce_add_got(const sbl__bounce *b, int point, float sum[3]) {
     const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
-    int j, k;
-    for (j = 0; j < SBL__BOUNCE_RAYS; j++) {
-        if (hits[j].place == SBL__NOWHERE) continue;
-        for (k = 0; k < 3; k++) sum[k] += (float)hits[j].albedo[k] * b->store->leaves[hits[j].place].light[k];
-    }
+    int j;
+    for (j = 0; j < SBL__BOUNCE_RAYS; j++)
+        if (hits[j].place != SBL__NOWHERE)
+            sbl__add_reflected(hits[j].share, b->store->leaves[hits[j].place].light, sum);
 }
 
 /* A round: one more bounce, of what leaves before have already gathered too (Gauss and Seidel's way). Its points get
@@ -12698,8 +12840,6 @@ typedef struct sbl__pixel {
 #define SBL__UNKNOWN_CONTACT 0.12f    /* and where the other surface is near enough to cast its shadow there */
 #define SBL__CONTACT 2.5f             /* times the distance of sensors that it is away */
 #define SBL__NOISE_BENDS 0.75f        /* of sensors' variance: what noise alone makes of the above */
-#define SBL__FILTER_VISIBLE 0.0025f   /* as in filter.glsl */
-#define SBL__FILTER_DOUBT 0.25        /* likewise */
 #define SBL__JOB_LOOKS (1 << 21)      /* in one job, about */
 #define SBL__NOISE_DOUBT 1.25f        /* of it: what might be noise is no reason to split; looks will tell */
 #define SBL__HERITAGE 0.6f            /* of a cell's noise, what its parent's counts: few sensors know theirs badly */
@@ -12794,13 +12934,13 @@ static float sbl__belongs(const sbl__pixel *a, const sbl__pixel *b, int geometry
     int k;
     if (a->id != b->id || a->id == 0) return 0;
     if (!geometry_aware || a == b) return 1;
-    turn = (sbl__dot(a->normal, b->normal) - 0.8f) / 0.2f;
+    turn = (sbl__dot(a->normal, b->normal) - SBL__BELONGS_COSINE) / SBL__BELONGS_TURN;
     if (turn <= 0) return 0;
     turn = SBL__MIN(turn, 1.0f);
     for (k = 0; k < 3; k++) d[k] = b->position[k] - a->position[k];
     off = SBL__MAX((float)fabs((double)sbl__dot(d, a->normal)), (float)fabs((double)sbl__dot(d, b->normal)));
     apart = (float)sqrt((double)sbl__dot(d, d));
-    plane = 2 - 8 * off / SBL__MAX(apart, 1e-30f);
+    plane = 2 - SBL__BELONGS_OFF * off / SBL__MAX(apart, SBL__DIVISOR_LEAST);
     return turn * turn * SBL__MIN(SBL__MAX(plane, 0.0f), 1.0f);
 }
 
@@ -13364,7 +13504,7 @@ static void sbl__harmonics_even(const sbl__pixel *p, sbl__harmonics *out) {
     for (i = 0; i < 4; i++)
         for (k = 0; k < 3; k++)
             out->sh[i][k] = (float)SBL__PI * p->radiance[k] *
-                            (i ? 0.48860251f * p->normal[axes[i - 1]] : 2 * 0.28209479f);
+                            (i ? SBL__HARMONIC_1 * p->normal[axes[i - 1]] : 2 * SBL__HARMONIC_0);
 }
 
 /* What the job has found for site r->at, which is so much of its pixel's looks. */
@@ -13554,8 +13694,8 @@ static float sbl__cell_smoothing(const sbl__refine *r, const sbl__cell *c, float
                 d = SBL__MAX(d, (float)fabs((double)a->radiance[k] - b->radiance[k]));
                 most = SBL__MAX(most, a->radiance[k] + b->radiance[k]);
             }
-            d /= SBL__MAX(2 * noise + SBL__FILTER_VISIBLE * most, 1e-30f);
-            alike += (float)exp(-SBL__FILTER_DOUBT * d * d);
+            d /= SBL__MAX(2 * noise + SBL__FILTER_VISIBLE * most, SBL__DIVISOR_LEAST);
+            alike += (float)exp(-SBL__FILTER_FALL * d * d);
         }
     }
     if (count) alike /= (float)count;
@@ -13856,10 +13996,10 @@ static const char *const sbl__glsl_belongs[] = {
 "// other's plane.\n",
 "// sbl__belongs in sbl.h is the same for the CPU.\n",
 "float sbl_belongs(vec3 p, vec3 n, vec3 q, vec3 m) {\n",
-"    float turn = clamp((dot(n, m) - 0.8) / 0.2, 0.0, 1.0);\n",
+"    float turn = clamp((dot(n, m) - SBL_BELONGS_COSINE) / SBL_BELONGS_TURN, 0.0, 1.0);\n",
 "    vec3 d = q - p;\n",
 "    float off = max(abs(dot(d, n)), abs(dot(d, m))), apart = length(d);\n",
-"    return turn * turn * clamp(2.0 - 8.0 * off / max(apart, 1e-30), 0.0, 1.0);\n",
+"    return turn * turn * clamp(2.0 - SBL_BELONGS_OFF * off / max(apart, SBL_DIVISOR_LEAST), 0.0, 1.0);\n",
 "}\n",
 0 };
 /* <<glsl */
@@ -13878,8 +14018,6 @@ static const char *const sbl__glsl_filter[] = {
 "uniform int geometry_aware;\n",
 "layout(location = 0) out vec4 out_radiance;\n",
 "\n",
-"const float SBL_VISIBLE = 0.0025;  // relative difference that is as good as none\n",
-"const float SBL_DOUBT = 0.25;      // how fast trust falls with the square of a difference over the noise\n",
 "const float SBL_HARMONIC = 2.0;    // noise of a harmonic, about, over R's\n",
 "\n",
 "uniform float few;                 // noise that few rays leave in harmonics, where R has none: a share of R\n",
@@ -13890,9 +14028,9 @@ static const char *const sbl__glsl_filter[] = {
 "// 1 where noise alone explains the difference, nearing 0 where it is several times as large.\n",
 "float sbl_alike(vec4 a, vec4 b) {\n",
 "    vec3 apart = abs(a.rgb - b.rgb), c = abs(a.rgb), d = abs(b.rgb);\n",
-"    float noise = a.a + b.a + SBL_VISIBLE * (max(c.r, max(c.g, c.b)) + max(d.r, max(d.g, d.b)));\n",
-"    float difference = max(apart.r, max(apart.g, apart.b)) / max(noise, 1e-30);\n",
-"    return exp(-SBL_DOUBT * difference * difference);\n",
+"    float noise = a.a + b.a + SBL_FILTER_VISIBLE * (max(c.r, max(c.g, c.b)) + max(d.r, max(d.g, d.b)));\n",
+"    float difference = max(apart.r, max(apart.g, apart.b)) / max(noise, SBL_DIVISOR_LEAST);\n",
+"    return exp(-SBL_FILTER_FALL * difference * difference);\n",
 "}\n",
 "\n",
 "void main() {\n",
@@ -13977,9 +14115,9 @@ static sbl_result sbl__filter_draw(sbl__device *d, const sbl__filter *f, const s
 
 /* >>glsl resolve: shaders_embedded/resolve.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_resolve[] = {
-"// Composition (section III-H) of one anti-aliasing sample of every pixel: emission + albedo * R. The sample has\n",
-"// its own G-buffer; R is looked up among the nearest pixel centres that show the same surface, so that light never\n",
-"// bleeds over an edge.\n",
+"// Composition (section III-H) of one anti-aliasing sample of every pixel: emission plus reflected light. The\n",
+"// sample has its own G-buffer; R is looked up among the nearest pixel centres that show the same surface, so that\n",
+"// light never bleeds over an edge.\n",
 "uniform sampler2D radiance;                 // R at pixel centres\n",
 "uniform sampler2D positions, normals;       // at pixel centres\n",
 "uniform usampler2D ids;\n",
@@ -14047,7 +14185,8 @@ static const char *const sbl__glsl_resolve[] = {
 "    if (id == 0u) color = sky + sbl_sky_smooth(sbl_camera_direction());\n",
 "    else {\n",
 "        vec3 light = offset == vec2(0) ? texelFetch(radiance, at, 0).rgb : sbl_light_at(at, id);\n",
-"        color = texelFetch(sample_emission, at, 0).rgb + texelFetch(sample_albedo, at, 0).rgb * light;\n",
+"        sbl_Material material = sbl_Material(texelFetch(sample_albedo, at, 0).rgb, false);\n",
+"        color = texelFetch(sample_emission, at, 0).rgb + sbl_reflected(material, light);\n",
 "    }\n",
 "    out_color = before + share * vec4(color, 1);\n",
 "}\n",
@@ -14056,7 +14195,8 @@ static const char *const sbl__glsl_resolve[] = {
 
 static const sbl__recipe sbl__recipe_resolve = {
     "resolve", { sbl__glsl_fullscreen_vertex },
-    { sbl__glsl_belongs, sbl__glsl_camera, sbl__glsl_sky, sbl__glsl_resolve }, { NULL }, 0
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_belongs, sbl__glsl_camera, sbl__glsl_sky,
+      sbl__glsl_resolve }, { &sbl__object_record }, 0
 };
 
 /* Where sample i of count lies in the pixel, from its centre: the R2 sequence (Roberts 2018, "The Unreasonable
@@ -15465,7 +15605,6 @@ static float sbl__gathering_progress(const sbl__core *c, const sbl__gathering *g
 #define SBL__VERTICES_PRECISION 1e-6    /* of the solution, where it ends, */
 #define SBL__VERTICES_ROUNDS 1000       /* or after so many rounds */
 #define SBL__VERTICES_RINGS 64          /* edges that light is carried over */
-#define SBL__VERTICES_GRAZING 0.01      /* SBL_GRAZING */
 #define SBL__VERTICES_NONE UINT32_MAX
 
 /* SENSE is the gather's; all others go over triangles, vertices, hinges or points, one by one */
@@ -15732,7 +15871,7 @@ static void sbl__vertices_point(int k, double weights[3]) {
 /* As surface.glsl has it: the front is the interpolated normal's side, and that keeps off the horizon. */
 static void sbl__vertices_site(const sbl__geometry *g, uint32_t number, const double weights[3], sbl_site *out) {
     const float *p[3];
-    double face[3], normal[3] = { 0, 0, 0 }, height = 0;
+    double face[3], normal[3] = { 0, 0, 0 }, height = 0, length2;
     int i, k;
     memset(out, 0, sizeof *out);
     for (i = 0; i < 3; i++) p[i] = sbl__corner_of(g, number, i);
@@ -15748,11 +15887,11 @@ static void sbl__vertices_site(const sbl__geometry *g, uint32_t number, const do
         height += normal[k] * face[k];
     }
     for (k = 0; k < 3 && height < 0; k++) face[k] = -face[k];
-    if (normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2] <= 1e-12 || !sbl__normalize(normal))
-        memcpy(normal, face, sizeof normal);
+    length2 = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2];
+    if (length2 <= SBL__NORMAL_LEAST || !sbl__normalize(normal)) memcpy(normal, face, sizeof normal);
     height = normal[0] * face[0] + normal[1] * face[1] + normal[2] * face[2];
-    for (k = 0; k < 3 && height < SBL__VERTICES_GRAZING; k++)
-        normal[k] += (SBL__VERTICES_GRAZING - height) * face[k];
+    for (k = 0; k < 3 && height < SBL__GRAZING; k++)
+        normal[k] += (SBL__GRAZING - height) * face[k];
     sbl__normalize(normal);
     for (k = 0; k < 3; k++) {
         out->normal[k] = (float)normal[k];

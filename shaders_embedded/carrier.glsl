@@ -6,7 +6,11 @@ uniform ivec2 blocks;            // width and height of a slot, texels; at most 
 uniform int columns;             // number of slots in a row of the outputs
 uniform int first_slot, count;   // the looks of this draw use `count` slots, beginning with slot first_slot
 
-const vec3 SBL_LUMINANCE = vec3(0.2126, 0.7152, 0.0722);  // weights of linear sRGB
+const vec3 SBL_LUMINANCE = vec3(SBL_LUMINANCE_WEIGHTS);
+const float SBL_COSINE_LEAST = 1e-6;  // for reciprocals of cosines
+
+// 32-bit fractions as a point between 0 and 1.
+vec2 sbl_unit_square(uvec2 fractions) { return (vec2(fractions >> 8) + 0.5) / SBL_FRACTIONS; }
 
 // Weights by which light from the unit direction w contributes to the coefficients of the first two bands of real
 // spherical harmonics, in the order 1, y, z, x. The light is given as its part of R (irradiance / pi), which
@@ -14,7 +18,7 @@ const vec3 SBL_LUMINANCE = vec3(0.2126, 0.7152, 0.0722);  // weights of linear s
 // reciprocal: 1 / that cosine
 vec4 sbl_harmonics(vec3 w, vec3 n, float reciprocal) {
     vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w divided by the cosine
-    return 3.14159265 * vec4(0.28209479 * reciprocal, 0.48860251 * way.yzx);
+    return SBL_PI * vec4(SBL_HARMONIC_0 * reciprocal, SBL_HARMONIC_1 * way.yzx);
 }
 
 #ifdef SBL_COMPUTE

@@ -10,8 +10,6 @@ uniform float falloff;       // 1 / (2 sigma^2), sigma in pixels
 uniform int geometry_aware;
 layout(location = 0) out vec4 out_radiance;
 
-const float SBL_VISIBLE = 0.0025;  // relative difference that is as good as none
-const float SBL_DOUBT = 0.25;      // how fast trust falls with the square of a difference over the noise
 const float SBL_HARMONIC = 2.0;    // noise of a harmonic, about, over R's
 
 uniform float few;                 // noise that few rays leave in harmonics, where R has none: a share of R
@@ -22,9 +20,9 @@ float sbl_harmonic_noise(vec4 light) { return SBL_HARMONIC * light.a + few * max
 // 1 where noise alone explains the difference, nearing 0 where it is several times as large.
 float sbl_alike(vec4 a, vec4 b) {
     vec3 apart = abs(a.rgb - b.rgb), c = abs(a.rgb), d = abs(b.rgb);
-    float noise = a.a + b.a + SBL_VISIBLE * (max(c.r, max(c.g, c.b)) + max(d.r, max(d.g, d.b)));
-    float difference = max(apart.r, max(apart.g, apart.b)) / max(noise, 1e-30);
-    return exp(-SBL_DOUBT * difference * difference);
+    float noise = a.a + b.a + SBL_FILTER_VISIBLE * (max(c.r, max(c.g, c.b)) + max(d.r, max(d.g, d.b)));
+    float difference = max(apart.r, max(apart.g, apart.b)) / max(noise, SBL_DIVISOR_LEAST);
+    return exp(-SBL_FILTER_FALL * difference * difference);
 }
 
 void main() {

@@ -8,6 +8,6 @@ mat3 sbl_frame(vec3 n) {
 // Maps a uniform point u of the unit square to a cosine-distributed direction over the hemisphere about the
 // frame's third column.
 vec3 sbl_by_cosine(mat3 frame, vec2 u) {
-    float radius = sqrt(u.x), angle = 6.283185307 * u.y;
+    float radius = sqrt(u.x), angle = 2.0 * SBL_PI * u.y;
     return frame * vec3(radius * cos(angle), radius * sin(angle), sqrt(1.0 - u.x));
 }

@@ -18,7 +18,8 @@ vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
     float step = 0.25 / per_cell, weight = 0.0;
     vec3 sum = vec3(0);
     for (int i = 0; i < points; i++) {
-        vec3 light = sbl_stored(number, s.back, s.position + step * (frame * vec3(i % 5 - 2, i / 5 - 2, 0)), 1e30);
+        vec3 place = s.position + step * (frame * vec3(i % 5 - 2, i / 5 - 2, 0));
+        vec3 light = sbl_stored(number, s.back, place, SBL_INFINITE);
         float known = max(light.r, max(light.g, light.b)) > 0.0 ? 1.0 : 0.0;
         sum += light;
         weight += known;
@@ -49,12 +50,12 @@ void main() {
         out_position = vec4(s.position, s.reach);
         out_normal = vec4(s.normal, 0);
         out_geometric_normal = vec4(s.geometric_normal, 0);
-        out_albedo = vec4(s.albedo.rgb, 1);
+        out_albedo = vec4(s.material.albedo, 1);
         out_emission = vec4(s.emission, 0);
         out_id = s.id;
 #ifdef SBL_BOUNCED
         bool excluded = (sbl_object_flags(s.object) & SBL_NO_SENSORS) != 0u;
-        vec3 light = sbl_stored(int(triangle) - 1, s.back, s.position, 1e30);
+        vec3 light = sbl_stored(int(triangle) - 1, s.back, s.position, SBL_INFINITE);
         vec3 smooth_light = sbl_stored_smooth(int(triangle) - 1, s, excluded ? 25 : 0);
         if (excluded) light = smooth_light;
         out_normal.w = excluded ? -1.0 - light.r : light.r;

@@ -7,13 +7,13 @@ uniform usampler2D sbl_guides;
 // Finds the interval that contains x, among the 8 * texels intervals that are stored from texel `from` on. Returns
 // its beginning, its end and its index.
 vec3 sbl_guide_interval(ivec2 from, int texels, float x) {
-    vec3 at = vec3(0, 65536, -1);
+    vec3 at = vec3(0, SBL_GUIDE_STEPS, -1);
     for (int i = 0; i < texels; i++) {
         uvec4 eight = texelFetch(sbl_guides, from + ivec2(i, 0), 0);
         vec4 a = vec4(eight & 0xffffu), b = vec4(eight >> 16);
         vec4 begun_a = step(a, vec4(x)), begun_b = step(b, vec4(x));
         vec4 last = max(a * begun_a, b * begun_b);
-        vec4 next = min(mix(vec4(65536), a, 1.0 - begun_a), mix(vec4(65536), b, 1.0 - begun_b));
+        vec4 end = vec4(SBL_GUIDE_STEPS), next = min(mix(end, a, 1.0 - begun_a), mix(end, b, 1.0 - begun_b));
         at.x = max(at.x, max(max(last.x, last.y), max(last.z, last.w)));
         at.y = min(at.y, min(min(next.x, next.y), min(next.z, next.w)));
         at.z += dot(begun_a + begun_b, vec4(1));
@@ -27,12 +27,12 @@ float sbl_guide(int guide, inout vec2 u) {
     const int ring_texels = SBL_GUIDE_RINGS / 8, sector_texels = SBL_GUIDE_SECTORS / 8;
     const vec2 counts = vec2(SBL_GUIDE_RINGS, SBL_GUIDE_SECTORS);
     ivec2 from = ivec2(guide % SBL_GUIDES_ACROSS * SBL_GUIDE_TEXELS, guide / SBL_GUIDES_ACROSS);
-    vec2 x = u * 65536.0;
+    vec2 x = u * SBL_GUIDE_STEPS;
     vec3 ring = sbl_guide_interval(from, ring_texels, x.x);
     from.x += ring_texels + int(ring.z) * sector_texels;
     vec3 sector = sbl_guide_interval(from, sector_texels, x.y);
     vec2 begins = vec2(ring.x, sector.x), widths = vec2(ring.y, sector.y) - begins;
     u = (vec2(ring.z, sector.z) + (x - begins) / widths) / counts;
-    return 65536.0 / (widths.x * counts.x) * (65536.0 / (widths.y * counts.y));
+    return SBL_GUIDE_STEPS / (widths.x * counts.x) * (SBL_GUIDE_STEPS / (widths.y * counts.y));
 }
 #endif

@@ -33,7 +33,6 @@ SBL_OUT(3, out_blue);
 #endif
 #endif
 
-const float PI = 3.14159265;
 const int SBL_CERTAIN = 32;         // so many points of light get a ray each
 const float SBL_STRATA = 1.5;       // variance of n stratified points, as a share of independent ones', times the
                                     // root of n: what edges across a lamp leave, measured;
@@ -58,7 +57,7 @@ const float SBL_BEFORE_LAMP = 0.99999;  // share of the way to a lamp that must 
 
 struct sbl_Lamp {
     uint kind;
-    vec3 emission;             // a triangle's radiance; a light's irradiance of a surface here that faces it; a
+    vec3 brightness;           // a triangle's radiance; a light's irradiance of a surface here that faces it; a
                                // texel's light, radiance times solid angle
     vec3 corner;               // of the triangle, from the sensor; else the unit direction to the light's, or the
                                // texel's, middle
@@ -80,34 +79,33 @@ uvec2 scramble;
 sbl_Lamp sbl_lamp(int leaf) {
     uint code = sbl_lamp_leaf_code(leaf), at = code & ((1u << SBL_LAMP_KIND_SHIFT) - 1u);
     ivec2 texel = ivec2(at & ((1u << SBL_SKY_COLUMN_BITS) - 1u), at >> SBL_SKY_COLUMN_BITS);
-    sbl_Lamp l = sbl_Lamp(code >> SBL_LAMP_KIND_SHIFT, vec3(0), vec3(0), vec3(0), vec3(0), 1e30, 0.0, 0.0, texel,
-                          int(at), -1, vec2(1, 0));
+    sbl_Lamp l = sbl_Lamp(code >> SBL_LAMP_KIND_SHIFT, vec3(0), vec3(0), vec3(0), vec3(0), SBL_INFINITE, 0.0, 0.0,
+                          texel, int(at), -1, vec2(1, 0));
     if (l.kind == SBL_LAMP_TRIANGLE) {
         int object = int(sbl_triangle_object(l.triangle));
         l.corner = sbl_triangle_corner_0(l.triangle);
         l.side_1 = sbl_triangle_corner_1(l.triangle) - l.corner;
         l.side_2 = sbl_triangle_corner_2(l.triangle) - l.corner;
         l.corner -= position;
-        l.emission = sbl_object_emission(object) / unit;
         l.number = int(sbl_triangle_number(l.triangle));
         vec3 normal = cross(l.side_1, l.side_2);
         float off = dot(normal, l.corner);
         l.group = off > 0.0 ? vec2(0, 1) : vec2(1, 0);
+        l.brightness = sbl_emission(object, l.group.y == 1.0) / unit;
         // seen edge-on; above all its own, which rounding may put above the horizon, all over it
-        if (abs(off) < 0.5 * sbl_look_offset(look) * length(normal)) l.emission = vec3(0);
-        if (l.group.y == 1.0 && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u) l.emission = vec3(0);
+        if (abs(off) < 0.5 * sbl_look_offset(look) * length(normal)) l.brightness = vec3(0);
     }
 #ifdef SBL_MIXED
     if (l.kind == SBL_LAMP_SKY_TEXEL) {
         vec2 size = vec2(textureSize(sky_picture, 0)), middle = (vec2(l.texel) + 0.5) / size;
         vec3 radiance = texelFetch(sky_picture, l.texel, 0).rgb;
-        l.corner = sbl_sky_direction(middle.x, cos(PI * middle.y));
-        l.emission = radiance * (sbl_sky_excess(radiance) / unit * (2.0 * PI / size.x) * 2.0 * sin(PI * middle.y) *
-                                 sin(0.5 * PI / size.y));
+        l.corner = sbl_sky_direction(middle.x, cos(SBL_PI * middle.y));
+        l.brightness = radiance * (sbl_sky_excess(radiance) / unit * (2.0 * SBL_PI / size.x) * 2.0 *
+                                   sin(SBL_PI * middle.y) * sin(0.5 * SBL_PI / size.y));
     }
     if (sbl_is_light(l)) {
         l.corner = sbl_light_position(int(at));
-        l.emission = sbl_light_intensity(int(at)) / unit;
+        l.brightness = sbl_light_intensity(int(at)) / unit;
         l.sine2 = sbl_light_radius(int(at));
         if (l.kind == SBL_LAMP_NEAR_LIGHT) {
             l.corner -= position;
@@ -117,7 +115,7 @@ sbl_Lamp sbl_lamp(int leaf) {
             float spot = clamp(dot(sbl_light_axis(int(at)), -l.corner) * sbl_light_spot_scale(int(at)) +
                                sbl_light_spot_offset(int(at)), 0.0, 1.0);  // KHR_lights_punctual
             if (l.away < l.radius) { l.corner = n; l.away = l.radius; spot = 1.0; }  // the sensor stands in it
-            l.emission *= spot * spot / (l.away * l.away);
+            l.brightness *= spot * spot / (l.away * l.away);
             l.sine2 = min(l.radius * l.radius / (l.away * l.away), 1.0);
         }
     }
@@ -160,7 +158,8 @@ float sbl_form_factor(vec3 a, vec3 b, vec3 c) {
         }
         sum += sbl_edge(p, q);
     }
-    return small ? points * 0.5 * abs(dot(normal, middle)) / (PI * distance2 * distance2) : abs(sum) / (2.0 * PI);
+    return small ? points * 0.5 * abs(dot(normal, middle)) / (SBL_PI * distance2 * distance2)
+                 : abs(sum) / (2.0 * SBL_PI);
 }
 
 // The same for a round lamp whose middle has the cosine z to the normal, over the sine squared of the angle that
@@ -169,8 +168,8 @@ float sbl_round(float z, float sine2) {
     float sine = sqrt(sine2), s = sqrt(max(1.0 - z * z, 0.0));
     if (z >= sine || z <= -sine) return max(z, 0.0);
     float q = z / sine, x = sqrt(1.0 / sine2 - 1.0), y = clamp(-x * z / s, -1.0, 1.0), w = s * sqrt(1.0 - y * y);
-    if (sine2 < 1e-4) return sine / PI * (q * acos(-q) + sqrt(1.0 - q * q) * (2.0 + q * q) / 3.0);
-    return (z * acos(y) - x * w + atan(w, x) / sine2) / PI;
+    if (sine2 < 1e-4) return sine / SBL_PI * (q * acos(-q) + sqrt(1.0 - q * q) * (2.0 + q * q) / 3.0);
+    return (z * acos(y) - x * w + atan(w, x) / sine2) / SBL_PI;
 }
 
 // R from a lamp that nothing hides.
@@ -181,12 +180,12 @@ vec3 sbl_unhindered(sbl_Lamp l) {
         factor = sbl_form_factor(corner, corner + to_frame * l.side_1, corner + to_frame * l.side_2);
     }
 #ifdef SBL_MIXED
-    if (sbl_is_light(l)) factor = sbl_round(dot(n, l.corner), l.sine2) / PI;
+    if (sbl_is_light(l)) factor = sbl_round(dot(n, l.corner), l.sine2) / SBL_PI;
     // about: above 0 where some of it is above the horizon
     if (l.kind == SBL_LAMP_SKY_TEXEL)
-        factor = max(dot(n, l.corner) + PI / float(textureSize(sky_picture, 0).y), 0.0) / PI;
+        factor = max(dot(n, l.corner) + SBL_PI / float(textureSize(sky_picture, 0).y), 0.0) / SBL_PI;
 #endif
-    return l.emission * factor;
+    return l.brightness * factor;
 }
 
 #ifdef SBL_DIRECTIONAL
@@ -225,7 +224,7 @@ mat3x4 sbl_unhindered_harmonics(sbl_Lamp l) {
         way = shown * (l.corner - z * n) + sbl_round(z, l.sine2) * n;
     }
 #endif
-    return outerProduct(vec4(0.28209479 * solid_angle, 0.48860251 * way.yzx), l.emission);
+    return outerProduct(vec4(SBL_HARMONIC_0 * solid_angle, SBL_HARMONIC_1 * way.yzx), l.brightness);
 }
 #endif
 
@@ -267,7 +266,7 @@ float sbl_strength(int node, sbl_Cluster c) {
 vec4 sbl_spherical(vec3 a, vec3 b, vec3 c, vec2 u) {
     vec3 ab = cross(a, b), bc = cross(b, c), ca = cross(c, a);
     float alpha = atan(length(cross(ab, ca)), -dot(ab, ca)), beta = atan(length(cross(bc, ab)), -dot(bc, ab));
-    float gamma = atan(length(cross(ca, bc)), -dot(ca, bc)), solid_angle = alpha + beta + gamma - PI;
+    float gamma = atan(length(cross(ca, bc)), -dot(ca, bc)), solid_angle = alpha + beta + gamma - SBL_PI;
     if (!(solid_angle > 0.01)) return vec4(0);
     float s = sin(u.x * solid_angle - alpha), t = cos(u.x * solid_angle - alpha);
     float sin_alpha = sin(alpha), cos_alpha = cos(alpha);
@@ -285,8 +284,14 @@ struct sbl_Sample {
     vec2 b;       // barycentrics on a triangle
 };
 
+// Weights of the second and third corner of a triangle at a point of its plane. from_corner: from the first corner.
+vec2 sbl_barycentrics(sbl_Lamp l, vec3 normal, vec3 from_corner) {
+    vec2 areas = vec2(dot(cross(from_corner, l.side_2), normal), dot(cross(l.side_1, from_corner), normal));
+    return areas / dot(normal, normal);
+}
+
 sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
-    sbl_Sample s = sbl_Sample(l.corner, 1e30, l.emission / PI, u);
+    sbl_Sample s = sbl_Sample(l.corner, SBL_INFINITE, l.brightness / SBL_PI, u);
     // by solid angle where it is large, else by area (Heitz 2019, "A Low-Distortion Map Between Triangle and
     // Square")
     if (l.kind == SBL_LAMP_TRIANGLE) {
@@ -300,8 +305,7 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
         vec3 to = l.corner + s.b.x * l.side_1 + s.b.y * l.side_2;
         if (ray.w > 0.0) {
             to = ray.xyz * dot(l.corner, normal) / dot(ray.xyz, normal);
-            s.b = vec2(dot(cross(to - l.corner, l.side_2), normal), dot(cross(l.side_1, to - l.corner), normal)) /
-                  dot(normal, normal);
+            s.b = sbl_barycentrics(l, normal, to - l.corner);
         }
         s.far = length(to);
         s.direction = to / s.far;
@@ -312,13 +316,14 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
         vec2 size = vec2(textureSize(sky_picture, 0));
         float row = float(l.texel.y);
         s.direction = sbl_sky_direction((float(l.texel.x) + u.x) / size.x,
-                                        mix(cos(PI * row / size.y), cos(PI * (row + 1.0) / size.y), u.y));
+                                        mix(cos(SBL_PI * row / size.y), cos(SBL_PI * (row + 1.0) / size.y), u.y));
     }
     if (sbl_is_light(l)) {
         // off: what the ray's cosine to the middle lacks to 1
         float cosine = sqrt(1.0 - l.sine2), off = u.x * l.sine2 / (1.0 + cosine);
         float r = sqrt(max(off * (2.0 - off), 0.0));
-        s.direction = sbl_frame(l.corner) * vec3(r * cos(2.0 * PI * u.y), r * sin(2.0 * PI * u.y), 1.0 - off);
+        float angle = 2.0 * SBL_PI * u.y;
+        s.direction = sbl_frame(l.corner) * vec3(r * cos(angle), r * sin(angle), 1.0 - off);
         s.light *= 2.0 / (1.0 + cosine);
         if (l.kind == SBL_LAMP_NEAR_LIGHT)
             s.far = l.away * (1.0 - off) - sqrt(max(l.radius * l.radius - l.away * l.away * r * r, 0.0));
@@ -373,8 +378,7 @@ bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
         bool other_side = (shown < 0.0) != (l.group.y == 1.0);   // of a thin body
         bool beyond = seen > (1.0 + SBL_AT_LAMP) * there;
         if (there > 0.0 && (beyond || (seen >= (1.0 - SBL_AT_LAMP) * there && !other_side))) return false;
-        vec3 hit = there * ray - l.corner;
-        vec2 b = vec2(dot(cross(hit, l.side_2), normal), dot(cross(l.side_1, hit), normal)) / dot(normal, normal);
+        vec2 b = sbl_barycentrics(l, normal, there * ray - l.corner);
         if (attempt == SBL_LOOKS_AGAIN - 1 || (there > 0.0 && min(b.x, b.y) >= 0.0 && b.x + b.y <= 1.0))
             return seen < (other_side ? 1.0 + SBL_AT_LAMP : 1.0 - SBL_AT_LAMP) * dot(point, forward);
     }
@@ -526,16 +530,16 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, int rim, bool poi
     taken += point || probe ? 0.0 : 1.0;
     if (!(light.r + light.g + light.b > 0.0)) return;
 #ifdef SBL_DIRECTIONAL
-    vec4 counts = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), 1e-6));
+    vec4 counts = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), SBL_COSINE_LEAST));
     if (!cluster && !point && !probe) open_harmonics[l.group.y > 0.0 ? 1 : 0] += outerProduct(counts, light);
 #endif
     if (!cluster && !point && !probe) {
         open += outerProduct(light, l.group);
         samples += l.group;
     }
-    if (s.far < 1e30) to = s.far * s.direction + (position - stand);
-    float away = s.far < 1e30 ? length(to) : 1.0;
-    sbl_Hit hit = sbl_trace(stand, to / away, s.far < 1e30 ? away * SBL_BEFORE_LAMP : 1e30);
+    if (s.far < SBL_INFINITE) to = s.far * s.direction + (position - stand);
+    float away = s.far < SBL_INFINITE ? length(to) : 1.0;
+    sbl_Hit hit = sbl_trace(stand, to / away, s.far < SBL_INFINITE ? away * SBL_BEFORE_LAMP : SBL_INFINITE);
     bool hidden = hit.triangle >= 0 && hit.number != l.number;
 #ifdef SBL_VIEWS
     hidden = hidden || sbl_hidden(slot, l, s);
@@ -554,7 +558,7 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, int rim, bool poi
 #ifdef SBL_TEXTURED
     if (l.kind == SBL_LAMP_TRIANGLE) {
         sbl_Attributes at = sbl_attributes_at(l.triangle, s.b.x, s.b.y);
-        light *= sbl_texture(sbl_object_emission_texture(int(sbl_triangle_object(l.triangle))), at.uv).rgb;
+        light *= sbl_emission_pattern(int(sbl_triangle_object(l.triangle)), at);
     }
 #endif
 #ifdef SBL_INSPECT
@@ -691,7 +695,7 @@ void main() {
             uint probed = uint(from - 1 - k);
             int rim = probe ? int(probed % uint(rims)) : -1, entry = entries[point ? SBL_LAMPS - 1 - k : 0];
             uvec2 fraction = texelFetch(sbl_sequence, skip + max(k, 0)).xy ^ scramble;
-            vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0;
+            vec2 u = sbl_unit_square(fraction);
             sbl_Pick p = sbl_Pick(0, point ? 1.0 / float(parts) : 1.0, u, false);
             if (probe) entry = entries[probed / uint(rims)];
             else if (!point) entry = sbl_pick_entry(p);
@@ -704,7 +708,8 @@ void main() {
             sbl_Lamp l = sbl_lamp(p.leaf);
             bool corner = probe && l.kind == SBL_LAMP_TRIANGLE;
             if (probe && (l.kind == SBL_LAMP_SKY_TEXEL || (corner && rim >= SBL_CORNERS))) continue;
-            if (probe) p.u = vec2(SBL_RIM_AT, (float(rim) + float(scramble.y >> 8) / 16777216.0) / float(SBL_RIM));
+            float turned = float(rim) + float(scramble.y >> 8) / SBL_FRACTIONS;
+            if (probe) p.u = vec2(SBL_RIM_AT, turned / float(SBL_RIM));
             sbl_Sample s = sbl_sample(l, p.u);
             if (corner) {
                 vec3 way = l.corner + (rim == 1 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_1 +

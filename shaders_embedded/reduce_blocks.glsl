@@ -14,7 +14,7 @@ layout(location = 4) out vec4 out_blue;
 
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy), corner = at * block, sheet_corner = (at % blocks) * block;
-    vec4 sum = vec4(0), hits = vec4(0, 0, 1e30, 0);
+    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_INFINITE, 0);
 #ifdef SBL_DIRECTIONAL
     int slot = at.y / blocks.y * columns + at.x / blocks.x;
     float s = sin(sbl_look_turn(slot)), c = cos(sbl_look_turn(slot));
@@ -30,14 +30,14 @@ void main() {
             row += weight.x * texel.rgb;
 #ifdef SBL_DIRECTIONAL
             vec3 way = texelFetch(directions, sheet_corner + ivec2(x, y), 0).xyz;
-            vec4 counts = sbl_harmonics(frame * way, frame[2], 1.0 / max(way.z, 1e-6));
+            vec4 counts = sbl_harmonics(frame * way, frame[2], 1.0 / max(way.z, SBL_COSINE_LEAST));
             harmonics += outerProduct(counts, weight.x * texel.rgb);
 #endif
             float seen = weight.x > 0.0 && texel.a != 0.0 ? weight.x : 0.0;
             float length_to_hit = abs(texel.a) * weight.y;
             back += texel.a < 0.0 ? seen : 0.0;
             hits.x += seen;
-            hits.y += seen * min(length_to_hit, 1e30);
+            hits.y += seen * min(length_to_hit, SBL_INFINITE);
             hits.z = seen > 0.0 ? min(hits.z, length_to_hit) : hits.z;
         }
         sum += vec4(row, back);

@@ -1,6 +1,6 @@
-// Composition (section III-H) of one anti-aliasing sample of every pixel: emission + albedo * R. The sample has
-// its own G-buffer; R is looked up among the nearest pixel centres that show the same surface, so that light never
-// bleeds over an edge.
+// Composition (section III-H) of one anti-aliasing sample of every pixel: emission plus reflected light. The
+// sample has its own G-buffer; R is looked up among the nearest pixel centres that show the same surface, so that
+// light never bleeds over an edge.
 uniform sampler2D radiance;                 // R at pixel centres
 uniform sampler2D positions, normals;       // at pixel centres
 uniform usampler2D ids;
@@ -68,7 +68,8 @@ void main() {
     if (id == 0u) color = sky + sbl_sky_smooth(sbl_camera_direction());
     else {
         vec3 light = offset == vec2(0) ? texelFetch(radiance, at, 0).rgb : sbl_light_at(at, id);
-        color = texelFetch(sample_emission, at, 0).rgb + texelFetch(sample_albedo, at, 0).rgb * light;
+        sbl_Material material = sbl_Material(texelFetch(sample_albedo, at, 0).rgb, false);
+        color = texelFetch(sample_emission, at, 0).rgb + sbl_reflected(material, light);
     }
     out_color = before + share * vec4(color, 1);
 }

@@ -12,6 +12,8 @@ ivec3 sbl_corners(int triangle) {
 
 struct sbl_Attributes { vec2 uv; vec4 color; };
 
+const sbl_Attributes SBL_PLAIN = sbl_Attributes(vec2(0), vec4(1));  // of a surface without textures and colours
+
 vec4 sbl_unpack_color(uint rg, uint ba) { return vec4(rg & 65535u, rg >> 16, ba & 65535u, ba >> 16); }
 
 vec4 sbl_texel(uvec4 place, ivec2 at) {
@@ -19,15 +21,11 @@ vec4 sbl_texel(uvec4 place, ivec2 at) {
     if ((place.w & SBL_TEXTURE_CLAMPS) != 0u) at = clamp(at, ivec2(0), size - 1);
     else at -= size * ivec2(floor(vec2(at) / vec2(size)));
     at = clamp(at, ivec2(0), size - 1);  // the division above may round up for far repeats
+    bool srgb = (place.w & SBL_TEXTURE_KIND) == SBL_TEXTURE_SRGB;
     int index = at.y * size.x + at.x;
-    if ((place.w & SBL_TEXTURE_KIND) == SBL_TEXTURE_SRGB) {
-        int width = textureSize(sbl_texels_srgb, 0).x;
-        ivec2 texel = ivec2(uint(index) % uint(width), place.x + uint(index) / uint(width));
-        return texelFetch(sbl_texels_srgb, texel, 0);
-    }
-    int width = textureSize(sbl_texels_float, 0).x;
+    int width = srgb ? textureSize(sbl_texels_srgb, 0).x : textureSize(sbl_texels_float, 0).x;
     ivec2 texel = ivec2(uint(index) % uint(width), place.x + uint(index) / uint(width));
-    return texelFetch(sbl_texels_float, texel, 0);
+    return srgb ? texelFetch(sbl_texels_srgb, texel, 0) : texelFetch(sbl_texels_float, texel, 0);
 }
 
 // A texture's place in its store is first row, width, height, kind. Bilinear, decoded before it is filtered; (0,
@@ -47,23 +45,4 @@ vec4 sbl_texture(uvec4 place, vec2 uv) {
 #else
     return vec4(1);
 #endif
-}
-
-// The surface's colour; a: what cutouts go by.
-vec4 sbl_color(int object, sbl_Attributes at) {
-    return at.color * sbl_texture(sbl_object_albedo_texture(object), at.uv) * vec4(sbl_object_albedo(object), 1);
-}
-
-// Without textures, all colours are the materials'.
-vec3 sbl_albedo(int object, sbl_Attributes at) {
-#ifdef SBL_TEXTURED
-    return sbl_color(object, at).rgb;
-#else
-    return sbl_object_albedo(object);
-#endif
-}
-
-// Does a cutout leave anything here?
-bool sbl_solid(int object, sbl_Attributes at) {
-    return sbl_color(object, at).a >= sbl_object_alpha_cutoff(object);
 }

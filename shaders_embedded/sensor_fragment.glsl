@@ -35,9 +35,9 @@ void main() {
     if (!sbl_seen_here()) discard;
 #ifdef SBL_TEXTURED
     sbl_Attributes at = sbl_Attributes(fragment_uv, fragment_color);
-    if (sbl_object_alpha_cutoff(fragment_object) > 0.0 && !sbl_solid(fragment_object, at)) discard;
+    if (sbl_has_holes(fragment_object) && sbl_material(fragment_object, at).cut_out) discard;
 #else
-    sbl_Attributes at = sbl_Attributes(vec2(0), vec4(1));
+    sbl_Attributes at = SBL_PLAIN;
 #endif
 #if defined(SBL_TEXTURED) || defined(SBL_BOUNCED)
     vec3 radiance = sbl_outgoing(fragment_object, !gl_FrontFacing, at) * radiance_scale;
@@ -45,8 +45,8 @@ void main() {
     vec3 radiance = gl_FrontFacing ? radiance_front : radiance_back;
 #endif
 #ifdef SBL_BOUNCED
-    radiance += radiance_scale * sbl_reflected(fragment_object, fragment_triangle, !gl_FrontFacing, fragment_place,
-                                               length(fragment_way), at);
+    vec3 light = sbl_stored(fragment_triangle, !gl_FrontFacing, fragment_place, length(fragment_way));
+    radiance += radiance_scale * sbl_reflected(sbl_material(fragment_object, at), light);
 #endif
     out_radiance = vec4(radiance, gl_FrontFacing ? 1.0 / gl_FragCoord.w : -1.0 / gl_FragCoord.w);
 #ifdef SBL_WRITE_DEPTH

@@ -49,14 +49,13 @@ void main() {
     int number = int(object);
 #ifdef SBL_TEXTURED
     fragment_uv = vertex_uv;
-    fragment_color = sbl_unpack_color(vertex_color.x, vertex_color.y) / 65535.0;
+    fragment_color = sbl_unpack_color(vertex_color.x, vertex_color.y) / SBL_COLOR_MOST;
 #endif
 #if defined(SBL_TEXTURED) || defined(SBL_BOUNCED)
     fragment_object = number;
 #else
-    sbl_Attributes plain = sbl_Attributes(vec2(0), vec4(1));
-    radiance_front = radiance_scale * sbl_outgoing(number, false, plain);
-    radiance_back = radiance_scale * sbl_outgoing(number, true, plain);
+    radiance_front = radiance_scale * sbl_outgoing(number, false, SBL_PLAIN);
+    radiance_back = radiance_scale * sbl_outgoing(number, true, SBL_PLAIN);
 #endif
     vec3 p = (position - view_eye) * per_length;
     float x = dot(view_right.xyz, p), y = dot(view_up.xyz, p), w = dot(view_forward.xyz, p);

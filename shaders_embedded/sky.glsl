@@ -8,20 +8,20 @@ uniform float sky_limit;            // radiance (largest component) above which 
 // Position in the picture where a direction points to: 0 to 1 from left to right and from top to bottom.
 vec2 sbl_sky_at(vec3 direction) {
     vec3 d = vec3(dot(direction, sky_x), dot(direction, sky_up), dot(direction, sky_z)) / length(direction);
-    float around = d.x == 0.0 && d.z == 0.0 ? 0.0 : atan(d.z, d.x) / 6.283185307;
-    return vec2(0.5 + around, acos(clamp(d.y, -1.0, 1.0)) / 3.14159265);
+    float around = d.x == 0.0 && d.z == 0.0 ? 0.0 : atan(d.z, d.x) / (2.0 * SBL_PI);
+    return vec2(0.5 + around, acos(clamp(d.y, -1.0, 1.0)) / SBL_PI);
 }
 
 // Inverse of sbl_sky_at: world direction of a position in the picture. across: 0 to 1 from left to right;
 // z: cosine of the angle between the direction and sky_up
 vec3 sbl_sky_direction(float across, float z) {
-    float angle = 6.283185307 * (across - 0.5), r = sqrt(max(1.0 - z * z, 0.0));
+    float angle = 2.0 * SBL_PI * (across - 0.5), r = sqrt(max(1.0 - z * z, 0.0));
     return r * cos(angle) * sky_x + z * sky_up + r * sin(angle) * sky_z;
 }
 
 // Share of a texel's light, 0 to 1, that lamps.glsl samples because it exceeds the limit.
 float sbl_sky_excess(vec3 radiance) {
-    return max(1.0 - sky_limit / max(max(radiance.r, radiance.g), max(radiance.b, 1e-37)), 0.0);
+    return max(1.0 - sky_limit / max(max(radiance.r, radiance.g), max(radiance.b, SBL_SKY_LEAST)), 0.0);
 }
 
 // Radiance of the picture in a direction, without the share that lamps.glsl samples and without the constant sky.

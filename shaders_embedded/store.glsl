@@ -8,7 +8,7 @@ uniform vec3 cell_origin;
 uniform float per_cell;   // 1 / length of a cell
 
 uint sbl_hash_step(uint hash, uint x) {
-    hash = (hash ^ x) * 0x9e3779b1u;
+    hash = (hash ^ x) * SBL_HASH_FACTOR;
     return hash ^ hash >> 15;
 }
 
@@ -16,7 +16,7 @@ uint sbl_hash_step(uint hash, uint x) {
 // away; 0: there is none.
 int sbl_leaf_at(int number, bool back, vec3 position, float distance) {
     uint patch_word = sbl_fetch(sbl_store, number >> 2)[number & 3] ^ (back ? SBL_PATCH_BACK : 0u);
-    uvec3 at = uvec3(clamp((position - cell_origin) * per_cell, vec3(0), vec3(2e9)));
+    uvec3 at = uvec3(clamp((position - cell_origin) * per_cell, vec3(0), vec3(SBL_CELL_MOST)));
     if ((patch_word & SBL_PATCH_FLAT) != 0u) {
         uint axis = patch_word >> SBL_PATCH_AXIS_SHIFT & 3u;
         at *= uvec3(axis != 0u, axis != 1u, axis != 2u);
@@ -52,7 +52,8 @@ vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : sbl_leaf_light(leaf -
 
 vec3 sbl_lamps_of(int leaf) {
     uint rgbe = leaf == 0 ? 0u : sbl_leaf_lamps(leaf - 1);
-    return vec3(rgbe & 255u, rgbe >> 8 & 255u, rgbe >> 16 & 255u) * exp2(float(rgbe >> 24) - 136.0);
+    float exponent = float(rgbe >> 24) - float(SBL_RGBE_BIAS + SBL_RGBE_BITS);
+    return vec3(rgbe & 255u, rgbe >> 8 & 255u, rgbe >> 16 & 255u) * exp2(exponent);
 }
 
 // R there.

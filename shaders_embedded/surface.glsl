@@ -3,7 +3,7 @@
 // surface.
 struct sbl_Surface {
     vec3 position, normal, geometric_normal;  // normals point against the ray
-    vec4 albedo;                              // a: 0 where the cutout leaves nothing
+    sbl_Material material;
     vec3 emission;
     float facet;                              // the triangle's least height
     float reach;                              // of its corners from the origin, plus its longest side: what
@@ -13,8 +13,6 @@ struct sbl_Surface {
     bool back;                                // its back side is seen
 };
 
-const float SBL_GRAZING = 0.01;  // cosine that shading normals are kept from the horizon
-
 // Interpolated where it is long enough, towards the viewer's side of the triangle, and bent away from the
 // surface's own horizon: a shading normal that turns away from the viewer would aim the sensor at the surface
 // itself.
@@ -22,7 +20,7 @@ vec3 sbl_shading_normal(ivec3 v, vec3 b, vec3 face, vec3 geometric_normal, vec3 
     vec3 normal = b.x * sbl_attributes_normal(v.x) + b.y * sbl_attributes_normal(v.y) +
                   b.z * sbl_attributes_normal(v.z);
     float length2 = dot(normal, normal);
-    normal = length2 > 1e-12 ? normal * inversesqrt(length2) : face;
+    normal = length2 > SBL_NORMAL_LEAST ? normal * inversesqrt(length2) : face;
     normal = dot(normal, geometric_normal) < 0.0 ? -normal : normal;
     float grazing = dot(normal, normalize(direction));
     if (grazing > -SBL_GRAZING) normal = normalize(normal - (grazing + SBL_GRAZING) * normalize(direction));
@@ -36,35 +34,45 @@ sbl_Attributes sbl_mix_attributes(ivec3 v, vec3 b) {
     vec4 color = b.x * sbl_unpack_color(sbl_attributes_color_rg(v.x), sbl_attributes_color_ba(v.x)) +
                  b.y * sbl_unpack_color(sbl_attributes_color_rg(v.y), sbl_attributes_color_ba(v.y)) +
                  b.z * sbl_unpack_color(sbl_attributes_color_rg(v.z), sbl_attributes_color_ba(v.z));
-    return sbl_Attributes(uv, color / 65535.0);
+    return sbl_Attributes(uv, color / SBL_COLOR_MOST);
+}
+
+// A triangle: its vertices, its first corner, and the edges from there. size is the largest component of both
+// edges. Cross products take the edges over size (s1, s2), so that those of small triangles do not underflow.
+struct sbl_Facet {
+    ivec3 v;
+    vec3 p0, e1, e2, s1, s2;
+    float size;
+};
+
+sbl_Facet sbl_facet(int triangle) {
+    ivec3 v = sbl_corners(triangle);
+    vec3 p0 = sbl_vertex_position(v.x), e1 = sbl_vertex_position(v.y) - p0, e2 = sbl_vertex_position(v.z) - p0;
+    float size = max(max(max(abs(e1.x), abs(e1.y)), abs(e1.z)), max(max(abs(e2.x), abs(e2.y)), abs(e2.z)));
+    return sbl_Facet(v, p0, e1, e2, e1 / size, e2 / size, size);
 }
 
 // The point of a triangle at b1, b2, weights of its second and third corner, as it is seen along direction.
 sbl_Surface sbl_surface_at(int triangle, float b1, float b2, vec3 direction) {
-    ivec3 v = sbl_corners(triangle);
-    vec3 p0 = sbl_vertex_position(v.x), e1 = sbl_vertex_position(v.y) - p0, e2 = sbl_vertex_position(v.z) - p0;
-    int object = int(sbl_vertex_object(v.x));
-    float size = max(max(max(abs(e1.x), abs(e1.y)), abs(e1.z)), max(max(abs(e2.x), abs(e2.y)), abs(e2.z)));
-    vec3 s1 = e1 / size, s2 = e2 / size;
+    sbl_Facet f = sbl_facet(triangle);
+    int object = int(sbl_vertex_object(f.v.x));
     float b0 = 1.0 - b1 - b2;
 
     sbl_Surface s;
-    s.position = p0 + (b1 * e1 + b2 * e2);
-    vec3 across = cross(s1, s2), s3 = s2 - s1;
+    s.position = f.p0 + (b1 * f.e1 + b2 * f.e2);
+    vec3 across = cross(f.s1, f.s2), s3 = f.s2 - f.s1;
     float widest = max(max(abs(across.x), abs(across.y)), abs(across.z));
     vec3 face = normalize(widest > 1e-15 ? across : widest > 0.0 ? across / widest : -direction);  // no underflow
-    float longest = sqrt(max(dot(s1, s1), max(dot(s2, s2), dot(s3, s3))));
-    s.facet = size * length(across) / longest;
-    s.reach = length(p0) + 2.0 * size * longest;
+    float longest = sqrt(max(dot(f.s1, f.s1), max(dot(f.s2, f.s2), dot(s3, s3))));
+    s.facet = f.size * length(across) / longest;
+    s.reach = length(f.p0) + 2.0 * f.size * longest;
     s.back = dot(face, direction) > 0.0;
     s.geometric_normal = s.back ? -face : face;
-    s.normal = sbl_shading_normal(v, vec3(b0, b1, b2), face, s.geometric_normal, direction);
+    s.normal = sbl_shading_normal(f.v, vec3(b0, b1, b2), face, s.geometric_normal, direction);
 
-    sbl_Attributes at = sbl_mix_attributes(v, vec3(b0, b1, b2));
-    s.albedo = sbl_color(object, at);
-    s.albedo.a = s.albedo.a < sbl_object_alpha_cutoff(object) ? 0.0 : 1.0;
-    s.emission = sbl_object_emission(object) * sbl_texture(sbl_object_emission_texture(object), at.uv).rgb;
-    if (s.back && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u) s.emission = vec3(0);
+    sbl_Attributes at = sbl_mix_attributes(f.v, vec3(b0, b1, b2));
+    s.material = sbl_material(object, at);
+    s.emission = sbl_emission(object, s.back) * sbl_emission_pattern(object, at);
     s.id = sbl_object_id(object);
     s.object = object;
     return s;
@@ -72,15 +80,11 @@ sbl_Surface sbl_surface_at(int triangle, float b1, float b2, vec3 direction) {
 
 // Where a ray meets it.
 sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {
-    ivec3 v = sbl_corners(triangle);
-    vec3 p0 = sbl_vertex_position(v.x), e1 = sbl_vertex_position(v.y) - p0, e2 = sbl_vertex_position(v.z) - p0;
+    sbl_Facet f = sbl_facet(triangle);
 
     // Barycentrics of the ray's hit by Cramer's rule (Moeller and Trumbore 1997), kept inside the triangle.
-    // The cross product is scaled to the edges' size first, so that small triangles do not underflow.
-    float size = max(max(max(abs(e1.x), abs(e1.y)), abs(e1.z)), max(max(abs(e2.x), abs(e2.y)), abs(e2.z)));
-    vec3 s1 = e1 / size, s2 = e2 / size;
-    vec3 t = (origin - p0) / size, q = cross(t, s1), h = cross(direction, s2);
-    float determinant = dot(s1, h);
+    vec3 t = (origin - f.p0) / f.size, q = cross(t, f.s1), h = cross(direction, f.s2);
+    float determinant = dot(f.s1, h);
     float b1 = clamp(dot(t, h) / determinant, 0.0, 1.0);
     float b2 = clamp(dot(direction, q) / determinant, 0.0, 1.0 - b1);
     if (!(abs(determinant) > 0.0)) { b1 = 1.0 / 3.0; b2 = 1.0 / 3.0; }
@@ -90,12 +94,10 @@ sbl_Surface sbl_surface(int triangle, vec3 origin, vec3 direction) {
 #ifdef SBL_LIGHTMAP
 // Seen from the front, see sbl_lightmap_desc.
 sbl_Surface sbl_surface_front(int triangle, float b1, float b2) {
-    ivec3 v = sbl_corners(triangle);
-    vec3 p0 = sbl_vertex_position(v.x), e1 = sbl_vertex_position(v.y) - p0, e2 = sbl_vertex_position(v.z) - p0;
-    float size = max(max(max(abs(e1.x), abs(e1.y)), abs(e1.z)), max(max(abs(e2.x), abs(e2.y)), abs(e2.z)));
-    vec3 face = normalize(cross(e1 / size, e2 / size));
-    vec3 normal = (1.0 - b1 - b2) * sbl_attributes_normal(v.x) + b1 * sbl_attributes_normal(v.y) +
-                  b2 * sbl_attributes_normal(v.z);
+    sbl_Facet f = sbl_facet(triangle);
+    vec3 face = normalize(cross(f.s1, f.s2));
+    vec3 normal = (1.0 - b1 - b2) * sbl_attributes_normal(f.v.x) + b1 * sbl_attributes_normal(f.v.y) +
+                  b2 * sbl_attributes_normal(f.v.z);
     return sbl_surface_at(triangle, b1, b2, dot(normal, face) < 0.0 ? face : -face);
 }
 #endif

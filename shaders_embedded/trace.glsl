@@ -29,21 +29,18 @@ const int SBL_LEGS = 2;
 const int SBL_LEGS = 1;
 #endif
 
-// What a hit sends back. share: of the light that arrives there, where the ray goes on; else 0.
-vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool last, out vec3 share) {
+// Radiance that a hit sends back. goes_on: another ray finds the light that arrives there, but for that of lamps.
+vec3 sbl_radiance(sbl_Hit hit, vec3 position, bool last, out bool goes_on, out sbl_Material material) {
     int object = int(sbl_triangle_object(hit.triangle));
-    sbl_Attributes at = sbl_Attributes(vec2(0), vec4(1));
-#ifdef SBL_TEXTURED
-    if (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_at(hit.triangle, hit.b1, hit.b2);
-#endif
+    sbl_Attributes at = SBL_PLAIN;
+    if (!sbl_outgoing_is_plain(object, hit.back)) at = sbl_attributes_of(hit);
     vec3 radiance = sbl_outgoing(object, hit.back, at);
-    share = vec3(0);
+    goes_on = false;
 #ifdef SBL_BOUNCED
-    vec3 albedo = sbl_albedo(object, at);
-    bool near = !last && hit.distance * per_cell < 1.0;
+    material = sbl_material(object, at);
+    goes_on = !last && hit.distance * per_cell < 1.0;
     int leaf = sbl_leaf_at(hit.number, hit.back, position, hit.distance);
-    radiance += albedo * (near ? sbl_lamps_of(leaf) : sbl_light_of(leaf));
-    if (near) share = albedo;
+    radiance += sbl_reflected(material, goes_on ? sbl_lamps_of(leaf) : sbl_light_of(leaf));
 #endif
     return radiance;
 }
@@ -58,16 +55,17 @@ float sbl_stratum_reciprocal(float u) {
 #endif
 
 #ifdef SBL_BOUNCED
-// Where a ray goes on, and how.
-void sbl_go_on(sbl_Hit hit, uint hash, inout vec3 position, inout vec3 direction) {
+// Moves a ray to where it goes on from a hit. Returns what the light that it finds there counts.
+vec3 sbl_go_on(sbl_Hit hit, sbl_Material material, uint hash, inout vec3 position, inout vec3 direction) {
     vec3 p0 = sbl_triangle_corner_0(hit.triangle), e1 = sbl_triangle_corner_1(hit.triangle) - p0,
          e2 = sbl_triangle_corner_2(hit.triangle) - p0, e3 = e2 - e1;
     float longest = sqrt(max(dot(e1, e1), max(dot(e2, e2), dot(e3, e3))));
     vec3 across = cross(e1 / longest, e2 / longest) * (hit.back ? -1.0 : 1.0);
-    vec3 normal = dot(across, across) > 0.0 ? normalize(across) : -direction;
-    vec2 u = (vec2(uvec2(hash, sbl_hash_step(hash, 1u)) >> 8) + 0.5) / 16777216.0;
-    position = p0 + hit.b1 * e1 + hit.b2 * e2 + ray_offset * (length(p0) + 2.0 * longest) * normal;
-    direction = sbl_by_cosine(sbl_frame(normal), u);
+    vec2 u = sbl_unit_square(uvec2(hash, sbl_hash_step(hash, 1u)));
+    sbl_Bounce bounce = sbl_bounce(material, across, -direction, u);
+    position = p0 + hit.b1 * e1 + hit.b2 * e2 + ray_offset * (length(p0) + 2.0 * longest) * bounce.off;
+    direction = bounce.direction;
+    return bounce.weight;
 }
 #endif
 
@@ -81,7 +79,7 @@ void main() {
     uint which = sbl_look_which(sensor);
     int number = int(which & SBL_LOOK_NUMBER), skip = number * rays, end = dark && number > 0 ? 0 : rays;
 
-    vec4 sum = vec4(0), hits = vec4(0, 0, 1e30, 0);
+    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_INFINITE, 0);
     float squares = 0.0, other = 0.0;
     mat3x4 harmonics = mat3x4(0);
     vec4 even = vec4(0);
@@ -91,7 +89,7 @@ void main() {
          k++, i = (part + (k >> paired) * parts << paired) + (k & paired)) {
         vec3 before = sum.rgb;
         uvec2 fraction = texelFetch(sbl_sequence, skip + i).xy ^ scramble;
-        vec2 u = (vec2(fraction >> 8) + 0.5) / 16777216.0;
+        vec2 u = sbl_unit_square(fraction);
         float weight = 1.0;
 #ifdef SBL_GUIDED
         weight = sbl_guide(int(which >> SBL_LOOK_GUIDE_SHIFT), u);
@@ -99,22 +97,25 @@ void main() {
         vec3 direction = sbl_by_cosine(frame, u * vec2(spread, 1.0)), from = position, share = vec3(weight);
         vec3 way = direction;
         for (int leg = 0; leg < SBL_LEGS; leg++) {
-            sbl_Hit hit = sbl_trace(from, direction, 1e30);
+            sbl_Hit hit = sbl_trace(from, direction, SBL_INFINITE);
             if (hit.triangle < 0) {
                 sum.rgb += share * (sky + sbl_sky(direction));
                 break;
             }
-            vec3 further;
-            sum.rgb += share * sbl_radiance(hit, from + direction * hit.distance, leg == SBL_LEGS - 1, further);
+            bool goes_on;
+            sbl_Material material;
+            vec3 place = from + direction * hit.distance;
+            sum.rgb += share * sbl_radiance(hit, place, leg == SBL_LEGS - 1, goes_on, material);
             if (leg == 0) {
                 sum.a += hit.back ? weight : 0.0;
                 hits.xy += weight * vec2(1.0, min(hit.distance, reach));
                 hits.z = min(hits.z, hit.distance);
             }
-            share *= further;
-            if (max(share.r, max(share.g, share.b)) <= 0.0) break;
+            if (!goes_on) break;
 #ifdef SBL_BOUNCED
-            sbl_go_on(hit, sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y), from, direction);
+            uint hash = sbl_hash_step(sbl_hash_step(scramble.x, uint(skip + i)), scramble.y);
+            share *= sbl_go_on(hit, material, hash, from, direction);
+            if (max(share.r, max(share.g, share.b)) <= 0.0) break;
 #endif
         }
 #ifdef SBL_DIRECTIONAL

@@ -7,19 +7,23 @@ const int SBL_BOX_SLACK = 8;          // units in the last place, see Ize 2013, 
 const float SBL_SELF_DEEP = 1e-4;     // a hit nearer than this share of its triangle's depth may be rounding:
 const float SBL_SELF_WIDE = 2.4e-7;   // it must be farther than half so many of its width
 
-#ifdef SBL_TEXTURED
+// Attributes of a triangle that is traced, at b1, b2.
 sbl_Attributes sbl_attributes_at(int triangle, float b1, float b2) {
+#ifdef SBL_TEXTURED
     ivec3 corners = sbl_corners(int(sbl_triangle_number(triangle)));
     vec3 b = vec3(1.0 - b1 - b2, b1, b2);
     sbl_Attributes at = sbl_Attributes(vec2(0), vec4(0));
     for (int k = 0; k < 3; k++) {
         int v = corners[k];
         at.uv += b[k] * vec2(sbl_attributes_u(v), sbl_attributes_v(v));
-        at.color += b[k] / 65535.0 * sbl_unpack_color(sbl_attributes_color_rg(v), sbl_attributes_color_ba(v));
+        vec4 color = sbl_unpack_color(sbl_attributes_color_rg(v), sbl_attributes_color_ba(v));
+        at.color += b[k] / SBL_COLOR_MOST * color;
     }
     return at;
-}
+#else
+    return SBL_PLAIN;
 #endif
+}
 
 struct sbl_Hit {
     float distance;   // in lengths of the direction
@@ -28,6 +32,8 @@ struct sbl_Hit {
     float b1, b2;     // barycentrics of the second and third corner
     bool back;
 };
+
+sbl_Attributes sbl_attributes_of(sbl_Hit hit) { return sbl_attributes_at(hit.triangle, hit.b1, hit.b2); }
 
 // Does the ray's stretch up to `nearest` cross the box? Its entry distance, or 0x7fffffff; distances are the bits
 // of floats, since they order as integers where none is negative, and a negative one is below all others. `per` is
@@ -134,8 +140,7 @@ sbl_Hit sbl_trace(vec3 origin, vec3 direction, float limit) {
         bool solid = true;
         hit = sbl_nearest(origin, direction, hit.distance, hit.number, limit);
         if (hit.triangle >= 0 && sbl_triangle_cutout(hit.triangle) != 0u)
-            solid = sbl_solid(int(sbl_triangle_object(hit.triangle)),
-                              sbl_attributes_at(hit.triangle, hit.b1, hit.b2));
+            solid = !sbl_material(int(sbl_triangle_object(hit.triangle)), sbl_attributes_of(hit)).cut_out;
         if (solid) break;
     }
 #else

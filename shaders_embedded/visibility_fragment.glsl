@@ -4,8 +4,8 @@ layout(location = 0) out uint out_triangle;  // 1 + its number; 0: nothing is se
 
 void main() {
 #ifdef SBL_CUTOUTS
-    if (sbl_object_alpha_cutoff(int(sbl_vertex_object(sbl_corners(triangle).x))) > 0.0)
-        if (sbl_surface(triangle, sbl_camera_origin(), sbl_camera_direction()).albedo.a == 0.0) discard;
+    if (sbl_has_holes(int(sbl_vertex_object(sbl_corners(triangle).x))))
+        if (sbl_surface(triangle, sbl_camera_origin(), sbl_camera_direction()).material.cut_out) discard;
 #endif
     out_triangle = uint(triangle) + 1u;
 #ifdef SBL_WRITE_DEPTH

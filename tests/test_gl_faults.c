@@ -496,6 +496,38 @@ TEST(scene_programs) {
     scene_free(&ball);
 }
 
+/* A driver with few texture units: a program that reads more textures than that is refused, by name. None is drawn without some of its textures. */
+TEST(too_few_texture_units) {
+    sbl_context_desc desc = faulty_desc();
+    sbl_scene_desc fits = scene_desc(&scene);
+    sbl_picture_desc view = small_view();
+    int least = 0, refused = 0;
+    fake_disarm();
+    desc.compile_ahead = 0;
+    for (fake.units = 1; fake.units <= 16; fake.units++) {
+        sbl_context *context = NULL;
+        sbl_result result;
+        watch_forget(&seen);
+        result = sbl_create(&desc, &context);
+        if (result == SBL_SUCCESS) result = sbl_set_scene(context, &fits);
+        if (result == SBL_SUCCESS) result = small_render(context, &view, &picture);
+        if (result == SBL_SUCCESS) {
+            CHECK(small_same(&picture, &expected), "%d units: another picture", fake.units);
+            if (!least) least = fake.units;
+        } else {
+            CHECK(result == SBL_ERROR_UNSUPPORTED && !least, "%d units: \"%s\"", fake.units, sbl_result_string(result));
+            CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the program \"", "textures", "texture units"), "%d units: %s", fake.units,
+                  watch_last(&seen));
+            refused++;
+        }
+        sbl_destroy(context);
+        CHECK(fake_live() == 0 && fake.strangers == 0, "%d units: %d GL objects leaked", fake.units, fake_live());
+    }
+    fake.units = 0;
+    printf("  a picture needs %d texture units\n", least);
+    CHECK(least > 4 && least <= SBL__GUARD_UNITS && refused == least - 1, "%d units suffice, %d refusals", least, refused);
+}
+
 /* >>sbl_create */
 
 static void every_creation(fake_fault fault, GLenum error, sbl_result right, const char *name, int least) {
@@ -710,6 +742,7 @@ int main(void) {
     RUN(framebuffers);
     RUN(allocations_of_larger_pictures);
     RUN(scene_programs);
+    RUN(too_few_texture_units);
     if (getenv("MESA_GL_VERSION_OVERRIDE")) goto wide;  /* an older GL strikes at the same places */
     RUN(bakes);
     printf("with bounced light:\n");
@@ -719,6 +752,7 @@ int main(void) {
     RUN(calls_out_of_memory);
     RUN(no_names);
     RUN(framebuffers);
+    RUN(too_few_texture_units);
     small_mode = SBL_MODE_AMBIENT;
 wide:
     printf("traced, the scene past what buffer textures hold:\n");

@@ -35,6 +35,7 @@ static struct {
     const char *version;           /* instead of GL_VERSION */
     int major, minor;              /* instead of GL_MAJOR_VERSION and GL_MINOR_VERSION, where not 0 */
     int most_texels, texture_size; /* instead of GL_MAX_TEXTURE_BUFFER_SIZE and GL_MAX_TEXTURE_SIZE, where not 0 */
+    int units;                     /* instead of GL_MAX_TEXTURE_IMAGE_UNITS, where not 0 */
     int texels;                    /* of the largest buffer texture that was made */
     GLuint names[FAKE_KINDS][FAKE_NAMES];
     int live[FAKE_KINDS], made;
@@ -145,6 +146,7 @@ static void APIENTRY fake_GetIntegerv(GLenum name, GLint *out) {
     if (fake.major && name == GL_MAJOR_VERSION) *out = fake.major;
     if (fake.major && name == GL_MINOR_VERSION) *out = fake.minor;
     if (fake.most_texels && name == GL_MAX_TEXTURE_BUFFER_SIZE) *out = fake.most_texels;
+    if (fake.units && name == GL_MAX_TEXTURE_IMAGE_UNITS) *out = fake.units;
     if (fake.texture_size && name == GL_MAX_TEXTURE_SIZE) *out = fake.texture_size;
 }
 
