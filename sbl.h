@@ -12328,10 +12328,7 @@ static void sbl__bounce_warn(const sbl__bounce *b) {
         lit += sbl__sum3(b->light + 3 * i);
         all += sbl__sum3(s->leaves[i].light);
     }
-    for (i = 0; i < g->mesh_count; i++) {
-        const float *a = g->objects[i].albedo;
-        white += SBL__MIN(SBL__MIN(a[0], a[1]), a[2]) > SBL__BOUNCE_ALBEDO && !g->objects[i].albedo_texture[1];
-    }
+    for (i = 0; i < g->mesh_count; i++) white += sbl__holds_light(&g->objects[i]);
     if (!white || !(all > SBL__BOUNCE_HELD * lit) || s->warned) return;
     sbl__log(&b->core->base, SBL_LOG_WARNING, SBL_LOG_ITEM_ALBEDO, "%d meshes have albedos above %g and hold much "
              "light; what bounces is that of %g: closed rooms of such walls would never grow dark", white,
