@@ -51,7 +51,7 @@ TEST(stuck_sensors_bring_no_light_from_inside) {
     int i, gap_row = -1, open_row = -1;
     gap_scene(&s, 0);  /* how far do sensors stand off the floor? */
     REQUIRE(scene_render(context, &s, &view), "no picture");
-    for (i = 0; i < view.width * view.height; i++) offset = fmaxf(offset, context->picture.refine.pixels[i].offset);
+    for (i = 0; i < view.width * view.height; i++) offset = fmaxf(offset, context->picture.map.refine.pixels[i].offset);
     scene_free(&s);
     gap_scene(&s, 0.4f * offset);
     REQUIRE(scene_render(context, &s, &view), "no picture");
