@@ -1374,7 +1374,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
                   >>aim          rays towards lamps
                   >>raster       to see by views drawn into texels
                   >>trace        to see by rays
-                  >>job          sites in, readings out: the heart. Above it nobody knows how it sees
+                  >>job          sites in, readings out: the heart. Later rooms do not depend on how sensors see
    light that     >>bounce       fills the store: sites, rays between surfaces, all bounces at once
    bounces        >>saved        the store as a stream
    a picture      >>refine       which pixels get sensors; interpolation
@@ -1382,7 +1382,9 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
                   >>resolve      composition, anti-aliasing
                   >>gutters      a lightmap is continued beyond its charts,
                   >>seams        and made the same on both sides of where they meet
-   front ends     >>picture      the stages above, in steps
+   front ends     >>map          the radiance map: what the next two share
+                  >>picture      a map of what a camera sees, composed
+                  >>lightmap     a map of what an atlas shows, with gutters and seams
                   >>gather       any points
                   >>vertices     light at meshes' vertices, fitted to points over their triangles
                   >>probes       points in the air, from all sides
@@ -1403,7 +1405,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 
    To add a channel (4 lines, tried with the sensors' noise):
        sbl_channel, with its comment; a row in sbl__channels (>>public); where refinement knows it, a line in
-       sbl__channel_pixel; where a target holds it, one in sbl__channel_target. A name in examples/sbl_render.c's list.
+       sbl__channel_pixel; where a target holds it, one that sets sbl__map.channels. A name in examples/sbl_render.c's list.
 
    To add a front end, which asks for light and does something else with it than a picture:
        >>gather is the shortest one, take its shape. A struct with a stage, the sites and the readings; begin stores;
@@ -9909,8 +9911,8 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 }
 
 /* ======================================================================================================== >>job
-   The primitive: sites in, readings out. It does not know what its sites are for, and nobody above it knows how it
-   sees. What a picture asks of pixels, others ask of vertices or points in the air; all are short loops over this:
+   The primitive: sites in, readings out. It does not know what its sites are for, and later rooms do not depend on
+   whether it traces rays or rasterises views. What a picture asks of pixels, others ask of vertices or points in the air; all are short loops over this:
 
        sbl__job_begin(job, scene, task)                       sites, where their readings go, and how sensors see
        while (sbl__job_step(device, job, slice) == SBL_UNFINISHED) ...
@@ -12112,7 +12114,7 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
    all of it is likely to be.
 
    A cell is a rectangle of pixels with sensors at its four corners, which neighbours share. Each round lists sites for
-   the job (COLLECT), takes its readings (TAKE) and predicts the error of every cell (WEIGH):
+   a job (COLLECT), runs it (SENSE), takes its readings (TAKE) and predicts the error of every cell (WEIGH):
 
        bias    what interpolation misses: told by how light bends from sensor to sensor, and by sensors that a
                neighbour's split put on the cell's rim
@@ -12129,18 +12131,8 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
        |       |       |      *   *   *       |        interpolation is tested against the one on their common edge
        o       o       o      o   *   o       o
 
-   Everything here runs on the CPU, in slices. Errors are relative to the picture's mean luminance, and squared.
-
-   Later rooms call functions only, in this order; they read no field of sbl__refine:
-
-       sbl__refine_begin, sbl__refine_make        what is wanted; memory
-       sbl__refine_put                            once for each pixel: what it shows
-       loop:
-           sbl__refine_ask                        lists sites; then, unless sbl__refine_is_done or there are no sites,
-           sbl__refine_task                       a job for them
-           sbl__refine_take                       takes its readings
-           sbl__refine_again                      after the first round at most: sensors begin anew, with guides or not
-       sbl__fill_step                             at any time: one layer of light, interpolated over all pixels */
+   All but jobs runs on the CPU, in slices. Errors are relative to the picture's mean luminance, and squared. Later
+   rooms only call functions; they read no field of sbl__refine. */
 
 enum { SBL__TOUCHED = 1, SBL__HIDDEN };
 
@@ -12220,19 +12212,18 @@ typedef struct sbl__cell {
 } sbl__cell;
 
 typedef struct sbl__refine {
-    sbl__device *device;
-    sbl_stats *stats;         /* sensors are counted there */
-    sbl__stages stages;       /* see sbl__refine_step */
+    sbl__core *core;
+    sbl__seeing *seeing;      /* how sensors see; their looks may get more rays after the first round */
+    sbl__spec *spec;
+    sbl__stages stages;
     int width, height, tile;
-    int geometry_aware;
+    int geometry_aware;       /* outside of paper mode; then the threshold is a share of the mean, too */
     float reach;              /* twice the width of a texel; sensors' mean distances are cut off there. 0: no pixel is
                                  tested for what hides it */
     int bounced;              /* a sensor inside a solid finds no light at all */
     double lit, lit_backs;    /* sensors that found light, so far; sum of their shares of back faces */
     float threshold;          /* 0: cells are split for what it gains */
-    int relative;             /* the threshold is a share of the mean */
     float asked;              /* error; 0: as good as it gets */
-    int most_looks;           /* of a sensor */
     float smoothing;          /* pixels that the filter takes the mean of */
     sbl__pixel *pixels;
     int layer_count;          /* layers of light, see sbl__spec_layers */
@@ -12248,9 +12239,7 @@ typedef struct sbl__refine {
     sbl_reading *readings;    /* and up 3 floats a site */
     float *found_layers;
     int site_count, site_room, reading_room, found_room, look_count;
-    sbl__guides guides;       /* of sensors' rays; */
-    int guided;               /* they are there */
-    uint32_t scout_seed;
+    sbl__guides guides;       /* of sensors' rays, where the spec says so */
     int64_t taken;            /* looks, so far */
     float mean[3];            /* of R over the picture, */
     double sum[3];            /* and what it is made of in the round under way, */
@@ -12380,7 +12369,7 @@ static void sbl__cell_share(const sbl__cell *c, int x, int y, float share[2]) {
     share[1] = c->y1 > c->y0 ? (float)(y - c->y0) / (float)(c->y1 - c->y0) : 0;
 }
 
-static const sbl__pixel *sbl__cell_corner(const sbl__refine *r, const sbl__cell *c, int corner) {
+static sbl__pixel *sbl__cell_corner(const sbl__refine *r, const sbl__cell *c, int corner) {
     return sbl__pixel_at(r, corner & 1 ? c->x1 : c->x0, corner & 2 ? c->y1 : c->y0);
 }
 
@@ -12630,7 +12619,7 @@ static float sbl__cell_missed2(const sbl__refine *r, sbl__cell *c) {
 /* From one corner to the one across. */
 static sbl_result sbl__refine_add_cell(sbl__refine *r, const sbl__edge *diagonal, int level, int parent, int looks) {
     sbl__cell *c;
-    if (!sbl__grow(r->device->base, &r->cells, &r->cell_room, r->cell_count + 1, sizeof *r->cells))
+    if (!sbl__grow(&r->core->base, &r->cells, &r->cell_room, r->cell_count + 1, sizeof *r->cells))
         return SBL_ERROR_OUT_OF_MEMORY;
     c = &r->cells[r->cell_count++];
     memset(c, 0, sizeof *c);
@@ -12682,7 +12671,7 @@ static int sbl__differ(const sbl__refine *r, const float a[3], const float b[3],
         most = SBL__MAX(most, (float)fabs((double)a[k] - b[k]));
         mean = SBL__MAX(mean, 0.5f * (a[k] + b[k]));
     }
-    least = r->threshold * (r->relative ? mean + SBL__FLOOR_SHARE * r->luminance : 1.0f);
+    least = r->threshold * (r->geometry_aware ? mean + SBL__FLOOR_SHARE * r->luminance : 1.0f);
     return (double)most * most > (double)least * least + SBL__NOISE_WEIGHT * variance;
 }
 
@@ -12751,7 +12740,7 @@ static int sbl__guide_for(const sbl__refine *r, int index) {
     const int x = index % r->width, y = index / r->width;
     float most = 0;
     int corner, best = 0;
-    for (corner = 0; r->guided && corner < 4; corner++) {
+    for (corner = 0; r->spec->guided && corner < 4; corner++) {
         const int column = x / g->step + (corner & 1), row = y / g->step + (corner >> 1);
         const sbl__pixel *p = sbl__guide_pixel(r, column, row);
         const float dx = (float)abs(column * g->step - x) / (float)g->step;
@@ -12796,7 +12785,7 @@ static void sbl__refine_site(const sbl__refine *r, int index, int first, int loo
 /* Room for so many more sites and what is found at them. */
 static int sbl__refine_room(sbl__refine *r, int more) {
     const int count = r->site_count + more;
-    sbl__base *base = r->device->base;
+    sbl__base *base = &r->core->base;
     return sbl__grow(base, &r->sites, &r->site_room, count, sizeof *r->sites) &&
            sbl__grow(base, &r->readings, &r->reading_room, count, sizeof *r->readings) &&
            (r->layer_count == 1 || sbl__grow(base, &r->found_layers, &r->found_room, count,
@@ -12818,8 +12807,7 @@ static sbl_result sbl__refine_list(void *work, int at) {
     if (c->split) return SBL_SUCCESS;
     if (!sbl__refine_room(r, 4)) return SBL_ERROR_OUT_OF_MEMORY;
     for (corner = 0; corner < 4; corner++) {
-        const int x = corner & 1 ? c->x1 : c->x0, y = corner & 2 ? c->y1 : c->y0;
-        sbl__pixel *p = sbl__pixel_at(r, x, y);
+        sbl__pixel *p = sbl__cell_corner(r, c, corner);
         if (!p->id || p->queued || (p->sensed && p->wanted <= p->looks)) continue;
         p->queued = 1;
         if (!p->sensed) {
@@ -12827,7 +12815,7 @@ static sbl_result sbl__refine_list(void *work, int at) {
             p->look = r->look_count;
             p->wanted = c->looks;
         }
-        sbl__refine_site(r, y * r->width + x, p->looks, p->wanted - p->looks, &r->sites[r->site_count++]);
+        sbl__refine_site(r, (int)(p - r->pixels), p->looks, p->wanted - p->looks, &r->sites[r->site_count++]);
         r->look_count += p->wanted - p->looks;
     }
     return SBL_SUCCESS;
@@ -12883,11 +12871,12 @@ static void sbl__refine_even(const sbl__refine *r, const sbl__pixel *p, float *o
 static int sbl__refine_sites(void *work) { return ((sbl__refine *)work)->site_count; }
 
 /* Takes the reading of a site. */
-static sbl_result sbl__refine_take_site(void *work, int at) {
+static sbl_result sbl__refine_take(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl_reading *reading = &r->readings[at];
     const int looks = r->sites[at].looks, others = 3 * (r->layer_count - 1);
     sbl__pixel *p = &r->pixels[r->sites[at].number];
+    sbl_stats *stats = &r->core->stats;
     const float share = (float)looks / (float)(p->looks + looks);
     const double off = (double)sbl__luminance(reading->radiance) - sbl__luminance(p->radiance);
     float *light = others ? r->layers + (size_t)others * r->sites[at].number : NULL;
@@ -12906,11 +12895,19 @@ static sbl_result sbl__refine_take_site(void *work, int at) {
     if (p->sensed) return SBL_SUCCESS;
     p->sensed = 1;
     sbl__refine_hide(r, (int)r->sites[at].number, reading);
-    r->stats->invalid_sensors += p->invalid;
-    r->stats->levels[p->level - 1].sensors++;
-    r->stats->level_count = SBL__MAX(r->stats->level_count, p->level);
-    r->stats->sensors++;
+    stats->invalid_sensors += p->invalid;
+    stats->levels[p->level - 1].sensors++;
+    stats->level_count = SBL__MAX(stats->level_count, p->level);
+    stats->sensors++;
     return SBL_SUCCESS;
+}
+
+/* Makes the spec of what is wanted. */
+static void sbl__refine_see(sbl__refine *r) {
+    const int directional = r->spec->directional, guided = r->spec->guided;
+    sbl__spec_make(r->spec, r->seeing, &r->core->scene, &r->core->desc);
+    r->spec->directional = directional;
+    r->spec->guided = guided;
 }
 
 /* All sensors are to look anew, as if they had not yet. Of the first round: there is only its level. */
@@ -12918,8 +12915,7 @@ static void sbl__refine_forget(sbl__refine *r) {
     int i, corner;
     for (i = 0; i < r->cell_count; i++)
         for (corner = 0; corner < 4; corner++) {
-            const sbl__cell *c = &r->cells[i];
-            sbl__pixel *p = sbl__pixel_at(r, corner & 1 ? c->x1 : c->x0, corner & 2 ? c->y1 : c->y0);
+            sbl__pixel *p = sbl__cell_corner(r, &r->cells[i], corner);
             p->looks = 0;
             p->wanted = 1;
         }
@@ -12930,10 +12926,13 @@ static void sbl__refine_forget(sbl__refine *r) {
 
 /* >>refine: scouts, single rays that guides are made of */
 
+/* Turns their rays otherwise than sensors'. */
+static uint32_t sbl__scouts_seed(const sbl__refine *r) { return sbl__hash(r->spec->seed ^ 0x9e3779b9u); }
+
 /* Chooses where guides stand. */
 static sbl_result sbl__guides_begin(sbl__refine *r) {
     sbl__guides *g = &r->guides;
-    sbl__base *base = r->device->base;
+    sbl__base *base = &r->core->base;
     size_t rows;
     for (g->step = SBL__GUIDE_STEP / 4; ; g->step *= 2) {
         g->columns = (r->width - 1) / g->step + 1;
@@ -12982,7 +12981,7 @@ static sbl_result sbl__scouts_list(void *work, int at) {
 static sbl_result sbl__scouts_take(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__guides *g = &r->guides;
-    uint32_t *sequence = sbl__sequence_make(r->device->base, SBL__SCOUTS, 1, 1);
+    uint32_t *sequence = sbl__sequence_make(&r->core->base, SBL__SCOUTS, 1, 1);
     int i;
     (void)slice;
     if (!sequence) return SBL_ERROR_OUT_OF_MEMORY;
@@ -12991,10 +12990,10 @@ static sbl_result sbl__scouts_take(void *work, sbl__slice *slice) {
         const int column = (int)site->number % r->width / g->step, row = (int)site->number / r->width / g->step;
         const float light = r->readings[i].valid ? sbl__luminance(r->readings[i].radiance) : 0;
         double u[2];
-        sbl__sequence_at(sequence, site->first, sbl__hash(site->number ^ sbl__hash(r->scout_seed)), u);
+        sbl__sequence_at(sequence, site->first, sbl__hash(site->number ^ sbl__hash(sbl__scouts_seed(r))), u);
         sbl__guide_found(g, row * g->columns + column)[sbl__guide_bin(u[0], u[1])] += light * light;
     }
-    sbl__free(r->device->base, sequence);
+    sbl__free(&r->core->base, sequence);
     return SBL_SUCCESS;
 }
 
@@ -13027,16 +13026,16 @@ static sbl_result sbl__guides_make(void *work, int guide) {
 static sbl_result sbl__guides_send(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     sbl__guides *g = &r->guides;
+    sbl__device *d = &r->core->device;
     const int rows = sbl__guide_rows(g);
     sbl_result result;
     (void)slice;
-    r->device->gl.doing = "sending guides";
-    result = sbl__texture_make(r->device, &g->texture, SBL__GUIDES_ACROSS * SBL__GUIDE_TEXELS, rows, SBL__GL_RGBA32UI);
-    if (result == SBL_SUCCESS) result = sbl__texture_write(r->device, &g->texture, 0, rows, g->words);
+    d->gl.doing = "sending guides";
+    result = sbl__texture_make(d, &g->texture, SBL__GUIDES_ACROSS * SBL__GUIDE_TEXELS, rows, SBL__GL_RGBA32UI);
+    if (result == SBL_SUCCESS) result = sbl__texture_write(d, &g->texture, 0, rows, g->words);
     if (result != SBL_SUCCESS) return result;
-    sbl__free(r->device->base, g->found);
+    sbl__free(&r->core->base, g->found);
     g->found = NULL;
-    r->guided = 1;
     return SBL_SUCCESS;
 }
 
@@ -13163,10 +13162,10 @@ static void sbl__cell_weigh(sbl__refine *r, sbl__cell *c, int fresh) {
         sbl__weigh_enter(r, c->split_gain, gain, cost);
     }
     c->look_gain = 0;
-    if (!looks || looks >= r->most_looks) return;
+    if (!looks || looks >= r->spec->looks) return;
     gain = c->noise2 * (float)c->pixels * (1 - SBL__LOOKS_GAIN) / (float)looks;
     c->look_gain = gain * care;
-    most = SBL__MIN(SBL__LOOKS_GROWTH * looks, r->most_looks);
+    most = SBL__MIN(SBL__LOOKS_GROWTH * looks, r->spec->looks);
     for (; looks < most; looks *= 2) {
         sbl__weigh_enter(r, gain * care, gain, looks);
         gain *= SBL__LOOKS_GAIN_NEXT;
@@ -13205,9 +13204,9 @@ static void sbl__cell_look_again(sbl__refine *r, const sbl__cell *c) {
     int corner, looks = sbl__cell_looks(r, c), growth = 1;
     for (; growth < SBL__LOOKS_GROWTH && gain >= r->least_gain; growth *= 2)
         gain *= SBL__LOOKS_GAIN_NEXT;
-    looks = SBL__MIN(looks * growth, r->most_looks);
+    looks = SBL__MIN(looks * growth, r->spec->looks);
     for (corner = 0; corner < 4; corner++) {
-        sbl__pixel *p = sbl__pixel_at(r, corner & 1 ? c->x1 : c->x0, corner & 2 ? c->y1 : c->y0);
+        sbl__pixel *p = sbl__cell_corner(r, c, corner);
         if (!sbl__usable(p) || !p->looks || p->wanted >= looks) continue;
         p->wanted = looks;
         r->bought++;
@@ -13227,10 +13226,46 @@ static sbl_result sbl__refine_spend(void *work, int at) {
     return result;
 }
 
-/* >>refine: stages. Listing and taking alternate with jobs, which are not this room's work. */
+/* >>refine: stages */
 
-enum { SBL__REFINE_CELLS = 1, SBL__REFINE_COLLECT, SBL__REFINE_TAKE, SBL__REFINE_WEIGH, SBL__REFINE_SPEND,
-       SBL__REFINE_SCOUTS, SBL__REFINE_NOTE, SBL__REFINE_GUIDES, SBL__REFINE_SEND, SBL__REFINE_DONE };
+enum { SBL__REFINE_CELLS, SBL__REFINE_COLLECT, SBL__REFINE_SENSE, SBL__REFINE_TAKE, SBL__REFINE_WEIGH,
+       SBL__REFINE_SPEND, SBL__REFINE_SCOUTS, SBL__REFINE_SCOUT, SBL__REFINE_NOTE, SBL__REFINE_GUIDES,
+       SBL__REFINE_SEND, SBL__REFINE_DONE };
+
+/* A job of sensors that see as spec says; all but its sites. */
+static void sbl__refine_task(const sbl__refine *r, sbl__task *task) {
+    memset(task, 0, sizeof *task);
+    task->spec = *r->spec;
+    task->guides = &r->guides;
+}
+
+/* Begins it for the sites that are listed. Scouts see what sensors' rays over the hemisphere do, one by one. */
+static int sbl__refine_after_list(void *work) {
+    sbl__refine *r = (sbl__refine *)work;
+    const int scouts = r->stages.stage == SBL__REFINE_SCOUTS;
+    sbl__task task;
+    sbl__refine_task(r, &task);
+    task.spec.reach = r->reach;
+    if (scouts) {
+        task.spec.rays = 1;
+        task.spec.looks = SBL__SCOUTS;
+        task.spec.lamp_rays = task.spec.directional = 0;
+        task.spec.seed = sbl__scouts_seed(r);
+    }
+    task.sites = r->sites;
+    task.readings = r->readings;
+    task.layers = r->found_layers;
+    task.site_count = r->site_count;
+    if (r->site_count) sbl__job_begin(&r->core->job, &r->core->scene, &task);
+    return scouts ? SBL__REFINE_SCOUT : SBL__REFINE_SENSE;
+}
+
+static sbl_result sbl__refine_sense(void *work, sbl__slice *slice) {
+    const sbl__refine *r = (const sbl__refine *)work;
+    const sbl_result result = r->site_count ? sbl__job_step(&r->core->device, &r->core->job, slice) : SBL_SUCCESS;
+    if (result == SBL_SUCCESS && r->site_count) sbl__core_count(r->core);
+    return result;
+}
 
 /* The sites of the job that was taken make place for the next ones. Returns whether there are more in this round. */
 static int sbl__refine_next_job(sbl__refine *r, int all) {
@@ -13249,9 +13284,23 @@ static int sbl__refine_after_take(void *work) {
     return SBL__REFINE_WEIGH;
 }
 
+/* After the first round: where looks of so few rays are too noisy for what is asked, their rays get guides, where they
+   see light at all; if that is not enough, looks get more rays. Either way sensors begin anew. */
 static int sbl__refine_after_weigh(void *work) {
-    sbl__weigh_end((sbl__refine *)work);
-    return SBL__REFINE_SPEND;
+    sbl__refine *r = (sbl__refine *)work;
+    int times;
+    sbl__weigh_end(r);
+    times = r->rounds == 1 ? sbl__look_growth(r->seeing, r->asked, r->look2) : 1;
+    if (times == 1) {
+        r->core->stats.error_expected = (float)r->predicted;
+        return SBL__REFINE_SPEND;
+    }
+    sbl__refine_forget(r);
+    if (!r->spec->guided && !r->spec->dark) return SBL__REFINE_SCOUTS;
+    r->seeing->look_rays *= times;
+    r->seeing->looks = SBL__MAX(r->seeing->looks / times, 1);
+    sbl__refine_see(r);
+    return SBL__REFINE_COLLECT;
 }
 
 static int sbl__refine_after_spend(void *work) {
@@ -13266,19 +13315,21 @@ static int sbl__refine_after_note(void *work) {
 }
 
 static int sbl__refine_after_guides(void *work) {
-    (void)work;
+    ((sbl__refine *)work)->spec->guided = 1;
     return SBL__REFINE_COLLECT;
 }
 
+/* One bounded piece. SBL_SUCCESS: the picture is as good as was asked. */
 static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, NULL, NULL, NULL },
         { NULL, NULL, sbl__refine_cell, sbl__refine_cells },
-        { NULL, NULL, sbl__refine_list, sbl__refine_unlisted },
-        { NULL, sbl__refine_after_take, sbl__refine_take_site, sbl__refine_sites },
+        { NULL, sbl__refine_after_list, sbl__refine_list, sbl__refine_unlisted },
+        { sbl__refine_sense, NULL, NULL, NULL },
+        { NULL, sbl__refine_after_take, sbl__refine_take, sbl__refine_sites },
         { NULL, sbl__refine_after_weigh, sbl__refine_weigh, sbl__refine_judged },
         { NULL, sbl__refine_after_spend, sbl__refine_spend, sbl__refine_judged },
-        { sbl__scouts_begin, NULL, sbl__scouts_list, sbl__scouts_unlisted },
+        { sbl__scouts_begin, sbl__refine_after_list, sbl__scouts_list, sbl__scouts_unlisted },
+        { sbl__refine_sense, NULL, NULL, NULL },
         { sbl__scouts_take, sbl__refine_after_note, NULL, NULL },
         { NULL, NULL, sbl__guides_make, sbl__guides_count },
         { sbl__guides_send, sbl__refine_after_guides, NULL, NULL }
@@ -13289,29 +13340,29 @@ static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
 /* >>refine: what later rooms call */
 
 /* How a picture is to be refined. smoothing: pixels that the filter takes the mean of. */
-static void sbl__refine_begin(sbl__refine *r, sbl__device *d, sbl_stats *stats, const sbl_picture_desc *desc,
-                              int layer_count, float smoothing) {
-    r->device = d;
-    r->stats = stats;
+static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__seeing *seeing, sbl__spec *spec,
+                              const sbl_picture_desc *desc, float smoothing) {
+    r->core = c;
+    r->seeing = seeing;
+    r->spec = spec;
     r->width = desc->width;
     r->height = desc->height;
     r->tile = desc->tile;
     r->threshold = desc->threshold;
     r->asked = desc->error;
-    r->geometry_aware = r->relative = desc->mode != SBL_MODE_PAPER;
+    r->geometry_aware = desc->mode != SBL_MODE_PAPER;
     r->bounced = desc->mode == SBL_MODE_GI;
-    r->layer_count = layer_count;
+    r->layer_count = sbl__spec_layers(spec);
     r->smoothing = smoothing;
-    r->stages.stage = SBL__REFINE_CELLS;
     sbl__looks_begin(r);
 }
 
 /* Memory for all pixels. */
 static sbl_result sbl__refine_make(sbl__refine *r) {
     const size_t pixels = (size_t)r->width * (size_t)r->height;
-    r->pixels = (sbl__pixel *)sbl__alloc_raw(r->device->base, pixels, sizeof *r->pixels);
+    r->pixels = (sbl__pixel *)sbl__alloc_raw(&r->core->base, pixels, sizeof *r->pixels);
     if (r->layer_count > 1)
-        r->layers = (float *)sbl__alloc(r->device->base, pixels, (size_t)(r->layer_count - 1) * 3 * sizeof(float));
+        r->layers = (float *)sbl__alloc(&r->core->base, pixels, (size_t)(r->layer_count - 1) * 3 * sizeof(float));
     return r->pixels && (r->layer_count == 1 || r->layers) ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
@@ -13325,73 +13376,26 @@ static void sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel *show
 /* Texels are tested for what hides them; width: of one, in the world. */
 static void sbl__refine_hide_within(sbl__refine *r, float width) { r->reach = SBL__HIDDEN_REACH * width; }
 
-/* Looks that a sensor may take, from now on. */
-static void sbl__refine_allow(sbl__refine *r, int most_looks) { r->most_looks = most_looks; }
-
-/* Lists the sites of the next job. SBL_SUCCESS: they are listed, or there will be none, see sbl__refine_is_done. */
-static sbl_result sbl__refine_ask(sbl__refine *r, sbl__slice *slice) {
-    const sbl_result result = sbl__refine_step(r, slice);
-    const int listed = r->stages.stage == SBL__REFINE_TAKE || r->stages.stage == SBL__REFINE_NOTE;
-    return result == SBL_UNFINISHED && listed ? SBL_SUCCESS : result;
-}
-
-static int sbl__refine_is_done(const sbl__refine *r) { return r->stages.stage == SBL__REFINE_DONE; }
-
-/* A job for the sites that are listed. spec: how sensors see; scouts see single rays over the hemisphere, as sensors
-   do. Returns how many sites there are. */
-static int sbl__refine_task(sbl__refine *r, const sbl__spec *spec, sbl__task *task) {
-    memset(task, 0, sizeof *task);
-    task->spec = *spec;
-    task->spec.guided = r->guided;
-    task->spec.reach = r->reach;
-    if (r->stages.stage == SBL__REFINE_NOTE) {
-        task->spec.rays = 1;
-        task->spec.looks = SBL__SCOUTS;
-        task->spec.lamp_rays = task->spec.guided = task->spec.directional = 0;
-        task->spec.seed = r->scout_seed = sbl__hash(spec->seed ^ 0x9e3779b9u);  /* sensors' own rays are others */
-    }
-    task->sites = r->sites;
-    task->readings = r->readings;
-    task->layers = r->found_layers;
-    task->site_count = r->site_count;
-    task->guides = &r->guides;
-    return r->site_count;
-}
-
-/* Takes the readings of the job. SBL_SUCCESS: they are taken, and, if they were the round's last ones, errors have been
-   predicted: then sbl__refine_round_is_over. */
-static sbl_result sbl__refine_take(sbl__refine *r, sbl__slice *slice) {
-    const sbl_result result = sbl__refine_step(r, slice);
-    const int weighs = r->stages.stage == SBL__REFINE_TAKE || r->stages.stage == SBL__REFINE_WEIGH;
-    return result == SBL_UNFINISHED && !weighs && r->stages.stage != SBL__REFINE_NOTE ? SBL_SUCCESS : result;
-}
-
-static int sbl__refine_round_is_over(const sbl__refine *r) { return r->stages.stage == SBL__REFINE_SPEND; }
-
-/* After the first round: its sensors begin anew. guided: with guides. */
-static void sbl__refine_again(sbl__refine *r, int guided) {
-    sbl__refine_forget(r);
-    r->stages.stage = guided ? SBL__REFINE_SCOUTS : SBL__REFINE_COLLECT;
-}
-
-static int sbl__refine_rounds(const sbl__refine *r) { return r->rounds; }
-static int sbl__refine_is_guided(const sbl__refine *r) { return r->guided; }
-static int64_t sbl__refine_looks(const sbl__refine *r) { return r->taken; }
-
-/* Relative variance of a look, mean over the picture, as the last round found it. */
-static double sbl__refine_look_variance(const sbl__refine *r) { return r->look2; }
+static const sbl__pixel *sbl__refine_pixel(const sbl__refine *r, size_t index) { return &r->pixels[index]; }
 
 /* Predicted error of the picture so far, relative; below 0: not known yet. */
 static double sbl__refine_error(const sbl__refine *r) { return r->weighed ? r->predicted : -1; }
 
-/* Luminance that errors are relative to: of the picture's mean. */
+/* Luminance of the picture's mean, which errors are relative to. */
 static float sbl__refine_luminance(const sbl__refine *r) { return r->luminance; }
 
-static const sbl__pixel *sbl__refine_pixel(const sbl__refine *r, size_t index) { return &r->pixels[index]; }
+static int64_t sbl__refine_looks(const sbl__refine *r) { return r->taken; }
 
-/* An estimate of how much is done, 0 to 1, by the logarithm of the error. sensed: share of the job under way. */
-static double sbl__refine_progress(const sbl__refine *r, double sensed) {
+static int sbl__refine_is_sensing(const sbl__refine *r) {
+    return r->stages.stage == SBL__REFINE_SENSE || r->stages.stage == SBL__REFINE_SCOUT;
+}
+
+static int sbl__refine_round_is_over(const sbl__refine *r) { return r->stages.stage == SBL__REFINE_SPEND; }
+
+/* An estimate of how much is done, 0 to 1, by the logarithm of the error. */
+static double sbl__refine_progress(const sbl__refine *r) {
     const double first = r->first_predicted, asked = r->asked;
+    const double sensed = r->stages.stage == SBL__REFINE_SENSE ? (double)sbl__job_progress(&r->core->job) : 0;
     double share = r->weighed ? 0.03 : 0;
     if (r->weighed && asked > 0 && first > asked)
         share += 0.97 * log(first / SBL__MAX(r->predicted, asked)) / log(first / asked);
@@ -13399,8 +13403,8 @@ static double sbl__refine_progress(const sbl__refine *r, double sensed) {
     return SBL__MIN(SBL__MAX(share, 0.0), 1.0);
 }
 
-/* >>refine: filling in one layer of light, four floats a pixel: light; the noise of R, above 0 where there is a surface.
-   It has a cursor of its own, so that it can be done at any time. */
+/* >>refine: filling in one layer of light, four floats a pixel: light; the noise of R, above 0 where there is a
+   surface. It has a cursor of its own, so that it can be done at any time. */
 
 typedef struct sbl__fill {
     sbl__refine *refine;
@@ -13483,7 +13487,7 @@ static sbl_result sbl__fill_cells(void *work, sbl__slice *slice) {
     const sbl__refine *r = f->refine;
     const size_t pixels = (size_t)r->width * (size_t)r->height;
     int *at = &f->stages.at, k;
-    if (!f->rgba) f->rgba = (float *)sbl__alloc_raw(r->device->base, pixels, 16);
+    if (!f->rgba) f->rgba = (float *)sbl__alloc_raw(&r->core->base, pixels, 16);
     if (!f->rgba) return SBL_ERROR_OUT_OF_MEMORY;
     for (; *at < r->cell_count; ++*at, f->row = 0) {
         const sbl__cell *c = &r->cells[*at], *known;
@@ -13529,8 +13533,8 @@ static sbl_result sbl__fill_find_orphans(void *work, sbl__slice *slice) {
     int *at = &f->stages.at;
     if (*at == 0 && !f->orphan_count) return SBL_SUCCESS;
     if (*at == 0) {
-        f->orphans = (int *)sbl__alloc_raw(r->device->base, (size_t)f->orphan_count, sizeof *f->orphans);
-        f->found = (float *)sbl__alloc_raw(r->device->base, (size_t)f->orphan_count, 4 * sizeof *f->found);
+        f->orphans = (int *)sbl__alloc_raw(&r->core->base, (size_t)f->orphan_count, sizeof *f->orphans);
+        f->found = (float *)sbl__alloc_raw(&r->core->base, (size_t)f->orphan_count, 4 * sizeof *f->found);
         if (!f->orphans || !f->found) return SBL_ERROR_OUT_OF_MEMORY;
         f->orphan_count = 0;
     }
@@ -14323,14 +14327,15 @@ static sbl_result sbl__seams_step(sbl__base *base, sbl__seams *s, const sbl__gut
    SBL__MAP_ROWS. Four of these rows are the front end's own: what the map needs, where pixels' surfaces come from, how
    they are read, how a map under way is shown.
 
-       SETUP -> PREPARE -> SURFACE -> READ -> ASK -> SENSE -> TAKE -> ... -> ASK -> DEVELOP -> the front end's stages
-                                              |<-- PREVIEW <--|
+       SETUP -> PREPARE -> SURFACE -> READ -> REFINE -> DEVELOP -> the front end's stages
+                                              |    ^
+                                              PREVIEW, where somebody looks
 
    Developing is: pixels between sensors are filled in, the layer goes to the GPU and is filtered. Its cursor is one of
    its own, so that a map can be shown in the middle of any stage. */
 
-enum { SBL__MAP_SETUP = 1, SBL__MAP_PREPARE, SBL__MAP_SURFACE, SBL__MAP_READ, SBL__MAP_ASK, SBL__MAP_SENSE,
-       SBL__MAP_TAKE, SBL__MAP_PREVIEW, SBL__MAP_DEVELOP, SBL__MAP_END };
+enum { SBL__MAP_SETUP = 1, SBL__MAP_PREPARE, SBL__MAP_SURFACE, SBL__MAP_READ, SBL__MAP_REFINE, SBL__MAP_PREVIEW,
+       SBL__MAP_DEVELOP, SBL__MAP_END };
 
 enum { SBL__DEVELOP_FILL, SBL__DEVELOP_SEND, SBL__DEVELOP_FILTER, SBL__DEVELOP_DONE };
 
@@ -14413,8 +14418,7 @@ static void sbl__map_begin(sbl__map *m, sbl__core *c, const sbl_picture_desc *de
     m->channels[SBL_CHANNEL_ALBEDO] = &m->gbuffer.target;
     m->store_share = sbl__prepare_share(c, &seeing);
     m->stages.stage = SBL__MAP_SETUP;
-    sbl__refine_begin(&m->refine, &c->device, &c->stats, desc, sbl__spec_layers(&m->spec),
-                      sbl__filter_pixels(desc->filter_radius));
+    sbl__refine_begin(&m->refine, c, &m->seeing, &m->spec, desc, sbl__filter_pixels(desc->filter_radius));
 }
 
 /* >>map: what pixels show */
@@ -14442,19 +14446,11 @@ static sbl_result sbl__map_texture(const sbl__map *m, int across, sbl__texture *
     return result == SBL_SUCCESS && target ? sbl__target_make(d, target, &color, 1, NULL) : result;
 }
 
-/* How its sensors see. */
-static void sbl__map_see(sbl__map *m) {
-    const int directional = m->spec.directional;
-    sbl__spec_make(&m->spec, &m->seeing, &m->core->scene, &m->core->desc);
-    m->spec.directional = directional;
-    sbl__refine_allow(&m->refine, m->spec.looks);
-}
-
 /* Prepares the scene. */
 static sbl_result sbl__map_prepare(void *work, sbl__slice *slice) {
     sbl__map *m = (sbl__map *)work;
     const sbl_result result = sbl__prepare(m->core, &m->seeing, slice);
-    if (result == SBL_SUCCESS) sbl__map_see(m);
+    if (result == SBL_SUCCESS) sbl__refine_see(&m->refine);
     return result;
 }
 
@@ -14599,66 +14595,31 @@ static int sbl__map_after_develop(void *work) {
     return SBL__MAP_END;
 }
 
-/* >>map: rounds */
+/* >>map: refining */
 
-static sbl_result sbl__map_ask(void *work, sbl__slice *slice) {
-    return sbl__refine_ask(&((sbl__map *)work)->refine, slice);
+/* Enough is known for another preview, and somebody looks. */
+static int sbl__map_shows_more(const sbl__map *m) {
+    const double looks = (double)sbl__refine_looks(&m->refine);
+    return m->watched && sbl__refine_round_is_over(&m->refine) && looks > 0 &&
+           looks >= SBL__PREVIEW_GROWTH * (double)m->previewed;
 }
 
-/* Begins the job of the sites that were listed. */
-static int sbl__map_after_ask(void *work) {
+static sbl_result sbl__map_refine(void *work, sbl__slice *slice) {
     sbl__map *m = (sbl__map *)work;
-    sbl__task task;
-    if (sbl__refine_is_done(&m->refine)) {
-        sbl__map_develop_from(m, 0);
-        return SBL__MAP_DEVELOP;
-    }
-    if (!sbl__refine_task(&m->refine, &m->spec, &task)) return SBL__MAP_TAKE;
-    sbl__job_begin(&m->core->job, &m->core->scene, &task);
-    return SBL__MAP_SENSE;
+    const sbl_result result = sbl__refine_step(&m->refine, slice);
+    return result == SBL_UNFINISHED && sbl__map_shows_more(m) ? SBL_SUCCESS : result;
 }
 
-static sbl_result sbl__map_sense(void *work, sbl__slice *slice) {
-    sbl__core *c = ((sbl__map *)work)->core;
-    const sbl_result result = sbl__job_step(&c->device, &c->job, slice);
-    if (result == SBL_SUCCESS) sbl__core_count(c);
-    return result;
-}
-
-static sbl_result sbl__map_take(void *work, sbl__slice *slice) {
-    return sbl__refine_take(&((sbl__map *)work)->refine, slice);
-}
-
-/* After the first round: where looks of so few rays are too noisy for what is asked, their rays get guides, where they
-   see light at all; if that is not enough, looks get more rays. Either way sensors begin anew. Returns whether they
-   do. */
-static int sbl__map_look_better(sbl__map *m) {
-    const int times = sbl__look_growth(&m->seeing, m->desc.error, sbl__refine_look_variance(&m->refine));
-    const int guided = !sbl__refine_is_guided(&m->refine) && !m->spec.dark;
-    if (times == 1) return 0;
-    sbl__refine_again(&m->refine, guided);
-    if (guided) return 1;
-    m->seeing.look_rays *= times;
-    m->seeing.looks = SBL__MAX(m->seeing.looks / times, 1);
-    sbl__map_see(m);
-    return 1;
-}
-
-static int sbl__map_after_take(void *work) {
+static int sbl__map_after_refine(void *work) {
     sbl__map *m = (sbl__map *)work;
-    const sbl__refine *r = &m->refine;
-    if (!sbl__refine_round_is_over(r)) return SBL__MAP_ASK;
-    if (sbl__refine_rounds(r) == 1 && sbl__map_look_better(m)) return SBL__MAP_ASK;
-    m->core->stats.error_expected = (float)sbl__refine_error(r);
-    if (!m->watched || (double)sbl__refine_looks(r) < SBL__PREVIEW_GROWTH * (double)m->previewed) return SBL__MAP_ASK;
     sbl__map_develop_from(m, 0);
-    return SBL__MAP_PREVIEW;
+    return sbl__map_shows_more(m) ? SBL__MAP_PREVIEW : SBL__MAP_DEVELOP;
 }
 
 static int sbl__map_after_preview(void *work) {
     sbl__map *m = (sbl__map *)work;
     m->previewed = sbl__refine_looks(&m->refine);
-    return SBL__MAP_ASK;
+    return SBL__MAP_REFINE;
 }
 
 /* >>map: stages */
@@ -14666,8 +14627,7 @@ static int sbl__map_after_preview(void *work) {
 /* The rows that a front end's table begins with; setup, surface, read and preview are functions of its own. */
 #define SBL__MAP_ROWS(setup, surface, read, preview) \
     { NULL, NULL, NULL, NULL }, { setup, NULL, NULL, NULL }, { sbl__map_prepare, NULL, NULL, NULL }, \
-    { surface, NULL, NULL, NULL }, { read, NULL, NULL, NULL }, { sbl__map_ask, sbl__map_after_ask, NULL, NULL }, \
-    { sbl__map_sense, NULL, NULL, NULL }, { sbl__map_take, sbl__map_after_take, NULL, NULL }, \
+    { surface, NULL, NULL, NULL }, { read, NULL, NULL, NULL }, { sbl__map_refine, sbl__map_after_refine, NULL, NULL }, \
     { preview, sbl__map_after_preview, NULL, NULL }, { sbl__map_develop, sbl__map_after_develop, NULL, NULL }
 
 /* Where the present stage's seconds are counted. */
@@ -14675,7 +14635,7 @@ static double *sbl__map_seconds(const sbl__map *m) {
     sbl_stats *stats = &m->core->stats;
     const int stage = m->stages.stage, develops = stage == SBL__MAP_PREVIEW || stage == SBL__MAP_DEVELOP;
     return stage <= SBL__MAP_READ ? &stats->seconds.surface
-         : stage == SBL__MAP_SENSE ? &stats->seconds.gather
+         : stage == SBL__MAP_REFINE && sbl__refine_is_sensing(&m->refine) ? &stats->seconds.gather
          : stage >= SBL__MAP_END || (develops && m->developing.stage == SBL__DEVELOP_DONE) ? &stats->seconds.resolve
          : develops && m->developing.stage == SBL__DEVELOP_FILTER ? &stats->seconds.filter : &stats->seconds.refine;
 }
@@ -14693,11 +14653,10 @@ static sbl_result sbl__map_step(sbl__map *m, sbl__slice *slice) {
 /* An estimate, without the store's share. */
 static float sbl__map_progress(const sbl__map *m) {
     const int stage = m->stages.stage;
-    const double sensed = stage == SBL__MAP_SENSE ? (double)sbl__job_progress(&m->core->job) : 0;
     if (sbl__map_is_done(m)) return 1;
     if (stage <= SBL__MAP_READ) return 0;
     if (m->developed) return 0.94f + 0.05f * m->finished;
-    return stage == SBL__MAP_DEVELOP ? 0.93f : 0.02f + 0.9f * (float)sbl__refine_progress(&m->refine, sensed);
+    return stage == SBL__MAP_DEVELOP ? 0.93f : 0.02f + 0.9f * (float)sbl__refine_progress(&m->refine);
 }
 
 /* Is something known that can be shown? */
@@ -16457,7 +16416,8 @@ typedef struct sbl__looking {
     float *radiance, *weights;  /* the sheet, or NULL */
     sbl__site site;
     sbl__look look;             /* the first one */
-    sbl_reading reading;        /* of it alone */
+    sbl_reading reading;        /* of it alone, */
+    float layers[3 * (SBL__LAYERS - 1)];  /* and its further layers of light */
     float from_lamps[3], weight_sum;
 } sbl__looking;
 
@@ -16721,10 +16681,10 @@ static sbl_result sbl__inspect(sbl__looking *k) {
     sbl__task task;
     int seen = 0;
     sbl_result result = SBL_UNFINISHED;
-    sbl__refine_task(&k->map->refine, &k->map->spec, &task);
-    task.spec.reach = 0;  /* distances are as they are */
+    sbl__refine_task(&k->map->refine, &task);
     task.sites = &k->site;
     task.readings = &k->reading;
+    task.layers = k->layers;
     task.site_count = 1;
     task.first_look = sbl__refine_pixel(&k->map->refine, (size_t)k->pixel)->look;
     sbl__refine_site(&k->map->refine, k->pixel, 0, 1, &k->site);
@@ -17991,7 +17951,8 @@ static uint32_t sbl__channel_send(sbl_context *c, sbl_channel channel) {
     if (target) result = sbl__channel_copy(c, target, SBL__MAX(0, sbl__channels[channel].attachment), data);
     for (i = pixels; i-- > 0;) {  /* from the last one on: three floats become four */
         if (target) memmove(data + 4 * i, data + 3 * i, 3 * sizeof(float));
-        else if (channel == SBL_CHANNEL_ID) memcpy(data + i, &sbl__refine_pixel(&p->refine, sbl__map_shown(p, i))->id, 4);
+        else if (channel == SBL_CHANNEL_ID)
+            memcpy(data + i, &sbl__refine_pixel(&p->refine, sbl__map_shown(p, i))->id, 4);
         else sbl__channel_pixel(c, channel, i, data + floats * i);
         if (target) data[4 * i + 3] = 0;
     }

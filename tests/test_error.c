@@ -303,17 +303,20 @@ TEST(of_what_silhouettes_hide) {
     int run, i, k;
     for (run = 0; run < 3; run++) {  /* dim; four times as bright; one surface all over */
         const float light = run == 1 ? 4 : 1;
+        sbl__spec spec;
         sbl__refine r;
         sbl__cell c;
+        memset(&spec, 0, sizeof spec);
         memset(&r, 0, sizeof r);
         memset(&c, 0, sizeof c);
         memset(pixels, 0, sizeof pixels);
+        spec.looks = 16;
         sbl__looks_begin(&r);
         r.width = r.height = SIDE;
         r.pixels = pixels;
         r.asked = 0.1f;
         r.luminance = r.smoothing = 1;
-        r.most_looks = 16;
+        r.spec = &spec;
         for (k = 0; k < 3; k++) r.weights[k] = r.mean[k] = 1;
         c.x1 = c.y1 = SIDE - 1;
         c.parent = -1;

@@ -89,7 +89,7 @@ TEST(rays_go_through_the_hole) {
     double even = 0, guided = 0, worst = 0;
     if (!context) return;
     REQUIRE(sbl_render(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
-    REQUIRE(context->picture.map.refine.guided, "there are no guides");
+    REQUIRE(context->picture.map.spec.guided, "there are no guides");
     for (y = 0; y < HEIGHT; y += 4)
         for (x = 0; x < WIDTH; x += 4) {
             double sum = 0, all = 0, ways = 0;
@@ -126,7 +126,7 @@ TEST(rays_go_through_the_hole) {
 /* >>pictures */
 
 static int render(sbl_context *context, const sbl_picture_desc *view, float *out) {
-    return context && sbl_render(context, view) == SBL_SUCCESS && context->picture.map.refine.guided &&
+    return context && sbl_render(context, view) == SBL_SUCCESS && context->picture.map.spec.guided &&
            sbl_read_channel(context, SBL_CHANNEL_RADIANCE, out, 3 * (size_t)(view->width * view->height)) == SBL_SUCCESS;
 }
 
@@ -146,7 +146,7 @@ TEST(the_picture_is_the_same) {
     CHECK(memcmp(now, expected, sizeof now) == 0, "a second picture differs");
     REQUIRE(sbl_begin(context, &view) == SBL_SUCCESS, "cannot begin");
     while ((result = sbl_step(context, 1e-9)) == SBL_UNFINISHED && steps++ < 1000000) {
-        scouting += context->picture.map.refine.stages.stage == SBL__REFINE_NOTE;
+        scouting += context->picture.map.refine.stages.stage == SBL__REFINE_SCOUT;
         guiding += context->picture.map.refine.stages.stage == SBL__REFINE_GUIDES;
     }
     CHECK(result == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_RADIANCE, now, 3 * PIXELS / 4) == SBL_SUCCESS, "no picture in steps");
@@ -180,7 +180,7 @@ TEST(few_rays_do) {
     scene_sky(&open, 1, 1, 1);
     scene = scene_desc(&open);
     REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
-    CHECK(!context->picture.map.refine.guided && !context->picture.map.refine.guides.words, "a plain floor has guides");
+    CHECK(!context->picture.map.spec.guided && !context->picture.map.refine.guides.words, "a plain floor has guides");
     sbl_destroy(context);
     scene_free(&open);
 }
@@ -257,7 +257,7 @@ TEST(guides_are_bounded) {
     sbl__refine r;
     memset(&core, 0, sizeof core);
     memset(&r, 0, sizeof r);
-    r.device = &core.device;
+    r.core = &core;
     r.width = 4096;
     r.height = 2160;
     core.base.allocator.alloc = watch_alloc;

@@ -46,7 +46,7 @@ static sbl_picture_desc view_of(sbl_backend backend) {
 /* Steps that began in each stage, in slices too short for more than a piece. */
 TEST(every_stage_comes_in_pieces) {
     static const struct { int stage; int least; const char *name; } stages[] = {
-        { SBL__MAP_SURFACE, 4, "the G-buffer" }, { SBL__MAP_READ, 1, "reading it" }, { SBL__MAP_SENSE, 100, "sensors" },
+        { SBL__MAP_SURFACE, 4, "the G-buffer" }, { SBL__MAP_READ, 1, "reading it" }, { 0, 100, "sensors" },
         { SBL__PICTURE_DONE, 3, "the filter" }, { SBL__PICTURE_SAMPLE, 6, "samples' G-buffers" }, { SBL__PICTURE_RESOLVE, 6, "resolving" } };
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = view_of(SBL_BACKEND_TRACE);
@@ -66,7 +66,8 @@ TEST(every_stage_comes_in_pieces) {
     while (result == SBL_UNFINISHED && steps++ < 1000000) {
         const sbl__map *map = &context->picture.map;
         const int filters = map->stages.stage == SBL__MAP_DEVELOP && map->developing.stage == SBL__DEVELOP_FILTER;
-        counts[filters ? SBL__PICTURE_DONE : map->stages.stage]++;  /* the filter is part of another stage */
+        const int senses = map->stages.stage == SBL__MAP_REFINE && sbl__refine_is_sensing(&map->refine);
+        counts[filters ? SBL__PICTURE_DONE : senses ? 0 : map->stages.stage]++;  /* these two are parts of other stages */
         result = sbl_step(context, 1e-9);
     }
     CHECK(result == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
