@@ -1405,7 +1405,8 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 
    To add a channel (4 lines, tried with the sensors' noise):
        sbl_channel, with its comment; a row in sbl__channels (>>public); where refinement knows it, a line in
-       sbl__channel_pixel; where a target holds it, one that sets sbl__map.channels. A name in examples/sbl_render.c's list.
+       sbl__channel_pixel; where a target holds it, one that sets sbl__map.channels. A name in the list of
+       examples/sbl_render.c.
 
    To add a front end, which asks for light and does something else with it than a picture:
        >>gather is the shortest one, take its shape. A struct with a stage, the sites and the readings; begin stores;
@@ -9912,7 +9913,8 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 
 /* ======================================================================================================== >>job
    The primitive: sites in, readings out. It does not know what its sites are for, and later rooms do not depend on
-   whether it traces rays or rasterises views. What a picture asks of pixels, others ask of vertices or points in the air; all are short loops over this:
+   whether it traces rays or rasterises views. What a picture asks of pixels, others ask of vertices or points in the
+   air; all are short loops over this:
 
        sbl__job_begin(job, scene, task)                       sites, where their readings go, and how sensors see
        while (sbl__job_step(device, job, slice) == SBL_UNFINISHED) ...
@@ -12926,7 +12928,7 @@ static void sbl__refine_forget(sbl__refine *r) {
 
 /* >>refine: scouts, single rays that guides are made of */
 
-/* Turns their rays otherwise than sensors'. */
+/* Scouts' rays are other ones than sensors' rays. */
 static uint32_t sbl__scouts_seed(const sbl__refine *r) { return sbl__hash(r->spec->seed ^ 0x9e3779b9u); }
 
 /* Chooses where guides stand. */
@@ -13232,14 +13234,14 @@ enum { SBL__REFINE_CELLS, SBL__REFINE_COLLECT, SBL__REFINE_SENSE, SBL__REFINE_TA
        SBL__REFINE_SPEND, SBL__REFINE_SCOUTS, SBL__REFINE_SCOUT, SBL__REFINE_NOTE, SBL__REFINE_GUIDES,
        SBL__REFINE_SEND, SBL__REFINE_DONE };
 
-/* A job of sensors that see as spec says; all but its sites. */
+/* Describes a job of the picture's sensors, without its sites. */
 static void sbl__refine_task(const sbl__refine *r, sbl__task *task) {
     memset(task, 0, sizeof *task);
     task->spec = *r->spec;
     task->guides = &r->guides;
 }
 
-/* Begins it for the sites that are listed. Scouts see what sensors' rays over the hemisphere do, one by one. */
+/* Begins the job of the sites that are listed. A scout is one of the rays that sensors send over the hemisphere. */
 static int sbl__refine_after_list(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     const int scouts = r->stages.stage == SBL__REFINE_SCOUTS;
@@ -13267,7 +13269,7 @@ static sbl_result sbl__refine_sense(void *work, sbl__slice *slice) {
     return result;
 }
 
-/* The sites of the job that was taken make place for the next ones. Returns whether there are more in this round. */
+/* Empties the list of sites. Returns whether the round has more of them. */
 static int sbl__refine_next_job(sbl__refine *r, int all) {
     r->site_count = r->look_count = 0;
     if (r->listed < all) return 1;
@@ -13284,8 +13286,8 @@ static int sbl__refine_after_take(void *work) {
     return SBL__REFINE_WEIGH;
 }
 
-/* After the first round: where looks of so few rays are too noisy for what is asked, their rays get guides, where they
-   see light at all; if that is not enough, looks get more rays. Either way sensors begin anew. */
+/* After the first round, looks of few rays may be too noisy for the error that was asked. Then their rays get guides,
+   if they see any light; if that is not enough, looks get more rays. Either way all sensors begin anew. */
 static int sbl__refine_after_weigh(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     int times;
@@ -13339,7 +13341,7 @@ static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
 
 /* >>refine: what later rooms call */
 
-/* How a picture is to be refined. smoothing: pixels that the filter takes the mean of. */
+/* smoothing: number of pixels that the filter takes the mean of. */
 static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__seeing *seeing, sbl__spec *spec,
                               const sbl_picture_desc *desc, float smoothing) {
     r->core = c;
@@ -13366,14 +13368,14 @@ static sbl_result sbl__refine_make(sbl__refine *r) {
     return r->pixels && (r->layer_count == 1 || r->layers) ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* What pixel number `index` shows; where light is stored that is shown as it is, that is its light. */
+/* Sets what pixel number `index` shows. If it is sensed already, its light is stored light. */
 static void sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel *shown) {
     r->pixels[index] = *shown;
     if (shown->sensed && r->layers) sbl__refine_even(r, shown, r->layers + 3 * (size_t)(r->layer_count - 1) * index);
     r->doubt2 += (double)shown->doubt * shown->doubt;
 }
 
-/* Texels are tested for what hides them; width: of one, in the world. */
+/* From now on tests texels for what hides them. width: of a texel, world units. */
 static void sbl__refine_hide_within(sbl__refine *r, float width) { r->reach = SBL__HIDDEN_REACH * width; }
 
 static const sbl__pixel *sbl__refine_pixel(const sbl__refine *r, size_t index) { return &r->pixels[index]; }
@@ -14322,17 +14324,17 @@ static sbl_result sbl__seams_step(sbl__base *base, sbl__seams *s, const sbl__gut
 }
 
 /* ======================================================================================================== >>map
-   A radiance map: R, and what other layers of light there are, for a grid of pixels, whatever these show. A front end
-   that makes one (>>picture, >>lightmap) has an sbl__map as its first field and a table of stages that begins with
-   SBL__MAP_ROWS. Four of these rows are the front end's own: what the map needs, where pixels' surfaces come from, how
-   they are read, how a map under way is shown.
+   A radiance map holds R, and any further layers of light, for a grid of pixels. A front end that makes one (>>picture,
+   >>lightmap) has an sbl__map as its first field and a table of stages that begins with SBL__MAP_ROWS. Four of these
+   rows call functions of the front end: they make memory, find the surfaces that pixels show, read them, and show a map
+   under way.
 
        SETUP -> PREPARE -> SURFACE -> READ -> REFINE -> DEVELOP -> the front end's stages
                                               |    ^
                                               PREVIEW, where somebody looks
 
-   Developing is: pixels between sensors are filled in, the layer goes to the GPU and is filtered. Its cursor is one of
-   its own, so that a map can be shown in the middle of any stage. */
+   DEVELOP fills in the pixels between sensors, sends the layer to the GPU and filters it. It has a cursor of its own,
+   so that a preview can be made in the middle of any stage. */
 
 enum { SBL__MAP_SETUP = 1, SBL__MAP_PREPARE, SBL__MAP_SURFACE, SBL__MAP_READ, SBL__MAP_REFINE, SBL__MAP_PREVIEW,
        SBL__MAP_DEVELOP, SBL__MAP_END };
@@ -14352,33 +14354,33 @@ typedef struct sbl__map {
     int row_count;
     sbl__stages stages;
     sbl_picture_desc desc;      /* defaults filled in; width and height: of all pixels that are worked on */
-    int size[2], across;        /* of what is read; pixels of the former across one of these */
-    int *shown;                 /* which of the former each of them shows; NULL: they are the same */
+    int size[2], across;        /* of what the host reads; desc's pixels across one of these */
+    int *shown;                 /* which of desc's pixels each of these shows; NULL: they are the same */
     sbl__seeing seeing;
     sbl__spec spec;
-    uint32_t scene_version;     /* what it shows */
+    uint32_t scene_version;     /* version of the scene that it shows */
     sbl__surface surface;
     sbl__gbuffer gbuffer;
     sbl__refine refine;
-    int layers_at_once;         /* that the front end takes when they are developed */
-    int layer, layer_end;       /* that is being developed; behind the last one of these */
-    int developed;              /* layers that are, for good */
+    int layers_at_once;         /* how many layers DEVELOP makes before the front end's own stages */
+    int layer, layer_end;       /* the layer that is being developed; the one behind the last of these */
+    int developed;              /* how many layers are final */
     sbl__stages developing;
     sbl__fill fill;
     sbl__map_layer layers[SBL__LAYERS];
     sbl__pace filter_pace;
-    const sbl__target *channels[SBL_CHANNEL_COUNT];  /* where a channel is read from by now; NULL: the host has it */
-    sbl__texture scalars[SBL_CHANNEL_COUNT];  /* channels that only the host has, where asked for */
-    int watched;                /* somebody looks at the map under way: previews are made */
-    int64_t previewed;          /* looks that the last preview knows of; 0: there is none */
-    float finished;             /* share of the front end's own stages that is done */
-    float store_share;          /* of progress */
+    const sbl__target *channels[SBL_CHANNEL_COUNT];  /* where a channel is read from now; NULL: refinement knows it */
+    sbl__texture scalars[SBL_CHANNEL_COUNT];  /* textures of the latter channels, made on demand */
+    int watched;                /* the host has read a channel of the map under way: previews are made */
+    int64_t previewed;          /* looks that had been taken when the last preview was made; 0: there is none */
+    float finished;             /* how much of the front end's own stages is done, 0 to 1 */
+    float store_share;          /* the store's share of progress */
     float progress;
 } sbl__map;
 
-#define SBL__READ_PIXELS 32768    /* of the G-buffer, read at once */
-#define SBL__STORED_NOISE 0.1f    /* of stored light where it is shown, relative: for the filter */
-#define SBL__PREVIEW_GROWTH 1.25  /* so many times the last preview's looks make the next one */
+#define SBL__READ_PIXELS 32768    /* pixels of the G-buffer that are read at once */
+#define SBL__STORED_NOISE 0.1f    /* relative noise of stored light where it is shown, for the filter */
+#define SBL__PREVIEW_GROWTH 1.25  /* the next preview is made when this many times the looks have been taken */
 
 static void sbl__map_layer_free(const sbl__device *d, sbl__map_layer *l) {
     sbl__target_delete(d, &l->target);
@@ -14399,8 +14401,8 @@ static void sbl__map_free(const sbl__device *d, sbl__map *m) {
 
 static int sbl__map_is_done(const sbl__map *m) { return m->stages.stage == m->row_count; }
 
-/* desc has its defaults filled in and has been checked. asked: its error is the host's own. directional: harmonics are
-   found, too. The front end sets its table, and what is not as a picture has it. */
+/* desc has its defaults filled in and has been checked. asked: the host has set its error. directional: harmonics are
+   found, too. The caller then sets the table, and the fields in which it differs from a picture. */
 static void sbl__map_begin(sbl__map *m, sbl__core *c, const sbl_picture_desc *desc, int asked, int directional) {
     const sbl__seeing seeing = SBL__SEEING(desc);
     m->core = c;
@@ -14597,7 +14599,7 @@ static int sbl__map_after_develop(void *work) {
 
 /* >>map: refining */
 
-/* Enough is known for another preview, and somebody looks. */
+/* Is it time for another preview? */
 static int sbl__map_shows_more(const sbl__map *m) {
     const double looks = (double)sbl__refine_looks(&m->refine);
     return m->watched && sbl__refine_round_is_over(&m->refine) && looks > 0 &&
@@ -14659,11 +14661,8 @@ static float sbl__map_progress(const sbl__map *m) {
     return stage == SBL__MAP_DEVELOP ? 0.93f : 0.02f + 0.9f * (float)sbl__refine_progress(&m->refine);
 }
 
-/* Is something known that can be shown? */
-static int sbl__map_is_known(const sbl__map *m) { return sbl__map_is_done(m) || sbl__refine_error(&m->refine) >= 0; }
-
-/* The best that is known of a map under way, for whoever looks at it: made at once the first time, then whenever enough
-   more is known. */
+/* Makes a preview of a map under way when the host reads it for the first time. From then on the stages make one
+   whenever enough more is known. */
 static sbl_result sbl__map_watch(sbl__map *m) {
     sbl__slice slice = sbl__slice_of(&m->core->desc, 0);
     const int stage = m->stages.stage;
@@ -14677,7 +14676,7 @@ static sbl_result sbl__map_watch(sbl__map *m) {
     return result;
 }
 
-/* Row PREVIEW of a front end that shows R itself. The last map, once it is there, serves as well. */
+/* Row PREVIEW of a front end that shows R itself. Once R is final, nothing is left to do. */
 static sbl_result sbl__map_preview(void *work, sbl__slice *slice) {
     return ((sbl__map *)work)->developed ? SBL_SUCCESS : sbl__map_develop(work, slice);
 }
@@ -17874,7 +17873,7 @@ static sbl_result sbl__channel_ready(sbl_context *c, const char *function) {
         return SBL_ERROR_STATE;
     }
     if (sbl__map_is_done(c->map)) return SBL_SUCCESS;
-    if (!sbl__map_is_known(c->map)) return SBL_UNFINISHED;
+    if (sbl__refine_error(&c->map->refine) < 0) return SBL_UNFINISHED;
     sbl__visit_enter(c, &visit);
     result = sbl__map_watch(c->map);
     if (result != SBL_SUCCESS && visit.inside == SBL__INSIDE_NOTHING) sbl__abandon(c);
