@@ -7683,7 +7683,7 @@ static int sbl__atlas_well(const sbl__atlas *a, size_t texel) {
 
 /* Other triangles that show at its centre, too. */
 static float sbl__atlas_others(const sbl__atlas *a, size_t texel) {
-    return a->away[texel] < 0 ? (float)ceil(-(double)a->away[texel]) - 1 : 0;
+    return a->away && a->away[texel] < 0 ? (float)ceil(-(double)a->away[texel]) - 1 : 0;
 }
 
 /* Tells of the first triangle whose texel is another's, and counts such texels. */
@@ -8346,9 +8346,12 @@ typedef struct sbl__site {
     int first, looks;           /* the job makes this number of looks, beginning with look number `first` */
 } sbl__site;
 
-/* The radiance that arrives over a site's hemisphere, projected to the first two bands of spherical harmonics: four
-   coefficients, each r g b, in the order of sbl_probe. */
-typedef struct sbl__harmonics { float sh[4][3]; } sbl__harmonics;
+/* Layers of light that a sensor finds. Layer 0 is R. If the spec is directional, layers 1 to 4 are the radiance that
+   arrives over the site's hemisphere, projected to the first two bands of spherical harmonics, in the order of
+   sbl_probe; these coefficients may be negative. */
+#define SBL__LAYERS 5
+
+static int sbl__layer_is_signed(int layer) { return layer > 0; }
 
 /* How all sensors of a job measure light. */
 typedef struct sbl__spec {
@@ -8369,7 +8372,7 @@ typedef struct sbl__spec {
     int guided;                 /* 1: guides direct the sites' rays, see >>guide */
     float reach;                /* traced: upper limit for each distance in a reading's mean distance; 0: no limit */
     int narrow;                 /* traced: 1: a look traces one ray only, along the normal */
-    int directional;            /* 1: the job also yields sbl__harmonics for each site */
+    int directional;            /* 1: the job also yields layers 1 to 4 for each site, see SBL__LAYERS */
     float epsilon;              /* ambient light: radiance that reaches all surfaces from all directions */
     uint32_t seed;              /* seed for the rotation of all sensors, see sbl_picture_desc */
     int atlas_size, batch;      /* fields of sbl_context_desc */
@@ -10642,8 +10645,9 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 }
 
 /* ======================================================================================================== >>job
-   The primitive: sites in, readings out. It does not know what its sites are for, and nobody above it knows how it
-   sees. What a picture asks of pixels, others ask of vertices or points in the air; all are short loops over this:
+   The primitive: sites in, readings out. It does not know what its sites are for, and later rooms do not depend on
+   whether it traces rays or rasterises views. What a picture asks of pixels, others ask of vertices or points in the
+   air; all are short loops over this:
 
        sbl__job_begin(job, scene, task)                       sites, where their readings go, and how sensors see
        while (sbl__job_step(device, job, slice) == SBL_UNFINISHED) ...
@@ -10663,6 +10667,7 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 #define SBL__SUBMISSIONS 8         /* of views under way at a time, at most */
 #define SBL__SUSPECT_SHARE 0.02f   /* of back faces that a look may see unsuspected */
 #define SBL__STUCK_SHARE 0.75f     /* of its offset within which a look must not meet anything on its way back */
+#define SBL__FEW_RAYS 1.0f         /* noise of a harmonic over R, times the root of a look's rays */
 #define SBL__TEXEL_NOISE 2.6f      /* of views, relative, times their size: measured for a lamp in a box */
 
 /* What the GPU found for each look: sum of weight * radiance, weight that sees back faces; weight that sees surfaces,
@@ -10674,7 +10679,7 @@ typedef struct sbl__task {
     sbl__spec spec;
     const sbl__site *sites;     /* must stay until the job is done */
     sbl_reading *readings;      /* likewise: one a site; */
-    sbl__harmonics *harmonics;  /* and, where the spec is directional, one of these */
+    float *layers;              /* and of each layer of light from 1 on 3 floats, see sbl__spec_layers */
     int site_count;
     int first_look;             /* the number that looks are counted from: which slot they stand in */
     const sbl__guides *guides;  /* of the sites; must stay, likewise */
@@ -10770,16 +10775,38 @@ static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, fl
     return SBL__OFFSET * (spec->traced && reach > 0 ? reach : scene->geometry.extent);
 }
 
+/* How many layers of light sensors find. */
+static int sbl__spec_layers(const sbl__spec *spec) { return spec->directional ? SBL__LAYERS : 1; }
+
+/* Noise of layers from 1 on that a look's few rays leave where R has none, as a share of R: those on the horizon count
+   most for harmonics. */
+static float sbl__spec_layer_noise(const sbl__spec *spec) {
+    return spec->dark || !spec->traced ? 0 : SBL__FEW_RAYS / (float)sqrt((double)spec->rays);
+}
+
+/* Size of the sheet that a look's texels, or rays, fill. */
+static void sbl__spec_sheet(const sbl__spec *spec, int size[2]) {
+    sbl__layout layout;
+    sbl__layout_make(&layout, spec->hemicube, SBL__MAX(spec->size, 1), spec->fov);
+    size[0] = spec->traced ? spec->rays : layout.sheet_width;
+    size[1] = spec->traced ? 1 : layout.sheet_height;
+}
+
+/* Are rays sent one by one, so that those towards lamps and those over the hemisphere can be asked for apart, and a
+   single one costs little? */
+static int sbl__seeing_sends_rays(const sbl__seeing *s) { return s->backend == SBL_BACKEND_TRACE; }
+
 /* Rays of a look, where sensors look as often as the error takes: as many as a sensor that stands for little needs. */
 static int sbl__look_rays(float error) {
     return error >= 0.06f ? 16 : error >= 0.015f ? 32 : error >= 0.004f ? 64 : 128;
 }
 
 /* And so many times as many where a look's relative variance is so large: of few rays most find nothing, so that
-   sensors do not know their own noise, and cells are split for it. A power of two. */
-static int sbl__look_growth(float error, double variance, int rays) {
+   sensors do not know their own noise, and cells are split for it. A power of two; 1 where looks cannot have more. */
+static int sbl__look_growth(const sbl__seeing *s, float error, double variance) {
     int times = 1;
-    while (2 * times * rays <= SBL__LOOK_RAYS_MOST &&
+    if (s->rays || !sbl__seeing_sends_rays(s)) return 1;
+    while (2 * times * s->look_rays <= SBL__LOOK_RAYS_MOST &&
            2 * times * SBL__LOOK_VARIANCE * (double)error * error <= variance) times *= 2;
     return times;
 }
@@ -10800,6 +10827,14 @@ static const sbl__slots *sbl__lens_slots(const sbl__job *j, int lens) {
 
 /* Of the round under way. */
 static const sbl__slots *sbl__job_slots(const sbl__job *j) { return sbl__lens_slots(j, j->lens); }
+
+/* What light is multiplied by in the job's textures. */
+static float sbl__job_scale(const sbl__job *j) { return j->task.spec.traced ? 1 : j->raster.radiance_scale; }
+
+/* How the views of a look lie on its sheet; NULL: sensors send rays. */
+static const sbl__layout *sbl__job_layout(const sbl__job *j) {
+    return j->task.spec.traced ? NULL : &j->raster.lenses[SBL__LENS_SITE].layout;
+}
 
 /* Textures, sequences, room for a batch of looks. */
 static sbl_result sbl__job_setup(void *work, sbl__slice *slice) {
@@ -11080,7 +11115,7 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     result = sbl__looks_send(d, &j->table, b.looks, b.count, b.slots->count);
     if (result == SBL_SUCCESS) result = sbl__use(d, &sbl__recipe_lamps, features);
     if (result != SBL_SUCCESS) return result;
-    sbl__aim_bind(d, &j->aim, &b, blocks, j->task.spec.traced ? 1 : j->raster.radiance_scale);
+    sbl__aim_bind(d, &j->aim, &b, blocks, sbl__job_scale(j));
     if (features & SBL__VIEWS) sbl__raster_bind(d, &j->raster, j->scene->geometry.extent);
     sbl__rays_send(d, &b, &j->aim.target, blocks);
     sbl__pace_end(d, &j->aim_pace, sbl__whole_lots(d, count, j->aim.parts));
@@ -11168,11 +11203,11 @@ static int sbl__reading_is_finite(const sbl_reading *r) {
 static void sbl__job_take(sbl__job *j, const float *const found[5]) {
     const float *sum = found[0], *hits = found[1];
     const sbl__spec *spec = &j->task.spec;
-    const float scale = spec->traced ? 1 : j->raster.radiance_scale;
+    const float scale = sbl__job_scale(j);
     const float length = spec->traced ? 1 : j->scene->geometry.extent;
-    const int looks = j->task.sites[j->site].looks;
+    const int looks = j->task.sites[j->site].looks, harmonics = 3 * (sbl__spec_layers(spec) - 1);
     sbl_reading *r = &j->task.readings[j->site];
-    sbl__harmonics *h = spec->directional ? &j->task.harmonics[j->site] : NULL;
+    float *h = spec->directional ? j->task.layers + (size_t)harmonics * (size_t)j->site : NULL;
     float variance = 0;
     int k;
     if (j->look == 0) {
@@ -11182,10 +11217,10 @@ static void sbl__job_take(sbl__job *j, const float *const found[5]) {
         r->back_share = sbl__back_share(sum, hits);
         r->hit_mean = hits[0] > 0 ? hits[1] / hits[0] * length : 0;
         r->hit_min = hits[0] > 0 ? hits[2] * length : 0;
-        if (h) memset(h, 0, sizeof *h);
+        for (k = 0; k < harmonics; k++) h[k] = 0;
     }
     for (k = 0; k < 3; k++) r->radiance[k] += sum[k] / scale;
-    for (k = 0; k < 12 && h; k++) h->sh[k % 4][k / 4] += found[2 + k / 4][k % 4] / scale;
+    for (k = 0; k < harmonics; k++) h[k] += found[2 + k % 3][k / 3] / scale;
     if (spec->traced || spec->lamp_rays) variance = hits[3] / (scale * scale);
     if (!spec->traced && !spec->paper) {
         const float texels = SBL__TEXEL_NOISE / (float)spec->size * sbl__luminance(sum) / scale;
@@ -11194,11 +11229,11 @@ static void sbl__job_take(sbl__job *j, const float *const found[5]) {
     r->noise += variance;
     if (++j->look < looks) return;
     for (k = 0; k < 3; k++) r->radiance[k] /= (float)looks;
-    for (k = 0; k < 12 && h; k++) h->sh[k % 4][k / 4] /= (float)looks;
+    for (k = 0; k < harmonics; k++) h[k] /= (float)looks;
     r->noise = (float)sqrt((double)r->noise) / (float)looks;
-    if (!sbl__reading_is_finite(r) || (h && !sbl__all_finite(h->sh[0], 12))) {
+    if (!sbl__reading_is_finite(r) || !sbl__all_finite(h, harmonics)) {
         memset(r, 0, sizeof *r);
-        if (h) memset(h, 0, sizeof *h);
+        for (k = 0; k < harmonics; k++) h[k] = 0;
     }
     j->look = 0;
     j->site++;
@@ -12762,7 +12797,7 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
    all of it is likely to be.
 
    A cell is a rectangle of pixels with sensors at its four corners, which neighbours share. Each round lists sites for
-   the job (COLLECT), takes what it found (TAKE) and predicts the error of every cell (WEIGH):
+   a job (COLLECT), runs it (SENSE), takes its readings (TAKE) and predicts the error of every cell (WEIGH):
 
        bias    what interpolation misses: told by how light bends from sensor to sensor, and by sensors that a
                neighbour's split put on the cell's rim
@@ -12779,8 +12814,8 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
        |       |       |      *   *   *       |        interpolation is tested against the one on their common edge
        o       o       o      o   *   o       o
 
-   Everything here runs on the CPU, in slices: r->at is what comes next. Errors are relative to the picture's mean
-   luminance, and squared. */
+   All but jobs runs on the CPU, in slices. Errors are relative to the picture's mean luminance, and squared. Later
+   rooms only call functions; they read no field of sbl__refine. */
 
 enum { SBL__TOUCHED = 1, SBL__HIDDEN };
 
@@ -12802,8 +12837,6 @@ typedef struct sbl__pixel {
     unsigned char hides;      /* a lightmap's texel: SBL__HIDDEN, SBL__TOUCHED, or neither */
     unsigned char queued;     /* looks are on their way */
 } sbl__pixel;
-
-#define SBL__LAYERS 5                 /* R, and the harmonics of a directional lightmap */
 
 #define SBL__COVERAGE 0.75f           /* of the bilinear weight must belong: with less, light is extrapolated */
 #define SBL__CONTINUED 4              /* pixels across a cell, from which down it may be */
@@ -12860,32 +12893,34 @@ typedef struct sbl__cell {
 } sbl__cell;
 
 typedef struct sbl__refine {
+    sbl__core *core;
+    sbl__seeing *seeing;      /* how sensors see; their looks may get more rays after the first round */
+    sbl__spec *spec;
+    sbl__stages stages;
     int width, height, tile;
-    int geometry_aware;
-    float reach;              /* of sensors' mean distances: two texels; 0: it is no lightmap, */
-    int bounced;              /* in which no light at all is to be had inside of things only; */
-    double lit, lit_backs;    /* and sensors with light, so far, and their shares of back faces */
+    int geometry_aware;       /* outside of paper mode; then the threshold is a share of the mean, too */
+    float reach;              /* twice the width of a texel; sensors' mean distances are cut off there. 0: no pixel is
+                                 tested for what hides it */
+    int bounced;              /* a sensor inside a solid finds no light at all */
+    double lit, lit_backs;    /* sensors that found light, so far; sum of their shares of back faces */
     float threshold;          /* 0: cells are split for what it gains */
-    int relative;             /* the threshold is a share of the mean */
     float asked;              /* error; 0: as good as it gets */
-    int most_looks;           /* of a sensor */
-    const sbl__guides *guides;  /* of sensors; NULL: there are none */
     float smoothing;          /* pixels that the filter takes the mean of */
     sbl__pixel *pixels;
+    int layer_count;          /* layers of light, see sbl__spec_layers */
+    float *layers;            /* of layers 1 and up 3 floats a pixel, pixel after pixel; layer 0 is pixels' radiance */
     sbl__cell *cells;
     int cell_count, cell_room;
     int fresh;                /* cells from here on have not been judged */
     int judged_end;           /* cells that the judgement under way looks at */
     int rounds;
     int weighed;              /* errors are known */
-    int at, row;              /* what comes next of the loop under way */
-    int listed;               /* cells before this one have been listed for the round's jobs */
-    sbl__site *sites;         /* of the job under way: site i is pixel sites[i].number; and its answers */
-    sbl_reading *readings;
-    sbl__harmonics *found_harmonics;
-    int site_count, site_room, reading_room, harmonics_room, look_count;
-    sbl__harmonics *harmonics;  /* a pixel, like its radiance, where they are wanted, else NULL */
-    int layer;                /* 0: pixels' radiance is that; 1 to 4: those of the harmonics, whose place R has taken */
+    int listed;               /* cells, or guides, before this one have been listed for the round's jobs */
+    sbl__site *sites;         /* of the job under way: site i is pixel sites[i].number; its readings; and of layers 1 */
+    sbl_reading *readings;    /* and up 3 floats a site */
+    float *found_layers;
+    int site_count, site_room, reading_room, found_room, look_count;
+    sbl__guides guides;       /* of sensors' rays, where the spec says so */
     int64_t taken;            /* looks, so far */
     float mean[3];            /* of R over the picture, */
     double sum[3];            /* and what it is made of in the round under way, */
@@ -12902,25 +12937,27 @@ typedef struct sbl__refine {
     double gains[SBL__GAIN_BINS];  /* what may be bought, by its worth */
     float least_gain;         /* that is bought in this round: worth */
     int bought;               /* cells split and sensors asked again */
-    int *orphans;             /* pixels that no cell covers, while light is spread over them ... */
-    float *found;             /* ... and what each gets in this ring */
-    int orphan_count;
 } sbl__refine;
 
-static void sbl__refine_free(sbl__base *base, sbl__refine *r) {
-    sbl__free(base, r->pixels);
-    sbl__free(base, r->cells);
-    sbl__free(base, r->sites);
-    sbl__free(base, r->readings);
-    sbl__free(base, r->found_harmonics);
-    sbl__free(base, r->harmonics);
-    sbl__free(base, r->orphans);
-    sbl__free(base, r->found);
+static void sbl__refine_free(const sbl__device *d, sbl__refine *r) {
+    sbl__free(d->base, r->pixels);
+    sbl__free(d->base, r->layers);
+    sbl__free(d->base, r->cells);
+    sbl__free(d->base, r->sites);
+    sbl__free(d->base, r->readings);
+    sbl__free(d->base, r->found_layers);
+    sbl__guides_free(d, &r->guides);
     memset(r, 0, sizeof *r);
 }
 
 static sbl__pixel *sbl__pixel_at(const sbl__refine *r, int x, int y) {
     return &r->pixels[(size_t)y * (size_t)r->width + (size_t)x];
+}
+
+/* Layer number `layer` of a pixel's light: 3 floats. */
+static const float *sbl__pixel_light(const sbl__refine *r, const sbl__pixel *p, int layer) {
+    return layer ? r->layers + 3 * ((size_t)(p - r->pixels) * (size_t)(r->layer_count - 1) + (size_t)layer - 1)
+                 : p->radiance;
 }
 
 /* >>refine: which pixels are alike */
@@ -13013,18 +13050,19 @@ static void sbl__cell_share(const sbl__cell *c, int x, int y, float share[2]) {
     share[1] = c->y1 > c->y0 ? (float)(y - c->y0) / (float)(c->y1 - c->y0) : 0;
 }
 
-static const sbl__pixel *sbl__cell_corner(const sbl__refine *r, const sbl__cell *c, int corner) {
+static sbl__pixel *sbl__cell_corner(const sbl__refine *r, const sbl__cell *c, int corner) {
     return sbl__pixel_at(r, corner & 1 ? c->x1 : c->x0, corner & 2 ? c->y1 : c->y0);
 }
 
 static int sbl__cell_span(const sbl__cell *c) { return SBL__MAX(c->x1 - c->x0, c->y1 - c->y0); }
 
-/* A weighted sum of sensors' light. */
-typedef struct sbl__mix { float light[3], own, covered; double variance; } sbl__mix;
+/* A weighted sum of one layer of sensors' light. */
+typedef struct sbl__mix { int layer; float light[3], own, covered; double variance; } sbl__mix;
 
 static void sbl__mix_add(const sbl__refine *r, sbl__mix *m, const sbl__pixel *p, float weight) {
+    const float *light = sbl__pixel_light(r, p, m->layer);
     int k;
-    for (k = 0; k < 3; k++) m->light[k] += weight * p->radiance[k];
+    for (k = 0; k < 3; k++) m->light[k] += weight * light[k];
     m->variance += (double)(weight * weight) * sbl__variance(r, p);
 }
 
@@ -13051,16 +13089,17 @@ static void sbl__mix_continue(const sbl__refine *r, const sbl__cell *c, int corn
     }
 }
 
-/* What extrapolation makes of light: harmonics may be negative. */
-static float sbl__lit(const sbl__refine *r, float light) { return r->layer ? light : SBL__MAX(light, 0.0f); }
+/* Extrapolated light, which must not be negative unless it is of a layer that may be. */
+static float sbl__lit(int layer, float light) { return sbl__layer_is_signed(layer) ? light : SBL__MAX(light, 0.0f); }
 
-/* Light at pixel (x, y) from a cell's corners. m->own: how well they cover it, 0 to 1; m->covered: with what is
-   continued from them; 0: there is no light. */
-static void sbl__interpolate(const sbl__refine *r, const sbl__cell *c, int x, int y, sbl__mix *m) {
+/* A layer of light at pixel (x, y) from a cell's corners. m->own: how well they cover it, 0 to 1; m->covered: with what
+   is continued from them; 0: there is no light. */
+static void sbl__interpolate(const sbl__refine *r, const sbl__cell *c, int x, int y, int layer, sbl__mix *m) {
     const sbl__pixel *pixel = sbl__pixel_at(r, x, y);
     float f[2];
     int corner, k;
     memset(m, 0, sizeof *m);
+    m->layer = layer;
     sbl__cell_share(c, x, y, f);
     for (corner = 0; corner < 4; corner++) {
         const sbl__pixel *p = sbl__cell_corner(r, c, corner);
@@ -13074,7 +13113,7 @@ static void sbl__interpolate(const sbl__refine *r, const sbl__cell *c, int x, in
         } else if (r->geometry_aware) sbl__mix_continue(r, c, corner, pixel, weight, m);
     }
     if (!(m->covered > 0)) return;
-    for (k = 0; k < 3; k++) m->light[k] = sbl__lit(r, m->light[k] / m->covered);
+    for (k = 0; k < 3; k++) m->light[k] = sbl__lit(layer, m->light[k] / m->covered);
     m->variance /= (double)m->covered * (double)m->covered;
 }
 
@@ -13099,10 +13138,10 @@ static sbl__edge sbl__cell_edge(const sbl__cell *c, int side) {
     return e;
 }
 
-/* How light bends along an edge: second differences at its two corners, over sensors as far beyond them. */
+/* How a layer of light bends along an edge: second differences at its two corners, over sensors as far beyond them. */
 typedef struct sbl__bends { int known[2]; float differences[2][3]; } sbl__bends;
 
-static void sbl__edge_bends(const sbl__refine *r, const sbl__edge *e, sbl__bends *out) {
+static void sbl__edge_bends(const sbl__refine *r, const sbl__edge *e, int layer, sbl__bends *out) {
     const int dx = e->x1 - e->x0, dy = e->y1 - e->y0;
     const sbl__pixel *a = sbl__pixel_at(r, e->x0, e->y0), *b = sbl__pixel_at(r, e->x1, e->y1);
     int end, k;
@@ -13112,19 +13151,20 @@ static void sbl__edge_bends(const sbl__refine *r, const sbl__edge *e, sbl__bends
     for (end = 0; end < 2; end++) {
         const sbl__pixel *corner = end ? b : a, *other = end ? a : b;
         const sbl__pixel *p = sbl__sensor_for(r, corner, end ? e->x1 + dx : e->x0 - dx, end ? e->y1 + dy : e->y0 - dy);
+        const float *there = sbl__pixel_light(r, corner, layer), *along = sbl__pixel_light(r, other, layer), *beyond;
         if (!p) continue;
+        beyond = sbl__pixel_light(r, p, layer);
         out->known[end] = 1;
-        for (k = 0; k < 3; k++)
-            out->differences[end][k] = p->radiance[k] - 2 * corner->radiance[k] + other->radiance[k];
+        for (k = 0; k < 3; k++) out->differences[end][k] = beyond[k] - 2 * there[k] + along[k];
     }
 }
 
 /* The second difference that interpolation along an edge goes by: the lesser of the two where they agree, since at a
    kink they do not. */
-static void sbl__edge_parabola(const sbl__refine *r, const sbl__edge *e, float out[3]) {
+static void sbl__edge_parabola(const sbl__refine *r, const sbl__edge *e, int layer, float out[3]) {
     sbl__bends bends;
     int k;
-    sbl__edge_bends(r, e, &bends);
+    sbl__edge_bends(r, e, layer, &bends);
     for (k = 0; k < 3; k++) {
         const float a = bends.differences[0][k], b = bends.differences[1][k];
         out[k] = a * b <= 0 ? 0 : fabs((double)a) < fabs((double)b) ? a : b;
@@ -13198,7 +13238,7 @@ static float sbl__cell_bends2(const sbl__refine *r, sbl__cell *c) {
         ends[1] = sbl__pixel_at(r, e.x1, e.y1);
         if (sbl__usable(ends[0]) && sbl__usable(ends[1]) && sbl__belongs(ends[0], ends[1], 1) > 0) {
             float missed[3];
-            sbl__edge_bends(r, &e, &bends);
+            sbl__edge_bends(r, &e, 0, &bends);
             for (k = 0; k < 3; k++) {
                 const float d = ends[1]->radiance[k] - ends[0]->radiance[k];
                 const float at_0 = bends.known[0] ? bends.differences[0][k] : -bends.differences[1][k];
@@ -13227,7 +13267,7 @@ static const sbl__pixel *sbl__cell_rim_next(const sbl__refine *r, const sbl__cel
         const sbl__pixel *p = sbl__pixel_at(r, x, y);
         (*at)++;
         if (i == 0 || !sbl__usable(p)) continue;
-        sbl__interpolate(r, c, x, y, guess);
+        sbl__interpolate(r, c, x, y, 0, guess);
         return p;
     }
     return NULL;
@@ -13258,10 +13298,10 @@ static float sbl__cell_missed2(const sbl__refine *r, sbl__cell *c) {
 /* >>refine: cells */
 
 /* From one corner to the one across. */
-static sbl_result sbl__refine_add_cell(sbl__base *base, sbl__refine *r, const sbl__edge *diagonal, int level,
-                                       int parent, int looks) {
+static sbl_result sbl__refine_add_cell(sbl__refine *r, const sbl__edge *diagonal, int level, int parent, int looks) {
     sbl__cell *c;
-    if (!sbl__grow(base, &r->cells, &r->cell_room, r->cell_count + 1, sizeof *r->cells)) return SBL_ERROR_OUT_OF_MEMORY;
+    if (!sbl__grow(&r->core->base, &r->cells, &r->cell_room, r->cell_count + 1, sizeof *r->cells))
+        return SBL_ERROR_OUT_OF_MEMORY;
     c = &r->cells[r->cell_count++];
     memset(c, 0, sizeof *c);
     c->x0 = diagonal->x0;
@@ -13286,7 +13326,7 @@ static int sbl__cell_looks(const sbl__refine *r, const sbl__cell *c) {
     return looks;
 }
 
-static sbl_result sbl__cell_split(sbl__base *base, sbl__refine *r, int index) {
+static sbl_result sbl__cell_split(sbl__refine *r, int index) {
     const sbl__cell c = r->cells[index];
     const int looks = SBL__MAX(1, sbl__cell_looks(r, &c));  /* with fewer they would be worse than interpolation */
     const int columns = c.x1 - c.x0 > 1 ? 2 : 1, rows = c.y1 - c.y0 > 1 ? 2 : 1;
@@ -13298,7 +13338,7 @@ static sbl_result sbl__cell_split(sbl__base *base, sbl__refine *r, int index) {
     for (j = 0; j < rows && result == SBL_SUCCESS; j++)
         for (i = 0; i < columns && result == SBL_SUCCESS; i++) {
             const sbl__edge diagonal = { xs[i], ys[j], xs[i + 1], ys[j + 1] };
-            result = sbl__refine_add_cell(base, r, &diagonal, c.level + 1, index, looks);
+            result = sbl__refine_add_cell(r, &diagonal, c.level + 1, index, looks);
         }
     return result;
 }
@@ -13312,7 +13352,7 @@ static int sbl__differ(const sbl__refine *r, const float a[3], const float b[3],
         most = SBL__MAX(most, (float)fabs((double)a[k] - b[k]));
         mean = SBL__MAX(mean, 0.5f * (a[k] + b[k]));
     }
-    least = r->threshold * (r->relative ? mean + SBL__FLOOR_SHARE * r->luminance : 1.0f);
+    least = r->threshold * (r->geometry_aware ? mean + SBL__FLOOR_SHARE * r->luminance : 1.0f);
     return (double)most * most > (double)least * least + SBL__NOISE_WEIGHT * variance;
 }
 
@@ -13345,7 +13385,7 @@ static int sbl__cell_count(const sbl__refine *r, sbl__cell *c) {
             if (!p->id) continue;
             c->pixels++;
             if (p->sensed) continue;
-            sbl__interpolate(r, c, x, y, &m);
+            sbl__interpolate(r, c, x, y, 0, &m);
             missing += 1 - m.own;
             bare |= (continued ? m.covered : m.own) < SBL__COVERAGE;
         }
@@ -13356,7 +13396,8 @@ static int sbl__cell_count(const sbl__refine *r, sbl__cell *c) {
 /* >>refine: guides for sensors' rays, see >>guide */
 
 /* The pixel where one stands; NULL: there is none. */
-static const sbl__pixel *sbl__guide_pixel(const sbl__refine *r, const sbl__guides *g, int column, int row) {
+static const sbl__pixel *sbl__guide_pixel(const sbl__refine *r, int column, int row) {
+    const sbl__guides *g = &r->guides;
     const sbl__pixel *p;
     if (column < 0 || row < 0 || column >= g->columns || row >= g->rows) return NULL;
     p = sbl__pixel_at(r, column * g->step, row * g->step);
@@ -13376,13 +13417,13 @@ static float sbl__guide_fits(const sbl__pixel *a, const sbl__pixel *b) {
 
 /* The number of the one that fits a pixel best, of the four around it; 0: none does. */
 static int sbl__guide_for(const sbl__refine *r, int index) {
-    const sbl__guides *g = r->guides;
+    const sbl__guides *g = &r->guides;
     const int x = index % r->width, y = index / r->width;
     float most = 0;
     int corner, best = 0;
-    for (corner = 0; g && corner < 4; corner++) {
+    for (corner = 0; r->spec->guided && corner < 4; corner++) {
         const int column = x / g->step + (corner & 1), row = y / g->step + (corner >> 1);
-        const sbl__pixel *p = sbl__guide_pixel(r, g, column, row);
+        const sbl__pixel *p = sbl__guide_pixel(r, column, row);
         const float dx = (float)abs(column * g->step - x) / (float)g->step;
         const float dy = (float)abs(row * g->step - y) / (float)g->step;
         const float fits = p ? sbl__guide_fits(&r->pixels[index], p) * (1.01f - dx) * (1.01f - dy) : 0;
@@ -13391,21 +13432,22 @@ static int sbl__guide_for(const sbl__refine *r, int index) {
     return best;
 }
 
-/* >>refine: rounds. Each is done in slices, and starts with r->at = 0. */
+/* >>refine: rounds, from the sites that are wanted to the readings that are taken */
+
+static int sbl__refine_cells_across(const sbl__refine *r) { return SBL__MAX(1, (r->width - 2 + r->tile) / r->tile); }
 
 /* The first level's cells, over the whole picture. */
-static sbl_result sbl__refine_begin(sbl__base *base, sbl__refine *r, sbl__slice *slice) {
-    const int across = SBL__MAX(1, (r->width - 2 + r->tile) / r->tile);
-    const int down = SBL__MAX(1, (r->height - 2 + r->tile) / r->tile);
-    for (; r->at < across * down; r->at++) {
-        const int x = r->at % across * r->tile, y = r->at / across * r->tile;
-        const int right = SBL__MIN(x + r->tile, r->width - 1), lower = SBL__MIN(y + r->tile, r->height - 1);
-        const sbl__edge diagonal = { x, y, right, lower };
-        const sbl_result result = sbl__refine_add_cell(base, r, &diagonal, 0, -1, 1);
-        if (result != SBL_SUCCESS) return result;
-        if (sbl__late(slice)) { r->at++; return SBL_UNFINISHED; }
-    }
-    return SBL_SUCCESS;
+static int sbl__refine_cells(void *work) {
+    const sbl__refine *r = (const sbl__refine *)work;
+    return sbl__refine_cells_across(r) * SBL__MAX(1, (r->height - 2 + r->tile) / r->tile);
+}
+
+static sbl_result sbl__refine_cell(void *work, int at) {
+    sbl__refine *r = (sbl__refine *)work;
+    const int across = sbl__refine_cells_across(r), x = at % across * r->tile, y = at / across * r->tile;
+    const int right = SBL__MIN(x + r->tile, r->width - 1), lower = SBL__MIN(y + r->tile, r->height - 1);
+    const sbl__edge diagonal = { x, y, right, lower };
+    return sbl__refine_add_cell(r, &diagonal, 0, -1, 1);
 }
 
 /* The site of pixel number `index`, for looks from number `first` on. */
@@ -13421,40 +13463,43 @@ static void sbl__refine_site(const sbl__refine *r, int index, int first, int loo
     out->looks = looks;
 }
 
-/* For harmonics beside the readings. */
-static sbl_result sbl__refine_room(sbl__base *base, sbl__refine *r) {
-    return !r->harmonics || sbl__grow(base, &r->found_harmonics, &r->harmonics_room, r->site_count,
-                                      sizeof *r->found_harmonics) ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+/* Room for so many more sites and what is found at them. */
+static int sbl__refine_room(sbl__refine *r, int more) {
+    const int count = r->site_count + more;
+    sbl__base *base = &r->core->base;
+    return sbl__grow(base, &r->sites, &r->site_room, count, sizeof *r->sites) &&
+           sbl__grow(base, &r->readings, &r->reading_room, count, sizeof *r->readings) &&
+           (r->layer_count == 1 || sbl__grow(base, &r->found_layers, &r->found_room, count,
+                                             (size_t)(r->layer_count - 1) * 3 * sizeof(float)));
 }
 
-/* Lists the sites at the corners of cells that have no sensor yet, or one that is to look again: of so many looks that
-   they fit in one job. */
-static sbl_result sbl__refine_collect(sbl__base *base, sbl__refine *r, sbl__slice *slice) {
+/* Cells are listed while their sites' looks fit in one job. */
+static int sbl__refine_unlisted(void *work) {
+    const sbl__refine *r = (const sbl__refine *)work;
+    return r->listed < r->cell_count && r->look_count < SBL__JOB_LOOKS ? INT_MAX : 0;
+}
+
+/* Lists the sites at the corners of the next cell that have no sensor yet, or one that is to look again. */
+static sbl_result sbl__refine_list(void *work, int at) {
+    sbl__refine *r = (sbl__refine *)work;
+    const sbl__cell *c = &r->cells[r->listed++];
     int corner;
-    if (r->at == 0) r->site_count = r->look_count = 0;
-    r->at = 1;
-    for (; r->listed < r->cell_count && r->look_count < SBL__JOB_LOOKS; r->listed++) {
-        const sbl__cell *c = &r->cells[r->listed];
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        if (c->split) continue;
-        if (!sbl__grow(base, &r->sites, &r->site_room, r->site_count + 4, sizeof *r->sites))
-            return SBL_ERROR_OUT_OF_MEMORY;
-        for (corner = 0; corner < 4; corner++) {
-            const int x = corner & 1 ? c->x1 : c->x0, y = corner & 2 ? c->y1 : c->y0;
-            sbl__pixel *p = sbl__pixel_at(r, x, y);
-            if (!p->id || p->queued || (p->sensed && p->wanted <= p->looks)) continue;
-            p->queued = 1;
-            if (!p->sensed) {
-                p->level = (unsigned char)(1 + SBL__MIN(c->level, SBL_MAX_LEVELS - 1));
-                p->look = r->look_count;
-                p->wanted = c->looks;
-            }
-            sbl__refine_site(r, y * r->width + x, p->looks, p->wanted - p->looks, &r->sites[r->site_count++]);
-            r->look_count += p->wanted - p->looks;
+    (void)at;
+    if (c->split) return SBL_SUCCESS;
+    if (!sbl__refine_room(r, 4)) return SBL_ERROR_OUT_OF_MEMORY;
+    for (corner = 0; corner < 4; corner++) {
+        sbl__pixel *p = sbl__cell_corner(r, c, corner);
+        if (!p->id || p->queued || (p->sensed && p->wanted <= p->looks)) continue;
+        p->queued = 1;
+        if (!p->sensed) {
+            p->level = (unsigned char)(1 + SBL__MIN(c->level, SBL_MAX_LEVELS - 1));
+            p->look = r->look_count;
+            p->wanted = c->looks;
         }
+        sbl__refine_site(r, (int)(p - r->pixels), p->looks, p->wanted - p->looks, &r->sites[r->site_count++]);
+        r->look_count += p->wanted - p->looks;
     }
-    return sbl__grow(base, &r->readings, &r->reading_room, r->site_count, sizeof *r->readings)
-               ? sbl__refine_room(base, r) : SBL_ERROR_OUT_OF_MEMORY;
+    return SBL_SUCCESS;
 }
 
 /* A lightmap's texel that nobody gets to see is hidden: most of what it sees lies on it, nearer than texels are large,
@@ -13494,78 +13539,56 @@ static void sbl__refine_hide(sbl__refine *r, int index, const sbl_reading *readi
     }
 }
 
-/* Light that comes evenly from everywhere over a pixel's hemisphere. */
-static void sbl__harmonics_even(const sbl__pixel *p, sbl__harmonics *out) {
+/* Layers 1 and up of light that comes evenly from everywhere over a pixel's hemisphere: harmonics. */
+static void sbl__refine_even(const sbl__refine *r, const sbl__pixel *p, float *out) {
     static const int axes[3] = { 1, 2, 0 };
     int i, k;
-    for (i = 0; i < 4; i++)
+    for (i = 0; i < r->layer_count - 1; i++)
         for (k = 0; k < 3; k++)
-            out->sh[i][k] = (float)SBL__PI * p->radiance[k] *
-                            (i ? SBL__HARMONIC_1 * p->normal[axes[i - 1]] : 2 * SBL__HARMONIC_0);
+            out[3 * i + k] = (float)SBL__PI * p->radiance[k] *
+                             (i ? SBL__HARMONIC_1 * p->normal[axes[i - 1]] : 2 * SBL__HARMONIC_0);
 }
 
-/* What the job has found for site r->at, which is so much of its pixel's looks. */
-static void sbl__refine_take_harmonics(sbl__refine *r, float share) {
-    const float *from = r->found_harmonics[r->at].sh[0];
-    float *to = r->harmonics[r->sites[r->at].number].sh[0];
-    int i;
-    for (i = 0; i < 12; i++) to[i] += share * (from[i] - to[i]);
-}
+static int sbl__refine_sites(void *work) { return ((sbl__refine *)work)->site_count; }
 
-/* Pixels' radiance is to be the next layer; after the last one, R again. */
-static sbl_result sbl__refine_turn(sbl__refine *r, sbl__slice *slice) {
-    const int pixels = r->width * r->height;
-    for (; r->at < pixels; r->at++) {
-        float *a = r->pixels[r->at].radiance, *last = r->harmonics[r->at].sh[SBL__MAX(r->layer - 1, 0)];
-        float *next = r->harmonics[r->at].sh[r->layer % (SBL__LAYERS - 1)];
-        int k;
-        if (r->at && sbl__late(slice)) return SBL_UNFINISHED;
-        for (k = 0; k < 3; k++) {
-            const float own = a[k], light = r->layer ? last[k] : own;
-            if (r->layer) last[k] = own;
-            a[k] = light;
-            if (r->layer == SBL__LAYERS - 1) continue;
-            a[k] = next[k];
-            next[k] = light;
-        }
-    }
-    r->layer = (r->layer + 1) % SBL__LAYERS;
-    return SBL_SUCCESS;
-}
-
-/* Takes the answers of the job. */
-static sbl_result sbl__refine_take(sbl__refine *r, sbl_stats *stats, sbl__slice *slice) {
+/* Takes the reading of a site. */
+static sbl_result sbl__refine_take(void *work, int at) {
+    sbl__refine *r = (sbl__refine *)work;
+    const sbl_reading *reading = &r->readings[at];
+    const int looks = r->sites[at].looks, others = 3 * (r->layer_count - 1);
+    sbl__pixel *p = &r->pixels[r->sites[at].number];
+    sbl_stats *stats = &r->core->stats;
+    const float share = (float)looks / (float)(p->looks + looks);
+    const double off = (double)sbl__luminance(reading->radiance) - sbl__luminance(p->radiance);
+    float *light = others ? r->layers + (size_t)others * r->sites[at].number : NULL;
+    const float *found = others ? r->found_layers + (size_t)others * (size_t)at : NULL;
     int k;
-    for (; r->at < r->site_count; r->at++) {
-        const sbl_reading *reading = &r->readings[r->at];
-        const int looks = r->sites[r->at].looks;
-        sbl__pixel *p = &r->pixels[r->sites[r->at].number];
-        const float share = (float)looks / (float)(p->looks + looks);
-        const double off = (double)sbl__luminance(reading->radiance) - sbl__luminance(p->radiance);
-        if (r->at && sbl__late(slice)) return SBL_UNFINISHED;
-        for (k = 0; k < 3; k++) p->radiance[k] += share * (reading->radiance[k] - p->radiance[k]);
-        if (r->harmonics) sbl__refine_take_harmonics(r, share);
-        p->variance += (double)share * ((double)reading->noise * reading->noise * looks - p->variance);
-        if (p->looks) sbl__looks_differ(r, p, p->looks, looks, off * off);
-        p->looks += looks;
-        r->taken += looks;
-        p->queued = 0;
-        p->round = (short)r->rounds;
-        for (k = 0; k < 3 && r->rounds == 0; k++) r->sum[k] += p->radiance[k];
-        r->pixels_summed += r->rounds == 0;
-        if (p->sensed) continue;
-        p->sensed = 1;
-        sbl__refine_hide(r, (int)r->sites[r->at].number, reading);
-        stats->sensors.invalid += p->invalid;
-        stats->picture.levels[p->level - 1].sensors++;
-        stats->picture.level_count = SBL__MAX(stats->picture.level_count, p->level);
-        stats->sensors.count++;
-    }
-    if (r->listed < r->cell_count) return SBL_SUCCESS;
-    r->listed = 0;
-    r->rounds++;
-    r->judged_end = r->cell_count;
+    for (k = 0; k < 3; k++) p->radiance[k] += share * (reading->radiance[k] - p->radiance[k]);
+    for (k = 0; k < others; k++) light[k] += share * (found[k] - light[k]);
+    p->variance += (double)share * ((double)reading->noise * reading->noise * looks - p->variance);
+    if (p->looks) sbl__looks_differ(r, p, p->looks, looks, off * off);
+    p->looks += looks;
+    r->taken += looks;
+    p->queued = 0;
+    p->round = (short)r->rounds;
+    for (k = 0; k < 3 && r->rounds == 0; k++) r->sum[k] += p->radiance[k];
+    r->pixels_summed += r->rounds == 0;
+    if (p->sensed) return SBL_SUCCESS;
+    p->sensed = 1;
+    sbl__refine_hide(r, (int)r->sites[at].number, reading);
+    stats->sensors.invalid += p->invalid;
+    stats->picture.levels[p->level - 1].sensors++;
+    stats->picture.level_count = SBL__MAX(stats->picture.level_count, p->level);
+    stats->sensors.count++;
     return SBL_SUCCESS;
+}
+
+/* Makes the spec of what is wanted. */
+static void sbl__refine_see(sbl__refine *r) {
+    const int directional = r->spec->directional, guided = r->spec->guided;
+    sbl__spec_make(r->spec, r->seeing, &r->core->scene, &r->core->desc);
+    r->spec->directional = directional;
+    r->spec->guided = guided;
 }
 
 /* All sensors are to look anew, as if they had not yet. Of the first round: there is only its level. */
@@ -13573,8 +13596,7 @@ static void sbl__refine_forget(sbl__refine *r) {
     int i, corner;
     for (i = 0; i < r->cell_count; i++)
         for (corner = 0; corner < 4; corner++) {
-            const sbl__cell *c = &r->cells[i];
-            sbl__pixel *p = sbl__pixel_at(r, corner & 1 ? c->x1 : c->x0, corner & 2 ? c->y1 : c->y0);
+            sbl__pixel *p = sbl__cell_corner(r, &r->cells[i], corner);
             p->looks = 0;
             p->wanted = 1;
         }
@@ -13585,65 +13607,116 @@ static void sbl__refine_forget(sbl__refine *r) {
 
 /* >>refine: scouts, single rays that guides are made of */
 
-/* Their sites, for guides from r->listed on. */
-static sbl_result sbl__scouts_collect(sbl__base *base, sbl__refine *r, const sbl__guides *g, sbl__slice *slice) {
-    int i;
-    if (r->at == 0) r->site_count = 0;
-    for (r->at = 1; r->listed < g->columns * g->rows && r->site_count < SBL__SCOUTS_AT_ONCE; r->listed++) {
-        const int column = r->listed % g->columns, row = r->listed / g->columns;
-        sbl__site *site;
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        if (!sbl__guide_pixel(r, g, column, row)) continue;
-        if (!sbl__grow(base, &r->sites, &r->site_room, r->site_count + SBL__SCOUTS, sizeof *r->sites))
-            return SBL_ERROR_OUT_OF_MEMORY;
-        site = r->sites + r->site_count;
-        sbl__refine_site(r, row * g->step * r->width + column * g->step, 0, 1, site);
-        for (i = 1; i < SBL__SCOUTS; i++) {
-            site[i] = site[0];
-            site[i].first = i;
-        }
-        r->site_count += SBL__SCOUTS;
+/* Scouts' rays are other ones than sensors' rays. */
+static uint32_t sbl__scouts_seed(const sbl__refine *r) { return sbl__hash(r->spec->seed ^ 0x9e3779b9u); }
+
+/* Chooses where guides stand. */
+static sbl_result sbl__guides_begin(sbl__refine *r) {
+    sbl__guides *g = &r->guides;
+    sbl__base *base = &r->core->base;
+    size_t rows;
+    for (g->step = SBL__GUIDE_STEP / 4; ; g->step *= 2) {
+        g->columns = (r->width - 1) / g->step + 1;
+        g->rows = (r->height - 1) / g->step + 1;
+        if (g->columns * (double)g->rows < (g->step < SBL__GUIDE_STEP ? SBL__GUIDES_FEW : SBL__GUIDES_MOST)) break;
     }
-    return sbl__grow(base, &r->readings, &r->reading_room, r->site_count, sizeof *r->readings)
-               ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    rows = (size_t)sbl__guide_rows(g);
+    g->found = (float *)sbl__alloc(base, (size_t)g->columns * (size_t)g->rows * SBL__GUIDE_BINS, sizeof *g->found);
+    g->words = (uint32_t *)sbl__alloc(base, rows * SBL__GUIDES_ACROSS * SBL__GUIDE_WORDS, sizeof *g->words);
+    return g->found && g->words ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* What they found, into the bins of their guides. seed: of their spec. */
-static sbl_result sbl__scouts_take(sbl__base *base, const sbl__refine *r, const sbl__guides *g, uint32_t seed) {
-    uint32_t *sequence = sbl__sequence_make(base, SBL__SCOUTS, 1, 1);
+static sbl_result sbl__scouts_begin(void *work, sbl__slice *slice) {
+    sbl__refine *r = (sbl__refine *)work;
+    (void)slice;
+    return r->guides.words ? SBL_SUCCESS : sbl__guides_begin(r);
+}
+
+static int sbl__scouts_unlisted(void *work) {
+    const sbl__refine *r = (const sbl__refine *)work;
+    return r->listed < r->guides.columns * r->guides.rows && r->site_count < SBL__SCOUTS_AT_ONCE ? INT_MAX : 0;
+}
+
+/* Lists the sites of the next guide's scouts. */
+static sbl_result sbl__scouts_list(void *work, int at) {
+    sbl__refine *r = (sbl__refine *)work;
+    const sbl__guides *g = &r->guides;
+    const int column = r->listed % g->columns, row = r->listed / g->columns;
+    sbl__site *site;
     int i;
+    (void)at;
+    r->listed++;
+    if (!sbl__guide_pixel(r, column, row)) return SBL_SUCCESS;
+    if (!sbl__refine_room(r, SBL__SCOUTS)) return SBL_ERROR_OUT_OF_MEMORY;
+    site = r->sites + r->site_count;
+    sbl__refine_site(r, row * g->step * r->width + column * g->step, 0, 1, site);
+    for (i = 1; i < SBL__SCOUTS; i++) {
+        site[i] = site[0];
+        site[i].first = i;
+    }
+    r->site_count += SBL__SCOUTS;
+    return SBL_SUCCESS;
+}
+
+/* Puts what they found into the bins of their guides. */
+static sbl_result sbl__scouts_take(void *work, sbl__slice *slice) {
+    sbl__refine *r = (sbl__refine *)work;
+    const sbl__guides *g = &r->guides;
+    uint32_t *sequence = sbl__sequence_make(&r->core->base, SBL__SCOUTS, 1, 1);
+    int i;
+    (void)slice;
     if (!sequence) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < r->site_count; i++) {
         const sbl__site *site = &r->sites[i];
         const int column = (int)site->number % r->width / g->step, row = (int)site->number / r->width / g->step;
         const float light = r->readings[i].valid ? sbl__luminance(r->readings[i].radiance) : 0;
         double u[2];
-        sbl__sequence_at(sequence, site->first, sbl__hash(site->number ^ sbl__hash(seed)), u);
+        sbl__sequence_at(sequence, site->first, sbl__hash(site->number ^ sbl__hash(sbl__scouts_seed(r))), u);
         sbl__guide_found(g, row * g->columns + column)[sbl__guide_bin(u[0], u[1])] += light * light;
     }
-    sbl__free(base, sequence);
+    sbl__free(&r->core->base, sequence);
     return SBL_SUCCESS;
 }
 
-/* Guides from number r->at on, of what was found around them; number 0 is an even one. */
-static sbl_result sbl__guides_make(sbl__refine *r, const sbl__guides *g, sbl__slice *slice) {
+static int sbl__guides_count(void *work) {
+    const sbl__guides *g = &((sbl__refine *)work)->guides;
+    return 1 + g->columns * g->rows;
+}
+
+/* Makes guide number `guide` of what was found around it; number 0 is an even one. */
+static sbl_result sbl__guides_make(void *work, int guide) {
     static const float weights[5] = { 0.3f, 0.7f, 1, 0.7f, 0.3f };
-    for (; r->at <= g->columns * g->rows; r->at++) {
-        const int place = SBL__MAX(r->at - 1, 0), column = place % g->columns, row = place / g->columns;
-        const sbl__pixel *own = r->at ? sbl__guide_pixel(r, g, column, row) : NULL;
-        float found[SBL__GUIDE_BINS];
-        int i, k, n;
-        if (r->at && sbl__late(slice)) return SBL_UNFINISHED;
-        memset(found, 0, sizeof found);
-        for (i = -2; i <= 2 && own; i++)
-            for (k = -2; k <= 2; k++) {
-                const sbl__pixel *p = sbl__guide_pixel(r, g, column + k, row + i);
-                const float fits = p ? weights[i + 2] * weights[k + 2] * sbl__guide_fits(own, p) : 0;
-                const float *from = p ? sbl__guide_found(g, place + i * g->columns + k) : NULL;
-                for (n = 0; n < SBL__GUIDE_BINS && fits > 0; n++) found[n] += fits * from[n];
-            }
-        sbl__guide_make(found, sbl__guide_words(g, r->at));
-    }
+    const sbl__refine *r = (const sbl__refine *)work;
+    const sbl__guides *g = &r->guides;
+    const int place = SBL__MAX(guide - 1, 0), column = place % g->columns, row = place / g->columns;
+    const sbl__pixel *own = guide ? sbl__guide_pixel(r, column, row) : NULL;
+    float found[SBL__GUIDE_BINS];
+    int i, k, n;
+    memset(found, 0, sizeof found);
+    for (i = -2; i <= 2 && own; i++)
+        for (k = -2; k <= 2; k++) {
+            const sbl__pixel *p = sbl__guide_pixel(r, column + k, row + i);
+            const float fits = p ? weights[i + 2] * weights[k + 2] * sbl__guide_fits(own, p) : 0;
+            const float *from = p ? sbl__guide_found(g, place + i * g->columns + k) : NULL;
+            for (n = 0; n < SBL__GUIDE_BINS && fits > 0; n++) found[n] += fits * from[n];
+        }
+    sbl__guide_make(found, sbl__guide_words(g, guide));
+    return SBL_SUCCESS;
+}
+
+static sbl_result sbl__guides_send(void *work, sbl__slice *slice) {
+    sbl__refine *r = (sbl__refine *)work;
+    sbl__guides *g = &r->guides;
+    sbl__device *d = &r->core->device;
+    const int rows = sbl__guide_rows(g);
+    sbl_result result;
+    (void)slice;
+    d->gl.doing = "sending guides";
+    result = sbl__texture_make(d, &g->texture, SBL__GUIDES_ACROSS * SBL__GUIDE_TEXELS, rows, SBL__GL_RGBA32UI);
+    if (result == SBL_SUCCESS) result = sbl__texture_write(d, &g->texture, 0, rows, g->words);
+    if (result != SBL_SUCCESS) return result;
+    sbl__free(&r->core->base, g->found);
+    g->found = NULL;
     return SBL_SUCCESS;
 }
 
@@ -13770,10 +13843,10 @@ static void sbl__cell_weigh(sbl__refine *r, sbl__cell *c, int fresh) {
         sbl__weigh_enter(r, c->split_gain, gain, cost);
     }
     c->look_gain = 0;
-    if (!looks || looks >= r->most_looks) return;
+    if (!looks || looks >= r->spec->looks) return;
     gain = c->noise2 * (float)c->pixels * (1 - SBL__LOOKS_GAIN) / (float)looks;
     c->look_gain = gain * care;
-    most = SBL__MIN(SBL__LOOKS_GROWTH * looks, r->most_looks);
+    most = SBL__MIN(SBL__LOOKS_GROWTH * looks, r->spec->looks);
     for (; looks < most; looks *= 2) {
         sbl__weigh_enter(r, gain * care, gain, looks);
         gain *= SBL__LOOKS_GAIN_NEXT;
@@ -13798,13 +13871,11 @@ static void sbl__weigh_end(sbl__refine *r) {
     r->least_gain = sbl__bin_gain(bin);
 }
 
-static sbl_result sbl__refine_weigh(sbl__refine *r, sbl__slice *slice) {
-    if (r->at == 0) sbl__weigh_begin(r);
-    for (; r->at < r->judged_end; r->at++) {
-        if (r->at && sbl__late(slice)) return SBL_UNFINISHED;
-        if (!r->cells[r->at].split) sbl__cell_weigh(r, &r->cells[r->at], r->at >= r->fresh);
-    }
-    sbl__weigh_end(r);
+static int sbl__refine_judged(void *work) { return ((sbl__refine *)work)->judged_end; }
+
+static sbl_result sbl__refine_weigh(void *work, int at) {
+    sbl__refine *r = (sbl__refine *)work;
+    if (!r->cells[at].split) sbl__cell_weigh(r, &r->cells[at], at >= r->fresh);
     return SBL_SUCCESS;
 }
 
@@ -13814,32 +13885,225 @@ static void sbl__cell_look_again(sbl__refine *r, const sbl__cell *c) {
     int corner, looks = sbl__cell_looks(r, c), growth = 1;
     for (; growth < SBL__LOOKS_GROWTH && gain >= r->least_gain; growth *= 2)
         gain *= SBL__LOOKS_GAIN_NEXT;
-    looks = SBL__MIN(looks * growth, r->most_looks);
+    looks = SBL__MIN(looks * growth, r->spec->looks);
     for (corner = 0; corner < 4; corner++) {
-        sbl__pixel *p = sbl__pixel_at(r, corner & 1 ? c->x1 : c->x0, corner & 2 ? c->y1 : c->y0);
+        sbl__pixel *p = sbl__cell_corner(r, c, corner);
         if (!sbl__usable(p) || !p->looks || p->wanted >= looks) continue;
         p->wanted = looks;
         r->bought++;
     }
 }
 
-/* Buys it. Afterwards r->bought is 0 where nothing was. */
-static sbl_result sbl__refine_spend(sbl__base *base, sbl__refine *r, sbl__slice *slice) {
-    for (; r->at < r->judged_end; r->at++) {
-        const sbl__cell *c = &r->cells[r->at];
-        if (r->at && sbl__late(slice)) return SBL_UNFINISHED;
-        if (c->split) continue;
-        if (c->split_gain >= r->least_gain && !sbl__cell_is_single(c)) {
-            const sbl_result result = sbl__cell_split(base, r, r->at);
-            if (result != SBL_SUCCESS) return result;
-            r->bought++;
-        } else if (c->look_gain >= r->least_gain) sbl__cell_look_again(r, c);
-    }
-    r->fresh = r->judged_end;
-    return SBL_SUCCESS;
+/* Buys what is worth it at a cell. */
+static sbl_result sbl__refine_spend(void *work, int at) {
+    sbl__refine *r = (sbl__refine *)work;
+    const sbl__cell *c = &r->cells[at];
+    sbl_result result = SBL_SUCCESS;
+    if (c->split) return SBL_SUCCESS;
+    if (c->split_gain >= r->least_gain && !sbl__cell_is_single(c)) {
+        result = sbl__cell_split(r, at);
+        r->bought++;
+    } else if (c->look_gain >= r->least_gain) sbl__cell_look_again(r, c);
+    return result;
 }
 
-/* >>refine: the radiance map, four floats a pixel: R; its noise, above 0 where there is a surface */
+/* >>refine: stages */
+
+enum { SBL__REFINE_CELLS, SBL__REFINE_COLLECT, SBL__REFINE_SENSE, SBL__REFINE_TAKE, SBL__REFINE_WEIGH,
+       SBL__REFINE_SPEND, SBL__REFINE_SCOUTS, SBL__REFINE_SCOUT, SBL__REFINE_NOTE, SBL__REFINE_GUIDES,
+       SBL__REFINE_SEND, SBL__REFINE_DONE };
+
+/* Describes a job of the picture's sensors, without its sites. */
+static void sbl__refine_task(const sbl__refine *r, sbl__task *task) {
+    memset(task, 0, sizeof *task);
+    task->spec = *r->spec;
+    task->guides = &r->guides;
+}
+
+/* Begins the job of the sites that are listed. A scout is one of the rays that sensors send over the hemisphere. */
+static int sbl__refine_after_list(void *work) {
+    sbl__refine *r = (sbl__refine *)work;
+    const int scouts = r->stages.stage == SBL__REFINE_SCOUTS;
+    sbl__task task;
+    sbl__refine_task(r, &task);
+    task.spec.reach = r->reach;
+    if (scouts) {
+        task.spec.rays = 1;
+        task.spec.looks = SBL__SCOUTS;
+        task.spec.lamp_rays = task.spec.directional = 0;
+        task.spec.seed = sbl__scouts_seed(r);
+    }
+    task.sites = r->sites;
+    task.readings = r->readings;
+    task.layers = r->found_layers;
+    task.site_count = r->site_count;
+    if (r->site_count) sbl__job_begin(&r->core->job, &r->core->scene, &task);
+    return scouts ? SBL__REFINE_SCOUT : SBL__REFINE_SENSE;
+}
+
+static sbl_result sbl__refine_sense(void *work, sbl__slice *slice) {
+    const sbl__refine *r = (const sbl__refine *)work;
+    const sbl_result result = r->site_count ? sbl__job_step(&r->core->device, &r->core->job, slice) : SBL_SUCCESS;
+    if (result == SBL_SUCCESS && r->site_count) sbl__core_count(r->core);
+    return result;
+}
+
+/* Empties the list of sites. Returns whether the round has more of them. */
+static int sbl__refine_next_job(sbl__refine *r, int all) {
+    r->site_count = r->look_count = 0;
+    if (r->listed < all) return 1;
+    r->listed = 0;
+    return 0;
+}
+
+static int sbl__refine_after_take(void *work) {
+    sbl__refine *r = (sbl__refine *)work;
+    if (sbl__refine_next_job(r, r->cell_count)) return SBL__REFINE_COLLECT;
+    r->rounds++;
+    r->judged_end = r->cell_count;
+    sbl__weigh_begin(r);
+    return SBL__REFINE_WEIGH;
+}
+
+/* After the first round, looks of few rays may be too noisy for the error that was asked. Then their rays get guides,
+   if they see any light; if that is not enough, looks get more rays. Either way all sensors begin anew. */
+static int sbl__refine_after_weigh(void *work) {
+    sbl__refine *r = (sbl__refine *)work;
+    int times;
+    sbl__weigh_end(r);
+    times = r->rounds == 1 ? sbl__look_growth(r->seeing, r->asked, r->look2) : 1;
+    if (times == 1) {
+        r->core->stats.picture.expected_error = (float)r->predicted;
+        return SBL__REFINE_SPEND;
+    }
+    sbl__refine_forget(r);
+    if (!r->spec->guided && !r->spec->dark) return SBL__REFINE_SCOUTS;
+    r->seeing->look_rays *= times;
+    r->seeing->looks = SBL__MAX(r->seeing->looks / times, 1);
+    sbl__refine_see(r);
+    return SBL__REFINE_COLLECT;
+}
+
+static int sbl__refine_after_spend(void *work) {
+    sbl__refine *r = (sbl__refine *)work;
+    r->fresh = r->judged_end;
+    return r->bought ? SBL__REFINE_COLLECT : SBL__REFINE_DONE;
+}
+
+static int sbl__refine_after_note(void *work) {
+    sbl__refine *r = (sbl__refine *)work;
+    return sbl__refine_next_job(r, r->guides.columns * r->guides.rows) ? SBL__REFINE_SCOUTS : SBL__REFINE_GUIDES;
+}
+
+static int sbl__refine_after_guides(void *work) {
+    ((sbl__refine *)work)->spec->guided = 1;
+    return SBL__REFINE_COLLECT;
+}
+
+/* One bounded piece. SBL_SUCCESS: the picture is as good as was asked. */
+static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { NULL, NULL, sbl__refine_cell, sbl__refine_cells },
+        { NULL, sbl__refine_after_list, sbl__refine_list, sbl__refine_unlisted },
+        { sbl__refine_sense, NULL, NULL, NULL },
+        { NULL, sbl__refine_after_take, sbl__refine_take, sbl__refine_sites },
+        { NULL, sbl__refine_after_weigh, sbl__refine_weigh, sbl__refine_judged },
+        { NULL, sbl__refine_after_spend, sbl__refine_spend, sbl__refine_judged },
+        { sbl__scouts_begin, sbl__refine_after_list, sbl__scouts_list, sbl__scouts_unlisted },
+        { sbl__refine_sense, NULL, NULL, NULL },
+        { sbl__scouts_take, sbl__refine_after_note, NULL, NULL },
+        { NULL, NULL, sbl__guides_make, sbl__guides_count },
+        { sbl__guides_send, sbl__refine_after_guides, NULL, NULL }
+    };
+    return sbl__stages_step(&r->stages, table, SBL__COUNT(table), r, slice);
+}
+
+/* >>refine: what later rooms call */
+
+/* smoothing: number of pixels that the filter takes the mean of. */
+static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__seeing *seeing, sbl__spec *spec,
+                              const sbl_picture_desc *desc, float smoothing) {
+    r->core = c;
+    r->seeing = seeing;
+    r->spec = spec;
+    r->width = desc->width;
+    r->height = desc->height;
+    r->tile = desc->tile;
+    r->threshold = desc->threshold < 0 ? FLT_MIN : desc->threshold;
+    r->asked = desc->target_error;
+    r->geometry_aware = desc->options.mode != SBL_MODE_PAPER;
+    r->bounced = desc->options.mode == SBL_MODE_GI;
+    r->layer_count = sbl__spec_layers(spec);
+    r->smoothing = smoothing;
+    sbl__looks_begin(r);
+}
+
+/* Memory for all pixels. */
+static sbl_result sbl__refine_make(sbl__refine *r) {
+    const size_t pixels = (size_t)r->width * (size_t)r->height;
+    r->pixels = (sbl__pixel *)sbl__alloc_raw(&r->core->base, pixels, sizeof *r->pixels);
+    if (r->layer_count > 1)
+        r->layers = (float *)sbl__alloc(&r->core->base, pixels, (size_t)(r->layer_count - 1) * 3 * sizeof(float));
+    return r->pixels && (r->layer_count == 1 || r->layers) ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+}
+
+/* Sets what pixel number `index` shows. If it is sensed already, its light is stored light. */
+static void sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel *shown) {
+    r->pixels[index] = *shown;
+    if (shown->sensed && r->layers) sbl__refine_even(r, shown, r->layers + 3 * (size_t)(r->layer_count - 1) * index);
+    r->doubt2 += (double)shown->doubt * shown->doubt;
+}
+
+/* From now on tests texels for what hides them. width: of a texel, world units. */
+static void sbl__refine_hide_within(sbl__refine *r, float width) { r->reach = SBL__HIDDEN_REACH * width; }
+
+static const sbl__pixel *sbl__refine_pixel(const sbl__refine *r, size_t index) { return &r->pixels[index]; }
+
+/* Predicted error of the picture so far, relative; below 0: not known yet. */
+static double sbl__refine_error(const sbl__refine *r) { return r->weighed ? r->predicted : -1; }
+
+/* Luminance of the picture's mean, which errors are relative to. */
+static float sbl__refine_luminance(const sbl__refine *r) { return r->luminance; }
+
+static int64_t sbl__refine_looks(const sbl__refine *r) { return r->taken; }
+
+static int sbl__refine_is_sensing(const sbl__refine *r) {
+    return r->stages.stage == SBL__REFINE_SENSE || r->stages.stage == SBL__REFINE_SCOUT;
+}
+
+static int sbl__refine_round_is_over(const sbl__refine *r) { return r->stages.stage == SBL__REFINE_SPEND; }
+
+/* An estimate of how much is done, 0 to 1, by the logarithm of the error. */
+static double sbl__refine_progress(const sbl__refine *r) {
+    const double first = r->first_predicted, asked = r->asked;
+    const double sensed = r->stages.stage == SBL__REFINE_SENSE ? (double)sbl__job_progress(&r->core->job) : 0;
+    double share = r->weighed ? 0.03 : 0;
+    if (r->weighed && asked > 0 && first > asked)
+        share += 0.97 * log(first / SBL__MAX(r->predicted, asked)) / log(first / asked);
+    share += r->weighed ? 0.5 * (1 - share) * sensed : 0.03 * sensed;
+    return SBL__MIN(SBL__MAX(share, 0.0), 1.0);
+}
+
+/* >>refine: filling in one layer of light, four floats a pixel: light; the noise of R, above 0 where there is a
+   surface. It has a cursor of its own, so that it can be done at any time. */
+
+typedef struct sbl__fill {
+    sbl__refine *refine;
+    int layer;
+    sbl__stages stages;         /* of cells, orphans, their adoption: see sbl__fill_step */
+    int row;                    /* of the cell under way */
+    float *rgba;
+    int *orphans;               /* pixels that no cell covers, while light is spread over them, */
+    float *found;               /* and what each gets in the ring under way */
+    int orphan_count;
+} sbl__fill;
+
+static void sbl__fill_free(sbl__base *base, sbl__fill *f) {
+    sbl__free(base, f->rgba);
+    sbl__free(base, f->orphans);
+    sbl__free(base, f->found);
+    memset(f, 0, sizeof *f);
+}
 
 /* The cell itself, or, of a picture under way, the smallest one around it all of whose sensors have been read. */
 static const sbl__cell *sbl__cell_known(const sbl__refine *r, const sbl__cell *c) {
@@ -13869,51 +14133,56 @@ static float sbl__noise_among(const sbl__refine *r, const sbl__cell *c, const sb
 
 /* A row of a cell, interpolated in cell c, which is known. Pixels that nothing covers keep a noise of 0, and are
    counted. */
-static void sbl__fill_row(sbl__refine *r, const sbl__edge *row, const sbl__cell *c, float bends[4][3], float *rgba) {
+static void sbl__fill_row(sbl__fill *f, const sbl__edge *row, const sbl__cell *c, float bends[4][3]) {
+    sbl__refine *r = f->refine;
     const int y = row->y0;
     int x, k;
     for (x = row->x0; x <= row->x1; x++) {
         sbl__pixel *p = sbl__pixel_at(r, x, y);
-        float *to = rgba + 4 * ((size_t)y * (size_t)r->width + (size_t)x), f[2];
+        float *to = f->rgba + 4 * ((size_t)y * (size_t)r->width + (size_t)x), s[2];
         sbl__mix m;
         to[0] = to[1] = to[2] = to[3] = 0;
         if (!p->id) continue;
         p->error = sbl__expected(r, p, c->bias2 + c->noise2);
         if (sbl__usable(p)) {
-            memcpy(to, p->radiance, sizeof p->radiance);
+            memcpy(to, sbl__pixel_light(r, p, f->layer), 3 * sizeof(float));
             to[3] = sbl__noise_among(r, c, p);
             p->error = sbl__expected(r, p, c->noise2);
         } else {
-            sbl__interpolate(r, c, x, y, &m);
-            if (!(m.covered > 0)) { r->orphan_count++; continue; }
-            sbl__cell_share(c, x, y, f);
+            sbl__interpolate(r, c, x, y, f->layer, &m);
+            if (!(m.covered > 0)) { f->orphan_count++; continue; }
+            sbl__cell_share(c, x, y, s);
             to[3] = (float)sqrt(m.variance);
             for (k = 0; k < 3; k++) {
-                const float across = 0.5f * f[0] * (1 - f[0]) * (bends[0][k] + f[1] * (bends[1][k] - bends[0][k]));
-                const float down = 0.5f * f[1] * (1 - f[1]) * (bends[2][k] + f[0] * (bends[3][k] - bends[2][k]));
-                to[k] = sbl__lit(r, m.light[k] - m.own * m.own * (across + down));
+                const float across = 0.5f * s[0] * (1 - s[0]) * (bends[0][k] + s[1] * (bends[1][k] - bends[0][k]));
+                const float down = 0.5f * s[1] * (1 - s[1]) * (bends[2][k] + s[0] * (bends[3][k] - bends[2][k]));
+                to[k] = sbl__lit(f->layer, m.light[k] - m.own * m.own * (across + down));
             }
         }
         to[3] = SBL__MAX(to[3], SBL__LEAST_NOISE);
     }
 }
 
-static sbl_result sbl__refine_fill(sbl__refine *r, float *rgba, sbl__slice *slice) {
-    int k;
-    if (r->at == 0 && r->row == 0) r->orphan_count = 0;
-    for (; r->at < r->cell_count; r->at++, r->row = 0) {
-        const sbl__cell *c = &r->cells[r->at], *known;
+static sbl_result sbl__fill_cells(void *work, sbl__slice *slice) {
+    sbl__fill *f = (sbl__fill *)work;
+    const sbl__refine *r = f->refine;
+    const size_t pixels = (size_t)r->width * (size_t)r->height;
+    int *at = &f->stages.at, k;
+    if (!f->rgba) f->rgba = (float *)sbl__alloc_raw(&r->core->base, pixels, 16);
+    if (!f->rgba) return SBL_ERROR_OUT_OF_MEMORY;
+    for (; *at < r->cell_count; ++*at, f->row = 0) {
+        const sbl__cell *c = &r->cells[*at], *known;
         float bends[4][3];
         if (c->split) continue;
         known = sbl__cell_known(r, c);
         for (k = 0; k < 4; k++) {
             const sbl__edge edge = sbl__cell_edge(known, k);
-            sbl__edge_parabola(r, &edge, bends[k]);
+            sbl__edge_parabola(r, &edge, f->layer, bends[k]);
         }
-        for (; c->y0 + r->row <= sbl__cell_end_y(r, c); r->row++) {
-            const sbl__edge row = { c->x0, c->y0 + r->row, sbl__cell_end_x(r, c), c->y0 + r->row };
+        for (; c->y0 + f->row <= sbl__cell_end_y(r, c); f->row++) {
+            const sbl__edge row = { c->x0, c->y0 + f->row, sbl__cell_end_x(r, c), c->y0 + f->row };
             if (sbl__late(slice)) return SBL_UNFINISHED;
-            sbl__fill_row(r, &row, known, bends, rgba);
+            sbl__fill_row(f, &row, known, bends);
         }
     }
     return SBL_SUCCESS;
@@ -13921,7 +14190,8 @@ static sbl_result sbl__refine_fill(sbl__refine *r, float *rgba, sbl__slice *slic
 
 /* Light and noise from those of the eight neighbours that have some (a > 0) and belong to a pixel. Returns 0 where none
    does. */
-static int sbl__refine_spread(const sbl__refine *r, const float *rgba, int index, float out[4]) {
+static int sbl__fill_spread(const sbl__fill *f, int index, float out[4]) {
+    const sbl__refine *r = f->refine;
     const int x = index % r->width, y = index / r->width;
     const sbl__pixel *pixel = &r->pixels[index];
     float sum[4] = { 0, 0, 0, 0 }, weights = 0;
@@ -13929,59 +14199,72 @@ static int sbl__refine_spread(const sbl__refine *r, const float *rgba, int index
     for (j = SBL__MAX(y - 1, 0); j <= SBL__MIN(y + 1, r->height - 1); j++)
         for (i = SBL__MAX(x - 1, 0); i <= SBL__MIN(x + 1, r->width - 1); i++) {
             const size_t at = (size_t)j * (size_t)r->width + (size_t)i;
-            float weight = rgba[4 * at + 3] > 0 ? sbl__belongs(pixel, &r->pixels[at], r->geometry_aware) : 0;
-            for (k = 0; k < 4 && weight > 0; k++) sum[k] += weight * rgba[4 * at + (size_t)k];
+            float weight = f->rgba[4 * at + 3] > 0 ? sbl__belongs(pixel, &r->pixels[at], r->geometry_aware) : 0;
+            for (k = 0; k < 4 && weight > 0; k++) sum[k] += weight * f->rgba[4 * at + (size_t)k];
             weights += weight;
         }
     for (k = 0; k < 4 && weights > 0; k++) out[k] = sum[k] / weights;
     return weights > 0;
 }
 
-/* Pixels whose own sensor is stuck and that no cell covers. */
-static sbl_result sbl__refine_find_orphans(sbl__base *base, sbl__refine *r, const float *rgba, sbl__slice *slice) {
-    const int pixels = r->width * r->height;
-    if (r->at == 0 && !r->orphan_count) return SBL_SUCCESS;
-    if (r->at == 0) {
-        sbl__free(base, r->orphans);
-        sbl__free(base, r->found);
-        r->orphans = (int *)sbl__alloc_raw(base, (size_t)r->orphan_count, sizeof *r->orphans);
-        r->found = (float *)sbl__alloc_raw(base, (size_t)r->orphan_count, 4 * sizeof *r->found);
-        if (!r->orphans || !r->found) return SBL_ERROR_OUT_OF_MEMORY;
-        r->orphan_count = 0;
+/* Finds pixels whose own sensor is stuck and that no cell covers. */
+static sbl_result sbl__fill_find_orphans(void *work, sbl__slice *slice) {
+    sbl__fill *f = (sbl__fill *)work;
+    const sbl__refine *r = f->refine;
+    int *at = &f->stages.at;
+    if (*at == 0 && !f->orphan_count) return SBL_SUCCESS;
+    if (*at == 0) {
+        f->orphans = (int *)sbl__alloc_raw(&r->core->base, (size_t)f->orphan_count, sizeof *f->orphans);
+        f->found = (float *)sbl__alloc_raw(&r->core->base, (size_t)f->orphan_count, 4 * sizeof *f->found);
+        if (!f->orphans || !f->found) return SBL_ERROR_OUT_OF_MEMORY;
+        f->orphan_count = 0;
     }
-    for (; r->at < pixels; r->at++) {
-        if (r->at && sbl__late(slice)) return SBL_UNFINISHED;
-        if (r->pixels[r->at].id && rgba[4 * (size_t)r->at + 3] == 0.0f) r->orphans[r->orphan_count++] = r->at;
+    for (; *at < r->width * r->height; ++*at) {
+        if (*at && sbl__late(slice)) return SBL_UNFINISHED;
+        if (r->pixels[*at].id && f->rgba[4 * (size_t)*at + 3] == 0.0f) f->orphans[f->orphan_count++] = *at;
     }
     return SBL_SUCCESS;
 }
 
 /* They take the light that spreads over their surface from others, ring by ring; without any they keep what the stuck
    sensor saw. */
-static sbl_result sbl__refine_adopt(sbl__refine *r, float *rgba, sbl__slice *slice) {
-    while (r->orphan_count) {
-        const int before = r->orphan_count;
-        int i, k;
-        for (; r->at < before; r->at++) {
-            float *found = r->found + 4 * (size_t)r->at;
+static sbl_result sbl__fill_adopt(void *work, sbl__slice *slice) {
+    sbl__fill *f = (sbl__fill *)work;
+    int *at = &f->stages.at;
+    while (f->orphan_count) {
+        const int before = f->orphan_count;
+        int i;
+        for (; *at < before; ++*at) {
+            float *found = f->found + 4 * (size_t)*at;
             if (sbl__late(slice)) return SBL_UNFINISHED;
-            if (!sbl__refine_spread(r, rgba, r->orphans[r->at], found)) found[3] = 0;
+            if (!sbl__fill_spread(f, f->orphans[*at], found)) found[3] = 0;
         }
-        r->at = 0;
-        for (i = r->orphan_count = 0; i < before; i++) {
-            const float *found = r->found + 4 * (size_t)i;
-            if (found[3] > 0) memcpy(rgba + 4 * (size_t)r->orphans[i], found, 4 * sizeof(float));
-            else r->orphans[r->orphan_count++] = r->orphans[i];
+        *at = 0;
+        for (i = f->orphan_count = 0; i < before; i++) {
+            const float *found = f->found + 4 * (size_t)i;
+            if (found[3] > 0) memcpy(f->rgba + 4 * (size_t)f->orphans[i], found, 4 * sizeof(float));
+            else f->orphans[f->orphan_count++] = f->orphans[i];
         }
-        if (r->orphan_count < before) continue;
-        for (i = 0; i < r->orphan_count; i++) {
-            float *to = rgba + 4 * (size_t)r->orphans[i];
-            for (k = 0; k < 3; k++) to[k] = r->pixels[r->orphans[i]].radiance[k];
+        if (f->orphan_count < before) continue;
+        for (i = 0; i < f->orphan_count; i++) {
+            const sbl__pixel *p = &f->refine->pixels[f->orphans[i]];
+            float *to = f->rgba + 4 * (size_t)f->orphans[i];
+            memcpy(to, sbl__pixel_light(f->refine, p, f->layer), 3 * sizeof(float));
             to[3] = SBL__LEAST_NOISE;
         }
-        r->orphan_count = 0;
+        f->orphan_count = 0;
     }
     return SBL_SUCCESS;
+}
+
+/* SBL_SUCCESS: f->rgba is filled in. A zeroed sbl__fill with refine and layer set begins. */
+static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { sbl__fill_cells, NULL, NULL, NULL },
+        { sbl__fill_find_orphans, NULL, NULL, NULL },
+        { sbl__fill_adopt, NULL, NULL, NULL }
+    };
+    return sbl__stages_step(&f->stages, table, SBL__COUNT(table), f, slice);
 }
 
 /* ======================================================================================================== >>filter
@@ -14247,7 +14530,6 @@ typedef struct sbl__gutters {
     int width, height;
     int rings;                 /* that are wanted */
     float *light;              /* 4 floats a texel: R; the ring, 0 on charts, below 0: none yet */
-    int taken, done;           /* R has been filled in; all rings are there */
     int *ring, *next;          /* texels of the ring under way, and of the one after it */
     int ring_count, next_count;
     int number, at;            /* the ring under way, 0: the texels around charts are being found; what comes next */
@@ -14720,229 +15002,148 @@ static sbl_result sbl__seams_step(sbl__base *base, sbl__seams *s, const sbl__gut
     return SBL_SUCCESS;
 }
 
-/* ======================================================================================================== >>picture
-   The front end that makes pictures: a short loop over jobs, level by level, in bounded pieces. */
+/* ======================================================================================================== >>map
+   A radiance map holds R, and any further layers of light, for a grid of pixels. A front end that makes one (>>picture,
+   >>lightmap) has an sbl__map as its first field and a table of stages that begins with SBL__MAP_ROWS. Four of these
+   rows call functions of the front end: they make memory, find the surfaces that pixels show, read them, and show a map
+   under way.
 
-/* In their order; SPEND goes back to COLLECT while there is something to sense. PREVIEW is left out but where the
-   picture under way is looked at: then WEIGH goes to SPEND by way of FILL to PREVIEW. */
-typedef enum sbl__stage {
-    SBL__STAGE_NONE,
-    SBL__STAGE_SETUP,    /* textures and memory */
-    SBL__STAGE_PREPARE,  /* the scene's hierarchy and lamps */
-    SBL__STAGE_SURFACE,  /* the G-buffer */
-    SBL__STAGE_READ,     /* it comes to the host */
-    SBL__STAGE_CELLS,
-    SBL__STAGE_COLLECT,  /* which pixels get sensors */
-    SBL__STAGE_SENSE,    /* the job */
-    SBL__STAGE_TAKE,     /* its readings */
-    SBL__STAGE_WEIGH,    /* how far off the picture is */
-    SBL__STAGE_SCOUTS, SBL__STAGE_SCOUT, SBL__STAGE_NOTE, SBL__STAGE_GUIDE,  /* guides for rays; see >>guide */
-    SBL__STAGE_SPEND,    /* what is done about it */
-    SBL__STAGE_FILL, SBL__STAGE_ORPHANS, SBL__STAGE_ADOPT, SBL__STAGE_SEND,  /* the radiance map */
-    SBL__STAGE_FILTER,
-    SBL__STAGE_PREVIEW,
-    SBL__STAGE_GUTTERS,  /* of a lightmap, */
-    SBL__STAGE_TURN,     /* which then is done, or FILL to GUTTERS follow for its next layer, see SBL__LAYERS */
-    SBL__STAGE_SAMPLE,   /* an anti-aliasing sample's G-buffer */
-    SBL__STAGE_RESOLVE,
-    SBL__STAGE_DONE
-} sbl__stage;
+       SETUP -> PREPARE -> SURFACE -> READ -> REFINE -> DEVELOP -> the front end's stages
+                                              |    ^
+                                              PREVIEW, where somebody looks
 
-typedef struct sbl__picture {
-    sbl__stage stage;
-    int at;                     /* of stages that count: what comes next */
-    sbl_picture_desc desc;      /* defaults filled in; width and height: of all that is worked on */
-    int size[2], across;        /* of what is read; pixels of the former across one of these */
-    int *shown;                 /* which of the former each of them shows; NULL: they are the same */
+   DEVELOP fills in the pixels between sensors, sends the layer to the GPU and filters it. It has a cursor of its own,
+   so that a preview can be made in the middle of any stage. */
+
+enum { SBL__MAP_SETUP = 1, SBL__MAP_PREPARE, SBL__MAP_SURFACE, SBL__MAP_READ, SBL__MAP_REFINE, SBL__MAP_PREVIEW,
+       SBL__MAP_DEVELOP, SBL__MAP_END };
+
+enum { SBL__DEVELOP_FILL, SBL__DEVELOP_SEND, SBL__DEVELOP_FILTER, SBL__DEVELOP_DONE };
+
+/* A layer of light as the GPU has it. */
+typedef struct sbl__map_layer {
+    sbl__texture light;         /* as it was filled in; of layer 0, a: its noise */
+    sbl__texture smooth;        /* filtered */
+    sbl__target target;         /* of the latter */
+} sbl__map_layer;
+
+typedef struct sbl__map {
+    sbl__core *core;
+    const sbl__stage_row *table;
+    int row_count;
+    sbl__stages stages;
+    sbl_picture_desc desc;      /* defaults filled in; width and height: of all pixels that are worked on */
+    int size[2], across;        /* of what the host reads; desc's pixels across one of these */
+    int *shown;                 /* which of desc's pixels each of these shows; NULL: they are the same */
     sbl__seeing seeing;
     sbl__spec spec;
-    uint32_t scene_version;     /* what it shows */
-    sbl__camera camera;
-    int lightmap;               /* it is one: the atlas takes the camera's place */
-    sbl__atlas atlas;
-    int gutter, sew, directional;
-    sbl__gutters gutters;
-    sbl__seams seams;
+    uint32_t scene_version;     /* version of the scene that it shows */
     sbl__surface surface;
-    sbl__gbuffer gbuffer, sample;
+    sbl__gbuffer gbuffer;
     sbl__refine refine;
-    sbl__guides guides;
-    float *rgba;                /* the radiance map, until it is sent */
-    sbl__texture radiance, filtered, finals[2], preview;
-    sbl__texture layer, smooth, harmonics[SBL__LAYERS - 1];  /* a map of harmonics, filtered; with gutters */
-    sbl__texture mean;          /* R of supersampled texels */
-    sbl__target layer_target, smooth_target, harmonic_targets[SBL__LAYERS - 1], mean_target;
-    sbl__texture scalars[SBL_CHANNEL_COUNT];  /* channels that only the host has, where asked for */
-    sbl__target radiance_target, filtered_target, final_targets[2], preview_target;
-    sbl__pace filter_pace, resolve_pace;
-    int resolved;               /* anti-aliasing samples done */
-    int watched;                /* somebody looks at the picture under way: previews are made */
-    int previewing;             /* FILL to PREVIEW are for one */
-    int64_t previewed;          /* looks that the last preview knows of; 0: there is none */
-    float store_share;          /* of progress */
+    int layers_at_once;         /* how many layers DEVELOP makes before the front end's own stages */
+    int layer, layer_end;       /* the layer that is being developed; the one behind the last of these */
+    int developed;              /* how many layers are final */
+    sbl__stages developing;
+    sbl__fill fill;
+    sbl__map_layer layers[SBL__LAYERS];
+    sbl__pace filter_pace;
+    const sbl__target *channels[SBL_CHANNEL_COUNT];  /* where a channel is read from now; NULL: refinement knows it */
+    sbl__texture scalars[SBL_CHANNEL_COUNT];  /* textures of the latter channels, made on demand */
+    int watched;                /* the host has read a channel of the map under way: previews are made */
+    int64_t previewed;          /* looks that had been taken when the last preview was made; 0: there is none */
+    float finished;             /* how much of the front end's own stages is done, 0 to 1 */
+    float store_share;          /* the store's share of progress */
     float progress;
-} sbl__picture;
+} sbl__map;
 
-#define SBL__FEW_RAYS 1.0f        /* noise of a harmonic, a share of R, over the root of a look's rays: those on the
-                                     horizon count most for it, and there are few */
-#define SBL__READ_PIXELS 32768    /* of the G-buffer, read at once */
-#define SBL__STORED_NOISE 0.1f    /* of stored light where it is shown, relative: for the filter */
-#define SBL__PREVIEW_GROWTH 1.25  /* so many times the last preview's looks make the next one */
+#define SBL__READ_PIXELS 32768    /* pixels of the G-buffer that are read at once */
+#define SBL__STORED_NOISE 0.1f    /* relative noise of stored light where it is shown, for the filter */
+#define SBL__PREVIEW_GROWTH 1.25  /* the next preview is made when this many times the looks have been taken */
 
-static void sbl__picture_free(const sbl__device *d, sbl__picture *p) {
+static void sbl__map_layer_free(const sbl__device *d, sbl__map_layer *l) {
+    sbl__target_delete(d, &l->target);
+    sbl__texture_delete(d, &l->light);
+    sbl__texture_delete(d, &l->smooth);
+}
+
+static void sbl__map_free(const sbl__device *d, sbl__map *m) {
     int i;
-    for (i = 0; i < 2; i++) {
-        sbl__target_delete(d, &p->final_targets[i]);
-        sbl__texture_delete(d, &p->finals[i]);
-    }
-    for (i = 0; i < SBL_CHANNEL_COUNT; i++) sbl__texture_delete(d, &p->scalars[i]);
-    for (i = 0; i < SBL__LAYERS - 1; i++) {
-        sbl__target_delete(d, &p->harmonic_targets[i]);
-        sbl__texture_delete(d, &p->harmonics[i]);
-    }
-    sbl__target_delete(d, &p->layer_target);
-    sbl__target_delete(d, &p->smooth_target);
-    sbl__target_delete(d, &p->mean_target);
-    sbl__texture_delete(d, &p->mean);
-    sbl__texture_delete(d, &p->layer);
-    sbl__texture_delete(d, &p->smooth);
-    sbl__target_delete(d, &p->radiance_target);
-    sbl__target_delete(d, &p->filtered_target);
-    sbl__target_delete(d, &p->preview_target);
-    sbl__texture_delete(d, &p->radiance);
-    sbl__texture_delete(d, &p->filtered);
-    sbl__texture_delete(d, &p->preview);
-    sbl__gbuffer_free(d, &p->gbuffer);
-    sbl__gbuffer_free(d, &p->sample);
-    sbl__surface_free(d, &p->surface);
-    sbl__atlas_free(d->base, &p->atlas);
-    sbl__gutters_free(d->base, &p->gutters);
-    sbl__seams_free(d->base, &p->seams);
-    sbl__refine_free(d->base, &p->refine);
-    sbl__guides_free(d, &p->guides);
-    sbl__free(d->base, p->rgba);
-    sbl__free(d->base, p->shown);
-    memset(p, 0, sizeof *p);
+    for (i = 0; i < SBL_CHANNEL_COUNT; i++) sbl__texture_delete(d, &m->scalars[i]);
+    for (i = 0; i < SBL__LAYERS; i++) sbl__map_layer_free(d, &m->layers[i]);
+    sbl__gbuffer_free(d, &m->gbuffer);
+    sbl__surface_free(d, &m->surface);
+    sbl__refine_free(d, &m->refine);
+    sbl__fill_free(d->base, &m->fill);
+    sbl__free(d->base, m->shown);
 }
 
-static int sbl__picture_under_way(const sbl__picture *p) {
-    return p->stage != SBL__STAGE_NONE && p->stage != SBL__STAGE_DONE;
-}
+static int sbl__map_is_done(const sbl__map *m) { return m->stages.stage == m->row_count; }
 
-/* desc has its defaults filled in and has been checked. asked: its error is the host's own. */
-static void sbl__picture_begin(sbl__picture *p, const sbl__core *c, const sbl_picture_desc *desc, int asked) {
+/* desc has its defaults filled in and has been checked. asked: the host has set its error. directional: harmonics are
+   found, too. The caller then sets the table, and the fields in which it differs from a picture. */
+static void sbl__map_begin(sbl__map *m, sbl__core *c, const sbl_picture_desc *desc, int asked, int directional) {
     const sbl__seeing seeing = sbl__seeing_of(&desc->options, desc->sensor_kind, desc->sensor_fov);
-    p->desc = *desc;
-    p->seeing = seeing;
-    p->seeing.look_rays = sbl__look_rays(desc->target_error);
-    p->seeing.looks = asked ? SBL__MAX_LOOKS : SBL__DEFAULT_LOOKS;
-    p->scene_version = c->scene.version;
-    p->size[0] = desc->width;
-    p->size[1] = desc->height;
-    p->across = 1;
-    p->refine.width = desc->width;
-    p->refine.height = desc->height;
-    p->refine.tile = desc->tile;
-    p->refine.threshold = desc->threshold < 0 ? FLT_MIN : desc->threshold;
-    p->refine.asked = desc->target_error;
-    sbl__looks_begin(&p->refine);
-    p->refine.geometry_aware = p->refine.relative = desc->options.mode != SBL_MODE_PAPER;
-    p->refine.bounced = desc->options.mode == SBL_MODE_GI;
-    p->refine.smoothing = sbl__filter_pixels(desc->filter_radius);
-    p->store_share = sbl__prepare_share(c, &seeing);
-    p->stage = SBL__STAGE_SETUP;
+    m->core = c;
+    m->desc = *desc;
+    m->seeing = seeing;
+    m->seeing.look_rays = sbl__look_rays(desc->target_error);
+    m->seeing.looks = asked ? SBL__MAX_LOOKS : SBL__DEFAULT_LOOKS;
+    m->spec.directional = directional;
+    m->scene_version = c->scene.version;
+    m->size[0] = desc->width;
+    m->size[1] = desc->height;
+    m->across = 1;
+    m->layers_at_once = sbl__spec_layers(&m->spec);
+    m->channels[SBL_CHANNEL_RADIANCE] = &m->layers[0].target;
+    m->channels[SBL_CHANNEL_ALBEDO] = &m->gbuffer.target;
+    m->store_share = sbl__prepare_share(c, &seeing);
+    m->stages.stage = SBL__MAP_SETUP;
+    sbl__refine_begin(&m->refine, c, &m->seeing, &m->spec, desc, sbl__filter_pixels(desc->filter_radius));
 }
 
-/* What has been begun is a lightmap. */
-static sbl_result sbl__picture_begin_lightmap(sbl__core *c, sbl__picture *p, const sbl_lightmap_desc *desc) {
-    p->lightmap = 1;
-    p->size[0] = desc->width;
-    p->size[1] = desc->height;
-    p->across = desc->supersample;
-    p->gutter = SBL__MAX(desc->gutter, 0);
-    p->sew = desc->seams >= 0;
-    p->directional = desc->directional;
-    return sbl__atlas_begin(&c->base, &p->atlas, &c->scene.geometry, desc);
-}
+/* >>map: what pixels show */
 
-/* >>picture: textures and memory, one of them a piece */
-
-/* A texture of pixels that is drawn to; across: see sbl__picture. */
-static sbl_result sbl__picture_make(const sbl__device *d, const sbl__picture *p, int across, sbl__texture *t,
-                                    sbl__target *target) {
-    const sbl__texture *color = t;
-    const sbl_result result = sbl__texture_make(d, t, p->size[0] * across, p->size[1] * across, SBL__GL_RGBA32F);
-    return result == SBL_SUCCESS ? sbl__target_make(d, target, &color, 1, NULL) : result;
-}
-
-static sbl_result sbl__picture_setup(const sbl__device *d, sbl__picture *p) {
-    const int width = p->desc.width, height = p->desc.height;
-    switch (p->at++) {
-        case 0:
-            p->refine.pixels = (sbl__pixel *)sbl__alloc_raw(d->base, (size_t)width * (size_t)height,
-                                                            sizeof(sbl__pixel));
-            if (p->across > 1) {
-                p->shown = (int *)sbl__alloc(d->base, (size_t)p->size[0] * (size_t)p->size[1], sizeof *p->shown);
-                if (!p->shown) return SBL_ERROR_OUT_OF_MEMORY;
-            }
-            if (p->directional)
-                p->refine.harmonics = (sbl__harmonics *)sbl__alloc(d->base, (size_t)width * (size_t)height,
-                                                                   sizeof(sbl__harmonics));
-            return p->refine.pixels && (!p->directional || p->refine.harmonics) ? SBL_UNFINISHED
-                                                                                : SBL_ERROR_OUT_OF_MEMORY;
-        case 1: {
-            const sbl_result result = sbl__surface_make(d, &p->surface, width, height, p->lightmap);
-            return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
-        }
-        case 2: {
-            const sbl_result result = sbl__gbuffer_make(d, &p->gbuffer, width, height,
-                                                        p->lightmap ? NULL : &p->surface.depth);
-            return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
-        }
-        default: return SBL_SUCCESS;
+/* Memory and textures, one of them a piece. drawn: surfaces are drawn, with a depth buffer. */
+static sbl_result sbl__map_setup(sbl__map *m, int drawn) {
+    sbl__device *d = &m->core->device;
+    const int width = m->desc.width, height = m->desc.height;
+    sbl_result result;
+    d->gl.doing = "making the picture's textures";
+    switch (m->stages.at++) {
+        case 0: result = sbl__refine_make(&m->refine); break;
+        case 1: result = sbl__surface_make(d, &m->surface, width, height, !drawn); break;
+        default: return sbl__gbuffer_make(d, &m->gbuffer, width, height, drawn ? &m->surface.depth : NULL);
     }
+    return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
 
-/* What the last stages need: made when they come, not before. */
-static sbl_result sbl__picture_setup_end(const sbl__device *d, sbl__picture *p) {
-    sbl_result result = sbl__picture_make(d, p, 1, &p->finals[0], &p->final_targets[0]);
-    int i;
-    for (i = 0; i < SBL__LAYERS - 1 && p->directional && result == SBL_SUCCESS; i++)
-        result = sbl__picture_make(d, p, 1, &p->harmonics[i], &p->harmonic_targets[i]);
-    if (p->shown && result == SBL_SUCCESS) result = sbl__picture_make(d, p, 1, &p->mean, &p->mean_target);
-    if (p->lightmap) return result;
-    if (result == SBL_SUCCESS) result = sbl__picture_make(d, p, 1, &p->finals[1], &p->final_targets[1]);
-    if (result == SBL_SUCCESS && p->desc.samples > 1)
-        result = sbl__gbuffer_make(d, &p->sample, p->desc.width, p->desc.height, &p->surface.depth);
+/* A texture that is read as the map is, or, for all pixels that are worked on, `across` times as large; target: NULL
+   where nothing is drawn to it. */
+static sbl_result sbl__map_texture(const sbl__map *m, int across, sbl__texture *t, sbl__target *target) {
+    const sbl__device *d = &m->core->device;
+    const sbl__texture *color = t;
+    const sbl_result result = sbl__texture_make(d, t, m->size[0] * across, m->size[1] * across, SBL__GL_RGBA32F);
+    return result == SBL_SUCCESS && target ? sbl__target_make(d, target, &color, 1, NULL) : result;
+}
+
+/* Prepares the scene. */
+static sbl_result sbl__map_prepare(void *work, sbl__slice *slice) {
+    sbl__map *m = (sbl__map *)work;
+    const sbl_result result = sbl__prepare(m->core, &m->seeing, slice);
+    if (result == SBL_SUCCESS) sbl__refine_see(&m->refine);
     return result;
 }
 
-/* >>picture: what the camera sees */
-
-static sbl_result sbl__picture_surface(sbl__core *c, sbl__picture *p, const sbl__gbuffer *g, const float offset[2],
-                                       sbl__slice *slice) {
-    sbl__surface_job job;
-    job.scene = &c->scene;
-    job.camera = &p->camera;
-    job.gbuffer = g;
-    job.offset[0] = offset[0];
-    job.offset[1] = offset[1];
-    job.epsilon = p->seeing.epsilon;
-    job.bounced = p->spec.bounced && g == &p->gbuffer;
-    job.atlas = p->lightmap ? &p->atlas : NULL;
-    return sbl__surface_step(&c->device, &p->surface, &job, slice);
-}
-
 /* One pixel of the G-buffer for refinement. */
-static void sbl__picture_take_pixel(const sbl__core *c, const sbl__picture *p, const float *const from[4], uint32_t id,
-                                    sbl__pixel *out) {
+static void sbl__map_pixel(const sbl__map *m, const float *const from[4], uint32_t id, sbl__pixel *out) {
     memset(out, 0, sizeof *out);
     memcpy(out->position, from[0], sizeof out->position);
     memcpy(out->normal, from[1], sizeof out->normal);
     memcpy(out->geometric_normal, from[2], sizeof out->geometric_normal);
-    out->offset = sbl__spec_offset(&p->spec, &c->scene, from[0][3]);
+    out->offset = sbl__spec_offset(&m->spec, &m->core->scene, from[0][3]);
     out->id = id;
-    if (!p->spec.bounced || !id) return;
+    if (!m->spec.bounced || !id) return;
     out->sensed = from[1][3] < 0;
     out->stored[0] = out->sensed ? -1 - from[1][3] : from[1][3];
     out->stored[1] = from[2][3];
@@ -14957,478 +15158,616 @@ static void sbl__picture_take_pixel(const sbl__core *c, const sbl__picture *p, c
 }
 
 /* What a pixel that is read shows. */
-static size_t sbl__picture_shown(const sbl__picture *p, size_t i) { return p->shown ? (size_t)p->shown[i] : i; }
+static size_t sbl__map_shown(const sbl__map *m, size_t i) { return m->shown ? (size_t)m->shown[i] : i; }
 
-/* Pixel i of those across a texel. */
-static size_t sbl__picture_part(const sbl__picture *p, int texel, int i) {
-    const int x = texel % p->size[0] * p->across + i % p->across, y = texel / p->size[0] * p->across + i / p->across;
-    return (size_t)y * (size_t)p->desc.width + (size_t)x;
-}
-
-/* A supersampled texel shows the surface that most of it shows, and of that what is nearest to its centre. Returns how
-   many of its pixels show that. */
-static int sbl__picture_show(const sbl__picture *p, int texel) {
-    const int parts = p->across * p->across;
-    int i, k, most = 0, nearest = INT_MAX;
-    uint32_t id = 0;
-    for (i = 0; i < parts; i++) {
-        const uint32_t other = p->refine.pixels[sbl__picture_part(p, texel, i)].id;
-        int count = 0;
-        for (k = 0; k < parts && other; k++) count += p->refine.pixels[sbl__picture_part(p, texel, k)].id == other;
-        if (count > most) { most = count; id = other; }
-    }
-    for (i = 0; i < parts; i++) {
-        const int dx = 2 * (i % p->across) + 1 - p->across, dy = 2 * (i / p->across) + 1 - p->across;
-        const size_t at = sbl__picture_part(p, texel, i);
-        if (p->refine.pixels[at].id != id || dx * dx + dy * dy >= nearest) continue;
-        nearest = dx * dx + dy * dy;
-        p->shown[texel] = (int)at;
-    }
-    return most;
-}
-
-/* Brings rows of the G-buffer to the host. */
-static sbl_result sbl__picture_read(sbl__core *c, sbl__picture *p) {
+/* Brings rows of the G-buffer to the host, from row m->stages.at on, which it moves on. SBL_SUCCESS: it has all. */
+static sbl_result sbl__map_read(sbl__map *m) {
     static const int attachments[4] = { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL,
                                         SBL__GBUFFER_EMISSION };
-    const int parts = p->spec.bounced ? 4 : 3;  /* light that is stored needs the last */
-    const int width = p->desc.width, most = SBL__MAX(1, SBL__READ_PIXELS / width / p->across) * p->across;
-    const int rows = SBL__MIN(most, p->desc.height - p->at), count = rows * width;
-    const sbl__target *t = &p->gbuffer.target;
-    float *data = (float *)sbl__alloc_raw(c->device.base, (size_t)count, 4 * 16 + 4);
+    sbl__core *c = m->core;
+    const int parts = m->spec.bounced ? 4 : 3;  /* light that is stored needs the last */
+    const int width = m->desc.width, most = SBL__MAX(1, SBL__READ_PIXELS / width / m->across) * m->across;
+    const int first = m->stages.at, rows = SBL__MIN(most, m->desc.height - first), count = rows * width;
+    const sbl__target *t = &m->gbuffer.target;
+    float *data = (float *)sbl__alloc_raw(&c->base, (size_t)count, 4 * 16 + 4);
     float *ids = data ? data + 16 * (size_t)count : NULL;
     sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
     int i, k;
     c->device.gl.doing = "reading the G-buffer";
     for (k = 0; k < parts && result == SBL_SUCCESS; k++)
-        result = sbl__target_read(&c->device, t, attachments[k], p->at, rows, data + 4 * (size_t)count * (size_t)k);
-    if (result == SBL_SUCCESS) result = sbl__target_read(&c->device, t, SBL__GBUFFER_ID, p->at, rows, ids);
+        result = sbl__target_read(&c->device, t, attachments[k], first, rows, data + 4 * (size_t)count * (size_t)k);
+    if (result == SBL_SUCCESS) result = sbl__target_read(&c->device, t, SBL__GBUFFER_ID, first, rows, ids);
     c->stats.sensors.readbacks += parts + 1;
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
         const float *from[4];
-        sbl__pixel *pixel;
+        sbl__pixel pixel;
         uint32_t id;
         memcpy(&id, ids + i, sizeof id);
         for (k = 0; k < 4; k++) from[k] = data + 4 * ((size_t)count * (size_t)k + (size_t)i);
-        pixel = &p->refine.pixels[(size_t)p->at * (size_t)width + (size_t)i];
-        sbl__picture_take_pixel(c, p, from, id, pixel);
-        if (p->directional && pixel->sensed) sbl__harmonics_even(pixel, &p->refine.harmonics[pixel - p->refine.pixels]);
-        p->refine.doubt2 += (double)pixel->doubt * pixel->doubt;
-        c->stats.picture.visible_pixels += id && !p->shown;
+        sbl__map_pixel(m, from, id, &pixel);
+        sbl__refine_put(&m->refine, (size_t)first * (size_t)width + (size_t)i, &pixel);
+        c->stats.picture.visible_pixels += id != 0;
     }
-    sbl__free(c->device.base, data);
-    for (i = p->at / p->across * p->size[0]; p->shown && i < (p->at + rows) / p->across * p->size[0]; i++)
-        c->stats.picture.visible_pixels += sbl__picture_show(p, i) > 0;
-    p->at += rows;
-    if (result != SBL_SUCCESS || p->at < p->desc.height) return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
-    if (c->stats.picture.visible_pixels == 0)
-        sbl__log(c->device.base, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE,
-                 p->lightmap ? "no mesh of the lightmap has a triangle on the map; check lightmap_texcoords" :
-                 "the camera sees no surface; check world_to_view, view_to_clip and the scene's bounds");
-    return SBL_SUCCESS;
+    sbl__free(&c->base, data);
+    m->stages.at += rows;
+    return result == SBL_SUCCESS && m->stages.at < m->desc.height ? SBL_UNFINISHED : result;
 }
 
-/* >>picture: the radiance map and what comes of it */
+/* >>map: developing */
 
-static sbl_result sbl__picture_fill(sbl__core *c, sbl__picture *p, sbl__slice *slice) {
-    const size_t pixels = (size_t)p->desc.width * (size_t)p->desc.height;
-    if (!p->rgba) p->rgba = (float *)sbl__alloc_raw(c->device.base, pixels, 16);
-    return p->rgba ? sbl__refine_fill(&p->refine, p->rgba, slice) : SBL_ERROR_OUT_OF_MEMORY;
+/* From layer number `layer` on, so many as the front end takes at once. */
+static void sbl__map_develop_from(sbl__map *m, int layer) {
+    sbl__fill_free(&m->core->base, &m->fill);
+    m->layer = layer;
+    m->layer_end = SBL__MIN(layer + m->layers_at_once, sbl__spec_layers(&m->spec));
+    m->developing.stage = SBL__DEVELOP_FILL;
+    m->developing.at = 0;
 }
 
-/* Rows of the radiance map, or of a layer's, to the GPU. */
-static sbl_result sbl__picture_send(sbl__core *c, sbl__picture *p) {
-    const int width = p->desc.width, rows = SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / width), p->desc.height - p->at);
-    sbl__texture *map = p->refine.layer ? &p->layer : &p->radiance;
-    sbl__target *target = p->refine.layer ? &p->layer_target : &p->radiance_target;
+static sbl_result sbl__map_fill(void *work, sbl__slice *slice) {
+    sbl__map *m = (sbl__map *)work;
+    m->fill.refine = &m->refine;
+    m->fill.layer = m->layer;
+    return sbl__fill_step(&m->fill, slice);
+}
+
+/* Rows of the layer to the GPU. */
+static sbl_result sbl__map_send(void *work, sbl__slice *slice) {
+    sbl__map *m = (sbl__map *)work;
+    sbl__device *d = &m->core->device;
+    sbl__texture *t = &m->layers[m->layer].light;
+    const int width = m->desc.width, at = m->developing.at;
+    const int rows = SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / width), m->desc.height - at);
     sbl_result result = SBL_SUCCESS;
-    c->device.gl.doing = "sending the radiance map";
-    if (p->at == 0) result = sbl__picture_make(&c->device, p, p->across, map, target);
+    (void)slice;
+    d->gl.doing = "sending the radiance map";
+    if (at == 0) result = sbl__map_texture(m, m->across, t, NULL);
     if (result == SBL_SUCCESS)
-        result = sbl__texture_write(&c->device, map, p->at, rows, p->rgba + 4 * (size_t)p->at * (size_t)width);
-    p->at += rows;
-    if (result != SBL_SUCCESS || p->at < p->desc.height) return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
-    sbl__free(c->device.base, p->rgba);
-    p->rgba = NULL;
+        result = sbl__texture_write(d, t, at, rows, m->fill.rgba + 4 * (size_t)at * (size_t)width);
+    m->developing.at += rows;
+    if (result != SBL_SUCCESS || m->developing.at < m->desc.height) return result == SBL_SUCCESS ? SBL_UNFINISHED
+                                                                                                 : result;
+    sbl__fill_free(d->base, &m->fill);
     return SBL_SUCCESS;
 }
 
-static sbl_result sbl__picture_filter(sbl__core *c, sbl__picture *p, const sbl__slice *slice) {
-    const int layer = p->refine.layer;
-    sbl__texture *smooth = layer ? &p->smooth : &p->filtered;
-    sbl__target *target = layer ? &p->smooth_target : &p->filtered_target;
+static sbl_result sbl__map_filter(void *work, sbl__slice *slice) {
+    sbl__map *m = (sbl__map *)work;
+    sbl__device *d = &m->core->device;
+    sbl__map_layer *layer = &m->layers[m->layer];
     sbl__filter filter;
     int rows[2];
     sbl_result result = SBL_SUCCESS;
-    c->device.gl.doing = "filtering";
-    if (p->at == 0) result = sbl__picture_make(&c->device, p, p->across, smooth, target);
-    if (p->at == 0 && result == SBL_SUCCESS && !p->previewing && !layer) result = sbl__picture_setup_end(&c->device, p);
+    d->gl.doing = "filtering";
+    rows[0] = m->developing.at;
+    if (rows[0] == 0) result = sbl__map_texture(m, m->across, &layer->smooth, &layer->target);
     if (result != SBL_SUCCESS) return result;
-    filter.radius = SBL__MAX(p->desc.filter_radius, 0);
-    filter.geometry_aware = p->desc.options.mode != SBL_MODE_PAPER;
-    filter.radiance = &p->radiance;
-    filter.layer = layer ? &p->layer : NULL;
-    filter.few = p->spec.dark || !p->spec.traced ? 0 : SBL__FEW_RAYS / (float)sqrt((double)p->spec.rays);
-    rows[0] = p->at;
-    rows[1] = sbl__pace_rows(&p->filter_pace, slice, target, p->at);
-    result = sbl__filter_draw(&c->device, &filter, &p->gbuffer, target, rows);
-    sbl__pace_end(&c->device, &p->filter_pace, (double)rows[1] * p->desc.width);
-    if (result == SBL_SUCCESS) result = sbl__gl_check(&c->device.gl);
-    p->at += rows[1];
-    return result != SBL_SUCCESS || p->at == p->desc.height ? result : SBL_UNFINISHED;
+    filter.radius = SBL__MAX(m->desc.filter_radius, 0);
+    filter.geometry_aware = m->desc.options.mode != SBL_MODE_PAPER;
+    filter.radiance = &m->layers[0].light;
+    filter.layer = m->layer ? &layer->light : NULL;
+    filter.few = sbl__spec_layer_noise(&m->spec);
+    rows[1] = sbl__pace_rows(&m->filter_pace, slice, &layer->target, rows[0]);
+    result = sbl__filter_draw(d, &filter, &m->gbuffer, &layer->target, rows);
+    sbl__pace_end(d, &m->filter_pace, (double)rows[1] * m->desc.width);
+    if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
+    m->developing.at += rows[1];
+    return result == SBL_SUCCESS && m->developing.at < m->desc.height ? SBL_UNFINISHED : result;
 }
 
-/* Rows of a sample, or of a preview: the sample at pixel centres, lit by what the map knows. */
-static sbl_result sbl__picture_resolve(sbl__core *c, sbl__picture *p, const sbl__slice *slice) {
-    const int preview = p->stage == SBL__STAGE_PREVIEW, samples = preview ? 1 : p->desc.samples, from = p->resolved & 1;
-    const sbl__target *out = preview ? &p->preview_target : &p->final_targets[1 - from];
-    sbl__resolve r;
-    int rows[2];
-    sbl_result result = SBL_SUCCESS;
-    c->device.gl.doing = "composing the picture";
-    if (preview && p->at == 0) result = sbl__picture_make(&c->device, p, 1, &p->preview, &p->preview_target);
-    if (result != SBL_SUCCESS) return result;
-    r.centres = &p->gbuffer;
-    r.sample = samples > 1 ? &p->sample : &p->gbuffer;
-    r.radiance = &p->filtered;
-    r.previous = preview ? &p->radiance : &p->finals[from];
-    r.environment = &c->scene.environment;
-    r.camera = &p->camera;
-    r.index = preview ? 0 : p->resolved;
-    r.count = samples;
-    sbl__sample_offset(r.index, samples, r.offset);
-    rows[0] = p->at;
-    rows[1] = sbl__pace_rows(&p->resolve_pace, slice, out, p->at);
-    result = sbl__resolve_draw(&c->device, &r, out, rows);
-    sbl__pace_end(&c->device, &p->resolve_pace, (double)rows[1] * p->desc.width);
-    if (result == SBL_SUCCESS) result = sbl__gl_check(&c->device.gl);
-    p->at += rows[1];
-    return result != SBL_SUCCESS || p->at == p->desc.height ? result : SBL_UNFINISHED;
+static int sbl__map_after_filter(void *work) {
+    sbl__map *m = (sbl__map *)work;
+    return ++m->layer < m->layer_end ? SBL__DEVELOP_FILL : SBL__DEVELOP_DONE;
 }
 
-/* >>picture: FINAL of a lightmap, and its harmonics */
+/* SBL_SUCCESS: the layers are developed. */
+static sbl_result sbl__map_develop(void *work, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { sbl__map_fill, NULL, NULL, NULL },
+        { sbl__map_send, NULL, NULL, NULL },
+        { sbl__map_filter, sbl__map_after_filter, NULL, NULL }
+    };
+    return sbl__stages_step(&((sbl__map *)work)->developing, table, SBL__COUNT(table), work, slice);
+}
 
-/* Light of rows of texels: of supersampled ones the mean over the surface that they show. */
-static sbl_result sbl__picture_take_light(sbl__core *c, sbl__picture *p, int rows) {
-    const int across = p->across, first = p->at * p->size[0], count = rows * p->size[0];
-    const size_t before = (size_t)(p->at * across) * (size_t)p->desc.width;
-    const sbl__target *from = p->refine.layer ? &p->smooth_target : &p->filtered_target;
-    float *light = p->gutters.light + 4 * (size_t)first, *data = light;
+static int sbl__map_after_develop(void *work) {
+    sbl__map *m = (sbl__map *)work;
+    m->developed = m->layer_end;
+    return SBL__MAP_END;
+}
+
+/* >>map: refining */
+
+/* Is it time for another preview? */
+static int sbl__map_shows_more(const sbl__map *m) {
+    const double looks = (double)sbl__refine_looks(&m->refine);
+    return m->watched && sbl__refine_round_is_over(&m->refine) && looks > 0 &&
+           looks >= SBL__PREVIEW_GROWTH * (double)m->previewed;
+}
+
+static sbl_result sbl__map_refine(void *work, sbl__slice *slice) {
+    sbl__map *m = (sbl__map *)work;
+    const sbl_result result = sbl__refine_step(&m->refine, slice);
+    return result == SBL_UNFINISHED && sbl__map_shows_more(m) ? SBL_SUCCESS : result;
+}
+
+static int sbl__map_after_refine(void *work) {
+    sbl__map *m = (sbl__map *)work;
+    sbl__map_develop_from(m, 0);
+    return sbl__map_shows_more(m) ? SBL__MAP_PREVIEW : SBL__MAP_DEVELOP;
+}
+
+static int sbl__map_after_preview(void *work) {
+    sbl__map *m = (sbl__map *)work;
+    m->previewed = sbl__refine_looks(&m->refine);
+    return SBL__MAP_REFINE;
+}
+
+/* >>map: stages */
+
+/* The rows that a front end's table begins with; setup, surface, read and preview are functions of its own. */
+#define SBL__MAP_ROWS(setup, surface, read, preview) \
+    { NULL, NULL, NULL, NULL }, { setup, NULL, NULL, NULL }, { sbl__map_prepare, NULL, NULL, NULL }, \
+    { surface, NULL, NULL, NULL }, { read, NULL, NULL, NULL }, { sbl__map_refine, sbl__map_after_refine, NULL, NULL }, \
+    { preview, sbl__map_after_preview, NULL, NULL }, { sbl__map_develop, sbl__map_after_develop, NULL, NULL }
+
+/* Where the present stage's seconds are counted. */
+static double *sbl__map_seconds(const sbl__map *m) {
+    sbl_stats *stats = &m->core->stats;
+    const int stage = m->stages.stage, develops = stage == SBL__MAP_PREVIEW || stage == SBL__MAP_DEVELOP;
+    return stage <= SBL__MAP_READ ? &stats->seconds.surface
+         : stage == SBL__MAP_REFINE && sbl__refine_is_sensing(&m->refine) ? &stats->seconds.gather
+         : stage >= SBL__MAP_END || (develops && m->developing.stage == SBL__DEVELOP_DONE) ? &stats->seconds.resolve
+         : develops && m->developing.stage == SBL__DEVELOP_FILTER ? &stats->seconds.filter : &stats->seconds.refine;
+}
+
+/* One bounded piece of the front end's table. SBL_SUCCESS: all is done. */
+static sbl_result sbl__map_step(sbl__map *m, sbl__slice *slice) {
+    const double start = sbl__now();
+    const double bounced = m->core->stats.seconds.bounce;
+    double *seconds = sbl__map_seconds(m);
+    const sbl_result result = sbl__stages_step(&m->stages, m->table, m->row_count, m, slice);
+    *seconds += sbl__now() - start - (m->core->stats.seconds.bounce - bounced);
+    return result;
+}
+
+/* An estimate, without the store's share. */
+static float sbl__map_progress(const sbl__map *m) {
+    const int stage = m->stages.stage;
+    if (sbl__map_is_done(m)) return 1;
+    if (stage <= SBL__MAP_READ) return 0;
+    if (m->developed) return 0.94f + 0.05f * m->finished;
+    return stage == SBL__MAP_DEVELOP ? 0.93f : 0.02f + 0.9f * (float)sbl__refine_progress(&m->refine);
+}
+
+/* Makes a preview of a map under way when the host reads it for the first time. From then on the stages make one
+   whenever enough more is known. */
+static sbl_result sbl__map_watch(sbl__map *m) {
+    sbl__slice slice = sbl__slice_of(&m->core->desc, 0);
+    const int stage = m->stages.stage;
     sbl_result result;
-    int i, k, n;
+    m->watched = 1;
+    if (m->previewed) return SBL_SUCCESS;
+    if (!m->developed && stage != SBL__MAP_PREVIEW && stage != SBL__MAP_DEVELOP) sbl__map_develop_from(m, 0);
+    do result = m->table[SBL__MAP_PREVIEW].piece(m, &slice);
+    while (result == SBL_UNFINISHED);
+    if (result == SBL_SUCCESS) m->previewed = sbl__refine_looks(&m->refine);
+    return result;
+}
+
+/* Row PREVIEW of a front end that shows R itself. Once R is final, nothing is left to do. */
+static sbl_result sbl__map_preview(void *work, sbl__slice *slice) {
+    return ((sbl__map *)work)->developed ? SBL_SUCCESS : sbl__map_develop(work, slice);
+}
+
+/* ======================================================================================================== >>picture
+   The front end that makes pictures: a radiance map of what a camera sees, then composition and anti-aliasing. */
+
+enum { SBL__PICTURE_FINISH = SBL__MAP_END, SBL__PICTURE_SAMPLE, SBL__PICTURE_RESOLVE, SBL__PICTURE_DONE };
+
+typedef struct sbl__picture {
+    sbl__map map;               /* first: rows of the table are called with it */
+    sbl__camera camera;
+    sbl__gbuffer sample;        /* of the anti-aliasing sample under way */
+    sbl__texture finals[2], preview;
+    sbl__target final_targets[2], preview_target;
+    sbl__pace resolve_pace;
+    int resolved;               /* anti-aliasing samples done */
+    int composed;               /* rows of the preview under way */
+} sbl__picture;
+
+static void sbl__picture_free(const sbl__device *d, sbl__picture *p) {
+    int i;
+    for (i = 0; i < 2; i++) {
+        sbl__target_delete(d, &p->final_targets[i]);
+        sbl__texture_delete(d, &p->finals[i]);
+    }
+    sbl__target_delete(d, &p->preview_target);
+    sbl__texture_delete(d, &p->preview);
+    sbl__gbuffer_free(d, &p->sample);
+    sbl__map_free(d, &p->map);
+    memset(p, 0, sizeof *p);
+}
+
+static sbl_result sbl__picture_setup(void *work, sbl__slice *slice) {
+    (void)slice;
+    return sbl__map_setup((sbl__map *)work, 1);
+}
+
+/* >>picture: what the camera sees */
+
+static sbl_result sbl__picture_draw_surface(sbl__picture *p, const sbl__gbuffer *g, const float offset[2],
+                                            sbl__slice *slice) {
+    sbl__map *m = &p->map;
+    sbl__surface_job job;
+    memset(&job, 0, sizeof job);
+    job.scene = &m->core->scene;
+    job.camera = &p->camera;
+    job.gbuffer = g;
+    job.offset[0] = offset[0];
+    job.offset[1] = offset[1];
+    job.epsilon = m->seeing.epsilon;
+    job.bounced = m->spec.bounced && g == &m->gbuffer;
+    return sbl__surface_step(&m->core->device, &m->surface, &job, slice);
+}
+
+static sbl_result sbl__picture_surface(void *work, sbl__slice *slice) {
+    static const float centre[2] = { 0, 0 };
+    sbl__picture *p = (sbl__picture *)work;
+    return sbl__picture_draw_surface(p, &p->map.gbuffer, centre, slice);
+}
+
+static sbl_result sbl__picture_read(void *work, sbl__slice *slice) {
+    sbl__map *m = (sbl__map *)work;
+    const sbl_result result = sbl__map_read(m);
+    (void)slice;
+    if (result == SBL_SUCCESS && !m->core->stats.picture.visible_pixels)
+        sbl__log(&m->core->base, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, "the camera sees no surface; check "
+                 "world_to_view, view_to_clip and the scene's bounds");
+    return result;
+}
+
+/* >>picture: what comes of the radiance map */
+
+/* Rows of sample number `index` of `count`, from *row on, which it moves on. r: which G-buffer it has, and what the
+   samples before it gave. SBL_SUCCESS: all rows are drawn. */
+static sbl_result sbl__picture_compose(sbl__picture *p, sbl__resolve *r, const sbl__target *out, int *row,
+                                       const sbl__slice *slice) {
+    const sbl__map *m = &p->map;
+    sbl__device *d = &m->core->device;
+    int rows[2];
+    sbl_result result;
+    d->gl.doing = "composing the picture";
+    r->centres = &m->gbuffer;
+    r->radiance = &m->layers[0].smooth;
+    r->environment = &m->core->scene.environment;
+    r->camera = &p->camera;
+    sbl__sample_offset(r->index, r->count, r->offset);
+    rows[0] = *row;
+    rows[1] = sbl__pace_rows(&p->resolve_pace, slice, out, *row);
+    result = sbl__resolve_draw(d, r, out, rows);
+    sbl__pace_end(d, &p->resolve_pace, (double)rows[1] * m->desc.width);
+    if (result == SBL_SUCCESS) result = sbl__gl_check(&d->gl);
+    *row += rows[1];
+    return result == SBL_SUCCESS && *row < m->desc.height ? SBL_UNFINISHED : result;
+}
+
+/* The sample at pixel centres, lit by what the map knows. */
+static sbl_result sbl__picture_compose_preview(sbl__picture *p, const sbl__slice *slice) {
+    sbl_result result = SBL_SUCCESS;
+    sbl__resolve r;
+    if (p->composed == 0) result = sbl__map_texture(&p->map, 1, &p->preview, &p->preview_target);
+    if (result != SBL_SUCCESS) return result;
+    p->map.channels[SBL_CHANNEL_FINAL] = &p->preview_target;
+    r.sample = &p->map.gbuffer;
+    r.previous = &p->map.layers[0].light;
+    r.index = 0;
+    r.count = 1;
+    result = sbl__picture_compose(p, &r, &p->preview_target, &p->composed, slice);
+    if (result == SBL_SUCCESS) p->composed = 0;
+    return result;
+}
+
+static sbl_result sbl__picture_preview(void *work, sbl__slice *slice) {
+    const sbl_result result = sbl__map_preview(work, slice);
+    return result == SBL_SUCCESS ? sbl__picture_compose_preview((sbl__picture *)work, slice) : result;
+}
+
+/* Makes what the last stages need, and the last preview. */
+static sbl_result sbl__picture_finish(void *work, sbl__slice *slice) {
+    sbl__picture *p = (sbl__picture *)work;
+    sbl__map *m = &p->map;
+    sbl_result result = SBL_SUCCESS;
+    int i;
+    if (m->stages.at++) return m->watched ? sbl__picture_compose_preview(p, slice) : SBL_SUCCESS;
+    m->core->device.gl.doing = "making the picture's textures";
+    for (i = 0; i < 2 && result == SBL_SUCCESS; i++)
+        result = sbl__map_texture(m, 1, &p->finals[i], &p->final_targets[i]);
+    if (result == SBL_SUCCESS && m->desc.samples > 1)
+        result = sbl__gbuffer_make(&m->core->device, &p->sample, m->desc.width, m->desc.height, &m->surface.depth);
+    return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
+}
+
+static sbl_result sbl__picture_sample(void *work, sbl__slice *slice) {
+    sbl__picture *p = (sbl__picture *)work;
+    float offset[2];
+    sbl__sample_offset(p->resolved, p->map.desc.samples, offset);
+    return p->map.desc.samples > 1 ? sbl__picture_draw_surface(p, &p->sample, offset, slice) : SBL_SUCCESS;
+}
+
+static sbl_result sbl__picture_resolve(void *work, sbl__slice *slice) {
+    sbl__picture *p = (sbl__picture *)work;
+    const int from = p->resolved & 1;
+    sbl__resolve r;
+    r.sample = p->map.desc.samples > 1 ? &p->sample : &p->map.gbuffer;
+    r.previous = &p->finals[from];
+    r.index = p->resolved;
+    r.count = p->map.desc.samples;
+    return sbl__picture_compose(p, &r, &p->final_targets[1 - from], &p->map.stages.at, slice);
+}
+
+static int sbl__picture_after_resolve(void *work) {
+    sbl__picture *p = (sbl__picture *)work;
+    p->map.finished = (float)++p->resolved / (float)p->map.desc.samples;
+    if (p->resolved < p->map.desc.samples) return SBL__PICTURE_SAMPLE;
+    p->map.channels[SBL_CHANNEL_FINAL] = &p->final_targets[p->resolved & 1];
+    return SBL__PICTURE_DONE;
+}
+
+/* desc has its defaults filled in and has been checked. asked: its error is the host's own. */
+static void sbl__picture_begin(sbl__picture *p, sbl__core *c, const sbl_picture_desc *desc, int asked) {
+    static const sbl__stage_row table[] = {
+        SBL__MAP_ROWS(sbl__picture_setup, sbl__picture_surface, sbl__picture_read, sbl__picture_preview),
+        { sbl__picture_finish, NULL, NULL, NULL },
+        { sbl__picture_sample, NULL, NULL, NULL },
+        { sbl__picture_resolve, sbl__picture_after_resolve, NULL, NULL }
+    };
+    sbl__map_begin(&p->map, c, desc, asked, 0);
+    p->map.table = table;
+    p->map.row_count = SBL__COUNT(table);
+    p->map.channels[SBL_CHANNEL_FINAL] = &p->preview_target;
+    sbl__camera_make(&p->camera, desc, &c->scene.geometry);
+}
+
+/* ======================================================================================================== >>lightmap
+   The front end that bakes lightmaps: a radiance map of what an atlas shows, then for each layer of light the mean over
+   supersampled texels, gutters and seams. */
+
+enum { SBL__LIGHTMAP_LIGHT = SBL__MAP_END, SBL__LIGHTMAP_GUTTERS, SBL__LIGHTMAP_SEAMS, SBL__LIGHTMAP_SEND,
+       SBL__LIGHTMAP_DONE };
+
+typedef struct sbl__lightmap {
+    sbl__map map;               /* first: rows of the table are called with it */
+    sbl__atlas atlas;
+    int gutter, sew;
+    int visible;                /* texels that show a surface, so far */
+    int layer;                  /* of light, under way */
+    sbl__gutters gutters;
+    sbl__seams seams;
+    sbl__texture finals[SBL__LAYERS], mean;  /* layers with gutters; R of supersampled texels */
+    sbl__target final_targets[SBL__LAYERS], mean_target;
+} sbl__lightmap;
+
+static void sbl__lightmap_free(const sbl__device *d, sbl__lightmap *l) {
+    int i;
+    for (i = 0; i < SBL__LAYERS; i++) {
+        sbl__target_delete(d, &l->final_targets[i]);
+        sbl__texture_delete(d, &l->finals[i]);
+    }
+    sbl__target_delete(d, &l->mean_target);
+    sbl__texture_delete(d, &l->mean);
+    sbl__atlas_free(d->base, &l->atlas);
+    sbl__gutters_free(d->base, &l->gutters);
+    sbl__seams_free(d->base, &l->seams);
+    sbl__map_free(d, &l->map);
+    memset(l, 0, sizeof *l);
+}
+
+static sbl_result sbl__lightmap_setup(void *work, sbl__slice *slice) {
+    sbl__map *m = (sbl__map *)work;
+    const size_t texels = (size_t)m->size[0] * (size_t)m->size[1];
+    (void)slice;
+    if (m->across > 1 && !m->shown) {
+        m->shown = (int *)sbl__alloc(&m->core->base, texels, sizeof *m->shown);
+        if (!m->shown) return SBL_ERROR_OUT_OF_MEMORY;
+    }
+    return sbl__map_setup(m, 0);
+}
+
+/* >>lightmap: what its texels show */
+
+static sbl_result sbl__lightmap_surface(void *work, sbl__slice *slice) {
+    sbl__lightmap *l = (sbl__lightmap *)work;
+    sbl__map *m = &l->map;
+    sbl__surface_job job;
+    sbl__camera camera;
+    sbl_result result;
+    memset(&job, 0, sizeof job);
+    sbl__camera_make(&camera, &m->desc, &m->core->scene.geometry);
+    job.scene = &m->core->scene;
+    job.camera = &camera;
+    job.gbuffer = &m->gbuffer;
+    job.epsilon = m->seeing.epsilon;
+    job.bounced = m->spec.bounced;
+    job.atlas = &l->atlas;
+    result = sbl__surface_step(&m->core->device, &m->surface, &job, slice);
+    if (result == SBL_SUCCESS) sbl__refine_hide_within(&m->refine, sbl__atlas_texel_size(&l->atlas));
+    return result;
+}
+
+/* Pixel i of those across a texel. */
+static size_t sbl__lightmap_part(const sbl__map *m, int texel, int i) {
+    const int x = texel % m->size[0] * m->across + i % m->across, y = texel / m->size[0] * m->across + i / m->across;
+    return (size_t)y * (size_t)m->desc.width + (size_t)x;
+}
+
+static uint32_t sbl__lightmap_part_id(const sbl__map *m, int texel, int i) {
+    return sbl__refine_pixel(&m->refine, sbl__lightmap_part(m, texel, i))->id;
+}
+
+/* A supersampled texel shows the surface that most of it shows, and of that what is nearest to its centre. Returns how
+   many of its pixels show that. */
+static int sbl__lightmap_show(const sbl__map *m, int texel) {
+    const int parts = m->across * m->across;
+    int i, k, most = 0, nearest = INT_MAX;
+    uint32_t id = 0;
+    for (i = 0; i < parts; i++) {
+        const uint32_t other = sbl__lightmap_part_id(m, texel, i);
+        int count = 0;
+        for (k = 0; k < parts && other; k++) count += sbl__lightmap_part_id(m, texel, k) == other;
+        if (count > most) { most = count; id = other; }
+    }
+    for (i = 0; i < parts; i++) {
+        const int dx = 2 * (i % m->across) + 1 - m->across, dy = 2 * (i / m->across) + 1 - m->across;
+        if (sbl__lightmap_part_id(m, texel, i) != id || dx * dx + dy * dy >= nearest) continue;
+        nearest = dx * dx + dy * dy;
+        m->shown[texel] = (int)sbl__lightmap_part(m, texel, i);
+    }
+    return most;
+}
+
+static sbl_result sbl__lightmap_read(void *work, sbl__slice *slice) {
+    sbl__lightmap *l = (sbl__lightmap *)work;
+    sbl__map *m = &l->map;
+    int i = m->stages.at / m->across * m->size[0];
+    const sbl_result result = sbl__map_read(m);
+    (void)slice;
+    for (; m->shown && i < m->stages.at / m->across * m->size[0]; i++) l->visible += sbl__lightmap_show(m, i) > 0;
+    if (m->shown) m->core->stats.picture.visible_pixels = l->visible;
+    if (result == SBL_SUCCESS && !m->core->stats.picture.visible_pixels)
+        sbl__log(&m->core->base, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, "no mesh of the lightmap has a "
+                 "triangle on the map; check lightmap_texcoords");
+    return result;
+}
+
+/* >>lightmap: a layer of light */
+
+/* Rows that are read or sent at once, from row number `at` on. */
+static int sbl__lightmap_rows(const sbl__map *m, int at) {
+    return SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / m->desc.width / m->across), m->size[1] - at);
+}
+
+/* The mean of a texel's pixels, over the surface that it shows. data: of all pixels, from number `first` on. */
+static void sbl__lightmap_mean(const sbl__map *m, int texel, const float *data, size_t first, float out[4]) {
+    const uint32_t id = sbl__refine_pixel(&m->refine, sbl__map_shown(m, (size_t)texel))->id;
+    const int parts = sbl__lightmap_show(m, texel);
+    int i, k;
+    for (k = 0; k < 4; k++) out[k] = 0;
+    for (i = 0; i < m->across * m->across && id; i++) {
+        const float *own = data + 4 * (sbl__lightmap_part(m, texel, i) - first);
+        if (sbl__lightmap_part_id(m, texel, i) != id) continue;
+        for (k = 0; k < 4; k++) out[k] += own[k] / (float)parts;
+    }
+}
+
+/* Reads rows of the layer. */
+static sbl_result sbl__lightmap_light(void *work, sbl__slice *slice) {
+    sbl__lightmap *l = (sbl__lightmap *)work;
+    sbl__map *m = &l->map;
+    sbl__core *c = m->core;
+    const int across = m->across, at = m->stages.at, rows = sbl__lightmap_rows(m, at);
+    const int first = at * m->size[0], count = rows * m->size[0], means = m->shown && l->layer == 0;
+    const size_t before = (size_t)(at * across) * (size_t)m->desc.width;
+    float *light, *data;
+    sbl_result result = SBL_SUCCESS;
+    int i;
+    (void)slice;
     c->device.gl.doing = "reading R";
+    if (at == 0) result = sbl__gutters_begin(&c->base, &l->gutters, m->size, l->gutter);
+    if (at == 0 && means && result == SBL_SUCCESS) result = sbl__map_texture(m, 1, &l->mean, &l->mean_target);
+    if (result != SBL_SUCCESS) return result;
+    data = light = l->gutters.light + 4 * (size_t)first;
     if (across > 1) data = (float *)sbl__alloc_raw(&c->base, (size_t)count * (size_t)(across * across), 16);
     if (!data) return SBL_ERROR_OUT_OF_MEMORY;
-    result = sbl__target_read(&c->device, from, 0, p->at * across, rows * across, data);
+    result = sbl__target_read(&c->device, &m->layers[l->layer].target, 0, at * across, rows * across, data);
     c->stats.sensors.readbacks++;
-    if (across == 1) return result;
-    for (i = 0; i < count && result == SBL_SUCCESS; i++) {
-        const uint32_t id = p->refine.pixels[p->shown[first + i]].id;
-        const int parts = sbl__picture_show(p, first + i);
-        float *out = light + 4 * (size_t)i;
-        for (k = 0; k < 4; k++) out[k] = 0;
-        for (n = 0; n < across * across && id; n++) {
-            const size_t at = sbl__picture_part(p, first + i, n);
-            const float *own = data + 4 * (at - before);
-            for (k = 0; k < 4 && p->refine.pixels[at].id == id; k++) out[k] += own[k] / (float)parts;
-        }
-    }
-    sbl__free(&c->base, data);
-    if (result != SBL_SUCCESS || p->refine.layer) return result;
-    return sbl__texture_write(&c->device, &p->mean, p->at, rows, light);
+    for (i = 0; i < count && across > 1 && result == SBL_SUCCESS; i++)
+        sbl__lightmap_mean(m, first + i, data, before, light + 4 * (size_t)i);
+    if (across > 1) sbl__free(&c->base, data);
+    if (result == SBL_SUCCESS && means) result = sbl__texture_write(&c->device, &l->mean, at, rows, light);
+    m->stages.at += rows;
+    return result == SBL_SUCCESS && m->stages.at < m->size[1] ? SBL_UNFINISHED : result;
 }
 
-static sbl_result sbl__picture_sew(sbl__core *c, sbl__picture *p, sbl__slice *slice) {
-    sbl__seams *s = &p->seams;
-    const int layer = p->refine.layer;
-    const sbl_result result = sbl__seams_step(&c->base, s, &p->gutters, &p->atlas, &c->scene.geometry, slice);
-    if (layer) return result;
+static sbl_result sbl__lightmap_gutters(void *work, sbl__slice *slice) {
+    return sbl__gutters_step(&((sbl__lightmap *)work)->gutters, slice);
+}
+
+static sbl_result sbl__lightmap_sew(void *work, sbl__slice *slice) {
+    sbl__lightmap *l = (sbl__lightmap *)work;
+    sbl__core *c = l->map.core;
+    sbl__seams *s = &l->seams;
+    sbl_result result;
+    if (!l->gutter || !l->sew) return SBL_SUCCESS;
+    result = sbl__seams_step(&c->base, s, &l->gutters, &l->atlas, &c->scene.geometry, slice);
+    if (l->layer) return result;
     c->stats.lightmap.seams = s->seams;
-    c->stats.lightmap.seam_before = s->before / p->refine.luminance;
-    c->stats.lightmap.seam_after = s->after / p->refine.luminance;
+    c->stats.lightmap.seam_before = s->before / sbl__refine_luminance(&l->map.refine);
+    c->stats.lightmap.seam_after = s->after / sbl__refine_luminance(&l->map.refine);
     return result;
 }
 
-static sbl_result sbl__picture_gutters(sbl__core *c, sbl__picture *p, sbl__slice *slice) {
-    const int width = p->size[0], most = SBL__MAX(1, SBL__READ_PIXELS / p->desc.width / p->across);
-    const int rows = SBL__MIN(most, p->size[1] - p->at), layer = p->refine.layer;
-    const size_t first = (size_t)p->at * (size_t)width;
-    sbl__gutters *g = &p->gutters;
-    sbl_result result = g->light ? SBL_SUCCESS : sbl__gutters_begin(&c->base, g, p->size, p->gutter);
-    if (result != SBL_SUCCESS) return result;
-    if (!g->taken) {
-        result = sbl__picture_take_light(c, p, rows);
-        p->at += rows;
-        g->taken = p->at == p->size[1];
-        if (g->taken) p->at = 0;
-        return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
+/* Sends rows of the layer that is done. */
+static sbl_result sbl__lightmap_send(void *work, sbl__slice *slice) {
+    sbl__lightmap *l = (sbl__lightmap *)work;
+    sbl__map *m = &l->map;
+    sbl__device *d = &m->core->device;
+    sbl__texture *t = &l->finals[l->layer];
+    const int at = m->stages.at, rows = sbl__lightmap_rows(m, at);
+    sbl_result result = SBL_SUCCESS;
+    (void)slice;
+    d->gl.doing = "sending the lightmap";
+    if (at == 0) result = sbl__map_texture(m, 1, t, &l->final_targets[l->layer]);
+    if (result == SBL_SUCCESS)
+        result = sbl__texture_write(d, t, at, rows, l->gutters.light + 4 * (size_t)at * (size_t)m->size[0]);
+    m->stages.at += rows;
+    return result == SBL_SUCCESS && m->stages.at < m->size[1] ? SBL_UNFINISHED : result;
+}
+
+/* The next layer is developed, if there is one. */
+static int sbl__lightmap_after_send(void *work) {
+    sbl__lightmap *l = (sbl__lightmap *)work;
+    sbl__map *m = &l->map;
+    const sbl__device *d = &m->core->device;
+    const int layer_count = sbl__spec_layers(&m->spec);
+    int i;
+    sbl__gutters_free(d->base, &l->gutters);
+    if (l->layer) sbl__map_layer_free(d, &m->layers[l->layer]);
+    m->finished = (float)++l->layer / (float)layer_count;
+    if (l->layer < layer_count) {
+        sbl__seams_again(&l->seams);
+        sbl__map_develop_from(m, l->layer);
+        return SBL__MAP_DEVELOP;
     }
-    if (!g->done) {
-        result = sbl__gutters_step(g, slice);
-        g->done = result == SBL_SUCCESS;
-        return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
-    }
-    if (g->rings && p->sew && p->seams.stage < SBL__SEAMS_DONE) {
-        result = sbl__picture_sew(c, p, slice);
-        return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
-    }
-    c->device.gl.doing = "sending the lightmap";
-    result = sbl__texture_write(&c->device, layer ? &p->harmonics[layer - 1] : &p->finals[0], p->at, rows,
-                                g->light + 4 * first);
-    p->at += rows;
-    if (result != SBL_SUCCESS || p->at < p->size[1]) return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
-    sbl__gutters_free(&c->base, g);
-    if (p->directional && layer < SBL__LAYERS - 1) sbl__seams_again(&p->seams);
-    else sbl__seams_free(&c->base, &p->seams);
-    return SBL_SUCCESS;
+    sbl__seams_free(d->base, &l->seams);
+    m->channels[SBL_CHANNEL_FINAL] = &l->final_targets[0];
+    if (m->shown) m->channels[SBL_CHANNEL_RADIANCE] = &l->mean_target;
+    for (i = 1; i < layer_count; i++) m->channels[SBL_CHANNEL_SH_0 + i - 1] = &l->final_targets[i];
+    return SBL__LIGHTMAP_DONE;
 }
 
-/* >>picture: guides, see >>guide */
-
-static sbl_result sbl__guides_begin(const sbl__device *d, sbl__picture *p) {
-    sbl__guides *g = &p->guides;
-    size_t rows;
-    for (g->step = SBL__GUIDE_STEP / 4; ; g->step *= 2) {
-        g->columns = (p->desc.width - 1) / g->step + 1;
-        g->rows = (p->desc.height - 1) / g->step + 1;
-        if (g->columns * (double)g->rows < (g->step < SBL__GUIDE_STEP ? SBL__GUIDES_FEW : SBL__GUIDES_MOST)) break;
-    }
-    rows = (size_t)sbl__guide_rows(g);
-    g->found = (float *)sbl__alloc(d->base, (size_t)g->columns * (size_t)g->rows * SBL__GUIDE_BINS, sizeof *g->found);
-    g->words = (uint32_t *)sbl__alloc(d->base, rows * SBL__GUIDES_ACROSS * SBL__GUIDE_WORDS, sizeof *g->words);
-    p->refine.listed = 0;
-    return g->found && g->words ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
-}
-
-static sbl_result sbl__picture_scouts(sbl__core *c, sbl__picture *p, sbl__slice *slice) {
-    const sbl_result result = p->guides.words ? SBL_SUCCESS : sbl__guides_begin(&c->device, p);
-    return result == SBL_SUCCESS ? sbl__scouts_collect(&c->base, &p->refine, &p->guides, slice) : result;
-}
-
-static sbl_result sbl__picture_guide(sbl__core *c, sbl__picture *p, sbl__slice *slice) {
-    sbl__guides *g = &p->guides;
-    const int width = SBL__GUIDES_ACROSS * SBL__GUIDE_TEXELS, rows = sbl__guide_rows(g);
-    sbl_result result = sbl__guides_make(&p->refine, g, slice);
-    c->device.gl.doing = "sending guides";
-    if (result == SBL_SUCCESS) result = sbl__texture_make(&c->device, &g->texture, width, rows, SBL__GL_RGBA32UI);
-    if (result == SBL_SUCCESS) result = sbl__texture_write(&c->device, &g->texture, 0, rows, g->words);
-    if (result != SBL_SUCCESS) return result;
-    sbl__free(&c->base, g->found);
-    g->found = NULL;
-    p->refine.guides = g;
-    return SBL_SUCCESS;
-}
-
-/* >>picture: its stages */
-
-/* How scouts see: what sensors' rays over the hemisphere do, one by one. */
-static sbl__spec sbl__scouts_spec(const sbl__picture *p) {
-    sbl__spec spec = p->spec;
-    spec.rays = 1;
-    spec.looks = SBL__SCOUTS;
-    spec.lamp_rays = spec.guided = spec.directional = 0;
-    spec.seed = sbl__hash(p->spec.seed ^ 0x9e3779b9u);  /* sensors' own rays are others */
-    return spec;
-}
-
-/* Begins the job of the sites that were collected. */
-static void sbl__picture_sense(sbl__core *c, sbl__picture *p) {
-    sbl__task task;
-    memset(&task, 0, sizeof task);
-    task.spec = p->stage == SBL__STAGE_SCOUTS ? sbl__scouts_spec(p) : p->spec;
-    task.sites = p->refine.sites;
-    task.readings = p->refine.readings;
-    task.harmonics = p->refine.found_harmonics;
-    task.site_count = p->refine.site_count;
-    task.guides = &p->guides;
-    if (p->lightmap) p->refine.reach = SBL__HIDDEN_REACH * sbl__atlas_texel_size(&p->atlas);
-    task.spec.reach = p->refine.reach;
-    sbl__job_begin(&c->job, &c->scene, &task);
-}
-
-static sbl_result sbl__picture_piece(sbl__core *c, sbl__picture *p, sbl__slice *slice) {
-    static const float centre[2] = { 0, 0 };
-    sbl__refine *r = &p->refine;
-    sbl__base *base = c->device.base;
-    float offset[2];
-    switch (p->stage) {
-        case SBL__STAGE_SETUP:
-            c->device.gl.doing = "making the picture's textures";
-            return sbl__picture_setup(&c->device, p);
-        case SBL__STAGE_PREPARE: return sbl__prepare(c, &p->seeing, slice);
-        case SBL__STAGE_SURFACE: return sbl__picture_surface(c, p, &p->gbuffer, centre, slice);
-        case SBL__STAGE_READ: return sbl__picture_read(c, p);
-        case SBL__STAGE_CELLS: return sbl__refine_begin(base, r, slice);
-        case SBL__STAGE_COLLECT: return sbl__refine_collect(base, r, slice);
-        case SBL__STAGE_SENSE: case SBL__STAGE_SCOUT: return sbl__job_step(&c->device, &c->job, slice);
-        case SBL__STAGE_TAKE: return sbl__refine_take(r, &c->stats, slice);
-        case SBL__STAGE_WEIGH: return sbl__refine_weigh(r, slice);
-        case SBL__STAGE_SCOUTS: return sbl__picture_scouts(c, p, slice);
-        case SBL__STAGE_NOTE: return sbl__scouts_take(base, r, &p->guides, sbl__scouts_spec(p).seed);
-        case SBL__STAGE_GUIDE: return sbl__picture_guide(c, p, slice);
-        case SBL__STAGE_SPEND: return sbl__refine_spend(base, r, slice);
-        case SBL__STAGE_FILL: return sbl__picture_fill(c, p, slice);
-        case SBL__STAGE_ORPHANS: return sbl__refine_find_orphans(base, r, p->rgba, slice);
-        case SBL__STAGE_ADOPT: return sbl__refine_adopt(r, p->rgba, slice);
-        case SBL__STAGE_SEND: return sbl__picture_send(c, p);
-        case SBL__STAGE_FILTER: return sbl__picture_filter(c, p, slice);
-        case SBL__STAGE_SAMPLE:
-            sbl__sample_offset(p->resolved, p->desc.samples, offset);
-            return p->desc.samples > 1 ? sbl__picture_surface(c, p, &p->sample, offset, slice) : SBL_SUCCESS;
-        case SBL__STAGE_GUTTERS: return sbl__picture_gutters(c, p, slice);
-        case SBL__STAGE_TURN: return p->directional ? sbl__refine_turn(r, slice) : SBL_SUCCESS;
-        case SBL__STAGE_PREVIEW: case SBL__STAGE_RESOLVE:
-            return p->lightmap ? SBL_SUCCESS : sbl__picture_resolve(c, p, slice);
-        default: return SBL_SUCCESS;
-    }
-}
-
-/* How its sensors see. */
-static void sbl__picture_see(const sbl__core *c, sbl__picture *p) {
-    sbl__spec_make(&p->spec, &p->seeing, &c->scene, &c->desc);
-    p->spec.directional = p->directional;
-    p->refine.most_looks = p->spec.looks;
-}
-
-/* After the first round: what follows where looks of so few rays are too noisy for what is asked. Their rays get
-   guides, where they see light at all; if that is not enough, looks get more rays. Either way sensors begin anew. */
-static sbl__stage sbl__picture_look_better(const sbl__core *c, sbl__picture *p) {
-    const int times = !p->spec.traced || p->seeing.rays ? 1 :
-                      sbl__look_growth(p->desc.target_error, p->refine.look2, p->seeing.look_rays);
-    const int guided = p->spec.guided;
-    if (times == 1) return SBL__STAGE_WEIGH;
-    sbl__refine_forget(&p->refine);
-    if (!guided && !p->spec.dark) return SBL__STAGE_SCOUTS;
-    p->seeing.look_rays *= times;
-    p->seeing.looks = SBL__MAX(p->seeing.looks / times, 1);
-    sbl__picture_see(c, p);
-    p->spec.guided = guided;
-    return SBL__STAGE_COLLECT;
-}
-
-/* What follows a stage that is done. */
-static sbl__stage sbl__picture_next(sbl__core *c, sbl__picture *p) {
-    switch (p->stage) {
-        case SBL__STAGE_PREPARE:
-            sbl__picture_see(c, p);
-            sbl__camera_make(&p->camera, &p->desc, &c->scene.geometry);
-            return SBL__STAGE_SURFACE;
-        case SBL__STAGE_COLLECT:
-            if (!p->refine.site_count) return SBL__STAGE_TAKE;
-            sbl__picture_sense(c, p);
-            return SBL__STAGE_SENSE;
-        case SBL__STAGE_SENSE:
-            sbl__core_count(c);
-            return SBL__STAGE_TAKE;
-        case SBL__STAGE_TAKE: return p->refine.listed ? SBL__STAGE_COLLECT : SBL__STAGE_WEIGH;
-        case SBL__STAGE_WEIGH:
-            if (p->refine.rounds == 1) {
-                const sbl__stage stage = sbl__picture_look_better(c, p);
-                if (stage != SBL__STAGE_WEIGH) return stage;
-            }
-            c->stats.picture.expected_error = (float)p->refine.predicted;
-            p->previewing = p->watched && (double)p->refine.taken >= SBL__PREVIEW_GROWTH * (double)p->previewed;
-            return p->previewing ? SBL__STAGE_FILL : SBL__STAGE_SPEND;
-        case SBL__STAGE_SCOUTS:
-            if (!p->refine.site_count) return SBL__STAGE_GUIDE;
-            sbl__picture_sense(c, p);
-            return SBL__STAGE_SCOUT;
-        case SBL__STAGE_NOTE:
-            return p->refine.listed < p->guides.columns * p->guides.rows ? SBL__STAGE_SCOUTS : SBL__STAGE_GUIDE;
-        case SBL__STAGE_GUIDE:
-            p->spec.guided = 1;
-            p->refine.listed = 0;
-            return SBL__STAGE_COLLECT;
-        case SBL__STAGE_SPEND: return p->refine.bought ? SBL__STAGE_COLLECT : SBL__STAGE_FILL;
-        case SBL__STAGE_PREVIEW:
-            if (!p->previewing) return p->lightmap ? SBL__STAGE_GUTTERS : SBL__STAGE_SAMPLE;
-            p->previewing = 0;
-            p->previewed = p->refine.taken;
-            return SBL__STAGE_SPEND;
-        case SBL__STAGE_FILTER:
-            if (p->lightmap) return p->previewing ? SBL__STAGE_PREVIEW : SBL__STAGE_GUTTERS;
-            return p->watched ? SBL__STAGE_PREVIEW : SBL__STAGE_SAMPLE;
-        case SBL__STAGE_TURN: return p->refine.layer ? SBL__STAGE_FILL : SBL__STAGE_DONE;
-        case SBL__STAGE_RESOLVE:
-            return ++p->resolved < p->desc.samples ? SBL__STAGE_SAMPLE : SBL__STAGE_DONE;
-        default: return (sbl__stage)(p->stage + 1);
-    }
-}
-
-/* Where a stage's seconds are counted. */
-static double *sbl__picture_seconds(sbl__core *c, sbl__stage stage) {
-    return stage <= SBL__STAGE_READ    ? &c->stats.seconds.surface
-         : stage == SBL__STAGE_SENSE || stage == SBL__STAGE_SCOUT ? &c->stats.seconds.gather
-         : stage == SBL__STAGE_FILTER  ? &c->stats.seconds.filter
-         : stage >= SBL__STAGE_PREVIEW ? &c->stats.seconds.resolve
-                                       : &c->stats.seconds.refine;
-}
-
-/* One bounded piece of the picture. SBL_SUCCESS: it is done. */
-static sbl_result sbl__picture_step(sbl__core *c, sbl__picture *p, sbl__slice *slice) {
-    const double start = sbl__now();
-    const double bounced = c->stats.seconds.bounce;
-    double *seconds = sbl__picture_seconds(c, p->stage);
-    const sbl_result result = sbl__picture_piece(c, p, slice);
-    if (result == SBL_SUCCESS) {
-        p->stage = sbl__picture_next(c, p);
-        p->at = p->refine.at = p->refine.row = 0;
-    }
-    *seconds += sbl__now() - start - (c->stats.seconds.bounce - bounced);
-    return result != SBL_SUCCESS ? result : p->stage == SBL__STAGE_DONE ? SBL_SUCCESS : SBL_UNFINISHED;
-}
-
-/* An estimate: how far the predicted error has come down, by its logarithm. */
-static float sbl__picture_progress(const sbl__core *c, const sbl__picture *p) {
-    const sbl__refine *r = &p->refine;
-    const double first = r->first_predicted, asked = r->asked;
-    double share = 0;
-    if (p->stage == SBL__STAGE_DONE) return 1;
-    if (p->stage < SBL__STAGE_CELLS) return 0;
-    if (r->layer) return 0.94f + 0.05f * (float)r->layer / SBL__LAYERS;
-    if (p->stage >= SBL__STAGE_SAMPLE) return 0.95f + 0.05f * (float)p->resolved / (float)p->desc.samples;
-    if (p->stage >= SBL__STAGE_FILL && !p->previewing) return p->stage >= SBL__STAGE_FILTER ? 0.94f : 0.93f;
-    if (r->weighed) share = 0.03;
-    if (r->weighed && asked > 0 && first > asked)
-        share += 0.97 * log(first / SBL__MAX(r->predicted, asked)) / log(first / asked);
-    if (p->stage == SBL__STAGE_SENSE && r->weighed) share += 0.5 * (1 - share) * (double)sbl__job_progress(&c->job);
-    else if (p->stage == SBL__STAGE_SENSE) share = 0.03 * (double)sbl__job_progress(&c->job);
-    return 0.02f + 0.9f * (float)SBL__MIN(SBL__MAX(share, 0.0), 1.0);
-}
-
-/* Runs stages until the preview under way is there. */
-static sbl_result sbl__picture_finish_preview(sbl__core *c, sbl__picture *p, sbl__slice *slice) {
-    sbl_result result = SBL_UNFINISHED;
-    while (p->previewing && result == SBL_UNFINISHED) result = sbl__picture_step(c, p, slice);
-    return result == SBL_UNFINISHED ? SBL_SUCCESS : result;
-}
-
-/* The best that is known of a picture under way, for whoever looks at it: made at once the first time, then whenever
-   enough more is known. The first level's readings have been taken. */
-static sbl_result sbl__picture_watch(sbl__core *c, sbl__picture *p) {
-    sbl__slice slice = sbl__slice_of(&c->desc, 0);
-    sbl__stage stage;
-    sbl_result result = SBL_UNFINISHED;
-    int at, refine_at, row;
-    p->watched = 1;
-    if (p->previewed || p->refine.layer) return SBL_SUCCESS;
-    if (p->previewing) return sbl__picture_finish_preview(c, p, &slice);
-    while (p->stage >= SBL__STAGE_FILL && p->stage <= SBL__STAGE_FILTER && result == SBL_UNFINISHED)
-        result = sbl__picture_step(c, p, &slice);  /* the last map is being made: it is what is shown */
-    if (result != SBL_UNFINISHED) return result;
-    stage = p->stage;
-    at = p->at;
-    refine_at = p->refine.at;
-    row = p->refine.row;
-    p->previewing = 1;
-    p->stage = stage > SBL__STAGE_FILTER ? SBL__STAGE_PREVIEW : SBL__STAGE_FILL;
-    p->at = p->refine.at = p->refine.row = 0;
-    result = sbl__picture_finish_preview(c, p, &slice);
-    p->stage = stage;
-    p->at = at;
-    p->refine.at = refine_at;
-    p->refine.row = row;
-    return result;
+/* As sbl__picture_begin; picture: what the lightmap is as one, its pixels those of all texels. */
+static sbl_result sbl__lightmap_begin(sbl__lightmap *l, sbl__core *c, const sbl_lightmap_desc *desc,
+                                      const sbl_picture_desc *picture, int asked) {
+    static const sbl__stage_row table[] = {
+        SBL__MAP_ROWS(sbl__lightmap_setup, sbl__lightmap_surface, sbl__lightmap_read, sbl__map_preview),
+        { sbl__lightmap_light, NULL, NULL, NULL },
+        { sbl__lightmap_gutters, NULL, NULL, NULL },
+        { sbl__lightmap_sew, NULL, NULL, NULL },
+        { sbl__lightmap_send, sbl__lightmap_after_send, NULL, NULL }
+    };
+    sbl__map *m = &l->map;
+    sbl__map_begin(m, c, picture, asked, desc->directional);
+    m->table = table;
+    m->row_count = SBL__COUNT(table);
+    m->size[0] = desc->width;
+    m->size[1] = desc->height;
+    m->across = desc->supersample;
+    m->layers_at_once = 1;
+    m->channels[SBL_CHANNEL_FINAL] = &m->layers[0].target;
+    l->gutter = SBL__MAX(desc->gutter, 0);
+    l->sew = desc->seams >= 0;
+    return sbl__atlas_begin(&c->base, &l->atlas, &c->scene.geometry, desc);
 }
 
 /* ======================================================================================================== >>gather
@@ -16340,6 +16679,7 @@ typedef struct sbl__probing {
     sbl_probes_desc desc;          /* defaults filled in */
     sbl__seeing seeing;
     sbl__spec specs[SBL__PROBE_KINDS];
+    int apart;                     /* lamps' light and that of surroundings are found apart */
     int rings, around;             /* normals */
     double ring[SBL__PROBE_RINGS], ring_weight[SBL__PROBE_RINGS];  /* their height, 0 to 1, and weight, all 1 */
     uint32_t *sequence;            /* of the rays */
@@ -16463,8 +16803,9 @@ static void sbl__probing_begin(const sbl__core *c, sbl__probing *g, const sbl_pr
         memcpy(g->desc.highest, bounds[1], sizeof g->desc.highest);
     }
     g->seeing = *seeing;
-    g->rings = seeing->backend == SBL_BACKEND_TRACE ? SBL__PROBE_RINGS : SBL__PROBE_VIEW_RINGS;
-    g->around = seeing->backend == SBL_BACKEND_TRACE ? SBL__PROBE_AROUND : SBL__PROBE_VIEW_AROUND;
+    g->apart = sbl__seeing_sends_rays(seeing);
+    g->rings = g->apart ? SBL__PROBE_RINGS : SBL__PROBE_VIEW_RINGS;
+    g->around = g->apart ? SBL__PROBE_AROUND : SBL__PROBE_VIEW_AROUND;
     sbl__gauss_nodes(g->rings, g->ring, g->ring_weight);
     g->store_share = sbl__prepare_share(c, seeing);
     g->stage = SBL__PROBES_PREPARE;
@@ -16472,7 +16813,6 @@ static void sbl__probing_begin(const sbl__core *c, sbl__probing *g, const sbl_pr
 
 /* How the two kinds of sites see, and memory for a batch. */
 static sbl_result sbl__probing_setup(sbl__core *c, sbl__probing *g) {
-    const int traced = g->seeing.backend == SBL_BACKEND_TRACE;
     sbl__spec *faces = &g->specs[SBL__PROBE_FACES], *rays = &g->specs[SBL__PROBE_RAYS];
     const int most = SBL__MAX(sbl__probe_sites(g, SBL__PROBE_FACES), g->desc.options.rays);
     const int batch = SBL__MIN(SBL__PROBES_BATCH, g->desc.probe_count);
@@ -16480,12 +16820,12 @@ static sbl_result sbl__probing_setup(sbl__core *c, sbl__probing *g) {
     sbl__seeing seeing = g->seeing;
     seeing.rays = SBL__MAX(g->desc.options.rays / SBL__PROBE_LAMP_SHARE, SBL__PROBE_LAMP_LEAST);
     seeing.rays = SBL__MIN(seeing.rays, SBL__PROBE_LAMP_MOST);
-    if (traced) {  /* lamps alone */
+    if (g->apart) {  /* faces find lamps' light alone */
         seeing.mode = SBL_MODE_DIRECT;
         seeing.epsilon = 0;
     }
     sbl__spec_make(faces, &seeing, &c->scene, &c->desc);
-    if (traced) faces->skyless = faces->dark = faces->narrow = faces->rays = 1;
+    if (g->apart) faces->skyless = faces->dark = faces->narrow = faces->rays = 1;
     faces->looks = SBL__PROBE_LOOKS;
     seeing = g->seeing;
     seeing.backend = SBL_BACKEND_TRACE;
@@ -16502,7 +16842,7 @@ static sbl_result sbl__probing_setup(sbl__core *c, sbl__probing *g) {
 
 /* The round's first job is next. Where nothing is a lamp, rays find all there is. */
 static void sbl__probing_round(const sbl__core *c, sbl__probing *g) {
-    const int faces = g->seeing.backend != SBL_BACKEND_TRACE || c->scene.lights.leaves > 0;
+    const int faces = !g->apart || c->scene.lights.leaves > 0;
     g->kind = faces ? SBL__PROBE_FACES : SBL__PROBE_RAYS;
     g->from = g->at = 0;
     g->stage = SBL__PROBES_SITES;
@@ -16592,7 +16932,6 @@ static void sbl__probe_meet(sbl__probe_sum *sum, const double d[3], const sbl_re
 /* Takes the job's readings. */
 static sbl_result sbl__probing_take(sbl__probing *g, sbl__slice *slice) {
     const int each = sbl__probe_sites(g, g->kind), normals = sbl__probe_normals(g);
-    const int traced = g->seeing.backend == SBL_BACKEND_TRACE;
     for (; g->at < g->job_count; g->at++) {
         const int i = (g->from + g->at) % each;
         const sbl_reading *r = &g->readings[g->at];
@@ -16606,7 +16945,7 @@ static sbl_result sbl__probing_take(sbl__probing *g, sbl__slice *slice) {
             continue;
         }
         sbl__probe_direction(g, sum->number, i, d);
-        if (traced || g->kind == SBL__PROBE_FACES) sbl__probe_add(g, sum, i, d, r);
+        if (g->apart || g->kind == SBL__PROBE_FACES) sbl__probe_add(g, sum, i, d, r);
         if (g->kind == SBL__PROBE_RAYS) sbl__probe_meet(sum, d, r, g->round == 0 && g->desc.move > 0);
     }
     return SBL_SUCCESS;
@@ -16734,6 +17073,7 @@ static float sbl__probing_progress(const sbl__core *c, const sbl__probing *g) {
 
 /* What was found, kept for the host. */
 typedef struct sbl__inspection {
+    sbl__job job;               /* its textures are kept for the next inspection */
     sbl_sensor_ray *rays;
     sbl_sensor_lamp *lamps;
     int *leaves;                /* of the lamps */
@@ -16742,21 +17082,31 @@ typedef struct sbl__inspection {
 
 typedef struct sbl__looking {
     sbl__core *core;
-    const sbl__picture *picture;
+    sbl__map *map;              /* of a finished picture */
     sbl__inspection *found;
     int pixel;
     float *radiance, *weights;  /* the sheet, or NULL */
     sbl__site site;
     sbl__look look;             /* the first one */
-    sbl_reading reading;        /* of it alone */
+    sbl_reading reading;        /* of it alone, */
+    float layers[3 * (SBL__LAYERS - 1)];  /* and its further layers of light */
     float from_lamps[3], weight_sum;
 } sbl__looking;
 
-static void sbl__inspection_free(sbl__base *base, sbl__inspection *i) {
+/* Forgets what was found. */
+static void sbl__inspection_clear(sbl__base *base, sbl__inspection *i) {
     sbl__free(base, i->rays);
     sbl__free(base, i->lamps);
     sbl__free(base, i->leaves);
-    memset(i, 0, sizeof *i);
+    i->rays = NULL;
+    i->lamps = NULL;
+    i->leaves = NULL;
+    i->ray_count = i->lamp_count = i->ray_room = i->lamp_room = i->leaf_room = 0;
+}
+
+static void sbl__inspection_free(const sbl__device *d, sbl__inspection *i) {
+    sbl__inspection_clear(d->base, i);
+    sbl__job_free(d, &i->job);
 }
 
 static sbl_sensor_ray *sbl__inspect_add_ray(const sbl__looking *k) {
@@ -16810,12 +17160,12 @@ static sbl_result sbl__inspect_run(const sbl__looking *k, sbl__inspect_program p
     slots.blocks[0] = size[0];
     slots.blocks[1] = size[1];
     b.scene = &c->scene;
-    b.spec = &c->job.task.spec;
+    b.spec = &k->found->job.task.spec;
     b.slots = &slots;
     b.blocks = &blocks;
     b.looks = &k->look;
-    b.table = &c->job.table;
-    b.guides = c->job.task.guides;
+    b.table = &k->found->job.table;
+    b.guides = k->found->job.task.guides;
     b.count = 1;
     *out = (float *)sbl__alloc_raw(&c->base, count, 32);
     result = *out ? sbl__blocks_make(&c->device, &blocks, 2, size[0], size[1]) : SBL_ERROR_OUT_OF_MEMORY;
@@ -16829,14 +17179,15 @@ static sbl_result sbl__inspect_run(const sbl__looking *k, sbl__inspect_program p
 /* >>inspect: rays over the hemisphere, a sheet of one row */
 
 static sbl_result sbl__inspect_trace(const sbl__looking *k, const sbl__batch *b) {
-    return sbl__trace_draw(&k->core->device, &k->core->job.trace, b, 0, 0);
+    return sbl__trace_draw(&k->core->device, &k->found->job.trace, b, 0, 0);
 }
 
 static sbl_result sbl__inspect_rays(sbl__looking *k) {
     sbl__core *c = k->core;
-    const int rays = c->job.task.spec.rays, size[2] = { 4, (rays + 3) / 4 };
+    const sbl__task *task = &k->found->job.task;
+    const int rays = task->spec.rays, size[2] = { 4, (rays + 3) / 4 };
     uint32_t *sequence = sbl__sequence_make(&c->base, 1, rays, 1);
-    const uint32_t *guide = c->job.task.spec.guided ? sbl__guide_words(c->job.task.guides, k->look.guide) : NULL;
+    const uint32_t *guide = task->spec.guided ? sbl__guide_words(task->guides, k->look.guide) : NULL;
     float *data = NULL;
     sbl_result result = sequence ? sbl__inspect_run(k, sbl__inspect_trace, size, &data) : SBL_ERROR_OUT_OF_MEMORY;
     int i, n;
@@ -16866,7 +17217,8 @@ static sbl_result sbl__inspect_rays(sbl__looking *k) {
 /* The atlas and its weights, as the look left them. */
 static sbl_result sbl__inspect_sheet(sbl__looking *k) {
     sbl__core *c = k->core;
-    const sbl__raster *r = &c->job.raster;
+    const sbl__job *j = &k->found->job;
+    const sbl__raster *r = &j->raster;
     const sbl__lens *lens = &r->lenses[SBL__LENS_SITE];
     const sbl__layout *l = &lens->layout;
     const int width = r->target.width, pitch = sbl__layout_pitch(l, 0), height = sbl__layout_pitch(l, 1);
@@ -16875,9 +17227,9 @@ static sbl_result sbl__inspect_sheet(sbl__looking *k) {
     int corner[2], x, y, i, face;
     double weights = 0;
     sbl_result result = atlas && table ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
-    sbl__raster_corner(lens, c->job.task.first_look % lens->slots.count, corner);
+    sbl__raster_corner(lens, j->task.first_look % lens->slots.count, corner);
     for (face = 0; face < l->view_count && result == SBL_SUCCESS; face++)
-        for (y = 0; y < l->rects[face][3]; y++) sbl__weights_row(l, c->job.task.spec.paper, face, y, table);
+        for (y = 0; y < l->rects[face][3]; y++) sbl__weights_row(l, j->task.spec.paper, face, y, table);
     if (result == SBL_SUCCESS)
         result = sbl__target_read(&c->device, &r->target, 0, corner[1], l->sheet_height, atlas);
     for (y = 0; y < l->sheet_height && result == SBL_SUCCESS; y++)
@@ -16897,10 +17249,10 @@ static sbl_result sbl__inspect_sheet(sbl__looking *k) {
 }
 
 static void sbl__inspect_views(const sbl__looking *k, sbl_sensor *out) {
-    const sbl__layout *l = &k->core->job.raster.lenses[SBL__LENS_SITE].layout;
+    const sbl__layout *l = sbl__job_layout(&k->found->job);
     int face, i;
-    out->view_count = l->view_count;
-    for (face = 0; face < l->view_count; face++) {
+    out->view_count = l ? l->view_count : 0;
+    for (face = 0; face < out->view_count; face++) {
         sbl_sensor_view *v = &out->views[face];
         double right[3], up[3], forward[3], range[4];
         memcpy(v->rect, l->rects[face], sizeof v->rect);
@@ -16920,7 +17272,7 @@ static void sbl__inspect_views(const sbl__looking *k, sbl_sensor *out) {
 static sbl_result sbl__inspect_aim(const sbl__looking *k, const sbl__batch *b) {
     sbl__core *c = k->core;
     sbl__device *d = &c->device;
-    const sbl__job *j = &c->job;
+    const sbl__job *j = &k->found->job;
     const unsigned features = sbl__aim_features(&c->scene, &j->task.spec);
     const sbl_result result = sbl__use(d, &sbl__recipe_lamps, features | SBL__INSPECT);
     if (result != SBL_SUCCESS) return result;
@@ -16960,10 +17312,10 @@ static sbl_result sbl__inspect_take(const sbl__looking *k, const float *said, co
 
 static sbl_result sbl__inspect_lamps(sbl__looking *k) {
     sbl__core *c = k->core;
-    const sbl__job *j = &c->job;
+    const sbl__job *j = &k->found->job;
     const int rays = j->aim.rays, count = rays + SBL__LAMPS;
     const int size[2] = { SBL__INSPECT_ACROSS, (count + SBL__INSPECT_ACROSS - 1) / SBL__INSPECT_ACROSS };
-    const float scale = j->task.spec.traced ? 1 : j->raster.radiance_scale;
+    const float scale = sbl__job_scale(j);
     const int columns = sbl__job_slots(j)->columns, slot = j->task.first_look % sbl__job_slots(j)->count;
     const size_t row = (size_t)columns * 4;
     float *data = NULL, *light = (float *)sbl__alloc_raw(&c->base, (size_t)columns * (size_t)j->aim.parts, 16);
@@ -16988,29 +17340,34 @@ static sbl_result sbl__inspect_lamps(sbl__looking *k) {
 
 /* >>inspect: the job */
 
+/* The pixel that (x, y) of those that are read shows. */
+static size_t sbl__inspect_pixel(const sbl__map *m, int x, int y) {
+    return sbl__map_shown(m, (size_t)y * (size_t)m->size[0] + (size_t)x);
+}
+
 /* Gathers for the pixel in the slot that its sensor's first look had, so that every rounding is the same. */
 static sbl_result sbl__inspect(sbl__looking *k) {
     sbl__core *c = k->core;
+    sbl__job *j = &k->found->job;
     sbl__slice slice = sbl__slice_of(&c->desc, 0);
     sbl__task task;
     int seen = 0;
     sbl_result result = SBL_UNFINISHED;
-    memset(&task, 0, sizeof task);
-    task.spec = k->picture->spec;
+    sbl__refine_task(&k->map->refine, &task);
     task.sites = &k->site;
     task.readings = &k->reading;
+    task.layers = k->layers;
     task.site_count = 1;
-    task.first_look = k->picture->refine.pixels[k->pixel].look;
-    task.guides = &k->picture->guides;
-    sbl__refine_site(&k->picture->refine, k->pixel, 0, 1, &k->site);
+    task.first_look = sbl__refine_pixel(&k->map->refine, (size_t)k->pixel)->look;
+    sbl__refine_site(&k->map->refine, k->pixel, 0, 1, &k->site);
     sbl__look_make(&task.spec, &k->site, 0, &k->look);
-    sbl__job_begin(&c->job, &c->scene, &task);
+    sbl__job_begin(j, &c->scene, &task);
     while (result == SBL_UNFINISHED) {
-        result = sbl__job_step(&c->device, &c->job, &slice);
-        if (result != SBL_UNFINISHED || c->job.stages.stage != SBL__JOB_READ || seen) continue;
+        result = sbl__job_step(&c->device, j, &slice);
+        if (result != SBL_UNFINISHED || j->stages.stage != SBL__JOB_READ || seen) continue;
         seen = 1;  /* before probes draw over it */
         c->device.gl.doing = "looking at a sensor";
-        result = task.spec.traced ? sbl__inspect_rays(k) : sbl__inspect_sheet(k);
+        result = sbl__job_layout(j) ? sbl__inspect_sheet(k) : sbl__inspect_rays(k);
         if (result == SBL_SUCCESS && task.spec.lamp_rays) result = sbl__inspect_lamps(k);
         if (result == SBL_SUCCESS) result = SBL_UNFINISHED;
     }
@@ -17019,11 +17376,10 @@ static sbl_result sbl__inspect(sbl__looking *k) {
 
 /* What the host is told. */
 static void sbl__inspect_tell(const sbl__looking *k, sbl_sensor *out) {
-    const sbl__pixel *p = &k->picture->refine.pixels[k->pixel];
-    const sbl__spec *spec = &k->picture->spec;
+    const sbl__pixel *p = sbl__refine_pixel(&k->map->refine, (size_t)k->pixel);
     const sbl_reading *r = &k->reading;
     int i;
-    out->backend = spec->traced ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
+    out->backend = k->map->seeing.backend;
     memcpy(out->site.position, p->position, sizeof p->position);
     memcpy(out->site.normal, p->normal, sizeof p->normal);
     memcpy(out->site.geometric_normal, p->geometric_normal, sizeof p->geometric_normal);
@@ -17031,7 +17387,7 @@ static void sbl__inspect_tell(const sbl__looking *k, sbl_sensor *out) {
     memcpy(out->position, k->look.position, sizeof out->position);
     memcpy(out->normal, k->look.normal, sizeof out->normal);
     memcpy(out->radiance, p->sensed ? p->radiance : r->radiance, sizeof out->radiance);
-    out->noise = p->sensed ? sbl__noise(&k->picture->refine, p) : r->noise;
+    out->noise = p->sensed ? sbl__noise(&k->map->refine, p) : r->noise;
     out->looks = p->sensed ? p->looks : 1;
     for (i = 0; i < 3; i++) {
         out->from_lamps[i] = k->from_lamps[i];
@@ -17044,7 +17400,7 @@ static void sbl__inspect_tell(const sbl__looking *k, sbl_sensor *out) {
     out->valid = r->valid;
     out->sensed = p->sensed;
     out->level = p->level ? p->level - 1 : 0;
-    if (!spec->traced) sbl__inspect_views(k, out);
+    sbl__inspect_views(k, out);
     out->rays = k->found->rays;
     out->ray_count = k->found->ray_count;
     out->lamps = k->found->lamps;
@@ -17319,7 +17675,9 @@ typedef enum sbl__inside {
 
 struct sbl_context {
     sbl__core core;
-    sbl__picture picture;      /* under way, or finished */
+    sbl__picture picture;      /* under way, or finished: one of the two, */
+    sbl__lightmap lightmap;
+    sbl__map *map;             /* whose map this is; NULL: there is none */
     sbl__gathering gathering;
     sbl__probing probing;
     sbl__vertices vertices;
@@ -17364,6 +17722,14 @@ static int sbl__called_back(sbl_context *c, const char *function, sbl__inside mo
     return 1;
 }
 
+static void sbl__map_drop(sbl_context *c) {
+    sbl__picture_free(&c->core.device, &c->picture);
+    sbl__lightmap_free(&c->core.device, &c->lightmap);
+    c->map = NULL;
+}
+
+static int sbl__map_under_way(const sbl_context *c) { return c->map && !sbl__map_is_done(c->map); }
+
 /* 0 (logged) where there is no scene yet. */
 static int sbl__has_scene(const sbl_context *c, const char *function) {
     if (c->core.has_scene) return 1;
@@ -17379,11 +17745,11 @@ static void sbl__context_free(sbl_context *c) {
     if (sbl__device_is_made(&core->device)) {
         sbl__visit visit;
         sbl__visit_enter(c, &visit);
-        sbl__picture_free(&core->device, &c->picture);
+        sbl__map_drop(c);
         sbl__gathering_free(&core->base, &c->gathering);
         sbl__probing_free(&core->base, &c->probing);
         sbl__vertices_free(&core->base, &c->vertices);
-        sbl__inspection_free(&core->base, &c->inspection);
+        sbl__inspection_free(&core->device, &c->inspection);
         sbl__bounce_end(core);
         sbl__job_free(&core->device, &core->job);
         sbl__scene_free(&core->device, &core->scene);
@@ -17491,12 +17857,12 @@ SBL_API void sbl_destroy(sbl_context *c) {
 
 /* What is under way does not go on. A finished picture stays, and so does a store that is half filled. */
 static void sbl__abandon(sbl_context *c) {
-    if (sbl__picture_under_way(&c->picture)) sbl__picture_free(&c->core.device, &c->picture);
+    if (sbl__map_under_way(c)) sbl__map_drop(c);
     sbl__gathering_free(&c->core.base, &c->gathering);
     sbl__probing_free(&c->core.base, &c->probing);
     sbl__vertices_free(&c->core.base, &c->vertices);
     sbl__job_free(&c->core.device, &c->core.job);
-    c->work = c->picture.stage == SBL__STAGE_NONE ? SBL__WORK_NONE : SBL__WORK_PICTURE;
+    c->work = c->map ? SBL__WORK_PICTURE : SBL__WORK_NONE;
 }
 
 SBL_API sbl_result sbl_set_scene(sbl_context *c, const sbl_scene_desc *desc) {
@@ -17651,16 +18017,17 @@ static sbl_result sbl__begin(sbl_context *c, sbl_picture_desc d, int asked, cons
     sbl__gathering_free(&c->core.base, &c->gathering);
     sbl__probing_free(&c->core.base, &c->probing);
     sbl__vertices_free(&c->core.base, &c->vertices);
-    sbl__picture_free(&c->core.device, &c->picture);
-    sbl__inspection_free(&c->core.base, &c->inspection);
+    sbl__map_drop(c);
+    sbl__inspection_free(&c->core.device, &c->inspection);
     sbl__visit_leave(c, &visit);
     sbl__core_begin(&c->core, &seeing);
     c->core.stats.picture.width = lightmap ? lightmap->width : d.width;
     c->core.stats.picture.height = lightmap ? lightmap->height : d.height;
     c->core.stats.picture.target_error = d.target_error;
     for (level = 0; level < SBL_MAX_LEVELS; level++) c->core.stats.picture.levels[level].tile = SBL__MAX(1, d.tile >> level);
-    sbl__picture_begin(&c->picture, &c->core, &d, asked);
-    if (lightmap) result = sbl__picture_begin_lightmap(&c->core, &c->picture, lightmap);
+    c->map = lightmap ? &c->lightmap.map : &c->picture.map;
+    if (lightmap) result = sbl__lightmap_begin(&c->lightmap, &c->core, lightmap, &d, asked);
+    else sbl__picture_begin(&c->picture, &c->core, &d, asked);
     c->work = SBL__WORK_PICTURE;
     if (result != SBL_SUCCESS) sbl__abandon(c);
     c->core.stats.seconds.total = sbl__now() - start;
@@ -17765,7 +18132,7 @@ static sbl_result sbl__work_step(sbl_context *c, sbl__slice *slice) {
         case SBL__WORK_GATHER: return sbl__gathering_step(&c->core, &c->gathering, slice);
         case SBL__WORK_VERTICES: return sbl__vertices_step(&c->core, &c->vertices, slice);
         case SBL__WORK_PROBES: return sbl__probing_step(&c->core, &c->probing, slice);
-        default: return sbl__picture_step(&c->core, &c->picture, slice);
+        default: return sbl__map_step(c->map, slice);
     }
 }
 
@@ -17775,7 +18142,7 @@ static float sbl__work_progress(const sbl_context *c) {
         case SBL__WORK_GATHER: return sbl__gathering_progress(&c->core, &c->gathering);
         case SBL__WORK_VERTICES: return sbl__vertices_progress(&c->core, &c->vertices);
         case SBL__WORK_PROBES: return sbl__probing_progress(&c->core, &c->probing);
-        default: return sbl__picture_progress(&c->core, &c->picture);
+        default: return sbl__map_progress(c->map);
     }
 }
 
@@ -17790,7 +18157,8 @@ typedef struct sbl__work_report {
     { (work).desc.options.progress, (work).desc.options.progress_user, &(work).progress, (work).store_share }
 
 static sbl__work_report sbl__work_reports(sbl_context *c) {
-    const sbl__work_report picture = SBL__REPORT(c->picture), gather = SBL__REPORT(c->gathering);
+    sbl__map *map = c->map ? c->map : &c->picture.map;
+    const sbl__work_report picture = SBL__REPORT(*map), gather = SBL__REPORT(c->gathering);
     const sbl__work_report vertices = SBL__REPORT(c->vertices.gathering), probes = SBL__REPORT(c->probing);
     return c->work == SBL__WORK_GATHER ? gather : c->work == SBL__WORK_VERTICES ? vertices
          : c->work == SBL__WORK_PROBES ? probes : picture;
@@ -17814,7 +18182,7 @@ static sbl_result sbl__context_step(sbl_context *c, sbl__slice *slice) {
     return result;
 }
 
-/* Does core.job, or will it, work for sites that are not a picture's? */
+/* Is something under way that is no picture and no lightmap? */
 static int sbl__sites_under_way(const sbl_context *c) {
     return sbl__gathering_under_way(&c->gathering) || sbl__vertices_under_way(&c->vertices) ||
            sbl__probing_under_way(&c->probing);
@@ -17833,7 +18201,7 @@ SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
         sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, "sbl_step", "there is no picture; call sbl_begin_picture first");
         return SBL_ERROR_STATE;
     }
-    if (!sbl__picture_under_way(&c->picture) && !sbl__sites_under_way(c)) return SBL_SUCCESS;
+    if (!sbl__map_under_way(c) && !sbl__sites_under_way(c)) return SBL_SUCCESS;
     slice = sbl__slice_of(&c->core.desc, seconds);
     last = seconds > 0 ? slice.end - SBL__SLICE_REST * seconds : DBL_MAX;
     sbl__visit_enter(c, &visit);
@@ -17842,7 +18210,7 @@ SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
     if (c->core.stats.sensors.count)
         c->core.stats.sensors.microseconds = 1e6 * c->core.stats.seconds.total / (double)c->core.stats.sensors.count;
     if (result != SBL_SUCCESS && result != SBL_UNFINISHED) {
-        if (c->work == SBL__WORK_PICTURE) sbl__picture_free(&c->core.device, &c->picture);  /* though it be finished */
+        if (c->work == SBL__WORK_PICTURE) sbl__map_drop(c);  /* even if it is finished */
         sbl__abandon(c);
         if (!c->core.scene.store.ready) sbl__bounce_end(&c->core);
     }
@@ -17880,7 +18248,7 @@ SBL_API float sbl_progress(const sbl_context *c) {
          : c->work == SBL__WORK_GATHER   ? c->gathering.progress
          : c->work == SBL__WORK_VERTICES ? c->vertices.gathering.progress
          : c->work == SBL__WORK_PROBES   ? c->probing.progress
-                                         : c->picture.progress;
+         : c->map                        ? c->map->progress : 0;
 }
 
 SBL_API void sbl_end(sbl_context *c) {
@@ -17888,11 +18256,11 @@ SBL_API void sbl_end(sbl_context *c) {
     if (!c || c->work == SBL__WORK_NONE) return;
     if (sbl__called_back(c, "sbl_end", SBL__INSIDE_NOTHING)) return;
     sbl__visit_enter(c, &visit);
-    sbl__picture_free(&c->core.device, &c->picture);
+    sbl__map_drop(c);
     sbl__gathering_free(&c->core.base, &c->gathering);
     sbl__probing_free(&c->core.base, &c->probing);
     sbl__vertices_free(&c->core.base, &c->vertices);
-    sbl__inspection_free(&c->core.base, &c->inspection);
+    sbl__inspection_free(&c->core.device, &c->inspection);
     sbl__bounce_end(&c->core);
     sbl__job_free(&c->core.device, &c->core.job);
     c->work = SBL__WORK_NONE;
@@ -17910,15 +18278,15 @@ SBL_API int sbl_channel_components(sbl_channel channel) {
     return (int)channel >= 0 && channel < SBL_CHANNEL_COUNT ? sbl__channels[channel].components : 0;
 }
 
-/* A channel of pixel i of those that are read, from what refinement knows. */
-static void sbl__channel_pixel(const sbl__picture *p, sbl_channel channel, size_t place, float *out) {
-    const size_t i = sbl__picture_shown(p, place);
-    const sbl__pixel *pixel = &p->refine.pixels[i];
+/* A channel of pixel `place` of those that are read, from what refinement knows. */
+static void sbl__channel_pixel(const sbl_context *c, sbl_channel channel, size_t place, float *out) {
+    const size_t i = sbl__map_shown(c->map, place);
+    const sbl__pixel *pixel = sbl__refine_pixel(&c->map->refine, i);
+    const sbl__camera *camera = &c->picture.camera;  /* all zeroes of a lightmap */
     double depth = 0;
     int k;
-    for (k = 0; k < 3 && !p->lightmap; k++)
-        depth -= p->camera.back[k] * ((double)pixel->position[k] - p->camera.eye[k]);
-    if (channel == SBL_CHANNEL_OVERLAP) out[0] = p->lightmap ? sbl__atlas_others(&p->atlas, i) : 0;
+    for (k = 0; k < 3; k++) depth -= camera->back[k] * ((double)pixel->position[k] - camera->eye[k]);
+    if (channel == SBL_CHANNEL_OVERLAP) out[0] = sbl__atlas_others(&c->lightmap.atlas, i);
     else if (!pixel->id || channel >= SBL_CHANNEL_SH_0)
         memset(out, 0, (size_t)sbl__channels[channel].components * sizeof *out);
     else if (channel == SBL_CHANNEL_NORMAL) memcpy(out, pixel->normal, sizeof pixel->normal);
@@ -17929,30 +18297,19 @@ static void sbl__channel_pixel(const sbl__picture *p, sbl_channel channel, size_
                 : channel == SBL_CHANNEL_ERROR ? pixel->error : (float)pixel->level;
 }
 
-/* The target that a channel is read from, or NULL where the host has it. */
-static const sbl__target *sbl__channel_target(const sbl__picture *p, sbl_channel channel) {
-    const int done = p->stage == SBL__STAGE_DONE;
-    if (channel == SBL_CHANNEL_FINAL && p->lightmap && !done) return &p->filtered_target;
-    if (channel == SBL_CHANNEL_FINAL) return done ? &p->final_targets[p->resolved & 1] : &p->preview_target;
-    if (channel == SBL_CHANNEL_RADIANCE) return done && p->shown ? &p->mean_target : &p->filtered_target;
-    if (channel >= SBL_CHANNEL_SH_0 && done && p->directional) return &p->harmonic_targets[channel - SBL_CHANNEL_SH_0];
-    return channel == SBL_CHANNEL_ALBEDO ? &p->gbuffer.target : NULL;
-}
-
 /* Is there something to be read? Of a picture under way the best so far, from the first level on. */
 static sbl_result sbl__channel_ready(sbl_context *c, const char *function) {
-    sbl__picture *p = &c->picture;
     sbl__visit visit;
     sbl_result result;
-    if (p->stage == SBL__STAGE_DONE) return SBL_SUCCESS;
-    if (p->stage == SBL__STAGE_NONE) {
-        sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "there is no picture; call sbl_render_picture, or sbl_begin_picture and "
+    if (!c->map) {
+        sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "there is no picture; call sbl_render_picture, or "
                     "sbl_step");
         return SBL_ERROR_STATE;
     }
-    if (!p->refine.weighed) return SBL_UNFINISHED;
+    if (sbl__map_is_done(c->map)) return SBL_SUCCESS;
+    if (sbl__refine_error(&c->map->refine) < 0) return SBL_UNFINISHED;
     sbl__visit_enter(c, &visit);
-    result = sbl__picture_watch(&c->core, p);
+    result = sbl__map_watch(c->map);
     if (result != SBL_SUCCESS && visit.inside == SBL__INSIDE_NOTHING) sbl__abandon(c);
     sbl__visit_leave(c, &visit);
     return result;
@@ -17960,7 +18317,7 @@ static sbl_result sbl__channel_ready(sbl_context *c, const char *function) {
 
 /* Three of a target's four floats a pixel that is read. */
 static sbl_result sbl__channel_copy(sbl_context *c, const sbl__target *t, int attachment, float *out) {
-    const sbl__picture *p = &c->picture;
+    const sbl__map *p = c->map;
     const size_t width = (size_t)t->width;
     const int *shown = t->width == p->size[0] ? NULL : p->shown;
     const int across = shown ? p->across : 1, most = SBL__MAX(1, SBL__READ_PIXELS / t->width / across) * across;
@@ -17996,25 +18353,25 @@ SBL_API sbl_result sbl_read_channel(sbl_context *c, sbl_channel channel, float *
                  "%d exist), out is %s", (int)channel, SBL_CHANNEL_COUNT - 1, out ? "given" : "NULL");
         return SBL_ERROR_INVALID_ARGUMENT;
     }
-    pixels = (size_t)c->picture.size[0] * (size_t)c->picture.size[1];
-    if (c->picture.stage != SBL__STAGE_NONE && float_count < pixels * (size_t)components) {
+    pixels = c->map ? (size_t)c->map->size[0] * (size_t)c->map->size[1] : 0;
+    if (float_count < pixels * (size_t)components) {
         sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_read_channel: float_count is %.0f; "
-                 "channel %d of %d x %d pixels needs %.0f floats", (double)float_count, (int)channel, c->picture.size[0],
-                 c->picture.size[1], (double)pixels * components);
+                 "channel %d of %d x %d pixels needs %.0f floats", (double)float_count, (int)channel, c->map->size[0],
+                 c->map->size[1], (double)pixels * components);
         return SBL_ERROR_INVALID_ARGUMENT;
     }
     result = sbl__channel_ready(c, "sbl_read_channel");
     if (result != SBL_SUCCESS) return result;
-    target = sbl__channel_target(&c->picture, channel);
+    target = c->map->channels[channel];
     if (target) return sbl__channel_copy(c, target, SBL__MAX(0, sbl__channels[channel].attachment), out);
-    for (i = 0; i < pixels; i++) sbl__channel_pixel(&c->picture, channel, i, out + i * (size_t)components);
+    for (i = 0; i < pixels; i++) sbl__channel_pixel(c, channel, i, out + i * (size_t)components);
     return SBL_SUCCESS;
 }
 
 /* A texture of a channel that no texture of the size that is read has. */
 static uint32_t sbl__channel_send(sbl_context *c, sbl_channel channel) {
-    sbl__picture *p = &c->picture;
-    const sbl__target *target = sbl__channel_target(p, channel);
+    sbl__map *p = c->map;
+    const sbl__target *target = p->channels[channel];
     const size_t pixels = (size_t)p->size[0] * (size_t)p->size[1];
     sbl__texture *t = &p->scalars[channel];
     const size_t floats = sbl__channels[channel].components == 1 ? 1 : 4;
@@ -18027,8 +18384,9 @@ static uint32_t sbl__channel_send(sbl_context *c, sbl_channel channel) {
     if (target) result = sbl__channel_copy(c, target, SBL__MAX(0, sbl__channels[channel].attachment), data);
     for (i = pixels; i-- > 0;) {  /* from the last one on: three floats become four */
         if (target) memmove(data + 4 * i, data + 3 * i, 3 * sizeof(float));
-        else if (channel == SBL_CHANNEL_ID) memcpy(data + i, &p->refine.pixels[sbl__picture_shown(p, i)].id, 4);
-        else sbl__channel_pixel(p, channel, i, data + floats * i);
+        else if (channel == SBL_CHANNEL_ID)
+            memcpy(data + i, &sbl__refine_pixel(&p->refine, sbl__map_shown(p, i))->id, 4);
+        else sbl__channel_pixel(c, channel, i, data + floats * i);
         if (target) data[4 * i + 3] = 0;
     }
     sbl__visit_enter(c, &visit);
@@ -18042,88 +18400,75 @@ static uint32_t sbl__channel_send(sbl_context *c, sbl_channel channel) {
 
 SBL_API uint32_t sbl_channel_texture(sbl_context *c, sbl_channel channel) {
     const sbl__target *target;
-    if (!c || c->picture.stage == SBL__STAGE_NONE || !sbl_channel_components(channel)) return 0;
+    if (!c || !c->map || !sbl_channel_components(channel)) return 0;
     if (sbl__called_back(c, "sbl_channel_texture", SBL__INSIDE_PROGRESS)) return 0;
     if (sbl__channel_ready(c, "sbl_channel_texture") != SBL_SUCCESS) return 0;
-    target = sbl__channel_target(&c->picture, channel);
-    if (c->picture.shown && (!target || target->width != c->picture.size[0])) return sbl__channel_send(c, channel);
-    if (channel == SBL_CHANNEL_NORMAL) return c->picture.gbuffer.textures[SBL__GBUFFER_NORMAL].id;
-    if (channel == SBL_CHANNEL_POSITION) return c->picture.gbuffer.textures[SBL__GBUFFER_POSITION].id;
-    if (channel == SBL_CHANNEL_ID) return c->picture.gbuffer.textures[SBL__GBUFFER_ID].id;
+    target = c->map->channels[channel];
+    if (c->map->shown && (!target || target->width != c->map->size[0])) return sbl__channel_send(c, channel);
+    if (channel == SBL_CHANNEL_NORMAL) return c->map->gbuffer.textures[SBL__GBUFFER_NORMAL].id;
+    if (channel == SBL_CHANNEL_POSITION) return c->map->gbuffer.textures[SBL__GBUFFER_POSITION].id;
+    if (channel == SBL_CHANNEL_ID) return c->map->gbuffer.textures[SBL__GBUFFER_ID].id;
     return target ? target->textures[SBL__MAX(0, sbl__channels[channel].attachment)] : sbl__channel_send(c, channel);
 }
 
 /* >>public: inspection */
 
-/* The sheet's size, in the order that texels have. */
-static void sbl__sheet_size(const sbl_context *c, sbl_sensor *out) {
-    const sbl__spec *spec = &c->picture.spec;
-    sbl__layout layout;
-    sbl__layout_make(&layout, spec->hemicube, SBL__MAX(spec->size, 1), spec->fov);
-    out->sheet_width = spec->traced ? spec->rays : layout.sheet_width;
-    out->sheet_height = spec->traced ? 1 : layout.sheet_height;
-}
-
 static sbl_result sbl__inspect_check(const sbl_context *c, int x, int y, const sbl_sensor *sensor) {
-    const sbl__picture *p = &c->picture;
-    const size_t at = (size_t)y * (size_t)p->size[0] + (size_t)x;  /* where it is inside */
+    const sbl__map *m = c->map;
+    const int finished = m && sbl__map_is_done(m);
     sbl__check check;
     sbl__check_start(&check, &c->core.base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT);
     if (!sensor) {
         sbl__mistake(&check, "sbl_inspect_sensor: sensor is NULL");
         return SBL_ERROR_INVALID_ARGUMENT;
     }
-    if (p->stage != SBL__STAGE_DONE || p->scene_version != c->core.scene.version) {
-        sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, "sbl_inspect_sensor", p->stage != SBL__STAGE_DONE ?
+    if (!finished || m->scene_version != c->core.scene.version) {
+        sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, "sbl_inspect_sensor", !finished ?
                     "there is no finished picture; call sbl_render_picture first" :
                     "the scene has changed since the picture was made; call sbl_render_picture again");
         return SBL_ERROR_STATE;
     }
-    if (x < 0 || y < 0 || x >= p->size[0] || y >= p->size[1])
+    if (x < 0 || y < 0 || x >= m->size[0] || y >= m->size[1])
         sbl__mistake(&check, "sbl_inspect_sensor: pixel %d %d lies outside of the picture's %d x %d", x, y,
-                     p->size[0], p->size[1]);
-    else if (!p->refine.pixels[sbl__picture_shown(p, at)].id)
+                     m->size[0], m->size[1]);
+    else if (!sbl__refine_pixel(&m->refine, sbl__inspect_pixel(m, x, y))->id)
         sbl__mistake(&check, "sbl_inspect_sensor: pixel %d %d shows no surface", x, y);
     return sbl__check_end(&check);
 }
 
 SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *sensor, float *radiance, float *weights,
                                       size_t texel_count) {
-    sbl__job waiting;  /* that of a gather under way, which is not to be disturbed */
     sbl__looking looking;
     sbl_sensor s;
     sbl__visit visit;
     sbl_result result;
+    int sheet[2];
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
     if (sbl__called_back(c, "sbl_inspect_sensor", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
     result = sbl__inspect_check(c, x, y, sensor);
     if (result != SBL_SUCCESS) return result;
     memset(&s, 0, sizeof s);
-    sbl__sheet_size(c, &s);
+    sbl__spec_sheet(&c->map->spec, sheet);
+    s.sheet_width = sheet[0];
+    s.sheet_height = sheet[1];
     if ((radiance || weights) && texel_count < (size_t)s.sheet_width * (size_t)s.sheet_height) {
-        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor: texel_count is %.0f; the "
-                 "sheet has %d x %d texels", (double)texel_count, s.sheet_width, s.sheet_height);
+        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor: texel_count is %.0f; "
+                 "the sheet has %d x %d texels", (double)texel_count, s.sheet_width, s.sheet_height);
         return SBL_ERROR_INVALID_ARGUMENT;
     }
-    sbl__inspection_free(&c->core.base, &c->inspection);
+    sbl__inspection_clear(&c->core.base, &c->inspection);
     memset(&looking, 0, sizeof looking);
     looking.core = &c->core;
-    looking.picture = &c->picture;
+    looking.map = c->map;
     looking.found = &c->inspection;
-    looking.pixel = (int)sbl__picture_shown(&c->picture, (size_t)y * (size_t)c->picture.size[0] + (size_t)x);
+    looking.pixel = (int)sbl__inspect_pixel(c->map, x, y);
     looking.radiance = radiance;
     looking.weights = weights;
     sbl__visit_enter(c, &visit);
-    waiting = c->core.job;
-    if (sbl__sites_under_way(c)) memset(&c->core.job, 0, sizeof c->core.job);
     result = sbl__inspect(&looking);
-    if (sbl__sites_under_way(c)) {
-        sbl__job_free(&c->core.device, &c->core.job);
-        c->core.job = waiting;
-    }
     sbl__visit_leave(c, &visit);
     if (result != SBL_SUCCESS) {
-        sbl__inspection_free(&c->core.base, &c->inspection);
+        sbl__inspection_clear(&c->core.base, &c->inspection);
         return result;
     }
     sbl__inspect_tell(&looking, &s);

@@ -525,7 +525,7 @@ TEST(too_few_texture_units) {
     }
     fake.units = 0;
     printf("  a picture needs %d texture units\n", least);
-    CHECK(least > 4 && least <= SBL__GUARD_UNITS && refused == least - 1, "%d units suffice, %d refusals", least, refused);
+    CHECK(least > 4 && least <= inside_guard_units() && refused == least - 1, "%d units suffice, %d refusals", least, refused);
 }
 
 /* >>sbl_create */

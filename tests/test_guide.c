@@ -89,7 +89,7 @@ TEST(rays_go_through_the_hole) {
     double even = 0, guided = 0, worst = 0;
     if (!context) return;
     REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
-    REQUIRE(context->picture.spec.guided, "there are no guides");
+    REQUIRE(context->picture.map.spec.guided, "there are no guides");
     for (y = 0; y < HEIGHT; y += 4)
         for (x = 0; x < WIDTH; x += 4) {
             double sum = 0, all = 0, ways = 0;
@@ -126,7 +126,7 @@ TEST(rays_go_through_the_hole) {
 /* >>pictures */
 
 static int render(sbl_context *context, const sbl_picture_desc *view, float *out) {
-    return context && sbl_render_picture(context, view) == SBL_SUCCESS && context->picture.spec.guided &&
+    return context && sbl_render_picture(context, view) == SBL_SUCCESS && context->picture.map.spec.guided &&
            sbl_read_channel(context, SBL_CHANNEL_RADIANCE, out, 3 * (size_t)(view->width * view->height)) == SBL_SUCCESS;
 }
 
@@ -146,8 +146,8 @@ TEST(the_picture_is_the_same) {
     CHECK(memcmp(now, expected, sizeof now) == 0, "a second picture differs");
     REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
     while ((result = sbl_step(context, 1e-9)) == SBL_UNFINISHED && steps++ < 1000000) {
-        scouting += context->picture.stage == SBL__STAGE_SCOUT;
-        guiding += context->picture.stage == SBL__STAGE_GUIDE;
+        scouting += context->picture.map.refine.stages.stage == SBL__REFINE_SCOUT;
+        guiding += context->picture.map.refine.stages.stage == SBL__REFINE_GUIDES;
     }
     CHECK(result == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_RADIANCE, now, 3 * PIXELS / 4) == SBL_SUCCESS, "no picture in steps");
     CHECK(memcmp(now, expected, sizeof now) == 0, "steps change the picture");
@@ -180,7 +180,7 @@ TEST(few_rays_do) {
     scene_sky(&open, 1, 1, 1);
     scene = scene_desc(&open);
     REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
-    CHECK(!context->picture.spec.guided && !context->picture.guides.words, "a plain floor has guides");
+    CHECK(!context->picture.map.spec.guided && !context->picture.map.refine.guides.words, "a plain floor has guides");
     sbl_destroy(context);
     scene_free(&open);
 }
@@ -193,11 +193,11 @@ TEST(looks_grow) {
     int i;
     for (i = 0; i < 2 && context; i++) {
         sbl_picture_desc view = view_of();
-        const sbl__spec *spec = &context->picture.spec;
+        const sbl__spec *spec = &context->picture.map.spec;
         view.target_error = asked[i];
         if (i) view.tile = 32;  /* the first round is enough */
         REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
-        while (context->picture.stage < SBL__STAGE_SPEND || context->picture.refine.rounds == 0) REQUIRE(sbl_step(context, 1e-9) == SBL_UNFINISHED, "too early");
+        while (!sbl__refine_round_is_over(&context->picture.map.refine)) REQUIRE(sbl_step(context, 1e-9) == SBL_UNFINISHED, "too early");
         printf("  asked for %g %%: looks of %d rays, %d at most\n", 100 * (double)asked[i], spec->rays, spec->looks);
         if (i == 0) CHECK(spec->rays == 16 && spec->looks == SBL__MAX_LOOKS, "looks of %d rays, %d at most", spec->rays, spec->looks);
         if (i == 1) CHECK(spec->rays == 128 && spec->looks == SBL__MAX_LOOKS / 2, "looks of %d rays, %d at most", spec->rays, spec->looks);
@@ -254,21 +254,21 @@ TEST(even_light_needs_no_guide) {
 /* In a larger picture guides are as many, and further apart. */
 TEST(guides_are_bounded) {
     sbl__core core;
-    sbl__picture p;
+    sbl__refine r;
     memset(&core, 0, sizeof core);
-    memset(&p, 0, sizeof p);
-    p.refine.tile = 16;
-    p.desc.width = 4096;
-    p.desc.height = 2160;
+    memset(&r, 0, sizeof r);
+    r.core = &core;
+    r.width = 4096;
+    r.height = 2160;
     core.base.allocator.alloc = watch_alloc;
     core.base.allocator.free = watch_free;
     core.base.allocator.user = &seen;
     core.device.base = &core.base;
-    REQUIRE(sbl__guides_begin(&core.device, &p) == SBL_SUCCESS, "no guides");
-    CHECK(p.guides.columns * p.guides.rows < SBL__GUIDES_MOST && p.guides.step == 32, "%d x %d guides, %d pixels apart", p.guides.columns, p.guides.rows,
-          p.guides.step);
-    sbl__free(&core.base, p.guides.found);
-    sbl__free(&core.base, p.guides.words);
+    REQUIRE(sbl__guides_begin(&r) == SBL_SUCCESS, "no guides");
+    CHECK(r.guides.columns * r.guides.rows < SBL__GUIDES_MOST && r.guides.step == 32, "%d x %d guides, %d pixels apart", r.guides.columns, r.guides.rows,
+          r.guides.step);
+    sbl__free(&core.base, r.guides.found);
+    sbl__free(&core.base, r.guides.words);
 }
 
 TEST(memory_runs_out) {

@@ -10,6 +10,7 @@ uint16_t inside_to_half(float value);
 float inside_from_half(uint16_t half);
 uint64_t inside_saved_sum(const void *bytes, size_t count);  /* the check sum that ends a saved store */
 int inside_gl_is_optional(const char *function);             /* is "glName" a function that sbl.h can do without? */
+int inside_guard_units(void);                                /* number of texture units whose state the guard restores */
 
 /* A square of 17 x 17 pixels, refined no further than its corners. With strips: the left columns are one surface, the next
    columns a second one without any sensor, the rest a third. Each corner's sensor reads light, and its variance is

@@ -7,7 +7,7 @@
 float inside_cell_length(const sbl_context *context) { return context->core.scene.store.length; }
 
 float inside_farthest_offset(const sbl_context *context) {
-    const sbl__refine *r = &context->picture.refine;
+    const sbl__refine *r = &context->picture.map.refine;
     float most = 0;
     int i;
     for (i = 0; i < r->width * r->height; i++) if (r->pixels[i].offset > most) most = r->pixels[i].offset;
@@ -32,9 +32,12 @@ inside_weight inside_weigh_corners(int strips, float light) {
     enum { SIDE = 17 };
     static sbl__pixel pixels[SIDE * SIDE];
     inside_weight weight;
+    sbl__spec spec;
     sbl__refine r;
     sbl__cell c;
     int i, k;
+    memset(&spec, 0, sizeof spec);
+    spec.looks = 16;
     memset(&r, 0, sizeof r);
     memset(&c, 0, sizeof c);
     memset(pixels, 0, sizeof pixels);
@@ -43,7 +46,7 @@ inside_weight inside_weigh_corners(int strips, float light) {
     r.pixels = pixels;
     r.asked = 0.1f;
     r.luminance = r.smoothing = 1;
-    r.most_looks = 16;
+    r.spec = &spec;
     for (k = 0; k < 3; k++) r.weights[k] = r.mean[k] = 1;
     c.x1 = c.y1 = SIDE - 1;
     c.parent = -1;
@@ -71,3 +74,5 @@ inside_weight inside_weigh_corners(int strips, float light) {
     weight.split_gain = c.split_gain;
     return weight;
 }
+
+int inside_guard_units(void) { return SBL__GUARD_UNITS; }

@@ -134,7 +134,7 @@ static int trace_hits_rays(sbl_context *c, const sbl_picture_desc *view, int poi
         found++;
         right = v3_unit(v3_cross(fabs(n.z) < 0.9 ? v3_of(0, 0, 1) : v3_of(1, 0, 0), n));
         up = v3_cross(n, right);
-        p = v3_mad(p, n, (double)c->picture.refine.pixels[at].offset);
+        p = v3_mad(p, n, (double)c->picture.map.refine.pixels[at].offset);
         for (k = 0; k < each; k++) {
             double u = ref_random(&seed), a = 6.283185307 * ref_random(&seed);
             v3 d = v3_add(v3_scale(n, sqrt(1 - u)), v3_add(v3_scale(right, sqrt(u) * cos(a)), v3_scale(up, sqrt(u) * sin(a))));
