@@ -3064,31 +3064,52 @@ static void sbl__pace_end(const sbl__device *d, sbl__pace *p, double units) {
 }
 
 /* >>device: stages. Work that takes long is a list of stages, each done in pieces that fit into a slice. A table has one
-   row for each stage, in their order; row 0 stands for work that has not begun, and the stage behind the last row for
-   work that is done. To add a stage, add a row and, if other stages refer to it, its name in the room's enum. */
+   row for each stage, in their order; the stage behind the last row stands for work that is done. Where a room must know
+   whether work has begun, row 0 is empty and stands for work that has not. A stage is either one function that does
+   pieces until it says that they were all, or a loop of `count` turns that each do a little. To add a stage, add a row
+   and, if other stages refer to it, its name in the room's enum. */
 typedef struct sbl__stage_row {
     sbl_result (*piece)(void *work, sbl__slice *slice);  /* does one piece; SBL_UNFINISHED: the stage needs more pieces;
-                                                            NULL: the stage has no work of its own */
+                                                            of a loop: what it needs each time before it goes on */
     int (*next)(void *work);                             /* returns the stage that follows; NULL: the next row */
+    sbl_result (*turn)(void *work, int at);              /* does turn number `at` of the loop */
+    int (*count)(void *work);                            /* how many turns there are; it may change with each of them */
 } sbl__stage_row;
 
 /* Where staged work stands. */
 typedef struct sbl__stages {
-    int stage;  /* row of the table; 0: not begun */
-    int at;     /* counter of the stage for its own use, 0 when the stage begins */
+    int stage;  /* row of the table */
+    int at;     /* next turn of a loop, or a counter for a piece's own use; 0 when the stage begins */
 } sbl__stages;
 
-/* Does one piece of the present stage. Returns SBL_SUCCESS when the last stage is done, and from then on. */
+/* Does one piece of the present stage: of a loop, the turns that there is time for. Returns SBL_SUCCESS when the last
+   stage is done, and from then on. */
 static sbl_result sbl__stages_step(sbl__stages *s, const sbl__stage_row *table, int row_count, void *work,
                                    sbl__slice *slice) {
     if (s->stage < row_count) {
         const sbl__stage_row *row = &table[s->stage];
-        const sbl_result result = row->piece ? row->piece(work, slice) : SBL_SUCCESS;
+        sbl_result result = row->piece ? row->piece(work, slice) : SBL_SUCCESS;
+        for (; row->turn && s->at < row->count(work) && result == SBL_SUCCESS; s->at++) {
+            if (sbl__late(slice)) return SBL_UNFINISHED;
+            result = row->turn(work, s->at);
+        }
         if (result != SBL_SUCCESS) return result;
         s->stage = row->next ? row->next(work) : s->stage + 1;
         s->at = 0;
     }
     return s->stage < row_count ? SBL_UNFINISHED : SBL_SUCCESS;
+}
+
+/* Does stage after stage, for many small ones: until one of them needs more time than the slice has. */
+static sbl_result sbl__stages_run(sbl__stages *s, const sbl__stage_row *table, int row_count, void *work,
+                                  sbl__slice *slice) {
+    sbl_result result;
+    int stage;
+    do {
+        stage = s->stage;
+        result = sbl__stages_step(s, table, row_count, work, slice);
+    } while (result == SBL_UNFINISHED && s->stage != stage);
+    return result;
 }
 
 /* >>device: its life */
