@@ -1361,6 +1361,8 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
                   >>device       textures, targets, programs, passes, time: nothing below calls GL by itself
    the scene      >>check        descriptors, before anything changes
                   >>geometry     meshes: read, validated, converted
+                  >>topology     welding, shared sides, groups; values that spread in rings
+                  >>solver       normal equations, by conjugate gradients
                   >>textures     the texel store
                   >>environment  light from far away
                   >>bvh          the hierarchy that rays go through
@@ -4209,6 +4211,356 @@ static void sbl__geometry_bind(sbl__device *d, const sbl__geometry *g) {
     sbl__bind_table(d, "sbl_indices", &g->index_table);
 }
 
+/* ==================================================================================================== >>topology
+   What triangles share: vertices in the same place, sides, and the groups that they form; and values that spread from
+   neighbour to neighbour. Rooms number their vertices and triangles themselves. A side is 3 * triangle + the corner at
+   which it begins. */
+
+#define SBL__NONE UINT32_MAX
+
+/* A hash table of numbers. Numbers with the same hash are found in the order in which they were put in. */
+typedef struct sbl__hash_table {
+    uint32_t *slots;  /* 1 + number; 0: free */
+    uint32_t mask;    /* slots, a power of two, less 1 */
+} sbl__hash_table;
+
+static void sbl__hash_table_free(sbl__base *base, sbl__hash_table *t) {
+    sbl__free(base, t->slots);
+    t->slots = NULL;
+}
+
+/* Empties the table and makes room for so many numbers. */
+static sbl_result sbl__hash_table_make(sbl__base *base, sbl__hash_table *t, double count) {
+    uint32_t slots = 16;
+    while (slots < 2 * count && slots < 0x80000000u) slots *= 2;
+    sbl__hash_table_free(base, t);
+    t->slots = (uint32_t *)sbl__alloc(base, slots, sizeof *t->slots);
+    t->mask = slots - 1;
+    return t->slots ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+}
+
+/* Slot search: returns the number in a slot and goes on to the next slot. Begin at the hash. Stays at the first free
+   slot, and returns SBL__NONE there. */
+static uint32_t sbl__slot_next(const sbl__hash_table *t, uint32_t *slot) {
+    const uint32_t found = t->slots[*slot & t->mask];
+    *slot += found > 0;
+    return found - 1;
+}
+
+static void sbl__slot_fill(sbl__hash_table *t, uint32_t slot, uint32_t number) {
+    t->slots[slot & t->mask] = number + 1;
+}
+
+/* Returns the first number with this hash that is the same as `number`. If there is none, puts `number` in and returns
+   it. */
+static uint32_t sbl__hash_table_first(sbl__hash_table *t, uint32_t hash, uint32_t number,
+                                      int (*same)(const void *user, uint32_t one, uint32_t other), const void *user) {
+    uint32_t slot = hash, other;
+    while ((other = sbl__slot_next(t, &slot)) != SBL__NONE)
+        if (same(user, number, other)) return other;
+    sbl__slot_fill(t, slot, number);
+    return number;
+}
+
+/* Floats are hashed and compared by value: -0 is 0. */
+static uint32_t sbl__hash_floats(uint32_t hash, const float *x, int count) {
+    int k;
+    for (k = 0; k < count; k++) hash = sbl__hash(hash ^ (sbl__zero(x + k) ? 0 : sbl__float_bits(x + k)));
+    return hash;
+}
+
+static int sbl__same_floats(const float *a, const float *b, int count) {
+    int k;
+    for (k = 0; k < count; k++) if (a[k] < b[k] || b[k] < a[k]) return 0;
+    return 1;
+}
+
+/* Vertices of the scene stand in the same place if their mesh and their position are the same. */
+static uint32_t sbl__place_hash(const sbl__geometry *g, uint32_t vertex) {
+    return sbl__hash_floats(g->vertices[vertex].object, g->vertices[vertex].position, 3);
+}
+
+static int sbl__same_place(const void *geometry, uint32_t one, uint32_t other) {
+    const sbl__vertex *v = ((const sbl__geometry *)geometry)->vertices;
+    return v[one].object == v[other].object && sbl__same_floats(v[one].position, v[other].position, 3);
+}
+
+/* The vertex at a side's first (0) or second end (1), or opposite (2). corners: three welded vertices a triangle. */
+static uint32_t sbl__side_end(const uint32_t *corners, uint32_t side, uint32_t which) {
+    return corners[side - side % 3 + (side + which) % 3];
+}
+
+static int sbl__same_ends(const void *corners, uint32_t one, uint32_t other) {
+    const uint32_t *all = (const uint32_t *)corners;
+    const uint32_t a = sbl__side_end(all, one, 0), b = sbl__side_end(all, one, 1);
+    const uint32_t c = sbl__side_end(all, other, 0), d = sbl__side_end(all, other, 1);
+    return (a == c && b == d) || (a == d && b == c);
+}
+
+/* Returns the first of the sides so far that has the same ends; the side itself if it is the first. */
+static uint32_t sbl__first_side(sbl__hash_table *t, const uint32_t *corners, uint32_t side) {
+    const uint32_t a = sbl__side_end(corners, side, 0), b = sbl__side_end(corners, side, 1);
+    return sbl__hash_table_first(t, sbl__hash(SBL__MIN(a, b) ^ sbl__hash(SBL__MAX(a, b))), side, sbl__same_ends,
+                                 corners);
+}
+
+/* Union-find: the root of a number's tree stands for its group. It is the least number of the group. */
+static uint32_t sbl__root(uint32_t *parents, uint32_t number) {
+    while (parents[number] != number) number = parents[number] = parents[parents[number]];
+    return number;
+}
+
+static void sbl__join(uint32_t *parents, uint32_t one, uint32_t other) {
+    one = sbl__root(parents, one);
+    other = sbl__root(parents, other);
+    parents[SBL__MAX(one, other)] = SBL__MIN(one, other);
+}
+
+/* >>topology: rings. Things that have a value pass it on to their neighbours, ring by ring: a thing of a ring gets its
+   value from those neighbours that the rings before it reached. */
+
+#define SBL__RING_WAITS (-1)
+#define SBL__RING_LISTED (-2)
+
+enum { SBL__RINGS_SOURCES, SBL__RINGS_MEANS, SBL__RINGS_SPREAD, SBL__RINGS_DONE };
+
+typedef struct sbl__rings {
+    sbl__stages stages;
+    sbl__base *base;
+    void *user;
+    /* Returns the neighbour at *place, which begins at 0, and moves *place on; negative: there are no more. */
+    int (*neighbour)(const struct sbl__rings *r, int thing, size_t *place);
+    int (*mean)(void *user, int thing);  /* gives a thing its value; returns 0 if it has to wait for another ring */
+    int count;                   /* things */
+    int width;                   /* things of a row, if they lie in a grid */
+    int last;                    /* number of the last ring that is wanted */
+    int *ring;                   /* a thing: 0: it had a value; above: the ring that reached it; SBL__RING_WAITS; or
+                                    SBL__RING_LISTED for the next ring */
+    int number;                  /* the ring under way */
+    struct { int *things; int count, room; } lists[2];  /* of rings with even and with odd numbers */
+} sbl__rings;
+
+static void sbl__rings_free(sbl__base *base, sbl__rings *r) {
+    sbl__free(base, r->ring);
+    sbl__free(base, r->lists[0].things);
+    sbl__free(base, r->lists[1].things);
+    memset(r, 0, sizeof *r);
+}
+
+/* All things wait: the caller sets to 0 the rings of those that have a value, and the fields up to `last`. */
+static sbl_result sbl__rings_make(sbl__base *base, sbl__rings *r, int count) {
+    r->base = base;
+    r->count = count;
+    r->ring = (int *)sbl__alloc_raw(base, (size_t)count, sizeof *r->ring);
+    if (r->ring) memset(r->ring, 0xff, (size_t)count * sizeof *r->ring);
+    return r->ring ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+}
+
+/* Did an earlier ring reach it? */
+static int sbl__ring_reached(const sbl__rings *r, int thing) {
+    return r->ring[thing] >= 0 && r->ring[thing] < r->number;
+}
+
+/* Neighbours in a grid: a thing's eight neighbours and itself, row by row. */
+static int sbl__ring_grid(const sbl__rings *r, int thing, size_t *place) {
+    while (*place < 9) {
+        const int x = thing % r->width + (int)(*place % 3) - 1, y = thing / r->width + (int)(*place / 3) - 1;
+        ++*place;
+        if (x >= 0 && y >= 0 && x < r->width && y < r->count / r->width) return y * r->width + x;
+    }
+    return -1;
+}
+
+/* Lists the neighbours of a thing that wait. */
+static sbl_result sbl__ring_list(sbl__rings *r, int thing) {
+    const int next = (r->number + 1) & 1;
+    size_t place = 0;
+    int other;
+    while ((other = r->neighbour(r, thing, &place)) >= 0) {
+        if (r->ring[other] != SBL__RING_WAITS) continue;
+        if (!sbl__grow(r->base, &r->lists[next].things, &r->lists[next].room, r->lists[next].count + 1, sizeof(int)))
+            return SBL_ERROR_OUT_OF_MEMORY;
+        r->lists[next].things[r->lists[next].count++] = other;
+        r->ring[other] = SBL__RING_LISTED;
+    }
+    return SBL_SUCCESS;
+}
+
+static sbl_result sbl__ring_source(void *work, int thing) {
+    sbl__rings *r = (sbl__rings *)work;
+    return r->ring[thing] == 0 ? sbl__ring_list(r, thing) : SBL_SUCCESS;
+}
+
+static sbl_result sbl__ring_mean(void *work, int at) {
+    sbl__rings *r = (sbl__rings *)work;
+    const int thing = r->lists[r->number & 1].things[at];
+    r->ring[thing] = r->mean(r->user, thing) ? r->number : SBL__RING_WAITS;
+    return SBL_SUCCESS;
+}
+
+static sbl_result sbl__ring_spread(void *work, int at) {
+    sbl__rings *r = (sbl__rings *)work;
+    const int thing = r->lists[r->number & 1].things[at];
+    return r->ring[thing] == r->number ? sbl__ring_list(r, thing) : SBL_SUCCESS;
+}
+
+static int sbl__rings_things(void *work) { return ((sbl__rings *)work)->count; }
+static int sbl__ring_things(void *work) {
+    const sbl__rings *r = (const sbl__rings *)work;
+    return r->lists[r->number & 1].count;
+}
+
+static int sbl__rings_next(void *work) {
+    sbl__rings *r = (sbl__rings *)work;
+    r->lists[r->number++ & 1].count = 0;
+    return r->number <= r->last && sbl__ring_things(r) ? SBL__RINGS_MEANS : SBL__RINGS_DONE;
+}
+
+/* Does one piece. SBL_SUCCESS: all rings have their values. */
+static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { NULL, sbl__rings_next, sbl__ring_source, sbl__rings_things },
+        { NULL, NULL, sbl__ring_mean, sbl__ring_things },
+        { NULL, sbl__rings_next, sbl__ring_spread, sbl__ring_things }
+    };
+    return sbl__stages_step(&r->stages, table, SBL__COUNT(table), r, slice);
+}
+
+/* ====================================================================================================== >>solver
+   Normal equations of least squares, for three channels at once, by conjugate gradients that the matrix's diagonal
+   preconditions (Shewchuk 1994, "An Introduction to the Conjugate Gradient Method Without the Agonizing Pain"). The
+   matrix is a sum of terms, which a function of the caller multiplies by a direction, and of a multiple of the
+   identity. */
+
+#define SBL__SOLVER_ROUNDS 1000  /* at most */
+
+enum { SBL__SOLVER_START, SBL__SOLVER_MULTIPLY, SBL__SOLVER_DOT, SBL__SOLVER_ADVANCE, SBL__SOLVER_TURN,
+       SBL__SOLVER_DONE };
+
+/* Sums over the unknowns of a system: residual and preconditioned residual, before and after the round; direction and
+   product; squares of the preconditioned residual, at first and now. */
+typedef struct sbl__solver_sums { double power, next_power, along, first2, left2; } sbl__solver_sums;
+
+typedef struct sbl__solver {
+    sbl__stages stages;
+    void *user;
+    void (*term)(void *user, int i, const double *direction, double *product);  /* adds term i times the direction */
+    int term_count;
+    int count;                  /* unknowns */
+    int together;               /* the channels are one system; otherwise each is a system of its own */
+    double identity;            /* multiple of the identity in the matrix */
+    double precision2;          /* a system is solved if left2 / first2 is as low */
+    double *diagonal;           /* the matrix's, or all 1: three an unknown, one a channel, as below. 0: the solution
+                                   keeps its value there */
+    double *solution;           /* the caller sets it to 0, */
+    double *residual;           /* and this to the right side */
+    double *direction, *product;
+    sbl__solver_sums sums[3];
+    int rounds;
+} sbl__solver;
+
+static void sbl__solver_free(sbl__base *base, sbl__solver *s) {
+    sbl__free(base, s->diagonal);
+    sbl__free(base, s->solution);
+    sbl__free(base, s->residual);
+    sbl__free(base, s->direction);
+    sbl__free(base, s->product);
+    memset(s, 0, sizeof *s);
+}
+
+/* Makes the arrays; all numbers are 0. */
+static sbl_result sbl__solver_make(sbl__base *base, sbl__solver *s, int count) {
+    double **const arrays[] = { &s->diagonal, &s->solution, &s->residual, &s->direction, &s->product };
+    int i;
+    s->count = count;
+    for (i = 0; i < SBL__COUNT(arrays); i++) {
+        *arrays[i] = (double *)sbl__alloc(base, (size_t)count, 3 * sizeof(double));
+        if (!*arrays[i]) return SBL_ERROR_OUT_OF_MEMORY;
+    }
+    return SBL_SUCCESS;
+}
+
+static int sbl__solver_unknowns(void *work) { return ((sbl__solver *)work)->count; }
+static int sbl__solver_terms(void *work) { return ((sbl__solver *)work)->term_count; }
+
+static sbl_result sbl__solver_term(void *work, int term) {
+    sbl__solver *s = (sbl__solver *)work;
+    s->term(s->user, term, s->direction, s->product);
+    return SBL_SUCCESS;
+}
+
+/* The other stages' part for an unknown. */
+static sbl_result sbl__solver_unknown(void *work, int unknown) {
+    sbl__solver *s = (sbl__solver *)work;
+    size_t i = 3 * (size_t)unknown;
+    int k;
+    for (k = 0; k < 3; k++, i++) {
+        sbl__solver_sums *sum = &s->sums[s->together ? 0 : k];
+        const double d = s->diagonal[i], share = sum->along > 0 ? sum->power / sum->along : 0;
+        switch (s->stages.stage) {
+            case SBL__SOLVER_START:
+                s->direction[i] = d > 0 ? s->residual[i] / d : 0;
+                sum->power += s->residual[i] * s->direction[i];
+                sum->first2 += s->direction[i] * s->direction[i];
+                s->product[i] = s->identity * s->direction[i];
+                break;
+            case SBL__SOLVER_DOT: sum->along += s->direction[i] * s->product[i]; break;
+            case SBL__SOLVER_ADVANCE:
+                if (!(d > 0)) break;
+                s->solution[i] += share * s->direction[i];
+                s->residual[i] -= share * s->product[i];
+                sum->next_power += s->residual[i] * s->residual[i] / d;
+                sum->left2 += s->residual[i] / d * (s->residual[i] / d);
+                break;
+            default:
+                if (d > 0)
+                    s->direction[i] = s->residual[i] / d +
+                                      (sum->power > 0 ? sum->next_power / sum->power : 0) * s->direction[i];
+                s->product[i] = s->identity * s->direction[i];
+        }
+    }
+    return SBL_SUCCESS;
+}
+
+static int sbl__solver_after_start(void *work) {
+    const sbl__solver_sums *sums = ((const sbl__solver *)work)->sums;
+    return sums[0].first2 > 0 || sums[1].first2 > 0 || sums[2].first2 > 0 ? SBL__SOLVER_MULTIPLY : SBL__SOLVER_DONE;
+}
+
+static int sbl__solver_after_advance(void *work) {
+    sbl__solver *s = (sbl__solver *)work;
+    int k, solved = 1;
+    for (k = 0; k < 3; k++) solved &= s->sums[k].left2 <= s->precision2 * s->sums[k].first2;
+    return solved || ++s->rounds >= SBL__SOLVER_ROUNDS ? SBL__SOLVER_DONE : SBL__SOLVER_TURN;
+}
+
+static int sbl__solver_after_turn(void *work) {
+    sbl__solver *s = (sbl__solver *)work;
+    int k;
+    for (k = 0; k < 3; k++) {
+        s->sums[k].power = s->sums[k].next_power;
+        s->sums[k].next_power = s->sums[k].along = s->sums[k].left2 = 0;
+    }
+    return SBL__SOLVER_MULTIPLY;
+}
+
+/* Does one piece. SBL_SUCCESS: the solution is there, and the next call starts on another right side. */
+static sbl_result sbl__solver_step(sbl__solver *s, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { NULL, sbl__solver_after_start, sbl__solver_unknown, sbl__solver_unknowns },
+        { NULL, NULL, sbl__solver_term, sbl__solver_terms },
+        { NULL, NULL, sbl__solver_unknown, sbl__solver_unknowns },
+        { NULL, sbl__solver_after_advance, sbl__solver_unknown, sbl__solver_unknowns },
+        { NULL, sbl__solver_after_turn, sbl__solver_unknown, sbl__solver_unknowns }
+    };
+    const sbl_result result = sbl__stages_step(&s->stages, table, SBL__COUNT(table), s, slice);
+    if (result != SBL_SUCCESS) return result;
+    memset(&s->stages, 0, sizeof s->stages);
+    memset(s->sums, 0, sizeof s->sums);
+    s->rounds = 0;
+    return result;
+}
+
 /* ======================================================================================================== >>textures
    Texels of all textures of a kind stand in one GL texture, the store, each from a row of its own on: 8-bit sRGB
    as it is, all else as 16-bit floats. scene.glsl filters them bilinearly. */
@@ -6800,19 +7152,16 @@ static const char *const sbl__glsl_outgoing[] = {
 #define SBL__ATLAS_INSET 0.02   /* texels, from an edge: in a crease a sensor would stand in the other wall, too */
 #define SBL__ATLAS_INSET_MOST 0.01  /* share of the way to the triangle's middle */
 
-typedef enum sbl__atlas_stage {
-    SBL__ATLAS_CLEAR, SBL__ATLAS_WELD, SBL__ATLAS_JOIN, SBL__ATLAS_NUMBER, SBL__ATLAS_TRIANGLES, SBL__ATLAS_DONE
-} sbl__atlas_stage;
-
 typedef struct sbl__atlas {
+    sbl__stages stages;
+    sbl__base *base;
+    const sbl__geometry *geometry;
     int width, height;
     int across;                 /* of these across a texel that is read */
     unsigned char *wanted;      /* a mesh: is it baked? */
-    sbl__atlas_stage stage;
-    int at, row;                /* what comes next of the stage; the triangle's row, once it is begun */
-    uint32_t *parents;          /* a vertex: one of the same chart; itself: it stands for the chart */
-    uint32_t *slots;            /* 1 + vertex, by a hash of where it is in the world and in the map; 0: free */
-    uint32_t slot_count;        /* a power of two */
+    int row;                    /* the next one of the triangle under way; 0: it has not begun */
+    uint32_t *parents;          /* a vertex: one of the same chart (see sbl__root); then its chart's number */
+    sbl__hash_table places;     /* vertices, by their place in the world and on the map */
     uint32_t *texels;           /* SBL__ATLAS_WORDS each */
     float *away;                /* a texel: squared distance from its centre of what it shows, texels; below 0: it lies
                                    inside, SBL__ATLAS_WELL or SBL__ATLAS_EDGE, and 1 less for each other that has it */
@@ -6824,7 +7173,7 @@ typedef struct sbl__atlas {
 static void sbl__atlas_free(sbl__base *base, sbl__atlas *a) {
     sbl__free(base, a->wanted);
     sbl__free(base, a->parents);
-    sbl__free(base, a->slots);
+    sbl__hash_table_free(base, &a->places);
     sbl__free(base, a->texels);
     sbl__free(base, a->away);
     memset(a, 0, sizeof *a);
@@ -6837,7 +7186,8 @@ static sbl_result sbl__atlas_begin(sbl__base *base, sbl__atlas *a, const sbl__ge
     a->across = desc->supersample;
     a->width = desc->width * a->across;
     a->height = desc->height * a->across;
-    a->stage = SBL__ATLAS_CLEAR;
+    a->base = base;
+    a->geometry = g;
     a->wanted = (unsigned char *)sbl__alloc(base, (size_t)g->mesh_count, 1);
     if (!a->wanted) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < desc->mesh_count; i++) a->wanted[desc->meshes[i]] = 1;
@@ -6845,62 +7195,50 @@ static sbl_result sbl__atlas_begin(sbl__base *base, sbl__atlas *a, const sbl__ge
     return SBL_SUCCESS;
 }
 
-static sbl_result sbl__atlas_make(sbl__base *base, sbl__atlas *a, const sbl__geometry *g) {
-    const size_t texels = (size_t)a->width * (size_t)a->height;
-    for (a->slot_count = 16; a->slot_count < 2 * (uint32_t)g->vertex_count; a->slot_count *= 2) {}
-    a->parents = (uint32_t *)sbl__alloc_raw(base, (size_t)g->vertex_count, sizeof *a->parents);
-    a->slots = (uint32_t *)sbl__alloc(base, a->slot_count, sizeof *a->slots);
-    a->texels = (uint32_t *)sbl__alloc(base, texels, SBL__ATLAS_WORDS * sizeof *a->texels);
-    a->away = (float *)sbl__alloc_raw(base, texels, sizeof *a->away);
-    return a->parents && a->slots && a->texels && a->away ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
-}
-
-/* Is vertex or triangle of a mesh that is baked? */
-static int sbl__atlas_wants(const sbl__atlas *a, const sbl__geometry *g, uint32_t vertex) {
-    return a->wanted[g->vertices[vertex].object];
+/* Is a vertex of a mesh that is baked? */
+static int sbl__atlas_wants(const sbl__atlas *a, uint32_t vertex) {
+    return a->wanted[a->geometry->vertices[vertex].object];
 }
 
 /* >>atlas: charts */
 
-static uint32_t sbl__atlas_root(sbl__atlas *a, uint32_t vertex) {
-    while (a->parents[vertex] != vertex) {
-        a->parents[vertex] = a->parents[a->parents[vertex]];
-        vertex = a->parents[vertex];
-    }
-    return vertex;
+static const float *sbl__atlas_place(const sbl__geometry *g, uint32_t vertex) {
+    return g->lightmap_texcoords + 2 * (size_t)vertex;
 }
 
-/* The lesser number stands for both. */
-static void sbl__atlas_join(sbl__atlas *a, uint32_t one, uint32_t other) {
-    one = sbl__atlas_root(a, one);
-    other = sbl__atlas_root(a, other);
-    a->parents[SBL__MAX(one, other)] = SBL__MIN(one, other);
+static int sbl__atlas_same(const void *geometry, uint32_t one, uint32_t other) {
+    const sbl__geometry *g = (const sbl__geometry *)geometry;
+    return sbl__same_place(g, one, other) && sbl__same_floats(sbl__atlas_place(g, one), sbl__atlas_place(g, other), 2);
 }
 
-/* Where a vertex is: mesh, world, map. */
-static void sbl__atlas_place(const sbl__geometry *g, uint32_t vertex, uint32_t place[6]) {
-    const float *uv = g->lightmap_texcoords + 2 * (size_t)vertex;
-    int k;
-    place[0] = g->vertices[vertex].object;
-    for (k = 0; k < 5; k++) {
-        const float x = k < 3 ? g->vertices[vertex].position[k] : uv[k - 3];
-        place[1 + k] = sbl__zero(&x) ? 0 : sbl__float_bits(&x);  /* -0 is 0 */
-    }
+/* Joins a vertex with the first one that stands in the same place, in the world and on the map. */
+static sbl_result sbl__atlas_weld(void *work, int vertex) {
+    sbl__atlas *a = (sbl__atlas *)work;
+    const sbl__geometry *g = a->geometry;
+    const uint32_t at = (uint32_t)vertex;
+    uint32_t hash;
+    a->parents[at] = at;
+    if (!sbl__atlas_wants(a, at)) return SBL_SUCCESS;
+    hash = sbl__hash_floats(sbl__place_hash(g, at), sbl__atlas_place(g, at), 2);
+    sbl__join(a->parents, at, sbl__hash_table_first(&a->places, hash, at, sbl__atlas_same, g));
+    return SBL_SUCCESS;
 }
 
-/* Joins a vertex with the first one that stands in the same place, of those so far. */
-static void sbl__atlas_weld(sbl__atlas *a, const sbl__geometry *g, uint32_t vertex) {
-    uint32_t place[6], other[6], slot = 0;
-    int k;
-    sbl__atlas_place(g, vertex, place);
-    for (k = 0; k < 6; k++) slot = sbl__hash(slot ^ place[k]);
-    for (slot &= a->slot_count - 1; a->slots[slot]; slot = (slot + 1) & (a->slot_count - 1)) {
-        sbl__atlas_place(g, a->slots[slot] - 1, other);
-        if (memcmp(place, other, sizeof place)) continue;
-        sbl__atlas_join(a, vertex, a->slots[slot] - 1);
-        return;
-    }
-    a->slots[slot] = vertex + 1;
+static sbl_result sbl__atlas_join(void *work, int triangle) {
+    sbl__atlas *a = (sbl__atlas *)work;
+    const uint32_t *corners = a->geometry->indices + 3 * (size_t)triangle;
+    int i;
+    for (i = 1; i < 3 && sbl__atlas_wants(a, corners[0]); i++) sbl__join(a->parents, corners[0], corners[i]);
+    return SBL_SUCCESS;
+}
+
+/* Numbers the charts. A root comes before all other vertices of its chart. */
+static sbl_result sbl__atlas_number(void *work, int vertex) {
+    sbl__atlas *a = (sbl__atlas *)work;
+    uint32_t *parent = &a->parents[vertex];
+    if (!sbl__atlas_wants(a, (uint32_t)vertex)) return SBL_SUCCESS;
+    *parent = *parent == (uint32_t)vertex ? (uint32_t)a->charts++ : a->parents[*parent];
+    return SBL_SUCCESS;
 }
 
 /* >>atlas: texels */
@@ -6920,13 +7258,14 @@ static void sbl__atlas_span(double low, double high, int size, int out[2]) {
     out[1] = last >= size ? size - 1 : last < 0 ? -1 : (int)last;
 }
 
-static void sbl__atlas_take(const sbl__atlas *a, const sbl__geometry *g, uint32_t number, sbl__atlas_triangle *t) {
+static void sbl__atlas_take(const sbl__atlas *a, uint32_t number, sbl__atlas_triangle *t) {
+    const sbl__geometry *g = a->geometry;
     const int size[2] = { a->width, a->height };
     double low = DBL_MAX, high = -DBL_MAX;
     int i, k;
     for (i = 0; i < 3; i++) {
         const uint32_t vertex = g->indices[3 * (size_t)number + (size_t)i];
-        const float *uv = g->lightmap_texcoords + 2 * (size_t)vertex;
+        const float *uv = sbl__atlas_place(g, vertex);
         for (k = 0; k < 2; k++) t->corners[i][k] = (double)uv[k] * size[k];
         low = SBL__MIN(low, t->corners[i][1]);
         high = SBL__MAX(high, t->corners[i][1]);
@@ -7016,21 +7355,20 @@ static float sbl__atlas_others(const sbl__atlas *a, size_t texel) {
 }
 
 /* Tells of the first triangle whose texel is another's, and counts such texels. */
-static void sbl__atlas_tell_overlap(sbl__base *base, sbl__atlas *a, const sbl__geometry *g, uint32_t triangle,
-                                    size_t texel) {
+static void sbl__atlas_tell_overlap(sbl__atlas *a, uint32_t triangle, size_t texel) {
+    const sbl__geometry *g = a->geometry;
     const uint32_t first = a->texels[SBL__ATLAS_WORDS * texel] - 1;
     const int mesh = (int)g->vertices[g->indices[3 * (size_t)triangle]].object;
     const int first_mesh = (int)g->vertices[g->indices[3 * (size_t)first]].object;
     if (sbl__atlas_others(a, texel) > 0 || a->overlapping++) return;
-    sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_OVERLAP, "lightmap: triangle %d of mesh %d and triangle %d of mesh %d "
+    sbl__log(a->base, SBL_LOG_WARNING, SBL_LOG_ITEM_OVERLAP, "lightmap: triangle %d of mesh %d and triangle %d of mesh %d "
              "share texel %d %d; light of the first one is shown there, in all such places",
              (int)first - g->meshes[first_mesh].first_triangle, first_mesh,
              (int)triangle - g->meshes[mesh].first_triangle, mesh, (int)(texel % (size_t)a->width) / a->across,
              (int)(texel / (size_t)a->width) / a->across);
 }
 
-static void sbl__atlas_texel(sbl__base *base, sbl__atlas *a, const sbl__geometry *g, const sbl__atlas_triangle *t,
-                             const int at[2]) {
+static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const int at[2]) {
     const size_t i = (size_t)at[1] * (size_t)a->width + (size_t)at[0];
     const double centre[2] = { at[0] + 0.5, at[1] + 0.5 };
     uint32_t *texel = a->texels + SBL__ATLAS_WORDS * i;
@@ -7039,7 +7377,7 @@ static void sbl__atlas_texel(sbl__base *base, sbl__atlas *a, const sbl__geometry
     const int well = away <= SBL__ATLAS_WELL, other_chart = t->chart + 1 != texel[3];
     int k;
     if (away < 0 && a->away[i] < 0 && (other_chart || (well && sbl__atlas_well(a, i)))) {
-        sbl__atlas_tell_overlap(base, a, g, t->number, i);
+        sbl__atlas_tell_overlap(a, t->number, i);
         a->away[i] -= 1;
         return;
     }
@@ -7055,8 +7393,8 @@ static void sbl__atlas_texel(sbl__base *base, sbl__atlas *a, const sbl__geometry
 }
 
 /* Tells of a triangle that is not on the map as a whole. */
-static void sbl__atlas_tell_outside(sbl__base *base, sbl__atlas *a, const sbl__geometry *g,
-                                    const sbl__atlas_triangle *t) {
+static void sbl__atlas_tell_outside(sbl__atlas *a, const sbl__atlas_triangle *t) {
+    const sbl__geometry *g = a->geometry;
     const int size[2] = { a->width, a->height }, mesh = (int)g->vertices[g->indices[3 * (size_t)t->number]].object;
     const double *outside = NULL;
     int i, k;
@@ -7064,28 +7402,27 @@ static void sbl__atlas_tell_outside(sbl__base *base, sbl__atlas *a, const sbl__g
         for (k = 0; k < 2; k++)
             if (t->corners[i][k] < -0.5 || t->corners[i][k] > size[k] + 0.5) outside = t->corners[i];
     if (!outside || a->outside++) return;
-    sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_OUTSIDE, "lightmap: triangle %d of mesh %d has a corner at %g %g; "
+    sbl__log(a->base, SBL_LOG_WARNING, SBL_LOG_ITEM_OUTSIDE, "lightmap: triangle %d of mesh %d has a corner at %g %g; "
              "what lies outside of 0 to 1 is not baked", (int)t->number - g->meshes[mesh].first_triangle, mesh,
              outside[0] / a->width, outside[1] / a->height);
 }
 
-/* Rows of a triangle, from a->row on. */
-static sbl_result sbl__atlas_draw(sbl__base *base, sbl__atlas *a, const sbl__geometry *g, uint32_t number,
-                                  sbl__slice *slice) {
+/* Draws a triangle's rows, from a->row on. */
+static sbl_result sbl__atlas_rows(sbl__atlas *a, uint32_t number, sbl__slice *slice) {
     sbl__atlas_triangle t;
     int at[2], columns[2];
-    sbl__atlas_take(a, g, number, &t);
+    sbl__atlas_take(a, number, &t);
     if (a->row == 0) {
         double normal[3];
-        a->world_area += sbl__scene_normal(g, number, normal);
+        a->world_area += sbl__scene_normal(a->geometry, number, normal);
         a->area += 0.5 * fabs(t.area);
-        sbl__atlas_tell_outside(base, a, g, &t);
+        sbl__atlas_tell_outside(a, &t);
     }
     for (a->row = SBL__MAX(a->row, t.rows[0]); a->row <= t.rows[1]; a->row++) {
         if (a->row > t.rows[0] && sbl__late(slice)) return SBL_UNFINISHED;
         sbl__atlas_columns(a, &t, a->row, columns);
         at[1] = a->row;
-        for (at[0] = columns[0]; at[0] <= columns[1]; at[0]++) sbl__atlas_texel(base, a, g, &t, at);
+        for (at[0] = columns[0]; at[0] <= columns[1]; at[0]++) sbl__atlas_texel(a, &t, at);
     }
     a->row = 0;
     return SBL_SUCCESS;
@@ -7096,54 +7433,58 @@ static float sbl__atlas_texel_size(const sbl__atlas *a) {
     return a->area > 0 ? (float)sqrt(a->world_area / a->area) : 0;
 }
 
-/* One vertex, triangle or row of the stage under way. */
-static sbl_result sbl__atlas_item(sbl__base *base, sbl__atlas *a, const sbl__geometry *g, sbl__slice *slice) {
-    const uint32_t at = (uint32_t)a->at, *corners = g->indices + 3 * (size_t)at;
+/* >>atlas: its stages */
+
+static sbl_result sbl__atlas_make(void *work, sbl__slice *slice) {
+    sbl__atlas *a = (sbl__atlas *)work;
+    const size_t vertices = (size_t)a->geometry->vertex_count, texels = (size_t)a->width * (size_t)a->height;
+    (void)slice;
+    a->parents = (uint32_t *)sbl__alloc_raw(a->base, vertices, sizeof *a->parents);
+    a->texels = (uint32_t *)sbl__alloc(a->base, texels, SBL__ATLAS_WORDS * sizeof *a->texels);
+    a->away = (float *)sbl__alloc_raw(a->base, texels, sizeof *a->away);
+    if (!a->parents || !a->texels || !a->away) return SBL_ERROR_OUT_OF_MEMORY;
+    return sbl__hash_table_make(a->base, &a->places, (double)vertices);
+}
+
+static sbl_result sbl__atlas_clear(void *work, int row) {
+    sbl__atlas *a = (sbl__atlas *)work;
     int i;
-    switch (a->stage) {
-        case SBL__ATLAS_CLEAR:
-            for (i = 0; i < a->width; i++) a->away[(size_t)at * (size_t)a->width + (size_t)i] = SBL__ATLAS_FAR;
-            break;
-        case SBL__ATLAS_WELD:
-            a->parents[at] = at;
-            if (sbl__atlas_wants(a, g, at)) sbl__atlas_weld(a, g, at);
-            break;
-        case SBL__ATLAS_JOIN:
-            for (i = 1; i < 3 && sbl__atlas_wants(a, g, corners[0]); i++) sbl__atlas_join(a, corners[0], corners[i]);
-            break;
-        case SBL__ATLAS_NUMBER:  /* those that stand for charts come before all others of theirs */
-            if (!sbl__atlas_wants(a, g, at)) break;
-            a->parents[at] = a->parents[at] == at ? (uint32_t)a->charts++ : a->parents[a->parents[at]];
-            break;
-        case SBL__ATLAS_TRIANGLES:
-            if (sbl__atlas_wants(a, g, corners[0])) return sbl__atlas_draw(base, a, g, at, slice);
-            break;
-        default: break;
-    }
+    for (i = 0; i < a->width; i++) a->away[(size_t)row * (size_t)a->width + (size_t)i] = SBL__ATLAS_FAR;
     return SBL_SUCCESS;
 }
 
-/* One piece. SBL_SUCCESS: texels are known. */
-static sbl_result sbl__atlas_step(sbl__base *base, sbl__atlas *a, const sbl__geometry *g, sbl__slice *slice) {
-    sbl_result result = a->texels ? SBL_SUCCESS : sbl__atlas_make(base, a, g);
-    if (result != SBL_SUCCESS) return result;
-    for (; a->stage < SBL__ATLAS_DONE; a->stage = (sbl__atlas_stage)(a->stage + 1), a->at = 0) {
-        const int count = a->stage == SBL__ATLAS_CLEAR ? a->height
-                        : a->stage == SBL__ATLAS_WELD || a->stage == SBL__ATLAS_NUMBER ? g->vertex_count
-                                                                                      : g->triangle_count;
-        for (; a->at < count; a->at++) {
-            if (sbl__late(slice)) return SBL_UNFINISHED;
-            result = sbl__atlas_item(base, a, g, slice);
-            if (result != SBL_SUCCESS) return result;
-        }
+static sbl_result sbl__atlas_draw(void *work, sbl__slice *slice) {
+    sbl__atlas *a = (sbl__atlas *)work;
+    int *at = &a->stages.at;
+    for (; *at < a->geometry->triangle_count; ++*at) {
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        if (!sbl__atlas_wants(a, a->geometry->indices[3 * (size_t)*at])) continue;
+        if (sbl__atlas_rows(a, (uint32_t)*at, slice) != SBL_SUCCESS) return SBL_UNFINISHED;
     }
     if (a->overlapping > 1 || a->outside > 1)
-        sbl__log(base, SBL_LOG_WARNING, a->overlapping > 1 ? SBL_LOG_ITEM_OVERLAP : SBL_LOG_ITEM_OUTSIDE, "lightmap: "
-                 "triangles overlap in %d texels; %d triangles lie outside", a->overlapping, a->outside);
-    sbl__free(base, a->parents);
-    sbl__free(base, a->slots);
-    a->parents = a->slots = NULL;
+        sbl__log(a->base, SBL_LOG_WARNING, a->overlapping > 1 ? SBL_LOG_ITEM_OVERLAP : SBL_LOG_ITEM_OUTSIDE,
+                 "lightmap: triangles overlap in %d texels; %d triangles lie outside", a->overlapping, a->outside);
+    sbl__free(a->base, a->parents);
+    sbl__hash_table_free(a->base, &a->places);
+    a->parents = NULL;
     return SBL_SUCCESS;
+}
+
+static int sbl__atlas_height(void *work) { return ((sbl__atlas *)work)->height; }
+static int sbl__atlas_vertices(void *work) { return ((sbl__atlas *)work)->geometry->vertex_count; }
+static int sbl__atlas_triangles(void *work) { return ((sbl__atlas *)work)->geometry->triangle_count; }
+
+/* Does one piece. SBL_SUCCESS: texels are known. */
+static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { sbl__atlas_make, NULL, NULL, NULL },
+        { NULL, NULL, sbl__atlas_clear, sbl__atlas_height },
+        { NULL, NULL, sbl__atlas_weld, sbl__atlas_vertices },
+        { NULL, NULL, sbl__atlas_join, sbl__atlas_triangles },
+        { NULL, NULL, sbl__atlas_number, sbl__atlas_vertices },
+        { sbl__atlas_draw, NULL, NULL, NULL }
+    };
+    return sbl__stages_run(&a->stages, table, SBL__COUNT(table), a, slice);
 }
 
 /* ======================================================================================================== >>surface
@@ -7620,7 +7961,7 @@ static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__
     d->gl.doing = "drawing the G-buffer";
     switch (s->stage) {
         case SBL__SURFACE_ATLAS:
-            result = sbl__atlas_step(d->base, job->atlas, &job->scene->geometry, slice);
+            result = sbl__atlas_step(job->atlas, slice);
             if (result == SBL_SUCCESS) s->stage = SBL__SURFACE_SEND;
             break;
         case SBL__SURFACE_SEND:
@@ -13571,109 +13912,75 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
 }
 
 /* ======================================================================================================== >>gutters
-   A lightmap is continued beyond its charts, ring by ring: each texel of a ring has the mean of those of its eight
+   A lightmap is continued beyond its charts, ring by ring: each texel of a ring gets the mean of those of its eight
    neighbours that the rings before it reached. */
 
 typedef struct sbl__gutters {
+    sbl__stages stages;
     int width, height;
     int rings;                 /* that are wanted */
-    float *light;              /* 4 floats a texel: R; the ring, 0 on charts, below 0: none yet */
+    float *light;              /* 4 floats a texel: R; the number of its ring, 0 on charts, below 0: it has none */
     int taken, done;           /* R has been filled in; all rings are there */
-    int *ring, *next;          /* texels of the ring under way, and of the one after it */
-    int ring_count, next_count;
-    int number, at;            /* the ring under way, 0: the texels around charts are being found; what comes next */
+    sbl__rings spread;
 } sbl__gutters;
-
-#define SBL__GUTTER_NONE (-1.0f)
-#define SBL__GUTTER_NEXT (-2.0f)  /* it will be in the next ring */
 
 static void sbl__gutters_free(sbl__base *base, sbl__gutters *g) {
     sbl__free(base, g->light);
-    sbl__free(base, g->ring);
-    sbl__free(base, g->next);
+    sbl__rings_free(base, &g->spread);
     memset(g, 0, sizeof *g);
+}
+
+/* Gives a texel the mean of its neighbours. */
+static int sbl__gutters_mean(void *user, int texel) {
+    sbl__gutters *g = (sbl__gutters *)user;
+    float *out = g->light + 4 * (size_t)texel, sum[3] = { 0, 0, 0 };
+    size_t place = 0;
+    int i, count = 0, other;
+    while ((other = sbl__ring_grid(&g->spread, texel, &place)) >= 0) {
+        if (!sbl__ring_reached(&g->spread, other)) continue;
+        for (i = 0; i < 3; i++) sum[i] += g->light[4 * (size_t)other + (size_t)i];
+        count++;
+    }
+    for (i = 0; i < 3; i++) out[i] = sum[i] / (float)count;
+    out[3] = (float)g->spread.number;
+    return 1;
 }
 
 static sbl_result sbl__gutters_begin(sbl__base *base, sbl__gutters *g, const int size[2], int rings) {
     const size_t texels = (size_t)size[0] * (size_t)size[1];
-    g->rings = rings;
-    g->width = size[0];
+    g->rings = g->spread.last = rings;
+    g->width = g->spread.width = size[0];
     g->height = size[1];
+    g->spread.user = g;
+    g->spread.mean = sbl__gutters_mean;
+    g->spread.neighbour = sbl__ring_grid;
     g->light = (float *)sbl__alloc_raw(base, texels, 16);
-    g->ring = (int *)sbl__alloc_raw(base, texels, sizeof *g->ring);
-    g->next = (int *)sbl__alloc_raw(base, texels, sizeof *g->next);
-    return g->light && g->ring && g->next ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    return g->light ? sbl__rings_make(base, &g->spread, (int)texels) : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Neighbour k of a texel; -1 beyond the map. */
-static int sbl__gutters_neighbour(const sbl__gutters *g, int texel, int k) {
-    static const signed char steps[8][2] = { { -1, -1 }, { 0, -1 }, { 1, -1 }, { -1, 0 },
-                                             { 1, 0 }, { -1, 1 }, { 0, 1 }, { 1, 1 } };
-    const int x = texel % g->width + steps[k][0], y = texel / g->width + steps[k][1];
-    return x < 0 || y < 0 || x >= g->width || y >= g->height ? -1 : y * g->width + x;
-}
+static int sbl__gutters_texels(void *work) { return ((sbl__gutters *)work)->spread.count; }
 
-/* Neighbours of a texel that is known come into the next ring. */
-static void sbl__gutters_spread(sbl__gutters *g, int texel) {
-    int k;
-    for (k = 0; k < 8; k++) {
-        const int other = sbl__gutters_neighbour(g, texel, k);
-        float *ring = other < 0 ? NULL : &g->light[4 * (size_t)other + 3];
-        if (!ring || *ring > SBL__GUTTER_NONE || *ring < SBL__GUTTER_NONE) continue;
-        *ring = SBL__GUTTER_NEXT;
-        g->next[g->next_count++] = other;
-    }
-}
-
-static void sbl__gutters_light(sbl__gutters *g, int texel) {
-    float *out = g->light + 4 * (size_t)texel, sum[3] = { 0, 0, 0 };
-    int k, i, count = 0;
-    for (k = 0; k < 8; k++) {
-        const int other = sbl__gutters_neighbour(g, texel, k);
-        const float *from = g->light + 4 * (size_t)SBL__MAX(other, 0);
-        if (other < 0 || from[3] < 0 || from[3] >= (float)g->number) continue;
-        for (i = 0; i < 3; i++) sum[i] += from[i];
-        count++;
-    }
-    for (i = 0; i < 3; i++) out[i] = count ? sum[i] / (float)count : 0;
-    out[3] = (float)g->number;
-}
-
-/* What has been found around charts, or around a ring, is the next ring. */
-static void sbl__gutters_next(sbl__gutters *g) {
-    int *ring = g->ring;
-    g->ring = g->next;
-    g->next = ring;
-    g->ring_count = g->next_count;
-    g->next_count = g->at = 0;
-    g->number++;
-}
-
-/* One piece. SBL_SUCCESS: all rings are there. light holds R as the filter leaves it: on charts the fourth float is 1.
-   */
-static sbl_result sbl__gutters_step(sbl__gutters *g, sbl__slice *slice) {
-    const int texels = g->width * g->height;
-    for (; g->number == 0 && g->at < texels; g->at++) {
-        float *ring = &g->light[4 * (size_t)g->at + 3];
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        *ring = *ring > 0 ? 0 : SBL__GUTTER_NONE;
-    }
-    for (; g->number == 0 && g->at < 2 * texels; g->at++) {
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        if (g->light[4 * (size_t)(g->at - texels) + 3] >= 0) sbl__gutters_spread(g, g->at - texels);
-    }
-    if (g->number == 0) sbl__gutters_next(g);
-    for (; g->number <= g->rings && g->ring_count; sbl__gutters_next(g)) {
-        for (; g->at < g->ring_count; g->at++) {
-            if (sbl__late(slice)) return SBL_UNFINISHED;
-            sbl__gutters_light(g, g->ring[g->at]);
-        }
-        for (; g->at < 2 * g->ring_count; g->at++) {
-            if (sbl__late(slice)) return SBL_UNFINISHED;
-            sbl__gutters_spread(g, g->ring[g->at - g->ring_count]);
-        }
-    }
+/* Is a texel on a chart? */
+static sbl_result sbl__gutters_find(void *work, int texel) {
+    sbl__gutters *g = (sbl__gutters *)work;
+    float *ring = &g->light[4 * (size_t)texel + 3];
+    if (*ring > 0) g->spread.ring[texel] = 0;
+    *ring = (float)g->spread.ring[texel];
     return SBL_SUCCESS;
+}
+
+static sbl_result sbl__gutters_spread(void *work, sbl__slice *slice) {
+    return sbl__rings_step(&((sbl__gutters *)work)->spread, slice);
+}
+
+/* Does one piece. SBL_SUCCESS: all rings are there. At first `light` holds R as the filter leaves it; the fourth float
+   is 1 on charts. */
+static sbl_result sbl__gutters_step(sbl__gutters *g, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { NULL, NULL, sbl__gutters_find, sbl__gutters_texels },
+        { sbl__gutters_spread, NULL, NULL, NULL }
+    };
+    return sbl__stages_step(&g->stages, table, SBL__COUNT(table), g, slice);
 }
 
 /* ======================================================================================================== >>seams
@@ -13694,49 +14001,39 @@ static sbl_result sbl__gutters_step(sbl__gutters *g, sbl__slice *slice) {
 #define SBL__SEAM_TURN 0.998      /* cosine between normals from which on they are the same */
 #define SBL__SEAM_DIFFERENT 0.5f  /* share of the brighter side from which on they differ much */
 #define SBL__SEAM_CHAIN 16        /* edges between the same ends that are looked at, at most */
-#define SBL__SEAM_STEPS 1000
 #define SBL__SEAM_ROUNDS 4
-#define SBL__SEAM_LEFT 1e-10      /* of the squared residual */
+#define SBL__SEAM_PRECISION2 1e-10
 
-typedef struct sbl__seam_point { int unknowns[8]; float weights[8]; } sbl__seam_point;  /* B's are negative */
+/* unknowns: numbers of texels until the point is added. B's weights are negative. */
+typedef struct sbl__seam_point { int unknowns[8]; float weights[8]; } sbl__seam_point;
 
-/* Three channels of an unknown: what its texel changes by, and what conjugate gradients keep. */
-typedef struct sbl__seam_texel {
-    int texel;
-    int bound[3];               /* it is 0, and would have to be less */
-    double light[3], change[3], residual[3], direction[3], product[3];
-} sbl__seam_texel;
-
-typedef enum sbl__seams_stage {
-    SBL__SEAMS_EDGES, SBL__SEAMS_LIGHT, SBL__SEAMS_BEFORE, SBL__SEAMS_BEGIN,
-    SBL__SEAMS_TURN, SBL__SEAMS_PRODUCT, SBL__SEAMS_MEASURE, SBL__SEAMS_ADVANCE,  /* again and again */
-    SBL__SEAMS_APPLY, SBL__SEAMS_AFTER, SBL__SEAMS_DONE
-} sbl__seams_stage;
+enum { SBL__SEAMS_MAKE, SBL__SEAMS_EDGES, SBL__SEAMS_LAYER, SBL__SEAMS_BEFORE, SBL__SEAMS_SOLVE, SBL__SEAMS_APPLY,
+       SBL__SEAMS_AFTER, SBL__SEAMS_DONE };
 
 typedef struct sbl__seams {
-    sbl__seams_stage stage;
-    int at;
-    uint32_t *slots;            /* 1 + an edge: 3 * triangle + its first corner, by a hash of its ends; 0: free */
-    uint32_t slot_count;        /* a power of two */
+    sbl__stages stages;
+    const sbl__atlas *atlas;
+    const sbl__gutters *light;
+    sbl__hash_table edges;      /* sides of triangles, by their ends */
     sbl__seam_point *points;
     int point_count, point_room;
     int *unknown_of;            /* a texel: 1 + its number among the unknowns; 0: it is none */
-    sbl__seam_texel *unknowns;
+    int *texels;                /* an unknown's */
     int unknown_count, unknown_room;
-    int seams, steps;
+    sbl__solver solver;         /* of what texels change by; its diagonal is 0 where one is bound: it became 0, and would
+                                   have to be less */
+    int seams;
     int layers;                 /* sewn before: R, then harmonics, which may be negative */
-    int rounds, bound;          /* of all steps: once more where channels have been bound, in the one under way */
-    double first2, residual2;   /* the squared residual at first, and now */
-    double sum;                 /* of the stage under way */
-    double along;               /* how far the step goes; or how much of its direction stays */
+    int rounds, bound;          /* solutions so far; channels were bound in the last one */
     float before, after;        /* largest difference across seams, luminance */
 } sbl__seams;
 
 static void sbl__seams_free(sbl__base *base, sbl__seams *s) {
-    sbl__free(base, s->slots);
+    sbl__hash_table_free(base, &s->edges);
     sbl__free(base, s->points);
     sbl__free(base, s->unknown_of);
-    sbl__free(base, s->unknowns);
+    sbl__free(base, s->texels);
+    sbl__solver_free(base, &s->solver);
     memset(s, 0, sizeof *s);
 }
 
@@ -13759,24 +14056,6 @@ static void sbl__seam_ends(const sbl__geometry *g, uint32_t edge, uint32_t ends[
     }
 }
 
-static uint32_t sbl__seam_hash(const sbl__geometry *g, const uint32_t ends[2]) {
-    uint32_t hash = 0;
-    int i, k;
-    for (i = 0; i < 2; i++)
-        for (k = 0; k < 3; k++) {
-            const float *x = &g->vertices[ends[i]].position[k];
-            hash = sbl__hash(hash ^ (sbl__zero(x) ? 0 : sbl__float_bits(x)));
-        }
-    return hash;
-}
-
-/* Vertices in the same place: of the world, and of the map. */
-static int sbl__seam_same(const float *a, const float *b, int count) {
-    int k;
-    for (k = 0; k < count; k++) if (a[k] < b[k] || b[k] < a[k]) return 0;
-    return 1;
-}
-
 /* The normal that light is for at an edge's end. */
 static void sbl__seam_normal(const sbl__geometry *g, uint32_t edge, uint32_t vertex, double out[3]) {
     int k;
@@ -13792,9 +14071,8 @@ static int sbl__seam_alike(const sbl__geometry *g, uint32_t one, uint32_t other,
     for (i = 0; i < 2; i++) {
         const uint32_t a = ends[0][i], b = ends[1][i];
         double m[3], n[3];
-        if (!sbl__seam_same(g->vertices[a].position, g->vertices[b].position, 3)) return 0;
-        if (!sbl__seam_same(g->lightmap_texcoords + 2 * (size_t)a, g->lightmap_texcoords + 2 * (size_t)b, 2))
-            *parted = 1;
+        if (!sbl__same_floats(g->vertices[a].position, g->vertices[b].position, 3)) return 0;
+        if (!sbl__same_floats(sbl__atlas_place(g, a), sbl__atlas_place(g, b), 2)) *parted = 1;
         sbl__seam_normal(g, one, a, m);
         sbl__seam_normal(g, other, b, n);
         alike = alike && m[0] * n[0] + m[1] * n[1] + m[2] * n[2] > SBL__SEAM_TURN;
@@ -13833,20 +14111,20 @@ static int sbl__seam_is_even(const sbl__gutters *g, const sbl__seam_point *p) {
     return fabs((double)sides[0] - sides[1]) <= (double)(SBL__SEAM_DIFFERENT * SBL__MAX(sides[0], sides[1]));
 }
 
-/* Such a point: each of its unknowns gets its number. */
-static sbl_result sbl__seam_add(sbl__base *base, sbl__seams *s, const sbl__seam_point *p) {
+/* Adds a point, and gives each of its unknowns its number. */
+static sbl_result sbl__seam_add(sbl__seams *s, const sbl__seam_point *p) {
+    sbl__base *base = s->atlas->base;
     sbl__seam_point *out;
     int i;
     if (!sbl__grow(base, &s->points, &s->point_room, s->point_count + 1, sizeof *s->points) ||
-        !sbl__grow(base, &s->unknowns, &s->unknown_room, s->unknown_count + 8, sizeof *s->unknowns))
+        !sbl__grow(base, &s->texels, &s->unknown_room, s->unknown_count + 8, sizeof *s->texels))
         return SBL_ERROR_OUT_OF_MEMORY;
     out = &s->points[s->point_count++];
     *out = *p;
     for (i = 0; i < 8; i++) {
         int *number = &s->unknown_of[p->unknowns[i]];
         if (!*number) {
-            memset(&s->unknowns[s->unknown_count], 0, sizeof *s->unknowns);
-            s->unknowns[s->unknown_count++].texel = p->unknowns[i];
+            s->texels[s->unknown_count++] = p->unknowns[i];
             *number = s->unknown_count;
         }
         out->unknowns[i] = *number - 1;
@@ -13855,8 +14133,7 @@ static sbl_result sbl__seam_add(sbl__base *base, sbl__seams *s, const sbl__seam_
 }
 
 /* Points along a seam, whose ends in the map are places[side][end]. */
-static sbl_result sbl__seam_points(sbl__base *base, sbl__seams *s, const sbl__gutters *light,
-                                   const double places[2][2][2]) {
+static sbl_result sbl__seam_points(sbl__seams *s, const double places[2][2][2]) {
     double longest = 0;
     int side, k, i, count;
     for (side = 0; side < 2; side++) {
@@ -13872,183 +14149,181 @@ static sbl_result sbl__seam_points(sbl__base *base, sbl__seams *s, const sbl__gu
         for (side = 0; side < 2; side++) {
             double at[2];
             for (k = 0; k < 2; k++) at[k] = (1 - t) * places[side][0][k] + t * places[side][1][k];
-            whole = whole && sbl__seam_mix(light, at, side, &point);
+            whole = whole && sbl__seam_mix(s->light, at, side, &point);
         }
-        if (whole && sbl__seam_is_even(light, &point) && sbl__seam_add(base, s, &point) != SBL_SUCCESS)
+        if (whole && sbl__seam_is_even(s->light, &point) && sbl__seam_add(s, &point) != SBL_SUCCESS)
             return SBL_ERROR_OUT_OF_MEMORY;
     }
     return SBL_SUCCESS;
 }
 
-/* Looks for edges that stand where this one does, and keeps it for those to come. */
-static sbl_result sbl__seams_edge(sbl__base *base, sbl__seams *s, const sbl__gutters *light, const sbl__geometry *g,
-                                  uint32_t edge) {
-    const int size[2] = { light->width, light->height };
-    uint32_t ends[2][2], slot;
-    int looked = 0, side, end, k;
-    sbl__seam_ends(g, edge, ends[0]);
-    for (slot = sbl__seam_hash(g, ends[0]) & (s->slot_count - 1); s->slots[slot] && looked < SBL__SEAM_CHAIN;
-         slot = (slot + 1) & (s->slot_count - 1)) {
-        const uint32_t other = s->slots[slot] - 1;
+/* Sews an edge to those before it that stand where it does, and keeps it for those to come. */
+static sbl_result sbl__seams_edge(void *work, int edge) {
+    sbl__seams *s = (sbl__seams *)work;
+    const sbl__geometry *g = s->atlas->geometry;
+    const int size[2] = { s->light->width, s->light->height };
+    uint32_t ends[2][2], slot, other = 0;
+    int looked = 0, parted, side, end, k;
+    if (!sbl__atlas_wants(s->atlas, g->indices[edge])) return SBL_SUCCESS;
+    sbl__seam_ends(g, (uint32_t)edge, ends[0]);
+    slot = sbl__hash_floats(0, g->vertices[ends[0][0]].position, 3);
+    slot = sbl__hash_floats(slot, g->vertices[ends[0][1]].position, 3);
+    while (looked < SBL__SEAM_CHAIN && (other = sbl__slot_next(&s->edges, &slot)) != SBL__NONE) {
         double places[2][2][2];
-        int parted;
         sbl__seam_ends(g, other, ends[1]);
-        if (!sbl__seam_alike(g, edge, other, (const uint32_t (*)[2])ends, &parted)) continue;
+        if (!sbl__seam_alike(g, (uint32_t)edge, other, (const uint32_t (*)[2])ends, &parted)) continue;
         looked++;
         if (!parted) continue;
         for (side = 0; side < 2; side++)
             for (end = 0; end < 2; end++)
                 for (k = 0; k < 2; k++)
-                    places[side][end][k] =
-                        (double)g->lightmap_texcoords[2 * (size_t)ends[side][end] + (size_t)k] * size[k];
-        if (sbl__seam_points(base, s, light, (const double (*)[2][2])places) != SBL_SUCCESS)
-            return SBL_ERROR_OUT_OF_MEMORY;
+                    places[side][end][k] = (double)sbl__atlas_place(g, ends[side][end])[k] * size[k];
+        if (sbl__seam_points(s, (const double (*)[2][2])places) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
     }
-    if (!s->slots[slot]) s->slots[slot] = edge + 1;
+    if (other == SBL__NONE) sbl__slot_fill(&s->edges, slot, (uint32_t)edge);
     return SBL_SUCCESS;
 }
 
-/* >>seams: conjugate gradients. Every stage is a loop over points or unknowns. */
+/* >>seams: the solution */
 
-/* What a point has of three channels of the unknowns. */
-static void sbl__seam_difference(const sbl__seams *s, const sbl__seam_point *p, size_t member, double out[3]) {
+/* Adds a point's part of the matrix times the direction. */
+static void sbl__seam_term(void *user, int point, const double *direction, double *product) {
+    const sbl__seam_point *p = &((sbl__seams *)user)->points[point];
+    double difference[3] = { 0, 0, 0 };
+    int i, k;
+    for (i = 0; i < 8; i++)
+        for (k = 0; k < 3; k++) difference[k] += (double)p->weights[i] * direction[3 * (size_t)p->unknowns[i] + (size_t)k];
+    for (i = 0; i < 8; i++)
+        for (k = 0; k < 3; k++) product[3 * (size_t)p->unknowns[i] + (size_t)k] += (double)p->weights[i] * difference[k];
+}
+
+/* Light's difference across a seam at a point. Returns its luminance. */
+static float sbl__seam_difference(const sbl__seams *s, const sbl__seam_point *p, double out[3]) {
+    float difference[3];
     int i, k;
     for (k = 0; k < 3; k++) out[k] = 0;
     for (i = 0; i < 8; i++) {
-        const double *from = (const double *)((const char *)&s->unknowns[p->unknowns[i]] + member);
-        for (k = 0; k < 3; k++) out[k] += (double)p->weights[i] * from[k];
+        const float *from = s->light->light + 4 * (size_t)s->texels[p->unknowns[i]];
+        for (k = 0; k < 3; k++) out[k] += (double)p->weights[i] * (double)from[k];
     }
+    for (k = 0; k < 3; k++) difference[k] = (float)out[k];
+    return (float)fabs((double)sbl__luminance(difference));
 }
 
-static void sbl__seam_spread(sbl__seams *s, const sbl__seam_point *p, const double difference[3], size_t member) {
+/* Before a solution: the right side. */
+static sbl_result sbl__seam_before(void *work, int point) {
+    sbl__seams *s = (sbl__seams *)work;
+    const sbl__seam_point *p = &s->points[point];
+    double difference[3];
+    const float jump = sbl__seam_difference(s, p, difference);
     int i, k;
-    for (i = 0; i < 8; i++) {
-        double *to = (double *)((char *)&s->unknowns[p->unknowns[i]] + member);
-        for (k = 0; k < 3; k++) to[k] += (double)p->weights[i] * difference[k];
-    }
+    if (!s->rounds) s->before = SBL__MAX(s->before, jump);
+    for (i = 0; i < 8; i++)
+        for (k = 0; k < 3; k++)
+            s->solver.residual[3 * (size_t)p->unknowns[i] + (size_t)k] -= (double)p->weights[i] * difference[k];
+    return SBL_SUCCESS;
 }
 
-#define SBL__SEAM_MEMBER(name) offsetof(sbl__seam_texel, name)
-
-/* The stages that loop over points. */
-static void sbl__seams_point(sbl__seams *s, const sbl__seam_point *p) {
-    const int product = s->stage == SBL__SEAMS_PRODUCT;
-    double d[3];
-    float difference[3], jump;
-    int k;
-    sbl__seam_difference(s, p, product ? SBL__SEAM_MEMBER(direction) : SBL__SEAM_MEMBER(light), d);
-    for (k = 0; k < 3; k++) difference[k] = (float)d[k];
-    jump = (float)fabs((double)sbl__luminance(difference));
-    if (s->stage == SBL__SEAMS_BEFORE) {
-        if (!s->rounds) s->before = SBL__MAX(s->before, jump);
-        for (k = 0; k < 3; k++) d[k] = -d[k];
-        sbl__seam_spread(s, p, d, SBL__SEAM_MEMBER(residual));
-    } else if (product) sbl__seam_spread(s, p, d, SBL__SEAM_MEMBER(product));
-    else s->after = SBL__MAX(s->after, jump);
+static sbl_result sbl__seam_after(void *work, int point) {
+    sbl__seams *s = (sbl__seams *)work;
+    double difference[3];
+    const float jump = sbl__seam_difference(s, &s->points[point], difference);
+    s->after = SBL__MAX(s->after, jump);
+    return SBL_SUCCESS;
 }
 
-/* Those that loop over unknowns. */
-static void sbl__seams_unknown(sbl__seams *s, sbl__seam_texel *u, float *light) {
-    float *texel = light + 4 * (size_t)u->texel;
+/* Nothing is bound at first. */
+static sbl_result sbl__seam_free_unknown(void *work, int unknown) {
+    double *diagonal = ((sbl__seams *)work)->solver.diagonal + 3 * (size_t)unknown;
+    diagonal[0] = diagonal[1] = diagonal[2] = 1;
+    return SBL_SUCCESS;
+}
+
+/* Changes a texel. */
+static sbl_result sbl__seam_apply(void *work, int unknown) {
+    sbl__seams *s = (sbl__seams *)work;
+    float *texel = s->light->light + 4 * (size_t)s->texels[unknown];
+    size_t i = 3 * (size_t)unknown;
     int k;
-    for (k = 0; k < 3; k++)
-        switch (s->stage) {
-            case SBL__SEAMS_LIGHT:
-                u->light[k] = (double)texel[k];
-                u->bound[k] = 0;
-                break;
-            case SBL__SEAMS_BEGIN:
-                if (u->bound[k]) u->residual[k] = 0;
-                s->sum += u->residual[k] * u->residual[k];
-                break;
-            case SBL__SEAMS_TURN:
-                u->direction[k] = u->residual[k] + s->along * u->direction[k];
-                u->product[k] = SBL__SEAM_KEEP * u->direction[k];
-                break;
-            case SBL__SEAMS_MEASURE: s->sum += u->direction[k] * u->product[k]; break;
-            case SBL__SEAMS_ADVANCE:
-                u->change[k] += s->along * u->direction[k];
-                if (!u->bound[k]) u->residual[k] -= s->along * u->product[k];
-                s->sum += u->residual[k] * u->residual[k];
-                break;
-            default:
-                if (u->light[k] + u->change[k] < 0 && !s->layers) u->bound[k] = s->bound = 1;
-                texel[k] = (float)(u->light[k] + u->change[k]);
-                if (!s->layers) texel[k] = SBL__MAX(texel[k], 0.0f);
-                u->light[k] = (double)texel[k];
-                u->change[k] = u->residual[k] = u->direction[k] = 0;
+    for (k = 0; k < 3; k++, i++) {
+        const double light = (double)texel[k] + s->solver.solution[i];
+        if (light < 0 && !s->layers) {
+            s->solver.diagonal[i] = 0;
+            s->bound = 1;
         }
-}
-
-static sbl__seams_stage sbl__seams_next(sbl__seams *s) {
-    const double sum = s->sum;
-    s->sum = 0;
-    s->at = 0;
-    switch (s->stage) {
-        case SBL__SEAMS_BEGIN:
-            s->first2 = s->residual2 = sum;
-            s->along = 0;
-            return sum > 0 ? SBL__SEAMS_TURN : SBL__SEAMS_APPLY;
-        case SBL__SEAMS_MEASURE: s->along = sum > 0 ? s->residual2 / sum : 0; return SBL__SEAMS_ADVANCE;
-        case SBL__SEAMS_ADVANCE:
-            s->along = sum / s->residual2;
-            s->residual2 = sum;
-            return ++s->steps < SBL__SEAM_STEPS && sum > SBL__SEAM_LEFT * s->first2 ? SBL__SEAMS_TURN
-                                                                                    : SBL__SEAMS_APPLY;
-        case SBL__SEAMS_APPLY:
-            if (!s->bound || ++s->rounds == SBL__SEAM_ROUNDS) return SBL__SEAMS_AFTER;
-            s->bound = s->steps = 0;
-            return SBL__SEAMS_BEFORE;
-        default: return (sbl__seams_stage)(s->stage + 1);
+        texel[k] = (float)light;
+        if (!s->layers) texel[k] = SBL__MAX(texel[k], 0.0f);
+        s->solver.solution[i] = s->solver.residual[i] = 0;
     }
+    return SBL_SUCCESS;
 }
 
-static int sbl__seams_count(const sbl__seams *s, const sbl__geometry *g) {
-    switch (s->stage) {
-        case SBL__SEAMS_EDGES: return 3 * g->triangle_count;
-        case SBL__SEAMS_BEFORE: case SBL__SEAMS_PRODUCT: case SBL__SEAMS_AFTER: return s->point_count;
-        default: return s->unknown_count;
-    }
-}
+/* >>seams: their stages */
 
-static sbl_result sbl__seams_begin(sbl__base *base, sbl__seams *s, const sbl__gutters *light, const sbl__atlas *a,
-                                   const sbl__geometry *g) {
-    const size_t texels = (size_t)light->width * (size_t)light->height;
+static sbl_result sbl__seams_make(void *work, sbl__slice *slice) {
+    sbl__seams *s = (sbl__seams *)work;
+    const sbl__geometry *g = s->atlas->geometry;
+    const size_t texels = (size_t)s->light->width * (size_t)s->light->height;
     double edges = 0;
     int i;
-    for (i = 0; i < g->mesh_count; i++) if (a->wanted[i]) edges += 3.0 * g->meshes[i].triangle_count;
-    for (s->slot_count = 16; s->slot_count < 2 * edges && s->slot_count < 0x80000000u; s->slot_count *= 2) {}
-    s->slots = (uint32_t *)sbl__alloc(base, s->slot_count, sizeof *s->slots);
-    s->unknown_of = (int *)sbl__alloc(base, texels, sizeof *s->unknown_of);
-    return s->slots && s->unknown_of ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    (void)slice;
+    for (i = 0; i < g->mesh_count; i++) if (s->atlas->wanted[i]) edges += 3.0 * g->meshes[i].triangle_count;
+    s->unknown_of = (int *)sbl__alloc(s->atlas->base, texels, sizeof *s->unknown_of);
+    return s->unknown_of ? sbl__hash_table_make(s->atlas->base, &s->edges, edges) : SBL_ERROR_OUT_OF_MEMORY;
 }
+
+/* Before the first layer. */
+static sbl_result sbl__seams_layer(void *work, sbl__slice *slice) {
+    sbl__seams *s = (sbl__seams *)work;
+    (void)slice;
+    if (s->solver.user) return SBL_SUCCESS;
+    s->solver.user = s;
+    s->solver.term = sbl__seam_term;
+    s->solver.term_count = s->point_count;
+    s->solver.together = 1;
+    s->solver.identity = SBL__SEAM_KEEP;
+    s->solver.precision2 = SBL__SEAM_PRECISION2;
+    return sbl__solver_make(s->atlas->base, &s->solver, s->unknown_count);
+}
+
+static sbl_result sbl__seams_solve(void *work, sbl__slice *slice) {
+    return sbl__solver_step(&((sbl__seams *)work)->solver, slice);
+}
+
+static int sbl__seams_after_apply(void *work) {
+    sbl__seams *s = (sbl__seams *)work;
+    const int again = s->bound && ++s->rounds < SBL__SEAM_ROUNDS;
+    s->bound = 0;
+    return again ? SBL__SEAMS_BEFORE : SBL__SEAMS_AFTER;
+}
+
+static int sbl__seams_edges(void *work) { return 3 * ((sbl__seams *)work)->atlas->geometry->triangle_count; }
+static int sbl__seams_points(void *work) { return ((sbl__seams *)work)->point_count; }
+static int sbl__seams_unknowns(void *work) { return ((sbl__seams *)work)->unknown_count; }
 
 /* What comes next is another layer of the same lightmap. */
 static void sbl__seams_again(sbl__seams *s) {
-    if (s->stage < SBL__SEAMS_DONE) return;  /* nothing is sewn */
-    s->stage = SBL__SEAMS_LIGHT;
+    if (s->stages.stage < SBL__SEAMS_DONE) return;  /* nothing is sewn */
+    s->stages.stage = SBL__SEAMS_LAYER;
     s->layers++;
-    s->at = s->steps = s->rounds = s->bound = 0;
+    s->rounds = 0;
 }
 
-/* One piece. SBL_SUCCESS: light is sewn. */
-static sbl_result sbl__seams_step(sbl__base *base, sbl__seams *s, const sbl__gutters *light, const sbl__atlas *a,
-                                  const sbl__geometry *g, sbl__slice *slice) {
-    sbl_result result = s->slots ? SBL_SUCCESS : sbl__seams_begin(base, s, light, a, g);
-    if (result != SBL_SUCCESS) return result;
-    for (; s->stage < SBL__SEAMS_DONE; s->stage = sbl__seams_next(s)) {
-        const int count = sbl__seams_count(s, g);
-        for (; s->at < count; s->at++) {
-            const int points = s->stage == SBL__SEAMS_BEFORE || s->stage == SBL__SEAMS_PRODUCT ||
-                               s->stage == SBL__SEAMS_AFTER;
-            if (sbl__late(slice)) return SBL_UNFINISHED;
-            if (points) sbl__seams_point(s, &s->points[s->at]);
-            else if (s->stage != SBL__SEAMS_EDGES) sbl__seams_unknown(s, &s->unknowns[s->at], light->light);
-            else if (sbl__atlas_wants(a, g, g->indices[s->at]) &&
-                     sbl__seams_edge(base, s, light, g, (uint32_t)s->at) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
-        }
-    }
-    return SBL_SUCCESS;
+/* Does one piece. SBL_SUCCESS: light is sewn. */
+static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, const sbl__atlas *atlas,
+                                  sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { sbl__seams_make, NULL, NULL, NULL },
+        { NULL, NULL, sbl__seams_edge, sbl__seams_edges },
+        { sbl__seams_layer, NULL, sbl__seam_free_unknown, sbl__seams_unknowns },
+        { NULL, NULL, sbl__seam_before, sbl__seams_points },
+        { sbl__seams_solve, NULL, NULL, NULL },
+        { NULL, sbl__seams_after_apply, sbl__seam_apply, sbl__seams_unknowns },
+        { NULL, NULL, sbl__seam_after, sbl__seams_points }
+    };
+    s->light = light;
+    s->atlas = atlas;
+    return sbl__stages_step(&s->stages, table, SBL__COUNT(table), s, slice);
 }
 
 /* ======================================================================================================== >>picture
@@ -14472,7 +14747,7 @@ static sbl_result sbl__picture_take_light(sbl__core *c, sbl__picture *p, int row
 static sbl_result sbl__picture_sew(sbl__core *c, sbl__picture *p, sbl__slice *slice) {
     sbl__seams *s = &p->seams;
     const int layer = p->refine.layer;
-    const sbl_result result = sbl__seams_step(&c->base, s, &p->gutters, &p->atlas, &c->scene.geometry, slice);
+    const sbl_result result = sbl__seams_step(s, &p->gutters, &p->atlas, slice);
     if (layer) return result;
     c->stats.seams = s->seams;
     c->stats.seam_before = s->before / p->refine.luminance;
@@ -14499,7 +14774,7 @@ static sbl_result sbl__picture_gutters(sbl__core *c, sbl__picture *p, sbl__slice
         g->done = result == SBL_SUCCESS;
         return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
     }
-    if (g->rings && p->sew && p->seams.stage < SBL__SEAMS_DONE) {
+    if (g->rings && p->sew && p->seams.stages.stage < SBL__SEAMS_DONE) {
         result = sbl__picture_sew(c, p, slice);
         return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
     }
@@ -14891,10 +15166,10 @@ static int sbl__gathering_after_sense(void *work) {
 /* Does one bounded piece. SBL_SUCCESS: all readings are there. */
 static sbl_result sbl__gathering_step(sbl__core *c, sbl__gathering *g, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, NULL },
-        { sbl__gathering_prepare, sbl__gathering_after_prepare },
-        { sbl__gathering_sites, NULL },
-        { sbl__gathering_sense, sbl__gathering_after_sense }
+        { NULL, NULL, NULL, NULL },
+        { sbl__gathering_prepare, sbl__gathering_after_prepare, NULL, NULL },
+        { sbl__gathering_sites, NULL, NULL, NULL },
+        { sbl__gathering_sense, sbl__gathering_after_sense, NULL, NULL }
     };
     const double start = sbl__now();
     const double bounced = c->stats.seconds.bounce;
