@@ -4317,12 +4317,10 @@ static void sbl__join(uint32_t *parents, uint32_t one, uint32_t other) {
 }
 
 /* >>topology: rings. Things that have a value pass it on to their neighbours, ring by ring: a thing of a ring gets its
-   value from those neighbours that the rings before it reached. */
+   value from those neighbours that have one since an earlier ring. */
 
 #define SBL__RING_WAITS (-1)
-#define SBL__RING_LISTED (-2)
-
-enum { SBL__RINGS_SOURCES, SBL__RINGS_MEANS, SBL__RINGS_SPREAD, SBL__RINGS_DONE };
+#define SBL__RING_QUEUED (-2)
 
 typedef struct sbl__rings {
     sbl__stages stages;
@@ -4330,24 +4328,22 @@ typedef struct sbl__rings {
     void *user;
     /* Returns the neighbour at *place, which begins at 0, and moves *place on; negative: there are no more. */
     int (*neighbour)(const struct sbl__rings *r, int thing, size_t *place);
-    int (*mean)(void *user, int thing);  /* gives a thing its value; returns 0 if it has to wait for another ring */
-    int count;                   /* things */
-    int width;                   /* things of a row, if they lie in a grid */
-    int last;                    /* number of the last ring that is wanted */
-    int *ring;                   /* a thing: 0: it had a value; above: the ring that reached it; SBL__RING_WAITS; or
-                                    SBL__RING_LISTED for the next ring */
-    int number;                  /* the ring under way */
-    struct { int *things; int count, room; } lists[2];  /* of rings with even and with odd numbers */
+    void (*mean)(void *user, int thing);  /* gives a thing its value, from neighbours that sbl__ring_reached */
+    int count, width;   /* things; in a row, if they lie in a grid */
+    int last;           /* rings that are wanted */
+    int *ring;          /* a thing: 0: it had a value; above 0: the ring that reached it; else SBL__RING_... */
+    int *queue;         /* things, ring after ring */
+    int queued, room;
+    int number, end;    /* the ring under way, and its end in the queue */
 } sbl__rings;
 
 static void sbl__rings_free(sbl__base *base, sbl__rings *r) {
     sbl__free(base, r->ring);
-    sbl__free(base, r->lists[0].things);
-    sbl__free(base, r->lists[1].things);
+    sbl__free(base, r->queue);
     memset(r, 0, sizeof *r);
 }
 
-/* All things wait: the caller sets to 0 the rings of those that have a value, and the fields up to `last`. */
+/* All things wait. The caller sets the ring of those that have a value to 0, and the fields up to `last`. */
 static sbl_result sbl__rings_make(sbl__base *base, sbl__rings *r, int count) {
     r->base = base;
     r->count = count;
@@ -4356,12 +4352,11 @@ static sbl_result sbl__rings_make(sbl__base *base, sbl__rings *r, int count) {
     return r->ring ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Did an earlier ring reach it? */
 static int sbl__ring_reached(const sbl__rings *r, int thing) {
     return r->ring[thing] >= 0 && r->ring[thing] < r->number;
 }
 
-/* Neighbours in a grid: a thing's eight neighbours and itself, row by row. */
+/* Neighbours in a grid: the thing's eight neighbours and itself, row by row. */
 static int sbl__ring_grid(const sbl__rings *r, int thing, size_t *place) {
     while (*place < 9) {
         const int x = thing % r->width + (int)(*place % 3) - 1, y = thing / r->width + (int)(*place / 3) - 1;
@@ -4371,57 +4366,44 @@ static int sbl__ring_grid(const sbl__rings *r, int thing, size_t *place) {
     return -1;
 }
 
-/* Lists the neighbours of a thing that wait. */
-static sbl_result sbl__ring_list(sbl__rings *r, int thing) {
-    const int next = (r->number + 1) & 1;
+/* A thing's neighbours that wait come into the next ring. */
+static sbl_result sbl__ring_spread(sbl__rings *r, int thing) {
     size_t place = 0;
     int other;
-    while ((other = r->neighbour(r, thing, &place)) >= 0) {
+    while (r->number < r->last && (other = r->neighbour(r, thing, &place)) >= 0) {
         if (r->ring[other] != SBL__RING_WAITS) continue;
-        if (!sbl__grow(r->base, &r->lists[next].things, &r->lists[next].room, r->lists[next].count + 1, sizeof(int)))
-            return SBL_ERROR_OUT_OF_MEMORY;
-        r->lists[next].things[r->lists[next].count++] = other;
-        r->ring[other] = SBL__RING_LISTED;
+        if (!sbl__grow(r->base, &r->queue, &r->room, r->queued + 1, sizeof *r->queue)) return SBL_ERROR_OUT_OF_MEMORY;
+        r->queue[r->queued++] = other;
+        r->ring[other] = SBL__RING_QUEUED;
     }
     return SBL_SUCCESS;
 }
 
 static sbl_result sbl__ring_source(void *work, int thing) {
     sbl__rings *r = (sbl__rings *)work;
-    return r->ring[thing] == 0 ? sbl__ring_list(r, thing) : SBL_SUCCESS;
+    return r->ring[thing] == 0 ? sbl__ring_spread(r, thing) : SBL_SUCCESS;
 }
 
-static sbl_result sbl__ring_mean(void *work, int at) {
+static sbl_result sbl__ring_next(void *work, int at) {
     sbl__rings *r = (sbl__rings *)work;
-    const int thing = r->lists[r->number & 1].things[at];
-    r->ring[thing] = r->mean(r->user, thing) ? r->number : SBL__RING_WAITS;
-    return SBL_SUCCESS;
-}
-
-static sbl_result sbl__ring_spread(void *work, int at) {
-    sbl__rings *r = (sbl__rings *)work;
-    const int thing = r->lists[r->number & 1].things[at];
-    return r->ring[thing] == r->number ? sbl__ring_list(r, thing) : SBL_SUCCESS;
+    const int thing = r->queue[at];
+    if (at == r->end) {
+        r->end = r->queued;
+        r->number++;
+    }
+    r->mean(r->user, thing);
+    r->ring[thing] = r->number;
+    return sbl__ring_spread(r, thing);
 }
 
 static int sbl__rings_things(void *work) { return ((sbl__rings *)work)->count; }
-static int sbl__ring_things(void *work) {
-    const sbl__rings *r = (const sbl__rings *)work;
-    return r->lists[r->number & 1].count;
-}
+static int sbl__rings_queued(void *work) { return ((sbl__rings *)work)->queued; }
 
-static int sbl__rings_next(void *work) {
-    sbl__rings *r = (sbl__rings *)work;
-    r->lists[r->number++ & 1].count = 0;
-    return r->number <= r->last && sbl__ring_things(r) ? SBL__RINGS_MEANS : SBL__RINGS_DONE;
-}
-
-/* Does one piece. SBL_SUCCESS: all rings have their values. */
+/* Does one piece. SBL_SUCCESS: all rings that are wanted have their values. */
 static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, sbl__rings_next, sbl__ring_source, sbl__rings_things },
-        { NULL, NULL, sbl__ring_mean, sbl__ring_things },
-        { NULL, sbl__rings_next, sbl__ring_spread, sbl__ring_things }
+        { NULL, NULL, sbl__ring_source, sbl__rings_things },
+        { NULL, NULL, sbl__ring_next, sbl__rings_queued }
     };
     return sbl__stages_step(&r->stages, table, SBL__COUNT(table), r, slice);
 }
@@ -7182,17 +7164,22 @@ static void sbl__atlas_free(sbl__base *base, sbl__atlas *a) {
 /* Makes room for a lightmap of the meshes that are named, or of all that can be; numbers have been checked. */
 static sbl_result sbl__atlas_begin(sbl__base *base, sbl__atlas *a, const sbl__geometry *g,
                                    const sbl_lightmap_desc *desc) {
+    size_t texels;
     int i;
     a->across = desc->supersample;
     a->width = desc->width * a->across;
     a->height = desc->height * a->across;
+    texels = (size_t)a->width * (size_t)a->height;
     a->base = base;
     a->geometry = g;
     a->wanted = (unsigned char *)sbl__alloc(base, (size_t)g->mesh_count, 1);
-    if (!a->wanted) return SBL_ERROR_OUT_OF_MEMORY;
+    a->parents = (uint32_t *)sbl__alloc_raw(base, (size_t)g->vertex_count, sizeof *a->parents);
+    a->texels = (uint32_t *)sbl__alloc(base, texels, SBL__ATLAS_WORDS * sizeof *a->texels);
+    a->away = (float *)sbl__alloc_raw(base, texels, sizeof *a->away);
+    if (!a->wanted || !a->parents || !a->texels || !a->away) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < desc->mesh_count; i++) a->wanted[desc->meshes[i]] = 1;
     for (i = 0; i < g->mesh_count && !desc->mesh_count; i++) a->wanted[i] = g->meshes[i].lightmapped != 0;
-    return SBL_SUCCESS;
+    return sbl__hash_table_make(base, &a->places, g->vertex_count);
 }
 
 /* Is a vertex of a mesh that is baked? */
@@ -7361,8 +7348,8 @@ static void sbl__atlas_tell_overlap(sbl__atlas *a, uint32_t triangle, size_t tex
     const int mesh = (int)g->vertices[g->indices[3 * (size_t)triangle]].object;
     const int first_mesh = (int)g->vertices[g->indices[3 * (size_t)first]].object;
     if (sbl__atlas_others(a, texel) > 0 || a->overlapping++) return;
-    sbl__log(a->base, SBL_LOG_WARNING, SBL_LOG_ITEM_OVERLAP, "lightmap: triangle %d of mesh %d and triangle %d of mesh %d "
-             "share texel %d %d; light of the first one is shown there, in all such places",
+    sbl__log(a->base, SBL_LOG_WARNING, SBL_LOG_ITEM_OVERLAP, "lightmap: triangle %d of mesh %d and triangle %d of mesh "
+             "%d share texel %d %d; light of the first one is shown there, in all such places",
              (int)first - g->meshes[first_mesh].first_triangle, first_mesh,
              (int)triangle - g->meshes[mesh].first_triangle, mesh, (int)(texel % (size_t)a->width) / a->across,
              (int)(texel / (size_t)a->width) / a->across);
@@ -7435,17 +7422,6 @@ static float sbl__atlas_texel_size(const sbl__atlas *a) {
 
 /* >>atlas: its stages */
 
-static sbl_result sbl__atlas_make(void *work, sbl__slice *slice) {
-    sbl__atlas *a = (sbl__atlas *)work;
-    const size_t vertices = (size_t)a->geometry->vertex_count, texels = (size_t)a->width * (size_t)a->height;
-    (void)slice;
-    a->parents = (uint32_t *)sbl__alloc_raw(a->base, vertices, sizeof *a->parents);
-    a->texels = (uint32_t *)sbl__alloc(a->base, texels, SBL__ATLAS_WORDS * sizeof *a->texels);
-    a->away = (float *)sbl__alloc_raw(a->base, texels, sizeof *a->away);
-    if (!a->parents || !a->texels || !a->away) return SBL_ERROR_OUT_OF_MEMORY;
-    return sbl__hash_table_make(a->base, &a->places, (double)vertices);
-}
-
 static sbl_result sbl__atlas_clear(void *work, int row) {
     sbl__atlas *a = (sbl__atlas *)work;
     int i;
@@ -7477,7 +7453,6 @@ static int sbl__atlas_triangles(void *work) { return ((sbl__atlas *)work)->geome
 /* Does one piece. SBL_SUCCESS: texels are known. */
 static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { sbl__atlas_make, NULL, NULL, NULL },
         { NULL, NULL, sbl__atlas_clear, sbl__atlas_height },
         { NULL, NULL, sbl__atlas_weld, sbl__atlas_vertices },
         { NULL, NULL, sbl__atlas_join, sbl__atlas_triangles },
@@ -13931,7 +13906,7 @@ static void sbl__gutters_free(sbl__base *base, sbl__gutters *g) {
 }
 
 /* Gives a texel the mean of its neighbours. */
-static int sbl__gutters_mean(void *user, int texel) {
+static void sbl__gutters_mean(void *user, int texel) {
     sbl__gutters *g = (sbl__gutters *)user;
     float *out = g->light + 4 * (size_t)texel, sum[3] = { 0, 0, 0 };
     size_t place = 0;
@@ -13943,7 +13918,6 @@ static int sbl__gutters_mean(void *user, int texel) {
     }
     for (i = 0; i < 3; i++) out[i] = sum[i] / (float)count;
     out[3] = (float)g->spread.number;
-    return 1;
 }
 
 static sbl_result sbl__gutters_begin(sbl__base *base, sbl__gutters *g, const int size[2], int rings) {
@@ -14007,8 +13981,8 @@ static sbl_result sbl__gutters_step(sbl__gutters *g, sbl__slice *slice) {
 /* unknowns: numbers of texels until the point is added. B's weights are negative. */
 typedef struct sbl__seam_point { int unknowns[8]; float weights[8]; } sbl__seam_point;
 
-enum { SBL__SEAMS_MAKE, SBL__SEAMS_EDGES, SBL__SEAMS_LAYER, SBL__SEAMS_BEFORE, SBL__SEAMS_SOLVE, SBL__SEAMS_APPLY,
-       SBL__SEAMS_AFTER, SBL__SEAMS_DONE };
+enum { SBL__SEAMS_EDGES, SBL__SEAMS_LAYER, SBL__SEAMS_BEFORE, SBL__SEAMS_SOLVE, SBL__SEAMS_APPLY, SBL__SEAMS_AFTER,
+       SBL__SEAMS_DONE };
 
 typedef struct sbl__seams {
     sbl__stages stages;
@@ -14020,8 +13994,8 @@ typedef struct sbl__seams {
     int *unknown_of;            /* a texel: 1 + its number among the unknowns; 0: it is none */
     int *texels;                /* an unknown's */
     int unknown_count, unknown_room;
-    sbl__solver solver;         /* of what texels change by; its diagonal is 0 where one is bound: it became 0, and would
-                                   have to be less */
+    sbl__solver solver;         /* finds what texels change by. Its diagonal is 1, or 0 for a channel of a texel that
+                                   is bound to 0, as it would be negative */
     int seams;
     int layers;                 /* sewn before: R, then harmonics, which may be negative */
     int rounds, bound;          /* solutions so far; channels were bound in the last one */
@@ -14190,50 +14164,36 @@ static sbl_result sbl__seams_edge(void *work, int edge) {
 static void sbl__seam_term(void *user, int point, const double *direction, double *product) {
     const sbl__seam_point *p = &((sbl__seams *)user)->points[point];
     double difference[3] = { 0, 0, 0 };
-    int i, k;
-    for (i = 0; i < 8; i++)
-        for (k = 0; k < 3; k++) difference[k] += (double)p->weights[i] * direction[3 * (size_t)p->unknowns[i] + (size_t)k];
-    for (i = 0; i < 8; i++)
-        for (k = 0; k < 3; k++) product[3 * (size_t)p->unknowns[i] + (size_t)k] += (double)p->weights[i] * difference[k];
+    int i;
+    for (i = 0; i < 24; i++)
+        difference[i % 3] += (double)p->weights[i / 3] * direction[3 * (size_t)p->unknowns[i / 3] + (size_t)i % 3];
+    for (i = 0; i < 24; i++)
+        product[3 * (size_t)p->unknowns[i / 3] + (size_t)i % 3] += (double)p->weights[i / 3] * difference[i % 3];
 }
 
-/* Light's difference across a seam at a point. Returns its luminance. */
-static float sbl__seam_difference(const sbl__seams *s, const sbl__seam_point *p, double out[3]) {
-    float difference[3];
-    int i, k;
-    for (k = 0; k < 3; k++) out[k] = 0;
-    for (i = 0; i < 8; i++) {
-        const float *from = s->light->light + 4 * (size_t)s->texels[p->unknowns[i]];
-        for (k = 0; k < 3; k++) out[k] += (double)p->weights[i] * (double)from[k];
-    }
-    for (k = 0; k < 3; k++) difference[k] = (float)out[k];
-    return (float)fabs((double)sbl__luminance(difference));
-}
-
-/* Before a solution: the right side. */
-static sbl_result sbl__seam_before(void *work, int point) {
+/* Measures how light differs at a point, before or after a solution, and before it fills in the right side. */
+static sbl_result sbl__seam_measure(void *work, int point) {
     sbl__seams *s = (sbl__seams *)work;
     const sbl__seam_point *p = &s->points[point];
-    double difference[3];
-    const float jump = sbl__seam_difference(s, p, difference);
-    int i, k;
-    if (!s->rounds) s->before = SBL__MAX(s->before, jump);
-    for (i = 0; i < 8; i++)
-        for (k = 0; k < 3; k++)
-            s->solver.residual[3 * (size_t)p->unknowns[i] + (size_t)k] -= (double)p->weights[i] * difference[k];
-    return SBL_SUCCESS;
-}
-
-static sbl_result sbl__seam_after(void *work, int point) {
-    sbl__seams *s = (sbl__seams *)work;
-    double difference[3];
-    const float jump = sbl__seam_difference(s, &s->points[point], difference);
-    s->after = SBL__MAX(s->after, jump);
+    const int after = s->stages.stage == SBL__SEAMS_AFTER;
+    double d[3] = { 0, 0, 0 };
+    float difference[3], jump;
+    int i;
+    for (i = 0; i < 24; i++) {
+        const float *light = s->light->light + 4 * (size_t)s->texels[p->unknowns[i / 3]];
+        d[i % 3] += (double)p->weights[i / 3] * light[i % 3];
+    }
+    for (i = 0; i < 3; i++) difference[i] = (float)d[i];
+    jump = (float)fabs((double)sbl__luminance(difference));
+    if (after) s->after = SBL__MAX(s->after, jump);
+    else if (!s->rounds) s->before = SBL__MAX(s->before, jump);
+    for (i = 0; i < 24 && !after; i++)
+        s->solver.residual[3 * (size_t)p->unknowns[i / 3] + (size_t)i % 3] -= (double)p->weights[i / 3] * d[i % 3];
     return SBL_SUCCESS;
 }
 
 /* Nothing is bound at first. */
-static sbl_result sbl__seam_free_unknown(void *work, int unknown) {
+static sbl_result sbl__seam_unbind(void *work, int unknown) {
     double *diagonal = ((sbl__seams *)work)->solver.diagonal + 3 * (size_t)unknown;
     diagonal[0] = diagonal[1] = diagonal[2] = 1;
     return SBL_SUCCESS;
@@ -14263,20 +14223,19 @@ static sbl_result sbl__seam_apply(void *work, int unknown) {
 static sbl_result sbl__seams_make(void *work, sbl__slice *slice) {
     sbl__seams *s = (sbl__seams *)work;
     const sbl__geometry *g = s->atlas->geometry;
-    const size_t texels = (size_t)s->light->width * (size_t)s->light->height;
     double edges = 0;
     int i;
     (void)slice;
+    if (s->unknown_of) return SBL_SUCCESS;
     for (i = 0; i < g->mesh_count; i++) if (s->atlas->wanted[i]) edges += 3.0 * g->meshes[i].triangle_count;
-    s->unknown_of = (int *)sbl__alloc(s->atlas->base, texels, sizeof *s->unknown_of);
+    s->unknown_of = (int *)sbl__alloc(s->atlas->base, (size_t)s->light->spread.count, sizeof *s->unknown_of);
     return s->unknown_of ? sbl__hash_table_make(s->atlas->base, &s->edges, edges) : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Before the first layer. */
-static sbl_result sbl__seams_layer(void *work, sbl__slice *slice) {
+static sbl_result sbl__seams_make_solver(void *work, sbl__slice *slice) {
     sbl__seams *s = (sbl__seams *)work;
     (void)slice;
-    if (s->solver.user) return SBL_SUCCESS;
+    if (s->solver.user) return SBL_SUCCESS;  /* it was made for another layer */
     s->solver.user = s;
     s->solver.term = sbl__seam_term;
     s->solver.term_count = s->point_count;
@@ -14313,13 +14272,12 @@ static void sbl__seams_again(sbl__seams *s) {
 static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, const sbl__atlas *atlas,
                                   sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { sbl__seams_make, NULL, NULL, NULL },
-        { NULL, NULL, sbl__seams_edge, sbl__seams_edges },
-        { sbl__seams_layer, NULL, sbl__seam_free_unknown, sbl__seams_unknowns },
-        { NULL, NULL, sbl__seam_before, sbl__seams_points },
+        { sbl__seams_make, NULL, sbl__seams_edge, sbl__seams_edges },
+        { sbl__seams_make_solver, NULL, sbl__seam_unbind, sbl__seams_unknowns },
+        { NULL, NULL, sbl__seam_measure, sbl__seams_points },
         { sbl__seams_solve, NULL, NULL, NULL },
         { NULL, sbl__seams_after_apply, sbl__seam_apply, sbl__seams_unknowns },
-        { NULL, NULL, sbl__seam_after, sbl__seams_points }
+        { NULL, NULL, sbl__seam_measure, sbl__seams_points }
     };
     s->light = light;
     s->atlas = atlas;
@@ -15208,26 +15166,21 @@ static float sbl__gathering_progress(const sbl__core *c, const sbl__gathering *g
 #define SBL__VERTICES_SUMS 16           /* of a triangle's points: see sums */
 #define SBL__VERTICES_WHOLE 1e-5f       /* of a triangle's area may miss by rounding */
 #define SBL__VERTICES_SPRING 0.02f      /* points that are left out hold their triangle's corners together so much */
-#define SBL__VERTICES_PRECISION 1e-6    /* of the solution, where it ends, */
-#define SBL__VERTICES_ROUNDS 1000       /* or after so many rounds */
+#define SBL__VERTICES_PRECISION 1e-6    /* of the solution */
 #define SBL__VERTICES_RINGS 64          /* edges that light is carried over */
 #define SBL__VERTICES_SMOOTHEST 1e6f
 #define SBL__VERTICES_GRAZING 0.01      /* SBL_GRAZING */
-#define SBL__VERTICES_NONE UINT32_MAX
 
-/* SENSE is the gather's; all others go over triangles, vertices, hinges or points, one by one */
-typedef enum sbl__vertices_stage {
+enum {
     SBL__VERTICES_IDLE,
-    SBL__VERTICES_FACES, SBL__VERTICES_WELD, SBL__VERTICES_EDGES,  /* normals and areas; unknowns; hinges */
-    SBL__VERTICES_SITES, SBL__VERTICES_SENSE, SBL__VERTICES_TAKE,
-    SBL__VERTICES_TIGHTEN, SBL__VERTICES_BEND,                     /* the matrix: triangles, hinges */
-    SBL__VERTICES_START, SBL__VERTICES_MASS, SBL__VERTICES_HINGES, SBL__VERTICES_DOT, SBL__VERTICES_ADVANCE,
-    SBL__VERTICES_TURN,
+    SBL__VERTICES_FACES, SBL__VERTICES_WELD, SBL__VERTICES_SIDES,  /* normals and areas; unknowns; hinges */
+    SBL__VERTICES_MAKE, SBL__VERTICES_SITES, SBL__VERTICES_SENSE, SBL__VERTICES_TAKE,
+    SBL__VERTICES_MASS, SBL__VERTICES_BEND, SBL__VERTICES_SOLVE,   /* the matrix: triangles, hinges; its solution */
     SBL__VERTICES_AVERAGE,
-    SBL__VERTICES_SETTLE, SBL__VERTICES_SPREAD, SBL__VERTICES_RING,  /* to vertices without light of their own */
+    SBL__VERTICES_LINK, SBL__VERTICES_SPREAD,                      /* to vertices without light of their own */
     SBL__VERTICES_WRITE,
     SBL__VERTICES_DONE
-} sbl__vertices_stage;
+};
 
 /* A mesh that is baked. */
 typedef struct sbl__vertices_part {
@@ -15240,10 +15193,13 @@ typedef struct sbl__vertices_part {
    first side's two ends. */
 typedef struct sbl__hinge { uint32_t sides[2]; float weights[4]; } sbl__hinge;
 
+/* A point over a triangle, see sbl__vertices_point; the triangle is of the part, once sbl__vertices_here was asked. */
+typedef struct sbl__vertices_place { int part, triangle, point; } sbl__vertices_place;
+
 typedef struct sbl__vertices {
-    sbl__vertices_stage stage;
-    int at, part;               /* what comes next of the stage, and the mesh that it is of */
-    int ready;                  /* the stage has its memory */
+    sbl__stages stages;
+    sbl__core *core;
+    int part;                   /* the one that the vertex or triangle at hand is of */
     sbl_vertices_desc desc;     /* defaults filled in */
     sbl__vertices_part *parts;
     int part_count, vertex_count, triangle_count;
@@ -15252,10 +15208,10 @@ typedef struct sbl__vertices {
     sbl_reading *readings;
     int site_count;             /* of the gather under way */
     double points, taken;       /* in all, and of the gathers before */
-    struct { int part, triangle, point; } next, first;  /* of the site that is made, and of the gather's first */
+    sbl__vertices_place next, first;  /* of the site that is made, and of the gather's first */
     float *normals;             /* a vertex: sum of its triangles' */
-    uint32_t *unknowns;         /* a vertex: the first one that it is one with, or SBL__VERTICES_NONE */
-    uint32_t *slots, slot_mask; /* 1 + vertex or side, by a hash of its place or ends; 0: free */
+    uint32_t *unknowns;         /* a vertex: the first one that it is one with; SBL__NONE: no triangle has it */
+    sbl__hash_table places, ends;  /* of vertices; of sides */
     uint32_t *corners;          /* three unknowns a triangle */
     float *areas;               /* a triangle, over the mean */
     float *sums;                /* a triangle: 00 01 02 11 12 22 of its matrix; sum of its points' weights; for each
@@ -15263,31 +15219,33 @@ typedef struct sbl__vertices {
     float *doubts;              /* the same of points that see back faces; NULL: there was none */
     sbl__hinge *hinges;
     int hinge_count, hinge_room;
-    unsigned char *lit;         /* an unknown: it has points of its own, or neighbours' light */
-    double *light, *rest, *way, *step;  /* three an unknown: x; what is left of the right side; where x goes; the
-                                           matrix times that */
-    double *diagonal;           /* an unknown; sum of weights where it is a mean */
-    double power[3], along[3], next_power[3], off[3], scale[3];  /* sums of a round */
-    int rounds, ring, spread;   /* so far; of light that is carried; this ring has vertices */
+    sbl__solver solver;         /* for an average the diagonal is a sum of weights, the residual of weighted light */
+    sbl__rings rings;           /* of light that unknowns without points get */
+    uint32_t *first_corners, *next_corners;  /* an unknown: 1 + a corner at it; a corner: 1 + the next one; 0: none */
 } sbl__vertices;
 
 static void sbl__vertices_free(sbl__base *base, sbl__vertices *s) {
-    void *const blocks[] = { s->parts, s->sites, s->readings, s->normals, s->unknowns, s->slots, s->corners, s->areas,
-                             s->sums, s->doubts, s->hinges, s->lit, s->light, s->rest, s->way, s->step, s->diagonal };
+    void *const blocks[] = { s->parts, s->sites, s->readings, s->normals, s->unknowns, s->corners, s->areas,
+                             s->sums, s->doubts, s->hinges, s->first_corners, s->next_corners };
     int i;
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(base, blocks[i]);
+    sbl__hash_table_free(base, &s->places);
+    sbl__hash_table_free(base, &s->ends);
+    sbl__solver_free(base, &s->solver);
+    sbl__rings_free(base, &s->rings);
     sbl__gathering_free(base, &s->gathering);
     memset(s, 0, sizeof *s);
 }
 
 static int sbl__vertices_under_way(const sbl__vertices *s) {
-    return s->stage != SBL__VERTICES_IDLE && s->stage != SBL__VERTICES_DONE;
+    return s->stages.stage != SBL__VERTICES_IDLE && s->stages.stage != SBL__VERTICES_DONE;
 }
 
 /* desc has its defaults filled in and has been checked. The gathering is begun by the caller. */
 static sbl_result sbl__vertices_begin(sbl__core *c, sbl__vertices *s, const sbl_vertices_desc *desc) {
     const sbl__geometry *g = &c->scene.geometry;
     int i;
+    s->core = c;
     s->desc = *desc;
     s->part_count = desc->mesh_count ? desc->mesh_count : g->mesh_count;
     s->parts = (sbl__vertices_part *)sbl__alloc(&c->base, (size_t)s->part_count, sizeof *s->parts);
@@ -15301,47 +15259,76 @@ static sbl_result sbl__vertices_begin(sbl__core *c, sbl__vertices *s, const sbl_
         s->triangle_count += g->meshes[part->mesh].triangle_count;
     }
     s->desc.meshes = NULL;
-    s->stage = SBL__VERTICES_FACES;
+    s->stages.stage = SBL__VERTICES_FACES;
     return SBL_SUCCESS;
+}
+
+/* Takes the memory that finding out what is one needs. */
+static sbl_result sbl__vertices_make_faces(void *work, sbl__slice *slice) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    sbl__base *base = &s->core->base;
+    const size_t vertices = (size_t)s->vertex_count, triangles = (size_t)s->triangle_count;
+    (void)slice;
+    if (s->normals) return SBL_SUCCESS;
+    s->normals = (float *)sbl__alloc(base, vertices, 12);
+    s->unknowns = (uint32_t *)sbl__alloc_raw(base, vertices, sizeof *s->unknowns);
+    s->corners = (uint32_t *)sbl__alloc_raw(base, triangles, 12);
+    s->areas = (float *)sbl__alloc_raw(base, triangles, sizeof *s->areas);
+    if (!s->normals || !s->unknowns || !s->corners || !s->areas ||
+        sbl__hash_table_make(base, &s->places, s->vertex_count) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
+    memset(s->unknowns, 0xff, vertices * sizeof *s->unknowns);
+    return sbl__hash_table_make(base, &s->ends, 3.0 * s->triangle_count);
 }
 
 /* >>vertices: what is one. Numbers of vertices and triangles are those of all parts, one after the other, unless they
    are said to be the scene's. */
 
-static uint32_t sbl__vertices_triangle(const sbl__vertices *s, const sbl__geometry *g, int part, int triangle) {
+static const sbl__geometry *sbl__vertices_geometry(const sbl__vertices *s) { return &s->core->scene.geometry; }
+
+static uint32_t sbl__vertices_triangle(const sbl__vertices *s, int part, int triangle) {
     const sbl__vertices_part *p = &s->parts[part];
-    return (uint32_t)(g->meshes[p->mesh].first_triangle + triangle - p->first_triangle);
+    return (uint32_t)(sbl__vertices_geometry(s)->meshes[p->mesh].first_triangle + triangle - p->first_triangle);
 }
 
-static uint32_t sbl__vertices_vertex(const sbl__vertices *s, const sbl__geometry *g, int vertex) {
+static uint32_t sbl__vertices_vertex(const sbl__vertices *s, uint32_t vertex) {
     const sbl__vertices_part *p = &s->parts[s->part];
-    return (uint32_t)(g->meshes[p->mesh].first_vertex + vertex - p->first_vertex);
+    return (uint32_t)sbl__vertices_geometry(s)->meshes[p->mesh].first_vertex + vertex - (uint32_t)p->first_vertex;
 }
 
-/* Area, and which vertices there are; those without normals have the mean of their triangles'. */
-static void sbl__vertices_face(sbl__vertices *s, const sbl__geometry *g, int triangle) {
-    sbl__vertices_part *part = &s->parts[s->part];
-    const uint32_t number = sbl__vertices_triangle(s, g, s->part, triangle);
-    const float *p[3];
-    double face[3], area;
+/* Finds the part of the vertex, or else triangle, that a stage's loop has reached. */
+static sbl__vertices_part *sbl__vertices_find_part(sbl__vertices *s, int at, int is_vertex) {
+    if (at == 0) s->part = 0;
+    while (s->part + 1 < s->part_count) {
+        const sbl__vertices_part *next = &s->parts[s->part + 1];
+        if (at < (is_vertex ? next->first_vertex : next->first_triangle)) break;
+        s->part++;
+    }
+    return &s->parts[s->part];
+}
+
+/* Finds a triangle's area and which vertices it has; those without normals have the mean of their triangles'. */
+static sbl_result sbl__vertices_face(void *work, int triangle) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    const sbl__geometry *g = sbl__vertices_geometry(s);
+    sbl__vertices_part *part = sbl__vertices_find_part(s, triangle, 0);
+    const uint32_t number = sbl__vertices_triangle(s, s->part, triangle);
+    double face[3];
+    const double area = sbl__scene_normal(g, number, face);
     int i, k;
-    for (i = 0; i < 3; i++) p[i] = sbl__corner_of(g, number, i);
-    sbl__triangle_normal(p, face);
-    area = 0.5 * sqrt(face[0] * face[0] + face[1] * face[1] + face[2] * face[2]);
     s->areas[triangle] = (float)area;
     part->area += area;
-    if (!sbl__normalize(face)) face[0] = face[1] = face[2] = 0;
     for (i = 0; i < 3; i++) {
         const uint32_t vertex = g->indices[3 * (size_t)number + (size_t)i] -
                                 (uint32_t)g->meshes[part->mesh].first_vertex + (uint32_t)part->first_vertex;
         s->corners[3 * (size_t)triangle + (size_t)i] = s->unknowns[vertex] = vertex;
         for (k = 0; k < 3; k++) s->normals[3 * (size_t)vertex + (size_t)k] += (float)face[k];
     }
+    return SBL_SUCCESS;
 }
 
 /* Unit, in the scene; 0 0 0 where there is none. */
-static void sbl__vertices_normal(const sbl__vertices *s, const sbl__geometry *g, int vertex, float out[3]) {
-    const float *own = g->attributes[sbl__vertices_vertex(s, g, vertex)].normal;
+static void sbl__vertices_normal(const sbl__vertices *s, uint32_t vertex, float out[3]) {
+    const float *own = sbl__vertices_geometry(s)->attributes[sbl__vertices_vertex(s, vertex)].normal;
     const float *mean = s->normals + 3 * (size_t)vertex;
     double n[3] = { mean[0], mean[1], mean[2] };
     int k;
@@ -15349,51 +15336,47 @@ static void sbl__vertices_normal(const sbl__vertices *s, const sbl__geometry *g,
     for (k = 0; k < 3; k++) out[k] = sbl__all_zero(own, 3) ? (float)n[k] : own[k];
 }
 
-/* A vertex is one with the first that stands where it does and whose normal agrees. */
-static void sbl__vertices_weld(sbl__vertices *s, const sbl__geometry *g, int vertex) {
-    const float *place = g->vertices[sbl__vertices_vertex(s, g, vertex)].position;
-    uint32_t slot = (uint32_t)s->part;
-    float normal[3], other[3];
-    int k, same;
-    if (s->unknowns[vertex] == SBL__VERTICES_NONE) return;
-    sbl__vertices_normal(s, g, vertex, normal);
-    if (sbl__all_zero(normal, 3)) return;
-    for (k = 0; k < 3; k++) slot = sbl__hash(slot ^ (sbl__zero(place + k) ? 0 : sbl__float_bits(place + k)));
-    for (slot &= s->slot_mask; s->slots[slot]; slot = (slot + 1) & s->slot_mask) {
-        const int first = (int)s->slots[slot] - 1;
-        const float *there;
-        if (first < s->parts[s->part].first_vertex) continue;
-        there = g->vertices[sbl__vertices_vertex(s, g, first)].position;
-        for (k = 0, same = 1; k < 3; k++) same &= place[k] == there[k];
-        if (!same) continue;
-        sbl__vertices_normal(s, g, first, other);
-        if (!(sbl__dot(normal, other) >= SBL__VERTICES_AGREE)) continue;
-        s->unknowns[vertex] = (uint32_t)first;
-        return;
-    }
-    s->slots[slot] = (uint32_t)vertex + 1;
+/* Vertices of a part are one if they stand in the same place and their normals agree. */
+static int sbl__vertices_same(const void *user, uint32_t one, uint32_t other) {
+    const sbl__vertices *s = (const sbl__vertices *)user;
+    float a[3], b[3];
+    if (other < (uint32_t)s->parts[s->part].first_vertex) return 0;
+    if (!sbl__same_place(sbl__vertices_geometry(s), sbl__vertices_vertex(s, one), sbl__vertices_vertex(s, other)))
+        return 0;
+    sbl__vertices_normal(s, one, a);
+    sbl__vertices_normal(s, other, b);
+    return sbl__dot(a, b) >= SBL__VERTICES_AGREE;
 }
 
-/* The unknown at a side's first or second end (0, 1), or opposite (2). */
-static uint32_t sbl__vertices_end(const sbl__vertices *s, uint32_t side, uint32_t which) {
-    return s->corners[side - side % 3 + (side + which) % 3];
+static sbl_result sbl__vertices_weld(void *work, int at) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    const uint32_t vertex = (uint32_t)at;
+    float normal[3];
+    sbl__vertices_find_part(s, at, 1);
+    if (s->unknowns[vertex] == SBL__NONE) return SBL_SUCCESS;
+    sbl__vertices_normal(s, vertex, normal);
+    if (!sbl__all_zero(normal, 3))
+        s->unknowns[vertex] = sbl__hash_table_first(
+            &s->places, sbl__place_hash(sbl__vertices_geometry(s), sbl__vertices_vertex(s, vertex)), vertex,
+            sbl__vertices_same, s);
+    return SBL_SUCCESS;
 }
 
-/* Where an unknown is in the part at hand, in the scene. */
-static const float *sbl__vertices_place(const sbl__vertices *s, const sbl__geometry *g, uint32_t unknown) {
-    return g->vertices[sbl__vertices_vertex(s, g, (int)unknown)].position;
+/* Where the unknown at a side's first or second end (0, 1), or opposite (2), is in the scene. */
+static const float *sbl__vertices_end(const sbl__vertices *s, uint32_t side, uint32_t which) {
+    const uint32_t vertex = sbl__vertices_vertex(s, sbl__side_end(s->corners, side, which));
+    return sbl__vertices_geometry(s)->vertices[vertex].position;
 }
 
 /* The weights of a hinge: slopes across its side, laid flat, of which none is left where light is linear. */
-static void sbl__hinge_make(const sbl__vertices *s, const sbl__geometry *g, sbl__hinge *h) {
-    const float *p = sbl__vertices_place(s, g, sbl__vertices_end(s, h->sides[0], 0));
-    const float *q = sbl__vertices_place(s, g, sbl__vertices_end(s, h->sides[0], 1));
+static void sbl__hinge_make(const sbl__vertices *s, sbl__hinge *h) {
+    const float *p = sbl__vertices_end(s, h->sides[0], 0), *q = sbl__vertices_end(s, h->sides[0], 1);
     double length2 = 0, along[2], height[2], share[2], norm = 0;
     double w[4] = { 0, 0, 0, 0 };
     int i, k;
     for (k = 0; k < 3; k++) length2 += ((double)q[k] - p[k]) * ((double)q[k] - p[k]);
     for (i = 0; i < 2; i++) {
-        const float *apex = sbl__vertices_place(s, g, sbl__vertices_end(s, h->sides[i], 2));
+        const float *apex = sbl__vertices_end(s, h->sides[i], 2);
         along[i] = height[i] = 0;
         for (k = 0; k < 3; k++) along[i] += ((double)apex[k] - p[k]) * ((double)q[k] - p[k]) / length2;
         for (k = 0; k < 3; k++) {
@@ -15416,23 +15399,16 @@ static void sbl__hinge_make(const sbl__vertices *s, const sbl__geometry *g, sbl_
 }
 
 /* The first triangle that has the side makes a hinge with each other. */
-static sbl_result sbl__vertices_side(sbl__base *base, sbl__vertices *s, const sbl__geometry *g, uint32_t side) {
-    const uint32_t a = sbl__vertices_end(s, side, 0), b = sbl__vertices_end(s, side, 1);
-    uint32_t slot = sbl__hash(SBL__MIN(a, b) ^ sbl__hash(SBL__MAX(a, b))) & s->slot_mask;
-    for (; s->slots[slot]; slot = (slot + 1) & s->slot_mask) {
-        const uint32_t other = s->slots[slot] - 1, c = sbl__vertices_end(s, other, 0);
-        const uint32_t d = sbl__vertices_end(s, other, 1);
-        sbl__hinge *hinge;
-        if (!((a == c && b == d) || (a == d && b == c))) continue;
-        if (!sbl__grow(base, &s->hinges, &s->hinge_room, s->hinge_count + 1, sizeof *s->hinges))
-            return SBL_ERROR_OUT_OF_MEMORY;
-        hinge = &s->hinges[s->hinge_count++];
-        hinge->sides[0] = other;
-        hinge->sides[1] = side;
-        sbl__hinge_make(s, g, hinge);
-        return SBL_SUCCESS;
-    }
-    s->slots[slot] = side + 1;
+static sbl_result sbl__vertices_side(sbl__vertices *s, uint32_t side) {
+    const uint32_t other = sbl__first_side(&s->ends, s->corners, side);
+    sbl__hinge *hinge;
+    if (other == side) return SBL_SUCCESS;
+    if (!sbl__grow(&s->core->base, &s->hinges, &s->hinge_room, s->hinge_count + 1, sizeof *s->hinges))
+        return SBL_ERROR_OUT_OF_MEMORY;
+    hinge = &s->hinges[s->hinge_count++];
+    hinge->sides[0] = other;
+    hinge->sides[1] = side;
+    sbl__hinge_make(s, hinge);
     return SBL_SUCCESS;
 }
 
@@ -15446,9 +15422,10 @@ static int sbl__vertices_samples(const sbl__vertices *s, int triangle) {
     return SBL__MAX((int)SBL__MIN(wanted, most), SBL__MIN(SBL__VERTICES_FEW, s->desc.samples));
 }
 
-static sbl_result sbl__vertices_edges(sbl__base *base, sbl__vertices *s, const sbl__geometry *g, int triangle) {
-    const sbl__vertices_part *part = &s->parts[s->part];
-    const double mean = part->area / SBL__MAX(1, g->meshes[part->mesh].triangle_count);
+static sbl_result sbl__vertices_sides(void *work, int triangle) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    const sbl__vertices_part *part = sbl__vertices_find_part(s, triangle, 0);
+    const double mean = part->area / SBL__MAX(1, sbl__vertices_geometry(s)->meshes[part->mesh].triangle_count);
     uint32_t *corners = s->corners + 3 * (size_t)triangle;
     sbl_result result = SBL_SUCCESS;
     uint32_t i;
@@ -15457,7 +15434,7 @@ static sbl_result sbl__vertices_edges(sbl__base *base, sbl__vertices *s, const s
     s->points += sbl__vertices_samples(s, triangle);
     for (i = 0; i < 3; i++) corners[i] = s->unknowns[corners[i]];
     for (i = 0; i < 3 && sbl__vertices_bends(s) && result == SBL_SUCCESS; i++)
-        result = sbl__vertices_side(base, s, g, 3 * (uint32_t)triangle + i);
+        result = sbl__vertices_side(s, 3 * (uint32_t)triangle + i);
     return result;
 }
 
@@ -15482,7 +15459,7 @@ static void sbl__vertices_site(const sbl__geometry *g, uint32_t number, const do
     double face[3], normal[3] = { 0, 0, 0 }, height = 0;
     int i, k;
     memset(out, 0, sizeof *out);
-    for (i = 0; i < 3; i++) p[i] = sbl__corner_of(g, number, i);
+    sbl__scene_triangle(g, number, p);
     sbl__triangle_normal(p, face);
     sbl__normalize(face);
     for (k = 0; k < 3; k++) {
@@ -15520,17 +15497,21 @@ static void sbl__vertices_pass(sbl__vertices *s) {
     s->next.triangle++;
 }
 
-static void sbl__vertices_ask(sbl__vertices *s, const sbl__geometry *g, int i) {
+static sbl_result sbl__vertices_ask(void *work, int site) {
+    sbl__vertices *s = (sbl__vertices *)work;
     const int triangle = sbl__vertices_here(s);
     double weights[3];
     sbl__vertices_point(s->next.point, weights);
-    sbl__vertices_site(g, sbl__vertices_triangle(s, g, s->next.part, triangle), weights, &s->sites[i]);
+    sbl__vertices_site(sbl__vertices_geometry(s), sbl__vertices_triangle(s, s->next.part, triangle), weights,
+                       &s->sites[site]);
     sbl__vertices_pass(s);
+    return SBL_SUCCESS;
 }
 
 /* What was found at a point goes to its triangle. */
-static sbl_result sbl__vertices_take(sbl__base *base, sbl__vertices *s, int i) {
-    const sbl_reading *r = &s->readings[i];
+static sbl_result sbl__vertices_take(void *work, int site) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    const sbl_reading *r = &s->readings[site];
     const int triangle = sbl__vertices_here(s), doubtful = r->back_share * r->hit_share > SBL__VERTICES_BACK;
     const double weight = (double)s->areas[triangle] / sbl__vertices_samples(s, triangle);
     double h[3];
@@ -15542,7 +15523,8 @@ static sbl_result sbl__vertices_take(sbl__base *base, sbl__vertices *s, int i) {
     s->parts[s->next.part].points += 1;
     s->parts[s->next.part].doubtful += doubtful;
     if (doubtful && !s->doubts)
-        s->doubts = (float *)sbl__alloc(base, (size_t)s->triangle_count, SBL__VERTICES_SUMS * sizeof *s->doubts);
+        s->doubts = (float *)sbl__alloc(&s->core->base, (size_t)s->triangle_count,
+                                        SBL__VERTICES_SUMS * sizeof *s->doubts);
     sums = doubtful ? s->doubts : s->sums;
     if (!sums) return SBL_ERROR_OUT_OF_MEMORY;
     sums += SBL__VERTICES_SUMS * (size_t)triangle;
@@ -15558,39 +15540,47 @@ static sbl_result sbl__vertices_take(sbl__base *base, sbl__vertices *s, int i) {
 
 static const unsigned char sbl__mass_at[3][3] = { { 0, 1, 2 }, { 1, 3, 4 }, { 2, 4, 5 } };
 
-/* A triangle's sums go to its corners. Where points were left out, they hold its corners together. */
-static void sbl__vertices_tighten(sbl__vertices *s, int triangle) {
-    const sbl__vertices_part *part = &s->parts[s->part];
+static void sbl__vertices_weigh(sbl__vertices *s, size_t unknown, double weight) {
+    int k;
+    for (k = 0; k < 3; k++) s->solver.diagonal[3 * unknown + (size_t)k] += weight;
+}
+
+/* A triangle's sums go to its corners. Points that were left out hold its corners together. */
+static sbl_result sbl__vertices_mass(void *work, int triangle) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    const sbl__vertices_part *part = sbl__vertices_find_part(s, triangle, 0);
     const uint32_t *corners = s->corners + 3 * (size_t)triangle;
     float *sums = s->sums + SBL__VERTICES_SUMS * (size_t)triangle, missing, spring;
     const float *more = s->doubts ? s->doubts + SBL__VERTICES_SUMS * (size_t)triangle : NULL;
     int a, b, k;
     for (k = 0; k < SBL__VERTICES_SUMS && more && part->doubtful > SBL__VERTICES_INSIDE_OUT * part->points; k++)
         sums[k] += more[k];
-    if (!(sums[6] > 0)) return;
+    if (!(sums[6] > 0)) return SBL_SUCCESS;
     missing = s->areas[triangle] - sums[6];
     spring = missing > SBL__VERTICES_WHOLE * s->areas[triangle] ? SBL__VERTICES_SPRING * missing / 3 : 0;
     for (a = 0; a < 3; a++) {
-        const size_t at = corners[a];
-        s->lit[at] = 1;
-        for (k = 0; k < 3; k++) s->rest[3 * at + (size_t)k] += sums[7 + 3 * a + k];
-        for (b = 0; b < 3 && !sbl__vertices_fits(s); b++) s->diagonal[at] += sums[sbl__mass_at[a][b]];
+        s->rings.ring[corners[a]] = 0;
+        for (k = 0; k < 3; k++) s->solver.residual[3 * (size_t)corners[a] + (size_t)k] += sums[7 + 3 * a + k];
+        for (b = 0; b < 3 && !sbl__vertices_fits(s); b++) sbl__vertices_weigh(s, corners[a], sums[sbl__mass_at[a][b]]);
     }
     for (a = 0; a < 3 && sbl__vertices_fits(s); a++) {
         for (b = a; b < 3; b++) sums[sbl__mass_at[a][b]] += a == b ? 2 * spring : -spring;
-        s->diagonal[corners[a]] += sums[sbl__mass_at[a][a]];
+        sbl__vertices_weigh(s, corners[a], sums[sbl__mass_at[a][a]]);
     }
+    return SBL_SUCCESS;
 }
 
-/* The four unknowns of a hinge, as its weights. */
+/* The four unknowns of a hinge, in the order of its weights. */
 static void sbl__hinge_unknowns(const sbl__vertices *s, const sbl__hinge *h, size_t out[4]) {
-    out[0] = sbl__vertices_end(s, h->sides[0], 2);
-    out[1] = sbl__vertices_end(s, h->sides[1], 2);
-    out[2] = sbl__vertices_end(s, h->sides[0], 0);
-    out[3] = sbl__vertices_end(s, h->sides[0], 1);
+    out[0] = sbl__side_end(s->corners, h->sides[0], 2);
+    out[1] = sbl__side_end(s->corners, h->sides[1], 2);
+    out[2] = sbl__side_end(s->corners, h->sides[0], 0);
+    out[3] = sbl__side_end(s->corners, h->sides[0], 1);
 }
 
-static void sbl__vertices_bend(sbl__vertices *s, sbl__hinge *h) {
+static sbl_result sbl__vertices_bend(void *work, int hinge) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    sbl__hinge *h = &s->hinges[hinge];
     const float *known[2];
     size_t at[4];
     double scale;
@@ -15600,312 +15590,213 @@ static void sbl__vertices_bend(sbl__vertices *s, sbl__hinge *h) {
     sbl__hinge_unknowns(s, h, at);
     for (i = 0; i < 4; i++) {
         h->weights[i] = (float)(h->weights[i] * scale);
-        s->diagonal[at[i]] += (double)h->weights[i] * h->weights[i];
+        sbl__vertices_weigh(s, at[i], (double)h->weights[i] * h->weights[i]);
     }
+    return SBL_SUCCESS;
 }
 
-static void sbl__vertices_start(sbl__vertices *s, size_t unknown) {
-    const double d = s->diagonal[unknown];
-    size_t i;
-    for (i = 3 * unknown; i < 3 * unknown + 3; i++) {
-        s->way[i] = d > 0 ? s->rest[i] / d : 0;
-        s->power[i - 3 * unknown] += s->rest[i] * s->way[i];
-        s->scale[i - 3 * unknown] += s->way[i] * s->way[i];
-    }
-}
-
-/* step += a triangle's or a hinge's part of the matrix times way. */
-static void sbl__vertices_multiply(sbl__vertices *s, int triangle) {
-    const float *mass = s->sums + SBL__VERTICES_SUMS * (size_t)triangle;
-    const uint32_t *corners = s->corners + 3 * (size_t)triangle;
+/* Terms of the matrix: triangles, then hinges. */
+static void sbl__vertices_term(void *user, int term, const double *direction, double *product) {
+    const sbl__vertices *s = (const sbl__vertices *)user;
+    const int is_hinge = term >= s->triangle_count;
+    const float *mass = s->sums + SBL__VERTICES_SUMS * (size_t)(is_hinge ? 0 : term);
+    const uint32_t *corners = s->corners + 3 * (size_t)(is_hinge ? 0 : term);
+    const sbl__hinge *h = is_hinge ? &s->hinges[term - s->triangle_count] : NULL;
+    size_t at[4];
     int a, b, k;
-    for (a = 0; a < 3; a++)
+    for (a = 0; a < 3 && !h; a++)
         for (b = 0; b < 3; b++) {
-            const double m = mass[sbl__mass_at[a][b]], *from = s->way + 3 * (size_t)corners[b];
-            double *to = s->step + 3 * (size_t)corners[a];
+            const double m = mass[sbl__mass_at[a][b]], *from = direction + 3 * (size_t)corners[b];
+            double *to = product + 3 * (size_t)corners[a];
             for (k = 0; k < 3; k++) to[k] += m * from[k];
         }
-}
-
-static void sbl__vertices_multiply_hinge(sbl__vertices *s, const sbl__hinge *h) {
-    size_t at[4];
-    int i, k;
-    sbl__hinge_unknowns(s, h, at);
-    for (k = 0; k < 3; k++) {
+    if (h) sbl__hinge_unknowns(s, h, at);
+    for (k = 0; k < 3 && h; k++) {
         double bend = 0;
-        for (i = 0; i < 4; i++) bend += h->weights[i] * s->way[3 * at[i] + (size_t)k];
-        for (i = 0; i < 4; i++) s->step[3 * at[i] + (size_t)k] += h->weights[i] * bend;
+        for (a = 0; a < 4; a++) bend += h->weights[a] * direction[3 * at[a] + (size_t)k];
+        for (a = 0; a < 4; a++) product[3 * at[a] + (size_t)k] += h->weights[a] * bend;
     }
 }
 
-static void sbl__vertices_advance(sbl__vertices *s, size_t unknown) {
-    const double d = s->diagonal[unknown];
-    int k;
-    for (k = 0; k < 3 && d > 0; k++) {
-        const size_t i = 3 * unknown + (size_t)k;
-        const double share = s->along[k] > 0 ? s->power[k] / s->along[k] : 0;
-        s->light[i] += share * s->way[i];
-        s->rest[i] -= share * s->step[i];
-        s->next_power[k] += s->rest[i] * s->rest[i] / d;
-        s->off[k] += s->rest[i] / d * (s->rest[i] / d);
-    }
-}
-
-static void sbl__vertices_turn(sbl__vertices *s, size_t unknown) {
-    const double d = s->diagonal[unknown];
-    int k;
-    for (k = 0; k < 3 && d > 0; k++) {
-        const size_t i = 3 * unknown + (size_t)k;
-        s->way[i] = s->rest[i] / d + (s->power[k] > 0 ? s->next_power[k] / s->power[k] : 0) * s->way[i];
-        s->step[i] = 0;
-    }
-}
-
-/* After a round: is the solution there? */
-static int sbl__vertices_solved(sbl__vertices *s) {
-    const double precision2 = SBL__VERTICES_PRECISION * SBL__VERTICES_PRECISION;
-    int k, solved = 1;
-    for (k = 0; k < 3; k++) solved &= s->off[k] <= precision2 * s->scale[k];
-    return solved || ++s->rounds >= SBL__VERTICES_ROUNDS;
+static sbl_result sbl__vertices_average(void *work, int unknown) {
+    sbl__solver *s = &((sbl__vertices *)work)->solver;
+    size_t i = 3 * (size_t)unknown;
+    const size_t end = i + 3;
+    for (; i < end && s->diagonal[i] > 0; i++) s->solution[i] = s->residual[i] / s->diagonal[i];
+    return SBL_SUCCESS;
 }
 
 /* >>vertices: what has no light of its own */
 
-static void sbl__vertices_spread(sbl__vertices *s, int triangle) {
-    const uint32_t *corners = s->corners + 3 * (size_t)triangle;
-    int a, b, k;
-    for (a = 0; a < 3; a++)
-        for (b = 0; b < 3 && !s->lit[corners[a]]; b++) {
-            if (!s->lit[corners[b]]) continue;
-            for (k = 0; k < 3; k++)
-                s->step[3 * (size_t)corners[a] + (size_t)k] += s->light[3 * (size_t)corners[b] + (size_t)k];
-            s->diagonal[corners[a]] += 1;
-        }
+/* Links an unknown's corners. Begins with the last triangle, so that the first one is linked first. */
+static sbl_result sbl__vertices_link(void *work, int at) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    size_t corner = 3 * (size_t)(s->triangle_count - at);
+    int i;
+    for (i = 0; i < 3; i++, corner--) {
+        uint32_t *first = &s->first_corners[s->corners[corner - 1]];
+        s->next_corners[corner - 1] = *first;
+        *first = (uint32_t)corner;
+    }
+    return SBL_SUCCESS;
 }
 
-static void sbl__vertices_ring(sbl__vertices *s, size_t unknown) {
-    int k;
-    if (s->lit[unknown] || !(s->diagonal[unknown] > 0)) return;
-    for (k = 0; k < 3; k++) s->light[3 * unknown + (size_t)k] = s->step[3 * unknown + (size_t)k] / s->diagonal[unknown];
-    s->lit[unknown] = 1;
-    s->spread = 1;
+/* Neighbours share a triangle. place: 4 * (1 + the corner of the unknown) + the triangle's corner that is next. */
+static int sbl__vertices_neighbour(const sbl__rings *r, int unknown, size_t *place) {
+    const sbl__vertices *s = (const sbl__vertices *)r->user;
+    size_t corner;
+    if (*place == 0) *place = 4 * (size_t)s->first_corners[unknown];
+    else if (*place % 4 == 3) *place = 4 * (size_t)s->next_corners[*place / 4 - 1];
+    if (*place == 0) return -1;
+    corner = *place / 4 - 1;
+    return (int)s->corners[corner - corner % 3 + (*place)++ % 4];
 }
 
-static void sbl__vertices_write(sbl__vertices *s, size_t vertex) {
+static void sbl__vertices_mean(void *user, int unknown) {
+    sbl__vertices *s = (sbl__vertices *)user;
+    double *out = s->solver.solution + 3 * (size_t)unknown, count = 0;
+    size_t place = 0;
+    int other, k;
+    while ((other = sbl__vertices_neighbour(&s->rings, unknown, &place)) >= 0) {
+        if (!sbl__ring_reached(&s->rings, other)) continue;
+        for (k = 0; k < 3; k++) out[k] += s->solver.solution[3 * (size_t)other + (size_t)k];
+        count += 1;
+    }
+    for (k = 0; k < 3; k++) out[k] /= count;
+}
+
+static sbl_result sbl__vertices_write(void *work, int vertex) {
+    sbl__vertices *s = (sbl__vertices *)work;
     const uint32_t unknown = s->unknowns[vertex];
     int k;
     for (k = 0; k < 3; k++) {
-        const double x = unknown == SBL__VERTICES_NONE ? 0 : s->light[3 * (size_t)unknown + (size_t)k];
-        s->desc.radiance[3 * vertex + (size_t)k] = x > 0 ? (float)SBL__MIN(x, (double)FLT_MAX) : 0;
+        const double x = unknown == SBL__NONE ? 0 : s->solver.solution[3 * (size_t)unknown + (size_t)k];
+        s->desc.radiance[3 * (size_t)vertex + (size_t)k] = x > 0 ? (float)SBL__MIN(x, (double)FLT_MAX) : 0;
     }
+    return SBL_SUCCESS;
 }
 
 /* >>vertices: stages */
 
-/* slots for so many things, all free. */
-static int sbl__vertices_slots(sbl__base *base, sbl__vertices *s, size_t things) {
-    uint32_t count = 16;
-    while (count < 2 * things) count *= 2;
-    sbl__free(base, s->slots);
-    s->slots = (uint32_t *)sbl__alloc(base, count, sizeof *s->slots);
-    s->slot_mask = count - 1;
-    return s->slots != NULL;
-}
-
-static int sbl__vertices_make(sbl__base *base, sbl__vertices *s) {
-    const size_t vertices = (size_t)s->vertex_count, triangles = (size_t)s->triangle_count;
-    s->normals = (float *)sbl__alloc(base, vertices, 12);
-    s->unknowns = (uint32_t *)sbl__alloc_raw(base, vertices, sizeof *s->unknowns);
-    s->corners = (uint32_t *)sbl__alloc_raw(base, triangles, 12);
-    s->areas = (float *)sbl__alloc_raw(base, triangles, sizeof *s->areas);
-    if (s->unknowns) memset(s->unknowns, 0xff, vertices * sizeof *s->unknowns);
-    return s->normals && s->unknowns && s->corners && s->areas && sbl__vertices_slots(base, s, vertices);
-}
-
-/* Sites, readings, and sums of what they tell. */
-static int sbl__vertices_make_sums(sbl__base *base, sbl__vertices *s) {
+/* Takes memory, once it is known how many points there are. */
+static sbl_result sbl__vertices_make(void *work, sbl__slice *slice) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    sbl__base *base = &s->core->base;
     const size_t most = (size_t)SBL__MIN(s->points, (double)SBL__VERTICES_POINTS);
-    sbl__free(base, s->normals);
-    sbl__free(base, s->slots);
-    s->normals = NULL;
-    s->slots = NULL;
+    const size_t triangles = (size_t)s->triangle_count;
+    sbl_result result;
+    (void)slice;
+    s->solver.user = s->rings.user = s;
+    s->solver.term = sbl__vertices_term;
+    s->solver.term_count = s->triangle_count + s->hinge_count;
+    s->solver.precision2 = SBL__VERTICES_PRECISION * SBL__VERTICES_PRECISION;
+    s->rings.neighbour = sbl__vertices_neighbour;
+    s->rings.mean = sbl__vertices_mean;
+    s->rings.last = SBL__VERTICES_RINGS;
     s->sites = (sbl_site *)sbl__alloc_raw(base, most, sizeof *s->sites);
     s->readings = (sbl_reading *)sbl__alloc_raw(base, most, sizeof *s->readings);
-    s->sums = (float *)sbl__alloc(base, (size_t)s->triangle_count, SBL__VERTICES_SUMS * sizeof *s->sums);
+    s->sums = (float *)sbl__alloc(base, triangles, SBL__VERTICES_SUMS * sizeof *s->sums);
+    s->next_corners = (uint32_t *)sbl__alloc_raw(base, triangles, 12);
+    s->first_corners = (uint32_t *)sbl__alloc(base, (size_t)s->vertex_count, sizeof *s->first_corners);
+    if (!s->sites || !s->readings || !s->sums || !s->next_corners || !s->first_corners) return SBL_ERROR_OUT_OF_MEMORY;
     s->gathering.desc.sites = s->sites;
     s->gathering.desc.readings = s->readings;
-    return s->sites && s->readings && s->sums;
+    result = sbl__solver_make(base, &s->solver, s->vertex_count);
+    return result == SBL_SUCCESS ? sbl__rings_make(base, &s->rings, s->vertex_count) : result;
 }
 
-static int sbl__vertices_make_solution(sbl__base *base, sbl__vertices *s) {
-    const size_t vertices = (size_t)s->vertex_count;
-    const int fits = sbl__vertices_fits(s);
-    sbl__free(base, s->sites);
-    sbl__free(base, s->readings);
-    s->sites = NULL;
-    s->readings = NULL;
-    s->lit = (unsigned char *)sbl__alloc(base, vertices, 1);
-    s->diagonal = (double *)sbl__alloc(base, vertices, 8);
-    s->rest = (double *)sbl__alloc(base, vertices, 24);
-    s->light = (double *)sbl__alloc(base, vertices, 24);
-    s->step = (double *)sbl__alloc(base, vertices, 24);
-    if (fits) s->way = (double *)sbl__alloc(base, vertices, 24);
-    return s->lit && s->diagonal && s->rest && s->light && s->step && (s->way || !fits);
+static sbl_result sbl__vertices_sense(void *work, sbl__slice *slice) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    return sbl__gathering_step(s->core, &s->gathering, slice);
 }
 
-/* Before a stage's first item. Returns 0 where memory is out. */
-static int sbl__vertices_enter(sbl__base *base, sbl__vertices *s) {
-    const double left = s->points - s->taken;
-    switch (s->stage) {
-        case SBL__VERTICES_FACES: return sbl__vertices_make(base, s);
-        case SBL__VERTICES_EDGES:
-            return !sbl__vertices_bends(s) || sbl__vertices_slots(base, s, 3 * (size_t)s->triangle_count);
-        case SBL__VERTICES_SITES:
-            if (!s->sites && !sbl__vertices_make_sums(base, s)) return 0;
-            s->site_count = (int)SBL__MIN(left, (double)SBL__VERTICES_POINTS);
-            s->first.part = s->next.part;
-            s->first.triangle = s->next.triangle;
-            s->first.point = s->next.point;
-            return 1;
-        case SBL__VERTICES_SENSE: sbl__gathering_more(&s->gathering, s->site_count); return 1;
-        case SBL__VERTICES_TAKE:
-            s->next.part = s->first.part;
-            s->next.triangle = s->first.triangle;
-            s->next.point = s->first.point;
-            return 1;
-        case SBL__VERTICES_TIGHTEN: return sbl__vertices_make_solution(base, s);
-        case SBL__VERTICES_DOT: memset(s->along, 0, sizeof s->along); return 1;
-        case SBL__VERTICES_ADVANCE:
-            memset(s->next_power, 0, sizeof s->next_power);
-            memset(s->off, 0, sizeof s->off);
-            return 1;
-        case SBL__VERTICES_SPREAD: s->spread = 0; return 1;
-        default: return 1;
-    }
+static sbl_result sbl__vertices_solve(void *work, sbl__slice *slice) {
+    return sbl__solver_step(&((sbl__vertices *)work)->solver, slice);
 }
 
-/* Items of the stage. */
-static int sbl__vertices_items(const sbl__vertices *s) {
-    switch (s->stage) {
-        case SBL__VERTICES_FACES: case SBL__VERTICES_EDGES: case SBL__VERTICES_TIGHTEN: case SBL__VERTICES_MASS:
-        case SBL__VERTICES_SPREAD: return s->triangle_count;
-        case SBL__VERTICES_SITES: case SBL__VERTICES_TAKE: return s->site_count;
-        case SBL__VERTICES_BEND: case SBL__VERTICES_HINGES: return s->hinge_count;
-        default: return s->vertex_count;
-    }
+static sbl_result sbl__vertices_spread(void *work, sbl__slice *slice) {
+    return sbl__rings_step(&((sbl__vertices *)work)->rings, slice);
 }
 
-/* The part that the vertex or triangle at hand is of, in stages that ask for it. */
-static void sbl__vertices_find_part(sbl__vertices *s) {
-    if (s->stage > SBL__VERTICES_EDGES && s->stage != SBL__VERTICES_TIGHTEN) return;
-    while (s->part + 1 < s->part_count) {
-        const sbl__vertices_part *next = &s->parts[s->part + 1];
-        if (s->at < (s->stage == SBL__VERTICES_WELD ? next->first_vertex : next->first_triangle)) break;
-        s->part++;
-    }
+/* Begins a gather's sites. */
+static int sbl__vertices_begin_sites(sbl__vertices *s) {
+    s->site_count = (int)SBL__MIN(s->points - s->taken, (double)SBL__VERTICES_POINTS);
+    s->first = s->next;
+    return SBL__VERTICES_SITES;
 }
 
-static sbl_result sbl__vertices_item(sbl__base *base, sbl__vertices *s, const sbl__geometry *g) {
-    const size_t at = (size_t)s->at;
-    int k;
-    sbl__vertices_find_part(s);
-    switch (s->stage) {
-        case SBL__VERTICES_FACES: sbl__vertices_face(s, g, s->at); break;
-        case SBL__VERTICES_WELD: sbl__vertices_weld(s, g, s->at); break;
-        case SBL__VERTICES_EDGES: return sbl__vertices_edges(base, s, g, s->at);
-        case SBL__VERTICES_SITES: sbl__vertices_ask(s, g, s->at); break;
-        case SBL__VERTICES_TAKE: return sbl__vertices_take(base, s, s->at);
-        case SBL__VERTICES_TIGHTEN: sbl__vertices_tighten(s, s->at); break;
-        case SBL__VERTICES_BEND: sbl__vertices_bend(s, &s->hinges[at]); break;
-        case SBL__VERTICES_START: sbl__vertices_start(s, at); break;
-        case SBL__VERTICES_MASS: sbl__vertices_multiply(s, s->at); break;
-        case SBL__VERTICES_HINGES: sbl__vertices_multiply_hinge(s, &s->hinges[at]); break;
-        case SBL__VERTICES_DOT:
-            for (k = 0; k < 3; k++) s->along[k] += s->way[3 * at + (size_t)k] * s->step[3 * at + (size_t)k];
-            break;
-        case SBL__VERTICES_ADVANCE: sbl__vertices_advance(s, at); break;
-        case SBL__VERTICES_TURN: sbl__vertices_turn(s, at); break;
-        case SBL__VERTICES_AVERAGE:
-            for (k = 0; k < 3 && s->diagonal[at] > 0; k++)
-                s->light[3 * at + (size_t)k] = s->rest[3 * at + (size_t)k] / s->diagonal[at];
-            break;
-        case SBL__VERTICES_SETTLE:
-            for (k = 0; k < 3; k++) s->step[3 * at + (size_t)k] = 0;
-            s->diagonal[at] = 0;
-            break;
-        case SBL__VERTICES_SPREAD: sbl__vertices_spread(s, s->at); break;
-        case SBL__VERTICES_RING: sbl__vertices_ring(s, at); break;
-        case SBL__VERTICES_WRITE: sbl__vertices_write(s, at); break;
-        default: break;
-    }
-    return SBL_SUCCESS;
+static int sbl__vertices_after_make(void *work) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    return s->points > 0 ? sbl__vertices_begin_sites(s) : SBL__VERTICES_WRITE;
 }
 
-/* The stage after the one whose items are through. */
-static sbl__vertices_stage sbl__vertices_next(sbl__vertices *s) {
-    switch (s->stage) {
-        case SBL__VERTICES_EDGES: return s->points > 0 ? SBL__VERTICES_SITES : SBL__VERTICES_WRITE;
-        case SBL__VERTICES_TAKE:
-            s->taken += s->site_count;
-            return s->taken < s->points ? SBL__VERTICES_SITES : SBL__VERTICES_TIGHTEN;
-        case SBL__VERTICES_TIGHTEN: return sbl__vertices_fits(s) ? SBL__VERTICES_BEND : SBL__VERTICES_AVERAGE;
-        case SBL__VERTICES_ADVANCE: return sbl__vertices_solved(s) ? SBL__VERTICES_SETTLE : SBL__VERTICES_TURN;
-        case SBL__VERTICES_TURN:
-            memcpy(s->power, s->next_power, sizeof s->power);
-            return SBL__VERTICES_MASS;
-        case SBL__VERTICES_RING:
-            return s->spread && ++s->ring < SBL__VERTICES_RINGS ? SBL__VERTICES_SPREAD : SBL__VERTICES_WRITE;
-        default: return (sbl__vertices_stage)(s->stage + 1);
-    }
+static int sbl__vertices_after_sites(void *work) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    sbl__gathering_more(&s->gathering, s->site_count);
+    s->next = s->first;
+    return SBL__VERTICES_SENSE;
 }
 
-/* The stage's items, from s->at on. */
-static sbl_result sbl__vertices_stage_step(sbl__core *c, sbl__vertices *s, sbl__slice *slice) {
-    if (!s->ready && !sbl__vertices_enter(&c->base, s)) return SBL_ERROR_OUT_OF_MEMORY;
-    s->ready = 1;
-    if (s->stage == SBL__VERTICES_SENSE) return sbl__gathering_step(c, &s->gathering, slice);
-    for (; s->at < sbl__vertices_items(s); s->at++) {
-        sbl_result result;
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        result = sbl__vertices_item(&c->base, s, &c->scene.geometry);
-        if (result != SBL_SUCCESS) return result;
-    }
-    return SBL_SUCCESS;
+static int sbl__vertices_after_take(void *work) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    s->taken += s->site_count;
+    return s->taken < s->points ? sbl__vertices_begin_sites(s) : SBL__VERTICES_MASS;
 }
 
-/* Stages until the slice is over, or a piece of a gather or a round of the solution is done. SBL_SUCCESS: all light is
-   there, and no memory is held. */
+static int sbl__vertices_after_mass(void *work) {
+    return sbl__vertices_fits((sbl__vertices *)work) ? SBL__VERTICES_BEND : SBL__VERTICES_AVERAGE;
+}
+
+static int sbl__vertices_after_solve(void *work) { (void)work; return SBL__VERTICES_LINK; }
+
+static int sbl__vertices_count(void *work) { return ((sbl__vertices *)work)->vertex_count; }
+static int sbl__vertices_triangles(void *work) { return ((sbl__vertices *)work)->triangle_count; }
+static int sbl__vertices_hinges(void *work) { return ((sbl__vertices *)work)->hinge_count; }
+static int sbl__vertices_sites(void *work) { return ((sbl__vertices *)work)->site_count; }
+
+/* Does one piece. SBL_SUCCESS: all light is there, and no memory is held. */
 static sbl_result sbl__vertices_step(sbl__core *c, sbl__vertices *s, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { NULL, NULL, NULL, NULL },
+        { sbl__vertices_make_faces, NULL, sbl__vertices_face, sbl__vertices_triangles },
+        { NULL, NULL, sbl__vertices_weld, sbl__vertices_count },
+        { NULL, NULL, sbl__vertices_sides, sbl__vertices_triangles },
+        { sbl__vertices_make, sbl__vertices_after_make, NULL, NULL },
+        { NULL, sbl__vertices_after_sites, sbl__vertices_ask, sbl__vertices_sites },
+        { sbl__vertices_sense, NULL, NULL, NULL },
+        { NULL, sbl__vertices_after_take, sbl__vertices_take, sbl__vertices_sites },
+        { NULL, sbl__vertices_after_mass, sbl__vertices_mass, sbl__vertices_triangles },
+        { NULL, NULL, sbl__vertices_bend, sbl__vertices_hinges },
+        { sbl__vertices_solve, sbl__vertices_after_solve, NULL, NULL },
+        { NULL, NULL, sbl__vertices_average, sbl__vertices_count },
+        { NULL, NULL, sbl__vertices_link, sbl__vertices_triangles },
+        { sbl__vertices_spread, NULL, NULL, NULL },
+        { NULL, NULL, sbl__vertices_write, sbl__vertices_count }
+    };
     const double start = sbl__now();
-    const int sense = s->stage == SBL__VERTICES_SENSE;
-    double *seconds = s->stage < SBL__VERTICES_SENSE ? &c->stats.seconds.surface : &c->stats.seconds.refine;
-    sbl_result result;
-    do {
-        result = sbl__vertices_stage_step(c, s, slice);
-        if (result != SBL_SUCCESS) break;
-        s->stage = sbl__vertices_next(s);
-        s->at = s->part = s->ready = 0;
-    } while (!sense && s->stage != SBL__VERTICES_SENSE && s->stage != SBL__VERTICES_MASS &&
-             s->stage != SBL__VERTICES_SPREAD && s->stage != SBL__VERTICES_DONE);
+    const int sense = s->stages.stage == SBL__VERTICES_SENSE;
+    double *seconds = s->stages.stage < SBL__VERTICES_SENSE ? &c->stats.seconds.surface : &c->stats.seconds.refine;
+    const sbl_result result = sbl__stages_step(&s->stages, table, SBL__COUNT(table), s, slice);
     if (!sense) *seconds += sbl__now() - start;
-    if (s->stage == SBL__VERTICES_DONE) {
+    if (result == SBL_SUCCESS) {
         sbl__gathering gathering = s->gathering;  /* the host's progress is still to be called */
         gathering.sites = NULL;
         sbl__vertices_free(&c->base, s);
         s->gathering = gathering;
-        s->stage = SBL__VERTICES_DONE;
+        s->stages.stage = SBL__VERTICES_DONE;
     }
-    return result != SBL_SUCCESS ? result : s->stage == SBL__VERTICES_DONE ? SBL_SUCCESS : SBL_UNFINISHED;
+    return result;
 }
 
 #define SBL__VERTICES_SENSING 0.95f  /* share of progress that gathers have */
 
 static float sbl__vertices_progress(const sbl__core *c, const sbl__vertices *s) {
+    const int stage = s->stages.stage;
     double done = s->taken;
-    if (s->stage == SBL__VERTICES_DONE) return 1;
-    if (s->stage == SBL__VERTICES_SENSE) done += (double)sbl__gathering_progress(c, &s->gathering) * s->site_count;
-    if (s->stage == SBL__VERTICES_TAKE) done += s->site_count;
-    return s->points > 0 && s->stage > SBL__VERTICES_EDGES ? SBL__VERTICES_SENSING * (float)(done / s->points) : 0;
+    if (stage == SBL__VERTICES_DONE) return 1;
+    if (stage == SBL__VERTICES_SENSE) done += (double)sbl__gathering_progress(c, &s->gathering) * s->site_count;
+    if (stage == SBL__VERTICES_TAKE) done += s->site_count;
+    return s->points > 0 && stage > SBL__VERTICES_MAKE ? SBL__VERTICES_SENSING * (float)(done / s->points) : 0;
 }
 
 /* ======================================================================================================== >>probes
