@@ -6327,19 +6327,16 @@ typedef enum sbl__patch_stage {
     SBL__PATCH_WELD, SBL__PATCH_JOIN, SBL__PATCH_MEASURE, SBL__PATCH_GRID, SBL__PATCH_WRITE
 } sbl__patch_stage;
 
-typedef struct sbl__edge_slot { uint32_t a, b, triangle; } sbl__edge_slot;  /* triangle + 1; 0: empty */
-
 typedef struct sbl__patch { double area; float normal[3], bounds[2][3]; int flat; } sbl__patch;
 
 typedef struct sbl__patching {  /* while patches are made */
     sbl__patch_stage stage;
     int at;
-    uint32_t *vertices;         /* a table of vertex numbers + 1, by place */
+    sbl__hash_table places, ends;  /* of vertices; of sides */
     uint32_t *welded;           /* the first vertex at each one's place */
-    sbl__edge_slot *edges;
-    uint32_t *parents;          /* of triangles: the forest whose roots are patches */
+    uint32_t *corners;          /* three welded vertices a triangle */
+    uint32_t *parents;          /* of triangles: the roots stand for patches, see sbl__root */
     sbl__patch *patches;        /* of roots */
-    int vertex_room, edge_room; /* powers of two */
     double area;                /* of all */
     double least;               /* area below which a mesh's patches count as one */
     double growth;              /* of cells' area, since the first ones were too many or too few */
@@ -6347,9 +6344,10 @@ typedef struct sbl__patching {  /* while patches are made */
 } sbl__patching;
 
 static void sbl__patching_free(sbl__base *base, sbl__patching *p) {
-    sbl__free(base, p->vertices);
+    sbl__hash_table_free(base, &p->places);
+    sbl__hash_table_free(base, &p->ends);
     sbl__free(base, p->welded);
-    sbl__free(base, p->edges);
+    sbl__free(base, p->corners);
     sbl__free(base, p->parents);
     sbl__free(base, p->patches);
     memset(p, 0, sizeof *p);
@@ -6359,31 +6357,19 @@ static sbl_result sbl__patching_begin(sbl__base *base, sbl__patching *p, const s
     const size_t triangles = (size_t)g->triangle_count;
     int i;
     p->growth = p->pool = 1;
-    p->vertex_room = p->edge_room = 16;
-    while (p->vertex_room < g->vertex_count * 2.0) p->vertex_room *= 2;
-    while (p->edge_room < g->triangle_count * 4.0) p->edge_room *= 2;
-    p->vertices = (uint32_t *)sbl__alloc(base, (size_t)p->vertex_room, sizeof *p->vertices);
     p->welded = (uint32_t *)sbl__alloc(base, (size_t)g->vertex_count, sizeof *p->welded);
-    p->edges = (sbl__edge_slot *)sbl__alloc(base, (size_t)p->edge_room, sizeof *p->edges);
+    p->corners = (uint32_t *)sbl__alloc_raw(base, triangles, 3 * sizeof *p->corners);
     p->parents = (uint32_t *)sbl__alloc(base, triangles, sizeof *p->parents);
     p->patches = (sbl__patch *)sbl__alloc(base, triangles, sizeof *p->patches);
-    if (!p->vertices || !p->welded || !p->edges || !p->parents || !p->patches)
-        return SBL_ERROR_OUT_OF_MEMORY;
+    if (!p->welded || !p->corners || !p->parents || !p->patches ||
+        sbl__hash_table_make(base, &p->places, g->vertex_count) != SBL_SUCCESS ||
+        sbl__hash_table_make(base, &p->ends, 3.0 * g->triangle_count) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < g->triangle_count; i++) p->parents[i] = (uint32_t)i;
     return SBL_SUCCESS;
 }
 
 static void sbl__patch_weld(const sbl__geometry *g, sbl__patching *p, uint32_t vertex) {
-    const sbl__vertex *v = &g->vertices[vertex];
-    uint32_t hash = sbl__hash_step(0, v->object), mask = (uint32_t)(p->vertex_room - 1), i;
-    int k;
-    for (k = 0; k < 3; k++) hash = sbl__hash_step(hash, sbl__float_bits(&v->position[k]));
-    for (i = hash & mask; p->vertices[i]; i = (i + 1) & mask) {
-        const sbl__vertex *other = &g->vertices[p->vertices[i] - 1];
-        if (other->object == v->object && !memcmp(other->position, v->position, sizeof v->position)) break;
-    }
-    if (!p->vertices[i]) p->vertices[i] = vertex + 1;
-    p->welded[vertex] = p->vertices[i] - 1;
+    p->welded[vertex] = sbl__hash_table_first(&p->places, sbl__place_hash(g, vertex), vertex, sbl__same_place, g);
 }
 
 static void sbl__scene_triangle(const sbl__geometry *g, uint32_t triangle, const float *corners[3]) {
@@ -6402,38 +6388,23 @@ static double sbl__scene_normal(const sbl__geometry *g, uint32_t triangle, doubl
     return area;
 }
 
-static uint32_t sbl__patch_root(uint32_t *parents, uint32_t triangle) {
-    while (parents[triangle] != triangle) triangle = parents[triangle] = parents[parents[triangle]];
-    return triangle;
-}
-
 static void sbl__patch_join(const sbl__geometry *g, sbl__patching *p, uint32_t triangle) {
-    const uint32_t *corners = &g->indices[3 * (size_t)triangle], mask = (uint32_t)(p->edge_room - 1);
     double normal[3], other[3];
-    int k;
+    size_t k;
+    for (k = 3 * (size_t)triangle; k < 3 * (size_t)triangle + 3; k++) p->corners[k] = p->welded[g->indices[k]];
     sbl__scene_normal(g, triangle, normal);
     for (k = 0; k < 3; k++) {
-        const uint32_t from = p->welded[corners[k]], to = p->welded[corners[(k + 1) % 3]];
-        const uint32_t a = SBL__MIN(from, to), b = SBL__MAX(from, to);
-        uint32_t i = sbl__hash_step(sbl__hash_step(0, a), b) & mask, root, found;
-        while (p->edges[i].triangle && (p->edges[i].a != a || p->edges[i].b != b)) i = (i + 1) & mask;
-        if (!p->edges[i].triangle) {
-            p->edges[i].a = a;
-            p->edges[i].b = b;
-            p->edges[i].triangle = triangle + 1;
-            continue;
-        }
-        sbl__scene_normal(g, p->edges[i].triangle - 1, other);
+        const uint32_t side = 3 * triangle + (uint32_t)k, first = sbl__first_side(&p->ends, p->corners, side);
+        if (first == side) continue;
+        sbl__scene_normal(g, first / 3, other);
         if (normal[0] * other[0] + normal[1] * other[1] + normal[2] * other[2] < SBL__PATCH_SMOOTH) continue;
-        root = sbl__patch_root(p->parents, triangle);
-        found = sbl__patch_root(p->parents, p->edges[i].triangle - 1);
-        p->parents[SBL__MAX(root, found)] = SBL__MIN(root, found);
+        sbl__join(p->parents, triangle, first / 3);
     }
 }
 
 /* A patch's area; is it flat? */
 static void sbl__patch_measure(const sbl__geometry *g, sbl__patching *p, uint32_t triangle) {
-    const uint32_t root = sbl__patch_root(p->parents, triangle);
+    const uint32_t root = sbl__root(p->parents, triangle);
     sbl__patch *patch = &p->patches[root];
     const sbl__object *o = sbl__object_of(g, triangle);
     const float *corners[3];
@@ -6471,7 +6442,7 @@ static void sbl__patch_grid(const sbl__geometry *g, sbl__patching *p, sbl__store
 
 /* The triangle's word. */
 static uint32_t sbl__patch_word(const sbl__geometry *g, sbl__patching *p, uint32_t triangle) {
-    const uint32_t root = sbl__patch_root(p->parents, triangle);
+    const uint32_t root = sbl__root(p->parents, triangle);
     const uint32_t mesh = (uint32_t)(sbl__object_of(g, triangle) - g->objects);
     const int pooled = p->patches[root].area < p->least;
     const uint32_t number = pooled ? (uint32_t)g->triangle_count + mesh : root;
