@@ -15791,10 +15791,8 @@ static float sbl__vertices_progress(const sbl__core *c, const sbl__vertices *s) 
 
 enum { SBL__PROBE_FACES, SBL__PROBE_RAYS, SBL__PROBE_KINDS };  /* of sites */
 
-typedef enum sbl__probing_stage {
-    SBL__PROBES_NONE, SBL__PROBES_PREPARE, SBL__PROBES_BATCH_NEXT, SBL__PROBES_SITES, SBL__PROBES_SENSE,
-    SBL__PROBES_TAKE, SBL__PROBES_CLOSE, SBL__PROBES_DONE
-} sbl__probing_stage;
+enum { SBL__PROBES_IDLE, SBL__PROBES_PREPARE, SBL__PROBES_BEGIN_BATCH, SBL__PROBES_SITES, SBL__PROBES_SENSE,
+       SBL__PROBES_TAKE, SBL__PROBES_CLOSE, SBL__PROBES_DONE };
 
 /* A probe of the batch, at one place. */
 typedef struct sbl__probe_sum {
@@ -15809,7 +15807,8 @@ typedef struct sbl__probe_sum {
 } sbl__probe_sum;
 
 typedef struct sbl__probing {
-    sbl__probing_stage stage;
+    sbl__stages stages;
+    sbl__core *core;
     sbl_probes_desc desc;          /* defaults filled in */
     sbl__seeing seeing;
     sbl__spec specs[SBL__PROBE_KINDS];
@@ -15821,8 +15820,7 @@ typedef struct sbl__probing {
     sbl_reading *readings;
     int first, taken;              /* probes: of the batch, and how many it began with */
     int count, round;              /* those that are still tried */
-    int kind, from, job_count;     /* the sites of the job, counted over the batch */
-    int at;                        /* of the job, the next one to be made or taken */
+    int kind, from;                /* the sites of the job, counted over the batch */
     float store_share;             /* of progress */
     float progress;
 } sbl__probing;
@@ -15836,7 +15834,7 @@ static void sbl__probing_free(sbl__base *base, sbl__probing *g) {
 }
 
 static int sbl__probing_under_way(const sbl__probing *g) {
-    return g->stage != SBL__PROBES_NONE && g->stage != SBL__PROBES_DONE;
+    return g->stages.stage != SBL__PROBES_IDLE && g->stages.stage != SBL__PROBES_DONE;
 }
 
 /* The share of a harmonic that a cosine leaves in R. */
@@ -15927,9 +15925,10 @@ static void sbl__probe_asked(const sbl_probes_desc *d, int i, float out[3]) {
 }
 
 /* desc has its defaults filled in and has been checked; seeing, too. */
-static void sbl__probing_begin(const sbl__core *c, sbl__probing *g, const sbl_probes_desc *desc,
+static void sbl__probing_begin(sbl__core *c, sbl__probing *g, const sbl_probes_desc *desc,
                                const sbl__seeing *seeing) {
-    const float (*bounds)[3] = c->scene.geometry.bounds;
+    const float (*const bounds)[3] = (const float (*)[3])c->scene.geometry.bounds;
+    g->core = c;
     g->desc = *desc;
     if (sbl__all_zero(desc->lowest, 3) && sbl__all_zero(desc->highest, 3)) {
         memcpy(g->desc.lowest, bounds[0], sizeof g->desc.lowest);
@@ -15940,7 +15939,7 @@ static void sbl__probing_begin(const sbl__core *c, sbl__probing *g, const sbl_pr
     g->around = seeing->backend == SBL_BACKEND_TRACE ? SBL__PROBE_AROUND : SBL__PROBE_VIEW_AROUND;
     sbl__gauss_nodes(g->rings, g->ring, g->ring_weight);
     g->store_share = sbl__prepare_share(c, seeing);
-    g->stage = SBL__PROBES_PREPARE;
+    g->stages.stage = SBL__PROBES_PREPARE;
 }
 
 /* How the two kinds of sites see, and memory for a batch. */
@@ -15973,16 +15972,30 @@ static sbl_result sbl__probing_setup(sbl__core *c, sbl__probing *g) {
     return g->sequence && g->sums && g->sites && g->readings ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* The round's first job is next. Where nothing is a lamp, rays find all there is. */
-static void sbl__probing_round(const sbl__core *c, sbl__probing *g) {
-    const int faces = g->seeing.backend != SBL_BACKEND_TRACE || c->scene.lights.leaves > 0;
-    g->kind = faces ? SBL__PROBE_FACES : SBL__PROBE_RAYS;
-    g->from = g->at = 0;
-    g->stage = SBL__PROBES_SITES;
+/* Prepares the scene. */
+static sbl_result sbl__probing_prepare(void *work, sbl__slice *slice) {
+    sbl__probing *g = (sbl__probing *)work;
+    const sbl_result result = sbl__prepare(g->core, &g->seeing, slice);
+    return result == SBL_SUCCESS && g->desc.count ? sbl__probing_setup(g->core, g) : result;
 }
 
-static void sbl__probing_batch(const sbl__core *c, sbl__probing *g) {
+static int sbl__probing_after_prepare(void *work) {
+    return ((sbl__probing *)work)->desc.count ? SBL__PROBES_BEGIN_BATCH : SBL__PROBES_DONE;
+}
+
+/* Begins a round of jobs. If nothing is a lamp, rays find all light. */
+static int sbl__probing_round(void *work) {
+    sbl__probing *g = (sbl__probing *)work;
+    const int faces = g->seeing.backend != SBL_BACKEND_TRACE || g->core->scene.lights.leaves > 0;
+    g->kind = faces ? SBL__PROBE_FACES : SBL__PROBE_RAYS;
+    g->from = 0;
+    return SBL__PROBES_SITES;
+}
+
+static sbl_result sbl__probing_batch(void *work, sbl__slice *slice) {
+    sbl__probing *g = (sbl__probing *)work;
     int i;
+    (void)slice;
     g->taken = g->count = SBL__MIN(SBL__PROBES_BATCH, g->desc.count - g->first);
     g->round = 0;
     memset(g->sums, 0, sizeof *g->sums * (size_t)g->count);
@@ -15990,35 +16003,50 @@ static void sbl__probing_batch(const sbl__core *c, sbl__probing *g) {
         g->sums[i].number = g->first + i;
         sbl__probe_asked(&g->desc, g->first + i, g->sums[i].place);
     }
-    sbl__probing_round(c, g);
+    return SBL_SUCCESS;
 }
 
-/* The sites of the next job; then it begins. */
-static sbl_result sbl__probing_sites(sbl__core *c, sbl__probing *g, sbl__slice *slice) {
-    const int each = sbl__probe_sites(g, g->kind), normals = sbl__probe_normals(g);
+/* Sites of the job. */
+static int sbl__probing_job(const sbl__probing *g) {
+    return SBL__MIN(SBL__GATHER_SITES, g->count * sbl__probe_sites(g, g->kind) - g->from);
+}
+
+static int sbl__probing_sites(void *work) { return sbl__probing_job((const sbl__probing *)work); }
+
+static sbl_result sbl__probing_site(void *work, int at) {
+    sbl__probing *g = (sbl__probing *)work;
+    const int each = sbl__probe_sites(g, g->kind), i = (g->from + at) % each;
+    const sbl__probe_sum *sum = &g->sums[(g->from + at) / each];
+    sbl__site *site = &g->sites[at];
+    double direction[3];
+    int k;
+    memset(site, 0, sizeof *site);
+    sbl__probe_direction(g, sum->number, i, direction);
+    for (k = 0; k < 3; k++) site->normal[k] = site->geometric_normal[k] = (float)direction[k];
+    memcpy(site->position, sum->place, sizeof site->position);
+    site->number = (uint32_t)sum->number * (uint32_t)each + (uint32_t)i;
+    site->looks = g->kind == SBL__PROBE_FACES && i >= sbl__probe_normals(g) ? g->specs[SBL__PROBE_FACES].looks : 1;
+    return SBL_SUCCESS;
+}
+
+/* Begins the job. */
+static int sbl__probing_after_sites(void *work) {
+    sbl__probing *g = (sbl__probing *)work;
     sbl__task task;
-    g->job_count = SBL__MIN(SBL__GATHER_SITES, g->count * each - g->from);
-    for (; g->at < g->job_count; g->at++) {
-        const int i = (g->from + g->at) % each;
-        const sbl__probe_sum *sum = &g->sums[(g->from + g->at) / each];
-        sbl__site *site = &g->sites[g->at];
-        double direction[3];
-        int k;
-        if (g->at && sbl__late(slice)) return SBL_UNFINISHED;
-        memset(site, 0, sizeof *site);
-        sbl__probe_direction(g, sum->number, i, direction);
-        for (k = 0; k < 3; k++) site->normal[k] = site->geometric_normal[k] = (float)direction[k];
-        memcpy(site->position, sum->place, sizeof site->position);
-        site->number = (uint32_t)sum->number * (uint32_t)each + (uint32_t)i;
-        site->looks = g->kind == SBL__PROBE_FACES && i >= normals ? g->specs[SBL__PROBE_FACES].looks : 1;
-    }
     memset(&task, 0, sizeof task);
     task.spec = g->specs[g->kind];
     task.sites = g->sites;
     task.readings = g->readings;
-    task.site_count = g->job_count;
-    sbl__job_begin(&c->job, &c->scene, &task);
-    return SBL_SUCCESS;
+    task.site_count = sbl__probing_job(g);
+    sbl__job_begin(&g->core->job, &g->core->scene, &task);
+    return SBL__PROBES_SENSE;
+}
+
+static sbl_result sbl__probing_sense(void *work, sbl__slice *slice) {
+    sbl__core *c = ((sbl__probing *)work)->core;
+    const sbl_result result = sbl__job_step(&c->device, &c->job, slice);
+    if (result == SBL_SUCCESS) sbl__core_count(c);
+    return result;
 }
 
 /* Adds light from the direction, of its site number `site`: radiance along a ray, or R of a normal. */
@@ -16062,27 +16090,32 @@ static void sbl__probe_meet(sbl__probe_sum *sum, const double d[3], const sbl_re
     way[3] = r->hit_mean;
 }
 
-/* Takes the job's readings. */
-static sbl_result sbl__probing_take(sbl__probing *g, sbl__slice *slice) {
-    const int each = sbl__probe_sites(g, g->kind), normals = sbl__probe_normals(g);
-    const int traced = g->seeing.backend == SBL_BACKEND_TRACE;
-    for (; g->at < g->job_count; g->at++) {
-        const int i = (g->from + g->at) % each;
-        const sbl_reading *r = &g->readings[g->at];
-        sbl__probe_sum *sum = &g->sums[(g->from + g->at) / each];
-        double d[3];
-        int k;
-        if (g->at && sbl__late(slice)) return SBL_UNFINISHED;
-        sum->overflows |= !r->valid;
-        if (g->kind == SBL__PROBE_FACES && i >= normals) {
-            for (k = 0; k < 3; k++) sum->cube[i - normals][k] += (double)r->radiance[k];
-            continue;
-        }
-        sbl__probe_direction(g, sum->number, i, d);
-        if (traced || g->kind == SBL__PROBE_FACES) sbl__probe_add(g, sum, i, d, r);
-        if (g->kind == SBL__PROBE_RAYS) sbl__probe_meet(sum, d, r, g->round == 0 && g->desc.move > 0);
+/* Takes a reading of the job. */
+static sbl_result sbl__probing_take(void *work, int at) {
+    sbl__probing *g = (sbl__probing *)work;
+    const int each = sbl__probe_sites(g, g->kind), i = (g->from + at) % each, side = i - sbl__probe_normals(g);
+    const sbl_reading *r = &g->readings[at];
+    sbl__probe_sum *sum = &g->sums[(g->from + at) / each];
+    double d[3];
+    int k;
+    sum->overflows |= !r->valid;
+    if (g->kind == SBL__PROBE_FACES && side >= 0) {
+        for (k = 0; k < 3; k++) sum->cube[side][k] += (double)r->radiance[k];
+        return SBL_SUCCESS;
     }
+    sbl__probe_direction(g, sum->number, i, d);
+    if (g->seeing.backend == SBL_BACKEND_TRACE || g->kind == SBL__PROBE_FACES) sbl__probe_add(g, sum, i, d, r);
+    if (g->kind == SBL__PROBE_RAYS) sbl__probe_meet(sum, d, r, g->round == 0 && g->desc.move > 0);
     return SBL_SUCCESS;
+}
+
+/* Goes on with the next job: of the same kind of sites, or of the other. */
+static int sbl__probing_after_take(void *work) {
+    sbl__probing *g = (sbl__probing *)work;
+    g->from += sbl__probing_job(g);
+    if (g->from < g->count * sbl__probe_sites(g, g->kind)) return SBL__PROBES_SITES;
+    g->from = 0;
+    return ++g->kind < SBL__PROBE_KINDS ? SBL__PROBES_SITES : SBL__PROBES_CLOSE;
 }
 
 /* The probe that the sums make. */
@@ -16121,15 +16154,17 @@ static int sbl__probe_move(const sbl__probing *g, sbl__probe_sum *sum) {
 }
 
 /* Tells the host what was found; those that are not valid go on to the next round. */
-static void sbl__probing_close(sbl__core *c, sbl__probing *g) {
+static int sbl__probing_close(void *work) {
+    sbl__probing *g = (sbl__probing *)work;
+    sbl_stats *stats = &g->core->stats;
     int i, left = 0;
-    c->stats.sensors += g->count;
+    stats->sensors += g->count;
     for (i = 0; i < g->count; i++) {
         sbl__probe_sum next;
         sbl_probe probe;
         sbl__probe_make(g, &g->sums[i], &probe);
         if (probe.valid || g->round == 0) g->desc.probes[g->sums[i].number] = probe;
-        c->stats.invalid_sensors += probe.valid ? g->round == 0 ? 0 : -1 : g->round == 0;
+        stats->invalid_sensors += probe.valid ? g->round == 0 ? 0 : -1 : g->round == 0;
         if (probe.valid) continue;
         memset(&next, 0, sizeof next);
         next.number = g->sums[i].number;
@@ -16138,62 +16173,36 @@ static void sbl__probing_close(sbl__core *c, sbl__probing *g) {
     }
     g->count = left;
     g->round++;
-    if (left) sbl__probing_round(c, g);
-    else {
-        g->first += g->taken;
-        g->stage = g->first < g->desc.count ? SBL__PROBES_BATCH_NEXT : SBL__PROBES_DONE;
-    }
+    if (left) return sbl__probing_round(g);
+    g->first += g->taken;
+    return g->first < g->desc.count ? SBL__PROBES_BEGIN_BATCH : SBL__PROBES_DONE;
 }
 
-/* One bounded piece. SBL_SUCCESS: all probes are there. */
+/* Does one piece. SBL_SUCCESS: all probes are there. */
 static sbl_result sbl__probing_step(sbl__core *c, sbl__probing *g, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { NULL, NULL, NULL, NULL },
+        { sbl__probing_prepare, sbl__probing_after_prepare, NULL, NULL },
+        { sbl__probing_batch, sbl__probing_round, NULL, NULL },
+        { NULL, sbl__probing_after_sites, sbl__probing_site, sbl__probing_sites },
+        { sbl__probing_sense, NULL, NULL, NULL },
+        { NULL, sbl__probing_after_take, sbl__probing_take, sbl__probing_sites },
+        { NULL, sbl__probing_close, NULL, NULL }
+    };
     const double start = sbl__now();
     const double bounced = c->stats.seconds.bounce;
-    double *seconds = g->stage == SBL__PROBES_PREPARE ? &c->stats.seconds.surface : &c->stats.seconds.gather;
-    sbl_result result = SBL_SUCCESS;
-    switch (g->stage) {
-        case SBL__PROBES_PREPARE:
-            result = sbl__prepare(c, &g->seeing, slice);
-            if (result != SBL_SUCCESS || !g->desc.count) break;
-            result = sbl__probing_setup(c, g);
-            break;
-        case SBL__PROBES_BATCH_NEXT: sbl__probing_batch(c, g); break;
-        case SBL__PROBES_SITES:
-            result = sbl__probing_sites(c, g, slice);
-            if (result == SBL_SUCCESS) g->stage = SBL__PROBES_SENSE;
-            break;
-        case SBL__PROBES_SENSE:
-            result = sbl__job_step(&c->device, &c->job, slice);
-            if (result != SBL_SUCCESS) break;
-            sbl__core_count(c);
-            g->at = 0;
-            g->stage = SBL__PROBES_TAKE;
-            break;
-        case SBL__PROBES_TAKE:
-            result = sbl__probing_take(g, slice);
-            if (result != SBL_SUCCESS) break;
-            g->from += g->job_count;
-            g->at = 0;
-            g->stage = SBL__PROBES_SITES;
-            if (g->from < g->count * sbl__probe_sites(g, g->kind)) break;
-            g->from = 0;
-            if (++g->kind == SBL__PROBE_KINDS) g->stage = SBL__PROBES_CLOSE;
-            break;
-        case SBL__PROBES_CLOSE: sbl__probing_close(c, g); break;
-        default: break;
-    }
-    if (g->stage == SBL__PROBES_PREPARE && result == SBL_SUCCESS)
-        g->stage = g->desc.count ? SBL__PROBES_BATCH_NEXT : SBL__PROBES_DONE;
+    double *seconds = g->stages.stage == SBL__PROBES_PREPARE ? &c->stats.seconds.surface : &c->stats.seconds.gather;
+    const sbl_result result = sbl__stages_step(&g->stages, table, SBL__COUNT(table), g, slice);
     *seconds += sbl__now() - start - (c->stats.seconds.bounce - bounced);
-    return result != SBL_SUCCESS ? result : g->stage == SBL__PROBES_DONE ? SBL_SUCCESS : SBL_UNFINISHED;
+    return result;
 }
 
 static float sbl__probing_progress(const sbl__core *c, const sbl__probing *g) {
     double part = 0;
-    if (g->stage == SBL__PROBES_DONE) return 1;
-    if (g->stage <= SBL__PROBES_BATCH_NEXT) return (float)(g->first / (double)SBL__MAX(1, g->desc.count));
-    if (g->stage == SBL__PROBES_SENSE) part = (double)sbl__job_progress(&c->job) * g->job_count;
-    else if (g->stage == SBL__PROBES_TAKE) part = g->job_count;
+    if (g->stages.stage == SBL__PROBES_DONE) return 1;
+    if (g->stages.stage <= SBL__PROBES_BEGIN_BATCH) return (float)(g->first / (double)SBL__MAX(1, g->desc.count));
+    if (g->stages.stage == SBL__PROBES_SENSE) part = (double)sbl__job_progress(&c->job) * sbl__probing_job(g);
+    else if (g->stages.stage == SBL__PROBES_TAKE) part = sbl__probing_job(g);
     part = (part + g->from) / SBL__MAX(1, g->count * sbl__probe_sites(g, SBL__MIN(g->kind, SBL__PROBE_RAYS)));
     part = 0.5 * (SBL__MIN(part, 1.0) + g->kind);
     return (float)((g->first + (g->round ? 1 : SBL__MIN(part, 1.0)) * g->taken) / g->desc.count);
