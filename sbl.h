@@ -15147,7 +15147,6 @@ enum {
     SBL__VERTICES_FACES, SBL__VERTICES_WELD, SBL__VERTICES_SIDES,  /* normals and areas; unknowns; hinges */
     SBL__VERTICES_MAKE, SBL__VERTICES_SITES, SBL__VERTICES_SENSE, SBL__VERTICES_TAKE,
     SBL__VERTICES_MASS, SBL__VERTICES_BEND, SBL__VERTICES_SOLVE,   /* the matrix: triangles, hinges; its solution */
-    SBL__VERTICES_AVERAGE,
     SBL__VERTICES_LINK, SBL__VERTICES_SPREAD,                      /* to vertices without light of their own */
     SBL__VERTICES_WRITE,
     SBL__VERTICES_DONE
@@ -15682,7 +15681,8 @@ static sbl_result sbl__vertices_sense(void *work, sbl__slice *slice) {
 }
 
 static sbl_result sbl__vertices_solve(void *work, sbl__slice *slice) {
-    return sbl__solver_step(&((sbl__vertices *)work)->solver, slice);
+    sbl__vertices *s = (sbl__vertices *)work;
+    return sbl__vertices_fits(s) ? sbl__solver_step(&s->solver, slice) : SBL_SUCCESS;
 }
 
 static sbl_result sbl__vertices_spread(void *work, sbl__slice *slice) {
@@ -15714,13 +15714,10 @@ static int sbl__vertices_after_take(void *work) {
     return s->taken < s->points ? sbl__vertices_begin_sites(s) : SBL__VERTICES_MASS;
 }
 
-static int sbl__vertices_after_mass(void *work) {
-    return sbl__vertices_fits((sbl__vertices *)work) ? SBL__VERTICES_BEND : SBL__VERTICES_AVERAGE;
-}
-
-static int sbl__vertices_after_solve(void *work) { (void)work; return SBL__VERTICES_LINK; }
-
 static int sbl__vertices_count(void *work) { return ((sbl__vertices *)work)->vertex_count; }
+static int sbl__vertices_averages(void *work) {
+    return sbl__vertices_fits((sbl__vertices *)work) ? 0 : ((sbl__vertices *)work)->vertex_count;
+}
 static int sbl__vertices_triangles(void *work) { return ((sbl__vertices *)work)->triangle_count; }
 static int sbl__vertices_hinges(void *work) { return ((sbl__vertices *)work)->hinge_count; }
 static int sbl__vertices_sites(void *work) { return ((sbl__vertices *)work)->site_count; }
@@ -15736,10 +15733,9 @@ static sbl_result sbl__vertices_step(sbl__core *c, sbl__vertices *s, sbl__slice 
         { NULL, sbl__vertices_after_sites, sbl__vertices_ask, sbl__vertices_sites },
         { sbl__vertices_sense, NULL, NULL, NULL },
         { NULL, sbl__vertices_after_take, sbl__vertices_take, sbl__vertices_sites },
-        { NULL, sbl__vertices_after_mass, sbl__vertices_mass, sbl__vertices_triangles },
+        { NULL, NULL, sbl__vertices_mass, sbl__vertices_triangles },
         { NULL, NULL, sbl__vertices_bend, sbl__vertices_hinges },
-        { sbl__vertices_solve, sbl__vertices_after_solve, NULL, NULL },
-        { NULL, NULL, sbl__vertices_average, sbl__vertices_count },
+        { sbl__vertices_solve, NULL, sbl__vertices_average, sbl__vertices_averages },
         { NULL, NULL, sbl__vertices_link, sbl__vertices_triangles },
         { sbl__vertices_spread, NULL, NULL, NULL },
         { NULL, NULL, sbl__vertices_write, sbl__vertices_count }
