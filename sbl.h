@@ -15802,7 +15802,7 @@ typedef struct sbl__probe_sum {
                                       asked for: direction and distance; 0: none, or it was tried */
 } sbl__probe_sum;
 
-typedef struct sbl__probing {
+typedef struct sbl__probes {
     sbl__stages stages;
     sbl__core *core;
     sbl_probes_desc desc;          /* defaults filled in */
@@ -15819,9 +15819,9 @@ typedef struct sbl__probing {
     int kind, from;                /* the sites of the job, counted over the batch */
     float store_share;             /* of progress */
     float progress;
-} sbl__probing;
+} sbl__probes;
 
-static void sbl__probing_free(sbl__base *base, sbl__probing *g) {
+static void sbl__probes_free(sbl__base *base, sbl__probes *g) {
     sbl__free(base, g->sequence);
     sbl__free(base, g->sums);
     sbl__free(base, g->sites);
@@ -15829,7 +15829,7 @@ static void sbl__probing_free(sbl__base *base, sbl__probing *g) {
     memset(g, 0, sizeof *g);
 }
 
-static int sbl__probing_under_way(const sbl__probing *g) {
+static int sbl__probes_under_way(const sbl__probes *g) {
     return g->stages.stage != SBL__PROBES_IDLE && g->stages.stage != SBL__PROBES_DONE;
 }
 
@@ -15873,17 +15873,17 @@ static void sbl__gauss_nodes(int count, double *nodes, double *weights) {
     }
 }
 
-static int sbl__probe_normals(const sbl__probing *g) { return g->rings * g->around; }
+static int sbl__probe_normals(const sbl__probes *g) { return g->rings * g->around; }
 
 /* Sites of a probe. */
-static int sbl__probe_sites(const sbl__probing *g, int kind) {
+static int sbl__probe_sites(const sbl__probes *g, int kind) {
     return kind == SBL__PROBE_RAYS ? g->desc.rays : sbl__probe_normals(g) + 6;
 }
 
 /* Normal number i. The even part of R bends where a normal crosses a light's horizon, and needs many axes; its odd part
    is as smooth as can be. So rings stand on the upper half, where their rule sees no bend at a pole; every other normal
    is turned round to its antipode, which doubles the axes; and every other ring is turned by half a step. */
-static void sbl__probe_normal(const sbl__probing *g, int i, double out[3]) {
+static void sbl__probe_normal(const sbl__probes *g, int i, double out[3]) {
     const int ring = i / g->around, step = i % g->around, sign = (ring + step) & 1 ? -1 : 1;
     const double angle = 2 * SBL__PI * (step + 0.5 * (ring & 1)) / g->around, z = g->ring[ring], r = sqrt(1 - z * z);
     out[0] = sign * r * cos(angle);
@@ -15892,7 +15892,7 @@ static void sbl__probe_normal(const sbl__probing *g, int i, double out[3]) {
 }
 
 /* Where its site number i looks: along a ray; or a normal; or as one of the cube's sides. */
-static void sbl__probe_direction(const sbl__probing *g, int number, int i, double out[3]) {
+static void sbl__probe_direction(const sbl__probes *g, int number, int i, double out[3]) {
     const int normals = sbl__probe_normals(g);
     double u[2], r;
     if (g->kind == SBL__PROBE_FACES && i < normals) {
@@ -15921,7 +15921,7 @@ static void sbl__probe_asked(const sbl_probes_desc *d, int i, float out[3]) {
 }
 
 /* desc has its defaults filled in and has been checked; seeing, too. */
-static void sbl__probing_begin(sbl__core *c, sbl__probing *g, const sbl_probes_desc *desc,
+static void sbl__probes_begin(sbl__core *c, sbl__probes *g, const sbl_probes_desc *desc,
                                const sbl__seeing *seeing) {
     const float (*const bounds)[3] = (const float (*)[3])c->scene.geometry.bounds;
     g->core = c;
@@ -15939,7 +15939,7 @@ static void sbl__probing_begin(sbl__core *c, sbl__probing *g, const sbl_probes_d
 }
 
 /* How the two kinds of sites see, and memory for a batch. */
-static sbl_result sbl__probing_setup(sbl__core *c, sbl__probing *g) {
+static sbl_result sbl__probes_setup(sbl__core *c, sbl__probes *g) {
     const int traced = g->seeing.backend == SBL_BACKEND_TRACE;
     sbl__spec *faces = &g->specs[SBL__PROBE_FACES], *rays = &g->specs[SBL__PROBE_RAYS];
     const int most = SBL__MAX(sbl__probe_sites(g, SBL__PROBE_FACES), g->desc.rays);
@@ -15969,27 +15969,27 @@ static sbl_result sbl__probing_setup(sbl__core *c, sbl__probing *g) {
 }
 
 /* Prepares the scene. */
-static sbl_result sbl__probing_prepare(void *work, sbl__slice *slice) {
-    sbl__probing *g = (sbl__probing *)work;
+static sbl_result sbl__probes_prepare(void *work, sbl__slice *slice) {
+    sbl__probes *g = (sbl__probes *)work;
     const sbl_result result = sbl__prepare(g->core, &g->seeing, slice);
-    return result == SBL_SUCCESS && g->desc.count ? sbl__probing_setup(g->core, g) : result;
+    return result == SBL_SUCCESS && g->desc.count ? sbl__probes_setup(g->core, g) : result;
 }
 
-static int sbl__probing_after_prepare(void *work) {
-    return ((sbl__probing *)work)->desc.count ? SBL__PROBES_BEGIN_BATCH : SBL__PROBES_DONE;
+static int sbl__probes_after_prepare(void *work) {
+    return ((sbl__probes *)work)->desc.count ? SBL__PROBES_BEGIN_BATCH : SBL__PROBES_DONE;
 }
 
 /* Begins a round of jobs. If nothing is a lamp, rays find all light. */
-static int sbl__probing_round(void *work) {
-    sbl__probing *g = (sbl__probing *)work;
+static int sbl__probes_round(void *work) {
+    sbl__probes *g = (sbl__probes *)work;
     const int faces = g->seeing.backend != SBL_BACKEND_TRACE || g->core->scene.lights.leaves > 0;
     g->kind = faces ? SBL__PROBE_FACES : SBL__PROBE_RAYS;
     g->from = 0;
     return SBL__PROBES_SITES;
 }
 
-static sbl_result sbl__probing_batch(void *work, sbl__slice *slice) {
-    sbl__probing *g = (sbl__probing *)work;
+static sbl_result sbl__probes_batch(void *work, sbl__slice *slice) {
+    sbl__probes *g = (sbl__probes *)work;
     int i;
     (void)slice;
     g->taken = g->count = SBL__MIN(SBL__PROBES_BATCH, g->desc.count - g->first);
@@ -16003,14 +16003,14 @@ static sbl_result sbl__probing_batch(void *work, sbl__slice *slice) {
 }
 
 /* Sites of the job. */
-static int sbl__probing_job(const sbl__probing *g) {
+static int sbl__probes_job(const sbl__probes *g) {
     return SBL__MIN(SBL__GATHER_SITES, g->count * sbl__probe_sites(g, g->kind) - g->from);
 }
 
-static int sbl__probing_sites(void *work) { return sbl__probing_job((const sbl__probing *)work); }
+static int sbl__probes_sites(void *work) { return sbl__probes_job((const sbl__probes *)work); }
 
-static sbl_result sbl__probing_site(void *work, int at) {
-    sbl__probing *g = (sbl__probing *)work;
+static sbl_result sbl__probes_site(void *work, int at) {
+    sbl__probes *g = (sbl__probes *)work;
     const int each = sbl__probe_sites(g, g->kind), i = (g->from + at) % each;
     const sbl__probe_sum *sum = &g->sums[(g->from + at) / each];
     sbl__site *site = &g->sites[at];
@@ -16026,27 +16026,27 @@ static sbl_result sbl__probing_site(void *work, int at) {
 }
 
 /* Begins the job. */
-static int sbl__probing_after_sites(void *work) {
-    sbl__probing *g = (sbl__probing *)work;
+static int sbl__probes_after_sites(void *work) {
+    sbl__probes *g = (sbl__probes *)work;
     sbl__task task;
     memset(&task, 0, sizeof task);
     task.spec = g->specs[g->kind];
     task.sites = g->sites;
     task.readings = g->readings;
-    task.site_count = sbl__probing_job(g);
+    task.site_count = sbl__probes_job(g);
     sbl__job_begin(&g->core->job, &g->core->scene, &task);
     return SBL__PROBES_SENSE;
 }
 
-static sbl_result sbl__probing_sense(void *work, sbl__slice *slice) {
-    sbl__core *c = ((sbl__probing *)work)->core;
+static sbl_result sbl__probes_sense(void *work, sbl__slice *slice) {
+    sbl__core *c = ((sbl__probes *)work)->core;
     const sbl_result result = sbl__job_step(&c->device, &c->job, slice);
     if (result == SBL_SUCCESS) sbl__core_count(c);
     return result;
 }
 
 /* Adds light from the direction, of its site number `site`: radiance along a ray, or R of a normal. */
-static void sbl__probe_add(const sbl__probing *g, sbl__probe_sum *sum, int site, const double d[3],
+static void sbl__probe_add(const sbl__probes *g, sbl__probe_sum *sum, int site, const double d[3],
                            const sbl_reading *r) {
     const int rays = g->kind == SBL__PROBE_RAYS;
     const double share = rays ? 1.0 / g->desc.rays : g->ring_weight[site / g->around] / g->around;
@@ -16087,8 +16087,8 @@ static void sbl__probe_meet(sbl__probe_sum *sum, const double d[3], const sbl_re
 }
 
 /* Takes a reading of the job. */
-static sbl_result sbl__probing_take(void *work, int at) {
-    sbl__probing *g = (sbl__probing *)work;
+static sbl_result sbl__probes_take(void *work, int at) {
+    sbl__probes *g = (sbl__probes *)work;
     const int each = sbl__probe_sites(g, g->kind), i = (g->from + at) % each, side = i - sbl__probe_normals(g);
     const sbl_reading *r = &g->readings[at];
     sbl__probe_sum *sum = &g->sums[(g->from + at) / each];
@@ -16106,16 +16106,16 @@ static sbl_result sbl__probing_take(void *work, int at) {
 }
 
 /* Goes on with the next job: of the same kind of sites, or of the other. */
-static int sbl__probing_after_take(void *work) {
-    sbl__probing *g = (sbl__probing *)work;
-    g->from += sbl__probing_job(g);
+static int sbl__probes_after_take(void *work) {
+    sbl__probes *g = (sbl__probes *)work;
+    g->from += sbl__probes_job(g);
     if (g->from < g->count * sbl__probe_sites(g, g->kind)) return SBL__PROBES_SITES;
     g->from = 0;
     return ++g->kind < SBL__PROBE_KINDS ? SBL__PROBES_SITES : SBL__PROBES_CLOSE;
 }
 
 /* The probe that the sums make. */
-static void sbl__probe_make(const sbl__probing *g, const sbl__probe_sum *sum, sbl_probe *out) {
+static void sbl__probe_make(const sbl__probes *g, const sbl__probe_sum *sum, sbl_probe *out) {
     int i, k, finite;
     memset(out, 0, sizeof *out);
     for (i = 0; i < 9; i++) for (k = 0; k < 3; k++) out->sh[i][k] = (float)sum->sh[i][k];
@@ -16134,7 +16134,7 @@ static void sbl__probe_make(const sbl__probing *g, const sbl__probe_sum *sum, sb
 }
 
 /* Moves it out through the nearest back face that is left. 0: there is none near enough. */
-static int sbl__probe_move(const sbl__probing *g, sbl__probe_sum *sum) {
+static int sbl__probe_move(const sbl__probes *g, sbl__probe_sum *sum) {
     const double most = (double)g->desc.move;
     float from[3], *way = NULL;
     double far_off;
@@ -16150,8 +16150,8 @@ static int sbl__probe_move(const sbl__probing *g, sbl__probe_sum *sum) {
 }
 
 /* Tells the host what was found; those that are not valid go on to the next round. */
-static int sbl__probing_close(void *work) {
-    sbl__probing *g = (sbl__probing *)work;
+static int sbl__probes_close(void *work) {
+    sbl__probes *g = (sbl__probes *)work;
     sbl_stats *stats = &g->core->stats;
     int i, left = 0;
     stats->sensors += g->count;
@@ -16169,21 +16169,21 @@ static int sbl__probing_close(void *work) {
     }
     g->count = left;
     g->round++;
-    if (left) return sbl__probing_round(g);
+    if (left) return sbl__probes_round(g);
     g->first += g->taken;
     return g->first < g->desc.count ? SBL__PROBES_BEGIN_BATCH : SBL__PROBES_DONE;
 }
 
 /* Does one piece. SBL_SUCCESS: all probes are there. */
-static sbl_result sbl__probing_step(sbl__core *c, sbl__probing *g, sbl__slice *slice) {
+static sbl_result sbl__probes_step(sbl__core *c, sbl__probes *g, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, NULL, NULL },
-        { sbl__probing_prepare, sbl__probing_after_prepare, NULL, NULL },
-        { sbl__probing_batch, sbl__probing_round, NULL, NULL },
-        { NULL, sbl__probing_after_sites, sbl__probing_site, sbl__probing_sites },
-        { sbl__probing_sense, NULL, NULL, NULL },
-        { NULL, sbl__probing_after_take, sbl__probing_take, sbl__probing_sites },
-        { NULL, sbl__probing_close, NULL, NULL }
+        { sbl__probes_prepare, sbl__probes_after_prepare, NULL, NULL },
+        { sbl__probes_batch, sbl__probes_round, NULL, NULL },
+        { NULL, sbl__probes_after_sites, sbl__probes_site, sbl__probes_sites },
+        { sbl__probes_sense, NULL, NULL, NULL },
+        { NULL, sbl__probes_after_take, sbl__probes_take, sbl__probes_sites },
+        { NULL, sbl__probes_close, NULL, NULL }
     };
     const double start = sbl__now();
     const double bounced = c->stats.seconds.bounce;
@@ -16193,12 +16193,12 @@ static sbl_result sbl__probing_step(sbl__core *c, sbl__probing *g, sbl__slice *s
     return result;
 }
 
-static float sbl__probing_progress(const sbl__core *c, const sbl__probing *g) {
+static float sbl__probes_progress(const sbl__core *c, const sbl__probes *g) {
     double part = 0;
     if (g->stages.stage == SBL__PROBES_DONE) return 1;
     if (g->stages.stage <= SBL__PROBES_BEGIN_BATCH) return (float)(g->first / (double)SBL__MAX(1, g->desc.count));
-    if (g->stages.stage == SBL__PROBES_SENSE) part = (double)sbl__job_progress(&c->job) * sbl__probing_job(g);
-    else if (g->stages.stage == SBL__PROBES_TAKE) part = sbl__probing_job(g);
+    if (g->stages.stage == SBL__PROBES_SENSE) part = (double)sbl__job_progress(&c->job) * sbl__probes_job(g);
+    else if (g->stages.stage == SBL__PROBES_TAKE) part = sbl__probes_job(g);
     part = (part + g->from) / SBL__MAX(1, g->count * sbl__probe_sites(g, SBL__MIN(g->kind, SBL__PROBE_RAYS)));
     part = 0.5 * (SBL__MIN(part, 1.0) + g->kind);
     return (float)((g->first + (g->round ? 1 : SBL__MIN(part, 1.0)) * g->taken) / g->desc.count);
@@ -16793,7 +16793,7 @@ struct sbl_context {
     sbl__core core;
     sbl__picture picture;      /* under way, or finished */
     sbl__gathering gathering;
-    sbl__probing probing;
+    sbl__probes probes;
     sbl__vertices vertices;
     sbl__inspection inspection;
     sbl__work work;            /* what was begun last */
@@ -17026,7 +17026,7 @@ static void sbl__context_free(sbl_context *c) {
         sbl__visit_enter(c, &visit);
         sbl__picture_free(&core->device, &c->picture);
         sbl__gathering_free(&core->base, &c->gathering);
-        sbl__probing_free(&core->base, &c->probing);
+        sbl__probes_free(&core->base, &c->probes);
         sbl__vertices_free(&core->base, &c->vertices);
         sbl__inspection_free(&core->base, &c->inspection);
         sbl__bounce_end(core);
@@ -17124,7 +17124,7 @@ SBL_API void sbl_destroy(sbl_context *c) {
 static void sbl__abandon(sbl_context *c) {
     if (sbl__picture_under_way(&c->picture)) sbl__picture_free(&c->core.device, &c->picture);
     sbl__gathering_free(&c->core.base, &c->gathering);
-    sbl__probing_free(&c->core.base, &c->probing);
+    sbl__probes_free(&c->core.base, &c->probes);
     sbl__vertices_free(&c->core.base, &c->vertices);
     sbl__job_free(&c->core.device, &c->core.job);
     c->work = c->picture.stage == SBL__STAGE_NONE ? SBL__WORK_NONE : SBL__WORK_PICTURE;
@@ -17293,7 +17293,7 @@ static sbl_result sbl__begin(sbl_context *c, sbl_picture_desc d, int asked, cons
     d.backend = seeing.backend = sbl__choose_backend(&seeing, &c->core.scene);
     sbl__visit_enter(c, &visit);
     sbl__gathering_free(&c->core.base, &c->gathering);
-    sbl__probing_free(&c->core.base, &c->probing);
+    sbl__probes_free(&c->core.base, &c->probes);
     sbl__vertices_free(&c->core.base, &c->vertices);
     sbl__picture_free(&c->core.device, &c->picture);
     sbl__inspection_free(&c->core.base, &c->inspection);
@@ -17470,7 +17470,7 @@ SBL_API sbl_result sbl_begin_probes(sbl_context *c, const sbl_probes_desc *desc)
     sbl__abandon(c);
     sbl__visit_leave(c, &visit);
     sbl__core_begin(&c->core, &seeing);
-    sbl__probing_begin(&c->core, &c->probing, &d, &seeing);
+    sbl__probes_begin(&c->core, &c->probes, &d, &seeing);
     c->work = SBL__WORK_PROBES;
     c->core.stats.seconds.total = sbl__now() - start;
     return SBL_SUCCESS;
@@ -17482,7 +17482,7 @@ static sbl_result sbl__work_step(sbl_context *c, sbl__slice *slice) {
     switch (c->work) {
         case SBL__WORK_GATHER: return sbl__gathering_step(&c->core, &c->gathering, slice);
         case SBL__WORK_VERTICES: return sbl__vertices_step(&c->core, &c->vertices, slice);
-        case SBL__WORK_PROBES: return sbl__probing_step(&c->core, &c->probing, slice);
+        case SBL__WORK_PROBES: return sbl__probes_step(&c->core, &c->probes, slice);
         default: return sbl__picture_step(&c->core, &c->picture, slice);
     }
 }
@@ -17492,7 +17492,7 @@ static float sbl__work_progress(const sbl_context *c) {
     switch (c->work) {
         case SBL__WORK_GATHER: return sbl__gathering_progress(&c->core, &c->gathering);
         case SBL__WORK_VERTICES: return sbl__vertices_progress(&c->core, &c->vertices);
-        case SBL__WORK_PROBES: return sbl__probing_progress(&c->core, &c->probing);
+        case SBL__WORK_PROBES: return sbl__probes_progress(&c->core, &c->probes);
         default: return sbl__picture_progress(&c->core, &c->picture);
     }
 }
@@ -17508,7 +17508,7 @@ typedef struct sbl__work_report {
 
 static sbl__work_report sbl__work_reports(sbl_context *c) {
     const sbl__work_report picture = SBL__REPORT(c->picture), gather = SBL__REPORT(c->gathering);
-    const sbl__work_report vertices = SBL__REPORT(c->vertices.gathering), probes = SBL__REPORT(c->probing);
+    const sbl__work_report vertices = SBL__REPORT(c->vertices.gathering), probes = SBL__REPORT(c->probes);
     return c->work == SBL__WORK_GATHER ? gather : c->work == SBL__WORK_VERTICES ? vertices
          : c->work == SBL__WORK_PROBES ? probes : picture;
 }
@@ -17534,7 +17534,7 @@ static sbl_result sbl__context_step(sbl_context *c, sbl__slice *slice) {
 /* Does core.job, or will it, work for sites that are not a picture's? */
 static int sbl__sites_under_way(const sbl_context *c) {
     return sbl__gathering_under_way(&c->gathering) || sbl__vertices_under_way(&c->vertices) ||
-           sbl__probing_under_way(&c->probing);
+           sbl__probes_under_way(&c->probes);
 }
 
 #define SBL__SLICE_REST 0.2  /* share of a slice that is not worth another piece */
@@ -17596,7 +17596,7 @@ SBL_API float sbl_progress(const sbl_context *c) {
     return !c ? 0
          : c->work == SBL__WORK_GATHER   ? c->gathering.progress
          : c->work == SBL__WORK_VERTICES ? c->vertices.gathering.progress
-         : c->work == SBL__WORK_PROBES   ? c->probing.progress
+         : c->work == SBL__WORK_PROBES   ? c->probes.progress
                                          : c->picture.progress;
 }
 
@@ -17607,7 +17607,7 @@ SBL_API void sbl_end(sbl_context *c) {
     sbl__visit_enter(c, &visit);
     sbl__picture_free(&c->core.device, &c->picture);
     sbl__gathering_free(&c->core.base, &c->gathering);
-    sbl__probing_free(&c->core.base, &c->probing);
+    sbl__probes_free(&c->core.base, &c->probes);
     sbl__vertices_free(&c->core.base, &c->vertices);
     sbl__inspection_free(&c->core.base, &c->inspection);
     sbl__bounce_end(&c->core);
