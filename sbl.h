@@ -4400,6 +4400,338 @@ static void sbl__geometry_bind(sbl__device *d, const sbl__geometry *g) {
     sbl__bind_table(d, "sbl_indices", &g->index_table);
 }
 
+/* ==================================================================================================== >>topology
+   What triangles share: vertices in the same place, sides, and the groups that they form; and values that spread from
+   neighbour to neighbour. Rooms number their vertices and triangles themselves. A side is 3 * triangle + the corner at
+   which it begins. */
+
+#define SBL__NONE UINT32_MAX
+
+/* A hash table of numbers. Numbers with the same hash are found in the order in which they were put in. */
+typedef struct sbl__hash_table {
+    uint32_t *slots;  /* 1 + number; 0: free */
+    uint32_t mask;    /* slots, a power of two, less 1 */
+} sbl__hash_table;
+
+static void sbl__hash_table_free(sbl__base *base, sbl__hash_table *t) {
+    sbl__free(base, t->slots);
+    t->slots = NULL;
+}
+
+/* Empties the table and makes room for so many numbers. */
+static sbl_result sbl__hash_table_make(sbl__base *base, sbl__hash_table *t, double count) {
+    uint32_t slots = 16;
+    while (slots < 2 * count && slots < 0x80000000u) slots *= 2;
+    sbl__hash_table_free(base, t);
+    t->slots = (uint32_t *)sbl__alloc(base, slots, sizeof *t->slots);
+    t->mask = slots - 1;
+    return t->slots ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+}
+
+/* Slot search: returns the number in a slot and goes on to the next slot. Begin at the hash. Stays at the first free
+   slot, and returns SBL__NONE there. */
+static uint32_t sbl__slot_next(const sbl__hash_table *t, uint32_t *slot) {
+    const uint32_t found = t->slots[*slot & t->mask];
+    *slot += found > 0;
+    return found - 1;
+}
+
+static void sbl__slot_fill(sbl__hash_table *t, uint32_t slot, uint32_t number) {
+    t->slots[slot & t->mask] = number + 1;
+}
+
+/* Returns the first number with this hash that is the same as `number`. If there is none, puts `number` in and returns
+   it. */
+static uint32_t sbl__hash_table_first(sbl__hash_table *t, uint32_t hash, uint32_t number,
+                                      int (*same)(const void *user, uint32_t one, uint32_t other), const void *user) {
+    uint32_t slot = hash, other;
+    while ((other = sbl__slot_next(t, &slot)) != SBL__NONE)
+        if (same(user, number, other)) return other;
+    sbl__slot_fill(t, slot, number);
+    return number;
+}
+
+/* Floats are hashed and compared by value: -0 is 0. */
+static uint32_t sbl__hash_floats(uint32_t hash, const float *x, int count) {
+    int k;
+    for (k = 0; k < count; k++) hash = sbl__hash(hash ^ (sbl__zero(x + k) ? 0 : sbl__float_bits(x + k)));
+    return hash;
+}
+
+static int sbl__same_floats(const float *a, const float *b, int count) {
+    int k;
+    for (k = 0; k < count; k++) if (a[k] < b[k] || b[k] < a[k]) return 0;
+    return 1;
+}
+
+/* Vertices of the scene stand in the same place if their mesh and their position are the same. */
+static uint32_t sbl__place_hash(const sbl__geometry *g, uint32_t vertex) {
+    return sbl__hash_floats(g->vertices[vertex].object, g->vertices[vertex].position, 3);
+}
+
+static int sbl__same_place(const void *geometry, uint32_t one, uint32_t other) {
+    const sbl__vertex *v = ((const sbl__geometry *)geometry)->vertices;
+    return v[one].object == v[other].object && sbl__same_floats(v[one].position, v[other].position, 3);
+}
+
+/* The vertex at a side's first (0) or second end (1), or opposite (2). corners: three welded vertices a triangle. */
+static uint32_t sbl__side_end(const uint32_t *corners, uint32_t side, uint32_t which) {
+    return corners[side - side % 3 + (side + which) % 3];
+}
+
+static int sbl__same_ends(const void *corners, uint32_t one, uint32_t other) {
+    const uint32_t *all = (const uint32_t *)corners;
+    const uint32_t a = sbl__side_end(all, one, 0), b = sbl__side_end(all, one, 1);
+    const uint32_t c = sbl__side_end(all, other, 0), d = sbl__side_end(all, other, 1);
+    return (a == c && b == d) || (a == d && b == c);
+}
+
+/* Returns the first of the sides so far that has the same ends; the side itself if it is the first. */
+static uint32_t sbl__first_side(sbl__hash_table *t, const uint32_t *corners, uint32_t side) {
+    const uint32_t a = sbl__side_end(corners, side, 0), b = sbl__side_end(corners, side, 1);
+    return sbl__hash_table_first(t, sbl__hash(SBL__MIN(a, b) ^ sbl__hash(SBL__MAX(a, b))), side, sbl__same_ends,
+                                 corners);
+}
+
+/* Union-find: the root of a number's tree stands for its group. It is the least number of the group. */
+static uint32_t sbl__root(uint32_t *parents, uint32_t number) {
+    while (parents[number] != number) number = parents[number] = parents[parents[number]];
+    return number;
+}
+
+static void sbl__join(uint32_t *parents, uint32_t one, uint32_t other) {
+    one = sbl__root(parents, one);
+    other = sbl__root(parents, other);
+    parents[SBL__MAX(one, other)] = SBL__MIN(one, other);
+}
+
+/* >>topology: rings. Things that have a value pass it on to their neighbours, ring by ring: a thing of a ring gets its
+   value from those neighbours that have one since an earlier ring. */
+
+#define SBL__RING_WAITS (-1)
+#define SBL__RING_QUEUED (-2)
+
+typedef struct sbl__rings {
+    sbl__stages stages;
+    sbl__base *base;
+    void *user;
+    /* Returns the neighbour at *place, which begins at 0, and moves *place on; negative: there are no more. */
+    int (*neighbour)(const struct sbl__rings *r, int thing, size_t *place);
+    void (*mean)(void *user, int thing);  /* gives a thing its value, from neighbours that sbl__ring_reached */
+    int count, width;   /* things; in a row, if they lie in a grid */
+    int last;           /* rings that are wanted */
+    int *ring;          /* a thing: 0: it had a value; above 0: the ring that reached it; else SBL__RING_... */
+    int *queue;         /* things, ring after ring */
+    int queued, room;
+    int number, end;    /* the ring under way, and its end in the queue */
+} sbl__rings;
+
+static void sbl__rings_free(sbl__base *base, sbl__rings *r) {
+    sbl__free(base, r->ring);
+    sbl__free(base, r->queue);
+    memset(r, 0, sizeof *r);
+}
+
+/* All things wait. The caller sets the ring of those that have a value to 0, and the fields up to `last`. */
+static sbl_result sbl__rings_make(sbl__base *base, sbl__rings *r, int count) {
+    r->base = base;
+    r->count = count;
+    r->ring = (int *)sbl__alloc_raw(base, (size_t)count, sizeof *r->ring);
+    if (r->ring) memset(r->ring, 0xff, (size_t)count * sizeof *r->ring);
+    return r->ring ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+}
+
+static int sbl__ring_reached(const sbl__rings *r, int thing) {
+    return r->ring[thing] >= 0 && r->ring[thing] < r->number;
+}
+
+/* Neighbours in a grid: the thing's eight neighbours and itself, row by row. */
+static int sbl__ring_grid(const sbl__rings *r, int thing, size_t *place) {
+    while (*place < 9) {
+        const int x = thing % r->width + (int)(*place % 3) - 1, y = thing / r->width + (int)(*place / 3) - 1;
+        ++*place;
+        if (x >= 0 && y >= 0 && x < r->width && y < r->count / r->width) return y * r->width + x;
+    }
+    return -1;
+}
+
+/* A thing's neighbours that wait come into the next ring. */
+static sbl_result sbl__ring_spread(sbl__rings *r, int thing) {
+    size_t place = 0;
+    int other;
+    while (r->number < r->last && (other = r->neighbour(r, thing, &place)) >= 0) {
+        if (r->ring[other] != SBL__RING_WAITS) continue;
+        if (!sbl__grow(r->base, &r->queue, &r->room, r->queued + 1, sizeof *r->queue)) return SBL_ERROR_OUT_OF_MEMORY;
+        r->queue[r->queued++] = other;
+        r->ring[other] = SBL__RING_QUEUED;
+    }
+    return SBL_SUCCESS;
+}
+
+static sbl_result sbl__ring_source(void *work, int thing) {
+    sbl__rings *r = (sbl__rings *)work;
+    return r->ring[thing] == 0 ? sbl__ring_spread(r, thing) : SBL_SUCCESS;
+}
+
+static sbl_result sbl__ring_next(void *work, int at) {
+    sbl__rings *r = (sbl__rings *)work;
+    const int thing = r->queue[at];
+    if (at == r->end) {
+        r->end = r->queued;
+        r->number++;
+    }
+    r->mean(r->user, thing);
+    r->ring[thing] = r->number;
+    return sbl__ring_spread(r, thing);
+}
+
+static int sbl__rings_things(void *work) { return ((sbl__rings *)work)->count; }
+static int sbl__rings_queued(void *work) { return ((sbl__rings *)work)->queued; }
+
+/* Does one piece. SBL_SUCCESS: all rings that are wanted have their values. */
+static sbl_result sbl__rings_step(sbl__rings *r, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { NULL, NULL, sbl__ring_source, sbl__rings_things },
+        { NULL, NULL, sbl__ring_next, sbl__rings_queued }
+    };
+    return sbl__stages_step(&r->stages, table, SBL__COUNT(table), r, slice);
+}
+
+/* ====================================================================================================== >>solver
+   Normal equations of least squares, for three channels at once, by conjugate gradients that the matrix's diagonal
+   preconditions (Shewchuk 1994, "An Introduction to the Conjugate Gradient Method Without the Agonizing Pain"). The
+   matrix is a sum of terms, which a function of the caller multiplies by a direction, and of a multiple of the
+   identity. */
+
+#define SBL__SOLVER_ROUNDS 1000  /* at most */
+
+enum { SBL__SOLVER_START, SBL__SOLVER_MULTIPLY, SBL__SOLVER_DOT, SBL__SOLVER_ADVANCE, SBL__SOLVER_TURN,
+       SBL__SOLVER_DONE };
+
+/* Sums over the unknowns of a system: residual and preconditioned residual, before and after the round; direction and
+   product; squares of the preconditioned residual, at first and now. */
+typedef struct sbl__solver_sums { double power, next_power, along, first2, left2; } sbl__solver_sums;
+
+typedef struct sbl__solver {
+    sbl__stages stages;
+    void *user;
+    void (*term)(void *user, int i, const double *direction, double *product);  /* adds term i times the direction */
+    int term_count;
+    int count;                  /* unknowns */
+    int together;               /* the channels are one system; otherwise each is a system of its own */
+    double identity;            /* multiple of the identity in the matrix */
+    double precision2;          /* a system is solved if left2 / first2 is as low */
+    double *diagonal;           /* the matrix's, or all 1: three an unknown, one a channel, as below. 0: the solution
+                                   keeps its value there */
+    double *solution;           /* the caller sets it to 0, */
+    double *residual;           /* and this to the right side */
+    double *direction, *product;
+    sbl__solver_sums sums[3];
+    int rounds;
+} sbl__solver;
+
+static void sbl__solver_free(sbl__base *base, sbl__solver *s) {
+    sbl__free(base, s->diagonal);
+    sbl__free(base, s->solution);
+    sbl__free(base, s->residual);
+    sbl__free(base, s->direction);
+    sbl__free(base, s->product);
+    memset(s, 0, sizeof *s);
+}
+
+/* Makes the arrays; all numbers are 0. */
+static sbl_result sbl__solver_make(sbl__base *base, sbl__solver *s, int count) {
+    double **const arrays[] = { &s->diagonal, &s->solution, &s->residual, &s->direction, &s->product };
+    int i;
+    s->count = count;
+    for (i = 0; i < SBL__COUNT(arrays); i++) {
+        *arrays[i] = (double *)sbl__alloc(base, (size_t)count, 3 * sizeof(double));
+        if (!*arrays[i]) return SBL_ERROR_OUT_OF_MEMORY;
+    }
+    return SBL_SUCCESS;
+}
+
+static int sbl__solver_unknowns(void *work) { return ((sbl__solver *)work)->count; }
+static int sbl__solver_terms(void *work) { return ((sbl__solver *)work)->term_count; }
+
+static sbl_result sbl__solver_term(void *work, int term) {
+    sbl__solver *s = (sbl__solver *)work;
+    s->term(s->user, term, s->direction, s->product);
+    return SBL_SUCCESS;
+}
+
+/* The other stages' part for an unknown. */
+static sbl_result sbl__solver_unknown(void *work, int unknown) {
+    sbl__solver *s = (sbl__solver *)work;
+    size_t i = 3 * (size_t)unknown;
+    int k;
+    for (k = 0; k < 3; k++, i++) {
+        sbl__solver_sums *sum = &s->sums[s->together ? 0 : k];
+        const double d = s->diagonal[i], share = sum->along > 0 ? sum->power / sum->along : 0;
+        switch (s->stages.stage) {
+            case SBL__SOLVER_START:
+                s->direction[i] = d > 0 ? s->residual[i] / d : 0;
+                sum->power += s->residual[i] * s->direction[i];
+                sum->first2 += s->direction[i] * s->direction[i];
+                s->product[i] = s->identity * s->direction[i];
+                break;
+            case SBL__SOLVER_DOT: sum->along += s->direction[i] * s->product[i]; break;
+            case SBL__SOLVER_ADVANCE:
+                if (!(d > 0)) break;
+                s->solution[i] += share * s->direction[i];
+                s->residual[i] -= share * s->product[i];
+                sum->next_power += s->residual[i] * s->residual[i] / d;
+                sum->left2 += s->residual[i] / d * (s->residual[i] / d);
+                break;
+            default:
+                if (d > 0)
+                    s->direction[i] = s->residual[i] / d +
+                                      (sum->power > 0 ? sum->next_power / sum->power : 0) * s->direction[i];
+                s->product[i] = s->identity * s->direction[i];
+        }
+    }
+    return SBL_SUCCESS;
+}
+
+static int sbl__solver_after_start(void *work) {
+    const sbl__solver_sums *sums = ((const sbl__solver *)work)->sums;
+    return sums[0].first2 > 0 || sums[1].first2 > 0 || sums[2].first2 > 0 ? SBL__SOLVER_MULTIPLY : SBL__SOLVER_DONE;
+}
+
+static int sbl__solver_after_advance(void *work) {
+    sbl__solver *s = (sbl__solver *)work;
+    int k, solved = 1;
+    for (k = 0; k < 3; k++) solved &= s->sums[k].left2 <= s->precision2 * s->sums[k].first2;
+    return solved || ++s->rounds >= SBL__SOLVER_ROUNDS ? SBL__SOLVER_DONE : SBL__SOLVER_TURN;
+}
+
+static int sbl__solver_after_turn(void *work) {
+    sbl__solver *s = (sbl__solver *)work;
+    int k;
+    for (k = 0; k < 3; k++) {
+        s->sums[k].power = s->sums[k].next_power;
+        s->sums[k].next_power = s->sums[k].along = s->sums[k].left2 = 0;
+    }
+    return SBL__SOLVER_MULTIPLY;
+}
+
+/* Does one piece. SBL_SUCCESS: the solution is there, and the next call starts on another right side. */
+static sbl_result sbl__solver_step(sbl__solver *s, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { NULL, sbl__solver_after_start, sbl__solver_unknown, sbl__solver_unknowns },
+        { NULL, NULL, sbl__solver_term, sbl__solver_terms },
+        { NULL, NULL, sbl__solver_unknown, sbl__solver_unknowns },
+        { NULL, sbl__solver_after_advance, sbl__solver_unknown, sbl__solver_unknowns },
+        { NULL, sbl__solver_after_turn, sbl__solver_unknown, sbl__solver_unknowns }
+    };
+    const sbl_result result = sbl__stages_step(&s->stages, table, SBL__COUNT(table), s, slice);
+    if (result != SBL_SUCCESS) return result;
+    memset(&s->stages, 0, sizeof s->stages);
+    memset(s->sums, 0, sizeof s->sums);
+    s->rounds = 0;
+    return result;
+}
+
 /* ======================================================================================================== >>textures
    All textures of the scene share two GL textures, the texel tables: one for textures that the host gives as 8-bit
    sRGB, whose bytes it keeps, and one of 16-bit floats for all others. A texture begins at the start of a row of its
@@ -6337,19 +6669,17 @@ static sbl_result sbl__store_add_split(sbl__base *base, sbl__store *s, uint32_t 
 /* >>store: patches. Triangles of a mesh belong together that share an edge, by the places of its ends, and bend little
    there. */
 
-typedef struct sbl__edge_slot { uint32_t a, b, triangle; } sbl__edge_slot;  /* triangle + 1; 0: empty */
 
 typedef struct sbl__patch { double area; float normal[3], bounds[2][3]; int flat; } sbl__patch;
 
 typedef struct sbl__patching {  /* while patches are made */
     sbl__stages stages;
     const sbl__geometry *geometry;
-    uint32_t *vertices;         /* a table of vertex numbers + 1, by place */
+    sbl__hash_table places, ends;  /* of vertices; of sides */
     uint32_t *welded;           /* the first vertex at each one's place */
-    sbl__edge_slot *edges;
-    uint32_t *parents;          /* of triangles: the forest whose roots are patches */
+    uint32_t *corners;          /* three welded vertices a triangle */
+    uint32_t *parents;          /* of triangles: the roots stand for patches, see sbl__root */
     sbl__patch *patches;        /* of roots */
-    int vertex_room, edge_room; /* powers of two */
     double area;                /* of all */
     double least;               /* area below which a mesh's patches count as one */
     double growth;              /* of cells' area, since the first ones were too many or too few */
@@ -6357,9 +6687,10 @@ typedef struct sbl__patching {  /* while patches are made */
 } sbl__patching;
 
 static void sbl__patching_free(sbl__base *base, sbl__patching *p) {
-    sbl__free(base, p->vertices);
+    sbl__hash_table_free(base, &p->places);
+    sbl__hash_table_free(base, &p->ends);
     sbl__free(base, p->welded);
-    sbl__free(base, p->edges);
+    sbl__free(base, p->corners);
     sbl__free(base, p->parents);
     sbl__free(base, p->patches);
     memset(p, 0, sizeof *p);
@@ -6370,16 +6701,13 @@ static sbl_result sbl__patching_begin(sbl__base *base, sbl__patching *p, const s
     int i;
     p->geometry = g;
     p->growth = p->pool = 1;
-    p->vertex_room = p->edge_room = 16;
-    while (p->vertex_room < g->vertex_count * 2.0) p->vertex_room *= 2;
-    while (p->edge_room < g->triangle_count * 4.0) p->edge_room *= 2;
-    p->vertices = (uint32_t *)sbl__alloc(base, (size_t)p->vertex_room, sizeof *p->vertices);
     p->welded = (uint32_t *)sbl__alloc(base, (size_t)g->vertex_count, sizeof *p->welded);
-    p->edges = (sbl__edge_slot *)sbl__alloc(base, (size_t)p->edge_room, sizeof *p->edges);
+    p->corners = (uint32_t *)sbl__alloc_raw(base, triangles, 3 * sizeof *p->corners);
     p->parents = (uint32_t *)sbl__alloc(base, triangles, sizeof *p->parents);
     p->patches = (sbl__patch *)sbl__alloc(base, triangles, sizeof *p->patches);
-    if (!p->vertices || !p->welded || !p->edges || !p->parents || !p->patches)
-        return SBL_ERROR_OUT_OF_MEMORY;
+    if (!p->welded || !p->corners || !p->parents || !p->patches ||
+        sbl__hash_table_make(base, &p->places, g->vertex_count) != SBL_SUCCESS ||
+        sbl__hash_table_make(base, &p->ends, 3.0 * g->triangle_count) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < g->triangle_count; i++) p->parents[i] = (uint32_t)i;
     return SBL_SUCCESS;
 }
@@ -6389,50 +6717,25 @@ static int sbl__patching_triangles(void *work) { return ((sbl__patching *)work)-
 
 static sbl_result sbl__patch_weld(void *work, int at) {
     sbl__patching *p = (sbl__patching *)work;
-    const sbl__geometry *g = p->geometry;
-    const uint32_t vertex = (uint32_t)at;
-    const sbl__vertex *v = &g->vertices[vertex];
-    uint32_t hash = sbl__hash_step(0, v->object), mask = (uint32_t)(p->vertex_room - 1), i;
-    int k;
-    for (k = 0; k < 3; k++) hash = sbl__hash_step(hash, sbl__float_bits(&v->position[k]));
-    for (i = hash & mask; p->vertices[i]; i = (i + 1) & mask) {
-        const sbl__vertex *other = &g->vertices[p->vertices[i] - 1];
-        if (other->object == v->object && !memcmp(other->position, v->position, sizeof v->position)) break;
-    }
-    if (!p->vertices[i]) p->vertices[i] = vertex + 1;
-    p->welded[vertex] = p->vertices[i] - 1;
+    p->welded[at] = sbl__hash_table_first(&p->places, sbl__place_hash(p->geometry, (uint32_t)at), (uint32_t)at,
+                                          sbl__same_place, p->geometry);
     return SBL_SUCCESS;
-}
-
-static uint32_t sbl__patch_root(uint32_t *parents, uint32_t triangle) {
-    while (parents[triangle] != triangle) triangle = parents[triangle] = parents[parents[triangle]];
-    return triangle;
 }
 
 static sbl_result sbl__patch_join(void *work, int at) {
     sbl__patching *p = (sbl__patching *)work;
     const sbl__geometry *g = p->geometry;
     const uint32_t triangle = (uint32_t)at;
-    const uint32_t *corners = &g->indices[3 * (size_t)triangle], mask = (uint32_t)(p->edge_room - 1);
     double normal[3], other[3];
-    int k;
+    size_t k;
+    for (k = 3 * (size_t)triangle; k < 3 * (size_t)triangle + 3; k++) p->corners[k] = p->welded[g->indices[k]];
     sbl__scene_normal(g, triangle, normal);
     for (k = 0; k < 3; k++) {
-        const uint32_t from = p->welded[corners[k]], to = p->welded[corners[(k + 1) % 3]];
-        const uint32_t a = SBL__MIN(from, to), b = SBL__MAX(from, to);
-        uint32_t i = sbl__hash_step(sbl__hash_step(0, a), b) & mask, root, found;
-        while (p->edges[i].triangle && (p->edges[i].a != a || p->edges[i].b != b)) i = (i + 1) & mask;
-        if (!p->edges[i].triangle) {
-            p->edges[i].a = a;
-            p->edges[i].b = b;
-            p->edges[i].triangle = triangle + 1;
-            continue;
-        }
-        sbl__scene_normal(g, p->edges[i].triangle - 1, other);
+        const uint32_t side = 3 * triangle + (uint32_t)k, first = sbl__first_side(&p->ends, p->corners, side);
+        if (first == side) continue;
+        sbl__scene_normal(g, first / 3, other);
         if (normal[0] * other[0] + normal[1] * other[1] + normal[2] * other[2] < SBL__PATCH_SMOOTH) continue;
-        root = sbl__patch_root(p->parents, triangle);
-        found = sbl__patch_root(p->parents, p->edges[i].triangle - 1);
-        p->parents[SBL__MAX(root, found)] = SBL__MIN(root, found);
+        sbl__join(p->parents, triangle, first / 3);
     }
     return SBL_SUCCESS;
 }
@@ -6442,7 +6745,7 @@ static sbl_result sbl__patch_measure(void *work, int at) {
     sbl__patching *p = (sbl__patching *)work;
     const sbl__geometry *g = p->geometry;
     const uint32_t triangle = (uint32_t)at;
-    const uint32_t root = sbl__patch_root(p->parents, triangle);
+    const uint32_t root = sbl__root(p->parents, triangle);
     sbl__patch *patch = &p->patches[root];
     const sbl__object *o = sbl__object_of(g, triangle);
     const float *corners[3];
@@ -6482,7 +6785,7 @@ static void sbl__patch_grid(sbl__patching *p, sbl__store *s, double leaves) {
 /* The triangle's word. */
 static uint32_t sbl__patch_word(sbl__patching *p, uint32_t triangle) {
     const sbl__geometry *g = p->geometry;
-    const uint32_t root = sbl__patch_root(p->parents, triangle);
+    const uint32_t root = sbl__root(p->parents, triangle);
     const uint32_t mesh = (uint32_t)(sbl__object_of(g, triangle) - g->objects);
     const int pooled = p->patches[root].area < p->least;
     const uint32_t number = pooled ? (uint32_t)g->triangle_count + mesh : root;
@@ -7471,19 +7774,16 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
 #define SBL__ATLAS_INSET 0.02   /* texels, from an edge: in a crease a sensor would stand in the other wall, too */
 #define SBL__ATLAS_INSET_MOST 0.01  /* share of the way to the triangle's middle */
 
-typedef enum sbl__atlas_stage {
-    SBL__ATLAS_CLEAR, SBL__ATLAS_WELD, SBL__ATLAS_JOIN, SBL__ATLAS_NUMBER, SBL__ATLAS_TRIANGLES, SBL__ATLAS_DONE
-} sbl__atlas_stage;
-
 typedef struct sbl__atlas {
+    sbl__stages stages;
+    sbl__base *base;
+    const sbl__geometry *geometry;
     int width, height;
     int across;                 /* of these across a texel that is read */
     unsigned char *wanted;      /* a mesh: is it baked? */
-    sbl__atlas_stage stage;
-    int at, row;                /* what comes next of the stage; the triangle's row, once it is begun */
-    uint32_t *parents;          /* a vertex: one of the same chart; itself: it stands for the chart */
-    uint32_t *slots;            /* 1 + vertex, by a hash of where it is in the world and in the map; 0: free */
-    uint32_t slot_count;        /* a power of two */
+    int row;                    /* the next one of the triangle under way; 0: it has not begun */
+    uint32_t *parents;          /* a vertex: one of the same chart (see sbl__root); then its chart's number */
+    sbl__hash_table places;     /* vertices, by their place in the world and on the map */
     uint32_t *texels;           /* SBL__ATLAS_WORDS each */
     float *away;                /* a texel: squared distance from its centre of what it shows, texels; below 0: it lies
                                    inside, SBL__ATLAS_WELL or SBL__ATLAS_EDGE, and 1 less for each other that has it */
@@ -7495,7 +7795,7 @@ typedef struct sbl__atlas {
 static void sbl__atlas_free(sbl__base *base, sbl__atlas *a) {
     sbl__free(base, a->wanted);
     sbl__free(base, a->parents);
-    sbl__free(base, a->slots);
+    sbl__hash_table_free(base, &a->places);
     sbl__free(base, a->texels);
     sbl__free(base, a->away);
     memset(a, 0, sizeof *a);
@@ -7504,74 +7804,68 @@ static void sbl__atlas_free(sbl__base *base, sbl__atlas *a) {
 /* Makes room for a lightmap of the meshes that are named, or of all that can be; numbers have been checked. */
 static sbl_result sbl__atlas_begin(sbl__base *base, sbl__atlas *a, const sbl__geometry *g,
                                    const sbl_lightmap_desc *desc) {
+    size_t texels;
     int i;
     a->across = desc->supersample;
     a->width = desc->width * a->across;
     a->height = desc->height * a->across;
-    a->stage = SBL__ATLAS_CLEAR;
+    texels = (size_t)a->width * (size_t)a->height;
+    a->base = base;
+    a->geometry = g;
     a->wanted = (unsigned char *)sbl__alloc(base, (size_t)g->mesh_count, 1);
-    if (!a->wanted) return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = 0; i < desc->mesh_count; i++) a->wanted[desc->meshes[i]] = 1;
-    for (i = 0; i < g->mesh_count && !desc->mesh_count; i++) a->wanted[i] = g->meshes[i].lightmapped != 0;
-    return SBL_SUCCESS;
-}
-
-static sbl_result sbl__atlas_make(sbl__base *base, sbl__atlas *a, const sbl__geometry *g) {
-    const size_t texels = (size_t)a->width * (size_t)a->height;
-    for (a->slot_count = 16; a->slot_count < 2 * (uint32_t)g->vertex_count; a->slot_count *= 2) {}
     a->parents = (uint32_t *)sbl__alloc_raw(base, (size_t)g->vertex_count, sizeof *a->parents);
-    a->slots = (uint32_t *)sbl__alloc(base, a->slot_count, sizeof *a->slots);
     a->texels = (uint32_t *)sbl__alloc(base, texels, SBL__ATLAS_WORDS * sizeof *a->texels);
     a->away = (float *)sbl__alloc_raw(base, texels, sizeof *a->away);
-    return a->parents && a->slots && a->texels && a->away ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    if (!a->wanted || !a->parents || !a->texels || !a->away) return SBL_ERROR_OUT_OF_MEMORY;
+    for (i = 0; i < desc->mesh_count; i++) a->wanted[desc->meshes[i]] = 1;
+    for (i = 0; i < g->mesh_count && !desc->mesh_count; i++) a->wanted[i] = g->meshes[i].lightmapped != 0;
+    return sbl__hash_table_make(base, &a->places, g->vertex_count);
 }
 
-/* Is vertex or triangle of a mesh that is baked? */
-static int sbl__atlas_wants(const sbl__atlas *a, const sbl__geometry *g, uint32_t vertex) {
-    return a->wanted[g->vertices[vertex].object];
+/* Is a vertex of a mesh that is baked? */
+static int sbl__atlas_wants(const sbl__atlas *a, uint32_t vertex) {
+    return a->wanted[a->geometry->vertices[vertex].object];
 }
 
 /* >>atlas: charts */
 
-static uint32_t sbl__atlas_root(sbl__atlas *a, uint32_t vertex) {
-    while (a->parents[vertex] != vertex) {
-        a->parents[vertex] = a->parents[a->parents[vertex]];
-        vertex = a->parents[vertex];
-    }
-    return vertex;
+static const float *sbl__atlas_place(const sbl__geometry *g, uint32_t vertex) {
+    return g->lightmap_texcoords + 2 * (size_t)vertex;
 }
 
-/* The lesser number stands for both. */
-static void sbl__atlas_join(sbl__atlas *a, uint32_t one, uint32_t other) {
-    one = sbl__atlas_root(a, one);
-    other = sbl__atlas_root(a, other);
-    a->parents[SBL__MAX(one, other)] = SBL__MIN(one, other);
+static int sbl__atlas_same(const void *geometry, uint32_t one, uint32_t other) {
+    const sbl__geometry *g = (const sbl__geometry *)geometry;
+    return sbl__same_place(g, one, other) && sbl__same_floats(sbl__atlas_place(g, one), sbl__atlas_place(g, other), 2);
 }
 
-/* Where a vertex is: mesh, world, map. */
-static void sbl__atlas_place(const sbl__geometry *g, uint32_t vertex, uint32_t place[6]) {
-    const float *uv = g->lightmap_texcoords + 2 * (size_t)vertex;
-    int k;
-    place[0] = g->vertices[vertex].object;
-    for (k = 0; k < 5; k++) {
-        const float x = k < 3 ? g->vertices[vertex].position[k] : uv[k - 3];
-        place[1 + k] = sbl__zero(&x) ? 0 : sbl__float_bits(&x);  /* -0 is 0 */
-    }
+/* Joins a vertex with the first one that stands in the same place, in the world and on the map. */
+static sbl_result sbl__atlas_weld(void *work, int vertex) {
+    sbl__atlas *a = (sbl__atlas *)work;
+    const sbl__geometry *g = a->geometry;
+    const uint32_t at = (uint32_t)vertex;
+    uint32_t hash;
+    a->parents[at] = at;
+    if (!sbl__atlas_wants(a, at)) return SBL_SUCCESS;
+    hash = sbl__hash_floats(sbl__place_hash(g, at), sbl__atlas_place(g, at), 2);
+    sbl__join(a->parents, at, sbl__hash_table_first(&a->places, hash, at, sbl__atlas_same, g));
+    return SBL_SUCCESS;
 }
 
-/* Joins a vertex with the first one that stands in the same place, of those so far. */
-static void sbl__atlas_weld(sbl__atlas *a, const sbl__geometry *g, uint32_t vertex) {
-    uint32_t place[6], other[6], slot = 0;
-    int k;
-    sbl__atlas_place(g, vertex, place);
-    for (k = 0; k < 6; k++) slot = sbl__hash(slot ^ place[k]);
-    for (slot &= a->slot_count - 1; a->slots[slot]; slot = (slot + 1) & (a->slot_count - 1)) {
-        sbl__atlas_place(g, a->slots[slot] - 1, other);
-        if (memcmp(place, other, sizeof place)) continue;
-        sbl__atlas_join(a, vertex, a->slots[slot] - 1);
-        return;
-    }
-    a->slots[slot] = vertex + 1;
+static sbl_result sbl__atlas_join(void *work, int triangle) {
+    sbl__atlas *a = (sbl__atlas *)work;
+    const uint32_t *corners = a->geometry->indices + 3 * (size_t)triangle;
+    int i;
+    for (i = 1; i < 3 && sbl__atlas_wants(a, corners[0]); i++) sbl__join(a->parents, corners[0], corners[i]);
+    return SBL_SUCCESS;
+}
+
+/* Numbers the charts. A root comes before all other vertices of its chart. */
+static sbl_result sbl__atlas_number(void *work, int vertex) {
+    sbl__atlas *a = (sbl__atlas *)work;
+    uint32_t *parent = &a->parents[vertex];
+    if (!sbl__atlas_wants(a, (uint32_t)vertex)) return SBL_SUCCESS;
+    *parent = *parent == (uint32_t)vertex ? (uint32_t)a->charts++ : a->parents[*parent];
+    return SBL_SUCCESS;
 }
 
 /* >>atlas: texels */
@@ -7591,13 +7885,14 @@ static void sbl__atlas_span(double low, double high, int size, int out[2]) {
     out[1] = last >= size ? size - 1 : last < 0 ? -1 : (int)last;
 }
 
-static void sbl__atlas_take(const sbl__atlas *a, const sbl__geometry *g, uint32_t number, sbl__atlas_triangle *t) {
+static void sbl__atlas_take(const sbl__atlas *a, uint32_t number, sbl__atlas_triangle *t) {
+    const sbl__geometry *g = a->geometry;
     const int size[2] = { a->width, a->height };
     double low = DBL_MAX, high = -DBL_MAX;
     int i, k;
     for (i = 0; i < 3; i++) {
         const uint32_t vertex = g->indices[3 * (size_t)number + (size_t)i];
-        const float *uv = g->lightmap_texcoords + 2 * (size_t)vertex;
+        const float *uv = sbl__atlas_place(g, vertex);
         for (k = 0; k < 2; k++) t->corners[i][k] = (double)uv[k] * size[k];
         low = SBL__MIN(low, t->corners[i][1]);
         high = SBL__MAX(high, t->corners[i][1]);
@@ -7687,21 +7982,20 @@ static float sbl__atlas_others(const sbl__atlas *a, size_t texel) {
 }
 
 /* Tells of the first triangle whose texel is another's, and counts such texels. */
-static void sbl__atlas_tell_overlap(sbl__base *base, sbl__atlas *a, const sbl__geometry *g, uint32_t triangle,
-                                    size_t texel) {
+static void sbl__atlas_tell_overlap(sbl__atlas *a, uint32_t triangle, size_t texel) {
+    const sbl__geometry *g = a->geometry;
     const uint32_t first = a->texels[SBL__ATLAS_WORDS * texel] - 1;
     const int mesh = (int)g->vertices[g->indices[3 * (size_t)triangle]].object;
     const int first_mesh = (int)g->vertices[g->indices[3 * (size_t)first]].object;
     if (sbl__atlas_others(a, texel) > 0 || a->overlapping++) return;
-    sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_OVERLAP, "lightmap: triangle %d of mesh %d and triangle %d of mesh %d "
-             "share texel %d %d; light of the first one is shown there, in all such places",
+    sbl__log(a->base, SBL_LOG_WARNING, SBL_LOG_ITEM_OVERLAP, "lightmap: triangle %d of mesh %d and triangle %d of mesh "
+             "%d share texel %d %d; light of the first one is shown there, in all such places",
              (int)first - g->meshes[first_mesh].first_triangle, first_mesh,
              (int)triangle - g->meshes[mesh].first_triangle, mesh, (int)(texel % (size_t)a->width) / a->across,
              (int)(texel / (size_t)a->width) / a->across);
 }
 
-static void sbl__atlas_texel(sbl__base *base, sbl__atlas *a, const sbl__geometry *g, const sbl__atlas_triangle *t,
-                             const int at[2]) {
+static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const int at[2]) {
     const size_t i = (size_t)at[1] * (size_t)a->width + (size_t)at[0];
     const double centre[2] = { at[0] + 0.5, at[1] + 0.5 };
     uint32_t *texel = a->texels + SBL__ATLAS_WORDS * i;
@@ -7710,7 +8004,7 @@ static void sbl__atlas_texel(sbl__base *base, sbl__atlas *a, const sbl__geometry
     const int well = away <= SBL__ATLAS_WELL, other_chart = t->chart + 1 != texel[3];
     int k;
     if (away < 0 && a->away[i] < 0 && (other_chart || (well && sbl__atlas_well(a, i)))) {
-        sbl__atlas_tell_overlap(base, a, g, t->number, i);
+        sbl__atlas_tell_overlap(a, t->number, i);
         a->away[i] -= 1;
         return;
     }
@@ -7726,8 +8020,8 @@ static void sbl__atlas_texel(sbl__base *base, sbl__atlas *a, const sbl__geometry
 }
 
 /* Tells of a triangle that is not on the map as a whole. */
-static void sbl__atlas_tell_outside(sbl__base *base, sbl__atlas *a, const sbl__geometry *g,
-                                    const sbl__atlas_triangle *t) {
+static void sbl__atlas_tell_outside(sbl__atlas *a, const sbl__atlas_triangle *t) {
+    const sbl__geometry *g = a->geometry;
     const int size[2] = { a->width, a->height }, mesh = (int)g->vertices[g->indices[3 * (size_t)t->number]].object;
     const double *outside = NULL;
     int i, k;
@@ -7735,28 +8029,27 @@ static void sbl__atlas_tell_outside(sbl__base *base, sbl__atlas *a, const sbl__g
         for (k = 0; k < 2; k++)
             if (t->corners[i][k] < -0.5 || t->corners[i][k] > size[k] + 0.5) outside = t->corners[i];
     if (!outside || a->outside++) return;
-    sbl__log(base, SBL_LOG_WARNING, SBL_LOG_ITEM_OUTSIDE, "lightmap: triangle %d of mesh %d has a corner at %g %g; "
+    sbl__log(a->base, SBL_LOG_WARNING, SBL_LOG_ITEM_OUTSIDE, "lightmap: triangle %d of mesh %d has a corner at %g %g; "
              "what lies outside of 0 to 1 is not baked", (int)t->number - g->meshes[mesh].first_triangle, mesh,
              outside[0] / a->width, outside[1] / a->height);
 }
 
-/* Rows of a triangle, from a->row on. */
-static sbl_result sbl__atlas_draw(sbl__base *base, sbl__atlas *a, const sbl__geometry *g, uint32_t number,
-                                  sbl__slice *slice) {
+/* Draws a triangle's rows, from a->row on. */
+static sbl_result sbl__atlas_rows(sbl__atlas *a, uint32_t number, sbl__slice *slice) {
     sbl__atlas_triangle t;
     int at[2], columns[2];
-    sbl__atlas_take(a, g, number, &t);
+    sbl__atlas_take(a, number, &t);
     if (a->row == 0) {
         double normal[3];
-        a->world_area += sbl__scene_normal(g, number, normal);
+        a->world_area += sbl__scene_normal(a->geometry, number, normal);
         a->area += 0.5 * fabs(t.area);
-        sbl__atlas_tell_outside(base, a, g, &t);
+        sbl__atlas_tell_outside(a, &t);
     }
     for (a->row = SBL__MAX(a->row, t.rows[0]); a->row <= t.rows[1]; a->row++) {
         if (a->row > t.rows[0] && sbl__late(slice)) return SBL_UNFINISHED;
         sbl__atlas_columns(a, &t, a->row, columns);
         at[1] = a->row;
-        for (at[0] = columns[0]; at[0] <= columns[1]; at[0]++) sbl__atlas_texel(base, a, g, &t, at);
+        for (at[0] = columns[0]; at[0] <= columns[1]; at[0]++) sbl__atlas_texel(a, &t, at);
     }
     a->row = 0;
     return SBL_SUCCESS;
@@ -7767,54 +8060,46 @@ static float sbl__atlas_texel_size(const sbl__atlas *a) {
     return a->area > 0 ? (float)sqrt(a->world_area / a->area) : 0;
 }
 
-/* One vertex, triangle or row of the stage under way. */
-static sbl_result sbl__atlas_item(sbl__base *base, sbl__atlas *a, const sbl__geometry *g, sbl__slice *slice) {
-    const uint32_t at = (uint32_t)a->at, *corners = g->indices + 3 * (size_t)at;
+/* >>atlas: its stages */
+
+static sbl_result sbl__atlas_clear(void *work, int row) {
+    sbl__atlas *a = (sbl__atlas *)work;
     int i;
-    switch (a->stage) {
-        case SBL__ATLAS_CLEAR:
-            for (i = 0; i < a->width; i++) a->away[(size_t)at * (size_t)a->width + (size_t)i] = SBL__ATLAS_FAR;
-            break;
-        case SBL__ATLAS_WELD:
-            a->parents[at] = at;
-            if (sbl__atlas_wants(a, g, at)) sbl__atlas_weld(a, g, at);
-            break;
-        case SBL__ATLAS_JOIN:
-            for (i = 1; i < 3 && sbl__atlas_wants(a, g, corners[0]); i++) sbl__atlas_join(a, corners[0], corners[i]);
-            break;
-        case SBL__ATLAS_NUMBER:  /* those that stand for charts come before all others of theirs */
-            if (!sbl__atlas_wants(a, g, at)) break;
-            a->parents[at] = a->parents[at] == at ? (uint32_t)a->charts++ : a->parents[a->parents[at]];
-            break;
-        case SBL__ATLAS_TRIANGLES:
-            if (sbl__atlas_wants(a, g, corners[0])) return sbl__atlas_draw(base, a, g, at, slice);
-            break;
-        default: break;
-    }
+    for (i = 0; i < a->width; i++) a->away[(size_t)row * (size_t)a->width + (size_t)i] = SBL__ATLAS_FAR;
     return SBL_SUCCESS;
 }
 
-/* One piece. SBL_SUCCESS: texels are known. */
-static sbl_result sbl__atlas_step(sbl__base *base, sbl__atlas *a, const sbl__geometry *g, sbl__slice *slice) {
-    sbl_result result = a->texels ? SBL_SUCCESS : sbl__atlas_make(base, a, g);
-    if (result != SBL_SUCCESS) return result;
-    for (; a->stage < SBL__ATLAS_DONE; a->stage = (sbl__atlas_stage)(a->stage + 1), a->at = 0) {
-        const int count = a->stage == SBL__ATLAS_CLEAR ? a->height
-                        : a->stage == SBL__ATLAS_WELD || a->stage == SBL__ATLAS_NUMBER ? g->vertex_count
-                                                                                      : g->triangle_count;
-        for (; a->at < count; a->at++) {
-            if (sbl__late(slice)) return SBL_UNFINISHED;
-            result = sbl__atlas_item(base, a, g, slice);
-            if (result != SBL_SUCCESS) return result;
-        }
+static sbl_result sbl__atlas_draw(void *work, sbl__slice *slice) {
+    sbl__atlas *a = (sbl__atlas *)work;
+    int *at = &a->stages.at;
+    for (; *at < a->geometry->triangle_count; ++*at) {
+        if (sbl__late(slice)) return SBL_UNFINISHED;
+        if (!sbl__atlas_wants(a, a->geometry->indices[3 * (size_t)*at])) continue;
+        if (sbl__atlas_rows(a, (uint32_t)*at, slice) != SBL_SUCCESS) return SBL_UNFINISHED;
     }
     if (a->overlapping > 1 || a->outside > 1)
-        sbl__log(base, SBL_LOG_WARNING, a->overlapping > 1 ? SBL_LOG_ITEM_OVERLAP : SBL_LOG_ITEM_OUTSIDE, "lightmap: "
-                 "triangles overlap in %d texels; %d triangles lie outside", a->overlapping, a->outside);
-    sbl__free(base, a->parents);
-    sbl__free(base, a->slots);
-    a->parents = a->slots = NULL;
+        sbl__log(a->base, SBL_LOG_WARNING, a->overlapping > 1 ? SBL_LOG_ITEM_OVERLAP : SBL_LOG_ITEM_OUTSIDE,
+                 "lightmap: triangles overlap in %d texels; %d triangles lie outside", a->overlapping, a->outside);
+    sbl__free(a->base, a->parents);
+    sbl__hash_table_free(a->base, &a->places);
+    a->parents = NULL;
     return SBL_SUCCESS;
+}
+
+static int sbl__atlas_height(void *work) { return ((sbl__atlas *)work)->height; }
+static int sbl__atlas_vertices(void *work) { return ((sbl__atlas *)work)->geometry->vertex_count; }
+static int sbl__atlas_triangles(void *work) { return ((sbl__atlas *)work)->geometry->triangle_count; }
+
+/* Does one piece. SBL_SUCCESS: texels are known. */
+static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { NULL, NULL, sbl__atlas_clear, sbl__atlas_height },
+        { NULL, NULL, sbl__atlas_weld, sbl__atlas_vertices },
+        { NULL, NULL, sbl__atlas_join, sbl__atlas_triangles },
+        { NULL, NULL, sbl__atlas_number, sbl__atlas_vertices },
+        { sbl__atlas_draw, NULL, NULL, NULL }
+    };
+    return sbl__stages_run(&a->stages, table, SBL__COUNT(table), a, slice);
 }
 
 /* ======================================================================================================== >>surface
@@ -8290,7 +8575,7 @@ static sbl_result sbl__surface_host(void *work, sbl__slice *slice) {
 
 static sbl_result sbl__surface_atlas(void *work, sbl__slice *slice) {
     const sbl__surface *s = (const sbl__surface *)work;
-    return sbl__atlas_step(s->device->base, s->job->atlas, &s->job->scene->geometry, slice);
+    return sbl__atlas_step(s->job->atlas, slice);
 }
 
 /* Rows of the atlas to the GPU. */
@@ -14523,108 +14808,73 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
 }
 
 /* ======================================================================================================== >>gutters
-   A lightmap is continued beyond its charts, ring by ring: each texel of a ring has the mean of those of its eight
+   A lightmap is continued beyond its charts, ring by ring: each texel of a ring gets the mean of those of its eight
    neighbours that the rings before it reached. */
 
 typedef struct sbl__gutters {
+    sbl__stages stages;
     int width, height;
     int rings;                 /* that are wanted */
-    float *light;              /* 4 floats a texel: R; the ring, 0 on charts, below 0: none yet */
-    int *ring, *next;          /* texels of the ring under way, and of the one after it */
-    int ring_count, next_count;
-    int number, at;            /* the ring under way, 0: the texels around charts are being found; what comes next */
+    float *light;              /* 4 floats a texel: R; the number of its ring, 0 on charts, below 0: it has none */
+    sbl__rings spread;
 } sbl__gutters;
-
-#define SBL__GUTTER_NONE (-1.0f)
-#define SBL__GUTTER_NEXT (-2.0f)  /* it will be in the next ring */
 
 static void sbl__gutters_free(sbl__base *base, sbl__gutters *g) {
     sbl__free(base, g->light);
-    sbl__free(base, g->ring);
-    sbl__free(base, g->next);
+    sbl__rings_free(base, &g->spread);
     memset(g, 0, sizeof *g);
+}
+
+/* Gives a texel the mean of its neighbours. */
+static void sbl__gutters_mean(void *user, int texel) {
+    sbl__gutters *g = (sbl__gutters *)user;
+    float *out = g->light + 4 * (size_t)texel, sum[3] = { 0, 0, 0 };
+    size_t place = 0;
+    int i, count = 0, other;
+    while ((other = sbl__ring_grid(&g->spread, texel, &place)) >= 0) {
+        if (!sbl__ring_reached(&g->spread, other)) continue;
+        for (i = 0; i < 3; i++) sum[i] += g->light[4 * (size_t)other + (size_t)i];
+        count++;
+    }
+    for (i = 0; i < 3; i++) out[i] = sum[i] / (float)count;
+    out[3] = (float)g->spread.number;
 }
 
 static sbl_result sbl__gutters_begin(sbl__base *base, sbl__gutters *g, const int size[2], int rings) {
     const size_t texels = (size_t)size[0] * (size_t)size[1];
-    g->rings = rings;
-    g->width = size[0];
+    g->rings = g->spread.last = rings;
+    g->width = g->spread.width = size[0];
     g->height = size[1];
+    g->spread.user = g;
+    g->spread.mean = sbl__gutters_mean;
+    g->spread.neighbour = sbl__ring_grid;
     g->light = (float *)sbl__alloc_raw(base, texels, 16);
-    g->ring = (int *)sbl__alloc_raw(base, texels, sizeof *g->ring);
-    g->next = (int *)sbl__alloc_raw(base, texels, sizeof *g->next);
-    return g->light && g->ring && g->next ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    return g->light ? sbl__rings_make(base, &g->spread, (int)texels) : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Neighbour k of a texel; -1 beyond the map. */
-static int sbl__gutters_neighbour(const sbl__gutters *g, int texel, int k) {
-    static const signed char steps[8][2] = { { -1, -1 }, { 0, -1 }, { 1, -1 }, { -1, 0 },
-                                             { 1, 0 }, { -1, 1 }, { 0, 1 }, { 1, 1 } };
-    const int x = texel % g->width + steps[k][0], y = texel / g->width + steps[k][1];
-    return x < 0 || y < 0 || x >= g->width || y >= g->height ? -1 : y * g->width + x;
-}
+static int sbl__gutters_texels(void *work) { return ((sbl__gutters *)work)->spread.count; }
 
-/* Neighbours of a texel that is known come into the next ring. */
-static void sbl__gutters_spread(sbl__gutters *g, int texel) {
-    int k;
-    for (k = 0; k < 8; k++) {
-        const int other = sbl__gutters_neighbour(g, texel, k);
-        float *ring = other < 0 ? NULL : &g->light[4 * (size_t)other + 3];
-        if (!ring || *ring > SBL__GUTTER_NONE || *ring < SBL__GUTTER_NONE) continue;
-        *ring = SBL__GUTTER_NEXT;
-        g->next[g->next_count++] = other;
-    }
-}
-
-static void sbl__gutters_light(sbl__gutters *g, int texel) {
-    float *out = g->light + 4 * (size_t)texel, sum[3] = { 0, 0, 0 };
-    int k, i, count = 0;
-    for (k = 0; k < 8; k++) {
-        const int other = sbl__gutters_neighbour(g, texel, k);
-        const float *from = g->light + 4 * (size_t)SBL__MAX(other, 0);
-        if (other < 0 || from[3] < 0 || from[3] >= (float)g->number) continue;
-        for (i = 0; i < 3; i++) sum[i] += from[i];
-        count++;
-    }
-    for (i = 0; i < 3; i++) out[i] = count ? sum[i] / (float)count : 0;
-    out[3] = (float)g->number;
-}
-
-/* What has been found around charts, or around a ring, is the next ring. */
-static void sbl__gutters_next(sbl__gutters *g) {
-    int *ring = g->ring;
-    g->ring = g->next;
-    g->next = ring;
-    g->ring_count = g->next_count;
-    g->next_count = g->at = 0;
-    g->number++;
-}
-
-/* One piece. SBL_SUCCESS: all rings are there. light holds R as the filter leaves it: on charts the fourth float is 1.
-   */
-static sbl_result sbl__gutters_step(sbl__gutters *g, sbl__slice *slice) {
-    const int texels = g->width * g->height;
-    for (; g->number == 0 && g->at < texels; g->at++) {
-        float *ring = &g->light[4 * (size_t)g->at + 3];
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        *ring = *ring > 0 ? 0 : SBL__GUTTER_NONE;
-    }
-    for (; g->number == 0 && g->at < 2 * texels; g->at++) {
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        if (g->light[4 * (size_t)(g->at - texels) + 3] >= 0) sbl__gutters_spread(g, g->at - texels);
-    }
-    if (g->number == 0) sbl__gutters_next(g);
-    for (; g->number <= g->rings && g->ring_count; sbl__gutters_next(g)) {
-        for (; g->at < g->ring_count; g->at++) {
-            if (sbl__late(slice)) return SBL_UNFINISHED;
-            sbl__gutters_light(g, g->ring[g->at]);
-        }
-        for (; g->at < 2 * g->ring_count; g->at++) {
-            if (sbl__late(slice)) return SBL_UNFINISHED;
-            sbl__gutters_spread(g, g->ring[g->at - g->ring_count]);
-        }
-    }
+/* Is a texel on a chart? */
+static sbl_result sbl__gutters_find(void *work, int texel) {
+    sbl__gutters *g = (sbl__gutters *)work;
+    float *ring = &g->light[4 * (size_t)texel + 3];
+    if (*ring > 0) g->spread.ring[texel] = 0;
+    *ring = (float)g->spread.ring[texel];
     return SBL_SUCCESS;
+}
+
+static sbl_result sbl__gutters_spread(void *work, sbl__slice *slice) {
+    return sbl__rings_step(&((sbl__gutters *)work)->spread, slice);
+}
+
+/* Does one piece. SBL_SUCCESS: all rings are there. At first `light` holds R as the filter leaves it; the fourth float
+   is 1 on charts. */
+static sbl_result sbl__gutters_step(sbl__gutters *g, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { NULL, NULL, sbl__gutters_find, sbl__gutters_texels },
+        { sbl__gutters_spread, NULL, NULL, NULL }
+    };
+    return sbl__stages_step(&g->stages, table, SBL__COUNT(table), g, slice);
 }
 
 /* ======================================================================================================== >>seams
@@ -14645,49 +14895,39 @@ static sbl_result sbl__gutters_step(sbl__gutters *g, sbl__slice *slice) {
 #define SBL__SEAM_TURN 0.998      /* cosine between normals from which on they are the same */
 #define SBL__SEAM_DIFFERENT 0.5f  /* share of the brighter side from which on they differ much */
 #define SBL__SEAM_CHAIN 16        /* edges between the same ends that are looked at, at most */
-#define SBL__SEAM_STEPS 1000
 #define SBL__SEAM_ROUNDS 4
-#define SBL__SEAM_LEFT 1e-10      /* of the squared residual */
+#define SBL__SEAM_PRECISION2 1e-10
 
-typedef struct sbl__seam_point { int unknowns[8]; float weights[8]; } sbl__seam_point;  /* B's are negative */
+/* unknowns: numbers of texels until the point is added. B's weights are negative. */
+typedef struct sbl__seam_point { int unknowns[8]; float weights[8]; } sbl__seam_point;
 
-/* Three channels of an unknown: what its texel changes by, and what conjugate gradients keep. */
-typedef struct sbl__seam_texel {
-    int texel;
-    int bound[3];               /* it is 0, and would have to be less */
-    double light[3], change[3], residual[3], direction[3], product[3];
-} sbl__seam_texel;
-
-typedef enum sbl__seams_stage {
-    SBL__SEAMS_EDGES, SBL__SEAMS_LIGHT, SBL__SEAMS_BEFORE, SBL__SEAMS_BEGIN,
-    SBL__SEAMS_TURN, SBL__SEAMS_PRODUCT, SBL__SEAMS_MEASURE, SBL__SEAMS_ADVANCE,  /* again and again */
-    SBL__SEAMS_APPLY, SBL__SEAMS_AFTER, SBL__SEAMS_DONE
-} sbl__seams_stage;
+enum { SBL__SEAMS_EDGES, SBL__SEAMS_LAYER, SBL__SEAMS_BEFORE, SBL__SEAMS_SOLVE, SBL__SEAMS_APPLY, SBL__SEAMS_AFTER,
+       SBL__SEAMS_DONE };
 
 typedef struct sbl__seams {
-    sbl__seams_stage stage;
-    int at;
-    uint32_t *slots;            /* 1 + an edge: 3 * triangle + its first corner, by a hash of its ends; 0: free */
-    uint32_t slot_count;        /* a power of two */
+    sbl__stages stages;
+    const sbl__atlas *atlas;
+    const sbl__gutters *light;
+    sbl__hash_table edges;      /* sides of triangles, by their ends */
     sbl__seam_point *points;
     int point_count, point_room;
     int *unknown_of;            /* a texel: 1 + its number among the unknowns; 0: it is none */
-    sbl__seam_texel *unknowns;
+    int *texels;                /* an unknown's */
     int unknown_count, unknown_room;
-    int seams, steps;
+    sbl__solver solver;         /* finds what texels change by. Its diagonal is 1, or 0 for a channel of a texel that
+                                   is bound to 0, as it would be negative */
+    int seams;
     int layers;                 /* sewn before: R, then harmonics, which may be negative */
-    int rounds, bound;          /* of all steps: once more where channels have been bound, in the one under way */
-    double first2, residual2;   /* the squared residual at first, and now */
-    double sum;                 /* of the stage under way */
-    double along;               /* how far the step goes; or how much of its direction stays */
+    int rounds, bound;          /* solutions so far; channels were bound in the last one */
     float before, after;        /* largest difference across seams, luminance */
 } sbl__seams;
 
 static void sbl__seams_free(sbl__base *base, sbl__seams *s) {
-    sbl__free(base, s->slots);
+    sbl__hash_table_free(base, &s->edges);
     sbl__free(base, s->points);
     sbl__free(base, s->unknown_of);
-    sbl__free(base, s->unknowns);
+    sbl__free(base, s->texels);
+    sbl__solver_free(base, &s->solver);
     memset(s, 0, sizeof *s);
 }
 
@@ -14710,24 +14950,6 @@ static void sbl__seam_ends(const sbl__geometry *g, uint32_t edge, uint32_t ends[
     }
 }
 
-static uint32_t sbl__seam_hash(const sbl__geometry *g, const uint32_t ends[2]) {
-    uint32_t hash = 0;
-    int i, k;
-    for (i = 0; i < 2; i++)
-        for (k = 0; k < 3; k++) {
-            const float *x = &g->vertices[ends[i]].position[k];
-            hash = sbl__hash(hash ^ (sbl__zero(x) ? 0 : sbl__float_bits(x)));
-        }
-    return hash;
-}
-
-/* Vertices in the same place: of the world, and of the map. */
-static int sbl__seam_same(const float *a, const float *b, int count) {
-    int k;
-    for (k = 0; k < count; k++) if (a[k] < b[k] || b[k] < a[k]) return 0;
-    return 1;
-}
-
 /* The normal that light is for at an edge's end. */
 static void sbl__seam_normal(const sbl__geometry *g, uint32_t edge, uint32_t vertex, double out[3]) {
     int k;
@@ -14743,9 +14965,8 @@ static int sbl__seam_alike(const sbl__geometry *g, uint32_t one, uint32_t other,
     for (i = 0; i < 2; i++) {
         const uint32_t a = ends[0][i], b = ends[1][i];
         double m[3], n[3];
-        if (!sbl__seam_same(g->vertices[a].position, g->vertices[b].position, 3)) return 0;
-        if (!sbl__seam_same(g->lightmap_texcoords + 2 * (size_t)a, g->lightmap_texcoords + 2 * (size_t)b, 2))
-            *parted = 1;
+        if (!sbl__same_floats(g->vertices[a].position, g->vertices[b].position, 3)) return 0;
+        if (!sbl__same_floats(sbl__atlas_place(g, a), sbl__atlas_place(g, b), 2)) *parted = 1;
         sbl__seam_normal(g, one, a, m);
         sbl__seam_normal(g, other, b, n);
         alike = alike && m[0] * n[0] + m[1] * n[1] + m[2] * n[2] > SBL__SEAM_TURN;
@@ -14784,20 +15005,20 @@ static int sbl__seam_is_even(const sbl__gutters *g, const sbl__seam_point *p) {
     return fabs((double)sides[0] - sides[1]) <= (double)(SBL__SEAM_DIFFERENT * SBL__MAX(sides[0], sides[1]));
 }
 
-/* Such a point: each of its unknowns gets its number. */
-static sbl_result sbl__seam_add(sbl__base *base, sbl__seams *s, const sbl__seam_point *p) {
+/* Adds a point, and gives each of its unknowns its number. */
+static sbl_result sbl__seam_add(sbl__seams *s, const sbl__seam_point *p) {
+    sbl__base *base = s->atlas->base;
     sbl__seam_point *out;
     int i;
     if (!sbl__grow(base, &s->points, &s->point_room, s->point_count + 1, sizeof *s->points) ||
-        !sbl__grow(base, &s->unknowns, &s->unknown_room, s->unknown_count + 8, sizeof *s->unknowns))
+        !sbl__grow(base, &s->texels, &s->unknown_room, s->unknown_count + 8, sizeof *s->texels))
         return SBL_ERROR_OUT_OF_MEMORY;
     out = &s->points[s->point_count++];
     *out = *p;
     for (i = 0; i < 8; i++) {
         int *number = &s->unknown_of[p->unknowns[i]];
         if (!*number) {
-            memset(&s->unknowns[s->unknown_count], 0, sizeof *s->unknowns);
-            s->unknowns[s->unknown_count++].texel = p->unknowns[i];
+            s->texels[s->unknown_count++] = p->unknowns[i];
             *number = s->unknown_count;
         }
         out->unknowns[i] = *number - 1;
@@ -14806,8 +15027,7 @@ static sbl_result sbl__seam_add(sbl__base *base, sbl__seams *s, const sbl__seam_
 }
 
 /* Points along a seam, whose ends in the map are places[side][end]. */
-static sbl_result sbl__seam_points(sbl__base *base, sbl__seams *s, const sbl__gutters *light,
-                                   const double places[2][2][2]) {
+static sbl_result sbl__seam_points(sbl__seams *s, const double places[2][2][2]) {
     double longest = 0;
     int side, k, i, count;
     for (side = 0; side < 2; side++) {
@@ -14823,183 +15043,165 @@ static sbl_result sbl__seam_points(sbl__base *base, sbl__seams *s, const sbl__gu
         for (side = 0; side < 2; side++) {
             double at[2];
             for (k = 0; k < 2; k++) at[k] = (1 - t) * places[side][0][k] + t * places[side][1][k];
-            whole = whole && sbl__seam_mix(light, at, side, &point);
+            whole = whole && sbl__seam_mix(s->light, at, side, &point);
         }
-        if (whole && sbl__seam_is_even(light, &point) && sbl__seam_add(base, s, &point) != SBL_SUCCESS)
+        if (whole && sbl__seam_is_even(s->light, &point) && sbl__seam_add(s, &point) != SBL_SUCCESS)
             return SBL_ERROR_OUT_OF_MEMORY;
     }
     return SBL_SUCCESS;
 }
 
-/* Looks for edges that stand where this one does, and keeps it for those to come. */
-static sbl_result sbl__seams_edge(sbl__base *base, sbl__seams *s, const sbl__gutters *light, const sbl__geometry *g,
-                                  uint32_t edge) {
-    const int size[2] = { light->width, light->height };
-    uint32_t ends[2][2], slot;
-    int looked = 0, side, end, k;
-    sbl__seam_ends(g, edge, ends[0]);
-    for (slot = sbl__seam_hash(g, ends[0]) & (s->slot_count - 1); s->slots[slot] && looked < SBL__SEAM_CHAIN;
-         slot = (slot + 1) & (s->slot_count - 1)) {
-        const uint32_t other = s->slots[slot] - 1;
+/* Sews an edge to those before it that stand where it does, and keeps it for those to come. */
+static sbl_result sbl__seams_edge(void *work, int edge) {
+    sbl__seams *s = (sbl__seams *)work;
+    const sbl__geometry *g = s->atlas->geometry;
+    const int size[2] = { s->light->width, s->light->height };
+    uint32_t ends[2][2], slot, other = 0;
+    int looked = 0, parted, side, end, k;
+    if (!sbl__atlas_wants(s->atlas, g->indices[edge])) return SBL_SUCCESS;
+    sbl__seam_ends(g, (uint32_t)edge, ends[0]);
+    slot = sbl__hash_floats(0, g->vertices[ends[0][0]].position, 3);
+    slot = sbl__hash_floats(slot, g->vertices[ends[0][1]].position, 3);
+    while (looked < SBL__SEAM_CHAIN && (other = sbl__slot_next(&s->edges, &slot)) != SBL__NONE) {
         double places[2][2][2];
-        int parted;
         sbl__seam_ends(g, other, ends[1]);
-        if (!sbl__seam_alike(g, edge, other, (const uint32_t (*)[2])ends, &parted)) continue;
+        if (!sbl__seam_alike(g, (uint32_t)edge, other, (const uint32_t (*)[2])ends, &parted)) continue;
         looked++;
         if (!parted) continue;
         for (side = 0; side < 2; side++)
             for (end = 0; end < 2; end++)
                 for (k = 0; k < 2; k++)
-                    places[side][end][k] =
-                        (double)g->lightmap_texcoords[2 * (size_t)ends[side][end] + (size_t)k] * size[k];
-        if (sbl__seam_points(base, s, light, (const double (*)[2][2])places) != SBL_SUCCESS)
-            return SBL_ERROR_OUT_OF_MEMORY;
+                    places[side][end][k] = (double)sbl__atlas_place(g, ends[side][end])[k] * size[k];
+        if (sbl__seam_points(s, (const double (*)[2][2])places) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
     }
-    if (!s->slots[slot]) s->slots[slot] = edge + 1;
+    if (other == SBL__NONE) sbl__slot_fill(&s->edges, slot, (uint32_t)edge);
     return SBL_SUCCESS;
 }
 
-/* >>seams: conjugate gradients. Every stage is a loop over points or unknowns. */
+/* >>seams: the solution */
 
-/* What a point has of three channels of the unknowns. */
-static void sbl__seam_difference(const sbl__seams *s, const sbl__seam_point *p, size_t member, double out[3]) {
-    int i, k;
-    for (k = 0; k < 3; k++) out[k] = 0;
-    for (i = 0; i < 8; i++) {
-        const double *from = (const double *)((const char *)&s->unknowns[p->unknowns[i]] + member);
-        for (k = 0; k < 3; k++) out[k] += (double)p->weights[i] * from[k];
-    }
+/* Adds a point's part of the matrix times the direction. */
+static void sbl__seam_term(void *user, int point, const double *direction, double *product) {
+    const sbl__seam_point *p = &((sbl__seams *)user)->points[point];
+    double difference[3] = { 0, 0, 0 };
+    int i;
+    for (i = 0; i < 24; i++)
+        difference[i % 3] += (double)p->weights[i / 3] * direction[3 * (size_t)p->unknowns[i / 3] + (size_t)i % 3];
+    for (i = 0; i < 24; i++)
+        product[3 * (size_t)p->unknowns[i / 3] + (size_t)i % 3] += (double)p->weights[i / 3] * difference[i % 3];
 }
 
-static void sbl__seam_spread(sbl__seams *s, const sbl__seam_point *p, const double difference[3], size_t member) {
-    int i, k;
-    for (i = 0; i < 8; i++) {
-        double *to = (double *)((char *)&s->unknowns[p->unknowns[i]] + member);
-        for (k = 0; k < 3; k++) to[k] += (double)p->weights[i] * difference[k];
-    }
-}
-
-#define SBL__SEAM_MEMBER(name) offsetof(sbl__seam_texel, name)
-
-/* The stages that loop over points. */
-static void sbl__seams_point(sbl__seams *s, const sbl__seam_point *p) {
-    const int product = s->stage == SBL__SEAMS_PRODUCT;
-    double d[3];
+/* Measures how light differs at a point, before or after a solution, and before it fills in the right side. */
+static sbl_result sbl__seam_measure(void *work, int point) {
+    sbl__seams *s = (sbl__seams *)work;
+    const sbl__seam_point *p = &s->points[point];
+    const int after = s->stages.stage == SBL__SEAMS_AFTER;
+    double d[3] = { 0, 0, 0 };
     float difference[3], jump;
-    int k;
-    sbl__seam_difference(s, p, product ? SBL__SEAM_MEMBER(direction) : SBL__SEAM_MEMBER(light), d);
-    for (k = 0; k < 3; k++) difference[k] = (float)d[k];
+    int i;
+    for (i = 0; i < 24; i++) {
+        const float *light = s->light->light + 4 * (size_t)s->texels[p->unknowns[i / 3]];
+        d[i % 3] += (double)p->weights[i / 3] * light[i % 3];
+    }
+    for (i = 0; i < 3; i++) difference[i] = (float)d[i];
     jump = (float)fabs((double)sbl__luminance(difference));
-    if (s->stage == SBL__SEAMS_BEFORE) {
-        if (!s->rounds) s->before = SBL__MAX(s->before, jump);
-        for (k = 0; k < 3; k++) d[k] = -d[k];
-        sbl__seam_spread(s, p, d, SBL__SEAM_MEMBER(residual));
-    } else if (product) sbl__seam_spread(s, p, d, SBL__SEAM_MEMBER(product));
-    else s->after = SBL__MAX(s->after, jump);
+    if (after) s->after = SBL__MAX(s->after, jump);
+    else if (!s->rounds) s->before = SBL__MAX(s->before, jump);
+    for (i = 0; i < 24 && !after; i++)
+        s->solver.residual[3 * (size_t)p->unknowns[i / 3] + (size_t)i % 3] -= (double)p->weights[i / 3] * d[i % 3];
+    return SBL_SUCCESS;
 }
 
-/* Those that loop over unknowns. */
-static void sbl__seams_unknown(sbl__seams *s, sbl__seam_texel *u, float *light) {
-    float *texel = light + 4 * (size_t)u->texel;
+/* Nothing is bound at first. */
+static sbl_result sbl__seam_unbind(void *work, int unknown) {
+    double *diagonal = ((sbl__seams *)work)->solver.diagonal + 3 * (size_t)unknown;
+    diagonal[0] = diagonal[1] = diagonal[2] = 1;
+    return SBL_SUCCESS;
+}
+
+/* Changes a texel. */
+static sbl_result sbl__seam_apply(void *work, int unknown) {
+    sbl__seams *s = (sbl__seams *)work;
+    float *texel = s->light->light + 4 * (size_t)s->texels[unknown];
+    size_t i = 3 * (size_t)unknown;
     int k;
-    for (k = 0; k < 3; k++)
-        switch (s->stage) {
-            case SBL__SEAMS_LIGHT:
-                u->light[k] = (double)texel[k];
-                u->bound[k] = 0;
-                break;
-            case SBL__SEAMS_BEGIN:
-                if (u->bound[k]) u->residual[k] = 0;
-                s->sum += u->residual[k] * u->residual[k];
-                break;
-            case SBL__SEAMS_TURN:
-                u->direction[k] = u->residual[k] + s->along * u->direction[k];
-                u->product[k] = SBL__SEAM_KEEP * u->direction[k];
-                break;
-            case SBL__SEAMS_MEASURE: s->sum += u->direction[k] * u->product[k]; break;
-            case SBL__SEAMS_ADVANCE:
-                u->change[k] += s->along * u->direction[k];
-                if (!u->bound[k]) u->residual[k] -= s->along * u->product[k];
-                s->sum += u->residual[k] * u->residual[k];
-                break;
-            default:
-                if (u->light[k] + u->change[k] < 0 && !s->layers) u->bound[k] = s->bound = 1;
-                texel[k] = (float)(u->light[k] + u->change[k]);
-                if (!s->layers) texel[k] = SBL__MAX(texel[k], 0.0f);
-                u->light[k] = (double)texel[k];
-                u->change[k] = u->residual[k] = u->direction[k] = 0;
+    for (k = 0; k < 3; k++, i++) {
+        const double light = (double)texel[k] + s->solver.solution[i];
+        if (light < 0 && !s->layers) {
+            s->solver.diagonal[i] = 0;
+            s->bound = 1;
         }
-}
-
-static sbl__seams_stage sbl__seams_next(sbl__seams *s) {
-    const double sum = s->sum;
-    s->sum = 0;
-    s->at = 0;
-    switch (s->stage) {
-        case SBL__SEAMS_BEGIN:
-            s->first2 = s->residual2 = sum;
-            s->along = 0;
-            return sum > 0 ? SBL__SEAMS_TURN : SBL__SEAMS_APPLY;
-        case SBL__SEAMS_MEASURE: s->along = sum > 0 ? s->residual2 / sum : 0; return SBL__SEAMS_ADVANCE;
-        case SBL__SEAMS_ADVANCE:
-            s->along = sum / s->residual2;
-            s->residual2 = sum;
-            return ++s->steps < SBL__SEAM_STEPS && sum > SBL__SEAM_LEFT * s->first2 ? SBL__SEAMS_TURN
-                                                                                    : SBL__SEAMS_APPLY;
-        case SBL__SEAMS_APPLY:
-            if (!s->bound || ++s->rounds == SBL__SEAM_ROUNDS) return SBL__SEAMS_AFTER;
-            s->bound = s->steps = 0;
-            return SBL__SEAMS_BEFORE;
-        default: return (sbl__seams_stage)(s->stage + 1);
+        texel[k] = (float)light;
+        if (!s->layers) texel[k] = SBL__MAX(texel[k], 0.0f);
+        s->solver.solution[i] = s->solver.residual[i] = 0;
     }
+    return SBL_SUCCESS;
 }
 
-static int sbl__seams_count(const sbl__seams *s, const sbl__geometry *g) {
-    switch (s->stage) {
-        case SBL__SEAMS_EDGES: return 3 * g->triangle_count;
-        case SBL__SEAMS_BEFORE: case SBL__SEAMS_PRODUCT: case SBL__SEAMS_AFTER: return s->point_count;
-        default: return s->unknown_count;
-    }
-}
+/* >>seams: their stages */
 
-static sbl_result sbl__seams_begin(sbl__base *base, sbl__seams *s, const sbl__gutters *light, const sbl__atlas *a,
-                                   const sbl__geometry *g) {
-    const size_t texels = (size_t)light->width * (size_t)light->height;
+static sbl_result sbl__seams_make(void *work, sbl__slice *slice) {
+    sbl__seams *s = (sbl__seams *)work;
+    const sbl__geometry *g = s->atlas->geometry;
     double edges = 0;
     int i;
-    for (i = 0; i < g->mesh_count; i++) if (a->wanted[i]) edges += 3.0 * g->meshes[i].triangle_count;
-    for (s->slot_count = 16; s->slot_count < 2 * edges && s->slot_count < 0x80000000u; s->slot_count *= 2) {}
-    s->slots = (uint32_t *)sbl__alloc(base, s->slot_count, sizeof *s->slots);
-    s->unknown_of = (int *)sbl__alloc(base, texels, sizeof *s->unknown_of);
-    return s->slots && s->unknown_of ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    (void)slice;
+    if (s->unknown_of) return SBL_SUCCESS;
+    for (i = 0; i < g->mesh_count; i++) if (s->atlas->wanted[i]) edges += 3.0 * g->meshes[i].triangle_count;
+    s->unknown_of = (int *)sbl__alloc(s->atlas->base, (size_t)s->light->spread.count, sizeof *s->unknown_of);
+    return s->unknown_of ? sbl__hash_table_make(s->atlas->base, &s->edges, edges) : SBL_ERROR_OUT_OF_MEMORY;
 }
+
+static sbl_result sbl__seams_make_solver(void *work, sbl__slice *slice) {
+    sbl__seams *s = (sbl__seams *)work;
+    (void)slice;
+    if (s->solver.user) return SBL_SUCCESS;  /* it was made for another layer */
+    s->solver.user = s;
+    s->solver.term = sbl__seam_term;
+    s->solver.term_count = s->point_count;
+    s->solver.together = 1;
+    s->solver.identity = SBL__SEAM_KEEP;
+    s->solver.precision2 = SBL__SEAM_PRECISION2;
+    return sbl__solver_make(s->atlas->base, &s->solver, s->unknown_count);
+}
+
+static sbl_result sbl__seams_solve(void *work, sbl__slice *slice) {
+    return sbl__solver_step(&((sbl__seams *)work)->solver, slice);
+}
+
+static int sbl__seams_after_apply(void *work) {
+    sbl__seams *s = (sbl__seams *)work;
+    const int again = s->bound && ++s->rounds < SBL__SEAM_ROUNDS;
+    s->bound = 0;
+    return again ? SBL__SEAMS_BEFORE : SBL__SEAMS_AFTER;
+}
+
+static int sbl__seams_edges(void *work) { return 3 * ((sbl__seams *)work)->atlas->geometry->triangle_count; }
+static int sbl__seams_points(void *work) { return ((sbl__seams *)work)->point_count; }
+static int sbl__seams_unknowns(void *work) { return ((sbl__seams *)work)->unknown_count; }
 
 /* What comes next is another layer of the same lightmap. */
 static void sbl__seams_again(sbl__seams *s) {
-    if (s->stage < SBL__SEAMS_DONE) return;  /* nothing is sewn */
-    s->stage = SBL__SEAMS_LIGHT;
+    if (s->stages.stage < SBL__SEAMS_DONE) return;  /* nothing is sewn */
+    s->stages.stage = SBL__SEAMS_LAYER;
     s->layers++;
-    s->at = s->steps = s->rounds = s->bound = 0;
+    s->rounds = 0;
 }
 
-/* One piece. SBL_SUCCESS: light is sewn. */
-static sbl_result sbl__seams_step(sbl__base *base, sbl__seams *s, const sbl__gutters *light, const sbl__atlas *a,
-                                  const sbl__geometry *g, sbl__slice *slice) {
-    sbl_result result = s->slots ? SBL_SUCCESS : sbl__seams_begin(base, s, light, a, g);
-    if (result != SBL_SUCCESS) return result;
-    for (; s->stage < SBL__SEAMS_DONE; s->stage = sbl__seams_next(s)) {
-        const int count = sbl__seams_count(s, g);
-        for (; s->at < count; s->at++) {
-            const int points = s->stage == SBL__SEAMS_BEFORE || s->stage == SBL__SEAMS_PRODUCT ||
-                               s->stage == SBL__SEAMS_AFTER;
-            if (sbl__late(slice)) return SBL_UNFINISHED;
-            if (points) sbl__seams_point(s, &s->points[s->at]);
-            else if (s->stage != SBL__SEAMS_EDGES) sbl__seams_unknown(s, &s->unknowns[s->at], light->light);
-            else if (sbl__atlas_wants(a, g, g->indices[s->at]) &&
-                     sbl__seams_edge(base, s, light, g, (uint32_t)s->at) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
-        }
-    }
-    return SBL_SUCCESS;
+/* Does one piece. SBL_SUCCESS: light is sewn. */
+static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, const sbl__atlas *atlas,
+                                  sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { sbl__seams_make, NULL, sbl__seams_edge, sbl__seams_edges },
+        { sbl__seams_make_solver, NULL, sbl__seam_unbind, sbl__seams_unknowns },
+        { NULL, NULL, sbl__seam_measure, sbl__seams_points },
+        { sbl__seams_solve, NULL, NULL, NULL },
+        { NULL, sbl__seams_after_apply, sbl__seam_apply, sbl__seams_unknowns },
+        { NULL, NULL, sbl__seam_measure, sbl__seams_points }
+    };
+    s->light = light;
+    s->atlas = atlas;
+    return sbl__stages_step(&s->stages, table, SBL__COUNT(table), s, slice);
 }
 
 /* ======================================================================================================== >>map
@@ -15699,7 +15901,7 @@ static sbl_result sbl__lightmap_sew(void *work, sbl__slice *slice) {
     sbl__seams *s = &l->seams;
     sbl_result result;
     if (!l->gutter || !l->sew) return SBL_SUCCESS;
-    result = sbl__seams_step(&c->base, s, &l->gutters, &l->atlas, &c->scene.geometry, slice);
+    result = sbl__seams_step(s, &l->gutters, &l->atlas, slice);
     if (l->layer) return result;
     c->stats.lightmap.seams = s->seams;
     c->stats.lightmap.seam_before = s->before / sbl__refine_luminance(&l->map.refine);
@@ -15938,24 +16140,18 @@ static float sbl__gathering_progress(const sbl__core *c, const sbl__gathering *g
 #define SBL__VERTICES_SUMS 16           /* of a triangle's points: see sums */
 #define SBL__VERTICES_WHOLE 1e-5f       /* of a triangle's area may miss by rounding */
 #define SBL__VERTICES_SPRING 0.02f      /* points that are left out hold their triangle's corners together so much */
-#define SBL__VERTICES_PRECISION 1e-6    /* of the solution, where it ends, */
-#define SBL__VERTICES_ROUNDS 1000       /* or after so many rounds */
+#define SBL__VERTICES_PRECISION 1e-6    /* of the solution */
 #define SBL__VERTICES_RINGS 64          /* edges that light is carried over */
-#define SBL__VERTICES_NONE UINT32_MAX
 
-/* SENSE is the gather's; all others go over triangles, vertices, hinges or points, one by one */
-typedef enum sbl__vertices_stage {
+enum {
     SBL__VERTICES_IDLE,
-    SBL__VERTICES_FACES, SBL__VERTICES_WELD, SBL__VERTICES_EDGES,  /* normals and areas; unknowns; hinges */
-    SBL__VERTICES_SITES, SBL__VERTICES_SENSE, SBL__VERTICES_TAKE,
-    SBL__VERTICES_TIGHTEN, SBL__VERTICES_BEND,                     /* the matrix: triangles, hinges */
-    SBL__VERTICES_START, SBL__VERTICES_MASS, SBL__VERTICES_HINGES, SBL__VERTICES_DOT, SBL__VERTICES_ADVANCE,
-    SBL__VERTICES_TURN,
-    SBL__VERTICES_AVERAGE,
-    SBL__VERTICES_SETTLE, SBL__VERTICES_SPREAD, SBL__VERTICES_RING,  /* to vertices without light of their own */
+    SBL__VERTICES_FACES, SBL__VERTICES_WELD, SBL__VERTICES_SIDES,  /* normals and areas; unknowns; hinges */
+    SBL__VERTICES_MAKE, SBL__VERTICES_SITES, SBL__VERTICES_SENSE, SBL__VERTICES_TAKE,
+    SBL__VERTICES_MASS, SBL__VERTICES_BEND, SBL__VERTICES_SOLVE,   /* the matrix: triangles, hinges; its solution */
+    SBL__VERTICES_LINK, SBL__VERTICES_SPREAD,                      /* to vertices without light of their own */
     SBL__VERTICES_WRITE,
     SBL__VERTICES_DONE
-} sbl__vertices_stage;
+};
 
 /* A mesh that is baked. */
 typedef struct sbl__vertices_part {
@@ -15968,10 +16164,13 @@ typedef struct sbl__vertices_part {
    first side's two ends. */
 typedef struct sbl__hinge { uint32_t sides[2]; float weights[4]; } sbl__hinge;
 
+/* A point over a triangle, see sbl__vertices_point; the triangle is of the part, once sbl__vertices_here was asked. */
+typedef struct sbl__vertices_place { int part, triangle, point; } sbl__vertices_place;
+
 typedef struct sbl__vertices {
-    sbl__vertices_stage stage;
-    int at, part;               /* what comes next of the stage, and the mesh that it is of */
-    int ready;                  /* the stage has its memory */
+    sbl__stages stages;
+    sbl__core *core;
+    int part;                   /* the one that the vertex or triangle at hand is of */
     sbl_vertices_desc desc;     /* defaults filled in */
     sbl__vertices_part *parts;
     int part_count, vertex_count, triangle_count;
@@ -15980,10 +16179,10 @@ typedef struct sbl__vertices {
     sbl_reading *readings;
     int site_count;             /* of the gather under way */
     double points, taken;       /* in all, and of the gathers before */
-    struct { int part, triangle, point; } next, first;  /* of the site that is made, and of the gather's first */
+    sbl__vertices_place next, first;  /* of the site that is made, and of the gather's first */
     float *normals;             /* a vertex: sum of its triangles' */
-    uint32_t *unknowns;         /* a vertex: the first one that it is one with, or SBL__VERTICES_NONE */
-    uint32_t *slots, slot_mask; /* 1 + vertex or side, by a hash of its place or ends; 0: free */
+    uint32_t *unknowns;         /* a vertex: the first one that it is one with; SBL__NONE: no triangle has it */
+    sbl__hash_table places, ends;  /* of vertices; of sides */
     uint32_t *corners;          /* three unknowns a triangle */
     float *areas;               /* a triangle, over the mean */
     float *sums;                /* a triangle: 00 01 02 11 12 22 of its matrix; sum of its points' weights; for each
@@ -15991,31 +16190,33 @@ typedef struct sbl__vertices {
     float *doubts;              /* the same of points that see back faces; NULL: there was none */
     sbl__hinge *hinges;
     int hinge_count, hinge_room;
-    unsigned char *lit;         /* an unknown: it has points of its own, or neighbours' light */
-    double *light, *rest, *way, *step;  /* three an unknown: x; what is left of the right side; where x goes; the
-                                           matrix times that */
-    double *diagonal;           /* an unknown; sum of weights where it is a mean */
-    double power[3], along[3], next_power[3], off[3], scale[3];  /* sums of a round */
-    int rounds, ring, spread;   /* so far; of light that is carried; this ring has vertices */
+    sbl__solver solver;         /* for an average the diagonal is a sum of weights, the residual of weighted light */
+    sbl__rings rings;           /* of light that unknowns without points get */
+    uint32_t *first_corners, *next_corners;  /* an unknown: 1 + a corner at it; a corner: 1 + the next one; 0: none */
 } sbl__vertices;
 
 static void sbl__vertices_free(sbl__base *base, sbl__vertices *s) {
-    void *const blocks[] = { s->parts, s->sites, s->readings, s->normals, s->unknowns, s->slots, s->corners, s->areas,
-                             s->sums, s->doubts, s->hinges, s->lit, s->light, s->rest, s->way, s->step, s->diagonal };
+    void *const blocks[] = { s->parts, s->sites, s->readings, s->normals, s->unknowns, s->corners, s->areas,
+                             s->sums, s->doubts, s->hinges, s->first_corners, s->next_corners };
     int i;
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(base, blocks[i]);
+    sbl__hash_table_free(base, &s->places);
+    sbl__hash_table_free(base, &s->ends);
+    sbl__solver_free(base, &s->solver);
+    sbl__rings_free(base, &s->rings);
     sbl__gathering_free(base, &s->gathering);
     memset(s, 0, sizeof *s);
 }
 
 static int sbl__vertices_under_way(const sbl__vertices *s) {
-    return s->stage != SBL__VERTICES_IDLE && s->stage != SBL__VERTICES_DONE;
+    return s->stages.stage != SBL__VERTICES_IDLE && s->stages.stage != SBL__VERTICES_DONE;
 }
 
 /* desc has its defaults filled in and has been checked. The gathering is begun by the caller. */
 static sbl_result sbl__vertices_begin(sbl__core *c, sbl__vertices *s, const sbl_vertices_desc *desc) {
     const sbl__geometry *g = &c->scene.geometry;
     int i;
+    s->core = c;
     s->desc = *desc;
     s->part_count = desc->mesh_count ? desc->mesh_count : g->mesh_count;
     s->parts = (sbl__vertices_part *)sbl__alloc(&c->base, (size_t)s->part_count, sizeof *s->parts);
@@ -16029,47 +16230,76 @@ static sbl_result sbl__vertices_begin(sbl__core *c, sbl__vertices *s, const sbl_
         s->triangle_count += g->meshes[part->mesh].triangle_count;
     }
     s->desc.meshes = NULL;
-    s->stage = SBL__VERTICES_FACES;
+    s->stages.stage = SBL__VERTICES_FACES;
     return SBL_SUCCESS;
+}
+
+/* Takes the memory that finding out what is one needs. */
+static sbl_result sbl__vertices_make_faces(void *work, sbl__slice *slice) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    sbl__base *base = &s->core->base;
+    const size_t vertices = (size_t)s->vertex_count, triangles = (size_t)s->triangle_count;
+    (void)slice;
+    if (s->normals) return SBL_SUCCESS;
+    s->normals = (float *)sbl__alloc(base, vertices, 12);
+    s->unknowns = (uint32_t *)sbl__alloc_raw(base, vertices, sizeof *s->unknowns);
+    s->corners = (uint32_t *)sbl__alloc_raw(base, triangles, 12);
+    s->areas = (float *)sbl__alloc_raw(base, triangles, sizeof *s->areas);
+    if (!s->normals || !s->unknowns || !s->corners || !s->areas ||
+        sbl__hash_table_make(base, &s->places, s->vertex_count) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
+    memset(s->unknowns, 0xff, vertices * sizeof *s->unknowns);
+    return sbl__hash_table_make(base, &s->ends, 3.0 * s->triangle_count);
 }
 
 /* >>vertices: what is one. Numbers of vertices and triangles are those of all parts, one after the other, unless they
    are said to be the scene's. */
 
-static uint32_t sbl__vertices_triangle(const sbl__vertices *s, const sbl__geometry *g, int part, int triangle) {
+static const sbl__geometry *sbl__vertices_geometry(const sbl__vertices *s) { return &s->core->scene.geometry; }
+
+static uint32_t sbl__vertices_triangle(const sbl__vertices *s, int part, int triangle) {
     const sbl__vertices_part *p = &s->parts[part];
-    return (uint32_t)(g->meshes[p->mesh].first_triangle + triangle - p->first_triangle);
+    return (uint32_t)(sbl__vertices_geometry(s)->meshes[p->mesh].first_triangle + triangle - p->first_triangle);
 }
 
-static uint32_t sbl__vertices_vertex(const sbl__vertices *s, const sbl__geometry *g, int vertex) {
+static uint32_t sbl__vertices_vertex(const sbl__vertices *s, uint32_t vertex) {
     const sbl__vertices_part *p = &s->parts[s->part];
-    return (uint32_t)(g->meshes[p->mesh].first_vertex + vertex - p->first_vertex);
+    return (uint32_t)sbl__vertices_geometry(s)->meshes[p->mesh].first_vertex + vertex - (uint32_t)p->first_vertex;
 }
 
-/* Area, and which vertices there are; those without normals have the mean of their triangles'. */
-static void sbl__vertices_face(sbl__vertices *s, const sbl__geometry *g, int triangle) {
-    sbl__vertices_part *part = &s->parts[s->part];
-    const uint32_t number = sbl__vertices_triangle(s, g, s->part, triangle);
-    const float *p[3];
-    double face[3], area;
+/* Finds the part of the vertex, or else triangle, that a stage's loop has reached. */
+static sbl__vertices_part *sbl__vertices_find_part(sbl__vertices *s, int at, int is_vertex) {
+    if (at == 0) s->part = 0;
+    while (s->part + 1 < s->part_count) {
+        const sbl__vertices_part *next = &s->parts[s->part + 1];
+        if (at < (is_vertex ? next->first_vertex : next->first_triangle)) break;
+        s->part++;
+    }
+    return &s->parts[s->part];
+}
+
+/* Finds a triangle's area and which vertices it has; those without normals have the mean of their triangles'. */
+static sbl_result sbl__vertices_face(void *work, int triangle) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    const sbl__geometry *g = sbl__vertices_geometry(s);
+    sbl__vertices_part *part = sbl__vertices_find_part(s, triangle, 0);
+    const uint32_t number = sbl__vertices_triangle(s, s->part, triangle);
+    double face[3];
+    const double area = sbl__scene_normal(g, number, face);
     int i, k;
-    for (i = 0; i < 3; i++) p[i] = sbl__corner_of(g, number, i);
-    sbl__triangle_normal(p, face);
-    area = 0.5 * sqrt(face[0] * face[0] + face[1] * face[1] + face[2] * face[2]);
     s->areas[triangle] = (float)area;
     part->area += area;
-    if (!sbl__normalize(face)) face[0] = face[1] = face[2] = 0;
     for (i = 0; i < 3; i++) {
         const uint32_t vertex = g->indices[3 * (size_t)number + (size_t)i] -
                                 (uint32_t)g->meshes[part->mesh].first_vertex + (uint32_t)part->first_vertex;
         s->corners[3 * (size_t)triangle + (size_t)i] = s->unknowns[vertex] = vertex;
         for (k = 0; k < 3; k++) s->normals[3 * (size_t)vertex + (size_t)k] += (float)face[k];
     }
+    return SBL_SUCCESS;
 }
 
 /* Unit, in the scene; 0 0 0 where there is none. */
-static void sbl__vertices_normal(const sbl__vertices *s, const sbl__geometry *g, int vertex, float out[3]) {
-    const float *own = g->attributes[sbl__vertices_vertex(s, g, vertex)].normal;
+static void sbl__vertices_normal(const sbl__vertices *s, uint32_t vertex, float out[3]) {
+    const float *own = sbl__vertices_geometry(s)->attributes[sbl__vertices_vertex(s, vertex)].normal;
     const float *mean = s->normals + 3 * (size_t)vertex;
     double n[3] = { mean[0], mean[1], mean[2] };
     int k;
@@ -16077,51 +16307,47 @@ static void sbl__vertices_normal(const sbl__vertices *s, const sbl__geometry *g,
     for (k = 0; k < 3; k++) out[k] = sbl__all_zero(own, 3) ? (float)n[k] : own[k];
 }
 
-/* A vertex is one with the first that stands where it does and whose normal agrees. */
-static void sbl__vertices_weld(sbl__vertices *s, const sbl__geometry *g, int vertex) {
-    const float *place = g->vertices[sbl__vertices_vertex(s, g, vertex)].position;
-    uint32_t slot = (uint32_t)s->part;
-    float normal[3], other[3];
-    int k, same;
-    if (s->unknowns[vertex] == SBL__VERTICES_NONE) return;
-    sbl__vertices_normal(s, g, vertex, normal);
-    if (sbl__all_zero(normal, 3)) return;
-    for (k = 0; k < 3; k++) slot = sbl__hash(slot ^ (sbl__zero(place + k) ? 0 : sbl__float_bits(place + k)));
-    for (slot &= s->slot_mask; s->slots[slot]; slot = (slot + 1) & s->slot_mask) {
-        const int first = (int)s->slots[slot] - 1;
-        const float *there;
-        if (first < s->parts[s->part].first_vertex) continue;
-        there = g->vertices[sbl__vertices_vertex(s, g, first)].position;
-        for (k = 0, same = 1; k < 3; k++) same &= place[k] == there[k];
-        if (!same) continue;
-        sbl__vertices_normal(s, g, first, other);
-        if (!(sbl__dot(normal, other) >= SBL__VERTICES_AGREE)) continue;
-        s->unknowns[vertex] = (uint32_t)first;
-        return;
-    }
-    s->slots[slot] = (uint32_t)vertex + 1;
+/* Vertices of a part are one if they stand in the same place and their normals agree. */
+static int sbl__vertices_same(const void *user, uint32_t one, uint32_t other) {
+    const sbl__vertices *s = (const sbl__vertices *)user;
+    float a[3], b[3];
+    if (other < (uint32_t)s->parts[s->part].first_vertex) return 0;
+    if (!sbl__same_place(sbl__vertices_geometry(s), sbl__vertices_vertex(s, one), sbl__vertices_vertex(s, other)))
+        return 0;
+    sbl__vertices_normal(s, one, a);
+    sbl__vertices_normal(s, other, b);
+    return sbl__dot(a, b) >= SBL__VERTICES_AGREE;
 }
 
-/* The unknown at a side's first or second end (0, 1), or opposite (2). */
-static uint32_t sbl__vertices_end(const sbl__vertices *s, uint32_t side, uint32_t which) {
-    return s->corners[side - side % 3 + (side + which) % 3];
+static sbl_result sbl__vertices_weld(void *work, int at) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    const uint32_t vertex = (uint32_t)at;
+    float normal[3];
+    sbl__vertices_find_part(s, at, 1);
+    if (s->unknowns[vertex] == SBL__NONE) return SBL_SUCCESS;
+    sbl__vertices_normal(s, vertex, normal);
+    if (!sbl__all_zero(normal, 3))
+        s->unknowns[vertex] = sbl__hash_table_first(
+            &s->places, sbl__place_hash(sbl__vertices_geometry(s), sbl__vertices_vertex(s, vertex)), vertex,
+            sbl__vertices_same, s);
+    return SBL_SUCCESS;
 }
 
-/* Where an unknown is in the part at hand, in the scene. */
-static const float *sbl__vertices_place(const sbl__vertices *s, const sbl__geometry *g, uint32_t unknown) {
-    return g->vertices[sbl__vertices_vertex(s, g, (int)unknown)].position;
+/* Where the unknown at a side's first or second end (0, 1), or opposite (2), is in the scene. */
+static const float *sbl__vertices_end(const sbl__vertices *s, uint32_t side, uint32_t which) {
+    const uint32_t vertex = sbl__vertices_vertex(s, sbl__side_end(s->corners, side, which));
+    return sbl__vertices_geometry(s)->vertices[vertex].position;
 }
 
 /* The weights of a hinge: slopes across its side, laid flat, of which none is left where light is linear. */
-static void sbl__hinge_make(const sbl__vertices *s, const sbl__geometry *g, sbl__hinge *h) {
-    const float *p = sbl__vertices_place(s, g, sbl__vertices_end(s, h->sides[0], 0));
-    const float *q = sbl__vertices_place(s, g, sbl__vertices_end(s, h->sides[0], 1));
+static void sbl__hinge_make(const sbl__vertices *s, sbl__hinge *h) {
+    const float *p = sbl__vertices_end(s, h->sides[0], 0), *q = sbl__vertices_end(s, h->sides[0], 1);
     double length2 = 0, along[2], height[2], share[2], norm = 0;
     double w[4] = { 0, 0, 0, 0 };
     int i, k;
     for (k = 0; k < 3; k++) length2 += ((double)q[k] - p[k]) * ((double)q[k] - p[k]);
     for (i = 0; i < 2; i++) {
-        const float *apex = sbl__vertices_place(s, g, sbl__vertices_end(s, h->sides[i], 2));
+        const float *apex = sbl__vertices_end(s, h->sides[i], 2);
         along[i] = height[i] = 0;
         for (k = 0; k < 3; k++) along[i] += ((double)apex[k] - p[k]) * ((double)q[k] - p[k]) / length2;
         for (k = 0; k < 3; k++) {
@@ -16144,23 +16370,16 @@ static void sbl__hinge_make(const sbl__vertices *s, const sbl__geometry *g, sbl_
 }
 
 /* The first triangle that has the side makes a hinge with each other. */
-static sbl_result sbl__vertices_side(sbl__base *base, sbl__vertices *s, const sbl__geometry *g, uint32_t side) {
-    const uint32_t a = sbl__vertices_end(s, side, 0), b = sbl__vertices_end(s, side, 1);
-    uint32_t slot = sbl__hash(SBL__MIN(a, b) ^ sbl__hash(SBL__MAX(a, b))) & s->slot_mask;
-    for (; s->slots[slot]; slot = (slot + 1) & s->slot_mask) {
-        const uint32_t other = s->slots[slot] - 1, c = sbl__vertices_end(s, other, 0);
-        const uint32_t d = sbl__vertices_end(s, other, 1);
-        sbl__hinge *hinge;
-        if (!((a == c && b == d) || (a == d && b == c))) continue;
-        if (!sbl__grow(base, &s->hinges, &s->hinge_room, s->hinge_count + 1, sizeof *s->hinges))
-            return SBL_ERROR_OUT_OF_MEMORY;
-        hinge = &s->hinges[s->hinge_count++];
-        hinge->sides[0] = other;
-        hinge->sides[1] = side;
-        sbl__hinge_make(s, g, hinge);
-        return SBL_SUCCESS;
-    }
-    s->slots[slot] = side + 1;
+static sbl_result sbl__vertices_side(sbl__vertices *s, uint32_t side) {
+    const uint32_t other = sbl__first_side(&s->ends, s->corners, side);
+    sbl__hinge *hinge;
+    if (other == side) return SBL_SUCCESS;
+    if (!sbl__grow(&s->core->base, &s->hinges, &s->hinge_room, s->hinge_count + 1, sizeof *s->hinges))
+        return SBL_ERROR_OUT_OF_MEMORY;
+    hinge = &s->hinges[s->hinge_count++];
+    hinge->sides[0] = other;
+    hinge->sides[1] = side;
+    sbl__hinge_make(s, hinge);
     return SBL_SUCCESS;
 }
 
@@ -16174,9 +16393,10 @@ static int sbl__vertices_samples(const sbl__vertices *s, int triangle) {
     return SBL__MAX((int)SBL__MIN(wanted, most), SBL__MIN(SBL__VERTICES_FEW, s->desc.samples));
 }
 
-static sbl_result sbl__vertices_edges(sbl__base *base, sbl__vertices *s, const sbl__geometry *g, int triangle) {
-    const sbl__vertices_part *part = &s->parts[s->part];
-    const double mean = part->area / SBL__MAX(1, g->meshes[part->mesh].triangle_count);
+static sbl_result sbl__vertices_sides(void *work, int triangle) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    const sbl__vertices_part *part = sbl__vertices_find_part(s, triangle, 0);
+    const double mean = part->area / SBL__MAX(1, sbl__vertices_geometry(s)->meshes[part->mesh].triangle_count);
     uint32_t *corners = s->corners + 3 * (size_t)triangle;
     sbl_result result = SBL_SUCCESS;
     uint32_t i;
@@ -16185,7 +16405,7 @@ static sbl_result sbl__vertices_edges(sbl__base *base, sbl__vertices *s, const s
     s->points += sbl__vertices_samples(s, triangle);
     for (i = 0; i < 3; i++) corners[i] = s->unknowns[corners[i]];
     for (i = 0; i < 3 && sbl__vertices_bends(s) && result == SBL_SUCCESS; i++)
-        result = sbl__vertices_side(base, s, g, 3 * (uint32_t)triangle + i);
+        result = sbl__vertices_side(s, 3 * (uint32_t)triangle + i);
     return result;
 }
 
@@ -16210,7 +16430,7 @@ static void sbl__vertices_site(const sbl__geometry *g, uint32_t number, const do
     double face[3], normal[3] = { 0, 0, 0 }, height = 0, length2;
     int i, k;
     memset(out, 0, sizeof *out);
-    for (i = 0; i < 3; i++) p[i] = sbl__corner_of(g, number, i);
+    sbl__scene_triangle(g, number, p);
     sbl__triangle_normal(p, face);
     sbl__normalize(face);
     for (k = 0; k < 3; k++) {
@@ -16248,17 +16468,21 @@ static void sbl__vertices_pass(sbl__vertices *s) {
     s->next.triangle++;
 }
 
-static void sbl__vertices_ask(sbl__vertices *s, const sbl__geometry *g, int i) {
+static sbl_result sbl__vertices_ask(void *work, int site) {
+    sbl__vertices *s = (sbl__vertices *)work;
     const int triangle = sbl__vertices_here(s);
     double weights[3];
     sbl__vertices_point(s->next.point, weights);
-    sbl__vertices_site(g, sbl__vertices_triangle(s, g, s->next.part, triangle), weights, &s->sites[i]);
+    sbl__vertices_site(sbl__vertices_geometry(s), sbl__vertices_triangle(s, s->next.part, triangle), weights,
+                       &s->sites[site]);
     sbl__vertices_pass(s);
+    return SBL_SUCCESS;
 }
 
 /* What was found at a point goes to its triangle. */
-static sbl_result sbl__vertices_take(sbl__base *base, sbl__vertices *s, int i) {
-    const sbl_reading *r = &s->readings[i];
+static sbl_result sbl__vertices_take(void *work, int site) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    const sbl_reading *r = &s->readings[site];
     const int triangle = sbl__vertices_here(s), doubtful = r->back_share * r->hit_share > SBL__VERTICES_BACK;
     const double weight = (double)s->areas[triangle] / sbl__vertices_samples(s, triangle);
     double h[3];
@@ -16270,7 +16494,8 @@ static sbl_result sbl__vertices_take(sbl__base *base, sbl__vertices *s, int i) {
     s->parts[s->next.part].points += 1;
     s->parts[s->next.part].doubtful += doubtful;
     if (doubtful && !s->doubts)
-        s->doubts = (float *)sbl__alloc(base, (size_t)s->triangle_count, SBL__VERTICES_SUMS * sizeof *s->doubts);
+        s->doubts = (float *)sbl__alloc(&s->core->base, (size_t)s->triangle_count,
+                                        SBL__VERTICES_SUMS * sizeof *s->doubts);
     sums = doubtful ? s->doubts : s->sums;
     if (!sums) return SBL_ERROR_OUT_OF_MEMORY;
     sums += SBL__VERTICES_SUMS * (size_t)triangle;
@@ -16286,39 +16511,47 @@ static sbl_result sbl__vertices_take(sbl__base *base, sbl__vertices *s, int i) {
 
 static const unsigned char sbl__mass_at[3][3] = { { 0, 1, 2 }, { 1, 3, 4 }, { 2, 4, 5 } };
 
-/* A triangle's sums go to its corners. Where points were left out, they hold its corners together. */
-static void sbl__vertices_tighten(sbl__vertices *s, int triangle) {
-    const sbl__vertices_part *part = &s->parts[s->part];
+static void sbl__vertices_weigh(sbl__vertices *s, size_t unknown, double weight) {
+    int k;
+    for (k = 0; k < 3; k++) s->solver.diagonal[3 * unknown + (size_t)k] += weight;
+}
+
+/* A triangle's sums go to its corners. Points that were left out hold its corners together. */
+static sbl_result sbl__vertices_mass(void *work, int triangle) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    const sbl__vertices_part *part = sbl__vertices_find_part(s, triangle, 0);
     const uint32_t *corners = s->corners + 3 * (size_t)triangle;
     float *sums = s->sums + SBL__VERTICES_SUMS * (size_t)triangle, missing, spring;
     const float *more = s->doubts ? s->doubts + SBL__VERTICES_SUMS * (size_t)triangle : NULL;
     int a, b, k;
     for (k = 0; k < SBL__VERTICES_SUMS && more && part->doubtful > SBL__VERTICES_INSIDE_OUT * part->points; k++)
         sums[k] += more[k];
-    if (!(sums[6] > 0)) return;
+    if (!(sums[6] > 0)) return SBL_SUCCESS;
     missing = s->areas[triangle] - sums[6];
     spring = missing > SBL__VERTICES_WHOLE * s->areas[triangle] ? SBL__VERTICES_SPRING * missing / 3 : 0;
     for (a = 0; a < 3; a++) {
-        const size_t at = corners[a];
-        s->lit[at] = 1;
-        for (k = 0; k < 3; k++) s->rest[3 * at + (size_t)k] += sums[7 + 3 * a + k];
-        for (b = 0; b < 3 && !sbl__vertices_fits(s); b++) s->diagonal[at] += sums[sbl__mass_at[a][b]];
+        s->rings.ring[corners[a]] = 0;
+        for (k = 0; k < 3; k++) s->solver.residual[3 * (size_t)corners[a] + (size_t)k] += sums[7 + 3 * a + k];
+        for (b = 0; b < 3 && !sbl__vertices_fits(s); b++) sbl__vertices_weigh(s, corners[a], sums[sbl__mass_at[a][b]]);
     }
     for (a = 0; a < 3 && sbl__vertices_fits(s); a++) {
         for (b = a; b < 3; b++) sums[sbl__mass_at[a][b]] += a == b ? 2 * spring : -spring;
-        s->diagonal[corners[a]] += sums[sbl__mass_at[a][a]];
+        sbl__vertices_weigh(s, corners[a], sums[sbl__mass_at[a][a]]);
     }
+    return SBL_SUCCESS;
 }
 
-/* The four unknowns of a hinge, as its weights. */
+/* The four unknowns of a hinge, in the order of its weights. */
 static void sbl__hinge_unknowns(const sbl__vertices *s, const sbl__hinge *h, size_t out[4]) {
-    out[0] = sbl__vertices_end(s, h->sides[0], 2);
-    out[1] = sbl__vertices_end(s, h->sides[1], 2);
-    out[2] = sbl__vertices_end(s, h->sides[0], 0);
-    out[3] = sbl__vertices_end(s, h->sides[0], 1);
+    out[0] = sbl__side_end(s->corners, h->sides[0], 2);
+    out[1] = sbl__side_end(s->corners, h->sides[1], 2);
+    out[2] = sbl__side_end(s->corners, h->sides[0], 0);
+    out[3] = sbl__side_end(s->corners, h->sides[0], 1);
 }
 
-static void sbl__vertices_bend(sbl__vertices *s, sbl__hinge *h) {
+static sbl_result sbl__vertices_bend(void *work, int hinge) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    sbl__hinge *h = &s->hinges[hinge];
     const float *known[2];
     size_t at[4];
     double scale;
@@ -16328,312 +16561,210 @@ static void sbl__vertices_bend(sbl__vertices *s, sbl__hinge *h) {
     sbl__hinge_unknowns(s, h, at);
     for (i = 0; i < 4; i++) {
         h->weights[i] = (float)(h->weights[i] * scale);
-        s->diagonal[at[i]] += (double)h->weights[i] * h->weights[i];
+        sbl__vertices_weigh(s, at[i], (double)h->weights[i] * h->weights[i]);
     }
+    return SBL_SUCCESS;
 }
 
-static void sbl__vertices_start(sbl__vertices *s, size_t unknown) {
-    const double d = s->diagonal[unknown];
-    size_t i;
-    for (i = 3 * unknown; i < 3 * unknown + 3; i++) {
-        s->way[i] = d > 0 ? s->rest[i] / d : 0;
-        s->power[i - 3 * unknown] += s->rest[i] * s->way[i];
-        s->scale[i - 3 * unknown] += s->way[i] * s->way[i];
-    }
-}
-
-/* step += a triangle's or a hinge's part of the matrix times way. */
-static void sbl__vertices_multiply(sbl__vertices *s, int triangle) {
-    const float *mass = s->sums + SBL__VERTICES_SUMS * (size_t)triangle;
-    const uint32_t *corners = s->corners + 3 * (size_t)triangle;
+/* Terms of the matrix: triangles, then hinges. */
+static void sbl__vertices_term(void *user, int term, const double *direction, double *product) {
+    const sbl__vertices *s = (const sbl__vertices *)user;
+    const int is_hinge = term >= s->triangle_count;
+    const float *mass = s->sums + SBL__VERTICES_SUMS * (size_t)(is_hinge ? 0 : term);
+    const uint32_t *corners = s->corners + 3 * (size_t)(is_hinge ? 0 : term);
+    const sbl__hinge *h = is_hinge ? &s->hinges[term - s->triangle_count] : NULL;
+    size_t at[4];
     int a, b, k;
-    for (a = 0; a < 3; a++)
+    for (a = 0; a < 3 && !h; a++)
         for (b = 0; b < 3; b++) {
-            const double m = mass[sbl__mass_at[a][b]], *from = s->way + 3 * (size_t)corners[b];
-            double *to = s->step + 3 * (size_t)corners[a];
+            const double m = mass[sbl__mass_at[a][b]], *from = direction + 3 * (size_t)corners[b];
+            double *to = product + 3 * (size_t)corners[a];
             for (k = 0; k < 3; k++) to[k] += m * from[k];
         }
-}
-
-static void sbl__vertices_multiply_hinge(sbl__vertices *s, const sbl__hinge *h) {
-    size_t at[4];
-    int i, k;
-    sbl__hinge_unknowns(s, h, at);
-    for (k = 0; k < 3; k++) {
+    if (h) sbl__hinge_unknowns(s, h, at);
+    for (k = 0; k < 3 && h; k++) {
         double bend = 0;
-        for (i = 0; i < 4; i++) bend += h->weights[i] * s->way[3 * at[i] + (size_t)k];
-        for (i = 0; i < 4; i++) s->step[3 * at[i] + (size_t)k] += h->weights[i] * bend;
+        for (a = 0; a < 4; a++) bend += h->weights[a] * direction[3 * at[a] + (size_t)k];
+        for (a = 0; a < 4; a++) product[3 * at[a] + (size_t)k] += h->weights[a] * bend;
     }
 }
 
-static void sbl__vertices_advance(sbl__vertices *s, size_t unknown) {
-    const double d = s->diagonal[unknown];
-    int k;
-    for (k = 0; k < 3 && d > 0; k++) {
-        const size_t i = 3 * unknown + (size_t)k;
-        const double share = s->along[k] > 0 ? s->power[k] / s->along[k] : 0;
-        s->light[i] += share * s->way[i];
-        s->rest[i] -= share * s->step[i];
-        s->next_power[k] += s->rest[i] * s->rest[i] / d;
-        s->off[k] += s->rest[i] / d * (s->rest[i] / d);
-    }
-}
-
-static void sbl__vertices_turn(sbl__vertices *s, size_t unknown) {
-    const double d = s->diagonal[unknown];
-    int k;
-    for (k = 0; k < 3 && d > 0; k++) {
-        const size_t i = 3 * unknown + (size_t)k;
-        s->way[i] = s->rest[i] / d + (s->power[k] > 0 ? s->next_power[k] / s->power[k] : 0) * s->way[i];
-        s->step[i] = 0;
-    }
-}
-
-/* After a round: is the solution there? */
-static int sbl__vertices_solved(sbl__vertices *s) {
-    const double precision2 = SBL__VERTICES_PRECISION * SBL__VERTICES_PRECISION;
-    int k, solved = 1;
-    for (k = 0; k < 3; k++) solved &= s->off[k] <= precision2 * s->scale[k];
-    return solved || ++s->rounds >= SBL__VERTICES_ROUNDS;
+static sbl_result sbl__vertices_average(void *work, int unknown) {
+    sbl__solver *s = &((sbl__vertices *)work)->solver;
+    size_t i = 3 * (size_t)unknown;
+    const size_t end = i + 3;
+    for (; i < end && s->diagonal[i] > 0; i++) s->solution[i] = s->residual[i] / s->diagonal[i];
+    return SBL_SUCCESS;
 }
 
 /* >>vertices: what has no light of its own */
 
-static void sbl__vertices_spread(sbl__vertices *s, int triangle) {
-    const uint32_t *corners = s->corners + 3 * (size_t)triangle;
-    int a, b, k;
-    for (a = 0; a < 3; a++)
-        for (b = 0; b < 3 && !s->lit[corners[a]]; b++) {
-            if (!s->lit[corners[b]]) continue;
-            for (k = 0; k < 3; k++)
-                s->step[3 * (size_t)corners[a] + (size_t)k] += s->light[3 * (size_t)corners[b] + (size_t)k];
-            s->diagonal[corners[a]] += 1;
-        }
+/* Links an unknown's corners. Begins with the last triangle, so that the first one is linked first. */
+static sbl_result sbl__vertices_link(void *work, int at) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    size_t corner = 3 * (size_t)(s->triangle_count - at);
+    int i;
+    for (i = 0; i < 3; i++, corner--) {
+        uint32_t *first = &s->first_corners[s->corners[corner - 1]];
+        s->next_corners[corner - 1] = *first;
+        *first = (uint32_t)corner;
+    }
+    return SBL_SUCCESS;
 }
 
-static void sbl__vertices_ring(sbl__vertices *s, size_t unknown) {
-    int k;
-    if (s->lit[unknown] || !(s->diagonal[unknown] > 0)) return;
-    for (k = 0; k < 3; k++) s->light[3 * unknown + (size_t)k] = s->step[3 * unknown + (size_t)k] / s->diagonal[unknown];
-    s->lit[unknown] = 1;
-    s->spread = 1;
+/* Neighbours share a triangle. place: 4 * (1 + the corner of the unknown) + the triangle's corner that is next. */
+static int sbl__vertices_neighbour(const sbl__rings *r, int unknown, size_t *place) {
+    const sbl__vertices *s = (const sbl__vertices *)r->user;
+    size_t corner;
+    if (*place == 0) *place = 4 * (size_t)s->first_corners[unknown];
+    else if (*place % 4 == 3) *place = 4 * (size_t)s->next_corners[*place / 4 - 1];
+    if (*place == 0) return -1;
+    corner = *place / 4 - 1;
+    return (int)s->corners[corner - corner % 3 + (*place)++ % 4];
 }
 
-static void sbl__vertices_write(sbl__vertices *s, size_t vertex) {
+static void sbl__vertices_mean(void *user, int unknown) {
+    sbl__vertices *s = (sbl__vertices *)user;
+    double *out = s->solver.solution + 3 * (size_t)unknown, count = 0;
+    size_t place = 0;
+    int other, k;
+    while ((other = sbl__vertices_neighbour(&s->rings, unknown, &place)) >= 0) {
+        if (!sbl__ring_reached(&s->rings, other)) continue;
+        for (k = 0; k < 3; k++) out[k] += s->solver.solution[3 * (size_t)other + (size_t)k];
+        count += 1;
+    }
+    for (k = 0; k < 3; k++) out[k] /= count;
+}
+
+static sbl_result sbl__vertices_write(void *work, int vertex) {
+    sbl__vertices *s = (sbl__vertices *)work;
     const uint32_t unknown = s->unknowns[vertex];
     int k;
     for (k = 0; k < 3; k++) {
-        const double x = unknown == SBL__VERTICES_NONE ? 0 : s->light[3 * (size_t)unknown + (size_t)k];
-        s->desc.radiance[3 * vertex + (size_t)k] = x > 0 ? (float)SBL__MIN(x, (double)FLT_MAX) : 0;
+        const double x = unknown == SBL__NONE ? 0 : s->solver.solution[3 * (size_t)unknown + (size_t)k];
+        s->desc.radiance[3 * (size_t)vertex + (size_t)k] = x > 0 ? (float)SBL__MIN(x, (double)FLT_MAX) : 0;
     }
+    return SBL_SUCCESS;
 }
 
 /* >>vertices: stages */
 
-/* slots for so many things, all free. */
-static int sbl__vertices_slots(sbl__base *base, sbl__vertices *s, size_t things) {
-    uint32_t count = 16;
-    while (count < 2 * things) count *= 2;
-    sbl__free(base, s->slots);
-    s->slots = (uint32_t *)sbl__alloc(base, count, sizeof *s->slots);
-    s->slot_mask = count - 1;
-    return s->slots != NULL;
-}
-
-static int sbl__vertices_make(sbl__base *base, sbl__vertices *s) {
-    const size_t vertices = (size_t)s->vertex_count, triangles = (size_t)s->triangle_count;
-    s->normals = (float *)sbl__alloc(base, vertices, 12);
-    s->unknowns = (uint32_t *)sbl__alloc_raw(base, vertices, sizeof *s->unknowns);
-    s->corners = (uint32_t *)sbl__alloc_raw(base, triangles, 12);
-    s->areas = (float *)sbl__alloc_raw(base, triangles, sizeof *s->areas);
-    if (s->unknowns) memset(s->unknowns, 0xff, vertices * sizeof *s->unknowns);
-    return s->normals && s->unknowns && s->corners && s->areas && sbl__vertices_slots(base, s, vertices);
-}
-
-/* Sites, readings, and sums of what they tell. */
-static int sbl__vertices_make_sums(sbl__base *base, sbl__vertices *s) {
+/* Takes memory, once it is known how many points there are. */
+static sbl_result sbl__vertices_make(void *work, sbl__slice *slice) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    sbl__base *base = &s->core->base;
     const size_t most = (size_t)SBL__MIN(s->points, (double)SBL__VERTICES_POINTS);
-    sbl__free(base, s->normals);
-    sbl__free(base, s->slots);
-    s->normals = NULL;
-    s->slots = NULL;
+    const size_t triangles = (size_t)s->triangle_count;
+    sbl_result result;
+    (void)slice;
+    s->solver.user = s->rings.user = s;
+    s->solver.term = sbl__vertices_term;
+    s->solver.term_count = s->triangle_count + s->hinge_count;
+    s->solver.precision2 = SBL__VERTICES_PRECISION * SBL__VERTICES_PRECISION;
+    s->rings.neighbour = sbl__vertices_neighbour;
+    s->rings.mean = sbl__vertices_mean;
+    s->rings.last = SBL__VERTICES_RINGS;
     s->sites = (sbl_site *)sbl__alloc_raw(base, most, sizeof *s->sites);
     s->readings = (sbl_reading *)sbl__alloc_raw(base, most, sizeof *s->readings);
-    s->sums = (float *)sbl__alloc(base, (size_t)s->triangle_count, SBL__VERTICES_SUMS * sizeof *s->sums);
+    s->sums = (float *)sbl__alloc(base, triangles, SBL__VERTICES_SUMS * sizeof *s->sums);
+    s->next_corners = (uint32_t *)sbl__alloc_raw(base, triangles, 12);
+    s->first_corners = (uint32_t *)sbl__alloc(base, (size_t)s->vertex_count, sizeof *s->first_corners);
+    if (!s->sites || !s->readings || !s->sums || !s->next_corners || !s->first_corners) return SBL_ERROR_OUT_OF_MEMORY;
     s->gathering.desc.sites = s->sites;
     s->gathering.desc.readings = s->readings;
-    return s->sites && s->readings && s->sums;
+    result = sbl__solver_make(base, &s->solver, s->vertex_count);
+    return result == SBL_SUCCESS ? sbl__rings_make(base, &s->rings, s->vertex_count) : result;
 }
 
-static int sbl__vertices_make_solution(sbl__base *base, sbl__vertices *s) {
-    const size_t vertices = (size_t)s->vertex_count;
-    const int fits = sbl__vertices_fits(s);
-    sbl__free(base, s->sites);
-    sbl__free(base, s->readings);
-    s->sites = NULL;
-    s->readings = NULL;
-    s->lit = (unsigned char *)sbl__alloc(base, vertices, 1);
-    s->diagonal = (double *)sbl__alloc(base, vertices, 8);
-    s->rest = (double *)sbl__alloc(base, vertices, 24);
-    s->light = (double *)sbl__alloc(base, vertices, 24);
-    s->step = (double *)sbl__alloc(base, vertices, 24);
-    if (fits) s->way = (double *)sbl__alloc(base, vertices, 24);
-    return s->lit && s->diagonal && s->rest && s->light && s->step && (s->way || !fits);
+static sbl_result sbl__vertices_sense(void *work, sbl__slice *slice) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    return sbl__gathering_step(s->core, &s->gathering, slice);
 }
 
-/* Before a stage's first item. Returns 0 where memory is out. */
-static int sbl__vertices_enter(sbl__base *base, sbl__vertices *s) {
-    const double left = s->points - s->taken;
-    switch (s->stage) {
-        case SBL__VERTICES_FACES: return sbl__vertices_make(base, s);
-        case SBL__VERTICES_EDGES:
-            return !sbl__vertices_bends(s) || sbl__vertices_slots(base, s, 3 * (size_t)s->triangle_count);
-        case SBL__VERTICES_SITES:
-            if (!s->sites && !sbl__vertices_make_sums(base, s)) return 0;
-            s->site_count = (int)SBL__MIN(left, (double)SBL__VERTICES_POINTS);
-            s->first.part = s->next.part;
-            s->first.triangle = s->next.triangle;
-            s->first.point = s->next.point;
-            return 1;
-        case SBL__VERTICES_SENSE: sbl__gathering_more(&s->gathering, s->site_count); return 1;
-        case SBL__VERTICES_TAKE:
-            s->next.part = s->first.part;
-            s->next.triangle = s->first.triangle;
-            s->next.point = s->first.point;
-            return 1;
-        case SBL__VERTICES_TIGHTEN: return sbl__vertices_make_solution(base, s);
-        case SBL__VERTICES_DOT: memset(s->along, 0, sizeof s->along); return 1;
-        case SBL__VERTICES_ADVANCE:
-            memset(s->next_power, 0, sizeof s->next_power);
-            memset(s->off, 0, sizeof s->off);
-            return 1;
-        case SBL__VERTICES_SPREAD: s->spread = 0; return 1;
-        default: return 1;
-    }
+static sbl_result sbl__vertices_solve(void *work, sbl__slice *slice) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    return sbl__vertices_fits(s) ? sbl__solver_step(&s->solver, slice) : SBL_SUCCESS;
 }
 
-/* Items of the stage. */
-static int sbl__vertices_items(const sbl__vertices *s) {
-    switch (s->stage) {
-        case SBL__VERTICES_FACES: case SBL__VERTICES_EDGES: case SBL__VERTICES_TIGHTEN: case SBL__VERTICES_MASS:
-        case SBL__VERTICES_SPREAD: return s->triangle_count;
-        case SBL__VERTICES_SITES: case SBL__VERTICES_TAKE: return s->site_count;
-        case SBL__VERTICES_BEND: case SBL__VERTICES_HINGES: return s->hinge_count;
-        default: return s->vertex_count;
-    }
+static sbl_result sbl__vertices_spread(void *work, sbl__slice *slice) {
+    return sbl__rings_step(&((sbl__vertices *)work)->rings, slice);
 }
 
-/* The part that the vertex or triangle at hand is of, in stages that ask for it. */
-static void sbl__vertices_find_part(sbl__vertices *s) {
-    if (s->stage > SBL__VERTICES_EDGES && s->stage != SBL__VERTICES_TIGHTEN) return;
-    while (s->part + 1 < s->part_count) {
-        const sbl__vertices_part *next = &s->parts[s->part + 1];
-        if (s->at < (s->stage == SBL__VERTICES_WELD ? next->first_vertex : next->first_triangle)) break;
-        s->part++;
-    }
+/* Begins a gather's sites. */
+static int sbl__vertices_begin_sites(sbl__vertices *s) {
+    s->site_count = (int)SBL__MIN(s->points - s->taken, (double)SBL__VERTICES_POINTS);
+    s->first = s->next;
+    return SBL__VERTICES_SITES;
 }
 
-static sbl_result sbl__vertices_item(sbl__base *base, sbl__vertices *s, const sbl__geometry *g) {
-    const size_t at = (size_t)s->at;
-    int k;
-    sbl__vertices_find_part(s);
-    switch (s->stage) {
-        case SBL__VERTICES_FACES: sbl__vertices_face(s, g, s->at); break;
-        case SBL__VERTICES_WELD: sbl__vertices_weld(s, g, s->at); break;
-        case SBL__VERTICES_EDGES: return sbl__vertices_edges(base, s, g, s->at);
-        case SBL__VERTICES_SITES: sbl__vertices_ask(s, g, s->at); break;
-        case SBL__VERTICES_TAKE: return sbl__vertices_take(base, s, s->at);
-        case SBL__VERTICES_TIGHTEN: sbl__vertices_tighten(s, s->at); break;
-        case SBL__VERTICES_BEND: sbl__vertices_bend(s, &s->hinges[at]); break;
-        case SBL__VERTICES_START: sbl__vertices_start(s, at); break;
-        case SBL__VERTICES_MASS: sbl__vertices_multiply(s, s->at); break;
-        case SBL__VERTICES_HINGES: sbl__vertices_multiply_hinge(s, &s->hinges[at]); break;
-        case SBL__VERTICES_DOT:
-            for (k = 0; k < 3; k++) s->along[k] += s->way[3 * at + (size_t)k] * s->step[3 * at + (size_t)k];
-            break;
-        case SBL__VERTICES_ADVANCE: sbl__vertices_advance(s, at); break;
-        case SBL__VERTICES_TURN: sbl__vertices_turn(s, at); break;
-        case SBL__VERTICES_AVERAGE:
-            for (k = 0; k < 3 && s->diagonal[at] > 0; k++)
-                s->light[3 * at + (size_t)k] = s->rest[3 * at + (size_t)k] / s->diagonal[at];
-            break;
-        case SBL__VERTICES_SETTLE:
-            for (k = 0; k < 3; k++) s->step[3 * at + (size_t)k] = 0;
-            s->diagonal[at] = 0;
-            break;
-        case SBL__VERTICES_SPREAD: sbl__vertices_spread(s, s->at); break;
-        case SBL__VERTICES_RING: sbl__vertices_ring(s, at); break;
-        case SBL__VERTICES_WRITE: sbl__vertices_write(s, at); break;
-        default: break;
-    }
-    return SBL_SUCCESS;
+static int sbl__vertices_after_make(void *work) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    return s->points > 0 ? sbl__vertices_begin_sites(s) : SBL__VERTICES_WRITE;
 }
 
-/* The stage after the one whose items are through. */
-static sbl__vertices_stage sbl__vertices_next(sbl__vertices *s) {
-    switch (s->stage) {
-        case SBL__VERTICES_EDGES: return s->points > 0 ? SBL__VERTICES_SITES : SBL__VERTICES_WRITE;
-        case SBL__VERTICES_TAKE:
-            s->taken += s->site_count;
-            return s->taken < s->points ? SBL__VERTICES_SITES : SBL__VERTICES_TIGHTEN;
-        case SBL__VERTICES_TIGHTEN: return sbl__vertices_fits(s) ? SBL__VERTICES_BEND : SBL__VERTICES_AVERAGE;
-        case SBL__VERTICES_ADVANCE: return sbl__vertices_solved(s) ? SBL__VERTICES_SETTLE : SBL__VERTICES_TURN;
-        case SBL__VERTICES_TURN:
-            memcpy(s->power, s->next_power, sizeof s->power);
-            return SBL__VERTICES_MASS;
-        case SBL__VERTICES_RING:
-            return s->spread && ++s->ring < SBL__VERTICES_RINGS ? SBL__VERTICES_SPREAD : SBL__VERTICES_WRITE;
-        default: return (sbl__vertices_stage)(s->stage + 1);
-    }
+static int sbl__vertices_after_sites(void *work) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    sbl__gathering_more(&s->gathering, s->site_count);
+    s->next = s->first;
+    return SBL__VERTICES_SENSE;
 }
 
-/* The stage's items, from s->at on. */
-static sbl_result sbl__vertices_stage_step(sbl__core *c, sbl__vertices *s, sbl__slice *slice) {
-    if (!s->ready && !sbl__vertices_enter(&c->base, s)) return SBL_ERROR_OUT_OF_MEMORY;
-    s->ready = 1;
-    if (s->stage == SBL__VERTICES_SENSE) return sbl__gathering_step(c, &s->gathering, slice);
-    for (; s->at < sbl__vertices_items(s); s->at++) {
-        sbl_result result;
-        if (sbl__late(slice)) return SBL_UNFINISHED;
-        result = sbl__vertices_item(&c->base, s, &c->scene.geometry);
-        if (result != SBL_SUCCESS) return result;
-    }
-    return SBL_SUCCESS;
+static int sbl__vertices_after_take(void *work) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    s->taken += s->site_count;
+    return s->taken < s->points ? sbl__vertices_begin_sites(s) : SBL__VERTICES_MASS;
 }
 
-/* Stages until the slice is over, or a piece of a gather or a round of the solution is done. SBL_SUCCESS: all light is
-   there, and no memory is held. */
+static int sbl__vertices_count(void *work) { return ((sbl__vertices *)work)->vertex_count; }
+static int sbl__vertices_averages(void *work) {
+    return sbl__vertices_fits((sbl__vertices *)work) ? 0 : ((sbl__vertices *)work)->vertex_count;
+}
+static int sbl__vertices_triangles(void *work) { return ((sbl__vertices *)work)->triangle_count; }
+static int sbl__vertices_hinges(void *work) { return ((sbl__vertices *)work)->hinge_count; }
+static int sbl__vertices_sites(void *work) { return ((sbl__vertices *)work)->site_count; }
+
+/* Does one piece. SBL_SUCCESS: all light is there, and no memory is held. */
 static sbl_result sbl__vertices_step(sbl__core *c, sbl__vertices *s, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { NULL, NULL, NULL, NULL },
+        { sbl__vertices_make_faces, NULL, sbl__vertices_face, sbl__vertices_triangles },
+        { NULL, NULL, sbl__vertices_weld, sbl__vertices_count },
+        { NULL, NULL, sbl__vertices_sides, sbl__vertices_triangles },
+        { sbl__vertices_make, sbl__vertices_after_make, NULL, NULL },
+        { NULL, sbl__vertices_after_sites, sbl__vertices_ask, sbl__vertices_sites },
+        { sbl__vertices_sense, NULL, NULL, NULL },
+        { NULL, sbl__vertices_after_take, sbl__vertices_take, sbl__vertices_sites },
+        { NULL, NULL, sbl__vertices_mass, sbl__vertices_triangles },
+        { NULL, NULL, sbl__vertices_bend, sbl__vertices_hinges },
+        { sbl__vertices_solve, NULL, sbl__vertices_average, sbl__vertices_averages },
+        { NULL, NULL, sbl__vertices_link, sbl__vertices_triangles },
+        { sbl__vertices_spread, NULL, NULL, NULL },
+        { NULL, NULL, sbl__vertices_write, sbl__vertices_count }
+    };
     const double start = sbl__now();
-    const int sense = s->stage == SBL__VERTICES_SENSE;
-    double *seconds = s->stage < SBL__VERTICES_SENSE ? &c->stats.seconds.surface : &c->stats.seconds.refine;
-    sbl_result result;
-    do {
-        result = sbl__vertices_stage_step(c, s, slice);
-        if (result != SBL_SUCCESS) break;
-        s->stage = sbl__vertices_next(s);
-        s->at = s->part = s->ready = 0;
-    } while (!sense && s->stage != SBL__VERTICES_SENSE && s->stage != SBL__VERTICES_MASS &&
-             s->stage != SBL__VERTICES_SPREAD && s->stage != SBL__VERTICES_DONE);
+    const int sense = s->stages.stage == SBL__VERTICES_SENSE;
+    double *seconds = s->stages.stage < SBL__VERTICES_SENSE ? &c->stats.seconds.surface : &c->stats.seconds.refine;
+    const sbl_result result = sbl__stages_step(&s->stages, table, SBL__COUNT(table), s, slice);
     if (!sense) *seconds += sbl__now() - start;
-    if (s->stage == SBL__VERTICES_DONE) {
+    if (result == SBL_SUCCESS) {
         sbl__gathering gathering = s->gathering;  /* the host's progress is still to be called */
         gathering.sites = NULL;
         sbl__vertices_free(&c->base, s);
         s->gathering = gathering;
-        s->stage = SBL__VERTICES_DONE;
+        s->stages.stage = SBL__VERTICES_DONE;
     }
-    return result != SBL_SUCCESS ? result : s->stage == SBL__VERTICES_DONE ? SBL_SUCCESS : SBL_UNFINISHED;
+    return result;
 }
 
 #define SBL__VERTICES_SENSING 0.95f  /* share of progress that gathers have */
 
 static float sbl__vertices_progress(const sbl__core *c, const sbl__vertices *s) {
+    const int stage = s->stages.stage;
     double done = s->taken;
-    if (s->stage == SBL__VERTICES_DONE) return 1;
-    if (s->stage == SBL__VERTICES_SENSE) done += (double)sbl__gathering_progress(c, &s->gathering) * s->site_count;
-    if (s->stage == SBL__VERTICES_TAKE) done += s->site_count;
-    return s->points > 0 && s->stage > SBL__VERTICES_EDGES ? SBL__VERTICES_SENSING * (float)(done / s->points) : 0;
+    if (stage == SBL__VERTICES_DONE) return 1;
+    if (stage == SBL__VERTICES_SENSE) done += (double)sbl__gathering_progress(c, &s->gathering) * s->site_count;
+    if (stage == SBL__VERTICES_TAKE) done += s->site_count;
+    return s->points > 0 && stage > SBL__VERTICES_MAKE ? SBL__VERTICES_SENSING * (float)(done / s->points) : 0;
 }
 
 /* ======================================================================================================== >>probes
@@ -16657,10 +16788,8 @@ static float sbl__vertices_progress(const sbl__core *c, const sbl__vertices *s) 
 
 enum { SBL__PROBE_FACES, SBL__PROBE_RAYS, SBL__PROBE_KINDS };  /* of sites */
 
-typedef enum sbl__probing_stage {
-    SBL__PROBES_NONE, SBL__PROBES_PREPARE, SBL__PROBES_BATCH_NEXT, SBL__PROBES_SITES, SBL__PROBES_SENSE,
-    SBL__PROBES_TAKE, SBL__PROBES_CLOSE, SBL__PROBES_DONE
-} sbl__probing_stage;
+enum { SBL__PROBES_IDLE, SBL__PROBES_PREPARE, SBL__PROBES_BEGIN_BATCH, SBL__PROBES_SITES, SBL__PROBES_SENSE,
+       SBL__PROBES_TAKE, SBL__PROBES_CLOSE, SBL__PROBES_DONE };
 
 /* A probe of the batch, at one place. */
 typedef struct sbl__probe_sum {
@@ -16674,8 +16803,9 @@ typedef struct sbl__probe_sum {
                                       asked for: direction and distance; 0: none, or it was tried */
 } sbl__probe_sum;
 
-typedef struct sbl__probing {
-    sbl__probing_stage stage;
+typedef struct sbl__probes {
+    sbl__stages stages;
+    sbl__core *core;
     sbl_probes_desc desc;          /* defaults filled in */
     sbl__seeing seeing;
     sbl__spec specs[SBL__PROBE_KINDS];
@@ -16688,13 +16818,12 @@ typedef struct sbl__probing {
     sbl_reading *readings;
     int first, taken;              /* probes: of the batch, and how many it began with */
     int count, round;              /* those that are still tried */
-    int kind, from, job_count;     /* the sites of the job, counted over the batch */
-    int at;                        /* of the job, the next one to be made or taken */
+    int kind, from;                /* the sites of the job, counted over the batch */
     float store_share;             /* of progress */
     float progress;
-} sbl__probing;
+} sbl__probes;
 
-static void sbl__probing_free(sbl__base *base, sbl__probing *g) {
+static void sbl__probes_free(sbl__base *base, sbl__probes *g) {
     sbl__free(base, g->sequence);
     sbl__free(base, g->sums);
     sbl__free(base, g->sites);
@@ -16702,8 +16831,8 @@ static void sbl__probing_free(sbl__base *base, sbl__probing *g) {
     memset(g, 0, sizeof *g);
 }
 
-static int sbl__probing_under_way(const sbl__probing *g) {
-    return g->stage != SBL__PROBES_NONE && g->stage != SBL__PROBES_DONE;
+static int sbl__probes_under_way(const sbl__probes *g) {
+    return g->stages.stage != SBL__PROBES_IDLE && g->stages.stage != SBL__PROBES_DONE;
 }
 
 /* The share of a harmonic that a cosine leaves in R. */
@@ -16746,17 +16875,17 @@ static void sbl__gauss_nodes(int count, double *nodes, double *weights) {
     }
 }
 
-static int sbl__probe_normals(const sbl__probing *g) { return g->rings * g->around; }
+static int sbl__probe_normals(const sbl__probes *g) { return g->rings * g->around; }
 
 /* Sites of a probe. */
-static int sbl__probe_sites(const sbl__probing *g, int kind) {
+static int sbl__probe_sites(const sbl__probes *g, int kind) {
     return kind == SBL__PROBE_RAYS ? g->desc.options.rays : sbl__probe_normals(g) + 6;
 }
 
 /* Normal number i. The even part of R bends where a normal crosses a light's horizon, and needs many axes; its odd part
    is as smooth as can be. So rings stand on the upper half, where their rule sees no bend at a pole; every other normal
    is turned round to its antipode, which doubles the axes; and every other ring is turned by half a step. */
-static void sbl__probe_normal(const sbl__probing *g, int i, double out[3]) {
+static void sbl__probe_normal(const sbl__probes *g, int i, double out[3]) {
     const int ring = i / g->around, step = i % g->around, sign = (ring + step) & 1 ? -1 : 1;
     const double angle = 2 * SBL__PI * (step + 0.5 * (ring & 1)) / g->around, z = g->ring[ring], r = sqrt(1 - z * z);
     out[0] = sign * r * cos(angle);
@@ -16765,7 +16894,7 @@ static void sbl__probe_normal(const sbl__probing *g, int i, double out[3]) {
 }
 
 /* Where its site number i looks: along a ray; or a normal; or as one of the cube's sides. */
-static void sbl__probe_direction(const sbl__probing *g, int number, int i, double out[3]) {
+static void sbl__probe_direction(const sbl__probes *g, int number, int i, double out[3]) {
     const int normals = sbl__probe_normals(g);
     double u[2], r;
     if (g->kind == SBL__PROBE_FACES && i < normals) {
@@ -16794,9 +16923,10 @@ static void sbl__probe_asked(const sbl_probes_desc *d, int i, float out[3]) {
 }
 
 /* desc has its defaults filled in and has been checked; seeing, too. */
-static void sbl__probing_begin(const sbl__core *c, sbl__probing *g, const sbl_probes_desc *desc,
+static void sbl__probes_begin(sbl__core *c, sbl__probes *g, const sbl_probes_desc *desc,
                                const sbl__seeing *seeing) {
-    const float (*bounds)[3] = c->scene.geometry.bounds;
+    const float (*const bounds)[3] = (const float (*)[3])c->scene.geometry.bounds;
+    g->core = c;
     g->desc = *desc;
     if (sbl__all_zero(desc->lowest, 3) && sbl__all_zero(desc->highest, 3)) {
         memcpy(g->desc.lowest, bounds[0], sizeof g->desc.lowest);
@@ -16808,11 +16938,11 @@ static void sbl__probing_begin(const sbl__core *c, sbl__probing *g, const sbl_pr
     g->around = g->apart ? SBL__PROBE_AROUND : SBL__PROBE_VIEW_AROUND;
     sbl__gauss_nodes(g->rings, g->ring, g->ring_weight);
     g->store_share = sbl__prepare_share(c, seeing);
-    g->stage = SBL__PROBES_PREPARE;
+    g->stages.stage = SBL__PROBES_PREPARE;
 }
 
 /* How the two kinds of sites see, and memory for a batch. */
-static sbl_result sbl__probing_setup(sbl__core *c, sbl__probing *g) {
+static sbl_result sbl__probes_setup(sbl__core *c, sbl__probes *g) {
     sbl__spec *faces = &g->specs[SBL__PROBE_FACES], *rays = &g->specs[SBL__PROBE_RAYS];
     const int most = SBL__MAX(sbl__probe_sites(g, SBL__PROBE_FACES), g->desc.options.rays);
     const int batch = SBL__MIN(SBL__PROBES_BATCH, g->desc.probe_count);
@@ -16840,16 +16970,30 @@ static sbl_result sbl__probing_setup(sbl__core *c, sbl__probing *g) {
     return g->sequence && g->sums && g->sites && g->readings ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* The round's first job is next. Where nothing is a lamp, rays find all there is. */
-static void sbl__probing_round(const sbl__core *c, sbl__probing *g) {
-    const int faces = !g->apart || c->scene.lights.leaves > 0;
-    g->kind = faces ? SBL__PROBE_FACES : SBL__PROBE_RAYS;
-    g->from = g->at = 0;
-    g->stage = SBL__PROBES_SITES;
+/* Prepares the scene. */
+static sbl_result sbl__probes_prepare(void *work, sbl__slice *slice) {
+    sbl__probes *g = (sbl__probes *)work;
+    const sbl_result result = sbl__prepare(g->core, &g->seeing, slice);
+    return result == SBL_SUCCESS && g->desc.probe_count ? sbl__probes_setup(g->core, g) : result;
 }
 
-static void sbl__probing_batch(const sbl__core *c, sbl__probing *g) {
+static int sbl__probes_after_prepare(void *work) {
+    return ((sbl__probes *)work)->desc.probe_count ? SBL__PROBES_BEGIN_BATCH : SBL__PROBES_DONE;
+}
+
+/* Begins a round of jobs. If nothing is a lamp, rays find all light. */
+static int sbl__probes_round(void *work) {
+    sbl__probes *g = (sbl__probes *)work;
+    const int faces = g->seeing.backend != SBL_BACKEND_TRACE || g->core->scene.lights.leaves > 0;
+    g->kind = faces ? SBL__PROBE_FACES : SBL__PROBE_RAYS;
+    g->from = 0;
+    return SBL__PROBES_SITES;
+}
+
+static sbl_result sbl__probes_batch(void *work, sbl__slice *slice) {
+    sbl__probes *g = (sbl__probes *)work;
     int i;
+    (void)slice;
     g->taken = g->count = SBL__MIN(SBL__PROBES_BATCH, g->desc.probe_count - g->first);
     g->round = 0;
     memset(g->sums, 0, sizeof *g->sums * (size_t)g->count);
@@ -16857,39 +17001,54 @@ static void sbl__probing_batch(const sbl__core *c, sbl__probing *g) {
         g->sums[i].number = g->first + i;
         sbl__probe_asked(&g->desc, g->first + i, g->sums[i].place);
     }
-    sbl__probing_round(c, g);
+    return SBL_SUCCESS;
 }
 
-/* The sites of the next job; then it begins. */
-static sbl_result sbl__probing_sites(sbl__core *c, sbl__probing *g, sbl__slice *slice) {
-    const int each = sbl__probe_sites(g, g->kind), normals = sbl__probe_normals(g);
+/* Sites of the job. */
+static int sbl__probes_job(const sbl__probes *g) {
+    return SBL__MIN(SBL__GATHER_SITES, g->count * sbl__probe_sites(g, g->kind) - g->from);
+}
+
+static int sbl__probes_sites(void *work) { return sbl__probes_job((const sbl__probes *)work); }
+
+static sbl_result sbl__probes_site(void *work, int at) {
+    sbl__probes *g = (sbl__probes *)work;
+    const int each = sbl__probe_sites(g, g->kind), i = (g->from + at) % each;
+    const sbl__probe_sum *sum = &g->sums[(g->from + at) / each];
+    sbl__site *site = &g->sites[at];
+    double direction[3];
+    int k;
+    memset(site, 0, sizeof *site);
+    sbl__probe_direction(g, sum->number, i, direction);
+    for (k = 0; k < 3; k++) site->normal[k] = site->geometric_normal[k] = (float)direction[k];
+    memcpy(site->position, sum->place, sizeof site->position);
+    site->number = (uint32_t)sum->number * (uint32_t)each + (uint32_t)i;
+    site->looks = g->kind == SBL__PROBE_FACES && i >= sbl__probe_normals(g) ? g->specs[SBL__PROBE_FACES].looks : 1;
+    return SBL_SUCCESS;
+}
+
+/* Begins the job. */
+static int sbl__probes_after_sites(void *work) {
+    sbl__probes *g = (sbl__probes *)work;
     sbl__task task;
-    g->job_count = SBL__MIN(SBL__GATHER_SITES, g->count * each - g->from);
-    for (; g->at < g->job_count; g->at++) {
-        const int i = (g->from + g->at) % each;
-        const sbl__probe_sum *sum = &g->sums[(g->from + g->at) / each];
-        sbl__site *site = &g->sites[g->at];
-        double direction[3];
-        int k;
-        if (g->at && sbl__late(slice)) return SBL_UNFINISHED;
-        memset(site, 0, sizeof *site);
-        sbl__probe_direction(g, sum->number, i, direction);
-        for (k = 0; k < 3; k++) site->normal[k] = site->geometric_normal[k] = (float)direction[k];
-        memcpy(site->position, sum->place, sizeof site->position);
-        site->number = (uint32_t)sum->number * (uint32_t)each + (uint32_t)i;
-        site->looks = g->kind == SBL__PROBE_FACES && i >= normals ? g->specs[SBL__PROBE_FACES].looks : 1;
-    }
     memset(&task, 0, sizeof task);
     task.spec = g->specs[g->kind];
     task.sites = g->sites;
     task.readings = g->readings;
-    task.site_count = g->job_count;
-    sbl__job_begin(&c->job, &c->scene, &task);
-    return SBL_SUCCESS;
+    task.site_count = sbl__probes_job(g);
+    sbl__job_begin(&g->core->job, &g->core->scene, &task);
+    return SBL__PROBES_SENSE;
+}
+
+static sbl_result sbl__probes_sense(void *work, sbl__slice *slice) {
+    sbl__core *c = ((sbl__probes *)work)->core;
+    const sbl_result result = sbl__job_step(&c->device, &c->job, slice);
+    if (result == SBL_SUCCESS) sbl__core_count(c);
+    return result;
 }
 
 /* Adds light from the direction, of its site number `site`: radiance along a ray, or R of a normal. */
-static void sbl__probe_add(const sbl__probing *g, sbl__probe_sum *sum, int site, const double d[3],
+static void sbl__probe_add(const sbl__probes *g, sbl__probe_sum *sum, int site, const double d[3],
                            const sbl_reading *r) {
     const int rays = g->kind == SBL__PROBE_RAYS;
     const double share = rays ? 1.0 / g->desc.options.rays : g->ring_weight[site / g->around] / g->around;
@@ -16929,30 +17088,36 @@ static void sbl__probe_meet(sbl__probe_sum *sum, const double d[3], const sbl_re
     way[3] = r->hit_mean;
 }
 
-/* Takes the job's readings. */
-static sbl_result sbl__probing_take(sbl__probing *g, sbl__slice *slice) {
-    const int each = sbl__probe_sites(g, g->kind), normals = sbl__probe_normals(g);
-    for (; g->at < g->job_count; g->at++) {
-        const int i = (g->from + g->at) % each;
-        const sbl_reading *r = &g->readings[g->at];
-        sbl__probe_sum *sum = &g->sums[(g->from + g->at) / each];
-        double d[3];
-        int k;
-        if (g->at && sbl__late(slice)) return SBL_UNFINISHED;
-        sum->overflows |= !r->valid;
-        if (g->kind == SBL__PROBE_FACES && i >= normals) {
-            for (k = 0; k < 3; k++) sum->cube[i - normals][k] += (double)r->radiance[k];
-            continue;
-        }
-        sbl__probe_direction(g, sum->number, i, d);
-        if (g->apart || g->kind == SBL__PROBE_FACES) sbl__probe_add(g, sum, i, d, r);
-        if (g->kind == SBL__PROBE_RAYS) sbl__probe_meet(sum, d, r, g->round == 0 && g->desc.move > 0);
+/* Takes a reading of the job. */
+static sbl_result sbl__probes_take(void *work, int at) {
+    sbl__probes *g = (sbl__probes *)work;
+    const int each = sbl__probe_sites(g, g->kind), i = (g->from + at) % each, side = i - sbl__probe_normals(g);
+    const sbl_reading *r = &g->readings[at];
+    sbl__probe_sum *sum = &g->sums[(g->from + at) / each];
+    double d[3];
+    int k;
+    sum->overflows |= !r->valid;
+    if (g->kind == SBL__PROBE_FACES && side >= 0) {
+        for (k = 0; k < 3; k++) sum->cube[side][k] += (double)r->radiance[k];
+        return SBL_SUCCESS;
     }
+    sbl__probe_direction(g, sum->number, i, d);
+    if (g->seeing.backend == SBL_BACKEND_TRACE || g->kind == SBL__PROBE_FACES) sbl__probe_add(g, sum, i, d, r);
+    if (g->kind == SBL__PROBE_RAYS) sbl__probe_meet(sum, d, r, g->round == 0 && g->desc.move > 0);
     return SBL_SUCCESS;
 }
 
+/* Goes on with the next job: of the same kind of sites, or of the other. */
+static int sbl__probes_after_take(void *work) {
+    sbl__probes *g = (sbl__probes *)work;
+    g->from += sbl__probes_job(g);
+    if (g->from < g->count * sbl__probe_sites(g, g->kind)) return SBL__PROBES_SITES;
+    g->from = 0;
+    return ++g->kind < SBL__PROBE_KINDS ? SBL__PROBES_SITES : SBL__PROBES_CLOSE;
+}
+
 /* The probe that the sums make. */
-static void sbl__probe_make(const sbl__probing *g, const sbl__probe_sum *sum, sbl_probe *out) {
+static void sbl__probe_make(const sbl__probes *g, const sbl__probe_sum *sum, sbl_probe *out) {
     int i, k, finite;
     memset(out, 0, sizeof *out);
     for (i = 0; i < 9; i++) for (k = 0; k < 3; k++) out->sh[i][k] = (float)sum->sh[i][k];
@@ -16971,7 +17136,7 @@ static void sbl__probe_make(const sbl__probing *g, const sbl__probe_sum *sum, sb
 }
 
 /* Moves it out through the nearest back face that is left. 0: there is none near enough. */
-static int sbl__probe_move(const sbl__probing *g, sbl__probe_sum *sum) {
+static int sbl__probe_move(const sbl__probes *g, sbl__probe_sum *sum) {
     const double most = (double)g->desc.move;
     float from[3], *way = NULL;
     double far_off;
@@ -16987,15 +17152,17 @@ static int sbl__probe_move(const sbl__probing *g, sbl__probe_sum *sum) {
 }
 
 /* Tells the host what was found; those that are not valid go on to the next round. */
-static void sbl__probing_close(sbl__core *c, sbl__probing *g) {
+static int sbl__probes_close(void *work) {
+    sbl__probes *g = (sbl__probes *)work;
+    sbl_stats *stats = &g->core->stats;
     int i, left = 0;
-    c->stats.sensors.count += g->count;
+    stats->sensors.count += g->count;
     for (i = 0; i < g->count; i++) {
         sbl__probe_sum next;
         sbl_probe probe;
         sbl__probe_make(g, &g->sums[i], &probe);
         if (probe.valid || g->round == 0) g->desc.probes[g->sums[i].number] = probe;
-        c->stats.sensors.invalid += probe.valid ? g->round == 0 ? 0 : -1 : g->round == 0;
+        stats->sensors.invalid += probe.valid ? g->round == 0 ? 0 : -1 : g->round == 0;
         if (probe.valid) continue;
         memset(&next, 0, sizeof next);
         next.number = g->sums[i].number;
@@ -17004,62 +17171,36 @@ static void sbl__probing_close(sbl__core *c, sbl__probing *g) {
     }
     g->count = left;
     g->round++;
-    if (left) sbl__probing_round(c, g);
-    else {
-        g->first += g->taken;
-        g->stage = g->first < g->desc.probe_count ? SBL__PROBES_BATCH_NEXT : SBL__PROBES_DONE;
-    }
+    if (left) return sbl__probes_round(g);
+    g->first += g->taken;
+    return g->first < g->desc.probe_count ? SBL__PROBES_BEGIN_BATCH : SBL__PROBES_DONE;
 }
 
-/* One bounded piece. SBL_SUCCESS: all probes are there. */
-static sbl_result sbl__probing_step(sbl__core *c, sbl__probing *g, sbl__slice *slice) {
+/* Does one piece. SBL_SUCCESS: all probes are there. */
+static sbl_result sbl__probes_step(sbl__core *c, sbl__probes *g, sbl__slice *slice) {
+    static const sbl__stage_row table[] = {
+        { NULL, NULL, NULL, NULL },
+        { sbl__probes_prepare, sbl__probes_after_prepare, NULL, NULL },
+        { sbl__probes_batch, sbl__probes_round, NULL, NULL },
+        { NULL, sbl__probes_after_sites, sbl__probes_site, sbl__probes_sites },
+        { sbl__probes_sense, NULL, NULL, NULL },
+        { NULL, sbl__probes_after_take, sbl__probes_take, sbl__probes_sites },
+        { NULL, sbl__probes_close, NULL, NULL }
+    };
     const double start = sbl__now();
     const double bounced = c->stats.seconds.bounce;
-    double *seconds = g->stage == SBL__PROBES_PREPARE ? &c->stats.seconds.surface : &c->stats.seconds.gather;
-    sbl_result result = SBL_SUCCESS;
-    switch (g->stage) {
-        case SBL__PROBES_PREPARE:
-            result = sbl__prepare(c, &g->seeing, slice);
-            if (result != SBL_SUCCESS || !g->desc.probe_count) break;
-            result = sbl__probing_setup(c, g);
-            break;
-        case SBL__PROBES_BATCH_NEXT: sbl__probing_batch(c, g); break;
-        case SBL__PROBES_SITES:
-            result = sbl__probing_sites(c, g, slice);
-            if (result == SBL_SUCCESS) g->stage = SBL__PROBES_SENSE;
-            break;
-        case SBL__PROBES_SENSE:
-            result = sbl__job_step(&c->device, &c->job, slice);
-            if (result != SBL_SUCCESS) break;
-            sbl__core_count(c);
-            g->at = 0;
-            g->stage = SBL__PROBES_TAKE;
-            break;
-        case SBL__PROBES_TAKE:
-            result = sbl__probing_take(g, slice);
-            if (result != SBL_SUCCESS) break;
-            g->from += g->job_count;
-            g->at = 0;
-            g->stage = SBL__PROBES_SITES;
-            if (g->from < g->count * sbl__probe_sites(g, g->kind)) break;
-            g->from = 0;
-            if (++g->kind == SBL__PROBE_KINDS) g->stage = SBL__PROBES_CLOSE;
-            break;
-        case SBL__PROBES_CLOSE: sbl__probing_close(c, g); break;
-        default: break;
-    }
-    if (g->stage == SBL__PROBES_PREPARE && result == SBL_SUCCESS)
-        g->stage = g->desc.probe_count ? SBL__PROBES_BATCH_NEXT : SBL__PROBES_DONE;
+    double *seconds = g->stages.stage == SBL__PROBES_PREPARE ? &c->stats.seconds.surface : &c->stats.seconds.gather;
+    const sbl_result result = sbl__stages_step(&g->stages, table, SBL__COUNT(table), g, slice);
     *seconds += sbl__now() - start - (c->stats.seconds.bounce - bounced);
-    return result != SBL_SUCCESS ? result : g->stage == SBL__PROBES_DONE ? SBL_SUCCESS : SBL_UNFINISHED;
+    return result;
 }
 
-static float sbl__probing_progress(const sbl__core *c, const sbl__probing *g) {
+static float sbl__probes_progress(const sbl__core *c, const sbl__probes *g) {
     double part = 0;
-    if (g->stage == SBL__PROBES_DONE) return 1;
-    if (g->stage <= SBL__PROBES_BATCH_NEXT) return (float)(g->first / (double)SBL__MAX(1, g->desc.probe_count));
-    if (g->stage == SBL__PROBES_SENSE) part = (double)sbl__job_progress(&c->job) * g->job_count;
-    else if (g->stage == SBL__PROBES_TAKE) part = g->job_count;
+    if (g->stages.stage == SBL__PROBES_DONE) return 1;
+    if (g->stages.stage <= SBL__PROBES_BEGIN_BATCH) return (float)(g->first / (double)SBL__MAX(1, g->desc.probe_count));
+    if (g->stages.stage == SBL__PROBES_SENSE) part = (double)sbl__job_progress(&c->job) * sbl__probes_job(g);
+    else if (g->stages.stage == SBL__PROBES_TAKE) part = sbl__probes_job(g);
     part = (part + g->from) / SBL__MAX(1, g->count * sbl__probe_sites(g, SBL__MIN(g->kind, SBL__PROBE_RAYS)));
     part = 0.5 * (SBL__MIN(part, 1.0) + g->kind);
     return (float)((g->first + (g->round ? 1 : SBL__MIN(part, 1.0)) * g->taken) / g->desc.probe_count);
@@ -17679,7 +17820,7 @@ struct sbl_context {
     sbl__lightmap lightmap;
     sbl__map *map;             /* whose map this is; NULL: there is none */
     sbl__gathering gathering;
-    sbl__probing probing;
+    sbl__probes probes;
     sbl__vertices vertices;
     sbl__inspection inspection;
     sbl__work work;            /* what was begun last */
@@ -17747,7 +17888,7 @@ static void sbl__context_free(sbl_context *c) {
         sbl__visit_enter(c, &visit);
         sbl__map_drop(c);
         sbl__gathering_free(&core->base, &c->gathering);
-        sbl__probing_free(&core->base, &c->probing);
+        sbl__probes_free(&core->base, &c->probes);
         sbl__vertices_free(&core->base, &c->vertices);
         sbl__inspection_free(&core->device, &c->inspection);
         sbl__bounce_end(core);
@@ -17859,7 +18000,7 @@ SBL_API void sbl_destroy(sbl_context *c) {
 static void sbl__abandon(sbl_context *c) {
     if (sbl__map_under_way(c)) sbl__map_drop(c);
     sbl__gathering_free(&c->core.base, &c->gathering);
-    sbl__probing_free(&c->core.base, &c->probing);
+    sbl__probes_free(&c->core.base, &c->probes);
     sbl__vertices_free(&c->core.base, &c->vertices);
     sbl__job_free(&c->core.device, &c->core.job);
     c->work = c->map ? SBL__WORK_PICTURE : SBL__WORK_NONE;
@@ -18015,7 +18156,7 @@ static sbl_result sbl__begin(sbl_context *c, sbl_picture_desc d, int asked, cons
     d.options.backend = seeing.backend = sbl__choose_backend(&seeing, &c->core.scene);
     sbl__visit_enter(c, &visit);
     sbl__gathering_free(&c->core.base, &c->gathering);
-    sbl__probing_free(&c->core.base, &c->probing);
+    sbl__probes_free(&c->core.base, &c->probes);
     sbl__vertices_free(&c->core.base, &c->vertices);
     sbl__map_drop(c);
     sbl__inspection_free(&c->core.device, &c->inspection);
@@ -18119,7 +18260,7 @@ SBL_API sbl_result sbl_begin_probes(sbl_context *c, const sbl_probes_desc *desc)
     sbl__abandon(c);
     sbl__visit_leave(c, &visit);
     sbl__core_begin(&c->core, &seeing);
-    sbl__probing_begin(&c->core, &c->probing, &d, &seeing);
+    sbl__probes_begin(&c->core, &c->probes, &d, &seeing);
     c->work = SBL__WORK_PROBES;
     c->core.stats.seconds.total = sbl__now() - start;
     return SBL_SUCCESS;
@@ -18131,7 +18272,7 @@ static sbl_result sbl__work_step(sbl_context *c, sbl__slice *slice) {
     switch (c->work) {
         case SBL__WORK_GATHER: return sbl__gathering_step(&c->core, &c->gathering, slice);
         case SBL__WORK_VERTICES: return sbl__vertices_step(&c->core, &c->vertices, slice);
-        case SBL__WORK_PROBES: return sbl__probing_step(&c->core, &c->probing, slice);
+        case SBL__WORK_PROBES: return sbl__probes_step(&c->core, &c->probes, slice);
         default: return sbl__map_step(c->map, slice);
     }
 }
@@ -18141,7 +18282,7 @@ static float sbl__work_progress(const sbl_context *c) {
     switch (c->work) {
         case SBL__WORK_GATHER: return sbl__gathering_progress(&c->core, &c->gathering);
         case SBL__WORK_VERTICES: return sbl__vertices_progress(&c->core, &c->vertices);
-        case SBL__WORK_PROBES: return sbl__probing_progress(&c->core, &c->probing);
+        case SBL__WORK_PROBES: return sbl__probes_progress(&c->core, &c->probes);
         default: return sbl__map_progress(c->map);
     }
 }
@@ -18159,7 +18300,7 @@ typedef struct sbl__work_report {
 static sbl__work_report sbl__work_reports(sbl_context *c) {
     sbl__map *map = c->map ? c->map : &c->picture.map;
     const sbl__work_report picture = SBL__REPORT(*map), gather = SBL__REPORT(c->gathering);
-    const sbl__work_report vertices = SBL__REPORT(c->vertices.gathering), probes = SBL__REPORT(c->probing);
+    const sbl__work_report vertices = SBL__REPORT(c->vertices.gathering), probes = SBL__REPORT(c->probes);
     return c->work == SBL__WORK_GATHER ? gather : c->work == SBL__WORK_VERTICES ? vertices
          : c->work == SBL__WORK_PROBES ? probes : picture;
 }
@@ -18185,7 +18326,7 @@ static sbl_result sbl__context_step(sbl_context *c, sbl__slice *slice) {
 /* Is something under way that is no picture and no lightmap? */
 static int sbl__sites_under_way(const sbl_context *c) {
     return sbl__gathering_under_way(&c->gathering) || sbl__vertices_under_way(&c->vertices) ||
-           sbl__probing_under_way(&c->probing);
+           sbl__probes_under_way(&c->probes);
 }
 
 #define SBL__SLICE_REST 0.2  /* share of a slice that is not worth another piece */
@@ -18247,7 +18388,7 @@ SBL_API float sbl_progress(const sbl_context *c) {
     return !c ? 0
          : c->work == SBL__WORK_GATHER   ? c->gathering.progress
          : c->work == SBL__WORK_VERTICES ? c->vertices.gathering.progress
-         : c->work == SBL__WORK_PROBES   ? c->probing.progress
+         : c->work == SBL__WORK_PROBES   ? c->probes.progress
          : c->map                        ? c->map->progress : 0;
 }
 
@@ -18258,7 +18399,7 @@ SBL_API void sbl_end(sbl_context *c) {
     sbl__visit_enter(c, &visit);
     sbl__map_drop(c);
     sbl__gathering_free(&c->core.base, &c->gathering);
-    sbl__probing_free(&c->core.base, &c->probing);
+    sbl__probes_free(&c->core.base, &c->probes);
     sbl__vertices_free(&c->core.base, &c->vertices);
     sbl__inspection_free(&c->core.device, &c->inspection);
     sbl__bounce_end(&c->core);

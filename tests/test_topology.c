@@ -1,0 +1,242 @@
+/* Topology and solver, without GL: hash tables, welding, shared sides, groups, rings, normal equations. */
+#define SBL_IMPLEMENTATION
+#include "../sbl.h"
+#include "support/test.h"
+
+static sbl__base base;
+
+static void *take(size_t bytes, void *user) { (void)user; return malloc(bytes); }
+static void give(void *pointer, void *user) { (void)user; free(pointer); }
+
+static sbl__slice slice_of(double seconds) {
+    sbl_context_desc desc;
+    memset(&desc, 0, sizeof desc);
+    return sbl__slice_of(&desc, seconds);
+}
+
+static int same_tens(const void *user, uint32_t one, uint32_t other) { (void)user; return one / 10 == other / 10; }
+
+/* All numbers have one hash, so that they lie in a row: the first of a group must be found behind others. */
+TEST(numbers_are_found_in_order) {
+    sbl__hash_table t = { NULL, 0 };
+    uint32_t i, slot = 7, wrong = 0;
+    REQUIRE(sbl__hash_table_make(&base, &t, 100) == SBL_SUCCESS, "no memory");
+    CHECK(t.mask >= 199, "%u slots for 100 numbers", t.mask + 1);
+    for (i = 0; i < 100; i++) wrong += sbl__hash_table_first(&t, 7, i, same_tens, NULL) != i / 10 * 10;
+    CHECK(!wrong, "%u numbers are not found", wrong);
+    for (i = 0; i < 10; i++) wrong += sbl__slot_next(&t, &slot) != 10 * i;
+    CHECK(!wrong && sbl__slot_next(&t, &slot) == SBL__NONE, "ten numbers are not in their order");
+    sbl__hash_table_free(&base, &t);
+}
+
+TEST(zeroes_are_the_same) {
+    const float a[3] = { 0, -0.0f, 1 }, b[3] = { -0.0f, 0, 1 }, c[3] = { 0, 0, 2 };
+    CHECK(sbl__hash_floats(5, a, 3) == sbl__hash_floats(5, b, 3) && sbl__same_floats(a, b, 3), "0 is not -0");
+    CHECK(sbl__hash_floats(5, a, 3) != sbl__hash_floats(5, c, 3) && !sbl__same_floats(a, c, 3), "1 is 2");
+    CHECK(sbl__same_floats(a, c, 2), "the third float counts");
+}
+
+TEST(places_are_a_meshs) {
+    sbl__vertex v[3];
+    sbl__geometry g;
+    memset(v, 0, sizeof v);
+    memset(&g, 0, sizeof g);
+    g.vertices = v;
+    v[0].position[1] = v[1].position[1] = v[2].position[1] = 3;
+    v[1].object = 1;
+    CHECK(sbl__same_place(&g, 0, 2) && sbl__place_hash(&g, 0) == sbl__place_hash(&g, 2), "one place is two");
+    CHECK(!sbl__same_place(&g, 0, 1), "two meshes share a place");
+    v[2].position[2] = 1;
+    CHECK(!sbl__same_place(&g, 0, 2), "two places are one");
+}
+
+/* Two triangles side by side, turned either way, and a third that touches them in a corner. */
+TEST(sides_are_shared) {
+    static const uint32_t corners[9] = { 0, 1, 2, 1, 2, 3, 3, 4, 5 };
+    static const uint32_t first[9] = { 0, 1, 2, 1, 4, 5, 6, 7, 8 };
+    sbl__hash_table t = { NULL, 0 };
+    uint32_t i;
+    REQUIRE(sbl__hash_table_make(&base, &t, 9) == SBL_SUCCESS, "no memory");
+    for (i = 0; i < 9; i++) {
+        const uint32_t found = sbl__first_side(&t, corners, i);
+        CHECK(found == first[i], "side %u is side %u's, expected %u", i, found, first[i]);
+    }
+    CHECK(sbl__side_end(corners, 4, 0) == 2 && sbl__side_end(corners, 4, 1) == 3 && sbl__side_end(corners, 4, 2) == 1,
+          "side 4 has other ends");
+    sbl__hash_table_free(&base, &t);
+}
+
+TEST(groups_have_their_least_number) {
+    enum { COUNT = 1000 };
+    static uint32_t parents[COUNT];
+    uint32_t i, wrong = 0;
+    for (i = 0; i < COUNT; i++) parents[i] = i;
+    for (i = COUNT - 1; i >= 7; i--) sbl__join(parents, i, i - 7);
+    for (i = 0; i < COUNT; i++) wrong += sbl__root(parents, i) != i % 7;
+    CHECK(!wrong, "%u numbers have another root", wrong);
+    sbl__join(parents, 996, 5);
+    CHECK(sbl__root(parents, 996) == sbl__root(parents, 5), "they were joined");
+}
+
+enum { GRID_WIDTH = 12, GRID_HEIGHT = 9 };
+static double values[GRID_WIDTH * GRID_HEIGHT];
+static sbl__rings rings;
+
+static void mean_of_neighbours(void *user, int thing) {
+    double sum = 0, count = 0;
+    size_t place = 0;
+    int other;
+    (void)user;
+    while ((other = sbl__ring_grid(&rings, thing, &place)) >= 0) {
+        if (!sbl__ring_reached(&rings, other)) continue;
+        sum += values[other];
+        count += 1;
+    }
+    values[thing] = sum / count;
+}
+
+/* From the left column, whose value is its row, values spread over `last` columns: each gets the mean of three. */
+static void spread(int last) {
+    sbl__slice slice = slice_of(0);
+    int i, x, y;
+    memset(&rings, 0, sizeof rings);
+    rings.neighbour = sbl__ring_grid;
+    rings.mean = mean_of_neighbours;
+    rings.width = GRID_WIDTH;
+    rings.last = last;
+    REQUIRE(sbl__rings_make(&base, &rings, GRID_WIDTH * GRID_HEIGHT) == SBL_SUCCESS, "no memory");
+    for (i = 0; i < GRID_WIDTH * GRID_HEIGHT; i++) values[i] = -1;
+    for (y = 0; y < GRID_HEIGHT; y++) {
+        values[y * GRID_WIDTH] = y;
+        rings.ring[y * GRID_WIDTH] = 0;
+    }
+    while (sbl__rings_step(&rings, &slice) == SBL_UNFINISHED) {}
+    for (y = 0; y < GRID_HEIGHT; y++)
+        for (x = 1; x < GRID_WIDTH; x++) {
+            const double *before = values + y * GRID_WIDTH + x - 1;
+            const int above = y > 0, below = y + 1 < GRID_HEIGHT;
+            const double sum = (above ? before[-GRID_WIDTH] : 0) + before[0] + (below ? before[GRID_WIDTH] : 0);
+            const double expected = x > last ? -1 : sum / (1 + above + below);
+            CHECK(fabs(values[y * GRID_WIDTH + x] - expected) < 1e-12, "%d rings: %d %d is %g, expected %g", last, x, y,
+                  values[y * GRID_WIDTH + x], expected);
+            CHECK(rings.ring[y * GRID_WIDTH + x] == (x > last ? SBL__RING_WAITS : x), "%d %d is in ring %d", x, y,
+                  rings.ring[y * GRID_WIDTH + x]);
+        }
+    sbl__rings_free(&base, &rings);
+}
+
+TEST(values_spread_ring_by_ring) {
+    spread(GRID_WIDTH);
+    spread(3);
+    spread(0);
+}
+
+/* A least squares problem of random rows: a matrix with a small multiple of the identity, against elimination. */
+enum { UNKNOWNS = 12, ROWS = 20 };
+static double rows[ROWS][UNKNOWNS];
+
+static void row_term(void *user, int row, const double *direction, double *product) {
+    int i, k;
+    (void)user;
+    for (k = 0; k < 3; k++) {
+        double dot = 0;
+        for (i = 0; i < UNKNOWNS; i++) dot += rows[row][i] * direction[3 * i + k];
+        for (i = 0; i < UNKNOWNS; i++) product[3 * i + k] += rows[row][i] * dot;
+    }
+}
+
+/* Solves the dense system with those channels left out whose diagonal is 0. */
+static void eliminate(int channel, const double *diagonal, const double *right, double identity, double *out) {
+    double m[UNKNOWNS][UNKNOWNS + 1];
+    int i, j, k;
+    memset(m, 0, sizeof m);
+    for (i = 0; i < UNKNOWNS; i++) {
+        for (j = 0; j < UNKNOWNS; j++) {
+            for (k = 0; k < ROWS; k++) m[i][j] += rows[k][i] * rows[k][j];
+            if (i == j) m[i][j] += identity;
+            if (!(diagonal[3 * i + channel] > 0) || !(diagonal[3 * j + channel] > 0)) m[i][j] = i == j;
+        }
+        m[i][UNKNOWNS] = diagonal[3 * i + channel] > 0 ? right[3 * i + channel] : 0;
+    }
+    for (k = 0; k < UNKNOWNS; k++)
+        for (i = 0; i < UNKNOWNS; i++) {
+            const double share = m[i][k] / m[k][k];
+            for (j = k; j <= UNKNOWNS && i != k; j++) m[i][j] -= share * m[k][j];
+        }
+    for (i = 0; i < UNKNOWNS; i++) out[i] = m[i][UNKNOWNS] / m[i][i];
+}
+
+static void solve(int together, int preconditioned, double identity, int bound) {
+    double right[3 * UNKNOWNS], diagonal[3 * UNKNOWNS], expected[UNKNOWNS];
+    sbl__slice slice = slice_of(0);
+    sbl__solver s;
+    uint32_t seed = 1;
+    int i, k, run;
+    memset(&s, 0, sizeof s);
+    for (i = 0; i < ROWS * UNKNOWNS; i++) rows[i / UNKNOWNS][i % UNKNOWNS] = sbl__hash(seed++) / 4294967296.0 - 0.3;
+    REQUIRE(sbl__solver_make(&base, &s, UNKNOWNS) == SBL_SUCCESS, "no memory");
+    s.term = row_term;
+    s.term_count = ROWS;
+    s.together = together;
+    s.identity = identity;
+    s.precision2 = 1e-24;
+    for (i = 0; i < 3 * UNKNOWNS; i++) {
+        diagonal[i] = preconditioned ? identity : 1;
+        for (k = 0; k < ROWS && preconditioned; k++) diagonal[i] += rows[k][i / 3] * rows[k][i / 3];
+        if (bound && i % 5 == 0) diagonal[i] = 0;
+        s.diagonal[i] = diagonal[i];
+    }
+    for (run = 0; run < 2; run++) {  /* the second right side must not know the first */
+        for (i = 0; i < 3 * UNKNOWNS; i++) {
+            s.solution[i] = 0;
+            s.residual[i] = right[i] = i % 3 == 2 && run ? 0 : sbl__hash(seed++) / 4294967296.0;
+        }
+        while (sbl__solver_step(&s, &slice) == SBL_UNFINISHED) {}
+        for (k = 0; k < 3; k++) {
+            eliminate(k, diagonal, right, identity, expected);
+            for (i = 0; i < UNKNOWNS; i++)
+                CHECK(fabs(s.solution[3 * i + k] - expected[i]) < 1e-7, "run %d, unknown %d of channel %d: %g, expected %g",
+                      run, i, k, s.solution[3 * i + k], expected[i]);
+        }
+    }
+    sbl__solver_free(&base, &s);
+}
+
+TEST(least_squares_are_solved) {
+    solve(0, 1, 0, 0);
+    solve(0, 1, 0.1, 1);
+    solve(1, 0, 0.1, 0);
+    solve(1, 0, 0.1, 1);
+}
+
+/* Without a right side there is nothing to do. */
+TEST(zero_is_solved_at_once) {
+    sbl__slice slice = slice_of(0);
+    sbl__solver s;
+    int i;
+    memset(&s, 0, sizeof s);
+    REQUIRE(sbl__solver_make(&base, &s, UNKNOWNS) == SBL_SUCCESS, "no memory");
+    s.term = row_term;
+    s.term_count = ROWS;
+    for (i = 0; i < 3 * UNKNOWNS; i++) s.diagonal[i] = 1;
+    CHECK(sbl__solver_step(&s, &slice) == SBL_SUCCESS, "it takes more than one piece");
+    for (i = 0; i < 3 * UNKNOWNS; i++) CHECK(!(fabs(s.solution[i]) > 0), "unknown %d is %g", i, s.solution[i]);
+    sbl__solver_free(&base, &s);
+}
+
+TEST(no_memory_is_left) { CHECK(base.memory.host_bytes == 0, "%.0f bytes are left", (double)base.memory.host_bytes); }
+
+int main(void) {
+    base.allocator.alloc = take;
+    base.allocator.free = give;
+    RUN(numbers_are_found_in_order);
+    RUN(zeroes_are_the_same);
+    RUN(places_are_a_meshs);
+    RUN(sides_are_shared);
+    RUN(groups_have_their_least_number);
+    RUN(values_spread_ring_by_ring);
+    RUN(least_squares_are_solved);
+    RUN(zero_is_solved_at_once);
+    RUN(no_memory_is_left);
+    return test_report();
+}
