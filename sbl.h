@@ -1409,8 +1409,8 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
        >>gather is the shortest one, take its shape. A struct with sbl__stages, the sites and the readings; begin
        stores; a table of stages (>>device) calls, until each is done, sbl__prepare (hierarchy, lamps, store),
        sbl__spec_make (how to see), sbl__job_begin with a task (sites, readings), sbl__job_step with the slice it was
-       given. A loop over many things is a stage with `turn` and `count`. In >>public: a function that checks and begins, a case in
-       sbl__context_step. The readings also lie on the GPU: sbl__job.results, a texel a look.
+       given. A loop over many things is a stage with `turn` and `count`. In >>public: a function that checks and
+       begins, a case in sbl__context_step. The readings also lie on the GPU: sbl__job.results, a texel a look.
 
    To add a light:
        a kind in sbl_light_kind and what it needs in sbl_light; sbl__check_light; in >>lamps its words (LIGHT_RECORD,
