@@ -6670,7 +6670,7 @@ static sbl_result sbl__store_add_split(sbl__base *base, sbl__store *s, uint32_t 
    there. */
 
 
-typedef struct sbl__patch { double area; float normal[3], bounds[2][3]; int flat; } sbl__patch;
+typedef struct sbl__patch { double area; float normal[3]; sbl__box bounds; int flat; } sbl__patch;
 
 typedef struct sbl__patching {  /* while patches are made */
     sbl__stages stages;
@@ -6748,20 +6748,17 @@ static sbl_result sbl__patch_measure(void *work, int at) {
     const uint32_t root = sbl__root(p->parents, triangle);
     sbl__patch *patch = &p->patches[root];
     const sbl__object *o = sbl__object_of(g, triangle);
-    const float *corners[3];
     double normal[3], along;
     const double area = sbl__scene_normal(g, triangle, normal);
-    int i, k;
-    sbl__scene_triangle(g, triangle, corners);
+    sbl__box box;
+    int k;
     if (triangle == root) {  /* the first of its patch */
         patch->flat = 1;
         for (k = 0; k < 3; k++) patch->normal[k] = (float)normal[k];
-        for (k = 0; k < 3; k++) patch->bounds[0][k] = patch->bounds[1][k] = corners[0][k];
+        sbl__box_clear(&patch->bounds);
     }
-    for (i = 0; i < 9; i++) {
-        patch->bounds[0][i % 3] = SBL__MIN(patch->bounds[0][i % 3], corners[i / 3][i % 3]);
-        patch->bounds[1][i % 3] = SBL__MAX(patch->bounds[1][i % 3], corners[i / 3][i % 3]);
-    }
+    sbl__box_of_triangle(&box, g, triangle);
+    sbl__box_add(&patch->bounds, &box);
     if (!(o->flags & SBL__HIDDEN_FROM_SENSORS)) {
         patch->area += area;
         p->area += area;
@@ -12196,26 +12193,25 @@ static int sbl__stand_make(const sbl__bounce *b, const sbl__hit *at, const sbl__
     const sbl__patch *patches = b->patching.patches;
     const uint32_t patch = sbl__place_patch(s, at) & ~SBL__PATCH_NEAR, other = s->patches[met->place >> 1];
     const double length = (double)s->length;
-    const sbl__patch *own, *its = other & SBL__PATCH_FLAT ? &patches[other >> SBL__PATCH_SHIFT] : NULL;
-    const float *p[3];
+    const int flat = (other & SBL__PATCH_FLAT) != 0;
+    const sbl__box *own;
+    sbl__box its;
     float normal[3];
     double along[3], t0 = -1e300, t1 = 1e300, slack;
     int k;
     if (!(patch & SBL__PATCH_FLAT)) return 0;
-    own = &patches[patch >> SBL__PATCH_SHIFT];
+    own = &patches[patch >> SBL__PATCH_SHIFT].bounds;
+    if (flat) its = patches[other >> SBL__PATCH_SHIFT].bounds;
+    else sbl__box_of_triangle(&its, g, met->place >> 1);
     slack = SBL__FEELER_APART * length + 4 * (double)sbl__place_normal(g, at->place, normal);
     sbl__place_normal(g, met->place, line->normal);
-    sbl__scene_triangle(g, met->place >> 1, p);
     for (k = 0; k < 3; k++) {
         const int m = (k + 1) % 3, n = (k + 2) % 3;
         along[k] = (double)normal[m] * line->normal[n] - (double)normal[n] * line->normal[m];
     }
     if (!sbl__normalize(along)) return 0;
     for (k = 0; k < 3; k++) {
-        const float least = SBL__MIN(SBL__MIN(p[0][k], p[1][k]), p[2][k]);
-        const float most = SBL__MAX(SBL__MAX(p[0][k], p[1][k]), p[2][k]);
-        const float low = SBL__MAX(own->bounds[0][k], its ? its->bounds[0][k] : least);
-        const float high = SBL__MIN(own->bounds[1][k], its ? its->bounds[1][k] : most);
+        const float low = SBL__MAX(own->low[k], its.low[k]), high = SBL__MIN(own->high[k], its.high[k]);
         const double from = (double)low - slack - met->position[k], to = (double)high + slack - met->position[k];
         if (fabs(along[k]) < 1e-6) continue;
         t0 = SBL__MAX(t0, SBL__MIN(from / along[k], to / along[k]));
@@ -12226,8 +12222,8 @@ static int sbl__stand_make(const sbl__bounce *b, const sbl__hit *at, const sbl__
         line->from[k] = met->position[k] + t0 * along[k];
         line->along[k] = (t1 - t0) * along[k];
     }
-    line->distance = sbl__dot(line->normal, p[0]);
-    line->what = its ? other | 1u : met->place & ~1u;
+    line->distance = sbl__dot(line->normal, sbl__corner_of(g, met->place >> 1, 0));
+    line->what = flat ? other | 1u : met->place & ~1u;
     line->patch = patch;
     return 1;
 }
