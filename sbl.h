@@ -8719,7 +8719,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    vec2 b;       // barycentrics on a triangle\n",
 "};\n",
 "\n",
-"// Weights of the second and third corner of a triangle at a point of its plane. from_corner: from the first corner.\n",
+"// Weights of a triangle's second and third corner at a point of its plane. from_corner: from the first corner.\n",
 "vec2 sbl_barycentrics(sbl_Lamp l, vec3 normal, vec3 from_corner) {\n",
 "    vec2 areas = vec2(dot(cross(from_corner, l.side_2), normal), dot(cross(l.side_1, from_corner), normal));\n",
 "    return areas / dot(normal, normal);\n",
