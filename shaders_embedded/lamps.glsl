@@ -284,7 +284,7 @@ struct sbl_Sample {
     vec2 b;       // barycentrics on a triangle
 };
 
-// Weights of the second and third corner of a triangle at a point of its plane. from_corner: from the first corner.
+// Weights of a triangle's second and third corner at a point of its plane. from_corner: from the first corner.
 vec2 sbl_barycentrics(sbl_Lamp l, vec3 normal, vec3 from_corner) {
     vec2 areas = vec2(dot(cross(from_corner, l.side_2), normal), dot(cross(l.side_1, from_corner), normal));
     return areas / dot(normal, normal);

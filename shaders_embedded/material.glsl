@@ -18,15 +18,20 @@ sbl_Material sbl_material(int object, sbl_Attributes at) {
 // False: sbl_material finds no hole anywhere, and need not be asked.
 bool sbl_has_holes(int object) { return sbl_object_alpha_cutoff(object) > 0.0; }
 
-// Radiance that one side of a surface emits, before its texture is applied.
-vec3 sbl_emission(int object, bool back) {
-    bool dark = back && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u;
-    return dark ? vec3(0) : sbl_object_emission(object);
+// True: this side of the surface does not emit, whatever the material's emission is.
+bool sbl_dark_side(int object, bool back) {
+    return back && (sbl_object_flags(object) & SBL_ONE_SIDED_EMISSION) != 0u;
 }
 
+// Radiance that one side of a surface emits, before its texture is applied.
+vec3 sbl_emission(int object, bool back) {
+    return sbl_dark_side(object, back) ? vec3(0) : sbl_object_emission(object);
+}
+
+// It does not ask sbl_emission, since softpipe then shows wrong sides.
 bool sbl_emits(int object, bool back) {
-    vec3 emission = sbl_emission(object, back);
-    return max(max(emission.r, emission.g), emission.b) > 0.0;
+    vec3 emission = sbl_object_emission(object);
+    return max(max(emission.r, emission.g), emission.b) > 0.0 && !sbl_dark_side(object, back);
 }
 
 // The factor by which the texture changes the emission at a point.
@@ -51,7 +56,7 @@ bool sbl_outgoing_is_plain(int object, bool back) {
 // 2, which is the radiance of an emitter, or the ambient factor times the colour.
 vec3 sbl_outgoing(int object, bool back, sbl_Attributes at) {
     bool emits = sbl_emits(object, back);
-    vec3 radiance = emits ? sbl_emission(object, back) : epsilon * sbl_object_albedo(object);
+    vec3 radiance = emits ? sbl_object_emission(object) : epsilon * sbl_object_albedo(object);
     if (emits && lamps_apart) radiance = vec3(0);
 #ifdef SBL_TEXTURED
     if (!sbl_outgoing_is_plain(object, back)) {
