@@ -1041,7 +1041,7 @@ typedef size_t (*sbl_read_function)(void *data, size_t bytes, void *user);
 /* >>options */
 
 typedef enum sbl_mode {
-    SBL_MODE_DEFAULT = 0,  /* SBL_MODE_GI */
+    SBL_MODE_DEFAULT = 0,  /* the default, see sbl_options.mode */
     SBL_MODE_AMBIENT,      /* emitters, lights and sky, and every other surface has the radiance epsilon * albedo: the
                               paper's method, over the whole hemisphere */
     SBL_MODE_DIRECT,       /* emitters, lights and sky only */
@@ -1053,7 +1053,7 @@ typedef enum sbl_mode {
 typedef enum sbl_preset { SBL_PRESET_DEFAULT = 0, SBL_PRESET_DRAFT, SBL_PRESET_HIGH, SBL_PRESET_COUNT } sbl_preset;
 
 typedef enum sbl_sensor_kind {
-    SBL_SENSOR_DEFAULT = 0,  /* SBL_SENSOR_HEMICUBE; in SBL_MODE_PAPER SBL_SENSOR_SINGLE */
+    SBL_SENSOR_DEFAULT = 0,  /* the default, see sbl_picture_desc.sensor_kind */
     SBL_SENSOR_HEMICUBE,     /* five views, which cover the whole hemisphere */
     SBL_SENSOR_SINGLE,       /* the paper's single view along the normal, sensor_fov wide. Outside of it the sensor sees
                                 nothing but lamps */
@@ -17979,8 +17979,8 @@ SBL_API sbl_result sbl_read_channel(sbl_context *c, sbl_channel channel, float *
     pixels = (size_t)c->picture.size[0] * (size_t)c->picture.size[1];
     if (c->picture.stage != SBL__STAGE_NONE && float_count < pixels * (size_t)components) {
         sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_read_channel: float_count is "
-                 "%.0f; channel %d of %d x %d pixels needs %.0f floats", (double)float_count, (int)channel, c->picture.size[0],
-                 c->picture.size[1], (double)pixels * components);
+                 "%.0f; channel %d of %d x %d pixels needs %.0f floats", (double)float_count, (int)channel,
+                 c->picture.size[0], c->picture.size[1], (double)pixels * components);
         return SBL_ERROR_INVALID_ARGUMENT;
     }
     result = sbl__channel_ready(c, "sbl_read_channel");
@@ -18081,8 +18081,8 @@ SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *
     memset(&s, 0, sizeof s);
     sbl__sheet_size(c, &s);
     if ((radiance || weights) && texel_count < (size_t)s.sheet_width * (size_t)s.sheet_height) {
-        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor: texel_count is %.0f; "
-                 "the sheet has %d x %d texels", (double)texel_count, s.sheet_width, s.sheet_height);
+        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor: texel_count is "
+                 "%.0f; the sheet has %d x %d texels", (double)texel_count, s.sheet_width, s.sheet_height);
         return SBL_ERROR_INVALID_ARGUMENT;
     }
     sbl__inspection_free(&c->core.base, &c->inspection);
