@@ -228,9 +228,10 @@
    sbl_picture_desc.target_error is the error of R that you accept: the root mean square over the visible pixels, in
    luminance, divided by the mean luminance of R there. 0.02 means 2 %. The default is 0.015 (draft 0.05, high 0.0075).
 
-   With the default target, each sensor takes at most 16 looks, which are 512 rays (high: 1,024). This limit keeps the
-   time bounded where light comes through windows, and there the picture may miss the target. If you set target_error
-   yourself, a sensor may take up to 512 looks, at least 16 times as many rays.
+   With the default target, each sensor takes at most 16 looks. These are 512 / 512 / 1024 rays (draft / default / high)
+   for pictures, and 512 / 1024 / 2048 for lightmaps. This limit keeps the time bounded where light comes through
+   windows, and there the picture may miss the target. If you set target_error yourself, a sensor may take up to 512
+   looks, at least 16 times as many rays.
 
    A picture begins with few sensors that take one look each. From these it predicts the error of each tile, which has
    two parts:
@@ -689,8 +690,8 @@
 #define SBL_VERSION_MINOR 2
 #define SBL_VERSION_PATCH 0
 
-/* SBL_STATIC makes every function private to the one file that holds the implementation. SBL_API may be set to what
-   stands before each function instead, such as __declspec(dllexport). */
+/* SBL_STATIC makes every function private to the file that holds the implementation. SBL_API may be defined as the
+   words that stand before each function instead, such as __declspec(dllexport). */
 #ifndef SBL_API
   #if defined(SBL_STATIC) && defined(__GNUC__)
     #define SBL_API static __attribute__((unused))
@@ -707,51 +708,52 @@ typedef struct sbl_context sbl_context;
 
 typedef enum sbl_result {
     SBL_SUCCESS = 0,
-    SBL_UNFINISHED,              /* not an error: call sbl_step again; it is not there yet */
-    SBL_CANCELLED,               /* the progress callback asked for it */
+    SBL_UNFINISHED,              /* not an error: more work is left, or there is nothing to read yet; call sbl_step */
+    SBL_CANCELLED,               /* the progress callback has cancelled the work */
     SBL_ERROR_INVALID_ARGUMENT,  /* a descriptor or parameter is out of range; the log names each field and value */
-    SBL_ERROR_OUT_OF_MEMORY,     /* host or GPU memory */
+    SBL_ERROR_OUT_OF_MEMORY,     /* there is not enough host memory or GPU memory */
     SBL_ERROR_UNSUPPORTED,       /* the GL context, or this version of sbl.h, cannot do this */
-    SBL_ERROR_STATE,             /* called in the wrong order: no scene yet, no picture yet, a picture under way */
+    SBL_ERROR_STATE,             /* called in the wrong order: there is no scene or picture yet, nothing was begun, the
+                                    scene has changed, or the call came from a callback */
     SBL_ERROR_GL,                /* GL reported an error, or a shader did not compile (a driver bug: see the log) */
     SBL_RESULT_COUNT
 } sbl_result;
 
 typedef enum sbl_log_level { SBL_LOG_ERROR, SBL_LOG_WARNING, SBL_LOG_INFO } sbl_log_level;
 
-/* Every message belongs to one item, so that a host can filter without reading text. */
-#define SBL_LOG_ITEMS(X)                                                              \
-    X(OK, "nothing to report")                                                        \
-    X(INVALID_ARGUMENT, "a parameter is out of range")                                \
-    X(INVALID_CONTEXT_DESC, "a field of sbl_context_desc is out of range")            \
-    X(INVALID_SCENE_DESC, "a field of sbl_scene_desc is out of range")                \
-    X(INVALID_MESH, "a mesh is not usable")                                           \
-    X(INVALID_MATERIAL, "a material is not usable")                                   \
-    X(INVALID_TEXTURE, "a texture is not usable")                                     \
-    X(INVALID_LIGHT, "a light or the environment is not usable")                      \
-    X(INVALID_PICTURE_DESC, "a field of sbl_picture_desc is out of range")            \
+/* Every message belongs to one item, so that a host can select messages without reading their text. */
+#define SBL_LOG_ITEMS(X)                                                                  \
+    X(OK, "nothing to report")                                                            \
+    X(INVALID_ARGUMENT, "a parameter is out of range")                                    \
+    X(INVALID_CONTEXT_DESC, "a field of sbl_context_desc is out of range")                \
+    X(INVALID_SCENE_DESC, "a field of sbl_scene_desc is out of range")                    \
+    X(INVALID_MESH, "a mesh is not usable")                                               \
+    X(INVALID_MATERIAL, "a material is not usable")                                       \
+    X(INVALID_TEXTURE, "a texture is not usable")                                         \
+    X(INVALID_LIGHT, "a light or the environment is not usable")                          \
+    X(INVALID_PICTURE_DESC, "a field of sbl_picture_desc is out of range")                \
     X(INVALID_READINGS_DESC, "a field of sbl_readings_desc, or a site, is out of range")  \
-    X(INVALID_LIGHTMAP_DESC, "a field of sbl_lightmap_desc is out of range")          \
-    X(INVALID_PROBES_DESC, "a field of sbl_probes_desc is out of range")              \
-    X(INVALID_VERTICES_DESC, "a field of sbl_vertices_desc is out of range")          \
-    X(WRONG_ORDER, "a function was called before what it needs")                      \
-    X(OUT_OF_MEMORY, "memory could not be allocated")                                 \
-    X(TOO_LARGE, "more than the GL context or the index range can hold")              \
-    X(NO_GL, "no usable GL context")                                                  \
-    X(GL_FUNCTION_MISSING, "the GL loader did not find a function")                   \
-    X(GL_ERROR, "GL reported an error")                                               \
-    X(SHADER_COMPILE, "a shader did not compile")                                     \
-    X(SHADER_LINK, "a shader program did not link")                                   \
-    X(FRAMEBUFFER, "a framebuffer is not complete")                                   \
-    X(DRAWS_WRONG, "the driver's picture of a known triangle is wrong")               \
-    X(DEGENERATE_TRIANGLES, "triangles without area were left out")                   \
-    X(NOTHING_VISIBLE, "the camera sees no surface, or a lightmap has none")          \
-    X(OVERLAP, "triangles share texels of a lightmap")                                \
-    X(OUTSIDE, "triangles lie outside of a lightmap")                                 \
-    X(NO_LIGHT, "nothing in the scene shines")                                        \
-    X(SCALE, "the scene is too small, too large or too far off for exact light")      \
-    X(INVALID_STORE, "saved light is damaged or of another scene")                    \
-    X(ALBEDO, "bounced light takes no albedo above 0.98")                             \
+    X(INVALID_LIGHTMAP_DESC, "a field of sbl_lightmap_desc is out of range")              \
+    X(INVALID_PROBES_DESC, "a field of sbl_probes_desc is out of range")                  \
+    X(INVALID_VERTICES_DESC, "a field of sbl_vertices_desc is out of range")              \
+    X(WRONG_ORDER, "a function was called in the wrong order, or by a callback")          \
+    X(OUT_OF_MEMORY, "memory could not be allocated")                                     \
+    X(TOO_LARGE, "there is more than the GL context or the index range can hold")         \
+    X(NO_GL, "there is no usable GL context")                                             \
+    X(GL_FUNCTION_MISSING, "the GL loader did not find a function")                       \
+    X(GL_ERROR, "GL reported an error")                                                   \
+    X(SHADER_COMPILE, "a shader did not compile")                                         \
+    X(SHADER_LINK, "a shader program did not link")                                       \
+    X(FRAMEBUFFER, "a framebuffer is not complete")                                       \
+    X(DRAWS_WRONG, "the driver's picture of a known triangle is wrong")                   \
+    X(DEGENERATE_TRIANGLES, "triangles without area were left out")                       \
+    X(NOTHING_VISIBLE, "the camera sees no surface, or a lightmap has none")              \
+    X(OVERLAP, "triangles share texels of a lightmap")                                    \
+    X(OUTSIDE, "triangles lie outside of a lightmap")                                     \
+    X(NO_LIGHT, "nothing in the scene emits light")                                       \
+    X(SCALE, "the scene is too small, too large or too far from the origin")              \
+    X(INVALID_STORE, "saved light is damaged or belongs to another scene")                \
+    X(ALBEDO, "an albedo above 0.98 reflects bounced light as 0.98")                      \
     X(INFO, "information")
 
 #define SBL__X(name, text) SBL_LOG_ITEM_##name,
@@ -763,53 +765,55 @@ typedef enum sbl_log_item { SBL_LOG_ITEMS(SBL__X) SBL_LOG_ITEM_COUNT } sbl_log_i
 typedef void (*sbl_gl_function)(void);
 
 typedef struct sbl_allocator {
-    void *(*alloc)(size_t bytes, void *user);  /* NULL means out of memory */
-    void (*free)(void *pointer, void *user);   /* never called with NULL */
-    void *user;
+    void *(*alloc)(size_t bytes, void *user);  /* returns NULL if memory runs out */
+    void (*free)(void *pointer, void *user);   /* is never called with NULL */
+    void *user;                                /* passed to both functions */
 } sbl_allocator;
 
 typedef struct sbl_logger {
     void (*log)(sbl_log_level level, sbl_log_item item, const char *message, void *user);
-    void *user;
+    void *user;                                /* passed to log */
 } sbl_logger;
 
-/* Optional GL features; a bit in sbl_context_desc.disabled makes sbl.h act as if the driver did not have it. */
+/* Optional GL features. A bit in sbl_context_desc.disabled makes sbl.h act as if the driver lacked the feature. */
 typedef enum sbl_capability {
-    SBL_CAPABILITY_CLIP_CONTROL = 1 << 0,  /* GL 4.5 or ARB_clip_control: depth from 1 (near) to 0 (infinity) without
-                                              a shader writing it */
-    SBL_CAPABILITY_COMPUTE = 1 << 1,       /* GL 4.3: rays are traced by compute shaders instead of fragment shaders;
-                                              llvmpipe: 2 to 15 % faster, bit for bit the same */
+    SBL_CAPABILITY_CLIP_CONTROL = 1 << 0,  /* GL 4.5 or ARB_clip_control: depth goes from 1 (near) to 0 (infinity), and
+                                              shaders need not write it */
+    SBL_CAPABILITY_COMPUTE = 1 << 1,       /* GL 4.3: compute shaders trace rays instead of fragment shaders; on
+                                              llvmpipe this is 2 to 15 % faster, with results equal to the bit */
     SBL_CAPABILITY_ALL = (1 << 2) - 1
 } sbl_capability;
 
-/* All of it may be zero. */
+/* Zero is the default of every field. */
 typedef struct sbl_context_desc {
-    uint32_t start_canary;    /* leave zero: found when the struct was not zeroed */
-    sbl_gl_function (*get_gl_function)(const char *name, void *user);  /* such as eglGetProcAddress; NULL: make a
-                                                                          headless context (needs SBL_EGL) */
-    void *gl_user;
-    sbl_allocator allocator;  /* default: malloc and free; give both functions or none */
-    sbl_logger logger;        /* default: errors and warnings to stderr, one line each; define SBL_NO_STDIO for
-                                 silence */
-    uint32_t disabled;        /* sbl_capability bits to do without, for tests. Default: none */
-    int sensor_texture_size;  /* width and height, in texels, of the texture that holds the views of a batch of sensors,
-                                 256 to 16384, at most what the driver supports. Default: 2048. The size changes
-                                 pictures by float rounding only */
-    int batch;                /* sensors drawn in one call, at most what the atlas holds; 0: what the time allows. Never
-                                 changes a picture */
-    float longest_submission; /* seconds that GL may work at a time, about. Default: 0.1 */
-    int compile_ahead;        /* 1: sbl_create compiles all programs but those of inspection and of directional
-                                 lightmaps, instead of each when it is first used */
-    uint32_t end_canary;
+    uint32_t start_canary;    /* must stay 0; another value shows that the struct was not zeroed */
+    sbl_gl_function (*get_gl_function)(const char *name, void *user);  /* loader of GL functions, such as
+                                 eglGetProcAddress. Default: NULL, which creates a headless context (needs SBL_EGL) */
+    void *gl_user;            /* passed to get_gl_function */
+    sbl_allocator allocator;  /* where all memory comes from; set both functions or none. Default: malloc and free */
+    sbl_logger logger;        /* receives all messages. Default: errors and warnings go to stderr, one line each, or
+                                 nowhere if SBL_NO_STDIO is defined */
+    uint32_t disabled;        /* sbl_capability bits of features that must not be used, for tests. Default: 0 */
+    int sensor_texture_size;  /* width and height of the texture that holds the views of a batch of sensors, in texels,
+                                 256 to 16384, but at most what the driver supports. The size changes pictures by float
+                                 rounding only. Default: 2048 */
+    int batch;                /* number of sensors that one draw call draws, at most as many as fit into the texture of
+                                 views. The number never changes a picture. Default: as many as the time allows */
+    float longest_submission; /* seconds that GL may work at a time, roughly. Default: 0.1 */
+    int compile_ahead;        /* 1: sbl_create compiles all programs except those of inspections and of directional
+                                 lightmaps. Default: 0, each program is compiled when it is first used */
+    uint32_t end_canary;      /* must stay 0, as start_canary */
 } sbl_context_desc;
 
 typedef struct sbl_capabilities {
-    int gl_major, gl_minor;
-    uint32_t available;       /* sbl_capability bits that the driver has */
-    uint32_t used;            /* those less sbl_context_desc.disabled */
-    int max_texture_size;
-    int max_texture_buffer_size;  /* texels; scenes of more (3 a triangle, 2 a vertex, 5 a mesh) are read from 2D
-                                     textures: 15 to 45 % slower on llvmpipe */
+    int gl_major, gl_minor;   /* version of the GL context */
+    uint32_t available;       /* sbl_capability bits of the features that the driver has */
+    uint32_t used;            /* sbl_capability bits of the features that sbl.h uses: available without
+                                 sbl_context_desc.disabled */
+    int max_texture_size;     /* largest width and height of a texture */
+    int max_texture_buffer_size;  /* largest number of texels of a buffer texture. Scenes that need more (3 per
+                                 triangle, 2 per vertex, 5 per mesh) are read from 2D textures, 15 to 45 % slower on
+                                 llvmpipe */
     char renderer[128];       /* GL_RENDERER */
     char version[128];        /* GL_VERSION */
 } sbl_capabilities;
@@ -820,14 +824,15 @@ typedef struct sbl_programs {
 } sbl_programs;
 
 typedef struct sbl_bounds {
-    float lowest[3];   /* lowest world coordinates of the scene */
-    float highest[3];  /* highest world coordinates of the scene */
+    float lowest[3];          /* lowest world coordinates of the scene */
+    float highest[3];         /* highest world coordinates of the scene */
 } sbl_bounds;
 
 typedef struct sbl_memory {
     size_t host_bytes;        /* bytes that the context holds of the host's memory now */
     size_t host_peak_bytes;   /* the highest host_bytes so far */
-    size_t gpu_bytes;         /* bytes of the GL textures and buffers that the context holds; a driver may use more */
+    size_t gpu_bytes;         /* bytes of the GL textures and buffers that the context holds now; a driver may use more
+                                 */
     size_t gpu_peak_bytes;    /* the highest gpu_bytes so far */
 } sbl_memory;
 
@@ -836,79 +841,83 @@ typedef struct sbl_memory {
 typedef enum sbl_type {
     SBL_FLOAT32 = 0,
     SBL_FLOAT16,
-    SBL_UINT8_NORM,   /* 0..255 is 0..1; colours and texture coordinates only */
-    SBL_UINT16_NORM,  /* 0..65535 is 0..1 */
-    SBL_INT8_NORM,    /* -127..127 is -1..1 */
-    SBL_INT16_NORM,
-    SBL_UINT8,        /* whole numbers: indices */
+    SBL_UINT8_NORM,   /* 0 to 255 means 0 to 1; for colours and texture coordinates only */
+    SBL_UINT16_NORM,  /* 0 to 65535 means 0 to 1 */
+    SBL_INT8_NORM,    /* -127 to 127 means -1 to 1 */
+    SBL_INT16_NORM,   /* -32767 to 32767 means -1 to 1 */
+    SBL_UINT8,        /* whole numbers, for indices */
     SBL_UINT16,
     SBL_UINT32,
     SBL_TYPE_COUNT
 } sbl_type;
 
-/* One vertex attribute, or the indices. Absent when both data and gl_buffer are zero. */
+/* One vertex attribute, or the indices. The stream is absent if both data and gl_buffer are 0. */
 typedef struct sbl_stream {
-    const void *data;    /* client memory; copied */
-    uint32_t gl_buffer;  /* or a GL buffer; read back once */
-    size_t offset;       /* bytes from data or from the buffer's start */
-    size_t stride;       /* bytes from element to element; 0: tightly packed */
-    sbl_type type;       /* of each component */
+    const void *data;    /* client memory; it is copied */
+    uint32_t gl_buffer;  /* a GL buffer, used if data is NULL; it is read back once */
+    size_t offset;       /* bytes from data, or from the start of the buffer, to the first element */
+    size_t stride;       /* bytes from one element to the next. Default: tightly packed */
+    sbl_type type;       /* type of each component. Default: SBL_FLOAT32 */
 } sbl_stream;
 
-/* A triangle list. Winding matters only to one-sided emission: the front is where the corners run counter-clockwise. */
+/* A list of triangles. Winding matters only where the two sides of a surface differ (one-sided emission, lightmaps,
+   vertices, back faces): seen from the front, the corners run counter-clockwise. */
 typedef struct sbl_mesh {
     sbl_stream positions;  /* 3 components; required */
-    sbl_stream normals;    /* 3; object space, any length. Absent: flat */
-    sbl_stream texcoords;  /* 2; v = 0 is the texture's first row. Absent: 0 0 */
-    sbl_stream lightmap_texcoords;  /* 2: where it is in lightmaps, (0, 0) the first row's first corner, (1, 1) the last
-                                       one's; see sbl_lightmap_desc. Absent: in none */
-    sbl_stream colors;     /* 4: linear rgb and alpha, multiplied with the material's albedo. Absent: 1 1 1 1 */
-    sbl_stream indices;    /* SBL_UINT8, SBL_UINT16 or SBL_UINT32. Absent: 0 1 2, 3 4 5, ... */
-    int vertex_count;
-    int index_count;       /* a multiple of 3; ignored without indices */
-    float transform[16];   /* object to world, column-major, affine. All zero: identity */
+    sbl_stream normals;    /* 3 components in object space, of any length. Default: triangles are flat */
+    sbl_stream texcoords;  /* 2 components; v = 0 is the first row of the texture. Default: 0 0 */
+    sbl_stream lightmap_texcoords;  /* 2 components, the place in a lightmap: (0, 0) is the first corner of the first
+                              row, (1, 1) the last corner of the last row. Default: the mesh is in no lightmap */
+    sbl_stream colors;     /* 4 components, linear rgb and alpha, which multiply the material's albedo. Default:
+                              1 1 1 1 */
+    sbl_stream indices;    /* 3 per triangle: SBL_UINT8, SBL_UINT16 or SBL_UINT32. Default: 0 1 2, 3 4 5, ... */
+    int vertex_count;      /* number of vertices in each of the attributes */
+    int index_count;       /* number of indices, a multiple of 3; ignored if there are no indices */
+    float transform[16];   /* object to world, column-major, affine. Default (all zero): identity */
     int material;          /* index into sbl_scene_desc.materials */
-    uint32_t id;           /* surfaces with the same id may be filtered together; 0: the mesh's index + 1 */
+    uint32_t id;           /* surfaces with the same id may be filtered together. Default: the mesh's index + 1 */
 } sbl_mesh;
 
 typedef enum sbl_material_flag {
-    SBL_MATERIAL_ONE_SIDED_EMISSION = 1 << 0,  /* the back side does not shine */
-    SBL_MATERIAL_HIDDEN_FROM_CAMERA = 1 << 1,
-    SBL_MATERIAL_HIDDEN_FROM_SENSORS = 1 << 2, /* neither lights nor shadows anything */
-    SBL_MATERIAL_NO_SENSORS = 1 << 3,  /* SBL_MODE_GI: no sensors stand on it, it shows the stored light, smoothed: for
-                                          what is fine or moves much. It shades and reflects as anything else does */
+    SBL_MATERIAL_ONE_SIDED_EMISSION = 1 << 0,  /* the back does not emit */
+    SBL_MATERIAL_HIDDEN_FROM_CAMERA = 1 << 1,  /* the camera does not see the surface */
+    SBL_MATERIAL_HIDDEN_FROM_SENSORS = 1 << 2, /* the surface neither sheds light on others nor casts shadows */
+    SBL_MATERIAL_NO_SENSORS = 1 << 3,  /* SBL_MODE_GI: no sensors stand on the surface; it shows the stored light,
+                                          smoothed. This suits things that are fine or move much. The surface casts
+                                          shadows and reflects light as others do */
     SBL_MATERIAL_FLAGS_ALL = (1 << 4) - 1
 } sbl_material_flag;
 
-/* Zero is taken literally here: black, no light, no textures, no cutout. Textures count from 1, materials from 0. */
+/* A material has no defaults: all zero is a black, solid surface without emission and textures. */
 typedef struct sbl_material {
-    float albedo[3];       /* share of light reflected, 0 to 1 each, linear */
-    float emission[3];     /* radiance, 0 and up */
-    int albedo_texture;    /* number of a texture counted from 1, times albedo; 0: none */
-    int emission_texture;  /* likewise, times emission */
-    float alpha_cutoff;    /* a point whose alpha (albedo texture's times vertex colour's) is below this is not there;
-                              0: solid */
+    float albedo[3];       /* linear share of light that is reflected, 0 to 1 each */
+    float emission[3];     /* emitted radiance, 0 or more */
+    int albedo_texture;    /* number of the texture that multiplies albedo, counted from 1; 0: none */
+    int emission_texture;  /* number of the texture that multiplies emission, counted from 1; 0: none */
+    float alpha_cutoff;    /* the surface has a hole where its alpha (alpha of the albedo texture times alpha of the
+                              vertex colour) is below this value; 0: no holes */
     uint32_t flags;        /* sbl_material_flag bits */
 } sbl_material;
 
 typedef enum sbl_pixel_format {
-    SBL_PIXELS_SRGB8 = 0,  /* 8-bit, colour decoded from sRGB, alpha linear */
-    SBL_PIXELS_LINEAR8,    /* 8-bit, 0..255 is 0..1 */
-    SBL_PIXELS_FLOAT,      /* 32-bit float, linear; stored with 16 bits */
+    SBL_PIXELS_SRGB8 = 0,  /* 8 bits each; colour is encoded as sRGB, alpha is linear */
+    SBL_PIXELS_LINEAR8,    /* 8 bits each; 0 to 255 means 0 to 1 */
+    SBL_PIXELS_FLOAT,      /* linear 32-bit floats; they are stored with 16 bits */
     SBL_PIXEL_FORMAT_COUNT
 } sbl_pixel_format;
 
 typedef enum sbl_wrap { SBL_WRAP_REPEAT = 0, SBL_WRAP_CLAMP, SBL_WRAP_COUNT } sbl_wrap;
 
-/* Filtered bilinearly, without mip maps. */
+/* A texture. It is filtered bilinearly, without mip maps. */
 typedef struct sbl_texture {
-    const void *pixels;       /* client memory; copied */
-    uint32_t gl_texture;      /* or a GL_TEXTURE_2D; level 0 is copied as sampling it gives it */
-    sbl_pixel_format format;  /* of pixels; with gl_texture: SRGB8 stores 8 bits, FLOAT 16 */
-    int width, height;        /* with gl_texture: 0, read from GL */
-    int channels;             /* 1 grey, 2 grey and alpha, 3 rgb, 4 rgba; 0: 4 */
-    size_t stride;            /* bytes from row to row; 0: tightly packed */
-    sbl_wrap wrap;            /* default: repeat */
+    const void *pixels;       /* client memory; it is copied */
+    uint32_t gl_texture;      /* a GL_TEXTURE_2D, used if pixels is NULL; level 0 is copied as a shader samples it */
+    sbl_pixel_format format;  /* format of pixels. For gl_texture: SRGB8 stores 8 bits, FLOAT stores 16 bits. Default:
+                                 SBL_PIXELS_SRGB8 */
+    int width, height;        /* pixels; leave 0 for gl_texture, whose size is read from GL */
+    int channels;             /* 1: grey, 2: grey and alpha, 3: rgb, 4: rgba. Default: 4 */
+    size_t stride;            /* bytes from one row to the next. Default: tightly packed */
+    sbl_wrap wrap;            /* what lies beyond the edges. Default: SBL_WRAP_REPEAT */
 } sbl_texture;
 
 typedef enum sbl_light_kind {
@@ -918,49 +927,52 @@ typedef enum sbl_light_kind {
     SBL_LIGHT_KIND_COUNT
 } sbl_light_kind;
 
-/* A light that is no surface: the camera and sensors do not see it, and it casts no shadow. Kinds and units follow
-   glTF's KHR_lights_punctual: where radiance is in nits and lengths are in metres, intensities are in candela and in
-   lux. What a light gives does not end at a range. */
+/* A light that is not a surface: camera and sensors do not see it, and it casts no shadow. Kinds and units follow
+   glTF's KHR_lights_punctual: if radiance is in nits and lengths are in metres, intensities are in candela (point,
+   spot) and in lux (directional). The light has no maximum range. */
 typedef struct sbl_light {
-    sbl_light_kind kind;
-    float intensity[3];       /* point, spot: radiance times area, light per solid angle; a surface at distance d that
-                                 faces it has the irradiance intensity / d^2. Directional: the irradiance of a surface
-                                 that faces it */
-    float position[3];        /* point, spot: world */
-    float direction[3];       /* spot, directional: the way its light goes; any length but 0 */
-    float radius;             /* point, spot: of an evenly shining sphere, whose radiance is intensity / (pi radius^2):
-                                 soft shadows. 0: a point */
-    float angle;              /* directional: angular diameter, degrees, 0 (a point far away) to 180; the sun's is
+    sbl_light_kind kind;      /* Default: SBL_LIGHT_POINT */
+    float intensity[3];       /* point, spot: light per solid angle (radiance times area); a surface at distance d that
+                                 faces the light has the irradiance intensity / d^2. Directional: the irradiance of a
+                                 surface that faces the light */
+    float position[3];        /* point, spot: world position */
+    float direction[3];       /* spot, directional: the direction in which the light travels, of any length but 0 */
+    float radius;             /* point, spot: radius of a sphere of constant radiance intensity / (pi radius^2), which
+                                 makes shadows soft; 0: a point */
+    float angle;              /* directional: angular diameter in degrees, 0 (a point far away) to 180; the sun has
                                  0.53 */
-    float cone;               /* spot: full angle, degrees, to 180, that has any of the light. Default: 90 */
-    float inner_cone;         /* spot: full angle, degrees, to cone, that has all of it. Between them the cosine's share
-                                 of the way, squared */
+    float cone;               /* spot: full angle of the cone that receives any light, degrees, up to 180. Default: 90
+                                 */
+    float inner_cone;         /* spot: full angle of the cone that receives all of the light, degrees, 0 to cone.
+                                 Between the cones the light falls with the square of the share of the cosine's way */
 } sbl_light;
 
-/* Light from far away, in a picture or a function; it comes on top of the constant sky. In SBL_MODE_PAPER there is
-   neither this nor any sbl_light.
-   A direction d has u = 0.5 + atan2(d . z, d . x) / (2 pi), v = acos(d . up) / pi; x, z are the world's where up is +y,
-   and turn with up the shortest way where not. (0, 0) is the picture's first corner: its upper edge is all straight
-   up. */
+/* Light from far away, given as a picture or as a function. It adds to the constant sky. In SBL_MODE_PAPER there is
+   neither an environment nor any sbl_light.
+   The direction d is at u = 0.5 + atan2(d . z, d . x) / (2 pi), v = acos(d . up) / pi in the picture. x and z are the
+   world's axes if up is +y; otherwise they are turned with up along the shortest arc. (0, 0) is the picture's first
+   corner, so the upper edge of the picture is straight up everywhere. */
 typedef struct sbl_environment {
-    sbl_texture picture;      /* equirectangular; pixels of any format, finite and not negative (no gl_texture, no
-                                 wrap). Absent: width 0 */
-    void (*radiance)(const float direction[3], float radiance[3], void *user);  /* or a function of a unit direction in
-                                 the world, called in sbl_set_scene for every texel's middle of a picture of
-                                 picture.width x height. Default: 512 x 256 */
-    void *user;
-    float scale;              /* factor of its light. Default: 1. Negative: 0, no light */
-    float rotation;           /* of the picture about `up`, degrees, counter-clockwise seen from above */
-    float up[3];              /* default: 0 1 0 */
+    sbl_texture picture;      /* equirectangular picture of any pixel format, with finite values that are not negative;
+                                 gl_texture and wrap are not allowed. Absent if its width is 0 */
+    void (*radiance)(const float direction[3], float radiance[3], void *user);  /* a function that is used instead of
+                                 pixels: the radiance from a unit direction in the world. sbl_set_scene calls it for the
+                                 centre of each texel of a picture of picture.width x picture.height texels, by default
+                                 512 x 256 */
+    void *user;               /* passed to radiance */
+    float scale;              /* multiplies the light of the environment. Default: 1. Negative: 0, no light */
+    float rotation;           /* degrees by which the picture is rotated about `up`, counter-clockwise seen from above
+                                 */
+    float up[3];              /* world direction of the picture's upper edge. Default: 0 1 0 */
 } sbl_environment;
 
 /* >>draw callback types: geometry that only the host can draw */
 
 typedef enum sbl_view_kind { SBL_VIEW_CAMERA = 0, SBL_VIEW_SENSOR } sbl_view_kind;
 
-/* What the host's draw callback is told. The framebuffer, viewport and scissor are set, the depth test is on and its
-   function chosen; keep them. Everything else may be changed: sbl.h sets its own state again afterwards and puts the
-   host's back at the end.
+/* What the host's draw callback receives. Framebuffer, viewport, scissor and depth test are set and must stay as they
+   are. The callback may change all other GL state: sbl.h sets its own state again afterwards, and restores the host's
+   state at the end.
 
    Outputs of the fragment shader, SBL_VIEW_SENSOR:
        location 0  vec4: rgb = radiance towards the sensor times radiance_scale;
@@ -972,161 +984,177 @@ typedef enum sbl_view_kind { SBL_VIEW_CAMERA = 0, SBL_VIEW_SENSOR } sbl_view_kin
        location 3  vec4: albedo, a = 1
        location 4  vec4: emission, a = 0
        location 5  uint: id, not 0
-   gl_Position = world_to_clip * vec4(world position, 1). Depth is reversed (nearer is greater). If write_depth is set
-   the fragment shader must also do  gl_FragDepth = gl_FragCoord.w * depth_scale  (the driver has no clip control).
+   gl_Position = world_to_clip * vec4(world position, 1). Depth is reversed: nearer is greater. If write_depth is set,
+   the driver has no clip control, and the fragment shader must also do gl_FragDepth = gl_FragCoord.w * depth_scale.
 
-   What it costs: meshes given as vertex arrays are drawn for a whole batch of sensors in one call; the callback is
-   called once for every view of every sensor (five a hemicube), so its price is the host's own draw calls times 5 times
-   the sensors. */
+   Cost: meshes that are given as vertex arrays are drawn for a whole batch of sensors in one call. The callback is
+   called once for each view of each sensor (five per hemicube), so it costs the host's own draw calls times 5 times
+   the number of sensors. */
 typedef struct sbl_draw_view {
-    sbl_view_kind kind;
+    sbl_view_kind kind;       /* whose view is drawn: the camera's or a sensor's */
     int viewport[4];          /* x, y, width, height in the current framebuffer; the scissor is the same */
-    float world_to_view[16];  /* rigid; view space looks down -z, y is up */
-    float view_to_clip[16];   /* reversed, infinite depth */
-    float world_to_clip[16];  /* the product of the two */
+    float world_to_view[16];  /* rigid; view space looks along -z, and y is up */
+    float view_to_clip[16];   /* projection with reversed, infinite depth */
+    float world_to_clip[16];  /* view_to_clip * world_to_view */
     float eye[3];             /* world position of the sensor or camera */
-    float radiance_scale;     /* keeps bright lamps inside the texels' range */
-    float depth_scale;
+    float radiance_scale;     /* factor that keeps bright lamps inside the range of the texels */
+    float depth_scale;        /* factor of the depth that the shader writes if write_depth is set */
     int write_depth;          /* 1: the shader must write gl_FragDepth, see above */
-    float epsilon;            /* the ambient factor of the paper, 0 in SBL_MODE_DIRECT and SBL_MODE_GI */
-    float light[6][3];        /* SBL_VIEW_SENSOR: R for what faces +x, -x, +y, -y, +z, -z. A surface radiates what it
-                                 emits, and its albedo times the mean of the three that its normal turns to, weighted
-                                 by the squares of the normal's components (an ambient cube: McTaggart 2004,
-                                 "Half-Life 2 / Valve Source Shading"). SBL_MODE_GI: what meshes, lights and sky send
-                                 to draw_bounds, bounces and all; in other modes epsilon */
-    int sensor, face;         /* SBL_VIEW_SENSOR: number within its level; face 0 looks along the normal */
+    float epsilon;            /* the paper's ambient factor; 0 in SBL_MODE_DIRECT and SBL_MODE_GI */
+    float light[6][3];        /* SBL_VIEW_SENSOR: R on surfaces that face +x, -x, +y, -y, +z, -z. A surface radiates its
+                                 emission plus its albedo times the mean of the three sides that its normal turns to,
+                                 weighted by the squares of the normal's components (an ambient cube: McTaggart 2004,
+                                 "Half-Life 2 / Valve Source Shading"). SBL_MODE_GI: the light, with all bounces, that
+                                 meshes, lights and sky send to draw_bounds. Other modes: epsilon */
+    int sensor, face;         /* SBL_VIEW_SENSOR: number of the sensor within its level, and number of the view; view 0
+                                 looks along the normal */
 } sbl_draw_view;
 
 typedef void (*sbl_draw_function)(const sbl_draw_view *view, void *user);
 
 typedef struct sbl_scene_desc {
-    uint32_t start_canary;
+    uint32_t start_canary;     /* must stay 0 */
     const sbl_mesh *meshes;
     int mesh_count;
     const sbl_material *materials;
     int material_count;
     const sbl_texture *textures;
     int texture_count;
-    const sbl_light *lights;   /* besides the surfaces that emit */
+    const sbl_light *lights;   /* lights besides the surfaces that emit */
     int light_count;
-    float sky[3];              /* constant radiance of all that is not hit */
-    sbl_environment environment;
-    sbl_draw_function draw;    /* optional: see sbl_draw_view */
-    void *draw_user;
-    float draw_bounds[2][3];   /* world bounds (lowest corner, highest corner) of what draw draws; required with it */
-    float draw_max_radiance;   /* highest radiance that draw writes, so that texels do not overflow. Default: 1 */
-    int max_bounce_cells;      /* maximum number of cells that store bounced light in SBL_MODE_GI, 1024 to 1048576. A cell
-                                  takes about 4 KB of host memory while the store is made, 2 KB from then on until
+    float sky[3];              /* constant radiance of all directions in which no surface is hit */
+    sbl_environment environment;  /* light from far away, in addition to sky */
+    sbl_draw_function draw;    /* draws geometry that only the host can draw; see sbl_draw_view. Default: none */
+    void *draw_user;           /* passed to draw */
+    float draw_bounds[2][3];   /* world bounds (lowest corner, highest corner) of that geometry; required with draw */
+    float draw_max_radiance;   /* the highest radiance that draw writes, so that texels do not overflow. Default: 1 */
+    int max_bounce_cells;      /* maximum number of cells that store bounced light in SBL_MODE_GI, 1024 to 1048576. A
+                                  cell takes about 4 KB of host memory while the store is made, 2 KB from then on until
                                   sbl_end, and 100 bytes of GPU memory. Default: 49152 */
-    uint32_t end_canary;
+    uint32_t end_canary;       /* must stay 0 */
 } sbl_scene_desc;
 
-/* Of sbl_save_store and sbl_load_store: returns how many bytes it took or gave. */
+/* Callbacks of sbl_save_store and sbl_load_store. They return the number of bytes that they have written or read. */
 typedef size_t (*sbl_write_function)(const void *data, size_t bytes, void *user);
 typedef size_t (*sbl_read_function)(void *data, size_t bytes, void *user);
 
-/* >>picture types */
+/* >>options */
 
 typedef enum sbl_mode {
-    SBL_MODE_DEFAULT = 0,  /* GI */
-    SBL_MODE_AMBIENT,      /* emitters, lights, sky, and every other surface glowing with epsilon * albedo: the paper's
-                              estimator over the whole hemisphere */
+    SBL_MODE_DEFAULT = 0,  /* the default, see sbl_options.mode */
+    SBL_MODE_AMBIENT,      /* emitters, lights and sky, and every other surface has the radiance epsilon * albedo: the
+                              paper's method, over the whole hemisphere */
     SBL_MODE_DIRECT,       /* emitters, lights and sky only */
-    SBL_MODE_PAPER,        /* exactly the paper */
-    SBL_MODE_GI,           /* all of it: emitters, lights, sky, and what all surfaces reflect, to the last bounce */
+    SBL_MODE_PAPER,        /* exactly the paper's method */
+    SBL_MODE_GI,           /* all light: emitters, lights, sky, and the light that surfaces reflect, with all bounces */
     SBL_MODE_COUNT
 } sbl_mode;
 
 typedef enum sbl_preset { SBL_PRESET_DEFAULT = 0, SBL_PRESET_DRAFT, SBL_PRESET_HIGH, SBL_PRESET_COUNT } sbl_preset;
 
 typedef enum sbl_sensor_kind {
-    SBL_SENSOR_DEFAULT = 0,  /* HEMICUBE; SINGLE in SBL_MODE_PAPER */
-    SBL_SENSOR_HEMICUBE,     /* five views, the whole hemisphere */
-    SBL_SENSOR_SINGLE,       /* the paper's one view along the normal, sensor_fov wide, blind outside but for lamps */
+    SBL_SENSOR_DEFAULT = 0,  /* the default, see sbl_picture_desc.sensor_kind */
+    SBL_SENSOR_HEMICUBE,     /* five views, which cover the whole hemisphere */
+    SBL_SENSOR_SINGLE,       /* the paper's single view along the normal, sensor_fov wide. Outside of it the sensor sees
+                                nothing but lamps */
     SBL_SENSOR_KIND_COUNT
 } sbl_sensor_kind;
 
-/* How sensors see. Both give the same light up to their noise. */
+/* How sensors collect light. Both ways give the same light up to noise. */
 typedef enum sbl_backend {
-    SBL_BACKEND_AUTO = 0,    /* TRACE; RASTER in SBL_MODE_PAPER, with a draw callback and with SBL_SENSOR_SINGLE */
-    SBL_BACKEND_RASTER,      /* views drawn into texels, as in the paper: cost grows with the number of triangles */
-    SBL_BACKEND_TRACE,       /* rays through a bounding volume hierarchy in a shader: cost grows with its logarithm. No
-                                draw callback, not in SBL_MODE_PAPER */
+    SBL_BACKEND_AUTO = 0,    /* SBL_BACKEND_TRACE; SBL_BACKEND_RASTER in SBL_MODE_PAPER, with a draw callback, and with
+                                SBL_SENSOR_SINGLE */
+    SBL_BACKEND_RASTER,      /* draws views of the scene, as in the paper; the cost grows with the number of triangles
+                                */
+    SBL_BACKEND_TRACE,       /* traces rays through a bounding volume hierarchy in a shader; the cost grows with the
+                                logarithm of the number of triangles. Not possible in SBL_MODE_PAPER, nor with a draw
+                                callback */
     SBL_BACKEND_COUNT
 } sbl_backend;
 
-/* What the descriptors of all front ends share: how sensors gather light, and how progress is reported. Zero is the
-   default of every field. Three numbers are the values of the presets draft / default / high. */
+/* The options that all front ends share. Three numbers are the values of the presets draft / default / high. */
 typedef struct sbl_options {
-    sbl_mode mode;             /* which light is gathered. Default: SBL_MODE_GI. SBL_MODE_PAPER is for pictures and
-                                  readings only */
-    sbl_preset preset;         /* which defaults the other fields have */
-    sbl_backend backend;       /* how sensors see. Default: SBL_BACKEND_AUTO */
-    int rays;                  /* number of rays that a sensor traces over its hemisphere, 1 to 4096 (a probe: 64 to
-                                  65536 over the sphere). At most as many more are traced towards lamps. Default of
-                                  pictures and lightmaps: as many as the target error takes. Default of readings:
-                                  64 / 256 / 1024, but fewer if nothing but lamps shines, because the rays then only
-                                  measure hit_share to valid. Default of vertices: 16 / 64 / 256 at each point. Default
-                                  of probes: 1024 / 4096 / 16384, and from each of a probe's normals a 64th of them,
-                                  but 32 to 256, towards lamps */
-    int sensor_size;           /* number of texels across a view of a rasterised sensor, 4 to 512. Default: 32 / 64 / 128;
-                                  of probes: 8 / 16 / 32 */
-    float epsilon;             /* ambient factor of SBL_MODE_AMBIENT and SBL_MODE_PAPER: a surface glows with epsilon *
-                                  albedo. Default: 0.02. Negative: no ambient light. The other modes ignore it */
-    uint32_t seed;             /* seed of the sensors' rotations */
+    sbl_mode mode;             /* the light that is computed. SBL_MODE_PAPER is for pictures and readings only. Default:
+                                  SBL_MODE_GI */
+    sbl_preset preset;         /* selects the defaults of other fields. Default: SBL_PRESET_DEFAULT */
+    sbl_backend backend;       /* how sensors collect light. Default: SBL_BACKEND_AUTO */
+    int rays;                  /* number of rays that a sensor traces over its hemisphere, 1 to 4096; for vertices that
+                                  of each point; for probes the number over the whole sphere, 64 to 65536.
+                                  Default of pictures and lightmaps: as many as the target error requires.
+                                  Default of readings: 64 / 256 / 1024.
+                                  Default of vertices: 16 / 64 / 256.
+                                  Default of probes: 1024 / 4096 / 16384.
+                                  Readings and vertices: if set, exactly this many rays are traced. Otherwise few are
+                                  traced when only lamps emit, because they are then needed only for hit_share,
+                                  back_share, hit_mean, hit_min and valid.
+                                  Rays towards lamps come in addition: at most as many again, and for probes a 64th of
+                                  rays, but 32 to 256, for each of a probe's normals */
+    int sensor_size;           /* number of texels across a view of a rasterised sensor, 4 to 512.
+                                  Default: 32 / 64 / 128. Default of probes: 8 / 16 / 32 */
+    float epsilon;             /* ambient factor: a surface that does not emit has the radiance epsilon * albedo.
+                                  Default in SBL_MODE_AMBIENT and SBL_MODE_PAPER: 0.02. Negative: no ambient light.
+                                  SBL_MODE_DIRECT and SBL_MODE_GI ignore the field */
+    uint32_t seed;             /* selects the rotations of the sensors, and so the noise. Default: 0 */
     int (*progress)(float done, void *user);  /* called between two pieces of work; done goes from 0 to 1. A nonzero
-                                                 result cancels the work. Default: NULL, no report */
+                                  result cancels the work. Default: NULL, no call */
     void *progress_user;       /* passed to progress */
 } sbl_options;
 
-/* Zero is the default of every field. Three numbers are the values of the presets draft / default / high. */
+/* >>picture types */
+
+/* Three numbers are the values of the presets draft / default / high. */
 typedef struct sbl_picture_desc {
-    uint32_t start_canary;
-    int width, height;         /* pixels, 1 to 16384. Default: 640 480 */
-    float world_to_view[16];   /* rigid. Default (all zero): frames the scene from the front, see sbl_look_at */
-    float view_to_clip[16];    /* perspective, or orthographic, which sees what is behind it too; near and far planes
-                                  are ignored. Default: 40 degrees */
-    sbl_options options;       /* see sbl_options */
-    sbl_sensor_kind sensor_kind;  /* which views a rasterised sensor has. Default: SBL_SENSOR_DEFAULT */
+    uint32_t start_canary;     /* must stay 0 */
+    int width, height;         /* pixels, 1 to 16384. Default: 640 x 480 */
+    float world_to_view[16];   /* rigid camera transform, see sbl_look_at. Default (all zero): a view from the front
+                                  that shows the whole scene */
+    float view_to_clip[16];    /* perspective projection, or an orthographic one, which also sees what is behind the
+                                  camera; near and far planes are ignored. Default (all zero): 40 degrees vertically */
+    sbl_options options;       /* mode, preset, back end, rays, seed, progress: see sbl_options */
+    sbl_sensor_kind sensor_kind;  /* the views of a rasterised sensor. Default: SBL_SENSOR_HEMICUBE. Default in
+                                  SBL_MODE_PAPER: SBL_SENSOR_SINGLE */
     float sensor_fov;          /* field of view of SBL_SENSOR_SINGLE, 1 to 179 degrees. Default: 135 */
-    float target_error;        /* root mean square error of R over the visible pixels that is asked for, as a share of the
-                                  mean R there, 0 to 1. Sensors are placed, and look again, where that reduces the error
-                                  most; see THE TARGET ERROR. Default: 0.05 / 0.015 / 0.0075, or the error that 512 rays
-                                  a sensor reach */
-    int tile;                  /* distance between the sensors of the first level in pixels, 1 (every pixel) to 1024.
+    float target_error;        /* accepted root mean square error of R over the visible pixels, as a share of the mean R
+                                  there, 0 to 1; see ON THE TARGET ERROR. If set, a sensor takes as many rays as that
+                                  requires, within the limits there. Otherwise it takes at most 512 / 512 / 1024 rays.
+                                  Default: 0.05 / 0.015 / 0.0075. Default in SBL_MODE_PAPER: threshold decides */
+    int tile;                  /* distance between the sensors of the first level, 1 (every pixel) to 1024 pixels.
                                   Default: 16 */
-    float threshold;           /* refine where neighbouring sensors differ by more than this share of their mean, instead
-                                  of where the target error asks for it; in SBL_MODE_PAPER the threshold is a radiance.
-                                  Default: the target error decides; in SBL_MODE_PAPER 0.05. Negative: 0, so that every
-                                  difference refines */
-    float facet_limit;         /* smallest height on the screen, in pixels, of triangles that shading normals light:
-                                  smaller ones are lit by their true normals, because the facets that shading normals
-                                  hide cannot be seen there, and those of twice the height fully by shading normals.
-                                  Default: 2. Negative: shading normals everywhere */
-    int filter_radius;         /* radius of the Gaussian filter in pixels, at most 32. Default: 2. Negative: no filter */
-    int samples;               /* number of anti-aliasing samples of a pixel of SBL_CHANNEL_FINAL, 1 to 64.
+    float threshold;           /* if set, tiles are refined where neighbouring sensors differ by more than this share of
+                                  their mean, instead of where the target error requires it; in SBL_MODE_PAPER the
+                                  threshold is a radiance. Default: the target error decides.
+                                  Default in SBL_MODE_PAPER: 0.05. Negative: 0, every difference refines */
+    float facet_limit;         /* triangles whose least height on the screen is at most this many pixels are lit by
+                                  their true normals, because the facets that shading normals hide are too small to be
+                                  seen. Triangles of at least twice the height are lit by their shading normals; between
+                                  the two heights the normals are mixed. Default: 2. Negative: shading normals on all
+                                  triangles */
+    int filter_radius;         /* radius of the Gaussian filter, up to 32 pixels. Default: 2. Negative: no filter */
+    int samples;               /* number of anti-aliasing samples per pixel of SBL_CHANNEL_FINAL, 1 to 64.
                                   Default: 1 / 4 / 16 */
-    uint32_t end_canary;
+    uint32_t end_canary;       /* must stay 0 */
 } sbl_picture_desc;
 
-/* What can be read. Components are floats. Where the camera sees nothing all are 0 but final, which shows the sky. Of a
-   picture under way FINAL is not anti-aliased. */
+/* The channels of a picture or lightmap, with their number of floats per pixel. Where the camera sees no surface, all
+   channels are 0 except FINAL, which shows the sky. FINAL of a picture under way is not anti-aliased. SH_0 to SH_3 are
+   the radiance over a texel's hemisphere in the first four spherical harmonics of sbl_probe, continued into the gutter
+   as FINAL is; they are 0 unless a directional lightmap is finished (see ON LIGHTMAPS). */
 typedef enum sbl_channel {
     SBL_CHANNEL_FINAL = 0,  /* 3: emission + albedo * R, anti-aliased */
-    SBL_CHANNEL_RADIANCE,   /* 3: R, filtered, at pixel centres */
-    SBL_CHANNEL_ALBEDO,     /* 3 */
-    SBL_CHANNEL_NORMAL,     /* 3: unit, world space, towards the camera */
-    SBL_CHANNEL_POSITION,   /* 3: world space */
-    SBL_CHANNEL_ID,         /* 1 */
+    SBL_CHANNEL_RADIANCE,   /* 3: R at pixel centres, filtered */
+    SBL_CHANNEL_ALBEDO,     /* 3: linear albedo */
+    SBL_CHANNEL_NORMAL,     /* 3: unit normal in world space, towards the camera */
+    SBL_CHANNEL_POSITION,   /* 3: world position */
+    SBL_CHANNEL_ID,         /* 1: sbl_mesh.id */
     SBL_CHANNEL_DEPTH,      /* 1: distance along the view axis */
-    SBL_CHANNEL_SENSORS,    /* 1: 0 interpolated, else 1 + the level at which a sensor stood here */
-    SBL_CHANNEL_STORE,      /* 3: the stored R, cell by cell (SBL_MODE_GI; else 0) */
-    SBL_CHANNEL_ERROR,      /* 1: the predicted standard error of R's luminance, see ON ERROR */
-    SBL_CHANNEL_OVERLAP,    /* 1: lightmaps: how many other triangles show at the texel's centre, too; else 0 */
-    SBL_CHANNEL_SH_0,       /* 3 each: of directional lightmaps that are done, the radiance over a texel's hemisphere */
-    SBL_CHANNEL_SH_1,       /* in the first four spherical harmonics of sbl_probe, continued into the gutter as FINAL */
-    SBL_CHANNEL_SH_2,       /* is; else 0. See ON LIGHTMAPS */
-    SBL_CHANNEL_SH_3,
+    SBL_CHANNEL_SENSORS,    /* 1: 0 if the pixel was interpolated, else 1 + the level at which its sensor was placed */
+    SBL_CHANNEL_STORE,      /* 3: R as stored for each cell in SBL_MODE_GI; 0 in other modes */
+    SBL_CHANNEL_ERROR,      /* 1: predicted standard error of the luminance of R, see ON THE TARGET ERROR */
+    SBL_CHANNEL_OVERLAP,    /* 1: lightmaps: number of other triangles at the texel's centre; 0 in pictures */
+    SBL_CHANNEL_SH_0,       /* 3: directional lightmaps: harmonic Y_0 */
+    SBL_CHANNEL_SH_1,       /* 3: directional lightmaps: harmonic Y_1 */
+    SBL_CHANNEL_SH_2,       /* 3: directional lightmaps: harmonic Y_2 */
+    SBL_CHANNEL_SH_3,       /* 3: directional lightmaps: harmonic Y_3 */
     SBL_CHANNEL_COUNT
 } sbl_channel;
 
@@ -1137,114 +1165,135 @@ typedef struct sbl_stats {
     sbl_mode mode;
     sbl_backend backend;          /* SBL_BACKEND_RASTER or SBL_BACKEND_TRACE */
     struct {
-        int triangles;            /* number of triangles in the scene without degenerate ones */
+        int triangles;            /* number of triangles in the scene, without degenerate ones */
         int lamps;                /* number of emitting triangles, lights and bright texels of the sky that sensors send
                                      rays to */
-        double bvh_seconds;       /* seconds spent on building the bounding volume hierarchy, once for a scene; they are
+        double bvh_seconds;       /* seconds spent on building the bounding volume hierarchy, once per scene; they are
                                      part of seconds.surface of the scene's first traced work */
-        size_t bvh_bytes;         /* GPU memory of the hierarchy */
+        size_t bvh_bytes;         /* GPU memory of the hierarchy in bytes */
     } scene;
     struct {                      /* the store of bounced light, SBL_MODE_GI */
         int cells;                /* number of cells in the store */
-        int64_t rays;             /* number of rays between surfaces and of its sensors, if this work made the store */
+        int64_t rays;             /* number of rays traced between surfaces and by the store's sensors, if this work
+                                     made the store */
     } store;
     struct {
-        int64_t count;            /* number of points at which light was gathered */
-        int64_t invalid;          /* number of these that are stuck inside geometry, whose neighbours' light is used
-                                     instead; in a lightmap also those that something lies on */
-        int64_t views;            /* number of views drawn for them, over all looks */
+        int64_t count;            /* number of sensors, one for each point at which light was measured */
+        int64_t invalid;          /* number of sensors that are stuck inside geometry, and in lightmaps also those of
+                                     hidden texels; the light of their neighbours is used instead */
+        int64_t views;            /* number of views drawn, over all looks */
         int64_t texels;           /* number of texels in these views */
         int64_t rays;             /* number of rays traced over the hemispheres; rays towards lamps are not counted */
         int readbacks;            /* number of transfers from GPU to host */
         double microseconds;      /* seconds.total divided by count, as in the paper, in microseconds */
     } sensors;
     struct {                      /* the picture or lightmap */
-        int width, height;
+        int width, height;        /* pixels */
         int visible_pixels;       /* number of pixels that show a surface */
-        float target_error;       /* the error that was asked for; 0 in SBL_MODE_PAPER */
-        float expected_error;     /* the predicted error so far */
+        float target_error;       /* the target error that applied; 0 in SBL_MODE_PAPER */
+        float expected_error;     /* the error predicted so far, as a share of the mean R */
         int level_count;          /* number of entries in levels */
         struct { int tile; int64_t sensors; } levels[SBL_MAX_LEVELS];  /* tile size in pixels and number of sensors */
     } picture;
     struct {
         int seams;                /* number of edges at which charts meet in the world */
-        float seam_before, seam_after;  /* largest difference of R's luminance across seams before and after they were
-                                           made equal, as a share of the mean */
+        float seam_before, seam_after;  /* largest difference of the luminance of R across seams, before and after they
+                                     were made equal, as a share of the mean */
     } lightmap;
-    struct { double scene, surface, bounce, gather, refine, filter, resolve, total; } seconds;
+    struct {
+        double scene;             /* time that sbl_set_scene took */
+        double surface;           /* time before the first sensor: hierarchy, lamps, and what is visible or in the map
+                                     */
+        double bounce;            /* time spent on the store of bounced light */
+        double gather;            /* time spent on sensors */
+        double refine;            /* time spent on tiles, errors and interpolation, and on the fit of light at vertices
+                                     */
+        double filter;            /* time spent on the filter */
+        double resolve;           /* time spent on previews, anti-aliasing, gutters and seams */
+        double total;             /* time since the work was begun, as far as it was spent in sbl.h */
+    } seconds;
 } sbl_stats;
 
-/* >>gather types */
+/* >>readings types */
 
-/* Where light is wanted. */
+/* A point at which light is wanted. */
 typedef struct sbl_site {
-    float position[3];          /* world */
-    float normal[3];            /* the middle of the hemisphere that its light comes from; any length but 0 */
-    float geometric_normal[3];  /* the side of its surface that its sensor is moved off to. Default (all zero):
-                                   normal */
-    float offset;               /* how far, world. Default: what rounding needs in this scene; negative: not at all */
+    float position[3];          /* world position */
+    float normal[3];            /* middle of the hemisphere that light comes from; any length but 0 */
+    float geometric_normal[3];  /* side of the surface to which the sensor is moved. Default (all zero): normal */
+    float offset;               /* world distance by which the sensor is moved. Default: as far as rounding requires in
+                                   this scene. Negative: not at all */
 } sbl_site;
 
-/* The light there. */
+/* The light at a site. */
 typedef struct sbl_reading {
     float radiance[3];  /* R */
-    float noise;        /* its standard error, luminance, where it can be told; else 0 */
-    float hit_share;    /* of the hemisphere, weighted by the cosine, that sees surfaces: 1 less what sees the sky */
-    float back_share;   /* of that, what sees back faces */
-    float hit_mean;     /* distance to the surfaces seen, world: mean, */
-    float hit_min;      /* and the least; both 0 where none is seen */
-    int valid;          /* 0: its sensor is stuck inside geometry, or its light overflows */
+    float noise;        /* standard error of the luminance of R; 0 if it is unknown */
+    float hit_share;    /* share of the hemisphere, weighted by the cosine, in which surfaces are seen; the rest is sky
+                           */
+    float back_share;   /* share of hit_share in which back faces are seen */
+    float hit_mean;     /* mean world distance to the surfaces seen; 0 if there are none */
+    float hit_min;      /* least world distance to the surfaces seen; 0 if there are none */
+    int valid;          /* 0: the sensor is stuck inside geometry, or its light overflows */
 } sbl_reading;
 
-/* Zero is the default everywhere; what is named as in sbl_picture_desc means the same. */
+/* Fields with the same name as in sbl_picture_desc have the same meaning. */
 typedef struct sbl_readings_desc {
-    uint32_t start_canary;
-    const sbl_site *sites;     /* not copied: must stay until the gather is done */
-    sbl_reading *readings;     /* likewise: receives one a site, those of the first sites first */
-    int site_count;            /* 0 and up */
-    sbl_options options;       /* see sbl_options; site i is rotated as pixel i of a picture is */
-    sbl_sensor_kind sensor_kind;  /* as in sbl_picture_desc */
-    float sensor_fov;          /* as in sbl_picture_desc */
-    uint32_t end_canary;
+    uint32_t start_canary;     /* must stay 0 */
+    const sbl_site *sites;     /* the points; not copied, must stay valid until the readings are done */
+    sbl_reading *readings;     /* receives one reading per site, in the order of sites; must stay valid likewise */
+    int site_count;            /* number of sites, 0 or more */
+    sbl_options options;       /* see sbl_options; site number i is rotated as pixel number i of a picture */
+    sbl_sensor_kind sensor_kind;  /* the views of a rasterised sensor. Default: as in sbl_picture_desc */
+    float sensor_fov;          /* field of view of SBL_SENSOR_SINGLE. Default: as in sbl_picture_desc */
+    uint32_t end_canary;       /* must stay 0 */
 } sbl_readings_desc;
 
 /* >>lightmap types */
 
-/* A picture of the surface of all meshes that have lightmap_texcoords, spread out as these say. What is named as in
-   sbl_picture_desc means the same, a texel being a pixel; zero is the default everywhere. A texel shows the point of a
-   surface that is nearest to its centre, where any surface touches its square; light is what arrives on the front:
-   the side that normals point to, without them the side whose corners run counter-clockwise. Triangles that touch each
-   other both in the world and in the map are a chart; nothing is interpolated or filtered across charts.
-   Channels differ from a picture's in three: FINAL is R, continued into the gutter; ID is 1 + the chart's number;
-   DEPTH is 0. */
+/* A picture of the surfaces of all meshes that have lightmap_texcoords, spread out as these coordinates say. Fields
+   with the same name as in sbl_picture_desc have the same meaning, with texels instead of pixels. Three numbers are
+   the values of the presets draft / default / high.
+
+   If any surface touches the square of a texel, the texel shows the point of a surface that is nearest to its centre.
+   Light is measured on the front of a surface: the side that its normals point to, or without normals the side from
+   which its corners run counter-clockwise. Triangles that touch each other both in the world and in the map form a
+   chart. Light is never interpolated or filtered across charts.
+
+   Three channels differ from those of a picture: FINAL is R, continued into the gutter; ID is 1 + the number of the
+   chart; DEPTH is 0. */
 typedef struct sbl_lightmap_desc {
-    uint32_t start_canary;
-    int width, height;         /* texels, 1 to 16384. Default: 512 512 */
-    const int *meshes;         /* numbers of the meshes that are baked, all with lightmap_texcoords; read when the
-                                  lightmap begins. Default: all that have them */
-    int mesh_count;
-    int gutter;                /* texels beyond charts' edges that FINAL is continued into, at most 16384, so that
-                                  neither bilinear sampling nor mip maps mix in black; negative: none. Default: 16 */
-    int seams;                 /* where charts meet in the world and normals agree, FINAL is changed a little, to be
-                                  the same on both sides; negative, or without a gutter: it is not */
-    int directional;           /* 1: it is told where light comes from, too, in channels SH_0 to SH_3 */
-    int supersample;           /* places across a texel at which light is known, 1 to 8: FINAL, RADIANCE and SH are
-                                  their means, for light that changes within a texel; other channels tell of the place
-                                  nearest to its centre. width and height times this: at most 16384. Default: 1 */
+    uint32_t start_canary;     /* must stay 0 */
+    int width, height;         /* texels, 1 to 16384. Default: 512 x 512 */
+    const int *meshes;         /* indices of the meshes that are baked, all with lightmap_texcoords; read when the
+                                  lightmap begins. Default: all meshes that have them */
+    int mesh_count;            /* number of entries in meshes */
+    int gutter;                /* width of the border around charts into which FINAL is continued, up to 16384 texels,
+                                  so that bilinear sampling and mip maps do not mix in black. Default: 16. Negative: no
+                                  gutter */
+    int seams;                 /* where charts meet in the world and their normals agree, FINAL is changed slightly so
+                                  that it is equal on both sides. Default: 0, seams are closed. Negative, or without a
+                                  gutter: seams stay as they are */
+    int directional;           /* 1: also store the direction of the light, in channels SH_0 to SH_3 */
+    int supersample;           /* number of places across a texel at which light is measured, 1 to 8, for light that
+                                  changes within a texel; FINAL, RADIANCE and SH are their means, other channels show
+                                  the place nearest to the centre. width and height times this are at most 16384.
+                                  Default: 1 */
     sbl_options options;       /* see sbl_options */
-    float target_error;        /* root mean square error of R over the texels that is asked for, as in sbl_picture_desc.
-                                  Default: 0.02 / 0.005 / 0.0025, or the error that 512 rays a sensor reach */
-    int tile;                  /* as in sbl_picture_desc, in texels */
-    float threshold;           /* as in sbl_picture_desc */
-    int filter_radius;         /* as in sbl_picture_desc, in texels */
-    uint32_t end_canary;
+    float target_error;        /* accepted root mean square error of R over the texels, as in sbl_picture_desc. If not
+                                  set, a sensor takes at most 512 / 1024 / 2048 rays. Default: 0.02 / 0.005 / 0.0025 */
+    int tile;                  /* distance between the sensors of the first level in texels. Default: as in
+                                  sbl_picture_desc */
+    float threshold;           /* refines where sensors differ by more. Default: as in sbl_picture_desc */
+    int filter_radius;         /* radius of the filter in texels. Default: as in sbl_picture_desc */
+    uint32_t end_canary;       /* must stay 0 */
 } sbl_lightmap_desc;
 
 /* >>probe types */
 
 /* The light at a point in the air.
-   sh: the radiance that arrives, in real orthonormal spherical harmonics: sh[i] is the integral over the sphere of
-   L(w) Y_i(w), w = (x, y, z) a unit vector towards where it comes from, for i = 0 to 8
+   sh is the arriving radiance in real orthonormal spherical harmonics: sh[i] is the integral over the sphere of
+   L(w) Y_i(w), where w = (x, y, z) is the unit vector towards the light's origin, for i = 0 to 8:
 
        Y_0     0.28209479  (1 / sqrt(4 pi))               Y_1 2 3   0.48860251 (sqrt(3 / 4 pi)) times y, z, x
        Y_4 5   1.09254843  (sqrt(15 / 4 pi)) x y, y z     Y_6       0.31539157 (sqrt(5 / 16 pi)) (3 z^2 - 1)
@@ -1252,90 +1301,95 @@ typedef struct sbl_lightmap_desc {
 
    R(n) = irradiance / pi = the sum of A_i sh[i] Y_i(n), where A_0 = 1, A_1 to A_3 = 2/3, A_4 to A_8 = 1/4. */
 typedef struct sbl_probe {
-    float position[3];         /* where it stands: where it was asked for, or was moved to */
-    float sh[9][3];            /* rgb of each */
+    float position[3];         /* world position: the one that was asked for, or the one that the probe was moved to */
+    float sh[9][3];            /* spherical harmonics of the radiance, rgb each */
     float cube[6][3];          /* R on a surface that faces +x, -x, +y, -y, +z, -z */
-    float sky;                 /* share of all directions that end on no surface, 0 to 1 */
-    float distance[8];         /* to the surfaces seen towards each octant (bit 0 of its number: x > 0, bit 1: y > 0,
-                                  bit 2: z > 0), world: mean with weights max(0, cosine to the octant's middle); 0 where
-                                  none is seen */
-    float distance_squared[8]; /* the same of the distance's square */
-    float back_share;          /* of the directions that end on surfaces, those that end on back faces */
-    int valid;                 /* 0: it stands inside something, or its light overflows */
+    float sky;                 /* share of all directions in which no surface is seen, 0 to 1 */
+    float distance[8];         /* mean world distance to the surfaces seen towards each octant (number: bit 0 is x > 0,
+                                  bit 1 is y > 0, bit 2 is z > 0), with the weights max(0, cosine to the octant's
+                                  middle); 0 if no surface is seen */
+    float distance_squared[8]; /* mean of the square of the distance, with the same weights */
+    float back_share;          /* share of the directions with surfaces in which back faces are seen */
+    int valid;                 /* 0: the probe is inside something, or its light overflows */
 } sbl_probe;
 
-/* Zero is the default everywhere; what is named as in sbl_picture_desc means the same. */
+/* Fields with the same name as in sbl_picture_desc have the same meaning. */
 typedef struct sbl_probes_desc {
-    uint32_t start_canary;
-    const float *positions;    /* 3 a probe, world; not copied: must stay until all are done */
-    sbl_probe *probes;         /* likewise: receives one a position, those of the first positions first */
-    int probe_count;           /* number of probes, 0 and up. With a grid: its number of points, which is the default */
-    int grid[3];               /* where positions is NULL: so many points along x, y and z, x fastest, y next, at the
-                                  middles of so many cells between */
-    float lowest[3], highest[3];  /* these corners, world. Default (all zero): the scene's bounds */
-    float move;                /* how far a probe that stands inside something may be moved to get out, world: see ON
-                                  PROBES. Default: 0, not at all */
+    uint32_t start_canary;     /* must stay 0 */
+    const float *positions;    /* 3 floats per probe, world; not copied, must stay valid until the probes are done.
+                                  Default: NULL, a grid */
+    sbl_probe *probes;         /* receives one probe per position, in the same order; must stay valid likewise */
+    int probe_count;           /* number of probes, 0 or more. Default: number of points of the grid */
+    int grid[3];               /* if positions is NULL: number of probes along x, y and z. x runs fastest, then y. The
+                                  probes are at the centres of equal boxes that fill the space from lowest to highest */
+    float lowest[3], highest[3];  /* world corners of the grid. Default (all zero): the bounds of the scene */
+    float move;                /* greatest world distance by which a probe that is inside something may be moved to get
+                                  out, see ON PROBES. Default: 0, not at all */
     sbl_options options;       /* see sbl_options; the seed rotates the rays */
-    uint32_t end_canary;
+    uint32_t end_canary;       /* must stay 0 */
 } sbl_probes_desc;
+
 /* >>vertex types */
 
-/* Light at the vertices of meshes; see ON VERTEX LIGHT. Zero is the default everywhere; what is named as in
-   sbl_readings_desc means the same, a site being one of the points that light is gathered at. Light is what arrives on
-   the front: the side that normals point to, without them the side whose corners run counter-clockwise. */
+/* Light at the vertices of meshes; see ON VERTEX LIGHT. Light is measured on the front of a surface: the side that its
+   normals point to, or without normals the side from which its corners run counter-clockwise. Three numbers are the
+   values of the presets draft / default / high. */
 typedef struct sbl_vertices_desc {
-    uint32_t start_canary;
-    const int *meshes;         /* numbers of the meshes, in the order in which their vertices come; read when it begins.
-                                  Default: all of the scene */
-    int mesh_count;
-    float *radiance;           /* the host's, in use until it is done: receives R, 3 floats a vertex, of sbl_mesh's
-                                  vertex_count vertices one mesh after the other; never negative */
+    uint32_t start_canary;     /* must stay 0 */
+    const int *meshes;         /* indices of the meshes, in the order in which radiance holds their vertices; read when
+                                  the work begins. Default: all meshes of the scene */
+    int mesh_count;            /* number of entries in meshes */
+    float *radiance;           /* receives R, 3 floats for each of the vertex_count vertices of a mesh, one mesh after
+                                  the other; never negative. Must stay valid until the work is done */
     size_t float_count;        /* number of floats that radiance has room for */
-    int samples;               /* points over a triangle that has its mesh's mean area, 1 to 1024; others have as many
-                                  more or fewer as they are larger, but at least 4, and at most 8 times as many.
+    int samples;               /* number of points on a triangle that has the mean area of its mesh, 1 to 1024. Others
+                                  have points in proportion to their area, at least 4 and at most 8 times samples.
                                   Default: 4 / 8 / 16 */
-    int average;               /* 1: instead of least squares, means of the points around each vertex: smoother, and
-                                  wrong where triangles are large for the light on them */
-    float smoothing;           /* how much the light's slope may not differ between triangles that share an edge, beside
-                                  their points; all light that is linear is left as it is. Negative: none. Default:
-                                  0.02 */
+    int average;               /* 1: each vertex gets the mean of the points around it instead of the least-squares fit.
+                                  This is smoother, and wrong where light changes within large triangles. Default: 0 */
+    float smoothing;           /* weight of the rule that the slope of the light agrees on triangles that share an edge,
+                                  relative to the weight of the points; light that is linear stays as it is. Default:
+                                  0.02. Negative: 0, no rule */
     sbl_options options;       /* see sbl_options; rays are those of one point */
-    uint32_t end_canary;
+    uint32_t end_canary;       /* must stay 0 */
 } sbl_vertices_desc;
 
 /* >>inspection types */
 
+/* One view of a rasterised sensor. Texel (i, j) of the view looks along forward + right * x + up * y, where
+   x = x0 + (x1 - x0) * (i + 0.5) / width and y = y0 + (y1 - y0) * (j + 0.5) / height. */
 typedef struct sbl_sensor_view {
     int rect[4];              /* x, y, width, height in the sheet; y counts from the first row */
-    float right[3], up[3], forward[3];  /* unit; texel (i, j) of the rect looks along forward + right * x + up * y */
-    float x0, x1, y0, y1;     /* with x = x0 + (x1 - x0) * (i + 0.5) / width, and likewise y with j */
+    float right[3], up[3], forward[3];  /* unit vectors in the world */
+    float x0, x1, y0, y1;     /* extent of the view at distance 1 */
 } sbl_sensor_view;
 
-/* What sensors aim rays at. */
+/* What sensors send rays to. */
 typedef enum sbl_lamp_kind {
-    SBL_LAMP_TRIANGLE = 0,    /* number: of the triangle in its mesh, those without area left out */
-    SBL_LAMP_LIGHT,           /* of the sbl_light */
-    SBL_LAMP_SKY_TEXEL,       /* row * width + column in the environment's picture */
+    SBL_LAMP_TRIANGLE = 0,    /* number: index of the triangle in its mesh, not counting triangles without area */
+    SBL_LAMP_LIGHT,           /* number: index of the sbl_light */
+    SBL_LAMP_SKY_TEXEL,       /* number: row * width + column in the picture of the environment */
     SBL_LAMP_KIND_COUNT
 } sbl_lamp_kind;
 
 typedef struct sbl_sensor_lamp {
     sbl_lamp_kind kind;
-    int mesh;                 /* of a triangle; else -1 */
-    int number;
-    float unhindered[3];      /* R from it where nothing stands between; 0 where it was picked out of a cluster of
-                                 lamps, or is a texel of the sky, of which only rays tell */
-    int rays, open;           /* that were sent to it, and that reached it */
+    int mesh;                 /* index of the mesh for SBL_LAMP_TRIANGLE, else -1 */
+    int number;               /* see sbl_lamp_kind */
+    float unhindered[3];      /* R from the lamp if nothing blocks it; 0 if the lamp was picked from a cluster of lamps,
+                                 or is a texel of the sky, whose light is known from rays only */
+    int rays, open;           /* number of rays that were sent to the lamp, and number of these that reached it */
 } sbl_sensor_lamp;
 
 typedef struct sbl_sensor_ray {
-    float direction[3];       /* unit */
-    float distance;           /* of what it met, negative: a back face; 0: nothing. Towards a lamp: 0 */
-    float radiance[3];        /* what came along it; towards a lamp, what it brought to R over its share of the rays */
-    int lamp;                 /* in sbl_sensor.lamps; -1: a ray over the hemisphere */
+    float direction[3];       /* unit vector */
+    float distance;           /* world distance to the surface that the ray met, negative for a back face; 0 if it met
+                                 none, and for rays towards lamps */
+    float radiance[3];        /* radiance along the ray; towards a lamp, the part of R that this ray brought */
+    int lamp;                 /* index into sbl_sensor.lamps; -1: a ray over the hemisphere */
 } sbl_sensor_ray;
 
-/* One sensor as it stood in the last picture. A rasterised one has all its views on one sheet:
+/* One sensor of the last picture. A rasterised sensor has all its views on one sheet:
 
        hemicube, size S:  +--------+--------+        single:  +--------+
                           |        | side 1 |                 |        |
@@ -1345,29 +1399,31 @@ typedef struct sbl_sensor_ray {
                           | side 3 | side 4 |     a side holds the half above the horizon
                           +--------+--------+
 
-   A traced one has rays; its sheet is a row of them, a texel each, whose weights differ where rays are guided. Either
-   has rays to lamps, unless the mode is SBL_MODE_PAPER, where emitters are met by texels. */
+   A traced sensor has rays. Its sheet is one row with a texel per ray; the weights of the texels differ where rays are
+   guided. Both kinds of sensors send rays towards lamps, except in SBL_MODE_PAPER, where texels find the emitters. */
 typedef struct sbl_sensor {
-    sbl_backend backend;      /* RASTER or TRACE */
-    sbl_site site;            /* what it is for: sbl_gather_readings finds the same light there */
-    float position[3];        /* where it stands: the site moved off its surface */
-    float normal[3];
-    float radiance[3];        /* R as it entered the picture, before interpolation and filter: the mean of its looks */
-    float noise;              /* its standard error, where it can be told */
-    int looks;                /* so many, each turned further; what follows is of the first */
-    float from_surroundings[3];  /* R: the sum over the sheet of weight * radiance */
-    float from_lamps[3];      /* R from what rays are aimed at */
-    float weight_sum;         /* 1 but for a single view */
+    sbl_backend backend;      /* SBL_BACKEND_RASTER or SBL_BACKEND_TRACE */
+    sbl_site site;            /* the point of the sensor; sbl_gather_readings measures the same light there */
+    float position[3];        /* world position of the sensor: the site moved off its surface */
+    float normal[3];          /* unit normal of the sensor */
+    float radiance[3];        /* R that the picture used, before interpolation and filter: the mean of all looks */
+    float noise;              /* standard error of the luminance of R; 0 if it is unknown */
+    int looks;                /* number of looks that the sensor took, each rotated differently. All fields below
+                                 describe the first look */
+    float from_surroundings[3];  /* part of R: the sum of weight * radiance over the sheet */
+    float from_lamps[3];      /* part of R that rays towards lamps have measured */
+    float weight_sum;         /* sum of the weights of the sheet: 1 except for a single view */
     float back_share;         /* share of the weight that sees back faces */
-    float hit_min, hit_mean;  /* distance to the nearest surface seen, and the mean; 0 where none is seen */
-    int valid;                /* 0: judged to be stuck inside geometry */
-    int sensed;               /* 0: no sensor stood here, its pixel was interpolated; what is shown was gathered now */
-    int level;
-    int view_count;           /* 0: traced */
+    float hit_min, hit_mean;  /* least and mean world distance to the surfaces seen; 0 if there are none */
+    int valid;                /* 0: the sensor is stuck inside geometry, or its light overflows */
+    int sensed;               /* 0: the pixel was interpolated and had no sensor; the light shown was measured now */
+    int level;                /* level of refinement at which the sensor was placed, from 0 */
+    int view_count;           /* number of entries in views; 0 if rays were traced */
     sbl_sensor_view views[5];
-    int sheet_width, sheet_height;
-    const sbl_sensor_ray *rays;    /* over the hemisphere, then towards lamps; these arrays are sbl.h's, until the */
-    const sbl_sensor_lamp *lamps;  /* next inspection, begin or end */
+    int sheet_width, sheet_height;  /* size of the sheet in texels */
+    const sbl_sensor_ray *rays;     /* ray_count rays over the hemisphere, then towards lamps; owned by sbl.h, valid
+                                       until the next inspection, begin or end */
+    const sbl_sensor_lamp *lamps;   /* lamp_count lamps; owned by sbl.h, valid as long as rays */
     int ray_count, lamp_count;
 } sbl_sensor;
 
@@ -1375,136 +1431,150 @@ typedef struct sbl_sensor {
 extern "C" {
 #endif
 
-/* >>functions */
+/* >>functions
 
-/* Makes a context. desc: NULL or zeroes mean defaults. out: receives the context, NULL on failure.
-   Results: INVALID_ARGUMENT, OUT_OF_MEMORY, UNSUPPORTED (no GL 3.3, a function missing, no headless GL), GL (also
-   where the driver draws a known triangle wrongly). */
+   Results are listed without SBL_SUCCESS and without the prefix SBL_ERROR_. Each function also returns
+   INVALID_ARGUMENT for a NULL context, and STATE if a callback calls it from which it is not allowed. */
+
+/* Creates a context.
+   desc: NULL means defaults. out: receives the context, or NULL on failure.
+   Results: INVALID_ARGUMENT, OUT_OF_MEMORY, UNSUPPORTED (no GL 3.3, a GL function is missing, no headless GL), GL
+   (also if the driver draws a known triangle wrongly). */
 SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out);
 
-/* Frees the context and all its GL objects; NULL is ignored. */
+/* Frees a context and all its GL objects. context: may be NULL. */
 SBL_API void sbl_destroy(sbl_context *context);
 
-/* Replaces the scene by a copy of what desc describes. A picture or gather under way is abandoned, a finished picture
-   stays. An empty scene is allowed: only sky. Triangles without area are left out, with a warning.
-   Results: INVALID_ARGUMENT (each mistake logged with its mesh, field and value), OUT_OF_MEMORY, UNSUPPORTED (too
-   large), GL. On failure the former scene stays. */
+/* Replaces the scene by a copy of the one that desc describes. Work under way is dropped, a finished picture stays. An
+   empty scene is allowed and shows only sky. Triangles without area are left out, with a warning.
+   Results: INVALID_ARGUMENT (each mistake is logged with its mesh, field and value), OUT_OF_MEMORY, UNSUPPORTED (the
+   scene is too large), GL. On failure the former scene and all work stay. */
 SBL_API sbl_result sbl_set_scene(sbl_context *context, const sbl_scene_desc *desc);
 
-/* Moves mesh number `mesh` of the scene: transform is object to world, as sbl_mesh.transform. A picture or gather under
-   way is abandoned, a finished picture stays.
+/* Moves one mesh of the scene. Work under way is dropped, a finished picture stays.
+   mesh: index of the mesh. transform: object to world, as sbl_mesh.transform.
    Results: INVALID_ARGUMENT, STATE (no scene), OUT_OF_MEMORY, GL. On failure the mesh stays where it was. */
 SBL_API sbl_result sbl_set_mesh_transform(sbl_context *context, int mesh, const float transform[16]);
 
-/* Gives the scene other materials or lights: as many as it has, in the same order; textures keep their numbers. A
-   picture or gather under way is abandoned, a finished picture stays. Where only what shines differs (emission,
-   lights), bounced light is made again from what the surfaces' shape and colour fixed: no ray between surfaces is
-   traced again.
-   Results: INVALID_ARGUMENT (each mistake logged), STATE (no scene), UNSUPPORTED (more lamps than the scene's tables
-   can hold: use sbl_set_scene), OUT_OF_MEMORY, GL. On failure the scene stays as it was. */
+/* Replaces all materials, or all lights, of the scene: the same number in the same order. Textures keep their numbers.
+   Work under way is dropped, a finished picture stays. If only emission or lights have changed, the update of the
+   bounced light reuses the store's rays, and traces no ray between surfaces again.
+   Results: INVALID_ARGUMENT (each mistake is logged), STATE (no scene), UNSUPPORTED (more lamps than the tables of the
+   scene can hold: use sbl_set_scene), OUT_OF_MEMORY, GL. On failure the scene stays as it was. */
 SBL_API sbl_result sbl_set_materials(sbl_context *context, const sbl_material *materials, int material_count);
 SBL_API sbl_result sbl_set_lights(sbl_context *context, const sbl_light *lights, int light_count);
 
-/* Saves the stored light of the scene's last SBL_MODE_GI picture or gather, and gives it to the same scene again, which
-   then needs not make it. The same: meshes, materials, textures, lights, sky and environment, to the bit; the camera
-   may be another one. put and get are called for some bytes at a time and return how many they took or gave; fewer are
-   an error. The format has a version and a checksum, and is of the machine's own byte order.
-   Results: INVALID_ARGUMENT (put or get failed; the data are damaged, of another version, byte order or scene), STATE
-   (no scene; save: no light is stored yet), UNSUPPORTED (load: larger than the driver's tables), OUT_OF_MEMORY, GL.
-   After a failed load the scene has the stored light that it had. */
+/* Writes the stored bounced light of the scene through put, or reads it back through get, so that a later run need not
+   compute it. The scene must be the same to the bit: meshes, materials, textures, lights, sky and environment. The
+   camera may differ.
+   put, get: called for some bytes at a time; they return the number of bytes written or read, and fewer than asked for
+   are an error. user: passed to them. The format has a version and a checksum, and uses the machine's byte order.
+   Results: INVALID_ARGUMENT (put or get failed; the data are damaged, or of another version, byte order or scene),
+   STATE (no scene; save: no light is stored yet), UNSUPPORTED (load: larger than the driver's tables), OUT_OF_MEMORY,
+   GL. After a failed load the scene keeps the stored light that it had. */
 SBL_API sbl_result sbl_save_store(sbl_context *context, sbl_write_function put, void *user);
 SBL_API sbl_result sbl_load_store(sbl_context *context, sbl_read_function get, void *user);
 
-/* Renders a picture: sbl_begin_picture, then sbl_step until done. Results: those of both. */
+/* Renders a picture: sbl_begin_picture, then sbl_step until it is done. Results: those of both. */
 SBL_API sbl_result sbl_render_picture(sbl_context *context, const sbl_picture_desc *desc);
 
-/* Starts a picture: looks at desc, and does none of the work. desc: NULL or zeroes mean defaults; copied. What was
-   begun before is dropped, a finished picture too.
-   Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (larger than the driver's textures). */
+/* Starts a picture: checks desc and copies it; sbl_step does the work. Whatever was begun before is dropped, and so is
+   a finished picture or lightmap.
+   desc: NULL means defaults.
+   Results: INVALID_ARGUMENT (each mistake is logged), STATE (no scene), UNSUPPORTED (larger than the driver's
+   textures). On failure nothing is dropped. */
 SBL_API sbl_result sbl_begin_picture(sbl_context *context, const sbl_picture_desc *desc);
 
-/* Bakes a lightmap: sbl_begin_lightmap, then sbl_step until done. Results: those of both. */
+/* Bakes a lightmap: sbl_begin_lightmap, then sbl_step until it is done. Results: those of both. */
 SBL_API sbl_result sbl_bake_lightmap(sbl_context *context, const sbl_lightmap_desc *desc);
 
-/* Starts a lightmap, in the place of a picture: what is said of pictures holds for it, from sbl_step to
-   sbl_inspect_sensor. Triangles that overlap in the map, or lie outside of it, are named in warnings.
-   Results: INVALID_ARGUMENT, STATE (no scene), UNSUPPORTED (larger than the driver's textures). */
+/* Starts a lightmap, which takes the place of a picture: the comments on pictures are true for it, from sbl_step to
+   sbl_inspect_sensor. Warnings name triangles that overlap in the map or lie outside of it.
+   desc: NULL means defaults.
+   Results: INVALID_ARGUMENT (each mistake is logged), STATE (no scene), UNSUPPORTED (larger than the driver's
+   textures), OUT_OF_MEMORY. */
 SBL_API sbl_result sbl_begin_lightmap(sbl_context *context, const sbl_lightmap_desc *desc);
 
-/* Bakes light at vertices: sbl_begin_vertices, then sbl_step until done. Results: those of both. */
+/* Bakes light at vertices: sbl_begin_vertices, then sbl_step until it is done. Results: those of both. */
 SBL_API sbl_result sbl_bake_vertices(sbl_context *context, const sbl_vertices_desc *desc);
 
-/* Starts light at vertices, in the place of a gather: a picture under way is abandoned, a finished one stays.
-   desc->radiance is the host's and in use until it is done, and filled at the end.
-   Results: INVALID_ARGUMENT (each mistake logged), STATE (no scene), OUT_OF_MEMORY. */
+/* Starts light at vertices. Work under way is dropped, a finished picture stays.
+   desc: copied; desc->radiance is filled when the work is done.
+   Results: INVALID_ARGUMENT (each mistake is logged), STATE (no scene), OUT_OF_MEMORY. */
 SBL_API sbl_result sbl_begin_vertices(sbl_context *context, const sbl_vertices_desc *desc);
 
-/* Gathers the light that arrives at points: sbl_begin_readings, then sbl_step until done. Results: those of both. */
+/* Measures the light at points: sbl_begin_readings, then sbl_step until it is done. Results: those of both. */
 SBL_API sbl_result sbl_gather_readings(sbl_context *context, const sbl_readings_desc *desc);
 
-/* Starts gathering light at desc->sites into desc->readings, both the host's and in use until it is done. It sees what
-   sensors see: with a draw callback, and in SBL_MODE_PAPER, by views. A picture under way is abandoned, a finished one
-   stays.
-   Results: INVALID_ARGUMENT (each mistake logged; of sites the first ones), STATE (no scene). */
+/* Starts readings. Sensors measure them as for pictures: by views with a draw callback and in SBL_MODE_PAPER, otherwise
+   by rays. Work under way is dropped, a finished picture stays.
+   desc: copied; desc->readings is filled from the first site to the last while the work goes on.
+   Results: INVALID_ARGUMENT (each mistake is logged; of the sites only the first mistakes), STATE (no scene). */
 SBL_API sbl_result sbl_begin_readings(sbl_context *context, const sbl_readings_desc *desc);
 
-/* Bakes probes: sbl_begin_probes, then sbl_step until done. Results: those of both. */
+/* Bakes probes: sbl_begin_probes, then sbl_step until it is done. Results: those of both. */
 SBL_API sbl_result sbl_bake_probes(sbl_context *context, const sbl_probes_desc *desc);
 
-/* Starts gathering light in the air into desc->probes, the host's and in use until all are done. With a draw callback
-   light is seen by views. A picture under way is abandoned, a finished one stays.
-   Results: INVALID_ARGUMENT (each mistake logged; of positions the first ones), STATE (no scene). */
+/* Starts probes. With a draw callback their light is measured by views. Work under way is dropped, a finished picture
+   stays.
+   desc: copied; desc->probes is filled from the first position to the last while the work goes on.
+   Results: INVALID_ARGUMENT (each mistake is logged; of the positions only the first mistakes), STATE (no scene). */
 SBL_API sbl_result sbl_begin_probes(sbl_context *context, const sbl_probes_desc *desc);
 
-/* Works on what was begun last for about `seconds` (0 or less: until it is done); see ON TIME.
-   Results: SUCCESS (done: channels can be read, readings or probes are there), UNFINISHED, CANCELLED, STATE (nothing
-   was begun), OUT_OF_MEMORY, UNSUPPORTED (sensors larger than the driver's textures), GL.
-   After CANCELLED or an error it is gone. */
+/* Works on whatever was begun last; see ON TIME.
+   seconds: roughly how long to work; 0 or less: until the work is done.
+   Results: SUCCESS (the work is done), UNFINISHED (call again), CANCELLED, STATE (nothing was begun), OUT_OF_MEMORY,
+   UNSUPPORTED (sensors are larger than the driver's textures), GL. After CANCELLED or an error the work is dropped. */
 SBL_API sbl_result sbl_step(sbl_context *context, double seconds);
 
-/* How far it is, 0 to 1; 0 where nothing was begun. An estimate: refinement may still find work. */
+/* Returns how much of the work is done, 0 to 1, or 0 if nothing was begun. This is an estimate, because refinement may
+   still find work. */
 SBL_API float sbl_progress(const sbl_context *context);
 
-/* Abandons what is under way, and frees the finished picture's channels. */
+/* Frees whatever was begun: stops work under way, frees a finished picture or lightmap, and frees the memory of the
+   store's rays. The stored light itself stays until the scene changes. */
 SBL_API void sbl_end(sbl_context *context);
 
-/* Floats per pixel of a channel: 3 or 1; 0 for a channel that does not exist. */
+/* Returns the number of floats per pixel of a channel: 3 or 1, or 0 if the channel does not exist. */
 SBL_API int sbl_channel_components(sbl_channel channel);
 
-/* Copies a channel: width * height * components floats, top row first. Of a picture under way the best so far.
-   float_count: number of floats that out has room for.
-   Results: INVALID_ARGUMENT, STATE (no picture), UNFINISHED (nothing to be seen yet), OUT_OF_MEMORY, GL. */
+/* Copies a channel of the picture or lightmap. If it is under way, the best so far is copied.
+   out: receives width * height * components floats, top row first. float_count: number of floats that out has room for.
+   Results: INVALID_ARGUMENT, STATE (no picture), UNFINISHED (nothing to read before the first level is done),
+   OUT_OF_MEMORY, GL. INVALID_ARGUMENT, STATE and UNFINISHED leave out as it was. */
 SBL_API sbl_result sbl_read_channel(sbl_context *context, sbl_channel channel, float *out, size_t float_count);
 
-/* The GL texture that holds a channel: GL_TEXTURE_2D, width x height, top row first, NEAREST; RGBA32F or RGBA16F; ID is
-   R32UI, DEPTH and SENSORS R32F. 0: there is no picture, or nothing to be seen yet. Owned by sbl.h; valid until the
-   next sbl_begin_picture or sbl_end, and while the picture is under way until the next sbl_step. */
+/* Returns the GL texture of a channel, or 0 if there is no picture, or nothing to read yet. The texture is a
+   GL_TEXTURE_2D of width x height, top row first, with the filter NEAREST. Its format is RGBA32F or RGBA16F; ID has
+   R32UI, and other channels of one float have R32F. sbl.h owns the texture. It is valid until the next
+   sbl_begin_picture, sbl_begin_lightmap or sbl_end, and while the picture is under way only until the next sbl_step. */
 SBL_API uint32_t sbl_channel_texture(sbl_context *context, sbl_channel channel);
 
-/* Gathers light again for pixel (x, y) of the finished picture and shows how it came about.
-   radiance: NULL, or 4 floats a texel of the sheet, first row first: rgb = radiance, a = distance to what was seen,
-   negative for back faces, 0 for nothing. weights: NULL, or 1 float a texel, their sum is sensor->weight_sum.
-   texel_count: number of texels that both have room for; call with NULL arrays first to learn sheet_width and
-   sheet_height.
-   Results: INVALID_ARGUMENT (outside the picture, no surface there, no room), STATE (no finished picture, or its scene
-   has changed), OUT_OF_MEMORY, GL. */
+/* Shows how the light of pixel (x, y) of the finished picture came about, by measuring it again.
+   sensor: receives the sums, views, rays and lamps. radiance: NULL, or receives 4 floats per texel of the sheet, first
+   row first: rgb is the radiance, a is the distance to the surface seen, negative for back faces, 0 if there is none.
+   weights: NULL, or receives 1 float per texel; their sum is sensor->weight_sum. texel_count: number of texels that
+   both arrays have room for. Call with NULL arrays first to learn sheet_width and sheet_height.
+   Results: INVALID_ARGUMENT (outside the picture, no surface there, not enough room), STATE (no finished picture, or
+   its scene has changed), OUT_OF_MEMORY, GL. On failure sensor stays as it was. */
 SBL_API sbl_result sbl_inspect_sensor(sbl_context *context, int x, int y, sbl_sensor *sensor, float *radiance,
                                       float *weights, size_t texel_count);
 
-/* world_to_view of a camera at `eye` that looks at `at`. Returns 0 and writes nothing where the directions are
-   degenerate, else 1. */
+/* Computes world_to_view of a camera at `eye` that looks at `at`; `up` is the direction that is up in the picture.
+   Returns 1, or 0 if the directions are degenerate; then nothing is written. */
 SBL_API int sbl_look_at(float world_to_view[16], float eye_x, float eye_y, float eye_z, float at_x, float at_y,
                         float at_z, float up_x, float up_y, float up_z);
 
-/* view_to_clip of a pinhole camera; fov_y: vertical, degrees; aspect: width / height. Returns 0 and writes nothing
-   where they are out of range, else 1. */
+/* Computes view_to_clip of a pinhole camera. fov_y: vertical field of view in degrees, below 180. aspect: width /
+   height. Returns 1, or 0 if a parameter is out of range; then nothing is written. */
 SBL_API int sbl_perspective(float view_to_clip[16], float fov_y, float aspect);
 
-/* Writes linear[i] * scale as 8-bit sRGB (IEC 61966-2-1) to out[i], rounded. Negative numbers and NaN become 0, numbers
-   above 1 become 255. float_count: number of floats, not of pixels. scale: the exposure; 1 shows radiance 1 as white. */
+/* Writes linear[i] * scale as 8-bit sRGB (IEC 61966-2-1), rounded, to out[i]. Negative numbers and NaN become 0,
+   numbers above 1 become 255. float_count: number of floats, not of pixels. scale: the exposure; with 1, radiance 1 is
+   white. */
 SBL_API void sbl_encode_srgb8(unsigned char *out, const float *linear, size_t float_count, float scale);
 
-/* Copies with every zero that means a default replaced by it; NULL is all zeroes. */
+/* Return a copy of desc in which each zero that stands for a default is replaced by it. NULL means all zeroes. */
 SBL_API sbl_context_desc sbl_context_desc_defaults(const sbl_context_desc *desc);
 SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc);
 SBL_API sbl_readings_desc sbl_readings_desc_defaults(const sbl_readings_desc *desc);
@@ -1512,8 +1582,8 @@ SBL_API sbl_lightmap_desc sbl_lightmap_desc_defaults(const sbl_lightmap_desc *de
 SBL_API sbl_probes_desc sbl_probes_desc_defaults(const sbl_probes_desc *desc);
 SBL_API sbl_vertices_desc sbl_vertices_desc_defaults(const sbl_vertices_desc *desc);
 
-/* Queries return a copy of what the context knows; all fields are 0 for a NULL context. sbl_query_desc returns the
-   descriptor with its defaults filled in, sbl_query_bounds zeroes if there is no scene or an empty one. */
+/* Return a copy of what the context knows, all zeroes for a NULL context. sbl_query_desc has its defaults filled in.
+   sbl_query_bounds is all zeroes if there is no scene or an empty one. */
 SBL_API sbl_context_desc sbl_query_desc(const sbl_context *context);
 SBL_API sbl_capabilities sbl_query_capabilities(const sbl_context *context);
 SBL_API sbl_stats sbl_query_stats(const sbl_context *context);
@@ -1521,6 +1591,7 @@ SBL_API sbl_programs sbl_query_programs(const sbl_context *context);
 SBL_API sbl_memory sbl_query_memory(const sbl_context *context);
 SBL_API sbl_bounds sbl_query_bounds(const sbl_context *context);
 
+/* Return words: the version, such as "0.2.0", a description of a result, and a description of a log item. */
 SBL_API const char *sbl_version(void);
 SBL_API const char *sbl_result_string(sbl_result result);
 SBL_API const char *sbl_log_item_string(sbl_log_item item);
@@ -7331,8 +7402,8 @@ static const char *const sbl__glsl_surface[] = {
    What front ends are asked for: the options that all share, and the descriptor of each front end. The defaults of a
    descriptor and its checks stand side by side. */
 
-/* Fills in the defaults of the options. rays, sizes: the defaults of rays and sensor_size for the presets default, draft
-   and high. */
+/* Fills in the defaults of the options. rays, sizes: the defaults of rays and sensor_size for the presets default,
+   draft and high. */
 static void sbl__options_defaults(sbl_options *o, const int rays[SBL_PRESET_COUNT], const int sizes[SBL_PRESET_COUNT]) {
     const int preset = (int)o->preset >= 0 && o->preset < SBL_PRESET_COUNT ? (int)o->preset : 0;
     if (o->mode == SBL_MODE_DEFAULT) o->mode = SBL_MODE_GI;
@@ -18166,7 +18237,8 @@ static sbl_result sbl__begin(sbl_context *c, sbl_picture_desc d, int asked, cons
     c->core.stats.picture.width = lightmap ? lightmap->width : d.width;
     c->core.stats.picture.height = lightmap ? lightmap->height : d.height;
     c->core.stats.picture.target_error = d.target_error;
-    for (level = 0; level < SBL_MAX_LEVELS; level++) c->core.stats.picture.levels[level].tile = SBL__MAX(1, d.tile >> level);
+    for (level = 0; level < SBL_MAX_LEVELS; level++)
+        c->core.stats.picture.levels[level].tile = SBL__MAX(1, d.tile >> level);
     c->map = lightmap ? &c->lightmap.map : &c->picture.map;
     if (lightmap) result = sbl__lightmap_begin(&c->lightmap, &c->core, lightmap, &d, asked);
     else sbl__picture_begin(&c->picture, &c->core, &d, asked);
@@ -18445,7 +18517,7 @@ static sbl_result sbl__channel_ready(sbl_context *c, const char *function) {
     sbl_result result;
     if (!c->map) {
         sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "there is no picture; call sbl_render_picture, or "
-                    "sbl_step");
+                    "sbl_begin_picture and sbl_step");
         return SBL_ERROR_STATE;
     }
     if (sbl__map_is_done(c->map)) return SBL_SUCCESS;

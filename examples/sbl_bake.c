@@ -18,11 +18,11 @@
 static struct options {
     int lightmap, gutter, supersample, samples, grid[3];
     const char *positions;  /* the file of probes' positions; NULL: a grid */
-    double error, move, smoothing;
+    double target_error, move, smoothing;
 } options;
 
 enum {
-    OUTPUT = COMMON_OPTIONS, LIGHTMAP, GUTTER, DIRECTIONAL, SUPERSAMPLE, ERROR, VERTICES, AVERAGE, SAMPLES, SMOOTHING, PROBES, MOVE, OPTION_COUNT
+    OUTPUT = COMMON_OPTIONS, LIGHTMAP, GUTTER, DIRECTIONAL, SUPERSAMPLE, TARGET_ERROR, VERTICES, AVERAGE, SAMPLES, SMOOTHING, PROBES, MOVE, OPTION_COUNT
 };
 
 static const tool_option table[OPTION_COUNT] = {
@@ -47,9 +47,10 @@ static const tool_option table[OPTION_COUNT] = {
     [SUPERSAMPLE] = { "--supersample", "N", INTEGERS, &options.supersample, 1, 1, 8,
                    "with --lightmap: measures N x N places in each texel and takes their mean, for shadows finer than texels;\n"
                    "default 1"},
-    [ERROR]    = { "--error", "E", SHARES, &options.error, 1, 0.0001, 1,
+    [TARGET_ERROR] = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,
                    "with --lightmap: target error of R, such as 2% or 0.02: root mean square over the map, divided by its mean;\n"
-                   "default 2%, 0.5%, 0.25% by preset; with the default, a sensor uses at most 512, 1024, 2048 rays"},
+                   "default 2%, 0.5%, 0.25% by preset; with the default, a sensor uses at most 512, 1024, 2048 rays",
+                   .synonym = "--error" },
     [VERTICES] = { "--vertices", NULL, FLAG, NULL, 0, 0, 0,
                    "bakes light at the vertices of all meshes, by least squares over their triangles, and writes PATH.ply\n"
                    "(binary: x y z nx ny nz in the world, radiance_r radiance_g radiance_b, which is R, and the faces) or PATH.gltf\n"
@@ -91,7 +92,7 @@ static void print_help(void) {
 static int ends_with(const char *path, const char *ending) { return scene__ends_with(path, ending); }
 
 static int parse(int argc, char **argv) {
-    static const int of_lightmaps[] = { GUTTER, DIRECTIONAL, SUPERSAMPLE, ERROR, TILE, THRESHOLD, FILTER_RADIUS };
+    static const int of_lightmaps[] = { GUTTER, DIRECTIONAL, SUPERSAMPLE, TARGET_ERROR, TILE, THRESHOLD, FILTER_RADIUS };
     static const int of_vertices[] = { AVERAGE, SAMPLES, SMOOTHING };
     int i;
     const tool_command command = { argc, argv, table, OPTION_COUNT, given, &common.scene, 1 };
@@ -314,7 +315,7 @@ static void describe_lightmap(sbl_lightmap_desc *desc, progress *bar) {
     desc->options.mode = common_mode(given);
     if (given[PRESET]) desc->options.preset = presets[common.preset];
     desc->options.backend = backends[common.backend];
-    desc->target_error = (float)options.error;
+    desc->target_error = (float)options.target_error;
     desc->directional = given[DIRECTIONAL];
     desc->supersample = options.supersample;
     desc->options.rays = common.rays;

@@ -18,13 +18,13 @@
 
 static struct options {
     int channel, inspect[2], samples;
-    double sensor_fov, error, facet_limit, exposure;
+    double sensor_fov, target_error, facet_limit, exposure;
 } options;
 
 static const char *const channel_words[] = { "final", "radiance", "albedo", "normal", "position", "id", "depth", "sensors", "store", "error", NULL };  /* as sbl_channel */
 
 enum {
-    OUTPUT = CAMERA_END, CHANNEL, ERROR, SENSOR_FOV, FACET_LIMIT, SAMPLES, EXPOSURE, INSPECT, OPTION_COUNT
+    OUTPUT = CAMERA_END, CHANNEL, TARGET_ERROR, SENSOR_FOV, FACET_LIMIT, SAMPLES, EXPOSURE, INSPECT, OPTION_COUNT
 };
 
 static const tool_option table[OPTION_COUNT] = {
@@ -36,9 +36,10 @@ static const tool_option table[OPTION_COUNT] = {
                    "final (default) | radiance (R: irradiance / pi, light without surface colour) | albedo | normal | position |\n"
                    "id | depth | sensors (which pixels had a sensor, and at which level) | store (stored bounced light, cell by\n"
                    "cell) | error (predicted standard error of the luminance of radiance)", channel_words },
-    [ERROR]         = { "--error", "E", SHARES, &options.error, 1, 0.0001, 1,
+    [TARGET_ERROR]  = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,
                    "target error of radiance, such as 2% or 0.02: root mean square over the picture, divided by its mean;\n"
-                   "default 5%, 1.5%, 0.75% by preset; with the default, a sensor uses at most 512 rays (high: 1024)"},
+                   "default 5%, 1.5%, 0.75% by preset; with the default, a sensor uses at most 512 rays (high: 1024)",
+                   .synonym = "--error" },
     [SENSOR_FOV]    = { "--sensor-fov", "DEGREES", NUMBERS, &options.sensor_fov, 1, 1, 179,
                    "width of the sensor's view, mode paper only; default 135"},
     [FACET_LIMIT]   = { "--facet-limit", "PIXELS", NUMBERS, &options.facet_limit, 1, 0, 1e30,
@@ -224,7 +225,7 @@ static void fill_desc(sbl_picture_desc *desc, progress *bar) {
     if (given[MODE]) desc->options.mode = modes[common.mode];
     if (given[PRESET]) desc->options.preset = presets[common.preset];
     desc->options.backend = backends[common.backend];
-    desc->target_error = (float)options.error;
+    desc->target_error = (float)options.target_error;
     desc->options.rays = common.rays;
     desc->options.sensor_size = common.sensor_size;
     desc->sensor_fov = (float)options.sensor_fov;

@@ -28,6 +28,7 @@ typedef struct tool_option {
     const char *help;           /* lines */
     const char *const *words;   /* of a CHOICE, then NULL */
     const char **file;          /* of NUMBERS_OR_FILE */
+    const char *synonym;        /* an older name that is accepted too, or NULL */
 } tool_option;
 
 typedef struct tool_command {
@@ -45,7 +46,10 @@ static void tool_print_options(const tool_option *table, int count) {
     const char *line;
     int i;
     for (i = 0; i < count; i++) {
-        int width = printf("  %s%s%s", table[i].name, table[i].argument ? " " : "", table[i].argument ? table[i].argument : "");
+        const char *gap = table[i].argument ? " " : "", *argument = table[i].argument ? table[i].argument : "";
+        int width = printf("  %s%s%s", table[i].name, gap, argument);
+        if (table[i].synonym) width += printf(", %s%s%s", table[i].synonym, gap, argument);
+        if (width > 24) width = 0 * printf("\n");
         for (line = table[i].help; line; line = strchr(line, '\n') ? strchr(line, '\n') + 1 : NULL) {
             printf("%*s%.*s\n", 26 - width, "", (int)strcspn(line, "\n"), line);
             width = 0;
@@ -101,37 +105,48 @@ static int tool__names_a_file(const char *text) {
     return point && isalpha((unsigned char)point[1]) && !strchr(point, ',') && !(strchr("eE", point[1]) && !isalpha((unsigned char)point[2]));
 }
 
-/* One option's value. Like tool_parse it returns the exit status. */
-static int tool__take(const tool_option *o, const char *value) {
+/* Takes the value of an option. name: as it was typed. Returns the exit status, as tool_parse does. */
+static int tool__take(const tool_option *o, const char *name, const char *value) {
     int k;
     switch (o->kind) {
         case TEXT: *(const char **)o->value = value; return DONE;
         case LIST:
             for (k = 0; k < o->count && ((const char **)o->value)[k]; k++) continue;
-            if (k == o->count) return misuse("%s %s: it may be given %d times", o->name, value, k);
+            if (k == o->count) return misuse("%s %s: it may be given %d times", name, value, k);
             ((const char **)o->value)[k] = value;
             return DONE;
         case BYTES:
-            return tool__bytes(o, value) ? DONE : misuse("%s %s: it must be a number from 16M to 1024T, such as 512M or 4G", o->name, value);
+            return tool__bytes(o, value) ? DONE : misuse("%s %s: it must be a number from 16M to 1024T, such as 512M or 4G", name, value);
         case CHOICE: {
             char list[256] = "";
             for (k = 0; o->words[k] && strcmp(o->words[k], value) != 0; k++) sprintf(list + strlen(list), " %s", o->words[k]);
             *(int *)o->value = k;
-            return o->words[k] ? DONE : misuse("%s %s: it must be one of%s", o->name, value, list);
+            return o->words[k] ? DONE : misuse("%s %s: it must be one of%s", name, value, list);
         }
         default:
             if (o->file) *o->file = tool__names_a_file(value) ? value : NULL;
             if ((o->file && *o->file) || tool__numbers(o, value)) return DONE;
-            return misuse("%s %s: it must be %s with %s from %g to %g", o->name, value, o->argument,
+            return misuse("%s %s: it must be %s with %s from %g to %g", name, value, o->argument,
                           tool__is_whole(o) ? "whole numbers" : "numbers", o->low, o->high);
     }
+}
+
+/* The name of the option, if the argument is that name, or the name, "=" and a value; otherwise NULL. */
+static const char *tool__named(const tool_option *o, const char *argument) {
+    const char *const names[2] = { o->name, o->synonym };
+    int i;
+    for (i = 0; i < 2 && names[i]; i++) {
+        const size_t length = strlen(names[i]);
+        if (strncmp(argument, names[i], length) == 0 && (!argument[length] || argument[length] == '=')) return names[i];
+    }
+    return NULL;
 }
 
 static int tool_parse(const tool_command *c) {
     int i, k, status = DONE, only_files = 0, files = 0;
     for (i = 1; i < c->argc && status == DONE; i++) {
-        const char *argument = c->argv[i], *value = strchr(argument, '='), *name = argument;
-        const tool_option *o = NULL;
+        const char *argument = c->argv[i], *value, *name = NULL;
+        const tool_option *o = c->table;
         if (only_files || argument[0] != '-' || !argument[1]) {
             if (files == c->file_count)
                 return misuse(files == 1 ? "two scenes, %s and %s; give one" : "%s and %s: too many names; see --help", c->files[files - 1], argument);
@@ -139,24 +154,19 @@ static int tool_parse(const tool_command *c) {
             continue;
         }
         if (strcmp(argument, "--") == 0) { only_files = 1; continue; }
-        if (strcmp(argument, "-o") == 0) name = "--output";
-        if (strcmp(argument, "-h") == 0) name = "--help";
-        for (k = 0; k < c->option_count && !o; k++) {
-            const char *known = c->table[k].name;
-            if (strcmp(name, known) == 0 ||
-                (value && strlen(known) == (size_t)(value - name) && strncmp(name, known, (size_t)(value - name)) == 0))
-                o = &c->table[k];
-        }
-        if (!o) return misuse("there is no option %s; see --help", argument);
+        if (strcmp(argument, "-o") == 0) argument = "--output";
+        if (strcmp(argument, "-h") == 0) argument = "--help";
+        for (k = 0; k < c->option_count && !name; k++) name = tool__named(o = &c->table[k], argument);
+        if (!name) return misuse("there is no option %s; see --help", argument);
+        value = argument[strlen(name)] ? argument + strlen(name) + 1 : NULL;
         c->given[o - c->table] = 1;
         if (o->kind == FLAG) {
-            if (value) return misuse("%s takes no value", o->name);
+            if (value) return misuse("%s takes no value", name);
             continue;
         }
-        if (value && name == argument) value++;
-        else if (i + 1 < c->argc) value = c->argv[++i];
-        else return misuse("%s needs a value: %s", o->name, o->argument);
-        status = tool__take(o, value);
+        if (!value && i + 1 < c->argc) value = c->argv[++i];
+        if (!value) return misuse("%s needs a value: %s", name, o->argument);
+        status = tool__take(o, name, value);
     }
     return status;
 }

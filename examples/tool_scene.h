@@ -12,7 +12,7 @@
 
 static struct tool_common {
     const char *scene, *output, *stats, *sky_picture, *store, *input;  /* another file that is read, or NULL */
-    int mode, preset, backend, rays, bounce_samples, sensor_size, tile, filter_radius, seed;
+    int mode, preset, backend, rays, max_bounce_cells, sensor_size, tile, filter_radius, seed;
     double sky[3], sky_rotation, sky_scale, sky_up[3], epsilon, threshold;
     scene_file_options reading;
 } common = { .sky_scale = 1, .sky_up = { 0, 1, 0 } };
@@ -25,7 +25,7 @@ static const sbl_backend backends[] = { SBL_BACKEND_AUTO, SBL_BACKEND_RASTER, SB
 static const sbl_preset presets[] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL_PRESET_HIGH };
 
 enum {
-    SKY, SKY_ROTATION, SKY_SCALE, SKY_UP, MODE, PRESET, BACKEND, RAYS, BOUNCE_SAMPLES, EPSILON, SENSOR_SIZE, TILE,
+    SKY, SKY_ROTATION, SKY_SCALE, SKY_UP, MODE, PRESET, BACKEND, RAYS, MAX_BOUNCE_CELLS, EPSILON, SENSOR_SIZE, TILE,
     THRESHOLD, FILTER_RADIUS, SEED, STATS, ALLOW_PATH, MEMORY, READ_TIME, STORE, QUIET, VERBOSE, HELP, VERSION,
     COMMON_OPTIONS
 };
@@ -52,9 +52,10 @@ enum {
                         "auto (default): trace, and raster in mode paper | raster: draws views | trace: traces rays", backend_words, NULL }, \
     [RAYS]          = { "--rays", "N", INTEGERS, &common.rays, 1, 1, 4096, \
                         "traces exactly this many rays for each sensor; default: as many as the target error requires", NULL, NULL }, \
-    [BOUNCE_SAMPLES] = { "--bounce-samples", "N", INTEGERS, &common.bounce_samples, 1, 1024, 1048576, \
+    [MAX_BOUNCE_CELLS] = { "--max-bounce-cells", "N", INTEGERS, &common.max_bounce_cells, 1, 1024, 1048576, \
                         "the largest number of cells that bounced light is stored for, in mode gi; about 4 KB of memory each;\n" \
-                        "default 49152. Use more if light comes through gaps, or if geometry is fine", NULL, NULL }, \
+                        "default 49152. Use more if light comes through gaps, or if geometry is fine", \
+                        .synonym = "--bounce-samples" }, \
     [EPSILON]       = { "--epsilon", "E", NUMBERS, &common.epsilon, 1, 0, 1e30, \
                         "the ambient factor of the modes paper and ambient; default 0.02", NULL, NULL }, \
     [SENSOR_SIZE]   = { "--sensor-size", "N", INTEGERS, &common.sensor_size, 1, 4, 512, \
@@ -108,7 +109,7 @@ static int common_check(const int *given) {
 /* ---- the scene's light ---- */
 
 /* To sbl.h zero means the default and a negative number zero; on the command line zero means zero. */
-static float zero_or(double x) { return x > 0 ? (float)x : -1; }
+static float zero_or(double x) { return (float)x > 0 ? (float)x : -1; }
 
 /* Does anything in it shine? */
 static int is_lit(const sbl_scene_desc *scene) {
@@ -134,7 +135,7 @@ static sbl_scene_desc common_scene(const scene_file *file, const scene_file *sky
         scene.environment.rotation = (float)common.sky_rotation;
         for (i = 0; i < 3; i++) scene.environment.up[i] = (float)common.sky_up[i];
     }
-    scene.max_bounce_cells = common.bounce_samples;
+    scene.max_bounce_cells = common.max_bounce_cells;
     return scene;
 }
 

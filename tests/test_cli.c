@@ -577,6 +577,59 @@ TEST(zero_is_zero) {
     free(direct.values); free(dark.values); free(glow.values); free(raw.values); free(smooth.values);
 }
 
+/* A wall of triangles of less than a pixel, whose normals in the file lean over: --facet-limit 0 shows them everywhere. */
+TEST(facet_limit_zero_is_zero) {
+    char text[16384] = "vn 1 0.5 0\n";
+    picture usual, none;
+    int i, k;
+    for (i = 0; i <= 16; i++)
+        for (k = 0; k <= 16; k++) sprintf(text + strlen(text), "v 0 %g %g\n", i / 8.0 - 1, 1 - k / 8.0);
+    for (i = 0; i < 16; i++)
+        for (k = 0; k < 16; k++)
+            sprintf(text + strlen(text), "f %d//1 %d//1 %d//1\n", 17 * i + k + 1, 17 * i + k + 2, 17 * i + k + 18);
+    write_text("fine.obj", text);
+#define FINE "fine.obj", "--eye", "9,0,0", "--look-at", "0,0,0", "--fov", "5", "--size", "8x8", "--mode", "direct", \
+             "--quiet", "--channel", "normal"
+    TOOL(FINE, "-o", "usual.pfm");
+    TOOL(FINE, "--facet-limit", "0", "-o", "none.pfm");
+    usual = read_pfm("usual.pfm");
+    none = read_pfm("none.pfm");
+    REQUIRE(usual.values && none.values, "a picture is not there: %s", ran.err);
+    for (i = k = 0; i < 8 * 8; i++) {
+        if (usual.values[3 * i] == 0) continue;  /* half of the wall is missing */
+        CHECK(fabs((double)usual.values[3 * i] - 1) < 1e-5, "pixel %d: by default a small facet has the file's normal", i);
+        CHECK(fabs((double)none.values[3 * i] - sqrt(0.8)) < 1e-5, "pixel %d: --facet-limit 0 is not 0", i);
+        k++;
+    }
+    CHECK(k >= 20, "only %d pixels show the wall", k);
+    free(usual.values);
+    free(none.values);
+}
+
+/* Names that options had before. */
+TEST(old_names_of_options) {
+    static const char *const names[2] = { "--target-error", "--error" }, *const cells[2] = { "--max-bounce-cells=1500",
+                                                                                            "--bounce-samples=1500" };
+    picture shown[2];
+    int i;
+    room_obj();
+    for (i = 0; i < 2; i++) {
+        TOOL(ROOM, names[i], "20%", cells[i], "-o", "named.pfm", "--stats", "stats.json");
+        CHECK(ran.status == 0, "%s: exit status %d: %s", names[i], ran.status, ran.err);
+        shown[i] = read_pfm("named.pfm");
+        CHECK(TOOL(ROOM, names[i], "7") == 2 && said(i ? " --error 7" : "--target-error 7"), "a message names another "
+              "option than %s: %s", names[i], ran.err);
+        CHECK(TOOL(ROOM, names[i]) == 2 && said(i ? " --error needs" : "--target-error needs"), "%s without a value: %s",
+              names[i], ran.err);
+    }
+    REQUIRE(shown[0].values && shown[1].values, "a picture is not there");
+    CHECK(memcmp(shown[0].values, shown[1].values, 24 * 16 * 3 * sizeof(float)) == 0, "an old name means something else");
+    free(shown[0].values);
+    free(shown[1].values);
+    CHECK(TOOL("--help") == 0 && strstr(ran.out, "\n  --target-error E, --error E\n     ") &&
+          strstr(ran.out, "\n  --max-bounce-cells N, --bounce-samples N\n     "), "--help does not show both names in one line");
+}
+
 /* >>lights: R of every pixel against the closed form at its position. EXACT: a sensor a pixel, and no filter. */
 
 #define EXACT "--mode", "direct", "--tile", "1", "--filter-radius", "0", "--size", "48x36", "--quiet", "--samples", "1"
@@ -1171,7 +1224,7 @@ TEST(progress_is_for_terminals) {
 }
 
 TEST(help_names_every_option) {
-    static const char *const names[] = { "--output", "-o", "--channel", "--size", "--eye", "--look-at", "--up", "--fov", "--sky", "--sky-rotation", "--sky-scale", "--sky-up", "--mode", "--preset", "--backend", "--rays", "--bounce-samples", "--epsilon",
+    static const char *const names[] = { "--output", "-o", "--channel", "--size", "--eye", "--look-at", "--up", "--fov", "--sky", "--sky-rotation", "--sky-scale", "--sky-up", "--mode", "--preset", "--backend", "--rays", "--max-bounce-cells", "--epsilon",
         "--sensor-size", "--sensor-fov", "--tile", "--threshold", "--filter-radius", "--exposure", "--seed", "--quiet", "--stats", "--samples", "--inspect", "--allow-path", "--memory", "--read-time", "--verbose", "130", "640x480", "sbl.png" };
     size_t i;
     CHECK(TOOL("--help") == 0 && !ran.err[0], "exit status %d: %s", ran.status, ran.err);
@@ -1219,6 +1272,8 @@ int main(int argc, char **argv) {
     RUN(bounced_light_is_kept);
     RUN(a_sensor_can_be_inspected);
     RUN(zero_is_zero);
+    RUN(facet_limit_zero_is_zero);
+    RUN(old_names_of_options);
     RUN(lights_of_a_gltf_scene);
     RUN(a_light_of_many_nodes);
     RUN(spots_of_gltf);

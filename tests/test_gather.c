@@ -439,9 +439,9 @@ TEST(mistakes) {
     d.sites = NULL; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "site_count is 1", "NULL");
     d.readings = NULL; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "sbl_readings_desc", "readings");
     d.site_count = -3; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "site_count", "-3");
-    d.options.rays = 5000; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "rays", "5000");
-    d.options.mode = (sbl_mode)99; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "mode", "99");
-    d.options.epsilon = -1; d.options.mode = SBL_MODE_AMBIENT; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "epsilon", "-1");
+    d.options.rays = 5000; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "options.rays", "5000");
+    d.options.mode = (sbl_mode)99; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "options.mode", "99");
+    d.options.epsilon = (float)NAN; d.options.mode = SBL_MODE_AMBIENT; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "options.epsilon", "nan");
     site.position[1] = (float)NAN; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "site", "position");
     site.normal[1] = 0; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "site", "normal");
     site.geometric_normal[0] = (float)INFINITY; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "site", "geometric_normal");

@@ -142,7 +142,7 @@ leaks() {
     echo '#include "sbl.h"' >> "$folder/names.c"
     $list "$@" > "$folder/with"
     comm -13 "$folder/without" "$folder/with" > "$folder/new"
-    grep -qxE 'SBL_MAX_LEVELS|sbl_render' "$folder/new" || { echo "not even what must be there was found: is $list broken?"; return 1; }
+    grep -qxE 'SBL_MAX_LEVELS|sbl_render_picture' "$folder/new" || { echo "not even what must be there was found: is $list broken?"; return 1; }
     grep -vE '^(SBL_|sbl_|__builtin_)' "$folder/new" > "$folder/strangers"
     nothing "$folder/strangers"
 }
@@ -183,51 +183,9 @@ version_agrees() {
 check version_agrees_everywhere version_agrees
 
 defaults_agree() {
-    gcc -std=c99 $warnings tests/header/defaults.c -lm -o "$folder/defaults" && "$folder/defaults" > "$folder/is" || return
-    # a field and its comment on one line
-    awk '{ if (inside) { sub(/^ */, " "); line = line $0 } else line = $0; inside = line ~ /\/\*/ && line !~ /\*\//; if (!inside) print line }' \
-        sbl.h > "$folder/joined"
-    # the other descriptors have the defaults of the fields that they share with sbl_picture_desc, but where they say so
-    awk '
-        /^typedef struct sbl_(picture|gather|lightmap|vertices|probes)_desc \{/ {
-            inside = 1
-            prefix = $3
-            sub(/^sbl_/, "", prefix)
-            sub(/_desc$/, ".", prefix)
-            if (prefix == "picture.") prefix = ""
-        }
-        /^\}/ { inside = 0 }
-        inside {
-            names = $0
-            sub(/;.*/, "", names)
-            sub(/^ *[a-z_0-9]+ /, "", names)
-            gsub(/,|\[[^]]*\]/, " ", names)
-            count = split(names, name, " ")
-        }
-        inside && prefix && !/Default: / { if (name[1] in known) print prefix name[1], known[name[1]]; next }
-        inside && /Default: / {
-            text = $0
-            sub(/.*Default: /, "", text)
-            if (!match(text, /^[0-9. \/]+/)) next
-            values = substr(text, 1, RLENGTH)
-            split(values, value, " ")
-            for (i = 1; i <= count; i++) {
-                if (values ~ /\//) is = value[1] " " value[3] " " value[5]
-                else is = value[i] " " value[i] " " value[i]
-                if (!prefix) known[name[i]] = is
-                print prefix name[i], is
-            }
-        }' "$folder/joined" | sed 's/\. / /g; s/\.$//' > "$folder/said"
-    sed -n '/^typedef struct sbl_context_desc {/,/^}/s/^ *int \([a-z_]*\);.* 0: \([0-9][0-9]*\).*/\1 \2/p
-        /^typedef struct sbl_context_desc {/,/^}/s/^ *float \([a-z_]*\);.*Default: \([0-9.]*\) .*/\1 \2/p
-        s/^ *float \([a-z]*\);.*Default: .*, paper \([0-9.]*\).*/\1 in paper mode \2/p
-        s/^ *float \([a-z]*\);.*Default: .*SBL_MODE_DIRECT: always \([0-9.]*\).*/\1 in direct mode \2/p
-        s/^ *SBL_MODE_DEFAULT = 0, *\/\* \([A-Z]*\) .*/mode \1/p
-        s/^ *SBL_SENSOR_DEFAULT = 0, *\/\* \([A-Z]*\); \([A-Z]*\) in SBL_MODE_PAPER.*/sensor_kind \1, in paper mode \2/p' \
-        "$folder/joined" >> "$folder/said"
-    sort -o "$folder/said" "$folder/said"
-    sort -o "$folder/is" "$folder/is"
-    same "$folder/said" "$folder/is"
+    gcc -std=c99 $warnings tests/header/defaults.c -lm -o "$folder/defaults" &&
+    "$folder/defaults" > "$folder/printed" &&
+    python3 tests/tools/defaults.py "$folder/printed"
 }
 check comments_name_the_defaults defaults_agree
 

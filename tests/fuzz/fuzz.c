@@ -611,7 +611,8 @@ static void fuzz_queries(fuzz_bytes *b, fuzz_context *c) {
     FUZZ_CHECK(sbl_progress(c->sbl) >= 0 && sbl_progress(c->sbl) <= 1, "sbl_progress");
     FUZZ_CHECK(sbl_result_string((sbl_result)number)[0] && sbl_log_item_string((sbl_log_item)number)[0], "no words");
     FUZZ_CHECK(memory.host_bytes <= memory.host_peak_bytes && memory.gpu_bytes <= memory.gpu_peak_bytes, "peaks");
-    FUZZ_CHECK(picture.width && gather.options.rays && desc.sensor_texture_size && stats.sensors.count >= 0, "defaults");
+    FUZZ_CHECK(picture.width && gather.options.rays && stats.sensors.count >= 0, "defaults");
+    FUZZ_CHECK(!desc.sensor_texture_size == !c->sbl, "the context's descriptor");
     FUZZ_CHECK(!c->sbl || programs.count <= 64, "%d programs", programs.count);
 }
 

@@ -1,84 +1,86 @@
-/* Prints the defaults as sbl.h fills them in, one field a line: NAME DRAFT DEFAULT HIGH, then those that depend on the mode.
-   tests/test_header.sh compares them with the comments beside the fields. */
+/* Prints the defaults as sbl.h fills them in. One line for each field of a descriptor and for each mode:
+
+       DESCRIPTOR FIELD MODE DRAFT DEFAULT HIGH
+
+   DESCRIPTOR is the name without sbl_ and _desc, MODE the number of the sbl_mode that was asked for.
+   tests/tools/defaults.py compares the lines with the comments of the fields. */
 #define SBL_IMPLEMENTATION
 #include "../../sbl.h"
 #include <stdio.h>
 
-static double fov_y(const sbl_picture_desc *d) { return 2 * atan(1 / (double)d->view_to_clip[5]) * 180 / SBL__PI; }
+static const sbl_preset presets[3] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL_PRESET_HIGH };
+
+/* Fills d[0] to d[2] with the defaults of a front end in a mode, one for each preset. */
+#define FILL(front_end)                                                  \
+    sbl_##front_end##_desc d[3], zero;                                   \
+    const char *const name = #front_end;                                 \
+    int i;                                                               \
+    memset(&zero, 0, sizeof zero);                                       \
+    for (i = 0; i < 3; i++) {                                            \
+        zero.options.mode = mode;                                        \
+        zero.options.preset = presets[i];                                \
+        d[i] = sbl_##front_end##_desc_defaults(&zero);                   \
+    }                                                                    \
+    PRINT(options.mode); PRINT(options.backend); PRINT(options.rays);    \
+    PRINT(options.sensor_size); PRINT(options.epsilon); PRINT(options.seed)
+
+#define PRINT(field) \
+    printf("%s %s %d %g %g %g\n", name, #field, (int)mode, (double)d[0].field, (double)d[1].field, (double)d[2].field)
+
+/* The vertical field of view in degrees, rounded as the comment is. */
+static double fov_y(const sbl_picture_desc *d) {
+    return floor(2e4 * atan(1 / (double)d->view_to_clip[5]) * 180 / SBL__PI + 0.5) / 1e4;
+}
+
+static void picture(sbl_mode mode) {
+    FILL(picture);
+    PRINT(width); PRINT(height);
+    PRINT(world_to_view[0]);
+    printf("%s view_to_clip %d %g %g %g\n", name, (int)mode, fov_y(&d[0]), fov_y(&d[1]), fov_y(&d[2]));
+    PRINT(sensor_kind); PRINT(sensor_fov);
+    PRINT(target_error); PRINT(tile); PRINT(threshold); PRINT(facet_limit); PRINT(filter_radius); PRINT(samples);
+}
+
+static void readings(sbl_mode mode) {
+    FILL(readings);
+    PRINT(site_count); PRINT(sensor_kind); PRINT(sensor_fov);
+}
+
+static void lightmap(sbl_mode mode) {
+    FILL(lightmap);
+    PRINT(width); PRINT(height);
+    PRINT(mesh_count); PRINT(gutter); PRINT(seams); PRINT(directional); PRINT(supersample);
+    PRINT(target_error); PRINT(tile); PRINT(threshold); PRINT(filter_radius);
+}
+
+static void vertices(sbl_mode mode) {
+    FILL(vertices);
+    PRINT(mesh_count); PRINT(float_count); PRINT(samples); PRINT(average); PRINT(smoothing);
+}
+
+static void probes(sbl_mode mode) {
+    FILL(probes);
+    PRINT(probe_count); PRINT(grid[0]); PRINT(lowest[0]); PRINT(highest[0]); PRINT(move);
+}
+
+static void context(void) {
+    const sbl_mode mode = SBL_MODE_DEFAULT;
+    const char *const name = "context";
+    sbl_context_desc d[3];
+    d[0] = d[1] = d[2] = sbl_context_desc_defaults(NULL);
+    PRINT(disabled); PRINT(sensor_texture_size); PRINT(batch); PRINT(longest_submission); PRINT(compile_ahead);
+}
 
 int main(void) {
-    static const sbl_preset presets[3] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL_PRESET_HIGH };
-    sbl_picture_desc zero = { 0 }, d[3], direct, paper;
-    sbl_readings_desc gather = { 0 }, g[3];
-    sbl_lightmap_desc lightmap = { 0 }, l[3];
-    sbl_probes_desc probes = { 0 }, p[3];
-    sbl_vertices_desc vertices = { 0 }, v[3];
-    int i;
-    zero.options.mode = gather.options.mode = lightmap.options.mode = probes.options.mode = vertices.options.mode = SBL_MODE_AMBIENT;  /* which has an epsilon */
-    for (i = 0; i < 3; i++) {
-        zero.options.preset = presets[i];
-        d[i] = sbl_picture_desc_defaults(&zero);
-        gather.options.preset = presets[i];
-        g[i] = sbl_readings_desc_defaults(&gather);
-        lightmap.options.preset = presets[i];
-        l[i] = sbl_lightmap_desc_defaults(&lightmap);
-        probes.options.preset = presets[i];
-        p[i] = sbl_probes_desc_defaults(&probes);
-        vertices.options.preset = presets[i];
-        v[i] = sbl_vertices_desc_defaults(&vertices);
+    int mode;
+    for (mode = 0; mode < SBL_MODE_COUNT; mode++) {
+        picture((sbl_mode)mode);
+        readings((sbl_mode)mode);
+        if (mode == SBL_MODE_PAPER) continue;  /* which only pictures and readings have */
+        lightmap((sbl_mode)mode);
+        vertices((sbl_mode)mode);
+        probes((sbl_mode)mode);
     }
-    zero.options.preset = SBL_PRESET_DEFAULT;
-    zero.options.mode = SBL_MODE_DIRECT;
-    direct = sbl_picture_desc_defaults(&zero);
-    zero.options.mode = SBL_MODE_PAPER;
-    paper = sbl_picture_desc_defaults(&zero);
-#define PRINT(field) printf(#field " %g %g %g\n", (double)d[0].field, (double)d[1].field, (double)d[2].field)
-    PRINT(width);
-    PRINT(height);
-    printf("view_to_clip %.4g %.4g %.4g\n", fov_y(&d[0]), fov_y(&d[1]), fov_y(&d[2]));
-    PRINT(options.sensor_size);
-    PRINT(sensor_fov);
-    PRINT(target_error);
-    PRINT(options.rays);
-    PRINT(tile);
-    PRINT(threshold);
-    PRINT(options.epsilon);
-    PRINT(filter_radius);
-    PRINT(samples);
-#define PRINT_GATHER(field) printf("gather." #field " %g %g %g\n", (double)g[0].field, (double)g[1].field, (double)g[2].field)
-    PRINT_GATHER(options.rays);
-    PRINT_GATHER(options.sensor_size);
-    PRINT_GATHER(sensor_fov);
-    PRINT_GATHER(options.epsilon);
-#define PRINT_LIGHTMAP(field) printf("lightmap." #field " %g %g %g\n", (double)l[0].field, (double)l[1].field, (double)l[2].field)
-    PRINT_LIGHTMAP(supersample);
-    PRINT_LIGHTMAP(width);
-    PRINT_LIGHTMAP(height);
-    PRINT_LIGHTMAP(gutter);
-    PRINT_LIGHTMAP(target_error);
-    PRINT_LIGHTMAP(options.rays);
-    PRINT_LIGHTMAP(options.sensor_size);
-    PRINT_LIGHTMAP(tile);
-    PRINT_LIGHTMAP(threshold);
-    PRINT_LIGHTMAP(options.epsilon);
-    PRINT_LIGHTMAP(filter_radius);
-#define PRINT_PROBES(field) printf("probes." #field " %g %g %g\n", (double)p[0].field, (double)p[1].field, (double)p[2].field)
-    PRINT_PROBES(move);
-    PRINT_PROBES(options.rays);
-    PRINT_PROBES(options.sensor_size);
-    PRINT_PROBES(options.epsilon);
-#define PRINT_VERTICES(field) printf("vertices." #field " %g %g %g\n", (double)v[0].field, (double)v[1].field, (double)v[2].field)
-    PRINT_VERTICES(samples);
-    PRINT_VERTICES(smoothing);
-    PRINT_VERTICES(options.rays);
-    PRINT_VERTICES(options.sensor_size);
-    PRINT_VERTICES(options.epsilon);
-    printf("longest_submission %g\n", (double)sbl_context_desc_defaults(NULL).longest_submission);
-    printf("atlas_size %d\n", sbl_context_desc_defaults(NULL).sensor_texture_size);
-    printf("threshold in paper mode %g\n", (double)paper.threshold);
-    printf("epsilon in direct mode %g\n", (double)direct.options.epsilon);
-    printf("mode %s\n", sbl_picture_desc_defaults(NULL).options.mode == SBL_MODE_GI ? "GI" : "another");
-    printf("sensor_kind %s, in paper mode %s\n", d[1].sensor_kind == SBL_SENSOR_HEMICUBE ? "HEMICUBE" : "another",
-           paper.sensor_kind == SBL_SENSOR_SINGLE ? "SINGLE" : "another");
+    context();
     return 0;
 }

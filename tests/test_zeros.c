@@ -1,0 +1,213 @@
+/* The rule of zeros: zero is the default of every field of a descriptor, and a negative number asks for zero itself.
+   The functions that fill in defaults keep this rule when they are applied again, and queries without a context return
+   zeroes. */
+#include "../sbl.h"
+#include "support/test.h"
+#include "support/scenes.h"
+#include "support/gl_watch.h"
+#include "support/gl_scene.h"
+
+static watch seen;
+static sbl_context *context;
+
+static sbl_options options_of(int mode, int preset, float epsilon) {
+    sbl_options o;
+    memset(&o, 0, sizeof o);
+    o.mode = (sbl_mode)mode;
+    o.preset = (sbl_preset)preset;
+    o.epsilon = epsilon;
+    return o;
+}
+
+/* Defaults that are filled in twice are those that are filled in once. given: a descriptor; `kept` is a condition on d,
+   the descriptor with its defaults. */
+#define TWICE(front_end, given, kept) do {                                                                      \
+        const sbl_##front_end##_desc d = sbl_##front_end##_desc_defaults(&given);                               \
+        const sbl_##front_end##_desc again = sbl_##front_end##_desc_defaults(&d);                               \
+        CHECK(memcmp(&d, &again, sizeof d) == 0, #front_end ", mode %d, preset %d, sign %g: filled in again, "  \
+              "defaults change", mode, preset, (double)sign);                                                   \
+        CHECK(kept, #front_end ", mode %d, preset %d: a negative number does not stay", mode, preset);          \
+    } while (0)
+
+/* sign: 0, or -1 in all fields where a negative number means zero. */
+static void fill_twice(int mode, int preset, float sign) {
+    const sbl_options options = options_of(mode, preset, sign);
+    const int ambient = mode == SBL_MODE_AMBIENT || mode == SBL_MODE_PAPER, negative = sign < 0;
+    sbl_picture_desc picture;
+    sbl_readings_desc readings;
+    sbl_lightmap_desc lightmap;
+    sbl_vertices_desc vertices;
+    sbl_probes_desc probes;
+    memset(&picture, 0, sizeof picture);
+    memset(&readings, 0, sizeof readings);
+    memset(&lightmap, 0, sizeof lightmap);
+    memset(&vertices, 0, sizeof vertices);
+    memset(&probes, 0, sizeof probes);
+    picture.options = readings.options = lightmap.options = vertices.options = probes.options = options;
+    picture.threshold = picture.facet_limit = lightmap.threshold = vertices.smoothing = sign;
+    picture.filter_radius = lightmap.filter_radius = lightmap.gutter = lightmap.seams = (int)sign;
+    probes.grid[0] = probes.grid[1] = probes.grid[2] = 3;
+    TWICE(picture, picture, !negative || (d.threshold < 0 && d.facet_limit < 0 && d.filter_radius < 0 &&
+                                          (!ambient || d.options.epsilon < 0)));
+    TWICE(readings, readings, !negative || !ambient || d.options.epsilon < 0);
+    TWICE(lightmap, lightmap, !negative || (d.threshold < 0 && d.filter_radius < 0 && d.gutter < 0 && d.seams < 0 &&
+                                            (!ambient || d.options.epsilon < 0)));
+    TWICE(vertices, vertices, !negative || (d.smoothing < 0 && (!ambient || d.options.epsilon < 0)));
+    TWICE(probes, probes, d.probe_count == 27 && (!negative || !ambient || d.options.epsilon < 0));
+}
+
+TEST(defaults_are_idempotent) {
+    sbl_context_desc once = sbl_context_desc_defaults(NULL), again = sbl_context_desc_defaults(&once);
+    int mode, preset;
+    CHECK(memcmp(&once, &again, sizeof once) == 0, "context: filled in again, defaults change");
+    for (mode = 0; mode < SBL_MODE_COUNT; mode++)
+        for (preset = 0; preset < SBL_PRESET_COUNT; preset++) {
+            fill_twice(mode, preset, 0);
+            fill_twice(mode, preset, -1);
+        }
+}
+
+#define IS_ZERO(type, value) do {                                                \
+        static const type none;                                                  \
+        const type is = value;                                                   \
+        CHECK(memcmp(&is, &none, sizeof is) == 0, #value " is not all zeroes");  \
+    } while (0)
+
+TEST(queries_without_a_context_are_zeroes) {
+    IS_ZERO(sbl_context_desc, sbl_query_desc(NULL));
+    IS_ZERO(sbl_capabilities, sbl_query_capabilities(NULL));
+    IS_ZERO(sbl_stats, sbl_query_stats(NULL));
+    IS_ZERO(sbl_programs, sbl_query_programs(NULL));
+    IS_ZERO(sbl_memory, sbl_query_memory(NULL));
+    IS_ZERO(sbl_bounds, sbl_query_bounds(NULL));
+    CHECK(sbl_query_desc(context).sensor_texture_size == 2048, "sbl_query_desc of a context lacks its defaults");
+}
+
+/* Without ambient light SBL_MODE_AMBIENT is SBL_MODE_DIRECT, to the bit. */
+TEST(negative_epsilon_is_no_ambient_light) {
+    static small_picture direct, none, usual;
+    test_scene s;
+    int way;
+    small_scene(&s);
+    for (way = 0; way < 2; way++) {
+        const char *name = way ? "traced" : "drawn";
+        sbl_scene_desc scene = scene_desc(&s);
+        sbl_picture_desc view = small_view();
+        view.options.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
+        view.options.seed = 7;
+        REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
+        view.options.mode = SBL_MODE_DIRECT;
+        REQUIRE(small_render(context, &view, &direct) == SBL_SUCCESS, "%s", watch_last(&seen));
+        view.options.mode = SBL_MODE_AMBIENT;
+        REQUIRE(small_render(context, &view, &usual) == SBL_SUCCESS, "%s", watch_last(&seen));
+        view.options.epsilon = -0.5f;
+        REQUIRE(small_render(context, &view, &none) == SBL_SUCCESS, "%s", watch_last(&seen));
+        CHECK(small_same(&none, &direct), "%s: a negative epsilon is not direct light", name);
+        CHECK(!small_same(&usual, &direct), "%s: the default of epsilon gives no ambient light", name);
+    }
+    scene_free(&s);
+}
+
+/* A point light over a floor: light differs from pixel to pixel, without any noise. */
+TEST(negative_threshold_refines_every_difference) {
+    static const float thresholds[3] = { -1, 0, 1e6f };
+    double share[3];
+    int i;
+    for (i = 0; i < 3; i++) {
+        test_scene s = { 0 };
+        sbl_picture_desc view = scene_view(48, 48, 40, 0, 2, 0.001f, 0, 0, 0);
+        scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 9);
+        scene_light(&s, SBL_LIGHT_POINT, 1, 1, 1)->position[1] = 1;
+        view.options.mode = SBL_MODE_DIRECT;
+        view.tile = 16;
+        view.threshold = thresholds[i];
+        REQUIRE(scene_render(context, &s, &view), "no picture: %s", watch_last(&seen));
+        share[i] = (double)sbl_query_stats(context).sensors.count / sbl_query_stats(context).picture.visible_pixels;
+        scene_free(&s);
+    }
+    printf("  sensors at %.1f %% of all pixels, by the target error at %.1f %%, with a high threshold at %.1f %%\n",
+              100 * share[0], 100 * share[1], 100 * share[2]);
+    CHECK(share[0] > 0.95, "a negative threshold leaves tiles whose corners differ");
+    CHECK(share[1] < 0.5, "without a threshold the target error does not decide");
+    CHECK(share[2] < 0.03, "a high threshold refines");
+}
+
+/* The mean distance of the normals of a picture from those of the ball that it shows, or negative. facets: 1 if the ball
+   has no normals of its own. */
+static double off_the_ball(int facets, float facet_limit, float **normals) {
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_view(64, 64, 40, 0, 0, 3, 0, 0, 0);
+    const float *positions;
+    float *shown, *points;
+    double off = 0;
+    int i, k, count = 0;
+    scene_sphere(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 0, 0, 0.9f, 128, 64, !facets);  /* of 1.4 pixels each */
+    view.options.mode = SBL_MODE_DIRECT;
+    view.tile = 64;
+    view.facet_limit = facet_limit;
+    if (!scene_render(context, &s, &view)) { scene_free(&s); return -1; }
+    shown = scene_channel(context, &view, SBL_CHANNEL_NORMAL);
+    positions = points = scene_channel(context, &view, SBL_CHANNEL_POSITION);
+    for (i = 0; i < 64 * 64; i++) {
+        const double length = sqrt((double)positions[3 * i] * positions[3 * i] + (double)positions[3 * i + 1] *
+                                   positions[3 * i + 1] + (double)positions[3 * i + 2] * positions[3 * i + 2]);
+        if (!(length > 0)) continue;
+        for (k = 0; k < 3; k++) off += fabs((double)shown[3 * i + k] - positions[3 * i + k] / length);
+        count++;
+    }
+    free(points);
+    *normals = shown;
+    scene_free(&s);
+    return count ? off / count : -1;
+}
+
+TEST(negative_facet_limit_is_shading_normals_everywhere) {
+    static const float limits[4] = { 0, 2, -1, 1 };
+    float *normals[4];
+    double off[4];
+    int i;
+    for (i = 0; i < 4; i++) REQUIRE((off[i] = off_the_ball(0, limits[i], &normals[i])) >= 0, "%s", watch_last(&seen));
+    printf("  normals are off the ball by %.5f, with a limit of 2 %.5f, -1 %.5f, 1 %.5f\n", off[0], off[1], off[2],
+           off[3]);
+    CHECK(memcmp(normals[0], normals[1], 64 * 64 * 3 * sizeof(float)) == 0, "the default is not 2 pixels");
+    CHECK(memcmp(normals[0], normals[3], 64 * 64 * 3 * sizeof(float)) != 0, "1 pixel is as 2");
+    CHECK(off[2] < 0.001, "with a negative limit normals are not the shading normals");
+    CHECK(off[0] > 3 * off[2], "by default small facets have shading normals");
+    for (i = 0; i < 4; i++) free(normals[i]);
+}
+
+TEST(negative_scale_is_no_light_of_the_environment) {
+    static const float white[4] = { 1, 1, 1, 1 };
+    static small_picture without, none, usual;
+    sbl_picture_desc view = small_view();
+    sbl_scene_desc scene;
+    test_scene s;
+    small_scene(&s);
+    scene = scene_desc(&s);
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && small_render(context, &view, &without) == SBL_SUCCESS,
+            "%s", watch_last(&seen));
+    scene.environment.picture.pixels = white;
+    scene.environment.picture.format = SBL_PIXELS_FLOAT;
+    scene.environment.picture.width = scene.environment.picture.height = 1;
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && small_render(context, &view, &usual) == SBL_SUCCESS,
+            "%s", watch_last(&seen));
+    scene.environment.scale = -3;
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && small_render(context, &view, &none) == SBL_SUCCESS,
+            "%s", watch_last(&seen));
+    CHECK(!small_same(&usual, &without), "an environment gives no light by default");
+    CHECK(small_same(&none, &without), "a negative scale leaves light of the environment");
+    scene_free(&s);
+}
+
+int main(void) {
+    sbl_context_desc desc = watch_desc(&seen);
+    if (sbl_create(&desc, &context) != SBL_SUCCESS) { printf("no context: %s\n", watch_last(&seen)); return 1; }
+    RUN(defaults_are_idempotent);
+    RUN(queries_without_a_context_are_zeroes);
+    RUN(negative_epsilon_is_no_ambient_light);
+    RUN(negative_threshold_refines_every_difference);
+    RUN(negative_facet_limit_is_shading_normals_everywhere);
+    RUN(negative_scale_is_no_light_of_the_environment);
+    sbl_destroy(context);
+    return test_report();
+}
