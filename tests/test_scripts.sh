@@ -88,9 +88,9 @@ adds_up() {
     tail -n 1 "$folder/verdict" | grep -qx '14 passed, 0 failed, 2 skipped' || { cat "$folder/verdict"; return 1; }
 }
 good="good|exit(0)|1 passed, 0 failed, 0 skipped"
-# of a good test, a bad one and one that takes 2 s, only what is named is built and run, the longest of last time first
+# of a good test, a bad one and one that takes long, only what is named is built and run, the longest of last time first
 names_and_order() {
-    ! fake_tests "$good" "bad|exit(1)|2 passed, 1 failed, 0 skipped" "slow|sleep(2)|1 passed, 0 failed, 0 skipped" || return
+    ! fake_tests "$good" "bad|exit(1)|2 passed, 1 failed, 0 skipped" "slow|volatile long i; for (i = 0; i < 200000000; i++) {}|1 passed, 0 failed, 0 skipped" || return
     "$fake/scripts/test" good slow > "$folder/verdict" 2>&1 || { cat "$folder/verdict"; return 1; }
     tail -n 1 "$folder/verdict" | grep -qx '4 passed, 0 failed, 0 skipped' || { cat "$folder/verdict"; return 1; }
     head -n 2 "$fake/build/logs/list" | grep -c test_slow | grep -qx 2 || { cat "$fake/build/logs/list"; return 1; }

@@ -14,6 +14,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 static int test_passed, test_failed, test_skipped;
 static int test_checks, test_errors, test_left_out;
@@ -41,6 +42,7 @@ static inline uint32_t test_hash(uint32_t x) {
 
 static void test_run(const char *name, void (*function)(void)) {
     const char *only = getenv("TEST_ONLY");
+    const clock_t start = clock();
     if (only && strcmp(only, name) != 0) return;
     test_checks = test_errors = test_left_out = 0;
     function();
@@ -48,7 +50,8 @@ static void test_run(const char *name, void (*function)(void)) {
     if (test_errors) test_failed++;
     else if (test_left_out) test_skipped++;
     else test_passed++;
-    printf("%s %s\n", test_errors ? "FAIL" : test_left_out ? "skip" : "ok  ", name);
+    printf("%s %s  %.1f s\n", test_errors ? "FAIL" : test_left_out ? "skip" : "ok  ", name,
+           (double)(clock() - start) / CLOCKS_PER_SEC);
     fflush(stdout);
 }
 
