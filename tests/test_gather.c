@@ -4,17 +4,7 @@
 #include "support/test.h"
 #include "support/scenes.h"
 #include "support/gl_watch.h"
-
-static watch seen;
-static sbl_context *context;
-
-/* A context with the scene set, instead of the one before. */
-static int use_scene(const test_scene *s) {
-    const sbl_context_desc desc = watch_desc(&seen);
-    sbl_destroy(context);
-    context = watch_context(&seen, &desc, s);
-    return context != NULL;
-}
+#include "support/one_context.h"
 
 static sbl_gather_desc gather_of(const sbl_site *sites, sbl_reading *readings, int count) {
     sbl_gather_desc desc;
@@ -454,38 +444,22 @@ TEST(mistakes) {
     scene_free(&s);
 }
 
+static sbl_result gather_call(const void *desc) { return sbl_gather(context, (const sbl_gather_desc *)desc); }
+
 /* Each allocation fails once: it says so, gives all back, and the next gather is right. */
 TEST(memory_runs_out) {
     enum { COUNT = 300 };
     static sbl_site sites[COUNT];
-    static sbl_reading whole[COUNT], now[COUNT];
+    static sbl_reading whole[COUNT];
     test_scene s = { 0 };
     sbl_gather_desc desc;
-    int at, refused = 0, blocks;
+    int refused;
     scene_cornell_box(&s);
-    REQUIRE(use_scene(&s), "no scene");
     floor_sites(sites, COUNT);
     desc = gather_of(sites, whole, COUNT);
     desc.rays = 16;
-    REQUIRE(sbl_gather(context, &desc) == SBL_SUCCESS, "no gather");
-    desc.readings = now;
-    for (at = 1; at < 400; at++) {
-        sbl_result result;
-        REQUIRE(use_scene(&s), "no scene");
-        blocks = seen.blocks;
-        seen.refused = 0;
-        seen.refuse_at = seen.allocations + at;
-        result = sbl_gather(context, &desc);
-        if (!seen.refused) { seen.refuse_at = 0; break; }
-        refused++;
-        CHECK(result == SBL_ERROR_OUT_OF_MEMORY, "allocation %d: %s", at, sbl_result_string(result));
-        seen.refuse_at = 0;
-        memset(now, 0, sizeof now);
-        CHECK(sbl_gather(context, &desc) == SBL_SUCCESS && memcmp(now, whole, sizeof now) == 0, "allocation %d: the next gather differs", at);
-        sbl_end(context);
-        CHECK(seen.blocks >= blocks, "allocation %d: %d blocks before, %d after", at, blocks, seen.blocks);
-    }
-    CHECK(refused > 10 && at < 400, "%d allocations were refused", refused);
+    refused = each_allocation_fails(gather_call, &desc, &s, whole, sizeof whole);
+    CHECK(refused > 10, "%d allocations were refused", refused);
     sbl_destroy(context);
     context = NULL;
     CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are left, %d strangers", seen.blocks, seen.strangers);

@@ -179,6 +179,20 @@ static usage usage_take(sbl_context *context) {
     return u;
 }
 
+/* The fault strikes at its place-th chance from here on; FAKE_NONE stands for an allocation that fails. */
+static void fault_arm(fake_fault fault, int place, GLenum error) {
+    if (fault == FAKE_NONE) watch_refuse(&seen, place);
+    else fake_arm(fault, place, error);
+}
+
+/* Did it strike? */
+static int fault_disarm(fake_fault fault) {
+    const int hit = fault == FAKE_NONE ? seen.refused : fake.hits;
+    seen.refuse_at = 0;
+    fake_disarm();
+    return hit;
+}
+
 /* Every place of one fault in one phase. Returns how many there are. */
 static int every_place(sbl_context *context, phase p, fake_fault fault, GLenum error, sbl_result right, const char *name) {
     usage start, end;
@@ -193,12 +207,9 @@ static int every_place(sbl_context *context, phase p, fake_fault fault, GLenum e
         if (!phase_prepare(context, p)) { CHECK(0, "%s, %s %d: cannot be prepared: %s", phase_names[p], name, place, watch_last(&seen)); return place; }
         watch_forget(&seen);
         gl_state_take(&before);
-        if (fault == FAKE_NONE) { seen.refused = 0; seen.refuse_at = seen.allocations + place; }
-        else fake_arm(fault, place, error);
+        fault_arm(fault, place, error);
         result = phase_run(context, p);
-        hit = fault == FAKE_NONE ? seen.refused : fake.hits;
-        seen.refuse_at = 0;
-        fake_disarm();
+        hit = fault_disarm(fault);
         gl_state_take(&after);
         CHECK(!gl_state_difference(&before, &after), "%s, %s %d left behind: %s", phase_names[p], name, place, gl_state_difference(&before, &after));
         CHECK(gl.GetError() == GL_NO_ERROR, "%s, %s %d leaves a GL error", phase_names[p], name, place);
@@ -262,12 +273,9 @@ TEST(first_inspections) {
             fake_disarm();
             REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &first) == SBL_SUCCESS && sbl_render(context, &view) == SBL_SUCCESS, "%s",
                     watch_last(&seen));
-            if (faults[i].fault == FAKE_NONE) { seen.refused = 0; seen.refuse_at = seen.allocations + place; }
-            else fake_arm(faults[i].fault, place, faults[i].error);
+            fault_arm(faults[i].fault, place, faults[i].error);
             result = phase_run(context, PHASE_INSPECT);
-            last = !(faults[i].fault == FAKE_NONE ? seen.refused : fake.hits);
-            seen.refuse_at = 0;
-            fake_disarm();
+            last = !fault_disarm(faults[i].fault);
             CHECK(result != SBL_SUCCESS || sensor_same(), "fault %d at %d: another sensor", i, place);
             failed += result != SBL_SUCCESS;
             result = phase_run(context, PHASE_INSPECT);
@@ -295,11 +303,9 @@ static void larger_picture(const test_scene *s, const sbl_picture_desc *view, in
     blocks = seen.blocks;
     for (place = 1; place < MOST_PLACES; place += small_mode == SBL_MODE_GI ? 3 : 1) {  /* there are many */
         sbl_result result;
-        seen.refused = 0;
-        seen.refuse_at = seen.allocations + place;
+        watch_refuse(&seen, place);
         result = sbl_render(context, view);
-        seen.refuse_at = 0;
-        CHECK(result == (seen.refused ? SBL_ERROR_OUT_OF_MEMORY : SBL_SUCCESS), "allocation %d: \"%s\"", place, sbl_result_string(result));
+        watch_refused(&seen, place, result);
         sbl_end(context);
         CHECK(seen.blocks == blocks, "allocation %d: %d blocks leaked", place, seen.blocks - blocks);
         if (!seen.refused) break;
@@ -425,12 +431,9 @@ TEST(bakes) {
                 if (replaced) CHECK(sbl_set_scene(context, &bare) == SBL_SUCCESS, "%s", watch_last(&seen));
                 watch_forget(&seen);
                 gl_state_take(&before);
-                if (faults[i].fault == FAKE_NONE) { seen.refused = 0; seen.refuse_at = seen.allocations + place; }
-                else fake_arm(faults[i].fault, place, faults[i].error);
+                fault_arm(faults[i].fault, place, faults[i].error);
                 result = bake_one(context, kind);
-                last = !(faults[i].fault == FAKE_NONE ? seen.refused : fake.hits);
-                seen.refuse_at = 0;
-                fake_disarm();
+                last = !fault_disarm(faults[i].fault);
                 gl_state_take(&after);
                 CHECK(!gl_state_difference(&before, &after), "kind %d, fault %d at %d left behind: %s", kind, i, place, gl_state_difference(&before, &after));
                 if (result == SBL_SUCCESS) CHECK(memcmp(baked, right, sizeof right) == 0, "kind %d, fault %d at %d: success, but other light", kind, i, place);
@@ -508,12 +511,9 @@ static void every_creation(fake_fault fault, GLenum error, sbl_result right, con
         int hit;
         watch_forget(&seen);
         gl_state_take(&before);
-        if (fault == FAKE_NONE) { seen.refused = 0; seen.refuse_at = seen.allocations + place; }
-        else fake_arm(fault, place, error);
+        fault_arm(fault, place, error);
         result = sbl_create(&desc, &context);
-        hit = fault == FAKE_NONE ? seen.refused : fake.hits;
-        seen.refuse_at = 0;
-        fake_disarm();
+        hit = fault_disarm(fault);
         gl_state_take(&after);
         CHECK(!gl_state_difference(&before, &after), "%s %d left behind: %s", name, place, gl_state_difference(&before, &after));
         if (result == SBL_SUCCESS) {  /* then all must work */

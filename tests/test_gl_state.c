@@ -105,7 +105,7 @@ static void every_function(small_picture *picture, small_picture *traced) {
     fake_arm(FAKE_LOOKUP, 20, 0);
     GIVES(sbl_create(&desc, &context), SBL_ERROR_UNSUPPORTED);
     fake_disarm();
-    seen.refuse_at = seen.allocations + 1;
+    watch_refuse(&seen, 1);
     GIVES(sbl_create(&desc, &context), SBL_ERROR_OUT_OF_MEMORY);
     desc.compile_ahead = 0;
     GIVES(sbl_create(&desc, &context), SBL_SUCCESS);
@@ -131,13 +131,10 @@ static void every_function(small_picture *picture, small_picture *traced) {
     CHECK(i > 5 && i < 1000, "%d refusals of sbl_set_scene", i);
     for (i = 1; i < 1000; i++) {  /* and at which the allocator can */
         sbl_result result = SBL_RESULT_COUNT;
-        seen.refused = 0;
-        seen.refuse_at = seen.allocations + i;
+        watch_refuse(&seen, i);
         KEPT(result = sbl_set_scene(context, &scene.desc));
-        if (!seen.refused) break;
-        CHECK(result == SBL_ERROR_OUT_OF_MEMORY, "sbl_set_scene, allocation %d%s: \"%s\"", i, situation, sbl_result_string(result));
+        if (!watch_refused(&seen, i, result)) break;
     }
-    seen.refuse_at = 0;
     fake_disarm();
 
     GIVES(sbl_set_mesh_transform(context, -1, moved), SBL_ERROR_INVALID_ARGUMENT);

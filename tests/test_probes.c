@@ -5,18 +5,9 @@
 #include "support/scenes.h"
 #include "support/reference.h"
 #include "support/gl_watch.h"
+#include "support/one_context.h"
 
 static const double pi = REF_PI;
-static watch seen;
-static sbl_context *context;
-
-static int use_scene(const test_scene *s) {
-    const sbl_context_desc desc = watch_desc(&seen);
-    sbl_destroy(context);
-    context = watch_context(&seen, &desc, s);
-    watch_forget(&seen);
-    return context != NULL;
-}
 
 static sbl_probes_desc probes_of(const float *positions, sbl_probe *probes, int count) {
     sbl_probes_desc desc;
@@ -702,14 +693,16 @@ TEST(many_probes) {
     scene_free(&s);
 }
 
+static sbl_result probes_call(const void *desc) { return sbl_bake_probes(context, (const sbl_probes_desc *)desc); }
+
 /* Each allocation fails once: it says so, gives all back, and the next probes are right. */
 TEST(memory_runs_out) {
     enum { COUNT = 20 };
     static float at[3 * MANY];
-    static sbl_probe whole[COUNT], now[COUNT];
+    static sbl_probe whole[COUNT];
     static test_scene s;
     sbl_probes_desc desc;
-    int ahead, refused_count = 0;
+    int refused;
     memset(&s, 0, sizeof s);
     scene_cornell_box(&s);
     many_places(at);
@@ -717,23 +710,8 @@ TEST(memory_runs_out) {
     desc = probes_of(at, whole, COUNT);
     desc.rays = 64;
     desc.move = 100;
-    bake(&desc);
-    desc.probes = now;
-    for (ahead = 1; ahead < 400; ahead++) {
-        sbl_result result;
-        REQUIRE(use_scene(&s), "no scene");
-        seen.refused = 0;
-        seen.refuse_at = seen.allocations + ahead;
-        result = sbl_bake_probes(context, &desc);
-        seen.refuse_at = 0;
-        if (!seen.refused) break;
-        refused_count++;
-        CHECK(result == SBL_ERROR_OUT_OF_MEMORY, "allocation %d: %s", ahead, sbl_result_string(result));
-        memset(now, 0, sizeof now);
-        CHECK(sbl_bake_probes(context, &desc) == SBL_SUCCESS && memcmp(now, whole, sizeof now) == 0, "allocation %d: the next probes differ", ahead);
-        sbl_end(context);
-    }
-    CHECK(refused_count > 10 && ahead < 400, "%d allocations were refused", refused_count);
+    refused = each_allocation_fails(probes_call, &desc, &s, whole, sizeof whole);
+    CHECK(refused > 10, "%d allocations were refused", refused);
     sbl_destroy(context);
     context = NULL;
     CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are left, %d strangers", seen.blocks, seen.strangers);

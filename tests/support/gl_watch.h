@@ -3,7 +3,7 @@
 
        watch w = { 0 };
        sbl_context_desc desc = watch_desc(&w);
-       w.refuse_at = w.allocations + 3;   // the third allocation from here on fails, once
+       watch_refuse(&w, 3);               // the third allocation from here on fails, once
 
    Include after sbl.h, test.h and scenes.h. */
 #ifndef GL_WATCH_H
@@ -54,6 +54,19 @@ static inline void watch_free(void *pointer, void *user) {
     w->blocks--;
     w->bytes -= block->bytes;
     free(block);
+}
+
+/* The allocation that comes as the place-th from here on fails. */
+static inline void watch_refuse(watch *w, int place) {
+    w->count = w->errors = w->warnings = w->refused = 0;
+    w->refuse_at = w->allocations + place;
+}
+
+/* After a call: was it refused the allocation? Then it must have said so by its result, and be content otherwise. */
+static inline int watch_refused(watch *w, int place, sbl_result result) {
+    w->refuse_at = 0;
+    CHECK(result == (w->refused ? SBL_ERROR_OUT_OF_MEMORY : SBL_SUCCESS), "allocation %d: %s", place, sbl_result_string(result));
+    return w->refused;
 }
 
 static inline void watch_log(sbl_log_level level, sbl_log_item item, const char *message, void *user) {

@@ -2,16 +2,7 @@
 #ifndef LIGHTMAP_H
 #define LIGHTMAP_H
 
-static watch seen;
-static sbl_context *context;
-
-static int use_scene(const test_scene *s) {
-    const sbl_context_desc desc = watch_desc(&seen);
-    sbl_destroy(context);
-    context = watch_context(&seen, &desc, s);
-    watch_forget(&seen);
-    return context != NULL;
-}
+#include "one_context.h"
 
 static sbl_lightmap_desc map_of(int width, int height, sbl_mode mode) {
     sbl_lightmap_desc desc;
