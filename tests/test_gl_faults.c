@@ -179,6 +179,9 @@ static usage usage_take(sbl_context *context) {
     return u;
 }
 
+/* Faults strike at each place, but where there are many, or the plain run has tried them all. */
+static int stride(void) { return small_mode == SBL_MODE_GI || test_kind_is("gl33") ? 3 : 1; }
+
 /* The fault strikes at its place-th chance from here on; FAKE_NONE stands for an allocation that fails. */
 static void fault_arm(fake_fault fault, int place, GLenum error) {
     if (fault == FAKE_NONE) watch_refuse(&seen, place);
@@ -201,7 +204,7 @@ static int every_place(sbl_context *context, phase p, fake_fault fault, GLenum e
     if (sbl_render(context, &view) != SBL_SUCCESS) return 0;
     if (phase_run(context, PHASE_INSPECT) != SBL_SUCCESS || sbl_render(context, &view) != SBL_SUCCESS) return 0;  /* all programs are there */
     start = usage_take(context);
-    for (place = 1; place < MOST_PLACES; place += small_mode == SBL_MODE_GI ? 3 : 1) {  /* there are many */
+    for (place = 1; place < MOST_PLACES; place += stride()) {
         sbl_result result;
         int hit, errors = test_errors;
         if (!phase_prepare(context, p)) { CHECK(0, "%s, %s %d: cannot be prepared: %s", phase_names[p], name, place, watch_last(&seen)); return place; }
@@ -301,7 +304,7 @@ static void larger_picture(const test_scene *s, const sbl_picture_desc *view, in
     CHECK((sbl_query_stats(context).invalid_sensors > 0) == stuck, "%d sensors are stuck", (int)sbl_query_stats(context).invalid_sensors);
     sbl_end(context);
     blocks = seen.blocks;
-    for (place = 1; place < MOST_PLACES; place += small_mode == SBL_MODE_GI ? 3 : 1) {  /* there are many */
+    for (place = 1; place < MOST_PLACES; place += stride()) {
         sbl_result result;
         watch_refuse(&seen, place);
         result = sbl_render(context, view);
@@ -505,7 +508,7 @@ static void every_creation(fake_fault fault, GLenum error, sbl_result right, con
     sbl_context_desc desc = faulty_desc();
     int place, blocks = seen.blocks;
     desc.compile_ahead = 1;
-    for (place = 1; place < MOST_PLACES; place += small_mode == SBL_MODE_GI ? 3 : 1) {  /* there are many */
+    for (place = 1; place < MOST_PLACES; place += stride()) {
         sbl_context *context = (sbl_context *)&seen;
         sbl_result result;
         int hit;

@@ -28,6 +28,14 @@ static int test_checks, test_errors, test_left_out;
 
 #define TEST_PI 3.14159265358979323846
 
+/* Of which kind is this run (see scripts/test)? Where a program is run by hand, it is plain. */
+static inline int test_kind_is(const char *kind) {
+    const char *now = getenv("TEST_KIND");
+    return strcmp(now ? now : "plain", kind) == 0;
+}
+/* The plain run does all. The other kinds leave out what takes long and meets no code that shorter tests do not meet. */
+#define RUN_PLAIN(name) do { if (test_kind_is("plain")) RUN(name); } while (0)
+
 /* NaN, which fmax and fmin pass over, stays: every comparison with it fails. */
 static inline double test_max(double a, double b) { return a >= b || a != a ? a : b; }
 static inline double test_min(double a, double b) { return a <= b || a != a ? a : b; }
