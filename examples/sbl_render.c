@@ -1,4 +1,5 @@
-/* Demonstrates a whole tool on top of sbl.h: reads a scene file, renders it and writes a picture and statistics. `sbl_render --help` says how. */
+/* Demonstrates a whole tool on top of sbl.h: reads a scene file, renders it and writes a picture and statistics.
+   `sbl_render --help` says how. */
 #define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
@@ -21,7 +22,8 @@ static struct options {
     double sensor_fov, error, facet_limit, exposure;
 } options = { .facet_limit = 2 };
 
-static const char *const channel_words[] = { "final", "radiance", "albedo", "normal", "position", "id", "depth", "sensors", "store", "error", NULL };  /* as sbl_channel */
+static const char *const channel_words[] = { "final", "radiance", "albedo", "normal", "position", "id", "depth",
+    "sensors", "store", "error", NULL };  /* as sbl_channel */
 
 enum {
     OUTPUT = CAMERA_END, CHANNEL, ERROR, SENSOR_FOV, FACET_LIMIT, SAMPLES, EXPOSURE, INSPECT, OPTION_COUNT
@@ -30,19 +32,28 @@ enum {
 static const tool_option table[OPTION_COUNT] = {
     COMMON_ROWS,
     CAMERA_ROWS,
-    [OUTPUT]        = { "--output", "FILE", TEXT, &common.output, 0, 0, 0, "also -o; .png (8-bit sRGB), .pfm or .exr (linear float32); default sbl.png" },
+    [OUTPUT]        = { "--output", "FILE", TEXT, &common.output, 0, 0, 0,
+        "also -o; .png (8-bit sRGB), .pfm or .exr (linear float32); default sbl.png" },
     [CHANNEL]       = { "--channel", "NAME", CHOICE, &options.channel, 0, 0, 0,
-                        "final (default) | radiance (R: light without surface colour) | albedo | normal | position | id | depth |\n"
-                        "sensors (which pixels had a sensor, by level) | store (what is kept of bounced light, cell by cell) |\n"
-                        "error (how far radiance is predicted to be off: one standard deviation of its luminance)", channel_words },
+                        "final (default) | radiance (R: light without surface colour) | albedo | normal | position | "
+                            "id | depth |\n"
+                        "sensors (which pixels had a sensor, by level) | store (what is kept of bounced light, cell by "
+                            "cell) |\n"
+                        "error (how far radiance is predicted to be off: one standard deviation of its luminance)",
+                            channel_words },
     [ERROR]         = { "--error", "E", SHARES, &options.error, 1, 0.0001, 1,
-                        "how far radiance may be off, such as 2% or 0.02: root mean square over the picture, as a share of its mean;\n"
+                        "how far radiance may be off, such as 2% or 0.02: root mean square over the picture, as a "
+                            "share of its mean;\n"
                         "default 5%, 1.5%, 0.75% by preset, or what 512 rays a sensor give (high: 1024)" },
-    [SENSOR_FOV]    = { "--sensor-fov", "DEGREES", NUMBERS, &options.sensor_fov, 1, 1, 179, "mode paper only; default 135" },
+    [SENSOR_FOV]    = { "--sensor-fov", "DEGREES", NUMBERS, &options.sensor_fov, 1, 1, 179,
+        "mode paper only; default 135" },
     [FACET_LIMIT]   = { "--facet-limit", "PIXELS", NUMBERS, &options.facet_limit, 1, 0, 1e30,
-                        "triangles of smaller height are lit by their true normals, larger ones by the file's; default 2" },
-    [SAMPLES]       = { "--samples", "N", INTEGERS, &options.samples, 1, 1, 64, "anti-aliasing of final, samples a pixel; default 1, 4, 16 by preset" },
-    [EXPOSURE]      = { "--exposure", "STOPS", NUMBERS, &options.exposure, 1, -100, 100, "brightens final and radiance in a .png; default 0" },
+                        "triangles of smaller height are lit by their true normals, larger ones by the file's; default "
+                            "2" },
+    [SAMPLES]       = { "--samples", "N", INTEGERS, &options.samples, 1, 1, 64,
+        "anti-aliasing of final, samples a pixel; default 1, 4, 16 by preset" },
+    [EXPOSURE]      = { "--exposure", "STOPS", NUMBERS, &options.exposure, 1, -100, 100,
+        "brightens final and radiance in a .png; default 0" },
     [INSPECT]       = { "--inspect", "X,Y", INTEGERS, options.inspect, 2, 0, 16383,
                         "writes what the sensor of that pixel sees instead of the picture, and prints its sums" },
 };
@@ -55,17 +66,26 @@ static void print_help(void) {
     tool_print_options(table + CAMERA_END, OPTION_COUNT - CAMERA_END);
     tool_print_options(table + COMMON_OPTIONS, CAMERA_END - COMMON_OPTIONS);
     tool_print_options(table, COMMON_OPTIONS);
-    printf("\nMaterials: OBJ Kd map_Kd Ke map_Ke d map_d (cutout at 0.5); glTF base colour, emission with KHR_materials_emissive_strength,\n"
-           "alphaMode MASK (BLEND as a cutout at 0.5). Metal and gloss are read as their base colour. A surface emits to both sides.\n"
-           "Lights: glTF KHR_lights_punctual (candela and lux are radiance times area and irradiance here; ranges are left out), and the\n"
+    printf("\nMaterials: OBJ Kd map_Kd Ke map_Ke d map_d (cutout at 0.5); glTF base colour, emission with "
+           "KHR_materials_emissive_strength,\n"
+           "alphaMode MASK (BLEND as a cutout at 0.5). Metal and gloss are read as their base colour. A surface emits "
+               "to both sides.\n"
+           "Lights: glTF KHR_lights_punctual (candela and lux are radiance times area and irradiance here; ranges are "
+               "left out), and the\n"
            "point, spot and directional lights of other formats.\n"
-           "In a .png a normal is 0.5 + 0.5 n, a position is relative to what is visible, near is light in a depth, ids are random\n"
-           "colours, and sensors run from blue (first level) over green and yellow to red (last). In .pfm and .exr all values are raw.\n"
-           "\nA file is written whole or not at all: the new one takes its name at the end, and the permissions of the old one.\n"
-           "A symbolic link stays, and what it leads to is replaced; where a file has other names (hard links), these keep the\n"
-           "old picture. What is read cannot be overwritten. Ctrl-C, SIGTERM and SIGHUP leave the picture so far, if there is\n"
+           "In a .png a normal is 0.5 + 0.5 n, a position is relative to what is visible, near is light in a depth, "
+               "ids are random\n"
+           "colours, and sensors run from blue (first level) over green and yellow to red (last). In .pfm and .exr all "
+               "values are raw.\n"
+           "\nA file is written whole or not at all: the new one takes its name at the end, and the permissions of the "
+               "old one.\n"
+           "A symbolic link stays, and what it leads to is replaced; where a file has other names (hard links), these "
+               "keep the\n"
+           "old picture. What is read cannot be overwritten. Ctrl-C, SIGTERM and SIGHUP leave the picture so far, if "
+               "there is\n"
            "anything to be seen yet, in NAME.partial.png (.pfm, .exr); a second one ends at once.\n"
-           "\nExit status: 0 done; 1 failed, with one line on stderr; 2 bad usage; interrupted: 130 by SIGINT, 143 by SIGTERM,\n"
+           "\nExit status: 0 done; 1 failed, with one line on stderr; 2 bad usage; interrupted: 130 by SIGINT, 143 by "
+               "SIGTERM,\n"
            "129 by SIGHUP.\n");
 }
 
@@ -81,11 +101,13 @@ static int parse(int argc, char **argv) {
     if (!ends_with(common.output, ".png") && !ends_with(common.output, ".pfm") && !ends_with(common.output, ".exr"))
         return misuse("--output %s: the name must end in .png, .pfm or .exr", common.output);
 #ifndef SBL_RENDER_OPENEXR
-    if (ends_with(common.output, ".exr")) return fail("--output %s: built without OpenEXR; write a .pfm", common.output);
+    if (ends_with(common.output, ".exr"))
+        return fail("--output %s: built without OpenEXR; write a .pfm", common.output);
 #endif
     if (given[SENSOR_FOV] && common_mode(given) != SBL_MODE_PAPER)
         return misuse("--sensor-fov needs --mode paper: other sensors see the whole hemisphere");
-    if (given[INSPECT] && given[CHANNEL]) return misuse("--inspect writes a sensor's view, --channel chooses a picture; give one of them");
+    if (given[INSPECT] && given[CHANNEL])
+        return misuse("--inspect writes a sensor's view, --channel chooses a picture; give one of them");
     return DONE;
 }
 
@@ -161,16 +183,19 @@ static void describe(const sbl_sensor *s, const double sheet_sum[3]) {
     printf("pixel %d,%d: %s, level %d%s\n", options.inspect[0], options.inspect[1],
            s->sensed ? "had a sensor" : "was interpolated; this is what a sensor would see", s->level,
            s->valid ? "" : ", judged to be stuck inside geometry");
-    printf("position %g %g %g\nnormal %g %g %g\n", (double)s->position[0], (double)s->position[1], (double)s->position[2],
+    printf("position %g %g %g\nnormal %g %g %g\n", (double)s->position[0], (double)s->position[1],
+           (double)s->position[2],
            (double)s->normal[0], (double)s->normal[1], (double)s->normal[2]);
     printf("R %g %g %g\n", (double)s->radiance[0], (double)s->radiance[1], (double)s->radiance[2]);
     if (s->noise > 0) printf("standard error %g\n", (double)s->noise);
     if (s->looks > 1) printf("mean of %d looks; what follows is of the first\n", s->looks);
-    printf("sum of weight * radiance over the sheet %g %g %g\nsum of weights %.6f, ", sheet_sum[0], sheet_sum[1], sheet_sum[2],
+    printf("sum of weight * radiance over the sheet %g %g %g\nsum of weights %.6f, ", sheet_sum[0], sheet_sum[1],
+           sheet_sum[2],
            (double)s->weight_sum);
     if (s->view_count) printf("%d views, %d x %d texels\n", s->view_count, s->sheet_width, s->sheet_height);
     else printf("%d rays\n", s->ray_count - aimed);
-    printf("back faces %.2f %%, nearest surface %g, mean distance %g\n", 100 * (double)s->back_share, (double)s->hit_min,
+    printf("back faces %.2f %%, nearest surface %g, mean distance %g\n", 100 * (double)s->back_share,
+           (double)s->hit_min,
            (double)s->hit_mean);
     printf("from lamps %g %g %g: %d lamps, %d rays towards them\n", (double)s->from_lamps[0], (double)s->from_lamps[1],
            (double)s->from_lamps[2], s->lamp_count, aimed);
@@ -226,7 +251,8 @@ static void fill_desc(sbl_picture_desc *desc, progress *bar) {
     desc->facet_limit = (float)options.facet_limit;
     if (given[EPSILON]) desc->epsilon = common.epsilon > (double)least ? (float)common.epsilon : least;
     if (given[FILTER_RADIUS]) desc->filter_radius = common.filter_radius ? common.filter_radius : -1;
-    desc->samples = (sbl_channel)options.channel == SBL_CHANNEL_FINAL ? options.samples : 1;  /* the other channels show pixel centres */
+    /* the other channels show pixel centres */
+    desc->samples = (sbl_channel)options.channel == SBL_CHANNEL_FINAL ? options.samples : 1;
     desc->seed = (uint32_t)common.seed;
     desc->progress = on_progress;
     desc->progress_user = bar;
@@ -244,7 +270,8 @@ static int render(const tool_task *task, double *seconds) {
     int status = DONE;
     fill_desc(&desc, &bar);
     sbl_query_bounds(context, lowest, highest);
-    if (!camera_place(desc.world_to_view, desc.view_to_clip, task->file, given, lowest, highest)) return camera_misuse();
+    if (!camera_place(desc.world_to_view, desc.view_to_clip, task->file, given, lowest, highest))
+        return camera_misuse();
     result = sbl_begin(context, &desc);
     if (result == SBL_SUCCESS) result = work(context);
     if (bar.shown) fprintf(stderr, "\r%70s\r", "");

@@ -10,14 +10,18 @@ static struct tool_camera {
 
 enum { SIZE = COMMON_OPTIONS, EYE, LOOK_AT, UP, FOV, CAMERA_END };
 
-#define CAMERA_ROWS \
+#define CAMERA_ROWS                                                                                                \
     [SIZE]          = { "--size", "WxH", SIZES, camera.size, 2, 1, 16384, "pixels; default 640x480", NULL, NULL }, \
-    [EYE]           = { "--eye", "X,Y,Z", NUMBERS, camera.eye, 3, -1e18, 1e18, "where the camera stands", NULL, NULL }, \
-    [LOOK_AT]       = { "--look-at", "X,Y,Z", NUMBERS, camera.look_at, 3, -1e18, 1e18, "what it looks at", NULL, NULL }, \
-    [UP]            = { "--up", "X,Y,Z", NUMBERS, camera.up, 3, -1e18, 1e18, "what is up", NULL, NULL }, \
-    [FOV]           = { "--fov", "DEGREES", NUMBERS, &camera.fov, 1, 1, 179, "vertical; the defaults of these four: the file's camera, else one that frames the scene", NULL, NULL }
+    [EYE]           = { "--eye", "X,Y,Z", NUMBERS, camera.eye, 3, -1e18, 1e18, "where the camera stands", NULL,    \
+        NULL },                                                                                                    \
+    [LOOK_AT]       = { "--look-at", "X,Y,Z", NUMBERS, camera.look_at, 3, -1e18, 1e18, "what it looks at", NULL,   \
+        NULL },                                                                                                    \
+    [UP]            = { "--up", "X,Y,Z", NUMBERS, camera.up, 3, -1e18, 1e18, "what is up", NULL, NULL },           \
+    [FOV]           = { "--fov", "DEGREES", NUMBERS, &camera.fov, 1, 1, 179,                                       \
+        "vertical; the defaults of these four: the file's camera, else one that frames the scene", NULL, NULL }
 
-/* By the options, else by the file, else so that the scene's bounds are seen. Returns 0 where the directions are degenerate. */
+/* By the options, else by the file, else so that the scene's bounds are seen. Returns 0 where the directions are
+   degenerate. */
 static int camera_place(float world_to_view[16], float view_to_clip[16], const scene_file *file, const int *given,
                         const float lowest[3], const float highest[3]) {
     static const double from[3] = { 0.35, 0.3, 0.89 };  /* unit: the front, a little to the right and above */
@@ -30,7 +34,8 @@ static int camera_place(float world_to_view[16], float view_to_clip[16], const s
         fov = (double)c->fov_y;
         if (c->fov_x > 0 && c->fov_x < 179) fov = 2 * atan(tan(0.5 * (double)c->fov_x * radians) / aspect) / radians;
         use_file = fov >= 1 && fov <= 179 &&
-                   sbl_look_at(unused, 0, 0, 0, c->forward[0], c->forward[1], c->forward[2], c->up[0], c->up[1], c->up[2]);
+                   sbl_look_at(unused, 0, 0, 0, c->forward[0], c->forward[1], c->forward[2], c->up[0], c->up[1],
+                               c->up[2]);
         for (i = 0; i < 3; i++) use_file = use_file && fabs((double)c->eye[i]) < 1e18;
     }
     if (!use_file || given[FOV]) fov = camera.fov;
@@ -56,12 +61,14 @@ static int camera_place(float world_to_view[16], float view_to_clip[16], const s
     for (i = 0; i < 3; i++)
         to[i] = eye[i] + (distance > 0 ? at[i] / distance * (1 + fabs(eye[0]) + fabs(eye[1]) + fabs(eye[2])) : 0);
     return sbl_perspective(view_to_clip, (float)fov, (float)aspect) &&
-           sbl_look_at(world_to_view, (float)eye[0], (float)eye[1], (float)eye[2], (float)to[0], (float)to[1], (float)to[2],
+           sbl_look_at(world_to_view, (float)eye[0], (float)eye[1], (float)eye[2], (float)to[0], (float)to[1],
+                       (float)to[2],
                        (float)up[0], (float)up[1], (float)up[2]);
 }
 
 static int camera_misuse(void) {
-    return misuse("--eye, --look-at, --up: the camera looks along its up vector, or stands where it looks; change one of them");
+    return misuse("--eye, --look-at, --up: the camera looks along its up vector, or stands where it looks; change one "
+                  "of them");
 }
 
 #endif

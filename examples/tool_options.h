@@ -45,7 +45,8 @@ static void tool_print_options(const tool_option *table, int count) {
     const char *line;
     int i;
     for (i = 0; i < count; i++) {
-        int width = printf("  %s%s%s", table[i].name, table[i].argument ? " " : "", table[i].argument ? table[i].argument : "");
+        int width = printf("  %s%s%s", table[i].name, table[i].argument ? " " : "",
+                           table[i].argument ? table[i].argument : "");
         for (line = table[i].help; line; line = strchr(line, '\n') ? strchr(line, '\n') + 1 : NULL) {
             printf("%*s%.*s\n", 26 - width, "", (int)strcspn(line, "\n"), line);
             width = 0;
@@ -98,7 +99,8 @@ static int tool__bytes(const tool_option *o, const char *text) {
 /* It has an ending: a point and a letter, no comma after them. Numbers have not, but for 1.e5 and the like. */
 static int tool__names_a_file(const char *text) {
     const char *point = strrchr(text, '.');
-    return point && isalpha((unsigned char)point[1]) && !strchr(point, ',') && !(strchr("eE", point[1]) && !isalpha((unsigned char)point[2]));
+    return point && isalpha((unsigned char)point[1]) && !strchr(point, ',') &&
+        !(strchr("eE", point[1]) && !isalpha((unsigned char)point[2]));
 }
 
 /* One option's value. Like tool_parse it returns the exit status. */
@@ -112,10 +114,12 @@ static int tool__take(const tool_option *o, const char *value) {
             ((const char **)o->value)[k] = value;
             return DONE;
         case BYTES:
-            return tool__bytes(o, value) ? DONE : misuse("%s %s: it must be a number from 16M to 1024T, such as 512M or 4G", o->name, value);
+            return tool__bytes(o, value) ? DONE : misuse("%s %s: it must be a number from 16M to 1024T, such as 512M "
+                                                         "or 4G", o->name, value);
         case CHOICE: {
             char list[256] = "";
-            for (k = 0; o->words[k] && strcmp(o->words[k], value) != 0; k++) sprintf(list + strlen(list), " %s", o->words[k]);
+            for (k = 0; o->words[k] && strcmp(o->words[k], value) != 0; k++)
+                sprintf(list + strlen(list), " %s", o->words[k]);
             *(int *)o->value = k;
             return o->words[k] ? DONE : misuse("%s %s: it must be one of%s", o->name, value, list);
         }
@@ -134,7 +138,8 @@ static int tool_parse(const tool_command *c) {
         const tool_option *o = NULL;
         if (only_files || argument[0] != '-' || !argument[1]) {
             if (files == c->file_count)
-                return misuse(files == 1 ? "two scenes, %s and %s; give one" : "%s and %s: too many names; see --help", c->files[files - 1], argument);
+                return misuse(files == 1 ? "two scenes, %s and %s; give one" : "%s and %s: too many names; see --help",
+                              c->files[files - 1], argument);
             c->files[files++] = argument;
             continue;
         }

@@ -30,43 +30,67 @@ enum {
     COMMON_OPTIONS
 };
 
-#define COMMON_ROWS \
-    [SKY]           = { "--sky", "R,G,B|FILE", NUMBERS_OR_FILE, common.sky, 3, 0, 1e30, \
-                        "constant radiance of all that is not hit; default 0,0,0, or 1,1,1 where nothing else shines; or a picture of it\n" \
-                        "(FILE.hdr; .png, .jpg, ... are decoded from sRGB): equirectangular, its upper edge is straight up, its middle is +x", NULL, &common.sky_picture }, \
-    [SKY_ROTATION]  = { "--sky-rotation", "DEGREES", NUMBERS, &common.sky_rotation, 1, -360, 360, "of the picture, counter-clockwise seen from above; default 0", NULL, NULL }, \
-    [SKY_SCALE]     = { "--sky-scale", "F", NUMBERS, &common.sky_scale, 1, 0, 1e30, "of the picture's light; default 1", NULL, NULL }, \
-    [SKY_UP]        = { "--sky-up", "X,Y,Z", NUMBERS, common.sky_up, 3, -1e18, 1e18, "what is up in the picture; default 0,1,0", NULL, NULL }, \
-    [MODE]          = { "--mode", "NAME", CHOICE, &common.mode, 0, 0, 0, \
-                        "gi (default: lamps, sky, and what all surfaces reflect, to the last bounce) | direct (lamps and sky only) |\n" \
-                        "ambient (direct, and a faint glow of every surface) | paper (exactly the paper: one 135 degree view,\n" \
-                        "epsilon, tiles, Gaussian; pictures only)", mode_words, NULL }, \
-    [PRESET]        = { "--preset", "NAME", CHOICE, &common.preset, 0, 0, 0, "draft | default | high", preset_words, NULL }, \
-    [BACKEND]       = { "--backend", "NAME", CHOICE, &common.backend, 0, 0, 0, "auto (default: trace; raster in mode paper) | raster | trace", backend_words, NULL }, \
-    [RAYS]          = { "--rays", "N", INTEGERS, &common.rays, 1, 1, 4096, "samples of a traced sensor, the same for all; default: as many as the error takes", NULL, NULL }, \
-    [BOUNCE_SAMPLES] = { "--bounce-samples", "N", INTEGERS, &common.bounce_samples, 1, 1024, 1048576, \
-                         "places that bounced light is stored for, in mode gi, at most: more where light comes through gaps or geometry\n" \
-                         "is fine; about 4 KB of memory each; default 49152", NULL, NULL }, \
-    [EPSILON]       = { "--epsilon", "E", NUMBERS, &common.epsilon, 1, 0, 1e30, "ambient factor of the modes paper and ambient; default 0.02", NULL, NULL }, \
-    [SENSOR_SIZE]   = { "--sensor-size", "N", INTEGERS, &common.sensor_size, 1, 4, 512, "texels across a sensor's view; default 32, 64, 128 by preset", NULL, NULL }, \
-    [TILE]          = { "--tile", "N", INTEGERS, &common.tile, 1, 1, 1024, "first distance between sensors in pixels, 1 senses every pixel; default 16", NULL, NULL }, \
-    [THRESHOLD]     = { "--threshold", "T", NUMBERS, &common.threshold, 1, 0, 1e30, \
-                        "refine where neighbours differ by more, instead of where the error says: a share of their mean;\n" \
-                        "in mode paper a radiance, default 0.05", NULL, NULL }, \
-    [FILTER_RADIUS] = { "--filter-radius", "N", INTEGERS, &common.filter_radius, 1, 0, 32, "of the Gaussian, pixels, 0 for none; default 2", NULL, NULL }, \
-    [SEED]          = { "--seed", "N", INTEGERS, &common.seed, 1, 0, INT_MAX, "of the sensors' rotations; default 0", NULL, NULL }, \
-    [STORE]         = { "--store", "FILE", TEXT, &common.store, 0, 0, 0, \
-                        "bounced light is loaded from there where it fits the scene, else made and saved there; --mode gi", NULL, NULL }, \
-    [STATS]         = { "--stats", "FILE", TEXT, &common.stats, 0, 0, 0, "counts, seconds (total: from start to picture) and peak memory as JSON", NULL, NULL }, \
-    [ALLOW_PATH]    = { "--allow-path", "DIR", LIST, common.reading.allow, SCENE_FILE_FOLDERS, 0, 0, \
-                        "the scene may name files beneath it, besides those beneath its own folder; may be given several times", NULL, NULL }, \
-    [MEMORY]        = { "--memory", "SIZE", BYTES, &common.reading.memory, 1, 16.0 * (1 << 20), 1024.0 * (1 << 30) * 1024, \
-                        "what the scene may take, such as 512M or 4G; default half of the machine's memory, or of what its control\n" \
-                        "group has; never more than half of what ulimit -v leaves", NULL, NULL }, \
-    [READ_TIME]     = { "--read-time", "SECONDS", NUMBERS, &common.reading.seconds, 1, 0.1, 1e6, "what reading the scene may take; default 60", NULL, NULL }, \
-    [QUIET]         = { "--quiet", NULL, FLAG, NULL, 0, 0, 0, "no progress bar, no warnings", NULL, NULL }, \
-    [VERBOSE]       = { "--verbose", NULL, FLAG, NULL, 0, 0, 0, "tells how far the kernel confines the process that reads files", NULL, NULL }, \
-    [HELP]          = { "--help", NULL, FLAG, NULL, 0, 0, 0, "this text", NULL, NULL }, \
+#define COMMON_ROWS                                                                                                    \
+    [SKY]           = { "--sky", "R,G,B|FILE", NUMBERS_OR_FILE, common.sky, 3, 0, 1e30,                                \
+                        "constant radiance of all that is not hit; default 0,0,0, or 1,1,1 where nothing else "        \
+                            "shines; or a picture of it\n"                                                             \
+                        "(FILE.hdr; .png, .jpg, ... are decoded from sRGB): equirectangular, its upper edge is "       \
+                            "straight up, its middle is +x", NULL, &common.sky_picture },                              \
+    [SKY_ROTATION]  = { "--sky-rotation", "DEGREES", NUMBERS, &common.sky_rotation, 1, -360, 360,                      \
+        "of the picture, counter-clockwise seen from above; default 0", NULL, NULL },                                  \
+    [SKY_SCALE]     = { "--sky-scale", "F", NUMBERS, &common.sky_scale, 1, 0, 1e30,                                    \
+        "of the picture's light; default 1", NULL, NULL },                                                             \
+    [SKY_UP]        = { "--sky-up", "X,Y,Z", NUMBERS, common.sky_up, 3, -1e18, 1e18,                                   \
+        "what is up in the picture; default 0,1,0", NULL, NULL },                                                      \
+    [MODE]          = { "--mode", "NAME", CHOICE, &common.mode, 0, 0, 0,                                               \
+                        "gi (default: lamps, sky, and what all surfaces reflect, to the last bounce) | direct (lamps " \
+                            "and sky only) |\n"                                                                        \
+                        "ambient (direct, and a faint glow of every surface) | paper (exactly the paper: one 135 "     \
+                            "degree view,\n"                                                                           \
+                        "epsilon, tiles, Gaussian; pictures only)", mode_words, NULL },                                \
+    [PRESET]        = { "--preset", "NAME", CHOICE, &common.preset, 0, 0, 0, "draft | default | high", preset_words,   \
+        NULL },                                                                                                        \
+    [BACKEND]       = { "--backend", "NAME", CHOICE, &common.backend, 0, 0, 0,                                         \
+        "auto (default: trace; raster in mode paper) | raster | trace", backend_words, NULL },                         \
+    [RAYS]          = { "--rays", "N", INTEGERS, &common.rays, 1, 1, 4096,                                             \
+        "samples of a traced sensor, the same for all; default: as many as the error takes", NULL, NULL },             \
+    [BOUNCE_SAMPLES] = { "--bounce-samples", "N", INTEGERS, &common.bounce_samples, 1, 1024, 1048576,                  \
+                         "places that bounced light is stored for, in mode gi, at most: more where light comes "       \
+                             "through gaps or geometry\n"                                                              \
+                         "is fine; about 4 KB of memory each; default 49152", NULL, NULL },                            \
+    [EPSILON]       = { "--epsilon", "E", NUMBERS, &common.epsilon, 1, 0, 1e30,                                        \
+        "ambient factor of the modes paper and ambient; default 0.02", NULL, NULL },                                   \
+    [SENSOR_SIZE]   = { "--sensor-size", "N", INTEGERS, &common.sensor_size, 1, 4, 512,                                \
+        "texels across a sensor's view; default 32, 64, 128 by preset", NULL, NULL },                                  \
+    [TILE]          = { "--tile", "N", INTEGERS, &common.tile, 1, 1, 1024,                                             \
+        "first distance between sensors in pixels, 1 senses every pixel; default 16", NULL, NULL },                    \
+    [THRESHOLD]     = { "--threshold", "T", NUMBERS, &common.threshold, 1, 0, 1e30,                                    \
+                        "refine where neighbours differ by more, instead of where the error says: a share of their "   \
+                            "mean;\n"                                                                                  \
+                        "in mode paper a radiance, default 0.05", NULL, NULL },                                        \
+    [FILTER_RADIUS] = { "--filter-radius", "N", INTEGERS, &common.filter_radius, 1, 0, 32,                             \
+        "of the Gaussian, pixels, 0 for none; default 2", NULL, NULL },                                                \
+    [SEED]          = { "--seed", "N", INTEGERS, &common.seed, 1, 0, INT_MAX, "of the sensors' rotations; default 0",  \
+        NULL, NULL },                                                                                                  \
+    [STORE]         = { "--store", "FILE", TEXT, &common.store, 0, 0, 0,                                               \
+                        "bounced light is loaded from there where it fits the scene, else made and saved there; "      \
+                            "--mode gi", NULL, NULL },                                                                 \
+    [STATS]         = { "--stats", "FILE", TEXT, &common.stats, 0, 0, 0,                                               \
+        "counts, seconds (total: from start to picture) and peak memory as JSON", NULL, NULL },                        \
+    [ALLOW_PATH]    = { "--allow-path", "DIR", LIST, common.reading.allow, SCENE_FILE_FOLDERS, 0, 0,                   \
+                        "the scene may name files beneath it, besides those beneath its own folder; may be given "     \
+                            "several times", NULL, NULL },                                                             \
+    [MEMORY]        = { "--memory", "SIZE", BYTES, &common.reading.memory, 1, 16.0 * (1 << 20),                        \
+        1024.0 * (1 << 30) * 1024,                                                                                     \
+                        "what the scene may take, such as 512M or 4G; default half of the machine's memory, or of "    \
+                            "what its control\n"                                                                       \
+                        "group has; never more than half of what ulimit -v leaves", NULL, NULL },                      \
+    [READ_TIME]     = { "--read-time", "SECONDS", NUMBERS, &common.reading.seconds, 1, 0.1, 1e6,                       \
+        "what reading the scene may take; default 60", NULL, NULL },                                                   \
+    [QUIET]         = { "--quiet", NULL, FLAG, NULL, 0, 0, 0, "no progress bar, no warnings", NULL, NULL },            \
+    [VERBOSE]       = { "--verbose", NULL, FLAG, NULL, 0, 0, 0,                                                        \
+        "tells how far the kernel confines the process that reads files", NULL, NULL },                                \
+    [HELP]          = { "--help", NULL, FLAG, NULL, 0, 0, 0, "this text", NULL, NULL },                                \
     [VERSION]       = { "--version", NULL, FLAG, NULL, 0, 0, 0, "the version", NULL, NULL }
 
 static sbl_mode common_mode(const int *given) { return given[MODE] ? modes[common.mode] : SBL_MODE_GI; }
@@ -75,14 +99,17 @@ static sbl_mode common_mode(const int *given) { return given[MODE] ? modes[commo
 static int common_check(const int *given) {
     const sbl_mode mode = common_mode(given);
     if (!common.scene) return misuse("usage: " TOOL_NAME " SCENE [options]; see --help");
-    if (given[STORE] && mode != SBL_MODE_GI) return misuse("--store needs --mode gi: other modes have no light that bounces");
+    if (given[STORE] && mode != SBL_MODE_GI)
+        return misuse("--store needs --mode gi: other modes have no light that bounces");
     if (given[EPSILON] && (mode == SBL_MODE_GI || mode == SBL_MODE_DIRECT))
         return misuse("--epsilon needs --mode ambient or paper: the other modes have no ambient factor");
     if (common.sky_picture && mode == SBL_MODE_PAPER)
-        return misuse("--sky %s: --mode paper has no sky pictures; give a colour or choose another --mode", common.sky_picture);
+        return misuse("--sky %s: --mode paper has no sky pictures; give a colour or choose another --mode",
+                      common.sky_picture);
     if (!common.sky_picture && (given[SKY_ROTATION] || given[SKY_SCALE] || given[SKY_UP]))
         return misuse("--sky-rotation, --sky-scale, --sky-up: they need --sky with a picture");
-    if (common.sky_up[0] == 0.0 && common.sky_up[1] == 0.0 && common.sky_up[2] == 0.0) return misuse("--sky-up: it must not be 0,0,0");
+    if (common.sky_up[0] == 0.0 && common.sky_up[1] == 0.0 && common.sky_up[2] == 0.0)
+        return misuse("--sky-up: it must not be 0,0,0");
     if (backends[common.backend] == SBL_BACKEND_TRACE && mode == SBL_MODE_PAPER)
         return misuse("--backend trace: the paper's sensor rasterises; leave it out or choose another --mode");
     return DONE;
@@ -165,7 +192,8 @@ static int targets_check_read(const scene_file *file) {
     for (i = 0; i < target_count; i++)
         for (k = 0; k < file->read_count && targets[i].path && stat(targets[i].path, &info) == 0; k++)
             if (file->read[k].device == info.st_dev && file->read[k].inode == info.st_ino)
-                return misuse("%s would overwrite a file that %s reads; give another name", targets[i].name, common.scene);
+                return misuse("%s would overwrite a file that %s reads; give another name", targets[i].name,
+                              common.scene);
     return DONE;
 }
 
@@ -207,24 +235,34 @@ static int write_stats(FILE *out, const void *what) {
         if (*c == '"' || *c == '\\') fputc('\\', out);
         fputc((unsigned char)*c < 32 ? ' ' : *c, out);
     }
-    mode = s.mode == SBL_MODE_GI ? "gi" : s.mode == SBL_MODE_DIRECT ? "direct" : s.mode == SBL_MODE_PAPER ? "paper" : "ambient";
-    fprintf(out, "\",\n  \"mode\": \"%s\",\n  \"size\": [%d, %d],\n  \"triangles\": %d,\n  \"lights\": %d,\n  \"visible_pixels\": %d,\n", mode, s.width,
+    mode = s.mode == SBL_MODE_GI ? "gi" : s.mode == SBL_MODE_DIRECT ? "direct" : s.mode == SBL_MODE_PAPER ? "paper"
+        : "ambient";
+    fprintf(out, "\",\n  \"mode\": \"%s\",\n  \"size\": [%d, %d],\n  \"triangles\": %d,\n  \"lights\": %d,\n  "
+            "\"visible_pixels\": %d,\n", mode, s.width,
             s.height, s.triangles, all->lights, s.visible_pixels);
     fprintf(out, "  \"backend\": \"%s\",\n", s.backend == SBL_BACKEND_TRACE ? "trace" : "raster");
-    fprintf(out, "  \"error\": {\"asked\": %.6g, \"expected\": %.6g},\n", (double)s.error_asked, (double)s.error_expected);
+    fprintf(out, "  \"error\": {\"asked\": %.6g, \"expected\": %.6g},\n", (double)s.error_asked,
+            (double)s.error_expected);
     if (s.seams)
-        fprintf(out, "  \"seams\": {\"edges\": %d, \"largest_before\": %.6g, \"largest_after\": %.6g},\n", s.seams, (double)s.seam_before,
+        fprintf(out, "  \"seams\": {\"edges\": %d, \"largest_before\": %.6g, \"largest_after\": %.6g},\n", s.seams,
+                (double)s.seam_before,
                 (double)s.seam_after);
-    fprintf(out, "  \"sensors\": %.0f,\n  \"sensor_views\": %.0f,\n  \"sensor_texels\": %.0f,\n  \"rays\": %.0f,\n  \"bounce_samples\": %d,\n  \"bounce_rays\": %.0f,\n"
+    fprintf(out, "  \"sensors\": %.0f,\n  \"sensor_views\": %.0f,\n  \"sensor_texels\": %.0f,\n  \"rays\": %.0f,\n  "
+            "\"bounce_samples\": %d,\n  \"bounce_rays\": %.0f,\n"
             "  \"levels\": [",
-            (double)s.sensors, (double)s.sensor_views, (double)s.sensor_texels, (double)s.rays, s.bounce_samples, (double)s.bounce_rays);
+            (double)s.sensors, (double)s.sensor_views, (double)s.sensor_texels, (double)s.rays, s.bounce_samples,
+                (double)s.bounce_rays);
     for (i = 0; i < s.level_count; i++)
-        fprintf(out, "%s{\"tile\": %d, \"sensors\": %.0f}", i ? ", " : "", s.levels[i].tile, (double)s.levels[i].sensors);
-    fprintf(out, "],\n  \"seconds\": {\"load\": %.6f, \"scene\": %.6f, \"surface\": %.6f, \"gather\": %.6f, \"bounce\": %.6f, ", all->load, s.seconds.scene,
+        fprintf(out, "%s{\"tile\": %d, \"sensors\": %.0f}", i ? ", " : "", s.levels[i].tile,
+                (double)s.levels[i].sensors);
+    fprintf(out, "],\n  \"seconds\": {\"load\": %.6f, \"scene\": %.6f, \"surface\": %.6f, \"gather\": %.6f, "
+            "\"bounce\": %.6f, ", all->load, s.seconds.scene,
             s.seconds.surface, s.seconds.gather, s.seconds.bounce);
-    fprintf(out, "\"refine\": %.6f, \"filter\": %.6f, \"resolve\": %.6f, \"total\": %.6f},\n", s.seconds.refine, s.seconds.filter, s.seconds.resolve, all->seconds);
+    fprintf(out, "\"refine\": %.6f, \"filter\": %.6f, \"resolve\": %.6f, \"total\": %.6f},\n", s.seconds.refine,
+            s.seconds.filter, s.seconds.resolve, all->seconds);
     fprintf(out, "  \"microseconds_per_sensor\": %.6f,\n  \"peak_gpu_bytes\": %.0f,\n  \"peak_host_bytes\": %.0f\n}\n",
-            s.microseconds_per_sensor, (double)sbl_query_memory(context).gpu_peak_bytes, 1024.0 * (double)self.ru_maxrss);
+            s.microseconds_per_sensor, (double)sbl_query_memory(context).gpu_peak_bytes,
+                1024.0 * (double)self.ru_maxrss);
     return 1;
 }
 
@@ -254,7 +292,8 @@ static int load_store(sbl_context *context, messages *said) {
 static int keep_store(sbl_context *context) {
     FILE *out = output_open(&targets[STORED]);
     errno = 0;
-    if (out && output_close(&targets[STORED], out, sbl_save_store(context, put_bytes, out) == SBL_SUCCESS, &interrupted))
+    if (out && output_close(&targets[STORED], out, sbl_save_store(context, put_bytes, out) == SBL_SUCCESS,
+                            &interrupted))
         return DONE;
     return interrupted ? stop("%s is written, %s is not", common.output, common.store) : fail_to_write(common.store);
 }
@@ -272,7 +311,8 @@ typedef struct tool_task {
 /* Does the tool's own work, and returns the exit status; *seconds: when it was done, for the statistics. */
 typedef int (*tool_worker)(const tool_task *task, double *seconds);
 
-static int tool__work(const scene_file *file, const scene_file *sky, tool_task *task, const int *given, tool_worker worker) {
+static int tool__work(const scene_file *file, const scene_file *sky, tool_task *task, const int *given,
+                      tool_worker worker) {
     const sbl_scene_desc scene = common_scene(file, sky, given);
     const sbl_result result = sbl_set_scene(task->context, &scene);
     totals all = { task->context, file->scene.light_count, task->load, 0 };
@@ -290,7 +330,8 @@ static void tool__warn(const scene_file *file, const messages *said, const int *
     int i;
     if (lit_by_us(&file->scene, given))
         warn("%s: nothing in it shines; an even sky of 1,1,1 lights it, --sky chooses another", common.scene);
-    for (i = 0; i < file->warning_count && i < SCENE_FILE_WARNINGS; i++) warn("%s: %s", common.scene, file->warnings[i]);
+    for (i = 0; i < file->warning_count && i < SCENE_FILE_WARNINGS; i++)
+        warn("%s: %s", common.scene, file->warnings[i]);
     if (file->warning_count > SCENE_FILE_WARNINGS)
         warn("%s: and %d warnings more", common.scene, file->warning_count - SCENE_FILE_WARNINGS);
     for (i = 0; i < said->warnings_kept; i++) warn("%s: %s", common.scene, said->warnings[i]);
@@ -318,7 +359,8 @@ static int tool_run(double start, const int *given, tool_worker worker, int (*pr
     task.load = now() - start;
     if (interrupted) status = stop("no " TOOL_MAKES " was begun");
     else if (!file || (common.sky_picture && !sky)) status = fail("%s", error);
-    else if (!check_address_space()) status = fail("OpenGL: ulimit -v leaves less than 512 MB for the driver; allow more");
+    else if (!check_address_space())
+        status = fail("OpenGL: ulimit -v leaves less than 512 MB for the driver; allow more");
     if (status == DONE && prepare) status = prepare(file);
     if (status == DONE) status = targets_check_read(file);
     if (status == DONE) {
@@ -326,7 +368,8 @@ static int tool_run(double start, const int *given, tool_worker worker, int (*pr
         context_desc.logger.log = on_log;
         context_desc.logger.user = &said;
         result = sbl_create(&context_desc, &task.context);
-        status = result == SBL_SUCCESS ? tool__work(file, sky, &task, given, worker) : fail_with(&said, "OpenGL", result);
+        status = result == SBL_SUCCESS ? tool__work(file, sky, &task, given, worker)
+            : fail_with(&said, "OpenGL", result);
         sbl_destroy(task.context);
         if (status == DONE && !given[QUIET]) tool__warn(file, &said, given);
     }

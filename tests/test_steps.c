@@ -1,6 +1,6 @@
-/* A picture in steps: every stage of it comes in pieces, submissions follow the limit, programs are compiled when they are first used or all ahead, what is
-   known can be seen on the way, and a finished picture stays. None of this looks at a clock: pieces are counted, or sbl.h is given a clock that
-   goes on by as much at every look. */
+/* A picture in steps: every stage of it comes in pieces, submissions follow the limit, programs are compiled when they
+   are first used or all ahead, what is known can be seen on the way, and a finished picture stays. None of this looks
+   at a clock: pieces are counted, or sbl.h is given a clock that goes on by as much at every look. */
 #include <sys/time.h>
 static int clock_of_test(struct timeval *out, void *zone);
 #define gettimeofday clock_of_test
@@ -46,8 +46,10 @@ static sbl_picture_desc view_of(sbl_backend backend) {
 /* Steps that began in each stage, in slices too short for more than a piece. */
 TEST(every_stage_comes_in_pieces) {
     static const struct { sbl__stage stage; int least; const char *name; } stages[] = {
-        { SBL__STAGE_SURFACE, 4, "the G-buffer" }, { SBL__STAGE_READ, 1, "reading it" }, { SBL__STAGE_SENSE, 100, "sensors" },
-        { SBL__STAGE_FILTER, 3, "the filter" }, { SBL__STAGE_SAMPLE, 6, "samples' G-buffers" }, { SBL__STAGE_RESOLVE, 6, "resolving" } };
+        { SBL__STAGE_SURFACE, 4, "the G-buffer" }, { SBL__STAGE_READ, 1, "reading it" },
+        { SBL__STAGE_SENSE, 100, "sensors" },
+        { SBL__STAGE_FILTER, 3, "the filter" }, { SBL__STAGE_SAMPLE, 6, "samples' G-buffers" },
+        { SBL__STAGE_RESOLVE, 6, "resolving" } };
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = view_of(SBL_BACKEND_TRACE);
     sbl_context *context = watch_context(&seen, &desc, &cornell);
@@ -62,7 +64,8 @@ TEST(every_stage_comes_in_pieces) {
     gpu = sbl_query_memory(context).gpu_bytes;
     i = sbl_query_capabilities(context).programs;
     REQUIRE(sbl_begin(context, &view) == SBL_SUCCESS, "cannot begin");
-    CHECK(sbl_query_memory(context).gpu_bytes == gpu && sbl_query_capabilities(context).programs == i, "sbl_begin makes textures or compiles");
+    CHECK(sbl_query_memory(context).gpu_bytes == gpu && sbl_query_capabilities(context).programs == i,
+          "sbl_begin makes textures or compiles");
     while (result == SBL_UNFINISHED && steps++ < 1000000) {
         counts[context->picture.stage]++;
         result = sbl_step(context, 1e-9);
@@ -87,7 +90,8 @@ TEST(the_hierarchy_comes_in_pieces) {
     scene = scene_desc(&s);
     memset(view.world_to_view, 0, sizeof view.world_to_view);
     view.width = view.height = 8;
-    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_begin(context, &view) == SBL_SUCCESS, "%s",
+    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS &&
+            sbl_begin(context, &view) == SBL_SUCCESS, "%s",
             watch_last(&seen));
     while (result == SBL_UNFINISHED && steps++ < 1000000) {
         before += context->picture.stage == SBL__STAGE_PREPARE;
@@ -143,7 +147,11 @@ TEST(steps_keep_to_their_time) {
     gather.site_count = SITES;
     gather.mode = SBL_MODE_AMBIENT;
     gather.rays = 4;
-    for (i = 0; i < SITES; i++) { sites[i].position[0] = sites[i].position[2] = 200; sites[i].position[1] = 100; sites[i].normal[1] = 1; }
+    for (i = 0; i < SITES; i++) {
+        sites[i].position[0] = sites[i].position[2] = 200;
+        sites[i].position[1] = 100;
+        sites[i].normal[1] = 1;
+    }
     for (way = 0; way < 3; way++) {
         sbl_picture_desc view = view_of(way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER);
         sbl_context *context = watch_context(&seen, &desc, &cornell);
@@ -151,7 +159,8 @@ TEST(steps_keep_to_their_time) {
         long longest = 0, shortest = BUDGET;
         if (!context) return;
         clock_tick = 100;
-        REQUIRE((way < 2 ? sbl_begin(context, &view) : sbl_begin_gather(context, &gather)) == SBL_SUCCESS, "cannot begin: %s", watch_last(&seen));
+        REQUIRE((way < 2 ? sbl_begin(context, &view) : sbl_begin_gather(context, &gather)) == SBL_SUCCESS,
+                "cannot begin: %s", watch_last(&seen));
         for (steps = 0; result == SBL_UNFINISHED && steps < 100000; steps++) {
             const long start = clock_now;
             result = sbl_step(context, 1e-6 * BUDGET);
@@ -159,8 +168,10 @@ TEST(steps_keep_to_their_time) {
             if (result == SBL_UNFINISHED && clock_now - start < shortest) shortest = clock_now - start;
         }
         clock_tick = 0;
-        CHECK(result == SBL_SUCCESS && steps > 3, "%s after %d steps: %s", sbl_result_string(result), steps, watch_last(&seen));
-        CHECK(longest < BUDGET + GIVE && shortest > BUDGET / 2, "way %d: of %d us, steps took %ld to %ld", way, BUDGET, shortest, longest);
+        CHECK(result == SBL_SUCCESS && steps > 3, "%s after %d steps: %s", sbl_result_string(result), steps,
+              watch_last(&seen));
+        CHECK(longest < BUDGET + GIVE && shortest > BUDGET / 2, "way %d: of %d us, steps took %ld to %ld", way, BUDGET,
+              shortest, longest);
         printf("  %d steps of %ld to %ld us\n", steps, shortest, longest);
         sbl_destroy(context);
     }
@@ -228,21 +239,29 @@ TEST(the_store_comes_in_pieces) {
     sbl_stats stats, again;
     int i, stage;
     if (!context) return;
-    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS && bounced_read(context, whole) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS && bounced_read(context, whole) == SBL_SUCCESS, "no picture: %s",
+            watch_last(&seen));
     stats = sbl_query_stats(context);
     CHECK(stats.bounce_samples > 100 && stats.bounce_samples <= 1024, "%d samples", stats.bounce_samples);
-    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS && bounced_read(context, now) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS && bounced_read(context, now) == SBL_SUCCESS, "no picture: %s",
+            watch_last(&seen));
     again = sbl_query_stats(context);
     CHECK(memcmp(now, whole, sizeof now) == 0, "a store that is there gives another picture");
-    CHECK(stats.bounce_rays > 1000 && again.bounce_rays == 0 && again.bounce_samples == stats.bounce_samples && again.rays == stats.rays,
-          "a store of %d samples and %.0f rays, then of %d and %.0f", stats.bounce_samples, (double)stats.bounce_rays, again.bounce_samples, (double)again.bounce_rays);
+    CHECK(stats.bounce_rays > 1000 && again.bounce_rays == 0 && again.bounce_samples == stats.bounce_samples &&
+          again.rays == stats.rays,
+          "a store of %d samples and %.0f rays, then of %d and %.0f", stats.bounce_samples, (double)stats.bounce_rays,
+          again.bounce_samples, (double)again.bounce_rays);
     for (i = 0; i < 3; i++) {
         int counts[SBL__BOUNCE_DONE + 1] = { 0 };
-        REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_begin(context, &view) == SBL_SUCCESS, "cannot begin");
-        REQUIRE(bounced_steps(context, budgets[i], counts) == SBL_SUCCESS && bounced_read(context, now) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+        REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_begin(context, &view) == SBL_SUCCESS,
+                "cannot begin");
+        REQUIRE(bounced_steps(context, budgets[i], counts) == SBL_SUCCESS && bounced_read(context, now) == SBL_SUCCESS,
+                "no picture: %s", watch_last(&seen));
         CHECK(memcmp(now, whole, sizeof now) == 0, "in steps of %g s the picture differs", budgets[i]);
-        for (stage = SBL__BOUNCE_PATCHES; stage <= SBL__BOUNCE_SEND && i == 0; stage++)  /* the air is for what the host draws */
-            CHECK(counts[stage] >= (stage == SBL__BOUNCE_LIGHT ? 10 : 1), "stage %d took %d steps", stage, counts[stage]);
+        /* the air is for what the host draws */
+        for (stage = SBL__BOUNCE_PATCHES; stage <= SBL__BOUNCE_SEND && i == 0; stage++)
+            CHECK(counts[stage] >= (stage == SBL__BOUNCE_LIGHT ? 10 : 1), "stage %d took %d steps", stage,
+                  counts[stage]);
     }
     sbl_destroy(context);
 }
@@ -263,9 +282,11 @@ static int lit(const sbl_context *context) {
     return b && b->stage == SBL__BOUNCE_LIGHT && b->job.stage == SBL__JOB_READ;
 }
 
-/* After each number of short steps, and first in the midst of the store's lamps, something else happens; the picture that is made afterwards is the usual one, bit for bit. */
+/* After each number of short steps, and first in the midst of the store's lamps, something else happens; the picture
+   that is made afterwards is the usual one, bit for bit. */
 TEST(the_store_is_left_at_any_step) {
-    static const char *const names[] = { "another picture like it", "an ambient picture", "an ambient gather", "a gather like it", "the end", "a move there and back",
+    static const char *const names[] = { "another picture like it", "an ambient picture", "an ambient gather",
+        "a gather like it", "the end", "a move there and back",
                                          "the scene anew", "cancelling", "a rasterised picture" };
     static const float away[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 100, 0, 1 }, back[16] = { 0 };
     static float whole[BOUNCED], now[BOUNCED];
@@ -281,7 +302,8 @@ TEST(the_store_is_left_at_any_step) {
         sbl_picture_desc view = bounced_view();
         REQUIRE(sbl_gather(context, &gather) == SBL_SUCCESS, "no gather");
         memcpy(ambient, gather_readings, sizeof ambient);
-        REQUIRE(sbl_render(context, &view) == SBL_SUCCESS && bounced_read(context, whole) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+        REQUIRE(sbl_render(context, &view) == SBL_SUCCESS && bounced_read(context, whole) == SBL_SUCCESS,
+                "no picture: %s", watch_last(&seen));
     }
     sbl_end(context);
     REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS, "no scene");
@@ -295,34 +317,42 @@ TEST(the_store_is_left_at_any_step) {
             REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS, "no scene");
             if (what == 7) { view.progress = cancels; view.progress_user = &calls; }
             REQUIRE(sbl_begin(context, &view) == SBL_SUCCESS, "cannot begin");
-            for (steps = 0; (steps < at || what == 7) && result == SBL_UNFINISHED; steps++) result = sbl_step(context, 1e-9);
+            for (steps = 0; (steps < at || what == 7) && result == SBL_UNFINISHED; steps++)
+                result = sbl_step(context, 1e-9);
             while (at == 0 && what != 7 && result == SBL_UNFINISHED && !lit(context)) result = sbl_step(context, 1e-9);
             done += result == SBL_SUCCESS;
-            CHECK(what != 7 || !context->core.bounce || context->core.scene.store.ready, "cancelled after %d steps, a store is left", at);
-            CHECK(result == SBL_SUCCESS || result == (what == 7 ? SBL_CANCELLED : SBL_UNFINISHED), "%s", watch_last(&seen));
+            CHECK(what != 7 || !context->core.bounce || context->core.scene.store.ready,
+                  "cancelled after %d steps, a store is left", at);
+            CHECK(result == SBL_SUCCESS || result == (what == 7 ? SBL_CANCELLED : SBL_UNFINISHED), "%s",
+                  watch_last(&seen));
             view.progress = NULL;
             result = SBL_SUCCESS;
             switch (what) {
                 case 1: other.mode = SBL_MODE_AMBIENT; result = sbl_render(context, &other); break;
                 case 2: result = sbl_gather(context, &gather);
-                        CHECK(memcmp(ambient, gather_readings, sizeof ambient) == 0, "after %d steps the gather differs", at); break;
+                        CHECK(memcmp(ambient, gather_readings, sizeof ambient) == 0,
+                              "after %d steps the gather differs", at); break;
                 case 3: result = sbl_begin_gather(context, &like); if (at & 1) sbl_step(context, 1e-9); break;
                 case 4: case 7:
                     sbl_end(context);
                     sbl_set_scene(context, &scene);
-                    CHECK(seen.blocks == blocks, "%s after %d steps: %d blocks, not %d", names[what], at, seen.blocks, blocks);
+                    CHECK(seen.blocks == blocks, "%s after %d steps: %d blocks, not %d", names[what], at, seen.blocks,
+                          blocks);
                     break;
                 case 5: result = sbl_set_mesh_transform(context, 3, away);
                         if (at & 1) sbl_begin(context, &view), sbl_step(context, 1e-9);
                         sbl_set_mesh_transform(context, 3, back); break;
                 case 6: result = sbl_set_scene(context, &scene); break;
-                case 8: other.backend = SBL_BACKEND_RASTER; other.sensor_size = 4; result = sbl_begin(context, &other); sbl_step(context, 1e-9); break;
+                case 8: other.backend = SBL_BACKEND_RASTER; other.sensor_size = 4; result =
+                    sbl_begin(context, &other); sbl_step(context, 1e-9); break;
                 default: break;
             }
             CHECK(result == SBL_SUCCESS, "%s after %d steps: %s", names[what], at, watch_last(&seen));
-            CHECK(sbl_render(context, &view) == SBL_SUCCESS && bounced_read(context, now) == SBL_SUCCESS, "%s after %d steps: %s", names[what], at,
+            CHECK(sbl_render(context, &view) == SBL_SUCCESS && bounced_read(context, now) == SBL_SUCCESS,
+                  "%s after %d steps: %s", names[what], at,
                   watch_last(&seen));
-            CHECK(memcmp(now, whole, sizeof now) == 0, "%s after %d steps changes the picture by %g of it", names[what], at, store_distance(whole, now));
+            CHECK(memcmp(now, whole, sizeof now) == 0, "%s after %d steps changes the picture by %g of it", names[what],
+                  at, store_distance(whole, now));
         }
         if (done == whats / 3) break;
     }
@@ -346,7 +376,8 @@ TEST(programs_compile_when_used_or_ahead) {
     context = watch_context(&seen, &desc, &cornell);
     if (!context) return;
     before = sbl_query_capabilities(context);
-    CHECK(before.programs <= 4, "%d programs are compiled before they are used", before.programs);  /* those of >>trial */
+    /* those of >>trial */
+    CHECK(before.programs <= 4, "%d programs are compiled before they are used", before.programs);
     REQUIRE(sbl_begin(context, &view) == SBL_SUCCESS, "cannot begin");
     while (result == SBL_UNFINISHED && steps++ < 1000000) {
         programs = sbl_query_capabilities(context).programs;
@@ -356,22 +387,26 @@ TEST(programs_compile_when_used_or_ahead) {
     }
     after = sbl_query_capabilities(context);
     CHECK(result == SBL_SUCCESS && most == 1, "%d programs in one step", most);
-    CHECK(after.programs >= 5 && after.compile_seconds > 0, "%d programs in %g s", after.programs, after.compile_seconds);
-    CHECK(sbl_render(context, &view) == SBL_SUCCESS && sbl_query_capabilities(context).programs == after.programs, "compiled again");
+    CHECK(after.programs >= 5 && after.compile_seconds > 0, "%d programs in %g s", after.programs,
+          after.compile_seconds);
+    CHECK(sbl_render(context, &view) == SBL_SUCCESS && sbl_query_capabilities(context).programs == after.programs,
+          "compiled again");
     sbl_destroy(context);
 
     desc.compile_ahead = 1;
     context = watch_context(&seen, &desc, &cornell);
     if (!context) return;
     before = sbl_query_capabilities(context);
-    CHECK(before.programs > after.programs && before.compile_seconds > 0, "ahead: %d programs in %g s", before.programs, before.compile_seconds);
+    CHECK(before.programs > after.programs && before.compile_seconds > 0, "ahead: %d programs in %g s", before.programs,
+          before.compile_seconds);
     CHECK(sbl_render(context, &view) == SBL_SUCCESS, "no picture");
     view.backend = SBL_BACKEND_RASTER;
     CHECK(sbl_render(context, &view) == SBL_SUCCESS, "no picture");
     view.mode = SBL_MODE_PAPER;
     CHECK(sbl_render(context, &view) == SBL_SUCCESS, "no picture");
     scene_quad(&textured, material, -1, 0, -1, 1, 0, -1, 1, 0, 1, -1, 0, 1);
-    textured.materials[material].albedo_texture = scene_texture(&textured, texel, sizeof texel, SBL_PIXELS_SRGB8, 1, 1, 4);
+    textured.materials[material].albedo_texture =
+        scene_texture(&textured, texel, sizeof texel, SBL_PIXELS_SRGB8, 1, 1, 4);
     textured.environment.picture = textured.textures[0];
     scene_quad(&textured, scene_lamp(&textured, 1, 1, 1), -1, 1, -1, 1, 1, -1, 1, 1, 1, -1, 1, 1);
     scene = scene_desc(&textured);
@@ -390,8 +425,10 @@ TEST(programs_compile_when_used_or_ahead) {
 /* A context keeps all programs that it has compiled: whatever scenes come, there is room for them. */
 TEST(programs_have_room) {
     static const sbl__recipe *const recipes[] = {
-        &sbl__recipe_copy, &sbl__recipe_visibility, &sbl__recipe_gbuffer, &sbl__recipe_lamps, &sbl__recipe_sensor, &sbl__recipe_sky,
-        &sbl__recipe_reduce_blocks, &sbl__recipe_trace, &sbl__recipe_reduce_sum, &sbl__recipe_cast, &sbl__recipe_filter, &sbl__recipe_resolve };
+        &sbl__recipe_copy, &sbl__recipe_visibility, &sbl__recipe_gbuffer, &sbl__recipe_lamps, &sbl__recipe_sensor,
+            &sbl__recipe_sky,
+        &sbl__recipe_reduce_blocks, &sbl__recipe_trace, &sbl__recipe_reduce_sum, &sbl__recipe_cast, &sbl__recipe_filter,
+            &sbl__recipe_resolve };
     int i, k, all = 0;
     for (i = 0; i < SBL__COUNT(recipes); i++) {
         int variants = 1;
@@ -399,7 +436,8 @@ TEST(programs_have_room) {
             if ((recipes[i]->features & ~(unsigned)(SBL__WRITE_DEPTH | SBL__COMPUTE)) >> k & 1) variants *= 2;
         all += variants;
     }
-    CHECK(all > 60 && all <= SBL__PROGRAMS_MOST, "there may be %d programs, and there is room for %d", all, SBL__PROGRAMS_MOST);
+    CHECK(all > 60 && all <= SBL__PROGRAMS_MOST, "there may be %d programs, and there is room for %d", all,
+          SBL__PROGRAMS_MOST);
 }
 
 /* >>something to see */
@@ -424,7 +462,8 @@ TEST(each_level_is_sharper) {
     if (!context) return;
     view.samples = 1;
     REQUIRE(sbl_render(context, &view) == SBL_SUCCESS, "no picture");
-    for (k = 0; k < 2; k++) REQUIRE(sbl_read_channel(context, channels[k], whole[k], 3 * PIXELS) == SBL_SUCCESS, "not read");
+    for (k = 0; k < 2; k++)
+        REQUIRE(sbl_read_channel(context, channels[k], whole[k], 3 * PIXELS) == SBL_SUCCESS, "not read");
     REQUIRE(sbl_begin(context, &view) == SBL_SUCCESS, "cannot begin");
     CHECK(sbl_channel_texture(context, SBL_CHANNEL_FINAL) == 0, "a texture of nothing");
     memset(last, 0, sizeof last);
@@ -439,8 +478,11 @@ TEST(each_level_is_sharper) {
             if (memcmp(now[k], last[k], sizeof last[k]) == 0) continue;
             memcpy(last[k], now[k], sizeof last[k]);
             error = distance(now[k], whole[k]);
-            /* within a level some pieces make a little worse what others make better; what is seen of them depends on pace */
-            if (before[k] > 0) CHECK(error < 1.1 * before[k], "channel %d: a level brings the error from %g to %g", k, before[k], error);
+            /* within a level some pieces make a little worse what others make better; what is seen of them depends on
+               pace */
+            if (before[k] > 0)
+                CHECK(error < 1.1 * before[k], "channel %d: a level brings the error from %g to %g", k, before[k],
+                      error);
             else first[k] = error;
             before[k] = error;
             if (k && sbl_query_stats(context).sensors != sensors) shown++;  /* it comes in rows */
@@ -451,8 +493,10 @@ TEST(each_level_is_sharper) {
     CHECK(waiting > 0 && shown >= 4, "%d readings came before the first level, %d pictures were shown", waiting, shown);
     for (k = 0; k < 2; k++) {
         /* the last preview may be a quarter of the looks old */
-        CHECK(before[k] < 0.5 * first[k], "channel %d: error %g in the first picture shown, %g in the last", k, first[k], before[k]);
-        CHECK(sbl_read_channel(context, channels[k], now[k], 3 * PIXELS) == SBL_SUCCESS && memcmp(now[k], whole[k], sizeof now[k]) == 0,
+        CHECK(before[k] < 0.5 * first[k], "channel %d: error %g in the first picture shown, %g in the last", k,
+              first[k], before[k]);
+        CHECK(sbl_read_channel(context, channels[k], now[k], 3 * PIXELS) == SBL_SUCCESS &&
+              memcmp(now[k], whole[k], sizeof now[k]) == 0,
               "channel %d: looking on changes the picture", k);
     }
     printf("  R is off by %.4g in the first picture shown, by %.4g in the last of %d\n", first[0], before[0], shown);
@@ -488,12 +532,14 @@ TEST(a_finished_picture_stays) {
     for (k = 0; k < SBL_CHANNEL_COUNT; k++)
         REQUIRE(sbl_read_channel(context, (sbl_channel)k, whole[k], 3 * PIXELS) == SBL_SUCCESS, "channel %d", k);
     name = sbl_channel_texture(context, SBL_CHANNEL_FINAL);
-    CHECK(name && sbl_inspect_sensor(context, 80, 80, &sensor, NULL, NULL, 0) == SBL_SUCCESS, "no texture, or no inspection");
+    CHECK(name && sbl_inspect_sensor(context, 80, 80, &sensor, NULL, NULL, 0) == SBL_SUCCESS,
+          "no texture, or no inspection");
     for (step = -2; step < 6; step++) {
         switch (step) {
             case -2: case -1:  /* the first allocation is refused, or a later one */
                 seen.refuse_at = seen.allocations + (step == -2 ? 1 : 9);
-                CHECK(sbl_set_scene(context, &empty) == (step == -2 ? SBL_ERROR_OUT_OF_MEMORY : SBL_SUCCESS) || seen.refused, "no memory");
+                CHECK(sbl_set_scene(context, &empty) == (step == -2 ? SBL_ERROR_OUT_OF_MEMORY : SBL_SUCCESS) ||
+                      seen.refused, "no memory");
                 break;
             case 0: CHECK(sbl_set_mesh_transform(context, 0, bad) == SBL_ERROR_INVALID_ARGUMENT, "a bad move"); break;
             case 1: CHECK(sbl_gather(context, &gather) == SBL_SUCCESS, "a gather"); break;
@@ -504,13 +550,16 @@ TEST(a_finished_picture_stays) {
         }
         for (k = 0; k < SBL_CHANNEL_COUNT; k++) {
             size_t bytes = sizeof(float) * PIXELS * (size_t)sbl_channel_components((sbl_channel)k);
-            CHECK(sbl_read_channel(context, (sbl_channel)k, now, 3 * PIXELS) == SBL_SUCCESS && memcmp(now, whole[k], bytes) == 0, "after %d, channel %d", step, k);
+            CHECK(sbl_read_channel(context, (sbl_channel)k, now, 3 * PIXELS) == SBL_SUCCESS &&
+                  memcmp(now, whole[k], bytes) == 0, "after %d, channel %d", step, k);
         }
         CHECK(sbl_channel_texture(context, SBL_CHANNEL_FINAL) == name, "after %d the texture is another", step);
-        CHECK(sbl_inspect_sensor(context, 80, 80, &sensor, NULL, NULL, 0) == (step < 3 ? SBL_SUCCESS : SBL_ERROR_STATE), "after %d: inspection", step);
+        CHECK(sbl_inspect_sensor(context, 80, 80, &sensor, NULL, NULL, 0) == (step < 3 ? SBL_SUCCESS : SBL_ERROR_STATE),
+              "after %d: inspection", step);
     }
     sbl_end(context);
-    CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, now, 3 * PIXELS) == SBL_ERROR_STATE && sbl_channel_texture(context, SBL_CHANNEL_FINAL) == 0, "after the end");
+    CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, now, 3 * PIXELS) == SBL_ERROR_STATE &&
+          sbl_channel_texture(context, SBL_CHANNEL_FINAL) == 0, "after the end");
     sbl_destroy(context);
 }
 
@@ -545,18 +594,25 @@ TEST(inspection_adds_up) {
             }
             for (i = 0, k = 0; i < s.lamp_count; i++) { k += s.lamps[i].rays; open += s.lamps[i].open; }
             for (i = 0; i < 3; i++) {
-                CHECK(fabs(sum[i] - s.from_surroundings[i]) < 1e-4 * s.radiance[i] + 1e-6, "%d %d: the sheet gives %g, surroundings %g", x, y, sum[i],
+                CHECK(fabs(sum[i] - s.from_surroundings[i]) < 1e-4 * s.radiance[i] + 1e-6,
+                      "%d %d: the sheet gives %g, surroundings %g", x, y, sum[i],
                       (double)s.from_surroundings[i]);
-                CHECK(fabs((double)s.from_surroundings[i] + s.from_lamps[i] - s.radiance[i]) < 1e-5 * s.radiance[i] + 1e-7, "%d %d: %g and %g are not %g", x, y,
+                CHECK(fabs((double)s.from_surroundings[i] + s.from_lamps[i] - s.radiance[i]) < 1e-5 * s.radiance[i] +
+                      1e-7, "%d %d: %g and %g are not %g", x, y,
                       (double)s.from_surroundings[i], (double)s.from_lamps[i], (double)s.radiance[i]);
-                if (b == 0) CHECK(fabs(rays[i] - s.from_surroundings[i]) < 1e-4 * s.radiance[i] + 1e-6, "%d %d: rays give %g", x, y, rays[i]);
+                if (b == 0)
+                    CHECK(fabs(rays[i] - s.from_surroundings[i]) < 1e-4 * s.radiance[i] + 1e-6, "%d %d: rays give %g",
+                          x, y, rays[i]);
             }
             for (i = 0; i < s.lamp_count; i++)
-                CHECK(s.lamps[i].kind == SBL_LAMP_TRIANGLE && s.lamps[i].mesh == 1 && (unsigned)s.lamps[i].number < 2, "%d %d: lamp %d is triangle %d of mesh %d",
+                CHECK(s.lamps[i].kind == SBL_LAMP_TRIANGLE && s.lamps[i].mesh == 1 && (unsigned)s.lamps[i].number < 2,
+                      "%d %d: lamp %d is triangle %d of mesh %d",
                       x, y, i, s.lamps[i].number, s.lamps[i].mesh);
             CHECK(k == sent && open <= sent, "%d %d: lamps tell of %d rays, there are %d", x, y, k, sent);
-            CHECK((s.from_lamps[0] > 0) == (open > 0), "%d %d: %g from lamps, %d rays reach them", x, y, (double)s.from_lamps[0], open);
-            CHECK((b == 0) == (s.backend == SBL_BACKEND_TRACE) && (b == 0) == (s.view_count == 0), "%d %d: which back end?", x, y);
+            CHECK((s.from_lamps[0] > 0) == (open > 0), "%d %d: %g from lamps, %d rays reach them", x, y,
+                  (double)s.from_lamps[0], open);
+            CHECK((b == 0) == (s.backend == SBL_BACKEND_TRACE) && (b == 0) == (s.view_count == 0),
+                  "%d %d: which back end?", x, y);
             lit += open > 0;
             half += open > 0 && open < sent;
         }
@@ -574,15 +630,18 @@ TEST(inspection_tells_levels) {
     int met[SBL_MAX_LEVELS + 1] = { 0 }, at, wrong = 0;
     if (!context) return;
     view.samples = 1;
-    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_SENSORS, levels, PIXELS) == SBL_SUCCESS, "no picture");
+    REQUIRE(sbl_render(context, &view) == SBL_SUCCESS &&
+            sbl_read_channel(context, SBL_CHANNEL_SENSORS, levels, PIXELS) == SBL_SUCCESS, "no picture");
     for (at = 0; at < PIXELS; at++) {
         const int level = (int)levels[at];
         sbl_sensor s;
-        if (met[level] == 8 || sbl_inspect_sensor(context, at % WIDTH, at / WIDTH, &s, NULL, NULL, 0) != SBL_SUCCESS) continue;
+        if (met[level] == 8 || sbl_inspect_sensor(context, at % WIDTH, at / WIDTH, &s, NULL, NULL, 0) != SBL_SUCCESS)
+            continue;
         met[level]++;
         wrong += s.sensed != (level > 0) || s.level != (level > 0 ? level - 1 : 0);
     }
-    CHECK(met[0] == 8 && met[1] == 8 && met[2] == 8 && met[3] == 8, "%d %d %d %d sensors of the first levels", met[0], met[1], met[2], met[3]);
+    CHECK(met[0] == 8 && met[1] == 8 && met[2] == 8 && met[3] == 8, "%d %d %d %d sensors of the first levels", met[0],
+          met[1], met[2], met[3]);
     CHECK(wrong == 0, "%d sensors say another level than the channel", wrong);
     sbl_destroy(context);
 }
@@ -596,8 +655,10 @@ TEST(stats_tell_of_lamps_and_the_hierarchy) {
     view.width = view.height = 8;
     REQUIRE(sbl_render(context, &view) == SBL_SUCCESS, "no picture");
     stats = sbl_query_stats(context);
-    CHECK(stats.lamps == 2 && stats.triangles == 32, "%d lamps among %d triangles; the lamp is 2 of 32", stats.lamps, stats.triangles);
-    CHECK(stats.bvh_bytes > 32 * 36 && stats.bvh_bytes < 32 * 200, "32 triangles' hierarchy takes %.0f bytes", (double)stats.bvh_bytes);
+    CHECK(stats.lamps == 2 && stats.triangles == 32, "%d lamps among %d triangles; the lamp is 2 of 32", stats.lamps,
+          stats.triangles);
+    CHECK(stats.bvh_bytes > 32 * 36 && stats.bvh_bytes < 32 * 200, "32 triangles' hierarchy takes %.0f bytes",
+          (double)stats.bvh_bytes);
     view.mode = SBL_MODE_PAPER;
     view.backend = SBL_BACKEND_AUTO;
     REQUIRE(sbl_render(context, &view) == SBL_SUCCESS, "no picture");
@@ -605,7 +666,9 @@ TEST(stats_tell_of_lamps_and_the_hierarchy) {
     sbl_destroy(context);
 }
 
-TEST(nothing_is_left) { CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are left, %d strangers", seen.blocks, seen.strangers); }
+TEST(nothing_is_left) {
+    CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are left, %d strangers", seen.blocks, seen.strangers);
+}
 
 int main(void) {
     if (!gl_host_open()) return 1;

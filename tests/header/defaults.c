@@ -1,5 +1,5 @@
-/* Prints the defaults as sbl.h fills them in, one field a line: NAME DRAFT DEFAULT HIGH, then those that depend on the mode.
-   tests/test_header.sh compares them with the comments beside the fields. */
+/* Prints the defaults as sbl.h fills them in, one field a line: NAME DRAFT DEFAULT HIGH, then those that depend on the
+   mode. tests/test_header.sh compares them with the comments beside the fields. */
 #define SBL_IMPLEMENTATION
 #include "../../sbl.h"
 #include <stdio.h>
@@ -14,7 +14,8 @@ int main(void) {
     sbl_probes_desc probes = { 0 }, p[3];
     sbl_vertices_desc vertices = { 0 }, v[3];
     int i;
-    zero.mode = gather.mode = lightmap.mode = probes.mode = vertices.mode = SBL_MODE_AMBIENT;  /* which has an epsilon */
+    /* which has an epsilon */
+    zero.mode = gather.mode = lightmap.mode = probes.mode = vertices.mode = SBL_MODE_AMBIENT;
     for (i = 0; i < 3; i++) {
         zero.preset = presets[i];
         d[i] = sbl_picture_desc_defaults(&zero);
@@ -45,12 +46,14 @@ int main(void) {
     PRINT(epsilon);
     PRINT(filter_radius);
     PRINT(samples);
-#define PRINT_GATHER(field) printf("gather." #field " %g %g %g\n", (double)g[0].field, (double)g[1].field, (double)g[2].field)
+#define PRINT_GATHER(field) \
+    printf("gather." #field " %g %g %g\n", (double)g[0].field, (double)g[1].field, (double)g[2].field)
     PRINT_GATHER(rays);
     PRINT_GATHER(sensor_size);
     PRINT_GATHER(sensor_fov);
     PRINT_GATHER(epsilon);
-#define PRINT_LIGHTMAP(field) printf("lightmap." #field " %g %g %g\n", (double)l[0].field, (double)l[1].field, (double)l[2].field)
+#define PRINT_LIGHTMAP(field) \
+    printf("lightmap." #field " %g %g %g\n", (double)l[0].field, (double)l[1].field, (double)l[2].field)
     PRINT_LIGHTMAP(supersample);
     PRINT_LIGHTMAP(width);
     PRINT_LIGHTMAP(height);
@@ -62,12 +65,14 @@ int main(void) {
     PRINT_LIGHTMAP(threshold);
     PRINT_LIGHTMAP(epsilon);
     PRINT_LIGHTMAP(filter_radius);
-#define PRINT_PROBES(field) printf("probes." #field " %g %g %g\n", (double)p[0].field, (double)p[1].field, (double)p[2].field)
+#define PRINT_PROBES(field) \
+    printf("probes." #field " %g %g %g\n", (double)p[0].field, (double)p[1].field, (double)p[2].field)
     PRINT_PROBES(move);
     PRINT_PROBES(rays);
     PRINT_PROBES(sensor_size);
     PRINT_PROBES(epsilon);
-#define PRINT_VERTICES(field) printf("vertices." #field " %g %g %g\n", (double)v[0].field, (double)v[1].field, (double)v[2].field)
+#define PRINT_VERTICES(field) \
+    printf("vertices." #field " %g %g %g\n", (double)v[0].field, (double)v[1].field, (double)v[2].field)
     PRINT_VERTICES(samples);
     PRINT_VERTICES(smoothing);
     PRINT_VERTICES(rays);

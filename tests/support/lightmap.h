@@ -36,7 +36,9 @@ static float *bake_stored(const test_scene *s, const sbl_lightmap_desc *desc, in
 
 static inline float *bake(const test_scene *s, const sbl_lightmap_desc *desc) { return bake_stored(s, desc, 1024); }
 
-static void uv_set(test_scene *s, sbl_mesh *mesh, const float *uv) { mesh->lightmap_texcoords.data = scene_copy(s, uv, 2 * mesh->vertex_count); }
+static void uv_set(test_scene *s, sbl_mesh *mesh, const float *uv) {
+    mesh->lightmap_texcoords.data = scene_copy(s, uv, 2 * mesh->vertex_count);
+}
 
 /* A quad's corners 0 0, u 0, u v, 0 v of the texture, on a rectangle of the map: x0, y0, x1, y1. */
 static void uv_rectangle(test_scene *s, sbl_mesh *quad, float x0, float y0, float x1, float y1) {

@@ -3,8 +3,9 @@
        TEST(sum_is_one) { CHECK(fabs(sum - 1) < 1e-5, "sum %.9g, expected 1", sum); }
        int main(void) { RUN(sum_is_one); return test_report(); }
 
-   CHECK reports and goes on; REQUIRE reports and leaves the test. SKIP leaves it, saying why. The last line of a program's output is
-   "N passed, N failed, N skipped"; scripts/test adds them up. A test that checks nothing counts as failed.
+   CHECK reports and goes on; REQUIRE reports and leaves the test. SKIP leaves it, saying why. The last line of a
+   program's output is "N passed, N failed, N skipped"; scripts/test adds them up. A test that checks nothing counts as
+   failed.
 
        TEST_ONLY=sum_is_one build/test_NAME        runs this test alone; the program fails if there is none */
 #ifndef TEST_H
@@ -33,7 +34,8 @@ static inline int test_kind_is(const char *kind) {
     const char *now = getenv("TEST_KIND");
     return strcmp(now ? now : "plain", kind) == 0;
 }
-/* The plain run does all. The other kinds leave out what takes long and meets no code that shorter tests do not meet. */
+/* The plain run does all. The other kinds leave out what takes long and meets no code that shorter tests do not
+   meet. */
 #define RUN_PLAIN(name) do { if (test_kind_is("plain")) RUN(name); } while (0)
 
 /* NaN, which fmax and fmin pass over, stays: every comparison with it fails. */
