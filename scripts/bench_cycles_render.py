@@ -1,10 +1,12 @@
-"""Run by bench_cycles_blender.py inside Blender 3.x: sets a scene up for Cycles once, then renders it whenever a line "SAMPLES SEED FILE"
-comes in; or, where the job has a "lightmap", bakes one of so many texels a side, by the meshes' second texture coordinates.
+"""Run by bench_cycles_blender.py inside Blender 3.x: sets a scene up for Cycles once, then renders it whenever a line
+"SAMPLES SEED FILE" comes in; or, where the job has a "lightmap", bakes one of so many texels a side, by the meshes'
+second texture coordinates.
 
-Every surface is a two-sided Lambertian of the file's base colour, every emitter glows to both sides; light bounces as often as asked. Nothing is
-clamped, denoised or adaptive, and pixels are sampled at their centres. Geometry and hierarchy stay in memory from picture to picture.
-After each picture a line "BENCH SECONDS" goes out, the time of Blender's render call, without the writing of the file: OpenEXR, or of a
-lightmap floats (red, green, blue, the lowest row first).
+Every surface is a two-sided Lambertian of the file's base colour, every emitter glows to both sides; light bounces as
+often as asked. Nothing is clamped, denoised or adaptive, and pixels are sampled at their centres. Geometry and
+hierarchy stay in memory from picture to picture. After each picture a line "BENCH SECONDS" goes out, the time of
+Blender's render call, without the writing of the file: OpenEXR, or of a lightmap floats (red, green, blue, the lowest
+row first).
 """
 import json, math, sys, time
 import bpy
@@ -29,7 +31,8 @@ def lambertian(material):
     made = next(n for n in tree.nodes if n.type == 'BSDF_PRINCIPLED')
     output = next(n for n in tree.nodes if n.type == 'OUTPUT_MATERIAL')
     diffuse, glow, both = (tree.nodes.new('ShaderNode' + kind) for kind in ('BsdfDiffuse', 'Emission', 'AddShader'))
-    for source, target in (('Base Color', diffuse.inputs['Color']), ('Emission', glow.inputs['Color']), ('Emission Strength', glow.inputs['Strength'])):
+    for source, target in (('Base Color', diffuse.inputs['Color']), ('Emission', glow.inputs['Color']),
+                           ('Emission Strength', glow.inputs['Strength'])):
         value = made.inputs[source]
         if value.is_linked:
             tree.links.new(value.links[0].from_socket, target)
@@ -75,7 +78,8 @@ def camera():
     lens.clip_start, lens.clip_end = 1e-3, 1e6
     scene.camera = bpy.data.objects.new('camera', lens)
     scene.collection.objects.link(scene.camera)
-    scene.camera.matrix_world = to_blender @ Matrix.Translation(eye) @ Matrix((right, backward.cross(right), backward)).transposed().to_4x4()
+    scene.camera.matrix_world = to_blender @ Matrix.Translation(eye) @ Matrix((right, backward.cross(right),
+                                                                      backward)).transposed().to_4x4()
     render.resolution_x, render.resolution_y = job['size']
     render.resolution_percentage = 100
     cycles.pixel_filter_type, cycles.filter_width = 'GAUSSIAN', 0.01  # the narrowest there is: pixel centres
@@ -107,7 +111,8 @@ def lightmap():
         image.pixels.foreach_get(texels)
         texels.reshape(-1, 4)[:, :3].tofile(path)
 
-    return lambda: bpy.ops.object.bake(type='DIFFUSE', pass_filter={'DIRECT', 'INDIRECT'}, margin=0, use_clear=True), write
+    return lambda: bpy.ops.object.bake(type='DIFFUSE', pass_filter={'DIRECT', 'INDIRECT'}, margin=0,
+                                       use_clear=True), write
 
 
 make, write = (lightmap if 'lightmap' in job else camera)()

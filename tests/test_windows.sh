@@ -103,7 +103,8 @@ examples() {
     CC=$target-w64-mingw32-gcc CFLAGS=-O0 "$copy/scripts/build" || return
     for source in examples/*.c; do
         example=$(basename "$source" .c)
-        grep -q '#include "scene_file.h"' "$source" || [ -f "$copy/build/$example.exe" ] || { echo "no $example.exe"; return 1; }
+        grep -q '#include "scene_file.h"' "$source" || [ -f "$copy/build/$example.exe" ] ||
+            { echo "no $example.exe"; return 1; }
     done
 }
 

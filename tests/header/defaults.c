@@ -83,7 +83,7 @@ int main(void) {
     printf("threshold in paper mode %g\n", (double)paper.threshold);
     printf("epsilon in direct mode %g\n", (double)direct.epsilon);
     printf("mode %s\n", sbl_picture_desc_defaults(NULL).mode == SBL_MODE_GI ? "GI" : "another");
-    printf("sensor_kind %s, in paper mode %s\n", d[1].sensor_kind == SBL_SENSOR_HEMICUBE ? "HEMICUBE" : "another",
+    printf("sensor_kind %s, paper mode %s\n", d[1].sensor_kind == SBL_SENSOR_HEMICUBE ? "HEMICUBE" : "another",
            paper.sensor_kind == SBL_SENSOR_SINGLE ? "SINGLE" : "another");
     return 0;
 }
