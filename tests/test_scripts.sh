@@ -81,7 +81,7 @@ fake_tests() {
     for spec in "$@"; do
         body=${spec#*|}
         printf '#include <stdio.h>\n#include <stdlib.h>\n#include "touch.h"\n%s { puts("words"); puts("%s"); %s; }\n' \
-            'int main(void)' "${body#*|}" "fflush(stdout); ${body%%|*}; return 0" > "$fake/tests/test_${spec%%|*}.c"
+            'int main(void)' "${body#*|}" "unsigned sleep(unsigned); fflush(stdout); ${body%%|*}; return 0" > "$fake/tests/test_${spec%%|*}.c"
     done
     "$fake/scripts/test" > "$folder/verdict" 2>&1
 }
@@ -92,6 +92,8 @@ fails_with() {
     if fake_tests "$@"; then echo "scripts/test is content with:"; cat "$folder/verdict"; return 1; fi
     tail -n 1 "$folder/verdict" | grep -qx "$counts" || { cat "$folder/verdict"; return 1; }
 }
+# env_of NAME=VALUE FUNCTION...
+env_of() { (export "${1?}"; shift; "$@"); }
 # all tests run twice: plain and sanitized
 adds_up() {
     fake_tests "one|exit(0)|3 passed, 0 failed, 1 skipped" "two|exit(0)|4 passed, 0 failed, 0 skipped" ||
@@ -118,6 +120,15 @@ check test_fails_on_a_crash fails_with '2 passed, 2 failed, 0 skipped' "$good" "
 check test_fails_on_an_early_exit fails_with '2 passed, 2 failed, 0 skipped' "$good" "early|exit(0)|words"
 check test_fails_on_a_crash_after_the_counts fails_with '2 passed, 2 failed, 0 skipped' "$good" \
     "late|abort()|3 passed, 0 failed, 0 skipped"
+# stops_for WORDS NAME...: fails_with, and why the test was stopped is said
+stops_for() {
+    words=$1
+    shift
+    fails_with '2 passed, 2 failed, 0 skipped' "$good" "$@" && grep -q "$words" "$folder/verdict"
+}
+check test_stops_what_goes_round_for_ever env_of TEST_LIMIT_CPU=1 stops_for 'stopped after 1 s of processor time' \
+    "round|for (;;) putchar(0)|words"
+check test_stops_what_waits_for_ever env_of TEST_LIMIT_WAIT=9 stops_for 'hung: stopped after 9 s' "wait|sleep(99)|words"
 check test_fails_on_a_bad_exit_status fails_with '8 passed, 2 failed, 0 skipped' "$good" \
     "status|exit(3)|3 passed, 0 failed, 0 skipped"
 check test_fails_on_a_test_that_runs_nothing fails_with '2 passed, 2 failed, 0 skipped' "$good" \

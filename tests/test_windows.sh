@@ -150,7 +150,7 @@ gl_41() {
 }
 check gl_41_picture gl_41
 
-with_display() { timeout 120 xvfb-run -a -s '-screen 0 640x480x24' "$@"; }
+with_display() { timeout 7200 xvfb-run -a -s '-screen 0 640x480x24' "$@"; }
 display=1
 command -v xvfb-run > /dev/null && command -v xauth > /dev/null || display=
 
