@@ -18666,7 +18666,8 @@ SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *
     s.sheet_width = sheet[0];
     s.sheet_height = sheet[1];
     if ((radiance || weights) && texel_count < (size_t)s.sheet_width * (size_t)s.sheet_height) {
-        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor: texel_count is %.0f; "
+        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT,
+            "sbl_inspect_sensor: texel_count is %.0f; "
                  "the sheet has %d x %d texels", (double)texel_count, s.sheet_width, s.sheet_height);
         return SBL_ERROR_INVALID_ARGUMENT;
     }

@@ -1,7 +1,7 @@
-/* Demonstrates light at a mesh's own vertices, few and far between as a game's are: sbl_bake_vertices fits them by least squares to points all over the
-   triangles. bake_vertices.ply is the Cornell box with its light as colours, for any viewer of models; what is printed tells how far
-   the light between the vertices is from that of a mesh with four times as many, fitted and by averages. The first argument is the
-   folder to write to. */
+/* Demonstrates light at a mesh's own vertices, few and far between as a game's are: sbl_bake_vertices fits them by
+   least squares to points all over the triangles. bake_vertices.ply is the Cornell box with its light as colours, for
+   any viewer of models; what is printed tells how far the light between the vertices is from that of a mesh with four
+   times as many, fitted and by averages. The first argument is the folder to write to. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #include "cornell_box.h"
@@ -30,7 +30,8 @@ static int box_make(box *b, int cells) {
                 const float *c = cornell_corners[quad], u = (float)i / (float)cells, v = (float)j / (float)cells;
                 float *p = b->positions[(quad * side + j) * side + i];
                 const unsigned first = (unsigned)((quad * side + j) * side + i), above = first + (unsigned)side;
-                for (k = 0; k < 3; k++) p[k] = (1 - v) * ((1 - u) * c[k] + u * c[3 + k]) + v * ((1 - u) * c[9 + k] + u * c[6 + k]);
+                for (k = 0; k < 3; k++)
+                    p[k] = (1 - v) * ((1 - u) * c[k] + u * c[3 + k]) + v * ((1 - u) * c[9 + k] + u * c[6 + k]);
                 if (i == cells || j == cells) continue;
                 *index++ = first; *index++ = first + 1; *index++ = above + 1;
                 *index++ = first; *index++ = above + 1; *index++ = above;
@@ -46,7 +47,9 @@ static int box_bake(sbl_context *context, const box *b, int average, float *ligh
     sbl_mesh meshes[CORNELL_QUADS] = { { .vertex_count = 0 } };
     cornell_box plain;
     sbl_scene_desc scene = *cornell_box_make(&plain);
-    sbl_vertices_desc bake = { .radiance = light, .float_count = 3 * (size_t)vertices_of(b->cells), .average = average };
+    sbl_vertices_desc bake = { .radiance = light,
+                               .float_count = 3 * (size_t)vertices_of(b->cells),
+                               .average = average };
     unsigned *local = (unsigned *)malloc((size_t)triangles * sizeof *local);
     int i, ok;
     if (!local) return 0;
@@ -61,24 +64,28 @@ static int box_bake(sbl_context *context, const box *b, int average, float *ligh
     }
     scene.meshes = meshes;
     scene.mesh_count = CORNELL_QUADS;
-    ok = sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_bake_vertices(context, &bake) == SBL_SUCCESS;  /* sbl.h says why not on stderr */
+    /* sbl.h says why not on stderr */
+    ok = sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_bake_vertices(context, &bake) == SBL_SUCCESS;
     free(local);
     return ok;
 }
 
-/* What a coarse box shows at the fine one's vertices, drawn as its triangles are; root mean square of the difference, as a share of the mean. */
+/* What a coarse box shows at the fine one's vertices, drawn as its triangles are; root mean square of the difference,
+   as a share of the mean. */
 static double difference(const float *coarse, const float *fine) {
     double sum = 0, mean = 0;
     int quad, i, j, k;
     for (quad = 0; quad < CORNELL_QUADS; quad++)
         for (j = 0; j <= FINE; j++)
             for (i = 0; i <= FINE; i++) {
-                const int times = FINE / COARSE, x = i < FINE ? i / times : COARSE - 1, y = j < FINE ? j / times : COARSE - 1;
+                const int times = FINE / COARSE, x = i < FINE ? i / times : COARSE - 1,
+                    y = j < FINE ? j / times : COARSE - 1;
                 const double u = (double)i / times - x, v = (double)j / times - y;
                 const float *a = coarse + 3 * ((quad * (COARSE + 1) + y) * (COARSE + 1) + x), *b = a + 3 * (COARSE + 1);
                 const float *truth = fine + 3 * ((quad * (FINE + 1) + j) * (FINE + 1) + i);
                 for (k = 0; k < 3; k++) {
-                    const double shown = u > v ? (1 - u) * (double)a[k] + (u - v) * (double)a[3 + k] + v * (double)b[3 + k]
+                    const double shown = u > v ? (1 - u) * (double)a[k] + (u - v) * (double)a[3 + k] + v *
+                        (double)b[3 + k]
                                                : (1 - v) * (double)a[k] + (v - u) * (double)b[k] + u * (double)b[3 + k];
                     sum += (shown - (double)truth[k]) * (shown - (double)truth[k]);
                     mean += (double)truth[k];
@@ -89,26 +96,31 @@ static double difference(const float *coarse, const float *fine) {
 }
 
 static int ply_write(const char *folder, const box *b, const float *light) {
-    const int vertices = vertices_of(b->cells), side = b->cells + 1, triangles = CORNELL_QUADS * b->cells * b->cells * 2;
+    const int vertices = vertices_of(b->cells), side = b->cells + 1,
+        triangles = CORNELL_QUADS * b->cells * b->cells * 2;
     char path[1024];
     FILE *file;
     int i, k, ok;
     snprintf(path, sizeof path, "%s/bake_vertices.ply", folder);
     file = fopen(path, "wb");
     if (!file) return fprintf(stderr, "bake_vertices: cannot write %s\n", path), 0;
-    fprintf(file, "ply\nformat ascii 1.0\nelement vertex %d\nproperty float x\nproperty float y\nproperty float z\n", vertices);
+    fprintf(file, "ply\nformat ascii 1.0\nelement vertex %d\nproperty float x\nproperty float y\nproperty float z\n",
+            vertices);
     fprintf(file, "property uchar red\nproperty uchar green\nproperty uchar blue\n");
     fprintf(file, "element face %d\nproperty list uchar int vertex_indices\nend_header\n", triangles);
     for (i = 0; i < vertices; i++) {
         const int material = cornell_material(i / (side * side));
         unsigned char color[3];
         for (k = 0; k < 3; k++) {
-            const float own = material == CORNELL_LAMP ? cornell_lamp[k] : 0, out = own + cornell_albedo[material][k] * light[3 * i + k];
+            const float own = material == CORNELL_LAMP ? cornell_lamp[k] : 0,
+                out = own + cornell_albedo[material][k] * light[3 * i + k];
             sbl_encode_srgb8(&color[k], &out, 1, 1);
         }
-        fprintf(file, "%g %g %g %d %d %d\n", (double)b->positions[i][0], (double)b->positions[i][1], (double)b->positions[i][2], color[0], color[1], color[2]);
+        fprintf(file, "%g %g %g %d %d %d\n", (double)b->positions[i][0], (double)b->positions[i][1],
+                (double)b->positions[i][2], color[0], color[1], color[2]);
     }
-    for (i = 0; i < 3 * triangles; i += 3) fprintf(file, "3 %u %u %u\n", b->indices[i], b->indices[i + 1], b->indices[i + 2]);
+    for (i = 0; i < 3 * triangles; i += 3)
+        fprintf(file, "3 %u %u %u\n", b->indices[i], b->indices[i + 1], b->indices[i + 2]);
     ok = !ferror(file);
     ok = fclose(file) == 0 && ok;
     return ok ? 1 : (fprintf(stderr, "bake_vertices: cannot write %s\n", path), 0);
@@ -120,10 +132,13 @@ int main(int argc, char **argv) {
     float *average = (float *)calloc((size_t)vertices_of(COARSE), 3 * sizeof *average);
     float *truth = (float *)calloc((size_t)vertices_of(FINE), 3 * sizeof *truth);
     sbl_context *context = NULL;
-    int ok = fitted && average && truth && box_make(&coarse, COARSE) && box_make(&fine, FINE) && sbl_create(headless("bake_vertices"), &context) == SBL_SUCCESS;
-    ok = ok && box_bake(context, &fine, 0, truth) && box_bake(context, &coarse, 1, average) && box_bake(context, &coarse, 0, fitted);
+    int ok = fitted && average && truth && box_make(&coarse, COARSE) && box_make(&fine, FINE) &&
+        sbl_create(headless("bake_vertices"), &context) == SBL_SUCCESS;
+    ok = ok && box_bake(context, &fine, 0, truth) && box_bake(context, &coarse, 1, average) &&
+        box_bake(context, &coarse, 0, fitted);
     if (ok) {
-        printf("bake_vertices: %d vertices, off by %.1f %% (by averages %.1f %%), %.2f s\n", vertices_of(COARSE), 100 * difference(fitted, truth),
+        printf("bake_vertices: %d vertices, off by %.1f %% (by averages %.1f %%), %.2f s\n", vertices_of(COARSE),
+               100 * difference(fitted, truth),
                100 * difference(average, truth), sbl_query_stats(context).seconds.total);
         ok = ply_write(argc > 1 ? argv[1] : ".", &coarse, fitted);
     }

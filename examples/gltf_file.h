@@ -23,7 +23,8 @@ static void gltf_texture_name(char name[GLTF_NAME], int number) { snprintf(name,
 
 /* ---- arrays, in the order in which they lie in the .bin ---- */
 
-enum { GLTF_POSITION, GLTF_NORMAL, GLTF_TEXCOORD_0, GLTF_TEXCOORD_1, GLTF_COLOR_0, GLTF_RADIANCE, GLTF_INDICES, GLTF_ARRAYS };
+enum { GLTF_POSITION, GLTF_NORMAL, GLTF_TEXCOORD_0, GLTF_TEXCOORD_1, GLTF_COLOR_0, GLTF_RADIANCE, GLTF_INDICES,
+    GLTF_ARRAYS };
 
 typedef struct gltf__array { const void *data; int count, components; } gltf__array;
 
@@ -56,7 +57,8 @@ static void gltf__put_word(FILE *out, uint32_t word) {
 static void gltf__put_normals(FILE *out, const float *v, int count) {
     int i, k;
     for (i = 0; i < count; i++, v += 3) {
-        const double length = sqrt((double)v[0] * (double)v[0] + (double)v[1] * (double)v[1] + (double)v[2] * (double)v[2]);
+        const double length = sqrt((double)v[0] * (double)v[0] + (double)v[1] * (double)v[1] + (double)v[2] *
+                                   (double)v[2]);
         for (k = 0; k < 3; k++) {
             const float unit = length > 0 ? (float)((double)v[k] / length) : k == 1 ? 1.0f : 0.0f;
             uint32_t word;
@@ -127,16 +129,22 @@ static void gltf__put_material(FILE *out, const gltf_file *f, int number) {
     double most = 1;
     int k;
     for (k = 0; k < 3; k++) if ((double)m->emission[k] > most) most = (double)m->emission[k];
-    fprintf(out, "%s\n    {\"doubleSided\": true, \"pbrMetallicRoughness\": {\"metallicFactor\": 0, \"roughnessFactor\": 1, "
-            "\"baseColorFactor\": [%.7g, %.7g, %.7g, 1]", number ? "," : "", (double)m->albedo[0], (double)m->albedo[1], (double)m->albedo[2]);
+    fprintf(out, "%s\n    {\"doubleSided\": true, \"pbrMetallicRoughness\": {\"metallicFactor\": 0, "
+            "\"roughnessFactor\": 1, "
+            "\"baseColorFactor\": [%.7g, %.7g, %.7g, 1]", number ? "," : "", (double)m->albedo[0], (double)m->albedo[1],
+                (double)m->albedo[2]);
     if (m->albedo_texture) fprintf(out, ", \"baseColorTexture\": {\"index\": %d}", m->albedo_texture - 1);
-    fprintf(out, "}, \"emissiveFactor\": [%.7g, %.7g, %.7g]", (double)m->emission[0] / most, (double)m->emission[1] / most, (double)m->emission[2] / most);
+    fprintf(out, "}, \"emissiveFactor\": [%.7g, %.7g, %.7g]", (double)m->emission[0] / most,
+            (double)m->emission[1] / most, (double)m->emission[2] / most);
     if (m->emission_texture) fprintf(out, ", \"emissiveTexture\": {\"index\": %d}", m->emission_texture - 1);
     if (m->alpha_cutoff > 0) fprintf(out, ", \"alphaMode\": \"MASK\", \"alphaCutoff\": %.7g", (double)m->alpha_cutoff);
     if (most > 1 || f->lightmap) fprintf(out, ", \"extensions\": {");
-    if (most > 1) fprintf(out, "\"KHR_materials_emissive_strength\": {\"emissiveStrength\": %.7g}%s", most, f->lightmap ? ", " : "");
+    if (most > 1)
+        fprintf(out, "\"KHR_materials_emissive_strength\": {\"emissiveStrength\": %.7g}%s", most,
+                f->lightmap ? ", " : "");
     if (f->lightmap)
-        fprintf(out, "\"MOZ_lightmap\": {\"index\": %d, \"texCoord\": 1, \"intensity\": %.7g}", f->scene->texture_count, f->intensity);
+        fprintf(out, "\"MOZ_lightmap\": {\"index\": %d, \"texCoord\": 1, \"intensity\": %.7g}", f->scene->texture_count,
+                f->intensity);
     fprintf(out, "%s}", most > 1 || f->lightmap ? "}" : "");
 }
 
@@ -151,7 +159,8 @@ static void gltf__put_bounds(FILE *out, const gltf__array *a) {
             if (v[k] < low[k]) low[k] = v[k];
             if (v[k] > high[k]) high[k] = v[k];
         }
-    fprintf(out, ", \"min\": [%.9g, %.9g, %.9g], \"max\": [%.9g, %.9g, %.9g]", (double)low[0], (double)low[1], (double)low[2],
+    fprintf(out, ", \"min\": [%.9g, %.9g, %.9g], \"max\": [%.9g, %.9g, %.9g]", (double)low[0], (double)low[1],
+            (double)low[2],
             (double)high[0], (double)high[1], (double)high[2]);
 }
 
@@ -159,7 +168,8 @@ enum { GLTF__ACCESSORS, GLTF__VIEWS, GLTF__MESHES };
 
 /* One list over all arrays of all meshes: their accessors, views, or what each mesh has of them. Returns the bytes. */
 static double gltf__put_arrays(FILE *out, const gltf_file *f, int what) {
-    static const char *const attributes[GLTF_ARRAYS] = { "POSITION", "NORMAL", "TEXCOORD_0", "TEXCOORD_1", "COLOR_0", "_RADIANCE", NULL };
+    static const char *const attributes[GLTF_ARRAYS] = { "POSITION", "NORMAL", "TEXCOORD_0", "TEXCOORD_1", "COLOR_0",
+        "_RADIANCE", NULL };
     static const char *const types[5] = { "", "SCALAR", "VEC2", "VEC3", "VEC4" };
     const sbl_mesh *m = f->scene->meshes;
     gltf__array arrays[GLTF_ARRAYS];
@@ -169,15 +179,19 @@ static double gltf__put_arrays(FILE *out, const gltf_file *f, int what) {
     for (number = 0; number < f->scene->mesh_count; first += (size_t)m->vertex_count, number++, m++) {
         gltf__arrays(f, m, first, arrays);
         if (!arrays[GLTF_POSITION].count) continue;
-        if (what == GLTF__MESHES) fprintf(out, "%s\n    {\"primitives\": [{\"material\": %d, \"attributes\": {", meshes++ ? "," : "", m->material);
+        if (what == GLTF__MESHES)
+            fprintf(out, "%s\n    {\"primitives\": [{\"material\": %d, \"attributes\": {", meshes++ ? "," : "",
+                    m->material);
         for (k = 0; k < GLTF_ARRAYS; k++) {
             const gltf__array *a = &arrays[k];
             if (!a->count) continue;
             if (what == GLTF__VIEWS)
-                fprintf(out, "%s\n    {\"buffer\": 0, \"byteOffset\": %.0f, \"byteLength\": %.0f, \"target\": %d}", accessor ? "," : "", at,
+                fprintf(out, "%s\n    {\"buffer\": 0, \"byteOffset\": %.0f, \"byteLength\": %.0f, \"target\": %d}",
+                        accessor ? "," : "", at,
                         (double)gltf__bytes(a), k == GLTF_INDICES ? 34963 : 34962);
             else if (what == GLTF__ACCESSORS) {
-                fprintf(out, "%s\n    {\"bufferView\": %d, \"componentType\": %d, \"count\": %d, \"type\": \"%s\"", accessor ? "," : "", accessor,
+                fprintf(out, "%s\n    {\"bufferView\": %d, \"componentType\": %d, \"count\": %d, \"type\": \"%s\"",
+                        accessor ? "," : "", accessor,
                         k == GLTF_INDICES ? 5125 : 5126, a->count, types[a->components]);
                 if (k == GLTF_POSITION) gltf__put_bounds(out, a);
                 fputc('}', out);
@@ -202,7 +216,8 @@ static void gltf__put_nodes(FILE *out, const gltf_file *f) {
         gltf__put_name(out, f->names[number]);
         fprintf(out, ", \"mesh\": %d", nodes++);
         for (k = moved = 0; k < 16; k++) moved |= m->transform[k] != 0.0f;
-        for (k = 0; k < 16 && moved; k++) fprintf(out, "%s%.9g%s", k ? ", " : ", \"matrix\": [", (double)m->transform[k], k == 15 ? "]" : "");
+        for (k = 0; k < 16 && moved; k++)
+            fprintf(out, "%s%.9g%s", k ? ", " : ", \"matrix\": [", (double)m->transform[k], k == 15 ? "]" : "");
         fputc('}', out);
     }
     fprintf(out, "\n  ],\n  \"scene\": 0, \"scenes\": [{\"nodes\": [");
@@ -221,9 +236,11 @@ static void gltf__put_textures(FILE *out, const gltf_file *f) {
         fprintf(out, "%s\n    {\"uri\": \"%s\"}", i ? "," : "", name);
     }
     if (f->lightmap) fprintf(out, "%s\n    {\"uri\": \"%s\"}", count ? "," : "", f->lightmap);
-    fprintf(out, "\n  ],\n  \"samplers\": [{\"wrapS\": 10497, \"wrapT\": 10497}, {\"wrapS\": 33071, \"wrapT\": 33071}],\n  \"textures\": [");
+    fprintf(out, "\n  ],\n  \"samplers\": [{\"wrapS\": 10497, \"wrapT\": 10497}, {\"wrapS\": 33071, \"wrapT\": 33071}],"
+            "\n  \"textures\": [");
     for (i = 0; i < all; i++)
-        fprintf(out, "%s\n    {\"source\": %d, \"sampler\": %d}", i ? "," : "", i, i == count || f->scene->textures[i].wrap == SBL_WRAP_CLAMP);
+        fprintf(out, "%s\n    {\"source\": %d, \"sampler\": %d}", i ? "," : "", i, i == count ||
+                f->scene->textures[i].wrap == SBL_WRAP_CLAMP);
     fprintf(out, "\n  ]");
 }
 

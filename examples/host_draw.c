@@ -1,8 +1,9 @@
-/* Demonstrates the draw callback: geometry that exists only in the host's vertex shader, a spiral of turning slabs, some of them glowing,
-   lit together with a room given as vertex arrays. The slabs shade and light the room, and the room lights them.
+/* Demonstrates the draw callback: geometry that exists only in the host's vertex shader, a spiral of turning slabs,
+   some of them glowing, lit together with a room given as vertex arrays. The slabs shade and light the room, and the
+   room lights them.
 
-   What sbl.h expects of the callback's shaders stands at sbl_draw_view in sbl.h. The picture goes to host_draw.png; the first argument
-   is the folder for it. With a second argument, --bare, the slabs are left out. */
+   What sbl.h expects of the callback's shaders stands at sbl_draw_view in sbl.h. The picture goes to host_draw.png; the
+   first argument is the folder for it. With a second argument, --bare, the slabs are left out. */
 #define SBL_IMPLEMENTATION
 #include "../sbl.h"
 #include "host_gl.h"
@@ -13,8 +14,8 @@
 enum { WIDTH = 400, HEIGHT = 320, SLABS = 21, SLAB_VERTICES = 36 };
 static const float slab_albedo[3] = { 0.1f, 0.5f, 0.45f }, slab_glow[3] = { 2.4f, 0.7f, 0.15f };
 
-/* Slab number gl_InstanceID of the spiral, corner number gl_VertexID of its twelve triangles; no vertex array stands behind them.
-   The fourth of every five slabs glows. */
+/* Slab number gl_InstanceID of the spiral, corner number gl_VertexID of its twelve triangles; no vertex array stands
+   behind them. The fourth of every five slabs glows. */
 static const char vertex_shader[] =
     "uniform mat4 world_to_clip;\n"
     "out vec3 position;\n"
@@ -24,8 +25,9 @@ static const char vertex_shader[] =
     "void main() {\n"
     "    int face = gl_VertexID / 6, axis = face >> 1, corner = gl_VertexID % 6;\n"
     "    float side = (face & 1) == 0 ? 1.0 : -1.0;\n"
-    "    int q = corner < 3 ? corner : corner == 3 ? 0 : corner - 2;\n"                                    // two triangles: 0 1 2, 0 2 3
-    "    vec2 uv = vec2(q == 1 || q == 2 ? 1.0 : -1.0, q >= 2 ? 1.0 : -1.0) * vec2(side, 1.0);\n"          // counter-clockwise from outside
+    "    int q = corner < 3 ? corner : corner == 3 ? 0 : corner - 2;\n"  // two triangles: 0 1 2, 0 2 3
+    // counter-clockwise from outside
+    "    vec2 uv = vec2(q == 1 || q == 2 ? 1.0 : -1.0, q >= 2 ? 1.0 : -1.0) * vec2(side, 1.0);\n"
     "    vec3 n = axis == 0 ? vec3(side, 0, 0) : axis == 1 ? vec3(0, side, 0) : vec3(0, 0, side);\n"
     "    vec3 p = axis == 0 ? vec3(side, uv) : axis == 1 ? vec3(uv.y, side, uv.x) : vec3(uv, side);\n"
     "    float t = float(gl_InstanceID), angle = 0.42 * t;\n"
@@ -66,9 +68,11 @@ static const char fragment_shader[] =
     "    out_id = id;\n"
     "#else\n"
     "    vec3 w = normal * normal;\n"
-    "    vec3 r = w.x * light[normal.x < 0.0 ? 1 : 0] + w.y * light[normal.y < 0.0 ? 3 : 2] + w.z * light[normal.z < 0.0 ? 5 : 4];\n"
+    "    vec3 r = w.x * light[normal.x < 0.0 ? 1 : 0] + w.y * light[normal.y < 0.0 ? 3 : 2] + w.z * light[normal.z < "
+        "0.0 ? 5 : 4];\n"
     "    vec3 radiance = glow > 0.0 ? emission : albedo * r;\n"
-    "    out_radiance = vec4(radiance * radiance_scale, gl_FrontFacing ? 1.0 / gl_FragCoord.w : -1.0 / gl_FragCoord.w);\n"
+    "    out_radiance = vec4(radiance * radiance_scale, gl_FrontFacing ? 1.0 / gl_FragCoord.w : -1.0 / "
+        "gl_FragCoord.w);\n"
     "#endif\n"
     "#ifdef WRITE_DEPTH\n"
     "    gl_FragDepth = gl_FragCoord.w * depth_scale;\n"
@@ -78,7 +82,8 @@ static const char fragment_shader[] =
 typedef struct slabs { GLuint programs[2][2], vertex_array; } slabs;
 
 static int slabs_make(slabs *s) {
-    static const char *const defines[2][2] = { { "#define CAMERA\n", "#define CAMERA\n#define WRITE_DEPTH\n" }, { "", "#define WRITE_DEPTH\n" } };
+    static const char *const defines[2][2] = { { "#define CAMERA\n", "#define CAMERA\n#define WRITE_DEPTH\n" },
+        { "", "#define WRITE_DEPTH\n" } };
     int kind, write_depth;
     for (kind = 0; kind < 2; kind++)
         for (write_depth = 0; write_depth < 2; write_depth++) {
@@ -90,7 +95,8 @@ static int slabs_make(slabs *s) {
     return 1;
 }
 
-/* The callback. sbl.h has bound the framebuffer, set viewport, scissor and depth test, and repairs afterwards what this changes. */
+/* The callback. sbl.h has bound the framebuffer, set viewport, scissor and depth test, and repairs afterwards what this
+   changes. */
 static void slabs_draw(const sbl_draw_view *view, void *user) {
     const slabs *s = (const slabs *)user;
     GLuint program = s->programs[view->kind == SBL_VIEW_SENSOR][view->write_depth != 0];
@@ -168,7 +174,8 @@ int main(int argc, char **argv) {
     desc.get_gl_function = gl_function;
     if (slabs_make(&s) && sbl_create(&desc, &context) == SBL_SUCCESS) {  /* sbl.h says what is wrong on stderr */
         ok = render(context, bare ? NULL : &s, picture);
-        printf("host_draw: %lld sensors, %.0f us each\n", (long long)sbl_query_stats(context).sensors.count, sbl_query_stats(context).sensors.microseconds);
+        printf("host_draw: %lld sensors, %.0f us each\n", (long long)sbl_query_stats(context).sensors.count,
+               sbl_query_stats(context).sensors.microseconds);
     }
     sbl_destroy(context);
     for (i = 0; i < 2; i++)

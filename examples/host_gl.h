@@ -18,26 +18,34 @@
 #include <stdio.h>
 #include <string.h>
 
-#define HOST_GL_FUNCTIONS(X)                                                                                                           \
-    X(ACTIVETEXTURE, ActiveTexture) X(ATTACHSHADER, AttachShader) X(BINDBUFFER, BindBuffer) X(BINDFRAMEBUFFER, BindFramebuffer)        \
-    X(BINDSAMPLER, BindSampler) X(BINDTEXTURE, BindTexture) X(BINDVERTEXARRAY, BindVertexArray) X(BLENDFUNC, BlendFunc)                \
-    X(BUFFERDATA, BufferData) X(CHECKFRAMEBUFFERSTATUS, CheckFramebufferStatus) X(CLEAR, Clear)                                   \
-    X(CLEARBUFFERFV, ClearBufferfv) X(CLEARCOLOR, ClearColor) X(DRAWELEMENTSINSTANCED, DrawElementsInstanced)                          \
-    X(CLEARDEPTH, ClearDepth) X(CLEARSTENCIL, ClearStencil) X(COLORMASK, ColorMask) X(COMPILESHADER, CompileShader)                    \
-    X(CREATEPROGRAM, CreateProgram) X(CREATESHADER, CreateShader) X(CULLFACE, CullFace) X(DELETEBUFFERS, DeleteBuffers)                \
-    X(DELETEFRAMEBUFFERS, DeleteFramebuffers) X(DELETEPROGRAM, DeleteProgram) X(DELETESAMPLERS, DeleteSamplers)                        \
-    X(DELETESHADER, DeleteShader) X(DELETETEXTURES, DeleteTextures) X(DELETEVERTEXARRAYS, DeleteVertexArrays)                          \
-    X(DEPTHFUNC, DepthFunc) X(DEPTHMASK, DepthMask) X(DEPTHRANGE, DepthRange) X(DISABLE, Disable) X(DRAWARRAYS, DrawArrays)            \
-    X(DRAWARRAYSINSTANCED, DrawArraysInstanced) X(ENABLE, Enable) X(ENABLEVERTEXATTRIBARRAY, EnableVertexAttribArray)                  \
-    X(FINISH, Finish) X(FRAMEBUFFERTEXTURE2D, FramebufferTexture2D) X(FRONTFACE, FrontFace) X(GENBUFFERS, GenBuffers)                  \
-    X(GENFRAMEBUFFERS, GenFramebuffers) X(GENSAMPLERS, GenSamplers) X(GENTEXTURES, GenTextures) X(GENVERTEXARRAYS, GenVertexArrays)    \
-    X(GETERROR, GetError) X(GETFLOATV, GetFloatv) X(GETINTEGERV, GetIntegerv) X(GETPROGRAMINFOLOG, GetProgramInfoLog)                  \
-    X(GETPROGRAMIV, GetProgramiv) X(GETSTRING, GetString) X(GETUNIFORMLOCATION, GetUniformLocation) X(ISENABLED, IsEnabled)            \
-    X(LINKPROGRAM, LinkProgram) X(PIXELSTOREI, PixelStorei) X(POLYGONOFFSET, PolygonOffset) X(READPIXELS, ReadPixels)                  \
-    X(SAMPLERPARAMETERI, SamplerParameteri) X(SCISSOR, Scissor) X(SHADERSOURCE, ShaderSource) X(STENCILFUNC, StencilFunc)              \
-    X(STENCILMASK, StencilMask) X(STENCILOP, StencilOp) X(TEXIMAGE2D, TexImage2D) X(TEXPARAMETERI, TexParameteri)                      \
-    X(UNIFORM1F, Uniform1f) X(UNIFORM1I, Uniform1i) X(UNIFORM2F, Uniform2f) X(UNIFORM2I, Uniform2i) X(UNIFORM3FV, Uniform3fv)          \
-    X(UNIFORM4F, Uniform4f) X(UNIFORMMATRIX4FV, UniformMatrix4fv) X(USEPROGRAM, UseProgram)                                            \
+#define HOST_GL_FUNCTIONS(X)                                                                                          \
+    X(ACTIVETEXTURE, ActiveTexture) X(ATTACHSHADER, AttachShader) X(BINDBUFFER, BindBuffer)                           \
+    X(BINDFRAMEBUFFER, BindFramebuffer)                                                                               \
+    X(BINDSAMPLER, BindSampler) X(BINDTEXTURE, BindTexture) X(BINDVERTEXARRAY, BindVertexArray)                       \
+    X(BLENDFUNC, BlendFunc)                                                                                           \
+    X(BUFFERDATA, BufferData) X(CHECKFRAMEBUFFERSTATUS, CheckFramebufferStatus) X(CLEAR, Clear)                       \
+    X(CLEARBUFFERFV, ClearBufferfv) X(CLEARCOLOR, ClearColor) X(DRAWELEMENTSINSTANCED, DrawElementsInstanced)         \
+    X(CLEARDEPTH, ClearDepth) X(CLEARSTENCIL, ClearStencil) X(COLORMASK, ColorMask) X(COMPILESHADER, CompileShader)   \
+    X(CREATEPROGRAM, CreateProgram) X(CREATESHADER, CreateShader) X(CULLFACE, CullFace)                               \
+    X(DELETEBUFFERS, DeleteBuffers)                                                                                   \
+    X(DELETEFRAMEBUFFERS, DeleteFramebuffers) X(DELETEPROGRAM, DeleteProgram) X(DELETESAMPLERS, DeleteSamplers)       \
+    X(DELETESHADER, DeleteShader) X(DELETETEXTURES, DeleteTextures) X(DELETEVERTEXARRAYS, DeleteVertexArrays)         \
+    X(DEPTHFUNC, DepthFunc) X(DEPTHMASK, DepthMask) X(DEPTHRANGE, DepthRange) X(DISABLE, Disable)                     \
+    X(DRAWARRAYS, DrawArrays)                                                                                         \
+    X(DRAWARRAYSINSTANCED, DrawArraysInstanced) X(ENABLE, Enable) X(ENABLEVERTEXATTRIBARRAY, EnableVertexAttribArray) \
+    X(FINISH, Finish) X(FRAMEBUFFERTEXTURE2D, FramebufferTexture2D) X(FRONTFACE, FrontFace) X(GENBUFFERS, GenBuffers) \
+    X(GENFRAMEBUFFERS, GenFramebuffers) X(GENSAMPLERS, GenSamplers) X(GENTEXTURES, GenTextures)                       \
+    X(GENVERTEXARRAYS, GenVertexArrays)                                                                               \
+    X(GETERROR, GetError) X(GETFLOATV, GetFloatv) X(GETINTEGERV, GetIntegerv) X(GETPROGRAMINFOLOG, GetProgramInfoLog) \
+    X(GETPROGRAMIV, GetProgramiv) X(GETSTRING, GetString) X(GETUNIFORMLOCATION, GetUniformLocation)                   \
+    X(ISENABLED, IsEnabled)                                                                                           \
+    X(LINKPROGRAM, LinkProgram) X(PIXELSTOREI, PixelStorei) X(POLYGONOFFSET, PolygonOffset) X(READPIXELS, ReadPixels) \
+    X(SAMPLERPARAMETERI, SamplerParameteri) X(SCISSOR, Scissor) X(SHADERSOURCE, ShaderSource)                         \
+    X(STENCILFUNC, StencilFunc)                                                                                       \
+    X(STENCILMASK, StencilMask) X(STENCILOP, StencilOp) X(TEXIMAGE2D, TexImage2D) X(TEXPARAMETERI, TexParameteri)     \
+    X(UNIFORM1F, Uniform1f) X(UNIFORM1I, Uniform1i) X(UNIFORM2F, Uniform2f) X(UNIFORM2I, Uniform2i)                   \
+    X(UNIFORM3FV, Uniform3fv)                                                                                         \
+    X(UNIFORM4F, Uniform4f) X(UNIFORMMATRIX4FV, UniformMatrix4fv) X(USEPROGRAM, UseProgram)                           \
     X(VERTEXATTRIB4F, VertexAttrib4f) X(VERTEXATTRIBPOINTER, VertexAttribPointer) X(VIEWPORT, Viewport)
 
 static struct host_gl {
@@ -60,9 +68,11 @@ static inline void (*host_gl_function(const char *name))(void) { return wgl_func
 
 /* One way in: initialises the display and makes a context without a surface current. */
 static inline int host_gl_try(EGLDisplay display) {
-    static const EGLint config_wishes[] = { EGL_SURFACE_TYPE, EGL_PBUFFER_BIT, EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT, EGL_NONE };
+    static const EGLint config_wishes[] = { EGL_SURFACE_TYPE, EGL_PBUFFER_BIT, EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT,
+        EGL_NONE };
     static const EGLint context_wishes[] = { EGL_CONTEXT_MAJOR_VERSION, 3, EGL_CONTEXT_MINOR_VERSION, 3,
-                                             EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT, EGL_NONE };
+                                             EGL_CONTEXT_OPENGL_PROFILE_MASK, EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT,
+                                                 EGL_NONE };
     EGLConfig config;
     EGLint count = 0;
     if (display == EGL_NO_DISPLAY || !eglInitialize(display, NULL, NULL)) return 0;
@@ -85,7 +95,8 @@ static inline void host_gl_close(void) {
 }
 
 static inline int host_gl__open_context(const char *program) {
-    PFNEGLGETPLATFORMDISPLAYEXTPROC get_display = (PFNEGLGETPLATFORMDISPLAYEXTPROC)eglGetProcAddress("eglGetPlatformDisplayEXT");
+    PFNEGLGETPLATFORMDISPLAYEXTPROC get_display =
+        (PFNEGLGETPLATFORMDISPLAYEXTPROC)eglGetProcAddress("eglGetPlatformDisplayEXT");
     PFNEGLQUERYDEVICESEXTPROC query_devices = (PFNEGLQUERYDEVICESEXTPROC)eglGetProcAddress("eglQueryDevicesEXT");
     EGLDeviceEXT devices[16];
     EGLint device_count = 0, i;
@@ -93,7 +104,8 @@ static inline int host_gl__open_context(const char *program) {
     if (get_display) {
         if (query_devices && !query_devices(16, devices, &device_count)) device_count = 0;
         opened = host_gl_try(get_display(EGL_PLATFORM_SURFACELESS_MESA, EGL_DEFAULT_DISPLAY, NULL));
-        for (i = 0; i < device_count && !opened; i++) opened = host_gl_try(get_display(EGL_PLATFORM_DEVICE_EXT, devices[i], NULL));
+        for (i = 0; i < device_count && !opened; i++)
+            opened = host_gl_try(get_display(EGL_PLATFORM_DEVICE_EXT, devices[i], NULL));
     }
     if (!opened && !host_gl_try(eglGetDisplay(EGL_DEFAULT_DISPLAY))) {
         fprintf(stderr, "%s: EGL gives no OpenGL 3.3 context; is a GL driver (such as Mesa's) installed?\n", program);
@@ -120,8 +132,10 @@ static inline int host_gl_open(const char *program) {
     return 1;
 }
 
-/* GLSL of both stages without its #version; defines: "" or lines. Returns 0, having said why on stderr, where it does not compile. */
-static inline GLuint host_gl_program(const char *program, const char *defines, const char *vertex, const char *fragment) {
+/* GLSL of both stages without its #version; defines: "" or lines. Returns 0, having said why on stderr, where it does
+   not compile. */
+static inline GLuint host_gl_program(const char *program, const char *defines, const char *vertex,
+                                     const char *fragment) {
     GLuint id = gl.CreateProgram();
     GLint linked = 0;
     char log[1024] = "";

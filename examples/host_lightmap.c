@@ -1,5 +1,5 @@
-/* Demonstrates what an engine does with baked light: draws a scene in plain OpenGL 3.3, lit by a lightmap that sbl_bake wrote, and in it a ball
-   that moves, lit by probes. `host_lightmap --help` says how. */
+/* Demonstrates what an engine does with baked light: draws a scene in plain OpenGL 3.3, lit by a lightmap that sbl_bake
+   wrote, and in it a ball that moves, lit by probes. `host_lightmap --help` says how. */
 #define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
@@ -27,8 +27,10 @@ enum { OUTPUT = CAMERA_END, CHANNEL, OPTION_COUNT };
 static const tool_option table[OPTION_COUNT] = {
     COMMON_ROWS,
     CAMERA_ROWS,
-    [OUTPUT]  = { "--output", "FILE", TEXT, &common.output, 0, 0, 0, "also -o; .png or .pfm; default: a walk, see above" },
-    [CHANNEL] = { "--channel", "NAME", CHOICE, &channel, 0, 0, 0, "final (default) | radiance (R: light without surface colour)", channel_words },
+    [OUTPUT]  = { "--output", "FILE", TEXT, &common.output, 0, 0, 0,
+        "also -o; .png or .pfm; default: a walk, see above" },
+    [CHANNEL] = { "--channel", "NAME", CHOICE, &channel, 0, 0, 0,
+        "final (default) | radiance (R: light without surface colour)", channel_words },
 };
 static int given[OPTION_COUNT];
 
@@ -53,7 +55,8 @@ static int read_pfm(const char *path, image *picture) {
     char line[4] = "";
     double scale = 0;
     int y, ok = in && fgets(line, 4, in) && strcmp(line, "PF\n") == 0 &&
-                fscanf(in, "%d %d %lf", &picture->width, &picture->height, &scale) == 3 && fgetc(in) == '\n' && scale < 0 &&
+                fscanf(in, "%d %d %lf", &picture->width, &picture->height, &scale) == 3 && fgetc(in) == '\n' && scale <
+                    0 &&
                 picture->width > 0 && picture->width <= 16384 && picture->height > 0 && picture->height <= 16384;
     picture->components = 3;
     if (ok) picture->values = (float *)malloc((size_t)picture->width * (size_t)picture->height * 3 * sizeof(float));
@@ -106,13 +109,15 @@ static const char ball_vertex_shader[] =
     "out vec3 normal;\n"
     "void main() {\n"
     "    int cell = gl_VertexID / 6, corner = gl_VertexID % 6;\n"
-    "    ivec2 at = ivec2(cell % 48, cell / 48) + ivec2(corner == 1 || corner > 3 ? 1 : 0, corner == 2 || corner == 3 || corner == 5 ? 1 : 0);\n"
+    "    ivec2 at = ivec2(cell % 48, cell / 48) + ivec2(corner == 1 || corner > 3 ? 1 : 0, corner == 2 || corner == 3 "
+        "|| corner == 5 ? 1 : 0);\n"
     "    vec2 angles = vec2(at) * vec2(6.2831853 / 48.0, 3.1415927 / 24.0);\n"
     "    normal = vec3(cos(angles.x) * sin(angles.y), cos(angles.y), sin(angles.x) * sin(angles.y));\n"
     "    gl_Position = view_to_clip * (world_to_view * vec4(middle + radius * normal, 1.0));\n"
     "}\n";
 
-/* The whole of what a probe asks of a shader: R(n), here by the ambient cube, which is nowhere negative as nine harmonics beside a strong lamp are. */
+/* The whole of what a probe asks of a shader: R(n), here by the ambient cube, which is nowhere negative as nine
+   harmonics beside a strong lamp are. */
 static const char ball_fragment_shader[] =
     "uniform vec3 cube[6];\n"
     "in vec3 normal;\n"
@@ -146,7 +151,8 @@ static GLuint texture_of(GLenum format, int width, int height, GLenum from, GLen
 static GLuint scene_texture(const sbl_texture *t) {
     static const GLenum formats[5] = { 0, GL_RED, GL_RG, GL_RGB, GL_RGBA };
     const int is_float = t->format == SBL_PIXELS_FLOAT, wrap = t->wrap == SBL_WRAP_CLAMP ? GL_CLAMP_TO_EDGE : GL_REPEAT;
-    const GLuint texture = texture_of(is_float ? GL_RGBA16F : GL_SRGB8_ALPHA8, t->width, t->height, formats[t->channels],
+    const GLuint texture = texture_of(is_float ? GL_RGBA16F : GL_SRGB8_ALPHA8, t->width, t->height,
+                                      formats[t->channels],
                                       is_float ? GL_FLOAT : GL_UNSIGNED_BYTE, t->pixels);
     gl.TexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, wrap);
     gl.TexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_T, wrap);
@@ -160,7 +166,8 @@ static GLuint scene_texture(const sbl_texture *t) {
 
 static void mesh_make(drawn *d, const sbl_mesh *m) {
     const struct { const void *data; int components; float otherwise; } streams[4] = {
-        { m->positions.data, 3, 0 }, { m->texcoords.data, 2, 0 }, { m->lightmap_texcoords.data, 2, 0 }, { m->colors.data, 4, 1 }
+        { m->positions.data, 3, 0 }, { m->texcoords.data, 2, 0 }, { m->lightmap_texcoords.data, 2, 0 },
+        { m->colors.data, 4, 1 }
     };
     int i;
     gl.GenVertexArrays(1, &d->array);
@@ -170,7 +177,8 @@ static void mesh_make(drawn *d, const sbl_mesh *m) {
         const float v = streams[i].otherwise;
         if (!streams[i].data) { gl.VertexAttrib4f((GLuint)i, v, v, v, v); continue; }
         gl.BindBuffer(GL_ARRAY_BUFFER, d->buffers[i]);
-        gl.BufferData(GL_ARRAY_BUFFER, (GLsizeiptr)m->vertex_count * streams[i].components * 4, streams[i].data, GL_STATIC_DRAW);
+        gl.BufferData(GL_ARRAY_BUFFER, (GLsizeiptr)m->vertex_count * streams[i].components * 4, streams[i].data,
+                      GL_STATIC_DRAW);
         gl.VertexAttribPointer((GLuint)i, streams[i].components, GL_FLOAT, GL_FALSE, 0, NULL);
         gl.EnableVertexAttribArray((GLuint)i);
     }
@@ -209,7 +217,8 @@ static void bind_texture(const host *h, const char *name, GLint unit, GLuint tex
     gl.BindTexture(GL_TEXTURE_2D, texture);
 }
 
-static void draw(const host *h, const sbl_scene_desc *scene, const float world_to_view[16], const float view_to_clip[16]) {
+static void draw(const host *h, const sbl_scene_desc *scene, const float world_to_view[16],
+                 const float view_to_clip[16]) {
     static const float still[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1 };
     int i, k, moved;
     gl.Viewport(0, 0, camera.size[0], camera.size[1]);
@@ -229,8 +238,10 @@ static void draw(const host *h, const sbl_scene_desc *scene, const float world_t
         gl.Uniform3fv(host_gl_uniform(h->program, "albedo"), 1, material->albedo);
         gl.Uniform3fv(host_gl_uniform(h->program, "emission"), 1, material->emission);
         gl.Uniform1f(host_gl_uniform(h->program, "alpha_cutoff"), material->alpha_cutoff);
-        bind_texture(h, "albedo_texture", 1, material->albedo_texture ? h->textures[material->albedo_texture - 1] : h->white);
-        bind_texture(h, "emission_texture", 2, material->emission_texture ? h->textures[material->emission_texture - 1] : h->white);
+        bind_texture(h, "albedo_texture", 1, material->albedo_texture ? h->textures[material->albedo_texture - 1]
+                     : h->white);
+        bind_texture(h, "emission_texture", 2, material->emission_texture ? h->textures[material->emission_texture - 1]
+                     : h->white);
         gl.BindVertexArray(h->meshes[i].array);
         gl.DrawElementsInstanced(GL_TRIANGLES, m->index_count, GL_UNSIGNED_INT, NULL, 1);
     }
@@ -285,12 +296,13 @@ static sbl_result room_from_behind(const room *r, sbl_context *context, int *beh
 
 /* Green radiance from the direction (x, 0, z) / sqrt(2), x and z 1 or -1: the sum of the harmonics there. */
 static float light_from(const sbl_probe *p, float x, float z) {
-    return 0.282095f * p->sh[0][1] + 0.345494f * (z * p->sh[2][1] + x * p->sh[3][1]) + 0.157696f * p->sh[6][1] + 0.546274f * x * z * p->sh[7][1] +
+    return 0.282095f * p->sh[0][1] + 0.345494f * (z * p->sh[2][1] + x * p->sh[3][1]) + 0.157696f * p->sh[6][1] +
+        0.546274f * x * z * p->sh[7][1] +
            0.273137f * p->sh[8][1];
 }
 
-/* A place inside, at half the room's height: where a probe sees furthest along one of the four diagonals, and what is neither dark nor too bright
-   for a picture. */
+/* A place inside, at half the room's height: where a probe sees furthest along one of the four diagonals, and what is
+   neither dark nor too bright for a picture. */
 static void room_enter(room *r) {
     const sbl_probe *best = NULL;
     int i, way = 0, diagonal;
@@ -303,14 +315,17 @@ static void room_enter(room *r) {
             const int below = (diagonal & 1) + 2 * (diagonal & 2), above = below + 2;  /* octants: x, then y, then z */
             const float far = p->distance[below] < p->distance[above] ? p->distance[below] : p->distance[above];
             const float light = light_from(p, diagonal & 1 ? 1 : -1, diagonal & 2 ? 1 : -1);
-            const float score = light > 0 ? far * sqrtf(light < 1 ? light : 1 / light) * (1 - p->sky) * (1 - p->back_share) : 0;
+            const float score = light > 0 ? far * sqrtf(light < 1 ? light : 1 / light) * (1 - p->sky) *
+                (1 - p->back_share) : 0;
             if (score <= most) continue;
             most = score;
             best = p;
             way = diagonal;
         }
     }
-    if (best) sbl_look_at(r->world_to_view, best->position[0], best->position[1], best->position[2], best->position[0] + (way & 1 ? 1 : -1),
+    if (best)
+        sbl_look_at(r->world_to_view, best->position[0], best->position[1], best->position[2],
+                    best->position[0] + (way & 1 ? 1 : -1),
                           best->position[1], best->position[2] + (way & 2 ? 1 : -1), 0, 1, 0);
 }
 
@@ -356,7 +371,8 @@ static void room_light(const room *r, const float point[3], float cube[6][3]) {
     for (i = 0; i < 6 && all > 0; i++) for (k = 0; k < 3; k++) cube[i][k] /= all;
 }
 
-static void draw_ball(const host *h, const room *r, const float middle[3], const float world_to_view[16], const float view_to_clip[16]) {
+static void draw_ball(const host *h, const room *r, const float middle[3], const float world_to_view[16],
+                      const float view_to_clip[16]) {
     float cube[6][3];
     room_light(r, middle, cube);
     gl.UseProgram(h->ball_program);
@@ -376,8 +392,10 @@ enum { FRAMES = 12, PICTURE = OWN_TARGETS };
 static void print_help(void) {
     printf("usage: host_lightmap SCENE FOLDER -o FILE [options]\n"
            "       host_lightmap SCENE FOLDER [options]\n\n"
-           "Draws SCENE, which has second texture coordinates, with the light that sbl_bake SCENE --lightmap N -o FOLDER wrote\n"
-           "into FOLDER/atlas.pfm, in plain OpenGL 3.3. Without -o: a few steps from there, %d frames FOLDER/frame_00.png and so\n"
+           "Draws SCENE, which has second texture coordinates, with the light that sbl_bake SCENE --lightmap N -o "
+               "FOLDER wrote\n"
+           "into FOLDER/atlas.pfm, in plain OpenGL 3.3. Without -o: a few steps from there, %d frames "
+               "FOLDER/frame_00.png and so\n"
            "on, in which a ball moves through the light of probes; options for light are for these.\n\n", (int)FRAMES);
     tool_print_options(table + CAMERA_END, OPTION_COUNT - CAMERA_END);
     tool_print_options(table + COMMON_OPTIONS, CAMERA_END - COMMON_OPTIONS);
@@ -434,7 +452,9 @@ static int draw_walk(const host *h, const scene_file *file, const room *r) {
         memcpy(world_to_view, start, sizeof world_to_view);
         world_to_view[12] -= 0.006f * across * time;
         eye_of(world_to_view, eye);
-        for (k = 0; k < 3; k++) ball[k] = eye[k] + across * (0.08f * time * start[4 * k] - 0.015f * start[4 * k + 1] - 0.1f * start[4 * k + 2]);
+        for (k = 0; k < 3; k++)
+            ball[k] = eye[k] + across * (0.08f * time * start[4 * k] - 0.015f * start[4 * k + 1] - 0.1f *
+                                         start[4 * k + 2]);
         draw(h, &file->scene, world_to_view, r->view_to_clip);
         draw_ball(h, r, ball, world_to_view, r->view_to_clip);
         status = keep_frame(i);
@@ -468,7 +488,9 @@ static int draw_all(const tool_task *task, double *seconds) {
     if (r) result = room_make(r, task->file, task->context, &misplaced);
     if (misplaced) status = camera_misuse();
     else if (result != SBL_SUCCESS) status = fail_with(task->said, files[0], result);
-    else if (!read_pfm(path, &lightmap)) status = fail("%s: it is not there or no .pfm; sbl_bake %s --lightmap 512 -o %s makes it", path, files[0], files[1]);
+    else if (!read_pfm(path, &lightmap))
+        status = fail("%s: it is not there or no .pfm; sbl_bake %s --lightmap 512 -o %s makes it", path, files[0],
+                      files[1]);
     else status = show(task->file, &lightmap, r);
     free(lightmap.values);
     free(r);

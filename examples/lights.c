@@ -1,5 +1,6 @@
-/* Demonstrates every kind of light, a picture each, and the penumbra of a large lamp at each preset, with the rays of four sensors in it:
-   of those towards the lamp some arrive, some (red) do not. The first argument is the folder to write them to. */
+/* Demonstrates every kind of light, a picture each, and the penumbra of a large lamp at each preset, with the rays of
+   four sensors in it: of those towards the lamp some arrive, some (red) do not. The first argument is the folder to
+   write them to. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #include "sensor_disc.h"
@@ -12,11 +13,13 @@ enum { WIDTH = 320, HEIGHT = 240, INSETS = 4, INSET = WIDTH / INSETS, SLICES = 2
 
 /* ---- three shapes; a scene is uses of them ---- */
 
-#define SIDE(ax, ay, az, bx, by, bz, cx, cy, cz, dx, dy, dz) ax, ay, az, bx, by, bz, cx, cy, cz, ax, ay, az, cx, cy, cz, dx, dy, dz
+#define SIDE(ax, ay, az, bx, by, bz, cx, cy, cz, dx, dy, dz) \
+    ax, ay, az, bx, by, bz, cx, cy, cz, ax, ay, az, cx, cy, cz, dx, dy, dz
 static const float quad[] = { SIDE(-1, 0, -1, -1, 0, 1, 1, 0, 1, 1, 0, -1) };
 static const float quad_texcoords[] = { 0, 0, 0, 1, 1, 1, 0, 0, 1, 1, 1, 0 };
 static const float box[] = {  /* stands on the ground, has no bottom */
-    SIDE(-1, 2, -1, -1, 2, 1, 1, 2, 1, 1, 2, -1), SIDE(-1, 0, 1, 1, 0, 1, 1, 2, 1, -1, 2, 1), SIDE(1, 0, -1, -1, 0, -1, -1, 2, -1, 1, 2, -1),
+    SIDE(-1, 2, -1, -1, 2, 1, 1, 2, 1, 1, 2, -1), SIDE(-1, 0, 1, 1, 0, 1, 1, 2, 1, -1, 2, 1),
+        SIDE(1, 0, -1, -1, 0, -1, -1, 2, -1, 1, 2, -1),
     SIDE(1, 0, 1, 1, 0, -1, 1, 2, -1, 1, 2, 1), SIDE(-1, 0, -1, -1, 0, 1, -1, 2, 1, -1, 2, -1) };
 static float ball[4 * SLICES * (SLICES - 1) * 9];  /* its corners are its normals, too */
 
@@ -27,7 +30,8 @@ static void make_ball(void) {
     for (i = 0; i < SLICES; i++)
         for (j = 0; j < 2 * SLICES; j++)
             for (k = i < SLICES - 1 ? 0 : 3; k < (i ? 6 : 3); k++) {  /* at a pole there is one triangle, else two */
-                double polar = 4 * atan(1.0) * (i + corner[k][0]) / SLICES, turn = 4 * atan(1.0) * (j + corner[k][1]) / SLICES;
+                double polar = 4 * atan(1.0) * (i + corner[k][0]) / SLICES,
+                    turn = 4 * atan(1.0) * (j + corner[k][1]) / SLICES;
                 *to++ = (float)(sin(polar) * sin(turn));
                 *to++ = (float)cos(polar);
                 *to++ = (float)(sin(polar) * cos(turn));
@@ -36,18 +40,24 @@ static void make_ball(void) {
 
 enum { WHITE, RED, BLUE, LAMP, WARM, COLD, GLASS, MATERIALS };
 static const sbl_material materials[MATERIALS] = {
-    [WHITE] = { .albedo = { 0.7f, 0.7f, 0.7f } }, [RED] = { .albedo = { 0.7f, 0.25f, 0.15f } }, [BLUE] = { .albedo = { 0.2f, 0.35f, 0.65f } },
-    [LAMP] = { .emission = { 20, 18, 14 } }, [WARM] = { .emission = { 120, 70, 25 } }, [COLD] = { .emission = { 30, 60, 120 } },
+    [WHITE] = { .albedo = { 0.7f, 0.7f, 0.7f } }, [RED] = { .albedo = { 0.7f, 0.25f, 0.15f } },
+    [BLUE] = { .albedo = { 0.2f, 0.35f, 0.65f } },
+    [LAMP] = { .emission = { 20, 18, 14 } }, [WARM] = { .emission = { 120, 70, 25 } },
+    [COLD] = { .emission = { 30, 60, 120 } },
     [GLASS] = { .emission = { 40, 40, 40 }, .emission_texture = 1 } };
-static const unsigned char panes[PANES * 3] = { 255, 40, 20,  255, 220, 30,  30, 230, 60,  20, 90, 255,  200, 30, 220,  255, 255, 255 };
-static const sbl_texture window_picture = { .pixels = panes, .width = PANES, .height = 1, .channels = 3, .wrap = SBL_WRAP_CLAMP };
+static const unsigned char panes[PANES * 3] = { 255, 40, 20,  255, 220, 30,  30, 230, 60,  20, 90, 255,  200, 30, 220,
+    255, 255, 255 };
+static const sbl_texture window_picture = { .pixels = panes, .width = PANES, .height = 1, .channels = 3,
+    .wrap = SBL_WRAP_CLAMP };
 
 typedef struct world { sbl_mesh meshes[1024]; int count; } world;
 
 /* x, y, z: the middle of its foot, a ball's middle */
-static void add(world *w, const float *shape, int vertices, float x, float y, float z, float width, float height, float depth, int material) {
+static void add(world *w, const float *shape, int vertices, float x, float y, float z, float width, float height,
+                float depth, int material) {
     const sbl_mesh mesh = {
-        .positions = { .data = shape }, .normals = { .data = shape == ball ? ball : NULL }, .texcoords = { .data = shape == quad ? quad_texcoords : NULL },
+        .positions = { .data = shape }, .normals = { .data = shape == ball ? ball : NULL },
+        .texcoords = { .data = shape == quad ? quad_texcoords : NULL },
         .vertex_count = vertices, .material = material,
         .transform = { width / 2, 0, 0, 0,  0, height / 2, 0, 0,  0, 0, depth / 2, 0,  x, y, z, 1 } };
     w->meshes[w->count++] = mesh;
@@ -61,7 +71,9 @@ static void sunny(const float direction[3], float radiance[3], void *user) {
     const float towards = to_sun[0] * direction[0] + to_sun[1] * direction[1] + to_sun[2] * direction[2];
     int i;
     (void)user;
-    for (i = 0; i < 3; i++) radiance[i] = towards > 0.9998f ? 2200 - 300 * (float)i : sky[i] * (direction[1] > 0 ? 1 - 0.6f * direction[1] : 0.2f);
+    for (i = 0; i < 3; i++)
+        radiance[i] = towards > 0.9998f ? 2200 - 300 * (float)i : sky[i] *
+            (direction[1] > 0 ? 1 - 0.6f * direction[1] : 0.2f);
 }
 
 static const struct kind {
@@ -73,11 +85,14 @@ static const struct kind {
     { .name = "quad", .lamps = 1, .material = LAMP },
     { .name = "textured", .lamps = 1, .material = GLASS },
     { .name = "thousand_lamps", .lamps = 1000 },
-    { .name = "sphere", .light = { SBL_LIGHT_POINT, .intensity = { 22, 20, 16 }, .position = { -1, 3, 1.2f }, .radius = 0.35f } },
+    { .name = "sphere", .light = { SBL_LIGHT_POINT, .intensity = { 22, 20, 16 }, .position = { -1, 3, 1.2f },
+        .radius = 0.35f } },
     { .name = "point", .light = { SBL_LIGHT_POINT, .intensity = { 22, 20, 16 }, .position = { -1, 3, 1.2f } } },
-    { .name = "spot", .light = { SBL_LIGHT_SPOT, .intensity = { 40, 37, 30 }, .position = { -1.6f, 3.2f, 2 }, .direction = { 1.7f, -3, -2 },
+    { .name = "spot", .light = { SBL_LIGHT_SPOT, .intensity = { 40, 37, 30 }, .position = { -1.6f, 3.2f, 2 },
+        .direction = { 1.7f, -3, -2 },
                                  .cone = 50, .inner_cone = 40 } },
-    { .name = "sun", .light = { SBL_LIGHT_DIRECTIONAL, .intensity = { 3.2f, 3, 2.6f }, .direction = { 0.6f, -1, -0.5f }, .angle = 0.53f } },
+    { .name = "sun", .light = { SBL_LIGHT_DIRECTIONAL, .intensity = { 3.2f, 3, 2.6f }, .direction = { 0.6f, -1, -0.5f },
+        .angle = 0.53f } },
     { .name = "sky", .sky = sunny }
 };
 
@@ -91,7 +106,8 @@ static void furnish(world *w, const struct kind *k) {
     ADD(w, box, 1.6f, 0, 0, 0.01f, 1.1f, 2.2f, WHITE);  /* a hundredth thick */
     if (k->lamps == 1) ADD(w, quad, -1, 3, 1.2f, 1, 1, 1, k->material);
     for (i = 0; i < k->lamps && k->lamps > 1; i++)  /* a spiral of little ones */
-        ADD(w, quad, (float)(0.05 * sqrt(i) * cos(2.4 * i)), 1.9f, (float)(0.05 * sqrt(i) * sin(2.4 * i)), 0.014f, 1, 0.014f, i % 5 ? WARM : COLD);
+        ADD(w, quad, (float)(0.05 * sqrt(i) * cos(2.4 * i)), 1.9f, (float)(0.05 * sqrt(i) * sin(2.4 * i)), 0.014f, 1,
+            0.014f, i % 5 ? WARM : COLD);
 }
 
 /* ---- pictures ---- */
@@ -118,7 +134,8 @@ static int write_picture(const char *folder, const char *name, int height) {
 
 static int show_kind(sbl_context *context, const struct kind *k, const char *folder) {
     static world w;
-    sbl_scene_desc scene = { .meshes = w.meshes, .materials = materials, .material_count = MATERIALS, .textures = &window_picture, .texture_count = 1 };
+    sbl_scene_desc scene = { .meshes = w.meshes, .materials = materials, .material_count = MATERIALS,
+        .textures = &window_picture, .texture_count = 1 };
     sbl_picture_desc view = { .width = WIDTH, .height = HEIGHT };  /* all else: defaults */
     furnish(&w, k);
     scene.mesh_count = w.count;
@@ -130,7 +147,8 @@ static int show_kind(sbl_context *context, const struct kind *k, const char *fol
     if (!k->sky) scene.environment.picture.width = scene.environment.picture.height = 0;
     sbl_look_at(view.world_to_view, 0.6f, 2.6f, 6, 0.2f, 0.6f, 0, 0, 1, 0);
     sbl_perspective(view.view_to_clip, 36, (float)WIDTH / HEIGHT);
-    return sbl_set_scene(context, &scene) == SBL_SUCCESS && render(context, &view, k->name) && write_picture(folder, k->name, HEIGHT);
+    return sbl_set_scene(context, &scene) == SBL_SUCCESS && render(context, &view, k->name) &&
+        write_picture(folder, k->name, HEIGHT);
 }
 
 /* What the sensor of a pixel met, drawn below the picture (see sensor_disc.h); and a red square around the pixel. */
@@ -154,7 +172,11 @@ static int draw_inset(sbl_context *context, int number, int px, int py) {
 static int show_penumbra(sbl_context *context, sbl_preset preset, const char *folder) {
     static const char *const names[SBL_PRESET_COUNT] = { "penumbra_default", "penumbra_draft", "penumbra_high" };
     static world w;
-    sbl_scene_desc scene = { .meshes = w.meshes, .materials = materials, .material_count = MATERIALS, .textures = &window_picture, .texture_count = 1 };
+    sbl_scene_desc scene = { .meshes = w.meshes,
+                             .materials = materials,
+                             .material_count = MATERIALS,
+                             .textures = &window_picture,
+                             .texture_count = 1 };
     sbl_picture_desc view = { .width = WIDTH, .height = HEIGHT, .options.preset = preset, .samples = 4 };
     int i;
     view.options.rays = preset == SBL_PRESET_DRAFT ? 64 : preset == SBL_PRESET_HIGH ? 1024 : 256;  /* of each sensor */

@@ -5,9 +5,9 @@
        figure_11  number of sensors against the sensors' size, at the same three
        figure_12  noise: the picture with small sensors beside the one with large sensors
 
-   Each is written as .csv to the folder that the first argument names, figure 12 also as .png; scripts/plot_metrics draws
-   the others. --quick measures small pictures only, and all of them, however long that takes; otherwise measurements that
-   do not fit into five minutes are given up and said to be. */
+   Each is written as .csv to the folder that the first argument names, figure 12 also as .png; scripts/plot_metrics
+   draws the others. --quick measures small pictures only, and all of them, however long that takes; otherwise
+   measurements that do not fit into five minutes are given up and said to be. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"
 #include "cornell_box.h"
@@ -26,7 +26,8 @@ typedef struct plan {
 } plan;
 
 static const plan full_plan = {
-    280, 64, 12, { { 200, 200 }, { 300, 200 }, { 400, 300 }, { 500, 300 }, { 500, 400 }, { 600, 400 }, { 600, 500 }, { 700, 500 }, { 700, 600 },
+    280, 64, 12, { { 200, 200 }, { 300, 200 }, { 400, 300 }, { 500, 300 }, { 500, 400 }, { 600, 400 }, { 600, 500 },
+        { 700, 500 }, { 700, 600 },
                    { 800, 600 }, { 900, 700 }, { 1024, 768 } },
     6, { 8, 16, 32, 64, 128, 256 }, { { 120, 90 }, { 160, 120 }, { 200, 200 } }, 32, 200, 256 };
 static const plan quick_plan = {
@@ -70,14 +71,17 @@ static int measure(metrics *m, int width, int height, int sensor_size, sbl_stats
         if (result != SBL_SUCCESS) return FAILED;  /* sbl.h says what is wrong on stderr */
         if (run == 0 || latest.seconds.total < stats->seconds.total) *stats = latest;
     }
-    printf("  %dx%d, sensors of %d: %lld sensors, %.1f us each\n", width, height, sensor_size, (long long)stats->sensors.count, stats->sensors.microseconds);
+    printf("  %dx%d, sensors of %d: %lld sensors, %.1f us each\n", width, height, sensor_size,
+           (long long)stats->sensors.count, stats->sensors.microseconds);
     fflush(stdout);
     return MEASURED;
 }
 
 /* ---- files */
 
-static void path_make(const metrics *m, char path[1024], const char *name) { snprintf(path, 1024, "%s/%s", m->folder, name); }
+static void path_make(const metrics *m, char path[1024], const char *name) {
+    snprintf(path, 1024, "%s/%s", m->folder, name);
+}
 
 static FILE *csv_open(const metrics *m, const char *name, const char *columns) {
     char path[1024];
@@ -114,7 +118,8 @@ static int table_1(metrics *m) {
         int width = m->plan->table[i][0], height = m->plan->table[i][1];
         outcome = measure(m, width, height, size, &stats);
         if (outcome != MEASURED) break;
-        fprintf(csv, "%d,%d,%d,%lld,%.3f\n", width, height, size, (long long)stats.sensors.count, stats.sensors.microseconds);
+        fprintf(csv, "%d,%d,%d,%lld,%.3f\n", width, height, size, (long long)stats.sensors.count,
+                stats.sensors.microseconds);
     }
     return csv_close(csv, "table_1.csv") && outcome != FAILED;
 }
@@ -138,8 +143,8 @@ static int figures_10_and_11(metrics *m) {
     return ok && outcome != FAILED;
 }
 
-/* How much the radiance map jumps from pixel to pixel within one surface, as a share of its mean. Shadows' edges count too, but alike for
-   all sizes. */
+/* How much the radiance map jumps from pixel to pixel within one surface, as a share of its mean. Shadows' edges count
+   too, but alike for all sizes. */
 static double roughness(const float *radiance, const float *id, int size) {
     double jumps = 0, sum = 0;
     int pairs = 0, x, y;
@@ -158,7 +163,8 @@ static int figure_12(metrics *m) {
     int side = m->plan->noise_resolution, gap = 4, width = 2 * side + gap, i, y, ok = 1, outcome = MEASURED;
     size_t pixels = (size_t)side * (size_t)side;
     unsigned char *sheet = (unsigned char *)calloc((size_t)width * (size_t)side, 3);
-    float *values = (float *)malloc(pixels * 7 * sizeof(float)), *picture = values, *radiance = values + 3 * pixels, *id = values + 6 * pixels;
+    float *values = (float *)malloc(pixels * 7 * sizeof(float)), *picture = values, *radiance = values + 3 * pixels,
+        *id = values + 6 * pixels;
     FILE *csv = csv_open(m, "figure_12.csv", "sensor_size,sensors,roughness");
     sbl_stats stats;
     if (!sheet || !values) fprintf(stderr, "paper_metrics: out of memory\n");
@@ -175,7 +181,8 @@ static int figure_12(metrics *m) {
         for (y = 0; y < side; y++)
             sbl_encode_srgb8(sheet + 3 * (y * width + i * (side + gap)), picture + 3 * y * side, (size_t)(3 * side), 1);
     }
-    ok = csv && csv_close(csv, "figure_12.csv") && ok && sheet && values && outcome != FAILED && png_write(m, "figure_12.png", width, side, sheet);
+    ok = csv && csv_close(csv, "figure_12.csv") && ok && sheet && values && outcome != FAILED &&
+        png_write(m, "figure_12.png", width, side, sheet);
     free(sheet);
     free(values);
     return ok;
@@ -193,7 +200,8 @@ int main(int argc, char **argv) {
     if (sbl_create(headless("paper_metrics"), &m.context) != SBL_SUCCESS) return 1;
     m.start = time(NULL);
     printf("on %s\nwarming up\n", sbl_query_capabilities(m.context).renderer);
-    ok = sbl_set_scene(m.context, cornell_box_make(&box)) == SBL_SUCCESS && measure(&m, 64, 64, 16, &stats) == MEASURED &&
+    ok = sbl_set_scene(m.context, cornell_box_make(&box)) == SBL_SUCCESS && measure(&m, 64, 64, 16, &stats) ==
+        MEASURED &&
          table_1(&m) && figure_12(&m) && figures_10_and_11(&m);
     sbl_destroy(m.context);
     return !ok;

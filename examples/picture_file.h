@@ -1,5 +1,6 @@
-/* Pictures of floats as files: .png (8-bit sRGB, each channel made visible), .pfm and .exr (32-bit float, linear; .exr needs
-   OpenEXR: define SBL_RENDER_OPENEXR). Include after sbl.h, with _DEFAULT_SOURCE defined before the first header; stb_image_write.h comes with it. */
+/* Pictures of floats as files: .png (8-bit sRGB, each channel made visible), .pfm and .exr (32-bit float, linear; .exr
+   needs OpenEXR: define SBL_RENDER_OPENEXR). Include after sbl.h, with _DEFAULT_SOURCE defined before the first header;
+   stb_image_write.h comes with it. */
 #ifndef PICTURE_FILE_H
 #define PICTURE_FILE_H
 
@@ -18,11 +19,13 @@
 
 typedef struct image { int width, height, components; float *values; } image;  /* top row first */
 
-static unsigned char to_byte(double x) { return (unsigned char)(255 * (x > 0 ? x < 1 ? x : 1 : 0) + 0.5); }  /* 0 for NaN */
+/* 0 for NaN */
+static unsigned char to_byte(double x) { return (unsigned char)(255 * (x > 0 ? x < 1 ? x : 1 : 0) + 0.5); }
 
 static void hue(double h, unsigned char *out) {
     int k;
-    for (k = 0; k < 3; k++) out[k] = to_byte(fabs(fmod(h * 6 + 4 * ((k * 2) % 3) / 2.0, 6) - 3) - 1);  /* h in 0..1: red, green, blue, red */
+    /* h in 0..1: red, green, blue, red */
+    for (k = 0; k < 3; k++) out[k] = to_byte(fabs(fmod(h * 6 + 4 * ((k * 2) % 3) / 2.0, 6) - 3) - 1);
 }
 
 /* The picture's three bytes a pixel; each channel so that its values can be told apart. */
@@ -58,7 +61,8 @@ static unsigned char *make_visible(const image *in, sbl_channel channel, double 
                     break;
                 case SBL_CHANNEL_ALBEDO: sbl_encode_srgb8(to + k, v + c, 1, 1); break;
                 case SBL_CHANNEL_NORMAL: to[k] = surface ? to_byte(0.5 + 0.5 * x) : 0; break;
-                case SBL_CHANNEL_POSITION: to[k] = surface ? to_byte(high[c] > low[c] ? (x - low[c]) / (high[c] - low[c]) : 0.5) : 0; break;
+                case SBL_CHANNEL_POSITION: to[k] = surface ? to_byte(high[c] > low[c] ? (x - low[c]) /
+                                                                     (high[c] - low[c]) : 0.5) : 0; break;
                 case SBL_CHANNEL_DEPTH:
                     to[k] = surface ? to_byte(high[0] > low[0] ? 1 - 0.9 * (x - low[0]) / (high[0] - low[0]) : 1) : 0;
                     break;
@@ -67,7 +71,8 @@ static unsigned char *make_visible(const image *in, sbl_channel channel, double 
         }
         /* Golden ratio steps keep neighbouring ids apart. */
         if (channel == SBL_CHANNEL_ID && surface) hue(fmod((double)v[0] * 0.6180339887498949, 1), to);
-        if (channel == SBL_CHANNEL_SENSORS && surface) hue(high[0] > 1 ? (1 - ((double)v[0] - 1) / (high[0] - 1)) * 2 / 3 : 2.0 / 3, to);
+        if (channel == SBL_CHANNEL_SENSORS && surface)
+            hue(high[0] > 1 ? (1 - ((double)v[0] - 1) / (high[0] - 1)) * 2 / 3 : 2.0 / 3, to);
     }
     return out;
 }
@@ -88,7 +93,8 @@ static int write_pfm(FILE *out, const image *picture) {
     fprintf(out, "PF\n%d %d\n-1.0\n", picture->width, picture->height);  /* negative: little-endian */
     for (y = picture->height - 1; y >= 0; y--)  /* bottom row first */
         for (x = 0; x < picture->width; x++) {
-            const float *v = picture->values + ((size_t)y * (size_t)picture->width + (size_t)x) * (size_t)picture->components;
+            const float *v = picture->values + ((size_t)y * (size_t)picture->width + (size_t)x) *
+                (size_t)picture->components;
             unsigned char bytes[12];
             for (k = 0; k < 3; k++) {
                 uint32_t bits;
@@ -102,7 +108,11 @@ static int write_pfm(FILE *out, const image *picture) {
 }
 
 #ifdef SBL_RENDER_OPENEXR
-static void on_exr_error(exr_const_context_t context, exr_result_t code, const char *message) { (void)context; (void)code; (void)message; }
+static void on_exr_error(exr_const_context_t context, exr_result_t code, const char *message) {
+    (void)context;
+    (void)code;
+    (void)message;
+}
 
 /* OpenEXR comes back to what it wrote. */
 static int64_t write_exr_bytes(exr_const_context_t context, void *user, const void *data, uint64_t size,
@@ -133,21 +143,25 @@ static int write_exr(FILE *out, const image *picture) {
     result = exr_start_write(&context, "picture.exr", EXR_WRITE_FILE_DIRECTLY, &settings);
     if (result == EXR_ERR_SUCCESS) result = exr_add_part(context, "picture", EXR_STORAGE_SCANLINE, &part);
     if (result == EXR_ERR_SUCCESS)
-        result = exr_initialize_required_attr_simple(context, part, picture->width, picture->height, EXR_COMPRESSION_ZIP);
+        result = exr_initialize_required_attr_simple(context, part, picture->width, picture->height,
+                                                     EXR_COMPRESSION_ZIP);
     for (k = 0; k < picture->components && result == EXR_ERR_SUCCESS; k++)
-        result = exr_add_channel(context, part, names[picture->components == 3][k], EXR_PIXEL_FLOAT, EXR_PERCEPTUALLY_LINEAR, 1, 1);
+        result = exr_add_channel(context, part, names[picture->components == 3][k], EXR_PIXEL_FLOAT,
+                                 EXR_PERCEPTUALLY_LINEAR, 1, 1);
     if (result == EXR_ERR_SUCCESS) result = exr_write_header(context);
     if (result == EXR_ERR_SUCCESS) result = exr_get_scanlines_per_chunk(context, part, &rows);
     for (y = 0; y < picture->height && result == EXR_ERR_SUCCESS; y += rows) {
         result = exr_write_scanline_chunk_info(context, part, y, &chunk);
         if (result == EXR_ERR_SUCCESS)
             result =
-                begun ? exr_encoding_update(context, part, &chunk, &encoder) : exr_encoding_initialize(context, part, &chunk, &encoder);
+                begun ? exr_encoding_update(context, part, &chunk, &encoder)
+                    : exr_encoding_initialize(context, part, &chunk, &encoder);
         for (k = 0; k < picture->components && result == EXR_ERR_SUCCESS; k++) {
             exr_coding_channel_info_t *channel = &encoder.channels[k];  /* in the order of their names */
             int component = channel->channel_name[0] == 'G' ? 1 : channel->channel_name[0] == 'B' ? 2 : 0;
             channel->encode_from_ptr =
-                (const uint8_t *)(picture->values + (size_t)y * (size_t)picture->width * (size_t)picture->components + component);
+                (const uint8_t *)(picture->values + (size_t)y * (size_t)picture->width * (size_t)picture->components +
+                                  component);
             channel->user_bytes_per_element = 4;
             channel->user_data_type = EXR_PIXEL_FLOAT;
             channel->user_pixel_stride = 4 * picture->components;
@@ -173,7 +187,8 @@ static inline int picture_write(FILE *out, const char *name, const image *pictur
     return write_pfm(out, picture);
 }
 
-static inline sbl_result picture_read(sbl_context *context, int width, int height, sbl_channel channel, image *picture) {
+static inline sbl_result picture_read(sbl_context *context, int width, int height, sbl_channel channel,
+                                      image *picture) {
     size_t count;
     picture->width = width;
     picture->height = height;

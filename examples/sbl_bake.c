@@ -1,4 +1,5 @@
-/* Demonstrates a baking tool on top of sbl.h: reads a scene file, bakes its light and writes it for engines and viewers. `sbl_bake --help` says how. */
+/* Demonstrates a baking tool on top of sbl.h: reads a scene file, bakes its light and writes it for engines and
+   viewers. `sbl_bake --help` says how. */
 #define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
@@ -22,77 +23,114 @@ static struct options {
 } options;
 
 enum {
-    OUTPUT = COMMON_OPTIONS, LIGHTMAP, GUTTER, DIRECTIONAL, SUPERSAMPLE, TARGET_ERROR, VERTICES, AVERAGE, SAMPLES, SMOOTHING, PROBES, MOVE, OPTION_COUNT
+    OUTPUT = COMMON_OPTIONS,
+    LIGHTMAP,
+    GUTTER,
+    DIRECTIONAL,
+    SUPERSAMPLE,
+    TARGET_ERROR,
+    VERTICES,
+    AVERAGE,
+    SAMPLES,
+    SMOOTHING,
+    PROBES,
+    MOVE,
+    OPTION_COUNT
 };
 
 static const tool_option table[OPTION_COUNT] = {
     COMMON_ROWS,
-    [OUTPUT]   = { "--output", "PATH", TEXT, &common.output, 0, 0, 0,
-                   "also -o; a file; for --lightmap a folder, which is created if it does not exist"},
+    [OUTPUT] = { "--output", "PATH", TEXT, &common.output, 0, 0, 0,
+                 "also -o; a file; for --lightmap a folder, which is created if it does not exist" },
     [LIGHTMAP] = { "--lightmap", "N", INTEGERS, &options.lightmap, 1, 1, 16384,
-                   "bakes all meshes that have second texture coordinates (TEXCOORD_1; scripts/unwrap makes them) into one map\n"
+                   "bakes all meshes that have second texture coordinates (TEXCOORD_1; scripts/unwrap makes them) into "
+                   "one map\n"
                    "of N x N texels, and writes into the folder PATH:\n"
-                   "lightmap.pfm, lightmap.exr    R (irradiance / pi) of each texel, linear; 0 where there is no surface\n"
-                   "atlas.pfm, atlas.exr          the same, continued into the gutters, for bilinear sampling and mip maps\n"
+                   "lightmap.pfm, lightmap.exr    R (irradiance / pi) of each texel, linear; 0 where there is no "
+                   "surface\n"
+                   "atlas.pfm, atlas.exr          the same, continued into the gutters, for bilinear sampling and mip "
+                   "maps\n"
                    "atlas.png                     atlas in 8-bit sRGB, scaled as scene.gltf says\n"
-                   "scene.gltf, scene.bin, texture_*.png   the scene; the extension MOZ_lightmap of each material refers to\n"
-                   "                              atlas.png: irradiance is intensity * texture; R is that divided by pi\n"
-                   "overlap.png                   only if charts overlap: red shows where"},
-    [GUTTER]   = { "--gutter", "TEXELS", INTEGERS, &options.gutter, 1, 0, 16384,
-                   "continues atlas this far beyond the charts; default 16"},
+                   "scene.gltf, scene.bin, texture_*.png   the scene; the extension MOZ_lightmap of each material "
+                   "refers to\n"
+                   "                              atlas.png: irradiance is intensity * texture; R is that divided by "
+                   "pi\n"
+                   "overlap.png                   only if charts overlap: red shows where" },
+    [GUTTER] = { "--gutter", "TEXELS", INTEGERS, &options.gutter, 1, 0, 16384,
+                 "continues atlas this far beyond the charts; default 16" },
     [DIRECTIONAL] = { "--directional", NULL, FLAG, NULL, 0, 0, 0,
-                   "with --lightmap: also writes the directions of light, for normal maps: sh_0 to sh_3 (.pfm, .exr), the\n"
-                   "radiance over the hemisphere of each texel in the real orthonormal spherical harmonics 1, y, z, x, continued\n"
-                   "like atlas"},
+                      "with --lightmap: also writes the directions of light, for normal maps: sh_0 to sh_3 (.pfm, "
+                      ".exr), the\n"
+                      "radiance over the hemisphere of each texel in the real orthonormal spherical harmonics 1, y, z, "
+                      "x, continued\n"
+                      "like atlas" },
     [SUPERSAMPLE] = { "--supersample", "N", INTEGERS, &options.supersample, 1, 1, 8,
-                   "with --lightmap: measures N x N places in each texel and takes their mean, for shadows finer than texels;\n"
-                   "default 1"},
+                      "with --lightmap: measures N x N places in each texel and takes their mean, for shadows finer "
+                      "than texels;\n"
+                      "default 1" },
     [TARGET_ERROR] = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,
-                   "with --lightmap: target error of R, such as 2% or 0.02: root mean square over the map, divided by its mean;\n"
-                   "default 2%, 0.5%, 0.25% by preset; with the default, a sensor uses at most 512, 1024, 2048 rays",
-                   .synonym = "--error" },
+                       "with --lightmap: target error of R, such as 2% or 0.02: root mean square over the map, divided "
+                       "by its mean;\n"
+                       "default 2%, 0.5%, 0.25% by preset; with the default, a sensor uses at most 512, 1024, 2048 "
+                       "rays",
+                       .synonym = "--error" },
     [VERTICES] = { "--vertices", NULL, FLAG, NULL, 0, 0, 0,
-                   "bakes light at the vertices of all meshes, by least squares over their triangles, and writes PATH.ply\n"
-                   "(binary: x y z nx ny nz in the world, radiance_r radiance_g radiance_b, which is R, and the faces) or PATH.gltf\n"
-                   "(with a .bin and texture_*.png beside it; vertex attribute _RADIANCE)"},
-    [AVERAGE]  = { "--average", NULL, FLAG, NULL, 0, 0, 0,
-                   "with --vertices: takes the mean around each vertex instead of least squares; this is smoother, but wrong where\n"
-                   "triangles are large"},
-    [SAMPLES]  = { "--samples", "N", INTEGERS, &options.samples, 1, 1, 1024,
-                   "with --vertices: points on a triangle of mean area; default 4, 8, 16 by preset"},
+                   "bakes light at the vertices of all meshes, by least squares over their triangles, and writes "
+                   "PATH.ply\n"
+                   "(binary: x y z nx ny nz in the world, radiance_r radiance_g radiance_b, which is R, and the faces) "
+                   "or PATH.gltf\n"
+                   "(with a .bin and texture_*.png beside it; vertex attribute _RADIANCE)" },
+    [AVERAGE] = { "--average", NULL, FLAG, NULL, 0, 0, 0,
+                  "with --vertices: takes the mean around each vertex instead of least squares; this is smoother, but "
+                  "wrong where\n"
+                  "triangles are large" },
+    [SAMPLES] = { "--samples", "N", INTEGERS, &options.samples, 1, 1, 1024,
+                  "with --vertices: points on a triangle of mean area; default 4, 8, 16 by preset" },
     [SMOOTHING] = { "--smoothing", "S", NUMBERS, &options.smoothing, 1, 0, 1e6,
-                   "with --vertices: weight that keeps the slope of light equal across edges; 0 turns it off; default 0.02"},
-    [PROBES]   = { "--probes", "NXxNYxNZ|FILE", SIZES, options.grid, 3, 1, 4096,
-                   "bakes light at points in the air, and writes PATH.json. The points are the centres of the cells of a grid over\n"
-                   "the bounds of the scene, x fastest, or the points of a text FILE.txt with three numbers on each line. Each has a\n"
-                   "position; valid (false inside something); sh: radiance in nine real orthonormal spherical harmonics, rgb each, in\n"
-                   "the order 1, y, z, x, xy, yz, 3z2-1, xz, x2-y2; cube: R towards +x -x +y -y +z -z; sky: the share of directions\n"
-                   "that see the sky; distance, distance_squared: means towards the octants (see sbl_probe in sbl.h); back_share", NULL, &options.positions },
-    [MOVE]     = { "--move", "DISTANCE", NUMBERS, &options.move, 1, 0, 1e18,
-                   "the largest distance that a probe may be moved to get out of something; default 0"},
+                    "with --vertices: weight that keeps the slope of light equal across edges; 0 turns it off; default "
+                    "0.02" },
+    [PROBES] = { "--probes", "NXxNYxNZ|FILE", SIZES, options.grid, 3, 1, 4096,
+                 "bakes light at points in the air, and writes PATH.json. The points are the centres of the cells of a "
+                 "grid over\n"
+                 "the bounds of the scene, x fastest, or the points of a text FILE.txt with three numbers on each "
+                 "line. Each has a\n"
+                 "position; valid (false inside something); sh: radiance in nine real orthonormal spherical harmonics, "
+                 "rgb each, in\n"
+                 "the order 1, y, z, x, xy, yz, 3z2-1, xz, x2-y2; cube: R towards +x -x +y -y +z -z; sky: the share of "
+                 "directions\n"
+                 "that see the sky; distance, distance_squared: means towards the octants (see sbl_probe in sbl.h); "
+                 "back_share",
+                 NULL, &options.positions },
+    [MOVE] = { "--move", "DISTANCE", NUMBERS, &options.move, 1, 0, 1e18,
+               "the largest distance that a probe may be moved to get out of something; default 0" },
 };
 static int given[OPTION_COUNT];
 
 static void print_help(void) {
-    printf("usage: sbl_bake SCENE --lightmap N -o FOLDER [options]\n"
-           "       sbl_bake SCENE --vertices -o FILE.ply|FILE.gltf [options]\n"
-           "       sbl_bake SCENE --probes NXxNYxNZ|FILE -o FILE.json [options]\n\n"
-           "Bakes the light of a scene file by sensor based lighting.\n"
-           "SCENE: .obj .gltf .glb, and other formats that assimp reads; --lightmap needs second texture coordinates\n\n");
+    printf(
+        "usage: sbl_bake SCENE --lightmap N -o FOLDER [options]\n"
+        "       sbl_bake SCENE --vertices -o FILE.ply|FILE.gltf [options]\n"
+        "       sbl_bake SCENE --probes NXxNYxNZ|FILE -o FILE.json [options]\n\n"
+        "Bakes the light of a scene file by sensor based lighting.\n"
+        "SCENE: .obj .gltf .glb, and other formats that assimp reads; --lightmap needs second texture coordinates\n\n");
     tool_print_options(table + COMMON_OPTIONS, OPTION_COUNT - COMMON_OPTIONS);
     tool_print_options(table, COMMON_OPTIONS);
     printf("\nMaterials and lights are read as by sbl_render. If a mesh is used several times, all uses have the same\n"
            "coordinates and overlap in a lightmap; scripts/unwrap makes each use a mesh of its own.\n"
-           "\nEach file is written completely or not at all. Ctrl-C, SIGTERM and SIGHUP save the lightmap so far, if there is\n"
+           "\nEach file is written completely or not at all. Ctrl-C, SIGTERM and SIGHUP save the lightmap so far, if "
+           "there is\n"
            "any, in FOLDER/lightmap.partial.pfm; a second signal ends the program at once.\n"
-           "\nExit status: 0 success; 1 failure, with one line on stderr; 2 wrong usage; interrupted: 130 by SIGINT, 143 by\n"
+           "\nExit status: 0 success; 1 failure, with one line on stderr; 2 wrong usage; interrupted: 130 by SIGINT, "
+           "143 by\n"
            "SIGTERM, 129 by SIGHUP.\n");
 }
 
 static int ends_with(const char *path, const char *ending) { return scene__ends_with(path, ending); }
 
 static int parse(int argc, char **argv) {
-    static const int of_lightmaps[] = { GUTTER, DIRECTIONAL, SUPERSAMPLE, TARGET_ERROR, TILE, THRESHOLD, FILTER_RADIUS };
+    static const int of_lightmaps[] = {
+        GUTTER, DIRECTIONAL, SUPERSAMPLE, TARGET_ERROR, TILE, THRESHOLD, FILTER_RADIUS
+    };
     static const int of_vertices[] = { AVERAGE, SAMPLES, SMOOTHING };
     int i;
     const tool_command command = { argc, argv, table, OPTION_COUNT, given, &common.scene, 1 };
@@ -102,15 +140,18 @@ static int parse(int argc, char **argv) {
     if (status != DONE) return status;
     if (given[LIGHTMAP] + given[VERTICES] + given[PROBES] != 1)
         return misuse("give one of --lightmap, --vertices and --probes: what is to be baked; see --help");
-    if (!common.output) return misuse("--output is missing: %s", given[LIGHTMAP] ? "the folder to write to" : "the file to write");
+    if (!common.output)
+        return misuse("--output is missing: %s", given[LIGHTMAP] ? "the folder to write to" : "the file to write");
     for (i = 0; i < (int)(sizeof of_lightmaps / sizeof *of_lightmaps); i++)
-        if (given[of_lightmaps[i]] && !given[LIGHTMAP]) return misuse("%s needs --lightmap", table[of_lightmaps[i]].name);
+        if (given[of_lightmaps[i]] && !given[LIGHTMAP])
+            return misuse("%s needs --lightmap", table[of_lightmaps[i]].name);
     for (i = 0; i < (int)(sizeof of_vertices / sizeof *of_vertices); i++)
         if (given[of_vertices[i]] && !given[VERTICES]) return misuse("%s needs --vertices", table[of_vertices[i]].name);
     if (given[MOVE] && !given[PROBES]) return misuse("--move needs --probes");
     if (given[VERTICES] && !ends_with(common.output, ".ply") && !ends_with(common.output, ".gltf"))
         return misuse("--output %s: the name must end in .ply or .gltf", common.output);
-    if (given[PROBES] && !ends_with(common.output, ".json")) return misuse("--output %s: the name must end in .json", common.output);
+    if (given[PROBES] && !ends_with(common.output, ".json"))
+        return misuse("--output %s: the name must end in .json", common.output);
     if (common_mode(given) == SBL_MODE_PAPER) return misuse("--mode paper: it is for pictures; choose another --mode");
     common.input = options.positions;
     return DONE;
@@ -127,7 +168,8 @@ enum {
 };
 
 static const char *const names[TEXTURES] = {
-    [R_PFM] = "lightmap.pfm", [ATLAS_PFM] = "atlas.pfm", [ATLAS_PNG] = "atlas.png", [GLTF] = "scene.gltf", [BIN] = "scene.bin",
+    [R_PFM] = "lightmap.pfm", [ATLAS_PFM] = "atlas.pfm", [ATLAS_PNG] = "atlas.png", [GLTF] = "scene.gltf",
+    [BIN] = "scene.bin",
     [SH_PFM] = "sh_0.pfm", "sh_1.pfm", "sh_2.pfm", "sh_3.pfm",
 #ifdef SBL_RENDER_OPENEXR
     [R_EXR] = "lightmap.exr", [ATLAS_EXR] = "atlas.exr", [SH_EXR] = "sh_0.exr", "sh_1.exr", "sh_2.exr", "sh_3.exr",
@@ -149,7 +191,8 @@ static int target_add(int number, size_t folder, const char *name) {
 static int find_files(void) {
     struct stat info;
     int i, status = DONE;
-    if (stat(common.output, &info) == 0 && !S_ISDIR(info.st_mode)) return misuse("--output %s: it is no folder; give another name", common.output);
+    if (stat(common.output, &info) == 0 && !S_ISDIR(info.st_mode))
+        return misuse("--output %s: it is no folder; give another name", common.output);
     if (stat(common.output, &info) != 0 && mkdir(common.output, 0777) != 0)
         return fail("%s: cannot be made: %s; give another folder", common.output, strerror(errno));
     targets_begin();
@@ -161,7 +204,8 @@ static int find_files(void) {
 static int find_textures(const scene_file *file, int first, size_t folder) {
     int i, status = DONE;
     if (file->scene.texture_count > TARGETS_MOST - first)
-        return fail("%s: it has %d textures; this tool writes at most %d", common.scene, file->scene.texture_count, TARGETS_MOST - first);
+        return fail("%s: it has %d textures; this tool writes at most %d", common.scene, file->scene.texture_count,
+                    TARGETS_MOST - first);
     for (i = 0; i < file->scene.texture_count && status == DONE; i++) {
         char name[GLTF_NAME];
         gltf_texture_name(name, i);
@@ -173,7 +217,8 @@ static int find_textures(const scene_file *file, int first, size_t folder) {
 static int find_more_files(const scene_file *file) {
     int i, mapped = 0;
     for (i = 0; i < file->scene.mesh_count; i++) mapped += file->scene.meshes[i].lightmap_texcoords.data != NULL;
-    if (!mapped) return fail("%s: no mesh has second texture coordinates (TEXCOORD_1); scripts/unwrap makes them", common.scene);
+    if (!mapped)
+        return fail("%s: no mesh has second texture coordinates (TEXCOORD_1); scripts/unwrap makes them", common.scene);
     return find_textures(file, TEXTURES, strlen(common.output));
 }
 
@@ -205,7 +250,9 @@ static int write_atlas_png(FILE *out, const void *what) {
     const lightmap *l = (const lightmap *)what;
     return write_png(out, &l->atlas, SBL_CHANNEL_FINAL, log(atan(1.0) * 4 / l->intensity) / log(2.0));
 }
-static int write_overlap(FILE *out, const void *what) { return write_png(out, &((const lightmap *)what)->overlap, SBL_CHANNEL_ALBEDO, 0); }
+static int write_overlap(FILE *out, const void *what) {
+    return write_png(out, &((const lightmap *)what)->overlap, SBL_CHANNEL_ALBEDO, 0);
+}
 static int write_scene(FILE *out, const void *what) { return gltf_write_json(out, &((const lightmap *)what)->gltf); }
 static int write_scene_bin(FILE *out, const void *what) { return gltf_write_bin(out, &((const lightmap *)what)->gltf); }
 static int write_texture(FILE *out, const void *what) {
@@ -218,7 +265,8 @@ static int compare_floats(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* What 8 bits are best spent on: all but the brightest thousandth, and no more than eight times the mean. 0: no memory is left. */
+/* What 8 bits are best spent on: all but the brightest thousandth, and no more than eight times the mean. 0: no memory
+   is left. */
 static double bright(const image *light) {
     const size_t texels = (size_t)light->width * (size_t)light->height;
     float *most = (float *)malloc(texels * sizeof *most);
@@ -285,10 +333,12 @@ static int harmonic_of(int target) {
 static int keep_lightmap(lightmap *l) {
     static const struct { int target; target_writer write; } files[] = {
         { R_PFM, write_light_pfm }, { ATLAS_PFM, write_atlas_pfm }, { ATLAS_PNG, write_atlas_png },
-        { SH_PFM, write_harmonic_pfm }, { SH_PFM + 1, write_harmonic_pfm }, { SH_PFM + 2, write_harmonic_pfm }, { SH_PFM + 3, write_harmonic_pfm },
+        { SH_PFM, write_harmonic_pfm }, { SH_PFM + 1, write_harmonic_pfm }, { SH_PFM + 2, write_harmonic_pfm },
+        { SH_PFM + 3, write_harmonic_pfm },
 #ifdef SBL_RENDER_OPENEXR
         { R_EXR, write_light_exr }, { ATLAS_EXR, write_atlas_exr },
-        { SH_EXR, write_harmonic_exr }, { SH_EXR + 1, write_harmonic_exr }, { SH_EXR + 2, write_harmonic_exr }, { SH_EXR + 3, write_harmonic_exr },
+        { SH_EXR, write_harmonic_exr }, { SH_EXR + 1, write_harmonic_exr }, { SH_EXR + 2, write_harmonic_exr },
+        { SH_EXR + 3, write_harmonic_exr },
 #endif
         { OVERLAP, write_overlap }, { BIN, write_scene_bin }, { GLTF, write_scene }
     };
@@ -346,13 +396,15 @@ static int bake_lightmap(const tool_task *task, double *seconds) {
         result = read_light(context, &l, desc.width);
         if (result == SBL_UNFINISHED) status = stop("there is no light yet");
         else if (result == SBL_SUCCESS && target_write(&targets[PARTIAL], write_light_pfm, &l, 1))
-            status = stop("the light so far (%.0f %%) is in %s", floor(100 * (double)sbl_progress(context)), targets[PARTIAL].name);
+            status = stop("the light so far (%.0f %%) is in %s", floor(100 * (double)sbl_progress(context)),
+                          targets[PARTIAL].name);
         else status = stop("the light so far cannot be written to %s: %s", targets[PARTIAL].name, why_not_written());
     } else {
         if (result == SBL_SUCCESS) result = read_light(context, &l, desc.width);
         if (result == SBL_SUCCESS) result = picture_read(context, desc.width, desc.height, SBL_CHANNEL_FINAL, &l.atlas);
         for (i = 0; i < 4 && given[DIRECTIONAL] && result == SBL_SUCCESS; i++)
-            result = picture_read(context, desc.width, desc.height, (sbl_channel)(SBL_CHANNEL_SH_0 + i), &l.harmonics[i]);
+            result = picture_read(context, desc.width, desc.height, (sbl_channel)(SBL_CHANNEL_SH_0 + i),
+                                  &l.harmonics[i]);
         if (result == SBL_SUCCESS) result = read_overlap(context, &l, desc.width);
         l.intensity = result == SBL_SUCCESS ? atan(1.0) * 4 * bright(&l.light) : 0;
         l.gltf.scene = &task->file->scene;
@@ -414,7 +466,8 @@ static void transform_point(const float m[16], const float *p, double out[3]) {
     int k, moved = 0;
     for (k = 0; k < 16; k++) moved |= m[k] != 0.0f;
     for (k = 0; k < 3; k++)
-        out[k] = !moved ? (double)p[k] : (double)m[k] * (double)p[0] + (double)m[4 + k] * (double)p[1] + (double)m[8 + k] * (double)p[2] + (double)m[12 + k];
+        out[k] = !moved ? (double)p[k] : (double)m[k] * (double)p[0] + (double)m[4 + k] * (double)p[1] +
+            (double)m[8 + k] * (double)p[2] + (double)m[12 + k];
 }
 
 static void add_cross(const double a[3], const double b[3], double scale, double out[3]) {
@@ -432,7 +485,8 @@ static void transform_normal(const float m[16], const float *n, double out[3]) {
     for (i = 0; i < 3; i++) add_cross(column[(i + 1) % 3], column[(i + 2) % 3], (double)n[i], normal);
     add_cross(column[1], column[2], 1, determinant);
     for (k = 0; k < 3; k++)
-        out[k] = normal[k] * (determinant[0] * column[0][0] + determinant[1] * column[0][1] + determinant[2] * column[0][2] < 0 ? -1 : 1);
+        out[k] = normal[k] * (determinant[0] * column[0][0] + determinant[1] * column[0][1] + determinant[2] *
+                              column[0][2] < 0 ? -1 : 1);
 }
 
 /* Three world coordinates a vertex: the file's normals, or the mean of the triangles'. NULL: no memory is left. */
@@ -441,9 +495,11 @@ static double *normals_of(const sbl_mesh *m) {
     const uint32_t *indices = (const uint32_t *)m->indices.data;
     double *out = (double *)calloc(3 * (size_t)m->vertex_count + 1, sizeof *out), corners[3][3], a[3], b[3];
     int i, k, corner;
-    for (i = 0; out && normals && i < m->vertex_count; i++) transform_normal(m->transform, normals + 3 * (size_t)i, out + 3 * (size_t)i);
+    for (i = 0; out && normals && i < m->vertex_count; i++)
+        transform_normal(m->transform, normals + 3 * (size_t)i, out + 3 * (size_t)i);
     for (i = 0; out && !normals && i < m->index_count; i += 3) {
-        for (corner = 0; corner < 3; corner++) transform_point(m->transform, positions + 3 * (size_t)indices[i + corner], corners[corner]);
+        for (corner = 0; corner < 3; corner++)
+            transform_point(m->transform, positions + 3 * (size_t)indices[i + corner], corners[corner]);
         for (k = 0; k < 3; k++) { a[k] = corners[1][k] - corners[0][k]; b[k] = corners[2][k] - corners[0][k]; }
         for (corner = 0; corner < 3; corner++) add_cross(a, b, 1, out + 3 * (size_t)indices[i + corner]);
     }
@@ -463,13 +519,15 @@ static void put_float(FILE *out, double number) {
 }
 
 static int write_ply(FILE *out, const void *what) {
-    static const char *const names_of[9] = { "x", "y", "z", "nx", "ny", "nz", "radiance_r", "radiance_g", "radiance_b" };
+    static const char *const names_of[9] = { "x", "y", "z", "nx", "ny", "nz", "radiance_r", "radiance_g",
+        "radiance_b" };
     const vertices *v = (const vertices *)what;
     const sbl_mesh *m = v->scene->meshes;
     const float *radiance = v->radiance;
     uint32_t first = 0;
     int number, i, k;
-    fprintf(out, "ply\nformat binary_little_endian 1.0\ncomment radiance: irradiance over pi\nelement vertex %.0f\n", (double)v->count);
+    fprintf(out, "ply\nformat binary_little_endian 1.0\ncomment radiance: irradiance over pi\nelement vertex %.0f\n",
+            (double)v->count);
     for (k = 0; k < 9; k++) fprintf(out, "property float %s\n", names_of[k]);
     fprintf(out, "element face %.0f\nproperty list uchar int vertex_indices\nend_header\n", v->faces);
     for (number = 0; number < v->scene->mesh_count; number++, m++) {
@@ -483,7 +541,8 @@ static int write_ply(FILE *out, const void *what) {
         }
         free(normals);
     }
-    for (number = 0, m = v->scene->meshes; number < v->scene->mesh_count; first += (uint32_t)m->vertex_count, number++, m++)
+    for (number = 0, m = v->scene->meshes; number < v->scene->mesh_count; first += (uint32_t)m->vertex_count, number++,
+         m++)
         for (i = 0; i < m->index_count; i++) {
             if (i % 3 == 0) fputc(3, out);
             gltf__put_word(out, first + ((const uint32_t *)m->indices.data)[i]);
@@ -491,8 +550,12 @@ static int write_ply(FILE *out, const void *what) {
     return 1;
 }
 
-static int write_vertex_gltf(FILE *out, const void *what) { return gltf_write_json(out, &((const vertices *)what)->gltf); }
-static int write_vertex_bin(FILE *out, const void *what) { return gltf_write_bin(out, &((const vertices *)what)->gltf); }
+static int write_vertex_gltf(FILE *out, const void *what) {
+    return gltf_write_json(out, &((const vertices *)what)->gltf);
+}
+static int write_vertex_bin(FILE *out, const void *what) {
+    return gltf_write_bin(out, &((const vertices *)what)->gltf);
+}
 static int write_vertex_texture(FILE *out, const void *what) {
     const vertices *v = (const vertices *)what;
     return gltf_write_texture(out, &v->gltf, v->texture);
@@ -505,7 +568,9 @@ static int keep_vertices(vertices *v) {
         const int last = i == files - 1, bin = i == files - 2;
         output_file *target = &targets[last ? ONE_FILE : bin ? VERTEX_BIN : VERTEX_TEXTURES + i];
         v->texture = i;
-        if (interrupted || !target_write(target, last ? gltf ? write_vertex_gltf : write_ply : bin ? write_vertex_bin : write_vertex_texture, v, 0))
+        if (interrupted || !target_write(target,
+                                         last ? gltf ? write_vertex_gltf : write_ply : bin ? write_vertex_bin
+                                         : write_vertex_texture, v, 0))
             return interrupted ? stop("%s is not written", target->name) : fail_to_write(target->name);
     }
     return DONE;
@@ -549,7 +614,8 @@ static int bake_vertices(const tool_task *task, double *seconds) {
     *seconds = now() - task->start;
     if (result == SBL_UNFINISHED) status = stop("nothing is written");
     else status = result == SBL_SUCCESS ? keep_vertices(&v) : fail_with(task->said, common.scene, result);
-    if (status == DONE && bar.shown) fprintf(stderr, "%s: %.0f vertices, %.1f s\n", common.output, (double)v.count, *seconds);
+    if (status == DONE && bar.shown)
+        fprintf(stderr, "%s: %.0f vertices, %.1f s\n", common.output, (double)v.count, *seconds);
     free(v.radiance);
     return status;
 }
@@ -558,7 +624,8 @@ static int bake_vertices(const tool_task *task, double *seconds) {
 
 typedef struct probes { sbl_probe *all; float *positions; int count; } probes;
 
-/* A line's three numbers, parted by blanks or commas. Returns 1, 0 where it is empty or a comment, -1 where it is anything else. */
+/* A line's three numbers, parted by blanks or commas. Returns 1, 0 where it is empty or a comment, -1 where it is
+   anything else. */
 static int read_position(char *line, float out[3]) {
     char *at = line, *end;
     int k;
@@ -586,7 +653,8 @@ static int read_positions(probes *p) {
         if (kind < 0) status = fail("%s: line %d is not three numbers", options.positions, number);
         if (kind <= 0) continue;
         if (p->count == room) {
-            float *larger = room > INT_MAX / 8 ? NULL : (float *)realloc(p->positions, (size_t)(room = 2 * room + 64) * sizeof position);
+            float *larger = room > INT_MAX / 8 ? NULL
+                : (float *)realloc(p->positions, (size_t)(room = 2 * room + 64) * sizeof position);
             if (!larger) { status = fail("%s: no memory is left for so many positions", options.positions); break; }
             p->positions = larger;
         }
@@ -607,7 +675,8 @@ static void put_colors(FILE *out, const char *name, const float (*colors)[3], in
     int i;
     fprintf(out, ", \"%s\": [", name);
     for (i = 0; i < count; i++)
-        fprintf(out, "%s[%.7g, %.7g, %.7g]", i ? ", " : "", (double)colors[i][0], (double)colors[i][1], (double)colors[i][2]);
+        fprintf(out, "%s[%.7g, %.7g, %.7g]", i ? ", " : "", (double)colors[i][0], (double)colors[i][1],
+                (double)colors[i][2]);
     fputc(']', out);
 }
 
@@ -615,11 +684,13 @@ static int write_probes(FILE *out, const void *what) {
     const probes *p = (const probes *)what;
     int i;
     fprintf(out, "{");
-    if (!options.positions) fprintf(out, "\"grid\": [%d, %d, %d],\n ", options.grid[0], options.grid[1], options.grid[2]);
+    if (!options.positions)
+        fprintf(out, "\"grid\": [%d, %d, %d],\n ", options.grid[0], options.grid[1], options.grid[2]);
     fprintf(out, "\"probes\": [");
     for (i = 0; i < p->count; i++) {
         const sbl_probe *q = &p->all[i];
-        fprintf(out, "%s\n  {\"position\": [%.9g, %.9g, %.9g], \"valid\": %s", i ? "," : "", (double)q->position[0], (double)q->position[1],
+        fprintf(out, "%s\n  {\"position\": [%.9g, %.9g, %.9g], \"valid\": %s", i ? "," : "", (double)q->position[0],
+                (double)q->position[1],
                 (double)q->position[2], q->valid ? "true" : "false");
         put_colors(out, "sh", q->sh, 9);
         put_colors(out, "cube", q->cube, 6);
@@ -666,7 +737,8 @@ static int bake_probes(const tool_task *task, double *seconds) {
     else if (!target_write(&targets[ONE_FILE], write_probes, &p, 0))
         status = interrupted ? stop("nothing is written") : fail_to_write(common.output);
     for (k = 0; k < p.count && status == DONE; k++) valid += p.all[k].valid;
-    if (status == DONE && bar.shown) fprintf(stderr, "%s: %d probes, %d valid, %.1f s\n", common.output, p.count, valid, *seconds);
+    if (status == DONE && bar.shown)
+        fprintf(stderr, "%s: %d probes, %d valid, %.1f s\n", common.output, p.count, valid, *seconds);
     free(p.all);
     free(p.positions);
     return status;

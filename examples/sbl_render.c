@@ -1,4 +1,5 @@
-/* Demonstrates a whole tool on top of sbl.h: reads a scene file, renders it and writes a picture and statistics. `sbl_render --help` says how. */
+/* Demonstrates a whole tool on top of sbl.h: reads a scene file, renders it and writes a picture and statistics.
+   `sbl_render --help` says how. */
 #define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
@@ -21,7 +22,8 @@ static struct options {
     double sensor_fov, target_error, facet_limit, exposure;
 } options;
 
-static const char *const channel_words[] = { "final", "radiance", "albedo", "normal", "position", "id", "depth", "sensors", "store", "error", NULL };  /* as sbl_channel */
+static const char *const channel_words[] = { "final", "radiance", "albedo", "normal", "position", "id", "depth",
+    "sensors", "store", "error", NULL };  /* as sbl_channel */
 
 enum {
     OUTPUT = CAMERA_END, CHANNEL, TARGET_ERROR, SENSOR_FOV, FACET_LIMIT, SAMPLES, EXPOSURE, INSPECT, OPTION_COUNT
@@ -30,27 +32,33 @@ enum {
 static const tool_option table[OPTION_COUNT] = {
     COMMON_ROWS,
     CAMERA_ROWS,
-    [OUTPUT]        = { "--output", "FILE", TEXT, &common.output, 0, 0, 0,
-                   "also -o; .png (8-bit sRGB), .pfm or .exr (linear 32-bit floats); default sbl.png"},
-    [CHANNEL]       = { "--channel", "NAME", CHOICE, &options.channel, 0, 0, 0,
-                   "final (default) | radiance (R: irradiance / pi, light without surface colour) | albedo | normal | position |\n"
-                   "id | depth | sensors (which pixels had a sensor, and at which level) | store (stored bounced light, cell by\n"
-                   "cell) | error (predicted standard error of the luminance of radiance)", channel_words },
-    [TARGET_ERROR]  = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,
-                   "target error of radiance, such as 2% or 0.02: root mean square over the picture, divided by its mean;\n"
-                   "default 5%, 1.5%, 0.75% by preset; with the default, a sensor uses at most 512 rays (high: 1024)",
-                   .synonym = "--error" },
-    [SENSOR_FOV]    = { "--sensor-fov", "DEGREES", NUMBERS, &options.sensor_fov, 1, 1, 179,
-                   "width of the sensor's view, mode paper only; default 135"},
-    [FACET_LIMIT]   = { "--facet-limit", "PIXELS", NUMBERS, &options.facet_limit, 1, 0, 1e30,
-                   "triangles of smaller height on the screen are lit by their true normals, larger ones by the normals of the\n"
-                   "file; default 2"},
-    [SAMPLES]       = { "--samples", "N", INTEGERS, &options.samples, 1, 1, 64,
-                   "anti-aliasing samples of final for each pixel; default 1, 4, 16 by preset"},
-    [EXPOSURE]      = { "--exposure", "STOPS", NUMBERS, &options.exposure, 1, -100, 100,
-                   "brightens final and radiance in a .png by this many stops; default 0"},
-    [INSPECT]       = { "--inspect", "X,Y", INTEGERS, options.inspect, 2, 0, 16383,
-                   "instead of the picture, writes what the sensor of that pixel sees, and prints its sums"},
+    [OUTPUT] = { "--output", "FILE", TEXT, &common.output, 0, 0, 0,
+                 "also -o; .png (8-bit sRGB), .pfm or .exr (linear 32-bit floats); default sbl.png" },
+    [CHANNEL] = { "--channel", "NAME", CHOICE, &options.channel, 0, 0, 0,
+                  "final (default) | radiance (R: irradiance / pi, light without surface colour) | albedo | normal | "
+                  "position |\n"
+                  "id | depth | sensors (which pixels had a sensor, and at which level) | store (stored bounced light, "
+                  "cell by\n"
+                  "cell) | error (predicted standard error of the luminance of radiance)",
+                  channel_words },
+    [TARGET_ERROR] = { "--target-error", "E", SHARES, &options.target_error, 1, 0.0001, 1,
+                       "target error of radiance, such as 2% or 0.02: root mean square over the picture, divided by "
+                       "its mean;\n"
+                       "default 5%, 1.5%, 0.75% by preset; with the default, a sensor uses at most 512 rays (high: "
+                       "1024)",
+                       .synonym = "--error" },
+    [SENSOR_FOV] = { "--sensor-fov", "DEGREES", NUMBERS, &options.sensor_fov, 1, 1, 179,
+                     "width of the sensor's view, mode paper only; default 135" },
+    [FACET_LIMIT] = { "--facet-limit", "PIXELS", NUMBERS, &options.facet_limit, 1, 0, 1e30,
+                      "triangles of smaller height on the screen are lit by their true normals, larger ones by the "
+                      "normals of the\n"
+                      "file; default 2" },
+    [SAMPLES] = { "--samples", "N", INTEGERS, &options.samples, 1, 1, 64,
+                  "anti-aliasing samples of final for each pixel; default 1, 4, 16 by preset" },
+    [EXPOSURE] = { "--exposure", "STOPS", NUMBERS, &options.exposure, 1, -100, 100,
+                   "brightens final and radiance in a .png by this many stops; default 0" },
+    [INSPECT] = { "--inspect", "X,Y", INTEGERS, options.inspect, 2, 0, 16383,
+                  "instead of the picture, writes what the sensor of that pixel sees, and prints its sums" },
 };
 static int given[OPTION_COUNT];
 
@@ -61,20 +69,27 @@ static void print_help(void) {
     tool_print_options(table + CAMERA_END, OPTION_COUNT - CAMERA_END);
     tool_print_options(table + COMMON_OPTIONS, CAMERA_END - COMMON_OPTIONS);
     tool_print_options(table, COMMON_OPTIONS);
-    printf("\nMaterials: OBJ Kd map_Kd Ke map_Ke d map_d (cut out at 0.5); glTF base colour, emission with\n"
-           "KHR_materials_emissive_strength, alphaMode MASK (BLEND is cut out at 0.5). Metal and glossy surfaces are\n"
-           "treated as diffuse surfaces of their base colour. A surface emits to both sides.\n"
-           "Lights: glTF KHR_lights_punctual (candela are radiance times area, lux are irradiance; ranges are ignored), and\n"
-           "the point, spot and directional lights of other formats.\n"
-           "Values in a .png: a normal n is shown as 0.5 + 0.5 n, a position relative to the visible extent, a small depth as\n"
-           "bright, ids as random colours, sensors from blue (first level) over green and yellow to red (last level). A .pfm\n"
-           "or .exr holds the unchanged values.\n"
-           "\nA file is written completely or not at all. The new file gets its name at the end, and the permissions of the\n"
-           "old one. A symbolic link stays, and the file that it leads to is replaced. If the old file has other names (hard\n"
-           "links), these keep the old picture. Input files cannot be overwritten. Ctrl-C, SIGTERM and SIGHUP save the\n"
-           "picture so far, if there is any, in NAME.partial.png (.pfm, .exr); a second signal ends the program at once.\n"
-           "\nExit status: 0 success; 1 failure, with one line on stderr; 2 wrong usage; interrupted: 130 by SIGINT, 143 by\n"
-           "SIGTERM, 129 by SIGHUP.\n");
+    printf(
+        "\nMaterials: OBJ Kd map_Kd Ke map_Ke d map_d (cut out at 0.5); glTF base colour, emission with\n"
+        "KHR_materials_emissive_strength, alphaMode MASK (BLEND is cut out at 0.5). Metal and glossy surfaces are\n"
+        "treated as diffuse surfaces of their base colour. A surface emits to both sides.\n"
+        "Lights: glTF KHR_lights_punctual (candela are radiance times area, lux are irradiance; ranges are ignored), "
+        "and\n"
+        "the point, spot and directional lights of other formats.\n"
+        "Values in a .png: a normal n is shown as 0.5 + 0.5 n, a position relative to the visible extent, a small "
+        "depth as\n"
+        "bright, ids as random colours, sensors from blue (first level) over green and yellow to red (last level). A "
+        ".pfm\n"
+        "or .exr holds the unchanged values.\n"
+        "\nA file is written completely or not at all. The new file gets its name at the end, and the permissions of "
+        "the\n"
+        "old one. A symbolic link stays, and the file that it leads to is replaced. If the old file has other names "
+        "(hard\n"
+        "links), these keep the old picture. Input files cannot be overwritten. Ctrl-C, SIGTERM and SIGHUP save the\n"
+        "picture so far, if there is any, in NAME.partial.png (.pfm, .exr); a second signal ends the program at once.\n"
+        "\nExit status: 0 success; 1 failure, with one line on stderr; 2 wrong usage; interrupted: 130 by SIGINT, 143 "
+        "by\n"
+        "SIGTERM, 129 by SIGHUP.\n");
 }
 
 static int ends_with(const char *path, const char *ending) { return scene__ends_with(path, ending); }
@@ -89,11 +104,13 @@ static int parse(int argc, char **argv) {
     if (!ends_with(common.output, ".png") && !ends_with(common.output, ".pfm") && !ends_with(common.output, ".exr"))
         return misuse("--output %s: the name must end in .png, .pfm or .exr", common.output);
 #ifndef SBL_RENDER_OPENEXR
-    if (ends_with(common.output, ".exr")) return fail("--output %s: built without OpenEXR; write a .pfm", common.output);
+    if (ends_with(common.output, ".exr"))
+        return fail("--output %s: built without OpenEXR; write a .pfm", common.output);
 #endif
     if (given[SENSOR_FOV] && common_mode(given) != SBL_MODE_PAPER)
         return misuse("--sensor-fov needs --mode paper: other sensors see the whole hemisphere");
-    if (given[INSPECT] && given[CHANNEL]) return misuse("--inspect writes a sensor's view, --channel chooses a picture; give one of them");
+    if (given[INSPECT] && given[CHANNEL])
+        return misuse("--inspect writes a sensor's view, --channel chooses a picture; give one of them");
     return DONE;
 }
 
@@ -169,16 +186,19 @@ static void describe(const sbl_sensor *s, const double sheet_sum[3]) {
     printf("pixel %d,%d: %s, level %d%s\n", options.inspect[0], options.inspect[1],
            s->sensed ? "had a sensor" : "was interpolated; this is what a sensor would see", s->level,
            s->valid ? "" : ", judged to be stuck inside geometry");
-    printf("position %g %g %g\nnormal %g %g %g\n", (double)s->position[0], (double)s->position[1], (double)s->position[2],
+    printf("position %g %g %g\nnormal %g %g %g\n", (double)s->position[0], (double)s->position[1],
+           (double)s->position[2],
            (double)s->normal[0], (double)s->normal[1], (double)s->normal[2]);
     printf("R %g %g %g\n", (double)s->radiance[0], (double)s->radiance[1], (double)s->radiance[2]);
     if (s->noise > 0) printf("standard error %g\n", (double)s->noise);
     if (s->looks > 1) printf("mean of %d looks; what follows is of the first\n", s->looks);
-    printf("sum of weight * radiance over the sheet %g %g %g\nsum of weights %.6f, ", sheet_sum[0], sheet_sum[1], sheet_sum[2],
+    printf("sum of weight * radiance over the sheet %g %g %g\nsum of weights %.6f, ", sheet_sum[0], sheet_sum[1],
+           sheet_sum[2],
            (double)s->weight_sum);
     if (s->view_count) printf("%d views, %d x %d texels\n", s->view_count, s->sheet_width, s->sheet_height);
     else printf("%d rays\n", s->ray_count - aimed);
-    printf("back faces %.2f %%, nearest surface %g, mean distance %g\n", 100 * (double)s->back_share, (double)s->hit_min,
+    printf("back faces %.2f %%, nearest surface %g, mean distance %g\n", 100 * (double)s->back_share,
+           (double)s->hit_min,
            (double)s->hit_mean);
     printf("from lamps %g %g %g: %d lamps, %d rays towards them\n", (double)s->from_lamps[0], (double)s->from_lamps[1],
            (double)s->from_lamps[2], s->lamp_count, aimed);
@@ -234,7 +254,8 @@ static void fill_desc(sbl_picture_desc *desc, progress *bar) {
     if (given[FACET_LIMIT]) desc->facet_limit = zero_or(options.facet_limit);
     if (given[EPSILON]) desc->options.epsilon = zero_or(common.epsilon);
     if (given[FILTER_RADIUS]) desc->filter_radius = common.filter_radius ? common.filter_radius : -1;
-    desc->samples = (sbl_channel)options.channel == SBL_CHANNEL_FINAL ? options.samples : 1;  /* the other channels show pixel centres */
+    desc->samples = (sbl_channel)options.channel == SBL_CHANNEL_FINAL ? options.samples
+                                                                      : 1; /* the other channels show pixel centres */
     desc->options.seed = (uint32_t)common.seed;
     desc->options.progress = on_progress;
     desc->options.progress_user = bar;
@@ -252,7 +273,8 @@ static int render(const tool_task *task, double *seconds) {
     int status = DONE;
     fill_desc(&desc, &bar);
     bounds = sbl_query_bounds(context);
-    if (!camera_place(desc.world_to_view, desc.view_to_clip, task->file, given, bounds.lowest, bounds.highest)) return camera_misuse();
+    if (!camera_place(desc.world_to_view, desc.view_to_clip, task->file, given, bounds.lowest, bounds.highest))
+        return camera_misuse();
     result = sbl_begin_picture(context, &desc);
     if (result == SBL_SUCCESS) result = work(context);
     if (bar.shown) fprintf(stderr, "\r%70s\r", "");

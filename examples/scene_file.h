@@ -11,8 +11,9 @@
    scene_file_load_sky reads a picture of the sky in the same way, into scene.environment.picture.
 
    What is read: triangles and polygons (points and lines are left out), normals where the file has them, one set of
-   texture coordinates, a second one for lightmaps (TEXCOORD_1), vertex colours, nodes with their transforms (each use of a mesh is an sbl_mesh with an id of its
-   own; all uses share its arrays), the first perspective camera, point, spot and directional lights, and
+   texture coordinates, a second one for lightmaps (TEXCOORD_1), vertex colours, nodes with their transforms (each use
+   of a mesh is an sbl_mesh with an id of its own; all uses share its arrays), the first perspective camera, point, spot
+   and directional lights, and
 
        OBJ   Kd map_Kd Ke map_Ke d map_d: a constant d below 0.5 leaves the mesh out, map_d becomes the alpha of the
              albedo texture, cut off at 0.5; map_Ke without Ke counts as Ke 1 1 1

@@ -107,7 +107,8 @@ static void on_log(sbl_log_level level, sbl_log_item item, const char *message, 
             snprintf(m->error, sizeof m->error, "%.500s (mesh %d is \"%.100s\")", message, mesh, m->file->names[mesh]);
         else snprintf(m->error, sizeof m->error, "%.600s", message);
     }
-    if (level == SBL_LOG_WARNING && m->warnings_kept < 8) snprintf(m->warnings[m->warnings_kept++], sizeof m->warnings[0], "%.500s", message);
+    if (level == SBL_LOG_WARNING && m->warnings_kept < 8)
+        snprintf(m->warnings[m->warnings_kept++], sizeof m->warnings[0], "%.500s", message);
 }
 
 static int fail_with(const messages *m, const char *where, sbl_result result) {
@@ -150,13 +151,15 @@ static inline sbl_result work(sbl_context *context) {
 /* ---- ulimit -v: drivers break down where they get no memory ---- */
 
 static void on_breakdown(int number) {
-    static const char line[] = TOOL_NAME ": the graphics driver broke down for want of memory; allow more than this ulimit -v\n";
+    static const char line[] = TOOL_NAME ": the graphics driver broke down for want of memory; allow more than this "
+        "ulimit -v\n";
     (void)number;
     if (write(STDERR_FILENO, line, sizeof line - 1) >= 0) _exit(FAILED);
     _exit(FAILED);
 }
 
-/* Where memory is limited: whether a driver can be loaded at all; and from now on one that breaks down does it in words. */
+/* Where memory is limited: whether a driver can be loaded at all; and from now on one that breaks down does it in
+   words. */
 static int check_address_space(void) {
     const size_t driver = (size_t)512 << 20;  /* Mesa's software renderer on two cores */
     struct rlimit limit;

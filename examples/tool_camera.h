@@ -20,7 +20,8 @@ enum { SIZE = COMMON_OPTIONS, EYE, LOOK_AT, UP, FOV, CAMERA_END };
     [UP]            = { "--up", "X,Y,Z", NUMBERS, camera.up, 3, -1e18, 1e18, \
                         "the direction that is up in the picture; default: see --fov", NULL, NULL }, \
     [FOV]           = { "--fov", "DEGREES", NUMBERS, &camera.fov, 1, 1, 179, \
-                        "vertical field of view. Defaults of --eye, --look-at, --up and --fov: the camera of the file, or one that\n" \
+                        "vertical field of view. Defaults of --eye, --look-at, --up and --fov: the camera of the " \
+                            "file, or one that\n" \
                         "shows the whole scene", NULL, NULL }
 
 /* By the options, else by the file, else so that the scene's bounds are seen. Returns 0 where the directions are degenerate. */
@@ -36,7 +37,8 @@ static int camera_place(float world_to_view[16], float view_to_clip[16], const s
         fov = (double)c->fov_y;
         if (c->fov_x > 0 && c->fov_x < 179) fov = 2 * atan(tan(0.5 * (double)c->fov_x * radians) / aspect) / radians;
         use_file = fov >= 1 && fov <= 179 &&
-                   sbl_look_at(unused, 0, 0, 0, c->forward[0], c->forward[1], c->forward[2], c->up[0], c->up[1], c->up[2]);
+                   sbl_look_at(unused, 0, 0, 0, c->forward[0], c->forward[1], c->forward[2], c->up[0], c->up[1],
+                       c->up[2]);
         for (i = 0; i < 3; i++) use_file = use_file && fabs((double)c->eye[i]) < 1e18;
     }
     if (!use_file || given[FOV]) fov = camera.fov;
@@ -62,12 +64,14 @@ static int camera_place(float world_to_view[16], float view_to_clip[16], const s
     for (i = 0; i < 3; i++)
         to[i] = eye[i] + (distance > 0 ? at[i] / distance * (1 + fabs(eye[0]) + fabs(eye[1]) + fabs(eye[2])) : 0);
     return sbl_perspective(view_to_clip, (float)fov, (float)aspect) &&
-           sbl_look_at(world_to_view, (float)eye[0], (float)eye[1], (float)eye[2], (float)to[0], (float)to[1], (float)to[2],
+           sbl_look_at(world_to_view, (float)eye[0], (float)eye[1], (float)eye[2], (float)to[0], (float)to[1],
+               (float)to[2],
                        (float)up[0], (float)up[1], (float)up[2]);
 }
 
 static int camera_misuse(void) {
-    return misuse("--eye, --look-at, --up: the camera looks along its up vector, or stands where it looks; change one of them");
+    return misuse("--eye, --look-at, --up: the camera looks along its up vector, or stands where it looks; change one "
+        "of them");
 }
 
 #endif

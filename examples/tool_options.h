@@ -102,7 +102,8 @@ static int tool__bytes(const tool_option *o, const char *text) {
 /* It has an ending: a point and a letter, no comma after them. Numbers have not, but for 1.e5 and the like. */
 static int tool__names_a_file(const char *text) {
     const char *point = strrchr(text, '.');
-    return point && isalpha((unsigned char)point[1]) && !strchr(point, ',') && !(strchr("eE", point[1]) && !isalpha((unsigned char)point[2]));
+    return point && isalpha((unsigned char)point[1]) && !strchr(point, ',') &&
+        !(strchr("eE", point[1]) && !isalpha((unsigned char)point[2]));
 }
 
 /* Takes the value of an option. name: as it was typed. Returns the exit status, as tool_parse does. */
@@ -116,10 +117,13 @@ static int tool__take(const tool_option *o, const char *name, const char *value)
             ((const char **)o->value)[k] = value;
             return DONE;
         case BYTES:
-            return tool__bytes(o, value) ? DONE : misuse("%s %s: it must be a number from 16M to 1024T, such as 512M or 4G", name, value);
+            return tool__bytes(o, value)
+                       ? DONE
+                       : misuse("%s %s: it must be a number from 16M to 1024T, such as 512M or 4G", name, value);
         case CHOICE: {
             char list[256] = "";
-            for (k = 0; o->words[k] && strcmp(o->words[k], value) != 0; k++) sprintf(list + strlen(list), " %s", o->words[k]);
+            for (k = 0; o->words[k] && strcmp(o->words[k], value) != 0; k++)
+                sprintf(list + strlen(list), " %s", o->words[k]);
             *(int *)o->value = k;
             return o->words[k] ? DONE : misuse("%s %s: it must be one of%s", name, value, list);
         }
@@ -149,7 +153,8 @@ static int tool_parse(const tool_command *c) {
         const tool_option *o = c->table;
         if (only_files || argument[0] != '-' || !argument[1]) {
             if (files == c->file_count)
-                return misuse(files == 1 ? "two scenes, %s and %s; give one" : "%s and %s: too many names; see --help", c->files[files - 1], argument);
+                return misuse(files == 1 ? "two scenes, %s and %s; give one" : "%s and %s: too many names; see --help",
+                              c->files[files - 1], argument);
             c->files[files++] = argument;
             continue;
         }

@@ -32,8 +32,10 @@ enum {
 
 #define COMMON_ROWS \
     [SKY]           = { "--sky", "R,G,B|FILE", NUMBERS_OR_FILE, common.sky, 3, 0, 1e30, \
-                        "constant radiance of the sky, default 0,0,0, or 1,1,1 if nothing else emits light; or a picture of the sky:\n" \
-                        "FILE.hdr, or .png, .jpg, ..., which are decoded from sRGB. The picture is equirectangular: its upper edge is\n" \
+                        "constant radiance of the sky, default 0,0,0, or 1,1,1 if nothing else emits light; or a " \
+                            "picture of the sky:\n" \
+                        "FILE.hdr, or .png, .jpg, ..., which are decoded from sRGB. The picture is equirectangular: " \
+                            "its upper edge is\n" \
                         "straight up, its middle is +x", NULL, &common.sky_picture }, \
     [SKY_ROTATION]  = { "--sky-rotation", "DEGREES", NUMBERS, &common.sky_rotation, 1, -360, 360, \
                         "rotates the sky picture counter-clockwise, seen from above; default 0", NULL, NULL }, \
@@ -42,18 +44,23 @@ enum {
     [SKY_UP]        = { "--sky-up", "X,Y,Z", NUMBERS, common.sky_up, 3, -1e18, 1e18, \
                         "the direction that is up in the sky picture; default 0,1,0", NULL, NULL }, \
     [MODE]          = { "--mode", "NAME", CHOICE, &common.mode, 0, 0, 0, \
-                        "gi        the default: emitters, lights, sky, and the light that surfaces reflect, with all bounces\n" \
+                        "gi        the default: emitters, lights, sky, and the light that surfaces reflect, with " \
+                            "all bounces\n" \
                         "direct    emitters, lights and sky only\n" \
                         "ambient   direct light, and every surface glows with epsilon times its colour\n" \
-                        "paper     the paper's method, with one view of 135 degrees; for pictures only", mode_words, NULL }, \
+                        "paper     the paper's method, with one view of 135 degrees; for pictures only", \
+                            mode_words, NULL }, \
     [PRESET]        = { "--preset", "NAME", CHOICE, &common.preset, 0, 0, 0, \
                         "draft | default | high: selects the defaults of other options", preset_words, NULL }, \
     [BACKEND]       = { "--backend", "NAME", CHOICE, &common.backend, 0, 0, 0, \
-                        "auto (default): trace, and raster in mode paper | raster: draws views | trace: traces rays", backend_words, NULL }, \
+                        "auto (default): trace, and raster in mode paper | raster: draws views | trace: traces " \
+                            "rays", backend_words, NULL }, \
     [RAYS]          = { "--rays", "N", INTEGERS, &common.rays, 1, 1, 4096, \
-                        "traces exactly this many rays for each sensor; default: as many as the target error requires", NULL, NULL }, \
+                        "traces exactly this many rays for each sensor; default: as many as the target error " \
+                            "requires", NULL, NULL }, \
     [MAX_BOUNCE_CELLS] = { "--max-bounce-cells", "N", INTEGERS, &common.max_bounce_cells, 1, 1024, 1048576, \
-                        "the largest number of cells that bounced light is stored for, in mode gi; about 4 KB of memory each;\n" \
+                        "the largest number of cells that bounced light is stored for, in mode gi; about 4 KB of " \
+                            "memory each;\n" \
                         "default 49152. Use more if light comes through gaps, or if geometry is fine", \
                         .synonym = "--bounce-samples" }, \
     [EPSILON]       = { "--epsilon", "E", NUMBERS, &common.epsilon, 1, 0, 1e30, \
@@ -61,23 +68,29 @@ enum {
     [SENSOR_SIZE]   = { "--sensor-size", "N", INTEGERS, &common.sensor_size, 1, 4, 512, \
                         "texels across one view of a rasterised sensor; default 32, 64, 128 by preset", NULL, NULL }, \
     [TILE]          = { "--tile", "N", INTEGERS, &common.tile, 1, 1, 1024, \
-                        "distance between the first sensors in pixels; 1 places a sensor at every pixel; default 16", NULL, NULL }, \
+                        "distance between the first sensors in pixels; 1 places a sensor at every pixel; default " \
+                            "16", NULL, NULL }, \
     [THRESHOLD]     = { "--threshold", "T", NUMBERS, &common.threshold, 1, 0, 1e30, \
-                        "refines where neighbours differ by more than this share of their mean, instead of where the predicted\n" \
+                        "refines where neighbours differ by more than this share of their mean, instead of where " \
+                            "the predicted\n" \
                         "error is large; in mode paper this is a radiance, default 0.05", NULL, NULL }, \
     [FILTER_RADIUS] = { "--filter-radius", "N", INTEGERS, &common.filter_radius, 1, 0, 32, \
                         "radius of the Gaussian filter in pixels; 0 turns it off; default 2", NULL, NULL }, \
     [SEED]          = { "--seed", "N", INTEGERS, &common.seed, 1, 0, INT_MAX, \
                         "changes the rotations of the sensors, and so the noise; default 0", NULL, NULL }, \
     [STORE]         = { "--store", "FILE", TEXT, &common.store, 0, 0, 0, \
-                        "loads stored bounced light from FILE if it belongs to this scene; otherwise computes it and saves it there;\n" \
+                        "loads stored bounced light from FILE if it belongs to this scene; otherwise computes it " \
+                            "and saves it there;\n" \
                         "mode gi only", NULL, NULL }, \
     [STATS]         = { "--stats", "FILE", TEXT, &common.stats, 0, 0, 0, \
                         "writes counts, seconds (total: from start to picture) and peak memory as JSON", NULL, NULL }, \
     [ALLOW_PATH]    = { "--allow-path", "DIR", LIST, common.reading.allow, SCENE_FILE_FOLDERS, 0, 0, \
-                        "lets the scene name files below DIR as well as below its own folder; can be given several times", NULL, NULL }, \
-    [MEMORY]        = { "--memory", "SIZE", BYTES, &common.reading.memory, 1, 16.0 * (1 << 20), 1024.0 * (1 << 30) * 1024, \
-                        "the most memory that the scene may use, such as 512M or 4G; default: half of the machine's memory, or of\n" \
+                        "lets the scene name files below DIR as well as below its own folder; can be given several " \
+                            "times", NULL, NULL }, \
+    [MEMORY]        = { "--memory", "SIZE", BYTES, &common.reading.memory, 1, 16.0 * (1 << 20), \
+        1024.0 * (1 << 30) * 1024, \
+                        "the most memory that the scene may use, such as 512M or 4G; default: half of the machine's " \
+                            "memory, or of\n" \
                         "the limit of its control group; never more than half of what ulimit -v leaves", NULL, NULL }, \
     [READ_TIME]     = { "--read-time", "SECONDS", NUMBERS, &common.reading.seconds, 1, 0.1, 1e6, \
                         "the longest time that reading the scene may take; default 60", NULL, NULL }, \
@@ -93,14 +106,17 @@ static sbl_mode common_mode(const int *given) { return given[MODE] ? modes[commo
 static int common_check(const int *given) {
     const sbl_mode mode = common_mode(given);
     if (!common.scene) return misuse("usage: " TOOL_NAME " SCENE [options]; see --help");
-    if (given[STORE] && mode != SBL_MODE_GI) return misuse("--store needs --mode gi: other modes have no light that bounces");
+    if (given[STORE] && mode != SBL_MODE_GI) return misuse("--store needs --mode gi: other modes have no light that "
+        "bounces");
     if (given[EPSILON] && (mode == SBL_MODE_GI || mode == SBL_MODE_DIRECT))
         return misuse("--epsilon needs --mode ambient or paper: the other modes have no ambient factor");
     if (common.sky_picture && mode == SBL_MODE_PAPER)
-        return misuse("--sky %s: --mode paper has no sky pictures; give a colour or choose another --mode", common.sky_picture);
+        return misuse("--sky %s: --mode paper has no sky pictures; give a colour or choose another --mode",
+            common.sky_picture);
     if (!common.sky_picture && (given[SKY_ROTATION] || given[SKY_SCALE] || given[SKY_UP]))
         return misuse("--sky-rotation, --sky-scale, --sky-up: they need --sky with a picture");
-    if (common.sky_up[0] == 0.0 && common.sky_up[1] == 0.0 && common.sky_up[2] == 0.0) return misuse("--sky-up: it must not be 0,0,0");
+    if (common.sky_up[0] == 0.0 && common.sky_up[1] == 0.0 && common.sky_up[2] == 0.0) return misuse("--sky-up: it "
+        "must not be 0,0,0");
     if (backends[common.backend] == SBL_BACKEND_TRACE && mode == SBL_MODE_PAPER)
         return misuse("--backend trace: the paper's sensor rasterises; leave it out or choose another --mode");
     return DONE;
@@ -184,7 +200,8 @@ static int targets_check_read(const scene_file *file) {
     for (i = 0; i < target_count; i++)
         for (k = 0; k < file->read_count && targets[i].path && stat(targets[i].path, &info) == 0; k++)
             if (file->read[k].device == info.st_dev && file->read[k].inode == info.st_ino)
-                return misuse("%s would overwrite a file that %s reads; give another name", targets[i].name, common.scene);
+                return misuse("%s would overwrite a file that %s reads; give another name", targets[i].name,
+                    common.scene);
     return DONE;
 }
 
@@ -226,22 +243,31 @@ static int write_stats(FILE *out, const void *what) {
         if (*c == '"' || *c == '\\') fputc('\\', out);
         fputc((unsigned char)*c < 32 ? ' ' : *c, out);
     }
-    mode = s.mode == SBL_MODE_GI ? "gi" : s.mode == SBL_MODE_DIRECT ? "direct" : s.mode == SBL_MODE_PAPER ? "paper" : "ambient";
-    fprintf(out, "\",\n  \"mode\": \"%s\",\n  \"size\": [%d, %d],\n  \"triangles\": %d,\n  \"lights\": %d,\n  \"visible_pixels\": %d,\n", mode, s.picture.width,
+    mode = s.mode == SBL_MODE_GI ? "gi" : s.mode == SBL_MODE_DIRECT ? "direct" : s.mode == SBL_MODE_PAPER ? "paper" :
+        "ambient";
+    fprintf(out, "\",\n  \"mode\": \"%s\",\n  \"size\": [%d, %d],\n  \"triangles\": %d,\n  \"lights\": %d,\n  "
+        "\"visible_pixels\": %d,\n", mode, s.picture.width,
             s.picture.height, s.scene.triangles, all->lights, s.picture.visible_pixels);
     fprintf(out, "  \"backend\": \"%s\",\n", s.backend == SBL_BACKEND_TRACE ? "trace" : "raster");
-    fprintf(out, "  \"error\": {\"asked\": %.6g, \"expected\": %.6g},\n", (double)s.picture.target_error, (double)s.picture.expected_error);
+    fprintf(out, "  \"error\": {\"asked\": %.6g, \"expected\": %.6g},\n", (double)s.picture.target_error,
+        (double)s.picture.expected_error);
     if (s.lightmap.seams)
-        fprintf(out, "  \"seams\": {\"edges\": %d, \"largest_before\": %.6g, \"largest_after\": %.6g},\n", s.lightmap.seams, (double)s.lightmap.seam_before,
+        fprintf(out, "  \"seams\": {\"edges\": %d, \"largest_before\": %.6g, \"largest_after\": %.6g},\n",
+            s.lightmap.seams, (double)s.lightmap.seam_before,
                 (double)s.lightmap.seam_after);
-    fprintf(out, "  \"sensors\": %.0f,\n  \"sensor_views\": %.0f,\n  \"sensor_texels\": %.0f,\n  \"rays\": %.0f,\n  \"bounce_samples\": %d,\n  \"bounce_rays\": %.0f,\n"
+    fprintf(out, "  \"sensors\": %.0f,\n  \"sensor_views\": %.0f,\n  \"sensor_texels\": %.0f,\n  \"rays\": %.0f,\n  "
+        "\"bounce_samples\": %d,\n  \"bounce_rays\": %.0f,\n"
             "  \"levels\": [",
-            (double)s.sensors.count, (double)s.sensors.views, (double)s.sensors.texels, (double)s.sensors.rays, s.store.cells, (double)s.store.rays);
+            (double)s.sensors.count, (double)s.sensors.views, (double)s.sensors.texels, (double)s.sensors.rays,
+                s.store.cells, (double)s.store.rays);
     for (i = 0; i < s.picture.level_count; i++)
-        fprintf(out, "%s{\"tile\": %d, \"sensors\": %.0f}", i ? ", " : "", s.picture.levels[i].tile, (double)s.picture.levels[i].sensors);
-    fprintf(out, "],\n  \"seconds\": {\"load\": %.6f, \"scene\": %.6f, \"surface\": %.6f, \"gather\": %.6f, \"bounce\": %.6f, ", all->load, s.seconds.scene,
+        fprintf(out, "%s{\"tile\": %d, \"sensors\": %.0f}", i ? ", " : "", s.picture.levels[i].tile,
+            (double)s.picture.levels[i].sensors);
+    fprintf(out, "],\n  \"seconds\": {\"load\": %.6f, \"scene\": %.6f, \"surface\": %.6f, \"gather\": %.6f, "
+        "\"bounce\": %.6f, ", all->load, s.seconds.scene,
             s.seconds.surface, s.seconds.gather, s.seconds.bounce);
-    fprintf(out, "\"refine\": %.6f, \"filter\": %.6f, \"resolve\": %.6f, \"total\": %.6f},\n", s.seconds.refine, s.seconds.filter, s.seconds.resolve, all->seconds);
+    fprintf(out, "\"refine\": %.6f, \"filter\": %.6f, \"resolve\": %.6f, \"total\": %.6f},\n", s.seconds.refine,
+        s.seconds.filter, s.seconds.resolve, all->seconds);
     fprintf(out, "  \"microseconds_per_sensor\": %.6f,\n  \"peak_gpu_bytes\": %.0f,\n  \"peak_host_bytes\": %.0f\n}\n",
             s.sensors.microseconds, (double)sbl_query_memory(context).gpu_peak_bytes, 1024.0 * (double)self.ru_maxrss);
     return 1;
@@ -273,7 +299,8 @@ static int load_store(sbl_context *context, messages *said) {
 static int keep_store(sbl_context *context) {
     FILE *out = output_open(&targets[STORED]);
     errno = 0;
-    if (out && output_close(&targets[STORED], out, sbl_save_store(context, put_bytes, out) == SBL_SUCCESS, &interrupted))
+    if (out && output_close(&targets[STORED], out, sbl_save_store(context, put_bytes, out) == SBL_SUCCESS,
+        &interrupted))
         return DONE;
     return interrupted ? stop("%s is written, %s is not", common.output, common.store) : fail_to_write(common.store);
 }
@@ -291,7 +318,8 @@ typedef struct tool_task {
 /* Does the tool's own work, and returns the exit status; *seconds: when it was done, for the statistics. */
 typedef int (*tool_worker)(const tool_task *task, double *seconds);
 
-static int tool__work(const scene_file *file, const scene_file *sky, tool_task *task, const int *given, tool_worker worker) {
+static int tool__work(const scene_file *file, const scene_file *sky, tool_task *task, const int *given,
+    tool_worker worker) {
     const sbl_scene_desc scene = common_scene(file, sky, given);
     const sbl_result result = sbl_set_scene(task->context, &scene);
     totals all = { task->context, file->scene.light_count, task->load, 0 };
@@ -309,7 +337,8 @@ static void tool__warn(const scene_file *file, const messages *said, const int *
     int i;
     if (lit_by_us(&file->scene, given))
         warn("%s: nothing in it shines; an even sky of 1,1,1 lights it, --sky chooses another", common.scene);
-    for (i = 0; i < file->warning_count && i < SCENE_FILE_WARNINGS; i++) warn("%s: %s", common.scene, file->warnings[i]);
+    for (i = 0; i < file->warning_count && i < SCENE_FILE_WARNINGS; i++) warn("%s: %s", common.scene,
+        file->warnings[i]);
     if (file->warning_count > SCENE_FILE_WARNINGS)
         warn("%s: and %d warnings more", common.scene, file->warning_count - SCENE_FILE_WARNINGS);
     for (i = 0; i < said->warnings_kept; i++) warn("%s: %s", common.scene, said->warnings[i]);
@@ -337,7 +366,8 @@ static int tool_run(double start, const int *given, tool_worker worker, int (*pr
     task.load = now() - start;
     if (interrupted) status = stop("no " TOOL_MAKES " was begun");
     else if (!file || (common.sky_picture && !sky)) status = fail("%s", error);
-    else if (!check_address_space()) status = fail("OpenGL: ulimit -v leaves less than 512 MB for the driver; allow more");
+    else if (!check_address_space()) status = fail("OpenGL: ulimit -v leaves less than 512 MB for the driver; allow "
+        "more");
     if (status == DONE && prepare) status = prepare(file);
     if (status == DONE) status = targets_check_read(file);
     if (status == DONE) {
@@ -345,7 +375,8 @@ static int tool_run(double start, const int *given, tool_worker worker, int (*pr
         context_desc.logger.log = on_log;
         context_desc.logger.user = &said;
         result = sbl_create(&context_desc, &task.context);
-        status = result == SBL_SUCCESS ? tool__work(file, sky, &task, given, worker) : fail_with(&said, "OpenGL", result);
+        status = result == SBL_SUCCESS ? tool__work(file, sky, &task, given, worker) : fail_with(&said, "OpenGL",
+            result);
         sbl_destroy(task.context);
         if (status == DONE && !given[QUIET]) tool__warn(file, &said, given);
     }

@@ -105,7 +105,9 @@ static int picture_make(sbl_context *context) {
     sbl_mesh meshes[CORNELL_QUADS] = { { .vertex_count = 0 } };
     const sbl_scene_desc scene = {
         .meshes = meshes, .mesh_count = CORNELL_QUADS, .materials = &plain, .material_count = 1, .sky = { 1, 1, 1 } };
-    sbl_picture_desc view = { .options.mode = SBL_MODE_DIRECT, .options.preset = SBL_PRESET_DRAFT, .tile = 1024 };  /* light: any */
+    sbl_picture_desc view = { .options.mode = SBL_MODE_DIRECT,
+                              .options.preset = SBL_PRESET_DRAFT,
+                              .tile = 1024 }; /* light: any */
     int quad;
     for (quad = 0; quad < CORNELL_QUADS; quad++) {
         meshes[quad].positions.data = positions[quad * PER_QUAD];
@@ -129,7 +131,8 @@ int main(int argc, char **argv) {
     int i, hidden = 0, ok;
     vertices_make();
     if (sbl_create(headless("vertex_light"), &context) != SBL_SUCCESS) return 1;  /* sbl.h says why on stderr */
-    ok = sbl_set_scene(context, cornell_box_make(&box)) == SBL_SUCCESS && sbl_gather_readings(context, &gather) == SBL_SUCCESS;
+    ok = sbl_set_scene(context, cornell_box_make(&box)) == SBL_SUCCESS &&
+         sbl_gather_readings(context, &gather) == SBL_SUCCESS;
     if (ok) {
         for (i = 0; i < VERTICES; i++) hidden += inside(&readings[i]);
         printf("vertex_light: %d vertices, %d of them inside something, %.2f s\n", (int)VERTICES, hidden,

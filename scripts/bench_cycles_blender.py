@@ -6,9 +6,12 @@ import json, os, shutil, subprocess, sys
 class Blender:
     def __init__(self, job, *options):
         environment = dict(os.environ, PATH='/usr/bin:/bin')  # a Python found along PATH would become Blender's own
-        self.process = subprocess.Popen([shutil.which('blender'), '-b', '--factory-startup', '-noaudio', *options, '--python-exit-code', '1',
-                                         '--python', 'scripts/bench_cycles_render.py', '--', json.dumps(job)], env=environment,
-                                        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors='replace')
+        self.process = subprocess.Popen([shutil.which('blender'), '-b', '--factory-startup', '-noaudio', *options,
+                                         '--python-exit-code', '1',
+                                         '--python', 'scripts/bench_cycles_render.py', '--', json.dumps(job)],
+                                        env=environment,
+                                        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+                                        text=True, errors='replace')
         self.answer()
 
     def answer(self):

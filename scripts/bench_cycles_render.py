@@ -31,7 +31,8 @@ def lambertian(material):
     made = next(n for n in tree.nodes if n.type == 'BSDF_PRINCIPLED')
     output = next(n for n in tree.nodes if n.type == 'OUTPUT_MATERIAL')
     diffuse, glow, both = (tree.nodes.new('ShaderNode' + kind) for kind in ('BsdfDiffuse', 'Emission', 'AddShader'))
-    for source, target in (('Base Color', diffuse.inputs['Color']), ('Emission', glow.inputs['Color']), ('Emission Strength', glow.inputs['Strength'])):
+    for source, target in (('Base Color', diffuse.inputs['Color']), ('Emission', glow.inputs['Color']),
+                           ('Emission Strength', glow.inputs['Strength'])):
         value = made.inputs[source]
         if value.is_linked:
             tree.links.new(value.links[0].from_socket, target)
@@ -77,7 +78,8 @@ def camera():
     lens.clip_start, lens.clip_end = 1e-3, 1e6
     scene.camera = bpy.data.objects.new('camera', lens)
     scene.collection.objects.link(scene.camera)
-    scene.camera.matrix_world = to_blender @ Matrix.Translation(eye) @ Matrix((right, backward.cross(right), backward)).transposed().to_4x4()
+    scene.camera.matrix_world = to_blender @ Matrix.Translation(eye) @ Matrix((right, backward.cross(right),
+                                                                      backward)).transposed().to_4x4()
     render.resolution_x, render.resolution_y = job['size']
     render.resolution_percentage = 100
     cycles.pixel_filter_type, cycles.filter_width = 'GAUSSIAN', 0.01  # the narrowest there is: pixel centres
@@ -109,7 +111,8 @@ def lightmap():
         image.pixels.foreach_get(texels)
         texels.reshape(-1, 4)[:, :3].tofile(path)
 
-    return lambda: bpy.ops.object.bake(type='DIFFUSE', pass_filter={'DIRECT', 'INDIRECT'}, margin=0, use_clear=True), write
+    return lambda: bpy.ops.object.bake(type='DIFFUSE', pass_filter={'DIRECT', 'INDIRECT'}, margin=0,
+                                       use_clear=True), write
 
 
 make, write = (lightmap if 'lightmap' in job else camera)()

@@ -116,7 +116,8 @@ def pack(meshes):
         low, high = (scale, high) if rows_of(charts, scale) else (low, scale)
     places = rows_of(charts, low)
     if not places:
-        sys.exit("unwrap: %d charts are too many for %d x %d texels; give a larger size, or more degrees" % (len(charts), size, size))
+        sys.exit("unwrap: %d charts are too many for %d x %d texels; give a larger size, or more degrees" %
+                 (len(charts), size, size))
     for chart, place in zip(charts, places):
         chart.place(place[0], place[1], low)
     for layer, uv in zip(layers, coordinates):
@@ -132,4 +133,5 @@ count = pack(meshes)
 for o in meshes:
     o.data.uv_layers.active_index = 0
 bpy.ops.export_scene.gltf(filepath=out, export_format="GLB", export_cameras=True, export_lights=True, export_yup=True)
-print("unwrap: %s: %d meshes, %d faces, %d charts" % (out, len(meshes), sum(len(o.data.polygons) for o in meshes), count))
+print("unwrap: %s: %d meshes, %d faces, %d charts" %
+      (out, len(meshes), sum(len(o.data.polygons) for o in meshes), count))

@@ -1,6 +1,6 @@
 #!/bin/sh
-# Extra checks against path-traced pictures, which lie beside the repository in ../shared/references where they exist; skipped elsewhere.
-# Run by scripts/test from anywhere, after scripts/build.
+# Extra checks against path-traced pictures, which lie beside the repository in ../shared/references where they exist;
+# skipped elsewhere. Run by scripts/test from anywhere, after scripts/build.
 set -u
 cd "$(dirname "$0")/.." || exit 1
 references=../shared/references
@@ -18,26 +18,36 @@ camera() { python3 - "$references/cameras.json" "$1" "$2" <<'END'
 import json, sys
 c = json.load(open(sys.argv[1]))[sys.argv[2]]
 join = lambda values: ','.join(str(v) for v in values)
-print(sys.argv[3].format(eye=join(c['eye']), look_at=join(c['look_at']), up=join(c['up']), fov=c['fov'], size='%dx%d' % tuple(c['size']), sky=join(c.get('sky', (0, 0, 0)))))
+print(sys.argv[3].format(eye=join(c['eye']), look_at=join(c['look_at']), up=join(c['up']), fov=c['fov'],
+                         size='%dx%d' % tuple(c['size']), sky=join(c.get('sky', (0, 0, 0)))))
 END
 }
 
 exec 3>&1  # what is measured is shown where all is well, too
 
 # file_of SCENE
-file_of() { for file in "$scenes/$1/$1.glb" "$scenes/$1/$1.obj"; do [ ! -f "$file" ] || { echo "$file"; return; }; done; return 1; }
+file_of() {
+    for file in "$scenes/$1/$1.glb" "$scenes/$1/$1.obj"; do
+        [ ! -f "$file" ] || { echo "$file"; return; }
+    done
+    return 1
+}
 
-# compare SCENE MODE BLOCK MOST_ERROR MOST_BIAS OPTIONS...: renders R with the options and compares means over blocks of pixels
+# compare SCENE MODE BLOCK MOST_ERROR MOST_BIAS OPTIONS...: renders R with the options and compares means over blocks of
+# pixels
 compare() {
     scene=$1 mode=$2 block=$3 most_error=$4 most_bias=$5
     shift 5
     # the camera is several words
-    build/sbl_render "$(file_of "$scene")" $(camera "$scene" '--eye {eye} --look-at {look_at} --up {up} --fov {fov} --size {size} --sky {sky}') \
+    build/sbl_render "$(file_of "$scene")" \
+        $(camera "$scene" '--eye {eye} --look-at {look_at} --up {up} --fov {fov} --size {size} --sky {sky}') \
         --mode "$mode" --quiet --channel radiance -o "$folder/r.pfm" "$@" || return
-    python3 "$references/compare.py" "$references/$scene.$mode.pfm" "$folder/r.pfm" --block "$block" > "$folder/line" 2>&1
+    python3 "$references/compare.py" "$references/$scene.$mode.pfm" "$folder/r.pfm" --block "$block" > "$folder/line" \
+        2>&1
     sed "s/^/  $name: /" "$folder/line" >&3
     echo "$(cat "$folder/line"); expected: relRMSE at most $most_error and a bias within $most_bias"
-    awk -v e="$most_error" -v b="$most_bias" '$1 == "relRMSE" { ok = $2 <= e && $4 <= b && -$4 <= b && $NF == 0 } END { exit !ok }' "$folder/line"
+    awk -v e="$most_error" -v b="$most_bias" \
+        '$1 == "relRMSE" { ok = $2 <= e && $4 <= b && -$4 <= b && $NF == 0 } END { exit !ok }' "$folder/line"
 }
 # against NAME SCENE ...: see compare
 against() {
@@ -65,6 +75,7 @@ rays() {
     return $status
 }
 for scene in cornell_box veach-ajar staircase2 living-room; do
-    if file_of "$scene" > /dev/null; then check "rays_in_$scene" rays "$scene"; else skip "rays_in_$scene" "no $scene"; fi
+    if file_of "$scene" > /dev/null; then check "rays_in_$scene" rays "$scene"
+    else skip "rays_in_$scene" "no $scene"; fi
 done
 report

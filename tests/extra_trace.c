@@ -1,5 +1,6 @@
-/* Traced sensors in real rooms, which lie beside the repository in ../shared/scenes where they exist: rays hit the triangles that an independent
-   caster hits, and smooth light is what large rasterised sensors find. Run by extra_references.sh: extra_trace SCENE EYE LOOK_AT UP FOV. */
+/* Traced sensors in real rooms, which lie beside the repository in ../shared/scenes where they exist: rays hit the
+   triangles that an independent caster hits, and smooth light is what large rasterised sensors find. Run by
+   extra_references.sh: extra_trace SCENE EYE LOOK_AT UP FOV. */
 #define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
@@ -25,7 +26,8 @@ static sbl_picture_desc camera_view(int width, int height) {
     view.samples = 1;
     view.facet_limit = 1e9f;  /* normals are the triangles' own: no ray starts into its own surface */
     view.options.backend = SBL_BACKEND_TRACE;
-    sbl_look_at(view.world_to_view, camera[0], camera[1], camera[2], camera[3], camera[4], camera[5], camera[6], camera[7], camera[8]);
+    sbl_look_at(view.world_to_view, camera[0], camera[1], camera[2], camera[3], camera[4], camera[5], camera[6],
+                camera[7], camera[8]);
     sbl_perspective(view.view_to_clip, camera[9], (float)width / (float)height);
     return view;
 }
@@ -39,9 +41,11 @@ TEST(a_thousand_points_see_the_same_triangles) {
     view.options.rays = 1;
     REQUIRE(rays && sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture");
     seen = trace_hits_compare(context, truth, rays, trace_hits_rays(context, &view, POINTS, EACH, 7, rays));
-    printf("  %d rays, %d hits, %d ties, %d differ, %d of them away from all edges\n", seen.rays, seen.hits, seen.ties, seen.differ, seen.unexplained);
+    printf("  %d rays, %d hits, %d ties, %d differ, %d of them away from all edges\n", seen.rays, seen.hits, seen.ties,
+           seen.differ, seen.unexplained);
     CHECK(seen.rays == POINTS * EACH, "only %d rays", seen.rays);
-    CHECK(seen.differ + seen.ties < seen.rays / 10000 && seen.unexplained < seen.rays / 100000, "%d rays hit something else, %d see another triangle as far", seen.differ, seen.ties);
+    CHECK(seen.differ + seen.ties < seen.rays / 10000 && seen.unexplained < seen.rays / 100000,
+          "%d rays hit something else, %d see another triangle as far", seen.differ, seen.ties);
     free(rays);
     ref_destroy(truth);
 }
@@ -54,10 +58,14 @@ TEST(smooth_light_is_what_rasterised_sensors_find) {
     double squares = 0, sum = 0, error;
     int i;
     view.options.rays = 4096;
-    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_RADIANCE, traced, 3 * WIDTH * HEIGHT) == SBL_SUCCESS, "no picture");
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS &&
+                sbl_read_channel(context, SBL_CHANNEL_RADIANCE, traced, 3 * WIDTH * HEIGHT) == SBL_SUCCESS,
+            "no picture");
     view.options.backend = SBL_BACKEND_RASTER;
     view.options.sensor_size = 256;
-    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_RADIANCE, drawn, 3 * WIDTH * HEIGHT) == SBL_SUCCESS, "no picture");
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS &&
+                sbl_read_channel(context, SBL_CHANNEL_RADIANCE, drawn, 3 * WIDTH * HEIGHT) == SBL_SUCCESS,
+            "no picture");
     for (i = 0; i < 3 * WIDTH * HEIGHT; i++) {
         squares += ((double)traced[i] - drawn[i]) * ((double)traced[i] - drawn[i]);
         sum += drawn[i];

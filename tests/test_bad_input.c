@@ -1,6 +1,6 @@
-/* What a host can get wrong: every field of every descriptor, NULL, the wrong order, too little room, cancelling, giving up. Each mistake gives its
-   result and a message that names the place, the field and the value; nothing changes, nothing leaks, and a known picture comes out
-   of the context as before, bit for bit. */
+/* What a host can get wrong: every field of every descriptor, NULL, the wrong order, too little room, cancelling,
+   giving up. Each mistake gives its result and a message that names the place, the field and the value; nothing
+   changes, nothing leaks, and a known picture comes out of the context as before, bit for bit. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -32,7 +32,8 @@ static void known_picture(void) {
     blocks = seen.blocks;
 }
 
-/* Renders the known picture once more, in both ways, and compares it and the memory in use. The scene is the small one, or the last set_scene did not keep it. */
+/* Renders the known picture once more, in both ways, and compares it and the memory in use. The scene is the small one,
+   or the last set_scene did not keep it. */
 static int usable(const char *after) {
     static small_picture picture;
     sbl_result result;
@@ -40,12 +41,14 @@ static int usable(const char *after) {
     view = small_view();
     view.options.backend = SBL_BACKEND_TRACE;
     result = small_render(context, &view, &picture);
-    CHECK(result == SBL_SUCCESS && small_same(&picture, &expected_traced), "after %s: the known picture, traced, gives \"%s\" or has changed: %s",
+    CHECK(result == SBL_SUCCESS && small_same(&picture, &expected_traced),
+          "after %s: the known picture, traced, gives \"%s\" or has changed: %s",
           after, sbl_result_string(result), watch_last(&seen));
     view.options.backend = SBL_BACKEND_RASTER;
     result = small_render(context, &view, &picture);
     now = sbl_query_memory(context);
-    CHECK(result == SBL_SUCCESS, "after %s: the known picture gives \"%s\": %s", after, sbl_result_string(result), watch_last(&seen));
+    CHECK(result == SBL_SUCCESS, "after %s: the known picture gives \"%s\": %s", after, sbl_result_string(result),
+          watch_last(&seen));
     CHECK(result != SBL_SUCCESS || small_same(&picture, &expected), "after %s: the known picture has changed", after);
     CHECK(now.host_bytes == memory.host_bytes && now.gpu_bytes == memory.gpu_bytes,
           "after %s: %.0f host and %.0f GPU bytes in use, before %.0f and %.0f", after,
@@ -55,9 +58,11 @@ static int usable(const char *after) {
     return result == SBL_SUCCESS;
 }
 
-static void refused(sbl_result result, sbl_result right, sbl_log_item item, const char *mistake, const char *where, const char *field, const char *value) {
+static void refused(sbl_result result, sbl_result right, sbl_log_item item, const char *mistake, const char *where,
+                    const char *field, const char *value) {
     CHECK(result == right, "%s: \"%s\", expected \"%s\"", mistake, sbl_result_string(result), sbl_result_string(right));
-    CHECK(watch_said(&seen, SBL_LOG_ERROR, item, where, field, value), "%s: no message with \"%s\", \"%s\", \"%s\" (%s); the last of %d: %s",
+    CHECK(watch_said(&seen, SBL_LOG_ERROR, item, where, field, value),
+          "%s: no message with \"%s\", \"%s\", \"%s\" (%s); the last of %d: %s",
           mistake, where ? where : "",
           field ? field : "", value ? value : "", sbl_log_item_string(item), seen.count, watch_last(&seen));
 }
@@ -68,12 +73,14 @@ static void bad_context(const sbl_context_desc *desc, const char *mistake, const
     sbl_context *out = (sbl_context *)&seen;
     int before = seen.blocks;
     watch_forget(&seen);
-    refused(sbl_create(desc, &out), SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, mistake, "sbl_context_desc", field, value);
+    refused(sbl_create(desc, &out), SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, mistake,
+            "sbl_context_desc", field, value);
     CHECK(out == NULL, "%s: a context came out of it", mistake);
     CHECK(seen.blocks == before, "%s: %d blocks leaked", mistake, seen.blocks - before);
 }
 
-#define BAD_CONTEXT(change, field, value) do { sbl_context_desc d = watch_desc(&seen); change; bad_context(&d, #change, field, value); } while (0)
+#define BAD_CONTEXT(change, field, value) \
+    do { sbl_context_desc d = watch_desc(&seen); change; bad_context(&d, #change, field, value); } while (0)
 
 static int has_no_bounds(const sbl_context *c) {
     static const sbl_bounds none;
@@ -107,14 +114,19 @@ TEST(context_desc_all_at_once) {
     watch_forget(&seen);
     CHECK(sbl_create(&d, &out) == SBL_ERROR_INVALID_ARGUMENT && !out, "four mistakes are accepted");
     CHECK(seen.errors == 4, "%d errors for four mistakes", seen.errors);
-    refused(SBL_ERROR_INVALID_ARGUMENT, SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "of four", NULL, "allocator.free", NULL);
-    refused(SBL_ERROR_INVALID_ARGUMENT, SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "of four", NULL, "disabled", "ff00");
-    refused(SBL_ERROR_INVALID_ARGUMENT, SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "of four", NULL, "sensor_texture_size", "7");
-    refused(SBL_ERROR_INVALID_ARGUMENT, SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "of four", NULL, "batch", "-3");
+    refused(SBL_ERROR_INVALID_ARGUMENT, SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "of four", NULL,
+            "allocator.free", NULL);
+    refused(SBL_ERROR_INVALID_ARGUMENT, SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "of four", NULL,
+            "disabled", "ff00");
+    refused(SBL_ERROR_INVALID_ARGUMENT, SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "of four", NULL,
+            "sensor_texture_size", "7");
+    refused(SBL_ERROR_INVALID_ARGUMENT, SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_CONTEXT_DESC, "of four", NULL,
+            "batch", "-3");
 }
 
-/* >>sbl_scene_desc, sbl_mesh, sbl_stream, sbl_material, sbl_texture, sbl_light,
-   sbl_environment: a scene without mistakes, and one field of it changed. The mistakes stand in the second mesh, material and texture, so that a message that always says 0 is found. */
+/* >>sbl_scene_desc, sbl_mesh, sbl_stream, sbl_material, sbl_texture, sbl_light, sbl_environment: a scene without
+   mistakes, and one field of it changed. The mistakes stand in the second mesh, material and texture, so that a message
+   that always says 0 is found. */
 
 typedef struct fixture {
     float positions[12], normals[12], texcoords[8], colors[16];
@@ -188,7 +200,8 @@ static void identity(float m[16]) {
 
 static void draws_nothing(const sbl_draw_view *v, void *user) { (void)v; (void)user; }
 
-static void bad_scene(sbl_result right, sbl_log_item item, const char *mistake, const char *where, const char *field, const char *value) {
+static void bad_scene(sbl_result right, sbl_log_item item, const char *mistake, const char *where, const char *field,
+                      const char *value) {
     sbl_result result;
     watch_forget(&seen);
     result = sbl_set_scene(context, &f.scene);
@@ -197,8 +210,9 @@ static void bad_scene(sbl_result right, sbl_log_item item, const char *mistake, 
     CHECK(seen.blocks == blocks, "%s: %d blocks leaked", mistake, seen.blocks - blocks);
 }
 
-#define BAD_SCENE(change, item, where, field, value) \
-    do { fixture_reset(); change; bad_scene(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_##item, #change, where, field, value); } while (0)
+#define BAD_SCENE(change, item, where, field, value)                                                                 \
+    do { fixture_reset(); change; bad_scene(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_##item, #change, where, \
+                                            field, value); } while (0)
 
 /* The fixture itself must be good, or every refusal below would prove nothing. */
 TEST(scene_without_mistakes) {
@@ -206,7 +220,8 @@ TEST(scene_without_mistakes) {
     fixture_reset();
     watch_forget(&seen);
     result = sbl_set_scene(context, &f.scene);
-    CHECK(result == SBL_SUCCESS && seen.errors == 0 && seen.warnings == 0, "\"%s\": %s", sbl_result_string(result), watch_last(&seen));
+    CHECK(result == SBL_SUCCESS && seen.errors == 0 && seen.warnings == 0, "\"%s\": %s", sbl_result_string(result),
+          watch_last(&seen));
     known_picture();
     CHECK(seen.blocks == blocks, "blocks leaked");
 }
@@ -233,10 +248,13 @@ TEST(scene_desc) {
         for (k = 0; k < 3; k++) {
             char field[32];
             snprintf(field, sizeof field, "draw_bounds[%d][%d]", i, k);
-            BAD_SCENE((f.scene.draw = draws_nothing, f.scene.draw_bounds[i][k] = NOT), SCENE_DESC, "sbl_scene_desc", field, "nan");
-            BAD_SCENE((f.scene.draw = draws_nothing, f.scene.draw_bounds[i][k] = INF), SCENE_DESC, "sbl_scene_desc", field, "inf");
+            BAD_SCENE((f.scene.draw = draws_nothing, f.scene.draw_bounds[i][k] = NOT), SCENE_DESC, "sbl_scene_desc",
+                      field, "nan");
+            BAD_SCENE((f.scene.draw = draws_nothing, f.scene.draw_bounds[i][k] = INF), SCENE_DESC, "sbl_scene_desc",
+                      field, "inf");
         }
-    BAD_SCENE((f.scene.draw = draws_nothing, f.scene.draw_bounds[0][1] = 2), SCENE_DESC, "sbl_scene_desc", "draw_bounds[0][1]", "2");
+    BAD_SCENE((f.scene.draw = draws_nothing, f.scene.draw_bounds[0][1] = 2), SCENE_DESC, "sbl_scene_desc",
+              "draw_bounds[0][1]", "2");
     BAD_SCENE(f.scene.draw_max_radiance = NOT, SCENE_DESC, "sbl_scene_desc", "draw_max_radiance", "nan");
     BAD_SCENE(f.scene.draw_max_radiance = INF, SCENE_DESC, "sbl_scene_desc", "draw_max_radiance", "inf");
     BAD_SCENE(f.scene.draw_max_radiance = -2, SCENE_DESC, "sbl_scene_desc", "draw_max_radiance", "-2");
@@ -265,15 +283,19 @@ TEST(mesh_indices_past_the_end) {
     BAD_SCENE(f.indices32[4] = 4, MESH, "mesh 0", "index 4", "4");
     BAD_SCENE(f.indices32[4] = 0xffffffffu, MESH, "mesh 0", "index 4", "4294967295");
     BAD_SCENE(f.indices32[0] = 0x80000000u, MESH, "mesh 0", "index 0", "2147483648");
-    BAD_SCENE((f.meshes[1].indices.data = f.indices16, f.meshes[1].indices.type = SBL_UINT16, f.indices16[5] = 65535), MESH, "mesh 1", "index 5", "65535");
-    BAD_SCENE((f.meshes[1].indices.data = f.indices8, f.meshes[1].indices.type = SBL_UINT8, f.indices8[5] = 255), MESH, "mesh 1", "index 5", "255");
-    BAD_SCENE((f.meshes[1].vertex_count = 0, f.meshes[1].positions.data = NULL), MESH, "mesh 1", "index 0", "0 vertices");
+    BAD_SCENE((f.meshes[1].indices.data = f.indices16, f.meshes[1].indices.type = SBL_UINT16, f.indices16[5] = 65535),
+              MESH, "mesh 1", "index 5", "65535");
+    BAD_SCENE((f.meshes[1].indices.data = f.indices8, f.meshes[1].indices.type = SBL_UINT8, f.indices8[5] = 255), MESH,
+              "mesh 1", "index 5", "255");
+    BAD_SCENE((f.meshes[1].vertex_count = 0, f.meshes[1].positions.data = NULL), MESH, "mesh 1", "index 0",
+              "0 vertices");
     usable("indices past the end");
 }
 
 static sbl_stream *stream(int which) {
     sbl_mesh *m = &f.meshes[1];
-    return which == 0 ? &m->positions : which == 1 ? &m->normals : which == 2 ? &m->texcoords : which == 3 ? &m->colors : &m->indices;
+    return which == 0 ? &m->positions : which == 1 ? &m->normals : which == 2 ? &m->texcoords : which == 3 ? &m->colors
+        : &m->indices;
 }
 
 TEST(streams) {
@@ -289,10 +311,12 @@ TEST(streams) {
         for (type = 0; type < SBL_TYPE_COUNT; type++) {
             char value[16];
             snprintf(value, sizeof value, "is %d", type);
-            if ((i == 4) != (type >= SBL_UINT8)) BAD_SCENE(stream(i)->type = (sbl_type)type, MESH, "mesh 1", field, value);
+            if ((i == 4) != (type >= SBL_UINT8))
+                BAD_SCENE(stream(i)->type = (sbl_type)type, MESH, "mesh 1", field, value);
         }
         snprintf(field, sizeof field, "%s.stride", names[i]);
-        BAD_SCENE(stream(i)->stride = (size_t)(4 * components[i] - 1), MESH, "mesh 1", field, components[i] == 1 ? "3" : "1");
+        BAD_SCENE(stream(i)->stride = (size_t)(4 * components[i] - 1), MESH, "mesh 1", field, components[i] ==
+                  1 ? "3" : "1");
         BAD_SCENE(stream(i)->stride = 1, MESH, "mesh 1", field, "1");
         /* sizes whose products overflow */
         snprintf(field, sizeof field, "%s.", names[i]);
@@ -336,7 +360,8 @@ TEST(vertices_that_are_no_numbers) {
     BAD_SCENE(f.colors[6] = -0.25f, MESH, "mesh 1: colors", "vertex 1", "-0.25");
     BAD_SCENE(f.colors[6] = 1.25f, MESH, "mesh 1: colors", "vertex 1", "1.25");
     BAD_SCENE(f.positions[3] = 1e30f, MESH, "mesh 0", "vertex 1", "1e+30");
-    BAD_SCENE((identity(f.meshes[1].transform), f.meshes[1].transform[12] = 1e30f), MESH, "mesh 1", "vertex 0", "1e+30");
+    BAD_SCENE((identity(f.meshes[1].transform), f.meshes[1].transform[12] = 1e30f), MESH, "mesh 1", "vertex 0",
+              "1e+30");
     usable("vertices that are no numbers");
 }
 
@@ -349,7 +374,8 @@ TEST(mesh_transforms) {
         BAD_SCENE((identity(f.meshes[1].transform), f.meshes[1].transform[i] = -INF), MESH, "mesh 1", field, "-inf");
     }
     BAD_SCENE((identity(f.meshes[1].transform), f.meshes[1].transform[5] = 0), MESH, "mesh 1", "transform", "singular");
-    for (i = 3; i < 16; i += 4) BAD_SCENE((identity(f.meshes[1].transform), f.meshes[1].transform[i] += 0.5f), MESH, "mesh 1", "transform",
+    for (i = 3; i < 16; i += 4)
+        BAD_SCENE((identity(f.meshes[1].transform), f.meshes[1].transform[i] += 0.5f), MESH, "mesh 1", "transform",
         i < 15 ? "0.5" : "1.5");
     usable("bad transforms");
 }
@@ -399,7 +425,8 @@ TEST(textures) {
     BAD_SCENE(f.textures[1].height = INT_MIN, TEXTURE, "texture 2", "size", "2 x -2147483648");
     BAD_SCENE(f.textures[1].stride = 31, TEXTURE, "texture 2", "stride", "31");
     BAD_SCENE(f.textures[0].stride = 7, TEXTURE, "texture 1", "stride", "7");
-    BAD_SCENE(f.textures[1].stride = SIZE_MAX, TEXTURE, "texture 2", "stride", NULL);  /* height rows of it reach past the address space */
+    /* height rows of it reach past the address space */
+    BAD_SCENE(f.textures[1].stride = SIZE_MAX, TEXTURE, "texture 2", "stride", NULL);
     BAD_SCENE(f.textures[1].stride = SIZE_MAX / 2 + 1, TEXTURE, "texture 2", "stride", NULL);
     for (i = 0; i < 16; i++) {
         char pixel[32];
@@ -464,7 +491,8 @@ TEST(lights) {
     f.lights[1].intensity[2] = NOT;
     f.lights[2].angle = INF;
     watch_forget(&seen);
-    CHECK(sbl_set_scene(context, &f.scene) == SBL_ERROR_INVALID_ARGUMENT && seen.errors == 4, "%d errors for four mistakes", seen.errors);
+    CHECK(sbl_set_scene(context, &f.scene) == SBL_ERROR_INVALID_ARGUMENT && seen.errors == 4,
+          "%d errors for four mistakes", seen.errors);
     usable("bad lights");
 }
 
@@ -490,7 +518,8 @@ TEST(environments) {
     BAD_SCENE(e->picture.pixels = NULL, LIGHT, "environment", "picture", "NULL");
     BAD_SCENE((e->picture.pixels = NULL, e->picture.width = 0), LIGHT, "environment", "picture", "0 x 2");
     BAD_SCENE(e->picture.gl_texture = 777, LIGHT, "environment", "gl_texture", "777");
-    BAD_SCENE((e->picture.gl_texture = 777, e->picture.pixels = NULL, e->picture.width = e->picture.height = 0), LIGHT, "environment", "gl_texture", "777");
+    BAD_SCENE((e->picture.gl_texture = 777, e->picture.pixels = NULL, e->picture.width = e->picture.height = 0), LIGHT,
+              "environment", "gl_texture", "777");
     BAD_SCENE(e->radiance = glows, LIGHT, "environment", "pixels", "both set");
     BAD_SCENE(e->picture.format = (sbl_pixel_format)-1, LIGHT, "environment", "format", "-1");
     BAD_SCENE(e->picture.format = SBL_PIXEL_FORMAT_COUNT, LIGHT, "environment", "format", "3");
@@ -515,12 +544,14 @@ TEST(environments) {
         /* textures share the array's numbers no more */
         BAD_SCENE((f.textures[1].format = SBL_PIXELS_LINEAR8, f.floats[i] = NOT), LIGHT, "environment", pixel, "nan");
         BAD_SCENE((f.textures[1].format = SBL_PIXELS_LINEAR8, f.floats[i] = INF), LIGHT, "environment", pixel, "inf");
-        BAD_SCENE((f.textures[1].format = SBL_PIXELS_LINEAR8, f.floats[i] = -0.25f), LIGHT, "environment", pixel, "-0.25");
+        BAD_SCENE((f.textures[1].format = SBL_PIXELS_LINEAR8, f.floats[i] = -0.25f), LIGHT, "environment", pixel,
+                  "-0.25");
     }
     for (i = 0; i < 3; i++) {
         static const char *const words[3] = { "nan", "inf", "-3" };
         wrong = i == 0 ? NOT : i == 1 ? INF : -3;
-        BAD_SCENE((memset(&e->picture, 0, sizeof e->picture), e->radiance = glows_wrongly, e->user = &wrong), LIGHT, "environment", "component 2", words[i]);
+        BAD_SCENE((memset(&e->picture, 0, sizeof e->picture), e->radiance = glows_wrongly, e->user = &wrong), LIGHT,
+                  "environment", "component 2", words[i]);
     }
     /* one line a mistake */
     fixture_reset();
@@ -529,7 +560,8 @@ TEST(environments) {
     e->up[2] = INF;
     e->picture.channels = 7;
     watch_forget(&seen);
-    CHECK(sbl_set_scene(context, &f.scene) == SBL_ERROR_INVALID_ARGUMENT && seen.errors == 4, "%d errors for four mistakes", seen.errors);
+    CHECK(sbl_set_scene(context, &f.scene) == SBL_ERROR_INVALID_ARGUMENT && seen.errors == 4,
+          "%d errors for four mistakes", seen.errors);
     usable("bad environments");
 }
 
@@ -552,7 +584,8 @@ TEST(lights_without_light) {
         view.options.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
         memset(&desc.environment, 0, sizeof desc.environment);
         desc.light_count = 0;
-        REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS && small_render(context, &view, &without) == SBL_SUCCESS, "%s", watch_last(&seen));
+        REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS && small_render(context, &view, &without) == SBL_SUCCESS,
+                "%s", watch_last(&seen));
         desc.lights = unlit;
         desc.light_count = 3;
         desc.environment.picture.pixels = black;
@@ -560,8 +593,10 @@ TEST(lights_without_light) {
         desc.environment.picture.width = desc.environment.picture.height = 2;
         desc.environment.rotation = -1000;
         watch_forget(&seen);
-        REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS && seen.errors == 0, "dark lights are refused: %s", watch_last(&seen));
-        REQUIRE(small_render(context, &view, &with) == SBL_SUCCESS, "dark lights are not rendered: %s", watch_last(&seen));
+        REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS && seen.errors == 0, "dark lights are refused: %s",
+                watch_last(&seen));
+        REQUIRE(small_render(context, &view, &with) == SBL_SUCCESS, "dark lights are not rendered: %s",
+                watch_last(&seen));
         CHECK(small_same(&with, &without), "%s: lights without light change the picture", way ? "traced" : "drawn");
     }
     known_picture();
@@ -585,10 +620,15 @@ TEST(scenes_too_large) {
 
 TEST(scene_all_at_once) {
     static const struct { sbl_log_item item; const char *where, *field; } mistakes[] = {
-        { SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc", "sky[2]" }, { SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc", "draw_max_radiance" },
-        { SBL_LOG_ITEM_INVALID_MESH, "mesh 0", "positions.stride" }, { SBL_LOG_ITEM_INVALID_MESH, "mesh 0", "material" }, { SBL_LOG_ITEM_INVALID_MESH, "mesh 0", "transform[3]" },
-        { SBL_LOG_ITEM_INVALID_MESH, "mesh 1", "index_count" }, { SBL_LOG_ITEM_INVALID_MESH, "mesh 1", "colors.type" }, { SBL_LOG_ITEM_INVALID_MATERIAL, "material 0", "albedo[0]" },
-        { SBL_LOG_ITEM_INVALID_MATERIAL, "material 1", "flags" }, { SBL_LOG_ITEM_INVALID_MATERIAL, "material 1", "alpha_cutoff" }, { SBL_LOG_ITEM_INVALID_TEXTURE, "texture 1", "channels" },
+        { SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc", "sky[2]" },
+        { SBL_LOG_ITEM_INVALID_SCENE_DESC, "sbl_scene_desc", "draw_max_radiance" },
+        { SBL_LOG_ITEM_INVALID_MESH, "mesh 0", "positions.stride" },
+        { SBL_LOG_ITEM_INVALID_MESH, "mesh 0", "material" }, { SBL_LOG_ITEM_INVALID_MESH, "mesh 0", "transform[3]" },
+        { SBL_LOG_ITEM_INVALID_MESH, "mesh 1", "index_count" }, { SBL_LOG_ITEM_INVALID_MESH, "mesh 1", "colors.type" },
+        { SBL_LOG_ITEM_INVALID_MATERIAL, "material 0", "albedo[0]" },
+        { SBL_LOG_ITEM_INVALID_MATERIAL, "material 1", "flags" },
+        { SBL_LOG_ITEM_INVALID_MATERIAL, "material 1", "alpha_cutoff" },
+        { SBL_LOG_ITEM_INVALID_TEXTURE, "texture 1", "channels" },
         { SBL_LOG_ITEM_INVALID_TEXTURE, "texture 2", "size" }, { SBL_LOG_ITEM_INVALID_TEXTURE, "texture 2", "wrap" } };
     int i, count = (int)(sizeof mistakes / sizeof *mistakes);
     fixture_reset();
@@ -609,7 +649,8 @@ TEST(scene_all_at_once) {
     watch_forget(&seen);
     CHECK(sbl_set_scene(context, &f.scene) == SBL_ERROR_INVALID_ARGUMENT, "%d mistakes are accepted", count);
     for (i = 0; i < count; i++)
-        CHECK(watch_said(&seen, SBL_LOG_ERROR, mistakes[i].item, mistakes[i].where, mistakes[i].field, NULL), "%s: nothing is said about %s",
+        CHECK(watch_said(&seen, SBL_LOG_ERROR, mistakes[i].item, mistakes[i].where, mistakes[i].field, NULL),
+              "%s: nothing is said about %s",
               mistakes[i].where, mistakes[i].field);
     CHECK(seen.errors == count, "%d errors for %d mistakes", seen.errors, count);
     /* in the vertices too: each mesh that has some is named */
@@ -618,8 +659,10 @@ TEST(scene_all_at_once) {
     f.positions[1] = NOT;
     watch_forget(&seen);
     CHECK(sbl_set_scene(context, &f.scene) == SBL_ERROR_INVALID_ARGUMENT, "NaN in two meshes is accepted");
-    CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh 0", "positions", "nan"), "nothing is said about mesh 0");
-    CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh 1", "positions", "nan"), "nothing is said about mesh 1");
+    CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh 0", "positions", "nan"),
+          "nothing is said about mesh 0");
+    CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "mesh 1", "positions", "nan"),
+          "nothing is said about mesh 1");
     usable("many mistakes");
 }
 
@@ -638,35 +681,42 @@ TEST(empty_scenes_and_meshes) {
         view = small_view();
         view.options.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
         watch_forget(&seen);
-        REQUIRE(small_render(context, &view, &picture) == SBL_SUCCESS, "an empty scene is not rendered: %s", watch_last(&seen));
+        REQUIRE(small_render(context, &view, &picture) == SBL_SUCCESS, "an empty scene is not rendered: %s",
+                watch_last(&seen));
         for (i = 0; i < 3 * SMALL_PIXELS; i++) if (picture.values[i] != nothing.sky[i % 3]) break;
         CHECK(i == 3 * SMALL_PIXELS, "float %d of the sky is %g", i, (double)picture.values[i % SMALL_FLOATS]);
-        CHECK(watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, NULL, NULL, NULL), "no warning that nothing is visible");
+        CHECK(watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, NULL, NULL, NULL),
+              "no warning that nothing is visible");
     }
     memset(&view, 0, sizeof view);
     view.options.mode = SBL_MODE_AMBIENT;
     view.width = view.height = 4;
     view.options.sensor_size = 4;
-    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "the default camera fails in an empty scene: %s", watch_last(&seen));
+    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "the default camera fails in an empty scene: %s",
+          watch_last(&seen));
 
     fixture_reset();  /* a mesh without vertices, one without triangles, one whose indices are given and none */
     memset(&f.meshes[1], 0, sizeof f.meshes[1]);
-    CHECK(sbl_set_scene(context, &f.scene) == SBL_SUCCESS && sbl_query_stats(context).scene.triangles == 2, "an empty mesh is refused: %s", watch_last(&seen));
+    CHECK(sbl_set_scene(context, &f.scene) == SBL_SUCCESS && sbl_query_stats(context).scene.triangles == 2,
+          "an empty mesh is refused: %s", watch_last(&seen));
     fixture_reset();
     f.meshes[0].index_count = f.meshes[1].index_count = 0;
-    CHECK(sbl_set_scene(context, &f.scene) == SBL_SUCCESS && sbl_query_stats(context).scene.triangles == 0, "meshes without triangles are refused: %s",
-          watch_last(&seen));
+    CHECK(sbl_set_scene(context, &f.scene) == SBL_SUCCESS && sbl_query_stats(context).scene.triangles == 0,
+          "meshes without triangles are refused: %s", watch_last(&seen));
     view = small_view();
-    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "meshes without triangles are not rendered: %s", watch_last(&seen));
+    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "meshes without triangles are not rendered: %s",
+          watch_last(&seen));
     view.options.backend = SBL_BACKEND_TRACE;
-    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "meshes without triangles are not traced: %s", watch_last(&seen));
+    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "meshes without triangles are not traced: %s",
+          watch_last(&seen));
     known_picture();
     usable("empty scenes");
 }
 
 TEST(degenerate_triangles) {
     static small_picture without, with;
-    static const uint32_t spoiled[18] = { 0, 1, 2, 0, 0, 1, 0, 2, 3, 2, 2, 2, 0, 4, 5, 1, 6, 2 };  /* 2 good ones; corners twice, thrice; on a line; of one place */
+    /* 2 good ones; corners twice, thrice; on a line; of one place */
+    static const uint32_t spoiled[18] = { 0, 1, 2, 0, 0, 1, 0, 2, 3, 2, 2, 2, 0, 4, 5, 1, 6, 2 };
     static const float corners[21] = { -1, 0, -1, -1, 0, 1, 1, 0, 1, 1, 0, -1,  0, 0, 0, 1, 0, 1, 1, 0, 1 };
     float lamp[12] = { -1, 1, -1, -1, 1, 1, 1, 1, 1, 1, 1, -1 };
     test_scene good = { 0 }, bad = { 0 };
@@ -683,15 +733,19 @@ TEST(degenerate_triangles) {
         view.options.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
         desc = scene_desc(&good);
         watch_forget(&seen);
-        REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS && small_render(context, &view, &without) == SBL_SUCCESS, "%s", watch_last(&seen));
+        REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS && small_render(context, &view, &without) == SBL_SUCCESS,
+                "%s", watch_last(&seen));
         CHECK(seen.warnings == 0, "a warning without reason: %s", watch_last(&seen));
         desc = scene_desc(&bad);
         watch_forget(&seen);
-        REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS, "degenerate triangles are an error: %s", watch_last(&seen));
-        CHECK(seen.warnings == 1 && seen.errors == 0 && watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_DEGENERATE_TRIANGLES, "4", NULL, NULL),
+        REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS, "degenerate triangles are an error: %s",
+                watch_last(&seen));
+        CHECK(seen.warnings == 1 && seen.errors == 0 &&
+              watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_DEGENERATE_TRIANGLES, "4", NULL, NULL),
               "%d warnings, the last: %s",
               seen.warnings, watch_last(&seen));
-        CHECK(sbl_query_stats(context).scene.triangles == 4, "%d triangles are left, expected 4", sbl_query_stats(context).scene.triangles);
+        CHECK(sbl_query_stats(context).scene.triangles == 4, "%d triangles are left, expected 4",
+              sbl_query_stats(context).scene.triangles);
         REQUIRE(small_render(context, &view, &with) == SBL_SUCCESS, "%s", watch_last(&seen));
         CHECK(small_same(&with, &without), "degenerate triangles change the picture");
     }
@@ -714,9 +768,12 @@ TEST(extreme_light) {
         view = small_view();
         view.options.mode = SBL_MODE_DIRECT;
         view.options.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
-        CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS && small_render(context, &view, &picture) == SBL_SUCCESS, "light of %g fails", (double)lights[i]);
-        for (k = 0; k < 3 * SMALL_PIXELS; k++) if (!(picture.values[k] >= 0 && picture.values[k] <= lights[i] * 1.01f)) break;
-        CHECK(k == 3 * SMALL_PIXELS, "light of %g: float %d of the picture is %g", (double)lights[i], k, (double)picture.values[k]);
+        CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS && small_render(context, &view, &picture) == SBL_SUCCESS,
+              "light of %g fails", (double)lights[i]);
+        for (k = 0; k < 3 * SMALL_PIXELS; k++)
+            if (!(picture.values[k] >= 0 && picture.values[k] <= lights[i] * 1.01f)) break;
+        CHECK(k == 3 * SMALL_PIXELS, "light of %g: float %d of the picture is %g", (double)lights[i], k,
+              (double)picture.values[k]);
         scene_free(&s);
     }
     known_picture();
@@ -724,18 +781,20 @@ TEST(extreme_light) {
 
 /* >>sbl_picture_desc */
 
-static void bad_picture(const sbl_picture_desc *desc, sbl_result right, sbl_log_item item, const char *mistake, const char *field, const char *value) {
+static void bad_picture(const sbl_picture_desc *desc, sbl_result right, sbl_log_item item, const char *mistake,
+                        const char *field, const char *value) {
     static small_picture picture;
     watch_forget(&seen);
     refused(sbl_begin_picture(context, desc), right, item, mistake, "sbl_picture_desc", field, value);
-    CHECK(small_read(context, &picture) == SBL_SUCCESS && small_same(&picture, &expected), "%s: the finished picture is gone", mistake);
+    CHECK(small_read(context, &picture) == SBL_SUCCESS && small_same(&picture, &expected),
+          "%s: the finished picture is gone", mistake);
     CHECK(seen.blocks == blocks, "%s: %d blocks leaked", mistake, seen.blocks - blocks);
 }
 
-#define BAD_PICTURE(change, field, value) do {                                                                                      \
-        sbl_picture_desc d = small_view();                                                                                         \
-        change;                                                                                                                    \
-        bad_picture(&d, SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_PICTURE_DESC, #change, field, value);                     \
+#define BAD_PICTURE(change, field, value) do {                                                                 \
+        sbl_picture_desc d = small_view();                                                                     \
+        change;                                                                                                \
+        bad_picture(&d, SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_PICTURE_DESC, #change, field, value); \
     } while (0)
 
 TEST(picture_desc) {
@@ -758,8 +817,10 @@ TEST(picture_desc) {
     BAD_PICTURE((d.options.mode = SBL_MODE_PAPER, d.sensor_kind = SBL_SENSOR_HEMICUBE), "sensor_kind", "HEMICUBE");
     BAD_PICTURE(d.options.backend = (sbl_backend)-1, "options.backend", "-1");
     BAD_PICTURE(d.options.backend = SBL_BACKEND_COUNT, "options.backend", "3");
-    BAD_PICTURE((d.options.backend = SBL_BACKEND_TRACE, d.options.mode = SBL_MODE_PAPER), "options.backend is SBL_BACKEND_TRACE", "SBL_MODE_PAPER");
-    BAD_PICTURE((d.options.backend = SBL_BACKEND_TRACE, d.sensor_kind = SBL_SENSOR_SINGLE), "options.backend is SBL_BACKEND_TRACE", "SBL_SENSOR_SINGLE");
+    BAD_PICTURE((d.options.backend = SBL_BACKEND_TRACE, d.options.mode = SBL_MODE_PAPER),
+                "options.backend is SBL_BACKEND_TRACE", "SBL_MODE_PAPER");
+    BAD_PICTURE((d.options.backend = SBL_BACKEND_TRACE, d.sensor_kind = SBL_SENSOR_SINGLE),
+                "options.backend is SBL_BACKEND_TRACE", "SBL_SENSOR_SINGLE");
     BAD_PICTURE(d.options.rays = -1, "options.rays", "-1");
     BAD_PICTURE(d.options.rays = 4097, "options.rays", "4097");
     BAD_PICTURE(d.options.sensor_size = -1, "options.sensor_size", "-1");
@@ -794,8 +855,10 @@ TEST(picture_desc) {
         BAD_PICTURE(d.view_to_clip[i] = NOT, field, "nan");
         BAD_PICTURE(d.view_to_clip[i] = -INF, field, "-inf");
     }
-    for (i = 0; i < 3; i++) BAD_PICTURE((identity(d.world_to_view), d.world_to_view[5 * i] = 1.1f), "world_to_view", "rigid");
-    for (i = 3; i < 16; i += 4) BAD_PICTURE((identity(d.world_to_view), d.world_to_view[i] += 0.5f), "world_to_view", "rigid");
+    for (i = 0; i < 3; i++)
+        BAD_PICTURE((identity(d.world_to_view), d.world_to_view[5 * i] = 1.1f), "world_to_view", "rigid");
+    for (i = 3; i < 16; i += 4)
+        BAD_PICTURE((identity(d.world_to_view), d.world_to_view[i] += 0.5f), "world_to_view", "rigid");
     BAD_PICTURE((identity(d.world_to_view), d.world_to_view[0] = -1), "world_to_view", "rigid");  /* a mirror */
     BAD_PICTURE((identity(d.world_to_view), d.world_to_view[4] = 0.5f), "world_to_view", "rigid");  /* a shear */
     BAD_PICTURE(d.view_to_clip[11] = 1, "view_to_clip", "1");    /* looks along +z */
@@ -808,7 +871,8 @@ TEST(picture_desc) {
 }
 
 TEST(picture_desc_all_at_once) {
-    static const char *const fields[] = { "width", "height", "mode", "preset", "sensor_kind", "backend", "rays", "sensor_size", "sensor_fov", "tile", "threshold", "epsilon", "facet_limit", "filter_radius", "samples",
+    static const char *const fields[] = { "width", "height", "mode", "preset", "sensor_kind", "backend", "rays",
+        "sensor_size", "sensor_fov", "tile", "threshold", "epsilon", "facet_limit", "filter_radius", "samples",
                                           "world_to_view[2]", "world_to_view[9]", "view_to_clip[7]" };
     int i, count = (int)(sizeof fields / sizeof *fields);
     sbl_picture_desc d = small_view();
@@ -824,7 +888,8 @@ TEST(picture_desc_all_at_once) {
     watch_forget(&seen);
     CHECK(sbl_render_picture(context, &d) == SBL_ERROR_INVALID_ARGUMENT, "%d mistakes are accepted", count);
     for (i = 0; i < count; i++)
-        CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_PICTURE_DESC, "sbl_picture_desc", fields[i], NULL), "nothing is said about %s", fields[i]);
+        CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_PICTURE_DESC, "sbl_picture_desc", fields[i], NULL),
+              "nothing is said about %s", fields[i]);
     CHECK(seen.errors == count, "%d errors for %d mistakes", seen.errors, count);
     usable("many mistakes");
 }
@@ -867,8 +932,8 @@ TEST(rays_with_a_draw_callback) {
     view = small_view();
     view.options.backend = SBL_BACKEND_TRACE;
     watch_forget(&seen);
-    refused(sbl_begin_picture(context, &view), SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_PICTURE_DESC, "rays with a draw callback",
-        "sbl_picture_desc", "options.backend is SBL_BACKEND_TRACE", "draw callback");
+    refused(sbl_begin_picture(context, &view), SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_PICTURE_DESC,
+            "rays with a draw callback", "sbl_picture_desc", "options.backend is SBL_BACKEND_TRACE", "draw callback");
     known_picture();
 }
 
@@ -884,16 +949,18 @@ TEST(max_bounce_cells_ends_of_range) {
         d.options.mode = i ? SBL_MODE_GI : SBL_MODE_DEFAULT;
         watch_forget(&seen);
         if (samples[i] > 2000) {  /* much work, of which a little is done */
-            CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_begin_picture(context, &d) == SBL_SUCCESS && sbl_step(context, 1e-3) == SBL_UNFINISHED,
+            CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_begin_picture(context, &d) == SBL_SUCCESS &&
+                      sbl_step(context, 1e-3) == SBL_UNFINISHED,
                   "max_bounce_cells of %d: %s", samples[i], watch_last(&seen));
             continue;
         }
-        REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_render_picture(context, &d) == SBL_SUCCESS, "max_bounce_cells of %d: %s", samples[i],
-                watch_last(&seen));
+        REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_render_picture(context, &d) == SBL_SUCCESS,
+                "max_bounce_cells of %d: %s", samples[i], watch_last(&seen));
         stats = sbl_query_stats(context);
-        CHECK(stats.mode == SBL_MODE_GI && stats.store.cells > 100 && stats.store.cells <= (i ? samples[i] : 49152), "store.cells of %d gives %d",
-              samples[i], stats.store.cells);
-        CHECK(stats.seconds.bounce > 0 && stats.seconds.bounce < stats.seconds.total, "the store takes %g s of %g", stats.seconds.bounce, stats.seconds.total);
+        CHECK(stats.mode == SBL_MODE_GI && stats.store.cells > 100 && stats.store.cells <= (i ? samples[i] : 49152),
+              "store.cells of %d gives %d", samples[i], stats.store.cells);
+        CHECK(stats.seconds.bounce > 0 && stats.seconds.bounce < stats.seconds.total, "the store takes %g s of %g",
+              stats.seconds.bounce, stats.seconds.total);
     }
     sbl_end(context);
     known_picture();
@@ -902,7 +969,8 @@ TEST(max_bounce_cells_ends_of_range) {
 
 /* >>calls */
 
-#define SAID(call, right, item, a, b) do { watch_forget(&seen); refused(call, right, SBL_LOG_ITEM_##item, #call, a, b, NULL); } while (0)
+#define SAID(call, right, item, a, b) \
+    do { watch_forget(&seen); refused(call, right, SBL_LOG_ITEM_##item, #call, a, b, NULL); } while (0)
 
 TEST(null_parameters) {
     float three[3], matrix[16];
@@ -914,19 +982,27 @@ TEST(null_parameters) {
     identity(matrix);
     SAID(sbl_create(&desc, NULL), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_create", "out");
     SAID(sbl_set_scene(context, NULL), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_set_scene", "desc");
-    SAID(sbl_set_mesh_transform(context, 0, NULL), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_set_mesh_transform", "transform");
-    SAID(sbl_set_mesh_transform(context, -1, matrix), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_set_mesh_transform", "mesh is -1");
-    SAID(sbl_set_mesh_transform(context, 8, matrix), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_set_mesh_transform", "mesh is 8");
-    SAID(sbl_read_channel(context, SBL_CHANNEL_FINAL, NULL, 1000000), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_read_channel", "out");
-    SAID(sbl_inspect_sensor(context, 1, 1, NULL, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_inspect_sensor", "sensor");
+    SAID(sbl_set_mesh_transform(context, 0, NULL), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT,
+         "sbl_set_mesh_transform", "transform");
+    SAID(sbl_set_mesh_transform(context, -1, matrix), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT,
+         "sbl_set_mesh_transform", "mesh is -1");
+    SAID(sbl_set_mesh_transform(context, 8, matrix), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT,
+         "sbl_set_mesh_transform", "mesh is 8");
+    SAID(sbl_read_channel(context, SBL_CHANNEL_FINAL, NULL, 1000000), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT,
+         "sbl_read_channel", "out");
+    SAID(sbl_inspect_sensor(context, 1, 1, NULL, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT,
+         "sbl_inspect_sensor", "sensor");
 
     CHECK(sbl_set_scene(NULL, &scene) == SBL_ERROR_INVALID_ARGUMENT, "sbl_set_scene without context");
-    CHECK(sbl_set_mesh_transform(NULL, 0, matrix) == SBL_ERROR_INVALID_ARGUMENT, "sbl_set_mesh_transform without context");
+    CHECK(sbl_set_mesh_transform(NULL, 0, matrix) == SBL_ERROR_INVALID_ARGUMENT,
+          "sbl_set_mesh_transform without context");
     CHECK(sbl_render_picture(NULL, &view) == SBL_ERROR_INVALID_ARGUMENT, "sbl_render without context");
     CHECK(sbl_begin_picture(NULL, &view) == SBL_ERROR_INVALID_ARGUMENT, "sbl_begin without context");
     CHECK(sbl_step(NULL, 0) == SBL_ERROR_INVALID_ARGUMENT, "sbl_step without context");
-    CHECK(sbl_read_channel(NULL, SBL_CHANNEL_FINAL, three, 3) == SBL_ERROR_INVALID_ARGUMENT, "sbl_read_channel without context");
-    CHECK(sbl_inspect_sensor(NULL, 0, 0, &sensor, NULL, NULL, 0) == SBL_ERROR_INVALID_ARGUMENT, "sbl_inspect_sensor without context");
+    CHECK(sbl_read_channel(NULL, SBL_CHANNEL_FINAL, three, 3) == SBL_ERROR_INVALID_ARGUMENT,
+          "sbl_read_channel without context");
+    CHECK(sbl_inspect_sensor(NULL, 0, 0, &sensor, NULL, NULL, 0) == SBL_ERROR_INVALID_ARGUMENT,
+          "sbl_inspect_sensor without context");
     CHECK(sbl_channel_texture(NULL, SBL_CHANNEL_FINAL) == 0, "sbl_channel_texture without context");
     CHECK(sbl_progress(NULL) == 0, "sbl_progress without context");
     sbl_end(NULL);
@@ -942,13 +1018,19 @@ TEST(null_parameters) {
 TEST(values_that_do_not_exist) {
     float some[3];
     small_picture picture;
-    SAID(sbl_read_channel(context, (sbl_channel)-1, some, 3), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_read_channel", "channel is -1");
-    SAID(sbl_read_channel(context, SBL_CHANNEL_COUNT, picture.values, SMALL_FLOATS), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT,
+    SAID(sbl_read_channel(context, (sbl_channel)-1, some, 3), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT,
+         "sbl_read_channel", "channel is -1");
+    SAID(sbl_read_channel(context, SBL_CHANNEL_COUNT, picture.values, SMALL_FLOATS), SBL_ERROR_INVALID_ARGUMENT,
+         INVALID_ARGUMENT,
         "sbl_read_channel", "channel is 15");
-    CHECK(sbl_channel_texture(context, (sbl_channel)-1) == 0 && sbl_channel_texture(context, SBL_CHANNEL_COUNT) == 0, "textures of channels that do not exist");
-    CHECK(sbl_channel_components((sbl_channel)-1) == 0 && sbl_channel_components(SBL_CHANNEL_COUNT) == 0, "components of channels that do not exist");
-    CHECK(sbl_result_string((sbl_result)-1) && sbl_result_string(SBL_RESULT_COUNT) && *sbl_result_string((sbl_result)99), "results that do not exist");
-    CHECK(sbl_log_item_string((sbl_log_item)-1) && sbl_log_item_string(SBL_LOG_ITEM_COUNT), "log items that do not exist");
+    CHECK(sbl_channel_texture(context, (sbl_channel)-1) == 0 && sbl_channel_texture(context, SBL_CHANNEL_COUNT) == 0,
+          "textures of channels that do not exist");
+    CHECK(sbl_channel_components((sbl_channel)-1) == 0 && sbl_channel_components(SBL_CHANNEL_COUNT) == 0,
+          "components of channels that do not exist");
+    CHECK(sbl_result_string((sbl_result)-1) && sbl_result_string(SBL_RESULT_COUNT) &&
+          *sbl_result_string((sbl_result)99), "results that do not exist");
+    CHECK(sbl_log_item_string((sbl_log_item)-1) && sbl_log_item_string(SBL_LOG_ITEM_COUNT),
+          "log items that do not exist");
     usable("values that do not exist");
 }
 
@@ -961,10 +1043,13 @@ TEST(helpers_out_of_range) {
     CHECK(!sbl_look_at(m, 0, 0, 0, 0, 0, 1, 0, 0, 0), "sbl_look_at without up");
     CHECK(!sbl_look_at(m, NOT, 0, 0, 0, 0, 1, 0, 1, 0), "sbl_look_at from nan");
     CHECK(!sbl_look_at(m, 0, 0, 0, INF, 0, 1, 0, 1, 0), "sbl_look_at at inf");
-    CHECK(!sbl_look_at(m, 3e38f, 3e38f, 3e38f, -3e38f, -3e38f, 3e38f, 0, 1, 0), "sbl_look_at from past what a float holds");
+    CHECK(!sbl_look_at(m, 3e38f, 3e38f, 3e38f, -3e38f, -3e38f, 3e38f, 0, 1, 0),
+          "sbl_look_at from past what a float holds");
     CHECK(!sbl_perspective(m, 1e-42f, 1) && !sbl_perspective(m, 40, 1e-42f), "sbl_perspective: too narrow for a float");
-    CHECK(!sbl_perspective(m, 0, 1) && !sbl_perspective(m, 180, 1) && !sbl_perspective(m, -10, 1) && !sbl_perspective(m, NOT, 1), "sbl_perspective: fov_y");
-    CHECK(!sbl_perspective(m, 40, 0) && !sbl_perspective(m, 40, -1) && !sbl_perspective(m, 40, NOT) && !sbl_perspective(m, 40, INF), "sbl_perspective: aspect");
+    CHECK(!sbl_perspective(m, 0, 1) && !sbl_perspective(m, 180, 1) && !sbl_perspective(m, -10, 1) &&
+          !sbl_perspective(m, NOT, 1), "sbl_perspective: fov_y");
+    CHECK(!sbl_perspective(m, 40, 0) && !sbl_perspective(m, 40, -1) && !sbl_perspective(m, 40, NOT) &&
+          !sbl_perspective(m, 40, INF), "sbl_perspective: aspect");
     CHECK(memcmp(m, before, sizeof m) == 0, "a helper wrote though it failed");
 }
 
@@ -979,30 +1064,42 @@ static void little_room(sbl_backend backend) {
     for (channel = 0; channel < SBL_CHANNEL_COUNT; channel++) {
         size_t needed = (size_t)(SMALL_PIXELS * sbl_channel_components((sbl_channel)channel));
         for (i = 0; i < SMALL_FLOATS; i++) floats[i] = 7;
-        SAID(sbl_read_channel(context, (sbl_channel)channel, floats, needed - 1), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_read_channel", "count");
-        SAID(sbl_read_channel(context, (sbl_channel)channel, floats, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "count is 0", NULL);
+        SAID(sbl_read_channel(context, (sbl_channel)channel, floats, needed - 1), SBL_ERROR_INVALID_ARGUMENT,
+             INVALID_ARGUMENT, "sbl_read_channel", "count");
+        SAID(sbl_read_channel(context, (sbl_channel)channel, floats, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT,
+             "count is 0", NULL);
         for (i = 0; i < SMALL_FLOATS && floats[i] == 7; i++) {}
         CHECK(i == SMALL_FLOATS, "channel %d: float %d was written though there is too little room", channel, i);
-        CHECK(sbl_read_channel(context, (sbl_channel)channel, floats, needed) == SBL_SUCCESS, "channel %d: exactly enough room is refused", channel);
+        CHECK(sbl_read_channel(context, (sbl_channel)channel, floats, needed) == SBL_SUCCESS,
+              "channel %d: exactly enough room is refused", channel);
         for (i = (int)needed; i < SMALL_FLOATS && floats[i] == 7; i++) {}
         CHECK(i == SMALL_FLOATS, "channel %d: float %d was written past the end", channel, i);
     }
-    REQUIRE(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, NULL, NULL, 0) == SBL_SUCCESS, "sbl_inspect_sensor: %s", watch_last(&seen));
+    REQUIRE(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, NULL, NULL, 0) == SBL_SUCCESS,
+            "sbl_inspect_sensor: %s", watch_last(&seen));
     texels = (size_t)(sensor.sheet_width * sensor.sheet_height);
     REQUIRE(texels > 1 && texels <= 64 * 64, "a sheet of %d x %d", sensor.sheet_width, sensor.sheet_height);
     for (i = 0; i < 64 * 64; i++) weights[i] = radiance[4 * i] = 7;
-    SAID(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, NULL, texels - 1), SBL_ERROR_INVALID_ARGUMENT,
+    SAID(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, NULL, texels - 1),
+         SBL_ERROR_INVALID_ARGUMENT,
         INVALID_ARGUMENT, "sbl_inspect_sensor", "count");
-    SAID(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, NULL, weights, texels - 1), SBL_ERROR_INVALID_ARGUMENT,
+    SAID(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, NULL, weights, texels - 1),
+         SBL_ERROR_INVALID_ARGUMENT,
         INVALID_ARGUMENT, "sbl_inspect_sensor", "count");
-    SAID(sbl_inspect_sensor(context, -1, 0, &sensor, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_inspect_sensor", "-1 0");
-    SAID(sbl_inspect_sensor(context, 0, -1, &sensor, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_inspect_sensor", "0 -1");
-    SAID(sbl_inspect_sensor(context, SMALL_WIDTH, 0, &sensor, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_inspect_sensor", "11 0");
-    SAID(sbl_inspect_sensor(context, 0, INT_MAX, &sensor, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_inspect_sensor", "2147483647");
-    SAID(sbl_inspect_sensor(context, 0, 0, &sensor, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT, "sbl_inspect_sensor", "no surface");
+    SAID(sbl_inspect_sensor(context, -1, 0, &sensor, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT,
+         "sbl_inspect_sensor", "-1 0");
+    SAID(sbl_inspect_sensor(context, 0, -1, &sensor, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT,
+         "sbl_inspect_sensor", "0 -1");
+    SAID(sbl_inspect_sensor(context, SMALL_WIDTH, 0, &sensor, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT,
+         INVALID_ARGUMENT, "sbl_inspect_sensor", "11 0");
+    SAID(sbl_inspect_sensor(context, 0, INT_MAX, &sensor, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT,
+         "sbl_inspect_sensor", "2147483647");
+    SAID(sbl_inspect_sensor(context, 0, 0, &sensor, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT,
+         "sbl_inspect_sensor", "no surface");
     for (i = 0; i < 64 * 64 && weights[i] == 7 && radiance[4 * i] == 7; i++) {}
     CHECK(i == 64 * 64, "texel %d was written though there is too little room", i);
-    CHECK(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, weights, texels) == SBL_SUCCESS,
+    CHECK(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, weights, texels) ==
+          SBL_SUCCESS,
           "exactly enough room is refused: %s", watch_last(&seen));
     for (i = (int)texels; i < 64 * 64 && weights[i] == 7; i++) {}
     CHECK(i == 64 * 64, "weight %d was written past the end", i);
@@ -1034,16 +1131,20 @@ TEST(wrong_order) {
     NOT_YET(sbl_step(fresh, 0), "sbl_step");
     NOT_YET(sbl_read_channel(fresh, SBL_CHANNEL_FINAL, floats, SMALL_FLOATS), "sbl_read_channel");
     NOT_YET(sbl_inspect_sensor(fresh, 0, 0, &sensor, NULL, NULL, 0), "sbl_inspect_sensor");
-    CHECK(sbl_channel_texture(fresh, SBL_CHANNEL_FINAL) == 0 && sbl_progress(fresh) == 0, "a picture where there is none");
+    CHECK(sbl_channel_texture(fresh, SBL_CHANNEL_FINAL) == 0 && sbl_progress(fresh) == 0,
+          "a picture where there is none");
     sbl_end(fresh);
     REQUIRE(sbl_set_scene(fresh, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
     NOT_YET(sbl_step(fresh, 0), "sbl_step");
     NOT_YET(sbl_read_channel(fresh, SBL_CHANNEL_ID, floats, SMALL_FLOATS), "sbl_read_channel");
-    REQUIRE(sbl_begin_picture(fresh, &view) == SBL_SUCCESS && sbl_step(fresh, 1e-9) == SBL_UNFINISHED, "%s", watch_last(&seen));
+    REQUIRE(sbl_begin_picture(fresh, &view) == SBL_SUCCESS && sbl_step(fresh, 1e-9) == SBL_UNFINISHED, "%s",
+            watch_last(&seen));
     watch_forget(&seen);
     floats[0] = 7;
-    CHECK(sbl_read_channel(fresh, SBL_CHANNEL_FINAL, floats, SMALL_FLOATS) == SBL_UNFINISHED && sbl_channel_texture(fresh, SBL_CHANNEL_FINAL) == 0 &&
-          floats[0] == 7 && seen.count == 0, "something is shown of a picture of which nothing is known yet: %s", watch_last(&seen));
+    CHECK(sbl_read_channel(fresh, SBL_CHANNEL_FINAL, floats, SMALL_FLOATS) == SBL_UNFINISHED &&
+          sbl_channel_texture(fresh, SBL_CHANNEL_FINAL) == 0 &&
+          floats[0] == 7 && seen.count == 0, "something is shown of a picture of which nothing is known yet: %s",
+              watch_last(&seen));
     NOT_YET(sbl_inspect_sensor(fresh, 5, 5, &sensor, NULL, NULL, 0), "sbl_inspect_sensor");
     REQUIRE(sbl_step(fresh, 0) == SBL_SUCCESS, "%s", watch_last(&seen));
     CHECK(sbl_step(fresh, 0) == SBL_SUCCESS && sbl_progress(fresh) == 1, "stepping on after the end");
@@ -1052,7 +1153,8 @@ TEST(wrong_order) {
     sbl_end(fresh);
     NOT_YET(sbl_step(fresh, 0), "sbl_step");
     NOT_YET(sbl_read_channel(fresh, SBL_CHANNEL_FINAL, floats, SMALL_FLOATS), "sbl_read_channel");
-    CHECK(sbl_set_mesh_transform(fresh, 0, matrix) == SBL_SUCCESS && scene_bounds(fresh, three, three), "%s", watch_last(&seen));
+    CHECK(sbl_set_mesh_transform(fresh, 0, matrix) == SBL_SUCCESS && scene_bounds(fresh, three, three), "%s",
+          watch_last(&seen));
     sbl_destroy(fresh);
     CHECK(seen.blocks == before && seen.strangers == 0, "%d blocks leaked", seen.blocks - before);
     usable("the wrong order");
@@ -1087,11 +1189,13 @@ TEST(cancel_at_every_call) {
             REQUIRE(steps < 10000, "the picture is not done after %d calls of sbl_step", steps);
             CHECK(c.out_of_order == 0, "progress went back or out of 0 to 1");
             if (c.calls < stop) {
-                CHECK(result == SBL_SUCCESS && c.last == 1, "not cancelled: \"%s\", progress %g", sbl_result_string(result), (double)c.last);
+                CHECK(result == SBL_SUCCESS && c.last == 1, "not cancelled: \"%s\", progress %g",
+                      sbl_result_string(result), (double)c.last);
                 break;
             }
             CHECK(result == SBL_CANCELLED, "cancelled at call %d: \"%s\"", stop, sbl_result_string(result));
-            CHECK(sbl_read_channel(context, SBL_CHANNEL_ID, &value, 1) == SBL_ERROR_STATE && sbl_step(context, 0) == SBL_ERROR_STATE &&
+            CHECK(sbl_read_channel(context, SBL_CHANNEL_ID, &value, 1) == SBL_ERROR_STATE && sbl_step(context, 0) ==
+                  SBL_ERROR_STATE &&
                   sbl_progress(context) == 0,
                   "cancelled at call %d: the picture is not gone", stop);
             if (!usable("cancelling")) return;
@@ -1113,7 +1217,9 @@ TEST(giving_up_midway) {
             int before = seen.blocks;
             view = small_view();
             view.options.backend = steps % 2 ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
-            if (way == 4) REQUIRE(sbl_create(&desc, &c) == SBL_SUCCESS && sbl_set_scene(c, &scene) == SBL_SUCCESS, "%s", watch_last(&seen));
+            if (way == 4)
+                REQUIRE(sbl_create(&desc, &c) == SBL_SUCCESS && sbl_set_scene(c, &scene) == SBL_SUCCESS, "%s",
+                        watch_last(&seen));
             REQUIRE(sbl_begin_picture(c, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
             for (k = 0; k < steps; k++) if (sbl_step(c, 1e-9) != SBL_UNFINISHED) break;
             if (way == 0) sbl_end(c);
@@ -1122,7 +1228,9 @@ TEST(giving_up_midway) {
             else if (way == 3) CHECK(sbl_begin_picture(c, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
             else sbl_destroy(c);
             if (way < 3) CHECK(sbl_progress(c) == 0 && sbl_step(c, 0) == SBL_ERROR_STATE, "the picture goes on");
-            if (way == 4) CHECK(seen.blocks == before, "%d blocks leaked by sbl_destroy after %d steps", seen.blocks - before, steps);
+            if (way == 4)
+                CHECK(seen.blocks == before, "%d blocks leaked by sbl_destroy after %d steps", seen.blocks - before,
+                      steps);
         }
     usable("giving up midway");
 }
@@ -1238,12 +1346,15 @@ TEST(callbacks_that_call_back) {
             REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
             result = sbl_step(context, 0);
             if (which < 0) {
-                REQUIRE(result == SBL_SUCCESS && small_read(context, &plain) == SBL_SUCCESS && small_plausible(&plain), "%s", watch_last(&seen));
+                REQUIRE(result == SBL_SUCCESS && small_read(context, &plain) == SBL_SUCCESS && small_plausible(&plain),
+                        "%s", watch_last(&seen));
                 continue;
             }
-            CHECK(result == SBL_SUCCESS && small_read(context, &other) == SBL_SUCCESS && small_same(&other, &plain), "way %d, call %d: \"%s\", or another picture",
+            CHECK(result == SBL_SUCCESS && small_read(context, &other) == SBL_SUCCESS && small_same(&other, &plain),
+                  "way %d, call %d: \"%s\", or another picture",
                   way, which, sbl_result_string(result));
-            CHECK(m.calls > 1 && m.refused == m.calls, "way %d, call %d: refused %d of %d times", way, which, m.refused, m.calls);
+            CHECK(m.calls > 1 && m.refused == m.calls, "way %d, call %d: refused %d of %d times", way, which, m.refused,
+                  m.calls);
             CHECK((m.read > 0) == (way < 2), "way %d, call %d: %d channels were read", way, which, m.read);
         }
         view.options.progress = NULL;
@@ -1258,10 +1369,12 @@ TEST(sizes_far_apart) {
     static small_picture picture;
     test_scene s = { 0 };
     sbl_scene_desc desc;
-    const int count = (int)(sizeof sizes / sizeof *sizes), grey = scene_material(&s, 0.5f, 0.5f, 0.5f), lamp = scene_lamp(&s, 1, 2, 3);
+    const int count = (int)(sizeof sizes / sizeof *sizes), grey = scene_material(&s, 0.5f, 0.5f, 0.5f),
+        lamp = scene_lamp(&s, 1, 2, 3);
     int i, k, way;
     for (i = 0; i < count; i++) {
-        const float a = sizes[i], plain[9] = { -a, -a, -a, a, -a, -a, 0, a, -a }, needle[9] = { -a, 0, -a, a, 1e-20f, -a, a, 0, -a * 1.001f };
+        const float a = sizes[i], plain[9] = { -a, -a, -a, a, -a, -a, 0, a, -a },
+            needle[9] = { -a, 0, -a, a, 1e-20f, -a, a, 0, -a * 1.001f };
         scene_mesh(&s, i % 3 ? grey : lamp, plain, NULL, NULL, 3, NULL, 0);
         scene_mesh(&s, i % 2 ? grey : lamp, needle, NULL, NULL, 3, NULL, 0);
     }
@@ -1272,9 +1385,11 @@ TEST(sizes_far_apart) {
         view = small_view();
         view.options.backend = way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER;
         sbl_look_at(view.world_to_view, 0.3f * sizes[i], 0.2f * sizes[i], 2 * sizes[i], 0, 0, 0, 0, 1, 0);
-        CHECK(small_render(context, &view, &picture) == SBL_SUCCESS, "from %g: %s", (double)sizes[i], watch_last(&seen));
+        CHECK(small_render(context, &view, &picture) == SBL_SUCCESS, "from %g: %s", (double)sizes[i],
+              watch_last(&seen));
         for (k = 0; k < SMALL_FLOATS; k++) if (!isfinite(picture.values[k])) break;
-        CHECK(k == SMALL_FLOATS, "from %g: float %d of the channels is %g", (double)sizes[i], k, (double)picture.values[k]);
+        CHECK(k == SMALL_FLOATS, "from %g: float %d of the channels is %g", (double)sizes[i], k,
+              (double)picture.values[k]);
     }
     known_picture();
     usable("sizes far apart");
@@ -1284,24 +1399,32 @@ TEST(sizes_far_apart) {
 /* What is no mistake, but hardly wanted: a scene in which nothing shines, one too small, too large or too far off. */
 TEST(warnings) {
     static const struct { float size, offset; int light, warnings; sbl_log_item item; } cases[] = {
-        { 1, 0, 1, 0, SBL_LOG_ITEM_OK }, { 1, 0, 0, 1, SBL_LOG_ITEM_NO_LIGHT }, { 1e-9f, 0, 1, 0, SBL_LOG_ITEM_OK }, { 1e-11f, 0, 1, 1, SBL_LOG_ITEM_SCALE },
-        { 1e9f, 0, 1, 0, SBL_LOG_ITEM_OK }, { 1e11f, 0, 1, 1, SBL_LOG_ITEM_SCALE }, { 1, 1e3f, 1, 0, SBL_LOG_ITEM_OK }, { 1, 1e5f, 1, 1, SBL_LOG_ITEM_SCALE } };
+        { 1, 0, 1, 0, SBL_LOG_ITEM_OK }, { 1, 0, 0, 1, SBL_LOG_ITEM_NO_LIGHT }, { 1e-9f, 0, 1, 0, SBL_LOG_ITEM_OK },
+        { 1e-11f, 0, 1, 1, SBL_LOG_ITEM_SCALE },
+        { 1e9f, 0, 1, 0, SBL_LOG_ITEM_OK }, { 1e11f, 0, 1, 1, SBL_LOG_ITEM_SCALE }, { 1, 1e3f, 1, 0, SBL_LOG_ITEM_OK },
+        { 1, 1e5f, 1, 1, SBL_LOG_ITEM_SCALE } };
     int i, way;
     for (i = 0; i < (int)(sizeof cases / sizeof *cases); i++) {
-        const float size = cases[i].size, away = cases[i].offset, move[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, away, away, away, 1 };
+        const float size = cases[i].size, away = cases[i].offset,
+            move[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, away, away, away, 1 };
         test_scene s = { 0 };
         sbl_scene_desc desc;
         static small_picture picture;
         scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 2 * size);
-        if (cases[i].light) scene_quad(&s, scene_lamp(&s, 3, 3, 3), -0.5f * size, size, -0.5f * size, -0.5f * size, size, 0.5f * size, 0.5f * size, size, 0.5f * size,
+        if (cases[i].light)
+            scene_quad(&s, scene_lamp(&s, 3, 3, 3), -0.5f * size, size, -0.5f * size, -0.5f * size, size, 0.5f * size,
+                       0.5f * size, size, 0.5f * size,
                                        0.5f * size, size, -0.5f * size);
         for (way = 0; way < s.mesh_count; way++) memcpy(s.meshes[way].transform, move, sizeof move);
         desc = scene_desc(&s);
         watch_forget(&seen);
-        CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS && seen.errors == 0 && seen.warnings == cases[i].warnings, "case %d: %d errors, %d warnings: %s", i,
+        CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS && seen.errors == 0 && seen.warnings == cases[i].warnings,
+              "case %d: %d errors, %d warnings: %s", i,
               seen.errors, seen.warnings, watch_last(&seen));
-        if (cases[i].warnings) CHECK(seen.messages[0].item == cases[i].item, "case %d: the warning is \"%s\"", i, watch_last(&seen));
-        for (way = 0; way < 2 && !cases[i].warnings; way++) {  /* without a warning it is right: Lambert's sum, Howell B-4 */
+        if (cases[i].warnings)
+            CHECK(seen.messages[0].item == cases[i].item, "case %d: the warning is \"%s\"", i, watch_last(&seen));
+        /* without a warning it is right: Lambert's sum, Howell B-4 */
+        for (way = 0; way < 2 && !cases[i].warnings; way++) {
             const double form = 2 / sqrt(1.25) * atan(0.5 / sqrt(1.25)) / TEST_PI;
             view = small_view();
             view.options.mode = SBL_MODE_DIRECT;
@@ -1311,7 +1434,8 @@ TEST(warnings) {
             sbl_look_at(view.world_to_view, away, away + 0.9f * size, away + 0.001f * size, away, away, away, 0, 1, 0);
             sbl_perspective(view.view_to_clip, 2, 1);
             CHECK(small_render(context, &view, &picture) == SBL_SUCCESS, "case %d: %s", i, watch_last(&seen));
-            CHECK(fabs((double)picture.values[3 * (SMALL_PIXELS + SMALL_PIXELS / 2)] / (3 * form) - 1) < 2e-3, "case %d: R is %g, expected %g", i,
+            CHECK(fabs((double)picture.values[3 * (SMALL_PIXELS + SMALL_PIXELS / 2)] / (3 * form) - 1) < 2e-3,
+                  "case %d: R is %g, expected %g", i,
                   (double)picture.values[3 * (SMALL_PIXELS + SMALL_PIXELS / 2)], 3 * form);
         }
         scene_free(&s);
@@ -1330,7 +1454,8 @@ TEST(radiance_that_overflows) {
     scene_floor(&s, lamp, 0, 2);
     desc = scene_desc(&s);
     watch_forget(&seen);
-    CHECK(sbl_set_scene(context, &desc) == SBL_ERROR_INVALID_ARGUMENT && seen.errors == 1, "%d errors: %s", seen.errors, watch_last(&seen));
+    CHECK(sbl_set_scene(context, &desc) == SBL_ERROR_INVALID_ARGUMENT && seen.errors == 1, "%d errors: %s", seen.errors,
+          watch_last(&seen));
     usable("radiance that overflows");
     scene_free(&s);
 }
@@ -1347,7 +1472,10 @@ int main(void) {
     small_scene(&small);
     known_picture();
     if (!small_plausible(&expected) || !small_plausible(&expected_traced) ||
-        small_same(&expected, &expected_traced)) { printf("the known picture is not usable as a reference\n"); return 1; }
+        small_same(&expected, &expected_traced)) {
+            printf("the known picture is not usable as a reference\n");
+            return 1;
+        }
     RUN(context_desc);
     RUN(context_desc_all_at_once);
     RUN(scene_without_mistakes);

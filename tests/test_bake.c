@@ -1,5 +1,5 @@
-/* build/sbl_bake as a user runs it, and build/host_lightmap, which draws what it wrote. The scene is a floor beneath a lamp,
-   whose light Lambert's formula gives. */
+/* build/sbl_bake as a user runs it, and build/host_lightmap, which draws what it wrote. The scene is a floor beneath a
+   lamp, whose light Lambert's formula gives. */
 #define _GNU_SOURCE
 #include "support/test.h"
 #include "support/tool.h"
@@ -27,32 +27,45 @@ static void write_scene(const char *name, float charts[QUADS][4], int second) {
     snprintf(bin, sizeof bin, "%s.bin", name);
     out = fopen(in_folder(bin), "wb");
     for (i = 0; i < QUADS; i++) {
-        const float *c = charts[i], uv0[8] = { 0, 0, 0, 1, 1, 1, 1, 0 }, uv1[8] = { c[0], c[1], c[0], c[3], c[2], c[3], c[2], c[1] };
+        const float *c = charts[i], uv0[8] = { 0, 0, 0, 1, 1, 1, 1, 0 },
+            uv1[8] = { c[0], c[1], c[0], c[3], c[2], c[3], c[2], c[1] };
         fwrite(quads[i], 1, 48, out);
         fwrite(uv0, 1, 32, out);
         fwrite(uv1, 1, 32, out);
     }
     fwrite(indices, 1, 24, out);
     fclose(out);
-    n += sprintf(json + n, "{\"asset\":{\"version\":\"2.0\"},\"extensionsUsed\":[\"KHR_materials_emissive_strength\"],\"scene\":0,\"scenes\":[{\"nodes\":"
-                 "[0,1]}],\"nodes\":[{\"name\":\"floor \\\"1\\\"\",\"mesh\":0,\"translation\":[%g,%g,%g]},{\"mesh\":1}],\"meshes\":[",
+    n += sprintf(json + n, "{\"asset\":{\"version\":\"2.0\"},\"extensionsUsed\":[\"KHR_materials_emissive_strength\"],"
+                 "\"scene\":0,\"scenes\":[{\"nodes\":"
+                 "[0,1]}],\"nodes\":[{\"name\":\"floor \\\"1\\\"\",\"mesh\":0,\"translation\":[%g,%g,%g]},{\"mesh\":1}]"
+                     ",\"meshes\":[",
                  (double)moved[0], (double)moved[1], (double)moved[2]);
     for (i = 0; i < QUADS; i++)
-        n += sprintf(json + n, "%s{\"primitives\":[{\"attributes\":{\"POSITION\":%d,\"TEXCOORD_0\":%d%s},\"indices\":6,\"material\":%d}]}", i ? "," : "",
+        n += sprintf(json + n, "%s{\"primitives\":[{\"attributes\":{\"POSITION\":%d,\"TEXCOORD_0\":%d%s},\"indices\":6,"
+                     "\"material\":%d}]}", i ? "," : "",
                      3 * i, 3 * i + 1, !second ? "" : i ? ",\"TEXCOORD_1\":5" : ",\"TEXCOORD_1\":2", i);
-    n += sprintf(json + n, "],\"images\":[{\"uri\":\"floor.ppm\"}],\"textures\":[{\"source\":0}],\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorFactor\":"
-                 "[0.5,0.5,1,1],\"baseColorTexture\":{\"index\":0}}},{\"pbrMetallicRoughness\":{\"baseColorFactor\":[0,0,0,1]},\"emissiveFactor\":[1,1,0.5],"
-                 "\"extensions\":{\"KHR_materials_emissive_strength\":{\"emissiveStrength\":%g}}}],\"accessors\":[", strength);
+    n += sprintf(json + n, "],\"images\":[{\"uri\":\"floor.ppm\"}],\"textures\":[{\"source\":0}],"
+                 "\"materials\":[{\"pbrMetallicRoughness\":{\"baseColorFactor\":"
+                 "[0.5,0.5,1,1],\"baseColorTexture\":{\"index\":0}}},{\"pbrMetallicRoughness\":{\"baseColorFactor\":[0,"
+                     "0,0,1]},\"emissiveFactor\":[1,1,0.5],"
+                 "\"extensions\":{\"KHR_materials_emissive_strength\":{\"emissiveStrength\":%g}}}],\"accessors\":[",
+                     strength);
     for (i = 0; i < QUADS; i++)
-        n += sprintf(json + n, "{\"bufferView\":%d,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\",\"min\":[%g,%g,%g],\"max\":[%g,%g,%g]},"
-                     "{\"bufferView\":%d,\"componentType\":5126,\"count\":4,\"type\":\"VEC2\"},{\"bufferView\":%d,\"componentType\":5126,\"count\":4,"
-                     "\"type\":\"VEC2\"},", 3 * i, (double)quads[i][0][0], (double)quads[i][0][1], (double)quads[i][0][2], (double)quads[i][2][0],
+        n += sprintf(json + n, "{\"bufferView\":%d,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\",\"min\":[%g,%g,"
+                     "%g],\"max\":[%g,%g,%g]},"
+                     "{\"bufferView\":%d,\"componentType\":5126,\"count\":4,\"type\":\"VEC2\"},{\"bufferView\":%d,"
+                         "\"componentType\":5126,\"count\":4,"
+                     "\"type\":\"VEC2\"},", 3 * i, (double)quads[i][0][0], (double)quads[i][0][1],
+                         (double)quads[i][0][2], (double)quads[i][2][0],
                      (double)quads[i][2][1], (double)quads[i][2][2], 3 * i + 1, 3 * i + 2);
-    n += sprintf(json + n, "{\"bufferView\":6,\"componentType\":5125,\"count\":6,\"type\":\"SCALAR\"}],\"bufferViews\":[");
+    n += sprintf(json + n, "{\"bufferView\":6,\"componentType\":5125,\"count\":6,\"type\":\"SCALAR\"}],"
+                 "\"bufferViews\":[");
     for (i = 0; i < QUADS; i++)
         for (k = 0; k < 3; k++)
-            n += sprintf(json + n, "{\"buffer\":0,\"byteOffset\":%d,\"byteLength\":%d},", 112 * i + (k ? 16 + 32 * k : 0), k ? 32 : 48);
-    n += sprintf(json + n, "{\"buffer\":0,\"byteOffset\":224,\"byteLength\":24}],\"buffers\":[{\"uri\":\"%s\",\"byteLength\":248}]}", bin);
+            n += sprintf(json + n, "{\"buffer\":0,\"byteOffset\":%d,\"byteLength\":%d},",
+                         112 * i + (k ? 16 + 32 * k : 0), k ? 32 : 48);
+    n += sprintf(json + n, "{\"buffer\":0,\"byteOffset\":224,\"byteLength\":24}],\"buffers\":[{\"uri\":\"%s\","
+                 "\"byteLength\":248}]}", bin);
     write_file(name, json, (size_t)n);
     write_file("floor.ppm", "P6\n2 1\n255\n\xff\xff\xff\x80\x40\xff", 11 + 6);
 }
@@ -66,7 +79,11 @@ static double truth_at(double u, double v) {
                    -2 + 4 * (v - (double)c[1]) / (double)(c[3] - c[1]) }, n = { 0, 1, 0 };
     v3 corners[4];
     int i;
-    for (i = 0; i < 4; i++) { corners[i].x = (double)quads[LAMP][i][0]; corners[i].y = (double)quads[LAMP][i][1]; corners[i].z = (double)quads[LAMP][i][2]; }
+    for (i = 0; i < 4; i++) {
+        corners[i].x = (double)quads[LAMP][i][0];
+        corners[i].y = (double)quads[LAMP][i][1];
+        corners[i].z = (double)quads[LAMP][i][2];
+    }
     return strength * ref_polygon(p, n, corners, 4);
 }
 
@@ -92,18 +109,22 @@ TEST(a_lightmap_holds_lamberts_light) {
     int x, y, k, wrong = 0, dark = 0, filled = 0;
     double worst = 0;
     write_scene("room.gltf", apart, 1);
-    REQUIRE(TOOL("room.gltf", DIRECT, "-o", "out", "--stats", "out.json") == 0, "exit status %d: %s", ran.status, ran.err);
-    CHECK(ran.err_lines == 0 && ran.out_lines == 0 && exists("out.json") && !parts_left(), "it said %s%s", ran.err, ran.out);
+    REQUIRE(TOOL("room.gltf", DIRECT, "-o", "out", "--stats", "out.json") == 0, "exit status %d: %s", ran.status,
+            ran.err);
+    CHECK(ran.err_lines == 0 && ran.out_lines == 0 && exists("out.json") && !parts_left(), "it said %s%s", ran.err,
+          ran.out);
     light = read_pfm("out/lightmap.pfm");
     atlas = read_pfm("out/atlas.pfm");
-    REQUIRE(light.values && atlas.values && light.width == MAP && light.height == MAP && atlas.width == MAP, "no lightmap");
+    REQUIRE(light.values && atlas.values && light.width == MAP && light.height == MAP && atlas.width == MAP,
+            "no lightmap");
     for (y = 0; y < MAP; y++)
         for (x = 0; x < MAP; x++) {
             const float *R = texel(&light, x, y), *a = texel(&atlas, x, y);
             const int on = touches(apart[FLOOR], x, y) || touches(apart[LAMP], x, y);
             if (inside(apart[FLOOR], x, y)) {
                 const double truth = truth_at((x + 0.5) / MAP, (y + 0.5) / MAP);
-                worst = test_max(worst, test_max(fabs((double)R[0] - truth), fabs(2 * (double)R[2] - truth)) / truth_at(0.35, 0.35));
+                worst = test_max(worst, test_max(fabs((double)R[0] - truth), fabs(2 * (double)R[2] - truth)) /
+                                 truth_at(0.35, 0.35));
             }
             for (k = 0; k < 3; k++) {
                 wrong += on ? R[k] != a[k] : R[k] != 0.0f;
@@ -134,9 +155,11 @@ TEST(viewers_get_the_same_light) {
     REQUIRE(TOOL("room.gltf", DIRECT, "-o", "out") == 0, "exit status %d: %s", ran.status, ran.err);
     read_text(in_folder("out/scene.gltf"), text, sizeof text, &lines);
     extension = strstr(text, "\"MOZ_lightmap\": {");
-    REQUIRE(extension && sscanf(extension, "\"MOZ_lightmap\": {\"index\": %d, \"texCoord\": %d, \"intensity\": %lf}", &index, &set, &intensity) == 3,
+    REQUIRE(extension && sscanf(extension, "\"MOZ_lightmap\": {\"index\": %d, \"texCoord\": %d, \"intensity\": %lf}",
+                                &index, &set, &intensity) == 3,
             "no MOZ_lightmap in %s", text);
-    CHECK(set == 1 && index == 1 && strstr(text, "\"uri\": \"atlas.png\"") && strstr(text, "TEXCOORD_1") && intensity > 0, "it is %.100s", extension);
+    CHECK(set == 1 && index == 1 && strstr(text, "\"uri\": \"atlas.png\"") && strstr(text, "TEXCOORD_1") && intensity >
+          0, "it is %.100s", extension);
     atlas = read_pfm("out/atlas.pfm");
     png = stbi_load(in_folder("out/atlas.png"), &width, &height, &channels, 3);
     REQUIRE(atlas.values && png && width == MAP && height == MAP, "no atlas");
@@ -163,7 +186,8 @@ TEST(the_scene_is_written_whole) {
     light = read_pfm("out/lightmap.pfm");
     again = read_pfm("again/lightmap.pfm");
     REQUIRE(light.values && again.values, "no lightmap");
-    for (i = 0; i < 3 * MAP * MAP; i++) differ += fabs((double)light.values[i] - (double)again.values[i]) > 1e-5 * (double)light.values[i];
+    for (i = 0; i < 3 * MAP * MAP; i++)
+        differ += fabs((double)light.values[i] - (double)again.values[i]) > 1e-5 * (double)light.values[i];
     CHECK(differ == 0, "%d values differ", differ);
     tool_use("sbl_render");
     CHECK(TOOL("room.gltf", "--channel", "albedo", "--size", "40x30", "-o", "a.pfm") == 0, "%s", ran.err);
@@ -188,7 +212,8 @@ TEST(overlaps_are_shown) {
     int width = 0, height = 0, channels, x, y, wrong = 0;
     unsigned char *png;
     write_scene("room.gltf", over, 1);
-    REQUIRE(TOOL("room.gltf", "--mode", "direct", "--lightmap", "64", "-o", "out") == 0, "exit status %d: %s", ran.status, ran.err);
+    REQUIRE(TOOL("room.gltf", "--mode", "direct", "--lightmap", "64", "-o", "out") == 0, "exit status %d: %s",
+            ran.status, ran.err);
     CHECK(said("share texel") && said("overlap in"), "%s", ran.err);
     png = stbi_load(in_folder("out/overlap.png"), &width, &height, &channels, 3);
     REQUIRE(png && width == MAP && height == MAP, "no overlap.png");
@@ -216,14 +241,16 @@ TEST(vertices_fit_lamberts_light) {
     float v[8][9];
     int i, k, x, y, side, faces = 0, step;
     write_scene("room.gltf", apart, 1);
-    REQUIRE(TOOL("room.gltf", "--mode", "direct", "--vertices", "--preset", "high", "-o", "out.ply", "--quiet") == 0 && ran.err_lines == 0,
+    REQUIRE(TOOL("room.gltf", "--mode", "direct", "--vertices", "--preset", "high", "-o", "out.ply", "--quiet") == 0 &&
+            ran.err_lines == 0,
             "exit status %d: %s", ran.status, ran.err);
     in = fopen(in_folder("out.ply"), "rb");
     REQUIRE(in, "no out.ply");
     size = fread(file, 1, sizeof file - 1, in);
     fclose(in);
     end = strstr((const char *)file, "end_header\n");
-    REQUIRE(end && strstr((const char *)file, "ply\nformat binary_little_endian 1.0\n") && strstr((const char *)file, "element vertex 8\n") &&
+    REQUIRE(end && strstr((const char *)file, "ply\nformat binary_little_endian 1.0\n") &&
+            strstr((const char *)file, "element vertex 8\n") &&
             strstr((const char *)file, "element face 4\n"), "the head is %.300s", (const char *)file);
     body = (const unsigned char *)end + strlen("end_header\n");
     REQUIRE(size == (size_t)(body - file) + 8 * VERTEX + 4 * 13, "it has %d bytes", (int)size);
@@ -231,7 +258,8 @@ TEST(vertices_fit_lamberts_light) {
     for (body += 8 * VERTEX; faces < 4; faces++, body += 13) {
         uint32_t corner[3];
         memcpy(corner, body + 1, 12);
-        CHECK(body[0] == 3 && corner[0] < 8 && corner[1] < 8 && corner[2] < 8 && (corner[0] < 4) == (corner[2] < 4), "face %d", faces);
+        CHECK(body[0] == 3 && corner[0] < 8 && corner[1] < 8 && corner[2] < 8 && (corner[0] < 4) == (corner[2] < 4),
+              "face %d", faces);
     }
     /* the two triangles of the floor, 0 1 2 and 0 2 3: least squares on a fine grid, by Gauss-Seidel */
     for (side = 0; side < 2; side++)
@@ -257,20 +285,26 @@ TEST(vertices_fit_lamberts_light) {
         const int quad = i / 4;
         int found = -1;
         for (k = 0; k < 4; k++)
-            if (fabs((double)(v[i][0] - quads[quad][k][0] - (quad ? 0 : moved[0]))) < 1e-5 && fabs((double)(v[i][2] - quads[quad][k][2])) < 1e-5 &&
+            if (fabs((double)(v[i][0] - quads[quad][k][0] - (quad ? 0 : moved[0]))) < 1e-5 &&
+                fabs((double)(v[i][2] - quads[quad][k][2])) < 1e-5 &&
                 fabs((double)(v[i][1] - quads[quad][k][1] - (quad ? 0 : moved[1]))) < 1e-5) found = k;
         CHECK(found >= 0, "vertex %d stands at %g %g %g", i, (double)v[i][0], (double)v[i][1], (double)v[i][2]);
-        CHECK(fabs((double)v[i][3]) < 1e-5 && fabs(fabs((double)v[i][4]) - 1) < 1e-5 && (v[i][4] > 0) == (quad == 0), "normal %g %g %g", (double)v[i][3],
+        CHECK(fabs((double)v[i][3]) < 1e-5 && fabs(fabs((double)v[i][4]) - 1) < 1e-5 && (v[i][4] > 0) == (quad == 0),
+              "normal %g %g %g", (double)v[i][3],
               (double)v[i][4], (double)v[i][5]);
         if (quad == 0 && found >= 0)
-            CHECK(fabs((double)v[i][6] - test_max(best[found], 0)) < 0.08 * truth_at(0.35, 0.35) && fabs(2 * (double)v[i][8] - (double)v[i][6]) < 1e-3,
+            CHECK(fabs((double)v[i][6] - test_max(best[found], 0)) < 0.08 * truth_at(0.35, 0.35) &&
+                  fabs(2 * (double)v[i][8] - (double)v[i][6]) < 1e-3,
                   "vertex %d has %g %g, not %g", i, (double)v[i][6], (double)v[i][8], best[found]);
     }
-    REQUIRE(TOOL("room.gltf", "--mode", "direct", "--vertices", "-o", "new.gltf", "--quiet") == 0, "exit status %d: %s", ran.status, ran.err);
+    REQUIRE(TOOL("room.gltf", "--mode", "direct", "--vertices", "-o", "new.gltf", "--quiet") == 0, "exit status %d: %s",
+            ran.status, ran.err);
     read_text(in_folder("new.gltf"), (char *)file, sizeof file, &i);
-    CHECK(strstr((const char *)file, "\"_RADIANCE\": ") && strstr((const char *)file, "\"uri\": \"new.bin\"") && exists("new.bin") && exists("texture_0.png"),
+    CHECK(strstr((const char *)file, "\"_RADIANCE\": ") && strstr((const char *)file, "\"uri\": \"new.bin\"") &&
+          exists("new.bin") && exists("texture_0.png"),
           "no attribute");
-    CHECK(TOOL("new.gltf", DIRECT, "-o", "again") == 0 && exists("again/lightmap.pfm"), "it cannot be read: %s", ran.err);
+    CHECK(TOOL("new.gltf", DIRECT, "-o", "again") == 0 && exists("again/lightmap.pfm"), "it cannot be read: %s",
+          ran.err);
 }
 
 static double basis(int i, const double d[3]) {  /* real, orthonormal */
@@ -296,7 +330,8 @@ TEST(probes_hold_the_lamps_light) {
     int lines, i, k, x, y, probe;
     write_scene("room.gltf", apart, 1);
     write_text("points.txt", "# two\n0.2 1 0.1\n\n -1, 1.5,0.4  # beside\n");
-    REQUIRE(TOOL("room.gltf", "--mode", "direct", "--probes", "points.txt", "-o", "out.json", "--quiet") == 0 && ran.err_lines == 0, "exit status %d: %s",
+    REQUIRE(TOOL("room.gltf", "--mode", "direct", "--probes", "points.txt", "-o", "out.json", "--quiet") == 0 &&
+            ran.err_lines == 0, "exit status %d: %s",
             ran.status, ran.err);
     read_text(in_folder("out.json"), text, sizeof text, &lines);
     at = text;
@@ -304,29 +339,36 @@ TEST(probes_hold_the_lamps_light) {
         double truth[9] = { 0 }, norm = 0, position[3] = { 0, 0, 0 }, sh[3];
         int count = 0;
         at = strstr(at, "{\"position\": [");
-        REQUIRE(at && sscanf(at, "{\"position\": [%lf, %lf, %lf], \"valid\": true, \"sh\": [%n", &position[0], &position[1], &position[2], &count) == 3 && count,
+        REQUIRE(at && sscanf(at, "{\"position\": [%lf, %lf, %lf], \"valid\": true, \"sh\": [%n", &position[0],
+                             &position[1], &position[2], &count) == 3 && count,
                 "probe %d is not there: %.200s", probe, at ? at : text);
         for (k = 0; k < 3; k++) CHECK(fabs(position[k] - points[probe][k]) < 1e-6, "it stands at %g", position[k]);
         at += count;
         for (y = 0; y < 200; y++)
             for (x = 0; x < 200; x++) {
-                const double d[3] = { -0.5 + (x + 0.5) / 200 - points[probe][0], 2 - points[probe][1], -0.5 + (y + 0.5) / 200 - points[probe][2] };
-                const double r = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]), unit[3] = { d[0] / r, d[1] / r, d[2] / r };
+                const double d[3] = { -0.5 + (x + 0.5) / 200 - points[probe][0], 2 - points[probe][1],
+                    -0.5 + (y + 0.5) / 200 - points[probe][2] };
+                const double r = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]),
+                    unit[3] = { d[0] / r, d[1] / r, d[2] / r };
                 for (i = 0; i < 9; i++) truth[i] += strength * basis(i, unit) * fabs(unit[1]) / (r * r) / 40000;
             }
         for (i = 0; i < 4; i++) norm += truth[i] * truth[i];
         for (i = 0; i < 9; i++) {
-            REQUIRE(sscanf(at, "%*[, ][%lf, %lf, %lf]%n", &sh[0], &sh[1], &sh[2], &count) == 3 || sscanf(at, "[%lf, %lf, %lf]%n", &sh[0], &sh[1], &sh[2], &count) == 3,
+            REQUIRE(sscanf(at, "%*[, ][%lf, %lf, %lf]%n", &sh[0], &sh[1], &sh[2], &count) == 3 ||
+                    sscanf(at, "[%lf, %lf, %lf]%n", &sh[0], &sh[1], &sh[2], &count) == 3,
                     "coefficient %d is not there: %.80s", i, at);
             at += count;
-            CHECK(fabs(sh[0] - truth[i]) < 0.005 * sqrt(norm) && fabs(2 * sh[2] - sh[0]) < 1e-3 * sqrt(norm), "probe %d, coefficient %d is %g %g, not %g", probe, i,
+            CHECK(fabs(sh[0] - truth[i]) < 0.005 * sqrt(norm) && fabs(2 * sh[2] - sh[0]) < 1e-3 * sqrt(norm),
+                  "probe %d, coefficient %d is %g %g, not %g", probe, i,
                   sh[0], sh[2], truth[i]);
         }
     }
     CHECK(!strstr(at, "\"position\""), "there are more");
-    REQUIRE(TOOL("room.gltf", "--mode", "direct", "--probes", "2x3x1", "--preset", "draft", "-o", "out.json", "--quiet") == 0, "%s", ran.err);
+    REQUIRE(TOOL("room.gltf", "--mode", "direct", "--probes", "2x3x1", "--preset", "draft", "-o", "out.json",
+                 "--quiet") == 0, "%s", ran.err);
     read_text(in_folder("out.json"), text, sizeof text, &lines);
-    for (i = 0, at = text; (at = strstr(at, "{\"position\": [")) != NULL; i++, at++) {  /* bounds: -1.75 to 2.25, -0.5 to 2, -2 to 2 */
+    /* bounds: -1.75 to 2.25, -0.5 to 2, -2 to 2 */
+    for (i = 0, at = text; (at = strstr(at, "{\"position\": [")) != NULL; i++, at++) {
         double p[3] = { 0, 0, 0 };
         const double expected[3] = { -1.75 + 4 * (i % 2 + 0.5) / 2, -0.5 + 2.5 * (i / 2 + 0.5) / 3, 0 };
         CHECK(sscanf(at, "{\"position\": [%lf, %lf, %lf]", &p[0], &p[1], &p[2]) == 3, "%.50s", at);
@@ -337,8 +379,9 @@ TEST(probes_hold_the_lamps_light) {
 
 /* ---- what is wrong ---- */
 
-#define REFUSED(code, words, ...) do { \
-        CHECK(TOOL(__VA_ARGS__) == code && said(words) && ran.err_lines == 1, "exit status %d, expected %d and \"%s\": %s", ran.status, code, words, ran.err); \
+#define REFUSED(code, words, ...) do {                                                         \
+        CHECK(TOOL(__VA_ARGS__) == code && said(words) && ran.err_lines == 1,                  \
+              "exit status %d, expected %d and \"%s\": %s", ran.status, code, words, ran.err); \
     } while (0)
 
 TEST(what_is_wrong_is_said) {
@@ -347,7 +390,8 @@ TEST(what_is_wrong_is_said) {
     write_text("file", "x");
     REFUSED(2, "usage: sbl_bake", "--lightmap", "64");
     REFUSED(2, "give one of --lightmap, --vertices and --probes", "room.gltf", "-o", "out");
-    REFUSED(2, "give one of --lightmap, --vertices and --probes", "room.gltf", "-o", "out", "--lightmap", "64", "--vertices");
+    REFUSED(2, "give one of --lightmap, --vertices and --probes", "room.gltf", "-o", "out", "--lightmap", "64",
+            "--vertices");
     REFUSED(2, "--gutter needs --lightmap", "room.gltf", "--vertices", "-o", "no.ply", "--gutter", "3");
     REFUSED(2, "--move needs --probes", "room.gltf", "--vertices", "-o", "no.ply", "--move", "3");
     REFUSED(2, "must end in .ply or .gltf", "room.gltf", "--vertices", "-o", "out.obj");
@@ -372,28 +416,35 @@ TEST(what_is_wrong_is_said) {
     CHECK(!exists("new/lightmap.pfm") && !exists("new/scene.gltf"), "something was written");
     CHECK(TOOL("room.gltf", DIRECT, "-o", "here") == 0, "%s", ran.err);
     REFUSED(2, "which is read", "here/scene.gltf", DIRECT, "-o", "here");
-    CHECK(TOOL("--help") == 0 && strstr(ran.out, "MOZ_lightmap") && TOOL("--version") == 0 && strstr(ran.out, "sbl_bake 0."), "%s", ran.out);
+    CHECK(TOOL("--help") == 0 && strstr(ran.out, "MOZ_lightmap") && TOOL("--version") == 0 &&
+          strstr(ran.out, "sbl_bake 0."), "%s", ran.out);
 }
 
 TEST(a_full_disk_is_said) {
     static const char *const arguments[] = { "room.gltf", DIRECT, "-o", "full", NULL };
     write_scene("room.gltf", apart, 1);
     finish(start(arguments, -1, 4096));
-    CHECK(ran.status == 1 && said("cannot be written") && ran.err_lines == 1 && !parts_left(), "exit status %d: %s", ran.status, ran.err);
+    CHECK(ran.status == 1 && said("cannot be written") && ran.err_lines == 1 && !parts_left(), "exit status %d: %s",
+          ran.status, ran.err);
     CHECK(!exists("full/lightmap.pfm") && !exists("full/atlas.pfm"), "half a file is there");
 }
 
 TEST(interrupted) {
-    static const char *const early[] = { "room.gltf", "--lightmap", "2048", "--rays", "4096", "--tile", "1", "-o", "early", NULL };
-    static const char *const late[] = { "room.gltf", "--lightmap", "1024", "--mode", "ambient", "--rays", "4096", "--threshold", "0", "-o", "late", NULL };
+    static const char *const early[] = { "room.gltf", "--lightmap", "2048", "--rays", "4096", "--tile", "1", "-o",
+        "early", NULL };
+    static const char *const late[] = { "room.gltf", "--lightmap", "1024", "--mode", "ambient", "--rays", "4096",
+        "--threshold", "0", "-o", "late", NULL };
     picture light;
     write_scene("room.gltf", apart, 1);
     if (!interrupt_at(early, 0, SIGINT)) SKIP("no pseudo-terminals");
-    CHECK(ran.status == 130 && said("interrupted; ") && !exists("early/lightmap.partial.pfm") && !exists("early/lightmap.pfm"), "exit status %d: %s",
+    CHECK(ran.status == 130 && said("interrupted; ") && !exists("early/lightmap.partial.pfm") &&
+          !exists("early/lightmap.pfm"), "exit status %d: %s",
           ran.status, ran.err);
-    CHECK(interrupt_at(late, 5, SIGTERM) && ran.status == 143 && said("the light so far ("), "exit status %d: %s", ran.status, ran.err);
+    CHECK(interrupt_at(late, 5, SIGTERM) && ran.status == 143 && said("the light so far ("), "exit status %d: %s",
+          ran.status, ran.err);
     light = read_pfm("late/lightmap.partial.pfm");
-    CHECK(light.values && light.width == 1024 && *texel(&light, 300, 300) > 0 && !exists("late/lightmap.pfm") && !parts_left(), "no light so far");
+    CHECK(light.values && light.width == 1024 && *texel(&light, 300, 300) > 0 && !exists("late/lightmap.pfm") &&
+          !parts_left(), "no light so far");
     free(light.values);
 }
 
@@ -407,7 +458,8 @@ TEST(a_host_draws_it) {
     write_scene("room.gltf", apart, 1);
     REQUIRE(TOOL("room.gltf", "--mode", "direct", "--lightmap", "256", "-o", "out") == 0, "%s", ran.err);
     tool_use("host_lightmap");
-    CHECK(TOOL("room.gltf", "out", "--eye", "0.25,1.5,0", "--look-at", "0.25,-0.5,0", "--up", "0,0,-1", "--fov", "80", "--size", "50x50", "--channel",
+    CHECK(TOOL("room.gltf", "out", "--eye", "0.25,1.5,0", "--look-at", "0.25,-0.5,0", "--up", "0,0,-1", "--fov", "80",
+               "--size", "50x50", "--channel",
                "radiance", "-o", "drawn.pfm") == 0 && ran.err_lines == 0, "exit status %d: %s", ran.status, ran.err);
     drawn = read_pfm("drawn.pfm");
     CHECK(drawn.values != NULL, "nothing is drawn");
@@ -421,11 +473,13 @@ TEST(a_host_draws_it) {
         }
     CHECK(seen > 2000 && worst < 0.015, "%d pixels, off by %g of the brightest", seen, worst);
     free(drawn.values);
-    CHECK(TOOL("room.gltf", "out", "--eye", "0.25,1.4,3", "--look-at", "0.25,0.5,0", "--size", "60x40", "--sky", "1,1,1") == 0 && exists("out/frame_00.png") &&
+    CHECK(TOOL("room.gltf", "out", "--eye", "0.25,1.4,3", "--look-at", "0.25,0.5,0", "--size", "60x40", "--sky",
+               "1,1,1") == 0 && exists("out/frame_00.png") &&
           exists("out/frame_11.png"), "exit status %d: %s", ran.status, ran.err);
     for (x = 0; x < 2; x++) {  /* the ball goes from left to right: it is where the sky was */
         int width = 0, height = 0, channels, column, from = x ? 30 : 0, balls = 0;
-        unsigned char *png = stbi_load(in_folder(x ? "out/frame_11.png" : "out/frame_00.png"), &width, &height, &channels, 3);
+        unsigned char *png = stbi_load(in_folder(x ? "out/frame_11.png" : "out/frame_00.png"), &width, &height,
+                                       &channels, 3);
         for (column = from; png && column < from + 30; column++) {
             const unsigned char *p = png + 3 * (23 * width + column);
             balls += p[0] > 10 && p[0] < 250;
@@ -443,19 +497,26 @@ TEST(a_host_draws_it) {
 /* A box that is seen from inside alone, its walls aglow; a quad a wall, and a chart in a map of three by two cells. */
 static void write_closed_room(void) {
     static const char json[] =
-        "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"mesh\":0}],\"meshes\":[{\"primitives\":[{\"attributes\":"
-        "{\"POSITION\":0,\"TEXCOORD_0\":1,\"TEXCOORD_1\":1},\"indices\":2,\"material\":0}]}],\"materials\":[{\"emissiveFactor\":[0.2,0.2,0.2],\"pbrMetallicRoughness\":"
-        "{\"baseColorFactor\":[0.5,0.5,0.5,1]}}],\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":24,\"type\":\"VEC3\",\"min\":[-2,-1,-3],"
-        "\"max\":[2,1,3]},{\"bufferView\":1,\"componentType\":5126,\"count\":24,\"type\":\"VEC2\"},{\"bufferView\":2,\"componentType\":5125,\"count\":36,"
-        "\"type\":\"SCALAR\"}],\"bufferViews\":[{\"buffer\":0,\"byteOffset\":0,\"byteLength\":288},{\"buffer\":0,\"byteOffset\":288,\"byteLength\":192},"
-        "{\"buffer\":0,\"byteOffset\":480,\"byteLength\":144}],\"buffers\":[{\"uri\":\"closed.bin\",\"byteLength\":624}]}";
+        "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"mesh\":0}],"
+            "\"meshes\":[{\"primitives\":[{\"attributes\":"
+        "{\"POSITION\":0,\"TEXCOORD_0\":1,\"TEXCOORD_1\":1},\"indices\":2,\"material\":0}]}],"
+            "\"materials\":[{\"emissiveFactor\":[0.2,0.2,0.2],\"pbrMetallicRoughness\":"
+        "{\"baseColorFactor\":[0.5,0.5,0.5,1]}}],\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":24,"
+            "\"type\":\"VEC3\",\"min\":[-2,-1,-3],"
+        "\"max\":[2,1,3]},{\"bufferView\":1,\"componentType\":5126,\"count\":24,\"type\":\"VEC2\"},{\"bufferView\":2,"
+            "\"componentType\":5125,\"count\":36,"
+        "\"type\":\"SCALAR\"}],\"bufferViews\":[{\"buffer\":0,\"byteOffset\":0,\"byteLength\":288},{\"buffer\":0,"
+            "\"byteOffset\":288,\"byteLength\":192},"
+        "{\"buffer\":0,\"byteOffset\":480,\"byteLength\":144}],\"buffers\":[{\"uri\":\"closed.bin\",\"byteLength\":624}"
+            "]}";
     static const float half[3] = { 2, 1, 3 };
     float positions[24][3], texcoords[24][2];
     unsigned indices[36];
     FILE *out;
     int i, k;
     for (i = 0; i < 24; i++) {  /* wall i / 4: of axis wall / 2, the lower or the upper one; corners around it */
-        const int wall = i / 4, axis = wall / 2, side = wall % 2 ? 1 : -1, u = (i & 3) == 1 || (i & 3) == 2, v = (i & 3) >= 2;
+        const int wall = i / 4, axis = wall / 2, side = wall % 2 ? 1 : -1, u = (i & 3) == 1 || (i & 3) == 2,
+            v = (i & 3) >= 2;
         for (k = 0; k < 3; k++) positions[i][k] = 0;
         positions[i][axis] = (float)side * half[axis];
         positions[i][(axis + 1) % 3] = (float)(side < 0 ? 2 * u - 1 : 2 * v - 1) * half[(axis + 1) % 3];
@@ -477,9 +538,11 @@ TEST(a_host_walks_inside) {
     unsigned char *png;
     int width = 0, height = 0, channels, i, dark = 0;
     write_closed_room();
-    REQUIRE(TOOL("closed.gltf", "--mode", "direct", "--lightmap", "48", "-o", "out") == 0 && ran.err_lines == 0, "%s", ran.err);
+    REQUIRE(TOOL("closed.gltf", "--mode", "direct", "--lightmap", "48", "-o", "out") == 0 && ran.err_lines == 0, "%s",
+            ran.err);
     tool_use("host_lightmap");
-    CHECK(TOOL("closed.gltf", "out", "--mode", "direct", "--size", "60x40") == 0 && ran.err_lines == 0, "exit status %d: %s", ran.status, ran.err);
+    CHECK(TOOL("closed.gltf", "out", "--mode", "direct", "--size", "60x40") == 0 && ran.err_lines == 0,
+          "exit status %d: %s", ran.status, ran.err);
     png = stbi_load(in_folder("out/frame_06.png"), &width, &height, &channels, 3);
     for (i = 0; png && i < width * height; i++) dark += png[3 * i] < 100;
     CHECK(png && width == 60 && height == 40 && dark < 24, "%d of %d x %d pixels are dark", dark, width, height);

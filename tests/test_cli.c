@@ -1,4 +1,5 @@
-/* The command line tool, run as a user runs it: build/sbl_render beside this program. Its files are made here, so that what must come out is known. */
+/* The command line tool, run as a user runs it: build/sbl_render beside this program. Its files are made here, so that
+   what must come out is known. */
 #define _XOPEN_SOURCE 700
 #define _DEFAULT_SOURCE
 #include "support/test.h"
@@ -11,7 +12,9 @@
 #include <stb/stb_image_write.h>
 /* >>pictures */
 
-static double at(const picture *p, int x, int y, int k) { return p->values ? (double)p->values[3 * (y * p->width + x) + k] : -1; }
+static double at(const picture *p, int x, int y, int k) {
+    return p->values ? (double)p->values[3 * (y * p->width + x) + k] : -1;
+}
 
 static double decode_srgb(double x) { return x <= 0.04045 ? x / 12.92 : pow((x + 0.055) / 1.055, 2.4); }
 static int encode_srgb(double x) {
@@ -39,16 +42,19 @@ static void wall_obj(void) {
     unsigned char rgb[48], rgba[64], mask[64], wide_mask[64];
     static const char *const materials[] = {
         "Kd .2 .4 .6", "Kd 1 1 1\nmap_Kd rgb.png", "Kd .5 .25 1\nmap_Kd rgb.png", "Kd 0 0 0\nKe 1 2 3",
-        "Kd 0 0 0\nKe 2 4 8\nmap_Ke rgb.png", "Kd 0 0 0\nmap_Ke rgb.png", "Kd .5 .5 .5\nmap_d mask.png", "Kd 1 1 1\nmap_Kd rgb.png\nmap_d wide.png",
+        "Kd 0 0 0\nKe 2 4 8\nmap_Ke rgb.png", "Kd 0 0 0\nmap_Ke rgb.png", "Kd .5 .5 .5\nmap_d mask.png",
+        "Kd 1 1 1\nmap_Kd rgb.png\nmap_d wide.png",
         "Kd .5 .5 .5\nd 0.3", "Kd .5 .5 .5\nd 0.7", "Kd 1 1 1\nmap_Kd rgba.png", "Kd .3 .3 .3\nmap_Kd absent.png",
-        "Kd .5 .5 .5\nTr 0.8", "Kd 1 1 1\nmap_Kd sub\\again.png", "Kd 1 1 1\nmap_Kd rgba.png\nmap_d rgba.png", "Kd 1 1 1\nmap_Kd -s 1 1 1 rgb.png" };
+        "Kd .5 .5 .5\nTr 0.8", "Kd 1 1 1\nmap_Kd sub\\again.png", "Kd 1 1 1\nmap_Kd rgba.png\nmap_d rgba.png",
+        "Kd 1 1 1\nmap_Kd -s 1 1 1 rgb.png" };
     FILE *obj, *mtl;
     int i, x, y;
     make_texels(rgb, 3);
     make_texels(rgba, 4);
     for (i = 0; i < 16; i++) mask[i] = (unsigned char)((i ^ i >> 2) & 1 ? 255 : 0);           /* a checkerboard */
     for (y = 0; y < 8; y++)
-        for (x = 0; x < 8; x++) wide_mask[8 * y + x] = (unsigned char)(y / 2 >= x / 2 ? 200 : 100);  /* its lower left half */
+        /* its lower left half */
+        for (x = 0; x < 8; x++) wide_mask[8 * y + x] = (unsigned char)(y / 2 >= x / 2 ? 200 : 100);
     mkdir(in_folder("sub"), 0777);
     stbi_write_png(in_folder("rgb.png"), 4, 4, 3, rgb, 12);
     stbi_write_png(in_folder("sub/again.png"), 4, 4, 3, rgb, 12);
@@ -61,7 +67,8 @@ static void wall_obj(void) {
     for (i = 0; i < 16; i++) {
         double left = -1 + 0.5 * (i % 4), top = 1 - 0.5 * (i / 4);
         fprintf(mtl, "newmtl m%d\n%s\n", i, materials[i]);
-        fprintf(obj, "g cell%d\nusemtl m%d\nv %g %g 0\nv %g %g 0\nv %g %g 0\nv %g %g 0\nf %d/1 %d/2 %d/3 %d/4\n", i, i, left, top - 0.5,
+        fprintf(obj, "g cell%d\nusemtl m%d\nv %g %g 0\nv %g %g 0\nv %g %g 0\nv %g %g 0\nf %d/1 %d/2 %d/3 %d/4\n", i, i,
+                left, top - 0.5,
                 left + 0.5, top - 0.5, left + 0.5, top, left, top, 4 * i + 1, 4 * i + 2, 4 * i + 3, 4 * i + 4);
     }
     fclose(mtl);
@@ -97,12 +104,14 @@ static double by_alpha(int x, int y, int k) { return texel(x, y, 3) >= 128 ? tex
 TEST(obj_materials_and_textures) {
     picture albedo, final;
     wall_obj();
-    CHECK(TOOL("wall.obj", WALL_CAMERA, WALL_SIZE, SMALL, "--mode", "direct", "--channel", "albedo", "-o", "albedo.pfm") == 0,
+    CHECK(TOOL("wall.obj", WALL_CAMERA, WALL_SIZE, SMALL, "--mode", "direct", "--channel", "albedo", "-o",
+               "albedo.pfm") == 0,
           "exit status %d: %s", ran.status, ran.err);
     CHECK(ran.err_lines == 1 && strstr(ran.err, "warning") && strstr(ran.err, "absent.png"),
           "the missing texture should be the one warning: %s", ran.err);
     albedo = read_pfm("albedo.pfm");
-    CHECK(TOOL("wall.obj", WALL_CAMERA, WALL_SIZE, SMALL, "--mode", "direct", "--quiet", "-o", "final.pfm") == 0, "exit status %d: %s",
+    CHECK(TOOL("wall.obj", WALL_CAMERA, WALL_SIZE, SMALL, "--mode", "direct", "--quiet", "-o", "final.pfm") == 0,
+          "exit status %d: %s",
           ran.status, ran.err);
     CHECK(!ran.err[0], "--quiet should say nothing: %s", ran.err);
     final = read_pfm("final.pfm");
@@ -128,29 +137,37 @@ TEST(obj_materials_and_textures) {
     free(final.values);
 }
 
-/* The wall as glTF. Materials are used in another order than they are listed in, two have no name; there is a camera of 90 degrees. */
+/* The wall as glTF. Materials are used in another order than they are listed in, two have no name; there is a camera of
+   90 degrees. */
 enum { GLTF_CELLS = 16 };
 static const char *const gltf_materials[GLTF_CELLS] = {
     "\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.2,0.4,0.6,1]}",
     "\"pbrMetallicRoughness\":{\"baseColorFactor\":[0.5,0.25,1,1],\"baseColorTexture\":{\"index\":0}}",
-    "\"emissiveFactor\":[0.125,0.25,0.375],\"extensions\":{\"KHR_materials_emissive_strength\":{\"emissiveStrength\":8}}",
-    "\"emissiveFactor\":[0.125,0.25,0.375],\"extensions\":{\"KHR_materials_emissive_strength\":{\"emissiveStrength\":800}}",
-    "\"emissiveFactor\":[0.5,1,1],\"emissiveTexture\":{\"index\":1},\"extensions\":{\"KHR_materials_emissive_strength\":{\"emissiveStrength\":4}}",
+    "\"emissiveFactor\":[0.125,0.25,0.375],\"extensions\":{\"KHR_materials_emissive_strength\":{\"emissiveStrength\":8}"
+        "}",
+    "\"emissiveFactor\":[0.125,0.25,0.375],"
+        "\"extensions\":{\"KHR_materials_emissive_strength\":{\"emissiveStrength\":800}}",
+    "\"emissiveFactor\":[0.5,1,1],\"emissiveTexture\":{\"index\":1},"
+        "\"extensions\":{\"KHR_materials_emissive_strength\":{\"emissiveStrength\":4}}",
     "\"alphaMode\":\"MASK\",\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0}}",
     "\"alphaMode\":\"MASK\",\"alphaCutoff\":0.25,\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0}}",
     "\"alphaMode\":\"BLEND\",\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0}}",
     "\"alphaMode\":\"OPAQUE\",\"pbrMetallicRoughness\":{\"baseColorTexture\":{\"index\":0}}",
     "\"alphaMode\":\"MASK\",\"pbrMetallicRoughness\":{\"baseColorFactor\":[1,1,1,0.4]}",
-    "\"alphaMode\":\"MASK\",\"alphaCutoff\":0.25,\"pbrMetallicRoughness\":{\"baseColorFactor\":[1,1,1,0.5],\"baseColorTexture\":{\"index\":0}}",
+    "\"alphaMode\":\"MASK\",\"alphaCutoff\":0.25,\"pbrMetallicRoughness\":{\"baseColorFactor\":[1,1,1,0.5],"
+        "\"baseColorTexture\":{\"index\":0}}",
     "\"pbrMetallicRoughness\":{\"baseColorFactor\":[1,1,1,0.1]}",
-    "\"emissiveFactor\":[1,1,1]", "\"name\":\"unused\",\"emissiveFactor\":[1,1,1],\"extensions\":{\"KHR_materials_emissive_strength\":{\"emissiveStrength\":70}}",
-    "\"name\":\"m\"", "\"name\":\"m\",\"pbrMetallicRoughness\":{\"metallicFactor\":1,\"baseColorFactor\":[0.5,0.5,0.5,1]}" };
+    "\"emissiveFactor\":[1,1,1]", "\"name\":\"unused\",\"emissiveFactor\":[1,1,1],"
+        "\"extensions\":{\"KHR_materials_emissive_strength\":{\"emissiveStrength\":70}}",
+    "\"name\":\"m\"", "\"name\":\"m\",\"pbrMetallicRoughness\":{\"metallicFactor\":1,\"baseColorFactor\":[0.5,0.5,0.5,"
+        "1]}" };
 
 static size_t base64(const unsigned char *data, size_t size, char *out) {
     static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     size_t i, n = 0;
     for (i = 0; i < size; i += 3) {
-        unsigned b = (unsigned)data[i] << 16 | (i + 1 < size ? (unsigned)data[i + 1] << 8 : 0) | (i + 2 < size ? data[i + 2] : 0u);
+        unsigned b = (unsigned)data[i] << 16 | (i + 1 < size ? (unsigned)data[i + 1] << 8 : 0) |
+            (i + 2 < size ? data[i + 2] : 0u);
         out[n++] = digits[b >> 18];
         out[n++] = digits[b >> 12 & 63];
         out[n++] = i + 1 < size ? digits[b >> 6 & 63] : '=';
@@ -180,31 +197,39 @@ static void wall_gltf(const char *name, int binary) {
     size = (size + (size_t)png_size + 3) & ~(size_t)3;
     n += sprintf(
         json + n,
-        "{\"asset\":{\"version\":\"2.0\"},\"extensionsUsed\":[\"KHR_materials_emissive_strength\"],\"scene\":0,\"scenes\":[{\"nodes\":[");
+        "{\"asset\":{\"version\":\"2.0\"},\"extensionsUsed\":[\"KHR_materials_emissive_strength\"],\"scene\":0,"
+            "\"scenes\":[{\"nodes\":[");
     for (i = 0; i < GLTF_CELLS; i++) n += sprintf(json + n, "%d,", GLTF_CELLS - 1 - i);
     n += sprintf(json + n,
-                 "%d]}],\"cameras\":[{\"type\":\"perspective\",\"perspective\":{\"yfov\":1.5707963267948966,\"aspectRatio\":1.7,\"znear\":"
+                 "%d]}],\"cameras\":[{\"type\":\"perspective\",\"perspective\":{\"yfov\":1.5707963267948966,"
+                     "\"aspectRatio\":1.7,\"znear\":"
                  "0.01}}],\"nodes\":[",
                  GLTF_CELLS);
     for (i = 0; i < GLTF_CELLS; i++) {
         /* 14 and 15 are uses of the meshes 0 and 12, by a parent that shifts and a child that scales */
         if (i == 14) n += sprintf(json + n, "{\"translation\":[0,-0.75,0],\"children\":[%d]},", GLTF_CELLS + 1);
-        else n += sprintf(json + n, "{\"mesh\":%d,\"translation\":[%g,%g,0]},", i == 15 ? 0 : i, -1 + 0.5 * (i % 4), 1 - 0.5 * (i / 4));
+        else n += sprintf(json + n, "{\"mesh\":%d,\"translation\":[%g,%g,0]},", i == 15 ? 0 : i, -1 + 0.5 * (i % 4),
+                          1 - 0.5 * (i / 4));
     }
     n += sprintf(json + n, "{\"camera\":0,\"translation\":[0,0,1]},{\"mesh\":12,\"scale\":[0.5,0.5,1]}],\"meshes\":[");
     for (i = 0; i < GLTF_CELLS; i++)
-        n += sprintf(json + n, "%s{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"TEXCOORD_0\":1%s},\"indices\":3,\"material\":%d}]}",
+        n += sprintf(json + n, "%s{\"primitives\":[{\"attributes\":{\"POSITION\":0,\"TEXCOORD_0\":1%s},\"indices\":3,"
+                     "\"material\":%d}]}",
                      i ? "," : "", i == 11 ? ",\"COLOR_0\":2" : "", (i + 3) % GLTF_CELLS);
     n += sprintf(json + n, "],\"materials\":[");
-    for (i = 0; i < GLTF_CELLS; i++) n += sprintf(json + n, "%s{%s}", i ? "," : "", gltf_materials[(i + GLTF_CELLS - 3) % GLTF_CELLS]);
-    n += sprintf(json + n, "],\"samplers\":[{}],\"textures\":[{\"source\":0,\"sampler\":0},{\"source\":0}],\"images\":[");
+    for (i = 0; i < GLTF_CELLS; i++)
+        n += sprintf(json + n, "%s{%s}", i ? "," : "", gltf_materials[(i + GLTF_CELLS - 3) % GLTF_CELLS]);
+    n += sprintf(json + n, "],\"samplers\":[{}],\"textures\":[{\"source\":0,\"sampler\":0},{\"source\":0}],"
+                 "\"images\":[");
     base64(png, (size_t)png_size, text);
     n += binary ? sprintf(json + n, "{\"bufferView\":4,\"mimeType\":\"image/png\"}")
                 : sprintf(json + n, "{\"uri\":\"data:image/png;base64,%s\"}", text);
     n += sprintf(
         json + n,
-        "],\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\",\"min\":[0,-0.5,0],\"max\":[0.5,0,0]},"
-        "{\"bufferView\":1,\"componentType\":5126,\"count\":4,\"type\":\"VEC2\"},{\"bufferView\":2,\"componentType\":5126,\"count\":4,"
+        "],\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\",\"min\":[0,-0.5,0],"
+            "\"max\":[0.5,0,0]},"
+        "{\"bufferView\":1,\"componentType\":5126,\"count\":4,\"type\":\"VEC2\"},{\"bufferView\":2,"
+            "\"componentType\":5126,\"count\":4,"
         "\"type\":\"VEC4\"},"
         "{\"bufferView\":3,\"componentType\":5123,\"count\":6,\"type\":\"SCALAR\"}],"
         "\"bufferViews\":[{\"buffer\":0,\"byteLength\":48},{\"buffer\":0,\"byteOffset\":48,\"byteLength\":32},"
@@ -212,12 +237,14 @@ static void wall_gltf(const char *name, int binary) {
     if (binary) n += sprintf(json + n, ",{\"buffer\":0,\"byteOffset\":156,\"byteLength\":%d}", png_size);
     base64(buffer, size, text);
     if (binary) n += sprintf(json + n, "],\"buffers\":[{\"byteLength\":%d}]}", (int)size);
-    else n += sprintf(json + n, "],\"buffers\":[{\"byteLength\":%d,\"uri\":\"data:application/octet-stream;base64,%s\"}]}", (int)size, text);
+    else n += sprintf(json + n, "],\"buffers\":[{\"byteLength\":%d,\"uri\":\"data:application/octet-stream;base64,%s\"}"
+                      "]}", (int)size, text);
     if (binary) {
         uint32_t head[5], chunk[2];
         FILE *out = fopen(in_folder(name), "wb");
         while (n % 4) json[n++] = ' ';
-        head[0] = 0x46546c67; head[1] = 2; head[2] = (uint32_t)(20 + n + 8) + (uint32_t)size; head[3] = (uint32_t)n; head[4] = 0x4e4f534a;
+        head[0] = 0x46546c67; head[1] = 2; head[2] = (uint32_t)(20 + n + 8) + (uint32_t)size; head[3] =
+            (uint32_t)n; head[4] = 0x4e4f534a;
         chunk[0] = (uint32_t)size; chunk[1] = 0x004e4942;
         fwrite(head, 4, 5, out);
         fwrite(json, 1, (size_t)n, out);
@@ -243,11 +270,13 @@ static void check_gltf(const char *scene) {
     int x, y, k, lit = 0;
     char channel[64];
     snprintf(channel, sizeof channel, "%s.albedo.pfm", scene);
-    CHECK(TOOL(scene, WALL_SIZE, SMALL, "--mode", "direct", "--channel", "albedo", "-o", channel) == 0, "exit status %d: %s", ran.status,
+    CHECK(TOOL(scene, WALL_SIZE, SMALL, "--mode", "direct", "--channel", "albedo", "-o", channel) == 0,
+          "exit status %d: %s", ran.status,
           ran.err);
     CHECK(!ran.err[0], "there is nothing to warn of: %s", ran.err);
     albedo = read_pfm(channel);
-    CHECK(TOOL(scene, WALL_SIZE, SMALL, "--mode", "direct", "-o", "final.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
+    CHECK(TOOL(scene, WALL_SIZE, SMALL, "--mode", "direct", "-o", "final.pfm") == 0, "exit status %d: %s", ran.status,
+          ran.err);
     final = read_pfm("final.pfm");
     REQUIRE(albedo.values && final.values, "the pictures are not there");
     check_cell(&albedo, 0, kd, 0.002, "baseColorFactor");
@@ -278,7 +307,8 @@ TEST(ids_are_of_uses_of_meshes) {
     picture id;
     int cell, other;
     wall_gltf("wall.glb", 1);
-    REQUIRE(TOOL("wall.glb", WALL_SIZE, SMALL, "--channel", "id", "-o", "id.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
+    REQUIRE(TOOL("wall.glb", WALL_SIZE, SMALL, "--channel", "id", "-o", "id.pfm") == 0, "exit status %d: %s",
+            ran.status, ran.err);
     id = read_pfm("id.pfm");
     REQUIRE(id.values, "the picture is not there");
     for (cell = 0; cell < 16; cell++) {
@@ -286,7 +316,8 @@ TEST(ids_are_of_uses_of_meshes) {
         CHECK(at(&id, cell % 4 * 4 + 3, cell / 4 * 4 + 3, 0) > 0, "cell %d has no id", cell);
         for (other = 0; other < cell; other++)
             CHECK(other == 9 || other == 14 ||
-                      at(&id, cell % 4 * 4 + 3, cell / 4 * 4 + 3, 0) != at(&id, other % 4 * 4 + 3, other / 4 * 4 + 3, 0),
+                      at(&id, cell % 4 * 4 + 3, cell / 4 * 4 + 3, 0) !=
+                          at(&id, other % 4 * 4 + 3, other / 4 * 4 + 3, 0),
                   "cells %d and %d share an id", cell, other);
     }
     free(id.values);
@@ -297,24 +328,30 @@ TEST(ids_are_of_uses_of_meshes) {
 TEST(options_override_the_files_camera) {
     picture a, b;
     wall_gltf("wall.glb", 1);
-    CHECK(TOOL("wall.glb", WALL_SIZE, SMALL, "--channel", "position", "-o", "a.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
-    CHECK(TOOL("wall.glb", WALL_SIZE, SMALL, "--channel", "position", "--eye=0,0,1", "--look-at", "0,0,-5", "--up", "0,2,0", "--fov", "90",
+    CHECK(TOOL("wall.glb", WALL_SIZE, SMALL, "--channel", "position", "-o", "a.pfm") == 0, "exit status %d: %s",
+          ran.status, ran.err);
+    CHECK(TOOL("wall.glb", WALL_SIZE, SMALL, "--channel", "position", "--eye=0,0,1", "--look-at", "0,0,-5", "--up",
+               "0,2,0", "--fov", "90",
                "-o", "b.pfm") == 0,
           "exit status %d: %s", ran.status, ran.err);
     a = read_pfm("a.pfm");
     b = read_pfm("b.pfm");
     REQUIRE(a.values && b.values, "the pictures are not there");
-    CHECK(fabs(at(&a, 0, 0, 0) + 15 / 16.0) < 1e-4 && fabs(at(&a, 0, 0, 1) - 15 / 16.0) < 1e-4, "the top left pixel shows %g %g",
+    CHECK(fabs(at(&a, 0, 0, 0) + 15 / 16.0) < 1e-4 && fabs(at(&a, 0, 0, 1) - 15 / 16.0) < 1e-4,
+          "the top left pixel shows %g %g",
           at(&a, 0, 0, 0), at(&a, 0, 0, 1));
-    CHECK(memcmp(a.values, b.values, 16 * 16 * 3 * sizeof(float)) == 0, "the file's camera and the same one in options differ");
+    CHECK(memcmp(a.values, b.values, 16 * 16 * 3 * sizeof(float)) == 0,
+          "the file's camera and the same one in options differ");
     free(a.values);
     free(b.values);
-    CHECK(TOOL("wall.glb", WALL_SIZE, SMALL, "--channel", "position", "--fov", "45.0", "--up", "1,0,0", "-o", "a.pfm") == 0,
+    CHECK(TOOL("wall.glb", WALL_SIZE, SMALL, "--channel", "position", "--fov", "45.0", "--up", "1,0,0", "-o",
+               "a.pfm") == 0,
           "exit status %d: %s", ran.status, ran.err);
     a = read_pfm("a.pfm");
     REQUIRE(a.values, "the picture is not there");
     /* turned by a quarter: up is +x, so the right side is -y; tan(22.5 degrees) of it is seen */
-    CHECK(fabs(at(&a, 1, 1, 0) - 13 / 16.0 * tan(atan(1.0) / 2)) < 1e-4 && fabs(at(&a, 1, 1, 1) - 13 / 16.0 * tan(atan(1.0) / 2)) < 1e-4,
+    CHECK(fabs(at(&a, 1, 1, 0) - 13 / 16.0 * tan(atan(1.0) / 2)) < 1e-4 &&
+          fabs(at(&a, 1, 1, 1) - 13 / 16.0 * tan(atan(1.0) / 2)) < 1e-4,
           "turned: pixel 1 1 shows %g %g", at(&a, 1, 1, 0), at(&a, 1, 1, 1));
     free(a.values);
 }
@@ -322,7 +359,8 @@ TEST(options_override_the_files_camera) {
 static void check_framed(const char *size, int width, int height) {
     picture depth;
     int x, y, seen = 0, border = 0;
-    REQUIRE(TOOL("block.obj", "--size", size, SMALL, "--quiet", "--channel", "depth", "-o", "depth.pfm") == 0, "exit status %d: %s",
+    REQUIRE(TOOL("block.obj", "--size", size, SMALL, "--quiet", "--channel", "depth", "-o", "depth.pfm") == 0,
+            "exit status %d: %s",
             ran.status, ran.err);
     depth = read_pfm("depth.pfm");
     REQUIRE(depth.values, "the picture is not there");
@@ -336,7 +374,8 @@ static void check_framed(const char *size, int width, int height) {
 TEST(without_a_camera_the_scene_is_framed) {
     int i;
     char text[2048] = "";
-    for (i = 0; i < 8; i++) sprintf(text + strlen(text), "v %d %d %d\n", 1000 + 40 * (i & 1), -500 + 30 * (i >> 1 & 1), 20 * (i >> 2));
+    for (i = 0; i < 8; i++)
+        sprintf(text + strlen(text), "v %d %d %d\n", 1000 + 40 * (i & 1), -500 + 30 * (i >> 1 & 1), 20 * (i >> 2));
     strcat(text, "f 1 2 4 3\nf 5 6 8 7\nf 1 2 6 5\nf 3 4 8 7\nf 1 3 7 5\nf 2 4 8 6\n");
     write_text("block.obj", text);
     check_framed("32x32", 32, 32);
@@ -356,7 +395,8 @@ TEST(png_is_the_encoded_pfm) {
     CHECK(TOOL(ROOM, "--exposure", "-1.5", "--output=room.png") == 0, "exit status %d: %s", ran.status, ran.err);
     p = read_pfm("room.pfm");
     png = stbi_load(in_folder("room.png"), &width, &height, &channels, 0);
-    REQUIRE(p.values && png && p.width == 24 && p.height == 16 && width == 24 && height == 16 && channels == 3, "the pictures are not there");
+    REQUIRE(p.values && png && p.width == 24 && p.height == 16 && width == 24 && height == 16 && channels == 3,
+            "the pictures are not there");
     for (i = 0; i < 24 * 16 * 3; i++) {
         double exposed = (double)p.values[i] / pow(2, 1.5);
         bad += abs(encode_srgb(exposed) - png[i]) > 1;
@@ -370,15 +410,18 @@ TEST(png_is_the_encoded_pfm) {
 }
 
 TEST(every_channel_is_written) {
-    static const char *const names[] = { "final", "radiance", "albedo", "normal", "position", "id", "depth", "sensors" };
+    static const char *const names[] = { "final", "radiance", "albedo", "normal", "position", "id", "depth",
+        "sensors" };
     int i, k;
     room_obj();
     for (i = 0; i < 8; i++) {
         picture p;
         unsigned char *png;
         int width = 0, height = 0, channels, differing = 0, colors = 0;
-        CHECK(TOOL(ROOM, "--channel", names[i], "-o", "channel.pfm") == 0, "%s: exit status %d: %s", names[i], ran.status, ran.err);
-        CHECK(TOOL(ROOM, "--channel", names[i], "-o", "channel.png") == 0, "%s: exit status %d: %s", names[i], ran.status, ran.err);
+        CHECK(TOOL(ROOM, "--channel", names[i], "-o", "channel.pfm") == 0, "%s: exit status %d: %s", names[i],
+              ran.status, ran.err);
+        CHECK(TOOL(ROOM, "--channel", names[i], "-o", "channel.png") == 0, "%s: exit status %d: %s", names[i],
+              ran.status, ran.err);
         p = read_pfm("channel.pfm");
         png = stbi_load(in_folder("channel.png"), &width, &height, &channels, 0);
         REQUIRE(p.values && png && width == 24, "%s: the pictures are not there", names[i]);
@@ -399,7 +442,8 @@ TEST(exr_is_written_or_refused) {
     room_obj();
     TOOL(ROOM, "-o", "room.exr");
     if (ran.status == 1) {
-        CHECK(strstr(ran.err, "OpenEXR") && ran.err_lines == 1 && !exists("room.exr"), "a build without OpenEXR should say so: %s", ran.err);
+        CHECK(strstr(ran.err, "OpenEXR") && ran.err_lines == 1 && !exists("room.exr"),
+              "a build without OpenEXR should say so: %s", ran.err);
         return;
     }
     CHECK(ran.status == 0 && !ran.err[0], "exit status %d: %s", ran.status, ran.err);
@@ -419,14 +463,17 @@ static double json_number(const char *text, const char *key) {
 }
 
 TEST(statistics_have_every_field) {
-    static const char *const counts[] = { "triangles", "visible_pixels", "sensors", "sensor_views", "sensor_texels", "rays", "bounce_samples", "bounce_rays", "microseconds_per_sensor", "peak_gpu_bytes", "peak_host_bytes" };
-    static const char *const seconds[] = { "load", "scene", "surface", "gather", "bounce", "refine", "filter", "resolve", "total" };
+    static const char *const counts[] = { "triangles", "visible_pixels", "sensors", "sensor_views", "sensor_texels",
+        "rays", "bounce_samples", "bounce_rays", "microseconds_per_sensor", "peak_gpu_bytes", "peak_host_bytes" };
+    static const char *const seconds[] = { "load", "scene", "surface", "gather", "bounce", "refine", "filter",
+        "resolve", "total" };
     char text[8192];
     const char *level;
     double sum = 0, parts = 0;
     int i, lines;
     room_obj();
-    REQUIRE(TOOL(ROOM, "--mode", "direct", "--backend", "raster", "--stats", "stats.json", "--quiet", "-o", "room.pfm") == 0, "exit status %d: %s", ran.status,
+    REQUIRE(TOOL(ROOM, "--mode", "direct", "--backend", "raster", "--stats", "stats.json", "--quiet", "-o",
+                 "room.pfm") == 0, "exit status %d: %s", ran.status,
             ran.err);
     read_text(in_folder("stats.json"), text, sizeof text, &lines);
     REQUIRE(text[0] == '{' && strstr(text, "}\n"), "it is no JSON object: %s", text);
@@ -445,10 +492,13 @@ TEST(statistics_have_every_field) {
           "%g sensors, %g texels", json_number(text, "sensors"), json_number(text, "sensor_texels"));
     for (level = strstr(text, "\"levels\""); level && (level = strstr(level, "{\"tile\"")) != NULL; level++)
         sum += json_number(level, "sensors");
-    CHECK(sum == json_number(text, "sensors"), "the levels' sensors add up to %g of %g", sum, json_number(text, "sensors"));
-    CHECK(json_number(text, "total") >= parts && json_number(text, "load") > 0, "the parts take %g s, all takes %g s", parts,
+    CHECK(sum == json_number(text, "sensors"), "the levels' sensors add up to %g of %g", sum,
+          json_number(text, "sensors"));
+    CHECK(json_number(text, "total") >= parts && json_number(text, "load") > 0, "the parts take %g s, all takes %g s",
+          parts,
           json_number(text, "total"));
-    CHECK(json_number(text, "peak_host_bytes") > 1e6 && json_number(text, "peak_gpu_bytes") > 1e5, "peak memory is %g and %g bytes",
+    CHECK(json_number(text, "peak_host_bytes") > 1e6 && json_number(text, "peak_gpu_bytes") > 1e5,
+          "peak memory is %g and %g bytes",
           json_number(text, "peak_host_bytes"), json_number(text, "peak_gpu_bytes"));
     CHECK(!parts_left(), "%d temporary files are left", leftovers);
 }
@@ -457,12 +507,15 @@ TEST(rays_can_be_traced) {
     char text[8192];
     int lines;
     room_obj();
-    REQUIRE(TOOL(ROOM, "--mode", "ambient", "--backend", "trace", "--rays", "33", "--tile", "1", "--stats", "stats.json", "-o", "room.pfm") == 0,
+    REQUIRE(TOOL(ROOM, "--mode", "ambient", "--backend", "trace", "--rays", "33", "--tile", "1", "--stats",
+                 "stats.json", "-o", "room.pfm") == 0,
             "exit status %d: %s", ran.status, ran.err);
     read_text(in_folder("stats.json"), text, sizeof text, &lines);
-    CHECK(strstr(text, "\"backend\": \"trace\"") && json_number(text, "rays") == 33 * json_number(text, "sensors") && json_number(text, "rays") > 0,
+    CHECK(strstr(text, "\"backend\": \"trace\"") && json_number(text, "rays") == 33 * json_number(text, "sensors") &&
+          json_number(text, "rays") > 0,
           "statistics: %s", text);
-    CHECK(TOOL(ROOM, "--backend", "trace", "--mode", "paper") == 2 && strstr(ran.err, "--backend trace"), "the paper's mode: exit status %d: %s", ran.status, ran.err);
+    CHECK(TOOL(ROOM, "--backend", "trace", "--mode", "paper") == 2 && strstr(ran.err, "--backend trace"),
+          "the paper's mode: exit status %d: %s", ran.status, ran.err);
     CHECK(TOOL(ROOM, "--rays", "4097") == 2, "4097 rays: exit status %d: %s", ran.status, ran.err);
 }
 
@@ -472,10 +525,12 @@ TEST(light_bounces_by_default) {
     char text[8192];
     int lines, i;
     room_obj();
-    REQUIRE(TOOL(ROOM, "--bounce-samples", "2000", "--channel", "radiance", "--stats", "stats.json", "-o", "all.pfm") == 0,
+    REQUIRE(TOOL(ROOM, "--bounce-samples", "2000", "--channel", "radiance", "--stats", "stats.json", "-o", "all.pfm") ==
+            0,
             "exit status %d: %s", ran.status, ran.err);
     read_text(in_folder("stats.json"), text, sizeof text, &lines);
-    CHECK(strstr(text, "\"mode\": \"gi\"") && json_number(text, "bounce") > 0 && json_number(text, "bounce_samples") > 0 &&
+    CHECK(strstr(text, "\"mode\": \"gi\"") && json_number(text, "bounce") > 0 && json_number(text, "bounce_samples") >
+          0 &&
           json_number(text, "bounce_samples") <= 2000, "statistics: %s", text);
     TOOL(ROOM, "--mode", "direct", "--channel", "radiance", "-o", "direct.pfm");
     all = read_pfm("all.pfm");
@@ -493,9 +548,11 @@ TEST(bounced_light_is_kept) {
     char text[8192];
     int lines, i, same = 1;
     room_obj();
-    REQUIRE(TOOL(ROOM, "--bounce-samples", "2000", "--channel", "radiance", "--store", "light.sbl", "-o", "made.pfm") == 0 &&
+    REQUIRE(TOOL(ROOM, "--bounce-samples", "2000", "--channel", "radiance", "--store", "light.sbl", "-o", "made.pfm") ==
+            0 &&
             exists("light.sbl"), "exit status %d: %s", ran.status, ran.err);
-    REQUIRE(TOOL(ROOM, "--channel", "radiance", "--store", "light.sbl", "--stats", "stats.json", "-o", "loaded.pfm") == 0,
+    REQUIRE(TOOL(ROOM, "--channel", "radiance", "--store", "light.sbl", "--stats", "stats.json", "-o", "loaded.pfm") ==
+            0,
             "exit status %d: %s", ran.status, ran.err);
     read_text(in_folder("stats.json"), text, sizeof text, &lines);
     CHECK(json_number(text, "bounce") < 1e-3, "it is made again: %s", text);
@@ -507,11 +564,13 @@ TEST(bounced_light_is_kept) {
     free(made.values);
     free(loaded.values);
     CHECK(TOOL(ROOM, "--bounce-samples", "2000", "--sky", "1,0,0", "--store", "light.sbl", "-o", "made.pfm") == 0 &&
-          strstr(ran.err, "light.sbl") && strstr(ran.err, "another scene") && strstr(ran.err, "anew"), "exit status %d: %s",
+          strstr(ran.err, "light.sbl") && strstr(ran.err, "another scene") && strstr(ran.err, "anew"),
+              "exit status %d: %s",
           ran.status, ran.err);
     CHECK(TOOL(ROOM, "--mode", "direct", "--store", "light.sbl") == 2 && strstr(ran.err, "--store needs --mode gi"),
           "exit status %d: %s", ran.status, ran.err);
-    CHECK(TOOL(ROOM, "--store", "made.pfm", "-o", "made.pfm") == 2, "one file for both: exit status %d: %s", ran.status, ran.err);
+    CHECK(TOOL(ROOM, "--store", "made.pfm", "-o", "made.pfm") == 2, "one file for both: exit status %d: %s", ran.status,
+          ran.err);
 }
 
 /* What the tool prints of a sensor adds up; of a single light, all of it. */
@@ -519,24 +578,29 @@ static void inspect_with(const char *backend, const char *seen) {
     double sum[3], r[3], lamps[3], weights;
     const char *line;
     int k, arrive, rays;
-    CHECK(TOOL(ROOM, "--mode", "ambient", "--backend", backend, "--inspect", "12,14", "--tile", "1", "-o", "sheet.png") == 0, "exit status %d: %s",
+    CHECK(TOOL(ROOM, "--mode", "ambient", "--backend", backend, "--inspect", "12,14", "--tile", "1", "-o",
+               "sheet.png") == 0, "exit status %d: %s",
           ran.status, ran.err);
     CHECK(exists("sheet.png"), "the picture is not there");
     line = strstr(ran.out, "\nR ");
     REQUIRE(line && sscanf(line, "\nR %lf %lf %lf", &r[0], &r[1], &r[2]) == 3, "R is missing: %s", ran.out);
     line = strstr(ran.out, "over the sheet ");
-    REQUIRE(line && sscanf(line, "over the sheet %lf %lf %lf", &sum[0], &sum[1], &sum[2]) == 3, "the sum is missing: %s", ran.out);
+    REQUIRE(line && sscanf(line, "over the sheet %lf %lf %lf", &sum[0], &sum[1], &sum[2]) == 3,
+            "the sum is missing: %s", ran.out);
     line = strstr(ran.out, "\nfrom lamps ");
-    REQUIRE(line && sscanf(line, "\nfrom lamps %lf %lf %lf", &lamps[0], &lamps[1], &lamps[2]) == 3, "the lamps are missing: %s", ran.out);
+    REQUIRE(line && sscanf(line, "\nfrom lamps %lf %lf %lf", &lamps[0], &lamps[1], &lamps[2]) == 3,
+            "the lamps are missing: %s", ran.out);
     line = strstr(ran.out, "sum of weights ");
     REQUIRE(line && sscanf(line, "sum of weights %lf", &weights) == 1, "the weights are missing: %s", ran.out);
     CHECK(fabs(weights - 1) < 1e-4, "the weights sum to %g", weights);
     for (k = 0; k < 3; k++)
-        CHECK(sum[k] > 0 && lamps[k] > 0 && fabs(r[k] - sum[k] - lamps[k]) < 1e-3 * r[k], "R is %g, the sheet's sum %g, from lamps come %g", r[k],
+        CHECK(sum[k] > 0 && lamps[k] > 0 && fabs(r[k] - sum[k] - lamps[k]) < 1e-3 * r[k],
+              "R is %g, the sheet's sum %g, from lamps come %g", r[k],
               sum[k], lamps[k]);
     CHECK(fabs(lamps[2] / lamps[0] - 7.0 / 5) < 0.02, "from lamps come %g %g %g", lamps[0], lamps[1], lamps[2]);
     line = strstr(ran.out, "  triangle ");
-    REQUIRE(line && (line = strstr(line, ", ")) && sscanf(line, ", %d of %d rays", &arrive, &rays) == 2, "no triangle is a lamp: %s", ran.out);
+    REQUIRE(line && (line = strstr(line, ", ")) && sscanf(line, ", %d of %d rays", &arrive, &rays) == 2,
+            "no triangle is a lamp: %s", ran.out);
     CHECK(rays > 0 && arrive >= 0 && arrive <= rays, "%d of %d rays", arrive, rays);
     CHECK(strstr(ran.out, seen), "no %s: %s", seen, ran.out);
 }
@@ -561,19 +625,24 @@ TEST(zero_is_zero) {
     TOOL(ROOM, "--mode", "ambient", "--epsilon", "0.5", "--channel", "radiance", "-o", "glow.pfm");
     TOOL(ROOM, "--mode", "direct", "--filter-radius", "0", "--channel", "radiance", "-o", "raw.pfm");
     TOOL(ROOM, "--mode", "direct", "--channel", "radiance", "-o", "smooth.pfm");
-    TOOL(ROOM, "--mode", "direct", "--size", "96x64", "--sensor-size", "64", "--threshold", "0", "-o", "all.pfm", "--stats", "stats.json");
+    TOOL(ROOM, "--mode", "direct", "--size", "96x64", "--sensor-size", "64", "--threshold", "0", "-o", "all.pfm",
+         "--stats", "stats.json");
     read_text(in_folder("stats.json"), text, sizeof text, &lines);
     all = json_number(text, "sensors");
-    TOOL(ROOM, "--mode", "direct", "--size", "96x64", "--sensor-size", "64", "-o", "usual.pfm", "--stats", "stats.json");
+    TOOL(ROOM, "--mode", "direct", "--size", "96x64", "--sensor-size", "64", "-o", "usual.pfm", "--stats",
+         "stats.json");
     read_text(in_folder("stats.json"), text, sizeof text, &lines);
     usual = json_number(text, "sensors");
     direct = read_pfm("direct.pfm"); dark = read_pfm("dark.pfm"); glow = read_pfm("glow.pfm");
     raw = read_pfm("raw.pfm"); smooth = read_pfm("smooth.pfm");
     REQUIRE(direct.values && dark.values && glow.values && raw.values && smooth.values, "a picture is not there");
-    CHECK(memcmp(direct.values, dark.values, 24 * 16 * 3 * sizeof(float)) == 0, "ambient light with epsilon 0 should be direct light");
+    CHECK(memcmp(direct.values, dark.values, 24 * 16 * 3 * sizeof(float)) == 0,
+          "ambient light with epsilon 0 should be direct light");
     CHECK(memcmp(smooth.values, glow.values, 24 * 16 * 3 * sizeof(float)) != 0, "epsilon makes no difference");
-    CHECK(memcmp(raw.values, smooth.values, 24 * 16 * 3 * sizeof(float)) != 0, "filter radius 0 should not be the default");
-    CHECK(usual > 0 && all > 1.1 * usual, "threshold 0 should not be the default: %g sensors, and %g by default", all, usual);
+    CHECK(memcmp(raw.values, smooth.values, 24 * 16 * 3 * sizeof(float)) != 0,
+          "filter radius 0 should not be the default");
+    CHECK(usual > 0 && all > 1.1 * usual, "threshold 0 should not be the default: %g sensors, and %g by default", all,
+          usual);
     free(direct.values); free(dark.values); free(glow.values); free(raw.values); free(smooth.values);
 }
 
@@ -597,7 +666,8 @@ TEST(facet_limit_zero_is_zero) {
     REQUIRE(usual.values && none.values, "a picture is not there: %s", ran.err);
     for (i = k = 0; i < 8 * 8; i++) {
         if (usual.values[3 * i] == 0) continue;  /* half of the wall is missing */
-        CHECK(fabs((double)usual.values[3 * i] - 1) < 1e-5, "pixel %d: by default a small facet has the file's normal", i);
+        CHECK(fabs((double)usual.values[3 * i] - 1) < 1e-5, "pixel %d: by default a small facet has the file's normal",
+              i);
         CHECK(fabs((double)none.values[3 * i] - sqrt(0.8)) < 1e-5, "pixel %d: --facet-limit 0 is not 0", i);
         k++;
     }
@@ -619,15 +689,17 @@ TEST(old_names_of_options) {
         shown[i] = read_pfm("named.pfm");
         CHECK(TOOL(ROOM, names[i], "7") == 2 && said(i ? " --error 7" : "--target-error 7"), "a message names another "
               "option than %s: %s", names[i], ran.err);
-        CHECK(TOOL(ROOM, names[i]) == 2 && said(i ? " --error needs" : "--target-error needs"), "%s without a value: %s",
-              names[i], ran.err);
+        CHECK(TOOL(ROOM, names[i]) == 2 && said(i ? " --error needs" : "--target-error needs"),
+              "%s without a value: %s", names[i], ran.err);
     }
     REQUIRE(shown[0].values && shown[1].values, "a picture is not there");
-    CHECK(memcmp(shown[0].values, shown[1].values, 24 * 16 * 3 * sizeof(float)) == 0, "an old name means something else");
+    CHECK(memcmp(shown[0].values, shown[1].values, 24 * 16 * 3 * sizeof(float)) == 0,
+          "an old name means something else");
     free(shown[0].values);
     free(shown[1].values);
     CHECK(TOOL("--help") == 0 && strstr(ran.out, "\n  --target-error E, --error E\n     ") &&
-          strstr(ran.out, "\n  --max-bounce-cells N, --bounce-samples N\n     "), "--help does not show both names in one line");
+              strstr(ran.out, "\n  --max-bounce-cells N, --bounce-samples N\n     "),
+          "--help does not show both names in one line");
 }
 
 /* >>lights: R of every pixel against the closed form at its position. EXACT: a sensor a pixel, and no filter. */
@@ -643,7 +715,8 @@ static double lamp_at(double x, double y, double z, const double p[3]) {
 }
 
 /* Of a spot, besides: full inside of the inner angle (radians from the axis), nothing outside of the outer one. */
-static double spot_at(double x, double y, double z, const double axis[3], double inner, double outer, const double p[3]) {
+static double spot_at(double x, double y, double z, const double axis[3], double inner, double outer,
+                      const double p[3]) {
     const double to[3] = { p[0] - x, p[1] - y, p[2] - z };
     double share = (dot(to, axis) / sqrt(dot(to, to) * dot(axis, axis)) - cos(outer)) / (cos(inner) - cos(outer));
     share = share < 0 ? 0 : share > 1 ? 1 : share;
@@ -670,7 +743,8 @@ static int shoot(const char *scene, int own_camera, picture *position, picture *
         picture *p = i ? radiance : position;
         const char *const channel = i ? "radiance" : "position";
         if (own_camera) TOOL(scene, EXACT, "--channel", channel, "-o", "shot.pfm", "--stats", "shot.json");
-        else TOOL(scene, EXACT, "--eye", "0,6,0", "--look-at", "0,0,0", "--up", "0,0,-1", "--fov", "60", "--channel", channel, "-o", "shot.pfm", "--stats", "shot.json");
+        else TOOL(scene, EXACT, "--eye", "0,6,0", "--look-at", "0,0,0", "--up", "0,0,-1", "--fov", "60", "--channel",
+                  channel, "-o", "shot.pfm", "--stats", "shot.json");
         *p = read_pfm("shot.pfm");
         CHECK(ran.status == 0 && p->values, "%s: exit status %d: %s", scene, ran.status, ran.err);
         if (!p->values) return 0;
@@ -686,7 +760,8 @@ static double light_count(void) {
 }
 
 /* Every pixel of the ground in the picture, component by component. */
-static void check_ground(const picture *position, const picture *radiance, void (*expected)(const double p[3], double r[3]), const char *what) {
+static void check_ground(const picture *position, const picture *radiance,
+                         void (*expected)(const double p[3], double r[3]), const char *what) {
     int x, y, k, bad = 0, pixels = 0, lit = 0;
     for (y = 0; y < position->height; y++)
         for (x = 0; x < position->width; x++) {
@@ -703,12 +778,14 @@ static void check_ground(const picture *position, const picture *radiance, void 
                     CHECK(0, "%s: %g %g %g component %d: R is %g, expected %g", what, p[0], p[1], p[2], k, value, r[k]);
             }
         }
-    CHECK(!bad && pixels > 1000 && lit > 100, "%s: %d of %d values are wrong, %d are to be lit", what, bad, pixels, lit);
+    CHECK(!bad && pixels > 1000 && lit > 100, "%s: %d of %d values are wrong, %d are to be lit", what, bad, pixels,
+          lit);
 }
 
 static void three_primaries(const double p[3], double r[3]) {
     static const double axis[3] = { 0, -0.8660254, -0.5 };
-    const double to[3][3] = { { -1.5 - p[0], 2 - p[1], 1 - p[2] }, { 0.8 - p[0], 3 - p[1], 2.2 - p[2] }, { 6.1237244, 7.0710678, 3.5355339 } };
+    const double to[3][3] = { { -1.5 - p[0], 2 - p[1], 1 - p[2] }, { 0.8 - p[0], 3 - p[1], 2.2 - p[2] },
+        { 6.1237244, 7.0710678, 3.5355339 } };
     int k;
     r[0] = 9 * lamp_at(-1.5, 2, 1, p);
     r[1] = 16 * spot_at(0.8, 3, 2.2, axis, 0.3, 0.5, p);
@@ -739,19 +816,24 @@ static void lamps_gltf(const char *lights, int node_count, const char *nodes) {
     memcpy(buffer, corners, 48);
     memcpy(buffer + 48, indices, 12);
     write_file("ground.bin", buffer, sizeof buffer);
-    n = sprintf(json, "{\"asset\":{\"version\":\"2.0\"},\"extensionsUsed\":[\"KHR_lights_punctual\"],\"extensions\":{\"KHR_lights_punctual\":{\"lights\":[%s]}},"
+    n = sprintf(json, "{\"asset\":{\"version\":\"2.0\"},\"extensionsUsed\":[\"KHR_lights_punctual\"],"
+                "\"extensions\":{\"KHR_lights_punctual\":{\"lights\":[%s]}},"
                       "\"scene\":0,\"scenes\":[{\"nodes\":[0", lights);
     for (i = 1; i <= node_count; i++) n += sprintf(json + n, ",%d", i);
-    n += sprintf(json + n, "]}],\"nodes\":[{\"mesh\":0}%s],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1}]}],"
-                 "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\",\"min\":[-4,0,-4],\"max\":[4,0,4]},"
+    n += sprintf(json + n, "]}],\"nodes\":[{\"mesh\":0}%s],"
+                 "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1}]}],"
+                 "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\",\"min\":[-4,0,"
+                     "-4],\"max\":[4,0,4]},"
                  "{\"bufferView\":1,\"componentType\":5123,\"count\":6,\"type\":\"SCALAR\"}],"
-                 "\"bufferViews\":[{\"buffer\":0,\"byteLength\":48},{\"buffer\":0,\"byteOffset\":48,\"byteLength\":12}],"
+                 "\"bufferViews\":[{\"buffer\":0,\"byteLength\":48},{\"buffer\":0,\"byteOffset\":48,\"byteLength\":12}"
+                     "],"
                  "\"buffers\":[{\"byteLength\":60,\"uri\":\"ground.bin\"}]}", nodes);
     write_file("lamps.gltf", json, (size_t)n);
 }
 #define LIGHT(n) "\"extensions\":{\"KHR_lights_punctual\":{\"light\":" #n "}}"
 
-static void check_lamps(const char *scene, int lights, void (*expected)(const double p[3], double r[3]), const char *what) {
+static void check_lamps(const char *scene, int lights, void (*expected)(const double p[3], double r[3]),
+                        const char *what) {
     picture position, radiance;
     if (!shoot(scene, 0, &position, &radiance)) return;
     CHECK(light_count() == lights, "%s: %g lights, expected %d", what, light_count(), lights);
@@ -763,12 +845,16 @@ static void check_lamps(const char *scene, int lights, void (*expected)(const do
 static void four_lamps(const double p[3], double r[3]) {
     int k;
     for (k = 0; k < 3; k++)
-        r[k] = (8 >> k) * (lamp_at(1, 1, 0, p) + lamp_at(-2, 2, 1, p) + lamp_at(0, 1.5, -2, p)) + 3 * lamp_at(2, 1, 2, p);
+        r[k] = (8 >> k) * (lamp_at(1, 1, 0, p) + lamp_at(-2, 2, 1, p) + lamp_at(0, 1.5, -2, p)) + 3 *
+            lamp_at(2, 1, 2, p);
 }
 TEST(a_light_of_many_nodes) {
-    lamps_gltf("{\"type\":\"point\",\"intensity\":8,\"color\":[1,0.5,0.25],\"range\":1.5},{\"type\":\"point\",\"intensity\":3}", 3,
-               ",{\"name\":\"lamp\",\"translation\":[1,1,0]," LIGHT(0) "},{\"name\":\"lamp\",\"translation\":[-2,2,1]," LIGHT(0) "},"
-               "{\"translation\":[2,1,2]," LIGHT(1) ",\"children\":[4]},{\"name\":\"lamp\",\"translation\":[-2,0.5,-4]," LIGHT(0) "}");
+    lamps_gltf("{\"type\":\"point\",\"intensity\":8,\"color\":[1,0.5,0.25],\"range\":1.5},{\"type\":\"point\","
+               "\"intensity\":3}", 3,
+               ",{\"name\":\"lamp\",\"translation\":[1,1,0]," LIGHT(0) "},{\"name\":\"lamp\",\"translation\":[-2,2,1],"
+                   "" LIGHT(0) "},"
+               "{\"translation\":[2,1,2]," LIGHT(1) ",\"children\":[4]},{\"name\":\"lamp\",\"translation\":[-2,0.5,-4],"
+                   "" LIGHT(0) "}");
     check_lamps("lamps.gltf", 4, four_lamps, "a light of three nodes of one name, and another");
 }
 
@@ -784,13 +870,15 @@ static void three_spots(const double p[3], double r[3]) {
 TEST(spots_of_gltf) {
     char lights[1024];
     snprintf(lights, sizeof lights, "{\"type\":\"spot\",\"intensity\":10,\"color\":[1,0,0],\"spot\":{}},"
-             "{\"type\":\"spot\",\"intensity\":10,\"color\":[0,1,0],\"spot\":{\"innerConeAngle\":0.2,\"outerConeAngle\":0.6}},"
+             "{\"type\":\"spot\",\"intensity\":10,\"color\":[0,1,0],\"spot\":{\"innerConeAngle\":0.2,"
+                 "\"outerConeAngle\":0.6}},"
              "{\"type\":\"spot\",\"intensity\":10,\"color\":[0,0,1],\"spot\":{\"outerConeAngle\":1.5707963267948966}},"
              "{\"type\":\"directional\",\"intensity\":%.9g}", 0.001 * acos(-1.0));
     /* down: -90 degrees about x; aslant: -45 about z of what looks to +x, so -90 about y before */
     lamps_gltf(lights, 3, ",{\"translation\":[0,2,0],\"rotation\":[-0.70710678,0,0,0.70710678]," LIGHT(0) "},"
                "{\"translation\":[0,1,1],\"rotation\":[-0.70710678,0,0,0.70710678],\"scale\":[3,3,0.01]," LIGHT(2) "},"
-               "{\"translation\":[-2,2,0],\"rotation\":[0,0,-0.38268343,0.92387953],\"scale\":[2,2,2],\"children\":[4]},"
+               "{\"translation\":[-2,2,0],\"rotation\":[0,0,-0.38268343,0.92387953],\"scale\":[2,2,2],\"children\":[4]"
+                   "},"
                "{\"rotation\":[0,-0.70710678,0,0.70710678]," LIGHT(1) ",\"children\":[5]},"
                "{\"matrix\":[1,0,0,0,0,0.70710678,-0.70710678,0,0,0.70710678,0.70710678,0,0,0,0,1]," LIGHT(3) "}");
     check_lamps("lamps.gltf", 4, three_spots, "spots");
@@ -804,19 +892,32 @@ static void collada_lamps(const double p[3], double r[3]) {
     r[2] = 3 / acos(-1.0);
 }
 TEST(lights_of_other_formats) {
-    write_text("lamps.dae", "<?xml version=\"1.0\"?><COLLADA xmlns=\"http://www.collada.org/2005/11/COLLADASchema\" version=\"1.4.1\"><asset><up_axis>Y_UP</up_axis></asset>"
-               "<library_lights><light id=\"a\"><technique_common><point><color>10 0 0</color><quadratic_attenuation>0.1</quadratic_attenuation></point></technique_common></light>"
-               "<light id=\"b\"><technique_common><spot><color>0 8 0</color><falloff_angle>60</falloff_angle></spot></technique_common>"
-               "<extra><technique profile=\"MAX3D\"><max_light><decay_falloff>80</decay_falloff></max_light></technique></extra></light>"
-               "<light id=\"c\"><technique_common><directional><color>0 0 3</color></directional></technique_common></light>"
-               "<light id=\"d\"><technique_common><ambient><color>1 1 1</color></ambient></technique_common></light></library_lights>"
-               "<library_geometries><geometry id=\"g\"><mesh><source id=\"p\"><float_array id=\"f\" count=\"12\">-4 0 -4 -4 0 4 4 0 4 4 0 -4</float_array>"
-               "<technique_common><accessor source=\"#f\" count=\"4\" stride=\"3\"><param name=\"X\" type=\"float\"/><param name=\"Y\" type=\"float\"/>"
-               "<param name=\"Z\" type=\"float\"/></accessor></technique_common></source><vertices id=\"v\"><input semantic=\"POSITION\" source=\"#p\"/></vertices>"
-               "<triangles count=\"2\"><input semantic=\"VERTEX\" source=\"#v\" offset=\"0\"/><p>0 1 2 0 2 3</p></triangles></mesh></geometry></library_geometries>"
-               "<library_visual_scenes><visual_scene id=\"s\"><node id=\"ground\"><instance_geometry url=\"#g\"/></node>"
+    write_text("lamps.dae", "<?xml version=\"1.0\"?><COLLADA xmlns=\"http://www.collada.org/2005/11/COLLADASchema\" "
+               "version=\"1.4.1\"><asset><up_axis>Y_UP</up_axis></asset>"
+               "<library_lights><light id=\"a\"><technique_common><point><color>10 0 "
+                   "0</color><quadratic_attenuation>0.1</quadratic_attenuation></point></technique_common></light>"
+               "<light id=\"b\"><technique_common><spot><color>0 8 "
+                   "0</color><falloff_angle>60</falloff_angle></spot></technique_common>"
+               "<extra><technique "
+                   "profile=\"MAX3D\"><max_light>"
+                   "<decay_falloff>80</decay_falloff></max_light></technique></extra></light>"
+               "<light id=\"c\"><technique_common><directional><color>0 0 "
+                   "3</color></directional></technique_common></light>"
+               "<light id=\"d\"><technique_common><ambient><color>1 1 "
+                   "1</color></ambient></technique_common></light></library_lights>"
+               "<library_geometries><geometry id=\"g\"><mesh><source id=\"p\"><float_array id=\"f\" count=\"12\">-4 0 "
+                   "-4 -4 0 4 4 0 4 4 0 -4</float_array>"
+               "<technique_common><accessor source=\"#f\" count=\"4\" stride=\"3\"><param name=\"X\" "
+                   "type=\"float\"/><param name=\"Y\" type=\"float\"/>"
+               "<param name=\"Z\" type=\"float\"/></accessor></technique_common></source><vertices id=\"v\"><input "
+                   "semantic=\"POSITION\" source=\"#p\"/></vertices>"
+               "<triangles count=\"2\"><input semantic=\"VERTEX\" source=\"#v\" offset=\"0\"/><p>0 1 2 0 2 "
+                   "3</p></triangles></mesh></geometry></library_geometries>"
+               "<library_visual_scenes><visual_scene id=\"s\"><node id=\"ground\"><instance_geometry "
+                   "url=\"#g\"/></node>"
                "<node id=\"n1\"><translate>1 2 1</translate><instance_light url=\"#a\"/></node>"
-               "<node id=\"n2\"><translate>0 2 0</translate><rotate>1 0 0 -90</rotate><instance_light url=\"#b\"/><instance_light url=\"#c\"/></node>"
+               "<node id=\"n2\"><translate>0 2 0</translate><rotate>1 0 0 -90</rotate><instance_light "
+                   "url=\"#b\"/><instance_light url=\"#c\"/></node>"
                "<node id=\"n3\"><instance_light url=\"#d\"/></node></visual_scene></library_visual_scenes>"
                "<scene><instance_visual_scene url=\"#s\"/></scene></COLLADA>");
     check_lamps("lamps.dae", 3, collada_lamps, "COLLADA");
@@ -825,14 +926,21 @@ TEST(lights_of_other_formats) {
 static void one_lamp(const double p[3], double r[3]) { r[0] = r[1] = r[2] = lamp_at(0, 1, 0, p); }
 TEST(broken_lights_are_left_out) {
     static const char *const bad[][2] = {
-        { "{\"type\":\"point\",\"intensity\":-1}", "intensity" }, { "{\"type\":\"point\",\"intensity\":1e300}", "intensity" },
-        { "{\"type\":\"point\",\"intensity\":1e30,\"color\":[1e30,0,0]}", "intensity" }, { "{\"type\":\"area\"}", "left out" },
-        { "{\"type\":\"spot\"}", "left out" }, { "{\"type\":7}", "left out" }, { "5", "left out" }, { "{}", "left out" },
-        { "{\"type\":\"spot\",\"spot\":{\"outerConeAngle\":0}}", "cone" }, { "{\"type\":\"spot\",\"spot\":{\"outerConeAngle\":-1}}", "cone" },
-        { "{\"type\":\"spot\",\"spot\":{\"innerConeAngle\":-1}}", "cone" }, { "{\"type\":\"directional\",\"intensity\":-0.001}", "intensity" } };
+        { "{\"type\":\"point\",\"intensity\":-1}", "intensity" },
+        { "{\"type\":\"point\",\"intensity\":1e300}", "intensity" },
+        { "{\"type\":\"point\",\"intensity\":1e30,\"color\":[1e30,0,0]}", "intensity" },
+        { "{\"type\":\"area\"}", "left out" },
+        { "{\"type\":\"spot\"}", "left out" }, { "{\"type\":7}", "left out" }, { "5", "left out" },
+        { "{}", "left out" },
+        { "{\"type\":\"spot\",\"spot\":{\"outerConeAngle\":0}}", "cone" },
+        { "{\"type\":\"spot\",\"spot\":{\"outerConeAngle\":-1}}", "cone" },
+        { "{\"type\":\"spot\",\"spot\":{\"innerConeAngle\":-1}}", "cone" },
+        { "{\"type\":\"directional\",\"intensity\":-0.001}", "intensity" } };
     static const char *const nodes[][2] = {
-        { "\"scale\":[0,0,0]," LIGHT(1), "direction" }, { "\"translation\":[0,1e38,0],\"scale\":[1e38,1e38,1e38]," LIGHT(1), "out" }, { LIGHT(2), "left out" },
-        { LIGHT(-1), "left out" }, { LIGHT(1.5e9), "left out" }, { LIGHT("x"), "left out" }, { "\"extensions\":{\"KHR_lights_punctual\":{}}", "left out" },
+        { "\"scale\":[0,0,0]," LIGHT(1), "direction" },
+        { "\"translation\":[0,1e38,0],\"scale\":[1e38,1e38,1e38]," LIGHT(1), "out" }, { LIGHT(2), "left out" },
+        { LIGHT(-1), "left out" }, { LIGHT(1.5e9), "left out" }, { LIGHT("x"), "left out" },
+        { "\"extensions\":{\"KHR_lights_punctual\":{}}", "left out" },
         { "\"extensions\":{\"KHR_lights_punctual\":[]}", "left out" } };
     char lights[1024], uses[1024];
     size_t i;
@@ -840,15 +948,20 @@ TEST(broken_lights_are_left_out) {
         const int in_node = i >= sizeof bad / sizeof *bad;
         const char *const *broken = in_node ? nodes[i - sizeof bad / sizeof *bad] : bad[i];
         snprintf(lights, sizeof lights, "{\"type\":\"point\"},%s", in_node ? "{\"type\":\"directional\"}" : broken[0]);
-        snprintf(uses, sizeof uses, ",{\"name\":\"good\",\"translation\":[0,1,0]," LIGHT(0) "},{\"name\":\"broken\",%s}", in_node ? broken[0] : LIGHT(1));
+        snprintf(uses, sizeof uses, ",{\"name\":\"good\",\"translation\":[0,1,0]," LIGHT(0) "},{\"name\":\"broken\",%s}"
+                 "", in_node ? broken[0] : LIGHT(1));
         lamps_gltf(lights, 2, uses);
-        CHECK(TOOL("lamps.gltf", WALL_SIZE, SMALL, "--eye", "0,6,0", "--look-at", "0,0,0", "-o", "lamps.pfm") == 0, "%s: exit status %d: %s", broken[0], ran.status, ran.err);
-        CHECK(ran.err_lines == 1 && strstr(ran.err, "warning: lamps.gltf: light") && strstr(ran.err, "broken (node 2)") && strstr(ran.err, broken[1]),
+        CHECK(TOOL("lamps.gltf", WALL_SIZE, SMALL, "--eye", "0,6,0", "--look-at", "0,0,0", "-o", "lamps.pfm") == 0,
+              "%s: exit status %d: %s", broken[0], ran.status, ran.err);
+        CHECK(ran.err_lines == 1 && strstr(ran.err, "warning: lamps.gltf: light") &&
+              strstr(ran.err, "broken (node 2)") && strstr(ran.err, broken[1]),
               "%s: expected one warning: %s", broken[0], ran.err);
         if (i % 4 == 0) check_lamps("lamps.gltf", 1, one_lamp, broken[0]);
     }
-    lamps_gltf("{\"type\":\"spot\",\"spot\":{\"innerConeAngle\":3,\"outerConeAngle\":3}}", 1, ",{\"rotation\":[-0.70710678,0,0,0.70710678],\"translation\":[0,1,0]," LIGHT(0) "}");
-    CHECK(TOOL("lamps.gltf", WALL_SIZE, SMALL, "-o", "lamps.pfm") == 0 && ran.err_lines == 1 && strstr(ran.err, "narrowed"), "exit status %d: %s", ran.status, ran.err);
+    lamps_gltf("{\"type\":\"spot\",\"spot\":{\"innerConeAngle\":3,\"outerConeAngle\":3}}", 1,
+               ",{\"rotation\":[-0.70710678,0,0,0.70710678],\"translation\":[0,1,0]," LIGHT(0) "}");
+    CHECK(TOOL("lamps.gltf", WALL_SIZE, SMALL, "-o", "lamps.pfm") == 0 && ran.err_lines == 1 &&
+          strstr(ran.err, "narrowed"), "exit status %d: %s", ran.status, ran.err);
     check_lamps("lamps.gltf", 1, one_lamp, "a spot that shines everywhere");
 }
 
@@ -872,10 +985,13 @@ static double wall_mean(int k, double *deviation) {
     free(p.values);
     return sum;
 }
-#define WALL_IN_THE_OPEN "lone.obj", "--eye", "0.5,0,0", "--look-at", "0,0,0", "--fov", "60", "--size", "12x12", "--mode", "direct", "--rays", "256", "--quiet", "--channel", "radiance", "-o", "sky.pfm"
+#define WALL_IN_THE_OPEN \
+    "lone.obj", "--eye", "0.5,0,0", "--look-at", "0,0,0", "--fov", "60", "--size", "12x12", "--mode", "direct", \
+    "--rays", "256", "--quiet", "--channel", "radiance", "-o", "sky.pfm"
 static void check_sky(double expected, double tolerance, const char *what) {
     double deviation, mean = wall_mean(1, &deviation);
-    CHECK(ran.status == 0 && fabs(mean - expected) <= tolerance && deviation <= tolerance, "%s: exit status %d, R is %g +- %g, expected %g: %s", what, ran.status,
+    CHECK(ran.status == 0 && fabs(mean - expected) <= tolerance && deviation <= tolerance,
+          "%s: exit status %d, R is %g +- %g, expected %g: %s", what, ran.status,
           mean, deviation, expected, ran.err);
 }
 
@@ -915,20 +1031,26 @@ TEST(sky_pictures) {
     write_sky("colors.hdr", everywhere, 64, 0.5f, 2);
     TOOL(WALL_IN_THE_OPEN, "--sky=colors.hdr");
     check_sky(0.5, 0.001, "a bright picture");
-    CHECK(fabs(wall_mean(0, &deviation) - 64) < 0.1 && fabs(wall_mean(2, &deviation) - 2) < 0.01, "its colours are mixed up");
+    CHECK(fabs(wall_mean(0, &deviation) - 64) < 0.1 && fabs(wall_mean(2, &deviation) - 2) < 0.01,
+          "its colours are mixed up");
     memset(grey, 188, sizeof grey);
     grey[3] = grey[7] = grey[11] = grey[15] = 10;  /* alpha is nothing to a sky */
     stbi_write_png(in_folder("grey.PNG"), 2, 2, 4, grey, 8);
     TOOL(WALL_IN_THE_OPEN, "--sky", "grey.PNG");
     check_sky(decode_srgb(188 / 255.0), 0.003, "a .png");
-    CHECK(TOOL("lone.obj", "--eye", "0.5,0,0", "--look-at", "1,0,0", "--sky", "one.hdr", "--size", "8x8", "--quiet", "-o", "sky.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
-    CHECK(fabs(wall_mean(1, &deviation) - 1) < 0.001 && deviation < 0.001, "the sky should be seen: %g +- %g", wall_mean(1, &deviation), deviation);
+    CHECK(TOOL("lone.obj", "--eye", "0.5,0,0", "--look-at", "1,0,0", "--sky", "one.hdr", "--size", "8x8", "--quiet",
+               "-o", "sky.pfm") == 0, "exit status %d: %s", ran.status, ran.err);
+    CHECK(fabs(wall_mean(1, &deviation) - 1) < 0.001 && deviation < 0.001, "the sky should be seen: %g +- %g",
+          wall_mean(1, &deviation), deviation);
 }
 
-/* The wall looks to +x, a picture's middle; its left half is towards -z. Seen from above a quarter turn takes that to -x. */
+/* The wall looks to +x, a picture's middle; its left half is towards -z. Seen from above a quarter turn takes that to
+   -x. */
 TEST(sky_pictures_turn) {
-    static const struct { const char *degrees; double r; } turns[] = { { "0", 1 }, { "90", 0 }, { "-90", 2 }, { "270", 2 }, { "180", 1 }, { "-30", 1.5 } };
-    static const struct { const char *up; double r; } ups[] = { { "0,5,0", 1 }, { "0,-1,0", 1 }, { "1e-3,0,0", 2 }, { "-1,0,0", 0 }, { "1,0,1", 1 + 0.70710678 } };
+    static const struct { const char *degrees; double r;
+        } turns[] = { { "0", 1 }, { "90", 0 }, { "-90", 2 }, { "270", 2 }, { "180", 1 }, { "-30", 1.5 } };
+    static const struct { const char *up; double r;
+        } ups[] = { { "0,5,0", 1 }, { "0,-1,0", 1 }, { "1e-3,0,0", 2 }, { "-1,0,0", 0 }, { "1,0,1", 1 + 0.70710678 } };
     size_t i;
     lone_wall();
     write_sky("left.hdr", towards_minus_z, 2, 2, 2);
@@ -1027,7 +1149,8 @@ TEST(bad_usage_is_two) {
 /* The last run failed, with one line that holds the words, and left nothing behind. */
 static void check_refused(const char *what, const char *words) {
     CHECK(ran.status == 1, "%s: exit status %d, expected 1: %s", what, ran.status, ran.err);
-    CHECK(ran.err_lines == 1 && strncmp(ran.err, "sbl_render: ", 12) == 0, "%s: expected one line on stderr: %s", what, ran.err);
+    CHECK(ran.err_lines == 1 && strncmp(ran.err, "sbl_render: ", 12) == 0, "%s: expected one line on stderr: %s", what,
+          ran.err);
     CHECK(strstr(ran.err, words), "%s: expected \"%s\" in: %s", what, words, ran.err);
     CHECK(!exists("refused.png") && !parts_left(), "%s: something was written", what);
 }
@@ -1038,18 +1161,24 @@ TEST(failures_are_one) {
     TOOL(".", "-o", "refused.png"); check_refused("a folder", "directory");
     TOOL("/dev/null", "-o", "refused.png"); check_refused("a device", "/dev/null");
     TOOL(ROOM, "-o", "nowhere/refused.png"); check_refused("no such folder", "nowhere/refused.png");
-    TOOL(ROOM, "-o", "refused.png", "--stats", "nowhere/stats"); check_refused("no folder for the statistics", "nowhere/stats");
+    TOOL(ROOM, "-o", "refused.png", "--stats", "nowhere/stats"); check_refused("no folder for the statistics",
+                                                                      "nowhere/stats");
     mkdir(in_folder("folder.png"), 0777);
     TOOL(ROOM, "-o", "folder.png"); check_refused("a folder for the picture", "folder.png");
-    CHECK(TOOL(ROOM, "--backend", "raster", "-o", "raster.pfm") == 0, "--backend raster: exit status %d: %s", ran.status, ran.err);
-    CHECK(TOOL(ROOM, "--backend", "auto", "-o", "auto.pfm") == 0, "--backend auto: exit status %d: %s", ran.status, ran.err);
+    CHECK(TOOL(ROOM, "--backend", "raster", "-o", "raster.pfm") == 0, "--backend raster: exit status %d: %s",
+          ran.status, ran.err);
+    CHECK(TOOL(ROOM, "--backend", "auto", "-o", "auto.pfm") == 0, "--backend auto: exit status %d: %s", ran.status,
+          ran.err);
 }
 
 TEST(broken_sky_pictures_are_refused) {
     static const struct { const char *name, *text, *words; } files[] = {
-        { "empty.hdr", "", "too soon" }, { "text.hdr", "this is no picture, and long enough to be found out as one that is not", "no picture" },
-        { "head.hdr", "#?RADIANCE\n", "too soon" }, { "format.hdr", "#?RADIANCE\nFORMAT=other\n\n-Y 4 +X 4\n                          ", "no picture" },
-        { "large.hdr", "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 99999 +X 99999\n                          ", "no picture" },
+        { "empty.hdr", "", "too soon" }, { "text.hdr",
+            "this is no picture, and long enough to be found out as one that is not", "no picture" },
+        { "head.hdr", "#?RADIANCE\n", "too soon" },
+        { "format.hdr", "#?RADIANCE\nFORMAT=other\n\n-Y 4 +X 4\n                          ", "no picture" },
+        { "large.hdr", "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 99999 +X 99999\n                          ",
+          "no picture" },
         { "lies.hdr", "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 16384 +X 16384\n\2\2\100", "lies.hdr" },
         { "sky.exr", "\166\57\61\1 this one only writes, and whoever has it must convert it", "no picture" } };
     char whole[16384], shown[64];
@@ -1075,7 +1204,8 @@ TEST(broken_sky_pictures_are_refused) {
         snprintf(shown, sizeof shown, "%d bytes of %d", (int)(size * i / 20), (int)size);
         check_refused(shown, "cut.hdr: it ends too soon");
     }
-    TOOL("lone.obj", "--sky", "absent.hdr", "-o", "refused.png"); check_refused("no picture", "absent.hdr: No such file");
+    TOOL("lone.obj", "--sky", "absent.hdr", "-o", "refused.png"); check_refused("no picture",
+                                                                      "absent.hdr: No such file");
     mkdir(in_folder("folder.hdr"), 0777);
     TOOL("lone.obj", "--sky", "folder.hdr", "-o", "refused.png"); check_refused("a folder", "folder.hdr");
 }
@@ -1089,10 +1219,12 @@ TEST(hostile_files_are_refused) {
         { "nan.obj", "g door\nv nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "finite" },
         { "far.obj", "v 1e30 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "vertex 0" },
         { "text.gltf", "this is no JSON KHR_materials_emissive_strength", "text.gltf" },
-        { "nodes.gltf", "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"children\":[0]}]}",
+        { "nodes.gltf", "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0]}],"
+          "\"nodes\":[{\"children\":[0]}]}",
           "nodes.gltf" },
         { "types.gltf",
-          "{\"asset\":{\"version\":\"2.0\"},\"materials\":{\"extensions\":\"KHR_materials_emissive_strength\"},\"cameras\":7,\"scene\":[]}",
+          "{\"asset\":{\"version\":\"2.0\"},\"materials\":{\"extensions\":\"KHR_materials_emissive_strength\"},"
+              "\"cameras\":7,\"scene\":[]}",
           "types.gltf" },
         { "short.glb", "glTF\2\0\0\0", "short.glb" },
         { "lies.glb", "glTF\2\1\1\1\377\377\377\177\377\377\377\177JSON{\"aspectRatio\":1}", "lies.glb" },
@@ -1120,7 +1252,8 @@ TEST(hostile_files_are_refused) {
 
 static int tried;
 static int try_file(const char *path, const struct stat *info, int kind, struct FTW *where) {
-    static const char *const kinds[] = { ".obj", ".gltf", ".glb", ".off", ".dae", ".ply", ".3ds", ".ase", ".lwo", ".md5mesh", ".raw", ".smd", ".x", ".xml", NULL };
+    static const char *const kinds[] = { ".obj", ".gltf", ".glb", ".off", ".dae", ".ply", ".3ds", ".ase", ".lwo",
+        ".md5mesh", ".raw", ".smd", ".x", ".xml", NULL };
     const char *ending = strrchr(path + where->base, '.');
     char full[4096];
     int i;
@@ -1129,18 +1262,22 @@ static int try_file(const char *path, const struct stat *info, int kind, struct 
     for (i = 0; ending && kinds[i] && strcmp(ending, kinds[i]) != 0; i++) continue;
     if ((ending && !kinds[i]) || !realpath(path, full)) return 0;
     tried++;
-    TOOL(full, "--quiet", "--size", "8x6", "--sensor-size", "4", "--samples", "1", "--tile", "8", "--threshold", "100", "-o", "hostile.png");
+    TOOL(full, "--quiet", "--size", "8x6", "--sensor-size", "4", "--samples", "1", "--tile", "8", "--threshold", "100",
+         "-o", "hostile.png");
     if (SANITIZED && ran.status == 1 && strstr(ran.err, "SUMMARY: AddressSanitizer")) {
         /* a reader that dies in its own process does it aloud here; our code must not be where it happens */
         const char *summary = strstr(ran.err, "SUMMARY: AddressSanitizer"),
                    *memory = strstr(ran.err, "ERROR: AddressSanitizer: requested allocation size");
         if (!memory) memory = strstr(ran.err, "ERROR: AddressSanitizer: allocator is out of memory");
-        CHECK((strstr(summary, "libassimp") || (memory && strstr(memory, "libassimp"))) && strstr(summary, "sbl_render: "), "%s: %s", path,
+        CHECK((strstr(summary, "libassimp") || (memory && strstr(memory, "libassimp"))) &&
+              strstr(summary, "sbl_render: "), "%s: %s", path,
               ran.err);
     } else
-        CHECK((ran.status == 0 && !ran.err[0]) || (ran.status == 1 && ran.err_lines == 1), "%s: exit status %d: %s", path, ran.status,
+        CHECK((ran.status == 0 && !ran.err[0]) || (ran.status == 1 && ran.err_lines == 1), "%s: exit status %d: %s",
+              path, ran.status,
               ran.err);
-    CHECK(exists("hostile.png") == (ran.status == 0) && !parts_left(), "%s: exit status %d, but the picture is%s there", path, ran.status,
+    CHECK(exists("hostile.png") == (ran.status == 0) && !parts_left(), "%s: exit status %d, but the picture is%s there",
+          path, ran.status,
           exists("hostile.png") ? "" : " not");
     remove(in_folder("hostile.png"));
     return 0;
@@ -1154,8 +1291,10 @@ TEST(collected_hostile_files) {
 
 TEST(a_file_is_written_whole_or_not_at_all) {
     static const char *const arguments[] = { "room.obj", "--size", "64x48", SMALL, "-o", "whole.pfm", NULL };
-    static const char *const png[] = { "room.obj", "--size", "64x48", SMALL, "--channel", "position", "-o", "whole.png", NULL };
-    static const char *const exr[] = { "room.obj", "--size", "64x48", SMALL, "--channel", "position", "-o", "whole.exr", NULL };
+    static const char *const png[] = { "room.obj", "--size", "64x48", SMALL, "--channel", "position", "-o", "whole.png",
+        NULL };
+    static const char *const exr[] = { "room.obj", "--size", "64x48", SMALL, "--channel", "position", "-o", "whole.exr",
+        NULL };
     static const char *const link_to[] = { "room.obj", "--size", "8x8", SMALL, "-o", "link.pfm", NULL };
     static const char *const *const all[] = { arguments, png, exr };
     static const char *const names[] = { "whole.pfm", "whole.png", "whole.exr" };
@@ -1167,20 +1306,24 @@ TEST(a_file_is_written_whole_or_not_at_all) {
     for (i = 0; i < 3; i++) {
         write_text(names[i], "old\n");
         finish(start(all[i], -1, 500));  /* the disk is full */
-        CHECK(ran.status == 1 && strstr(ran.err, names[i]) && ran.err_lines == 1, "%s: exit status %d: %s", names[i], ran.status, ran.err);
+        CHECK(ran.status == 1 && strstr(ran.err, names[i]) && ran.err_lines == 1, "%s: exit status %d: %s", names[i],
+              ran.status, ran.err);
         read_text(in_folder(names[i]), text, sizeof text, &lines);
         CHECK(strcmp(text, "old\n") == 0, "%s: the old file should have stayed", names[i]);
         CHECK(!parts_left(), "%s: %d temporary files are left", names[i], leftovers);
     }
-    CHECK(run(arguments) == 0 && stat(in_folder("whole.pfm"), &info) == 0 && info.st_size > 64 * 48 * 12, "exit status %d: %s", ran.status,
+    CHECK(run(arguments) == 0 && stat(in_folder("whole.pfm"), &info) == 0 && info.st_size > 64 * 48 * 12,
+          "exit status %d: %s", ran.status,
           ran.err);
     /* through a link to the file, which stays a link; into a pipe */
-    CHECK(symlink("whole.pfm", in_folder("link.pfm")) == 0 && run(link_to) == 0 && lstat(in_folder("link.pfm"), &info) == 0 &&
+    CHECK(symlink("whole.pfm", in_folder("link.pfm")) == 0 && run(link_to) == 0 &&
+          lstat(in_folder("link.pfm"), &info) == 0 &&
               S_ISLNK(info.st_mode) && stat(in_folder("whole.pfm"), &info) == 0 && info.st_size < 1000,
           "a link should be written through: %s", ran.err);
     reader = mkfifo(in_folder("pipe"), 0666) == 0 ? open(in_folder("pipe"), O_RDONLY | O_NONBLOCK) : -1;
     REQUIRE(reader >= 0, "no pipe: %s", strerror(errno));
-    CHECK(TOOL(ROOM, "-o", "room.pfm", "--stats", "pipe") == 0 && lstat(in_folder("pipe"), &info) == 0 && S_ISFIFO(info.st_mode),
+    CHECK(TOOL(ROOM, "-o", "room.pfm", "--stats", "pipe") == 0 && lstat(in_folder("pipe"), &info) == 0 &&
+          S_ISFIFO(info.st_mode),
           "a pipe should stay one: %s", ran.err);
     got = read(reader, stats, sizeof stats - 1);
     stats[got > 0 ? got : 0] = 0;
@@ -1189,7 +1332,8 @@ TEST(a_file_is_written_whole_or_not_at_all) {
 }
 
 TEST(progress_is_for_terminals) {
-    static const char *const arguments[] = { "room.obj", "--size", "160x120", "--tile", "1", "--sensor-size", "16", "-o", "bar.png", NULL };
+    static const char *const arguments[] = { "room.obj", "--size", "160x120", "--tile", "1", "--sensor-size", "16",
+        "-o", "bar.png", NULL };
     static const char *const quiet[] = { "room.obj", "--size", "16x12", SMALL, "--quiet", "-o", "bar.png", NULL };
     static char shown[1 << 16];
     size_t n;
@@ -1224,12 +1368,48 @@ TEST(progress_is_for_terminals) {
 }
 
 TEST(help_names_every_option) {
-    static const char *const names[] = { "--output", "-o", "--channel", "--size", "--eye", "--look-at", "--up", "--fov", "--sky", "--sky-rotation", "--sky-scale", "--sky-up", "--mode", "--preset", "--backend", "--rays", "--max-bounce-cells", "--epsilon",
-        "--sensor-size", "--sensor-fov", "--tile", "--threshold", "--filter-radius", "--exposure", "--seed", "--quiet", "--stats", "--samples", "--inspect", "--allow-path", "--memory", "--read-time", "--verbose", "130", "640x480", "sbl.png" };
+    static const char *const names[] = { "--output",
+                                         "-o",
+                                         "--channel",
+                                         "--size",
+                                         "--eye",
+                                         "--look-at",
+                                         "--up",
+                                         "--fov",
+                                         "--sky",
+                                         "--sky-rotation",
+                                         "--sky-scale",
+                                         "--sky-up",
+                                         "--mode",
+                                         "--preset",
+                                         "--backend",
+                                         "--rays",
+                                         "--max-bounce-cells",
+                                         "--epsilon",
+                                         "--sensor-size",
+                                         "--sensor-fov",
+                                         "--tile",
+                                         "--threshold",
+                                         "--filter-radius",
+                                         "--exposure",
+                                         "--seed",
+                                         "--quiet",
+                                         "--stats",
+                                         "--samples",
+                                         "--inspect",
+                                         "--allow-path",
+                                         "--memory",
+                                         "--read-time",
+                                         "--verbose",
+                                         "130",
+                                         "640x480",
+                                         "sbl.png" };
     size_t i;
     CHECK(TOOL("--help") == 0 && !ran.err[0], "exit status %d: %s", ran.status, ran.err);
-    for (i = 0; i < sizeof names / sizeof names[0]; i++) CHECK(strstr(ran.out, names[i]), "--help does not mention %s", names[i]);
-    CHECK(TOOL("--version") == 0 && strncmp(ran.out, "sbl_render ", 11) == 0 && isdigit((unsigned char)ran.out[11]), "--version: %s", ran.out);
+    for (i = 0; i < sizeof names / sizeof names[0]; i++)
+        CHECK(strstr(ran.out, names[i]), "--help does not mention %s", names[i]);
+    CHECK(TOOL("--version") == 0 && strncmp(ran.out, "sbl_render ", 11) == 0 && isdigit((unsigned char)ran.out[11]),
+          "--version: %s", ran.out);
 }
 
 TEST(the_cornell_box_of_the_repository) {
@@ -1238,15 +1418,18 @@ TEST(the_cornell_box_of_the_repository) {
     int lines;
     char scene[4096];
     if (!realpath("examples/scenes/cornell_box.obj", scene)) SKIP("not run in the repository's root");
-    REQUIRE(TOOL(scene, "--size", "64x64", "--eye", "278,273,-800", "--look-at", "278,273,0", "--fov", "39.3077", SMALL, "--channel",
+    REQUIRE(TOOL(scene, "--size", "64x64", "--eye", "278,273,-800", "--look-at", "278,273,0", "--fov", "39.3077", SMALL,
+                 "--channel",
                  "albedo", "--stats", "stats.json", "-o", "box.pfm") == 0,
             "exit status %d: %s", ran.status, ran.err);
     read_text(in_folder("stats.json"), text, sizeof text, &lines);
     CHECK(json_number(text, "triangles") == 32.0, "%g triangles", json_number(text, "triangles"));
     albedo = read_pfm("box.pfm");
     REQUIRE(albedo.values, "the picture is not there");
-    CHECK(fabs(at(&albedo, 4, 32, 0) - 0.6) < 0.01 && fabs(at(&albedo, 4, 32, 1) - 0.1) < 0.01, "the left wall should be red");
-    CHECK(fabs(at(&albedo, 59, 32, 1) - 0.6) < 0.01 && fabs(at(&albedo, 59, 32, 0) - 0.1) < 0.01, "the right wall should be green");
+    CHECK(fabs(at(&albedo, 4, 32, 0) - 0.6) < 0.01 && fabs(at(&albedo, 4, 32, 1) - 0.1) < 0.01,
+          "the left wall should be red");
+    CHECK(fabs(at(&albedo, 59, 32, 1) - 0.6) < 0.01 && fabs(at(&albedo, 59, 32, 0) - 0.1) < 0.01,
+          "the right wall should be green");
     CHECK(fabs(at(&albedo, 32, 20, 2) - 0.75) < 0.01, "the back wall should be white");
     free(albedo.values);
 }

@@ -1,4 +1,5 @@
-/* Pictures whose radiance map is known in closed form: furnaces, skies, Lambert's polygons, half-space occlusion, the sensors' weights. */
+/* Pictures whose radiance map is known in closed form: furnaces, skies, Lambert's polygons, half-space occlusion, the
+   sensors' weights. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -7,8 +8,10 @@
 
 static sbl_context *context;
 
-/* Largest |R - expected| over the pixels that show a surface (all of them must, unless `holes`); 1e30 where nothing could be measured. */
-static double worst_radiance(const test_scene *s, const sbl_picture_desc *view, double r, double g, double b, int holes) {
+/* Largest |R - expected| over the pixels that show a surface (all of them must, unless `holes`); 1e30 where nothing
+   could be measured. */
+static double worst_radiance(const test_scene *s, const sbl_picture_desc *view, double r, double g, double b,
+                             int holes) {
     double expected[3], worst = 0;
     int i, k, seen = 0, pixels = view->width * view->height;
     float *radiance, *id;
@@ -42,7 +45,8 @@ TEST(open_plane_under_sky) {
     scene_sky(&s, 1, 0.5f, 0.25f);
     for (i = 0; i < SIZES; i++) {
         int width = sizes[i] > 64 ? 1 : 16;
-        sbl_picture_desc view = scene_plain(scene_view(width, width > 1 ? 12 : 1, 40, 1, 3, 4, 0, 0, 0), SBL_MODE_DIRECT, sizes[i]);
+        sbl_picture_desc view = scene_plain(scene_view(width, width > 1 ? 12 : 1, 40, 1, 3, 4, 0, 0, 0),
+                                            SBL_MODE_DIRECT, sizes[i]);
         double worst = worst_radiance(&s, &view, 1, 0.5, 0.25, 0);
         CHECK(worst < 0.0005, "sensor size %d: R is off by %.5f under a sky of 1", sizes[i], worst);
     }
@@ -56,7 +60,8 @@ TEST(furnace) {
     scene_sky(&s, 50, 50, 50);  /* must not be seen */
     for (i = 0; i < SIZES; i++) {
         int width = sizes[i] > 64 ? 1 : 16;
-        sbl_picture_desc view = scene_plain(scene_view(width, width > 1 ? 12 : 1, 90, 0.2f, -0.3f, 0.8f, -0.1f, 0, -1), SBL_MODE_AMBIENT, sizes[i]);
+        sbl_picture_desc view = scene_plain(scene_view(width, width > 1 ? 12 : 1, 90, 0.2f, -0.3f, 0.8f, -0.1f, 0, -1),
+                                            SBL_MODE_AMBIENT, sizes[i]);
         double worst;
         view.options.epsilon = 2;
         worst = worst_radiance(&s, &view, 0.5, 1, 2, 0);
@@ -76,9 +81,9 @@ TEST(furnace_default_settings) {
     scene_free(&s);
 }
 
-/* Nothing of a convex object lies above any of its own facets, so a flat-shaded one sees only sky: R = 1. With smooth normals the
-   sensor's hemisphere leans over by the angle d between normal and facet; its cosine-weighted share above the facet's plane,
-   which is what sees the sky, is (1 + cos d) / 2. */
+/* Nothing of a convex object lies above any of its own facets, so a flat-shaded one sees only sky: R = 1. With smooth
+   normals the sensor's hemisphere leans over by the angle d between normal and facet; its cosine-weighted share above
+   the facet's plane, which is what sees the sky, is (1 + cos d) / 2. */
 TEST(sphere_under_sky) {
     int smooth, x, y;
     for (smooth = 0; smooth < 2; smooth++) {
@@ -97,10 +102,12 @@ TEST(sphere_under_sky) {
             for (y = 0; y < view.height; y++)
                 for (x = 0; x < view.width; x++) {
                     ref_point p = ref_pixel(reference, &view, x, y);
-                    double expected = 0.5 + 0.5 * v3_dot(p.normal, p.face), off = fabs((double)radiance[3 * (y * view.width + x)] - expected);
+                    double expected = 0.5 + 0.5 * v3_dot(p.normal, p.face),
+                        off = fabs((double)radiance[3 * (y * view.width + x)] - expected);
                     int corner, seam = 0;
                     for (corner = 0; corner < 4; corner++)  /* right at a facet's edge the sensor looks past it */
-                        seam |= v3_dot(p.face, ref_camera_point(reference, &view, x + 0.4 + 0.2 * (corner & 1), y + 0.4 + 0.2 * (corner >> 1)).face) < 0.9999;
+                        seam |= v3_dot(p.face, ref_camera_point(reference, &view, x + 0.4 + 0.2 * (corner & 1),
+                                                                y + 0.4 + 0.2 * (corner >> 1)).face) < 0.9999;
                     if (!p.hit || seam) continue;
                     /* where the normal turns from the camera the renderer may bend it: design, not physics */
                     if (smooth && v3_dot(p.normal, v3_unit(v3_sub(v3_of(0.3, 0.4, 3.2), p.position))) < 0.05) continue;
@@ -118,12 +125,14 @@ TEST(sphere_under_sky) {
     }
 }
 
-/* The paper's view sees the directions (x, y, 1) with |x|, |y| <= S = tan(135 / 2 degrees), a square at distance 1. The form factor from
-   a small patch to a parallel rectangle that starts above it, sides a and b in units of the distance, is
+/* The paper's view sees the directions (x, y, 1) with |x|, |y| <= S = tan(135 / 2 degrees), a square at distance 1. The
+   form factor from a small patch to a parallel rectangle that starts above it, sides a and b in units of the distance,
+   is
 
        1 / (2 pi) * (a / sqrt(1 + a^2) * atan(b / sqrt(1 + a^2)) + b / sqrt(1 + b^2) * atan(a / sqrt(1 + b^2)))
 
-   Four such quarters with a = b = S, where S / sqrt(1 + S^2) = sin(67.5 degrees) =: s, give 4 / pi * s * atan(s) = 0.8773. */
+   Four such quarters with a = b = S, where S / sqrt(1 + S^2) = sin(67.5 degrees) =: s, give 4 / pi * s * atan(s) =
+   0.8773. */
 static double single_view_share(double fov) {
     double s = sin(fov * REF_PI / 360);
     return 4 / REF_PI * s * atan(s);
@@ -150,12 +159,15 @@ TEST(single_view_under_sky) {
 
 /* >>weights */
 
-/* Projected solid angle over pi of the directions forward + right * x + up * y for x in [x0, x1], y in [y0, y1], what is below the
-   horizon left out: the integral of cos(theta) / |d|^3, by Gauss's rule with five points, on 4 x 4 pieces. */
+/* Projected solid angle over pi of the directions forward + right * x + up * y for x in [x0, x1], y in [y0, y1], what
+   is below the horizon left out: the integral of cos(theta) / |d|^3, by Gauss's rule with five points, on 4 x 4
+   pieces. */
 static double weight_by_quadrature(const sbl_sensor_view *view, v3 n, double x0, double x1, double y0, double y1) {
     static const double at[5] = { -0.906179845938664, -0.538469310105683, 0, 0.538469310105683, 0.906179845938664 };
-    static const double weight[5] = { 0.236926885056189, 0.478628670499366, 0.568888888888889, 0.478628670499366, 0.236926885056189 };
-    double f = v3_dot(v3_from(view->forward), n), r = v3_dot(v3_from(view->right), n), u = v3_dot(v3_from(view->up), n), sum = 0;
+    static const double weight[5] = { 0.236926885056189, 0.478628670499366, 0.568888888888889, 0.478628670499366,
+        0.236926885056189 };
+    double f = v3_dot(v3_from(view->forward), n), r = v3_dot(v3_from(view->right), n), u = v3_dot(v3_from(view->up), n),
+        sum = 0;
     int piece, i, j;
     if (y0 > y1) { double swap = y0; y0 = y1; y1 = swap; }
     if (x0 > x1) { double swap = x0; x0 = x1; x1 = swap; }
@@ -201,13 +213,15 @@ static void check_weights(sbl_sensor_kind kind, int size, double expected_sum) {
     weights = (float *)calloc(count + 1, sizeof *weights);
     radiance = (float *)calloc(4 * count + 1, sizeof *radiance);
     if (!weights || !radiance) abort();
-    CHECK(sbl_inspect_sensor(context, 1, 1, &sensor, radiance, weights, count) == SBL_SUCCESS, "the sensor cannot be looked at");
+    CHECK(sbl_inspect_sensor(context, 1, 1, &sensor, radiance, weights, count) == SBL_SUCCESS,
+          "the sensor cannot be looked at");
     CHECK(sensor.view_count == (kind == SBL_SENSOR_SINGLE ? 1 : 5), "%d views", sensor.view_count);
     CHECK(count > 0, "the sheet is empty");
     for (v = 0; v < sensor.view_count; v++) {
         const sbl_sensor_view *w = &sensor.views[v];
         v3 r = v3_from(w->right), u = v3_from(w->up), f = v3_from(w->forward);
-        double skew = fabs(v3_dot(r, u)) + fabs(v3_dot(u, f)) + fabs(v3_dot(f, r)) + fabs(v3_length(r) - 1) + fabs(v3_length(u) - 1) + fabs(v3_length(f) - 1);
+        double skew = fabs(v3_dot(r, u)) + fabs(v3_dot(u, f)) + fabs(v3_dot(f, r)) + fabs(v3_length(r) - 1) +
+            fabs(v3_length(u) - 1) + fabs(v3_length(f) - 1);
         if (!(skew <= frame)) frame = skew;
         for (j = 0; j < w->rect[3]; j++)
             for (i = 0; i < w->rect[2]; i++) {
@@ -227,24 +241,31 @@ static void check_weights(sbl_sensor_kind kind, int size, double expected_sum) {
     }
     CHECK(frame < 1e-5, "size %d: the views' axes are not orthonormal by %.7f", size, frame);
     CHECK(fabs(sum - expected_sum) < 1e-5, "size %d: the weights' sum is %.7f, expected %.7f", size, sum, expected_sum);
-    CHECK(fabs((double)sensor.weight_sum - sum) < 1e-5, "size %d: weight_sum says %.7f, the weights %.7f", size, (double)sensor.weight_sum, sum);
-    CHECK(fabs(exact_sum - expected_sum) < 1e-5, "size %d: the views cover %.7f of the hemisphere, expected %.7f", size, exact_sum, expected_sum);
+    CHECK(fabs((double)sensor.weight_sum - sum) < 1e-5, "size %d: weight_sum says %.7f, the weights %.7f", size,
+          (double)sensor.weight_sum, sum);
+    CHECK(fabs(exact_sum - expected_sum) < 1e-5, "size %d: the views cover %.7f of the hemisphere, expected %.7f", size,
+          exact_sum, expected_sum);
     /* float rounding of a texel's weight, whose size is about 1 / texels */
-    CHECK(worst < 1e-7 + 2e-5 / (size * size), "size %d: a texel's weight is off by %.3g (a mean weight is %.3g)", size, worst, 1.0 / (3 * size * size));
-    CHECK(fabs(light - (double)sensor.from_surroundings[1]) < 2e-3 * light, "size %d: the texels sum to %.6f, the sensor says %.6f", size,
+    CHECK(worst < 1e-7 + 2e-5 / (size * size), "size %d: a texel's weight is off by %.3g (a mean weight is %.3g)", size,
+          worst, 1.0 / (3 * size * size));
+    CHECK(fabs(light - (double)sensor.from_surroundings[1]) < 2e-3 * light,
+          "size %d: the texels sum to %.6f, the sensor says %.6f", size,
           light, (double)sensor.from_surroundings[1]);
     CHECK(light > 0.3, "size %d: the sensor is dark: %g", size, light);
     CHECK(sensor.looks == 1 && sensor.from_lamps[1] > 0.05f &&
           fabsf(sensor.from_surroundings[1] + sensor.from_lamps[1] - sensor.radiance[1]) < 1e-5f,
-          "size %d: %d looks; %g from the surroundings, %g from the lamp, all in all %g", size, sensor.looks, (double)sensor.from_surroundings[1],
+          "size %d: %d looks; %g from the surroundings, %g from the lamp, all in all %g", size, sensor.looks, (double)
+          sensor.from_surroundings[1],
           (double)sensor.from_lamps[1], (double)sensor.radiance[1]);
-    for (i = 0; i < 2000 && kind != SBL_SENSOR_SINGLE; i++) {  /* every direction above the horizon belongs to exactly one view */
+    /* every direction above the horizon belongs to exactly one view */
+    for (i = 0; i < 2000 && kind != SBL_SENSOR_SINGLE; i++) {
         v3 d = v3_of(ref_random(&seed) - 0.5, ref_random(&seed) - 0.5, ref_random(&seed) - 0.5);
         int views = 0;
         if (v3_dot(d, v3_from(sensor.normal)) < 1e-3) continue;
         for (v = 0; v < sensor.view_count; v++) {
             const sbl_sensor_view *w = &sensor.views[v];
-            double z = v3_dot(d, v3_from(w->forward)), x = v3_dot(d, v3_from(w->right)) / z, y = v3_dot(d, v3_from(w->up)) / z;
+            double z = v3_dot(d, v3_from(w->forward)), x = v3_dot(d, v3_from(w->right)) / z,
+                y = v3_dot(d, v3_from(w->up)) / z;
             double low_x = (double)fminf(w->x0, w->x1), high_x = (double)fmaxf(w->x0, w->x1);
             double low_y = (double)fminf(w->y0, w->y1), high_y = (double)fmaxf(w->y0, w->y1);
             views += z > 0 && x > low_x && x < high_x && y > low_y && y < high_y;
@@ -277,10 +298,13 @@ TEST(sensors_are_turned_by_pixel_and_seed) {
     for (i = 0; i < 3; i++) {
         view.options.seed = i == 2 ? 77 : 5;
         if (i != 1 && !scene_render(context, &s, &view)) break;
-        CHECK(sbl_inspect_sensor(context, 3 + (i == 1), 4, &a[i], NULL, NULL, 0) == SBL_SUCCESS, "the sensor cannot be looked at");
+        CHECK(sbl_inspect_sensor(context, 3 + (i == 1), 4, &a[i], NULL, NULL, 0) == SBL_SUCCESS,
+              "the sensor cannot be looked at");
     }
-    CHECK(v3_dot(v3_from(a[0].views[0].right), v3_from(a[1].views[0].right)) < 0.9999, "neighbouring pixels have the same frame");
-    CHECK(v3_dot(v3_from(a[0].views[0].right), v3_from(a[2].views[0].right)) < 0.9999, "another seed gives the same frame");
+    CHECK(v3_dot(v3_from(a[0].views[0].right), v3_from(a[1].views[0].right)) < 0.9999,
+          "neighbouring pixels have the same frame");
+    CHECK(v3_dot(v3_from(a[0].views[0].right), v3_from(a[2].views[0].right)) < 0.9999,
+          "another seed gives the same frame");
     for (i = 0; i < 3; i++) CHECK(a[i].views[0].forward[1] > 0.99999f, "the first view does not look along the normal");
     scene_free(&s);
 }
@@ -295,7 +319,8 @@ TEST(lambert_polygons) {
         { "square, tilted and aside", 4, { { 1, 2.4f, -1 }, { 1, 2.4f, 1 }, { 2.4f, 1, 1 }, { 2.4f, 1, -1 } } },
         { "panel through the horizon", 4, { { 1.5f, -1, -2 }, { 1.5f, -1, 2 }, { 1.5f, 2, 2 }, { 1.5f, 2, -2 } } },
         { "leaning triangle through the horizon", 3, { { -1.2f, -1, -2 }, { -1.5f, -0.5f, 2 }, { -2.5f, 3, 0.5f } } },
-        { "pentagon, 60 degrees", 5, { { -1, 1.5f, -1.5f }, { 1, 1.5f, -1.5f }, { 1.5f, 2.4f, -0.9804f }, { 0, 3.3f, -0.4608f }, { -1.5f, 2.4f, -0.9804f } } },
+        { "pentagon, 60 degrees", 5, { { -1, 1.5f, -1.5f }, { 1, 1.5f, -1.5f }, { 1.5f, 2.4f, -0.9804f },
+            { 0, 3.3f, -0.4608f }, { -1.5f, 2.4f, -0.9804f } } },
         { "large and far", 4, { { -10, 20, -20 }, { 30, 20, -20 }, { 30, 20, 20 }, { -10, 20, 20 } } } };
     int lamp, i, x, y;
     for (lamp = 0; lamp < (int)(sizeof lamps / sizeof *lamps); lamp++) {
@@ -320,7 +345,8 @@ TEST(lambert_polygons) {
                     double expected = 2 * ref_polygon(p.position, v3_of(0, 1, 0), corners, lamps[lamp].count);
                     const float *r = radiance + 3 * (y * view.width + x);
                     double off = fabs((double)r[0] / expected - 1);
-                    CHECK(fabsf(r[1] / r[0] - 0.5f) < 1e-3f && fabsf(r[2] / r[0] - 0.25f) < 1e-3f, "%s: the light changes colour", lamps[lamp].name);
+                    CHECK(fabsf(r[1] / r[0] - 0.5f) < 1e-3f && fabsf(r[2] / r[0] - 0.25f) < 1e-3f,
+                          "%s: the light changes colour", lamps[lamp].name);
                     sum += (double)r[0];
                     expected_sum += expected;
                     squares += off * off;
@@ -328,9 +354,12 @@ TEST(lambert_polygons) {
                 }
             free(radiance);
         }
-        /* The sensors' texels are blunt at the lamp's rim, each pixel's otherwise: the mean shows the bias, the root mean square the noise. */
-        CHECK(fabs(sum / expected_sum - 1) < 0.003, "%s: mean R is off by %+.3f %%", lamps[lamp].name, 100 * (sum / expected_sum - 1));
-        CHECK(sqrt(squares / 100) < 0.01 && worst < 0.03, "%s: R is off by %.3f %% rms, %.3f %% at worst", lamps[lamp].name, 100 * sqrt(squares / 100), 100 * worst);
+        /* The sensors' texels are blunt at the lamp's rim, each pixel's otherwise: the mean shows the bias, the root
+           mean square the noise. */
+        CHECK(fabs(sum / expected_sum - 1) < 0.003, "%s: mean R is off by %+.3f %%", lamps[lamp].name,
+              100 * (sum / expected_sum - 1));
+        CHECK(sqrt(squares / 100) < 0.01 && worst < 0.03, "%s: R is off by %.3f %% rms, %.3f %% at worst",
+              lamps[lamp].name, 100 * sqrt(squares / 100), 100 * worst);
         ref_destroy(reference);
         scene_free(&s);
     }
@@ -341,22 +370,24 @@ TEST(lambert_formula_against_quadrature) {
     v3 corners[4], n = v3_unit(v3_of(0.3, 1, -0.2)), p = v3_of(0.1, 0, 0.2);
     double sum = 0, formula;
     int i, j, steps = 400;
-    corners[0] = v3_of(1, -1, -1); corners[1] = v3_of(1.5, -1, 1); corners[2] = v3_of(1.5, 2, 1); corners[3] = v3_of(1, 2, -1);
+    corners[0] = v3_of(1, -1, -1); corners[1] = v3_of(1.5, -1, 1); corners[2] = v3_of(1.5, 2, 1); corners[3] =
+        v3_of(1, 2, -1);
     formula = ref_polygon(p, n, corners, 4);
     for (i = 0; i < steps; i++)
         for (j = 0; j < steps; j++) {
             v3 u = v3_sub(corners[1], corners[0]), v = v3_sub(corners[3], corners[0]);
             v3 d = v3_sub(v3_mad(v3_mad(corners[0], u, (i + 0.5) / steps), v, (j + 0.5) / steps), p);
             double cosine = v3_dot(d, n);
-            if (cosine > 0) sum += cosine * fabs(v3_dot(d, v3_cross(u, v))) / pow(v3_dot(d, d), 2) / REF_PI / steps / steps;
+            if (cosine > 0)
+                sum += cosine * fabs(v3_dot(d, v3_cross(u, v))) / pow(v3_dot(d, d), 2) / REF_PI / steps / steps;
         }
     CHECK(fabs(formula / sum - 1) < 1e-4, "formula %.7f, quadrature %.7f", formula, sum);
 }
 
 /* >>occlusion */
 
-/* An endless wall (as good as: 200 long) whose top stands at elevation a takes the directions below a on one side: of the cosine-weighted hemisphere
-   (1 - cos a) / 2, so (1 + cos a) / 2 is left. */
+/* An endless wall (as good as: 200 long) whose top stands at elevation a takes the directions below a on one side: of
+   the cosine-weighted hemisphere (1 - cos a) / 2, so (1 + cos a) / 2 is left. */
 TEST(wall) {
     static const float heights[] = { 0.25f, 1, 4, 200 };
     int i, x, y;
@@ -377,7 +408,8 @@ TEST(wall) {
             for (y = 0; y < view.height; y++)
                 for (x = 0; x < view.width; x++) {
                     ref_point p = ref_pixel(reference, &view, x, y);
-                    double away = p.position.x + 1, expected = 0.5 * (1 + away / sqrt(away * away + (double)heights[i] * (double)heights[i]));
+                    double away = p.position.x + 1, expected = 0.5 *
+                        (1 + away / sqrt(away * away + (double)heights[i] * (double)heights[i]));
                     double off = fabs((double)radiance[3 * (y * view.width + x)] - expected);
                     sum += (double)radiance[3 * (y * view.width + x)];
                     expected_sum += expected;
@@ -385,14 +417,16 @@ TEST(wall) {
                 }
             free(radiance);
         }
-        CHECK(fabs(sum / expected_sum - 1) < 0.003, "wall of %g: mean R is off by %+.3f %%", (double)heights[i], 100 * (sum / expected_sum - 1));
+        CHECK(fabs(sum / expected_sum - 1) < 0.003, "wall of %g: mean R is off by %+.3f %%", (double)heights[i],
+              100 * (sum / expected_sum - 1));
         CHECK(worst < 0.01, "wall of %g: R is off by %.4f", (double)heights[i], worst);
         ref_destroy(reference);
         scene_free(&s);
     }
 }
 
-/* A slope over endless black ground sees (1 + cos tilt) / 2 of the sky, an overhang (tilt beyond 90 degrees) likewise. */
+/* A slope over endless black ground sees (1 + cos tilt) / 2 of the sky, an overhang (tilt beyond 90 degrees)
+   likewise. */
 TEST(slope) {
     static const int tilts[] = { 15, 45, 90, 135 };
     int i;
@@ -413,18 +447,21 @@ TEST(slope) {
 
 /* >>scale */
 
-/* Three scenes whose R is the same everywhere, at all scales and far from the origin: anything a sensor sees of its own surface, or past a
-   seam, shows. Vertices are binary fractions, so that moving the scene does not bend it. */
+/* Three scenes whose R is the same everywhere, at all scales and far from the origin: anything a sensor sees of its own
+   surface, or past a seam, shows. Vertices are binary fractions, so that moving the scene does not bend it. */
 static void check_scale(float scale, float away, int holes) {
-    static const char *const names[] = { "inside a box that glows", "a box on the floor of one", "a sphere under the sky", "a closed dark room in bright light" };
+    static const char *const names[] = { "inside a box that glows", "a box on the floor of one",
+        "a sphere under the sky", "a closed dark room in bright light" };
     int kind;
     for (kind = 0; kind < 4; kind++) {
         test_scene s = { 0 };
         float ox = away * scale, oy = -0.5f * away * scale, oz = 0.75f * away * scale, expected = kind == 3 ? 0 : 1;
         double worst;
         int surface = kind < 2 ? scene_material(&s, 1, 1, 1) : scene_material(&s, 0.5f, 0.5f, 0.5f);
-        sbl_picture_desc view = scene_view(24, 18, 75, 0, 0.5f * scale + 0, 1.75f * scale, 0, -1 * scale, -0.5f * scale);
-        if (away != 0) view = scene_view(24, 18, 75, ox, oy + 0.5f * scale, oz + 1.75f * scale, ox, oy - scale, oz - 0.5f * scale);
+        sbl_picture_desc view = scene_view(24, 18, 75, 0, 0.5f * scale + 0, 1.75f * scale, 0, -1 * scale,
+                                           -0.5f * scale);
+        if (away != 0)
+            view = scene_view(24, 18, 75, ox, oy + 0.5f * scale, oz + 1.75f * scale, ox, oy - scale, oz - 0.5f * scale);
         view = scene_plain(view, kind < 2 ? SBL_MODE_AMBIENT : SBL_MODE_DIRECT, 32);
         view.options.epsilon = 1;
         if (kind == 2) scene_sphere(&s, surface, 0, -0.5f, 0, 1, 48, 32, 0);
@@ -434,7 +471,8 @@ static void check_scale(float scale, float away, int holes) {
         if (kind == 3) scene_sky(&s, 1000, 1000, 1000);
         scene_scale_and_move(&s, scale, ox, oy, oz);
         worst = worst_radiance(&s, &view, (double)expected, (double)expected, (double)expected, kind == 2 || holes);
-        CHECK(worst < (kind == 3 ? 1e-3 : 0.005), "scale %g, %g scales from the origin: %s: R is off by %.4f", (double)scale, (double)away, names[kind], worst);
+        CHECK(worst < (kind == 3 ? 1e-3 : 0.005), "scale %g, %g scales from the origin: %s: R is off by %.4f",
+              (double)scale, (double)away, names[kind], worst);
         scene_free(&s);
     }
 }
@@ -465,9 +503,11 @@ TEST(thin_gaps) {
     scene_quad(&s, lamp, -150, 599.95f, -150, 150, 599.95f, -150, 150, 599.95f, 150, -150, 599.95f, 150);
     for (i = 0; i < 4; i++) corners[i] = v3_of(i == 1 || i == 2 ? 150 : -150, (double)599.95f, i >= 2 ? 150 : -150);
     if (scene_render(context, &s, &view)) {
-        float *radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE), *position = scene_channel(context, &view, SBL_CHANNEL_POSITION);
+        float *radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE),
+            *position = scene_channel(context, &view, SBL_CHANNEL_POSITION);
         for (i = 0; i < view.width * view.height; i++) {
-            double expected = ref_polygon(v3_from(position + 3 * i), v3_of(0, 1, 0), corners, 4), off = (double)radiance[3 * i] / expected - 1;
+            double expected = ref_polygon(v3_from(position + 3 * i), v3_of(0, 1, 0), corners, 4),
+                off = (double)radiance[3 * i] / expected - 1;
             squares += off * off;
             sum += (double)radiance[3 * i];
             expected_sum += expected;
@@ -517,7 +557,8 @@ TEST(vertex_colours) {
     CHECK(worst < 0.001, "R is off by %.5f", worst);
     albedo = scene_channel(context, &view, SBL_CHANNEL_ALBEDO);
     for (i = 0; i < 12 * 9; i++)
-        off = test_max(off, fabs((double)albedo[3 * i] - 0.4) + fabs((double)albedo[3 * i + 1] - 0.1) + fabs((double)albedo[3 * i + 2] - 0.2));
+        off = test_max(off, fabs((double)albedo[3 * i] - 0.4) + fabs((double)albedo[3 * i + 1] - 0.1) +
+                       fabs((double)albedo[3 * i + 2] - 0.2));
     CHECK(off < 0.001, "albedo is off by %.5f", off);
     free(albedo);
     scene_free(&s);
@@ -525,8 +566,8 @@ TEST(vertex_colours) {
 
 static double overlap(double a, double b, double low, double high) { return fmax(0, fmin(b, high) - fmax(a, low)); }
 
-/* Anti-aliasing: a glowing rectangle against black, of which each pixel shows the share of samples that it covers, which is about that of the pixel. A
-   pixel is a unit wide. */
+/* Anti-aliasing: a glowing rectangle against black, of which each pixel shows the share of samples that it covers,
+   which is about that of the pixel. A pixel is a unit wide. */
 TEST(samples_cover_pixels) {
     const double left = -2.3, right = 1.4, low = -1.2, high = 2.75;
     test_scene s = { 0 };
@@ -534,7 +575,8 @@ TEST(samples_cover_pixels) {
     float *final;
     double worst = 0, worst_sum = 0;
     int x, y, i;
-    scene_quad(&s, scene_lamp(&s, 1, 1, 1), (float)left, (float)low, 0, (float)right, (float)low, 0, (float)right, (float)high, 0, (float)left, (float)high, 0);
+    scene_quad(&s, scene_lamp(&s, 1, 1, 1), (float)left, (float)low, 0, (float)right, (float)low, 0, (float)right,
+               (float)high, 0, (float)left, (float)high, 0);
     view.options.mode = SBL_MODE_DIRECT;
     view.samples = 64;
     if (!scene_render(context, &s, &view)) return;
@@ -546,12 +588,14 @@ TEST(samples_cover_pixels) {
             for (i = 0; i < view.samples; i++) {
                 float offset[2];  /* rightwards, downwards */
                 inside_sample_offset(i, view.samples, offset);
-                sum += x - 3.5 + offset[0] > left && x - 3.5 + offset[0] < right && 3.5 - y - offset[1] > low && 3.5 - y - offset[1] < high;
+                sum += x - 3.5 + offset[0] > left && x - 3.5 + offset[0] < right && 3.5 - y - offset[1] > low && 3.5 -
+                    y - offset[1] < high;
             }
             worst = test_max(worst, fabs(seen - overlap(x - 4, x - 3, left, right) * overlap(3 - y, 4 - y, low, high)));
             worst_sum = test_max(worst_sum, fabs(seen - sum / view.samples));
         }
-    CHECK(worst < 0.05 && worst_sum < 1e-5, "a pixel is off by %.3f of what it covers, by %.5f of what its samples do", worst, worst_sum);
+    CHECK(worst < 0.05 && worst_sum < 1e-5, "a pixel is off by %.3f of what it covers, by %.5f of what its samples do",
+          worst, worst_sum);
     free(final);
     scene_free(&s);
 }
@@ -574,10 +618,13 @@ TEST(environment_behind) {
     REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS, "no scene");
     for (i = 0; i < 32; i++) {
         const double down = REF_PI * (i / 8 + 0.5) / 4, around = 2 * REF_PI * ((i % 8 + 0.5) / 8 - 0.5);
-        sbl_picture_desc view = scene_view(1, 1, 1, 0, 0, 0, (float)(sin(down) * cos(around)), (float)cos(down), (float)(sin(down) * sin(around)));
+        sbl_picture_desc view = scene_view(1, 1, 1, 0, 0, 0, (float)(sin(down) * cos(around)), (float)cos(down),
+                                           (float)(sin(down) * sin(around)));
         float final[3] = { (float)NAN, 0, 0 };
         view.samples = 1;
-        CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_FINAL, final, 3) == SBL_SUCCESS, "no picture");
+        CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS &&
+                  sbl_read_channel(context, SBL_CHANNEL_FINAL, final, 3) == SBL_SUCCESS,
+              "no picture");
         for (k = 0; k < 3; k++) worst = test_max(worst, fabs((double)final[k] - 1 - k - (double)pixels[3 * i + k]));
     }
     CHECK(worst < 1e-3, "the sky is off by %g", worst);
@@ -601,21 +648,25 @@ TEST(near_things_in_large_scenes) {
     scene_free(&s);
 }
 
-/* 16-bit floats, as textures are stored: each comes back as it was, and what lies between two is rounded to the nearer, half way to the even one. */
+/* 16-bit floats, as textures are stored: each comes back as it was, and what lies between two is rounded to the nearer,
+   half way to the even one. */
 TEST(half_floats) {
     int i, wrong = 0;
     for (i = 0; i < 0x7bff; i++) {
-        const float low = inside_from_half((uint16_t)i), high = inside_from_half((uint16_t)(i + 1)), middle = 0.5f * (low + high);
+        const float low = inside_from_half((uint16_t)i), high = inside_from_half((uint16_t)(i + 1)),
+            middle = 0.5f * (low + high);
         const float below = low + 0.49f * (high - low), above = low + 0.51f * (high - low);
         wrong += inside_to_half(low) != i || inside_to_half(-high) != (0x8000 | (i + 1)) || !(high > low);
         wrong += inside_to_half(below) != i || inside_to_half(above) != i + 1 || inside_to_half(middle) != i + (i & 1);
     }
     CHECK(wrong == 0, "%d are rounded wrongly", wrong);
-    CHECK(inside_to_half(1) == 0x3c00 && inside_to_half(1e9f) == 0x7bff && inside_to_half(0) == 0, "1, or what is too large, or 0");
+    CHECK(inside_to_half(1) == 0x3c00 && inside_to_half(1e9f) == 0x7bff && inside_to_half(0) == 0,
+          "1, or what is too large, or 0");
 }
 
 /* A glowing lid over a floor, 2 x 2 at height 1; what the floor sees of it. */
-static double floor_under_lid(test_scene *s, sbl_picture_desc *view, const float corners[12], uint32_t flags, double sky) {
+static double floor_under_lid(test_scene *s, sbl_picture_desc *view, const float corners[12], uint32_t flags,
+                              double sky) {
     v3 lid[4];
     double worst = 0, share;
     int i, k, lamp = scene_lamp(s, 2, 2, 2);
@@ -627,10 +678,12 @@ static double floor_under_lid(test_scene *s, sbl_picture_desc *view, const float
     for (i = 0; i < 4; i++) lid[i] = v3_from(corners + 3 * i);
     if (!scene_render(context, s, view)) return 1e30;
     {
-        float *radiance = scene_channel(context, view, SBL_CHANNEL_RADIANCE), *position = scene_channel(context, view, SBL_CHANNEL_POSITION);
+        float *radiance = scene_channel(context, view, SBL_CHANNEL_RADIANCE),
+            *position = scene_channel(context, view, SBL_CHANNEL_POSITION);
         for (i = 0; i < view->width * view->height; i++) {
             share = ref_polygon(v3_from(position + 3 * i), v3_of(0, 1, 0), lid, 4);
-            for (k = 0; k < 3; k++) worst = test_max(worst, fabs((double)radiance[3 * i + k] - share * 2 - (1 - share) * sky));
+            for (k = 0; k < 3; k++)
+                worst = test_max(worst, fabs((double)radiance[3 * i + k] - share * 2 - (1 - share) * sky));
         }
         free(radiance);
         free(position);
@@ -652,7 +705,8 @@ TEST(lid_and_sky) {
 TEST(one_sided_emission) {
     test_scene s = { 0 };
     sbl_picture_desc view;
-    double worst = floor_under_lid(&s, &view, lid_down, SBL_MATERIAL_HIDDEN_FROM_CAMERA | SBL_MATERIAL_ONE_SIDED_EMISSION, 0);
+    double worst = floor_under_lid(&s, &view, lid_down,
+                                   SBL_MATERIAL_HIDDEN_FROM_CAMERA | SBL_MATERIAL_ONE_SIDED_EMISSION, 0);
     static const float mirror[16] = { -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1 };
     float *picture;
     int i;
@@ -669,7 +723,10 @@ TEST(one_sided_emission) {
         if (i == 0) {
             memcpy(s.meshes[1].transform, mirror, sizeof mirror);
             if (!scene_render(context, &s, &view)) break;
-        } else CHECK(sbl_set_mesh_transform(context, 1, mirror) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS, "not moved");
+        } else
+            CHECK(sbl_set_mesh_transform(context, 1, mirror) == SBL_SUCCESS &&
+                      sbl_render_picture(context, &view) == SBL_SUCCESS,
+                  "not moved");
         picture = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
         CHECK(picture[0] > 0.5f, "mirrored%s it turns away: R is %g", i ? " later" : "", (double)picture[0]);
         free(picture);
@@ -708,7 +765,8 @@ TEST(hidden_from_sensors) {
     id = scene_channel(context, &view, SBL_CHANNEL_ID);
     CHECK(id[0] == 2, "the camera does not see the lid");
     free(id);
-    view = scene_plain(scene_view(6, 6, 20, 0, 0.5f, 3, 0, 0, 0), SBL_MODE_DIRECT, 32);  /* the floor from under the lid */
+    /* the floor from under the lid */
+    view = scene_plain(scene_view(6, 6, 20, 0, 0.5f, 3, 0, 0, 0), SBL_MODE_DIRECT, 32);
     worst = worst_radiance(&s, &view, 1, 1, 1, 0);
     CHECK(worst < 0.005, "the lid lights or shadows the floor: R is off by %.4f", worst);
     scene_free(&s);
@@ -723,15 +781,20 @@ TEST(final_is_emission_plus_albedo_times_radiance) {
     scene_quad(&s, scene_lamp(&s, 3, 2, 1), -0.5f, 1, -1, 0.5f, 1, -1, 0.5f, 2, -1, -0.5f, 2, -1);
     scene_sky(&s, 0.25f, 0.5f, 0.125f);
     if (scene_render(context, &s, &view)) {
-        float *final = scene_channel(context, &view, SBL_CHANNEL_FINAL), *radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
-        float *albedo = scene_channel(context, &view, SBL_CHANNEL_ALBEDO), *id = scene_channel(context, &view, SBL_CHANNEL_ID);
+        float *final = scene_channel(context, &view, SBL_CHANNEL_FINAL),
+            *radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+        float *albedo = scene_channel(context, &view, SBL_CHANNEL_ALBEDO),
+            *id = scene_channel(context, &view, SBL_CHANNEL_ID);
         for (i = 0; i < 24 * 18; i++) {
             glowing += id[i] == 2;
             empty += id[i] == 0;
             for (k = 0; k < 3; k++) {
-                double expected = id[i] == 0 ? (double)s.sky[k] : (id[i] == 2 ? 3.0 - k : 0) + (double)albedo[3 * i + k] * (double)radiance[3 * i + k];
+                double expected = id[i] == 0 ? (double)s.sky[k] : (id[i] == 2 ? 3.0 - k : 0) +
+                    (double)albedo[3 * i + k] * (double)radiance[3 * i + k];
                 worst = test_max(worst, fabs((double)final[3 * i + k] - expected));
-                if (id[i] == 0) CHECK(radiance[3 * i + k] == 0 && albedo[3 * i + k] == 0, "channels are not 0 where nothing is seen");
+                if (id[i] == 0)
+                    CHECK(radiance[3 * i + k] == 0 && albedo[3 * i + k] == 0,
+                          "channels are not 0 where nothing is seen");
             }
         }
         free(final); free(radiance); free(albedo); free(id);
@@ -757,7 +820,8 @@ TEST(transforms) {
     for (step = 0; step < 2; step++) {  /* as given with the scene; then moved up by half */
         double squares = 0, worst = 0;
         double up = 1 + 0.5 * step;
-        corners[0] = v3_of(1, up, -1); corners[1] = v3_of(-1, up, -1); corners[2] = v3_of(-1, up + 0.5, 1); corners[3] = v3_of(1, up + 0.5, 1);
+        corners[0] = v3_of(1, up, -1); corners[1] = v3_of(-1, up, -1); corners[2] = v3_of(-1, up + 0.5, 1); corners[3] =
+            v3_of(1, up + 0.5, 1);
         if (step == 0) scene_render(context, &s, &view);
         else {
             float moved[16];
@@ -767,15 +831,19 @@ TEST(transforms) {
             CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "the picture failed");
         }
         {
-            float *radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE), *position = scene_channel(context, &view, SBL_CHANNEL_POSITION);
+            float *radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE),
+                *position = scene_channel(context, &view, SBL_CHANNEL_POSITION);
             float low[3], high[3];
             for (i = 0; i < 36; i++) {
-                double off = fabs((double)radiance[3 * i] / ref_polygon(v3_from(position + 3 * i), v3_of(0, 1, 0), corners, 4) - 1);
+                double off = fabs((double)radiance[3 * i] /
+                                  ref_polygon(v3_from(position + 3 * i), v3_of(0, 1, 0), corners, 4) - 1);
                 squares += off * off;
                 if (!(off <= worst)) worst = off;
             }
-            CHECK(sqrt(squares / 36) < 0.01 && worst < 0.03, "step %d: R is off by %.3f %% rms, %.3f %% at worst", step, 100 * sqrt(squares / 36), 100 * worst);
-            CHECK(scene_bounds(context, low, high) && fabs((double)high[1] - up - 0.5) < 1e-6 && low[1] == 0 && high[0] == 100,
+            CHECK(sqrt(squares / 36) < 0.01 && worst < 0.03, "step %d: R is off by %.3f %% rms, %.3f %% at worst", step,
+                  100 * sqrt(squares / 36), 100 * worst);
+            CHECK(scene_bounds(context, low, high) && fabs((double)high[1] - up - 0.5) < 1e-6 && low[1] == 0 &&
+                      high[0] == 100,
                   "the bounds do not follow: %g", (double)high[1]);
             free(radiance);
             free(position);

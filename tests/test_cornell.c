@@ -1,8 +1,9 @@
-/* How good it is on the Cornell box at 512 x 512: what the README says of sensors at every pixel and of the default settings, which use at
-   most a quarter of the pixels as sensors.
+/* How good it is on the Cornell box at 512 x 512: what the README says of sensors at every pixel and of the default
+   settings, which use at most a quarter of the pixels as sensors.
 
-   The reference is the lamp's closed form times its visibility, by the ray caster. A sensor at all 262,144 pixels would take minutes on
-   a software renderer, so windows spread over the picture stand for it: crops of the same camera, pixel for pixel. */
+   The reference is the lamp's closed form times its visibility, by the ray caster. A sensor at all 262,144 pixels would
+   take minutes on a software renderer, so windows spread over the picture stand for it: crops of the same camera, pixel
+   for pixel. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -10,8 +11,10 @@
 
 static sbl_context *context;
 
-enum { SIZE = 512, WINDOW = 40, WINDOWS = 4, BORDER = 2 };  /* WINDOWS x WINDOWS of them; their border lacks the filter's neighbours */
-enum { FILTERED, PLAIN, RASTER, WAYS };  /* a sensor everywhere; without the filter; and rasterised, in every fifth window */
+/* WINDOWS x WINDOWS of them; their border lacks the filter's neighbours */
+enum { SIZE = 512, WINDOW = 40, WINDOWS = 4, BORDER = 2 };
+/* a sensor everywhere; without the filter; and rasterised, in every fifth window */
+enum { FILTERED, PLAIN, RASTER, WAYS };
 
 /* The part of the picture that starts at pixel (x, y). */
 static sbl_picture_desc window_of(sbl_picture_desc view, int x, int y, int size) {
@@ -47,14 +50,20 @@ static void check_prediction(const sbl_picture_desc *view, const sbl_stats *stat
     for (i = 0; i < SIZE * SIZE; i++) {
         wrong += id[i] != 0 ? !(error[i] >= 0 && error[i] < 1) : error[i] != 0;
         squares += (double)error[i] * (double)error[i];
-        sum += 0.2126 * (double)radiance[3 * i] + 0.7152 * (double)radiance[3 * i + 1] + 0.0722 * (double)radiance[3 * i + 2];
+        sum += 0.2126 * (double)radiance[3 * i] + 0.7152 * (double)radiance[3 * i + 1] + 0.0722 *
+            (double)radiance[3 * i + 2];
     }
     squares = sqrt(squares * stats->picture.visible_pixels) / sum;
-    printf("  asked for %.3f %%, predicted %.3f %%, by pixels %.3f %%\n", 100 * (double)stats->picture.target_error, 100 * (double)stats->picture.expected_error, 100 * squares);
+    printf("  asked for %.3f %%, predicted %.3f %%, by pixels %.3f %%\n", 100 * (double)stats->picture.target_error,
+           100 * (double)stats->picture.expected_error, 100 * squares);
     CHECK(wrong == 0, "%d pixels have a strange error", wrong);
-    CHECK(stats->picture.target_error == view->target_error && stats->picture.expected_error <= stats->picture.target_error && stats->picture.expected_error > 0.5f * stats->picture.target_error,
+    CHECK(stats->picture.target_error == view->target_error &&
+              stats->picture.expected_error <= stats->picture.target_error &&
+              stats->picture.expected_error > 0.5f * stats->picture.target_error,
           "asked for %g, %g is predicted", (double)stats->picture.target_error, (double)stats->picture.expected_error);
-    CHECK(squares > 0.8 * (double)stats->picture.expected_error && squares < 1.2 * (double)stats->picture.expected_error, "pixels' errors make %.3f %%", 100 * squares);
+    CHECK(squares > 0.8 * (double)stats->picture.expected_error &&
+              squares < 1.2 * (double)stats->picture.expected_error,
+          "pixels' errors make %.3f %%", 100 * squares);
     free(error);
     free(id);
 }
@@ -86,7 +95,8 @@ TEST(refinement_on_the_cornell_box) {
     share = (double)stats.sensors.count / stats.picture.visible_pixels;
     check_prediction(&view, &stats, radiance);
     for (n = 0; n < WINDOWS * WINDOWS; n++) {
-        int x0 = 10 + n % WINDOWS * (SIZE - WINDOW - 20) / (WINDOWS - 1), y0 = 10 + n / WINDOWS * (SIZE - WINDOW - 20) / (WINDOWS - 1);
+        int x0 = 10 + n % WINDOWS * (SIZE - WINDOW - 20) / (WINDOWS - 1),
+            y0 = 10 + n / WINDOWS * (SIZE - WINDOW - 20) / (WINDOWS - 1);
         sbl_picture_desc window = window_of(view, x0, y0, WINDOW);
         const int ways = n % 5 ? RASTER : WAYS;
         float *parts[WAYS];
@@ -104,9 +114,12 @@ TEST(refinement_on_the_cornell_box) {
                 ref_point p = ref_pixel(reference, &view, x0 + x, y0 + y);
                 double first, second, expected;
                 if (!p.hit || p.mesh == 1 || ref_is_edge(reference, &view, x0 + x, y0 + y)) continue;
-                CHECK(v3_length(v3_sub(v3_from(position + 3 * (y * WINDOW + x)), p.position)) < 0.05, "the window shows something else than the picture there");
-                first = (double)s.materials[3].emission[0] * ref_quad_light(reference, p.position, p.normal, lamp, 1, 7, &seed);
-                second = (double)s.materials[3].emission[0] * ref_quad_light(reference, p.position, p.normal, lamp, 1, 7, &seed);
+                CHECK(v3_length(v3_sub(v3_from(position + 3 * (y * WINDOW + x)), p.position)) < 0.05,
+                      "the window shows something else than the picture there");
+                first = (double)s.materials[3].emission[0] *
+                    ref_quad_light(reference, p.position, p.normal, lamp, 1, 7, &seed);
+                second = (double)s.materials[3].emission[0] *
+                    ref_quad_light(reference, p.position, p.normal, lamp, 1, 7, &seed);
                 expected = (first + second) / 2;
                 tally_add(&noise, first, expected);
                 tally_add(&tiled, (double)radiance[3 * ((y0 + y) * SIZE + x0 + x)], expected);
@@ -115,19 +128,22 @@ TEST(refinement_on_the_cornell_box) {
         for (k = 0; k < ways; k++) free(parts[k]);
         free(position);
     }
-    printf("  %.1f %% of the pixels sensed, %d compared; relative RMSE %.3f %%, bias %+.3f %%; reference %.3f %%\n", 100 * share, tiled.count,
+    printf("  %.1f %% of the pixels sensed, %d compared; relative RMSE %.3f %%, bias %+.3f %%; reference %.3f %%\n",
+           100 * share, tiled.count,
            100 * tally_error(&tiled), 100 * tally_bias(&tiled), 100 * tally_error(&noise));
     CHECK(tiled.count > 12000, "only %d pixels are compared", tiled.count);
     CHECK(tally_error(&noise) < 0.0045, "the reference is too noisy: %.2f %%", 100 * tally_error(&noise));
     CHECK(share <= 0.2, "%.1f %% of the pixels are sensed", 100 * share);
     off = sqrt(fmax(tally_error(&tiled) * tally_error(&tiled) - tally_error(&noise) * tally_error(&noise), 0));
-    CHECK(off < 1.5 * (double)stats.picture.expected_error && off > 0.4 * (double)stats.picture.expected_error, "R is off by %.3f %%, %.3f %% was predicted", 100 * off,
-          100 * (double)stats.picture.expected_error);
-    CHECK(tally_error(&tiled) < 0.0052 && fabs(tally_bias(&tiled)) < 0.0005, "by default R is off by %.2f %%, bias %+.3f %%",
-          100 * tally_error(&tiled), 100 * tally_bias(&tiled));
+    CHECK(off < 1.5 * (double)stats.picture.expected_error && off > 0.4 * (double)stats.picture.expected_error,
+          "R is off by %.3f %%, %.3f %% was predicted", 100 * off, 100 * (double)stats.picture.expected_error);
+    CHECK(tally_error(&tiled) < 0.0052 && fabs(tally_bias(&tiled)) < 0.0005,
+          "by default R is off by %.2f %%, bias %+.3f %%", 100 * tally_error(&tiled), 100 * tally_bias(&tiled));
     for (k = 0; k < WAYS; k++) {
-        printf("  %s: %.3f %%, %+.3f %%\n", names[k], 100 * tally_error(&everywhere[k]), 100 * tally_bias(&everywhere[k]));
-        CHECK(tally_error(&everywhere[k]) < most_error[k] && fabs(tally_bias(&everywhere[k])) < most_bias[k], "%s: R is off by %.2f %%, bias %+.3f %%",
+        printf("  %s: %.3f %%, %+.3f %%\n", names[k], 100 * tally_error(&everywhere[k]),
+               100 * tally_bias(&everywhere[k]));
+        CHECK(tally_error(&everywhere[k]) < most_error[k] && fabs(tally_bias(&everywhere[k])) < most_bias[k],
+              "%s: R is off by %.2f %%, bias %+.3f %%",
               names[k], 100 * tally_error(&everywhere[k]), 100 * tally_bias(&everywhere[k]));
     }
 done:

@@ -1,4 +1,5 @@
-/* Directional lightmaps, where light comes from, against closed forms; and supersampled ones, of light that changes within a texel. */
+/* Directional lightmaps, where light comes from, against closed forms; and supersampled ones, of light that changes
+   within a texel. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -8,8 +9,9 @@
 
 /* >>where light comes from */
 
-/* The four harmonics of a triangle's light of radiance 1, all of it above the horizon: its solid angle (Van Oosterom and Strackee 1983) and the integral of
-   directions over it, half the sum over its edges of the angle they span times their plane's normal (Lambert 1760). */
+/* The four harmonics of a triangle's light of radiance 1, all of it above the horizon: its solid angle (Van Oosterom
+   and Strackee 1983) and the integral of directions over it, half the sum over its edges of the angle they span times
+   their plane's normal (Lambert 1760). */
 static void triangle_harmonics(v3 p, const v3 corners[3], double out[4]) {
     v3 c[3], sum = v3_of(0, 0, 0);
     double length[3], solid_angle;
@@ -18,7 +20,8 @@ static void triangle_harmonics(v3 p, const v3 corners[3], double out[4]) {
         c[k] = v3_sub(corners[k], p);
         length[k] = v3_length(c[k]);
     }
-    solid_angle = 2 * atan2(v3_dot(c[0], v3_cross(c[1], c[2])), length[0] * length[1] * length[2] + v3_dot(c[0], c[1]) * length[2] +
+    solid_angle = 2 * atan2(v3_dot(c[0], v3_cross(c[1], c[2])),
+                            length[0] * length[1] * length[2] + v3_dot(c[0], c[1]) * length[2] +
                             v3_dot(c[1], c[2]) * length[0] + v3_dot(c[2], c[0]) * length[1]);
     for (k = 0; k < 3; k++) {
         const v3 across = v3_cross(c[k], c[(k + 1) % 3]);
@@ -50,12 +53,13 @@ static void harmonics_of(const sbl_lightmap_desc *desc, float *sh[4]) {
 static double reconstructed(double R, const double sh[4], v3 n, v3 m) {
     const v3 lobe = v3_of(0.16286750 * sh[3], 0.16286750 * sh[1], 0.16286750 * sh[2]);
     const double mean = 0.28209479 * sh[0], length = v3_length(lobe), r = fmin(length / mean, 1);
-    const double a = (1 - r) / (1 + r), p = 1 + 2 * r, q_n = 0.5 * (1 + v3_dot(n, lobe) / length), q_m = 0.5 * (1 + v3_dot(m, lobe) / length);
+    const double a = (1 - r) / (1 + r), p = 1 + 2 * r, q_n = 0.5 * (1 + v3_dot(n, lobe) / length),
+        q_m = 0.5 * (1 + v3_dot(m, lobe) / length);
     return R * (a + (1 - a) * (p + 1) * pow(q_m, p)) / (a + (1 - a) * (p + 1) * pow(q_n, p));
 }
 
-/* A floor under two lamps of different colours, of which the second one stands to the side: every texel's harmonics against closed forms, seen by rays and by
-   views; and R on normals that lean up to 30 degrees, from them. */
+/* A floor under two lamps of different colours, of which the second one stands to the side: every texel's harmonics
+   against closed forms, seen by rays and by views; and R on normals that lean up to 30 degrees, from them. */
 TEST(harmonics_of_two_lamps) {
     static const float lamps[2][12] = { { -0.5f, 2, -0.5f, 0.5f, 2, -0.5f, 0.5f, 2, 0.5f, -0.5f, 2, 0.5f },
                                         { 3, 0.6f, -1, 3, 0.6f, 0.5f, 3, 2, 0.5f, 3, 2, -1 } };
@@ -101,7 +105,8 @@ TEST(harmonics_of_two_lamps) {
                     const double angle = 60 * k * REF_PI / 180;
                     const v3 m = v3_of(0.5 * cos(angle), sqrt(0.75), 0.5 * sin(angle));
                     double told = 0;
-                    for (lamp = 0; lamp < 2; lamp++) told += (double)light[lamp][n] * ref_polygon(p, m, corners[lamp], 4);
+                    for (lamp = 0; lamp < 2; lamp++)
+                        told += (double)light[lamp][n] * ref_polygon(p, m, corners[lamp], 4);
                     leaning += pow(reconstructed((double)R[3 * i + n], found, up, m) - told, 2);
                     leans++;
                 }
@@ -111,7 +116,8 @@ TEST(harmonics_of_two_lamps) {
         mean_R /= count;
         for (k = 0; k < 4; k++) off[k] = sqrt(off[k] / count) / mean;
         leaning = sqrt(leaning / leans) / mean_R;
-        printf("  %s: off by %.2f %.2f %.2f %.2f %% rms; R of leaning normals by %.1f %%\n", run ? "views" : "rays", 100 * off[0], 100 * off[1], 100 * off[2],
+        printf("  %s: off by %.2f %.2f %.2f %.2f %% rms; R of leaning normals by %.1f %%\n", run ? "views" : "rays",
+               100 * off[0], 100 * off[1], 100 * off[2],
                100 * off[3], 100 * leaning);
         for (k = 0; k < 4; k++) CHECK(off[k] < 0.008, "run %d: harmonic %d is off by %.2f %%", run, k, 100 * off[k]);
         CHECK(leaning < 0.12, "run %d: R of leaning normals is off by %.1f %%", run, 100 * leaning);
@@ -123,8 +129,9 @@ TEST(harmonics_of_two_lamps) {
     }
 }
 
-/* Points of light: few, which get a ray each; few and a ball, all above the horizon; and so many that they stand together in clusters, which sensors look
-   at again and again. What each gives is known: its irradiance e, from one direction; of a ball a little more than e is its radiance times its solid angle. */
+/* Points of light: few, which get a ray each; few and a ball, all above the horizon; and so many that they stand
+   together in clusters, which sensors look at again and again. What each gives is known: its irradiance e, from one
+   direction; of a ball a little more than e is its radiance times its solid angle. */
 TEST(harmonics_of_lights) {
     static const int counts[3] = { 5, 40, 400 };
     static const double limits[3] = { 0.001, 0.001, 0.03 };
@@ -154,7 +161,8 @@ TEST(harmonics_of_lights) {
         scene.light_count = counts[run];
         desc.directional = 1;
         desc.tile = run == 2 ? 4 : 1;
-        CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_bake_lightmap(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
+        CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_bake_lightmap(context, &desc) == SBL_SUCCESS, "%s",
+              watch_last(&seen));
         position = channel_of(&desc, SBL_CHANNEL_POSITION);
         id = channel_of(&desc, SBL_CHANNEL_ID);
         harmonics_of(&desc, sh);
@@ -164,7 +172,8 @@ TEST(harmonics_of_lights) {
             if (!(id[i] > 0)) continue;
             for (n = 0; n < counts[run]; n++) {
                 const v3 to = v3_sub(v3_from(lights[n].position), v3_from(position + 3 * i)), way = v3_unit(to);
-                const double away2 = v3_dot(to, to), radius = (double)lights[n].radius, e = (double)lights[n].intensity[1] / away2;
+                const double away2 = v3_dot(to, to), radius = (double)lights[n].radius,
+                    e = (double)lights[n].intensity[1] / away2;
                 truth[0] += sqrt(0.25 / REF_PI) * e * 2 / (1 + sqrt(1 - radius * radius / away2));
                 truth[1] += sqrt(0.75 / REF_PI) * e * way.y;
                 truth[2] += sqrt(0.75 / REF_PI) * e * way.z;
@@ -176,8 +185,10 @@ TEST(harmonics_of_lights) {
         }
         mean /= count;
         for (k = 0; k < 4; k++) off[k] = sqrt(off[k] / count) / mean;
-        printf("  %d lights: off by %.3f %.3f %.3f %.3f %% rms\n", counts[run], 100 * off[0], 100 * off[1], 100 * off[2], 100 * off[3]);
-        for (k = 0; k < 4; k++) CHECK(off[k] < limits[run], "%d lights: harmonic %d is off by %.3f %%", counts[run], k, 100 * off[k]);
+        printf("  %d lights: off by %.3f %.3f %.3f %.3f %% rms\n", counts[run], 100 * off[0], 100 * off[1],
+               100 * off[2], 100 * off[3]);
+        for (k = 0; k < 4; k++)
+            CHECK(off[k] < limits[run], "%d lights: harmonic %d is off by %.3f %%", counts[run], k, 100 * off[k]);
         free(position);
         free(id);
         for (k = 0; k < 4; k++) free(sh[k]);
@@ -185,8 +196,8 @@ TEST(harmonics_of_lights) {
     }
 }
 
-/* Light that is the same from everywhere, over a surface that leans: no noise is left, by rays, views, and in a closed box whose walls shine and reflect,
-   where no sensors stand on it, too. */
+/* Light that is the same from everywhere, over a surface that leans: no noise is left, by rays, views, and in a closed
+   box whose walls shine and reflect, where no sensors stand on it, too. */
 TEST(even_light_has_no_direction) {
     int run, i, k;
     for (run = 0; run < 4; run++) {
@@ -202,7 +213,8 @@ TEST(even_light_has_no_direction) {
             for (i = 0; i < 3; i++) s.materials[k].emission[i] = 0.5f;
             scene_box(&s, k, -2, -2, -2, 2, 2, 2);
         } else scene_sky(&s, 1, 1, 1);
-        uv_rectangle(&s, scene_quad(&s, scene_material(&s, 0, 0, 0), 0, 0, 0, 0, 0, 1, 1, 0.7f, 1.2f, 1, 0.7f, 0.2f), 0.1f, 0.1f, 0.9f, 0.9f);
+        uv_rectangle(&s, scene_quad(&s, scene_material(&s, 0, 0, 0), 0, 0, 0, 0, 0, 1, 1, 0.7f, 1.2f, 1, 0.7f, 0.2f),
+                     0.1f, 0.1f, 0.9f, 0.9f);
         if (run == 3) s.materials[s.material_count - 1].flags = SBL_MATERIAL_NO_SENSORS;
         desc.directional = 1;
         desc.options.backend = run == 1 ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
@@ -219,11 +231,13 @@ TEST(even_light_has_no_direction) {
             truth[0] = sqrt(0.25 / REF_PI) * 2 * REF_PI;
             for (k = 1; k < 4; k++) truth[k] = y * (double)normal[3 * i + k % 3];
             for (k = 0; k < 4; k++)  /* of what is stored R is off, but that is even, too */
-                worst[k] = fmax(worst[k], fabs((double)sh[k][3 * i + 1] - truth[k] * (run == 3 ? (double)R[3 * i + 1] : 1)));
+                worst[k] = fmax(worst[k], fabs((double)sh[k][3 * i + 1] - truth[k] *
+                                               (run == 3 ? (double)R[3 * i + 1] : 1)));
             of_R = fmax(of_R, fabs((double)R[3 * i] - 1));
         }
         CHECK(count > 300, "%d texels", count);
-        for (k = 0; k < 4; k++) CHECK(worst[k] < limit, "run %d: harmonic %d is off by %g; R by %g", run, k, worst[k], of_R);
+        for (k = 0; k < 4; k++)
+            CHECK(worst[k] < limit, "run %d: harmonic %d is off by %g; R by %g", run, k, worst[k], of_R);
         free(R);
         free(id);
         free(normal);
@@ -238,7 +252,8 @@ TEST(half_a_sky) {
     for (run = 0; run < 2; run++) {
         static test_scene s;
         sbl_lightmap_desc desc = map_of(16, 16, SBL_MODE_DIRECT);
-        const double a = sqrt(0.25 / REF_PI), b = sqrt(0.75 / REF_PI), truth[4] = { a * REF_PI, b * REF_PI / 2, 0, b * REF_PI / 2 };
+        const double a = sqrt(0.25 / REF_PI), b = sqrt(0.75 / REF_PI),
+            truth[4] = { a * REF_PI, b * REF_PI / 2, 0, b * REF_PI / 2 };
         double sum[4] = { 0, 0, 0, 0 }, squares[4] = { 0, 0, 0, 0 };
         float *R, *id, *sh[4];
         int count = 0;
@@ -265,7 +280,8 @@ TEST(half_a_sky) {
         for (k = 0; k < 4; k++) {
             const double mean = sum[k] / count / truth[0], rms = sqrt(squares[k] / count) / truth[0];
             printf("  harmonic %d: %.2f %%, %.2f %% rms\n", k, 100 * mean, 100 * rms);
-            CHECK(fabs(mean) < 0.02 && rms < 0.08, "run %d: harmonic %d is off by %.2f %%, %.2f %% rms", run, k, 100 * mean, 100 * rms);
+            CHECK(fabs(mean) < 0.02 && rms < 0.08, "run %d: harmonic %d is off by %.2f %%, %.2f %% rms", run, k,
+                  100 * mean, 100 * rms);
         }
         free(R);
         free(id);
@@ -327,8 +343,8 @@ static double below(double a, double b, double c) {
     return sum / 1000;
 }
 
-/* The sun shines straight down past the straight edge of a roof, which crosses the floor askew: a texel that the edge crosses has as much light as it has lit
-   area, the more so the more places it has. */
+/* The sun shines straight down past the straight edge of a roof, which crosses the floor askew: a texel that the edge
+   crosses has as much light as it has lit area, the more so the more places it has. */
 TEST(a_shadow_crosses_texels) {
     enum { N = 16 };
     static const int places[3] = { 1, 3, 8 };
@@ -343,9 +359,11 @@ TEST(a_shadow_crosses_texels) {
         int crossed = 0, wrong = 0;
         memset(&s, 0, sizeof s);
         /* the floor from 0 to N is the map itself */
-        uv_rectangle(&s, scene_quad(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 0, 0, 0, 0, N, N, 0, N, N, 0, 0), 0, 0, 1, 1);
+        uv_rectangle(&s, scene_quad(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 0, 0, 0, 0, N, N, 0, N, N, 0, 0), 0, 0,
+                     1, 1);
         { const float turned[8] = { 0, 0, 0, 1, 1, 1, 1, 0 }; uv_set(&s, &s.meshes[0], turned); }
-        scene_quad(&s, 0, -4, 1, -4, -4, 1, 10.3f, N + 4, 1, 4.1f, N + 4, 1, -4);  /* its edge: z = 9.2667 - 0.25833 x */
+        /* its edge: z = 9.2667 - 0.25833 x */
+        scene_quad(&s, 0, -4, 1, -4, -4, 1, 10.3f, N + 4, 1, 4.1f, N + 4, 1, -4);
         sun = scene_light(&s, SBL_LIGHT_DIRECTIONAL, (float)REF_PI, (float)REF_PI, (float)REF_PI);
         sun->direction[1] = -1;
         desc.supersample = places[run];
@@ -358,7 +376,8 @@ TEST(a_shadow_crosses_texels) {
         for (y = 0; y < N; y++)
             for (x = 0; x < N; x++) {
                 const int i = y * N + x;
-                const double slope = (10.3 - 4.1) / (N + 8), truth = 1 - below(slope, 1, 10.3 - 4 * slope - slope * x - y);
+                const double slope = (10.3 - 4.1) / (N + 8),
+                    truth = 1 - below(slope, 1, 10.3 - 4 * slope - slope * x - y);
                 const double dx = (double)position[3 * i] - x - 0.5, dz = (double)position[3 * i + 2] - y - 0.5;
                 far_off = fmax(far_off, sqrt(dx * dx + dz * dz));
                 wrong += !(id[i] > 0) || memcmp(R + 3 * i, final + 3 * i, 3 * sizeof *R) != 0;
@@ -367,9 +386,11 @@ TEST(a_shadow_crosses_texels) {
             }
         error[run] = sqrt(squares / crossed);
         CHECK(crossed >= N && wrong == 0, "%d places: %d texels are crossed, %d wrong", places[run], crossed, wrong);
-        CHECK(far_off < (places[run] == 8 ? 0.092 : 0.021), "%d places: positions are %g texels off centres", places[run], far_off);
-        CHECK(sbl_query_stats(context).picture.width == N && sbl_query_stats(context).picture.visible_pixels == N * N, "%d texels across, %d visible",
-              sbl_query_stats(context).picture.width, sbl_query_stats(context).picture.visible_pixels);
+        CHECK(far_off < (places[run] == 8 ? 0.092 : 0.021), "%d places: positions are %g texels off centres",
+              places[run], far_off);
+        CHECK(sbl_query_stats(context).picture.width == N && sbl_query_stats(context).picture.visible_pixels == N * N,
+              "%d texels across, %d visible", sbl_query_stats(context).picture.width,
+              sbl_query_stats(context).picture.visible_pixels);
         free(R);
         free(final);
         free(position);
@@ -380,7 +401,8 @@ TEST(a_shadow_crosses_texels) {
     CHECK(error[0] > 0.2 && error[1] < 0.08 && error[2] < 0.02, "%g, %g, %g", error[0], error[1], error[2]);
 }
 
-/* Two charts meet within a column of texels, one bright, one dark: each texel has the light of the one that has more of it, and of no other. */
+/* Two charts meet within a column of texels, one bright, one dark: each texel has the light of the one that has more of
+   it, and of no other. */
 TEST(texels_are_of_one_chart) {
     static const float roof[12] = { -9, 0.3f, -9, 9, 0.3f, -9, 9, 0.3f, 9, -9, 0.3f, 9 };
     int run, y;
@@ -411,8 +433,10 @@ TEST(texels_are_of_one_chart) {
             wrong += id[dark] != 2.0f || R[3 * dark] > 1e-3f;
         }
         CHECK(wrong == 0, "run %d: %d texels are wrong", run, wrong);
-        CHECK(sbl_inspect_sensor(context, last, 3, &sensor, NULL, NULL, 0) == SBL_SUCCESS && fabs((double)sensor.position[1] - 0.31) < 1e-3, "%s", watch_last(&seen));
-        CHECK(sbl_inspect_sensor(context, 16, 3, &sensor, NULL, NULL, 0) == SBL_ERROR_INVALID_ARGUMENT, "a texel outside");
+        CHECK(sbl_inspect_sensor(context, last, 3, &sensor, NULL, NULL, 0) == SBL_SUCCESS &&
+              fabs((double)sensor.position[1] - 0.31) < 1e-3, "%s", watch_last(&seen));
+        CHECK(sbl_inspect_sensor(context, 16, 3, &sensor, NULL, NULL, 0) == SBL_ERROR_INVALID_ARGUMENT,
+              "a texel outside");
         CHECK(sbl_channel_texture(context, SBL_CHANNEL_ID) && sbl_channel_texture(context, SBL_CHANNEL_RADIANCE) &&
               sbl_channel_texture(context, SBL_CHANNEL_ALBEDO), "a texture is missing: %s", watch_last(&seen));
         free(R);

@@ -1,5 +1,6 @@
-/* The same small pictures from other drivers, in processes of their own: Mesa's softpipe, which interprets shaders and has GL 3.3 only, and zink, which gives
-   them to Vulkan (lavapipe here). They must agree with llvmpipe's, which the other tests hold to references. */
+/* The same small pictures from other drivers, in processes of their own: Mesa's softpipe, which interprets shaders and
+   has GL 3.3 only, and zink, which gives them to Vulkan (lavapipe here). They must agree with llvmpipe's, which the
+   other tests hold to references. */
 #define _DEFAULT_SOURCE
 #include "../sbl.h"
 #include "support/test.h"
@@ -16,7 +17,8 @@ static const char *program;
 /* A child: renders with the driver that the environment names, and writes its name and the pictures. */
 static int child(const char *path) {
     static const struct { sbl_mode mode; sbl_backend backend; } ways[PICTURES] = {
-        { SBL_MODE_AMBIENT, SBL_BACKEND_TRACE }, { SBL_MODE_AMBIENT, SBL_BACKEND_RASTER }, { SBL_MODE_PAPER, SBL_BACKEND_RASTER } };
+        { SBL_MODE_AMBIENT, SBL_BACKEND_TRACE }, { SBL_MODE_AMBIENT, SBL_BACKEND_RASTER },
+        { SBL_MODE_PAPER, SBL_BACKEND_RASTER } };
     static small_picture picture;
     sbl_context *context;
     sbl_capabilities about;
@@ -65,7 +67,8 @@ static int pictures_of(const char *driver, char renderer[128], small_picture out
     }
     if (pid > 0 && waitpid(pid, &status, 0) == pid && status == 0) {
         file = fopen(path, "rb");
-        good = file && fread(renderer, 128, 1, file) == 1 && fread(out, sizeof *out, PICTURES, file) == PICTURES && strstr(renderer, driver) != NULL;
+        good = file && fread(renderer, 128, 1, file) == 1 && fread(out, sizeof *out, PICTURES, file) == PICTURES &&
+            strstr(renderer, driver) != NULL;
         if (file) fclose(file);
     } else snprintf(renderer, 128, "status 0x%x", (unsigned)status);
     unlink(path);
@@ -74,7 +77,8 @@ static int pictures_of(const char *driver, char renderer[128], small_picture out
 
 /* Root mean square difference of R, relative to its mean. */
 static double difference(const small_picture *a, const small_picture *b) {
-    const float *x = a->values + 3 * SMALL_PIXELS * SBL_CHANNEL_RADIANCE, *y = b->values + 3 * SMALL_PIXELS * SBL_CHANNEL_RADIANCE;
+    const float *x = a->values + 3 * SMALL_PIXELS * SBL_CHANNEL_RADIANCE,
+        *y = b->values + 3 * SMALL_PIXELS * SBL_CHANNEL_RADIANCE;
     double squares = 0, sum = 0;
     int i;
     for (i = 0; i < 3 * SMALL_PIXELS; i++) {
@@ -84,7 +88,8 @@ static double difference(const small_picture *a, const small_picture *b) {
     return sqrt(squares * 3 * SMALL_PIXELS) / sum;
 }
 
-/* views: the hemicube's too, which on softpipe are not the same from run to run. most: as small as these pictures are, a texel or a ray that falls on the other side of an edge is one of a few. */
+/* views: the hemicube's too, which on softpipe are not the same from run to run. most: as small as these pictures are,
+   a texel or a ray that falls on the other side of an edge is one of a few. */
 static void agrees(const char *driver, double most, int views) {
     static small_picture truth[PICTURES], other[PICTURES];
     char renderer[128] = "";
@@ -94,7 +99,8 @@ static void agrees(const char *driver, double most, int views) {
     for (i = 0; i < PICTURES; i++) {
         const double error = difference(&other[i], &truth[i]);
         printf("  picture %d: %.4f %%\n", i, 100 * error);
-        CHECK((i == 1 && !views) || (small_plausible(&truth[i]) && small_plausible(&other[i]) && error < most), "picture %d of %s: off by %.3f %%", i, renderer, 100 * error);
+        CHECK((i == 1 && !views) || (small_plausible(&truth[i]) && small_plausible(&other[i]) && error < most),
+              "picture %d of %s: off by %.3f %%", i, renderer, 100 * error);
     }
 }
 

@@ -1,5 +1,5 @@
-/* Predicted errors against true ones: scenes whose R is known at every pixel, in closed form or by an independent caster, asked for errors
-   of 1 to 8 %. */
+/* Predicted errors against true ones: scenes whose R is known at every pixel, in closed form or by an independent
+   caster, asked for errors of 1 to 8 %. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -10,7 +10,8 @@ static sbl_context *context;
 
 enum { WIDTH = 128, HEIGHT = 96, POLYGONS = 40, LEVELS = 4 };
 
-/* What gives light: polygons of one radiance (grey), of which convex ones may be covered by others, and the caster where it takes one. */
+/* What gives light: polygons of one radiance (grey), of which convex ones may be covered by others, and the caster
+   where it takes one. */
 typedef struct known {
     test_scene scene;
     sbl_picture_desc view;
@@ -23,7 +24,8 @@ typedef struct known {
     int lamp;                     /* the mesh that the caster asks for; 0: none */
     int levels;                   /* of the errors that are asked for */
     double within;                /* so many pixels must be within twice their predicted error */
-    double dark;                  /* how far off the dark may be when the least error is asked for, as a share of its own light; 0: any */
+    /* how far off the dark may be when the least error is asked for, as a share of its own light; 0: any */
+    double dark;
 } known;
 
 static void known_polygon(known *k, double radiance, const float *corners) {
@@ -46,7 +48,9 @@ static void known_lid(known *k, float x0, float z0, float x1, float z1, float y)
     known_polygon(k, -1, corners);
 }
 
-static void known_floor(known *k, float half) { scene_floor(&k->scene, scene_material(&k->scene, 0.5f, 0.5f, 0.5f), 0, half); }
+static void known_floor(known *k, float half) {
+    scene_floor(&k->scene, scene_material(&k->scene, 0.5f, 0.5f, 0.5f), 0, half);
+}
 
 /* A rectangle hangs between a square lamp and the floor: penumbrae of all widths, in closed form. */
 static void penumbra(known *k) {
@@ -85,7 +89,8 @@ static void bars(known *k) { window_of(k, 6); }
 
 /* Two walls and a floor under the sky. */
 static void corner(known *k) {
-    const float left[12] = { -1, 0, -1, -1, 0, 3, -1, 1.5f, 3, -1, 1.5f, -1 }, back[12] = { -1, 0, -1, 3, 0, -1, 3, 1.5f, -1, -1, 1.5f, -1 };
+    const float left[12] = { -1, 0, -1, -1, 0, 3, -1, 1.5f, 3, -1, 1.5f, -1 },
+        back[12] = { -1, 0, -1, 3, 0, -1, 3, 1.5f, -1, -1, 1.5f, -1 };
     const float ground[12] = { -1, 0, -1, 3, 0, -1, 3, 0, 3, -1, 0, 3 };
     const int grey = scene_material(&k->scene, 0.5f, 0.5f, 0.5f);
     scene_polygon(&k->scene, grey, left, 4);
@@ -105,7 +110,8 @@ static void many_lamps(known *k) {
     known_floor(k, 6);
     for (i = 0; i < 36; i++) {
         const float x = (float)(i % 6) - 2.5f, z = (float)(i / 6) - 2.5f, size = 0.02f + 0.02f * (float)(i % 5);
-        known_lamp(k, 1 + 7 * (i * 7 % 36) / 36.0, x - size, z - size, x + size, z + size, 0.5f + 0.1f * (float)(i % 4));
+        known_lamp(k, 1 + 7 * (i * 7 % 36) / 36.0, x - size, z - size, x + size, z + size,
+                   0.5f + 0.1f * (float)(i % 4));
     }
     k->dark = 0.04;
     k->view = scene_view(WIDTH, HEIGHT, 60, 0, 3, 4, 0, 0, 0);
@@ -136,18 +142,23 @@ static double known_light(const known *k, const ref_scene *caster, v3 p, v3 n, u
     for (i = 0; i < k->count; i++) light += k->radiance[i] * ref_polygon(p, n, k->corners[i], 4);
     if (k->height > 0) {  /* its shadow on the lamp's plane takes away what it covers */
         const double t = k->lamp_height / k->height;
-        const double x0 = fmax(k->corners[0][0].x, p.x + t * (k->blocker[0] - p.x)), x1 = fmin(k->corners[0][2].x, p.x + t * (k->blocker[2] - p.x));
-        const double z0 = fmax(k->corners[0][0].z, p.z + t * (k->blocker[1] - p.z)), z1 = fmin(k->corners[0][2].z, p.z + t * (k->blocker[3] - p.z));
-        const v3 covered[4] = { { x0, k->lamp_height, z0 }, { x1, k->lamp_height, z0 }, { x1, k->lamp_height, z1 }, { x0, k->lamp_height, z1 } };
+        const double x0 = fmax(k->corners[0][0].x, p.x + t * (k->blocker[0] - p.x)),
+            x1 = fmin(k->corners[0][2].x, p.x + t * (k->blocker[2] - p.x));
+        const double z0 = fmax(k->corners[0][0].z, p.z + t * (k->blocker[1] - p.z)),
+            z1 = fmin(k->corners[0][2].z, p.z + t * (k->blocker[3] - p.z));
+        const v3 covered[4] = { { x0, k->lamp_height, z0 }, { x1, k->lamp_height, z0 }, { x1, k->lamp_height, z1 },
+            { x0, k->lamp_height, z1 } };
         if (x1 > x0 && z1 > z0) light -= k->radiance[0] * ref_polygon(p, n, covered, 4);
     }
     return light;
 }
 
-typedef struct figures { double truth, predicted, by_pixels, within, dark; } figures;  /* dark: share of their own light, where it is a tenth of the mean */
+/* dark: share of their own light, where it is a tenth of the mean */
+typedef struct figures { double truth, predicted, by_pixels, within, dark; } figures;
 
 static figures compare(const known *k, const double *truth) {
-    float *light = scene_channel(context, &k->view, SBL_CHANNEL_RADIANCE), *error = scene_channel(context, &k->view, SBL_CHANNEL_ERROR);
+    float *light = scene_channel(context, &k->view, SBL_CHANNEL_RADIANCE),
+        *error = scene_channel(context, &k->view, SBL_CHANNEL_ERROR);
     figures f = { 0, 0, 0, 0, 0 };
     double squares = 0, predicted = 0, mean = 0, dark_squares = 0, dark_light = 0;
     int i, count = 0, within = 0;
@@ -193,30 +204,37 @@ static void predicted_well(void (*make)(known *)) {
     caster = ref_create(&desc);
     for (i = 0; i < WIDTH * HEIGHT; i++) {
         const ref_point p = ref_pixel(caster, &k.view, i % WIDTH, i / WIDTH);
-        truth[i] = p.hit && !ref_glows(caster, &p) && !(k.view_below > 0 && p.position.y > k.view_below) ? known_light(&k, caster, p.position, p.normal, &seed) : -1;
+        truth[i] = p.hit && !ref_glows(caster, &p) && !(k.view_below > 0 && p.position.y > k.view_below)
+            ? known_light(&k, caster, p.position, p.normal, &seed) : -1;
     }
     for (level = 0; level < k.levels; level++) {
         figures f;
         k.view.target_error = asked[level];
         if (!scene_render(context, &k.scene, &k.view)) break;
         f = compare(&k, truth);
-        printf("  asked for %.1f %%: %.2f %% predicted, %.2f %% by pixels, %.2f %% true; %.1f %% of the pixels within twice theirs; %lld sensors, %lld rays\n",
-               100 * (double)asked[level], 100 * f.predicted, 100 * f.by_pixels, 100 * f.truth, 100 * f.within, (long long)sbl_query_stats(context).sensors.count,
-               (long long)sbl_query_stats(context).sensors.rays);
-        CHECK(f.predicted <= (double)asked[level] && f.predicted > 0.5 * (double)asked[level], "asked for %g: %g is predicted", (double)asked[level], f.predicted);
-        CHECK(f.truth < 1.35 * f.predicted && f.truth > 0.5 * f.predicted, "asked for %g: %.2f %% is predicted, %.2f %% true", (double)asked[level],
-              100 * f.predicted, 100 * f.truth);
-        CHECK(f.by_pixels < 1.2 * f.predicted && f.by_pixels > 0.8 * f.predicted, "asked for %g: %.2f %% is predicted, by pixels %.2f %%", (double)asked[level],
+        printf("  asked for %.1f %%: %.2f %% predicted, %.2f %% by pixels, %.2f %% true; %.1f %% of the pixels within "
+               "twice theirs; %lld sensors, %lld rays\n",
+               100 * (double)asked[level], 100 * f.predicted, 100 * f.by_pixels, 100 * f.truth, 100 * f.within,
+               (long long)sbl_query_stats(context).sensors.count, (long long)sbl_query_stats(context).sensors.rays);
+        CHECK(f.predicted <= (double)asked[level] && f.predicted > 0.5 * (double)asked[level],
+              "asked for %g: %g is predicted", (double)asked[level], f.predicted);
+        CHECK(f.truth < 1.35 * f.predicted && f.truth > 0.5 * f.predicted,
+              "asked for %g: %.2f %% is predicted, %.2f %% true", (double)asked[level], 100 * f.predicted,
+              100 * f.truth);
+        CHECK(f.by_pixels < 1.2 * f.predicted && f.by_pixels > 0.8 * f.predicted,
+              "asked for %g: %.2f %% is predicted, by pixels %.2f %%", (double)asked[level],
               100 * f.predicted, 100 * f.by_pixels);
-        CHECK(level < k.levels - 1 || k.dark == 0 || f.dark < k.dark, "in the dark R is off by %.1f %% of itself", 100 * f.dark);
-        CHECK(f.within > k.within, "asked for %g: %.1f %% of the pixels are within twice their predicted error", (double)asked[level], 100 * f.within);
+        CHECK(level < k.levels - 1 || k.dark == 0 || f.dark < k.dark, "in the dark R is off by %.1f %% of itself",
+              100 * f.dark);
+        CHECK(f.within > k.within, "asked for %g: %.1f %% of the pixels are within twice their predicted error",
+              (double)asked[level], 100 * f.within);
     }
     ref_destroy(caster);
     scene_free(&k.scene);
 }
 
-/* The shadow of a red lamp under a blue sky of five: an error counts by its channel's own mean, and red has an eighth of the light. Were it
-   luminance that is looked at, red would be off by 29 %. */
+/* The shadow of a red lamp under a blue sky of five: an error counts by its channel's own mean, and red has an eighth
+   of the light. Were it luminance that is looked at, red would be off by 29 %. */
 TEST(of_a_red_shadow_in_blue_light) {
     static known k;
     float *light;
@@ -224,7 +242,8 @@ TEST(of_a_red_shadow_in_blue_light) {
     int i, count = 0;
     memset(&k, 0, sizeof k);
     penumbra(&k);
-    for (i = 0; i < k.scene.material_count; i++) k.scene.materials[i].emission[1] = k.scene.materials[i].emission[2] = 0;
+    for (i = 0; i < k.scene.material_count; i++)
+        k.scene.materials[i].emission[1] = k.scene.materials[i].emission[2] = 0;
     scene_sky(&k.scene, 0, 0, 5);
     k.view.options.mode = SBL_MODE_DIRECT;
     k.view.target_error = 0.02f;
@@ -263,8 +282,8 @@ static void plates(known *k) {
     k->view.filter_radius = -1;
 }
 
-/* Most rays meet plates so near that they go on from there. A sensor's looks must not go on in the same directions, or more of them bring
-   nothing: against one look of 4096 rays. */
+/* Most rays meet plates so near that they go on from there. A sensor's looks must not go on in the same directions, or
+   more of them bring nothing: against one look of 4096 rays. */
 TEST(of_looks_between_near_plates) {
     static known k;
     int i;
@@ -279,7 +298,8 @@ TEST(of_looks_between_near_plates) {
         if (scene_render(context, &k.scene, &k.view)) {
             light = scene_channel(context, &k.view, SBL_CHANNEL_RADIANCE);
             for (i = 0; i < 64 * 48; i++) {
-                squares += ((double)light[3 * i] - (double)truth[3 * i]) * ((double)light[3 * i] - (double)truth[3 * i]);
+                squares += ((double)light[3 * i] - (double)truth[3 * i]) *
+                    ((double)light[3 * i] - (double)truth[3 * i]);
                 mean += (double)truth[3 * i];
             }
             predicted = (double)sbl_query_stats(context).picture.expected_error;
@@ -293,8 +313,8 @@ TEST(of_looks_between_near_plates) {
     scene_free(&k.scene);
 }
 
-/* What may hide beside a silhouette is no difference that noise could make: a cell by itself, between two surfaces with a strip of a third
-   that no sensor stands on. */
+/* What may hide beside a silhouette is no difference that noise could make: a cell by itself, between two surfaces with
+   a strip of a third that no sensor stands on. */
 TEST(of_what_silhouettes_hide) {
     float hidden[2] = { 0, 0 };
     int run;
@@ -303,11 +323,13 @@ TEST(of_what_silhouettes_hide) {
         const inside_weight w = inside_weigh_corners(run < 2, light);
         CHECK(w.noise2 > 1 && w.light > 0.9f * light, "noise %g, light %g", (double)w.noise2, (double)w.light);
         if (run < 2) hidden[run] = w.bias2;
-        else CHECK(w.bias2 == 0 && w.split_gain == 0, "even light misses %g, a split gains %g", (double)w.bias2, (double)w.split_gain);
+        else CHECK(w.bias2 == 0 && w.split_gain == 0, "even light misses %g, a split gains %g", (double)w.bias2,
+                   (double)w.split_gain);
         CHECK(run == 2 || w.split_gain > 0, "a split gains %g", (double)w.split_gain);
     }
     CHECK(hidden[0] > 0.25f * 0.04f * 0.04f && hidden[0] < 0.25f * 3 * 0.15f * 0.15f, "hidden: %g", (double)hidden[0]);
-    CHECK(hidden[1] > 15.9f * hidden[0] && hidden[1] < 16.1f * hidden[0], "of four times the light: %g times as much", (double)(hidden[1] / hidden[0]));
+    CHECK(hidden[1] > 15.9f * hidden[0] && hidden[1] < 16.1f * hidden[0], "of four times the light: %g times as much",
+          (double)(hidden[1] / hidden[0]));
 }
 
 /* What few places of stored light are off by: against many. */
@@ -327,12 +349,14 @@ TEST(of_few_bounce_samples) {
         predicted[i] = (double)sbl_query_stats(context).picture.expected_error;
     }
     for (i = 0; i < 64 * 48 && light[0] && light[1]; i++) {
-        squares += ((double)light[0][3 * i] - (double)light[1][3 * i]) * ((double)light[0][3 * i] - (double)light[1][3 * i]);
+        squares += ((double)light[0][3 * i] - (double)light[1][3 * i]) *
+            ((double)light[0][3 * i] - (double)light[1][3 * i]);
         mean += (double)light[1][3 * i];
     }
     off = mean > 0 ? sqrt(squares * 64 * 48) / mean : HUGE_VAL;
     printf("  %.2f and %.2f %% predicted, %.2f %% apart\n", 100 * predicted[0], 100 * predicted[1], 100 * off);
-    CHECK(off < 2.3 * predicted[0] && off > 0.5 * predicted[0], "%.2f %% is predicted, %.2f %% true", 100 * predicted[0], 100 * off);
+    CHECK(off < 2.3 * predicted[0] && off > 0.5 * predicted[0], "%.2f %% is predicted, %.2f %% true",
+          100 * predicted[0], 100 * off);
     free(light[0]);
     free(light[1]);
     scene_free(&k.scene);

@@ -28,29 +28,41 @@ done
 
 # >>minimal
 
-minimal_is_short() { lines=$(wc -l < examples/minimal.c); echo "$lines lines"; [ "$lines" -gt 0 ] && [ "$lines" -le 60 ]; }
-minimal_picture() { run minimal minimal && look varied minimal/minimal.png 480 360 && look pyramid minimal/minimal.png; }
+minimal_is_short() {
+    lines=$(wc -l < examples/minimal.c)
+    echo "$lines lines"
+    [ "$lines" -gt 0 ] && [ "$lines" -le 60 ]
+}
+minimal_picture() {
+    run minimal minimal && look varied minimal/minimal.png 480 360 && look pyramid minimal/minimal.png
+}
 check minimal_is_short minimal_is_short
 check minimal_picture minimal_picture
 
 # >>host_context
 
 # how many frames it takes depends on the machine; test_steps.c counts pieces, test_gl_state.c looks at the host's state
-host_context_run() { run host_context host_context && grep -Eq 'done after [1-9][0-9]* frames' "$folder/host_context/said"; }
-host_context_picture() { look varied host_context/host_context.png 480 320 && look cornell host_context/host_context.png; }
+host_context_run() {
+    run host_context host_context && grep -Eq 'done after [1-9][0-9]* frames' "$folder/host_context/said"
+}
+host_context_picture() {
+    look varied host_context/host_context.png 480 320 && look cornell host_context/host_context.png
+}
 check host_context_run host_context_run
 check host_context_picture host_context_picture
 
 # >>host_draw
 
 host_draw_picture() {
-    run host_draw with && run host_draw bare --bare && look varied with/host_draw.png 400 320 && look slabs with/host_draw.png bare/host_draw.png
+    run host_draw with && run host_draw bare --bare && look varied with/host_draw.png 400 320 &&
+        look slabs with/host_draw.png bare/host_draw.png
 }
 # where the driver has no clip control the host's shaders write their own depth
 host_draw_writes_depth() {
     (
         export MESA_GL_VERSION_OVERRIDE=3.3 MESA_GLSL_VERSION_OVERRIDE=330 MESA_EXTENSION_OVERRIDE=-GL_ARB_clip_control
-        # gcc 12's leak checker dies reading thread storage of a driver under these overrides; the runs above look for leaks
+        # gcc 12's leak checker dies reading thread storage of a driver under these overrides; the runs above look for
+        # leaks
         export ASAN_OPTIONS="${ASAN_OPTIONS-}:detect_leaks=0"
         run host_draw old
     ) && look alike with/host_draw.png old/host_draw.png
@@ -73,7 +85,8 @@ lights_differ() {
 }
 # penumbrae hardly depend on the preset; the discs below them show its rays
 lights_penumbra() {
-    look varied lights/penumbra_default.png 320 320 && look alike lights/penumbra_default.png lights/penumbra_high.png 240
+    look varied lights/penumbra_default.png 320 320 &&
+        look alike lights/penumbra_default.png lights/penumbra_high.png 240
 }
 check lights_run lights_run
 check lights_differ lights_differ
@@ -81,23 +94,34 @@ check lights_penumbra lights_penumbra
 
 # >>vertex_light: the light that pictures show, at the vertices of a mesh
 
-vertex_light_run() { run vertex_light vertex_light && grep -Eq '[0-9]{5} vertices, [0-9]{2,} of them inside' "$folder/vertex_light/said"; }
+vertex_light_run() {
+    run vertex_light vertex_light && grep -Eq '[0-9]{5} vertices, [0-9]{2,} of them inside' "$folder/vertex_light/said"
+}
 vertex_light_mesh() {
-    awk '/^element vertex/ { vertices = $3 } /^element face/ { faces = $3 } body && NF == 6 { v++; lit += $4 + $5 + $6 > 60 } body && NF == 4 { f++ }
+    awk '/^element vertex/ { vertices = $3 } /^element face/ { faces = $3 }
+        body && NF == 6 { v++; lit += $4 + $5 + $6 > 60 } body && NF == 4 { f++ }
         body && NF == 4 && ($2 >= vertices || $3 >= vertices || $4 >= vertices) { bad++ } /^end_header/ { body = 1 }
-        END { print v, f, lit, bad; exit !(v == vertices && f == faces && v > 10000 && lit > v / 2 && !bad) }' "$folder/vertex_light/vertex_light.ply"
+        END { print v, f, lit, bad; exit !(v == vertices && f == faces && v > 10000 && lit > v / 2 && !bad) }' \
+        "$folder/vertex_light/vertex_light.ply"
 }
 # by eye and by the Cornell box's own checks: red left, green right, lamp on top
-vertex_light_picture() { look varied vertex_light/vertex_light.png 512 512 && look cornell vertex_light/vertex_light.png; }
+vertex_light_picture() {
+    look varied vertex_light/vertex_light.png 512 512 && look cornell vertex_light/vertex_light.png
+}
 check vertex_light_run vertex_light_run
 check vertex_light_mesh vertex_light_mesh
 check vertex_light_picture vertex_light_picture
 
 # >>bake_lightmap
 
-bake_lightmap_is_short() { lines=$(wc -l < examples/bake_lightmap.c); echo "$lines lines"; [ "$lines" -gt 0 ] && [ "$lines" -le 60 ]; }
+bake_lightmap_is_short() {
+    lines=$(wc -l < examples/bake_lightmap.c)
+    echo "$lines lines"
+    [ "$lines" -gt 0 ] && [ "$lines" -le 60 ]
+}
 bake_lightmap_map() {
-    run bake_lightmap bake_lightmap && grep -Eq '^bake_lightmap: 50176 texels, .* off by [0-9.]+ %' "$folder/bake_lightmap/said" &&
+    run bake_lightmap bake_lightmap &&
+        grep -Eq '^bake_lightmap: 50176 texels, .* off by [0-9.]+ %' "$folder/bake_lightmap/said" &&
     look varied bake_lightmap/bake_lightmap.png 256 256 && look charts bake_lightmap/bake_lightmap.png
 }
 check bake_lightmap_is_short bake_lightmap_is_short
@@ -111,8 +135,11 @@ bake_vertices_run() {
         awk '{ ok = $1 > 0.1 && $1 < 7 && $2 > 1.3 * $1 } END { exit !ok }'
 }
 bake_vertices_mesh() {
-    awk '/^element vertex/ { vertices = $3 } /^element face/ { faces = $3 } body && NF == 6 { v++; lit += $4 + $5 + $6 > 60 } body && NF == 4 { f++ }
-        /^end_header/ { body = 1 } END { print v, f, lit; exit !(v == vertices && f == faces && v > 1000 && lit > v / 2) }' "$folder/bake_vertices/bake_vertices.ply"
+    awk '/^element vertex/ { vertices = $3 } /^element face/ { faces = $3 }
+        body && NF == 6 { v++; lit += $4 + $5 + $6 > 60 } body && NF == 4 { f++ }
+        /^end_header/ { body = 1 }
+        END { print v, f, lit; exit !(v == vertices && f == faces && v > 1000 && lit > v / 2) }' \
+        "$folder/bake_vertices/bake_vertices.ply"
 }
 check bake_vertices_run bake_vertices_run
 check bake_vertices_mesh bake_vertices_mesh
@@ -127,7 +154,11 @@ rows() {
         END { if (NR != rows + 1) print NR - 1 " rows"; exit bad || NR != rows + 1 }' "$folder/metrics/$1"
 }
 # rising FILE COLUMN: from row to row
-rising() { awk -F, -v c="$2" 'NR > 2 && $c + 0 <= last { print FILENAME ": " $0; bad = 1 } { last = $c + 0 } END { exit bad }' "$folder/metrics/$1"; }
+rising() {
+    awk -F, -v c="$2" '
+        NR > 2 && $c + 0 <= last { print FILENAME ": " $0; bad = 1 } { last = $c + 0 } END { exit bad }' \
+        "$folder/metrics/$1"
+}
 metrics_run() { run paper_metrics metrics --quick; }
 metrics_table_1() { rows table_1.csv 5 4 && rising table_1.csv 4; }
 metrics_figure_10() { rows figure_10.csv 4 12; }
@@ -139,14 +170,17 @@ metrics_plots() {
 # says in one line what to install, or what is missing
 plots_without() { ! "$@" > "$folder/errors" 2>&1 && cat "$folder/errors" && [ "$(wc -l < "$folder/errors")" = 1 ]; }
 metrics_plots_without_gnuplot() {
-    plots_without env PATH=/nowhere /bin/sh scripts/plot_metrics "$folder/metrics" && grep -q 'gnuplot-nox' "$folder/errors"
+    plots_without env PATH=/nowhere /bin/sh scripts/plot_metrics "$folder/metrics" &&
+        grep -q 'gnuplot-nox' "$folder/errors"
 }
 metrics_plots_without_figures() {
-    mkdir -p "$folder/no metrics" && plots_without scripts/plot_metrics "$folder/no metrics" && grep -q 'csv is missing' "$folder/errors"
+    mkdir -p "$folder/no metrics" && plots_without scripts/plot_metrics "$folder/no metrics" &&
+        grep -q 'csv is missing' "$folder/errors"
 }
 metrics_figure_12() {
     rows figure_12.csv 3 2 && look halves metrics/figure_12.png &&
-    awk -F, 'NR == 2 { small = $3 } NR == 3 { large = $3 } END { print small, large; exit !(small > 1.1 * large) }' "$folder/metrics/figure_12.csv"
+    awk -F, 'NR == 2 { small = $3 } NR == 3 { large = $3 } END { print small, large; exit !(small > 1.1 * large) }' \
+        "$folder/metrics/figure_12.csv"
 }
 check paper_metrics_run metrics_run
 check paper_metrics_table_1 metrics_table_1
@@ -169,15 +203,19 @@ bench_rows() {
     python3 - "$folder/bench.json" << 'END'
 import json, sys
 rows = json.load(open(sys.argv[1]))["rows"]
-assert [(r["kind"], r["size"]) for r in rows] == [("hemicube", 16), ("single", 16), ("hemicube", 32), ("single", 32)], "the rows"
+assert [(r["kind"], r["size"]) for r in rows] == [("hemicube", 16), ("single", 16), ("hemicube", 32), ("single", 32)], \
+    "the rows"
 for r in rows:
-    for key in ("sensors", "sbl_us", "sbl_total_us", "plain_us", "speedup", "fill_us", "over_fill", "draw_us", "reduce_us"):
+    for key in ("sensors", "sbl_us", "sbl_total_us", "plain_us", "speedup", "fill_us", "over_fill", "draw_us",
+                "reduce_us"):
         assert r[key] > 0, key
     assert 0.5 < r["depth_complexity"] < 3, "depth complexity"
     assert r["sbl_total_us"] >= r["sbl_us"], "the whole is more than its part"
 END
 }
-bench_check() { if [ "$BUILD_DIR" = build ]; then check "$1" "$1"; else skip "$1" "sanitizers have seen all of it elsewhere"; fi; }
+bench_check() {
+    if [ "$BUILD_DIR" = build ]; then check "$1" "$1"; else skip "$1" "sanitizers have seen all of it elsewhere"; fi
+}
 bench_check bench_rows
 
 bench_rooms() {
@@ -204,14 +242,16 @@ bench_versions() {
     cat "$folder/bench.json"
     python3 - "$folder/bench.json" << 'END'
 import json, sys
-(room,) = json.load(open(sys.argv[1])).get("versions") or [None]  # where there is no git history, there is no older version
+# where there is no git history, there is no older version
+(room,) = json.load(open(sys.argv[1])).get("versions") or [None]
 if room:
     before, now = room["before"], room["now"]
     assert [b["preset"] for b in before] == ["draft", "default", "high"] and len(now) == 6, "the pictures"
     for p in before + now:
         assert p["seconds"] > 0 and p["sensors"] > 1000 and 0.0005 < p["error_4x4"] < p["error"] < 0.07, "a picture"
     for pictures in before, now:
-        assert [p["error"] for p in pictures] == sorted((p["error"] for p in pictures), reverse=True), "the better, the better"
+        assert [p["error"] for p in pictures] == sorted((p["error"] for p in pictures), reverse=True), \
+            "the better, the better"
 END
 }
 bench_check bench_versions

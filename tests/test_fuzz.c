@@ -1,6 +1,6 @@
-/* What the fuzz target (fuzz/fuzz.c) finds in a bounded, repeatable run: the inputs of tests/fuzz/corpus, small ones that between
-   them reach nearly all that a long run reached, orders of calls that matter, and each mistake that was found; then
-   some of random bytes. build/test_fuzz FILE... runs these files instead. */
+/* What the fuzz target (fuzz/fuzz.c) finds in a bounded, repeatable run: the inputs of tests/fuzz/corpus, small ones
+   that between them reach nearly all that a long run reached, orders of calls that matter, and each mistake that was
+   found; then some of random bytes. build/test_fuzz FILE... runs these files instead. */
 #include "fuzz/fuzz.c"
 
 static unsigned char input[4096];
@@ -72,7 +72,8 @@ TEST(random_bakes) {
         fuzz_one(input, 400);
         CHECK(fuzz_failures == before, "round %d: see above", round);
     }
-    CHECK(fuzz_counts.accepted > 100 && fuzz_counts.refused > 100 && fuzz_counts.bakes > 30, "%d calls accepted, %d refused, %d bakes finished",
+    CHECK(fuzz_counts.accepted > 100 && fuzz_counts.refused > 100 && fuzz_counts.bakes > 30,
+          "%d calls accepted, %d refused, %d bakes finished",
           fuzz_counts.accepted, fuzz_counts.refused, fuzz_counts.bakes);
 }
 

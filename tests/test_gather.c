@@ -4,17 +4,7 @@
 #include "support/test.h"
 #include "support/scenes.h"
 #include "support/gl_watch.h"
-
-static watch seen;
-static sbl_context *context;
-
-/* A context with the scene set, instead of the one before. */
-static int use_scene(const test_scene *s) {
-    const sbl_context_desc desc = watch_desc(&seen);
-    sbl_destroy(context);
-    context = watch_context(&seen, &desc, s);
-    return context != NULL;
-}
+#include "support/one_context.h"
 
 static sbl_readings_desc gather_of(const sbl_site *sites, sbl_reading *readings, int count) {
     sbl_readings_desc desc;
@@ -81,7 +71,8 @@ TEST(finds_what_the_picture_found) {
         sbl_readings_desc desc = gather_as(&view, sites, readings);
         float *radiance;
         int same = 0, lit = 0, noisy = 0, shown = 0, close = 0;
-        REQUIRE(use_scene(&s) && sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+        REQUIRE(use_scene(&s) && sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture: %s",
+                watch_last(&seen));
         radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
         REQUIRE(radiance, "no radiance");
         for (i = 0; i < PIXELS; i++) {
@@ -100,7 +91,8 @@ TEST(finds_what_the_picture_found) {
             lit += readings[i].radiance[0] > 0.01f;
             noisy += readings[i].noise > 0;
         }
-        CHECK(shown > PIXELS / 2 && close > shown * 98 / 100, "way %d: %d of %d readings are close to the picture's", w, close, shown);
+        CHECK(shown > PIXELS / 2 && close > shown * 98 / 100, "way %d: %d of %d readings are close to the picture's", w,
+              close, shown);
         if (view.options.backend == SBL_BACKEND_TRACE)  /* views lie elsewhere in the atlas, and round otherwise */
             CHECK(same == shown, "way %d: %d of %d readings are the picture's to the bit", w, same, shown);
         CHECK(lit > PIXELS / 4, "way %d: %d pixels are lit", w, lit);
@@ -108,7 +100,8 @@ TEST(finds_what_the_picture_found) {
         desc.readings = again;
         desc.options.seed = 8;
         CHECK(sbl_gather_readings(context, &desc) == SBL_SUCCESS, "no gather: %s", watch_last(&seen));
-        CHECK((memcmp(again, readings, sizeof again) != 0) == (ways[w].mode != SBL_MODE_PAPER), "way %d: what does the seed change?", w);
+        CHECK((memcmp(again, readings, sizeof again) != 0) == (ways[w].mode != SBL_MODE_PAPER),
+              "way %d: what does the seed change?", w);
         free(radiance);
     }
     scene_free(&s);
@@ -128,23 +121,26 @@ TEST(sky_and_lights) {
         r = reading_at(site_of(4, -5, 6, up[i][0], up[i][1], up[i][2]), 16);
         CHECK(r.radiance[0] == 1 && r.radiance[1] == 2 && r.radiance[2] == 3, "R under a sky of 1 2 3 is %g %g %g",
               (double)r.radiance[0], (double)r.radiance[1], (double)r.radiance[2]);
-        CHECK(r.hit_share == 0 && r.hit_mean == 0 && r.hit_min == 0 && r.back_share == 0 && r.valid == 1, "nothing is there, and it was seen");
+        CHECK(r.hit_share == 0 && r.hit_mean == 0 && r.hit_min == 0 && r.back_share == 0 && r.valid == 1,
+              "nothing is there, and it was seen");
     }
     scene_sky(&s, 0, 0, 0);
     light = scene_light(&s, SBL_LIGHT_POINT, 10, 20, 30);
     light->position[1] = 2;
     REQUIRE(use_scene(&s), "no scene");
     r = reading_at(site_of(0, 0, 0, 0, 1, 0), 16);
-    CHECK(fabs(r.radiance[0] / (10 / 4.0 / SCENE_PI) - 1) < 1e-5, "a point light: R is %.7g, expected %.7g", (double)r.radiance[0], 10 / 4.0 / SCENE_PI);
+    CHECK(fabs(r.radiance[0] / (10 / 4.0 / SCENE_PI) - 1) < 1e-5, "a point light: R is %.7g, expected %.7g",
+          (double)r.radiance[0], 10 / 4.0 / SCENE_PI);
     r = reading_at(site_of(2, 0, 0, 0, 1, 0), 16);
-    CHECK(fabs(r.radiance[1] / (20 / 8.0 * sqrt(0.5) / SCENE_PI) - 1) < 1e-5, "from the side: R is %.7g, expected %.7g", (double)r.radiance[1],
+    CHECK(fabs(r.radiance[1] / (20 / 8.0 * sqrt(0.5) / SCENE_PI) - 1) < 1e-5, "from the side: R is %.7g, expected %.7g",
+          (double)r.radiance[1],
           20 / 8.0 * sqrt(0.5) / SCENE_PI);
     CHECK(reading_at(site_of(0, 3, 0, 0, 1, 0), 16).radiance[0] == 0, "light from below the horizon");
     scene_free(&s);
 }
 
-/* Over the middle of a disc of angular radius t, of height h: the share of the hemisphere that it fills, weighted by the cosine, is sin^2 t, and the mean
-   distance over it 2 h / (1 + cos t). */
+/* Over the middle of a disc of angular radius t, of height h: the share of the hemisphere that it fills, weighted by
+   the cosine, is sin^2 t, and the mean distance over it 2 h / (1 + cos t). */
 TEST(distances_to_a_disc) {
     static const double angles[] = { 20, 45, 70, 85 };
     test_scene s = { 0 };
@@ -158,11 +154,15 @@ TEST(distances_to_a_disc) {
         REQUIRE(use_scene(&s), "no scene");
         r = reading_at(site_of(0, (float)h, 0, 0, -1, 0), 4096);
         back = reading_at(site_of(0, -(float)h, 0, 0, 1, 0), 4096);
-        CHECK(fabs(r.hit_share / (sin(t) * sin(t)) - 1) < 0.005, "%g degrees: share %g, expected %g", angles[i], (double)r.hit_share, sin(t) * sin(t));
-        CHECK(fabs(r.hit_mean / (2 * h / (1 + cos(t))) - 1) < 0.005, "%g degrees: mean distance %g, expected %g", angles[i], (double)r.hit_mean,
+        CHECK(fabs(r.hit_share / (sin(t) * sin(t)) - 1) < 0.005, "%g degrees: share %g, expected %g", angles[i],
+              (double)r.hit_share, sin(t) * sin(t));
+        CHECK(fabs(r.hit_mean / (2 * h / (1 + cos(t))) - 1) < 0.005, "%g degrees: mean distance %g, expected %g",
+              angles[i], (double)r.hit_mean,
               2 * h / (1 + cos(t)));
-        CHECK(r.hit_min >= h * 0.9999 && r.hit_min < 1.002 * h, "%g degrees: least distance %g, expected %g", angles[i], (double)r.hit_min, h);
-        CHECK(r.back_share + back.back_share == 1, "of two sides one is the back: %g, %g", (double)r.back_share, (double)back.back_share);
+        CHECK(r.hit_min >= h * 0.9999 && r.hit_min < 1.002 * h, "%g degrees: least distance %g, expected %g", angles[i],
+              (double)r.hit_min, h);
+        CHECK(r.back_share + back.back_share == 1, "of two sides one is the back: %g, %g", (double)r.back_share,
+              (double)back.back_share);
         scene_free(&s);
     }
 }
@@ -172,7 +172,8 @@ TEST(lamps_and_noise) {
     test_scene s = { 0 };
     sbl_reading r;
     int grey = scene_material(&s, 0.5f, 0.5f, 0.5f), lamp = scene_lamp(&s, 3, 3, 3);
-    double a = 0.5, h = 2, form = 4 * a / sqrt(a * a + h * h) * atan(a / sqrt(a * a + h * h)) / SCENE_PI;  /* four corners of a x a: Howell, B-4 */
+    /* four corners of a x a: Howell, B-4 */
+    double a = 0.5, h = 2, form = 4 * a / sqrt(a * a + h * h) * atan(a / sqrt(a * a + h * h)) / SCENE_PI;
     scene_quad(&s, lamp, -0.5f, 2, -0.5f, 0.5f, 2, -0.5f, 0.5f, 2, 0.5f, -0.5f, 2, 0.5f);
     scene_floor(&s, grey, 0, 4);
     REQUIRE(use_scene(&s), "no scene");
@@ -180,13 +181,16 @@ TEST(lamps_and_noise) {
     CHECK(fabs(r.radiance[0] / (3 * form) - 1) < 1e-4, "R is %.7g, expected %.7g", (double)r.radiance[0], 3 * form);
     CHECK(r.noise < 1e-4f * r.radiance[0], "all of the lamp is seen, and the noise is %g", (double)r.noise);
     r = reading_at(site_of(0, 0.25f, 0, 0, -1, 0), 0);  /* few rays, which bring no light, but tell of the floor */
-    CHECK(r.hit_share > 0.9f && fabs(r.hit_min - 0.25) < 0.1, "of the floor %g are seen, from %g on", (double)r.hit_share, (double)r.hit_min);
+    CHECK(r.hit_share > 0.9f && fabs(r.hit_min - 0.25) < 0.1, "of the floor %g are seen, from %g on",
+          (double)r.hit_share, (double)r.hit_min);
     scene_quad(&s, grey, 0, 0.5f, -1, 0, 1.5f, -1, 0, 1.5f, 1, 0, 0.5f, 1);
     scene_quad(&s, grey, 0, 0.5f, -1, -2, 0.5f, -1, -2, 0.5f, 1, 0, 0.5f, 1);
     REQUIRE(use_scene(&s), "no scene");
     r = reading_at(site_of(0, 0, 0, 0, 1, 0), 256);
-    CHECK(fabs(r.radiance[0] / (1.5 * form) - 1) < 0.03, "half of the lamp: R is %.7g, expected %.7g", (double)r.radiance[0], 1.5 * form);
-    CHECK(r.noise > 1e-5f && fabs(r.radiance[0] - 1.5 * form) < 5 * r.noise, "off by %g, noise %g", fabs(r.radiance[0] - 1.5 * form), (double)r.noise);
+    CHECK(fabs(r.radiance[0] / (1.5 * form) - 1) < 0.03, "half of the lamp: R is %.7g, expected %.7g",
+          (double)r.radiance[0], 1.5 * form);
+    CHECK(r.noise > 1e-5f && fabs(r.radiance[0] - 1.5 * form) < 5 * r.noise, "off by %g, noise %g",
+          fabs(r.radiance[0] - 1.5 * form), (double)r.noise);
     scene_free(&s);
 }
 
@@ -221,17 +225,21 @@ TEST(offsets_and_validity) {
     REQUIRE(use_scene(&s), "no scene");
     site.offset = 0.002f;
     CHECK(reading_at(site, 64).valid == 1, "a sensor in the gap is taken for stuck");
-    CHECK(fabs(reading_at(site, 64).hit_min - 0.008f) < 2e-3, "the box is %g away", (double)reading_at(site, 64).hit_min);
+    CHECK(fabs(reading_at(site, 64).hit_min - 0.008f) < 2e-3, "the box is %g away",
+          (double)reading_at(site, 64).hit_min);
     site.offset = 0.02f;
     CHECK(reading_at(site, 64).valid == 0, "a sensor in the box is not found");
     site.geometric_normal[1] = -1;
-    CHECK(reading_at(site, 64).hit_min < 0.022f, "the other side of the floor: %g", (double)reading_at(site, 64).hit_min);
+    CHECK(reading_at(site, 64).hit_min < 0.022f, "the other side of the floor: %g",
+          (double)reading_at(site, 64).hit_min);
     site.geometric_normal[1] = 0;
     site.position[1] = 0.005f;
     site.offset = -1;
-    CHECK(fabs(reading_at(site, 64).hit_min - 0.005f) < 1e-3, "without an offset the box is %g away", (double)reading_at(site, 64).hit_min);
+    CHECK(fabs(reading_at(site, 64).hit_min - 0.005f) < 1e-3, "without an offset the box is %g away",
+          (double)reading_at(site, 64).hit_min);
     site.position[1] = 0.01f - 3e-5f;  /* nearer to the box than the default takes it */
-    CHECK(reading_at(site, 64).hit_min < 0.01f, "without an offset it is moved, and sees what is %g away", (double)reading_at(site, 64).hit_min);
+    CHECK(reading_at(site, 64).hit_min < 0.01f, "without an offset it is moved, and sees what is %g away",
+          (double)reading_at(site, 64).hit_min);
     site.offset = 0;
     CHECK(reading_at(site, 64).hit_min > 0.5f, "by default it is not moved");
     site.position[1] = 0;
@@ -240,8 +248,9 @@ TEST(offsets_and_validity) {
     scene_free(&s);
 }
 
-/* Two black walls without end meet in a corner, under an even sky. Between them a quarter of it is seen. A wall whose plane holds the sensor hides nothing,
-   which leaves three quarters, and all of it in the corner itself: such a wall is a line without a place, and must not be drawn into others' views. */
+/* Two black walls without end meet in a corner, under an even sky. Between them a quarter of it is seen. A wall whose
+   plane holds the sensor hides nothing, which leaves three quarters, and all of it in the corner itself: such a wall is
+   a line without a place, and must not be drawn into others' views. */
 TEST(in_the_planes_of_walls) {
     enum { SITES = 600 };
     static sbl_site sites[SITES];
@@ -255,7 +264,8 @@ TEST(in_the_planes_of_walls) {
         double worst[3] = { 0, 0, 0 };
         scene_sky(&s, 1, 1, 1);
         scene_quad(&s, black, 0, -1, 0, c * far_off, -1, d * far_off, c * far_off, far_off, d * far_off, 0, far_off, 0);
-        scene_quad(&s, black, 0, -1, 0, -d * far_off, -1, c * far_off, -d * far_off, far_off, c * far_off, 0, far_off, 0);
+        scene_quad(&s, black, 0, -1, 0, -d * far_off, -1, c * far_off, -d * far_off, far_off, c * far_off, 0, far_off,
+                   0);
         REQUIRE(use_scene(&s), "no scene");
         for (i = 0; i < SITES; i++) {
             const float x = i % 3 > 1 ? 0.01f * (float)i : 0, z = i % 3 > 0 ? 50 + 0.02f * (float)i : 0;
@@ -271,7 +281,8 @@ TEST(in_the_planes_of_walls) {
             const double expected[3] = { 1, 0.75, 0.25 }, error = fabs(readings[i].radiance[0] / expected[i % 3] - 1);
             worst[i % 3] = error > worst[i % 3] ? error : worst[i % 3];
         }
-        CHECK(worst[0] < 0.03 && worst[1] < 0.1 && worst[2] < 0.06, "%s of the sky: off by up to %g, %g, %g", backend == SBL_BACKEND_RASTER ? "views" : "rays",
+        CHECK(worst[0] < 0.03 && worst[1] < 0.1 && worst[2] < 0.06, "%s of the sky: off by up to %g, %g, %g", backend ==
+              SBL_BACKEND_RASTER ? "views" : "rays",
               worst[0], worst[1], worst[2]);
         scene_free(&s);
     }
@@ -283,7 +294,8 @@ TEST(in_the_planes_of_walls) {
 static void floor_sites(sbl_site *sites, int count) {
     int i;
     for (i = 0; i < count; i++)
-        sites[i] = site_of((float)(10 + 530 * fmod(0.5 + i * 0.7548776662466927, 1)), 0, (float)(10 + 530 * fmod(0.5 + i * 0.5698402909980532, 1)), 0, 1, 0);
+        sites[i] = site_of((float)(10 + 530 * fmod(0.5 + i * 0.7548776662466927, 1)), 0,
+                           (float)(10 + 530 * fmod(0.5 + i * 0.5698402909980532, 1)), 0, 1, 0);
 }
 
 static int stops_at(float done, void *user) { return done >= *(float *)user; }
@@ -306,33 +318,41 @@ TEST(slices_cancel_and_end) {
     desc = gather_of(sites, whole, COUNT);
     desc.options.rays = 24;
     REQUIRE(sbl_gather_readings(context, &desc) == SBL_SUCCESS, "no gather: %s", watch_last(&seen));
-    CHECK(sbl_query_stats(context).sensors.count == COUNT && sbl_query_stats(context).sensors.rays == 24 * COUNT, "stats: %d sensors.count, %d sensors.rays",
-          (int)sbl_query_stats(context).sensors.count, (int)sbl_query_stats(context).sensors.rays);
+    CHECK(sbl_query_stats(context).sensors.count == COUNT && sbl_query_stats(context).sensors.rays == 24 * COUNT,
+          "stats: %d sensors.count, %d sensors.rays", (int)sbl_query_stats(context).sensors.count,
+          (int)sbl_query_stats(context).sensors.rays);
     CHECK(sbl_step(context, 0) == SBL_SUCCESS && sbl_progress(context) == 1, "a finished gather is not finished");
     desc.readings = now;
     for (i = 0; i < 2; i++) {
         memset(now, 0, sizeof now);
         REQUIRE(use_scene(&s) && sbl_begin_readings(context, &desc) == SBL_SUCCESS, "cannot begin");
         for (steps = 0, before = 0; (result = sbl_step(context, slices[i])) == SBL_UNFINISHED; steps++) {
-            CHECK(sbl_progress(context) >= before, "progress falls from %g to %g", (double)before, (double)sbl_progress(context));
+            CHECK(sbl_progress(context) >= before, "progress falls from %g to %g", (double)before,
+                  (double)sbl_progress(context));
             before = sbl_progress(context);
         }
-        CHECK(result == SBL_SUCCESS && memcmp(now, whole, sizeof now) == 0, "slices of %g s change readings", slices[i]);
+        CHECK(result == SBL_SUCCESS && memcmp(now, whole, sizeof now) == 0, "slices of %g s change readings",
+              slices[i]);
         CHECK(steps > (i ? 5 : 50), "slices of %g s: %d steps", slices[i], steps);
     }
     desc.options.progress = stops_at;
     desc.options.progress_user = &limit;
     CHECK(sbl_begin_readings(context, &desc) == SBL_SUCCESS, "cannot begin");
     while ((result = sbl_step(context, 1e-4)) == SBL_UNFINISHED) {}
-    CHECK(result == SBL_CANCELLED && sbl_step(context, 0) == SBL_ERROR_STATE, "not cancelled: %s", sbl_result_string(result));
+    CHECK(result == SBL_CANCELLED && sbl_step(context, 0) == SBL_ERROR_STATE, "not cancelled: %s",
+          sbl_result_string(result));
     desc.options.progress = NULL;
-    CHECK(sbl_begin_readings(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED, "cannot begin");
+    CHECK(sbl_begin_readings(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED,
+          "cannot begin");
     sbl_end(context);
     CHECK(sbl_step(context, 0) == SBL_ERROR_STATE && sbl_progress(context) == 0, "an ended gather goes on");
-    CHECK(sbl_begin_readings(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED, "cannot begin");
-    CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_step(context, 0) == SBL_ERROR_STATE, "a gather survives its scene");
+    CHECK(sbl_begin_readings(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED,
+          "cannot begin");
+    CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_step(context, 0) == SBL_ERROR_STATE,
+          "a gather survives its scene");
     memset(now, 0, sizeof now);
-    CHECK(sbl_gather_readings(context, &desc) == SBL_SUCCESS && memcmp(now, whole, sizeof now) == 0, "what was abandoned leaves traces");
+    CHECK(sbl_gather_readings(context, &desc) == SBL_SUCCESS && memcmp(now, whole, sizeof now) == 0,
+          "what was abandoned leaves traces");
     desc.site_count = 0;
     desc.sites = NULL;
     desc.readings = NULL;
@@ -356,8 +376,10 @@ TEST(inspection_in_between) {
     view.options.rays = 20;
     desc.options.rays = 24;
     floor_sites(sites, COUNT);
-    REQUIRE(use_scene(&s) && sbl_gather_readings(context, &desc) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS &&
-            sbl_inspect_sensor(context, 4, 4, &alone, NULL, NULL, 0) == SBL_SUCCESS, "no picture");
+    REQUIRE(use_scene(&s) && sbl_gather_readings(context, &desc) == SBL_SUCCESS &&
+                sbl_render_picture(context, &view) == SBL_SUCCESS &&
+                sbl_inspect_sensor(context, 4, 4, &alone, NULL, NULL, 0) == SBL_SUCCESS,
+            "no picture");
     desc.readings = now;
     for (refused = 0; refused < 2; refused++) {
         int looks = 0;
@@ -373,7 +395,8 @@ TEST(inspection_in_between) {
             CHECK(refused || !memcmp(between.from_lamps, alone.from_lamps, sizeof alone.from_lamps), "another sensor");
             CHECK(sbl_query_memory(context).gpu_bytes == memory.gpu_bytes, "the inspection keeps memory of the GPU");
         }
-        CHECK(result == SBL_SUCCESS && looks > 3 && !memcmp(now, whole, sizeof now), "%s, %d looks: the gather is not what "
+        CHECK(result == SBL_SUCCESS && looks > 3 && !memcmp(now, whole, sizeof now),
+              "%s, %d looks: the gather is not what "
               "it was", sbl_result_string(result), looks);
     }
     scene_free(&s);
@@ -391,7 +414,8 @@ TEST(a_million_points) {
     scene_sky(&s, 1, 1, 1);
     scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 10);
     if (!sites || !readings || !use_scene(&s)) { CHECK(0, "no memory or scene"); goto done; }
-    for (i = 0; i < MANY; i++) sites[i] = site_of((float)(i % 1000) * 0.01f - 5, 0, (float)(i / 1000) * 0.01f - 5, 0, i & 1 ? 1.0f : -1.0f, 0);
+    for (i = 0; i < MANY; i++)
+        sites[i] = site_of((float)(i % 1000) * 0.01f - 5, 0, (float)(i / 1000) * 0.01f - 5, 0, i & 1 ? 1.0f : -1.0f, 0);
     desc = gather_of(sites, readings, FEW);
     desc.options.rays = 4;
     CHECK(sbl_gather_readings(context, &desc) == SBL_SUCCESS, "few: %s", watch_last(&seen));
@@ -400,13 +424,18 @@ TEST(a_million_points) {
     memset(readings, 0xff, sizeof *readings * MANY);
     CHECK(sbl_gather_readings(context, &desc) == SBL_SUCCESS, "many: %s", watch_last(&seen));
     many = sbl_query_memory(context);
-    for (i = 0; i < MANY; i++) wrong += !(readings[i].radiance[0] == 1 && readings[i].radiance[2] == 1 && readings[i].valid);
+    for (i = 0; i < MANY; i++)
+        wrong += !(readings[i].radiance[0] == 1 && readings[i].radiance[2] == 1 && readings[i].valid);
     CHECK(wrong == 0, "%d of a million readings are wrong", wrong);
-    CHECK(many.host_peak_bytes == few.host_peak_bytes && many.gpu_peak_bytes == few.gpu_peak_bytes, "memory grows: host %.1f to %.1f MB, GPU %.1f to %.1f MB",
-          (double)few.host_peak_bytes / 1e6, (double)many.host_peak_bytes / 1e6, (double)few.gpu_peak_bytes / 1e6, (double)many.gpu_peak_bytes / 1e6);
-    CHECK(few.host_peak_bytes < 64u << 20 && few.gpu_peak_bytes < 256u << 20, "%.1f and %.1f MB are much", (double)few.host_peak_bytes / 1e6,
+    CHECK(many.host_peak_bytes == few.host_peak_bytes && many.gpu_peak_bytes == few.gpu_peak_bytes,
+          "memory grows: host %.1f to %.1f MB, GPU %.1f to %.1f MB",
+          (double)few.host_peak_bytes / 1e6, (double)many.host_peak_bytes / 1e6, (double)few.gpu_peak_bytes / 1e6,
+              (double)many.gpu_peak_bytes / 1e6);
+    CHECK(few.host_peak_bytes < 64u << 20 && few.gpu_peak_bytes < 256u << 20, "%.1f and %.1f MB are much",
+          (double)few.host_peak_bytes / 1e6,
           (double)few.gpu_peak_bytes / 1e6);
-    printf("  host %.1f MB, GPU %.1f MB, %.2f s\n", (double)many.host_peak_bytes / 1e6, (double)many.gpu_peak_bytes / 1e6, sbl_query_stats(context).seconds.total);
+    printf("  host %.1f MB, GPU %.1f MB, %.2f s\n", (double)many.host_peak_bytes / 1e6,
+           (double)many.gpu_peak_bytes / 1e6, sbl_query_stats(context).seconds.total);
 done:
     free(sites);
     free(readings);
@@ -435,57 +464,56 @@ TEST(mistakes) {
     memset(&reading, 0x5a, sizeof reading);
     untouched = reading;
     d = good;
-    d.start_canary = 1; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "sbl_readings_desc", "canary");
+    d.start_canary = 1;
+    REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "sbl_readings_desc", "canary");
     d.sites = NULL; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "site_count is 1", "NULL");
-    d.readings = NULL; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "sbl_readings_desc", "readings");
+    d.readings = NULL;
+    REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "sbl_readings_desc", "readings");
     d.site_count = -3; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "site_count", "-3");
-    d.options.rays = 5000; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "options.rays", "5000");
-    d.options.mode = (sbl_mode)99; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "options.mode", "99");
-    d.options.epsilon = (float)NAN; d.options.mode = SBL_MODE_AMBIENT; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "options.epsilon", "nan");
-    site.position[1] = (float)NAN; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "site", "position");
+    d.options.rays = 5000;
+    REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "options.rays", "5000");
+    d.options.mode = (sbl_mode)99;
+    REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "options.mode", "99");
+    d.options.epsilon = (float)NAN;
+    d.options.mode = SBL_MODE_AMBIENT;
+    REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "options.epsilon", "nan");
+    site.position[1] = (float)NAN;
+    REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "site", "position");
     site.normal[1] = 0; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "site", "normal");
-    site.geometric_normal[0] = (float)INFINITY; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "site", "geometric_normal");
-    site.offset = (float)INFINITY; REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "site", "offset");
-    CHECK(sbl_gather_readings(context, &good) == SBL_SUCCESS && memcmp(&reading, &untouched, sizeof reading) != 0, "a good gather after bad ones: %s", watch_last(&seen));
-    CHECK(sbl_begin_readings(NULL, &good) == SBL_ERROR_INVALID_ARGUMENT && sbl_gather_readings(NULL, NULL) == SBL_ERROR_INVALID_ARGUMENT, "a NULL context is taken");
+    site.geometric_normal[0] = (float)INFINITY;
+    REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "site", "geometric_normal");
+    site.offset = (float)INFINITY;
+    REFUSED(SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_READINGS_DESC, "site", "offset");
+    CHECK(sbl_gather_readings(context, &good) == SBL_SUCCESS && memcmp(&reading, &untouched, sizeof reading) != 0,
+          "a good gather after bad ones: %s", watch_last(&seen));
+    CHECK(sbl_begin_readings(NULL, &good) == SBL_ERROR_INVALID_ARGUMENT &&
+              sbl_gather_readings(NULL, NULL) == SBL_ERROR_INVALID_ARGUMENT,
+          "a NULL context is taken");
     CHECK(sbl_gather_readings(context, NULL) == SBL_SUCCESS, "a NULL descriptor is all zeroes: no sites");
-    CHECK(sbl_create(&desc, &empty) == SBL_SUCCESS && sbl_gather_readings(empty, &good) == SBL_ERROR_STATE, "a gather without a scene");
+    CHECK(sbl_create(&desc, &empty) == SBL_SUCCESS && sbl_gather_readings(empty, &good) == SBL_ERROR_STATE,
+          "a gather without a scene");
     sbl_destroy(empty);
     scene_free(&s);
+}
+
+static sbl_result gather_call(const void *desc) {
+    return sbl_gather_readings(context, (const sbl_readings_desc *)desc);
 }
 
 /* Each allocation fails once: it says so, gives all back, and the next gather is right. */
 TEST(memory_runs_out) {
     enum { COUNT = 300 };
     static sbl_site sites[COUNT];
-    static sbl_reading whole[COUNT], now[COUNT];
+    static sbl_reading whole[COUNT];
     test_scene s = { 0 };
     sbl_readings_desc desc;
-    int at, refused = 0, blocks;
+    int refused;
     scene_cornell_box(&s);
-    REQUIRE(use_scene(&s), "no scene");
     floor_sites(sites, COUNT);
     desc = gather_of(sites, whole, COUNT);
     desc.options.rays = 16;
-    REQUIRE(sbl_gather_readings(context, &desc) == SBL_SUCCESS, "no gather");
-    desc.readings = now;
-    for (at = 1; at < 400; at++) {
-        sbl_result result;
-        REQUIRE(use_scene(&s), "no scene");
-        blocks = seen.blocks;
-        seen.refused = 0;
-        seen.refuse_at = seen.allocations + at;
-        result = sbl_gather_readings(context, &desc);
-        if (!seen.refused) { seen.refuse_at = 0; break; }
-        refused++;
-        CHECK(result == SBL_ERROR_OUT_OF_MEMORY, "allocation %d: %s", at, sbl_result_string(result));
-        seen.refuse_at = 0;
-        memset(now, 0, sizeof now);
-        CHECK(sbl_gather_readings(context, &desc) == SBL_SUCCESS && memcmp(now, whole, sizeof now) == 0, "allocation %d: the next gather differs", at);
-        sbl_end(context);
-        CHECK(seen.blocks >= blocks, "allocation %d: %d blocks before, %d after", at, blocks, seen.blocks);
-    }
-    CHECK(refused > 10 && at < 400, "%d allocations were refused", refused);
+    refused = each_allocation_fails(gather_call, &desc, &s, whole, sizeof whole);
+    CHECK(refused > 10, "%d allocations were refused", refused);
     sbl_destroy(context);
     context = NULL;
     CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are left, %d strangers", seen.blocks, seen.strangers);

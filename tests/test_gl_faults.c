@@ -1,5 +1,6 @@
-/* What happens when GL or the allocator fails, at every place at which it can: the right result and a message, nothing leaked, GL's state as it was, and
-   the same picture as ever from the context afterwards. Never success with another picture. */
+/* What happens when GL or the allocator fails, at every place at which it can: the right result and a message, nothing
+   leaked, GL's state as it was, and the same picture as ever from the context afterwards. Never success with another
+   picture. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -18,7 +19,8 @@ static test_scene scene, second;   /* second: the small scene with a box moved *
 static GLuint buffer, texture;
 static small_picture expected, expected_moved;
 static float bounds[2][3];
-static const float moved[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 3, 0.1f, 0.2f, 1 };  /* out of the scene's bounds */
+/* out of the scene's bounds */
+static const float moved[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 3, 0.1f, 0.2f, 1 };
 
 static sbl_context_desc faulty_desc(void) {
     sbl_context_desc desc = watch_desc(&seen);
@@ -30,13 +32,16 @@ static sbl_context_desc faulty_desc(void) {
 static void scenes_make(void) {
     static const unsigned char texels[16] = { 255, 128, 0, 255, 0, 128, 255, 255, 90, 180, 45, 255, 200, 200, 10, 255 };
     static const float corners[9] = { -0.9f, 0.2f, 0.5f, -0.6f, 0.2f, 0.9f, -0.9f, 0.6f, 0.9f };
-    static const uint32_t copies[3 * 12] = { 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2 };
+    static const uint32_t copies[3 * 12] = { 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0,
+        1, 2, 0, 1, 2, 0, 1, 2, 0, 1, 2 };
     sbl_mesh *m;
     small_scene(&scene);
-    scene_mesh(&scene, 0, corners, NULL, NULL, 3, copies, 3 * 12);  /* the hierarchy drops copies: one more place to fail at */
+    /* the hierarchy drops copies: one more place to fail at */
+    scene_mesh(&scene, 0, corners, NULL, NULL, 3, copies, 3 * 12);
     gl.GenBuffers(1, &buffer);
     gl.BindBuffer(GL_ARRAY_BUFFER, buffer);
-    gl.BufferData(GL_ARRAY_BUFFER, (GLsizeiptr)(3 * 4 * sizeof(float)), scene.meshes[SMALL_FLOOR].positions.data, GL_STATIC_DRAW);
+    gl.BufferData(GL_ARRAY_BUFFER, (GLsizeiptr)(3 * 4 * sizeof(float)), scene.meshes[SMALL_FLOOR].positions.data,
+                  GL_STATIC_DRAW);
     gl.BindBuffer(GL_ARRAY_BUFFER, 0);
     gl.GenTextures(1, &texture);
     gl.BindTexture(GL_TEXTURE_2D, texture);
@@ -54,8 +59,20 @@ static void scenes_make(void) {
 
 /* >>the calls that can fail, each from a context in which all before it went well */
 
-typedef enum phase { PHASE_SCENE, PHASE_MOVE, PHASE_BEGIN, PHASE_RENDER, PHASE_READ, PHASE_TEXTURE, PHASE_INSPECT, PHASE_GATHER, PHASES } phase;
-static const char *const phase_names[PHASES] = { "sbl_set_scene", "sbl_set_mesh_transform", "sbl_begin", "sbl_step", "sbl_read_channel", "sbl_channel_texture", "sbl_inspect_sensor", "sbl_gather_readings" };
+typedef enum phase {
+    PHASE_SCENE,
+    PHASE_MOVE,
+    PHASE_BEGIN,
+    PHASE_RENDER,
+    PHASE_READ,
+    PHASE_TEXTURE,
+    PHASE_INSPECT,
+    PHASE_GATHER,
+    PHASES
+} phase;
+static const char *const phase_names[PHASES] = { "sbl_set_scene",      "sbl_set_mesh_transform", "sbl_begin",
+                                                 "sbl_step",           "sbl_read_channel",       "sbl_channel_texture",
+                                                 "sbl_inspect_sensor", "sbl_gather_readings" };
 
 static small_picture picture;
 static int replacing;
@@ -69,8 +86,10 @@ enum { SITES = 3 };
 static sbl_reading readings[SITES], expected_readings[SITES];
 
 static sbl_result small_gather(sbl_context *context) {
-    static const sbl_site sites[SITES] = { { { 1, 0, 0.5f }, { 0, 1, 0 }, { 0, 0, 0 }, 0 }, { { 0, 0.7f, 0 }, { 0, 1, 0 }, { 0, 0, 0 }, 0 },
-                                           { { 0, 0.3f, 0 }, { 1, 0, 0 }, { 0, 0, 0 }, 0 } };  /* the last stands in the box, and looks back */
+    static const sbl_site sites[SITES] = { { { 1, 0, 0.5f }, { 0, 1, 0 }, { 0, 0, 0 }, 0 },
+        { { 0, 0.7f, 0 }, { 0, 1, 0 }, { 0, 0, 0 }, 0 },
+                                           /* the last stands in the box, and looks back */
+                                           { { 0, 0.3f, 0 }, { 1, 0, 0 }, { 0, 0, 0 }, 0 } };
     const sbl_picture_desc view = small_view();
     sbl_readings_desc desc;
     memset(&desc, 0, sizeof desc);
@@ -90,9 +109,11 @@ static int sensor_same(void) {
     sbl_sensor a = sensor, b = expected_sensor;
     a.rays = b.rays = NULL;
     a.lamps = b.lamps = NULL;
-    return memcmp(&a, &b, sizeof a) == 0 && memcmp(sensor.rays, expected_rays, (size_t)a.ray_count * sizeof *sensor.rays) == 0 &&
+    return memcmp(&a, &b, sizeof a) == 0 && memcmp(sensor.rays, expected_rays,
+                                                   (size_t)a.ray_count * sizeof *sensor.rays) == 0 &&
            memcmp(sensor.lamps, expected_lamps, (size_t)a.lamp_count * sizeof *sensor.lamps) == 0 &&
-           memcmp(radiance, expected_radiance, sizeof radiance) == 0 && memcmp(weights, expected_weights, sizeof weights) == 0;
+           memcmp(radiance, expected_radiance, sizeof radiance) == 0 &&
+               memcmp(weights, expected_weights, sizeof weights) == 0;
 }
 
 /* What must have happened before. */
@@ -118,7 +139,8 @@ static sbl_result phase_run(sbl_context *context, phase p) {
         case PHASE_TEXTURE: return sbl_channel_texture(context, SBL_CHANNEL_DEPTH) &&
                                    sbl_channel_texture(context, SBL_CHANNEL_SENSORS) ? SBL_SUCCESS : SBL_ERROR_GL;
         case PHASE_GATHER: return small_gather(context);
-        default: return sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, weights, 64 * 64);
+        default: return sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, weights,
+                                           64 * 64);
     }
 }
 
@@ -130,22 +152,30 @@ static int phase_right(sbl_context *context, phase p) {
     if (p == PHASE_GATHER) return memcmp(readings, expected_readings, sizeof readings) == 0;
     if (p == PHASE_BEGIN && sbl_step(context, 0) != SBL_SUCCESS) return 0;
     if ((p == PHASE_SCENE || p == PHASE_MOVE) && sbl_render_picture(context, &view) != SBL_SUCCESS) return 0;
-    return small_read(context, &picture) == SBL_SUCCESS && small_same(&picture, p == PHASE_SCENE || p == PHASE_MOVE ? &expected_moved : &expected);
+    return small_read(context, &picture) == SBL_SUCCESS &&
+           small_same(&picture, p == PHASE_SCENE || p == PHASE_MOVE ? &expected_moved : &expected);
 }
 
-/* All that can be called goes on, whatever failed: it succeeds, or there is no picture. The finished picture of a reading that failed is still there. */
+/* All that can be called goes on, whatever failed: it succeeds, or there is no picture. The finished picture of a
+   reading that failed is still there. */
 static void every_function(sbl_context *context, phase p, const char *fault, int place) {
     const sbl_result none = p >= PHASE_READ ? SBL_SUCCESS : SBL_ERROR_STATE;
     static small_picture read;
-    const sbl_result step = sbl_step(context, 0), reading = small_read(context, &read), inspection = phase_run(context, PHASE_INSPECT);
-    CHECK((step == SBL_SUCCESS || step == none) && (reading == SBL_SUCCESS || reading == none) && (inspection == SBL_SUCCESS || inspection == none),
-          "%s, %s %d: afterwards sbl_step gives \"%s\", sbl_read_channel \"%s\", sbl_inspect_sensor \"%s\"", phase_names[p], fault, place,
+    const sbl_result step = sbl_step(context, 0), reading = small_read(context, &read),
+        inspection = phase_run(context, PHASE_INSPECT);
+    CHECK((step == SBL_SUCCESS || step == none) && (reading == SBL_SUCCESS || reading == none) &&
+          (inspection == SBL_SUCCESS || inspection == none),
+          "%s, %s %d: afterwards sbl_step gives \"%s\", sbl_read_channel \"%s\", sbl_inspect_sensor \"%s\"",
+          phase_names[p], fault, place,
           sbl_result_string(step), sbl_result_string(reading), sbl_result_string(inspection));
-    CHECK(p < PHASE_READ || (small_same(&read, &expected) && sensor_same()), "%s, %s %d: afterwards the picture or its sensor differs", phase_names[p], fault, place);
-    CHECK(p < PHASE_READ || phase_run(context, PHASE_TEXTURE) == SBL_SUCCESS, "%s, %s %d: afterwards there is no texture", phase_names[p], fault, place);
-    CHECK(small_gather(context) == SBL_SUCCESS && (p < PHASE_RENDER || phase_right(context, PHASE_GATHER)), "%s, %s %d: afterwards sbl_gather_readings fails, or differs",
-          phase_names[p], fault, place);
-    CHECK(p < PHASE_READ || (phase_run(context, PHASE_INSPECT) == SBL_SUCCESS && sensor_same()), "%s, %s %d: after a gather the sensor differs", phase_names[p], fault, place);
+    CHECK(p < PHASE_READ || (small_same(&read, &expected) && sensor_same()),
+          "%s, %s %d: afterwards the picture or its sensor differs", phase_names[p], fault, place);
+    CHECK(p < PHASE_READ || phase_run(context, PHASE_TEXTURE) == SBL_SUCCESS,
+          "%s, %s %d: afterwards there is no texture", phase_names[p], fault, place);
+    CHECK(small_gather(context) == SBL_SUCCESS && (p < PHASE_RENDER || phase_right(context, PHASE_GATHER)),
+          "%s, %s %d: afterwards sbl_gather_readings fails, or differs", phase_names[p], fault, place);
+    CHECK(p < PHASE_READ || (phase_run(context, PHASE_INSPECT) == SBL_SUCCESS && sensor_same()),
+          "%s, %s %d: after a gather the sensor differs", phase_names[p], fault, place);
 }
 
 /* The context as before: the scene and its picture. Undone is what a success did. */
@@ -154,14 +184,18 @@ static void still_usable(sbl_context *context, phase p, int succeeded, const cha
     float low[3], high[3];
     static small_picture again;
     sbl_result result;
-    if ((succeeded && (p == PHASE_SCENE || p == PHASE_MOVE)) || (p == PHASE_RENDER && replacing)) {  /* or a half-built scene is replaced */
+    /* or a half-built scene is replaced */
+    if ((succeeded && (p == PHASE_SCENE || p == PHASE_MOVE)) || (p == PHASE_RENDER && replacing)) {
         sbl_scene_desc desc = scene_desc(&scene);
-        CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS, "%s, %s %d: the scene cannot be set again: %s", phase_names[p], fault, place, watch_last(&seen));
+        CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS, "%s, %s %d: the scene cannot be set again: %s",
+              phase_names[p], fault, place, watch_last(&seen));
     }
     result = small_render(context, &view, &again);
-    CHECK(result == SBL_SUCCESS && small_same(&again, &expected), "%s, %s %d: afterwards the context gives \"%s\" or another picture",
+    CHECK(result == SBL_SUCCESS && small_same(&again, &expected),
+          "%s, %s %d: afterwards the context gives \"%s\" or another picture",
           phase_names[p], fault, place, sbl_result_string(result));
-    CHECK(scene_bounds(context, low, high) && memcmp(low, bounds[0], sizeof low) == 0 && memcmp(high, bounds[1], sizeof high) == 0,
+    CHECK(scene_bounds(context, low, high) && memcmp(low, bounds[0], sizeof low) == 0 &&
+              memcmp(high, bounds[1], sizeof high) == 0,
           "%s, %s %d: the scene's bounds have changed", phase_names[p], fault, place);
 }
 
@@ -179,33 +213,55 @@ static usage usage_take(sbl_context *context) {
     return u;
 }
 
+/* Faults strike at each place, but where there are many, or the plain run has tried them all. */
+static int stride(void) { return small_mode == SBL_MODE_GI || test_kind_is("gl33") ? 3 : 1; }
+
+/* The fault strikes at its place-th chance from here on; FAKE_NONE stands for an allocation that fails. */
+static void fault_arm(fake_fault fault, int place, GLenum error) {
+    if (fault == FAKE_NONE) watch_refuse(&seen, place);
+    else fake_arm(fault, place, error);
+}
+
+/* Did it strike? */
+static int fault_disarm(fake_fault fault) {
+    const int hit = fault == FAKE_NONE ? seen.refused : fake.hits;
+    seen.refuse_at = 0;
+    fake_disarm();
+    return hit;
+}
+
 /* Every place of one fault in one phase. Returns how many there are. */
-static int every_place(sbl_context *context, phase p, fake_fault fault, GLenum error, sbl_result right, const char *name) {
+static int every_place(sbl_context *context, phase p, fake_fault fault, GLenum error, sbl_result right,
+                       const char *name) {
     usage start, end;
     sbl_picture_desc view = small_view();
     int place;
     if (sbl_render_picture(context, &view) != SBL_SUCCESS) return 0;
-    if (phase_run(context, PHASE_INSPECT) != SBL_SUCCESS || sbl_render_picture(context, &view) != SBL_SUCCESS) return 0;  /* all programs are there */
+    if (phase_run(context, PHASE_INSPECT) != SBL_SUCCESS || sbl_render_picture(context, &view) != SBL_SUCCESS)
+        return 0; /* all programs are there */
     start = usage_take(context);
-    for (place = 1; place < MOST_PLACES; place += small_mode == SBL_MODE_GI ? 3 : 1) {  /* there are many */
+    for (place = 1; place < MOST_PLACES; place += stride()) {
         sbl_result result;
         int hit, errors = test_errors;
-        if (!phase_prepare(context, p)) { CHECK(0, "%s, %s %d: cannot be prepared: %s", phase_names[p], name, place, watch_last(&seen)); return place; }
+        if (!phase_prepare(context, p)) {
+            CHECK(0, "%s, %s %d: cannot be prepared: %s", phase_names[p], name, place, watch_last(&seen));
+            return place;
+        }
         watch_forget(&seen);
         gl_state_take(&before);
-        if (fault == FAKE_NONE) { seen.refused = 0; seen.refuse_at = seen.allocations + place; }
-        else fake_arm(fault, place, error);
+        fault_arm(fault, place, error);
         result = phase_run(context, p);
-        hit = fault == FAKE_NONE ? seen.refused : fake.hits;
-        seen.refuse_at = 0;
-        fake_disarm();
+        hit = fault_disarm(fault);
         gl_state_take(&after);
-        CHECK(!gl_state_difference(&before, &after), "%s, %s %d left behind: %s", phase_names[p], name, place, gl_state_difference(&before, &after));
+        CHECK(!gl_state_difference(&before, &after), "%s, %s %d left behind: %s", phase_names[p], name, place,
+              gl_state_difference(&before, &after));
         CHECK(gl.GetError() == GL_NO_ERROR, "%s, %s %d leaves a GL error", phase_names[p], name, place);
         if (result == SBL_SUCCESS)
-            CHECK(phase_right(context, p), "%s, %s %d: success, but not the right picture", phase_names[p], name, place);
+            CHECK(phase_right(context, p), "%s, %s %d: success, but not the right picture", phase_names[p], name,
+                  place);
         else {
-            CHECK(result == right || p == PHASE_TEXTURE, "%s, %s %d: \"%s\", expected \"%s\"", phase_names[p], name, place,
+            CHECK(result == right || p == PHASE_TEXTURE, "%s, %s %d: \"%s\", expected \"%s\"", phase_names[p], name,
+                  place,
                   sbl_result_string(result), sbl_result_string(right));
             CHECK(seen.errors > 0, "%s, %s %d fails without a message", phase_names[p], name, place);
         }
@@ -214,7 +270,8 @@ static int every_place(sbl_context *context, phase p, fake_fault fault, GLenum e
         end = usage_take(context);
         CHECK(start.blocks == end.blocks && start.host == end.host && start.gpu == end.gpu &&
               memcmp(start.objects, end.objects, sizeof end.objects) == 0,
-              "%s, %s %d: in use %d blocks, %.0f and %.0f bytes, %d GL objects; before %d, %.0f, %.0f", phase_names[p], name, place, end.blocks,
+              "%s, %s %d: in use %d blocks, %.0f and %.0f bytes, %d GL objects; before %d, %.0f, %.0f", phase_names[p],
+              name, place, end.blocks,
               (double)end.host, (double)end.gpu, fake_live(), start.blocks, (double)start.host, (double)start.gpu);
         if (!hit) break;
         if (test_errors > errors + 20 || test_errors > 60) { printf("  and so on\n"); return place; }
@@ -229,24 +286,33 @@ static void every_phase(fake_fault fault, GLenum error, sbl_result right, const 
     sbl_context *context;
     int p, places = 0, blocks = seen.blocks;
     fake_disarm();
-    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &first) == SBL_SUCCESS, "%s", watch_last(&seen));
+    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &first) == SBL_SUCCESS, "%s",
+            watch_last(&seen));
     for (p = 0; p < PHASES; p++) {
         if (small_mode == SBL_MODE_GI && p != PHASE_RENDER) continue;  /* where the store is filled */
         replacing = 0;
         places += every_place(context, (phase)p, fault, error, right, name);
         replacing = 1;
-        if (p == PHASE_RENDER && small_mode != SBL_MODE_GI) every_place(context, PHASE_RENDER, fault, error, right, name);
+        if (p == PHASE_RENDER && small_mode != SBL_MODE_GI)
+            every_place(context, PHASE_RENDER, fault, error, right, name);
     }
     CHECK(places >= least, "%s could strike at %d places only", name, places);
     sbl_destroy(context);
-    CHECK(seen.blocks == blocks && seen.strangers == 0, "%d blocks leaked, %d strangers freed", seen.blocks - blocks, seen.strangers);
-    CHECK(fake_live() == 0 && fake.strangers == 0, "%d GL objects leaked (buffers %d, framebuffers %d, textures %d, arrays %d, programs %d, shaders %d), %d strangers deleted", fake_live(),
+    CHECK(seen.blocks == blocks && seen.strangers == 0, "%d blocks leaked, %d strangers freed", seen.blocks - blocks,
+          seen.strangers);
+    CHECK(fake_live() == 0 && fake.strangers == 0,
+          "%d GL objects leaked (buffers %d, framebuffers %d, textures %d, arrays %d, programs %d, shaders %d), %d "
+          "strangers deleted", fake_live(),
           fake.live[0], fake.live[1], fake.live[2], fake.live[3], fake.live[4], fake.live[5], fake.strangers);
 }
 
 TEST(allocations) { every_phase(FAKE_NONE, 0, SBL_ERROR_OUT_OF_MEMORY, "allocation", 20); }
-TEST(calls_out_of_memory) { every_phase(FAKE_REFUSE, GL_OUT_OF_MEMORY, SBL_ERROR_OUT_OF_MEMORY, "GL_OUT_OF_MEMORY by call", 40); }
-TEST(calls_invalid) { every_phase(FAKE_REFUSE, GL_INVALID_OPERATION, SBL_ERROR_GL, "GL_INVALID_OPERATION by call", 40); }
+TEST(calls_out_of_memory) {
+    every_phase(FAKE_REFUSE, GL_OUT_OF_MEMORY, SBL_ERROR_OUT_OF_MEMORY, "GL_OUT_OF_MEMORY by call", 40);
+}
+TEST(calls_invalid) {
+    every_phase(FAKE_REFUSE, GL_INVALID_OPERATION, SBL_ERROR_GL, "GL_INVALID_OPERATION by call", 40);
+}
 /* The first inspection compiles its programs. Whatever fails there, the next one shows the sensor. */
 TEST(first_inspections) {
     static const struct { fake_fault fault; GLenum error; int least; } faults[] = {
@@ -260,53 +326,59 @@ TEST(first_inspections) {
             sbl_context *context;
             sbl_result result;
             fake_disarm();
-            REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &first) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS, "%s",
-                    watch_last(&seen));
-            if (faults[i].fault == FAKE_NONE) { seen.refused = 0; seen.refuse_at = seen.allocations + place; }
-            else fake_arm(faults[i].fault, place, faults[i].error);
+            REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &first) == SBL_SUCCESS &&
+                        sbl_render_picture(context, &view) == SBL_SUCCESS,
+                    "%s", watch_last(&seen));
+            fault_arm(faults[i].fault, place, faults[i].error);
             result = phase_run(context, PHASE_INSPECT);
-            last = !(faults[i].fault == FAKE_NONE ? seen.refused : fake.hits);
-            seen.refuse_at = 0;
-            fake_disarm();
+            last = !fault_disarm(faults[i].fault);
             CHECK(result != SBL_SUCCESS || sensor_same(), "fault %d at %d: another sensor", i, place);
             failed += result != SBL_SUCCESS;
             result = phase_run(context, PHASE_INSPECT);
-            CHECK(result == SBL_SUCCESS && sensor_same(), "fault %d at %d: afterwards \"%s\", or another sensor", i, place, sbl_result_string(result));
+            CHECK(result == SBL_SUCCESS && sensor_same(), "fault %d at %d: afterwards \"%s\", or another sensor", i,
+                  place, sbl_result_string(result));
             CHECK(!last || failed >= faults[i].least, "fault %d made %d inspections fail", i, failed);
             sbl_destroy(context);
         }
 }
 
-TEST(errors_out_of_memory) { every_phase(FAKE_ERROR, GL_OUT_OF_MEMORY, SBL_ERROR_OUT_OF_MEMORY, "GL_OUT_OF_MEMORY at glGetError", 40); }
+TEST(errors_out_of_memory) {
+    every_phase(FAKE_ERROR, GL_OUT_OF_MEMORY, SBL_ERROR_OUT_OF_MEMORY, "GL_OUT_OF_MEMORY at glGetError", 40);
+}
 TEST(no_names) { every_phase(FAKE_NO_NAME, 0, SBL_ERROR_GL, "no name by glGen", 20); }
 TEST(framebuffers) { every_phase(FAKE_FRAMEBUFFER, 0, SBL_ERROR_GL, "framebuffer status", 5); }
 
-/* Lists that the small picture does not need: those that grow with the sensors, and those of sensors stuck inside geometry (a box over a floor,
-   higher by less than sensors stand off their surface, seen through the gap; see test_validity.c). */
+/* Lists that the small picture does not need: those that grow with the sensors, and those of sensors stuck inside
+   geometry (a box over a floor, higher by less than sensors stand off their surface, seen through the gap; see
+   test_validity.c). */
 static void larger_picture(const test_scene *s, const sbl_picture_desc *view, int stuck) {
     sbl_context_desc desc = faulty_desc();
     sbl_scene_desc first = scene_desc(s);
     sbl_context *context;
     int place, before_all = seen.blocks, blocks;
-    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &first) == SBL_SUCCESS && sbl_render_picture(context, view) == SBL_SUCCESS,
+    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &first) == SBL_SUCCESS &&
+                sbl_render_picture(context, view) == SBL_SUCCESS,
             "%s", watch_last(&seen));
-    CHECK((sbl_query_stats(context).sensors.invalid > 0) == stuck, "%d sensors are stuck", (int)sbl_query_stats(context).sensors.invalid);
+    CHECK((sbl_query_stats(context).sensors.invalid > 0) == stuck, "%d sensors are stuck",
+          (int)sbl_query_stats(context).sensors.invalid);
     sbl_end(context);
     blocks = seen.blocks;
-    for (place = 1; place < MOST_PLACES; place += small_mode == SBL_MODE_GI ? 3 : 1) {  /* there are many */
+    for (place = 1; place < MOST_PLACES; place += stride()) {
         sbl_result result;
         seen.refused = 0;
         seen.refuse_at = seen.allocations + place;
         result = sbl_render_picture(context, view);
         seen.refuse_at = 0;
-        CHECK(result == (seen.refused ? SBL_ERROR_OUT_OF_MEMORY : SBL_SUCCESS), "allocation %d: \"%s\"", place, sbl_result_string(result));
+        CHECK(result == (seen.refused ? SBL_ERROR_OUT_OF_MEMORY : SBL_SUCCESS), "allocation %d: \"%s\"", place,
+              sbl_result_string(result));
         sbl_end(context);
         CHECK(seen.blocks == blocks, "allocation %d: %d blocks leaked", place, seen.blocks - blocks);
         if (!seen.refused) break;
     }
     CHECK(place > 10 && place < MOST_PLACES, "%d allocations", place - 1);
     sbl_destroy(context);
-    CHECK(seen.blocks == before_all && fake_live() == 0, "%d blocks and %d GL objects leaked", seen.blocks - before_all, fake_live());
+    CHECK(seen.blocks == before_all && fake_live() == 0, "%d blocks and %d GL objects leaked", seen.blocks - before_all,
+          fake_live());
 }
 
 TEST(allocations_of_larger_pictures) {
@@ -344,7 +416,8 @@ enum { MAP = 8, BAKE_FLOATS = 18 * MAP * MAP };
 static float baked[BAKE_FLOATS];
 
 static void bake_room(test_scene *s) {
-    static const float left[8] = { 0.05f, 0.1f, 0.45f, 0.1f, 0.45f, 0.9f, 0.05f, 0.9f }, right[8] = { 0.55f, 0.1f, 0.95f, 0.1f, 0.95f, 0.9f, 0.55f, 0.9f };
+    static const float left[8] = { 0.05f, 0.1f, 0.45f, 0.1f, 0.45f, 0.9f, 0.05f, 0.9f },
+        right[8] = { 0.55f, 0.1f, 0.95f, 0.1f, 0.95f, 0.9f, 0.55f, 0.9f };
     int material;
     memset(s, 0, sizeof *s);
     material = scene_material(s, 0.5f, 0.5f, 0.5f);
@@ -370,7 +443,8 @@ static sbl_result bake_one(sbl_context *context, int kind) {
         map.options.mode = SBL_MODE_DIRECT;
         result = sbl_bake_lightmap(context, &map);
         for (channel = 0; channel < 6 && result == SBL_SUCCESS; channel++)
-            result = sbl_read_channel(context, channel < 4 ? (sbl_channel)(SBL_CHANNEL_SH_0 + channel) : channel == 4 ? SBL_CHANNEL_FINAL : SBL_CHANNEL_RADIANCE,
+            result = sbl_read_channel(context, channel < 4 ? (sbl_channel)(SBL_CHANNEL_SH_0 + channel) : channel == 4
+                                      ? SBL_CHANNEL_FINAL : SBL_CHANNEL_RADIANCE,
                                       baked + 3 * MAP * MAP * channel, 3 * MAP * MAP);
     } else if (kind == BAKE_VERTICES) {
         sbl_vertices_desc light;
@@ -397,7 +471,8 @@ static sbl_result bake_one(sbl_context *context, int kind) {
 /* Every seventh place, another one of the seven in each run over kinds and faults. */
 TEST(bakes) {
     static const struct { fake_fault fault; GLenum error; sbl_result right; } faults[] = {
-        { FAKE_NONE, 0, SBL_ERROR_OUT_OF_MEMORY }, { FAKE_ERROR, GL_OUT_OF_MEMORY, SBL_ERROR_OUT_OF_MEMORY }, { FAKE_REFUSE, GL_INVALID_OPERATION, SBL_ERROR_GL },
+        { FAKE_NONE, 0, SBL_ERROR_OUT_OF_MEMORY }, { FAKE_ERROR, GL_OUT_OF_MEMORY, SBL_ERROR_OUT_OF_MEMORY },
+        { FAKE_REFUSE, GL_INVALID_OPERATION, SBL_ERROR_GL },
         { FAKE_NO_NAME, 0, SBL_ERROR_GL }, { FAKE_FRAMEBUFFER, 0, SBL_ERROR_GL } };
     static const int strides[] = { 7, 7, 7, 2, 1 };
     static float right[BAKE_FLOATS];
@@ -411,49 +486,59 @@ TEST(bakes) {
         sbl_context *context;
         usage start, end;
         fake_disarm();
-        REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &bare) == SBL_SUCCESS && bake_one(context, kind) == SBL_SUCCESS, "%s",
+        REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &bare) == SBL_SUCCESS &&
+                bake_one(context, kind) == SBL_SUCCESS, "%s",
                 watch_last(&seen));
         memcpy(right, baked, sizeof right);
-        CHECK(bake_one(context, kind) == SBL_SUCCESS && memcmp(baked, right, sizeof right) == 0, "kind %d: it differs", kind);
+        CHECK(bake_one(context, kind) == SBL_SUCCESS && memcmp(baked, right, sizeof right) == 0, "kind %d: it differs",
+              kind);
         for (i = lit = 0; i < BAKE_FLOATS; i++) lit += right[i] > 0;
         CHECK(lit > 20, "kind %d: %d values shine", kind, lit);
         start = usage_take(context);
         for (i = 0; i < (int)(sizeof faults / sizeof *faults); i++)
-            for (place = 1 + (kind + i) % strides[i], last = failed = 0; place < MOST_PLACES && !last; place += strides[i]) {
+            for (place = 1 + (kind + i) % strides[i], last = failed = 0; place < MOST_PLACES && !last; place +=
+                 strides[i]) {
                 sbl_result result;
                 const int replaced = place / strides[i] % 4 == 0;  /* what is made once a scene, too */
                 if (replaced) CHECK(sbl_set_scene(context, &bare) == SBL_SUCCESS, "%s", watch_last(&seen));
                 watch_forget(&seen);
                 gl_state_take(&before);
-                if (faults[i].fault == FAKE_NONE) { seen.refused = 0; seen.refuse_at = seen.allocations + place; }
-                else fake_arm(faults[i].fault, place, faults[i].error);
+                fault_arm(faults[i].fault, place, faults[i].error);
                 result = bake_one(context, kind);
-                last = !(faults[i].fault == FAKE_NONE ? seen.refused : fake.hits);
-                seen.refuse_at = 0;
-                fake_disarm();
+                last = !fault_disarm(faults[i].fault);
                 gl_state_take(&after);
-                CHECK(!gl_state_difference(&before, &after), "kind %d, fault %d at %d left behind: %s", kind, i, place, gl_state_difference(&before, &after));
-                if (result == SBL_SUCCESS) CHECK(memcmp(baked, right, sizeof right) == 0, "kind %d, fault %d at %d: success, but other light", kind, i, place);
-                else CHECK(result == faults[i].right && seen.errors > 0, "kind %d, fault %d at %d: \"%s\", %d messages", kind, i, place, sbl_result_string(result), seen.errors);
+                CHECK(!gl_state_difference(&before, &after), "kind %d, fault %d at %d left behind: %s", kind, i, place,
+                      gl_state_difference(&before, &after));
+                if (result == SBL_SUCCESS)
+                    CHECK(memcmp(baked, right, sizeof right) == 0, "kind %d, fault %d at %d: success, but other light",
+                          kind, i, place);
+                else CHECK(result == faults[i].right && seen.errors > 0, "kind %d, fault %d at %d: \"%s\", %d messages",
+                           kind, i, place, sbl_result_string(result), seen.errors);
                 failed += result != SBL_SUCCESS;
                 result = bake_one(context, kind);
-                CHECK(result == SBL_SUCCESS && memcmp(baked, right, sizeof right) == 0, "kind %d, fault %d at %d: afterwards \"%s\", or other light", kind, i, place,
+                CHECK(result == SBL_SUCCESS && memcmp(baked, right, sizeof right) == 0,
+                      "kind %d, fault %d at %d: afterwards \"%s\", or other light", kind, i, place,
                       sbl_result_string(result));
                 end = usage_take(context);
-                CHECK(start.blocks == end.blocks && start.host == end.host && start.gpu == end.gpu && memcmp(start.objects, end.objects, sizeof end.objects) == 0,
-                      "kind %d, fault %d at %d: in use %d blocks, %.0f and %.0f bytes; before %d, %.0f, %.0f", kind, i, place, end.blocks, (double)end.host,
+                CHECK(start.blocks == end.blocks && start.host == end.host && start.gpu == end.gpu &&
+                      memcmp(start.objects, end.objects, sizeof end.objects) == 0,
+                      "kind %d, fault %d at %d: in use %d blocks, %.0f and %.0f bytes; before %d, %.0f, %.0f", kind, i,
+                      place, end.blocks, (double)end.host,
                       (double)end.gpu, start.blocks, (double)start.host, (double)start.gpu);
-                if (last) CHECK(failed > (faults[i].fault == FAKE_FRAMEBUFFER ? 0 : 2), "kind %d, fault %d: %d failures", kind, i, failed);
+                if (last)
+                    CHECK(failed > (faults[i].fault == FAKE_FRAMEBUFFER ? 0 : 2), "kind %d, fault %d: %d failures",
+                          kind, i, failed);
                 if (test_errors > 20) break;
             }
         sbl_destroy(context);
     }
-    CHECK(seen.blocks == blocks && fake_live() == 0, "%d blocks and %d GL objects leaked", seen.blocks - blocks, fake_live());
+    CHECK(seen.blocks == blocks && fake_live() == 0, "%d blocks and %d GL objects leaked", seen.blocks - blocks,
+          fake_live());
     scene_free(&room);
 }
 
-/* A scene past what buffer textures hold has programs of its own, compiled when its first picture needs them. Whatever fails there, the next try
-   succeeds, and so does the scene before. */
+/* A scene past what buffer textures hold has programs of its own, compiled when its first picture needs them. Whatever
+   fails there, the next try succeeds, and so does the scene before. */
 TEST(scene_programs) {
     static const struct { fake_fault fault; GLenum error; sbl_result right; int least; } faults[] = {
         { FAKE_COMPILE, 0, SBL_ERROR_GL, 3 }, { FAKE_LINK, 0, SBL_ERROR_GL, 3 }, { FAKE_NO_NAME, 0, SBL_ERROR_GL, 10 },
@@ -473,23 +558,28 @@ TEST(scene_programs) {
             sbl_result result;
             fake_disarm();
             REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &fits) == SBL_SUCCESS &&
-                    sbl_render_picture(context, &view) == SBL_SUCCESS && sbl_set_scene(context, &past) == SBL_SUCCESS, "%s", watch_last(&seen));
+                        sbl_render_picture(context, &view) == SBL_SUCCESS &&
+                        sbl_set_scene(context, &past) == SBL_SUCCESS,
+                    "%s", watch_last(&seen));
             watch_forget(&seen);
             fake_arm(faults[i].fault, place, faults[i].error);
             result = sbl_render_picture(context, &view);
             last = !fake.hits;
             fake_disarm();
-            CHECK(result == (last ? SBL_SUCCESS : faults[i].right), "fault %d at %d: \"%s\"", i, place, sbl_result_string(result));
+            CHECK(result == (last ? SBL_SUCCESS : faults[i].right), "fault %d at %d: \"%s\"", i, place,
+                  sbl_result_string(result));
             CHECK(last || seen.errors > 0, "fault %d at %d: no message", i, place);
             CHECK(!last || place > faults[i].least, "fault %d could strike at %d places only", i, place - 1);
             CHECK(small_render(context, &view, &picture) == SBL_SUCCESS && (!known || small_same(&picture, &of_past)),
                   "fault %d at %d: afterwards the picture fails or differs", i, place);
             if (!known) of_past = picture;
             known = 1;
-            CHECK(sbl_set_scene(context, &fits) == SBL_SUCCESS && small_render(context, &view, &picture) == SBL_SUCCESS &&
+            CHECK(sbl_set_scene(context, &fits) == SBL_SUCCESS && small_render(context, &view, &picture) ==
+                  SBL_SUCCESS &&
                   small_same(&picture, &expected), "fault %d at %d: the former scene's picture differs", i, place);
             sbl_destroy(context);
-            CHECK(fake_live() == 0 && fake.strangers == 0, "fault %d at %d: %d GL objects leaked, %d strangers deleted", i, place, fake_live(),
+            CHECK(fake_live() == 0 && fake.strangers == 0, "fault %d at %d: %d GL objects leaked, %d strangers deleted",
+                  i, place, fake_live(),
                   fake.strangers);
         }
     fake.most_texels = 0;
@@ -516,8 +606,9 @@ TEST(too_few_texture_units) {
             if (!least) least = fake.units;
         } else {
             CHECK(result == SBL_ERROR_UNSUPPORTED && !least, "%d units: \"%s\"", fake.units, sbl_result_string(result));
-            CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the program \"", "textures", "texture units"), "%d units: %s", fake.units,
-                  watch_last(&seen));
+            CHECK(
+                watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "the program \"", "textures", "texture units"),
+                "%d units: %s", fake.units, watch_last(&seen));
             refused++;
         }
         sbl_destroy(context);
@@ -525,7 +616,8 @@ TEST(too_few_texture_units) {
     }
     fake.units = 0;
     printf("  a picture needs %d texture units\n", least);
-    CHECK(least > 4 && least <= inside_guard_units() && refused == least - 1, "%d units suffice, %d refusals", least, refused);
+    CHECK(least > 4 && least <= inside_guard_units() && refused == least - 1, "%d units suffice, %d refusals", least,
+          refused);
 }
 
 /* >>sbl_create */
@@ -534,39 +626,43 @@ static void every_creation(fake_fault fault, GLenum error, sbl_result right, con
     sbl_context_desc desc = faulty_desc();
     int place, blocks = seen.blocks;
     desc.compile_ahead = 1;
-    for (place = 1; place < MOST_PLACES; place += small_mode == SBL_MODE_GI ? 3 : 1) {  /* there are many */
+    for (place = 1; place < MOST_PLACES; place += stride()) {
         sbl_context *context = (sbl_context *)&seen;
         sbl_result result;
         int hit;
         watch_forget(&seen);
         gl_state_take(&before);
-        if (fault == FAKE_NONE) { seen.refused = 0; seen.refuse_at = seen.allocations + place; }
-        else fake_arm(fault, place, error);
+        fault_arm(fault, place, error);
         result = sbl_create(&desc, &context);
-        hit = fault == FAKE_NONE ? seen.refused : fake.hits;
-        seen.refuse_at = 0;
-        fake_disarm();
+        hit = fault_disarm(fault);
         gl_state_take(&after);
-        CHECK(!gl_state_difference(&before, &after), "%s %d left behind: %s", name, place, gl_state_difference(&before, &after));
+        CHECK(!gl_state_difference(&before, &after), "%s %d left behind: %s", name, place,
+              gl_state_difference(&before, &after));
         if (result == SBL_SUCCESS) {  /* then all must work */
             sbl_scene_desc desc_of_scene = scene_desc(&scene);
             sbl_picture_desc view = small_view();
-            CHECK(sbl_set_scene(context, &desc_of_scene) == SBL_SUCCESS && small_render(context, &view, &picture) == SBL_SUCCESS &&
+            CHECK(sbl_set_scene(context, &desc_of_scene) == SBL_SUCCESS && small_render(context, &view, &picture) ==
+                  SBL_SUCCESS &&
                   small_same(&picture, &expected),
                   "%s %d: sbl_create gives success, but the context does not work: %s", name, place, watch_last(&seen));
             sbl_destroy(context);
         } else {
-            CHECK(result == right, "%s %d: \"%s\", expected \"%s\"", name, place, sbl_result_string(result), sbl_result_string(right));
+            CHECK(result == right, "%s %d: \"%s\", expected \"%s\"", name, place, sbl_result_string(result),
+                  sbl_result_string(right));
             CHECK(context == NULL, "%s %d: a context came out", name, place);
             CHECK(seen.errors > 0, "%s %d fails without a message", name, place);
             if (fault == FAKE_LOOKUP)
-                CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_FUNCTION_MISSING, fake.lookup, NULL, NULL), "nothing is said about %s: %s",
+                CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_FUNCTION_MISSING, fake.lookup, NULL, NULL),
+                      "nothing is said about %s: %s",
                       fake.lookup, watch_last(&seen));
         }
         if (fault == FAKE_LOOKUP && hit)
-            CHECK((result == SBL_SUCCESS) == inside_gl_is_optional(fake.lookup), "without %s: \"%s\"", fake.lookup, sbl_result_string(result));
-        CHECK(seen.blocks == blocks && seen.strangers == 0, "%s %d: %d blocks leaked", name, place, seen.blocks - blocks);
-        CHECK(fake_live() == 0 && fake.strangers == 0, "%s %d: %d GL objects leaked, %d strangers deleted", name, place, fake_live(), fake.strangers);
+            CHECK((result == SBL_SUCCESS) == inside_gl_is_optional(fake.lookup), "without %s: \"%s\"", fake.lookup,
+                  sbl_result_string(result));
+        CHECK(seen.blocks == blocks && seen.strangers == 0, "%s %d: %d blocks leaked", name, place,
+              seen.blocks - blocks);
+        CHECK(fake_live() == 0 && fake.strangers == 0, "%s %d: %d GL objects leaked, %d strangers deleted", name, place,
+              fake_live(), fake.strangers);
         if (!hit) break;
     }
     CHECK(place > least && place < MOST_PLACES, "%s could strike at %d places only", name, place - 1);
@@ -610,8 +706,10 @@ TEST(create_with_answers_that_are_no_functions) {
     desc.get_gl_function = answering_proc;
     for (answer = -1; answer <= 3; answer++) {
         watch_forget(&seen);
-        CHECK(sbl_create(&desc, &context) == SBL_ERROR_UNSUPPORTED && !context, "%d is taken for a function", (int)answer);
-        CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_FUNCTION_MISSING, "glCreateShader", NULL, NULL), "%d: %s", (int)answer, watch_last(&seen));
+        CHECK(sbl_create(&desc, &context) == SBL_ERROR_UNSUPPORTED && !context, "%d is taken for a function",
+              (int)answer);
+        CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_FUNCTION_MISSING, "glCreateShader", NULL, NULL),
+              "%d: %s", (int)answer, watch_last(&seen));
     }
 }
 
@@ -627,7 +725,8 @@ static sbl_gl_function idle_proc(const char *name, void *user) {
 
 TEST(create_with_a_driver_that_draws_nothing) {
     static const struct { const char *function, *words; uint32_t disabled; } ways[] = {
-        { "glDrawArrays", "does not draw a known triangle", 0 }, { "glDrawArrays", "does not draw a known triangle", SBL_CAPABILITY_ALL },
+        { "glDrawArrays", "does not draw a known triangle", 0 },
+        { "glDrawArrays", "does not draw a known triangle", SBL_CAPABILITY_ALL },
         { "glDispatchCompute", "traces a known ray", 0 } };
     sbl_context_desc desc = faulty_desc();
     sbl_context *context;
@@ -640,15 +739,22 @@ TEST(create_with_a_driver_that_draws_nothing) {
         desc.disabled = ways[i].disabled;
         watch_forget(&seen);
         result = sbl_create(&desc, &context);
-        if (i == 2 && result == SBL_SUCCESS && !(sbl_query_capabilities(context).available & SBL_CAPABILITY_COMPUTE)) { sbl_destroy(context); continue; }
-        CHECK(result == SBL_ERROR_GL && strstr(watch_last(&seen), ways[i].words) && strstr(watch_last(&seen), (const char *)gl.GetString(GL_RENDERER)),
+        if (i == 2 && result == SBL_SUCCESS && !(sbl_query_capabilities(context).available & SBL_CAPABILITY_COMPUTE)) {
+            sbl_destroy(context);
+            continue;
+        }
+        CHECK(result == SBL_ERROR_GL && strstr(watch_last(&seen), ways[i].words) &&
+              strstr(watch_last(&seen), (const char *)gl.GetString(GL_RENDERER)),
               "without %s: \"%s\", \"%s\"", ways[i].function, sbl_result_string(result), watch_last(&seen));
     }
-    CHECK(seen.blocks == blocks && fake_live() == 0, "%d blocks and %d GL objects leaked", seen.blocks - blocks, fake_live());
+    CHECK(seen.blocks == blocks && fake_live() == 0, "%d blocks and %d GL objects leaked", seen.blocks - blocks,
+          fake_live());
 }
 
 TEST(create_old_gl) {
-    static const struct { const char *version; int major, minor; } old[] = { { "2.1 Mesa", 2, 1 }, { "3.2 (Core Profile)", 3, 2 }, { "OpenGL ES 3.2 Mesa", 3, 2 }, { "OpenGL ES 4.6", 4, 6 } };
+    static const struct { const char *version; int major, minor;
+        } old[] = { { "2.1 Mesa", 2, 1 }, { "3.2 (Core Profile)", 3, 2 }, { "OpenGL ES 3.2 Mesa", 3, 2 },
+            { "OpenGL ES 4.6", 4, 6 } };
     sbl_context_desc desc = faulty_desc();
     sbl_context *context = NULL;
     int i, blocks = seen.blocks;
@@ -658,11 +764,13 @@ TEST(create_old_gl) {
         fake.minor = old[i].minor;
         watch_forget(&seen);
         CHECK(sbl_create(&desc, &context) == SBL_ERROR_UNSUPPORTED && !context, "\"%s\" is accepted", old[i].version);
-        CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_NO_GL, old[i].version, "3.3", NULL), "\"%s\": %s", old[i].version, watch_last(&seen));
+        CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_NO_GL, old[i].version, "3.3", NULL), "\"%s\": %s",
+              old[i].version, watch_last(&seen));
     }
     fake.version = NULL;
     fake.major = fake.minor = 0;
-    CHECK(seen.blocks == blocks && fake_live() == 0, "%d blocks and %d GL objects leaked", seen.blocks - blocks, fake_live());
+    CHECK(seen.blocks == blocks && fake_live() == 0, "%d blocks and %d GL objects leaked", seen.blocks - blocks,
+          fake_live());
 }
 
 /* A driver error that never ends, as a lost context reports it. */
@@ -696,15 +804,19 @@ static int references(sbl_backend backend) {
     view = small_view();
     fake_disarm();
     if (sbl_create(&desc, &context) != SBL_SUCCESS) return 0;
-    good = sbl_set_scene(context, &first) == SBL_SUCCESS && small_render(context, &view,
-        &expected) == SBL_SUCCESS && sbl_query_stats(context).backend == backend &&
-           sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &expected_sensor, expected_radiance, expected_weights, 64 * 64) == SBL_SUCCESS &&
-           expected_sensor.ray_count > 0 && expected_sensor.ray_count <= 2048 && expected_sensor.lamp_count > 0 && expected_sensor.lamp_count <= 64 &&
-           small_gather(context) == SBL_SUCCESS && memcpy(expected_readings, readings, sizeof readings) && readings[0].radiance[0] > 0 && readings[2].back_share > 0.5f &&
+    good = sbl_set_scene(context, &first) == SBL_SUCCESS && small_render(context, &view, &expected) == SBL_SUCCESS &&
+           sbl_query_stats(context).backend == backend &&
+           sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &expected_sensor, expected_radiance,
+                              expected_weights, 64 * 64) == SBL_SUCCESS &&
+           expected_sensor.ray_count > 0 && expected_sensor.ray_count <= 2048 && expected_sensor.lamp_count > 0 &&
+           expected_sensor.lamp_count <= 64 && small_gather(context) == SBL_SUCCESS &&
+           memcpy(expected_readings, readings, sizeof readings) && readings[0].radiance[0] > 0 &&
+           readings[2].back_share > 0.5f &&
            memcpy(expected_rays, expected_sensor.rays, (size_t)expected_sensor.ray_count * sizeof *expected_rays) &&
            memcpy(expected_lamps, expected_sensor.lamps, (size_t)expected_sensor.lamp_count * sizeof *expected_lamps) &&
            scene_bounds(context, bounds[0], bounds[1]) && sbl_set_scene(context, &other) == SBL_SUCCESS &&
-           small_render(context, &view, &expected_moved) == SBL_SUCCESS && small_plausible(&expected) && !small_same(&expected, &expected_moved);
+           small_render(context, &view, &expected_moved) == SBL_SUCCESS && small_plausible(&expected) &&
+           !small_same(&expected, &expected_moved);
     sbl_destroy(context);
     return good && fake.made >= 20 && fake_live() == 0;
 }
@@ -712,7 +824,10 @@ static int references(sbl_backend backend) {
 int main(void) {
     if (!gl_host_open()) { printf("no GL context\n"); return 1; }
     scenes_make();
-    if (!references(SBL_BACKEND_RASTER)) { printf("without faults: %s; %d GL objects made, %d left\n", watch_last(&seen), fake.made, fake_live()); return 1; }
+    if (!references(SBL_BACKEND_RASTER)) {
+        printf("without faults: %s; %d GL objects made, %d left\n", watch_last(&seen), fake.made, fake_live());
+        return 1;
+    }
     RUN(create_functions_missing);
     RUN(create_allocations);
     RUN(create_no_names);
@@ -732,7 +847,10 @@ int main(void) {
     RUN(framebuffers);
     RUN(allocations_of_larger_pictures);
     printf("traced:\n");
-    if (!references(SBL_BACKEND_TRACE)) { printf("without faults: %s; %d GL objects made, %d left\n", watch_last(&seen), fake.made, fake_live()); return 1; }
+    if (!references(SBL_BACKEND_TRACE)) {
+        printf("without faults: %s; %d GL objects made, %d left\n", watch_last(&seen), fake.made, fake_live());
+        return 1;
+    }
     RUN(allocations);
     RUN(calls_out_of_memory);
     RUN(calls_invalid);
@@ -747,7 +865,10 @@ int main(void) {
     RUN(bakes);
     printf("with bounced light:\n");
     small_mode = SBL_MODE_GI;
-    if (!references(SBL_BACKEND_TRACE)) { printf("without faults: %s; %d GL objects made, %d left\n", watch_last(&seen), fake.made, fake_live()); return 1; }
+    if (!references(SBL_BACKEND_TRACE)) {
+        printf("without faults: %s; %d GL objects made, %d left\n", watch_last(&seen), fake.made, fake_live());
+        return 1;
+    }
     RUN(allocations);
     RUN(calls_out_of_memory);
     RUN(no_names);
@@ -757,7 +878,10 @@ int main(void) {
 wide:
     printf("traced, the scene past what buffer textures hold:\n");
     fake.most_texels = 50;
-    if (!references(SBL_BACKEND_TRACE)) { printf("without faults: %s; %d GL objects made, %d left\n", watch_last(&seen), fake.made, fake_live()); return 1; }
+    if (!references(SBL_BACKEND_TRACE)) {
+        printf("without faults: %s; %d GL objects made, %d left\n", watch_last(&seen), fake.made, fake_live());
+        return 1;
+    }
     RUN(calls_out_of_memory);
     RUN(no_names);
     scene_free(&scene);

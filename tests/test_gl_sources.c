@@ -1,5 +1,5 @@
-/* What goes in and comes out as GL objects. Meshes from GL buffers and textures from GL names give the same picture, bit for bit, as the same bytes
-   from client memory; a channel's texture holds what sbl_read_channel gives. */
+/* What goes in and comes out as GL objects. Meshes from GL buffers and textures from GL names give the same picture,
+   bit for bit, as the same bytes from client memory; a channel's texture holds what sbl_read_channel gives. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -67,8 +67,10 @@ TEST(gl_objects_are_as_good_as_arrays) {
         scene_free(&s);
     }
     for (i = 0; i < 32 * 24 * 3 && pictures[0][i] == pictures[1][i];) i++;
-    CHECK(i == 32 * 24 * 3, "float %d is %g from arrays, %g from GL objects", i, (double)pictures[0][i % 2304], (double)pictures[1][i % 2304]);
-    CHECK(memcmp(pictures[1], pictures[2], sizeof(float) * 32 * 24 * 3) != 0, "what the buffer holds makes no difference");
+    CHECK(i == 32 * 24 * 3, "float %d is %g from arrays, %g from GL objects", i, (double)pictures[0][i % 2304],
+          (double)pictures[1][i % 2304]);
+    CHECK(memcmp(pictures[1], pictures[2], sizeof(float) * 32 * 24 * 3) != 0,
+          "what the buffer holds makes no difference");
     for (kind = 0; kind < 3; kind++) free(pictures[kind]);
 }
 
@@ -84,7 +86,8 @@ static int compare_channels(const char *when) {
         const GLuint name = sbl_channel_texture(context, (sbl_channel)channel);
         GLint size[2] = { 0, 0 };
         int i, k, wrong = 0;
-        CHECK((name != 0) == (result == SBL_SUCCESS), "%s, channel %d: texture %u, reading gives %s", when, channel, name, sbl_result_string(result));
+        CHECK((name != 0) == (result == SBL_SUCCESS), "%s, channel %d: texture %u, reading gives %s", when, channel,
+              name, sbl_result_string(result));
         if (!name) continue;
         shown++;
         gl.BindTexture(GL_TEXTURE_2D, name);
@@ -95,10 +98,12 @@ static int compare_channels(const char *when) {
             for (i = 0; i < PIXELS; i++) held[4 * i] = (float)ids[i];
         } else if (size[0] == 32 && size[1] == 24) more_gl.GetTexImage(GL_TEXTURE_2D, 0, GL_RGBA, GL_FLOAT, held);
         gl.BindTexture(GL_TEXTURE_2D, 0);
-        CHECK(size[0] == 32 && size[1] == 24 && gl.GetError() == GL_NO_ERROR, "%s, channel %d: a texture of %d x %d", when, channel, size[0], size[1]);
+        CHECK(size[0] == 32 && size[1] == 24 && gl.GetError() == GL_NO_ERROR, "%s, channel %d: a texture of %d x %d",
+              when, channel, size[0], size[1]);
         for (i = 0; i < PIXELS; i++)
             for (k = 0; k < components; k++) wrong += !(held[4 * i + k] == read[components * i + k]);
-        CHECK(wrong == 0, "%s, channel %d: %d of %d floats differ between texture and reading", when, channel, wrong, PIXELS * components);
+        CHECK(wrong == 0, "%s, channel %d: %d of %d floats differ between texture and reading", when, channel, wrong,
+              PIXELS * components);
     }
     return shown;
 }
@@ -114,12 +119,14 @@ TEST(textures_hold_the_channels) {
     scene_quad(&s, scene_lamp(&s, 9, 8, 7), -0.2f, 1, -0.2f, 0.2f, 1, -0.2f, 0.2f, 1, 0.2f, -0.2f, 1, 0.2f);
     scene_sky(&s, 0.1f, 0.2f, 0.3f);
     desc = scene_desc(&s);
-    REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_begin_picture(context, &view) == SBL_SUCCESS, "no scene");
+    REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_begin_picture(context, &view) == SBL_SUCCESS,
+            "no scene");
     for (steps = 0; result == SBL_UNFINISHED && steps < 100000; steps++) {
         result = sbl_step(context, 1e-9);
         if (result == SBL_UNFINISHED && steps % 16 == 0) shown += compare_channels("under way");
     }
-    CHECK(result == SBL_SUCCESS && shown > SBL_CHANNEL_COUNT, "%d channels were seen under way: %s", shown, sbl_result_string(result));
+    CHECK(result == SBL_SUCCESS && shown > SBL_CHANNEL_COUNT, "%d channels were seen under way: %s", shown,
+          sbl_result_string(result));
     CHECK(compare_channels("finished") == SBL_CHANNEL_COUNT, "channels without a texture");
     scene_free(&s);
 }

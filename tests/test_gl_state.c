@@ -1,6 +1,7 @@
-/* What sbl.h leaves behind in a host's GL context: nothing. All state is compared before and after every function, on success, failure and cancel,
-   once with GL's defaults and once with values that no program has by accident; the pictures of both are the same, bit for bit.
-   And contexts side by side, in one GL context and headless ones: none disturbs another. */
+/* What sbl.h leaves behind in a host's GL context: nothing. All state is compared before and after every function, on
+   success, failure and cancel, once with GL's defaults and once with values that no program has by accident; the
+   pictures of both are the same, bit for bit. And contexts side by side, in one GL context and headless ones: none
+   disturbs another. */
 #include <EGL/egl.h>
 #include <string.h>
 #include "../sbl.h"
@@ -37,10 +38,11 @@ static const char *situation = "";
         CHECK(!difference_, "%s%s left behind: %s", #call, situation, difference_ ? difference_ : ""); \
     } while (0)
 
-#define GIVES(call, right) do {                                                                      \
-        sbl_result result_ = SBL_RESULT_COUNT;                                                       \
-        KEPT(result_ = (call));                                                                      \
-        CHECK(result_ == (right), "%s%s gives \"%s\", expected \"%s\": %s", #call, situation, sbl_result_string(result_), sbl_result_string(right), watch_last(&seen)); \
+#define GIVES(call, right) do {                                                               \
+        sbl_result result_ = SBL_RESULT_COUNT;                                                \
+        KEPT(result_ = (call));                                                               \
+        CHECK(result_ == (right), "%s%s gives \"%s\", expected \"%s\": %s", #call, situation, \
+              sbl_result_string(result_), sbl_result_string(right), watch_last(&seen));       \
     } while (0)
 
 /* >>the host's scene: positions and indices of one mesh in GL buffers, one texture a GL texture */
@@ -48,7 +50,8 @@ static const char *situation = "";
 typedef struct host_scene { test_scene small; GLuint buffers[2], texture; sbl_scene_desc desc; } host_scene;
 
 static void host_scene_make(host_scene *h) {
-    static const unsigned char texels[4 * 4] = { 255, 128, 0, 255, 0, 128, 255, 255, 90, 180, 45, 255, 200, 200, 10, 255 };
+    static const unsigned char texels[4 * 4] = { 255, 128, 0, 255, 0, 128, 255, 255, 90, 180, 45, 255, 200, 200, 10,
+        255 };
     static const float corners[12] = { -1, 0.2f, -1, -1, 0.4f, 1, 1, 0.4f, 1, 1, 0.2f, -1 };
     static const uint16_t quad[6] = { 0, 1, 2, 0, 2, 3 };
     sbl_mesh *m;
@@ -81,7 +84,8 @@ static host_scene scene;
 
 static int cancel_second(float done, void *user) { (void)done; return ++*(int *)user == 2; }
 
-/* Every function that touches GL, in every way that it can end. The pictures are the last good ones of the two back ends. */
+/* Every function that touches GL, in every way that it can end. The pictures are the last good ones of the two back
+   ends. */
 static void every_function(small_picture *picture, small_picture *traced) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = small_view(), bad = small_view();
@@ -105,7 +109,7 @@ static void every_function(small_picture *picture, small_picture *traced) {
     fake_arm(FAKE_LOOKUP, 20, 0);
     GIVES(sbl_create(&desc, &context), SBL_ERROR_UNSUPPORTED);
     fake_disarm();
-    seen.refuse_at = seen.allocations + 1;
+    watch_refuse(&seen, 1);
     GIVES(sbl_create(&desc, &context), SBL_ERROR_OUT_OF_MEMORY);
     desc.compile_ahead = 0;
     GIVES(sbl_create(&desc, &context), SBL_SUCCESS);
@@ -126,18 +130,16 @@ static void every_function(small_picture *picture, small_picture *traced) {
         fake_arm(FAKE_REFUSE, i, GL_OUT_OF_MEMORY);
         KEPT(result = sbl_set_scene(context, &scene.desc));
         if (!fake.hits) break;
-        CHECK(result == SBL_ERROR_OUT_OF_MEMORY, "sbl_set_scene, refusal %d%s: \"%s\"", i, situation, sbl_result_string(result));
+        CHECK(result == SBL_ERROR_OUT_OF_MEMORY, "sbl_set_scene, refusal %d%s: \"%s\"", i, situation,
+              sbl_result_string(result));
     }
     CHECK(i > 5 && i < 1000, "%d refusals of sbl_set_scene", i);
     for (i = 1; i < 1000; i++) {  /* and at which the allocator can */
         sbl_result result = SBL_RESULT_COUNT;
-        seen.refused = 0;
-        seen.refuse_at = seen.allocations + i;
+        watch_refuse(&seen, i);
         KEPT(result = sbl_set_scene(context, &scene.desc));
-        if (!seen.refused) break;
-        CHECK(result == SBL_ERROR_OUT_OF_MEMORY, "sbl_set_scene, allocation %d%s: \"%s\"", i, situation, sbl_result_string(result));
+        if (!watch_refused(&seen, i, result)) break;
     }
-    seen.refuse_at = 0;
     fake_disarm();
 
     GIVES(sbl_set_mesh_transform(context, -1, moved), SBL_ERROR_INVALID_ARGUMENT);
@@ -186,8 +188,10 @@ static void every_function(small_picture *picture, small_picture *traced) {
     }
     fake_disarm();
     GIVES(sbl_render_picture(context, &view), SBL_SUCCESS);
-    CHECK(small_read(context, traced) == SBL_SUCCESS, "the traced picture%s cannot be read: %s", situation, watch_last(&seen));
-    GIVES(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, weights, 64 * 64), SBL_SUCCESS);
+    CHECK(small_read(context, traced) == SBL_SUCCESS, "the traced picture%s cannot be read: %s", situation,
+          watch_last(&seen));
+    GIVES(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, weights, 64 * 64),
+          SBL_SUCCESS);
     view = small_view();
 
     GIVES(sbl_begin_picture(context, &view), SBL_SUCCESS);
@@ -205,19 +209,23 @@ static void every_function(small_picture *picture, small_picture *traced) {
         KEPT(name = sbl_channel_texture(context, (sbl_channel)channel));
         CHECK(name != 0, "channel %d has no texture%s", channel, situation);
     }
-    GIVES(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, weights, 64 * 64), SBL_SUCCESS);
+    GIVES(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, weights, 64 * 64),
+          SBL_SUCCESS);
     GIVES(sbl_inspect_sensor(context, -1, 0, &sensor, radiance, weights, 64 * 64), SBL_ERROR_INVALID_ARGUMENT);
     fake_arm(FAKE_REFUSE, 2, GL_OUT_OF_MEMORY);
-    GIVES(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, weights, 64 * 64), SBL_ERROR_OUT_OF_MEMORY);
+    GIVES(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, weights, 64 * 64),
+          SBL_ERROR_OUT_OF_MEMORY);
     fake_disarm();
 
     gl.Enable(0xdead);  /* an error that the host left behind */
     GIVES(sbl_render_picture(context, &view), SBL_SUCCESS);
     CHECK(gl.GetError() == GL_NO_ERROR, "sbl_render%s leaves a GL error", situation);
-    CHECK(small_read(context, picture) == SBL_SUCCESS, "the picture%s cannot be read: %s", situation, watch_last(&seen));
+    CHECK(small_read(context, picture) == SBL_SUCCESS, "the picture%s cannot be read: %s", situation,
+          watch_last(&seen));
     KEPT(sbl_destroy(context));
     CHECK(seen.blocks == start && seen.strangers == 0, "%d blocks leaked%s", seen.blocks - start, situation);
-    CHECK(fake_live() == 0 && fake.strangers == 0, "%d GL objects leaked, %d others deleted%s", fake_live(), fake.strangers, situation);
+    CHECK(fake_live() == 0 && fake.strangers == 0, "%d GL objects leaked, %d others deleted%s", fake_live(),
+          fake.strangers, situation);
 }
 
 static small_picture by_default[2], by_odd[2];
@@ -225,7 +233,8 @@ static small_picture by_default[2], by_odd[2];
 TEST(default_state) {
     situation = ", GL's state being the default,";
     every_function(&by_default[0], &by_default[1]);
-    CHECK(small_plausible(&by_default[0]) && small_plausible(&by_default[1]) && !small_same(&by_default[0], &by_default[1]),
+    CHECK(small_plausible(&by_default[0]) && small_plausible(&by_default[1]) &&
+          !small_same(&by_default[0], &by_default[1]),
           "the picture is of one colour, or holds NaN");
 }
 
@@ -252,8 +261,10 @@ TEST(unusual_state) {
     CHECK(left == 0, "%d values are still the default", left);
     situation = ", GL's state being unusual,";
     every_function(&by_odd[0], &by_odd[1]);
-    CHECK(small_same(&by_default[0], &by_odd[0]) && small_same(&by_default[1], &by_odd[1]), "the host's state changes the picture");
-    CHECK(gl_odd_changed(&odd) == 0, "the contents of %d of the host's buffers and framebuffers have changed", gl_odd_changed(&odd));
+    CHECK(small_same(&by_default[0], &by_odd[0]) && small_same(&by_default[1], &by_odd[1]),
+          "the host's state changes the picture");
+    CHECK(gl_odd_changed(&odd) == 0, "the contents of %d of the host's buffers and framebuffers have changed",
+          gl_odd_changed(&odd));
     gl_state_odd(&odd);
 }
 
@@ -274,15 +285,20 @@ TEST(one_by_one) {
             small_render(context, &view, &alone[0]) == SBL_SUCCESS, "%s", watch_last(&seen));
     view.options.backend = SBL_BACKEND_TRACE;
     REQUIRE(small_render(context, &view, &alone[1]) == SBL_SUCCESS, "%s", watch_last(&seen));
-    CHECK(small_same(&alone[0], &by_default[0]) && small_same(&alone[1], &by_default[1]), "another GL context gives another picture");
+    CHECK(small_same(&alone[0], &by_default[0]) && small_same(&alone[1], &by_default[1]),
+          "another GL context gives another picture");
     gl.GenSamplers(1, &sampler);
     gl.SamplerParameteri(sampler, GL_TEXTURE_MIN_FILTER, GL_LINEAR_MIPMAP_LINEAR);
     for (i = 0; i < GL_STATE__COUNT(gl_state__switches) + 7; i++) {
         int n = i - GL_STATE__COUNT(gl_state__switches);
-        const char *name = n < 0 ? gl_state__switches[i].name : n == 0 ? "FRONT_FACE" : n == 1 ? "PROVOKING_VERTEX" : n == 2 ? "CLIP_CONTROL" : n == 3 ? "POLYGON_MODE" :
+        const char *name = n < 0 ? gl_state__switches[i].name : n == 0 ? "FRONT_FACE" : n == 1 ? "PROVOKING_VERTEX"
+            : n == 2 ? "CLIP_CONTROL" : n == 3 ? "POLYGON_MODE" :
                            n == 4 ? "DEPTH_RANGE" : n == 5 ? "DEPTH_MASK" : "a sampler";
         if (n < 0 && gl_state__switches[i].version > more_gl.version) continue;
-        if (n < 0) { if (gl.IsEnabled(gl_state__switches[i].id)) gl.Disable(gl_state__switches[i].id); else gl.Enable(gl_state__switches[i].id); }
+        if (n < 0) {
+            if (gl.IsEnabled(gl_state__switches[i].id)) gl.Disable(gl_state__switches[i].id);
+            else gl.Enable(gl_state__switches[i].id);
+        }
         if (n == 0) gl.FrontFace(GL_CW);
         if (n == 1) more_gl.ProvokingVertex(GL_FIRST_VERTEX_CONVENTION);
         if (n == 2 && more_gl.ClipControl) more_gl.ClipControl(GL_UPPER_LEFT, GL_ZERO_TO_ONE);
@@ -296,7 +312,10 @@ TEST(one_by_one) {
             CHECK(small_same(&picture, &alone[way]), "%s changes the %s picture", name, way ? "traced" : "rasterised");
         }
         KEPT(sbl_set_scene(context, &scene.desc));
-        if (n < 0) { if (gl.IsEnabled(gl_state__switches[i].id)) gl.Disable(gl_state__switches[i].id); else gl.Enable(gl_state__switches[i].id); }
+        if (n < 0) {
+            if (gl.IsEnabled(gl_state__switches[i].id)) gl.Disable(gl_state__switches[i].id);
+            else gl.Enable(gl_state__switches[i].id);
+        }
         gl.FrontFace(GL_CCW);
         more_gl.ProvokingVertex(GL_LAST_VERTEX_CONVENTION);
         if (more_gl.ClipControl) more_gl.ClipControl(GL_LOWER_LEFT, GL_NEGATIVE_ONE_TO_ONE);
@@ -340,9 +359,12 @@ static GLuint shape_texture(GLint internal, GLsizei size, GLenum format, GLenum 
 
 /* Returns the program; 0 where it does not compile. */
 static GLuint shape_make(void) {
-    static const float corners[3][5] = { { -0.8f, -0.7f, 1, 0.3f, 0.2f }, { 0.9f, -0.5f, 0.2f, 1, 0.3f }, { 0.1f, 0.9f, 0.3f, 0.4f, 1 } };
-    static const unsigned char checks[2][4][3] = { { { 255, 255, 255 }, { 160, 160, 160 } }, { { 160, 160, 160 }, { 255, 255, 255 } } };
-    GLuint program = host_gl_program("test", "", shape_vertex, shape_fragment), framebuffer, array, buffer, sampler, color, depth;
+    static const float corners[3][5] = { { -0.8f, -0.7f, 1, 0.3f, 0.2f }, { 0.9f, -0.5f, 0.2f, 1, 0.3f },
+        { 0.1f, 0.9f, 0.3f, 0.4f, 1 } };
+    static const unsigned char checks[2][4][3] = { { { 255, 255, 255 }, { 160, 160, 160 } },
+        { { 160, 160, 160 }, { 255, 255, 255 } } };
+    GLuint program = host_gl_program("test", "", shape_vertex, shape_fragment), framebuffer, array, buffer, sampler,
+        color, depth;
     color = shape_texture(GL_RGBA8, SHAPE, GL_RGBA, GL_UNSIGNED_BYTE, NULL);
     depth = shape_texture(GL_DEPTH24_STENCIL8, SHAPE, GL_DEPTH_STENCIL, GL_UNSIGNED_INT_24_8, NULL);
     gl.GenFramebuffers(1, &framebuffer);
@@ -453,7 +475,8 @@ static void make_mess(const sbl_draw_view *v, void *user) {
         gl.GenBuffers(1, &m->objects[1]);
         gl.GenVertexArrays(1, &m->objects[2]);
         gl.GenSamplers(1, &m->objects[3]);
-        m->objects[4] = host_gl_program("test", "", "void main() { gl_Position = vec4(0); }\n", "out vec4 color; void main() { color = vec4(1); }\n");
+        m->objects[4] = host_gl_program("test", "", "void main() { gl_Position = vec4(0); }\n",
+                                        "out vec4 color; void main() { color = vec4(1); }\n");
     }
     gl.UseProgram(m->objects[4]);
     gl.BindVertexArray(m->objects[2]);
@@ -506,7 +529,8 @@ TEST(draw_callback_that_puts_nothing_back) {
     with.draw = make_mess;
     with.draw_user = &m;
     for (i = 0; i < 3; i++) { with.draw_bounds[0][i] = -1; with.draw_bounds[1][i] = 1; }
-    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &with) == SBL_SUCCESS, "%s", watch_last(&seen));
+    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &with) == SBL_SUCCESS, "%s",
+            watch_last(&seen));
     CHECK(small_render(context, &view, &polite) == SBL_SUCCESS, "%s", watch_last(&seen));
     CHECK(m.calls > 10, "the callback was called %d times", m.calls);
     m.on = 1;
@@ -517,7 +541,8 @@ TEST(draw_callback_that_puts_nothing_back) {
     gl.ActiveTexture(GL_TEXTURE0 + 13);
     gl.GetIntegerv(GL_TEXTURE_BINDING_2D, &unit_13);
     gl.GetIntegerv(GL_TEXTURE_BINDING_BUFFER, &unit_13_buffer);
-    CHECK((GLuint)unit_13 == m.objects[0] && unit_13_buffer == 0, "texture unit 13 holds %d and %d, the callback bound %u", unit_13, unit_13_buffer,
+    CHECK((GLuint)unit_13 == m.objects[0] && unit_13_buffer == 0,
+          "texture unit 13 holds %d and %d, the callback bound %u", unit_13, unit_13_buffer,
           m.objects[0]);
     for (i = 0; i < after.count; i++)
         if (strcmp(after.entries[i].name, "TEXTURE_2D 13") == 0)
@@ -528,7 +553,8 @@ TEST(draw_callback_that_puts_nothing_back) {
     m.on = 2;  /* GL errors too: they may fail the picture, but not spoil it */
     watch_forget(&seen);
     KEPT(result = small_render(context, &view, &rude));
-    CHECK(result == SBL_SUCCESS ? small_same(&polite, &rude) : result == SBL_ERROR_GL && seen.errors > 0, "the callback's GL error gives \"%s\"",
+    CHECK(result == SBL_SUCCESS ? small_same(&polite, &rude) : result == SBL_ERROR_GL && seen.errors > 0,
+          "the callback's GL error gives \"%s\"",
           sbl_result_string(result));
     CHECK(gl.GetError() == GL_NO_ERROR, "the callback's GL error is left");
     sbl_destroy(context);
@@ -570,8 +596,10 @@ static void side_by_side(const sbl_context_desc *desc, const char *where) {
     }
     CHECK(!small_same(&alone[0], &alone[1]), "%s: the two pictures are the same", where);
     for (i = 0; i < 2; i++) REQUIRE(sbl_create(desc, &contexts[i]) == SBL_SUCCESS, "%s: %s", where, watch_last(&seen));
-    for (i = 0; i < 2; i++) CHECK(sbl_set_scene(contexts[i], &scenes[i]) == SBL_SUCCESS, "%s: %s", where, watch_last(&seen));
-    for (i = 0; i < 2; i++) CHECK(sbl_begin_picture(contexts[i], &views[i]) == SBL_SUCCESS, "%s: %s", where, watch_last(&seen));
+    for (i = 0; i < 2; i++)
+        CHECK(sbl_set_scene(contexts[i], &scenes[i]) == SBL_SUCCESS, "%s: %s", where, watch_last(&seen));
+    for (i = 0; i < 2; i++)
+        CHECK(sbl_begin_picture(contexts[i], &views[i]) == SBL_SUCCESS, "%s: %s", where, watch_last(&seen));
     for (round = 0; round < 10000 && done != 3; round++)
         for (i = 0; i < 2; i++) {
             sbl_result result = sbl_step(contexts[i], 1e-9);
@@ -619,11 +647,12 @@ static int binding_same(binding a, binding b) {
     return a.api == b.api && a.display == b.display && a.context == b.context && a.draw == b.draw && a.read == b.read;
 }
 
-#define BOUND(call) do {                                                                                                          \
-        binding before_ = binding_take(), after_;                                                                                 \
-        call;                                                                                                                     \
-        after_ = binding_take();                                                                                                  \
-        CHECK(binding_same(before_, after_), "%s%s changes EGL's binding: context %p, API 0x%x; now %p, 0x%x", #call, situation, before_.context, before_.api, after_.context, after_.api); \
+#define BOUND(call) do {                                                                                              \
+        binding before_ = binding_take(), after_;                                                                     \
+        call;                                                                                                         \
+        after_ = binding_take();                                                                                      \
+        CHECK(binding_same(before_, after_), "%s%s changes EGL's binding: context %p, API 0x%x; now %p, 0x%x", #call, \
+              situation, before_.context, before_.api, after_.context, after_.api);                                   \
     } while (0)
 
 static void headless_functions(void) {
@@ -643,9 +672,11 @@ static void headless_functions(void) {
     BOUND(CHECK(sbl_begin_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen)));
     BOUND(CHECK(sbl_step(context, 1e-9) == SBL_UNFINISHED, "%s", watch_last(&seen)));
     BOUND(CHECK(sbl_step(context, 0) == SBL_SUCCESS, "%s", watch_last(&seen)));
-    BOUND(CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, room, SMALL_FLOATS) == SBL_SUCCESS, "%s", watch_last(&seen)));
+    BOUND(CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, room, SMALL_FLOATS) == SBL_SUCCESS, "%s",
+                watch_last(&seen)));
     BOUND(CHECK(sbl_channel_texture(context, SBL_CHANNEL_DEPTH) != 0, "%s", watch_last(&seen)));
-    BOUND(CHECK(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, NULL, NULL, 0) == SBL_SUCCESS, "%s", watch_last(&seen)));
+    BOUND(CHECK(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, NULL, NULL, 0) == SBL_SUCCESS,
+                "%s", watch_last(&seen)));
     view.options.progress = cancel_second;
     view.options.progress_user = &calls;
     BOUND(CHECK(sbl_render_picture(context, &view) == SBL_CANCELLED, "%s", watch_last(&seen)));
@@ -661,7 +692,8 @@ static void headless_fails(void) {
     int i, blocks = seen.blocks;
     for (i = 0; i < 3; i++) {
         missing = names[i];
-        BOUND(CHECK(sbl_create(&desc, &context) == SBL_ERROR_UNSUPPORTED && !context, "%s is missing: %s", names[i], watch_last(&seen)));
+        BOUND(CHECK(sbl_create(&desc, &context) == SBL_ERROR_UNSUPPORTED && !context, "%s is missing: %s", names[i],
+                    watch_last(&seen)));
         missing = NULL;
     }
     CHECK(seen.blocks == blocks, "%d blocks leaked", seen.blocks - blocks);
@@ -692,7 +724,8 @@ TEST(headless_beside_two_surfaces) {
     if (eglChooseConfig(gl.display, wishes, &config, 1, &count) && count) {
         own = eglCreateContext(gl.display, config, EGL_NO_CONTEXT, NULL);
         for (i = 0; i < 2; i++) surfaces[i] = eglCreatePbufferSurface(gl.display, config, size);
-        current = eglMakeCurrent(gl.display, surfaces[0], surfaces[1], own) && eglGetCurrentSurface(EGL_DRAW) != eglGetCurrentSurface(EGL_READ);
+        current = eglMakeCurrent(gl.display, surfaces[0], surfaces[1], own) && eglGetCurrentSurface(EGL_DRAW) !=
+            eglGetCurrentSurface(EGL_READ);
     }
     situation = ", the host's surfaces being two,";
     if (current) headless_functions();
@@ -746,7 +779,8 @@ TEST(limits_are_documented) {
     const char *text = chapter();
     int i;
     if (!text) SKIP("sbl.h is not in the current directory");
-    for (i = 0; i < 3; i++) CHECK(strstr(text, words[i]), "ON GL STATE does not say what becomes of a %s... that is active", words[i]);
+    for (i = 0; i < 3; i++)
+        CHECK(strstr(text, words[i]), "ON GL STATE does not say what becomes of a %s... that is active", words[i]);
 }
 
 /* glViewport, glScissor and glDepthRange set all sixteen viewports of GL 4.1. */

@@ -1,4 +1,5 @@
-/* Guides: where sensors' rays go when light comes through a hole. As densities by themselves; ray by ray against the hole; and the pictures that they make. */
+/* Guides: where sensors' rays go when light comes through a hole. As densities by themselves; ray by ray against the
+   hole; and the pictures that they make. */
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
 #include "../sbl.h"
@@ -16,7 +17,8 @@ static test_scene dark_room;
 static const float hole = 0.3f, lid = 1.5f;
 
 static void dark_room_make(test_scene *s) {
-    static const float lids[4][4] = { { -3, -1, 3, -0.3f }, { -3, 0.3f, 3, 3 }, { -3, -0.3f, -0.3f, 0.3f }, { 0.3f, -0.3f, 3, 0.3f } };
+    static const float lids[4][4] = { { -3, -1, 3, -0.3f }, { -3, 0.3f, 3, 3 }, { -3, -0.3f, -0.3f, 0.3f },
+        { 0.3f, -0.3f, 3, 0.3f } };
     static const float walls[4][4] = { { -3, -1, 3, -1 }, { -3, 3, 3, 3 }, { -3, -1, -3, 3 }, { 3, -1, 3, 3 } };
     const int grey = scene_material(s, 0.5f, 0.5f, 0.5f);
     int i;
@@ -65,7 +67,9 @@ TEST(guides_are_densities) {
         REQUIRE(count == 512 * 512, "guide %d: point %d goes astray", kind, i);
         CHECK(fabs(all / count - 1) < 0.01, "guide %d: weights are %g on average", kind, all / count);
         CHECK(fabs(weights / all - 0.5) < 0.01, "guide %d: u is %g on average", kind, weights / all);
-        if (kind == 0) CHECK(fabs(in_bright / count * SBL__GUIDE_BINS - 1) < 0.2, "an even guide sends %g to a bin", in_bright / count);
+        if (kind == 0)
+            CHECK(fabs(in_bright / count * SBL__GUIDE_BINS - 1) < 0.2, "an even guide sends %g to a bin",
+                  in_bright / count);
         if (kind == 1) CHECK(in_bright / count > 0.08, "%g of the rays go where all the light is", in_bright / count);
     }
 }
@@ -79,7 +83,8 @@ static double hit_height(const sbl_sensor *s, const sbl_sensor_ray *ray, double 
     return t;
 }
 
-/* Each ray is told where it went and what it saw there; most go through the hole; together they are the sensor's light. */
+/* Each ray is told where it went and what it saw there; most go through the hole; together they are the sensor's
+   light. */
 TEST(rays_go_through_the_hole) {
     static float radiance[4 * 4096], weights[4096];
     sbl_context_desc desc = watch_desc(&seen);
@@ -95,7 +100,8 @@ TEST(rays_go_through_the_hole) {
             double sum = 0, all = 0, ways = 0;
             sbl_sensor s;
             watch_forget(&seen);
-            if (sbl_inspect_sensor(context, x, y, &s, radiance, weights, 4096) != SBL_SUCCESS || s.position[1] > 1.4f) continue;
+            if (sbl_inspect_sensor(context, x, y, &s, radiance, weights, 4096) != SBL_SUCCESS || s.position[1] > 1.4f)
+                continue;
             for (i = 0; i < s.ray_count; i++) {
                 const sbl_sensor_ray *ray = &s.rays[i];
                 double at[2], off;
@@ -113,12 +119,15 @@ TEST(rays_go_through_the_hole) {
             through += (int)ways;
             even += s.radiance[0];
             guided += ways / s.ray_count;
-            CHECK(fabs(sum - s.from_surroundings[0]) < 1e-4 * s.radiance[0] + 1e-6, "%d %d: the sheet gives %g, the sensor %g", x, y, sum,
+            CHECK(fabs(sum - s.from_surroundings[0]) < 1e-4 * s.radiance[0] + 1e-6,
+                  "%d %d: the sheet gives %g, the sensor %g", x, y, sum,
                   (double)s.from_surroundings[0]);
             CHECK(fabs(all - s.weight_sum) < 1e-3, "%d %d: weights are %g and %g", x, y, all, (double)s.weight_sum);
         }
-    printf("  %d sensors: %.1f %% of the rays would go through the hole, %.1f %% do\n", sensors, 100 * even / sensors, 100 * guided / sensors);
-    CHECK(sensors > 100 && wrong == 0 && worst < 1e-3, "%d sensors, %d of %d rays saw what is not there; by up to %g", sensors, wrong, rays, worst);
+    printf("  %d sensors: %.1f %% of the rays would go through the hole, %.1f %% do\n", sensors, 100 * even / sensors,
+           100 * guided / sensors);
+    CHECK(sensors > 100 && wrong == 0 && worst < 1e-3, "%d sensors, %d of %d rays saw what is not there; by up to %g",
+          sensors, wrong, rays, worst);
     CHECK(guided > 8 * even, "%g of the rays go through the hole, evenly %g would", guided / sensors, even / sensors);
     sbl_destroy(context);
 }
@@ -127,7 +136,8 @@ TEST(rays_go_through_the_hole) {
 
 static int render(sbl_context *context, const sbl_picture_desc *view, float *out) {
     return context && sbl_render_picture(context, view) == SBL_SUCCESS && context->picture.map.spec.guided &&
-           sbl_read_channel(context, SBL_CHANNEL_RADIANCE, out, 3 * (size_t)(view->width * view->height)) == SBL_SUCCESS;
+           sbl_read_channel(context, SBL_CHANNEL_RADIANCE, out, 3 * (size_t)(view->width * view->height)) ==
+               SBL_SUCCESS;
 }
 
 /* The same to the bit in any batches and slices, in fragment shaders, and after other pictures. */
@@ -149,7 +159,8 @@ TEST(the_picture_is_the_same) {
         scouting += context->picture.map.refine.stages.stage == SBL__REFINE_SCOUT;
         guiding += context->picture.map.refine.stages.stage == SBL__REFINE_GUIDES;
     }
-    CHECK(result == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_RADIANCE, now, 3 * PIXELS / 4) == SBL_SUCCESS, "no picture in steps");
+    CHECK(result == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_RADIANCE, now, 3 * PIXELS / 4) == SBL_SUCCESS,
+          "no picture in steps");
     CHECK(memcmp(now, expected, sizeof now) == 0, "steps change the picture");
     CHECK(scouting > 20 && guiding > 1, "%d steps of scouts, %d of guides", scouting, guiding);
     sbl_destroy(context);
@@ -158,12 +169,14 @@ TEST(the_picture_is_the_same) {
         desc.disabled = i == 3 ? (uint32_t)SBL_CAPABILITY_COMPUTE : 0;
         context = watch_context(&seen, &desc, &dark_room);
         REQUIRE(render(context, &view, now), "no picture: %s", watch_last(&seen));
-        CHECK(memcmp(now, expected, sizeof now) == 0, i < 3 ? "batches of %d change the picture" : "fragment shaders do", desc.batch);
+        CHECK(memcmp(now, expected, sizeof now) == 0,
+              i < 3 ? "batches of %d change the picture" : "fragment shaders do", desc.batch);
         sbl_destroy(context);
     }
 }
 
-/* What 4 % take with guides; without them it is five times as many rays. And where the light is even, there are none. */
+/* What 4 % take with guides; without them it is five times as many rays. And where the light is even, there are
+   none. */
 TEST(few_rays_do) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = view_of();
@@ -174,12 +187,14 @@ TEST(few_rays_do) {
     if (!context) return;
     REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
     rays = (double)sbl_query_stats(context).sensors.rays;
-    printf("  %.2f million rays for %.2f %%\n", 1e-6 * rays, 100 * (double)sbl_query_stats(context).picture.expected_error);
+    printf("  %.2f million rays for %.2f %%\n", 1e-6 * rays,
+           100 * (double)sbl_query_stats(context).picture.expected_error);
     CHECK(rays < 1.1e6 && sbl_query_stats(context).picture.expected_error <= 0.04f, "%.2f million rays", 1e-6 * rays);
     scene_floor(&open, scene_material(&open, 0.5f, 0.5f, 0.5f), 0, 3);
     scene_sky(&open, 1, 1, 1);
     scene = scene_desc(&open);
-    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS,
+            "no picture: %s", watch_last(&seen));
     CHECK(!context->picture.map.spec.guided && !context->picture.map.refine.guides.words, "a plain floor has guides");
     sbl_destroy(context);
     scene_free(&open);
@@ -197,19 +212,26 @@ TEST(looks_grow) {
         view.target_error = asked[i];
         if (i) view.tile = 32;  /* the first round is enough */
         REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
-        while (!sbl__refine_round_is_over(&context->picture.map.refine)) REQUIRE(sbl_step(context, 1e-9) == SBL_UNFINISHED, "too early");
+        while (!sbl__refine_round_is_over(&context->picture.map.refine))
+            REQUIRE(sbl_step(context, 1e-9) == SBL_UNFINISHED, "too early");
         printf("  asked for %g %%: looks of %d rays, %d at most\n", 100 * (double)asked[i], spec->rays, spec->looks);
-        if (i == 0) CHECK(spec->rays == 16 && spec->looks == SBL__MAX_LOOKS, "looks of %d rays, %d at most", spec->rays, spec->looks);
-        if (i == 1) CHECK(spec->rays == 128 && spec->looks == SBL__MAX_LOOKS / 2, "looks of %d rays, %d at most", spec->rays, spec->looks);
+        if (i == 0)
+            CHECK(spec->rays == 16 && spec->looks == SBL__MAX_LOOKS, "looks of %d rays, %d at most", spec->rays,
+                  spec->looks);
+        if (i == 1)
+            CHECK(spec->rays == 128 && spec->looks == SBL__MAX_LOOKS / 2, "looks of %d rays, %d at most", spec->rays,
+                  spec->looks);
         sbl_end(context);
     }
     sbl_destroy(context);
 }
 
-/* A guide serves where rings' sectors begin on the same side as at home: not across the plane where sbl__frame turns round. */
+/* A guide serves where rings' sectors begin on the same side as at home: not across the plane where sbl__frame turns
+   round. */
 TEST(guides_serve_their_like) {
     static const struct { float normal[3]; int serves; } others[] = {
-        { { 0.999999f, 0, 0.001f }, 1 }, { { 0.999999f, 0, -0.001f }, 0 }, { { 0.99f, 0.14f, 0 }, 1 }, { { 0, 1, 0 }, 0 } };
+        { { 0.999999f, 0, 0.001f }, 1 }, { { 0.999999f, 0, -0.001f }, 0 }, { { 0.99f, 0.14f, 0 }, 1 },
+        { { 0, 1, 0 }, 0 } };
     sbl__pixel home, other;
     int i;
     memset(&home, 0, sizeof home);
@@ -218,12 +240,14 @@ TEST(guides_serve_their_like) {
     for (i = 0; i < 4; i++) {
         other = home;
         memcpy(other.normal, others[i].normal, sizeof other.normal);
-        CHECK((sbl__guide_fits(&home, &other) > 0.5f) == others[i].serves, "normal %d: %g", i, (double)sbl__guide_fits(&home, &other));
+        CHECK((sbl__guide_fits(&home, &other) > 0.5f) == others[i].serves, "normal %d: %g", i,
+              (double)sbl__guide_fits(&home, &other));
     }
     CHECK(sbl__guide_fits(&home, &home) >= 1, "a guide does not serve its own sensor");
 }
 
-/* Where scouts find light everywhere, as often as chance has it, rays go evenly: each counts as much. Where they find it in a tenth of the bins, most go there. */
+/* Where scouts find light everywhere, as often as chance has it, rays go evenly: each counts as much. Where they find
+   it in a tenth of the bins, most go there. */
 TEST(even_light_needs_no_guide) {
     uint64_t seed = 9;
     int run, i;
@@ -265,8 +289,8 @@ TEST(guides_are_bounded) {
     core.base.allocator.user = &seen;
     core.device.base = &core.base;
     REQUIRE(sbl__guides_begin(&r) == SBL_SUCCESS, "no guides");
-    CHECK(r.guides.columns * r.guides.rows < SBL__GUIDES_MOST && r.guides.step == 32, "%d x %d guides, %d pixels apart", r.guides.columns, r.guides.rows,
-          r.guides.step);
+    CHECK(r.guides.columns * r.guides.rows < SBL__GUIDES_MOST && r.guides.step == 32, "%d x %d guides, %d pixels apart",
+          r.guides.columns, r.guides.rows, r.guides.step);
     sbl__free(&core.base, r.guides.found);
     sbl__free(&core.base, r.guides.words);
 }
@@ -281,13 +305,10 @@ TEST(memory_runs_out) {
     REQUIRE(render(context, &view, expected), "no picture: %s", watch_last(&seen));
     for (at = 1; at < 600; at += 1 + at / 40) {
         sbl_result result;
-        seen.refused = 0;
-        seen.refuse_at = seen.allocations + at;
+        watch_refuse(&seen, at);
         result = sbl_render_picture(context, &view);
-        seen.refuse_at = 0;
-        if (!seen.refused) break;
+        if (!watch_refused(&seen, at, result)) break;
         refused++;
-        CHECK(result == SBL_ERROR_OUT_OF_MEMORY, "allocation %d: %s", at, sbl_result_string(result));
     }
     CHECK(refused > 20 && at < 600, "%d allocations were refused", refused);
     CHECK(render(context, &view, now) && memcmp(now, expected, sizeof now) == 0, "the next picture differs");

@@ -1,5 +1,6 @@
 #!/bin/sh
-# The header as others meet it: every language and compiler it promises, what it lets out, and what its manual says of it.
+# The header as others meet it: every language and compiler it promises, what it lets out, and what its manual says of
+# it.
 set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
@@ -35,8 +36,10 @@ for compiler in gcc clang; do
         check "declarations_${compiler}_$standard" compiles $compiler $standard
         check "implementation_${compiler}_$standard" compiles $compiler $standard SBL_IMPLEMENTATION
         check "implementation_egl_${compiler}_$standard" compiles $compiler $standard SBL_IMPLEMENTATION SBL_EGL
-        check "implementation_static_${compiler}_$standard" compiles $compiler $standard SBL_IMPLEMENTATION SBL_EGL SBL_STATIC
-        check "implementation_no_stdio_${compiler}_$standard" compiles $compiler $standard SBL_IMPLEMENTATION SBL_NO_STDIO
+        check "implementation_static_${compiler}_$standard" compiles $compiler $standard SBL_IMPLEMENTATION SBL_EGL \
+            SBL_STATIC
+        check "implementation_no_stdio_${compiler}_$standard" compiles $compiler $standard SBL_IMPLEMENTATION \
+            SBL_NO_STDIO
     done
 done
 
@@ -59,7 +62,8 @@ fi
 program() {
     implementation=$4
     case $implementation in c) compiler=$2 standard=c99 ;; *) compiler=$3 standard=c++11 ;; esac
-    $compiler -x "$implementation" -std=$standard $warnings -c tests/header/implementation.c -o "$folder/implementation.o" &&
+    $compiler -x "$implementation" -std=$standard $warnings -c tests/header/implementation.c -o \
+        "$folder/implementation.o" &&
     $2 -std=c99 $warnings -c tests/header/caller.c -o "$folder/caller.o" &&
     $3 -std=c++11 $warnings -c tests/header/main.cpp -o "$folder/main.o" &&
     $3 "$folder/main.o" "$folder/caller.o" "$folder/implementation.o" -lEGL -lm -o "$folder/$1" &&
@@ -70,14 +74,22 @@ check cpp_implementation_c_and_cpp_callers program mixed_cpp gcc g++ c++
 
 # >>the other byte order
 
-big_endian() { s390x-linux-gnu-gcc -std=c99 $warnings -static -I . tests/header/big_endian.c -lm -o "$folder/big_endian" && qemu-s390x "$folder/big_endian"; }
+big_endian() {
+    s390x-linux-gnu-gcc -std=c99 $warnings -static -I . tests/header/big_endian.c -lm -o "$folder/big_endian" &&
+        qemu-s390x "$folder/big_endian"
+}
 if command -v s390x-linux-gnu-gcc > /dev/null && command -v qemu-s390x > /dev/null; then check big_endian big_endian
-else skip big_endian "no s390x-linux-gnu-gcc (gcc-s390x-linux-gnu, libc6-dev-s390x-cross) or no qemu-s390x (qemu-user)"; fi
+else
+    skip big_endian "no s390x-linux-gnu-gcc (gcc-s390x-linux-gnu, libc6-dev-s390x-cross) or no qemu-s390x (qemu-user)"
+fi
 
 # >>what it lets out
 
 # object FLAGS...: the implementation as an object, its symbols in $folder/symbols
-object() { gcc -I . -fno-pie -O1 -w "$@" -c -o "$folder/object.o" tests/header/implementation.c && nm "$folder/object.o" > "$folder/symbols"; }
+object() {
+    gcc -I . -fno-pie -O1 -w "$@" -c -o "$folder/object.o" tests/header/implementation.c &&
+        nm "$folder/object.o" > "$folder/symbols"
+}
 
 exports_only() {
     object "$@" || return
@@ -85,10 +97,16 @@ exports_only() {
     awk '$2 == "T" { print $3 }' "$folder/symbols" | sort > "$folder/exports"
     [ -s "$folder/exports" ] && nothing "$folder/strangers"
 }
-exports_nothing() { object -DSBL_STATIC && awk '$2 ~ /^[A-Z]$/ && $2 != "U"' "$folder/symbols" > "$folder/strangers" && nothing "$folder/strangers"; }
-no_globals() { object && awk '$2 ~ /^[bBdDC]$/' "$folder/symbols" > "$folder/strangers" && nothing "$folder/strangers"; }
+exports_nothing() {
+    object -DSBL_STATIC && awk '$2 ~ /^[A-Z]$/ && $2 != "U"' "$folder/symbols" > "$folder/strangers" &&
+        nothing "$folder/strangers"
+}
+no_globals() {
+    object && awk '$2 ~ /^[bBdDC]$/' "$folder/symbols" > "$folder/strangers" && nothing "$folder/strangers"
+}
 no_stdio() {
-    object -DSBL_NO_STDIO && awk '$1 == "U" && $2 ~ /^(std(err|out|in)|f?printf|v?fprintf|f?puts|fputc|fwrite|putchar)$/' "$folder/symbols" \
+    object -DSBL_NO_STDIO &&
+        awk '$1 == "U" && $2 ~ /^(std(err|out|in)|f?printf|v?fprintf|f?puts|fputc|fwrite|putchar)$/' "$folder/symbols" \
         > "$folder/strangers" && nothing "$folder/strangers"
 }
 check exports_nothing_but_sbl_functions exports_only
@@ -101,12 +119,16 @@ check no_stdio_writes_nowhere no_stdio
 # includes FILE: what the header includes, in the order of the file; the manual's own lines do not count
 includes() { sed '1,/^\*\/$/d' "$@" | sed -n 's/^ *# *include *\(<[^>]*>\).*/\1/p'; }
 only_system_includes() {
-    grep -n '^ *# *include *"' sbl.h | grep -v '^[0-9]*:       #include "sbl.h"' > "$folder/strangers"  # the manual's own lines
-    includes sbl.h | grep -vxE '<(assert|float|limits|math|stdarg|stddef|stdint|stdio|stdlib|string|sys/time|time|EGL/egl|EGL/eglext)\.h>' >> "$folder/strangers"
+    grep -n '^ *# *include *"' sbl.h |
+        grep -v '^[0-9]*:       #include "sbl.h"' > "$folder/strangers"  # the manual's own lines
+    standard='assert|float|limits|math|stdarg|stddef|stdint|stdio|stdlib|string|time'
+    includes sbl.h | grep -vxE "<($standard|sys/time|EGL/egl|EGL/eglext)\.h>" >> "$folder/strangers"
     nothing "$folder/strangers"
 }
 # direct FLAGS...: files that sbl.h itself includes
-direct() { gcc -x c -std=c99 -H -fsyntax-only "$@" sbl.h 2>&1 | sed -n 's/^\. \(.*\)/\1/p' | sed 's/.*include\///' | sort -u; }
+direct() {
+    gcc -x c -std=c99 -H -fsyntax-only "$@" sbl.h 2>&1 | sed -n 's/^\. \(.*\)/\1/p' | sed 's/.*include\///' | sort -u
+}
 declarations_include_little() {
     direct > "$folder/direct"
     printf 'stddef.h\nstdint.h\n' > "$folder/expected"
@@ -161,11 +183,13 @@ fi
 sed '/^\*\/$/q' sbl.h > "$folder/manual"
 
 index_is_complete() {
-    sed -n '/^   FUNCTIONS$/,/^   ON UNITS$/p' "$folder/manual" | awk '$1 ~ /^sbl_/ { print $1 }' | sort > "$folder/index"
+    sed -n '/^   FUNCTIONS$/,/^   ON UNITS$/p' "$folder/manual" | awk '$1 ~ /^sbl_/ { print $1 }' |
+        sort > "$folder/index"
     same "$folder/index" "$folder/exports"
 }
 declared_is_exported() {
-    sed -n '/^#ifndef SBL_INCLUDED$/,/^#endif \/\* SBL_INCLUDED \*\/$/p' sbl.h | sed -n 's/^SBL_API [^(]*\(sbl_[a-z0-9_]*\)(.*/\1/p' | sort > "$folder/declared"
+    sed -n '/^#ifndef SBL_INCLUDED$/,/^#endif \/\* SBL_INCLUDED \*\/$/p' sbl.h |
+        sed -n 's/^SBL_API [^(]*\(sbl_[a-z0-9_]*\)(.*/\1/p' | sort > "$folder/declared"
     same "$folder/declared" "$folder/exports"
 }
 exports_only > "$folder/log" 2>&1
@@ -193,7 +217,8 @@ check comments_name_the_defaults defaults_agree
 quick_start_runs() {
     sed -n '/^   QUICK START$/,/^   FUNCTIONS$/s/^       //p' "$folder/manual" > "$folder/quick.c"
     grep -q '^int main' "$folder/quick.c" || return
-    sed 's|^    return 0;$|    for (i = 0; i < 64 * 64 * 3; i++) if (picture[i] > 0) return 0;\n    return 2;|' "$folder/quick.c" > "$folder/quick_look.c"
+    sed 's|^    return 0;$|    for (i = 0; i < 64 * 64 * 3; i++) if (picture[i] > 0) return 0;\n    return 2;|' \
+        "$folder/quick.c" > "$folder/quick_look.c"
     cmp -s "$folder/quick.c" "$folder/quick_look.c" && { echo "where does the quick start return 0?"; return 1; }
     gcc -std=c99 $warnings -I . "$folder/quick.c" -lEGL -lm -o "$folder/quick" &&
     g++ -x c++ -std=c++11 $warnings -Wno-missing-field-initializers -I . -c "$folder/quick.c" -o "$folder/quick.o" &&
@@ -249,7 +274,10 @@ snippet_compiles() {
 }
 if [ -f README.md ]; then
     awk -v folder="$folder" '
-        /^```/ { if (file) { close(file); file = "" } else if (/^```c$/) file = sprintf("%s/readme_%02d.c", folder, ++count); next }
+        /^```/ {
+            if (file) { close(file); file = "" } else if (/^```c$/) file = sprintf("%s/readme_%02d.c", folder, ++count)
+            next
+        }
         file { print > file }' README.md
     for code in "$folder"/readme_*.c; do
         [ -f "$code" ] || { skip readme "no C in README.md"; break; }
@@ -262,7 +290,10 @@ fi
 # >>the repository
 
 check shaders_in_the_header_are_the_files scripts/embed_shaders --check
-nothing_left_to_do() { grep -rnE '\b(TODO|FIXME|XXX|HACK)\b' sbl.h shaders_embedded examples > "$folder/strangers"; nothing "$folder/strangers"; }
+nothing_left_to_do() {
+    grep -rnE '\b(TODO|FIXME|XXX|HACK)\b' sbl.h shaders_embedded examples > "$folder/strangers"
+    nothing "$folder/strangers"
+}
 check nothing_left_to_do nothing_left_to_do
 top_level() {
     # git knows what belongs to the repository; without git all that lies there does, but for what was built

@@ -33,7 +33,8 @@ stages_relatively() {
 is_readable() {
     [ "$(find "$prefix" -type d ! -perm 755 | grep -vcx "$prefix")" = 0 ] &&
     [ "$(find "$prefix" -type f ! -perm -444 | wc -l)" = 0 ] &&
-    [ "$(find "$prefix" -type f -perm 755 | sort | tr '\n' ' ')" = "$prefix/bin/sbl_bake $prefix/bin/sbl_render " ] && same sbl.h "$prefix/include/sbl.h"
+    [ "$(find "$prefix" -type f -perm 755 | sort | tr '\n' ' ')" = "$prefix/bin/sbl_bake $prefix/bin/sbl_render " ] &&
+        same sbl.h "$prefix/include/sbl.h"
 }
 refuses() { ! "$@" > "$folder/said" 2>&1 && cat "$folder/said" && [ "$(wc -l < "$folder/said")" = 1 ]; }
 check installs installs
@@ -128,7 +129,8 @@ words() { tr -s ' \n' '\n\n' | grep -v '^$'; }
 page_says_what_help_says() {
     page_of "$1"
     "$prefix/bin/$1" --help | sed 's/^usage: //; s/^Exit status: //' | words > "$folder/help"
-    sed -e '1,/^.SH SYNOPSIS/d' -e '/^\.[ST][HP]/d' -e '/^\.PP/d' -e '/^\.br/d' -e 's/^\\&//; s/\\-/-/g; s/\\e/\\/g' "$page" |
+    sed -e '1,/^.SH SYNOPSIS/d' -e '/^\.[ST][HP]/d' -e '/^\.PP/d' -e '/^\.br/d' \
+        -e 's/^\\&//; s/\\-/-/g; s/\\e/\\/g' "$page" |
     words > "$folder/page"
     same "$folder/help" "$folder/page"
 }
@@ -137,8 +139,10 @@ page_is_clean() { page_of "$1" && mandoc -T lint -W warning "$page"; }
 for tool in sbl_render sbl_bake; do
     check "page_has_all ($tool)" page_has_all $tool
     check "page_says_what_help_says ($tool)" page_says_what_help_says $tool
-    if command -v mandoc > /dev/null; then check "page_is_clean ($tool)" page_is_clean $tool; else skip page_is_clean "mandoc is missing"; fi
-    if command -v groff > /dev/null; then check "page_for_groff ($tool)" page_for_groff $tool; else skip page_for_groff "groff is missing"; fi
+    if command -v mandoc > /dev/null; then check "page_is_clean ($tool)" page_is_clean $tool
+    else skip page_is_clean "mandoc is missing"; fi
+    if command -v groff > /dev/null; then check "page_for_groff ($tool)" page_for_groff $tool
+    else skip page_for_groff "groff is missing"; fi
 done
 
 # >>and away

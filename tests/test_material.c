@@ -25,9 +25,11 @@ static const char *const material_shader[] = {
     "    out_reflected = vec4(sbl_reflected(sbl_Material(sbl_bounced(material), false), light), 0);\n"
     "}\n", 0 };
 
-static const sbl__recipe material_recipe = {
-    "material", { sbl__glsl_fullscreen_vertex }, { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, material_shader },
-    { &sbl__object_record }, SBL__TEXTURED };
+static const sbl__recipe material_recipe = { "material",
+                                             { sbl__glsl_fullscreen_vertex },
+                                             { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, material_shader },
+                                             { &sbl__object_record },
+                                             SBL__TEXTURED };
 
 /* A random number between 0 and 1. */
 static double chance(uint32_t *state) {
@@ -111,15 +113,21 @@ TEST(materials_in_c_and_in_shaders) {
             sbl__bounced(object, share);
             sbl__share_pack(share, packed);
             sbl__add_reflected(packed, light, reflected);
-            CHECK(memcmp(emission, texels[0][at], sizeof emission) == 0, "material %d, side %d: emission %g %g %g in C, %g %g %g in GLSL", i, back,
-                  (double)emission[0], (double)emission[1], (double)emission[2], (double)texels[0][at][0], (double)texels[0][at][1], (double)texels[0][at][2]);
-            CHECK(sbl__emits(object, back) == (texels[0][at][3] != 0), "material %d, side %d: emits %d in C", i, back, sbl__emits(object, back));
-            CHECK(memcmp(share, texels[1][at], sizeof share) == 0, "material %d: share %g %g %g in C, %g %g %g in GLSL", i, (double)share[0],
-                  (double)share[1], (double)share[2], (double)texels[1][at][0], (double)texels[1][at][1], (double)texels[1][at][2]);
+            CHECK(memcmp(emission, texels[0][at], sizeof emission) == 0,
+                  "material %d, side %d: emission %g %g %g in C, %g %g %g in GLSL", i, back, (double)emission[0],
+                  (double)emission[1], (double)emission[2], (double)texels[0][at][0], (double)texels[0][at][1],
+                  (double)texels[0][at][2]);
+            CHECK(sbl__emits(object, back) == (texels[0][at][3] != 0), "material %d, side %d: emits %d in C", i, back,
+                  sbl__emits(object, back));
+            CHECK(memcmp(share, texels[1][at], sizeof share) == 0, "material %d: share %g %g %g in C, %g %g %g in GLSL",
+                  i, (double)share[0], (double)share[1], (double)share[2], (double)texels[1][at][0],
+                  (double)texels[1][at][1], (double)texels[1][at][2]);
             CHECK(texels[1][at][3] == 0, "material %d is cut out", i);
             for (k = 0; k < 3; k++)
-                CHECK(fabs((double)reflected[k] / (double)SBL__SHARE_ONE - (double)texels[2][at][k]) <= (double)light[k] / 65535,
-                      "material %d: component %d reflects %g in C, %g in GLSL", i, k, (double)reflected[k] / (double)SBL__SHARE_ONE, (double)texels[2][at][k]);
+                CHECK(fabs((double)reflected[k] / (double)SBL__SHARE_ONE - (double)texels[2][at][k]) <=
+                          (double)light[k] / 65535,
+                      "material %d: component %d reflects %g in C, %g in GLSL", i, k,
+                      (double)reflected[k] / (double)SBL__SHARE_ONE, (double)texels[2][at][k]);
             dark += back && !sbl__emits(object, 1) && sbl__emits(object, 0);
             clamped += share[0] < object->albedo[0];
         }

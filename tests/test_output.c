@@ -440,7 +440,8 @@ TEST(what_is_ignored_stays_ignored) {
 
 /* >>interrupted at work. One sensor a pixel takes minutes on two cores, and long enough anywhere. */
 
-#define LONG "room.obj", "--mode", "ambient", "--size", "640x480", "--rays", "4096", "--threshold", "0", "--samples", "1"
+#define LONG \
+    "room.obj", "--mode", "ambient", "--size", "640x480", "--rays", "4096", "--threshold", "0", "--samples", "1"
 
 TEST(before_the_first_level) {
     static const char *const arguments[] = { LONG, "--tile", "1", "-o", "out.png", "--stats", "out.json", NULL };

@@ -8,8 +8,8 @@ static sbl_context *context;
 
 /* >>the paper's sensor */
 
-/* Two axes across n by Duff et al. 2017, Building an Orthonormal Basis, Revisited; the second turned round, so that a view along n has
-   its right hand where it belongs: right x up = -n. */
+/* Two axes across n by Duff et al. 2017, Building an Orthonormal Basis, Revisited; the second turned round, so that a
+   view along n has its right hand where it belongs: right x up = -n. */
 static void frame(v3 n, v3 *right, v3 *up) {
     if (n.z < 0) {
         double a = 1 / (1 - n.z), b = n.x * n.y * a;
@@ -34,9 +34,11 @@ static double paper_weight(double fov, int rd, int j, int i) {
     return v3_length(v3_cross(v3_sub(v1, v0), v3_sub(v2, v0))) / REF_PI;
 }
 
-/* Section III-E: the sum of Ck d / pi over the texels, Ck found by a ray through the texel's centre. slack, unless NULL: how much of it hangs on
-   texels whose centre lies within 1/128 texel of an edge. GL places corners to 1/256, so there the renderer may see either side. */
-static void paper_sum(const ref_scene *scene, v3 p, v3 n, double epsilon, double fov, int rd, const double *weights, double rgb[3], double *slack) {
+/* Section III-E: the sum of Ck d / pi over the texels, Ck found by a ray through the texel's centre. slack, unless
+   NULL: how much of it hangs on texels whose centre lies within 1/128 texel of an edge. GL places corners to 1/256, so
+   there the renderer may see either side. */
+static void paper_sum(const ref_scene *scene, v3 p, v3 n, double epsilon, double fov, int rd, const double *weights,
+                      double rgb[3], double *slack) {
     static const double aside[5][2] = { { 0, 0 }, { 1, 1 }, { 1, -1 }, { -1, 1 }, { -1, -1 } };
     double s = tan(fov / 2 * REF_PI / 180), light[5][3];
     v3 right, up;
@@ -48,9 +50,11 @@ static void paper_sum(const ref_scene *scene, v3 p, v3 n, double epsilon, double
         for (j = 0; j < rd; j++) {
             double difference = 0;
             for (q = 0; q < (slack ? 5 : 1); q++) {
-                double x = 2 * s * ((j + 0.5 + aside[q][0] / 128) / rd - 0.5), y = 2 * s * ((i + 0.5 + aside[q][1] / 128) / rd - 0.5);
+                double x = 2 * s * ((j + 0.5 + aside[q][0] / 128) / rd - 0.5),
+                    y = 2 * s * ((i + 0.5 + aside[q][1] / 128) / rd - 0.5);
                 v3 d = v3_mad(v3_mad(n, right, x), up, y);
-                ref_point seen = ref_surface(scene, ref_trace(scene, p, d, 1e-6, HUGE_VAL, SBL_MATERIAL_HIDDEN_FROM_SENSORS), d);
+                ref_point seen = ref_surface(scene, ref_trace(scene, p, d, 1e-6, HUGE_VAL,
+                                                              SBL_MATERIAL_HIDDEN_FROM_SENSORS), d);
                 ref_light(scene, &seen, epsilon, light[q]);
                 for (k = 0; k < 3; k++) difference = test_max(difference, fabs(light[q][k] - light[0][k]));
             }
@@ -73,7 +77,8 @@ static void check_paper(const test_scene *s, sbl_picture_desc view, double fov, 
                 ref_point p = ref_pixel(reference, &view, x, y);
                 double expected[3], luminance, slack, off = 0;
                 if (!p.hit || ref_is_edge(reference, &view, x, y)) continue;
-                paper_sum(reference, p.position, p.normal, (double)view.options.epsilon, fov, rd, weights, expected, NULL);
+                paper_sum(reference, p.position, p.normal, (double)view.options.epsilon, fov, rd, weights, expected,
+                          NULL);
                 luminance = (expected[0] + expected[1] + expected[2]) / 3;
                 for (k = 0; k < 3; k++) {
                     double r = (double)radiance[3 * (y * view.width + x) + k];
@@ -82,7 +87,8 @@ static void check_paper(const test_scene *s, sbl_picture_desc view, double fov, 
                 }
                 count++;
                 if (off > 0.01) {  /* a lamp may cover few texels: one at its rim is more than 1 % of the light */
-                    paper_sum(reference, p.position, p.normal, (double)view.options.epsilon, fov, rd, weights, expected, &slack);
+                    paper_sum(reference, p.position, p.normal, (double)view.options.epsilon, fov, rd, weights, expected,
+                              &slack);
                     off -= slack / luminance;
                     doubtful++;
                 } else for (k = 0; k < 3; k++) {
@@ -93,16 +99,19 @@ static void check_paper(const test_scene *s, sbl_picture_desc view, double fov, 
             }
         free(radiance);
     }
-    printf("  %s: %d pixels, %d of them hang on texels on an edge; the others are off by %.3f %% at worst\n", name, count, doubtful, 100 * worst);
+    printf("  %s: %d pixels, %d of them hang on texels on an edge; the others are off by %.3f %% at worst\n", name,
+           count, doubtful, 100 * worst);
     CHECK(count > view.width * view.height * 8 / 10, "%s: only %d pixels can be compared", name, count);
     CHECK(doubtful < count / 8, "%s: %d pixels of %d hang on texels on an edge", name, doubtful, count);
     CHECK(worst < 0.007, "%s: a pixel is off by %.3f %%", name, 100 * worst);
-    CHECK(fabs(sum / expected_sum - 1) < 0.001, "%s: the mean is off by %+.4f %%", name, 100 * (sum / expected_sum - 1));
+    CHECK(fabs(sum / expected_sum - 1) < 0.001, "%s: the mean is off by %+.4f %%", name,
+          100 * (sum / expected_sum - 1));
     free(weights);
     ref_destroy(reference);
 }
 
-/* Turns scene and camera together about x and y: the frame of a normal with z = 0 hangs on the sign of that zero, so none may have it. */
+/* Turns scene and camera together about x and y: the frame of a normal with z = 0 hangs on the sign of that zero, so
+   none may have it. */
 static void turn(test_scene *s, sbl_picture_desc *view, double yaw, double pitch) {
     double m[3][3], v[3][3];  /* columns */
     int i, j, k;
@@ -116,7 +125,8 @@ static void turn(test_scene *s, sbl_picture_desc *view, double yaw, double pitch
     }
     for (j = 0; j < 3; j++) for (k = 0; k < 3; k++) v[j][k] = (double)view->world_to_view[4 * j + k];
     for (j = 0; j < 3; j++)  /* times the transposed matrix: turn back first */
-        for (k = 0; k < 3; k++) view->world_to_view[4 * j + k] = (float)(v[0][k] * m[0][j] + v[1][k] * m[1][j] + v[2][k] * m[2][j]);
+        for (k = 0; k < 3; k++)
+            view->world_to_view[4 * j + k] = (float)(v[0][k] * m[0][j] + v[1][k] * m[1][j] + v[2][k] * m[2][j]);
 }
 
 TEST(paper_sums) {
@@ -165,15 +175,21 @@ TEST(paper_frame_and_weights) {
             v3 right, up;
             memset(&sensor, 0, sizeof sensor);
             memset(weights, 0, sizeof weights);
-            CHECK(sbl_inspect_sensor(context, x, y, &sensor, radiance, weights, 256) == SBL_SUCCESS, "the sensor cannot be looked at");
-            CHECK(sensor.view_count == 1 && sensor.sheet_width == 16 && sensor.sheet_height == 16, "%d views on %d x %d", sensor.view_count, sensor.sheet_width, sensor.sheet_height);
+            CHECK(sbl_inspect_sensor(context, x, y, &sensor, radiance, weights, 256) == SBL_SUCCESS,
+                  "the sensor cannot be looked at");
+            CHECK(sensor.view_count == 1 && sensor.sheet_width == 16 && sensor.sheet_height == 16,
+                  "%d views on %d x %d", sensor.view_count, sensor.sheet_width, sensor.sheet_height);
             frame(v3_from(sensor.normal), &right, &up);
-            CHECK(v3_dot(v3_from(sensor.views[0].right), right) > 0.99999 && v3_dot(v3_from(sensor.views[0].up), up) > 0.99999 &&
-                  v3_dot(v3_from(sensor.views[0].forward), v3_from(sensor.normal)) > 0.99999, "pixel %d %d: another frame", x, y);
+            CHECK(v3_dot(v3_from(sensor.views[0].right), right) > 0.99999 && v3_dot(v3_from(sensor.views[0].up), up) >
+                  0.99999 &&
+                  v3_dot(v3_from(sensor.views[0].forward), v3_from(sensor.normal)) > 0.99999,
+                      "pixel %d %d: another frame", x, y);
             CHECK(fabs((double)sensor.views[0].x0 + s_max) < 1e-5 && fabs((double)sensor.views[0].x1 - s_max) < 1e-5 &&
-                  fabs((double)sensor.views[0].y0 + s_max) < 1e-5 && fabs((double)sensor.views[0].y1 - s_max) < 1e-5, "another field of view: %g", (double)sensor.views[0].x1);
+                  fabs((double)sensor.views[0].y0 + s_max) < 1e-5 && fabs((double)sensor.views[0].y1 - s_max) < 1e-5,
+                      "another field of view: %g", (double)sensor.views[0].x1);
             for (i = 0; i < 16; i++)
-                for (j = 0; j < 16; j++) worst = test_max(worst, fabs((double)weights[16 * i + j] - paper_weight(135, 16, j, i)));
+                for (j = 0; j < 16; j++)
+                    worst = test_max(worst, fabs((double)weights[16 * i + j] - paper_weight(135, 16, j, i)));
             CHECK(worst < 1e-7, "weights are off by %.3g", worst);
         }
     scene_free(&s);
@@ -181,7 +197,8 @@ TEST(paper_frame_and_weights) {
 
 /* >>filter */
 
-/* The step: a top that sees the whole sky, R = 1, and a front that black ground takes half of it from, R = 0.5. Its edge runs across the picture. */
+/* The step: a top that sees the whole sky, R = 1, and a front that black ground takes half of it from, R = 0.5. Its
+   edge runs across the picture. */
 static void step_scene(test_scene *s) {
     int black = scene_material(s, 0, 0, 0);
     scene_quad(s, black, -50, 0, -50, -50, 0, 0, 50, 0, 0, 50, 0, -50);
@@ -190,9 +207,12 @@ static void step_scene(test_scene *s) {
     scene_sky(s, 1, 1, 1);
 }
 
-static sbl_picture_desc step_view(int width, int height) { return scene_view(width, height, 20, 0.3f, 2, 2, 0.3f, 0, 0); }
+static sbl_picture_desc step_view(int width, int height) {
+    return scene_view(width, height, 20, 0.3f, 2, 2, 0.3f, 0, 0);
+}
 
-/* Worst distance of R from what the step's geometry says, and how many pixels lie between the two values by more than 0.1. */
+/* Worst distance of R from what the step's geometry says, and how many pixels lie between the two values by more than
+   0.1. */
 static double step_error(const test_scene *s, const sbl_picture_desc *view, int *between) {
     double worst = 0;
     int i, tops = 0, fronts = 0;
@@ -208,7 +228,8 @@ static double step_error(const test_scene *s, const sbl_picture_desc *view, int 
         *between += radiance[3 * i] > 0.6f && radiance[3 * i] < 0.9f;
         if (!(off <= worst)) worst = off;
     }
-    CHECK(tops > view->width * view->height / 5 && fronts > view->width * view->height / 5, "%d pixels of top, %d of front", tops, fronts);
+    CHECK(tops > view->width * view->height / 5 && fronts > view->width * view->height / 5,
+          "%d pixels of top, %d of front", tops, fronts);
     free(radiance);
     free(normal);
     return worst;
@@ -234,8 +255,8 @@ TEST(filter_stays_on_its_surface) {
     scene_free(&s);
 }
 
-/* In paper mode one view sees 0.877 of the sky; the front, of normal +z, that of the texels that look up. Equation 4 takes a texel's size at
-   one of its corners, so this is not quite the half. */
+/* In paper mode one view sees 0.877 of the sky; the front, of normal +z, that of the texels that look up. Equation 4
+   takes a texel's size at one of its corners, so this is not quite the half. */
 TEST(paper_filter_stays_on_its_id) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(step_view(24, 24), SBL_MODE_PAPER, 64);
@@ -263,7 +284,8 @@ TEST(paper_filter_stays_on_its_id) {
         high[which] = test_max(high[which], (double)radiance[3 * i]);
     }
     for (i = 0; i < 2; i++)
-        CHECK(low[i] > expected[i] - 1e-3 && high[i] < expected[i] + 1e-3, "the %s's R runs from %.4f to %.4f, expected %.4f", i ? "front" : "top", low[i], high[i], expected[i]);
+        CHECK(low[i] > expected[i] - 1e-3 && high[i] < expected[i] + 1e-3,
+              "the %s's R runs from %.4f to %.4f, expected %.4f", i ? "front" : "top", low[i], high[i], expected[i]);
     free(radiance);
     free(id);
     scene_free(&s);
@@ -294,7 +316,8 @@ TEST(filter_smooths) {
             mean[filtered] = sum / (48 * 48);
             variance[filtered] = squares / (48 * 48) - mean[filtered] * mean[filtered];
         }
-        CHECK(mean[0] > 0 && fabs(mean[1] / mean[0] - 1) < 0.02, "mode %d: the mean goes from %.4f to %.4f", (int)modes[mode], mean[0], mean[1]);
+        CHECK(mean[0] > 0 && fabs(mean[1] / mean[0] - 1) < 0.02, "mode %d: the mean goes from %.4f to %.4f",
+              (int)modes[mode], mean[0], mean[1]);
         if (modes[mode] == SBL_MODE_AMBIENT) {  /* the paper's unturned sensors err all alike: nothing to smooth */
             CHECK(variance[0] > 1e-5 * mean[0] * mean[0], "there is no noise to smooth: %g", variance[0]);
             CHECK(variance[1] < 0.2 * variance[0], "the variance goes from %g to %g", variance[0], variance[1]);
@@ -307,11 +330,14 @@ TEST(filter_smooths) {
 
 static void glowing_box(test_scene *s) { scene_box(s, scene_lamp(s, 1, 1, 1), -1, -1, -1, 1, 1, 1); }
 
-static sbl_picture_desc inside_view(int width, int height) { return scene_view(width, height, 80, 0.2f, -0.3f, 0.8f, -0.1f, 0.1f, -1); }
+static sbl_picture_desc inside_view(int width, int height) {
+    return scene_view(width, height, 80, 0.2f, -0.3f, 0.8f, -0.1f, 0.1f, -1);
+}
 
 /* Any size of picture against any tile: R = 1 at every pixel, whatever was interpolated. */
 TEST(odd_sizes) {
-    static const int pictures[][2] = { { 1, 1 }, { 1, 7 }, { 7, 1 }, { 3, 2 }, { 2, 2 }, { 16, 16 }, { 17, 16 }, { 33, 15 }, { 31, 47 }, { 50, 3 } };
+    static const int pictures[][2] = { { 1, 1 }, { 1, 7 }, { 7, 1 }, { 3, 2 }, { 2, 2 }, { 16, 16 }, { 17, 16 },
+        { 33, 15 }, { 31, 47 }, { 50, 3 } };
     static const int tiles[] = { 0, 1, 2, 3, 5, 16, 64, 1024 };
     static const sbl_mode modes[] = { SBL_MODE_DIRECT, SBL_MODE_PAPER };
     test_scene s = { 0 };
@@ -332,14 +358,21 @@ TEST(odd_sizes) {
                 radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
                 final = scene_channel(context, &view, SBL_CHANNEL_FINAL);
                 sensed = scene_channel(context, &view, SBL_CHANNEL_SENSORS);
-                for (i = 0; i < 3 * pixels; i++) worst = test_max(worst, test_max(fabs((double)radiance[i] - expected), fabs((double)final[i] - 1)));
-                for (i = 0; i < 3 * pixels; i++) if (!(radiance[i] == radiance[i]) || !(final[i] == final[i])) worst = 1e30;
+                for (i = 0; i < 3 * pixels; i++)
+                    worst = test_max(worst, test_max(fabs((double)radiance[i] - expected), fabs((double)final[i] - 1)));
+                for (i = 0; i < 3 * pixels; i++)
+                    if (!(radiance[i] == radiance[i]) || !(final[i] == final[i])) worst = 1e30;
                 for (i = 0; i < pixels; i++) marked += sensed[i] > 0;
                 stats = sbl_query_stats(context);
-                CHECK(worst < 0.005, "mode %d, %d x %d, tile %d: R is off by %.4f", (int)modes[m], view.width, view.height, tiles[t], worst);
-                CHECK(stats.picture.visible_pixels == pixels, "%d x %d: %d pixels are visible", view.width, view.height, stats.picture.visible_pixels);
-                CHECK(marked == stats.sensors.count && marked > 0, "%d x %d, tile %d: %d pixels are marked, %d sensors.count counted", view.width, view.height, tiles[t], marked, (int)stats.sensors.count);
-                CHECK(tiles[t] != 1 || marked == pixels, "%d x %d: tile 1 sensed %d pixels", view.width, view.height, marked);
+                CHECK(worst < 0.005, "mode %d, %d x %d, tile %d: R is off by %.4f", (int)modes[m], view.width,
+                      view.height, tiles[t], worst);
+                CHECK(stats.picture.visible_pixels == pixels, "%d x %d: %d pixels are visible", view.width, view.height,
+                      stats.picture.visible_pixels);
+                CHECK(marked == stats.sensors.count && marked > 0,
+                      "%d x %d, tile %d: %d pixels are marked, %d sensors.count counted", view.width, view.height,
+                      tiles[t], marked, (int)stats.sensors.count);
+                CHECK(tiles[t] != 1 || marked == pixels, "%d x %d: tile 1 sensed %d pixels", view.width, view.height,
+                      marked);
                 free(radiance); free(final); free(sensed);
             }
     scene_free(&s);
@@ -365,18 +398,22 @@ TEST(constant_light_needs_few_sensors) {
             if (!scene_render(context, &s, &view)) continue;
             radiance = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
             stats = sbl_query_stats(context);
-            for (i = 0; i < 96 * 64; i++) off[fine] = test_max(off[fine], fabs((double)radiance[3 * i] - (m ? 0.8773 : 1)));
+            for (i = 0; i < 96 * 64; i++)
+                off[fine] = test_max(off[fine], fabs((double)radiance[3 * i] - (m ? 0.8773 : 1)));
             if (fine) CHECK(stats.sensors.count == 96 * 64, "tile 1: %d sensors.count", (int)stats.sensors.count);
-            else CHECK(stats.sensors.count >= 4 * 6 && stats.sensors.count <= 5 * 7 * 2, "tile 16: %d sensors.count for 24 tiles", (int)stats.sensors.count);
+            else
+                CHECK(stats.sensors.count >= 4 * 6 && stats.sensors.count <= 5 * 7 * 2,
+                      "tile 16: %d sensors.count for 24 tiles", (int)stats.sensors.count);
             free(radiance);
         }
-        CHECK(off[0] < 0.002 && off[1] < 0.002, "mode %d: R is off by %.5f with tiles, by %.5f without", (int)modes[m], off[0], off[1]);
+        CHECK(off[0] < 0.002 && off[1] < 0.002, "mode %d: R is off by %.5f with tiles, by %.5f without", (int)modes[m],
+              off[0], off[1]);
         scene_free(&s);
     }
 }
 
-/* Interpolation never crosses the step's edge, where R halves: every interpolated pixel has its own surface's value. Also with a threshold
-   that finds nothing to refine, when there is only interpolation to keep the two apart. */
+/* Interpolation never crosses the step's edge, where R halves: every interpolated pixel has its own surface's value.
+   Also with a threshold that finds nothing to refine, when there is only interpolation to keep the two apart. */
 TEST(interpolation_stays_on_its_surface) {
     test_scene s = { 0 };
     int between, kind;
@@ -395,7 +432,8 @@ TEST(interpolation_stays_on_its_surface) {
         s.meshes[1].id = s.meshes[0].id;
         worst = step_error(&s, &view, &between);
         stats = sbl_query_stats(context);
-        CHECK(worst < 0.02 && between == 0, "%s, threshold %g: R is off by %.4f, %d pixels are mixed", name, (double)view.threshold, worst, between);
+        CHECK(worst < 0.02 && between == 0, "%s, threshold %g: R is off by %.4f, %d pixels are mixed", name,
+              (double)view.threshold, worst, between);
         CHECK(stats.sensors.count < 64 * 64 / 2, "%s: %d sensors.count", name, (int)stats.sensors.count);
     }
     scene_free(&s);
@@ -420,7 +458,8 @@ TEST(tile_1_senses_what_is_visible) {
     }
     CHECK(visible > 100 && visible < 1000, "%d pixels show the sphere", visible);
     CHECK(wrong == 0, "%d pixels are wrongly sensed or not", wrong);
-    CHECK(stats.sensors.count == visible && stats.picture.visible_pixels == visible, "%d sensors.count, %d visible, expected %d", (int)stats.sensors.count, stats.picture.visible_pixels, visible);
+    CHECK(stats.sensors.count == visible && stats.picture.visible_pixels == visible,
+          "%d sensors.count, %d visible, expected %d", (int)stats.sensors.count, stats.picture.visible_pixels, visible);
     CHECK(stats.sensors.views == 5 * stats.sensors.count, "%d views", (int)stats.sensors.views);
     free(id);
     free(sensed);
@@ -465,9 +504,11 @@ static void check_threshold(sbl_mode mode, const float thresholds[3]) {
         CHECK(sum == stats.sensors.count, "the levels sum to %d, not %d", (int)sum, (int)stats.sensors.count);
         free(radiance);
     }
-    printf("  thresholds %g %g %g: %d %d %d sensors of %d, mean error %.2f %.2f %.2f %%\n", (double)thresholds[0], (double)thresholds[1], (double)thresholds[2],
+    printf("  thresholds %g %g %g: %d %d %d sensors of %d, mean error %.2f %.2f %.2f %%\n", (double)thresholds[0],
+           (double)thresholds[1], (double)thresholds[2],
            (int)sensors[0], (int)sensors[1], (int)sensors[2], 64 * 64, 100 * off[0], 100 * off[1], 100 * off[2]);
-    CHECK(sensors[0] > sensors[1] && sensors[1] > sensors[2] && sensors[2] > 0, "sensors %d %d %d", (int)sensors[0], (int)sensors[1], (int)sensors[2]);
+    CHECK(sensors[0] > sensors[1] && sensors[1] > sensors[2] && sensors[2] > 0, "sensors %d %d %d", (int)sensors[0],
+          (int)sensors[1], (int)sensors[2]);
     CHECK(off[0] < off[1] + 1e-9 && off[1] < off[2], "errors %.4f %.4f %.4f", off[0], off[1], off[2]);
     CHECK(off[0] < 0.01, "the finest threshold still costs %.2f %%", 100 * off[0]);
     free(exact);
@@ -484,7 +525,8 @@ TEST(absolute_threshold) {
     check_threshold(SBL_MODE_PAPER, thresholds);
 }
 
-/* The paper's threshold is a radiance: eight times the light, eight times the threshold, the same sensors. A relative one needs no change. */
+/* The paper's threshold is a radiance: eight times the light, eight times the threshold, the same sensors. A relative
+   one needs no change. */
 TEST(threshold_units) {
     static const sbl_mode modes[] = { SBL_MODE_PAPER, SBL_MODE_DIRECT };
     int m, k;
@@ -503,8 +545,11 @@ TEST(threshold_units) {
             if (scene_render(context, &s, &view)) sensors[k] = sbl_query_stats(context).sensors.count;
             scene_free(&s);
         }
-        if (m == 0) CHECK(sensors[1] > sensors[0] && sensors[2] == sensors[0], "paper: %d, %d, %d sensors", (int)sensors[0], (int)sensors[1], (int)sensors[2]);
-        else CHECK(sensors[1] == sensors[0] && sensors[2] < sensors[0], "relative: %d, %d, %d sensors", (int)sensors[0], (int)sensors[1], (int)sensors[2]);
+        if (m == 0)
+            CHECK(sensors[1] > sensors[0] && sensors[2] == sensors[0], "paper: %d, %d, %d sensors", (int)sensors[0],
+                  (int)sensors[1], (int)sensors[2]);
+        else CHECK(sensors[1] == sensors[0] && sensors[2] < sensors[0], "relative: %d, %d, %d sensors", (int)sensors[0],
+                   (int)sensors[1], (int)sensors[2]);
     }
 }
 

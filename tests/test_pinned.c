@@ -1,24 +1,26 @@
-/* Pictures do not change unnoticed: a hash of every channel of small pictures in all modes and back ends, pinned for each renderer they were
-   made on. On another renderer the test is skipped, and prints the lines to add to `pins`.
+/* Pictures do not change unnoticed: a hash of every channel of small pictures in all modes and back ends, pinned for
+   each renderer they were made on. On another renderer the test is skipped, and prints the lines to add to `pins`.
 
-   A change that is meant to change pictures pins them anew, and says in its commit message by how much they moved; scripts/compare_commits
-   measures that. */
+   A change that is meant to change pictures pins them anew, and says in its commit message by how much they moved;
+   scripts/compare_commits measures that. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
 
 static sbl_context *context;
 
-/* A corner of everything: textures of both kinds, a cutout, vertex colours, one-sided emission, hidden surfaces, a mirrored mesh,
-   smooth normals; all kinds of lights and a sky picture where asked for. */
+/* A corner of everything: textures of both kinds, a cutout, vertex colours, one-sided emission, hidden surfaces, a
+   mirrored mesh, smooth normals; all kinds of lights and a sky picture where asked for. */
 static void scene_everything(test_scene *s, int lights, int sky) {
     static const unsigned char checks[] = { 255, 255, 255, 255, 200, 30, 20, 255, 20, 60, 190, 0, 240, 240, 80, 255 };
     static const float glow[] = { 3, 2, 1, 1, 0.5f, 1, 2, 1 };
     static const float colors[] = { 1, 0.2f, 0.2f, 1, 0.2f, 1, 0.2f, 1, 0.2f, 0.2f, 1, 1, 1, 1, 1, 1 };
     static const float mirror[16] = { -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.1f, 0, -0.2f, 1 };
     static float picture[16 * 8 * 3];
-    int white = scene_material(s, 0.7f, 0.7f, 0.7f), cut = scene_material(s, 0.9f, 0.8f, 0.7f), lamp = scene_lamp(s, 6, 5, 4);
-    int screen = scene_lamp(s, 1, 1, 1), hidden = scene_material(s, 0.1f, 0.9f, 0.1f), ghost = scene_material(s, 0.9f, 0.1f, 0.9f), i;
+    int white = scene_material(s, 0.7f, 0.7f, 0.7f), cut = scene_material(s, 0.9f, 0.8f, 0.7f),
+        lamp = scene_lamp(s, 6, 5, 4);
+    int screen = scene_lamp(s, 1, 1, 1), hidden = scene_material(s, 0.1f, 0.9f, 0.1f),
+        ghost = scene_material(s, 0.9f, 0.1f, 0.9f), i;
     s->materials[cut].albedo_texture = scene_texture(s, checks, sizeof checks, SBL_PIXELS_SRGB8, 2, 2, 4);
     s->materials[cut].alpha_cutoff = 0.5f;
     s->materials[lamp].flags = SBL_MATERIAL_ONE_SIDED_EMISSION;
@@ -40,7 +42,8 @@ static void scene_everything(test_scene *s, int lights, int sky) {
         light = scene_light(s, SBL_LIGHT_POINT, 0.1f, 0.2f, 0.5f);
         light->position[0] = 2; light->position[1] = 1; light->position[2] = 2;
         light = scene_light(s, SBL_LIGHT_SPOT, 1, 1, 0.4f);
-        light->position[1] = 2.5f; light->position[2] = 2; light->direction[1] = -2; light->direction[2] = -1; light->cone = 50; light->inner_cone = 30;
+        light->position[1] = 2.5f; light->position[2] = 2; light->direction[1] = -2; light->direction[2] =
+            -1; light->cone = 50; light->inner_cone = 30;
         light = scene_light(s, SBL_LIGHT_DIRECTIONAL, 0.5f, 0.45f, 0.4f);
         light->direction[0] = 0.5f; light->direction[1] = -1; light->direction[2] = -0.3f; light->angle = 2;
     }
@@ -90,7 +93,8 @@ static sbl_picture_desc view_of(int scene, sbl_mode mode, sbl_backend backend, s
 enum { PINS = 17 };
 
 static void pin_cases(pin_case cases[PINS]) {
-    static const struct { const char *name; int scene; sbl_mode mode; sbl_backend backend; sbl_preset preset; } list[PINS] = {
+    static const struct { const char *name; int scene; sbl_mode mode; sbl_backend backend; sbl_preset preset;
+        } list[PINS] = {
         { "cornell_ambient_traced", 0, SBL_MODE_AMBIENT, SBL_BACKEND_TRACE, SBL_PRESET_DEFAULT },
         { "cornell_direct_traced", 0, SBL_MODE_DIRECT, SBL_BACKEND_TRACE, SBL_PRESET_DEFAULT },
         { "cornell_direct_high", 0, SBL_MODE_DIRECT, SBL_BACKEND_TRACE, SBL_PRESET_HIGH },
@@ -125,7 +129,8 @@ static uint64_t hash_of(const sbl_picture_desc *view) {
     uint64_t hash = 14695981039346656037u;
     int channel;
     for (channel = 0; channel < SBL_CHANNEL_OVERLAP; channel++) {
-        const size_t bytes = (size_t)(view->width * view->height * sbl_channel_components((sbl_channel)channel)) * sizeof(float);
+        const size_t bytes = (size_t)(view->width * view->height * sbl_channel_components((sbl_channel)channel)) *
+            sizeof(float);
         float *values = scene_channel(context, view, (sbl_channel)channel);
         size_t i;
         for (i = 0; i < bytes; i++) hash = (hash ^ ((unsigned char *)values)[i]) * 1099511628211u;
@@ -171,8 +176,14 @@ TEST(pictures_are_the_same_as_ever) {
         else scene_everything(&s, cases[i].scene > 1, cases[i].scene > 2);
         hashes[i] = scene_render(context, &s, &cases[i].view) ? hash_of(&cases[i].view) : 0;
         /* what is worth its cost hangs on roundings: GL 3.3 without clip control has its own for this one */
-        if (c.gl_major == 3 && strcmp(cases[i].name, "cornell_gi_rasterised") == 0 && hashes[i] == 0x5ca3f25b35988b73u) { scene_free(&s); continue; }
-        if (known >= 0) CHECK(hashes[i] == pins[known].hashes[i], "%s has changed: its hash is 0x%016llx", cases[i].name, (unsigned long long)hashes[i]);
+        if (c.gl_major == 3 && strcmp(cases[i].name, "cornell_gi_rasterised") == 0 && hashes[i] ==
+            0x5ca3f25b35988b73u) {
+            scene_free(&s);
+            continue;
+        }
+        if (known >= 0)
+            CHECK(hashes[i] == pins[known].hashes[i], "%s has changed: its hash is 0x%016llx", cases[i].name,
+                  (unsigned long long)hashes[i]);
         scene_free(&s);
     }
     if (known >= 0) return;

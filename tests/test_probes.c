@@ -1,22 +1,13 @@
-/* Probes: the light at points in the air, against closed forms and loops of their own over directions, lamps' areas and boxes; where they stand, and how
-   they come about. */
+/* Probes: the light at points in the air, against closed forms and loops of their own over directions, lamps' areas and
+   boxes; where they stand, and how they come about. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
 #include "support/reference.h"
 #include "support/gl_watch.h"
+#include "support/one_context.h"
 
 static const double pi = REF_PI;
-static watch seen;
-static sbl_context *context;
-
-static int use_scene(const test_scene *s) {
-    const sbl_context_desc desc = watch_desc(&seen);
-    sbl_destroy(context);
-    context = watch_context(&seen, &desc, s);
-    watch_forget(&seen);
-    return context != NULL;
-}
 
 static sbl_probes_desc probes_of(const float *positions, sbl_probe *probes, int count) {
     sbl_probes_desc desc;
@@ -71,7 +62,9 @@ static void shine(field *f, double light, double x, double y, double z) {
     for (i = 0; i < 6; i++) f->cube[i] += light * fmax(0, i & 1 ? -way[i / 2] : way[i / 2]) / pi;
 }
 
-static double norm_of(const field *f) { return sqrt(f->sh[0] * f->sh[0] + f->sh[1] * f->sh[1] + f->sh[2] * f->sh[2] + f->sh[3] * f->sh[3]); }
+static double norm_of(const field *f) {
+    return sqrt(f->sh[0] * f->sh[0] + f->sh[1] * f->sh[1] + f->sh[2] * f->sh[2] + f->sh[3] * f->sh[3]);
+}
 
 /* How far off a channel's coefficients are, as a share of the norm of the first four. */
 static double off(const sbl_probe *p, int channel, const field *f) {
@@ -102,7 +95,8 @@ static void around(field *f, double (*radiance)(const double d[3])) {
         }
 }
 
-/* A lamp with corner a and sides u, v, both of whose faces shine, from the origin: the middles of 500 x 500 parts. keep: those with x below it. */
+/* A lamp with corner a and sides u, v, both of whose faces shine, from the origin: the middles of 500 x 500 parts.
+   keep: those with x below it. */
 static void rectangle(field *f, const double a[3], const double u[3], const double v[3], double radiance, double keep) {
     const double n[3] = { u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0] };
     int i, j, k;
@@ -137,19 +131,27 @@ TEST(a_uniform_sky) {
         desc.options.mode = backend == SBL_BACKEND_TRACE ? SBL_MODE_GI : SBL_MODE_DIRECT;
         bake(&desc);
         for (i = 0; i < 9; i++)
-            for (k = 0; k < 3; k++) worst = test_max(worst, fabs((double)p.sh[i][k] / s.sky[k] - (i ? 0 : sqrt(4 * pi))) / sqrt(4 * pi));
+            for (k = 0; k < 3; k++)
+                worst = test_max(worst, fabs((double)p.sh[i][k] / s.sky[k] - (i ? 0 : sqrt(4 * pi))) / sqrt(4 * pi));
         CHECK(worst < 1e-3, "back end %d: coefficients are off by %g", backend, worst);
-        for (worst = 0, i = 0; i < 6; i++) for (k = 0; k < 3; k++) worst = test_max(worst, fabs((double)p.cube[i][k] / s.sky[k] - 1));
+        for (worst = 0, i = 0; i < 6; i++)
+            for (k = 0; k < 3; k++) worst = test_max(worst, fabs((double)p.cube[i][k] / s.sky[k] - 1));
         CHECK(worst < 1e-3, "back end %d: the cube is off by %g", backend, worst);
-        CHECK(p.sky == 1 && p.back_share == 0 && p.valid == 1 && p.distance[3] == 0 && p.distance_squared[3] == 0, "sky %g, back %g, valid %d, distance %g",
+        CHECK(p.sky == 1 && p.back_share == 0 && p.valid == 1 && p.distance[3] == 0 && p.distance_squared[3] == 0,
+              "sky %g, back %g, valid %d, distance %g",
               (double)p.sky, (double)p.back_share, p.valid, (double)p.distance[3]);
         CHECK(p.position[0] == 3 && p.position[1] == 4 && p.position[2] == 5, "it stands elsewhere");
     }
     scene_free(&s);
 }
 
-static double gradient(const double d[3]) { return 1 + 0.5 * d[1] - 0.3 * d[0] + 0.2 * d[0] * d[2] + 0.4 * d[1] * d[1] - 0.3 * d[0] * d[1] + 0.1 * d[2] * d[2] * d[2]; }
-static double with_a_sun(const double d[3]) { return gradient(d) + 12 * exp(20 * (0.6 * d[0] + 0.64 * d[1] + 0.48 * d[2] - 1)); }
+static double gradient(const double d[3]) {
+    return 1 + 0.5 * d[1] - 0.3 * d[0] + 0.2 * d[0] * d[2] + 0.4 * d[1] * d[1] - 0.3 * d[0] * d[1] + 0.1 * d[2] * d[2] *
+        d[2];
+}
+static double with_a_sun(const double d[3]) {
+    return gradient(d) + 12 * exp(20 * (0.6 * d[0] + 0.64 * d[1] + 0.48 * d[2] - 1));
+}
 
 static void sky_of(const float direction[3], float radiance[3], void *user) {
     const double d[3] = { (double)direction[0], (double)direction[1], (double)direction[2] };
@@ -194,25 +196,32 @@ TEST(a_rectangular_lamp) {
             float c[12];
             int i, k;
             memset(&s, 0, sizeof s);
-            for (i = 0; i < 4; i++) for (k = 0; k < 3; k++) c[3 * i + k] = (float)((double)at[k] + a[k] + (i == 1 || i == 2) * u[k] + (i > 1) * v[k]);
+            for (i = 0; i < 4; i++)
+                for (k = 0; k < 3; k++)
+                    c[3 * i + k] = (float)((double)at[k] + a[k] + (i == 1 || i == 2) * u[k] + (i > 1) * v[k]);
             scene_quad_uv(&s, scene_lamp(&s, 1, 5, 25), c, 1, 1);
             /* a wall just above that ends over the probe: it hides what lies beyond x = 0, and takes many rays */
-            if (hidden) scene_quad(&s, scene_material(&s, 0, 0, 0), 7, 8.01f, 8, 7, 8.01f, 10.5f, 9, 8.01f, 10.5f, 9, 8.01f, 8);
+            if (hidden)
+                scene_quad(&s, scene_material(&s, 0, 0, 0), 7, 8.01f, 8, 7, 8.01f, 10.5f, 9, 8.01f, 10.5f, 9, 8.01f, 8);
             REQUIRE(use_scene(&s), "no scene");
             desc.options.backend = (sbl_backend)backend;
             if (hidden) desc.options.rays = 16384;
             rectangle(&f, a, u, v, 5, hidden ? 0 : 10);
             bake(&desc);
             CHECK(off(&p, 1, &f) < most, "back end %d, hidden %d: off by %g", backend, hidden, off(&p, 1, &f));
-            CHECK(cube_off(&p, 1, &f) < (hidden ? 0.02 : 1e-3), "back end %d, hidden %d: the cube is off by %g", backend, hidden, cube_off(&p, 1, &f));
-            CHECK(fabsf(p.sh[0][2] / p.sh[0][0] - 25) < 1e-2f, "blue %g, red %g", (double)p.sh[0][2], (double)p.sh[0][0]);
-            printf("  %s, %s: %.3f %%, cube %.3f %%\n", backend == SBL_BACKEND_RASTER ? "views" : "rays", hidden ? "half hidden" : "open", 100 * off(&p, 1, &f),
+            CHECK(cube_off(&p, 1, &f) < (hidden ? 0.02 : 1e-3), "back end %d, hidden %d: the cube is off by %g",
+                  backend, hidden, cube_off(&p, 1, &f));
+            CHECK(fabsf(p.sh[0][2] / p.sh[0][0] - 25) < 1e-2f, "blue %g, red %g", (double)p.sh[0][2],
+                  (double)p.sh[0][0]);
+            printf("  %s, %s: %.3f %%, cube %.3f %%\n", backend == SBL_BACKEND_RASTER ? "views" : "rays",
+                   hidden ? "half hidden" : "open", 100 * off(&p, 1, &f),
                    100 * cube_off(&p, 1, &f));
             scene_free(&s);
         }
 }
 
-/* Lights about the origin in many directions. A sphere's harmonics are its axis' own, times 2 pi times the integral of the Legendre polynomial. */
+/* Lights about the origin in many directions. A sphere's harmonics are its axis' own, times 2 pi times the integral of
+   the Legendre polynomial. */
 TEST(points_spheres_and_suns) {
     static const sbl_light_kind kinds[4] = { SBL_LIGHT_POINT, SBL_LIGHT_POINT, SBL_LIGHT_DIRECTIONAL, SBL_LIGHT_SPOT };
     static const char *const names[4] = { "point", "sphere", "sun", "spot" };
@@ -222,8 +231,10 @@ TEST(points_spheres_and_suns) {
         double worst = 0, worst_cube = 0;
         for (run = 0; run < 24; run++) {
             static test_scene s;
-            const double z = run == 0 ? 1 : run == 1 ? 0 : 2 * ref_random(&seed) - 1, phi = run == 1 ? 0 : 2 * pi * ref_random(&seed), r = sqrt(1 - z * z);
-            const double d[3] = { r * cos(phi), r * sin(phi), z }, distance = 2, radius = 1, c = sqrt(1 - radius * radius / distance / distance);
+            const double z = run == 0 ? 1 : run == 1 ? 0 : 2 * ref_random(&seed) - 1, phi = run ==
+                1 ? 0 : 2 * pi * ref_random(&seed), r = sqrt(1 - z * z);
+            const double d[3] = { r * cos(phi), r * sin(phi), z }, distance = 2, radius = 1,
+                c = sqrt(1 - radius * radius / distance / distance);
             const double bands[3] = { 1 - c, (1 - c * c) / 2, (c - c * c * c) / 2 };
             sbl_light *light;
             sbl_probe p;
@@ -240,7 +251,8 @@ TEST(points_spheres_and_suns) {
             if (kind == 1) {
                 double y9[9];
                 basis(d[0], d[1], d[2], y9);
-                for (i = 0; i < 9; i++) f.sh[i] = y9[i] * 3 / (pi * radius * radius) * 2 * pi * bands[i == 0 ? 0 : i < 4 ? 1 : 2];
+                for (i = 0; i < 9; i++)
+                    f.sh[i] = y9[i] * 3 / (pi * radius * radius) * 2 * pi * bands[i == 0 ? 0 : i < 4 ? 1 : 2];
             } else worst_cube = test_max(worst_cube, cube_off(&p, 0, &f));
             worst = test_max(worst, off(&p, 0, &f));
             scene_free(&s);
@@ -269,12 +281,15 @@ TEST(a_furnace) {
         desc.options.mode = SBL_MODE_GI;
         desc.options.backend = (sbl_backend)backend;
         bake(&desc);
-        for (i = 0; i < 9; i++) worst = test_max(worst, fabs((double)p.sh[i][0] / 2 - (i ? 0 : sqrt(4 * pi))) / sqrt(4 * pi));
+        for (i = 0; i < 9; i++)
+            worst = test_max(worst, fabs((double)p.sh[i][0] / 2 - (i ? 0 : sqrt(4 * pi))) / sqrt(4 * pi));
         for (i = 0; i < 6; i++) worst_cube = test_max(worst_cube, fabs((double)p.cube[i][1] / 2 - 1));
         CHECK(worst < 0.005, "back end %d: off by %g", backend, worst);
         CHECK(worst_cube < 0.005, "back end %d: the cube is off by %g", backend, worst_cube);
-        CHECK(p.sky == 0 && p.back_share == 1 && !p.valid, "its walls face outward: sky %g, back %g", (double)p.sky, (double)p.back_share);
-        printf("  %s: %.3f %%, cube %.3f %%\n", backend == SBL_BACKEND_RASTER ? "views" : "rays", 100 * worst, 100 * worst_cube);
+        CHECK(p.sky == 0 && p.back_share == 1 && !p.valid, "its walls face outward: sky %g, back %g", (double)p.sky,
+              (double)p.back_share);
+        printf("  %s: %.3f %%, cube %.3f %%\n", backend == SBL_BACKEND_RASTER ? "views" : "rays", 100 * worst,
+               100 * worst_cube);
         scene_free(&s);
     }
 }
@@ -306,7 +321,8 @@ TEST(what_a_floor_reflects) {
         for (k = 0; k < 6; k++) f.cube[k] += share * below.cube[k];
         CHECK(off(&p, 2, &f) < 0.005, "mode %d: off by %g", (int)modes[i], off(&p, 2, &f));
         CHECK(cube_off(&p, 2, &f) < 0.005, "mode %d: the cube is off by %g", (int)modes[i], cube_off(&p, 2, &f));
-        CHECK(fabs((double)p.sky - 0.5) < 2e-3 && p.back_share == 0 && p.valid, "sky %g, back %g", (double)p.sky, (double)p.back_share);
+        CHECK(fabs((double)p.sky - 0.5) < 2e-3 && p.back_share == 0 && p.valid, "sky %g, back %g", (double)p.sky,
+              (double)p.back_share);
     }
     scene_free(&s);
 }
@@ -314,7 +330,8 @@ TEST(what_a_floor_reflects) {
 /* >>what is seen */
 
 /* Distance from a point in a box to its side along d; *side: which, as the cube counts. */
-static double box_distance(const double at[3], const double low[3], const double high[3], const double d[3], int *side) {
+static double box_distance(const double at[3], const double low[3], const double high[3], const double d[3],
+                           int *side) {
     double least = HUGE_VAL;
     int k;
     for (k = 0; k < 3; k++) {
@@ -348,7 +365,8 @@ TEST(distances_in_a_box) {
                 const double t = box_distance(at, low, high, d, &side);
                 if (open && side == 2) { sky += 1 / 320000.0; continue; }
                 for (o = 0; o < 8; o++) {
-                    const double w = fmax(0, (d[0] * (o & 1 ? 1 : -1) + d[1] * (o & 2 ? 1 : -1) + d[2] * (o & 4 ? 1 : -1)));
+                    const double w = fmax(0, (d[0] * (o & 1 ? 1 : -1) + d[1] * (o & 2 ? 1 : -1) + d[2] *
+                                              (o & 4 ? 1 : -1)));
                     weight[o] += w;
                     mean[o] += w * t;
                     square[o] += w * t * t;
@@ -359,7 +377,8 @@ TEST(distances_in_a_box) {
             worst = test_max(worst, fabs((double)p.distance_squared[o] * weight[o] / square[o] - 1));
         }
         CHECK(worst < 0.005, "open %d: off by %g", open, worst);
-        CHECK(fabs((double)p.sky - sky) < 2e-3 && p.back_share == 1, "open %d: sky %g, is %g; back %g", open, (double)p.sky, sky, (double)p.back_share);
+        CHECK(fabs((double)p.sky - sky) < 2e-3 && p.back_share == 1, "open %d: sky %g, is %g; back %g", open,
+              (double)p.sky, sky, (double)p.back_share);
         printf("  %s: %.3f %%\n", open ? "without a side" : "closed", 100 * worst);
         scene_free(&s);
     }
@@ -374,7 +393,8 @@ TEST(distances_in_a_sphere) {
     REQUIRE(use_scene(&s), "no scene");
     p = probe_at(1, 1, 1, SBL_MODE_DIRECT);
     for (o = 0; o < 8; o++)
-        CHECK(fabs((double)p.distance[o] - 2) < 0.012 && fabs((double)p.distance_squared[o] - 4) < 0.05, "octant %d: %g, %g", o, (double)p.distance[o],
+        CHECK(fabs((double)p.distance[o] - 2) < 0.012 && fabs((double)p.distance_squared[o] - 4) < 0.05,
+              "octant %d: %g, %g", o, (double)p.distance[o],
               (double)p.distance_squared[o]);
     scene_free(&s);
 }
@@ -392,7 +412,8 @@ TEST(inside_and_outside) {
     p = probe_at(0.5f, 0.3f, 0.6f, SBL_MODE_DIRECT);
     CHECK(!p.valid && p.back_share == 1 && p.sky == 0, "in a cube: valid %d, back %g", p.valid, (double)p.back_share);
     p = probe_at(0.5f, 0.3f, 1.01f, SBL_MODE_DIRECT);
-    CHECK(p.valid && p.back_share == 0 && p.sky > 0.5f, "before a cube: valid %d, back %g", p.valid, (double)p.back_share);
+    CHECK(p.valid && p.back_share == 0 && p.sky > 0.5f, "before a cube: valid %d, back %g", p.valid,
+          (double)p.back_share);
     scene_free(&s);
     /* five sides of a cube: from within, a sixth of the sphere is the sky's */
     memset(&s, 0, sizeof s);
@@ -400,9 +421,11 @@ TEST(inside_and_outside) {
     s.meshes[3] = s.meshes[2];
     REQUIRE(use_scene(&s), "no scene");
     p = probe_at(0.5f, 0.5f, 0.5f, SBL_MODE_DIRECT);
-    CHECK(!p.valid && p.back_share == 1 && fabs((double)p.sky - 1 / 6.0) < 2e-3, "in an open cube: valid %d, sky %g", p.valid, (double)p.sky);
+    CHECK(!p.valid && p.back_share == 1 && fabs((double)p.sky - 1 / 6.0) < 2e-3, "in an open cube: valid %d, sky %g",
+          p.valid, (double)p.sky);
     scene_free(&s);
-    /* a square of one layer, from before and from behind: it covers asin(1 / (1 + h^2)) / pi of the sphere, a quarter at h = 0.6436 */
+    /* a square of one layer, from before and from behind: it covers asin(1 / (1 + h^2)) / pi of the sphere, a quarter
+       at h = 0.6436 */
     memset(&s, 0, sizeof s);
     m = scene_material(&s, 0.5f, 0.5f, 0.5f);
     scene_floor(&s, m, 0, 1);
@@ -410,15 +433,19 @@ TEST(inside_and_outside) {
     for (i = 0; i < 2; i++) {
         const double share = asin(1 / (1 + (double)heights[i] * (double)heights[i])) / pi;
         p = probe_at(0, heights[i], 0, SBL_MODE_DIRECT);
-        CHECK(p.valid && p.back_share == 0 && fabs((double)p.sky - 1 + share) < 3e-3, "before: valid %d, sky %g, share %g", p.valid, (double)p.sky, share);
+        CHECK(p.valid && p.back_share == 0 && fabs((double)p.sky - 1 + share) < 3e-3,
+              "before: valid %d, sky %g, share %g", p.valid, (double)p.sky, share);
         p = probe_at(0, -heights[i], 0, SBL_MODE_DIRECT);
-        CHECK(p.valid == i && p.back_share == 1 && fabs((double)p.sky - 1 + share) < 3e-3, "%g behind: valid %d, sky %g, share %g", (double)heights[i], p.valid,
+        CHECK(p.valid == i && p.back_share == 1 && fabs((double)p.sky - 1 + share) < 3e-3,
+              "%g behind: valid %d, sky %g, share %g", (double)heights[i], p.valid,
               (double)p.sky, share);
     }
     scene_free(&s);
 }
 
-static int inside_unit(const float p[3]) { return p[0] > 0 && p[0] < 1 && p[1] > 0 && p[1] < 1 && p[2] > 0 && p[2] < 1; }
+static int inside_unit(const float p[3]) {
+    return p[0] > 0 && p[0] < 1 && p[1] > 0 && p[1] < 1 && p[2] > 0 && p[2] < 1;
+}
 static double apart(const float a[3], const float b[3]) {
     const double x = (double)a[0] - (double)b[0], y = (double)a[1] - (double)b[1], z = (double)a[2] - (double)b[2];
     return sqrt(x * x + y * y + z * z);
@@ -440,20 +467,26 @@ TEST(moving_out) {
         REQUIRE(use_scene(&s), "no scene");
         desc = probes_of(at, still, 3);
         bake(&desc);
-        CHECK(!still[0].valid && still[1].valid && !still[2].valid && sbl_query_stats(context).sensors.invalid == 2, "nothing is moved unasked");
+        CHECK(!still[0].valid && still[1].valid && !still[2].valid && sbl_query_stats(context).sensors.invalid == 2,
+              "nothing is moved unasked");
         desc.probes = moved;
         desc.move = blocked ? 0.7f : 0.4f;
         bake(&desc);
-        CHECK(sbl_query_stats(context).sensors.invalid == 0, "%d are left", (int)sbl_query_stats(context).sensors.invalid);
-        CHECK(sbl_query_stats(context).sensors.count >= 5 + blocked, "%d sensors.count", (int)sbl_query_stats(context).sensors.count);
+        CHECK(sbl_query_stats(context).sensors.invalid == 0, "%d are left",
+              (int)sbl_query_stats(context).sensors.invalid);
+        CHECK(sbl_query_stats(context).sensors.count >= 5 + blocked, "%d sensors.count",
+              (int)sbl_query_stats(context).sensors.count);
         CHECK(memcmp(&moved[1], &still[1], sizeof *moved) == 0, "one that is valid is moved");
         for (i = 0; i < 3; i += 2) {
             const float *p = moved[i].position;
-            CHECK(moved[i].valid && !inside_unit(p) && apart(p, at + 3 * i) <= (double)desc.move * 1.00001, "it stands at %g %g %g, %g away", (double)p[0],
+            CHECK(moved[i].valid && !inside_unit(p) && apart(p, at + 3 * i) <= (double)desc.move * 1.00001,
+                  "it stands at %g %g %g, %g away", (double)p[0],
                   (double)p[1], (double)p[2], apart(p, at + 3 * i));
-            CHECK(blocked ? p[0] < 1 : i == 0 ? p[0] > 1 : p[2] > 1, "blocked %d: that is no way out: %g %g %g", blocked, (double)p[0], (double)p[1], (double)p[2]);
+            CHECK(blocked ? p[0] < 1 : i == 0 ? p[0] > 1 : p[2] > 1, "blocked %d: that is no way out: %g %g %g",
+                  blocked, (double)p[0], (double)p[1], (double)p[2]);
         }
-        if (!blocked) CHECK(apart(moved[0].position, at) < 0.2 * 1.1 + 0.4 / 8, "it was moved %g", apart(moved[0].position, at));
+        if (!blocked)
+            CHECK(apart(moved[0].position, at) < 0.2 * 1.1 + 0.4 / 8, "it was moved %g", apart(moved[0].position, at));
         for (i = 0; i < 3; i++) memcpy(there + 3 * i, moved[i].position, 3 * sizeof(float));
         desc.positions = there;
         desc.probes = again;
@@ -495,7 +528,8 @@ TEST(grids_in_order) {
             const int n[3] = { i % 3, i / 3 % 2, i / 6 };
             int k;
             for (k = 0; k < 3; k++) {
-                const double is = ((double)low[k] + (n[k] + 0.5) / sizes[k] * ((double)high[k] - (double)low[k])) * (bounds ? 1 : 2);
+                const double is = ((double)low[k] + (n[k] + 0.5) / sizes[k] * ((double)high[k] - (double)low[k])) *
+                    (bounds ? 1 : 2);
                 worst = test_max(worst, fabs((double)probes[i].position[k] - is));
                 at[3 * i + k] = probes[i].position[k];
             }
@@ -503,13 +537,15 @@ TEST(grids_in_order) {
         CHECK(worst < 1e-5, "bounds %d: off by %g", bounds, worst);
         desc = probes_of(at, listed, 24);
         bake(&desc);
-        CHECK(memcmp(probes, listed, sizeof probes) == 0, "bounds %d: a list of the same places has other light", bounds);
+        CHECK(memcmp(probes, listed, sizeof probes) == 0, "bounds %d: a list of the same places has other light",
+              bounds);
         desc = probes_of(NULL, listed, 24);
         memcpy(desc.grid, sizes, sizeof desc.grid);
         for (i = 0; i < 3 && !bounds; i++) { desc.lowest[i] = 2 * low[i]; desc.highest[i] = 2 * high[i]; }
         memset(listed, 0, sizeof listed);
         desc.probe_count = 0;
-        CHECK(sbl_bake_probes(context, &desc) == SBL_SUCCESS && memcmp(probes, listed, sizeof probes) == 0, "count is not the grid's by default");
+        CHECK(sbl_bake_probes(context, &desc) == SBL_SUCCESS && memcmp(probes, listed, sizeof probes) == 0,
+              "count is not the grid's by default");
     }
     scene_free(&s);
 }
@@ -518,7 +554,8 @@ static void refused(sbl_probes_desc desc, const char *word) {
     const sbl_result result = sbl_begin_probes(context, &desc);
     CHECK(result == SBL_ERROR_INVALID_ARGUMENT, "%s: %s", word, sbl_result_string(result));
     CHECK(watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_PROBES_DESC, "sbl_probes_desc", word, NULL) ||
-          watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_PROBES_DESC, word, NULL, NULL), "%s: %s", word, watch_last(&seen));
+          watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_PROBES_DESC, word, NULL, NULL), "%s: %s", word,
+              watch_last(&seen));
     watch_forget(&seen);
 }
 
@@ -568,17 +605,23 @@ TEST(every_field_is_checked) {
     scene_free(&s);
     for (i = 0; i < 60; i++) at[i] = (float)INFINITY;
     d = good;
-    CHECK(sbl_begin_probes(context, &d) == SBL_ERROR_INVALID_ARGUMENT && watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_PROBES_DESC, "4 probes more", NULL, NULL),
+    CHECK(sbl_begin_probes(context, &d) == SBL_ERROR_INVALID_ARGUMENT &&
+          watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_PROBES_DESC, "4 probes more", NULL, NULL),
           "%s", watch_last(&seen));
     memset(at, 0, sizeof at);
     for (i = 0; i < (int)sizeof probes; i++) if (((unsigned char *)probes)[i] != 0x5a) break;
     CHECK(i == (int)sizeof probes, "what is refused is written");
-    CHECK(sbl_begin_probes(NULL, &good) == SBL_ERROR_INVALID_ARGUMENT && sbl_bake_probes(NULL, NULL) == SBL_ERROR_INVALID_ARGUMENT, "NULL is taken");
-    CHECK(sbl_bake_probes(context, NULL) == SBL_SUCCESS && sbl_progress(context) == 1, "a NULL descriptor is all zeroes: no probes");
-    CHECK(sbl_create(&watched, &empty) == SBL_SUCCESS && sbl_bake_probes(empty, &good) == SBL_ERROR_STATE, "probes without a scene");
+    CHECK(sbl_begin_probes(NULL, &good) == SBL_ERROR_INVALID_ARGUMENT && sbl_bake_probes(NULL, NULL) ==
+          SBL_ERROR_INVALID_ARGUMENT, "NULL is taken");
+    CHECK(sbl_bake_probes(context, NULL) == SBL_SUCCESS && sbl_progress(context) == 1,
+          "a NULL descriptor is all zeroes: no probes");
+    CHECK(sbl_create(&watched, &empty) == SBL_SUCCESS && sbl_bake_probes(empty, &good) == SBL_ERROR_STATE,
+          "probes without a scene");
     sbl_destroy(empty);
     d = sbl_probes_desc_defaults(NULL);
-    CHECK(d.options.rays == 4096 && d.options.sensor_size == 16 && d.options.mode == SBL_MODE_GI && d.probe_count == 0 && d.move == 0 && d.options.epsilon == 0, "rays %d, size %d", d.options.rays, d.options.sensor_size);
+    CHECK(d.options.rays == 4096 && d.options.sensor_size == 16 && d.options.mode == SBL_MODE_GI &&
+              d.probe_count == 0 && d.move == 0 && d.options.epsilon == 0,
+          "rays %d, size %d", d.options.rays, d.options.sensor_size);
     d = sbl_probes_desc_defaults(&grid);
     CHECK(d.probe_count == 8, "probe_count %d", d.probe_count);
 }
@@ -624,8 +667,11 @@ TEST(slices_cancel_and_end) {
     bake(&desc);
     for (i = 0; i < MANY; i++) moved += apart(whole[i].position, at + 3 * i) > 0;
     CHECK(moved > 5 && moved < MANY / 2, "%d were moved", moved);
-    CHECK(sbl_query_stats(context).sensors.count >= MANY + moved && sbl_query_stats(context).sensors.rays >= (int64_t)300 * MANY && sbl_query_stats(context).backend == SBL_BACKEND_TRACE,
-          "%d sensors, %d rays", (int)sbl_query_stats(context).sensors.count, (int)sbl_query_stats(context).sensors.rays);
+    CHECK(sbl_query_stats(context).sensors.count >= MANY + moved &&
+              sbl_query_stats(context).sensors.rays >= (int64_t)300 * MANY &&
+              sbl_query_stats(context).backend == SBL_BACKEND_TRACE,
+          "%d sensors, %d rays", (int)sbl_query_stats(context).sensors.count,
+          (int)sbl_query_stats(context).sensors.rays);
     CHECK(sbl_step(context, 0) == SBL_SUCCESS && sbl_progress(context) == 1, "what is finished is not finished");
     desc.probes = now;
     for (i = 0; i < 2; i++) {
@@ -635,40 +681,50 @@ TEST(slices_cancel_and_end) {
         context = watch_context(&seen, &watched, &s);
         REQUIRE(context && sbl_begin_probes(context, &desc) == SBL_SUCCESS, "cannot begin");
         for (steps = 0, before = 0; (result = sbl_step(context, slices[i])) == SBL_UNFINISHED; steps++) {
-            CHECK(sbl_progress(context) >= before && sbl_progress(context) <= 1, "progress falls from %g to %g", (double)before, (double)sbl_progress(context));
+            CHECK(sbl_progress(context) >= before && sbl_progress(context) <= 1, "progress falls from %g to %g",
+                  (double)before, (double)sbl_progress(context));
             before = sbl_progress(context);
         }
-        CHECK(result == SBL_SUCCESS && memcmp(now, whole, sizeof now) == 0, "slices of %g s change probes: %s", slices[i], sbl_result_string(result));
-        CHECK(steps > (i ? 20 : 100) && before > 0.5f, "slices of %g s: %d steps, the last at %g", slices[i], steps, (double)before);
+        CHECK(result == SBL_SUCCESS && memcmp(now, whole, sizeof now) == 0, "slices of %g s change probes: %s",
+              slices[i], sbl_result_string(result));
+        CHECK(steps > (i ? 20 : 100) && before > 0.5f, "slices of %g s: %d steps, the last at %g", slices[i], steps,
+              (double)before);
     }
     desc.probe_count = 200;  /* fewer are the same */
     memset(now, 0, sizeof now);
     bake(&desc);
-    CHECK(memcmp(now, whole, 200 * sizeof *now) == 0 && now[200].valid == 0 && now[200].sh[0][0] == 0, "fewer probes are others");
+    CHECK(memcmp(now, whole, 200 * sizeof *now) == 0 && now[200].valid == 0 && now[200].sh[0][0] == 0,
+          "fewer probes are others");
     desc.options.seed = 5;
     bake(&desc);
     CHECK(memcmp(now[0].sh, whole[0].sh, sizeof now[0].sh) != 0, "what does the seed change?");
     desc.options.seed = 0;
     desc.probe_count = MANY;
-    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS && sbl_begin_probes(context, &desc) == SBL_SUCCESS, "cannot begin");
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS && sbl_begin_probes(context, &desc) == SBL_SUCCESS,
+            "cannot begin");
     memset(now, 0, sizeof now);
     while ((result = sbl_step(context, 1e-9)) == SBL_UNFINISHED)
-        if (looks < 20 && ++looks) CHECK(sbl_inspect_sensor(context, 4, 4, &sensor, NULL, NULL, 0) == SBL_SUCCESS, "%s", watch_last(&seen));
-    CHECK(result == SBL_SUCCESS && memcmp(now, whole, sizeof now) == 0, "looks at a sensor change probes: %s", sbl_result_string(result));
+        if (looks < 20 && ++looks)
+            CHECK(sbl_inspect_sensor(context, 4, 4, &sensor, NULL, NULL, 0) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(result == SBL_SUCCESS && memcmp(now, whole, sizeof now) == 0, "looks at a sensor change probes: %s",
+          sbl_result_string(result));
     CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, pixels, 8 * 8 * 3) == SBL_SUCCESS, "the picture is gone");
     desc.options.progress = stops_at;
     desc.options.progress_user = &limit;
     CHECK(sbl_begin_probes(context, &desc) == SBL_SUCCESS, "cannot begin");
     while ((result = sbl_step(context, 1e-4)) == SBL_UNFINISHED) {}
-    CHECK(result == SBL_CANCELLED && sbl_step(context, 0) == SBL_SUCCESS, "not cancelled: %s", sbl_result_string(result));  /* the picture is */
+    CHECK(result == SBL_CANCELLED && sbl_step(context, 0) == SBL_SUCCESS, "not cancelled: %s",
+          sbl_result_string(result)); /* the picture is */
     desc.options.progress = NULL;
     CHECK(sbl_begin_probes(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED, "cannot begin");
     sbl_end(context);
     CHECK(sbl_step(context, 0) == SBL_ERROR_STATE && sbl_progress(context) == 0, "what was ended goes on");
     CHECK(sbl_begin_probes(context, &desc) == SBL_SUCCESS && sbl_step(context, 0.01) == SBL_UNFINISHED, "cannot begin");
-    CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_step(context, 0) == SBL_ERROR_STATE, "it goes on in another scene");
-    CHECK(sbl_begin_probes(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED && sbl_begin_picture(context, &view) == SBL_SUCCESS &&
-          sbl_step(context, 0) == SBL_SUCCESS, "no picture in its place");
+    CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_step(context, 0) == SBL_ERROR_STATE,
+          "it goes on in another scene");
+    CHECK(sbl_begin_probes(context, &desc) == SBL_SUCCESS && sbl_step(context, 1e-9) == SBL_UNFINISHED &&
+              sbl_begin_picture(context, &view) == SBL_SUCCESS && sbl_step(context, 0) == SBL_SUCCESS,
+          "no picture in its place");
     memset(now, 0, sizeof now);
     bake(&desc);
     CHECK(memcmp(now, whole, sizeof now) == 0, "what was abandoned leaves traces");
@@ -695,21 +751,26 @@ TEST(many_probes) {
     desc.probe_count = HEAPS;
     bake(&desc);
     heaps = sbl_query_memory(context);
-    CHECK(heaps.host_peak_bytes == few.host_peak_bytes && heaps.gpu_peak_bytes == few.gpu_peak_bytes, "memory grows: host %.2f to %.2f MB, GPU %.2f to %.2f MB",
-          (double)few.host_peak_bytes / 1e6, (double)heaps.host_peak_bytes / 1e6, (double)few.gpu_peak_bytes / 1e6, (double)heaps.gpu_peak_bytes / 1e6);
-    for (i = 0; i < HEAPS; i++) wrong += !(probes[i].valid && probes[i].sh[0][0] > 1 && probes[i].position[2] == at[3 * i + 2]);
+    CHECK(heaps.host_peak_bytes == few.host_peak_bytes && heaps.gpu_peak_bytes == few.gpu_peak_bytes,
+          "memory grows: host %.2f to %.2f MB, GPU %.2f to %.2f MB",
+          (double)few.host_peak_bytes / 1e6, (double)heaps.host_peak_bytes / 1e6, (double)few.gpu_peak_bytes / 1e6,
+              (double)heaps.gpu_peak_bytes / 1e6);
+    for (i = 0; i < HEAPS; i++)
+        wrong += !(probes[i].valid && probes[i].sh[0][0] > 1 && probes[i].position[2] == at[3 * i + 2]);
     CHECK(wrong == 0, "%d are wrong", wrong);
     scene_free(&s);
 }
+
+static sbl_result probes_call(const void *desc) { return sbl_bake_probes(context, (const sbl_probes_desc *)desc); }
 
 /* Each allocation fails once: it says so, gives all back, and the next probes are right. */
 TEST(memory_runs_out) {
     enum { COUNT = 20 };
     static float at[3 * MANY];
-    static sbl_probe whole[COUNT], now[COUNT];
+    static sbl_probe whole[COUNT];
     static test_scene s;
     sbl_probes_desc desc;
-    int ahead, refused_count = 0;
+    int refused;
     memset(&s, 0, sizeof s);
     scene_cornell_box(&s);
     many_places(at);
@@ -717,23 +778,8 @@ TEST(memory_runs_out) {
     desc = probes_of(at, whole, COUNT);
     desc.options.rays = 64;
     desc.move = 100;
-    bake(&desc);
-    desc.probes = now;
-    for (ahead = 1; ahead < 400; ahead++) {
-        sbl_result result;
-        REQUIRE(use_scene(&s), "no scene");
-        seen.refused = 0;
-        seen.refuse_at = seen.allocations + ahead;
-        result = sbl_bake_probes(context, &desc);
-        seen.refuse_at = 0;
-        if (!seen.refused) break;
-        refused_count++;
-        CHECK(result == SBL_ERROR_OUT_OF_MEMORY, "allocation %d: %s", ahead, sbl_result_string(result));
-        memset(now, 0, sizeof now);
-        CHECK(sbl_bake_probes(context, &desc) == SBL_SUCCESS && memcmp(now, whole, sizeof now) == 0, "allocation %d: the next probes differ", ahead);
-        sbl_end(context);
-    }
-    CHECK(refused_count > 10 && ahead < 400, "%d allocations were refused", refused_count);
+    refused = each_allocation_fails(probes_call, &desc, &s, whole, sizeof whole);
+    CHECK(refused > 10, "%d allocations were refused", refused);
     sbl_destroy(context);
     context = NULL;
     CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are left, %d strangers", seen.blocks, seen.strangers);
@@ -757,8 +803,11 @@ TEST(views_and_rays_agree) {
         bake(&desc);
     }
     for (i = 0; i < 3; i++) {
-        for (k = 0; k < 9; k++) worst = test_max(worst, fabs((double)probes[0][i].sh[k][0] - (double)probes[1][i].sh[k][0]) / (double)probes[1][i].sh[0][0]);
-        CHECK(memcmp(probes[0][i].distance, probes[1][i].distance, sizeof probes[0][i].distance) == 0 && probes[0][i].sky == probes[1][i].sky, "what is seen differs");
+        for (k = 0; k < 9; k++)
+            worst = test_max(worst, fabs((double)probes[0][i].sh[k][0] - (double)probes[1][i].sh[k][0]) /
+                             (double)probes[1][i].sh[0][0]);
+        CHECK(memcmp(probes[0][i].distance, probes[1][i].distance, sizeof probes[0][i].distance) == 0 &&
+              probes[0][i].sky == probes[1][i].sky, "what is seen differs");
     }
     CHECK(worst < 0.05, "they differ by %g", worst);
     printf("  differ by %.2f %% of the mean at most\n", 100 * worst);
@@ -777,7 +826,8 @@ TEST(light_that_overflows) {
     CHECK(!p.valid && p.sky == 1, "valid %d, sky %g", p.valid, (double)p.sky);
     CHECK(memcmp(p.sh, bare, sizeof p.sh) == 0 || p.sh[0][0] - p.sh[0][0] == 0, "%g", (double)p.sh[0][0]);
     p = probe_at(1e3f, 0, 0, SBL_MODE_DIRECT);
-    CHECK(p.valid && p.sh[0][0] > 1e31f && p.sh[0][0] - p.sh[0][0] == 0, "far off: valid %d, %g", p.valid, (double)p.sh[0][0]);
+    CHECK(p.valid && p.sh[0][0] > 1e31f && p.sh[0][0] - p.sh[0][0] == 0, "far off: valid %d, %g", p.valid,
+          (double)p.sh[0][0]);
     scene_free(&s);
 }
 
@@ -786,7 +836,8 @@ static int calls_back(float done, void *user) {
     const float at[3] = { 0, 0, 0 };
     const sbl_probes_desc desc = probes_of(at, &probe, 1);
     (void)done;
-    *(int *)user += sbl_begin_probes(context, &desc) == SBL_ERROR_STATE && sbl_bake_probes(context, &desc) == SBL_ERROR_STATE ? 1 : 1000;
+    *(int *)user += sbl_begin_probes(context, &desc) == SBL_ERROR_STATE && sbl_bake_probes(context, &desc) ==
+        SBL_ERROR_STATE ? 1 : 1000;
     return 0;
 }
 
@@ -834,7 +885,8 @@ TEST(a_host_that_draws) {
     desc.probes = &drawn;
     bake(&desc);
     CHECK(views == (132 + 24) * 5, "%d views", views);
-    for (i = 0; i < 9; i++) worst = test_max(worst, fabs((double)plain.sh[i][0] - (double)drawn.sh[i][0]) / (double)plain.sh[0][0]);
+    for (i = 0; i < 9; i++)
+        worst = test_max(worst, fabs((double)plain.sh[i][0] - (double)drawn.sh[i][0]) / (double)plain.sh[0][0]);
     CHECK(worst < 1e-3 && sbl_query_stats(context).backend == SBL_BACKEND_RASTER, "off by %g", worst);
     scene_free(&s);
 }

@@ -43,7 +43,7 @@ static int is_gone(pid_t child) {
 }
 static int goes(pid_t child) {
     int i;
-    for (i = 0; i < 600 && !is_gone(child); i++) poll(NULL, 0, 100);
+    for (i = 0; i < 36000 && !is_gone(child); i++) poll(NULL, 0, 100);
     return i < 600;
 }
 
@@ -372,7 +372,7 @@ static pid_t load_elsewhere(scene__reading reading, double seconds) {
         load(reading, &options);
         _exit(0);
     }
-    for (i = 0; i < 600 && !notes->child; i++) poll(NULL, 0, 100);
+    for (i = 0; i < 36000 && !notes->child; i++) poll(NULL, 0, 100);
     return host;
 }
 
@@ -527,7 +527,7 @@ int main(void) {
     const char *temporary = getenv("TMPDIR");
     char command[128];
     int failed;
-    alarm(300);  /* a parent that waits for ever is a failure */
+    alarm(7200);  /* a parent that waits for ever is a failure */
     snprintf(folder, sizeof folder, "%.40s/sbl_reader_XXXXXX", temporary && *temporary ? temporary : "/tmp");
     notes = (struct notes *)mmap(NULL, sizeof *notes, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
     if (!mkdtemp(folder) || notes == MAP_FAILED) { printf("no temporary folder %s\n0 passed, 1 failed, 0 skipped\n",

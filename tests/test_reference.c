@@ -1,5 +1,5 @@
-/* The pipeline against the ray caster of reference.h, pixel by pixel: what the camera sees, what arrives there, what single sensors
-   see; every vertex format, texture format and kind of camera. */
+/* The pipeline against the ray caster of reference.h, pixel by pixel: what the camera sees, what arrives there, what
+   single sensors see; every vertex format, texture format and kind of camera. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -23,14 +23,19 @@ static int random_texture(test_scene *s, sbl_pixel_format format, int width, int
             else pixels[i] = (unsigned char)(f * 255.0f);
         }
     }
-    return scene_texture(s, pixels, (size_t)count * (format == SBL_PIXELS_FLOAT ? 4 : 1), format, width, height, channels);
+    return scene_texture(s, pixels, (size_t)count * (format == SBL_PIXELS_FLOAT ? 4 : 1), format, width, height,
+                         channels);
 }
 
-/* A room open to the sky: textured floor and walls, a smooth ball, a box with coloured corners, a pierced screen between lamp and floor. */
+/* A room open to the sky: textured floor and walls, a smooth ball, a box with coloured corners, a pierced screen
+   between lamp and floor. */
 static void textured_scene(test_scene *s) {
-    static const float floor[12] = { -3, 0, -3, -3, 0, 3, 3, 0, 3, 3, 0, -3 }, back[12] = { -3, 0, -3, 3, 0, -3, 3, 3, -3, -3, 3, -3 };
-    static const float left[12] = { -3, 0, 3, -3, 0, -3, -3, 3, -3, -3, 3, 3 }, screen[12] = { -2, 1.9f, -1.2f, 2, 1.6f, -1.2f, 2, 2, 1, -2, 2.3f, 1 };
-    static const float lamp[12] = { -1, 3.5f, -1, 1, 3.5f, -1, 1, 3.5f, 1, -1, 3.5f, 1 }, fence[12] = { 0.4f, 0, 1.5f, 2.6f, 0, 1.1f, 2.6f, 1, 1.1f, 0.4f, 1, 1.5f };
+    static const float floor[12] = { -3, 0, -3, -3, 0, 3, 3, 0, 3, 3, 0, -3 },
+        back[12] = { -3, 0, -3, 3, 0, -3, 3, 3, -3, -3, 3, -3 };
+    static const float left[12] = { -3, 0, 3, -3, 0, -3, -3, 3, -3, -3, 3, 3 },
+        screen[12] = { -2, 1.9f, -1.2f, 2, 1.6f, -1.2f, 2, 2, 1, -2, 2.3f, 1 };
+    static const float lamp[12] = { -1, 3.5f, -1, 1, 3.5f, -1, 1, 3.5f, 1, -1, 3.5f, 1 },
+        fence[12] = { 0.4f, 0, 1.5f, 2.6f, 0, 1.1f, 2.6f, 1, 1.1f, 0.4f, 1, 1.5f };
     uint64_t seed = 7;
     float *colors;
     int m, i, first;
@@ -61,18 +66,23 @@ static void textured_scene(test_scene *s) {
     scene_sky(s, 0.3f, 0.4f, 0.5f);
 }
 
-static sbl_picture_desc textured_view(int width, int height) { return scene_view(width, height, 50, 1.5f, 2.2f, 5.5f, -0.1f, 0.9f, 0); }
+static sbl_picture_desc textured_view(int width, int height) {
+    return scene_view(width, height, 50, 1.5f, 2.2f, 5.5f, -0.1f, 0.9f, 0);
+}
 
 /* >>camera */
 
-/* What the camera sees, at every pixel but those on an edge. Positions must lie in the surface's plane within float rounding (a sensor off it
-   would see its own surface), and on the pixel's ray within 1/256 pixel, the precision to which GL places a triangle's corners: right at a
-   seam it may choose the neighbour. Albedo: 8 bits decoded, or 16-bit floats, then filtered. */
+/* What the camera sees, at every pixel but those on an edge. Positions must lie in the surface's plane within float
+   rounding (a sensor off it would see its own surface), and on the pixel's ray within 1/256 pixel, the precision to
+   which GL places a triangle's corners: right at a seam it may choose the neighbour. Albedo: 8 bits decoded, or 16-bit
+   floats, then filtered. */
 static void check_camera(const test_scene *s, const sbl_picture_desc *view, const char *name, int least_seen) {
     sbl_scene_desc desc = scene_desc(s);
     ref_scene *reference = ref_create(&desc);
-    float *position = scene_channel(context, view, SBL_CHANNEL_POSITION), *normal = scene_channel(context, view, SBL_CHANNEL_NORMAL);
-    float *albedo = scene_channel(context, view, SBL_CHANNEL_ALBEDO), *id = scene_channel(context, view, SBL_CHANNEL_ID);
+    float *position = scene_channel(context, view, SBL_CHANNEL_POSITION),
+        *normal = scene_channel(context, view, SBL_CHANNEL_NORMAL);
+    float *albedo = scene_channel(context, view, SBL_CHANNEL_ALBEDO),
+        *id = scene_channel(context, view, SBL_CHANNEL_ID);
     float *depth = scene_channel(context, view, SBL_CHANNEL_DEPTH);
     double off_plane = 0, off_ray = 0, off_depth = 0, off_normal = 0, off_albedo = 0, extent = 0;
     int x, y, k, edges = 0, seen = 0, wrong_id = 0, pixels = view->width * view->height;
@@ -97,9 +107,11 @@ static void check_camera(const test_scene *s, const sbl_picture_desc *view, cons
             off_plane = test_max(off_plane, fabs(v3_dot(off, p.face)) / size);
             off_ray = test_max(off_ray, v3_length(v3_mad(off, direction, -v3_dot(off, direction))) / pixel);
             off_depth = test_max(off_depth, fabs((double)depth[i] - ref_depth(view, v3_from(position + 3 * i))) / size);
-            if (-v3_dot(direction, p.normal) > 0.02) off_normal = test_max(off_normal, v3_length(v3_sub(v3_from(normal + 3 * i), p.normal)));
+            if (-v3_dot(direction, p.normal) > 0.02)
+                off_normal = test_max(off_normal, v3_length(v3_sub(v3_from(normal + 3 * i), p.normal)));
             for (k = 0; k < 3; k++) off_albedo = test_max(off_albedo, fabs((double)albedo[3 * i + k] - p.albedo[k]));
-            if (!(position[3 * i] == position[3 * i] && depth[i] == depth[i] && normal[3 * i] == normal[3 * i] && albedo[3 * i] == albedo[3 * i])) off_plane = 1e30;
+            if (!(position[3 * i] == position[3 * i] && depth[i] == depth[i] && normal[3 * i] == normal[3 * i] &&
+                  albedo[3 * i] == albedo[3 * i])) off_plane = 1e30;
         }
     CHECK(seen >= least_seen, "%s: only %d pixels can be compared", name, seen);
     CHECK(edges <= pixels / 10, "%s: %d of %d pixels are edges", name, edges, pixels);
@@ -124,7 +136,8 @@ TEST(camera_sees_textured_scene) {
 }
 
 TEST(cameras) {
-    static const char *const names[] = { "off-centre", "oblong pixels", "parallel", "parallel, off-centre", "turned upside down" };
+    static const char *const names[] = { "off-centre", "oblong pixels", "parallel", "parallel, off-centre",
+        "turned upside down" };
     int kind;
     for (kind = 0; kind < 5; kind++) {
         test_scene s = { 0 };
@@ -148,8 +161,9 @@ TEST(cameras) {
 
 /* >>light */
 
-/* R at every pixel but edges. The caster's estimate has a standard error of its own, found from independent rounds; the sensor's texels
-   (size 128) misjudge the rims of lamp, holes and shadows. Both are unbiased: the mean must agree closely, single pixels loosely. */
+/* R at every pixel but edges. The caster's estimate has a standard error of its own, found from independent rounds; the
+   sensor's texels (size 128) misjudge the rims of lamp, holes and shadows. Both are unbiased: the mean must agree
+   closely, single pixels loosely. */
 static void check_light(sbl_mode mode, double epsilon) {
     test_scene s = { 0 };
     sbl_scene_desc desc;
@@ -188,14 +202,17 @@ static void check_light(sbl_mode mode, double epsilon) {
     mean = (expected_sum[0] + expected_sum[1] + expected_sum[2]) / (3 * count);
     squares = sqrt(squares / (3 * count)) / mean;
     errors = sqrt(errors / (3 * count)) / mean;
-    printf("  %d pixels: rms %.2f %% of the mean, of which the reference %.2f %%; worst %.1f %%; bias %+.3f %%\n", count, 100 * squares, 100 * errors, 100 * worst / mean,
+    printf("  %d pixels: rms %.2f %% of the mean, of which the reference %.2f %%; worst %.1f %%; bias %+.3f %%\n",
+           count, 100 * squares, 100 * errors, 100 * worst / mean,
            100 * (sum[0] / expected_sum[0] - 1));
     CHECK(count > 400, "only %d pixels can be compared", count);
     CHECK(errors < 0.012, "the reference's own error is %.2f %%", 100 * errors);
     for (k = 0; k < 3; k++)
-        CHECK(fabs(sum[k] / expected_sum[k] - 1) < 0.003, "mean R, colour %d, is off by %+.3f %%", k, 100 * (sum[k] / expected_sum[k] - 1));
+        CHECK(fabs(sum[k] / expected_sum[k] - 1) < 0.003, "mean R, colour %d, is off by %+.3f %%", k,
+              100 * (sum[k] / expected_sum[k] - 1));
     CHECK(squares < 0.015, "R is off by %.2f %% rms", 100 * squares);
-    CHECK(worst < 0.05 * mean, "R is off by %.4f beyond the reference's error at one pixel, the mean is %.4f", worst, mean);
+    CHECK(worst < 0.05 * mean, "R is off by %.4f beyond the reference's error at one pixel, the mean is %.4f", worst,
+          mean);
     ref_destroy(reference);
     scene_free(&s);
 }
@@ -203,8 +220,9 @@ static void check_light(sbl_mode mode, double epsilon) {
 TEST(direct_light) { check_light(SBL_MODE_DIRECT, 0); }
 TEST(ambient_light) { check_light(SBL_MODE_AMBIENT, 0.5); }
 
-/* Each texel of a sensor against a ray through its centre. Texels on an edge (rays a tenth of a texel aside see something else) may differ.
-   Emitters are met by texels in SBL_MODE_PAPER only; else by rays towards them, and texels show them black. */
+/* Each texel of a sensor against a ray through its centre. Texels on an edge (rays a tenth of a texel aside see
+   something else) may differ. Emitters are met by texels in SBL_MODE_PAPER only; else by rays towards them, and texels
+   show them black. */
 static void check_texels(sbl_mode mode) {
     static const int pixels[][2] = { { 12, 9 }, { 30, 25 }, { 33, 16 }, { 5, 12 }, { 20, 28 }, { 10, 17 } };
     test_scene s = { 0 };
@@ -225,13 +243,18 @@ static void check_texels(sbl_mode mode) {
         size_t count;
         memset(&sensor, 0, sizeof sensor);
         CHECK(p.hit, "pixel %d %d is empty", pixels[n][0], pixels[n][1]);
-        if (sbl_inspect_sensor(context, pixels[n][0], pixels[n][1], &sensor, NULL, NULL, 0) != SBL_SUCCESS) { CHECK(0, "the sensor cannot be looked at"); continue; }
+        if (sbl_inspect_sensor(context, pixels[n][0], pixels[n][1], &sensor, NULL, NULL, 0) != SBL_SUCCESS) {
+            CHECK(0, "the sensor cannot be looked at");
+            continue;
+        }
         count = (size_t)sensor.sheet_width * (size_t)sensor.sheet_height;
         radiance = (float *)calloc(4 * count + 1, sizeof *radiance);
         weights = (float *)calloc(count + 1, sizeof *weights);
         if (!radiance || !weights) abort();
-        CHECK(sbl_inspect_sensor(context, pixels[n][0], pixels[n][1], &sensor, radiance, weights, count) == SBL_SUCCESS, "the sensor cannot be looked at");
-        CHECK(v3_length(v3_sub(v3_from(sensor.position), p.position)) < 0.01, "the sensor stands %.4f from its point", v3_length(v3_sub(v3_from(sensor.position), p.position)));
+        CHECK(sbl_inspect_sensor(context, pixels[n][0], pixels[n][1], &sensor, radiance, weights, count) == SBL_SUCCESS,
+              "the sensor cannot be looked at");
+        CHECK(v3_length(v3_sub(v3_from(sensor.position), p.position)) < 0.01, "the sensor stands %.4f from its point",
+              v3_length(v3_sub(v3_from(sensor.position), p.position)));
         CHECK(v3_dot(v3_from(sensor.normal), p.normal) > 0.9999, "the sensor looks elsewhere");
         CHECK(sensor.valid == 1 && sensor.sensed == 1, "valid %d, sensed %d", sensor.valid, sensor.sensed);
         for (v = 0; v < sensor.view_count; v++) {
@@ -244,11 +267,13 @@ static void check_texels(sbl_mode mode) {
                     double light[3], off = 0, distance = 0;
                     int edge = 0;
                     for (q = 0; q < 5; q++) {
-                        static const double aside[5][2] = { { 0.5, 0.5 }, { 0.4, 0.4 }, { 0.6, 0.4 }, { 0.4, 0.6 }, { 0.6, 0.6 } };
+                        static const double aside[5][2] = { { 0.5, 0.5 }, { 0.4, 0.4 }, { 0.6, 0.4 }, { 0.4, 0.6 },
+                            { 0.6, 0.6 } };
                         double x = (double)w->x0 + (double)(w->x1 - w->x0) * (i + aside[q][0]) / w->rect[2];
                         double y = (double)w->y0 + (double)(w->y1 - w->y0) * (j + aside[q][1]) / w->rect[3];
                         v3 d = v3_unit(v3_mad(v3_mad(v3_from(w->forward), v3_from(w->right), x), v3_from(w->up), y));
-                        ref_hit hit = ref_trace(reference, v3_from(sensor.position), d, 0, HUGE_VAL, SBL_MATERIAL_HIDDEN_FROM_SENSORS);
+                        ref_hit hit = ref_trace(reference, v3_from(sensor.position), d, 0, HUGE_VAL,
+                                                SBL_MATERIAL_HIDDEN_FROM_SENSORS);
                         seen[q] = ref_surface(reference, hit, d);
                         if (q == 0) distance = seen[0].hit ? hit.t * (seen[0].back ? -1 : 1) : 0;
                         edge |= seen[q].id != seen[0].id || seen[q].back != seen[0].back;
@@ -272,14 +297,18 @@ static void check_texels(sbl_mode mode) {
                     if (!(fabs((double)texel[3] - distance) <= 2e-3 * fabs(distance))) wrong_distance++;
                 }
         }
-        CHECK(fabs((double)sensor.hit_mean / (distances / hits) - 1) < 0.02, "the mean distance is %.4f, not %.4f", (double)sensor.hit_mean, distances / hits);
-        CHECK(fabs((double)sensor.hit_min / nearest - 1) < 0.1, "the nearest surface is at %.4f, not %.4f", (double)sensor.hit_min, nearest);
-        CHECK(fabs((double)sensor.back_share - backs) < 0.01, "back faces take %.4f, not %.4f", (double)sensor.back_share, backs);
+        CHECK(fabs((double)sensor.hit_mean / (distances / hits) - 1) < 0.02, "the mean distance is %.4f, not %.4f",
+              (double)sensor.hit_mean, distances / hits);
+        CHECK(fabs((double)sensor.hit_min / nearest - 1) < 0.1, "the nearest surface is at %.4f, not %.4f",
+              (double)sensor.hit_min, nearest);
+        CHECK(fabs((double)sensor.back_share - backs) < 0.01, "back faces take %.4f, not %.4f",
+              (double)sensor.back_share, backs);
         free(radiance);
         free(weights);
     }
     printf("  %d texels, %d on edges, %d on pierced surfaces\n", texels, edges, holes);
-    CHECK(texels >= 6 * 48 * 48 && holes > 300 && glowing > 20, "%d texels, %d on pierced surfaces, %d on emitters", texels, holes, glowing);
+    CHECK(texels >= 6 * 48 * 48 && holes > 300 && glowing > 20, "%d texels, %d on pierced surfaces, %d on emitters",
+          texels, holes, glowing);
     CHECK(edges < texels / 5, "%d of %d texels are on edges", edges, texels);
     /* sensors very close to the pierced surfaces' rims may differ in a few */
     CHECK(wrong_light * 1000 < texels, "%d of %d texels have other light", wrong_light, texels);
@@ -328,7 +357,8 @@ static sbl_stream make_stream(test_scene *s, const double *values, int count, in
     memset(&stream, 0, sizeof stream);
     memset(bytes, 0xFF, element * (size_t)count + (size_t)gap);
     for (i = 0; i < count; i++)
-        for (k = 0, at = (size_t)gap + element * (size_t)i; k < components; k++) at += encode(bytes + at, values[components * i + k], type);
+        for (k = 0, at = (size_t)gap + element * (size_t)i; k < components; k++)
+            at += encode(bytes + at, values[components * i + k], type);
     stream.data = bytes;
     stream.offset = (size_t)gap;
     stream.stride = gap ? element : 0;
@@ -338,7 +368,8 @@ static sbl_stream make_stream(test_scene *s, const double *values, int count, in
 
 TEST(vertex_formats) {
     enum { N = 6, VERTICES = N * N, CORNERS = 6 * (N - 1) * (N - 1) };
-    static const struct { sbl_type position, normal, texcoord, color, index; int gap; } kinds[] = {  /* SBL_TYPE_COUNT: without */
+    /* SBL_TYPE_COUNT: without */
+    static const struct { sbl_type position, normal, texcoord, color, index; int gap; } kinds[] = {
         { SBL_FLOAT32, SBL_FLOAT32, SBL_FLOAT32, SBL_FLOAT32, SBL_UINT32, 0 },
         { SBL_FLOAT32, SBL_INT8_NORM, SBL_UINT8_NORM, SBL_UINT8_NORM, SBL_UINT8, 4 },
         { SBL_FLOAT16, SBL_FLOAT16, SBL_FLOAT16, SBL_FLOAT16, SBL_UINT16, 2 },
@@ -350,13 +381,15 @@ TEST(vertex_formats) {
     int kind;
     for (kind = 0; kind < (int)(sizeof kinds / sizeof *kinds); kind++) {
         test_scene s = { 0 };
-        sbl_picture_desc view = scene_plain(scene_view(64, 48, 40, 0.6f, 1.4f, 1.3f, 0.5f, 0.3f, 0.45f), SBL_MODE_DIRECT, 4);
+        sbl_picture_desc view = scene_plain(scene_view(64, 48, 40, 0.6f, 1.4f, 1.3f, 0.5f, 0.3f, 0.45f),
+                                            SBL_MODE_DIRECT, 4);
         double grid[VERTICES][12], flat[12 * CORNERS], index[CORNERS];
         int indexed = kinds[kind].index != SBL_TYPE_COUNT, corners = 0, i, j, k, count, at = 0;
         char name[64];
         uint64_t seed = 3;
         sbl_mesh *m = &s.meshes[s.mesh_count++];
-        for (i = 0; i < VERTICES; i++) {  /* position, normal, texture coordinates, colour; all in 0 to 1 but the normal */
+        /* position, normal, texture coordinates, colour; all in 0 to 1 but the normal */
+        for (i = 0; i < VERTICES; i++) {
             double x = (i % N) / (N - 1.0), z = (double)(i / N) / (N - 1);
             v3 n = v3_unit(v3_of(0.3 * cos(4 * x), 1, -0.4 * sin(3 * z)));
             grid[i][0] = x; grid[i][1] = 0.3 + 0.1 * sin(4 * x) - 0.1 * cos(3 * z); grid[i][2] = z;
@@ -366,20 +399,26 @@ TEST(vertex_formats) {
         }
         for (i = 0; i < N - 1; i++)
             for (j = 0; j < N - 1; j++)
-                for (k = 0; k < 6; k++) index[corners++] = (i + (k == 1 || k == 2 || k == 4)) * N + j + (k == 2 || k == 4 || k == 5);
+                for (k = 0; k < 6; k++)
+                    index[corners++] = (i + (k == 1 || k == 2 || k == 4)) * N + j + (k == 2 || k == 4 || k == 5);
         count = indexed ? VERTICES : corners;
         memset(m, 0, sizeof *m);
         for (k = 0; k < 4; k++) {
             static const int components[4] = { 3, 3, 2, 4 };
-            sbl_type type = k == 0 ? kinds[kind].position : k == 1 ? kinds[kind].normal : k == 2 ? kinds[kind].texcoord : kinds[kind].color;
+            sbl_type type = k == 0 ? kinds[kind].position : k == 1 ? kinds[kind].normal : k == 2 ? kinds[kind].texcoord
+                : kinds[kind].color;
             sbl_stream *stream = k == 0 ? &m->positions : k == 1 ? &m->normals : k == 2 ? &m->texcoords : &m->colors;
             for (i = 0; i < count; i++)
-                for (j = 0; j < components[k]; j++) flat[components[k] * i + j] = grid[indexed ? i : (int)index[i]][at + j];
+                for (j = 0; j < components[k]; j++)
+                    flat[components[k] * i + j] = grid[indexed ? i : (int)index[i]][at + j];
             at += components[k];
             if (type != SBL_TYPE_COUNT) *stream = make_stream(&s, flat, count, components[k], type, kinds[kind].gap);
         }
         m->vertex_count = count;
-        if (indexed) { m->indices = make_stream(&s, index, corners, 1, kinds[kind].index, kinds[kind].gap); m->index_count = corners; }
+        if (indexed) {
+            m->indices = make_stream(&s, index, corners, 1, kinds[kind].index, kinds[kind].gap);
+            m->index_count = corners;
+        }
         m->material = scene_material(&s, 0.9f, 0.95f, 1);
         s.materials[0].albedo_texture = random_texture(&s, SBL_PIXELS_LINEAR8, 4, 4, 3, &seed);
         view.tile = 64;
@@ -396,17 +435,20 @@ TEST(transformed_smooth_mesh) {
     for (mirrored = 0; mirrored < 2; mirrored++) {
         test_scene s = { 0 };
         sbl_picture_desc view = scene_plain(scene_view(80, 60, 40, 1, 2, 6, 0.5f, 0.3f, 0), SBL_MODE_DIRECT, 4);
-        static const float m[16] = { 0.3f, 1.2f, 0.2f, 0, -2, 0.5f, 0.4f, 0, 0.3f, 0.1f, 0.6f, 0, 0.5f, 0.25f, -0.125f, 1 };
+        static const float m[16] = { 0.3f, 1.2f, 0.2f, 0, -2, 0.5f, 0.4f, 0, 0.3f, 0.1f, 0.6f, 0, 0.5f, 0.25f, -0.125f,
+            1 };
         sbl_mesh *mesh = scene_sphere(&s, scene_material(&s, 0.5f, 0.6f, 0.7f), 0.1f, 0, 0, 0.8f, 30, 20, 1);
         for (i = 0; i < 16; i++) mesh->transform[i] = mirrored && i < 3 ? -m[i] : m[i];
         view.tile = 64;
         view.threshold = 1e6f;
-        if (scene_render(context, &s, &view)) check_camera(&s, &view, mirrored ? "mirrored ball" : "stretched ball", 500);
+        if (scene_render(context, &s, &view))
+            check_camera(&s, &view, mirrored ? "mirrored ball" : "stretched ball", 500);
         scene_free(&s);
     }
 }
 
-/* facet_limit: facets that are smaller on the screen are lit by their own normals, those of twice as much by their shading normals. */
+/* facet_limit: facets that are smaller on the screen are lit by their own normals, those of twice as much by their
+   shading normals. */
 TEST(facets) {
     static const float limits[3] = { -1, 1, 1e6f };  /* the ball's facets are some 20 pixels high */
     float *flat = NULL;
@@ -434,7 +476,8 @@ TEST(facets) {
 
 /* >>texture formats */
 
-/* A wall of quads, one for every format, number of channels and wrap mode, with coordinates that go beyond the texture. */
+/* A wall of quads, one for every format, number of channels and wrap mode, with coordinates that go beyond the
+   texture. */
 TEST(texture_formats) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(150, 100, 40, 3, 2, 6, 3, 2, 0), SBL_MODE_DIRECT, 4);
@@ -451,7 +494,8 @@ TEST(texture_formats) {
             uv[2 * k] = k == 1 || k == 2 ? 1.6f : -0.7f;
             uv[2 * k + 1] = k >= 2 ? -1.3f : 1.4f;
         }
-        s.materials[m].albedo_texture = random_texture(&s, (sbl_pixel_format)format, 3 + i % 4, 2 + i % 3, channels, &seed);
+        s.materials[m].albedo_texture = random_texture(&s, (sbl_pixel_format)format, 3 + i % 4, 2 + i % 3, channels,
+                                                       &seed);
         s.textures[i].wrap = wrap ? SBL_WRAP_CLAMP : SBL_WRAP_REPEAT;
         if (channels == 4 && i % 2) s.textures[i].channels = 0;  /* means 4 */
         if (channels % 2 == 0) s.materials[m].alpha_cutoff = 0.5f;
@@ -459,7 +503,8 @@ TEST(texture_formats) {
     }
     /* one with its rows apart */
     {
-        static const unsigned char rows[2][8] = { { 255, 0, 0, 0, 255, 0, 99, 99 }, { 0, 0, 255, 255, 255, 255, 99, 99 } };
+        static const unsigned char rows[2][8] = { { 255, 0, 0, 0, 255, 0, 99, 99 },
+            { 0, 0, 255, 255, 255, 255, 99, 99 } };
         int m = scene_material(&s, 1, 1, 1);
         s.materials[m].albedo_texture = scene_texture(&s, rows, sizeof rows, SBL_PIXELS_SRGB8, 2, 2, 3);
         s.textures[s.texture_count - 1].stride = 8;

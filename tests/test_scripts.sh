@@ -1,5 +1,6 @@
 #!/bin/sh
-# The scripts that judge all else: embed_shaders finds and mends what differs, test counts right, the sanitizers are awake, mutants fit sbl.h.
+# The scripts that judge all else: embed_shaders finds and mends what differs, test counts right, the sanitizers are
+# awake, mutants fit sbl.h.
 set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
@@ -10,7 +11,8 @@ cd "$(dirname "$0")/.." || exit 1
 copy="$folder/a copy"
 mkdir -p "$copy"
 cp -r scripts sbl.h shaders_embedded "$copy"
-printf 'void first() {}  // "quoted", back\\slash, \\n, what??= and %%d\n\n\tlast line without an end' > "$copy/shaders_embedded/copy.glsl"
+printf 'void first() {}  // "quoted", back\\slash, \\n, what??= and %%d\n\n\tlast line without an end' > \
+    "$copy/shaders_embedded/copy.glsl"
 block='/^\/\* >>glsl copy: /,/^\/\* <<glsl \*\/$/'  # where it stands in sbl.h
 
 finds_the_difference() {
@@ -30,10 +32,14 @@ strings_are_the_file() {
     {
         echo '#include <stdio.h>'
         sed -n "$block p" "$copy/sbl.h"
-        echo 'int main(void) { const char *const *line; for (line = sbl__glsl_copy; *line; line++) fputs(*line, stdout); return 0; }'
+        echo 'int main(void) {'
+        echo '    const char *const *line;'
+        echo '    for (line = sbl__glsl_copy; *line; line++) fputs(*line, stdout);'
+        echo '    return 0; }'
     } > "$folder/print.c"
     { cat "$copy/shaders_embedded/copy.glsl"; echo; } > "$folder/expected"
-    gcc -std=c99 -Wall -Wextra -Wpedantic -Werror "$folder/print.c" -o "$folder/print" && "$folder/print" > "$folder/printed" &&
+    gcc -std=c99 -Wall -Wextra -Wpedantic -Werror "$folder/print.c" -o "$folder/print" &&
+        "$folder/print" > "$folder/printed" &&
     same "$folder/expected" "$folder/printed"
 }
 # refused: embed_shaders says so, and leaves sbl.h as it is
@@ -43,7 +49,8 @@ refused() {
 }
 refuses_without_markers() {
     for marker in '>>glsl copy: ' '<<glsl '; do
-        awk -v marker="$marker" 'index($0, "/* " marker) == 1 && !done { done = 1; next } { print }' "$folder/once" > "$copy/sbl.h"
+        awk -v marker="$marker" 'index($0, "/* " marker) == 1 && !done { done = 1; next } { print }' "$folder/once" > \
+            "$copy/sbl.h"
         refused || return
     done
     cp "$folder/once" "$copy/sbl.h"
@@ -61,17 +68,20 @@ check embed_shaders_refuses_without_markers refuses_without_markers
 # >>test, on a repository of small fakes
 
 fake="$folder/fake repository"
-# fake_tests NAME|END|LAST-LINE...: runs scripts/test over programs that print LAST-LINE and then do END; its output in $folder/verdict
+# fake_tests NAME|END|LAST-LINE...: runs scripts/test over programs that print LAST-LINE and then do END; its output in
+# $folder/verdict
 fake_tests() {
     rm -rf "$fake"
     mkdir -p "$fake/tests/support"
     cp -r scripts "$fake"
     cp tests/support/keep_loaded.c tests/support/lsan.supp tests/support/tsan.supp "$fake/tests/support"
-    printf '#include <pthread.h>\nint shared;\nvoid *touch(void *);\nvoid *touch(void *user) { shared++; return user; }\n' > "$fake/tests/touch.h"
+    printf '#include <pthread.h>\nint shared;\n%s;\n%s { shared++; return user; }\n' \
+        'void *touch(void *user)' 'void *touch(void *user)' \
+        > "$fake/tests/touch.h"
     for spec in "$@"; do
         body=${spec#*|}
-        printf '#include <stdio.h>\n#include <stdlib.h>\n#include "touch.h"\nunsigned sleep(unsigned);\nint main(void) { printf("words\\n%%s\\n", "%s"); fflush(stdout); %s; return 0; }\n' \
-            "${body#*|}" "${body%%|*}" > "$fake/tests/test_${spec%%|*}.c"
+        printf '#include <stdio.h>\n#include <stdlib.h>\n#include "touch.h"\n%s { puts("words"); puts("%s"); %s; }\n' \
+            'int main(void)' "${body#*|}" "unsigned sleep(unsigned); fflush(stdout); ${body%%|*}; return 0" > "$fake/tests/test_${spec%%|*}.c"
     done
     "$fake/scripts/test" > "$folder/verdict" 2>&1
 }
@@ -82,15 +92,20 @@ fails_with() {
     if fake_tests "$@"; then echo "scripts/test is content with:"; cat "$folder/verdict"; return 1; fi
     tail -n 1 "$folder/verdict" | grep -qx "$counts" || { cat "$folder/verdict"; return 1; }
 }
+# env_of NAME=VALUE FUNCTION...
+env_of() { (export "${1?}"; shift; "$@"); }
 # all tests run twice: plain and sanitized
 adds_up() {
-    fake_tests "one|exit(0)|3 passed, 0 failed, 1 skipped" "two|exit(0)|4 passed, 0 failed, 0 skipped" || { cat "$folder/verdict"; return 1; }
+    fake_tests "one|exit(0)|3 passed, 0 failed, 1 skipped" "two|exit(0)|4 passed, 0 failed, 0 skipped" ||
+        { cat "$folder/verdict"; return 1; }
     tail -n 1 "$folder/verdict" | grep -qx '14 passed, 0 failed, 2 skipped' || { cat "$folder/verdict"; return 1; }
 }
-good="good|exit(0)|1 passed, 0 failed, 0 skipped"
-# of a good test, a bad one and one that takes 2 s, only what is named is built and run, the longest of last time first
+one="1 passed, 0 failed, 0 skipped"
+good="good|exit(0)|$one"
+# of a good test, a bad one and one that takes long, only what is named is built and run, the longest of last time first
 names_and_order() {
-    ! fake_tests "$good" "bad|exit(1)|2 passed, 1 failed, 0 skipped" "slow|sleep(2)|1 passed, 0 failed, 0 skipped" || return
+    ! fake_tests "$good" "bad|exit(1)|2 passed, 1 failed, 0 skipped" \
+        "slow|volatile long i; for (i = 0; i < 200000000; i++) {}|1 passed, 0 failed, 0 skipped" || return
     "$fake/scripts/test" good slow > "$folder/verdict" 2>&1 || { cat "$folder/verdict"; return 1; }
     tail -n 1 "$folder/verdict" | grep -qx '4 passed, 0 failed, 0 skipped' || { cat "$folder/verdict"; return 1; }
     head -n 2 "$fake/build/logs/list" | grep -c test_slow | grep -qx 2 || { cat "$fake/build/logs/list"; return 1; }
@@ -99,43 +114,65 @@ names_and_order() {
 }
 check test_takes_names_and_orders names_and_order
 check test_adds_up adds_up
-check test_fails_on_a_failure fails_with '6 passed, 2 failed, 0 skipped' "$good" "bad|exit(1)|2 passed, 1 failed, 0 skipped"
+check test_fails_on_a_failure fails_with '6 passed, 2 failed, 0 skipped' "$good" \
+    "bad|exit(1)|2 passed, 1 failed, 0 skipped"
 check test_fails_on_a_crash fails_with '2 passed, 2 failed, 0 skipped' "$good" "crash|abort()|words"
 check test_fails_on_an_early_exit fails_with '2 passed, 2 failed, 0 skipped' "$good" "early|exit(0)|words"
-check test_fails_on_a_crash_after_the_counts fails_with '2 passed, 2 failed, 0 skipped' "$good" "late|abort()|3 passed, 0 failed, 0 skipped"
-check test_fails_on_a_bad_exit_status fails_with '8 passed, 2 failed, 0 skipped' "$good" "status|exit(3)|3 passed, 0 failed, 0 skipped"
-check test_fails_on_a_test_that_runs_nothing fails_with '2 passed, 2 failed, 0 skipped' "$good" "empty|exit(0)|0 passed, 0 failed, 0 skipped"
-check test_fails_on_what_does_not_compile fails_with '0 passed, 1 failed, 0 skipped' "$good" "typo|x|1 passed, 0 failed, 0 skipped"
+check test_fails_on_a_crash_after_the_counts fails_with '2 passed, 2 failed, 0 skipped' "$good" \
+    "late|abort()|3 passed, 0 failed, 0 skipped"
+# stops_for WORDS NAME...: fails_with, and why the test was stopped is said
+stops_for() {
+    words=$1
+    shift
+    fails_with '2 passed, 2 failed, 0 skipped' "$good" "$@" && grep -q "$words" "$folder/verdict"
+}
+check test_stops_what_goes_round_for_ever env_of TEST_LIMIT_CPU=1 stops_for 'stopped after 1 s of processor time' \
+    "round|for (;;) putchar(0)|words"
+check test_stops_what_waits_for_ever env_of TEST_LIMIT_WAIT=9 stops_for 'hung: stopped after 9 s' "wait|sleep(99)|words"
+check test_fails_on_a_bad_exit_status fails_with '8 passed, 2 failed, 0 skipped' "$good" \
+    "status|exit(3)|3 passed, 0 failed, 0 skipped"
+check test_fails_on_a_test_that_runs_nothing fails_with '2 passed, 2 failed, 0 skipped' "$good" \
+    "empty|exit(0)|0 passed, 0 failed, 0 skipped"
+check test_fails_on_what_does_not_compile fails_with '0 passed, 1 failed, 0 skipped' "$good" \
+    "typo|x|1 passed, 0 failed, 0 skipped"
 check test_fails_without_tests fails_with '0 passed, 0 failed, 0 skipped'
 # only sanitizers see these
 check test_sees_a_heap_overflow fails_with '3 passed, 1 failed, 0 skipped' "$good" \
-    "overflow|volatile char *p = malloc(5); p[getenv(\"PATH\") != 0 ? 5 : 0] = 1; free((void *)p)|1 passed, 0 failed, 0 skipped"
+    "overflow|volatile char *p = malloc(5); p[getenv(\"PATH\") ? 5 : 0] = 1; free((void *)p)|$one"
 check test_sees_undefined_behaviour fails_with '3 passed, 1 failed, 0 skipped' "$good" \
     "undefined|volatile int i = 0x7fffffff; i = i + 1|1 passed, 0 failed, 0 skipped"
 check test_sees_a_race fails_with '4 passed, 1 failed, 0 skipped' "$good" \
-    "threads|pthread_t other; pthread_create(&other, NULL, touch, NULL); shared++; pthread_join(other, NULL)|1 passed, 0 failed, 0 skipped"
+    "threads|pthread_t t; pthread_create(&t, NULL, touch, NULL); shared++; pthread_join(t, NULL)|$one"
 
 # >>the sanitizers, and mutants
 
 leak_is_seen() {
     gcc -std=c99 -g -fsanitize=address,undefined tests/header/leak.c -lEGL -lm -o "$folder/leak" || return
-    ! ASAN_OPTIONS=detect_leaks=1 LSAN_OPTIONS=suppressions=tests/support/lsan.supp "$folder/leak" && grep -q 'LeakSanitizer: detected' "$folder/log"
+    ! ASAN_OPTIONS=detect_leaks=1 LSAN_OPTIONS=suppressions=tests/support/lsan.supp "$folder/leak" &&
+        grep -q 'LeakSanitizer: detected' "$folder/log"
 }
 check a_lost_context_is_seen leak_is_seen
 check mutants_fit_the_header tests/tools/mutants --check
 
 # >>unwrap
 
-unwrap_without_blender() { ! env PATH=/nowhere /bin/sh scripts/unwrap examples/scenes/cornell_box.obj "$folder/u.glb" > "$folder/said" 2>&1; cat "$folder/said"; grep -q blender "$folder/said"; }
+unwrap_without_blender() {
+    ! env PATH=/nowhere /bin/sh scripts/unwrap examples/scenes/cornell_box.obj "$folder/u.glb" > "$folder/said" 2>&1
+    cat "$folder/said"
+    grep -q blender "$folder/said"
+}
 unwrap_usage() {
     scripts/unwrap examples/scenes/cornell_box.obj > "$folder/said" 2>&1
-    [ $? = 2 ] && grep -q 'SCENE OUT.glb' "$folder/said" && { scripts/unwrap examples/scenes/cornell_box.obj "$folder/u.obj" 2> "$folder/said"; [ $? = 2 ]; } &&
-        { scripts/unwrap examples/scenes/cornell_box.obj "$folder/u.glb" --size 512 2> "$folder/said"; [ $? = 2 ]; } && grep -q numbers "$folder/said"
+    [ $? = 2 ] && grep -q 'SCENE OUT.glb' "$folder/said" &&
+        { scripts/unwrap examples/scenes/cornell_box.obj "$folder/u.obj" 2> "$folder/said"; [ $? = 2 ]; } &&
+        { scripts/unwrap examples/scenes/cornell_box.obj "$folder/u.glb" --size 512 2> "$folder/said"; [ $? = 2 ]; } &&
+            grep -q numbers "$folder/said"
 }
 # the charts lie apart, on whole texels: nothing overlaps, nothing lies outside
 unwrap_box() {
     scripts/unwrap examples/scenes/cornell_box.obj "$folder/u.glb" 128 66 6 &&
-    build/sbl_bake "$folder/u.glb" --lightmap 128 --mode direct --preset draft -o "$folder/baked" > "$folder/said" 2>&1 || { cat "$folder/said"; return 1; }
+    build/sbl_bake "$folder/u.glb" --lightmap 128 --mode direct --preset draft -o "$folder/baked" > "$folder/said" \
+        2>&1 || { cat "$folder/said"; return 1; }
     cat "$folder/said"
     [ ! -s "$folder/said" ] && [ ! -e "$folder/baked/overlap.png" ] && [ -s "$folder/baked/lightmap.pfm" ]
 }

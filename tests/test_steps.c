@@ -1,6 +1,6 @@
-/* A picture in steps: every stage of it comes in pieces, submissions follow the limit, programs are compiled when they are first used or all ahead, what is
-   known can be seen on the way, and a finished picture stays. None of this looks at a clock: pieces are counted, or sbl.h is given a clock that
-   goes on by as much at every look. */
+/* A picture in steps: every stage of it comes in pieces, submissions follow the limit, programs are compiled when they
+   are first used or all ahead, what is known can be seen on the way, and a finished picture stays. None of this looks
+   at a clock: pieces are counted, or sbl.h is given a clock that goes on by as much at every look. */
 #include <sys/time.h>
 static int clock_of_test(struct timeval *out, void *zone);
 #define gettimeofday clock_of_test
@@ -45,9 +45,13 @@ static sbl_picture_desc view_of(sbl_backend backend) {
 
 /* Steps that began in each stage, in slices too short for more than a piece. */
 TEST(every_stage_comes_in_pieces) {
-    static const struct { int stage; int least; const char *name; } stages[] = {
-        { SBL__MAP_SURFACE, 4, "the G-buffer" }, { SBL__MAP_READ, 1, "reading it" }, { 0, 100, "sensors" },
-        { SBL__PICTURE_DONE, 3, "the filter" }, { SBL__PICTURE_SAMPLE, 6, "samples' G-buffers" }, { SBL__PICTURE_RESOLVE, 6, "resolving" } };
+    static const struct { int stage; int least; const char *name;
+    } stages[] = { { SBL__MAP_SURFACE, 4, "the G-buffer" },
+                   { SBL__MAP_READ, 1, "reading it" },
+                   { 0, 100, "sensors" },
+                   { SBL__PICTURE_DONE, 3, "the filter" },
+                   { SBL__PICTURE_SAMPLE, 6, "samples' G-buffers" },
+                   { SBL__PICTURE_RESOLVE, 6, "resolving" } };
     sbl_context_desc desc = watch_desc(&seen);
     sbl_picture_desc view = view_of(SBL_BACKEND_TRACE);
     sbl_context *context = watch_context(&seen, &desc, &cornell);
@@ -62,12 +66,15 @@ TEST(every_stage_comes_in_pieces) {
     gpu = sbl_query_memory(context).gpu_bytes;
     i = sbl_query_programs(context).count;
     REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
-    CHECK(sbl_query_memory(context).gpu_bytes == gpu && sbl_query_programs(context).count == i, "sbl_begin makes textures or compiles");
+    CHECK(sbl_query_memory(context).gpu_bytes == gpu && sbl_query_programs(context).count == i,
+          "sbl_begin makes textures or compiles");
     while (result == SBL_UNFINISHED && steps++ < 1000000) {
         const sbl__map *map = &context->picture.map;
         const int filters = map->stages.stage == SBL__MAP_DEVELOP && map->developing.stage == SBL__DEVELOP_FILTER;
         const int senses = map->stages.stage == SBL__MAP_REFINE && sbl__refine_is_sensing(&map->refine);
-        counts[filters ? SBL__PICTURE_DONE : senses ? 0 : map->stages.stage]++;  /* these two are parts of other stages */
+        counts[filters  ? SBL__PICTURE_DONE
+               : senses ? 0
+                        : map->stages.stage]++; /* these two are parts of other stages */
         result = sbl_step(context, 1e-9);
     }
     CHECK(result == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
@@ -90,8 +97,9 @@ TEST(the_hierarchy_comes_in_pieces) {
     scene = scene_desc(&s);
     memset(view.world_to_view, 0, sizeof view.world_to_view);
     view.width = view.height = 8;
-    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_begin_picture(context, &view) == SBL_SUCCESS, "%s",
-            watch_last(&seen));
+    REQUIRE(sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS &&
+                sbl_begin_picture(context, &view) == SBL_SUCCESS,
+            "%s", watch_last(&seen));
     while (result == SBL_UNFINISHED && steps++ < 1000000) {
         before += context->picture.map.stages.stage == SBL__MAP_PREPARE;
         result = sbl_step(context, 1e-9);
@@ -146,7 +154,11 @@ TEST(steps_keep_to_their_time) {
     gather.site_count = SITES;
     gather.options.mode = SBL_MODE_AMBIENT;
     gather.options.rays = 4;
-    for (i = 0; i < SITES; i++) { sites[i].position[0] = sites[i].position[2] = 200; sites[i].position[1] = 100; sites[i].normal[1] = 1; }
+    for (i = 0; i < SITES; i++) {
+        sites[i].position[0] = sites[i].position[2] = 200;
+        sites[i].position[1] = 100;
+        sites[i].normal[1] = 1;
+    }
     for (way = 0; way < 3; way++) {
         sbl_picture_desc view = view_of(way ? SBL_BACKEND_TRACE : SBL_BACKEND_RASTER);
         sbl_context *context = watch_context(&seen, &desc, &cornell);
@@ -154,7 +166,8 @@ TEST(steps_keep_to_their_time) {
         long longest = 0, shortest = BUDGET;
         if (!context) return;
         clock_tick = 100;
-        REQUIRE((way < 2 ? sbl_begin_picture(context, &view) : sbl_begin_readings(context, &gather)) == SBL_SUCCESS, "cannot begin: %s", watch_last(&seen));
+        REQUIRE((way < 2 ? sbl_begin_picture(context, &view) : sbl_begin_readings(context, &gather)) == SBL_SUCCESS,
+                "cannot begin: %s", watch_last(&seen));
         for (steps = 0; result == SBL_UNFINISHED && steps < 100000; steps++) {
             const long start = clock_now;
             result = sbl_step(context, 1e-6 * BUDGET);
@@ -162,8 +175,10 @@ TEST(steps_keep_to_their_time) {
             if (result == SBL_UNFINISHED && clock_now - start < shortest) shortest = clock_now - start;
         }
         clock_tick = 0;
-        CHECK(result == SBL_SUCCESS && steps > 3, "%s after %d steps: %s", sbl_result_string(result), steps, watch_last(&seen));
-        CHECK(longest < BUDGET + GIVE && shortest > BUDGET / 2, "way %d: of %d us, steps took %ld to %ld", way, BUDGET, shortest, longest);
+        CHECK(result == SBL_SUCCESS && steps > 3, "%s after %d steps: %s", sbl_result_string(result), steps,
+              watch_last(&seen));
+        CHECK(longest < BUDGET + GIVE && shortest > BUDGET / 2, "way %d: of %d us, steps took %ld to %ld", way, BUDGET,
+              shortest, longest);
         printf("  %d steps of %ld to %ld us\n", steps, shortest, longest);
         sbl_destroy(context);
     }
@@ -231,21 +246,29 @@ TEST(the_store_comes_in_pieces) {
     sbl_stats stats, again;
     int i, stage;
     if (!context) return;
-    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS && bounced_read(context, whole) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS && bounced_read(context, whole) == SBL_SUCCESS,
+            "no picture: %s", watch_last(&seen));
     stats = sbl_query_stats(context);
     CHECK(stats.store.cells > 100 && stats.store.cells <= 1024, "%d samples", stats.store.cells);
-    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS && bounced_read(context, now) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS && bounced_read(context, now) == SBL_SUCCESS,
+            "no picture: %s", watch_last(&seen));
     again = sbl_query_stats(context);
     CHECK(memcmp(now, whole, sizeof now) == 0, "a store that is there gives another picture");
-    CHECK(stats.store.rays > 1000 && again.store.rays == 0 && again.store.cells == stats.store.cells && again.sensors.rays == stats.sensors.rays,
-          "a store of %d samples and %.0f rays, then of %d and %.0f", stats.store.cells, (double)stats.store.rays, again.store.cells, (double)again.store.rays);
+    CHECK(stats.store.rays > 1000 && again.store.rays == 0 && again.store.cells == stats.store.cells &&
+              again.sensors.rays == stats.sensors.rays,
+          "a store of %d samples and %.0f rays, then of %d and %.0f", stats.store.cells, (double)stats.store.rays,
+          again.store.cells, (double)again.store.rays);
     for (i = 0; i < 3; i++) {
         int counts[SBL__BOUNCE_DONE + 1] = { 0 };
-        REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
-        REQUIRE(bounced_steps(context, budgets[i], counts) == SBL_SUCCESS && bounced_read(context, now) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+        REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_begin_picture(context, &view) == SBL_SUCCESS,
+                "cannot begin");
+        REQUIRE(bounced_steps(context, budgets[i], counts) == SBL_SUCCESS && bounced_read(context, now) == SBL_SUCCESS,
+                "no picture: %s", watch_last(&seen));
         CHECK(memcmp(now, whole, sizeof now) == 0, "in steps of %g s the picture differs", budgets[i]);
-        for (stage = SBL__BOUNCE_PATCHES; stage <= SBL__BOUNCE_SEND && i == 0; stage++)  /* the air is for what the host draws */
-            CHECK(counts[stage] >= (stage == SBL__BOUNCE_LIGHT ? 10 : 1), "stage %d took %d steps", stage, counts[stage]);
+        /* the air is for what the host draws */
+        for (stage = SBL__BOUNCE_PATCHES; stage <= SBL__BOUNCE_SEND && i == 0; stage++)
+            CHECK(counts[stage] >= (stage == SBL__BOUNCE_LIGHT ? 10 : 1), "stage %d took %d steps", stage,
+                  counts[stage]);
     }
     sbl_destroy(context);
 }
@@ -266,9 +289,11 @@ static int lit(const sbl_context *context) {
     return b && b->stages.stage == SBL__BOUNCE_LIGHT && b->job.stages.stage == SBL__JOB_READ;
 }
 
-/* After each number of short steps, and first in the midst of the store's lamps, something else happens; the picture that is made afterwards is the usual one, bit for bit. */
+/* After each number of short steps, and first in the midst of the store's lamps, something else happens; the picture
+   that is made afterwards is the usual one, bit for bit. */
 TEST(the_store_is_left_at_any_step) {
-    static const char *const names[] = { "another picture like it", "an ambient picture", "an ambient gather", "a gather like it", "the end", "a move there and back",
+    static const char *const names[] = { "another picture like it", "an ambient picture", "an ambient gather",
+        "a gather like it", "the end", "a move there and back",
                                          "the scene anew", "cancelling", "a rasterised picture" };
     static const float away[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 100, 0, 1 }, back[16] = { 0 };
     static float whole[BOUNCED], now[BOUNCED];
@@ -284,7 +309,8 @@ TEST(the_store_is_left_at_any_step) {
         sbl_picture_desc view = bounced_view();
         REQUIRE(sbl_gather_readings(context, &gather) == SBL_SUCCESS, "no gather");
         memcpy(ambient, gather_readings, sizeof ambient);
-        REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS && bounced_read(context, whole) == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
+        REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS && bounced_read(context, whole) == SBL_SUCCESS,
+                "no picture: %s", watch_last(&seen));
     }
     sbl_end(context);
     REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS, "no scene");
@@ -298,34 +324,46 @@ TEST(the_store_is_left_at_any_step) {
             REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS, "no scene");
             if (what == 7) { view.options.progress = cancels; view.options.progress_user = &calls; }
             REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
-            for (steps = 0; (steps < at || what == 7) && result == SBL_UNFINISHED; steps++) result = sbl_step(context, 1e-9);
+            for (steps = 0; (steps < at || what == 7) && result == SBL_UNFINISHED; steps++)
+                result = sbl_step(context, 1e-9);
             while (at == 0 && what != 7 && result == SBL_UNFINISHED && !lit(context)) result = sbl_step(context, 1e-9);
             done += result == SBL_SUCCESS;
-            CHECK(what != 7 || !context->core.bounce || context->core.scene.store.ready, "cancelled after %d steps, a store is left", at);
-            CHECK(result == SBL_SUCCESS || result == (what == 7 ? SBL_CANCELLED : SBL_UNFINISHED), "%s", watch_last(&seen));
+            CHECK(what != 7 || !context->core.bounce || context->core.scene.store.ready,
+                  "cancelled after %d steps, a store is left", at);
+            CHECK(result == SBL_SUCCESS || result == (what == 7 ? SBL_CANCELLED : SBL_UNFINISHED), "%s",
+                  watch_last(&seen));
             view.options.progress = NULL;
             result = SBL_SUCCESS;
             switch (what) {
                 case 1: other.options.mode = SBL_MODE_AMBIENT; result = sbl_render_picture(context, &other); break;
                 case 2: result = sbl_gather_readings(context, &gather);
-                        CHECK(memcmp(ambient, gather_readings, sizeof ambient) == 0, "after %d steps the gather differs", at); break;
+                    CHECK(memcmp(ambient, gather_readings, sizeof ambient) == 0, "after %d steps the gather differs",
+                          at);
+                    break;
                 case 3: result = sbl_begin_readings(context, &like); if (at & 1) sbl_step(context, 1e-9); break;
                 case 4: case 7:
                     sbl_end(context);
                     sbl_set_scene(context, &scene);
-                    CHECK(seen.blocks == blocks, "%s after %d steps: %d blocks, not %d", names[what], at, seen.blocks, blocks);
+                    CHECK(seen.blocks == blocks, "%s after %d steps: %d blocks, not %d", names[what], at, seen.blocks,
+                          blocks);
                     break;
                 case 5: result = sbl_set_mesh_transform(context, 3, away);
                         if (at & 1) sbl_begin_picture(context, &view), sbl_step(context, 1e-9);
                         sbl_set_mesh_transform(context, 3, back); break;
                 case 6: result = sbl_set_scene(context, &scene); break;
-                case 8: other.options.backend = SBL_BACKEND_RASTER; other.options.sensor_size = 4; result = sbl_begin_picture(context, &other); sbl_step(context, 1e-9); break;
+                case 8:
+                    other.options.backend = SBL_BACKEND_RASTER;
+                    other.options.sensor_size = 4;
+                    result = sbl_begin_picture(context, &other);
+                    sbl_step(context, 1e-9);
+                    break;
                 default: break;
             }
             CHECK(result == SBL_SUCCESS, "%s after %d steps: %s", names[what], at, watch_last(&seen));
-            CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS && bounced_read(context, now) == SBL_SUCCESS, "%s after %d steps: %s", names[what], at,
-                  watch_last(&seen));
-            CHECK(memcmp(now, whole, sizeof now) == 0, "%s after %d steps changes the picture by %g of it", names[what], at, store_distance(whole, now));
+            CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS && bounced_read(context, now) == SBL_SUCCESS,
+                  "%s after %d steps: %s", names[what], at, watch_last(&seen));
+            CHECK(memcmp(now, whole, sizeof now) == 0, "%s after %d steps changes the picture by %g of it", names[what],
+                  at, store_distance(whole, now));
         }
         if (done == whats / 3) break;
     }
@@ -360,21 +398,24 @@ TEST(programs_compile_when_used_or_ahead) {
     after = sbl_query_programs(context);
     CHECK(result == SBL_SUCCESS && most == 1, "%d programs in one step", most);
     CHECK(after.count >= 5 && after.compile_seconds > 0, "%d programs in %g s", after.count, after.compile_seconds);
-    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS && sbl_query_programs(context).count == after.count, "compiled again");
+    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS && sbl_query_programs(context).count == after.count,
+          "compiled again");
     sbl_destroy(context);
 
     desc.compile_ahead = 1;
     context = watch_context(&seen, &desc, &cornell);
     if (!context) return;
     before = sbl_query_programs(context);
-    CHECK(before.count > after.count && before.compile_seconds > 0, "ahead: %d programs in %g s", before.count, before.compile_seconds);
+    CHECK(before.count > after.count && before.compile_seconds > 0, "ahead: %d programs in %g s", before.count,
+          before.compile_seconds);
     CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture");
     view.options.backend = SBL_BACKEND_RASTER;
     CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture");
     view.options.mode = SBL_MODE_PAPER;
     CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture");
     scene_quad(&textured, material, -1, 0, -1, 1, 0, -1, 1, 0, 1, -1, 0, 1);
-    textured.materials[material].albedo_texture = scene_texture(&textured, texel, sizeof texel, SBL_PIXELS_SRGB8, 1, 1, 4);
+    textured.materials[material].albedo_texture =
+        scene_texture(&textured, texel, sizeof texel, SBL_PIXELS_SRGB8, 1, 1, 4);
     textured.environment.picture = textured.textures[0];
     scene_quad(&textured, scene_lamp(&textured, 1, 1, 1), -1, 1, -1, 1, 1, -1, 1, 1, 1, -1, 1, 1);
     scene = scene_desc(&textured);
@@ -393,8 +434,10 @@ TEST(programs_compile_when_used_or_ahead) {
 /* A context keeps all programs that it has compiled: whatever scenes come, there is room for them. */
 TEST(programs_have_room) {
     static const sbl__recipe *const recipes[] = {
-        &sbl__recipe_copy, &sbl__recipe_visibility, &sbl__recipe_gbuffer, &sbl__recipe_lamps, &sbl__recipe_sensor, &sbl__recipe_sky,
-        &sbl__recipe_reduce_blocks, &sbl__recipe_trace, &sbl__recipe_reduce_sum, &sbl__recipe_cast, &sbl__recipe_filter, &sbl__recipe_resolve };
+        &sbl__recipe_copy, &sbl__recipe_visibility, &sbl__recipe_gbuffer, &sbl__recipe_lamps, &sbl__recipe_sensor,
+            &sbl__recipe_sky,
+        &sbl__recipe_reduce_blocks, &sbl__recipe_trace, &sbl__recipe_reduce_sum, &sbl__recipe_cast, &sbl__recipe_filter,
+            &sbl__recipe_resolve };
     int i, k, all = 0;
     for (i = 0; i < SBL__COUNT(recipes); i++) {
         int variants = 1;
@@ -402,7 +445,8 @@ TEST(programs_have_room) {
             if ((recipes[i]->features & ~(unsigned)(SBL__WRITE_DEPTH | SBL__COMPUTE)) >> k & 1) variants *= 2;
         all += variants;
     }
-    CHECK(all > 60 && all <= SBL__PROGRAMS_MOST, "there may be %d programs, and there is room for %d", all, SBL__PROGRAMS_MOST);
+    CHECK(all > 60 && all <= SBL__PROGRAMS_MOST, "there may be %d programs, and there is room for %d", all,
+          SBL__PROGRAMS_MOST);
 }
 
 /* >>something to see */
@@ -427,7 +471,8 @@ TEST(each_level_is_sharper) {
     if (!context) return;
     view.samples = 1;
     REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture");
-    for (k = 0; k < 2; k++) REQUIRE(sbl_read_channel(context, channels[k], whole[k], 3 * PIXELS) == SBL_SUCCESS, "not read");
+    for (k = 0; k < 2; k++)
+        REQUIRE(sbl_read_channel(context, channels[k], whole[k], 3 * PIXELS) == SBL_SUCCESS, "not read");
     REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
     CHECK(sbl_channel_texture(context, SBL_CHANNEL_FINAL) == 0, "a texture of nothing");
     memset(last, 0, sizeof last);
@@ -442,8 +487,11 @@ TEST(each_level_is_sharper) {
             if (memcmp(now[k], last[k], sizeof last[k]) == 0) continue;
             memcpy(last[k], now[k], sizeof last[k]);
             error = distance(now[k], whole[k]);
-            /* within a level some pieces make a little worse what others make better; what is seen of them depends on pace */
-            if (before[k] > 0) CHECK(error < 1.1 * before[k], "channel %d: a level brings the error from %g to %g", k, before[k], error);
+            /* within a level some pieces make a little worse what others make better; what is seen of them depends on
+               pace */
+            if (before[k] > 0)
+                CHECK(error < 1.1 * before[k], "channel %d: a level brings the error from %g to %g", k, before[k],
+                      error);
             else first[k] = error;
             before[k] = error;
             if (k && sbl_query_stats(context).sensors.count != sensors) shown++;  /* it comes in rows */
@@ -454,8 +502,10 @@ TEST(each_level_is_sharper) {
     CHECK(waiting > 0 && shown >= 4, "%d readings came before the first level, %d pictures were shown", waiting, shown);
     for (k = 0; k < 2; k++) {
         /* the last preview may be a quarter of the looks old */
-        CHECK(before[k] < 0.5 * first[k], "channel %d: error %g in the first picture shown, %g in the last", k, first[k], before[k]);
-        CHECK(sbl_read_channel(context, channels[k], now[k], 3 * PIXELS) == SBL_SUCCESS && memcmp(now[k], whole[k], sizeof now[k]) == 0,
+        CHECK(before[k] < 0.5 * first[k], "channel %d: error %g in the first picture shown, %g in the last", k,
+              first[k], before[k]);
+        CHECK(sbl_read_channel(context, channels[k], now[k], 3 * PIXELS) == SBL_SUCCESS &&
+              memcmp(now[k], whole[k], sizeof now[k]) == 0,
               "channel %d: looking on changes the picture", k);
     }
     printf("  R is off by %.4g in the first picture shown, by %.4g in the last of %d\n", first[0], before[0], shown);
@@ -491,12 +541,14 @@ TEST(a_finished_picture_stays) {
     for (k = 0; k < SBL_CHANNEL_COUNT; k++)
         REQUIRE(sbl_read_channel(context, (sbl_channel)k, whole[k], 3 * PIXELS) == SBL_SUCCESS, "channel %d", k);
     name = sbl_channel_texture(context, SBL_CHANNEL_FINAL);
-    CHECK(name && sbl_inspect_sensor(context, 80, 80, &sensor, NULL, NULL, 0) == SBL_SUCCESS, "no texture, or no inspection");
+    CHECK(name && sbl_inspect_sensor(context, 80, 80, &sensor, NULL, NULL, 0) == SBL_SUCCESS,
+          "no texture, or no inspection");
     for (step = -2; step < 6; step++) {
         switch (step) {
             case -2: case -1:  /* the first allocation is refused, or a later one */
                 seen.refuse_at = seen.allocations + (step == -2 ? 1 : 9);
-                CHECK(sbl_set_scene(context, &empty) == (step == -2 ? SBL_ERROR_OUT_OF_MEMORY : SBL_SUCCESS) || seen.refused, "no memory");
+                CHECK(sbl_set_scene(context, &empty) == (step == -2 ? SBL_ERROR_OUT_OF_MEMORY : SBL_SUCCESS) ||
+                      seen.refused, "no memory");
                 break;
             case 0: CHECK(sbl_set_mesh_transform(context, 0, bad) == SBL_ERROR_INVALID_ARGUMENT, "a bad move"); break;
             case 1: CHECK(sbl_gather_readings(context, &gather) == SBL_SUCCESS, "a gather"); break;
@@ -507,13 +559,16 @@ TEST(a_finished_picture_stays) {
         }
         for (k = 0; k < SBL_CHANNEL_COUNT; k++) {
             size_t bytes = sizeof(float) * PIXELS * (size_t)sbl_channel_components((sbl_channel)k);
-            CHECK(sbl_read_channel(context, (sbl_channel)k, now, 3 * PIXELS) == SBL_SUCCESS && memcmp(now, whole[k], bytes) == 0, "after %d, channel %d", step, k);
+            CHECK(sbl_read_channel(context, (sbl_channel)k, now, 3 * PIXELS) == SBL_SUCCESS &&
+                  memcmp(now, whole[k], bytes) == 0, "after %d, channel %d", step, k);
         }
         CHECK(sbl_channel_texture(context, SBL_CHANNEL_FINAL) == name, "after %d the texture is another", step);
-        CHECK(sbl_inspect_sensor(context, 80, 80, &sensor, NULL, NULL, 0) == (step < 3 ? SBL_SUCCESS : SBL_ERROR_STATE), "after %d: inspection", step);
+        CHECK(sbl_inspect_sensor(context, 80, 80, &sensor, NULL, NULL, 0) == (step < 3 ? SBL_SUCCESS : SBL_ERROR_STATE),
+              "after %d: inspection", step);
     }
     sbl_end(context);
-    CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, now, 3 * PIXELS) == SBL_ERROR_STATE && sbl_channel_texture(context, SBL_CHANNEL_FINAL) == 0, "after the end");
+    CHECK(sbl_read_channel(context, SBL_CHANNEL_FINAL, now, 3 * PIXELS) == SBL_ERROR_STATE &&
+          sbl_channel_texture(context, SBL_CHANNEL_FINAL) == 0, "after the end");
     sbl_destroy(context);
 }
 
@@ -548,18 +603,25 @@ TEST(inspection_adds_up) {
             }
             for (i = 0, k = 0; i < s.lamp_count; i++) { k += s.lamps[i].rays; open += s.lamps[i].open; }
             for (i = 0; i < 3; i++) {
-                CHECK(fabs(sum[i] - s.from_surroundings[i]) < 1e-4 * s.radiance[i] + 1e-6, "%d %d: the sheet gives %g, surroundings %g", x, y, sum[i],
+                CHECK(fabs(sum[i] - s.from_surroundings[i]) < 1e-4 * s.radiance[i] + 1e-6,
+                      "%d %d: the sheet gives %g, surroundings %g", x, y, sum[i],
                       (double)s.from_surroundings[i]);
-                CHECK(fabs((double)s.from_surroundings[i] + s.from_lamps[i] - s.radiance[i]) < 1e-5 * s.radiance[i] + 1e-7, "%d %d: %g and %g are not %g", x, y,
+                CHECK(fabs((double)s.from_surroundings[i] + s.from_lamps[i] - s.radiance[i]) < 1e-5 * s.radiance[i] +
+                      1e-7, "%d %d: %g and %g are not %g", x, y,
                       (double)s.from_surroundings[i], (double)s.from_lamps[i], (double)s.radiance[i]);
-                if (b == 0) CHECK(fabs(rays[i] - s.from_surroundings[i]) < 1e-4 * s.radiance[i] + 1e-6, "%d %d: rays give %g", x, y, rays[i]);
+                if (b == 0)
+                    CHECK(fabs(rays[i] - s.from_surroundings[i]) < 1e-4 * s.radiance[i] + 1e-6, "%d %d: rays give %g",
+                          x, y, rays[i]);
             }
             for (i = 0; i < s.lamp_count; i++)
-                CHECK(s.lamps[i].kind == SBL_LAMP_TRIANGLE && s.lamps[i].mesh == 1 && (unsigned)s.lamps[i].number < 2, "%d %d: lamp %d is triangle %d of mesh %d",
+                CHECK(s.lamps[i].kind == SBL_LAMP_TRIANGLE && s.lamps[i].mesh == 1 && (unsigned)s.lamps[i].number < 2,
+                      "%d %d: lamp %d is triangle %d of mesh %d",
                       x, y, i, s.lamps[i].number, s.lamps[i].mesh);
             CHECK(k == sent && open <= sent, "%d %d: lamps tell of %d rays, there are %d", x, y, k, sent);
-            CHECK((s.from_lamps[0] > 0) == (open > 0), "%d %d: %g from lamps, %d rays reach them", x, y, (double)s.from_lamps[0], open);
-            CHECK((b == 0) == (s.backend == SBL_BACKEND_TRACE) && (b == 0) == (s.view_count == 0), "%d %d: which back end?", x, y);
+            CHECK((s.from_lamps[0] > 0) == (open > 0), "%d %d: %g from lamps, %d rays reach them", x, y,
+                  (double)s.from_lamps[0], open);
+            CHECK((b == 0) == (s.backend == SBL_BACKEND_TRACE) && (b == 0) == (s.view_count == 0),
+                  "%d %d: which back end?", x, y);
             lit += open > 0;
             half += open > 0 && open < sent;
         }
@@ -577,15 +639,19 @@ TEST(inspection_tells_levels) {
     int met[SBL_MAX_LEVELS + 1] = { 0 }, at, wrong = 0;
     if (!context) return;
     view.samples = 1;
-    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_SENSORS, levels, PIXELS) == SBL_SUCCESS, "no picture");
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS &&
+                sbl_read_channel(context, SBL_CHANNEL_SENSORS, levels, PIXELS) == SBL_SUCCESS,
+            "no picture");
     for (at = 0; at < PIXELS; at++) {
         const int level = (int)levels[at];
         sbl_sensor s;
-        if (met[level] == 8 || sbl_inspect_sensor(context, at % WIDTH, at / WIDTH, &s, NULL, NULL, 0) != SBL_SUCCESS) continue;
+        if (met[level] == 8 || sbl_inspect_sensor(context, at % WIDTH, at / WIDTH, &s, NULL, NULL, 0) != SBL_SUCCESS)
+            continue;
         met[level]++;
         wrong += s.sensed != (level > 0) || s.level != (level > 0 ? level - 1 : 0);
     }
-    CHECK(met[0] == 8 && met[1] == 8 && met[2] == 8 && met[3] == 8, "%d %d %d %d sensors of the first levels", met[0], met[1], met[2], met[3]);
+    CHECK(met[0] == 8 && met[1] == 8 && met[2] == 8 && met[3] == 8, "%d %d %d %d sensors of the first levels", met[0],
+          met[1], met[2], met[3]);
     CHECK(wrong == 0, "%d sensors say another level than the channel", wrong);
     sbl_destroy(context);
 }
@@ -599,16 +665,21 @@ TEST(stats_tell_of_lamps_and_the_hierarchy) {
     view.width = view.height = 8;
     REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture");
     stats = sbl_query_stats(context);
-    CHECK(stats.scene.lamps == 2 && stats.scene.triangles == 32, "%d lamps among %d triangles; the lamp is 2 of 32", stats.scene.lamps, stats.scene.triangles);
-    CHECK(stats.scene.bvh_bytes > 32 * 36 && stats.scene.bvh_bytes < 32 * 200, "32 triangles' hierarchy takes %.0f bytes", (double)stats.scene.bvh_bytes);
+    CHECK(stats.scene.lamps == 2 && stats.scene.triangles == 32, "%d lamps among %d triangles; the lamp is 2 of 32",
+          stats.scene.lamps, stats.scene.triangles);
+    CHECK(stats.scene.bvh_bytes > 32 * 36 && stats.scene.bvh_bytes < 32 * 200,
+          "32 triangles' hierarchy takes %.0f bytes", (double)stats.scene.bvh_bytes);
     view.options.mode = SBL_MODE_PAPER;
     view.options.backend = SBL_BACKEND_AUTO;
     REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture");
-    CHECK(sbl_query_stats(context).scene.lamps == 0, "the paper's sensors aim at %d lamps", sbl_query_stats(context).scene.lamps);
+    CHECK(sbl_query_stats(context).scene.lamps == 0, "the paper's sensors aim at %d lamps",
+          sbl_query_stats(context).scene.lamps);
     sbl_destroy(context);
 }
 
-TEST(nothing_is_left) { CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are left, %d strangers", seen.blocks, seen.strangers); }
+TEST(nothing_is_left) {
+    CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are left, %d strangers", seen.blocks, seen.strangers);
+}
 
 int main(void) {
     if (!gl_host_open()) return 1;

@@ -294,7 +294,8 @@ TEST(progress_covers_the_store) {
     calls = told.calls;
     memset(&told, 0, sizeof told);
     told.stop_at = calls / 5;
-    REQUIRE(start() && sbl_render_picture(context, &view) == SBL_CANCELLED, "it is not cancelled: %s", watch_last(&seen));
+    REQUIRE(start() && sbl_render_picture(context, &view) == SBL_CANCELLED, "it is not cancelled: %s",
+            watch_last(&seen));
     CHECK(told.calls == told.stop_at && told.last > 0.02f && told.last < 0.34f, "%d calls, %g done", told.calls,
           (double)told.last);
     same_as_fresh("after a cancelled store", 1);

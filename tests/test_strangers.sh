@@ -209,12 +209,19 @@ mean_of() { python3 -c 'import array, sys
 data = open(sys.argv[1], "rb").read().split(b"\n", 3)[3]
 values = array.array("f", data); print("%.3f" % max(values))' "$1"; }
 lit_by_a_sky() {
-    "$tool" "$folder/dark.obj" --size 16x12 --channel radiance -o "$folder/dark.pfm" "$@" 2> "$folder/errors" || { cat "$folder/errors"; return 1; }
+    "$tool" "$folder/dark.obj" --size 16x12 --channel radiance -o "$folder/dark.pfm" "$@" 2> "$folder/errors" ||
+        { cat "$folder/errors"; return 1; }
     mean_of "$folder/dark.pfm"
     cat "$folder/errors"
 }
-dark_scene() { lit_by_a_sky | tee "$folder/said" && grep -qx '1.000' "$folder/said" && grep -q 'dark.obj: nothing in it shines; an even sky of 1,1,1' "$folder/said"; }
-asked_for_dark() { lit_by_a_sky --sky 0,0,0 --mode direct | tee "$folder/said" && grep -qx '0.000' "$folder/said" && ! grep -q 'even sky' "$folder/said"; }
+dark_scene() {
+    lit_by_a_sky | tee "$folder/said" && grep -qx '1.000' "$folder/said" &&
+        grep -q 'dark.obj: nothing in it shines; an even sky of 1,1,1' "$folder/said"
+}
+asked_for_dark() {
+    lit_by_a_sky --sky 0,0,0 --mode direct | tee "$folder/said" && grep -qx '0.000' "$folder/said" &&
+        ! grep -q 'even sky' "$folder/said"
+}
 check dark_scene_is_lit dark_scene
 check dark_scene_stays_dark_when_asked asked_for_dark
 

@@ -195,8 +195,9 @@ static void solve(int together, int preconditioned, double identity, int bound) 
         for (k = 0; k < 3; k++) {
             eliminate(k, diagonal, right, identity, expected);
             for (i = 0; i < UNKNOWNS; i++)
-                CHECK(fabs(s.solution[3 * i + k] - expected[i]) < 1e-7, "run %d, unknown %d of channel %d: %g, expected %g",
-                      run, i, k, s.solution[3 * i + k], expected[i]);
+                CHECK(fabs(s.solution[3 * i + k] - expected[i]) < 1e-7,
+                      "run %d, unknown %d of channel %d: %g, expected %g", run, i, k, s.solution[3 * i + k],
+                      expected[i]);
         }
     }
     sbl__solver_free(&base, &s);

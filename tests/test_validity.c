@@ -1,6 +1,7 @@
-/* Sensors stuck inside geometry. A sensor stands a little off its surface; where a closed box hovers over a floor by less than that, the sensors of
-   the floor that the camera still sees in the gap stand inside the box. They must be found out, and must not bring to the floor the light
-   that shines inside. A room modelled inside out, where every surface shows its back, must not be mistaken for that. */
+/* Sensors stuck inside geometry. A sensor stands a little off its surface; where a closed box hovers over a floor by
+   less than that, the sensors of the floor that the camera still sees in the gap stand inside the box. They must be
+   found out, and must not bring to the floor the light that shines inside. A room modelled inside out, where every
+   surface shows its back, must not be mistaken for that. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
@@ -16,7 +17,8 @@ static sbl_picture_desc plain(sbl_picture_desc view, int sensor_size) {
     return view;
 }
 
-/* An orthographic camera that grazes the floor: rows of its picture lie 2 / height apart on it, from x = -2.2 to -0.2. */
+/* An orthographic camera that grazes the floor: rows of its picture lie 2 / height apart on it, from x = -2.2 to
+   -0.2. */
 static sbl_picture_desc grazing_view(int width, int height) {
     sbl_picture_desc view;
     const float slope = 3e-5f;
@@ -71,9 +73,13 @@ TEST(stuck_sensors_bring_no_light_from_inside) {
     CHECK(red < 0.01f, "red light of %g came out of the box", (double)red);
     CHECK(lowest_green > 0.2f, "a pixel got %g of the sky: it took nothing from its neighbours", (double)lowest_green);
     if (gap_row >= 0 && open_row >= 0) {
-        REQUIRE(sbl_inspect_sensor(context, gap_row % view.width, gap_row / view.width, &sensor, NULL, NULL, 0) == SBL_SUCCESS, "no sensor");
-        CHECK(!sensor.valid && sensor.radiance[0] > 0.5f && sensor.back_share > 0.1f, "in the gap: valid %d, red %g, back %g", sensor.valid, (double)sensor.radiance[0], (double)sensor.back_share);
-        REQUIRE(sbl_inspect_sensor(context, open_row % view.width, open_row / view.width, &sensor, NULL, NULL, 0) == SBL_SUCCESS, "no sensor");
+        REQUIRE(sbl_inspect_sensor(context, gap_row % view.width, gap_row / view.width, &sensor, NULL, NULL, 0) ==
+                SBL_SUCCESS, "no sensor");
+        CHECK(!sensor.valid && sensor.radiance[0] > 0.5f && sensor.back_share > 0.1f,
+              "in the gap: valid %d, red %g, back %g", sensor.valid, (double)sensor.radiance[0],
+              (double)sensor.back_share);
+        REQUIRE(sbl_inspect_sensor(context, open_row % view.width, open_row / view.width, &sensor, NULL, NULL, 0) ==
+                SBL_SUCCESS, "no sensor");
         CHECK(sensor.valid, "before the gap: valid %d", sensor.valid);
     }
     free(radiance);
@@ -86,7 +92,8 @@ TEST(a_room_inside_out_is_valid) {
     sbl_picture_desc view = plain(scene_view(48, 48, 80, 0.05f, 0.02f, 0.9f, 0.1f, 0.03f, -1), 16);
     float *pictures[2] = { NULL, NULL };
     int i, turned;
-    for (turned = 0; turned < 2; turned++) {  /* a box shows its back to a camera inside; swapped corners turn it round */
+    /* a box shows its back to a camera inside; swapped corners turn it round */
+    for (turned = 0; turned < 2; turned++) {
         sbl_stats stats;
         int grey = scene_material(&s, 0.5f, 0.5f, 0.5f), lamp = scene_lamp(&s, 3, 2, 1);
         scene_box(&s, grey, turned ? 1 : -1, -1, -1, turned ? -1 : 1, 1, 1);
@@ -100,7 +107,8 @@ TEST(a_room_inside_out_is_valid) {
     REQUIRE(pictures[0] && pictures[1], "no channels");
     for (i = 0; i < 48 * 48 * 3; i++)
         if (fabs((double)pictures[0][i] - (double)pictures[1][i]) > 0.02 * (double)pictures[1][i] + 1e-3) break;
-    CHECK(i == 48 * 48 * 3, "inside out, pixel %d has %g instead of %g", i / 3, (double)pictures[0][i % (48 * 48 * 3)], (double)pictures[1][i % (48 * 48 * 3)]);
+    CHECK(i == 48 * 48 * 3, "inside out, pixel %d has %g instead of %g", i / 3, (double)pictures[0][i % (48 * 48 * 3)],
+          (double)pictures[1][i % (48 * 48 * 3)]);
     CHECK(pictures[0][3 * (24 * 48 + 24)] > 0.01f, "the wall is dark");
     free(pictures[0]);
     free(pictures[1]);

@@ -103,7 +103,8 @@ examples() {
     CC=$target-w64-mingw32-gcc CFLAGS=-O0 "$copy/scripts/build" || return
     for source in examples/*.c; do
         example=$(basename "$source" .c)
-        grep -q '#include "scene_file.h"' "$source" || [ -f "$copy/build/$example.exe" ] || { echo "no $example.exe"; return 1; }
+        grep -q '#include "scene_file.h"' "$source" || [ -f "$copy/build/$example.exe" ] ||
+            { echo "no $example.exe"; return 1; }
     done
 }
 
@@ -149,7 +150,7 @@ gl_41() {
 }
 check gl_41_picture gl_41
 
-with_display() { timeout 120 xvfb-run -a -s '-screen 0 640x480x24' "$@"; }
+with_display() { timeout 7200 xvfb-run -a -s '-screen 0 640x480x24' "$@"; }
 display=1
 command -v xvfb-run > /dev/null && command -v xauth > /dev/null || display=
 

@@ -2,23 +2,27 @@
 
        bench [raster] [trace] [lamps] [versions] [--json] [--quick] [FILE...]        all parts but the last by default
 
-   raster: what gathering in batches is worth, on the Cornell box's 32 triangles. Side by side in one process and one GL context, in several
-   alternating runs, for each kind of sensor and several sizes:
+   raster: what gathering in batches is worth, on the Cornell box's 32 triangles. Side by side in one process and one GL
+   context, in several alternating runs, for each kind of sensor and several sizes:
 
        sbl      the gather of a picture with a sensor at every pixel (sbl_stats.seconds.gather)
-       plain    the plain way, written here with GL of its own: for every sensor a clear, a draw per view, two reduction passes and a
-                readback. The same points, normals, projections, texel formats, weights and sum; only rotation about the normal is left out
-       fill     the time in which GL fills as many texels as the sensors' views have, as often as the scene's mean depth complexity
+       plain    the plain way, written here with GL of its own: for every sensor a clear, a draw per view, two reduction
+       passes and a
+                readback. The same points, normals, projections, texel formats, weights and sum; only rotation about the
+                normal is left out
+       fill     the time in which GL fills as many texels as the sensors' views have, as often as the scene's mean depth
+       complexity
                 (counted here by additive blending), by passes over a whole target that write a constant
 
-   trace: what rays cost in the Cornell box, in the same room filled with more and more triangles, and in scene FILEs (by default two rooms
-   beside the repository, where they lie there), against rasterised sensors of about the same error and, where it is installed, against Embree.
-   A sensor at every pixel; no lamps: every surface radiates its albedo, so that the light is smooth. All scenes and ways alternate.
+   trace: what rays cost in the Cornell box, in the same room filled with more and more triangles, and in scene FILEs
+   (by default two rooms beside the repository, where they lie there), against rasterised sensors of about the same
+   error and, where it is installed, against Embree. A sensor at every pixel; no lamps: every surface radiates its
+   albedo, so that the light is smooth. All scenes and ways alternate.
 
    lamps, versions: see bench_lamps.h, bench_versions.h.
 
-   Prints medians of the runs; --json prints the same as one JSON object; --quick measures less. Never fails on a timing: only when
-   something does not work at all, or when two ways do not see the same light. */
+   Prints medians of the runs; --json prints the same as one JSON object; --quick measures less. Never fails on a
+   timing: only when something does not work at all, or when two ways do not see the same light. */
 #define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
 #include "../../sbl.h"
@@ -36,7 +40,9 @@ typedef struct vec3 { float x, y, z; } vec3;
 
 static vec3 vec3_make(float x, float y, float z) { vec3 v; v.x = x; v.y = y; v.z = z; return v; }
 static vec3 vec3_mix(vec3 a, float s, vec3 b) { return vec3_make(a.x + s * b.x, a.y + s * b.y, a.z + s * b.z); }
-static vec3 vec3_cross(vec3 a, vec3 b) { return vec3_make(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x); }
+static vec3 vec3_cross(vec3 a, vec3 b) {
+    return vec3_make(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x);
+}
 static float vec3_dot(vec3 a, vec3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 static vec3 vec3_unit(vec3 a) { return vec3_mix(vec3_make(0, 0, 0), 1 / sqrtf(vec3_dot(a, a)), a); }
 
@@ -48,7 +54,8 @@ static double now(void) {
 
 static int fail(const char *what) { return fprintf(stderr, "bench: %s\n", what), 0; }
 
-/* Seconds at an error, by the line through the two measured points around it, or the last two, both axes logarithmic. */
+/* Seconds at an error, by the line through the two measured points around it, or the last two, both axes
+   logarithmic. */
 static double seconds_at(const double *seconds, const double *errors, int count, double error) {
     int i = 0;
     while (i + 2 < count && errors[i + 1] > error) i++;
@@ -71,7 +78,8 @@ static const char draw_fragment[] =
 static const char count_fragment[] =
     "layout(location = 0) out vec4 color;\n"
     "void main() { color = vec4(1); }\n";
-static const char full_vertex[] = "void main() { gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0.0, 1.0); }\n";
+static const char full_vertex[] = "void main() { gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - "
+    "1.0, 0.0, 1.0); }\n";
 static const char block_fragment[] =
     "uniform sampler2D texels, weights;\n"
     "layout(location = 0) out vec4 color;\n"
@@ -117,7 +125,8 @@ static int target_make(target *t, GLint format, int width, int height, int with_
         gl.TexImage2D(GL_TEXTURE_2D, 0, GL_DEPTH_COMPONENT32F, width, height, 0, GL_DEPTH_COMPONENT, GL_FLOAT, NULL);
         gl.FramebufferTexture2D(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_TEXTURE_2D, t->depth, 0);
     }
-    return gl.CheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE || fail("the driver cannot draw to float textures");
+    return gl.CheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE ||
+        fail("the driver cannot draw to float textures");
 }
 
 static void target_free(target *t) {
@@ -156,7 +165,8 @@ static int plain_start(const cornell_box *box, float epsilon) {
     gl.BindBuffer(GL_ARRAY_BUFFER, plain.vertex_buffer);
     gl.BufferData(GL_ARRAY_BUFFER, (GLsizeiptr)sizeof vertices, vertices, GL_STATIC_DRAW);
     for (i = 0; i < 2; i++) {
-        gl.VertexAttribPointer((GLuint)i, 3, GL_FLOAT, GL_FALSE, (GLsizei)sizeof vertices[0], (const void *)(3 * sizeof(float) * (size_t)i));
+        gl.VertexAttribPointer((GLuint)i, 3, GL_FLOAT, GL_FALSE, (GLsizei)sizeof vertices[0],
+                               (const void *)(3 * sizeof(float) * (size_t)i));
         gl.EnableVertexAttribArray((GLuint)i);
     }
     return target_make(&plain.fill_target, GL_RGBA16F, FILL_SIZE, FILL_SIZE, 0);
@@ -183,8 +193,9 @@ typedef struct sheet {
     target texels, block_sums, sum;
 } sheet;
 
-/* Projected solid angle over pi of a texel of the plane at unit distance: the form factor of a rectangle, by its four corners' antiderivative.
-   top: the plane lies along the normal; otherwise it stands upright and y is the height above the horizon. */
+/* Projected solid angle over pi of a texel of the plane at unit distance: the form factor of a rectangle, by its four
+   corners' antiderivative. top: the plane lies along the normal; otherwise it stands upright and y is the height above
+   the horizon. */
 static double texel_weight(int top, double x0, double x1, double y0, double y1) {
     double sum = 0;
     int i;
@@ -198,7 +209,8 @@ static double texel_weight(int top, double x0, double x1, double y0, double y1) 
 }
 
 static int sheet_make(sheet *s, int hemicube, int size) {
-    static const int cells[5][4] = { { 0, 0, 2, 2 }, { 2, 0, 2, 1 }, { 2, 1, 2, 1 }, { 0, 2, 2, 1 }, { 2, 2, 2, 1 } };  /* in half sizes */
+    /* in half sizes */
+    static const int cells[5][4] = { { 0, 0, 2, 2 }, { 2, 0, 2, 1 }, { 2, 1, 2, 1 }, { 0, 2, 2, 1 }, { 2, 2, 2, 1 } };
     float *weights;
     int view, x, y, k;
     memset(s, 0, sizeof *s);
@@ -214,8 +226,10 @@ static int sheet_make(sheet *s, int hemicube, int size) {
         for (k = 0; k < 4; k++) r[k] = cells[view][k] * size / 2;
         for (y = 0; y < r[3]; y++)
             for (x = 0; x < r[2]; x++) {
-                double h = (double)s->half, x0 = h * (2.0 * x / size - 1), y0 = view ? 2.0 * y / size : h * (2.0 * y / size - 1), step = 2 * h / size;
-                weights[(r[1] + y) * s->width + r[0] + x] = (float)texel_weight(view == 0, x0, x0 + step, y0, y0 + step);
+                double h = (double)s->half, x0 = h * (2.0 * x / size - 1),
+                    y0 = view ? 2.0 * y / size : h * (2.0 * y / size - 1), step = 2 * h / size;
+                weights[(r[1] + y) * s->width + r[0] + x] =
+                    (float)texel_weight(view == 0, x0, x0 + step, y0, y0 + step);
             }
     }
     gl.GenTextures(1, &s->weights);
@@ -227,7 +241,8 @@ static int sheet_make(sheet *s, int hemicube, int size) {
     s->blocks[0] = (s->width + BLOCK - 1) / BLOCK;
     s->blocks[1] = (s->height + BLOCK - 1) / BLOCK;
     return target_make(&s->texels, GL_RGBA16F, s->width, s->height, 1) &&
-           target_make(&s->block_sums, GL_RGBA32F, s->blocks[0], s->blocks[1], 0) && target_make(&s->sum, GL_RGBA32F, 1, 1, 0);
+           target_make(&s->block_sums, GL_RGBA32F, s->blocks[0], s->blocks[1], 0) &&
+               target_make(&s->sum, GL_RGBA32F, 1, 1, 0);
 }
 
 static void sheet_free(sheet *s) {
@@ -255,7 +270,8 @@ static void view_matrix(const sheet *s, int view, vec3 eye, vec3 normal, float m
         right = vec3_cross(forward, up);
     }
     rows[0] = vec3_mix(vec3_make(0, 0, 0), 1 / s->half, right);
-    rows[1] = view ? vec3_mix(vec3_mix(vec3_make(0, 0, 0), 2, up), -1, forward) : vec3_mix(vec3_make(0, 0, 0), 1 / s->half, up);  /* a side shows 0 to 1 */
+    rows[1] = view ? vec3_mix(vec3_mix(vec3_make(0, 0, 0), 2, up), -1, forward)
+        : vec3_mix(vec3_make(0, 0, 0), 1 / s->half, up);  /* a side shows 0 to 1 */
     rows[2] = rows[3] = forward;
     for (i = 0; i < 4; i++) offsets[i] = -vec3_dot(rows[i], eye);
     offsets[2] -= 2 * near;  /* clip z = w - 2 near */
@@ -371,8 +387,9 @@ static double fill_seconds(int passes) {
 
 /* ---- sbl.h */
 
-/* Where a gather's time goes: sbl.h is handed GL functions that, in a run apart from the timed ones, wait for the GPU before and after.
-   A gather starts with an instanced draw of its views and ends with reading its results; the full-target draws between are the reduction. */
+/* Where a gather's time goes: sbl.h is handed GL functions that, in a run apart from the timed ones, wait for the GPU
+   before and after. A gather starts with an instanced draw of its views and ends with reading its results; the
+   full-target draws between are the reduction. */
 enum { CLEAR, DRAW, REDUCE, READ, PARTS };
 static struct { int on, drawn, read; double seconds[PARTS]; } profile;
 
@@ -406,7 +423,8 @@ static void APIENTRY draw_arrays(GLenum mode, GLint first, GLsizei count) {
     if (profile.on && profile.drawn && !profile.read) profile_end(REDUCE, start);
 }
 
-static void APIENTRY read_pixels(GLint x, GLint y, GLsizei width, GLsizei height, GLenum format, GLenum type, void *pixels) {
+static void APIENTRY read_pixels(GLint x, GLint y, GLsizei width, GLsizei height, GLenum format, GLenum type,
+                                 void *pixels) {
     double start = profile.on ? profile_start() : 0;
     gl.ReadPixels(x, y, width, height, format, type, pixels);
     if (profile.on && profile.drawn) profile_end(READ, start);
@@ -447,9 +465,11 @@ static int points_read(sbl_context *context, int side, int most, points *p, doub
     p->count = 0;
     p->positions = (vec3 *)malloc(2 * (size_t)most * sizeof(vec3));
     p->normals = p->positions + most;
-    ok = values && p->positions && sbl_read_channel(context, SBL_CHANNEL_POSITION, position, 3 * pixels) == SBL_SUCCESS &&
+    ok = values && p->positions && sbl_read_channel(context, SBL_CHANNEL_POSITION, position, 3 * pixels) ==
+        SBL_SUCCESS &&
          sbl_read_channel(context, SBL_CHANNEL_NORMAL, normal, 3 * pixels) == SBL_SUCCESS &&
-         sbl_read_channel(context, SBL_CHANNEL_RADIANCE, radiance, 3 * pixels) == SBL_SUCCESS && sbl_read_channel(context, SBL_CHANNEL_ID, id, pixels) == SBL_SUCCESS;
+         sbl_read_channel(context, SBL_CHANNEL_RADIANCE, radiance, 3 * pixels) == SBL_SUCCESS &&
+             sbl_read_channel(context, SBL_CHANNEL_ID, id, pixels) == SBL_SUCCESS;
     for (k = 0; k < 3; k++) mean[k] = 0;
     for (i = 0; ok && i < pixels; i++) count += id[i] > 0;
     stride = count / (size_t)most + 1;
@@ -471,8 +491,10 @@ typedef struct row {
     int hemicube, size, runs;
     double sbl[RUNS_MOST], total[RUNS_MOST], plain[RUNS_MOST], fill[RUNS_MOST];  /* microseconds a sensor */
     double speedup[RUNS_MOST], over_fill[RUNS_MOST];                              /* ratios within a run */
-    double parts[PARTS];                                                          /* microseconds a sensor, in a run of its own */
-    double complexity, light_ratio;                                               /* light: sbl's mean over the plain way's */
+    /* microseconds a sensor, in a run of its own */
+    double parts[PARTS];
+    /* light: sbl's mean over the plain way's */
+    double complexity, light_ratio;
     long long sensors;
 } row;
 
@@ -494,7 +516,8 @@ static int row_measure(sbl_context *context, row *r, int runs, int side, int mos
     sbl_stats stats;
     double light[3], plain_light[3];
     int run, ok;
-    ok = sheet_make(&s, r->hemicube, r->size) && box_render(context, r->hemicube, r->size, side, &stats) &&  /* warms up, too */
+    /* warms up, too */
+    ok = sheet_make(&s, r->hemicube, r->size) && box_render(context, r->hemicube, r->size, side, &stats) &&
          points_read(context, side, most, &p, light);
     if (ok) r->complexity = depth_complexity(&s, &p);
     if (ok) plain_gather(&s, &p, plain_light);
@@ -517,7 +540,8 @@ static int row_measure(sbl_context *context, row *r, int runs, int side, int mos
         profile.on = 1;
         ok = box_render(context, r->hemicube, r->size, side, &stats);
         profile.on = 0;
-        for (run = 0; ok && run < PARTS; run++) r->parts[run] = 1e6 * profile.seconds[run] / (double)stats.sensors.count;
+        for (run = 0; ok && run < PARTS; run++)
+            r->parts[run] = 1e6 * profile.seconds[run] / (double)stats.sensors.count;
     }
     if (ok) r->light_ratio = (light[0] + light[1] + light[2]) / (plain_light[0] + plain_light[1] + plain_light[2]);
     if (gl.GetError() != GL_NO_ERROR) ok = fail("a GL error in the plain way");
@@ -529,12 +553,15 @@ static int row_measure(sbl_context *context, row *r, int runs, int side, int mos
 static void raster_table(const row *rows, int count) {
     int i;
     printf("raster: 32 triangles; medians, microseconds a sensor\n\n");
-    printf("kind      size  sensors/s |     sbl  (total)     plain  plain/sbl | complexity    fill  sbl/fill | light\n");
+    printf("kind      size  sensors/s |     sbl  (total)     plain  plain/sbl | complexity    fill  sbl/fill | "
+           "light\n");
     for (i = 0; i < count; i++) {
         const row *r = &rows[i];
         double sbl = median(r->sbl, r->runs);
-        printf("%-8s  %4d  %9.0f | %7.1f %8.1f %9.1f %9.2fx | %10.2f %7.1f %8.2fx | %.3f\n", r->hemicube ? "hemicube" : "single", r->size, 1e6 / sbl, sbl,
-               median(r->total, r->runs), median(r->plain, r->runs), median(r->speedup, r->runs), r->complexity, median(r->fill, r->runs),
+        printf("%-8s  %4d  %9.0f | %7.1f %8.1f %9.1f %9.2fx | %10.2f %7.1f %8.2fx | %.3f\n",
+               r->hemicube ? "hemicube" : "single", r->size, 1e6 / sbl, sbl,
+               median(r->total, r->runs), median(r->plain, r->runs), median(r->speedup, r->runs), r->complexity,
+                   median(r->fill, r->runs),
                median(r->over_fill, r->runs), r->light_ratio);
     }
     printf("\nwhere sbl's gather spends its time (a run apart that waits after every call)\n\n"
@@ -544,7 +571,8 @@ static void raster_table(const row *rows, int count) {
         printf("%-8s  %4d | %7.2f %8.2f %8.2f %8.2f\n", r->hemicube ? "hemicube" : "single", r->size,
                r->parts[CLEAR], r->parts[DRAW], r->parts[REDUCE], r->parts[READ]);
     }
-    printf("\nplain/sbl: how many times as many sensors a second as a draw per view, a reduction and a readback per sensor\n"
+    printf("\nplain/sbl: how many times as many sensors a second as a draw per view, a reduction and a readback per "
+           "sensor\n"
            "sbl/fill:  drawing and reducing over filling the same texels as often as the depth complexity\n"
            "light:     sbl's mean over the plain way's at the same points\n");
 }
@@ -554,11 +582,15 @@ static void raster_json(const row *rows, int count) {
     printf(", \"triangles\": %d, \"rows\": [", CORNELL_TRIANGLES);
     for (i = 0; i < count; i++) {
         const row *r = &rows[i];
-        printf("%s\n  {\"kind\": \"%s\", \"size\": %d, \"sensors\": %lld, \"runs\": %d, \"sbl_us\": %.3f, \"sbl_total_us\": %.3f, \"plain_us\": %.3f, \"speedup\": %.3f, "
+        printf("%s\n  {\"kind\": \"%s\", \"size\": %d, \"sensors\": %lld, \"runs\": %d, \"sbl_us\": %.3f, "
+               "\"sbl_total_us\": %.3f, \"plain_us\": %.3f, \"speedup\": %.3f, "
                "\"depth_complexity\": %.3f, \"fill_us\": %.3f, \"over_fill\": %.3f, "
-               "\"clear_us\": %.3f, \"draw_us\": %.3f, \"reduce_us\": %.3f, \"read_us\": %.3f, \"light_ratio\": %.4f}", i ? "," : "", r->hemicube ? "hemicube" : "single", r->size,
-               r->sensors, r->runs, median(r->sbl, r->runs), median(r->total, r->runs), median(r->plain, r->runs), median(r->speedup, r->runs), r->complexity,
-               median(r->fill, r->runs), median(r->over_fill, r->runs), r->parts[CLEAR], r->parts[DRAW], r->parts[REDUCE], r->parts[READ], r->light_ratio);
+               "\"clear_us\": %.3f, \"draw_us\": %.3f, \"reduce_us\": %.3f, \"read_us\": %.3f, \"light_ratio\": %.4f}",
+                   i ? "," : "", r->hemicube ? "hemicube" : "single", r->size,
+               r->sensors, r->runs, median(r->sbl, r->runs), median(r->total, r->runs), median(r->plain, r->runs),
+                   median(r->speedup, r->runs), r->complexity,
+               median(r->fill, r->runs), median(r->over_fill, r->runs), r->parts[CLEAR], r->parts[DRAW],
+                   r->parts[REDUCE], r->parts[READ], r->light_ratio);
     }
     printf("\n]");
 }
@@ -576,7 +608,8 @@ static int raster_part(int json, int quick) {
         row *r = &rows[count];
         r->hemicube = i % 2 == 0;
         r->size = sizes[i / 2];
-        ok = row_measure(context, r, quick ? 1 : 5, quick ? 32 : r->size > 64 ? 48 : 72, quick ? 64 : r->size > 64 ? 128 : 384);
+        ok = row_measure(context, r, quick ? 1 : 5, quick ? 32 : r->size > 64 ? 48 : 72,
+                         quick ? 64 : r->size > 64 ? 128 : 384);
         /* few texels across the lamp, and at the plain way's one orientation: coarse sensors agree coarsely */
         if (ok && !(fabs(r->light_ratio - 1) < (r->size < 64 ? 0.3 : 0.05))) {
             fprintf(stderr, "bench: at %s %d sbl.h finds %.3f times the plain way's light: not the same work\n",
@@ -599,7 +632,8 @@ enum { HEAVY = 200000 };  /* from so many triangles on rasterised sensors are me
 static const int room_triangles[ROOMS] = { CORNELL_TRIANGLES, 1000, 32768, 131072, 1000000 };
 static const int ray_counts[RAYS] = { 64, 256, 1024 }, view_sizes[VIEWS] = { 4, 8, 16, 32, 64 };
 
-/* The Cornell box with balls of many sizes in it, all bumps: always the same shapes, more or less finely tessellated. */
+/* The Cornell box with balls of many sizes in it, all bumps: always the same shapes, more or less finely
+   tessellated. */
 typedef struct room {
     cornell_box box;
     sbl_mesh meshes[CORNELL_QUADS + BALLS];
@@ -625,9 +659,11 @@ static int ball_make(sbl_mesh *mesh, void *arrays[2], const double centre[3], do
     arrays[1] = indices = (uint32_t *)malloc((size_t)slices * (size_t)(stacks - 1) * 6 * sizeof *indices);
     if (!positions || !indices) return 0;
     for (i = 0; i < vertices; i++) {  /* the two poles, then ring by ring */
-        double theta = i == 0 ? 0 : i == 1 ? pi : pi * ((i - 2) / slices + 1) / stacks, phi = 2 * pi * ((i + slices - 2) % slices) / slices;
+        double theta = i == 0 ? 0 : i == 1 ? pi : pi * ((i - 2) / slices + 1) / stacks,
+            phi = 2 * pi * ((i + slices - 2) % slices) / slices;
         double x = sin(theta) * cos(phi), y = cos(theta), z = sin(theta) * sin(phi);
-        double bumps = 0.12 * sin(5 * x + radius) * sin(4 * y) + 0.04 * sin(17 * y + x) * sin(13 * z) + 0.01 * sin(61 * z) * sin(53 * x);
+        double bumps = 0.12 * sin(5 * x + radius) * sin(4 * y) + 0.04 * sin(17 * y + x) * sin(13 * z) + 0.01 *
+            sin(61 * z) * sin(53 * x);
         double r = radius * (1 + bumps);
         positions[3 * i] = (float)(centre[0] + r * x);
         positions[3 * i + 1] = (float)(centre[1] + r * y);
@@ -637,7 +673,8 @@ static int ball_make(sbl_mesh *mesh, void *arrays[2], const double centre[3], do
         for (j = 0; j < slices; j++) {
             int ring = 2 + (i - 1) * slices, next = (j + 1) % slices;
             uint32_t a = i > 0 ? (uint32_t)(ring + j) : 0, b = i > 0 ? (uint32_t)(ring + next) : 0;
-            uint32_t c = i < stacks - 1 ? (uint32_t)(ring + slices + j) : 1, d = i < stacks - 1 ? (uint32_t)(ring + slices + next) : 1;
+            uint32_t c = i < stacks - 1 ? (uint32_t)(ring + slices + j) : 1,
+                d = i < stacks - 1 ? (uint32_t)(ring + slices + next) : 1;
             if (i > 0) { indices[n++] = a; indices[n++] = b; indices[n++] = c; }
             if (i < stacks - 1) { indices[n++] = b; indices[n++] = d; indices[n++] = c; }
         }
@@ -695,7 +732,8 @@ typedef struct place {
     double us[RAYS + VIEWS][RUNS_MOST], mrays[RAYS][RUNS_MOST];  /* microseconds a sensor, millions of rays a second */
     double bvh[RUNS_MOST];                                       /* seconds */
     size_t bvh_bytes;
-    double embree_one[RUNS_MOST], embree_all[RUNS_MOST];         /* Embree's millions of 64 rays a point, on one thread and on all */
+    /* Embree's millions of 64 rays a point, on one thread and on all */
+    double embree_one[RUNS_MOST], embree_all[RUNS_MOST];
     double over_embree[RUNS_MOST];                               /* ours over Embree's on all threads */
     double embree_light[3];
 } place;
@@ -748,7 +786,8 @@ static int place_prepare(place *p) {
     else if (p->file->has_camera) {
         const scene_file_camera *c = &p->file->camera;
         const float *e = c->eye, *f = c->forward;
-        sbl_look_at(p->view.world_to_view, e[0], e[1], e[2], e[0] + f[0], e[1] + f[1], e[2] + f[2], c->up[0], c->up[1], c->up[2]);
+        sbl_look_at(p->view.world_to_view, e[0], e[1], e[2], e[0] + f[0], e[1] + f[1], e[2] + f[2], c->up[0], c->up[1],
+                    c->up[2]);
         sbl_perspective(p->view.view_to_clip, c->fov_y > 0 ? c->fov_y : c->fov_x, 1);
     }
     return 1;
@@ -770,7 +809,8 @@ static int place_open(place *p, int quick) {
     int i, k, most = quick ? 36 : SMALL_MOST * SMALL_MOST;
     desc.get_gl_function = gl_function;
     desc.logger.log = log_error;
-    if (!place_prepare(p) || sbl_create(&desc, &p->context) != SBL_SUCCESS || sbl_set_scene(p->context, &p->desc) != SBL_SUCCESS) return 0;
+    if (!place_prepare(p) || sbl_create(&desc, &p->context) != SBL_SUCCESS || sbl_set_scene(p->context, &p->desc) !=
+        SBL_SUCCESS) return 0;
     for (p->side = 64; ; p->side *= 2) {  /* long enough to be timed, on a GPU too */
         for (k = 0; k < 2; k++)
             if (!place_render(p, SBL_BACKEND_TRACE, ray_counts[0], p->side, 0, &stats)) return 0;
@@ -778,11 +818,14 @@ static int place_open(place *p, int quick) {
     }
     p->triangles = stats.scene.triangles;
     if (!points_read(p->context, p->side, p->side * p->side + 1, &p->points, p->light)) return 0;
-    p->small = (int)sqrt(fmin(fmax(4e6 / p->triangles, 49), most));  /* a rasterised sensor costs as much as the scene has triangles */
+    /* a rasterised sensor costs as much as the scene has triangles */
+    p->small = (int)sqrt(fmin(fmax(4e6 / p->triangles, 49), most));
     if (!place_render(p, SBL_BACKEND_TRACE, REFERENCE_RAYS, p->small, REFERENCE_SEED, &stats) ||
-        sbl_read_channel(p->context, SBL_CHANNEL_RADIANCE, p->reference, 3 * (size_t)p->small * (size_t)p->small) != SBL_SUCCESS) return 0;
+        sbl_read_channel(p->context, SBL_CHANNEL_RADIANCE, p->reference, 3 * (size_t)p->small * (size_t)p->small) !=
+            SBL_SUCCESS) return 0;
     for (i = 0; i < RAYS; i++)
-        if (!place_render(p, SBL_BACKEND_TRACE, ray_counts[i], p->small, 0, &stats) || !place_error(p, &p->errors[i])) return 0;
+        if (!place_render(p, SBL_BACKEND_TRACE, ray_counts[i], p->small, 0, &stats) || !place_error(p, &p->errors[i]))
+            return 0;
     for (i = 0; i < VIEWS; i++) {
         p->view_runs[i] = p->triangles < HEAVY ? 3 : view_sizes[i] == 8;
         if (p->view_runs[i] && !place_render(p, SBL_BACKEND_RASTER, view_sizes[i], 1, 0, &stats)) return 0;
@@ -808,7 +851,9 @@ static void place_close(place *p) {
 static int place_run(place *p) {
     sbl_stats stats;
     int i, n = p->runs;
-    if (sbl_set_scene(p->context, &p->desc) != SBL_SUCCESS || !place_render(p, SBL_BACKEND_TRACE, ray_counts[0], 8, 0, &stats)) return 0;
+    if (sbl_set_scene(p->context, &p->desc) != SBL_SUCCESS ||
+        !place_render(p, SBL_BACKEND_TRACE, ray_counts[0], 8, 0, &stats))
+        return 0;
     p->bvh[n] = stats.scene.bvh_seconds;
     p->bvh_bytes = stats.scene.bvh_bytes;
     for (i = 0; i < RAYS; i++) {
@@ -822,7 +867,8 @@ static int place_run(place *p) {
         for (i = 0; i < 2; i++) {
             double seconds;
             p->embree->threads = i ? all : 1;
-            seconds = embree_gather(p->embree, &at->positions->x, &at->normals->x, at->count, ray_counts[0], p->embree_light);
+            seconds = embree_gather(p->embree, &at->positions->x, &at->normals->x, at->count, ray_counts[0],
+                                    p->embree_light);
             if (!(seconds > 0)) return fail("no threads for Embree");
             (i ? p->embree_all : p->embree_one)[n] = 1e-6 * at->count * ray_counts[0] / seconds;
         }
@@ -830,7 +876,9 @@ static int place_run(place *p) {
     }
     for (i = 0; i < VIEWS; i++) {
         if (n >= p->view_runs[i]) continue;
-        if (!place_render(p, SBL_BACKEND_RASTER, view_sizes[i], p->small, 0, &stats) || !place_error(p, &p->errors[RAYS + i])) return 0;
+        if (!place_render(p, SBL_BACKEND_RASTER, view_sizes[i], p->small, 0, &stats) ||
+            !place_error(p, &p->errors[RAYS + i]))
+            return 0;
         p->us[RAYS + i][n] = 1e6 * stats.seconds.gather / (double)stats.sensors.count;
     }
     p->runs++;
@@ -868,7 +916,8 @@ static double view_median(const place *p, int view) {
 }
 
 static const struct { const char *name, *path; } default_files[2] = {
-    { "staircase2", "../shared/scenes/staircase2/staircase2.glb" }, { "living-room", "../shared/scenes/living-room/living-room.glb" } };
+    { "staircase2", "../shared/scenes/staircase2/staircase2.glb" },
+    { "living-room", "../shared/scenes/living-room/living-room.glb" } };
 
 static struct { place *places; int count, skipped[2]; } trace;
 
@@ -876,8 +925,10 @@ static void trace_table(void) {
     const place *base = &trace.places[1];
     int i, k, embree_on = base->embree != NULL;
     printf("trace: no lamps, every surface radiates its albedo; medians of %d runs\n\n", base->runs);
-    printf("                         |      Mrays/s by rays   | microseconds a sensor | growth | Embree Mrays/s  sbl / | BVH: seconds/million  bytes/\n"
-           "scene          triangles |    64     256    1024  |    64     256    1024 |   (64) | 1 thread   all Embree |        sbl   Embree triangle\n");
+    printf("                         |      Mrays/s by rays   | microseconds a sensor | growth | Embree Mrays/s  sbl / "
+           "| BVH: seconds/million  bytes/\n"
+           "scene          triangles |    64     256    1024  |    64     256    1024 |   (64) | 1 thread   all Embree "
+               "|        sbl   Embree triangle\n");
     for (i = 0; i < trace.count; i++) {
         const place *p = &trace.places[i];
         printf("%-16.16s %7d |", p->name, p->triangles);
@@ -886,7 +937,8 @@ static void trace_table(void) {
         for (k = 0; k < RAYS; k++) printf(" %5.1f%s", median(p->us[k], p->runs), k < RAYS - 1 ? "  " : " ");
         printf("| %5.2fx |", median_ratio(p->us[0], base->us[0], p->runs));
         if (p->embree)
-            printf(" %8.2f %5.2f %5.2fx |", median(p->embree_one, p->runs), median(p->embree_all, p->runs), median(p->over_embree, p->runs));
+            printf(" %8.2f %5.2f %5.2fx |", median(p->embree_one, p->runs), median(p->embree_all, p->runs),
+                   median(p->over_embree, p->runs));
         else printf("        -     -      - |");
         if (p->triangles < 1000) printf("          -        -        -\n");
         else {
@@ -897,7 +949,8 @@ static void trace_table(void) {
         }
     }
     printf("\nerror in %% and microseconds of a sensor with\n"
-           "scene          triangles  pixels |  64 rays      256 rays     1024 rays    |  4 texels        8 texels         "
+           "scene          triangles  pixels |  64 rays      256 rays     1024 rays    |  4 texels        8 texels     "
+               "    "
            "16 texels        32 texels        64 texels\n");
     for (i = 0; i < trace.count; i++) {
         const place *p = &trace.places[i];
@@ -923,13 +976,16 @@ static void trace_table(void) {
         if (trace.skipped[i]) printf("%s: skipped, there is no %s\n", default_files[i].name, default_files[i].path);
     printf("\ngrowth:  microseconds a sensor over those among %d triangles, run by run\n", base->triangles);
     if (embree_on)
-        printf("Embree:  rtcIntersect1 on 1 thread and on all %d, one ray at a time, 64 rays a point: the same points and normals, a like distribution;\n"
-               "         making the rays and adding up what they hit included, textures and cutouts not looked at. Ours: all of gather, on all\n"
+        printf("Embree:  rtcIntersect1 on 1 thread and on all %d, one ray at a time, 64 rays a point: the same points "
+               "and normals, a like distribution;\n"
+               "         making the rays and adding up what they hit included, textures and cutouts not looked at. "
+                   "Ours: all of gather, on all\n"
                "         of GL's threads; sbl / Embree is all against all\n",
                base->embree->threads);
     else printf("Embree:  not there when the bench was built\n");
     printf("BVH:     one thread builds it\n"
-           "error:   relative RMSE of R over the pixels of a small picture, against %d traced rays of another seed, that is, against sbl.h itself\n"
+           "error:   relative RMSE of R over the pixels of a small picture, against %d traced rays of another seed, "
+               "that is, against sbl.h itself\n"
            "texels:  across the views of a hemicube; from %d triangles on one size, once\n", REFERENCE_RAYS, HEAVY);
 }
 
@@ -938,25 +994,32 @@ static void trace_json(void) {
     printf(", \"trace\": {\"reference_rays\": %d, \"scenes\": [", REFERENCE_RAYS);
     for (i = 0; i < trace.count; i++) {
         const place *p = &trace.places[i];
-        printf("%s\n  {\"scene\": \"%s\", \"triangles\": %d, \"sensors\": %d, \"runs\": %d, \"growth\": %.3f, ", i ? "," : "", p->name, p->triangles,
+        printf("%s\n  {\"scene\": \"%s\", \"triangles\": %d, \"sensors\": %d, \"runs\": %d, \"growth\": %.3f, ",
+               i ? "," : "", p->name, p->triangles,
                p->points.count, p->runs, median_ratio(p->us[0], trace.places[1].us[0], p->runs));
-        printf("\"bvh_seconds\": %.4f, \"bvh_bytes\": %lld, \"ways\": [", median(p->bvh, p->runs), (long long)p->bvh_bytes);
+        printf("\"bvh_seconds\": %.4f, \"bvh_bytes\": %lld, \"ways\": [", median(p->bvh, p->runs),
+               (long long)p->bvh_bytes);
         for (k = 0; k < RAYS; k++)
-            printf("%s{\"rays\": %d, \"us\": %.3f, \"mrays\": %.4f, \"error\": %.5f}", k ? ", " : "", ray_counts[k], median(p->us[k], p->runs),
+            printf("%s{\"rays\": %d, \"us\": %.3f, \"mrays\": %.4f, \"error\": %.5f}", k ? ", " : "", ray_counts[k],
+                   median(p->us[k], p->runs),
                    median(p->mrays[k], p->runs), p->errors[k]);
         for (k = 0; k < VIEWS; k++)
             if (p->view_runs[k])
-                printf(", {\"texels\": %d, \"us\": %.1f, \"error\": %.5f}", view_sizes[k], view_median(p, k), p->errors[RAYS + k]);
+                printf(", {\"texels\": %d, \"us\": %.1f, \"error\": %.5f}", view_sizes[k], view_median(p, k),
+                       p->errors[RAYS + k]);
         printf("], \"error_pixels\": %d, \"nearest_error\": [", p->small * p->small);
         for (k = 0; k < RAYS; k++) {
             pair best = place_pair(p, k);
-            printf("%s{\"rays\": %d, \"texels\": %d, \"errors\": %.4f, \"speedup\": %.2f}", k ? ", " : "", ray_counts[k], best.texels,
+            printf("%s{\"rays\": %d, \"texels\": %d, \"errors\": %.4f, \"speedup\": %.2f}", k ? ", " : "",
+                   ray_counts[k], best.texels,
                    best.errors, best.speedup);
         }
         printf("], \"embree\": ");
         if (p->embree)
-            printf("{\"threads\": %d, \"mrays\": %.4f, \"one_thread_mrays\": %.4f, \"sbl_over_embree\": %.4f, \"build_seconds\": %.4f}}",
-                   p->embree->threads, median(p->embree_all, p->runs), median(p->embree_one, p->runs), median(p->over_embree, p->runs),
+            printf("{\"threads\": %d, \"mrays\": %.4f, \"one_thread_mrays\": %.4f, \"sbl_over_embree\": %.4f, "
+                   "\"build_seconds\": %.4f}}",
+                   p->embree->threads, median(p->embree_all, p->runs), median(p->embree_one, p->runs),
+                       median(p->over_embree, p->runs),
                    p->embree->build_seconds);
         else printf("null}");
     }
@@ -979,7 +1042,8 @@ static int trace_load(int quick, char **files, int file_count) {
         if (!room_make(p->room, room_triangles[i], &p->desc)) return 0;
     }
     for (i = 0; i < (file_count ? file_count : quick ? 0 : 2); i++) {
-        const char *path = file_count ? files[i] : default_files[i].path, *name = strrchr(path, '/') ? strrchr(path, '/') + 1 : path;
+        const char *path = file_count ? files[i] : default_files[i].path,
+            *name = strrchr(path, '/') ? strrchr(path, '/') + 1 : path;
         place *p = &trace.places[trace.count];
         char error[512];
         trace.skipped[i % 2] = !file_count && access(path, R_OK) != 0;
@@ -1002,9 +1066,11 @@ static int trace_part(int json, int quick) {
         for (i = 0; i < trace.count && ok; i++) ok = place_run(&trace.places[i]);
     for (i = 0; i < trace.count && ok; i++) {
         const place *p = &trace.places[i];
-        double ratio = (p->light[0] + p->light[1] + p->light[2]) / (p->embree_light[0] + p->embree_light[1] + p->embree_light[2]);
+        double ratio = (p->light[0] + p->light[1] + p->light[2]) /
+            (p->embree_light[0] + p->embree_light[1] + p->embree_light[2]);
         if (!p->embree || !p->room || fabs(ratio - 1) < 0.01) continue;
-        fprintf(stderr, "bench: among %d triangles sbl.h finds %.3f times Embree's light: not the same work\n", p->triangles, ratio);
+        fprintf(stderr, "bench: among %d triangles sbl.h finds %.3f times Embree's light: not the same work\n",
+                p->triangles, ratio);
         ok = 0;
     }
     if (ok) (json ? trace_json : trace_table)();
@@ -1030,7 +1096,8 @@ int main(int argc, char **argv) {
         else if (strcmp(argv[i], "lamps") == 0) lamps_on = 1;
         else if (strcmp(argv[i], "versions") == 0) versions_on = 1;
         else if (argv[i][0] != '-' && file_count < FILES_MOST) files[file_count++] = argv[i];
-        else return fprintf(stderr, "usage: bench [raster] [trace] [lamps] [versions] [--json] [--quick] [FILE...]\n"), 2;
+        else return fprintf(stderr, "usage: bench [raster] [trace] [lamps] [versions] [--json] [--quick] [FILE...]\n"),
+            2;
     }
     if (!raster_on && !trace_on && !lamps_on && !versions_on) raster_on = trace_on = lamps_on = 1;
     ok = !trace_on || trace_load(quick, files, file_count);

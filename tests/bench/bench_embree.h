@@ -1,14 +1,19 @@
-/* Embree beside sbl.h, for the bench: the same triangles, and rays from the same points, cosine-distributed about the same normals, one
-   rtcIntersect1 each, on all cores. Without BENCH_EMBREE (scripts/Makefile defines it where <embree3/rtcore.h> is found) there is no Embree.
-   Textures and cutouts are not looked at. Include after sbl.h. */
+/* Embree beside sbl.h, for the bench: the same triangles, and rays from the same points, cosine-distributed about the
+   same normals, one rtcIntersect1 each, on all cores. Without BENCH_EMBREE (scripts/Makefile defines it where
+   <embree3/rtcore.h> is found) there is no Embree. Textures and cutouts are not looked at. Include after sbl.h. */
 #ifndef BENCH_EMBREE_H
 #define BENCH_EMBREE_H
 
 #ifndef BENCH_EMBREE
 typedef struct embree { int threads; double build_seconds; } embree;
-static inline embree *embree_make(const sbl_scene_desc *scene, float nearest) { (void)scene; (void)nearest; return NULL; }
+static inline embree *embree_make(const sbl_scene_desc *scene, float nearest) {
+    (void)scene;
+    (void)nearest;
+    return NULL;
+}
 static inline void embree_free(embree *e) { (void)e; }
-static inline double embree_gather(embree *e, const float *positions, const float *normals, int count, int rays, double mean[3]) {
+static inline double embree_gather(embree *e, const float *positions, const float *normals, int count, int rays,
+                                   double mean[3]) {
     (void)e; (void)positions; (void)normals; (void)count; (void)rays; (void)mean;
     return 0;
 }
@@ -66,18 +71,22 @@ static int embree_mesh(embree *e, const sbl_mesh *mesh, unsigned id) {
     float *vertices;
     unsigned *corners;
     int k;
-    if (mesh->positions.type != SBL_FLOAT32 || !mesh->positions.data || !mesh->indices.data || mesh->indices.stride) return 0;
+    if (mesh->positions.type != SBL_FLOAT32 || !mesh->positions.data || !mesh->indices.data || mesh->indices.stride)
+        return 0;
     geometry = rtcNewGeometry(e->device, RTC_GEOMETRY_TYPE_TRIANGLE);
-    vertices = (float *)rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 12, (size_t)mesh->vertex_count);
+    vertices = (float *)rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 12,
+                                                (size_t)mesh->vertex_count);
     corners = (unsigned *)rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 12, count / 3);
     for (i = 0; vertices && i < (size_t)mesh->vertex_count; i++) {
         float p[3];
         memcpy(p, data + i * stride, sizeof p);
-        for (k = 0; k < 3; k++) vertices[3 * i + (size_t)k] = m[k] * p[0] + m[4 + k] * p[1] + m[8 + k] * p[2] + m[12 + k];
+        for (k = 0; k < 3; k++)
+            vertices[3 * i + (size_t)k] = m[k] * p[0] + m[4 + k] * p[1] + m[8 + k] * p[2] + m[12 + k];
     }
     for (i = 0; corners && i < count; i++)
         corners[i] = mesh->indices.type == SBL_UINT32 ? ((const uint32_t *)(const void *)indices)[i] :
-                     mesh->indices.type == SBL_UINT16 ? ((const uint16_t *)(const void *)indices)[i] : ((const uint8_t *)indices)[i];
+                     mesh->indices.type == SBL_UINT16 ? ((const uint16_t *)(const void *)indices)[i]
+                         : ((const uint8_t *)indices)[i];
     rtcCommitGeometry(geometry);
     rtcAttachGeometryByID(e->scene, geometry, id);
     rtcReleaseGeometry(geometry);
@@ -123,8 +132,8 @@ static uint32_t embree_even_bits(uint32_t x) {
     return out;
 }
 
-/* Rays: a power of 4. Each goes through a random point of its cell of a grid on the disc's square, cells along a Morton curve, so that rays that
-   follow each other are neighbours. */
+/* Rays: a power of 4. Each goes through a random point of its cell of a grid on the disc's square, cells along a Morton
+   curve, so that rays that follow each other are neighbours. */
 static void *embree_run(void *user) {
     embree_job *job = (embree_job *)user;
     const float cell = 1 / sqrtf((float)job->rays);
@@ -164,7 +173,8 @@ static void *embree_run(void *user) {
 }
 
 /* Seconds; mean: of the light at the points. 0 where a thread cannot be had. */
-static double embree_gather(embree *e, const float *positions, const float *normals, int count, int rays, double mean[3]) {
+static double embree_gather(embree *e, const float *positions, const float *normals, int count, int rays,
+                            double mean[3]) {
     embree_job jobs[EMBREE_THREADS_MOST];
     double start = embree_now();
     int i, k, started;

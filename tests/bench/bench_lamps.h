@@ -1,6 +1,6 @@
-/* bench lamps: what a sensor costs under 1 to 10,000 emitting triangles, at equal error. A panel cut into more and more triangles, and as many
-   scattered through the room, of one total area; a plate below them hides a part, so that nearly every sensor has a share to measure. A sensor at every
-   pixel; errors are against 4,096 rays with other seeds. */
+/* bench lamps: what a sensor costs under 1 to 10,000 emitting triangles, at equal error. A panel cut into more and more
+   triangles, and as many scattered through the room, of one total area; a plate below them hides a part, so that nearly
+   every sensor has a share to measure. A sensor at every pixel; errors are against 4,096 rays with other seeds. */
 #ifndef BENCH_LAMPS_H
 #define BENCH_LAMPS_H
 
@@ -9,7 +9,8 @@ static const char *const lamp_kinds[LAMP_KINDS] = { "panel", "scattered" };
 static const int lamp_rays[LAMP_RAYS] = { 64, 256, 1024 };
 static const double lamp_target = 0.01;  /* relative RMSE that times are compared at */
 
-/* Corners of at least `count` triangles at x, z in -4 to 4 and y about 4, whose area is 4 together; returns how many. */
+/* Corners of at least `count` triangles at x, z in -4 to 4 and y about 4, whose area is 4 together; returns how
+   many. */
 static int lamps_scatter(int kind, int count, float *corners) {
     int side = (int)ceil(sqrt(count / 2.0)), made = 0, i, k;
     uint32_t state = 5;
@@ -48,7 +49,8 @@ static float *lamps_render(sbl_context *context, int rays, uint32_t seed, double
     view.options.seed = seed;
     sbl_perspective(view.view_to_clip, 40, 1);
     sbl_look_at(view.world_to_view, 0, 3.5f, 0.01f, 0, 0, 0, 0, 1, 0);
-    if (!radiance || sbl_render_picture(context, &view) != SBL_SUCCESS || sbl_read_channel(context, SBL_CHANNEL_RADIANCE, radiance, LAMP_SIDE * LAMP_SIDE * 3) != SBL_SUCCESS) {
+    if (!radiance || sbl_render_picture(context, &view) != SBL_SUCCESS ||
+        sbl_read_channel(context, SBL_CHANNEL_RADIANCE, radiance, LAMP_SIDE * LAMP_SIDE * 3) != SBL_SUCCESS) {
         free(radiance);
         fail("lamps: a picture failed");
         return NULL;
@@ -59,7 +61,8 @@ static float *lamps_render(sbl_context *context, int rays, uint32_t seed, double
 }
 
 static int lamps_scene(sbl_context *context, int kind, int count) {
-    static const float plates[24] = { -4, 0, -4, -4, 0, 4, 4, 0, 4, 4, 0, -4, -0.7f, 1, -0.7f, -0.7f, 1, 0.7f, 0.7f, 1, 0.7f, 0.7f, 1, -0.7f };
+    static const float plates[24] = { -4, 0, -4, -4, 0, 4, 4, 0, 4, 4, 0, -4, -0.7f, 1, -0.7f, -0.7f, 1, 0.7f, 0.7f, 1,
+        0.7f, 0.7f, 1, -0.7f };
     static const unsigned char quad[] = { 0, 1, 2, 0, 2, 3 };
     float *corners = (float *)malloc(9 * sizeof(float) * (size_t)(count + 2));
     sbl_material materials[2];
@@ -96,8 +99,11 @@ static int lamps_part(int json, int quick) {
     int kind, number, rays, run, i, ok;
     desc.get_gl_function = gl_function;
     if (sbl_create(&desc, &context) != SBL_SUCCESS) return fail("lamps: no context");
-    if (!json) printf("lamps: microseconds a sensor, relative RMSE; time at an error of %g %%, by the line through the measured points\n\n"
-                      "| lamps | triangles | 64 rays | 256 | 1024 | at %g %% |\n|---|---|---|---|---|---|\n", 100 * lamp_target, 100 * lamp_target);
+    if (!json)
+        printf("lamps: microseconds a sensor, relative RMSE; time at an error of %g %%, by the line through the "
+               "measured points\n\n"
+                      "| lamps | triangles | 64 rays | 256 | 1024 | at %g %% |\n|---|---|---|---|---|---|\n",
+                          100 * lamp_target, 100 * lamp_target);
     else printf("%s\"lamps\": [", ", ");
     for (kind = 0, ok = 1; kind < LAMP_KINDS && ok; kind++)
         for (number = 0; number < (quick ? 3 : LAMP_COUNTS) && ok; number++) {
@@ -124,9 +130,12 @@ static int lamps_part(int json, int quick) {
             free(reference);
             if (!ok) break;
             at = seconds_at(seconds, errors, LAMP_RAYS, lamp_target);
-            if (!json) printf("| %s | %d | %.1f, %.2f %% | %.1f, %.2f %% | %.1f, %.2f %% | %.1f |\n", lamp_kinds[kind], count, 1e6 * seconds[0], 100 * errors[0], 1e6 * seconds[1], 100 * errors[1],
+            if (!json)
+                printf("| %s | %d | %.1f, %.2f %% | %.1f, %.2f %% | %.1f, %.2f %% | %.1f |\n", lamp_kinds[kind], count,
+                       1e6 * seconds[0], 100 * errors[0], 1e6 * seconds[1], 100 * errors[1],
                               1e6 * seconds[2], 100 * errors[2], 1e6 * at);
-            else printf("%s{\"kind\": \"%s\", \"triangles\": %d, \"microseconds_at_target\": %.4g}", kind + number ? ", " : "", lamp_kinds[kind], count, 1e6 * at);
+            else printf("%s{\"kind\": \"%s\", \"triangles\": %d, \"microseconds_at_target\": %.4g}",
+                        kind + number ? ", " : "", lamp_kinds[kind], count, 1e6 * at);
             fflush(stdout);
         }
     if (json) printf("]");

@@ -1,9 +1,10 @@
 /* bench_steps [--slice SECONDS] [NAME...]: how long sbl_step takes when asked for a slice, and what slices cost.
 
-   For each picture: sbl_begin's seconds, a histogram of every sbl_step's seconds over the whole picture, its first hierarchy included (shaders
-   were compiled before), the seconds of all steps beside those of one sbl_render, and the longest submission: what GL works on from one flush,
-   wait or readback to the next, in an sbl_render whose draws are waited for there. Pictures: the Cornell box, and where ../shared lies beside the
-   repository two rooms. Never fails on a timing. */
+   For each picture: sbl_begin's seconds, a histogram of every sbl_step's seconds over the whole picture, its first
+   hierarchy included (shaders were compiled before), the seconds of all steps beside those of one sbl_render, and the
+   longest submission: what GL works on from one flush, wait or readback to the next, in an sbl_render whose draws are
+   waited for there. Pictures: the Cornell box, and where ../shared lies beside the repository two rooms. Never fails on
+   a timing. */
 #define _DEFAULT_SOURCE
 #define SBL_IMPLEMENTATION
 #include "../../sbl.h"
@@ -59,15 +60,18 @@ static void APIENTRY draw_arrays_instanced(GLenum mode, GLint first, GLsizei cou
     work_starts();
     ((draw_arrays_instanced_function)eglGetProcAddress("glDrawArraysInstanced"))(mode, first, count, instances);
 }
-static void APIENTRY draw_elements_instanced(GLenum mode, GLsizei count, GLenum type, const void *indices, GLsizei instances) {
+static void APIENTRY draw_elements_instanced(GLenum mode, GLsizei count, GLenum type, const void *indices,
+                                             GLsizei instances) {
     work_starts();
-    ((draw_elements_instanced_function)eglGetProcAddress("glDrawElementsInstanced"))(mode, count, type, indices, instances);
+    ((draw_elements_instanced_function)eglGetProcAddress("glDrawElementsInstanced"))(mode, count, type, indices,
+                                                                      instances);
 }
 static void APIENTRY dispatch(GLuint x, GLuint y, GLuint z) {
     work_starts();
     ((dispatch_function)eglGetProcAddress("glDispatchCompute"))(x, y, z);
 }
-static void APIENTRY read_pixels(GLint x, GLint y, GLsizei width, GLsizei height, GLenum format, GLenum type, void *pixels) {
+static void APIENTRY read_pixels(GLint x, GLint y, GLsizei width, GLsizei height, GLenum format, GLenum type,
+                                 void *pixels) {
     work_ends();
     ((read_pixels_function)eglGetProcAddress("glReadPixels"))(x, y, width, height, format, type, pixels);
 }
@@ -77,7 +81,8 @@ static void APIENTRY flush(void) { work_ends(); }
 static sbl_gl_function gl_function(const char *name, void *user) {
     static const struct { const char *name; sbl_gl_function function; } watched[] = {
         { "glDrawArrays", (sbl_gl_function)draw_arrays }, { "glDrawElements", (sbl_gl_function)draw_elements },
-        { "glDrawArraysInstanced", (sbl_gl_function)draw_arrays_instanced }, { "glDrawElementsInstanced", (sbl_gl_function)draw_elements_instanced },
+        { "glDrawArraysInstanced", (sbl_gl_function)draw_arrays_instanced },
+        { "glDrawElementsInstanced", (sbl_gl_function)draw_elements_instanced },
         { "glDispatchCompute", (sbl_gl_function)dispatch }, { "glReadPixels", (sbl_gl_function)read_pixels },
         { "glFinish", (sbl_gl_function)finish }, { "glFlush", (sbl_gl_function)flush } };
     size_t i;
@@ -96,9 +101,11 @@ static const struct picture {
     sbl_mode mode;
     float eye[3], at[3], up[3], fov, sky;
 } pictures[] = {
-    { "cornell_box", "examples/scenes/cornell_box.obj", 512, 512, SBL_PRESET_DEFAULT, SBL_MODE_AMBIENT, { 278, 273, -800 }, { 278, 273, 0 }, { 0, 1, 0 }, 39.3077f, 0 },
+    { "cornell_box", "examples/scenes/cornell_box.obj", 512, 512, SBL_PRESET_DEFAULT, SBL_MODE_AMBIENT,
+      { 278, 273, -800 }, { 278, 273, 0 }, { 0, 1, 0 }, 39.3077f, 0 },
     { "living-room", "../shared/scenes/living-room/living-room.glb", 1280, 720, SBL_PRESET_DEFAULT, SBL_MODE_DIRECT,
-      { 5.10518f, 0.731065f, -2.31789f }, { 4.143388f, 0.805472f, -2.054414f }, { 0.071763f, 0.997228f, -0.019659f }, 58.7155f, 1 },
+      { 5.10518f, 0.731065f, -2.31789f }, { 4.143388f, 0.805472f, -2.054414f }, { 0.071763f, 0.997228f, -0.019659f },
+      58.7155f, 1 },
     { "staircase2", "../shared/scenes/staircase2/staircase2.glb", 256, 256, SBL_PRESET_HIGH, SBL_MODE_DIRECT,
       { 6.91182f, 1.65163f, 2.55414f }, { 6.011643f, 1.65163f, 2.118617f }, { 0, 1, 0 }, 70, 0 }
 };
@@ -129,10 +136,12 @@ static int measure(const struct picture *p, double slice) {
     view.options.preset = p->preset;
     view.options.mode = p->mode;
     view.facet_limit = 2;
-    sbl_look_at(view.world_to_view, p->eye[0], p->eye[1], p->eye[2], p->at[0], p->at[1], p->at[2], p->up[0], p->up[1], p->up[2]);
+    sbl_look_at(view.world_to_view, p->eye[0], p->eye[1], p->eye[2], p->at[0], p->at[1], p->at[2], p->up[0], p->up[1],
+                p->up[2]);
     sbl_perspective(view.view_to_clip, p->fov, (float)p->width / (float)p->height);
     desc.get_gl_function = gl_function;
-    ok = sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS;  /* shaders */
+    ok = sbl_create(&desc, &context) == SBL_SUCCESS && sbl_set_scene(context, &scene) == SBL_SUCCESS &&
+         sbl_render_picture(context, &view) == SBL_SUCCESS; /* shaders */
     start = now();
     ok = ok && sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS;
     easy = now() - start;
@@ -158,18 +167,22 @@ static int measure(const struct picture *p, double slice) {
     scene_file_free(file);
     if (!ok) return fprintf(stderr, "bench_steps: %s failed\n", p->name), 0;
     printf("%s %d x %d, preset %d: slices of %g ms\n", p->name, p->width, p->height, (int)p->preset, 1e3 * slice);
-    printf("  sbl_render %.2f s, in steps %.2f s (%+.1f %%); sbl_begin %.1f ms\n", easy, all, 100 * (all / easy - 1), 1e3 * begin);
+    printf("  sbl_render %.2f s, in steps %.2f s (%+.1f %%); sbl_begin %.1f ms\n", easy, all, 100 * (all / easy - 1),
+           1e3 * begin);
     printf("  longest submission %.0f ms of %d\n", 1e3 * submission.longest, submission.count);
     printf("  the slowest step is number %d of %d\n", slowest + 1, count);
     submission.longest = 0;
     submission.count = 0;
     qsort(steps, (size_t)count, sizeof *steps, ascending);
-    printf("  median %.2f ms, 99 %% %.2f ms, 99.9 %% %.2f ms, longest %.2f ms\n", 1e3 * steps[count / 2], 1e3 * steps[(count - 1) * 99 / 100],
+    printf("  median %.2f ms, 99 %% %.2f ms, 99.9 %% %.2f ms, longest %.2f ms\n", 1e3 * steps[count / 2],
+           1e3 * steps[(count - 1) * 99 / 100],
            1e3 * steps[(int)((count - 1) * 0.999)], 1e3 * steps[count - 1]);
     for (i = n = 0; i < (int)(sizeof edges / sizeof *edges); i++) {
         int from = n;
         while (n < count && steps[n] < edges[i]) n++;
-        if (n > from) printf("    %s%g ms: %d\n", i + 1 < (int)(sizeof edges / sizeof *edges) ? "below " : "above ", 1e3 * edges[i < 9 ? i : 8], n - from);
+        if (n > from)
+            printf("    %s%g ms: %d\n", i + 1 < (int)(sizeof edges / sizeof *edges) ? "below " : "above ",
+                   1e3 * edges[i < 9 ? i : 8], n - from);
     }
     return 1;
 }

@@ -1,6 +1,7 @@
-/* bench versions: pictures of direct light by this header and by the one before pictures were asked for an error, which the Makefile takes from
-   git history: error over seconds of both, in turns, and how many times sooner this one is at the errors that the older one's presets
-   have. The reference: windows of the same picture, spread over all of it, with 4,096 rays at every pixel. */
+/* bench versions: pictures of direct light by this header and by the one before pictures were asked for an error, which
+   the Makefile takes from git history: error over seconds of both, in turns, and how many times sooner this one is at
+   the errors that the older one's presets have. The reference: windows of the same picture, spread over all of it, with
+   4,096 rays at every pixel. */
 #ifndef BENCH_VERSIONS_H
 #define BENCH_VERSIONS_H
 #ifdef BENCH_BEFORE
@@ -20,12 +21,15 @@ static const struct version_room {
     { "staircase2", "../shared/scenes/staircase2/staircase2.glb", 0, 2, { 0.05f, 0.03f, 0.02f, 0.015f, 0.01f, 0.0075f },
       { { 6.91182, 1.65163, 2.55414 }, { 6.011643, 1.65163, 2.118617 }, { 0, 1, 0 }, 70, 1024, 1024, 0 } },
     { "veach-ajar", "../shared/scenes/veach-ajar/veach-ajar.glb", 0, 2, { 0.05f, 0.03f, 0.02f, 0.015f, 0.01f, 0.0075f },
-      { { 4.05402, 1.61647, -2.30652 }, { 3.064005, 1.584172, -2.443733 }, { -0.0319925, 0.999478, -0.00443408 }, 35.9834, 1024, 1024, 0 } },
+      { { 4.05402, 1.61647, -2.30652 }, { 3.064005, 1.584172, -2.443733 }, { -0.0319925, 0.999478, -0.00443408 },
+        35.9834, 1024, 1024, 0 } },
     { "living-room", "../shared/scenes/living-room/living-room.glb", 0, 2, { 0.4f, 0.25f, 0.16f, 0.12f, 0.08f, 0.06f },
-      { { 5.10518, 0.731065, -2.31789 }, { 4.143388, 0.805472, -2.054414 }, { 0.071763, 0.997228, -0.019659 }, 58.7155, 1280, 720, 1 } } };
+      { { 5.10518, 0.731065, -2.31789 }, { 4.143388, 0.805472, -2.054414 }, { 0.071763, 0.997228, -0.019659 }, 58.7155,
+        1280, 720, 1 } } };
 static const char *const preset_names[OLD_RUNS] = { "draft", "default", "high" };
 
-typedef struct measured { double seconds, pixels, blocks; long long sensors; } measured;  /* errors: shares of the mean, over pixels and blocks */
+/* errors: shares of the mean, over pixels and blocks */
+typedef struct measured { double seconds, pixels, blocks; long long sensors; } measured;
 
 typedef struct reference_windows {
     float *light[2];                /* of two seeds: WINDOWS * WINDOWS windows one after the other */
@@ -33,10 +37,13 @@ typedef struct reference_windows {
     double mean, noise_pixels, noise_blocks;  /* variances of the two seeds' mean */
 } reference_windows;
 
-static double luminance(const float c[3]) { return 0.2126 * (double)c[0] + 0.7152 * (double)c[1] + 0.0722 * (double)c[2]; }
+static double luminance(const float c[3]) {
+    return 0.2126 * (double)c[0] + 0.7152 * (double)c[1] + 0.0722 * (double)c[2];
+}
 
 /* Adds up squares of differences over pixels and over blocks of one window. */
-static void window_compare(const float *a, int a_width, const float *b, const float *c, double *pixels, double *blocks) {
+static void window_compare(const float *a, int a_width, const float *b, const float *c, double *pixels,
+                           double *blocks) {
     int bx, by, x, y;
     for (by = 0; by < WINDOW; by += BLOCK_SIDE)
         for (bx = 0; bx < WINDOW; bx += BLOCK_SIDE) {
@@ -72,9 +79,11 @@ static int reference_make(reference_windows *r, const version_view *view) {
             if (!version_now.render(view, &s, r->light[seed] + window * (size_t)i, &cost)) return 0;
         }
     for (i = 0; i < WINDOWS * WINDOWS; i++) {
-        window_compare(r->light[0] + window * (size_t)i, WINDOW, r->light[1] + window * (size_t)i, NULL, &pixels, &blocks);
+        window_compare(r->light[0] + window * (size_t)i, WINDOW, r->light[1] + window * (size_t)i, NULL, &pixels,
+                       &blocks);
         for (k = 0; k < WINDOW * WINDOW; k++)
-            r->mean += 0.5 * (luminance(r->light[0] + window * (size_t)i + 3 * k) + luminance(r->light[1] + window * (size_t)i + 3 * k));
+            r->mean += 0.5 * (luminance(r->light[0] + window * (size_t)i + 3 * k) +
+                              luminance(r->light[1] + window * (size_t)i + 3 * k));
     }
     r->mean /= WINDOWS * WINDOWS * WINDOW * WINDOW;
     r->noise_pixels = pixels / 4;
@@ -82,7 +91,8 @@ static int reference_make(reference_windows *r, const version_view *view) {
     return 1;
 }
 
-static int version_measure(const version *v, const version_view *view, const version_settings *settings, const reference_windows *r, float *picture,
+static int version_measure(const version *v, const version_view *view, const version_settings *settings,
+                           const reference_windows *r, float *picture,
                            measured *m) {
     version_settings warm = *settings;
     version_cost cost;
@@ -92,13 +102,15 @@ static int version_measure(const version *v, const version_view *view, const ver
     warm.window[2] = warm.window[3] = 32;
     if (!v->render(view, &warm, picture, &cost) || !v->render(view, settings, picture, &cost)) return 0;
     for (i = 0; i < WINDOWS * WINDOWS; i++) {
-        const size_t at = 3 * ((size_t)r->corner[i][1] * (size_t)view->width + (size_t)r->corner[i][0]), window = (size_t)i * WINDOW * WINDOW * 3;
+        const size_t at = 3 * ((size_t)r->corner[i][1] * (size_t)view->width + (size_t)r->corner[i][0]),
+            window = (size_t)i * WINDOW * WINDOW * 3;
         window_compare(picture + at, view->width, r->light[0] + window, r->light[1] + window, &pixels, &blocks);
     }
     m->seconds = cost.seconds;
     m->sensors = cost.sensors;
     m->pixels = r->mean > 0 ? sqrt(fmax(pixels - r->noise_pixels, 0) / count) / r->mean : 0;
-    m->blocks = r->mean > 0 ? sqrt(fmax(blocks - r->noise_blocks, 0) / (count / (BLOCK_SIDE * BLOCK_SIDE))) / r->mean : 0;
+    m->blocks = r->mean > 0 ? sqrt(fmax(blocks - r->noise_blocks, 0) / (count / (BLOCK_SIDE * BLOCK_SIDE))) / r->mean
+        : 0;
     return 1;
 }
 
@@ -125,28 +137,36 @@ static int version_room_run(const struct version_room *scene, const version_view
         ok = version_measure(&version_now, view, &s, &r, picture, &now[i]);
         s.preset = i / 2;
         s.error = 0;
-        if (ok && i % 2 == 0 && i / 2 < scene->presets) ok = version_measure(&version_before, view, &s, &r, picture, &before[i / 2]);
+        if (ok && i % 2 == 0 && i / 2 < scene->presets)
+            ok = version_measure(&version_before, view, &s, &r, picture, &before[i / 2]);
     }
     if (ok && json) {
-        printf("%s\n  {\"scene\": \"%s\", \"width\": %d, \"height\": %d, \"before\": [", first ? "" : ",", scene->name, view->width, view->height);
+        printf("%s\n  {\"scene\": \"%s\", \"width\": %d, \"height\": %d, \"before\": [", first ? "" : ",", scene->name,
+               view->width, view->height);
         for (i = 0; i < scene->presets; i++)
-            printf("%s{\"preset\": \"%s\", \"seconds\": %.4g, \"error\": %.4g, \"error_4x4\": %.4g, \"sensors\": %lld, \"sooner\": %.3g, \"sooner_4x4\": %.3g}",
-                   i ? ", " : "", preset_names[i], before[i].seconds, before[i].pixels, before[i].blocks, before[i].sensors,
+            printf("%s{\"preset\": \"%s\", \"seconds\": %.4g, \"error\": %.4g, \"error_4x4\": %.4g, \"sensors\": %lld, "
+                   "\"sooner\": %.3g, \"sooner_4x4\": %.3g}",
+                   i ? ", " : "", preset_names[i], before[i].seconds, before[i].pixels, before[i].blocks,
+                       before[i].sensors,
                    sooner(&before[i], now, 0), sooner(&before[i], now, 1));
         printf("], \"now\": [");
         for (i = 0; i < ASKED; i++)
-            printf("%s{\"asked\": %g, \"seconds\": %.4g, \"error\": %.4g, \"error_4x4\": %.4g, \"sensors\": %lld}", i ? ", " : "", (double)scene->asked[i],
+            printf("%s{\"asked\": %g, \"seconds\": %.4g, \"error\": %.4g, \"error_4x4\": %.4g, \"sensors\": %lld}",
+                   i ? ", " : "", (double)scene->asked[i],
                    now[i].seconds, now[i].pixels, now[i].blocks, now[i].sensors);
         printf("]}");
     } else if (ok) {
-        printf("%s, %d x %d   seconds  error %%    4 x 4    sensors   this one is sooner, at equal error of pixels, of 4 x 4\n", scene->name, view->width,
+        printf("%s, %d x %d   seconds  error %%    4 x 4    sensors   this one is sooner, at equal error of pixels, of "
+               "4 x 4\n", scene->name, view->width,
                view->height);
         for (i = 0; i < scene->presets; i++)
-            printf("  before, %-10s %8.2f %8.2f %8.2f %10lld   %5.2f %5.2f\n", preset_names[i], before[i].seconds, 100 * before[i].pixels, 100 * before[i].blocks,
+            printf("  before, %-10s %8.2f %8.2f %8.2f %10lld   %5.2f %5.2f\n", preset_names[i], before[i].seconds,
+                   100 * before[i].pixels, 100 * before[i].blocks,
                    before[i].sensors, sooner(&before[i], now, 0),
                    sooner(&before[i], now, 1));
         for (i = 0; i < ASKED; i++)
-            printf("  asked %5.2f %%       %8.2f %8.2f %8.2f %10lld\n", 100 * (double)scene->asked[i], now[i].seconds, 100 * now[i].pixels, 100 * now[i].blocks,
+            printf("  asked %5.2f %%       %8.2f %8.2f %8.2f %10lld\n", 100 * (double)scene->asked[i], now[i].seconds,
+                   100 * now[i].pixels, 100 * now[i].blocks,
                    now[i].sensors);
         fflush(stdout);
     }
@@ -169,7 +189,8 @@ static int versions_part(int json, int quick) {
             if (!json) printf("%s: skipped, there is no %s\n", scene->name, scene->path);
             continue;
         }
-        ok = version_now.load(scene->path) && version_before.load(scene->path) && version_now.start(versions_function, view.sky) &&
+        ok = version_now.load(scene->path) && version_before.load(scene->path) &&
+            version_now.start(versions_function, view.sky) &&
              version_before.start(versions_function, view.sky) && version_room_run(scene, &view, json, first);
         version_before.stop();
         version_now.stop();

@@ -1,5 +1,6 @@
-/* See version.h. Built with -DVERSION=version_now and the header of this tree, and with -DVERSION=version_before, an older header
-   and that header's implementation, static here. The include path says which sbl.h and which folder examples are meant. */
+/* See version.h. Built with -DVERSION=version_now and the header of this tree, and with -DVERSION=version_before, an
+   older header and that header's implementation, static here. The include path says which sbl.h and which folder
+   examples are meant. */
 #define _DEFAULT_SOURCE
 #include <sbl.h>
 #include <examples/scene_file.h>
@@ -14,7 +15,8 @@ static int version_load(const char *path) {
     return file != NULL || (fprintf(stderr, "%s\n", error), 0);
 }
 
-static void version_log(sbl_log_level level, sbl_log_item item, const char *message, void *user) {  /* windows may be empty */
+/* windows may be empty */
+static void version_log(sbl_log_level level, sbl_log_item item, const char *message, void *user) {
     (void)item;
     (void)user;
     if (level == SBL_LOG_ERROR) fprintf(stderr, "%s\n", message);
@@ -31,7 +33,8 @@ static int version_start(void (*(*get)(const char *name, void *user))(void), flo
 
 /* The projection that shows nothing but a window of the picture. */
 static void crop(float m[16], const version_view *view, const int window[4]) {
-    const double x = (2.0 * window[0] + window[2]) / view->width - 1, y = 1 - (2.0 * window[1] + window[3]) / view->height;
+    const double x = (2.0 * window[0] + window[2]) / view->width - 1,
+        y = 1 - (2.0 * window[1] + window[3]) / view->height;
     const double scale_x = (double)view->width / window[2], scale_y = (double)view->height / window[3];
     int i;
     for (i = 0; i < 16; i += 4) {
@@ -51,7 +54,8 @@ static void crop(float m[16], const version_view *view, const int window[4]) {
 #define VERSION_SENSORS sensors
 #endif
 
-static int version_render(const version_view *view, const version_settings *settings, float *radiance, version_cost *cost) {
+static int version_render(const version_view *view, const version_settings *settings, float *radiance,
+                          version_cost *cost) {
     static const sbl_preset presets[3] = { SBL_PRESET_DRAFT, SBL_PRESET_DEFAULT, SBL_PRESET_HIGH };
     const double *e = view->eye, *a = view->look_at, *u = view->up;
     sbl_picture_desc desc = { 0 };
@@ -69,7 +73,8 @@ static int version_render(const version_view *view, const version_settings *sett
         desc.tile = desc.samples = 1;
         desc.filter_radius = -1;
     }
-    sbl_look_at(desc.world_to_view, (float)e[0], (float)e[1], (float)e[2], (float)a[0], (float)a[1], (float)a[2], (float)u[0], (float)u[1],
+    sbl_look_at(desc.world_to_view, (float)e[0], (float)e[1], (float)e[2], (float)a[0], (float)a[1], (float)a[2],
+                (float)u[0], (float)u[1],
                 (float)u[2]);
     sbl_perspective(desc.view_to_clip, (float)view->fov, (float)view->width / (float)view->height);
     if (settings->window[2]) crop(desc.view_to_clip, view, settings->window);
@@ -77,7 +82,8 @@ static int version_render(const version_view *view, const version_settings *sett
     stats = sbl_query_stats(context);
     cost->seconds = stats.seconds.total - stats.seconds.scene;
     cost->sensors = (long long)stats.VERSION_SENSORS;
-    return sbl_read_channel(context, SBL_CHANNEL_RADIANCE, radiance, (size_t)desc.width * (size_t)desc.height * 3) == SBL_SUCCESS;
+    return sbl_read_channel(context, SBL_CHANNEL_RADIANCE, radiance, (size_t)desc.width * (size_t)desc.height * 3) ==
+           SBL_SUCCESS;
 }
 
 static void version_stop(void) {

@@ -1,4 +1,5 @@
-/* One version of sbl.h behind plain numbers, so that a program can hold two of them: tests/bench/version.c is compiled once with each header. */
+/* One version of sbl.h behind plain numbers, so that a program can hold two of them: tests/bench/version.c is compiled
+   once with each header. */
 #ifndef VERSION_H
 #define VERSION_H
 
@@ -11,7 +12,8 @@ typedef struct version_view {
 typedef struct version_settings {
     int preset;               /* 0 draft, 1 default, 2 high */
     float error;              /* 0: the preset's. Only the newer version has it */
-    int rays, seed;           /* rays: 0: the preset's; else a sensor with so many stands at every pixel, and nothing is smoothed */
+    /* rays: 0: the preset's; else a sensor with so many stands at every pixel, and nothing is smoothed */
+    int rays, seed;
     int window[4];            /* x, y, width, height of the pixels wanted, from the top left; width 0: all */
 } version_settings;
 

@@ -1,6 +1,6 @@
-/* A fuzz target: bytes become calls in any order, with scenes, pictures, gathers, bakes and allocators that are often wrong.
-   sbl.h must refuse with a message or do what was asked: no NaN or infinity comes out, nothing leaks, and a known
-   picture comes out of the context as before. tests/test_fuzz.c runs a bounded, repeatable part of it, and
+/* A fuzz target: bytes become calls in any order, with scenes, pictures, gathers, bakes and allocators that are often
+   wrong. sbl.h must refuse with a message or do what was asked: no NaN or infinity comes out, nothing leaks, and a
+   known picture comes out of the context as before. tests/test_fuzz.c runs a bounded, repeatable part of it, and
    build/test_fuzz FILE... single inputs. By itself, for as long as wanted:
 
        clang -g -O1 -fsanitize=fuzzer,address,undefined tests/fuzz/fuzz.c -lEGL -lm -o build/fuzz &&

@@ -1,5 +1,5 @@
-/* What the GPU is sent, looked at as the GPU does: as 32-bit words and floats, whichever byte comes first in memory. Run by tests/test_header.sh on a
-   big-endian machine that qemu plays. Needs no GL. */
+/* What the GPU is sent, looked at as the GPU does: as 32-bit words and floats, whichever byte comes first in memory.
+   Run by tests/test_header.sh on a big-endian machine that qemu plays. Needs no GL. */
 #define SBL_IMPLEMENTATION
 #define SBL_STATIC
 #include "sbl.h"
@@ -25,10 +25,12 @@ int main(void) {
     memset(&attributes, 0, sizeof attributes);
     attributes.color_rg = packed;
     attributes.color_ba = 7;
-    CHECK(word_of(&attributes, (int)(offsetof(sbl__attributes, color_rg) / 4)) == packed);  /* what an array of unsigned ints and a texel give the shader */
+    /* what an array of unsigned ints and a texel give the shader */
+    CHECK(word_of(&attributes, (int)(offsetof(sbl__attributes, color_rg) / 4)) == packed);
     CHECK(offsetof(sbl__attributes, color_ba) == offsetof(sbl__attributes, color_rg) + 4);
     for (i = 0; i < 4; i++) CHECK(sbl__from_half(sbl__to_half(numbers[i])) == (i < 3 ? numbers[i] : 65504.0f));
-    CHECK(fabsf(sbl__component(bytes + 1, SBL_UINT8_NORM) - 0.2f) < 1e-7f && sbl__component((const unsigned char *)shorts, SBL_UINT16_NORM) > 0.99999f);
+    CHECK(fabsf(sbl__component(bytes + 1, SBL_UINT8_NORM) - 0.2f) < 1e-7f &&
+          sbl__component((const unsigned char *)shorts, SBL_UINT16_NORM) > 0.99999f);
     CHECK(sbl__component((const unsigned char *)(shorts + 1), SBL_UINT16) == 13107);
     CHECK(sbl__all_finite(numbers, 4));
     printf("%d wrong\n", wrong);

@@ -6,4 +6,6 @@ const char *caller_version(void);
 size_t caller_desc_size(void);
 
 const char *caller_version(void) { return sbl_version(); }
-size_t caller_desc_size(void) { return sizeof(sbl_picture_desc) + sizeof(sbl_scene_desc) + sizeof(sbl_context_desc) + sizeof(sbl_stats); }
+size_t caller_desc_size(void) {
+    return sizeof(sbl_picture_desc) + sizeof(sbl_scene_desc) + sizeof(sbl_context_desc) + sizeof(sbl_stats);
+}

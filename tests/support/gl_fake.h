@@ -1,5 +1,5 @@
-/* A GL that breaks on demand: the functions behind sbl_context_desc.get_gl_function, with the real ones underneath. It also keeps the names of
-   all objects that were made through it, so that each must be deleted, once.
+/* A GL that breaks on demand: the functions behind sbl_context_desc.get_gl_function, with the real ones underneath. It
+   also keeps the names of all objects that were made through it, so that each must be deleted, once.
 
        desc.get_gl_function = fake_proc;
        fake_arm(FAKE_NO_NAME, 3, 0);        the third glGen or glCreate from here on gives 0
@@ -22,7 +22,8 @@ typedef enum fake_fault {
     FAKE_FAULTS
 } fake_fault;
 
-typedef enum fake_kind { FAKE_BUFFER, FAKE_FRAMEBUFFER_OBJECT, FAKE_TEXTURE, FAKE_VERTEX_ARRAY, FAKE_PROGRAM, FAKE_SHADER, FAKE_KINDS } fake_kind;
+typedef enum fake_kind { FAKE_BUFFER, FAKE_FRAMEBUFFER_OBJECT, FAKE_TEXTURE, FAKE_VERTEX_ARRAY, FAKE_PROGRAM,
+    FAKE_SHADER, FAKE_KINDS } fake_kind;
 
 enum { FAKE_NAMES = 512 };
 
@@ -167,11 +168,13 @@ static void APIENTRY fake_TexBuffer(GLenum target, GLenum format, GLuint buffer)
     more_gl.GetTexLevelParameteriv(target, 0, GL_TEXTURE_WIDTH, &texels);
     if (texels > fake.texels) fake.texels = texels;
 }
-static void APIENTRY fake_TexImage2D(GLenum target, GLint level, GLint internal_format, GLsizei width, GLsizei height, GLint border, GLenum format,
+static void APIENTRY fake_TexImage2D(GLenum target, GLint level, GLint internal_format, GLsizei width, GLsizei height,
+                                     GLint border, GLenum format,
     GLenum type, const void *pixels) {
     if (!fake__refuses()) gl.TexImage2D(target, level, internal_format, width, height, border, format, type, pixels);
 }
-static void APIENTRY fake_TexSubImage2D(GLenum target, GLint level, GLint x, GLint y, GLsizei width, GLsizei height, GLenum format, GLenum type,
+static void APIENTRY fake_TexSubImage2D(GLenum target, GLint level, GLint x, GLint y, GLsizei width, GLsizei height,
+                                        GLenum format, GLenum type,
     const void *pixels) {
     if (!fake__refuses()) more_gl.TexSubImage2D(target, level, x, y, width, height, format, type, pixels);
 }
@@ -181,7 +184,8 @@ static void APIENTRY fake_DrawArrays(GLenum mode, GLint first, GLsizei count) {
 static void APIENTRY fake_DrawElements(GLenum mode, GLsizei count, GLenum type, const void *indices) {
     if (!fake__refuses()) more_gl.DrawElements(mode, count, type, indices);
 }
-static void APIENTRY fake_DrawElementsInstanced(GLenum mode, GLsizei count, GLenum type, const void *indices, GLsizei instances) {
+static void APIENTRY fake_DrawElementsInstanced(GLenum mode, GLsizei count, GLenum type, const void *indices,
+                                                GLsizei instances) {
     PFNGLDRAWELEMENTSINSTANCEDPROC real = (PFNGLDRAWELEMENTSINSTANCEDPROC)eglGetProcAddress("glDrawElementsInstanced");
     if (!fake__refuses()) real(mode, count, type, indices, instances);
 }
@@ -189,16 +193,20 @@ static void APIENTRY fake_DispatchCompute(GLuint x, GLuint y, GLuint z) {
     PFNGLDISPATCHCOMPUTEPROC real = (PFNGLDISPATCHCOMPUTEPROC)eglGetProcAddress("glDispatchCompute");
     if (!fake__refuses()) real(x, y, z);
 }
-static void APIENTRY fake_ReadPixels(GLint x, GLint y, GLsizei width, GLsizei height, GLenum format, GLenum type, void *pixels) {
+static void APIENTRY fake_ReadPixels(GLint x, GLint y, GLsizei width, GLsizei height, GLenum format, GLenum type,
+                                     void *pixels) {
     if (!fake__refuses()) gl.ReadPixels(x, y, width, height, format, type, pixels);
 }
 
 static inline sbl_gl_function fake_proc(const char *name, void *user) {
     static const struct { const char *name; sbl_gl_function function; } fakes[] = {
 #define X(name) { "gl" #name, (sbl_gl_function)fake_##name },
-        X(GenBuffers) X(GenFramebuffers) X(GenTextures) X(GenVertexArrays) X(DeleteBuffers) X(DeleteFramebuffers) X(DeleteTextures) X(DeleteVertexArrays)
-        X(CreateProgram) X(CreateShader) X(DeleteProgram) X(DeleteShader) X(GetError) X(CheckFramebufferStatus) X(GetShaderiv) X(GetProgramiv) X(GetString)
-        X(GetIntegerv) X(BufferData) X(BufferSubData) X(GetBufferSubData) X(TexBuffer) X(TexImage2D) X(TexSubImage2D) X(DrawArrays) X(DrawElements)
+        X(GenBuffers) X(GenFramebuffers) X(GenTextures) X(GenVertexArrays) X(DeleteBuffers) X(DeleteFramebuffers)
+        X(DeleteTextures) X(DeleteVertexArrays)
+        X(CreateProgram) X(CreateShader) X(DeleteProgram) X(DeleteShader) X(GetError) X(CheckFramebufferStatus)
+        X(GetShaderiv) X(GetProgramiv) X(GetString)
+        X(GetIntegerv) X(BufferData) X(BufferSubData) X(GetBufferSubData) X(TexBuffer) X(TexImage2D) X(TexSubImage2D)
+        X(DrawArrays) X(DrawElements)
         X(DrawElementsInstanced) X(DispatchCompute) X(ReadPixels)
 #undef X
     };

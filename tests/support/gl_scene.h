@@ -1,9 +1,11 @@
-/* A small scene that touches every way into sbl.h, and its picture as one array. Include after scenes.h and gl_watch.h. */
+/* A small scene that touches every way into sbl.h, and its picture as one array. Include after scenes.h and
+   gl_watch.h. */
 #ifndef GL_SCENE_H
 #define GL_SCENE_H
 
 /* 10 channels of 3 floats and 5 of 1 */
-enum { SMALL_WIDTH = 11, SMALL_HEIGHT = 9, SMALL_PIXELS = SMALL_WIDTH * SMALL_HEIGHT, SMALL_FLOATS = 35 * SMALL_PIXELS };
+enum { SMALL_WIDTH = 11, SMALL_HEIGHT = 9, SMALL_PIXELS = SMALL_WIDTH * SMALL_HEIGHT,
+    SMALL_FLOATS = 35 * SMALL_PIXELS };
 
 typedef struct small_picture { float values[SMALL_FLOATS]; } small_picture;
 

@@ -1,5 +1,5 @@
-/* All GL state that sbl.h promises to leave alone, as a list of named numbers: taken before and after a call and compared.
-   And the same state, set to values that no program has by accident. Include after gl_host.h. */
+/* All GL state that sbl.h promises to leave alone, as a list of named numbers: taken before and after a call and
+   compared. And the same state, set to values that no program has by accident. Include after gl_host.h. */
 #ifndef GL_STATE_H
 #define GL_STATE_H
 
@@ -20,46 +20,72 @@ static inline double *gl_state__add(gl_state *s, const char *name, int index) {
 
 static const struct { const char *name; unsigned id; int version; } gl_state__switches[] = {
 #define X(name, version) { #name, GL_##name, version }
-    X(CULL_FACE, 33), X(DEPTH_TEST, 33), X(STENCIL_TEST, 33), X(SCISSOR_TEST, 33), X(COLOR_LOGIC_OP, 33), X(DITHER, 33), X(POLYGON_OFFSET_FILL, 33),
-    X(POLYGON_OFFSET_LINE, 33), X(POLYGON_OFFSET_POINT, 33), X(LINE_SMOOTH, 33), X(POLYGON_SMOOTH, 33), X(MULTISAMPLE, 33), X(SAMPLE_ALPHA_TO_COVERAGE, 33),
-    X(SAMPLE_ALPHA_TO_ONE, 33), X(SAMPLE_COVERAGE, 33), X(SAMPLE_MASK, 33), X(DEPTH_CLAMP, 33), X(RASTERIZER_DISCARD, 33), X(FRAMEBUFFER_SRGB, 33),
-    X(PRIMITIVE_RESTART, 33), X(PROGRAM_POINT_SIZE, 33), X(TEXTURE_CUBE_MAP_SEAMLESS, 33), X(CLIP_DISTANCE0, 33), X(CLIP_DISTANCE1, 33), X(CLIP_DISTANCE2, 33),
-    X(CLIP_DISTANCE3, 33), X(CLIP_DISTANCE4, 33), X(CLIP_DISTANCE5, 33), X(CLIP_DISTANCE6, 33), X(CLIP_DISTANCE7, 33), X(SAMPLE_SHADING, 40),
+    X(CULL_FACE, 33), X(DEPTH_TEST, 33), X(STENCIL_TEST, 33), X(SCISSOR_TEST, 33), X(COLOR_LOGIC_OP, 33), X(DITHER, 33),
+    X(POLYGON_OFFSET_FILL, 33),
+    X(POLYGON_OFFSET_LINE, 33), X(POLYGON_OFFSET_POINT, 33), X(LINE_SMOOTH, 33), X(POLYGON_SMOOTH, 33),
+    X(MULTISAMPLE, 33), X(SAMPLE_ALPHA_TO_COVERAGE, 33),
+    X(SAMPLE_ALPHA_TO_ONE, 33), X(SAMPLE_COVERAGE, 33), X(SAMPLE_MASK, 33), X(DEPTH_CLAMP, 33),
+    X(RASTERIZER_DISCARD, 33), X(FRAMEBUFFER_SRGB, 33),
+    X(PRIMITIVE_RESTART, 33), X(PROGRAM_POINT_SIZE, 33), X(TEXTURE_CUBE_MAP_SEAMLESS, 33), X(CLIP_DISTANCE0, 33),
+    X(CLIP_DISTANCE1, 33), X(CLIP_DISTANCE2, 33),
+    X(CLIP_DISTANCE3, 33), X(CLIP_DISTANCE4, 33), X(CLIP_DISTANCE5, 33), X(CLIP_DISTANCE6, 33), X(CLIP_DISTANCE7, 33),
+    X(SAMPLE_SHADING, 40),
     X(PRIMITIVE_RESTART_FIXED_INDEX, 43)
 };
 
-static const struct { const char *name; unsigned id; int version, odd; } gl_state__numbers[] = {  /* odd: gl_state_odd changes it */
+/* odd: gl_state_odd changes it */
+static const struct { const char *name; unsigned id; int version, odd; } gl_state__numbers[] = {
 #undef X
 #define X(name, version, odd) { #name, GL_##name, version, odd }
-    X(FRONT_FACE, 33, 1), X(CULL_FACE_MODE, 33, 1), X(POLYGON_MODE, 33, 1), X(POLYGON_OFFSET_FACTOR, 33, 1), X(POLYGON_OFFSET_UNITS, 33, 1),
+    X(FRONT_FACE, 33, 1), X(CULL_FACE_MODE, 33, 1), X(POLYGON_MODE, 33, 1), X(POLYGON_OFFSET_FACTOR, 33, 1),
+    X(POLYGON_OFFSET_UNITS, 33, 1),
     X(DEPTH_FUNC, 33, 1),
-    X(DEPTH_WRITEMASK, 33, 1), X(DEPTH_CLEAR_VALUE, 33, 1), X(DEPTH_RANGE, 33, 1), X(STENCIL_FUNC, 33, 1), X(STENCIL_REF, 33, 1), X(STENCIL_VALUE_MASK, 33, 1),
-    X(STENCIL_WRITEMASK, 33, 1), X(STENCIL_FAIL, 33, 1), X(STENCIL_PASS_DEPTH_FAIL, 33, 1), X(STENCIL_PASS_DEPTH_PASS, 33, 1), X(STENCIL_BACK_FUNC, 33, 1),
-    X(STENCIL_BACK_REF, 33, 1), X(STENCIL_BACK_VALUE_MASK, 33, 1), X(STENCIL_BACK_WRITEMASK, 33, 1), X(STENCIL_BACK_FAIL, 33, 1),
-    X(STENCIL_BACK_PASS_DEPTH_FAIL, 33, 1), X(STENCIL_BACK_PASS_DEPTH_PASS, 33, 1), X(STENCIL_CLEAR_VALUE, 33, 1), X(COLOR_CLEAR_VALUE, 33, 1),
-    X(BLEND_SRC_RGB, 33, 1), X(BLEND_SRC_ALPHA, 33, 1), X(BLEND_DST_RGB, 33, 1), X(BLEND_DST_ALPHA, 33, 1), X(BLEND_EQUATION_RGB, 33, 1),
-    X(BLEND_EQUATION_ALPHA, 33, 1), X(BLEND_COLOR, 33, 1), X(LOGIC_OP_MODE, 33, 1), X(SAMPLE_COVERAGE_VALUE, 33, 1), X(SAMPLE_COVERAGE_INVERT, 33, 1),
-    X(VIEWPORT, 33, 1), X(SCISSOR_BOX, 33, 1), X(LINE_WIDTH, 33, 0), X(POINT_SIZE, 33, 1), X(PRIMITIVE_RESTART_INDEX, 33, 1), X(PROVOKING_VERTEX, 33, 1),
-    X(CLAMP_READ_COLOR, 33, 1), X(LINE_SMOOTH_HINT, 33, 1), X(POLYGON_SMOOTH_HINT, 33, 1), X(TEXTURE_COMPRESSION_HINT, 33, 1),
-    X(FRAGMENT_SHADER_DERIVATIVE_HINT, 33, 1), X(UNPACK_SWAP_BYTES, 33, 1), X(UNPACK_LSB_FIRST, 33, 1), X(UNPACK_ROW_LENGTH, 33, 1), X(UNPACK_SKIP_ROWS, 33, 1),
-    X(UNPACK_SKIP_PIXELS, 33, 1), X(UNPACK_ALIGNMENT, 33, 1), X(UNPACK_SKIP_IMAGES, 33, 1), X(UNPACK_IMAGE_HEIGHT, 33, 1), X(PACK_SWAP_BYTES, 33, 1),
-    X(PACK_LSB_FIRST, 33, 1), X(PACK_ROW_LENGTH, 33, 1), X(PACK_SKIP_ROWS, 33, 1), X(PACK_SKIP_PIXELS, 33, 1), X(PACK_ALIGNMENT, 33, 1),
+    X(DEPTH_WRITEMASK, 33, 1), X(DEPTH_CLEAR_VALUE, 33, 1), X(DEPTH_RANGE, 33, 1), X(STENCIL_FUNC, 33, 1),
+    X(STENCIL_REF, 33, 1), X(STENCIL_VALUE_MASK, 33, 1),
+    X(STENCIL_WRITEMASK, 33, 1), X(STENCIL_FAIL, 33, 1), X(STENCIL_PASS_DEPTH_FAIL, 33, 1),
+    X(STENCIL_PASS_DEPTH_PASS, 33, 1), X(STENCIL_BACK_FUNC, 33, 1),
+    X(STENCIL_BACK_REF, 33, 1), X(STENCIL_BACK_VALUE_MASK, 33, 1), X(STENCIL_BACK_WRITEMASK, 33, 1),
+    X(STENCIL_BACK_FAIL, 33, 1),
+    X(STENCIL_BACK_PASS_DEPTH_FAIL, 33, 1), X(STENCIL_BACK_PASS_DEPTH_PASS, 33, 1), X(STENCIL_CLEAR_VALUE, 33, 1),
+    X(COLOR_CLEAR_VALUE, 33, 1),
+    X(BLEND_SRC_RGB, 33, 1), X(BLEND_SRC_ALPHA, 33, 1), X(BLEND_DST_RGB, 33, 1), X(BLEND_DST_ALPHA, 33, 1),
+    X(BLEND_EQUATION_RGB, 33, 1),
+    X(BLEND_EQUATION_ALPHA, 33, 1), X(BLEND_COLOR, 33, 1), X(LOGIC_OP_MODE, 33, 1), X(SAMPLE_COVERAGE_VALUE, 33, 1),
+    X(SAMPLE_COVERAGE_INVERT, 33, 1),
+    X(VIEWPORT, 33, 1), X(SCISSOR_BOX, 33, 1), X(LINE_WIDTH, 33, 0), X(POINT_SIZE, 33, 1),
+    X(PRIMITIVE_RESTART_INDEX, 33, 1), X(PROVOKING_VERTEX, 33, 1),
+    X(CLAMP_READ_COLOR, 33, 1), X(LINE_SMOOTH_HINT, 33, 1), X(POLYGON_SMOOTH_HINT, 33, 1),
+    X(TEXTURE_COMPRESSION_HINT, 33, 1),
+    X(FRAGMENT_SHADER_DERIVATIVE_HINT, 33, 1), X(UNPACK_SWAP_BYTES, 33, 1), X(UNPACK_LSB_FIRST, 33, 1),
+    X(UNPACK_ROW_LENGTH, 33, 1), X(UNPACK_SKIP_ROWS, 33, 1),
+    X(UNPACK_SKIP_PIXELS, 33, 1), X(UNPACK_ALIGNMENT, 33, 1), X(UNPACK_SKIP_IMAGES, 33, 1),
+    X(UNPACK_IMAGE_HEIGHT, 33, 1), X(PACK_SWAP_BYTES, 33, 1),
+    X(PACK_LSB_FIRST, 33, 1), X(PACK_ROW_LENGTH, 33, 1), X(PACK_SKIP_ROWS, 33, 1), X(PACK_SKIP_PIXELS, 33, 1),
+    X(PACK_ALIGNMENT, 33, 1),
     X(PACK_SKIP_IMAGES, 33, 1),
-    X(PACK_IMAGE_HEIGHT, 33, 1), X(CURRENT_PROGRAM, 33, 1), X(VERTEX_ARRAY_BINDING, 33, 1), X(ARRAY_BUFFER_BINDING, 33, 1),
+    X(PACK_IMAGE_HEIGHT, 33, 1), X(CURRENT_PROGRAM, 33, 1), X(VERTEX_ARRAY_BINDING, 33, 1),
+    X(ARRAY_BUFFER_BINDING, 33, 1),
     X(ELEMENT_ARRAY_BUFFER_BINDING, 33, 1),
-    X(PIXEL_PACK_BUFFER_BINDING, 33, 1), X(PIXEL_UNPACK_BUFFER_BINDING, 33, 1), X(COPY_READ_BUFFER_BINDING, 33, 1), X(COPY_WRITE_BUFFER_BINDING, 33, 1),
-    X(UNIFORM_BUFFER_BINDING, 33, 1), X(TRANSFORM_FEEDBACK_BUFFER_BINDING, 33, 1), X(TEXTURE_BUFFER_BINDING, 33, 1), X(DRAW_FRAMEBUFFER_BINDING, 33, 1),
-    X(READ_FRAMEBUFFER_BINDING, 33, 1), X(RENDERBUFFER_BINDING, 33, 1), X(ACTIVE_TEXTURE, 33, 1), X(DRAW_BUFFER0, 33, 1), X(DRAW_BUFFER1, 33, 0),
-    X(DRAW_BUFFER2, 33, 1), X(DRAW_BUFFER3, 33, 0), X(READ_BUFFER, 33, 1), X(MIN_SAMPLE_SHADING_VALUE, 40, 1), X(PATCH_VERTICES, 40, 1),
+    X(PIXEL_PACK_BUFFER_BINDING, 33, 1), X(PIXEL_UNPACK_BUFFER_BINDING, 33, 1), X(COPY_READ_BUFFER_BINDING, 33, 1),
+    X(COPY_WRITE_BUFFER_BINDING, 33, 1),
+    X(UNIFORM_BUFFER_BINDING, 33, 1), X(TRANSFORM_FEEDBACK_BUFFER_BINDING, 33, 1), X(TEXTURE_BUFFER_BINDING, 33, 1),
+    X(DRAW_FRAMEBUFFER_BINDING, 33, 1),
+    X(READ_FRAMEBUFFER_BINDING, 33, 1), X(RENDERBUFFER_BINDING, 33, 1), X(ACTIVE_TEXTURE, 33, 1),
+    X(DRAW_BUFFER0, 33, 1), X(DRAW_BUFFER1, 33, 0),
+    X(DRAW_BUFFER2, 33, 1), X(DRAW_BUFFER3, 33, 0), X(READ_BUFFER, 33, 1), X(MIN_SAMPLE_SHADING_VALUE, 40, 1),
+    X(PATCH_VERTICES, 40, 1),
     X(DRAW_INDIRECT_BUFFER_BINDING, 40, 1), X(CLIP_ORIGIN, 45, 1), X(CLIP_DEPTH_MODE, 45, 1)
 #undef X
 };
 
 static const struct { const char *name; unsigned binding, target; } gl_state__targets[] = {
-    { "TEXTURE_2D", GL_TEXTURE_BINDING_2D, GL_TEXTURE_2D }, { "TEXTURE_BUFFER", GL_TEXTURE_BINDING_BUFFER, GL_TEXTURE_BUFFER },
+    { "TEXTURE_2D", GL_TEXTURE_BINDING_2D, GL_TEXTURE_2D },
+    { "TEXTURE_BUFFER", GL_TEXTURE_BINDING_BUFFER, GL_TEXTURE_BUFFER },
     { "TEXTURE_1D", GL_TEXTURE_BINDING_1D, GL_TEXTURE_1D }, { "TEXTURE_3D", GL_TEXTURE_BINDING_3D, GL_TEXTURE_3D },
-    { "TEXTURE_CUBE_MAP", GL_TEXTURE_BINDING_CUBE_MAP, GL_TEXTURE_CUBE_MAP }, { "TEXTURE_RECTANGLE", GL_TEXTURE_BINDING_RECTANGLE, GL_TEXTURE_RECTANGLE },
-    { "TEXTURE_1D_ARRAY", GL_TEXTURE_BINDING_1D_ARRAY, GL_TEXTURE_1D_ARRAY }, { "TEXTURE_2D_ARRAY", GL_TEXTURE_BINDING_2D_ARRAY, GL_TEXTURE_2D_ARRAY }
+    { "TEXTURE_CUBE_MAP", GL_TEXTURE_BINDING_CUBE_MAP, GL_TEXTURE_CUBE_MAP },
+    { "TEXTURE_RECTANGLE", GL_TEXTURE_BINDING_RECTANGLE, GL_TEXTURE_RECTANGLE },
+    { "TEXTURE_1D_ARRAY", GL_TEXTURE_BINDING_1D_ARRAY, GL_TEXTURE_1D_ARRAY },
+    { "TEXTURE_2D_ARRAY", GL_TEXTURE_BINDING_2D_ARRAY, GL_TEXTURE_2D_ARRAY }
 };
 
 #define GL_STATE__COUNT(array) ((int)(sizeof(array) / sizeof((array)[0])))
@@ -71,7 +97,8 @@ static inline void gl_state_take(gl_state *s) {
     int i, k;
     s->count = 0;
     for (i = 0; i < GL_STATE__COUNT(gl_state__switches); i++)
-        if (gl_state__switches[i].version <= more_gl.version) *gl_state__add(s, gl_state__switches[i].name, -1) = gl.IsEnabled(gl_state__switches[i].id);
+        if (gl_state__switches[i].version <= more_gl.version)
+            *gl_state__add(s, gl_state__switches[i].name, -1) = gl.IsEnabled(gl_state__switches[i].id);
     for (i = 0; i < GL_STATE__COUNT(gl_state__numbers); i++)
         if (gl_state__numbers[i].version <= more_gl.version) {
             double values[16] = { 0 };
@@ -93,7 +120,8 @@ static inline void gl_state_take(gl_state *s) {
         *gl_state__add(s, "TRANSFORM_FEEDBACK_BUFFER", i) = got[0];
     }
     for (i = 0; more_gl.BindImageTexture && i < 8; i++) {
-        static const unsigned names[6] = { GL_IMAGE_BINDING_NAME, GL_IMAGE_BINDING_LEVEL, GL_IMAGE_BINDING_LAYERED, GL_IMAGE_BINDING_LAYER, GL_IMAGE_BINDING_ACCESS, GL_IMAGE_BINDING_FORMAT };
+        static const unsigned names[6] = { GL_IMAGE_BINDING_NAME, GL_IMAGE_BINDING_LEVEL, GL_IMAGE_BINDING_LAYERED,
+            GL_IMAGE_BINDING_LAYER, GL_IMAGE_BINDING_ACCESS, GL_IMAGE_BINDING_FORMAT };
         for (k = 0; k < 6; k++) {
             more_gl.GetIntegeri_v(names[k], (GLuint)i, got);
             *gl_state__add(s, k == 0 ? "IMAGE" : "IMAGE's level, layered, layer, access or format", i) = got[0];
@@ -116,7 +144,8 @@ static inline void gl_state_take(gl_state *s) {
     gl.GetIntegerv(GL_VERTEX_ARRAY_BINDING, got);
     if (got[0])
         for (i = 0; i < 12; i++) {
-            static const GLenum names[] = { GL_VERTEX_ATTRIB_ARRAY_ENABLED, GL_VERTEX_ATTRIB_ARRAY_BUFFER_BINDING, GL_VERTEX_ATTRIB_ARRAY_DIVISOR, GL_VERTEX_ATTRIB_ARRAY_STRIDE };
+            static const GLenum names[] = { GL_VERTEX_ATTRIB_ARRAY_ENABLED, GL_VERTEX_ATTRIB_ARRAY_BUFFER_BINDING,
+                GL_VERTEX_ATTRIB_ARRAY_DIVISOR, GL_VERTEX_ATTRIB_ARRAY_STRIDE };
             v = gl_state__add(s, "vertex attribute: on, buffer, divisor, stride", i);
             for (k = 0; k < 4; k++) {
                 more_gl.GetVertexAttribiv((GLuint)i, names[k], got);
@@ -161,7 +190,8 @@ static inline const char *gl_state_difference(const gl_state *a, const gl_state 
     for (i = 0; i < a->count; i++)
         if (memcmp(a->entries[i].value, b->entries[i].value, sizeof a->entries[i].value) && found++ < 3) {
             const double *p = a->entries[i].value, *q = b->entries[i].value;
-            int written = snprintf(text + used, sizeof text - used, "%s%s was %g %g %g %g and is %g %g %g %g", found > 1 ? "; " : "",
+            int written = snprintf(text + used, sizeof text - used, "%s%s was %g %g %g %g and is %g %g %g %g",
+                                   found > 1 ? "; " : "",
                                    a->entries[i].name, p[0], p[1], p[2], p[3],
                                    q[0], q[1], q[2], q[3]);
             if (written > 0) used += (size_t)written < sizeof text - used ? (size_t)written : sizeof text - used - 1;
@@ -172,7 +202,8 @@ static inline const char *gl_state_difference(const gl_state *a, const gl_state 
 /* >>unusual values */
 
 typedef struct gl_odd {
-    GLuint textures[GL_STATE_UNITS][8], samplers[2], buffers[10], framebuffers[2], colors[3], renderbuffers[2], vertex_array, program;
+    GLuint textures[GL_STATE_UNITS][8], samplers[2], buffers[10], framebuffers[2], colors[3], renderbuffers[2],
+        vertex_array, program;
 } gl_odd;
 
 enum { GL_ODD_BUFFER_BYTES = 256, GL_ODD_SIZE = 8 };
@@ -218,10 +249,12 @@ static inline void gl_odd_make(gl_odd *o) {
     gl.FramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT1, GL_TEXTURE_2D, o->colors[1], 0);
     gl.BindFramebuffer(GL_FRAMEBUFFER, 0);
     gl.GenSamplers(2, o->samplers);
-    gl.SamplerParameteri(o->samplers[0], GL_TEXTURE_MIN_FILTER, GL_LINEAR_MIPMAP_LINEAR);  /* would break every texelFetch of a texture without mip maps */
+    /* would break every texelFetch of a texture without mip maps */
+    gl.SamplerParameteri(o->samplers[0], GL_TEXTURE_MIN_FILTER, GL_LINEAR_MIPMAP_LINEAR);
     gl.SamplerParameteri(o->samplers[1], GL_TEXTURE_COMPARE_MODE, GL_COMPARE_REF_TO_TEXTURE);
     gl.GenVertexArrays(1, &o->vertex_array);
-    o->program = host_gl_program("test", "", "void main() { gl_Position = vec4(0); }\n", "out vec4 color; void main() { color = vec4(1); }\n");
+    o->program = host_gl_program("test", "", "void main() { gl_Position = vec4(0); }\n",
+                                 "out vec4 color; void main() { color = vec4(1); }\n");
 }
 
 static inline void gl_state_odd(gl_odd *o) {
@@ -230,7 +263,8 @@ static inline void gl_state_odd(gl_odd *o) {
     for (i = 0; i < GL_STATE__COUNT(gl_state__switches); i++) {
         unsigned id = gl_state__switches[i].id;
         if (gl_state__switches[i].version > more_gl.version) continue;
-        if (id == GL_DITHER || id == GL_MULTISAMPLE) gl.Disable(id); else gl.Enable(id);  /* what is on by default is off here */
+        /* what is on by default is off here */
+        if (id == GL_DITHER || id == GL_MULTISAMPLE) gl.Disable(id); else gl.Enable(id);
     }
     for (i = 0; i < 8; i++) {
         more_gl.Enablei(GL_BLEND, (GLuint)i);
@@ -291,7 +325,8 @@ static inline void gl_state_odd(gl_odd *o) {
         gl.BindSampler((GLuint)i, o->samplers[i & 1]);
     }
     for (i = 0; more_gl.BindImageTexture && i < 8; i++)
-        more_gl.BindImageTexture((GLuint)i, o->colors[i % 3], 1 + i, (GLboolean)!(i & 1), 9 - i, i & 1 ? GL_READ_WRITE : GL_WRITE_ONLY, i & 2 ? GL_RGBA8 : GL_R32UI);
+        more_gl.BindImageTexture((GLuint)i, o->colors[i % 3], 1 + i, (GLboolean)!(i & 1), 9 - i,
+                                 i & 1 ? GL_READ_WRITE : GL_WRITE_ONLY, i & 2 ? GL_RGBA8 : GL_R32UI);
     gl.ActiveTexture(GL_TEXTURE0 + 13);
     gl.UseProgram(o->program);
     gl.BindVertexArray(o->vertex_array);
@@ -325,7 +360,8 @@ static inline int gl_odd_changed(const gl_odd *o) {
     int i, k, changed = 0;
     gl.BindBuffer(GL_PIXEL_PACK_BUFFER, 0);
     for (i = 0; i < GL_STATE__COUNT(gl_state__numbers); i++)
-        if (strncmp(gl_state__numbers[i].name, "PACK_", 5) == 0) gl.PixelStorei(gl_state__numbers[i].id, gl_state__numbers[i].id == GL_PACK_ALIGNMENT);
+        if (strncmp(gl_state__numbers[i].name, "PACK_", 5) == 0)
+            gl.PixelStorei(gl_state__numbers[i].id, gl_state__numbers[i].id == GL_PACK_ALIGNMENT);
     for (i = 0; i < 10; i++) {
         int differs = 0;
         gl.BindBuffer(GL_COPY_READ_BUFFER, o->buffers[i]);

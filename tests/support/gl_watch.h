@@ -1,9 +1,9 @@
-/* What a context under test is watched with: a logger that keeps the messages, and an allocator that counts, fills what it hands out
-   with rubbish, checks what comes back, and can refuse.
+/* What a context under test is watched with: a logger that keeps the messages, and an allocator that counts, fills what
+   it hands out with rubbish, checks what comes back, and can refuse.
 
        watch w = { 0 };
        sbl_context_desc desc = watch_desc(&w);
-       w.refuse_at = w.allocations + 3;   // the third allocation from here on fails, once
+       watch_refuse(&w, 3);               // the third allocation from here on fails, once
 
    Include after sbl.h, test.h and scenes.h. */
 #ifndef GL_WATCH_H
@@ -20,7 +20,8 @@ typedef struct watch {
     int allocations, refuse_at, refused;
     int blocks;                   /* handed out and not yet given back */
     size_t bytes;
-    int strangers;                /* blocks given back that were never handed out, or twice, or written past their ends */
+    /* blocks given back that were never handed out, or twice, or written past their ends */
+    int strangers;
 } watch;
 
 #define WATCH_MAGIC 0x5b10c0deu
@@ -56,6 +57,20 @@ static inline void watch_free(void *pointer, void *user) {
     free(block);
 }
 
+/* The allocation that comes as the place-th from here on fails. */
+static inline void watch_refuse(watch *w, int place) {
+    w->count = w->errors = w->warnings = w->refused = 0;
+    w->refuse_at = w->allocations + place;
+}
+
+/* After a call: was it refused the allocation? Then it must have said so by its result, and be content otherwise. */
+static inline int watch_refused(watch *w, int place, sbl_result result) {
+    w->refuse_at = 0;
+    CHECK(result == (w->refused ? SBL_ERROR_OUT_OF_MEMORY : SBL_SUCCESS), "allocation %d: %s", place,
+          sbl_result_string(result));
+    return w->refused;
+}
+
 static inline void watch_log(sbl_log_level level, sbl_log_item item, const char *message, void *user) {
     watch *w = (watch *)user;
     int at;
@@ -71,17 +86,21 @@ static inline void watch_log(sbl_log_level level, sbl_log_item item, const char 
 static inline void watch_forget(watch *w) { w->count = w->errors = w->warnings = 0; }
 
 /* Is there a message of this level and item that holds the three words? NULL words are not looked for. */
-static inline int watch_said(const watch *w, sbl_log_level level, sbl_log_item item, const char *a, const char *b, const char *c) {
+static inline int watch_said(const watch *w, sbl_log_level level, sbl_log_item item, const char *a, const char *b,
+                             const char *c) {
     int i;
     for (i = 0; i < w->count && i < WATCH_MESSAGES; i++) {
         const char *text = w->messages[i].text;
-        if (w->messages[i].level == level && w->messages[i].item == item && (!a || strstr(text, a)) && (!b || strstr(text, b)) &&
+        if (w->messages[i].level == level && w->messages[i].item == item && (!a || strstr(text, a)) &&
+            (!b || strstr(text, b)) &&
             (!c || strstr(text, c))) return 1;
     }
     return 0;
 }
 
-static inline const char *watch_last(const watch *w) { return w->count ? w->messages[(w->count < WATCH_MESSAGES ? w->count : WATCH_MESSAGES) - 1].text : "(no message)"; }
+static inline const char *watch_last(const watch *w) {
+    return w->count ? w->messages[(w->count < WATCH_MESSAGES ? w->count : WATCH_MESSAGES) - 1].text : "(no message)";
+}
 
 static inline sbl_context_desc watch_desc(watch *w) {
     sbl_context_desc desc;

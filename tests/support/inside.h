@@ -1,19 +1,20 @@
-/* What tests look at in the library's private parts. sbl.c defines these functions beside the implementation, so that the tests
-   that need no more than this share its object. Include after sbl.h. */
+/* What tests look at in the library's private parts. sbl.c defines these functions beside the implementation, so that
+   the tests that need no more than this share its object. Include after sbl.h. */
 #ifndef INSIDE_H
 #define INSIDE_H
 
 float inside_cell_length(const sbl_context *context);       /* edge of the store's smallest cells */
-float inside_farthest_offset(const sbl_context *context);   /* of all pixels' sensors: the largest distance from the surface */
+/* of all pixels' sensors: the largest distance from the surface */
+float inside_farthest_offset(const sbl_context *context);
 void inside_sample_offset(int sample, int samples, float offset[2]);
 uint16_t inside_to_half(float value);
 float inside_from_half(uint16_t half);
 uint64_t inside_saved_sum(const void *bytes, size_t count);  /* the check sum that ends a saved store */
 int inside_gl_is_optional(const char *function);             /* is "glName" a function that sbl.h can do without? */
-int inside_guard_units(void);                                /* number of texture units whose state the guard restores */
+int inside_guard_units(void); /* number of texture units whose state the guard restores */
 
-/* A square of 17 x 17 pixels, refined no further than its corners. With strips: the left columns are one surface, the next
-   columns a second one without any sensor, the rest a third. Each corner's sensor reads light, and its variance is
+/* A square of 17 x 17 pixels, refined no further than its corners. With strips: the left columns are one surface, the
+   next columns a second one without any sensor, the rest a third. Each corner's sensor reads light, and its variance is
    100 light^2. */
 typedef struct inside_weight { float noise2, bias2, light, split_gain; } inside_weight;
 inside_weight inside_weigh_corners(int strips, float light);

@@ -2,16 +2,7 @@
 #ifndef LIGHTMAP_H
 #define LIGHTMAP_H
 
-static watch seen;
-static sbl_context *context;
-
-static int use_scene(const test_scene *s) {
-    const sbl_context_desc desc = watch_desc(&seen);
-    sbl_destroy(context);
-    context = watch_context(&seen, &desc, s);
-    watch_forget(&seen);
-    return context != NULL;
-}
+#include "one_context.h"
 
 static sbl_lightmap_desc map_of(int width, int height, sbl_mode mode) {
     sbl_lightmap_desc desc;
@@ -45,7 +36,9 @@ static float *bake_stored(const test_scene *s, const sbl_lightmap_desc *desc, in
 
 static inline float *bake(const test_scene *s, const sbl_lightmap_desc *desc) { return bake_stored(s, desc, 1024); }
 
-static void uv_set(test_scene *s, sbl_mesh *mesh, const float *uv) { mesh->lightmap_texcoords.data = scene_copy(s, uv, 2 * mesh->vertex_count); }
+static void uv_set(test_scene *s, sbl_mesh *mesh, const float *uv) {
+    mesh->lightmap_texcoords.data = scene_copy(s, uv, 2 * mesh->vertex_count);
+}
 
 /* A quad's corners 0 0, u 0, u v, 0 v of the texture, on a rectangle of the map: x0, y0, x1, y1. */
 static void uv_rectangle(test_scene *s, sbl_mesh *quad, float x0, float y0, float x1, float y1) {

@@ -1,5 +1,5 @@
-/* A ray caster for the tests: double precision, on the CPU. It shares nothing with the implementation in sbl.h; it reads scenes and
-   cameras from the public types, so that one description goes both ways.
+/* A ray caster for the tests: double precision, on the CPU. It shares nothing with the implementation in sbl.h; it
+   reads scenes and cameras from the public types, so that one description goes both ways.
 
        ref_scene *scene = ref_create(&desc);
        ref_hit hit = ref_trace(scene, origin, direction, 0, HUGE_VAL, SBL_MATERIAL_HIDDEN_FROM_CAMERA);
@@ -28,7 +28,9 @@ static inline v3 v3_sub(v3 a, v3 b) { return v3_of(a.x - b.x, a.y - b.y, a.z - b
 static inline v3 v3_scale(v3 a, double s) { return v3_of(a.x * s, a.y * s, a.z * s); }
 static inline v3 v3_mad(v3 a, v3 b, double s) { return v3_of(a.x + b.x * s, a.y + b.y * s, a.z + b.z * s); }
 static inline double v3_dot(v3 a, v3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
-static inline v3 v3_cross(v3 a, v3 b) { return v3_of(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x); }
+static inline v3 v3_cross(v3 a, v3 b) {
+    return v3_of(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x);
+}
 static inline double v3_length(v3 a) { return sqrt(v3_dot(a, a)); }
 static inline v3 v3_unit(v3 a) { return v3_scale(a, 1 / v3_length(a)); }
 static inline double v3_axis(v3 a, int axis) { return axis == 0 ? a.x : axis == 1 ? a.y : a.z; }
@@ -89,7 +91,8 @@ static inline double ref_number(const unsigned char *at, sbl_type type) {
 }
 
 static inline size_t ref_type_bytes(sbl_type type) {
-    return type == SBL_FLOAT32 || type == SBL_UINT32 ? 4 : type == SBL_UINT8 || type == SBL_UINT8_NORM || type == SBL_INT8_NORM ? 1 : 2;
+    return type == SBL_FLOAT32 || type == SBL_UINT32 ? 4 : type == SBL_UINT8 || type == SBL_UINT8_NORM || type ==
+        SBL_INT8_NORM ? 1 : 2;
 }
 
 static inline void ref_element(const sbl_stream *stream, size_t number, int components, double *out) {
@@ -119,9 +122,11 @@ static inline void ref_load_mesh(ref_scene *scene, int number) {
             v = (size_t)index;
             ref_element(&mesh->positions, v, 3, e);
             t->p[k] = v3_mad(v3_mad(v3_mad(v3_of(m[12], m[13], m[14]), a, e[0]), b, e[1]), c, e[2]);
-            if (t->smooth) {  /* normals go with the inverse transpose, which is the matrix of cofactors up to a factor */
+            /* normals go with the inverse transpose, which is the matrix of cofactors up to a factor */
+            if (t->smooth) {
                 ref_element(&mesh->normals, v, 3, e);
-                t->n[k] = v3_unit(v3_add(v3_add(v3_scale(v3_cross(b, c), e[0]), v3_scale(v3_cross(c, a), e[1])), v3_scale(v3_cross(a, b), e[2])));
+                t->n[k] = v3_unit(v3_add(v3_add(v3_scale(v3_cross(b, c), e[0]), v3_scale(v3_cross(c, a), e[1])),
+                                         v3_scale(v3_cross(a, b), e[2])));
             }
             if (mesh->texcoords.data) ref_element(&mesh->texcoords, v, 2, t->uv[k]);
             if (mesh->colors.data) ref_element(&mesh->colors, v, 4, t->color[k]);
@@ -159,7 +164,8 @@ static inline void ref_build(ref_scene *scene, int first, int count) {
     if (count <= 3) return;
     ref_sort_axis = 0;
     for (axis = 1; axis < 3; axis++)
-        if (node->high[axis] - node->low[axis] > node->high[ref_sort_axis] - node->low[ref_sort_axis]) ref_sort_axis = axis;
+        if (node->high[axis] - node->low[axis] > node->high[ref_sort_axis] - node->low[ref_sort_axis])
+            ref_sort_axis = axis;
     qsort(scene->triangles + first, (size_t)count, sizeof *scene->triangles, ref_by_centre);
     node->count = 0;
     ref_build(scene, first, count / 2);
@@ -173,7 +179,8 @@ static inline ref_scene *ref_create(const sbl_scene_desc *desc) {
     int i;
     if (!scene) abort();
     scene->desc = *desc;
-    for (i = 0; i < desc->mesh_count; i++) most += (size_t)(desc->meshes[i].indices.data ? desc->meshes[i].index_count : desc->meshes[i].vertex_count) / 3;
+    for (i = 0; i < desc->mesh_count; i++)
+        most += (size_t)(desc->meshes[i].indices.data ? desc->meshes[i].index_count : desc->meshes[i].vertex_count) / 3;
     scene->triangles = (ref_triangle *)calloc(most + 1, sizeof *scene->triangles);
     scene->nodes = (ref_node *)calloc(2 * most + 2, sizeof *scene->nodes);
     if (!scene->triangles || !scene->nodes) abort();
@@ -206,7 +213,9 @@ static inline void ref_texel(const sbl_texture *texture, int x, int y, double rg
         y = ((y % texture->height) + texture->height) % texture->height;
     }
     at = (const unsigned char *)texture->pixels + (size_t)y * stride + (size_t)(x * channels) * bytes;
-    for (c = 0; c < channels; c++) value[c] = ref_number(at + (size_t)c * bytes, texture->format == SBL_PIXELS_FLOAT ? SBL_FLOAT32 : SBL_UINT8_NORM);
+    for (c = 0; c < channels; c++)
+        value[c] = ref_number(at + (size_t)c * bytes, texture->format ==
+                              SBL_PIXELS_FLOAT ? SBL_FLOAT32 : SBL_UINT8_NORM);
     for (c = 0; c < 3; c++) {
         rgba[c] = value[channels < 3 ? 0 : c];
         if (texture->format == SBL_PIXELS_SRGB8) rgba[c] = ref_from_srgb(rgba[c]);
@@ -226,7 +235,8 @@ static inline void ref_sample(const ref_scene *scene, int number, double u, doub
     fx = x - x0; fy = y - y0;
     for (i = 0; i < 4; i++) ref_texel(&scene->desc.textures[number - 1], x0 + (i & 1), y0 + (i >> 1), corner[i]);
     for (i = 0; i < 4; i++)
-        rgba[i] = (1 - fy) * ((1 - fx) * corner[0][i] + fx * corner[1][i]) + fy * ((1 - fx) * corner[2][i] + fx * corner[3][i]);
+        rgba[i] = (1 - fy) * ((1 - fx) * corner[0][i] + fx * corner[1][i]) + fy *
+            ((1 - fx) * corner[2][i] + fx * corner[3][i]);
 }
 
 /* >>rays */
@@ -251,11 +261,14 @@ static inline void ref_albedo(const ref_scene *scene, ref_hit hit, double rgba[4
     ref_sample(scene, material->albedo_texture, b0 * t->uv[0][0] + hit.b1 * t->uv[1][0] + hit.b2 * t->uv[2][0],
                b0 * t->uv[0][1] + hit.b1 * t->uv[1][1] + hit.b2 * t->uv[2][1], rgba);
     for (i = 0; i < 4; i++)
-        rgba[i] *= (i < 3 ? (double)material->albedo[i] : 1) * (b0 * t->color[0][i] + hit.b1 * t->color[1][i] + hit.b2 * t->color[2][i]);
+        rgba[i] *= (i < 3 ? (double)material->albedo[i] : 1) *
+            (b0 * t->color[0][i] + hit.b1 * t->color[1][i] + hit.b2 * t->color[2][i]);
 }
 
-/* The nearest hit with low < t < high; materials with the flag `hidden` are not there, nor what their cutout removes. */
-static inline ref_hit ref_trace(const ref_scene *scene, v3 origin, v3 direction, double low, double high, uint32_t hidden) {
+/* The nearest hit with low < t < high; materials with the flag `hidden` are not there, nor what their cutout
+   removes. */
+static inline ref_hit ref_trace(const ref_scene *scene, v3 origin, v3 direction, double low, double high,
+                                uint32_t hidden) {
     int stack[64], depth = 0, i, axis;
     ref_hit best;
     best.triangle = -1;
@@ -267,7 +280,8 @@ static inline ref_hit ref_trace(const ref_scene *scene, v3 origin, v3 direction,
         const ref_node *node = &scene->nodes[self];
         double enter = low, leave = best.t;
         for (axis = 0; axis < 3; axis++) {
-            double d = v3_axis(direction, axis), o = v3_axis(origin, axis), slack = 1e-9 * (fabs(node->low[axis]) + fabs(node->high[axis]));
+            double d = v3_axis(direction, axis), o = v3_axis(origin, axis),
+                slack = 1e-9 * (fabs(node->low[axis]) + fabs(node->high[axis]));
             double a = node->low[axis] - slack, b = node->high[axis] + slack;
             if (d == 0) { if (o < a || o > b) leave = -HUGE_VAL; continue; }
             a = (a - o) / d; b = (b - o) / d;
@@ -290,7 +304,8 @@ static inline ref_hit ref_trace(const ref_scene *scene, v3 origin, v3 direction,
             hit.b2 = v3_dot(direction, q) / determinant;
             hit.t = v3_dot(e2, q) / determinant;
             /* a hair of overlap, so that no ray slips between two triangles */
-            if (hit.b1 < -1e-9 || hit.b2 < -1e-9 || hit.b1 + hit.b2 > 1 + 1e-9 || hit.t <= low || hit.t >= best.t) continue;
+            if (hit.b1 < -1e-9 || hit.b2 < -1e-9 || hit.b1 + hit.b2 > 1 + 1e-9 || hit.t <= low || hit.t >= best.t)
+                continue;
             if (material->alpha_cutoff > 0) {
                 ref_albedo(scene, hit, rgba);
                 if (rgba[3] < (double)material->alpha_cutoff) continue;
@@ -322,7 +337,8 @@ static inline ref_point ref_surface(const ref_scene *scene, ref_hit hit, v3 dire
     if (point.back) point.face = v3_scale(point.face, -1);
     point.normal = point.face;
     if (t->smooth) {
-        point.normal = v3_unit(v3_add(v3_add(v3_scale(t->n[0], b0), v3_scale(t->n[1], hit.b1)), v3_scale(t->n[2], hit.b2)));
+        point.normal = v3_unit(v3_add(v3_add(v3_scale(t->n[0], b0), v3_scale(t->n[1], hit.b1)),
+                                      v3_scale(t->n[2], hit.b2)));
         if (v3_dot(point.normal, point.face) < 0) point.normal = v3_scale(point.normal, -1);
     }
     ref_albedo(scene, hit, rgba);
@@ -330,7 +346,8 @@ static inline ref_point ref_surface(const ref_scene *scene, ref_hit hit, v3 dire
                b0 * t->uv[0][1] + hit.b1 * t->uv[1][1] + hit.b2 * t->uv[2][1], emission);
     for (i = 0; i < 3; i++) {
         point.albedo[i] = rgba[i];
-        point.emission[i] = point.back && (material->flags & SBL_MATERIAL_ONE_SIDED_EMISSION) ? 0 : (double)material->emission[i] * emission[i];
+        point.emission[i] = point.back && (material->flags & SBL_MATERIAL_ONE_SIDED_EMISSION) ? 0
+            : (double)material->emission[i] * emission[i];
     }
     return point;
 }
@@ -345,13 +362,14 @@ static inline int ref_glows(const ref_scene *scene, const ref_point *point) {
 static inline void ref_light(const ref_scene *scene, const ref_point *point, double epsilon, double rgb[3]) {
     int i;
     for (i = 0; i < 3; i++)
-        rgb[i] = !point->hit ? (double)scene->desc.sky[i] : ref_glows(scene, point) ? point->emission[i] : epsilon * point->albedo[i];
+        rgb[i] = !point->hit ? (double)scene->desc.sky[i] : ref_glows(scene, point) ? point->emission[i] : epsilon *
+            point->albedo[i];
 }
 
 /* >>camera */
 
-/* The ray through picture coordinates (x, y), pixels from the top left corner: pixel (i, j) has its centre at (i + 0.5, j + 0.5).
-   All points v of the ray have clip(v).xy = ndc * clip(v).w, which is two planes; their line is the ray. */
+/* The ray through picture coordinates (x, y), pixels from the top left corner: pixel (i, j) has its centre at (i + 0.5,
+   j + 0.5). All points v of the ray have clip(v).xy = ndc * clip(v).w, which is two planes; their line is the ray. */
 static inline void ref_camera_ray(const sbl_picture_desc *view, double x, double y, v3 *origin, v3 *direction) {
     const float *c = view->view_to_clip, *m = view->world_to_view;
     double ndc[2], plane[2][4], w[4], det;
@@ -371,7 +389,8 @@ static inline void ref_camera_ray(const sbl_picture_desc *view, double x, double
     third = v3_of(w[0], w[1], w[2]);
     if (v3_length(third) == 0) { third = v3_of(0, 0, 1); w[3] = 0; }
     det = v3_dot(third, v3_cross(a, b));
-    o = v3_scale(v3_add(v3_add(v3_scale(v3_cross(a, b), -w[3]), v3_scale(v3_cross(b, third), -plane[0][3])), v3_scale(v3_cross(third, a), -plane[1][3])), 1 / det);
+    o = v3_scale(v3_add(v3_add(v3_scale(v3_cross(a, b), -w[3]), v3_scale(v3_cross(b, third), -plane[0][3])),
+                        v3_scale(v3_cross(third, a), -plane[1][3])), 1 / det);
     for (i = 0; i < 3; i++) axis[i] = v3_of((double)m[i], (double)m[4 + i], (double)m[8 + i]);
     o = v3_sub(o, v3_of((double)m[12], (double)m[13], (double)m[14]));
     *origin = v3_add(v3_add(v3_scale(axis[0], o.x), v3_scale(axis[1], o.y)), v3_scale(axis[2], o.z));
@@ -381,7 +400,8 @@ static inline void ref_camera_ray(const sbl_picture_desc *view, double x, double
 static inline ref_point ref_camera_point(const ref_scene *scene, const sbl_picture_desc *view, double x, double y) {
     v3 origin, direction;
     ref_camera_ray(view, x, y, &origin, &direction);
-    return ref_surface(scene, ref_trace(scene, origin, direction, 0, HUGE_VAL, SBL_MATERIAL_HIDDEN_FROM_CAMERA), direction);
+    return ref_surface(scene, ref_trace(scene, origin, direction, 0, HUGE_VAL, SBL_MATERIAL_HIDDEN_FROM_CAMERA),
+                       direction);
 }
 
 static inline ref_point ref_pixel(const ref_scene *scene, const sbl_picture_desc *view, int x, int y) {
@@ -393,15 +413,18 @@ static inline double ref_depth(const sbl_picture_desc *view, v3 p) {
     return -((double)m[2] * p.x + (double)m[6] * p.y + (double)m[10] * p.z + (double)m[14]);
 }
 
-/* 1 where the rays 0.01 pixels around the centre do not all see the same plane of the same surface: there rounding decides. */
+/* 1 where the rays 0.01 pixels around the centre do not all see the same plane of the same surface: there rounding
+   decides. */
 static inline int ref_is_edge(const ref_scene *scene, const sbl_picture_desc *view, int x, int y) {
     ref_point centre = ref_pixel(scene, view, x, y);
     int i;
     for (i = 0; i < 8; i++) {
-        static const double around[8][2] = { { -1, -1 }, { 0, -1 }, { 1, -1 }, { -1, 0 }, { 1, 0 }, { -1, 1 }, { 0, 1 }, { 1, 1 } };
+        static const double around[8][2] = { { -1, -1 }, { 0, -1 }, { 1, -1 }, { -1, 0 }, { 1, 0 }, { -1, 1 }, { 0, 1 },
+            { 1, 1 } };
         ref_point other = ref_camera_point(scene, view, x + 0.5 + 0.01 * around[i][0], y + 0.5 + 0.01 * around[i][1]);
         if (other.id != centre.id) return 1;
-        if (centre.hit && v3_dot(other.face, centre.face) < 0.9999 && v3_dot(other.normal, centre.normal) < 0.9999) return 1;
+        if (centre.hit && v3_dot(other.face, centre.face) < 0.9999 && v3_dot(other.normal, centre.normal) < 0.9999)
+            return 1;
     }
     return 0;
 }
@@ -420,8 +443,8 @@ static inline int ref_clip(v3 p, v3 m, const v3 *corners, int count, v3 *out) {
     return kept;
 }
 
-/* Share of the cosine-weighted hemisphere about n that a polygon with up to 30 corners covers, by Lambert's sum over its edges.
-   What lies below the horizon is cut off first. R of an unoccluded polygon is its radiance times this. */
+/* Share of the cosine-weighted hemisphere about n that a polygon with up to 30 corners covers, by Lambert's sum over
+   its edges. What lies below the horizon is cut off first. R of an unoccluded polygon is its radiance times this. */
 static inline double ref_polygon(v3 p, v3 n, const v3 *corners, int count) {
     v3 above[32];
     double sum = 0;
@@ -440,9 +463,11 @@ static inline double ref_polygon(v3 p, v3 n, const v3 *corners, int count) {
     return fabs(sum) / (2 * REF_PI);
 }
 
-/* R at a point, estimated: emitting triangles by points spread over their area, all else by cosine-distributed rays, both one to a
-   cell of a grid (side lamp_side and side). `rounds` independent estimates are averaged; error: the standard error of that mean. */
-static inline void ref_gather(const ref_scene *scene, v3 p, v3 n, double epsilon, int side, int lamp_side, int rounds, uint64_t *seed, double rgb[3], double error[3]) {
+/* R at a point, estimated: emitting triangles by points spread over their area, all else by cosine-distributed rays,
+   both one to a cell of a grid (side lamp_side and side). `rounds` independent estimates are averaged; error: the
+   standard error of that mean. */
+static inline void ref_gather(const ref_scene *scene, v3 p, v3 n, double epsilon, int side, int lamp_side, int rounds,
+                              uint64_t *seed, double rgb[3], double error[3]) {
     double sum[3] = { 0, 0, 0 }, squares[3] = { 0, 0, 0 }, light[3], nearest = 1e-7 * (1 + v3_length(p));
     v3 up = fabs(n.x) < 0.5 ? v3_of(1, 0, 0) : v3_of(0, 1, 0), right = v3_unit(v3_cross(up, n));
     int round, i, j, k, l;
@@ -452,8 +477,10 @@ static inline void ref_gather(const ref_scene *scene, v3 p, v3 n, double epsilon
         for (i = 0; i < side; i++)
             for (j = 0; j < side; j++) {
                 double r = sqrt((i + ref_random(seed)) / side), phi = 2 * REF_PI * (j + ref_random(seed)) / side;
-                v3 d = v3_add(v3_add(v3_scale(right, r * cos(phi)), v3_scale(up, r * sin(phi))), v3_scale(n, sqrt(1 - r * r)));
-                ref_point seen = ref_surface(scene, ref_trace(scene, p, d, nearest, HUGE_VAL, SBL_MATERIAL_HIDDEN_FROM_SENSORS), d);
+                v3 d = v3_add(v3_add(v3_scale(right, r * cos(phi)), v3_scale(up, r * sin(phi))),
+                              v3_scale(n, sqrt(1 - r * r)));
+                ref_point seen = ref_surface(scene, ref_trace(scene, p, d, nearest, HUGE_VAL,
+                                                              SBL_MATERIAL_HIDDEN_FROM_SENSORS), d);
                 if (seen.hit && ref_glows(scene, &seen)) continue;
                 ref_light(scene, &seen, epsilon, light);
                 for (k = 0; k < 3; k++) once[k] += light[k] / (side * side);
@@ -465,18 +492,21 @@ static inline void ref_gather(const ref_scene *scene, v3 p, v3 n, double epsilon
             if (!(m->emission[0] > 0 || m->emission[1] > 0 || m->emission[2] > 0)) continue;
             for (i = 0; i < lamp_side; i++)
                 for (j = 0; j < lamp_side; j++) {
-                    double s = sqrt((i + ref_random(seed)) / lamp_side), b2 = s * (j + ref_random(seed)) / lamp_side, b1 = s - b2;
+                    double s = sqrt((i + ref_random(seed)) / lamp_side), b2 = s * (j + ref_random(seed)) / lamp_side,
+                        b1 = s - b2;
                     v3 d = v3_sub(v3_add(t->p[0], v3_add(v3_scale(e1, b1), v3_scale(e2, b2))), p);
                     double distance = v3_length(d), cosine = v3_dot(d, n) / distance;
                     ref_hit hit;
                     ref_point seen;
                     if (cosine <= 0) continue;
-                    hit = ref_trace(scene, p, v3_scale(d, 1 / distance), nearest, distance * (1 + 1e-9), SBL_MATERIAL_HIDDEN_FROM_SENSORS);
+                    hit = ref_trace(scene, p, v3_scale(d, 1 / distance), nearest, distance * (1 + 1e-9),
+                                    SBL_MATERIAL_HIDDEN_FROM_SENSORS);
                     if (hit.triangle != l) continue;
                     seen = ref_surface(scene, hit, d);
                     if (!ref_glows(scene, &seen)) continue;
                     for (k = 0; k < 3; k++)
-                        once[k] += seen.emission[k] * cosine * fabs(v3_dot(d, twice_area)) / 2 / (distance * distance * distance) / (REF_PI * lamp_side * lamp_side);
+                        once[k] += seen.emission[k] * cosine * fabs(v3_dot(d, twice_area)) / 2 /
+                            (distance * distance * distance) / (REF_PI * lamp_side * lamp_side);
                 }
         }
         for (k = 0; k < 3; k++) { sum[k] += once[k]; squares[k] += once[k] * once[k]; }
@@ -488,16 +518,18 @@ static inline void ref_gather(const ref_scene *scene, v3 p, v3 n, double epsilon
     }
 }
 
-/* Share of a quad lamp's light that arrives at p, without other lamps: its closed form times the share of side * side points on it
-   that are seen, each weighted by what it gives. lamp: the mesh; its four corners in order. */
-static inline double ref_quad_light(const ref_scene *scene, v3 p, v3 n, const v3 corners[4], int lamp, int side, uint64_t *seed) {
+/* Share of a quad lamp's light that arrives at p, without other lamps: its closed form times the share of side * side
+   points on it that are seen, each weighted by what it gives. lamp: the mesh; its four corners in order. */
+static inline double ref_quad_light(const ref_scene *scene, v3 p, v3 n, const v3 corners[4], int lamp, int side,
+                                    uint64_t *seed) {
     double given = 0, seen = 0, whole = ref_polygon(p, n, corners, 4), nearest = 1e-7 * (1 + v3_length(p));
     v3 u = v3_sub(corners[1], corners[0]), v = v3_sub(corners[3], corners[0]), normal = v3_cross(u, v);
     int i, j;
     if (whole <= 0) return 0;
     for (i = 0; i < side; i++)
         for (j = 0; j < side; j++) {
-            v3 d = v3_sub(v3_mad(v3_mad(corners[0], u, (i + ref_random(seed)) / side), v, (j + ref_random(seed)) / side), p);
+            v3 d = v3_sub(v3_mad(v3_mad(corners[0], u, (i + ref_random(seed)) / side), v,
+                                 (j + ref_random(seed)) / side), p);
             double length = v3_length(d), weight = v3_dot(d, n) * fabs(v3_dot(d, normal)) / pow(length, 4);
             ref_hit hit;
             if (weight <= 0) continue;

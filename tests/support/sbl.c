@@ -1,4 +1,5 @@
-/* The library as an object of its own, which all programs share that do not look at private names: see scripts/Makefile. */
+/* The library as an object of its own, which all programs share that do not look at private names: see
+   scripts/Makefile. */
 #define SBL_IMPLEMENTATION
 #define SBL_EGL
 #include "../../sbl.h"

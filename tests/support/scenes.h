@@ -90,7 +90,8 @@ static inline int scene_lamp(test_scene *s, float r, float g, float b) {
 }
 
 /* Copies the pixels; `bytes` is height rows of the stride. Returns the number that materials use, counted from 1. */
-static inline int scene_texture(test_scene *s, const void *pixels, size_t bytes, sbl_pixel_format format, int width, int height, int channels) {
+static inline int scene_texture(test_scene *s, const void *pixels, size_t bytes, sbl_pixel_format format, int width,
+                                int height, int channels) {
     sbl_texture *t = &s->textures[s->texture_count];
     void *copy = scene_alloc(s, bytes);
     if (s->texture_count == SCENE_TEXTURES) abort();
@@ -111,7 +112,8 @@ static inline const float *scene_copy(test_scene *s, const float *values, int co
 }
 
 /* normals, texcoords: NULL or 3 and 2 floats a vertex; indices: NULL where each three vertices are a triangle. */
-static inline sbl_mesh *scene_mesh(test_scene *s, int material, const float *positions, const float *normals, const float *texcoords, int vertex_count,
+static inline sbl_mesh *scene_mesh(test_scene *s, int material, const float *positions, const float *normals,
+                                   const float *texcoords, int vertex_count,
                                    const uint32_t *indices, int index_count) {
     sbl_mesh *m = &s->meshes[s->mesh_count];
     uint32_t *copy = (uint32_t *)scene_alloc(s, sizeof *indices * (size_t)index_count);
@@ -151,7 +153,8 @@ static inline sbl_mesh *scene_quad_uv(test_scene *s, int material, const float c
     return scene_mesh(s, material, corners, NULL, uv, 4, indices, 6);
 }
 
-static inline sbl_mesh *scene_quad(test_scene *s, int material, float ax, float ay, float az, float bx, float by, float bz,
+static inline sbl_mesh *scene_quad(test_scene *s, int material, float ax, float ay, float az, float bx, float by,
+                                   float bz,
                                    float cx, float cy, float cz, float dx, float dy, float dz) {
     const float corners[12] = { ax, ay, az, bx, by, bz, cx, cy, cz, dx, dy, dz };
     return scene_quad_uv(s, material, corners, 1, 1);
@@ -172,14 +175,17 @@ static inline void scene_box(test_scene *s, int material, float x0, float y0, fl
     scene_quad(s, material, x0, y0, z1, x1, y0, z1, x1, y1, z1, x0, y1, z1);
 }
 
-static inline sbl_mesh *scene_sphere(test_scene *s, int material, float x, float y, float z, float radius, int slices, int stacks, int smooth) {
+static inline sbl_mesh *scene_sphere(test_scene *s, int material, float x, float y, float z, float radius, int slices,
+                                     int stacks, int smooth) {
     int row = slices + 1, vertices = row * (stacks + 1), i, j, n = 0;
-    float *positions = (float *)scene_alloc(s, sizeof(float) * 3 * (size_t)vertices), *normals = (float *)scene_alloc(s, sizeof(float) * 3 * (size_t)vertices);
+    float *positions = (float *)scene_alloc(s, sizeof(float) * 3 * (size_t)vertices),
+        *normals = (float *)scene_alloc(s, sizeof(float) * 3 * (size_t)vertices);
     uint32_t *indices = (uint32_t *)scene_alloc(s, sizeof *indices * 6 * (size_t)(slices * stacks));
     const double pi = SCENE_PI;
     for (i = 0; i <= stacks; i++)
         for (j = 0; j <= slices; j++) {
-            double theta = pi * i / stacks, phi = 2 * pi * (j % slices) / slices, ring = i == 0 || i == stacks ? 0 : sin(theta);
+            double theta = pi * i / stacks, phi = 2 * pi * (j % slices) / slices, ring = i == 0 || i ==
+                stacks ? 0 : sin(theta);
             float *p = positions + 3 * (i * row + j), *q = normals + 3 * (i * row + j);
             q[0] = (float)(ring * cos(phi)); q[1] = (float)cos(theta); q[2] = (float)(-ring * sin(phi));
             p[0] = x + radius * q[0]; p[1] = y + radius * q[1]; p[2] = z + radius * q[2];
@@ -193,7 +199,8 @@ static inline sbl_mesh *scene_sphere(test_scene *s, int material, float x, float
     return scene_mesh(s, material, positions, smooth ? normals : NULL, NULL, vertices, indices, n);
 }
 
-/* scale * (everything) + offset, in the vertices themselves, for scenes without transforms; lights give the same irradiance as before. */
+/* scale * (everything) + offset, in the vertices themselves, for scenes without transforms; lights give the same
+   irradiance as before. */
 static inline void scene_scale_and_move(test_scene *s, float scale, float x, float y, float z) {
     float offset[3];
     int i, j;
@@ -214,15 +221,18 @@ static inline void scene_scale_and_move(test_scene *s, float scale, float x, flo
     }
 }
 
-/* A flat fan of triangles about its centre: the corners lie at centre + u cos + v sin; counter-clockwise seen from where u x v points to. */
-static inline sbl_mesh *scene_disc(test_scene *s, int material, const float centre[3], const float u[3], const float v[3], int triangles) {
+/* A flat fan of triangles about its centre: the corners lie at centre + u cos + v sin; counter-clockwise seen from
+   where u x v points to. */
+static inline sbl_mesh *scene_disc(test_scene *s, int material, const float centre[3], const float u[3],
+                                   const float v[3], int triangles) {
     float *positions = (float *)scene_alloc(s, sizeof(float) * 3 * (size_t)(triangles + 1));
     uint32_t *indices = (uint32_t *)scene_alloc(s, sizeof *indices * 3 * (size_t)triangles);
     int i, k;
     for (k = 0; k < 3; k++) positions[3 * triangles + k] = centre[k];
     for (i = 0; i < triangles; i++) {
         double phi = 2 * SCENE_PI * i / triangles;
-        for (k = 0; k < 3; k++) positions[3 * i + k] = (float)((double)centre[k] + (double)u[k] * cos(phi) + (double)v[k] * sin(phi));
+        for (k = 0; k < 3; k++)
+            positions[3 * i + k] = (float)((double)centre[k] + (double)u[k] * cos(phi) + (double)v[k] * sin(phi));
         indices[3 * i] = (uint32_t)triangles;
         indices[3 * i + 1] = (uint32_t)i;
         indices[3 * i + 2] = (uint32_t)((i + 1) % triangles);
@@ -266,13 +276,15 @@ static inline int scene_bounds(const sbl_context *context, float lowest[3], floa
 }
 
 /* In SBL_MODE_AMBIENT, which is quicker than the default; its epsilon is what closed forms expect. */
-static inline sbl_picture_desc scene_view(int width, int height, float fov, float ex, float ey, float ez, float ax, float ay, float az) {
+static inline sbl_picture_desc scene_view(int width, int height, float fov, float ex, float ey, float ez, float ax,
+                                          float ay, float az) {
     sbl_picture_desc view;
     memset(&view, 0, sizeof view);
     view.options.mode = SBL_MODE_AMBIENT;
     view.width = width;
     view.height = height;
-    if (!sbl_look_at(view.world_to_view, ex, ey, ez, ax, ay, az, 0, 1, 0)) sbl_look_at(view.world_to_view, ex, ey, ez, ax, ay, az, 0, 0, -1);
+    if (!sbl_look_at(view.world_to_view, ex, ey, ez, ax, ay, az, 0, 1, 0))
+        sbl_look_at(view.world_to_view, ex, ey, ez, ax, ay, az, 0, 0, -1);
     sbl_perspective(view.view_to_clip, fov, (float)width / (float)height);
     return view;
 }
@@ -301,9 +313,11 @@ static inline int scene_render(sbl_context *context, const test_scene *s, const 
     return result == SBL_SUCCESS;
 }
 
-/* A channel of the finished picture; the caller frees it. NaN where it could not be read, so that every comparison fails. */
+/* A channel of the finished picture; the caller frees it. NaN where it could not be read, so that every comparison
+   fails. */
 static inline float *scene_channel(sbl_context *context, const sbl_picture_desc *view, sbl_channel channel) {
-    size_t count = (size_t)view->width * (size_t)view->height * (size_t)(sbl_channel_components(channel) > 1 ? 3 : 1), i;
+    size_t count = (size_t)view->width * (size_t)view->height * (size_t)(sbl_channel_components(channel) > 1 ? 3 : 1),
+        i;
     float *values = (float *)malloc(count * sizeof *values);
     if (!values) abort();
     for (i = 0; i < count; i++) values[i] = (float)NAN;

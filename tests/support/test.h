@@ -3,8 +3,9 @@
        TEST(sum_is_one) { CHECK(fabs(sum - 1) < 1e-5, "sum %.9g, expected 1", sum); }
        int main(void) { RUN(sum_is_one); return test_report(); }
 
-   CHECK reports and goes on; REQUIRE reports and leaves the test. SKIP leaves it, saying why. The last line of a program's output is
-   "N passed, N failed, N skipped"; scripts/test adds them up. A test that checks nothing counts as failed.
+   CHECK reports and goes on; REQUIRE reports and leaves the test. SKIP leaves it, saying why. The last line of a
+   program's output is "N passed, N failed, N skipped"; scripts/test adds them up. A test that checks nothing counts as
+   failed.
 
        TEST_ONLY=sum_is_one build/test_NAME        runs this test alone; the program fails if there is none */
 #ifndef TEST_H
@@ -14,6 +15,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 static int test_passed, test_failed, test_skipped;
 static int test_checks, test_errors, test_left_out;
@@ -26,6 +28,15 @@ static int test_checks, test_errors, test_left_out;
 #define SKIP(...) do { test_left_out = 1; printf("  skipped: "); printf(__VA_ARGS__); printf("\n"); return; } while (0)
 
 #define TEST_PI 3.14159265358979323846
+
+/* Of which kind is this run (see scripts/test)? Where a program is run by hand, it is plain. */
+static inline int test_kind_is(const char *kind) {
+    const char *now = getenv("TEST_KIND");
+    return strcmp(now ? now : "plain", kind) == 0;
+}
+/* The plain run does all. The other kinds leave out what takes long and meets no code that shorter tests do not
+   meet. */
+#define RUN_PLAIN(name) do { if (test_kind_is("plain")) RUN(name); } while (0)
 
 /* NaN, which fmax and fmin pass over, stays: every comparison with it fails. */
 static inline double test_max(double a, double b) { return a >= b || a != a ? a : b; }
@@ -41,6 +52,7 @@ static inline uint32_t test_hash(uint32_t x) {
 
 static void test_run(const char *name, void (*function)(void)) {
     const char *only = getenv("TEST_ONLY");
+    const clock_t start = clock();
     if (only && strcmp(only, name) != 0) return;
     test_checks = test_errors = test_left_out = 0;
     function();
@@ -48,7 +60,8 @@ static void test_run(const char *name, void (*function)(void)) {
     if (test_errors) test_failed++;
     else if (test_left_out) test_skipped++;
     else test_passed++;
-    printf("%s %s\n", test_errors ? "FAIL" : test_left_out ? "skip" : "ok  ", name);
+    printf("%s %s  %.1f s\n", test_errors ? "FAIL" : test_left_out ? "skip" : "ok  ", name,
+           (double)(clock() - start) / CLOCKS_PER_SEC);
     fflush(stdout);
 }
 

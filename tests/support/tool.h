@@ -1,5 +1,5 @@
-/* build/sbl_render run as a user runs it, in a folder of its own, or after tool_use("NAME") another tool; for the tests of
-   the command line. Include after test.h.
+/* build/sbl_render run as a user runs it, in a folder of its own, or after tool_use("NAME") another tool; for the tests
+   of the command line. Include after test.h.
 
        int main(int argc, char **argv) {
            if (!tool_begin(argv[0])) return 1;
@@ -57,7 +57,8 @@ enum { FIRST_ARGUMENTS = 2 };
 
 static void (*in_child)(void); /* called before the tool is; NULL: nothing */
 
-/* Starts the tool in the test's folder; terminal: -1, or what its stderr is. file_limit: bytes a file may have, 0 for any. */
+/* Starts the tool in the test's folder; terminal: -1, or what its stderr is. file_limit: bytes a file may have, 0 for
+   any. */
 static pid_t start(const char *const *arguments, int terminal, rlim_t file_limit) {
     char *argv[FIRST_ARGUMENTS + MOST_ARGUMENTS + 2];
     int i, k = 1;
@@ -121,8 +122,8 @@ static inline void hear_signals(void) {
 
 static char on_terminal[1 << 18];
 
-/* Runs the tool on a terminal until its bar shows so many percent, then sends the signal. What it said lies in on_terminal,
-   the end of it in ran.err. 0 where there are no terminals. */
+/* Runs the tool on a terminal until its bar shows so many percent, then sends the signal. What it said lies in
+   on_terminal, the end of it in ran.err. 0 where there are no terminals. */
 static inline int interrupt_at(const char *const *arguments, int percent, int number) {
     struct pollfd waiting;
     size_t n = 0;
@@ -242,7 +243,8 @@ static int tool_begin(const char *argv0) {
     snprintf(tool, sizeof tool, "%.900s/sbl_render", full ? full : here);
     free(full);
     if (SANITIZED) {
-        /* Files that ask for dozens of gigabytes: the sanitizer has to refuse what the limit on memory refuses otherwise. */
+        /* Files that ask for dozens of gigabytes: the sanitizer has to refuse what the limit on memory refuses
+           otherwise. */
         const char *options = getenv("ASAN_OPTIONS");
         char more[512];
         snprintf(more, sizeof more, "%.400s%smax_allocation_size_mb=1024", options ? options : "",

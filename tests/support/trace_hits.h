@@ -1,9 +1,10 @@
-/* Single rays through the traversal of shaders_embedded/traverse.glsl, and whether an independent caster (reference.h) sees the same triangles.
-   Include after sbl.h with its implementation, test.h and reference.h. */
+/* Single rays through the traversal of shaders_embedded/traverse.glsl, and whether an independent caster (reference.h)
+   sees the same triangles. Include after sbl.h with its implementation, test.h and reference.h. */
 #ifndef TRACE_HITS_H
 #define TRACE_HITS_H
 
-typedef struct traced_hit { float number, distance, b1, b2; } traced_hit;  /* number: of the triangle in the scene; below 0: nothing */
+/* number: of the triangle in the scene; below 0: nothing */
+typedef struct traced_hit { float number, distance, b1, b2; } traced_hit;
 
 static const char *const trace_hits_main[] = {
     "uniform samplerBuffer rays;\n"
@@ -41,7 +42,8 @@ static int trace_hits(sbl_context *c, const float *rays, int count, traced_hit *
     sbl__visit_enter(c, &visit);
     d->gl.doing = "casting rays";
     do result = sbl__scene_step(d, scene, &slice); while (result == SBL_UNFINISHED);
-    if (result == SBL_SUCCESS) result = sbl__buffer_make(d, &table.buffer, (size_t)count * 32, rays, SBL__GL_STREAM_DRAW);
+    if (result == SBL_SUCCESS)
+        result = sbl__buffer_make(d, &table.buffer, (size_t)count * 32, rays, SBL__GL_STREAM_DRAW);
     if (result == SBL_SUCCESS) result = sbl__table_show(d, &table, SBL__GL_RGBA32F, 0);
     if (result == SBL_SUCCESS) result = sbl__texture_make(d, &texture, TRACE_HITS_WIDTH, rows, SBL__GL_RGBA32F);
     colors[0] = &texture;
@@ -66,9 +68,11 @@ static int trace_hits(sbl_context *c, const float *rays, int count, traced_hit *
     return result == SBL_SUCCESS;
 }
 
-/* Does the ray pass so close by an edge of the triangle, or so flat, that float rounding may decide? `reach`: coordinates that rounding is relative to. */
+/* Does the ray pass so close by an edge of the triangle, or so flat, that float rounding may decide? `reach`:
+   coordinates that rounding is relative to. */
 static int trace_hits_graze(const v3 corners[3], v3 origin, v3 direction, double t, double reach) {
-    v3 at = v3_mad(origin, direction, t), normal = v3_cross(v3_sub(corners[1], corners[0]), v3_sub(corners[2], corners[0]));
+    v3 at = v3_mad(origin, direction, t), normal =
+        v3_cross(v3_sub(corners[1], corners[0]), v3_sub(corners[2], corners[0]));
     double slack = 1e-5 * reach / fmax(fabs(v3_dot(v3_unit(normal), direction)), 1e-3);
     int k;
     for (k = 0; k < 3; k++) {
@@ -105,27 +109,33 @@ static hits_compared trace_hits_compare(sbl_context *c, const ref_scene *scene, 
             mine[k] = v3_from(sbl__corner_of(&c->core.scene.geometry, (uint32_t)number, k));
             reach = fmax(reach, v3_length(mine[k]));
         }
-        for (k = 0; k < 3 && truth.triangle >= 0; k++) reach = fmax(reach, v3_length(scene->triangles[truth.triangle].p[k]));
+        for (k = 0; k < 3 && truth.triangle >= 0; k++)
+            reach = fmax(reach, v3_length(scene->triangles[truth.triangle].p[k]));
         if (number >= 0 && truth.triangle >= 0)
-            for (k = 0; k < 3; k++) apart = fmax(apart, v3_length(v3_sub(mine[k], scene->triangles[truth.triangle].p[k])));
+            for (k = 0; k < 3; k++)
+                apart = fmax(apart, v3_length(v3_sub(mine[k], scene->triangles[truth.triangle].p[k])));
         if (number >= 0 && truth.triangle >= 0 && apart < 1e-6 * reach) continue;
         farther = number >= 0 && truth.triangle >= 0 ? fabs((double)hits[i].distance - truth.t) : 1e30;
         if (farther < 1e-5 * reach) { out.ties++; continue; }
         out.differ++;
         if (!(number >= 0 && trace_hits_graze(mine, origin, direction, (double)hits[i].distance, reach)) &&
-            !(truth.triangle >= 0 && trace_hits_graze(scene->triangles[truth.triangle].p, origin, direction, truth.t, reach))) out.unexplained++;
+            !(truth.triangle >= 0 && trace_hits_graze(scene->triangles[truth.triangle].p, origin, direction, truth.t,
+                                                      reach))) out.unexplained++;
     }
     free(hits);
     return out;
 }
 
-/* Cosine-distributed rays from `points` pixels of the finished picture that show a surface, `each` from every one; writes 8 floats a ray, returns how many. */
-static int trace_hits_rays(sbl_context *c, const sbl_picture_desc *view, int points, int each, uint64_t seed, float *rays) {
+/* Cosine-distributed rays from `points` pixels of the finished picture that show a surface, `each` from every one;
+   writes 8 floats a ray, returns how many. */
+static int trace_hits_rays(sbl_context *c, const sbl_picture_desc *view, int points, int each, uint64_t seed,
+                           float *rays) {
     size_t pixels = (size_t)view->width * (size_t)view->height;
     float *position = (float *)malloc(pixels * 28), *normal = position + 3 * pixels, *id = position + 6 * pixels;
     int found = 0, count = 0, k, tries;
     if (!position) abort();
-    if (sbl_read_channel(c, SBL_CHANNEL_POSITION, position, 3 * pixels) != SBL_SUCCESS || sbl_read_channel(c, SBL_CHANNEL_NORMAL, normal, 3 * pixels) != SBL_SUCCESS ||
+    if (sbl_read_channel(c, SBL_CHANNEL_POSITION, position, 3 * pixels) != SBL_SUCCESS ||
+        sbl_read_channel(c, SBL_CHANNEL_NORMAL, normal, 3 * pixels) != SBL_SUCCESS ||
         sbl_read_channel(c, SBL_CHANNEL_ID, id, pixels) != SBL_SUCCESS) abort();
     for (tries = 0; found < points && tries < 100 * points; tries++) {
         size_t at = (size_t)(ref_random(&seed) * (double)pixels) % pixels;
@@ -137,7 +147,8 @@ static int trace_hits_rays(sbl_context *c, const sbl_picture_desc *view, int poi
         p = v3_mad(p, n, (double)c->picture.map.refine.pixels[at].offset);
         for (k = 0; k < each; k++) {
             double u = ref_random(&seed), a = 6.283185307 * ref_random(&seed);
-            v3 d = v3_add(v3_scale(n, sqrt(1 - u)), v3_add(v3_scale(right, sqrt(u) * cos(a)), v3_scale(up, sqrt(u) * sin(a))));
+            v3 d = v3_add(v3_scale(n, sqrt(1 - u)),
+                          v3_add(v3_scale(right, sqrt(u) * cos(a)), v3_scale(up, sqrt(u) * sin(a))));
             float *ray = rays + 8 * (size_t)count++;
             ray[0] = (float)p.x; ray[1] = (float)p.y; ray[2] = (float)p.z; ray[3] = 0;
             ray[4] = (float)d.x; ray[5] = (float)d.y; ray[6] = (float)d.z; ray[7] = 0;

@@ -1,6 +1,7 @@
-/* make_reference FILE.pfm [SIZE [SIDE]]: direct light R in the Cornell box as its published camera sees it, from the tests' own ray caster:
-   at every pixel the lamp's closed form times the share of it that is seen, told by two estimates of SIDE x SIDE rays each (default 256, 16).
-   NaN where R is not to be compared: on the lamp, where nothing is hit, on edges. Prints the noise, which is what the two differ by. */
+/* make_reference FILE.pfm [SIZE [SIDE]]: direct light R in the Cornell box as its published camera sees it, from the
+   tests' own ray caster: at every pixel the lamp's closed form times the share of it that is seen, told by two
+   estimates of SIDE x SIDE rays each (default 256, 16). NaN where R is not to be compared: on the lamp, where nothing
+   is hit, on edges. Prints the noise, which is what the two differ by. */
 #define SBL_IMPLEMENTATION
 #include "../../sbl.h"
 #include "../../examples/cornell_box.h"
@@ -24,7 +25,8 @@ static int compared(const ref_scene *scene, const sbl_picture_desc *view, int x,
 
 int main(int argc, char **argv) {
     const int size = argc > 2 ? atoi(argv[2]) : 256, side = argc > 3 ? atoi(argv[3]) : 16;
-    const double luminance = 0.2126 * (double)cornell_lamp[0] + 0.7152 * (double)cornell_lamp[1] + 0.0722 * (double)cornell_lamp[2];
+    const double luminance = 0.2126 * (double)cornell_lamp[0] + 0.7152 * (double)cornell_lamp[1] + 0.0722 *
+        (double)cornell_lamp[2];
     cornell_box box;
     ref_scene *scene;
     sbl_picture_desc view;
@@ -45,7 +47,8 @@ int main(int argc, char **argv) {
     if (!picture) abort();
     for (y = 0; y < size; y++)
         for (x = 0; x < size; x++) {
-            float *rgb = picture + 3 * ((size_t)(size - 1 - y) * (size_t)size + (size_t)x);  /* PFM: the last row first */
+            /* PFM: the last row first */
+            float *rgb = picture + 3 * ((size_t)(size - 1 - y) * (size_t)size + (size_t)x);
             double e[2];
             int seen = compared(scene, &view, x, y, side, e);
             for (k = 0; k < 3; k++) rgb[k] = seen ? (float)((e[0] + e[1]) / 2 * (double)cornell_lamp[k]) : NAN;
@@ -56,13 +59,15 @@ int main(int argc, char **argv) {
         }
     ref_destroy(scene);
     out = fopen(argv[1], "wb");
-    written = out && fprintf(out, "PF\n%d %d\n-1.0\n", size, size) > 0 && fwrite(picture, sizeof *picture, values, out) == values;
+    written = out && fprintf(out, "PF\n%d %d\n-1.0\n", size, size) > 0 &&
+        fwrite(picture, sizeof *picture, values, out) == values;
     if (out && fclose(out) != 0) written = 0;
     free(picture);
     if (!written) {
         fprintf(stderr, "make_reference: %s cannot be written\n", argv[1]);
         return 1;
     }
-    printf("%d pixels, mean %.5f, noise %.3f %%\n", count, sum / count * luminance, 100 * sqrt(squares / count) / (sum / count));
+    printf("%d pixels, mean %.5f, noise %.3f %%\n", count, sum / count * luminance,
+           100 * sqrt(squares / count) / (sum / count));
     return 0;
 }

@@ -1,11 +1,14 @@
-/* Looks at the pictures that the examples write; built and run by test_examples.sh. Decodes with stb_image, shares nothing with sbl.h.
-   Each command prints what it measured and exits nonzero where that is not what it should be:
+/* Looks at the pictures that the examples write; built and run by test_examples.sh. Decodes with stb_image, shares
+   nothing with sbl.h. Each command prints what it measured and exits nonzero where that is not what it should be:
 
        picture varied FILE WIDTH HEIGHT     decodes, has that size, is not one colour nor all but black or white
        picture pyramid FILE                 minimal: an orange pyramid, one of its faces brighter, stands before grey
-       picture cornell FILE                 host_context: the Cornell box the right way round and up in the right part, a shape in the left
-       picture charts FILE                  bake_lightmap: 4 x 4 charts, light from coloured walls on the back wall, none black between
-       picture slabs WITH BARE              host_draw: lit slabs, their shadow, and what their glow adds, against the picture without them
+       picture cornell FILE                 host_context: the Cornell box the right way round and up in the right part,
+       a shape in the left
+       picture charts FILE                  bake_lightmap: 4 x 4 charts, light from coloured walls on the back wall,
+       none black between
+       picture slabs WITH BARE              host_draw: lit slabs, their shadow, and what their glow adds, against the
+       picture without them
        picture alike A B [ROWS]             but for a few pixels; in the first rows
        picture plot FILE SERIES             so many colours of lines inside the axes
        picture halves FILE                  two pictures side by side, varied, similar, not the same */
@@ -77,7 +80,8 @@ static int pyramid(const picture *p) {
 }
 
 static int cornell(const picture *p) {
-    int side = p->height, left = p->width - side, x, y, red[2] = { 0, 0 }, green[2] = { 0, 0 }, lamp[2] = { 0, 0 }, shape = 0;
+    int side = p->height, left = p->width - side, x, y, red[2] = { 0, 0 }, green[2] = { 0, 0 }, lamp[2] = { 0, 0 },
+        shape = 0;
     for (y = 0; y < side; y++)
         for (x = 0; x < side; x++) {
             const unsigned char *c = at(p, left + x, y);
@@ -87,7 +91,8 @@ static int cornell(const picture *p) {
         }
     for (y = 0; y < side; y++)
         for (x = 0; x < left; x++) shape += memcmp(at(p, x, y), at(p, 0, 0), 3) != 0;
-    printf("red %d left, %d right; green %d left, %d right; lamp %d above, %d below; shape %d\n", red[0], red[1], green[0], green[1], lamp[0], lamp[1], shape);
+    printf("red %d left, %d right; green %d left, %d right; lamp %d above, %d below; shape %d\n", red[0], red[1],
+           green[0], green[1], lamp[0], lamp[1], shape);
     if (red[0] < side * side / 20 || red[1] > red[0] / 10) return fail("a red wall on the left");
     if (green[1] < side * side / 20 || green[0] > green[1] / 10) return fail("a green wall on the right");
     if (lamp[0] < side * side / 500 || lamp[1]) return fail("a lamp above");
@@ -97,13 +102,16 @@ static int cornell(const picture *p) {
 
 static int charts(const picture *p) {
     const int cell = p->width / 4;
-    const unsigned char *left = at(p, 3 * cell + cell / 16, cell / 3), *right = at(p, 4 * cell - cell / 16, cell / 3), *lamp = at(p, cell + cell / 2, cell / 2);
+    const unsigned char *left = at(p, 3 * cell + cell / 16, cell / 3), *right = at(p, 4 * cell - cell / 16, cell / 3),
+        *lamp = at(p, cell + cell / 2, cell / 2);
     const unsigned char *top = at(p, 3 * cell + cell / 2, 2 * cell + cell / 2);
     int x, black = 0;
     for (x = 0; x < p->width; x++) black += light(at(p, x, cell)) == 0;
-    printf("back wall %d %d %d to %d %d %d; %d black texels between charts\n", left[0], left[1], left[2], right[0], right[1], right[2], black);
+    printf("back wall %d %d %d to %d %d %d; %d black texels between charts\n", left[0], left[1], left[2], right[0],
+           right[1], right[2], black);
     if (left[0] * right[1] < 1.1 * left[1] * right[0]) return fail("redder by the red wall, greener by the green one");
-    if (light(top) < 1.5 * light(lamp) || light(lamp) < 100) return fail("the tall block's top is lit by the lamp, the lamp by what the room reflects");
+    if (light(top) < 1.5 * light(lamp) || light(lamp) < 100)
+        return fail("the tall block's top is lit by the lamp, the lamp by what the room reflects");
     if (black) return fail("charts continued beyond their edges");
     return 0;
 }
@@ -166,7 +174,8 @@ static int halves(const picture *p) {
     spread(p, p->width - side, p->width, &mean[1], &deviation[1]);
     for (y = 0; y < side; y++)
         for (x = 0; x < side; x++) differing += abs(light(at(p, x, y)) - light(at(p, p->width - side + x, y))) > 6;
-    printf("means %.1f and %.1f, deviations %.1f and %.1f, %d pixels differ\n", mean[0], mean[1], deviation[0], deviation[1], differing);
+    printf("means %.1f and %.1f, deviations %.1f and %.1f, %d pixels differ\n", mean[0], mean[1], deviation[0],
+           deviation[1], differing);
     if (p->width <= 2 * side || deviation[0] < 8 || deviation[1] < 8) return fail("two pictures");
     if (fabs(mean[0] - mean[1]) > 0.15 * mean[1]) return fail("the same scene");
     if (differing < side * side / 100) return fail("more noise in one");
@@ -183,7 +192,8 @@ int main(int argc, char **argv) {
     else if (strcmp(argv[1], "pyramid") == 0) status = pyramid(&a);
     else if (strcmp(argv[1], "cornell") == 0) status = cornell(&a);
     else if (strcmp(argv[1], "slabs") == 0 && argc == 4) status = slabs(&a, (b = load(argv[3]), &b));
-    else if (strcmp(argv[1], "alike") == 0 && argc >= 4) status = alike(&a, (b = load(argv[3]), &b), argc > 4 ? atoi(argv[4]) : 0);
+    else if (strcmp(argv[1], "alike") == 0 && argc >= 4)
+        status = alike(&a, (b = load(argv[3]), &b), argc > 4 ? atoi(argv[4]) : 0);
     else if (strcmp(argv[1], "plot") == 0 && argc == 4) status = plot(&a, atoi(argv[3]));
     else if (strcmp(argv[1], "charts") == 0) status = charts(&a);
     else if (strcmp(argv[1], "halves") == 0) status = halves(&a);

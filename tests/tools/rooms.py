@@ -1,7 +1,9 @@
 #!/usr/bin/env python3
-"""rooms.py [FILE]: the rooms of sbl.h with their lines and GL calls, its longest functions, and what breaks the rules of the house:
+"""rooms.py [FILE]: the rooms of sbl.h with their lines and GL calls, its longest functions, and what breaks the rules
+of the house:
 
-    a line of more than 120 columns, here and in shaders_embedded; a function of more than 80 lines or 6 parameters in the implementation;
+    a line of more than 120 columns, here and in README.md, shaders_embedded, examples, scripts and tests;
+    a function of more than 80 lines or 6 parameters in the implementation;
     a GL call outside of the rooms that are there for it
 
 Prints the table, then a line for each offence; exits with 1 where there is one. Run by test_header.sh.
@@ -12,13 +14,16 @@ os.chdir(os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', '..'))
 COLUMNS, LINES, PARAMETERS = 120, 80, 6
 GL_ROOMS = {'gl', 'device'}
 LONGEST = 20
+NARROW = ['README.md', 'shaders_embedded/*.glsl', 'examples/*.[ch]', 'scripts/*', 'tests/**/*']
+BINARY = ('.pyc', '.png', '.pfm', '.exr')
 
 
 def functions(lines):
     """(name, first line, lines, parameters) of each function defined at the left margin."""
     start = None
     for number, line in enumerate(lines, 1):
-        if start is None and re.match(r'(static |SBL_API )[^=;]*\($|(static |SBL_API )[^=;]*\([^=;]*$', line) and not line.startswith('static const'):
+        if start is None and re.match(r'(static |SBL_API )[^=;]*\($|(static |SBL_API )[^=;]*\([^=;]*$',
+                                      line) and not line.startswith('static const'):
             start = number
         if start is None:
             continue
@@ -60,10 +65,11 @@ def main():
             count[2] += 1
             offences.append('%s:%d: %d columns' % (path, number, len(line.rstrip('\n'))))
     if len(sys.argv) < 2:
-        for shader in sorted(glob.glob('shaders_embedded/*.glsl')):
-            with open(shader) as f:
-                offences += ['%s:%d: %d columns' % (shader, number, len(line.rstrip('\n')))
-                             for number, line in enumerate(f, 1) if len(line.rstrip('\n')) > COLUMNS]
+        for other in sorted(sum((glob.glob(pattern, recursive=True) for pattern in NARROW), [])):
+            if os.path.isfile(other) and not other.endswith(BINARY) and '/corpus/' not in other:
+                with open(other) as f:
+                    offences += ['%s:%d: %d columns' % (other, number, len(line.rstrip('\n')))
+                                 for number, line in enumerate(f, 1) if len(line.rstrip('\n')) > COLUMNS]
     found = [f for f in functions(lines) if f[1] > implementation]
     for name, start, count, parameters in found:
         if count > LINES:
@@ -77,7 +83,8 @@ def main():
     print('\nthe longest of %d functions:' % len(found))
     for name, start, count, parameters in sorted(found, key=lambda f: -f[2])[:LONGEST]:
         print('%4d lines, %2d parameters  %s' % (count, parameters, name))
-    print('\nparameters: ' + ', '.join('%d functions have %d' % (sum(f[3] == n for f in found), n) for n in range(6, 13) if any(f[3] == n for f in found)))
+    print('\nparameters: ' + ', '.join('%d functions have %d' % (sum(f[3] == n for f in found), n) for n
+                                       in range(6, 13) if any(f[3] == n for f in found)))
     if offences:
         print()
     for offence in offences:
