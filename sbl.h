@@ -1569,7 +1569,9 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
                   >>resolve      composition and anti-aliasing
                   >>gutters      continues a lightmap into the texels around its charts
                   >>seams        makes a lightmap equal on both sides of its seams
-   front ends     >>picture      pictures and lightmaps
+   front ends     >>map          the radiance map, which pictures and lightmaps share
+                  >>picture      pictures
+                  >>lightmap     lightmaps
                   >>gather       readings at any points
                   >>vertices     light at vertices, fitted to points on triangles
                   >>probes       light at points in the air
@@ -1667,8 +1669,8 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 
    To add a channel:
        add it to sbl_channel, with a comment, and add a row to sbl__channels (>>public). If refinement holds its values,
-       add a line to sbl__channel_pixel; if a target holds them, add one to sbl__channel_target. Add its name to the
-       list in examples/sbl_render.c.
+       add a line to sbl__channel_pixel; if a target holds them, set sbl__map.channels to it. Add its name to the list
+       in examples/sbl_render.c.
 
    To add a front end:
        write a room like >>gather, which is the shortest. Its begin function stores the descriptor. Its table of stages
@@ -18161,7 +18163,8 @@ static sbl_result sbl__begin(sbl_context *c, sbl_picture_desc d, int asked, cons
     c->core.stats.picture.width = lightmap ? lightmap->width : d.width;
     c->core.stats.picture.height = lightmap ? lightmap->height : d.height;
     c->core.stats.picture.target_error = d.target_error;
-    for (level = 0; level < SBL_MAX_LEVELS; level++) c->core.stats.picture.levels[level].tile = SBL__MAX(1, d.tile >> level);
+    for (level = 0; level < SBL_MAX_LEVELS; level++)
+        c->core.stats.picture.levels[level].tile = SBL__MAX(1, d.tile >> level);
     c->map = lightmap ? &c->lightmap.map : &c->picture.map;
     if (lightmap) result = sbl__lightmap_begin(&c->lightmap, &c->core, lightmap, &d, asked);
     else sbl__picture_begin(&c->picture, &c->core, &d, asked);
@@ -18440,7 +18443,7 @@ static sbl_result sbl__channel_ready(sbl_context *c, const char *function) {
     sbl_result result;
     if (!c->map) {
         sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "there is no picture; call sbl_render_picture, or "
-                    "sbl_step");
+                    "sbl_begin_picture and sbl_step");
         return SBL_ERROR_STATE;
     }
     if (sbl__map_is_done(c->map)) return SBL_SUCCESS;
