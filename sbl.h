@@ -1640,7 +1640,9 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
                   >>resolve      composition and anti-aliasing
                   >>gutters      continues a lightmap into the texels around its charts
                   >>seams        makes a lightmap equal on both sides of its seams
-   front ends     >>picture      pictures and lightmaps
+   front ends     >>map          the radiance map, which pictures and lightmaps share
+                  >>picture      pictures
+                  >>lightmap     lightmaps
                   >>gather       readings at any points
                   >>vertices     light at vertices, fitted to points on triangles
                   >>probes       light at points in the air
@@ -1738,8 +1740,8 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 
    To add a channel:
        add it to sbl_channel, with a comment, and add a row to sbl__channels (>>public). If refinement holds its values,
-       add a line to sbl__channel_pixel; if a target holds them, add one to sbl__channel_target. Add its name to the
-       list in examples/sbl_render.c.
+       add a line to sbl__channel_pixel; if a target holds them, set sbl__map.channels to it. Add its name to the list
+       in examples/sbl_render.c.
 
    To add a front end:
        write a room like >>gather, which is the shortest. Its begin function stores the descriptor. Its table of stages
