@@ -1619,12 +1619,16 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
                   >>device       textures, targets, programs, draws, time; staged work. No room below calls GL directly
    the scene      >>check        checks descriptors before anything changes
                   >>geometry     reads, checks and converts meshes
+                  >>topology     what triangles share: welded vertices, sides, groups, values that spread to neighbours
+                  >>solver       least squares by conjugate gradients
                   >>textures     the texels of all textures, in one table
+                  >>material     what surfaces do with light: emission, reflection, holes
                   >>environment  the sky: constant radiance and a picture
                   >>bvh          the bounding volume hierarchy that rays traverse
                   >>lamps        everything that sensors send rays to, and the trees that group lamps
                   >>store        bounced light: the cells on surfaces, and the hash grid that finds them
-                  >>scene        the six rooms above as one scene; GLSL that all shaders share
+                  >>scene        the rooms above as one scene; GLSL that all shaders share
+                  >>options      the descriptors of all front ends: options, defaults, checks
    a sensor       >>atlas        finds the triangle that each texel of a lightmap shows
                   >>surface      the G-buffer of a camera or of a lightmap: which surface point each pixel shows
                   >>sensors      sites, looks, the views of a look, weights
@@ -12974,8 +12978,8 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__seeing *s, sbl__slice *s
     if (result != SBL_SUCCESS) return result;
     c->stats.scene.bvh_seconds = h->seconds;
     c->stats.scene.lamps = rays ? c->scene.lights.leaves : 0;
-    c->stats.scene.bvh_bytes = h->node_table.buffer.bytes + h->triangle_table.buffer.bytes + h->node_table.texels.bytes +
-                         h->triangle_table.texels.bytes;
+    c->stats.scene.bvh_bytes = h->node_table.buffer.bytes + h->triangle_table.buffer.bytes +
+                               h->node_table.texels.bytes + h->triangle_table.texels.bytes;
     return s->mode == SBL_MODE_GI ? sbl__bounce_step(c, slice) : SBL_SUCCESS;
 }
 
@@ -18668,9 +18672,8 @@ SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *
     s.sheet_width = sheet[0];
     s.sheet_height = sheet[1];
     if ((radiance || weights) && texel_count < (size_t)s.sheet_width * (size_t)s.sheet_height) {
-        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT,
-            "sbl_inspect_sensor: texel_count is %.0f; "
-                 "the sheet has %d x %d texels", (double)texel_count, s.sheet_width, s.sheet_height);
+        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor: texel_count is "
+                 "%.0f; the sheet has %d x %d texels", (double)texel_count, s.sheet_width, s.sheet_height);
         return SBL_ERROR_INVALID_ARGUMENT;
     }
     sbl__inspection_clear(&c->core.base, &c->inspection);

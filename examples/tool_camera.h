@@ -24,7 +24,8 @@ enum { SIZE = COMMON_OPTIONS, EYE, LOOK_AT, UP, FOV, CAMERA_END };
                             "file, or one that\n" \
                         "shows the whole scene", NULL, NULL }
 
-/* By the options, else by the file, else so that the scene's bounds are seen. Returns 0 where the directions are degenerate. */
+/* By the options, else by the file, else so that the scene's bounds are seen. Returns 0 where the directions are
+   degenerate. */
 static int camera_place(float world_to_view[16], float view_to_clip[16], const scene_file *file, const int *given,
                         const float lowest[3], const float highest[3]) {
     static const double from[3] = { 0.35, 0.3, 0.89 };  /* unit: the front, a little to the right and above */

@@ -1,5 +1,5 @@
-/* Demonstrates light at points of your own, here the vertices of a finely divided Cornell box: sbl_gather_readings takes them
-   with their normals, vertex_light.ply is the mesh with its light as colours, for any viewer of models, and
+/* Demonstrates light at points of your own, here the vertices of a finely divided Cornell box: sbl_gather_readings
+   takes them with their normals, vertex_light.ply is the mesh with its light as colours, for any viewer of models, and
    vertex_light.png shows it. The first argument is the folder to write them to. */
 #define SBL_IMPLEMENTATION
 #include "headless.h"

@@ -1,5 +1,5 @@
-"""Runs Blender in a process of its own and asks it for renderings. Shared by bench_cycles and bench_bake; the side inside
-Blender is bench_cycles_render.py."""
+"""Runs Blender in a process of its own and asks it for renderings. Shared by bench_cycles and bench_bake; the side
+inside Blender is bench_cycles_render.py."""
 import json, os, shutil, subprocess, sys
 
 

@@ -646,7 +646,8 @@ TEST(zero_is_zero) {
     free(direct.values); free(dark.values); free(glow.values); free(raw.values); free(smooth.values);
 }
 
-/* A wall of triangles of less than a pixel, whose normals in the file lean over: --facet-limit 0 shows them everywhere. */
+/* A wall of triangles of less than a pixel, whose normals in the file lean over: --facet-limit 0 shows them
+   everywhere. */
 TEST(facet_limit_zero_is_zero) {
     char text[16384] = "vn 1 0.5 0\n";
     picture usual, none;

@@ -1,5 +1,5 @@
-/* Light at any points: sbl_gather_readings. It is the picture's own primitive, so that at a pixel's site it finds that pixel's light, bit for bit; elsewhere closed
-   forms say what it must find. */
+/* Light at any points: sbl_gather_readings. It is the picture's own primitive, so that at a pixel's site it finds that
+   pixel's light, bit for bit; elsewhere closed forms say what it must find. */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"

@@ -586,7 +586,8 @@ TEST(scene_programs) {
     scene_free(&ball);
 }
 
-/* A driver with few texture units: a program that reads more textures than that is refused, by name. None is drawn without some of its textures. */
+/* A driver with few texture units: a program that reads more textures than that is refused, by name. None is drawn
+   without some of its textures. */
 TEST(too_few_texture_units) {
     sbl_context_desc desc = faulty_desc();
     sbl_scene_desc fits = scene_desc(&scene);

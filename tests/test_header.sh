@@ -164,7 +164,8 @@ leaks() {
     echo '#include "sbl.h"' >> "$folder/names.c"
     $list "$@" > "$folder/with"
     comm -13 "$folder/without" "$folder/with" > "$folder/new"
-    grep -qxE 'SBL_MAX_LEVELS|sbl_render_picture' "$folder/new" || { echo "not even what must be there was found: is $list broken?"; return 1; }
+    grep -qxE 'SBL_MAX_LEVELS|sbl_render_picture' "$folder/new" ||
+        { echo "not even what must be there was found: is $list broken?"; return 1; }
     grep -vE '^(SBL_|sbl_|__builtin_)' "$folder/new" > "$folder/strangers"
     nothing "$folder/strangers"
 }
@@ -246,7 +247,8 @@ manual_snippets() {
             echo 'return 1; }'
         done
     } > "$folder/manual.c"
-    [ "$(ls "$folder"/manual_*.txt | wc -l)" -ge 3 ] && gcc -std=c99 $warnings -Wno-unused -I . -c "$folder/manual.c" -o "$folder/manual.o"
+    [ "$(ls "$folder"/manual_*.txt | wc -l)" -ge 3 ] &&
+        gcc -std=c99 $warnings -Wno-unused -I . -c "$folder/manual.c" -o "$folder/manual.o"
 }
 check manual_snippets_compile manual_snippets
 
@@ -308,34 +310,43 @@ check top_level_is_tidy top_level
 check rooms_keep_their_rules python3 tests/tools/rooms.py
 check words_keep_their_meaning python3 tests/tools/words.py
 
-# One shader and one room know what a surface does with light. Other shaders neither read a material's fields nor multiply by an albedo or by the
-# ambient factor: $1 is the folder of shaders.
+# One shader and one room know what a surface does with light. Other shaders neither read a material's fields nor
+# multiply by an albedo or by the ambient factor: $1 is the folder of shaders.
 one_material() {
     for shader in "$1"/*.glsl; do
         [ "${shader##*/}" = material.glsl ] || sed 's|//.*||' "$shader" | tr '\n' ' ' | tr ';{}' '\n\n\n' |
-            grep -E 'sbl_object_(albedo|emission|alpha)|SBL_ONE_SIDED_EMISSION|(albedo|epsilon).*\*|\*.*(albedo|epsilon)' | sed "s|^|${shader##*/}: |"
+            grep -E 'sbl_object_(albedo|emission|alpha)|SBL_ONE_SIDED_EMISSION|(albedo|epsilon).*\*|\*.*(albedo|epsilon)' |
+                sed "s|^|${shader##*/}: |"
     done > "$folder/strangers"
     awk '/^#ifdef SBL_IMPLEMENTATION/ { on = 1 } /^\/\* =+ >>[a-z]+$/ { room = $3 }
-        on && room !~ />>(check|material)$/ && /(object|objects\[[^]]*\])(->|\.)(albedo|emission)|SBL_MATERIAL_ONE_SIDED/ && !/^#define/ { print room ": " $0 }' \
+        on && room !~ />>(check|material)$/ &&
+            /(object|objects\[[^]]*\])(->|\.)(albedo|emission)|SBL_MATERIAL_ONE_SIDED/ &&
+            !/^#define/ { print room ": " $0 }' \
         sbl.h >> "$folder/strangers"
     nothing "$folder/strangers"
 }
 check one_place_for_materials one_material shaders_embedded
 # ... and that check sees what it is there for
 material_is_guarded() {
-    for line in 'light = s.material.albedo * light;' 'light *= m.albedo;' 'light = texelFetch(sample_albedo, at, 0).rgb * light;' \
+    for line in 'light = s.material.albedo * light;' 'light *= m.albedo;' \
+        'light = texelFetch(sample_albedo, at, 0).rgb * light;' \
         'vec3 e = sbl_object_emission(object);' 'radiance = epsilon * color;'; do
-        rm -rf "$folder/shaders" && cp -r shaders_embedded "$folder/shaders" && echo "void f() { $line }" >> "$folder/shaders/trace.glsl" || return
+        rm -rf "$folder/shaders" && cp -r shaders_embedded "$folder/shaders" &&
+            echo "void f() { $line }" >> "$folder/shaders/trace.glsl" || return
         ! one_material "$folder/shaders" || { echo "not found: $line"; return 1; }
     done
 }
 check one_place_for_materials_is_guarded material_is_guarded
 # numbers that C hands to shaders stand in no shader
-one_number() { ! grep -nE '3\.14|6\.28|0\.2126|0\.282|0\.488|1e30|16777216|65535\.0|0x9e3779b1' shaders_embedded/*.glsl; }
+one_number() {
+    ! grep -nE '3\.14|6\.28|0\.2126|0\.282|0\.488|1e30|16777216|65535\.0|0x9e3779b1' shaders_embedded/*.glsl
+}
 check shared_numbers_stand_once one_number
 rooms_are_listed() {
     awk '/^#ifdef SBL_IMPLEMENTATION/ { on = 1 } on && /^   SYMPTOMS$/ { exit }
-        on { while (match($0, />>[a-z]+  /)) { print substr($0, RSTART + 2, RLENGTH - 4); $0 = substr($0, RSTART + RLENGTH) } }' sbl.h > "$folder/expected"
+        on { while (match($0, />>[a-z]+  /)) \
+            { print substr($0, RSTART + 2, RLENGTH - 4); $0 = substr($0, RSTART + RLENGTH) } \
+            }' sbl.h > "$folder/expected"
     sed -n 's/^\/\* =* >>\([a-z]*\)$/\1/p' sbl.h > "$folder/is"
     same "$folder/expected" "$folder/is"
 }

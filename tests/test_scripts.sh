@@ -81,7 +81,8 @@ fake_tests() {
     for spec in "$@"; do
         body=${spec#*|}
         printf '#include <stdio.h>\n#include <stdlib.h>\n#include "touch.h"\n%s { puts("words"); puts("%s"); %s; }\n' \
-            'int main(void)' "${body#*|}" "unsigned sleep(unsigned); fflush(stdout); ${body%%|*}; return 0" > "$fake/tests/test_${spec%%|*}.c"
+            'int main(void)' "${body#*|}" "unsigned sleep(unsigned); fflush(stdout); ${body%%|*}; return 0" > \
+                "$fake/tests/test_${spec%%|*}.c"
     done
     "$fake/scripts/test" > "$folder/verdict" 2>&1
 }

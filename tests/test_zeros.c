@@ -132,7 +132,7 @@ TEST(negative_threshold_refines_every_difference) {
     CHECK(share[2] < 0.03, "a high threshold refines");
 }
 
-/* The mean distance of the normals of a picture from those of the ball that it shows, or negative. facets: 1 if the ball
+/* The mean distance of the normals of a picture from those of the ball that it shows, or -1. facets: 1 if the ball
    has no normals of its own. */
 static double off_the_ball(int facets, float facet_limit, float **normals) {
     test_scene s = { 0 };
