@@ -315,7 +315,8 @@ check words_keep_their_meaning python3 tests/tools/words.py
 one_material() {
     for shader in "$1"/*.glsl; do
         [ "${shader##*/}" = material.glsl ] || sed 's|//.*||' "$shader" | tr '\n' ' ' | tr ';{}' '\n\n\n' |
-            grep -E 'sbl_object_(albedo|emission|alpha)|SBL_ONE_SIDED_EMISSION|(albedo|epsilon).*\*|\*.*(albedo|epsilon)' |
+            grep -E -e 'sbl_object_(albedo|emission|alpha)|SBL_ONE_SIDED_EMISSION' \
+                -e '(albedo|epsilon).*\*|\*.*(albedo|epsilon)' |
                 sed "s|^|${shader##*/}: |"
     done > "$folder/strangers"
     awk '/^#ifdef SBL_IMPLEMENTATION/ { on = 1 } /^\/\* =+ >>[a-z]+$/ { room = $3 }

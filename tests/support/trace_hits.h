@@ -18,7 +18,8 @@ static const char *const trace_hits_main[] = {
     "}\n", NULL };
 
 static const sbl__recipe trace_hits_recipe = {
-    "hits", { sbl__glsl_fullscreen_vertex }, { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_traverse, trace_hits_main },
+    "hits", { sbl__glsl_fullscreen_vertex },
+    { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_traverse, trace_hits_main },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record },
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE };
 
