@@ -3952,6 +3952,20 @@ static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *d
     return sbl__check_end(&check);
 }
 
+SBL_API sbl_context_desc sbl_context_desc_defaults(const sbl_context_desc *desc) {
+    sbl_context_desc d;
+    memset(&d, 0, sizeof d);
+    if (desc) d = *desc;
+    if (!d.allocator.alloc && !d.allocator.free) {
+        d.allocator.alloc = sbl__default_alloc;
+        d.allocator.free = sbl__default_free;
+    }
+    if (!d.logger.log) d.logger.log = sbl__default_log;
+    if (!d.sensor_texture_size) d.sensor_texture_size = 2048;
+    if (sbl__zero(&d.longest_submission)) d.longest_submission = 0.1f;
+    return d;
+}
+
 static sbl_result sbl__check_context(const sbl__base *base, const sbl_context_desc *d) {
     static const int sizes[2] = { 256, 16384 };
     const char *where = "sbl_context_desc";
@@ -7404,10 +7418,15 @@ static const char *const sbl__glsl_surface[] = {
    What front ends are asked for: the options that all share, and the descriptor of each front end. The defaults of a
    descriptor and its checks stand side by side. */
 
+/* A preset out of range counts as the default one, until it is refused. */
+static int sbl__preset_of(const sbl_options *o) {
+    return (int)o->preset >= 0 && o->preset < SBL_PRESET_COUNT ? (int)o->preset : SBL_PRESET_DEFAULT;
+}
+
 /* Fills in the defaults of the options. rays, sizes: the defaults of rays and sensor_size for the presets default,
    draft and high. */
 static void sbl__options_defaults(sbl_options *o, const int rays[SBL_PRESET_COUNT], const int sizes[SBL_PRESET_COUNT]) {
-    const int preset = (int)o->preset >= 0 && o->preset < SBL_PRESET_COUNT ? (int)o->preset : 0;
+    const int preset = sbl__preset_of(o);
     if (o->mode == SBL_MODE_DEFAULT) o->mode = SBL_MODE_GI;
     if (!o->rays) o->rays = rays[preset];
     if (!o->sensor_size) o->sensor_size = sizes[preset];
@@ -7520,22 +7539,21 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
     static const float errors[SBL_PRESET_COUNT] = { 0.015f, 0.05f, 0.0075f };
     static const int samples[SBL_PRESET_COUNT] = { 4, 1, 16 };
     sbl_picture_desc d;
-    int preset;
     memset(&d, 0, sizeof d);
     if (desc) d = *desc;
-    preset = (int)d.options.preset >= 0 && d.options.preset < SBL_PRESET_COUNT ? (int)d.options.preset : 0;
     sbl__options_defaults(&d.options, sbl__rays_by_error, sbl__sensor_sizes);
     d.sensor_kind = sbl__sensor_kind_default(d.sensor_kind, d.options.mode);
     if (sbl__zero(&d.sensor_fov)) d.sensor_fov = 135;
     if (!d.width && !d.height) { d.width = 640; d.height = 480; }
     if (d.width > 0 && d.height > 0 && sbl__all_zero(d.view_to_clip, 16))
         sbl_perspective(d.view_to_clip, 40, (float)d.width / (float)d.height);
-    if (sbl__zero(&d.target_error) && d.options.mode != SBL_MODE_PAPER) d.target_error = errors[preset];
+    if (sbl__zero(&d.target_error) && d.options.mode != SBL_MODE_PAPER)
+        d.target_error = errors[sbl__preset_of(&d.options)];
     if (!d.tile) d.tile = 16;
     if (sbl__zero(&d.threshold) && d.options.mode == SBL_MODE_PAPER) d.threshold = 0.05f;
     if (sbl__zero(&d.facet_limit)) d.facet_limit = 2;
     if (!d.filter_radius) d.filter_radius = 2;
-    if (!d.samples) d.samples = samples[preset];
+    if (!d.samples) d.samples = samples[sbl__preset_of(&d.options)];
     return d;
 }
 
@@ -7599,6 +7617,7 @@ static sbl_picture_desc sbl__lightmap_picture(const sbl_lightmap_desc *d) {
 }
 
 SBL_API sbl_lightmap_desc sbl_lightmap_desc_defaults(const sbl_lightmap_desc *desc) {
+    static const float errors[SBL_PRESET_COUNT] = { 0.005f, 0.02f, 0.0025f };
     sbl_lightmap_desc d;
     sbl_picture_desc picture;
     memset(&d, 0, sizeof d);
@@ -7606,10 +7625,7 @@ SBL_API sbl_lightmap_desc sbl_lightmap_desc_defaults(const sbl_lightmap_desc *de
     if (!d.width && !d.height) d.width = d.height = 512;
     if (!d.gutter) d.gutter = 16;
     if (!d.supersample) d.supersample = 1;
-    if (sbl__zero(&d.target_error))
-        d.target_error = d.options.preset == SBL_PRESET_DRAFT  ? 0.02f
-                       : d.options.preset == SBL_PRESET_HIGH   ? 0.0025f
-                                                               : 0.005f;
+    if (sbl__zero(&d.target_error)) d.target_error = errors[sbl__preset_of(&d.options)];
     picture = sbl__lightmap_picture(&d);
     d.options = picture.options;
     d.tile = picture.tile;
@@ -7712,12 +7728,12 @@ static sbl_readings_desc sbl__vertices_readings(const sbl_vertices_desc *d) {
 }
 
 SBL_API sbl_vertices_desc sbl_vertices_desc_defaults(const sbl_vertices_desc *desc) {
-    static const int rays[SBL_PRESET_COUNT] = { 64, 16, 256 };
+    static const int rays[SBL_PRESET_COUNT] = { 64, 16, 256 }, samples[SBL_PRESET_COUNT] = { 8, 4, 16 };
     sbl_vertices_desc d;
     memset(&d, 0, sizeof d);
     if (desc) d = *desc;
     sbl__options_defaults(&d.options, rays, sbl__sensor_sizes);
-    if (!d.samples) d.samples = d.options.preset == SBL_PRESET_DRAFT ? 4 : d.options.preset == SBL_PRESET_HIGH ? 16 : 8;
+    if (!d.samples) d.samples = samples[sbl__preset_of(&d.options)];
     if (sbl__zero(&d.smoothing)) d.smoothing = 0.02f;
     return d;
 }
@@ -12974,8 +12990,8 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__seeing *s, sbl__slice *s
     if (result != SBL_SUCCESS) return result;
     c->stats.scene.bvh_seconds = h->seconds;
     c->stats.scene.lamps = rays ? c->scene.lights.leaves : 0;
-    c->stats.scene.bvh_bytes = h->node_table.buffer.bytes + h->triangle_table.buffer.bytes + h->node_table.texels.bytes +
-                         h->triangle_table.texels.bytes;
+    c->stats.scene.bvh_bytes = h->node_table.buffer.bytes + h->triangle_table.buffer.bytes +
+                               h->node_table.texels.bytes + h->triangle_table.texels.bytes;
     return s->mode == SBL_MODE_GI ? sbl__bounce_step(c, slice) : SBL_SUCCESS;
 }
 
@@ -18008,20 +18024,6 @@ static sbl_result sbl__context_start(sbl__core *core) {
     return result;
 }
 
-SBL_API sbl_context_desc sbl_context_desc_defaults(const sbl_context_desc *desc) {
-    sbl_context_desc d;
-    memset(&d, 0, sizeof d);
-    if (desc) d = *desc;
-    if (!d.allocator.alloc && !d.allocator.free) {
-        d.allocator.alloc = sbl__default_alloc;
-        d.allocator.free = sbl__default_free;
-    }
-    if (!d.logger.log) d.logger.log = sbl__default_log;
-    if (!d.sensor_texture_size) d.sensor_texture_size = 2048;
-    if (sbl__zero(&d.longest_submission)) d.longest_submission = 0.1f;
-    return d;
-}
-
 SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
     sbl_context_desc d = sbl_context_desc_defaults(desc);
     sbl__egl_before before;
@@ -18668,9 +18670,8 @@ SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *
     s.sheet_width = sheet[0];
     s.sheet_height = sheet[1];
     if ((radiance || weights) && texel_count < (size_t)s.sheet_width * (size_t)s.sheet_height) {
-        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT,
-            "sbl_inspect_sensor: texel_count is %.0f; "
-                 "the sheet has %d x %d texels", (double)texel_count, s.sheet_width, s.sheet_height);
+        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_inspect_sensor: texel_count is "
+                 "%.0f; the sheet has %d x %d texels", (double)texel_count, s.sheet_width, s.sheet_height);
         return SBL_ERROR_INVALID_ARGUMENT;
     }
     sbl__inspection_clear(&c->core.base, &c->inspection);
