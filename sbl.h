@@ -3956,6 +3956,20 @@ static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *d
     return sbl__check_end(&check);
 }
 
+SBL_API sbl_context_desc sbl_context_desc_defaults(const sbl_context_desc *desc) {
+    sbl_context_desc d;
+    memset(&d, 0, sizeof d);
+    if (desc) d = *desc;
+    if (!d.allocator.alloc && !d.allocator.free) {
+        d.allocator.alloc = sbl__default_alloc;
+        d.allocator.free = sbl__default_free;
+    }
+    if (!d.logger.log) d.logger.log = sbl__default_log;
+    if (!d.sensor_texture_size) d.sensor_texture_size = 2048;
+    if (sbl__zero(&d.longest_submission)) d.longest_submission = 0.1f;
+    return d;
+}
+
 static sbl_result sbl__check_context(const sbl__base *base, const sbl_context_desc *d) {
     static const int sizes[2] = { 256, 16384 };
     const char *where = "sbl_context_desc";
@@ -7408,10 +7422,15 @@ static const char *const sbl__glsl_surface[] = {
    What front ends are asked for: the options that all share, and the descriptor of each front end. The defaults of a
    descriptor and its checks stand side by side. */
 
+/* A preset out of range counts as the default one, until it is refused. */
+static int sbl__preset_of(const sbl_options *o) {
+    return (int)o->preset >= 0 && o->preset < SBL_PRESET_COUNT ? (int)o->preset : SBL_PRESET_DEFAULT;
+}
+
 /* Fills in the defaults of the options. rays, sizes: the defaults of rays and sensor_size for the presets default,
    draft and high. */
 static void sbl__options_defaults(sbl_options *o, const int rays[SBL_PRESET_COUNT], const int sizes[SBL_PRESET_COUNT]) {
-    const int preset = (int)o->preset >= 0 && o->preset < SBL_PRESET_COUNT ? (int)o->preset : 0;
+    const int preset = sbl__preset_of(o);
     if (o->mode == SBL_MODE_DEFAULT) o->mode = SBL_MODE_GI;
     if (!o->rays) o->rays = rays[preset];
     if (!o->sensor_size) o->sensor_size = sizes[preset];
@@ -7463,33 +7482,24 @@ static void sbl__check_sensor_kind(sbl__check *check, const char *where, const s
         sbl__mistake(check, "%s: sensor_fov is %g; it must be 1 to 179 degrees", where, (double)fov);
 }
 
-/* How sensors see: the options of a front end, resolved. */
-typedef struct sbl__seeing {
-    sbl_mode mode;
-    sbl_preset preset;
+/* How the sensors of a front end measure. */
+typedef struct sbl__measurement {
+    sbl_options options;       /* with their defaults; epsilon is not negative, and backend is what was chosen */
     sbl_sensor_kind sensor_kind;
-    sbl_backend backend;
-    int rays, sensor_size;
-    float sensor_fov, epsilon;
-    uint32_t seed;
-    int look_rays, looks;      /* where rays is 0: of a look; a sensor looks so often at most */
-    int every_ray;             /* also those that only tell how far surfaces are, because nothing but lamps shines */
-} sbl__seeing;
+    float sensor_fov;
+    int look_rays, looks;      /* if options.rays is 0: number of rays of a look, and maximum number of looks */
+    int every_ray;             /* 1: trace all rays, also if only lamps emit and rays only measure distances */
+} sbl__measurement;
 
 /* o has its defaults filled in. */
-static sbl__seeing sbl__seeing_of(const sbl_options *o, sbl_sensor_kind kind, float fov) {
-    sbl__seeing s;
-    memset(&s, 0, sizeof s);
-    s.mode = o->mode;
-    s.preset = o->preset;
-    s.sensor_kind = kind;
-    s.backend = o->backend;
-    s.rays = o->rays;
-    s.sensor_size = o->sensor_size;
-    s.sensor_fov = fov;
-    s.epsilon = SBL__MAX(o->epsilon, 0.0f);
-    s.seed = o->seed;
-    return s;
+static sbl__measurement sbl__measurement_of(const sbl_options *o, sbl_sensor_kind kind, float fov) {
+    sbl__measurement m;
+    memset(&m, 0, sizeof m);
+    m.options = *o;
+    m.options.epsilon = SBL__MAX(o->epsilon, 0.0f);
+    m.sensor_kind = kind;
+    m.sensor_fov = fov;
+    return m;
 }
 
 static int sbl__rigid(const float m[16]) {
@@ -7524,22 +7534,21 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
     static const float errors[SBL_PRESET_COUNT] = { 0.015f, 0.05f, 0.0075f };
     static const int samples[SBL_PRESET_COUNT] = { 4, 1, 16 };
     sbl_picture_desc d;
-    int preset;
     memset(&d, 0, sizeof d);
     if (desc) d = *desc;
-    preset = (int)d.options.preset >= 0 && d.options.preset < SBL_PRESET_COUNT ? (int)d.options.preset : 0;
     sbl__options_defaults(&d.options, sbl__rays_by_error, sbl__sensor_sizes);
     d.sensor_kind = sbl__sensor_kind_default(d.sensor_kind, d.options.mode);
     if (sbl__zero(&d.sensor_fov)) d.sensor_fov = 135;
     if (!d.width && !d.height) { d.width = 640; d.height = 480; }
     if (d.width > 0 && d.height > 0 && sbl__all_zero(d.view_to_clip, 16))
         sbl_perspective(d.view_to_clip, 40, (float)d.width / (float)d.height);
-    if (sbl__zero(&d.target_error) && d.options.mode != SBL_MODE_PAPER) d.target_error = errors[preset];
+    if (sbl__zero(&d.target_error) && d.options.mode != SBL_MODE_PAPER)
+        d.target_error = errors[sbl__preset_of(&d.options)];
     if (!d.tile) d.tile = 16;
     if (sbl__zero(&d.threshold) && d.options.mode == SBL_MODE_PAPER) d.threshold = 0.05f;
     if (sbl__zero(&d.facet_limit)) d.facet_limit = 2;
     if (!d.filter_radius) d.filter_radius = 2;
-    if (!d.samples) d.samples = samples[preset];
+    if (!d.samples) d.samples = samples[sbl__preset_of(&d.options)];
     return d;
 }
 
@@ -7603,6 +7612,7 @@ static sbl_picture_desc sbl__lightmap_picture(const sbl_lightmap_desc *d) {
 }
 
 SBL_API sbl_lightmap_desc sbl_lightmap_desc_defaults(const sbl_lightmap_desc *desc) {
+    static const float errors[SBL_PRESET_COUNT] = { 0.005f, 0.02f, 0.0025f };
     sbl_lightmap_desc d;
     sbl_picture_desc picture;
     memset(&d, 0, sizeof d);
@@ -7610,10 +7620,7 @@ SBL_API sbl_lightmap_desc sbl_lightmap_desc_defaults(const sbl_lightmap_desc *de
     if (!d.width && !d.height) d.width = d.height = 512;
     if (!d.gutter) d.gutter = 16;
     if (!d.supersample) d.supersample = 1;
-    if (sbl__zero(&d.target_error))
-        d.target_error = d.options.preset == SBL_PRESET_DRAFT  ? 0.02f
-                       : d.options.preset == SBL_PRESET_HIGH   ? 0.0025f
-                                                               : 0.005f;
+    if (sbl__zero(&d.target_error)) d.target_error = errors[sbl__preset_of(&d.options)];
     picture = sbl__lightmap_picture(&d);
     d.options = picture.options;
     d.tile = picture.tile;
@@ -7716,12 +7723,12 @@ static sbl_readings_desc sbl__vertices_readings(const sbl_vertices_desc *d) {
 }
 
 SBL_API sbl_vertices_desc sbl_vertices_desc_defaults(const sbl_vertices_desc *desc) {
-    static const int rays[SBL_PRESET_COUNT] = { 64, 16, 256 };
+    static const int rays[SBL_PRESET_COUNT] = { 64, 16, 256 }, samples[SBL_PRESET_COUNT] = { 8, 4, 16 };
     sbl_vertices_desc d;
     memset(&d, 0, sizeof d);
     if (desc) d = *desc;
     sbl__options_defaults(&d.options, rays, sbl__sensor_sizes);
-    if (!d.samples) d.samples = d.options.preset == SBL_PRESET_DRAFT ? 4 : d.options.preset == SBL_PRESET_HIGH ? 16 : 8;
+    if (!d.samples) d.samples = samples[sbl__preset_of(&d.options)];
     if (sbl__zero(&d.smoothing)) d.smoothing = 0.02f;
     return d;
 }
@@ -11102,36 +11109,37 @@ static void sbl__job_free(const sbl__device *d, sbl__job *j) {
 /* >>job: how sensors see */
 
 /* s has its defaults filled in, its back end chosen. The scene is ready (sbl__scene_step), but for the paper's mode. */
-static void sbl__spec_make(sbl__spec *spec, const sbl__seeing *s, const sbl__scene *scene, const sbl_context_desc *c) {
+static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl__scene *scene,
+                           const sbl_context_desc *c) {
     const sbl__environment *e = &scene->environment;
-    const int rays = s->rays ? s->rays : s->look_rays;
-    const int dark = s->mode != SBL_MODE_GI && !e->pixels && !s->every_ray &&
-                     !(s->epsilon + e->sky[0] + e->sky[1] + e->sky[2] > 0);
+    const int rays = s->options.rays ? s->options.rays : s->look_rays;
+    const int dark = s->options.mode != SBL_MODE_GI && !e->pixels && !s->every_ray &&
+                     !(s->options.epsilon + e->sky[0] + e->sky[1] + e->sky[2] > 0);
     memset(spec, 0, sizeof *spec);
-    spec->traced = s->backend == SBL_BACKEND_TRACE;
-    spec->paper = s->mode == SBL_MODE_PAPER;
+    spec->traced = s->options.backend == SBL_BACKEND_TRACE;
+    spec->paper = s->options.mode == SBL_MODE_PAPER;
     spec->lamps_apart = !spec->paper;
-    spec->bounced = s->mode == SBL_MODE_GI;
-    spec->looks = s->rays || spec->paper ? 1 : s->looks;
+    spec->bounced = s->options.mode == SBL_MODE_GI;
+    spec->looks = s->options.rays || spec->paper ? 1 : s->looks;
     spec->lamp_rays = spec->lamps_apart && scene->lights.leaves ? rays : 0;
-    spec->epsilon = s->epsilon;
-    spec->seed = s->seed;
+    spec->epsilon = s->options.epsilon;
+    spec->seed = s->options.seed;
     spec->batch = c->batch;
     if (spec->traced) {
         spec->dark = dark;
         spec->rays = dark ? SBL__MIN(rays, SBL__TRACE_CHUNK) : rays;
     } else {
         spec->hemicube = s->sensor_kind == SBL_SENSOR_HEMICUBE;
-        spec->size = s->sensor_size;
+        spec->size = s->options.sensor_size;
         spec->fov = s->sensor_fov;
         spec->atlas_size = c->sensor_texture_size;
     }
 }
 
 /* AUTO is a rule, not a stopwatch: the same input gives the same picture. */
-static sbl_backend sbl__choose_backend(const sbl__seeing *s, const sbl__scene *scene) {
-    const int views = s->mode == SBL_MODE_PAPER || s->sensor_kind == SBL_SENSOR_SINGLE || scene->draw;
-    return s->backend != SBL_BACKEND_AUTO ? s->backend : views ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
+static sbl_backend sbl__choose_backend(const sbl__measurement *s, const sbl__scene *scene) {
+    const int views = s->options.mode == SBL_MODE_PAPER || s->sensor_kind == SBL_SENSOR_SINGLE || scene->draw;
+    return s->options.backend != SBL_BACKEND_AUTO ? s->options.backend : views ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
 }
 
 /* How far sensors stand off a surface whose triangle reaches so far; 0: unknown. */
@@ -11158,7 +11166,7 @@ static void sbl__spec_sheet(const sbl__spec *spec, int size[2]) {
 
 /* Are rays sent one by one, so that those towards lamps and those over the hemisphere can be asked for apart, and a
    single one costs little? */
-static int sbl__seeing_sends_rays(const sbl__seeing *s) { return s->backend == SBL_BACKEND_TRACE; }
+static int sbl__measurement_sends_rays(const sbl__measurement *s) { return s->options.backend == SBL_BACKEND_TRACE; }
 
 /* Rays of a look, where sensors look as often as the error takes: as many as a sensor that stands for little needs. */
 static int sbl__look_rays(float error) {
@@ -11167,9 +11175,9 @@ static int sbl__look_rays(float error) {
 
 /* And so many times as many where a look's relative variance is so large: of few rays most find nothing, so that
    sensors do not know their own noise, and cells are split for it. A power of two; 1 where looks cannot have more. */
-static int sbl__look_growth(const sbl__seeing *s, float error, double variance) {
+static int sbl__look_growth(const sbl__measurement *s, float error, double variance) {
     int times = 1;
-    if (s->rays || !sbl__seeing_sends_rays(s)) return 1;
+    if (s->options.rays || !sbl__measurement_sends_rays(s)) return 1;
     while (2 * times * s->look_rays <= SBL__LOOK_RAYS_MOST &&
            2 * times * SBL__LOOK_VARIANCE * (double)error * error <= variance) times *= 2;
     return times;
@@ -11744,14 +11752,14 @@ static void sbl__core_count(sbl__core *c) {
 }
 
 /* Clears the stats for what is begun. */
-static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
+static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
     const double scene_seconds = c->stats.seconds.scene;
     memset(&c->stats, 0, sizeof c->stats);
     memset(&c->job.counts, 0, sizeof c->job.counts);
     c->stats.scene.triangles = c->scene.geometry.triangle_count;
     c->stats.seconds.scene = scene_seconds;
-    c->stats.mode = s->mode;
-    c->stats.backend = s->backend;
+    c->stats.mode = s->options.mode;
+    c->stats.backend = s->options.backend;
 }
 
 /* ======================================================================================================== >>bounce
@@ -12593,14 +12601,14 @@ static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, const sbl__site *
                                 int count) {
     const int direct = mode == SBL_MODE_DIRECT;
     sbl__core *c = b->core;
-    sbl__seeing seeing;
+    sbl__measurement measurement;
     sbl__task task;
-    memset(&seeing, 0, sizeof seeing);
+    memset(&measurement, 0, sizeof measurement);
     memset(&task, 0, sizeof task);
-    seeing.mode = mode;
-    seeing.backend = SBL_BACKEND_TRACE;
-    seeing.rays = direct ? SBL__BOUNCE_LAMP_RAYS : SBL__AIR_RAYS;
-    sbl__spec_make(&task.spec, &seeing, &c->scene, &c->desc);
+    measurement.options.mode = mode;
+    measurement.options.backend = SBL_BACKEND_TRACE;
+    measurement.options.rays = direct ? SBL__BOUNCE_LAMP_RAYS : SBL__AIR_RAYS;
+    sbl__spec_make(&task.spec, &measurement, &c->scene, &c->desc);
     if (direct) {
         task.spec.rays = SBL__BOUNCE_DARK_RAYS;
         task.spec.skyless = 1;  /* the kept rays know what comes from there */
@@ -12966,21 +12974,21 @@ static float sbl__bounce_progress(sbl__core *c) {
 }
 
 /* Of a picture's or gather's own progress, the share that its store takes, where it has to be made. */
-static float sbl__prepare_share(const sbl__core *c, const sbl__seeing *s) {
-    return s->mode == SBL_MODE_GI && !c->scene.store.ready ? SBL__BOUNCE_SHARE : 0;
+static float sbl__prepare_share(const sbl__core *c, const sbl__measurement *s) {
+    return s->options.mode == SBL_MODE_GI && !c->scene.store.ready ? SBL__BOUNCE_SHARE : 0;
 }
 
 /* Makes ready what sensors of that kind need of the scene. SBL_SUCCESS: it is. */
-static sbl_result sbl__prepare(sbl__core *c, const sbl__seeing *s, sbl__slice *slice) {
+static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__slice *slice) {
     const sbl__hierarchy *h = &c->scene.hierarchy;
-    const int rays = s->mode != SBL_MODE_PAPER;
+    const int rays = s->options.mode != SBL_MODE_PAPER;
     const sbl_result result = rays ? sbl__scene_step(&c->device, &c->scene, slice) : SBL_SUCCESS;
     if (result != SBL_SUCCESS) return result;
     c->stats.scene.bvh_seconds = h->seconds;
     c->stats.scene.lamps = rays ? c->scene.lights.leaves : 0;
     c->stats.scene.bvh_bytes = h->node_table.buffer.bytes + h->triangle_table.buffer.bytes +
                                h->node_table.texels.bytes + h->triangle_table.texels.bytes;
-    return s->mode == SBL_MODE_GI ? sbl__bounce_step(c, slice) : SBL_SUCCESS;
+    return s->options.mode == SBL_MODE_GI ? sbl__bounce_step(c, slice) : SBL_SUCCESS;
 }
 
 /* ======================================================================================================== >>saved
@@ -13257,7 +13265,7 @@ typedef struct sbl__cell {
 
 typedef struct sbl__refine {
     sbl__core *core;
-    sbl__seeing *seeing;      /* how sensors see; their looks may get more rays after the first round */
+    sbl__measurement *measurement;      /* how sensors see; their looks may get more rays after the first round */
     sbl__spec *spec;
     sbl__stages stages;
     int width, height, tile;
@@ -13949,7 +13957,7 @@ static sbl_result sbl__refine_take(void *work, int at) {
 /* Makes the spec of what is wanted. */
 static void sbl__refine_see(sbl__refine *r) {
     const int directional = r->spec->directional, guided = r->spec->guided;
-    sbl__spec_make(r->spec, r->seeing, &r->core->scene, &r->core->desc);
+    sbl__spec_make(r->spec, r->measurement, &r->core->scene, &r->core->desc);
     r->spec->directional = directional;
     r->spec->guided = guided;
 }
@@ -14334,15 +14342,15 @@ static int sbl__refine_after_weigh(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     int times;
     sbl__weigh_end(r);
-    times = r->rounds == 1 ? sbl__look_growth(r->seeing, r->asked, r->look2) : 1;
+    times = r->rounds == 1 ? sbl__look_growth(r->measurement, r->asked, r->look2) : 1;
     if (times == 1) {
         r->core->stats.picture.expected_error = (float)r->predicted;
         return SBL__REFINE_SPEND;
     }
     sbl__refine_forget(r);
     if (!r->spec->guided && !r->spec->dark) return SBL__REFINE_SCOUTS;
-    r->seeing->look_rays *= times;
-    r->seeing->looks = SBL__MAX(r->seeing->looks / times, 1);
+    r->measurement->look_rays *= times;
+    r->measurement->looks = SBL__MAX(r->measurement->looks / times, 1);
     sbl__refine_see(r);
     return SBL__REFINE_COLLECT;
 }
@@ -14384,10 +14392,10 @@ static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
 /* >>refine: what later rooms call */
 
 /* smoothing: number of pixels that the filter takes the mean of. */
-static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__seeing *seeing, sbl__spec *spec,
+static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__measurement *measurement, sbl__spec *spec,
                               const sbl_picture_desc *desc, float smoothing) {
     r->core = c;
-    r->seeing = seeing;
+    r->measurement = measurement;
     r->spec = spec;
     r->width = desc->width;
     r->height = desc->height;
@@ -15315,7 +15323,7 @@ typedef struct sbl__map {
     sbl_picture_desc desc;      /* defaults filled in; width and height: of all pixels that are worked on */
     int size[2], across;        /* of what the host reads; desc's pixels across one of these */
     int *shown;                 /* which of desc's pixels each of these shows; NULL: they are the same */
-    sbl__seeing seeing;
+    sbl__measurement measurement;
     sbl__spec spec;
     uint32_t scene_version;     /* version of the scene that it shows */
     sbl__surface surface;
@@ -15363,12 +15371,12 @@ static int sbl__map_is_done(const sbl__map *m) { return m->stages.stage == m->ro
 /* desc has its defaults filled in and has been checked. asked: the host has set its error. directional: harmonics are
    found, too. The caller then sets the table, and the fields in which it differs from a picture. */
 static void sbl__map_begin(sbl__map *m, sbl__core *c, const sbl_picture_desc *desc, int asked, int directional) {
-    const sbl__seeing seeing = sbl__seeing_of(&desc->options, desc->sensor_kind, desc->sensor_fov);
+    const sbl__measurement measurement = sbl__measurement_of(&desc->options, desc->sensor_kind, desc->sensor_fov);
     m->core = c;
     m->desc = *desc;
-    m->seeing = seeing;
-    m->seeing.look_rays = sbl__look_rays(desc->target_error);
-    m->seeing.looks = asked ? SBL__MAX_LOOKS : SBL__DEFAULT_LOOKS;
+    m->measurement = measurement;
+    m->measurement.look_rays = sbl__look_rays(desc->target_error);
+    m->measurement.looks = asked ? SBL__MAX_LOOKS : SBL__DEFAULT_LOOKS;
     m->spec.directional = directional;
     m->scene_version = c->scene.version;
     m->size[0] = desc->width;
@@ -15377,9 +15385,9 @@ static void sbl__map_begin(sbl__map *m, sbl__core *c, const sbl_picture_desc *de
     m->layers_at_once = sbl__spec_layers(&m->spec);
     m->channels[SBL_CHANNEL_RADIANCE] = &m->layers[0].target;
     m->channels[SBL_CHANNEL_ALBEDO] = &m->gbuffer.target;
-    m->store_share = sbl__prepare_share(c, &seeing);
+    m->store_share = sbl__prepare_share(c, &measurement);
     m->stages.stage = SBL__MAP_SETUP;
-    sbl__refine_begin(&m->refine, c, &m->seeing, &m->spec, desc, sbl__filter_pixels(desc->filter_radius));
+    sbl__refine_begin(&m->refine, c, &m->measurement, &m->spec, desc, sbl__filter_pixels(desc->filter_radius));
 }
 
 /* >>map: what pixels show */
@@ -15410,7 +15418,7 @@ static sbl_result sbl__map_texture(const sbl__map *m, int across, sbl__texture *
 /* Prepares the scene. */
 static sbl_result sbl__map_prepare(void *work, sbl__slice *slice) {
     sbl__map *m = (sbl__map *)work;
-    const sbl_result result = sbl__prepare(m->core, &m->seeing, slice);
+    const sbl_result result = sbl__prepare(m->core, &m->measurement, slice);
     if (result == SBL_SUCCESS) sbl__refine_see(&m->refine);
     return result;
 }
@@ -15686,7 +15694,7 @@ static sbl_result sbl__picture_draw_surface(sbl__picture *p, const sbl__gbuffer 
     job.gbuffer = g;
     job.offset[0] = offset[0];
     job.offset[1] = offset[1];
-    job.epsilon = m->seeing.epsilon;
+    job.epsilon = m->measurement.options.epsilon;
     job.bounced = m->spec.bounced && g == &m->gbuffer;
     return sbl__surface_step(&m->core->device, &m->surface, &job, slice);
 }
@@ -15867,7 +15875,7 @@ static sbl_result sbl__lightmap_surface(void *work, sbl__slice *slice) {
     job.scene = &m->core->scene;
     job.camera = &camera;
     job.gbuffer = &m->gbuffer;
-    job.epsilon = m->seeing.epsilon;
+    job.epsilon = m->measurement.options.epsilon;
     job.bounced = m->spec.bounced;
     job.atlas = &l->atlas;
     result = sbl__surface_step(&m->core->device, &m->surface, &job, slice);
@@ -16062,7 +16070,7 @@ typedef struct sbl__gathering {
     sbl__core *core;
     sbl__stages stages;
     sbl_readings_desc desc;       /* defaults filled in */
-    sbl__seeing seeing;
+    sbl__measurement measurement;
     sbl__spec spec;
     sbl__site *sites;           /* of the job */
     int first, count;           /* which they are */
@@ -16102,12 +16110,12 @@ static void sbl__site_make(const sbl__core *c, const sbl__gathering *g, int numb
 
 /* desc has its defaults filled in and has been checked. */
 static void sbl__gathering_begin(sbl__core *c, sbl__gathering *g, const sbl_readings_desc *desc, int every_ray) {
-    const sbl__seeing seeing = sbl__seeing_of(&desc->options, desc->sensor_kind, desc->sensor_fov);
+    const sbl__measurement measurement = sbl__measurement_of(&desc->options, desc->sensor_kind, desc->sensor_fov);
     g->core = c;
     g->desc = *desc;
-    g->seeing = seeing;
-    g->seeing.every_ray = every_ray;
-    g->store_share = sbl__prepare_share(c, &seeing);
+    g->measurement = measurement;
+    g->measurement.every_ray = every_ray;
+    g->store_share = sbl__prepare_share(c, &measurement);
     g->stages.stage = SBL__GATHER_PREPARE;
 }
 
@@ -16125,8 +16133,8 @@ static void sbl__gathering_more(sbl__gathering *g, int site_count) {
 /* Prepares the scene. */
 static sbl_result sbl__gathering_prepare(void *work, sbl__slice *slice) {
     sbl__gathering *g = (sbl__gathering *)work;
-    const sbl_result result = sbl__prepare(g->core, &g->seeing, slice);
-    if (result == SBL_SUCCESS) sbl__spec_make(&g->spec, &g->seeing, &g->core->scene, &g->core->desc);
+    const sbl_result result = sbl__prepare(g->core, &g->measurement, slice);
+    if (result == SBL_SUCCESS) sbl__spec_make(&g->spec, &g->measurement, &g->core->scene, &g->core->desc);
     return result;
 }
 
@@ -16885,7 +16893,7 @@ typedef struct sbl__probes {
     sbl__stages stages;
     sbl__core *core;
     sbl_probes_desc desc;          /* defaults filled in */
-    sbl__seeing seeing;
+    sbl__measurement measurement;
     sbl__spec specs[SBL__PROBE_KINDS];
     int apart;                     /* lamps' light and that of surroundings are found apart */
     int rings, around;             /* normals */
@@ -17000,9 +17008,9 @@ static void sbl__probe_asked(const sbl_probes_desc *d, int i, float out[3]) {
     }
 }
 
-/* desc has its defaults filled in and has been checked; seeing, too. */
+/* desc has its defaults filled in and has been checked; measurement, too. */
 static void sbl__probes_begin(sbl__core *c, sbl__probes *g, const sbl_probes_desc *desc,
-                               const sbl__seeing *seeing) {
+                               const sbl__measurement *measurement) {
     const float (*const bounds)[3] = (const float (*)[3])c->scene.geometry.bounds;
     g->core = c;
     g->desc = *desc;
@@ -17010,12 +17018,12 @@ static void sbl__probes_begin(sbl__core *c, sbl__probes *g, const sbl_probes_des
         memcpy(g->desc.lowest, bounds[0], sizeof g->desc.lowest);
         memcpy(g->desc.highest, bounds[1], sizeof g->desc.highest);
     }
-    g->seeing = *seeing;
-    g->apart = sbl__seeing_sends_rays(seeing);
+    g->measurement = *measurement;
+    g->apart = sbl__measurement_sends_rays(measurement);
     g->rings = g->apart ? SBL__PROBE_RINGS : SBL__PROBE_VIEW_RINGS;
     g->around = g->apart ? SBL__PROBE_AROUND : SBL__PROBE_VIEW_AROUND;
     sbl__gauss_nodes(g->rings, g->ring, g->ring_weight);
-    g->store_share = sbl__prepare_share(c, seeing);
+    g->store_share = sbl__prepare_share(c, measurement);
     g->stages.stage = SBL__PROBES_PREPARE;
 }
 
@@ -17025,20 +17033,20 @@ static sbl_result sbl__probes_setup(sbl__core *c, sbl__probes *g) {
     const int most = SBL__MAX(sbl__probe_sites(g, SBL__PROBE_FACES), g->desc.options.rays);
     const int batch = SBL__MIN(SBL__PROBES_BATCH, g->desc.probe_count);
     const size_t room = (size_t)SBL__MIN(SBL__GATHER_SITES, (double)most * batch);
-    sbl__seeing seeing = g->seeing;
-    seeing.rays = SBL__MAX(g->desc.options.rays / SBL__PROBE_LAMP_SHARE, SBL__PROBE_LAMP_LEAST);
-    seeing.rays = SBL__MIN(seeing.rays, SBL__PROBE_LAMP_MOST);
+    sbl__measurement measurement = g->measurement;
+    measurement.options.rays = SBL__MAX(g->desc.options.rays / SBL__PROBE_LAMP_SHARE, SBL__PROBE_LAMP_LEAST);
+    measurement.options.rays = SBL__MIN(measurement.options.rays, SBL__PROBE_LAMP_MOST);
     if (g->apart) {  /* faces find lamps' light alone */
-        seeing.mode = SBL_MODE_DIRECT;
-        seeing.epsilon = 0;
+        measurement.options.mode = SBL_MODE_DIRECT;
+        measurement.options.epsilon = 0;
     }
-    sbl__spec_make(faces, &seeing, &c->scene, &c->desc);
+    sbl__spec_make(faces, &measurement, &c->scene, &c->desc);
     if (g->apart) faces->skyless = faces->dark = faces->narrow = faces->rays = 1;
     faces->looks = SBL__PROBE_LOOKS;
-    seeing = g->seeing;
-    seeing.backend = SBL_BACKEND_TRACE;
-    seeing.rays = seeing.every_ray = 1;
-    sbl__spec_make(rays, &seeing, &c->scene, &c->desc);
+    measurement = g->measurement;
+    measurement.options.backend = SBL_BACKEND_TRACE;
+    measurement.options.rays = measurement.every_ray = 1;
+    sbl__spec_make(rays, &measurement, &c->scene, &c->desc);
     rays->lamp_rays = 0;
     rays->narrow = 1;
     g->sequence = sbl__sequence_make(&c->base, 1, g->desc.options.rays, 1);
@@ -17051,7 +17059,7 @@ static sbl_result sbl__probes_setup(sbl__core *c, sbl__probes *g) {
 /* Prepares the scene. */
 static sbl_result sbl__probes_prepare(void *work, sbl__slice *slice) {
     sbl__probes *g = (sbl__probes *)work;
-    const sbl_result result = sbl__prepare(g->core, &g->seeing, slice);
+    const sbl_result result = sbl__prepare(g->core, &g->measurement, slice);
     return result == SBL_SUCCESS && g->desc.probe_count ? sbl__probes_setup(g->core, g) : result;
 }
 
@@ -17062,7 +17070,7 @@ static int sbl__probes_after_prepare(void *work) {
 /* Begins a round of jobs. If nothing is a lamp, rays find all light. */
 static int sbl__probes_round(void *work) {
     sbl__probes *g = (sbl__probes *)work;
-    const int faces = g->seeing.backend != SBL_BACKEND_TRACE || g->core->scene.lights.leaves > 0;
+    const int faces = g->measurement.options.backend != SBL_BACKEND_TRACE || g->core->scene.lights.leaves > 0;
     g->kind = faces ? SBL__PROBE_FACES : SBL__PROBE_RAYS;
     g->from = 0;
     return SBL__PROBES_SITES;
@@ -17180,7 +17188,8 @@ static sbl_result sbl__probes_take(void *work, int at) {
         return SBL_SUCCESS;
     }
     sbl__probe_direction(g, sum->number, i, d);
-    if (g->seeing.backend == SBL_BACKEND_TRACE || g->kind == SBL__PROBE_FACES) sbl__probe_add(g, sum, i, d, r);
+    if (g->measurement.options.backend == SBL_BACKEND_TRACE || g->kind == SBL__PROBE_FACES)
+        sbl__probe_add(g, sum, i, d, r);
     if (g->kind == SBL__PROBE_RAYS) sbl__probe_meet(sum, d, r, g->round == 0 && g->desc.move > 0);
     return SBL_SUCCESS;
 }
@@ -17598,7 +17607,7 @@ static void sbl__inspect_tell(const sbl__looking *k, sbl_sensor *out) {
     const sbl__pixel *p = sbl__refine_pixel(&k->map->refine, (size_t)k->pixel);
     const sbl_reading *r = &k->reading;
     int i;
-    out->backend = k->map->seeing.backend;
+    out->backend = k->map->measurement.options.backend;
     memcpy(out->site.position, p->position, sizeof p->position);
     memcpy(out->site.normal, p->normal, sizeof p->normal);
     memcpy(out->site.geometric_normal, p->geometric_normal, sizeof p->geometric_normal);
@@ -18012,20 +18021,6 @@ static sbl_result sbl__context_start(sbl__core *core) {
     return result;
 }
 
-SBL_API sbl_context_desc sbl_context_desc_defaults(const sbl_context_desc *desc) {
-    sbl_context_desc d;
-    memset(&d, 0, sizeof d);
-    if (desc) d = *desc;
-    if (!d.allocator.alloc && !d.allocator.free) {
-        d.allocator.alloc = sbl__default_alloc;
-        d.allocator.free = sbl__default_free;
-    }
-    if (!d.logger.log) d.logger.log = sbl__default_log;
-    if (!d.sensor_texture_size) d.sensor_texture_size = 2048;
-    if (sbl__zero(&d.longest_submission)) d.longest_submission = 0.1f;
-    return d;
-}
-
 SBL_API sbl_result sbl_create(const sbl_context_desc *desc, sbl_context **out) {
     sbl_context_desc d = sbl_context_desc_defaults(desc);
     sbl__egl_before before;
@@ -18222,7 +18217,7 @@ SBL_API sbl_result sbl_set_mesh_transform(sbl_context *c, int mesh, const float 
 static sbl_result sbl__begin(sbl_context *c, sbl_picture_desc d, int asked, const sbl_lightmap_desc *lightmap) {
     const double start = sbl__now();
     const int most = c->core.device.gl.capabilities.max_texture_size;
-    sbl__seeing seeing = sbl__seeing_of(&d.options, d.sensor_kind, d.sensor_fov);
+    sbl__measurement measurement = sbl__measurement_of(&d.options, d.sensor_kind, d.sensor_fov);
     sbl__visit visit;
     sbl_result result = SBL_SUCCESS;
     int level;
@@ -18231,7 +18226,7 @@ static sbl_result sbl__begin(sbl_context *c, sbl_picture_desc d, int asked, cons
                  "are at most %d across", lightmap ? "sbl_lightmap_desc" : "sbl_picture_desc", d.width, d.height, most);
         return SBL_ERROR_UNSUPPORTED;
     }
-    d.options.backend = seeing.backend = sbl__choose_backend(&seeing, &c->core.scene);
+    d.options.backend = measurement.options.backend = sbl__choose_backend(&measurement, &c->core.scene);
     sbl__visit_enter(c, &visit);
     sbl__gathering_free(&c->core.base, &c->gathering);
     sbl__probes_free(&c->core.base, &c->probes);
@@ -18239,7 +18234,7 @@ static sbl_result sbl__begin(sbl_context *c, sbl_picture_desc d, int asked, cons
     sbl__map_drop(c);
     sbl__inspection_free(&c->core.device, &c->inspection);
     sbl__visit_leave(c, &visit);
-    sbl__core_begin(&c->core, &seeing);
+    sbl__core_begin(&c->core, &measurement);
     c->core.stats.picture.width = lightmap ? lightmap->width : d.width;
     c->core.stats.picture.height = lightmap ? lightmap->height : d.height;
     c->core.stats.picture.target_error = d.target_error;
@@ -18279,7 +18274,7 @@ SBL_API sbl_result sbl_begin_lightmap(sbl_context *c, const sbl_lightmap_desc *d
 SBL_API sbl_result sbl_begin_readings(sbl_context *c, const sbl_readings_desc *desc) {
     const double start = sbl__now();
     sbl_readings_desc d = sbl_readings_desc_defaults(desc);
-    sbl__seeing seeing = sbl__seeing_of(&d.options, d.sensor_kind, d.sensor_fov);
+    sbl__measurement measurement = sbl__measurement_of(&d.options, d.sensor_kind, d.sensor_fov);
     sbl__visit visit;
     sbl_result result;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
@@ -18287,11 +18282,11 @@ SBL_API sbl_result sbl_begin_readings(sbl_context *c, const sbl_readings_desc *d
     if (!sbl__has_scene(c, "sbl_begin_readings")) return SBL_ERROR_STATE;
     result = sbl__check_readings(&c->core.base, desc, &d, c->core.scene.draw != NULL);
     if (result != SBL_SUCCESS) return result;
-    d.options.backend = seeing.backend = sbl__choose_backend(&seeing, &c->core.scene);
+    d.options.backend = measurement.options.backend = sbl__choose_backend(&measurement, &c->core.scene);
     sbl__visit_enter(c, &visit);
     sbl__abandon(c);
     sbl__visit_leave(c, &visit);
-    sbl__core_begin(&c->core, &seeing);
+    sbl__core_begin(&c->core, &measurement);
     sbl__gathering_begin(&c->core, &c->gathering, &d, desc && desc->options.rays > 0);
     c->work = SBL__WORK_GATHER;
     c->core.stats.seconds.total = sbl__now() - start;
@@ -18302,7 +18297,7 @@ SBL_API sbl_result sbl_begin_vertices(sbl_context *c, const sbl_vertices_desc *d
     const double start = sbl__now();
     const sbl_vertices_desc d = sbl_vertices_desc_defaults(desc);
     sbl_readings_desc gather = sbl__vertices_readings(&d);
-    sbl__seeing seeing = sbl__seeing_of(&gather.options, gather.sensor_kind, gather.sensor_fov);
+    sbl__measurement measurement = sbl__measurement_of(&gather.options, gather.sensor_kind, gather.sensor_fov);
     sbl__visit visit;
     sbl_result result;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
@@ -18310,11 +18305,11 @@ SBL_API sbl_result sbl_begin_vertices(sbl_context *c, const sbl_vertices_desc *d
     if (!sbl__has_scene(c, "sbl_begin_vertices")) return SBL_ERROR_STATE;
     result = sbl__check_vertices(&c->core.base, desc, &d, &c->core.scene);
     if (result != SBL_SUCCESS) return result;
-    gather.options.backend = seeing.backend = sbl__choose_backend(&seeing, &c->core.scene);
+    gather.options.backend = measurement.options.backend = sbl__choose_backend(&measurement, &c->core.scene);
     sbl__visit_enter(c, &visit);
     sbl__abandon(c);
     sbl__visit_leave(c, &visit);
-    sbl__core_begin(&c->core, &seeing);
+    sbl__core_begin(&c->core, &measurement);
     result = sbl__vertices_begin(&c->core, &c->vertices, &d);
     if (result != SBL_SUCCESS) return result;
     sbl__gathering_begin(&c->core, &c->vertices.gathering, &gather, desc && desc->options.rays > 0);
@@ -18326,7 +18321,7 @@ SBL_API sbl_result sbl_begin_vertices(sbl_context *c, const sbl_vertices_desc *d
 SBL_API sbl_result sbl_begin_probes(sbl_context *c, const sbl_probes_desc *desc) {
     const double start = sbl__now();
     const sbl_probes_desc d = sbl_probes_desc_defaults(desc);
-    sbl__seeing seeing = sbl__seeing_of(&d.options, SBL_SENSOR_HEMICUBE, 135);
+    sbl__measurement measurement = sbl__measurement_of(&d.options, SBL_SENSOR_HEMICUBE, 135);
     sbl__visit visit;
     sbl_result result;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
@@ -18334,12 +18329,12 @@ SBL_API sbl_result sbl_begin_probes(sbl_context *c, const sbl_probes_desc *desc)
     if (!sbl__has_scene(c, "sbl_begin_probes")) return SBL_ERROR_STATE;
     result = sbl__check_probes(&c->core.base, desc, &d, c->core.scene.draw != NULL);
     if (result != SBL_SUCCESS) return result;
-    seeing.backend = sbl__choose_backend(&seeing, &c->core.scene);
+    measurement.options.backend = sbl__choose_backend(&measurement, &c->core.scene);
     sbl__visit_enter(c, &visit);
     sbl__abandon(c);
     sbl__visit_leave(c, &visit);
-    sbl__core_begin(&c->core, &seeing);
-    sbl__probes_begin(&c->core, &c->probes, &d, &seeing);
+    sbl__core_begin(&c->core, &measurement);
+    sbl__probes_begin(&c->core, &c->probes, &d, &measurement);
     c->work = SBL__WORK_PROBES;
     c->core.stats.seconds.total = sbl__now() - start;
     return SBL_SUCCESS;

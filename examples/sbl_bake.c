@@ -361,22 +361,14 @@ static int keep_lightmap(lightmap *l) {
 static void describe_lightmap(sbl_lightmap_desc *desc, progress *bar) {
     memset(desc, 0, sizeof *desc);
     desc->width = desc->height = options.lightmap;
-    if (given[GUTTER]) desc->gutter = options.gutter ? options.gutter : -1;
-    desc->options.mode = common_mode(given);
-    if (given[PRESET]) desc->options.preset = presets[common.preset];
-    desc->options.backend = backends[common.backend];
+    if (given[GUTTER]) desc->gutter = (int)zero_or(options.gutter);
+    desc->options = common_options(given, bar);
     desc->target_error = (float)options.target_error;
     desc->directional = given[DIRECTIONAL];
     desc->supersample = options.supersample;
-    desc->options.rays = common.rays;
-    desc->options.sensor_size = common.sensor_size;
     desc->tile = common.tile;
     if (given[THRESHOLD]) desc->threshold = zero_or(common.threshold);
-    if (given[EPSILON]) desc->options.epsilon = zero_or(common.epsilon);
-    if (given[FILTER_RADIUS]) desc->filter_radius = common.filter_radius ? common.filter_radius : -1;
-    desc->options.seed = (uint32_t)common.seed;
-    desc->options.progress = on_progress;
-    desc->options.progress_user = bar;
+    if (given[FILTER_RADIUS]) desc->filter_radius = (int)zero_or(common.filter_radius);
 }
 
 static int bake_lightmap(const tool_task *task, double *seconds) {
@@ -599,15 +591,7 @@ static int bake_vertices(const tool_task *task, double *seconds) {
     desc.samples = options.samples;
     if (given[SMOOTHING]) desc.smoothing = zero_or(options.smoothing);
     desc.float_count = 3 * v.count;
-    desc.options.mode = common_mode(given);
-    if (given[PRESET]) desc.options.preset = presets[common.preset];
-    desc.options.backend = backends[common.backend];
-    desc.options.rays = common.rays;
-    desc.options.sensor_size = common.sensor_size;
-    if (given[EPSILON]) desc.options.epsilon = zero_or(common.epsilon);
-    desc.options.seed = (uint32_t)common.seed;
-    desc.options.progress = on_progress;
-    desc.options.progress_user = &bar;
+    desc.options = common_options(given, &bar);
     if (v.radiance) result = sbl_begin_vertices(task->context, &desc);
     if (result == SBL_SUCCESS) result = work(task->context);
     if (bar.shown) fprintf(stderr, "\r%70s\r", "");
@@ -718,15 +702,7 @@ static int bake_probes(const tool_task *task, double *seconds) {
     desc.probes = p.all;
     desc.probe_count = p.count;
     desc.move = (float)options.move;
-    desc.options.mode = common_mode(given);
-    if (given[PRESET]) desc.options.preset = presets[common.preset];
-    desc.options.backend = backends[common.backend];
-    desc.options.rays = common.rays;
-    desc.options.sensor_size = common.sensor_size;
-    if (given[EPSILON]) desc.options.epsilon = zero_or(common.epsilon);
-    desc.options.seed = (uint32_t)common.seed;
-    desc.options.progress = on_progress;
-    desc.options.progress_user = &bar;
+    desc.options = common_options(given, &bar);
     if (!p.all) result = SBL_ERROR_OUT_OF_MEMORY;
     if (result == SBL_SUCCESS && p.count) result = sbl_begin_probes(task->context, &desc);
     if (result == SBL_SUCCESS && p.count) result = work(task->context);

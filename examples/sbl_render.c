@@ -242,23 +242,15 @@ static void fill_desc(sbl_picture_desc *desc, progress *bar) {
     memset(desc, 0, sizeof *desc);
     desc->width = camera.size[0];
     desc->height = camera.size[1];
-    if (given[MODE]) desc->options.mode = modes[common.mode];
-    if (given[PRESET]) desc->options.preset = presets[common.preset];
-    desc->options.backend = backends[common.backend];
+    desc->options = common_options(given, bar);
     desc->target_error = (float)options.target_error;
-    desc->options.rays = common.rays;
-    desc->options.sensor_size = common.sensor_size;
     desc->sensor_fov = (float)options.sensor_fov;
     desc->tile = common.tile;
     if (given[THRESHOLD]) desc->threshold = zero_or(common.threshold);
     if (given[FACET_LIMIT]) desc->facet_limit = zero_or(options.facet_limit);
-    if (given[EPSILON]) desc->options.epsilon = zero_or(common.epsilon);
-    if (given[FILTER_RADIUS]) desc->filter_radius = common.filter_radius ? common.filter_radius : -1;
+    if (given[FILTER_RADIUS]) desc->filter_radius = (int)zero_or(common.filter_radius);
     desc->samples = (sbl_channel)options.channel == SBL_CHANNEL_FINAL ? options.samples
                                                                       : 1; /* the other channels show pixel centres */
-    desc->options.seed = (uint32_t)common.seed;
-    desc->options.progress = on_progress;
-    desc->options.progress_user = bar;
 }
 
 static int render(const tool_task *task, double *seconds) {

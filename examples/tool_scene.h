@@ -122,10 +122,27 @@ static int common_check(const int *given) {
     return DONE;
 }
 
-/* ---- the scene's light ---- */
+/* ---- numbers and options for sbl.h ---- */
 
 /* To sbl.h zero means the default and a negative number zero; on the command line zero means zero. */
 static float zero_or(double x) { return (float)x > 0 ? (float)x : -1; }
+
+static sbl_options common_options(const int *given, progress *bar) {
+    sbl_options o;
+    memset(&o, 0, sizeof o);
+    o.mode = common_mode(given);
+    if (given[PRESET]) o.preset = presets[common.preset];
+    o.backend = backends[common.backend];
+    o.rays = common.rays;
+    o.sensor_size = common.sensor_size;
+    if (given[EPSILON]) o.epsilon = zero_or(common.epsilon);
+    o.seed = (uint32_t)common.seed;
+    o.progress = on_progress;
+    o.progress_user = bar;
+    return o;
+}
+
+/* ---- the scene's light ---- */
 
 /* Does anything in it shine? */
 static int is_lit(const sbl_scene_desc *scene) {

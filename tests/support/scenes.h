@@ -275,12 +275,14 @@ static inline int scene_bounds(const sbl_context *context, float lowest[3], floa
     return 1;
 }
 
-/* In SBL_MODE_AMBIENT, which is quicker than the default; its epsilon is what closed forms expect. */
+/* A view in SBL_MODE_AMBIENT, which is quicker than the default and whose epsilon closed forms expect. As in references
+   and closed forms, shading normals light all triangles. */
 static inline sbl_picture_desc scene_view(int width, int height, float fov, float ex, float ey, float ez, float ax,
                                           float ay, float az) {
     sbl_picture_desc view;
     memset(&view, 0, sizeof view);
     view.options.mode = SBL_MODE_AMBIENT;
+    view.facet_limit = -1;
     view.width = width;
     view.height = height;
     if (!sbl_look_at(view.world_to_view, ex, ey, ez, ax, ay, az, 0, 1, 0))

@@ -18,13 +18,13 @@ TERMS = 40
 BANNED = {
     'prober': 'stuck test',
     'relighting': 'update of the light',
+    'seeing': 'options, measurement',
 }
 LEAVING = {
     'doubt': 'uncertainty, standard error',
     'relit': 'update of the light',
     'relight': 'update of the light',
     'feeler': 'the name of the ray',
-    'seeing': 'options, measurement',
     'looking': 'inspection',
 }
 BEGINNINGS = 'Of', 'That', 'And'
