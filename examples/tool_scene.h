@@ -127,7 +127,7 @@ static int common_check(const int *given) {
 /* To sbl.h zero means the default and a negative number zero; on the command line zero means zero. */
 static float zero_or(double x) { return (float)x > 0 ? (float)x : -1; }
 
-static sbl_options common_options(const int *given, progress *bar) {
+static inline sbl_options common_options(const int *given, progress *bar) {
     sbl_options o;
     memset(&o, 0, sizeof o);
     o.mode = common_mode(given);
