@@ -11009,44 +11009,51 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 }
 
 /* ======================================================================================================== >>job
-   The primitive: sites in, readings out. It does not know what its sites are for, and later rooms do not depend on
-   whether it traces rays or rasterises views. What a picture asks of pixels, others ask of vertices or points in the
-   air; all are short loops over this:
+   A job measures the light at a list of sites and writes one reading per site. A job does not know what its sites are
+   for, and the rooms that follow do not depend on whether the job traces rays or rasterises views. Pictures run jobs
+   for pixels; other front ends run jobs for vertices or for points in the air. Every caller uses the same short loop:
 
-       sbl__job_begin(job, scene, task)                       sites, where their readings go, and how sensors see
+       sbl__job_begin(job, scene, task)                       the task names sites, readings and the sensors' settings
        while (sbl__job_step(device, job, slice) == SBL_UNFINISHED) ...
-                                                              each step is one bounded piece
-   A job makes its resources anew where the task or the scene asks for other ones than before, and keeps them for the
-   next job. What fails half-way leaves a job that can be begun again.
+                                                              each step does one piece of bounded duration
 
-   A site's sensor looks up to four times, each look turned further; its reading is their mean. The looks fill the slots
-   of a texture, are reduced to a result each, and the next filling begins:
+   A job keeps its GPU resources for the next job and makes new ones only if the task or the scene needs different
+   ones. After an error the job can begin again.
 
-       set up -> { draw -> reduce -> ... } -> read -> { draw -> reduce ... -> read } -> done
-                                                      looks back, from sites that may be stuck                     */
+   A site's reading is the mean of the site's looks, each of which is rotated further or uses other rays. A job draws
+   looks into the slots until all slots are full, reduces each look to one texel of results, and fills the slots again.
+   The first round makes the sites' looks, the second round makes the stuck tests of sites that may be stuck:
 
-#define SBL__RESULTS_WIDTH 1024
-#define SBL__READ_ROWS 16          /* of results, read at once */
-#define SBL__LOOKS_FIRST 16        /* drawn at once while nothing is known of their pace */
-#define SBL__SUBMISSIONS 8         /* of views under way at a time, at most */
-#define SBL__SUSPECT_SHARE 0.02f   /* of back faces that a look may see unsuspected */
-#define SBL__STUCK_SHARE 0.75f     /* of its offset within which a look must not meet anything on its way back */
-#define SBL__FEW_RAYS 1.0f         /* noise of a harmonic over R, times the root of a look's rays */
-#define SBL__TEXEL_NOISE 2.6f      /* of views, relative, times their size: measured for a lamp in a box */
+       set up -> { draw -> aim rays at lamps -> reduce } ... -> read -> { draw -> reduce } ... -> read -> done
+                 first round: looks                                     second round: stuck tests              */
 
-/* What the GPU found for each look: sum of weight * radiance, weight that sees back faces; weight that sees surfaces,
-   weight * distance, nearest distance, variance. Look n stands at n % SBL__RESULTS_WIDTH, n / SBL__RESULTS_WIDTH, and
-   stays there until the next job. */
+#define SBL__RESULTS_WIDTH 1024    /* width of the textures of results, texels */
+#define SBL__READ_ROWS 16          /* number of rows of results per readback */
+#define SBL__LOOKS_FIRST 16        /* number of looks in the first submission, before their cost has been measured */
+#define SBL__SUBMISSIONS 8         /* maximum number of submissions of views before the CPU waits for the GPU */
+#define SBL__SUSPECT_SHARE 0.02f   /* a site gets a stuck test if the first look sees a larger share of back faces */
+#define SBL__STUCK_SHARE 0.75f     /* a sensor is stuck if its stuck test hits at less than this share of its offset */
+#define SBL__FEW_RAYS 1.0f         /* noise of a harmonic divided by R, times the square root of a look's rays */
+#define SBL__TEXEL_NOISE 2.6f      /* relative noise of a look that rasterises views, times the views' size in texels;
+                                      measured with a lamp in a box */
+
+/* Results of all looks, in the first two textures: r g b of `sums` is the sum of weight * radiance, a is the weight of
+   the directions that see back faces; `hits` holds the weight of the directions that see surfaces, the sum of weight *
+   distance, the smallest distance, and the variance. The result of look n is at texel n % SBL__RESULTS_WIDTH,
+   n / SBL__RESULTS_WIDTH, and remains there until the next job. */
 typedef sbl__blocks sbl__results;
 
 typedef struct sbl__task {
     sbl__spec spec;
-    const sbl__site *sites;     /* must stay until the job is done */
-    sbl_reading *readings;      /* likewise: one a site; */
-    float *layers;              /* and of each layer of light from 1 on 3 floats, see sbl__spec_layers */
+    /* The caller must keep the arrays that these pointers name until the job is done. */
+    const sbl__site *sites;
+    sbl_reading *readings;      /* output: one reading per site */
+    float *layers;              /* output of directional jobs: per site, 3 floats for each layer of light from layer 1
+                                   on, see sbl__spec_layers */
     int site_count;
-    int first_look;             /* the number that looks are counted from: which slot they stand in */
-    const sbl__guides *guides;  /* of the sites; must stay, likewise */
+    int first_look;             /* number of the job's first look, which selects its slot: with the number that a look
+                                   had in an earlier job, >>inspect repeats the look in the same slot */
+    const sbl__guides *guides;  /* guides that direct the sites' rays, see >>guide */
 } sbl__task;
 
 typedef struct sbl__job_counts { int64_t looks, views, texels, rays; int readbacks; } sbl__job_counts;
@@ -11061,9 +11068,8 @@ typedef struct sbl__job {
     sbl__device *device;
     sbl__task task;
     const sbl__scene *scene;
-    sbl__job_counts counts;     /* since the caller last cleared them */
-    /* what the resources were made for, where `ready` */
-    int ready;
+    sbl__job_counts counts;     /* sums over all jobs since the caller last cleared them */
+    int ready;                  /* 1: the resources below exist, for this spec and this version of the scene: */
     sbl__spec made_for;
     uint32_t made_for_scene;
     sbl__raster raster;
@@ -11071,18 +11077,19 @@ typedef struct sbl__job {
     sbl__aim aim;
     sbl__blocks blocks;
     sbl__results results[SBL__LENSES];
-    sbl__table table;           /* the looks of a batch, as shaders that send rays take them */
-    sbl__look *looks;           /* in the slots */
-    int look_most;              /* of a batch */
-    /* the round under way: of sites, then of probes */
-    int lens;                   /* SBL__LENS_SITE or SBL__LENS_PROBE */
-    int *suspects;              /* sites that must look back */
+    sbl__table table;           /* the looks of a batch, in the format that ray-tracing shaders read */
+    sbl__look *looks;           /* the look in each slot */
+    int look_most;              /* maximum number of looks per batch */
+    /* State of the current round. The first round makes the sites' looks, the second round makes the stuck tests. */
+    int lens;                   /* SBL__LENS_SITE: looks at sites; SBL__LENS_PROBE: stuck tests */
+    int *suspects;              /* indices of the sites that need a stuck test */
     int suspect_count, suspect_room;
-    int look_count;             /* of the round */
-    int site, look;             /* that are next: to be drawn, to be read */
-    int drawn, aimed, reduced;  /* looks */
-    int batch;                  /* looks of a batch whose triangles are not all drawn */
-    int triangle;               /* of these, the next one */
+    int look_count;             /* first_look plus the number of looks in the round */
+    int site, look;             /* index of the next site (or suspect) and of its look: while drawing the next one to
+                                   draw, while reading the next one to read */
+    int drawn, aimed, reduced;  /* numbers of the looks at which the three stages continue */
+    int batch;                  /* number of looks in the batch that is partly drawn; 0: no batch is partly drawn */
+    int triangle;               /* index of the next triangle to draw for this batch */
     sbl__pace draw_pace[SBL__LENSES], aim_pace, reduce_pace[SBL__LENSES];
 } sbl__job;
 
@@ -11101,7 +11108,8 @@ static void sbl__job_free(const sbl__device *d, sbl__job *j) {
 
 /* >>job: how sensors see */
 
-/* s has its defaults filled in, its back end chosen. The scene is ready (sbl__scene_step), but for the paper's mode. */
+/* Derives the spec of a job from the host's options. `s` must hold its defaults and the chosen back end. Except in the
+   paper's mode, sbl__scene_step must have finished the scene. */
 static void sbl__spec_make(sbl__spec *spec, const sbl__seeing *s, const sbl__scene *scene, const sbl_context_desc *c) {
     const sbl__environment *e = &scene->environment;
     const int rays = s->rays ? s->rays : s->look_rays;
@@ -11128,27 +11136,29 @@ static void sbl__spec_make(sbl__spec *spec, const sbl__seeing *s, const sbl__sce
     }
 }
 
-/* AUTO is a rule, not a stopwatch: the same input gives the same picture. */
+/* Chooses the back end. SBL_BACKEND_AUTO applies a fixed rule instead of measuring times, so that the same input
+   always gives the same picture. */
 static sbl_backend sbl__choose_backend(const sbl__seeing *s, const sbl__scene *scene) {
     const int views = s->mode == SBL_MODE_PAPER || s->sensor_kind == SBL_SENSOR_SINGLE || scene->draw;
     return s->backend != SBL_BACKEND_AUTO ? s->backend : views ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
 }
 
-/* How far sensors stand off a surface whose triangle reaches so far; 0: unknown. */
+/* Returns the distance of sensors from their surface, world units. reach: the triangle's distance from the origin plus
+   its size (see SBL__OFFSET); 0: unknown */
 static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, float reach) {
     return SBL__OFFSET * (spec->traced && reach > 0 ? reach : scene->geometry.extent);
 }
 
-/* How many layers of light sensors find. */
+/* Number of layers of light that sensors find (see SBL__LAYERS) */
 static int sbl__spec_layers(const sbl__spec *spec) { return spec->directional ? SBL__LAYERS : 1; }
 
-/* Noise of layers from 1 on that a look's few rays leave where R has none, as a share of R: those on the horizon count
-   most for harmonics. */
+/* Returns the noise of layers 1 to 4 as a share of R, for a look whose R is free of noise. Rays near the horizon count
+   most in harmonics, and a look has only a few of them. */
 static float sbl__spec_layer_noise(const sbl__spec *spec) {
     return spec->dark || !spec->traced ? 0 : SBL__FEW_RAYS / (float)sqrt((double)spec->rays);
 }
 
-/* Size of the sheet that a look's texels, or rays, fill. */
+/* Gets the size of a look's sheet: the texels of its views, or one row with a texel per ray. */
 static void sbl__spec_sheet(const sbl__spec *spec, int size[2]) {
     sbl__layout layout;
     sbl__layout_make(&layout, spec->hemicube, SBL__MAX(spec->size, 1), spec->fov);
@@ -11156,17 +11166,19 @@ static void sbl__spec_sheet(const sbl__spec *spec, int size[2]) {
     size[1] = spec->traced ? 1 : layout.sheet_height;
 }
 
-/* Are rays sent one by one, so that those towards lamps and those over the hemisphere can be asked for apart, and a
-   single one costs little? */
+/* Returns 1 if sensors trace rays. Then a look may trace as few rays as the caller wants, and the caller may request
+   rays towards lamps and rays over the hemisphere separately. */
 static int sbl__seeing_sends_rays(const sbl__seeing *s) { return s->backend == SBL_BACKEND_TRACE; }
 
-/* Rays of a look, where sensors look as often as the error takes: as many as a sensor that stands for little needs. */
+/* Number of rays per look if each sensor makes as many looks as the requested error needs. The number suits a sensor
+   whose reading covers a small area; other sensors make more looks. */
 static int sbl__look_rays(float error) {
     return error >= 0.06f ? 16 : error >= 0.015f ? 32 : error >= 0.004f ? 64 : 128;
 }
 
-/* And so many times as many where a look's relative variance is so large: of few rays most find nothing, so that
-   sensors do not know their own noise, and cells are split for it. A power of two; 1 where looks cannot have more. */
+/* Returns the factor, a power of two, by which sbl__look_rays must grow for looks of this relative variance; 1 if looks
+   cannot have more rays. If light is rare, most looks of few rays find none, so that sensors underestimate their own
+   noise, and the picture's cells are split because of noise. */
 static int sbl__look_growth(const sbl__seeing *s, float error, double variance) {
     int times = 1;
     if (s->rays || !sbl__seeing_sends_rays(s)) return 1;
@@ -11189,18 +11201,18 @@ static const sbl__slots *sbl__lens_slots(const sbl__job *j, int lens) {
     return j->task.spec.traced ? &j->trace.slots[lens] : &j->raster.lenses[lens].slots;
 }
 
-/* Of the round under way. */
+/* The slots that the current round uses */
 static const sbl__slots *sbl__job_slots(const sbl__job *j) { return sbl__lens_slots(j, j->lens); }
 
-/* What light is multiplied by in the job's textures. */
+/* Factor of all radiance in the job's textures */
 static float sbl__job_scale(const sbl__job *j) { return j->task.spec.traced ? 1 : j->raster.radiance_scale; }
 
-/* How the views of a look lie on its sheet; NULL: sensors send rays. */
+/* Positions of the views in a look's sheet; NULL if sensors trace rays */
 static const sbl__layout *sbl__job_layout(const sbl__job *j) {
     return j->task.spec.traced ? NULL : &j->raster.lenses[SBL__LENS_SITE].layout;
 }
 
-/* Textures, sequences, room for a batch of looks. */
+/* Makes the textures and the sequences, and allocates the looks of all slots. */
 static sbl_result sbl__job_setup(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     const sbl__device *d = j->device;
@@ -11224,7 +11236,7 @@ static sbl_result sbl__job_setup(void *work, sbl__slice *slice) {
     return j->looks ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Weights of both kinds of views; the second ones are few. Then all resources are there. */
+/* Computes the weights of the views of looks and of stuck tests. Afterwards all resources exist. */
 static sbl_result sbl__job_weigh(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     for (; j->lens < SBL__LENSES && !j->task.spec.traced; j->lens++) {
@@ -11317,7 +11329,7 @@ static const sbl__recipe sbl__recipe_reduce_sum = {
 
 /* >>job: a round */
 
-/* Starts with the task's sites, or with the suspects. */
+/* Starts a round: looks at the task's sites, or stuck tests at the suspects. */
 static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
     const sbl__device *d = j->device;
     const int most = d->gl.capabilities.max_texture_size, directional = j->task.spec.directional;
@@ -11341,7 +11353,8 @@ static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
     return sbl__blocks_make(d, &j->results[lens], directional ? 5 : 2, SBL__RESULTS_WIDTH, rows);
 }
 
-/* Compiles one of the programs that the job needs. SBL_SUCCESS: all are there, and the sites' round is begun. */
+/* Compiles one of the shader programs that the job needs. If all of them exist, starts the round of the sites' looks
+   and returns SBL_SUCCESS. */
 static sbl_result sbl__job_compile(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -11366,7 +11379,8 @@ static sbl_result sbl__job_compile(void *work, sbl__slice *slice) {
     return sbl__job_start_round(j, SBL__LENS_SITE);
 }
 
-/* The next look of the round. A probe stands where the site's first look stands, and looks back. */
+/* Makes the next look of the round. A stuck test starts at the position of the site's first look and faces the
+   surface. */
 static void sbl__job_next_look(sbl__job *j, int number, sbl__look *out) {
     const int probe = j->lens == SBL__LENS_PROBE;
     const sbl__site *site = &j->task.sites[probe ? j->suspects[j->site] : j->site];
@@ -11379,7 +11393,7 @@ static void sbl__job_next_look(sbl__job *j, int number, sbl__look *out) {
     j->site++;
 }
 
-/* `count` looks from number `first` of the round on. */
+/* Describes the batch of `count` looks from look number `first` on. */
 static void sbl__job_batch(const sbl__job *j, int first, int count, sbl__batch *out) {
     memset(out, 0, sizeof *out);
     out->scene = j->scene;
@@ -11393,8 +11407,8 @@ static void sbl__job_batch(const sbl__job *j, int first, int count, sbl__batch *
     out->count = count;
 }
 
-/* Draws as many looks as there is room for, in the slice and in the slots, or a part of one. units: what it did, in
-   those of the pace. */
+/* Draws `room` looks, or fewer if the slots or the round end before. If `room` is less than the batch, views get only
+   a part of the scene's triangles, and the next call continues. units: receives the work done, in looks */
 static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
@@ -11429,8 +11443,9 @@ static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     return SBL_SUCCESS;
 }
 
-/* One piece of drawing. Where there is no hurry some submissions of views are under way at a time: a renderer on the
-   CPU then prepares one while it draws another (a quarter less time at 2,000 triangles). */
+/* Does one piece of drawing. If the slice is long enough, the piece consists of several submissions of views without
+   waiting in between: a software renderer prepares one while it draws another, which saves a quarter of the time at
+   2,000 triangles. */
 static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -11442,7 +11457,7 @@ static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
     sbl_result result = SBL_SUCCESS;
     int i, full = 0;
     d->gl.doing = "drawing sensors";
-    if (j->stages.at++ == 0) {  /* the slots that will be used are filled with sky */
+    if (j->stages.at++ == 0) {  /* sky: the background of all views in the slots that looks will fill */
         if (!traced) sbl__raster_clear(d, &j->raster, lens, j->scene, SBL__MIN(slots, first % slots + left));
         result = sbl__gl_check(&d->gl);
         return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
@@ -11464,7 +11479,8 @@ static int sbl__job_after_draw(void *work) {
     return j->task.spec.lamp_rays && j->lens == SBL__LENS_SITE ? SBL__JOB_AIM : SBL__JOB_REDUCE;
 }
 
-/* One piece of sending rays towards lamps. All views have been drawn: what the host draws stands between. */
+/* Traces rays towards lamps for some of the looks in the slots. This stage follows the drawing of views, because
+   geometry that the host draws exists only in views and may hide a lamp. */
 static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -11488,7 +11504,7 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS && j->aimed < j->drawn ? SBL_UNFINISHED : result;
 }
 
-/* Sums of looks first .. last into their results. */
+/* Computes the results of looks first .. last from their partial sums. */
 static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     sbl__device *d = j->device;
     const sbl__slots *slots = sbl__job_slots(j);
@@ -11521,7 +11537,7 @@ static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     return SBL_SUCCESS;
 }
 
-/* One piece of reducing the slots' present filling: rows of slots. */
+/* Reduces the looks in some rows of slots to their results. */
 static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -11554,16 +11570,17 @@ static int sbl__job_after_reduce(void *work) {
 
 /* >>job: reading */
 
-/* Of what a look sees of surfaces, the share of back faces. */
+/* Share of back faces among the surfaces that a look sees, by weight */
 static float sbl__back_share(const float sum[4], const float hits[4]) { return hits[0] > 0 ? sum[3] / hits[0] : 0; }
 
-/* In scenes of extreme sizes (see sbl__scene_warn) what shaders compute may overflow; then the sensor is invalid. */
+/* Returns 1 if all numbers are finite. Shader arithmetic may overflow in scenes of extreme sizes (see sbl__scene_warn);
+   the sensor's reading is then invalid. */
 static int sbl__reading_is_finite(const sbl_reading *r) {
     return sbl__all_finite(r->radiance, 3) && sbl__finite(&r->noise) && sbl__finite(&r->hit_share) &&
            sbl__finite(&r->back_share) && sbl__finite(&r->hit_mean) && sbl__finite(&r->hit_min);
 }
 
-/* Adds a look's result to its site's reading; the last one makes it a mean. */
+/* Adds a look's result to the site's reading. After the site's last look, divides the sums by the number of looks. */
 static void sbl__job_take(sbl__job *j, const float *const found[5]) {
     const float *sum = found[0], *hits = found[1];
     const sbl__spec *spec = &j->task.spec;
@@ -11603,13 +11620,13 @@ static void sbl__job_take(sbl__job *j, const float *const found[5]) {
     j->site++;
 }
 
-/* What a look of the round found; `found`: see sbl__results.
+/* Evaluates the result of the round's next look. found: the look's texel of each texture of results, see sbl__results
 
-   A sensor is stuck when the little way it was moved off its surface took it through another: it then stands inside
-   something that the visible point is outside of. What it sees tells little: whole rooms are modelled inside out, and
-   what shines inside a thing may hide its walls. So looks that see any back faces are asked to look back to where they
-   came from, and their sensor is stuck when it sees something nearer than its own surface. A site's first look tells.
-   */
+   A sensor is stuck if the offset from its surface moved it through another surface: the sensor is then inside a body,
+   although the visible point is outside. A look's share of back faces cannot decide this: whole rooms are modelled
+   inside out, and an emitter inside a body may hide the body's walls. A site whose first look sees more back faces
+   than SBL__SUSPECT_SHARE therefore gets a stuck test, which looks from the sensor back to its surface. The sensor is
+   stuck, and its reading invalid, if the stuck test sees something nearer than this surface. */
 static sbl_result sbl__job_judge(sbl__job *j, const float *const found[5]) {
     const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent, *hits = found[1];
     const int back = j->lens == SBL__LENS_PROBE, site = back ? j->suspects[j->site++] : j->site;
@@ -11628,7 +11645,7 @@ static sbl_result sbl__job_judge(sbl__job *j, const float *const found[5]) {
     return SBL_SUCCESS;
 }
 
-/* Counts a round that is done. */
+/* Adds the finished round to the counts. Stuck tests are not counted. */
 static void sbl__job_count(sbl__job *j) {
     const sbl__spec *spec = &j->task.spec;
     const int looks = j->look_count - j->task.first_look;
@@ -11644,7 +11661,8 @@ static void sbl__job_count(sbl__job *j) {
     }
 }
 
-/* One piece of reading results: a few rows at once. Behind the last, those of suspects may begin. */
+/* Reads back SBL__READ_ROWS rows of results and evaluates their looks. After the last row of the sites' looks, starts
+   the round of stuck tests if there are suspects. */
 static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     const sbl__device *d = j->device;
@@ -11680,7 +11698,7 @@ static int sbl__job_after_read(void *work) {
     return j->drawn < j->look_count ? SBL__JOB_DRAW : SBL__JOB_DONE;
 }
 
-/* >>job: its life */
+/* >>job: beginning and stepping */
 
 static void sbl__job_begin(sbl__job *j, const sbl__scene *scene, const sbl__task *task) {
     const int same = j->ready && j->made_for_scene == scene->version && sbl__spec_equal(&j->made_for, &task->spec);
@@ -11692,7 +11710,7 @@ static void sbl__job_begin(sbl__job *j, const sbl__scene *scene, const sbl__task
     j->stages.at = 0;
 }
 
-/* One bounded piece. SBL_SUCCESS: all readings are there. After an error the job can be begun again. */
+/* Does one piece of bounded duration. SBL_SUCCESS: all readings are written. After an error the job can begin again. */
 static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, NULL, NULL },
@@ -11713,7 +11731,7 @@ static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) 
     return result;
 }
 
-/* How much of it is done, 0 to 1: of its first round, which is nearly all of it. */
+/* Share of the job that is done, 0 to 1. The share ignores stuck tests, because they are only a small part. */
 static float sbl__job_progress(const sbl__job *j) {
     const int looks = j->look_count - j->task.first_look;
     if (j->stages.stage == SBL__JOB_DONE || j->lens == SBL__LENS_PROBE) return 1;
@@ -11721,7 +11739,7 @@ static float sbl__job_progress(const sbl__job *j) {
     return (float)(j->drawn - j->task.first_look) / (float)looks;
 }
 
-/* >>job: what front ends stand on: all of the context but themselves */
+/* >>job: the part of a context that all front ends (pictures, gathers and others) share */
 typedef struct sbl__core {
     sbl__base base;
     sbl_context_desc desc;
@@ -11729,11 +11747,11 @@ typedef struct sbl__core {
     sbl__scene scene;
     int has_scene;
     sbl__job job;
-    struct sbl__bounce *bounce; /* the store being filled, or NULL */
-    sbl_stats stats;            /* of the picture or gather begun last */
+    struct sbl__bounce *bounce; /* state of filling the store of bounced light; NULL: the store is not being filled */
+    sbl_stats stats;            /* statistics of the picture or gather that was begun last */
 } sbl__core;
 
-/* What the job's counts mean to the host. */
+/* Copies the job's counts to the statistics that the host reads. */
 static void sbl__core_count(sbl__core *c) {
     const sbl__job_counts *n = &c->job.counts;
     c->stats.sensors.views = n->views;
@@ -11743,7 +11761,7 @@ static void sbl__core_count(sbl__core *c) {
     c->job.counts.readbacks = 0;
 }
 
-/* Clears the stats for what is begun. */
+/* Clears the statistics when a picture or a gather begins, except for the time spent on the scene. */
 static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
     const double scene_seconds = c->stats.seconds.scene;
     memset(&c->stats, 0, sizeof c->stats);
