@@ -10747,17 +10747,17 @@ static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const
 }
 
 /* ======================================================================================================== >>trace
-   The other way: a sensor's directions as rays through the hierarchy, in a shader. Its cost grows with the logarithm of
-   the scene. */
+   The back end that traces rays: shader invocations trace a look's rays over the hemisphere through the hierarchy of
+   triangles. The cost of a ray grows with the logarithm of the number of triangles. */
 
-#define SBL__TRACE_CHUNK 16        /* rays of an invocation, at most */
-#define SBL__TRACE_COLUMNS 256     /* looks across, at most */
-#define SBL__TRACE_TEXELS 1024     /* texels across the block sums, at most */
+#define SBL__TRACE_CHUNK 16        /* maximum number of rays per invocation */
+#define SBL__TRACE_COLUMNS 256     /* maximum number of looks side by side in the textures of partial sums */
+#define SBL__TRACE_TEXELS 1024     /* maximum width of the textures of partial sums, texels */
 
 typedef struct sbl__trace {
-    sbl__slots slots[SBL__LENSES]; /* of looks at a site, and of probes: one ray back to the surface */
-    int rays;                      /* over the hemisphere */
-    sbl__table sequence;
+    sbl__slots slots[SBL__LENSES]; /* slots of looks, and of stuck tests, which trace one ray back to the surface */
+    int rays;                      /* number of rays over the hemisphere per look */
+    sbl__table sequence;           /* Sobol points that give the rays' directions, see sbl__sequence_make */
 } sbl__trace;
 
 static void sbl__trace_free(const sbl__device *d, sbl__trace *t) {
@@ -10984,8 +10984,10 @@ static const sbl__recipe sbl__recipe_trace = {
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__BOUNCED | SBL__GUIDED | SBL__DIRECTIONAL
 };
 
-/* Traces a batch, which has been sent; slots->blocks invocations share a look's rays. probe: one ray a look, along its
-   normal. paired: 0 where each is to have one. */
+/* Traces the rays of a batch, whose looks must be in b->table already. Each look's rays are distributed over
+   slots->blocks[0] * slots->blocks[1] invocations. probe: 1: each look traces one ray only, along its normal; paired:
+   1: an invocation takes its rays in pairs, to measure the variance; 0: it takes them singly, so that with one
+   invocation per ray each output texel belongs to one ray */
 static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl__batch *b, int probe, int paired) {
     const sbl_result result = sbl__use(d, &sbl__recipe_trace, sbl__batch_features(b));
     if (result != SBL_SUCCESS) return result;
