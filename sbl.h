@@ -10176,40 +10176,44 @@ static void sbl__directions_row(const sbl__layout *l, int face, int j, float *di
 }
 
 /* ======================================================================================================== >>raster
-   The paper's way to see: views drawn into texels. It also shows what only the host can draw.
+   The back end that rasterises views, as the paper does. Only this back end shows geometry that the host draws itself.
 
-       atlas  +-------+-------+-------+      one instanced draw: every view of every look of a batch
-              | sheet | sheet | sheet |
-              +-------+-------+-------+      reduce_blocks: block x block texels -> one        (atlas -> block sums)
-              | sheet |  ...          |
+       view   +-------+-------+-------+      one instanced draw call draws every view of every look of a batch;
+       texture| sheet | sheet | sheet |
+              +-------+-------+-------+      reduce_blocks.glsl adds up each square of block x block texels and
+              | sheet |  ...          |      writes one texel of partial sums
               +-------+---------------+                                                                          */
 
-#define SBL__SLOTS_MOST 4096
-#define SBL__VIEW_DEPTH 1e-6f  /* depth is this over distance, in scene extents: what is nearer shares depth 1 */
-#define SBL__PROBE_FOV 2.0f    /* degrees: wide enough to meet the surface, too narrow to meet the walls of a corner */
-#define SBL__PROBE_SIZE 4
-#define SBL__PROBE_ATLAS 512
+#define SBL__SLOTS_MOST 4096   /* maximum number of slots in the view texture */
+#define SBL__VIEW_DEPTH 1e-6f  /* depth is this value divided by the distance along the view's axis in scene extents;
+                                  all geometry nearer than this value gets depth 1 */
+#define SBL__PROBE_FOV 2.0f    /* field of view of a stuck test, degrees: wide enough to hit the sensor's own surface,
+                                  too narrow to hit the walls of a corner */
+#define SBL__PROBE_SIZE 4      /* width and height of a stuck test's view, texels */
+#define SBL__PROBE_ATLAS 512   /* maximum width and height of the part of the view texture for stuck tests, texels */
 
-/* A kind of look: how its views lie, what their texels weigh, how many stand in the atlas, and how much of that they
-   take up. */
+/* The views of one kind of look. */
 typedef struct sbl__lens {
-    sbl__layout layout;
-    sbl__slots slots;
-    int area[2];
-    sbl__texture weights, directions;  /* the latter where it is wanted where light comes from */
+    sbl__layout layout;         /* positions of the views in a look's sheet */
+    sbl__slots slots;           /* slots of the view texture, one sheet each */
+    int area[2];                /* width and height of the part of the view texture that the slots cover, texels */
+    sbl__texture weights;       /* per texel of a sheet: form factor, and ratio of distance to depth */
+    sbl__texture directions;    /* directional jobs: direction of each texel of a sheet, see sbl__directions_row */
 } sbl__lens;
 
-enum { SBL__LENS_SITE, SBL__LENS_PROBE, SBL__LENSES };  /* probes look back at their surface, see >>job */
+/* The two kinds of looks: SBL__LENS_SITE measures light, SBL__LENS_PROBE is a stuck test (see sbl__job_judge). */
+enum { SBL__LENS_SITE, SBL__LENS_PROBE, SBL__LENSES };
 
 typedef struct sbl__raster {
     sbl__lens lenses[SBL__LENSES];
     sbl__texture atlas, depth;
     sbl__target target;
     sbl__buffer views;
-    unsigned view_array;       /* of these alone */
-    float radiance_scale;      /* of texels */
-    float *weights, *directions;  /* while they are made: */
-    int face, row;             /* what is next of them */
+    unsigned view_array;       /* vertex array for jobs with bounced light: attributes come from `views` only, because
+                                  the shader fetches the vertices itself */
+    float radiance_scale;      /* factor of radiance in the view texture */
+    float *weights, *directions;  /* contents of a lens's two textures while sbl__raster_weigh computes them */
+    int face, row;             /* view and row at which this computation continues */
 } sbl__raster;
 
 static void sbl__raster_free(const sbl__device *d, sbl__raster *r) {
@@ -10228,12 +10232,14 @@ static void sbl__raster_free(const sbl__device *d, sbl__raster *r) {
     memset(r, 0, sizeof *r);
 }
 
-/* A power of two that brings the brightest light near 1024: inside 16-bit floats, with room below. */
+/* Returns the power of two that scales the brightest radiance to between 512 and 1024. This range is far from both ends
+   of 16-bit floats. */
 static float sbl__raster_scale(float brightest) {
     return brightest > 0 ? (float)ldexp(1, SBL__MIN(10 - (int)ceil(log(brightest) / log(2.0)), 100)) : 1;
 }
 
-/* Slots of a lens in an atlas of that size; fewer where it is large. */
+/* Computes the slots of a lens in a view texture of width and height atlas_size. The size grows to hold at least one
+   sheet, up to the driver's limit `most`. If the driver's limit is too small for a sheet, there are 0 slots. */
 static void sbl__lens_fit(sbl__lens *lens, int atlas_size, int most) {
     const sbl__layout *l = &lens->layout;
     const int pitch[2] = { sbl__layout_pitch(l, 0), sbl__layout_pitch(l, 1) };
@@ -10250,7 +10256,7 @@ static void sbl__lens_fit(sbl__lens *lens, int atlas_size, int most) {
     lens->area[1] = fit[1] * pitch[1];
 }
 
-/* The atlas, and how looks of both kinds lie in it. */
+/* Makes the view texture, and computes the slots of looks and of stuck tests in it. */
 static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const sbl__scene *scene,
                                     const sbl__spec *spec, sbl__blocks *blocks) {
     const int most = d->gl.capabilities.max_texture_size;
@@ -10283,7 +10289,8 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
     return result == SBL_SUCCESS ? sbl__blocks_make(d, blocks, spec->directional ? 5 : 2, sums[0], sums[1]) : result;
 }
 
-/* The texels' weights of a lens, row by row, and where they look. SBL_SUCCESS: they stand in its textures. */
+/* Computes the weights of a lens's texels row by row, and for directional jobs the texels' directions. SBL_SUCCESS: the
+   lens's textures are written. */
 static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__lens *lens, const sbl__spec *spec,
                                     const sbl__slice *slice) {
     const sbl__layout *l = &lens->layout;
@@ -10499,7 +10506,7 @@ static const sbl__input sbl__view_inputs[] = {
     { 8, 2, SBL__GL_FLOAT, 0, 1, sizeof(sbl__view), offsetof(sbl__view, offset) }
 };
 
-/* Fills rows of slots with sky. */
+/* Fills at least the first `slots` slots, in whole rows, with the sky's constant radiance. */
 static void sbl__raster_clear(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens,
                               const sbl__scene *scene, int slots) {
     const int rows = (slots + lens->slots.columns - 1) / lens->slots.columns;
@@ -10512,7 +10519,7 @@ static void sbl__raster_clear(const sbl__device *d, const sbl__raster *r, const 
     sbl__clear_depth(d);
 }
 
-/* Where a look's sheet starts in the atlas, texels. */
+/* Lowest x and y of a slot's sheet in the view texture, texels */
 static void sbl__raster_corner(const sbl__lens *lens, int slot, int corner[2]) {
     corner[0] = slot % lens->slots.columns * sbl__layout_pitch(&lens->layout, 0);
     corner[1] = slot / lens->slots.columns * sbl__layout_pitch(&lens->layout, 1);
@@ -10536,7 +10543,7 @@ static sbl_result sbl__raster_send(const sbl__device *d, sbl__raster *r, const s
     return result;
 }
 
-/* What the host draws is told of a view. */
+/* Fills the description of a view that the host's draw callback receives. number: index of the view in the batch */
 static void sbl__raster_view(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b,
                              int number, sbl_draw_view *v) {
     const sbl__layout *l = &lens->layout;
@@ -10565,7 +10572,7 @@ static void sbl__raster_view(const sbl__device *d, const sbl__raster *r, const s
     v->world_to_view[15] = 1;
     v->view_to_clip[0] = (float)(per_length / l->tangent);
     v->view_to_clip[5] = (float)(per_length / l->tangent) * (face ? 2.0f : 1.0f);
-    v->view_to_clip[9] = face ? (float)per_length : 0.0f;  /* a side shows y from 0 to 1 */
+    v->view_to_clip[9] = face ? (float)per_length : 0.0f;  /* side views of a hemicube cover y from 0 to 1 only */
     v->view_to_clip[11] = (float)-per_length;
     v->view_to_clip[14] = SBL__VIEW_DEPTH;
     sbl__multiply(v->world_to_clip, v->view_to_clip, v->world_to_view);
@@ -10579,7 +10586,7 @@ static void sbl__raster_view(const sbl__device *d, const sbl__raster *r, const s
     v->face = face;
 }
 
-/* The host's own geometry, view by view. */
+/* Calls the host's draw callback for each view of the batch. */
 static void sbl__raster_host(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b) {
     sbl_draw_view view;
     int i;
@@ -10590,7 +10597,7 @@ static void sbl__raster_host(const sbl__device *d, const sbl__raster *r, const s
     }
 }
 
-/* The lens's part of the atlas. */
+/* Begins a pass to the part of the view texture that the lens covers. */
 static void sbl__raster_pass(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens, int flags) {
     const int area[4] = { 0, 0, lens->area[0], lens->area[1] };
     sbl__pass(d, &r->target, area, NULL, flags);
@@ -10607,8 +10614,9 @@ static sbl_result sbl__raster_sky(sbl__device *d, const sbl__raster *r, const sb
     return SBL_SUCCESS;
 }
 
-/* Draws a batch's views: of the scene's triangles only first .. end - 1, since one look at a large scene may be too
-   much for one submission; the sky comes with the first of them, the host with the last. */
+/* Draws the scene's triangles first .. end - 1 to all views of a batch. A range of triangles is drawn, because one look
+   at a large scene may take too long for one submission. The call with the first triangle also draws the environment,
+   the call with the last triangle also calls the host's draw callback. */
 static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__lens *lens, const sbl__batch *b,
                                    int first, int end) {
     const sbl__geometry *g = &b->scene->geometry;
@@ -10645,7 +10653,7 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
     return result;
 }
 
-/* For lamps.glsl: what the views show of the host's drawing. */
+/* Gives lamps.glsl access to the views, because geometry that the host draws may hide a lamp and exists only there. */
 static void sbl__raster_bind(sbl__device *d, const sbl__raster *r, float extent) {
     const sbl__layout *l = &r->lenses[SBL__LENS_SITE].layout;
     int i, k;
@@ -10725,7 +10733,8 @@ static const sbl__recipe sbl__recipe_reduce_blocks = {
     { &sbl__look_words_record }, SBL__DIRECTIONAL
 };
 
-/* Block sums of rows of slots. looks: the words of those in all slots, where it is wanted where light comes from. */
+/* Computes the partial sums of the slots in rows[1] rows from row rows[0] on. looks: the looks in all slots, for
+   directional jobs; NULL for other jobs */
 static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__blocks *b,
                                      const sbl__table *looks, const int rows[2]) {
     const sbl__layout *l = &lens->layout;
