@@ -9238,20 +9238,23 @@ static const char *const sbl__glsl_carrier[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>aim
-   Rays that looks send: the sequence that they follow, and those towards lamps, which both ways to see have. */
+   Generates the sequence of points that gives rays their directions, and traces rays towards lamps. Looks of both back
+   ends trace rays towards lamps. */
 
-/* Rays of one shader invocation: some software renderers end one silently after about 65,000 loop turns, of which a ray
-   takes about the hierarchy's cost on average, and some times that in places. */
-#define SBL__LOOP_TURNS 20000
-#define SBL__RAY_TURNS 20          /* of a ray besides the hierarchy's cost */
-#define SBL__LAMP_CHUNK 256        /* rays towards lamps of an invocation, at most */
+/* Limits of the work of one shader invocation. Some software renderers silently end an invocation after about 65,000
+   loop iterations. On average a ray takes about as many iterations as the hierarchy's cost, but a multiple of this
+   number in some places; SBL__LOOP_TURNS leaves a margin for these rays. */
+#define SBL__LOOP_TURNS 20000      /* maximum number of loop iterations per invocation, on average */
+#define SBL__RAY_TURNS 20          /* number of iterations per ray in addition to the hierarchy's cost */
+#define SBL__LAMP_CHUNK 256        /* maximum number of rays towards lamps per invocation */
 
-/* As lamps.glsl and trace.glsl read it: two 32-bit fractions a point. */
+/* Resources for rays towards lamps. */
 typedef struct sbl__aim {
-    int rays, parts;               /* towards lamps, at most; invocations that share them */
-    sbl__table sequence;
-    sbl__texture light;            /* parts texels a look, one below the other; */
-    sbl__texture harmonics[3];     /* and of red, green, blue, where they are wanted */
+    int rays;                      /* maximum number of rays towards lamps per look */
+    int parts;                     /* number of invocations among which a look's rays are divided */
+    sbl__table sequence;           /* points that give the rays' directions: two 32-bit fractions per point */
+    sbl__texture light;            /* R and its variance: `parts` texels per look, one below the other */
+    sbl__texture harmonics[3];     /* directional jobs: coefficients of red, green, blue, in texels like `light` */
     sbl__target target;
 } sbl__aim;
 
@@ -9264,12 +9267,13 @@ static void sbl__aim_free(const sbl__device *d, sbl__aim *a) {
     memset(a, 0, sizeof *a);
 }
 
-/* Rays that an invocation may send. */
+/* Maximum number of rays per invocation, see SBL__LOOP_TURNS */
 static int sbl__rays_most(const sbl__hierarchy *h) {
     return SBL__MAX(1, (int)(SBL__LOOP_TURNS / (h->cost + SBL__RAY_TURNS)));
 }
 
-/* The first `count` points of the Sobol sequence's first two dimensions (Joe and Kuo 2008), 32-bit fractions. */
+/* Computes the first `count` points of the Sobol sequence in its first two dimensions (Joe and Kuo 2008), as 32-bit
+   fractions. */
 static void sbl__sobol(uint32_t *out, int count) {
     int i, bit;
     for (i = 0; i < count; i++) {
@@ -9281,16 +9285,17 @@ static void sbl__sobol(uint32_t *out, int count) {
     }
 }
 
-/* Along a Morton curve: rays that a shader traces side by side then go close by each other, whatever the scramble. */
+/* Comparison function for qsort that orders points along a Morton curve. Rays that neighbouring invocations trace then
+   have similar directions. Scrambling by exclusive or keeps points close to each other. */
 static int sbl__morton_order(const void *first, const void *second) {
     const uint32_t *a = (const uint32_t *)first, *b = (const uint32_t *)second;
     uint32_t x = a[0] ^ b[0], y = a[1] ^ b[1];
-    int axis = x < y && x < (x ^ y);  /* which differs in the higher bit */
+    int axis = x < y && x < (x ^ y);  /* axis whose highest differing bit is the higher one */
     return a[axis] == b[axis] ? 0 : a[axis] < b[axis] ? -1 : 1;
 }
 
-/* `rays` points for each of a site's looks, each of whose `stretches` covers the square evenly by itself. The caller
-   frees it; NULL: out of memory. */
+/* Makes `rays` points for each of a site's looks. The points of a look consist of `stretches` sections, and each
+   section by itself covers the unit square evenly. The caller frees the result; NULL: out of memory */
 static uint32_t *sbl__sequence_make(sbl__base *base, int looks, int rays, int stretches) {
     uint32_t *points = (uint32_t *)sbl__alloc_raw(base, (size_t)rays * (size_t)looks, 8);
     int look, k;
@@ -9305,7 +9310,7 @@ static uint32_t *sbl__sequence_make(sbl__base *base, int looks, int rays, int st
     return points;
 }
 
-/* Point i of a sequence, scrambled by the seed, as trace.glsl has it. */
+/* Gets point i of a sequence, scrambled with the seed in the same way as trace.glsl scrambles it; 0 to 1 */
 static void sbl__sequence_at(const uint32_t *sequence, int i, uint32_t seed, double u[2]) {
     int axis;
     for (axis = 0; axis < 2; axis++) {
@@ -9314,12 +9319,12 @@ static void sbl__sequence_at(const uint32_t *sequence, int i, uint32_t seed, dou
     }
 }
 
-/* The direction over the hemisphere, by the cosine, that belongs to it. */
+/* Maps a point u of the unit square to a direction over the hemisphere around the normal, distributed by the cosine. */
 static void sbl__cosine_direction(const float normal[3], const double u[2], float out[3]) {
     const double angle = 2 * SBL__PI * u[1];
     double right[3], up[3];
     int k;
-    sbl__frame(normal, 0, right, up);  /* its up is the other way round than the shader's */
+    sbl__frame(normal, 0, right, up);  /* sbl__frame's up is opposite to the shader's, hence - sin */
     for (k = 0; k < 3; k++)
         out[k] = (float)(sqrt(u[0]) * (cos(angle) * right[k] - sin(angle) * up[k]) + sqrt(1 - u[0]) * normal[k]);
 }
@@ -9333,13 +9338,14 @@ static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int l
     return result == SBL_SUCCESS ? sbl__table_show(d, t, SBL__GL_RG32UI, 0) : result;
 }
 
-/* Invocations that share a look's rays towards lamps: lamps.glsl may stop after each of their stretches. */
+/* Number of invocations among which a look's rays towards lamps are divided. lamps.glsl may stop an invocation early,
+   after any section of the invocation's points. */
 static int sbl__aim_parts(const sbl__spec *spec, const sbl__hierarchy *h) {
     const int chunk = spec->traced ? SBL__MIN(SBL__LAMP_CHUNK, sbl__rays_most(h)) : SBL__LAMP_CHUNK;
     return (spec->lamp_rays + chunk - 1) / chunk;
 }
 
-/* For looks in so many rows of slots. */
+/* Makes the sequence and the textures for rays towards lamps of looks in these slots. */
 static sbl_result sbl__aim_setup(const sbl__device *d, sbl__aim *a, const sbl__spec *spec, const sbl__slots *slots,
                                  const sbl__hierarchy *h) {
     const int rows = (slots->count + slots->columns - 1) / slots->columns, parts = sbl__aim_parts(spec, h);
@@ -9361,7 +9367,8 @@ static sbl_result sbl__aim_setup(const sbl__device *d, sbl__aim *a, const sbl__s
     return result == SBL_SUCCESS ? sbl__target_make(d, &a->target, colors, count, NULL) : result;
 }
 
-/* What programs that send rays have in common: scene.glsl to carrier.glsl. blocks: invocations of a look. */
+/* Sets the uniforms that all ray-tracing programs share: those of scene.glsl to carrier.glsl. blocks: width and height
+   of a look's rectangle of invocations */
 static void sbl__rays_bind(sbl__device *d, const sbl__batch *b, const sbl__table *sequence, const int blocks[2]) {
     sbl__scene_bind(d, b->scene);
     sbl__hierarchy_bind(d, &b->scene->hierarchy);
@@ -9375,7 +9382,7 @@ static void sbl__rays_bind(sbl__device *d, const sbl__batch *b, const sbl__table
     sbl__set_int(d, "count", b->count);
 }
 
-/* Runs the program in use over the batch's looks, each of blocks[0] x blocks[1] texels of the target. */
+/* Runs the current program for all looks of a batch, with blocks[0] x blocks[1] texels of the target per look. */
 static void sbl__rays_send(const sbl__device *d, const sbl__batch *b, const sbl__target *t, const int blocks[2]) {
     const int row = b->slot / b->slots->columns, last = (b->slot + b->count - 1) / b->slots->columns;
     sbl__invoke(d, t, row * blocks[1], (last - row + 1) * blocks[1], b->count * blocks[0] * blocks[1]);
@@ -10141,8 +10148,8 @@ static unsigned sbl__aim_features(const sbl__scene *s, const sbl__spec *spec) {
            (spec->directional ? (unsigned)SBL__DIRECTIONAL : 0);
 }
 
-/* For the program in use; what views show of the host's drawing is the caller's to bind. blocks: invocations of a
-   look. */
+/* Sets the uniforms of lamps.glsl, which must be the current program, except those that sbl__raster_bind sets. blocks:
+   width and height of a look's rectangle of invocations */
 static void sbl__aim_bind(sbl__device *d, const sbl__aim *a, const sbl__batch *b, const int blocks[2], float scale) {
     const sbl__lights *l = &b->scene->lights;
     sbl__rays_bind(d, b, &a->sequence, blocks);
@@ -10156,8 +10163,9 @@ static void sbl__aim_bind(sbl__device *d, const sbl__aim *a, const sbl__batch *b
     sbl__set_float(d, "scale", scale);
 }
 
-/* Where row j of a view's texels look, four floats a texel of the padded sheet: a unit vector in the frame that
-   frame.glsl has, of a look that is not turned. */
+/* Computes the directions of row j of a view's texels. `directions` has four floats per texel of the padded sheet, of
+   which the first three are a unit vector. The vector is relative to the frame that frame.glsl makes, for a look that
+   is not rotated. */
 static void sbl__directions_row(const sbl__layout *l, int face, int j, float *directions) {
     const int *r = l->rects[face];
     float *out = directions + 4 * ((size_t)(r[1] + j) * (size_t)sbl__layout_pitch(l, 0) + (size_t)r[0]);
