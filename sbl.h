@@ -10769,7 +10769,7 @@ static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const
 
 #define SBL__TRACE_CHUNK 16        /* maximum number of rays per invocation */
 #define SBL__TRACE_COLUMNS 256     /* maximum number of looks side by side in the textures of partial sums */
-#define SBL__TRACE_TEXELS 1024     /* maximum width of the textures of partial sums, texels */
+#define SBL__TRACE_TEXELS 1024     /* maximum width and height of the textures of partial sums, texels */
 
 typedef struct sbl__trace {
     sbl__slots slots[SBL__LENSES]; /* slots of looks, and of stuck tests, which trace one ray back to the surface */
@@ -11050,7 +11050,7 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 #define SBL__READ_ROWS 16          /* number of rows of results per readback */
 #define SBL__LOOKS_FIRST 16        /* number of looks in the first submission, before their cost has been measured */
 #define SBL__SUBMISSIONS 8         /* maximum number of submissions of views before the CPU waits for the GPU */
-#define SBL__SUSPECT_SHARE 0.02f   /* a site gets a stuck test if the first look sees a larger share of back faces */
+#define SBL__SUSPECT_SHARE 0.02f   /* a site gets a stuck test if its first look sees a larger share of back faces */
 #define SBL__STUCK_SHARE 0.75f     /* a sensor is stuck if its stuck test hits at less than this share of its offset */
 #define SBL__FEW_RAYS 1.0f         /* noise of a harmonic divided by R, times the square root of a look's rays */
 #define SBL__TEXEL_NOISE 2.6f      /* relative noise of a look that rasterises views, times the views' size in texels;
