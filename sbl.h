@@ -9245,20 +9245,23 @@ static const char *const sbl__glsl_carrier[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>aim
-   Rays that looks send: the sequence that they follow, and those towards lamps, which both ways to see have. */
+   Generates the sequence of points that gives rays their directions, and traces rays towards lamps. Looks of both back
+   ends trace rays towards lamps. */
 
-/* Rays of one shader invocation: some software renderers end one silently after about 65,000 loop turns, of which a ray
-   takes about the hierarchy's cost on average, and some times that in places. */
-#define SBL__LOOP_TURNS 20000
-#define SBL__RAY_TURNS 20          /* of a ray besides the hierarchy's cost */
-#define SBL__LAMP_CHUNK 256        /* rays towards lamps of an invocation, at most */
+/* Limits of the work of one shader invocation. Some software renderers silently end an invocation after about 65,000
+   loop iterations. On average a ray takes about as many iterations as the hierarchy's cost, but a multiple of this
+   number in some places; SBL__LOOP_TURNS leaves a margin for these rays. */
+#define SBL__LOOP_TURNS 20000      /* maximum number of loop iterations per invocation, on average */
+#define SBL__RAY_TURNS 20          /* number of iterations per ray in addition to the hierarchy's cost */
+#define SBL__LAMP_CHUNK 256        /* maximum number of rays towards lamps per invocation */
 
-/* As lamps.glsl and trace.glsl read it: two 32-bit fractions a point. */
+/* Resources for rays towards lamps. */
 typedef struct sbl__aim {
-    int rays, parts;               /* towards lamps, at most; invocations that share them */
-    sbl__table sequence;
-    sbl__texture light;            /* parts texels a look, one below the other; */
-    sbl__texture harmonics[3];     /* and of red, green, blue, where they are wanted */
+    int rays;                      /* maximum number of rays towards lamps per look */
+    int parts;                     /* number of invocations among which a look's rays are divided */
+    sbl__table sequence;           /* points that give the rays' directions: two 32-bit fractions per point */
+    sbl__texture light;            /* R and its variance: `parts` texels per look, one below the other */
+    sbl__texture harmonics[3];     /* directional jobs: coefficients of red, green, blue, in texels like `light` */
     sbl__target target;
 } sbl__aim;
 
@@ -9271,12 +9274,13 @@ static void sbl__aim_free(const sbl__device *d, sbl__aim *a) {
     memset(a, 0, sizeof *a);
 }
 
-/* Rays that an invocation may send. */
+/* Maximum number of rays per invocation, see SBL__LOOP_TURNS */
 static int sbl__rays_most(const sbl__hierarchy *h) {
     return SBL__MAX(1, (int)(SBL__LOOP_TURNS / (h->cost + SBL__RAY_TURNS)));
 }
 
-/* The first `count` points of the Sobol sequence's first two dimensions (Joe and Kuo 2008), 32-bit fractions. */
+/* Computes the first `count` points of the Sobol sequence in its first two dimensions (Joe and Kuo 2008), as 32-bit
+   fractions. */
 static void sbl__sobol(uint32_t *out, int count) {
     int i, bit;
     for (i = 0; i < count; i++) {
@@ -9288,16 +9292,17 @@ static void sbl__sobol(uint32_t *out, int count) {
     }
 }
 
-/* Along a Morton curve: rays that a shader traces side by side then go close by each other, whatever the scramble. */
+/* Comparison function for qsort that orders points along a Morton curve. Rays that neighbouring invocations trace then
+   have similar directions. Scrambling by exclusive or keeps points close to each other. */
 static int sbl__morton_order(const void *first, const void *second) {
     const uint32_t *a = (const uint32_t *)first, *b = (const uint32_t *)second;
     uint32_t x = a[0] ^ b[0], y = a[1] ^ b[1];
-    int axis = x < y && x < (x ^ y);  /* which differs in the higher bit */
+    int axis = x < y && x < (x ^ y);  /* axis whose highest differing bit is the higher one */
     return a[axis] == b[axis] ? 0 : a[axis] < b[axis] ? -1 : 1;
 }
 
-/* `rays` points for each of a site's looks, each of whose `stretches` covers the square evenly by itself. The caller
-   frees it; NULL: out of memory. */
+/* Makes `rays` points for each of a site's looks. The points of a look consist of `stretches` sections, and each
+   section by itself covers the unit square evenly. The caller frees the result; NULL: out of memory */
 static uint32_t *sbl__sequence_make(sbl__base *base, int looks, int rays, int stretches) {
     uint32_t *points = (uint32_t *)sbl__alloc_raw(base, (size_t)rays * (size_t)looks, 8);
     int look, k;
@@ -9312,7 +9317,7 @@ static uint32_t *sbl__sequence_make(sbl__base *base, int looks, int rays, int st
     return points;
 }
 
-/* Point i of a sequence, scrambled by the seed, as trace.glsl has it. */
+/* Gets point i of a sequence, scrambled with the seed in the same way as trace.glsl scrambles it; 0 to 1 */
 static void sbl__sequence_at(const uint32_t *sequence, int i, uint32_t seed, double u[2]) {
     int axis;
     for (axis = 0; axis < 2; axis++) {
@@ -9321,12 +9326,12 @@ static void sbl__sequence_at(const uint32_t *sequence, int i, uint32_t seed, dou
     }
 }
 
-/* The direction over the hemisphere, by the cosine, that belongs to it. */
+/* Maps a point u of the unit square to a direction over the hemisphere around the normal, distributed by the cosine. */
 static void sbl__cosine_direction(const float normal[3], const double u[2], float out[3]) {
     const double angle = 2 * SBL__PI * u[1];
     double right[3], up[3];
     int k;
-    sbl__frame(normal, 0, right, up);  /* its up is the other way round than the shader's */
+    sbl__frame(normal, 0, right, up);  /* sbl__frame's up is opposite to the shader's, hence - sin */
     for (k = 0; k < 3; k++)
         out[k] = (float)(sqrt(u[0]) * (cos(angle) * right[k] - sin(angle) * up[k]) + sqrt(1 - u[0]) * normal[k]);
 }
@@ -9340,13 +9345,14 @@ static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int l
     return result == SBL_SUCCESS ? sbl__table_show(d, t, SBL__GL_RG32UI, 0) : result;
 }
 
-/* Invocations that share a look's rays towards lamps: lamps.glsl may stop after each of their stretches. */
+/* Number of invocations among which a look's rays towards lamps are divided. lamps.glsl may stop an invocation early,
+   after any section of the invocation's points. */
 static int sbl__aim_parts(const sbl__spec *spec, const sbl__hierarchy *h) {
     const int chunk = spec->traced ? SBL__MIN(SBL__LAMP_CHUNK, sbl__rays_most(h)) : SBL__LAMP_CHUNK;
     return (spec->lamp_rays + chunk - 1) / chunk;
 }
 
-/* For looks in so many rows of slots. */
+/* Makes the sequence and the textures for rays towards lamps of looks in these slots. */
 static sbl_result sbl__aim_setup(const sbl__device *d, sbl__aim *a, const sbl__spec *spec, const sbl__slots *slots,
                                  const sbl__hierarchy *h) {
     const int rows = (slots->count + slots->columns - 1) / slots->columns, parts = sbl__aim_parts(spec, h);
@@ -9368,7 +9374,8 @@ static sbl_result sbl__aim_setup(const sbl__device *d, sbl__aim *a, const sbl__s
     return result == SBL_SUCCESS ? sbl__target_make(d, &a->target, colors, count, NULL) : result;
 }
 
-/* What programs that send rays have in common: scene.glsl to carrier.glsl. blocks: invocations of a look. */
+/* Sets the uniforms that all ray-tracing programs share: those of scene.glsl to carrier.glsl. blocks: width and height
+   of a look's rectangle of invocations */
 static void sbl__rays_bind(sbl__device *d, const sbl__batch *b, const sbl__table *sequence, const int blocks[2]) {
     sbl__scene_bind(d, b->scene);
     sbl__hierarchy_bind(d, &b->scene->hierarchy);
@@ -9382,7 +9389,7 @@ static void sbl__rays_bind(sbl__device *d, const sbl__batch *b, const sbl__table
     sbl__set_int(d, "count", b->count);
 }
 
-/* Runs the program in use over the batch's looks, each of blocks[0] x blocks[1] texels of the target. */
+/* Runs the current program for all looks of a batch, with blocks[0] x blocks[1] texels of the target per look. */
 static void sbl__rays_send(const sbl__device *d, const sbl__batch *b, const sbl__target *t, const int blocks[2]) {
     const int row = b->slot / b->slots->columns, last = (b->slot + b->count - 1) / b->slots->columns;
     sbl__invoke(d, t, row * blocks[1], (last - row + 1) * blocks[1], b->count * blocks[0] * blocks[1]);
@@ -10148,8 +10155,8 @@ static unsigned sbl__aim_features(const sbl__scene *s, const sbl__spec *spec) {
            (spec->directional ? (unsigned)SBL__DIRECTIONAL : 0);
 }
 
-/* For the program in use; what views show of the host's drawing is the caller's to bind. blocks: invocations of a
-   look. */
+/* Sets the uniforms of lamps.glsl, which must be the current program, except those that sbl__raster_bind sets. blocks:
+   width and height of a look's rectangle of invocations */
 static void sbl__aim_bind(sbl__device *d, const sbl__aim *a, const sbl__batch *b, const int blocks[2], float scale) {
     const sbl__lights *l = &b->scene->lights;
     sbl__rays_bind(d, b, &a->sequence, blocks);
@@ -10163,8 +10170,9 @@ static void sbl__aim_bind(sbl__device *d, const sbl__aim *a, const sbl__batch *b
     sbl__set_float(d, "scale", scale);
 }
 
-/* Where row j of a view's texels look, four floats a texel of the padded sheet: a unit vector in the frame that
-   frame.glsl has, of a look that is not turned. */
+/* Computes the directions of row j of a view's texels. `directions` has four floats per texel of the padded sheet, of
+   which the first three are a unit vector. The vector is relative to the frame that frame.glsl makes, for a look that
+   is not rotated. */
 static void sbl__directions_row(const sbl__layout *l, int face, int j, float *directions) {
     const int *r = l->rects[face];
     float *out = directions + 4 * ((size_t)(r[1] + j) * (size_t)sbl__layout_pitch(l, 0) + (size_t)r[0]);
@@ -10183,40 +10191,44 @@ static void sbl__directions_row(const sbl__layout *l, int face, int j, float *di
 }
 
 /* ======================================================================================================== >>raster
-   The paper's way to see: views drawn into texels. It also shows what only the host can draw.
+   The back end that rasterises views, as the paper does. Only this back end shows geometry that the host draws itself.
 
-       atlas  +-------+-------+-------+      one instanced draw: every view of every look of a batch
-              | sheet | sheet | sheet |
-              +-------+-------+-------+      reduce_blocks: block x block texels -> one        (atlas -> block sums)
-              | sheet |  ...          |
+       view   +-------+-------+-------+      one instanced draw call draws every view of every look of a batch;
+       texture| sheet | sheet | sheet |
+              +-------+-------+-------+      reduce_blocks.glsl adds up each square of block x block texels and
+              | sheet |  ...          |      writes one texel of partial sums
               +-------+---------------+                                                                          */
 
-#define SBL__SLOTS_MOST 4096
-#define SBL__VIEW_DEPTH 1e-6f  /* depth is this over distance, in scene extents: what is nearer shares depth 1 */
-#define SBL__PROBE_FOV 2.0f    /* degrees: wide enough to meet the surface, too narrow to meet the walls of a corner */
-#define SBL__PROBE_SIZE 4
-#define SBL__PROBE_ATLAS 512
+#define SBL__SLOTS_MOST 4096   /* maximum number of slots in the view texture */
+#define SBL__VIEW_DEPTH 1e-6f  /* depth is this value divided by the distance along the view's axis in scene extents;
+                                  all geometry nearer than this value gets depth 1 */
+#define SBL__PROBE_FOV 2.0f    /* field of view of a stuck test, degrees: wide enough to hit the sensor's own surface,
+                                  too narrow to hit the walls of a corner */
+#define SBL__PROBE_SIZE 4      /* width and height of a stuck test's view, texels */
+#define SBL__PROBE_ATLAS 512   /* maximum width and height of the part of the view texture for stuck tests, texels */
 
-/* A kind of look: how its views lie, what their texels weigh, how many stand in the atlas, and how much of that they
-   take up. */
+/* The views of one kind of look. */
 typedef struct sbl__lens {
-    sbl__layout layout;
-    sbl__slots slots;
-    int area[2];
-    sbl__texture weights, directions;  /* the latter where it is wanted where light comes from */
+    sbl__layout layout;         /* positions of the views in a look's sheet */
+    sbl__slots slots;           /* slots of the view texture, one sheet each */
+    int area[2];                /* width and height of the part of the view texture that the slots cover, texels */
+    sbl__texture weights;       /* per texel of a sheet: form factor, and ratio of distance to depth */
+    sbl__texture directions;    /* directional jobs: direction of each texel of a sheet, see sbl__directions_row */
 } sbl__lens;
 
-enum { SBL__LENS_SITE, SBL__LENS_PROBE, SBL__LENSES };  /* probes look back at their surface, see >>job */
+/* The two kinds of looks: SBL__LENS_SITE measures light, SBL__LENS_PROBE is a stuck test (see sbl__job_judge). */
+enum { SBL__LENS_SITE, SBL__LENS_PROBE, SBL__LENSES };
 
 typedef struct sbl__raster {
     sbl__lens lenses[SBL__LENSES];
     sbl__texture atlas, depth;
     sbl__target target;
     sbl__buffer views;
-    unsigned view_array;       /* of these alone */
-    float radiance_scale;      /* of texels */
-    float *weights, *directions;  /* while they are made: */
-    int face, row;             /* what is next of them */
+    unsigned view_array;       /* vertex array for jobs with bounced light: attributes come from `views` only, because
+                                  the shader fetches the vertices itself */
+    float radiance_scale;      /* factor of radiance in the view texture */
+    float *weights, *directions;  /* contents of a lens's two textures while sbl__raster_weigh computes them */
+    int face, row;             /* view and row at which this computation continues */
 } sbl__raster;
 
 static void sbl__raster_free(const sbl__device *d, sbl__raster *r) {
@@ -10235,12 +10247,14 @@ static void sbl__raster_free(const sbl__device *d, sbl__raster *r) {
     memset(r, 0, sizeof *r);
 }
 
-/* A power of two that brings the brightest light near 1024: inside 16-bit floats, with room below. */
+/* Returns the power of two that scales the brightest radiance to between 512 and 1024. This range is far from both ends
+   of 16-bit floats. */
 static float sbl__raster_scale(float brightest) {
     return brightest > 0 ? (float)ldexp(1, SBL__MIN(10 - (int)ceil(log(brightest) / log(2.0)), 100)) : 1;
 }
 
-/* Slots of a lens in an atlas of that size; fewer where it is large. */
+/* Computes the slots of a lens in a view texture of width and height atlas_size. The size grows to hold at least one
+   sheet, up to the driver's limit `most`. If the driver's limit is too small for a sheet, there are 0 slots. */
 static void sbl__lens_fit(sbl__lens *lens, int atlas_size, int most) {
     const sbl__layout *l = &lens->layout;
     const int pitch[2] = { sbl__layout_pitch(l, 0), sbl__layout_pitch(l, 1) };
@@ -10257,7 +10271,7 @@ static void sbl__lens_fit(sbl__lens *lens, int atlas_size, int most) {
     lens->area[1] = fit[1] * pitch[1];
 }
 
-/* The atlas, and how looks of both kinds lie in it. */
+/* Makes the view texture, and computes the slots of looks and of stuck tests in it. */
 static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const sbl__scene *scene,
                                     const sbl__spec *spec, sbl__blocks *blocks) {
     const int most = d->gl.capabilities.max_texture_size;
@@ -10290,7 +10304,8 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
     return result == SBL_SUCCESS ? sbl__blocks_make(d, blocks, spec->directional ? 5 : 2, sums[0], sums[1]) : result;
 }
 
-/* The texels' weights of a lens, row by row, and where they look. SBL_SUCCESS: they stand in its textures. */
+/* Computes the weights of a lens's texels row by row, and for directional jobs the texels' directions. SBL_SUCCESS: the
+   lens's textures are written. */
 static sbl_result sbl__raster_weigh(const sbl__device *d, sbl__raster *r, sbl__lens *lens, const sbl__spec *spec,
                                     const sbl__slice *slice) {
     const sbl__layout *l = &lens->layout;
@@ -10506,7 +10521,7 @@ static const sbl__input sbl__view_inputs[] = {
     { 8, 2, SBL__GL_FLOAT, 0, 1, sizeof(sbl__view), offsetof(sbl__view, offset) }
 };
 
-/* Fills rows of slots with sky. */
+/* Fills at least the first `slots` slots, in whole rows, with the sky's constant radiance. */
 static void sbl__raster_clear(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens,
                               const sbl__scene *scene, int slots) {
     const int rows = (slots + lens->slots.columns - 1) / lens->slots.columns;
@@ -10519,7 +10534,7 @@ static void sbl__raster_clear(const sbl__device *d, const sbl__raster *r, const 
     sbl__clear_depth(d);
 }
 
-/* Where a look's sheet starts in the atlas, texels. */
+/* Lowest x and y of a slot's sheet in the view texture, texels */
 static void sbl__raster_corner(const sbl__lens *lens, int slot, int corner[2]) {
     corner[0] = slot % lens->slots.columns * sbl__layout_pitch(&lens->layout, 0);
     corner[1] = slot / lens->slots.columns * sbl__layout_pitch(&lens->layout, 1);
@@ -10543,7 +10558,7 @@ static sbl_result sbl__raster_send(const sbl__device *d, sbl__raster *r, const s
     return result;
 }
 
-/* What the host draws is told of a view. */
+/* Fills the description of a view that the host's draw callback receives. number: index of the view in the batch */
 static void sbl__raster_view(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b,
                              int number, sbl_draw_view *v) {
     const sbl__layout *l = &lens->layout;
@@ -10572,7 +10587,7 @@ static void sbl__raster_view(const sbl__device *d, const sbl__raster *r, const s
     v->world_to_view[15] = 1;
     v->view_to_clip[0] = (float)(per_length / l->tangent);
     v->view_to_clip[5] = (float)(per_length / l->tangent) * (face ? 2.0f : 1.0f);
-    v->view_to_clip[9] = face ? (float)per_length : 0.0f;  /* a side shows y from 0 to 1 */
+    v->view_to_clip[9] = face ? (float)per_length : 0.0f;  /* side views of a hemicube cover y from 0 to 1 only */
     v->view_to_clip[11] = (float)-per_length;
     v->view_to_clip[14] = SBL__VIEW_DEPTH;
     sbl__multiply(v->world_to_clip, v->view_to_clip, v->world_to_view);
@@ -10586,7 +10601,7 @@ static void sbl__raster_view(const sbl__device *d, const sbl__raster *r, const s
     v->face = face;
 }
 
-/* The host's own geometry, view by view. */
+/* Calls the host's draw callback for each view of the batch. */
 static void sbl__raster_host(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__batch *b) {
     sbl_draw_view view;
     int i;
@@ -10597,7 +10612,7 @@ static void sbl__raster_host(const sbl__device *d, const sbl__raster *r, const s
     }
 }
 
-/* The lens's part of the atlas. */
+/* Begins a pass to the part of the view texture that the lens covers. */
 static void sbl__raster_pass(const sbl__device *d, const sbl__raster *r, const sbl__lens *lens, int flags) {
     const int area[4] = { 0, 0, lens->area[0], lens->area[1] };
     sbl__pass(d, &r->target, area, NULL, flags);
@@ -10614,8 +10629,9 @@ static sbl_result sbl__raster_sky(sbl__device *d, const sbl__raster *r, const sb
     return SBL_SUCCESS;
 }
 
-/* Draws a batch's views: of the scene's triangles only first .. end - 1, since one look at a large scene may be too
-   much for one submission; the sky comes with the first of them, the host with the last. */
+/* Draws the scene's triangles first .. end - 1 to all views of a batch. A range of triangles is drawn, because one look
+   at a large scene may take too long for one submission. The call with the first triangle also draws the environment,
+   the call with the last triangle also calls the host's draw callback. */
 static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__lens *lens, const sbl__batch *b,
                                    int first, int end) {
     const sbl__geometry *g = &b->scene->geometry;
@@ -10652,7 +10668,7 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
     return result;
 }
 
-/* For lamps.glsl: what the views show of the host's drawing. */
+/* Gives lamps.glsl access to the views, because geometry that the host draws may hide a lamp and exists only there. */
 static void sbl__raster_bind(sbl__device *d, const sbl__raster *r, float extent) {
     const sbl__layout *l = &r->lenses[SBL__LENS_SITE].layout;
     int i, k;
@@ -10732,7 +10748,8 @@ static const sbl__recipe sbl__recipe_reduce_blocks = {
     { &sbl__look_words_record }, SBL__DIRECTIONAL
 };
 
-/* Block sums of rows of slots. looks: the words of those in all slots, where it is wanted where light comes from. */
+/* Computes the partial sums of the slots in rows[1] rows from row rows[0] on. looks: the looks in all slots, for
+   directional jobs; NULL for other jobs */
 static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const sbl__lens *lens, const sbl__blocks *b,
                                      const sbl__table *looks, const int rows[2]) {
     const sbl__layout *l = &lens->layout;
@@ -10754,17 +10771,17 @@ static sbl_result sbl__raster_reduce(sbl__device *d, const sbl__raster *r, const
 }
 
 /* ======================================================================================================== >>trace
-   The other way: a sensor's directions as rays through the hierarchy, in a shader. Its cost grows with the logarithm of
-   the scene. */
+   The back end that traces rays: shader invocations trace a look's rays over the hemisphere through the hierarchy of
+   triangles. The cost of a ray grows with the logarithm of the number of triangles. */
 
-#define SBL__TRACE_CHUNK 16        /* rays of an invocation, at most */
-#define SBL__TRACE_COLUMNS 256     /* looks across, at most */
-#define SBL__TRACE_TEXELS 1024     /* texels across the block sums, at most */
+#define SBL__TRACE_CHUNK 16        /* maximum number of rays per invocation */
+#define SBL__TRACE_COLUMNS 256     /* maximum number of looks side by side in the textures of partial sums */
+#define SBL__TRACE_TEXELS 1024     /* maximum width and height of the textures of partial sums, texels */
 
 typedef struct sbl__trace {
-    sbl__slots slots[SBL__LENSES]; /* of looks at a site, and of probes: one ray back to the surface */
-    int rays;                      /* over the hemisphere */
-    sbl__table sequence;
+    sbl__slots slots[SBL__LENSES]; /* slots of looks, and of stuck tests, which trace one ray back to the surface */
+    int rays;                      /* number of rays over the hemisphere per look */
+    sbl__table sequence;           /* Sobol points that give the rays' directions, see sbl__sequence_make */
 } sbl__trace;
 
 static void sbl__trace_free(const sbl__device *d, sbl__trace *t) {
@@ -10991,8 +11008,10 @@ static const sbl__recipe sbl__recipe_trace = {
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__BOUNCED | SBL__GUIDED | SBL__DIRECTIONAL
 };
 
-/* Traces a batch, which has been sent; slots->blocks invocations share a look's rays. probe: one ray a look, along its
-   normal. paired: 0 where each is to have one. */
+/* Traces the rays of a batch, whose looks must be in b->table already. Each look's rays are distributed over
+   slots->blocks[0] * slots->blocks[1] invocations. probe: 1: each look traces one ray only, along its normal; paired:
+   1: an invocation takes its rays in pairs, to measure the variance; 0: it takes them singly, so that with one
+   invocation per ray each output texel belongs to one ray */
 static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl__batch *b, int probe, int paired) {
     const sbl_result result = sbl__use(d, &sbl__recipe_trace, sbl__batch_features(b));
     if (result != SBL_SUCCESS) return result;
@@ -11016,44 +11035,51 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
 }
 
 /* ======================================================================================================== >>job
-   The primitive: sites in, readings out. It does not know what its sites are for, and later rooms do not depend on
-   whether it traces rays or rasterises views. What a picture asks of pixels, others ask of vertices or points in the
-   air; all are short loops over this:
+   A job measures the light at a list of sites and writes one reading per site. A job does not know what its sites are
+   for, and the rooms that follow do not depend on whether the job traces rays or rasterises views. Pictures run jobs
+   for pixels; other front ends run jobs for vertices or for points in the air. Every caller uses the same short loop:
 
-       sbl__job_begin(job, scene, task)                       sites, where their readings go, and how sensors see
+       sbl__job_begin(job, scene, task)                       the task names sites, readings and the sensors' settings
        while (sbl__job_step(device, job, slice) == SBL_UNFINISHED) ...
-                                                              each step is one bounded piece
-   A job makes its resources anew where the task or the scene asks for other ones than before, and keeps them for the
-   next job. What fails half-way leaves a job that can be begun again.
+                                                              each step does one piece of bounded duration
 
-   A site's sensor looks up to four times, each look turned further; its reading is their mean. The looks fill the slots
-   of a texture, are reduced to a result each, and the next filling begins:
+   A job keeps its GPU resources for the next job and makes new ones only if the task or the scene needs different
+   ones. After an error the job can begin again.
 
-       set up -> { draw -> reduce -> ... } -> read -> { draw -> reduce ... -> read } -> done
-                                                      looks back, from sites that may be stuck                     */
+   A site's reading is the mean of the site's looks, each of which is rotated further or uses other rays. A job draws
+   looks into the slots until all slots are full, reduces each look to one texel of results, and fills the slots again.
+   The first round makes the sites' looks, the second round makes the stuck tests of sites that may be stuck:
 
-#define SBL__RESULTS_WIDTH 1024
-#define SBL__READ_ROWS 16          /* of results, read at once */
-#define SBL__LOOKS_FIRST 16        /* drawn at once while nothing is known of their pace */
-#define SBL__SUBMISSIONS 8         /* of views under way at a time, at most */
-#define SBL__SUSPECT_SHARE 0.02f   /* of back faces that a look may see unsuspected */
-#define SBL__STUCK_SHARE 0.75f     /* of its offset within which a look must not meet anything on its way back */
-#define SBL__FEW_RAYS 1.0f         /* noise of a harmonic over R, times the root of a look's rays */
-#define SBL__TEXEL_NOISE 2.6f      /* of views, relative, times their size: measured for a lamp in a box */
+       set up -> { draw -> aim rays at lamps -> reduce } ... -> read -> { draw -> reduce } ... -> read -> done
+                 first round: looks                                     second round: stuck tests              */
 
-/* What the GPU found for each look: sum of weight * radiance, weight that sees back faces; weight that sees surfaces,
-   weight * distance, nearest distance, variance. Look n stands at n % SBL__RESULTS_WIDTH, n / SBL__RESULTS_WIDTH, and
-   stays there until the next job. */
+#define SBL__RESULTS_WIDTH 1024    /* width of the textures of results, texels */
+#define SBL__READ_ROWS 16          /* number of rows of results per readback */
+#define SBL__LOOKS_FIRST 16        /* number of looks in the first submission, before their cost has been measured */
+#define SBL__SUBMISSIONS 8         /* maximum number of submissions of views before the CPU waits for the GPU */
+#define SBL__SUSPECT_SHARE 0.02f   /* a site gets a stuck test if its first look sees a larger share of back faces */
+#define SBL__STUCK_SHARE 0.75f     /* a sensor is stuck if its stuck test hits at less than this share of its offset */
+#define SBL__FEW_RAYS 1.0f         /* noise of a harmonic divided by R, times the square root of a look's rays */
+#define SBL__TEXEL_NOISE 2.6f      /* relative noise of a look that rasterises views, times the views' size in texels;
+                                      measured with a lamp in a box */
+
+/* Results of all looks, in the first two textures: r g b of `sums` is the sum of weight * radiance, a is the weight of
+   the directions that see back faces; `hits` holds the weight of the directions that see surfaces, the sum of weight *
+   distance, the smallest distance, and the variance. The result of look n is at texel n % SBL__RESULTS_WIDTH,
+   n / SBL__RESULTS_WIDTH, and remains there until the next job. */
 typedef sbl__blocks sbl__results;
 
 typedef struct sbl__task {
     sbl__spec spec;
-    const sbl__site *sites;     /* must stay until the job is done */
-    sbl_reading *readings;      /* likewise: one a site; */
-    float *layers;              /* and of each layer of light from 1 on 3 floats, see sbl__spec_layers */
+    /* The caller must keep the arrays that these pointers name until the job is done. */
+    const sbl__site *sites;
+    sbl_reading *readings;      /* output: one reading per site */
+    float *layers;              /* output of directional jobs: per site, 3 floats for each layer of light from layer 1
+                                   on, see sbl__spec_layers */
     int site_count;
-    int first_look;             /* the number that looks are counted from: which slot they stand in */
-    const sbl__guides *guides;  /* of the sites; must stay, likewise */
+    int first_look;             /* number of the job's first look, which selects its slot: with the number that a look
+                                   had in an earlier job, >>inspect repeats the look in the same slot */
+    const sbl__guides *guides;  /* guides that direct the sites' rays, see >>guide */
 } sbl__task;
 
 typedef struct sbl__job_counts { int64_t looks, views, texels, rays; int readbacks; } sbl__job_counts;
@@ -11068,9 +11094,8 @@ typedef struct sbl__job {
     sbl__device *device;
     sbl__task task;
     const sbl__scene *scene;
-    sbl__job_counts counts;     /* since the caller last cleared them */
-    /* what the resources were made for, where `ready` */
-    int ready;
+    sbl__job_counts counts;     /* sums over all jobs since the caller last cleared them */
+    int ready;                  /* 1: the resources below exist, for this spec and this version of the scene: */
     sbl__spec made_for;
     uint32_t made_for_scene;
     sbl__raster raster;
@@ -11078,18 +11103,19 @@ typedef struct sbl__job {
     sbl__aim aim;
     sbl__blocks blocks;
     sbl__results results[SBL__LENSES];
-    sbl__table table;           /* the looks of a batch, as shaders that send rays take them */
-    sbl__look *looks;           /* in the slots */
-    int look_most;              /* of a batch */
-    /* the round under way: of sites, then of probes */
-    int lens;                   /* SBL__LENS_SITE or SBL__LENS_PROBE */
-    int *suspects;              /* sites that must look back */
+    sbl__table table;           /* the looks of a batch, in the format that ray-tracing shaders read */
+    sbl__look *looks;           /* the look in each slot */
+    int look_most;              /* maximum number of looks per batch */
+    /* State of the current round. The first round makes the sites' looks, the second round makes the stuck tests. */
+    int lens;                   /* SBL__LENS_SITE: looks at sites; SBL__LENS_PROBE: stuck tests */
+    int *suspects;              /* indices of the sites that need a stuck test */
     int suspect_count, suspect_room;
-    int look_count;             /* of the round */
-    int site, look;             /* that are next: to be drawn, to be read */
-    int drawn, aimed, reduced;  /* looks */
-    int batch;                  /* looks of a batch whose triangles are not all drawn */
-    int triangle;               /* of these, the next one */
+    int look_count;             /* first_look plus the number of looks in the round */
+    int site, look;             /* index of the next site (or suspect) and of its look: while drawing the next one to
+                                   draw, while reading the next one to read */
+    int drawn, aimed, reduced;  /* numbers of the looks at which the three stages continue */
+    int batch;                  /* number of looks in the batch that is partly drawn; 0: no batch is partly drawn */
+    int triangle;               /* index of the next triangle to draw for this batch */
     sbl__pace draw_pace[SBL__LENSES], aim_pace, reduce_pace[SBL__LENSES];
 } sbl__job;
 
@@ -11108,7 +11134,8 @@ static void sbl__job_free(const sbl__device *d, sbl__job *j) {
 
 /* >>job: how sensors see */
 
-/* s has its defaults filled in, its back end chosen. The scene is ready (sbl__scene_step), but for the paper's mode. */
+/* Derives the spec of a job from the host's options. `s` must hold its defaults and the chosen back end. Except in the
+   paper's mode, sbl__scene_step must have finished the scene. */
 static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl__scene *scene,
                            const sbl_context_desc *c) {
     const sbl__environment *e = &scene->environment;
@@ -11136,27 +11163,29 @@ static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl
     }
 }
 
-/* AUTO is a rule, not a stopwatch: the same input gives the same picture. */
+/* Chooses the back end. SBL_BACKEND_AUTO applies a fixed rule instead of measuring times, so that the same input
+   always gives the same picture. */
 static sbl_backend sbl__choose_backend(const sbl__measurement *s, const sbl__scene *scene) {
     const int views = s->options.mode == SBL_MODE_PAPER || s->sensor_kind == SBL_SENSOR_SINGLE || scene->draw;
     return s->options.backend != SBL_BACKEND_AUTO ? s->options.backend : views ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
 }
 
-/* How far sensors stand off a surface whose triangle reaches so far; 0: unknown. */
+/* Returns the distance of sensors from their surface, world units. reach: the triangle's distance from the origin plus
+   its size (see SBL__OFFSET); 0: unknown */
 static float sbl__spec_offset(const sbl__spec *spec, const sbl__scene *scene, float reach) {
     return SBL__OFFSET * (spec->traced && reach > 0 ? reach : scene->geometry.extent);
 }
 
-/* How many layers of light sensors find. */
+/* Number of layers of light that sensors find (see SBL__LAYERS) */
 static int sbl__spec_layers(const sbl__spec *spec) { return spec->directional ? SBL__LAYERS : 1; }
 
-/* Noise of layers from 1 on that a look's few rays leave where R has none, as a share of R: those on the horizon count
-   most for harmonics. */
+/* Returns the noise of layers 1 to 4 as a share of R, for a look whose R is free of noise. Rays near the horizon count
+   most in harmonics, and a look has only a few of them. */
 static float sbl__spec_layer_noise(const sbl__spec *spec) {
     return spec->dark || !spec->traced ? 0 : SBL__FEW_RAYS / (float)sqrt((double)spec->rays);
 }
 
-/* Size of the sheet that a look's texels, or rays, fill. */
+/* Gets the size of a look's sheet: the texels of its views, or one row with a texel per ray. */
 static void sbl__spec_sheet(const sbl__spec *spec, int size[2]) {
     sbl__layout layout;
     sbl__layout_make(&layout, spec->hemicube, SBL__MAX(spec->size, 1), spec->fov);
@@ -11164,17 +11193,19 @@ static void sbl__spec_sheet(const sbl__spec *spec, int size[2]) {
     size[1] = spec->traced ? 1 : layout.sheet_height;
 }
 
-/* Are rays sent one by one, so that those towards lamps and those over the hemisphere can be asked for apart, and a
-   single one costs little? */
+/* Returns 1 if sensors trace rays. Then a look may trace as few rays as the caller wants, and the caller may request
+   rays towards lamps and rays over the hemisphere separately. */
 static int sbl__measurement_sends_rays(const sbl__measurement *s) { return s->options.backend == SBL_BACKEND_TRACE; }
 
-/* Rays of a look, where sensors look as often as the error takes: as many as a sensor that stands for little needs. */
+/* Number of rays per look if each sensor makes as many looks as the requested error needs. The number suits a sensor
+   whose reading covers a small area; other sensors make more looks. */
 static int sbl__look_rays(float error) {
     return error >= 0.06f ? 16 : error >= 0.015f ? 32 : error >= 0.004f ? 64 : 128;
 }
 
-/* And so many times as many where a look's relative variance is so large: of few rays most find nothing, so that
-   sensors do not know their own noise, and cells are split for it. A power of two; 1 where looks cannot have more. */
+/* Returns the factor, a power of two, by which sbl__look_rays must grow for looks of this relative variance; 1 if looks
+   cannot have more rays. If light is rare, most looks of few rays find none, so that sensors underestimate their own
+   noise, and the picture's cells are split because of noise. */
 static int sbl__look_growth(const sbl__measurement *s, float error, double variance) {
     int times = 1;
     if (s->options.rays || !sbl__measurement_sends_rays(s)) return 1;
@@ -11197,18 +11228,18 @@ static const sbl__slots *sbl__lens_slots(const sbl__job *j, int lens) {
     return j->task.spec.traced ? &j->trace.slots[lens] : &j->raster.lenses[lens].slots;
 }
 
-/* Of the round under way. */
+/* The slots that the current round uses */
 static const sbl__slots *sbl__job_slots(const sbl__job *j) { return sbl__lens_slots(j, j->lens); }
 
-/* What light is multiplied by in the job's textures. */
+/* Factor of all radiance in the job's textures */
 static float sbl__job_scale(const sbl__job *j) { return j->task.spec.traced ? 1 : j->raster.radiance_scale; }
 
-/* How the views of a look lie on its sheet; NULL: sensors send rays. */
+/* Positions of the views in a look's sheet; NULL if sensors trace rays */
 static const sbl__layout *sbl__job_layout(const sbl__job *j) {
     return j->task.spec.traced ? NULL : &j->raster.lenses[SBL__LENS_SITE].layout;
 }
 
-/* Textures, sequences, room for a batch of looks. */
+/* Makes the textures and the sequences, and allocates the looks of all slots. */
 static sbl_result sbl__job_setup(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     const sbl__device *d = j->device;
@@ -11232,7 +11263,7 @@ static sbl_result sbl__job_setup(void *work, sbl__slice *slice) {
     return j->looks ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Weights of both kinds of views; the second ones are few. Then all resources are there. */
+/* Computes the weights of the views of looks and of stuck tests. Afterwards all resources exist. */
 static sbl_result sbl__job_weigh(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     for (; j->lens < SBL__LENSES && !j->task.spec.traced; j->lens++) {
@@ -11325,7 +11356,7 @@ static const sbl__recipe sbl__recipe_reduce_sum = {
 
 /* >>job: a round */
 
-/* Starts with the task's sites, or with the suspects. */
+/* Starts a round: looks at the task's sites, or stuck tests at the suspects. */
 static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
     const sbl__device *d = j->device;
     const int most = d->gl.capabilities.max_texture_size, directional = j->task.spec.directional;
@@ -11349,7 +11380,8 @@ static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
     return sbl__blocks_make(d, &j->results[lens], directional ? 5 : 2, SBL__RESULTS_WIDTH, rows);
 }
 
-/* Compiles one of the programs that the job needs. SBL_SUCCESS: all are there, and the sites' round is begun. */
+/* Compiles one of the shader programs that the job needs. If all of them exist, starts the round of the sites' looks
+   and returns SBL_SUCCESS. */
 static sbl_result sbl__job_compile(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -11374,7 +11406,8 @@ static sbl_result sbl__job_compile(void *work, sbl__slice *slice) {
     return sbl__job_start_round(j, SBL__LENS_SITE);
 }
 
-/* The next look of the round. A probe stands where the site's first look stands, and looks back. */
+/* Makes the next look of the round. A stuck test starts at the position of the site's first look and faces the
+   surface. */
 static void sbl__job_next_look(sbl__job *j, int number, sbl__look *out) {
     const int probe = j->lens == SBL__LENS_PROBE;
     const sbl__site *site = &j->task.sites[probe ? j->suspects[j->site] : j->site];
@@ -11387,7 +11420,7 @@ static void sbl__job_next_look(sbl__job *j, int number, sbl__look *out) {
     j->site++;
 }
 
-/* `count` looks from number `first` of the round on. */
+/* Describes the batch of `count` looks from look number `first` on. */
 static void sbl__job_batch(const sbl__job *j, int first, int count, sbl__batch *out) {
     memset(out, 0, sizeof *out);
     out->scene = j->scene;
@@ -11401,8 +11434,8 @@ static void sbl__job_batch(const sbl__job *j, int first, int count, sbl__batch *
     out->count = count;
 }
 
-/* Draws as many looks as there is room for, in the slice and in the slots, or a part of one. units: what it did, in
-   those of the pace. */
+/* Draws `room` looks, or fewer if the slots or the round end before. If `room` is less than the batch, views get only
+   a part of the scene's triangles, and the next call continues. units: receives the work done, in looks */
 static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
@@ -11437,8 +11470,9 @@ static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     return SBL_SUCCESS;
 }
 
-/* One piece of drawing. Where there is no hurry some submissions of views are under way at a time: a renderer on the
-   CPU then prepares one while it draws another (a quarter less time at 2,000 triangles). */
+/* Does one piece of drawing. If the slice is long enough, the piece consists of several submissions of views without
+   waiting in between: a software renderer prepares one while it draws another, which saves a quarter of the time at
+   2,000 triangles. */
 static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -11450,7 +11484,7 @@ static sbl_result sbl__job_draw(void *work, sbl__slice *slice) {
     sbl_result result = SBL_SUCCESS;
     int i, full = 0;
     d->gl.doing = "drawing sensors";
-    if (j->stages.at++ == 0) {  /* the slots that will be used are filled with sky */
+    if (j->stages.at++ == 0) {  /* sky: the background of all views in the slots that looks will fill */
         if (!traced) sbl__raster_clear(d, &j->raster, lens, j->scene, SBL__MIN(slots, first % slots + left));
         result = sbl__gl_check(&d->gl);
         return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
@@ -11472,7 +11506,8 @@ static int sbl__job_after_draw(void *work) {
     return j->task.spec.lamp_rays && j->lens == SBL__LENS_SITE ? SBL__JOB_AIM : SBL__JOB_REDUCE;
 }
 
-/* One piece of sending rays towards lamps. All views have been drawn: what the host draws stands between. */
+/* Traces rays towards lamps for some of the looks in the slots. This stage follows the drawing of views, because
+   geometry that the host draws exists only in views and may hide a lamp. */
 static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -11496,7 +11531,7 @@ static sbl_result sbl__job_aim(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS && j->aimed < j->drawn ? SBL_UNFINISHED : result;
 }
 
-/* Sums of looks first .. last into their results. */
+/* Computes the results of looks first .. last from their partial sums. */
 static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     sbl__device *d = j->device;
     const sbl__slots *slots = sbl__job_slots(j);
@@ -11529,7 +11564,7 @@ static sbl_result sbl__job_sum(const sbl__job *j, int first, int last) {
     return SBL_SUCCESS;
 }
 
-/* One piece of reducing the slots' present filling: rows of slots. */
+/* Reduces the looks in some rows of slots to their results. */
 static sbl_result sbl__job_reduce(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     sbl__device *d = j->device;
@@ -11562,16 +11597,17 @@ static int sbl__job_after_reduce(void *work) {
 
 /* >>job: reading */
 
-/* Of what a look sees of surfaces, the share of back faces. */
+/* Share of back faces among the surfaces that a look sees, by weight */
 static float sbl__back_share(const float sum[4], const float hits[4]) { return hits[0] > 0 ? sum[3] / hits[0] : 0; }
 
-/* In scenes of extreme sizes (see sbl__scene_warn) what shaders compute may overflow; then the sensor is invalid. */
+/* Returns 1 if all numbers are finite. Shader arithmetic may overflow in scenes of extreme sizes (see sbl__scene_warn);
+   the sensor's reading is then invalid. */
 static int sbl__reading_is_finite(const sbl_reading *r) {
     return sbl__all_finite(r->radiance, 3) && sbl__finite(&r->noise) && sbl__finite(&r->hit_share) &&
            sbl__finite(&r->back_share) && sbl__finite(&r->hit_mean) && sbl__finite(&r->hit_min);
 }
 
-/* Adds a look's result to its site's reading; the last one makes it a mean. */
+/* Adds a look's result to the site's reading. After the site's last look, divides the sums by the number of looks. */
 static void sbl__job_take(sbl__job *j, const float *const found[5]) {
     const float *sum = found[0], *hits = found[1];
     const sbl__spec *spec = &j->task.spec;
@@ -11611,13 +11647,13 @@ static void sbl__job_take(sbl__job *j, const float *const found[5]) {
     j->site++;
 }
 
-/* What a look of the round found; `found`: see sbl__results.
+/* Evaluates the result of the round's next look. found: the look's texel of each texture of results, see sbl__results
 
-   A sensor is stuck when the little way it was moved off its surface took it through another: it then stands inside
-   something that the visible point is outside of. What it sees tells little: whole rooms are modelled inside out, and
-   what shines inside a thing may hide its walls. So looks that see any back faces are asked to look back to where they
-   came from, and their sensor is stuck when it sees something nearer than its own surface. A site's first look tells.
-   */
+   A sensor is stuck if the offset from its surface moved it through another surface: the sensor is then inside a body,
+   although the visible point is outside. A look's share of back faces cannot decide this: whole rooms are modelled
+   inside out, and an emitter inside a body may hide the body's walls. A site whose first look sees more back faces
+   than SBL__SUSPECT_SHARE therefore gets a stuck test, which looks from the sensor back to its surface. The sensor is
+   stuck, and its reading invalid, if the stuck test sees something nearer than this surface. */
 static sbl_result sbl__job_judge(sbl__job *j, const float *const found[5]) {
     const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent, *hits = found[1];
     const int back = j->lens == SBL__LENS_PROBE, site = back ? j->suspects[j->site++] : j->site;
@@ -11636,7 +11672,7 @@ static sbl_result sbl__job_judge(sbl__job *j, const float *const found[5]) {
     return SBL_SUCCESS;
 }
 
-/* Counts a round that is done. */
+/* Adds the finished round to the counts. Stuck tests are not counted. */
 static void sbl__job_count(sbl__job *j) {
     const sbl__spec *spec = &j->task.spec;
     const int looks = j->look_count - j->task.first_look;
@@ -11652,7 +11688,8 @@ static void sbl__job_count(sbl__job *j) {
     }
 }
 
-/* One piece of reading results: a few rows at once. Behind the last, those of suspects may begin. */
+/* Reads back SBL__READ_ROWS rows of results and evaluates their looks. After the last row of the sites' looks, starts
+   the round of stuck tests if there are suspects. */
 static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     sbl__job *j = (sbl__job *)work;
     const sbl__device *d = j->device;
@@ -11688,7 +11725,7 @@ static int sbl__job_after_read(void *work) {
     return j->drawn < j->look_count ? SBL__JOB_DRAW : SBL__JOB_DONE;
 }
 
-/* >>job: its life */
+/* >>job: beginning and stepping */
 
 static void sbl__job_begin(sbl__job *j, const sbl__scene *scene, const sbl__task *task) {
     const int same = j->ready && j->made_for_scene == scene->version && sbl__spec_equal(&j->made_for, &task->spec);
@@ -11700,7 +11737,7 @@ static void sbl__job_begin(sbl__job *j, const sbl__scene *scene, const sbl__task
     j->stages.at = 0;
 }
 
-/* One bounded piece. SBL_SUCCESS: all readings are there. After an error the job can be begun again. */
+/* Does one piece of bounded duration. SBL_SUCCESS: all readings are written. After an error the job can begin again. */
 static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, NULL, NULL },
@@ -11721,7 +11758,7 @@ static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) 
     return result;
 }
 
-/* How much of it is done, 0 to 1: of its first round, which is nearly all of it. */
+/* Share of the job that is done, 0 to 1. The share ignores stuck tests, because they are only a small part. */
 static float sbl__job_progress(const sbl__job *j) {
     const int looks = j->look_count - j->task.first_look;
     if (j->stages.stage == SBL__JOB_DONE || j->lens == SBL__LENS_PROBE) return 1;
@@ -11729,7 +11766,7 @@ static float sbl__job_progress(const sbl__job *j) {
     return (float)(j->drawn - j->task.first_look) / (float)looks;
 }
 
-/* >>job: what front ends stand on: all of the context but themselves */
+/* >>job: the part of a context that all front ends (pictures, gathers and others) share */
 typedef struct sbl__core {
     sbl__base base;
     sbl_context_desc desc;
@@ -11737,11 +11774,11 @@ typedef struct sbl__core {
     sbl__scene scene;
     int has_scene;
     sbl__job job;
-    struct sbl__bounce *bounce; /* the store being filled, or NULL */
-    sbl_stats stats;            /* of the picture or gather begun last */
+    struct sbl__bounce *bounce; /* state of filling the store of bounced light; NULL: the store is not being filled */
+    sbl_stats stats;            /* statistics of the picture or gather that was begun last */
 } sbl__core;
 
-/* What the job's counts mean to the host. */
+/* Copies the job's counts to the statistics that the host reads. */
 static void sbl__core_count(sbl__core *c) {
     const sbl__job_counts *n = &c->job.counts;
     c->stats.sensors.views = n->views;
@@ -11751,7 +11788,7 @@ static void sbl__core_count(sbl__core *c) {
     c->job.counts.readbacks = 0;
 }
 
-/* Clears the stats for what is begun. */
+/* Clears the statistics when a picture or a gather begins, except for the time spent on the scene. */
 static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
     const double scene_seconds = c->stats.seconds.scene;
     memset(&c->stats, 0, sizeof c->stats);
