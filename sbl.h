@@ -13156,150 +13156,184 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
 }
 
 /* ======================================================================================================== >>refine
-   Where sensors stand (section III-G) and how often each looks; what the other pixels get from them, and how far off
-   all of it is likely to be.
+   Adaptive placement of sensors (section III-G): where sensors stand, how many looks each takes, what light the other
+   pixels get from them, and how large the remaining error is likely to be.
 
-   A cell is a rectangle of pixels with sensors at its four corners, which neighbours share. Each round lists sites for
-   a job (COLLECT), runs it (SENSE), takes its readings (TAKE) and predicts the error of every cell (WEIGH):
+   A tile is a rectangle of pixels with sensors at its four corners; neighbouring tiles share corners. Each round lists
+   sites for a job (COLLECT), runs the job (SENSE), takes its readings (TAKE) and predicts the error of every tile
+   (WEIGH), which has two parts:
 
-       bias    what interpolation misses: told by how light bends from sensor to sensor, and by sensors that a
-               neighbour's split put on the cell's rim
-       noise   what is left of its corners' noise: they stand for many pixels in a wide cell, and in a narrow one the
-               filter takes the mean of many
+       bias    what interpolation misses. It is estimated from second differences of light between sensors, and from
+               sensors that the split of a neighbour put on the tile's rim
+       noise   what interpolation and the filter leave of the noise at the corners. In a wide tile each sensor stands
+               for many pixels; in a narrow tile the filter takes the mean of many sensors
 
-   Besides there is what stored light is off by (doubt), which nothing here can make less. While the sum is more than
-   was asked for, SPEND buys what gains most for its cost: cells that are split, and sensors that look again. Whether it
-   is a shadow's edge or a window that a few rays find, the next ray goes where it counts.
-   With a threshold (always in SBL_MODE_PAPER) cells are split where their corners differ by more than that instead.
+   The uncertainty of stored light is a third part, which refinement cannot reduce. While the sum exceeds the error that
+   was asked for, SPEND buys what reduces the error most for its cost: splits of tiles, or more looks of sensors. Rays
+   thus go where they reduce the error most, both at a shadow's edge and near a window that few rays find.
+   With a threshold (always in SBL_MODE_PAPER) a tile is split where its corners differ by more than the threshold.
 
        +-------+-------+      +---+---+-------+      o sensor of the first level
-       o       o       o      o   *   o       o      * sensor that the split of the left cell adds; the right cell's
-       |       |       |      *   *   *       |        interpolation is tested against the one on their common edge
+       o       o       o      o   *   o       o      * sensor that the split of the left tile adds; the interpolation
+       |       |       |      *   *   *       |        of the right tile is tested against the one on the common edge
        o       o       o      o   *   o       o
 
-   All but jobs runs on the CPU, in slices. Errors are relative to the picture's mean luminance, and squared. Later
-   rooms only call functions; they read no field of sbl__refine. */
+   Everything except jobs runs on the CPU, in slices. Errors are relative to the picture's mean luminance, and squared.
+   Later rooms only call functions; they read no field of sbl__refine. */
 
 enum { SBL__TOUCHED = 1, SBL__HIDDEN };
 
 typedef struct sbl__pixel {
     float position[3], normal[3], geometric_normal[3];
-    float offset;             /* of its sensor, off the surface */
-    float radiance[3];        /* the mean of its sensor's looks */
-    double variance;          /* of one look's luminance */
-    float error;              /* predicted standard error of what the picture shows, luminance */
-    float stored[3];          /* what the store knows of R here */
-    float doubt;              /* standard error of R that comes of what the store is off by; luminance */
-    uint32_t id;              /* 0: nothing is seen here */
-    int look;                 /* number of its sensor's first look in the job that it was in */
-    int looks, wanted;        /* that its sensor has taken, and is to take */
-    short round;              /* in which it was read last */
-    unsigned char level;      /* 0: interpolated, else 1 + level */
-    unsigned char sensed;     /* 1: its own sensor's light stands in radiance */
-    unsigned char invalid;    /* the sensor was stuck inside geometry, or what it stands on is hidden */
-    unsigned char hides;      /* a lightmap's texel: SBL__HIDDEN, SBL__TOUCHED, or neither */
-    unsigned char queued;     /* looks are on their way */
+    float offset;             /* distance of the pixel's sensor from the surface */
+    float radiance[3];        /* mean of the looks of the pixel's sensor */
+    double variance;          /* variance of the luminance of one look */
+    float error;              /* predicted standard error of the pixel's luminance in the picture */
+    float stored[3];          /* stored value of R at this pixel */
+    float doubt;              /* standard error of the luminance of R that is due to errors of stored light */
+    uint32_t id;              /* number of the surface; 0: the pixel shows no surface */
+    int look;                 /* number of the sensor's first look in the job that took it */
+    int looks, wanted;        /* looks that the sensor has taken, and looks that it is to have taken in the end */
+    short round;              /* last round in which the sensor was read */
+    unsigned char level;      /* 0: the pixel is interpolated; otherwise 1 + level of its sensor */
+    unsigned char sensed;     /* 1: radiance holds the light of the pixel's own sensor */
+    unsigned char invalid;    /* 1: the sensor was stuck inside geometry, or the pixel is hidden (see
+                                 sbl__refine_hides) */
+    unsigned char hides;      /* for a texel of a lightmap: SBL__HIDDEN, SBL__TOUCHED, or 0 */
+    unsigned char queued;     /* 1: a job that is listed or running takes looks here */
 } sbl__pixel;
 
-#define SBL__COVERAGE 0.75f           /* of the bilinear weight must belong: with less, light is extrapolated */
-#define SBL__CONTINUED 4              /* pixels across a cell, from which down it may be */
-#define SBL__HIDDEN_SHARE 0.9f        /* of what a texel's sensor sees must be surfaces, where they hide it, */
-#define SBL__HIDDEN_NEAR 0.45f        /* on average so near: a share of the reach, */
-#define SBL__HIDDEN_REACH 2           /* which is so many texels; */
-#define SBL__HIDDEN_TOUCH 0.15f       /* what is nearer, as a share of it, touches the texel */
-#define SBL__MAX_ROUNDS 40            /* bounds the transfers of a picture */
-#define SBL__FLOOR_SHARE 0.02f        /* of the picture's mean: radiance below which differences do not count */
-#define SBL__LEAST_NOISE 1e-12f       /* in the radiance map: above 0, below all that counts */
-#define SBL__NOISE_WEIGHT 4           /* with a threshold: differences count from twice the standard error on */
-#define SBL__LOOKS_GAIN 0.4f          /* variance of twice as many looks: points of one Sobol sequence */
-#define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* what the next doubling gains a look, of what this one does */
-#define SBL__DOUBLINGS 10             /* of looks; 2^9 is SBL__MAX_LOOKS */
-#define SBL__LOOKS_APART 1.1          /* variance of a difference, as a share of both's sum: points complement others */
-#define SBL__LOOKS_COMPARED 64        /* sensors that tell how much looks gain */
-#define SBL__LOOKS_WRONG_LEAST 0.5    /* times what is thought to begin with, at least, */
-#define SBL__LOOKS_WRONG_MOST 8.0     /* and at most */
-#define SBL__LOOKS_GROWTH 8           /* times as many in one round, at most */
-#define SBL__AIM_BELOW 0.9            /* of the error that was asked for, squared: what a round spends for */
-#define SBL__AIM_SHARE 0.6            /* and at most so far down at once: what seems worth it now may not be then */
-#define SBL__AIM_LEAST 0.7            /* of it: what is left for sensors, however far off stored light is */
-#define SBL__SPLIT_COST 3             /* looks: of five new sensors most are shared */
-#define SBL__SPLIT_GAIN 0.875f        /* of what interpolation misses */
-/* Root mean square of what interpolation along an edge misses, as a share of the second differences at its ends:
-   measured on lamps' shadows, tiles of 2 to 16 pixels. A step between the ends; a parabola, once straightened out; */
+#define SBL__COVERAGE 0.75f           /* least share of the bilinear weight from corners that belong to the pixel;
+                                         with less, light is extrapolated */
+#define SBL__CONTINUED 4              /* widest tile in which light is extrapolated instead of splitting the tile,
+                                         pixels */
+#define SBL__HIDDEN_SHARE 0.9f        /* a texel is hidden if its sensor sees surfaces in more than this share of
+                                         directions, */
+#define SBL__HIDDEN_NEAR 0.45f        /* at a mean distance below this share of the reach */
+#define SBL__HIDDEN_REACH 2           /* reach of that test, in widths of a texel */
+#define SBL__HIDDEN_TOUCH 0.15f       /* a surface nearer than this share of the reach touches the texel */
+#define SBL__MAX_ROUNDS 40            /* most rounds of a picture; the limit bounds the number of transfers between
+                                         CPU and GPU */
+#define SBL__FLOOR_SHARE 0.02f        /* share of the picture's mean luminance below which differences do not count */
+#define SBL__LEAST_NOISE 1e-12f       /* least noise of a surface in the radiance map: above 0, which marks empty
+                                         pixels, and too small to matter */
+#define SBL__NOISE_WEIGHT 4           /* multiple of the variance: with a threshold, differences count from twice the
+                                         standard error on */
+#define SBL__LOOKS_GAIN 0.4f          /* factor by which twice as many looks reduce the variance; below 0.5 as looks
+                                         share one Sobol sequence */
+#define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* gain per look of the next doubling of looks, as a share of
+                                                          that of the present doubling */
+#define SBL__DOUBLINGS 10             /* number of powers of two that a count of looks can be; 2^9 is SBL__MAX_LOOKS */
+#define SBL__LOOKS_APART 1.1          /* variance of the difference of two means of looks, as a share of the sum of
+                                         their variances; it exceeds 1 because later points of the Sobol sequence
+                                         complement earlier ones */
+#define SBL__LOOKS_COMPARED 64        /* sensors that must have looked again before their differences correct the
+                                         assumed variance */
+#define SBL__LOOKS_WRONG_LEAST 0.5    /* least factor of that correction */
+#define SBL__LOOKS_WRONG_MOST 8.0     /* largest factor of that correction */
+#define SBL__LOOKS_GROWTH 8           /* largest factor by which a sensor's looks grow in one round */
+#define SBL__AIM_BELOW 0.9            /* share of the squared target error that a round aims at */
+#define SBL__AIM_SHARE 0.6            /* least share of the present squared error that a round aims at: new readings
+                                         may change what is worth buying */
+#define SBL__AIM_LEAST 0.7            /* least share of the squared target error that is left for sensors, however
+                                         uncertain stored light is */
+#define SBL__SPLIT_COST 3             /* cost of a split in sensors: a split adds five sensors, but neighbours share
+                                         most of them */
+#define SBL__SPLIT_GAIN 0.875f        /* share of the squared error of interpolation that a split removes */
+/* The two constants below give the root mean square error of interpolation along an edge as a share of the second
+   differences at its ends. They were measured on shadows of lamps with tiles of 2 to 16 pixels. STEP is for a step
+   between the ends, CURVE for a parabola after the correction of sbl__edge_parabola. */
 #define SBL__MISSED_STEP 0.29f
 #define SBL__MISSED_CURVE 0.1f
-#define SBL__MISSED_BEYOND 0.35f      /* of extrapolation as far as a cell's width */
-#define SBL__UNKNOWN_BEYOND 0.05f     /* of the light itself, whatever the differences say: of a silhouette, */
-#define SBL__UNKNOWN_CONTACT 0.12f    /* and where the other surface is near enough to cast its shadow there */
-#define SBL__CONTACT 2.5f             /* times the distance of sensors that it is away */
-#define SBL__NOISE_BENDS 0.75f        /* of sensors' variance: what noise alone makes of the above */
-#define SBL__JOB_LOOKS (1 << 21)      /* in one job, about */
-#define SBL__NOISE_DOUBT 1.25f        /* of it: what might be noise is no reason to split; looks will tell */
-#define SBL__HERITAGE 0.6f            /* of a cell's noise, what its parent's counts: few sensors know theirs badly */
-#define SBL__DARKNESS 0.1f            /* of the mean: errors in the dark are seen, though the sum hardly counts them */
-#define SBL__GLARING 5.0f             /* times the error asked for, as a share of a cell's own light and of */
-#define SBL__GLARING_FLOOR 0.1f       /* so much of the mean, that is missed nowhere: ragged shadows would show */
-#define SBL__UNKNOWN_PIXEL 0.15f      /* of the picture's error: what a pixel may be off where nothing tells of it */
-#define SBL__GAIN_BINS 512            /* gains are sorted into quarters of octaves */
+#define SBL__MISSED_BEYOND 0.35f      /* error of extrapolation by the width of a tile, as a share of the known
+                                         difference beyond the edge's end */
+#define SBL__UNKNOWN_BEYOND 0.05f     /* least error of extrapolation as a share of the light itself, at a silhouette */
+#define SBL__UNKNOWN_CONTACT 0.12f    /* the same where the other surface is near enough to cast a shadow into the
+                                         gap */
+#define SBL__CONTACT 2.5f             /* distance, in distances of sensors, up to which the other surface is that
+                                         near */
+#define SBL__NOISE_BENDS 0.75f        /* multiple of the sensors' variance that noise alone adds to the measured
+                                         error of interpolation */
+#define SBL__JOB_LOOKS (1 << 21)      /* approximate number of looks in one job */
+#define SBL__NOISE_DOUBT 1.25f        /* the multiple of the variance subtracted when splits are weighed; it is
+                                         larger because a difference that might be noise is no reason to split, and
+                                         more looks will resolve it */
+#define SBL__HERITAGE 0.6f            /* weight of the parent's variance in a tile's variance, since few sensors
+                                         estimate a variance badly */
+#define SBL__DARKNESS 0.1f            /* share of the mean luminance added to a tile's luminance when gains are
+                                         divided by it: errors in dark places are visible although the sum of squared
+                                         errors hardly counts them */
+#define SBL__GLARING 5.0f             /* a tile whose error exceeds this multiple of the target error, relative to
+                                         its own luminance plus */
+#define SBL__GLARING_FLOOR 0.1f       /* this share of the mean, is always split; otherwise ragged shadows would be
+                                         visible */
+#define SBL__UNKNOWN_PIXEL 0.15f      /* share of the picture's error that is added to the expected error of each
+                                         pixel for causes without an estimate */
+#define SBL__GAIN_BINS 512            /* bins of a histogram of gains, four to an octave */
 
 typedef struct sbl__cell {
     int x0, y0, x1, y1, level, split;
-    int parent;               /* or -1 */
-    int looks;                /* that new sensors at its corners begin with */
-    int pixels;               /* that it gives light to; counted when it is first weighed */
-    float missing;            /* share of them that its corners do not cover */
-    float bends2;             /* what its edges and its rim say that it misses, noise and all; */
-    float unknown2;           /* of that, what no difference tells */
-    float bias2, noise2;      /* predicted errors */
-    float light, variance;    /* means of its corners: luminance; relative variance of a look, with its parent's */
-    float split_gain, look_gain;  /* what a look that it would cost is worth */
+    int parent;               /* index of the tile whose split made this one, or -1 */
+    int looks;                /* number of looks that new sensors at the tile's corners begin with */
+    int pixels;               /* number of pixels that the tile gives light to; counted when the tile is first
+                                 weighed */
+    float missing;            /* share of those pixels that the tile's corners do not cover */
+    float bends2;             /* squared error of interpolation estimated from edges and rim, noise included */
+    float unknown2;           /* part of bends2 that no measured difference reveals */
+    float bias2, noise2;      /* predicted squared errors per pixel, relative */
+    float light, variance;    /* mean luminance of the corners; mean relative variance of one look, blended with the
+                                 parent's */
+    float split_gain, look_gain;  /* gain per look that a split, or more looks, would cost */
 } sbl__cell;
 
 typedef struct sbl__refine {
     sbl__core *core;
-    sbl__seeing *seeing;      /* how sensors see; their looks may get more rays after the first round */
+    sbl__seeing *seeing;      /* how sensors see; looks may get more rays after the first round */
     sbl__spec *spec;
     sbl__stages stages;
     int width, height, tile;
-    int geometry_aware;       /* outside of paper mode; then the threshold is a share of the mean, too */
-    float reach;              /* twice the width of a texel; sensors' mean distances are cut off there. 0: no pixel is
-                                 tested for what hides it */
-    int bounced;              /* a sensor inside a solid finds no light at all */
-    double lit, lit_backs;    /* sensors that found light, so far; sum of their shares of back faces */
-    float threshold;          /* 0: cells are split for what it gains */
-    float asked;              /* error; 0: as good as it gets */
-    float smoothing;          /* pixels that the filter takes the mean of */
+    int geometry_aware;       /* 1 except in SBL_MODE_PAPER; the threshold is then relative to the mean */
+    float reach;              /* SBL__HIDDEN_REACH widths of a texel, where the sensors' mean distances are cut off;
+                                 0: pixels are not tested for what hides them */
+    int bounced;              /* 1: light bounces, so that a sensor inside a solid finds no light at all */
+    double lit, lit_backs;    /* number of sensors that found light so far; sum of their shares of back faces */
+    float threshold;          /* 0: tiles are split by predicted gain */
+    float asked;              /* target error; 0: refine until nothing is left to buy */
+    float smoothing;          /* number of pixels that the filter averages */
     sbl__pixel *pixels;
-    int layer_count;          /* layers of light, see sbl__spec_layers */
-    float *layers;            /* of layers 1 and up 3 floats a pixel, pixel after pixel; layer 0 is pixels' radiance */
+    int layer_count;          /* number of layers of light, see sbl__spec_layers */
+    float *layers;            /* layers 1 and up, 3 floats each, pixel after pixel; layer 0 is the radiance of pixels */
     sbl__cell *cells;
     int cell_count, cell_room;
-    int fresh;                /* cells from here on have not been judged */
-    int judged_end;           /* cells that the judgement under way looks at */
+    int fresh;                /* index of the first tile that has not been weighed yet */
+    int judged_end;           /* number of tiles that the running WEIGH or SPEND stage visits */
     int rounds;
-    int weighed;              /* errors are known */
-    int listed;               /* cells, or guides, before this one have been listed for the round's jobs */
-    sbl__site *sites;         /* of the job under way: site i is pixel sites[i].number; its readings; and of layers 1 */
-    sbl_reading *readings;    /* and up 3 floats a site */
+    int weighed;              /* 1: errors have been predicted */
+    int listed;               /* tiles, or guides, with smaller indices have been listed for the round's jobs */
+    sbl__site *sites;         /* sites of the job; site i belongs to pixel sites[i].number */
+    sbl_reading *readings;    /* layers 1 and up of the readings, 3 floats each, site after site */
     float *found_layers;
     int site_count, site_room, reading_room, found_room, look_count;
-    sbl__guides guides;       /* of sensors' rays, where the spec says so */
-    int64_t taken;            /* looks, so far */
-    float mean[3];            /* of R over the picture, */
-    double sum[3];            /* and what it is made of in the round under way, */
+    sbl__guides guides;       /* guides for the sensors' rays, used where spec->guided is set */
+    int64_t taken;            /* number of looks taken so far */
+    float mean[3];            /* mean of R over the picture */
+    double sum[3];            /* sum of R over the pixels visited in the current round; divided by pixels_summed it
+                                 becomes the next mean */
     double pixels_summed;
-    float luminance;          /* its luminance, */
-    float weights[3];         /* and what differences of channels count in errors */
-    float shares[SBL__DOUBLINGS];  /* variance of a mean of 2^k looks, as a share of one's */
-    double differed2[SBL__DOUBLINGS], expected2[SBL__DOUBLINGS];  /* by which second looks differ from the first 2^k */
+    float luminance;          /* luminance of the mean */
+    float weights[3];         /* weights of differences of the channels in errors */
+    float shares[SBL__DOUBLINGS];  /* variance of a mean of 2^k looks as a share of the variance of one look */
+    double differed2[SBL__DOUBLINGS], expected2[SBL__DOUBLINGS];  /* sums, by the number 2^k of earlier looks, of
+                                                                     measured and expected squared differences
+                                                                     between earlier and later looks */
     int compared[SBL__DOUBLINGS];
-    double bias2, noise2;     /* summed over pixels */
-    double doubt2;            /* likewise; absolute */
-    double look2;             /* relative variance of a look, mean over the picture */
-    double predicted, first_predicted;  /* error of the picture so far, and after the first round */
-    double gains[SBL__GAIN_BINS];  /* what may be bought, by its worth */
-    float least_gain;         /* that is bought in this round: worth */
-    int bought;               /* cells split and sensors asked again */
+    double bias2, noise2;     /* sums of bias and noise over pixels */
+    double doubt2;            /* sum over pixels of the squared uncertainty of stored light; absolute, not relative */
+    double look2;             /* relative variance of one look, averaged over the picture */
+    double predicted, first_predicted;  /* predicted error of the picture now, and after the first round */
+    double gains[SBL__GAIN_BINS];  /* reductions of the squared error on offer, binned by worth per look */
+    float least_gain;         /* least worth per look that is bought in this round */
+    int bought;               /* number of tiles split and sensors that were given more looks in this round */
 } sbl__refine;
 
 static void sbl__refine_free(const sbl__device *d, sbl__refine *r) {
@@ -13317,7 +13351,7 @@ static sbl__pixel *sbl__pixel_at(const sbl__refine *r, int x, int y) {
     return &r->pixels[(size_t)y * (size_t)r->width + (size_t)x];
 }
 
-/* Layer number `layer` of a pixel's light: 3 floats. */
+/* Returns layer `layer` of a pixel's light: 3 floats. */
 static const float *sbl__pixel_light(const sbl__refine *r, const sbl__pixel *p, int layer) {
     return layer ? r->layers + 3 * ((size_t)(p - r->pixels) * (size_t)(r->layer_count - 1) + (size_t)layer - 1)
                  : p->radiance;
@@ -13325,7 +13359,7 @@ static const float *sbl__pixel_light(const sbl__refine *r, const sbl__pixel *p, 
 
 /* >>refine: which pixels are alike */
 
-/* belongs.glsl, for the CPU */
+/* CPU version of belongs.glsl: the weight, 0 to 1, with which the light of pixel b may be used for pixel a. */
 static float sbl__belongs(const sbl__pixel *a, const sbl__pixel *b, int geometry_aware) {
     float d[3], off, apart, turn, plane;
     int k;
@@ -13341,10 +13375,10 @@ static float sbl__belongs(const sbl__pixel *a, const sbl__pixel *b, int geometry
     return turn * turn * SBL__MIN(SBL__MAX(plane, 0.0f), 1.0f);
 }
 
-/* Can its light be used for others? */
+/* Returns 1 if other pixels may use the light of this pixel's sensor. */
 static int sbl__usable(const sbl__pixel *p) { return p->sensed && !p->invalid; }
 
-/* The sensor at (x, y), if there is one whose light a pixel there can have; else NULL. */
+/* Returns the sensor at (x, y) if `pixel` may use its light, else NULL. */
 static const sbl__pixel *sbl__sensor_for(const sbl__refine *r, const sbl__pixel *pixel, int x, int y) {
     const sbl__pixel *p;
     if (x < 0 || y < 0 || x >= r->width || y >= r->height) return NULL;
@@ -13354,16 +13388,16 @@ static const sbl__pixel *sbl__sensor_for(const sbl__refine *r, const sbl__pixel 
 
 /* >>refine: noise */
 
-/* How often looks have been doubled. */
+/* Returns the rounded-down binary logarithm of a number of looks. */
 static int sbl__doublings(int looks) {
     int k = 0;
     for (; looks > 1 && k < SBL__DOUBLINGS - 1; looks >>= 1) k++;
     return k;
 }
 
-/* Variance of a mean of so many looks, as a share of one's: points of one Sobol sequence are better than independent
-   ones, by how much depends on what there is to be seen. So where sensors look again, what the new looks differ by from
-   those before tells. */
+/* Returns the variance of a mean of `looks` looks as a share of the variance of one look. Points of one Sobol
+   sequence do better than independent ones by an amount that depends on the scene, so that it is corrected by how
+   much later looks of sensors differ from their earlier looks. */
 static float sbl__looks_share(const sbl__refine *r, int looks) { return r->shares[sbl__doublings(looks)]; }
 
 static void sbl__looks_begin(sbl__refine *r) {
@@ -13371,7 +13405,8 @@ static void sbl__looks_begin(sbl__refine *r) {
     for (k = 0; k < SBL__DOUBLINGS; k++) r->shares[k] = (float)pow((double)SBL__LOOKS_GAIN, k);
 }
 
-/* A sensor that has looked `before` times, and as often or more once more: off2, by what square the two differ. */
+/* Records that the mean of `more` new looks differs from the mean of `before` earlier looks of the same sensor by a
+   squared luminance of off2; more >= before. */
 static void sbl__looks_differ(sbl__refine *r, const sbl__pixel *p, int before, int more, double off2) {
     const int k = sbl__doublings(before);
     const double gain = (double)SBL__LOOKS_GAIN;
@@ -13380,7 +13415,8 @@ static void sbl__looks_differ(sbl__refine *r, const sbl__pixel *p, int before, i
     r->compared[k]++;
 }
 
-/* What that tells, as far as it was seen; beyond, as before. */
+/* Corrects the shares by the recorded differences. Numbers of looks that too few sensors have taken keep the
+   correction of the next smaller number. */
 static void sbl__looks_learn(sbl__refine *r) {
     double times = 1;
     int k;
@@ -13392,14 +13428,14 @@ static void sbl__looks_learn(sbl__refine *r) {
     }
 }
 
-/* Of a sensor's luminance. */
+/* Returns the variance of a sensor's mean luminance. */
 static double sbl__variance(const sbl__refine *r, const sbl__pixel *p) {
     return p->variance * (double)sbl__looks_share(r, p->looks);
 }
 static float sbl__noise(const sbl__refine *r, const sbl__pixel *p) { return (float)sqrt(sbl__variance(r, p)); }
 
-/* What is left of the variance of sensors so many pixels apart when they have been interpolated and filtered: bilinear
-   weights keep 4/9 on average, and a filter that takes the mean of n pixels the more of it the wider the cell is. */
+/* Returns the share of the variance of sensors `span` pixels apart that remains after interpolation and the filter.
+   Bilinear weights keep 4/9 on average; a filter that averages n pixels keeps a larger share in a wider tile. */
 static float sbl__noise_left(const sbl__refine *r, int span) {
     const float area = (float)span * (float)span;
     return span <= 1 ? 1 / r->smoothing : area / (2.25f * area + r->smoothing - 1);
@@ -13407,7 +13443,7 @@ static float sbl__noise_left(const sbl__refine *r, int span) {
 
 /* >>refine: interpolation */
 
-/* Where in a cell a pixel lies, 0 to 1. */
+/* Computes the position of a pixel in a tile, 0 to 1 on each axis. */
 static void sbl__cell_share(const sbl__cell *c, int x, int y, float share[2]) {
     share[0] = c->x1 > c->x0 ? (float)(x - c->x0) / (float)(c->x1 - c->x0) : 0;
     share[1] = c->y1 > c->y0 ? (float)(y - c->y0) / (float)(c->y1 - c->y0) : 0;
@@ -13419,7 +13455,7 @@ static sbl__pixel *sbl__cell_corner(const sbl__refine *r, const sbl__cell *c, in
 
 static int sbl__cell_span(const sbl__cell *c) { return SBL__MAX(c->x1 - c->x0, c->y1 - c->y0); }
 
-/* A weighted sum of one layer of sensors' light. */
+/* A weighted sum of one layer of light over sensors, with its variance. */
 typedef struct sbl__mix { int layer; float light[3], own, covered; double variance; } sbl__mix;
 
 static void sbl__mix_add(const sbl__refine *r, sbl__mix *m, const sbl__pixel *p, float weight) {
@@ -13429,8 +13465,9 @@ static void sbl__mix_add(const sbl__refine *r, sbl__mix *m, const sbl__pixel *p,
     m->variance += (double)(weight * weight) * sbl__variance(r, p);
 }
 
-/* A corner shows another surface than a pixel: what the pixel's own surface would have there, continued from the
-   corners beside it, in a straight line through the sensors as far beyond, where there are some. */
+/* Handles a corner that shows another surface than the pixel: estimates the light that the pixel's own surface would
+   have there by linear extrapolation from the adjacent corners and from the sensors at equal distance beyond them.
+   Without a sensor beyond, the light of the adjacent corner is used as it is. */
 static void sbl__mix_continue(const sbl__refine *r, const sbl__cell *c, int corner, const sbl__pixel *pixel,
                               float weight, sbl__mix *m) {
     const sbl__pixel *near_by[2], *beyond[2];
@@ -13452,11 +13489,11 @@ static void sbl__mix_continue(const sbl__refine *r, const sbl__cell *c, int corn
     }
 }
 
-/* Extrapolated light, which must not be negative unless it is of a layer that may be. */
+/* Clamps extrapolated light to 0 or more, except in layers of signed values. */
 static float sbl__lit(int layer, float light) { return sbl__layer_is_signed(layer) ? light : SBL__MAX(light, 0.0f); }
 
-/* A layer of light at pixel (x, y) from a cell's corners. m->own: how well they cover it, 0 to 1; m->covered: with what
-   is continued from them; 0: there is no light. */
+/* Interpolates a layer of light at pixel (x, y) from a tile's corners. m->own: weight of the corners that belong to
+   the pixel, 0 to 1; m->covered: that weight plus the weight of extrapolated corners; 0: there is no light. */
 static void sbl__interpolate(const sbl__refine *r, const sbl__cell *c, int x, int y, int layer, sbl__mix *m) {
     const sbl__pixel *pixel = sbl__pixel_at(r, x, y);
     float f[2];
@@ -13480,7 +13517,8 @@ static void sbl__interpolate(const sbl__refine *r, const sbl__cell *c, int x, in
     m->variance /= (double)m->covered * (double)m->covered;
 }
 
-/* Pixels that a cell answers for: up to its right and lower edge, with them at the picture's border. */
+/* Ends of the pixels that a tile gives light to: its right column and bottom row belong to the next tile, except at
+   the picture's border. */
 static int sbl__cell_end_x(const sbl__refine *r, const sbl__cell *c) {
     return c->x1 == r->width - 1 ? c->x1 : c->x1 - 1;
 }
@@ -13488,10 +13526,10 @@ static int sbl__cell_end_y(const sbl__refine *r, const sbl__cell *c) {
     return c->y1 == r->height - 1 ? c->y1 : c->y1 - 1;
 }
 
-/* From one pixel to another: mostly in the same row or column. */
+/* A line from one pixel to another, mostly in one row or column. */
 typedef struct sbl__edge { int x0, y0, x1, y1; } sbl__edge;
 
-/* A cell's: above, below, left, right. */
+/* Returns an edge of a tile; side 0: top, 1: bottom, 2: left, 3: right. */
 static sbl__edge sbl__cell_edge(const sbl__cell *c, int side) {
     sbl__edge e;
     e.x0 = side == 3 ? c->x1 : c->x0;
@@ -13501,7 +13539,8 @@ static sbl__edge sbl__cell_edge(const sbl__cell *c, int side) {
     return e;
 }
 
-/* How a layer of light bends along an edge: second differences at its two corners, over sensors as far beyond them. */
+/* Second differences of a layer of light at both ends of an edge, each from the two ends and a sensor at equal
+   distance beyond one of them. */
 typedef struct sbl__bends { int known[2]; float differences[2][3]; } sbl__bends;
 
 static void sbl__edge_bends(const sbl__refine *r, const sbl__edge *e, int layer, sbl__bends *out) {
@@ -13522,8 +13561,8 @@ static void sbl__edge_bends(const sbl__refine *r, const sbl__edge *e, int layer,
     }
 }
 
-/* The second difference that interpolation along an edge goes by: the lesser of the two where they agree, since at a
-   kink they do not. */
+/* Computes the second difference that corrects interpolation along an edge: the smaller of those at its two ends
+   where their signs agree, else 0, because signs differ at a kink. */
 static void sbl__edge_parabola(const sbl__refine *r, const sbl__edge *e, int layer, float out[3]) {
     sbl__bends bends;
     int k;
@@ -13536,9 +13575,9 @@ static void sbl__edge_parabola(const sbl__refine *r, const sbl__edge *e, int lay
 
 /* >>refine: what interpolation misses */
 
-/* Along an edge, in one channel, root mean square. d: the difference of its ends; a step between them bends it as much
-   as that at both, and the other way. A wide penumbra's middle bends it less than it differs: there it misses little.
-   */
+/* Returns the root mean square error of interpolation along an edge in one channel. at_0, at_1: second differences
+   at its ends; d: difference between its ends. A step between the ends makes second differences as large as d, of
+   opposite signs. The middle of a wide penumbra makes them smaller than d, and interpolation misses little there. */
 static float sbl__bends_missed(float at_0, float at_1, float d) {
     const float a = (float)fabs((double)at_0), b = (float)fabs((double)at_1);
     const float most = SBL__MAX(a, b), least = SBL__MIN(a, b);
@@ -13547,7 +13586,8 @@ static float sbl__bends_missed(float at_0, float at_1, float d) {
     return even + SBL__MISSED_CURVE * (most - least) * abrupt;
 }
 
-/* A variance, and the squared difference of two lights, as they count in errors. */
+/* The two functions below convert a variance of luminance, and a difference of two radiances, to a relative squared
+   error. */
 static float sbl__relative2(const sbl__refine *r, double variance) {
     return (float)SBL__MIN(variance / r->luminance / r->luminance, 1e30);
 }
@@ -13556,7 +13596,7 @@ static float sbl__squared(const sbl__refine *r, const float difference[3]) {
     float sum = 0;
     int k;
     for (k = 0; k < 3; k++) sum += r->weights[k] * difference[k] * (r->weights[k] * difference[k]);
-    return SBL__MIN(sum, 1e30f);  /* neither infinite nor a NaN */
+    return SBL__MIN(sum, 1e30f);  /* The bound keeps the result finite and removes a NaN. */
 }
 
 static float sbl__distance2(const float a[3], const float b[3]) {
@@ -13564,8 +13604,9 @@ static float sbl__distance2(const float a[3], const float b[3]) {
     return sbl__dot(d, d);
 }
 
-/* Of extrapolation over an end of an edge into the cell: by the second difference beyond it, and *unknown: by what may
-   hide between the sensor and where its surface ends. */
+/* Returns the squared error of extrapolation from an end of an edge into the tile, estimated from the second
+   difference beyond that end, and adds to *unknown2 the part for changes of light that may hide between the sensor
+   and the border of its surface. */
 static float sbl__beyond2(const sbl__refine *r, const sbl__edge *e, int end, float *unknown2) {
     const int dx = e->x1 - e->x0, dy = e->y1 - e->y0, way = end ? 1 : -1;
     const int x = end ? e->x1 : e->x0, y = end ? e->y1 : e->y0;
@@ -13588,7 +13629,8 @@ static float sbl__beyond2(const sbl__refine *r, const sbl__edge *e, int end, flo
     return sbl__squared(r, difference);
 }
 
-/* Of a cell, as its edges tell: inside, and where it is continued; there its unknown2 is found, too. */
+/* Returns the squared error of interpolation in a tile, estimated from its edges, both where corners cover the tile
+   and where light is extrapolated. Sets c->unknown2. */
 static float sbl__cell_bends2(const sbl__refine *r, sbl__cell *c) {
     float inside = 0, beyond = 0, unknown = 0;
     int side, end, k, insides = 0, beyonds = 0;
@@ -13620,8 +13662,9 @@ static float sbl__cell_bends2(const sbl__refine *r, sbl__cell *c) {
     return (1 - c->missing) * inside + c->missing * beyond;
 }
 
-/* The next sensor on a cell's rim, which a neighbour's split put there, from place *at on, and what the cell would have
-   put there; NULL: there is none any more. Corners are skipped: they are the cell's own. */
+/* Returns the next sensor on a tile's rim, put there by the split of a neighbour, from position *at on, or NULL
+   after the last one. *guess: light that the tile interpolates there. Corners are skipped, as interpolation is exact
+   at them. */
 static const sbl__pixel *sbl__cell_rim_next(const sbl__refine *r, const sbl__cell *c, int *at, sbl__mix *guess) {
     const int width = c->x1 - c->x0, height = c->y1 - c->y0;
     while (*at < 2 * (width + height)) {
@@ -13636,7 +13679,7 @@ static const sbl__pixel *sbl__cell_rim_next(const sbl__refine *r, const sbl__cel
     return NULL;
 }
 
-/* As sensors on its rim tell. */
+/* Returns the squared error of interpolation measured at the sensors on a tile's rim. */
 static float sbl__cell_rim2(const sbl__refine *r, const sbl__cell *c) {
     const sbl__pixel *p;
     sbl__mix guess;
@@ -13652,15 +13695,16 @@ static float sbl__cell_rim2(const sbl__refine *r, const sbl__cell *c) {
     return count ? sum / (float)count : 0;
 }
 
-/* Rims tell of those places where neighbours had reason to split: there a cell misses more than on the whole. */
+/* Returns the squared error of interpolation in a tile. Sensors on the rim stand where neighbours had reason to
+   split, so that the error there exceeds the average of the tile and counts only half. */
 static float sbl__cell_missed2(const sbl__refine *r, sbl__cell *c) {
     const float bends2 = sbl__cell_bends2(r, c), rim2 = sbl__cell_rim2(r, c);
     return SBL__MAX(bends2, 0.5f * (bends2 + rim2));
 }
 
-/* >>refine: cells */
+/* >>refine: tiles */
 
-/* From one corner to the one across. */
+/* Adds the tile between the ends of `diagonal`, its upper left and lower right corners. */
 static sbl_result sbl__refine_add_cell(sbl__refine *r, const sbl__edge *diagonal, int level, int parent, int looks) {
     sbl__cell *c;
     if (!sbl__grow(&r->core->base, &r->cells, &r->cell_room, r->cell_count + 1, sizeof *r->cells))
@@ -13679,7 +13723,7 @@ static sbl_result sbl__refine_add_cell(sbl__refine *r, const sbl__edge *diagonal
 
 static int sbl__cell_is_single(const sbl__cell *c) { return c->x1 - c->x0 <= 1 && c->y1 - c->y0 <= 1; }
 
-/* The fewest looks that one of a cell's sensors has taken; 0: there is none. */
+/* Returns the fewest looks that any sensor of a tile has taken; 0: the tile has no sensor. */
 static int sbl__cell_looks(const sbl__refine *r, const sbl__cell *c) {
     int corner, looks = 0;
     for (corner = 0; corner < 4; corner++) {
@@ -13691,7 +13735,8 @@ static int sbl__cell_looks(const sbl__refine *r, const sbl__cell *c) {
 
 static sbl_result sbl__cell_split(sbl__refine *r, int index) {
     const sbl__cell c = r->cells[index];
-    const int looks = SBL__MAX(1, sbl__cell_looks(r, &c));  /* with fewer they would be worse than interpolation */
+    const int looks = SBL__MAX(1, sbl__cell_looks(r, &c));  /* With fewer looks, new sensors would be noisier than
+                                                               interpolation. */
     const int columns = c.x1 - c.x0 > 1 ? 2 : 1, rows = c.y1 - c.y0 > 1 ? 2 : 1;
     const int xs[3] = { c.x0, columns == 2 ? (c.x0 + c.x1) / 2 : c.x1, c.x1 };
     const int ys[3] = { c.y0, rows == 2 ? (c.y0 + c.y1) / 2 : c.y1, c.y1 };
@@ -13706,8 +13751,8 @@ static sbl_result sbl__cell_split(sbl__refine *r, int index) {
     return result;
 }
 
-/* Is the difference between two radiances more than the threshold, and more than their noise (its variance) explains?
-   */
+/* Returns 1 if the difference between two radiances is more than the threshold and more than noise of the given
+   variance explains. */
 static int sbl__differ(const sbl__refine *r, const float a[3], const float b[3], double variance) {
     float most = 0, mean = 0, least;
     int k;
@@ -13719,7 +13764,8 @@ static int sbl__differ(const sbl__refine *r, const float a[3], const float b[3],
     return (double)most * most > (double)least * least + SBL__NOISE_WEIGHT * variance;
 }
 
-/* Do corners that belong together differ by more than the threshold, or does a sensor on the rim? */
+/* Returns 1 if corners that belong together differ by more than the threshold, or if a sensor on the rim differs
+   from the interpolated light by more than that. */
 static int sbl__cell_differs(const sbl__refine *r, const sbl__cell *c) {
     const sbl__pixel *p;
     sbl__mix guess;
@@ -13735,7 +13781,8 @@ static int sbl__cell_differs(const sbl__refine *r, const sbl__cell *c) {
     return 0;
 }
 
-/* Counts what a cell gives light to. Returns 1 where its corners do not cover some of it: then it must be split. */
+/* Counts the pixels that a tile gives light to. Returns 1 if its corners leave some of them uncovered, so that the
+   tile must be split. */
 static int sbl__cell_count(const sbl__refine *r, sbl__cell *c) {
     const int continued = r->geometry_aware && sbl__cell_span(c) <= SBL__CONTINUED && !(r->threshold > 0);
     float missing = 0;
@@ -13758,7 +13805,7 @@ static int sbl__cell_count(const sbl__refine *r, sbl__cell *c) {
 
 /* >>refine: guides for sensors' rays, see >>guide */
 
-/* The pixel where one stands; NULL: there is none. */
+/* Returns the pixel where a guide stands, or NULL. */
 static const sbl__pixel *sbl__guide_pixel(const sbl__refine *r, int column, int row) {
     const sbl__guides *g = &r->guides;
     const sbl__pixel *p;
@@ -13767,8 +13814,8 @@ static const sbl__pixel *sbl__guide_pixel(const sbl__refine *r, int column, int 
     return p->id ? p : NULL;
 }
 
-/* How well a guide made at one pixel serves the other: as they belong together, where rings' sectors begin on the same
-   side. */
+/* Returns how well a guide made at one pixel serves another pixel: the weight with which the pixels belong together,
+   or 0 unless the sectors of both guides' rings begin on the same side. */
 static float sbl__guide_fits(const sbl__pixel *a, const sbl__pixel *b) {
     const float belongs = sbl__belongs(a, b, 1);
     double right[2][3], up[3];
@@ -13778,7 +13825,7 @@ static float sbl__guide_fits(const sbl__pixel *a, const sbl__pixel *b) {
     return right[0][0] * right[1][0] + right[0][1] * right[1][1] + right[0][2] * right[1][2] > 0.9 ? belongs : 0;
 }
 
-/* The number of the one that fits a pixel best, of the four around it; 0: none does. */
+/* Returns the number of the guide, among the four around a pixel, that fits the pixel best; 0: none fits. */
 static int sbl__guide_for(const sbl__refine *r, int index) {
     const sbl__guides *g = &r->guides;
     const int x = index % r->width, y = index / r->width;
@@ -13799,7 +13846,7 @@ static int sbl__guide_for(const sbl__refine *r, int index) {
 
 static int sbl__refine_cells_across(const sbl__refine *r) { return SBL__MAX(1, (r->width - 2 + r->tile) / r->tile); }
 
-/* The first level's cells, over the whole picture. */
+/* Returns the number of first-level tiles, which cover the whole picture. */
 static int sbl__refine_cells(void *work) {
     const sbl__refine *r = (const sbl__refine *)work;
     return sbl__refine_cells_across(r) * SBL__MAX(1, (r->height - 2 + r->tile) / r->tile);
@@ -13813,7 +13860,7 @@ static sbl_result sbl__refine_cell(void *work, int at) {
     return sbl__refine_add_cell(r, &diagonal, 0, -1, 1);
 }
 
-/* The site of pixel number `index`, for looks from number `first` on. */
+/* Makes the site of pixel number `index` for looks from number `first` on. */
 static void sbl__refine_site(const sbl__refine *r, int index, int first, int looks, sbl__site *out) {
     const sbl__pixel *p = &r->pixels[index];
     memcpy(out->position, p->position, sizeof out->position);
@@ -13826,7 +13873,7 @@ static void sbl__refine_site(const sbl__refine *r, int index, int first, int loo
     out->looks = looks;
 }
 
-/* Room for so many more sites and what is found at them. */
+/* Makes room for `more` additional sites and their readings. */
 static int sbl__refine_room(sbl__refine *r, int more) {
     const int count = r->site_count + more;
     sbl__base *base = &r->core->base;
@@ -13836,13 +13883,13 @@ static int sbl__refine_room(sbl__refine *r, int more) {
                                              (size_t)(r->layer_count - 1) * 3 * sizeof(float)));
 }
 
-/* Cells are listed while their sites' looks fit in one job. */
+/* Tells the stage to list tiles as long as the looks of their sites fit into one job. */
 static int sbl__refine_unlisted(void *work) {
     const sbl__refine *r = (const sbl__refine *)work;
     return r->listed < r->cell_count && r->look_count < SBL__JOB_LOOKS ? INT_MAX : 0;
 }
 
-/* Lists the sites at the corners of the next cell that have no sensor yet, or one that is to look again. */
+/* Lists sites for those corners of the next tile that have no sensor yet or whose sensor is to look again. */
 static sbl_result sbl__refine_list(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__cell *c = &r->cells[r->listed++];
@@ -13865,10 +13912,11 @@ static sbl_result sbl__refine_list(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* A lightmap's texel that nobody gets to see is hidden: most of what it sees lies on it, nearer than texels are large,
-   or it is inside of something, which no bounce reaches. Its own light would show beyond the edge of what hides it; its
-   neighbours' does not. Close to that edge light changes within a fraction of a texel: there it is their neighbours',
-   too. */
+/* Tests whether a texel of a lightmap is hidden, so that no viewer sees it: surfaces lie on it, nearer than the size
+   of a texel, in most directions, or it lies inside a solid, which no bounce reaches. Light of a hidden texel would
+   show beyond the edge of the object that hides it, so the texel takes its neighbours' light instead. A touched
+   texel lies close to such an edge, where light changes within a fraction of a texel; next to a hidden texel it
+   takes its neighbours' light, too. */
 static int sbl__refine_hides(sbl__refine *r, const sbl_reading *reading) {
     const int dark = sbl__all_zero(reading->radiance, 3), backs = reading->back_share > 0.5f;
     if (!(r->reach > 0) || !(reading->hit_min > 0)) return 0;
@@ -13879,7 +13927,8 @@ static int sbl__refine_hides(sbl__refine *r, const sbl_reading *reading) {
     return reading->hit_min < SBL__HIDDEN_TOUCH * r->reach ? SBL__TOUCHED : 0;
 }
 
-/* Pixel number `index` has its reading: is it or a neighbour of it to take others' light? */
+/* Decides from the first reading of pixel number `index` whether it or one of its neighbours must take the light of
+   others. */
 static void sbl__refine_hide(sbl__refine *r, int index, const sbl_reading *reading) {
     const int x = index % r->width, y = index / r->width;
     sbl__pixel *p = &r->pixels[index];
@@ -13888,7 +13937,8 @@ static void sbl__refine_hide(sbl__refine *r, int index, const sbl_reading *readi
     p->hides = (unsigned char)sbl__refine_hides(r, reading);
     if (p->hides == SBL__HIDDEN) {
         p->invalid = 1;
-        r->doubt2 -= (double)p->doubt * (double)p->doubt;  /* of light that is not shown */
+        r->doubt2 -= (double)p->doubt * (double)p->doubt;  /* The hidden texel's stored light is not shown, so its
+                                                              uncertainty does not count. */
         p->doubt = 0;
     }
     for (i = 0; i < 9 && p->hides; i++) {
@@ -13902,7 +13952,7 @@ static void sbl__refine_hide(sbl__refine *r, int index, const sbl_reading *readi
     }
 }
 
-/* Layers 1 and up of light that comes evenly from everywhere over a pixel's hemisphere: harmonics. */
+/* Computes layers 1 and up, which are harmonics, for light that comes evenly from a pixel's whole hemisphere. */
 static void sbl__refine_even(const sbl__refine *r, const sbl__pixel *p, float *out) {
     static const int axes[3] = { 1, 2, 0 };
     int i, k;
@@ -13914,7 +13964,7 @@ static void sbl__refine_even(const sbl__refine *r, const sbl__pixel *p, float *o
 
 static int sbl__refine_sites(void *work) { return ((sbl__refine *)work)->site_count; }
 
-/* Takes the reading of a site. */
+/* Adds the reading of a site to the means of its pixel. */
 static sbl_result sbl__refine_take(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl_reading *reading = &r->readings[at];
@@ -13946,7 +13996,7 @@ static sbl_result sbl__refine_take(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Makes the spec of what is wanted. */
+/* Makes the spec anew after a change of `seeing`, and keeps its `directional` and `guided` flags. */
 static void sbl__refine_see(sbl__refine *r) {
     const int directional = r->spec->directional, guided = r->spec->guided;
     sbl__spec_make(r->spec, r->seeing, &r->core->scene, &r->core->desc);
@@ -13954,7 +14004,8 @@ static void sbl__refine_see(sbl__refine *r) {
     r->spec->guided = guided;
 }
 
-/* All sensors are to look anew, as if they had not yet. Of the first round: there is only its level. */
+/* Makes all sensors of the first round start again as if they had taken no look. Only the first level exists at this
+   time. */
 static void sbl__refine_forget(sbl__refine *r) {
     int i, corner;
     for (i = 0; i < r->cell_count; i++)
@@ -13968,12 +14019,12 @@ static void sbl__refine_forget(sbl__refine *r) {
     r->pixels_summed = 0;
 }
 
-/* >>refine: scouts, single rays that guides are made of */
+/* >>refine: scouts, single rays from which guides are made */
 
-/* Scouts' rays are other ones than sensors' rays. */
+/* Returns a seed that differs from the sensors' seed, so that scouts and sensors send independent rays. */
 static uint32_t sbl__scouts_seed(const sbl__refine *r) { return sbl__hash(r->spec->seed ^ 0x9e3779b9u); }
 
-/* Chooses where guides stand. */
+/* Chooses the places of guides and allocates memory for them. */
 static sbl_result sbl__guides_begin(sbl__refine *r) {
     sbl__guides *g = &r->guides;
     sbl__base *base = &r->core->base;
@@ -14000,7 +14051,6 @@ static int sbl__scouts_unlisted(void *work) {
     return r->listed < r->guides.columns * r->guides.rows && r->site_count < SBL__SCOUTS_AT_ONCE ? INT_MAX : 0;
 }
 
-/* Lists the sites of the next guide's scouts. */
 static sbl_result sbl__scouts_list(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__guides *g = &r->guides;
@@ -14021,7 +14071,7 @@ static sbl_result sbl__scouts_list(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Puts what they found into the bins of their guides. */
+/* Adds the squared luminance that each scout found to the bins of its guide. */
 static sbl_result sbl__scouts_take(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__guides *g = &r->guides;
@@ -14046,7 +14096,7 @@ static int sbl__guides_count(void *work) {
     return 1 + g->columns * g->rows;
 }
 
-/* Makes guide number `guide` of what was found around it; number 0 is an even one. */
+/* Makes guide number `guide` from what the scouts around it found; guide 0 sends rays evenly. */
 static sbl_result sbl__guides_make(void *work, int guide) {
     static const float weights[5] = { 0.3f, 0.7f, 1, 0.7f, 0.3f };
     const sbl__refine *r = (const sbl__refine *)work;
@@ -14083,7 +14133,7 @@ static sbl_result sbl__guides_send(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* >>refine: what is worth its cost */
+/* >>refine: weighing gain against cost */
 
 static int sbl__gain_bin(float gain) {
     int exponent;
@@ -14092,12 +14142,12 @@ static int sbl__gain_bin(float gain) {
     return SBL__MIN(SBL__MAX(bin, 0), SBL__GAIN_BINS - 1);
 }
 
-/* The least gain of a bin. */
+/* Returns the least gain that falls into a bin. */
 static float sbl__bin_gain(int bin) {
     return (float)ldexp(0.5 + 0.125 * (bin % 4), bin / 4 - 100);
 }
 
-/* Before cells are weighed: the mean of the round before is what errors are relative to. */
+/* Prepares for weighing all tiles. Errors are relative to the mean that the round before summed up. */
 static void sbl__weigh_begin(sbl__refine *r) {
     int k;
     sbl__looks_learn(r);
@@ -14112,7 +14162,8 @@ static void sbl__weigh_begin(sbl__refine *r) {
     r->bought = 0;
 }
 
-/* How many pixels the filter takes the mean of in a cell of single pixels: not those that differ. */
+/* Returns how many pixels the filter averages in a tile of single pixels. The filter leaves out pixels that differ
+   visibly, so the number falls where neighbours differ. */
 static float sbl__cell_smoothing(const sbl__refine *r, const sbl__cell *c, float noise) {
     float alike = 0;
     int side, k, count = 0;
@@ -14135,7 +14186,7 @@ static float sbl__cell_smoothing(const sbl__refine *r, const sbl__cell *c, float
     return 1 + 0.5f * (r->smoothing - 1) * alike * alike;
 }
 
-/* What a cell's corners say of noise and of the mean. */
+/* Computes a tile's noise from its corners, and adds the tile's light to the picture's mean. */
 static void sbl__cell_noise(sbl__refine *r, sbl__cell *c) {
     float variance, share = 0, light[3] = { 0, 0, 0 };
     double sum = 0;
@@ -14162,7 +14213,7 @@ static void sbl__cell_noise(sbl__refine *r, sbl__cell *c) {
     c->light = sbl__luminance(light) / (float)count;
 }
 
-/* Has a sensor at one of its corners been read in the last round? */
+/* Returns 1 if the last round read a sensor at one of the tile's corners. */
 static int sbl__cell_has_news(const sbl__refine *r, const sbl__cell *c) {
     int corner;
     for (corner = 0; corner < 4; corner++)
@@ -14170,7 +14221,7 @@ static int sbl__cell_has_news(const sbl__refine *r, const sbl__cell *c) {
     return 0;
 }
 
-/* What a cell misses, and what splitting it would gain. */
+/* Updates the error of interpolation in a tile, and marks a tile that must be split with a gain of FLT_MAX. */
 static void sbl__cell_weigh_split(sbl__refine *r, sbl__cell *c, int fresh) {
     const int bare = fresh && sbl__cell_count(r, c);
     if (sbl__cell_is_single(c)) return;
@@ -14180,18 +14231,18 @@ static void sbl__cell_weigh_split(sbl__refine *r, sbl__cell *c, int fresh) {
         c->bends2 = sbl__cell_missed2(r, c);
 }
 
-/* Something that can be bought: each look that it costs takes its gain from the sum of squared errors. */
+/* Enters an offer into the histogram: each of `looks` looks reduces the sum of squared errors by `gain`. */
 static void sbl__weigh_enter(sbl__refine *r, float worth, float gain, int looks) {
     if (gain > 0) r->gains[sbl__gain_bin(worth)] += (double)gain * looks;
 }
 
-/* Predicts the errors of a cell, and enters what can be bought there. What must be split comes first. */
+/* Predicts the errors of a tile and enters its offers into the histogram. Splits that must be made come first. */
 static void sbl__cell_weigh(sbl__refine *r, sbl__cell *c, int fresh) {
     float bias2, gain, variance, care;
     int looks = sbl__cell_looks(r, c), most, guessed;
     sbl__cell_weigh_split(r, c, fresh);
     sbl__cell_noise(r, c);
-    guessed = SBL__MAX(c->pixels - 1, 0);  /* one is a sensor's */
+    guessed = SBL__MAX(c->pixels - 1, 0);  /* One pixel has a sensor of its own. */
     variance = c->noise2 / sbl__noise_left(r, sbl__cell_span(c));
     c->bias2 = SBL__MAX(c->bends2 - SBL__NOISE_BENDS * variance, c->unknown2);
     r->bias2 += (double)c->bias2 * guessed;
@@ -14216,7 +14267,7 @@ static void sbl__cell_weigh(sbl__refine *r, sbl__cell *c, int fresh) {
     }
 }
 
-/* How much of what is offered must be bought for the error that was asked. */
+/* Finds the least worth per look that must be bought to reach the error that was asked for. */
 static void sbl__weigh_end(sbl__refine *r) {
     const double pixels = SBL__MAX(r->pixels_summed, 1.0), all2 = (double)r->asked * r->asked;
     const double doubt2 = r->doubt2 / ((double)r->luminance * r->luminance * pixels);
@@ -14242,7 +14293,7 @@ static sbl_result sbl__refine_weigh(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* A cell's sensors look again, as often as that is worth it. */
+/* Gives a tile's sensors as many more looks as are worth their cost. */
 static void sbl__cell_look_again(sbl__refine *r, const sbl__cell *c) {
     float gain = c->look_gain;
     int corner, looks = sbl__cell_looks(r, c), growth = 1;
@@ -14257,7 +14308,7 @@ static void sbl__cell_look_again(sbl__refine *r, const sbl__cell *c) {
     }
 }
 
-/* Buys what is worth it at a cell. */
+/* Buys those offers of a tile that are worth their cost. */
 static sbl_result sbl__refine_spend(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__cell *c = &r->cells[at];
@@ -14276,14 +14327,14 @@ enum { SBL__REFINE_CELLS, SBL__REFINE_COLLECT, SBL__REFINE_SENSE, SBL__REFINE_TA
        SBL__REFINE_SPEND, SBL__REFINE_SCOUTS, SBL__REFINE_SCOUT, SBL__REFINE_NOTE, SBL__REFINE_GUIDES,
        SBL__REFINE_SEND, SBL__REFINE_DONE };
 
-/* Describes a job of the picture's sensors, without its sites. */
 static void sbl__refine_task(const sbl__refine *r, sbl__task *task) {
     memset(task, 0, sizeof *task);
     task->spec = *r->spec;
     task->guides = &r->guides;
 }
 
-/* Begins the job of the sites that are listed. A scout is one of the rays that sensors send over the hemisphere. */
+/* Begins the job for the listed sites. A scout is a look with a single ray out of the set of rays that sensors send
+   over the hemisphere. */
 static int sbl__refine_after_list(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     const int scouts = r->stages.stage == SBL__REFINE_SCOUTS;
@@ -14311,7 +14362,7 @@ static sbl_result sbl__refine_sense(void *work, sbl__slice *slice) {
     return result;
 }
 
-/* Empties the list of sites. Returns whether the round has more of them. */
+/* Empties the list of sites. Returns 1 if the round has more sites to list. */
 static int sbl__refine_next_job(sbl__refine *r, int all) {
     r->site_count = r->look_count = 0;
     if (r->listed < all) return 1;
@@ -14328,8 +14379,9 @@ static int sbl__refine_after_take(void *work) {
     return SBL__REFINE_WEIGH;
 }
 
-/* After the first round, looks of few rays may be too noisy for the error that was asked. Then their rays get guides,
-   if they see any light; if that is not enough, looks get more rays. Either way all sensors begin anew. */
+/* After the first round, looks of few rays may be too noisy for the error that was asked for. In this case their
+   rays first get guides, provided that sensors see any light; if noise is still too high, looks get more rays. Both
+   changes make all sensors start again. */
 static int sbl__refine_after_weigh(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     int times;
@@ -14363,7 +14415,7 @@ static int sbl__refine_after_guides(void *work) {
     return SBL__REFINE_COLLECT;
 }
 
-/* One bounded piece. SBL_SUCCESS: the picture is as good as was asked. */
+/* Does one bounded piece of work. SBL_SUCCESS: the picture is as good as was asked for. */
 static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__refine_cell, sbl__refine_cells },
@@ -14381,9 +14433,9 @@ static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
     return sbl__stages_step(&r->stages, table, SBL__COUNT(table), r, slice);
 }
 
-/* >>refine: what later rooms call */
+/* >>refine: functions for later rooms */
 
-/* smoothing: number of pixels that the filter takes the mean of. */
+/* smoothing: number of pixels that the filter averages. */
 static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__seeing *seeing, sbl__spec *spec,
                               const sbl_picture_desc *desc, float smoothing) {
     r->core = c;
@@ -14401,7 +14453,6 @@ static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__seeing *seeing,
     sbl__looks_begin(r);
 }
 
-/* Memory for all pixels. */
 static sbl_result sbl__refine_make(sbl__refine *r) {
     const size_t pixels = (size_t)r->width * (size_t)r->height;
     r->pixels = (sbl__pixel *)sbl__alloc_raw(&r->core->base, pixels, sizeof *r->pixels);
@@ -14410,22 +14461,23 @@ static sbl_result sbl__refine_make(sbl__refine *r) {
     return r->pixels && (r->layer_count == 1 || r->layers) ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Sets what pixel number `index` shows. If it is sensed already, its light is stored light. */
+/* Sets the surface that pixel number `index` shows. If shown->sensed is set, the pixel shows stored light and gets
+   no sensor. */
 static void sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel *shown) {
     r->pixels[index] = *shown;
     if (shown->sensed && r->layers) sbl__refine_even(r, shown, r->layers + 3 * (size_t)(r->layer_count - 1) * index);
     r->doubt2 += (double)shown->doubt * shown->doubt;
 }
 
-/* From now on tests texels for what hides them. width: of a texel, world units. */
+/* Turns on the test for hidden texels (see sbl__refine_hides). width: of a texel, world units. */
 static void sbl__refine_hide_within(sbl__refine *r, float width) { r->reach = SBL__HIDDEN_REACH * width; }
 
 static const sbl__pixel *sbl__refine_pixel(const sbl__refine *r, size_t index) { return &r->pixels[index]; }
 
-/* Predicted error of the picture so far, relative; below 0: not known yet. */
+/* Returns the picture's predicted relative error; below 0: not known yet. */
 static double sbl__refine_error(const sbl__refine *r) { return r->weighed ? r->predicted : -1; }
 
-/* Luminance of the picture's mean, which errors are relative to. */
+/* Returns the luminance of the picture's mean, to which errors are relative. */
 static float sbl__refine_luminance(const sbl__refine *r) { return r->luminance; }
 
 static int64_t sbl__refine_looks(const sbl__refine *r) { return r->taken; }
@@ -14436,7 +14488,7 @@ static int sbl__refine_is_sensing(const sbl__refine *r) {
 
 static int sbl__refine_round_is_over(const sbl__refine *r) { return r->stages.stage == SBL__REFINE_SPEND; }
 
-/* An estimate of how much is done, 0 to 1, by the logarithm of the error. */
+/* Estimates the share of work done, 0 to 1, from the logarithm of the error. */
 static double sbl__refine_progress(const sbl__refine *r) {
     const double first = r->first_predicted, asked = r->asked;
     const double sensed = r->stages.stage == SBL__REFINE_SENSE ? (double)sbl__job_progress(&r->core->job) : 0;
@@ -14447,17 +14499,17 @@ static double sbl__refine_progress(const sbl__refine *r) {
     return SBL__MIN(SBL__MAX(share, 0.0), 1.0);
 }
 
-/* >>refine: filling in one layer of light, four floats a pixel: light; the noise of R, above 0 where there is a
-   surface. It has a cursor of its own, so that it can be done at any time. */
+/* >>refine: filling in one layer of light, four floats a pixel: light, and the noise of R, which is above 0 where
+   there is a surface. Filling in keeps its own cursor, so that it can run at any time during refinement. */
 
 typedef struct sbl__fill {
     sbl__refine *refine;
     int layer;
-    sbl__stages stages;         /* of cells, orphans, their adoption: see sbl__fill_step */
-    int row;                    /* of the cell under way */
+    sbl__stages stages;         /* stages: tiles, search for orphans, spreading light to orphans; see sbl__fill_step */
+    int row;                    /* row of the current tile that comes next */
     float *rgba;
-    int *orphans;               /* pixels that no cell covers, while light is spread over them, */
-    float *found;               /* and what each gets in the ring under way */
+    int *orphans;               /* pixels without light, as no tile covers them */
+    float *found;               /* light and noise that each orphan gets in the current ring */
     int orphan_count;
 } sbl__fill;
 
@@ -14468,7 +14520,8 @@ static void sbl__fill_free(sbl__base *base, sbl__fill *f) {
     memset(f, 0, sizeof *f);
 }
 
-/* The cell itself, or, of a picture under way, the smallest one around it all of whose sensors have been read. */
+/* Returns the tile itself or, while refinement is in progress, the smallest tile around it whose sensors have all
+   been read. */
 static const sbl__cell *sbl__cell_known(const sbl__refine *r, const sbl__cell *c) {
     int i, known = 0;
     while (!known && c->parent >= 0) {
@@ -14481,21 +14534,21 @@ static const sbl__cell *sbl__cell_known(const sbl__refine *r, const sbl__cell *c
     return c;
 }
 
-/* What a pixel's light may be off by, from what is told of it: relative, squared. */
+/* Returns the standard error of a pixel's luminance. told2: relative squared error that its tile predicts. */
 static float sbl__expected(const sbl__refine *r, const sbl__pixel *p, float told2) {
     const double unknown = (double)SBL__UNKNOWN_PIXEL * r->predicted, doubt = (double)p->doubt / r->luminance;
     return r->luminance * (float)sqrt((double)told2 + unknown * unknown + doubt * doubt);
 }
 
-/* Noise of a sensor as the filter is told: what its cell's sensors know of theirs, where its own few rays agree by
-   chance. */
+/* Returns the noise of a sensor for the filter. The tile's variance is the lower bound, because the few rays of a
+   single sensor may agree by chance. */
 static float sbl__noise_among(const sbl__refine *r, const sbl__cell *c, const sbl__pixel *p) {
     const float told = r->luminance * (float)sqrt((double)c->variance * (double)sbl__looks_share(r, p->looks));
     return SBL__MAX(told, sbl__noise(r, p));
 }
 
-/* A row of a cell, interpolated in cell c, which is known. Pixels that nothing covers keep a noise of 0, and are
-   counted. */
+/* Fills in a row of a tile by interpolation in tile c, whose sensors have all been read. bends: second differences
+   of the four edges of c. Pixels that no sensor covers keep a noise of 0 and are counted as orphans. */
 static void sbl__fill_row(sbl__fill *f, const sbl__edge *row, const sbl__cell *c, float bends[4][3]) {
     sbl__refine *r = f->refine;
     const int y = row->y0;
@@ -14551,8 +14604,8 @@ static sbl_result sbl__fill_cells(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* Light and noise from those of the eight neighbours that have some (a > 0) and belong to a pixel. Returns 0 where none
-   does. */
+/* Averages light and noise of those of the eight neighbours that have light (noise above 0) and belong to the same
+   surface as the pixel. Returns 0 if there is no such neighbour. */
 static int sbl__fill_spread(const sbl__fill *f, int index, float out[4]) {
     const sbl__refine *r = f->refine;
     const int x = index % r->width, y = index / r->width;
@@ -14570,7 +14623,7 @@ static int sbl__fill_spread(const sbl__fill *f, int index, float out[4]) {
     return weights > 0;
 }
 
-/* Finds pixels whose own sensor is stuck and that no cell covers. */
+/* Lists the orphans: pixels whose own sensor is stuck and that no tile covers. */
 static sbl_result sbl__fill_find_orphans(void *work, sbl__slice *slice) {
     sbl__fill *f = (sbl__fill *)work;
     const sbl__refine *r = f->refine;
@@ -14589,8 +14642,8 @@ static sbl_result sbl__fill_find_orphans(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* They take the light that spreads over their surface from others, ring by ring; without any they keep what the stuck
-   sensor saw. */
+/* Spreads light over each surface to its orphans, ring by ring. Orphans on a surface without light keep what their
+   stuck sensor saw. */
 static sbl_result sbl__fill_adopt(void *work, sbl__slice *slice) {
     sbl__fill *f = (sbl__fill *)work;
     int *at = &f->stages.at;
@@ -14620,7 +14673,8 @@ static sbl_result sbl__fill_adopt(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* SBL_SUCCESS: f->rgba is filled in. A zeroed sbl__fill with refine and layer set begins. */
+/* Does one bounded piece of filling in. SBL_SUCCESS: f->rgba is filled in. The caller begins with a zeroed sbl__fill
+   whose fields `refine` and `layer` are set. */
 static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__fill_cells, NULL, NULL, NULL },
