@@ -11755,85 +11755,99 @@ static void sbl__core_begin(sbl__core *c, const sbl__seeing *s) {
 }
 
 /* ======================================================================================================== >>bounce
-   Fills the store: sites all over the scene, their light from lamps by the job, what else they see by rays whose hits
-   are kept, and from these all bounces at once.
+   Fills the store of bounced light. Points are spread over the scene; the job measures their light from lamps, rays
+   whose hits are kept find the other surfaces that they see, and all bounces are solved from both.
 
        seeds -> { place -> feel } -> cast -> hits are placed likewise, until nothing new is hit -> light -> solve
-       -> doubt
+       -> uncertainty
 
-   A leaf has up to SBL__BOUNCE_POINTS points, wherever seeds or rays met it; each sends SBL__BOUNCE_RAYS rays. Ray r of
-   a leaf's meets leaf j in the colour a, so that R_i = L_i + mean over r of a * R_j: L from what shines, measured by
-   the job. The rays are kept, and the equations solved by iteration (Kajiya 1986; gathering, as Cohen and Greenberg
-   1985).
+   A leaf has up to SBL__BOUNCE_POINTS points, at places that seeds or rays found; each point sends SBL__BOUNCE_RAYS
+   rays. Ray r of a leaf i hits leaf j, which reflects the share a of its light, so that
+   R_i = L_i + mean over r of a * R_j, where L is light from lamps and the environment; the job measures the lamps'. The
+   rays are kept, and the equations are solved by iteration (Kajiya 1986; gathering, as Cohen and Greenberg 1985).
 
-   How far off that is: a leaf's points differ, and are but a few; so much light, of random sign, takes the same ways
-   from leaf to leaf as light does, and what of it arrives tells how far off light is that is gathered there.
+   The uncertainty of the result comes from the few points of a leaf, which differ from each other. An amount of light
+   of that size and random sign is sent from leaf to leaf along the same rays; the amount that arrives is the
+   uncertainty of light gathered there.
 
-   Where a surface goes on beneath what stands on it, a leaf must not be lit for both sides: from each leaf's first
-   point feelers go out along its surface to the end of its cell, and what they meet cuts it (sbl__store_add_split). In
-   corners and narrow cells feelers pass by much; so what stands on a flat surface, once met, cuts all cells along the
-   line where it stands. */
+   Where a surface continues beneath an object that stands on it, one leaf must not receive light on both sides of the
+   object. From each leaf's first point contact rays go along its surface to the end of its cell, and planes that they
+   hit cut the cell (sbl__store_add_split). In corners and narrow cells contact rays miss much; therefore an object on a
+   flat surface, once hit, cuts all cells along the line where it stands. */
 
-#define SBL__BOUNCE_SEEDS 1.0      /* of a cell, as large as cells are at first */
-#define SBL__BOUNCE_SEEDS_WIDEST (8.0 / (1 << 2 * SBL__LEVEL_SHIFT * (SBL__LEVELS - 1)))  /* at least: 8 of a widest */
+#define SBL__BOUNCE_SEEDS 1.0      /* seeds in the area of one cell, at the first size of cells */
+/* least value of that number: 8 in the area of a widest cell */
+#define SBL__BOUNCE_SEEDS_WIDEST (8.0 / (1 << 2 * SBL__LEVEL_SHIFT * (SBL__LEVELS - 1)))
 #define SBL__BOUNCE_SEED_RAYS 4
 #define SBL__BOUNCE_POINTS 4
-#define SBL__BOUNCE_RAYS 16        /* of a point */
-#define SBL__BOUNCE_STRETCHES 4    /* of the sequence, which points take in turns */
+#define SBL__BOUNCE_RAYS 16        /* rays of a point */
+#define SBL__BOUNCE_STRETCHES 4    /* stretches of the sequence, which the points of a leaf use in turn */
 #define SBL__BOUNCE_LAMP_RAYS 8
-#define SBL__BOUNCE_DARK_RAYS 4    /* over the hemisphere: they merely tell where a point stands */
+#define SBL__BOUNCE_DARK_RAYS 4    /* rays of a point over the hemisphere in the job; they only tell whether the
+                                      point is inside geometry */
 #define SBL__BOUNCE_FEELERS 8
-#define SBL__FEELER_STEEP 0.7      /* cosine between what a feeler meets and its surface, less than which cuts */
-#define SBL__FEELER_APART 1e-3     /* of a cell: planes nearer than that to a former hit are the same */
-#define SBL__STAND_LEAST 0.25      /* of a cell: shorter lines cut the one leaf from where they were met */
-#define SBL__STANDS 1024           /* lines that are remembered, not to be walked again */
-#define SBL__BOUNCE_HELD 3.0       /* times the light that falls on surfaces at first, from which on clamping shows */
-#define SBL__BOUNCE_SCALED 4       /* first rounds whose light is scaled, see sbl__bounce_solve */
+#define SBL__FEELER_STEEP 0.7      /* a surface cuts if the cosine between its normal and the normal at the contact
+                                      ray's origin is below this */
+#define SBL__FEELER_APART 1e-3     /* share of a cell's length: planes nearer than this to an earlier hit count as
+                                      the same plane */
+#define SBL__STAND_LEAST 0.25      /* share of a cell's length: shorter lines cut only the leaf whose contact ray
+                                      found them */
+#define SBL__STANDS 1024           /* size of the table of lines that have been walked and need not be walked again */
+#define SBL__BOUNCE_HELD 3.0       /* a warning is due when all light exceeds this multiple of the light from lamps
+                                      and the environment */
+#define SBL__BOUNCE_SCALED 4       /* number of first rounds whose light is scaled, see sbl__bounce_after_gather */
 #define SBL__BOUNCE_ROUNDS 200
-#define SBL__BOUNCE_REST 2e-4      /* of the light, that may be missing at the end */
-#define SBL__BOUNCE_GROWTH 1.5     /* of cells' area, where leaves do not suffice */
+#define SBL__BOUNCE_REST 2e-4      /* share of the light that may be missing at the end */
+#define SBL__BOUNCE_GROWTH 1.5     /* least and largest growth of cells' area when the leaves do not suffice */
 #define SBL__BOUNCE_GROWTH_MOST 2.0
-#define SBL__BOUNCE_POOL 16.0      /* of the area of patches that count as one, in all; what then finds no room stays
-                                      dark: there are more meshes than leaves */
-#define SBL__BOUNCE_FIRST 0.3      /* of the leaves that there may be, that seeds' rays may find */
-#define SBL__BOUNCE_FIRST_POWER 2.4  /* measured: cells that much larger make them fewer by that */
-#define SBL__BOUNCE_SPARE 0.12     /* of the leaves that there may be: where there are fewer, cells are made smaller, */
-#define SBL__BOUNCE_SHRINK 0.03    /* by so much at most at a time */
-#define SBL__BOUNCE_WIDER 0.6      /* of the leaves that there may be, from which on new ones are of wider cells, */
-#define SBL__BOUNCE_WIDEST 0.8     /* and of the widest */
-#define SBL__BOUNCE_AIM 0.35       /* of the leaves that there may be, for which cells are cut at first */
+#define SBL__BOUNCE_POOL 16.0      /* limit of the total growth of the area below which patches are pooled; beyond it
+                                      there are more meshes than leaves, and places without room stay dark */
+#define SBL__BOUNCE_FIRST 0.3      /* share of all allowed leaves that the rays of seeds may create */
+#define SBL__BOUNCE_FIRST_POWER 2.4  /* measured exponent: growth of cells' area by x^2.4 divides the number of
+                                        leaves by x */
+#define SBL__BOUNCE_SPARE 0.12     /* with fewer than this share of the allowed leaves, cells are made smaller; */
+#define SBL__BOUNCE_SHRINK 0.03    /* least factor of the cells' area in one such step */
+#define SBL__BOUNCE_WIDER 0.6      /* from this share of the allowed leaves on, new leaves belong to wider cells */
+#define SBL__BOUNCE_WIDEST 0.8     /* from this share on, new leaves belong to the widest cells */
+#define SBL__BOUNCE_AIM 0.35       /* share of the allowed leaves for which the first size of cells is chosen */
 #define SBL__DOUBT_ROUNDS 6
-#define SBL__DOUBT_STRATA 0.35     /* of what a leaf's points differ by is its error: measured. They and their rays are
-                                      points of sequences, and neighbours make good what one misses */
-#define SBL__DOUBT_MOST 0.12       /* before that: few rays that all meet one leaf exaggerate */
-#define SBL__BOUNCE_SHARE 0.35f    /* of the time of a picture that needs it, about */
-#define SBL__AIR_SITES 54          /* six at each of nine places */
+#define SBL__DOUBT_STRATA 0.35     /* measured share of the differences among a leaf's points that is error of the
+                                      leaf: points and rays come from low-discrepancy sequences, and neighbours
+                                      compensate for what one leaf misses */
+#define SBL__DOUBT_MOST 0.12       /* limit of the uncertainty before that factor is applied, because a few rays that
+                                      all hit one leaf exaggerate it */
+#define SBL__BOUNCE_SHARE 0.35f    /* approximate share of a picture's time that filling the store takes, if the
+                                      picture has to fill it */
+#define SBL__AIR_SITES 54          /* six sites at each of nine places */
 #define SBL__AIR_RAYS 512
 #define SBL__CAST_COLUMNS 256
 #define SBL__CAST_ROWS 64
 
-/* A ray, as cast.glsl takes it. fractions: 16 bits each, of where it goes by the cosine. */
+/* A ray, as cast.glsl reads it. limit: length; below 0: the ray leaves a surface with normal `direction` and
+   cosine-weighted distribution. fractions: two random numbers of 16 bits each that choose such a ray's direction. */
 #define SBL__CAST(X) \
     X(sbl__cast, VEC3, origin) X(sbl__cast, FLOAT, limit) \
     X(sbl__cast, VEC3, direction) X(sbl__cast, UINT, fractions)
 SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sbl_casts"), NULL)
 
 #define SBL__NOWHERE 0xffffffffu
-#define SBL__UNSEEN FLT_MAX        /* how far away the surfaces are that see a place, where there are none */
+#define SBL__UNSEEN FLT_MAX        /* distance of a place that no surface sees */
 
-/* Where a ray met a surface, and how far it went. place: triangle << 1 | back, or SBL__NOWHERE; at the end its leaf's
-   number. share: of the light that bounces there, see sbl__share_pack. */
+/* The hit of a ray: position, length of the ray, surface. place: triangle << 1 | back, or SBL__NOWHERE; after
+   joining, the number of the leaf. share: share of light that the surface reflects, see sbl__share_pack. */
 typedef struct sbl__hit { float position[3], distance; uint32_t place; uint16_t share[4]; } sbl__hit;
 
-typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* of its leaf's */ } sbl__bounce_point;
+typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* number: index among the leaf's points */ } sbl__bounce_point;
 
-/* Of a leaf, while it is filled. first: of its points; at the end, where they begin in their order. */
+/* State of a leaf while the store is filled. points: their number; first: the first of them, after sorting the start
+   of their range; valid: number of points with a valid reading. */
 typedef struct sbl__bounce_leaf { int points, first, valid; } sbl__bounce_leaf;
 
-/* Of a round of bounces, all leaves' light: what comes from what shines, what was there, what is there now. */
+/* Sums over all leaves in a round of bounces. lit: light from lamps and the environment; before, after: all light
+   before and after the round; change: sum of absolute differences. */
 typedef struct sbl__balance { double lit[3], before[3], after[3], change; } sbl__balance;
 
-/* A place's normal, for the many rays from there that follow each other. */
+/* The normal and ray offset of the last place, cached because many consecutive rays start at one place. */
 typedef struct sbl__bounce_aimed { int known; uint32_t place; float normal[3], offset; } sbl__bounce_aimed;
 
 typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
@@ -11848,47 +11862,50 @@ typedef enum sbl__bounce_stage {
 typedef struct sbl__bounce {
     sbl__stages stages;
     sbl__core *core;
-    sbl__store *store;               /* the scene's */
+    sbl__store *store;               /* the store of the scene */
     const sbl__geometry *geometry;
-    uint32_t scene, surfaces;        /* versions that it is for */
+    uint32_t scene, surfaces;        /* versions of the scene and of its surfaces that the filling is for */
     sbl__bounce_point *points;
-    sbl__bounce_leaf *states;        /* of the leaves */
+    sbl__bounce_leaf *states;        /* states of the leaves */
     int point_count, point_room, state_room;
-    sbl__hits hits;                  /* SBL__BOUNCE_RAYS a point */
-    int joined;                      /* leaves whose rays' places are leaves */
+    sbl__hits hits;                  /* hits of the points' rays, SBL__BOUNCE_RAYS a point */
+    int joined;                      /* number of leaves whose hits have been replaced with numbers of leaves */
     float progress;
-    sbl__patching patching;          /* from here on: dropped when the store is ready */
-    double spread;                   /* seeds that the triangles so far should have */
-    sbl__hits seeds;                 /* places all over the surfaces */
-    sbl__hits queue;                 /* places that may become points: some of those in seeds, hits or `again` */
-    sbl__hits held, again;           /* those that wait for feelers; and now do not any more */
+    sbl__patching patching;          /* data on patches; this field and all below are dropped when the store is ready */
+    double spread;                   /* number of seeds due for the triangles visited so far */
+    sbl__hits seeds;                 /* seeds, which are places spread over all surfaces */
+    sbl__hits queue;                 /* places that may become points: a part of seeds, hits or `again` */
+    sbl__hits held, again;           /* places that wait until contact rays have cut their leaf; places that have
+                                        finished waiting */
     sbl__hits feelers;
-    int fresh;                       /* leaves from here on have not been felt */
-    int cast;                        /* points from here on have not been cast */
+    int fresh;                       /* index of the first leaf that has sent no contact rays yet */
+    int cast;                        /* index of the first point whose rays have not been cast yet */
     uint32_t *sequence;
     sbl__bounce_aimed aim;
     sbl__site *sites;
     sbl_reading *readings;
-    uint32_t *stands;                /* hashes of the lines walked last */
-    int parted;                      /* a line has cut leaves that had points: all hits are to be placed again */
-    float *light;                    /* three a leaf: what comes from what shines; at last its noise */
-    float *solved;                   /* light, while noise stands in its place */
-    int *order;                      /* where each point goes, leaf by leaf */
-    double change;                   /* that the last round made */
-    sbl__balance balance;            /* of the round under way */
-    double crowding;                 /* above 0: there are too many cells, this much larger they would be few enough */
-    double share;                    /* of the leaves that there may be, that there were with larger cells */
+    uint32_t *stands;                /* hash table of lines walked recently */
+    int parted;                      /* 1: a line has cut leaves that had points, so all hits must be placed again */
+    float *light;                    /* light of each leaf from lamps and the environment, 3 floats; in the end its
+                                        noise */
+    float *solved;                   /* solved light, kept while noise occupies the leaves */
+    int *order;                      /* index of each point in the order by leaf */
+    double change;                   /* change in the last round */
+    sbl__balance balance;            /* sums of the current round */
+    double crowding;                 /* above 0: there are too many cells; factor of their area that would make them
+                                        few enough */
+    double share;                    /* share of the allowed leaves that an earlier attempt with larger cells used */
     int rounds;
-    int sown, seen;                  /* seeds have been placed; leaves that there were without them */
+    int sown, seen;                  /* 1: seeds have been placed; number of leaves before seeds were placed */
     sbl__table casts;
     sbl__blocks blocks;
     sbl__pace pace;
-    sbl__job job;                    /* the light at the points; then in the air */
+    sbl__job job;                    /* measures light at the points, then in the air */
     sbl__site air[SBL__AIR_SITES];
     sbl_reading air_readings[SBL__AIR_SITES];
 } sbl__bounce;
 
-/* >>bounce: rays in, hits out */
+/* >>bounce: casting of rays on the GPU */
 
 /* >>glsl cast: shaders_embedded/cast.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_cast[] = {
@@ -11949,7 +11966,7 @@ static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int coun
     return sbl__gl_check(&d->gl);
 }
 
-/* What cast.glsl wrote for a ray. */
+/* Decodes the output of cast.glsl for a ray. */
 static void sbl__cast_take(const sbl__cast *ray, const float place[4], const float share[4], sbl__hit *out) {
     const double low = fabs((double)place[3]) - 1, number = low + SBL__CAST_NUMBERS * (double)share[3];
     double length2 = 0;
@@ -11964,8 +11981,8 @@ static void sbl__cast_take(const sbl__cast *ray, const float place[4], const flo
 
 typedef void (*sbl__cast_make)(sbl__bounce *b, int number, sbl__cast *out);
 
-/* Casts some of the rays number stages.at .. count - 1 into hits, as many at once as there is time for. SBL_SUCCESS:
-   there are no more. */
+/* Casts rays number stages.at .. count - 1 into hits, as many at once as time permits. SBL_SUCCESS: all rays have
+   been cast. */
 static sbl_result sbl__bounce_cast(sbl__bounce *b, sbl__cast_make make, int count, sbl__hits *hits,
                                    const sbl__slice *slice) {
     enum { MOST = SBL__CAST_COLUMNS * SBL__CAST_ROWS };
@@ -12002,15 +12019,17 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, sbl__cast_make make, int coun
 
 /* >>bounce: places that may become points */
 
-/* The triangle's word, turned to the side that a place is on, and to whether it was seen from near. */
+/* Returns the patch word of a place: the triangle's word with the bits for the place's side and for a ray from near
+   by. */
 static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
     const uint32_t patch = s->patches[at->place >> 1] ^ (at->place & 1 ? SBL__PATCH_BACK : 0);
     return patch | (at->distance * SBL__NEAR_PART < s->length ? SBL__PATCH_NEAR : 0);
 }
 
-/* Finds the reference that leads to a place's light: in its cell or, where that has none and there are many, in a wider
-   cell around it; NULL: there is no room. Sets *patch to the cell's own word, unless it is NULL. What no surface sees,
-   but points in the air may, has the widest cells only. */
+/* Finds the reference to the leaf of a place: in its cell, or in a wider cell around the place if the cell has no
+   leaf and leaves are becoming scarce. Returns NULL if there is no room. Sets *patch to the word of the cell that
+   was used, unless `patch` is NULL. A place that no surface sees uses the widest cells only, as only points in the
+   air may see it. */
 static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32_t *patch) {
     static const double shares[SBL__LEVELS] = { SBL__BOUNCE_WIDER, SBL__BOUNCE_WIDEST, 1 };
     uint32_t *reference = NULL, word = sbl__place_patch(s, at);
@@ -12024,7 +12043,7 @@ static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32
     return reference;
 }
 
-/* Normal towards its side; returns how far rays start off it. */
+/* Computes the normal on a place's side; returns the distance from the surface at which rays start. */
 static float sbl__place_normal(const sbl__geometry *g, uint32_t place, float normal[3]) {
     const float *p[3];
     double n[3], longest = 0, away = 0;
@@ -12043,7 +12062,7 @@ static float sbl__place_normal(const sbl__geometry *g, uint32_t place, float nor
     return (float)(SBL__OFFSET * (sqrt(away) + 2 * sqrt(longest)));
 }
 
-/* Finds the patches that surfaces are cut into. */
+/* Divides surfaces into patches. */
 static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
@@ -12059,7 +12078,7 @@ static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
 
-/* Empties the store, for cells as large as they are to be now. */
+/* Empties the store and sets the size of its cells. */
 static sbl_result sbl__bounce_grid(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     (void)slice;
@@ -12082,7 +12101,7 @@ static sbl_result sbl__hits_add(sbl__bounce *b, sbl__hits *to, const sbl__hit *h
     return SBL_SUCCESS;
 }
 
-/* One on each side of a triangle. */
+/* Adds one seed on each side of a triangle. */
 static sbl_result sbl__bounce_add_seeds(sbl__bounce *b, uint32_t triangle, uint32_t number) {
     const uint32_t hash = sbl__hash(number);
     double u = hash / 4294967296.0, v = sbl__hash(hash) / 4294967296.0;
@@ -12102,7 +12121,8 @@ static sbl_result sbl__bounce_add_seeds(sbl__bounce *b, uint32_t triangle, uint3
     return result;
 }
 
-/* So many a cell. */
+/* Adds a triangle's seeds, in proportion to its area; b->spread carries fractions of seeds over to the next
+   triangle. */
 static sbl_result sbl__bounce_seed(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const uint32_t triangle = (uint32_t)at;
@@ -12117,8 +12137,8 @@ static sbl_result sbl__bounce_seed(void *work, int at) {
     return result;
 }
 
-/* A point at a place, brought back onto its triangle's plane, off which the length of its ray has taken it by
-   rounding. */
+/* Adds a point at a place, projected onto the plane of its triangle, because rounding along a long ray moves hits
+   off the plane. */
 static sbl_result sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
     sbl__bounce_point *point;
     const float *p[3];
@@ -12137,7 +12157,7 @@ static sbl_result sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int 
     return SBL_SUCCESS;
 }
 
-/* A leaf that the reference is to lead to, without points. */
+/* Adds a leaf without points and lets the reference lead to it. */
 static sbl_result sbl__bounce_add_leaf(sbl__bounce *b, uint32_t *reference) {
     const int leaf = b->store->leaf_count;
     const sbl_result result = sbl__store_add_leaf(&b->core->base, b->store, reference);
@@ -12149,13 +12169,14 @@ static sbl_result sbl__bounce_add_leaf(sbl__bounce *b, uint32_t *reference) {
     return SBL_SUCCESS;
 }
 
-/* Those of the queue, while there is room. */
+/* Returns the number of queued places, or 0 once there is no room for more leaves. */
 static int sbl__bounce_queued(void *work) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     return b->crowding > 0 ? 0 : b->queue.count;
 }
 
-/* A place that a seed or a ray found. Sets b->crowding where there is no room for it. */
+/* Makes a point of a place that a seed or a ray found, if its leaf needs one. Sets b->crowding if there is no room
+   for a new leaf. */
 static sbl_result sbl__bounce_place(void *work, int number) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *at = &b->queue.list[number];
@@ -12178,14 +12199,15 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     return b->states[leaf].points < SBL__BOUNCE_POINTS ? sbl__bounce_add_point(b, at, leaf) : SBL_SUCCESS;
 }
 
-/* What may become points next. */
+/* Sets the places that may become points next. */
 static int sbl__bounce_queue(sbl__bounce *b, sbl__hit *list, int count) {
     b->queue.list = list;
     b->queue.count = count;
     return SBL__BOUNCE_PLACE;
 }
 
-/* All begins anew, with larger cells or smaller ones; or there are more patches than leaves, whatever the cells. */
+/* Starts again with an area of cells multiplied by `growth`. Larger cells do not help where patches outnumber
+   leaves, so the area below which patches are pooled grows, too. */
 static int sbl__bounce_again(sbl__bounce *b, double growth) {
     sbl__patching *p = &b->patching;
     p->growth *= growth;
@@ -12196,31 +12218,32 @@ static int sbl__bounce_again(sbl__bounce *b, double growth) {
     return SBL__BOUNCE_GRID;
 }
 
-/* Leaves that are new are felt and points that are new are cast, until there are none. */
+/* Sends contact rays from new leaves and casts rays from new points, until there are no new ones. */
 static int sbl__bounce_after_place(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const double share = (double)b->store->leaf_count / b->store->most;
     if (b->crowding > 0) return sbl__bounce_again(b, SBL__MAX(b->crowding, SBL__BOUNCE_GROWTH));
     if (!b->fresh && share > SBL__BOUNCE_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
-        /* with what they see there would be too many */
+        /* The surfaces that these leaves see would need too many more leaves. */
         return sbl__bounce_again(b, pow(share / SBL__BOUNCE_FIRST, SBL__BOUNCE_FIRST_POWER));
     if (b->store->leaf_count > b->fresh) return SBL__BOUNCE_FEEL;
     if (b->cast < b->point_count) return SBL__BOUNCE_CAST;
-    if (b->parted) {  /* leaves that had points were cut: their other sides may want some */
+    if (b->parted) {  /* A cut leaf that had points may lack points on its other side. */
         b->parted = 0;
         return sbl__bounce_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
     }
     if (b->sown && b->seen > 0 && share < SBL__BOUNCE_SPARE && share > 2 * b->share) {
-        b->share = share;  /* much of the scene is seen by nothing: the rest may have more */
+        b->share = share;  /* Nothing sees much of the scene, so the rest can have more leaves. */
         return sbl__bounce_again(b, SBL__MAX(share / SBL__BOUNCE_AIM, SBL__BOUNCE_SHRINK));
     }
     if (b->sown) return SBL__BOUNCE_FIND;
     b->sown = 1;
     b->seen = b->store->leaf_count;
-    return sbl__bounce_queue(b, b->seeds.list, b->seeds.count);  /* at last what no ray met */
+    return sbl__bounce_queue(b, b->seeds.list, b->seeds.count);  /* Seeds come last: they fill places that no ray
+                                                                    hit. */
 }
 
-/* >>bounce: feelers */
+/* >>bounce: contact rays */
 
 static void sbl__bounce_feeler(sbl__bounce *b, int number, sbl__cast *out) {
     const sbl__store *s = b->store;
@@ -12254,12 +12277,13 @@ static sbl_result sbl__bounce_feel(void *work, sbl__slice *slice) {
                             slice);
 }
 
-/* A line along a flat surface where something stands on it. */
+/* The line along which an object stands on a flat surface. */
 typedef struct sbl__stand {
-    uint32_t patch, what;        /* stands there: a patch's word, or a triangle's number * 2 */
-    float normal[3], distance;   /* the plane of what stands there */
+    uint32_t patch, what;        /* patch: word of the flat surface; what: the object, as the word of a flat patch
+                                    with bit 0 set, or as number of a triangle * 2 */
+    float normal[3], distance;   /* plane of the object */
     double from[3], along[3];
-    sbl__cell_slot *slot;        /* of the cell where it is walked */
+    sbl__cell_slot *slot;        /* slot of the cell that is being walked */
 } sbl__stand;
 
 static void sbl__stand_place(const sbl__stand *line, double t, float position[3]) {
@@ -12267,8 +12291,9 @@ static void sbl__stand_place(const sbl__stand *line, double t, float position[3]
     for (k = 0; k < 3; k++) position[k] = (float)(line->from[k] + t * line->along[k]);
 }
 
-/* Where a plane that a feeler met stands on the feeler's surface, as far as the bounds of both reach: of a flat patch,
-   or of the one triangle; 0: that is no line worth it. */
+/* Makes the line where a plane that a contact ray hit meets the ray's own surface. The line extends over the common
+   bounds of both: of flat patches or, for the object, of the one triangle. Returns 0 if the line is too short or the
+   surface is not flat. */
 static int sbl__stand_make(const sbl__bounce *b, const sbl__hit *at, const sbl__hit *met, sbl__stand *line) {
     const sbl__store *s = b->store;
     const sbl__geometry *g = b->geometry;
@@ -12310,8 +12335,8 @@ static int sbl__stand_make(const sbl__bounce *b, const sbl__hit *at, const sbl__
     return 1;
 }
 
-/* Cuts what the line crosses below a reference: sides[side] of a split, or its cell's own where split is negative.
-   range: the stretch of the line that lies there. */
+/* Cuts all leaves that the line crosses below a reference: sides[side] of a split or, if `split` is negative, the
+   reference of the slot. range: part of the line that lies there. */
 static sbl_result sbl__stand_part(sbl__bounce *b, const sbl__stand *line, int split, int side, const double range[2],
                                   int depth) {
     sbl__store *s = b->store;
@@ -12333,7 +12358,8 @@ static sbl_result sbl__stand_part(sbl__bounce *b, const sbl__stand *line, int sp
         sbl__stand_place(line, range[i], position);
         over[i] = (double)sbl__dot(s->splits[split].normal, position) - s->splits[split].distance;
     }
-    if (SBL__MAX(fabs(over[0]), fabs(over[1])) <= apart) return SBL_SUCCESS;  /* it is cut there */
+    /* A cut along the same line exists already. */
+    if (SBL__MAX(fabs(over[0]), fabs(over[1])) <= apart) return SBL_SUCCESS;
     for (side = 0; side < 2 && result == SBL_SUCCESS; side++) {
         const double sign = side ? 1 : -1, cross = range[0] + over[0] / (over[0] - over[1]) * (range[1] - range[0]);
         double part[2];
@@ -12344,14 +12370,14 @@ static sbl_result sbl__stand_part(sbl__bounce *b, const sbl__stand *line, int sp
     return result;
 }
 
-/* Cuts all cells that the line crosses. */
+/* Cuts all cells of one patch word that the line crosses. */
 static sbl_result sbl__stand_walk(sbl__bounce *b, sbl__stand *line) {
     const sbl__store *s = b->store;
     const double length = (double)sbl__cell_length(s, line->patch);
     double next[3], step[3], range[2] = { 0, 0 };
     sbl_result result = SBL_SUCCESS;
     int k;
-    for (k = 0; k < 3; k++) {  /* where it leaves the cube along each axis */
+    for (k = 0; k < 3; k++) {  /* next: where along the line, 0 to 1, the line leaves the current cube on each axis */
         const double x = (line->from[k] - s->origin[k]) / length, d = line->along[k] / length;
         const int still = fabs(d) < 1e-9 || (int)(line->patch >> SBL__PATCH_AXIS_SHIFT & 3u) == k;
         next[k] = still ? 2 : (d > 0 ? floor(x) + 1 - x : floor(x) - x) / d;
@@ -12372,7 +12398,7 @@ static sbl_result sbl__stand_walk(sbl__bounce *b, sbl__stand *line) {
     return result;
 }
 
-/* Cuts all cells along the line, once. */
+/* Cuts all cells along the line at every level and distance, unless the line has been walked recently. */
 static sbl_result sbl__stand_cut(sbl__bounce *b, sbl__stand *line) {
     const uint32_t patch = line->patch, hash = sbl__hash_step(sbl__hash_step(0, patch), line->what);
     uint32_t *walked = &b->stands[hash % SBL__STANDS];
@@ -12387,7 +12413,8 @@ static sbl_result sbl__stand_cut(sbl__bounce *b, sbl__stand *line) {
     return result;
 }
 
-/* Cuts a leaf by what one of its feelers met, where that stands on its surface and nothing else parts the two. */
+/* Cuts a leaf by a plane that one of its contact rays hit, if the plane is steep to the surface and the hit still
+   lies in the same leaf. */
 static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *met) {
     sbl__store *s = b->store;
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
@@ -12402,7 +12429,7 @@ static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *met)
     if (fabs((double)sbl__dot(normal, own)) > SBL__FEELER_STEEP) return SBL_SUCCESS;
     if (sbl__stand_make(b, at, met, &line)) return sbl__stand_cut(b, &line);
     if (fabs((double)apart) < SBL__FEELER_APART * (double)s->length) return SBL_SUCCESS;
-    for (k = 0; k < 3; k++)  /* just behind what was met */
+    for (k = 0; k < 3; k++)  /* a position just behind the hit */
         before[k] = met->position[k] + (float)SBL__FEELER_APART * (met->position[k] - at->position[k]);
     reference = sbl__store_find(s, patch, before, &depth);
     if (!reference || *reference != (uint32_t)leaf + 1 || depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
@@ -12424,7 +12451,7 @@ static sbl_result sbl__bounce_cuts(void *work, int at) {
     return result;
 }
 
-/* What was held is placed again. */
+/* Queues the places that waited for contact rays. */
 static int sbl__bounce_after_cuts(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hits held = b->held;
@@ -12437,7 +12464,7 @@ static int sbl__bounce_after_cuts(void *work) {
 
 /* >>bounce: rays */
 
-/* Over the hemisphere at a place. */
+/* Makes a cosine-weighted ray over the hemisphere at a place. */
 static void sbl__bounce_aim(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
     sbl__bounce_aimed *aim = &b->aim;
     int k;
@@ -12465,7 +12492,8 @@ static sbl_result sbl__bounce_sow(void *work, sbl__slice *slice) {
     return sbl__bounce_cast(b, sbl__bounce_seed_ray, b->seeds.count * SBL__BOUNCE_SEED_RAYS, &b->hits, slice);
 }
 
-/* A seed counts as seen from where its nearest ray came to; one whose rays meet nothing as from SBL__UNSEEN. */
+/* Sets the distance from which each seed is seen: the length of its shortest ray, or SBL__UNSEEN if its rays hit
+   nothing. */
 static int sbl__bounce_after_sow(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i, k;
@@ -12486,7 +12514,6 @@ static void sbl__bounce_ray(sbl__bounce *b, int number, sbl__cast *out) {
     sbl__bounce_aim(b, &p->at, hash, stretch, out);
 }
 
-/* Casts the rays of new points. */
 static sbl_result sbl__bounce_follow(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     b->stages.at = SBL__MAX(b->stages.at, b->cast * SBL__BOUNCE_RAYS);
@@ -12505,7 +12532,7 @@ static int sbl__bounce_after_follow(void *work) {
 static int sbl__bounce_points(void *work) { return ((sbl__bounce *)work)->point_count; }
 static int sbl__bounce_leaves(void *work) { return ((sbl__bounce *)work)->store->leaf_count; }
 
-/* A point's leaf may have been cut since it was found, and it may lie on the other side now. */
+/* Finds each point's leaf again, because cuts made since may have put the point into another leaf. */
 static sbl_result sbl__bounce_find(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_point *p = &b->points[at];
@@ -12516,7 +12543,7 @@ static sbl_result sbl__bounce_find(void *work, int at) {
     return result;
 }
 
-/* Where points go, so that those of a leaf follow each other. */
+/* Computes an order in which the points of each leaf are consecutive. */
 static sbl_result sbl__bounce_order(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int leaves = b->store->leaf_count;
@@ -12542,7 +12569,7 @@ static void sbl__swap(void *a, void *b, size_t bytes) {
     memcpy(b, keep, bytes);
 }
 
-/* Points and their rays, leaf by leaf: bounces read them in that order. */
+/* Sorts points and their hits by leaf, because rounds of bounces read them in that order. */
 static sbl_result sbl__bounce_sort(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__hit *hits = b->hits.list;
@@ -12557,15 +12584,14 @@ static sbl_result sbl__bounce_sort(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* >>bounce: light from what shines */
+/* >>bounce: light from lamps */
 
-/* Memory for light on its way. */
 static sbl_result sbl__bounce_room(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
     const size_t points = (size_t)b->point_count, leaves = (size_t)b->store->leaf_count;
     (void)slice;
-    if (b->solved) return SBL_SUCCESS;  /* it is there */
+    if (b->solved) return SBL_SUCCESS;  /* The memory exists after an earlier solution with other lights. */
     sbl__free(base, b->order);
     b->order = NULL;
     b->sites = (sbl__site *)sbl__alloc_raw(base, points, sizeof *b->sites);
@@ -12588,7 +12614,7 @@ static sbl_result sbl__bounce_site(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Begins a job for so many sites, of what shines (SBL_MODE_DIRECT) or of all light. */
+/* Begins a job for `count` sites that measures light from lamps only (SBL_MODE_DIRECT) or all light. */
 static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, const sbl__site *sites, sbl_reading *readings,
                                 int count) {
     const int direct = mode == SBL_MODE_DIRECT;
@@ -12603,7 +12629,7 @@ static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, const sbl__site *
     sbl__spec_make(&task.spec, &seeing, &c->scene, &c->desc);
     if (direct) {
         task.spec.rays = SBL__BOUNCE_DARK_RAYS;
-        task.spec.skyless = 1;  /* the kept rays know what comes from there */
+        task.spec.skyless = 1;  /* Kept rays that hit nothing bring the light of the environment. */
     }
     task.sites = sites;
     task.readings = readings;
@@ -12618,7 +12644,6 @@ static int sbl__bounce_after_sites(void *work) {
     return SBL__BOUNCE_LIGHT;
 }
 
-/* One piece of the job. */
 static sbl_result sbl__bounce_sense(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl_stats *stats = &b->core->stats;
@@ -12631,7 +12656,7 @@ static sbl_result sbl__bounce_sense(void *work, sbl__slice *slice) {
 
 /* >>bounce: all bounces at once */
 
-/* What a point's rays that met nothing bring. */
+/* Computes the light of the environment that a point's rays bring that hit nothing. */
 static void sbl__bounce_sky(const sbl__bounce *b, int point, float out[3]) {
     const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
     int i, k;
@@ -12647,7 +12672,7 @@ static void sbl__bounce_sky(const sbl__bounce *b, int point, float out[3]) {
     }
 }
 
-/* Makes leaves of the places that a point's rays met. */
+/* Replaces the places that a point's rays hit with numbers of leaves. */
 static void sbl__bounce_join_point(sbl__bounce *b, int point) {
     sbl__hit *hit = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS], *const end = hit + SBL__BOUNCE_RAYS;
     for (; hit < end; hit++) {
@@ -12658,7 +12683,8 @@ static void sbl__bounce_join_point(sbl__bounce *b, int point) {
     }
 }
 
-/* Of a leaf: what its points' rays met becomes leaves; what comes from what shines. */
+/* Replaces the hits of a leaf's points with numbers of leaves, and averages the points' light from lamps and the
+   environment. */
 static sbl_result sbl__bounce_join(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_leaf *state = &b->states[at];
@@ -12682,9 +12708,9 @@ static sbl_result sbl__bounce_join(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-#define SBL__BOUNCE_UNIT (SBL__SHARE_ONE * SBL__BOUNCE_RAYS)  /* of what sbl__bounce_add_got sums */
+#define SBL__BOUNCE_UNIT (SBL__SHARE_ONE * SBL__BOUNCE_RAYS)  /* unit of the sums of sbl__bounce_add_got */
 
-/* Adds what a point gets from leaves, as these are now. */
+/* Adds the light that a point receives from leaves, at their current values. */
 static void sbl__bounce_add_got(const sbl__bounce *b, int point, float sum[3]) {
     const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
     int j;
@@ -12693,8 +12719,8 @@ static void sbl__bounce_add_got(const sbl__bounce *b, int point, float sum[3]) {
             sbl__add_reflected(hits[j].share, b->store->leaves[hits[j].place].light, sum);
 }
 
-/* A round: one more bounce, of what leaves before have already gathered too (Gauss and Seidel's way). Its points get
-   light from other leaves; what they get on average is added to what comes from what shines. */
+/* Computes one more bounce for a leaf: adds the average light that its points receive from other leaves to its light
+   from lamps and the environment. Leaves earlier in the round already have their new light (Gauss-Seidel iteration). */
 static sbl_result sbl__bounce_gather(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
@@ -12716,7 +12742,7 @@ static sbl_result sbl__bounce_gather(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Once a scene, where walls that are clamped hold so much light that it shows. */
+/* Warns once per scene if the clamped albedos of white walls make a visible difference. */
 static void sbl__bounce_warn(const sbl__bounce *b) {
     const sbl__geometry *g = b->geometry;
     sbl__store *s = b->store;
@@ -12734,8 +12760,8 @@ static void sbl__bounce_warn(const sbl__bounce *b) {
     s->warned = 1;
 }
 
-/* After a round. At first, what has gathered is scaled to what is emitted, channel by channel: the slowest part of the
-   way, the whole room's brightness, is taken at once. */
+/* Finishes a round. In the first rounds gathered light is scaled so that emitted and lost light balance, channel by
+   channel. This settles the overall brightness of a room, the slowest part of convergence, at once. */
 static int sbl__bounce_after_gather(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__balance *balance = &b->balance;
@@ -12761,10 +12787,10 @@ static int sbl__bounce_after_gather(void *work) {
     return SBL__BOUNCE_NOISE;
 }
 
-/* >>bounce: how far off it is */
+/* >>bounce: uncertainty */
 
-/* What a leaf's light may be off by, in colours and of random sign. Of one point alone nothing is known but its
-   light. */
+/* Estimates the standard error of a leaf's light per channel from its points, with a random sign. A leaf with a
+   single point is assumed to be off by half its light. */
 static sbl_result sbl__bounce_noise(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
@@ -12791,7 +12817,7 @@ static sbl_result sbl__bounce_noise(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Noise takes light's place, and goes the same ways. */
+/* Puts the noise in place of the light, so that rounds of bounces carry the noise along the same rays. */
 static int sbl__bounce_after_noise(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i;
@@ -12805,7 +12831,7 @@ static int sbl__bounce_after_carry(void *work) {
     return ++((sbl__bounce *)work)->rounds < SBL__DOUBT_ROUNDS ? SBL__BOUNCE_CARRY : SBL__BOUNCE_DOUBT;
 }
 
-/* Light takes its place again; what came from elsewhere is a leaf's doubt. */
+/* Restores the light. Noise that has arrived from other leaves, relative to the light, is the leaf's uncertainty. */
 static sbl_result sbl__bounce_doubt(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const float *solved = b->solved + 3 * at, *own = b->light + 3 * at;
@@ -12828,9 +12854,10 @@ static sbl_result sbl__bounce_send(void *work, sbl__slice *slice) {
     return sbl__store_send(&b->core->device, b->store, b->geometry->triangle_count, b->geometry->wide);
 }
 
-/* >>bounce: light in the air, for what the host draws */
+/* >>bounce: light in the air, for objects that the host draws */
 
-/* At the middle of what it draws, and half of the way to each of its corners: six sensors each. */
+/* Measures light at the centre of the host's objects and half way from there to each corner of their bounds, with
+   six sensors at each place. */
 static int sbl__bounce_after_send(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__scene *scene = &b->core->scene;
@@ -12864,9 +12891,9 @@ static int sbl__bounce_after_air(void *work) {
     return SBL__BOUNCE_DONE;
 }
 
-/* >>bounce: its life */
+/* >>bounce: beginning, stepping and freeing */
 
-/* Points and their hits are kept, for other lights; what else was needed is not. */
+/* Frees everything except points and their hits, which are kept for later changes of lights. */
 static void sbl__bounce_rest(const sbl__device *d, sbl__bounce *b) {
     void *const blocks[] = { b->seeds.list, b->held.list, b->again.list, b->feelers.list, b->sequence, b->sites,
                              b->readings, b->stands, b->light, b->solved, b->order };
@@ -12879,7 +12906,7 @@ static void sbl__bounce_rest(const sbl__device *d, sbl__bounce *b) {
     memset(&b->patching, 0, sizeof *b - offsetof(sbl__bounce, patching));
 }
 
-/* What is under way is dropped. */
+/* Drops a filling in progress. */
 static void sbl__bounce_end(sbl__core *c) {
     sbl__bounce *b = c->bounce;
     if (!b) return;
@@ -12891,8 +12918,8 @@ static void sbl__bounce_end(sbl__core *c) {
     c->bounce = NULL;
 }
 
-/* The filling that goes on, or a new one; NULL: memory is out. Where only what shines has changed, what is known of the
-   surfaces stays. */
+/* Returns the filling in progress or a new one; NULL: out of memory. If only lights have changed, points and hits
+   are kept. */
 static sbl__bounce *sbl__bounce_under_way(sbl__core *c) {
     sbl__bounce *b;
     if (c->bounce && c->bounce->surfaces != c->scene.surfaces) sbl__bounce_end(c);
@@ -12912,7 +12939,7 @@ static sbl__bounce *sbl__bounce_under_way(sbl__core *c) {
     return b;
 }
 
-/* One bounded piece of the store. SBL_SUCCESS: it is there. */
+/* Does one bounded piece of filling the store. SBL_SUCCESS: the store is ready. */
 static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__bounce_patches, NULL, NULL, NULL },
@@ -12952,7 +12979,8 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     return result;
 }
 
-/* How much of the store is there, 0 to 1; never less than before. Half of it are rays between surfaces. */
+/* Estimates the share of the store that is done, 0 to 1, never less than before. Rays between surfaces make up half
+   of it. */
 static float sbl__bounce_progress(sbl__core *c) {
     sbl__bounce *b = c->bounce;
     float now;
@@ -12965,12 +12993,13 @@ static float sbl__bounce_progress(sbl__core *c) {
     return b->progress;
 }
 
-/* Of a picture's or gather's own progress, the share that its store takes, where it has to be made. */
+/* Returns the share of the progress of a picture or gather that filling the store takes, or 0 if the store is ready
+   or not needed. */
 static float sbl__prepare_share(const sbl__core *c, const sbl__seeing *s) {
     return s->mode == SBL_MODE_GI && !c->scene.store.ready ? SBL__BOUNCE_SHARE : 0;
 }
 
-/* Makes ready what sensors of that kind need of the scene. SBL_SUCCESS: it is. */
+/* Prepares the parts of the scene that sensors of that kind need. SBL_SUCCESS: they are ready. */
 static sbl_result sbl__prepare(sbl__core *c, const sbl__seeing *s, sbl__slice *slice) {
     const sbl__hierarchy *h = &c->scene.hierarchy;
     const int rays = s->mode != SBL_MODE_PAPER;
