@@ -6551,49 +6551,51 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
 }
 
 /* ======================================================================================================== >>store
-   Light that bounces: R on all surfaces of the scene, cell by cell, as sensors look it up where they see a surface.
-   >>bounce fills it.
+   Store of bounced light: R on all surfaces of the scene, cell by cell. Sensors look R up where they see a surface.
+   >>bounce fills the store.
 
-   Surfaces are cut into patches: neighbouring triangles of a mesh that make one smooth surface. A cell is what a cube
-   of a grid over the scene cuts out of one side of a patch, of what faces one of six ways there (of a flat patch, whose
-   plane may lie on the grid's: what a column cuts out). So light does not leak through walls, between shelves or around
-   edges, tiny triangles share a cell and large ones have many. Where something stands on a surface a cell is cut once
-   more, along its plane (see >>bounce): what lies behind is another leaf. All cells are of one size; but where there
-   are many, what is found last gets wider ones.
+   Surfaces are divided into patches: neighbouring triangles of a mesh that make one smooth surface. A cell is the part
+   of one side of a patch that lies in one cube of a grid over the scene and faces one of six directions. For a flat
+   patch, whose plane may coincide with a plane of the grid, a column takes the place of the cube. Light therefore does
+   not leak through walls, between shelves or around edges; tiny triangles share a cell, and large triangles have many.
+   Where an object stands on a surface, the object's plane cuts the cell (see >>bounce), so that the part behind it is
+   another leaf. All cells have one size, except that wider ones are used for places found last once there are many.
 
        triangle -> patch, side \
-                                hash table -> leaf, or split -> ... -> leaf: R
+                                hash grid -> leaf, or split -> ... -> leaf: R
        place    -> cube        /                                                                                  */
 
-/* A slot of the hash table of cells. check: 0 where it is empty. reference: 0: nothing is known here; a leaf's number +
-   1; SBL__CELL_SPLIT | a split's number. */
+/* A slot of the hash grid of cells. check: 0 for an empty slot. reference: 0: nothing is known here; number of a
+   leaf + 1; SBL__CELL_SPLIT | number of a split. */
 typedef struct sbl__cell_slot { uint32_t check, reference; } sbl__cell_slot;
 
-/* A plane through a cell; references to what lies below it and above it. */
+/* A plane through a cell, with references to the parts below and above the plane. */
 #define SBL__SPLIT(X) \
     X(sbl__split, VEC3, normal) X(sbl__split, FLOAT, distance) \
     X(sbl__split, UVEC2, sides) X(sbl__split, UVEC2, unused)
 SBL__RECORD(sbl__split, SBL__SPLIT, "sbl_split", "sbl_store", SBL__SCENE_TABLE("sbl_store"), "first_split")
 
-/* light: R; the last eight bits of its blue are what sbl__leaf_doubt tells. lamps: what of it comes from lamps. */
+/* light: R; the low eight bits of its blue hold the uncertainty, see sbl__leaf_doubt. lamps: the part of R that
+   comes from lamps. */
 #define SBL__LEAF_RECORD(X) X(sbl__leaf, VEC3, light) X(sbl__leaf, UINT, lamps)
 SBL__RECORD(sbl__leaf, SBL__LEAF_RECORD, "sbl_leaf", "sbl_store", "", "first_leaf")
 
 typedef struct sbl__store {
     int ready;
-    int warned;                /* of albedos */
-    float origin[3], length;   /* of the grid; of a cell */
-    uint32_t *patches;         /* a word a triangle: number << SBL__PATCH_SHIFT | axis | flat | back */
+    int warned;                /* 1: the warning about albedos has been given */
+    float origin[3], length;   /* origin of the grid; length of a cell of level 0 */
+    uint32_t *patches;         /* one word per triangle: number << SBL__PATCH_SHIFT | axis | flat | back */
     sbl__cell_slot *cells;
     int cell_room;             /* a power of two */
     sbl__split *splits;
     sbl__leaf *leaves;
     int split_count, split_room, leaf_count, leaf_room;
-    int most;                  /* leaves */
-    float brightest;           /* of the leaves' */
-    float air[6][3];           /* R where the host draws, towards +x, -x, +y, -y, +z, -z */
-    sbl__table table;          /* all four, one after the other: textures are few */
-    int first_cell, first_split, first_leaf;  /* texels of four words */
+    int most;                  /* largest allowed number of leaves */
+    float brightest;           /* largest channel of R in any leaf */
+    float air[6][3];           /* R where the host draws, for surfaces facing +x, -x, +y, -y, +z, -z */
+    sbl__table table;          /* patches, cells, splits and leaves, one after the other, because few texture units
+                                  exist */
+    int first_cell, first_split, first_leaf;  /* start of each part in the table, in texels of four words */
 } sbl__store;
 
 static void sbl__store_free(const sbl__device *d, sbl__store *s) {
@@ -6605,10 +6607,10 @@ static void sbl__store_free(const sbl__device *d, sbl__store *s) {
     memset(s, 0, sizeof *s);
 }
 
-/* >>store: how far off it is. Shaders need not know: the bits come along with the light. */
+/* >>store: uncertainty of light. It is kept in the low bits of blue, which shaders may read as part of the light. */
 
-#define SBL__DOUBT_STEPS 16        /* an octave; bits 0: it is not told */
-#define SBL__DOUBT_LEAST 1e-30f    /* blue that has such bits */
+#define SBL__DOUBT_STEPS 16        /* steps in a factor of 2; bits of 0 mean that the uncertainty is unknown */
+#define SBL__DOUBT_LEAST 1e-30f    /* least blue value that holds such bits */
 
 static void sbl__leaf_set_doubt(sbl__leaf *leaf, double doubt) {
     uint32_t bits, step;
@@ -6619,8 +6621,8 @@ static void sbl__leaf_set_doubt(sbl__leaf *leaf, double doubt) {
     memcpy(&leaf->light[2], &bits, sizeof bits);
 }
 
-/* How far off light is likely to be that is gathered at a place whose stored light this is: a standard error, as a
-   share of the stored light; 0: unknown. */
+/* Returns the uncertainty of light gathered at a place with the given stored light: a standard error as a share of
+   the stored light; 0: unknown. */
 static float sbl__leaf_doubt(const float light[3]) {
     uint32_t bits;
     if (light[2] < SBL__DOUBT_LEAST) return 0;
@@ -6629,7 +6631,7 @@ static float sbl__leaf_doubt(const float light[3]) {
     return bits ? (float)pow(2.0, -(double)bits / SBL__DOUBT_STEPS) : 0;
 }
 
-/* >>store: cells. store.glsl does the same. */
+/* >>store: cells. store.glsl repeats this lookup on the GPU. */
 
 static uint32_t sbl__hash_step(uint32_t hash, uint32_t x) {
     hash = (hash ^ x) * SBL__HASH_FACTOR;
@@ -6641,7 +6643,8 @@ static float sbl__cell_length(const sbl__store *s, uint32_t patch) {
     return s->length * (float)(1 << SBL__LEVEL_SHIFT * level);
 }
 
-/* Which cube of its patch's grid a place lies in. patch: the triangle's word, turned to the side that is seen. */
+/* Computes the cube of the patch's grid that contains a position. patch: word of the triangle, with the bit of the
+   side that is seen. */
 static void sbl__cell_place(const sbl__store *s, uint32_t patch, const float position[3], uint32_t at[3]) {
     const float per_cell = 1 / sbl__cell_length(s, patch);
     int k;
@@ -6652,7 +6655,8 @@ static void sbl__cell_place(const sbl__store *s, uint32_t patch, const float pos
     if (patch & SBL__PATCH_FLAT) at[patch >> SBL__PATCH_AXIS_SHIFT & 3u] = 0;
 }
 
-/* Its slot in the table, or the free one that it would have; NULL: too many others stand in its way. */
+/* Returns the slot of a position's cell or, if the cell has none, the free slot for it. Returns NULL if other cells
+   occupy all slots that are probed. */
 static sbl__cell_slot *sbl__store_slot(const sbl__store *s, uint32_t patch, const float position[3], uint32_t *check) {
     uint32_t at[3], hash;
     int i;
@@ -6666,8 +6670,8 @@ static sbl__cell_slot *sbl__store_slot(const sbl__store *s, uint32_t patch, cons
     return NULL;
 }
 
-/* Where the reference stands that leads to a place's light, made where it was not, and how many splits lead there;
-   NULL: there is no room. Holds until a split is added. */
+/* Returns the reference that leads to the light at a position, adding the cell if necessary; NULL: there is no room.
+   *depth: number of splits on the way. The pointer is valid until a split is added. */
 static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const float position[3], int *depth) {
     uint32_t check, *reference;
     sbl__cell_slot *slot = sbl__store_slot(s, patch, position, &check);
@@ -6681,7 +6685,7 @@ static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const floa
     return reference;
 }
 
-/* Radiance in a word: Ward 1991, "Real Pixels". */
+/* Packs radiance into one word with a shared exponent (Ward 1991, "Real Pixels"). */
 static uint32_t sbl__rgbe(const float light[3]) {
     uint32_t word;
     int exponent, k;
@@ -6695,7 +6699,7 @@ static uint32_t sbl__rgbe(const float light[3]) {
     return word;
 }
 
-/* An empty store with room for so many leaves. */
+/* Empties the store and makes room for `leaves` leaves. */
 static sbl_result sbl__store_clear(sbl__base *base, sbl__store *s, int leaves) {
     int room = 1024;
     while (room < 2 * leaves) room *= 2;
@@ -6711,7 +6715,7 @@ static sbl_result sbl__store_clear(sbl__base *base, sbl__store *s, int leaves) {
     return SBL_SUCCESS;
 }
 
-/* reference: the one that is to lead there. */
+/* reference: is set to lead to the new leaf. */
 static sbl_result sbl__store_add_leaf(sbl__base *base, sbl__store *s, uint32_t *reference) {
     if (!sbl__grow(base, &s->leaves, &s->leaf_room, s->leaf_count + 1, sizeof *s->leaves))
         return SBL_ERROR_OUT_OF_MEMORY;
@@ -6720,7 +6724,8 @@ static sbl_result sbl__store_add_leaf(sbl__base *base, sbl__store *s, uint32_t *
     return SBL_SUCCESS;
 }
 
-/* Cuts what a reference leads to along a plane. side: the one that keeps it. */
+/* Cuts the part of a cell that a reference leads to along a plane. side: the side that keeps the former content of
+   the reference. */
 static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *reference, const float normal[3],
                                  float distance, int side) {
     const uint32_t before = *reference;
@@ -6736,7 +6741,7 @@ static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *refer
     return SBL_SUCCESS;
 }
 
-/* Cuts the leaf at a place along a plane: it stays on the place's side. */
+/* Cuts the leaf at a position along a plane; the leaf keeps the side of that position. */
 static sbl_result sbl__store_add_split(sbl__base *base, sbl__store *s, uint32_t patch, const float position[3],
                                        const float normal[3], float distance) {
     int depth;
@@ -6744,28 +6749,29 @@ static sbl_result sbl__store_add_split(sbl__base *base, sbl__store *s, uint32_t 
                           sbl__dot(normal, position) > distance);
 }
 
-#define SBL__PATCH_SMOOTH 0.8     /* cosine between neighbours in a patch, at least */
-#define SBL__PATCH_EVEN 0.9999    /* and between a flat one's triangles */
-#define SBL__PATCH_LEAST 0.25     /* cells; smaller patches of a mesh are taken for one */
+#define SBL__PATCH_SMOOTH 0.8     /* least cosine between the normals of neighbours in a patch */
+#define SBL__PATCH_EVEN 0.9999    /* least cosine between the normals of a flat patch's triangles */
+#define SBL__PATCH_LEAST 0.25     /* in areas of a cell: a mesh's patches smaller than this are pooled as one patch */
 
-/* >>store: patches. Triangles of a mesh belong together that share an edge, by the places of its ends, and bend little
-   there. */
+/* >>store: patches. Two triangles of a mesh are joined if they share an edge, which is recognised by the positions
+   of its ends, and meet there at a small angle. */
 
 
 typedef struct sbl__patch { double area; float normal[3]; sbl__box bounds; int flat; } sbl__patch;
 
-typedef struct sbl__patching {  /* while patches are made */
+typedef struct sbl__patching {  /* data for making patches */
     sbl__stages stages;
     const sbl__geometry *geometry;
-    sbl__hash_table places, ends;  /* of vertices; of sides */
-    uint32_t *welded;           /* the first vertex at each one's place */
-    uint32_t *corners;          /* three welded vertices a triangle */
-    uint32_t *parents;          /* of triangles: the roots stand for patches, see sbl__root */
-    sbl__patch *patches;        /* of roots */
-    double area;                /* of all */
-    double least;               /* area below which a mesh's patches count as one */
-    double growth;              /* of cells' area, since the first ones were too many or too few */
-    double pool;                /* of the area below which a mesh's patches count as one, since they were too many */
+    sbl__hash_table places, ends;  /* hash tables of vertices' positions, and of triangles' sides by their ends */
+    uint32_t *welded;           /* for each vertex, the first vertex at the same position */
+    uint32_t *corners;          /* three welded vertices per triangle */
+    uint32_t *parents;          /* union-find forest of triangles; each root stands for a patch, see sbl__root */
+    sbl__patch *patches;        /* patches, indexed by their roots */
+    double area;                /* area of all patches that sensors see */
+    double least;               /* area below which a mesh's patches are pooled */
+    double growth;              /* factor of the cells' area, above or below 1 after earlier sizes gave too many or
+                                   too few leaves */
+    double pool;                /* factor of `least`, above 1 after patches were too many */
 } sbl__patching;
 
 static void sbl__patching_free(sbl__base *base, sbl__patching *p) {
@@ -6822,7 +6828,7 @@ static sbl_result sbl__patch_join(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* A patch's area; is it flat? */
+/* Adds a triangle to its patch's area and bounds, and tests whether the patch is flat. */
 static sbl_result sbl__patch_measure(void *work, int at) {
     sbl__patching *p = (sbl__patching *)work;
     const sbl__geometry *g = p->geometry;
@@ -6834,7 +6840,7 @@ static sbl_result sbl__patch_measure(void *work, int at) {
     const double area = sbl__scene_normal(g, triangle, normal);
     sbl__box box;
     int k;
-    if (triangle == root) {  /* the first of its patch */
+    if (triangle == root) {  /* A root has the smallest number in its patch, so the stage visits it first. */
         patch->flat = 1;
         for (k = 0; k < 3; k++) patch->normal[k] = (float)normal[k];
         sbl__box_clear(&patch->bounds);
@@ -6850,8 +6856,8 @@ static sbl_result sbl__patch_measure(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Where cells lie, for about so many leaves on both sides, and which patches are too small for some of their own; of a
-   scene without area there is one. */
+/* Places the grid for about `leaves` leaves on both sides of surfaces together, and sets the area below which
+   patches are pooled. In a scene without area, cells have length 1. */
 static void sbl__patch_grid(sbl__patching *p, sbl__store *s, double leaves) {
     const double cell = 2 * p->area / leaves;
     int k;
@@ -6861,7 +6867,7 @@ static void sbl__patch_grid(sbl__patching *p, sbl__store *s, double leaves) {
     for (k = 0; k < 3; k++) s->origin[k] = p->geometry->bounds[0][k] - s->length * (1.37f + 0.21f * (float)k);
 }
 
-/* The triangle's word. */
+/* Returns the patch word of a triangle. */
 static uint32_t sbl__patch_word(sbl__patching *p, uint32_t triangle) {
     const sbl__geometry *g = p->geometry;
     const uint32_t root = sbl__root(p->parents, triangle);
@@ -6877,7 +6883,7 @@ static uint32_t sbl__patch_word(sbl__patching *p, uint32_t triangle) {
            (p->patches[root].flat && !pooled ? SBL__PATCH_FLAT : 0) | (n[axis] < 0 ? SBL__PATCH_BACK : 0);
 }
 
-/* One piece of finding the patches. SBL_SUCCESS: they are known. */
+/* Does one bounded piece of making patches. SBL_SUCCESS: they are ready. */
 static sbl_result sbl__patching_step(sbl__patching *p, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__patch_weld, sbl__patching_vertices },
@@ -6912,7 +6918,7 @@ static sbl_result sbl__store_send(const sbl__device *d, sbl__store *s, int trian
     return sbl__table_show(d, &s->table, SBL__GL_RGBA32UI, wide);
 }
 
-/* For store.glsl. */
+/* Sets the inputs of store.glsl. */
 static void sbl__store_bind(sbl__device *d, const sbl__store *s) {
     sbl__bind_table(d, "sbl_store", &s->table);
     sbl__set_int(d, "first_cell", s->first_cell);
@@ -11837,7 +11843,7 @@ SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sb
    joining, the number of the leaf. share: share of light that the surface reflects, see sbl__share_pack. */
 typedef struct sbl__hit { float position[3], distance; uint32_t place; uint16_t share[4]; } sbl__hit;
 
-typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* number: index among the leaf's points */ } sbl__bounce_point;
+typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* index in its leaf */ } sbl__bounce_point;
 
 /* State of a leaf while the store is filled. points: their number; first: the first of them, after sorting the start
    of their range; valid: number of points with a valid reading. */
