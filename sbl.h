@@ -6057,15 +6057,17 @@ static const char *const sbl__glsl_traverse[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>lamps
-   What sensors aim rays at: emitting triangles, lights, and what of the environment is too bright to be left to
-   chance. Two trees, of near lamps and of directions, hold clusters of neighbours, so that the work of a sensor grows
-   with their logarithm (lamps.glsl). They stand in one table: nodes in preorder; leaves in the nodes' order; lights.
+   Lamps, at which sensors aim rays: emitting triangles, lights, and texels of the environment that are too bright for
+   random rays. Two trees, one of near lamps and one of directions, hold clusters of neighbours, so that a sensor's work
+   grows with the logarithm of the number of lamps (lamps.glsl). One table holds the nodes in preorder, then the leaves
+   in the order of the nodes, then the lights.
 
-   Power is light per solid angle over pi where the lamp shows its face: R at distance d is about power * cosine / d^2,
-   for directions power * cosine. */
+   The power of a lamp is its light per solid angle, divided by pi, where the lamp shows its face: R at distance d is
+   about power * cosine / d^2, and power * cosine for directions. */
 
-/* A ball around all lamps of the subtree; xx, yy, zz and xy, yz, zx of the sum of power * normal * normal^T; the node
-   after the subtree (SBL_FAR_NODE: directions); sum of power * normal of one-sided lamps; first leaf. */
+/* middle, radius: a ball around all lamps of the subtree. square, mixed: xx, yy, zz and xy, yz, zx of the sum of
+   power * normal * normal^T. beyond: the node after the subtree, with SBL_FAR_NODE set for directions. front: sum of
+   power * normal of one-sided lamps. first_leaf: the first leaf of the subtree. */
 #define SBL__LAMP_NODE(X) \
     X(sbl__lamp_node, VEC3, middle) X(sbl__lamp_node, FLOAT, radius) \
     X(sbl__lamp_node, VEC3, square) X(sbl__lamp_node, FLOAT, power) \
@@ -6073,68 +6075,72 @@ static const char *const sbl__glsl_traverse[] = {
     X(sbl__lamp_node, VEC3, front) X(sbl__lamp_node, UINT, first_leaf)
 SBL__RECORD(sbl__lamp_node, SBL__LAMP_NODE, "sbl_lamp_node", "sbl_lamps", SBL__SCENE_TABLE("sbl_lamps"), NULL)
 
-/* Kind << SBL_LAMP_KIND_SHIFT | number: of a triangle in the hierarchy's order, of a light, or of a texel:
-   row << SBL_SKY_COLUMN_BITS | column. */
+/* code: kind << SBL_LAMP_KIND_SHIFT | number. The number is that of a triangle in the hierarchy's order, of a light,
+   or of a texel: row << SBL_SKY_COLUMN_BITS | column. */
 #define SBL__LAMP_LEAF(X) X(sbl__lamp_leaf, UINT, code) X(sbl__lamp_leaf, UVEC3, unused)
 SBL__RECORD(sbl__lamp_leaf, SBL__LAMP_LEAF, "sbl_lamp_leaf", "sbl_lamps", "", "sbl_first_leaf")
 
-/* position: of far lights, the direction to them; radius: of these, sine squared of half their angle; the spot's share
-   is the square of scale * cosine to its axis + offset. */
+/* position: for a far light, the direction towards it. radius: for a far light, the squared sine of half its angle.
+   A spot's intensity is multiplied by the square of spot_scale * cosine to its axis + spot_offset. */
 #define SBL__LIGHT_RECORD(X) \
     X(sbl__light_record, VEC3, position) X(sbl__light_record, FLOAT, radius) \
     X(sbl__light_record, VEC3, intensity) X(sbl__light_record, FLOAT, spot_scale) \
     X(sbl__light_record, VEC3, axis) X(sbl__light_record, FLOAT, spot_offset)
 SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", "sbl_first_light")
 
-#define SBL__POWER_MOST 1e37          /* so that sums of a few stay floats */
-#define SBL__POWER_LEAST 1e-30        /* of a lamp that shines at all */
-#define SBL__MOMENT_MOST 1e18         /* products of two stay floats */
-#define SBL__SPOT_LEAST 0.001         /* between the cosines of a spot's cones (KHR_lights_punctual) */
-#define SBL__CURVE_BITS 20            /* of the Morton curve, an axis */
-#define SBL__LAMP_DEPTH 128           /* of the trees: the curve's 61 bits, then the logarithm of their number */
+#define SBL__POWER_MOST 1e37          /* limit of power, so that sums of several remain finite floats */
+#define SBL__POWER_LEAST 1e-30        /* least power of a lamp that emits light */
+#define SBL__MOMENT_MOST 1e18         /* limit of a moment, so that products of two remain finite floats */
+#define SBL__SPOT_LEAST 0.001         /* least difference between the cosines of a spot's cones (KHR_lights_punctual) */
+#define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
+#define SBL__LAMP_DEPTH 128           /* largest depth of the trees: the 61 bits of the curve, then the logarithm of
+                                         the number of lamps at one place */
 
 typedef struct sbl__lamp {
-    uint64_t curve;            /* place along a Morton curve; near before distant */
+    uint64_t curve;            /* position along a Morton curve; near lamps come before distant ones */
     uint32_t code;
-    uint32_t triangle;         /* number in the scene */
+    uint32_t triangle;         /* number of the triangle in the scene */
     sbl__box bounds;
-    float normal[3];           /* 0: shines to all sides; of directions, the direction */
+    float normal[3];           /* 0: the lamp shines in all directions; for a distant lamp, the direction towards it */
     float power;
     int one_sided, distant;
 } sbl__lamp;
 
 typedef struct sbl__cluster { double power, all_sides, square[6], front[3]; sbl__box bounds; } sbl__cluster;
 
-/* What is left to build of a tree: lamps first .. first + count - 1. */
+/* A range of lamps for which a subtree must still be built: first .. first + count - 1. */
 typedef struct sbl__lamp_range { int first, count; } sbl__lamp_range;
 
-typedef struct sbl__lamps {    /* while the trees are built */
+typedef struct sbl__lamps {    /* data for building the trees */
     sbl__stages stages;
     const sbl__device *device;
     const sbl__geometry *geometry;
     const sbl__hierarchy *hierarchy;
     const sbl__environment *environment;
     struct sbl__lights *lights;
-    sbl__lamp *list, *sorted;  /* sorted: the other half of merging */
+    sbl__lamp *list, *sorted;  /* sorted: the destination of merging */
     int count, room;
-    double low[3], side;       /* of the near lamps' middles: the cube that the curve runs through */
-    int width, left, right, out;  /* merging runs of so many: where in the two runs, and in what comes of them */
+    double low[3], side;       /* cube around the centres of the near lamps, which the Morton curve fills */
+    int width, left, right, out;  /* width: lamps in a run to merge; left, right, out: positions in both runs and in
+                                     the output */
     sbl__lamp_node *nodes;
     int node_count;
     sbl__lamp_range ranges[SBL__LAMP_DEPTH];
     sbl__cluster clusters[SBL__LAMP_DEPTH];
-    int depth;                 /* of either */
+    int depth;                 /* height of the stack of ranges, later of the stack of clusters */
 } sbl__lamps;
 
 typedef struct sbl__lights {
-    sbl_light *list;           /* as the host gave them */
+    sbl_light *list;           /* lights as the host gave them */
     int count;
-    float unit;                /* radiance of about the highest light that lamps give: what shaders calculate in */
+    float unit;                /* approximate highest radiance of light from lamps; the unit in which shaders
+                                  calculate */
     int ready;
     sbl__table table;
-    int nodes, leaves;         /* in the table */
-    int mixed;                 /* not just triangles, few enough to be taken singly */
-    uint32_t (*names)[2];      /* of the leaves: kind; triangle of the scene, light, or row * width + column */
+    int nodes, leaves;         /* numbers of nodes and leaves in the table */
+    int mixed;                 /* 0: all lamps are triangles, and few enough to be sampled one by one */
+    uint32_t (*names)[2];      /* name of each leaf's lamp: kind; number of the triangle in the scene or of the
+                                  light, or row * width + column */
     sbl__lamps *building;
 } sbl__lights;
 
@@ -6154,7 +6160,7 @@ static void sbl__lights_free(const sbl__device *d, sbl__lights *l) {
     memset(l, 0, sizeof *l);
 }
 
-/* brightest: radiance of any surface or the sky. The descriptor has been checked. */
+/* brightest: highest radiance of any surface or the sky. The caller has checked the descriptor. */
 static sbl_result sbl__lights_make(sbl__base *base, sbl__lights *l, const sbl_light *lights, int count,
                                    float brightest, float extent) {
     int i;
@@ -6181,7 +6187,7 @@ static sbl_result sbl__lamps_add(sbl__lamps *l, const sbl__lamp *lamp) {
     return SBL_SUCCESS;
 }
 
-/* A lamp without sides, in bounds of so much around its middle. */
+/* Makes a lamp that shines in all directions. around: half the side of its bounds. */
 static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3], double around, double power) {
     int k;
     memset(lamp, 0, sizeof *lamp);
@@ -6195,7 +6201,7 @@ static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3
 
 static int sbl__lamps_triangles(void *work) { return ((sbl__lamps *)work)->hierarchy->triangle_count; }
 
-/* The triangle at a place of the hierarchy's order, where it shines. */
+/* Adds the triangle at a place of the hierarchy's order if the triangle emits light. */
 static sbl_result sbl__lamps_add_triangle(void *work, int place) {
     sbl__lamps *l = (sbl__lamps *)work;
     const uint32_t number = l->hierarchy->order[place];
@@ -6219,7 +6225,7 @@ static sbl_result sbl__lamps_add_triangle(void *work, int place) {
     return sbl__lamps_add(l, &lamp);
 }
 
-/* A light's record, and where it stands or lies. */
+/* Makes a light's record. place: its position, or the direction towards a directional light. */
 static void sbl__light_write(const sbl_light *light, sbl__light_record *record, double place[3]) {
     const int distant = light->kind == SBL_LIGHT_DIRECTIONAL, spot = light->kind == SBL_LIGHT_SPOT;
     const double half = 0.5 * light->angle * SBL__PI / 180, outer = cos(0.5 * SBL__CONE(light) * SBL__PI / 180);
@@ -6284,7 +6290,7 @@ static sbl_result sbl__lamps_add_texel(void *work, int at) {
     return sbl__lamps_add(l, &lamp);
 }
 
-/* How many lamps there will be, at most: what tables must hold. */
+/* Returns the largest possible number of lamps, which the tables must hold. */
 static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e, int light_count) {
     double lamps = light_count;
     size_t i;
@@ -6295,7 +6301,7 @@ static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e,
     return lamps;
 }
 
-/* >>lamps: in order along a Morton curve through the bounds of all near lamps; then the directions */
+/* >>lamps: sorting near lamps along a Morton curve through their bounds, and after them the directions */
 
 static double sbl__box_middle(const sbl__box *b, int k) { return 0.5 * ((double)b->high[k] + b->low[k]); }
 
@@ -6315,7 +6321,7 @@ static int sbl__lamp_before(const sbl__lamp *a, const sbl__lamp *b) {
     return a->curve != b->curve ? a->curve < b->curve : a->code < b->code;
 }
 
-/* Merges runs of l->width lamps, then runs of twice as many, until all are one. */
+/* Sorts by merging runs of l->width lamps, then of twice as many, until one run is left. */
 static sbl_result sbl__lamps_sort(void *work, sbl__slice *slice) {
     sbl__lamps *l = (sbl__lamps *)work;
     for (; l->width < l->count; l->width *= 2, l->out = 0) {
@@ -6333,9 +6339,10 @@ static sbl_result sbl__lamps_sort(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* >>lamps: the trees. A tree of n leaves has 2 n - 1 nodes: where each ends is known beforehand. */
+/* >>lamps: the trees. A tree of n leaves has 2 n - 1 nodes, so the end of each subtree is known in advance. */
 
-/* Where the highest bit of the curve that differs within the range turns. */
+/* Returns the first lamp of the range whose curve position has the highest differing bit set. Lamps at one curve
+   position are cut in the middle. */
 static int sbl__lamps_cut(const sbl__lamps *l, const sbl__lamp_range *r) {
     int low = r->first, high = r->first + r->count - 1;
     uint64_t differs = l->list[low].curve ^ l->list[high].curve;
@@ -6354,7 +6361,7 @@ static void sbl__lamps_push(sbl__lamps *l, int first, int count) {
     l->ranges[l->depth++].count = count;
 }
 
-/* Nodes in preorder: which leaves, and where each subtree ends. */
+/* Writes the nodes in preorder, with the first leaf and the end of each subtree. */
 static sbl_result sbl__lamps_split(void *work, sbl__slice *slice) {
     sbl__lamps *l = (sbl__lamps *)work;
     while (l->depth) {
@@ -6365,7 +6372,7 @@ static sbl_result sbl__lamps_split(void *work, sbl__slice *slice) {
         l->node_count++;
         if (r.count > 1) {
             const int cut = sbl__lamps_cut(l, &r);
-            sbl__lamps_push(l, cut, r.first + r.count - cut);  /* the right half is done after the left one */
+            sbl__lamps_push(l, cut, r.first + r.count - cut);  /* on a stack, so the left half comes first */
             sbl__lamps_push(l, r.first, cut - r.first);
         }
         if (l->depth && sbl__late(slice)) return SBL_UNFINISHED;
@@ -6374,7 +6381,8 @@ static sbl_result sbl__lamps_split(void *work, sbl__slice *slice) {
 }
 
 static void sbl__cluster_of_lamp(sbl__cluster *c, const sbl__lamp *lamp) {
-    static const int pairs[6][2] = { { 0, 0 }, { 1, 1 }, { 2, 2 }, { 0, 1 }, { 1, 2 }, { 2, 0 } };  /* as lamps.glsl */
+    /* in the order that lamps.glsl uses */
+    static const int pairs[6][2] = { { 0, 0 }, { 1, 1 }, { 2, 2 }, { 0, 1 }, { 1, 2 }, { 2, 0 } };
     const int sides = !sbl__all_zero(lamp->normal, 3), front = lamp->one_sided || lamp->distant;
     const double shown = front ? 0.5 * lamp->power : lamp->power;  /* max(x, 0) = (|x| + x) / 2 */
     int k;
@@ -6404,7 +6412,7 @@ static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_nod
         const double mixed = SBL__MAX(SBL__MIN(c->square[3 + k], SBL__MOMENT_MOST), -SBL__MOMENT_MOST);
         radius += side * side;
         node->middle[k] = (float)sbl__box_middle(&c->bounds, k);
-        /* sum |x| <= sqrt(sum 1 * sum x^2) */
+        /* Cauchy-Schwarz inequality: sum |x| <= sqrt(sum 1 * sum x^2) */
         node->square[k] = (float)(all_sides * SBL__MIN(c->square[k], SBL__MOMENT_MOST));
         node->mixed[k] = (float)(all_sides * mixed);
         node->front[k] = (float)c->front[k];
@@ -6416,8 +6424,8 @@ static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_nod
 
 static int sbl__lamps_nodes(void *work) { return ((sbl__lamps *)work)->node_count; }
 
-/* What is known of a node's lamps together, from the last node to the first: its halves then lie on the stack, the left
-   one on top. */
+/* Computes the cluster of a node's lamps. Nodes are visited from last to first, so that the clusters of a node's
+   halves lie on the stack, the left one on top. */
 static sbl_result sbl__lamps_add_up(void *work, int at) {
     sbl__lamps *l = (sbl__lamps *)work;
     const int number = l->node_count - 1 - at;
@@ -6434,7 +6442,7 @@ static sbl_result sbl__lamps_add_up(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* >>lamps: their stages */
+/* >>lamps: stages */
 
 static sbl_result sbl__lamps_place(void *work, sbl__slice *slice) {
     sbl__lamps *l = (sbl__lamps *)work;
@@ -6455,11 +6463,11 @@ static sbl_result sbl__lamps_place(void *work, sbl__slice *slice) {
     return l->sorted && l->nodes ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Both trees, once the lamps are in order. */
+/* Begins both trees after sorting. */
 static int sbl__lamps_plant(void *work) {
     sbl__lamps *l = (sbl__lamps *)work;
     int first = 0, end = l->count;
-    while (first < end) {  /* the first distant one */
+    while (first < end) {  /* Binary search for the first distant lamp. */
         const int middle = first + (end - first) / 2;
         if (l->list[middle].distant) end = middle;
         else first = middle + 1;
@@ -6470,7 +6478,7 @@ static int sbl__lamps_plant(void *work) {
     return l->stages.stage + 1;
 }
 
-/* Stores leaf number i, and the name that the host knows its lamp by. */
+/* Stores leaf number i and the name by which the host knows its lamp. */
 static void sbl__lamps_store_leaf(const sbl__lamps *l, int i, void *to) {
     const uint32_t code = l->list[i].code, kind = code >> SBL__LAMP_KIND_SHIFT;
     const uint32_t number = code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
@@ -6517,8 +6525,8 @@ static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
     return result;
 }
 
-/* Collects the scene's lamps and builds their trees. The hierarchy is ready, its order still there. SBL_SUCCESS: they
-   are ready; after an error they can be begun anew. */
+/* Collects the scene's lamps and builds their trees. The hierarchy must be ready and still have its order.
+   SBL_SUCCESS: lamps are ready; after an error the caller may begin again. */
 static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const sbl__hierarchy *h,
                                    const sbl__environment *e, sbl__lights *lights, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
