@@ -6071,15 +6071,17 @@ static const char *const sbl__glsl_traverse[] = {
 /* <<glsl */
 
 /* ======================================================================================================== >>lamps
-   What sensors aim rays at: emitting triangles, lights, and what of the environment is too bright to be left to
-   chance. Two trees, of near lamps and of directions, hold clusters of neighbours, so that the work of a sensor grows
-   with their logarithm (lamps.glsl). They stand in one table: nodes in preorder; leaves in the nodes' order; lights.
+   Lamps, at which sensors aim rays: emitting triangles, lights, and texels of the environment that are too bright for
+   random rays. Two trees, one of near lamps and one of directions, hold clusters of neighbours, so that a sensor's work
+   grows with the logarithm of the number of lamps (lamps.glsl). One table holds the nodes in preorder, then the leaves
+   in the order of the nodes, then the lights.
 
-   Power is light per solid angle over pi where the lamp shows its face: R at distance d is about power * cosine / d^2,
-   for directions power * cosine. */
+   The power of a lamp is its light per solid angle, divided by pi, where the lamp shows its face: R at distance d is
+   about power * cosine / d^2, and power * cosine for directions. */
 
-/* A ball around all lamps of the subtree; xx, yy, zz and xy, yz, zx of the sum of power * normal * normal^T; the node
-   after the subtree (SBL_FAR_NODE: directions); sum of power * normal of one-sided lamps; first leaf. */
+/* middle, radius: a ball around all lamps of the subtree. square, mixed: xx, yy, zz and xy, yz, zx of the sum of
+   power * normal * normal^T. beyond: the node after the subtree, with SBL_FAR_NODE set for directions. front: sum of
+   power * normal of one-sided lamps. first_leaf: the first leaf of the subtree. */
 #define SBL__LAMP_NODE(X) \
     X(sbl__lamp_node, VEC3, middle) X(sbl__lamp_node, FLOAT, radius) \
     X(sbl__lamp_node, VEC3, square) X(sbl__lamp_node, FLOAT, power) \
@@ -6087,68 +6089,72 @@ static const char *const sbl__glsl_traverse[] = {
     X(sbl__lamp_node, VEC3, front) X(sbl__lamp_node, UINT, first_leaf)
 SBL__RECORD(sbl__lamp_node, SBL__LAMP_NODE, "sbl_lamp_node", "sbl_lamps", SBL__SCENE_TABLE("sbl_lamps"), NULL)
 
-/* Kind << SBL_LAMP_KIND_SHIFT | number: of a triangle in the hierarchy's order, of a light, or of a texel:
-   row << SBL_SKY_COLUMN_BITS | column. */
+/* code: kind << SBL_LAMP_KIND_SHIFT | number. The number is that of a triangle in the hierarchy's order, of a light,
+   or of a texel: row << SBL_SKY_COLUMN_BITS | column. */
 #define SBL__LAMP_LEAF(X) X(sbl__lamp_leaf, UINT, code) X(sbl__lamp_leaf, UVEC3, unused)
 SBL__RECORD(sbl__lamp_leaf, SBL__LAMP_LEAF, "sbl_lamp_leaf", "sbl_lamps", "", "sbl_first_leaf")
 
-/* position: of far lights, the direction to them; radius: of these, sine squared of half their angle; the spot's share
-   is the square of scale * cosine to its axis + offset. */
+/* position: for a far light, the direction towards it. radius: for a far light, the squared sine of half its angle.
+   A spot's intensity is multiplied by the square of spot_scale * cosine to its axis + spot_offset. */
 #define SBL__LIGHT_RECORD(X) \
     X(sbl__light_record, VEC3, position) X(sbl__light_record, FLOAT, radius) \
     X(sbl__light_record, VEC3, intensity) X(sbl__light_record, FLOAT, spot_scale) \
     X(sbl__light_record, VEC3, axis) X(sbl__light_record, FLOAT, spot_offset)
 SBL__RECORD(sbl__light_record, SBL__LIGHT_RECORD, "sbl_light", "sbl_lamps", "", "sbl_first_light")
 
-#define SBL__POWER_MOST 1e37          /* so that sums of a few stay floats */
-#define SBL__POWER_LEAST 1e-30        /* of a lamp that shines at all */
-#define SBL__MOMENT_MOST 1e18         /* products of two stay floats */
-#define SBL__SPOT_LEAST 0.001         /* between the cosines of a spot's cones (KHR_lights_punctual) */
-#define SBL__CURVE_BITS 20            /* of the Morton curve, an axis */
-#define SBL__LAMP_DEPTH 128           /* of the trees: the curve's 61 bits, then the logarithm of their number */
+#define SBL__POWER_MOST 1e37          /* limit of power, so that sums of several remain finite floats */
+#define SBL__POWER_LEAST 1e-30        /* least power of a lamp that emits light */
+#define SBL__MOMENT_MOST 1e18         /* limit of a moment, so that products of two remain finite floats */
+#define SBL__SPOT_LEAST 0.001         /* least difference between the cosines of a spot's cones (KHR_lights_punctual) */
+#define SBL__CURVE_BITS 20            /* bits of the Morton curve per axis */
+#define SBL__LAMP_DEPTH 128           /* largest depth of the trees: the 61 bits of the curve, then the logarithm of
+                                         the number of lamps at one place */
 
 typedef struct sbl__lamp {
-    uint64_t curve;            /* place along a Morton curve; near before distant */
+    uint64_t curve;            /* position along a Morton curve; near lamps come before distant ones */
     uint32_t code;
-    uint32_t triangle;         /* number in the scene */
+    uint32_t triangle;         /* number of the triangle in the scene */
     sbl__box bounds;
-    float normal[3];           /* 0: shines to all sides; of directions, the direction */
+    float normal[3];           /* 0: the lamp shines in all directions; for a distant lamp, the direction towards it */
     float power;
     int one_sided, distant;
 } sbl__lamp;
 
 typedef struct sbl__cluster { double power, all_sides, square[6], front[3]; sbl__box bounds; } sbl__cluster;
 
-/* What is left to build of a tree: lamps first .. first + count - 1. */
+/* A range of lamps for which a subtree must still be built: first .. first + count - 1. */
 typedef struct sbl__lamp_range { int first, count; } sbl__lamp_range;
 
-typedef struct sbl__lamps {    /* while the trees are built */
+typedef struct sbl__lamps {    /* data for building the trees */
     sbl__stages stages;
     const sbl__device *device;
     const sbl__geometry *geometry;
     const sbl__hierarchy *hierarchy;
     const sbl__environment *environment;
     struct sbl__lights *lights;
-    sbl__lamp *list, *sorted;  /* sorted: the other half of merging */
+    sbl__lamp *list, *sorted;  /* sorted: the destination of merging */
     int count, room;
-    double low[3], side;       /* of the near lamps' middles: the cube that the curve runs through */
-    int width, left, right, out;  /* merging runs of so many: where in the two runs, and in what comes of them */
+    double low[3], side;       /* cube around the centres of the near lamps, which the Morton curve fills */
+    int width, left, right, out;  /* width: lamps in a run to merge; left, right, out: positions in both runs and in
+                                     the output */
     sbl__lamp_node *nodes;
     int node_count;
     sbl__lamp_range ranges[SBL__LAMP_DEPTH];
     sbl__cluster clusters[SBL__LAMP_DEPTH];
-    int depth;                 /* of either */
+    int depth;                 /* height of the stack of ranges, later of the stack of clusters */
 } sbl__lamps;
 
 typedef struct sbl__lights {
-    sbl_light *list;           /* as the host gave them */
+    sbl_light *list;           /* lights as the host gave them */
     int count;
-    float unit;                /* radiance of about the highest light that lamps give: what shaders calculate in */
+    float unit;                /* approximate highest radiance of light from lamps; the unit in which shaders
+                                  calculate */
     int ready;
     sbl__table table;
-    int nodes, leaves;         /* in the table */
-    int mixed;                 /* not just triangles, few enough to be taken singly */
-    uint32_t (*names)[2];      /* of the leaves: kind; triangle of the scene, light, or row * width + column */
+    int nodes, leaves;         /* numbers of nodes and leaves in the table */
+    int mixed;                 /* 0: all lamps are triangles, and few enough to be sampled one by one */
+    uint32_t (*names)[2];      /* name of each leaf's lamp: kind; number of the triangle in the scene or of the
+                                  light, or row * width + column */
     sbl__lamps *building;
 } sbl__lights;
 
@@ -6168,7 +6174,7 @@ static void sbl__lights_free(const sbl__device *d, sbl__lights *l) {
     memset(l, 0, sizeof *l);
 }
 
-/* brightest: radiance of any surface or the sky. The descriptor has been checked. */
+/* brightest: highest radiance of any surface or the sky. The caller has checked the descriptor. */
 static sbl_result sbl__lights_make(sbl__base *base, sbl__lights *l, const sbl_light *lights, int count,
                                    float brightest, float extent) {
     int i;
@@ -6195,7 +6201,7 @@ static sbl_result sbl__lamps_add(sbl__lamps *l, const sbl__lamp *lamp) {
     return SBL_SUCCESS;
 }
 
-/* A lamp without sides, in bounds of so much around its middle. */
+/* Makes a lamp that shines in all directions. around: half the side of its bounds. */
 static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3], double around, double power) {
     int k;
     memset(lamp, 0, sizeof *lamp);
@@ -6209,7 +6215,7 @@ static void sbl__lamp_make(sbl__lamp *lamp, uint32_t code, const double middle[3
 
 static int sbl__lamps_triangles(void *work) { return ((sbl__lamps *)work)->hierarchy->triangle_count; }
 
-/* The triangle at a place of the hierarchy's order, where it shines. */
+/* Adds the triangle at a place of the hierarchy's order if the triangle emits light. */
 static sbl_result sbl__lamps_add_triangle(void *work, int place) {
     sbl__lamps *l = (sbl__lamps *)work;
     const uint32_t number = l->hierarchy->order[place];
@@ -6233,7 +6239,7 @@ static sbl_result sbl__lamps_add_triangle(void *work, int place) {
     return sbl__lamps_add(l, &lamp);
 }
 
-/* A light's record, and where it stands or lies. */
+/* Makes a light's record. place: its position, or the direction towards a directional light. */
 static void sbl__light_write(const sbl_light *light, sbl__light_record *record, double place[3]) {
     const int distant = light->kind == SBL_LIGHT_DIRECTIONAL, spot = light->kind == SBL_LIGHT_SPOT;
     const double half = 0.5 * light->angle * SBL__PI / 180, outer = cos(0.5 * SBL__CONE(light) * SBL__PI / 180);
@@ -6298,7 +6304,7 @@ static sbl_result sbl__lamps_add_texel(void *work, int at) {
     return sbl__lamps_add(l, &lamp);
 }
 
-/* How many lamps there will be, at most: what tables must hold. */
+/* Returns the largest possible number of lamps, which the tables must hold. */
 static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e, int light_count) {
     double lamps = light_count;
     size_t i;
@@ -6309,7 +6315,7 @@ static double sbl__lamps_most(const sbl__geometry *g, const sbl__environment *e,
     return lamps;
 }
 
-/* >>lamps: in order along a Morton curve through the bounds of all near lamps; then the directions */
+/* >>lamps: sorting near lamps along a Morton curve through their bounds, and after them the directions */
 
 static double sbl__box_middle(const sbl__box *b, int k) { return 0.5 * ((double)b->high[k] + b->low[k]); }
 
@@ -6329,7 +6335,7 @@ static int sbl__lamp_before(const sbl__lamp *a, const sbl__lamp *b) {
     return a->curve != b->curve ? a->curve < b->curve : a->code < b->code;
 }
 
-/* Merges runs of l->width lamps, then runs of twice as many, until all are one. */
+/* Sorts by merging runs of l->width lamps, then of twice as many, until one run is left. */
 static sbl_result sbl__lamps_sort(void *work, sbl__slice *slice) {
     sbl__lamps *l = (sbl__lamps *)work;
     for (; l->width < l->count; l->width *= 2, l->out = 0) {
@@ -6347,9 +6353,10 @@ static sbl_result sbl__lamps_sort(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* >>lamps: the trees. A tree of n leaves has 2 n - 1 nodes: where each ends is known beforehand. */
+/* >>lamps: the trees. A tree of n leaves has 2 n - 1 nodes, so the end of each subtree is known in advance. */
 
-/* Where the highest bit of the curve that differs within the range turns. */
+/* Returns the first lamp of the range whose curve position has the highest differing bit set. Lamps at one curve
+   position are cut in the middle. */
 static int sbl__lamps_cut(const sbl__lamps *l, const sbl__lamp_range *r) {
     int low = r->first, high = r->first + r->count - 1;
     uint64_t differs = l->list[low].curve ^ l->list[high].curve;
@@ -6368,7 +6375,7 @@ static void sbl__lamps_push(sbl__lamps *l, int first, int count) {
     l->ranges[l->depth++].count = count;
 }
 
-/* Nodes in preorder: which leaves, and where each subtree ends. */
+/* Writes the nodes in preorder, with the first leaf and the end of each subtree. */
 static sbl_result sbl__lamps_split(void *work, sbl__slice *slice) {
     sbl__lamps *l = (sbl__lamps *)work;
     while (l->depth) {
@@ -6379,7 +6386,7 @@ static sbl_result sbl__lamps_split(void *work, sbl__slice *slice) {
         l->node_count++;
         if (r.count > 1) {
             const int cut = sbl__lamps_cut(l, &r);
-            sbl__lamps_push(l, cut, r.first + r.count - cut);  /* the right half is done after the left one */
+            sbl__lamps_push(l, cut, r.first + r.count - cut);  /* on a stack, so the left half comes first */
             sbl__lamps_push(l, r.first, cut - r.first);
         }
         if (l->depth && sbl__late(slice)) return SBL_UNFINISHED;
@@ -6388,7 +6395,8 @@ static sbl_result sbl__lamps_split(void *work, sbl__slice *slice) {
 }
 
 static void sbl__cluster_of_lamp(sbl__cluster *c, const sbl__lamp *lamp) {
-    static const int pairs[6][2] = { { 0, 0 }, { 1, 1 }, { 2, 2 }, { 0, 1 }, { 1, 2 }, { 2, 0 } };  /* as lamps.glsl */
+    /* in the order that lamps.glsl uses */
+    static const int pairs[6][2] = { { 0, 0 }, { 1, 1 }, { 2, 2 }, { 0, 1 }, { 1, 2 }, { 2, 0 } };
     const int sides = !sbl__all_zero(lamp->normal, 3), front = lamp->one_sided || lamp->distant;
     const double shown = front ? 0.5 * lamp->power : lamp->power;  /* max(x, 0) = (|x| + x) / 2 */
     int k;
@@ -6418,7 +6426,7 @@ static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_nod
         const double mixed = SBL__MAX(SBL__MIN(c->square[3 + k], SBL__MOMENT_MOST), -SBL__MOMENT_MOST);
         radius += side * side;
         node->middle[k] = (float)sbl__box_middle(&c->bounds, k);
-        /* sum |x| <= sqrt(sum 1 * sum x^2) */
+        /* Cauchy-Schwarz inequality: sum |x| <= sqrt(sum 1 * sum x^2) */
         node->square[k] = (float)(all_sides * SBL__MIN(c->square[k], SBL__MOMENT_MOST));
         node->mixed[k] = (float)(all_sides * mixed);
         node->front[k] = (float)c->front[k];
@@ -6430,8 +6438,8 @@ static void sbl__cluster_write(const sbl__cluster *c, int distant, sbl__lamp_nod
 
 static int sbl__lamps_nodes(void *work) { return ((sbl__lamps *)work)->node_count; }
 
-/* What is known of a node's lamps together, from the last node to the first: its halves then lie on the stack, the left
-   one on top. */
+/* Computes the cluster of a node's lamps. Nodes are visited from last to first, so that the clusters of a node's
+   halves lie on the stack, the left one on top. */
 static sbl_result sbl__lamps_add_up(void *work, int at) {
     sbl__lamps *l = (sbl__lamps *)work;
     const int number = l->node_count - 1 - at;
@@ -6448,7 +6456,7 @@ static sbl_result sbl__lamps_add_up(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* >>lamps: their stages */
+/* >>lamps: stages */
 
 static sbl_result sbl__lamps_place(void *work, sbl__slice *slice) {
     sbl__lamps *l = (sbl__lamps *)work;
@@ -6469,11 +6477,11 @@ static sbl_result sbl__lamps_place(void *work, sbl__slice *slice) {
     return l->sorted && l->nodes ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Both trees, once the lamps are in order. */
+/* Begins both trees after sorting. */
 static int sbl__lamps_plant(void *work) {
     sbl__lamps *l = (sbl__lamps *)work;
     int first = 0, end = l->count;
-    while (first < end) {  /* the first distant one */
+    while (first < end) {  /* Binary search for the first distant lamp. */
         const int middle = first + (end - first) / 2;
         if (l->list[middle].distant) end = middle;
         else first = middle + 1;
@@ -6484,7 +6492,7 @@ static int sbl__lamps_plant(void *work) {
     return l->stages.stage + 1;
 }
 
-/* Stores leaf number i, and the name that the host knows its lamp by. */
+/* Stores leaf number i and the name by which the host knows its lamp. */
 static void sbl__lamps_store_leaf(const sbl__lamps *l, int i, void *to) {
     const uint32_t code = l->list[i].code, kind = code >> SBL__LAMP_KIND_SHIFT;
     const uint32_t number = code & ((1u << SBL__LAMP_KIND_SHIFT) - 1);
@@ -6531,8 +6539,8 @@ static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
     return result;
 }
 
-/* Collects the scene's lamps and builds their trees. The hierarchy is ready, its order still there. SBL_SUCCESS: they
-   are ready; after an error they can be begun anew. */
+/* Collects the scene's lamps and builds their trees. The hierarchy must be ready and still have its order.
+   SBL_SUCCESS: lamps are ready; after an error the caller may begin again. */
 static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const sbl__hierarchy *h,
                                    const sbl__environment *e, sbl__lights *lights, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
@@ -6565,49 +6573,51 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
 }
 
 /* ======================================================================================================== >>store
-   Light that bounces: R on all surfaces of the scene, cell by cell, as sensors look it up where they see a surface.
-   >>bounce fills it.
+   Store of bounced light: R on all surfaces of the scene, cell by cell. Sensors look R up where they see a surface.
+   >>bounce fills the store.
 
-   Surfaces are cut into patches: neighbouring triangles of a mesh that make one smooth surface. A cell is what a cube
-   of a grid over the scene cuts out of one side of a patch, of what faces one of six ways there (of a flat patch, whose
-   plane may lie on the grid's: what a column cuts out). So light does not leak through walls, between shelves or around
-   edges, tiny triangles share a cell and large ones have many. Where something stands on a surface a cell is cut once
-   more, along its plane (see >>bounce): what lies behind is another leaf. All cells are of one size; but where there
-   are many, what is found last gets wider ones.
+   Surfaces are divided into patches: neighbouring triangles of a mesh that make one smooth surface. A cell is the part
+   of one side of a patch that lies in one cube of a grid over the scene and faces one of six directions. For a flat
+   patch, whose plane may coincide with a plane of the grid, a column takes the place of the cube. Light therefore does
+   not leak through walls, between shelves or around edges; tiny triangles share a cell, and large triangles have many.
+   Where an object stands on a surface, the object's plane cuts the cell (see >>bounce), so that the part behind it is
+   another leaf. All cells have one size, except that wider ones are used for places found last once there are many.
 
        triangle -> patch, side \
-                                hash table -> leaf, or split -> ... -> leaf: R
+                                hash grid -> leaf, or split -> ... -> leaf: R
        place    -> cube        /                                                                                  */
 
-/* A slot of the hash table of cells. check: 0 where it is empty. reference: 0: nothing is known here; a leaf's number +
-   1; SBL__CELL_SPLIT | a split's number. */
+/* A slot of the hash grid of cells. check: 0 for an empty slot. reference: 0: nothing is known here; number of a
+   leaf + 1; SBL__CELL_SPLIT | number of a split. */
 typedef struct sbl__cell_slot { uint32_t check, reference; } sbl__cell_slot;
 
-/* A plane through a cell; references to what lies below it and above it. */
+/* A plane through a cell, with references to the parts below and above the plane. */
 #define SBL__SPLIT(X) \
     X(sbl__split, VEC3, normal) X(sbl__split, FLOAT, distance) \
     X(sbl__split, UVEC2, sides) X(sbl__split, UVEC2, unused)
 SBL__RECORD(sbl__split, SBL__SPLIT, "sbl_split", "sbl_store", SBL__SCENE_TABLE("sbl_store"), "first_split")
 
-/* light: R; the last eight bits of its blue are what sbl__leaf_doubt tells. lamps: what of it comes from lamps. */
+/* light: R; the low eight bits of its blue hold the uncertainty, see sbl__leaf_doubt. lamps: the part of R that
+   comes from lamps. */
 #define SBL__LEAF_RECORD(X) X(sbl__leaf, VEC3, light) X(sbl__leaf, UINT, lamps)
 SBL__RECORD(sbl__leaf, SBL__LEAF_RECORD, "sbl_leaf", "sbl_store", "", "first_leaf")
 
 typedef struct sbl__store {
     int ready;
-    int warned;                /* of albedos */
-    float origin[3], length;   /* of the grid; of a cell */
-    uint32_t *patches;         /* a word a triangle: number << SBL__PATCH_SHIFT | axis | flat | back */
+    int warned;                /* 1: the warning about albedos has been given */
+    float origin[3], length;   /* origin of the grid; length of a cell of level 0 */
+    uint32_t *patches;         /* one word per triangle: number << SBL__PATCH_SHIFT | axis | flat | back */
     sbl__cell_slot *cells;
     int cell_room;             /* a power of two */
     sbl__split *splits;
     sbl__leaf *leaves;
     int split_count, split_room, leaf_count, leaf_room;
-    int most;                  /* leaves */
-    float brightest;           /* of the leaves' */
-    float air[6][3];           /* R where the host draws, towards +x, -x, +y, -y, +z, -z */
-    sbl__table table;          /* all four, one after the other: textures are few */
-    int first_cell, first_split, first_leaf;  /* texels of four words */
+    int most;                  /* largest allowed number of leaves */
+    float brightest;           /* largest channel of R in any leaf */
+    float air[6][3];           /* R where the host draws, for surfaces facing +x, -x, +y, -y, +z, -z */
+    sbl__table table;          /* patches, cells, splits and leaves, one after the other, because few texture units
+                                  exist */
+    int first_cell, first_split, first_leaf;  /* start of each part in the table, in texels of four words */
 } sbl__store;
 
 static void sbl__store_free(const sbl__device *d, sbl__store *s) {
@@ -6619,10 +6629,10 @@ static void sbl__store_free(const sbl__device *d, sbl__store *s) {
     memset(s, 0, sizeof *s);
 }
 
-/* >>store: how far off it is. Shaders need not know: the bits come along with the light. */
+/* >>store: uncertainty of light. It is kept in the low bits of blue, which shaders may read as part of the light. */
 
-#define SBL__DOUBT_STEPS 16        /* an octave; bits 0: it is not told */
-#define SBL__DOUBT_LEAST 1e-30f    /* blue that has such bits */
+#define SBL__DOUBT_STEPS 16        /* steps in a factor of 2; bits of 0 mean that the uncertainty is unknown */
+#define SBL__DOUBT_LEAST 1e-30f    /* least blue value that holds such bits */
 
 static void sbl__leaf_set_doubt(sbl__leaf *leaf, double doubt) {
     uint32_t bits, step;
@@ -6633,8 +6643,8 @@ static void sbl__leaf_set_doubt(sbl__leaf *leaf, double doubt) {
     memcpy(&leaf->light[2], &bits, sizeof bits);
 }
 
-/* How far off light is likely to be that is gathered at a place whose stored light this is: a standard error, as a
-   share of the stored light; 0: unknown. */
+/* Returns the uncertainty of light gathered at a place with the given stored light: a standard error as a share of
+   the stored light; 0: unknown. */
 static float sbl__leaf_doubt(const float light[3]) {
     uint32_t bits;
     if (light[2] < SBL__DOUBT_LEAST) return 0;
@@ -6643,7 +6653,7 @@ static float sbl__leaf_doubt(const float light[3]) {
     return bits ? (float)pow(2.0, -(double)bits / SBL__DOUBT_STEPS) : 0;
 }
 
-/* >>store: cells. store.glsl does the same. */
+/* >>store: cells. store.glsl repeats this lookup on the GPU. */
 
 static uint32_t sbl__hash_step(uint32_t hash, uint32_t x) {
     hash = (hash ^ x) * SBL__HASH_FACTOR;
@@ -6655,7 +6665,8 @@ static float sbl__cell_length(const sbl__store *s, uint32_t patch) {
     return s->length * (float)(1 << SBL__LEVEL_SHIFT * level);
 }
 
-/* Which cube of its patch's grid a place lies in. patch: the triangle's word, turned to the side that is seen. */
+/* Computes the cube of the patch's grid that contains a position. patch: word of the triangle, with the bit of the
+   side that is seen. */
 static void sbl__cell_place(const sbl__store *s, uint32_t patch, const float position[3], uint32_t at[3]) {
     const float per_cell = 1 / sbl__cell_length(s, patch);
     int k;
@@ -6666,7 +6677,8 @@ static void sbl__cell_place(const sbl__store *s, uint32_t patch, const float pos
     if (patch & SBL__PATCH_FLAT) at[patch >> SBL__PATCH_AXIS_SHIFT & 3u] = 0;
 }
 
-/* Its slot in the table, or the free one that it would have; NULL: too many others stand in its way. */
+/* Returns the slot of a position's cell or, if the cell has none, the free slot for it. Returns NULL if other cells
+   occupy all slots that are probed. */
 static sbl__cell_slot *sbl__store_slot(const sbl__store *s, uint32_t patch, const float position[3], uint32_t *check) {
     uint32_t at[3], hash;
     int i;
@@ -6680,8 +6692,8 @@ static sbl__cell_slot *sbl__store_slot(const sbl__store *s, uint32_t patch, cons
     return NULL;
 }
 
-/* Where the reference stands that leads to a place's light, made where it was not, and how many splits lead there;
-   NULL: there is no room. Holds until a split is added. */
+/* Returns the reference that leads to the light at a position, adding the cell if necessary; NULL: there is no room.
+   *depth: number of splits on the way. The pointer is valid until a split is added. */
 static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const float position[3], int *depth) {
     uint32_t check, *reference;
     sbl__cell_slot *slot = sbl__store_slot(s, patch, position, &check);
@@ -6695,7 +6707,7 @@ static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const floa
     return reference;
 }
 
-/* Radiance in a word: Ward 1991, "Real Pixels". */
+/* Packs radiance into one word with a shared exponent (Ward 1991, "Real Pixels"). */
 static uint32_t sbl__rgbe(const float light[3]) {
     uint32_t word;
     int exponent, k;
@@ -6709,7 +6721,7 @@ static uint32_t sbl__rgbe(const float light[3]) {
     return word;
 }
 
-/* An empty store with room for so many leaves. */
+/* Empties the store and makes room for `leaves` leaves. */
 static sbl_result sbl__store_clear(sbl__base *base, sbl__store *s, int leaves) {
     int room = 1024;
     while (room < 2 * leaves) room *= 2;
@@ -6725,7 +6737,7 @@ static sbl_result sbl__store_clear(sbl__base *base, sbl__store *s, int leaves) {
     return SBL_SUCCESS;
 }
 
-/* reference: the one that is to lead there. */
+/* reference: is set to lead to the new leaf. */
 static sbl_result sbl__store_add_leaf(sbl__base *base, sbl__store *s, uint32_t *reference) {
     if (!sbl__grow(base, &s->leaves, &s->leaf_room, s->leaf_count + 1, sizeof *s->leaves))
         return SBL_ERROR_OUT_OF_MEMORY;
@@ -6734,7 +6746,8 @@ static sbl_result sbl__store_add_leaf(sbl__base *base, sbl__store *s, uint32_t *
     return SBL_SUCCESS;
 }
 
-/* Cuts what a reference leads to along a plane. side: the one that keeps it. */
+/* Cuts the part of a cell that a reference leads to along a plane. side: the side that keeps the former content of
+   the reference. */
 static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *reference, const float normal[3],
                                  float distance, int side) {
     const uint32_t before = *reference;
@@ -6750,7 +6763,7 @@ static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *refer
     return SBL_SUCCESS;
 }
 
-/* Cuts the leaf at a place along a plane: it stays on the place's side. */
+/* Cuts the leaf at a position along a plane; the leaf keeps the side of that position. */
 static sbl_result sbl__store_add_split(sbl__base *base, sbl__store *s, uint32_t patch, const float position[3],
                                        const float normal[3], float distance) {
     int depth;
@@ -6758,28 +6771,29 @@ static sbl_result sbl__store_add_split(sbl__base *base, sbl__store *s, uint32_t 
                           sbl__dot(normal, position) > distance);
 }
 
-#define SBL__PATCH_SMOOTH 0.8     /* cosine between neighbours in a patch, at least */
-#define SBL__PATCH_EVEN 0.9999    /* and between a flat one's triangles */
-#define SBL__PATCH_LEAST 0.25     /* cells; smaller patches of a mesh are taken for one */
+#define SBL__PATCH_SMOOTH 0.8     /* least cosine between the normals of neighbours in a patch */
+#define SBL__PATCH_EVEN 0.9999    /* least cosine between the normals of a flat patch's triangles */
+#define SBL__PATCH_LEAST 0.25     /* in areas of a cell: a mesh's patches smaller than this are pooled as one patch */
 
-/* >>store: patches. Triangles of a mesh belong together that share an edge, by the places of its ends, and bend little
-   there. */
+/* >>store: patches. Two triangles of a mesh are joined if they share an edge, which is recognised by the positions
+   of its ends, and meet there at a small angle. */
 
 
 typedef struct sbl__patch { double area; float normal[3]; sbl__box bounds; int flat; } sbl__patch;
 
-typedef struct sbl__patching {  /* while patches are made */
+typedef struct sbl__patching {  /* data for making patches */
     sbl__stages stages;
     const sbl__geometry *geometry;
-    sbl__hash_table places, ends;  /* of vertices; of sides */
-    uint32_t *welded;           /* the first vertex at each one's place */
-    uint32_t *corners;          /* three welded vertices a triangle */
-    uint32_t *parents;          /* of triangles: the roots stand for patches, see sbl__root */
-    sbl__patch *patches;        /* of roots */
-    double area;                /* of all */
-    double least;               /* area below which a mesh's patches count as one */
-    double growth;              /* of cells' area, since the first ones were too many or too few */
-    double pool;                /* of the area below which a mesh's patches count as one, since they were too many */
+    sbl__hash_table places, ends;  /* hash tables of vertices' positions, and of triangles' sides by their ends */
+    uint32_t *welded;           /* for each vertex, the first vertex at the same position */
+    uint32_t *corners;          /* three welded vertices per triangle */
+    uint32_t *parents;          /* union-find forest of triangles; each root stands for a patch, see sbl__root */
+    sbl__patch *patches;        /* patches, indexed by their roots */
+    double area;                /* area of all patches that sensors see */
+    double least;               /* area below which a mesh's patches are pooled */
+    double growth;              /* factor of the cells' area, above or below 1 after earlier sizes gave too many or
+                                   too few leaves */
+    double pool;                /* factor of `least`, above 1 after patches were too many */
 } sbl__patching;
 
 static void sbl__patching_free(sbl__base *base, sbl__patching *p) {
@@ -6836,7 +6850,7 @@ static sbl_result sbl__patch_join(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* A patch's area; is it flat? */
+/* Adds a triangle to its patch's area and bounds, and tests whether the patch is flat. */
 static sbl_result sbl__patch_measure(void *work, int at) {
     sbl__patching *p = (sbl__patching *)work;
     const sbl__geometry *g = p->geometry;
@@ -6848,7 +6862,7 @@ static sbl_result sbl__patch_measure(void *work, int at) {
     const double area = sbl__scene_normal(g, triangle, normal);
     sbl__box box;
     int k;
-    if (triangle == root) {  /* the first of its patch */
+    if (triangle == root) {  /* A root has the smallest number in its patch, so the stage visits it first. */
         patch->flat = 1;
         for (k = 0; k < 3; k++) patch->normal[k] = (float)normal[k];
         sbl__box_clear(&patch->bounds);
@@ -6864,8 +6878,8 @@ static sbl_result sbl__patch_measure(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Where cells lie, for about so many leaves on both sides, and which patches are too small for some of their own; of a
-   scene without area there is one. */
+/* Places the grid for about `leaves` leaves on both sides of surfaces together, and sets the area below which
+   patches are pooled. In a scene without area, cells have length 1. */
 static void sbl__patch_grid(sbl__patching *p, sbl__store *s, double leaves) {
     const double cell = 2 * p->area / leaves;
     int k;
@@ -6875,7 +6889,7 @@ static void sbl__patch_grid(sbl__patching *p, sbl__store *s, double leaves) {
     for (k = 0; k < 3; k++) s->origin[k] = p->geometry->bounds[0][k] - s->length * (1.37f + 0.21f * (float)k);
 }
 
-/* The triangle's word. */
+/* Returns the patch word of a triangle. */
 static uint32_t sbl__patch_word(sbl__patching *p, uint32_t triangle) {
     const sbl__geometry *g = p->geometry;
     const uint32_t root = sbl__root(p->parents, triangle);
@@ -6891,7 +6905,7 @@ static uint32_t sbl__patch_word(sbl__patching *p, uint32_t triangle) {
            (p->patches[root].flat && !pooled ? SBL__PATCH_FLAT : 0) | (n[axis] < 0 ? SBL__PATCH_BACK : 0);
 }
 
-/* One piece of finding the patches. SBL_SUCCESS: they are known. */
+/* Does one bounded piece of making patches. SBL_SUCCESS: they are ready. */
 static sbl_result sbl__patching_step(sbl__patching *p, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__patch_weld, sbl__patching_vertices },
@@ -6926,7 +6940,7 @@ static sbl_result sbl__store_send(const sbl__device *d, sbl__store *s, int trian
     return sbl__table_show(d, &s->table, SBL__GL_RGBA32UI, wide);
 }
 
-/* For store.glsl. */
+/* Sets the inputs of store.glsl. */
 static void sbl__store_bind(sbl__device *d, const sbl__store *s) {
     sbl__bind_table(d, "sbl_store", &s->table);
     sbl__set_int(d, "first_cell", s->first_cell);
@@ -11800,85 +11814,99 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 }
 
 /* ======================================================================================================== >>bounce
-   Fills the store: sites all over the scene, their light from lamps by the job, what else they see by rays whose hits
-   are kept, and from these all bounces at once.
+   Fills the store of bounced light. Points are spread over the scene; the job measures their light from lamps, rays
+   whose hits are kept find the other surfaces that they see, and all bounces are solved from both.
 
        seeds -> { place -> feel } -> cast -> hits are placed likewise, until nothing new is hit -> light -> solve
-       -> doubt
+       -> uncertainty
 
-   A leaf has up to SBL__BOUNCE_POINTS points, wherever seeds or rays met it; each sends SBL__BOUNCE_RAYS rays. Ray r of
-   a leaf's meets leaf j in the colour a, so that R_i = L_i + mean over r of a * R_j: L from what shines, measured by
-   the job. The rays are kept, and the equations solved by iteration (Kajiya 1986; gathering, as Cohen and Greenberg
-   1985).
+   A leaf has up to SBL__BOUNCE_POINTS points, at places that seeds or rays found; each point sends SBL__BOUNCE_RAYS
+   rays. Ray r of a leaf i hits leaf j, which reflects the share a of its light, so that
+   R_i = L_i + mean over r of a * R_j, where L is light from lamps and the environment; the job measures the lamps'. The
+   rays are kept, and the equations are solved by iteration (Kajiya 1986; gathering, as Cohen and Greenberg 1985).
 
-   How far off that is: a leaf's points differ, and are but a few; so much light, of random sign, takes the same ways
-   from leaf to leaf as light does, and what of it arrives tells how far off light is that is gathered there.
+   The uncertainty of the result comes from the few points of a leaf, which differ from each other. An amount of light
+   of that size and random sign is sent from leaf to leaf along the same rays; the amount that arrives is the
+   uncertainty of light gathered there.
 
-   Where a surface goes on beneath what stands on it, a leaf must not be lit for both sides: from each leaf's first
-   point feelers go out along its surface to the end of its cell, and what they meet cuts it (sbl__store_add_split). In
-   corners and narrow cells feelers pass by much; so what stands on a flat surface, once met, cuts all cells along the
-   line where it stands. */
+   Where a surface continues beneath an object that stands on it, one leaf must not receive light on both sides of the
+   object. From each leaf's first point contact rays go along its surface to the end of its cell, and planes that they
+   hit cut the cell (sbl__store_add_split). In corners and narrow cells contact rays miss much; therefore an object on a
+   flat surface, once hit, cuts all cells along the line where it stands. */
 
-#define SBL__BOUNCE_SEEDS 1.0      /* of a cell, as large as cells are at first */
-#define SBL__BOUNCE_SEEDS_WIDEST (8.0 / (1 << 2 * SBL__LEVEL_SHIFT * (SBL__LEVELS - 1)))  /* at least: 8 of a widest */
+#define SBL__BOUNCE_SEEDS 1.0      /* seeds in the area of one cell, at the first size of cells */
+/* least value of that number: 8 in the area of a widest cell */
+#define SBL__BOUNCE_SEEDS_WIDEST (8.0 / (1 << 2 * SBL__LEVEL_SHIFT * (SBL__LEVELS - 1)))
 #define SBL__BOUNCE_SEED_RAYS 4
 #define SBL__BOUNCE_POINTS 4
-#define SBL__BOUNCE_RAYS 16        /* of a point */
-#define SBL__BOUNCE_STRETCHES 4    /* of the sequence, which points take in turns */
+#define SBL__BOUNCE_RAYS 16        /* rays of a point */
+#define SBL__BOUNCE_STRETCHES 4    /* stretches of the sequence, which the points of a leaf use in turn */
 #define SBL__BOUNCE_LAMP_RAYS 8
-#define SBL__BOUNCE_DARK_RAYS 4    /* over the hemisphere: they merely tell where a point stands */
+#define SBL__BOUNCE_DARK_RAYS 4    /* rays of a point over the hemisphere in the job; they only tell whether the
+                                      point is inside geometry */
 #define SBL__BOUNCE_FEELERS 8
-#define SBL__FEELER_STEEP 0.7      /* cosine between what a feeler meets and its surface, less than which cuts */
-#define SBL__FEELER_APART 1e-3     /* of a cell: planes nearer than that to a former hit are the same */
-#define SBL__STAND_LEAST 0.25      /* of a cell: shorter lines cut the one leaf from where they were met */
-#define SBL__STANDS 1024           /* lines that are remembered, not to be walked again */
-#define SBL__BOUNCE_HELD 3.0       /* times the light that falls on surfaces at first, from which on clamping shows */
-#define SBL__BOUNCE_SCALED 4       /* first rounds whose light is scaled, see sbl__bounce_solve */
+#define SBL__FEELER_STEEP 0.7      /* a surface cuts if the cosine between its normal and the normal at the contact
+                                      ray's origin is below this */
+#define SBL__FEELER_APART 1e-3     /* share of a cell's length: planes nearer than this to an earlier hit count as
+                                      the same plane */
+#define SBL__STAND_LEAST 0.25      /* share of a cell's length: shorter lines cut only the leaf whose contact ray
+                                      found them */
+#define SBL__STANDS 1024           /* size of the table of lines that have been walked and need not be walked again */
+#define SBL__BOUNCE_HELD 3.0       /* a warning is due when all light exceeds this multiple of the light from lamps
+                                      and the environment */
+#define SBL__BOUNCE_SCALED 4       /* number of first rounds whose light is scaled, see sbl__bounce_after_gather */
 #define SBL__BOUNCE_ROUNDS 200
-#define SBL__BOUNCE_REST 2e-4      /* of the light, that may be missing at the end */
-#define SBL__BOUNCE_GROWTH 1.5     /* of cells' area, where leaves do not suffice */
+#define SBL__BOUNCE_REST 2e-4      /* share of the light that may be missing at the end */
+#define SBL__BOUNCE_GROWTH 1.5     /* least and largest growth of cells' area when the leaves do not suffice */
 #define SBL__BOUNCE_GROWTH_MOST 2.0
-#define SBL__BOUNCE_POOL 16.0      /* of the area of patches that count as one, in all; what then finds no room stays
-                                      dark: there are more meshes than leaves */
-#define SBL__BOUNCE_FIRST 0.3      /* of the leaves that there may be, that seeds' rays may find */
-#define SBL__BOUNCE_FIRST_POWER 2.4  /* measured: cells that much larger make them fewer by that */
-#define SBL__BOUNCE_SPARE 0.12     /* of the leaves that there may be: where there are fewer, cells are made smaller, */
-#define SBL__BOUNCE_SHRINK 0.03    /* by so much at most at a time */
-#define SBL__BOUNCE_WIDER 0.6      /* of the leaves that there may be, from which on new ones are of wider cells, */
-#define SBL__BOUNCE_WIDEST 0.8     /* and of the widest */
-#define SBL__BOUNCE_AIM 0.35       /* of the leaves that there may be, for which cells are cut at first */
+#define SBL__BOUNCE_POOL 16.0      /* limit of the total growth of the area below which patches are pooled; beyond it
+                                      there are more meshes than leaves, and places without room stay dark */
+#define SBL__BOUNCE_FIRST 0.3      /* share of all allowed leaves that the rays of seeds may create */
+#define SBL__BOUNCE_FIRST_POWER 2.4  /* measured exponent: growth of cells' area by x^2.4 divides the number of
+                                        leaves by x */
+#define SBL__BOUNCE_SPARE 0.12     /* with fewer than this share of the allowed leaves, cells are made smaller; */
+#define SBL__BOUNCE_SHRINK 0.03    /* least factor of the cells' area in one such step */
+#define SBL__BOUNCE_WIDER 0.6      /* from this share of the allowed leaves on, new leaves belong to wider cells */
+#define SBL__BOUNCE_WIDEST 0.8     /* from this share on, new leaves belong to the widest cells */
+#define SBL__BOUNCE_AIM 0.35       /* share of the allowed leaves for which the first size of cells is chosen */
 #define SBL__DOUBT_ROUNDS 6
-#define SBL__DOUBT_STRATA 0.35     /* of what a leaf's points differ by is its error: measured. They and their rays are
-                                      points of sequences, and neighbours make good what one misses */
-#define SBL__DOUBT_MOST 0.12       /* before that: few rays that all meet one leaf exaggerate */
-#define SBL__BOUNCE_SHARE 0.35f    /* of the time of a picture that needs it, about */
-#define SBL__AIR_SITES 54          /* six at each of nine places */
+#define SBL__DOUBT_STRATA 0.35     /* measured share of the differences among a leaf's points that is error of the
+                                      leaf: points and rays come from low-discrepancy sequences, and neighbours
+                                      compensate for what one leaf misses */
+#define SBL__DOUBT_MOST 0.12       /* limit of the uncertainty before that factor is applied, because a few rays that
+                                      all hit one leaf exaggerate it */
+#define SBL__BOUNCE_SHARE 0.35f    /* approximate share of a picture's time that filling the store takes, if the
+                                      picture has to fill it */
+#define SBL__AIR_SITES 54          /* six sites at each of nine places */
 #define SBL__AIR_RAYS 512
 #define SBL__CAST_COLUMNS 256
 #define SBL__CAST_ROWS 64
 
-/* A ray, as cast.glsl takes it. fractions: 16 bits each, of where it goes by the cosine. */
+/* A ray, as cast.glsl reads it. limit: length; below 0: the ray leaves a surface with normal `direction` and
+   cosine-weighted distribution. fractions: two random numbers of 16 bits each that choose such a ray's direction. */
 #define SBL__CAST(X) \
     X(sbl__cast, VEC3, origin) X(sbl__cast, FLOAT, limit) \
     X(sbl__cast, VEC3, direction) X(sbl__cast, UINT, fractions)
 SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sbl_casts"), NULL)
 
 #define SBL__NOWHERE 0xffffffffu
-#define SBL__UNSEEN FLT_MAX        /* how far away the surfaces are that see a place, where there are none */
+#define SBL__UNSEEN FLT_MAX        /* distance of a place that no surface sees */
 
-/* Where a ray met a surface, and how far it went. place: triangle << 1 | back, or SBL__NOWHERE; at the end its leaf's
-   number. share: of the light that bounces there, see sbl__share_pack. */
+/* The hit of a ray: position, length of the ray, surface. place: triangle << 1 | back, or SBL__NOWHERE; after
+   joining, the number of the leaf. share: share of light that the surface reflects, see sbl__share_pack. */
 typedef struct sbl__hit { float position[3], distance; uint32_t place; uint16_t share[4]; } sbl__hit;
 
-typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* of its leaf's */ } sbl__bounce_point;
+typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* index in its leaf */ } sbl__bounce_point;
 
-/* Of a leaf, while it is filled. first: of its points; at the end, where they begin in their order. */
+/* State of a leaf while the store is filled. points: their number; first: the first of them, after sorting the start
+   of their range; valid: number of points with a valid reading. */
 typedef struct sbl__bounce_leaf { int points, first, valid; } sbl__bounce_leaf;
 
-/* Of a round of bounces, all leaves' light: what comes from what shines, what was there, what is there now. */
+/* Sums over all leaves in a round of bounces. lit: light from lamps and the environment; before, after: all light
+   before and after the round; change: sum of absolute differences. */
 typedef struct sbl__balance { double lit[3], before[3], after[3], change; } sbl__balance;
 
-/* A place's normal, for the many rays from there that follow each other. */
+/* The normal and ray offset of the last place, cached because many consecutive rays start at one place. */
 typedef struct sbl__bounce_aimed { int known; uint32_t place; float normal[3], offset; } sbl__bounce_aimed;
 
 typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
@@ -11893,47 +11921,50 @@ typedef enum sbl__bounce_stage {
 typedef struct sbl__bounce {
     sbl__stages stages;
     sbl__core *core;
-    sbl__store *store;               /* the scene's */
+    sbl__store *store;               /* the store of the scene */
     const sbl__geometry *geometry;
-    uint32_t scene, surfaces;        /* versions that it is for */
+    uint32_t scene, surfaces;        /* versions of the scene and of its surfaces that the filling is for */
     sbl__bounce_point *points;
-    sbl__bounce_leaf *states;        /* of the leaves */
+    sbl__bounce_leaf *states;        /* states of the leaves */
     int point_count, point_room, state_room;
-    sbl__hits hits;                  /* SBL__BOUNCE_RAYS a point */
-    int joined;                      /* leaves whose rays' places are leaves */
+    sbl__hits hits;                  /* hits of the points' rays, SBL__BOUNCE_RAYS a point */
+    int joined;                      /* number of leaves whose hits have been replaced with numbers of leaves */
     float progress;
-    sbl__patching patching;          /* from here on: dropped when the store is ready */
-    double spread;                   /* seeds that the triangles so far should have */
-    sbl__hits seeds;                 /* places all over the surfaces */
-    sbl__hits queue;                 /* places that may become points: some of those in seeds, hits or `again` */
-    sbl__hits held, again;           /* those that wait for feelers; and now do not any more */
+    sbl__patching patching;          /* data on patches; this field and all below are dropped when the store is ready */
+    double spread;                   /* number of seeds due for the triangles visited so far */
+    sbl__hits seeds;                 /* seeds, which are places spread over all surfaces */
+    sbl__hits queue;                 /* places that may become points: a part of seeds, hits or `again` */
+    sbl__hits held, again;           /* places that wait until contact rays have cut their leaf; places that have
+                                        finished waiting */
     sbl__hits feelers;
-    int fresh;                       /* leaves from here on have not been felt */
-    int cast;                        /* points from here on have not been cast */
+    int fresh;                       /* index of the first leaf that has sent no contact rays yet */
+    int cast;                        /* index of the first point whose rays have not been cast yet */
     uint32_t *sequence;
     sbl__bounce_aimed aim;
     sbl__site *sites;
     sbl_reading *readings;
-    uint32_t *stands;                /* hashes of the lines walked last */
-    int parted;                      /* a line has cut leaves that had points: all hits are to be placed again */
-    float *light;                    /* three a leaf: what comes from what shines; at last its noise */
-    float *solved;                   /* light, while noise stands in its place */
-    int *order;                      /* where each point goes, leaf by leaf */
-    double change;                   /* that the last round made */
-    sbl__balance balance;            /* of the round under way */
-    double crowding;                 /* above 0: there are too many cells, this much larger they would be few enough */
-    double share;                    /* of the leaves that there may be, that there were with larger cells */
+    uint32_t *stands;                /* hash table of lines walked recently */
+    int parted;                      /* 1: a line has cut leaves that had points, so all hits must be placed again */
+    float *light;                    /* light of each leaf from lamps and the environment, 3 floats; in the end its
+                                        noise */
+    float *solved;                   /* solved light, kept while noise occupies the leaves */
+    int *order;                      /* index of each point in the order by leaf */
+    double change;                   /* change in the last round */
+    sbl__balance balance;            /* sums of the current round */
+    double crowding;                 /* above 0: there are too many cells; factor of their area that would make them
+                                        few enough */
+    double share;                    /* share of the allowed leaves that an earlier attempt with larger cells used */
     int rounds;
-    int sown, seen;                  /* seeds have been placed; leaves that there were without them */
+    int sown, seen;                  /* 1: seeds have been placed; number of leaves before seeds were placed */
     sbl__table casts;
     sbl__blocks blocks;
     sbl__pace pace;
-    sbl__job job;                    /* the light at the points; then in the air */
+    sbl__job job;                    /* measures light at the points, then in the air */
     sbl__site air[SBL__AIR_SITES];
     sbl_reading air_readings[SBL__AIR_SITES];
 } sbl__bounce;
 
-/* >>bounce: rays in, hits out */
+/* >>bounce: casting of rays on the GPU */
 
 /* >>glsl cast: shaders_embedded/cast.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_cast[] = {
@@ -11994,7 +12025,7 @@ static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int coun
     return sbl__gl_check(&d->gl);
 }
 
-/* What cast.glsl wrote for a ray. */
+/* Decodes the output of cast.glsl for a ray. */
 static void sbl__cast_take(const sbl__cast *ray, const float place[4], const float share[4], sbl__hit *out) {
     const double low = fabs((double)place[3]) - 1, number = low + SBL__CAST_NUMBERS * (double)share[3];
     double length2 = 0;
@@ -12009,8 +12040,8 @@ static void sbl__cast_take(const sbl__cast *ray, const float place[4], const flo
 
 typedef void (*sbl__cast_make)(sbl__bounce *b, int number, sbl__cast *out);
 
-/* Casts some of the rays number stages.at .. count - 1 into hits, as many at once as there is time for. SBL_SUCCESS:
-   there are no more. */
+/* Casts rays number stages.at .. count - 1 into hits, as many at once as time permits. SBL_SUCCESS: all rays have
+   been cast. */
 static sbl_result sbl__bounce_cast(sbl__bounce *b, sbl__cast_make make, int count, sbl__hits *hits,
                                    const sbl__slice *slice) {
     enum { MOST = SBL__CAST_COLUMNS * SBL__CAST_ROWS };
@@ -12047,15 +12078,17 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, sbl__cast_make make, int coun
 
 /* >>bounce: places that may become points */
 
-/* The triangle's word, turned to the side that a place is on, and to whether it was seen from near. */
+/* Returns the patch word of a place: the triangle's word with the bits for the place's side and for a ray from near
+   by. */
 static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
     const uint32_t patch = s->patches[at->place >> 1] ^ (at->place & 1 ? SBL__PATCH_BACK : 0);
     return patch | (at->distance * SBL__NEAR_PART < s->length ? SBL__PATCH_NEAR : 0);
 }
 
-/* Finds the reference that leads to a place's light: in its cell or, where that has none and there are many, in a wider
-   cell around it; NULL: there is no room. Sets *patch to the cell's own word, unless it is NULL. What no surface sees,
-   but points in the air may, has the widest cells only. */
+/* Finds the reference to the leaf of a place: in its cell, or in a wider cell around the place if the cell has no
+   leaf and leaves are becoming scarce. Returns NULL if there is no room. Sets *patch to the word of the cell that
+   was used, unless `patch` is NULL. A place that no surface sees uses the widest cells only, as only points in the
+   air may see it. */
 static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32_t *patch) {
     static const double shares[SBL__LEVELS] = { SBL__BOUNCE_WIDER, SBL__BOUNCE_WIDEST, 1 };
     uint32_t *reference = NULL, word = sbl__place_patch(s, at);
@@ -12069,7 +12102,7 @@ static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32
     return reference;
 }
 
-/* Normal towards its side; returns how far rays start off it. */
+/* Computes the normal on a place's side; returns the distance from the surface at which rays start. */
 static float sbl__place_normal(const sbl__geometry *g, uint32_t place, float normal[3]) {
     const float *p[3];
     double n[3], longest = 0, away = 0;
@@ -12088,7 +12121,7 @@ static float sbl__place_normal(const sbl__geometry *g, uint32_t place, float nor
     return (float)(SBL__OFFSET * (sqrt(away) + 2 * sqrt(longest)));
 }
 
-/* Finds the patches that surfaces are cut into. */
+/* Divides surfaces into patches. */
 static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
@@ -12104,7 +12137,7 @@ static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
 
-/* Empties the store, for cells as large as they are to be now. */
+/* Empties the store and sets the size of its cells. */
 static sbl_result sbl__bounce_grid(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     (void)slice;
@@ -12127,7 +12160,7 @@ static sbl_result sbl__hits_add(sbl__bounce *b, sbl__hits *to, const sbl__hit *h
     return SBL_SUCCESS;
 }
 
-/* One on each side of a triangle. */
+/* Adds one seed on each side of a triangle. */
 static sbl_result sbl__bounce_add_seeds(sbl__bounce *b, uint32_t triangle, uint32_t number) {
     const uint32_t hash = sbl__hash(number);
     double u = hash / 4294967296.0, v = sbl__hash(hash) / 4294967296.0;
@@ -12147,7 +12180,8 @@ static sbl_result sbl__bounce_add_seeds(sbl__bounce *b, uint32_t triangle, uint3
     return result;
 }
 
-/* So many a cell. */
+/* Adds a triangle's seeds, in proportion to its area; b->spread carries fractions of seeds over to the next
+   triangle. */
 static sbl_result sbl__bounce_seed(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const uint32_t triangle = (uint32_t)at;
@@ -12162,8 +12196,8 @@ static sbl_result sbl__bounce_seed(void *work, int at) {
     return result;
 }
 
-/* A point at a place, brought back onto its triangle's plane, off which the length of its ray has taken it by
-   rounding. */
+/* Adds a point at a place, projected onto the plane of its triangle, because rounding along a long ray moves hits
+   off the plane. */
 static sbl_result sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
     sbl__bounce_point *point;
     const float *p[3];
@@ -12182,7 +12216,7 @@ static sbl_result sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int 
     return SBL_SUCCESS;
 }
 
-/* A leaf that the reference is to lead to, without points. */
+/* Adds a leaf without points and lets the reference lead to it. */
 static sbl_result sbl__bounce_add_leaf(sbl__bounce *b, uint32_t *reference) {
     const int leaf = b->store->leaf_count;
     const sbl_result result = sbl__store_add_leaf(&b->core->base, b->store, reference);
@@ -12194,13 +12228,14 @@ static sbl_result sbl__bounce_add_leaf(sbl__bounce *b, uint32_t *reference) {
     return SBL_SUCCESS;
 }
 
-/* Those of the queue, while there is room. */
+/* Returns the number of queued places, or 0 once there is no room for more leaves. */
 static int sbl__bounce_queued(void *work) {
     const sbl__bounce *b = (const sbl__bounce *)work;
     return b->crowding > 0 ? 0 : b->queue.count;
 }
 
-/* A place that a seed or a ray found. Sets b->crowding where there is no room for it. */
+/* Makes a point of a place that a seed or a ray found, if its leaf needs one. Sets b->crowding if there is no room
+   for a new leaf. */
 static sbl_result sbl__bounce_place(void *work, int number) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *at = &b->queue.list[number];
@@ -12223,14 +12258,15 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     return b->states[leaf].points < SBL__BOUNCE_POINTS ? sbl__bounce_add_point(b, at, leaf) : SBL_SUCCESS;
 }
 
-/* What may become points next. */
+/* Sets the places that may become points next. */
 static int sbl__bounce_queue(sbl__bounce *b, sbl__hit *list, int count) {
     b->queue.list = list;
     b->queue.count = count;
     return SBL__BOUNCE_PLACE;
 }
 
-/* All begins anew, with larger cells or smaller ones; or there are more patches than leaves, whatever the cells. */
+/* Starts again with an area of cells multiplied by `growth`. Larger cells do not help where patches outnumber
+   leaves, so the area below which patches are pooled grows, too. */
 static int sbl__bounce_again(sbl__bounce *b, double growth) {
     sbl__patching *p = &b->patching;
     p->growth *= growth;
@@ -12241,31 +12277,32 @@ static int sbl__bounce_again(sbl__bounce *b, double growth) {
     return SBL__BOUNCE_GRID;
 }
 
-/* Leaves that are new are felt and points that are new are cast, until there are none. */
+/* Sends contact rays from new leaves and casts rays from new points, until there are no new ones. */
 static int sbl__bounce_after_place(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const double share = (double)b->store->leaf_count / b->store->most;
     if (b->crowding > 0) return sbl__bounce_again(b, SBL__MAX(b->crowding, SBL__BOUNCE_GROWTH));
     if (!b->fresh && share > SBL__BOUNCE_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
-        /* with what they see there would be too many */
+        /* The surfaces that these leaves see would need too many more leaves. */
         return sbl__bounce_again(b, pow(share / SBL__BOUNCE_FIRST, SBL__BOUNCE_FIRST_POWER));
     if (b->store->leaf_count > b->fresh) return SBL__BOUNCE_FEEL;
     if (b->cast < b->point_count) return SBL__BOUNCE_CAST;
-    if (b->parted) {  /* leaves that had points were cut: their other sides may want some */
+    if (b->parted) {  /* A cut leaf that had points may lack points on its other side. */
         b->parted = 0;
         return sbl__bounce_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
     }
     if (b->sown && b->seen > 0 && share < SBL__BOUNCE_SPARE && share > 2 * b->share) {
-        b->share = share;  /* much of the scene is seen by nothing: the rest may have more */
+        b->share = share;  /* Nothing sees much of the scene, so the rest can have more leaves. */
         return sbl__bounce_again(b, SBL__MAX(share / SBL__BOUNCE_AIM, SBL__BOUNCE_SHRINK));
     }
     if (b->sown) return SBL__BOUNCE_FIND;
     b->sown = 1;
     b->seen = b->store->leaf_count;
-    return sbl__bounce_queue(b, b->seeds.list, b->seeds.count);  /* at last what no ray met */
+    return sbl__bounce_queue(b, b->seeds.list, b->seeds.count);  /* Seeds come last: they fill places that no ray
+                                                                    hit. */
 }
 
-/* >>bounce: feelers */
+/* >>bounce: contact rays */
 
 static void sbl__bounce_feeler(sbl__bounce *b, int number, sbl__cast *out) {
     const sbl__store *s = b->store;
@@ -12299,12 +12336,13 @@ static sbl_result sbl__bounce_feel(void *work, sbl__slice *slice) {
                             slice);
 }
 
-/* A line along a flat surface where something stands on it. */
+/* The line along which an object stands on a flat surface. */
 typedef struct sbl__stand {
-    uint32_t patch, what;        /* stands there: a patch's word, or a triangle's number * 2 */
-    float normal[3], distance;   /* the plane of what stands there */
+    uint32_t patch, what;        /* patch: word of the flat surface; what: the object, as the word of a flat patch
+                                    with bit 0 set, or as number of a triangle * 2 */
+    float normal[3], distance;   /* plane of the object */
     double from[3], along[3];
-    sbl__cell_slot *slot;        /* of the cell where it is walked */
+    sbl__cell_slot *slot;        /* slot of the cell that is being walked */
 } sbl__stand;
 
 static void sbl__stand_place(const sbl__stand *line, double t, float position[3]) {
@@ -12312,8 +12350,9 @@ static void sbl__stand_place(const sbl__stand *line, double t, float position[3]
     for (k = 0; k < 3; k++) position[k] = (float)(line->from[k] + t * line->along[k]);
 }
 
-/* Where a plane that a feeler met stands on the feeler's surface, as far as the bounds of both reach: of a flat patch,
-   or of the one triangle; 0: that is no line worth it. */
+/* Makes the line where a plane that a contact ray hit meets the ray's own surface. The line extends over the common
+   bounds of both: of flat patches or, for the object, of the one triangle. Returns 0 if the line is too short or the
+   surface is not flat. */
 static int sbl__stand_make(const sbl__bounce *b, const sbl__hit *at, const sbl__hit *met, sbl__stand *line) {
     const sbl__store *s = b->store;
     const sbl__geometry *g = b->geometry;
@@ -12355,8 +12394,8 @@ static int sbl__stand_make(const sbl__bounce *b, const sbl__hit *at, const sbl__
     return 1;
 }
 
-/* Cuts what the line crosses below a reference: sides[side] of a split, or its cell's own where split is negative.
-   range: the stretch of the line that lies there. */
+/* Cuts all leaves that the line crosses below a reference: sides[side] of a split or, if `split` is negative, the
+   reference of the slot. range: part of the line that lies there. */
 static sbl_result sbl__stand_part(sbl__bounce *b, const sbl__stand *line, int split, int side, const double range[2],
                                   int depth) {
     sbl__store *s = b->store;
@@ -12378,7 +12417,8 @@ static sbl_result sbl__stand_part(sbl__bounce *b, const sbl__stand *line, int sp
         sbl__stand_place(line, range[i], position);
         over[i] = (double)sbl__dot(s->splits[split].normal, position) - s->splits[split].distance;
     }
-    if (SBL__MAX(fabs(over[0]), fabs(over[1])) <= apart) return SBL_SUCCESS;  /* it is cut there */
+    /* A cut along the same line exists already. */
+    if (SBL__MAX(fabs(over[0]), fabs(over[1])) <= apart) return SBL_SUCCESS;
     for (side = 0; side < 2 && result == SBL_SUCCESS; side++) {
         const double sign = side ? 1 : -1, cross = range[0] + over[0] / (over[0] - over[1]) * (range[1] - range[0]);
         double part[2];
@@ -12389,14 +12429,14 @@ static sbl_result sbl__stand_part(sbl__bounce *b, const sbl__stand *line, int sp
     return result;
 }
 
-/* Cuts all cells that the line crosses. */
+/* Cuts all cells of one patch word that the line crosses. */
 static sbl_result sbl__stand_walk(sbl__bounce *b, sbl__stand *line) {
     const sbl__store *s = b->store;
     const double length = (double)sbl__cell_length(s, line->patch);
     double next[3], step[3], range[2] = { 0, 0 };
     sbl_result result = SBL_SUCCESS;
     int k;
-    for (k = 0; k < 3; k++) {  /* where it leaves the cube along each axis */
+    for (k = 0; k < 3; k++) {  /* next: where along the line, 0 to 1, the line leaves the current cube on each axis */
         const double x = (line->from[k] - s->origin[k]) / length, d = line->along[k] / length;
         const int still = fabs(d) < 1e-9 || (int)(line->patch >> SBL__PATCH_AXIS_SHIFT & 3u) == k;
         next[k] = still ? 2 : (d > 0 ? floor(x) + 1 - x : floor(x) - x) / d;
@@ -12417,7 +12457,7 @@ static sbl_result sbl__stand_walk(sbl__bounce *b, sbl__stand *line) {
     return result;
 }
 
-/* Cuts all cells along the line, once. */
+/* Cuts all cells along the line at every level and distance, unless the line has been walked recently. */
 static sbl_result sbl__stand_cut(sbl__bounce *b, sbl__stand *line) {
     const uint32_t patch = line->patch, hash = sbl__hash_step(sbl__hash_step(0, patch), line->what);
     uint32_t *walked = &b->stands[hash % SBL__STANDS];
@@ -12432,7 +12472,8 @@ static sbl_result sbl__stand_cut(sbl__bounce *b, sbl__stand *line) {
     return result;
 }
 
-/* Cuts a leaf by what one of its feelers met, where that stands on its surface and nothing else parts the two. */
+/* Cuts a leaf by a plane that one of its contact rays hit, if the plane is steep to the surface and the hit still
+   lies in the same leaf. */
 static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *met) {
     sbl__store *s = b->store;
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
@@ -12447,7 +12488,7 @@ static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *met)
     if (fabs((double)sbl__dot(normal, own)) > SBL__FEELER_STEEP) return SBL_SUCCESS;
     if (sbl__stand_make(b, at, met, &line)) return sbl__stand_cut(b, &line);
     if (fabs((double)apart) < SBL__FEELER_APART * (double)s->length) return SBL_SUCCESS;
-    for (k = 0; k < 3; k++)  /* just behind what was met */
+    for (k = 0; k < 3; k++)  /* a position just behind the hit */
         before[k] = met->position[k] + (float)SBL__FEELER_APART * (met->position[k] - at->position[k]);
     reference = sbl__store_find(s, patch, before, &depth);
     if (!reference || *reference != (uint32_t)leaf + 1 || depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
@@ -12469,7 +12510,7 @@ static sbl_result sbl__bounce_cuts(void *work, int at) {
     return result;
 }
 
-/* What was held is placed again. */
+/* Queues the places that waited for contact rays. */
 static int sbl__bounce_after_cuts(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hits held = b->held;
@@ -12482,7 +12523,7 @@ static int sbl__bounce_after_cuts(void *work) {
 
 /* >>bounce: rays */
 
-/* Over the hemisphere at a place. */
+/* Makes a cosine-weighted ray over the hemisphere at a place. */
 static void sbl__bounce_aim(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
     sbl__bounce_aimed *aim = &b->aim;
     int k;
@@ -12510,7 +12551,8 @@ static sbl_result sbl__bounce_sow(void *work, sbl__slice *slice) {
     return sbl__bounce_cast(b, sbl__bounce_seed_ray, b->seeds.count * SBL__BOUNCE_SEED_RAYS, &b->hits, slice);
 }
 
-/* A seed counts as seen from where its nearest ray came to; one whose rays meet nothing as from SBL__UNSEEN. */
+/* Sets the distance from which each seed is seen: the length of its shortest ray, or SBL__UNSEEN if its rays hit
+   nothing. */
 static int sbl__bounce_after_sow(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i, k;
@@ -12531,7 +12573,6 @@ static void sbl__bounce_ray(sbl__bounce *b, int number, sbl__cast *out) {
     sbl__bounce_aim(b, &p->at, hash, stretch, out);
 }
 
-/* Casts the rays of new points. */
 static sbl_result sbl__bounce_follow(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     b->stages.at = SBL__MAX(b->stages.at, b->cast * SBL__BOUNCE_RAYS);
@@ -12550,7 +12591,7 @@ static int sbl__bounce_after_follow(void *work) {
 static int sbl__bounce_points(void *work) { return ((sbl__bounce *)work)->point_count; }
 static int sbl__bounce_leaves(void *work) { return ((sbl__bounce *)work)->store->leaf_count; }
 
-/* A point's leaf may have been cut since it was found, and it may lie on the other side now. */
+/* Finds each point's leaf again, because cuts made since may have put the point into another leaf. */
 static sbl_result sbl__bounce_find(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_point *p = &b->points[at];
@@ -12561,7 +12602,7 @@ static sbl_result sbl__bounce_find(void *work, int at) {
     return result;
 }
 
-/* Where points go, so that those of a leaf follow each other. */
+/* Computes an order in which the points of each leaf are consecutive. */
 static sbl_result sbl__bounce_order(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     const int leaves = b->store->leaf_count;
@@ -12587,7 +12628,7 @@ static void sbl__swap(void *a, void *b, size_t bytes) {
     memcpy(b, keep, bytes);
 }
 
-/* Points and their rays, leaf by leaf: bounces read them in that order. */
+/* Sorts points and their hits by leaf, because rounds of bounces read them in that order. */
 static sbl_result sbl__bounce_sort(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__hit *hits = b->hits.list;
@@ -12602,15 +12643,14 @@ static sbl_result sbl__bounce_sort(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* >>bounce: light from what shines */
+/* >>bounce: light from lamps */
 
-/* Memory for light on its way. */
 static sbl_result sbl__bounce_room(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
     const size_t points = (size_t)b->point_count, leaves = (size_t)b->store->leaf_count;
     (void)slice;
-    if (b->solved) return SBL_SUCCESS;  /* it is there */
+    if (b->solved) return SBL_SUCCESS;  /* The memory exists after an earlier solution with other lights. */
     sbl__free(base, b->order);
     b->order = NULL;
     b->sites = (sbl__site *)sbl__alloc_raw(base, points, sizeof *b->sites);
@@ -12633,7 +12673,7 @@ static sbl_result sbl__bounce_site(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Begins a job for so many sites, of what shines (SBL_MODE_DIRECT) or of all light. */
+/* Begins a job for `count` sites that measures light from lamps only (SBL_MODE_DIRECT) or all light. */
 static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, const sbl__site *sites, sbl_reading *readings,
                                 int count) {
     const int direct = mode == SBL_MODE_DIRECT;
@@ -12648,7 +12688,7 @@ static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, const sbl__site *
     sbl__spec_make(&task.spec, &measurement, &c->scene, &c->desc);
     if (direct) {
         task.spec.rays = SBL__BOUNCE_DARK_RAYS;
-        task.spec.skyless = 1;  /* the kept rays know what comes from there */
+        task.spec.skyless = 1;  /* Kept rays that hit nothing bring the light of the environment. */
     }
     task.sites = sites;
     task.readings = readings;
@@ -12663,7 +12703,6 @@ static int sbl__bounce_after_sites(void *work) {
     return SBL__BOUNCE_LIGHT;
 }
 
-/* One piece of the job. */
 static sbl_result sbl__bounce_sense(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl_stats *stats = &b->core->stats;
@@ -12676,7 +12715,7 @@ static sbl_result sbl__bounce_sense(void *work, sbl__slice *slice) {
 
 /* >>bounce: all bounces at once */
 
-/* What a point's rays that met nothing bring. */
+/* Computes the light of the environment that a point's rays bring that hit nothing. */
 static void sbl__bounce_sky(const sbl__bounce *b, int point, float out[3]) {
     const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
     int i, k;
@@ -12692,7 +12731,7 @@ static void sbl__bounce_sky(const sbl__bounce *b, int point, float out[3]) {
     }
 }
 
-/* Makes leaves of the places that a point's rays met. */
+/* Replaces the places that a point's rays hit with numbers of leaves. */
 static void sbl__bounce_join_point(sbl__bounce *b, int point) {
     sbl__hit *hit = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS], *const end = hit + SBL__BOUNCE_RAYS;
     for (; hit < end; hit++) {
@@ -12703,7 +12742,8 @@ static void sbl__bounce_join_point(sbl__bounce *b, int point) {
     }
 }
 
-/* Of a leaf: what its points' rays met becomes leaves; what comes from what shines. */
+/* Replaces the hits of a leaf's points with numbers of leaves, and averages the points' light from lamps and the
+   environment. */
 static sbl_result sbl__bounce_join(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_leaf *state = &b->states[at];
@@ -12727,9 +12767,9 @@ static sbl_result sbl__bounce_join(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-#define SBL__BOUNCE_UNIT (SBL__SHARE_ONE * SBL__BOUNCE_RAYS)  /* of what sbl__bounce_add_got sums */
+#define SBL__BOUNCE_UNIT (SBL__SHARE_ONE * SBL__BOUNCE_RAYS)  /* unit of the sums of sbl__bounce_add_got */
 
-/* Adds what a point gets from leaves, as these are now. */
+/* Adds the light that a point receives from leaves, at their current values. */
 static void sbl__bounce_add_got(const sbl__bounce *b, int point, float sum[3]) {
     const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
     int j;
@@ -12738,8 +12778,8 @@ static void sbl__bounce_add_got(const sbl__bounce *b, int point, float sum[3]) {
             sbl__add_reflected(hits[j].share, b->store->leaves[hits[j].place].light, sum);
 }
 
-/* A round: one more bounce, of what leaves before have already gathered too (Gauss and Seidel's way). Its points get
-   light from other leaves; what they get on average is added to what comes from what shines. */
+/* Computes one more bounce for a leaf: adds the average light that its points receive from other leaves to its light
+   from lamps and the environment. Leaves earlier in the round already have their new light (Gauss-Seidel iteration). */
 static sbl_result sbl__bounce_gather(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
@@ -12761,7 +12801,7 @@ static sbl_result sbl__bounce_gather(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Once a scene, where walls that are clamped hold so much light that it shows. */
+/* Warns once per scene if the clamped albedos of white walls make a visible difference. */
 static void sbl__bounce_warn(const sbl__bounce *b) {
     const sbl__geometry *g = b->geometry;
     sbl__store *s = b->store;
@@ -12779,8 +12819,8 @@ static void sbl__bounce_warn(const sbl__bounce *b) {
     s->warned = 1;
 }
 
-/* After a round. At first, what has gathered is scaled to what is emitted, channel by channel: the slowest part of the
-   way, the whole room's brightness, is taken at once. */
+/* Finishes a round. In the first rounds gathered light is scaled so that emitted and lost light balance, channel by
+   channel. This settles the overall brightness of a room, the slowest part of convergence, at once. */
 static int sbl__bounce_after_gather(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__balance *balance = &b->balance;
@@ -12806,10 +12846,10 @@ static int sbl__bounce_after_gather(void *work) {
     return SBL__BOUNCE_NOISE;
 }
 
-/* >>bounce: how far off it is */
+/* >>bounce: uncertainty */
 
-/* What a leaf's light may be off by, in colours and of random sign. Of one point alone nothing is known but its
-   light. */
+/* Estimates the standard error of a leaf's light per channel from its points, with a random sign. A leaf with a
+   single point is assumed to be off by half its light. */
 static sbl_result sbl__bounce_noise(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
@@ -12836,7 +12876,7 @@ static sbl_result sbl__bounce_noise(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Noise takes light's place, and goes the same ways. */
+/* Puts the noise in place of the light, so that rounds of bounces carry the noise along the same rays. */
 static int sbl__bounce_after_noise(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i;
@@ -12850,7 +12890,7 @@ static int sbl__bounce_after_carry(void *work) {
     return ++((sbl__bounce *)work)->rounds < SBL__DOUBT_ROUNDS ? SBL__BOUNCE_CARRY : SBL__BOUNCE_DOUBT;
 }
 
-/* Light takes its place again; what came from elsewhere is a leaf's doubt. */
+/* Restores the light. Noise that has arrived from other leaves, relative to the light, is the leaf's uncertainty. */
 static sbl_result sbl__bounce_doubt(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const float *solved = b->solved + 3 * at, *own = b->light + 3 * at;
@@ -12873,9 +12913,10 @@ static sbl_result sbl__bounce_send(void *work, sbl__slice *slice) {
     return sbl__store_send(&b->core->device, b->store, b->geometry->triangle_count, b->geometry->wide);
 }
 
-/* >>bounce: light in the air, for what the host draws */
+/* >>bounce: light in the air, for objects that the host draws */
 
-/* At the middle of what it draws, and half of the way to each of its corners: six sensors each. */
+/* Measures light at the centre of the host's objects and half way from there to each corner of their bounds, with
+   six sensors at each place. */
 static int sbl__bounce_after_send(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__scene *scene = &b->core->scene;
@@ -12909,9 +12950,9 @@ static int sbl__bounce_after_air(void *work) {
     return SBL__BOUNCE_DONE;
 }
 
-/* >>bounce: its life */
+/* >>bounce: beginning, stepping and freeing */
 
-/* Points and their hits are kept, for other lights; what else was needed is not. */
+/* Frees everything except points and their hits, which are kept for later changes of lights. */
 static void sbl__bounce_rest(const sbl__device *d, sbl__bounce *b) {
     void *const blocks[] = { b->seeds.list, b->held.list, b->again.list, b->feelers.list, b->sequence, b->sites,
                              b->readings, b->stands, b->light, b->solved, b->order };
@@ -12924,7 +12965,7 @@ static void sbl__bounce_rest(const sbl__device *d, sbl__bounce *b) {
     memset(&b->patching, 0, sizeof *b - offsetof(sbl__bounce, patching));
 }
 
-/* What is under way is dropped. */
+/* Drops a filling in progress. */
 static void sbl__bounce_end(sbl__core *c) {
     sbl__bounce *b = c->bounce;
     if (!b) return;
@@ -12936,8 +12977,8 @@ static void sbl__bounce_end(sbl__core *c) {
     c->bounce = NULL;
 }
 
-/* The filling that goes on, or a new one; NULL: memory is out. Where only what shines has changed, what is known of the
-   surfaces stays. */
+/* Returns the filling in progress or a new one; NULL: out of memory. If only lights have changed, points and hits
+   are kept. */
 static sbl__bounce *sbl__bounce_under_way(sbl__core *c) {
     sbl__bounce *b;
     if (c->bounce && c->bounce->surfaces != c->scene.surfaces) sbl__bounce_end(c);
@@ -12957,7 +12998,7 @@ static sbl__bounce *sbl__bounce_under_way(sbl__core *c) {
     return b;
 }
 
-/* One bounded piece of the store. SBL_SUCCESS: it is there. */
+/* Does one bounded piece of filling the store. SBL_SUCCESS: the store is ready. */
 static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__bounce_patches, NULL, NULL, NULL },
@@ -12997,7 +13038,8 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     return result;
 }
 
-/* How much of the store is there, 0 to 1; never less than before. Half of it are rays between surfaces. */
+/* Estimates the share of the store that is done, 0 to 1, never less than before. Rays between surfaces make up half
+   of it. */
 static float sbl__bounce_progress(sbl__core *c) {
     sbl__bounce *b = c->bounce;
     float now;
@@ -13010,7 +13052,8 @@ static float sbl__bounce_progress(sbl__core *c) {
     return b->progress;
 }
 
-/* Of a picture's or gather's own progress, the share that its store takes, where it has to be made. */
+/* Returns the share of the progress of a picture or gather that filling the store takes, or 0 if the store is ready
+   or not needed. */
 static float sbl__prepare_share(const sbl__core *c, const sbl__measurement *s) {
     return s->options.mode == SBL_MODE_GI && !c->scene.store.ready ? SBL__BOUNCE_SHARE : 0;
 }
@@ -13201,103 +13244,134 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
 }
 
 /* ======================================================================================================== >>refine
-   Where sensors stand (section III-G) and how often each looks; what the other pixels get from them, and how far off
-   all of it is likely to be.
+   Adaptive placement of sensors (section III-G): where sensors stand, how many looks each takes, what light the other
+   pixels get from them, and how large the remaining error is likely to be.
 
-   A cell is a rectangle of pixels with sensors at its four corners, which neighbours share. Each round lists sites for
-   a job (COLLECT), runs it (SENSE), takes its readings (TAKE) and predicts the error of every cell (WEIGH):
+   A tile is a rectangle of pixels with sensors at its four corners; neighbouring tiles share corners. Each round lists
+   sites for a job (COLLECT), runs the job (SENSE), takes its readings (TAKE) and predicts the error of every tile
+   (WEIGH), which has two parts:
 
-       bias    what interpolation misses: told by how light bends from sensor to sensor, and by sensors that a
-               neighbour's split put on the cell's rim
-       noise   what is left of its corners' noise: they stand for many pixels in a wide cell, and in a narrow one the
-               filter takes the mean of many
+       bias    what interpolation misses. It is estimated from second differences of light between sensors, and from
+               sensors that the split of a neighbour put on the tile's rim
+       noise   what interpolation and the filter leave of the noise at the corners. In a wide tile each sensor stands
+               for many pixels; in a narrow tile the filter takes the mean of many sensors
 
-   Besides there is what stored light is off by (doubt), which nothing here can make less. While the sum is more than
-   was asked for, SPEND buys what gains most for its cost: cells that are split, and sensors that look again. Whether it
-   is a shadow's edge or a window that a few rays find, the next ray goes where it counts.
-   With a threshold (always in SBL_MODE_PAPER) cells are split where their corners differ by more than that instead.
+   The uncertainty of stored light is a third part, which refinement cannot reduce. While the sum exceeds the error that
+   was asked for, SPEND buys what reduces the error most for its cost: splits of tiles, or more looks of sensors. Rays
+   thus go where they reduce the error most, both at a shadow's edge and near a window that few rays find.
+   With a threshold (always in SBL_MODE_PAPER) a tile is split where its corners differ by more than the threshold.
 
        +-------+-------+      +---+---+-------+      o sensor of the first level
-       o       o       o      o   *   o       o      * sensor that the split of the left cell adds; the right cell's
-       |       |       |      *   *   *       |        interpolation is tested against the one on their common edge
+       o       o       o      o   *   o       o      * sensor that the split of the left tile adds; the interpolation
+       |       |       |      *   *   *       |        of the right tile is tested against the one on the common edge
        o       o       o      o   *   o       o
 
-   All but jobs runs on the CPU, in slices. Errors are relative to the picture's mean luminance, and squared. Later
-   rooms only call functions; they read no field of sbl__refine. */
+   Everything except jobs runs on the CPU, in slices. Errors are relative to the picture's mean luminance, and squared.
+   Later rooms only call functions; they read no field of sbl__refine. */
 
 enum { SBL__TOUCHED = 1, SBL__HIDDEN };
 
 typedef struct sbl__pixel {
     float position[3], normal[3], geometric_normal[3];
-    float offset;             /* of its sensor, off the surface */
-    float radiance[3];        /* the mean of its sensor's looks */
-    double variance;          /* of one look's luminance */
-    float error;              /* predicted standard error of what the picture shows, luminance */
-    float stored[3];          /* what the store knows of R here */
-    float doubt;              /* standard error of R that comes of what the store is off by; luminance */
-    uint32_t id;              /* 0: nothing is seen here */
-    int look;                 /* number of its sensor's first look in the job that it was in */
-    int looks, wanted;        /* that its sensor has taken, and is to take */
-    short round;              /* in which it was read last */
-    unsigned char level;      /* 0: interpolated, else 1 + level */
-    unsigned char sensed;     /* 1: its own sensor's light stands in radiance */
-    unsigned char invalid;    /* the sensor was stuck inside geometry, or what it stands on is hidden */
-    unsigned char hides;      /* a lightmap's texel: SBL__HIDDEN, SBL__TOUCHED, or neither */
-    unsigned char queued;     /* looks are on their way */
+    float offset;             /* distance of the pixel's sensor from the surface */
+    float radiance[3];        /* mean of the looks of the pixel's sensor */
+    double variance;          /* variance of the luminance of one look */
+    float error;              /* predicted standard error of the pixel's luminance in the picture */
+    float stored[3];          /* stored value of R at this pixel */
+    float doubt;              /* standard error of the luminance of R that is due to errors of stored light */
+    uint32_t id;              /* number of the surface; 0: the pixel shows no surface */
+    int look;                 /* number of the sensor's first look in the job that took it */
+    int looks, wanted;        /* looks that the sensor has taken, and looks that it is to have taken in the end */
+    short round;              /* last round in which the sensor was read */
+    unsigned char level;      /* 0: the pixel is interpolated; otherwise 1 + level of its sensor */
+    unsigned char sensed;     /* 1: radiance holds the light of the pixel's own sensor */
+    unsigned char invalid;    /* 1: the sensor was stuck inside geometry, or the pixel is hidden (see
+                                 sbl__refine_hides) */
+    unsigned char hides;      /* for a texel of a lightmap: SBL__HIDDEN, SBL__TOUCHED, or 0 */
+    unsigned char queued;     /* 1: a job that is listed or running takes looks here */
 } sbl__pixel;
 
-#define SBL__COVERAGE 0.75f           /* of the bilinear weight must belong: with less, light is extrapolated */
-#define SBL__CONTINUED 4              /* pixels across a cell, from which down it may be */
-#define SBL__HIDDEN_SHARE 0.9f        /* of what a texel's sensor sees must be surfaces, where they hide it, */
-#define SBL__HIDDEN_NEAR 0.45f        /* on average so near: a share of the reach, */
-#define SBL__HIDDEN_REACH 2           /* which is so many texels; */
-#define SBL__HIDDEN_TOUCH 0.15f       /* what is nearer, as a share of it, touches the texel */
-#define SBL__MAX_ROUNDS 40            /* bounds the transfers of a picture */
-#define SBL__FLOOR_SHARE 0.02f        /* of the picture's mean: radiance below which differences do not count */
-#define SBL__LEAST_NOISE 1e-12f       /* in the radiance map: above 0, below all that counts */
-#define SBL__NOISE_WEIGHT 4           /* with a threshold: differences count from twice the standard error on */
-#define SBL__LOOKS_GAIN 0.4f          /* variance of twice as many looks: points of one Sobol sequence */
-#define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* what the next doubling gains a look, of what this one does */
-#define SBL__DOUBLINGS 10             /* of looks; 2^9 is SBL__MAX_LOOKS */
-#define SBL__LOOKS_APART 1.1          /* variance of a difference, as a share of both's sum: points complement others */
-#define SBL__LOOKS_COMPARED 64        /* sensors that tell how much looks gain */
-#define SBL__LOOKS_WRONG_LEAST 0.5    /* times what is thought to begin with, at least, */
-#define SBL__LOOKS_WRONG_MOST 8.0     /* and at most */
-#define SBL__LOOKS_GROWTH 8           /* times as many in one round, at most */
-#define SBL__AIM_BELOW 0.9            /* of the error that was asked for, squared: what a round spends for */
-#define SBL__AIM_SHARE 0.6            /* and at most so far down at once: what seems worth it now may not be then */
-#define SBL__AIM_LEAST 0.7            /* of it: what is left for sensors, however far off stored light is */
-#define SBL__SPLIT_COST 3             /* looks: of five new sensors most are shared */
-#define SBL__SPLIT_GAIN 0.875f        /* of what interpolation misses */
-/* Root mean square of what interpolation along an edge misses, as a share of the second differences at its ends:
-   measured on lamps' shadows, tiles of 2 to 16 pixels. A step between the ends; a parabola, once straightened out; */
+#define SBL__COVERAGE 0.75f           /* least share of the bilinear weight from corners that belong to the pixel;
+                                         with less, light is extrapolated */
+#define SBL__CONTINUED 4              /* widest tile in which light is extrapolated instead of splitting the tile,
+                                         pixels */
+#define SBL__HIDDEN_SHARE 0.9f        /* a texel is hidden if its sensor sees surfaces in more than this share of
+                                         directions, */
+#define SBL__HIDDEN_NEAR 0.45f        /* at a mean distance below this share of the reach */
+#define SBL__HIDDEN_REACH 2           /* reach of that test, in widths of a texel */
+#define SBL__HIDDEN_TOUCH 0.15f       /* a surface nearer than this share of the reach touches the texel */
+#define SBL__MAX_ROUNDS 40            /* most rounds of a picture; the limit bounds the number of transfers between
+                                         CPU and GPU */
+#define SBL__FLOOR_SHARE 0.02f        /* share of the picture's mean luminance below which differences do not count */
+#define SBL__LEAST_NOISE 1e-12f       /* least noise of a surface in the radiance map: above 0, which marks empty
+                                         pixels, and too small to matter */
+#define SBL__NOISE_WEIGHT 4           /* multiple of the variance: with a threshold, differences count from twice the
+                                         standard error on */
+#define SBL__LOOKS_GAIN 0.4f          /* factor by which twice as many looks reduce the variance; below 0.5 as looks
+                                         share one Sobol sequence */
+#define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* gain per look of the next doubling of looks, as a share of
+                                                          that of the present doubling */
+#define SBL__DOUBLINGS 10             /* number of powers of two that a count of looks can be; 2^9 is SBL__MAX_LOOKS */
+#define SBL__LOOKS_APART 1.1          /* variance of the difference of two means of looks, as a share of the sum of
+                                         their variances; it exceeds 1 because later points of the Sobol sequence
+                                         complement earlier ones */
+#define SBL__LOOKS_COMPARED 64        /* sensors that must have looked again before their differences correct the
+                                         assumed variance */
+#define SBL__LOOKS_WRONG_LEAST 0.5    /* least factor of that correction */
+#define SBL__LOOKS_WRONG_MOST 8.0     /* largest factor of that correction */
+#define SBL__LOOKS_GROWTH 8           /* largest factor by which a sensor's looks grow in one round */
+#define SBL__AIM_BELOW 0.9            /* share of the squared target error that a round aims at */
+#define SBL__AIM_SHARE 0.6            /* least share of the present squared error that a round aims at: new readings
+                                         may change what is worth buying */
+#define SBL__AIM_LEAST 0.7            /* least share of the squared target error that is left for sensors, however
+                                         uncertain stored light is */
+#define SBL__SPLIT_COST 3             /* cost of a split in sensors: a split adds five sensors, but neighbours share
+                                         most of them */
+#define SBL__SPLIT_GAIN 0.875f        /* share of the squared error of interpolation that a split removes */
+/* The two constants below give the root mean square error of interpolation along an edge as a share of the second
+   differences at its ends. They were measured on shadows of lamps with tiles of 2 to 16 pixels. STEP is for a step
+   between the ends, CURVE for a parabola after the correction of sbl__edge_parabola. */
 #define SBL__MISSED_STEP 0.29f
 #define SBL__MISSED_CURVE 0.1f
-#define SBL__MISSED_BEYOND 0.35f      /* of extrapolation as far as a cell's width */
-#define SBL__UNKNOWN_BEYOND 0.05f     /* of the light itself, whatever the differences say: of a silhouette, */
-#define SBL__UNKNOWN_CONTACT 0.12f    /* and where the other surface is near enough to cast its shadow there */
-#define SBL__CONTACT 2.5f             /* times the distance of sensors that it is away */
-#define SBL__NOISE_BENDS 0.75f        /* of sensors' variance: what noise alone makes of the above */
-#define SBL__JOB_LOOKS (1 << 21)      /* in one job, about */
-#define SBL__NOISE_DOUBT 1.25f        /* of it: what might be noise is no reason to split; looks will tell */
-#define SBL__HERITAGE 0.6f            /* of a cell's noise, what its parent's counts: few sensors know theirs badly */
-#define SBL__DARKNESS 0.1f            /* of the mean: errors in the dark are seen, though the sum hardly counts them */
-#define SBL__GLARING 5.0f             /* times the error asked for, as a share of a cell's own light and of */
-#define SBL__GLARING_FLOOR 0.1f       /* so much of the mean, that is missed nowhere: ragged shadows would show */
-#define SBL__UNKNOWN_PIXEL 0.15f      /* of the picture's error: what a pixel may be off where nothing tells of it */
-#define SBL__GAIN_BINS 512            /* gains are sorted into quarters of octaves */
+#define SBL__MISSED_BEYOND 0.35f      /* error of extrapolation by the width of a tile, as a share of the known
+                                         difference beyond the edge's end */
+#define SBL__UNKNOWN_BEYOND 0.05f     /* least error of extrapolation as a share of the light itself, at a silhouette */
+#define SBL__UNKNOWN_CONTACT 0.12f    /* the same where the other surface is near enough to cast a shadow into the
+                                         gap */
+#define SBL__CONTACT 2.5f             /* distance, in distances of sensors, up to which the other surface is that
+                                         near */
+#define SBL__NOISE_BENDS 0.75f        /* multiple of the sensors' variance that noise alone adds to the measured
+                                         error of interpolation */
+#define SBL__JOB_LOOKS (1 << 21)      /* approximate number of looks in one job */
+#define SBL__NOISE_DOUBT 1.25f        /* the multiple of the variance subtracted when splits are weighed; it is
+                                         larger because a difference that might be noise is no reason to split, and
+                                         more looks will resolve it */
+#define SBL__HERITAGE 0.6f            /* weight of the parent's variance in a tile's variance, since few sensors
+                                         estimate a variance badly */
+#define SBL__DARKNESS 0.1f            /* share of the mean luminance added to a tile's luminance when gains are
+                                         divided by it: errors in dark places are visible although the sum of squared
+                                         errors hardly counts them */
+#define SBL__GLARING 5.0f             /* a tile whose error exceeds this multiple of the target error, relative to
+                                         its own luminance plus */
+#define SBL__GLARING_FLOOR 0.1f       /* this share of the mean, is always split; otherwise ragged shadows would be
+                                         visible */
+#define SBL__UNKNOWN_PIXEL 0.15f      /* share of the picture's error that is added to the expected error of each
+                                         pixel for causes without an estimate */
+#define SBL__GAIN_BINS 512            /* bins of a histogram of gains, four to an octave */
 
 typedef struct sbl__cell {
     int x0, y0, x1, y1, level, split;
-    int parent;               /* or -1 */
-    int looks;                /* that new sensors at its corners begin with */
-    int pixels;               /* that it gives light to; counted when it is first weighed */
-    float missing;            /* share of them that its corners do not cover */
-    float bends2;             /* what its edges and its rim say that it misses, noise and all; */
-    float unknown2;           /* of that, what no difference tells */
-    float bias2, noise2;      /* predicted errors */
-    float light, variance;    /* means of its corners: luminance; relative variance of a look, with its parent's */
-    float split_gain, look_gain;  /* what a look that it would cost is worth */
+    int parent;               /* index of the tile whose split made this one, or -1 */
+    int looks;                /* number of looks that new sensors at the tile's corners begin with */
+    int pixels;               /* number of pixels that the tile gives light to; counted when the tile is first
+                                 weighed */
+    float missing;            /* share of those pixels that the tile's corners do not cover */
+    float bends2;             /* squared error of interpolation estimated from edges and rim, noise included */
+    float unknown2;           /* part of bends2 that no measured difference reveals */
+    float bias2, noise2;      /* predicted squared errors per pixel, relative */
+    float light, variance;    /* mean luminance of the corners; mean relative variance of one look, blended with the
+                                 parent's */
+    float split_gain, look_gain;  /* gain per look that a split, or more looks, would cost */
 } sbl__cell;
 
 typedef struct sbl__refine {
@@ -13306,45 +13380,48 @@ typedef struct sbl__refine {
     sbl__spec *spec;
     sbl__stages stages;
     int width, height, tile;
-    int geometry_aware;       /* outside of paper mode; then the threshold is a share of the mean, too */
-    float reach;              /* twice the width of a texel; sensors' mean distances are cut off there. 0: no pixel is
-                                 tested for what hides it */
-    int bounced;              /* a sensor inside a solid finds no light at all */
-    double lit, lit_backs;    /* sensors that found light, so far; sum of their shares of back faces */
-    float threshold;          /* 0: cells are split for what it gains */
-    float asked;              /* error; 0: as good as it gets */
-    float smoothing;          /* pixels that the filter takes the mean of */
+    int geometry_aware;       /* 1 except in SBL_MODE_PAPER; the threshold is then relative to the mean */
+    float reach;              /* SBL__HIDDEN_REACH widths of a texel, where the sensors' mean distances are cut off;
+                                 0: pixels are not tested for what hides them */
+    int bounced;              /* 1: light bounces, so that a sensor inside a solid finds no light at all */
+    double lit, lit_backs;    /* number of sensors that found light so far; sum of their shares of back faces */
+    float threshold;          /* 0: tiles are split by predicted gain */
+    float asked;              /* target error; 0: refine until nothing is left to buy */
+    float smoothing;          /* number of pixels that the filter averages */
     sbl__pixel *pixels;
-    int layer_count;          /* layers of light, see sbl__spec_layers */
-    float *layers;            /* of layers 1 and up 3 floats a pixel, pixel after pixel; layer 0 is pixels' radiance */
+    int layer_count;          /* number of layers of light, see sbl__spec_layers */
+    float *layers;            /* layers 1 and up, 3 floats each, pixel after pixel; layer 0 is the radiance of pixels */
     sbl__cell *cells;
     int cell_count, cell_room;
-    int fresh;                /* cells from here on have not been judged */
-    int judged_end;           /* cells that the judgement under way looks at */
+    int fresh;                /* index of the first tile that has not been weighed yet */
+    int judged_end;           /* number of tiles that the running WEIGH or SPEND stage visits */
     int rounds;
-    int weighed;              /* errors are known */
-    int listed;               /* cells, or guides, before this one have been listed for the round's jobs */
-    sbl__site *sites;         /* of the job under way: site i is pixel sites[i].number; its readings; and of layers 1 */
-    sbl_reading *readings;    /* and up 3 floats a site */
+    int weighed;              /* 1: errors have been predicted */
+    int listed;               /* tiles, or guides, with smaller indices have been listed for the round's jobs */
+    sbl__site *sites;         /* sites of the job; site i belongs to pixel sites[i].number */
+    sbl_reading *readings;    /* layers 1 and up of the readings, 3 floats each, site after site */
     float *found_layers;
     int site_count, site_room, reading_room, found_room, look_count;
-    sbl__guides guides;       /* of sensors' rays, where the spec says so */
-    int64_t taken;            /* looks, so far */
-    float mean[3];            /* of R over the picture, */
-    double sum[3];            /* and what it is made of in the round under way, */
+    sbl__guides guides;       /* guides for the sensors' rays, used where spec->guided is set */
+    int64_t taken;            /* number of looks taken so far */
+    float mean[3];            /* mean of R over the picture */
+    double sum[3];            /* sum of R over the pixels visited in the current round; divided by pixels_summed it
+                                 becomes the next mean */
     double pixels_summed;
-    float luminance;          /* its luminance, */
-    float weights[3];         /* and what differences of channels count in errors */
-    float shares[SBL__DOUBLINGS];  /* variance of a mean of 2^k looks, as a share of one's */
-    double differed2[SBL__DOUBLINGS], expected2[SBL__DOUBLINGS];  /* by which second looks differ from the first 2^k */
+    float luminance;          /* luminance of the mean */
+    float weights[3];         /* weights of differences of the channels in errors */
+    float shares[SBL__DOUBLINGS];  /* variance of a mean of 2^k looks as a share of the variance of one look */
+    double differed2[SBL__DOUBLINGS], expected2[SBL__DOUBLINGS];  /* sums, by the number 2^k of earlier looks, of
+                                                                     measured and expected squared differences
+                                                                     between earlier and later looks */
     int compared[SBL__DOUBLINGS];
-    double bias2, noise2;     /* summed over pixels */
-    double doubt2;            /* likewise; absolute */
-    double look2;             /* relative variance of a look, mean over the picture */
-    double predicted, first_predicted;  /* error of the picture so far, and after the first round */
-    double gains[SBL__GAIN_BINS];  /* what may be bought, by its worth */
-    float least_gain;         /* that is bought in this round: worth */
-    int bought;               /* cells split and sensors asked again */
+    double bias2, noise2;     /* sums of bias and noise over pixels */
+    double doubt2;            /* sum over pixels of the squared uncertainty of stored light; absolute, not relative */
+    double look2;             /* relative variance of one look, averaged over the picture */
+    double predicted, first_predicted;  /* predicted error of the picture now, and after the first round */
+    double gains[SBL__GAIN_BINS];  /* reductions of the squared error on offer, binned by worth per look */
+    float least_gain;         /* least worth per look that is bought in this round */
+    int bought;               /* number of tiles split and sensors that were given more looks in this round */
 } sbl__refine;
 
 static void sbl__refine_free(const sbl__device *d, sbl__refine *r) {
@@ -13362,7 +13439,7 @@ static sbl__pixel *sbl__pixel_at(const sbl__refine *r, int x, int y) {
     return &r->pixels[(size_t)y * (size_t)r->width + (size_t)x];
 }
 
-/* Layer number `layer` of a pixel's light: 3 floats. */
+/* Returns layer `layer` of a pixel's light: 3 floats. */
 static const float *sbl__pixel_light(const sbl__refine *r, const sbl__pixel *p, int layer) {
     return layer ? r->layers + 3 * ((size_t)(p - r->pixels) * (size_t)(r->layer_count - 1) + (size_t)layer - 1)
                  : p->radiance;
@@ -13370,7 +13447,7 @@ static const float *sbl__pixel_light(const sbl__refine *r, const sbl__pixel *p, 
 
 /* >>refine: which pixels are alike */
 
-/* belongs.glsl, for the CPU */
+/* CPU version of belongs.glsl: the weight, 0 to 1, with which the light of pixel b may be used for pixel a. */
 static float sbl__belongs(const sbl__pixel *a, const sbl__pixel *b, int geometry_aware) {
     float d[3], off, apart, turn, plane;
     int k;
@@ -13386,10 +13463,10 @@ static float sbl__belongs(const sbl__pixel *a, const sbl__pixel *b, int geometry
     return turn * turn * SBL__MIN(SBL__MAX(plane, 0.0f), 1.0f);
 }
 
-/* Can its light be used for others? */
+/* Returns 1 if other pixels may use the light of this pixel's sensor. */
 static int sbl__usable(const sbl__pixel *p) { return p->sensed && !p->invalid; }
 
-/* The sensor at (x, y), if there is one whose light a pixel there can have; else NULL. */
+/* Returns the sensor at (x, y) if `pixel` may use its light, else NULL. */
 static const sbl__pixel *sbl__sensor_for(const sbl__refine *r, const sbl__pixel *pixel, int x, int y) {
     const sbl__pixel *p;
     if (x < 0 || y < 0 || x >= r->width || y >= r->height) return NULL;
@@ -13399,16 +13476,16 @@ static const sbl__pixel *sbl__sensor_for(const sbl__refine *r, const sbl__pixel 
 
 /* >>refine: noise */
 
-/* How often looks have been doubled. */
+/* Returns the rounded-down binary logarithm of a number of looks. */
 static int sbl__doublings(int looks) {
     int k = 0;
     for (; looks > 1 && k < SBL__DOUBLINGS - 1; looks >>= 1) k++;
     return k;
 }
 
-/* Variance of a mean of so many looks, as a share of one's: points of one Sobol sequence are better than independent
-   ones, by how much depends on what there is to be seen. So where sensors look again, what the new looks differ by from
-   those before tells. */
+/* Returns the variance of a mean of `looks` looks as a share of the variance of one look. Points of one Sobol
+   sequence do better than independent ones by an amount that depends on the scene, so that it is corrected by how
+   much later looks of sensors differ from their earlier looks. */
 static float sbl__looks_share(const sbl__refine *r, int looks) { return r->shares[sbl__doublings(looks)]; }
 
 static void sbl__looks_begin(sbl__refine *r) {
@@ -13416,7 +13493,8 @@ static void sbl__looks_begin(sbl__refine *r) {
     for (k = 0; k < SBL__DOUBLINGS; k++) r->shares[k] = (float)pow((double)SBL__LOOKS_GAIN, k);
 }
 
-/* A sensor that has looked `before` times, and as often or more once more: off2, by what square the two differ. */
+/* Records that the mean of `more` new looks differs from the mean of `before` earlier looks of the same sensor by a
+   squared luminance of off2; more >= before. */
 static void sbl__looks_differ(sbl__refine *r, const sbl__pixel *p, int before, int more, double off2) {
     const int k = sbl__doublings(before);
     const double gain = (double)SBL__LOOKS_GAIN;
@@ -13425,7 +13503,8 @@ static void sbl__looks_differ(sbl__refine *r, const sbl__pixel *p, int before, i
     r->compared[k]++;
 }
 
-/* What that tells, as far as it was seen; beyond, as before. */
+/* Corrects the shares by the recorded differences. Numbers of looks that too few sensors have taken keep the
+   correction of the next smaller number. */
 static void sbl__looks_learn(sbl__refine *r) {
     double times = 1;
     int k;
@@ -13437,14 +13516,14 @@ static void sbl__looks_learn(sbl__refine *r) {
     }
 }
 
-/* Of a sensor's luminance. */
+/* Returns the variance of a sensor's mean luminance. */
 static double sbl__variance(const sbl__refine *r, const sbl__pixel *p) {
     return p->variance * (double)sbl__looks_share(r, p->looks);
 }
 static float sbl__noise(const sbl__refine *r, const sbl__pixel *p) { return (float)sqrt(sbl__variance(r, p)); }
 
-/* What is left of the variance of sensors so many pixels apart when they have been interpolated and filtered: bilinear
-   weights keep 4/9 on average, and a filter that takes the mean of n pixels the more of it the wider the cell is. */
+/* Returns the share of the variance of sensors `span` pixels apart that remains after interpolation and the filter.
+   Bilinear weights keep 4/9 on average; a filter that averages n pixels keeps a larger share in a wider tile. */
 static float sbl__noise_left(const sbl__refine *r, int span) {
     const float area = (float)span * (float)span;
     return span <= 1 ? 1 / r->smoothing : area / (2.25f * area + r->smoothing - 1);
@@ -13452,7 +13531,7 @@ static float sbl__noise_left(const sbl__refine *r, int span) {
 
 /* >>refine: interpolation */
 
-/* Where in a cell a pixel lies, 0 to 1. */
+/* Computes the position of a pixel in a tile, 0 to 1 on each axis. */
 static void sbl__cell_share(const sbl__cell *c, int x, int y, float share[2]) {
     share[0] = c->x1 > c->x0 ? (float)(x - c->x0) / (float)(c->x1 - c->x0) : 0;
     share[1] = c->y1 > c->y0 ? (float)(y - c->y0) / (float)(c->y1 - c->y0) : 0;
@@ -13464,7 +13543,7 @@ static sbl__pixel *sbl__cell_corner(const sbl__refine *r, const sbl__cell *c, in
 
 static int sbl__cell_span(const sbl__cell *c) { return SBL__MAX(c->x1 - c->x0, c->y1 - c->y0); }
 
-/* A weighted sum of one layer of sensors' light. */
+/* A weighted sum of one layer of light over sensors, with its variance. */
 typedef struct sbl__mix { int layer; float light[3], own, covered; double variance; } sbl__mix;
 
 static void sbl__mix_add(const sbl__refine *r, sbl__mix *m, const sbl__pixel *p, float weight) {
@@ -13474,8 +13553,9 @@ static void sbl__mix_add(const sbl__refine *r, sbl__mix *m, const sbl__pixel *p,
     m->variance += (double)(weight * weight) * sbl__variance(r, p);
 }
 
-/* A corner shows another surface than a pixel: what the pixel's own surface would have there, continued from the
-   corners beside it, in a straight line through the sensors as far beyond, where there are some. */
+/* Handles a corner that shows another surface than the pixel: estimates the light that the pixel's own surface would
+   have there by linear extrapolation from the adjacent corners and from the sensors at equal distance beyond them.
+   Without a sensor beyond, the light of the adjacent corner is used as it is. */
 static void sbl__mix_continue(const sbl__refine *r, const sbl__cell *c, int corner, const sbl__pixel *pixel,
                               float weight, sbl__mix *m) {
     const sbl__pixel *near_by[2], *beyond[2];
@@ -13497,11 +13577,11 @@ static void sbl__mix_continue(const sbl__refine *r, const sbl__cell *c, int corn
     }
 }
 
-/* Extrapolated light, which must not be negative unless it is of a layer that may be. */
+/* Clamps extrapolated light to 0 or more, except in layers of signed values. */
 static float sbl__lit(int layer, float light) { return sbl__layer_is_signed(layer) ? light : SBL__MAX(light, 0.0f); }
 
-/* A layer of light at pixel (x, y) from a cell's corners. m->own: how well they cover it, 0 to 1; m->covered: with what
-   is continued from them; 0: there is no light. */
+/* Interpolates a layer of light at pixel (x, y) from a tile's corners. m->own: weight of the corners that belong to
+   the pixel, 0 to 1; m->covered: that weight plus the weight of extrapolated corners; 0: there is no light. */
 static void sbl__interpolate(const sbl__refine *r, const sbl__cell *c, int x, int y, int layer, sbl__mix *m) {
     const sbl__pixel *pixel = sbl__pixel_at(r, x, y);
     float f[2];
@@ -13525,7 +13605,8 @@ static void sbl__interpolate(const sbl__refine *r, const sbl__cell *c, int x, in
     m->variance /= (double)m->covered * (double)m->covered;
 }
 
-/* Pixels that a cell answers for: up to its right and lower edge, with them at the picture's border. */
+/* Ends of the pixels that a tile gives light to: its right column and bottom row belong to the next tile, except at
+   the picture's border. */
 static int sbl__cell_end_x(const sbl__refine *r, const sbl__cell *c) {
     return c->x1 == r->width - 1 ? c->x1 : c->x1 - 1;
 }
@@ -13533,10 +13614,10 @@ static int sbl__cell_end_y(const sbl__refine *r, const sbl__cell *c) {
     return c->y1 == r->height - 1 ? c->y1 : c->y1 - 1;
 }
 
-/* From one pixel to another: mostly in the same row or column. */
+/* A line from one pixel to another, mostly in one row or column. */
 typedef struct sbl__edge { int x0, y0, x1, y1; } sbl__edge;
 
-/* A cell's: above, below, left, right. */
+/* Returns an edge of a tile; side 0: top, 1: bottom, 2: left, 3: right. */
 static sbl__edge sbl__cell_edge(const sbl__cell *c, int side) {
     sbl__edge e;
     e.x0 = side == 3 ? c->x1 : c->x0;
@@ -13546,7 +13627,8 @@ static sbl__edge sbl__cell_edge(const sbl__cell *c, int side) {
     return e;
 }
 
-/* How a layer of light bends along an edge: second differences at its two corners, over sensors as far beyond them. */
+/* Second differences of a layer of light at both ends of an edge, each from the two ends and a sensor at equal
+   distance beyond one of them. */
 typedef struct sbl__bends { int known[2]; float differences[2][3]; } sbl__bends;
 
 static void sbl__edge_bends(const sbl__refine *r, const sbl__edge *e, int layer, sbl__bends *out) {
@@ -13567,8 +13649,8 @@ static void sbl__edge_bends(const sbl__refine *r, const sbl__edge *e, int layer,
     }
 }
 
-/* The second difference that interpolation along an edge goes by: the lesser of the two where they agree, since at a
-   kink they do not. */
+/* Computes the second difference that corrects interpolation along an edge: the smaller of those at its two ends
+   where their signs agree, else 0, because signs differ at a kink. */
 static void sbl__edge_parabola(const sbl__refine *r, const sbl__edge *e, int layer, float out[3]) {
     sbl__bends bends;
     int k;
@@ -13581,9 +13663,9 @@ static void sbl__edge_parabola(const sbl__refine *r, const sbl__edge *e, int lay
 
 /* >>refine: what interpolation misses */
 
-/* Along an edge, in one channel, root mean square. d: the difference of its ends; a step between them bends it as much
-   as that at both, and the other way. A wide penumbra's middle bends it less than it differs: there it misses little.
-   */
+/* Returns the root mean square error of interpolation along an edge in one channel. at_0, at_1: second differences
+   at its ends; d: difference between its ends. A step between the ends makes second differences as large as d, of
+   opposite signs. The middle of a wide penumbra makes them smaller than d, and interpolation misses little there. */
 static float sbl__bends_missed(float at_0, float at_1, float d) {
     const float a = (float)fabs((double)at_0), b = (float)fabs((double)at_1);
     const float most = SBL__MAX(a, b), least = SBL__MIN(a, b);
@@ -13592,7 +13674,8 @@ static float sbl__bends_missed(float at_0, float at_1, float d) {
     return even + SBL__MISSED_CURVE * (most - least) * abrupt;
 }
 
-/* A variance, and the squared difference of two lights, as they count in errors. */
+/* The two functions below convert a variance of luminance, and a difference of two radiances, to a relative squared
+   error. */
 static float sbl__relative2(const sbl__refine *r, double variance) {
     return (float)SBL__MIN(variance / r->luminance / r->luminance, 1e30);
 }
@@ -13601,7 +13684,7 @@ static float sbl__squared(const sbl__refine *r, const float difference[3]) {
     float sum = 0;
     int k;
     for (k = 0; k < 3; k++) sum += r->weights[k] * difference[k] * (r->weights[k] * difference[k]);
-    return SBL__MIN(sum, 1e30f);  /* neither infinite nor a NaN */
+    return SBL__MIN(sum, 1e30f);  /* The bound keeps the result finite and removes a NaN. */
 }
 
 static float sbl__distance2(const float a[3], const float b[3]) {
@@ -13609,8 +13692,9 @@ static float sbl__distance2(const float a[3], const float b[3]) {
     return sbl__dot(d, d);
 }
 
-/* Of extrapolation over an end of an edge into the cell: by the second difference beyond it, and *unknown: by what may
-   hide between the sensor and where its surface ends. */
+/* Returns the squared error of extrapolation from an end of an edge into the tile, estimated from the second
+   difference beyond that end, and adds to *unknown2 the part for changes of light that may hide between the sensor
+   and the border of its surface. */
 static float sbl__beyond2(const sbl__refine *r, const sbl__edge *e, int end, float *unknown2) {
     const int dx = e->x1 - e->x0, dy = e->y1 - e->y0, way = end ? 1 : -1;
     const int x = end ? e->x1 : e->x0, y = end ? e->y1 : e->y0;
@@ -13633,7 +13717,8 @@ static float sbl__beyond2(const sbl__refine *r, const sbl__edge *e, int end, flo
     return sbl__squared(r, difference);
 }
 
-/* Of a cell, as its edges tell: inside, and where it is continued; there its unknown2 is found, too. */
+/* Returns the squared error of interpolation in a tile, estimated from its edges, both where corners cover the tile
+   and where light is extrapolated. Sets c->unknown2. */
 static float sbl__cell_bends2(const sbl__refine *r, sbl__cell *c) {
     float inside = 0, beyond = 0, unknown = 0;
     int side, end, k, insides = 0, beyonds = 0;
@@ -13665,8 +13750,9 @@ static float sbl__cell_bends2(const sbl__refine *r, sbl__cell *c) {
     return (1 - c->missing) * inside + c->missing * beyond;
 }
 
-/* The next sensor on a cell's rim, which a neighbour's split put there, from place *at on, and what the cell would have
-   put there; NULL: there is none any more. Corners are skipped: they are the cell's own. */
+/* Returns the next sensor on a tile's rim, put there by the split of a neighbour, from position *at on, or NULL
+   after the last one. *guess: light that the tile interpolates there. Corners are skipped, as interpolation is exact
+   at them. */
 static const sbl__pixel *sbl__cell_rim_next(const sbl__refine *r, const sbl__cell *c, int *at, sbl__mix *guess) {
     const int width = c->x1 - c->x0, height = c->y1 - c->y0;
     while (*at < 2 * (width + height)) {
@@ -13681,7 +13767,7 @@ static const sbl__pixel *sbl__cell_rim_next(const sbl__refine *r, const sbl__cel
     return NULL;
 }
 
-/* As sensors on its rim tell. */
+/* Returns the squared error of interpolation measured at the sensors on a tile's rim. */
 static float sbl__cell_rim2(const sbl__refine *r, const sbl__cell *c) {
     const sbl__pixel *p;
     sbl__mix guess;
@@ -13697,15 +13783,16 @@ static float sbl__cell_rim2(const sbl__refine *r, const sbl__cell *c) {
     return count ? sum / (float)count : 0;
 }
 
-/* Rims tell of those places where neighbours had reason to split: there a cell misses more than on the whole. */
+/* Returns the squared error of interpolation in a tile. Sensors on the rim stand where neighbours had reason to
+   split, so that the error there exceeds the average of the tile and counts only half. */
 static float sbl__cell_missed2(const sbl__refine *r, sbl__cell *c) {
     const float bends2 = sbl__cell_bends2(r, c), rim2 = sbl__cell_rim2(r, c);
     return SBL__MAX(bends2, 0.5f * (bends2 + rim2));
 }
 
-/* >>refine: cells */
+/* >>refine: tiles */
 
-/* From one corner to the one across. */
+/* Adds the tile between the ends of `diagonal`, its upper left and lower right corners. */
 static sbl_result sbl__refine_add_cell(sbl__refine *r, const sbl__edge *diagonal, int level, int parent, int looks) {
     sbl__cell *c;
     if (!sbl__grow(&r->core->base, &r->cells, &r->cell_room, r->cell_count + 1, sizeof *r->cells))
@@ -13724,7 +13811,7 @@ static sbl_result sbl__refine_add_cell(sbl__refine *r, const sbl__edge *diagonal
 
 static int sbl__cell_is_single(const sbl__cell *c) { return c->x1 - c->x0 <= 1 && c->y1 - c->y0 <= 1; }
 
-/* The fewest looks that one of a cell's sensors has taken; 0: there is none. */
+/* Returns the fewest looks that any sensor of a tile has taken; 0: the tile has no sensor. */
 static int sbl__cell_looks(const sbl__refine *r, const sbl__cell *c) {
     int corner, looks = 0;
     for (corner = 0; corner < 4; corner++) {
@@ -13736,7 +13823,8 @@ static int sbl__cell_looks(const sbl__refine *r, const sbl__cell *c) {
 
 static sbl_result sbl__cell_split(sbl__refine *r, int index) {
     const sbl__cell c = r->cells[index];
-    const int looks = SBL__MAX(1, sbl__cell_looks(r, &c));  /* with fewer they would be worse than interpolation */
+    const int looks = SBL__MAX(1, sbl__cell_looks(r, &c));  /* With fewer looks, new sensors would be noisier than
+                                                               interpolation. */
     const int columns = c.x1 - c.x0 > 1 ? 2 : 1, rows = c.y1 - c.y0 > 1 ? 2 : 1;
     const int xs[3] = { c.x0, columns == 2 ? (c.x0 + c.x1) / 2 : c.x1, c.x1 };
     const int ys[3] = { c.y0, rows == 2 ? (c.y0 + c.y1) / 2 : c.y1, c.y1 };
@@ -13751,8 +13839,8 @@ static sbl_result sbl__cell_split(sbl__refine *r, int index) {
     return result;
 }
 
-/* Is the difference between two radiances more than the threshold, and more than their noise (its variance) explains?
-   */
+/* Returns 1 if the difference between two radiances is more than the threshold and more than noise of the given
+   variance explains. */
 static int sbl__differ(const sbl__refine *r, const float a[3], const float b[3], double variance) {
     float most = 0, mean = 0, least;
     int k;
@@ -13764,7 +13852,8 @@ static int sbl__differ(const sbl__refine *r, const float a[3], const float b[3],
     return (double)most * most > (double)least * least + SBL__NOISE_WEIGHT * variance;
 }
 
-/* Do corners that belong together differ by more than the threshold, or does a sensor on the rim? */
+/* Returns 1 if corners that belong together differ by more than the threshold, or if a sensor on the rim differs
+   from the interpolated light by more than that. */
 static int sbl__cell_differs(const sbl__refine *r, const sbl__cell *c) {
     const sbl__pixel *p;
     sbl__mix guess;
@@ -13780,7 +13869,8 @@ static int sbl__cell_differs(const sbl__refine *r, const sbl__cell *c) {
     return 0;
 }
 
-/* Counts what a cell gives light to. Returns 1 where its corners do not cover some of it: then it must be split. */
+/* Counts the pixels that a tile gives light to. Returns 1 if its corners leave some of them uncovered, so that the
+   tile must be split. */
 static int sbl__cell_count(const sbl__refine *r, sbl__cell *c) {
     const int continued = r->geometry_aware && sbl__cell_span(c) <= SBL__CONTINUED && !(r->threshold > 0);
     float missing = 0;
@@ -13803,7 +13893,7 @@ static int sbl__cell_count(const sbl__refine *r, sbl__cell *c) {
 
 /* >>refine: guides for sensors' rays, see >>guide */
 
-/* The pixel where one stands; NULL: there is none. */
+/* Returns the pixel where a guide stands, or NULL. */
 static const sbl__pixel *sbl__guide_pixel(const sbl__refine *r, int column, int row) {
     const sbl__guides *g = &r->guides;
     const sbl__pixel *p;
@@ -13812,8 +13902,8 @@ static const sbl__pixel *sbl__guide_pixel(const sbl__refine *r, int column, int 
     return p->id ? p : NULL;
 }
 
-/* How well a guide made at one pixel serves the other: as they belong together, where rings' sectors begin on the same
-   side. */
+/* Returns how well a guide made at one pixel serves another pixel: the weight with which the pixels belong together,
+   or 0 unless the sectors of both guides' rings begin on the same side. */
 static float sbl__guide_fits(const sbl__pixel *a, const sbl__pixel *b) {
     const float belongs = sbl__belongs(a, b, 1);
     double right[2][3], up[3];
@@ -13823,7 +13913,7 @@ static float sbl__guide_fits(const sbl__pixel *a, const sbl__pixel *b) {
     return right[0][0] * right[1][0] + right[0][1] * right[1][1] + right[0][2] * right[1][2] > 0.9 ? belongs : 0;
 }
 
-/* The number of the one that fits a pixel best, of the four around it; 0: none does. */
+/* Returns the number of the guide, among the four around a pixel, that fits the pixel best; 0: none fits. */
 static int sbl__guide_for(const sbl__refine *r, int index) {
     const sbl__guides *g = &r->guides;
     const int x = index % r->width, y = index / r->width;
@@ -13844,7 +13934,7 @@ static int sbl__guide_for(const sbl__refine *r, int index) {
 
 static int sbl__refine_cells_across(const sbl__refine *r) { return SBL__MAX(1, (r->width - 2 + r->tile) / r->tile); }
 
-/* The first level's cells, over the whole picture. */
+/* Returns the number of first-level tiles, which cover the whole picture. */
 static int sbl__refine_cells(void *work) {
     const sbl__refine *r = (const sbl__refine *)work;
     return sbl__refine_cells_across(r) * SBL__MAX(1, (r->height - 2 + r->tile) / r->tile);
@@ -13858,7 +13948,7 @@ static sbl_result sbl__refine_cell(void *work, int at) {
     return sbl__refine_add_cell(r, &diagonal, 0, -1, 1);
 }
 
-/* The site of pixel number `index`, for looks from number `first` on. */
+/* Makes the site of pixel number `index` for looks from number `first` on. */
 static void sbl__refine_site(const sbl__refine *r, int index, int first, int looks, sbl__site *out) {
     const sbl__pixel *p = &r->pixels[index];
     memcpy(out->position, p->position, sizeof out->position);
@@ -13871,7 +13961,7 @@ static void sbl__refine_site(const sbl__refine *r, int index, int first, int loo
     out->looks = looks;
 }
 
-/* Room for so many more sites and what is found at them. */
+/* Makes room for `more` additional sites and their readings. */
 static int sbl__refine_room(sbl__refine *r, int more) {
     const int count = r->site_count + more;
     sbl__base *base = &r->core->base;
@@ -13881,13 +13971,13 @@ static int sbl__refine_room(sbl__refine *r, int more) {
                                              (size_t)(r->layer_count - 1) * 3 * sizeof(float)));
 }
 
-/* Cells are listed while their sites' looks fit in one job. */
+/* Tells the stage to list tiles as long as the looks of their sites fit into one job. */
 static int sbl__refine_unlisted(void *work) {
     const sbl__refine *r = (const sbl__refine *)work;
     return r->listed < r->cell_count && r->look_count < SBL__JOB_LOOKS ? INT_MAX : 0;
 }
 
-/* Lists the sites at the corners of the next cell that have no sensor yet, or one that is to look again. */
+/* Lists sites for those corners of the next tile that have no sensor yet or whose sensor is to look again. */
 static sbl_result sbl__refine_list(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__cell *c = &r->cells[r->listed++];
@@ -13910,10 +14000,11 @@ static sbl_result sbl__refine_list(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* A lightmap's texel that nobody gets to see is hidden: most of what it sees lies on it, nearer than texels are large,
-   or it is inside of something, which no bounce reaches. Its own light would show beyond the edge of what hides it; its
-   neighbours' does not. Close to that edge light changes within a fraction of a texel: there it is their neighbours',
-   too. */
+/* Tests whether a texel of a lightmap is hidden, so that no viewer sees it: surfaces lie on it, nearer than the size
+   of a texel, in most directions, or it lies inside a solid, which no bounce reaches. Light of a hidden texel would
+   show beyond the edge of the object that hides it, so the texel takes its neighbours' light instead. A touched
+   texel lies close to such an edge, where light changes within a fraction of a texel; next to a hidden texel it
+   takes its neighbours' light, too. */
 static int sbl__refine_hides(sbl__refine *r, const sbl_reading *reading) {
     const int dark = sbl__all_zero(reading->radiance, 3), backs = reading->back_share > 0.5f;
     if (!(r->reach > 0) || !(reading->hit_min > 0)) return 0;
@@ -13924,7 +14015,8 @@ static int sbl__refine_hides(sbl__refine *r, const sbl_reading *reading) {
     return reading->hit_min < SBL__HIDDEN_TOUCH * r->reach ? SBL__TOUCHED : 0;
 }
 
-/* Pixel number `index` has its reading: is it or a neighbour of it to take others' light? */
+/* Decides from the first reading of pixel number `index` whether it or one of its neighbours must take the light of
+   others. */
 static void sbl__refine_hide(sbl__refine *r, int index, const sbl_reading *reading) {
     const int x = index % r->width, y = index / r->width;
     sbl__pixel *p = &r->pixels[index];
@@ -13933,7 +14025,8 @@ static void sbl__refine_hide(sbl__refine *r, int index, const sbl_reading *readi
     p->hides = (unsigned char)sbl__refine_hides(r, reading);
     if (p->hides == SBL__HIDDEN) {
         p->invalid = 1;
-        r->doubt2 -= (double)p->doubt * (double)p->doubt;  /* of light that is not shown */
+        r->doubt2 -= (double)p->doubt * (double)p->doubt;  /* The hidden texel's stored light is not shown, so its
+                                                              uncertainty does not count. */
         p->doubt = 0;
     }
     for (i = 0; i < 9 && p->hides; i++) {
@@ -13947,7 +14040,7 @@ static void sbl__refine_hide(sbl__refine *r, int index, const sbl_reading *readi
     }
 }
 
-/* Layers 1 and up of light that comes evenly from everywhere over a pixel's hemisphere: harmonics. */
+/* Computes layers 1 and up, which are harmonics, for light that comes evenly from a pixel's whole hemisphere. */
 static void sbl__refine_even(const sbl__refine *r, const sbl__pixel *p, float *out) {
     static const int axes[3] = { 1, 2, 0 };
     int i, k;
@@ -13959,7 +14052,7 @@ static void sbl__refine_even(const sbl__refine *r, const sbl__pixel *p, float *o
 
 static int sbl__refine_sites(void *work) { return ((sbl__refine *)work)->site_count; }
 
-/* Takes the reading of a site. */
+/* Adds the reading of a site to the means of its pixel. */
 static sbl_result sbl__refine_take(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl_reading *reading = &r->readings[at];
@@ -13991,7 +14084,7 @@ static sbl_result sbl__refine_take(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Makes the spec of what is wanted. */
+/* Makes the spec anew after a change of `seeing`, and keeps its `directional` and `guided` flags. */
 static void sbl__refine_see(sbl__refine *r) {
     const int directional = r->spec->directional, guided = r->spec->guided;
     sbl__spec_make(r->spec, r->measurement, &r->core->scene, &r->core->desc);
@@ -13999,7 +14092,8 @@ static void sbl__refine_see(sbl__refine *r) {
     r->spec->guided = guided;
 }
 
-/* All sensors are to look anew, as if they had not yet. Of the first round: there is only its level. */
+/* Makes all sensors of the first round start again as if they had taken no look. Only the first level exists at this
+   time. */
 static void sbl__refine_forget(sbl__refine *r) {
     int i, corner;
     for (i = 0; i < r->cell_count; i++)
@@ -14013,12 +14107,12 @@ static void sbl__refine_forget(sbl__refine *r) {
     r->pixels_summed = 0;
 }
 
-/* >>refine: scouts, single rays that guides are made of */
+/* >>refine: scouts, single rays from which guides are made */
 
-/* Scouts' rays are other ones than sensors' rays. */
+/* Returns a seed that differs from the sensors' seed, so that scouts and sensors send independent rays. */
 static uint32_t sbl__scouts_seed(const sbl__refine *r) { return sbl__hash(r->spec->seed ^ 0x9e3779b9u); }
 
-/* Chooses where guides stand. */
+/* Chooses the places of guides and allocates memory for them. */
 static sbl_result sbl__guides_begin(sbl__refine *r) {
     sbl__guides *g = &r->guides;
     sbl__base *base = &r->core->base;
@@ -14045,7 +14139,6 @@ static int sbl__scouts_unlisted(void *work) {
     return r->listed < r->guides.columns * r->guides.rows && r->site_count < SBL__SCOUTS_AT_ONCE ? INT_MAX : 0;
 }
 
-/* Lists the sites of the next guide's scouts. */
 static sbl_result sbl__scouts_list(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__guides *g = &r->guides;
@@ -14066,7 +14159,7 @@ static sbl_result sbl__scouts_list(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Puts what they found into the bins of their guides. */
+/* Adds the squared luminance that each scout found to the bins of its guide. */
 static sbl_result sbl__scouts_take(void *work, sbl__slice *slice) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__guides *g = &r->guides;
@@ -14091,7 +14184,7 @@ static int sbl__guides_count(void *work) {
     return 1 + g->columns * g->rows;
 }
 
-/* Makes guide number `guide` of what was found around it; number 0 is an even one. */
+/* Makes guide number `guide` from what the scouts around it found; guide 0 sends rays evenly. */
 static sbl_result sbl__guides_make(void *work, int guide) {
     static const float weights[5] = { 0.3f, 0.7f, 1, 0.7f, 0.3f };
     const sbl__refine *r = (const sbl__refine *)work;
@@ -14128,7 +14221,7 @@ static sbl_result sbl__guides_send(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* >>refine: what is worth its cost */
+/* >>refine: weighing gain against cost */
 
 static int sbl__gain_bin(float gain) {
     int exponent;
@@ -14137,12 +14230,12 @@ static int sbl__gain_bin(float gain) {
     return SBL__MIN(SBL__MAX(bin, 0), SBL__GAIN_BINS - 1);
 }
 
-/* The least gain of a bin. */
+/* Returns the least gain that falls into a bin. */
 static float sbl__bin_gain(int bin) {
     return (float)ldexp(0.5 + 0.125 * (bin % 4), bin / 4 - 100);
 }
 
-/* Before cells are weighed: the mean of the round before is what errors are relative to. */
+/* Prepares for weighing all tiles. Errors are relative to the mean that the round before summed up. */
 static void sbl__weigh_begin(sbl__refine *r) {
     int k;
     sbl__looks_learn(r);
@@ -14157,7 +14250,8 @@ static void sbl__weigh_begin(sbl__refine *r) {
     r->bought = 0;
 }
 
-/* How many pixels the filter takes the mean of in a cell of single pixels: not those that differ. */
+/* Returns how many pixels the filter averages in a tile of single pixels. The filter leaves out pixels that differ
+   visibly, so the number falls where neighbours differ. */
 static float sbl__cell_smoothing(const sbl__refine *r, const sbl__cell *c, float noise) {
     float alike = 0;
     int side, k, count = 0;
@@ -14180,7 +14274,7 @@ static float sbl__cell_smoothing(const sbl__refine *r, const sbl__cell *c, float
     return 1 + 0.5f * (r->smoothing - 1) * alike * alike;
 }
 
-/* What a cell's corners say of noise and of the mean. */
+/* Computes a tile's noise from its corners, and adds the tile's light to the picture's mean. */
 static void sbl__cell_noise(sbl__refine *r, sbl__cell *c) {
     float variance, share = 0, light[3] = { 0, 0, 0 };
     double sum = 0;
@@ -14207,7 +14301,7 @@ static void sbl__cell_noise(sbl__refine *r, sbl__cell *c) {
     c->light = sbl__luminance(light) / (float)count;
 }
 
-/* Has a sensor at one of its corners been read in the last round? */
+/* Returns 1 if the last round read a sensor at one of the tile's corners. */
 static int sbl__cell_has_news(const sbl__refine *r, const sbl__cell *c) {
     int corner;
     for (corner = 0; corner < 4; corner++)
@@ -14215,7 +14309,7 @@ static int sbl__cell_has_news(const sbl__refine *r, const sbl__cell *c) {
     return 0;
 }
 
-/* What a cell misses, and what splitting it would gain. */
+/* Updates the error of interpolation in a tile, and marks a tile that must be split with a gain of FLT_MAX. */
 static void sbl__cell_weigh_split(sbl__refine *r, sbl__cell *c, int fresh) {
     const int bare = fresh && sbl__cell_count(r, c);
     if (sbl__cell_is_single(c)) return;
@@ -14225,18 +14319,18 @@ static void sbl__cell_weigh_split(sbl__refine *r, sbl__cell *c, int fresh) {
         c->bends2 = sbl__cell_missed2(r, c);
 }
 
-/* Something that can be bought: each look that it costs takes its gain from the sum of squared errors. */
+/* Enters an offer into the histogram: each of `looks` looks reduces the sum of squared errors by `gain`. */
 static void sbl__weigh_enter(sbl__refine *r, float worth, float gain, int looks) {
     if (gain > 0) r->gains[sbl__gain_bin(worth)] += (double)gain * looks;
 }
 
-/* Predicts the errors of a cell, and enters what can be bought there. What must be split comes first. */
+/* Predicts the errors of a tile and enters its offers into the histogram. Splits that must be made come first. */
 static void sbl__cell_weigh(sbl__refine *r, sbl__cell *c, int fresh) {
     float bias2, gain, variance, care;
     int looks = sbl__cell_looks(r, c), most, guessed;
     sbl__cell_weigh_split(r, c, fresh);
     sbl__cell_noise(r, c);
-    guessed = SBL__MAX(c->pixels - 1, 0);  /* one is a sensor's */
+    guessed = SBL__MAX(c->pixels - 1, 0);  /* One pixel has a sensor of its own. */
     variance = c->noise2 / sbl__noise_left(r, sbl__cell_span(c));
     c->bias2 = SBL__MAX(c->bends2 - SBL__NOISE_BENDS * variance, c->unknown2);
     r->bias2 += (double)c->bias2 * guessed;
@@ -14261,7 +14355,7 @@ static void sbl__cell_weigh(sbl__refine *r, sbl__cell *c, int fresh) {
     }
 }
 
-/* How much of what is offered must be bought for the error that was asked. */
+/* Finds the least worth per look that must be bought to reach the error that was asked for. */
 static void sbl__weigh_end(sbl__refine *r) {
     const double pixels = SBL__MAX(r->pixels_summed, 1.0), all2 = (double)r->asked * r->asked;
     const double doubt2 = r->doubt2 / ((double)r->luminance * r->luminance * pixels);
@@ -14287,7 +14381,7 @@ static sbl_result sbl__refine_weigh(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* A cell's sensors look again, as often as that is worth it. */
+/* Gives a tile's sensors as many more looks as are worth their cost. */
 static void sbl__cell_look_again(sbl__refine *r, const sbl__cell *c) {
     float gain = c->look_gain;
     int corner, looks = sbl__cell_looks(r, c), growth = 1;
@@ -14302,7 +14396,7 @@ static void sbl__cell_look_again(sbl__refine *r, const sbl__cell *c) {
     }
 }
 
-/* Buys what is worth it at a cell. */
+/* Buys those offers of a tile that are worth their cost. */
 static sbl_result sbl__refine_spend(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__cell *c = &r->cells[at];
@@ -14321,14 +14415,14 @@ enum { SBL__REFINE_CELLS, SBL__REFINE_COLLECT, SBL__REFINE_SENSE, SBL__REFINE_TA
        SBL__REFINE_SPEND, SBL__REFINE_SCOUTS, SBL__REFINE_SCOUT, SBL__REFINE_NOTE, SBL__REFINE_GUIDES,
        SBL__REFINE_SEND, SBL__REFINE_DONE };
 
-/* Describes a job of the picture's sensors, without its sites. */
 static void sbl__refine_task(const sbl__refine *r, sbl__task *task) {
     memset(task, 0, sizeof *task);
     task->spec = *r->spec;
     task->guides = &r->guides;
 }
 
-/* Begins the job of the sites that are listed. A scout is one of the rays that sensors send over the hemisphere. */
+/* Begins the job for the listed sites. A scout is a look with a single ray out of the set of rays that sensors send
+   over the hemisphere. */
 static int sbl__refine_after_list(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     const int scouts = r->stages.stage == SBL__REFINE_SCOUTS;
@@ -14356,7 +14450,7 @@ static sbl_result sbl__refine_sense(void *work, sbl__slice *slice) {
     return result;
 }
 
-/* Empties the list of sites. Returns whether the round has more of them. */
+/* Empties the list of sites. Returns 1 if the round has more sites to list. */
 static int sbl__refine_next_job(sbl__refine *r, int all) {
     r->site_count = r->look_count = 0;
     if (r->listed < all) return 1;
@@ -14373,8 +14467,9 @@ static int sbl__refine_after_take(void *work) {
     return SBL__REFINE_WEIGH;
 }
 
-/* After the first round, looks of few rays may be too noisy for the error that was asked. Then their rays get guides,
-   if they see any light; if that is not enough, looks get more rays. Either way all sensors begin anew. */
+/* After the first round, looks of few rays may be too noisy for the error that was asked for. In this case their
+   rays first get guides, provided that sensors see any light; if noise is still too high, looks get more rays. Both
+   changes make all sensors start again. */
 static int sbl__refine_after_weigh(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     int times;
@@ -14408,7 +14503,7 @@ static int sbl__refine_after_guides(void *work) {
     return SBL__REFINE_COLLECT;
 }
 
-/* One bounded piece. SBL_SUCCESS: the picture is as good as was asked. */
+/* Does one bounded piece of work. SBL_SUCCESS: the picture is as good as was asked for. */
 static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__refine_cell, sbl__refine_cells },
@@ -14426,9 +14521,9 @@ static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
     return sbl__stages_step(&r->stages, table, SBL__COUNT(table), r, slice);
 }
 
-/* >>refine: what later rooms call */
+/* >>refine: functions for later rooms */
 
-/* smoothing: number of pixels that the filter takes the mean of. */
+/* smoothing: number of pixels that the filter averages. */
 static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__measurement *measurement, sbl__spec *spec,
                               const sbl_picture_desc *desc, float smoothing) {
     r->core = c;
@@ -14446,7 +14541,6 @@ static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__measurement *me
     sbl__looks_begin(r);
 }
 
-/* Memory for all pixels. */
 static sbl_result sbl__refine_make(sbl__refine *r) {
     const size_t pixels = (size_t)r->width * (size_t)r->height;
     r->pixels = (sbl__pixel *)sbl__alloc_raw(&r->core->base, pixels, sizeof *r->pixels);
@@ -14455,22 +14549,23 @@ static sbl_result sbl__refine_make(sbl__refine *r) {
     return r->pixels && (r->layer_count == 1 || r->layers) ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Sets what pixel number `index` shows. If it is sensed already, its light is stored light. */
+/* Sets the surface that pixel number `index` shows. If shown->sensed is set, the pixel shows stored light and gets
+   no sensor. */
 static void sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel *shown) {
     r->pixels[index] = *shown;
     if (shown->sensed && r->layers) sbl__refine_even(r, shown, r->layers + 3 * (size_t)(r->layer_count - 1) * index);
     r->doubt2 += (double)shown->doubt * shown->doubt;
 }
 
-/* From now on tests texels for what hides them. width: of a texel, world units. */
+/* Turns on the test for hidden texels (see sbl__refine_hides). width: of a texel, world units. */
 static void sbl__refine_hide_within(sbl__refine *r, float width) { r->reach = SBL__HIDDEN_REACH * width; }
 
 static const sbl__pixel *sbl__refine_pixel(const sbl__refine *r, size_t index) { return &r->pixels[index]; }
 
-/* Predicted error of the picture so far, relative; below 0: not known yet. */
+/* Returns the picture's predicted relative error; below 0: not known yet. */
 static double sbl__refine_error(const sbl__refine *r) { return r->weighed ? r->predicted : -1; }
 
-/* Luminance of the picture's mean, which errors are relative to. */
+/* Returns the luminance of the picture's mean, to which errors are relative. */
 static float sbl__refine_luminance(const sbl__refine *r) { return r->luminance; }
 
 static int64_t sbl__refine_looks(const sbl__refine *r) { return r->taken; }
@@ -14481,7 +14576,7 @@ static int sbl__refine_is_sensing(const sbl__refine *r) {
 
 static int sbl__refine_round_is_over(const sbl__refine *r) { return r->stages.stage == SBL__REFINE_SPEND; }
 
-/* An estimate of how much is done, 0 to 1, by the logarithm of the error. */
+/* Estimates the share of work done, 0 to 1, from the logarithm of the error. */
 static double sbl__refine_progress(const sbl__refine *r) {
     const double first = r->first_predicted, asked = r->asked;
     const double sensed = r->stages.stage == SBL__REFINE_SENSE ? (double)sbl__job_progress(&r->core->job) : 0;
@@ -14492,17 +14587,17 @@ static double sbl__refine_progress(const sbl__refine *r) {
     return SBL__MIN(SBL__MAX(share, 0.0), 1.0);
 }
 
-/* >>refine: filling in one layer of light, four floats a pixel: light; the noise of R, above 0 where there is a
-   surface. It has a cursor of its own, so that it can be done at any time. */
+/* >>refine: filling in one layer of light, four floats a pixel: light, and the noise of R, which is above 0 where
+   there is a surface. Filling in keeps its own cursor, so that it can run at any time during refinement. */
 
 typedef struct sbl__fill {
     sbl__refine *refine;
     int layer;
-    sbl__stages stages;         /* of cells, orphans, their adoption: see sbl__fill_step */
-    int row;                    /* of the cell under way */
+    sbl__stages stages;         /* stages: tiles, search for orphans, spreading light to orphans; see sbl__fill_step */
+    int row;                    /* row of the current tile that comes next */
     float *rgba;
-    int *orphans;               /* pixels that no cell covers, while light is spread over them, */
-    float *found;               /* and what each gets in the ring under way */
+    int *orphans;               /* pixels without light, as no tile covers them */
+    float *found;               /* light and noise that each orphan gets in the current ring */
     int orphan_count;
 } sbl__fill;
 
@@ -14513,7 +14608,8 @@ static void sbl__fill_free(sbl__base *base, sbl__fill *f) {
     memset(f, 0, sizeof *f);
 }
 
-/* The cell itself, or, of a picture under way, the smallest one around it all of whose sensors have been read. */
+/* Returns the tile itself or, while refinement is in progress, the smallest tile around it whose sensors have all
+   been read. */
 static const sbl__cell *sbl__cell_known(const sbl__refine *r, const sbl__cell *c) {
     int i, known = 0;
     while (!known && c->parent >= 0) {
@@ -14526,21 +14622,21 @@ static const sbl__cell *sbl__cell_known(const sbl__refine *r, const sbl__cell *c
     return c;
 }
 
-/* What a pixel's light may be off by, from what is told of it: relative, squared. */
+/* Returns the standard error of a pixel's luminance. told2: relative squared error that its tile predicts. */
 static float sbl__expected(const sbl__refine *r, const sbl__pixel *p, float told2) {
     const double unknown = (double)SBL__UNKNOWN_PIXEL * r->predicted, doubt = (double)p->doubt / r->luminance;
     return r->luminance * (float)sqrt((double)told2 + unknown * unknown + doubt * doubt);
 }
 
-/* Noise of a sensor as the filter is told: what its cell's sensors know of theirs, where its own few rays agree by
-   chance. */
+/* Returns the noise of a sensor for the filter. The tile's variance is the lower bound, because the few rays of a
+   single sensor may agree by chance. */
 static float sbl__noise_among(const sbl__refine *r, const sbl__cell *c, const sbl__pixel *p) {
     const float told = r->luminance * (float)sqrt((double)c->variance * (double)sbl__looks_share(r, p->looks));
     return SBL__MAX(told, sbl__noise(r, p));
 }
 
-/* A row of a cell, interpolated in cell c, which is known. Pixels that nothing covers keep a noise of 0, and are
-   counted. */
+/* Fills in a row of a tile by interpolation in tile c, whose sensors have all been read. bends: second differences
+   of the four edges of c. Pixels that no sensor covers keep a noise of 0 and are counted as orphans. */
 static void sbl__fill_row(sbl__fill *f, const sbl__edge *row, const sbl__cell *c, float bends[4][3]) {
     sbl__refine *r = f->refine;
     const int y = row->y0;
@@ -14596,8 +14692,8 @@ static sbl_result sbl__fill_cells(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* Light and noise from those of the eight neighbours that have some (a > 0) and belong to a pixel. Returns 0 where none
-   does. */
+/* Averages light and noise of those of the eight neighbours that have light (noise above 0) and belong to the same
+   surface as the pixel. Returns 0 if there is no such neighbour. */
 static int sbl__fill_spread(const sbl__fill *f, int index, float out[4]) {
     const sbl__refine *r = f->refine;
     const int x = index % r->width, y = index / r->width;
@@ -14615,7 +14711,7 @@ static int sbl__fill_spread(const sbl__fill *f, int index, float out[4]) {
     return weights > 0;
 }
 
-/* Finds pixels whose own sensor is stuck and that no cell covers. */
+/* Lists the orphans: pixels whose own sensor is stuck and that no tile covers. */
 static sbl_result sbl__fill_find_orphans(void *work, sbl__slice *slice) {
     sbl__fill *f = (sbl__fill *)work;
     const sbl__refine *r = f->refine;
@@ -14634,8 +14730,8 @@ static sbl_result sbl__fill_find_orphans(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* They take the light that spreads over their surface from others, ring by ring; without any they keep what the stuck
-   sensor saw. */
+/* Spreads light over each surface to its orphans, ring by ring. Orphans on a surface without light keep what their
+   stuck sensor saw. */
 static sbl_result sbl__fill_adopt(void *work, sbl__slice *slice) {
     sbl__fill *f = (sbl__fill *)work;
     int *at = &f->stages.at;
@@ -14665,7 +14761,8 @@ static sbl_result sbl__fill_adopt(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* SBL_SUCCESS: f->rgba is filled in. A zeroed sbl__fill with refine and layer set begins. */
+/* Does one bounded piece of filling in. SBL_SUCCESS: f->rgba is filled in. The caller begins with a zeroed sbl__fill
+   whose fields `refine` and `layer` are set. */
 static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__fill_cells, NULL, NULL, NULL },
