@@ -14886,14 +14886,14 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
 }
 
 /* ======================================================================================================== >>gutters
-   A lightmap is continued beyond its charts, ring by ring: each texel of a ring gets the mean of those of its eight
-   neighbours that the rings before it reached. */
+   Gutters continue a lightmap beyond its charts, ring by ring: each texel of a ring gets the mean of those of its eight
+   neighbours that earlier rings have reached. */
 
 typedef struct sbl__gutters {
     sbl__stages stages;
     int width, height;
-    int rings;                 /* that are wanted */
-    float *light;              /* 4 floats a texel: R; the number of its ring, 0 on charts, below 0: it has none */
+    int rings;                 /* requested number of rings */
+    float *light;              /* 4 floats per texel: R; number of the texel's ring, 0 on charts, below 0 for no ring */
     sbl__rings spread;
 } sbl__gutters;
 
@@ -14903,7 +14903,7 @@ static void sbl__gutters_free(sbl__base *base, sbl__gutters *g) {
     memset(g, 0, sizeof *g);
 }
 
-/* Gives a texel the mean of its neighbours. */
+/* Sets a texel to the mean of those of its neighbours that earlier rings have reached. */
 static void sbl__gutters_mean(void *user, int texel) {
     sbl__gutters *g = (sbl__gutters *)user;
     float *out = g->light + 4 * (size_t)texel, sum[3] = { 0, 0, 0 };
@@ -14932,7 +14932,7 @@ static sbl_result sbl__gutters_begin(sbl__base *base, sbl__gutters *g, const int
 
 static int sbl__gutters_texels(void *work) { return ((sbl__gutters *)work)->spread.count; }
 
-/* Is a texel on a chart? */
+/* Starts the rings at a texel that is on a chart, and replaces the texel's fourth float by its ring. */
 static sbl_result sbl__gutters_find(void *work, int texel) {
     sbl__gutters *g = (sbl__gutters *)work;
     float *ring = &g->light[4 * (size_t)texel + 3];
@@ -14945,8 +14945,8 @@ static sbl_result sbl__gutters_spread(void *work, sbl__slice *slice) {
     return sbl__rings_step(&((sbl__gutters *)work)->spread, slice);
 }
 
-/* Does one piece. SBL_SUCCESS: all rings are there. At first `light` holds R as the filter leaves it; the fourth float
-   is 1 on charts. */
+/* Does one piece of work. Returns SBL_SUCCESS when all rings are filled. Before the first call, `light` must hold the
+   output of the filter: R, and as fourth float 1 on charts. */
 static sbl_result sbl__gutters_step(sbl__gutters *g, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__gutters_find, sbl__gutters_texels },
