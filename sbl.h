@@ -15028,14 +15028,14 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
 }
 
 /* ======================================================================================================== >>gutters
-   A lightmap is continued beyond its charts, ring by ring: each texel of a ring gets the mean of those of its eight
-   neighbours that the rings before it reached. */
+   Gutters continue a lightmap beyond its charts, ring by ring: each texel of a ring gets the mean of those of its eight
+   neighbours that earlier rings have reached. */
 
 typedef struct sbl__gutters {
     sbl__stages stages;
     int width, height;
-    int rings;                 /* that are wanted */
-    float *light;              /* 4 floats a texel: R; the number of its ring, 0 on charts, below 0: it has none */
+    int rings;                 /* requested number of rings */
+    float *light;              /* 4 floats per texel: R; number of the texel's ring, 0 on charts, below 0 for no ring */
     sbl__rings spread;
 } sbl__gutters;
 
@@ -15045,7 +15045,7 @@ static void sbl__gutters_free(sbl__base *base, sbl__gutters *g) {
     memset(g, 0, sizeof *g);
 }
 
-/* Gives a texel the mean of its neighbours. */
+/* Sets a texel to the mean of those of its neighbours that earlier rings have reached. */
 static void sbl__gutters_mean(void *user, int texel) {
     sbl__gutters *g = (sbl__gutters *)user;
     float *out = g->light + 4 * (size_t)texel, sum[3] = { 0, 0, 0 };
@@ -15074,7 +15074,7 @@ static sbl_result sbl__gutters_begin(sbl__base *base, sbl__gutters *g, const int
 
 static int sbl__gutters_texels(void *work) { return ((sbl__gutters *)work)->spread.count; }
 
-/* Is a texel on a chart? */
+/* Starts the rings at a texel that is on a chart, and replaces the texel's fourth float by its ring. */
 static sbl_result sbl__gutters_find(void *work, int texel) {
     sbl__gutters *g = (sbl__gutters *)work;
     float *ring = &g->light[4 * (size_t)texel + 3];
@@ -15087,8 +15087,8 @@ static sbl_result sbl__gutters_spread(void *work, sbl__slice *slice) {
     return sbl__rings_step(&((sbl__gutters *)work)->spread, slice);
 }
 
-/* Does one piece. SBL_SUCCESS: all rings are there. At first `light` holds R as the filter leaves it; the fourth float
-   is 1 on charts. */
+/* Does one piece of work. Returns SBL_SUCCESS when all rings are filled. Before the first call, `light` must hold the
+   output of the filter: R, and as fourth float 1 on charts. */
 static sbl_result sbl__gutters_step(sbl__gutters *g, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__gutters_find, sbl__gutters_texels },
@@ -16339,58 +16339,62 @@ static float sbl__gathering_progress(const sbl__core *c, const sbl__gathering *g
 }
 
 /* ======================================================================================================== >>vertices
-   The front end for light at vertices (Kavan, Bargteil and Sloan 2011). Gathers, one after the other, tell R at points
-   over the triangles; unknown x is the light at a vertex, or at several that are one, and hat functions h interpolate
-   it. What is solved, by conjugate gradients, is the least sum of
+   The front end for light at vertices (Kavan, Bargteil and Sloan 2011). A sequence of gathers measures R at points on
+   the triangles. An unknown x is the light at one vertex, or at several vertices that are welded because they share
+   position and normal. Hat functions h interpolate the unknowns over the triangles. Conjugate gradients solve the
+   normal equations that minimise the sum of
 
-       weight (sum of x h - R)^2           of each point: its share of its triangle's area
-       smoothing area (slope - slope)^2    of each edge that two triangles share, a hinge: of how light's slopes across
-                                           it differ, in units of light
+       weight (sum of x h - R)^2           for each point; weight is the point's share of its triangle's area
+       smoothing area (slope - slope)^2    for each hinge, an edge that two triangles share; it compares the slopes of
+                                           the light on both sides of the edge, in units of light
 
-   where each triangle has the 3 x 3 numbers that its points add to the matrix, and each hinge 4. Weights are areas over
-   the mean one of the mesh. */
+   Each triangle adds a 3 x 3 matrix, summed over its points; each hinge adds the outer product of its 4 weights. Areas
+   are relative to the mean triangle area of the mesh. */
 
-#define SBL__VERTICES_POINTS 65536      /* of a gather: one job's */
-#define SBL__VERTICES_FEW 4             /* points over a triangle, unless `samples` is less; */
-#define SBL__VERTICES_MANY 8            /* and at most so many times `samples` */
-#define SBL__VERTICES_LEAST 1e-9f       /* of a triangle's area over the mean: thinner ones count as much */
-#define SBL__VERTICES_AGREE 0.99985f    /* cosine between normals of vertices that are one: 1 degree */
-#define SBL__VERTICES_BACK 0.9f         /* of a hemisphere, back faces: the point is inside of something; */
-#define SBL__VERTICES_INSIDE_OUT 0.5    /* but where more of a mesh's points see as many, its room is inside out */
-#define SBL__VERTICES_SUMS 16           /* of a triangle's points: see sums */
-#define SBL__VERTICES_WHOLE 1e-5f       /* of a triangle's area may miss by rounding */
-#define SBL__VERTICES_SPRING 0.02f      /* points that are left out hold their triangle's corners together so much */
-#define SBL__VERTICES_PRECISION 1e-6    /* of the solution */
-#define SBL__VERTICES_RINGS 64          /* edges that light is carried over */
+#define SBL__VERTICES_POINTS 65536      /* points per gather, as many as one job takes */
+#define SBL__VERTICES_FEW 4             /* least number of points on a triangle, unless `samples` is lower */
+#define SBL__VERTICES_MANY 8            /* greatest number of points on a triangle, as a multiple of `samples` */
+#define SBL__VERTICES_LEAST 1e-9f       /* least relative area; smaller triangles are treated as having this area */
+#define SBL__VERTICES_AGREE 0.99985f    /* least cosine between the normals of welded vertices: 1 degree */
+#define SBL__VERTICES_BACK 0.9f         /* share of a hemisphere with back faces; above it a point is rejected */
+#define SBL__VERTICES_INSIDE_OUT 0.5    /* share of a mesh's points that see back faces; above it the mesh counts as a
+                                           room that is modelled inside out, and these points are used after all */
+#define SBL__VERTICES_SUMS 16           /* floats per triangle in sbl__vertices.sums */
+#define SBL__VERTICES_WHOLE 1e-5f       /* share of a triangle's area that may be missing because of rounding */
+#define SBL__VERTICES_SPRING 0.02f      /* stiffness of the springs between the corners of a triangle with rejected
+                                           points, relative to the area of these points */
+#define SBL__VERTICES_PRECISION 1e-6    /* accepted ratio of the residual's norm to its initial norm */
+#define SBL__VERTICES_RINGS 64          /* greatest number of edges over which light spreads to vertices without it */
 
 enum {
     SBL__VERTICES_IDLE,
-    SBL__VERTICES_FACES, SBL__VERTICES_WELD, SBL__VERTICES_SIDES,  /* normals and areas; unknowns; hinges */
+    SBL__VERTICES_FACES, SBL__VERTICES_WELD, SBL__VERTICES_SIDES,  /* compute normals and areas; unknowns; hinges */
     SBL__VERTICES_MAKE, SBL__VERTICES_SITES, SBL__VERTICES_SENSE, SBL__VERTICES_TAKE,
-    SBL__VERTICES_MASS, SBL__VERTICES_BEND, SBL__VERTICES_SOLVE,   /* the matrix: triangles, hinges; its solution */
-    SBL__VERTICES_LINK, SBL__VERTICES_SPREAD,                      /* to vertices without light of their own */
+    SBL__VERTICES_MASS, SBL__VERTICES_BEND, SBL__VERTICES_SOLVE,   /* add triangles and hinges to the matrix; solve */
+    SBL__VERTICES_LINK, SBL__VERTICES_SPREAD,                      /* extend light to vertices without valid points */
     SBL__VERTICES_WRITE,
     SBL__VERTICES_DONE
 };
 
-/* A mesh that is baked. */
+/* A mesh that is baked. The parts' vertices and triangles are numbered consecutively, part after part. */
 typedef struct sbl__vertices_part {
     int mesh, first_vertex, first_triangle;
     double area;
-    double points, doubtful;    /* that are valid; that see back faces */
+    double points, doubtful;    /* number of valid points; number of those that see mostly back faces */
 } sbl__vertices_part;
 
-/* sides: 3 * triangle + corner at which the side begins. weights: of the two corners that lie opposite, and of the
-   first side's two ends. */
+/* An edge that two triangles share, once as a side of each: 3 * triangle + the corner at which the side begins. The
+   weights belong to the corner opposite each side, then to the two ends of the first side. */
 typedef struct sbl__hinge { uint32_t sides[2]; float weights[4]; } sbl__hinge;
 
-/* A point over a triangle, see sbl__vertices_point; the triangle is of the part, once sbl__vertices_here was asked. */
+/* Point number `point` on a triangle, see sbl__vertices_point. `part` may lag behind `triangle` until
+   sbl__vertices_here is called. */
 typedef struct sbl__vertices_place { int part, triangle, point; } sbl__vertices_place;
 
 typedef struct sbl__vertices {
     sbl__stages stages;
     sbl__core *core;
-    int part;                   /* the one that the vertex or triangle at hand is of */
+    int part;                   /* part of the vertex or triangle that the current stage works on */
     sbl_vertices_desc desc;     /* defaults filled in */
     sbl__vertices_part *parts;
     int part_count, vertex_count, triangle_count;
@@ -16398,21 +16402,25 @@ typedef struct sbl__vertices {
     sbl_site *sites;
     sbl_reading *readings;
     int site_count;             /* of the gather under way */
-    double points, taken;       /* in all, and of the gathers before */
-    sbl__vertices_place next, first;  /* of the site that is made, and of the gather's first */
-    float *normals;             /* a vertex: sum of its triangles' */
-    uint32_t *unknowns;         /* a vertex: the first one that it is one with; SBL__NONE: no triangle has it */
-    sbl__hash_table places, ends;  /* of vertices; of sides */
-    uint32_t *corners;          /* three unknowns a triangle */
-    float *areas;               /* a triangle, over the mean */
-    float *sums;                /* a triangle: 00 01 02 11 12 22 of its matrix; sum of its points' weights; for each
-                                   corner three of the right side */
-    float *doubts;              /* the same of points that see back faces; NULL: there was none */
+    double points, taken;       /* number of points in all, and in the completed gathers */
+    sbl__vertices_place next, first;  /* point that is processed next; point of the current gather's first site */
+    float *normals;             /* per vertex: sum of the normals of its triangles, weighted by area */
+    uint32_t *unknowns;         /* per vertex: number of the first vertex that it is welded to, which is the number of
+                                   its unknown; SBL__NONE: no triangle uses the vertex */
+    sbl__hash_table places, ends;  /* vertices by position; sides by their ends */
+    uint32_t *corners;          /* per triangle: three unknowns */
+    float *areas;               /* per triangle: area relative to the mean of its mesh */
+    float *sums;                /* per triangle: entries 00 01 02 11 12 22 of its symmetric matrix; the sum of its
+                                   points' weights; rgb of the right-hand side for each corner */
+    float *doubts;              /* sums over the points that see mostly back faces, laid out like sums; NULL if there
+                                   are no such points */
     sbl__hinge *hinges;
     int hinge_count, hinge_room;
-    sbl__solver solver;         /* for an average the diagonal is a sum of weights, the residual of weighted light */
-    sbl__rings rings;           /* of light that unknowns without points get */
-    uint32_t *first_corners, *next_corners;  /* an unknown: 1 + a corner at it; a corner: 1 + the next one; 0: none */
+    sbl__solver solver;         /* with desc.average nothing is solved: diagonal holds sums of weights, and residual
+                                   sums of weighted light */
+    sbl__rings rings;           /* extends light, ring by ring, to unknowns without valid points */
+    uint32_t *first_corners, *next_corners;  /* per unknown: 1 + the first corner that uses it; per corner: 1 + the
+                                                next corner with the same unknown; 0: there is none */
 } sbl__vertices;
 
 static void sbl__vertices_free(sbl__base *base, sbl__vertices *s) {
@@ -16432,7 +16440,7 @@ static int sbl__vertices_under_way(const sbl__vertices *s) {
     return s->stages.stage != SBL__VERTICES_IDLE && s->stages.stage != SBL__VERTICES_DONE;
 }
 
-/* desc has its defaults filled in and has been checked. The gathering is begun by the caller. */
+/* desc has been checked and has its defaults filled in. The caller begins s->gathering. */
 static sbl_result sbl__vertices_begin(sbl__core *c, sbl__vertices *s, const sbl_vertices_desc *desc) {
     const sbl__geometry *g = &c->scene.geometry;
     int i;
@@ -16454,7 +16462,7 @@ static sbl_result sbl__vertices_begin(sbl__core *c, sbl__vertices *s, const sbl_
     return SBL_SUCCESS;
 }
 
-/* Takes the memory that finding out what is one needs. */
+/* Allocates the memory for normals, areas and welding, once. */
 static sbl_result sbl__vertices_make_faces(void *work, sbl__slice *slice) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__base *base = &s->core->base;
@@ -16471,22 +16479,25 @@ static sbl_result sbl__vertices_make_faces(void *work, sbl__slice *slice) {
     return sbl__hash_table_make(base, &s->ends, 3.0 * s->triangle_count);
 }
 
-/* >>vertices: what is one. Numbers of vertices and triangles are those of all parts, one after the other, unless they
-   are said to be the scene's. */
+/* >>vertices: welding. Vertices and triangles are numbered consecutively over all parts, unless a comment says that a
+   number belongs to the scene. */
 
 static const sbl__geometry *sbl__vertices_geometry(const sbl__vertices *s) { return &s->core->scene.geometry; }
 
+/* Returns the scene's number of a triangle of the part. */
 static uint32_t sbl__vertices_triangle(const sbl__vertices *s, int part, int triangle) {
     const sbl__vertices_part *p = &s->parts[part];
     return (uint32_t)(sbl__vertices_geometry(s)->meshes[p->mesh].first_triangle + triangle - p->first_triangle);
 }
 
+/* Returns the scene's number of a vertex of the current part. */
 static uint32_t sbl__vertices_vertex(const sbl__vertices *s, uint32_t vertex) {
     const sbl__vertices_part *p = &s->parts[s->part];
     return (uint32_t)sbl__vertices_geometry(s)->meshes[p->mesh].first_vertex + vertex - (uint32_t)p->first_vertex;
 }
 
-/* Finds the part of the vertex, or else triangle, that a stage's loop has reached. */
+/* Finds the part that contains the vertex, or with is_vertex 0 the triangle, that a stage's loop has reached. Loops
+   count upwards from 0, so the search continues from the previous part. */
 static sbl__vertices_part *sbl__vertices_find_part(sbl__vertices *s, int at, int is_vertex) {
     if (at == 0) s->part = 0;
     while (s->part + 1 < s->part_count) {
@@ -16497,7 +16508,8 @@ static sbl__vertices_part *sbl__vertices_find_part(sbl__vertices *s, int at, int
     return &s->parts[s->part];
 }
 
-/* Finds a triangle's area and which vertices it has; those without normals have the mean of their triangles'. */
+/* Computes a triangle's area, records its vertices, and adds its normal to theirs. The sums replace the normals that
+   the mesh lacks. */
 static sbl_result sbl__vertices_face(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl__geometry *g = sbl__vertices_geometry(s);
@@ -16517,7 +16529,8 @@ static sbl_result sbl__vertices_face(void *work, int triangle) {
     return SBL_SUCCESS;
 }
 
-/* Unit, in the scene; 0 0 0 where there is none. */
+/* Writes a vertex's normal from the scene, or else the normalised mean of its triangles' normals; 0 0 0 if neither
+   exists. */
 static void sbl__vertices_normal(const sbl__vertices *s, uint32_t vertex, float out[3]) {
     const float *own = sbl__vertices_geometry(s)->attributes[sbl__vertices_vertex(s, vertex)].normal;
     const float *mean = s->normals + 3 * (size_t)vertex;
@@ -16527,7 +16540,8 @@ static void sbl__vertices_normal(const sbl__vertices *s, uint32_t vertex, float 
     for (k = 0; k < 3; k++) out[k] = sbl__all_zero(own, 3) ? (float)n[k] : own[k];
 }
 
-/* Vertices of a part are one if they stand in the same place and their normals agree. */
+/* Returns whether two vertices are welded: they belong to the same part, have the same position, and their normals
+   agree. */
 static int sbl__vertices_same(const void *user, uint32_t one, uint32_t other) {
     const sbl__vertices *s = (const sbl__vertices *)user;
     float a[3], b[3];
@@ -16553,13 +16567,14 @@ static sbl_result sbl__vertices_weld(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Where the unknown at a side's first or second end (0, 1), or opposite (2), is in the scene. */
+/* Returns the world position of the unknown at a side's first end (0), second end (1) or opposite corner (2). */
 static const float *sbl__vertices_end(const sbl__vertices *s, uint32_t side, uint32_t which) {
     const uint32_t vertex = sbl__vertices_vertex(s, sbl__side_end(s->corners, side, which));
     return sbl__vertices_geometry(s)->vertices[vertex].position;
 }
 
-/* The weights of a hinge: slopes across its side, laid flat, of which none is left where light is linear. */
+/* Computes the weights of a hinge: the difference between the slopes of the light across the shared edge, with both
+   triangles unfolded into one plane. The weighted sum is therefore 0 for linear light. */
 static void sbl__hinge_make(const sbl__vertices *s, sbl__hinge *h) {
     const float *p = sbl__vertices_end(s, h->sides[0], 0), *q = sbl__vertices_end(s, h->sides[0], 1);
     double length2 = 0, along[2], height[2], share[2], norm = 0;
@@ -16589,7 +16604,8 @@ static void sbl__hinge_make(const sbl__vertices *s, sbl__hinge *h) {
     for (i = 0; i < 4; i++) h->weights[i] = norm > 0 ? (float)(w[i] / norm) : 0;
 }
 
-/* The first triangle that has the side makes a hinge with each other. */
+/* Adds a hinge between a side and the first side with the same ends. An edge of more than two triangles gets a hinge
+   from the first of them to each other one. */
 static sbl_result sbl__vertices_side(sbl__vertices *s, uint32_t side) {
     const uint32_t other = sbl__first_side(&s->ends, s->corners, side);
     sbl__hinge *hinge;
@@ -16606,7 +16622,7 @@ static sbl_result sbl__vertices_side(sbl__vertices *s, uint32_t side) {
 static int sbl__vertices_fits(const sbl__vertices *s) { return !s->desc.average; }
 static int sbl__vertices_bends(const sbl__vertices *s) { return sbl__vertices_fits(s) && s->desc.smoothing > 0; }
 
-/* Points over a triangle. */
+/* Returns the number of points on a triangle. */
 static int sbl__vertices_samples(const sbl__vertices *s, int triangle) {
     const double wanted = (double)s->areas[triangle] * s->desc.samples + 0.5;
     const double most = SBL__VERTICES_MANY * s->desc.samples;
@@ -16631,8 +16647,9 @@ static sbl_result sbl__vertices_sides(void *work, int triangle) {
 
 /* >>vertices: points */
 
-/* Weights of a triangle's corners at its point number k: quarters of quarters, in turn, and never at an edge (Basu and
-   Owen 2015, "Low Discrepancy Constructions in the Triangle"). */
+/* Computes the barycentric weights of point number k: the centre of a sub-triangle that the base 4 digits of k select
+   by repeated subdivision into four. Points never lie on an edge (Basu and Owen 2015, "Low Discrepancy Constructions in
+   the Triangle"). */
 static void sbl__vertices_point(int k, double weights[3]) {
     double scale = 1;
     int i;
@@ -16644,7 +16661,8 @@ static void sbl__vertices_point(int k, double weights[3]) {
     }
 }
 
-/* As surface.glsl has it: the front is the interpolated normal's side, and that keeps off the horizon. */
+/* Makes the site at a point on the scene's triangle `number`, as surface.glsl does: the front is the side to which the
+   interpolated normal points, and that normal is bent to stay above the triangle's horizon. */
 static void sbl__vertices_site(const sbl__geometry *g, uint32_t number, const double weights[3], sbl_site *out) {
     const float *p[3];
     double face[3], normal[3] = { 0, 0, 0 }, height = 0, length2;
@@ -16675,13 +16693,14 @@ static void sbl__vertices_site(const sbl__geometry *g, uint32_t number, const do
     }
 }
 
-/* The triangle of the point at hand; next.part is its part. */
+/* Returns the triangle of the point `next`, and updates next.part to the triangle's part. */
 static int sbl__vertices_here(sbl__vertices *s) {
     while (s->next.part + 1 < s->part_count && s->next.triangle >= s->parts[s->next.part + 1].first_triangle)
         s->next.part++;
     return s->next.triangle;
 }
 
+/* Advances `next` to the following point. */
 static void sbl__vertices_pass(sbl__vertices *s) {
     if (++s->next.point < sbl__vertices_samples(s, s->next.triangle)) return;
     s->next.point = 0;
@@ -16699,7 +16718,7 @@ static sbl_result sbl__vertices_ask(void *work, int site) {
     return SBL_SUCCESS;
 }
 
-/* What was found at a point goes to its triangle. */
+/* Adds the reading of a point to the sums of its triangle, or to its doubts if the point sees mostly back faces. */
 static sbl_result sbl__vertices_take(void *work, int site) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl_reading *r = &s->readings[site];
@@ -16729,6 +16748,7 @@ static sbl_result sbl__vertices_take(void *work, int site) {
 
 /* >>vertices: the solution */
 
+/* Index into a triangle's sums of each entry of its symmetric 3 x 3 matrix. */
 static const unsigned char sbl__mass_at[3][3] = { { 0, 1, 2 }, { 1, 3, 4 }, { 2, 4, 5 } };
 
 static void sbl__vertices_weigh(sbl__vertices *s, size_t unknown, double weight) {
@@ -16736,7 +16756,8 @@ static void sbl__vertices_weigh(sbl__vertices *s, size_t unknown, double weight)
     for (k = 0; k < 3; k++) s->solver.diagonal[3 * unknown + (size_t)k] += weight;
 }
 
-/* A triangle's sums go to its corners. Points that were left out hold its corners together. */
+/* Adds a triangle's sums to the diagonal and the right-hand side. If points were rejected, springs between the corners
+   replace them, because the remaining points may not determine all three corners. */
 static sbl_result sbl__vertices_mass(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl__vertices_part *part = sbl__vertices_find_part(s, triangle, 0);
@@ -16761,7 +16782,7 @@ static sbl_result sbl__vertices_mass(void *work, int triangle) {
     return SBL_SUCCESS;
 }
 
-/* The four unknowns of a hinge, in the order of its weights. */
+/* Writes the four unknowns of a hinge in the order of its weights. */
 static void sbl__hinge_unknowns(const sbl__vertices *s, const sbl__hinge *h, size_t out[4]) {
     out[0] = sbl__side_end(s->corners, h->sides[0], 2);
     out[1] = sbl__side_end(s->corners, h->sides[1], 2);
@@ -16769,6 +16790,8 @@ static void sbl__hinge_unknowns(const sbl__vertices *s, const sbl__hinge *h, siz
     out[3] = sbl__side_end(s->corners, h->sides[0], 1);
 }
 
+/* Scales a hinge's weights by the square root of the smoothing and the smaller area of valid points on its two
+   triangles, and adds the hinge to the diagonal. */
 static sbl_result sbl__vertices_bend(void *work, int hinge) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__hinge *h = &s->hinges[hinge];
@@ -16786,7 +16809,8 @@ static sbl_result sbl__vertices_bend(void *work, int hinge) {
     return SBL_SUCCESS;
 }
 
-/* Terms of the matrix: triangles, then hinges. */
+/* Adds one term of the matrix times the direction to the product. The triangles are the first terms, the hinges the
+   last. */
 static void sbl__vertices_term(void *user, int term, const double *direction, double *product) {
     const sbl__vertices *s = (const sbl__vertices *)user;
     const int is_hinge = term >= s->triangle_count;
@@ -16817,9 +16841,10 @@ static sbl_result sbl__vertices_average(void *work, int unknown) {
     return SBL_SUCCESS;
 }
 
-/* >>vertices: what has no light of its own */
+/* >>vertices: extending light to unknowns without valid points */
 
-/* Links an unknown's corners. Begins with the last triangle, so that the first one is linked first. */
+/* Prepends the corners of a triangle to their unknowns' lists. The loop runs from the last triangle to the first, so
+   that each list is in ascending order. */
 static sbl_result sbl__vertices_link(void *work, int at) {
     sbl__vertices *s = (sbl__vertices *)work;
     size_t corner = 3 * (size_t)(s->triangle_count - at);
@@ -16832,7 +16857,8 @@ static sbl_result sbl__vertices_link(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Neighbours share a triangle. place: 4 * (1 + the corner of the unknown) + the triangle's corner that is next. */
+/* Returns the next neighbour of an unknown, or -1 after the last one. Neighbours share a triangle. *place encodes the
+   position: 4 * (1 + a corner that uses the unknown) + the next corner, 0 to 2, of the same triangle. */
 static int sbl__vertices_neighbour(const sbl__rings *r, int unknown, size_t *place) {
     const sbl__vertices *s = (const sbl__vertices *)r->user;
     size_t corner;
@@ -16869,7 +16895,7 @@ static sbl_result sbl__vertices_write(void *work, int vertex) {
 
 /* >>vertices: stages */
 
-/* Takes memory, once it is known how many points there are. */
+/* Allocates the memory whose size depends on the number of points, and sets up the solver and the rings. */
 static sbl_result sbl__vertices_make(void *work, sbl__slice *slice) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__base *base = &s->core->base;
@@ -16910,7 +16936,7 @@ static sbl_result sbl__vertices_spread(void *work, sbl__slice *slice) {
     return sbl__rings_step(&((sbl__vertices *)work)->rings, slice);
 }
 
-/* Begins a gather's sites. */
+/* Chooses the number of sites of the next gather, and remembers its first point, at which the readings start again. */
 static int sbl__vertices_begin_sites(sbl__vertices *s) {
     s->site_count = (int)SBL__MIN(s->points - s->taken, (double)SBL__VERTICES_POINTS);
     s->first = s->next;
@@ -16943,7 +16969,7 @@ static int sbl__vertices_triangles(void *work) { return ((sbl__vertices *)work)-
 static int sbl__vertices_hinges(void *work) { return ((sbl__vertices *)work)->hinge_count; }
 static int sbl__vertices_sites(void *work) { return ((sbl__vertices *)work)->site_count; }
 
-/* Does one piece. SBL_SUCCESS: all light is there, and no memory is held. */
+/* Does one piece of work. Returns SBL_SUCCESS when all light is written and the memory is freed. */
 static sbl_result sbl__vertices_step(sbl__core *c, sbl__vertices *s, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, NULL, NULL },
@@ -16967,7 +16993,7 @@ static sbl_result sbl__vertices_step(sbl__core *c, sbl__vertices *s, sbl__slice 
     const sbl_result result = sbl__stages_step(&s->stages, table, SBL__COUNT(table), s, slice);
     if (!sense) *seconds += sbl__now() - start;
     if (result == SBL_SUCCESS) {
-        sbl__gathering gathering = s->gathering;  /* the host's progress is still to be called */
+        sbl__gathering gathering = s->gathering;  /* kept because the host's progress callback is called once more */
         gathering.sites = NULL;
         sbl__vertices_free(&c->base, s);
         s->gathering = gathering;
@@ -16976,7 +17002,7 @@ static sbl_result sbl__vertices_step(sbl__core *c, sbl__vertices *s, sbl__slice 
     return result;
 }
 
-#define SBL__VERTICES_SENSING 0.95f  /* share of progress that gathers have */
+#define SBL__VERTICES_SENSING 0.95f  /* share of the progress that belongs to the gathers */
 
 static float sbl__vertices_progress(const sbl__core *c, const sbl__vertices *s) {
     const int stage = s->stages.stage;
