@@ -14084,7 +14084,7 @@ static sbl_result sbl__refine_take(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Makes the spec anew after a change of `seeing`, and keeps its `directional` and `guided` flags. */
+/* Makes the spec anew after a change of `measuring`, and keeps its `directional` and `guided` flags. */
 static void sbl__refine_see(sbl__refine *r) {
     const int directional = r->spec->directional, guided = r->spec->guided;
     sbl__spec_make(r->spec, r->measurement, &r->core->scene, &r->core->desc);
