@@ -2670,7 +2670,7 @@ typedef struct sbl__record {
 #define SBL__RGBE_BITS 8           /* and the bits of each number */
 
 /* Floats: shaders get these very words, so that they must be valid in GLSL too. */
-#define SBL__INFINITE 1e30f            /* the distance of what is not there; of a ray that has no limit */
+#define SBL__UNBOUNDED 1e30f           /* the distance of what is not there; of a ray that has no limit */
 #define SBL__FRACTIONS 16777216.0      /* values that a 32-bit fraction has as a float: 2^24 */
 #define SBL__COLOR_MOST 65535.0f       /* of a component of a vertex colour: 1 */
 #define SBL__GUIDE_STEPS 65536.0       /* values of a guide's 16-bit shares */
@@ -2700,7 +2700,7 @@ typedef struct sbl__record {
     X(LAMP_TRIANGLE) X(LAMP_NEAR_LIGHT) X(LAMP_FAR_LIGHT) X(LAMP_SKY_TEXEL) X(FAR_NODE) \
     X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_SPLIT) X(LOOK_NUMBER) X(HASH_FACTOR)
 #define SBL__SHARED_FLOATS(X) \
-    X(PI) X(LUMINANCE_WEIGHTS) X(INFINITE) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
+    X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_TURN) \
     X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST)
 
@@ -8562,7 +8562,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    vec3 sum = vec3(0);\n",
 "    for (int i = 0; i < points; i++) {\n",
 "        vec3 place = s.position + step * (frame * vec3(i % 5 - 2, i / 5 - 2, 0));\n",
-"        vec3 light = sbl_stored(number, s.back, place, SBL_INFINITE);\n",
+"        vec3 light = sbl_stored(number, s.back, place, SBL_UNBOUNDED);\n",
 "        float known = max(light.r, max(light.g, light.b)) > 0.0 ? 1.0 : 0.0;\n",
 "        sum += light;\n",
 "        weight += known;\n",
@@ -8598,7 +8598,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        out_id = s.id;\n",
 "#ifdef SBL_BOUNCED\n",
 "        bool excluded = (sbl_object_flags(s.object) & SBL_NO_SENSORS) != 0u;\n",
-"        vec3 light = sbl_stored(int(triangle) - 1, s.back, s.position, SBL_INFINITE);\n",
+"        vec3 light = sbl_stored(int(triangle) - 1, s.back, s.position, SBL_UNBOUNDED);\n",
 "        vec3 smooth_light = sbl_stored_smooth(int(triangle) - 1, s, excluded ? 25 : 0);\n",
 "        if (excluded) light = smooth_light;\n",
 "        out_normal.w = excluded ? -1.0 - light.r : light.r;\n",
@@ -9492,7 +9492,7 @@ static const char *const sbl__glsl_lamps[] = {
 "sbl_Lamp sbl_lamp(int leaf) {\n",
 "    uint code = sbl_lamp_leaf_code(leaf), at = code & ((1u << SBL_LAMP_KIND_SHIFT) - 1u);\n",
 "    ivec2 texel = ivec2(at & ((1u << SBL_SKY_COLUMN_BITS) - 1u), at >> SBL_SKY_COLUMN_BITS);\n",
-"    sbl_Lamp l = sbl_Lamp(code >> SBL_LAMP_KIND_SHIFT, vec3(0), vec3(0), vec3(0), vec3(0), SBL_INFINITE, 0.0, 0.0,\n",
+"    sbl_Lamp l = sbl_Lamp(code >> SBL_LAMP_KIND_SHIFT, vec3(0), vec3(0), vec3(0), vec3(0), SBL_UNBOUNDED, 0.0, 0.0,\n",
 "                          texel, int(at), -1, vec2(1, 0));\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
 "        int object = int(sbl_triangle_object(l.triangle));\n",
@@ -9704,7 +9704,7 @@ static const char *const sbl__glsl_lamps[] = {
 "}\n",
 "\n",
 "sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {\n",
-"    sbl_Sample s = sbl_Sample(l.corner, SBL_INFINITE, l.brightness / SBL_PI, u);\n",
+"    sbl_Sample s = sbl_Sample(l.corner, SBL_UNBOUNDED, l.brightness / SBL_PI, u);\n",
 "    // by solid angle where it is large, else by area (Heitz 2019, \"A Low-Distortion Map Between Triangle and\n",
 "    // Square\")\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
@@ -9950,9 +9950,9 @@ static const char *const sbl__glsl_lamps[] = {
 "        open += outerProduct(light, l.group);\n",
 "        samples += l.group;\n",
 "    }\n",
-"    if (s.far < SBL_INFINITE) to = s.far * s.direction + (position - stand);\n",
-"    float away = s.far < SBL_INFINITE ? length(to) : 1.0;\n",
-"    sbl_Hit hit = sbl_trace(stand, to / away, s.far < SBL_INFINITE ? away * SBL_BEFORE_LAMP : SBL_INFINITE);\n",
+"    if (s.far < SBL_UNBOUNDED) to = s.far * s.direction + (position - stand);\n",
+"    float away = s.far < SBL_UNBOUNDED ? length(to) : 1.0;\n",
+"    sbl_Hit hit = sbl_trace(stand, to / away, s.far < SBL_UNBOUNDED ? away * SBL_BEFORE_LAMP : SBL_UNBOUNDED);\n",
 "    bool hidden = hit.triangle >= 0 && hit.number != l.number;\n",
 "#ifdef SBL_VIEWS\n",
 "    hidden = hidden || sbl_hidden(slot, l, s);\n",
@@ -10718,7 +10718,7 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "\n",
 "void main() {\n",
 "    ivec2 at = ivec2(gl_FragCoord.xy), corner = at * block, sheet_corner = (at % blocks) * block;\n",
-"    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_INFINITE, 0);\n",
+"    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "    int slot = at.y / blocks.y * columns + at.x / blocks.x;\n",
 "    float s = sin(sbl_look_turn(slot)), c = cos(sbl_look_turn(slot));\n",
@@ -10741,7 +10741,7 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "            float length_to_hit = abs(texel.a) * weight.y;\n",
 "            back += texel.a < 0.0 ? seen : 0.0;\n",
 "            hits.x += seen;\n",
-"            hits.y += seen * min(length_to_hit, SBL_INFINITE);\n",
+"            hits.y += seen * min(length_to_hit, SBL_UNBOUNDED);\n",
 "            hits.z = seen > 0.0 ? min(hits.z, length_to_hit) : hits.z;\n",
 "        }\n",
 "        sum += vec4(row, back);\n",
@@ -10952,7 +10952,7 @@ static const char *const sbl__glsl_trace[] = {
 "    uint which = sbl_look_which(sensor);\n",
 "    int number = int(which & SBL_LOOK_NUMBER), skip = number * rays, end = dark && number > 0 ? 0 : rays;\n",
 "\n",
-"    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_INFINITE, 0);\n",
+"    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);\n",
 "    float squares = 0.0, other = 0.0;\n",
 "    mat3x4 harmonics = mat3x4(0);\n",
 "    vec4 even = vec4(0);\n",
@@ -10970,7 +10970,7 @@ static const char *const sbl__glsl_trace[] = {
 "        vec3 direction = sbl_by_cosine(frame, u * vec2(spread, 1.0)), from = position, share = vec3(weight);\n",
 "        vec3 way = direction;\n",
 "        for (int leg = 0; leg < SBL_LEGS; leg++) {\n",
-"            sbl_Hit hit = sbl_trace(from, direction, SBL_INFINITE);\n",
+"            sbl_Hit hit = sbl_trace(from, direction, SBL_UNBOUNDED);\n",
 "            if (hit.triangle < 0) {\n",
 "                sum.rgb += share * (sky + sbl_sky(direction));\n",
 "                break;\n",
@@ -11036,7 +11036,7 @@ static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl
     sbl__set_int(d, "lamps_apart", b->spec->lamps_apart);
     sbl__set_float(d, "epsilon", b->spec->epsilon);
     sbl__set_float(d, "spread", probe ? 0.0f : 1.0f);
-    sbl__set_float(d, "reach", b->spec->reach > 0 ? b->spec->reach : SBL__INFINITE);
+    sbl__set_float(d, "reach", b->spec->reach > 0 ? b->spec->reach : SBL__UNBOUNDED);
     sbl__set_float(d, "ray_offset", SBL__OFFSET);
     if (b->spec->guided) sbl__bind(d, "sbl_guides", &b->guides->texture);
     if (b->spec->skyless) {
@@ -11330,7 +11330,7 @@ static const char *const sbl__glsl_reduce_sum[] = {
 "    if (sensor < first || sensor > last) discard;\n",
 "    int slot = sensor % slots;\n",
 "    ivec2 corner = ivec2(slot % columns, slot / columns) * blocks;\n",
-"    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_INFINITE, 0), missed = vec4(0);\n",
+"    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0), missed = vec4(0);\n",
 "    for (int y = 0; y < blocks.y; y++) {\n",
 "        vec4 row = vec4(0), row_hits = vec4(0);\n",
 "        for (int x = 0; x < blocks.x; x++) {\n",
@@ -12538,7 +12538,7 @@ static void sbl__bounce_aim(sbl__bounce *b, const sbl__hit *at, uint32_t seed, i
         out->direction[k] = aim->normal[k];
         out->origin[k] = at->position[k] + aim->offset * aim->normal[k];
     }
-    out->limit = -SBL__INFINITE;
+    out->limit = -SBL__UNBOUNDED;
 }
 
 static void sbl__bounce_seed_ray(sbl__bounce *b, int number, sbl__cast *out) {

@@ -19,7 +19,7 @@ vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
     vec3 sum = vec3(0);
     for (int i = 0; i < points; i++) {
         vec3 place = s.position + step * (frame * vec3(i % 5 - 2, i / 5 - 2, 0));
-        vec3 light = sbl_stored(number, s.back, place, SBL_INFINITE);
+        vec3 light = sbl_stored(number, s.back, place, SBL_UNBOUNDED);
         float known = max(light.r, max(light.g, light.b)) > 0.0 ? 1.0 : 0.0;
         sum += light;
         weight += known;
@@ -55,7 +55,7 @@ void main() {
         out_id = s.id;
 #ifdef SBL_BOUNCED
         bool excluded = (sbl_object_flags(s.object) & SBL_NO_SENSORS) != 0u;
-        vec3 light = sbl_stored(int(triangle) - 1, s.back, s.position, SBL_INFINITE);
+        vec3 light = sbl_stored(int(triangle) - 1, s.back, s.position, SBL_UNBOUNDED);
         vec3 smooth_light = sbl_stored_smooth(int(triangle) - 1, s, excluded ? 25 : 0);
         if (excluded) light = smooth_light;
         out_normal.w = excluded ? -1.0 - light.r : light.r;

@@ -79,7 +79,7 @@ uvec2 scramble;
 sbl_Lamp sbl_lamp(int leaf) {
     uint code = sbl_lamp_leaf_code(leaf), at = code & ((1u << SBL_LAMP_KIND_SHIFT) - 1u);
     ivec2 texel = ivec2(at & ((1u << SBL_SKY_COLUMN_BITS) - 1u), at >> SBL_SKY_COLUMN_BITS);
-    sbl_Lamp l = sbl_Lamp(code >> SBL_LAMP_KIND_SHIFT, vec3(0), vec3(0), vec3(0), vec3(0), SBL_INFINITE, 0.0, 0.0,
+    sbl_Lamp l = sbl_Lamp(code >> SBL_LAMP_KIND_SHIFT, vec3(0), vec3(0), vec3(0), vec3(0), SBL_UNBOUNDED, 0.0, 0.0,
                           texel, int(at), -1, vec2(1, 0));
     if (l.kind == SBL_LAMP_TRIANGLE) {
         int object = int(sbl_triangle_object(l.triangle));
@@ -291,7 +291,7 @@ vec2 sbl_barycentrics(sbl_Lamp l, vec3 normal, vec3 from_corner) {
 }
 
 sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
-    sbl_Sample s = sbl_Sample(l.corner, SBL_INFINITE, l.brightness / SBL_PI, u);
+    sbl_Sample s = sbl_Sample(l.corner, SBL_UNBOUNDED, l.brightness / SBL_PI, u);
     // by solid angle where it is large, else by area (Heitz 2019, "A Low-Distortion Map Between Triangle and
     // Square")
     if (l.kind == SBL_LAMP_TRIANGLE) {
@@ -537,9 +537,9 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, int rim, bool poi
         open += outerProduct(light, l.group);
         samples += l.group;
     }
-    if (s.far < SBL_INFINITE) to = s.far * s.direction + (position - stand);
-    float away = s.far < SBL_INFINITE ? length(to) : 1.0;
-    sbl_Hit hit = sbl_trace(stand, to / away, s.far < SBL_INFINITE ? away * SBL_BEFORE_LAMP : SBL_INFINITE);
+    if (s.far < SBL_UNBOUNDED) to = s.far * s.direction + (position - stand);
+    float away = s.far < SBL_UNBOUNDED ? length(to) : 1.0;
+    sbl_Hit hit = sbl_trace(stand, to / away, s.far < SBL_UNBOUNDED ? away * SBL_BEFORE_LAMP : SBL_UNBOUNDED);
     bool hidden = hit.triangle >= 0 && hit.number != l.number;
 #ifdef SBL_VIEWS
     hidden = hidden || sbl_hidden(slot, l, s);

@@ -14,7 +14,7 @@ layout(location = 4) out vec4 out_blue;
 
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy), corner = at * block, sheet_corner = (at % blocks) * block;
-    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_INFINITE, 0);
+    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);
 #ifdef SBL_DIRECTIONAL
     int slot = at.y / blocks.y * columns + at.x / blocks.x;
     float s = sin(sbl_look_turn(slot)), c = cos(sbl_look_turn(slot));
@@ -37,7 +37,7 @@ void main() {
             float length_to_hit = abs(texel.a) * weight.y;
             back += texel.a < 0.0 ? seen : 0.0;
             hits.x += seen;
-            hits.y += seen * min(length_to_hit, SBL_INFINITE);
+            hits.y += seen * min(length_to_hit, SBL_UNBOUNDED);
             hits.z = seen > 0.0 ? min(hits.z, length_to_hit) : hits.z;
         }
         sum += vec4(row, back);

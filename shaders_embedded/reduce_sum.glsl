@@ -35,7 +35,7 @@ void main() {
     if (sensor < first || sensor > last) discard;
     int slot = sensor % slots;
     ivec2 corner = ivec2(slot % columns, slot / columns) * blocks;
-    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_INFINITE, 0), missed = vec4(0);
+    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0), missed = vec4(0);
     for (int y = 0; y < blocks.y; y++) {
         vec4 row = vec4(0), row_hits = vec4(0);
         for (int x = 0; x < blocks.x; x++) {

@@ -79,7 +79,7 @@ void main() {
     uint which = sbl_look_which(sensor);
     int number = int(which & SBL_LOOK_NUMBER), skip = number * rays, end = dark && number > 0 ? 0 : rays;
 
-    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_INFINITE, 0);
+    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);
     float squares = 0.0, other = 0.0;
     mat3x4 harmonics = mat3x4(0);
     vec4 even = vec4(0);
@@ -97,7 +97,7 @@ void main() {
         vec3 direction = sbl_by_cosine(frame, u * vec2(spread, 1.0)), from = position, share = vec3(weight);
         vec3 way = direction;
         for (int leg = 0; leg < SBL_LEGS; leg++) {
-            sbl_Hit hit = sbl_trace(from, direction, SBL_INFINITE);
+            sbl_Hit hit = sbl_trace(from, direction, SBL_UNBOUNDED);
             if (hit.triangle < 0) {
                 sum.rgb += share * (sky + sbl_sky(direction));
                 break;

@@ -82,7 +82,7 @@ exports_only() {
     "$target-w64-mingw32-gcc" -std=c99 -w -I . -DSBL_IMPLEMENTATION -x c -c sbl.h -o "$folder/object.o" &&
     "$target-w64-mingw32-nm" "$folder/object.o" |
         awk '$2 ~ /^[TDBRC]$/ { sub(/^_/, "", $3); print $3 }' > "$folder/exports"
-    grep -qx sbl_render "$folder/exports" || return
+    grep -qx sbl_render_picture "$folder/exports" || return
     grep -v '^sbl_[a-z]' "$folder/exports" > "$folder/strangers"
     nothing "$folder/strangers"
 }
