@@ -6629,7 +6629,7 @@ static void sbl__store_free(const sbl__device *d, sbl__store *s) {
     memset(s, 0, sizeof *s);
 }
 
-/* >>store: uncertainty of light. It is kept in the low bits of blue, which shaders may read as part of the light. */
+/* >>store: uncertainty of light, kept in the low bits of blue; shaders read them as a negligible part of the light */
 
 #define SBL__DOUBT_STEPS 16        /* steps in a factor of 2; bits of 0 mean that the uncertainty is unknown */
 #define SBL__DOUBT_LEAST 1e-30f    /* least blue value that holds such bits */
