@@ -2652,8 +2652,8 @@ typedef struct sbl__record {
 #define SBL__PATCH_LEVEL 32u       /* times the level */
 #define SBL__PATCH_SHIFT 7
 #define SBL__NEAR_PART 2           /* of a cell's length, within which a ray starts near it */
-#define SBL__PROBES 64             /* in the table of cells */
-#define SBL__CELL_SPLIT 0x80000000u
+#define SBL__SLOT_TRIES 64         /* in the table of cells */
+#define SBL__CELL_CUT 0x80000000u
 #define SBL__CELL_DEPTH 8          /* splits under a cell */
 #define SBL__LEVELS 3              /* of cells: where there are many, wider ones take over, */
 #define SBL__LEVEL_SHIFT 2         /* each 2^this times as long */
@@ -2690,7 +2690,7 @@ typedef struct sbl__record {
 
 #define SBL__SHARED_INTS(X) \
     X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) X(SKY_COLUMN_BITS) \
-    X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(PROBES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) \
+    X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(SLOT_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) \
     X(GUIDE_RINGS) X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOOK_GUIDE_SHIFT) \
     X(HASH_SHIFT) X(RGBE_BIAS) X(RGBE_BITS)
 #define SBL__SHARED_BITS(X) \
@@ -2698,7 +2698,7 @@ typedef struct sbl__record {
     X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS) \
     X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) \
     X(LAMP_TRIANGLE) X(LAMP_NEAR_LIGHT) X(LAMP_FAR_LIGHT) X(LAMP_SKY_TEXEL) X(FAR_NODE) \
-    X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_SPLIT) X(LOOK_NUMBER) X(HASH_FACTOR)
+    X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(LOOK_NUMBER) X(HASH_FACTOR)
 #define SBL__SHARED_FLOATS(X) \
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_TURN) \
@@ -2901,7 +2901,7 @@ static void sbl__table_delete(const sbl__device *d, sbl__table *t) {
 }
 
 /* Shows the buffer's present content to shaders as texels of the format. */
-static sbl_result sbl__table_show(const sbl__device *d, sbl__table *t, unsigned format, int wide) {
+static sbl_result sbl__table_attach(const sbl__device *d, sbl__table *t, unsigned format, int wide) {
     const sbl__gl *gl = &d->gl;
     const int f = sbl__format(format);
     const size_t texel = (size_t)sbl__formats[f].bytes, texels = t->buffer.bytes / texel;
@@ -3012,7 +3012,7 @@ typedef struct sbl__recipe {
 /* >>glsl tables: shaders_embedded/tables.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_tables[] = {
 "// What stands above every shader: how tables are read. Those that grow with the scene are buffer textures or, past\n",
-"// the driver's limit for these, 2D textures (see sbl__table_show in sbl.h). Above this stand the program's\n",
+"// the driver's limit for these, 2D textures (see sbl__table_attach in sbl.h). Above this stand the program's\n",
 "// features and the constants that C shares, below it the functions that read its records (see >>records).\n",
 "#ifdef SBL_WIDE\n",
 "#define sbl_Texels usampler2D\n",
@@ -4391,18 +4391,18 @@ static void sbl__geometry_measure(sbl__geometry *g, const float (*drawn)[3]) {
 }
 
 /* Makes the contents of the tables' buffers visible to shaders. */
-static sbl_result sbl__geometry_show(const sbl__device *d, sbl__geometry *g) {
-    sbl_result result = sbl__table_show(d, &g->position_table, SBL__GL_RGBA32UI, g->wide);
-    if (result == SBL_SUCCESS) result = sbl__table_show(d, &g->attribute_table, SBL__GL_RGBA32UI, g->wide);
-    if (result == SBL_SUCCESS) result = sbl__table_show(d, &g->index_table, SBL__GL_R32UI, g->wide);
-    if (result == SBL_SUCCESS) result = sbl__table_show(d, &g->object_table, SBL__GL_RGBA32UI, g->wide);
+static sbl_result sbl__geometry_attach(const sbl__device *d, sbl__geometry *g) {
+    sbl_result result = sbl__table_attach(d, &g->position_table, SBL__GL_RGBA32UI, g->wide);
+    if (result == SBL_SUCCESS) result = sbl__table_attach(d, &g->attribute_table, SBL__GL_RGBA32UI, g->wide);
+    if (result == SBL_SUCCESS) result = sbl__table_attach(d, &g->index_table, SBL__GL_R32UI, g->wide);
+    if (result == SBL_SUCCESS) result = sbl__table_attach(d, &g->object_table, SBL__GL_RGBA32UI, g->wide);
     return result;
 }
 
 /* Sends all objects to the GPU after materials have changed. */
-static sbl_result sbl__geometry_show_objects(const sbl__device *d, sbl__geometry *g) {
+static sbl_result sbl__geometry_attach_objects(const sbl__device *d, sbl__geometry *g) {
     sbl__buffer_write(d, &g->object_table.buffer, 0, sizeof(sbl__object) * (size_t)g->mesh_count, g->objects);
-    return sbl__table_show(d, &g->object_table, SBL__GL_RGBA32UI, g->wide);
+    return sbl__table_attach(d, &g->object_table, SBL__GL_RGBA32UI, g->wide);
 }
 
 /* The vertex attributes that sensor_vertex.glsl declares. */
@@ -4428,7 +4428,7 @@ static sbl_result sbl__geometry_upload(const sbl__device *d, sbl__geometry *g) {
     if (result == SBL_SUCCESS)
         result = sbl__buffer_make(d, &g->object_table.buffer, sizeof(sbl__object) * (size_t)g->mesh_count, g->objects,
                                   usage);
-    if (result == SBL_SUCCESS) result = sbl__geometry_show(d, g);
+    if (result == SBL_SUCCESS) result = sbl__geometry_attach(d, g);
     if (result == SBL_SUCCESS) result = sbl__array_make(d, &g->vertex_array, &g->index_table.buffer);
     if (result != SBL_SUCCESS) return result;
     sbl__array_inputs(d, g->vertex_array, &g->position_table.buffer, sbl__vertex_inputs, 2);
@@ -4457,20 +4457,20 @@ static sbl_result sbl__geometry_move(const sbl__device *d, sbl__geometry *g, int
         sbl__buffer_write(d, &g->index_table.buffer, 4 * corners, 12 * (size_t)mesh->triangle_count,
                           g->indices + corners);
     }
-    return g->wide ? sbl__geometry_show(d, g) : sbl__gl_check(&d->gl);
+    return g->wide ? sbl__geometry_attach(d, g) : sbl__gl_check(&d->gl);
 }
 
-static const sbl__object *sbl__object_of(const sbl__geometry *g, uint32_t triangle) {
+static const sbl__object *sbl__triangle_object(const sbl__geometry *g, uint32_t triangle) {
     return &g->objects[g->vertices[g->indices[3 * (size_t)triangle]].object];
 }
 
-static const float *sbl__corner_of(const sbl__geometry *g, uint32_t triangle, int corner) {
+static const float *sbl__triangle_corner(const sbl__geometry *g, uint32_t triangle, int corner) {
     return g->vertices[g->indices[3 * (size_t)triangle + (size_t)corner]].position;
 }
 
 static void sbl__scene_triangle(const sbl__geometry *g, uint32_t triangle, const float *corners[3]) {
     int k;
-    for (k = 0; k < 3; k++) corners[k] = sbl__corner_of(g, triangle, k);
+    for (k = 0; k < 3; k++) corners[k] = sbl__triangle_corner(g, triangle, k);
 }
 
 /* Unit; returns its area. */
@@ -5314,7 +5314,7 @@ static sbl_result sbl__environment_make(const sbl__device *d, sbl__environment *
 
 /* Radiance that a ray over the hemisphere finds if it hits nothing: the sky's, plus the picture's up to the limit. Same
    as `sky + sbl_sky(direction)` in trace.glsl. */
-static void sbl__environment_rest(const sbl__environment *e, const double direction[3], float light[3]) {
+static void sbl__environment_radiance(const sbl__environment *e, const double direction[3], float light[3]) {
     double d[3] = { 0, 0, 0 }, excess;
     const float *texel;
     int i, k, x, y;
@@ -5430,7 +5430,7 @@ static void sbl__box_add_point(sbl__box *b, const float *p) {
 static void sbl__box_of_triangle(sbl__box *b, const sbl__geometry *g, uint32_t triangle) {
     int k;
     sbl__box_clear(b);
-    for (k = 0; k < 3; k++) sbl__box_add_point(b, sbl__corner_of(g, triangle, k));
+    for (k = 0; k < 3; k++) sbl__box_add_point(b, sbl__triangle_corner(g, triangle, k));
 }
 
 static void sbl__box_add(sbl__box *b, const sbl__box *other) {
@@ -5515,7 +5515,7 @@ static void sbl__hierarchy_free(const sbl__device *d, sbl__hierarchy *h) {
 
 /* >>bvh: splitting */
 
-static int sbl__split_bin(const sbl__bvh_split *s, const sbl__box *b, int axis) {
+static int sbl__bvh_split_bin(const sbl__bvh_split *s, const sbl__box *b, int axis) {
     return (int)((b->low[axis] + b->high[axis] - s->centroids.low[axis]) * s->scale[axis]);
 }
 
@@ -5532,7 +5532,7 @@ static int sbl__bvh_chunk(const sbl__bvh *b, int chunk, int *end) {
 }
 
 /* Finds the bounds of the centroids. */
-static sbl_result sbl__split_measure(void *work, int chunk) {
+static sbl_result sbl__bvh_split_measure(void *work, int chunk) {
     sbl__bvh *b = (sbl__bvh *)work;
     int end, i = sbl__bvh_chunk(b, chunk, &end), k;
     for (; i < end; i++) {
@@ -5545,7 +5545,7 @@ static sbl_result sbl__split_measure(void *work, int chunk) {
 }
 
 /* Where bins start and how wide they are, once the centroids are known. */
-static int sbl__split_bins(void *work) {
+static int sbl__bvh_split_bins(void *work) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__bvh_split *s = &b->split;
     int axis, k;
@@ -5562,7 +5562,7 @@ static int sbl__split_bins(void *work) {
 }
 
 /* Puts triangles into bins. */
-static sbl_result sbl__split_count(void *work, int chunk) {
+static sbl_result sbl__bvh_split_count(void *work, int chunk) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__bvh_split *s = &b->split;
     int end, i = sbl__bvh_chunk(b, chunk, &end), axis;
@@ -5571,7 +5571,7 @@ static sbl_result sbl__split_count(void *work, int chunk) {
         for (axis = 0; axis < 3; axis++) {
             int bin;
             if (s->scale[axis] <= 0) continue;
-            bin = sbl__split_bin(s, box, axis);
+            bin = sbl__bvh_split_bin(s, box, axis);
             sbl__box_add(&s->bins[axis][bin], box);
             s->counts[axis][bin]++;
         }
@@ -5580,7 +5580,7 @@ static sbl_result sbl__split_count(void *work, int chunk) {
 }
 
 /* The cut that costs least, of all between bins. */
-static int sbl__split_choose(void *work) {
+static int sbl__bvh_split_choose(void *work) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__bvh_split *s = &b->split;
     float best = FLT_MAX, areas[SBL__BVH_BINS], cost;
@@ -5607,13 +5607,13 @@ static int sbl__split_choose(void *work) {
 }
 
 /* Brings the triangles of the first half to the front. */
-static sbl_result sbl__split_part(void *work, int chunk) {
+static sbl_result sbl__bvh_split_part(void *work, int chunk) {
     sbl__bvh *b = (sbl__bvh *)work;
     sbl__bvh_split *s = &b->split;
     int end, i = sbl__bvh_chunk(b, chunk, &end);
     for (; i < end; i++) {
         const uint32_t number = b->order[i];
-        const int second = sbl__split_bin(s, &b->boxes[number], s->axis) > s->bin;
+        const int second = sbl__bvh_split_bin(s, &b->boxes[number], s->axis) > s->bin;
         sbl__box_add(&s->halves[second], &b->boxes[number]);
         if (second) continue;
         b->order[i] = b->order[b->task.first + s->left];
@@ -5674,13 +5674,14 @@ static sbl_result sbl__bvh_drop_copies(const sbl__bvh *b, sbl__bvh_task *t) {
     if (!corners) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < t->count; i++) {
         const uint32_t number = order[t->first + i];
-        for (k = 0; k < 3; k++) memcpy(corners[i].words + 3 * k, sbl__corner_of(g, number, k), 12);
+        for (k = 0; k < 3; k++) memcpy(corners[i].words + 3 * k, sbl__triangle_corner(g, number, k), 12);
         corners[i].words[9] = number;
     }
     qsort(corners, (size_t)t->count, sizeof *corners, sbl__bvh_corner_order);
     for (i = 0; i < t->count; i++) {
         const uint32_t number = corners[i].words[9], before = corners[last].words[9];
-        if (i && !memcmp(corners[i].words, corners[last].words, 36) && sbl__object_of(g, before)->alpha_cutoff == 0.0f)
+        if (i && !memcmp(corners[i].words, corners[last].words, 36) &&
+            sbl__triangle_object(g, before)->alpha_cutoff == 0.0f)
             continue;
         last = i;
         order[t->first + kept++] = number;
@@ -5788,7 +5789,7 @@ static int sbl__bvh_all_triangles(void *work) { return ((sbl__bvh *)work)->geome
 static sbl_result sbl__bvh_box(void *work, int at) {
     sbl__bvh *b = (sbl__bvh *)work;
     const uint32_t i = (uint32_t)at;
-    if (sbl__object_of(b->geometry, i)->flags & SBL_MATERIAL_HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
+    if (sbl__triangle_object(b->geometry, i)->flags & SBL_MATERIAL_HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
     b->order[b->hierarchy->triangle_count++] = i;
     sbl__box_of_triangle(&b->boxes[i], b->geometry, i);
     sbl__box_add(&b->all, &b->boxes[i]);
@@ -5831,7 +5832,7 @@ static sbl_result sbl__bvh_upload(sbl__bvh *b, sbl__table *t, const void *from, 
     if (count) sbl__buffer_write(b->device, &t->buffer, size * (size_t)*at, size * (size_t)count, from);
     *at += count;
     if (*at < all) return SBL_UNFINISHED;
-    result = sbl__table_show(b->device, t, SBL__GL_RGBA32UI, b->geometry->wide);
+    result = sbl__table_attach(b->device, t, SBL__GL_RGBA32UI, b->geometry->wide);
     if (b->geometry->wide) sbl__buffer_delete(b->device, &t->buffer);  /* copied */
     return result;
 }
@@ -5852,12 +5853,12 @@ static sbl_result sbl__bvh_triangles(void *work, sbl__slice *slice) {
         const uint32_t number = b->order[b->stages.at + i];
         sbl__triangle *t = &records[i];
         if (number == SBL__BVH_DROPPED) continue;
-        memcpy(t->corner_0, sbl__corner_of(g, number, 0), 12);
-        memcpy(t->corner_1, sbl__corner_of(g, number, 1), 12);
-        memcpy(t->corner_2, sbl__corner_of(g, number, 2), 12);
+        memcpy(t->corner_0, sbl__triangle_corner(g, number, 0), 12);
+        memcpy(t->corner_1, sbl__triangle_corner(g, number, 1), 12);
+        memcpy(t->corner_2, sbl__triangle_corner(g, number, 2), 12);
         t->object = g->vertices[g->indices[3 * (size_t)number]].object;
         t->number = number;
-        t->cutout = sbl__object_of(g, number)->alpha_cutoff != 0.0f;
+        t->cutout = sbl__triangle_object(g, number)->alpha_cutoff != 0.0f;
     }
     result = sbl__bvh_upload(b, &h->triangle_table, records, sizeof *records, count, h->triangle_count);
     sbl__free(b->device->base, records);
@@ -5878,9 +5879,9 @@ static sbl_result sbl__hierarchy_step(sbl__device *d, const sbl__geometry *g, sb
     static const sbl__stage_row table[] = {
         { NULL, sbl__bvh_after_boxes, sbl__bvh_box, sbl__bvh_all_triangles },
         { sbl__bvh_begin_task, NULL, NULL, NULL },
-        { NULL, sbl__split_bins, sbl__split_measure, sbl__bvh_chunks },
-        { NULL, sbl__split_choose, sbl__split_count, sbl__bvh_chunks },
-        { NULL, NULL, sbl__split_part, sbl__bvh_chunks },
+        { NULL, sbl__bvh_split_bins, sbl__bvh_split_measure, sbl__bvh_chunks },
+        { NULL, sbl__bvh_split_choose, sbl__bvh_split_count, sbl__bvh_chunks },
+        { NULL, NULL, sbl__bvh_split_part, sbl__bvh_chunks },
         { sbl__bvh_end_task, sbl__bvh_after_task, NULL, NULL },
         { NULL, NULL, sbl__bvh_cost, sbl__bvh_inner_nodes },
         { sbl__bvh_triangles, NULL, NULL, NULL },
@@ -6226,7 +6227,7 @@ static sbl_result sbl__lamps_add_triangle(void *work, int place) {
     sbl__lamp lamp;
     int k;
     if (number == SBL__BVH_DROPPED) return SBL_SUCCESS;
-    object = sbl__object_of(l->geometry, number);
+    object = sbl__triangle_object(l->geometry, number);
     if (!sbl__emits(object, 0)) return SBL_SUCCESS;
     sbl__emission(object, 0, emission);
     area = sbl__scene_normal(l->geometry, number, normal);
@@ -6532,7 +6533,7 @@ static sbl_result sbl__lamps_store(void *work, sbl__slice *slice) {
             memcpy(all + nodes + leaves + sizeof record * (size_t)i, &record, sizeof record);
         }
         result = sbl__buffer_make(d, &lights->table.buffer, bytes, all, SBL__GL_STATIC_DRAW);
-        if (result == SBL_SUCCESS) result = sbl__table_show(d, &lights->table, SBL__GL_RGBA32UI, l->geometry->wide);
+        if (result == SBL_SUCCESS) result = sbl__table_attach(d, &lights->table, SBL__GL_RGBA32UI, l->geometry->wide);
         if (l->geometry->wide) sbl__buffer_delete(d, &lights->table.buffer);
     }
     sbl__free(d->base, all);
@@ -6584,20 +6585,20 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
    another leaf. All cells have one size, except that wider ones are used for places found last once there are many.
 
        triangle -> patch, side \
-                                hash grid -> leaf, or split -> ... -> leaf: R
+                                hash grid -> leaf, or cut -> ... -> leaf: R
        place    -> cube        /                                                                                  */
 
 /* A slot of the hash grid of cells. check: 0 for an empty slot. reference: 0: nothing is known here; number of a
-   leaf + 1; SBL__CELL_SPLIT | number of a split. */
+   leaf + 1; SBL__CELL_CUT | number of a cut. */
 typedef struct sbl__cell_slot { uint32_t check, reference; } sbl__cell_slot;
 
 /* A plane through a cell, with references to the parts below and above the plane. */
-#define SBL__SPLIT(X) \
-    X(sbl__split, VEC3, normal) X(sbl__split, FLOAT, distance) \
-    X(sbl__split, UVEC2, sides) X(sbl__split, UVEC2, unused)
-SBL__RECORD(sbl__split, SBL__SPLIT, "sbl_split", "sbl_store", SBL__SCENE_TABLE("sbl_store"), "first_split")
+#define SBL__CUT(X) \
+    X(sbl__cut, VEC3, normal) X(sbl__cut, FLOAT, distance) \
+    X(sbl__cut, UVEC2, sides) X(sbl__cut, UVEC2, unused)
+SBL__RECORD(sbl__cut, SBL__CUT, "sbl_cut", "sbl_store", SBL__SCENE_TABLE("sbl_store"), "first_cut")
 
-/* light: R; the low eight bits of its blue hold the uncertainty, see sbl__leaf_doubt. lamps: the part of R that
+/* light: R; the low eight bits of its blue hold the uncertainty, see sbl__leaf_uncertainty. lamps: the part of R that
    comes from lamps. */
 #define SBL__LEAF_RECORD(X) X(sbl__leaf, VEC3, light) X(sbl__leaf, UINT, lamps)
 SBL__RECORD(sbl__leaf, SBL__LEAF_RECORD, "sbl_leaf", "sbl_store", "", "first_leaf")
@@ -6609,21 +6610,21 @@ typedef struct sbl__store {
     uint32_t *patches;         /* one word per triangle: number << SBL__PATCH_SHIFT | axis | flat | back */
     sbl__cell_slot *cells;
     int cell_room;             /* a power of two */
-    sbl__split *splits;
+    sbl__cut *cuts;
     sbl__leaf *leaves;
-    int split_count, split_room, leaf_count, leaf_room;
+    int cut_count, cut_room, leaf_count, leaf_room;
     int most;                  /* largest allowed number of leaves */
     float brightest;           /* largest channel of R in any leaf */
     float air[6][3];           /* R where the host draws, for surfaces facing +x, -x, +y, -y, +z, -z */
-    sbl__table table;          /* patches, cells, splits and leaves, one after the other, because few texture units
+    sbl__table table;          /* patches, cells, cuts and leaves, one after the other, because few texture units
                                   exist */
-    int first_cell, first_split, first_leaf;  /* start of each part in the table, in texels of four words */
+    int first_cell, first_cut, first_leaf;  /* start of each part in the table, in texels of four words */
 } sbl__store;
 
 static void sbl__store_free(const sbl__device *d, sbl__store *s) {
     sbl__free(d->base, s->patches);
     sbl__free(d->base, s->cells);
-    sbl__free(d->base, s->splits);
+    sbl__free(d->base, s->cuts);
     sbl__free(d->base, s->leaves);
     sbl__table_delete(d, &s->table);
     memset(s, 0, sizeof *s);
@@ -6631,13 +6632,14 @@ static void sbl__store_free(const sbl__device *d, sbl__store *s) {
 
 /* >>store: uncertainty of light, kept in the low bits of blue; shaders read them as a negligible part of the light */
 
-#define SBL__DOUBT_STEPS 16        /* steps in a factor of 2; bits of 0 mean that the uncertainty is unknown */
-#define SBL__DOUBT_LEAST 1e-30f    /* least blue value that holds such bits */
+#define SBL__UNCERTAINTY_STEPS 16  /* steps in a factor of 2; bits of 0 mean that the uncertainty is unknown */
+#define SBL__UNCERTAINTY_LEAST 1e-30f  /* least blue value that holds such bits */
 
-static void sbl__leaf_set_doubt(sbl__leaf *leaf, double doubt) {
+static void sbl__leaf_set_uncertainty(sbl__leaf *leaf, double uncertainty) {
+    const double steps = -SBL__UNCERTAINTY_STEPS * log(SBL__MAX(uncertainty, 1e-9)) / log(2.0);
     uint32_t bits, step;
-    if (leaf->light[2] < SBL__DOUBT_LEAST) return;
-    step = (uint32_t)SBL__MIN(SBL__MAX(-SBL__DOUBT_STEPS * log(SBL__MAX(doubt, 1e-9)) / log(2.0), 1.0), 255.0);
+    if (leaf->light[2] < SBL__UNCERTAINTY_LEAST) return;
+    step = (uint32_t)SBL__MIN(SBL__MAX(steps, 1.0), 255.0);
     memcpy(&bits, &leaf->light[2], sizeof bits);
     bits = (bits & ~255u) | step;
     memcpy(&leaf->light[2], &bits, sizeof bits);
@@ -6645,12 +6647,12 @@ static void sbl__leaf_set_doubt(sbl__leaf *leaf, double doubt) {
 
 /* Returns the uncertainty of light gathered at a place with the given stored light: a standard error as a share of
    the stored light; 0: unknown. */
-static float sbl__leaf_doubt(const float light[3]) {
+static float sbl__leaf_uncertainty(const float light[3]) {
     uint32_t bits;
-    if (light[2] < SBL__DOUBT_LEAST) return 0;
+    if (light[2] < SBL__UNCERTAINTY_LEAST) return 0;
     memcpy(&bits, &light[2], sizeof bits);
     bits &= 255u;
-    return bits ? (float)pow(2.0, -(double)bits / SBL__DOUBT_STEPS) : 0;
+    return bits ? (float)pow(2.0, -(double)bits / SBL__UNCERTAINTY_STEPS) : 0;
 }
 
 /* >>store: cells. store.glsl repeats this lookup on the GPU. */
@@ -6685,7 +6687,7 @@ static sbl__cell_slot *sbl__store_slot(const sbl__store *s, uint32_t patch, cons
     sbl__cell_place(s, patch, position, at);
     hash = sbl__hash_step(sbl__hash_step(sbl__hash_step(sbl__hash_step(0, patch), at[0]), at[1]), at[2]);
     *check = sbl__hash_step(sbl__hash_step(sbl__hash_step(hash, at[2]), at[1]), at[0]) | 1u;
-    for (i = 0; i < SBL__PROBES; i++) {
+    for (i = 0; i < SBL__SLOT_TRIES; i++) {
         sbl__cell_slot *slot = &s->cells[(hash + (uint32_t)i) & (uint32_t)(s->cell_room - 1)];
         if (slot->check == *check || slot->check == 0) return slot;
     }
@@ -6693,16 +6695,16 @@ static sbl__cell_slot *sbl__store_slot(const sbl__store *s, uint32_t patch, cons
 }
 
 /* Returns the reference that leads to the light at a position, adding the cell if necessary; NULL: there is no room.
-   *depth: number of splits on the way. The pointer is valid until a split is added. */
+   *depth: number of cuts on the way. The pointer is valid until a cut is added. */
 static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const float position[3], int *depth) {
     uint32_t check, *reference;
     sbl__cell_slot *slot = sbl__store_slot(s, patch, position, &check);
     if (!slot) return NULL;
     slot->check = check;
     reference = &slot->reference;
-    for (*depth = 0; *reference >= SBL__CELL_SPLIT; ++*depth) {
-        sbl__split *split = &s->splits[*reference & ~SBL__CELL_SPLIT];
-        reference = &split->sides[sbl__dot(split->normal, position) > split->distance];
+    for (*depth = 0; *reference >= SBL__CELL_CUT; ++*depth) {
+        sbl__cut *cut = &s->cuts[*reference & ~SBL__CELL_CUT];
+        reference = &cut->sides[sbl__dot(cut->normal, position) > cut->distance];
     }
     return reference;
 }
@@ -6733,7 +6735,7 @@ static sbl_result sbl__store_clear(sbl__base *base, sbl__store *s, int leaves) {
         s->cell_room = room;
     }
     memset(s->cells, 0, (size_t)room * sizeof *s->cells);
-    s->leaf_count = s->split_count = 0;
+    s->leaf_count = s->cut_count = 0;
     return SBL_SUCCESS;
 }
 
@@ -6751,20 +6753,20 @@ static sbl_result sbl__store_add_leaf(sbl__base *base, sbl__store *s, uint32_t *
 static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *reference, const float normal[3],
                                  float distance, int side) {
     const uint32_t before = *reference;
-    sbl__split *split;
-    *reference = SBL__CELL_SPLIT | (uint32_t)s->split_count;
-    if (!sbl__grow(base, &s->splits, &s->split_room, s->split_count + 1, sizeof *s->splits))
+    sbl__cut *cut;
+    *reference = SBL__CELL_CUT | (uint32_t)s->cut_count;
+    if (!sbl__grow(base, &s->cuts, &s->cut_room, s->cut_count + 1, sizeof *s->cuts))
         return SBL_ERROR_OUT_OF_MEMORY;
-    split = &s->splits[s->split_count++];
-    memset(split, 0, sizeof *split);
-    memcpy(split->normal, normal, sizeof split->normal);
-    split->distance = distance;
-    split->sides[side] = before;
+    cut = &s->cuts[s->cut_count++];
+    memset(cut, 0, sizeof *cut);
+    memcpy(cut->normal, normal, sizeof cut->normal);
+    cut->distance = distance;
+    cut->sides[side] = before;
     return SBL_SUCCESS;
 }
 
 /* Cuts the leaf at a position along a plane; the leaf keeps the side of that position. */
-static sbl_result sbl__store_add_split(sbl__base *base, sbl__store *s, uint32_t patch, const float position[3],
+static sbl_result sbl__store_add_cut(sbl__base *base, sbl__store *s, uint32_t patch, const float position[3],
                                        const float normal[3], float distance) {
     int depth;
     return sbl__store_cut(base, s, sbl__store_find(s, patch, position, &depth), normal, distance,
@@ -6857,7 +6859,7 @@ static sbl_result sbl__patch_measure(void *work, int at) {
     const uint32_t triangle = (uint32_t)at;
     const uint32_t root = sbl__root(p->parents, triangle);
     sbl__patch *patch = &p->patches[root];
-    const sbl__object *o = sbl__object_of(g, triangle);
+    const sbl__object *o = sbl__triangle_object(g, triangle);
     double normal[3], along;
     const double area = sbl__scene_normal(g, triangle, normal);
     sbl__box box;
@@ -6893,7 +6895,7 @@ static void sbl__patch_grid(sbl__patching *p, sbl__store *s, double leaves) {
 static uint32_t sbl__patch_word(sbl__patching *p, uint32_t triangle) {
     const sbl__geometry *g = p->geometry;
     const uint32_t root = sbl__root(p->parents, triangle);
-    const uint32_t mesh = (uint32_t)(sbl__object_of(g, triangle) - g->objects);
+    const uint32_t mesh = (uint32_t)(sbl__triangle_object(g, triangle) - g->objects);
     const int pooled = p->patches[root].area < p->least;
     const uint32_t number = pooled ? (uint32_t)g->triangle_count + mesh : root;
     uint32_t axis = 0;
@@ -6928,23 +6930,23 @@ static sbl_result sbl__store_send(const sbl__device *d, sbl__store *s, int trian
     for (i = 0, s->brightest = 0; i < s->leaf_count; i++)
         s->brightest = SBL__MAX(s->brightest, sbl__max3(s->leaves[i].light));
     s->first_cell = triangles / 4 + 1;
-    s->first_split = s->first_cell + s->cell_room / 2;
-    s->first_leaf = s->first_split + 2 * s->split_count;
+    s->first_cut = s->first_cell + s->cell_room / 2;
+    s->first_leaf = s->first_cut + 2 * s->cut_count;
     result = sbl__buffer_make(d, buffer, 16 * ((size_t)s->first_leaf + (size_t)s->leaf_count), NULL,
                               SBL__GL_STATIC_DRAW);
     if (result != SBL_SUCCESS) return result;
     sbl__store_part(d, buffer, 0, s->patches, sizeof *s->patches * (size_t)triangles);
     sbl__store_part(d, buffer, s->first_cell, s->cells, sizeof *s->cells * (size_t)s->cell_room);
-    sbl__store_part(d, buffer, s->first_split, s->splits, sizeof *s->splits * (size_t)s->split_count);
+    sbl__store_part(d, buffer, s->first_cut, s->cuts, sizeof *s->cuts * (size_t)s->cut_count);
     sbl__store_part(d, buffer, s->first_leaf, s->leaves, sizeof *s->leaves * (size_t)s->leaf_count);
-    return sbl__table_show(d, &s->table, SBL__GL_RGBA32UI, wide);
+    return sbl__table_attach(d, &s->table, SBL__GL_RGBA32UI, wide);
 }
 
 /* Sets the inputs of store.glsl. */
 static void sbl__store_bind(sbl__device *d, const sbl__store *s) {
     sbl__bind_table(d, "sbl_store", &s->table);
     sbl__set_int(d, "first_cell", s->first_cell);
-    sbl__set_int(d, "first_split", s->first_split);
+    sbl__set_int(d, "first_cut", s->first_cut);
     sbl__set_int(d, "first_leaf", s->first_leaf);
     sbl__set_vec3(d, "cell_origin", s->origin);
     sbl__set_float(d, "per_cell", 1 / s->length);
@@ -6999,17 +7001,17 @@ static const char *const sbl__glsl_store[] = {
 "    for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {  // as seen from elsewhere, or wider\n",
 "        uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);\n",
 "        uint check = sbl_hash_step(sbl_hash_step(sbl_hash_step(hash, at.z), at.y), at.x) | 1u;\n",
-"        for (int i = 0; i < SBL_PROBES; i++) {\n",
+"        for (int i = 0; i < SBL_SLOT_TRIES; i++) {\n",
 "            int place = int(hash + uint(i)) & cell_mask;\n",
 "            uvec4 two = sbl_fetch(sbl_store, first_cell + (place >> 1));\n",
 "            uvec2 slot = (place & 1) == 0 ? two.xy : two.zw;\n",
 "            if (slot.x == check) reference = slot.y;\n",
 "            if (slot.x == check || slot.x == 0u) break;\n",
 "        }\n",
-"        for (int i = 0; i < SBL_CELL_DEPTH && reference >= SBL_CELL_SPLIT; i++) {\n",
-"            int split = int(reference & ~SBL_CELL_SPLIT);\n",
-"            uvec2 sides = sbl_split_sides(split);\n",
-"            reference = dot(sbl_split_normal(split), position) > sbl_split_distance(split) ? sides.y : sides.x;\n",
+"        for (int i = 0; i < SBL_CELL_DEPTH && reference >= SBL_CELL_CUT; i++) {\n",
+"            int cut = int(reference & ~SBL_CELL_CUT);\n",
+"            uvec2 sides = sbl_cut_sides(cut);\n",
+"            reference = dot(sbl_cut_normal(cut), position) > sbl_cut_distance(cut) ? sides.y : sides.x;\n",
 "        }\n",
 "        patch_word ^= SBL_PATCH_NEAR;\n",
 "        if ((tries & 1) == 1) {\n",
@@ -7085,7 +7087,7 @@ static void sbl__scene_dress(sbl__scene *s, const sbl_material *materials) {
 }
 
 #define SBL__STORE_LEAVES 49152
-#define SBL__STORE_TEXELS 8        /* a leaf, with its share of cells and splits, at most */
+#define SBL__STORE_TEXELS 8        /* a leaf, with its share of cells and cuts, at most */
 
 /* How many leaves the store may have: as many as the host allows, and the driver's limit for tables. */
 static void sbl__scene_fit_store(const sbl__device *d, sbl__scene *s, int samples) {
@@ -7184,7 +7186,7 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
 }
 
 /* What shines is out of date: it is made again when it is next needed. */
-static void sbl__scene_relit(const sbl__device *d, sbl__scene *s) {
+static void sbl__scene_lamps_changed(const sbl__device *d, sbl__scene *s) {
     sbl__lamps_free(d, s->lights.building);
     s->lights.building = NULL;
     s->lights.ready = s->store.ready = 0;
@@ -7197,11 +7199,11 @@ static void sbl__scene_changed(const sbl__device *d, sbl__scene *s) {
     s->hierarchy.building = NULL;
     s->hierarchy.ready = 0;
     s->surfaces++;
-    sbl__scene_relit(d, s);
+    sbl__scene_lamps_changed(d, s);
 }
 
 /* Other materials and lights, as many as there are. On failure all is as it was. */
-static sbl_result sbl__scene_relight(sbl__device *d, sbl__scene *s, const sbl_material *materials,
+static sbl_result sbl__scene_update_light(sbl__device *d, sbl__scene *s, const sbl_material *materials,
                                      const sbl_light *lights) {
     const size_t bytes = (size_t)s->geometry.mesh_count * sizeof(sbl__object);
     sbl__object *objects = s->geometry.objects;
@@ -7221,13 +7223,13 @@ static sbl_result sbl__scene_relight(sbl__device *d, sbl__scene *s, const sbl_ma
     if (result == SBL_SUCCESS && s->geometry.wide != before.geometry.wide) result = SBL_ERROR_UNSUPPORTED;
     if (result == SBL_SUCCESS) {
         d->gl.doing = "storing materials";
-        result = sbl__geometry_show_objects(d, &s->geometry);
+        result = sbl__geometry_attach_objects(d, &s->geometry);
     }
     if (result != SBL_SUCCESS) {
         sbl__lights_free(d, &others);
         sbl__free(d->base, s->geometry.objects);
         *s = before;
-        sbl__geometry_show_objects(d, &s->geometry);
+        sbl__geometry_attach_objects(d, &s->geometry);
         return result;
     }
     for (i = 0; i < s->geometry.mesh_count; i++)
@@ -7236,7 +7238,7 @@ static sbl_result sbl__scene_relight(sbl__device *d, sbl__scene *s, const sbl_ma
     sbl__lights_free(d, &s->lights);
     s->lights = others;
     if (differ) sbl__scene_changed(d, s);
-    else sbl__scene_relit(d, s);
+    else sbl__scene_lamps_changed(d, s);
     return SBL_SUCCESS;
 }
 
@@ -7538,7 +7540,7 @@ static void sbl__check_camera(sbl__check *check, const char *where, const sbl_pi
     orthographic = m[3] == 0.0f && m[7] == 0.0f && m[11] == 0.0f && m[15] == 1.0f && m[8] == 0.0f && m[9] == 0.0f;
     if (!(perspective || orthographic) || m[0] == 0.0f || m[5] == 0.0f || m[1] != 0.0f || m[4] != 0.0f)
         sbl__mistake(check, "%s: view_to_clip is neither a perspective nor an orthographic projection (column-major, "
-                     "looking down -z; its last row is %g %g %g %g); sbl_perspective makes one", where, (double)m[3],
+                     "seen down -z; its last row is %g %g %g %g); sbl_perspective makes one", where, (double)m[3],
                      (double)m[7], (double)m[11], (double)m[15]);
 }
 
@@ -8518,7 +8520,7 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     sbl__camera_rows(c, clip, rows);
     while (end < g->triangle_count && pixels < room) {
         const float *p[3];
-        for (i = 0; i < 3; i++) p[i] = sbl__corner_of(g, (uint32_t)end, i);
+        for (i = 0; i < 3; i++) p[i] = sbl__triangle_corner(g, (uint32_t)end, i);
         pixels += SBL__TRIANGLE_PIXELS + sbl__triangle_pixels(s, c, rows, p);
         end++;
     }
@@ -8614,7 +8616,7 @@ static const sbl__recipe sbl__recipe_gbuffer = {
     "gbuffer", { sbl__glsl_fullscreen_vertex },
     { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_surface, sbl__glsl_camera, sbl__glsl_store,
       sbl__glsl_gbuffer_fragment },
-    { &sbl__vertex_record, &sbl__attributes_record, &sbl__object_record, &sbl__split_record, &sbl__leaf_record },
+    { &sbl__vertex_record, &sbl__attributes_record, &sbl__object_record, &sbl__cut_record, &sbl__leaf_record },
     SBL__TEXTURED | SBL__WIDE | SBL__BOUNCED | SBL__LIGHTMAP
 };
 
@@ -8751,16 +8753,16 @@ typedef struct sbl__spec {
     int lamp_rays;              /* maximum number of rays towards lamps per look; 0: no rays are aimed at lamps */
     int lamps_apart;            /* 1: lamp_rays measure all emission, so other rays and views do not see it */
     int bounced;                /* 1: surfaces reflect bounced light (see >>store) and ambient light; 0: ambient only */
-    int skyless;                /* traced: 1: rays over the hemisphere see neither the sky nor the environment */
-    int dark;                   /* traced: 1: rays over the hemisphere cannot find light, so only a site's first look
+    int without_sky;            /* traced: 1: rays over the hemisphere see neither the sky nor the environment */
+    int no_light;               /* traced: 1: rays over the hemisphere cannot find light, so only a site's first look
                                    traces them, for the distances and back faces that readings report */
     int guided;                 /* 1: guides direct the sites' rays, see >>guide */
-    float reach;                /* traced: upper limit for each distance in a reading's mean distance; 0: no limit */
-    int narrow;                 /* traced: 1: a look traces one ray only, along the normal */
+    float distance_limit;       /* traced: upper limit for each distance in a reading's mean distance; 0: no limit */
+    int one_ray;                /* traced: 1: a look traces one ray only, along the normal */
     int directional;            /* 1: the job also yields layers 1 to 4 for each site, see SBL__LAYERS */
     float epsilon;              /* ambient light: radiance that reaches all surfaces from all directions */
     uint32_t seed;              /* seed for the rotation of all sensors, see sbl_picture_desc */
-    int atlas_size, batch;      /* fields of sbl_context_desc */
+    int view_texture_size, batch;  /* fields of sbl_context_desc */
 } sbl__spec;
 
 /* One look of a site. */
@@ -8768,7 +8770,7 @@ typedef struct sbl__look {
     float position[3];          /* position of the sensor: the site's position, moved by the offset */
     float normal[3];
     float offset;
-    float turn;                 /* rasterised: rotation of the views about the normal, radians */
+    float rotation;             /* rasterised: rotation of the views about the normal, radians */
     uint32_t seed;              /* traced: scrambles the points of the sequence that give the rays' directions */
     int number;                 /* index among the site's looks; selects the section of the sequence for its rays */
     int guide;                  /* number of the site's guide */
@@ -8788,18 +8790,18 @@ typedef struct sbl__look {
 
 /* Makes look number `look` of a site. The sensor is moved off the surface along the geometric normal. Its rotation
    about the normal is the site's hash (0 to 1) plus the look number's radical inverse, in quarter turns, so that any
-   number of looks are spread evenly over a quarter turn. In the paper's mode looks are not rotated. */
+   number of looks are spread evenly over a quarter rotation. In the paper's mode looks are not rotated. */
 static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int look, sbl__look *out) {
     const uint32_t hash = sbl__hash(site->number ^ sbl__hash(spec->seed));
-    double turn = 0, share = 0.5;  /* turn: radical inverse of `look` in base 2, 0 to 1 */
+    double rotation = 0, share = 0.5;  /* rotation: radical inverse of `look` in base 2, 0 to 1 */
     int k;
-    for (k = look; k > 0; k >>= 1, share *= 0.5) turn += k & 1 ? share : 0;
+    for (k = look; k > 0; k >>= 1, share *= 0.5) rotation += k & 1 ? share : 0;
     for (k = 0; k < 3; k++) {
         out->position[k] = site->position[k] + site->offset * site->geometric_normal[k];
         out->normal[k] = site->normal[k];
     }
     out->offset = site->offset;
-    out->turn = spec->paper ? 0 : (float)(0.5 * SBL__PI * (hash / 4294967296.0 + turn));
+    out->rotation = spec->paper ? 0 : (float)(0.5 * SBL__PI * (hash / 4294967296.0 + rotation));
     out->seed = hash;
     out->number = look;
     out->guide = site->guide;
@@ -8808,7 +8810,7 @@ static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int loo
 /* The data of a look that ray-tracing shaders read. The word `which` holds the look's number in its low
    SBL__LOOK_GUIDE_SHIFT bits and the guide's number above them. */
 #define SBL__LOOK_RECORD(X) \
-    X(sbl__look_words, VEC3, position) X(sbl__look_words, FLOAT, turn) \
+    X(sbl__look_words, VEC3, position) X(sbl__look_words, FLOAT, rotation) \
     X(sbl__look_words, VEC3, normal) X(sbl__look_words, FLOAT, offset) \
     X(sbl__look_words, UVEC2, scramble) X(sbl__look_words, UINT, lamp_scramble) X(sbl__look_words, UINT, which)
 SBL__RECORD(sbl__look_words, SBL__LOOK_RECORD, "sbl_look", "sbl_looks", SBL__BUFFER_TABLE("sbl_looks"), NULL)
@@ -8816,7 +8818,7 @@ SBL__RECORD(sbl__look_words, SBL__LOOK_RECORD, "sbl_look", "sbl_looks", SBL__BUF
 static void sbl__look_write(const sbl__look *l, sbl__look_words *out) {
     memcpy(out->position, l->position, sizeof out->position);
     memcpy(out->normal, l->normal, sizeof out->normal);
-    out->turn = l->turn;
+    out->rotation = l->rotation;
     out->offset = l->offset;
     out->scramble[0] = sbl__hash(l->seed);
     out->scramble[1] = sbl__hash(l->seed + 1u);
@@ -8865,10 +8867,10 @@ static void sbl__layout_make(sbl__layout *l, int hemicube, int size, float fov) 
 static int sbl__layout_pitch(const sbl__layout *l, int axis) { return l->blocks[axis] * l->block; }
 
 /* Computes two tangents of a unit normal (Duff et al. 2017, "Building an Orthonormal Basis, Revisited") and rotates
-   them about it by `turn` radians. right x up = -normal, as for a camera that looks along the normal. */
-static void sbl__frame(const float n[3], double turn, double right[3], double up[3]) {
+   them about it by `rotation` radians. right x up = -normal, as for a camera that looks along the normal. */
+static void sbl__frame(const float n[3], double rotation, double right[3], double up[3]) {
     const double s = n[2] < 0.0f ? -1 : 1, a = -1 / (s + n[2]), b = (double)n[0] * n[1] * a;
-    const double c = cos(turn), d = sin(turn);
+    const double c = cos(rotation), d = sin(rotation);
     double t[3], u[3];
     int k;
     t[0] = 1 + s * n[0] * n[0] * a; t[1] = s * b; t[2] = -s * n[0];
@@ -8881,7 +8883,7 @@ static void sbl__frame(const float n[3], double turn, double right[3], double up
 static void sbl__view_axes(const sbl__look *l, int face, double right[3], double up[3], double forward[3]) {
     double t[3], u[3];
     int k;
-    sbl__frame(l->normal, l->turn, t, u);
+    sbl__frame(l->normal, l->rotation, t, u);
     for (k = 0; k < 3; k++) {
         double n = l->normal[k];
         forward[k] = face == 0 ? n : face == 1 ? t[k] : face == 2 ? u[k] : face == 3 ? -t[k] : -u[k];
@@ -9105,7 +9107,7 @@ static double sbl__guide_interval_begin(const uint32_t *words, int i) {
 
 /* Same as sbl_guide in guide.glsl: maps a uniform point u of the unit square to one that is distributed by the guide,
    and returns the weight of its ray. words: first word of the guide */
-static double sbl__guide_send(const uint32_t *words, double u[2]) {
+static double sbl__guide_warp(const uint32_t *words, double u[2]) {
     static const int counts[2] = { SBL__GUIDE_RINGS, SBL__GUIDE_SECTORS };
     double weight = 1;
     int axis;
@@ -9209,7 +9211,7 @@ static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const
     for (i = 0; i < count; i++) sbl__look_write(&looks[i], &words[i]);
     result = sbl__buffer_stream(d, &table->buffer, sizeof *words * (size_t)room, words, sizeof *words * (size_t)count);
     sbl__free(d->base, words);
-    return result == SBL_SUCCESS ? sbl__table_show(d, table, SBL__GL_RGBA32UI, 0) : result;
+    return result == SBL_SUCCESS ? sbl__table_attach(d, table, SBL__GL_RGBA32UI, 0) : result;
 }
 
 /* >>glsl carrier: shaders_embedded/carrier.glsl, copied by scripts/embed_shaders */
@@ -9356,7 +9358,7 @@ static sbl_result sbl__sequence_store(const sbl__device *d, sbl__table *t, int l
     if (!points) return SBL_ERROR_OUT_OF_MEMORY;
     result = sbl__buffer_make(d, &t->buffer, (size_t)rays * (size_t)looks * 8, points, SBL__GL_STATIC_DRAW);
     sbl__free(d->base, points);
-    return result == SBL_SUCCESS ? sbl__table_show(d, t, SBL__GL_RG32UI, 0) : result;
+    return result == SBL_SUCCESS ? sbl__table_attach(d, t, SBL__GL_RG32UI, 0) : result;
 }
 
 /* Number of invocations among which a look's rays towards lamps are divided. lamps.glsl may stop an invocation early,
@@ -9457,7 +9459,7 @@ static const char *const sbl__glsl_lamps[] = {
 "                                    // whether\n",
 "const float SBL_PASS_CROWD = 16.0;  // they were enough. Of so many rays at least, and the fewer the more lamps\n",
 "                                    // share the light\n",
-"const int SBL_PROBED = 8;           // of so few entries, corners and rims are looked at besides\n",
+"const int SBL_RIM_LAMPS = 8;        // of so few entries, corners and rims are looked at besides\n",
 "const int SBL_CORNERS = 3;          // of a triangle, each so far from the others:\n",
 "const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;\n",
 "const int SBL_RIM = 12;             // points along the rim of a round lamp, at this share of its disc:\n",
@@ -9759,7 +9761,7 @@ static const char *const sbl__glsl_lamps[] = {
 "// A texel shows what stands in its middle, where a lamp's triangle may have ended: such points ask again, nearer\n",
 "// to the triangle's middle.\n",
 "bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {\n",
-"    float turn = sbl_look_turn(look);\n",
+"    float turn = sbl_look_rotation(look);\n",
 "    mat3 frame = sbl_frame(n);\n",
 "    vec3 axes[2] = vec3[2](cos(turn) * frame[0] - sin(turn) * frame[1],\n",
 "                           -cos(turn) * frame[1] - sin(turn) * frame[0]);  // right and up, see sbl__frame\n",
@@ -9935,18 +9937,18 @@ static const char *const sbl__glsl_lamps[] = {
 "bool reporting;          // the ray that is shot is the one\n",
 "#endif\n",
 "\n",
-"// The ray of a sample. rim: of a probe, the number of its point along the lamp's rim; negative: it is none. A\n",
-"// probe brings no light.\n",
+"// The ray of a sample. rim: of a at_rim, the number of its point along the lamp's rim; negative: it is none. A\n",
+"// at_rim brings no light.\n",
 "void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, int rim, bool point) {\n",
-"    bool probe = rim >= 0, cluster = p.cluster || l.kind == SBL_LAMP_SKY_TEXEL || dot(sparse, l.group) > 0.0;\n",
+"    bool at_rim = rim >= 0, cluster = p.cluster || l.kind == SBL_LAMP_SKY_TEXEL || dot(sparse, l.group) > 0.0;\n",
 "    vec3 light = s.light / p.share, to = s.direction;\n",
-"    taken += point || probe ? 0.0 : 1.0;\n",
+"    taken += point || at_rim ? 0.0 : 1.0;\n",
 "    if (!(light.r + light.g + light.b > 0.0)) return;\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "    vec4 counts = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), SBL_COSINE_LEAST));\n",
-"    if (!cluster && !point && !probe) open_harmonics[l.group.y > 0.0 ? 1 : 0] += outerProduct(counts, light);\n",
+"    if (!cluster && !point && !at_rim) open_harmonics[l.group.y > 0.0 ? 1 : 0] += outerProduct(counts, light);\n",
 "#endif\n",
-"    if (!cluster && !point && !probe) {\n",
+"    if (!cluster && !point && !at_rim) {\n",
 "        open += outerProduct(light, l.group);\n",
 "        samples += l.group;\n",
 "    }\n",
@@ -9963,11 +9965,11 @@ static const char *const sbl__glsl_lamps[] = {
 "        report_way = vec4(point ? vec3(0) : to / away, p.leaf);\n",
 "    }\n",
 "#endif\n",
-"    if (!point && (probe || !cluster)) {\n",
+"    if (!point && (at_rim || !cluster)) {\n",
 "        if (hidden) dark += l.group;\n",
 "        else bright += l.group;\n",
 "    }\n",
-"    if (hidden || probe) return;\n",
+"    if (hidden || at_rim) return;\n",
 "#ifdef SBL_TEXTURED\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE) {\n",
 "        sbl_Attributes at = sbl_attributes_at(l.triangle, s.b.x, s.b.y);\n",
@@ -10091,7 +10093,7 @@ static const char *const sbl__glsl_lamps[] = {
 "    // So that the first pass does not overlook an edge that hides little, corners and rims of few lamps are looked\n",
 "    // at.\n",
 "    int passes = sbl_pass_count(), rims = rounded ? SBL_RIM : SBL_CORNERS;\n",
-"    int probes = passes > 1 && used <= SBL_PROBED ? rims * used : 0;\n",
+"    int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;\n",
 "    int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;\n",
 "    bool undecided = total > 0.0;\n",
 "    for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // the points of light come first\n",
@@ -10102,27 +10104,27 @@ static const char *const sbl__glsl_lamps[] = {
 "        int from = int(uint((eighth + pass * stretch) * rays) / uint(eighths));\n",
 "        int to = total > 0.0 ? int(uint((eighth + (pass + 1) * stretch) * rays) / uint(eighths)) : from;\n",
 "        bool point = pass < 0;\n",
-"        int start = point ? part : pass == 0 ? from - probes : from, end = point ? certain : to;\n",
+"        int start = point ? part : pass == 0 ? from - rim_samples : from, end = point ? certain : to;\n",
 "        for (int k = start; k < end; k += point ? parts : 1) {\n",
-"            bool probe = pass == 0 && k < from;\n",
-"            uint probed = uint(from - 1 - k);\n",
-"            int rim = probe ? int(probed % uint(rims)) : -1, entry = entries[point ? SBL_LAMPS - 1 - k : 0];\n",
+"            bool at_rim = pass == 0 && k < from;\n",
+"            uint rim_index = uint(from - 1 - k);\n",
+"            int rim = at_rim ? int(rim_index % uint(rims)) : -1, entry = entries[point ? SBL_LAMPS - 1 - k : 0];\n",
 "            uvec2 fraction = texelFetch(sbl_sequence, skip + max(k, 0)).xy ^ scramble;\n",
 "            vec2 u = sbl_unit_square(fraction);\n",
 "            sbl_Pick p = sbl_Pick(0, point ? 1.0 / float(parts) : 1.0, u, false);\n",
-"            if (probe) entry = entries[probed / uint(rims)];\n",
+"            if (at_rim) entry = entries[rim_index / uint(rims)];\n",
 "            else if (!point) entry = sbl_pick_entry(p);\n",
-"            if (probe && entry < 0) continue;\n",
+"            if (at_rim && entry < 0) continue;\n",
 "            p.leaf = entry;\n",
 "            p.cluster = entry < 0;\n",
 "#ifdef SBL_MIXED\n",
 "            if (p.cluster) sbl_descend(p, -1 - entry, fraction.x);\n",
 "#endif\n",
 "            sbl_Lamp l = sbl_lamp(p.leaf);\n",
-"            bool corner = probe && l.kind == SBL_LAMP_TRIANGLE;\n",
-"            if (probe && (l.kind == SBL_LAMP_SKY_TEXEL || (corner && rim >= SBL_CORNERS))) continue;\n",
+"            bool corner = at_rim && l.kind == SBL_LAMP_TRIANGLE;\n",
+"            if (at_rim && (l.kind == SBL_LAMP_SKY_TEXEL || (corner && rim >= SBL_CORNERS))) continue;\n",
 "            float turned = float(rim) + float(scramble.y >> 8) / SBL_FRACTIONS;\n",
-"            if (probe) p.u = vec2(SBL_RIM_AT, turned / float(SBL_RIM));\n",
+"            if (at_rim) p.u = vec2(SBL_RIM_AT, turned / float(SBL_RIM));\n",
 "            sbl_Sample s = sbl_sample(l, p.u);\n",
 "            if (corner) {\n",
 "                vec3 way = l.corner + (rim == 1 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_1 +\n",
@@ -10132,7 +10134,7 @@ static const char *const sbl__glsl_lamps[] = {
 "                s.light = vec3(dot(way, n));\n",
 "            }\n",
 "#ifdef SBL_INSPECT\n",
-"            reporting = point ? k == certain_ray : !probe && k == wanted;\n",
+"            reporting = point ? k == certain_ray : !at_rim && k == wanted;\n",
 "#endif\n",
 "            sbl_shoot(slot, p, l, s, rim, point);\n",
 "        }\n",
@@ -10216,10 +10218,10 @@ static void sbl__directions_row(const sbl__layout *l, int face, int j, float *di
 #define SBL__SLOTS_MOST 4096   /* maximum number of slots in the view texture */
 #define SBL__VIEW_DEPTH 1e-6f  /* depth is this value divided by the distance along the view's axis in scene extents;
                                   all geometry nearer than this value gets depth 1 */
-#define SBL__PROBE_FOV 2.0f    /* field of view of a stuck test, degrees: wide enough to hit the sensor's own surface,
-                                  too narrow to hit the walls of a corner */
-#define SBL__PROBE_SIZE 4      /* width and height of a stuck test's view, texels */
-#define SBL__PROBE_ATLAS 512   /* maximum width and height of the part of the view texture for stuck tests, texels */
+#define SBL__STUCK_FOV 2.0f    /* field of view of a stuck test, degrees: wide enough to hit the sensor's own surface,
+                                  too one_ray to hit the walls of a corner */
+#define SBL__STUCK_SIZE 4      /* width and height of a stuck test's view, texels */
+#define SBL__STUCK_TEXTURE 512  /* maximum width and height of the part of the view texture for stuck tests, texels */
 
 /* The views of one kind of look. */
 typedef struct sbl__lens {
@@ -10230,8 +10232,8 @@ typedef struct sbl__lens {
     sbl__texture directions;    /* directional jobs: direction of each texel of a sheet, see sbl__directions_row */
 } sbl__lens;
 
-/* The two kinds of looks: SBL__LENS_SITE measures light, SBL__LENS_PROBE is a stuck test (see sbl__job_judge). */
-enum { SBL__LENS_SITE, SBL__LENS_PROBE, SBL__LENSES };
+/* The two kinds of looks: SBL__LENS_SITE measures light, SBL__LENS_STUCK is a stuck test (see sbl__job_judge). */
+enum { SBL__LENS_SITE, SBL__LENS_STUCK, SBL__LENSES };
 
 typedef struct sbl__raster {
     sbl__lens lenses[SBL__LENSES];
@@ -10267,12 +10269,12 @@ static float sbl__raster_scale(float brightest) {
     return brightest > 0 ? (float)ldexp(1, SBL__MIN(10 - (int)ceil(log(brightest) / log(2.0)), 100)) : 1;
 }
 
-/* Computes the slots of a lens in a view texture of width and height atlas_size. The size grows to hold at least one
+/* Computes the slots of a lens in a view texture of size view_texture_size squared, which grows to hold at least one
    sheet, up to the driver's limit `most`. If the driver's limit is too small for a sheet, there are 0 slots. */
-static void sbl__lens_fit(sbl__lens *lens, int atlas_size, int most) {
+static void sbl__lens_fit(sbl__lens *lens, int view_texture_size, int most) {
     const sbl__layout *l = &lens->layout;
     const int pitch[2] = { sbl__layout_pitch(l, 0), sbl__layout_pitch(l, 1) };
-    const int size = SBL__MIN(SBL__MAX(atlas_size, SBL__MAX(pitch[0], pitch[1])), most);
+    const int size = SBL__MIN(SBL__MAX(view_texture_size, SBL__MAX(pitch[0], pitch[1])), most);
     int fit[2];
     fit[0] = size / pitch[0];
     fit[1] = size / pitch[1];
@@ -10289,15 +10291,15 @@ static void sbl__lens_fit(sbl__lens *lens, int atlas_size, int most) {
 static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const sbl__scene *scene,
                                     const sbl__spec *spec, sbl__blocks *blocks) {
     const int most = d->gl.capabilities.max_texture_size;
-    sbl__lens *lens = &r->lenses[SBL__LENS_SITE], *probe = &r->lenses[SBL__LENS_PROBE];
+    sbl__lens *lens = &r->lenses[SBL__LENS_SITE], *stuck = &r->lenses[SBL__LENS_STUCK];
     const sbl__texture *color = &r->atlas;
     float brightest;
     int size[2], sums[2], k;
     sbl_result result;
     sbl__layout_make(&lens->layout, spec->hemicube, spec->size, spec->fov);
-    sbl__layout_make(&probe->layout, 0, SBL__PROBE_SIZE, SBL__PROBE_FOV);
-    sbl__lens_fit(lens, spec->atlas_size, most);
-    sbl__lens_fit(probe, SBL__MIN(spec->atlas_size, SBL__PROBE_ATLAS), most);
+    sbl__layout_make(&stuck->layout, 0, SBL__STUCK_SIZE, SBL__STUCK_FOV);
+    sbl__lens_fit(lens, spec->view_texture_size, most);
+    sbl__lens_fit(stuck, SBL__MIN(spec->view_texture_size, SBL__STUCK_TEXTURE), most);
     if (lens->slots.count < 1) {
         sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "a sensor of size %d needs a texture of %d x %d, the "
                  "driver has %d; use a smaller sensor_size", spec->size, sbl__layout_pitch(&lens->layout, 0),
@@ -10305,8 +10307,8 @@ static sbl_result sbl__raster_setup(const sbl__device *d, sbl__raster *r, const 
         return SBL_ERROR_UNSUPPORTED;
     }
     for (k = 0; k < 2; k++) {
-        size[k] = SBL__MAX(lens->area[k], probe->area[k]);
-        sums[k] = SBL__MAX(lens->area[k] / lens->layout.block, probe->area[k] / probe->layout.block);
+        size[k] = SBL__MAX(lens->area[k], stuck->area[k]);
+        sums[k] = SBL__MAX(lens->area[k] / lens->layout.block, stuck->area[k] / stuck->layout.block);
     }
     brightest = SBL__MAX(scene->brightest, spec->bounced ? scene->store.brightest : spec->epsilon);
     for (k = 0; k < 6 && spec->bounced; k++) brightest = SBL__MAX(brightest, sbl__max3(scene->store.air[k]));
@@ -10431,7 +10433,7 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "// What a sensor's texel holds: Ck, and the distance along the view axis, negative where a back face is seen.\n",
 "layout(location = 0) out vec4 out_radiance;\n",
 "in vec3 place;              // where in the atlas it was put\n",
-"uniform vec2 atlas_size;    // texels\n",
+"uniform vec2 view_texture_size;    // texels\n",
 "#if defined(SBL_TEXTURED) || defined(SBL_BOUNCED)\n",
 "uniform float radiance_scale;\n",
 "flat in int fragment_object;\n",
@@ -10457,7 +10459,8 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 "// A triangle whose plane holds the sensor is a line. Rounding makes it a triangle that may lie anywhere, in the\n",
 "// views of other sensors too: what is drawn there is not what is seen in that direction.\n",
 "bool sbl_seen_here() {\n",
-"    vec2 at = gl_FragCoord.xy / atlas_size * 2.0 - 1.0, beside = abs(place.xy - at * place.z) * 0.5 * atlas_size;\n",
+"    vec2 at = gl_FragCoord.xy / view_texture_size * 2.0 - 1.0;\n",
+"    vec2 beside = abs(place.xy - at * place.z) * 0.5 * view_texture_size;\n",
 "    return place.z > SBL_NEAREST && max(beside.x, beside.y) <= SBL_BESIDE * place.z + SBL_BESIDE_ROUNDING;\n",
 "}\n",
 "\n",
@@ -10489,7 +10492,7 @@ static const char *const sbl__glsl_sensor_fragment[] = {
 static const sbl__recipe sbl__recipe_sensor = {
     "sensor", { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_sensor_vertex },
     { sbl__glsl_scene, sbl__glsl_frame, sbl__glsl_material, sbl__glsl_store, sbl__glsl_sensor_fragment },
-    { &sbl__object_record, &sbl__vertex_record, &sbl__attributes_record, &sbl__split_record, &sbl__leaf_record },
+    { &sbl__object_record, &sbl__vertex_record, &sbl__attributes_record, &sbl__cut_record, &sbl__leaf_record },
     SBL__TEXTURED | SBL__WIDE | SBL__WRITE_DEPTH | SBL__BOUNCED
 };
 
@@ -10672,7 +10675,7 @@ static sbl_result sbl__raster_draw(sbl__device *d, sbl__raster *r, const sbl__le
         sbl__set_float(d, "depth_scale", SBL__VIEW_DEPTH);
         sbl__set_float(d, "epsilon", b->spec->epsilon);
         sbl__set_float(d, "radiance_scale", r->radiance_scale);
-        sbl__set_vec2(d, "atlas_size", (float)lens->area[0], (float)lens->area[1]);
+        sbl__set_vec2(d, "view_texture_size", (float)lens->area[0], (float)lens->area[1]);
         if (b->spec->bounced) {
             sbl__store_bind(d, &b->scene->store);
             sbl__draw_numbers(d, r->view_array, first, end - first, views);
@@ -10721,7 +10724,7 @@ static const char *const sbl__glsl_reduce_blocks[] = {
 "    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);\n",
 "#ifdef SBL_DIRECTIONAL\n",
 "    int slot = at.y / blocks.y * columns + at.x / blocks.x;\n",
-"    float s = sin(sbl_look_turn(slot)), c = cos(sbl_look_turn(slot));\n",
+"    float s = sin(sbl_look_rotation(slot)), c = cos(sbl_look_rotation(slot));\n",
 "    mat3 frame = sbl_frame(sbl_look_normal(slot)) * mat3(c, -s, 0, s, c, 0, 0, 0, 1);\n",
 "    mat3x4 harmonics = mat3x4(0);\n",
 "#endif\n",
@@ -10808,7 +10811,7 @@ static sbl_result sbl__trace_setup(const sbl__device *d, sbl__trace *t, const sb
     const int most = sbl__rays_most(&scene->hierarchy), few = SBL__MAX(1, most / 4);
     const int chunk = SBL__MIN(SBL__MIN(SBL__TRACE_CHUNK, few), (spec->rays + 7) / 8);
     const int chunks = (spec->rays + chunk - 1) / chunk, parts = sbl__aim_parts(spec, &scene->hierarchy);
-    sbl__slots *s = &t->slots[SBL__LENS_SITE], *probe = &t->slots[SBL__LENS_PROBE];
+    sbl__slots *s = &t->slots[SBL__LENS_SITE], *stuck = &t->slots[SBL__LENS_STUCK];
     sbl_result result;
     int rows;
     t->rays = spec->rays;
@@ -10819,8 +10822,8 @@ static sbl_result sbl__trace_setup(const sbl__device *d, sbl__trace *t, const sb
     rows = SBL__MIN(SBL__TRACE_TEXELS / SBL__MAX(s->blocks[1], parts), SBL__SLOTS_MOST / s->columns);
     rows = SBL__MAX(1, rows);
     s->count = s->columns * rows;
-    *probe = *s;
-    probe->blocks[0] = probe->blocks[1] = 1;
+    *stuck = *s;
+    stuck->blocks[0] = stuck->blocks[1] = 1;
     result = sbl__sequence_store(d, &t->sequence, spec->looks, t->rays, 1);
     return result == SBL_SUCCESS ? sbl__blocks_make(d, blocks, spec->directional ? 6 : 2, s->columns * s->blocks[0],
                                                     rows * s->blocks[1]) : result;
@@ -10877,12 +10880,12 @@ static const char *const sbl__glsl_trace[] = {
 "                                      // curve\n",
 "uniform int rays;                     // of a look\n",
 "uniform int paired;                   // 1: an invocation takes two at a time; 0: one, which its outputs tell of\n",
-"uniform bool dark;                    // nothing shines but lamps: rays merely tell where a sensor stands, and\n",
+"uniform bool no_light;                // nothing shines but lamps: rays merely tell where a sensor stands, and\n",
 "                                      // those of its first look do\n",
 "uniform float spread;                 // 1: the cosine's whole hemisphere; 0: all rays go along the normal\n",
-"uniform float reach;                  // what is farther off counts as so far off in the mean distance\n",
+"uniform float distance_limit;         // what is farther off counts as so far off in the mean distance\n",
 "uniform vec3 sky;\n",
-"uniform float ray_offset;             // of a surface's reach, that rays start off it\n",
+"uniform float ray_offset;             // of a surface's distance_limit, that rays start off it\n",
 "SBL_OUT(0, out_sum);\n",
 "SBL_OUT(1, out_hits);\n",
 "#ifdef SBL_DIRECTIONAL\n",
@@ -10950,7 +10953,7 @@ static const char *const sbl__glsl_trace[] = {
 "    mat3 frame = sbl_frame(sbl_look_normal(sensor));\n",
 "    uvec2 scramble = sbl_look_scramble(sensor);\n",
 "    uint which = sbl_look_which(sensor);\n",
-"    int number = int(which & SBL_LOOK_NUMBER), skip = number * rays, end = dark && number > 0 ? 0 : rays;\n",
+"    int number = int(which & SBL_LOOK_NUMBER), skip = number * rays, end = no_light && number > 0 ? 0 : rays;\n",
 "\n",
 "    vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);\n",
 "    float squares = 0.0, other = 0.0;\n",
@@ -10981,7 +10984,7 @@ static const char *const sbl__glsl_trace[] = {
 "            sum.rgb += share * sbl_radiance(hit, place, leg == SBL_LEGS - 1, goes_on, material);\n",
 "            if (leg == 0) {\n",
 "                sum.a += hit.back ? weight : 0.0;\n",
-"                hits.xy += weight * vec2(1.0, min(hit.distance, reach));\n",
+"                hits.xy += weight * vec2(1.0, min(hit.distance, distance_limit));\n",
 "                hits.z = min(hits.z, hit.distance);\n",
 "            }\n",
 "            if (!goes_on) break;\n",
@@ -11018,30 +11021,30 @@ static const sbl__recipe sbl__recipe_trace = {
       sbl__glsl_sky, sbl__glsl_guide, sbl__glsl_trace },
     { &sbl__object_record, &sbl__attributes_record, &sbl__node_record, &sbl__grid_node_record, &sbl__triangle_record,
       &sbl__look_words_record,
-      &sbl__split_record, &sbl__leaf_record },
+      &sbl__cut_record, &sbl__leaf_record },
     SBL__TEXTURED | SBL__CUTOUTS | SBL__WIDE | SBL__COMPUTE | SBL__BOUNCED | SBL__GUIDED | SBL__DIRECTIONAL
 };
 
 /* Traces the rays of a batch, whose looks must be in b->table already. Each look's rays are distributed over
-   slots->blocks[0] * slots->blocks[1] invocations. probe: 1: each look traces one ray only, along its normal; paired:
+   slots->blocks[0] * slots->blocks[1] invocations. stuck: 1: each look traces one ray only, along its normal; paired:
    1: an invocation takes its rays in pairs, to measure the variance; 0: it takes them singly, so that with one
    invocation per ray each output texel belongs to one ray */
-static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl__batch *b, int probe, int paired) {
+static sbl_result sbl__trace_draw(sbl__device *d, const sbl__trace *t, const sbl__batch *b, int stuck, int paired) {
     const sbl_result result = sbl__use(d, &sbl__recipe_trace, sbl__batch_features(b));
     if (result != SBL_SUCCESS) return result;
     sbl__rays_bind(d, b, &t->sequence, b->slots->blocks);
-    sbl__set_int(d, "rays", probe ? 1 : t->rays);
+    sbl__set_int(d, "rays", stuck ? 1 : t->rays);
     sbl__set_int(d, "paired", paired);
-    sbl__set_int(d, "dark", b->spec->dark);
+    sbl__set_int(d, "no_light", b->spec->no_light);
     sbl__set_int(d, "lamps_apart", b->spec->lamps_apart);
     sbl__set_float(d, "epsilon", b->spec->epsilon);
-    sbl__set_float(d, "spread", probe ? 0.0f : 1.0f);
-    sbl__set_float(d, "reach", b->spec->reach > 0 ? b->spec->reach : SBL__UNBOUNDED);
+    sbl__set_float(d, "spread", stuck ? 0.0f : 1.0f);
+    sbl__set_float(d, "distance_limit", b->spec->distance_limit > 0 ? b->spec->distance_limit : SBL__UNBOUNDED);
     sbl__set_float(d, "ray_offset", SBL__OFFSET);
     if (b->spec->guided) sbl__bind(d, "sbl_guides", &b->guides->texture);
-    if (b->spec->skyless) {
-        const float dark[3] = { 0, 0, 0 };
-        sbl__set_vec3(d, "sky", dark);
+    if (b->spec->without_sky) {
+        const float black[3] = { 0, 0, 0 };
+        sbl__set_vec3(d, "sky", black);
         sbl__set_float(d, "sky_limit", 0);
     }
     sbl__rays_send(d, b, &b->blocks->target, b->slots->blocks);
@@ -11121,7 +11124,7 @@ typedef struct sbl__job {
     sbl__look *looks;           /* the look in each slot */
     int look_most;              /* maximum number of looks per batch */
     /* State of the current round. The first round makes the sites' looks, the second round makes the stuck tests. */
-    int lens;                   /* SBL__LENS_SITE: looks at sites; SBL__LENS_PROBE: stuck tests */
+    int lens;                   /* SBL__LENS_SITE: looks at sites; SBL__LENS_STUCK: stuck tests */
     int *suspects;              /* indices of the sites that need a stuck test */
     int suspect_count, suspect_room;
     int look_count;             /* first_look plus the number of looks in the round */
@@ -11154,7 +11157,7 @@ static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl
                            const sbl_context_desc *c) {
     const sbl__environment *e = &scene->environment;
     const int rays = s->options.rays ? s->options.rays : s->look_rays;
-    const int dark = s->options.mode != SBL_MODE_GI && !e->pixels && !s->every_ray &&
+    const int no_light = s->options.mode != SBL_MODE_GI && !e->pixels && !s->every_ray &&
                      !(s->options.epsilon + e->sky[0] + e->sky[1] + e->sky[2] > 0);
     memset(spec, 0, sizeof *spec);
     spec->traced = s->options.backend == SBL_BACKEND_TRACE;
@@ -11167,13 +11170,13 @@ static void sbl__spec_make(sbl__spec *spec, const sbl__measurement *s, const sbl
     spec->seed = s->options.seed;
     spec->batch = c->batch;
     if (spec->traced) {
-        spec->dark = dark;
-        spec->rays = dark ? SBL__MIN(rays, SBL__TRACE_CHUNK) : rays;
+        spec->no_light = no_light;
+        spec->rays = no_light ? SBL__MIN(rays, SBL__TRACE_CHUNK) : rays;
     } else {
         spec->hemicube = s->sensor_kind == SBL_SENSOR_HEMICUBE;
         spec->size = s->options.sensor_size;
         spec->fov = s->sensor_fov;
-        spec->atlas_size = c->sensor_texture_size;
+        spec->view_texture_size = c->sensor_texture_size;
     }
 }
 
@@ -11196,7 +11199,7 @@ static int sbl__spec_layers(const sbl__spec *spec) { return spec->directional ? 
 /* Returns the noise of layers 1 to 4 as a share of R, for a look whose R is free of noise. Rays near the horizon count
    most in harmonics, and a look has only a few of them. */
 static float sbl__spec_layer_noise(const sbl__spec *spec) {
-    return spec->dark || !spec->traced ? 0 : SBL__FEW_RAYS / (float)sqrt((double)spec->rays);
+    return spec->no_light || !spec->traced ? 0 : SBL__FEW_RAYS / (float)sqrt((double)spec->rays);
 }
 
 /* Gets the size of a look's sheet: the texels of its views, or one row with a texel per ray. */
@@ -11231,9 +11234,10 @@ static int sbl__look_growth(const sbl__measurement *s, float error, double varia
 static int sbl__spec_equal(const sbl__spec *a, const sbl__spec *b) {
     return a->traced == b->traced && a->paper == b->paper && a->hemicube == b->hemicube && a->size == b->size &&
            a->fov == b->fov && a->rays == b->rays && a->lamp_rays == b->lamp_rays && a->lamps_apart == b->lamps_apart &&
-           a->bounced == b->bounced && a->skyless == b->skyless && a->dark == b->dark && a->looks == b->looks &&
-           a->narrow == b->narrow && a->directional == b->directional &&
-           a->epsilon == b->epsilon && a->atlas_size == b->atlas_size && a->batch == b->batch;
+           a->bounced == b->bounced && a->without_sky == b->without_sky && a->no_light == b->no_light &&
+           a->looks == b->looks &&
+           a->one_ray == b->one_ray && a->directional == b->directional &&
+           a->epsilon == b->epsilon && a->view_texture_size == b->view_texture_size && a->batch == b->batch;
 }
 
 /* >>job: setting up */
@@ -11380,7 +11384,7 @@ static sbl_result sbl__job_start_round(sbl__job *j, int lens) {
     j->lens = lens;
     j->site = j->look = j->batch = 0;
     j->drawn = j->aimed = j->reduced = lens == SBL__LENS_SITE ? j->task.first_look : 0;
-    if (lens == SBL__LENS_PROBE) looks = j->suspect_count;
+    if (lens == SBL__LENS_STUCK) looks = j->suspect_count;
     else for (i = 0; i < j->task.site_count; i++) looks += j->task.sites[i].looks;
     rows = (int)SBL__MIN((looks + j->drawn + SBL__RESULTS_WIDTH - 1) / SBL__RESULTS_WIDTH, INT_MAX);
     if (rows > most) {
@@ -11423,13 +11427,13 @@ static sbl_result sbl__job_compile(void *work, sbl__slice *slice) {
 /* Makes the next look of the round. A stuck test starts at the position of the site's first look and faces the
    surface. */
 static void sbl__job_next_look(sbl__job *j, int number, sbl__look *out) {
-    const int probe = j->lens == SBL__LENS_PROBE;
-    const sbl__site *site = &j->task.sites[probe ? j->suspects[j->site] : j->site];
+    const int stuck = j->lens == SBL__LENS_STUCK;
+    const sbl__site *site = &j->task.sites[stuck ? j->suspects[j->site] : j->site];
     int k;
-    sbl__look_make(&j->task.spec, site, site->first + (probe ? 0 : j->look), out);
+    sbl__look_make(&j->task.spec, site, site->first + (stuck ? 0 : j->look), out);
     out->sensor = number;
-    for (k = 0; probe && k < 3; k++) out->normal[k] = -site->geometric_normal[k];
-    if (!probe && ++j->look < site->looks) return;
+    for (k = 0; stuck && k < 3; k++) out->normal[k] = -site->geometric_normal[k];
+    if (!stuck && ++j->look < site->looks) return;
     j->look = 0;
     j->site++;
 }
@@ -11454,7 +11458,7 @@ static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     sbl__device *d = j->device;
     const sbl__spec *spec = &j->task.spec;
     const int all = j->scene->geometry.triangle_count, slots = sbl__job_slots(j)->count, slot = j->drawn % slots;
-    const int *blocks = sbl__job_slots(j)->blocks, narrow = j->lens == SBL__LENS_PROBE || spec->narrow;
+    const int *blocks = sbl__job_slots(j)->blocks, one_ray = j->lens == SBL__LENS_STUCK || spec->one_ray;
     sbl__batch b;
     int i, end = all;
     sbl_result result;
@@ -11469,7 +11473,7 @@ static sbl_result sbl__job_submit(sbl__job *j, double room, double *units) {
     *units = j->batch;
     if (spec->traced) {
         result = sbl__looks_send(d, &j->table, b.looks, b.count, b.slots->count);
-        if (result == SBL_SUCCESS) result = sbl__trace_draw(d, &j->trace, &b, narrow, 1);
+        if (result == SBL_SUCCESS) result = sbl__trace_draw(d, &j->trace, &b, one_ray, 1);
         *units = sbl__whole_lots(d, j->batch, blocks[0] * blocks[1]);
     } else {
         if (room < j->batch) end = (int)SBL__MIN(j->triangle + SBL__MAX(1.0, ceil(all * room / j->batch)), (double)all);
@@ -11670,7 +11674,7 @@ static void sbl__job_take(sbl__job *j, const float *const found[5]) {
    stuck, and its reading invalid, if the stuck test sees something nearer than this surface. */
 static sbl_result sbl__job_judge(sbl__job *j, const float *const found[5]) {
     const float length = j->task.spec.traced ? 1 : j->scene->geometry.extent, *hits = found[1];
-    const int back = j->lens == SBL__LENS_PROBE, site = back ? j->suspects[j->site++] : j->site;
+    const int back = j->lens == SBL__LENS_STUCK, site = back ? j->suspects[j->site++] : j->site;
     const int first_look = j->look == 0;
     if (back) {
         if (hits[0] > 0 && hits[2] * length < SBL__STUCK_SHARE * j->task.sites[site].offset)
@@ -11692,10 +11696,11 @@ static void sbl__job_count(sbl__job *j) {
     const int looks = j->look_count - j->task.first_look;
     const sbl__layout *l = &j->raster.lenses[SBL__LENS_SITE].layout;
     int i;
-    if (j->lens == SBL__LENS_PROBE) return;
+    if (j->lens == SBL__LENS_STUCK) return;
     j->counts.looks += looks;
-    if (spec->dark) for (i = 0; i < j->task.site_count; i++) j->counts.rays += j->task.sites[i].first ? 0 : spec->rays;
-    else if (spec->traced) j->counts.rays += (int64_t)looks * spec->rays;
+    if (spec->no_light) {
+        for (i = 0; i < j->task.site_count; i++) j->counts.rays += j->task.sites[i].first ? 0 : spec->rays;
+    } else if (spec->traced) j->counts.rays += (int64_t)looks * spec->rays;
     else {
         j->counts.views += (int64_t)looks * l->view_count;
         j->counts.texels += (int64_t)looks * l->sheet_width * l->sheet_height;
@@ -11731,7 +11736,7 @@ static sbl_result sbl__job_read(void *work, sbl__slice *slice) {
     j->stages.at += rows;
     if (result != SBL_SUCCESS || row + rows < end) return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
     sbl__job_count(j);
-    return j->lens == SBL__LENS_SITE && j->suspect_count ? sbl__job_start_round(j, SBL__LENS_PROBE) : SBL_SUCCESS;
+    return j->lens == SBL__LENS_SITE && j->suspect_count ? sbl__job_start_round(j, SBL__LENS_STUCK) : SBL_SUCCESS;
 }
 
 static int sbl__job_after_read(void *work) {
@@ -11775,7 +11780,7 @@ static sbl_result sbl__job_step(sbl__device *d, sbl__job *j, sbl__slice *slice) 
 /* Share of the job that is done, 0 to 1. The share ignores stuck tests, because they are only a small part. */
 static float sbl__job_progress(const sbl__job *j) {
     const int looks = j->look_count - j->task.first_look;
-    if (j->stages.stage == SBL__JOB_DONE || j->lens == SBL__LENS_PROBE) return 1;
+    if (j->stages.stage == SBL__JOB_DONE || j->lens == SBL__LENS_STUCK) return 1;
     if (j->stages.stage < SBL__JOB_DRAW || looks < 1) return 0;
     return (float)(j->drawn - j->task.first_look) / (float)looks;
 }
@@ -11831,7 +11836,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 
    Where a surface continues beneath an object that stands on it, one leaf must not receive light on both sides of the
    object. From each leaf's first point contact rays go along its surface to the end of its cell, and planes that they
-   hit cut the cell (sbl__store_add_split). In corners and narrow cells contact rays miss much; therefore an object on a
+   hit cut the cell (sbl__store_add_cut). In corners and narrow cells contact rays miss much; therefore an object on a
    flat surface, once hit, cuts all cells along the line where it stands. */
 
 #define SBL__BOUNCE_SEEDS 1.0      /* seeds in the area of one cell, at the first size of cells */
@@ -11844,14 +11849,14 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_LAMP_RAYS 8
 #define SBL__BOUNCE_DARK_RAYS 4    /* rays of a point over the hemisphere in the job; they only tell whether the
                                       point is inside geometry */
-#define SBL__BOUNCE_FEELERS 8
-#define SBL__FEELER_STEEP 0.7      /* a surface cuts if the cosine between its normal and the normal at the contact
+#define SBL__BOUNCE_CONTACTS 8
+#define SBL__CONTACT_STEEP 0.7     /* a surface cuts if the cosine between its normal and the normal at the contact
                                       ray's origin is below this */
-#define SBL__FEELER_APART 1e-3     /* share of a cell's length: planes nearer than this to an earlier hit count as
+#define SBL__CONTACT_APART 1e-3    /* share of a cell's length: planes nearer than this to an earlier hit count as
                                       the same plane */
-#define SBL__STAND_LEAST 0.25      /* share of a cell's length: shorter lines cut only the leaf whose contact ray
+#define SBL__CONTACT_LEAST 0.25    /* share of a cell's length: shorter lines cut only the leaf whose contact ray
                                       found them */
-#define SBL__STANDS 1024           /* size of the table of lines that have been walked and need not be walked again */
+#define SBL__CONTACTS_WALKED 1024  /* size of the table of lines that have been walked and need not be walked again */
 #define SBL__BOUNCE_HELD 3.0       /* a warning is due when all light exceeds this multiple of the light from lamps
                                       and the environment */
 #define SBL__BOUNCE_SCALED 4       /* number of first rounds whose light is scaled, see sbl__bounce_after_gather */
@@ -11869,11 +11874,11 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__BOUNCE_WIDER 0.6      /* from this share of the allowed leaves on, new leaves belong to wider cells */
 #define SBL__BOUNCE_WIDEST 0.8     /* from this share on, new leaves belong to the widest cells */
 #define SBL__BOUNCE_AIM 0.35       /* share of the allowed leaves for which the first size of cells is chosen */
-#define SBL__DOUBT_ROUNDS 6
-#define SBL__DOUBT_STRATA 0.35     /* measured share of the differences among a leaf's points that is error of the
+#define SBL__UNCERTAINTY_ROUNDS 6
+#define SBL__UNCERTAINTY_STRATA 0.35  /* measured share of the differences among a leaf's points that is error of the
                                       leaf: points and rays come from low-discrepancy sequences, and neighbours
                                       compensate for what one leaf misses */
-#define SBL__DOUBT_MOST 0.12       /* limit of the uncertainty before that factor is applied, because a few rays that
+#define SBL__UNCERTAINTY_MOST 0.12  /* limit of the uncertainty before that factor is applied, because a few rays that
                                       all hit one leaf exaggerate it */
 #define SBL__BOUNCE_SHARE 0.35f    /* approximate share of a picture's time that filling the store takes, if the
                                       picture has to fill it */
@@ -11915,7 +11920,7 @@ typedef enum sbl__bounce_stage {
     SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_WORDS, SBL__BOUNCE_SEED, SBL__BOUNCE_SOW,
     SBL__BOUNCE_PLACE, SBL__BOUNCE_FEEL, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST, SBL__BOUNCE_FIND, SBL__BOUNCE_ORDER,
     SBL__BOUNCE_SORT, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_JOIN, SBL__BOUNCE_GATHER, SBL__BOUNCE_NOISE,
-    SBL__BOUNCE_CARRY, SBL__BOUNCE_DOUBT, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
+    SBL__BOUNCE_CARRY, SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
 } sbl__bounce_stage;
 
 typedef struct sbl__bounce {
@@ -11936,14 +11941,14 @@ typedef struct sbl__bounce {
     sbl__hits queue;                 /* places that may become points: a part of seeds, hits or `again` */
     sbl__hits held, again;           /* places that wait until contact rays have cut their leaf; places that have
                                         finished waiting */
-    sbl__hits feelers;
+    sbl__hits contacts;
     int fresh;                       /* index of the first leaf that has sent no contact rays yet */
     int cast;                        /* index of the first point whose rays have not been cast yet */
     uint32_t *sequence;
     sbl__bounce_aimed aim;
     sbl__site *sites;
     sbl_reading *readings;
-    uint32_t *stands;                /* hash table of lines walked recently */
+    uint32_t *walked;                /* hash table of lines walked recently */
     int parted;                      /* 1: a line has cut leaves that had points, so all hits must be placed again */
     float *light;                    /* light of each leaf from lamps and the environment, 3 floats; in the end its
                                         noise */
@@ -12011,7 +12016,7 @@ static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int coun
     sbl_result result = sbl__blocks_make(d, &b->blocks, 2, SBL__CAST_COLUMNS, SBL__CAST_ROWS);
     if (result == SBL_SUCCESS)
         result = sbl__buffer_stream(d, &b->casts.buffer, room * sizeof *rays, rays, (size_t)count * sizeof *rays);
-    if (result == SBL_SUCCESS) result = sbl__table_show(d, &b->casts, SBL__GL_RGBA32UI, 0);
+    if (result == SBL_SUCCESS) result = sbl__table_attach(d, &b->casts, SBL__GL_RGBA32UI, 0);
     if (result == SBL_SUCCESS) result = sbl__use(d, &sbl__recipe_cast, scene->features);
     if (result != SBL_SUCCESS) return result;
     sbl__scene_bind(d, scene);
@@ -12130,9 +12135,9 @@ static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
     if (b->sequence) return sbl__patching_step(&b->patching, slice);
     sbl__free(base, *patches);
     *patches = (uint32_t *)sbl__alloc(base, (size_t)b->geometry->triangle_count, sizeof **patches);
-    b->stands = (uint32_t *)sbl__alloc(base, SBL__STANDS, sizeof *b->stands);
+    b->walked = (uint32_t *)sbl__alloc(base, SBL__CONTACTS_WALKED, sizeof *b->walked);
     b->sequence = sbl__sequence_make(base, SBL__BOUNCE_STRETCHES, SBL__BOUNCE_RAYS, 1);
-    if (!*patches || !b->stands || !b->sequence) return SBL_ERROR_OUT_OF_MEMORY;
+    if (!*patches || !b->walked || !b->sequence) return SBL_ERROR_OUT_OF_MEMORY;
     result = sbl__patching_begin(base, &b->patching, b->geometry);
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
@@ -12189,7 +12194,7 @@ static sbl_result sbl__bounce_seed(void *work, int at) {
     const double length = (double)b->store->length;
     double normal[3], k = floor(b->spread);
     sbl_result result = SBL_SUCCESS;
-    if (sbl__object_of(b->geometry, triangle)->flags & SBL__HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
+    if (sbl__triangle_object(b->geometry, triangle)->flags & SBL__HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
     b->spread += density * sbl__scene_normal(b->geometry, triangle, normal) / (length * length);
     for (; k < floor(b->spread) && result == SBL_SUCCESS; k++)
         result = sbl__bounce_add_seeds(b, triangle, (uint32_t)k);
@@ -12273,7 +12278,7 @@ static int sbl__bounce_again(sbl__bounce *b, double growth) {
     if (growth > 1 || p->pool <= 1) p->pool *= growth;
     b->spread = b->crowding = 0;
     b->seeds.count = b->held.count = b->point_count = b->fresh = b->cast = b->parted = b->sown = 0;
-    memset(b->stands, 0, SBL__STANDS * sizeof *b->stands);
+    memset(b->walked, 0, SBL__CONTACTS_WALKED * sizeof *b->walked);
     return SBL__BOUNCE_GRID;
 }
 
@@ -12304,11 +12309,11 @@ static int sbl__bounce_after_place(void *work) {
 
 /* >>bounce: contact rays */
 
-static void sbl__bounce_feeler(sbl__bounce *b, int number, sbl__cast *out) {
+static void sbl__bounce_contact(sbl__bounce *b, int number, sbl__cast *out) {
     const sbl__store *s = b->store;
-    const int leaf = b->fresh + number / SBL__BOUNCE_FEELERS;
+    const int leaf = b->fresh + number / SBL__BOUNCE_CONTACTS;
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
-    const double share = number % SBL__BOUNCE_FEELERS + sbl__hash((uint32_t)leaf) / 4294967296.0;
+    const double share = number % SBL__BOUNCE_CONTACTS + sbl__hash((uint32_t)leaf) / 4294967296.0;
     const float offset = sbl__place_normal(b->geometry, at->place, out->direction);
     double right[3], up[3];
     uint32_t cube[3], patch;
@@ -12316,7 +12321,7 @@ static void sbl__bounce_feeler(sbl__bounce *b, int number, sbl__cast *out) {
     int k;
     sbl__place_find(s, at, &patch);
     length = sbl__cell_length(s, patch);
-    sbl__frame(out->direction, 2 * SBL__PI / SBL__BOUNCE_FEELERS * share, right, up);
+    sbl__frame(out->direction, 2 * SBL__PI / SBL__BOUNCE_CONTACTS * share, right, up);
     sbl__cell_place(s, patch, at->position, cube);
     out->limit = FLT_MAX;
     for (k = 0; k < 3; k++) {
@@ -12330,22 +12335,22 @@ static void sbl__bounce_feeler(sbl__bounce *b, int number, sbl__cast *out) {
     out->limit = SBL__MIN(SBL__MAX(out->limit, 0.0f), 2 * length);
 }
 
-static sbl_result sbl__bounce_feel(void *work, sbl__slice *slice) {
+static sbl_result sbl__bounce_cast_contacts(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
-    return sbl__bounce_cast(b, sbl__bounce_feeler, (b->store->leaf_count - b->fresh) * SBL__BOUNCE_FEELERS, &b->feelers,
-                            slice);
+    return sbl__bounce_cast(b, sbl__bounce_contact, (b->store->leaf_count - b->fresh) * SBL__BOUNCE_CONTACTS,
+                            &b->contacts, slice);
 }
 
 /* The line along which an object stands on a flat surface. */
-typedef struct sbl__stand {
+typedef struct sbl__contact {
     uint32_t patch, what;        /* patch: word of the flat surface; what: the object, as the word of a flat patch
                                     with bit 0 set, or as number of a triangle * 2 */
     float normal[3], distance;   /* plane of the object */
     double from[3], along[3];
     sbl__cell_slot *slot;        /* slot of the cell that is being walked */
-} sbl__stand;
+} sbl__contact;
 
-static void sbl__stand_place(const sbl__stand *line, double t, float position[3]) {
+static void sbl__contact_place(const sbl__contact *line, double t, float position[3]) {
     int k;
     for (k = 0; k < 3; k++) position[k] = (float)(line->from[k] + t * line->along[k]);
 }
@@ -12353,7 +12358,7 @@ static void sbl__stand_place(const sbl__stand *line, double t, float position[3]
 /* Makes the line where a plane that a contact ray hit meets the ray's own surface. The line extends over the common
    bounds of both: of flat patches or, for the object, of the one triangle. Returns 0 if the line is too short or the
    surface is not flat. */
-static int sbl__stand_make(const sbl__bounce *b, const sbl__hit *at, const sbl__hit *met, sbl__stand *line) {
+static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl__hit *met, sbl__contact *line) {
     const sbl__store *s = b->store;
     const sbl__geometry *g = b->geometry;
     const sbl__patch *patches = b->patching.patches;
@@ -12369,7 +12374,7 @@ static int sbl__stand_make(const sbl__bounce *b, const sbl__hit *at, const sbl__
     own = &patches[patch >> SBL__PATCH_SHIFT].bounds;
     if (flat) its = patches[other >> SBL__PATCH_SHIFT].bounds;
     else sbl__box_of_triangle(&its, g, met->place >> 1);
-    slack = SBL__FEELER_APART * length + 4 * (double)sbl__place_normal(g, at->place, normal);
+    slack = SBL__CONTACT_APART * length + 4 * (double)sbl__place_normal(g, at->place, normal);
     sbl__place_normal(g, met->place, line->normal);
     for (k = 0; k < 3; k++) {
         const int m = (k + 1) % 3, n = (k + 2) % 3;
@@ -12383,39 +12388,39 @@ static int sbl__stand_make(const sbl__bounce *b, const sbl__hit *at, const sbl__
         t0 = SBL__MAX(t0, SBL__MIN(from / along[k], to / along[k]));
         t1 = SBL__MIN(t1, SBL__MAX(from / along[k], to / along[k]));
     }
-    if (!(t1 - t0 >= SBL__STAND_LEAST * length)) return 0;
+    if (!(t1 - t0 >= SBL__CONTACT_LEAST * length)) return 0;
     for (k = 0; k < 3; k++) {
         line->from[k] = met->position[k] + t0 * along[k];
         line->along[k] = (t1 - t0) * along[k];
     }
-    line->distance = sbl__dot(line->normal, sbl__corner_of(g, met->place >> 1, 0));
+    line->distance = sbl__dot(line->normal, sbl__triangle_corner(g, met->place >> 1, 0));
     line->what = flat ? other | 1u : met->place & ~1u;
     line->patch = patch;
     return 1;
 }
 
-/* Cuts all leaves that the line crosses below a reference: sides[side] of a split or, if `split` is negative, the
+/* Cuts all leaves that the line crosses below a reference: sides[side] of a cut or, if `cut` is negative, the
    reference of the slot. range: part of the line that lies there. */
-static sbl_result sbl__stand_part(sbl__bounce *b, const sbl__stand *line, int split, int side, const double range[2],
-                                  int depth) {
+static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, int cut, int side,
+                                    const double range[2], int depth) {
     sbl__store *s = b->store;
-    const double apart = SBL__FEELER_APART * (double)s->length;
-    uint32_t *reference = split < 0 ? &line->slot->reference : &s->splits[split].sides[side];
+    const double apart = SBL__CONTACT_APART * (double)s->length;
+    uint32_t *reference = cut < 0 ? &line->slot->reference : &s->cuts[cut].sides[side];
     sbl_result result = SBL_SUCCESS;
     double over[2];
     int i;
-    if (*reference < SBL__CELL_SPLIT) {
+    if (*reference < SBL__CELL_CUT) {
         const float *first = *reference ? b->points[b->states[*reference - 1].first].at.position : NULL;
         if (depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
         if (first && (int)*reference <= b->fresh) b->parted = 1;
         return sbl__store_cut(&b->core->base, s, reference, line->normal, line->distance,
                               first && sbl__dot(line->normal, first) > line->distance);
     }
-    split = (int)(*reference & ~SBL__CELL_SPLIT);
+    cut = (int)(*reference & ~SBL__CELL_CUT);
     for (i = 0; i < 2; i++) {
         float position[3];
-        sbl__stand_place(line, range[i], position);
-        over[i] = (double)sbl__dot(s->splits[split].normal, position) - s->splits[split].distance;
+        sbl__contact_place(line, range[i], position);
+        over[i] = (double)sbl__dot(s->cuts[cut].normal, position) - s->cuts[cut].distance;
     }
     /* A cut along the same line exists already. */
     if (SBL__MAX(fabs(over[0]), fabs(over[1])) <= apart) return SBL_SUCCESS;
@@ -12424,13 +12429,13 @@ static sbl_result sbl__stand_part(sbl__bounce *b, const sbl__stand *line, int sp
         double part[2];
         if (SBL__MAX(sign * over[0], sign * over[1]) <= apart) continue;
         for (i = 0; i < 2; i++) part[i] = sign * over[i] < 0 ? cross : range[i];
-        result = sbl__stand_part(b, line, split, side, part, depth + 1);
+        result = sbl__contact_part(b, line, cut, side, part, depth + 1);
     }
     return result;
 }
 
 /* Cuts all cells of one patch word that the line crosses. */
-static sbl_result sbl__stand_walk(sbl__bounce *b, sbl__stand *line) {
+static sbl_result sbl__contact_walk(sbl__bounce *b, sbl__contact *line) {
     const sbl__store *s = b->store;
     const double length = (double)sbl__cell_length(s, line->patch);
     double next[3], step[3], range[2] = { 0, 0 };
@@ -12447,10 +12452,10 @@ static sbl_result sbl__stand_walk(sbl__bounce *b, sbl__stand *line) {
         float middle[3];
         uint32_t check;
         range[1] = SBL__MIN(next[axis], 1.0);
-        sbl__stand_place(line, 0.5 * (range[0] + range[1]), middle);
+        sbl__contact_place(line, 0.5 * (range[0] + range[1]), middle);
         line->slot = sbl__store_slot(s, line->patch, middle, &check);
         if (line->slot) line->slot->check = check;
-        if (line->slot) result = sbl__stand_part(b, line, -1, 0, range, 0);
+        if (line->slot) result = sbl__contact_part(b, line, -1, 0, range, 0);
         range[0] = range[1];
         next[axis] += step[axis];
     }
@@ -12458,16 +12463,16 @@ static sbl_result sbl__stand_walk(sbl__bounce *b, sbl__stand *line) {
 }
 
 /* Cuts all cells along the line at every level and distance, unless the line has been walked recently. */
-static sbl_result sbl__stand_cut(sbl__bounce *b, sbl__stand *line) {
+static sbl_result sbl__contact_cut(sbl__bounce *b, sbl__contact *line) {
     const uint32_t patch = line->patch, hash = sbl__hash_step(sbl__hash_step(0, patch), line->what);
-    uint32_t *walked = &b->stands[hash % SBL__STANDS];
+    uint32_t *walked = &b->walked[hash % SBL__CONTACTS_WALKED];
     sbl_result result = SBL_SUCCESS;
     int i;
     if (*walked == hash) return SBL_SUCCESS;
     *walked = hash;
     for (i = 0; i < 2 * SBL__LEVELS && result == SBL_SUCCESS; i++) {
         line->patch = patch | (i & 1 ? SBL__PATCH_NEAR : 0) | SBL__PATCH_LEVEL * (uint32_t)(i >> 1);
-        result = sbl__stand_walk(b, line);
+        result = sbl__contact_walk(b, line);
     }
     return result;
 }
@@ -12478,21 +12483,21 @@ static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *met)
     sbl__store *s = b->store;
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
     float before[3], normal[3], own[3], apart;
-    sbl__stand line;
+    sbl__contact line;
     uint32_t *reference, patch;
     int k, depth;
     sbl__place_find(s, at, &patch);
     sbl__place_normal(b->geometry, at->place, own);
     sbl__place_normal(b->geometry, met->place, normal);
     apart = sbl__dot(normal, at->position) - sbl__dot(normal, met->position);
-    if (fabs((double)sbl__dot(normal, own)) > SBL__FEELER_STEEP) return SBL_SUCCESS;
-    if (sbl__stand_make(b, at, met, &line)) return sbl__stand_cut(b, &line);
-    if (fabs((double)apart) < SBL__FEELER_APART * (double)s->length) return SBL_SUCCESS;
+    if (fabs((double)sbl__dot(normal, own)) > SBL__CONTACT_STEEP) return SBL_SUCCESS;
+    if (sbl__contact_make(b, at, met, &line)) return sbl__contact_cut(b, &line);
+    if (fabs((double)apart) < SBL__CONTACT_APART * (double)s->length) return SBL_SUCCESS;
     for (k = 0; k < 3; k++)  /* a position just behind the hit */
-        before[k] = met->position[k] + (float)SBL__FEELER_APART * (met->position[k] - at->position[k]);
+        before[k] = met->position[k] + (float)SBL__CONTACT_APART * (met->position[k] - at->position[k]);
     reference = sbl__store_find(s, patch, before, &depth);
     if (!reference || *reference != (uint32_t)leaf + 1 || depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
-    return sbl__store_add_split(&b->core->base, s, patch, at->position, normal, sbl__dot(normal, met->position));
+    return sbl__store_add_cut(&b->core->base, s, patch, at->position, normal, sbl__dot(normal, met->position));
 }
 
 static int sbl__bounce_fresh_leaves(void *work) {
@@ -12502,10 +12507,10 @@ static int sbl__bounce_fresh_leaves(void *work) {
 
 static sbl_result sbl__bounce_cuts(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const sbl__hit *met = &b->feelers.list[at * SBL__BOUNCE_FEELERS];
+    const sbl__hit *met = &b->contacts.list[at * SBL__BOUNCE_CONTACTS];
     sbl_result result = SBL_SUCCESS;
     int i;
-    for (i = 0; i < SBL__BOUNCE_FEELERS && result == SBL_SUCCESS; i++)
+    for (i = 0; i < SBL__BOUNCE_CONTACTS && result == SBL_SUCCESS; i++)
         if (met[i].place != SBL__NOWHERE) result = sbl__bounce_cut(b, b->fresh + at, &met[i]);
     return result;
 }
@@ -12688,7 +12693,7 @@ static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, const sbl__site *
     sbl__spec_make(&task.spec, &measurement, &c->scene, &c->desc);
     if (direct) {
         task.spec.rays = SBL__BOUNCE_DARK_RAYS;
-        task.spec.skyless = 1;  /* Kept rays that hit nothing bring the light of the environment. */
+        task.spec.without_sky = 1;  /* Kept rays that hit nothing bring the light of the environment. */
     }
     task.sites = sites;
     task.readings = readings;
@@ -12726,7 +12731,7 @@ static void sbl__bounce_sky(const sbl__bounce *b, int point, float out[3]) {
         if (!(hits[i].distance > SBL__FAR)) continue;
         for (k = 0; k < 3; k++) direction[k] = (double)hits[i].position[k] - b->points[point].at.position[k];
         if (!sbl__normalize(direction)) continue;
-        sbl__environment_rest(&b->core->scene.environment, direction, light);
+        sbl__environment_radiance(&b->core->scene.environment, direction, light);
         for (k = 0; k < 3; k++) out[k] += light[k] / SBL__BOUNCE_RAYS;
     }
 }
@@ -12887,22 +12892,23 @@ static int sbl__bounce_after_noise(void *work) {
 }
 
 static int sbl__bounce_after_carry(void *work) {
-    return ++((sbl__bounce *)work)->rounds < SBL__DOUBT_ROUNDS ? SBL__BOUNCE_CARRY : SBL__BOUNCE_DOUBT;
+    return ++((sbl__bounce *)work)->rounds < SBL__UNCERTAINTY_ROUNDS ? SBL__BOUNCE_CARRY : SBL__BOUNCE_UNCERTAINTY;
 }
 
 /* Restores the light. Noise that has arrived from other leaves, relative to the light, is the leaf's uncertainty. */
-static sbl_result sbl__bounce_doubt(void *work, int at) {
+static sbl_result sbl__bounce_uncertainty(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const float *solved = b->solved + 3 * at, *own = b->light + 3 * at;
     float *light = b->store->leaves[at].light;
-    double doubt2 = 0;
+    double uncertainty2 = 0;
     int k;
     for (k = 0; k < 3; k++) {
         const double off = solved[k] > 0 ? ((double)light[k] - own[k]) / solved[k] : 0;
-        doubt2 += off * off / 3;
+        uncertainty2 += off * off / 3;
         light[k] = solved[k];
     }
-    sbl__leaf_set_doubt(&b->store->leaves[at], SBL__DOUBT_STRATA * SBL__MIN(sqrt(doubt2), SBL__DOUBT_MOST));
+    sbl__leaf_set_uncertainty(&b->store->leaves[at],
+                              SBL__UNCERTAINTY_STRATA * SBL__MIN(sqrt(uncertainty2), SBL__UNCERTAINTY_MOST));
     return SBL_SUCCESS;
 }
 
@@ -12954,8 +12960,8 @@ static int sbl__bounce_after_air(void *work) {
 
 /* Frees everything except points and their hits, which are kept for later changes of lights. */
 static void sbl__bounce_rest(const sbl__device *d, sbl__bounce *b) {
-    void *const blocks[] = { b->seeds.list, b->held.list, b->again.list, b->feelers.list, b->sequence, b->sites,
-                             b->readings, b->stands, b->light, b->solved, b->order };
+    void *const blocks[] = { b->seeds.list, b->held.list, b->again.list, b->contacts.list, b->sequence, b->sites,
+                             b->readings, b->walked, b->light, b->solved, b->order };
     int i;
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(d->base, blocks[i]);
     sbl__patching_free(d->base, &b->patching);
@@ -13007,7 +13013,7 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
         { NULL, NULL, sbl__bounce_seed, sbl__bounce_triangles },
         { sbl__bounce_sow, sbl__bounce_after_sow, NULL, NULL },
         { NULL, sbl__bounce_after_place, sbl__bounce_place, sbl__bounce_queued },
-        { sbl__bounce_feel, NULL, NULL, NULL },
+        { sbl__bounce_cast_contacts, NULL, NULL, NULL },
         { NULL, sbl__bounce_after_cuts, sbl__bounce_cuts, sbl__bounce_fresh_leaves },
         { sbl__bounce_follow, sbl__bounce_after_follow, NULL, NULL },
         { NULL, NULL, sbl__bounce_find, sbl__bounce_points },
@@ -13019,7 +13025,7 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
         { NULL, sbl__bounce_after_gather, sbl__bounce_gather, sbl__bounce_leaves },
         { NULL, sbl__bounce_after_noise, sbl__bounce_noise, sbl__bounce_leaves },
         { NULL, sbl__bounce_after_carry, sbl__bounce_gather, sbl__bounce_leaves },
-        { NULL, NULL, sbl__bounce_doubt, sbl__bounce_leaves },
+        { NULL, NULL, sbl__bounce_uncertainty, sbl__bounce_leaves },
         { sbl__bounce_send, sbl__bounce_after_send, NULL, NULL },
         { sbl__bounce_sense, sbl__bounce_after_air, NULL, NULL }
     };
@@ -13078,13 +13084,13 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__sli
 #define SBL__SAVED_VERSION 3u
 #define SBL__SAVED_ORDER 0x01020304u
 #define SBL__SAVED_SEED 0xcbf29ce484222325u
-#define SBL__SAVED_CELLS (1 << 22)     /* at most; as many splits, and half as many leaves */
+#define SBL__SAVED_CELLS (1 << 22)     /* at most; as many cuts, and half as many leaves */
 
 typedef struct sbl__saved {
     char name[8];
     uint32_t version, order;
     uint64_t scene;                    /* hash of what the light depends on */
-    int32_t triangles, cells, splits, leaves;
+    int32_t triangles, cells, cuts, leaves;
     float origin[3], length, air[6][3];
 } sbl__saved;
 
@@ -13126,7 +13132,7 @@ static int sbl__saved_pass(sbl__saved_stream *s, void *data, size_t bytes) {
 static int sbl__saved_arrays(sbl__saved_stream *stream, const sbl__store *s, int triangles) {
     return sbl__saved_pass(stream, s->patches, (size_t)triangles * sizeof *s->patches) &&
            sbl__saved_pass(stream, s->cells, (size_t)s->cell_room * sizeof *s->cells) &&
-           sbl__saved_pass(stream, s->splits, (size_t)s->split_count * sizeof *s->splits) &&
+           sbl__saved_pass(stream, s->cuts, (size_t)s->cut_count * sizeof *s->cuts) &&
            sbl__saved_pass(stream, s->leaves, (size_t)s->leaf_count * sizeof *s->leaves);
 }
 
@@ -13141,7 +13147,7 @@ static int sbl__saved_write(const sbl__scene *s, sbl_write_function put, void *u
     header.scene = sbl__saved_scene(s);
     header.triangles = s->geometry.triangle_count;
     header.cells = s->store.cell_room;
-    header.splits = s->store.split_count;
+    header.cuts = s->store.cut_count;
     header.leaves = s->store.leaf_count;
     memcpy(header.origin, s->store.origin, sizeof header.origin);
     header.length = s->store.length;
@@ -13160,26 +13166,26 @@ static const char *sbl__saved_check(const sbl__saved *header, const sbl__scene *
     if (header->version != SBL__SAVED_VERSION) return "it is of another version of sbl.h";
     if (header->scene != sbl__saved_scene(s) || header->triangles != s->geometry.triangle_count)
         return "it is of another scene";
-    if (cells < 1 || cells > most || (cells & (cells - 1)) || header->splits < 0 || header->splits > most ||
+    if (cells < 1 || cells > most || (cells & (cells - 1)) || header->cuts < 0 || header->cuts > most ||
         header->leaves < 0 || header->leaves > most / 2 || !sbl__all_finite(header->origin, 3) ||
         !sbl__between(&header->length, FLT_MIN, FLT_MAX) || !sbl__all_finite(&header->air[0][0], 18))
         return "it is damaged";
     return NULL;
 }
 
-/* Leads a reference to something? Those of split number `from` only to later ones: no way goes round. */
+/* Leads a reference to something? Those of cut number `from` only to later ones: no way goes round. */
 static int sbl__saved_leads(const sbl__store *s, uint32_t reference, int from) {
-    const uint32_t split = reference & ~SBL__CELL_SPLIT;
-    if (reference < SBL__CELL_SPLIT) return reference <= (uint32_t)s->leaf_count;
-    return split < (uint32_t)s->split_count && (from < 0 || split > (uint32_t)from);
+    const uint32_t cut = reference & ~SBL__CELL_CUT;
+    if (reference < SBL__CELL_CUT) return reference <= (uint32_t)s->leaf_count;
+    return cut < (uint32_t)s->cut_count && (from < 0 || cut > (uint32_t)from);
 }
 
 static int sbl__saved_sound(const sbl__store *s) {
     int i, k;
     for (i = 0; i < s->cell_room; i++) if (!sbl__saved_leads(s, s->cells[i].reference, -1)) return 0;
-    for (i = 0; i < s->split_count; i++)
-        if (!sbl__saved_leads(s, s->splits[i].sides[0], i) || !sbl__saved_leads(s, s->splits[i].sides[1], i) ||
-            !sbl__all_finite(s->splits[i].normal, 4)) return 0;
+    for (i = 0; i < s->cut_count; i++)
+        if (!sbl__saved_leads(s, s->cuts[i].sides[0], i) || !sbl__saved_leads(s, s->cuts[i].sides[1], i) ||
+            !sbl__all_finite(s->cuts[i].normal, 4)) return 0;
     for (i = 0; i < s->leaf_count; i++)
         for (k = 0; k < 3; k++) if (!sbl__between(&s->leaves[i].light[k], 0, FLT_MAX)) return 0;
     return 1;
@@ -13200,11 +13206,11 @@ static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene,
     memcpy(s->air, header.air, sizeof s->air);
     s->patches = (uint32_t *)sbl__alloc(d->base, (size_t)header.triangles, sizeof *s->patches);
     s->cells = (sbl__cell_slot *)sbl__alloc(d->base, (size_t)header.cells, sizeof *s->cells);
-    s->splits = (sbl__split *)sbl__alloc(d->base, (size_t)header.splits, sizeof *s->splits);
+    s->cuts = (sbl__cut *)sbl__alloc(d->base, (size_t)header.cuts, sizeof *s->cuts);
     s->leaves = (sbl__leaf *)sbl__alloc(d->base, (size_t)header.leaves, sizeof *s->leaves);
-    if (!s->patches || !s->cells || !s->splits || !s->leaves) return SBL_ERROR_OUT_OF_MEMORY;
+    if (!s->patches || !s->cells || !s->cuts || !s->leaves) return SBL_ERROR_OUT_OF_MEMORY;
     s->cell_room = header.cells;
-    s->split_count = s->split_room = header.splits;
+    s->cut_count = s->cut_room = header.cuts;
     s->leaf_count = s->leaf_room = header.leaves;
     *why = "it ends too soon";
     if (!sbl__saved_arrays(&stream, s, header.triangles)) return SBL_ERROR_INVALID_ARGUMENT;
@@ -13224,7 +13230,7 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
     memset(&s, 0, sizeof s);
     s.most = scene->store.most;
     result = sbl__saved_read(&c->device, scene, &s, get, user, &why);
-    if (result == SBL_SUCCESS && !wide && triangles / 4 + 1 + s.cell_room / 2 + 2 * s.split_count + s.leaf_count >
+    if (result == SBL_SUCCESS && !wide && triangles / 4 + 1 + s.cell_room / 2 + 2 * s.cut_count + s.leaf_count >
                                               c->device.gl.capabilities.max_texture_buffer_size) {
         why = "it is larger than this driver's tables";
         result = SBL_ERROR_UNSUPPORTED;
@@ -13278,7 +13284,7 @@ typedef struct sbl__pixel {
     double variance;          /* variance of the luminance of one look */
     float error;              /* predicted standard error of the pixel's luminance in the picture */
     float stored[3];          /* stored value of R at this pixel */
-    float doubt;              /* standard error of the luminance of R that is due to errors of stored light */
+    float uncertainty;        /* standard error of the luminance of R that is due to errors of stored light */
     uint32_t id;              /* number of the surface; 0: the pixel shows no surface */
     int look;                 /* number of the sensor's first look in the job that took it */
     int looks, wanted;        /* looks that the sensor has taken, and looks that it is to have taken in the end */
@@ -13297,9 +13303,9 @@ typedef struct sbl__pixel {
                                          pixels */
 #define SBL__HIDDEN_SHARE 0.9f        /* a texel is hidden if its sensor sees surfaces in more than this share of
                                          directions, */
-#define SBL__HIDDEN_NEAR 0.45f        /* at a mean distance below this share of the reach */
-#define SBL__HIDDEN_REACH 2           /* reach of that test, in widths of a texel */
-#define SBL__HIDDEN_TOUCH 0.15f       /* a surface nearer than this share of the reach touches the texel */
+#define SBL__HIDDEN_NEAR 0.45f        /* at a mean distance below this share of the distance_limit */
+#define SBL__HIDDEN_REACH 2           /* distance_limit of that test, in widths of a texel */
+#define SBL__HIDDEN_TOUCH 0.15f       /* a surface nearer than this share of the distance_limit touches the texel */
 #define SBL__MAX_ROUNDS 40            /* most rounds of a picture; the limit bounds the number of transfers between
                                          CPU and GPU */
 #define SBL__FLOOR_SHARE 0.02f        /* share of the picture's mean luminance below which differences do not count */
@@ -13343,7 +13349,7 @@ typedef struct sbl__pixel {
 #define SBL__NOISE_BENDS 0.75f        /* multiple of the sensors' variance that noise alone adds to the measured
                                          error of interpolation */
 #define SBL__JOB_LOOKS (1 << 21)      /* approximate number of looks in one job */
-#define SBL__NOISE_DOUBT 1.25f        /* the multiple of the variance subtracted when splits are weighed; it is
+#define SBL__NOISE_UNCERTAINTY 1.25f  /* the multiple of the variance subtracted when splits are weighed; it is
                                          larger because a difference that might be noise is no reason to split, and
                                          more looks will resolve it */
 #define SBL__HERITAGE 0.6f            /* weight of the parent's variance in a tile's variance, since few sensors
@@ -13359,7 +13365,7 @@ typedef struct sbl__pixel {
                                          pixel for causes without an estimate */
 #define SBL__GAIN_BINS 512            /* bins of a histogram of gains, four to an octave */
 
-typedef struct sbl__cell {
+typedef struct sbl__tile {
     int x0, y0, x1, y1, level, split;
     int parent;               /* index of the tile whose split made this one, or -1 */
     int looks;                /* number of looks that new sensors at the tile's corners begin with */
@@ -13372,7 +13378,7 @@ typedef struct sbl__cell {
     float light, variance;    /* mean luminance of the corners; mean relative variance of one look, blended with the
                                  parent's */
     float split_gain, look_gain;  /* gain per look that a split, or more looks, would cost */
-} sbl__cell;
+} sbl__tile;
 
 typedef struct sbl__refine {
     sbl__core *core;
@@ -13381,7 +13387,7 @@ typedef struct sbl__refine {
     sbl__stages stages;
     int width, height, tile;
     int geometry_aware;       /* 1 except in SBL_MODE_PAPER; the threshold is then relative to the mean */
-    float reach;              /* SBL__HIDDEN_REACH widths of a texel, where the sensors' mean distances are cut off;
+    float distance_limit;     /* SBL__HIDDEN_REACH widths of a texel, where the sensors' mean distances are cut off;
                                  0: pixels are not tested for what hides them */
     int bounced;              /* 1: light bounces, so that a sensor inside a solid finds no light at all */
     double lit, lit_backs;    /* number of sensors that found light so far; sum of their shares of back faces */
@@ -13391,8 +13397,8 @@ typedef struct sbl__refine {
     sbl__pixel *pixels;
     int layer_count;          /* number of layers of light, see sbl__spec_layers */
     float *layers;            /* layers 1 and up, 3 floats each, pixel after pixel; layer 0 is the radiance of pixels */
-    sbl__cell *cells;
-    int cell_count, cell_room;
+    sbl__tile *tiles;
+    int tile_count, tile_room;
     int fresh;                /* index of the first tile that has not been weighed yet */
     int judged_end;           /* number of tiles that the running WEIGH or SPEND stage visits */
     int rounds;
@@ -13416,7 +13422,7 @@ typedef struct sbl__refine {
                                                                      between earlier and later looks */
     int compared[SBL__DOUBLINGS];
     double bias2, noise2;     /* sums of bias and noise over pixels */
-    double doubt2;            /* sum over pixels of the squared uncertainty of stored light; absolute, not relative */
+    double uncertainty2;      /* sum over pixels of the squared uncertainty of stored light; absolute, not relative */
     double look2;             /* relative variance of one look, averaged over the picture */
     double predicted, first_predicted;  /* predicted error of the picture now, and after the first round */
     double gains[SBL__GAIN_BINS];  /* reductions of the squared error on offer, binned by worth per look */
@@ -13427,7 +13433,7 @@ typedef struct sbl__refine {
 static void sbl__refine_free(const sbl__device *d, sbl__refine *r) {
     sbl__free(d->base, r->pixels);
     sbl__free(d->base, r->layers);
-    sbl__free(d->base, r->cells);
+    sbl__free(d->base, r->tiles);
     sbl__free(d->base, r->sites);
     sbl__free(d->base, r->readings);
     sbl__free(d->base, r->found_layers);
@@ -13532,16 +13538,16 @@ static float sbl__noise_left(const sbl__refine *r, int span) {
 /* >>refine: interpolation */
 
 /* Computes the position of a pixel in a tile, 0 to 1 on each axis. */
-static void sbl__cell_share(const sbl__cell *c, int x, int y, float share[2]) {
+static void sbl__tile_share(const sbl__tile *c, int x, int y, float share[2]) {
     share[0] = c->x1 > c->x0 ? (float)(x - c->x0) / (float)(c->x1 - c->x0) : 0;
     share[1] = c->y1 > c->y0 ? (float)(y - c->y0) / (float)(c->y1 - c->y0) : 0;
 }
 
-static sbl__pixel *sbl__cell_corner(const sbl__refine *r, const sbl__cell *c, int corner) {
+static sbl__pixel *sbl__tile_corner(const sbl__refine *r, const sbl__tile *c, int corner) {
     return sbl__pixel_at(r, corner & 1 ? c->x1 : c->x0, corner & 2 ? c->y1 : c->y0);
 }
 
-static int sbl__cell_span(const sbl__cell *c) { return SBL__MAX(c->x1 - c->x0, c->y1 - c->y0); }
+static int sbl__tile_span(const sbl__tile *c) { return SBL__MAX(c->x1 - c->x0, c->y1 - c->y0); }
 
 /* A weighted sum of one layer of light over sensors, with its variance. */
 typedef struct sbl__mix { int layer; float light[3], own, covered; double variance; } sbl__mix;
@@ -13556,7 +13562,7 @@ static void sbl__mix_add(const sbl__refine *r, sbl__mix *m, const sbl__pixel *p,
 /* Handles a corner that shows another surface than the pixel: estimates the light that the pixel's own surface would
    have there by linear extrapolation from the adjacent corners and from the sensors at equal distance beyond them.
    Without a sensor beyond, the light of the adjacent corner is used as it is. */
-static void sbl__mix_continue(const sbl__refine *r, const sbl__cell *c, int corner, const sbl__pixel *pixel,
+static void sbl__mix_continue(const sbl__refine *r, const sbl__tile *c, int corner, const sbl__pixel *pixel,
                               float weight, sbl__mix *m) {
     const sbl__pixel *near_by[2], *beyond[2];
     float share;
@@ -13582,15 +13588,15 @@ static float sbl__lit(int layer, float light) { return sbl__layer_is_signed(laye
 
 /* Interpolates a layer of light at pixel (x, y) from a tile's corners. m->own: weight of the corners that belong to
    the pixel, 0 to 1; m->covered: that weight plus the weight of extrapolated corners; 0: there is no light. */
-static void sbl__interpolate(const sbl__refine *r, const sbl__cell *c, int x, int y, int layer, sbl__mix *m) {
+static void sbl__interpolate(const sbl__refine *r, const sbl__tile *c, int x, int y, int layer, sbl__mix *m) {
     const sbl__pixel *pixel = sbl__pixel_at(r, x, y);
     float f[2];
     int corner, k;
     memset(m, 0, sizeof *m);
     m->layer = layer;
-    sbl__cell_share(c, x, y, f);
+    sbl__tile_share(c, x, y, f);
     for (corner = 0; corner < 4; corner++) {
-        const sbl__pixel *p = sbl__cell_corner(r, c, corner);
+        const sbl__pixel *p = sbl__tile_corner(r, c, corner);
         float weight = (corner & 1 ? f[0] : 1 - f[0]) * (corner & 2 ? f[1] : 1 - f[1]), belongs;
         if (weight <= 0) continue;
         belongs = sbl__usable(p) ? sbl__belongs(pixel, p, r->geometry_aware) : 0;
@@ -13607,10 +13613,10 @@ static void sbl__interpolate(const sbl__refine *r, const sbl__cell *c, int x, in
 
 /* Ends of the pixels that a tile gives light to: its right column and bottom row belong to the next tile, except at
    the picture's border. */
-static int sbl__cell_end_x(const sbl__refine *r, const sbl__cell *c) {
+static int sbl__tile_end_x(const sbl__refine *r, const sbl__tile *c) {
     return c->x1 == r->width - 1 ? c->x1 : c->x1 - 1;
 }
-static int sbl__cell_end_y(const sbl__refine *r, const sbl__cell *c) {
+static int sbl__tile_end_y(const sbl__refine *r, const sbl__tile *c) {
     return c->y1 == r->height - 1 ? c->y1 : c->y1 - 1;
 }
 
@@ -13618,7 +13624,7 @@ static int sbl__cell_end_y(const sbl__refine *r, const sbl__cell *c) {
 typedef struct sbl__edge { int x0, y0, x1, y1; } sbl__edge;
 
 /* Returns an edge of a tile; side 0: top, 1: bottom, 2: left, 3: right. */
-static sbl__edge sbl__cell_edge(const sbl__cell *c, int side) {
+static sbl__edge sbl__tile_edge(const sbl__tile *c, int side) {
     sbl__edge e;
     e.x0 = side == 3 ? c->x1 : c->x0;
     e.x1 = side == 2 ? c->x0 : c->x1;
@@ -13719,11 +13725,11 @@ static float sbl__beyond2(const sbl__refine *r, const sbl__edge *e, int end, flo
 
 /* Returns the squared error of interpolation in a tile, estimated from its edges, both where corners cover the tile
    and where light is extrapolated. Sets c->unknown2. */
-static float sbl__cell_bends2(const sbl__refine *r, sbl__cell *c) {
+static float sbl__tile_bends2(const sbl__refine *r, sbl__tile *c) {
     float inside = 0, beyond = 0, unknown = 0;
     int side, end, k, insides = 0, beyonds = 0;
     for (side = 0; side < 4; side++) {
-        const sbl__edge e = sbl__cell_edge(c, side);
+        const sbl__edge e = sbl__tile_edge(c, side);
         const sbl__pixel *ends[2];
         sbl__bends bends;
         if (e.x1 - e.x0 + e.y1 - e.y0 < 1) continue;
@@ -13753,7 +13759,7 @@ static float sbl__cell_bends2(const sbl__refine *r, sbl__cell *c) {
 /* Returns the next sensor on a tile's rim, put there by the split of a neighbour, from position *at on, or NULL
    after the last one. *guess: light that the tile interpolates there. Corners are skipped, as interpolation is exact
    at them. */
-static const sbl__pixel *sbl__cell_rim_next(const sbl__refine *r, const sbl__cell *c, int *at, sbl__mix *guess) {
+static const sbl__pixel *sbl__tile_rim_next(const sbl__refine *r, const sbl__tile *c, int *at, sbl__mix *guess) {
     const int width = c->x1 - c->x0, height = c->y1 - c->y0;
     while (*at < 2 * (width + height)) {
         const int along = *at < 2 * width, i = along ? *at >> 1 : (*at - 2 * width) >> 1, far_side = *at & 1;
@@ -13768,12 +13774,12 @@ static const sbl__pixel *sbl__cell_rim_next(const sbl__refine *r, const sbl__cel
 }
 
 /* Returns the squared error of interpolation measured at the sensors on a tile's rim. */
-static float sbl__cell_rim2(const sbl__refine *r, const sbl__cell *c) {
+static float sbl__tile_rim2(const sbl__refine *r, const sbl__tile *c) {
     const sbl__pixel *p;
     sbl__mix guess;
     float sum = 0, difference[3];
     int k, at = 0, count = 0;
-    while ((p = sbl__cell_rim_next(r, c, &at, &guess)) != NULL) {
+    while ((p = sbl__tile_rim_next(r, c, &at, &guess)) != NULL) {
         if (!(guess.covered > 0)) continue;
         for (k = 0; k < 3; k++) difference[k] = p->radiance[k] - guess.light[k];
         sum += SBL__MAX(sbl__squared(r, difference) -
@@ -13785,19 +13791,19 @@ static float sbl__cell_rim2(const sbl__refine *r, const sbl__cell *c) {
 
 /* Returns the squared error of interpolation in a tile. Sensors on the rim stand where neighbours had reason to
    split, so that the error there exceeds the average of the tile and counts only half. */
-static float sbl__cell_missed2(const sbl__refine *r, sbl__cell *c) {
-    const float bends2 = sbl__cell_bends2(r, c), rim2 = sbl__cell_rim2(r, c);
+static float sbl__tile_missed2(const sbl__refine *r, sbl__tile *c) {
+    const float bends2 = sbl__tile_bends2(r, c), rim2 = sbl__tile_rim2(r, c);
     return SBL__MAX(bends2, 0.5f * (bends2 + rim2));
 }
 
 /* >>refine: tiles */
 
 /* Adds the tile between the ends of `diagonal`, its upper left and lower right corners. */
-static sbl_result sbl__refine_add_cell(sbl__refine *r, const sbl__edge *diagonal, int level, int parent, int looks) {
-    sbl__cell *c;
-    if (!sbl__grow(&r->core->base, &r->cells, &r->cell_room, r->cell_count + 1, sizeof *r->cells))
+static sbl_result sbl__refine_add_tile(sbl__refine *r, const sbl__edge *diagonal, int level, int parent, int looks) {
+    sbl__tile *c;
+    if (!sbl__grow(&r->core->base, &r->tiles, &r->tile_room, r->tile_count + 1, sizeof *r->tiles))
         return SBL_ERROR_OUT_OF_MEMORY;
-    c = &r->cells[r->cell_count++];
+    c = &r->tiles[r->tile_count++];
     memset(c, 0, sizeof *c);
     c->x0 = diagonal->x0;
     c->y0 = diagonal->y0;
@@ -13809,32 +13815,32 @@ static sbl_result sbl__refine_add_cell(sbl__refine *r, const sbl__edge *diagonal
     return SBL_SUCCESS;
 }
 
-static int sbl__cell_is_single(const sbl__cell *c) { return c->x1 - c->x0 <= 1 && c->y1 - c->y0 <= 1; }
+static int sbl__tile_is_single(const sbl__tile *c) { return c->x1 - c->x0 <= 1 && c->y1 - c->y0 <= 1; }
 
 /* Returns the fewest looks that any sensor of a tile has taken; 0: the tile has no sensor. */
-static int sbl__cell_looks(const sbl__refine *r, const sbl__cell *c) {
+static int sbl__tile_looks(const sbl__refine *r, const sbl__tile *c) {
     int corner, looks = 0;
     for (corner = 0; corner < 4; corner++) {
-        const sbl__pixel *p = sbl__cell_corner(r, c, corner);
+        const sbl__pixel *p = sbl__tile_corner(r, c, corner);
         if (sbl__usable(p) && p->looks) looks = looks ? SBL__MIN(looks, p->looks) : p->looks;
     }
     return looks;
 }
 
-static sbl_result sbl__cell_split(sbl__refine *r, int index) {
-    const sbl__cell c = r->cells[index];
-    const int looks = SBL__MAX(1, sbl__cell_looks(r, &c));  /* With fewer looks, new sensors would be noisier than
+static sbl_result sbl__tile_split(sbl__refine *r, int index) {
+    const sbl__tile c = r->tiles[index];
+    const int looks = SBL__MAX(1, sbl__tile_looks(r, &c));  /* With fewer looks, new sensors would be noisier than
                                                                interpolation. */
     const int columns = c.x1 - c.x0 > 1 ? 2 : 1, rows = c.y1 - c.y0 > 1 ? 2 : 1;
     const int xs[3] = { c.x0, columns == 2 ? (c.x0 + c.x1) / 2 : c.x1, c.x1 };
     const int ys[3] = { c.y0, rows == 2 ? (c.y0 + c.y1) / 2 : c.y1, c.y1 };
     sbl_result result = SBL_SUCCESS;
     int i, j;
-    r->cells[index].split = 1;
+    r->tiles[index].split = 1;
     for (j = 0; j < rows && result == SBL_SUCCESS; j++)
         for (i = 0; i < columns && result == SBL_SUCCESS; i++) {
             const sbl__edge diagonal = { xs[i], ys[j], xs[i + 1], ys[j + 1] };
-            result = sbl__refine_add_cell(r, &diagonal, c.level + 1, index, looks);
+            result = sbl__refine_add_tile(r, &diagonal, c.level + 1, index, looks);
         }
     return result;
 }
@@ -13854,30 +13860,30 @@ static int sbl__differ(const sbl__refine *r, const float a[3], const float b[3],
 
 /* Returns 1 if corners that belong together differ by more than the threshold, or if a sensor on the rim differs
    from the interpolated light by more than that. */
-static int sbl__cell_differs(const sbl__refine *r, const sbl__cell *c) {
+static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
     const sbl__pixel *p;
     sbl__mix guess;
     int i, k, at = 0;
     for (i = 0; i < 4; i++)
         for (k = i + 1; k < 4; k++) {
-            const sbl__pixel *a = sbl__cell_corner(r, c, i), *b = sbl__cell_corner(r, c, k);
+            const sbl__pixel *a = sbl__tile_corner(r, c, i), *b = sbl__tile_corner(r, c, k);
             if (sbl__usable(a) && sbl__usable(b) && sbl__belongs(a, b, r->geometry_aware) > 0 &&
                 sbl__differ(r, a->radiance, b->radiance, sbl__variance(r, a) + sbl__variance(r, b))) return 1;
         }
-    while ((p = sbl__cell_rim_next(r, c, &at, &guess)) != NULL)
+    while ((p = sbl__tile_rim_next(r, c, &at, &guess)) != NULL)
         if (guess.own > 0 && sbl__differ(r, guess.light, p->radiance, guess.variance + sbl__variance(r, p))) return 1;
     return 0;
 }
 
 /* Counts the pixels that a tile gives light to. Returns 1 if its corners leave some of them uncovered, so that the
    tile must be split. */
-static int sbl__cell_count(const sbl__refine *r, sbl__cell *c) {
-    const int continued = r->geometry_aware && sbl__cell_span(c) <= SBL__CONTINUED && !(r->threshold > 0);
+static int sbl__tile_count(const sbl__refine *r, sbl__tile *c) {
+    const int continued = r->geometry_aware && sbl__tile_span(c) <= SBL__CONTINUED && !(r->threshold > 0);
     float missing = 0;
     int x, y, bare = 0;
     c->pixels = 0;
-    for (y = c->y0; y <= sbl__cell_end_y(r, c); y++)
-        for (x = c->x0; x <= sbl__cell_end_x(r, c); x++) {
+    for (y = c->y0; y <= sbl__tile_end_y(r, c); y++)
+        for (x = c->x0; x <= sbl__tile_end_x(r, c); x++) {
             const sbl__pixel *p = sbl__pixel_at(r, x, y);
             sbl__mix m;
             if (!p->id) continue;
@@ -13932,20 +13938,20 @@ static int sbl__guide_for(const sbl__refine *r, int index) {
 
 /* >>refine: rounds, from the sites that are wanted to the readings that are taken */
 
-static int sbl__refine_cells_across(const sbl__refine *r) { return SBL__MAX(1, (r->width - 2 + r->tile) / r->tile); }
+static int sbl__refine_tiles_across(const sbl__refine *r) { return SBL__MAX(1, (r->width - 2 + r->tile) / r->tile); }
 
 /* Returns the number of first-level tiles, which cover the whole picture. */
-static int sbl__refine_cells(void *work) {
+static int sbl__refine_tiles(void *work) {
     const sbl__refine *r = (const sbl__refine *)work;
-    return sbl__refine_cells_across(r) * SBL__MAX(1, (r->height - 2 + r->tile) / r->tile);
+    return sbl__refine_tiles_across(r) * SBL__MAX(1, (r->height - 2 + r->tile) / r->tile);
 }
 
-static sbl_result sbl__refine_cell(void *work, int at) {
+static sbl_result sbl__refine_tile(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
-    const int across = sbl__refine_cells_across(r), x = at % across * r->tile, y = at / across * r->tile;
+    const int across = sbl__refine_tiles_across(r), x = at % across * r->tile, y = at / across * r->tile;
     const int right = SBL__MIN(x + r->tile, r->width - 1), lower = SBL__MIN(y + r->tile, r->height - 1);
     const sbl__edge diagonal = { x, y, right, lower };
-    return sbl__refine_add_cell(r, &diagonal, 0, -1, 1);
+    return sbl__refine_add_tile(r, &diagonal, 0, -1, 1);
 }
 
 /* Makes the site of pixel number `index` for looks from number `first` on. */
@@ -13974,19 +13980,19 @@ static int sbl__refine_room(sbl__refine *r, int more) {
 /* Tells the stage to list tiles as long as the looks of their sites fit into one job. */
 static int sbl__refine_unlisted(void *work) {
     const sbl__refine *r = (const sbl__refine *)work;
-    return r->listed < r->cell_count && r->look_count < SBL__JOB_LOOKS ? INT_MAX : 0;
+    return r->listed < r->tile_count && r->look_count < SBL__JOB_LOOKS ? INT_MAX : 0;
 }
 
 /* Lists sites for those corners of the next tile that have no sensor yet or whose sensor is to look again. */
 static sbl_result sbl__refine_list(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
-    const sbl__cell *c = &r->cells[r->listed++];
+    const sbl__tile *c = &r->tiles[r->listed++];
     int corner;
     (void)at;
     if (c->split) return SBL_SUCCESS;
     if (!sbl__refine_room(r, 4)) return SBL_ERROR_OUT_OF_MEMORY;
     for (corner = 0; corner < 4; corner++) {
-        sbl__pixel *p = sbl__cell_corner(r, c, corner);
+        sbl__pixel *p = sbl__tile_corner(r, c, corner);
         if (!p->id || p->queued || (p->sensed && p->wanted <= p->looks)) continue;
         p->queued = 1;
         if (!p->sensed) {
@@ -14007,12 +14013,13 @@ static sbl_result sbl__refine_list(void *work, int at) {
    takes its neighbours' light, too. */
 static int sbl__refine_hides(sbl__refine *r, const sbl_reading *reading) {
     const int dark = sbl__all_zero(reading->radiance, 3), backs = reading->back_share > 0.5f;
-    if (!(r->reach > 0) || !(reading->hit_min > 0)) return 0;
+    if (!(r->distance_limit > 0) || !(reading->hit_min > 0)) return 0;
     r->lit += !dark;
     r->lit_backs += dark ? 0 : (double)reading->back_share;
     if (r->bounced && dark && backs && r->lit_backs <= 0.5 * r->lit) return SBL__HIDDEN;
-    if (reading->hit_share > SBL__HIDDEN_SHARE && reading->hit_mean < SBL__HIDDEN_NEAR * r->reach) return SBL__HIDDEN;
-    return reading->hit_min < SBL__HIDDEN_TOUCH * r->reach ? SBL__TOUCHED : 0;
+    if (reading->hit_share > SBL__HIDDEN_SHARE && reading->hit_mean < SBL__HIDDEN_NEAR * r->distance_limit)
+        return SBL__HIDDEN;
+    return reading->hit_min < SBL__HIDDEN_TOUCH * r->distance_limit ? SBL__TOUCHED : 0;
 }
 
 /* Decides from the first reading of pixel number `index` whether it or one of its neighbours must take the light of
@@ -14025,9 +14032,9 @@ static void sbl__refine_hide(sbl__refine *r, int index, const sbl_reading *readi
     p->hides = (unsigned char)sbl__refine_hides(r, reading);
     if (p->hides == SBL__HIDDEN) {
         p->invalid = 1;
-        r->doubt2 -= (double)p->doubt * (double)p->doubt;  /* The hidden texel's stored light is not shown, so its
+        r->uncertainty2 -= (double)p->uncertainty * p->uncertainty;  /* The hidden texel's light is not shown, so its
                                                               uncertainty does not count. */
-        p->doubt = 0;
+        p->uncertainty = 0;
     }
     for (i = 0; i < 9 && p->hides; i++) {
         const int x1 = x + i % 3 - 1, y1 = y + i / 3 - 1;
@@ -14096,9 +14103,9 @@ static void sbl__refine_see(sbl__refine *r) {
    time. */
 static void sbl__refine_forget(sbl__refine *r) {
     int i, corner;
-    for (i = 0; i < r->cell_count; i++)
+    for (i = 0; i < r->tile_count; i++)
         for (corner = 0; corner < 4; corner++) {
-            sbl__pixel *p = sbl__cell_corner(r, &r->cells[i], corner);
+            sbl__pixel *p = sbl__tile_corner(r, &r->tiles[i], corner);
             p->looks = 0;
             p->wanted = 1;
         }
@@ -14252,11 +14259,11 @@ static void sbl__weigh_begin(sbl__refine *r) {
 
 /* Returns how many pixels the filter averages in a tile of single pixels. The filter leaves out pixels that differ
    visibly, so the number falls where neighbours differ. */
-static float sbl__cell_smoothing(const sbl__refine *r, const sbl__cell *c, float noise) {
+static float sbl__tile_smoothing(const sbl__refine *r, const sbl__tile *c, float noise) {
     float alike = 0;
     int side, k, count = 0;
     for (side = 0; side < 4; side++) {
-        const sbl__edge e = sbl__cell_edge(c, side);
+        const sbl__edge e = sbl__tile_edge(c, side);
         const sbl__pixel *a = sbl__pixel_at(r, e.x0, e.y0), *b = sbl__pixel_at(r, e.x1, e.y1);
         if (a == b || !sbl__usable(a) || !sbl__usable(b)) continue;
         count++;
@@ -14275,12 +14282,12 @@ static float sbl__cell_smoothing(const sbl__refine *r, const sbl__cell *c, float
 }
 
 /* Computes a tile's noise from its corners, and adds the tile's light to the picture's mean. */
-static void sbl__cell_noise(sbl__refine *r, sbl__cell *c) {
+static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
     float variance, share = 0, light[3] = { 0, 0, 0 };
     double sum = 0;
     int corner, k, count = 0;
     for (corner = 0; corner < 4; corner++) {
-        const sbl__pixel *p = sbl__cell_corner(r, c, corner);
+        const sbl__pixel *p = sbl__tile_corner(r, c, corner);
         if (!sbl__usable(p)) continue;
         sum += p->variance;
         share += sbl__looks_share(r, p->looks);
@@ -14290,11 +14297,11 @@ static void sbl__cell_noise(sbl__refine *r, sbl__cell *c) {
     c->noise2 = 0;
     if (!count) return;
     c->variance = variance = sbl__relative2(r, sum / count);
-    if (c->parent >= 0) c->variance += SBL__HERITAGE * (r->cells[c->parent].variance - variance);
+    if (c->parent >= 0) c->variance += SBL__HERITAGE * (r->tiles[c->parent].variance - variance);
     variance = c->variance * share / (float)count;
     c->noise2 = variance;
-    if (!sbl__cell_is_single(c)) c->noise2 *= sbl__noise_left(r, sbl__cell_span(c));
-    else c->noise2 /= sbl__cell_smoothing(r, c, r->luminance * (float)sqrt((double)variance));
+    if (!sbl__tile_is_single(c)) c->noise2 *= sbl__noise_left(r, sbl__tile_span(c));
+    else c->noise2 /= sbl__tile_smoothing(r, c, r->luminance * (float)sqrt((double)variance));
     for (k = 0; k < 3; k++) r->sum[k] += (double)light[k] * c->pixels / count;
     r->pixels_summed += c->pixels;
     r->look2 += (double)c->variance * c->pixels;
@@ -14302,21 +14309,21 @@ static void sbl__cell_noise(sbl__refine *r, sbl__cell *c) {
 }
 
 /* Returns 1 if the last round read a sensor at one of the tile's corners. */
-static int sbl__cell_has_news(const sbl__refine *r, const sbl__cell *c) {
+static int sbl__tile_has_news(const sbl__refine *r, const sbl__tile *c) {
     int corner;
     for (corner = 0; corner < 4; corner++)
-        if (sbl__cell_corner(r, c, corner)->round == r->rounds - 1) return 1;
+        if (sbl__tile_corner(r, c, corner)->round == r->rounds - 1) return 1;
     return 0;
 }
 
 /* Updates the error of interpolation in a tile, and marks a tile that must be split with a gain of FLT_MAX. */
-static void sbl__cell_weigh_split(sbl__refine *r, sbl__cell *c, int fresh) {
-    const int bare = fresh && sbl__cell_count(r, c);
-    if (sbl__cell_is_single(c)) return;
+static void sbl__tile_weigh_split(sbl__refine *r, sbl__tile *c, int fresh) {
+    const int bare = fresh && sbl__tile_count(r, c);
+    if (sbl__tile_is_single(c)) return;
     if (bare) c->split_gain = FLT_MAX;
-    else if (r->threshold > 0) c->split_gain = sbl__cell_differs(r, c) ? FLT_MAX : 0;
-    else if (fresh || sbl__cell_has_news(r, c) || sbl__cell_span(c) > SBL__CONTINUED)
-        c->bends2 = sbl__cell_missed2(r, c);
+    else if (r->threshold > 0) c->split_gain = sbl__tile_differs(r, c) ? FLT_MAX : 0;
+    else if (fresh || sbl__tile_has_news(r, c) || sbl__tile_span(c) > SBL__CONTINUED)
+        c->bends2 = sbl__tile_missed2(r, c);
 }
 
 /* Enters an offer into the histogram: each of `looks` looks reduces the sum of squared errors by `gain`. */
@@ -14325,19 +14332,19 @@ static void sbl__weigh_enter(sbl__refine *r, float worth, float gain, int looks)
 }
 
 /* Predicts the errors of a tile and enters its offers into the histogram. Splits that must be made come first. */
-static void sbl__cell_weigh(sbl__refine *r, sbl__cell *c, int fresh) {
+static void sbl__tile_weigh(sbl__refine *r, sbl__tile *c, int fresh) {
     float bias2, gain, variance, care;
-    int looks = sbl__cell_looks(r, c), most, guessed;
-    sbl__cell_weigh_split(r, c, fresh);
-    sbl__cell_noise(r, c);
+    int looks = sbl__tile_looks(r, c), most, guessed;
+    sbl__tile_weigh_split(r, c, fresh);
+    sbl__tile_noise(r, c);
     guessed = SBL__MAX(c->pixels - 1, 0);  /* One pixel has a sensor of its own. */
-    variance = c->noise2 / sbl__noise_left(r, sbl__cell_span(c));
+    variance = c->noise2 / sbl__noise_left(r, sbl__tile_span(c));
     c->bias2 = SBL__MAX(c->bends2 - SBL__NOISE_BENDS * variance, c->unknown2);
     r->bias2 += (double)c->bias2 * guessed;
     r->noise2 += (double)c->noise2 * c->pixels;
-    bias2 = SBL__MAX(c->bends2 - SBL__NOISE_DOUBT * variance, c->unknown2);
+    bias2 = SBL__MAX(c->bends2 - SBL__NOISE_UNCERTAINTY * variance, c->unknown2);
     care = 1 / (c->light / r->luminance + SBL__DARKNESS);
-    if (!sbl__cell_is_single(c) && !(r->threshold > 0)) {
+    if (!sbl__tile_is_single(c) && !(r->threshold > 0)) {
         const float glaring = SBL__GLARING * r->asked * (c->light / r->luminance + SBL__GLARING_FLOOR);
         const int cost = SBL__SPLIT_COST * SBL__MAX(looks, 1);
         gain = bias2 * SBL__SPLIT_GAIN * (float)guessed / (float)cost;
@@ -14355,15 +14362,15 @@ static void sbl__cell_weigh(sbl__refine *r, sbl__cell *c, int fresh) {
     }
 }
 
-/* Finds the least worth per look that must be bought to reach the error that was asked for. */
+/* Finds the least worth per look that must be bought to distance_limit the error that was asked for. */
 static void sbl__weigh_end(sbl__refine *r) {
     const double pixels = SBL__MAX(r->pixels_summed, 1.0), all2 = (double)r->asked * r->asked;
-    const double doubt2 = r->doubt2 / ((double)r->luminance * r->luminance * pixels);
-    const double asked2 = SBL__MAX(all2 - doubt2, SBL__AIM_LEAST * all2);
+    const double uncertainty2 = r->uncertainty2 / ((double)r->luminance * r->luminance * pixels);
+    const double asked2 = SBL__MAX(all2 - uncertainty2, SBL__AIM_LEAST * all2);
     double left = r->bias2 + r->noise2, aim;
     int bin = SBL__GAIN_BINS;
     r->look2 /= pixels;
-    r->predicted = sqrt(left / pixels + doubt2);
+    r->predicted = sqrt(left / pixels + uncertainty2);
     if (!r->weighed) r->first_predicted = r->predicted;
     r->weighed = 1;
     r->least_gain = FLT_MAX;
@@ -14377,19 +14384,19 @@ static int sbl__refine_judged(void *work) { return ((sbl__refine *)work)->judged
 
 static sbl_result sbl__refine_weigh(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
-    if (!r->cells[at].split) sbl__cell_weigh(r, &r->cells[at], at >= r->fresh);
+    if (!r->tiles[at].split) sbl__tile_weigh(r, &r->tiles[at], at >= r->fresh);
     return SBL_SUCCESS;
 }
 
 /* Gives a tile's sensors as many more looks as are worth their cost. */
-static void sbl__cell_look_again(sbl__refine *r, const sbl__cell *c) {
+static void sbl__tile_look_again(sbl__refine *r, const sbl__tile *c) {
     float gain = c->look_gain;
-    int corner, looks = sbl__cell_looks(r, c), growth = 1;
+    int corner, looks = sbl__tile_looks(r, c), growth = 1;
     for (; growth < SBL__LOOKS_GROWTH && gain >= r->least_gain; growth *= 2)
         gain *= SBL__LOOKS_GAIN_NEXT;
     looks = SBL__MIN(looks * growth, r->spec->looks);
     for (corner = 0; corner < 4; corner++) {
-        sbl__pixel *p = sbl__cell_corner(r, c, corner);
+        sbl__pixel *p = sbl__tile_corner(r, c, corner);
         if (!sbl__usable(p) || !p->looks || p->wanted >= looks) continue;
         p->wanted = looks;
         r->bought++;
@@ -14399,13 +14406,13 @@ static void sbl__cell_look_again(sbl__refine *r, const sbl__cell *c) {
 /* Buys those offers of a tile that are worth their cost. */
 static sbl_result sbl__refine_spend(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
-    const sbl__cell *c = &r->cells[at];
+    const sbl__tile *c = &r->tiles[at];
     sbl_result result = SBL_SUCCESS;
     if (c->split) return SBL_SUCCESS;
-    if (c->split_gain >= r->least_gain && !sbl__cell_is_single(c)) {
-        result = sbl__cell_split(r, at);
+    if (c->split_gain >= r->least_gain && !sbl__tile_is_single(c)) {
+        result = sbl__tile_split(r, at);
         r->bought++;
-    } else if (c->look_gain >= r->least_gain) sbl__cell_look_again(r, c);
+    } else if (c->look_gain >= r->least_gain) sbl__tile_look_again(r, c);
     return result;
 }
 
@@ -14428,7 +14435,7 @@ static int sbl__refine_after_list(void *work) {
     const int scouts = r->stages.stage == SBL__REFINE_SCOUTS;
     sbl__task task;
     sbl__refine_task(r, &task);
-    task.spec.reach = r->reach;
+    task.spec.distance_limit = r->distance_limit;
     if (scouts) {
         task.spec.rays = 1;
         task.spec.looks = SBL__SCOUTS;
@@ -14460,9 +14467,9 @@ static int sbl__refine_next_job(sbl__refine *r, int all) {
 
 static int sbl__refine_after_take(void *work) {
     sbl__refine *r = (sbl__refine *)work;
-    if (sbl__refine_next_job(r, r->cell_count)) return SBL__REFINE_COLLECT;
+    if (sbl__refine_next_job(r, r->tile_count)) return SBL__REFINE_COLLECT;
     r->rounds++;
-    r->judged_end = r->cell_count;
+    r->judged_end = r->tile_count;
     sbl__weigh_begin(r);
     return SBL__REFINE_WEIGH;
 }
@@ -14480,7 +14487,7 @@ static int sbl__refine_after_weigh(void *work) {
         return SBL__REFINE_SPEND;
     }
     sbl__refine_forget(r);
-    if (!r->spec->guided && !r->spec->dark) return SBL__REFINE_SCOUTS;
+    if (!r->spec->guided && !r->spec->no_light) return SBL__REFINE_SCOUTS;
     r->measurement->look_rays *= times;
     r->measurement->looks = SBL__MAX(r->measurement->looks / times, 1);
     sbl__refine_see(r);
@@ -14506,7 +14513,7 @@ static int sbl__refine_after_guides(void *work) {
 /* Does one bounded piece of work. SBL_SUCCESS: the picture is as good as was asked for. */
 static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, NULL, sbl__refine_cell, sbl__refine_cells },
+        { NULL, NULL, sbl__refine_tile, sbl__refine_tiles },
         { NULL, sbl__refine_after_list, sbl__refine_list, sbl__refine_unlisted },
         { sbl__refine_sense, NULL, NULL, NULL },
         { NULL, sbl__refine_after_take, sbl__refine_take, sbl__refine_sites },
@@ -14554,11 +14561,11 @@ static sbl_result sbl__refine_make(sbl__refine *r) {
 static void sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel *shown) {
     r->pixels[index] = *shown;
     if (shown->sensed && r->layers) sbl__refine_even(r, shown, r->layers + 3 * (size_t)(r->layer_count - 1) * index);
-    r->doubt2 += (double)shown->doubt * shown->doubt;
+    r->uncertainty2 += (double)shown->uncertainty * shown->uncertainty;
 }
 
 /* Turns on the test for hidden texels (see sbl__refine_hides). width: of a texel, world units. */
-static void sbl__refine_hide_within(sbl__refine *r, float width) { r->reach = SBL__HIDDEN_REACH * width; }
+static void sbl__refine_hide_within(sbl__refine *r, float width) { r->distance_limit = SBL__HIDDEN_REACH * width; }
 
 static const sbl__pixel *sbl__refine_pixel(const sbl__refine *r, size_t index) { return &r->pixels[index]; }
 
@@ -14610,34 +14617,35 @@ static void sbl__fill_free(sbl__base *base, sbl__fill *f) {
 
 /* Returns the tile itself or, while refinement is in progress, the smallest tile around it whose sensors have all
    been read. */
-static const sbl__cell *sbl__cell_known(const sbl__refine *r, const sbl__cell *c) {
+static const sbl__tile *sbl__tile_known(const sbl__refine *r, const sbl__tile *c) {
     int i, known = 0;
     while (!known && c->parent >= 0) {
         for (i = 0, known = 1; i < 4; i++) {
-            const sbl__pixel *p = sbl__cell_corner(r, c, i);
+            const sbl__pixel *p = sbl__tile_corner(r, c, i);
             if (p->id && !p->sensed) known = 0;
         }
-        if (!known) c = &r->cells[c->parent];
+        if (!known) c = &r->tiles[c->parent];
     }
     return c;
 }
 
 /* Returns the standard error of a pixel's luminance. told2: relative squared error that its tile predicts. */
 static float sbl__expected(const sbl__refine *r, const sbl__pixel *p, float told2) {
-    const double unknown = (double)SBL__UNKNOWN_PIXEL * r->predicted, doubt = (double)p->doubt / r->luminance;
-    return r->luminance * (float)sqrt((double)told2 + unknown * unknown + doubt * doubt);
+    const double unknown = (double)SBL__UNKNOWN_PIXEL * r->predicted;
+    const double uncertainty = (double)p->uncertainty / r->luminance;
+    return r->luminance * (float)sqrt((double)told2 + unknown * unknown + uncertainty * uncertainty);
 }
 
 /* Returns the noise of a sensor for the filter. The tile's variance is the lower bound, because the few rays of a
    single sensor may agree by chance. */
-static float sbl__noise_among(const sbl__refine *r, const sbl__cell *c, const sbl__pixel *p) {
+static float sbl__noise_among(const sbl__refine *r, const sbl__tile *c, const sbl__pixel *p) {
     const float told = r->luminance * (float)sqrt((double)c->variance * (double)sbl__looks_share(r, p->looks));
     return SBL__MAX(told, sbl__noise(r, p));
 }
 
 /* Fills in a row of a tile by interpolation in tile c, whose sensors have all been read. bends: second differences
    of the four edges of c. Pixels that no sensor covers keep a noise of 0 and are counted as orphans. */
-static void sbl__fill_row(sbl__fill *f, const sbl__edge *row, const sbl__cell *c, float bends[4][3]) {
+static void sbl__fill_row(sbl__fill *f, const sbl__edge *row, const sbl__tile *c, float bends[4][3]) {
     sbl__refine *r = f->refine;
     const int y = row->y0;
     int x, k;
@@ -14655,7 +14663,7 @@ static void sbl__fill_row(sbl__fill *f, const sbl__edge *row, const sbl__cell *c
         } else {
             sbl__interpolate(r, c, x, y, f->layer, &m);
             if (!(m.covered > 0)) { f->orphan_count++; continue; }
-            sbl__cell_share(c, x, y, s);
+            sbl__tile_share(c, x, y, s);
             to[3] = (float)sqrt(m.variance);
             for (k = 0; k < 3; k++) {
                 const float across = 0.5f * s[0] * (1 - s[0]) * (bends[0][k] + s[1] * (bends[1][k] - bends[0][k]));
@@ -14667,24 +14675,24 @@ static void sbl__fill_row(sbl__fill *f, const sbl__edge *row, const sbl__cell *c
     }
 }
 
-static sbl_result sbl__fill_cells(void *work, sbl__slice *slice) {
+static sbl_result sbl__fill_tiles(void *work, sbl__slice *slice) {
     sbl__fill *f = (sbl__fill *)work;
     const sbl__refine *r = f->refine;
     const size_t pixels = (size_t)r->width * (size_t)r->height;
     int *at = &f->stages.at, k;
     if (!f->rgba) f->rgba = (float *)sbl__alloc_raw(&r->core->base, pixels, 16);
     if (!f->rgba) return SBL_ERROR_OUT_OF_MEMORY;
-    for (; *at < r->cell_count; ++*at, f->row = 0) {
-        const sbl__cell *c = &r->cells[*at], *known;
+    for (; *at < r->tile_count; ++*at, f->row = 0) {
+        const sbl__tile *c = &r->tiles[*at], *known;
         float bends[4][3];
         if (c->split) continue;
-        known = sbl__cell_known(r, c);
+        known = sbl__tile_known(r, c);
         for (k = 0; k < 4; k++) {
-            const sbl__edge edge = sbl__cell_edge(known, k);
+            const sbl__edge edge = sbl__tile_edge(known, k);
             sbl__edge_parabola(r, &edge, f->layer, bends[k]);
         }
-        for (; c->y0 + f->row <= sbl__cell_end_y(r, c); f->row++) {
-            const sbl__edge row = { c->x0, c->y0 + f->row, sbl__cell_end_x(r, c), c->y0 + f->row };
+        for (; c->y0 + f->row <= sbl__tile_end_y(r, c); f->row++) {
+            const sbl__edge row = { c->x0, c->y0 + f->row, sbl__tile_end_x(r, c), c->y0 + f->row };
             if (sbl__late(slice)) return SBL_UNFINISHED;
             sbl__fill_row(f, &row, known, bends);
         }
@@ -14765,7 +14773,7 @@ static sbl_result sbl__fill_adopt(void *work, sbl__slice *slice) {
    whose fields `refine` and `layer` are set. */
 static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { sbl__fill_cells, NULL, NULL, NULL },
+        { sbl__fill_tiles, NULL, NULL, NULL },
         { sbl__fill_find_orphans, NULL, NULL, NULL },
         { sbl__fill_adopt, NULL, NULL, NULL }
     };
@@ -15571,7 +15579,7 @@ static void sbl__map_pixel(const sbl__map *m, const float *const from[4], uint32
     out->stored[1] = from[2][3];
     out->stored[2] = from[3][3];
     if (!out->sensed) {
-        out->doubt = SBL__MIN(sbl__leaf_doubt(out->stored) * sbl__luminance(out->stored), 1e30f);
+        out->uncertainty = SBL__MIN(sbl__leaf_uncertainty(out->stored) * sbl__luminance(out->stored), 1e30f);
         return;
     }
     memcpy(out->radiance, out->stored, sizeof out->radiance);
@@ -16380,7 +16388,7 @@ enum {
 typedef struct sbl__vertices_part {
     int mesh, first_vertex, first_triangle;
     double area;
-    double points, doubtful;    /* number of valid points; number of those that see mostly back faces */
+    double points, back_points;  /* number of valid points; number of those that see mostly back faces */
 } sbl__vertices_part;
 
 /* An edge that two triangles share, once as a side of each: 3 * triangle + the corner at which the side begins. The
@@ -16412,7 +16420,7 @@ typedef struct sbl__vertices {
     float *areas;               /* per triangle: area relative to the mean of its mesh */
     float *sums;                /* per triangle: entries 00 01 02 11 12 22 of its symmetric matrix; the sum of its
                                    points' weights; rgb of the right-hand side for each corner */
-    float *doubts;              /* sums over the points that see mostly back faces, laid out like sums; NULL if there
+    float *back_sums;           /* sums over the points that see mostly back faces, laid out like sums; NULL if there
                                    are no such points */
     sbl__hinge *hinges;
     int hinge_count, hinge_room;
@@ -16425,7 +16433,7 @@ typedef struct sbl__vertices {
 
 static void sbl__vertices_free(sbl__base *base, sbl__vertices *s) {
     void *const blocks[] = { s->parts, s->sites, s->readings, s->normals, s->unknowns, s->corners, s->areas,
-                             s->sums, s->doubts, s->hinges, s->first_corners, s->next_corners };
+                             s->sums, s->back_sums, s->hinges, s->first_corners, s->next_corners };
     int i;
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(base, blocks[i]);
     sbl__hash_table_free(base, &s->places);
@@ -16718,11 +16726,11 @@ static sbl_result sbl__vertices_ask(void *work, int site) {
     return SBL_SUCCESS;
 }
 
-/* Adds the reading of a point to the sums of its triangle, or to its doubts if the point sees mostly back faces. */
+/* Adds the reading of a point to the sums of its triangle, or to its back_sums if the point sees mostly back faces. */
 static sbl_result sbl__vertices_take(void *work, int site) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl_reading *r = &s->readings[site];
-    const int triangle = sbl__vertices_here(s), doubtful = r->back_share * r->hit_share > SBL__VERTICES_BACK;
+    const int triangle = sbl__vertices_here(s), back_points = r->back_share * r->hit_share > SBL__VERTICES_BACK;
     const double weight = (double)s->areas[triangle] / sbl__vertices_samples(s, triangle);
     double h[3];
     float *sums;
@@ -16731,11 +16739,11 @@ static sbl_result sbl__vertices_take(void *work, int site) {
     sbl__vertices_pass(s);
     if (!r->valid) return SBL_SUCCESS;
     s->parts[s->next.part].points += 1;
-    s->parts[s->next.part].doubtful += doubtful;
-    if (doubtful && !s->doubts)
-        s->doubts = (float *)sbl__alloc(&s->core->base, (size_t)s->triangle_count,
-                                        SBL__VERTICES_SUMS * sizeof *s->doubts);
-    sums = doubtful ? s->doubts : s->sums;
+    s->parts[s->next.part].back_points += back_points;
+    if (back_points && !s->back_sums)
+        s->back_sums = (float *)sbl__alloc(&s->core->base, (size_t)s->triangle_count,
+                                        SBL__VERTICES_SUMS * sizeof *s->back_sums);
+    sums = back_points ? s->back_sums : s->sums;
     if (!sums) return SBL_ERROR_OUT_OF_MEMORY;
     sums += SBL__VERTICES_SUMS * (size_t)triangle;
     for (a = 0; a < 3; a++)
@@ -16763,9 +16771,9 @@ static sbl_result sbl__vertices_mass(void *work, int triangle) {
     const sbl__vertices_part *part = sbl__vertices_find_part(s, triangle, 0);
     const uint32_t *corners = s->corners + 3 * (size_t)triangle;
     float *sums = s->sums + SBL__VERTICES_SUMS * (size_t)triangle, missing, spring;
-    const float *more = s->doubts ? s->doubts + SBL__VERTICES_SUMS * (size_t)triangle : NULL;
+    const float *more = s->back_sums ? s->back_sums + SBL__VERTICES_SUMS * (size_t)triangle : NULL;
     int a, b, k;
-    for (k = 0; k < SBL__VERTICES_SUMS && more && part->doubtful > SBL__VERTICES_INSIDE_OUT * part->points; k++)
+    for (k = 0; k < SBL__VERTICES_SUMS && more && part->back_points > SBL__VERTICES_INSIDE_OUT * part->points; k++)
         sums[k] += more[k];
     if (!(sums[6] > 0)) return SBL_SUCCESS;
     missing = s->areas[triangle] - sums[6];
@@ -17201,14 +17209,14 @@ static sbl_result sbl__probes_setup(sbl__core *c, sbl__probes *g) {
         measurement.options.epsilon = 0;
     }
     sbl__spec_make(faces, &measurement, &c->scene, &c->desc);
-    if (g->apart) faces->skyless = faces->dark = faces->narrow = faces->rays = 1;
+    if (g->apart) faces->without_sky = faces->no_light = faces->one_ray = faces->rays = 1;
     faces->looks = SBL__PROBE_LOOKS;
     measurement = g->measurement;
     measurement.options.backend = SBL_BACKEND_TRACE;
     measurement.options.rays = measurement.every_ray = 1;
     sbl__spec_make(rays, &measurement, &c->scene, &c->desc);
     rays->lamp_rays = 0;
-    rays->narrow = 1;
+    rays->one_ray = 1;
     g->sequence = sbl__sequence_make(&c->base, 1, g->desc.options.rays, 1);
     g->sums = (sbl__probe_sum *)sbl__alloc(&c->base, (size_t)batch, sizeof *g->sums);
     g->sites = (sbl__site *)sbl__alloc_raw(&c->base, room, sizeof *g->sites);
@@ -17468,7 +17476,7 @@ typedef struct sbl__inspection {
     int ray_count, lamp_count, ray_room, lamp_room, leaf_room;
 } sbl__inspection;
 
-typedef struct sbl__looking {
+typedef struct sbl__inspect_request {
     sbl__core *core;
     sbl__map *map;              /* of a finished picture */
     sbl__inspection *found;
@@ -17479,7 +17487,7 @@ typedef struct sbl__looking {
     sbl_reading reading;        /* of it alone, */
     float layers[3 * (SBL__LAYERS - 1)];  /* and its further layers of light */
     float from_lamps[3], weight_sum;
-} sbl__looking;
+} sbl__inspect_request;
 
 /* Forgets what was found. */
 static void sbl__inspection_clear(sbl__base *base, sbl__inspection *i) {
@@ -17497,7 +17505,7 @@ static void sbl__inspection_free(const sbl__device *d, sbl__inspection *i) {
     sbl__job_free(d, &i->job);
 }
 
-static sbl_sensor_ray *sbl__inspect_add_ray(const sbl__looking *k) {
+static sbl_sensor_ray *sbl__inspect_add_ray(const sbl__inspect_request *k) {
     sbl__inspection *f = k->found;
     if (!sbl__grow(&k->core->base, &f->rays, &f->ray_room, f->ray_count + 1, sizeof *f->rays)) return NULL;
     memset(&f->rays[f->ray_count], 0, sizeof *f->rays);
@@ -17506,7 +17514,7 @@ static sbl_sensor_ray *sbl__inspect_add_ray(const sbl__looking *k) {
 }
 
 /* The number of the lamp that has that leaf; -1: out of memory. */
-static int sbl__inspect_lamp(const sbl__looking *k, int leaf) {
+static int sbl__inspect_lamp(const sbl__inspect_request *k, int leaf) {
     const sbl__geometry *g = &k->core->scene.geometry;
     const uint32_t *name = k->core->scene.lights.names[leaf];
     sbl__inspection *f = k->found;
@@ -17532,9 +17540,9 @@ static int sbl__inspect_lamp(const sbl__looking *k, int leaf) {
 
 /* Runs a program for the one look, `count` invocations, and reads what they wrote: count floats of each output times
    four, one output behind the other. The caller frees *out. */
-typedef sbl_result (*sbl__inspect_program)(const sbl__looking *k, const sbl__batch *b);
+typedef sbl_result (*sbl__inspect_program)(const sbl__inspect_request *k, const sbl__batch *b);
 
-static sbl_result sbl__inspect_run(const sbl__looking *k, sbl__inspect_program program, const int size[2],
+static sbl_result sbl__inspect_run(const sbl__inspect_request *k, sbl__inspect_program program, const int size[2],
                                    float **out) {
     sbl__core *c = k->core;
     sbl__slots slots;
@@ -17566,11 +17574,11 @@ static sbl_result sbl__inspect_run(const sbl__looking *k, sbl__inspect_program p
 
 /* >>inspect: rays over the hemisphere, a sheet of one row */
 
-static sbl_result sbl__inspect_trace(const sbl__looking *k, const sbl__batch *b) {
+static sbl_result sbl__inspect_trace(const sbl__inspect_request *k, const sbl__batch *b) {
     return sbl__trace_draw(&k->core->device, &k->found->job.trace, b, 0, 0);
 }
 
-static sbl_result sbl__inspect_rays(sbl__looking *k) {
+static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
     sbl__core *c = k->core;
     const sbl__task *task = &k->found->job.task;
     const int rays = task->spec.rays, size[2] = { 4, (rays + 3) / 4 };
@@ -17586,7 +17594,7 @@ static sbl_result sbl__inspect_rays(sbl__looking *k) {
         double u[2];
         if (!ray) { result = SBL_ERROR_OUT_OF_MEMORY; break; }
         sbl__sequence_at(sequence, i, k->look.seed, u);
-        if (guide) weight *= (float)sbl__guide_send(guide, u);
+        if (guide) weight *= (float)sbl__guide_warp(guide, u);
         sbl__cosine_direction(k->look.normal, u, ray->direction);
         if (hits[0] > 0) ray->distance = sum[3] > 0 ? -hits[2] : hits[2];
         for (n = 0; n < 3; n++) ray->radiance[n] = sum[n] / weight;
@@ -17603,7 +17611,7 @@ static sbl_result sbl__inspect_rays(sbl__looking *k) {
 /* >>inspect: views */
 
 /* The atlas and its weights, as the look left them. */
-static sbl_result sbl__inspect_sheet(sbl__looking *k) {
+static sbl_result sbl__inspect_sheet(sbl__inspect_request *k) {
     sbl__core *c = k->core;
     const sbl__job *j = &k->found->job;
     const sbl__raster *r = &j->raster;
@@ -17636,7 +17644,7 @@ static sbl_result sbl__inspect_sheet(sbl__looking *k) {
     return result;
 }
 
-static void sbl__inspect_views(const sbl__looking *k, sbl_sensor *out) {
+static void sbl__inspect_views(const sbl__inspect_request *k, sbl_sensor *out) {
     const sbl__layout *l = sbl__job_layout(&k->found->job);
     int face, i;
     out->view_count = l ? l->view_count : 0;
@@ -17657,7 +17665,7 @@ static void sbl__inspect_views(const sbl__looking *k, sbl_sensor *out) {
 
 /* >>inspect: rays towards lamps */
 
-static sbl_result sbl__inspect_aim(const sbl__looking *k, const sbl__batch *b) {
+static sbl_result sbl__inspect_aim(const sbl__inspect_request *k, const sbl__batch *b) {
     sbl__core *c = k->core;
     sbl__device *d = &c->device;
     const sbl__job *j = &k->found->job;
@@ -17673,7 +17681,7 @@ static sbl_result sbl__inspect_aim(const sbl__looking *k, const sbl__batch *b) {
 }
 
 /* What an invocation says, see lamps.glsl: number i of the rays, or of the entries. */
-static sbl_result sbl__inspect_take(const sbl__looking *k, const float *said, const float *way, int is_ray) {
+static sbl_result sbl__inspect_take(const sbl__inspect_request *k, const float *said, const float *way, int is_ray) {
     const int state = (int)said[3], lamp = state ? sbl__inspect_lamp(k, (int)way[3]) : 0;
     sbl_sensor_lamp *l;
     sbl_sensor_ray *ray;
@@ -17698,7 +17706,7 @@ static sbl_result sbl__inspect_take(const sbl__looking *k, const float *said, co
     return SBL_SUCCESS;
 }
 
-static sbl_result sbl__inspect_lamps(sbl__looking *k) {
+static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
     sbl__core *c = k->core;
     const sbl__job *j = &k->found->job;
     const int rays = j->aim.rays, count = rays + SBL__LAMPS;
@@ -17734,7 +17742,7 @@ static size_t sbl__inspect_pixel(const sbl__map *m, int x, int y) {
 }
 
 /* Gathers for the pixel in the slot that its sensor's first look had, so that every rounding is the same. */
-static sbl_result sbl__inspect(sbl__looking *k) {
+static sbl_result sbl__inspect(sbl__inspect_request *k) {
     sbl__core *c = k->core;
     sbl__job *j = &k->found->job;
     sbl__slice slice = sbl__slice_of(&c->desc, 0);
@@ -17754,7 +17762,7 @@ static sbl_result sbl__inspect(sbl__looking *k) {
         result = sbl__job_step(&c->device, j, &slice);
         if (result != SBL_UNFINISHED || j->stages.stage != SBL__JOB_READ || seen) continue;
         seen = 1;  /* before probes draw over it */
-        c->device.gl.doing = "looking at a sensor";
+        c->device.gl.doing = "request at a sensor";
         result = sbl__job_layout(j) ? sbl__inspect_sheet(k) : sbl__inspect_rays(k);
         if (result == SBL_SUCCESS && task.spec.lamp_rays) result = sbl__inspect_lamps(k);
         if (result == SBL_SUCCESS) result = SBL_UNFINISHED;
@@ -17763,7 +17771,7 @@ static sbl_result sbl__inspect(sbl__looking *k) {
 }
 
 /* What the host is told. */
-static void sbl__inspect_tell(const sbl__looking *k, sbl_sensor *out) {
+static void sbl__inspect_tell(const sbl__inspect_request *k, sbl_sensor *out) {
     const sbl__pixel *p = sbl__refine_pixel(&k->map->refine, (size_t)k->pixel);
     const sbl_reading *r = &k->reading;
     int i;
@@ -18271,7 +18279,7 @@ SBL_API sbl_result sbl_set_scene(sbl_context *c, const sbl_scene_desc *desc) {
 }
 
 /* Materials, or lights: the others are NULL. */
-static sbl_result sbl__relight(sbl_context *c, const char *function, const sbl_scene_desc *desc) {
+static sbl_result sbl__update_light(sbl_context *c, const char *function, const sbl_scene_desc *desc) {
     const char *what = desc->materials ? "materials" : "lights";
     const int count = desc->materials ? desc->material_count : desc->light_count;
     sbl__visit visit;
@@ -18292,7 +18300,7 @@ static sbl_result sbl__relight(sbl_context *c, const char *function, const sbl_s
     if (check.mistakes) return SBL_ERROR_INVALID_ARGUMENT;
     sbl__visit_enter(c, &visit);
     sbl__abandon(c);
-    result = sbl__scene_relight(&c->core.device, &c->core.scene, desc->materials, desc->lights);
+    result = sbl__scene_update_light(&c->core.device, &c->core.scene, desc->materials, desc->lights);
     sbl__visit_leave(c, &visit);
     return result;
 }
@@ -18305,7 +18313,7 @@ SBL_API sbl_result sbl_set_materials(sbl_context *c, const sbl_material *materia
     desc.materials = materials ? materials : &none;
     desc.material_count = materials ? material_count : 0;
     desc.texture_count = c ? c->core.scene.textures.count : 0;
-    return sbl__relight(c, "sbl_set_materials", &desc);
+    return sbl__update_light(c, "sbl_set_materials", &desc);
 }
 
 SBL_API sbl_result sbl_set_lights(sbl_context *c, const sbl_light *lights, int light_count) {
@@ -18313,7 +18321,7 @@ SBL_API sbl_result sbl_set_lights(sbl_context *c, const sbl_light *lights, int l
     memset(&desc, 0, sizeof desc);
     desc.lights = lights;
     desc.light_count = lights ? light_count : 0;
-    return sbl__relight(c, "sbl_set_lights", &desc);
+    return sbl__update_light(c, "sbl_set_lights", &desc);
 }
 
 SBL_API sbl_result sbl_save_store(sbl_context *c, sbl_write_function put, void *user) {
@@ -18813,7 +18821,7 @@ static sbl_result sbl__inspect_check(const sbl_context *c, int x, int y, const s
 
 SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *sensor, float *radiance, float *weights,
                                       size_t texel_count) {
-    sbl__looking looking;
+    sbl__inspect_request request;
     sbl_sensor s;
     sbl__visit visit;
     sbl_result result;
@@ -18832,21 +18840,21 @@ SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *
         return SBL_ERROR_INVALID_ARGUMENT;
     }
     sbl__inspection_clear(&c->core.base, &c->inspection);
-    memset(&looking, 0, sizeof looking);
-    looking.core = &c->core;
-    looking.map = c->map;
-    looking.found = &c->inspection;
-    looking.pixel = (int)sbl__inspect_pixel(c->map, x, y);
-    looking.radiance = radiance;
-    looking.weights = weights;
+    memset(&request, 0, sizeof request);
+    request.core = &c->core;
+    request.map = c->map;
+    request.found = &c->inspection;
+    request.pixel = (int)sbl__inspect_pixel(c->map, x, y);
+    request.radiance = radiance;
+    request.weights = weights;
     sbl__visit_enter(c, &visit);
-    result = sbl__inspect(&looking);
+    result = sbl__inspect(&request);
     sbl__visit_leave(c, &visit);
     if (result != SBL_SUCCESS) {
         sbl__inspection_clear(&c->core.base, &c->inspection);
         return result;
     }
-    sbl__inspect_tell(&looking, &s);
+    sbl__inspect_tell(&request, &s);
     *sensor = s;
     return SBL_SUCCESS;
 }

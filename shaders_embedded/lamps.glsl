@@ -44,7 +44,7 @@ const int SBL_PASS_RAYS = 32;       // rays are traced in passes, SBL_LAMP_PASSE
                                     // whether
 const float SBL_PASS_CROWD = 16.0;  // they were enough. Of so many rays at least, and the fewer the more lamps
                                     // share the light
-const int SBL_PROBED = 8;           // of so few entries, corners and rims are looked at besides
+const int SBL_RIM_LAMPS = 8;        // of so few entries, corners and rims are looked at besides
 const int SBL_CORNERS = 3;          // of a triangle, each so far from the others:
 const float SBL_CORNER = 0.996, SBL_OTHER_CORNER = 0.002;
 const int SBL_RIM = 12;             // points along the rim of a round lamp, at this share of its disc:
@@ -346,7 +346,7 @@ const int SBL_LOOKS_AGAIN = 4;
 // A texel shows what stands in its middle, where a lamp's triangle may have ended: such points ask again, nearer
 // to the triangle's middle.
 bool sbl_hidden(int slot, sbl_Lamp l, sbl_Sample s) {
-    float turn = sbl_look_turn(look);
+    float turn = sbl_look_rotation(look);
     mat3 frame = sbl_frame(n);
     vec3 axes[2] = vec3[2](cos(turn) * frame[0] - sin(turn) * frame[1],
                            -cos(turn) * frame[1] - sin(turn) * frame[0]);  // right and up, see sbl__frame
@@ -522,18 +522,18 @@ vec4 report, report_way; // what is written
 bool reporting;          // the ray that is shot is the one
 #endif
 
-// The ray of a sample. rim: of a probe, the number of its point along the lamp's rim; negative: it is none. A
-// probe brings no light.
+// The ray of a sample. rim: of a at_rim, the number of its point along the lamp's rim; negative: it is none. A
+// at_rim brings no light.
 void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, int rim, bool point) {
-    bool probe = rim >= 0, cluster = p.cluster || l.kind == SBL_LAMP_SKY_TEXEL || dot(sparse, l.group) > 0.0;
+    bool at_rim = rim >= 0, cluster = p.cluster || l.kind == SBL_LAMP_SKY_TEXEL || dot(sparse, l.group) > 0.0;
     vec3 light = s.light / p.share, to = s.direction;
-    taken += point || probe ? 0.0 : 1.0;
+    taken += point || at_rim ? 0.0 : 1.0;
     if (!(light.r + light.g + light.b > 0.0)) return;
 #ifdef SBL_DIRECTIONAL
     vec4 counts = sbl_harmonics(s.direction, n, 1.0 / max(dot(s.direction, n), SBL_COSINE_LEAST));
-    if (!cluster && !point && !probe) open_harmonics[l.group.y > 0.0 ? 1 : 0] += outerProduct(counts, light);
+    if (!cluster && !point && !at_rim) open_harmonics[l.group.y > 0.0 ? 1 : 0] += outerProduct(counts, light);
 #endif
-    if (!cluster && !point && !probe) {
+    if (!cluster && !point && !at_rim) {
         open += outerProduct(light, l.group);
         samples += l.group;
     }
@@ -550,11 +550,11 @@ void sbl_shoot(int slot, sbl_Pick p, sbl_Lamp l, sbl_Sample s, int rim, bool poi
         report_way = vec4(point ? vec3(0) : to / away, p.leaf);
     }
 #endif
-    if (!point && (probe || !cluster)) {
+    if (!point && (at_rim || !cluster)) {
         if (hidden) dark += l.group;
         else bright += l.group;
     }
-    if (hidden || probe) return;
+    if (hidden || at_rim) return;
 #ifdef SBL_TEXTURED
     if (l.kind == SBL_LAMP_TRIANGLE) {
         sbl_Attributes at = sbl_attributes_at(l.triangle, s.b.x, s.b.y);
@@ -678,7 +678,7 @@ void main() {
     // So that the first pass does not overlook an edge that hides little, corners and rims of few lamps are looked
     // at.
     int passes = sbl_pass_count(), rims = rounded ? SBL_RIM : SBL_CORNERS;
-    int probes = passes > 1 && used <= SBL_PROBED ? rims * used : 0;
+    int rim_samples = passes > 1 && used <= SBL_RIM_LAMPS ? rims * used : 0;
     int skip = int(sbl_look_which(look) & SBL_LOOK_NUMBER) * rays;
     bool undecided = total > 0.0;
     for (int pass = -1; pass < passes && (pass < 0 || undecided); pass++) {  // the points of light come first
@@ -689,27 +689,27 @@ void main() {
         int from = int(uint((eighth + pass * stretch) * rays) / uint(eighths));
         int to = total > 0.0 ? int(uint((eighth + (pass + 1) * stretch) * rays) / uint(eighths)) : from;
         bool point = pass < 0;
-        int start = point ? part : pass == 0 ? from - probes : from, end = point ? certain : to;
+        int start = point ? part : pass == 0 ? from - rim_samples : from, end = point ? certain : to;
         for (int k = start; k < end; k += point ? parts : 1) {
-            bool probe = pass == 0 && k < from;
-            uint probed = uint(from - 1 - k);
-            int rim = probe ? int(probed % uint(rims)) : -1, entry = entries[point ? SBL_LAMPS - 1 - k : 0];
+            bool at_rim = pass == 0 && k < from;
+            uint rim_index = uint(from - 1 - k);
+            int rim = at_rim ? int(rim_index % uint(rims)) : -1, entry = entries[point ? SBL_LAMPS - 1 - k : 0];
             uvec2 fraction = texelFetch(sbl_sequence, skip + max(k, 0)).xy ^ scramble;
             vec2 u = sbl_unit_square(fraction);
             sbl_Pick p = sbl_Pick(0, point ? 1.0 / float(parts) : 1.0, u, false);
-            if (probe) entry = entries[probed / uint(rims)];
+            if (at_rim) entry = entries[rim_index / uint(rims)];
             else if (!point) entry = sbl_pick_entry(p);
-            if (probe && entry < 0) continue;
+            if (at_rim && entry < 0) continue;
             p.leaf = entry;
             p.cluster = entry < 0;
 #ifdef SBL_MIXED
             if (p.cluster) sbl_descend(p, -1 - entry, fraction.x);
 #endif
             sbl_Lamp l = sbl_lamp(p.leaf);
-            bool corner = probe && l.kind == SBL_LAMP_TRIANGLE;
-            if (probe && (l.kind == SBL_LAMP_SKY_TEXEL || (corner && rim >= SBL_CORNERS))) continue;
+            bool corner = at_rim && l.kind == SBL_LAMP_TRIANGLE;
+            if (at_rim && (l.kind == SBL_LAMP_SKY_TEXEL || (corner && rim >= SBL_CORNERS))) continue;
             float turned = float(rim) + float(scramble.y >> 8) / SBL_FRACTIONS;
-            if (probe) p.u = vec2(SBL_RIM_AT, turned / float(SBL_RIM));
+            if (at_rim) p.u = vec2(SBL_RIM_AT, turned / float(SBL_RIM));
             sbl_Sample s = sbl_sample(l, p.u);
             if (corner) {
                 vec3 way = l.corner + (rim == 1 ? SBL_CORNER : SBL_OTHER_CORNER) * l.side_1 +
@@ -719,7 +719,7 @@ void main() {
                 s.light = vec3(dot(way, n));
             }
 #ifdef SBL_INSPECT
-            reporting = point ? k == certain_ray : !probe && k == wanted;
+            reporting = point ? k == certain_ray : !at_rim && k == wanted;
 #endif
             sbl_shoot(slot, p, l, s, rim, point);
         }

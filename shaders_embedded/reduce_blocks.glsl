@@ -17,7 +17,7 @@ void main() {
     vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);
 #ifdef SBL_DIRECTIONAL
     int slot = at.y / blocks.y * columns + at.x / blocks.x;
-    float s = sin(sbl_look_turn(slot)), c = cos(sbl_look_turn(slot));
+    float s = sin(sbl_look_rotation(slot)), c = cos(sbl_look_rotation(slot));
     mat3 frame = sbl_frame(sbl_look_normal(slot)) * mat3(c, -s, 0, s, c, 0, 0, 0, 1);
     mat3x4 harmonics = mat3x4(0);
 #endif

@@ -1,7 +1,7 @@
 // What a sensor's texel holds: Ck, and the distance along the view axis, negative where a back face is seen.
 layout(location = 0) out vec4 out_radiance;
 in vec3 place;              // where in the atlas it was put
-uniform vec2 atlas_size;    // texels
+uniform vec2 view_texture_size;    // texels
 #if defined(SBL_TEXTURED) || defined(SBL_BOUNCED)
 uniform float radiance_scale;
 flat in int fragment_object;
@@ -27,7 +27,8 @@ const float SBL_BESIDE_ROUNDING = 3e-7;  // and what rounding adds to that at un
 // A triangle whose plane holds the sensor is a line. Rounding makes it a triangle that may lie anywhere, in the
 // views of other sensors too: what is drawn there is not what is seen in that direction.
 bool sbl_seen_here() {
-    vec2 at = gl_FragCoord.xy / atlas_size * 2.0 - 1.0, beside = abs(place.xy - at * place.z) * 0.5 * atlas_size;
+    vec2 at = gl_FragCoord.xy / view_texture_size * 2.0 - 1.0;
+    vec2 beside = abs(place.xy - at * place.z) * 0.5 * view_texture_size;
     return place.z > SBL_NEAREST && max(beside.x, beside.y) <= SBL_BESIDE * place.z + SBL_BESIDE_ROUNDING;
 }
 

@@ -26,17 +26,17 @@ int sbl_leaf_at(int number, bool back, vec3 position, float distance) {
     for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {  // as seen from elsewhere, or wider
         uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);
         uint check = sbl_hash_step(sbl_hash_step(sbl_hash_step(hash, at.z), at.y), at.x) | 1u;
-        for (int i = 0; i < SBL_PROBES; i++) {
+        for (int i = 0; i < SBL_SLOT_TRIES; i++) {
             int place = int(hash + uint(i)) & cell_mask;
             uvec4 two = sbl_fetch(sbl_store, first_cell + (place >> 1));
             uvec2 slot = (place & 1) == 0 ? two.xy : two.zw;
             if (slot.x == check) reference = slot.y;
             if (slot.x == check || slot.x == 0u) break;
         }
-        for (int i = 0; i < SBL_CELL_DEPTH && reference >= SBL_CELL_SPLIT; i++) {
-            int split = int(reference & ~SBL_CELL_SPLIT);
-            uvec2 sides = sbl_split_sides(split);
-            reference = dot(sbl_split_normal(split), position) > sbl_split_distance(split) ? sides.y : sides.x;
+        for (int i = 0; i < SBL_CELL_DEPTH && reference >= SBL_CELL_CUT; i++) {
+            int cut = int(reference & ~SBL_CELL_CUT);
+            uvec2 sides = sbl_cut_sides(cut);
+            reference = dot(sbl_cut_normal(cut), position) > sbl_cut_distance(cut) ? sides.y : sides.x;
         }
         patch_word ^= SBL_PATCH_NEAR;
         if ((tries & 1) == 1) {

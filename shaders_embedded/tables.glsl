@@ -1,5 +1,5 @@
 // What stands above every shader: how tables are read. Those that grow with the scene are buffer textures or, past
-// the driver's limit for these, 2D textures (see sbl__table_show in sbl.h). Above this stand the program's
+// the driver's limit for these, 2D textures (see sbl__table_attach in sbl.h). Above this stand the program's
 // features and the constants that C shares, below it the functions that read its records (see >>records).
 #ifdef SBL_WIDE
 #define sbl_Texels usampler2D

@@ -4,12 +4,12 @@ uniform usamplerBuffer sbl_sequence;  // points of the Sobol sequence, two 32-bi
                                       // curve
 uniform int rays;                     // of a look
 uniform int paired;                   // 1: an invocation takes two at a time; 0: one, which its outputs tell of
-uniform bool dark;                    // nothing shines but lamps: rays merely tell where a sensor stands, and
+uniform bool no_light;                // nothing shines but lamps: rays merely tell where a sensor stands, and
                                       // those of its first look do
 uniform float spread;                 // 1: the cosine's whole hemisphere; 0: all rays go along the normal
-uniform float reach;                  // what is farther off counts as so far off in the mean distance
+uniform float distance_limit;         // what is farther off counts as so far off in the mean distance
 uniform vec3 sky;
-uniform float ray_offset;             // of a surface's reach, that rays start off it
+uniform float ray_offset;             // of a surface's distance_limit, that rays start off it
 SBL_OUT(0, out_sum);
 SBL_OUT(1, out_hits);
 #ifdef SBL_DIRECTIONAL
@@ -77,7 +77,7 @@ void main() {
     mat3 frame = sbl_frame(sbl_look_normal(sensor));
     uvec2 scramble = sbl_look_scramble(sensor);
     uint which = sbl_look_which(sensor);
-    int number = int(which & SBL_LOOK_NUMBER), skip = number * rays, end = dark && number > 0 ? 0 : rays;
+    int number = int(which & SBL_LOOK_NUMBER), skip = number * rays, end = no_light && number > 0 ? 0 : rays;
 
     vec4 sum = vec4(0), hits = vec4(0, 0, SBL_UNBOUNDED, 0);
     float squares = 0.0, other = 0.0;
@@ -108,7 +108,7 @@ void main() {
             sum.rgb += share * sbl_radiance(hit, place, leg == SBL_LEGS - 1, goes_on, material);
             if (leg == 0) {
                 sum.a += hit.back ? weight : 0.0;
-                hits.xy += weight * vec2(1.0, min(hit.distance, reach));
+                hits.xy += weight * vec2(1.0, min(hit.distance, distance_limit));
                 hits.z = min(hits.z, hit.distance);
             }
             if (!goes_on) break;

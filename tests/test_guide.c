@@ -56,7 +56,7 @@ TEST(guides_are_densities) {
         sbl__guide_make(found, words);
         for (i = 0, count = 0; i < 512 * 512; i++, count++) {
             double u[2] = { (i % 512 + 0.5) / 512, (i / 512 + 0.5) / 512 };
-            const double weight = sbl__guide_send(words, u);
+            const double weight = sbl__guide_warp(words, u);
             const int bin = sbl__guide_bin(u[0], u[1]);
             if (!(u[0] >= 0 && u[0] <= 1 && u[1] >= 0 && u[1] <= 1)) break;
             if (weight > 1.01 / (SBL__GUIDE_EVEN * SBL__GUIDE_EVEN)) break;
@@ -266,7 +266,7 @@ TEST(even_light_needs_no_guide) {
             double u[2], weight;
             u[0] = ref_random(&seed);
             u[1] = ref_random(&seed);
-            weight = sbl__guide_send(words, u);
+            weight = sbl__guide_warp(words, u);
             worst = fmax(worst, fabs(weight - 1));
             least = fmin(least, weight);
         }

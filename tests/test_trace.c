@@ -243,8 +243,8 @@ TEST(edges_are_tight_however_products_round) {
         for (i = 0; i < RAYS; i++) {
             uint32_t triangle = (uint32_t)(ref_random(&seed) * own->core.scene.geometry.triangle_count);
             const int edge = (int)(3 * ref_random(&seed));
-            const float *a = sbl__corner_of(&own->core.scene.geometry, triangle, edge),
-                *b = sbl__corner_of(&own->core.scene.geometry, triangle, (edge + 1) % 3);
+            const float *a = sbl__triangle_corner(&own->core.scene.geometry, triangle, edge),
+                *b = sbl__triangle_corner(&own->core.scene.geometry, triangle, (edge + 1) % 3);
             const float share = i % 8 ? (float)ref_random(&seed) : 0;
             float *ray = rays + 8 * (size_t)i;
             for (k = 0; k < 3; k++) {

@@ -35,7 +35,7 @@ inside_weight inside_weigh_corners(int strips, float light) {
     inside_weight weight;
     sbl__spec spec;
     sbl__refine r;
-    sbl__cell c;
+    sbl__tile c;
     int i, k;
     memset(&spec, 0, sizeof spec);
     spec.looks = 16;
@@ -68,7 +68,7 @@ inside_weight inside_weigh_corners(int strips, float light) {
         p->variance = 100 * (double)light * (double)light;
         for (k = 0; k < 3; k++) p->radiance[k] = light;
     }
-    sbl__cell_weigh(&r, &c, 0);
+    sbl__tile_weigh(&r, &c, 0);
     weight.noise2 = c.noise2;
     weight.bias2 = c.bias2;
     weight.light = c.light;

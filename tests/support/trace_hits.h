@@ -45,7 +45,7 @@ static int trace_hits(sbl_context *c, const float *rays, int count, traced_hit *
     do result = sbl__scene_step(d, scene, &slice); while (result == SBL_UNFINISHED);
     if (result == SBL_SUCCESS)
         result = sbl__buffer_make(d, &table.buffer, (size_t)count * 32, rays, SBL__GL_STREAM_DRAW);
-    if (result == SBL_SUCCESS) result = sbl__table_show(d, &table, SBL__GL_RGBA32F, 0);
+    if (result == SBL_SUCCESS) result = sbl__table_attach(d, &table, SBL__GL_RGBA32F, 0);
     if (result == SBL_SUCCESS) result = sbl__texture_make(d, &texture, TRACE_HITS_WIDTH, rows, SBL__GL_RGBA32F);
     colors[0] = &texture;
     if (result == SBL_SUCCESS) result = sbl__target_make(d, &target, colors, 1, NULL);
@@ -107,7 +107,7 @@ static hits_compared trace_hits_compare(sbl_context *c, const ref_scene *scene, 
         out.hits += number >= 0;
         if (number < 0 && truth.triangle < 0) continue;
         for (k = 0; k < 3 && number >= 0; k++) {
-            mine[k] = v3_from(sbl__corner_of(&c->core.scene.geometry, (uint32_t)number, k));
+            mine[k] = v3_from(sbl__triangle_corner(&c->core.scene.geometry, (uint32_t)number, k));
             reach = fmax(reach, v3_length(mine[k]));
         }
         for (k = 0; k < 3 && truth.triangle >= 0; k++)
