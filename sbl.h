@@ -7540,7 +7540,7 @@ static void sbl__check_camera(sbl__check *check, const char *where, const sbl_pi
     orthographic = m[3] == 0.0f && m[7] == 0.0f && m[11] == 0.0f && m[15] == 1.0f && m[8] == 0.0f && m[9] == 0.0f;
     if (!(perspective || orthographic) || m[0] == 0.0f || m[5] == 0.0f || m[1] != 0.0f || m[4] != 0.0f)
         sbl__mistake(check, "%s: view_to_clip is neither a perspective nor an orthographic projection (column-major, "
-                     "seen down -z; its last row is %g %g %g %g); sbl_perspective makes one", where, (double)m[3],
+                     "view direction -z; its last row is %g %g %g %g); sbl_perspective makes one", where, (double)m[3],
                      (double)m[7], (double)m[11], (double)m[15]);
 }
 
