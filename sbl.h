@@ -1644,7 +1644,8 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
                   >>resolve      composition and anti-aliasing
                   >>gutters      continues a lightmap into the texels around its charts
                   >>seams        makes a lightmap equal on both sides of its seams
-   front ends     >>map          the radiance map, which pictures and lightmaps share
+   front ends     >>work         what all front ends have in common: begin, step, progress
+                  >>map          the radiance map, which pictures and lightmaps share
                   >>picture      pictures
                   >>lightmap     lightmaps
                   >>gather       readings at any points
@@ -1732,7 +1733,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    tile                                                 a rectangle of pixels with a sensor at each corner
    uncertainty                                          a standard error; its square is a variance
    probe        sbl__probe        >>probes              light at a point in the air, for things that move
-   front end                                            one kind of work that the host can begin, such as a picture
+   front end    sbl__work         >>work                one kind of work that the host can begin, such as a picture
 
 
    FOR THOSE WHO CHANGE IT
@@ -1748,12 +1749,11 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
        in examples/sbl_render.c.
 
    To add a front end:
-       write a room like >>gather, which is the shortest. Its begin function stores the descriptor. Its table of stages
-       calls sbl__prepare (hierarchy, lamps, store), then sbl__spec_make (how to measure), then sbl__job_begin with a
-       task (sites and readings), then sbl__job_step until the job is done. A loop over many items is a stage with
-       turn and count, or ends a piece when sbl__late is true. Add one row to the table of front ends (begin, step,
-       progress, free, report), and a function to the interface that checks the descriptor and begins. sbl__job.results
-       holds the readings on the GPU as well.
+       write a room like >>gather, which is the shortest. Its struct begins with an sbl__work; its sbl__front_end names
+       its functions and its table of stages, in which a loop over many items is a row with turn and count. The stages
+       call sbl__prepare (hierarchy, lamps, store), sbl__spec_make (how to measure), sbl__job_begin with a task (sites
+       and readings), then sbl__job_step until the job is done. sbl__job.results holds the readings on the GPU as well.
+       Add a row to SBL__FRONT_ENDS (>>public), and declare the descriptor and the two functions in the interface.
 
    To add a kind of light:
        add it to sbl_light_kind, its parameters to sbl_light, and its checks to sbl__check_light. In >>lamps, add its
@@ -15432,64 +15432,112 @@ static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, cons
     return sbl__stages_step(&s->stages, table, SBL__COUNT(table), s, slice);
 }
 
+/* ======================================================================================================== >>work
+   What all front ends have in common. A front end is a struct whose first field is an sbl__work, and an sbl__front_end
+   that says how to check its descriptor, begin, and run its stages. >>public lists all front ends in one table. */
+
+struct sbl__front_end;
+
+/* Work that the host has begun. All zeroes: none. */
+typedef struct sbl__work {
+    const struct sbl__front_end *front_end;
+    sbl__core *core;
+    sbl__measurement measurement;
+    sbl__stages stages;  /* position in the front end's table of stages */
+    float store_share;   /* share of the progress that filling the store takes */
+    float progress;      /* what the host has been told, 0 to 1; never decreases */
+} sbl__work;
+
+/* The functions of a front end. `work` points to its struct, desc to its descriptor as the host gave it, or NULL. */
+typedef struct sbl__front_end {
+    const char *begin_name;         /* name of the public function that begins it, for messages */
+    int is_map;                     /* 1: it makes an sbl__map, which the host can read when it is finished */
+    /* Checks the descriptor, logs mistakes, and says how sensors measure. Changes nothing else. */
+    sbl_result (*check)(const sbl__core *core, const void *desc, sbl__measurement *measurement);
+    /* Fills the struct, which is zero but for its sbl__work. desc has been checked. */
+    sbl_result (*begin)(void *work, const void *desc);
+    const sbl__stage_row *stages;
+    int stage_count;
+    /* Returns the statistic to which the seconds of the current stage are added; NULL: none. */
+    double *(*seconds)(const void *work);
+    float (*progress)(const void *work);  /* returns the share that is done, 0 to 1, without filling the store */
+    void (*free)(void *work);             /* frees all memory and sets the struct to zero */
+} sbl__front_end;
+
+static int sbl__work_is_done(const sbl__work *w) { return w->stages.stage == w->front_end->stage_count; }
+
+/* Begins work in a struct that is all zeroes. The descriptor has been checked. */
+static sbl_result sbl__work_begin(sbl__work *w, const sbl__front_end *front_end, sbl__core *core,
+                                  const sbl__measurement *measurement, const void *desc) {
+    w->front_end = front_end;
+    w->core = core;
+    w->measurement = *measurement;
+    w->store_share = sbl__prepare_share(core, measurement);
+    return front_end->begin(w, desc);
+}
+
+/* Does one piece of the current stage. SBL_SUCCESS: all stages are done. */
+static sbl_result sbl__work_step(sbl__work *w, sbl__slice *slice) {
+    const sbl__front_end *f = w->front_end;
+    const double start = sbl__now(), bounced = w->core->stats.seconds.bounce;
+    double *seconds = f->seconds(w);
+    const sbl_result result = sbl__stages_step(&w->stages, f->stages, f->stage_count, w, slice);
+    if (seconds) *seconds += sbl__now() - start - (w->core->stats.seconds.bounce - bounced);
+    return result;
+}
+
 /* ======================================================================================================== >>map
    A radiance map holds R, and any further layers of light, for a grid of pixels. A front end that makes one (>>picture,
    >>lightmap) has an sbl__map as its first field and a table of stages that begins with SBL__MAP_ROWS. Four of these
-   rows call functions of the front end: they make memory, find the surfaces that pixels show, read them, and show a map
-   under way.
+   rows are functions of the front end: they allocate memory, find the surfaces that pixels show, read these back, and
+   make a preview.
 
        SETUP -> PREPARE -> SURFACE -> READ -> REFINE -> DEVELOP -> the front end's stages
                                               |    ^
-                                              PREVIEW, where somebody looks
+                                              PREVIEW, if the host reads channels
 
-   DEVELOP fills in the pixels between sensors, sends the layer to the GPU and filters it. It has a cursor of its own,
-   so that a preview can be made in the middle of any stage. */
+   DEVELOP interpolates the pixels between sensors, uploads the layer and filters it. It has a position of its own, so
+   that a preview can be made in the middle of any stage. */
 
-enum { SBL__MAP_SETUP = 1, SBL__MAP_PREPARE, SBL__MAP_SURFACE, SBL__MAP_READ, SBL__MAP_REFINE, SBL__MAP_PREVIEW,
+enum { SBL__MAP_SETUP, SBL__MAP_PREPARE, SBL__MAP_SURFACE, SBL__MAP_READ, SBL__MAP_REFINE, SBL__MAP_PREVIEW,
        SBL__MAP_DEVELOP, SBL__MAP_END };
 
 enum { SBL__DEVELOP_FILL, SBL__DEVELOP_SEND, SBL__DEVELOP_FILTER, SBL__DEVELOP_DONE };
 
-/* A layer of light as the GPU has it. */
+/* A layer of light on the GPU. */
 typedef struct sbl__map_layer {
-    sbl__texture light;         /* as it was filled in; of layer 0, a: its noise */
-    sbl__texture smooth;        /* filtered */
-    sbl__target target;         /* of the latter */
+    sbl__texture light;         /* interpolated light; a of layer 0: its noise */
+    sbl__texture smooth;        /* filtered light */
+    sbl__target target;         /* draws into smooth */
 } sbl__map_layer;
 
 typedef struct sbl__map {
-    sbl__core *core;
-    const sbl__stage_row *table;
-    int row_count;
-    sbl__stages stages;
-    sbl_picture_desc desc;      /* defaults filled in; width and height: of all pixels that are worked on */
-    int size[2], across;        /* of what the host reads; desc's pixels across one of these */
-    int *shown;                 /* which of desc's pixels each of these shows; NULL: they are the same */
-    sbl__measurement measurement;
+    sbl__work work;             /* first: see >>work */
+    sbl_picture_desc desc;      /* with defaults. width and height are those of the working grid */
+    int size[2], across;        /* size that the host reads; each of its pixels is across x across working pixels */
+    int *shown;                 /* per pixel that the host reads: the working pixel that it shows; NULL: across is 1 */
     sbl__spec spec;
-    uint32_t scene_version;     /* version of the scene that it shows */
+    uint32_t scene_version;     /* version of the scene that the map shows */
     sbl__surface surface;
     sbl__gbuffer gbuffer;
     sbl__refine refine;
-    int layers_at_once;         /* how many layers DEVELOP makes before the front end's own stages */
-    int layer, layer_end;       /* the layer that is being developed; the one behind the last of these */
-    int developed;              /* how many layers are final */
+    int layers_at_once;         /* number of layers that DEVELOP makes before the front end's stages */
+    int layer, layer_end;       /* layer that is being developed; end of the layers that DEVELOP makes this time */
+    int developed;              /* number of layers that are final */
     sbl__stages developing;
     sbl__fill fill;
     sbl__map_layer layers[SBL__LAYERS];
     sbl__pace filter_pace;
-    const sbl__target *channels[SBL_CHANNEL_COUNT];  /* where a channel is read from now; NULL: refinement knows it */
-    sbl__texture scalars[SBL_CHANNEL_COUNT];  /* textures of the latter channels, made on demand */
-    int watched;                /* the host has read a channel of the map under way: previews are made */
-    int64_t previewed;          /* looks that had been taken when the last preview was made; 0: there is none */
-    float finished;             /* how much of the front end's own stages is done, 0 to 1 */
-    float store_share;          /* the store's share of progress */
-    float progress;
+    const sbl__target *channels[SBL_CHANNEL_COUNT];  /* target that holds a channel now; NULL: refinement holds it */
+    sbl__texture scalars[SBL_CHANNEL_COUNT];  /* textures of channels that refinement holds, made on demand */
+    int watched;                /* 1: the host has read a channel of the unfinished map, so previews are made */
+    int64_t previewed;          /* number of looks when the last preview was made; 0: there is no preview */
+    float finished;             /* share of the front end's own stages that is done, 0 to 1 */
 } sbl__map;
 
-#define SBL__READ_PIXELS 32768    /* pixels of the G-buffer that are read at once */
-#define SBL__STORED_NOISE 0.1f    /* relative noise of stored light where it is shown, for the filter */
-#define SBL__PREVIEW_GROWTH 1.25  /* the next preview is made when this many times the looks have been taken */
+#define SBL__READ_PIXELS 32768    /* number of pixels transferred between GPU and host at once */
+#define SBL__STORED_NOISE 0.1f    /* relative noise that the filter assumes for stored light that pixels show */
+#define SBL__PREVIEW_GROWTH 1.25  /* the next preview is made when the number of looks has grown by this factor */
 
 static void sbl__map_layer_free(const sbl__device *d, sbl__map_layer *l) {
     sbl__target_delete(d, &l->target);
@@ -15497,7 +15545,8 @@ static void sbl__map_layer_free(const sbl__device *d, sbl__map_layer *l) {
     sbl__texture_delete(d, &l->smooth);
 }
 
-static void sbl__map_free(const sbl__device *d, sbl__map *m) {
+static void sbl__map_free(sbl__map *m) {
+    const sbl__device *d = &m->work.core->device;
     int i;
     for (i = 0; i < SBL_CHANNEL_COUNT; i++) sbl__texture_delete(d, &m->scalars[i]);
     for (i = 0; i < SBL__LAYERS; i++) sbl__map_layer_free(d, &m->layers[i]);
@@ -15508,39 +15557,50 @@ static void sbl__map_free(const sbl__device *d, sbl__map *m) {
     sbl__free(d->base, m->shown);
 }
 
-static int sbl__map_is_done(const sbl__map *m) { return m->stages.stage == m->row_count; }
+/* Completes the check of a front end: says how sensors measure, and refuses a working grid that exceeds the driver's
+   textures. d: with defaults. asked: the host has set target_error. */
+static sbl_result sbl__map_check(const sbl__core *c, const char *where, const sbl_picture_desc *d, int asked,
+                                 sbl__measurement *measurement) {
+    const int most = c->device.gl.capabilities.max_texture_size;
+    *measurement = sbl__measurement_of(&d->options, d->sensor_kind, d->sensor_fov);
+    measurement->look_rays = sbl__look_rays(d->target_error);
+    measurement->looks = asked ? SBL__MAX_LOOKS : SBL__DEFAULT_LOOKS;
+    if (d->width <= most && d->height <= most) return SBL_SUCCESS;
+    sbl__log(&c->base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "%s: size is %d x %d; this driver's textures are at most "
+             "%d across", where, d->width, d->height, most);
+    return SBL_ERROR_UNSUPPORTED;
+}
 
-/* desc has its defaults filled in and has been checked. asked: the host has set its error. directional: harmonics are
-   found, too. The caller then sets the table, and the fields in which it differs from a picture. */
-static void sbl__map_begin(sbl__map *m, sbl__core *c, const sbl_picture_desc *desc, int asked, int directional) {
-    const sbl__measurement measurement = sbl__measurement_of(&desc->options, desc->sensor_kind, desc->sensor_fov);
-    m->core = c;
+/* desc: with defaults. across: see sbl__map. directional: 1: harmonics are layers 1 to 4. */
+static void sbl__map_begin(sbl__map *m, const sbl_picture_desc *desc, int across, int directional) {
+    sbl__core *c = m->work.core;
+    int level;
     m->desc = *desc;
-    m->measurement = measurement;
-    m->measurement.look_rays = sbl__look_rays(desc->target_error);
-    m->measurement.looks = asked ? SBL__MAX_LOOKS : SBL__DEFAULT_LOOKS;
     m->spec.directional = directional;
     m->scene_version = c->scene.version;
-    m->size[0] = desc->width;
-    m->size[1] = desc->height;
-    m->across = 1;
+    m->size[0] = desc->width / across;
+    m->size[1] = desc->height / across;
+    m->across = across;
     m->layers_at_once = sbl__spec_layers(&m->spec);
     m->channels[SBL_CHANNEL_RADIANCE] = &m->layers[0].target;
     m->channels[SBL_CHANNEL_ALBEDO] = &m->gbuffer.target;
-    m->store_share = sbl__prepare_share(c, &measurement);
-    m->stages.stage = SBL__MAP_SETUP;
-    sbl__refine_begin(&m->refine, c, &m->measurement, &m->spec, desc, sbl__filter_pixels(desc->filter_radius));
+    c->stats.picture.width = m->size[0];
+    c->stats.picture.height = m->size[1];
+    c->stats.picture.target_error = desc->target_error;
+    for (level = 0; level < SBL_MAX_LEVELS; level++)
+        c->stats.picture.levels[level].tile = SBL__MAX(1, desc->tile >> level);
+    sbl__refine_begin(&m->refine, c, &m->work.measurement, &m->spec, desc, sbl__filter_pixels(desc->filter_radius));
 }
 
 /* >>map: what pixels show */
 
-/* Memory and textures, one of them a piece. drawn: surfaces are drawn, with a depth buffer. */
+/* Allocates memory and textures, one of them per piece. drawn: 1: surfaces are drawn, which needs a depth buffer. */
 static sbl_result sbl__map_setup(sbl__map *m, int drawn) {
-    sbl__device *d = &m->core->device;
+    sbl__device *d = &m->work.core->device;
     const int width = m->desc.width, height = m->desc.height;
     sbl_result result;
     d->gl.doing = "making the picture's textures";
-    switch (m->stages.at++) {
+    switch (m->work.stages.at++) {
         case 0: result = sbl__refine_make(&m->refine); break;
         case 1: result = sbl__surface_make(d, &m->surface, width, height, !drawn); break;
         default: return sbl__gbuffer_make(d, &m->gbuffer, width, height, drawn ? &m->surface.depth : NULL);
@@ -15548,30 +15608,29 @@ static sbl_result sbl__map_setup(sbl__map *m, int drawn) {
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
 
-/* A texture that is read as the map is, or, for all pixels that are worked on, `across` times as large; target: NULL
-   where nothing is drawn to it. */
+/* Makes a texture of the size that the host reads times `across`. target: NULL if nothing is drawn into it. */
 static sbl_result sbl__map_texture(const sbl__map *m, int across, sbl__texture *t, sbl__target *target) {
-    const sbl__device *d = &m->core->device;
+    const sbl__device *d = &m->work.core->device;
     const sbl__texture *color = t;
     const sbl_result result = sbl__texture_make(d, t, m->size[0] * across, m->size[1] * across, SBL__GL_RGBA32F);
     return result == SBL_SUCCESS && target ? sbl__target_make(d, target, &color, 1, NULL) : result;
 }
 
-/* Prepares the scene. */
 static sbl_result sbl__map_prepare(void *work, sbl__slice *slice) {
     sbl__map *m = (sbl__map *)work;
-    const sbl_result result = sbl__prepare(m->core, &m->measurement, slice);
+    const sbl_result result = sbl__prepare(m->work.core, &m->work.measurement, slice);
     if (result == SBL_SUCCESS) sbl__refine_see(&m->refine);
     return result;
 }
 
-/* One pixel of the G-buffer for refinement. */
+/* Converts a pixel of the G-buffer for refinement. from: position, normal, geometric normal and emission, 4 floats
+   each, see >>surface for their fourth components. */
 static void sbl__map_pixel(const sbl__map *m, const float *const from[4], uint32_t id, sbl__pixel *out) {
     memset(out, 0, sizeof *out);
     memcpy(out->position, from[0], sizeof out->position);
     memcpy(out->normal, from[1], sizeof out->normal);
     memcpy(out->geometric_normal, from[2], sizeof out->geometric_normal);
-    out->offset = sbl__spec_offset(&m->spec, &m->core->scene, from[0][3]);
+    out->offset = sbl__spec_offset(&m->spec, &m->work.core->scene, from[0][3]);
     out->id = id;
     if (!m->spec.bounced || !id) return;
     out->sensed = from[1][3] < 0;
@@ -15587,17 +15646,17 @@ static void sbl__map_pixel(const sbl__map *m, const float *const from[4], uint32
     out->variance *= out->variance;
 }
 
-/* What a pixel that is read shows. */
+/* Returns the working pixel that pixel i of those that the host reads shows. */
 static size_t sbl__map_shown(const sbl__map *m, size_t i) { return m->shown ? (size_t)m->shown[i] : i; }
 
-/* Brings rows of the G-buffer to the host, from row m->stages.at on, which it moves on. SBL_SUCCESS: it has all. */
+/* Reads rows of the G-buffer back, from row stages.at on, and advances stages.at. SBL_SUCCESS: all rows are read. */
 static sbl_result sbl__map_read(sbl__map *m) {
     static const int attachments[4] = { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL,
                                         SBL__GBUFFER_EMISSION };
-    sbl__core *c = m->core;
-    const int parts = m->spec.bounced ? 4 : 3;  /* light that is stored needs the last */
+    sbl__core *c = m->work.core;
+    const int parts = m->spec.bounced ? 4 : 3;  /* the last holds a component of the stored light */
     const int width = m->desc.width, most = SBL__MAX(1, SBL__READ_PIXELS / width / m->across) * m->across;
-    const int first = m->stages.at, rows = SBL__MIN(most, m->desc.height - first), count = rows * width;
+    const int first = m->work.stages.at, rows = SBL__MIN(most, m->desc.height - first), count = rows * width;
     const sbl__target *t = &m->gbuffer.target;
     float *data = (float *)sbl__alloc_raw(&c->base, (size_t)count, 4 * 16 + 4);
     float *ids = data ? data + 16 * (size_t)count : NULL;
@@ -15619,15 +15678,15 @@ static sbl_result sbl__map_read(sbl__map *m) {
         c->stats.picture.visible_pixels += id != 0;
     }
     sbl__free(&c->base, data);
-    m->stages.at += rows;
-    return result == SBL_SUCCESS && m->stages.at < m->desc.height ? SBL_UNFINISHED : result;
+    m->work.stages.at += rows;
+    return result == SBL_SUCCESS && m->work.stages.at < m->desc.height ? SBL_UNFINISHED : result;
 }
 
 /* >>map: developing */
 
-/* From layer number `layer` on, so many as the front end takes at once. */
+/* Starts DEVELOP at a layer. */
 static void sbl__map_develop_from(sbl__map *m, int layer) {
-    sbl__fill_free(&m->core->base, &m->fill);
+    sbl__fill_free(&m->work.core->base, &m->fill);
     m->layer = layer;
     m->layer_end = SBL__MIN(layer + m->layers_at_once, sbl__spec_layers(&m->spec));
     m->developing.stage = SBL__DEVELOP_FILL;
@@ -15641,10 +15700,10 @@ static sbl_result sbl__map_fill(void *work, sbl__slice *slice) {
     return sbl__fill_step(&m->fill, slice);
 }
 
-/* Rows of the layer to the GPU. */
+/* Uploads rows of the layer. */
 static sbl_result sbl__map_send(void *work, sbl__slice *slice) {
     sbl__map *m = (sbl__map *)work;
-    sbl__device *d = &m->core->device;
+    sbl__device *d = &m->work.core->device;
     sbl__texture *t = &m->layers[m->layer].light;
     const int width = m->desc.width, at = m->developing.at;
     const int rows = SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / width), m->desc.height - at);
@@ -15655,15 +15714,14 @@ static sbl_result sbl__map_send(void *work, sbl__slice *slice) {
     if (result == SBL_SUCCESS)
         result = sbl__texture_write(d, t, at, rows, m->fill.rgba + 4 * (size_t)at * (size_t)width);
     m->developing.at += rows;
-    if (result != SBL_SUCCESS || m->developing.at < m->desc.height) return result == SBL_SUCCESS ? SBL_UNFINISHED
-                                                                                                 : result;
-    sbl__fill_free(d->base, &m->fill);
-    return SBL_SUCCESS;
+    if (result == SBL_SUCCESS && m->developing.at < m->desc.height) return SBL_UNFINISHED;
+    if (result == SBL_SUCCESS) sbl__fill_free(d->base, &m->fill);
+    return result;
 }
 
 static sbl_result sbl__map_filter(void *work, sbl__slice *slice) {
     sbl__map *m = (sbl__map *)work;
-    sbl__device *d = &m->core->device;
+    sbl__device *d = &m->work.core->device;
     sbl__map_layer *layer = &m->layers[m->layer];
     sbl__filter filter;
     int rows[2];
@@ -15708,8 +15766,7 @@ static int sbl__map_after_develop(void *work) {
 
 /* >>map: refining */
 
-/* Is it time for another preview? */
-static int sbl__map_shows_more(const sbl__map *m) {
+static int sbl__map_preview_is_due(const sbl__map *m) {
     const double looks = (double)sbl__refine_looks(&m->refine);
     return m->watched && sbl__refine_round_is_over(&m->refine) && looks > 0 &&
            looks >= SBL__PREVIEW_GROWTH * (double)m->previewed;
@@ -15718,13 +15775,13 @@ static int sbl__map_shows_more(const sbl__map *m) {
 static sbl_result sbl__map_refine(void *work, sbl__slice *slice) {
     sbl__map *m = (sbl__map *)work;
     const sbl_result result = sbl__refine_step(&m->refine, slice);
-    return result == SBL_UNFINISHED && sbl__map_shows_more(m) ? SBL_SUCCESS : result;
+    return result == SBL_UNFINISHED && sbl__map_preview_is_due(m) ? SBL_SUCCESS : result;
 }
 
 static int sbl__map_after_refine(void *work) {
     sbl__map *m = (sbl__map *)work;
     sbl__map_develop_from(m, 0);
-    return sbl__map_shows_more(m) ? SBL__MAP_PREVIEW : SBL__MAP_DEVELOP;
+    return sbl__map_preview_is_due(m) ? SBL__MAP_PREVIEW : SBL__MAP_DEVELOP;
 }
 
 static int sbl__map_after_preview(void *work) {
@@ -15735,57 +15792,47 @@ static int sbl__map_after_preview(void *work) {
 
 /* >>map: stages */
 
-/* The rows that a front end's table begins with; setup, surface, read and preview are functions of its own. */
+/* The first rows of a front end's table. setup, surface, read and preview are functions of the front end. */
 #define SBL__MAP_ROWS(setup, surface, read, preview) \
-    { NULL, NULL, NULL, NULL }, { setup, NULL, NULL, NULL }, { sbl__map_prepare, NULL, NULL, NULL }, \
-    { surface, NULL, NULL, NULL }, { read, NULL, NULL, NULL }, { sbl__map_refine, sbl__map_after_refine, NULL, NULL }, \
+    { setup, NULL, NULL, NULL }, { sbl__map_prepare, NULL, NULL, NULL }, { surface, NULL, NULL, NULL }, \
+    { read, NULL, NULL, NULL }, { sbl__map_refine, sbl__map_after_refine, NULL, NULL }, \
     { preview, sbl__map_after_preview, NULL, NULL }, { sbl__map_develop, sbl__map_after_develop, NULL, NULL }
 
-/* Where the present stage's seconds are counted. */
-static double *sbl__map_seconds(const sbl__map *m) {
-    sbl_stats *stats = &m->core->stats;
-    const int stage = m->stages.stage, develops = stage == SBL__MAP_PREVIEW || stage == SBL__MAP_DEVELOP;
+static double *sbl__map_seconds(const void *work) {
+    const sbl__map *m = (const sbl__map *)work;
+    sbl_stats *stats = &m->work.core->stats;
+    const int stage = m->work.stages.stage, develops = stage == SBL__MAP_PREVIEW || stage == SBL__MAP_DEVELOP;
     return stage <= SBL__MAP_READ ? &stats->seconds.surface
          : stage == SBL__MAP_REFINE && sbl__refine_is_sensing(&m->refine) ? &stats->seconds.gather
          : stage >= SBL__MAP_END || (develops && m->developing.stage == SBL__DEVELOP_DONE) ? &stats->seconds.resolve
          : develops && m->developing.stage == SBL__DEVELOP_FILTER ? &stats->seconds.filter : &stats->seconds.refine;
 }
 
-/* One bounded piece of the front end's table. SBL_SUCCESS: all is done. */
-static sbl_result sbl__map_step(sbl__map *m, sbl__slice *slice) {
-    const double start = sbl__now();
-    const double bounced = m->core->stats.seconds.bounce;
-    double *seconds = sbl__map_seconds(m);
-    const sbl_result result = sbl__stages_step(&m->stages, m->table, m->row_count, m, slice);
-    *seconds += sbl__now() - start - (m->core->stats.seconds.bounce - bounced);
-    return result;
-}
-
-/* An estimate, without the store's share. */
-static float sbl__map_progress(const sbl__map *m) {
-    const int stage = m->stages.stage;
-    if (sbl__map_is_done(m)) return 1;
+static float sbl__map_progress(const void *work) {
+    const sbl__map *m = (const sbl__map *)work;
+    const int stage = m->work.stages.stage;
+    if (sbl__work_is_done(&m->work)) return 1;
     if (stage <= SBL__MAP_READ) return 0;
     if (m->developed) return 0.94f + 0.05f * m->finished;
     return stage == SBL__MAP_DEVELOP ? 0.93f : 0.02f + 0.9f * (float)sbl__refine_progress(&m->refine);
 }
 
-/* Makes a preview of a map under way when the host reads it for the first time. From then on the stages make one
-   whenever enough more is known. */
+/* Makes a preview when the host reads an unfinished map for the first time. From then on the stages make one whenever
+   sbl__map_preview_is_due. */
 static sbl_result sbl__map_watch(sbl__map *m) {
-    sbl__slice slice = sbl__slice_of(&m->core->desc, 0);
-    const int stage = m->stages.stage;
+    sbl__slice slice = sbl__slice_of(&m->work.core->desc, 0);
+    const int stage = m->work.stages.stage;
     sbl_result result;
     m->watched = 1;
     if (m->previewed) return SBL_SUCCESS;
     if (!m->developed && stage != SBL__MAP_PREVIEW && stage != SBL__MAP_DEVELOP) sbl__map_develop_from(m, 0);
-    do result = m->table[SBL__MAP_PREVIEW].piece(m, &slice);
+    do result = m->work.front_end->stages[SBL__MAP_PREVIEW].piece(m, &slice);
     while (result == SBL_UNFINISHED);
     if (result == SBL_SUCCESS) m->previewed = sbl__refine_looks(&m->refine);
     return result;
 }
 
-/* Row PREVIEW of a front end that shows R itself. Once R is final, nothing is left to do. */
+/* The row `preview` of a front end whose channel FINAL is R. Once R is final, nothing is left to do. */
 static sbl_result sbl__map_preview(void *work, sbl__slice *slice) {
     return ((sbl__map *)work)->developed ? SBL_SUCCESS : sbl__map_develop(work, slice);
 }
@@ -15796,17 +15843,19 @@ static sbl_result sbl__map_preview(void *work, sbl__slice *slice) {
 enum { SBL__PICTURE_FINISH = SBL__MAP_END, SBL__PICTURE_SAMPLE, SBL__PICTURE_RESOLVE, SBL__PICTURE_DONE };
 
 typedef struct sbl__picture {
-    sbl__map map;               /* first: rows of the table are called with it */
+    sbl__map map;               /* first: see >>map */
     sbl__camera camera;
-    sbl__gbuffer sample;        /* of the anti-aliasing sample under way */
+    sbl__gbuffer sample;        /* G-buffer of the current anti-aliasing sample */
     sbl__texture finals[2], preview;
     sbl__target final_targets[2], preview_target;
     sbl__pace resolve_pace;
-    int resolved;               /* anti-aliasing samples done */
-    int composed;               /* rows of the preview under way */
+    int resolved;               /* number of finished anti-aliasing samples */
+    int composed;               /* number of finished rows of the current preview */
 } sbl__picture;
 
-static void sbl__picture_free(const sbl__device *d, sbl__picture *p) {
+static void sbl__picture_free(void *work) {
+    sbl__picture *p = (sbl__picture *)work;
+    const sbl__device *d = &p->map.work.core->device;
     int i;
     for (i = 0; i < 2; i++) {
         sbl__target_delete(d, &p->final_targets[i]);
@@ -15815,8 +15864,32 @@ static void sbl__picture_free(const sbl__device *d, sbl__picture *p) {
     sbl__target_delete(d, &p->preview_target);
     sbl__texture_delete(d, &p->preview);
     sbl__gbuffer_free(d, &p->sample);
-    sbl__map_free(d, &p->map);
+    sbl__map_free(&p->map);
     memset(p, 0, sizeof *p);
+}
+
+/* Returns the descriptor with defaults. Without world_to_view, the camera frames the scene. */
+static sbl_picture_desc sbl__picture_desc_of(const sbl__core *c, const sbl_picture_desc *desc) {
+    sbl_picture_desc d = sbl_picture_desc_defaults(desc);
+    if (sbl__all_zero(d.world_to_view, 16)) sbl__camera_frame(&c->scene.geometry, &d);
+    return d;
+}
+
+static sbl_result sbl__picture_check(const sbl__core *c, const void *desc, sbl__measurement *measurement) {
+    const sbl_picture_desc *given = (const sbl_picture_desc *)desc, d = sbl__picture_desc_of(c, given);
+    const sbl_result result = sbl__check_picture(&c->base, given, &d, c->scene.draw != NULL);
+    if (result != SBL_SUCCESS) return result;
+    return sbl__map_check(c, "sbl_picture_desc", &d, given && given->target_error > 0, measurement);
+}
+
+static sbl_result sbl__picture_begin(void *work, const void *desc) {
+    sbl__picture *p = (sbl__picture *)work;
+    const sbl__core *c = p->map.work.core;
+    const sbl_picture_desc d = sbl__picture_desc_of(c, (const sbl_picture_desc *)desc);
+    sbl__map_begin(&p->map, &d, 1, 0);
+    p->map.channels[SBL_CHANNEL_FINAL] = &p->preview_target;
+    sbl__camera_make(&p->camera, &d, &c->scene.geometry);
+    return SBL_SUCCESS;
 }
 
 static sbl_result sbl__picture_setup(void *work, sbl__slice *slice) {
@@ -15826,19 +15899,21 @@ static sbl_result sbl__picture_setup(void *work, sbl__slice *slice) {
 
 /* >>picture: what the camera sees */
 
+/* Draws surfaces into a G-buffer. offset: of the sample from the pixel's centre, in pixels. */
 static sbl_result sbl__picture_draw_surface(sbl__picture *p, const sbl__gbuffer *g, const float offset[2],
                                             sbl__slice *slice) {
     sbl__map *m = &p->map;
+    sbl__core *c = m->work.core;
     sbl__surface_job job;
     memset(&job, 0, sizeof job);
-    job.scene = &m->core->scene;
+    job.scene = &c->scene;
     job.camera = &p->camera;
     job.gbuffer = g;
     job.offset[0] = offset[0];
     job.offset[1] = offset[1];
-    job.epsilon = m->measurement.options.epsilon;
+    job.epsilon = m->work.measurement.options.epsilon;
     job.bounced = m->spec.bounced && g == &m->gbuffer;
-    return sbl__surface_step(&m->core->device, &m->surface, &job, slice);
+    return sbl__surface_step(&c->device, &m->surface, &job, slice);
 }
 
 static sbl_result sbl__picture_surface(void *work, sbl__slice *slice) {
@@ -15849,28 +15924,29 @@ static sbl_result sbl__picture_surface(void *work, sbl__slice *slice) {
 
 static sbl_result sbl__picture_read(void *work, sbl__slice *slice) {
     sbl__map *m = (sbl__map *)work;
+    const sbl__core *c = m->work.core;
     const sbl_result result = sbl__map_read(m);
     (void)slice;
-    if (result == SBL_SUCCESS && !m->core->stats.picture.visible_pixels)
-        sbl__log(&m->core->base, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, "the camera sees no surface; check "
+    if (result == SBL_SUCCESS && !c->stats.picture.visible_pixels)
+        sbl__log(&c->base, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, "the camera sees no surface; check "
                  "world_to_view, view_to_clip and the scene's bounds");
     return result;
 }
 
-/* >>picture: what comes of the radiance map */
+/* >>picture: composition */
 
-/* Rows of sample number `index` of `count`, from *row on, which it moves on. r: which G-buffer it has, and what the
-   samples before it gave. SBL_SUCCESS: all rows are drawn. */
+/* Draws rows of sample number r->index of r->count, from *row on, and advances *row. r->sample and r->previous are set.
+   SBL_SUCCESS: all rows are drawn. */
 static sbl_result sbl__picture_compose(sbl__picture *p, sbl__resolve *r, const sbl__target *out, int *row,
                                        const sbl__slice *slice) {
     const sbl__map *m = &p->map;
-    sbl__device *d = &m->core->device;
+    sbl__device *d = &m->work.core->device;
     int rows[2];
     sbl_result result;
     d->gl.doing = "composing the picture";
     r->centres = &m->gbuffer;
     r->radiance = &m->layers[0].smooth;
-    r->environment = &m->core->scene.environment;
+    r->environment = &m->work.core->scene.environment;
     r->camera = &p->camera;
     sbl__sample_offset(r->index, r->count, r->offset);
     rows[0] = *row;
@@ -15882,7 +15958,7 @@ static sbl_result sbl__picture_compose(sbl__picture *p, sbl__resolve *r, const s
     return result == SBL_SUCCESS && *row < m->desc.height ? SBL_UNFINISHED : result;
 }
 
-/* The sample at pixel centres, lit by what the map knows. */
+/* Composes the sample at pixel centres with the R that is known so far. */
 static sbl_result sbl__picture_compose_preview(sbl__picture *p, const sbl__slice *slice) {
     sbl_result result = SBL_SUCCESS;
     sbl__resolve r;
@@ -15903,18 +15979,19 @@ static sbl_result sbl__picture_preview(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS ? sbl__picture_compose_preview((sbl__picture *)work, slice) : result;
 }
 
-/* Makes what the last stages need, and the last preview. */
+/* Makes the textures of the last stages, and the last preview. */
 static sbl_result sbl__picture_finish(void *work, sbl__slice *slice) {
     sbl__picture *p = (sbl__picture *)work;
     sbl__map *m = &p->map;
+    sbl__device *d = &m->work.core->device;
     sbl_result result = SBL_SUCCESS;
     int i;
-    if (m->stages.at++) return m->watched ? sbl__picture_compose_preview(p, slice) : SBL_SUCCESS;
-    m->core->device.gl.doing = "making the picture's textures";
+    if (m->work.stages.at++) return m->watched ? sbl__picture_compose_preview(p, slice) : SBL_SUCCESS;
+    d->gl.doing = "making the picture's textures";
     for (i = 0; i < 2 && result == SBL_SUCCESS; i++)
         result = sbl__map_texture(m, 1, &p->finals[i], &p->final_targets[i]);
     if (result == SBL_SUCCESS && m->desc.samples > 1)
-        result = sbl__gbuffer_make(&m->core->device, &p->sample, m->desc.width, m->desc.height, &m->surface.depth);
+        result = sbl__gbuffer_make(d, &p->sample, m->desc.width, m->desc.height, &m->surface.depth);
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
 
@@ -15933,7 +16010,7 @@ static sbl_result sbl__picture_resolve(void *work, sbl__slice *slice) {
     r.previous = &p->finals[from];
     r.index = p->resolved;
     r.count = p->map.desc.samples;
-    return sbl__picture_compose(p, &r, &p->final_targets[1 - from], &p->map.stages.at, slice);
+    return sbl__picture_compose(p, &r, &p->final_targets[1 - from], &p->map.work.stages.at, slice);
 }
 
 static int sbl__picture_after_resolve(void *work) {
@@ -15944,20 +16021,16 @@ static int sbl__picture_after_resolve(void *work) {
     return SBL__PICTURE_DONE;
 }
 
-/* desc has its defaults filled in and has been checked. asked: its error is the host's own. */
-static void sbl__picture_begin(sbl__picture *p, sbl__core *c, const sbl_picture_desc *desc, int asked) {
-    static const sbl__stage_row table[] = {
-        SBL__MAP_ROWS(sbl__picture_setup, sbl__picture_surface, sbl__picture_read, sbl__picture_preview),
-        { sbl__picture_finish, NULL, NULL, NULL },
-        { sbl__picture_sample, NULL, NULL, NULL },
-        { sbl__picture_resolve, sbl__picture_after_resolve, NULL, NULL }
-    };
-    sbl__map_begin(&p->map, c, desc, asked, 0);
-    p->map.table = table;
-    p->map.row_count = SBL__COUNT(table);
-    p->map.channels[SBL_CHANNEL_FINAL] = &p->preview_target;
-    sbl__camera_make(&p->camera, desc, &c->scene.geometry);
-}
+static const sbl__stage_row sbl__picture_stages[] = {
+    SBL__MAP_ROWS(sbl__picture_setup, sbl__picture_surface, sbl__picture_read, sbl__picture_preview),
+    { sbl__picture_finish, NULL, NULL, NULL },
+    { sbl__picture_sample, NULL, NULL, NULL },
+    { sbl__picture_resolve, sbl__picture_after_resolve, NULL, NULL }
+};
+static const sbl__front_end sbl__picture_front_end = {
+    "sbl_begin_picture", 1, sbl__picture_check, sbl__picture_begin, sbl__picture_stages, SBL__PICTURE_DONE,
+    sbl__map_seconds, sbl__map_progress, sbl__picture_free
+};
 
 /* ======================================================================================================== >>lightmap
    The front end that bakes lightmaps: a radiance map of what an atlas shows, then for each layer of light the mean over
@@ -15967,18 +16040,20 @@ enum { SBL__LIGHTMAP_LIGHT = SBL__MAP_END, SBL__LIGHTMAP_GUTTERS, SBL__LIGHTMAP_
        SBL__LIGHTMAP_DONE };
 
 typedef struct sbl__lightmap {
-    sbl__map map;               /* first: rows of the table are called with it */
+    sbl__map map;               /* first: see >>map */
     sbl__atlas atlas;
-    int gutter, sew;
-    int visible;                /* texels that show a surface, so far */
-    int layer;                  /* of light, under way */
+    int gutter, sew;            /* width of gutters, texels; 1: seams are sewn */
+    int visible;                /* number of texels read so far that show a surface */
+    int layer;                  /* layer of light that is being finished */
     sbl__gutters gutters;
     sbl__seams seams;
-    sbl__texture finals[SBL__LAYERS], mean;  /* layers with gutters; R of supersampled texels */
+    sbl__texture finals[SBL__LAYERS], mean;  /* finished layers; R of supersampled texels, without gutters */
     sbl__target final_targets[SBL__LAYERS], mean_target;
 } sbl__lightmap;
 
-static void sbl__lightmap_free(const sbl__device *d, sbl__lightmap *l) {
+static void sbl__lightmap_free(void *work) {
+    sbl__lightmap *l = (sbl__lightmap *)work;
+    const sbl__device *d = &l->map.work.core->device;
     int i;
     for (i = 0; i < SBL__LAYERS; i++) {
         sbl__target_delete(d, &l->final_targets[i]);
@@ -15989,8 +16064,29 @@ static void sbl__lightmap_free(const sbl__device *d, sbl__lightmap *l) {
     sbl__atlas_free(d->base, &l->atlas);
     sbl__gutters_free(d->base, &l->gutters);
     sbl__seams_free(d->base, &l->seams);
-    sbl__map_free(d, &l->map);
+    sbl__map_free(&l->map);
     memset(l, 0, sizeof *l);
+}
+
+static sbl_result sbl__lightmap_check(const sbl__core *c, const void *desc, sbl__measurement *measurement) {
+    const sbl_lightmap_desc *given = (const sbl_lightmap_desc *)desc, d = sbl_lightmap_desc_defaults(given);
+    const sbl_picture_desc picture = sbl__lightmap_picture(&d);
+    const sbl_result result = sbl__check_lightmap(&c->base, given, &d, &c->scene);
+    if (result != SBL_SUCCESS) return result;
+    return sbl__map_check(c, "sbl_lightmap_desc", &picture, given && given->target_error > 0, measurement);
+}
+
+static sbl_result sbl__lightmap_begin(void *work, const void *desc) {
+    sbl__lightmap *l = (sbl__lightmap *)work;
+    sbl__map *m = &l->map;
+    const sbl_lightmap_desc d = sbl_lightmap_desc_defaults((const sbl_lightmap_desc *)desc);
+    const sbl_picture_desc picture = sbl__lightmap_picture(&d);
+    sbl__map_begin(m, &picture, d.supersample, d.directional);
+    m->layers_at_once = 1;
+    m->channels[SBL_CHANNEL_FINAL] = &m->layers[0].target;
+    l->gutter = SBL__MAX(d.gutter, 0);
+    l->sew = d.seams >= 0;
+    return sbl__atlas_begin(&m->work.core->base, &l->atlas, &m->work.core->scene.geometry, &d);
 }
 
 static sbl_result sbl__lightmap_setup(void *work, sbl__slice *slice) {
@@ -15998,34 +16094,35 @@ static sbl_result sbl__lightmap_setup(void *work, sbl__slice *slice) {
     const size_t texels = (size_t)m->size[0] * (size_t)m->size[1];
     (void)slice;
     if (m->across > 1 && !m->shown) {
-        m->shown = (int *)sbl__alloc(&m->core->base, texels, sizeof *m->shown);
+        m->shown = (int *)sbl__alloc(&m->work.core->base, texels, sizeof *m->shown);
         if (!m->shown) return SBL_ERROR_OUT_OF_MEMORY;
     }
     return sbl__map_setup(m, 0);
 }
 
-/* >>lightmap: what its texels show */
+/* >>lightmap: what texels show */
 
 static sbl_result sbl__lightmap_surface(void *work, sbl__slice *slice) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__map *m = &l->map;
+    sbl__core *c = m->work.core;
     sbl__surface_job job;
     sbl__camera camera;
     sbl_result result;
     memset(&job, 0, sizeof job);
-    sbl__camera_make(&camera, &m->desc, &m->core->scene.geometry);
-    job.scene = &m->core->scene;
+    sbl__camera_make(&camera, &m->desc, &c->scene.geometry);
+    job.scene = &c->scene;
     job.camera = &camera;
     job.gbuffer = &m->gbuffer;
-    job.epsilon = m->measurement.options.epsilon;
+    job.epsilon = m->work.measurement.options.epsilon;
     job.bounced = m->spec.bounced;
     job.atlas = &l->atlas;
-    result = sbl__surface_step(&m->core->device, &m->surface, &job, slice);
+    result = sbl__surface_step(&c->device, &m->surface, &job, slice);
     if (result == SBL_SUCCESS) sbl__refine_hide_within(&m->refine, sbl__atlas_texel_size(&l->atlas));
     return result;
 }
 
-/* Pixel i of those across a texel. */
+/* Returns working pixel number i, 0 to across * across - 1, of a texel. */
 static size_t sbl__lightmap_part(const sbl__map *m, int texel, int i) {
     const int x = texel % m->size[0] * m->across + i % m->across, y = texel / m->size[0] * m->across + i / m->across;
     return (size_t)y * (size_t)m->desc.width + (size_t)x;
@@ -16035,8 +16132,8 @@ static uint32_t sbl__lightmap_part_id(const sbl__map *m, int texel, int i) {
     return sbl__refine_pixel(&m->refine, sbl__lightmap_part(m, texel, i))->id;
 }
 
-/* A supersampled texel shows the surface that most of it shows, and of that what is nearest to its centre. Returns how
-   many of its pixels show that. */
+/* Sets m->shown of a supersampled texel: of the working pixels that show the texel's most frequent surface, the one
+   nearest to the texel's centre. Returns the number of working pixels that show this surface. */
 static int sbl__lightmap_show(const sbl__map *m, int texel) {
     const int parts = m->across * m->across;
     int i, k, most = 0, nearest = INT_MAX;
@@ -16059,25 +16156,27 @@ static int sbl__lightmap_show(const sbl__map *m, int texel) {
 static sbl_result sbl__lightmap_read(void *work, sbl__slice *slice) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__map *m = &l->map;
-    int i = m->stages.at / m->across * m->size[0];
+    sbl__core *c = m->work.core;
+    int i = m->work.stages.at / m->across * m->size[0];
     const sbl_result result = sbl__map_read(m);
     (void)slice;
-    for (; m->shown && i < m->stages.at / m->across * m->size[0]; i++) l->visible += sbl__lightmap_show(m, i) > 0;
-    if (m->shown) m->core->stats.picture.visible_pixels = l->visible;
-    if (result == SBL_SUCCESS && !m->core->stats.picture.visible_pixels)
-        sbl__log(&m->core->base, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, "no mesh of the lightmap has a "
-                 "triangle on the map; check lightmap_texcoords");
+    for (; m->shown && i < m->work.stages.at / m->across * m->size[0]; i++) l->visible += sbl__lightmap_show(m, i) > 0;
+    if (m->shown) c->stats.picture.visible_pixels = l->visible;
+    if (result == SBL_SUCCESS && !c->stats.picture.visible_pixels)
+        sbl__log(&c->base, SBL_LOG_WARNING, SBL_LOG_ITEM_NOTHING_VISIBLE, "no mesh of the lightmap has a triangle on "
+                 "the map; check lightmap_texcoords");
     return result;
 }
 
 /* >>lightmap: a layer of light */
 
-/* Rows that are read or sent at once, from row number `at` on. */
+/* Returns the number of rows of texels to transfer at once, from row `at` on. */
 static int sbl__lightmap_rows(const sbl__map *m, int at) {
     return SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / m->desc.width / m->across), m->size[1] - at);
 }
 
-/* The mean of a texel's pixels, over the surface that it shows. data: of all pixels, from number `first` on. */
+/* Computes the mean light of the working pixels that show the same surface as their texel. data: 4 floats per working
+   pixel, from number `first` on. */
 static void sbl__lightmap_mean(const sbl__map *m, int texel, const float *data, size_t first, float out[4]) {
     const uint32_t id = sbl__refine_pixel(&m->refine, sbl__map_shown(m, (size_t)texel))->id;
     const int parts = sbl__lightmap_show(m, texel);
@@ -16090,12 +16189,12 @@ static void sbl__lightmap_mean(const sbl__map *m, int texel, const float *data, 
     }
 }
 
-/* Reads rows of the layer. */
+/* Reads rows of the layer back into gutters.light. */
 static sbl_result sbl__lightmap_light(void *work, sbl__slice *slice) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__map *m = &l->map;
-    sbl__core *c = m->core;
-    const int across = m->across, at = m->stages.at, rows = sbl__lightmap_rows(m, at);
+    sbl__core *c = m->work.core;
+    const int across = m->across, at = m->work.stages.at, rows = sbl__lightmap_rows(m, at);
     const int first = at * m->size[0], count = rows * m->size[0], means = m->shown && l->layer == 0;
     const size_t before = (size_t)(at * across) * (size_t)m->desc.width;
     float *light, *data;
@@ -16115,8 +16214,8 @@ static sbl_result sbl__lightmap_light(void *work, sbl__slice *slice) {
         sbl__lightmap_mean(m, first + i, data, before, light + 4 * (size_t)i);
     if (across > 1) sbl__free(&c->base, data);
     if (result == SBL_SUCCESS && means) result = sbl__texture_write(&c->device, &l->mean, at, rows, light);
-    m->stages.at += rows;
-    return result == SBL_SUCCESS && m->stages.at < m->size[1] ? SBL_UNFINISHED : result;
+    m->work.stages.at += rows;
+    return result == SBL_SUCCESS && m->work.stages.at < m->size[1] ? SBL_UNFINISHED : result;
 }
 
 static sbl_result sbl__lightmap_gutters(void *work, sbl__slice *slice) {
@@ -16125,40 +16224,40 @@ static sbl_result sbl__lightmap_gutters(void *work, sbl__slice *slice) {
 
 static sbl_result sbl__lightmap_sew(void *work, sbl__slice *slice) {
     sbl__lightmap *l = (sbl__lightmap *)work;
-    sbl__core *c = l->map.core;
+    sbl_stats *stats = &l->map.work.core->stats;
     sbl__seams *s = &l->seams;
     sbl_result result;
     if (!l->gutter || !l->sew) return SBL_SUCCESS;
     result = sbl__seams_step(s, &l->gutters, &l->atlas, slice);
     if (l->layer) return result;
-    c->stats.lightmap.seams = s->seams;
-    c->stats.lightmap.seam_before = s->before / sbl__refine_luminance(&l->map.refine);
-    c->stats.lightmap.seam_after = s->after / sbl__refine_luminance(&l->map.refine);
+    stats->lightmap.seams = s->seams;
+    stats->lightmap.seam_before = s->before / sbl__refine_luminance(&l->map.refine);
+    stats->lightmap.seam_after = s->after / sbl__refine_luminance(&l->map.refine);
     return result;
 }
 
-/* Sends rows of the layer that is done. */
+/* Uploads rows of the finished layer. */
 static sbl_result sbl__lightmap_send(void *work, sbl__slice *slice) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__map *m = &l->map;
-    sbl__device *d = &m->core->device;
+    sbl__device *d = &m->work.core->device;
     sbl__texture *t = &l->finals[l->layer];
-    const int at = m->stages.at, rows = sbl__lightmap_rows(m, at);
+    const int at = m->work.stages.at, rows = sbl__lightmap_rows(m, at);
     sbl_result result = SBL_SUCCESS;
     (void)slice;
     d->gl.doing = "sending the lightmap";
     if (at == 0) result = sbl__map_texture(m, 1, t, &l->final_targets[l->layer]);
     if (result == SBL_SUCCESS)
         result = sbl__texture_write(d, t, at, rows, l->gutters.light + 4 * (size_t)at * (size_t)m->size[0]);
-    m->stages.at += rows;
-    return result == SBL_SUCCESS && m->stages.at < m->size[1] ? SBL_UNFINISHED : result;
+    m->work.stages.at += rows;
+    return result == SBL_SUCCESS && m->work.stages.at < m->size[1] ? SBL_UNFINISHED : result;
 }
 
-/* The next layer is developed, if there is one. */
+/* Goes back to DEVELOP for the next layer, if there is one. */
 static int sbl__lightmap_after_send(void *work) {
     sbl__lightmap *l = (sbl__lightmap *)work;
     sbl__map *m = &l->map;
-    const sbl__device *d = &m->core->device;
+    const sbl__device *d = &m->work.core->device;
     const int layer_count = sbl__spec_layers(&m->spec);
     int i;
     sbl__gutters_free(d->base, &l->gutters);
@@ -16176,58 +16275,63 @@ static int sbl__lightmap_after_send(void *work) {
     return SBL__LIGHTMAP_DONE;
 }
 
-/* As sbl__picture_begin; picture: what the lightmap is as one, its pixels those of all texels. */
-static sbl_result sbl__lightmap_begin(sbl__lightmap *l, sbl__core *c, const sbl_lightmap_desc *desc,
-                                      const sbl_picture_desc *picture, int asked) {
-    static const sbl__stage_row table[] = {
-        SBL__MAP_ROWS(sbl__lightmap_setup, sbl__lightmap_surface, sbl__lightmap_read, sbl__map_preview),
-        { sbl__lightmap_light, NULL, NULL, NULL },
-        { sbl__lightmap_gutters, NULL, NULL, NULL },
-        { sbl__lightmap_sew, NULL, NULL, NULL },
-        { sbl__lightmap_send, sbl__lightmap_after_send, NULL, NULL }
-    };
-    sbl__map *m = &l->map;
-    sbl__map_begin(m, c, picture, asked, desc->directional);
-    m->table = table;
-    m->row_count = SBL__COUNT(table);
-    m->size[0] = desc->width;
-    m->size[1] = desc->height;
-    m->across = desc->supersample;
-    m->layers_at_once = 1;
-    m->channels[SBL_CHANNEL_FINAL] = &m->layers[0].target;
-    l->gutter = SBL__MAX(desc->gutter, 0);
-    l->sew = desc->seams >= 0;
-    return sbl__atlas_begin(&c->base, &l->atlas, &c->scene.geometry, desc);
-}
+static const sbl__stage_row sbl__lightmap_stages[] = {
+    SBL__MAP_ROWS(sbl__lightmap_setup, sbl__lightmap_surface, sbl__lightmap_read, sbl__map_preview),
+    { sbl__lightmap_light, NULL, NULL, NULL },
+    { sbl__lightmap_gutters, NULL, NULL, NULL },
+    { sbl__lightmap_sew, NULL, NULL, NULL },
+    { sbl__lightmap_send, sbl__lightmap_after_send, NULL, NULL }
+};
+static const sbl__front_end sbl__lightmap_front_end = {
+    "sbl_begin_lightmap", 1, sbl__lightmap_check, sbl__lightmap_begin, sbl__lightmap_stages, SBL__LIGHTMAP_DONE,
+    sbl__map_seconds, sbl__map_progress, sbl__lightmap_free
+};
 
 /* ======================================================================================================== >>gather
-   The front end for free points: jobs of so many sites at a time, so that memory stays bounded. */
+   The front end that measures the light at points of the host. It runs one job after the other, each with a limited
+   number of sites, so that memory stays bounded. */
 
-#define SBL__GATHER_SITES 65536  /* of a job */
-#define SBL__UNIT_SLACK 1e-6     /* of a normal's squared length: nearer to 1 it is taken as it is */
+#define SBL__GATHER_SITES 65536  /* maximum number of sites of a job */
+#define SBL__UNIT_SLACK 1e-6     /* a normal is not normalized again if its squared length is so close to 1 */
 
-enum { SBL__GATHER_PREPARE = 1, SBL__GATHER_SITES_NEXT, SBL__GATHER_SENSE, SBL__GATHER_DONE };
+enum { SBL__GATHER_PREPARE, SBL__GATHER_SITES_NEXT, SBL__GATHER_SENSE, SBL__GATHER_DONE };
 
 typedef struct sbl__gathering {
-    sbl__core *core;
-    sbl__stages stages;
-    sbl_readings_desc desc;       /* defaults filled in */
-    sbl__measurement measurement;
+    sbl__work work;             /* first: see >>work */
+    sbl_readings_desc desc;     /* with defaults */
     sbl__spec spec;
-    sbl__site *sites;           /* of the job */
-    int first, count;           /* which they are */
-    uint32_t passed;            /* sites of those before, where it goes on with others */
-    float store_share;          /* of progress */
-    float progress;
+    sbl__site *sites;           /* sites of the job */
+    int first, count;           /* index of the job's first site among desc.sites; number of the job's sites */
+    uint32_t passed;            /* number of sites before desc.sites[0], see sbl__gathering_more */
 } sbl__gathering;
 
-static void sbl__gathering_free(sbl__base *base, sbl__gathering *g) {
-    sbl__free(base, g->sites);
+static void sbl__gathering_free(void *work) {
+    sbl__gathering *g = (sbl__gathering *)work;
+    if (g->work.core) sbl__free(&g->work.core->base, g->sites);
     memset(g, 0, sizeof *g);
 }
 
-static int sbl__gathering_under_way(const sbl__gathering *g) {
-    return g->stages.stage && g->stages.stage != SBL__GATHER_DONE;
+static sbl_result sbl__gathering_check(const sbl__core *c, const void *desc, sbl__measurement *measurement) {
+    const sbl_readings_desc *given = (const sbl_readings_desc *)desc, d = sbl_readings_desc_defaults(given);
+    *measurement = sbl__measurement_of(&d.options, d.sensor_kind, d.sensor_fov);
+    measurement->every_ray = given && given->options.rays > 0;
+    return sbl__check_readings(&c->base, given, &d, c->scene.draw != NULL);
+}
+
+static sbl_result sbl__gathering_begin(void *work, const void *desc) {
+    ((sbl__gathering *)work)->desc = sbl_readings_desc_defaults((const sbl_readings_desc *)desc);
+    return SBL_SUCCESS;
+}
+
+/* Continues a gathering, finished or not yet started, with other sites: site_count sites now stand in the array of
+   desc.sites, at most as many as at first. */
+static void sbl__gathering_more(sbl__gathering *g, int site_count) {
+    if (g->work.stages.stage == SBL__GATHER_DONE) {
+        g->passed += (uint32_t)g->desc.site_count;
+        g->work.stages.stage = SBL__GATHER_SITES_NEXT;
+    }
+    g->first = g->work.stages.at = 0;
+    g->desc.site_count = site_count;
 }
 
 static void sbl__unit_normal(const float from[3], float out[3]) {
@@ -16237,46 +16341,25 @@ static void sbl__unit_normal(const float from[3], float out[3]) {
     for (k = 0; k < 3; k++) out[k] = (float)n[k];
 }
 
-/* What the host calls a site, as the job takes it. */
-static void sbl__site_make(const sbl__core *c, const sbl__gathering *g, int number, sbl__site *out) {
+/* Converts a site of the host for the job. */
+static void sbl__site_make(const sbl__gathering *g, int number, sbl__site *out) {
     const sbl_site *from = &g->desc.sites[number];
+    const float usual_offset = sbl__spec_offset(&g->spec, &g->work.core->scene, 0);
     memcpy(out->position, from->position, sizeof out->position);
     sbl__unit_normal(from->normal, out->normal);
     sbl__unit_normal(sbl__all_zero(from->geometric_normal, 3) ? from->normal : from->geometric_normal,
                      out->geometric_normal);
-    out->offset = from->offset > 0 ? from->offset : from->offset < 0 ? 0 : sbl__spec_offset(&g->spec, &c->scene, 0);
+    out->offset = from->offset > 0 ? from->offset : from->offset < 0 ? 0 : usual_offset;
     out->number = g->passed + (uint32_t)number;
     out->guide = out->first = 0;
     out->looks = 1;
 }
 
-/* desc has its defaults filled in and has been checked. */
-static void sbl__gathering_begin(sbl__core *c, sbl__gathering *g, const sbl_readings_desc *desc, int every_ray) {
-    const sbl__measurement measurement = sbl__measurement_of(&desc->options, desc->sensor_kind, desc->sensor_fov);
-    g->core = c;
-    g->desc = *desc;
-    g->measurement = measurement;
-    g->measurement.every_ray = every_ray;
-    g->store_share = sbl__prepare_share(c, &measurement);
-    g->stages.stage = SBL__GATHER_PREPARE;
-}
-
-/* One that is done, or has not begun, goes on with so many other sites: they stand where its own stood, and are at most
-   as many as it had first. */
-static void sbl__gathering_more(sbl__gathering *g, int site_count) {
-    if (g->stages.stage == SBL__GATHER_DONE) {
-        g->passed += (uint32_t)g->desc.site_count;
-        g->stages.stage = SBL__GATHER_SITES_NEXT;
-    }
-    g->first = g->stages.at = 0;
-    g->desc.site_count = site_count;
-}
-
-/* Prepares the scene. */
 static sbl_result sbl__gathering_prepare(void *work, sbl__slice *slice) {
     sbl__gathering *g = (sbl__gathering *)work;
-    const sbl_result result = sbl__prepare(g->core, &g->measurement, slice);
-    if (result == SBL_SUCCESS) sbl__spec_make(&g->spec, &g->measurement, &g->core->scene, &g->core->desc);
+    sbl__core *c = g->work.core;
+    const sbl_result result = sbl__prepare(c, &g->work.measurement, slice);
+    if (result == SBL_SUCCESS) sbl__spec_make(&g->spec, &g->work.measurement, &c->scene, &c->desc);
     return result;
 }
 
@@ -16284,18 +16367,18 @@ static int sbl__gathering_after_prepare(void *work) {
     return ((sbl__gathering *)work)->desc.site_count ? SBL__GATHER_SITES_NEXT : SBL__GATHER_DONE;
 }
 
-/* Makes the sites of the next job, from first on; then the job begins. */
+/* Makes the sites of the next job, then begins the job. */
 static sbl_result sbl__gathering_sites(void *work, sbl__slice *slice) {
     sbl__gathering *g = (sbl__gathering *)work;
-    sbl__core *c = g->core;
-    int *at = &g->stages.at;
+    sbl__core *c = g->work.core;
+    int *at = &g->work.stages.at;
     sbl__task task;
     if (*at == 0) g->count = SBL__MIN(SBL__GATHER_SITES, g->desc.site_count - g->first);
     if (!g->sites) g->sites = (sbl__site *)sbl__alloc_raw(&c->base, (size_t)g->count, sizeof *g->sites);
     if (!g->sites) return SBL_ERROR_OUT_OF_MEMORY;
     for (; *at < g->count; ++*at) {
         if (*at && sbl__late(slice)) return SBL_UNFINISHED;
-        sbl__site_make(c, g, g->first + *at, &g->sites[*at]);
+        sbl__site_make(g, g->first + *at, &g->sites[*at]);
     }
     memset(&task, 0, sizeof task);
     task.spec = g->spec;
@@ -16307,44 +16390,44 @@ static sbl_result sbl__gathering_sites(void *work, sbl__slice *slice) {
 }
 
 static sbl_result sbl__gathering_sense(void *work, sbl__slice *slice) {
-    sbl__core *c = ((sbl__gathering *)work)->core;
+    sbl__core *c = ((sbl__gathering *)work)->work.core;
     return sbl__job_step(&c->device, &c->job, slice);
 }
 
-/* Counts the sensors of the job that is done. */
+/* Adds the finished job to the statistics. */
 static int sbl__gathering_after_sense(void *work) {
     sbl__gathering *g = (sbl__gathering *)work;
-    sbl_stats *stats = &g->core->stats;
+    sbl_stats *stats = &g->work.core->stats;
     int i;
-    sbl__core_count(g->core);
+    sbl__core_count(g->work.core);
     stats->sensors.count += g->count;
     for (i = g->first; i < g->first + g->count; i++) stats->sensors.invalid += !g->desc.readings[i].valid;
     g->first += g->count;
     return g->first < g->desc.site_count ? SBL__GATHER_SITES_NEXT : SBL__GATHER_DONE;
 }
 
-/* Does one bounded piece. SBL_SUCCESS: all readings are there. */
-static sbl_result sbl__gathering_step(sbl__core *c, sbl__gathering *g, sbl__slice *slice) {
-    static const sbl__stage_row table[] = {
-        { NULL, NULL, NULL, NULL },
-        { sbl__gathering_prepare, sbl__gathering_after_prepare, NULL, NULL },
-        { sbl__gathering_sites, NULL, NULL, NULL },
-        { sbl__gathering_sense, sbl__gathering_after_sense, NULL, NULL }
-    };
-    const double start = sbl__now();
-    const double bounced = c->stats.seconds.bounce;
-    double *seconds = g->stages.stage == SBL__GATHER_PREPARE ? &c->stats.seconds.surface : &c->stats.seconds.gather;
-    const sbl_result result = sbl__stages_step(&g->stages, table, SBL__COUNT(table), g, slice);
-    *seconds += sbl__now() - start - (c->stats.seconds.bounce - bounced);
-    return result;
+static double *sbl__gathering_seconds(const void *work) {
+    const sbl__work *w = (const sbl__work *)work;
+    return w->stages.stage == SBL__GATHER_PREPARE ? &w->core->stats.seconds.surface : &w->core->stats.seconds.gather;
 }
 
-static float sbl__gathering_progress(const sbl__core *c, const sbl__gathering *g) {
+static float sbl__gathering_progress(const void *work) {
+    const sbl__gathering *g = (const sbl__gathering *)work;
     double done = g->first;
-    if (g->stages.stage == SBL__GATHER_DONE) return 1;
-    if (g->stages.stage == SBL__GATHER_SENSE) done += (double)sbl__job_progress(&c->job) * g->count;
+    if (sbl__work_is_done(&g->work)) return 1;
+    if (g->work.stages.stage == SBL__GATHER_SENSE) done += (double)sbl__job_progress(&g->work.core->job) * g->count;
     return (float)(done / SBL__MAX(1, g->desc.site_count));
 }
+
+static const sbl__stage_row sbl__gathering_stages[] = {
+    { sbl__gathering_prepare, sbl__gathering_after_prepare, NULL, NULL },
+    { sbl__gathering_sites, NULL, NULL, NULL },
+    { sbl__gathering_sense, sbl__gathering_after_sense, NULL, NULL }
+};
+static const sbl__front_end sbl__readings_front_end = {
+    "sbl_begin_readings", 0, sbl__gathering_check, sbl__gathering_begin, sbl__gathering_stages, SBL__GATHER_DONE,
+    sbl__gathering_seconds, sbl__gathering_progress, sbl__gathering_free
+};
 
 /* ======================================================================================================== >>vertices
    The front end for light at vertices (Kavan, Bargteil and Sloan 2011). A sequence of gathers measures R at points on
@@ -16375,7 +16458,6 @@ static float sbl__gathering_progress(const sbl__core *c, const sbl__gathering *g
 #define SBL__VERTICES_RINGS 64          /* greatest number of edges over which light spreads to vertices without it */
 
 enum {
-    SBL__VERTICES_IDLE,
     SBL__VERTICES_FACES, SBL__VERTICES_WELD, SBL__VERTICES_SIDES,  /* compute normals and areas; unknowns; hinges */
     SBL__VERTICES_MAKE, SBL__VERTICES_SITES, SBL__VERTICES_SENSE, SBL__VERTICES_TAKE,
     SBL__VERTICES_MASS, SBL__VERTICES_BEND, SBL__VERTICES_SOLVE,   /* add triangles and hinges to the matrix; solve */
@@ -16400,8 +16482,7 @@ typedef struct sbl__hinge { uint32_t sides[2]; float weights[4]; } sbl__hinge;
 typedef struct sbl__vertices_place { int part, triangle, point; } sbl__vertices_place;
 
 typedef struct sbl__vertices {
-    sbl__stages stages;
-    sbl__core *core;
+    sbl__work work;             /* first: see >>work */
     int part;                   /* part of the vertex or triangle that the current stage works on */
     sbl_vertices_desc desc;     /* defaults filled in */
     sbl__vertices_part *parts;
@@ -16431,49 +16512,63 @@ typedef struct sbl__vertices {
                                                 next corner with the same unknown; 0: there is none */
 } sbl__vertices;
 
-static void sbl__vertices_free(sbl__base *base, sbl__vertices *s) {
+/* Frees all memory, keeps the head of the struct. */
+static void sbl__vertices_clear(sbl__vertices *s) {
     void *const blocks[] = { s->parts, s->sites, s->readings, s->normals, s->unknowns, s->corners, s->areas,
                              s->sums, s->back_sums, s->hinges, s->first_corners, s->next_corners };
+    const sbl__work work = s->work;
+    sbl__base *base = &work.core->base;
     int i;
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(base, blocks[i]);
     sbl__hash_table_free(base, &s->places);
     sbl__hash_table_free(base, &s->ends);
     sbl__solver_free(base, &s->solver);
     sbl__rings_free(base, &s->rings);
-    sbl__gathering_free(base, &s->gathering);
+    sbl__gathering_free(&s->gathering);
     memset(s, 0, sizeof *s);
+    s->work = work;
 }
 
-static int sbl__vertices_under_way(const sbl__vertices *s) {
-    return s->stages.stage != SBL__VERTICES_IDLE && s->stages.stage != SBL__VERTICES_DONE;
+static void sbl__vertices_free(void *work) {
+    sbl__vertices_clear((sbl__vertices *)work);
+    memset(work, 0, sizeof(sbl__vertices));
 }
 
-/* desc has been checked and has its defaults filled in. The caller begins s->gathering. */
-static sbl_result sbl__vertices_begin(sbl__core *c, sbl__vertices *s, const sbl_vertices_desc *desc) {
+static sbl_result sbl__vertices_check(const sbl__core *c, const void *desc, sbl__measurement *measurement) {
+    const sbl_vertices_desc *given = (const sbl_vertices_desc *)desc, d = sbl_vertices_desc_defaults(given);
+    const sbl_readings_desc readings = sbl__vertices_readings(&d);
+    *measurement = sbl__measurement_of(&readings.options, readings.sensor_kind, readings.sensor_fov);
+    measurement->every_ray = given && given->options.rays > 0;
+    return sbl__check_vertices(&c->base, given, &d, &c->scene);
+}
+
+static sbl_result sbl__vertices_begin(void *work, const void *desc) {
+    sbl__vertices *s = (sbl__vertices *)work;
+    sbl__core *c = s->work.core;
     const sbl__geometry *g = &c->scene.geometry;
+    sbl_readings_desc readings;
     int i;
-    s->core = c;
-    s->desc = *desc;
-    s->part_count = desc->mesh_count ? desc->mesh_count : g->mesh_count;
+    s->desc = sbl_vertices_desc_defaults((const sbl_vertices_desc *)desc);
+    s->part_count = s->desc.mesh_count ? s->desc.mesh_count : g->mesh_count;
     s->parts = (sbl__vertices_part *)sbl__alloc(&c->base, (size_t)s->part_count, sizeof *s->parts);
     if (!s->parts) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < s->part_count; i++) {
         sbl__vertices_part *part = &s->parts[i];
-        part->mesh = desc->mesh_count ? desc->meshes[i] : i;
+        part->mesh = s->desc.mesh_count ? s->desc.meshes[i] : i;
         part->first_vertex = s->vertex_count;
         part->first_triangle = s->triangle_count;
         s->vertex_count += g->meshes[part->mesh].vertex_count;
         s->triangle_count += g->meshes[part->mesh].triangle_count;
     }
+    readings = sbl__vertices_readings(&s->desc);
     s->desc.meshes = NULL;
-    s->stages.stage = SBL__VERTICES_FACES;
-    return SBL_SUCCESS;
+    return sbl__work_begin(&s->gathering.work, &sbl__readings_front_end, c, &s->work.measurement, &readings);
 }
 
 /* Allocates the memory for normals, areas and welding, once. */
 static sbl_result sbl__vertices_make_faces(void *work, sbl__slice *slice) {
     sbl__vertices *s = (sbl__vertices *)work;
-    sbl__base *base = &s->core->base;
+    sbl__base *base = &s->work.core->base;
     const size_t vertices = (size_t)s->vertex_count, triangles = (size_t)s->triangle_count;
     (void)slice;
     if (s->normals) return SBL_SUCCESS;
@@ -16490,7 +16585,7 @@ static sbl_result sbl__vertices_make_faces(void *work, sbl__slice *slice) {
 /* >>vertices: welding. Vertices and triangles are numbered consecutively over all parts, unless a comment says that a
    number belongs to the scene. */
 
-static const sbl__geometry *sbl__vertices_geometry(const sbl__vertices *s) { return &s->core->scene.geometry; }
+static const sbl__geometry *sbl__vertices_geometry(const sbl__vertices *s) { return &s->work.core->scene.geometry; }
 
 /* Returns the scene's number of a triangle of the part. */
 static uint32_t sbl__vertices_triangle(const sbl__vertices *s, int part, int triangle) {
@@ -16618,7 +16713,7 @@ static sbl_result sbl__vertices_side(sbl__vertices *s, uint32_t side) {
     const uint32_t other = sbl__first_side(&s->ends, s->corners, side);
     sbl__hinge *hinge;
     if (other == side) return SBL_SUCCESS;
-    if (!sbl__grow(&s->core->base, &s->hinges, &s->hinge_room, s->hinge_count + 1, sizeof *s->hinges))
+    if (!sbl__grow(&s->work.core->base, &s->hinges, &s->hinge_room, s->hinge_count + 1, sizeof *s->hinges))
         return SBL_ERROR_OUT_OF_MEMORY;
     hinge = &s->hinges[s->hinge_count++];
     hinge->sides[0] = other;
@@ -16741,7 +16836,7 @@ static sbl_result sbl__vertices_take(void *work, int site) {
     s->parts[s->next.part].points += 1;
     s->parts[s->next.part].back_points += back_points;
     if (back_points && !s->back_sums)
-        s->back_sums = (float *)sbl__alloc(&s->core->base, (size_t)s->triangle_count,
+        s->back_sums = (float *)sbl__alloc(&s->work.core->base, (size_t)s->triangle_count,
                                         SBL__VERTICES_SUMS * sizeof *s->back_sums);
     sums = back_points ? s->back_sums : s->sums;
     if (!sums) return SBL_ERROR_OUT_OF_MEMORY;
@@ -16906,7 +17001,7 @@ static sbl_result sbl__vertices_write(void *work, int vertex) {
 /* Allocates the memory whose size depends on the number of points, and sets up the solver and the rings. */
 static sbl_result sbl__vertices_make(void *work, sbl__slice *slice) {
     sbl__vertices *s = (sbl__vertices *)work;
-    sbl__base *base = &s->core->base;
+    sbl__base *base = &s->work.core->base;
     const size_t most = (size_t)SBL__MIN(s->points, (double)SBL__VERTICES_POINTS);
     const size_t triangles = (size_t)s->triangle_count;
     sbl_result result;
@@ -16932,7 +17027,7 @@ static sbl_result sbl__vertices_make(void *work, sbl__slice *slice) {
 
 static sbl_result sbl__vertices_sense(void *work, sbl__slice *slice) {
     sbl__vertices *s = (sbl__vertices *)work;
-    return sbl__gathering_step(s->core, &s->gathering, slice);
+    return sbl__work_step(&s->gathering.work, slice);
 }
 
 static sbl_result sbl__vertices_solve(void *work, sbl__slice *slice) {
@@ -16977,49 +17072,50 @@ static int sbl__vertices_triangles(void *work) { return ((sbl__vertices *)work)-
 static int sbl__vertices_hinges(void *work) { return ((sbl__vertices *)work)->hinge_count; }
 static int sbl__vertices_sites(void *work) { return ((sbl__vertices *)work)->site_count; }
 
-/* Does one piece of work. Returns SBL_SUCCESS when all light is written and the memory is freed. */
-static sbl_result sbl__vertices_step(sbl__core *c, sbl__vertices *s, sbl__slice *slice) {
-    static const sbl__stage_row table[] = {
-        { NULL, NULL, NULL, NULL },
-        { sbl__vertices_make_faces, NULL, sbl__vertices_face, sbl__vertices_triangles },
-        { NULL, NULL, sbl__vertices_weld, sbl__vertices_count },
-        { NULL, NULL, sbl__vertices_sides, sbl__vertices_triangles },
-        { sbl__vertices_make, sbl__vertices_after_make, NULL, NULL },
-        { NULL, sbl__vertices_after_sites, sbl__vertices_ask, sbl__vertices_sites },
-        { sbl__vertices_sense, NULL, NULL, NULL },
-        { NULL, sbl__vertices_after_take, sbl__vertices_take, sbl__vertices_sites },
-        { NULL, NULL, sbl__vertices_mass, sbl__vertices_triangles },
-        { NULL, NULL, sbl__vertices_bend, sbl__vertices_hinges },
-        { sbl__vertices_solve, NULL, sbl__vertices_average, sbl__vertices_averages },
-        { NULL, NULL, sbl__vertices_link, sbl__vertices_triangles },
-        { sbl__vertices_spread, NULL, NULL, NULL },
-        { NULL, NULL, sbl__vertices_write, sbl__vertices_count }
-    };
-    const double start = sbl__now();
-    const int sense = s->stages.stage == SBL__VERTICES_SENSE;
-    double *seconds = s->stages.stage < SBL__VERTICES_SENSE ? &c->stats.seconds.surface : &c->stats.seconds.refine;
-    const sbl_result result = sbl__stages_step(&s->stages, table, SBL__COUNT(table), s, slice);
-    if (!sense) *seconds += sbl__now() - start;
-    if (result == SBL_SUCCESS) {
-        sbl__gathering gathering = s->gathering;  /* kept because the host's progress callback is called once more */
-        gathering.sites = NULL;
-        sbl__vertices_free(&c->base, s);
-        s->gathering = gathering;
-        s->stages.stage = SBL__VERTICES_DONE;
-    }
-    return result;
+/* Frees the memory. The last piece of the front end. */
+static int sbl__vertices_after_write(void *work) {
+    sbl__vertices_clear((sbl__vertices *)work);
+    return SBL__VERTICES_DONE;
+}
+
+/* The gathering adds its own seconds. */
+static double *sbl__vertices_seconds(const void *work) {
+    const sbl__work *w = (const sbl__work *)work;
+    if (w->stages.stage == SBL__VERTICES_SENSE) return NULL;
+    return w->stages.stage < SBL__VERTICES_SENSE ? &w->core->stats.seconds.surface : &w->core->stats.seconds.refine;
 }
 
 #define SBL__VERTICES_SENSING 0.95f  /* share of the progress that belongs to the gathers */
 
-static float sbl__vertices_progress(const sbl__core *c, const sbl__vertices *s) {
-    const int stage = s->stages.stage;
+static float sbl__vertices_progress(const void *work) {
+    const sbl__vertices *s = (const sbl__vertices *)work;
+    const int stage = s->work.stages.stage;
     double done = s->taken;
     if (stage == SBL__VERTICES_DONE) return 1;
-    if (stage == SBL__VERTICES_SENSE) done += (double)sbl__gathering_progress(c, &s->gathering) * s->site_count;
+    if (stage == SBL__VERTICES_SENSE) done += (double)sbl__gathering_progress(&s->gathering) * s->site_count;
     if (stage == SBL__VERTICES_TAKE) done += s->site_count;
     return s->points > 0 && stage > SBL__VERTICES_MAKE ? SBL__VERTICES_SENSING * (float)(done / s->points) : 0;
 }
+
+static const sbl__stage_row sbl__vertices_stages[] = {
+    { sbl__vertices_make_faces, NULL, sbl__vertices_face, sbl__vertices_triangles },
+    { NULL, NULL, sbl__vertices_weld, sbl__vertices_count },
+    { NULL, NULL, sbl__vertices_sides, sbl__vertices_triangles },
+    { sbl__vertices_make, sbl__vertices_after_make, NULL, NULL },
+    { NULL, sbl__vertices_after_sites, sbl__vertices_ask, sbl__vertices_sites },
+    { sbl__vertices_sense, NULL, NULL, NULL },
+    { NULL, sbl__vertices_after_take, sbl__vertices_take, sbl__vertices_sites },
+    { NULL, NULL, sbl__vertices_mass, sbl__vertices_triangles },
+    { NULL, NULL, sbl__vertices_bend, sbl__vertices_hinges },
+    { sbl__vertices_solve, NULL, sbl__vertices_average, sbl__vertices_averages },
+    { NULL, NULL, sbl__vertices_link, sbl__vertices_triangles },
+    { sbl__vertices_spread, NULL, NULL, NULL },
+    { NULL, sbl__vertices_after_write, sbl__vertices_write, sbl__vertices_count }
+};
+static const sbl__front_end sbl__vertices_front_end = {
+    "sbl_begin_vertices", 0, sbl__vertices_check, sbl__vertices_begin, sbl__vertices_stages, SBL__VERTICES_DONE,
+    sbl__vertices_seconds, sbl__vertices_progress, sbl__vertices_free
+};
 
 /* ======================================================================================================== >>probes
    The front end for points in the air: batches of so many. A batch's light is gathered twice over: what lamps give, at
@@ -17042,7 +17138,7 @@ static float sbl__vertices_progress(const sbl__core *c, const sbl__vertices *s) 
 
 enum { SBL__PROBE_FACES, SBL__PROBE_RAYS, SBL__PROBE_KINDS };  /* of sites */
 
-enum { SBL__PROBES_IDLE, SBL__PROBES_PREPARE, SBL__PROBES_BEGIN_BATCH, SBL__PROBES_SITES, SBL__PROBES_SENSE,
+enum { SBL__PROBES_PREPARE, SBL__PROBES_BEGIN_BATCH, SBL__PROBES_SITES, SBL__PROBES_SENSE,
        SBL__PROBES_TAKE, SBL__PROBES_CLOSE, SBL__PROBES_DONE };
 
 /* A probe of the batch, at one place. */
@@ -17058,10 +17154,8 @@ typedef struct sbl__probe_sum {
 } sbl__probe_sum;
 
 typedef struct sbl__probes {
-    sbl__stages stages;
-    sbl__core *core;
+    sbl__work work;                /* first: see >>work */
     sbl_probes_desc desc;          /* defaults filled in */
-    sbl__measurement measurement;
     sbl__spec specs[SBL__PROBE_KINDS];
     int apart;                     /* lamps' light and that of surroundings are found apart */
     int rings, around;             /* normals */
@@ -17073,20 +17167,16 @@ typedef struct sbl__probes {
     int first, taken;              /* probes: of the batch, and how many it began with */
     int count, round;              /* those that are still tried */
     int kind, from;                /* the sites of the job, counted over the batch */
-    float store_share;             /* of progress */
-    float progress;
 } sbl__probes;
 
-static void sbl__probes_free(sbl__base *base, sbl__probes *g) {
+static void sbl__probes_free(void *work) {
+    sbl__probes *g = (sbl__probes *)work;
+    sbl__base *base = &g->work.core->base;
     sbl__free(base, g->sequence);
     sbl__free(base, g->sums);
     sbl__free(base, g->sites);
     sbl__free(base, g->readings);
     memset(g, 0, sizeof *g);
-}
-
-static int sbl__probes_under_way(const sbl__probes *g) {
-    return g->stages.stage != SBL__PROBES_IDLE && g->stages.stage != SBL__PROBES_DONE;
 }
 
 /* The share of a harmonic that a cosine leaves in R. */
@@ -17176,23 +17266,25 @@ static void sbl__probe_asked(const sbl_probes_desc *d, int i, float out[3]) {
     }
 }
 
-/* desc has its defaults filled in and has been checked; measurement, too. */
-static void sbl__probes_begin(sbl__core *c, sbl__probes *g, const sbl_probes_desc *desc,
-                               const sbl__measurement *measurement) {
-    const float (*const bounds)[3] = (const float (*)[3])c->scene.geometry.bounds;
-    g->core = c;
-    g->desc = *desc;
-    if (sbl__all_zero(desc->lowest, 3) && sbl__all_zero(desc->highest, 3)) {
+static sbl_result sbl__probes_check(const sbl__core *c, const void *desc, sbl__measurement *measurement) {
+    const sbl_probes_desc *given = (const sbl_probes_desc *)desc, d = sbl_probes_desc_defaults(given);
+    *measurement = sbl__measurement_of(&d.options, SBL_SENSOR_HEMICUBE, 135);
+    return sbl__check_probes(&c->base, given, &d, c->scene.draw != NULL);
+}
+
+static sbl_result sbl__probes_begin(void *work, const void *desc) {
+    sbl__probes *g = (sbl__probes *)work;
+    const float (*const bounds)[3] = (const float (*)[3])g->work.core->scene.geometry.bounds;
+    g->desc = sbl_probes_desc_defaults((const sbl_probes_desc *)desc);
+    if (sbl__all_zero(g->desc.lowest, 3) && sbl__all_zero(g->desc.highest, 3)) {
         memcpy(g->desc.lowest, bounds[0], sizeof g->desc.lowest);
         memcpy(g->desc.highest, bounds[1], sizeof g->desc.highest);
     }
-    g->measurement = *measurement;
-    g->apart = sbl__measurement_sends_rays(measurement);
+    g->apart = sbl__measurement_sends_rays(&g->work.measurement);
     g->rings = g->apart ? SBL__PROBE_RINGS : SBL__PROBE_VIEW_RINGS;
     g->around = g->apart ? SBL__PROBE_AROUND : SBL__PROBE_VIEW_AROUND;
     sbl__gauss_nodes(g->rings, g->ring, g->ring_weight);
-    g->store_share = sbl__prepare_share(c, measurement);
-    g->stages.stage = SBL__PROBES_PREPARE;
+    return SBL_SUCCESS;
 }
 
 /* How the two kinds of sites see, and memory for a batch. */
@@ -17201,7 +17293,7 @@ static sbl_result sbl__probes_setup(sbl__core *c, sbl__probes *g) {
     const int most = SBL__MAX(sbl__probe_sites(g, SBL__PROBE_FACES), g->desc.options.rays);
     const int batch = SBL__MIN(SBL__PROBES_BATCH, g->desc.probe_count);
     const size_t room = (size_t)SBL__MIN(SBL__GATHER_SITES, (double)most * batch);
-    sbl__measurement measurement = g->measurement;
+    sbl__measurement measurement = g->work.measurement;
     measurement.options.rays = SBL__MAX(g->desc.options.rays / SBL__PROBE_LAMP_SHARE, SBL__PROBE_LAMP_LEAST);
     measurement.options.rays = SBL__MIN(measurement.options.rays, SBL__PROBE_LAMP_MOST);
     if (g->apart) {  /* faces find lamps' light alone */
@@ -17211,7 +17303,7 @@ static sbl_result sbl__probes_setup(sbl__core *c, sbl__probes *g) {
     sbl__spec_make(faces, &measurement, &c->scene, &c->desc);
     if (g->apart) faces->without_sky = faces->no_light = faces->one_ray = faces->rays = 1;
     faces->looks = SBL__PROBE_LOOKS;
-    measurement = g->measurement;
+    measurement = g->work.measurement;
     measurement.options.backend = SBL_BACKEND_TRACE;
     measurement.options.rays = measurement.every_ray = 1;
     sbl__spec_make(rays, &measurement, &c->scene, &c->desc);
@@ -17227,8 +17319,8 @@ static sbl_result sbl__probes_setup(sbl__core *c, sbl__probes *g) {
 /* Prepares the scene. */
 static sbl_result sbl__probes_prepare(void *work, sbl__slice *slice) {
     sbl__probes *g = (sbl__probes *)work;
-    const sbl_result result = sbl__prepare(g->core, &g->measurement, slice);
-    return result == SBL_SUCCESS && g->desc.probe_count ? sbl__probes_setup(g->core, g) : result;
+    const sbl_result result = sbl__prepare(g->work.core, &g->work.measurement, slice);
+    return result == SBL_SUCCESS && g->desc.probe_count ? sbl__probes_setup(g->work.core, g) : result;
 }
 
 static int sbl__probes_after_prepare(void *work) {
@@ -17238,7 +17330,7 @@ static int sbl__probes_after_prepare(void *work) {
 /* Begins a round of jobs. If nothing is a lamp, rays find all light. */
 static int sbl__probes_round(void *work) {
     sbl__probes *g = (sbl__probes *)work;
-    const int faces = g->measurement.options.backend != SBL_BACKEND_TRACE || g->core->scene.lights.leaves > 0;
+    const int faces = g->work.measurement.options.backend != SBL_BACKEND_TRACE || g->work.core->scene.lights.leaves > 0;
     g->kind = faces ? SBL__PROBE_FACES : SBL__PROBE_RAYS;
     g->from = 0;
     return SBL__PROBES_SITES;
@@ -17290,12 +17382,12 @@ static int sbl__probes_after_sites(void *work) {
     task.sites = g->sites;
     task.readings = g->readings;
     task.site_count = sbl__probes_job(g);
-    sbl__job_begin(&g->core->job, &g->core->scene, &task);
+    sbl__job_begin(&g->work.core->job, &g->work.core->scene, &task);
     return SBL__PROBES_SENSE;
 }
 
 static sbl_result sbl__probes_sense(void *work, sbl__slice *slice) {
-    sbl__core *c = ((sbl__probes *)work)->core;
+    sbl__core *c = ((sbl__probes *)work)->work.core;
     const sbl_result result = sbl__job_step(&c->device, &c->job, slice);
     if (result == SBL_SUCCESS) sbl__core_count(c);
     return result;
@@ -17356,7 +17448,7 @@ static sbl_result sbl__probes_take(void *work, int at) {
         return SBL_SUCCESS;
     }
     sbl__probe_direction(g, sum->number, i, d);
-    if (g->measurement.options.backend == SBL_BACKEND_TRACE || g->kind == SBL__PROBE_FACES)
+    if (g->work.measurement.options.backend == SBL_BACKEND_TRACE || g->kind == SBL__PROBE_FACES)
         sbl__probe_add(g, sum, i, d, r);
     if (g->kind == SBL__PROBE_RAYS) sbl__probe_meet(sum, d, r, g->round == 0 && g->desc.move > 0);
     return SBL_SUCCESS;
@@ -17409,7 +17501,7 @@ static int sbl__probe_move(const sbl__probes *g, sbl__probe_sum *sum) {
 /* Tells the host what was found; those that are not valid go on to the next round. */
 static int sbl__probes_close(void *work) {
     sbl__probes *g = (sbl__probes *)work;
-    sbl_stats *stats = &g->core->stats;
+    sbl_stats *stats = &g->work.core->stats;
     int i, left = 0;
     stats->sensors.count += g->count;
     for (i = 0; i < g->count; i++) {
@@ -17431,35 +17523,36 @@ static int sbl__probes_close(void *work) {
     return g->first < g->desc.probe_count ? SBL__PROBES_BEGIN_BATCH : SBL__PROBES_DONE;
 }
 
-/* Does one piece. SBL_SUCCESS: all probes are there. */
-static sbl_result sbl__probes_step(sbl__core *c, sbl__probes *g, sbl__slice *slice) {
-    static const sbl__stage_row table[] = {
-        { NULL, NULL, NULL, NULL },
-        { sbl__probes_prepare, sbl__probes_after_prepare, NULL, NULL },
-        { sbl__probes_batch, sbl__probes_round, NULL, NULL },
-        { NULL, sbl__probes_after_sites, sbl__probes_site, sbl__probes_sites },
-        { sbl__probes_sense, NULL, NULL, NULL },
-        { NULL, sbl__probes_after_take, sbl__probes_take, sbl__probes_sites },
-        { NULL, sbl__probes_close, NULL, NULL }
-    };
-    const double start = sbl__now();
-    const double bounced = c->stats.seconds.bounce;
-    double *seconds = g->stages.stage == SBL__PROBES_PREPARE ? &c->stats.seconds.surface : &c->stats.seconds.gather;
-    const sbl_result result = sbl__stages_step(&g->stages, table, SBL__COUNT(table), g, slice);
-    *seconds += sbl__now() - start - (c->stats.seconds.bounce - bounced);
-    return result;
+static double *sbl__probes_seconds(const void *work) {
+    const sbl__work *w = (const sbl__work *)work;
+    return w->stages.stage == SBL__PROBES_PREPARE ? &w->core->stats.seconds.surface : &w->core->stats.seconds.gather;
 }
 
-static float sbl__probes_progress(const sbl__core *c, const sbl__probes *g) {
+static float sbl__probes_progress(const void *work) {
+    const sbl__probes *g = (const sbl__probes *)work;
+    const sbl__job *job = &g->work.core->job;
     double part = 0;
-    if (g->stages.stage == SBL__PROBES_DONE) return 1;
-    if (g->stages.stage <= SBL__PROBES_BEGIN_BATCH) return (float)(g->first / (double)SBL__MAX(1, g->desc.probe_count));
-    if (g->stages.stage == SBL__PROBES_SENSE) part = (double)sbl__job_progress(&c->job) * sbl__probes_job(g);
-    else if (g->stages.stage == SBL__PROBES_TAKE) part = sbl__probes_job(g);
+    if (g->work.stages.stage == SBL__PROBES_DONE) return 1;
+    if (g->work.stages.stage <= SBL__PROBES_BEGIN_BATCH) return (float)(g->first / (double)SBL__MAX(1, g->desc.probe_count));
+    if (g->work.stages.stage == SBL__PROBES_SENSE) part = (double)sbl__job_progress(job) * sbl__probes_job(g);
+    else if (g->work.stages.stage == SBL__PROBES_TAKE) part = sbl__probes_job(g);
     part = (part + g->from) / SBL__MAX(1, g->count * sbl__probe_sites(g, SBL__MIN(g->kind, SBL__PROBE_RAYS)));
     part = 0.5 * (SBL__MIN(part, 1.0) + g->kind);
     return (float)((g->first + (g->round ? 1 : SBL__MIN(part, 1.0)) * g->taken) / g->desc.probe_count);
 }
+
+static const sbl__stage_row sbl__probes_stages[] = {
+    { sbl__probes_prepare, sbl__probes_after_prepare, NULL, NULL },
+    { sbl__probes_batch, sbl__probes_round, NULL, NULL },
+    { NULL, sbl__probes_after_sites, sbl__probes_site, sbl__probes_sites },
+    { sbl__probes_sense, NULL, NULL, NULL },
+    { NULL, sbl__probes_after_take, sbl__probes_take, sbl__probes_sites },
+    { NULL, sbl__probes_close, NULL, NULL }
+};
+static const sbl__front_end sbl__probes_front_end = {
+    "sbl_begin_probes", 0, sbl__probes_check, sbl__probes_begin, sbl__probes_stages, SBL__PROBES_DONE,
+    sbl__probes_seconds, sbl__probes_progress, sbl__probes_free
+};
 
 /* ======================================================================================================== >>inspect
    One sensor of a finished picture, looked at from inside: a job of one site, whose batch is read back when it has been
@@ -17775,7 +17868,7 @@ static void sbl__inspect_tell(const sbl__inspect_request *k, sbl_sensor *out) {
     const sbl__pixel *p = sbl__refine_pixel(&k->map->refine, (size_t)k->pixel);
     const sbl_reading *r = &k->reading;
     int i;
-    out->backend = k->map->measurement.options.backend;
+    out->backend = k->map->work.measurement.options.backend;
     memcpy(out->site.position, p->position, sizeof p->position);
     memcpy(out->site.normal, p->normal, sizeof p->normal);
     memcpy(out->site.geometric_normal, p->geometric_normal, sizeof p->geometric_normal);
@@ -17865,6 +17958,7 @@ static sbl_result sbl__trial_camera(sbl__core *c, sbl__surface *surface, sbl__gb
 static sbl_result sbl__trial_rays(sbl__core *c, int *met) {
     sbl_readings_desc desc;
     sbl__gathering gathering;
+    sbl__measurement measurement;
     sbl_reading reading;
     sbl__slice slice = sbl__slice_of(&c->desc, 0);
     sbl_result result;
@@ -17882,10 +17976,12 @@ static sbl_result sbl__trial_rays(sbl__core *c, int *met) {
     desc.options.backend = SBL_BACKEND_TRACE;
     desc.options.epsilon = 0.5f;
     desc.options.rays = SBL__TRIAL_RAYS;
-    desc = sbl_readings_desc_defaults(&desc);
-    sbl__gathering_begin(c, &gathering, &desc, 1);
-    do result = sbl__gathering_step(c, &gathering, &slice); while (result == SBL_UNFINISHED);
-    sbl__gathering_free(&c->base, &gathering);
+    result = sbl__gathering_check(c, &desc, &measurement);
+    if (result == SBL_SUCCESS)
+        result = sbl__work_begin(&gathering.work, &sbl__readings_front_end, c, &measurement, &desc);
+    if (result == SBL_SUCCESS) result = SBL_UNFINISHED;
+    while (result == SBL_UNFINISHED) result = sbl__work_step(&gathering.work, &slice);
+    sbl__gathering_free(&gathering);
     *met = result == SBL_SUCCESS && reading.hit_share > 0.5f && reading.hit_min > 0.99f && reading.hit_min < 1.5f &&
            fabs((double)reading.radiance[1] - 0.5 * (double)reading.hit_share) < 1e-3;
     return result;
@@ -18057,36 +18153,40 @@ static void sbl__egl_destroy(sbl__egl *e) { (void)e; }
 #endif
 
 /* ======================================================================================================== >>public
-   Thin: validate, run the stages, put GL back. */
+   The functions declared above. Each checks its arguments, saves and sets the host's GL state, delegates to a room, and
+   restores the state. */
 
-typedef enum sbl__work {
-    SBL__WORK_NONE, SBL__WORK_PICTURE, SBL__WORK_GATHER, SBL__WORK_VERTICES, SBL__WORK_PROBES
-} sbl__work;
+/* The front ends: verb, noun and struct. A row makes the public functions sbl_begin_NOUN and sbl_VERB_NOUN, and the
+   field NOUN of sbl_context. */
+#define SBL__FRONT_ENDS(X) \
+    X(render, picture, sbl__picture) \
+    X(bake, lightmap, sbl__lightmap) \
+    X(gather, readings, sbl__gathering) \
+    X(bake, vertices, sbl__vertices) \
+    X(bake, probes, sbl__probes)
 
-/* Is the host being called? Callbacks may ask how things are; that of progress, between two pieces of work, may read
-   channels too. */
+/* What the context is doing, so that calls from callbacks can be refused. Callbacks may always call query functions.
+   The progress callback runs between two pieces of work and may read channels too. */
 typedef enum sbl__inside {
     SBL__INSIDE_NOTHING, SBL__INSIDE_PROGRESS, SBL__INSIDE_WORK, SBL__INSIDE_REFUSAL
 } sbl__inside;
 
 struct sbl_context {
     sbl__core core;
-    sbl__picture picture;      /* under way, or finished: one of the two, */
-    sbl__lightmap lightmap;
-    sbl__map *map;             /* whose map this is; NULL: there is none */
-    sbl__gathering gathering;
-    sbl__probes probes;
-    sbl__vertices vertices;
+#define SBL__X(verb, noun, type) type noun;
+    SBL__FRONT_ENDS(SBL__X)
+#undef SBL__X
+    sbl__work *work;           /* what was begun last; NULL: nothing */
+    sbl__map *map;             /* the picture or lightmap, finished or not; NULL: there is none */
     sbl__inspection inspection;
-    sbl__work work;            /* what was begun last */
     sbl__inside inside;
     sbl__egl egl;
 };
 
-/* What every function that uses GL does first and last: own context made current, state saved and forced; and the way
-   back. */
+/* What sbl__visit_enter saves for sbl__visit_leave. */
 typedef struct sbl__visit { sbl__guard guard; sbl__egl_before before; sbl__inside inside; } sbl__visit;
 
+/* Makes the context's own GL context current, if it has one, and saves and sets the GL state. */
 static void sbl__visit_enter(sbl_context *c, sbl__visit *v) {
     v->inside = c->inside;
     c->inside = SBL__INSIDE_WORK;
@@ -18106,46 +18206,64 @@ static void sbl__refuse(const sbl_context *c, sbl_log_item item, const char *fun
     sbl__log(&c->core.base, SBL_LOG_ERROR, item, "%s: %s", function, why);
 }
 
-/* 1 (logged) where one of the context's callbacks calls what it may not; `most`: where it may. */
+/* Returns 1, after logging, if a callback calls the function from which it must not. most: the innermost place from
+   which it may be called. */
 static int sbl__called_back(sbl_context *c, const char *function, sbl__inside most) {
     const sbl__inside inside = c->inside;
     if (inside <= most) return 0;
     c->inside = SBL__INSIDE_REFUSAL;
-    if (inside != SBL__INSIDE_REFUSAL)  /* else it is the logger that calls, told of a call */
+    if (inside != SBL__INSIDE_REFUSAL)  /* otherwise the logger itself calls, while a refusal is logged */
         sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "called by a callback, in the middle of work; let it "
                     "return first (progress: return nonzero to cancel)");
     c->inside = inside;
     return 1;
 }
 
-static void sbl__map_drop(sbl_context *c) {
-    sbl__picture_free(&c->core.device, &c->picture);
-    sbl__lightmap_free(&c->core.device, &c->lightmap);
-    c->map = NULL;
+/* The checks of a function that must not be called from callbacks and, if `scene` is 1, needs a scene. */
+static sbl_result sbl__may_call(sbl_context *c, const char *function, int scene) {
+    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
+    if (sbl__called_back(c, function, SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
+    if (!scene || c->core.has_scene) return SBL_SUCCESS;
+    sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "there is no scene yet; call sbl_set_scene first");
+    return SBL_ERROR_STATE;
 }
 
-static int sbl__map_under_way(const sbl_context *c) { return c->map && !sbl__map_is_done(c->map); }
+/* >>public: dropping work */
 
-/* 0 (logged) where there is no scene yet. */
-static int sbl__has_scene(const sbl_context *c, const char *function) {
-    if (c->core.has_scene) return 1;
-    sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, function, "there is no scene yet; call sbl_set_scene first");
-    return 0;
+static int sbl__is_shown(const sbl_context *c, const sbl__work *work) { return c->map && work == &c->map->work; }
+
+/* Frees work that was begun, finished or not. work: may be NULL. */
+static void sbl__drop(sbl_context *c, sbl__work *work) {
+    if (!work) return;
+    if (sbl__is_shown(c, work)) {
+        c->map = NULL;
+        sbl__inspection_free(&c->core.device, &c->inspection);
+    }
+    work->front_end->free(work);
+    if (c->work == work) c->work = c->map ? &c->map->work : NULL;
+}
+
+static void sbl__drop_all(sbl_context *c) {
+    sbl__drop(c, c->work);
+    sbl__drop(c, c->work);  /* the map, if it is not what was begun last */
+    sbl__job_free(&c->core.device, &c->core.job);
+}
+
+/* Drops what was begun last, except for a finished picture or lightmap. A store that is half filled stays. */
+static void sbl__abandon(sbl_context *c) {
+    if (c->work && !(sbl__is_shown(c, c->work) && sbl__work_is_done(c->work))) sbl__drop(c, c->work);
+    sbl__job_free(&c->core.device, &c->core.job);
 }
 
 /* >>public: contexts */
 
-/* All but the struct itself. A context that sbl_create gave up half-way is freed too. */
+/* Frees all but the struct itself, also of a context that sbl_create did not complete. */
 static void sbl__context_free(sbl_context *c) {
     sbl__core *core = &c->core;
     if (sbl__device_is_made(&core->device)) {
         sbl__visit visit;
         sbl__visit_enter(c, &visit);
-        sbl__map_drop(c);
-        sbl__gathering_free(&core->base, &c->gathering);
-        sbl__probes_free(&core->base, &c->probes);
-        sbl__vertices_free(&core->base, &c->vertices);
-        sbl__inspection_free(&core->device, &c->inspection);
+        sbl__drop_all(c);
         sbl__bounce_end(core);
         sbl__job_free(&core->device, &core->job);
         sbl__scene_free(&core->device, &core->scene);
@@ -18155,7 +18273,7 @@ static void sbl__context_free(sbl_context *c) {
     sbl__egl_destroy(&c->egl);
 }
 
-/* GL, under the guard: what all passes share, and all programs where the host asked for them. */
+/* Makes what all passes share, compiles all programs if the host has asked for it, and tries out the driver. */
 static sbl_result sbl__context_start(sbl__core *core) {
     enum { TEXTURED = SBL__TEXTURED, CUTOUTS = SBL__TEXTURED | SBL__CUTOUTS, VIEWS = SBL__VIEWS, MIXED = SBL__MIXED };
     static const struct { const sbl__recipe *recipe; unsigned features; } programs[] = {
@@ -18237,23 +18355,12 @@ SBL_API void sbl_destroy(sbl_context *c) {
 
 /* >>public: scenes */
 
-/* What is under way does not go on. A finished picture stays, and so does a store that is half filled. */
-static void sbl__abandon(sbl_context *c) {
-    if (sbl__map_under_way(c)) sbl__map_drop(c);
-    sbl__gathering_free(&c->core.base, &c->gathering);
-    sbl__probes_free(&c->core.base, &c->probes);
-    sbl__vertices_free(&c->core.base, &c->vertices);
-    sbl__job_free(&c->core.device, &c->core.job);
-    c->work = c->map ? SBL__WORK_PICTURE : SBL__WORK_NONE;
-}
-
 SBL_API sbl_result sbl_set_scene(sbl_context *c, const sbl_scene_desc *desc) {
     const double start = sbl__now();
     sbl__scene scene;
     sbl__visit visit;
-    sbl_result result;
-    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
-    if (sbl__called_back(c, "sbl_set_scene", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
+    sbl_result result = sbl__may_call(c, "sbl_set_scene", 0);
+    if (result != SBL_SUCCESS) return result;
     if (!desc) {
         sbl__refuse(c, SBL_LOG_ITEM_INVALID_ARGUMENT, "sbl_set_scene", "desc is NULL");
         return SBL_ERROR_INVALID_ARGUMENT;
@@ -18270,7 +18377,7 @@ SBL_API sbl_result sbl_set_scene(sbl_context *c, const sbl_scene_desc *desc) {
         sbl__scene_free(&c->core.device, &c->core.scene);
         c->core.scene = scene;
         c->core.has_scene = 1;
-        if (c->work == SBL__WORK_NONE) memset(&c->core.stats, 0, sizeof c->core.stats);
+        if (!c->work) memset(&c->core.stats, 0, sizeof c->core.stats);
         c->core.stats.scene.triangles = scene.geometry.triangle_count;
         c->core.stats.seconds.scene = sbl__now() - start;
     }
@@ -18278,7 +18385,7 @@ SBL_API sbl_result sbl_set_scene(sbl_context *c, const sbl_scene_desc *desc) {
     return result;
 }
 
-/* Materials, or lights: the others are NULL. */
+/* Replaces the materials or the lights, whichever desc has; the other pointer is NULL. */
 static sbl_result sbl__update_light(sbl_context *c, const char *function, const sbl_scene_desc *desc) {
     const char *what = desc->materials ? "materials" : "lights";
     const int count = desc->materials ? desc->material_count : desc->light_count;
@@ -18286,9 +18393,8 @@ static sbl_result sbl__update_light(sbl_context *c, const char *function, const 
     sbl__check check;
     sbl_result result;
     int i, has;
-    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
-    if (sbl__called_back(c, function, SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
-    if (!sbl__has_scene(c, function)) return SBL_ERROR_STATE;
+    result = sbl__may_call(c, function, 1);
+    if (result != SBL_SUCCESS) return result;
     has = desc->materials ? c->core.scene.material_count : c->core.scene.lights.count;
     sbl__check_start(&check, &c->core.base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT);
     if (count != has) sbl__mistake(&check, "%s: %d %s are given; the scene has %d", function, count, what, has);
@@ -18325,9 +18431,8 @@ SBL_API sbl_result sbl_set_lights(sbl_context *c, const sbl_light *lights, int l
 }
 
 SBL_API sbl_result sbl_save_store(sbl_context *c, sbl_write_function put, void *user) {
-    if (!c || !put) return SBL_ERROR_INVALID_ARGUMENT;
-    if (sbl__called_back(c, "sbl_save_store", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
-    if (!sbl__has_scene(c, "sbl_save_store")) return SBL_ERROR_STATE;
+    const sbl_result result = put ? sbl__may_call(c, "sbl_save_store", 1) : SBL_ERROR_INVALID_ARGUMENT;
+    if (result != SBL_SUCCESS) return result;
     if (!c->core.scene.store.ready) {
         sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, "sbl_save_store", "no light is stored; render or gather in "
                     "SBL_MODE_GI first");
@@ -18340,10 +18445,8 @@ SBL_API sbl_result sbl_save_store(sbl_context *c, sbl_write_function put, void *
 
 SBL_API sbl_result sbl_load_store(sbl_context *c, sbl_read_function get, void *user) {
     sbl__visit visit;
-    sbl_result result;
-    if (!c || !get) return SBL_ERROR_INVALID_ARGUMENT;
-    if (sbl__called_back(c, "sbl_load_store", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
-    if (!sbl__has_scene(c, "sbl_load_store")) return SBL_ERROR_STATE;
+    sbl_result result = get ? sbl__may_call(c, "sbl_load_store", 1) : SBL_ERROR_INVALID_ARGUMENT;
+    if (result != SBL_SUCCESS) return result;
     sbl__visit_enter(c, &visit);
     sbl__abandon(c);
     result = sbl__saved_load(&c->core, get, user);
@@ -18356,9 +18459,8 @@ SBL_API sbl_result sbl_set_mesh_transform(sbl_context *c, int mesh, const float 
     sbl__visit visit;
     sbl__check check;
     sbl_result result;
-    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
-    if (sbl__called_back(c, "sbl_set_mesh_transform", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
-    if (!sbl__has_scene(c, "sbl_set_mesh_transform")) return SBL_ERROR_STATE;
+    result = sbl__may_call(c, "sbl_set_mesh_transform", 1);
+    if (result != SBL_SUCCESS) return result;
     sbl__check_start(&check, &c->core.base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT);
     if (mesh < 0 || mesh >= c->core.scene.geometry.mesh_count)
         sbl__mistake(&check, "sbl_set_mesh_transform: mesh is %d; the scene has %d", mesh,
@@ -18381,210 +18483,71 @@ SBL_API sbl_result sbl_set_mesh_transform(sbl_context *c, int mesh, const float 
 
 /* >>public: begin, step, end */
 
-/* A picture, or where `lightmap` is not NULL a lightmap; d has been checked. asked: its error is the host's own. */
-static sbl_result sbl__begin(sbl_context *c, sbl_picture_desc d, int asked, const sbl_lightmap_desc *lightmap) {
+/* Begins work: checks desc, drops former work, and fills the struct `work`. */
+static sbl_result sbl__begin(sbl_context *c, void *work, const sbl__front_end *f, const void *desc) {
     const double start = sbl__now();
-    const int most = c->core.device.gl.capabilities.max_texture_size;
-    sbl__measurement measurement = sbl__measurement_of(&d.options, d.sensor_kind, d.sensor_fov);
+    sbl__measurement measurement;
     sbl__visit visit;
-    sbl_result result = SBL_SUCCESS;
-    int level;
-    if (d.width > most || d.height > most) {
-        sbl__log(&c->core.base, SBL_LOG_ERROR, SBL_LOG_ITEM_TOO_LARGE, "%s: size is %d x %d; this driver's textures "
-                 "are at most %d across", lightmap ? "sbl_lightmap_desc" : "sbl_picture_desc", d.width, d.height, most);
-        return SBL_ERROR_UNSUPPORTED;
-    }
-    d.options.backend = measurement.options.backend = sbl__choose_backend(&measurement, &c->core.scene);
-    sbl__visit_enter(c, &visit);
-    sbl__gathering_free(&c->core.base, &c->gathering);
-    sbl__probes_free(&c->core.base, &c->probes);
-    sbl__vertices_free(&c->core.base, &c->vertices);
-    sbl__map_drop(c);
-    sbl__inspection_free(&c->core.device, &c->inspection);
-    sbl__visit_leave(c, &visit);
-    sbl__core_begin(&c->core, &measurement);
-    c->core.stats.picture.width = lightmap ? lightmap->width : d.width;
-    c->core.stats.picture.height = lightmap ? lightmap->height : d.height;
-    c->core.stats.picture.target_error = d.target_error;
-    for (level = 0; level < SBL_MAX_LEVELS; level++)
-        c->core.stats.picture.levels[level].tile = SBL__MAX(1, d.tile >> level);
-    c->map = lightmap ? &c->lightmap.map : &c->picture.map;
-    if (lightmap) result = sbl__lightmap_begin(&c->lightmap, &c->core, lightmap, &d, asked);
-    else sbl__picture_begin(&c->picture, &c->core, &d, asked);
-    c->work = SBL__WORK_PICTURE;
-    if (result != SBL_SUCCESS) sbl__abandon(c);
-    c->core.stats.seconds.total = sbl__now() - start;
-    return result;
-}
-
-SBL_API sbl_result sbl_begin_picture(sbl_context *c, const sbl_picture_desc *desc) {
-    sbl_picture_desc d = sbl_picture_desc_defaults(desc);
-    sbl_result result;
-    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
-    if (sbl__called_back(c, "sbl_begin_picture", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
-    if (!sbl__has_scene(c, "sbl_begin_picture")) return SBL_ERROR_STATE;
-    if (sbl__all_zero(d.world_to_view, 16)) sbl__camera_frame(&c->core.scene.geometry, &d);
-    result = sbl__check_picture(&c->core.base, desc, &d, c->core.scene.draw != NULL);
-    return result == SBL_SUCCESS ? sbl__begin(c, d, desc && desc->target_error > 0, NULL) : result;
-}
-
-SBL_API sbl_result sbl_begin_lightmap(sbl_context *c, const sbl_lightmap_desc *desc) {
-    const sbl_lightmap_desc d = sbl_lightmap_desc_defaults(desc);
-    const sbl_picture_desc picture = sbl__lightmap_picture(&d);
-    sbl_result result;
-    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
-    if (sbl__called_back(c, "sbl_begin_lightmap", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
-    if (!sbl__has_scene(c, "sbl_begin_lightmap")) return SBL_ERROR_STATE;
-    result = sbl__check_lightmap(&c->core.base, desc, &d, &c->core.scene);
-    return result == SBL_SUCCESS ? sbl__begin(c, picture, desc && desc->target_error > 0, &d) : result;
-}
-
-SBL_API sbl_result sbl_begin_readings(sbl_context *c, const sbl_readings_desc *desc) {
-    const double start = sbl__now();
-    sbl_readings_desc d = sbl_readings_desc_defaults(desc);
-    sbl__measurement measurement = sbl__measurement_of(&d.options, d.sensor_kind, d.sensor_fov);
-    sbl__visit visit;
-    sbl_result result;
-    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
-    if (sbl__called_back(c, "sbl_begin_readings", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
-    if (!sbl__has_scene(c, "sbl_begin_readings")) return SBL_ERROR_STATE;
-    result = sbl__check_readings(&c->core.base, desc, &d, c->core.scene.draw != NULL);
-    if (result != SBL_SUCCESS) return result;
-    d.options.backend = measurement.options.backend = sbl__choose_backend(&measurement, &c->core.scene);
-    sbl__visit_enter(c, &visit);
-    sbl__abandon(c);
-    sbl__visit_leave(c, &visit);
-    sbl__core_begin(&c->core, &measurement);
-    sbl__gathering_begin(&c->core, &c->gathering, &d, desc && desc->options.rays > 0);
-    c->work = SBL__WORK_GATHER;
-    c->core.stats.seconds.total = sbl__now() - start;
-    return SBL_SUCCESS;
-}
-
-SBL_API sbl_result sbl_begin_vertices(sbl_context *c, const sbl_vertices_desc *desc) {
-    const double start = sbl__now();
-    const sbl_vertices_desc d = sbl_vertices_desc_defaults(desc);
-    sbl_readings_desc gather = sbl__vertices_readings(&d);
-    sbl__measurement measurement = sbl__measurement_of(&gather.options, gather.sensor_kind, gather.sensor_fov);
-    sbl__visit visit;
-    sbl_result result;
-    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
-    if (sbl__called_back(c, "sbl_begin_vertices", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
-    if (!sbl__has_scene(c, "sbl_begin_vertices")) return SBL_ERROR_STATE;
-    result = sbl__check_vertices(&c->core.base, desc, &d, &c->core.scene);
-    if (result != SBL_SUCCESS) return result;
-    gather.options.backend = measurement.options.backend = sbl__choose_backend(&measurement, &c->core.scene);
-    sbl__visit_enter(c, &visit);
-    sbl__abandon(c);
-    sbl__visit_leave(c, &visit);
-    sbl__core_begin(&c->core, &measurement);
-    result = sbl__vertices_begin(&c->core, &c->vertices, &d);
-    if (result != SBL_SUCCESS) return result;
-    sbl__gathering_begin(&c->core, &c->vertices.gathering, &gather, desc && desc->options.rays > 0);
-    c->work = SBL__WORK_VERTICES;
-    c->core.stats.seconds.total = sbl__now() - start;
-    return SBL_SUCCESS;
-}
-
-SBL_API sbl_result sbl_begin_probes(sbl_context *c, const sbl_probes_desc *desc) {
-    const double start = sbl__now();
-    const sbl_probes_desc d = sbl_probes_desc_defaults(desc);
-    sbl__measurement measurement = sbl__measurement_of(&d.options, SBL_SENSOR_HEMICUBE, 135);
-    sbl__visit visit;
-    sbl_result result;
-    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
-    if (sbl__called_back(c, "sbl_begin_probes", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
-    if (!sbl__has_scene(c, "sbl_begin_probes")) return SBL_ERROR_STATE;
-    result = sbl__check_probes(&c->core.base, desc, &d, c->core.scene.draw != NULL);
+    sbl_result result = sbl__may_call(c, f->begin_name, 1);
+    if (result == SBL_SUCCESS) result = f->check(&c->core, desc, &measurement);
     if (result != SBL_SUCCESS) return result;
     measurement.options.backend = sbl__choose_backend(&measurement, &c->core.scene);
     sbl__visit_enter(c, &visit);
     sbl__abandon(c);
-    sbl__visit_leave(c, &visit);
+    if (f->is_map && c->map) sbl__drop(c, &c->map->work);
     sbl__core_begin(&c->core, &measurement);
-    sbl__probes_begin(&c->core, &c->probes, &d, &measurement);
-    c->work = SBL__WORK_PROBES;
+    c->work = (sbl__work *)work;
+    if (f->is_map) c->map = (sbl__map *)work;
+    result = sbl__work_begin(c->work, f, &c->core, &measurement, desc);
+    if (result != SBL_SUCCESS) sbl__abandon(c);
+    sbl__visit_leave(c, &visit);
     c->core.stats.seconds.total = sbl__now() - start;
-    return SBL_SUCCESS;
+    return result;
 }
 
-/* >>public: the work that was begun last */
-
-static sbl_result sbl__work_step(sbl_context *c, sbl__slice *slice) {
-    switch (c->work) {
-        case SBL__WORK_GATHER: return sbl__gathering_step(&c->core, &c->gathering, slice);
-        case SBL__WORK_VERTICES: return sbl__vertices_step(&c->core, &c->vertices, slice);
-        case SBL__WORK_PROBES: return sbl__probes_step(&c->core, &c->probes, slice);
-        default: return sbl__map_step(c->map, slice);
+#define SBL__X(verb, noun, type) \
+    SBL_API sbl_result sbl_begin_##noun(sbl_context *c, const sbl_##noun##_desc *desc) { \
+        return sbl__begin(c, c ? &c->noun : NULL, &sbl__##noun##_front_end, desc); \
+    } \
+    SBL_API sbl_result sbl_##verb##_##noun(sbl_context *c, const sbl_##noun##_desc *desc) { \
+        const sbl_result result = sbl_begin_##noun(c, desc); \
+        return result == SBL_SUCCESS ? sbl_step(c, 0) : result; \
     }
-}
+SBL__FRONT_ENDS(SBL__X)
+#undef SBL__X
 
-/* Without the store's share. */
-static float sbl__work_progress(const sbl_context *c) {
-    switch (c->work) {
-        case SBL__WORK_GATHER: return sbl__gathering_progress(&c->core, &c->gathering);
-        case SBL__WORK_VERTICES: return sbl__vertices_progress(&c->core, &c->vertices);
-        case SBL__WORK_PROBES: return sbl__probes_progress(&c->core, &c->probes);
-        default: return sbl__map_progress(c->map);
-    }
-}
-
-/* Whom it tells how far it is, how far that was, and the store's share of it. */
-typedef struct sbl__work_report {
-    int (*progress)(float done, void *user);
-    void *user;
-    float *done, store;
-} sbl__work_report;
-
-#define SBL__REPORT(work) \
-    { (work).desc.options.progress, (work).desc.options.progress_user, &(work).progress, (work).store_share }
-
-static sbl__work_report sbl__work_reports(sbl_context *c) {
-    sbl__map *map = c->map ? c->map : &c->picture.map;
-    const sbl__work_report picture = SBL__REPORT(*map), gather = SBL__REPORT(c->gathering);
-    const sbl__work_report vertices = SBL__REPORT(c->vertices.gathering), probes = SBL__REPORT(c->probes);
-    return c->work == SBL__WORK_GATHER ? gather : c->work == SBL__WORK_VERTICES ? vertices
-         : c->work == SBL__WORK_PROBES ? probes : picture;
-}
-
-/* One bounded piece of what is under way, and the host's word on it. */
+/* Does one piece of the work, then calls the progress callback. */
 static sbl_result sbl__context_step(sbl_context *c, sbl__slice *slice) {
     sbl__core *core = &c->core;
+    sbl__work *w = c->work;
+    const sbl_options *o = &w->measurement.options;
     const double start = sbl__now();
-    sbl_result result = sbl__work_step(c, slice);
+    sbl_result result = sbl__work_step(w, slice);
     const sbl_result errors = sbl__gl_check(&core->device.gl);
-    const sbl__work_report report = sbl__work_reports(c);
-    const float now = report.store * sbl__bounce_progress(core) + (1 - report.store) * sbl__work_progress(c);
+    const float own = w->front_end->progress(w);
+    w->progress = SBL__MAX(w->progress, w->store_share * sbl__bounce_progress(core) + (1 - w->store_share) * own);
     if (errors != SBL_SUCCESS && (result == SBL_SUCCESS || result == SBL_UNFINISHED)) result = errors;
-    *report.done = SBL__MAX(*report.done, now);
     core->stats.seconds.total += sbl__now() - start;
-    if ((result != SBL_SUCCESS && result != SBL_UNFINISHED) || !report.progress) return result;
+    if ((result != SBL_SUCCESS && result != SBL_UNFINISHED) || !o->progress) return result;
     c->inside = SBL__INSIDE_PROGRESS;
-    if (report.progress(*report.done, report.user)) result = SBL_CANCELLED;
+    if (o->progress(w->progress, o->progress_user)) result = SBL_CANCELLED;
     c->inside = SBL__INSIDE_WORK;
     return result;
 }
 
-/* Is something under way that is no picture and no lightmap? */
-static int sbl__sites_under_way(const sbl_context *c) {
-    return sbl__gathering_under_way(&c->gathering) || sbl__vertices_under_way(&c->vertices) ||
-           sbl__probes_under_way(&c->probes);
-}
-
-#define SBL__SLICE_REST 0.2  /* share of a slice that is not worth another piece */
+#define SBL__SLICE_REST 0.2  /* a slice ends when less than this share of its time is left */
 
 SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
     sbl__slice slice;
     sbl__visit visit;
-    sbl_result result = SBL_UNFINISHED;
+    sbl_result result = sbl__may_call(c, "sbl_step", 0);
     double last;
-    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
-    if (sbl__called_back(c, "sbl_step", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
-    if (c->work == SBL__WORK_NONE) {
+    if (result != SBL_SUCCESS) return result;
+    if (!c->work) {
         sbl__refuse(c, SBL_LOG_ITEM_WRONG_ORDER, "sbl_step", "there is no picture; call sbl_begin_picture first");
         return SBL_ERROR_STATE;
     }
-    if (!sbl__map_under_way(c) && !sbl__sites_under_way(c)) return SBL_SUCCESS;
+    if (sbl__work_is_done(c->work)) return SBL_SUCCESS;
     slice = sbl__slice_of(&c->core.desc, seconds);
     last = seconds > 0 ? slice.end - SBL__SLICE_REST * seconds : DBL_MAX;
     sbl__visit_enter(c, &visit);
@@ -18593,65 +18556,28 @@ SBL_API sbl_result sbl_step(sbl_context *c, double seconds) {
     if (c->core.stats.sensors.count)
         c->core.stats.sensors.microseconds = 1e6 * c->core.stats.seconds.total / (double)c->core.stats.sensors.count;
     if (result != SBL_SUCCESS && result != SBL_UNFINISHED) {
-        if (c->work == SBL__WORK_PICTURE) sbl__map_drop(c);  /* even if it is finished */
-        sbl__abandon(c);
+        sbl__drop(c, c->work);  /* even a finished picture, if the callback has cancelled after its last piece */
+        sbl__job_free(&c->core.device, &c->core.job);
         if (!c->core.scene.store.ready) sbl__bounce_end(&c->core);
     }
     sbl__visit_leave(c, &visit);
     return result;
 }
 
-SBL_API sbl_result sbl_render_picture(sbl_context *c, const sbl_picture_desc *desc) {
-    const sbl_result result = sbl_begin_picture(c, desc);
-    return result == SBL_SUCCESS ? sbl_step(c, 0) : result;
-}
-
-SBL_API sbl_result sbl_bake_lightmap(sbl_context *c, const sbl_lightmap_desc *desc) {
-    const sbl_result result = sbl_begin_lightmap(c, desc);
-    return result == SBL_SUCCESS ? sbl_step(c, 0) : result;
-}
-
-SBL_API sbl_result sbl_bake_vertices(sbl_context *c, const sbl_vertices_desc *desc) {
-    const sbl_result result = sbl_begin_vertices(c, desc);
-    return result == SBL_SUCCESS ? sbl_step(c, 0) : result;
-}
-
-SBL_API sbl_result sbl_gather_readings(sbl_context *c, const sbl_readings_desc *desc) {
-    const sbl_result result = sbl_begin_readings(c, desc);
-    return result == SBL_SUCCESS ? sbl_step(c, 0) : result;
-}
-
-SBL_API sbl_result sbl_bake_probes(sbl_context *c, const sbl_probes_desc *desc) {
-    const sbl_result result = sbl_begin_probes(c, desc);
-    return result == SBL_SUCCESS ? sbl_step(c, 0) : result;
-}
-
-SBL_API float sbl_progress(const sbl_context *c) {
-    return !c ? 0
-         : c->work == SBL__WORK_GATHER   ? c->gathering.progress
-         : c->work == SBL__WORK_VERTICES ? c->vertices.gathering.progress
-         : c->work == SBL__WORK_PROBES   ? c->probes.progress
-         : c->map                        ? c->map->progress : 0;
-}
+SBL_API float sbl_progress(const sbl_context *c) { return c && c->work ? c->work->progress : 0; }
 
 SBL_API void sbl_end(sbl_context *c) {
     sbl__visit visit;
-    if (!c || c->work == SBL__WORK_NONE) return;
-    if (sbl__called_back(c, "sbl_end", SBL__INSIDE_NOTHING)) return;
+    if (!c || !c->work || sbl__called_back(c, "sbl_end", SBL__INSIDE_NOTHING)) return;
     sbl__visit_enter(c, &visit);
-    sbl__map_drop(c);
-    sbl__gathering_free(&c->core.base, &c->gathering);
-    sbl__probes_free(&c->core.base, &c->probes);
-    sbl__vertices_free(&c->core.base, &c->vertices);
-    sbl__inspection_free(&c->core.device, &c->inspection);
+    sbl__drop_all(c);
     sbl__bounce_end(&c->core);
-    sbl__job_free(&c->core.device, &c->core.job);
-    c->work = SBL__WORK_NONE;
     sbl__visit_leave(c, &visit);
 }
 
-/* >>public: channels. A row a channel: floats a pixel, and how it is read. */
+/* >>public: channels */
 
+/* Per channel: floats per pixel; attachment of the target in sbl__map.channels that holds it, or -1 for the first. */
 static const struct { int components, attachment; } sbl__channels[SBL_CHANNEL_COUNT] = {
     { 3, -1 }, { 3, -1 }, { 3, SBL__GBUFFER_ALBEDO }, { 3, -1 }, { 3, -1 }, { 1, -1 }, { 1, -1 }, { 1, -1 },
     { 3, -1 }, { 1, -1 }, { 1, -1 }, { 3, -1 }, { 3, -1 }, { 3, -1 }, { 3, -1 }
@@ -18661,11 +18587,11 @@ SBL_API int sbl_channel_components(sbl_channel channel) {
     return (int)channel >= 0 && channel < SBL_CHANNEL_COUNT ? sbl__channels[channel].components : 0;
 }
 
-/* A channel of pixel `place` of those that are read, from what refinement knows. */
+/* Writes a channel that refinement or the atlas holds. place: number of the pixel among those that the host reads. */
 static void sbl__channel_pixel(const sbl_context *c, sbl_channel channel, size_t place, float *out) {
     const size_t i = sbl__map_shown(c->map, place);
     const sbl__pixel *pixel = sbl__refine_pixel(&c->map->refine, i);
-    const sbl__camera *camera = &c->picture.camera;  /* all zeroes of a lightmap */
+    const sbl__camera *camera = &c->picture.camera;  /* all zeroes if the map is a lightmap */
     double depth = 0;
     int k;
     for (k = 0; k < 3; k++) depth -= camera->back[k] * ((double)pixel->position[k] - camera->eye[k]);
@@ -18680,7 +18606,7 @@ static void sbl__channel_pixel(const sbl_context *c, sbl_channel channel, size_t
                 : channel == SBL_CHANNEL_ERROR ? pixel->error : (float)pixel->level;
 }
 
-/* Is there something to be read? Of a picture under way the best so far, from the first level on. */
+/* Returns SBL_SUCCESS if channels can be read, after making a preview if the map is not finished. */
 static sbl_result sbl__channel_ready(sbl_context *c, const char *function) {
     sbl__visit visit;
     sbl_result result;
@@ -18689,7 +18615,7 @@ static sbl_result sbl__channel_ready(sbl_context *c, const char *function) {
                     "sbl_begin_picture and sbl_step");
         return SBL_ERROR_STATE;
     }
-    if (sbl__map_is_done(c->map)) return SBL_SUCCESS;
+    if (sbl__work_is_done(&c->map->work)) return SBL_SUCCESS;
     if (sbl__refine_error(&c->map->refine) < 0) return SBL_UNFINISHED;
     sbl__visit_enter(c, &visit);
     result = sbl__map_watch(c->map);
@@ -18698,7 +18624,7 @@ static sbl_result sbl__channel_ready(sbl_context *c, const char *function) {
     return result;
 }
 
-/* Three of a target's four floats a pixel that is read. */
+/* Copies the first three of a target's four components, for each pixel that the host reads. */
 static sbl_result sbl__channel_copy(sbl_context *c, const sbl__target *t, int attachment, float *out) {
     const sbl__map *p = c->map;
     const size_t width = (size_t)t->width;
@@ -18751,7 +18677,7 @@ SBL_API sbl_result sbl_read_channel(sbl_context *c, sbl_channel channel, float *
     return SBL_SUCCESS;
 }
 
-/* A texture of a channel that no texture of the size that is read has. */
+/* Makes and returns the texture of a channel that no texture holds in the size that the host reads; 0: failed. */
 static uint32_t sbl__channel_send(sbl_context *c, sbl_channel channel) {
     sbl__map *p = c->map;
     const sbl__target *target = p->channels[channel];
@@ -18765,7 +18691,7 @@ static uint32_t sbl__channel_send(sbl_context *c, sbl_channel channel) {
     size_t i;
     if (!data) return 0;
     if (target) result = sbl__channel_copy(c, target, SBL__MAX(0, sbl__channels[channel].attachment), data);
-    for (i = pixels; i-- > 0;) {  /* from the last one on: three floats become four */
+    for (i = pixels; i-- > 0;) {  /* backwards, because three floats per pixel become four in place */
         if (target) memmove(data + 4 * i, data + 3 * i, 3 * sizeof(float));
         else if (channel == SBL_CHANNEL_ID)
             memcpy(data + i, &sbl__refine_pixel(&p->refine, sbl__map_shown(p, i))->id, 4);
@@ -18798,7 +18724,7 @@ SBL_API uint32_t sbl_channel_texture(sbl_context *c, sbl_channel channel) {
 
 static sbl_result sbl__inspect_check(const sbl_context *c, int x, int y, const sbl_sensor *sensor) {
     const sbl__map *m = c->map;
-    const int finished = m && sbl__map_is_done(m);
+    const int finished = m && sbl__work_is_done(&m->work);
     sbl__check check;
     sbl__check_start(&check, &c->core.base, NULL, SBL_LOG_ITEM_INVALID_ARGUMENT);
     if (!sensor) {
@@ -18824,11 +18750,9 @@ SBL_API sbl_result sbl_inspect_sensor(sbl_context *c, int x, int y, sbl_sensor *
     sbl__inspect_request request;
     sbl_sensor s;
     sbl__visit visit;
-    sbl_result result;
+    sbl_result result = sbl__may_call(c, "sbl_inspect_sensor", 0);
     int sheet[2];
-    if (!c) return SBL_ERROR_INVALID_ARGUMENT;
-    if (sbl__called_back(c, "sbl_inspect_sensor", SBL__INSIDE_NOTHING)) return SBL_ERROR_STATE;
-    result = sbl__inspect_check(c, x, y, sensor);
+    if (result == SBL_SUCCESS) result = sbl__inspect_check(c, x, y, sensor);
     if (result != SBL_SUCCESS) return result;
     memset(&s, 0, sizeof s);
     sbl__spec_sheet(&c->map->spec, sheet);

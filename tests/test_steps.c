@@ -70,11 +70,11 @@ TEST(every_stage_comes_in_pieces) {
           "sbl_begin makes textures or compiles");
     while (result == SBL_UNFINISHED && steps++ < 1000000) {
         const sbl__map *map = &context->picture.map;
-        const int filters = map->stages.stage == SBL__MAP_DEVELOP && map->developing.stage == SBL__DEVELOP_FILTER;
-        const int senses = map->stages.stage == SBL__MAP_REFINE && sbl__refine_is_sensing(&map->refine);
+        const int filters = map->work.stages.stage == SBL__MAP_DEVELOP && map->developing.stage == SBL__DEVELOP_FILTER;
+        const int senses = map->work.stages.stage == SBL__MAP_REFINE && sbl__refine_is_sensing(&map->refine);
         counts[filters  ? SBL__PICTURE_DONE
                : senses ? 0
-                        : map->stages.stage]++; /* these two are parts of other stages */
+                        : map->work.stages.stage]++; /* these two are parts of other stages */
         result = sbl_step(context, 1e-9);
     }
     CHECK(result == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
@@ -101,7 +101,7 @@ TEST(the_hierarchy_comes_in_pieces) {
                 sbl_begin_picture(context, &view) == SBL_SUCCESS,
             "%s", watch_last(&seen));
     while (result == SBL_UNFINISHED && steps++ < 1000000) {
-        before += context->picture.map.stages.stage == SBL__MAP_PREPARE;
+        before += context->picture.map.work.stages.stage == SBL__MAP_PREPARE;
         result = sbl_step(context, 1e-9);
     }
     CHECK(result == SBL_SUCCESS, "no picture: %s", watch_last(&seen));
