@@ -17533,7 +17533,8 @@ static float sbl__probes_progress(const void *work) {
     const sbl__job *job = &g->work.core->job;
     double part = 0;
     if (g->work.stages.stage == SBL__PROBES_DONE) return 1;
-    if (g->work.stages.stage <= SBL__PROBES_BEGIN_BATCH) return (float)(g->first / (double)SBL__MAX(1, g->desc.probe_count));
+    if (g->work.stages.stage <= SBL__PROBES_BEGIN_BATCH)
+        return (float)(g->first / (double)SBL__MAX(1, g->desc.probe_count));
     if (g->work.stages.stage == SBL__PROBES_SENSE) part = (double)sbl__job_progress(job) * sbl__probes_job(g);
     else if (g->work.stages.stage == SBL__PROBES_TAKE) part = sbl__probes_job(g);
     part = (part + g->from) / SBL__MAX(1, g->count * sbl__probe_sites(g, SBL__MIN(g->kind, SBL__PROBE_RAYS)));
