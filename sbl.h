@@ -1744,9 +1744,9 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    lines of more than 120 columns.
 
    To add a channel:
-       add it to sbl_channel, with a comment, and add a row to sbl__channels (>>public). If refinement holds its values,
-       add a line to sbl__channel_pixel; if a target holds them, set sbl__map.channels to it. Add its name to the list
-       in examples/sbl_render.c.
+       add it to sbl_channel, with a comment, and add a row to sbl__channels (>>map). If refinement holds its values,
+       add a line to sbl__map_channel_pixel; if a target holds them, set sbl__map.channels to it. Add its name to the
+       list in examples/sbl_render.c.
 
    To add a front end:
        write a room like >>gather, which is the shortest. Its struct begins with an sbl__work; its sbl__front_end names
@@ -15518,6 +15518,8 @@ typedef struct sbl__map {
     int *shown;                 /* per pixel that the host reads: the working pixel that it shows; NULL: across is 1 */
     sbl__spec spec;
     uint32_t scene_version;     /* version of the scene that the map shows */
+    const sbl__camera *camera;  /* what a picture shows; otherwise NULL */
+    const sbl__atlas *atlas;    /* what a lightmap shows; otherwise NULL */
     sbl__surface surface;
     sbl__gbuffer gbuffer;
     sbl__refine refine;
@@ -15837,6 +15839,106 @@ static sbl_result sbl__map_preview(void *work, sbl__slice *slice) {
     return ((sbl__map *)work)->developed ? SBL_SUCCESS : sbl__map_develop(work, slice);
 }
 
+/* >>map: channels */
+
+/* Per channel: number of floats per pixel; which texture of its target holds it, if a target of sbl__map.channels holds
+   it; texture of the G-buffer that holds it, or -1. */
+static const struct { int components, attachment, gbuffer; } sbl__channels[SBL_CHANNEL_COUNT] = {
+    { 3, 0, -1 }, { 3, 0, -1 }, { 3, SBL__GBUFFER_ALBEDO, -1 }, { 3, 0, SBL__GBUFFER_NORMAL },
+    { 3, 0, SBL__GBUFFER_POSITION }, { 1, 0, SBL__GBUFFER_ID }, { 1, 0, -1 }, { 1, 0, -1 }, { 3, 0, -1 }, { 1, 0, -1 },
+    { 1, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }, { 3, 0, -1 }
+};
+
+static int sbl__map_components(sbl_channel channel) {
+    return (int)channel >= 0 && channel < SBL_CHANNEL_COUNT ? sbl__channels[channel].components : 0;
+}
+
+/* Writes a channel that no target holds. place: number of the pixel among those that the host reads. */
+static void sbl__map_channel_pixel(const sbl__map *m, sbl_channel channel, size_t place, float *out) {
+    const size_t i = sbl__map_shown(m, place);
+    const sbl__pixel *pixel = sbl__refine_pixel(&m->refine, i);
+    double depth = 0;
+    int k;
+    for (k = 0; k < 3 && m->camera; k++)
+        depth -= m->camera->back[k] * ((double)pixel->position[k] - m->camera->eye[k]);
+    if (channel == SBL_CHANNEL_OVERLAP) out[0] = m->atlas ? sbl__atlas_others(m->atlas, i) : 0;
+    else if (!pixel->id || channel >= SBL_CHANNEL_SH_0)
+        memset(out, 0, (size_t)sbl__channels[channel].components * sizeof *out);
+    else if (channel == SBL_CHANNEL_NORMAL) memcpy(out, pixel->normal, sizeof pixel->normal);
+    else if (channel == SBL_CHANNEL_POSITION) memcpy(out, pixel->position, sizeof pixel->position);
+    else if (channel == SBL_CHANNEL_STORE) memcpy(out, pixel->stored, sizeof pixel->stored);
+    else out[0] = channel == SBL_CHANNEL_ID ? (float)pixel->id
+                : channel == SBL_CHANNEL_DEPTH ? (float)depth
+                : channel == SBL_CHANNEL_ERROR ? pixel->error : (float)pixel->level;
+}
+
+/* Copies a channel that a target holds: three components of each pixel that the host reads. */
+static sbl_result sbl__map_copy_channel(sbl__map *m, sbl_channel channel, float *out) {
+    sbl__core *c = m->work.core;
+    const sbl__target *t = m->channels[channel];
+    const size_t width = (size_t)t->width;
+    const int *shown = t->width == m->size[0] ? NULL : m->shown;
+    const int across = shown ? m->across : 1, most = SBL__MAX(1, SBL__READ_PIXELS / t->width / across) * across;
+    float *data = (float *)sbl__alloc_raw(&c->base, width * (size_t)most, 16);
+    sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    size_t i;
+    int row;
+    c->device.gl.doing = "reading a channel";
+    for (row = 0; row < t->height && result == SBL_SUCCESS; row += most) {
+        const int rows = SBL__MIN(most, t->height - row);
+        const size_t first = width * (size_t)row, from = first / (size_t)(across * across);
+        result = sbl__target_read(&c->device, t, sbl__channels[channel].attachment, row, rows, data);
+        for (i = 0; i < width * (size_t)rows / (size_t)(across * across) && result == SBL_SUCCESS; i++)
+            memcpy(out + 3 * (from + i), data + 4 * (shown ? (size_t)shown[from + i] - first : i), 3 * sizeof(float));
+    }
+    sbl__free(&c->base, data);
+    return result;
+}
+
+static sbl_result sbl__map_read_channel(sbl__map *m, sbl_channel channel, float *out) {
+    const size_t pixels = (size_t)m->size[0] * (size_t)m->size[1];
+    size_t i;
+    if (m->channels[channel]) return sbl__map_copy_channel(m, channel, out);
+    for (i = 0; i < pixels; i++)
+        sbl__map_channel_pixel(m, channel, i, out + i * (size_t)sbl__channels[channel].components);
+    return SBL_SUCCESS;
+}
+
+/* Makes the texture of a channel that no texture holds in the size that the host reads. Returns its name, or 0 on
+   failure. */
+static uint32_t sbl__map_send_channel(sbl__map *m, sbl_channel channel) {
+    sbl__core *c = m->work.core;
+    const size_t pixels = (size_t)m->size[0] * (size_t)m->size[1];
+    sbl__texture *t = &m->scalars[channel];
+    const int rgb = sbl__channels[channel].components == 3;
+    const unsigned format = channel == SBL_CHANNEL_ID ? SBL__GL_R32UI : rgb ? SBL__GL_RGBA32F : SBL__GL_R32F;
+    float *data = (float *)sbl__alloc(&c->base, pixels, (rgb ? 4 : 1) * sizeof(float));
+    sbl_result result;
+    size_t i;
+    if (!data) return 0;
+    result = sbl__map_read_channel(m, channel, data);
+    for (i = pixels; i-- > 0 && rgb;) {  /* backwards, because three floats per pixel become four in place */
+        memmove(data + 4 * i, data + 3 * i, 3 * sizeof(float));
+        data[4 * i + 3] = 0;
+    }
+    for (i = 0; i < pixels && channel == SBL_CHANNEL_ID; i++)
+        memcpy(data + i, &sbl__refine_pixel(&m->refine, sbl__map_shown(m, i))->id, 4);
+    c->device.gl.doing = "making a channel's texture";
+    if (result == SBL_SUCCESS) result = sbl__texture_make(&c->device, t, m->size[0], m->size[1], format);
+    if (result == SBL_SUCCESS) result = sbl__texture_write(&c->device, t, 0, m->size[1], data);
+    sbl__free(&c->base, data);
+    return result == SBL_SUCCESS ? t->id : 0;
+}
+
+/* Returns the name of a channel's texture, or 0 on failure. */
+static uint32_t sbl__map_channel_texture(sbl__map *m, sbl_channel channel) {
+    const sbl__target *target = m->channels[channel];
+    const int gbuffer = sbl__channels[channel].gbuffer;
+    if (m->shown && (!target || target->width != m->size[0])) return sbl__map_send_channel(m, channel);
+    if (gbuffer >= 0) return m->gbuffer.textures[gbuffer].id;
+    return target ? target->textures[sbl__channels[channel].attachment] : sbl__map_send_channel(m, channel);
+}
+
 /* ======================================================================================================== >>picture
    The front end that makes pictures: a radiance map of what a camera sees, then composition and anti-aliasing. */
 
@@ -15888,6 +15990,7 @@ static sbl_result sbl__picture_begin(void *work, const void *desc) {
     const sbl_picture_desc d = sbl__picture_desc_of(c, (const sbl_picture_desc *)desc);
     sbl__map_begin(&p->map, &d, 1, 0);
     p->map.channels[SBL_CHANNEL_FINAL] = &p->preview_target;
+    p->map.camera = &p->camera;
     sbl__camera_make(&p->camera, &d, &c->scene.geometry);
     return SBL_SUCCESS;
 }
@@ -16083,6 +16186,7 @@ static sbl_result sbl__lightmap_begin(void *work, const void *desc) {
     const sbl_picture_desc picture = sbl__lightmap_picture(&d);
     sbl__map_begin(m, &picture, d.supersample, d.directional);
     m->layers_at_once = 1;
+    m->atlas = &l->atlas;
     m->channels[SBL_CHANNEL_FINAL] = &m->layers[0].target;
     l->gutter = SBL__MAX(d.gutter, 0);
     l->sew = d.seams >= 0;
@@ -18578,34 +18682,7 @@ SBL_API void sbl_end(sbl_context *c) {
 
 /* >>public: channels */
 
-/* Per channel: floats per pixel; attachment of the target in sbl__map.channels that holds it, or -1 for the first. */
-static const struct { int components, attachment; } sbl__channels[SBL_CHANNEL_COUNT] = {
-    { 3, -1 }, { 3, -1 }, { 3, SBL__GBUFFER_ALBEDO }, { 3, -1 }, { 3, -1 }, { 1, -1 }, { 1, -1 }, { 1, -1 },
-    { 3, -1 }, { 1, -1 }, { 1, -1 }, { 3, -1 }, { 3, -1 }, { 3, -1 }, { 3, -1 }
-};
-
-SBL_API int sbl_channel_components(sbl_channel channel) {
-    return (int)channel >= 0 && channel < SBL_CHANNEL_COUNT ? sbl__channels[channel].components : 0;
-}
-
-/* Writes a channel that refinement or the atlas holds. place: number of the pixel among those that the host reads. */
-static void sbl__channel_pixel(const sbl_context *c, sbl_channel channel, size_t place, float *out) {
-    const size_t i = sbl__map_shown(c->map, place);
-    const sbl__pixel *pixel = sbl__refine_pixel(&c->map->refine, i);
-    const sbl__camera *camera = &c->picture.camera;  /* all zeroes if the map is a lightmap */
-    double depth = 0;
-    int k;
-    for (k = 0; k < 3; k++) depth -= camera->back[k] * ((double)pixel->position[k] - camera->eye[k]);
-    if (channel == SBL_CHANNEL_OVERLAP) out[0] = sbl__atlas_others(&c->lightmap.atlas, i);
-    else if (!pixel->id || channel >= SBL_CHANNEL_SH_0)
-        memset(out, 0, (size_t)sbl__channels[channel].components * sizeof *out);
-    else if (channel == SBL_CHANNEL_NORMAL) memcpy(out, pixel->normal, sizeof pixel->normal);
-    else if (channel == SBL_CHANNEL_POSITION) memcpy(out, pixel->position, sizeof pixel->position);
-    else if (channel == SBL_CHANNEL_STORE) memcpy(out, pixel->stored, sizeof pixel->stored);
-    else out[0] = channel == SBL_CHANNEL_ID ? (float)pixel->id
-                : channel == SBL_CHANNEL_DEPTH ? (float)depth
-                : channel == SBL_CHANNEL_ERROR ? pixel->error : (float)pixel->level;
-}
+SBL_API int sbl_channel_components(sbl_channel channel) { return sbl__map_components(channel); }
 
 /* Returns SBL_SUCCESS if channels can be read, after making a preview if the map is not finished. */
 static sbl_result sbl__channel_ready(sbl_context *c, const char *function) {
@@ -18625,36 +18702,10 @@ static sbl_result sbl__channel_ready(sbl_context *c, const char *function) {
     return result;
 }
 
-/* Copies the first three of a target's four components, for each pixel that the host reads. */
-static sbl_result sbl__channel_copy(sbl_context *c, const sbl__target *t, int attachment, float *out) {
-    const sbl__map *p = c->map;
-    const size_t width = (size_t)t->width;
-    const int *shown = t->width == p->size[0] ? NULL : p->shown;
-    const int across = shown ? p->across : 1, most = SBL__MAX(1, SBL__READ_PIXELS / t->width / across) * across;
-    float *data = (float *)sbl__alloc_raw(&c->core.base, width * (size_t)most, 16);
-    sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
-    sbl__visit visit;
-    size_t i;
-    int row;
-    if (!data) return result;
-    sbl__visit_enter(c, &visit);
-    c->core.device.gl.doing = "reading a channel";
-    for (row = 0; row < t->height && result == SBL_SUCCESS; row += most) {
-        const int rows = SBL__MIN(most, t->height - row);
-        const size_t first = width * (size_t)row, from = first / (size_t)(across * across);
-        result = sbl__target_read(&c->core.device, t, attachment, row, rows, data);
-        for (i = 0; i < width * (size_t)rows / (size_t)(across * across) && result == SBL_SUCCESS; i++)
-            memcpy(out + 3 * (from + i), data + 4 * (shown ? (size_t)shown[from + i] - first : i), 3 * sizeof(float));
-    }
-    sbl__visit_leave(c, &visit);
-    sbl__free(&c->core.base, data);
-    return result;
-}
-
 SBL_API sbl_result sbl_read_channel(sbl_context *c, sbl_channel channel, float *out, size_t float_count) {
     const int components = sbl_channel_components(channel);
-    const sbl__target *target;
-    size_t pixels, i;
+    sbl__visit visit;
+    size_t pixels;
     sbl_result result;
     if (!c) return SBL_ERROR_INVALID_ARGUMENT;
     if (sbl__called_back(c, "sbl_read_channel", SBL__INSIDE_PROGRESS)) return SBL_ERROR_STATE;
@@ -18672,53 +18723,22 @@ SBL_API sbl_result sbl_read_channel(sbl_context *c, sbl_channel channel, float *
     }
     result = sbl__channel_ready(c, "sbl_read_channel");
     if (result != SBL_SUCCESS) return result;
-    target = c->map->channels[channel];
-    if (target) return sbl__channel_copy(c, target, SBL__MAX(0, sbl__channels[channel].attachment), out);
-    for (i = 0; i < pixels; i++) sbl__channel_pixel(c, channel, i, out + i * (size_t)components);
-    return SBL_SUCCESS;
-}
-
-/* Makes and returns the texture of a channel that no texture holds in the size that the host reads; 0: failed. */
-static uint32_t sbl__channel_send(sbl_context *c, sbl_channel channel) {
-    sbl__map *p = c->map;
-    const sbl__target *target = p->channels[channel];
-    const size_t pixels = (size_t)p->size[0] * (size_t)p->size[1];
-    sbl__texture *t = &p->scalars[channel];
-    const size_t floats = sbl__channels[channel].components == 1 ? 1 : 4;
-    const unsigned format = channel == SBL_CHANNEL_ID ? SBL__GL_R32UI : floats == 1 ? SBL__GL_R32F : SBL__GL_RGBA32F;
-    float *data = (float *)sbl__alloc(&c->core.base, pixels, floats * sizeof(float));
-    sbl_result result = SBL_SUCCESS;
-    sbl__visit visit;
-    size_t i;
-    if (!data) return 0;
-    if (target) result = sbl__channel_copy(c, target, SBL__MAX(0, sbl__channels[channel].attachment), data);
-    for (i = pixels; i-- > 0;) {  /* backwards, because three floats per pixel become four in place */
-        if (target) memmove(data + 4 * i, data + 3 * i, 3 * sizeof(float));
-        else if (channel == SBL_CHANNEL_ID)
-            memcpy(data + i, &sbl__refine_pixel(&p->refine, sbl__map_shown(p, i))->id, 4);
-        else sbl__channel_pixel(c, channel, i, data + floats * i);
-        if (target) data[4 * i + 3] = 0;
-    }
     sbl__visit_enter(c, &visit);
-    c->core.device.gl.doing = "making a channel's texture";
-    if (result == SBL_SUCCESS) result = sbl__texture_make(&c->core.device, t, p->size[0], p->size[1], format);
-    if (result == SBL_SUCCESS) result = sbl__texture_write(&c->core.device, t, 0, p->size[1], data);
+    result = sbl__map_read_channel(c->map, channel, out);
     sbl__visit_leave(c, &visit);
-    sbl__free(&c->core.base, data);
-    return result == SBL_SUCCESS ? t->id : 0;
+    return result;
 }
 
 SBL_API uint32_t sbl_channel_texture(sbl_context *c, sbl_channel channel) {
-    const sbl__target *target;
+    sbl__visit visit;
+    uint32_t texture;
     if (!c || !c->map || !sbl_channel_components(channel)) return 0;
     if (sbl__called_back(c, "sbl_channel_texture", SBL__INSIDE_PROGRESS)) return 0;
     if (sbl__channel_ready(c, "sbl_channel_texture") != SBL_SUCCESS) return 0;
-    target = c->map->channels[channel];
-    if (c->map->shown && (!target || target->width != c->map->size[0])) return sbl__channel_send(c, channel);
-    if (channel == SBL_CHANNEL_NORMAL) return c->map->gbuffer.textures[SBL__GBUFFER_NORMAL].id;
-    if (channel == SBL_CHANNEL_POSITION) return c->map->gbuffer.textures[SBL__GBUFFER_POSITION].id;
-    if (channel == SBL_CHANNEL_ID) return c->map->gbuffer.textures[SBL__GBUFFER_ID].id;
-    return target ? target->textures[SBL__MAX(0, sbl__channels[channel].attachment)] : sbl__channel_send(c, channel);
+    sbl__visit_enter(c, &visit);
+    texture = sbl__map_channel_texture(c->map, channel);
+    sbl__visit_leave(c, &visit);
+    return texture;
 }
 
 /* >>public: inspection */
