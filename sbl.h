@@ -529,7 +529,7 @@
    result.
 
    Programs are compiled when they are first used, one per step, and are kept. With sbl_context_desc.compile_ahead,
-   sbl_create compiles all of them, except those of inspections and of directional lightmaps (0.9 s on llvmpipe).
+   sbl_create compiles all of them, except those of inspections and of directional lightmaps (1.5 s on llvmpipe).
    sbl_query_programs tells how many programs were compiled and how long this took.
 
    The channels of a picture under way can be read and shown after the first level. They hold the best picture so far,
@@ -1764,7 +1764,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
    To add a shader, or a table that shaders read:
        add a file to shaders_embedded and a pair of markers to the room that uses it. Declare a recipe: the files of the
        program, the records that they read, and the features that make variants. Call sbl__use before drawing. Programs
-       are compiled when first used; sbl__context_start (>>public) lists those that compile_ahead compiles. SBL__RECORD
+       are compiled when first used; sbl__compile_all (>>public) lists those that compile_ahead compiles. SBL__RECORD
        makes a C struct and the GLSL functions sbl_NAME_FIELD(i) from a list of fields.
 
    To change what a surface does with light (emission, reflection, cut-out):
@@ -18378,37 +18378,41 @@ static void sbl__context_free(sbl_context *c) {
     sbl__egl_destroy(&c->egl);
 }
 
-/* Makes what all passes share, compiles all programs if the host has asked for it, and tries out the driver. */
-static sbl_result sbl__context_start(sbl__core *core) {
-    enum { TEXTURED = SBL__TEXTURED, CUTOUTS = SBL__TEXTURED | SBL__CUTOUTS, VIEWS = SBL__VIEWS, MIXED = SBL__MIXED };
-    static const struct { const sbl__recipe *recipe; unsigned features; } programs[] = {
-        { &sbl__recipe_visibility, 0 }, { &sbl__recipe_visibility, CUTOUTS },
-        { &sbl__recipe_gbuffer, 0 }, { &sbl__recipe_gbuffer, TEXTURED },
-        { &sbl__recipe_trace, 0 }, { &sbl__recipe_trace, TEXTURED }, { &sbl__recipe_trace, CUTOUTS },
-        { &sbl__recipe_lamps, 0 }, { &sbl__recipe_lamps, TEXTURED }, { &sbl__recipe_lamps, CUTOUTS },
-        { &sbl__recipe_lamps, VIEWS }, { &sbl__recipe_lamps, VIEWS | TEXTURED },
-        { &sbl__recipe_lamps, VIEWS | CUTOUTS }, { &sbl__recipe_lamps, MIXED },
-        { &sbl__recipe_lamps, MIXED | TEXTURED }, { &sbl__recipe_lamps, MIXED | CUTOUTS },
-        { &sbl__recipe_lamps, MIXED | VIEWS },
-        { &sbl__recipe_lamps, MIXED | VIEWS | TEXTURED }, { &sbl__recipe_lamps, MIXED | VIEWS | CUTOUTS },
-        { &sbl__recipe_sensor, 0 }, { &sbl__recipe_sensor, TEXTURED },
-        { &sbl__recipe_sky, 0 }, { &sbl__recipe_reduce_blocks, 0 }, { &sbl__recipe_reduce_sum, 0 },
-        { &sbl__recipe_filter, 0 }, { &sbl__recipe_resolve, 0 }, { &sbl__recipe_copy, 0 }
+/* Compiles all programs of the driver's kind, except those of inspections and of directional lightmaps. */
+static sbl_result sbl__compile_all(sbl__device *d) {
+    static const sbl__recipe *const recipes[] = {
+        &sbl__recipe_visibility, &sbl__recipe_gbuffer, &sbl__recipe_trace, &sbl__recipe_cast, &sbl__recipe_lamps,
+        &sbl__recipe_sensor, &sbl__recipe_sky, &sbl__recipe_reduce_blocks, &sbl__recipe_reduce_sum,
+        &sbl__recipe_filter, &sbl__recipe_resolve, &sbl__recipe_copy
     };
+    const unsigned varied = SBL__TEXTURED | SBL__CUTOUTS | SBL__VIEWS | SBL__MIXED | SBL__BOUNCED | SBL__GUIDED |
+                            SBL__LIGHTMAP;
+    sbl_result result = SBL_SUCCESS;
+    unsigned features;
+    int i;
+    for (i = 0; i < SBL__COUNT(recipes); i++)
+        for (features = 0; features <= varied && result == SBL_SUCCESS; features++) {
+            if (features & ~(varied & recipes[i]->features)) continue;
+            if (features & SBL__CUTOUTS && recipes[i]->features & ~features & SBL__TEXTURED) continue;
+            result = sbl__program_need(d, recipes[i], features);
+        }
+    if (result == SBL_SUCCESS)
+        sbl__log(d->base, SBL_LOG_INFO, SBL_LOG_ITEM_INFO, "%d programs were compiled in %.3f s", d->compiled.count,
+                 d->compiled.compile_seconds);
+    return result;
+}
+
+/* Makes what all passes share, compiles programs if the host has asked for it, and tries out the driver. */
+static sbl_result sbl__context_start(sbl__core *core) {
     sbl__guard guard;
     sbl_result result;
-    int i;
     sbl__guard_save(&core->device.gl, &guard);
     sbl__guard_force(&core->device.gl);
     result = sbl__device_start(&core->device);
-    for (i = 0; i < SBL__COUNT(programs) && core->desc.compile_ahead && result == SBL_SUCCESS; i++)
-        result = sbl__program_need(&core->device, programs[i].recipe, programs[i].features);
+    if (result == SBL_SUCCESS && core->desc.compile_ahead) result = sbl__compile_all(&core->device);
     if (result == SBL_SUCCESS) result = sbl__trial(core);
     sbl__guard_restore(&core->device.gl, &guard);
     sbl__gl_clear_errors(&core->device.gl);
-    if (result == SBL_SUCCESS && core->desc.compile_ahead)
-        sbl__log(&core->base, SBL_LOG_INFO, SBL_LOG_ITEM_INFO, "%d programs were compiled in %.3f s",
-                 core->device.compiled.count, core->device.compiled.compile_seconds);
     return result;
 }
 

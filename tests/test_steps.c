@@ -413,6 +413,12 @@ TEST(programs_compile_when_used_or_ahead) {
     CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture");
     view.options.mode = SBL_MODE_PAPER;
     CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "no picture");
+    for (k = 0; k < 3; k++) {  /* bounced light: rays, views, and rays that guides direct */
+        sbl_picture_desc bounced = bounced_view();
+        bounced.options.backend = k == 1 ? SBL_BACKEND_RASTER : SBL_BACKEND_TRACE;
+        if (k == 2) bounced.options.rays = 0;
+        CHECK(sbl_render_picture(context, &bounced) == SBL_SUCCESS, "no picture with bounced light");
+    }
     scene_quad(&textured, material, -1, 0, -1, 1, 0, -1, 1, 0, 1, -1, 0, 1);
     textured.materials[material].albedo_texture =
         scene_texture(&textured, texel, sizeof texel, SBL_PIXELS_SRGB8, 1, 1, 4);
