@@ -266,10 +266,11 @@
    rays instead of 16 to 64.
 
    Accuracy of the prediction, measured at targets of 8, 4, 2 and 1 % against references: the true error is 0.6 to 1.2
-   times the prediction where R is known in closed form and in the Cornell box, and up to 1.5 times the prediction in
-   rooms that are lit through windows or a door ajar. Three errors cannot be predicted: a shadow that falls between all
-   sensors of the first level, which are `tile` pixels apart; a window that no ray has met; and changes of the stored
-   light inside a cell, where a cell is larger than the geometry beside it.
+   times the prediction where R is known in closed form and in the Cornell box. With bounced light it is 1.2 to 1.9
+   times the prediction in three furnished rooms, and 3 to 4 times in a room of 361,000 triangles and in a building of
+   which the picture shows a part. Three errors cannot be predicted: a shadow that falls between all sensors of the
+   first level, which are `tile` pixels apart; a window that no ray has met; and changes of the stored light inside a
+   cell, where a cell is larger than the geometry beside it.
 
    Three fields are for experts. If `rays` is set, each sensor takes exactly one look of that many rays. `tile` is the
    size of the first tiles in pixels; 1 places a sensor at every pixel. If `threshold` is set, a tile is subdivided
