@@ -286,7 +286,8 @@
    A lamp is one emitting triangle, one light, or one bright texel of a sky picture. For emitting triangles, spheres
    and suns, the unobstructed light is computed in closed form, and the horizon of the sensor's surface is taken into
    account. Rays towards the lamp only measure the fraction that arrives. So the light is exact where the whole lamp is
-   visible, and black where nothing of it is visible. In between, its noise is the noise of the measured fraction.
+   visible, and black where nothing of it is visible. In between, its noise is the noise of the measured fraction. An
+   emission texture is sampled where the rays meet the lamp, which adds noise also where the lamp is unobstructed.
 
    A sensor sends at most as many rays towards lamps as over its hemisphere. If `rays` is 256, it first sends an eighth
    of them, and looks at the corners and rims of lamps. If these rays are all open or all blocked, it stops there. It
@@ -1575,7 +1576,10 @@ SBL_API int sbl_perspective(float view_to_clip[16], float fov_y, float aspect);
    white. */
 SBL_API void sbl_encode_srgb8(unsigned char *out, const float *linear, size_t float_count, float scale);
 
-/* Return a copy of desc in which each zero that stands for a default is replaced by it. NULL means all zeroes. */
+/* Return a copy of desc in which each zero that stands for a default is replaced by it. NULL means all zeroes. The copy
+   shows the values that will be used, but work that is begun with it may be slower than with desc: a target_error that
+   is set, even to its default, lifts the limit of rays (see ON THE TARGET ERROR), and rays that are set are all traced
+   (see sbl_options.rays). */
 SBL_API sbl_context_desc sbl_context_desc_defaults(const sbl_context_desc *desc);
 SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc);
 SBL_API sbl_readings_desc sbl_readings_desc_defaults(const sbl_readings_desc *desc);
