@@ -7860,42 +7860,40 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
 }
 
 /* ======================================================================================================== >>atlas
-   Which point of which triangle each texel of a lightmap shows, found on the CPU. A triangle shows at all texels whose
-   squares it touches, at its point nearest to the texel's centre; where several do, the nearest one counts, the first
-   of those that are as near. Triangles that share a corner, in the world and in the map, are one chart.
+   Finds, on the CPU, which point of which triangle each texel of a lightmap shows. A triangle claims every texel whose
+   square it touches, and offers its point nearest to the texel's centre. The texel shows the nearest point offered; if
+   several are equally near, that of the first triangle. Triangles that share a corner, with the same position and the
+   same lightmap coordinates, belong to one chart. */
 
-       (0, 0) +----+----+----+     the row's part of a triangle spans x0 .. x1: those are the texels that it touches
-              | x0 |####|x1  |
-              +----+----+----+ (1, 1)                                                                              */
-
-#define SBL__ATLAS_WORDS 4      /* of a texel: 1 + triangle, or 0; weights of its second and third corner; 1 + chart */
-#define SBL__ATLAS_FAR 1e30f    /* away: nothing is shown */
-#define SBL__ATLAS_INSIDE 1e-3  /* weight of each corner from which on a centre is no triangle's neighbour's, too: */
-#define SBL__ATLAS_WELL -1.0f   /* away: it lies well inside; */
-#define SBL__ATLAS_EDGE -0.5f   /* it may be the neighbour's */
-#define SBL__ATLAS_INSET 0.02   /* texels, from an edge: in a crease a sensor would stand in the other wall, too */
-#define SBL__ATLAS_INSET_MOST 0.01  /* share of the way to the triangle's middle */
+#define SBL__ATLAS_WORDS 4      /* per texel: 1 + triangle, or 0; weights of its second and third corner; 1 + chart */
+#define SBL__ATLAS_FAR 1e30f    /* value of `away` for a texel that no triangle touches */
+#define SBL__ATLAS_WELL -1.0f   /* value of `away` for a centre well inside the triangle */
+#define SBL__ATLAS_EDGE -0.5f   /* value of `away` for a centre inside, near an edge: a neighbour may contain it too */
+#define SBL__ATLAS_INSIDE 1e-3  /* a centre lies well inside if all its barycentric weights are at least this */
+#define SBL__ATLAS_INSET 0.02   /* points on edges are moved inward by this number of texels, because in a crease a
+                                   sensor would otherwise stand inside the other wall, */
+#define SBL__ATLAS_INSET_MOST 0.01  /* but at most by this share of the way to the centroid */
 
 typedef struct sbl__atlas {
     sbl__stages stages;
     sbl__base *base;
     const sbl__geometry *geometry;
-    int width, height;
-    int across;                 /* of these across a texel that is read */
-    unsigned char *wanted;      /* a mesh: is it baked? */
-    int row;                    /* the next one of the triangle under way; 0: it has not begun */
-    uint32_t *parents;          /* a vertex: one of the same chart (see sbl__root); then its chart's number */
-    sbl__hash_table places;     /* vertices, by their place in the world and on the map */
-    uint32_t *texels;           /* SBL__ATLAS_WORDS each */
-    float *away;                /* a texel: squared distance from its centre of what it shows, texels; below 0: it lies
-                                   inside, SBL__ATLAS_WELL or SBL__ATLAS_EDGE, and 1 less for each other that has it */
-    int charts;
-    double world_area, area;    /* of all triangles, in the world and on the map, texels */
-    int overlapping, outside;   /* triangles that were named, or would be */
+    int width, height;          /* supersampled texels, which this room calls texels */
+    int across;                 /* number of supersampled texels across a texel of the lightmap */
+    unsigned char *baked;       /* per mesh: 1 if it is baked */
+    int row;                    /* next row of the triangle in progress; 0: the triangle has not begun */
+    uint32_t *parents;          /* per vertex: union-find over charts (see sbl__root); later the chart's number */
+    sbl__hash_table places;     /* vertices by position and lightmap coordinates */
+    uint32_t *texels;           /* SBL__ATLAS_WORDS per texel */
+    float *away;                /* per texel: squared distance in texels from its centre to the point that it shows, or
+                                   SBL__ATLAS_WELL or SBL__ATLAS_EDGE, minus the number of overlapping triangles */
+    int charts;                 /* number of charts */
+    double world_area, area;    /* total area of the triangles, in world space and in square texels */
+    int overlapping, outside;   /* numbers of texels where triangles overlap, and of triangles partly off the map */
 } sbl__atlas;
 
 static void sbl__atlas_free(sbl__base *base, sbl__atlas *a) {
-    sbl__free(base, a->wanted);
+    sbl__free(base, a->baked);
     sbl__free(base, a->parents);
     sbl__hash_table_free(base, &a->places);
     sbl__free(base, a->texels);
@@ -7903,7 +7901,7 @@ static void sbl__atlas_free(sbl__base *base, sbl__atlas *a) {
     memset(a, 0, sizeof *a);
 }
 
-/* Makes room for a lightmap of the meshes that are named, or of all that can be; numbers have been checked. */
+/* desc has been checked. If it lists no meshes, all lightmapped meshes are baked. */
 static sbl_result sbl__atlas_begin(sbl__base *base, sbl__atlas *a, const sbl__geometry *g,
                                    const sbl_lightmap_desc *desc) {
     size_t texels;
@@ -7914,41 +7912,40 @@ static sbl_result sbl__atlas_begin(sbl__base *base, sbl__atlas *a, const sbl__ge
     texels = (size_t)a->width * (size_t)a->height;
     a->base = base;
     a->geometry = g;
-    a->wanted = (unsigned char *)sbl__alloc(base, (size_t)g->mesh_count, 1);
+    a->baked = (unsigned char *)sbl__alloc(base, (size_t)g->mesh_count, 1);
     a->parents = (uint32_t *)sbl__alloc_raw(base, (size_t)g->vertex_count, sizeof *a->parents);
     a->texels = (uint32_t *)sbl__alloc(base, texels, SBL__ATLAS_WORDS * sizeof *a->texels);
     a->away = (float *)sbl__alloc_raw(base, texels, sizeof *a->away);
-    if (!a->wanted || !a->parents || !a->texels || !a->away) return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = 0; i < desc->mesh_count; i++) a->wanted[desc->meshes[i]] = 1;
-    for (i = 0; i < g->mesh_count && !desc->mesh_count; i++) a->wanted[i] = g->meshes[i].lightmapped != 0;
+    if (!a->baked || !a->parents || !a->texels || !a->away) return SBL_ERROR_OUT_OF_MEMORY;
+    for (i = 0; i < desc->mesh_count; i++) a->baked[desc->meshes[i]] = 1;
+    for (i = 0; i < g->mesh_count && !desc->mesh_count; i++) a->baked[i] = g->meshes[i].lightmapped != 0;
     return sbl__hash_table_make(base, &a->places, g->vertex_count);
 }
 
-/* Is a vertex of a mesh that is baked? */
-static int sbl__atlas_wants(const sbl__atlas *a, uint32_t vertex) {
-    return a->wanted[a->geometry->vertices[vertex].object];
+static int sbl__atlas_is_baked(const sbl__atlas *a, uint32_t vertex) {
+    return a->baked[a->geometry->vertices[vertex].object];
 }
 
 /* >>atlas: charts */
 
-static const float *sbl__atlas_place(const sbl__geometry *g, uint32_t vertex) {
+static const float *sbl__atlas_uv(const sbl__geometry *g, uint32_t vertex) {
     return g->lightmap_texcoords + 2 * (size_t)vertex;
 }
 
 static int sbl__atlas_same(const void *geometry, uint32_t one, uint32_t other) {
     const sbl__geometry *g = (const sbl__geometry *)geometry;
-    return sbl__same_place(g, one, other) && sbl__same_floats(sbl__atlas_place(g, one), sbl__atlas_place(g, other), 2);
+    return sbl__same_place(g, one, other) && sbl__same_floats(sbl__atlas_uv(g, one), sbl__atlas_uv(g, other), 2);
 }
 
-/* Joins a vertex with the first one that stands in the same place, in the world and on the map. */
+/* Joins a vertex with the first one that has the same position and the same lightmap coordinates. */
 static sbl_result sbl__atlas_weld(void *work, int vertex) {
     sbl__atlas *a = (sbl__atlas *)work;
     const sbl__geometry *g = a->geometry;
     const uint32_t at = (uint32_t)vertex;
     uint32_t hash;
     a->parents[at] = at;
-    if (!sbl__atlas_wants(a, at)) return SBL_SUCCESS;
-    hash = sbl__hash_floats(sbl__place_hash(g, at), sbl__atlas_place(g, at), 2);
+    if (!sbl__atlas_is_baked(a, at)) return SBL_SUCCESS;
+    hash = sbl__hash_floats(sbl__place_hash(g, at), sbl__atlas_uv(g, at), 2);
     sbl__join(a->parents, at, sbl__hash_table_first(&a->places, hash, at, sbl__atlas_same, g));
     return SBL_SUCCESS;
 }
@@ -7957,15 +7954,16 @@ static sbl_result sbl__atlas_join(void *work, int triangle) {
     sbl__atlas *a = (sbl__atlas *)work;
     const uint32_t *corners = a->geometry->indices + 3 * (size_t)triangle;
     int i;
-    for (i = 1; i < 3 && sbl__atlas_wants(a, corners[0]); i++) sbl__join(a->parents, corners[0], corners[i]);
+    for (i = 1; i < 3 && sbl__atlas_is_baked(a, corners[0]); i++) sbl__join(a->parents, corners[0], corners[i]);
     return SBL_SUCCESS;
 }
 
-/* Numbers the charts. A root comes before all other vertices of its chart. */
+/* Replaces a vertex's parent by the number of its chart. The root of a chart is its first vertex, so its number is
+   known when the others need it. */
 static sbl_result sbl__atlas_number(void *work, int vertex) {
     sbl__atlas *a = (sbl__atlas *)work;
     uint32_t *parent = &a->parents[vertex];
-    if (!sbl__atlas_wants(a, (uint32_t)vertex)) return SBL_SUCCESS;
+    if (!sbl__atlas_is_baked(a, (uint32_t)vertex)) return SBL_SUCCESS;
     *parent = *parent == (uint32_t)vertex ? (uint32_t)a->charts++ : a->parents[*parent];
     return SBL_SUCCESS;
 }
@@ -7974,30 +7972,33 @@ static sbl_result sbl__atlas_number(void *work, int vertex) {
 
 typedef struct sbl__atlas_triangle {
     double corners[3][2];  /* texels */
-    double area;           /* twice, signed */
-    uint32_t number;
-    uint32_t chart;
-    int rows[2], first_column, last_column;
+    double area;           /* twice the signed area, square texels */
+    uint32_t number, chart;
+    int rows[2];           /* first and last row that it touches */
 } sbl__atlas_triangle;
 
-/* What a range of the map touches of `size` texels: first and last, and nothing where last is less. */
+/* Gets the first and last of `size` texels that an interval touches. If it touches none, last < first. */
 static void sbl__atlas_span(double low, double high, int size, int out[2]) {
     const double first = floor(low), last = SBL__MAX(first, ceil(high) - 1);
     out[0] = first >= size ? size : first < 0 ? 0 : (int)first;
     out[1] = last >= size ? size - 1 : last < 0 ? -1 : (int)last;
 }
 
-static void sbl__atlas_take(const sbl__atlas *a, uint32_t number, sbl__atlas_triangle *t) {
+/* Extends the interval from .. to so that it contains x. */
+static void sbl__extend(double *from, double *to, double x) {
+    *from = SBL__MIN(*from, x);
+    *to = SBL__MAX(*to, x);
+}
+
+static void sbl__atlas_load(const sbl__atlas *a, uint32_t number, sbl__atlas_triangle *t) {
     const sbl__geometry *g = a->geometry;
     const int size[2] = { a->width, a->height };
     double low = DBL_MAX, high = -DBL_MAX;
     int i, k;
     for (i = 0; i < 3; i++) {
-        const uint32_t vertex = g->indices[3 * (size_t)number + (size_t)i];
-        const float *uv = sbl__atlas_place(g, vertex);
+        const float *uv = sbl__atlas_uv(g, g->indices[3 * (size_t)number + (size_t)i]);
         for (k = 0; k < 2; k++) t->corners[i][k] = (double)uv[k] * size[k];
-        low = SBL__MIN(low, t->corners[i][1]);
-        high = SBL__MAX(high, t->corners[i][1]);
+        sbl__extend(&low, &high, t->corners[i][1]);
     }
     t->area = (t->corners[1][0] - t->corners[0][0]) * (t->corners[2][1] - t->corners[0][1]) -
               (t->corners[2][0] - t->corners[0][0]) * (t->corners[1][1] - t->corners[0][1]);
@@ -8006,12 +8007,7 @@ static void sbl__atlas_take(const sbl__atlas *a, uint32_t number, sbl__atlas_tri
     sbl__atlas_span(low, high, a->height, t->rows);
 }
 
-static void sbl__extend(double *from, double *to, double x) {
-    *from = SBL__MIN(*from, x);
-    *to = SBL__MAX(*to, x);
-}
-
-/* Columns that the triangle touches in a row. */
+/* Gets the first and last column that a triangle touches in a row. */
 static void sbl__atlas_columns(const sbl__atlas *a, const sbl__atlas_triangle *t, int row, int columns[2]) {
     double low = DBL_MAX, high = -DBL_MAX;
     int i, side;
@@ -8027,8 +8023,8 @@ static void sbl__atlas_columns(const sbl__atlas *a, const sbl__atlas_triangle *t
     if (low <= high) sbl__atlas_span(low, high, a->width, columns);
 }
 
-/* The triangle's point nearest to a texel's centre: weights of its corners. Returns the squared distance, or
-   SBL__ATLAS_WELL or SBL__ATLAS_EDGE where it is the centre itself. */
+/* Gets the point of a triangle nearest to a texel's centre, as barycentric weights. Returns the squared distance in
+   texels, or SBL__ATLAS_WELL or SBL__ATLAS_EDGE if the triangle contains the centre. */
 static double sbl__atlas_nearest(const sbl__atlas_triangle *t, const double centre[2], double weights[3]) {
     double least = DBL_MAX;
     int i, k, inside = t->area != 0, well = 1;
@@ -8041,14 +8037,14 @@ static double sbl__atlas_nearest(const sbl__atlas_triangle *t, const double cent
     if (inside) return (double)(well ? SBL__ATLAS_WELL : SBL__ATLAS_EDGE);
     for (i = 0; i < 3; i++) {
         const double *p = t->corners[i], *q = t->corners[(i + 1) % 3];
-        double along = 0, length2 = 0, distance2 = 0, d;
+        double along = 0, length2 = 0, distance2 = 0;
         for (k = 0; k < 2; k++) {
             along += (centre[k] - p[k]) * (q[k] - p[k]);
             length2 += (q[k] - p[k]) * (q[k] - p[k]);
         }
         along = length2 > 0 ? SBL__MIN(SBL__MAX(along / length2, 0.0), 1.0) : 0;
         for (k = 0; k < 2; k++) {
-            d = p[k] + along * (q[k] - p[k]) - centre[k];
+            const double d = p[k] + along * (q[k] - p[k]) - centre[k];
             distance2 += d * d;
         }
         if (!(distance2 < least)) continue;
@@ -8060,7 +8056,7 @@ static double sbl__atlas_nearest(const sbl__atlas_triangle *t, const double cent
     return least;
 }
 
-/* Moves a point at a triangle's edge inward. */
+/* Moves a point on a triangle's edge towards the centroid. */
 static void sbl__atlas_inset(const sbl__atlas_triangle *t, double weights[3]) {
     double distance2 = 0, share;
     int i, k;
@@ -8073,30 +8069,31 @@ static void sbl__atlas_inset(const sbl__atlas_triangle *t, double weights[3]) {
     for (i = 0; i < 3; i++) weights[i] += share * (1 / 3.0 - weights[i]);
 }
 
-/* Does what a texel shows have its centre well inside? */
+/* Returns 1 if the centre of a texel lies well inside the triangle that it shows. */
 static int sbl__atlas_well(const sbl__atlas *a, size_t texel) {
     return floor((double)a->away[texel]) >= (double)a->away[texel];
 }
 
-/* Other triangles that show at its centre, too. */
+/* Returns the number of other triangles that also contain the centre of a texel. */
 static float sbl__atlas_others(const sbl__atlas *a, size_t texel) {
     return a->away && a->away[texel] < 0 ? (float)ceil(-(double)a->away[texel]) - 1 : 0;
 }
 
-/* Tells of the first triangle whose texel is another's, and counts such texels. */
-static void sbl__atlas_tell_overlap(sbl__atlas *a, uint32_t triangle, size_t texel) {
+/* Counts overlaps and warns about the first. triangle: contains the centre of a texel that shows another one */
+static void sbl__atlas_warn_overlap(sbl__atlas *a, uint32_t triangle, size_t texel) {
     const sbl__geometry *g = a->geometry;
     const uint32_t first = a->texels[SBL__ATLAS_WORDS * texel] - 1;
     const int mesh = (int)g->vertices[g->indices[3 * (size_t)triangle]].object;
     const int first_mesh = (int)g->vertices[g->indices[3 * (size_t)first]].object;
     if (sbl__atlas_others(a, texel) > 0 || a->overlapping++) return;
     sbl__log(a->base, SBL_LOG_WARNING, SBL_LOG_ITEM_OVERLAP, "lightmap: triangle %d of mesh %d and triangle %d of mesh "
-             "%d share texel %d %d; light of the first one is shown there, in all such places",
+             "%d share texel %d %d; such texels show the light of the first triangle",
              (int)first - g->meshes[first_mesh].first_triangle, first_mesh,
              (int)triangle - g->meshes[mesh].first_triangle, mesh, (int)(texel % (size_t)a->width) / a->across,
              (int)(texel / (size_t)a->width) / a->across);
 }
 
+/* Offers a triangle to the texel in column at[0] of row at[1]. */
 static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const int at[2]) {
     const size_t i = (size_t)at[1] * (size_t)a->width + (size_t)at[0];
     const double centre[2] = { at[0] + 0.5, at[1] + 0.5 };
@@ -8104,9 +8101,9 @@ static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const 
     double weights[3];
     const float away = (float)sbl__atlas_nearest(t, centre, weights);
     const int well = away <= SBL__ATLAS_WELL, other_chart = t->chart + 1 != texel[3];
-    int k;
+    float shares[2];
     if (away < 0 && a->away[i] < 0 && (other_chart || (well && sbl__atlas_well(a, i)))) {
-        sbl__atlas_tell_overlap(a, t->number, i);
+        sbl__atlas_warn_overlap(a, t->number, i);
         a->away[i] -= 1;
         return;
     }
@@ -8114,15 +8111,14 @@ static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const 
     a->away[i] = away;
     if (!well) sbl__atlas_inset(t, weights);
     texel[0] = t->number + 1;
-    for (k = 1; k < 3; k++) {
-        const float weight = (float)weights[k];
-        texel[k] = sbl__float_bits(&weight);
-    }
+    shares[0] = (float)weights[1];
+    shares[1] = (float)weights[2];
+    memcpy(texel + 1, shares, sizeof shares);
     texel[3] = t->chart + 1;
 }
 
-/* Tells of a triangle that is not on the map as a whole. */
-static void sbl__atlas_tell_outside(sbl__atlas *a, const sbl__atlas_triangle *t) {
+/* Counts triangles that lie partly outside of the map, and warns about the first. */
+static void sbl__atlas_warn_outside(sbl__atlas *a, const sbl__atlas_triangle *t) {
     const sbl__geometry *g = a->geometry;
     const int size[2] = { a->width, a->height }, mesh = (int)g->vertices[g->indices[3 * (size_t)t->number]].object;
     const double *outside = NULL;
@@ -8132,20 +8128,20 @@ static void sbl__atlas_tell_outside(sbl__atlas *a, const sbl__atlas_triangle *t)
             if (t->corners[i][k] < -0.5 || t->corners[i][k] > size[k] + 0.5) outside = t->corners[i];
     if (!outside || a->outside++) return;
     sbl__log(a->base, SBL_LOG_WARNING, SBL_LOG_ITEM_OUTSIDE, "lightmap: triangle %d of mesh %d has a corner at %g %g; "
-             "what lies outside of 0 to 1 is not baked", (int)t->number - g->meshes[mesh].first_triangle, mesh,
+             "parts outside of 0 to 1 are not baked", (int)t->number - g->meshes[mesh].first_triangle, mesh,
              outside[0] / a->width, outside[1] / a->height);
 }
 
-/* Draws a triangle's rows, from a->row on. */
+/* Draws the rows of a triangle, beginning with a->row, until the slice is over. */
 static sbl_result sbl__atlas_rows(sbl__atlas *a, uint32_t number, sbl__slice *slice) {
     sbl__atlas_triangle t;
     int at[2], columns[2];
-    sbl__atlas_take(a, number, &t);
+    sbl__atlas_load(a, number, &t);
     if (a->row == 0) {
         double normal[3];
         a->world_area += sbl__scene_normal(a->geometry, number, normal);
         a->area += 0.5 * fabs(t.area);
-        sbl__atlas_tell_outside(a, &t);
+        sbl__atlas_warn_outside(a, &t);
     }
     for (a->row = SBL__MAX(a->row, t.rows[0]); a->row <= t.rows[1]; a->row++) {
         if (a->row > t.rows[0] && sbl__late(slice)) return SBL_UNFINISHED;
@@ -8157,12 +8153,10 @@ static sbl_result sbl__atlas_rows(sbl__atlas *a, uint32_t number, sbl__slice *sl
     return SBL_SUCCESS;
 }
 
-/* Texels, on average, are so large: across, world; 0: they have no size. */
+/* Returns the mean width of a texel in world units; 0 if no triangle covers any area of the map. */
 static float sbl__atlas_texel_size(const sbl__atlas *a) {
     return a->area > 0 ? (float)sqrt(a->world_area / a->area) : 0;
 }
-
-/* >>atlas: its stages */
 
 static sbl_result sbl__atlas_clear(void *work, int row) {
     sbl__atlas *a = (sbl__atlas *)work;
@@ -8176,12 +8170,13 @@ static sbl_result sbl__atlas_draw(void *work, sbl__slice *slice) {
     int *at = &a->stages.at;
     for (; *at < a->geometry->triangle_count; ++*at) {
         if (sbl__late(slice)) return SBL_UNFINISHED;
-        if (!sbl__atlas_wants(a, a->geometry->indices[3 * (size_t)*at])) continue;
+        if (!sbl__atlas_is_baked(a, a->geometry->indices[3 * (size_t)*at])) continue;
         if (sbl__atlas_rows(a, (uint32_t)*at, slice) != SBL_SUCCESS) return SBL_UNFINISHED;
     }
     if (a->overlapping > 1 || a->outside > 1)
         sbl__log(a->base, SBL_LOG_WARNING, a->overlapping > 1 ? SBL_LOG_ITEM_OVERLAP : SBL_LOG_ITEM_OUTSIDE,
-                 "lightmap: triangles overlap in %d texels; %d triangles lie outside", a->overlapping, a->outside);
+                 "lightmap: triangles overlap in %d texels; %d triangles lie partly outside", a->overlapping,
+                 a->outside);
     sbl__free(a->base, a->parents);
     sbl__hash_table_free(a->base, &a->places);
     a->parents = NULL;
@@ -8192,7 +8187,7 @@ static int sbl__atlas_height(void *work) { return ((sbl__atlas *)work)->height; 
 static int sbl__atlas_vertices(void *work) { return ((sbl__atlas *)work)->geometry->vertex_count; }
 static int sbl__atlas_triangles(void *work) { return ((sbl__atlas *)work)->geometry->triangle_count; }
 
-/* Does one piece. SBL_SUCCESS: texels are known. */
+/* Does one piece of work. Returns SBL_SUCCESS when all texels are filled. */
 static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__atlas_clear, sbl__atlas_height },
@@ -8205,54 +8200,54 @@ static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
 }
 
 /* ======================================================================================================== >>surface
-   Where light is wanted in a picture: the camera's G-buffer (section III-F), once at pixel centres and once for each
-   anti-aliasing sample. First which triangle every pixel sees, then its surface point; then the host draws over it. Of
-   a lightmap the atlas tells the triangles, and their points.
+   Draws G-buffers (section III-F). A picture has one for pixel centres and one for each anti-aliasing sample: the first
+   pass finds the triangle that each pixel shows, the second computes its surface point, then the host draws over it. A
+   lightmap has one, and the atlas gives the triangles and their points.
 
-       triangles --visibility--> triangle a pixel --gbuffer--> position, normals, albedo, emission, id
-         atlas     (depth)    -> and its point                 <-- the host's draw callback, same depth            */
+       triangles --visibility--> triangle per pixel --gbuffer--> position, normals, albedo, emission, id
+         atlas     (depth)    -> and its point                   <-- the host's draw callback, same depth          */
 
 enum { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL, SBL__GBUFFER_ALBEDO,
        SBL__GBUFFER_EMISSION, SBL__GBUFFER_ID, SBL__GBUFFER_COUNT };  /* attachments */
 
 typedef struct sbl__gbuffer { sbl__texture textures[SBL__GBUFFER_COUNT]; sbl__target target; } sbl__gbuffer;
 
-/* What the rasteriser and the rays of the G-buffer need; rows are of world to view, the world taken relative to the
-   eye. */
 typedef struct sbl__camera {
-    double eye[3], right[3], up[3], back[3];
+    double eye[3];             /* origin of view space, in world space */
+    double right[3], up[3], back[3];  /* axes of view space in world space, unit vectors */
     float world_to_view[16], view_to_clip[16];
     int orthographic;
-    double nearest, farthest;  /* orthographic: distances that depth 1 and 0 stand for */
+    double nearest, farthest;  /* orthographic: distances along the view direction where depth is 1 and 0 */
     float depth_scale;         /* perspective: depth is depth_scale / w */
-    float facet_limit;         /* see sbl_picture_desc */
+    float facet_limit;         /* see sbl_picture_desc; 0: no limit */
 } sbl__camera;
 
-/* What is drawn, for whom. */
+/* A request to draw a G-buffer. */
 typedef struct sbl__surface_job {
     const sbl__scene *scene;
     const sbl__camera *camera;
     const sbl__gbuffer *gbuffer;
-    float offset[2];           /* of the sample from the pixels' centres, pixels */
-    float epsilon;             /* told to the host */
-    int bounced;               /* stored light is found, too */
-    sbl__atlas *atlas;         /* of a lightmap; else NULL */
+    float offset[2];           /* position of the sample relative to the pixel's centre, pixels */
+    float epsilon;             /* for the host's draw callback */
+    int bounced;               /* 1: also look up the stored light */
+    sbl__atlas *atlas;         /* lightmaps; NULL for pictures */
 } sbl__surface_job;
 
-/* One drawing of a G-buffer, in slices; the textures are kept for the next one. */
+/* State of the job in progress. The textures are kept for the next job. */
 typedef struct sbl__surface {
-    sbl__stages stages;        /* at: the triangle, or the row, that is next */
+    sbl__stages stages;        /* at: next triangle or row */
     sbl__device *device;
     const sbl__surface_job *job;
-    int row, rows;             /* the band under way */
+    int row, rows;             /* first row and number of rows of the band in progress */
     sbl__texture triangles, depth;
     sbl__target visibility;
     sbl__pace triangle_pace, point_pace;
 } sbl__surface;
 
-#define SBL__DEPTH_SHARE 1e-6      /* of the scene's extent: what is nearer to a camera shares depth 1 */
-#define SBL__BAND_PIXELS 1048576   /* pixels of a band of rows, about: a triangle that fills it is drawn in one go */
-#define SBL__TRIANGLE_PIXELS 64.0  /* what a triangle costs besides its pixels, in pixels */
+#define SBL__DEPTH_SHARE 1e-6      /* share of the scene's extent; points nearer to the camera all have depth 1 */
+#define SBL__BAND_PIXELS 1048576   /* approximate size of a band of rows, the largest area that one triangle covers in a
+                                      submission */
+#define SBL__TRIANGLE_PIXELS 64.0  /* cost of a triangle besides its pixels, in pixels */
 
 static sbl_result sbl__gbuffer_make(const sbl__device *d, sbl__gbuffer *g, int width, int height,
                                     const sbl__texture *depth) {
@@ -8291,7 +8286,7 @@ static void sbl__surface_free(const sbl__device *d, sbl__surface *s) {
 
 /* >>surface: the camera */
 
-/* desc's matrices have been checked. */
+/* The matrices of desc have been checked. */
 static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const sbl__geometry *g) {
     const float *m = desc->world_to_view;
     int i, k;
@@ -8314,7 +8309,7 @@ static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const
     c->farthest += 1e-3 * g->extent;
 }
 
-/* A camera that frames the scene: from the front (+z), a little to the right and above. */
+/* Sets world_to_view so that the whole scene is seen from the front (+z), a little from the right and from above. */
 static void sbl__camera_frame(const sbl__geometry *g, sbl_picture_desc *d) {
     static const double way[3] = { 0.35, 0.3, 0.89 };
     const double zoom = SBL__MIN(fabs((double)d->view_to_clip[0]), fabs((double)d->view_to_clip[5]));
@@ -8332,7 +8327,8 @@ static void sbl__camera_frame(const sbl__geometry *g, sbl_picture_desc *d) {
     sbl_look_at(d->world_to_view, eye[0], eye[1], eye[2], at[0], at[1], at[2], 0, 1, 0);
 }
 
-/* view_to_clip as the G-buffer is drawn: shifted by the sample's offset (pixels), top row first, reversed depth. */
+/* Gets view_to_clip for drawing the G-buffer: with the sample at `offset` (pixels) moved to the pixel's centre, the top
+   row first, and reversed depth. */
 static void sbl__camera_clip(const sbl__camera *c, const float offset[2], const sbl__target *t, float out[16]) {
     const float *m = c->view_to_clip;
     int k;
@@ -8343,32 +8339,10 @@ static void sbl__camera_clip(const sbl__camera *c, const float offset[2], const 
         out[4 * k + 1] = -m[4 * k + 1] - 2 * offset[1] / (float)t->height * w;
         out[4 * k + 3] = w;
     }
-    if (c->orthographic) {  /* depth falls from 1 at the nearest to 0 at the farthest point of the scene */
+    if (c->orthographic) {
         out[10] = (float)(1 / (c->farthest - c->nearest));
         out[14] = (float)(c->farthest / (c->farthest - c->nearest));
     } else out[14] = c->depth_scale;
-}
-
-/* A pixel's ray: origin, then direction, each constant, per pixel of x, per pixel of y; offset from the centre. */
-static void sbl__camera_rays(const sbl__camera *c, const float offset[2], const sbl__target *t, float ray[6][3]) {
-    const float *m = c->view_to_clip;
-    const double a = c->orthographic ? 1 : -(double)m[11], step_x = 2.0 / t->width, step_y = -2.0 / t->height;
-    const double x0 = -1 + offset[0] * step_x, y0 = 1 + offset[1] * step_y;
-    const double dx = a * step_x / m[0], dy = a * step_y / m[5];
-    const int moving = c->orthographic ? 0 : 3, still = 3 - moving;
-    /* x of the view at unit distance (perspective) or everywhere (orthographic) is linear in the pixel:
-       x = (a ndc + m8) / m0 or (ndc - m12) / m0 */
-    const double across = c->orthographic ? (x0 - m[12]) / m[0] : (a * x0 + m[8]) / m[0];
-    const double down = c->orthographic ? (y0 - m[13]) / m[5] : (a * y0 + m[9]) / m[5];
-    int k;
-    for (k = 0; k < 3; k++) {
-        const double fixed = c->orthographic ? c->eye[k] : -c->back[k];
-        ray[moving][k] = (float)(across * c->right[k] + down * c->up[k] + fixed);
-        ray[moving + 1][k] = (float)(dx * c->right[k]);
-        ray[moving + 2][k] = (float)(dy * c->up[k]);
-        ray[still][k] = (float)(c->orthographic ? -c->back[k] : c->eye[k]);
-        ray[still + 1][k] = ray[still + 2][k] = 0;
-    }
 }
 
 /* >>glsl camera: shaders_embedded/camera.glsl, copied by scripts/embed_shaders */
@@ -8383,23 +8357,39 @@ static const char *const sbl__glsl_camera[] = {
 0 };
 /* <<glsl */
 
-/* For camera.glsl. */
+/* Sets the uniforms of camera.glsl, so that it computes the rays through the samples at `offset`. */
 static void sbl__camera_set(const sbl__device *d, const sbl__camera *c, const float offset[2], const sbl__target *t) {
     static const char *const names[6] = { "origin_0", "origin_x", "origin_y",
                                           "direction_0", "direction_x", "direction_y" };
-    float ray[6][3];
-    int i;
-    sbl__camera_rays(c, offset, t, ray);
-    for (i = 0; i < 6; i++) sbl__set_vec3(d, names[i], ray[i]);
+    const float *m = c->view_to_clip;
+    const double a = c->orthographic ? 1 : -(double)m[11], step_x = 2.0 / t->width, step_y = -2.0 / t->height;
+    const double x0 = -1 + offset[0] * step_x, y0 = 1 + offset[1] * step_y;
+    const double dx = a * step_x / m[0], dy = a * step_y / m[5];
+    const int moving = c->orthographic ? 0 : 3, still = 3 - moving;  /* indices in rays: which differs between pixels */
+    /* x in view space, at unit distance (perspective) or everywhere (orthographic), is linear in ndc:
+       x = (a ndc + m8) / m0 or (ndc - m12) / m0 */
+    const double across = c->orthographic ? (x0 - m[12]) / m[0] : (a * x0 + m[8]) / m[0];
+    const double down = c->orthographic ? (y0 - m[13]) / m[5] : (a * y0 + m[9]) / m[5];
+    float rays[6][3];
+    int i, k;
+    for (k = 0; k < 3; k++) {
+        const double fixed = c->orthographic ? c->eye[k] : -c->back[k];
+        rays[moving][k] = (float)(across * c->right[k] + down * c->up[k] + fixed);
+        rays[moving + 1][k] = (float)(dx * c->right[k]);
+        rays[moving + 2][k] = (float)(dy * c->up[k]);
+        rays[still][k] = (float)(c->orthographic ? -c->back[k] : c->eye[k]);
+        rays[still + 1][k] = rays[still + 2][k] = 0;
+    }
+    for (i = 0; i < 6; i++) sbl__set_vec3(d, names[i], rays[i]);
 }
 
-/* >>surface: which triangle */
+/* >>surface: the triangle that each pixel shows */
 
 /* >>glsl visibility_vertex: shaders_embedded/visibility_vertex.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_visibility_vertex[] = {
-"// The camera's view of the scene: which triangle is seen. Depth is reversed: 1 at the near end, 0 at infinity.\n",
+"// Finds the triangle that each pixel of the camera shows. Depth is reversed: 1 at the near end, 0 at infinity.\n",
 "uniform vec3 eye;\n",
-"uniform vec4 clip_x, clip_y, clip_z, clip_w;  // rows of world to clip, the world taken relative to the eye\n",
+"uniform vec4 clip_x, clip_y, clip_z, clip_w;  // rows of world to clip space, for positions relative to the eye\n",
 "flat out int triangle;\n",
 "\n",
 "void main() {\n",
@@ -8416,8 +8406,8 @@ static const char *const sbl__glsl_visibility_vertex[] = {
 /* >>glsl visibility_fragment: shaders_embedded/visibility_fragment.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_visibility_fragment[] = {
 "flat in int triangle;\n",
-"uniform vec2 depth_from_w;  // depth = x * gl_FragCoord.w + y, where the driver has no clip control\n",
-"layout(location = 0) out uint out_triangle;  // 1 + its number; 0: nothing is seen\n",
+"uniform float depth_from_w;  // without clip control, depth = depth_from_w * gl_FragCoord.w; 0: orthographic\n",
+"layout(location = 0) out uint out_triangle;  // 1 + number of the triangle; 0: the pixel shows none\n",
 "\n",
 "void main() {\n",
 "#ifdef SBL_CUTOUTS\n",
@@ -8426,7 +8416,7 @@ static const char *const sbl__glsl_visibility_fragment[] = {
 "#endif\n",
 "    out_triangle = uint(triangle) + 1u;\n",
 "#ifdef SBL_WRITE_DEPTH\n",
-"    gl_FragDepth = depth_from_w.x > 0.0 ? depth_from_w.x * gl_FragCoord.w : 2.0 * gl_FragCoord.z - 1.0;\n",
+"    gl_FragDepth = depth_from_w > 0.0 ? depth_from_w * gl_FragCoord.w : 2.0 * gl_FragCoord.z - 1.0;\n",
 "#endif\n",
 "}\n",
 0 };
@@ -8440,7 +8430,7 @@ static const sbl__recipe sbl__recipe_visibility = {
     SBL__CUTOUTS | SBL__WIDE | SBL__WRITE_DEPTH
 };
 
-/* World to clip, rows first, the world taken relative to the eye. */
+/* Gets the rows of the matrix from world to clip space, for positions relative to the eye. */
 static void sbl__camera_rows(const sbl__camera *c, const float clip[16], float rows[4][4]) {
     int i, k;
     for (i = 0; i < 4; i++) {
@@ -8450,26 +8440,28 @@ static void sbl__camera_rows(const sbl__camera *c, const float clip[16], float r
     }
 }
 
-#define SBL__BEFORE_CAMERA 1e-3  /* of a triangle's greatest distance: what is nearer to the camera's plane is cut */
+#define SBL__BEFORE_CAMERA 1e-3  /* share of a triangle's largest w; its part with a smaller w is cut off */
 
-/* About how many pixels of the band's rows a triangle covers: half of the bounds on the screen of what of it lies
-   before the camera. */
-static double sbl__triangle_pixels(const sbl__surface *s, const sbl__camera *c, float rows[4][4],
-                                   const float *const p[3]) {
+/* Estimates the number of pixels that a triangle covers in the band: half the area of the bounding rectangle, on the
+   screen, of its part in front of the camera. rows: see sbl__camera_rows */
+static double sbl__triangle_pixels(const sbl__surface *s, float rows[4][4], uint32_t triangle) {
+    const double *eye = s->job->camera->eye;
     const double size[2] = { (double)s->visibility.width, (double)s->visibility.height };
     const double low[2] = { 0, (double)s->row }, high[2] = { size[0], (double)s->row + s->rows };
     double from[2] = { DBL_MAX, DBL_MAX }, to[2] = { -DBL_MAX, -DBL_MAX }, v[3][4], before;
     int i, k;
-    for (i = 0; i < 3; i++)
+    for (i = 0; i < 3; i++) {
+        const float *p = sbl__triangle_corner(&s->job->scene->geometry, triangle, i);
         for (k = 0; k < 4; k++)
-            v[i][k] = rows[k][0] * (p[i][0] - c->eye[0]) + rows[k][1] * (p[i][1] - c->eye[1]) +
-                      rows[k][2] * (p[i][2] - c->eye[2]) + rows[k][3];
+            v[i][k] = rows[k][0] * (p[0] - eye[0]) + rows[k][1] * (p[1] - eye[1]) + rows[k][2] * (p[2] - eye[2]) +
+                      rows[k][3];
+    }
     before = SBL__BEFORE_CAMERA * SBL__MAX(v[0][3], SBL__MAX(v[1][3], v[2][3]));
     if (!(before > 0)) return 0;
     for (i = 0; i < 3; i++) {
         const double *a = v[i], *b = v[(i + 1) % 3];
         const double t = (a[3] > before) != (b[3] > before) ? (before - a[3]) / (b[3] - a[3]) : 0;
-        for (k = 0; k < 2; k++) {  /* a corner, and where the edge comes before the camera */
+        for (k = 0; k < 2; k++) {  /* the corner, and the point where the edge is cut off */
             if (a[3] > before) sbl__extend(&from[k], &to[k], (0.5 * a[k] / a[3] + 0.5) * size[k]);
             if (t > 0) sbl__extend(&from[k], &to[k], (0.5 * (a[k] + t * (b[k] - a[k])) / before + 0.5) * size[k]);
         }
@@ -8482,7 +8474,7 @@ static double sbl__triangle_pixels(const sbl__surface *s, const sbl__camera *c, 
     return 0.5 * (to[0] - from[0]) * (to[1] - from[1]);
 }
 
-/* Goes on with another band of rows, in which all triangles are drawn. */
+/* Begins the band of rows at `row`. All triangles are drawn in each band. */
 static void sbl__surface_band(sbl__surface *s, int row) {
     s->row = row;
     s->rows = SBL__MIN(SBL__MAX(1, SBL__BAND_PIXELS / s->visibility.width), s->visibility.height - row);
@@ -8499,7 +8491,7 @@ static sbl_result sbl__surface_clear(void *work, sbl__slice *slice) {
     return sbl__gl_check(&s->device->gl);
 }
 
-/* Draws as many triangles of a band as the slice has time for. */
+/* Draws as many triangles into the band as the slice has time for. */
 static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     static const char *const names[4] = { "clip_x", "clip_y", "clip_z", "clip_w" };
     sbl__surface *s = (sbl__surface *)work;
@@ -8507,7 +8499,6 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     const sbl__scene *scene = s->job->scene;
     const sbl__camera *c = s->job->camera;
     const sbl__geometry *g = &scene->geometry;
-    const float *offset = s->job->offset;
     const int band[4] = { 0, s->row, s->visibility.width, s->rows }, at = s->stages.at;
     double room = sbl__pace_begin(&s->triangle_pace, slice, 65536, 1), pixels = 0;
     float clip[16], rows[4][4], eye[3];
@@ -8516,21 +8507,17 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     if (!g->triangle_count) return SBL_SUCCESS;
     result = sbl__use(d, &sbl__recipe_visibility, scene->features);
     if (result != SBL_SUCCESS) return result;
-    sbl__camera_clip(c, offset, &s->visibility, clip);
+    sbl__camera_clip(c, s->job->offset, &s->visibility, clip);
     sbl__camera_rows(c, clip, rows);
-    while (end < g->triangle_count && pixels < room) {
-        const float *p[3];
-        for (i = 0; i < 3; i++) p[i] = sbl__triangle_corner(g, (uint32_t)end, i);
-        pixels += SBL__TRIANGLE_PIXELS + sbl__triangle_pixels(s, c, rows, p);
-        end++;
-    }
+    for (; end < g->triangle_count && pixels < room; end++)
+        pixels += SBL__TRIANGLE_PIXELS + sbl__triangle_pixels(s, rows, (uint32_t)end);
     sbl__pass(d, &s->visibility, NULL, band, SBL__PASS_DEPTH);
     sbl__scene_bind(d, scene);
-    sbl__camera_set(d, c, offset, &s->visibility);
+    sbl__camera_set(d, c, s->job->offset, &s->visibility);
     for (i = 0; i < 4; i++) sbl__set_vec4(d, names[i], rows[i]);
     for (i = 0; i < 3; i++) eye[i] = (float)c->eye[i];
     sbl__set_vec3(d, "eye", eye);
-    sbl__set_vec2(d, "depth_from_w", c->orthographic ? 0 : c->depth_scale, 0);
+    sbl__set_float(d, "depth_from_w", c->orthographic ? 0 : c->depth_scale);
     sbl__draw_triangles(d, at, end - at);
     sbl__pace_end(d, &s->triangle_pace, pixels);
     s->stages.at = end;
@@ -8539,25 +8526,26 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS && s->row < s->visibility.height ? SBL_UNFINISHED : result;
 }
 
-/* >>surface: its points */
+/* >>surface: surface points */
 
 /* >>glsl gbuffer_fragment: shaders_embedded/gbuffer_fragment.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_gbuffer_fragment[] = {
-"// The surface points of the triangles that are seen, or that a lightmap's texels show.\n",
-"uniform usampler2D triangles;  // of visibility_fragment.glsl; lightmaps: see SBL__ATLAS_WORDS\n",
-"uniform float facet_limit;     // shading normals count from triangles of this least height on, in pixels; fully\n",
-"                               // from twice that on\n",
+"// Computes the surface points that the camera's pixels, or the texels of a lightmap, show.\n",
+"uniform usampler2D triangles;  // output of visibility_fragment.glsl; lightmaps: see SBL__ATLAS_WORDS\n",
+"uniform float facet_limit;     // pixels. Triangles with a smaller least height on the screen get their geometric\n",
+"                               // normal, those of twice this height their shading normal, between them a mixture\n",
 "layout(location = 0) out vec4 out_position;          // w: reach, see surface.glsl\n",
 "layout(location = 1) out vec4 out_normal;\n",
 "layout(location = 2) out vec4 out_geometric_normal;\n",
 "layout(location = 3) out vec4 out_albedo;\n",
 "layout(location = 4) out vec4 out_emission;\n",
 "layout(location = 5) out uint out_id;\n",
-"// In SBL_MODE_GI the stored R stands in the w of normal (negative: -1 less it, where no sensor is to stand), of\n",
-"// geometric normal and of emission.\n",
+"// In SBL_MODE_GI, w of normal, geometric normal and emission hold red, green and blue of the stored R. Where no\n",
+"// sensor may stand, w of normal is -1 - red.\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// Where no sensor smooths it: the mean over about a cell, of 5 x 5 points.\n",
+"// Returns the mean of the stored R at 5 x 5 points over about one cell. Used where no sensor may stand, because\n",
+"// there no sensor smooths R. points: 25, or 0 if the result is not needed\n",
 "vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {\n",
 "    mat3 frame = sbl_frame(s.geometric_normal);\n",
 "    float step = 0.25 / per_cell, weight = 0.0;\n",
@@ -8585,8 +8573,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "#else\n",
 "        vec3 origin = sbl_camera_origin(), direction = sbl_camera_direction();\n",
 "        sbl_Surface s = sbl_surface(int(triangle) - 1, origin, direction);\n",
-"        // Shading normals are there to hide facets; facets that are too small to be seen show the light that the\n",
-"        // true surface gets.\n",
+"        // Shading normals hide facets. Facets too small to be seen keep the light of their own plane.\n",
 "        float pixel = length(origin_y + distance(s.position, origin) / length(direction) * direction_y);\n",
 "        if (facet_limit > 0.0)\n",
 "            s.normal = normalize(mix(s.geometric_normal, s.normal,\n",
@@ -8620,7 +8607,7 @@ static const sbl__recipe sbl__recipe_gbuffer = {
     SBL__TEXTURED | SBL__WIDE | SBL__BOUNCED | SBL__LIGHTMAP
 };
 
-/* Surface points of as many rows as the slice has time for. */
+/* Computes the surface points of as many rows as the slice has time for. */
 static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
     sbl__surface *s = (sbl__surface *)work;
     const sbl__surface_job *job = s->job;
@@ -8643,8 +8630,7 @@ static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS && s->stages.at < target->height ? SBL_UNFINISHED : result;
 }
 
-/* >>surface: what the host draws over it */
-
+/* Lets the host draw over the G-buffer. */
 static sbl_result sbl__surface_host(void *work, sbl__slice *slice) {
     const sbl__surface *s = (const sbl__surface *)work;
     const sbl__surface_job *job = s->job;
@@ -8673,14 +8659,12 @@ static sbl_result sbl__surface_host(void *work, sbl__slice *slice) {
     return sbl__gl_check(&s->device->gl);
 }
 
-/* >>surface: a lightmap's */
-
 static sbl_result sbl__surface_atlas(void *work, sbl__slice *slice) {
     const sbl__surface *s = (const sbl__surface *)work;
     return sbl__atlas_step(s->job->atlas, slice);
 }
 
-/* Rows of the atlas to the GPU. */
+/* Sends rows of the atlas to the GPU. */
 static sbl_result sbl__surface_send(void *work, sbl__slice *slice) {
     sbl__surface *s = (sbl__surface *)work;
     const sbl__atlas *a = s->job->atlas;
@@ -8692,9 +8676,8 @@ static sbl_result sbl__surface_send(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS && s->stages.at < a->height ? SBL_UNFINISHED : result;
 }
 
-/* >>surface: its stages */
-
-/* One piece of it; of a lightmap, the atlas has been begun. SBL_SUCCESS: the G-buffer is drawn, and can be again. */
+/* Does one piece of work. Returns SBL_SUCCESS when the G-buffer is drawn; the next call begins a new one. A lightmap's
+   atlas must have begun. */
 static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__surface_job *job, sbl__slice *slice) {
     static const sbl__stage_row camera[] = {
         { sbl__surface_clear, NULL, NULL, NULL },
@@ -15194,7 +15177,7 @@ static int sbl__seam_alike(const sbl__geometry *g, uint32_t one, uint32_t other,
         const uint32_t a = ends[0][i], b = ends[1][i];
         double m[3], n[3];
         if (!sbl__same_floats(g->vertices[a].position, g->vertices[b].position, 3)) return 0;
-        if (!sbl__same_floats(sbl__atlas_place(g, a), sbl__atlas_place(g, b), 2)) *parted = 1;
+        if (!sbl__same_floats(sbl__atlas_uv(g, a), sbl__atlas_uv(g, b), 2)) *parted = 1;
         sbl__seam_normal(g, one, a, m);
         sbl__seam_normal(g, other, b, n);
         alike = alike && m[0] * n[0] + m[1] * n[1] + m[2] * n[2] > SBL__SEAM_TURN;
@@ -15286,7 +15269,7 @@ static sbl_result sbl__seams_edge(void *work, int edge) {
     const int size[2] = { s->light->width, s->light->height };
     uint32_t ends[2][2], slot, other = 0;
     int looked = 0, parted, side, end, k;
-    if (!sbl__atlas_wants(s->atlas, g->indices[edge])) return SBL_SUCCESS;
+    if (!sbl__atlas_is_baked(s->atlas, g->indices[edge])) return SBL_SUCCESS;
     sbl__seam_ends(g, (uint32_t)edge, ends[0]);
     slot = sbl__hash_floats(0, g->vertices[ends[0][0]].position, 3);
     slot = sbl__hash_floats(slot, g->vertices[ends[0][1]].position, 3);
@@ -15299,7 +15282,7 @@ static sbl_result sbl__seams_edge(void *work, int edge) {
         for (side = 0; side < 2; side++)
             for (end = 0; end < 2; end++)
                 for (k = 0; k < 2; k++)
-                    places[side][end][k] = (double)sbl__atlas_place(g, ends[side][end])[k] * size[k];
+                    places[side][end][k] = (double)sbl__atlas_uv(g, ends[side][end])[k] * size[k];
         if (sbl__seam_points(s, (const double (*)[2][2])places) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
     }
     if (other == SBL__NONE) sbl__slot_fill(&s->edges, slot, (uint32_t)edge);
@@ -15375,7 +15358,7 @@ static sbl_result sbl__seams_make(void *work, sbl__slice *slice) {
     int i;
     (void)slice;
     if (s->unknown_of) return SBL_SUCCESS;
-    for (i = 0; i < g->mesh_count; i++) if (s->atlas->wanted[i]) edges += 3.0 * g->meshes[i].triangle_count;
+    for (i = 0; i < g->mesh_count; i++) if (s->atlas->baked[i]) edges += 3.0 * g->meshes[i].triangle_count;
     s->unknown_of = (int *)sbl__alloc(s->atlas->base, (size_t)s->light->spread.count, sizeof *s->unknown_of);
     return s->unknown_of ? sbl__hash_table_make(s->atlas->base, &s->edges, edges) : SBL_ERROR_OUT_OF_MEMORY;
 }
