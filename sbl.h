@@ -8347,8 +8347,7 @@ static void sbl__camera_clip(const sbl__camera *c, const float offset[2], const 
 
 /* >>glsl camera: shaders_embedded/camera.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_camera[] = {
-"// Rays through the camera's pixels, in world space. Origin and direction are affine functions of the pixel's\n",
-"// position.\n",
+"// Rays through the camera's pixels, in world space. Origin and direction are affine in the pixel's position.\n",
 "uniform vec3 origin_0, origin_x, origin_y;\n",
 "uniform vec3 direction_0, direction_x, direction_y;\n",
 "\n",
@@ -8701,24 +8700,22 @@ static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__
 }
 
 /* ======================================================================================================== >>sensors
-   Defines where and how incoming light is measured. A site is a place where light is wanted. A look is one measurement
-   there, by a sensor that traces rays over the hemisphere or rasterises views of it. A site may have several looks,
-   each with other directions, whose mean is the site's reading. This room also lays out a look's views in a rectangle
-   of texels, its sheet, and computes the weights of these texels. */
+   Defines where and how incoming light is measured. The sensor at a site takes one or more looks, each with other
+   directions; their mean is the site's reading. A look traces rays over the hemisphere or rasterises views of it. This
+   room also lays out a look's views in a rectangle of texels, its sheet, and computes the weights of these texels. */
 
 typedef struct sbl__site {
     float position[3];          /* world space: on a surface or in the air */
     float normal[3];            /* unit vector to the centre of the hemisphere; a surface's shading normal */
-    float geometric_normal[3];  /* unit vector along which the sensor is moved off the surface */
-    float offset;               /* distance by which the sensor is moved, world units */
-    uint32_t number;            /* seed for rotating the site's rays or views; different for sites at other positions */
-    int guide;                  /* number of the guide that directs the site's rays, see >>guide; 0: no guide */
-    int first, looks;           /* the job makes this number of looks, beginning with look number `first` */
+    float geometric_normal[3];  /* unit vector; the sensor is moved off the surface along it */
+    float offset;               /* distance of this move, world units */
+    uint32_t number;            /* seed for rotating the site's rays or views; differs between positions */
+    int guide;                  /* number of the guide for the site's rays, see >>guide; 0: no guide */
+    int first, looks;           /* the job takes `looks` looks, beginning with look number `first` */
 } sbl__site;
 
-/* Layers of light that a sensor finds. Layer 0 is R. If the spec is directional, layers 1 to 4 are the radiance that
-   arrives over the site's hemisphere, projected to the first two bands of spherical harmonics, in the order of
-   sbl_probe; these coefficients may be negative. */
+/* Layers of light that a sensor measures. Layer 0 is R. Layers 1 to 4 exist if the spec is directional: the radiance
+   over the site's hemisphere, projected to the first two bands of spherical harmonics, in the order of sbl_probe. */
 #define SBL__LAYERS 5
 
 static int sbl__layer_is_signed(int layer) { return layer > 0; }
@@ -8726,8 +8723,8 @@ static int sbl__layer_is_signed(int layer) { return layer > 0; }
 /* How all sensors of a job measure light. */
 typedef struct sbl__spec {
     int traced;                 /* 1: sensors trace rays; 0: they rasterise views */
-    int paper;                  /* 1: exactly the paper's method: views are not rotated, texels are weighted by
-                                   equation 4, emitters are seen in views, other kinds of lamps are ignored */
+    int paper;                  /* 1: exactly the paper's method: unrotated views, weights by equation 4, emitters only
+                                   seen in views, other kinds of lamps ignored */
     int hemicube;               /* rasterised: 1: five views form half a cube; 0: one view along the normal */
     int size;                   /* rasterised: width and height of a view, texels */
     float fov;                  /* rasterised, one view: field of view, degrees */
@@ -8737,12 +8734,12 @@ typedef struct sbl__spec {
     int lamps_apart;            /* 1: lamp_rays measure all emission, so other rays and views do not see it */
     int bounced;                /* 1: surfaces reflect bounced light (see >>store) and ambient light; 0: ambient only */
     int without_sky;            /* traced: 1: rays over the hemisphere see neither the sky nor the environment */
-    int no_light;               /* traced: 1: rays over the hemisphere cannot find light, so only a site's first look
-                                   traces them, for the distances and back faces that readings report */
-    int guided;                 /* 1: guides direct the sites' rays, see >>guide */
+    int no_light;               /* traced: 1: rays over the hemisphere cannot find light, so only the first look traces
+                                   them, for the distances and back faces in readings */
+    int guided;                 /* 1: guides direct rays, see >>guide */
     float distance_limit;       /* traced: upper limit for each distance in a reading's mean distance; 0: no limit */
-    int one_ray;                /* traced: 1: a look traces one ray only, along the normal */
-    int directional;            /* 1: the job also yields layers 1 to 4 for each site, see SBL__LAYERS */
+    int one_ray;                /* traced: 1: a look traces a single ray, along the normal */
+    int directional;            /* 1: measure layers 1 to 4 too, see SBL__LAYERS */
     float epsilon;              /* ambient light: radiance that reaches all surfaces from all directions */
     uint32_t seed;              /* seed for the rotation of all sensors, see sbl_picture_desc */
     int view_texture_size, batch;  /* fields of sbl_context_desc */
@@ -8750,7 +8747,7 @@ typedef struct sbl__spec {
 
 /* One look of a site. */
 typedef struct sbl__look {
-    float position[3];          /* position of the sensor: the site's position, moved by the offset */
+    float position[3];          /* the site's position, moved by the offset */
     float normal[3];
     float offset;
     float rotation;             /* rasterised: rotation of the views about the normal, radians */
@@ -8760,20 +8757,18 @@ typedef struct sbl__look {
     int sensor;                 /* index of the look among all looks of the job */
 } sbl__look;
 
-#define SBL__MAX_LOOKS 512         /* maximum number of looks per site if the host has requested an error */
-#define SBL__DEFAULT_LOOKS 16      /* maximum number of looks per site if the host has not requested an error */
+#define SBL__MAX_LOOKS 512         /* maximum number of looks per site if the host has requested an error, */
+#define SBL__DEFAULT_LOOKS 16      /* and if not */
 #define SBL__LOOK_RAYS_MOST 128    /* maximum number of rays per look when a noisy look gets more rays */
 #define SBL__LOOK_VARIANCE 12.5    /* a look gets more rays while its relative variance exceeds this multiple of the
                                       requested error squared (see sbl__look_growth) */
-/* Distance of a sensor from its surface. It is a share of the scene's extent if views are rasterised, because of the
-   depth buffer's precision, and of the triangle's reach if rays are traced: its distance from the origin plus its size
-   (see surface.glsl). The share is six times what float rounding needs: at 2.5e-7 and below, sensors on a sphere see
-   the sphere itself. */
+/* Distance of a sensor from its surface, as a share of the scene's extent if views are rasterised (for the precision of
+   the depth buffer), or of the triangle's reach (see surface.glsl) if rays are traced. Float rounding needs a sixth of
+   it: at 2.5e-7 and below, sensors on a sphere see the sphere itself. */
 #define SBL__OFFSET 1.5e-6f
 
-/* Makes look number `look` of a site. The sensor is moved off the surface along the geometric normal. Its rotation
-   about the normal is the site's hash (0 to 1) plus the look number's radical inverse, in quarter turns, so that any
-   number of looks are spread evenly over a quarter rotation. In the paper's mode looks are not rotated. */
+/* Makes look number `look` of a site. Its rotation about the normal is the site's hash (0 to 1) plus the look number's
+   radical inverse, in quarter turns, so that any number of looks are spread evenly over a quarter rotation. */
 static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int look, sbl__look *out) {
     const uint32_t hash = sbl__hash(site->number ^ sbl__hash(spec->seed));
     double rotation = 0, share = 0.5;  /* rotation: radical inverse of `look` in base 2, 0 to 1 */
@@ -8798,22 +8793,11 @@ static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int loo
     X(sbl__look_words, UVEC2, scramble) X(sbl__look_words, UINT, lamp_scramble) X(sbl__look_words, UINT, which)
 SBL__RECORD(sbl__look_words, SBL__LOOK_RECORD, "sbl_look", "sbl_looks", SBL__BUFFER_TABLE("sbl_looks"), NULL)
 
-static void sbl__look_write(const sbl__look *l, sbl__look_words *out) {
-    memcpy(out->position, l->position, sizeof out->position);
-    memcpy(out->normal, l->normal, sizeof out->normal);
-    out->rotation = l->rotation;
-    out->offset = l->offset;
-    out->scramble[0] = sbl__hash(l->seed);
-    out->scramble[1] = sbl__hash(l->seed + 1u);
-    out->lamp_scramble = sbl__hash(l->seed + 2u);
-    out->which = (uint32_t)l->number | (uint32_t)l->guide << SBL__LOOK_GUIDE_SHIFT;
-}
-
 /* >>sensors: views */
 
 /* Positions of a look's views in its sheet. */
 typedef struct sbl__layout {
-    int hemicube, size, view_count;
+    int view_count;             /* 5 for a hemicube, otherwise 1 */
     double tangent;             /* tangent of half the field of view; 1 for a hemicube */
     int rects[5][4];            /* per view: x, y, width, height in the sheet, texels */
     int sheet_width, sheet_height;  /* size of the sheet without padding, texels */
@@ -8828,8 +8812,6 @@ static void sbl__layout_make(sbl__layout *l, int hemicube, int size, float fov) 
     const int half = (size + 1) / 2;
     int i;
     memset(l, 0, sizeof *l);
-    l->hemicube = hemicube;
-    l->size = size;
     l->view_count = hemicube ? 5 : 1;
     l->tangent = hemicube ? 1 : tan(0.5 * (double)fov * SBL__PI / 180);
     l->sheet_width = hemicube ? 2 * size : size;
@@ -8846,7 +8828,7 @@ static void sbl__layout_make(sbl__layout *l, int hemicube, int size, float fov) 
     l->blocks[1] = (l->sheet_height + l->block - 1) / l->block;
 }
 
-/* Width (axis 0) or height (axis 1) of a sheet with its padding, texels */
+/* Returns the width (axis 0) or height (axis 1) of a sheet with its padding, texels. */
 static int sbl__layout_pitch(const sbl__layout *l, int axis) { return l->blocks[axis] * l->block; }
 
 /* Computes two tangents of a unit normal (Duff et al. 2017, "Building an Orthonormal Basis, Revisited") and rotates
@@ -8875,8 +8857,8 @@ static void sbl__view_axes(const sbl__look *l, int face, double right[3], double
     }
 }
 
-/* Makes a view's vertex attributes. corner: lowest x and y of the look's sheet in the texture of all sheets; size:
-   width and height of the part of this texture that is drawn to; all in texels */
+/* Makes a view's vertex attributes. corner: lowest x and y of the look's sheet in the view texture; size: width and
+   height of the part of this texture that is drawn to; all in texels */
 static void sbl__view_make(const sbl__layout *l, const sbl__look *look, int face, const int corner[2],
                            const int size[2], sbl__view *out) {
     const int *r = l->rects[face];
@@ -8897,7 +8879,7 @@ static void sbl__view_make(const sbl__layout *l, const sbl__look *look, int face
     out->forward[3] = face ? 0.0f : -1.0f;
 }
 
-/* Gets the rectangle that a view covers in the plane at unit distance: lowest and highest x, lowest and highest y. The
+/* Gets the rectangle that a view covers in the plane at unit distance: lowest x, highest x, lowest y, highest y. The
    side views of a hemicube begin at the horizon, y = 0. */
 static void sbl__view_range(const sbl__layout *l, int face, double range[4]) {
     range[0] = -l->tangent; range[1] = l->tangent;
@@ -8906,36 +8888,31 @@ static void sbl__view_range(const sbl__layout *l, int face, double range[4]) {
 
 /* >>sensors: weights */
 
-/* Form factor (projected solid angle divided by pi) of the rectangle [0, x] x [0, y] in a plane at unit distance:
-   integrals of the form factors in Cohen and Greenberg 1985, "The Hemi-Cube". sbl__corner_top: the plane is
-   perpendicular to the normal; integral of 1 / (pi (1 + x^2 + y^2)^2). sbl__corner_side: the plane is parallel to the
-   normal, which is its y axis; integral of y / (pi (1 + x^2 + y^2)^2). */
-static double sbl__corner_top(double x, double y) {
-    double a = sqrt(1 + x * x), b = sqrt(1 + y * y);
+/* Form factor (projected solid angle divided by pi) of the rectangle [0, x] x [0, y] in a plane at unit distance (Cohen
+   and Greenberg 1985, "The Hemi-Cube"). side = 0: the plane is perpendicular to the normal; integral of
+   1 / (pi (1 + x^2 + y^2)^2). side = 1: it is parallel to the normal, its y axis; integral of
+   y / (pi (1 + x^2 + y^2)^2). */
+static double sbl__corner_weight(int side, double x, double y) {
+    const double a = sqrt(1 + x * x), b = sqrt(1 + y * y);
+    if (side) return (atan(x) - atan(x / b) / b) / (2 * SBL__PI);
     return (x / a * atan(y / a) + y / b * atan(x / b)) / (2 * SBL__PI);
 }
 
-static double sbl__corner_side(double x, double y) {
-    double b = sqrt(1 + y * y);
-    return (atan(x) - atan(x / b) / b) / (2 * SBL__PI);
+/* Form factor of the rectangle with the opposite corners from[] and to[] (x and y) */
+static double sbl__rectangle_weight(int side, const double from[2], const double to[2]) {
+    return sbl__corner_weight(side, to[0], to[1]) - sbl__corner_weight(side, from[0], to[1]) -
+           sbl__corner_weight(side, to[0], from[1]) + sbl__corner_weight(side, from[0], from[1]);
 }
 
-/* Form factor of the rectangle with the opposite corners from[] and to[] (x and y), where `corner` is one of the two
-   functions above. */
-static double sbl__rectangle_weight(double (*corner)(double, double), const double from[2], const double to[2]) {
-    return corner(to[0], to[1]) - corner(from[0], to[1]) - corner(to[0], from[1]) + corner(from[0], from[1]);
-}
-
-/* V'' of the paper's equation 4: projects the point (x, y, 1) to the unit sphere, then along the normal to the tangent
-   plane. */
+/* V'' of the paper's equation 4: projects (x, y, 1) to the unit sphere, then along the normal to the tangent plane. */
 static void sbl__paper_project(double x, double y, double out[2]) {
     double length = sqrt(x * x + y * y + 1);
     out[0] = x / length;
     out[1] = y / length;
 }
 
-/* The paper's equation 4 divided by pi. The factor rdx * rdy of its section III-E is left out, because it cancels
-   against the mean over that number of texels. */
+/* The paper's equation 4 divided by pi. The factor rdx * rdy of its section III-E cancels against the mean over that
+   number of texels. */
 static double sbl__paper_weight(const double from[2], const double to[2]) {
     double v0[2], v1[2], v2[2];
     sbl__paper_project(from[0], from[1], v0);
@@ -8957,9 +8934,7 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
     for (i = 0; i < r[2]; i++, out += 2) {
         const double from[2] = { range[0] + i * dx, range[2] + j * dy }, to[2] = { from[0] + dx, from[1] + dy };
         const double x = from[0] + 0.5 * dx, y = from[1] + 0.5 * dy;
-        out[0] = (float)(paper ? sbl__paper_weight(from, to)
-                       : face  ? sbl__rectangle_weight(sbl__corner_side, from, to)
-                               : sbl__rectangle_weight(sbl__corner_top, from, to));
+        out[0] = (float)(paper ? sbl__paper_weight(from, to) : sbl__rectangle_weight(face > 0, from, to));
         out[1] = (float)sqrt(1 + x * x + y * y);
     }
 }
@@ -8968,10 +8943,10 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
    Sends more of a sensor's rays in directions where light was found nearby. If light comes through a window, for
    example, most cosine-distributed rays miss it. Scouts are therefore traced first: single cosine-distributed rays from
    a grid of pixels. A guide is a histogram over the hemisphere of the light that the scouts of one of these pixels and
-   of those around it found. The hemisphere is divided into rings about the normal and the rings into sectors, so that
-   all bins are equally likely under the cosine distribution. Sensors near the pixel choose most of their directions by
-   the guide. The weight of a ray is the inverse of the factor by which the guide made its bin more likely. This leaves
-   the expected value as it is and reduces the noise (scene living-room: to a fifth of the variance).
+   of its neighbours found. Its bins are rings about the normal, divided into sectors, all equally likely under the
+   cosine distribution. Sensors near the pixel choose most of their directions by the guide, and divide the light of a
+   ray by the factor by which the guide made its bin more likely. This leaves the expected value as it is and reduces
+   the noise (scene living-room: to a fifth of the variance).
 
        u, uniform in the square  --guide-->  u, denser where light was found  --sbl_by_cosine-->  direction
 
@@ -8980,9 +8955,9 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 
 #define SBL__GUIDE_BINS (SBL__GUIDE_RINGS * SBL__GUIDE_SECTORS)
 #define SBL__GUIDE_WORDS (4 * SBL__GUIDE_TEXELS)
-/* Even rays are those that keep the cosine distribution. At least a share SBL__GUIDE_EVEN of all rays are even, so that
-   light which no scout found is not missed. If the share of bins that are lit is above SBL__GUIDE_DARK, more rays are
-   even; at SBL__GUIDE_LIT and above, all are, because they sample uniform light with the least noise. */
+/* Even rays keep the cosine distribution. At least the share SBL__GUIDE_EVEN of all rays is even, so that light that no
+   scout found is not missed. If the share of lit bins is above SBL__GUIDE_DARK, more rays are even; from SBL__GUIDE_LIT
+   on, all are, because even rays sample uniform light with the least noise. */
 #define SBL__GUIDE_EVEN 0.2
 #define SBL__GUIDE_DARK 0.4
 #define SBL__GUIDE_LIT 0.7
@@ -8999,8 +8974,8 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 typedef struct sbl__guides {
     int columns, rows;          /* size of the grid */
     int step;                   /* distance between neighbours of the grid, in pixels of the picture */
-    float *found;               /* NULL once the guides are made; before: for each grid pixel and each bin, the sum of
-                                   the squared luminances that the pixel's scouts found */
+    float *found;               /* per grid pixel and bin: sum of the squared luminances that the pixel's scouts found;
+                                   NULL once the guides are made */
     uint32_t *words;            /* the guides, as guide.glsl reads them, SBL__GUIDE_WORDS each */
     sbl__texture texture;       /* copy of `words` on the GPU */
 } sbl__guides;
@@ -9012,13 +8987,13 @@ static void sbl__guides_free(const sbl__device *d, sbl__guides *g) {
     memset(g, 0, sizeof *g);
 }
 
-/* Index of the bin that contains a point of the unit square. ring_share, sector_share: the point's coordinates */
-static int sbl__guide_bin(double ring_share, double sector_share) {
-    const int ring = (int)(ring_share * SBL__GUIDE_RINGS), sector = (int)(sector_share * SBL__GUIDE_SECTORS);
+/* Returns the index of the bin that contains a point of the unit square. */
+static int sbl__guide_bin(double x, double y) {
+    const int ring = (int)(x * SBL__GUIDE_RINGS), sector = (int)(y * SBL__GUIDE_SECTORS);
     return SBL__MIN(ring, SBL__GUIDE_RINGS - 1) * SBL__GUIDE_SECTORS + SBL__MIN(sector, SBL__GUIDE_SECTORS - 1);
 }
 
-/* Weighted mean of a bin and its neighbours. It reduces noise, since few scouts fall into one bin. */
+/* Returns the weighted mean of a bin and its neighbours, to reduce noise: few scouts fall into one bin. */
 static float sbl__guide_smooth(const float *found, int ring, int sector) {
     static const float weights[3] = { 0.2f, 0.6f, 0.2f };
     float sum = 0;
@@ -9032,9 +9007,8 @@ static float sbl__guide_smooth(const float *found, int ring, int sector) {
     return sum;
 }
 
-/* Divides 0 .. 65536 into `count` intervals and writes where each begins, as 16-bit numbers, two per word. A part
-   `even` (0 to 1) of the range is divided equally, the rest in proportion to the shares. If all shares are 0, the whole
-   range is divided equally. */
+/* Divides 0 .. 65536 into `count` intervals and writes where each begins, as 16-bit numbers, two per word. The part
+   `even` (0 to 1) of the range, or all of it if all shares are 0, is divided equally, the rest by the shares. */
 static void sbl__guide_intervals(const float *shares, int count, double even, uint32_t *words) {
     double all = 0, sum = 0;
     int i;
@@ -9049,8 +9023,8 @@ static void sbl__guide_intervals(const float *shares, int count, double even, ui
     }
 }
 
-/* Share of even rays, SBL__GUIDE_EVEN to 1. `lit`, the squared mean of the densities over their mean square, is the
-   share of bins that are lit: exactly if all lit bins have the same density, approximately otherwise. */
+/* Returns the share of even rays, SBL__GUIDE_EVEN to 1. The squared mean of the densities over their mean square is the
+   share of lit bins: exactly if all lit bins have the same density, approximately otherwise. */
 static double sbl__guide_even(const float *densities) {
     double sum = 0, squares = 0, lit;
     int i;
@@ -9063,7 +9037,7 @@ static double sbl__guide_even(const float *densities) {
     return SBL__GUIDE_EVEN + (1 - SBL__GUIDE_EVEN) * lit;
 }
 
-/* Makes a guide. found: for each bin, the squared luminance that scouts found */
+/* Makes a guide. found: per bin, the squared luminance that scouts found */
 static void sbl__guide_make(const float *found, uint32_t *words) {
     float rings[SBL__GUIDE_RINGS], densities[SBL__GUIDE_BINS];
     double even;
@@ -9083,48 +9057,49 @@ static void sbl__guide_make(const float *found, uint32_t *words) {
     sbl__guide_intervals(rings, SBL__GUIDE_RINGS, even, words);
 }
 
-/* Beginning of interval i, as sbl__guide_intervals has written it */
-static double sbl__guide_interval_begin(const uint32_t *words, int i) {
-    return (double)(words[i / 2] >> (i & 1 ? 16 : 0) & 0xffffu);
+/* Returns where interval i of `count` begins. i = count: where the last one ends */
+static double sbl__guide_interval_begin(const uint32_t *words, int i, int count) {
+    return i < count ? (double)(words[i / 2] >> (i & 1 ? 16 : 0) & 0xffffu) : SBL__GUIDE_STEPS;
 }
 
-/* Same as sbl_guide in guide.glsl: maps a uniform point u of the unit square to one that is distributed by the guide,
-   and returns the weight of its ray. words: first word of the guide */
+/* Does the same as sbl_guide in guide.glsl: maps a uniform point u of the unit square to one that is distributed by the
+   guide, and returns the weight of its ray. words: first word of the guide */
 static double sbl__guide_warp(const uint32_t *words, double u[2]) {
     static const int counts[2] = { SBL__GUIDE_RINGS, SBL__GUIDE_SECTORS };
     double weight = 1;
     int axis;
     for (axis = 0; axis < 2; axis++) {
         const double x = u[axis] * SBL__GUIDE_STEPS;
-        double begin, end;
+        const int count = counts[axis];
+        double begin, width;
         int i = 0;
-        while (i + 1 < counts[axis] && sbl__guide_interval_begin(words, i + 1) <= x) i++;
-        begin = sbl__guide_interval_begin(words, i);
-        end = i + 1 < counts[axis] ? sbl__guide_interval_begin(words, i + 1) : SBL__GUIDE_STEPS;
-        u[axis] = (i + (x - begin) / (end - begin)) / counts[axis];
-        weight *= SBL__GUIDE_STEPS / ((end - begin) * counts[axis]);
+        while (i + 1 < count && sbl__guide_interval_begin(words, i + 1, count) <= x) i++;
+        begin = sbl__guide_interval_begin(words, i, count);
+        width = sbl__guide_interval_begin(words, i + 1, count) - begin;
+        u[axis] = (i + (x - begin) / width) / count;
+        weight *= SBL__GUIDE_STEPS / (width * count);
         words += (SBL__GUIDE_RINGS + i * SBL__GUIDE_SECTORS) / 2;
     }
     return weight;
 }
 
-/* First word of guide number `guide` */
+/* Returns the first word of guide number `guide`. */
 static uint32_t *sbl__guide_words(const sbl__guides *g, int guide) {
     return g->words + (size_t)guide * SBL__GUIDE_WORDS;
 }
 
-/* What the scouts of grid pixel number `place` found: SBL__GUIDE_BINS floats */
+/* Returns what the scouts of grid pixel number `place` found: SBL__GUIDE_BINS floats. */
 static float *sbl__guide_found(const sbl__guides *g, int place) {
     return g->found + (size_t)place * SBL__GUIDE_BINS;
 }
 
-/* Height of the guides' texture, each of whose rows holds SBL__GUIDES_ACROSS guides */
+/* Returns the height of the guides' texture. Each row holds SBL__GUIDES_ACROSS guides. */
 static int sbl__guide_rows(const sbl__guides *g) { return g->columns * g->rows / SBL__GUIDES_ACROSS + 1; }
 
-/* >>sensors: data of both kinds of sensors, those that rasterise views and those that trace rays */
+/* >>sensors: data of both kinds of sensors, rasterised and traced */
 
-/* Slots for looks, side by side in textures. Look number n of a job uses slot n % count, however the job is divided
-   into batches, so that results do not depend on the division. */
+/* Slots for looks, side by side in textures. Look number n of a job uses slot n % count, so that results do not depend
+   on how the job is divided into batches. */
 typedef struct sbl__slots {
     int columns, count;
     int blocks[2];              /* width and height of a slot in the textures of sbl__blocks, texels */
@@ -9135,11 +9110,11 @@ typedef struct sbl__blocks {
     sbl__texture sums, hits;
     sbl__texture harmonics[3];  /* directional jobs: coefficients of red, green, blue */
     sbl__texture even;          /* directional jobs: exact coefficients of radiance 1 from all directions, minus those
-                                   that the rays yield; reduce_sum.glsl uses them to correct the rays' coefficients */
+                                   that the rays yield; reduce_sum.glsl corrects the rays' coefficients with them */
     sbl__target target;
 } sbl__blocks;
 
-/* Features (SBL__BOUNCED and others) that shaders need for this scene and spec */
+/* Returns the features (SBL__BOUNCED and others) that shaders need. */
 static unsigned sbl__features_of(const sbl__scene *scene, const sbl__spec *spec) {
     return scene->features | (spec->bounced ? (unsigned)SBL__BOUNCED : 0) |
            (spec->guided ? (unsigned)SBL__GUIDED : 0) | (spec->directional ? (unsigned)SBL__DIRECTIONAL : 0);
@@ -9159,8 +9134,8 @@ typedef struct sbl__batch {
 
 static unsigned sbl__batch_features(const sbl__batch *b) { return sbl__features_of(b->scene, b->spec); }
 
-/* Makes the textures of partial sums and a target that draws to them. count: makes only the first `count` of them, in
-   the order of the array below, and deletes the others */
+/* Makes the first `count` textures of partial sums, in the order of the array below, and a target that draws to them.
+   Deletes the other textures. */
 static sbl_result sbl__blocks_make(const sbl__device *d, sbl__blocks *b, int count, int width, int height) {
     sbl__texture *const textures[6] = { &b->sums, &b->hits, &b->harmonics[0], &b->harmonics[1], &b->harmonics[2],
                                         &b->even };
@@ -9184,14 +9159,24 @@ static void sbl__blocks_free(const sbl__device *d, sbl__blocks *b) {
     sbl__texture_delete(d, &b->hits);
 }
 
-/* Sends looks to the table that ray-tracing shaders read. room: number of looks that the table can hold */
+/* Sends looks to the table that ray-tracing shaders read. room: capacity of the table */
 static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const sbl__look *looks, int count,
                                   int room) {
     sbl__look_words *words = (sbl__look_words *)sbl__alloc_raw(d->base, (size_t)count, sizeof *words);
     sbl_result result;
     int i;
     if (!words) return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = 0; i < count; i++) sbl__look_write(&looks[i], &words[i]);
+    for (i = 0; i < count; i++) {
+        const sbl__look *l = &looks[i];
+        memcpy(words[i].position, l->position, sizeof l->position);
+        memcpy(words[i].normal, l->normal, sizeof l->normal);
+        words[i].rotation = l->rotation;
+        words[i].offset = l->offset;
+        words[i].scramble[0] = sbl__hash(l->seed);
+        words[i].scramble[1] = sbl__hash(l->seed + 1u);
+        words[i].lamp_scramble = sbl__hash(l->seed + 2u);
+        words[i].which = (uint32_t)l->number | (uint32_t)l->guide << SBL__LOOK_GUIDE_SHIFT;
+    }
     result = sbl__buffer_stream(d, &table->buffer, sizeof *words * (size_t)room, words, sizeof *words * (size_t)count);
     sbl__free(d->base, words);
     return result == SBL_SUCCESS ? sbl__table_attach(d, table, SBL__GL_RGBA32UI, 0) : result;
@@ -9199,24 +9184,23 @@ static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const
 
 /* >>glsl carrier: shaders_embedded/carrier.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_carrier[] = {
-"// Shared by all programs that trace rays for sensors. Each sensor (a look, see >>sensors in sbl.h) has a slot of\n",
-"// blocks.x * blocks.y texels in the outputs, and one invocation computes each texel. The programs run either as\n",
-"// fragment shaders, drawn over the slots, or as compute shaders, with consecutive invocations for each slot.\n",
-"uniform ivec2 blocks;            // width and height of a slot, texels; at most 4 wide, so that invocations that\n",
-"                                 // run side by side trace neighbouring rays\n",
+"// Shared by all programs that trace rays for sensors. Each look (see >>sensors in sbl.h) has a slot of blocks.x *\n",
+"// blocks.y texels in the outputs, and one invocation computes each texel. The programs run either as fragment\n",
+"// shaders, drawn over the slots, or as compute shaders, with consecutive invocations for each slot.\n",
+"uniform ivec2 blocks;            // size of a slot, texels; at most 4 wide, so that parallel invocations trace\n",
+"                                 // neighbouring rays\n",
 "uniform int columns;             // number of slots in a row of the outputs\n",
 "uniform int first_slot, count;   // the looks of this draw use `count` slots, beginning with slot first_slot\n",
 "\n",
 "const vec3 SBL_LUMINANCE = vec3(SBL_LUMINANCE_WEIGHTS);\n",
 "const float SBL_COSINE_LEAST = 1e-6;  // for reciprocals of cosines\n",
 "\n",
-"// 32-bit fractions as a point between 0 and 1.\n",
+"// Converts 32-bit fractions to a point between 0 and 1.\n",
 "vec2 sbl_unit_square(uvec2 fractions) { return (vec2(fractions >> 8) + 0.5) / SBL_FRACTIONS; }\n",
 "\n",
-"// Weights by which light from the unit direction w contributes to the coefficients of the first two bands of real\n",
-"// spherical harmonics, in the order 1, y, z, x. The light is given as its part of R (irradiance / pi), which\n",
-"// includes the cosine between w and the normal n; the coefficients describe radiance, which does not.\n",
-"// reciprocal: 1 / that cosine\n",
+"// Returns the weights of light from the unit direction w in the coefficients of the first two bands of real\n",
+"// spherical harmonics, in the order 1, y, z, x. The light is given as part of R, which includes the cosine between\n",
+"// w and the normal n; the coefficients describe radiance, which does not. reciprocal: 1 / that cosine\n",
 "vec4 sbl_harmonics(vec3 w, vec3 n, float reciprocal) {\n",
 "    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w divided by the cosine\n",
 "    return SBL_PI * vec4(SBL_HARMONIC_0 * reciprocal, SBL_HARMONIC_1 * way.yzx);\n",
@@ -14764,13 +14748,12 @@ static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
 }
 
 /* ======================================================================================================== >>filter
-   Smoothing of R (section III-H). */
+   Smooths R with a Gaussian (section III-H) that stops at edges. */
 
 /* >>glsl belongs: shaders_embedded/belongs.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_belongs[] = {
-"// How far two surface points of one id belong together, 0 to 1: by their normals and by how far each lies off the\n",
-"// other's plane.\n",
-"// sbl__belongs in sbl.h is the same for the CPU.\n",
+"// Returns how far two surface points with the same id belong to one smooth surface, 0 to 1, by their normals n and\n",
+"// m and by the distance of each point from the other's plane. sbl__belongs in sbl.h does the same on the CPU.\n",
 "float sbl_belongs(vec3 p, vec3 n, vec3 q, vec3 m) {\n",
 "    float turn = clamp((dot(n, m) - SBL_BELONGS_COSINE) / SBL_BELONGS_TURN, 0.0, 1.0);\n",
 "    vec3 d = q - p;\n",
@@ -14782,11 +14765,10 @@ static const char *const sbl__glsl_belongs[] = {
 
 /* >>glsl filter: shaders_embedded/filter.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_filter[] = {
-"// The Gaussian of section III-H: over pixels of the same id, its weights renormalised to one. Outside paper mode a\n",
-"// pixel also counts the less the more its normal and its plane differ, and its light by more than noise can\n",
-"// explain.\n",
+"// The Gaussian of section III-H over pixels with the same id, normalised. Outside paper mode, weights are also\n",
+"// reduced for pixels whose normal or plane differs, or whose light differs by more than noise can explain.\n",
 "uniform sampler2D radiance;  // R; a: its noise, above 0 where there is a surface\n",
-"uniform sampler2D layer;     // SBL_DIRECTIONAL: harmonics, which are smoothed where R and they are alike\n",
+"uniform sampler2D layer;     // SBL_DIRECTIONAL: harmonics, smoothed instead of R, where both they and R are alike\n",
 "uniform sampler2D positions, normals;\n",
 "uniform usampler2D ids;\n",
 "uniform int radius;\n",
@@ -14794,14 +14776,13 @@ static const char *const sbl__glsl_filter[] = {
 "uniform int geometry_aware;\n",
 "layout(location = 0) out vec4 out_radiance;\n",
 "\n",
-"const float SBL_HARMONIC = 2.0;    // noise of a harmonic, about, over R's\n",
+"uniform float few;           // noise of harmonics where R has none, since looks have few rays; as a share of R\n",
+"const float SBL_HARMONIC = 2.0;  // noise of a harmonic divided by the noise of R, approximately\n",
 "\n",
-"uniform float few;                 // noise that few rays leave in harmonics, where R has none: a share of R\n",
-"\n",
-"// Noise of a harmonic, about.\n",
+"// Returns the approximate noise of a harmonic. light: R and its noise\n",
 "float sbl_harmonic_noise(vec4 light) { return SBL_HARMONIC * light.a + few * max(light.r, max(light.g, light.b)); }\n",
 "\n",
-"// 1 where noise alone explains the difference, nearing 0 where it is several times as large.\n",
+"// Returns about 1 if noise explains the difference of two pixels, about 0 if the difference is several times that.\n",
 "float sbl_alike(vec4 a, vec4 b) {\n",
 "    vec3 apart = abs(a.rgb - b.rgb), c = abs(a.rgb), d = abs(b.rgb);\n",
 "    float noise = a.a + b.a + SBL_FILTER_VISIBLE * (max(c.r, max(c.g, c.b)) + max(d.r, max(d.g, d.b)));\n",
@@ -14846,14 +14827,14 @@ static const sbl__recipe sbl__recipe_filter = {
 
 typedef struct sbl__filter {
     int radius, geometry_aware;
-    const sbl__texture *radiance;  /* R */
-    const sbl__texture *layer;     /* harmonics, where those are smoothed; or NULL */
-    float few;                     /* noise in them, where R has none: a share of R */
+    const sbl__texture *radiance;  /* R and its noise */
+    const sbl__texture *layer;     /* the layer of harmonics to smooth; NULL: smooth R */
+    float few;                     /* see filter.glsl */
 } sbl__filter;
 
 static double sbl__filter_sigma(int radius) { return SBL__MAX(0.5 * radius, 0.1); }
 
-/* How many pixels it takes the mean of, as far as independent noise is concerned. */
+/* Returns the number of pixels whose plain mean would reduce independent noise as much as the filter does. */
 static float sbl__filter_pixels(int radius) {
     const double sigma = sbl__filter_sigma(radius);
     double sum = 0, squares = 0;
@@ -14866,7 +14847,7 @@ static float sbl__filter_pixels(int radius) {
     return (float)((sum * sum / squares) * (sum * sum / squares));
 }
 
-/* Rows of the smoothed map from those of the radiance map; or, by the same weights, of a layer of harmonics. */
+/* Smooths `rows` (first row, number of rows). */
 static sbl_result sbl__filter_draw(sbl__device *d, const sbl__filter *f, const sbl__gbuffer *g,
                                    const sbl__target *out, const int rows[2]) {
     const double sigma = sbl__filter_sigma(f->radius);
@@ -14887,30 +14868,30 @@ static sbl_result sbl__filter_draw(sbl__device *d, const sbl__filter *f, const s
 }
 
 /* ======================================================================================================== >>resolve
-   Composition and anti-aliasing. */
+   Computes the picture from R and the G-buffers of all samples: composition (section III-H) and anti-aliasing. */
 
 /* >>glsl resolve: shaders_embedded/resolve.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_resolve[] = {
 "// Composition (section III-H) of one anti-aliasing sample of every pixel: emission plus reflected light. The\n",
-"// sample has its own G-buffer; R is looked up among the nearest pixel centres that show the same surface, so that\n",
-"// light never bleeds over an edge.\n",
+"// sample has its own G-buffer; its R comes from the nearest pixel centres that show the same surface, so that\n",
+"// light does not bleed over edges.\n",
 "uniform sampler2D radiance;                 // R at pixel centres\n",
 "uniform sampler2D positions, normals;       // at pixel centres\n",
 "uniform usampler2D ids;\n",
 "uniform sampler2D sample_positions, sample_normals, sample_albedo, sample_emission;\n",
 "uniform usampler2D sample_ids;\n",
-"uniform vec2 offset;                        // of the sample from the pixel's centre, pixels\n",
-"uniform vec3 sky;                           // constant\n",
-"uniform sampler2D previous;                 // what the samples before this one gave\n",
-"uniform float first, share;                 // first: 0 for the first sample, else 1; share: 1 / samples\n",
+"uniform vec2 offset;                        // position of the sample relative to the pixel's centre, pixels\n",
+"uniform vec3 sky;                           // constant radiance of the sky\n",
+"uniform sampler2D previous;                 // sum over the previous samples\n",
+"uniform float first, share;                 // first: 0 for the first sample, else 1; share: 1 / number of samples\n",
 "layout(location = 0) out vec4 out_color;\n",
 "\n",
-"const int SBL_REACH = 2;                // pixels to each side that light is looked up in\n",
-"const float SBL_NEAR_ENOUGH = 0.05;     // weight of the four nearest from which on they do\n",
-"const float SBL_SAME_ID = 1e-3;         // what a pixel of the same surface counts even where it does not belong,\n",
-"const float SBL_OTHER_ID = 0.01;        // and one of another where there is nothing else\n",
+"const int SBL_REACH = 2;                // R is taken from pixels at most this far away in x and y\n",
+"const float SBL_NEAR_ENOUGH = 0.05;     // least sum of weights at which the four nearest pixels suffice\n",
+"const float SBL_SAME_ID = 1e-3;         // least weight of a pixel with the same id, even if it does not belong\n",
+"const float SBL_OTHER_ID = 0.01;        // least weight of a pixel with any id, if there is none with the same id\n",
 "\n",
-"// As a camera sees the environment: bilinear.\n",
+"// Returns the radiance of the environment picture in a direction, bilinearly filtered.\n",
 "vec3 sbl_sky_smooth(vec3 direction) {\n",
 "    vec3 radiance = vec3(0);\n",
 "    ivec2 size = textureSize(sky_picture, 0);\n",
@@ -14924,7 +14905,8 @@ static const char *const sbl__glsl_resolve[] = {
 "    return radiance;\n",
 "}\n",
 "\n",
-"// R at the sample: of the four nearest pixels where they belong; else of those farther away; else of anything.\n",
+"// Returns R at the sample: from the four nearest pixels that belong to its surface; if there are none, from pixels\n",
+"// with its id within SBL_REACH; if there are none, from all pixels there.\n",
 "vec3 sbl_light_at(ivec2 at, uint id) {\n",
 "    ivec2 size = textureSize(radiance, 0), least = at + ivec2(floor(offset));\n",
 "    vec3 p = texelFetch(sample_positions, at, 0).xyz, n = texelFetch(sample_normals, at, 0).xyz;\n",
@@ -14975,26 +14957,26 @@ static const sbl__recipe sbl__recipe_resolve = {
       sbl__glsl_resolve }, { &sbl__object_record }, 0
 };
 
-/* Where sample i of count lies in the pixel, from its centre: the R2 sequence (Roberts 2018, "The Unreasonable
-   Effectiveness of Quasirandom Sequences"); one sample is the centre. */
+/* Gets the position of sample i of `count` relative to the pixel's centre, in pixels: the R2 sequence (Roberts 2018,
+   "The Unreasonable Effectiveness of Quasirandom Sequences"). A single sample lies at the centre. */
 static void sbl__sample_offset(int i, int count, float out[2]) {
     double x = 0.5 + (i + 0.5) * 0.7548776662466927, y = 0.5 + (i + 0.5) * 0.5698402909980532;
     out[0] = count == 1 ? 0 : (float)(x - floor(x) - 0.5);
     out[1] = count == 1 ? 0 : (float)(y - floor(y) - 0.5);
 }
 
-/* One sample of every pixel. */
+/* A sample of every pixel. */
 typedef struct sbl__resolve {
-    const sbl__gbuffer *centres, *sample;  /* what is seen at pixel centres, and at the sample */
+    const sbl__gbuffer *centres, *sample;  /* G-buffers of the pixels' centres and of the sample */
     const sbl__texture *radiance;          /* R at pixel centres */
-    const sbl__texture *previous;          /* what the samples before gave */
+    const sbl__texture *previous;          /* sum over the previous samples */
     const sbl__environment *environment;
     const sbl__camera *camera;
-    float offset[2];                       /* of the sample from the centre, pixels */
-    int index, count;                      /* of the sample */
+    float offset[2];                       /* position relative to the pixel's centre, pixels */
+    int index, count;                      /* index of the sample; number of samples */
 } sbl__resolve;
 
-/* Adds it to rows of the target. */
+/* Adds the sample to `previous` and writes the sum to rows of `out`. rows: first row, number of rows */
 static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const sbl__target *out, const int rows[2]) {
     const sbl_result result = sbl__use(d, &sbl__recipe_resolve, 0);
     if (result != SBL_SUCCESS) return result;
@@ -15019,14 +15001,13 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
 }
 
 /* ======================================================================================================== >>gutters
-   Gutters continue a lightmap beyond its charts, ring by ring: each texel of a ring gets the mean of those of its eight
-   neighbours that earlier rings have reached. */
+   Continues a lightmap beyond its charts, ring by ring. Each texel of a ring gets the mean of those of its eight
+   neighbours that are on a chart or in an earlier ring. */
 
 typedef struct sbl__gutters {
     sbl__stages stages;
     int width, height;
-    int rings;                 /* requested number of rings */
-    float *light;              /* 4 floats per texel: R; number of the texel's ring, 0 on charts, below 0 for no ring */
+    float *light;              /* 4 floats per texel: R, and the texel's ring: 0 on charts, negative if none */
     sbl__rings spread;
 } sbl__gutters;
 
@@ -15036,7 +15017,6 @@ static void sbl__gutters_free(sbl__base *base, sbl__gutters *g) {
     memset(g, 0, sizeof *g);
 }
 
-/* Sets a texel to the mean of those of its neighbours that earlier rings have reached. */
 static void sbl__gutters_mean(void *user, int texel) {
     sbl__gutters *g = (sbl__gutters *)user;
     float *out = g->light + 4 * (size_t)texel, sum[3] = { 0, 0, 0 };
@@ -15053,7 +15033,7 @@ static void sbl__gutters_mean(void *user, int texel) {
 
 static sbl_result sbl__gutters_begin(sbl__base *base, sbl__gutters *g, const int size[2], int rings) {
     const size_t texels = (size_t)size[0] * (size_t)size[1];
-    g->rings = g->spread.last = rings;
+    g->spread.last = rings;
     g->width = g->spread.width = size[0];
     g->height = size[1];
     g->spread.user = g;
@@ -15065,7 +15045,7 @@ static sbl_result sbl__gutters_begin(sbl__base *base, sbl__gutters *g, const int
 
 static int sbl__gutters_texels(void *work) { return ((sbl__gutters *)work)->spread.count; }
 
-/* Starts the rings at a texel that is on a chart, and replaces the texel's fourth float by its ring. */
+/* Starts the rings at a texel if it is on a chart, and replaces its fourth float by its ring. */
 static sbl_result sbl__gutters_find(void *work, int texel) {
     sbl__gutters *g = (sbl__gutters *)work;
     float *ring = &g->light[4 * (size_t)texel + 3];
