@@ -15069,27 +15069,27 @@ static sbl_result sbl__gutters_step(sbl__gutters *g, sbl__slice *slice) {
 }
 
 /* ======================================================================================================== >>seams
-   Where charts meet in the world, a lightmap's bilinear samples are to be the same on both sides: its texels are
-   changed, as little as that takes, by least squares
+   Changes a lightmap as little as possible so that bilinear samples are equal on both sides of each seam (Iwanicki,
+   "Lighting technology of The Last of Us", SIGGRAPH 2013). Conjugate gradients find the texels x that minimise
 
-       the least of   sum over points of seams of (A x - B x)^2   +   SBL__SEAM_KEEP * sum over texels of (x - x0)^2
+       sum over points of seams of (A x - B x)^2   +   SBL__SEAM_KEEP * sum over texels of (x - x0)^2
 
-   where A and B mix the four texels around a point's two places in the map; by conjugate gradients, all three channels
-   at once; what would be negative is bound to 0, and the rest fitted once more. (Iwanicki, "Lighting technology of The
-   Last of Us", SIGGRAPH 2013.) Seams are edges of triangles with the same ends and normals in the world, but not in the
-   map: light that differs since normals do is left alone, and so is light that differs much: there something stands
-   between, a wall on a floor that is parted beneath it. */
+   where A and B are the bilinear weights at the point's two places in the map. Channels that become negative are set to
+   0 and kept there while the rest is solved again. Seams are edges of triangles with the same ends and normals in the
+   world, but not in the map: where normals differ, light may differ. Points where light differs much are left alone,
+   because something stands between, such as a wall on a floor that is divided beneath it. */
 
 #define SBL__SEAM_KEEP 0.0002
-#define SBL__SEAM_POINTS 2        /* a texel */
-#define SBL__SEAM_POINTS_MOST 65536  /* an edge */
-#define SBL__SEAM_TURN 0.998      /* cosine between normals from which on they are the same */
-#define SBL__SEAM_DIFFERENT 0.5f  /* share of the brighter side from which on they differ much */
-#define SBL__SEAM_CHAIN 16        /* edges between the same ends that are looked at, at most */
-#define SBL__SEAM_ROUNDS 4
+#define SBL__SEAM_POINTS 2        /* points per texel of a seam's length */
+#define SBL__SEAM_POINTS_MOST 65536  /* maximum number of points per seam */
+#define SBL__SEAM_TURN 0.998      /* normals are the same if their cosine is above this */
+#define SBL__SEAM_DIFFERENT 0.5f  /* light differs much if it differs by more than this share of the brighter side */
+#define SBL__SEAM_CHAIN 16        /* maximum number of edges with the same ends that an edge is compared with */
+#define SBL__SEAM_ROUNDS 4        /* maximum number of solutions per layer */
 #define SBL__SEAM_PRECISION2 1e-10
 
-/* unknowns: numbers of texels until the point is added. B's weights are negative. */
+/* unknowns: texels until the point is added, then their numbers among the unknowns. The last four weights, B's, are
+   negative. */
 typedef struct sbl__seam_point { int unknowns[8]; float weights[8]; } sbl__seam_point;
 
 enum { SBL__SEAMS_EDGES, SBL__SEAMS_LAYER, SBL__SEAMS_BEFORE, SBL__SEAMS_SOLVE, SBL__SEAMS_APPLY, SBL__SEAMS_AFTER,
@@ -15099,18 +15099,17 @@ typedef struct sbl__seams {
     sbl__stages stages;
     const sbl__atlas *atlas;
     const sbl__gutters *light;
-    sbl__hash_table edges;      /* sides of triangles, by their ends */
+    sbl__hash_table edges;      /* sides of triangles, by the positions of their ends */
     sbl__seam_point *points;
     int point_count, point_room;
-    int *unknown_of;            /* a texel: 1 + its number among the unknowns; 0: it is none */
-    int *texels;                /* an unknown's */
+    int *unknown_of;            /* per texel: 1 + its number among the unknowns; 0: the texel does not change */
+    int *texels;                /* per unknown: its texel */
     int unknown_count, unknown_room;
-    sbl__solver solver;         /* finds what texels change by. Its diagonal is 1, or 0 for a channel of a texel that
-                                   is bound to 0, as it would be negative */
-    int seams;
-    int layers;                 /* sewn before: R, then harmonics, which may be negative */
-    int rounds, bound;          /* solutions so far; channels were bound in the last one */
-    float before, after;        /* largest difference across seams, luminance */
+    sbl__solver solver;         /* finds the change of each texel. Its diagonal is 1, or 0 for channels kept at 0 */
+    int seams;                  /* number of seams */
+    int layers;                 /* number of layers done; layer 0 is R, the others are harmonics, which have signs */
+    int rounds, bound;          /* solutions of this layer so far; 1: the last one made channels negative */
+    float before, after;        /* largest difference across seams, luminance, before and after layer 0 */
 } sbl__seams;
 
 static void sbl__seams_free(sbl__base *base, sbl__seams *s) {
@@ -15124,49 +15123,42 @@ static void sbl__seams_free(sbl__base *base, sbl__seams *s) {
 
 /* >>seams: edges */
 
-/* An edge's vertices, in an order that does not depend on the triangle. */
+/* Gets the two vertices of an edge, ordered by position, so that both sides of a seam have the same order. */
 static void sbl__seam_ends(const sbl__geometry *g, uint32_t edge, uint32_t ends[2]) {
-    const uint32_t triangle = edge / 3, corner = edge % 3;
-    const float *a, *b;
-    int k;
-    ends[0] = g->indices[3 * (size_t)triangle + corner];
-    ends[1] = g->indices[3 * (size_t)triangle + (corner + 1) % 3];
-    a = g->vertices[ends[0]].position;
-    b = g->vertices[ends[1]].position;
+    const uint32_t first = sbl__side_end(g->indices, edge, 0), second = sbl__side_end(g->indices, edge, 1);
+    const float *a = g->vertices[first].position, *b = g->vertices[second].position;
+    int k, swapped;
     for (k = 0; k < 2 && !(a[k] < b[k]) && !(b[k] < a[k]); k++) {}
-    if (b[k] < a[k]) {
-        const uint32_t first = ends[0];
-        ends[0] = ends[1];
-        ends[1] = first;
-    }
+    swapped = b[k] < a[k];
+    ends[swapped] = first;
+    ends[!swapped] = second;
 }
 
-/* The normal that light is for at an edge's end. */
+/* Gets the unit normal for which the light at an end of an edge was measured. */
 static void sbl__seam_normal(const sbl__geometry *g, uint32_t edge, uint32_t vertex, double out[3]) {
     int k;
     for (k = 0; k < 3; k++) out[k] = (double)g->attributes[vertex].normal[k];
     if (!sbl__normalize(out)) sbl__scene_normal(g, edge / 3, out);
 }
 
-/* Do two edges stand in the same place of the world? parted: and are to be sewn. */
-static int sbl__seam_alike(const sbl__geometry *g, uint32_t one, uint32_t other, const uint32_t ends[2][2],
-                           int *parted) {
-    int i, alike = 1;
-    *parted = 0;
+/* Returns 0 if two edges have different ends in the world, 2 if they are a seam: the places in the map differ and the
+   normals are the same; otherwise 1. */
+static int sbl__seam_match(const sbl__geometry *g, const uint32_t edges[2], const uint32_t ends[2][2]) {
+    int i, parted = 0, alike = 1;
     for (i = 0; i < 2; i++) {
         const uint32_t a = ends[0][i], b = ends[1][i];
         double m[3], n[3];
         if (!sbl__same_floats(g->vertices[a].position, g->vertices[b].position, 3)) return 0;
-        if (!sbl__same_floats(sbl__atlas_uv(g, a), sbl__atlas_uv(g, b), 2)) *parted = 1;
-        sbl__seam_normal(g, one, a, m);
-        sbl__seam_normal(g, other, b, n);
+        if (!sbl__same_floats(sbl__atlas_uv(g, a), sbl__atlas_uv(g, b), 2)) parted = 1;
+        sbl__seam_normal(g, edges[0], a, m);
+        sbl__seam_normal(g, edges[1], b, n);
         alike = alike && m[0] * n[0] + m[1] * n[1] + m[2] * n[2] > SBL__SEAM_TURN;
     }
-    *parted = *parted && alike;
-    return 1;
+    return parted && alike ? 2 : 1;
 }
 
-/* Four texels and their weights around a place in the map, in texels; returns 0 where one of them has no light. */
+/* Stores the four texels around a place in the map (at, in texels) and their bilinear weights as one side of a point.
+   Returns 0 if one of these texels has no light. */
 static int sbl__seam_mix(const sbl__gutters *g, const double at[2], int side, sbl__seam_point *p) {
     const int size[2] = { g->width, g->height };
     int low[2], high[2], i, k;
@@ -15187,7 +15179,7 @@ static int sbl__seam_mix(const sbl__gutters *g, const double at[2], int side, sb
     return 1;
 }
 
-/* Does light on both sides of a point, whose unknowns are texels yet, come from the same surroundings? */
+/* Returns 1 if the light on both sides of a point does not differ much. The unknowns are still texels. */
 static int sbl__seam_is_even(const sbl__gutters *g, const sbl__seam_point *p) {
     float sides[2] = { 0, 0 };
     int i;
@@ -15196,7 +15188,7 @@ static int sbl__seam_is_even(const sbl__gutters *g, const sbl__seam_point *p) {
     return fabs((double)sides[0] - sides[1]) <= (double)(SBL__SEAM_DIFFERENT * SBL__MAX(sides[0], sides[1]));
 }
 
-/* Adds a point, and gives each of its unknowns its number. */
+/* Adds a point and numbers its unknowns. */
 static sbl_result sbl__seam_add(sbl__seams *s, const sbl__seam_point *p) {
     sbl__base *base = s->atlas->base;
     sbl__seam_point *out;
@@ -15217,12 +15209,18 @@ static sbl_result sbl__seam_add(sbl__seams *s, const sbl__seam_point *p) {
     return SBL_SUCCESS;
 }
 
-/* Points along a seam, whose ends in the map are places[side][end]. */
-static sbl_result sbl__seam_points(sbl__seams *s, const double places[2][2][2]) {
-    double longest = 0;
+/* Adds points along a seam. ends: two vertices per side */
+static sbl_result sbl__seam_points(sbl__seams *s, const uint32_t ends[2][2]) {
+    const int size[2] = { s->light->width, s->light->height };
+    double places[2][2][2], longest = 0;  /* positions in the map of side and end, texels */
     int side, k, i, count;
     for (side = 0; side < 2; side++) {
-        const double dx = places[side][1][0] - places[side][0][0], dy = places[side][1][1] - places[side][0][1];
+        double dx, dy;
+        for (i = 0; i < 4; i++)
+            places[side][i / 2][i % 2] = (double)sbl__atlas_uv(s->atlas->geometry, ends[side][i / 2])[i % 2] *
+                                         size[i % 2];
+        dx = places[side][1][0] - places[side][0][0];
+        dy = places[side][1][1] - places[side][0][1];
         longest = SBL__MAX(longest, sqrt(dx * dx + dy * dy));
     }
     count = (int)SBL__MIN(SBL__SEAM_POINTS * longest + 1, SBL__SEAM_POINTS_MOST);
@@ -15242,36 +15240,32 @@ static sbl_result sbl__seam_points(sbl__seams *s, const double places[2][2][2]) 
     return SBL_SUCCESS;
 }
 
-/* Sews an edge to those before it that stand where it does, and keeps it for those to come. */
+/* Adds points along the seams between an edge and earlier edges, then adds the edge to the table. */
 static sbl_result sbl__seams_edge(void *work, int edge) {
     sbl__seams *s = (sbl__seams *)work;
     const sbl__geometry *g = s->atlas->geometry;
-    const int size[2] = { s->light->width, s->light->height };
-    uint32_t ends[2][2], slot, other = 0;
-    int looked = 0, parted, side, end, k;
+    uint32_t edges[2], ends[2][2], slot;
+    int looked = 0, match;
     if (!sbl__atlas_is_baked(s->atlas, g->indices[edge])) return SBL_SUCCESS;
-    sbl__seam_ends(g, (uint32_t)edge, ends[0]);
+    edges[0] = (uint32_t)edge;
+    edges[1] = 0;
+    sbl__seam_ends(g, edges[0], ends[0]);
     slot = sbl__hash_floats(0, g->vertices[ends[0][0]].position, 3);
     slot = sbl__hash_floats(slot, g->vertices[ends[0][1]].position, 3);
-    while (looked < SBL__SEAM_CHAIN && (other = sbl__slot_next(&s->edges, &slot)) != SBL__NONE) {
-        double places[2][2][2];
-        sbl__seam_ends(g, other, ends[1]);
-        if (!sbl__seam_alike(g, (uint32_t)edge, other, (const uint32_t (*)[2])ends, &parted)) continue;
-        looked++;
-        if (!parted) continue;
-        for (side = 0; side < 2; side++)
-            for (end = 0; end < 2; end++)
-                for (k = 0; k < 2; k++)
-                    places[side][end][k] = (double)sbl__atlas_uv(g, ends[side][end])[k] * size[k];
-        if (sbl__seam_points(s, (const double (*)[2][2])places) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
+    while (looked < SBL__SEAM_CHAIN && (edges[1] = sbl__slot_next(&s->edges, &slot)) != SBL__NONE) {
+        sbl__seam_ends(g, edges[1], ends[1]);
+        match = sbl__seam_match(g, edges, (const uint32_t (*)[2])ends);
+        looked += match > 0;
+        if (match == 2 && sbl__seam_points(s, (const uint32_t (*)[2])ends) != SBL_SUCCESS)
+            return SBL_ERROR_OUT_OF_MEMORY;
     }
-    if (other == SBL__NONE) sbl__slot_fill(&s->edges, slot, (uint32_t)edge);
+    if (edges[1] == SBL__NONE) sbl__slot_fill(&s->edges, slot, edges[0]);
     return SBL_SUCCESS;
 }
 
 /* >>seams: the solution */
 
-/* Adds a point's part of the matrix times the direction. */
+/* Adds a point's term of the matrix, times the direction, to the product. */
 static void sbl__seam_term(void *user, int point, const double *direction, double *product) {
     const sbl__seam_point *p = &((sbl__seams *)user)->points[point];
     double difference[3] = { 0, 0, 0 };
@@ -15282,7 +15276,7 @@ static void sbl__seam_term(void *user, int point, const double *direction, doubl
         product[3 * (size_t)p->unknowns[i / 3] + (size_t)i % 3] += (double)p->weights[i / 3] * difference[i % 3];
 }
 
-/* Measures how light differs at a point, before or after a solution, and before it fills in the right side. */
+/* Measures the difference of light at a point. Before a solution, also adds the point to the right side. */
 static sbl_result sbl__seam_measure(void *work, int point) {
     sbl__seams *s = (sbl__seams *)work;
     const sbl__seam_point *p = &s->points[point];
@@ -15303,14 +15297,14 @@ static sbl_result sbl__seam_measure(void *work, int point) {
     return SBL_SUCCESS;
 }
 
-/* Nothing is bound at first. */
+/* Resets the diagonal of an unknown to 1. */
 static sbl_result sbl__seam_unbind(void *work, int unknown) {
     double *diagonal = ((sbl__seams *)work)->solver.diagonal + 3 * (size_t)unknown;
     diagonal[0] = diagonal[1] = diagonal[2] = 1;
     return SBL_SUCCESS;
 }
 
-/* Changes a texel. */
+/* Adds the solution to a texel. Channels of R that become negative are set to 0 and kept there. */
 static sbl_result sbl__seam_apply(void *work, int unknown) {
     sbl__seams *s = (sbl__seams *)work;
     float *texel = s->light->light + 4 * (size_t)s->texels[unknown];
@@ -15329,8 +15323,6 @@ static sbl_result sbl__seam_apply(void *work, int unknown) {
     return SBL_SUCCESS;
 }
 
-/* >>seams: their stages */
-
 static sbl_result sbl__seams_make(void *work, sbl__slice *slice) {
     sbl__seams *s = (sbl__seams *)work;
     const sbl__geometry *g = s->atlas->geometry;
@@ -15346,7 +15338,7 @@ static sbl_result sbl__seams_make(void *work, sbl__slice *slice) {
 static sbl_result sbl__seams_make_solver(void *work, sbl__slice *slice) {
     sbl__seams *s = (sbl__seams *)work;
     (void)slice;
-    if (s->solver.user) return SBL_SUCCESS;  /* it was made for another layer */
+    if (s->solver.user) return SBL_SUCCESS;  /* it was made for an earlier layer */
     s->solver.user = s;
     s->solver.term = sbl__seam_term;
     s->solver.term_count = s->point_count;
@@ -15371,15 +15363,15 @@ static int sbl__seams_edges(void *work) { return 3 * ((sbl__seams *)work)->atlas
 static int sbl__seams_points(void *work) { return ((sbl__seams *)work)->point_count; }
 static int sbl__seams_unknowns(void *work) { return ((sbl__seams *)work)->unknown_count; }
 
-/* What comes next is another layer of the same lightmap. */
+/* Prepares for another layer of the same lightmap. */
 static void sbl__seams_again(sbl__seams *s) {
-    if (s->stages.stage < SBL__SEAMS_DONE) return;  /* nothing is sewn */
+    if (s->stages.stage < SBL__SEAMS_DONE) return;  /* seams are not wanted */
     s->stages.stage = SBL__SEAMS_LAYER;
     s->layers++;
     s->rounds = 0;
 }
 
-/* Does one piece. SBL_SUCCESS: light is sewn. */
+/* Does one piece of work. Returns SBL_SUCCESS when light is equal on both sides of all seams. */
 static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, const sbl__atlas *atlas,
                                   sbl__slice *slice) {
     static const sbl__stage_row table[] = {
