@@ -7435,30 +7435,29 @@ static const char *const sbl__glsl_surface[] = {
 /* <<glsl */
 
 /* ====================================================================================================== >>options
-   What front ends are asked for: the options that all share, and the descriptor of each front end. The defaults of a
-   descriptor and its checks stand side by side. */
+   The options that all front ends share, and the descriptor of each front end, with defaults and checks side by side.
+   In functions that check a descriptor, d has its defaults filled in, and `given` is what the host wrote, or NULL. */
 
-/* A preset out of range counts as the default one, until it is refused. */
+/* Until a preset out of range is refused, it counts as the default one. */
 static int sbl__preset_of(const sbl_options *o) {
     return (int)o->preset >= 0 && o->preset < SBL_PRESET_COUNT ? (int)o->preset : SBL_PRESET_DEFAULT;
 }
 
-/* Fills in the defaults of the options. rays, sizes: the defaults of rays and sensor_size for the presets default,
-   draft and high. */
+/* Fills in the defaults of the options. rays, sizes: the defaults of rays and sensor_size for each preset; rays is NULL
+   if the target error decides how many rays are traced */
 static void sbl__options_defaults(sbl_options *o, const int rays[SBL_PRESET_COUNT], const int sizes[SBL_PRESET_COUNT]) {
     const int preset = sbl__preset_of(o);
     if (o->mode == SBL_MODE_DEFAULT) o->mode = SBL_MODE_GI;
-    if (!o->rays) o->rays = rays[preset];
+    if (!o->rays && rays) o->rays = rays[preset];
     if (!o->sensor_size) o->sensor_size = sizes[preset];
     if (o->mode == SBL_MODE_DIRECT || o->mode == SBL_MODE_GI) o->epsilon = 0;
     else if (sbl__zero(&o->epsilon)) o->epsilon = 0.02f;
 }
 
-/* Default of rays where none are asked for, because the target error decides. */
-static const int sbl__rays_by_error[SBL_PRESET_COUNT] = { 0, 0, 0 };
 static const int sbl__sensor_sizes[SBL_PRESET_COUNT] = { 64, 32, 128 };
 
-/* papers: SBL_MODE_PAPER is allowed. rays: lowest and highest number. host_draws: the scene has a draw callback. */
+/* papers: 1 if SBL_MODE_PAPER is allowed; rays: lowest and highest number; host_draws: 1 if the scene has a draw
+   callback */
 static void sbl__check_options(sbl__check *check, const char *where, const sbl_options *o, int papers,
                                const int rays[2], int host_draws) {
     static const int modes[2] = { 0, SBL_MODE_COUNT - 1 }, presets[2] = { 0, SBL_PRESET_COUNT - 1 };
@@ -7479,11 +7478,11 @@ static void sbl__check_options(sbl__check *check, const char *where, const sbl_o
 
 static const int sbl__sensor_rays[2] = { 1, 4096 };  /* lowest and highest number of rays of a sensor */
 
-static sbl_sensor_kind sbl__sensor_kind_default(sbl_sensor_kind kind, sbl_mode mode) {
-    return kind != SBL_SENSOR_DEFAULT ? kind : mode == SBL_MODE_PAPER ? SBL_SENSOR_SINGLE : SBL_SENSOR_HEMICUBE;
+static void sbl__sensor_defaults(sbl_mode mode, sbl_sensor_kind *kind, float *fov) {
+    if (*kind == SBL_SENSOR_DEFAULT) *kind = mode == SBL_MODE_PAPER ? SBL_SENSOR_SINGLE : SBL_SENSOR_HEMICUBE;
+    if (sbl__zero(fov)) *fov = 135;
 }
 
-/* Checks which views a rasterised sensor has. */
 static void sbl__check_sensor_kind(sbl__check *check, const char *where, const sbl_options *o, sbl_sensor_kind kind,
                                    float fov) {
     static const int kinds[2] = { 0, SBL_SENSOR_KIND_COUNT - 1 };
@@ -7500,11 +7499,11 @@ static void sbl__check_sensor_kind(sbl__check *check, const char *where, const s
 
 /* How the sensors of a front end measure. */
 typedef struct sbl__measurement {
-    sbl_options options;       /* with their defaults; epsilon is not negative, and backend is what was chosen */
+    sbl_options options;       /* with defaults; epsilon is not negative; backend is the one chosen */
     sbl_sensor_kind sensor_kind;
     float sensor_fov;
-    int look_rays, looks;      /* if options.rays is 0: number of rays of a look, and maximum number of looks */
-    int every_ray;             /* 1: trace all rays, also if only lamps emit and rays only measure distances */
+    int look_rays, looks;      /* if options.rays is 0: number of rays per look, and maximum number of looks */
+    int every_ray;             /* 1: trace all rays, even if they can only measure distances because only lamps emit */
 } sbl__measurement;
 
 /* o has its defaults filled in. */
@@ -7550,11 +7549,10 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
     static const float errors[SBL_PRESET_COUNT] = { 0.015f, 0.05f, 0.0075f };
     static const int samples[SBL_PRESET_COUNT] = { 4, 1, 16 };
     sbl_picture_desc d;
-    memset(&d, 0, sizeof d);
     if (desc) d = *desc;
-    sbl__options_defaults(&d.options, sbl__rays_by_error, sbl__sensor_sizes);
-    d.sensor_kind = sbl__sensor_kind_default(d.sensor_kind, d.options.mode);
-    if (sbl__zero(&d.sensor_fov)) d.sensor_fov = 135;
+    else memset(&d, 0, sizeof d);
+    sbl__options_defaults(&d.options, NULL, sbl__sensor_sizes);
+    sbl__sensor_defaults(d.options.mode, &d.sensor_kind, &d.sensor_fov);
     if (!d.width && !d.height) { d.width = 640; d.height = 480; }
     if (d.width > 0 && d.height > 0 && sbl__all_zero(d.view_to_clip, 16))
         sbl_perspective(d.view_to_clip, 40, (float)d.width / (float)d.height);
@@ -7568,7 +7566,7 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
     return d;
 }
 
-/* Checks what pictures and lightmaps share. */
+/* Checks the fields that pictures and lightmaps share. */
 static void sbl__check_refinement(sbl__check *check, const char *where, const sbl_picture_desc *d) {
     static const int sizes[2] = { 1, 16384 }, tiles[2] = { 1, 1024 };
     sbl__check_int(check, where, "width", d->width, sizes);
@@ -7582,7 +7580,6 @@ static void sbl__check_refinement(sbl__check *check, const char *where, const sb
         sbl__mistake(check, "%s: filter_radius is %d; it must be at most 32", where, d->filter_radius);
 }
 
-/* d has its defaults filled in; `given` is what the host wrote, or NULL. host_draws: the scene has a draw callback. */
 static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_desc *given, const sbl_picture_desc *d,
                                      int host_draws) {
     static const int samples[2] = { 1, 64 };
@@ -7603,14 +7600,14 @@ static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_de
 
 /* >>options: lightmaps */
 
-/* Width and height are checked only if the supersampled size fits. */
+/* Returns 1 if supersample is valid and the supersampled width and height are at most 16384. */
 static int sbl__supersample_fits(const sbl_lightmap_desc *d) {
     const int most = 16384;
     return d->supersample >= 1 && d->supersample <= 8 && d->width >= 1 && d->height >= 1 &&
            d->width <= most / d->supersample && d->height <= most / d->supersample;
 }
 
-/* The picture whose refinement a lightmap uses, of width and height times supersample. */
+/* Returns the picture whose refinement a lightmap uses. Its width and height are multiplied by supersample. */
 static sbl_picture_desc sbl__lightmap_picture(const sbl_lightmap_desc *d) {
     const int across = sbl__supersample_fits(d) ? d->supersample : 1;
     sbl_picture_desc picture;
@@ -7631,8 +7628,8 @@ SBL_API sbl_lightmap_desc sbl_lightmap_desc_defaults(const sbl_lightmap_desc *de
     static const float errors[SBL_PRESET_COUNT] = { 0.005f, 0.02f, 0.0025f };
     sbl_lightmap_desc d;
     sbl_picture_desc picture;
-    memset(&d, 0, sizeof d);
     if (desc) d = *desc;
+    else memset(&d, 0, sizeof d);
     if (!d.width && !d.height) d.width = d.height = 512;
     if (!d.gutter) d.gutter = 16;
     if (!d.supersample) d.supersample = 1;
@@ -7644,7 +7641,6 @@ SBL_API sbl_lightmap_desc sbl_lightmap_desc_defaults(const sbl_lightmap_desc *de
     return d;
 }
 
-/* d has its defaults filled in; `given` is what the host wrote, or NULL. */
 static sbl_result sbl__check_lightmap(const sbl__base *base, const sbl_lightmap_desc *given, const sbl_lightmap_desc *d,
                                       const sbl__scene *scene) {
     static const int gutters[2] = { -INT_MAX, 16384 }, supersamples[2] = { 1, 8 }, switches[2] = { 0, 1 };
@@ -7662,8 +7658,8 @@ static sbl_result sbl__check_lightmap(const sbl__base *base, const sbl_lightmap_
     sbl__check_int(&check, where, "directional", d->directional, switches);
     sbl__check_int(&check, where, "supersample", d->supersample, supersamples);
     if (d->supersample > 1 && d->supersample <= supersamples[1] && !sbl__supersample_fits(d))
-        sbl__mistake(&check, "%s: %d x %d texels, supersample %d: more than 16384 places across", where, d->width,
-                     d->height, d->supersample);
+        sbl__mistake(&check, "%s: supersample is %d; times the size, %d x %d, it must be at most 16384", where,
+                     d->supersample, d->width, d->height);
     sbl__check_array(&check, where, "mesh_count", d->mesh_count, d->meshes);
     for (i = 0; d->meshes && i < d->mesh_count; i++) {
         const int mesh = d->meshes[i];
@@ -7680,17 +7676,16 @@ static sbl_result sbl__check_lightmap(const sbl__base *base, const sbl_lightmap_
 SBL_API sbl_readings_desc sbl_readings_desc_defaults(const sbl_readings_desc *desc) {
     static const int rays[SBL_PRESET_COUNT] = { 256, 64, 1024 };
     sbl_readings_desc d;
-    memset(&d, 0, sizeof d);
     if (desc) d = *desc;
+    else memset(&d, 0, sizeof d);
     sbl__options_defaults(&d.options, rays, sbl__sensor_sizes);
-    d.sensor_kind = sbl__sensor_kind_default(d.sensor_kind, d.options.mode);
-    if (sbl__zero(&d.sensor_fov)) d.sensor_fov = 135;
+    sbl__sensor_defaults(d.options.mode, &d.sensor_kind, &d.sensor_fov);
     return d;
 }
 
-#define SBL__SITES_NAMED 16  /* of wrong sites so many are named, the others counted */
+#define SBL__SITES_NAMED 16  /* number of wrong sites that are named; the others are only counted */
 
-/* Returns 1 where the site is fit for use; names what is wrong with it where `named`. */
+/* Returns 1 if the site is valid. Otherwise reports its mistakes if `named` is 1. */
 static int sbl__check_site(sbl__check *check, const sbl_site *s, int number, int named) {
     const int good = sbl__all_finite(s->position, 3) && sbl__all_finite(s->normal, 3) &&
                      !sbl__all_zero(s->normal, 3) && sbl__all_finite(s->geometric_normal, 3) &&
@@ -7707,7 +7702,6 @@ static int sbl__check_site(sbl__check *check, const sbl_site *s, int number, int
     return 0;
 }
 
-/* d has its defaults filled in; `given` is what the host wrote, or NULL. */
 static sbl_result sbl__check_readings(const sbl__base *base, const sbl_readings_desc *given, const sbl_readings_desc *d,
                                       int host_draws) {
     const char *where = "sbl_readings_desc";
@@ -7724,13 +7718,13 @@ static sbl_result sbl__check_readings(const sbl__base *base, const sbl_readings_
     for (i = 0; d->sites && i < d->site_count; i++)
         wrong += !sbl__check_site(&check, &d->sites[i], i, wrong < SBL__SITES_NAMED);
     if (wrong > SBL__SITES_NAMED)
-        sbl__mistake(&check, "%s: and %d sites more are as wrong", where, wrong - SBL__SITES_NAMED);
+        sbl__mistake(&check, "%s: %d more sites are wrong", where, wrong - SBL__SITES_NAMED);
     return sbl__check_end(&check);
 }
 
 /* >>options: light at vertices */
 
-/* The readings that light at vertices is made of, without their sites. */
+/* Returns the readings that light at vertices is computed from, without their sites. */
 static sbl_readings_desc sbl__vertices_readings(const sbl_vertices_desc *d) {
     sbl_readings_desc readings;
     memset(&readings, 0, sizeof readings);
@@ -7741,8 +7735,8 @@ static sbl_readings_desc sbl__vertices_readings(const sbl_vertices_desc *d) {
 SBL_API sbl_vertices_desc sbl_vertices_desc_defaults(const sbl_vertices_desc *desc) {
     static const int rays[SBL_PRESET_COUNT] = { 64, 16, 256 }, samples[SBL_PRESET_COUNT] = { 8, 4, 16 };
     sbl_vertices_desc d;
-    memset(&d, 0, sizeof d);
     if (desc) d = *desc;
+    else memset(&d, 0, sizeof d);
     sbl__options_defaults(&d.options, rays, sbl__sensor_sizes);
     if (!d.samples) d.samples = samples[sbl__preset_of(&d.options)];
     if (sbl__zero(&d.smoothing)) d.smoothing = 0.02f;
@@ -7751,7 +7745,6 @@ SBL_API sbl_vertices_desc sbl_vertices_desc_defaults(const sbl_vertices_desc *de
 
 #define SBL__VERTICES_SMOOTHEST 1e6f
 
-/* d has its defaults filled in; `given` is what the host wrote, or NULL. */
 static sbl_result sbl__check_vertices(const sbl__base *base, const sbl_vertices_desc *given, const sbl_vertices_desc *d,
                                       const sbl__scene *scene) {
     static const int samples[2] = { 1, 1024 }, flags[2] = { 0, 1 };
@@ -7791,7 +7784,7 @@ static sbl_result sbl__check_vertices(const sbl__base *base, const sbl_vertices_
 
 /* >>options: probes */
 
-/* Points of a grid; INT_MAX: too many, 0: there is no grid. */
+/* Returns the number of points of a grid: 0 if there is no grid, INT_MAX if there are too many points. */
 static int sbl__grid_count(const int grid[3]) {
     double count = 1;
     int k;
@@ -7824,14 +7817,13 @@ static void sbl__check_grid(sbl__check *check, const char *where, const sbl_prob
 SBL_API sbl_probes_desc sbl_probes_desc_defaults(const sbl_probes_desc *desc) {
     static const int rays[SBL_PRESET_COUNT] = { 4096, 1024, 16384 }, sizes[SBL_PRESET_COUNT] = { 16, 8, 32 };
     sbl_probes_desc d;
-    memset(&d, 0, sizeof d);
     if (desc) d = *desc;
+    else memset(&d, 0, sizeof d);
     sbl__options_defaults(&d.options, rays, sizes);
     if (!d.positions && !d.probe_count) d.probe_count = sbl__grid_count(d.grid);
     return d;
 }
 
-/* d has its defaults filled in; `given` is what the host wrote, or NULL. */
 static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc *given, const sbl_probes_desc *d,
                                     int host_draws) {
     static const int rays[2] = { 64, 65536 };
@@ -7855,7 +7847,7 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
         if (wrong++ < SBL__SITES_NAMED) sbl__check_finite(&check, name, "position", d->positions + 3 * (size_t)i, 3);
     }
     if (wrong > SBL__SITES_NAMED)
-        sbl__mistake(&check, "%s: and %d probes more are as wrong", where, wrong - SBL__SITES_NAMED);
+        sbl__mistake(&check, "%s: %d more probes are wrong", where, wrong - SBL__SITES_NAMED);
     return sbl__check_end(&check);
 }
 
