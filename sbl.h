@@ -7858,13 +7858,13 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
    same lightmap coordinates, belong to one chart. */
 
 #define SBL__ATLAS_WORDS 4      /* per texel: 1 + triangle, or 0; weights of its second and third corner; 1 + chart */
-#define SBL__ATLAS_FAR 1e30f    /* value of `away` for a texel that no triangle touches */
+#define SBL__ATLAS_FAR 1e30f    /* texels show only points with a squared distance below this */
 #define SBL__ATLAS_WELL -1.0f   /* value of `away` for a centre well inside the triangle */
 #define SBL__ATLAS_EDGE -0.5f   /* value of `away` for a centre inside, near an edge: a neighbour may contain it too */
 #define SBL__ATLAS_INSIDE 1e-3  /* a centre lies well inside if all its barycentric weights are at least this */
-#define SBL__ATLAS_INSET 0.02   /* points on edges are moved inward by this number of texels, because in a crease a
-                                   sensor would otherwise stand inside the other wall, */
-#define SBL__ATLAS_INSET_MOST 0.01  /* but at most by this share of the way to the centroid */
+#define SBL__ATLAS_INSET 0.02   /* points on edges are moved inward by this number of texels; otherwise a sensor in a
+                                   crease would stand inside the other wall */
+#define SBL__ATLAS_INSET_MOST 0.01  /* upper limit of this move, as a share of the way to the centroid */
 
 typedef struct sbl__atlas {
     sbl__stages stages;
@@ -7877,7 +7877,7 @@ typedef struct sbl__atlas {
     uint32_t *parents;          /* per vertex: union-find over charts (see sbl__root); later the chart's number */
     sbl__hash_table places;     /* vertices by position and lightmap coordinates */
     uint32_t *texels;           /* SBL__ATLAS_WORDS per texel */
-    float *away;                /* per texel: squared distance in texels from its centre to the point that it shows, or
+    float *away;                /* per texel: squared distance in texels from its centre to the point that it shows; or
                                    SBL__ATLAS_WELL or SBL__ATLAS_EDGE, minus the number of overlapping triangles */
     int charts;                 /* number of charts */
     double world_area, area;    /* total area of the triangles, in world space and in square texels */
@@ -7907,7 +7907,7 @@ static sbl_result sbl__atlas_begin(sbl__base *base, sbl__atlas *a, const sbl__ge
     a->baked = (unsigned char *)sbl__alloc(base, (size_t)g->mesh_count, 1);
     a->parents = (uint32_t *)sbl__alloc_raw(base, (size_t)g->vertex_count, sizeof *a->parents);
     a->texels = (uint32_t *)sbl__alloc(base, texels, SBL__ATLAS_WORDS * sizeof *a->texels);
-    a->away = (float *)sbl__alloc_raw(base, texels, sizeof *a->away);
+    a->away = (float *)sbl__alloc(base, texels, sizeof *a->away);
     if (!a->baked || !a->parents || !a->texels || !a->away) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < desc->mesh_count; i++) a->baked[desc->meshes[i]] = 1;
     for (i = 0; i < g->mesh_count && !desc->mesh_count; i++) a->baked[i] = g->meshes[i].lightmapped != 0;
@@ -8099,7 +8099,7 @@ static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const 
         a->away[i] -= 1;
         return;
     }
-    if (!(away < a->away[i])) return;
+    if (!(away < (texel[0] ? a->away[i] : SBL__ATLAS_FAR))) return;
     a->away[i] = away;
     if (!well) sbl__atlas_inset(t, weights);
     texel[0] = t->number + 1;
@@ -8150,13 +8150,6 @@ static float sbl__atlas_texel_size(const sbl__atlas *a) {
     return a->area > 0 ? (float)sqrt(a->world_area / a->area) : 0;
 }
 
-static sbl_result sbl__atlas_clear(void *work, int row) {
-    sbl__atlas *a = (sbl__atlas *)work;
-    int i;
-    for (i = 0; i < a->width; i++) a->away[(size_t)row * (size_t)a->width + (size_t)i] = SBL__ATLAS_FAR;
-    return SBL_SUCCESS;
-}
-
 static sbl_result sbl__atlas_draw(void *work, sbl__slice *slice) {
     sbl__atlas *a = (sbl__atlas *)work;
     int *at = &a->stages.at;
@@ -8175,14 +8168,12 @@ static sbl_result sbl__atlas_draw(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-static int sbl__atlas_height(void *work) { return ((sbl__atlas *)work)->height; }
 static int sbl__atlas_vertices(void *work) { return ((sbl__atlas *)work)->geometry->vertex_count; }
 static int sbl__atlas_triangles(void *work) { return ((sbl__atlas *)work)->geometry->triangle_count; }
 
 /* Does one piece of work. Returns SBL_SUCCESS when all texels are filled. */
 static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, NULL, sbl__atlas_clear, sbl__atlas_height },
         { NULL, NULL, sbl__atlas_weld, sbl__atlas_vertices },
         { NULL, NULL, sbl__atlas_join, sbl__atlas_triangles },
         { NULL, NULL, sbl__atlas_number, sbl__atlas_vertices },
@@ -8237,8 +8228,7 @@ typedef struct sbl__surface {
 } sbl__surface;
 
 #define SBL__DEPTH_SHARE 1e-6      /* share of the scene's extent; points nearer to the camera all have depth 1 */
-#define SBL__BAND_PIXELS 1048576   /* approximate size of a band of rows, the largest area that one triangle covers in a
-                                      submission */
+#define SBL__BAND_PIXELS 1048576   /* approximate number of pixels in a band of rows, which a triangle may fill */
 #define SBL__TRIANGLE_PIXELS 64.0  /* cost of a triangle besides its pixels, in pixels */
 
 static sbl_result sbl__gbuffer_make(const sbl__device *d, sbl__gbuffer *g, int width, int height,
@@ -8725,12 +8715,12 @@ typedef struct sbl__spec {
     int lamp_rays;              /* maximum number of rays towards lamps per look; 0: no rays are aimed at lamps */
     int lamps_apart;            /* 1: lamp_rays measure all emission, so other rays and views do not see it */
     int bounced;                /* 1: surfaces reflect bounced light (see >>store) and ambient light; 0: ambient only */
-    int without_sky;            /* traced: 1: rays over the hemisphere see neither the sky nor the environment */
-    int no_light;               /* traced: 1: rays over the hemisphere cannot find light, so only the first look traces
-                                   them, for the distances and back faces in readings */
+    int without_sky;            /* traced: 1 if rays over the hemisphere see neither the sky nor the environment */
+    int no_light;               /* traced: 1 if rays over the hemisphere cannot find light, so that only the first look
+                                   traces them, for the distances and back faces in readings */
     int guided;                 /* 1: guides direct rays, see >>guide */
     float distance_limit;       /* traced: upper limit for each distance in a reading's mean distance; 0: no limit */
-    int one_ray;                /* traced: 1: a look traces a single ray, along the normal */
+    int one_ray;                /* traced: 1 if a look traces a single ray, along the normal */
     int directional;            /* 1: measure layers 1 to 4 too, see SBL__LAYERS */
     float epsilon;              /* ambient light: radiance that reaches all surfaces from all directions */
     uint32_t seed;              /* seed for the rotation of all sensors, see sbl_picture_desc */
@@ -8749,8 +8739,8 @@ typedef struct sbl__look {
     int sensor;                 /* index of the look among all looks of the job */
 } sbl__look;
 
-#define SBL__MAX_LOOKS 512         /* maximum number of looks per site if the host has requested an error, */
-#define SBL__DEFAULT_LOOKS 16      /* and if not */
+#define SBL__MAX_LOOKS 512         /* maximum number of looks per site if the host has requested an error */
+#define SBL__DEFAULT_LOOKS 16      /* maximum number of looks per site otherwise */
 #define SBL__LOOK_RAYS_MOST 128    /* maximum number of rays per look when a noisy look gets more rays */
 #define SBL__LOOK_VARIANCE 12.5    /* a look gets more rays while its relative variance exceeds this multiple of the
                                       requested error squared (see sbl__look_growth) */
