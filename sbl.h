@@ -8061,11 +8061,6 @@ static void sbl__atlas_inset(const sbl__atlas_triangle *t, double weights[3]) {
     for (i = 0; i < 3; i++) weights[i] += share * (1 / 3.0 - weights[i]);
 }
 
-/* Returns 1 if the centre of a texel lies well inside the triangle that it shows. */
-static int sbl__atlas_well(const sbl__atlas *a, size_t texel) {
-    return floor((double)a->away[texel]) >= (double)a->away[texel];
-}
-
 /* Returns the number of other triangles that also contain the centre of a texel. */
 static float sbl__atlas_others(const sbl__atlas *a, size_t texel) {
     return a->away && a->away[texel] < 0 ? (float)ceil(-(double)a->away[texel]) - 1 : 0;
@@ -8093,8 +8088,9 @@ static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const 
     double weights[3];
     const float away = (float)sbl__atlas_nearest(t, centre, weights);
     const int well = away <= SBL__ATLAS_WELL, other_chart = t->chart + 1 != texel[3];
+    const int was_well = floor((double)a->away[i]) >= (double)a->away[i];  /* SBL__ATLAS_WELL minus overlaps */
     float shares[2];
-    if (away < 0 && a->away[i] < 0 && (other_chart || (well && sbl__atlas_well(a, i)))) {
+    if (away < 0 && a->away[i] < 0 && (other_chart || (well && was_well))) {
         sbl__atlas_warn_overlap(a, t->number, i);
         a->away[i] -= 1;
         return;
@@ -8228,7 +8224,7 @@ typedef struct sbl__surface {
 } sbl__surface;
 
 #define SBL__DEPTH_SHARE 1e-6      /* share of the scene's extent; points nearer to the camera all have depth 1 */
-#define SBL__BAND_PIXELS 1048576   /* approximate number of pixels in a band of rows, which a triangle may fill */
+#define SBL__BAND_PIXELS 1048576   /* approximate size of a band of rows; limits the area of a triangle in a submission */
 #define SBL__TRIANGLE_PIXELS 64.0  /* cost of a triangle besides its pixels, in pixels */
 
 static sbl_result sbl__gbuffer_make(const sbl__device *d, sbl__gbuffer *g, int width, int height,
@@ -8387,7 +8383,7 @@ static const char *const sbl__glsl_visibility_vertex[] = {
 /* >>glsl visibility_fragment: shaders_embedded/visibility_fragment.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_visibility_fragment[] = {
 "flat in int triangle;\n",
-"uniform float depth_from_w;  // without clip control, depth = depth_from_w * gl_FragCoord.w; 0: orthographic\n",
+"uniform float depth_from_w;  // depth = depth_from_w * gl_FragCoord.w, for a driver without clip control; 0: orthographic\n",
 "layout(location = 0) out uint out_triangle;  // 1 + number of the triangle; 0: the pixel shows none\n",
 "\n",
 "void main() {\n",
@@ -8411,20 +8407,10 @@ static const sbl__recipe sbl__recipe_visibility = {
     SBL__CUTOUTS | SBL__WIDE | SBL__WRITE_DEPTH
 };
 
-/* Gets the rows of the matrix from world to clip space, for positions relative to the eye. */
-static void sbl__camera_rows(const sbl__camera *c, const float clip[16], float rows[4][4]) {
-    int i, k;
-    for (i = 0; i < 4; i++) {
-        for (k = 0; k < 3; k++)
-            rows[i][k] = (float)(clip[i] * c->right[k] + clip[4 + i] * c->up[k] + clip[8 + i] * c->back[k]);
-        rows[i][3] = clip[12 + i];
-    }
-}
-
 #define SBL__BEFORE_CAMERA 1e-3  /* share of a triangle's largest w; its part with a smaller w is cut off */
 
 /* Estimates the number of pixels that a triangle covers in the band: half the area of the bounding rectangle, on the
-   screen, of its part in front of the camera. rows: see sbl__camera_rows */
+   screen, of its part in front of the camera. rows: see visibility_vertex.glsl */
 static double sbl__triangle_pixels(const sbl__surface *s, float rows[4][4], uint32_t triangle) {
     const double *eye = s->job->camera->eye;
     const double size[2] = { (double)s->visibility.width, (double)s->visibility.height };
@@ -8483,13 +8469,17 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     const int band[4] = { 0, s->row, s->visibility.width, s->rows }, at = s->stages.at;
     double room = sbl__pace_begin(&s->triangle_pace, slice, 65536, 1), pixels = 0;
     float clip[16], rows[4][4], eye[3];
-    int end = at, i;
+    int end = at, i, k;
     sbl_result result;
     if (!g->triangle_count) return SBL_SUCCESS;
     result = sbl__use(d, &sbl__recipe_visibility, scene->features);
     if (result != SBL_SUCCESS) return result;
     sbl__camera_clip(c, s->job->offset, &s->visibility, clip);
-    sbl__camera_rows(c, clip, rows);
+    for (i = 0; i < 4; i++) {
+        for (k = 0; k < 3; k++)
+            rows[i][k] = (float)(clip[i] * c->right[k] + clip[4 + i] * c->up[k] + clip[8 + i] * c->back[k]);
+        rows[i][3] = clip[12 + i];
+    }
     for (; end < g->triangle_count && pixels < room; end++)
         pixels += SBL__TRIANGLE_PIXELS + sbl__triangle_pixels(s, rows, (uint32_t)end);
     sbl__pass(d, &s->visibility, NULL, band, SBL__PASS_DEPTH);
@@ -8618,18 +8608,16 @@ static sbl_result sbl__surface_host(void *work, sbl__slice *slice) {
     const sbl__camera *c = job->camera;
     const sbl__target *target = &job->gbuffer->target;
     const int all[4] = { 0, 0, target->width, target->height };
-    float clip[16];
     sbl_draw_view view;
     int k;
     (void)slice;
     if (!job->scene->draw) return SBL_SUCCESS;
-    sbl__camera_clip(c, job->offset, target, clip);
     memset(&view, 0, sizeof view);
     view.kind = SBL_VIEW_CAMERA;
     memcpy(view.viewport, all, sizeof view.viewport);
     memcpy(view.world_to_view, c->world_to_view, sizeof view.world_to_view);
-    memcpy(view.view_to_clip, clip, sizeof view.view_to_clip);
-    sbl__multiply(view.world_to_clip, clip, c->world_to_view);
+    sbl__camera_clip(c, job->offset, target, view.view_to_clip);
+    sbl__multiply(view.world_to_clip, view.view_to_clip, c->world_to_view);
     for (k = 0; k < 3; k++) view.eye[k] = (float)c->eye[k];
     view.radiance_scale = 1;
     view.depth_scale = c->depth_scale;
@@ -15070,8 +15058,7 @@ static sbl_result sbl__gutters_step(sbl__gutters *g, sbl__slice *slice) {
 #define SBL__SEAM_ROUNDS 4        /* maximum number of solutions per layer */
 #define SBL__SEAM_PRECISION2 1e-10
 
-/* unknowns: texels until the point is added, then their numbers among the unknowns. The last four weights, B's, are
-   negative. */
+/* unknowns: texels until the point is added, then numbers of unknowns; weights: those of A, then those of B, negative */
 typedef struct sbl__seam_point { int unknowns[8]; float weights[8]; } sbl__seam_point;
 
 enum { SBL__SEAMS_EDGES, SBL__SEAMS_LAYER, SBL__SEAMS_BEFORE, SBL__SEAMS_SOLVE, SBL__SEAMS_APPLY, SBL__SEAMS_AFTER,
@@ -15090,8 +15077,9 @@ typedef struct sbl__seams {
     sbl__solver solver;         /* finds the change of each texel. Its diagonal is 1, or 0 for channels kept at 0 */
     int seams;                  /* number of seams */
     int layers;                 /* number of layers done; layer 0 is R, the others are harmonics, which have signs */
-    int rounds, bound;          /* solutions of this layer so far; 1: the last one made channels negative */
-    float before, after;        /* largest difference across seams, luminance, before and after layer 0 */
+    int rounds;                 /* number of solutions of this layer so far */
+    int bound;                  /* 1 if the last solution made channels negative */
+    float before, after;        /* largest differences across seams before and after solutions, luminance */
 } sbl__seams;
 
 static void sbl__seams_free(sbl__base *base, sbl__seams *s) {
