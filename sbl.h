@@ -8224,7 +8224,7 @@ typedef struct sbl__surface {
 } sbl__surface;
 
 #define SBL__DEPTH_SHARE 1e-6      /* share of the scene's extent; points nearer to the camera all have depth 1 */
-#define SBL__BAND_PIXELS 1048576   /* approximate size of a band of rows; limits the area of a triangle in a submission */
+#define SBL__BAND_PIXELS 1048576   /* approximate size of a band of rows; limits the area of one triangle at a time */
 #define SBL__TRIANGLE_PIXELS 64.0  /* cost of a triangle besides its pixels, in pixels */
 
 static sbl_result sbl__gbuffer_make(const sbl__device *d, sbl__gbuffer *g, int width, int height,
@@ -8383,7 +8383,7 @@ static const char *const sbl__glsl_visibility_vertex[] = {
 /* >>glsl visibility_fragment: shaders_embedded/visibility_fragment.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_visibility_fragment[] = {
 "flat in int triangle;\n",
-"uniform float depth_from_w;  // depth = depth_from_w * gl_FragCoord.w, for a driver without clip control; 0: orthographic\n",
+"uniform float depth_from_w;  // depth is this * gl_FragCoord.w (drivers without clip control); 0: orthographic\n",
 "layout(location = 0) out uint out_triangle;  // 1 + number of the triangle; 0: the pixel shows none\n",
 "\n",
 "void main() {\n",
@@ -15058,11 +15058,10 @@ static sbl_result sbl__gutters_step(sbl__gutters *g, sbl__slice *slice) {
 #define SBL__SEAM_ROUNDS 4        /* maximum number of solutions per layer */
 #define SBL__SEAM_PRECISION2 1e-10
 
-/* unknowns: texels until the point is added, then numbers of unknowns; weights: those of A, then those of B, negative */
+/* unknowns: texels until the point is added, then numbers of unknowns; weights: of A, then of B, which are negative */
 typedef struct sbl__seam_point { int unknowns[8]; float weights[8]; } sbl__seam_point;
 
-enum { SBL__SEAMS_EDGES, SBL__SEAMS_LAYER, SBL__SEAMS_BEFORE, SBL__SEAMS_SOLVE, SBL__SEAMS_APPLY, SBL__SEAMS_AFTER,
-       SBL__SEAMS_DONE };
+enum { SBL__SEAMS_EDGES, SBL__SEAMS_BEFORE, SBL__SEAMS_SOLVE, SBL__SEAMS_APPLY, SBL__SEAMS_AFTER, SBL__SEAMS_DONE };
 
 typedef struct sbl__seams {
     sbl__stages stages;
@@ -15246,7 +15245,8 @@ static void sbl__seam_term(void *user, int point, const double *direction, doubl
         product[3 * (size_t)p->unknowns[i / 3] + (size_t)i % 3] += (double)p->weights[i / 3] * difference[i % 3];
 }
 
-/* Measures the difference of light at a point. Before a solution, also adds the point to the right side. */
+/* Measures the difference of light at a point. Before a solution, also adds the point to the right side, and before the
+   first one of a layer lets all channels change. */
 static sbl_result sbl__seam_measure(void *work, int point) {
     sbl__seams *s = (sbl__seams *)work;
     const sbl__seam_point *p = &s->points[point];
@@ -15262,15 +15262,11 @@ static sbl_result sbl__seam_measure(void *work, int point) {
     jump = (float)fabs((double)sbl__luminance(difference));
     if (after) s->after = SBL__MAX(s->after, jump);
     else if (!s->rounds) s->before = SBL__MAX(s->before, jump);
-    for (i = 0; i < 24 && !after; i++)
-        s->solver.residual[3 * (size_t)p->unknowns[i / 3] + (size_t)i % 3] -= (double)p->weights[i / 3] * d[i % 3];
-    return SBL_SUCCESS;
-}
-
-/* Resets the diagonal of an unknown to 1. */
-static sbl_result sbl__seam_unbind(void *work, int unknown) {
-    double *diagonal = ((sbl__seams *)work)->solver.diagonal + 3 * (size_t)unknown;
-    diagonal[0] = diagonal[1] = diagonal[2] = 1;
+    for (i = 0; i < 24 && !after; i++) {
+        const size_t at = 3 * (size_t)p->unknowns[i / 3] + (size_t)i % 3;
+        s->solver.residual[at] -= (double)p->weights[i / 3] * d[i % 3];
+        if (!s->rounds) s->solver.diagonal[at] = 1;
+    }
     return SBL_SUCCESS;
 }
 
@@ -15308,7 +15304,7 @@ static sbl_result sbl__seams_make(void *work, sbl__slice *slice) {
 static sbl_result sbl__seams_make_solver(void *work, sbl__slice *slice) {
     sbl__seams *s = (sbl__seams *)work;
     (void)slice;
-    if (s->solver.user) return SBL_SUCCESS;  /* it was made for an earlier layer */
+    if (s->solver.user) return SBL_SUCCESS;  /* it has been made */
     s->solver.user = s;
     s->solver.term = sbl__seam_term;
     s->solver.term_count = s->point_count;
@@ -15336,7 +15332,7 @@ static int sbl__seams_unknowns(void *work) { return ((sbl__seams *)work)->unknow
 /* Prepares for another layer of the same lightmap. */
 static void sbl__seams_again(sbl__seams *s) {
     if (s->stages.stage < SBL__SEAMS_DONE) return;  /* seams are not wanted */
-    s->stages.stage = SBL__SEAMS_LAYER;
+    s->stages.stage = SBL__SEAMS_BEFORE;
     s->layers++;
     s->rounds = 0;
 }
@@ -15346,8 +15342,7 @@ static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, cons
                                   sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__seams_make, NULL, sbl__seams_edge, sbl__seams_edges },
-        { sbl__seams_make_solver, NULL, sbl__seam_unbind, sbl__seams_unknowns },
-        { NULL, NULL, sbl__seam_measure, sbl__seams_points },
+        { sbl__seams_make_solver, NULL, sbl__seam_measure, sbl__seams_points },
         { sbl__seams_solve, NULL, NULL, NULL },
         { NULL, sbl__seams_after_apply, sbl__seam_apply, sbl__seams_unknowns },
         { NULL, NULL, sbl__seam_measure, sbl__seams_points }
