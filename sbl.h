@@ -8858,9 +8858,9 @@ static void sbl__view_range(const sbl__layout *l, int face, double range[4]) {
 
 /* >>sensors: weights */
 
-/* Form factor (projected solid angle divided by pi) of the rectangle [0, x] x [0, y] in a plane at unit distance (Cohen
-   and Greenberg 1985, "The Hemi-Cube"). side = 0: the plane is perpendicular to the normal; integral of
-   1 / (pi (1 + x^2 + y^2)^2). side = 1: it is parallel to the normal, its y axis; integral of
+/* Returns the form factor (projected solid angle divided by pi) of the rectangle [0, x] x [0, y] in a plane at unit
+   distance (Cohen and Greenberg 1985, "The Hemi-Cube"). side = 0: the plane is perpendicular to the normal; integral of
+   1 / (pi (1 + x^2 + y^2)^2). side = 1: the plane is parallel to the normal, which is its y axis; integral of
    y / (pi (1 + x^2 + y^2)^2). */
 static double sbl__corner_weight(int side, double x, double y) {
     const double a = sqrt(1 + x * x), b = sqrt(1 + y * y);
@@ -8868,21 +8868,21 @@ static double sbl__corner_weight(int side, double x, double y) {
     return (x / a * atan(y / a) + y / b * atan(x / b)) / (2 * SBL__PI);
 }
 
-/* Form factor of the rectangle with the opposite corners from[] and to[] (x and y) */
+/* Returns the form factor of the rectangle with the opposite corners from[] and to[] (x and y). */
 static double sbl__rectangle_weight(int side, const double from[2], const double to[2]) {
     return sbl__corner_weight(side, to[0], to[1]) - sbl__corner_weight(side, from[0], to[1]) -
            sbl__corner_weight(side, to[0], from[1]) + sbl__corner_weight(side, from[0], from[1]);
 }
 
-/* V'' of the paper's equation 4: projects (x, y, 1) to the unit sphere, then along the normal to the tangent plane. */
+/* V'' in the paper's equation 4. Projects (x, y, 1) to the unit sphere, then along the normal to the tangent plane. */
 static void sbl__paper_project(double x, double y, double out[2]) {
     double length = sqrt(x * x + y * y + 1);
     out[0] = x / length;
     out[1] = y / length;
 }
 
-/* The paper's equation 4 divided by pi. The factor rdx * rdy of its section III-E cancels against the mean over that
-   number of texels. */
+/* Returns the paper's equation 4, divided by pi. The factor rdx * rdy of its section III-E cancels against the mean
+   over that number of texels. */
 static double sbl__paper_weight(const double from[2], const double to[2]) {
     double v0[2], v1[2], v2[2];
     sbl__paper_project(from[0], from[1], v0);
@@ -9007,7 +9007,7 @@ static double sbl__guide_even(const float *densities) {
     return SBL__GUIDE_EVEN + (1 - SBL__GUIDE_EVEN) * lit;
 }
 
-/* Makes a guide. found: per bin, the squared luminance that scouts found */
+/* Makes a guide. found: per bin, the sum of the squared luminances that scouts found */
 static void sbl__guide_make(const float *found, uint32_t *words) {
     float rings[SBL__GUIDE_RINGS], densities[SBL__GUIDE_BINS];
     double even;
