@@ -7440,30 +7440,29 @@ static const char *const sbl__glsl_surface[] = {
 /* <<glsl */
 
 /* ====================================================================================================== >>options
-   What front ends are asked for: the options that all share, and the descriptor of each front end. The defaults of a
-   descriptor and its checks stand side by side. */
+   The options that all front ends share, and the descriptor of each front end, with defaults and checks side by side.
+   In functions that check a descriptor, d has its defaults filled in, and `given` is what the host wrote, or NULL. */
 
-/* A preset out of range counts as the default one, until it is refused. */
+/* Until a preset out of range is refused, it counts as the default one. */
 static int sbl__preset_of(const sbl_options *o) {
     return (int)o->preset >= 0 && o->preset < SBL_PRESET_COUNT ? (int)o->preset : SBL_PRESET_DEFAULT;
 }
 
-/* Fills in the defaults of the options. rays, sizes: the defaults of rays and sensor_size for the presets default,
-   draft and high. */
+/* Fills in the defaults of the options. rays, sizes: the defaults of rays and sensor_size for each preset; rays is NULL
+   if the target error decides how many rays are traced */
 static void sbl__options_defaults(sbl_options *o, const int rays[SBL_PRESET_COUNT], const int sizes[SBL_PRESET_COUNT]) {
     const int preset = sbl__preset_of(o);
     if (o->mode == SBL_MODE_DEFAULT) o->mode = SBL_MODE_GI;
-    if (!o->rays) o->rays = rays[preset];
+    if (!o->rays && rays) o->rays = rays[preset];
     if (!o->sensor_size) o->sensor_size = sizes[preset];
     if (o->mode == SBL_MODE_DIRECT || o->mode == SBL_MODE_GI) o->epsilon = 0;
     else if (sbl__zero(&o->epsilon)) o->epsilon = 0.02f;
 }
 
-/* Default of rays where none are asked for, because the target error decides. */
-static const int sbl__rays_by_error[SBL_PRESET_COUNT] = { 0, 0, 0 };
 static const int sbl__sensor_sizes[SBL_PRESET_COUNT] = { 64, 32, 128 };
 
-/* papers: SBL_MODE_PAPER is allowed. rays: lowest and highest number. host_draws: the scene has a draw callback. */
+/* papers: 1 if SBL_MODE_PAPER is allowed; rays: lowest and highest number; host_draws: 1 if the scene has a draw
+   callback */
 static void sbl__check_options(sbl__check *check, const char *where, const sbl_options *o, int papers,
                                const int rays[2], int host_draws) {
     static const int modes[2] = { 0, SBL_MODE_COUNT - 1 }, presets[2] = { 0, SBL_PRESET_COUNT - 1 };
@@ -7484,11 +7483,11 @@ static void sbl__check_options(sbl__check *check, const char *where, const sbl_o
 
 static const int sbl__sensor_rays[2] = { 1, 4096 };  /* lowest and highest number of rays of a sensor */
 
-static sbl_sensor_kind sbl__sensor_kind_default(sbl_sensor_kind kind, sbl_mode mode) {
-    return kind != SBL_SENSOR_DEFAULT ? kind : mode == SBL_MODE_PAPER ? SBL_SENSOR_SINGLE : SBL_SENSOR_HEMICUBE;
+static void sbl__sensor_defaults(sbl_mode mode, sbl_sensor_kind *kind, float *fov) {
+    if (*kind == SBL_SENSOR_DEFAULT) *kind = mode == SBL_MODE_PAPER ? SBL_SENSOR_SINGLE : SBL_SENSOR_HEMICUBE;
+    if (sbl__zero(fov)) *fov = 135;
 }
 
-/* Checks which views a rasterised sensor has. */
 static void sbl__check_sensor_kind(sbl__check *check, const char *where, const sbl_options *o, sbl_sensor_kind kind,
                                    float fov) {
     static const int kinds[2] = { 0, SBL_SENSOR_KIND_COUNT - 1 };
@@ -7505,11 +7504,11 @@ static void sbl__check_sensor_kind(sbl__check *check, const char *where, const s
 
 /* How the sensors of a front end measure. */
 typedef struct sbl__measurement {
-    sbl_options options;       /* with their defaults; epsilon is not negative, and backend is what was chosen */
+    sbl_options options;       /* with defaults; epsilon is not negative; backend is the one chosen */
     sbl_sensor_kind sensor_kind;
     float sensor_fov;
-    int look_rays, looks;      /* if options.rays is 0: number of rays of a look, and maximum number of looks */
-    int every_ray;             /* 1: trace all rays, also if only lamps emit and rays only measure distances */
+    int look_rays, looks;      /* if options.rays is 0: number of rays per look, and maximum number of looks */
+    int every_ray;             /* 1: trace all rays, even if they can only measure distances because only lamps emit */
 } sbl__measurement;
 
 /* o has its defaults filled in. */
@@ -7555,11 +7554,10 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
     static const float errors[SBL_PRESET_COUNT] = { 0.015f, 0.05f, 0.0075f };
     static const int samples[SBL_PRESET_COUNT] = { 4, 1, 16 };
     sbl_picture_desc d;
-    memset(&d, 0, sizeof d);
     if (desc) d = *desc;
-    sbl__options_defaults(&d.options, sbl__rays_by_error, sbl__sensor_sizes);
-    d.sensor_kind = sbl__sensor_kind_default(d.sensor_kind, d.options.mode);
-    if (sbl__zero(&d.sensor_fov)) d.sensor_fov = 135;
+    else memset(&d, 0, sizeof d);
+    sbl__options_defaults(&d.options, NULL, sbl__sensor_sizes);
+    sbl__sensor_defaults(d.options.mode, &d.sensor_kind, &d.sensor_fov);
     if (!d.width && !d.height) { d.width = 640; d.height = 480; }
     if (d.width > 0 && d.height > 0 && sbl__all_zero(d.view_to_clip, 16))
         sbl_perspective(d.view_to_clip, 40, (float)d.width / (float)d.height);
@@ -7573,7 +7571,7 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
     return d;
 }
 
-/* Checks what pictures and lightmaps share. */
+/* Checks the fields that pictures and lightmaps share. */
 static void sbl__check_refinement(sbl__check *check, const char *where, const sbl_picture_desc *d) {
     static const int sizes[2] = { 1, 16384 }, tiles[2] = { 1, 1024 };
     sbl__check_int(check, where, "width", d->width, sizes);
@@ -7587,7 +7585,6 @@ static void sbl__check_refinement(sbl__check *check, const char *where, const sb
         sbl__mistake(check, "%s: filter_radius is %d; it must be at most 32", where, d->filter_radius);
 }
 
-/* d has its defaults filled in; `given` is what the host wrote, or NULL. host_draws: the scene has a draw callback. */
 static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_desc *given, const sbl_picture_desc *d,
                                      int host_draws) {
     static const int samples[2] = { 1, 64 };
@@ -7608,14 +7605,14 @@ static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_de
 
 /* >>options: lightmaps */
 
-/* Width and height are checked only if the supersampled size fits. */
+/* Returns 1 if supersample is valid and the supersampled width and height are at most 16384. */
 static int sbl__supersample_fits(const sbl_lightmap_desc *d) {
     const int most = 16384;
     return d->supersample >= 1 && d->supersample <= 8 && d->width >= 1 && d->height >= 1 &&
            d->width <= most / d->supersample && d->height <= most / d->supersample;
 }
 
-/* The picture whose refinement a lightmap uses, of width and height times supersample. */
+/* Returns the picture whose refinement a lightmap uses. Its width and height are multiplied by supersample. */
 static sbl_picture_desc sbl__lightmap_picture(const sbl_lightmap_desc *d) {
     const int across = sbl__supersample_fits(d) ? d->supersample : 1;
     sbl_picture_desc picture;
@@ -7636,8 +7633,8 @@ SBL_API sbl_lightmap_desc sbl_lightmap_desc_defaults(const sbl_lightmap_desc *de
     static const float errors[SBL_PRESET_COUNT] = { 0.005f, 0.02f, 0.0025f };
     sbl_lightmap_desc d;
     sbl_picture_desc picture;
-    memset(&d, 0, sizeof d);
     if (desc) d = *desc;
+    else memset(&d, 0, sizeof d);
     if (!d.width && !d.height) d.width = d.height = 512;
     if (!d.gutter) d.gutter = 16;
     if (!d.supersample) d.supersample = 1;
@@ -7649,7 +7646,6 @@ SBL_API sbl_lightmap_desc sbl_lightmap_desc_defaults(const sbl_lightmap_desc *de
     return d;
 }
 
-/* d has its defaults filled in; `given` is what the host wrote, or NULL. */
 static sbl_result sbl__check_lightmap(const sbl__base *base, const sbl_lightmap_desc *given, const sbl_lightmap_desc *d,
                                       const sbl__scene *scene) {
     static const int gutters[2] = { -INT_MAX, 16384 }, supersamples[2] = { 1, 8 }, switches[2] = { 0, 1 };
@@ -7667,8 +7663,8 @@ static sbl_result sbl__check_lightmap(const sbl__base *base, const sbl_lightmap_
     sbl__check_int(&check, where, "directional", d->directional, switches);
     sbl__check_int(&check, where, "supersample", d->supersample, supersamples);
     if (d->supersample > 1 && d->supersample <= supersamples[1] && !sbl__supersample_fits(d))
-        sbl__mistake(&check, "%s: %d x %d texels, supersample %d: more than 16384 places across", where, d->width,
-                     d->height, d->supersample);
+        sbl__mistake(&check, "%s: supersample is %d; times the size, %d x %d, it must be at most 16384", where,
+                     d->supersample, d->width, d->height);
     sbl__check_array(&check, where, "mesh_count", d->mesh_count, d->meshes);
     for (i = 0; d->meshes && i < d->mesh_count; i++) {
         const int mesh = d->meshes[i];
@@ -7685,17 +7681,16 @@ static sbl_result sbl__check_lightmap(const sbl__base *base, const sbl_lightmap_
 SBL_API sbl_readings_desc sbl_readings_desc_defaults(const sbl_readings_desc *desc) {
     static const int rays[SBL_PRESET_COUNT] = { 256, 64, 1024 };
     sbl_readings_desc d;
-    memset(&d, 0, sizeof d);
     if (desc) d = *desc;
+    else memset(&d, 0, sizeof d);
     sbl__options_defaults(&d.options, rays, sbl__sensor_sizes);
-    d.sensor_kind = sbl__sensor_kind_default(d.sensor_kind, d.options.mode);
-    if (sbl__zero(&d.sensor_fov)) d.sensor_fov = 135;
+    sbl__sensor_defaults(d.options.mode, &d.sensor_kind, &d.sensor_fov);
     return d;
 }
 
-#define SBL__SITES_NAMED 16  /* of wrong sites so many are named, the others counted */
+#define SBL__SITES_NAMED 16  /* number of wrong sites that are named; the others are only counted */
 
-/* Returns 1 where the site is fit for use; names what is wrong with it where `named`. */
+/* Returns 1 if the site is valid. Otherwise reports its mistakes if `named` is 1. */
 static int sbl__check_site(sbl__check *check, const sbl_site *s, int number, int named) {
     const int good = sbl__all_finite(s->position, 3) && sbl__all_finite(s->normal, 3) &&
                      !sbl__all_zero(s->normal, 3) && sbl__all_finite(s->geometric_normal, 3) &&
@@ -7712,7 +7707,6 @@ static int sbl__check_site(sbl__check *check, const sbl_site *s, int number, int
     return 0;
 }
 
-/* d has its defaults filled in; `given` is what the host wrote, or NULL. */
 static sbl_result sbl__check_readings(const sbl__base *base, const sbl_readings_desc *given, const sbl_readings_desc *d,
                                       int host_draws) {
     const char *where = "sbl_readings_desc";
@@ -7729,13 +7723,13 @@ static sbl_result sbl__check_readings(const sbl__base *base, const sbl_readings_
     for (i = 0; d->sites && i < d->site_count; i++)
         wrong += !sbl__check_site(&check, &d->sites[i], i, wrong < SBL__SITES_NAMED);
     if (wrong > SBL__SITES_NAMED)
-        sbl__mistake(&check, "%s: and %d sites more are as wrong", where, wrong - SBL__SITES_NAMED);
+        sbl__mistake(&check, "%s: %d more sites are wrong", where, wrong - SBL__SITES_NAMED);
     return sbl__check_end(&check);
 }
 
 /* >>options: light at vertices */
 
-/* The readings that light at vertices is made of, without their sites. */
+/* Returns the readings that light at vertices is computed from, without their sites. */
 static sbl_readings_desc sbl__vertices_readings(const sbl_vertices_desc *d) {
     sbl_readings_desc readings;
     memset(&readings, 0, sizeof readings);
@@ -7746,8 +7740,8 @@ static sbl_readings_desc sbl__vertices_readings(const sbl_vertices_desc *d) {
 SBL_API sbl_vertices_desc sbl_vertices_desc_defaults(const sbl_vertices_desc *desc) {
     static const int rays[SBL_PRESET_COUNT] = { 64, 16, 256 }, samples[SBL_PRESET_COUNT] = { 8, 4, 16 };
     sbl_vertices_desc d;
-    memset(&d, 0, sizeof d);
     if (desc) d = *desc;
+    else memset(&d, 0, sizeof d);
     sbl__options_defaults(&d.options, rays, sbl__sensor_sizes);
     if (!d.samples) d.samples = samples[sbl__preset_of(&d.options)];
     if (sbl__zero(&d.smoothing)) d.smoothing = 0.02f;
@@ -7756,7 +7750,6 @@ SBL_API sbl_vertices_desc sbl_vertices_desc_defaults(const sbl_vertices_desc *de
 
 #define SBL__VERTICES_SMOOTHEST 1e6f
 
-/* d has its defaults filled in; `given` is what the host wrote, or NULL. */
 static sbl_result sbl__check_vertices(const sbl__base *base, const sbl_vertices_desc *given, const sbl_vertices_desc *d,
                                       const sbl__scene *scene) {
     static const int samples[2] = { 1, 1024 }, flags[2] = { 0, 1 };
@@ -7796,7 +7789,7 @@ static sbl_result sbl__check_vertices(const sbl__base *base, const sbl_vertices_
 
 /* >>options: probes */
 
-/* Points of a grid; INT_MAX: too many, 0: there is no grid. */
+/* Returns the number of points of a grid: 0 if there is no grid, INT_MAX if there are too many points. */
 static int sbl__grid_count(const int grid[3]) {
     double count = 1;
     int k;
@@ -7829,14 +7822,13 @@ static void sbl__check_grid(sbl__check *check, const char *where, const sbl_prob
 SBL_API sbl_probes_desc sbl_probes_desc_defaults(const sbl_probes_desc *desc) {
     static const int rays[SBL_PRESET_COUNT] = { 4096, 1024, 16384 }, sizes[SBL_PRESET_COUNT] = { 16, 8, 32 };
     sbl_probes_desc d;
-    memset(&d, 0, sizeof d);
     if (desc) d = *desc;
+    else memset(&d, 0, sizeof d);
     sbl__options_defaults(&d.options, rays, sizes);
     if (!d.positions && !d.probe_count) d.probe_count = sbl__grid_count(d.grid);
     return d;
 }
 
-/* d has its defaults filled in; `given` is what the host wrote, or NULL. */
 static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc *given, const sbl_probes_desc *d,
                                     int host_draws) {
     static const int rays[2] = { 64, 65536 };
@@ -7860,47 +7852,45 @@ static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc
         if (wrong++ < SBL__SITES_NAMED) sbl__check_finite(&check, name, "position", d->positions + 3 * (size_t)i, 3);
     }
     if (wrong > SBL__SITES_NAMED)
-        sbl__mistake(&check, "%s: and %d probes more are as wrong", where, wrong - SBL__SITES_NAMED);
+        sbl__mistake(&check, "%s: %d more probes are wrong", where, wrong - SBL__SITES_NAMED);
     return sbl__check_end(&check);
 }
 
 /* ======================================================================================================== >>atlas
-   Which point of which triangle each texel of a lightmap shows, found on the CPU. A triangle shows at all texels whose
-   squares it touches, at its point nearest to the texel's centre; where several do, the nearest one counts, the first
-   of those that are as near. Triangles that share a corner, in the world and in the map, are one chart.
+   Finds, on the CPU, which point of which triangle each texel of a lightmap shows. A triangle claims every texel whose
+   square it touches, and offers its point nearest to the texel's centre. The texel shows the nearest point offered; if
+   several are equally near, that of the first triangle. Triangles that share a corner, with the same position and the
+   same lightmap coordinates, belong to one chart. */
 
-       (0, 0) +----+----+----+     the row's part of a triangle spans x0 .. x1: those are the texels that it touches
-              | x0 |####|x1  |
-              +----+----+----+ (1, 1)                                                                              */
-
-#define SBL__ATLAS_WORDS 4      /* of a texel: 1 + triangle, or 0; weights of its second and third corner; 1 + chart */
-#define SBL__ATLAS_FAR 1e30f    /* away: nothing is shown */
-#define SBL__ATLAS_INSIDE 1e-3  /* weight of each corner from which on a centre is no triangle's neighbour's, too: */
-#define SBL__ATLAS_WELL -1.0f   /* away: it lies well inside; */
-#define SBL__ATLAS_EDGE -0.5f   /* it may be the neighbour's */
-#define SBL__ATLAS_INSET 0.02   /* texels, from an edge: in a crease a sensor would stand in the other wall, too */
-#define SBL__ATLAS_INSET_MOST 0.01  /* share of the way to the triangle's middle */
+#define SBL__ATLAS_WORDS 4      /* per texel: 1 + triangle, or 0; weights of its second and third corner; 1 + chart */
+#define SBL__ATLAS_FAR 1e30f    /* texels show only points with a squared distance below this */
+#define SBL__ATLAS_WELL -1.0f   /* value of `away` for a centre well inside the triangle */
+#define SBL__ATLAS_EDGE -0.5f   /* value of `away` for a centre inside, near an edge: a neighbour may contain it too */
+#define SBL__ATLAS_INSIDE 1e-3  /* a centre lies well inside if all its barycentric weights are at least this */
+#define SBL__ATLAS_INSET 0.02   /* points on edges are moved inward by this number of texels; otherwise a sensor in a
+                                   crease would stand inside the other wall */
+#define SBL__ATLAS_INSET_MOST 0.01  /* upper limit of this move, as a share of the way to the centroid */
 
 typedef struct sbl__atlas {
     sbl__stages stages;
     sbl__base *base;
     const sbl__geometry *geometry;
-    int width, height;
-    int across;                 /* of these across a texel that is read */
-    unsigned char *wanted;      /* a mesh: is it baked? */
-    int row;                    /* the next one of the triangle under way; 0: it has not begun */
-    uint32_t *parents;          /* a vertex: one of the same chart (see sbl__root); then its chart's number */
-    sbl__hash_table places;     /* vertices, by their place in the world and on the map */
-    uint32_t *texels;           /* SBL__ATLAS_WORDS each */
-    float *away;                /* a texel: squared distance from its centre of what it shows, texels; below 0: it lies
-                                   inside, SBL__ATLAS_WELL or SBL__ATLAS_EDGE, and 1 less for each other that has it */
-    int charts;
-    double world_area, area;    /* of all triangles, in the world and on the map, texels */
-    int overlapping, outside;   /* triangles that were named, or would be */
+    int width, height;          /* supersampled texels, which this room calls texels */
+    int across;                 /* number of supersampled texels across a texel of the lightmap */
+    unsigned char *baked;       /* per mesh: 1 if it is baked */
+    int row;                    /* next row of the triangle in progress; 0: the triangle has not begun */
+    uint32_t *parents;          /* per vertex: union-find over charts (see sbl__root); later the chart's number */
+    sbl__hash_table places;     /* vertices by position and lightmap coordinates */
+    uint32_t *texels;           /* SBL__ATLAS_WORDS per texel */
+    float *away;                /* per texel: squared distance in texels from its centre to the point that it shows; or
+                                   SBL__ATLAS_WELL or SBL__ATLAS_EDGE, minus the number of overlapping triangles */
+    int charts;                 /* number of charts */
+    double world_area, area;    /* total area of the triangles, in world space and in square texels */
+    int overlapping, outside;   /* numbers of texels where triangles overlap, and of triangles partly off the map */
 } sbl__atlas;
 
 static void sbl__atlas_free(sbl__base *base, sbl__atlas *a) {
-    sbl__free(base, a->wanted);
+    sbl__free(base, a->baked);
     sbl__free(base, a->parents);
     sbl__hash_table_free(base, &a->places);
     sbl__free(base, a->texels);
@@ -7908,7 +7898,7 @@ static void sbl__atlas_free(sbl__base *base, sbl__atlas *a) {
     memset(a, 0, sizeof *a);
 }
 
-/* Makes room for a lightmap of the meshes that are named, or of all that can be; numbers have been checked. */
+/* desc has been checked. If it lists no meshes, all lightmapped meshes are baked. */
 static sbl_result sbl__atlas_begin(sbl__base *base, sbl__atlas *a, const sbl__geometry *g,
                                    const sbl_lightmap_desc *desc) {
     size_t texels;
@@ -7919,41 +7909,40 @@ static sbl_result sbl__atlas_begin(sbl__base *base, sbl__atlas *a, const sbl__ge
     texels = (size_t)a->width * (size_t)a->height;
     a->base = base;
     a->geometry = g;
-    a->wanted = (unsigned char *)sbl__alloc(base, (size_t)g->mesh_count, 1);
+    a->baked = (unsigned char *)sbl__alloc(base, (size_t)g->mesh_count, 1);
     a->parents = (uint32_t *)sbl__alloc_raw(base, (size_t)g->vertex_count, sizeof *a->parents);
     a->texels = (uint32_t *)sbl__alloc(base, texels, SBL__ATLAS_WORDS * sizeof *a->texels);
-    a->away = (float *)sbl__alloc_raw(base, texels, sizeof *a->away);
-    if (!a->wanted || !a->parents || !a->texels || !a->away) return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = 0; i < desc->mesh_count; i++) a->wanted[desc->meshes[i]] = 1;
-    for (i = 0; i < g->mesh_count && !desc->mesh_count; i++) a->wanted[i] = g->meshes[i].lightmapped != 0;
+    a->away = (float *)sbl__alloc(base, texels, sizeof *a->away);
+    if (!a->baked || !a->parents || !a->texels || !a->away) return SBL_ERROR_OUT_OF_MEMORY;
+    for (i = 0; i < desc->mesh_count; i++) a->baked[desc->meshes[i]] = 1;
+    for (i = 0; i < g->mesh_count && !desc->mesh_count; i++) a->baked[i] = g->meshes[i].lightmapped != 0;
     return sbl__hash_table_make(base, &a->places, g->vertex_count);
 }
 
-/* Is a vertex of a mesh that is baked? */
-static int sbl__atlas_wants(const sbl__atlas *a, uint32_t vertex) {
-    return a->wanted[a->geometry->vertices[vertex].object];
+static int sbl__atlas_is_baked(const sbl__atlas *a, uint32_t vertex) {
+    return a->baked[a->geometry->vertices[vertex].object];
 }
 
 /* >>atlas: charts */
 
-static const float *sbl__atlas_place(const sbl__geometry *g, uint32_t vertex) {
+static const float *sbl__atlas_uv(const sbl__geometry *g, uint32_t vertex) {
     return g->lightmap_texcoords + 2 * (size_t)vertex;
 }
 
 static int sbl__atlas_same(const void *geometry, uint32_t one, uint32_t other) {
     const sbl__geometry *g = (const sbl__geometry *)geometry;
-    return sbl__same_place(g, one, other) && sbl__same_floats(sbl__atlas_place(g, one), sbl__atlas_place(g, other), 2);
+    return sbl__same_place(g, one, other) && sbl__same_floats(sbl__atlas_uv(g, one), sbl__atlas_uv(g, other), 2);
 }
 
-/* Joins a vertex with the first one that stands in the same place, in the world and on the map. */
+/* Joins a vertex with the first one that has the same position and the same lightmap coordinates. */
 static sbl_result sbl__atlas_weld(void *work, int vertex) {
     sbl__atlas *a = (sbl__atlas *)work;
     const sbl__geometry *g = a->geometry;
     const uint32_t at = (uint32_t)vertex;
     uint32_t hash;
     a->parents[at] = at;
-    if (!sbl__atlas_wants(a, at)) return SBL_SUCCESS;
-    hash = sbl__hash_floats(sbl__place_hash(g, at), sbl__atlas_place(g, at), 2);
+    if (!sbl__atlas_is_baked(a, at)) return SBL_SUCCESS;
+    hash = sbl__hash_floats(sbl__place_hash(g, at), sbl__atlas_uv(g, at), 2);
     sbl__join(a->parents, at, sbl__hash_table_first(&a->places, hash, at, sbl__atlas_same, g));
     return SBL_SUCCESS;
 }
@@ -7962,15 +7951,16 @@ static sbl_result sbl__atlas_join(void *work, int triangle) {
     sbl__atlas *a = (sbl__atlas *)work;
     const uint32_t *corners = a->geometry->indices + 3 * (size_t)triangle;
     int i;
-    for (i = 1; i < 3 && sbl__atlas_wants(a, corners[0]); i++) sbl__join(a->parents, corners[0], corners[i]);
+    for (i = 1; i < 3 && sbl__atlas_is_baked(a, corners[0]); i++) sbl__join(a->parents, corners[0], corners[i]);
     return SBL_SUCCESS;
 }
 
-/* Numbers the charts. A root comes before all other vertices of its chart. */
+/* Replaces a vertex's parent by the number of its chart. The root of a chart is its first vertex, so its number is
+   known when the others need it. */
 static sbl_result sbl__atlas_number(void *work, int vertex) {
     sbl__atlas *a = (sbl__atlas *)work;
     uint32_t *parent = &a->parents[vertex];
-    if (!sbl__atlas_wants(a, (uint32_t)vertex)) return SBL_SUCCESS;
+    if (!sbl__atlas_is_baked(a, (uint32_t)vertex)) return SBL_SUCCESS;
     *parent = *parent == (uint32_t)vertex ? (uint32_t)a->charts++ : a->parents[*parent];
     return SBL_SUCCESS;
 }
@@ -7979,30 +7969,33 @@ static sbl_result sbl__atlas_number(void *work, int vertex) {
 
 typedef struct sbl__atlas_triangle {
     double corners[3][2];  /* texels */
-    double area;           /* twice, signed */
-    uint32_t number;
-    uint32_t chart;
-    int rows[2], first_column, last_column;
+    double area;           /* twice the signed area, square texels */
+    uint32_t number, chart;
+    int rows[2];           /* first and last row that it touches */
 } sbl__atlas_triangle;
 
-/* What a range of the map touches of `size` texels: first and last, and nothing where last is less. */
+/* Gets the first and last of `size` texels that an interval touches. If it touches none, last < first. */
 static void sbl__atlas_span(double low, double high, int size, int out[2]) {
     const double first = floor(low), last = SBL__MAX(first, ceil(high) - 1);
     out[0] = first >= size ? size : first < 0 ? 0 : (int)first;
     out[1] = last >= size ? size - 1 : last < 0 ? -1 : (int)last;
 }
 
-static void sbl__atlas_take(const sbl__atlas *a, uint32_t number, sbl__atlas_triangle *t) {
+/* Extends the interval from .. to so that it contains x. */
+static void sbl__extend(double *from, double *to, double x) {
+    *from = SBL__MIN(*from, x);
+    *to = SBL__MAX(*to, x);
+}
+
+static void sbl__atlas_load(const sbl__atlas *a, uint32_t number, sbl__atlas_triangle *t) {
     const sbl__geometry *g = a->geometry;
     const int size[2] = { a->width, a->height };
     double low = DBL_MAX, high = -DBL_MAX;
     int i, k;
     for (i = 0; i < 3; i++) {
-        const uint32_t vertex = g->indices[3 * (size_t)number + (size_t)i];
-        const float *uv = sbl__atlas_place(g, vertex);
+        const float *uv = sbl__atlas_uv(g, g->indices[3 * (size_t)number + (size_t)i]);
         for (k = 0; k < 2; k++) t->corners[i][k] = (double)uv[k] * size[k];
-        low = SBL__MIN(low, t->corners[i][1]);
-        high = SBL__MAX(high, t->corners[i][1]);
+        sbl__extend(&low, &high, t->corners[i][1]);
     }
     t->area = (t->corners[1][0] - t->corners[0][0]) * (t->corners[2][1] - t->corners[0][1]) -
               (t->corners[2][0] - t->corners[0][0]) * (t->corners[1][1] - t->corners[0][1]);
@@ -8011,12 +8004,7 @@ static void sbl__atlas_take(const sbl__atlas *a, uint32_t number, sbl__atlas_tri
     sbl__atlas_span(low, high, a->height, t->rows);
 }
 
-static void sbl__extend(double *from, double *to, double x) {
-    *from = SBL__MIN(*from, x);
-    *to = SBL__MAX(*to, x);
-}
-
-/* Columns that the triangle touches in a row. */
+/* Gets the first and last column that a triangle touches in a row. */
 static void sbl__atlas_columns(const sbl__atlas *a, const sbl__atlas_triangle *t, int row, int columns[2]) {
     double low = DBL_MAX, high = -DBL_MAX;
     int i, side;
@@ -8032,8 +8020,8 @@ static void sbl__atlas_columns(const sbl__atlas *a, const sbl__atlas_triangle *t
     if (low <= high) sbl__atlas_span(low, high, a->width, columns);
 }
 
-/* The triangle's point nearest to a texel's centre: weights of its corners. Returns the squared distance, or
-   SBL__ATLAS_WELL or SBL__ATLAS_EDGE where it is the centre itself. */
+/* Gets the point of a triangle nearest to a texel's centre, as barycentric weights. Returns the squared distance in
+   texels, or SBL__ATLAS_WELL or SBL__ATLAS_EDGE if the triangle contains the centre. */
 static double sbl__atlas_nearest(const sbl__atlas_triangle *t, const double centre[2], double weights[3]) {
     double least = DBL_MAX;
     int i, k, inside = t->area != 0, well = 1;
@@ -8046,14 +8034,14 @@ static double sbl__atlas_nearest(const sbl__atlas_triangle *t, const double cent
     if (inside) return (double)(well ? SBL__ATLAS_WELL : SBL__ATLAS_EDGE);
     for (i = 0; i < 3; i++) {
         const double *p = t->corners[i], *q = t->corners[(i + 1) % 3];
-        double along = 0, length2 = 0, distance2 = 0, d;
+        double along = 0, length2 = 0, distance2 = 0;
         for (k = 0; k < 2; k++) {
             along += (centre[k] - p[k]) * (q[k] - p[k]);
             length2 += (q[k] - p[k]) * (q[k] - p[k]);
         }
         along = length2 > 0 ? SBL__MIN(SBL__MAX(along / length2, 0.0), 1.0) : 0;
         for (k = 0; k < 2; k++) {
-            d = p[k] + along * (q[k] - p[k]) - centre[k];
+            const double d = p[k] + along * (q[k] - p[k]) - centre[k];
             distance2 += d * d;
         }
         if (!(distance2 < least)) continue;
@@ -8065,7 +8053,7 @@ static double sbl__atlas_nearest(const sbl__atlas_triangle *t, const double cent
     return least;
 }
 
-/* Moves a point at a triangle's edge inward. */
+/* Moves a point on a triangle's edge towards the centroid. */
 static void sbl__atlas_inset(const sbl__atlas_triangle *t, double weights[3]) {
     double distance2 = 0, share;
     int i, k;
@@ -8078,30 +8066,26 @@ static void sbl__atlas_inset(const sbl__atlas_triangle *t, double weights[3]) {
     for (i = 0; i < 3; i++) weights[i] += share * (1 / 3.0 - weights[i]);
 }
 
-/* Does what a texel shows have its centre well inside? */
-static int sbl__atlas_well(const sbl__atlas *a, size_t texel) {
-    return floor((double)a->away[texel]) >= (double)a->away[texel];
-}
-
-/* Other triangles that show at its centre, too. */
+/* Returns the number of other triangles that also contain the centre of a texel. */
 static float sbl__atlas_others(const sbl__atlas *a, size_t texel) {
     return a->away && a->away[texel] < 0 ? (float)ceil(-(double)a->away[texel]) - 1 : 0;
 }
 
-/* Tells of the first triangle whose texel is another's, and counts such texels. */
-static void sbl__atlas_tell_overlap(sbl__atlas *a, uint32_t triangle, size_t texel) {
+/* Counts overlaps and warns about the first. triangle: contains the centre of a texel that shows another one */
+static void sbl__atlas_warn_overlap(sbl__atlas *a, uint32_t triangle, size_t texel) {
     const sbl__geometry *g = a->geometry;
     const uint32_t first = a->texels[SBL__ATLAS_WORDS * texel] - 1;
     const int mesh = (int)g->vertices[g->indices[3 * (size_t)triangle]].object;
     const int first_mesh = (int)g->vertices[g->indices[3 * (size_t)first]].object;
     if (sbl__atlas_others(a, texel) > 0 || a->overlapping++) return;
     sbl__log(a->base, SBL_LOG_WARNING, SBL_LOG_ITEM_OVERLAP, "lightmap: triangle %d of mesh %d and triangle %d of mesh "
-             "%d share texel %d %d; light of the first one is shown there, in all such places",
+             "%d share texel %d %d; such texels show the light of the first triangle",
              (int)first - g->meshes[first_mesh].first_triangle, first_mesh,
              (int)triangle - g->meshes[mesh].first_triangle, mesh, (int)(texel % (size_t)a->width) / a->across,
              (int)(texel / (size_t)a->width) / a->across);
 }
 
+/* Offers a triangle to the texel in column at[0] of row at[1]. */
 static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const int at[2]) {
     const size_t i = (size_t)at[1] * (size_t)a->width + (size_t)at[0];
     const double centre[2] = { at[0] + 0.5, at[1] + 0.5 };
@@ -8109,25 +8093,25 @@ static void sbl__atlas_texel(sbl__atlas *a, const sbl__atlas_triangle *t, const 
     double weights[3];
     const float away = (float)sbl__atlas_nearest(t, centre, weights);
     const int well = away <= SBL__ATLAS_WELL, other_chart = t->chart + 1 != texel[3];
-    int k;
-    if (away < 0 && a->away[i] < 0 && (other_chart || (well && sbl__atlas_well(a, i)))) {
-        sbl__atlas_tell_overlap(a, t->number, i);
+    const int was_well = floor((double)a->away[i]) >= (double)a->away[i];  /* SBL__ATLAS_WELL minus overlaps */
+    float shares[2];
+    if (away < 0 && a->away[i] < 0 && (other_chart || (well && was_well))) {
+        sbl__atlas_warn_overlap(a, t->number, i);
         a->away[i] -= 1;
         return;
     }
-    if (!(away < a->away[i])) return;
+    if (!(away < (texel[0] ? a->away[i] : SBL__ATLAS_FAR))) return;
     a->away[i] = away;
     if (!well) sbl__atlas_inset(t, weights);
     texel[0] = t->number + 1;
-    for (k = 1; k < 3; k++) {
-        const float weight = (float)weights[k];
-        texel[k] = sbl__float_bits(&weight);
-    }
+    shares[0] = (float)weights[1];
+    shares[1] = (float)weights[2];
+    memcpy(texel + 1, shares, sizeof shares);
     texel[3] = t->chart + 1;
 }
 
-/* Tells of a triangle that is not on the map as a whole. */
-static void sbl__atlas_tell_outside(sbl__atlas *a, const sbl__atlas_triangle *t) {
+/* Counts triangles that lie partly outside of the map, and warns about the first. */
+static void sbl__atlas_warn_outside(sbl__atlas *a, const sbl__atlas_triangle *t) {
     const sbl__geometry *g = a->geometry;
     const int size[2] = { a->width, a->height }, mesh = (int)g->vertices[g->indices[3 * (size_t)t->number]].object;
     const double *outside = NULL;
@@ -8137,20 +8121,20 @@ static void sbl__atlas_tell_outside(sbl__atlas *a, const sbl__atlas_triangle *t)
             if (t->corners[i][k] < -0.5 || t->corners[i][k] > size[k] + 0.5) outside = t->corners[i];
     if (!outside || a->outside++) return;
     sbl__log(a->base, SBL_LOG_WARNING, SBL_LOG_ITEM_OUTSIDE, "lightmap: triangle %d of mesh %d has a corner at %g %g; "
-             "what lies outside of 0 to 1 is not baked", (int)t->number - g->meshes[mesh].first_triangle, mesh,
+             "parts outside of 0 to 1 are not baked", (int)t->number - g->meshes[mesh].first_triangle, mesh,
              outside[0] / a->width, outside[1] / a->height);
 }
 
-/* Draws a triangle's rows, from a->row on. */
+/* Draws the rows of a triangle, beginning with a->row, until the slice is over. */
 static sbl_result sbl__atlas_rows(sbl__atlas *a, uint32_t number, sbl__slice *slice) {
     sbl__atlas_triangle t;
     int at[2], columns[2];
-    sbl__atlas_take(a, number, &t);
+    sbl__atlas_load(a, number, &t);
     if (a->row == 0) {
         double normal[3];
         a->world_area += sbl__scene_normal(a->geometry, number, normal);
         a->area += 0.5 * fabs(t.area);
-        sbl__atlas_tell_outside(a, &t);
+        sbl__atlas_warn_outside(a, &t);
     }
     for (a->row = SBL__MAX(a->row, t.rows[0]); a->row <= t.rows[1]; a->row++) {
         if (a->row > t.rows[0] && sbl__late(slice)) return SBL_UNFINISHED;
@@ -8162,18 +8146,9 @@ static sbl_result sbl__atlas_rows(sbl__atlas *a, uint32_t number, sbl__slice *sl
     return SBL_SUCCESS;
 }
 
-/* Texels, on average, are so large: across, world; 0: they have no size. */
+/* Returns the mean width of a texel in world units; 0 if no triangle covers any area of the map. */
 static float sbl__atlas_texel_size(const sbl__atlas *a) {
     return a->area > 0 ? (float)sqrt(a->world_area / a->area) : 0;
-}
-
-/* >>atlas: its stages */
-
-static sbl_result sbl__atlas_clear(void *work, int row) {
-    sbl__atlas *a = (sbl__atlas *)work;
-    int i;
-    for (i = 0; i < a->width; i++) a->away[(size_t)row * (size_t)a->width + (size_t)i] = SBL__ATLAS_FAR;
-    return SBL_SUCCESS;
 }
 
 static sbl_result sbl__atlas_draw(void *work, sbl__slice *slice) {
@@ -8181,26 +8156,25 @@ static sbl_result sbl__atlas_draw(void *work, sbl__slice *slice) {
     int *at = &a->stages.at;
     for (; *at < a->geometry->triangle_count; ++*at) {
         if (sbl__late(slice)) return SBL_UNFINISHED;
-        if (!sbl__atlas_wants(a, a->geometry->indices[3 * (size_t)*at])) continue;
+        if (!sbl__atlas_is_baked(a, a->geometry->indices[3 * (size_t)*at])) continue;
         if (sbl__atlas_rows(a, (uint32_t)*at, slice) != SBL_SUCCESS) return SBL_UNFINISHED;
     }
     if (a->overlapping > 1 || a->outside > 1)
         sbl__log(a->base, SBL_LOG_WARNING, a->overlapping > 1 ? SBL_LOG_ITEM_OVERLAP : SBL_LOG_ITEM_OUTSIDE,
-                 "lightmap: triangles overlap in %d texels; %d triangles lie outside", a->overlapping, a->outside);
+                 "lightmap: triangles overlap in %d texels; %d triangles lie partly outside", a->overlapping,
+                 a->outside);
     sbl__free(a->base, a->parents);
     sbl__hash_table_free(a->base, &a->places);
     a->parents = NULL;
     return SBL_SUCCESS;
 }
 
-static int sbl__atlas_height(void *work) { return ((sbl__atlas *)work)->height; }
 static int sbl__atlas_vertices(void *work) { return ((sbl__atlas *)work)->geometry->vertex_count; }
 static int sbl__atlas_triangles(void *work) { return ((sbl__atlas *)work)->geometry->triangle_count; }
 
-/* Does one piece. SBL_SUCCESS: texels are known. */
+/* Does one piece of work. Returns SBL_SUCCESS when all texels are filled. */
 static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
-        { NULL, NULL, sbl__atlas_clear, sbl__atlas_height },
         { NULL, NULL, sbl__atlas_weld, sbl__atlas_vertices },
         { NULL, NULL, sbl__atlas_join, sbl__atlas_triangles },
         { NULL, NULL, sbl__atlas_number, sbl__atlas_vertices },
@@ -8210,54 +8184,53 @@ static sbl_result sbl__atlas_step(sbl__atlas *a, sbl__slice *slice) {
 }
 
 /* ======================================================================================================== >>surface
-   Where light is wanted in a picture: the camera's G-buffer (section III-F), once at pixel centres and once for each
-   anti-aliasing sample. First which triangle every pixel sees, then its surface point; then the host draws over it. Of
-   a lightmap the atlas tells the triangles, and their points.
+   Draws G-buffers (section III-F). A picture has one for pixel centres and one for each anti-aliasing sample: the first
+   pass finds the triangle that each pixel shows, the second computes its surface point, then the host draws over it. A
+   lightmap has one, and the atlas gives the triangles and their points.
 
-       triangles --visibility--> triangle a pixel --gbuffer--> position, normals, albedo, emission, id
-         atlas     (depth)    -> and its point                 <-- the host's draw callback, same depth            */
+       triangles --visibility--> triangle per pixel --gbuffer--> position, normals, albedo, emission, id
+         atlas     (depth)    -> and its point                   <-- the host's draw callback, same depth          */
 
 enum { SBL__GBUFFER_POSITION, SBL__GBUFFER_NORMAL, SBL__GBUFFER_GEOMETRIC_NORMAL, SBL__GBUFFER_ALBEDO,
        SBL__GBUFFER_EMISSION, SBL__GBUFFER_ID, SBL__GBUFFER_COUNT };  /* attachments */
 
 typedef struct sbl__gbuffer { sbl__texture textures[SBL__GBUFFER_COUNT]; sbl__target target; } sbl__gbuffer;
 
-/* What the rasteriser and the rays of the G-buffer need; rows are of world to view, the world taken relative to the
-   eye. */
 typedef struct sbl__camera {
-    double eye[3], right[3], up[3], back[3];
+    double eye[3];             /* origin of view space, in world space */
+    double right[3], up[3], back[3];  /* axes of view space in world space, unit vectors */
     float world_to_view[16], view_to_clip[16];
     int orthographic;
-    double nearest, farthest;  /* orthographic: distances that depth 1 and 0 stand for */
+    double nearest, farthest;  /* orthographic: distances along the view direction where depth is 1 and 0 */
     float depth_scale;         /* perspective: depth is depth_scale / w */
-    float facet_limit;         /* see sbl_picture_desc */
+    float facet_limit;         /* see sbl_picture_desc; 0: no limit */
 } sbl__camera;
 
-/* What is drawn, for whom. */
+/* A request to draw a G-buffer. */
 typedef struct sbl__surface_job {
     const sbl__scene *scene;
     const sbl__camera *camera;
     const sbl__gbuffer *gbuffer;
-    float offset[2];           /* of the sample from the pixels' centres, pixels */
-    float epsilon;             /* told to the host */
-    int bounced;               /* stored light is found, too */
-    sbl__atlas *atlas;         /* of a lightmap; else NULL */
+    float offset[2];           /* position of the sample relative to the pixel's centre, pixels */
+    float epsilon;             /* for the host's draw callback */
+    int bounced;               /* 1: also look up the stored light */
+    sbl__atlas *atlas;         /* lightmaps; NULL for pictures */
 } sbl__surface_job;
 
-/* One drawing of a G-buffer, in slices; the textures are kept for the next one. */
+/* State of the job in progress. The textures are kept for the next job. */
 typedef struct sbl__surface {
-    sbl__stages stages;        /* at: the triangle, or the row, that is next */
+    sbl__stages stages;        /* at: next triangle or row */
     sbl__device *device;
     const sbl__surface_job *job;
-    int row, rows;             /* the band under way */
+    int row, rows;             /* first row and number of rows of the band in progress */
     sbl__texture triangles, depth;
     sbl__target visibility;
     sbl__pace triangle_pace, point_pace;
 } sbl__surface;
 
-#define SBL__DEPTH_SHARE 1e-6      /* of the scene's extent: what is nearer to a camera shares depth 1 */
-#define SBL__BAND_PIXELS 1048576   /* pixels of a band of rows, about: a triangle that fills it is drawn in one go */
-#define SBL__TRIANGLE_PIXELS 64.0  /* what a triangle costs besides its pixels, in pixels */
+#define SBL__DEPTH_SHARE 1e-6      /* share of the scene's extent; points nearer to the camera all have depth 1 */
+#define SBL__BAND_PIXELS 1048576   /* approximate size of a band of rows; limits the area of one triangle at a time */
+#define SBL__TRIANGLE_PIXELS 64.0  /* cost of a triangle besides its pixels, in pixels */
 
 static sbl_result sbl__gbuffer_make(const sbl__device *d, sbl__gbuffer *g, int width, int height,
                                     const sbl__texture *depth) {
@@ -8296,7 +8269,7 @@ static void sbl__surface_free(const sbl__device *d, sbl__surface *s) {
 
 /* >>surface: the camera */
 
-/* desc's matrices have been checked. */
+/* The matrices of desc have been checked. */
 static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const sbl__geometry *g) {
     const float *m = desc->world_to_view;
     int i, k;
@@ -8319,7 +8292,7 @@ static void sbl__camera_make(sbl__camera *c, const sbl_picture_desc *desc, const
     c->farthest += 1e-3 * g->extent;
 }
 
-/* A camera that frames the scene: from the front (+z), a little to the right and above. */
+/* Sets world_to_view so that the whole scene is seen from the front (+z), a little from the right and from above. */
 static void sbl__camera_frame(const sbl__geometry *g, sbl_picture_desc *d) {
     static const double way[3] = { 0.35, 0.3, 0.89 };
     const double zoom = SBL__MIN(fabs((double)d->view_to_clip[0]), fabs((double)d->view_to_clip[5]));
@@ -8337,7 +8310,8 @@ static void sbl__camera_frame(const sbl__geometry *g, sbl_picture_desc *d) {
     sbl_look_at(d->world_to_view, eye[0], eye[1], eye[2], at[0], at[1], at[2], 0, 1, 0);
 }
 
-/* view_to_clip as the G-buffer is drawn: shifted by the sample's offset (pixels), top row first, reversed depth. */
+/* Gets view_to_clip for drawing the G-buffer: with the sample at `offset` (pixels) moved to the pixel's centre, the top
+   row first, and reversed depth. */
 static void sbl__camera_clip(const sbl__camera *c, const float offset[2], const sbl__target *t, float out[16]) {
     const float *m = c->view_to_clip;
     int k;
@@ -8348,38 +8322,15 @@ static void sbl__camera_clip(const sbl__camera *c, const float offset[2], const 
         out[4 * k + 1] = -m[4 * k + 1] - 2 * offset[1] / (float)t->height * w;
         out[4 * k + 3] = w;
     }
-    if (c->orthographic) {  /* depth falls from 1 at the nearest to 0 at the farthest point of the scene */
+    if (c->orthographic) {
         out[10] = (float)(1 / (c->farthest - c->nearest));
         out[14] = (float)(c->farthest / (c->farthest - c->nearest));
     } else out[14] = c->depth_scale;
 }
 
-/* A pixel's ray: origin, then direction, each constant, per pixel of x, per pixel of y; offset from the centre. */
-static void sbl__camera_rays(const sbl__camera *c, const float offset[2], const sbl__target *t, float ray[6][3]) {
-    const float *m = c->view_to_clip;
-    const double a = c->orthographic ? 1 : -(double)m[11], step_x = 2.0 / t->width, step_y = -2.0 / t->height;
-    const double x0 = -1 + offset[0] * step_x, y0 = 1 + offset[1] * step_y;
-    const double dx = a * step_x / m[0], dy = a * step_y / m[5];
-    const int moving = c->orthographic ? 0 : 3, still = 3 - moving;
-    /* x of the view at unit distance (perspective) or everywhere (orthographic) is linear in the pixel:
-       x = (a ndc + m8) / m0 or (ndc - m12) / m0 */
-    const double across = c->orthographic ? (x0 - m[12]) / m[0] : (a * x0 + m[8]) / m[0];
-    const double down = c->orthographic ? (y0 - m[13]) / m[5] : (a * y0 + m[9]) / m[5];
-    int k;
-    for (k = 0; k < 3; k++) {
-        const double fixed = c->orthographic ? c->eye[k] : -c->back[k];
-        ray[moving][k] = (float)(across * c->right[k] + down * c->up[k] + fixed);
-        ray[moving + 1][k] = (float)(dx * c->right[k]);
-        ray[moving + 2][k] = (float)(dy * c->up[k]);
-        ray[still][k] = (float)(c->orthographic ? -c->back[k] : c->eye[k]);
-        ray[still + 1][k] = ray[still + 2][k] = 0;
-    }
-}
-
 /* >>glsl camera: shaders_embedded/camera.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_camera[] = {
-"// Rays through the camera's pixels, in world space. Origin and direction are affine functions of the pixel's\n",
-"// position.\n",
+"// Rays through the camera's pixels, in world space. Origin and direction are affine in the pixel's position.\n",
 "uniform vec3 origin_0, origin_x, origin_y;\n",
 "uniform vec3 direction_0, direction_x, direction_y;\n",
 "\n",
@@ -8388,23 +8339,39 @@ static const char *const sbl__glsl_camera[] = {
 0 };
 /* <<glsl */
 
-/* For camera.glsl. */
+/* Sets the uniforms of camera.glsl, so that it computes the rays through the samples at `offset`. */
 static void sbl__camera_set(const sbl__device *d, const sbl__camera *c, const float offset[2], const sbl__target *t) {
     static const char *const names[6] = { "origin_0", "origin_x", "origin_y",
                                           "direction_0", "direction_x", "direction_y" };
-    float ray[6][3];
-    int i;
-    sbl__camera_rays(c, offset, t, ray);
-    for (i = 0; i < 6; i++) sbl__set_vec3(d, names[i], ray[i]);
+    const float *m = c->view_to_clip;
+    const double a = c->orthographic ? 1 : -(double)m[11], step_x = 2.0 / t->width, step_y = -2.0 / t->height;
+    const double x0 = -1 + offset[0] * step_x, y0 = 1 + offset[1] * step_y;
+    const double dx = a * step_x / m[0], dy = a * step_y / m[5];
+    const int moving = c->orthographic ? 0 : 3, still = 3 - moving;  /* indices in rays: which differs between pixels */
+    /* x in view space, at unit distance (perspective) or everywhere (orthographic), is linear in ndc:
+       x = (a ndc + m8) / m0 or (ndc - m12) / m0 */
+    const double across = c->orthographic ? (x0 - m[12]) / m[0] : (a * x0 + m[8]) / m[0];
+    const double down = c->orthographic ? (y0 - m[13]) / m[5] : (a * y0 + m[9]) / m[5];
+    float rays[6][3];
+    int i, k;
+    for (k = 0; k < 3; k++) {
+        const double fixed = c->orthographic ? c->eye[k] : -c->back[k];
+        rays[moving][k] = (float)(across * c->right[k] + down * c->up[k] + fixed);
+        rays[moving + 1][k] = (float)(dx * c->right[k]);
+        rays[moving + 2][k] = (float)(dy * c->up[k]);
+        rays[still][k] = (float)(c->orthographic ? -c->back[k] : c->eye[k]);
+        rays[still + 1][k] = rays[still + 2][k] = 0;
+    }
+    for (i = 0; i < 6; i++) sbl__set_vec3(d, names[i], rays[i]);
 }
 
-/* >>surface: which triangle */
+/* >>surface: the triangle that each pixel shows */
 
 /* >>glsl visibility_vertex: shaders_embedded/visibility_vertex.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_visibility_vertex[] = {
-"// The camera's view of the scene: which triangle is seen. Depth is reversed: 1 at the near end, 0 at infinity.\n",
+"// Finds the triangle that each pixel of the camera shows. Depth is reversed: 1 at the near end, 0 at infinity.\n",
 "uniform vec3 eye;\n",
-"uniform vec4 clip_x, clip_y, clip_z, clip_w;  // rows of world to clip, the world taken relative to the eye\n",
+"uniform vec4 clip_x, clip_y, clip_z, clip_w;  // rows of world to clip space, for positions relative to the eye\n",
 "flat out int triangle;\n",
 "\n",
 "void main() {\n",
@@ -8421,8 +8388,8 @@ static const char *const sbl__glsl_visibility_vertex[] = {
 /* >>glsl visibility_fragment: shaders_embedded/visibility_fragment.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_visibility_fragment[] = {
 "flat in int triangle;\n",
-"uniform vec2 depth_from_w;  // depth = x * gl_FragCoord.w + y, where the driver has no clip control\n",
-"layout(location = 0) out uint out_triangle;  // 1 + its number; 0: nothing is seen\n",
+"uniform float depth_from_w;  // depth is this * gl_FragCoord.w (drivers without clip control); 0: orthographic\n",
+"layout(location = 0) out uint out_triangle;  // 1 + number of the triangle; 0: the pixel shows none\n",
 "\n",
 "void main() {\n",
 "#ifdef SBL_CUTOUTS\n",
@@ -8431,7 +8398,7 @@ static const char *const sbl__glsl_visibility_fragment[] = {
 "#endif\n",
 "    out_triangle = uint(triangle) + 1u;\n",
 "#ifdef SBL_WRITE_DEPTH\n",
-"    gl_FragDepth = depth_from_w.x > 0.0 ? depth_from_w.x * gl_FragCoord.w : 2.0 * gl_FragCoord.z - 1.0;\n",
+"    gl_FragDepth = depth_from_w > 0.0 ? depth_from_w * gl_FragCoord.w : 2.0 * gl_FragCoord.z - 1.0;\n",
 "#endif\n",
 "}\n",
 0 };
@@ -8445,36 +8412,28 @@ static const sbl__recipe sbl__recipe_visibility = {
     SBL__CUTOUTS | SBL__WIDE | SBL__WRITE_DEPTH
 };
 
-/* World to clip, rows first, the world taken relative to the eye. */
-static void sbl__camera_rows(const sbl__camera *c, const float clip[16], float rows[4][4]) {
-    int i, k;
-    for (i = 0; i < 4; i++) {
-        for (k = 0; k < 3; k++)
-            rows[i][k] = (float)(clip[i] * c->right[k] + clip[4 + i] * c->up[k] + clip[8 + i] * c->back[k]);
-        rows[i][3] = clip[12 + i];
-    }
-}
+#define SBL__BEFORE_CAMERA 1e-3  /* share of a triangle's largest w; its part with a smaller w is cut off */
 
-#define SBL__BEFORE_CAMERA 1e-3  /* of a triangle's greatest distance: what is nearer to the camera's plane is cut */
-
-/* About how many pixels of the band's rows a triangle covers: half of the bounds on the screen of what of it lies
-   before the camera. */
-static double sbl__triangle_pixels(const sbl__surface *s, const sbl__camera *c, float rows[4][4],
-                                   const float *const p[3]) {
+/* Estimates the number of pixels that a triangle covers in the band: half the area of the bounding rectangle, on the
+   screen, of its part in front of the camera. rows: see visibility_vertex.glsl */
+static double sbl__triangle_pixels(const sbl__surface *s, float rows[4][4], uint32_t triangle) {
+    const double *eye = s->job->camera->eye;
     const double size[2] = { (double)s->visibility.width, (double)s->visibility.height };
     const double low[2] = { 0, (double)s->row }, high[2] = { size[0], (double)s->row + s->rows };
     double from[2] = { DBL_MAX, DBL_MAX }, to[2] = { -DBL_MAX, -DBL_MAX }, v[3][4], before;
     int i, k;
-    for (i = 0; i < 3; i++)
+    for (i = 0; i < 3; i++) {
+        const float *p = sbl__triangle_corner(&s->job->scene->geometry, triangle, i);
         for (k = 0; k < 4; k++)
-            v[i][k] = rows[k][0] * (p[i][0] - c->eye[0]) + rows[k][1] * (p[i][1] - c->eye[1]) +
-                      rows[k][2] * (p[i][2] - c->eye[2]) + rows[k][3];
+            v[i][k] = rows[k][0] * (p[0] - eye[0]) + rows[k][1] * (p[1] - eye[1]) + rows[k][2] * (p[2] - eye[2]) +
+                      rows[k][3];
+    }
     before = SBL__BEFORE_CAMERA * SBL__MAX(v[0][3], SBL__MAX(v[1][3], v[2][3]));
     if (!(before > 0)) return 0;
     for (i = 0; i < 3; i++) {
         const double *a = v[i], *b = v[(i + 1) % 3];
         const double t = (a[3] > before) != (b[3] > before) ? (before - a[3]) / (b[3] - a[3]) : 0;
-        for (k = 0; k < 2; k++) {  /* a corner, and where the edge comes before the camera */
+        for (k = 0; k < 2; k++) {  /* the corner, and the point where the edge is cut off */
             if (a[3] > before) sbl__extend(&from[k], &to[k], (0.5 * a[k] / a[3] + 0.5) * size[k]);
             if (t > 0) sbl__extend(&from[k], &to[k], (0.5 * (a[k] + t * (b[k] - a[k])) / before + 0.5) * size[k]);
         }
@@ -8487,7 +8446,7 @@ static double sbl__triangle_pixels(const sbl__surface *s, const sbl__camera *c, 
     return 0.5 * (to[0] - from[0]) * (to[1] - from[1]);
 }
 
-/* Goes on with another band of rows, in which all triangles are drawn. */
+/* Begins the band of rows at `row`. All triangles are drawn in each band. */
 static void sbl__surface_band(sbl__surface *s, int row) {
     s->row = row;
     s->rows = SBL__MIN(SBL__MAX(1, SBL__BAND_PIXELS / s->visibility.width), s->visibility.height - row);
@@ -8504,7 +8463,7 @@ static sbl_result sbl__surface_clear(void *work, sbl__slice *slice) {
     return sbl__gl_check(&s->device->gl);
 }
 
-/* Draws as many triangles of a band as the slice has time for. */
+/* Draws as many triangles into the band as the slice has time for. */
 static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     static const char *const names[4] = { "clip_x", "clip_y", "clip_z", "clip_w" };
     sbl__surface *s = (sbl__surface *)work;
@@ -8512,30 +8471,29 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     const sbl__scene *scene = s->job->scene;
     const sbl__camera *c = s->job->camera;
     const sbl__geometry *g = &scene->geometry;
-    const float *offset = s->job->offset;
     const int band[4] = { 0, s->row, s->visibility.width, s->rows }, at = s->stages.at;
     double room = sbl__pace_begin(&s->triangle_pace, slice, 65536, 1), pixels = 0;
     float clip[16], rows[4][4], eye[3];
-    int end = at, i;
+    int end = at, i, k;
     sbl_result result;
     if (!g->triangle_count) return SBL_SUCCESS;
     result = sbl__use(d, &sbl__recipe_visibility, scene->features);
     if (result != SBL_SUCCESS) return result;
-    sbl__camera_clip(c, offset, &s->visibility, clip);
-    sbl__camera_rows(c, clip, rows);
-    while (end < g->triangle_count && pixels < room) {
-        const float *p[3];
-        for (i = 0; i < 3; i++) p[i] = sbl__triangle_corner(g, (uint32_t)end, i);
-        pixels += SBL__TRIANGLE_PIXELS + sbl__triangle_pixels(s, c, rows, p);
-        end++;
+    sbl__camera_clip(c, s->job->offset, &s->visibility, clip);
+    for (i = 0; i < 4; i++) {
+        for (k = 0; k < 3; k++)
+            rows[i][k] = (float)(clip[i] * c->right[k] + clip[4 + i] * c->up[k] + clip[8 + i] * c->back[k]);
+        rows[i][3] = clip[12 + i];
     }
+    for (; end < g->triangle_count && pixels < room; end++)
+        pixels += SBL__TRIANGLE_PIXELS + sbl__triangle_pixels(s, rows, (uint32_t)end);
     sbl__pass(d, &s->visibility, NULL, band, SBL__PASS_DEPTH);
     sbl__scene_bind(d, scene);
-    sbl__camera_set(d, c, offset, &s->visibility);
+    sbl__camera_set(d, c, s->job->offset, &s->visibility);
     for (i = 0; i < 4; i++) sbl__set_vec4(d, names[i], rows[i]);
     for (i = 0; i < 3; i++) eye[i] = (float)c->eye[i];
     sbl__set_vec3(d, "eye", eye);
-    sbl__set_vec2(d, "depth_from_w", c->orthographic ? 0 : c->depth_scale, 0);
+    sbl__set_float(d, "depth_from_w", c->orthographic ? 0 : c->depth_scale);
     sbl__draw_triangles(d, at, end - at);
     sbl__pace_end(d, &s->triangle_pace, pixels);
     s->stages.at = end;
@@ -8544,25 +8502,26 @@ static sbl_result sbl__surface_triangles(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS && s->row < s->visibility.height ? SBL_UNFINISHED : result;
 }
 
-/* >>surface: its points */
+/* >>surface: surface points */
 
 /* >>glsl gbuffer_fragment: shaders_embedded/gbuffer_fragment.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_gbuffer_fragment[] = {
-"// The surface points of the triangles that are seen, or that a lightmap's texels show.\n",
-"uniform usampler2D triangles;  // of visibility_fragment.glsl; lightmaps: see SBL__ATLAS_WORDS\n",
-"uniform float facet_limit;     // shading normals count from triangles of this least height on, in pixels; fully\n",
-"                               // from twice that on\n",
+"// Computes the surface points that the camera's pixels, or the texels of a lightmap, show.\n",
+"uniform usampler2D triangles;  // output of visibility_fragment.glsl; lightmaps: see SBL__ATLAS_WORDS\n",
+"uniform float facet_limit;     // pixels. Triangles with a smaller least height on the screen get their geometric\n",
+"                               // normal, those of twice this height their shading normal, between them a mixture\n",
 "layout(location = 0) out vec4 out_position;          // w: reach, see surface.glsl\n",
 "layout(location = 1) out vec4 out_normal;\n",
 "layout(location = 2) out vec4 out_geometric_normal;\n",
 "layout(location = 3) out vec4 out_albedo;\n",
 "layout(location = 4) out vec4 out_emission;\n",
 "layout(location = 5) out uint out_id;\n",
-"// In SBL_MODE_GI the stored R stands in the w of normal (negative: -1 less it, where no sensor is to stand), of\n",
-"// geometric normal and of emission.\n",
+"// In SBL_MODE_GI, w of normal, geometric normal and emission hold red, green and blue of the stored R. Where no\n",
+"// sensor may stand, w of normal is -1 - red.\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
-"// Where no sensor smooths it: the mean over about a cell, of 5 x 5 points.\n",
+"// Returns the mean of the stored R at 5 x 5 points over about one cell. Used where no sensor may stand, because\n",
+"// there no sensor smooths R. points: 25, or 0 if the result is not needed\n",
 "vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {\n",
 "    mat3 frame = sbl_frame(s.geometric_normal);\n",
 "    float step = 0.25 / per_cell, weight = 0.0;\n",
@@ -8590,8 +8549,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "#else\n",
 "        vec3 origin = sbl_camera_origin(), direction = sbl_camera_direction();\n",
 "        sbl_Surface s = sbl_surface(int(triangle) - 1, origin, direction);\n",
-"        // Shading normals are there to hide facets; facets that are too small to be seen show the light that the\n",
-"        // true surface gets.\n",
+"        // Shading normals hide facets. Facets too small to be seen keep the light of their own plane.\n",
 "        float pixel = length(origin_y + distance(s.position, origin) / length(direction) * direction_y);\n",
 "        if (facet_limit > 0.0)\n",
 "            s.normal = normalize(mix(s.geometric_normal, s.normal,\n",
@@ -8625,7 +8583,7 @@ static const sbl__recipe sbl__recipe_gbuffer = {
     SBL__TEXTURED | SBL__WIDE | SBL__BOUNCED | SBL__LIGHTMAP
 };
 
-/* Surface points of as many rows as the slice has time for. */
+/* Computes the surface points of as many rows as the slice has time for. */
 static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
     sbl__surface *s = (sbl__surface *)work;
     const sbl__surface_job *job = s->job;
@@ -8648,26 +8606,23 @@ static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS && s->stages.at < target->height ? SBL_UNFINISHED : result;
 }
 
-/* >>surface: what the host draws over it */
-
+/* Lets the host draw over the G-buffer. */
 static sbl_result sbl__surface_host(void *work, sbl__slice *slice) {
     const sbl__surface *s = (const sbl__surface *)work;
     const sbl__surface_job *job = s->job;
     const sbl__camera *c = job->camera;
     const sbl__target *target = &job->gbuffer->target;
     const int all[4] = { 0, 0, target->width, target->height };
-    float clip[16];
     sbl_draw_view view;
     int k;
     (void)slice;
     if (!job->scene->draw) return SBL_SUCCESS;
-    sbl__camera_clip(c, job->offset, target, clip);
     memset(&view, 0, sizeof view);
     view.kind = SBL_VIEW_CAMERA;
     memcpy(view.viewport, all, sizeof view.viewport);
     memcpy(view.world_to_view, c->world_to_view, sizeof view.world_to_view);
-    memcpy(view.view_to_clip, clip, sizeof view.view_to_clip);
-    sbl__multiply(view.world_to_clip, clip, c->world_to_view);
+    sbl__camera_clip(c, job->offset, target, view.view_to_clip);
+    sbl__multiply(view.world_to_clip, view.view_to_clip, c->world_to_view);
     for (k = 0; k < 3; k++) view.eye[k] = (float)c->eye[k];
     view.radiance_scale = 1;
     view.depth_scale = c->depth_scale;
@@ -8678,14 +8633,12 @@ static sbl_result sbl__surface_host(void *work, sbl__slice *slice) {
     return sbl__gl_check(&s->device->gl);
 }
 
-/* >>surface: a lightmap's */
-
 static sbl_result sbl__surface_atlas(void *work, sbl__slice *slice) {
     const sbl__surface *s = (const sbl__surface *)work;
     return sbl__atlas_step(s->job->atlas, slice);
 }
 
-/* Rows of the atlas to the GPU. */
+/* Sends rows of the atlas to the GPU. */
 static sbl_result sbl__surface_send(void *work, sbl__slice *slice) {
     sbl__surface *s = (sbl__surface *)work;
     const sbl__atlas *a = s->job->atlas;
@@ -8697,9 +8650,8 @@ static sbl_result sbl__surface_send(void *work, sbl__slice *slice) {
     return result == SBL_SUCCESS && s->stages.at < a->height ? SBL_UNFINISHED : result;
 }
 
-/* >>surface: its stages */
-
-/* One piece of it; of a lightmap, the atlas has been begun. SBL_SUCCESS: the G-buffer is drawn, and can be again. */
+/* Does one piece of work. Returns SBL_SUCCESS when the G-buffer is drawn; the next call begins a new one. A lightmap's
+   atlas must have begun. */
 static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__surface_job *job, sbl__slice *slice) {
     static const sbl__stage_row camera[] = {
         { sbl__surface_clear, NULL, NULL, NULL },
@@ -8723,24 +8675,22 @@ static sbl_result sbl__surface_step(sbl__device *d, sbl__surface *s, const sbl__
 }
 
 /* ======================================================================================================== >>sensors
-   Defines where and how incoming light is measured. A site is a place where light is wanted. A look is one measurement
-   there, by a sensor that traces rays over the hemisphere or rasterises views of it. A site may have several looks,
-   each with other directions, whose mean is the site's reading. This room also lays out a look's views in a rectangle
-   of texels, its sheet, and computes the weights of these texels. */
+   Defines where and how incoming light is measured. The sensor at a site takes one or more looks, each with other
+   directions; their mean is the site's reading. A look traces rays over the hemisphere or rasterises views of it. This
+   room also lays out a look's views in a rectangle of texels, its sheet, and computes the weights of these texels. */
 
 typedef struct sbl__site {
     float position[3];          /* world space: on a surface or in the air */
     float normal[3];            /* unit vector to the centre of the hemisphere; a surface's shading normal */
-    float geometric_normal[3];  /* unit vector along which the sensor is moved off the surface */
-    float offset;               /* distance by which the sensor is moved, world units */
-    uint32_t number;            /* seed for rotating the site's rays or views; different for sites at other positions */
-    int guide;                  /* number of the guide that directs the site's rays, see >>guide; 0: no guide */
-    int first, looks;           /* the job makes this number of looks, beginning with look number `first` */
+    float geometric_normal[3];  /* unit vector; the sensor is moved off the surface along it */
+    float offset;               /* distance of this move, world units */
+    uint32_t number;            /* seed for rotating the site's rays or views; differs between positions */
+    int guide;                  /* number of the guide for the site's rays, see >>guide; 0: no guide */
+    int first, looks;           /* the job takes `looks` looks, beginning with look number `first` */
 } sbl__site;
 
-/* Layers of light that a sensor finds. Layer 0 is R. If the spec is directional, layers 1 to 4 are the radiance that
-   arrives over the site's hemisphere, projected to the first two bands of spherical harmonics, in the order of
-   sbl_probe; these coefficients may be negative. */
+/* Layers of light that a sensor measures. Layer 0 is R. Layers 1 to 4 exist if the spec is directional: the radiance
+   over the site's hemisphere, projected to the first two bands of spherical harmonics, in the order of sbl_probe. */
 #define SBL__LAYERS 5
 
 static int sbl__layer_is_signed(int layer) { return layer > 0; }
@@ -8748,8 +8698,8 @@ static int sbl__layer_is_signed(int layer) { return layer > 0; }
 /* How all sensors of a job measure light. */
 typedef struct sbl__spec {
     int traced;                 /* 1: sensors trace rays; 0: they rasterise views */
-    int paper;                  /* 1: exactly the paper's method: views are not rotated, texels are weighted by
-                                   equation 4, emitters are seen in views, other kinds of lamps are ignored */
+    int paper;                  /* 1: exactly the paper's method: unrotated views, weights by equation 4, emitters only
+                                   seen in views, other kinds of lamps ignored */
     int hemicube;               /* rasterised: 1: five views form half a cube; 0: one view along the normal */
     int size;                   /* rasterised: width and height of a view, texels */
     float fov;                  /* rasterised, one view: field of view, degrees */
@@ -8758,13 +8708,13 @@ typedef struct sbl__spec {
     int lamp_rays;              /* maximum number of rays towards lamps per look; 0: no rays are aimed at lamps */
     int lamps_apart;            /* 1: lamp_rays measure all emission, so other rays and views do not see it */
     int bounced;                /* 1: surfaces reflect bounced light (see >>store) and ambient light; 0: ambient only */
-    int without_sky;            /* traced: 1: rays over the hemisphere see neither the sky nor the environment */
-    int no_light;               /* traced: 1: rays over the hemisphere cannot find light, so only a site's first look
-                                   traces them, for the distances and back faces that readings report */
-    int guided;                 /* 1: guides direct the sites' rays, see >>guide */
+    int without_sky;            /* traced: 1 if rays over the hemisphere see neither the sky nor the environment */
+    int no_light;               /* traced: 1 if rays over the hemisphere cannot find light, so that only the first look
+                                   traces them, for the distances and back faces in readings */
+    int guided;                 /* 1: guides direct rays, see >>guide */
     float distance_limit;       /* traced: upper limit for each distance in a reading's mean distance; 0: no limit */
-    int one_ray;                /* traced: 1: a look traces one ray only, along the normal */
-    int directional;            /* 1: the job also yields layers 1 to 4 for each site, see SBL__LAYERS */
+    int one_ray;                /* traced: 1 if a look traces a single ray, along the normal */
+    int directional;            /* 1: measure layers 1 to 4 too, see SBL__LAYERS */
     float epsilon;              /* ambient light: radiance that reaches all surfaces from all directions */
     uint32_t seed;              /* seed for the rotation of all sensors, see sbl_picture_desc */
     int view_texture_size, batch;  /* fields of sbl_context_desc */
@@ -8772,7 +8722,7 @@ typedef struct sbl__spec {
 
 /* One look of a site. */
 typedef struct sbl__look {
-    float position[3];          /* position of the sensor: the site's position, moved by the offset */
+    float position[3];          /* the site's position, moved by the offset */
     float normal[3];
     float offset;
     float rotation;             /* rasterised: rotation of the views about the normal, radians */
@@ -8783,19 +8733,17 @@ typedef struct sbl__look {
 } sbl__look;
 
 #define SBL__MAX_LOOKS 512         /* maximum number of looks per site if the host has requested an error */
-#define SBL__DEFAULT_LOOKS 16      /* maximum number of looks per site if the host has not requested an error */
+#define SBL__DEFAULT_LOOKS 16      /* maximum number of looks per site otherwise */
 #define SBL__LOOK_RAYS_MOST 128    /* maximum number of rays per look when a noisy look gets more rays */
 #define SBL__LOOK_VARIANCE 12.5    /* a look gets more rays while its relative variance exceeds this multiple of the
                                       requested error squared (see sbl__look_growth) */
-/* Distance of a sensor from its surface. It is a share of the scene's extent if views are rasterised, because of the
-   depth buffer's precision, and of the triangle's reach if rays are traced: its distance from the origin plus its size
-   (see surface.glsl). The share is six times what float rounding needs: at 2.5e-7 and below, sensors on a sphere see
-   the sphere itself. */
+/* Distance of a sensor from its surface, as a share of the scene's extent if views are rasterised (for the precision of
+   the depth buffer), or of the triangle's reach (see surface.glsl) if rays are traced. Float rounding needs a sixth of
+   it: at 2.5e-7 and below, sensors on a sphere see the sphere itself. */
 #define SBL__OFFSET 1.5e-6f
 
-/* Makes look number `look` of a site. The sensor is moved off the surface along the geometric normal. Its rotation
-   about the normal is the site's hash (0 to 1) plus the look number's radical inverse, in quarter turns, so that any
-   number of looks are spread evenly over a quarter rotation. In the paper's mode looks are not rotated. */
+/* Makes look number `look` of a site. Its rotation about the normal is the site's hash (0 to 1) plus the look number's
+   radical inverse, in quarter turns, so that any number of looks are spread evenly over a quarter rotation. */
 static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int look, sbl__look *out) {
     const uint32_t hash = sbl__hash(site->number ^ sbl__hash(spec->seed));
     double rotation = 0, share = 0.5;  /* rotation: radical inverse of `look` in base 2, 0 to 1 */
@@ -8820,22 +8768,11 @@ static void sbl__look_make(const sbl__spec *spec, const sbl__site *site, int loo
     X(sbl__look_words, UVEC2, scramble) X(sbl__look_words, UINT, lamp_scramble) X(sbl__look_words, UINT, which)
 SBL__RECORD(sbl__look_words, SBL__LOOK_RECORD, "sbl_look", "sbl_looks", SBL__BUFFER_TABLE("sbl_looks"), NULL)
 
-static void sbl__look_write(const sbl__look *l, sbl__look_words *out) {
-    memcpy(out->position, l->position, sizeof out->position);
-    memcpy(out->normal, l->normal, sizeof out->normal);
-    out->rotation = l->rotation;
-    out->offset = l->offset;
-    out->scramble[0] = sbl__hash(l->seed);
-    out->scramble[1] = sbl__hash(l->seed + 1u);
-    out->lamp_scramble = sbl__hash(l->seed + 2u);
-    out->which = (uint32_t)l->number | (uint32_t)l->guide << SBL__LOOK_GUIDE_SHIFT;
-}
-
 /* >>sensors: views */
 
 /* Positions of a look's views in its sheet. */
 typedef struct sbl__layout {
-    int hemicube, size, view_count;
+    int view_count;             /* 5 for a hemicube, otherwise 1 */
     double tangent;             /* tangent of half the field of view; 1 for a hemicube */
     int rects[5][4];            /* per view: x, y, width, height in the sheet, texels */
     int sheet_width, sheet_height;  /* size of the sheet without padding, texels */
@@ -8850,8 +8787,6 @@ static void sbl__layout_make(sbl__layout *l, int hemicube, int size, float fov) 
     const int half = (size + 1) / 2;
     int i;
     memset(l, 0, sizeof *l);
-    l->hemicube = hemicube;
-    l->size = size;
     l->view_count = hemicube ? 5 : 1;
     l->tangent = hemicube ? 1 : tan(0.5 * (double)fov * SBL__PI / 180);
     l->sheet_width = hemicube ? 2 * size : size;
@@ -8868,7 +8803,7 @@ static void sbl__layout_make(sbl__layout *l, int hemicube, int size, float fov) 
     l->blocks[1] = (l->sheet_height + l->block - 1) / l->block;
 }
 
-/* Width (axis 0) or height (axis 1) of a sheet with its padding, texels */
+/* Returns the width (axis 0) or height (axis 1) of a sheet with its padding, texels. */
 static int sbl__layout_pitch(const sbl__layout *l, int axis) { return l->blocks[axis] * l->block; }
 
 /* Computes two tangents of a unit normal (Duff et al. 2017, "Building an Orthonormal Basis, Revisited") and rotates
@@ -8897,8 +8832,8 @@ static void sbl__view_axes(const sbl__look *l, int face, double right[3], double
     }
 }
 
-/* Makes a view's vertex attributes. corner: lowest x and y of the look's sheet in the texture of all sheets; size:
-   width and height of the part of this texture that is drawn to; all in texels */
+/* Makes a view's vertex attributes. corner: lowest x and y of the look's sheet in the view texture; size: width and
+   height of the part of this texture that is drawn to; all in texels */
 static void sbl__view_make(const sbl__layout *l, const sbl__look *look, int face, const int corner[2],
                            const int size[2], sbl__view *out) {
     const int *r = l->rects[face];
@@ -8919,7 +8854,7 @@ static void sbl__view_make(const sbl__layout *l, const sbl__look *look, int face
     out->forward[3] = face ? 0.0f : -1.0f;
 }
 
-/* Gets the rectangle that a view covers in the plane at unit distance: lowest and highest x, lowest and highest y. The
+/* Gets the rectangle that a view covers in the plane at unit distance: lowest x, highest x, lowest y, highest y. The
    side views of a hemicube begin at the horizon, y = 0. */
 static void sbl__view_range(const sbl__layout *l, int face, double range[4]) {
     range[0] = -l->tangent; range[1] = l->tangent;
@@ -8928,36 +8863,31 @@ static void sbl__view_range(const sbl__layout *l, int face, double range[4]) {
 
 /* >>sensors: weights */
 
-/* Form factor (projected solid angle divided by pi) of the rectangle [0, x] x [0, y] in a plane at unit distance:
-   integrals of the form factors in Cohen and Greenberg 1985, "The Hemi-Cube". sbl__corner_top: the plane is
-   perpendicular to the normal; integral of 1 / (pi (1 + x^2 + y^2)^2). sbl__corner_side: the plane is parallel to the
-   normal, which is its y axis; integral of y / (pi (1 + x^2 + y^2)^2). */
-static double sbl__corner_top(double x, double y) {
-    double a = sqrt(1 + x * x), b = sqrt(1 + y * y);
+/* Returns the form factor (projected solid angle divided by pi) of the rectangle [0, x] x [0, y] in a plane at unit
+   distance (Cohen and Greenberg 1985, "The Hemi-Cube"). side = 0: the plane is perpendicular to the normal; integral of
+   1 / (pi (1 + x^2 + y^2)^2). side = 1: the plane is parallel to the normal, which is its y axis; integral of
+   y / (pi (1 + x^2 + y^2)^2). */
+static double sbl__corner_weight(int side, double x, double y) {
+    const double a = sqrt(1 + x * x), b = sqrt(1 + y * y);
+    if (side) return (atan(x) - atan(x / b) / b) / (2 * SBL__PI);
     return (x / a * atan(y / a) + y / b * atan(x / b)) / (2 * SBL__PI);
 }
 
-static double sbl__corner_side(double x, double y) {
-    double b = sqrt(1 + y * y);
-    return (atan(x) - atan(x / b) / b) / (2 * SBL__PI);
+/* Returns the form factor of the rectangle with the opposite corners from[] and to[] (x and y). */
+static double sbl__rectangle_weight(int side, const double from[2], const double to[2]) {
+    return sbl__corner_weight(side, to[0], to[1]) - sbl__corner_weight(side, from[0], to[1]) -
+           sbl__corner_weight(side, to[0], from[1]) + sbl__corner_weight(side, from[0], from[1]);
 }
 
-/* Form factor of the rectangle with the opposite corners from[] and to[] (x and y), where `corner` is one of the two
-   functions above. */
-static double sbl__rectangle_weight(double (*corner)(double, double), const double from[2], const double to[2]) {
-    return corner(to[0], to[1]) - corner(from[0], to[1]) - corner(to[0], from[1]) + corner(from[0], from[1]);
-}
-
-/* V'' of the paper's equation 4: projects the point (x, y, 1) to the unit sphere, then along the normal to the tangent
-   plane. */
+/* V'' in the paper's equation 4. Projects (x, y, 1) to the unit sphere, then along the normal to the tangent plane. */
 static void sbl__paper_project(double x, double y, double out[2]) {
     double length = sqrt(x * x + y * y + 1);
     out[0] = x / length;
     out[1] = y / length;
 }
 
-/* The paper's equation 4 divided by pi. The factor rdx * rdy of its section III-E is left out, because it cancels
-   against the mean over that number of texels. */
+/* Returns the paper's equation 4, divided by pi. The factor rdx * rdy of its section III-E cancels against the mean
+   over that number of texels. */
 static double sbl__paper_weight(const double from[2], const double to[2]) {
     double v0[2], v1[2], v2[2];
     sbl__paper_project(from[0], from[1], v0);
@@ -8979,9 +8909,7 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
     for (i = 0; i < r[2]; i++, out += 2) {
         const double from[2] = { range[0] + i * dx, range[2] + j * dy }, to[2] = { from[0] + dx, from[1] + dy };
         const double x = from[0] + 0.5 * dx, y = from[1] + 0.5 * dy;
-        out[0] = (float)(paper ? sbl__paper_weight(from, to)
-                       : face  ? sbl__rectangle_weight(sbl__corner_side, from, to)
-                               : sbl__rectangle_weight(sbl__corner_top, from, to));
+        out[0] = (float)(paper ? sbl__paper_weight(from, to) : sbl__rectangle_weight(face > 0, from, to));
         out[1] = (float)sqrt(1 + x * x + y * y);
     }
 }
@@ -8990,10 +8918,10 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
    Sends more of a sensor's rays in directions where light was found nearby. If light comes through a window, for
    example, most cosine-distributed rays miss it. Scouts are therefore traced first: single cosine-distributed rays from
    a grid of pixels. A guide is a histogram over the hemisphere of the light that the scouts of one of these pixels and
-   of those around it found. The hemisphere is divided into rings about the normal and the rings into sectors, so that
-   all bins are equally likely under the cosine distribution. Sensors near the pixel choose most of their directions by
-   the guide. The weight of a ray is the inverse of the factor by which the guide made its bin more likely. This leaves
-   the expected value as it is and reduces the noise (scene living-room: to a fifth of the variance).
+   of its neighbours found. Its bins are rings about the normal, divided into sectors, all equally likely under the
+   cosine distribution. Sensors near the pixel choose most of their directions by the guide, and divide the light of a
+   ray by the factor by which the guide made its bin more likely. This leaves the expected value as it is and reduces
+   the noise (scene living-room: to a fifth of the variance).
 
        u, uniform in the square  --guide-->  u, denser where light was found  --sbl_by_cosine-->  direction
 
@@ -9002,9 +8930,9 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 
 #define SBL__GUIDE_BINS (SBL__GUIDE_RINGS * SBL__GUIDE_SECTORS)
 #define SBL__GUIDE_WORDS (4 * SBL__GUIDE_TEXELS)
-/* Even rays are those that keep the cosine distribution. At least a share SBL__GUIDE_EVEN of all rays are even, so that
-   light which no scout found is not missed. If the share of bins that are lit is above SBL__GUIDE_DARK, more rays are
-   even; at SBL__GUIDE_LIT and above, all are, because they sample uniform light with the least noise. */
+/* Even rays keep the cosine distribution. At least the share SBL__GUIDE_EVEN of all rays is even, so that light that no
+   scout found is not missed. If the share of lit bins is above SBL__GUIDE_DARK, more rays are even; from SBL__GUIDE_LIT
+   on, all are, because even rays sample uniform light with the least noise. */
 #define SBL__GUIDE_EVEN 0.2
 #define SBL__GUIDE_DARK 0.4
 #define SBL__GUIDE_LIT 0.7
@@ -9021,8 +8949,8 @@ static void sbl__weights_row(const sbl__layout *l, int paper, int face, int j, f
 typedef struct sbl__guides {
     int columns, rows;          /* size of the grid */
     int step;                   /* distance between neighbours of the grid, in pixels of the picture */
-    float *found;               /* NULL once the guides are made; before: for each grid pixel and each bin, the sum of
-                                   the squared luminances that the pixel's scouts found */
+    float *found;               /* per grid pixel and bin: sum of the squared luminances that the pixel's scouts found;
+                                   NULL once the guides are made */
     uint32_t *words;            /* the guides, as guide.glsl reads them, SBL__GUIDE_WORDS each */
     sbl__texture texture;       /* copy of `words` on the GPU */
 } sbl__guides;
@@ -9034,13 +8962,13 @@ static void sbl__guides_free(const sbl__device *d, sbl__guides *g) {
     memset(g, 0, sizeof *g);
 }
 
-/* Index of the bin that contains a point of the unit square. ring_share, sector_share: the point's coordinates */
-static int sbl__guide_bin(double ring_share, double sector_share) {
-    const int ring = (int)(ring_share * SBL__GUIDE_RINGS), sector = (int)(sector_share * SBL__GUIDE_SECTORS);
+/* Returns the index of the bin that contains a point of the unit square. */
+static int sbl__guide_bin(double x, double y) {
+    const int ring = (int)(x * SBL__GUIDE_RINGS), sector = (int)(y * SBL__GUIDE_SECTORS);
     return SBL__MIN(ring, SBL__GUIDE_RINGS - 1) * SBL__GUIDE_SECTORS + SBL__MIN(sector, SBL__GUIDE_SECTORS - 1);
 }
 
-/* Weighted mean of a bin and its neighbours. It reduces noise, since few scouts fall into one bin. */
+/* Returns the weighted mean of a bin and its neighbours, to reduce noise: few scouts fall into one bin. */
 static float sbl__guide_smooth(const float *found, int ring, int sector) {
     static const float weights[3] = { 0.2f, 0.6f, 0.2f };
     float sum = 0;
@@ -9054,9 +8982,8 @@ static float sbl__guide_smooth(const float *found, int ring, int sector) {
     return sum;
 }
 
-/* Divides 0 .. 65536 into `count` intervals and writes where each begins, as 16-bit numbers, two per word. A part
-   `even` (0 to 1) of the range is divided equally, the rest in proportion to the shares. If all shares are 0, the whole
-   range is divided equally. */
+/* Divides 0 .. 65536 into `count` intervals and writes where each begins, as 16-bit numbers, two per word. The part
+   `even` (0 to 1) of the range, or all of it if all shares are 0, is divided equally, the rest by the shares. */
 static void sbl__guide_intervals(const float *shares, int count, double even, uint32_t *words) {
     double all = 0, sum = 0;
     int i;
@@ -9071,8 +8998,8 @@ static void sbl__guide_intervals(const float *shares, int count, double even, ui
     }
 }
 
-/* Share of even rays, SBL__GUIDE_EVEN to 1. `lit`, the squared mean of the densities over their mean square, is the
-   share of bins that are lit: exactly if all lit bins have the same density, approximately otherwise. */
+/* Returns the share of even rays, SBL__GUIDE_EVEN to 1. The squared mean of the densities over their mean square is the
+   share of lit bins: exactly if all lit bins have the same density, approximately otherwise. */
 static double sbl__guide_even(const float *densities) {
     double sum = 0, squares = 0, lit;
     int i;
@@ -9085,7 +9012,7 @@ static double sbl__guide_even(const float *densities) {
     return SBL__GUIDE_EVEN + (1 - SBL__GUIDE_EVEN) * lit;
 }
 
-/* Makes a guide. found: for each bin, the squared luminance that scouts found */
+/* Makes a guide. found: per bin, the sum of the squared luminances that scouts found */
 static void sbl__guide_make(const float *found, uint32_t *words) {
     float rings[SBL__GUIDE_RINGS], densities[SBL__GUIDE_BINS];
     double even;
@@ -9105,48 +9032,49 @@ static void sbl__guide_make(const float *found, uint32_t *words) {
     sbl__guide_intervals(rings, SBL__GUIDE_RINGS, even, words);
 }
 
-/* Beginning of interval i, as sbl__guide_intervals has written it */
-static double sbl__guide_interval_begin(const uint32_t *words, int i) {
-    return (double)(words[i / 2] >> (i & 1 ? 16 : 0) & 0xffffu);
+/* Returns where interval i of `count` begins. i = count: where the last one ends */
+static double sbl__guide_interval_begin(const uint32_t *words, int i, int count) {
+    return i < count ? (double)(words[i / 2] >> (i & 1 ? 16 : 0) & 0xffffu) : SBL__GUIDE_STEPS;
 }
 
-/* Same as sbl_guide in guide.glsl: maps a uniform point u of the unit square to one that is distributed by the guide,
-   and returns the weight of its ray. words: first word of the guide */
+/* Does the same as sbl_guide in guide.glsl: maps a uniform point u of the unit square to one that is distributed by the
+   guide, and returns the weight of its ray. words: first word of the guide */
 static double sbl__guide_warp(const uint32_t *words, double u[2]) {
     static const int counts[2] = { SBL__GUIDE_RINGS, SBL__GUIDE_SECTORS };
     double weight = 1;
     int axis;
     for (axis = 0; axis < 2; axis++) {
         const double x = u[axis] * SBL__GUIDE_STEPS;
-        double begin, end;
+        const int count = counts[axis];
+        double begin, width;
         int i = 0;
-        while (i + 1 < counts[axis] && sbl__guide_interval_begin(words, i + 1) <= x) i++;
-        begin = sbl__guide_interval_begin(words, i);
-        end = i + 1 < counts[axis] ? sbl__guide_interval_begin(words, i + 1) : SBL__GUIDE_STEPS;
-        u[axis] = (i + (x - begin) / (end - begin)) / counts[axis];
-        weight *= SBL__GUIDE_STEPS / ((end - begin) * counts[axis]);
+        while (i + 1 < count && sbl__guide_interval_begin(words, i + 1, count) <= x) i++;
+        begin = sbl__guide_interval_begin(words, i, count);
+        width = sbl__guide_interval_begin(words, i + 1, count) - begin;
+        u[axis] = (i + (x - begin) / width) / count;
+        weight *= SBL__GUIDE_STEPS / (width * count);
         words += (SBL__GUIDE_RINGS + i * SBL__GUIDE_SECTORS) / 2;
     }
     return weight;
 }
 
-/* First word of guide number `guide` */
+/* Returns the first word of guide number `guide`. */
 static uint32_t *sbl__guide_words(const sbl__guides *g, int guide) {
     return g->words + (size_t)guide * SBL__GUIDE_WORDS;
 }
 
-/* What the scouts of grid pixel number `place` found: SBL__GUIDE_BINS floats */
+/* Returns what the scouts of grid pixel number `place` found: SBL__GUIDE_BINS floats. */
 static float *sbl__guide_found(const sbl__guides *g, int place) {
     return g->found + (size_t)place * SBL__GUIDE_BINS;
 }
 
-/* Height of the guides' texture, each of whose rows holds SBL__GUIDES_ACROSS guides */
+/* Returns the height of the guides' texture. Each row holds SBL__GUIDES_ACROSS guides. */
 static int sbl__guide_rows(const sbl__guides *g) { return g->columns * g->rows / SBL__GUIDES_ACROSS + 1; }
 
-/* >>sensors: data of both kinds of sensors, those that rasterise views and those that trace rays */
+/* >>sensors: data of both kinds of sensors, rasterised and traced */
 
-/* Slots for looks, side by side in textures. Look number n of a job uses slot n % count, however the job is divided
-   into batches, so that results do not depend on the division. */
+/* Slots for looks, side by side in textures. Look number n of a job uses slot n % count, so that results do not depend
+   on how the job is divided into batches. */
 typedef struct sbl__slots {
     int columns, count;
     int blocks[2];              /* width and height of a slot in the textures of sbl__blocks, texels */
@@ -9157,11 +9085,11 @@ typedef struct sbl__blocks {
     sbl__texture sums, hits;
     sbl__texture harmonics[3];  /* directional jobs: coefficients of red, green, blue */
     sbl__texture even;          /* directional jobs: exact coefficients of radiance 1 from all directions, minus those
-                                   that the rays yield; reduce_sum.glsl uses them to correct the rays' coefficients */
+                                   that the rays yield; reduce_sum.glsl corrects the rays' coefficients with them */
     sbl__target target;
 } sbl__blocks;
 
-/* Features (SBL__BOUNCED and others) that shaders need for this scene and spec */
+/* Returns the features (SBL__BOUNCED and others) that shaders need. */
 static unsigned sbl__features_of(const sbl__scene *scene, const sbl__spec *spec) {
     return scene->features | (spec->bounced ? (unsigned)SBL__BOUNCED : 0) |
            (spec->guided ? (unsigned)SBL__GUIDED : 0) | (spec->directional ? (unsigned)SBL__DIRECTIONAL : 0);
@@ -9181,8 +9109,8 @@ typedef struct sbl__batch {
 
 static unsigned sbl__batch_features(const sbl__batch *b) { return sbl__features_of(b->scene, b->spec); }
 
-/* Makes the textures of partial sums and a target that draws to them. count: makes only the first `count` of them, in
-   the order of the array below, and deletes the others */
+/* Makes the first `count` textures of partial sums, in the order of the array below, and a target that draws to them.
+   Deletes the other textures. */
 static sbl_result sbl__blocks_make(const sbl__device *d, sbl__blocks *b, int count, int width, int height) {
     sbl__texture *const textures[6] = { &b->sums, &b->hits, &b->harmonics[0], &b->harmonics[1], &b->harmonics[2],
                                         &b->even };
@@ -9206,14 +9134,24 @@ static void sbl__blocks_free(const sbl__device *d, sbl__blocks *b) {
     sbl__texture_delete(d, &b->hits);
 }
 
-/* Sends looks to the table that ray-tracing shaders read. room: number of looks that the table can hold */
+/* Sends looks to the table that ray-tracing shaders read. room: capacity of the table */
 static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const sbl__look *looks, int count,
                                   int room) {
     sbl__look_words *words = (sbl__look_words *)sbl__alloc_raw(d->base, (size_t)count, sizeof *words);
     sbl_result result;
     int i;
     if (!words) return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = 0; i < count; i++) sbl__look_write(&looks[i], &words[i]);
+    for (i = 0; i < count; i++) {
+        const sbl__look *l = &looks[i];
+        memcpy(words[i].position, l->position, sizeof l->position);
+        memcpy(words[i].normal, l->normal, sizeof l->normal);
+        words[i].rotation = l->rotation;
+        words[i].offset = l->offset;
+        words[i].scramble[0] = sbl__hash(l->seed);
+        words[i].scramble[1] = sbl__hash(l->seed + 1u);
+        words[i].lamp_scramble = sbl__hash(l->seed + 2u);
+        words[i].which = (uint32_t)l->number | (uint32_t)l->guide << SBL__LOOK_GUIDE_SHIFT;
+    }
     result = sbl__buffer_stream(d, &table->buffer, sizeof *words * (size_t)room, words, sizeof *words * (size_t)count);
     sbl__free(d->base, words);
     return result == SBL_SUCCESS ? sbl__table_attach(d, table, SBL__GL_RGBA32UI, 0) : result;
@@ -9221,24 +9159,23 @@ static sbl_result sbl__looks_send(const sbl__device *d, sbl__table *table, const
 
 /* >>glsl carrier: shaders_embedded/carrier.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_carrier[] = {
-"// Shared by all programs that trace rays for sensors. Each sensor (a look, see >>sensors in sbl.h) has a slot of\n",
-"// blocks.x * blocks.y texels in the outputs, and one invocation computes each texel. The programs run either as\n",
-"// fragment shaders, drawn over the slots, or as compute shaders, with consecutive invocations for each slot.\n",
-"uniform ivec2 blocks;            // width and height of a slot, texels; at most 4 wide, so that invocations that\n",
-"                                 // run side by side trace neighbouring rays\n",
+"// Shared by all programs that trace rays for sensors. Each look (see >>sensors in sbl.h) has a slot of blocks.x *\n",
+"// blocks.y texels in the outputs, and one invocation computes each texel. The programs run either as fragment\n",
+"// shaders, drawn over the slots, or as compute shaders, with consecutive invocations for each slot.\n",
+"uniform ivec2 blocks;            // size of a slot, texels; at most 4 wide, so that parallel invocations trace\n",
+"                                 // neighbouring rays\n",
 "uniform int columns;             // number of slots in a row of the outputs\n",
 "uniform int first_slot, count;   // the looks of this draw use `count` slots, beginning with slot first_slot\n",
 "\n",
 "const vec3 SBL_LUMINANCE = vec3(SBL_LUMINANCE_WEIGHTS);\n",
 "const float SBL_COSINE_LEAST = 1e-6;  // for reciprocals of cosines\n",
 "\n",
-"// 32-bit fractions as a point between 0 and 1.\n",
+"// Converts 32-bit fractions to a point between 0 and 1.\n",
 "vec2 sbl_unit_square(uvec2 fractions) { return (vec2(fractions >> 8) + 0.5) / SBL_FRACTIONS; }\n",
 "\n",
-"// Weights by which light from the unit direction w contributes to the coefficients of the first two bands of real\n",
-"// spherical harmonics, in the order 1, y, z, x. The light is given as its part of R (irradiance / pi), which\n",
-"// includes the cosine between w and the normal n; the coefficients describe radiance, which does not.\n",
-"// reciprocal: 1 / that cosine\n",
+"// Returns the weights of light from the unit direction w in the coefficients of the first two bands of real\n",
+"// spherical harmonics, in the order 1, y, z, x. The light is given as part of R, which includes the cosine between\n",
+"// w and the normal n; the coefficients describe radiance, which does not. reciprocal: 1 / that cosine\n",
 "vec4 sbl_harmonics(vec3 w, vec3 n, float reciprocal) {\n",
 "    vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w divided by the cosine\n",
 "    return SBL_PI * vec4(SBL_HARMONIC_0 * reciprocal, SBL_HARMONIC_1 * way.yzx);\n",
@@ -14786,13 +14723,12 @@ static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
 }
 
 /* ======================================================================================================== >>filter
-   Smoothing of R (section III-H). */
+   Smooths R with a Gaussian (section III-H) that stops at edges. */
 
 /* >>glsl belongs: shaders_embedded/belongs.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_belongs[] = {
-"// How far two surface points of one id belong together, 0 to 1: by their normals and by how far each lies off the\n",
-"// other's plane.\n",
-"// sbl__belongs in sbl.h is the same for the CPU.\n",
+"// Returns how far two surface points with the same id belong to one smooth surface, 0 to 1, by their normals n and\n",
+"// m and by the distance of each point from the other's plane. sbl__belongs in sbl.h does the same on the CPU.\n",
 "float sbl_belongs(vec3 p, vec3 n, vec3 q, vec3 m) {\n",
 "    float turn = clamp((dot(n, m) - SBL_BELONGS_COSINE) / SBL_BELONGS_TURN, 0.0, 1.0);\n",
 "    vec3 d = q - p;\n",
@@ -14804,11 +14740,10 @@ static const char *const sbl__glsl_belongs[] = {
 
 /* >>glsl filter: shaders_embedded/filter.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_filter[] = {
-"// The Gaussian of section III-H: over pixels of the same id, its weights renormalised to one. Outside paper mode a\n",
-"// pixel also counts the less the more its normal and its plane differ, and its light by more than noise can\n",
-"// explain.\n",
+"// The Gaussian of section III-H over pixels with the same id, normalised. Outside paper mode, weights are also\n",
+"// reduced for pixels whose normal or plane differs, or whose light differs by more than noise can explain.\n",
 "uniform sampler2D radiance;  // R; a: its noise, above 0 where there is a surface\n",
-"uniform sampler2D layer;     // SBL_DIRECTIONAL: harmonics, which are smoothed where R and they are alike\n",
+"uniform sampler2D layer;     // SBL_DIRECTIONAL: harmonics, smoothed instead of R, where both they and R are alike\n",
 "uniform sampler2D positions, normals;\n",
 "uniform usampler2D ids;\n",
 "uniform int radius;\n",
@@ -14816,14 +14751,13 @@ static const char *const sbl__glsl_filter[] = {
 "uniform int geometry_aware;\n",
 "layout(location = 0) out vec4 out_radiance;\n",
 "\n",
-"const float SBL_HARMONIC = 2.0;    // noise of a harmonic, about, over R's\n",
+"uniform float few;           // noise of harmonics where R has none, since looks have few rays; as a share of R\n",
+"const float SBL_HARMONIC = 2.0;  // noise of a harmonic divided by the noise of R, approximately\n",
 "\n",
-"uniform float few;                 // noise that few rays leave in harmonics, where R has none: a share of R\n",
-"\n",
-"// Noise of a harmonic, about.\n",
+"// Returns the approximate noise of a harmonic. light: R and its noise\n",
 "float sbl_harmonic_noise(vec4 light) { return SBL_HARMONIC * light.a + few * max(light.r, max(light.g, light.b)); }\n",
 "\n",
-"// 1 where noise alone explains the difference, nearing 0 where it is several times as large.\n",
+"// Returns about 1 if noise explains the difference of two pixels, about 0 if the difference is several times that.\n",
 "float sbl_alike(vec4 a, vec4 b) {\n",
 "    vec3 apart = abs(a.rgb - b.rgb), c = abs(a.rgb), d = abs(b.rgb);\n",
 "    float noise = a.a + b.a + SBL_FILTER_VISIBLE * (max(c.r, max(c.g, c.b)) + max(d.r, max(d.g, d.b)));\n",
@@ -14868,14 +14802,14 @@ static const sbl__recipe sbl__recipe_filter = {
 
 typedef struct sbl__filter {
     int radius, geometry_aware;
-    const sbl__texture *radiance;  /* R */
-    const sbl__texture *layer;     /* harmonics, where those are smoothed; or NULL */
-    float few;                     /* noise in them, where R has none: a share of R */
+    const sbl__texture *radiance;  /* R and its noise */
+    const sbl__texture *layer;     /* the layer of harmonics to smooth; NULL: smooth R */
+    float few;                     /* see filter.glsl */
 } sbl__filter;
 
 static double sbl__filter_sigma(int radius) { return SBL__MAX(0.5 * radius, 0.1); }
 
-/* How many pixels it takes the mean of, as far as independent noise is concerned. */
+/* Returns the number of pixels whose plain mean would reduce independent noise as much as the filter does. */
 static float sbl__filter_pixels(int radius) {
     const double sigma = sbl__filter_sigma(radius);
     double sum = 0, squares = 0;
@@ -14888,7 +14822,7 @@ static float sbl__filter_pixels(int radius) {
     return (float)((sum * sum / squares) * (sum * sum / squares));
 }
 
-/* Rows of the smoothed map from those of the radiance map; or, by the same weights, of a layer of harmonics. */
+/* Smooths `rows` (first row, number of rows). */
 static sbl_result sbl__filter_draw(sbl__device *d, const sbl__filter *f, const sbl__gbuffer *g,
                                    const sbl__target *out, const int rows[2]) {
     const double sigma = sbl__filter_sigma(f->radius);
@@ -14909,30 +14843,30 @@ static sbl_result sbl__filter_draw(sbl__device *d, const sbl__filter *f, const s
 }
 
 /* ======================================================================================================== >>resolve
-   Composition and anti-aliasing. */
+   Computes the picture from R and the G-buffers of all samples: composition (section III-H) and anti-aliasing. */
 
 /* >>glsl resolve: shaders_embedded/resolve.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_resolve[] = {
 "// Composition (section III-H) of one anti-aliasing sample of every pixel: emission plus reflected light. The\n",
-"// sample has its own G-buffer; R is looked up among the nearest pixel centres that show the same surface, so that\n",
-"// light never bleeds over an edge.\n",
+"// sample has its own G-buffer; its R comes from the nearest pixel centres that show the same surface, so that\n",
+"// light does not bleed over edges.\n",
 "uniform sampler2D radiance;                 // R at pixel centres\n",
 "uniform sampler2D positions, normals;       // at pixel centres\n",
 "uniform usampler2D ids;\n",
 "uniform sampler2D sample_positions, sample_normals, sample_albedo, sample_emission;\n",
 "uniform usampler2D sample_ids;\n",
-"uniform vec2 offset;                        // of the sample from the pixel's centre, pixels\n",
-"uniform vec3 sky;                           // constant\n",
-"uniform sampler2D previous;                 // what the samples before this one gave\n",
-"uniform float first, share;                 // first: 0 for the first sample, else 1; share: 1 / samples\n",
+"uniform vec2 offset;                        // position of the sample relative to the pixel's centre, pixels\n",
+"uniform vec3 sky;                           // constant radiance of the sky\n",
+"uniform sampler2D previous;                 // sum over the previous samples\n",
+"uniform float first, share;                 // first: 0 for the first sample, else 1; share: 1 / number of samples\n",
 "layout(location = 0) out vec4 out_color;\n",
 "\n",
-"const int SBL_REACH = 2;                // pixels to each side that light is looked up in\n",
-"const float SBL_NEAR_ENOUGH = 0.05;     // weight of the four nearest from which on they do\n",
-"const float SBL_SAME_ID = 1e-3;         // what a pixel of the same surface counts even where it does not belong,\n",
-"const float SBL_OTHER_ID = 0.01;        // and one of another where there is nothing else\n",
+"const int SBL_REACH = 2;                // R is taken from pixels at most this far away in x and y\n",
+"const float SBL_NEAR_ENOUGH = 0.05;     // least sum of weights at which the four nearest pixels suffice\n",
+"const float SBL_SAME_ID = 1e-3;         // least weight of a pixel with the same id, even if it does not belong\n",
+"const float SBL_OTHER_ID = 0.01;        // least weight of a pixel with any id, if there is none with the same id\n",
 "\n",
-"// As a camera sees the environment: bilinear.\n",
+"// Returns the radiance of the environment picture in a direction, bilinearly filtered.\n",
 "vec3 sbl_sky_smooth(vec3 direction) {\n",
 "    vec3 radiance = vec3(0);\n",
 "    ivec2 size = textureSize(sky_picture, 0);\n",
@@ -14946,7 +14880,8 @@ static const char *const sbl__glsl_resolve[] = {
 "    return radiance;\n",
 "}\n",
 "\n",
-"// R at the sample: of the four nearest pixels where they belong; else of those farther away; else of anything.\n",
+"// Returns R at the sample: from the four nearest pixels that belong to its surface; if there are none, from pixels\n",
+"// with its id within SBL_REACH; if there are none, from all pixels there.\n",
 "vec3 sbl_light_at(ivec2 at, uint id) {\n",
 "    ivec2 size = textureSize(radiance, 0), least = at + ivec2(floor(offset));\n",
 "    vec3 p = texelFetch(sample_positions, at, 0).xyz, n = texelFetch(sample_normals, at, 0).xyz;\n",
@@ -14997,26 +14932,26 @@ static const sbl__recipe sbl__recipe_resolve = {
       sbl__glsl_resolve }, { &sbl__object_record }, 0
 };
 
-/* Where sample i of count lies in the pixel, from its centre: the R2 sequence (Roberts 2018, "The Unreasonable
-   Effectiveness of Quasirandom Sequences"); one sample is the centre. */
+/* Gets the position of sample i of `count` relative to the pixel's centre, in pixels: the R2 sequence (Roberts 2018,
+   "The Unreasonable Effectiveness of Quasirandom Sequences"). A single sample lies at the centre. */
 static void sbl__sample_offset(int i, int count, float out[2]) {
     double x = 0.5 + (i + 0.5) * 0.7548776662466927, y = 0.5 + (i + 0.5) * 0.5698402909980532;
     out[0] = count == 1 ? 0 : (float)(x - floor(x) - 0.5);
     out[1] = count == 1 ? 0 : (float)(y - floor(y) - 0.5);
 }
 
-/* One sample of every pixel. */
+/* A sample of every pixel. */
 typedef struct sbl__resolve {
-    const sbl__gbuffer *centres, *sample;  /* what is seen at pixel centres, and at the sample */
+    const sbl__gbuffer *centres, *sample;  /* G-buffers of the pixels' centres and of the sample */
     const sbl__texture *radiance;          /* R at pixel centres */
-    const sbl__texture *previous;          /* what the samples before gave */
+    const sbl__texture *previous;          /* sum over the previous samples */
     const sbl__environment *environment;
     const sbl__camera *camera;
-    float offset[2];                       /* of the sample from the centre, pixels */
-    int index, count;                      /* of the sample */
+    float offset[2];                       /* position relative to the pixel's centre, pixels */
+    int index, count;                      /* index of the sample; number of samples */
 } sbl__resolve;
 
-/* Adds it to rows of the target. */
+/* Adds the sample to `previous` and writes the sum to rows of `out`. rows: first row, number of rows */
 static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const sbl__target *out, const int rows[2]) {
     const sbl_result result = sbl__use(d, &sbl__recipe_resolve, 0);
     if (result != SBL_SUCCESS) return result;
@@ -15041,14 +14976,13 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
 }
 
 /* ======================================================================================================== >>gutters
-   Gutters continue a lightmap beyond its charts, ring by ring: each texel of a ring gets the mean of those of its eight
-   neighbours that earlier rings have reached. */
+   Continues a lightmap beyond its charts, ring by ring. Each texel of a ring gets the mean of those of its eight
+   neighbours that are on a chart or in an earlier ring. */
 
 typedef struct sbl__gutters {
     sbl__stages stages;
     int width, height;
-    int rings;                 /* requested number of rings */
-    float *light;              /* 4 floats per texel: R; number of the texel's ring, 0 on charts, below 0 for no ring */
+    float *light;              /* 4 floats per texel: R, and the texel's ring: 0 on charts, negative if none */
     sbl__rings spread;
 } sbl__gutters;
 
@@ -15058,7 +14992,6 @@ static void sbl__gutters_free(sbl__base *base, sbl__gutters *g) {
     memset(g, 0, sizeof *g);
 }
 
-/* Sets a texel to the mean of those of its neighbours that earlier rings have reached. */
 static void sbl__gutters_mean(void *user, int texel) {
     sbl__gutters *g = (sbl__gutters *)user;
     float *out = g->light + 4 * (size_t)texel, sum[3] = { 0, 0, 0 };
@@ -15075,7 +15008,7 @@ static void sbl__gutters_mean(void *user, int texel) {
 
 static sbl_result sbl__gutters_begin(sbl__base *base, sbl__gutters *g, const int size[2], int rings) {
     const size_t texels = (size_t)size[0] * (size_t)size[1];
-    g->rings = g->spread.last = rings;
+    g->spread.last = rings;
     g->width = g->spread.width = size[0];
     g->height = size[1];
     g->spread.user = g;
@@ -15087,7 +15020,7 @@ static sbl_result sbl__gutters_begin(sbl__base *base, sbl__gutters *g, const int
 
 static int sbl__gutters_texels(void *work) { return ((sbl__gutters *)work)->spread.count; }
 
-/* Starts the rings at a texel that is on a chart, and replaces the texel's fourth float by its ring. */
+/* Starts the rings at a texel if it is on a chart, and replaces its fourth float by its ring. */
 static sbl_result sbl__gutters_find(void *work, int texel) {
     sbl__gutters *g = (sbl__gutters *)work;
     float *ring = &g->light[4 * (size_t)texel + 3];
@@ -15111,48 +15044,46 @@ static sbl_result sbl__gutters_step(sbl__gutters *g, sbl__slice *slice) {
 }
 
 /* ======================================================================================================== >>seams
-   Where charts meet in the world, a lightmap's bilinear samples are to be the same on both sides: its texels are
-   changed, as little as that takes, by least squares
+   Changes a lightmap as little as possible so that bilinear samples are equal on both sides of each seam (Iwanicki,
+   "Lighting technology of The Last of Us", SIGGRAPH 2013). Conjugate gradients find the texels x that minimise
 
-       the least of   sum over points of seams of (A x - B x)^2   +   SBL__SEAM_KEEP * sum over texels of (x - x0)^2
+       sum over points of seams of (A x - B x)^2   +   SBL__SEAM_KEEP * sum over texels of (x - x0)^2
 
-   where A and B mix the four texels around a point's two places in the map; by conjugate gradients, all three channels
-   at once; what would be negative is bound to 0, and the rest fitted once more. (Iwanicki, "Lighting technology of The
-   Last of Us", SIGGRAPH 2013.) Seams are edges of triangles with the same ends and normals in the world, but not in the
-   map: light that differs since normals do is left alone, and so is light that differs much: there something stands
-   between, a wall on a floor that is parted beneath it. */
+   where A and B are the bilinear weights at the point's two places in the map. Channels that become negative are set to
+   0 and kept there while the rest is solved again. Seams are edges of triangles with the same ends and normals in the
+   world, but not in the map: where normals differ, light may differ. Points where light differs much are left alone,
+   because something stands between, such as a wall on a floor that is divided beneath it. */
 
 #define SBL__SEAM_KEEP 0.0002
-#define SBL__SEAM_POINTS 2        /* a texel */
-#define SBL__SEAM_POINTS_MOST 65536  /* an edge */
-#define SBL__SEAM_TURN 0.998      /* cosine between normals from which on they are the same */
-#define SBL__SEAM_DIFFERENT 0.5f  /* share of the brighter side from which on they differ much */
-#define SBL__SEAM_CHAIN 16        /* edges between the same ends that are looked at, at most */
-#define SBL__SEAM_ROUNDS 4
+#define SBL__SEAM_POINTS 2        /* points per texel of a seam's length */
+#define SBL__SEAM_POINTS_MOST 65536  /* maximum number of points per seam */
+#define SBL__SEAM_TURN 0.998      /* normals are the same if their cosine is above this */
+#define SBL__SEAM_DIFFERENT 0.5f  /* light differs much if it differs by more than this share of the brighter side */
+#define SBL__SEAM_CHAIN 16        /* maximum number of edges with the same ends that an edge is compared with */
+#define SBL__SEAM_ROUNDS 4        /* maximum number of solutions per layer */
 #define SBL__SEAM_PRECISION2 1e-10
 
-/* unknowns: numbers of texels until the point is added. B's weights are negative. */
+/* unknowns: texels until the point is added, then numbers of unknowns; weights: of A, then of B, which are negative */
 typedef struct sbl__seam_point { int unknowns[8]; float weights[8]; } sbl__seam_point;
 
-enum { SBL__SEAMS_EDGES, SBL__SEAMS_LAYER, SBL__SEAMS_BEFORE, SBL__SEAMS_SOLVE, SBL__SEAMS_APPLY, SBL__SEAMS_AFTER,
-       SBL__SEAMS_DONE };
+enum { SBL__SEAMS_EDGES, SBL__SEAMS_BEFORE, SBL__SEAMS_SOLVE, SBL__SEAMS_APPLY, SBL__SEAMS_AFTER, SBL__SEAMS_DONE };
 
 typedef struct sbl__seams {
     sbl__stages stages;
     const sbl__atlas *atlas;
     const sbl__gutters *light;
-    sbl__hash_table edges;      /* sides of triangles, by their ends */
+    sbl__hash_table edges;      /* sides of triangles, by the positions of their ends */
     sbl__seam_point *points;
     int point_count, point_room;
-    int *unknown_of;            /* a texel: 1 + its number among the unknowns; 0: it is none */
-    int *texels;                /* an unknown's */
+    int *unknown_of;            /* per texel: 1 + its number among the unknowns; 0: the texel does not change */
+    int *texels;                /* per unknown: its texel */
     int unknown_count, unknown_room;
-    sbl__solver solver;         /* finds what texels change by. Its diagonal is 1, or 0 for a channel of a texel that
-                                   is bound to 0, as it would be negative */
-    int seams;
-    int layers;                 /* sewn before: R, then harmonics, which may be negative */
-    int rounds, bound;          /* solutions so far; channels were bound in the last one */
-    float before, after;        /* largest difference across seams, luminance */
+    sbl__solver solver;         /* finds the change of each texel. Its diagonal is 1, or 0 for channels kept at 0 */
+    int seams;                  /* number of seams */
+    int layers;                 /* number of layers done; layer 0 is R, the others are harmonics, which have signs */
+    int rounds;                 /* number of solutions of this layer so far */
+    int bound;                  /* 1 if the last solution made channels negative */
+    float before, after;        /* largest differences across seams before and after solutions, luminance */
 } sbl__seams;
 
 static void sbl__seams_free(sbl__base *base, sbl__seams *s) {
@@ -15166,49 +15097,42 @@ static void sbl__seams_free(sbl__base *base, sbl__seams *s) {
 
 /* >>seams: edges */
 
-/* An edge's vertices, in an order that does not depend on the triangle. */
+/* Gets the two vertices of an edge, ordered by position, so that both sides of a seam have the same order. */
 static void sbl__seam_ends(const sbl__geometry *g, uint32_t edge, uint32_t ends[2]) {
-    const uint32_t triangle = edge / 3, corner = edge % 3;
-    const float *a, *b;
-    int k;
-    ends[0] = g->indices[3 * (size_t)triangle + corner];
-    ends[1] = g->indices[3 * (size_t)triangle + (corner + 1) % 3];
-    a = g->vertices[ends[0]].position;
-    b = g->vertices[ends[1]].position;
+    const uint32_t first = sbl__side_end(g->indices, edge, 0), second = sbl__side_end(g->indices, edge, 1);
+    const float *a = g->vertices[first].position, *b = g->vertices[second].position;
+    int k, swapped;
     for (k = 0; k < 2 && !(a[k] < b[k]) && !(b[k] < a[k]); k++) {}
-    if (b[k] < a[k]) {
-        const uint32_t first = ends[0];
-        ends[0] = ends[1];
-        ends[1] = first;
-    }
+    swapped = b[k] < a[k];
+    ends[swapped] = first;
+    ends[!swapped] = second;
 }
 
-/* The normal that light is for at an edge's end. */
+/* Gets the unit normal for which the light at an end of an edge was measured. */
 static void sbl__seam_normal(const sbl__geometry *g, uint32_t edge, uint32_t vertex, double out[3]) {
     int k;
     for (k = 0; k < 3; k++) out[k] = (double)g->attributes[vertex].normal[k];
     if (!sbl__normalize(out)) sbl__scene_normal(g, edge / 3, out);
 }
 
-/* Do two edges stand in the same place of the world? parted: and are to be sewn. */
-static int sbl__seam_alike(const sbl__geometry *g, uint32_t one, uint32_t other, const uint32_t ends[2][2],
-                           int *parted) {
-    int i, alike = 1;
-    *parted = 0;
+/* Returns 0 if two edges have different ends in the world, 2 if they are a seam: the places in the map differ and the
+   normals are the same; otherwise 1. */
+static int sbl__seam_match(const sbl__geometry *g, const uint32_t edges[2], const uint32_t ends[2][2]) {
+    int i, parted = 0, alike = 1;
     for (i = 0; i < 2; i++) {
         const uint32_t a = ends[0][i], b = ends[1][i];
         double m[3], n[3];
         if (!sbl__same_floats(g->vertices[a].position, g->vertices[b].position, 3)) return 0;
-        if (!sbl__same_floats(sbl__atlas_place(g, a), sbl__atlas_place(g, b), 2)) *parted = 1;
-        sbl__seam_normal(g, one, a, m);
-        sbl__seam_normal(g, other, b, n);
+        if (!sbl__same_floats(sbl__atlas_uv(g, a), sbl__atlas_uv(g, b), 2)) parted = 1;
+        sbl__seam_normal(g, edges[0], a, m);
+        sbl__seam_normal(g, edges[1], b, n);
         alike = alike && m[0] * n[0] + m[1] * n[1] + m[2] * n[2] > SBL__SEAM_TURN;
     }
-    *parted = *parted && alike;
-    return 1;
+    return parted && alike ? 2 : 1;
 }
 
-/* Four texels and their weights around a place in the map, in texels; returns 0 where one of them has no light. */
+/* Stores the four texels around a place in the map (at, in texels) and their bilinear weights as one side of a point.
+   Returns 0 if one of these texels has no light. */
 static int sbl__seam_mix(const sbl__gutters *g, const double at[2], int side, sbl__seam_point *p) {
     const int size[2] = { g->width, g->height };
     int low[2], high[2], i, k;
@@ -15229,7 +15153,7 @@ static int sbl__seam_mix(const sbl__gutters *g, const double at[2], int side, sb
     return 1;
 }
 
-/* Does light on both sides of a point, whose unknowns are texels yet, come from the same surroundings? */
+/* Returns 1 if the light on both sides of a point does not differ much. The unknowns are still texels. */
 static int sbl__seam_is_even(const sbl__gutters *g, const sbl__seam_point *p) {
     float sides[2] = { 0, 0 };
     int i;
@@ -15238,7 +15162,7 @@ static int sbl__seam_is_even(const sbl__gutters *g, const sbl__seam_point *p) {
     return fabs((double)sides[0] - sides[1]) <= (double)(SBL__SEAM_DIFFERENT * SBL__MAX(sides[0], sides[1]));
 }
 
-/* Adds a point, and gives each of its unknowns its number. */
+/* Adds a point and numbers its unknowns. */
 static sbl_result sbl__seam_add(sbl__seams *s, const sbl__seam_point *p) {
     sbl__base *base = s->atlas->base;
     sbl__seam_point *out;
@@ -15259,12 +15183,18 @@ static sbl_result sbl__seam_add(sbl__seams *s, const sbl__seam_point *p) {
     return SBL_SUCCESS;
 }
 
-/* Points along a seam, whose ends in the map are places[side][end]. */
-static sbl_result sbl__seam_points(sbl__seams *s, const double places[2][2][2]) {
-    double longest = 0;
+/* Adds points along a seam. ends: two vertices per side */
+static sbl_result sbl__seam_points(sbl__seams *s, const uint32_t ends[2][2]) {
+    const int size[2] = { s->light->width, s->light->height };
+    double places[2][2][2], longest = 0;  /* positions in the map of side and end, texels */
     int side, k, i, count;
     for (side = 0; side < 2; side++) {
-        const double dx = places[side][1][0] - places[side][0][0], dy = places[side][1][1] - places[side][0][1];
+        double dx, dy;
+        for (i = 0; i < 4; i++)
+            places[side][i / 2][i % 2] = (double)sbl__atlas_uv(s->atlas->geometry, ends[side][i / 2])[i % 2] *
+                                         size[i % 2];
+        dx = places[side][1][0] - places[side][0][0];
+        dy = places[side][1][1] - places[side][0][1];
         longest = SBL__MAX(longest, sqrt(dx * dx + dy * dy));
     }
     count = (int)SBL__MIN(SBL__SEAM_POINTS * longest + 1, SBL__SEAM_POINTS_MOST);
@@ -15284,36 +15214,32 @@ static sbl_result sbl__seam_points(sbl__seams *s, const double places[2][2][2]) 
     return SBL_SUCCESS;
 }
 
-/* Sews an edge to those before it that stand where it does, and keeps it for those to come. */
+/* Adds points along the seams between an edge and earlier edges, then adds the edge to the table. */
 static sbl_result sbl__seams_edge(void *work, int edge) {
     sbl__seams *s = (sbl__seams *)work;
     const sbl__geometry *g = s->atlas->geometry;
-    const int size[2] = { s->light->width, s->light->height };
-    uint32_t ends[2][2], slot, other = 0;
-    int looked = 0, parted, side, end, k;
-    if (!sbl__atlas_wants(s->atlas, g->indices[edge])) return SBL_SUCCESS;
-    sbl__seam_ends(g, (uint32_t)edge, ends[0]);
+    uint32_t edges[2], ends[2][2], slot;
+    int looked = 0, match;
+    if (!sbl__atlas_is_baked(s->atlas, g->indices[edge])) return SBL_SUCCESS;
+    edges[0] = (uint32_t)edge;
+    edges[1] = 0;
+    sbl__seam_ends(g, edges[0], ends[0]);
     slot = sbl__hash_floats(0, g->vertices[ends[0][0]].position, 3);
     slot = sbl__hash_floats(slot, g->vertices[ends[0][1]].position, 3);
-    while (looked < SBL__SEAM_CHAIN && (other = sbl__slot_next(&s->edges, &slot)) != SBL__NONE) {
-        double places[2][2][2];
-        sbl__seam_ends(g, other, ends[1]);
-        if (!sbl__seam_alike(g, (uint32_t)edge, other, (const uint32_t (*)[2])ends, &parted)) continue;
-        looked++;
-        if (!parted) continue;
-        for (side = 0; side < 2; side++)
-            for (end = 0; end < 2; end++)
-                for (k = 0; k < 2; k++)
-                    places[side][end][k] = (double)sbl__atlas_place(g, ends[side][end])[k] * size[k];
-        if (sbl__seam_points(s, (const double (*)[2][2])places) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
+    while (looked < SBL__SEAM_CHAIN && (edges[1] = sbl__slot_next(&s->edges, &slot)) != SBL__NONE) {
+        sbl__seam_ends(g, edges[1], ends[1]);
+        match = sbl__seam_match(g, edges, (const uint32_t (*)[2])ends);
+        looked += match > 0;
+        if (match == 2 && sbl__seam_points(s, (const uint32_t (*)[2])ends) != SBL_SUCCESS)
+            return SBL_ERROR_OUT_OF_MEMORY;
     }
-    if (other == SBL__NONE) sbl__slot_fill(&s->edges, slot, (uint32_t)edge);
+    if (edges[1] == SBL__NONE) sbl__slot_fill(&s->edges, slot, edges[0]);
     return SBL_SUCCESS;
 }
 
 /* >>seams: the solution */
 
-/* Adds a point's part of the matrix times the direction. */
+/* Adds a point's term of the matrix, times the direction, to the product. */
 static void sbl__seam_term(void *user, int point, const double *direction, double *product) {
     const sbl__seam_point *p = &((sbl__seams *)user)->points[point];
     double difference[3] = { 0, 0, 0 };
@@ -15324,7 +15250,8 @@ static void sbl__seam_term(void *user, int point, const double *direction, doubl
         product[3 * (size_t)p->unknowns[i / 3] + (size_t)i % 3] += (double)p->weights[i / 3] * difference[i % 3];
 }
 
-/* Measures how light differs at a point, before or after a solution, and before it fills in the right side. */
+/* Measures the difference of light at a point. Before a solution, also adds the point to the right side, and before the
+   first one of a layer lets all channels change. */
 static sbl_result sbl__seam_measure(void *work, int point) {
     sbl__seams *s = (sbl__seams *)work;
     const sbl__seam_point *p = &s->points[point];
@@ -15340,19 +15267,15 @@ static sbl_result sbl__seam_measure(void *work, int point) {
     jump = (float)fabs((double)sbl__luminance(difference));
     if (after) s->after = SBL__MAX(s->after, jump);
     else if (!s->rounds) s->before = SBL__MAX(s->before, jump);
-    for (i = 0; i < 24 && !after; i++)
-        s->solver.residual[3 * (size_t)p->unknowns[i / 3] + (size_t)i % 3] -= (double)p->weights[i / 3] * d[i % 3];
+    for (i = 0; i < 24 && !after; i++) {
+        const size_t at = 3 * (size_t)p->unknowns[i / 3] + (size_t)i % 3;
+        s->solver.residual[at] -= (double)p->weights[i / 3] * d[i % 3];
+        if (!s->rounds) s->solver.diagonal[at] = 1;
+    }
     return SBL_SUCCESS;
 }
 
-/* Nothing is bound at first. */
-static sbl_result sbl__seam_unbind(void *work, int unknown) {
-    double *diagonal = ((sbl__seams *)work)->solver.diagonal + 3 * (size_t)unknown;
-    diagonal[0] = diagonal[1] = diagonal[2] = 1;
-    return SBL_SUCCESS;
-}
-
-/* Changes a texel. */
+/* Adds the solution to a texel. Channels of R that become negative are set to 0 and kept there. */
 static sbl_result sbl__seam_apply(void *work, int unknown) {
     sbl__seams *s = (sbl__seams *)work;
     float *texel = s->light->light + 4 * (size_t)s->texels[unknown];
@@ -15371,8 +15294,6 @@ static sbl_result sbl__seam_apply(void *work, int unknown) {
     return SBL_SUCCESS;
 }
 
-/* >>seams: their stages */
-
 static sbl_result sbl__seams_make(void *work, sbl__slice *slice) {
     sbl__seams *s = (sbl__seams *)work;
     const sbl__geometry *g = s->atlas->geometry;
@@ -15380,7 +15301,7 @@ static sbl_result sbl__seams_make(void *work, sbl__slice *slice) {
     int i;
     (void)slice;
     if (s->unknown_of) return SBL_SUCCESS;
-    for (i = 0; i < g->mesh_count; i++) if (s->atlas->wanted[i]) edges += 3.0 * g->meshes[i].triangle_count;
+    for (i = 0; i < g->mesh_count; i++) if (s->atlas->baked[i]) edges += 3.0 * g->meshes[i].triangle_count;
     s->unknown_of = (int *)sbl__alloc(s->atlas->base, (size_t)s->light->spread.count, sizeof *s->unknown_of);
     return s->unknown_of ? sbl__hash_table_make(s->atlas->base, &s->edges, edges) : SBL_ERROR_OUT_OF_MEMORY;
 }
@@ -15388,7 +15309,7 @@ static sbl_result sbl__seams_make(void *work, sbl__slice *slice) {
 static sbl_result sbl__seams_make_solver(void *work, sbl__slice *slice) {
     sbl__seams *s = (sbl__seams *)work;
     (void)slice;
-    if (s->solver.user) return SBL_SUCCESS;  /* it was made for another layer */
+    if (s->solver.user) return SBL_SUCCESS;  /* it has been made */
     s->solver.user = s;
     s->solver.term = sbl__seam_term;
     s->solver.term_count = s->point_count;
@@ -15413,21 +15334,20 @@ static int sbl__seams_edges(void *work) { return 3 * ((sbl__seams *)work)->atlas
 static int sbl__seams_points(void *work) { return ((sbl__seams *)work)->point_count; }
 static int sbl__seams_unknowns(void *work) { return ((sbl__seams *)work)->unknown_count; }
 
-/* What comes next is another layer of the same lightmap. */
+/* Prepares for another layer of the same lightmap. */
 static void sbl__seams_again(sbl__seams *s) {
-    if (s->stages.stage < SBL__SEAMS_DONE) return;  /* nothing is sewn */
-    s->stages.stage = SBL__SEAMS_LAYER;
+    if (s->stages.stage < SBL__SEAMS_DONE) return;  /* seams are not wanted */
+    s->stages.stage = SBL__SEAMS_BEFORE;
     s->layers++;
     s->rounds = 0;
 }
 
-/* Does one piece. SBL_SUCCESS: light is sewn. */
+/* Does one piece of work. Returns SBL_SUCCESS when light is equal on both sides of all seams. */
 static sbl_result sbl__seams_step(sbl__seams *s, const sbl__gutters *light, const sbl__atlas *atlas,
                                   sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__seams_make, NULL, sbl__seams_edge, sbl__seams_edges },
-        { sbl__seams_make_solver, NULL, sbl__seam_unbind, sbl__seams_unknowns },
-        { NULL, NULL, sbl__seam_measure, sbl__seams_points },
+        { sbl__seams_make_solver, NULL, sbl__seam_measure, sbl__seams_points },
         { sbl__seams_solve, NULL, NULL, NULL },
         { NULL, sbl__seams_after_apply, sbl__seam_apply, sbl__seams_unknowns },
         { NULL, NULL, sbl__seam_measure, sbl__seams_points }

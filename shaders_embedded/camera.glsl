@@ -1,5 +1,4 @@
-// Rays through the camera's pixels, in world space. Origin and direction are affine functions of the pixel's
-// position.
+// Rays through the camera's pixels, in world space. Origin and direction are affine in the pixel's position.
 uniform vec3 origin_0, origin_x, origin_y;
 uniform vec3 direction_0, direction_x, direction_y;
 

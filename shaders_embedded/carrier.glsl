@@ -1,21 +1,20 @@
-// Shared by all programs that trace rays for sensors. Each sensor (a look, see >>sensors in sbl.h) has a slot of
-// blocks.x * blocks.y texels in the outputs, and one invocation computes each texel. The programs run either as
-// fragment shaders, drawn over the slots, or as compute shaders, with consecutive invocations for each slot.
-uniform ivec2 blocks;            // width and height of a slot, texels; at most 4 wide, so that invocations that
-                                 // run side by side trace neighbouring rays
+// Shared by all programs that trace rays for sensors. Each look (see >>sensors in sbl.h) has a slot of blocks.x *
+// blocks.y texels in the outputs, and one invocation computes each texel. The programs run either as fragment
+// shaders, drawn over the slots, or as compute shaders, with consecutive invocations for each slot.
+uniform ivec2 blocks;            // size of a slot, texels; at most 4 wide, so that parallel invocations trace
+                                 // neighbouring rays
 uniform int columns;             // number of slots in a row of the outputs
 uniform int first_slot, count;   // the looks of this draw use `count` slots, beginning with slot first_slot
 
 const vec3 SBL_LUMINANCE = vec3(SBL_LUMINANCE_WEIGHTS);
 const float SBL_COSINE_LEAST = 1e-6;  // for reciprocals of cosines
 
-// 32-bit fractions as a point between 0 and 1.
+// Converts 32-bit fractions to a point between 0 and 1.
 vec2 sbl_unit_square(uvec2 fractions) { return (vec2(fractions >> 8) + 0.5) / SBL_FRACTIONS; }
 
-// Weights by which light from the unit direction w contributes to the coefficients of the first two bands of real
-// spherical harmonics, in the order 1, y, z, x. The light is given as its part of R (irradiance / pi), which
-// includes the cosine between w and the normal n; the coefficients describe radiance, which does not.
-// reciprocal: 1 / that cosine
+// Returns the weights of light from the unit direction w in the coefficients of the first two bands of real
+// spherical harmonics, in the order 1, y, z, x. The light is given as part of R, which includes the cosine between
+// w and the normal n; the coefficients describe radiance, which does not. reciprocal: 1 / that cosine
 vec4 sbl_harmonics(vec3 w, vec3 n, float reciprocal) {
     vec3 way = n + reciprocal * (w - dot(w, n) * n);  // w divided by the cosine
     return SBL_PI * vec4(SBL_HARMONIC_0 * reciprocal, SBL_HARMONIC_1 * way.yzx);

@@ -1,8 +1,7 @@
-// The Gaussian of section III-H: over pixels of the same id, its weights renormalised to one. Outside paper mode a
-// pixel also counts the less the more its normal and its plane differ, and its light by more than noise can
-// explain.
+// The Gaussian of section III-H over pixels with the same id, normalised. Outside paper mode, weights are also
+// reduced for pixels whose normal or plane differs, or whose light differs by more than noise can explain.
 uniform sampler2D radiance;  // R; a: its noise, above 0 where there is a surface
-uniform sampler2D layer;     // SBL_DIRECTIONAL: harmonics, which are smoothed where R and they are alike
+uniform sampler2D layer;     // SBL_DIRECTIONAL: harmonics, smoothed instead of R, where both they and R are alike
 uniform sampler2D positions, normals;
 uniform usampler2D ids;
 uniform int radius;
@@ -10,14 +9,13 @@ uniform float falloff;       // 1 / (2 sigma^2), sigma in pixels
 uniform int geometry_aware;
 layout(location = 0) out vec4 out_radiance;
 
-const float SBL_HARMONIC = 2.0;    // noise of a harmonic, about, over R's
+uniform float few;           // noise of harmonics where R has none, since looks have few rays; as a share of R
+const float SBL_HARMONIC = 2.0;  // noise of a harmonic divided by the noise of R, approximately
 
-uniform float few;                 // noise that few rays leave in harmonics, where R has none: a share of R
-
-// Noise of a harmonic, about.
+// Returns the approximate noise of a harmonic. light: R and its noise
 float sbl_harmonic_noise(vec4 light) { return SBL_HARMONIC * light.a + few * max(light.r, max(light.g, light.b)); }
 
-// 1 where noise alone explains the difference, nearing 0 where it is several times as large.
+// Returns about 1 if noise explains the difference of two pixels, about 0 if the difference is several times that.
 float sbl_alike(vec4 a, vec4 b) {
     vec3 apart = abs(a.rgb - b.rgb), c = abs(a.rgb), d = abs(b.rgb);
     float noise = a.a + b.a + SBL_FILTER_VISIBLE * (max(c.r, max(c.g, c.b)) + max(d.r, max(d.g, d.b)));

@@ -1,18 +1,19 @@
-// The surface points of the triangles that are seen, or that a lightmap's texels show.
-uniform usampler2D triangles;  // of visibility_fragment.glsl; lightmaps: see SBL__ATLAS_WORDS
-uniform float facet_limit;     // shading normals count from triangles of this least height on, in pixels; fully
-                               // from twice that on
+// Computes the surface points that the camera's pixels, or the texels of a lightmap, show.
+uniform usampler2D triangles;  // output of visibility_fragment.glsl; lightmaps: see SBL__ATLAS_WORDS
+uniform float facet_limit;     // pixels. Triangles with a smaller least height on the screen get their geometric
+                               // normal, those of twice this height their shading normal, between them a mixture
 layout(location = 0) out vec4 out_position;          // w: reach, see surface.glsl
 layout(location = 1) out vec4 out_normal;
 layout(location = 2) out vec4 out_geometric_normal;
 layout(location = 3) out vec4 out_albedo;
 layout(location = 4) out vec4 out_emission;
 layout(location = 5) out uint out_id;
-// In SBL_MODE_GI the stored R stands in the w of normal (negative: -1 less it, where no sensor is to stand), of
-// geometric normal and of emission.
+// In SBL_MODE_GI, w of normal, geometric normal and emission hold red, green and blue of the stored R. Where no
+// sensor may stand, w of normal is -1 - red.
 
 #ifdef SBL_BOUNCED
-// Where no sensor smooths it: the mean over about a cell, of 5 x 5 points.
+// Returns the mean of the stored R at 5 x 5 points over about one cell. Used where no sensor may stand, because
+// there no sensor smooths R. points: 25, or 0 if the result is not needed
 vec3 sbl_stored_smooth(int number, sbl_Surface s, int points) {
     mat3 frame = sbl_frame(s.geometric_normal);
     float step = 0.25 / per_cell, weight = 0.0;
@@ -40,8 +41,7 @@ void main() {
 #else
         vec3 origin = sbl_camera_origin(), direction = sbl_camera_direction();
         sbl_Surface s = sbl_surface(int(triangle) - 1, origin, direction);
-        // Shading normals are there to hide facets; facets that are too small to be seen show the light that the
-        // true surface gets.
+        // Shading normals hide facets. Facets too small to be seen keep the light of their own plane.
         float pixel = length(origin_y + distance(s.position, origin) / length(direction) * direction_y);
         if (facet_limit > 0.0)
             s.normal = normalize(mix(s.geometric_normal, s.normal,

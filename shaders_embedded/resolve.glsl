@@ -1,23 +1,23 @@
 // Composition (section III-H) of one anti-aliasing sample of every pixel: emission plus reflected light. The
-// sample has its own G-buffer; R is looked up among the nearest pixel centres that show the same surface, so that
-// light never bleeds over an edge.
+// sample has its own G-buffer; its R comes from the nearest pixel centres that show the same surface, so that
+// light does not bleed over edges.
 uniform sampler2D radiance;                 // R at pixel centres
 uniform sampler2D positions, normals;       // at pixel centres
 uniform usampler2D ids;
 uniform sampler2D sample_positions, sample_normals, sample_albedo, sample_emission;
 uniform usampler2D sample_ids;
-uniform vec2 offset;                        // of the sample from the pixel's centre, pixels
-uniform vec3 sky;                           // constant
-uniform sampler2D previous;                 // what the samples before this one gave
-uniform float first, share;                 // first: 0 for the first sample, else 1; share: 1 / samples
+uniform vec2 offset;                        // position of the sample relative to the pixel's centre, pixels
+uniform vec3 sky;                           // constant radiance of the sky
+uniform sampler2D previous;                 // sum over the previous samples
+uniform float first, share;                 // first: 0 for the first sample, else 1; share: 1 / number of samples
 layout(location = 0) out vec4 out_color;
 
-const int SBL_REACH = 2;                // pixels to each side that light is looked up in
-const float SBL_NEAR_ENOUGH = 0.05;     // weight of the four nearest from which on they do
-const float SBL_SAME_ID = 1e-3;         // what a pixel of the same surface counts even where it does not belong,
-const float SBL_OTHER_ID = 0.01;        // and one of another where there is nothing else
+const int SBL_REACH = 2;                // R is taken from pixels at most this far away in x and y
+const float SBL_NEAR_ENOUGH = 0.05;     // least sum of weights at which the four nearest pixels suffice
+const float SBL_SAME_ID = 1e-3;         // least weight of a pixel with the same id, even if it does not belong
+const float SBL_OTHER_ID = 0.01;        // least weight of a pixel with any id, if there is none with the same id
 
-// As a camera sees the environment: bilinear.
+// Returns the radiance of the environment picture in a direction, bilinearly filtered.
 vec3 sbl_sky_smooth(vec3 direction) {
     vec3 radiance = vec3(0);
     ivec2 size = textureSize(sky_picture, 0);
@@ -31,7 +31,8 @@ vec3 sbl_sky_smooth(vec3 direction) {
     return radiance;
 }
 
-// R at the sample: of the four nearest pixels where they belong; else of those farther away; else of anything.
+// Returns R at the sample: from the four nearest pixels that belong to its surface; if there are none, from pixels
+// with its id within SBL_REACH; if there are none, from all pixels there.
 vec3 sbl_light_at(ivec2 at, uint id) {
     ivec2 size = textureSize(radiance, 0), least = at + ivec2(floor(offset));
     vec3 p = texelFetch(sample_positions, at, 0).xyz, n = texelFetch(sample_normals, at, 0).xyz;

@@ -1,6 +1,6 @@
 flat in int triangle;
-uniform vec2 depth_from_w;  // depth = x * gl_FragCoord.w + y, where the driver has no clip control
-layout(location = 0) out uint out_triangle;  // 1 + its number; 0: nothing is seen
+uniform float depth_from_w;  // depth is this * gl_FragCoord.w (drivers without clip control); 0: orthographic
+layout(location = 0) out uint out_triangle;  // 1 + number of the triangle; 0: the pixel shows none
 
 void main() {
 #ifdef SBL_CUTOUTS
@@ -9,6 +9,6 @@ void main() {
 #endif
     out_triangle = uint(triangle) + 1u;
 #ifdef SBL_WRITE_DEPTH
-    gl_FragDepth = depth_from_w.x > 0.0 ? depth_from_w.x * gl_FragCoord.w : 2.0 * gl_FragCoord.z - 1.0;
+    gl_FragDepth = depth_from_w > 0.0 ? depth_from_w * gl_FragCoord.w : 2.0 * gl_FragCoord.z - 1.0;
 #endif
 }
