@@ -1841,7 +1841,7 @@ static double sbl__now(void) {
 typedef struct sbl__base {
     sbl_allocator allocator;
     sbl_logger logger;
-    sbl_memory memory;  /* bytes in use now and at most so far */
+    sbl_memory memory;
 } sbl__base;
 
 static void sbl__log(const sbl__base *base, sbl_log_level level, sbl_log_item item, const char *format, ...) {
@@ -1866,7 +1866,7 @@ static void sbl__default_log(sbl_log_level level, sbl_log_item item, const char 
 static void *sbl__default_alloc(size_t bytes, void *user) { (void)user; return malloc(bytes); }
 static void sbl__default_free(void *pointer, void *user) { (void)user; free(pointer); }
 
-/* Bytes in front of each allocated block. They hold the block's size; 16 of them preserve the alignment of malloc. */
+/* Bytes before each allocated block, which hold its size; 16 preserve the alignment of malloc. */
 #define SBL__ALLOC_PREFIX 16
 
 /* Allocates count * size bytes with undefined contents. Logs an error and returns NULL if the product overflows or
@@ -2044,7 +2044,7 @@ static uint16_t sbl__to_half(float value) {
     return (uint16_t)(sign | SBL__MIN(half, 0x7bffu));
 }
 
-/* Converts a 16-bit float to a 32-bit float. Infinity and NaN stay what they are. */
+/* Converts a 16-bit float to a 32-bit float. Infinity and NaN are preserved. */
 static float sbl__from_half(uint16_t half) {
     int exponent = (half >> 10) & 31, mantissa = half & 1023;
     const double value = exponent ? ldexp((double)(mantissa + 1024), exponent - 25) : ldexp((double)mantissa, -24);
@@ -2339,8 +2339,8 @@ static int sbl__gl_load_functions(sbl__gl *gl, const sbl_context_desc *desc) {
     return 1;
 }
 
-/* Loads the GL functions and fills gl->capabilities and gl->viewports: what the driver offers, and which of its
-   optional features the library uses, namely those that desc->disabled does not exclude. */
+/* Loads the GL functions and fills gl->capabilities, gl->units and gl->viewports. The library uses the optional
+   features that the driver has and desc->disabled does not exclude. */
 static sbl_result sbl__gl_load(sbl__gl *gl, sbl__base *base, const sbl_context_desc *desc) {
     sbl_capabilities *c = &gl->capabilities;
     const char *text;
@@ -2383,7 +2383,7 @@ static sbl_result sbl__gl_load(sbl__gl *gl, sbl__base *base, const sbl_context_d
    before that function returns. sbl__guard_force sets the state that all passes rely on. It runs after the state has
    been saved, and again after each call of the host's draw callback, which may have changed it. */
 
-/* Switches for glEnable; needed: the first GL version that has the switch, as 10 * major + minor */
+/* Capabilities of glEnable; needed: the first GL version that has the capability, as 10 * major + minor */
 static const struct { unsigned name; int needed; } sbl__guard_switches[] = {
     { SBL__GL_CULL_FACE, 33 }, { SBL__GL_DEPTH_TEST, 33 }, { SBL__GL_STENCIL_TEST, 33 }, { SBL__GL_SCISSOR_TEST, 33 },
     { SBL__GL_COLOR_LOGIC_OP, 33 }, { SBL__GL_DITHER, 33 }, { SBL__GL_POLYGON_OFFSET_FILL, 33 },
@@ -2578,25 +2578,27 @@ static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
 }
 
 /* ======================================================================================================== >>records
-   What C and the shaders share, said once: constants, and records that C fills as structs and shaders read by number.
+   Constants and records that C and the shaders share. C fills an array of structs; a shader reads the same bytes from a
+   table, record by record.
 
-   A record is a list of fields, SBL__NAME(X). SBL__RECORD makes of it the struct sbl__name, a multiple of 16 bytes, and
-   sbl__name_record, from which sbl__write_record writes GLSL: the table's sampler and for every field a function, as
+   SBL__NAME(X) lists the fields of a record. From it, SBL__RECORD defines the struct sbl__name and sbl__name_record.
+   sbl__write_record then writes GLSL: the declaration of the table's sampler, and a function for each field, such as
 
        vec3 sbl_object_albedo(int i) { return uintBitsToFloat(sbl_fetch(sbl_objects, 5 * i + 0).xyz); }
 
-   Fields must not straddle 16 bytes. */
+   The size of the struct must be a multiple of 16 bytes, the size of a texel. No field may cross a texel boundary. */
 
 typedef enum sbl__kind { SBL__FLOAT, SBL__VEC3, SBL__UINT, SBL__UVEC2, SBL__UVEC3, SBL__UVEC4 } sbl__kind;
 
+/* word: offset in the record, in 32-bit words */
 typedef struct sbl__field { const char *name; sbl__kind kind; int word; } sbl__field;
 
 typedef struct sbl__record {
-    const char *name;          /* of the functions */
-    const char *sampler;       /* of the table */
-    const char *declaration;   /* of the sampler, or "" where another record of the table has it */
-    const char *first;         /* texel that records start at: a uniform, or NULL */
-    int texels;                /* a record has */
+    const char *name;          /* prefix of the GLSL functions' names */
+    const char *sampler;       /* name of the table's sampler */
+    const char *declaration;   /* GLSL declaration of the sampler; "" if another record of the same table declares it */
+    const char *first;         /* uniform that holds the texel of the first record; NULL: the first record is at 0 */
+    int texels;                /* texels per record */
     const sbl__field *fields;
     int field_count;
 } sbl__record;
@@ -2616,24 +2618,26 @@ typedef struct sbl__record {
     static const sbl__record type##_record = { name, sampler, declaration, first, (int)(sizeof(type) / 16), \
                                                type##_fields, SBL__COUNT(type##_fields) };
 
-/* Tables that grow with the scene are declared so; others are buffers always. */
+/* Declarations of samplers. A table that grows with the scene may be a 2D texture (see tables.glsl); the others are
+   always buffer textures. */
 #define SBL__SCENE_TABLE(sampler) "uniform sbl_Texels " sampler ";\n"
 #define SBL__BUFFER_TABLE(sampler) "uniform usamplerBuffer " sampler ";\n"
 
-#define SBL__TEXELS_SHIFT 12       /* GL 3.3 promises 1024 across, every driver since has four times that or more */
-#define SBL__TEXELS_ACROSS (1 << SBL__TEXELS_SHIFT)  /* of a wide table */
-#define SBL__STACK 64              /* of a ray in the hierarchy */
-#define SBL__LAMPS 256             /* entries that lamps.glsl weighs against each other; so many are taken singly */
-#define SBL__LAMP_PASSES 8         /* that rays towards lamps are traced in, at most: each covers lamps evenly */
-#define SBL__TEXTURE_SRGB 1u       /* kinds of textures: 8-bit sRGB, 16-bit float; 0: none */
-#define SBL__TEXTURE_FLOAT 2u
-#define SBL__TEXTURE_KIND 3u
-#define SBL__TEXTURE_CLAMPS 4u     /* or repeats */
+#define SBL__TEXELS_SHIFT 12       /* GL 3.3 promises textures 1024 wide; all known drivers have at least 4096 */
+#define SBL__TEXELS_ACROSS (1 << SBL__TEXELS_SHIFT)  /* width of a table that is a 2D texture */
+#define SBL__STACK 64              /* size of a ray's stack in the hierarchy */
+#define SBL__LAMPS 256             /* most lamps and clusters that lamps.glsl compares at one sensor; a scene with more
+                                      lamps needs clusters */
+#define SBL__LAMP_PASSES 8         /* most passes in which a sensor traces rays towards lamps */
+#define SBL__TEXTURE_SRGB 1u       /* kinds of textures: 8-bit sRGB; */
+#define SBL__TEXTURE_FLOAT 2u      /* 16-bit float */
+#define SBL__TEXTURE_KIND 3u       /* mask of the kind; 0: no texture */
+#define SBL__TEXTURE_CLAMPS 4u     /* flag: coordinates are clamped; otherwise the texture repeats */
 #define SBL__ONE_SIDED_EMISSION ((unsigned)SBL_MATERIAL_ONE_SIDED_EMISSION)
 #define SBL__HIDDEN_FROM_CAMERA ((unsigned)SBL_MATERIAL_HIDDEN_FROM_CAMERA)
 #define SBL__HIDDEN_FROM_SENSORS ((unsigned)SBL_MATERIAL_HIDDEN_FROM_SENSORS)
 #define SBL__NO_SENSORS ((unsigned)SBL_MATERIAL_NO_SENSORS)
-#define SBL__LEAF 0x80000000u      /* children in the hierarchy, see >>bvh */
+#define SBL__LEAF 0x80000000u      /* references to children in the hierarchy, see >>bvh */
 #define SBL__ENTER 0xc0000000u
 #define SBL__LEAVE 0xd0000000u
 #define SBL__END 0xffffffffu
@@ -2643,50 +2647,52 @@ typedef struct sbl__record {
 #define SBL__LAMP_FAR_LIGHT 2u
 #define SBL__LAMP_SKY_TEXEL 3u
 #define SBL__LAMP_KIND_SHIFT 30
-#define SBL__SKY_COLUMN_BITS 15    /* of a sky texel's number */
-#define SBL__FAR_NODE 0x80000000u
-#define SBL__PATCH_BACK 1u         /* a patch's word, see >>store */
+#define SBL__SKY_COLUMN_BITS 15    /* bits of the column in the number of a sky texel; the row follows above them */
+#define SBL__FAR_NODE 0x80000000u  /* flag: all lamps of a node are at infinity */
+#define SBL__PATCH_BACK 1u         /* bits of a patch's word, see >>store */
 #define SBL__PATCH_FLAT 2u
 #define SBL__PATCH_AXIS_SHIFT 2
 #define SBL__PATCH_NEAR 16u
-#define SBL__PATCH_LEVEL 32u       /* times the level */
+#define SBL__PATCH_LEVEL 32u       /* lowest bit of the level of a cell, which has two bits */
 #define SBL__PATCH_SHIFT 7
-#define SBL__NEAR_PART 2           /* of a cell's length, within which a ray starts near it */
-#define SBL__SLOT_TRIES 64         /* in the table of cells */
-#define SBL__CELL_CUT 0x80000000u
-#define SBL__CELL_DEPTH 8          /* splits under a cell */
-#define SBL__LEVELS 3              /* of cells: where there are many, wider ones take over, */
-#define SBL__LEVEL_SHIFT 2         /* each 2^this times as long */
-#define SBL__CAST_NUMBERS 1048576  /* of triangles, that a float tells apart with a sign and more */
-#define SBL__GUIDE_RINGS 16        /* of a guide, see >>guide, */
-#define SBL__GUIDE_SECTORS 32      /* of each, */
-#define SBL__GUIDE_TEXELS 66       /* that hold them, of eight values each, */
-#define SBL__GUIDES_ACROSS 15      /* and guides in a row of the texture */
-#define SBL__LOOK_NUMBER 0x3ffu    /* of a look's word: its number; above it that of its guide */
+#define SBL__NEAR_PART 2           /* a ray that is shorter than a cell's length / this has PATCH_NEAR set */
+#define SBL__SLOT_TRIES 64         /* most slots of the table of cells that a search visits */
+#define SBL__CELL_CUT 0x80000000u  /* flag of a reference: it names a cut, not a leaf */
+#define SBL__CELL_DEPTH 8          /* most cuts between a cell and a leaf */
+#define SBL__LEVELS 3              /* sizes of cells; the store uses larger ones when leaves become scarce */
+#define SBL__LEVEL_SHIFT 2         /* cells of each level are 2^this times as long as those of the level before */
+#define SBL__CAST_NUMBERS 1048576  /* cast.glsl stores a triangle's number as two floats: % this, and / this */
+#define SBL__GUIDE_RINGS 16        /* rings of a guide's histogram, see >>guide */
+#define SBL__GUIDE_SECTORS 32      /* sectors of each ring */
+#define SBL__GUIDE_TEXELS 66       /* texels of a guide; each holds eight values */
+#define SBL__GUIDES_ACROSS 15      /* guides in a row of the guides' texture */
+#define SBL__LOOK_NUMBER 0x3ffu    /* mask of a look's number in its word; the bits above it hold its guide's number */
 #define SBL__LOOK_GUIDE_SHIFT 10
 #define SBL__HASH_FACTOR 0x9e3779b1u
 #define SBL__HASH_SHIFT 15
-#define SBL__RGBE_BIAS 128         /* of the exponent of three numbers that share one, */
-#define SBL__RGBE_BITS 8           /* and the bits of each number */
+#define SBL__RGBE_BIAS 128         /* three numbers share an exponent, to which this bias is added; */
+#define SBL__RGBE_BITS 8           /* bits of each of the three numbers */
 
-/* Floats: shaders get these very words, so that they must be valid in GLSL too. */
-#define SBL__UNBOUNDED 1e30f           /* the distance of what is not there; of a ray that has no limit */
-#define SBL__FRACTIONS 16777216.0      /* values that a 32-bit fraction has as a float: 2^24 */
-#define SBL__COLOR_MOST 65535.0f       /* of a component of a vertex colour: 1 */
-#define SBL__GUIDE_STEPS 65536.0       /* values of a guide's 16-bit shares */
-#define SBL__HARMONIC_0 0.28209479f    /* spherical harmonics of band 0: 1 / sqrt(4 pi); */
-#define SBL__HARMONIC_1 0.48860251f    /* of band 1: sqrt(3 / (4 pi)), times y, z or x */
-#define SBL__BOUNCE_ALBEDO 0.98f       /* share of the light that bounces, at most */
-#define SBL__SKY_LEAST 1e-37f          /* radiance that divides */
-#define SBL__CELL_MOST 2e9f            /* cells along an axis */
-#define SBL__NORMAL_LEAST 1e-12        /* squared length of an interpolated normal that still has a direction */
-#define SBL__GRAZING 0.01              /* cosine that shading normals are kept from the horizon */
-#define SBL__BELONGS_COSINE 0.8f       /* between the normals of points that belong together, at least; */
-#define SBL__BELONGS_TURN 0.2f         /* and what it must be above that for them to belong together fully */
-#define SBL__BELONGS_OFF 8.0f          /* times the distance off the plane, over the distance: 1: not fully, 2: not */
-#define SBL__FILTER_VISIBLE 0.0025f    /* relative difference of light that is as good as none */
-#define SBL__FILTER_FALL 0.25          /* how fast weights fall with the square of a difference over the noise */
-#define SBL__DIVISOR_LEAST 1e-30f
+/* Floats. Their text is copied into shaders, so it must be valid GLSL. */
+#define SBL__UNBOUNDED 1e30f           /* length of a ray without a limit; distance of a hit that does not exist */
+#define SBL__FRACTIONS 16777216.0      /* 2^24: of a 32-bit fraction, a float can hold 24 bits */
+#define SBL__COLOR_MOST 65535.0f       /* a component of a vertex colour that stands for 1 */
+#define SBL__GUIDE_STEPS 65536.0       /* 2^16: a guide's shares are multiples of 1 / this */
+#define SBL__HARMONIC_0 0.28209479f    /* spherical harmonic of band 0: 1 / sqrt(4 pi) */
+#define SBL__HARMONIC_1 0.48860251f    /* those of band 1: sqrt(3 / (4 pi)), times y, z or x */
+#define SBL__BOUNCE_ALBEDO 0.98f       /* largest albedo that bounced light is computed with */
+#define SBL__SKY_LEAST 1e-37f          /* smallest sky radiance that may be a divisor */
+#define SBL__CELL_MOST 2e9f            /* largest coordinate of a cell in its grid */
+#define SBL__NORMAL_LEAST 1e-12        /* an interpolated normal whose squared length is not above this is not used */
+#define SBL__GRAZING 0.01              /* least cosine between a shading normal and the direction to the viewer or, in
+                                          >>vertices, the normal of the triangle */
+#define SBL__BELONGS_COSINE 0.8f       /* cosine between two normals up to which points do not belong together; */
+#define SBL__BELONGS_TURN 0.2f         /* how much larger the cosine must be for points that fully belong together */
+#define SBL__BELONGS_OFF 8.0f          /* x = this * distance from the plane / distance of the points. Points belong
+                                          together fully up to x = 1, and not at all from x = 2 on */
+#define SBL__FILTER_VISIBLE 0.0025f    /* relative difference of light that cannot be seen */
+#define SBL__FILTER_FALL 0.25          /* weights are exp(-this * (difference / noise)^2) */
+#define SBL__DIVISOR_LEAST 1e-30f      /* prevents divisions by 0 */
 
 #define SBL__SHARED_INTS(X) \
     X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) X(SKY_COLUMN_BITS) \
@@ -2704,9 +2710,9 @@ typedef struct sbl__record {
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_TURN) \
     X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST)
 
-#define SBL__PRELUDE_MOST 8192     /* characters that a program's constants and records may have, each */
+#define SBL__PRELUDE_MOST 8192     /* room for the constants of a program, and for its records, in characters */
 
-/* Appends to text of SBL__PRELUDE_MOST characters; returns its length. */
+/* Appends to text, an array of SBL__PRELUDE_MOST characters that holds `length`. Returns the new length. */
 static size_t sbl__write(char *text, size_t length, const char *format, ...) {
     va_list arguments;
     int more;
@@ -2723,7 +2729,7 @@ static size_t sbl__write_constants(char *text, size_t length) {
 #define SBL__X(name) length = sbl__write(text, length, "#define SBL_" #name " %uu\n", SBL__##name);
     SBL__SHARED_BITS(SBL__X)
 #undef SBL__X
-    /* as they are written, for printf would round them, and write the commas of some locales */
+    /* The text of the macros, because printf would round the numbers, and write commas in some locales. */
 #define SBL__TEXT(...) #__VA_ARGS__
 #define SBL__TEXT_OF(...) SBL__TEXT(__VA_ARGS__)
 #define SBL__X(name) length = sbl__write(text, length, "#define SBL_" #name " %s\n", SBL__TEXT_OF(SBL__##name));
@@ -2733,7 +2739,7 @@ static size_t sbl__write_constants(char *text, size_t length) {
 }
 
 static size_t sbl__write_record(char *text, size_t length, const sbl__record *r) {
-    static const struct { const char *type; int components, is_float; } kinds[] = {  /* as sbl__kind */
+    static const struct { const char *type; int components, is_float; } kinds[] = {  /* in the order of sbl__kind */
         { "float", 1, 1 }, { "vec3", 3, 1 }, { "uint", 1, 0 }, { "uvec2", 2, 0 }, { "uvec3", 3, 0 }, { "uvec4", 4, 0 }
     };
     int i;
@@ -2751,35 +2757,36 @@ static size_t sbl__write_record(char *text, size_t length, const sbl__record *r)
 }
 
 /* ======================================================================================================== >>device
-   What every pass needs: textures, buffers, targets, programs by recipe and features, uniforms, draws, reads, and the
-   clock that cuts work into submissions. Creation logs and returns what failed; deletion ignores what was never made.
-   d->gl.doing says what is done, for messages. */
+   GL objects (textures, buffers, targets, programs), uniforms, draws and reads, and the clock that divides work into
+   submissions. Functions that create an object log an error if they fail. Functions that delete an object accept
+   one that was never created. */
 
 typedef struct sbl__texture { unsigned id; int width, height; unsigned format; size_t bytes; } sbl__texture;
 typedef struct sbl__buffer { unsigned id; size_t bytes; } sbl__buffer;
 
-/* Where passes draw, and what can be read: colour textures and perhaps depth. */
+/* A framebuffer with `count` colour textures, and a depth texture if the pass needs it. */
 typedef struct sbl__target { unsigned id; int width, height, count; unsigned textures[6], formats[6]; } sbl__target;
 
 typedef struct sbl__program { const struct sbl__recipe *recipe; unsigned features, id; } sbl__program;
 
-#define SBL__PROGRAMS_MOST 256  /* recipes times the features that each knows are fewer */
+#define SBL__PROGRAMS_MOST 256  /* more than all variants of all recipes; test_steps.c counts them */
 
 typedef struct sbl__device {
     sbl__base *base;
     sbl__gl gl;
-    unsigned features;       /* those that all programs have here */
+    unsigned features;       /* features that the driver gives to all programs: SBL__WRITE_DEPTH, SBL__COMPUTE */
     unsigned empty_array;    /* a vertex array without attributes */
-    sbl__program programs[SBL__PROGRAMS_MOST];  /* compiled so far */
+    sbl__program programs[SBL__PROGRAMS_MOST];  /* the programs compiled so far */
     sbl_programs compiled;
     int program_count;
-    unsigned program;        /* in use */
-    int unit;                /* the next texture unit of the program in use */
-    int workgroup;           /* invocations of one of a compute shader */
-    int lot;                 /* invocations that occupy it: fewer take as long */
+    unsigned program;        /* GL name of the program in use */
+    int unit;                /* next free texture unit of the program in use */
+    int workgroup;           /* invocations in a workgroup of a compute shader */
+    int lot;                 /* number of invocations that occupy the whole device; fewer take the same time */
 } sbl__device;
 
-/* A new name, or 0 (logged) where GL gives none: binding that would change the host's default objects. */
+/* Returns a new name of a GL object. If GL gives none, logs an error and returns 0, which the caller must not bind,
+   because that name belongs to the host's default objects. */
 static unsigned sbl__name_make(const sbl__device *d, void (SBL__GLAPI *generate)(int, unsigned *)) {
     unsigned name = 0;
     generate(1, &name);
@@ -2818,7 +2825,7 @@ static void sbl__texture_delete(const sbl__device *d, sbl__texture *t) {
     memset(t, 0, sizeof *t);
 }
 
-/* Its texels are undefined. Keeps the object where size and format are the same. */
+/* Gives a texture this size and format. Its texels are undefined, unless it has both already: then it is unchanged. */
 static sbl_result sbl__texture_make(const sbl__device *d, sbl__texture *t, int width, int height, unsigned format) {
     const sbl__gl *gl = &d->gl;
     const int f = sbl__format(format);
@@ -2843,7 +2850,7 @@ static sbl_result sbl__texture_make(const sbl__device *d, sbl__texture *t, int w
     return SBL_SUCCESS;
 }
 
-/* Rows of texels, in the format's own layout. */
+/* Writes rows of texels. from: texels in the layout of the texture's format */
 static sbl_result sbl__texture_write(const sbl__device *d, const sbl__texture *t, int row, int rows, const void *from) {
     const int f = sbl__format(t->format);
     d->gl.BindTexture(SBL__GL_TEXTURE_2D, t->id);
@@ -2858,7 +2865,8 @@ static void sbl__buffer_delete(const sbl__device *d, sbl__buffer *b) {
     memset(b, 0, sizeof *b);
 }
 
-/* data: NULL leaves it undefined. usage: SBL__GL_STATIC_DRAW or SBL__GL_STREAM_DRAW. */
+/* Gives a buffer this size and content. data: NULL leaves the content undefined. usage: SBL__GL_STATIC_DRAW or
+   SBL__GL_STREAM_DRAW */
 static sbl_result sbl__buffer_make(const sbl__device *d, sbl__buffer *b, size_t bytes, const void *data,
                                    unsigned usage) {
     const sbl__gl *gl = &d->gl;
@@ -2875,8 +2883,8 @@ static sbl_result sbl__buffer_make(const sbl__device *d, sbl__buffer *b, size_t 
     return SBL_SUCCESS;
 }
 
-/* What changes from batch to batch: `bytes` of data in a buffer that has room for all that a batch may have, so that
-   its size tells nothing of the pace. */
+/* Writes the data of a batch to a buffer. room: bytes of the largest batch. The buffer always has this size, so that
+   the memory in use does not depend on the pace. */
 static sbl_result sbl__buffer_stream(const sbl__device *d, sbl__buffer *b, size_t room, const void *data,
                                      size_t bytes) {
     const sbl_result result = sbl__buffer_make(d, b, room, NULL, SBL__GL_STREAM_DRAW);
@@ -2891,8 +2899,9 @@ static void sbl__buffer_write(const sbl__device *d, const sbl__buffer *b, size_t
     d->gl.BufferSubData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)offset, (ptrdiff_t)bytes, data);
 }
 
-/* A table: a buffer that shaders read by number. Where it is past the driver's limit for buffer textures it is copied
-   into rows of a 2D texture (`wide`; sbl_fetch in scene.glsl knows both). */
+/* A buffer whose texels shaders read by number, as a buffer texture. If one exceeds the driver's limit of buffer
+   textures, all tables of the scene are copied to 2D textures (`wide`, SBL__WIDE). sbl_fetch in tables.glsl reads
+   both. */
 typedef struct sbl__table { sbl__buffer buffer; sbl__texture texels; } sbl__table;
 
 static void sbl__table_delete(const sbl__device *d, sbl__table *t) {
@@ -2900,7 +2909,7 @@ static void sbl__table_delete(const sbl__device *d, sbl__table *t) {
     sbl__buffer_delete(d, &t->buffer);
 }
 
-/* Shows the buffer's present content to shaders as texels of the format. */
+/* Makes the present content of the table's buffer visible to shaders, as texels of the format. */
 static sbl_result sbl__table_attach(const sbl__device *d, sbl__table *t, unsigned format, int wide) {
     const sbl__gl *gl = &d->gl;
     const int f = sbl__format(format);
@@ -2933,7 +2942,8 @@ static void sbl__target_delete(const sbl__device *d, sbl__target *t) {
     memset(t, 0, sizeof *t);
 }
 
-/* Makes it, or makes it anew, of `count` textures of one size, and depth where not NULL. */
+/* Attaches `count` textures of the same size to a target, and a depth texture if `depth` is not NULL. Creates the
+   target if it does not exist. */
 static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const sbl__texture *const *colors, int count,
                                    const sbl__texture *depth) {
     const sbl__gl *gl = &d->gl;
@@ -2965,7 +2975,8 @@ static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const s
     return result;
 }
 
-/* Rows of an attachment, in its texture's own components: floats, or unsigned ints. */
+/* Reads rows of an attachment. out: as many components per texel as the texture has: uint32_t if its format is one of
+   unsigned integers, otherwise float */
 static sbl_result sbl__target_read(const sbl__device *d, const sbl__target *t, int attachment, int row, int rows,
                                    void *out) {
     const sbl__gl *gl = &d->gl;
@@ -2979,21 +2990,21 @@ static sbl_result sbl__target_read(const sbl__device *d, const sbl__target *t, i
 }
 
 /* >>device: programs. A recipe names the shaders of a program (see shaders_embedded), the records that they read, and
-   the features that make a difference to them; a program is compiled when it is first used with a set of features. */
+   the features that make variants of it. A variant is compiled when it is first used. */
 
 enum {
     SBL__TEXTURED = 1 << 0,     /* the scene has textures, cutouts or vertex colours */
     SBL__WIDE = 1 << 1,         /* tables are 2D textures */
-    SBL__VIEWS = 1 << 2,        /* what the host draws stands in sensors' views only */
-    SBL__INSPECT = 1 << 3,      /* single rays towards lamps are written */
-    SBL__WRITE_DEPTH = 1 << 4,  /* there is no clip control */
-    SBL__COMPUTE = 1 << 5,
-    SBL__BOUNCED = 1 << 6,      /* sensors see light that has bounced, see >>store */
-    SBL__MIXED = 1 << 7,        /* lamps are not just triangles, few enough to be taken singly */
+    SBL__VIEWS = 1 << 2,        /* rays towards lamps also test views, which show what the host draws itself */
+    SBL__INSPECT = 1 << 3,      /* lamps.glsl writes each ray, for sbl_inspect_sensor */
+    SBL__WRITE_DEPTH = 1 << 4,  /* shaders write depth, because the driver has no clip control */
+    SBL__COMPUTE = 1 << 5,      /* programs that can be compute shaders are */
+    SBL__BOUNCED = 1 << 6,      /* sensors see bounced light, see >>store */
+    SBL__MIXED = 1 << 7,        /* some lamp is not a triangle, or there are more than SBL__LAMPS lamps */
     SBL__CUTOUTS = 1 << 8,      /* some materials have holes */
-    SBL__GUIDED = 1 << 9,       /* rays go where guides send them, see >>guide */
-    SBL__LIGHTMAP = 1 << 10,    /* texels of an atlas, not the camera's pixels */
-    SBL__DIRECTIONAL = 1 << 11, /* it is told where light comes from */
+    SBL__GUIDED = 1 << 9,       /* guides choose the directions of rays, see >>guide */
+    SBL__LIGHTMAP = 1 << 10,    /* pixels are the texels of an atlas; otherwise a camera's */
+    SBL__DIRECTIONAL = 1 << 11, /* also store the direction of the light, in channels SH_0 to SH_3 */
     SBL__FEATURES = 12
 };
 
@@ -3001,19 +3012,19 @@ enum {
 
 typedef struct sbl__recipe {
     const char *name;
-    const char *const *vertex[SBL__SHADERS_MOST];    /* in this order */
-    const char *const *fragment[SBL__SHADERS_MOST];  /* or compute, where the recipe knows that feature */
+    const char *const *vertex[SBL__SHADERS_MOST];    /* files that are joined, in this order; NULL ends the list */
+    const char *const *fragment[SBL__SHADERS_MOST];  /* likewise; the compute shader if SBL__COMPUTE is in `features` */
     const sbl__record *records[SBL__SHADERS_MOST];
-    unsigned features;
+    unsigned features;                               /* the features that make variants */
 } sbl__recipe;
 
-#define SBL__LINES_MOST 1500
+#define SBL__LINES_MOST 1500  /* most lines of a shader */
 
 /* >>glsl tables: shaders_embedded/tables.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_tables[] = {
-"// What stands above every shader: how tables are read. Those that grow with the scene are buffer textures or, past\n",
-"// the driver's limit for these, 2D textures (see sbl__table_attach in sbl.h). Above this stand the program's\n",
-"// features and the constants that C shares, below it the functions that read its records (see >>records).\n",
+"// Begins every shader. The #defines of the program's features and of the constants that C shares stand above it, the\n",
+"// functions that read records below it (see >>records in sbl.h). Tables that grow with the scene are buffer textures\n",
+"// or, if they exceed the driver's limit of buffer textures, 2D textures (see sbl__table_attach).\n",
 "#ifdef SBL_WIDE\n",
 "#define sbl_Texels usampler2D\n",
 "#define sbl_fetch(texels, i) texelFetch(texels, ivec2((i) & (SBL_TEXELS_ACROSS - 1), (i) >> SBL_TEXELS_SHIFT), 0)\n",
@@ -3022,8 +3033,9 @@ static const char *const sbl__glsl_tables[] = {
 "#define sbl_fetch(texels, i) texelFetch(texels, i)\n",
 "#endif\n",
 "\n",
-"// Software renderers run both sides of every if, and loops at least once, but leave loops that no lane is in: what\n",
-"// is long and seldom wanted is a loop whose count may be 0, or a feature.\n",
+"// Software renderers execute both branches of an if, and the body of a loop at least once, but they leave a loop when\n",
+"// no lane is in it. Expensive code that is rarely needed is therefore a loop that may have 0 turns, or depends on a\n",
+"// feature.\n",
 0 };
 /* <<glsl */
 
@@ -3075,7 +3087,7 @@ static sbl_result sbl__program_link(const sbl__device *d, unsigned *out, const u
     return SBL_ERROR_GL;
 }
 
-/* Refuses a program that reads more textures than there are units to bind them to. */
+/* Checks that a program reads no more textures than there are texture units. */
 static sbl_result sbl__program_check_textures(const sbl__device *d, unsigned program, const char *name) {
     const sbl__gl *gl = &d->gl;
     int uniforms = 0, textures = 0, i;
@@ -3126,8 +3138,8 @@ static sbl_result sbl__program_make(const sbl__device *d, unsigned *out, const s
     return result;
 }
 
-/* The program of a recipe with the features that it knows, of those asked for and those of the device; NULL where it
-   has not been compiled. */
+/* Returns a recipe's program for the given features and those of the device, as far as the recipe has them. Returns
+   NULL if it has not been compiled. */
 static const sbl__program *sbl__program_find(const sbl__device *d, const sbl__recipe *recipe, unsigned features) {
     int i;
     features = (features | d->features) & recipe->features;
@@ -3136,6 +3148,7 @@ static const sbl__program *sbl__program_find(const sbl__device *d, const sbl__re
     return NULL;
 }
 
+/* Compiles a recipe's program for these features if it has not been compiled. */
 static sbl_result sbl__program_need(sbl__device *d, const sbl__recipe *recipe, unsigned features) {
     const char *doing = d->gl.doing;
     sbl__program program;
@@ -3155,7 +3168,7 @@ static sbl_result sbl__program_need(sbl__device *d, const sbl__recipe *recipe, u
     return SBL_SUCCESS;
 }
 
-/* Makes a program the one that the next uniforms, textures and draws are for. */
+/* Makes a recipe's program the current one; compiles it if needed. */
 static sbl_result sbl__use(sbl__device *d, const sbl__recipe *recipe, unsigned features) {
     const sbl_result result = sbl__program_need(d, recipe, features);
     if (result != SBL_SUCCESS) return result;
@@ -3165,7 +3178,7 @@ static sbl_result sbl__use(sbl__device *d, const sbl__recipe *recipe, unsigned f
     return SBL_SUCCESS;
 }
 
-/* >>device: uniforms and textures of the program in use. What a program does not have is left out. */
+/* >>device: uniforms and textures of the program in use. Names that the program does not have are ignored. */
 
 static int sbl__place(const sbl__device *d, const char *name) { return d->gl.GetUniformLocation(d->program, name); }
 
@@ -3207,9 +3220,10 @@ static void sbl__bind_table(sbl__device *d, const char *name, const sbl__table *
 
 /* >>device: passes and draws */
 
-enum { SBL__PASS_DEPTH = 1, SBL__PASS_CLIP = 2 };  /* with a depth test; with the four clip distances */
+enum { SBL__PASS_DEPTH = 1, SBL__PASS_CLIP = 2 };  /* depth test on; four clip distances on */
 
-/* Directs what follows to a target. viewport, scissor: x, y, width, height; NULL: all of the target, none. */
+/* Begins a pass: the following draws go to the target. viewport: x, y, width, height; NULL: the whole target. scissor:
+   likewise; NULL: none. flags: SBL__PASS_... */
 static void sbl__pass(const sbl__device *d, const sbl__target *t, const int *viewport, const int *scissor, int flags) {
     const sbl__gl *gl = &d->gl;
     unsigned i;
@@ -3222,14 +3236,14 @@ static void sbl__pass(const sbl__device *d, const sbl__target *t, const int *vie
     for (i = 0; i < 4; i++) sbl__guard_switch(gl, SBL__GL_CLIP_DISTANCE0 + i, flags & SBL__PASS_CLIP);
 }
 
-/* Rows of a target. */
+/* Begins a pass over rows of a target. */
 static void sbl__pass_rows(const sbl__device *d, const sbl__target *t, int row, int rows) {
     int area[4];
     area[0] = 0; area[1] = row; area[2] = t->width; area[3] = rows;
     sbl__pass(d, t, area, NULL, 0);
 }
 
-/* Fills a colour attachment of the pass, or its depth, inside the scissor. */
+/* These clear a colour attachment, or the depth, of the pass inside the scissor. */
 static void sbl__clear(const sbl__device *d, int attachment, const float value[4]) {
     d->gl.ClearBufferfv(SBL__GL_COLOR, attachment, value);
 }
@@ -3244,47 +3258,49 @@ static void sbl__clear_depth(const sbl__device *d) {
     d->gl.ClearBufferfv(SBL__GL_DEPTH, 0, &zero);
 }
 
-/* One triangle over the whole viewport: fullscreen_vertex.glsl. */
+/* Draws a triangle that covers the viewport, for fullscreen_vertex.glsl. */
 static void sbl__draw_screen(const sbl__device *d) {
     d->gl.BindVertexArray(d->empty_array);
     d->gl.DrawArrays(SBL__GL_TRIANGLES, 0, 3);
 }
 
-/* Triangles whose corners the shader finds by gl_VertexID, from 3 * first on. */
+/* Draws `count` triangles without vertex attributes; gl_VertexID begins at 3 * first. */
 static void sbl__draw_triangles(const sbl__device *d, int first, int count) {
     d->gl.BindVertexArray(d->empty_array);
     d->gl.DrawArrays(SBL__GL_TRIANGLES, 3 * first, 3 * count);
 }
 
-/* Triangles first .. first + count - 1 of an array's indices, many times. */
+/* Draws instances of the triangles first .. first + count - 1 of a vertex array with indices. */
 static void sbl__draw_mesh(const sbl__device *d, unsigned array, int first, int count, int instances) {
     d->gl.BindVertexArray(array);
     d->gl.DrawElementsInstanced(SBL__GL_TRIANGLES, 3 * count, SBL__GL_UNSIGNED_INT,
                                 (const void *)(12 * (uintptr_t)first), instances);
 }
 
-/* The same of triangles whose corners the shader finds by gl_VertexID. */
+/* Like sbl__draw_mesh, but without indices: gl_VertexID begins at 3 * first. */
 static void sbl__draw_numbers(const sbl__device *d, unsigned array, int first, int count, int instances) {
     d->gl.BindVertexArray(array);
     d->gl.DrawArraysInstanced(SBL__GL_TRIANGLES, 3 * first, 3 * count, instances);
 }
 
-/* A rectangle, many times. */
+/* Draws instances of a rectangle. */
 static void sbl__draw_rectangles(const sbl__device *d, unsigned array, int instances) {
     d->gl.BindVertexArray(array);
     d->gl.DrawArraysInstanced(SBL__GL_TRIANGLE_STRIP, 0, 4, instances);
 }
 
-/* One invocation a texel: of rows row .. row + rows - 1 where fragments carry it, `count` from `first` on where compute
-   does (see carrier.glsl). Both write the same. Compute is used wherever it is, so that pictures depend on no
-   stopwatch: it is as fast or faster on llvmpipe; neither was measured on a GPU yet. */
+/* Runs the program in use (see carrier.glsl): a compute shader with `count` invocations or, without SBL__COMPUTE, a
+   fragment shader over `rows` rows of the target. Both write the same numbers. Compute is used if the driver has it;
+   timings must not decide, because pictures must not depend on them. Compute is as fast or faster on llvmpipe; on a GPU
+   neither was measured. */
 static void sbl__invoke(const sbl__device *d, const sbl__target *t, int row, int rows, int count) {
     const sbl__gl *gl = &d->gl;
     int i;
     if (d->features & SBL__COMPUTE) {
         for (i = 0; i < t->count; i++)
             gl->BindImageTexture((unsigned)i, t->textures[i], 0, 0, 0, SBL__GL_WRITE_ONLY, SBL__GL_RGBA32F);
-        /* what reads the last results must be done; parentheses: windows.h has such a macro */
+        /* Waits until earlier draws have read what is overwritten here. The parentheses are needed because windows.h
+           has a macro MemoryBarrier. */
         (gl->MemoryBarrier)(SBL__GL_SHADER_IMAGE_ACCESS_BARRIER);
         gl->DispatchCompute((unsigned)((count + d->workgroup - 1) / d->workgroup), 1, 1);
         (gl->MemoryBarrier)(SBL__GL_TEXTURE_FETCH_BARRIER | SBL__GL_FRAMEBUFFER_BARRIER);
@@ -3294,18 +3310,18 @@ static void sbl__invoke(const sbl__device *d, const sbl__target *t, int row, int
     }
 }
 
-/* `room` items of so many invocations each, to the nearest number of whole lots, and at least one. */
+/* Rounds a number of items to whole lots of invocations, at least one lot. invocations: those of each item */
 static double sbl__whole_lots(const sbl__device *d, double room, int invocations) {
     const double lot = SBL__MAX(d->lot / invocations, 1);
     return SBL__MAX(floor(room / lot + 0.5), 1.0) * lot;
 }
 
-/* An attribute of a vertex array, as it lies in a buffer. */
+/* An attribute of a vertex array, and its place in a buffer. */
 typedef struct sbl__input {
     int location, components;
     unsigned type;
-    int whole;      /* 1: the shader takes it as an integer; normalised otherwise, where it is one */
-    int instances;  /* 1: a value an instance */
+    int whole;      /* 1: the shader reads an integer; 0: it reads a float, and integers are normalised */
+    int instances;  /* 1: one value for each instance; 0: for each vertex */
     size_t stride, offset;
 } sbl__input;
 
@@ -3341,9 +3357,9 @@ static void sbl__array_delete(const sbl__device *d, unsigned *array) {
     *array = 0;
 }
 
-/* >>device: what is the host's */
+/* >>device: buffers and textures of the host */
 
-/* Bytes of a buffer of the host; -1 where there is no such buffer. */
+/* Returns the size of a buffer in bytes, or -1 if there is no such buffer. */
 static int64_t sbl__host_buffer_bytes(const sbl__device *d, unsigned name) {
     int64_t size = 0;
     if (!d->gl.IsBuffer(name)) return -1;
@@ -3360,7 +3376,7 @@ static sbl_result sbl__host_buffer_read(const sbl__device *d, unsigned name, siz
 
 static int sbl__host_texture_exists(const sbl__device *d, unsigned name) { return d->gl.IsTexture(name) != 0; }
 
-/* Of level 0; GL errors where it is no GL_TEXTURE_2D. */
+/* Gets the width and height of level 0. Returns an error if the texture is not a GL_TEXTURE_2D. */
 static sbl_result sbl__host_texture_size(const sbl__device *d, unsigned name, int size[2]) {
     const sbl__gl *gl = &d->gl;
     gl->ActiveTexture(SBL__GL_TEXTURE0);
@@ -3379,7 +3395,7 @@ static const char *const sbl__glsl_fullscreen_vertex[] = {
 
 /* >>glsl copy: shaders_embedded/copy.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_copy[] = {
-"// Reads a host's texture as sampling it gives it: sRGB decoded, swizzled.\n",
+"// Copies a texture of the host. texelFetch applies the texture's sRGB decoding and swizzle.\n",
 "uniform sampler2D source;\n",
 "layout(location = 0) out vec4 out_color;\n",
 "\n",
@@ -3391,7 +3407,7 @@ static const sbl__recipe sbl__recipe_copy = {
     "copy", { sbl__glsl_fullscreen_vertex }, { sbl__glsl_copy }, { NULL }, 0
 };
 
-/* Level 0 of a texture of the host, as sampling gives it: 4 floats a texel. */
+/* Reads level 0 of a texture as texelFetch returns it (see copy.glsl): 4 floats per texel. */
 static sbl_result sbl__host_texture_read(sbl__device *d, unsigned name, const int size[2], float *out) {
     const sbl__gl *gl = &d->gl;
     const sbl__texture *color;
@@ -3407,8 +3423,7 @@ static sbl_result sbl__host_texture_read(sbl__device *d, unsigned name, const in
     if (result == SBL_SUCCESS) result = sbl__use(d, &sbl__recipe_copy, 0);
     if (result == SBL_SUCCESS) {
         sbl__bind_to(d, "source", SBL__GL_TEXTURE_2D, name);
-        /* a sampler of its own makes the texture complete where it has level 0 only and GL's default filter, which asks
-           for mip maps */
+        /* GL's default filter needs mip maps. With this sampler a texture that has level 0 only is complete, too. */
         sampler = sbl__name_make(d, gl->GenSamplers);
         if (!sampler) result = SBL_ERROR_GL;
     }
@@ -3427,23 +3442,23 @@ static sbl_result sbl__host_texture_read(sbl__device *d, unsigned name, const in
     return result;
 }
 
-/* Lets the host draw into the pass's viewport and scissor; forces all state again afterwards. */
+/* Calls the host's draw callback inside the current pass, then sets the state that passes rely on again. */
 static void sbl__host_draw(const sbl__device *d, sbl_draw_function draw, const sbl_draw_view *view, void *user) {
     draw(view, user);
     sbl__guard_force(&d->gl);
 }
 
-/* >>device: time. Work runs in pieces: loops on the CPU look at the clock now and then, and what goes to the GPU is cut
-   by how long the last submissions of its kind took. Neither ever changes a result. */
+/* >>device: time. Work is done in pieces. Loops on the CPU read the clock now and then. The size of a piece on the GPU
+   is computed from the time that the last pieces of its kind took. Neither may change a result. */
 
-/* What one call of sbl_step may take. */
+/* The time that one call of sbl_step has. */
 typedef struct sbl__slice {
-    double end;      /* when it is over, in sbl__now's seconds */
-    double longest;  /* of one submission, seconds */
-    int turns;       /* of loops on the CPU, since the clock was looked at */
+    double end;      /* end of the slice, on the clock of sbl__now */
+    double longest;  /* longest time of one submission, seconds */
+    int turns;       /* turns of loops on the CPU since the clock was last read */
 } sbl__slice;
 
-/* seconds: 0 or less takes all the time it needs. */
+/* seconds: length of the slice; 0 or less: unlimited */
 static sbl__slice sbl__slice_of(const sbl_context_desc *desc, double seconds) {
     sbl__slice slice;
     slice.end = seconds > 0 ? sbl__now() + seconds : DBL_MAX;
@@ -3454,26 +3469,29 @@ static sbl__slice sbl__slice_of(const sbl_context_desc *desc, double seconds) {
 
 #define SBL__CLOCK_TURNS 64
 
-/* For every turn of a loop on the CPU: is the slice over? */
+/* Returns 1 if the slice is over. Loops on the CPU call it in each turn; it reads the clock in every 64th. */
 static int sbl__late(sbl__slice *s) {
     if (++s->turns < SBL__CLOCK_TURNS) return 0;
     s->turns = 0;
     return sbl__now() >= s->end;
 }
 
-/* What work of one kind costs: seconds a unit, as seen last; and when the submission under way began. */
+/* The pace of one kind of GPU work. cost: estimated seconds per unit of work, 0 before the first measurement. start:
+   when the current submission began */
 typedef struct sbl__pace { double cost, start; } sbl__pace;
 
-/* Shares of a time that a submission aims at, since some are slower than the last ones were: of a slice's rest, which
-   may be missed now and then, and of the longest that a submission may be, which may not. */
-#define SBL__PACE_MARGIN 0.9
-#define SBL__PACE_CAUTION 0.5
-#define SBL__PACE_FALL 0.1     /* share of the way to a lower cost that is taken at once ... */
-#define SBL__PACE_FAR 0.25     /* ... but where it is this share, as after a driver compiled in the middle of work, */
-#define SBL__PACE_FAR_FALL 0.5 /* ... this one */
-#define SBL__PACE_LEAST 0.001  /* seconds that one aims at in any case: less costs more in waiting than it gives */
+/* A submission is planned to take the smaller of two times. They leave a reserve for work that is slower than before. */
+#define SBL__PACE_MARGIN 0.9   /* times the rest of the slice; the slice may be overrun now and then */
+#define SBL__PACE_CAUTION 0.5  /* times the longest submission, which must not be exceeded */
+#define SBL__PACE_LEAST 0.001  /* seconds; shorter submissions are not planned, as they lose too much time by waiting */
+/* When work gets cheaper, `cost` moves by PACE_FALL of the difference; by PACE_FAR_FALL if the new cost is less than
+   PACE_FAR times the old one, as it is after the driver compiled a shader during a submission. */
+#define SBL__PACE_FALL 0.1
+#define SBL__PACE_FAR 0.25
+#define SBL__PACE_FAR_FALL 0.5
 
-/* Units that the slice has time for, and at least `least`; `first` of them while nothing is known. */
+/* Starts the clock for a submission and returns how many units it should have: as many as there is time for, and at
+   least `least`. first: the number of units while the cost is unknown */
 static double sbl__pace_begin(sbl__pace *p, const sbl__slice *s, double first, double least) {
     double seconds;
     p->start = sbl__now();
@@ -3482,19 +3500,19 @@ static double sbl__pace_begin(sbl__pace *p, const sbl__slice *s, double first, d
     return SBL__MAX(p->cost > 0 ? seconds / p->cost : first, least);
 }
 
-#define SBL__PACE_PIXELS 16384  /* of a pass over a picture while nothing is known of its pace */
+#define SBL__PACE_PIXELS 16384  /* pixels of the first submission of a pass, while its cost is unknown */
 
-/* Rows of a target from `row` on, for a pass that takes as long for every pixel. */
+/* Like sbl__pace_begin for a pass over a target. The unit is a pixel. Returns a number of rows, beginning at `row`. */
 static int sbl__pace_rows(sbl__pace *p, const sbl__slice *s, const sbl__target *t, int row) {
     const double rows = sbl__pace_begin(p, s, SBL__PACE_PIXELS, t->width) / t->width;
     return rows < t->height - row ? (int)rows : t->height - row;
 }
 
-/* What was sent so far is a submission of its own, which is not waited for. */
+/* Ends a submission without waiting for it. */
 static void sbl__submit(const sbl__device *d) { d->gl.Flush(); }
 
-/* Waits until the GPU has done so many units. Costs rise at once and fall slowly: work gets harder and easier from
-   place to place, and what was easy twice may be hard the third time. */
+/* Waits until the GPU has finished the submission, and updates the cost. units: the work done. A higher cost replaces
+   the old one at once. The cost falls slowly, because work that was cheap a few times can be expensive again. */
 static void sbl__pace_end(const sbl__device *d, sbl__pace *p, double units) {
     double cost, fall;
     d->gl.Finish();
@@ -3517,14 +3535,14 @@ typedef struct sbl__stage_row {
     int (*count)(void *work);                            /* a loop's: returns how many there are, at every turn */
 } sbl__stage_row;
 
-/* Where staged work stands. */
+/* The progress of staged work. */
 typedef struct sbl__stages {
     int stage;  /* row of the table */
     int at;     /* next turn of a loop, or a counter for a piece's own use; 0 when the stage begins */
 } sbl__stages;
 
-/* Does one piece of the present stage: of a loop, the turns that there is time for. Returns SBL_SUCCESS when the last
-   stage is done, and from then on. */
+/* Does one piece of the current stage, or as many turns of its loop as there is time for. Returns SBL_UNFINISHED until
+   the last stage is done, then SBL_SUCCESS. */
 static sbl_result sbl__stages_step(sbl__stages *s, const sbl__stage_row *table, int row_count, void *work,
                                    sbl__slice *slice) {
     if (s->stage < row_count) {
@@ -3541,7 +3559,7 @@ static sbl_result sbl__stages_step(sbl__stages *s, const sbl__stage_row *table, 
     return s->stage < row_count ? SBL_UNFINISHED : SBL_SUCCESS;
 }
 
-/* Does stage after stage, for many small ones: until one of them needs more time than the slice has. */
+/* Does stages until one is unfinished, for work that consists of many short stages. */
 static sbl_result sbl__stages_run(sbl__stages *s, const sbl__stage_row *table, int row_count, void *work,
                                   sbl__slice *slice) {
     sbl_result result;
@@ -3553,13 +3571,13 @@ static sbl_result sbl__stages_run(sbl__stages *s, const sbl__stage_row *table, i
     return result;
 }
 
-/* >>device: its life */
+/* >>device: creation and deletion */
 
-/* Invocations of a workgroup, and of a lot. A renderer on the CPU gives a workgroup to a thread as a whole, so that
-   small ones leave fewer threads idle at the end of a submission: on llvmpipe 8, its lanes, make slices of 5 ms 10 to
-   15 % faster than 64. Lots of two lead its pace out of slices in which one thread works: where looks are dear
-   (staircase2, high) slices cost 9 % more than one call, not 75 %. A GPU wants at least a wavefront, which 64 fills
-   everywhere, and some on each of its cores; it was not measured. */
+/* Invocations of a workgroup and of a lot. A renderer on the CPU runs each workgroup in one thread, so small workgroups
+   leave fewer threads idle at the end of a submission: on llvmpipe, slices of 5 ms are 10 to 15 % faster with 8 (the
+   width of its vectors) than with 64. With lots of two workgroups, the pace does not settle on submissions that keep
+   one thread busy: with expensive looks (staircase2, high), slices take 9 % longer than one call, not 75 %. A GPU needs
+   at least a wavefront, which is at most 64 wide, and several on each core; this was not measured. */
 #define SBL__WORKGROUP_CPU 8
 #define SBL__WORKGROUP_GPU 64
 #define SBL__LOT_CPU 16
@@ -3585,10 +3603,10 @@ static sbl_result sbl__device_make(sbl__device *d, sbl__base *base, const sbl_co
     return SBL_SUCCESS;
 }
 
-/* Is there a GL that it can be freed in? */
+/* Returns 1 if GL was loaded, so that GL objects can be deleted. */
 static int sbl__device_is_made(const sbl__device *d) { return d->gl.GetError && d->gl.capabilities.gl_major; }
 
-/* Makes what all passes share, under the guard. */
+/* Makes the vertex array that all passes share. The caller has saved the host's GL state. */
 static sbl_result sbl__device_start(sbl__device *d) {
     d->gl.doing = "making a vertex array";
     d->empty_array = sbl__name_make(d, d->gl.GenVertexArrays);
@@ -3688,7 +3706,7 @@ static size_t sbl__stream_stride(const sbl_stream *s, int components) {
     return s->stride ? s->stride : sbl__stream_element(s, components);
 }
 
-/* A stream of a mesh, and how to read it. */
+/* A stream of a mesh and the layout that its elements must have. */
 typedef struct sbl__stream_use {
     const char *name;          /* field of sbl_mesh, for messages */
     const sbl_stream *stream;
@@ -4473,7 +4491,7 @@ static void sbl__scene_triangle(const sbl__geometry *g, uint32_t triangle, const
     for (k = 0; k < 3; k++) corners[k] = sbl__triangle_corner(g, triangle, k);
 }
 
-/* Unit; returns its area. */
+/* Computes the unit normal of a triangle, 0 0 0 if it has none; returns the area. */
 static double sbl__scene_normal(const sbl__geometry *g, uint32_t triangle, double normal[3]) {
     const float *corners[3];
     double area;
