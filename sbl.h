@@ -2110,7 +2110,6 @@ static unsigned char sbl__to_byte(float x) {
     X(void, Disablei, (unsigned capability, unsigned index)) \
     X(void, DrawArrays, (unsigned mode, int first, int count)) \
     X(void, DrawBuffers, (int count, const unsigned *buffers)) \
-    X(void, DrawElements, (unsigned mode, int count, unsigned type, const void *offset)) \
     X(void, DrawArraysInstanced, (unsigned mode, int first, int count, int instances)) \
     X(void, DrawElementsInstanced, (unsigned mode, int count, unsigned type, const void *offset, int instances)) \
     X(void, Enable, (unsigned capability)) \
@@ -2434,9 +2433,10 @@ typedef struct sbl__guard {
     int images[SBL__GUARD_IMAGES][6];
 } sbl__guard;
 
-/* Saves the state that decides how fragments are produced and written. sbl__guard_save saves the rest. */
-static void sbl__guard_save_drawing(const sbl__gl *gl, sbl__guard *g) {
+static void sbl__guard_save(const sbl__gl *gl, sbl__guard *g) {
     int i;
+    memset(g, 0, sizeof *g);
+    sbl__gl_clear_errors(gl);
     for (i = 0; i < SBL__COUNT(sbl__guard_switches); i++)
         if (sbl__gl_at_least(gl, sbl__guard_switches[i].needed))
             g->switches[i] = gl->IsEnabled(sbl__guard_switches[i].name);
@@ -2462,13 +2462,6 @@ static void sbl__guard_save_drawing(const sbl__gl *gl, sbl__guard *g) {
         gl->GetIntegerv(SBL__GL_CLIP_ORIGIN, &g->clip_origin);
         gl->GetIntegerv(SBL__GL_CLIP_DEPTH_MODE, &g->clip_depth);
     }
-}
-
-static void sbl__guard_save(const sbl__gl *gl, sbl__guard *g) {
-    int i;
-    memset(g, 0, sizeof *g);
-    sbl__gl_clear_errors(gl);
-    sbl__guard_save_drawing(gl, g);
     for (i = 0; i < SBL__COUNT(sbl__guard_pixel_store); i++)
         gl->GetIntegerv(sbl__guard_pixel_store[i].name, &g->pixel_store[i]);
     gl->GetIntegerv(SBL__GL_CURRENT_PROGRAM, &g->program);
@@ -2524,7 +2517,7 @@ static void sbl__guard_switch_indexed(const sbl__gl *gl, unsigned name, int inde
     if (on) gl->Enablei(name, (unsigned)index); else gl->Disablei(name, (unsigned)index);
 }
 
-static void sbl__guard_restore_drawing(const sbl__gl *gl, const sbl__guard *g) {
+static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
     int i;
     for (i = 0; i < SBL__COUNT(sbl__guard_switches); i++)
         if (sbl__gl_at_least(gl, sbl__guard_switches[i].needed))
@@ -2550,11 +2543,6 @@ static void sbl__guard_restore_drawing(const sbl__gl *gl, const sbl__guard *g) {
     }
     if (gl->capabilities.available & SBL_CAPABILITY_CLIP_CONTROL)
         gl->ClipControl((unsigned)g->clip_origin, (unsigned)g->clip_depth);
-}
-
-static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
-    int i;
-    sbl__guard_restore_drawing(gl, g);
     for (i = 0; i < SBL__COUNT(sbl__guard_pixel_store); i++)
         gl->PixelStorei(sbl__guard_pixel_store[i].name, g->pixel_store[i]);
     for (i = 0; i < SBL__GUARD_UNITS; i++) {
@@ -2673,7 +2661,6 @@ typedef struct sbl__record {
 #define SBL__RGBE_BIAS 128         /* three numbers share an exponent, to which this bias is added; */
 #define SBL__RGBE_BITS 8           /* bits of each of the three numbers */
 
-/* Floats. Their text is copied into shaders, so it must be valid GLSL. */
 #define SBL__UNBOUNDED 1e30f           /* length of a ray without a limit; distance of a hit that does not exist */
 #define SBL__FRACTIONS 16777216.0      /* 2^24: of a 32-bit fraction, a float can hold 24 bits */
 #define SBL__COLOR_MOST 65535.0f       /* a component of a vertex colour that stands for 1 */
@@ -2694,21 +2681,19 @@ typedef struct sbl__record {
 #define SBL__FILTER_FALL 0.25          /* weights are exp(-this * (difference / noise)^2) */
 #define SBL__DIVISOR_LEAST 1e-30f      /* prevents divisions by 0 */
 
-#define SBL__SHARED_INTS(X) \
+/* The constants that shaders get as #defines. FLAGS are enumerators, so their values are written, not their text. */
+#define SBL__SHARED_CONSTANTS(X) \
     X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) X(SKY_COLUMN_BITS) \
     X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(SLOT_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) \
-    X(GUIDE_RINGS) X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOOK_GUIDE_SHIFT) \
-    X(HASH_SHIFT) X(RGBE_BIAS) X(RGBE_BITS)
-#define SBL__SHARED_BITS(X) \
-    X(TEXTURE_SRGB) X(TEXTURE_KIND) X(TEXTURE_CLAMPS) \
-    X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS) \
-    X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) \
+    X(GUIDE_RINGS) X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOOK_GUIDE_SHIFT) X(HASH_SHIFT) X(RGBE_BIAS) \
+    X(RGBE_BITS) X(TEXTURE_SRGB) X(TEXTURE_KIND) X(TEXTURE_CLAMPS) X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) \
     X(LAMP_TRIANGLE) X(LAMP_NEAR_LIGHT) X(LAMP_FAR_LIGHT) X(LAMP_SKY_TEXEL) X(FAR_NODE) \
-    X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(LOOK_NUMBER) X(HASH_FACTOR)
-#define SBL__SHARED_FLOATS(X) \
+    X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(LOOK_NUMBER) X(HASH_FACTOR) \
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_TURN) \
     X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST)
+#define SBL__SHARED_FLAGS(X) \
+    X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
 
 #define SBL__PRELUDE_MOST 8192     /* room for the constants of a program, and for its records, in characters */
 
@@ -2722,20 +2707,16 @@ static size_t sbl__write(char *text, size_t length, const char *format, ...) {
     return SBL__MIN(length + (size_t)SBL__MAX(more, 0), SBL__PRELUDE_MOST - 1);
 }
 
-static size_t sbl__write_constants(char *text, size_t length) {
-#define SBL__X(name) length = sbl__write(text, length, "#define SBL_" #name " %d\n", SBL__##name);
-    SBL__SHARED_INTS(SBL__X)
-#undef SBL__X
+static void sbl__write_constants(char *text, size_t length) {
 #define SBL__X(name) length = sbl__write(text, length, "#define SBL_" #name " %uu\n", SBL__##name);
-    SBL__SHARED_BITS(SBL__X)
+    SBL__SHARED_FLAGS(SBL__X)
 #undef SBL__X
-    /* The text of the macros, because printf would round the numbers, and write commas in some locales. */
+    /* The text of the macros, because printf would round floats, and write commas in some locales. */
 #define SBL__TEXT(...) #__VA_ARGS__
 #define SBL__TEXT_OF(...) SBL__TEXT(__VA_ARGS__)
 #define SBL__X(name) length = sbl__write(text, length, "#define SBL_" #name " %s\n", SBL__TEXT_OF(SBL__##name));
-    SBL__SHARED_FLOATS(SBL__X)
+    SBL__SHARED_CONSTANTS(SBL__X)
 #undef SBL__X
-    return length;
 }
 
 static size_t sbl__write_record(char *text, size_t length, const sbl__record *r) {
@@ -2799,7 +2780,10 @@ static void sbl__gpu_account(sbl__base *base, size_t before, size_t after) {
     if (base->memory.gpu_bytes > base->memory.gpu_peak_bytes) base->memory.gpu_peak_bytes = base->memory.gpu_bytes;
 }
 
-static const struct { unsigned internal, format, type; int bytes; } sbl__formats[] = {
+/* bytes: size of a texel */
+typedef struct sbl__format { unsigned internal, format, type; size_t bytes; } sbl__format;
+
+static const sbl__format sbl__formats[] = {
     { SBL__GL_R32F, SBL__GL_RED, SBL__GL_FLOAT, 4 },
     { SBL__GL_R32UI, SBL__GL_RED_INTEGER, SBL__GL_UNSIGNED_INT, 4 },
     { SBL__GL_RG32F, SBL__GL_RG, SBL__GL_FLOAT, 8 },
@@ -2811,10 +2795,10 @@ static const struct { unsigned internal, format, type; int bytes; } sbl__formats
     { SBL__GL_DEPTH_COMPONENT32F, SBL__GL_DEPTH_COMPONENT, SBL__GL_FLOAT, 4 }
 };
 
-static int sbl__format(unsigned internal) {
-    int i = 0;
-    while (sbl__formats[i].internal != internal) i++;
-    return i;
+static const sbl__format *sbl__format_of(unsigned internal) {
+    const sbl__format *f = sbl__formats;
+    while (f->internal != internal) f++;
+    return f;
 }
 
 /* >>device: textures and buffers */
@@ -2828,15 +2812,14 @@ static void sbl__texture_delete(const sbl__device *d, sbl__texture *t) {
 /* Gives a texture this size and format. Its texels are undefined, unless it has both already: then it is unchanged. */
 static sbl_result sbl__texture_make(const sbl__device *d, sbl__texture *t, int width, int height, unsigned format) {
     const sbl__gl *gl = &d->gl;
-    const int f = sbl__format(format);
+    const sbl__format *f = sbl__format_of(format);
     sbl_result result;
     if (t->id && t->width == width && t->height == height && t->format == format) return SBL_SUCCESS;
     sbl__texture_delete(d, t);
     t->id = sbl__name_make(d, gl->GenTextures);
     if (!t->id) return SBL_ERROR_GL;
     gl->BindTexture(SBL__GL_TEXTURE_2D, t->id);
-    gl->TexImage2D(SBL__GL_TEXTURE_2D, 0, (int)format, width, height, 0, sbl__formats[f].format, sbl__formats[f].type,
-                   NULL);
+    gl->TexImage2D(SBL__GL_TEXTURE_2D, 0, (int)format, width, height, 0, f->format, f->type, NULL);
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_MIN_FILTER, SBL__GL_NEAREST);
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_MAG_FILTER, SBL__GL_NEAREST);
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_WRAP_S, SBL__GL_CLAMP_TO_EDGE);
@@ -2845,17 +2828,16 @@ static sbl_result sbl__texture_make(const sbl__device *d, sbl__texture *t, int w
     result = sbl__gl_check(gl);
     if (result != SBL_SUCCESS) { sbl__texture_delete(d, t); return result; }
     t->width = width; t->height = height; t->format = format;
-    t->bytes = (size_t)width * (size_t)height * (size_t)sbl__formats[f].bytes;
+    t->bytes = (size_t)width * (size_t)height * f->bytes;
     sbl__gpu_account(d->base, 0, t->bytes);
     return SBL_SUCCESS;
 }
 
 /* Writes rows of texels. from: texels in the layout of the texture's format */
 static sbl_result sbl__texture_write(const sbl__device *d, const sbl__texture *t, int row, int rows, const void *from) {
-    const int f = sbl__format(t->format);
+    const sbl__format *f = sbl__format_of(t->format);
     d->gl.BindTexture(SBL__GL_TEXTURE_2D, t->id);
-    d->gl.TexSubImage2D(SBL__GL_TEXTURE_2D, 0, 0, row, t->width, rows, sbl__formats[f].format, sbl__formats[f].type,
-                        from);
+    d->gl.TexSubImage2D(SBL__GL_TEXTURE_2D, 0, 0, row, t->width, rows, f->format, f->type, from);
     return sbl__gl_check(&d->gl);
 }
 
@@ -2912,8 +2894,8 @@ static void sbl__table_delete(const sbl__device *d, sbl__table *t) {
 /* Makes the present content of the table's buffer visible to shaders, as texels of the format. */
 static sbl_result sbl__table_attach(const sbl__device *d, sbl__table *t, unsigned format, int wide) {
     const sbl__gl *gl = &d->gl;
-    const int f = sbl__format(format);
-    const size_t texel = (size_t)sbl__formats[f].bytes, texels = t->buffer.bytes / texel;
+    const sbl__format *f = sbl__format_of(format);
+    const size_t texels = t->buffer.bytes / f->bytes;
     const int rows = (int)(texels / SBL__TEXELS_ACROSS), rest = (int)(texels % SBL__TEXELS_ACROSS);
     sbl_result result;
     if (!wide) {
@@ -2927,10 +2909,9 @@ static sbl_result sbl__table_attach(const sbl__device *d, sbl__table *t, unsigne
     if (result != SBL_SUCCESS) return result;
     gl->BindTexture(SBL__GL_TEXTURE_2D, t->texels.id);
     gl->BindBuffer(SBL__GL_PIXEL_UNPACK_BUFFER, t->buffer.id);
-    if (rows) gl->TexSubImage2D(SBL__GL_TEXTURE_2D, 0, 0, 0, SBL__TEXELS_ACROSS, rows, sbl__formats[f].format,
-                                sbl__formats[f].type, NULL);
-    if (rest) gl->TexSubImage2D(SBL__GL_TEXTURE_2D, 0, 0, rows, rest, 1, sbl__formats[f].format, sbl__formats[f].type,
-                                (const void *)((uintptr_t)rows * SBL__TEXELS_ACROSS * (uintptr_t)texel));
+    if (rows) gl->TexSubImage2D(SBL__GL_TEXTURE_2D, 0, 0, 0, SBL__TEXELS_ACROSS, rows, f->format, f->type, NULL);
+    if (rest) gl->TexSubImage2D(SBL__GL_TEXTURE_2D, 0, 0, rows, rest, 1, f->format, f->type,
+                                (const void *)((uintptr_t)rows * SBL__TEXELS_ACROSS * f->bytes));
     gl->BindBuffer(SBL__GL_PIXEL_UNPACK_BUFFER, 0);
     return sbl__gl_check(gl);
 }
@@ -2980,12 +2961,11 @@ static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const s
 static sbl_result sbl__target_read(const sbl__device *d, const sbl__target *t, int attachment, int row, int rows,
                                    void *out) {
     const sbl__gl *gl = &d->gl;
-    const int f = sbl__format(t->formats[attachment]);
-    const int whole = sbl__formats[f].type == SBL__GL_UNSIGNED_INT;
+    const sbl__format *f = sbl__format_of(t->formats[attachment]);
+    const unsigned type = f->type == SBL__GL_UNSIGNED_INT ? SBL__GL_UNSIGNED_INT : SBL__GL_FLOAT;
     gl->BindFramebuffer(SBL__GL_READ_FRAMEBUFFER, t->id);
     gl->ReadBuffer(SBL__GL_COLOR_ATTACHMENT0 + (unsigned)attachment);
-    gl->ReadPixels(0, row, t->width, rows, sbl__formats[f].format,
-                   whole ? (unsigned)SBL__GL_UNSIGNED_INT : (unsigned)SBL__GL_FLOAT, out);
+    gl->ReadPixels(0, row, t->width, rows, f->format, type, out);
     return sbl__gl_check(gl);
 }
 
@@ -3022,9 +3002,9 @@ typedef struct sbl__recipe {
 
 /* >>glsl tables: shaders_embedded/tables.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_tables[] = {
-"// Begins every shader. The #defines of the program's features and of the constants that C shares stand above it, the\n",
-"// functions that read records below it (see >>records in sbl.h). Tables that grow with the scene are buffer textures\n",
-"// or, if they exceed the driver's limit of buffer textures, 2D textures (see sbl__table_attach).\n",
+"// Begins every shader. The #defines of the program's features and of the constants that C shares precede it; the\n",
+"// functions that read records follow it (see >>records in sbl.h). Tables that grow with the scene are buffer\n",
+"// textures or, if they exceed the driver's limit of buffer textures, 2D textures (see sbl__table_attach).\n",
 "#ifdef SBL_WIDE\n",
 "#define sbl_Texels usampler2D\n",
 "#define sbl_fetch(texels, i) texelFetch(texels, ivec2((i) & (SBL_TEXELS_ACROSS - 1), (i) >> SBL_TEXELS_SHIFT), 0)\n",
@@ -3033,9 +3013,9 @@ static const char *const sbl__glsl_tables[] = {
 "#define sbl_fetch(texels, i) texelFetch(texels, i)\n",
 "#endif\n",
 "\n",
-"// Software renderers execute both branches of an if, and the body of a loop at least once, but they leave a loop when\n",
-"// no lane is in it. Expensive code that is rarely needed is therefore a loop that may have 0 turns, or depends on a\n",
-"// feature.\n",
+"// Software renderers execute both branches of an if, and the body of a loop at least once, but they leave a loop\n",
+"// when no lane is in it. Expensive code that is rarely needed is therefore a loop that may have 0 turns, or it\n",
+"// depends on a feature.\n",
 0 };
 /* <<glsl */
 
@@ -3238,8 +3218,7 @@ static void sbl__pass(const sbl__device *d, const sbl__target *t, const int *vie
 
 /* Begins a pass over rows of a target. */
 static void sbl__pass_rows(const sbl__device *d, const sbl__target *t, int row, int rows) {
-    int area[4];
-    area[0] = 0; area[1] = row; area[2] = t->width; area[3] = rows;
+    const int area[4] = { 0, row, t->width, rows };
     sbl__pass(d, t, area, NULL, 0);
 }
 
@@ -3258,17 +3237,14 @@ static void sbl__clear_depth(const sbl__device *d) {
     d->gl.ClearBufferfv(SBL__GL_DEPTH, 0, &zero);
 }
 
-/* Draws a triangle that covers the viewport, for fullscreen_vertex.glsl. */
-static void sbl__draw_screen(const sbl__device *d) {
-    d->gl.BindVertexArray(d->empty_array);
-    d->gl.DrawArrays(SBL__GL_TRIANGLES, 0, 3);
-}
-
 /* Draws `count` triangles without vertex attributes; gl_VertexID begins at 3 * first. */
 static void sbl__draw_triangles(const sbl__device *d, int first, int count) {
     d->gl.BindVertexArray(d->empty_array);
     d->gl.DrawArrays(SBL__GL_TRIANGLES, 3 * first, 3 * count);
 }
+
+/* Draws a triangle that covers the viewport, for fullscreen_vertex.glsl. */
+static void sbl__draw_screen(const sbl__device *d) { sbl__draw_triangles(d, 0, 1); }
 
 /* Draws instances of the triangles first .. first + count - 1 of a vertex array with indices. */
 static void sbl__draw_mesh(const sbl__device *d, unsigned array, int first, int count, int instances) {
@@ -3480,7 +3456,7 @@ static int sbl__late(sbl__slice *s) {
    when the current submission began */
 typedef struct sbl__pace { double cost, start; } sbl__pace;
 
-/* A submission is planned to take the smaller of two times. They leave a reserve for work that is slower than before. */
+/* A submission is planned to take the smaller of two times, with a reserve for work that is slower than before: */
 #define SBL__PACE_MARGIN 0.9   /* times the rest of the slice; the slice may be overrun now and then */
 #define SBL__PACE_CAUTION 0.5  /* times the longest submission, which must not be exceeded */
 #define SBL__PACE_LEAST 0.001  /* seconds; shorter submissions are not planned, as they lose too much time by waiting */
@@ -3593,9 +3569,10 @@ static int sbl__renders_on_cpu(const sbl__gl *gl) {
 
 static sbl_result sbl__device_make(sbl__device *d, sbl__base *base, const sbl_context_desc *desc) {
     const sbl_result result = sbl__gl_load(&d->gl, base, desc);
-    const int on_cpu = result == SBL_SUCCESS && sbl__renders_on_cpu(&d->gl);
+    int on_cpu;
     d->base = base;
     if (result != SBL_SUCCESS) return result;
+    on_cpu = sbl__renders_on_cpu(&d->gl);
     if (!(d->gl.capabilities.used & SBL_CAPABILITY_CLIP_CONTROL)) d->features |= SBL__WRITE_DEPTH;
     if (d->gl.capabilities.used & SBL_CAPABILITY_COMPUTE) d->features |= SBL__COMPUTE;
     d->workgroup = on_cpu ? SBL__WORKGROUP_CPU : SBL__WORKGROUP_GPU;
@@ -3659,20 +3636,25 @@ static int sbl__check_canaries(sbl__check *check, const char *name, uint32_t sta
     return 0;
 }
 
-/* Checks that three numbers are finite and not negative. where: the object that has the field, such as "light 3" */
-static void sbl__check_color(sbl__check *check, const char *where, const char *name, const float color[3]) {
+static const float sbl__any[2] = { -FLT_MAX, FLT_MAX }, sbl__positive[2] = { 0, FLT_MAX }, sbl__share[2] = { 0, 1 };
+
+/* Checks that `count` numbers are finite and in range[0] .. range[1]. where: the object that has the field, such as
+   "light 3" */
+static void sbl__check_range(sbl__check *check, const char *where, const char *name, const float *v, int count,
+                             const float range[2]) {
     int k;
-    for (k = 0; k < 3; k++)
-        if (!sbl__between(&color[k], 0, FLT_MAX))
-            sbl__mistake(check, "%s: %s[%d] is %g; it must be finite and not negative", where, name, k,
-                         (double)color[k]);
+    for (k = 0; k < count; k++) {
+        char index[16] = "", limits[64] = "finite";
+        if (sbl__between(&v[k], range[0], range[1])) continue;
+        if (count > 1) snprintf(index, sizeof index, "[%d]", k);
+        if (range[1] < FLT_MAX) snprintf(limits, sizeof limits, "%g to %g", (double)range[0], (double)range[1]);
+        else if (range[0] >= 0) snprintf(limits, sizeof limits, "finite and not negative");
+        sbl__mistake(check, "%s: %s%s is %g; it must be %s", where, name, index, (double)v[k], limits);
+    }
 }
 
 static void sbl__check_finite(sbl__check *check, const char *where, const char *name, const float *v, int count) {
-    int k;
-    for (k = 0; k < count; k++)
-        if (!sbl__finite(v + k))
-            sbl__mistake(check, "%s: %s[%d] is %g; it must be finite", where, name, k, (double)v[k]);
+    sbl__check_range(check, where, name, v, count, sbl__any);
 }
 
 /* Checks that an array and its element count fit together. name: the field that holds the count */
@@ -3682,10 +3664,11 @@ static void sbl__check_array(sbl__check *check, const char *where, const char *n
                      "array", where, name, count, array ? "given" : "NULL");
 }
 
-/* Checks that range[0] <= x <= range[1]. */
-static void sbl__check_int(sbl__check *check, const char *where, const char *name, int x, const int range[2]) {
-    if (x < range[0] || x > range[1])
-        sbl__mistake(check, "%s: %s is %d; it must be %d to %d", where, name, x, range[0], range[1]);
+/* Returns 1 if range[0] <= x <= range[1]. Otherwise reports a mistake and returns 0. */
+static int sbl__check_int(sbl__check *check, const char *where, const char *name, int x, const int range[2]) {
+    if (x >= range[0] && x <= range[1]) return 1;
+    sbl__mistake(check, "%s: %s is %d; it must be %d to %d", where, name, x, range[0], range[1]);
+    return 0;
 }
 
 /* >>check: meshes */
@@ -3713,6 +3696,23 @@ typedef struct sbl__stream_use {
     int components, count;     /* components of an element; elements */
     int is_index;              /* 1: elements are unsigned integers; 0: components are read as floats */
 } sbl__stream_use;
+
+enum { SBL__POSITIONS, SBL__NORMALS, SBL__TEXCOORDS, SBL__COLORS, SBL__LIGHTMAP_TEXCOORDS, SBL__VERTEX_STREAMS };
+
+/* Describes the vertex streams of a mesh; out is indexed by the enumerators above. */
+static void sbl__vertex_streams(const sbl_mesh *m, sbl__stream_use out[SBL__VERTEX_STREAMS]) {
+    const sbl__stream_use streams[SBL__VERTEX_STREAMS] = {
+        { "positions", &m->positions, 3, m->vertex_count, 0 }, { "normals", &m->normals, 3, m->vertex_count, 0 },
+        { "texcoords", &m->texcoords, 2, m->vertex_count, 0 }, { "colors", &m->colors, 4, m->vertex_count, 0 },
+        { "lightmap_texcoords", &m->lightmap_texcoords, 2, m->vertex_count, 0 }
+    };
+    memcpy(out, streams, sizeof streams);
+}
+
+static sbl__stream_use sbl__index_stream(const sbl_mesh *m) {
+    const sbl__stream_use indices = { "indices", &m->indices, 1, m->index_count, 1 };
+    return indices;
+}
 
 /* Checks that a stream's elements do not overlap and lie inside the address space and, if the stream names a GL buffer,
    inside that buffer. The buffer is queried for its size but not read. */
@@ -3758,26 +3758,19 @@ static void sbl__check_stream(sbl__check *check, int mesh, const sbl__stream_use
 }
 
 static void sbl__check_transform(sbl__check *check, int mesh, const float m[16]) {
-    int i;
-    for (i = 0; i < 16; i++)
-        if (!sbl__finite(m + i)) {
-            sbl__mistake(check, "mesh %d: transform[%d] is %g; it must be finite", mesh, i, (double)m[i]);
-            return;
-        }
-    if (!sbl__all_zero(m, 16) && sbl__affine_determinant(m) == 0)
-        sbl__mistake(check, "mesh %d: transform is singular or not affine (its last row is %g %g %g %g, its "
-                     "determinant %g); it must be invertible with last row 0 0 0 1", mesh, (double)m[3], (double)m[7],
+    char where[32];
+    snprintf(where, sizeof where, "mesh %d", mesh);
+    if (!sbl__all_finite(m, 16)) sbl__check_finite(check, where, "transform", m, 16);
+    else if (!sbl__all_zero(m, 16) && sbl__affine_determinant(m) == 0)
+        sbl__mistake(check, "%s: transform is singular or not affine (its last row is %g %g %g %g, its determinant "
+                     "%g); it must be invertible with last row 0 0 0 1", where, (double)m[3], (double)m[7],
                      (double)m[11], (double)m[15], sbl__affine_determinant(m));
 }
 
 static void sbl__check_mesh(sbl__check *check, const sbl_scene_desc *desc, int number) {
     const sbl_mesh *m = &desc->meshes[number];
-    const sbl__stream_use streams[] = {
-        { "positions", &m->positions, 3, m->vertex_count, 0 }, { "normals", &m->normals, 3, m->vertex_count, 0 },
-        { "texcoords", &m->texcoords, 2, m->vertex_count, 0 }, { "colors", &m->colors, 4, m->vertex_count, 0 },
-        { "lightmap_texcoords", &m->lightmap_texcoords, 2, m->vertex_count, 0 },
-        { "indices", &m->indices, 1, m->index_count, 1 }
-    };
+    const sbl__stream_use indices = sbl__index_stream(m);
+    sbl__stream_use streams[SBL__VERTEX_STREAMS];
     const int indexed = sbl__stream_present(&m->indices);
     int i;
     if (m->vertex_count < 0) {
@@ -3787,10 +3780,11 @@ static void sbl__check_mesh(sbl__check *check, const sbl_scene_desc *desc, int n
     if (m->vertex_count > 0 && !sbl__stream_present(&m->positions))
         sbl__mistake(check, "mesh %d: positions are missing (data and gl_buffer are both 0) for vertex_count %d",
                      number, m->vertex_count);
-    for (i = 0; i < 5; i++) sbl__check_stream(check, number, &streams[i]);
+    sbl__vertex_streams(m, streams);
+    for (i = 0; i < SBL__VERTEX_STREAMS; i++) sbl__check_stream(check, number, &streams[i]);
     if (indexed && (m->index_count < 0 || m->index_count % 3 != 0))
         sbl__mistake(check, "mesh %d: index_count is %d; it must be a multiple of 3", number, m->index_count);
-    else if (indexed) sbl__check_stream(check, number, &streams[5]);
+    else if (indexed) sbl__check_stream(check, number, &indices);
     else if (m->vertex_count % 3 != 0)
         sbl__mistake(check, "mesh %d: vertex_count is %d; without indices it must be a multiple of 3", number,
                      m->vertex_count);
@@ -3808,16 +3802,13 @@ static void sbl__check_material(sbl__check *check, const sbl_scene_desc *desc, i
     char where[32];
     int i;
     snprintf(where, sizeof where, "material %d", number);
-    for (i = 0; i < 3; i++)
-        if (!sbl__between(&m->albedo[i], 0, 1))
-            sbl__mistake(check, "%s: albedo[%d] is %g; it must be 0 to 1", where, i, (double)m->albedo[i]);
-    sbl__check_color(check, where, "emission", m->emission);
+    sbl__check_range(check, where, "albedo", m->albedo, 3, sbl__share);
+    sbl__check_range(check, where, "emission", m->emission, 3, sbl__positive);
     for (i = 0; i < 2; i++)
         if (textures[i] < 0 || textures[i] > desc->texture_count)
             sbl__mistake(check, "%s: %s_texture is %d; it must be 0 (none) to %d", where, i ? "emission" : "albedo",
                          textures[i], desc->texture_count);
-    if (!sbl__between(&m->alpha_cutoff, 0, 1))
-        sbl__mistake(check, "%s: alpha_cutoff is %g; it must be 0 to 1", where, (double)m->alpha_cutoff);
+    sbl__check_range(check, where, "alpha_cutoff", &m->alpha_cutoff, 1, sbl__share);
     if (m->flags & ~(uint32_t)SBL_MATERIAL_FLAGS_ALL)
         sbl__mistake(check, "%s: flags is 0x%x; only the bits 0x%x exist", where, m->flags,
                      (unsigned)SBL_MATERIAL_FLAGS_ALL);
@@ -3835,14 +3826,12 @@ static size_t sbl__texture_stride(const sbl_texture *t, int width) {
 }
 
 /* Checks the channels, size and stride of pixels in client memory. most: largest width and height. where: the object in
-   messages, such as "texture 2". prefix: stands before the names of fields in messages: "" or "picture." */
+   messages, such as "texture 2". prefix: precedes the names of fields in messages: "" or "picture." */
 static void sbl__check_pixels(sbl__check *check, const char *where, const char *prefix, const sbl_texture *t,
                               int most) {
-    if (t->channels < 0 || t->channels > 4) {
+    if (t->channels < 0 || t->channels > 4)
         sbl__mistake(check, "%s: %schannels is %d; it must be 1 to 4, or 0 for 4", where, prefix, t->channels);
-        return;
-    }
-    if (t->width < 1 || t->height < 1 || t->width > most || t->height > most)
+    else if (t->width < 1 || t->height < 1 || t->width > most || t->height > most)
         sbl__mistake(check, "%s: %ssize is %d x %d; both must be 1 to %d", where, prefix, t->width, t->height, most);
     else if (t->stride && t->stride < (size_t)t->width * sbl__texture_texel(t))
         sbl__mistake(check, "%s: %sstride is %.0f; it must be at least the %.0f bytes of a row", where, prefix,
@@ -3852,22 +3841,17 @@ static void sbl__check_pixels(sbl__check *check, const char *where, const char *
                      (double)t->stride, t->height);
 }
 
-static int sbl__check_format(sbl__check *check, const char *where, const char *prefix, const sbl_texture *t) {
-    if ((int)t->format >= 0 && (int)t->format < SBL_PIXEL_FORMAT_COUNT) return 1;
-    sbl__mistake(check, "%s: %sformat is %d; it must be 0 to %d", where, prefix, (int)t->format,
-                 SBL_PIXEL_FORMAT_COUNT - 1);
-    return 0;
-}
+static const int sbl__pixel_formats[2] = { 0, SBL_PIXEL_FORMAT_COUNT - 1 };
 
 #define SBL__TEXTURE_MOST 65536  /* largest width and height of a texture, in pixels */
 
 static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, int index) {
+    static const int wraps[2] = { 0, SBL_WRAP_COUNT - 1 };
     const sbl_texture *t = &desc->textures[index];
     char where[32];
     snprintf(where, sizeof where, "texture %d", index + 1);  /* sbl_material numbers textures from 1 */
-    if (!sbl__check_format(check, where, "", t)) return;
-    if ((int)t->wrap < 0 || (int)t->wrap >= SBL_WRAP_COUNT)
-        sbl__mistake(check, "%s: wrap is %d; it must be 0 to %d", where, (int)t->wrap, SBL_WRAP_COUNT - 1);
+    if (!sbl__check_int(check, where, "format", (int)t->format, sbl__pixel_formats)) return;
+    sbl__check_int(check, where, "wrap", (int)t->wrap, wraps);
     if (t->pixels && t->gl_texture)
         sbl__mistake(check, "%s: pixels and gl_texture (%u) are both set; give one", where, t->gl_texture);
     else if (!t->pixels && !t->gl_texture)
@@ -3889,28 +3873,24 @@ static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, in
 #define SBL__SKY_MOST 16384
 
 static void sbl__check_light(sbl__check *check, const sbl_light *l, int number) {
+    static const int kinds[2] = { 0, SBL_LIGHT_KIND_COUNT - 1 };
+    static const float degrees[2] = { 0, 180 };
     const int distant = l->kind == SBL_LIGHT_DIRECTIONAL;
     char where[32];
     snprintf(where, sizeof where, "light %d", number);
-    if ((int)l->kind < 0 || (int)l->kind >= SBL_LIGHT_KIND_COUNT) {
-        sbl__mistake(check, "%s: kind is %d; it must be 0 to %d", where, (int)l->kind, SBL_LIGHT_KIND_COUNT - 1);
-        return;
-    }
-    sbl__check_color(check, where, "intensity", l->intensity);
+    if (!sbl__check_int(check, where, "kind", (int)l->kind, kinds)) return;
+    sbl__check_range(check, where, "intensity", l->intensity, 3, sbl__positive);
     if (!distant) sbl__check_finite(check, where, "position", l->position, 3);
     if (l->kind != SBL_LIGHT_POINT) {
         sbl__check_finite(check, where, "direction", l->direction, 3);
         if (sbl__all_zero(l->direction, 3))
             sbl__mistake(check, "%s: direction is 0 0 0; it must be the direction in which the light travels", where);
     }
-    if (!distant && !sbl__between(&l->radius, 0, FLT_MAX))
-        sbl__mistake(check, "%s: radius is %g; it must be finite and not negative", where, (double)l->radius);
-    if (distant && !sbl__between(&l->angle, 0, 180))
-        sbl__mistake(check, "%s: angle is %g; it must be 0 to 180 degrees", where, (double)l->angle);
+    if (distant) sbl__check_range(check, where, "angle (in degrees)", &l->angle, 1, degrees);
+    else sbl__check_range(check, where, "radius", &l->radius, 1, sbl__positive);
     if (l->kind != SBL_LIGHT_SPOT) return;
-    if (!sbl__between(&l->cone, 0, 180))
-        sbl__mistake(check, "%s: cone is %g; it must be 0 to 180 degrees", where, (double)l->cone);
-    else if (!sbl__between(&l->inner_cone, 0, SBL__CONE(l)))
+    sbl__check_range(check, where, "cone (in degrees)", &l->cone, 1, degrees);
+    if (sbl__finite(&l->cone) && !sbl__between(&l->inner_cone, 0, SBL__CONE(l)))
         sbl__mistake(check, "%s: inner_cone is %g; it must be 0 to the %g degrees of the cone", where,
                      (double)l->inner_cone, (double)SBL__CONE(l));
 }
@@ -3922,7 +3902,8 @@ static void sbl__check_environment(sbl__check *check, const sbl_environment *e) 
         sbl__mistake(check, "%s: picture.gl_texture is %u; give pixels in client memory", where, t->gl_texture);
     if (t->pixels && e->radiance)
         sbl__mistake(check, "%s: picture.pixels and radiance are both set; give one", where);
-    if (sbl__check_format(check, where, "picture.", t) && (t->pixels || t->width || t->height || t->channels)) {
+    if (sbl__check_int(check, where, "picture.format", (int)t->format, sbl__pixel_formats) &&
+        (t->pixels || t->width || t->height || t->channels)) {
         if (!t->pixels && !e->radiance && (t->width || t->height))
             sbl__mistake(check, "%s: picture.pixels and radiance are both NULL, but the picture's size is %d x %d; "
                          "give pixels or a function", where, t->width, t->height);
@@ -3930,10 +3911,8 @@ static void sbl__check_environment(sbl__check *check, const sbl_environment *e) 
         else if (t->channels < 0 || t->channels > 4)
             sbl__mistake(check, "%s: picture.channels is %d; it must be 1 to 4, or 0 for 4", where, t->channels);
     }
-    if (!sbl__finite(&e->scale))
-        sbl__mistake(check, "%s: scale is %g; it must be finite", where, (double)e->scale);
-    if (!sbl__finite(&e->rotation))
-        sbl__mistake(check, "%s: rotation is %g; it must be finite", where, (double)e->rotation);
+    sbl__check_finite(check, where, "scale", &e->scale, 1);
+    sbl__check_finite(check, where, "rotation", &e->rotation, 1);
     sbl__check_finite(check, where, "up", e->up, 3);
 }
 
@@ -3943,23 +3922,21 @@ static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *d
     static const int cells[2] = { 1024, 1048576 };
     const char *where = "sbl_scene_desc";
     sbl__check check;
-    int i, k;
+    int i;
     sbl__check_start(&check, d->base, d, SBL_LOG_ITEM_INVALID_SCENE_DESC);
     if (!sbl__check_canaries(&check, where, desc->start_canary, desc->end_canary)) return sbl__check_end(&check);
     sbl__check_array(&check, where, "mesh_count", desc->mesh_count, desc->meshes);
     sbl__check_array(&check, where, "material_count", desc->material_count, desc->materials);
     sbl__check_array(&check, where, "texture_count", desc->texture_count, desc->textures);
     sbl__check_array(&check, where, "light_count", desc->light_count, desc->lights);
-    sbl__check_color(&check, where, "sky", desc->sky);
+    sbl__check_range(&check, where, "sky", desc->sky, 3, sbl__positive);
     for (i = 0; desc->draw && i < 6; i++) {
         const float *low = &desc->draw_bounds[0][i % 3], *x = &desc->draw_bounds[i / 3][i % 3];
         if (!sbl__finite(x) || (sbl__finite(low) && *low > desc->draw_bounds[1][i % 3]))
             sbl__mistake(&check, "%s: draw_bounds[%d][%d] is %g; bounds must be finite, lowest corner first", where,
                          i / 3, i % 3, (double)*x);
     }
-    if (!sbl__between(&desc->draw_max_radiance, 0, FLT_MAX))
-        sbl__mistake(&check, "%s: draw_max_radiance is %g; it must be finite and not negative", where,
-                     (double)desc->draw_max_radiance);
+    sbl__check_range(&check, where, "draw_max_radiance", &desc->draw_max_radiance, 1, sbl__positive);
     if (desc->max_bounce_cells)
         sbl__check_int(&check, where, "max_bounce_cells", desc->max_bounce_cells, cells);
     check.item = SBL_LOG_ITEM_INVALID_LIGHT;
@@ -3970,7 +3947,7 @@ static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *d
     check.item = SBL_LOG_ITEM_INVALID_MATERIAL;
     for (i = 0; desc->materials && i < desc->material_count; i++) sbl__check_material(&check, desc, i);
     check.item = SBL_LOG_ITEM_INVALID_TEXTURE;
-    for (k = 0; desc->textures && k < desc->texture_count; k++) sbl__check_texture(&check, desc, k);
+    for (i = 0; desc->textures && i < desc->texture_count; i++) sbl__check_texture(&check, desc, i);
     return sbl__check_end(&check);
 }
 
@@ -4003,9 +3980,7 @@ static sbl_result sbl__check_context(const sbl__base *base, const sbl_context_de
     if (d->sensor_texture_size)
         sbl__check_int(&check, where, "sensor_texture_size", d->sensor_texture_size, sizes);
     if (d->batch < 0) sbl__mistake(&check, "%s: batch is %d; it cannot be negative", where, d->batch);
-    if (!sbl__between(&d->longest_submission, 0, FLT_MAX))
-        sbl__mistake(&check, "%s: longest_submission is %g; it must be finite and not negative", where,
-                     (double)d->longest_submission);
+    sbl__check_range(&check, where, "longest_submission", &d->longest_submission, 1, sbl__positive);
     return sbl__check_end(&check);
 }
 
@@ -4093,12 +4068,10 @@ static float sbl__component(const unsigned char *at, sbl_type type) {
     switch (type) {
         case SBL_FLOAT32: memcpy(&f, at, 4); return f;
         case SBL_FLOAT16: memcpy(&u16, at, 2); return sbl__from_half(u16);
-        case SBL_UINT8_NORM: return (float)(*at * sbl__types[type].scale);
-        case SBL_UINT16_NORM: memcpy(&u16, at, 2); return (float)(u16 * sbl__types[type].scale);
+        case SBL_UINT8: case SBL_UINT8_NORM: return (float)(*at * sbl__types[type].scale);
+        case SBL_UINT16: case SBL_UINT16_NORM: memcpy(&u16, at, 2); return (float)(u16 * sbl__types[type].scale);
         case SBL_INT8_NORM: memcpy(&i8, at, 1); return (float)SBL__MAX(-1.0, i8 * sbl__types[type].scale);
         case SBL_INT16_NORM: memcpy(&i16, at, 2); return (float)SBL__MAX(-1.0, i16 * sbl__types[type].scale);
-        case SBL_UINT8: return (float)*at;
-        case SBL_UINT16: memcpy(&u16, at, 2); return (float)u16;
         case SBL_UINT32: memcpy(&u32, at, 4); return (float)u32;
         default: return 0;
     }
@@ -4140,50 +4113,41 @@ static sbl_result sbl__stream_read(const sbl__device *d, const sbl__stream_use *
     return result;
 }
 
-/* A mesh that has been read. positions, normals, lightmap_texcoords and corners point into the arrays of sbl__geometry.
-   texcoords, colors and lightmap_texcoords are NULL if the mesh has none. */
+/* A mesh that has been read. Its values are indexed like its streams; they are NULL if the mesh has no such stream.
+   Texture coordinates and colours belong to this struct. The other values and the corners point into the arrays of
+   sbl__geometry. */
 typedef struct sbl__mesh_data {
-    float *positions, *normals, *texcoords, *colors;
+    sbl__stream_use streams[SBL__VERTEX_STREAMS];
+    float *values[SBL__VERTEX_STREAMS];
     uint32_t *corners;           /* three vertex numbers per triangle, counted from the mesh's first vertex */
     int vertex_count, corner_count;
-    float *lightmap_texcoords;
-    int has_normals;
 } sbl__mesh_data;
 
 static void sbl__mesh_data_free(const sbl__device *d, sbl__mesh_data *m) {
-    sbl__free(d->base, m->texcoords);
-    sbl__free(d->base, m->colors);
+    sbl__free(d->base, m->values[SBL__TEXCOORDS]);
+    sbl__free(d->base, m->values[SBL__COLORS]);
 }
 
 static sbl_result sbl__mesh_read(const sbl__device *d, const sbl__geometry *g, const sbl_mesh *in, sbl__mesh_data *m) {
-    const int indexed = sbl__stream_present(&in->indices), vertices = in->vertex_count;
-    const sbl__stream_use positions = { "positions", &in->positions, 3, vertices, 0 };
-    const sbl__stream_use normals = { "normals", &in->normals, 3, vertices, 0 };
-    const sbl__stream_use texcoords = { "texcoords", &in->texcoords, 2, vertices, 0 };
-    const sbl__stream_use lightmap = { "lightmap_texcoords", &in->lightmap_texcoords, 2, vertices, 0 };
-    const sbl__stream_use colors = { "colors", &in->colors, 4, vertices, 0 };
-    const sbl__stream_use indices = { "indices", &in->indices, 1, in->index_count, 1 };
+    const int indexed = sbl__stream_present(&in->indices);
+    const sbl__stream_use indices = sbl__index_stream(in);
+    const size_t first = (size_t)g->vertex_count;
     sbl_result result = SBL_SUCCESS;
     int i;
     memset(m, 0, sizeof *m);
-    m->vertex_count = vertices;
-    m->corner_count = indexed ? in->index_count : vertices;
-    m->positions = g->positions + 3 * (size_t)g->vertex_count;
-    m->normals = g->normals + 3 * (size_t)g->vertex_count;
+    sbl__vertex_streams(in, m->streams);
+    m->vertex_count = in->vertex_count;
+    m->corner_count = indexed ? in->index_count : in->vertex_count;
     m->corners = g->indices + 3 * (size_t)g->triangle_count;
-    m->has_normals = sbl__stream_present(&in->normals);
-    if (sbl__stream_present(&in->lightmap_texcoords))
-        m->lightmap_texcoords = g->lightmap_texcoords + 2 * (size_t)g->vertex_count;
-    if (sbl__stream_present(&in->texcoords)) m->texcoords = (float *)sbl__alloc_raw(d->base, (size_t)vertices, 8);
-    if (sbl__stream_present(&in->colors)) m->colors = (float *)sbl__alloc_raw(d->base, (size_t)vertices, 16);
-    if ((sbl__stream_present(&in->texcoords) && !m->texcoords) || (sbl__stream_present(&in->colors) && !m->colors))
-        result = SBL_ERROR_OUT_OF_MEMORY;
-    if (result == SBL_SUCCESS && vertices) result = sbl__stream_read(d, &positions, m->positions);
-    if (result == SBL_SUCCESS && m->has_normals) result = sbl__stream_read(d, &normals, m->normals);
-    if (result == SBL_SUCCESS && m->texcoords) result = sbl__stream_read(d, &texcoords, m->texcoords);
-    if (result == SBL_SUCCESS && m->lightmap_texcoords)
-        result = sbl__stream_read(d, &lightmap, m->lightmap_texcoords);
-    if (result == SBL_SUCCESS && m->colors) result = sbl__stream_read(d, &colors, m->colors);
+    for (i = 0; i < SBL__VERTEX_STREAMS && result == SBL_SUCCESS; i++) {
+        const sbl__stream_use *use = &m->streams[i];
+        if (!sbl__stream_present(use->stream)) continue;
+        m->values[i] = i == SBL__POSITIONS ? g->positions + 3 * first
+                     : i == SBL__NORMALS   ? g->normals + 3 * first
+                     : i == SBL__LIGHTMAP_TEXCOORDS ? g->lightmap_texcoords + 2 * first
+                     : (float *)sbl__alloc_raw(d->base, (size_t)use->count, 4 * (size_t)use->components);
+        result = m->values[i] ? sbl__stream_read(d, use, m->values[i]) : SBL_ERROR_OUT_OF_MEMORY;
+    }
     if (result == SBL_SUCCESS && indexed) result = sbl__stream_read(d, &indices, m->corners);
     for (i = 0; !indexed && i < m->corner_count; i++) m->corners[i] = (uint32_t)i;
     return result;
@@ -4191,37 +4155,27 @@ static sbl_result sbl__mesh_read(const sbl__device *d, const sbl__geometry *g, c
 
 /* >>geometry: validating */
 
-/* Reports the first component of an attribute that is not finite or lies outside range[0] .. range[1]. */
+/* Reports the first component of a stream that is not finite or lies outside range[0] .. range[1]. */
 static void sbl__mesh_check(sbl__check *check, int mesh, const sbl__stream_use *use, const float *v,
                             const float range[2]) {
+    char where[64], name[64];
     int i, k;
     for (i = 0; i < use->count; i++)
         for (k = 0; k < use->components; k++) {
             const float *x = &v[(size_t)use->components * (size_t)i + (size_t)k];
             if (sbl__between(x, range[0], range[1])) continue;
-            if (range[1] == 1.0f)
-                sbl__mistake(check, "mesh %d: %s: component %d of vertex %d is %g; it must be 0 to 1", mesh, use->name,
-                             k, i, (double)*x);
-            else
-                sbl__mistake(check, "mesh %d: %s: component %d of vertex %d is %g; it must be finite", mesh, use->name,
-                             k, i, (double)*x);
+            snprintf(where, sizeof where, "mesh %d: %s", mesh, use->name);
+            snprintf(name, sizeof name, "component %d of vertex %d", k, i);
+            sbl__check_range(check, where, name, x, 1, range);
             return;
         }
 }
 
 static void sbl__mesh_validate(sbl__check *check, const sbl__mesh_data *m, int number) {
-    static const float any[2] = { -FLT_MAX, FLT_MAX }, share[2] = { 0, 1 };
-    const sbl__stream_use positions = { "positions", NULL, 3, m->vertex_count, 0 };
-    const sbl__stream_use normals = { "normals", NULL, 3, m->vertex_count, 0 };
-    const sbl__stream_use texcoords = { "texcoords", NULL, 2, m->vertex_count, 0 };
-    const sbl__stream_use lightmap = { "lightmap_texcoords", NULL, 2, m->vertex_count, 0 };
-    const sbl__stream_use colors = { "colors", NULL, 4, m->vertex_count, 0 };
     int i;
-    sbl__mesh_check(check, number, &positions, m->positions, any);
-    if (m->has_normals) sbl__mesh_check(check, number, &normals, m->normals, any);
-    if (m->texcoords) sbl__mesh_check(check, number, &texcoords, m->texcoords, any);
-    if (m->lightmap_texcoords) sbl__mesh_check(check, number, &lightmap, m->lightmap_texcoords, any);
-    if (m->colors) sbl__mesh_check(check, number, &colors, m->colors, share);
+    for (i = 0; i < SBL__VERTEX_STREAMS; i++)
+        if (m->values[i])
+            sbl__mesh_check(check, number, &m->streams[i], m->values[i], i == SBL__COLORS ? sbl__share : sbl__any);
     for (i = 0; i < m->corner_count; i++)
         if (m->corners[i] >= (uint32_t)m->vertex_count) {
             sbl__mistake(check, "mesh %d: indices: index %d is %u; the mesh has %d vertices", number, i, m->corners[i],
@@ -4239,17 +4193,18 @@ static uint32_t sbl__pack_color(const float *two) {
 /* Fills the attributes and indices of a mesh that has been read and validated. Leaves out triangles without area. */
 static void sbl__mesh_convert(sbl__geometry *g, const sbl__mesh_data *m, int number) {
     static const float white[4] = { 1, 1, 1, 1 };
+    const float *texcoords = m->values[SBL__TEXCOORDS], *colors = m->values[SBL__COLORS];
     sbl__mesh *mesh = &g->meshes[number];
     int v, t, i;
     mesh->first_vertex = g->vertex_count;
     mesh->vertex_count = m->vertex_count;
     mesh->first_triangle = g->triangle_count;
-    mesh->lightmapped = m->lightmap_texcoords != NULL;
+    mesh->lightmapped = m->values[SBL__LIGHTMAP_TEXCOORDS] != NULL;
     for (v = 0; v < m->vertex_count; v++) {
         sbl__attributes *a = &g->attributes[g->vertex_count + v];
-        const float *color = m->colors ? m->colors + 4 * (size_t)v : white;
-        a->u = m->texcoords ? m->texcoords[2 * (size_t)v] : 0;
-        a->v = m->texcoords ? m->texcoords[2 * (size_t)v + 1] : 0;
+        const float *color = colors ? colors + 4 * (size_t)v : white;
+        a->u = texcoords ? texcoords[2 * (size_t)v] : 0;
+        a->v = texcoords ? texcoords[2 * (size_t)v + 1] : 0;
         a->color_rg = sbl__pack_color(color);
         a->color_ba = sbl__pack_color(color + 2);
         a->unused = 0;
@@ -4261,7 +4216,7 @@ static void sbl__mesh_convert(sbl__geometry *g, const sbl__mesh_data *m, int num
         uint32_t corners[3];
         for (i = 0; i < 3; i++) {
             corners[i] = m->corners[3 * (size_t)t + (size_t)i];
-            p[i] = m->positions + 3 * (size_t)corners[i];
+            p[i] = m->values[SBL__POSITIONS] + 3 * (size_t)corners[i];
         }
         sbl__triangle_normal(p, normal);
         if (normal[0] == 0 && normal[1] == 0 && normal[2] == 0) { g->degenerate_count++; continue; }
@@ -4271,7 +4226,7 @@ static void sbl__mesh_convert(sbl__geometry *g, const sbl__mesh_data *m, int num
     }
     mesh->triangle_count = g->triangle_count - mesh->first_triangle;
     g->vertex_count += m->vertex_count;
-    if (m->colors) g->colored = 1;
+    if (colors) g->colored = 1;
 }
 
 /* Reverses the winding of a mesh's triangles. A transform with a negative determinant (a reflection) reverses it, too,
