@@ -2766,13 +2766,12 @@ typedef struct sbl__device {
     int lot;                 /* number of invocations that occupy the whole device; fewer take the same time */
 } sbl__device;
 
-/* Returns a new name of a GL object. If GL gives none, logs an error and returns 0, which the caller must not bind,
-   because that name belongs to the host's default objects. */
-static unsigned sbl__name_make(const sbl__device *d, void (SBL__GLAPI *generate)(int, unsigned *)) {
-    unsigned name = 0;
-    generate(1, &name);
-    if (!name) sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_ERROR, "GL gave no name while %s", d->gl.doing);
-    return name;
+/* Makes *name the name of a new GL object if it is 0. Returns 1 on success. If GL gives no name, logs an error and
+   returns 0; the caller must then not bind *name, because the name 0 belongs to the host's default objects. */
+static int sbl__name_make(const sbl__device *d, void (SBL__GLAPI *generate)(int, unsigned *), unsigned *name) {
+    if (!*name) generate(1, name);
+    if (!*name) sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_ERROR, "GL gave no name while %s", d->gl.doing);
+    return *name != 0;
 }
 
 static void sbl__gpu_account(sbl__base *base, size_t before, size_t after) {
@@ -2816,8 +2815,7 @@ static sbl_result sbl__texture_make(const sbl__device *d, sbl__texture *t, int w
     sbl_result result;
     if (t->id && t->width == width && t->height == height && t->format == format) return SBL_SUCCESS;
     sbl__texture_delete(d, t);
-    t->id = sbl__name_make(d, gl->GenTextures);
-    if (!t->id) return SBL_ERROR_GL;
+    if (!sbl__name_make(d, gl->GenTextures, &t->id)) return SBL_ERROR_GL;
     gl->BindTexture(SBL__GL_TEXTURE_2D, t->id);
     gl->TexImage2D(SBL__GL_TEXTURE_2D, 0, (int)format, width, height, 0, f->format, f->type, NULL);
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_MIN_FILTER, SBL__GL_NEAREST);
@@ -2853,8 +2851,7 @@ static sbl_result sbl__buffer_make(const sbl__device *d, sbl__buffer *b, size_t 
                                    unsigned usage) {
     const sbl__gl *gl = &d->gl;
     sbl_result result;
-    if (!b->id) b->id = sbl__name_make(d, gl->GenBuffers);
-    if (!b->id) return SBL_ERROR_GL;
+    if (!sbl__name_make(d, gl->GenBuffers, &b->id)) return SBL_ERROR_GL;
     gl->BindBuffer(SBL__GL_ARRAY_BUFFER, b->id);
     gl->BufferData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)SBL__MAX(bytes, 16), data && bytes >= 16 ? data : NULL, usage);
     if (data && bytes && bytes < 16) gl->BufferSubData(SBL__GL_ARRAY_BUFFER, 0, (ptrdiff_t)bytes, data);
@@ -2899,8 +2896,7 @@ static sbl_result sbl__table_attach(const sbl__device *d, sbl__table *t, unsigne
     const int rows = (int)(texels / SBL__TEXELS_ACROSS), rest = (int)(texels % SBL__TEXELS_ACROSS);
     sbl_result result;
     if (!wide) {
-        if (!t->texels.id) t->texels.id = sbl__name_make(d, gl->GenTextures);
-        if (!t->texels.id) return SBL_ERROR_GL;
+        if (!sbl__name_make(d, gl->GenTextures, &t->texels.id)) return SBL_ERROR_GL;
         gl->BindTexture(SBL__GL_TEXTURE_BUFFER, t->texels.id);
         gl->TexBuffer(SBL__GL_TEXTURE_BUFFER, format, t->buffer.id);
         return sbl__gl_check(gl);
@@ -2931,8 +2927,7 @@ static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const s
     unsigned buffers[6], status;
     sbl_result result;
     int i;
-    if (!t->id) t->id = sbl__name_make(d, gl->GenFramebuffers);
-    if (!t->id) return SBL_ERROR_GL;
+    if (!sbl__name_make(d, gl->GenFramebuffers, &t->id)) return SBL_ERROR_GL;
     gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, t->id);
     for (i = 0; i < count; i++) {
         buffers[i] = SBL__GL_COLOR_ATTACHMENT0 + (unsigned)i;
@@ -3086,35 +3081,36 @@ static sbl_result sbl__program_check_textures(const sbl__device *d, unsigned pro
     return SBL_ERROR_UNSUPPORTED;
 }
 
-static sbl_result sbl__program_make(const sbl__device *d, unsigned *out, const sbl__recipe *recipe, unsigned features) {
+/* Compiles a program; sets program->id. */
+static sbl_result sbl__program_make(const sbl__device *d, sbl__program *program) {
     static const char *const names[SBL__FEATURES] = {
         "TEXTURED", "WIDE", "VIEWS", "INSPECT", "WRITE_DEPTH", "COMPUTE", "BOUNCED", "MIXED", "CUTOUTS",
         "GUIDED", "LIGHTMAP", "DIRECTIONAL"
     };
     const sbl__gl *gl = &d->gl;
-    const int compute = (features & SBL__COMPUTE) != 0;
+    const sbl__recipe *recipe = program->recipe;
+    const int compute = (program->features & SBL__COMPUTE) != 0;
+    const unsigned last = compute ? SBL__GL_COMPUTE_SHADER : SBL__GL_FRAGMENT_SHADER;
     sbl__prelude prelude = { "", "" };
     unsigned shaders[2] = { 0, 0 };
     size_t length = 0;
     sbl_result result = SBL_SUCCESS;
     int i;
     for (i = 0; i < SBL__FEATURES; i++)
-        if (features >> i & 1) length = sbl__write(prelude.constants, length, "#define SBL_%s\n", names[i]);
+        if (program->features >> i & 1) length = sbl__write(prelude.constants, length, "#define SBL_%s\n", names[i]);
     length = sbl__write(prelude.constants, length, "#define SBL_WORKGROUP %d\n", d->workgroup);
     sbl__write_constants(prelude.constants, length);
     for (i = 0, length = 0; i < SBL__SHADERS_MOST && recipe->records[i]; i++)
         length = sbl__write_record(prelude.records, length, recipe->records[i]);
-    *out = 0;
+    program->id = 0;
     if (!compute) result = sbl__shader_make(d, &shaders[0], SBL__GL_VERTEX_SHADER, recipe, &prelude);
-    if (result == SBL_SUCCESS)
-        result = sbl__shader_make(d, &shaders[1], compute ? SBL__GL_COMPUTE_SHADER : SBL__GL_FRAGMENT_SHADER, recipe,
-                                  &prelude);
-    if (result == SBL_SUCCESS) result = sbl__program_link(d, out, shaders, recipe->name);
+    if (result == SBL_SUCCESS) result = sbl__shader_make(d, &shaders[1], last, recipe, &prelude);
+    if (result == SBL_SUCCESS) result = sbl__program_link(d, &program->id, shaders, recipe->name);
     if (shaders[0]) gl->DeleteShader(shaders[0]);
     if (shaders[1]) gl->DeleteShader(shaders[1]);
-    if (result == SBL_SUCCESS) result = sbl__program_check_textures(d, *out, recipe->name);
+    if (result == SBL_SUCCESS) result = sbl__program_check_textures(d, program->id, recipe->name);
     if (result == SBL_SUCCESS) result = sbl__gl_check(gl);
-    if (result != SBL_SUCCESS && *out) { gl->DeleteProgram(*out); *out = 0; }
+    if (result != SBL_SUCCESS && program->id) gl->DeleteProgram(program->id);
     return result;
 }
 
@@ -3131,19 +3127,18 @@ static const sbl__program *sbl__program_find(const sbl__device *d, const sbl__re
 /* Compiles a recipe's program for these features if it has not been compiled. */
 static sbl_result sbl__program_need(sbl__device *d, const sbl__recipe *recipe, unsigned features) {
     const char *doing = d->gl.doing;
-    sbl__program program;
-    double start = sbl__now();
+    const double start = sbl__now();
+    sbl__program *program = &d->programs[d->program_count];
     sbl_result result;
     if (sbl__program_find(d, recipe, features)) return SBL_SUCCESS;
     if (d->program_count == SBL__PROGRAMS_MOST) return SBL_ERROR_UNSUPPORTED;
-    program.recipe = recipe;
-    program.features = (features | d->features) & recipe->features;
+    program->recipe = recipe;
+    program->features = (features | d->features) & recipe->features;
     d->gl.doing = "making shader programs";
-    result = sbl__program_make(d, &program.id, recipe, program.features);
+    result = sbl__program_make(d, program);
     d->gl.doing = doing;
     if (result != SBL_SUCCESS) return result;
-    d->programs[d->program_count++] = program;
-    d->compiled.count = d->program_count;
+    d->compiled.count = ++d->program_count;
     d->compiled.compile_seconds += sbl__now() - start;
     return SBL_SUCCESS;
 }
@@ -3302,8 +3297,7 @@ typedef struct sbl__input {
 } sbl__input;
 
 static sbl_result sbl__array_make(const sbl__device *d, unsigned *array, const sbl__buffer *indices) {
-    if (!*array) *array = sbl__name_make(d, d->gl.GenVertexArrays);
-    if (!*array) return SBL_ERROR_GL;
+    if (!sbl__name_make(d, d->gl.GenVertexArrays, array)) return SBL_ERROR_GL;
     d->gl.BindVertexArray(*array);
     d->gl.BindBuffer(SBL__GL_ELEMENT_ARRAY_BUFFER, indices->id);
     d->gl.BindVertexArray(0);
@@ -3386,24 +3380,17 @@ static const sbl__recipe sbl__recipe_copy = {
 /* Reads level 0 of a texture as texelFetch returns it (see copy.glsl): 4 floats per texel. */
 static sbl_result sbl__host_texture_read(sbl__device *d, unsigned name, const int size[2], float *out) {
     const sbl__gl *gl = &d->gl;
-    const sbl__texture *color;
-    sbl__texture texture;
-    sbl__target target;
+    sbl__texture texture = { 0, 0, 0, 0, 0 };
+    sbl__target target = { 0, 0, 0, 0, { 0 }, { 0 } };
+    const sbl__texture *color = &texture;
     unsigned sampler = 0;
-    sbl_result result;
-    memset(&texture, 0, sizeof texture);
-    memset(&target, 0, sizeof target);
-    color = &texture;
-    result = sbl__texture_make(d, &texture, size[0], size[1], SBL__GL_RGBA32F);
+    sbl_result result = sbl__texture_make(d, &texture, size[0], size[1], SBL__GL_RGBA32F);
     if (result == SBL_SUCCESS) result = sbl__target_make(d, &target, &color, 1, NULL);
     if (result == SBL_SUCCESS) result = sbl__use(d, &sbl__recipe_copy, 0);
+    if (result == SBL_SUCCESS && !sbl__name_make(d, gl->GenSamplers, &sampler)) result = SBL_ERROR_GL;
     if (result == SBL_SUCCESS) {
         sbl__bind_to(d, "source", SBL__GL_TEXTURE_2D, name);
         /* GL's default filter needs mip maps. With this sampler a texture that has level 0 only is complete, too. */
-        sampler = sbl__name_make(d, gl->GenSamplers);
-        if (!sampler) result = SBL_ERROR_GL;
-    }
-    if (result == SBL_SUCCESS) {
         gl->SamplerParameteri(sampler, SBL__GL_TEXTURE_MIN_FILTER, SBL__GL_NEAREST);
         gl->SamplerParameteri(sampler, SBL__GL_TEXTURE_MAG_FILTER, SBL__GL_NEAREST);
         gl->BindSampler(0, sampler);
@@ -3436,18 +3423,13 @@ typedef struct sbl__slice {
 
 /* seconds: length of the slice; 0 or less: unlimited */
 static sbl__slice sbl__slice_of(const sbl_context_desc *desc, double seconds) {
-    sbl__slice slice;
-    slice.end = seconds > 0 ? sbl__now() + seconds : DBL_MAX;
-    slice.longest = desc->longest_submission;
-    slice.turns = 0;
+    const sbl__slice slice = { seconds > 0 ? sbl__now() + seconds : DBL_MAX, desc->longest_submission, 0 };
     return slice;
 }
 
-#define SBL__CLOCK_TURNS 64
-
 /* Returns 1 if the slice is over. Loops on the CPU call it in each turn; it reads the clock in every 64th. */
 static int sbl__late(sbl__slice *s) {
-    if (++s->turns < SBL__CLOCK_TURNS) return 0;
+    if (++s->turns < 64) return 0;
     s->turns = 0;
     return sbl__now() >= s->end;
 }
@@ -3549,34 +3531,23 @@ static sbl_result sbl__stages_run(sbl__stages *s, const sbl__stage_row *table, i
 
 /* >>device: creation and deletion */
 
-/* Invocations of a workgroup and of a lot. A renderer on the CPU runs each workgroup in one thread, so small workgroups
-   leave fewer threads idle at the end of a submission: on llvmpipe, slices of 5 ms are 10 to 15 % faster with 8 (the
-   width of its vectors) than with 64. With lots of two workgroups, the pace does not settle on submissions that keep
-   one thread busy: with expensive looks (staircase2, high), slices take 9 % longer than one call, not 75 %. A GPU needs
-   at least a wavefront, which is at most 64 wide, and several on each core; this was not measured. */
-#define SBL__WORKGROUP_CPU 8
-#define SBL__WORKGROUP_GPU 64
-#define SBL__LOT_CPU 16
-#define SBL__LOT_GPU 1024
-
-static int sbl__renders_on_cpu(const sbl__gl *gl) {
-    static const char *const names[] = { "llvmpipe", "softpipe", "SwiftShader" };
-    int i;
-    for (i = 0; i < SBL__COUNT(names); i++)
-        if (strstr(gl->capabilities.renderer, names[i])) return 1;
-    return 0;
-}
-
 static sbl_result sbl__device_make(sbl__device *d, sbl__base *base, const sbl_context_desc *desc) {
+    static const char *const cpu_renderers[] = { "llvmpipe", "softpipe", "SwiftShader" };
     const sbl_result result = sbl__gl_load(&d->gl, base, desc);
-    int on_cpu;
+    int i, on_cpu = 0;
     d->base = base;
     if (result != SBL_SUCCESS) return result;
-    on_cpu = sbl__renders_on_cpu(&d->gl);
     if (!(d->gl.capabilities.used & SBL_CAPABILITY_CLIP_CONTROL)) d->features |= SBL__WRITE_DEPTH;
     if (d->gl.capabilities.used & SBL_CAPABILITY_COMPUTE) d->features |= SBL__COMPUTE;
-    d->workgroup = on_cpu ? SBL__WORKGROUP_CPU : SBL__WORKGROUP_GPU;
-    d->lot = on_cpu ? SBL__LOT_CPU : SBL__LOT_GPU;
+    /* A renderer on the CPU runs each workgroup in one thread, so small workgroups leave fewer threads idle at the end
+       of a submission: on llvmpipe, slices of 5 ms are 10 to 15 % faster with 8 (the width of its vectors) than with
+       64. With lots of two workgroups, the pace does not settle on submissions that keep one thread busy: with
+       expensive looks (staircase2, high), slices take 9 % longer than one call, not 75 %. A GPU needs at least a
+       wavefront, which is at most 64 wide, and several on each core; this was not measured. */
+    for (i = 0; i < SBL__COUNT(cpu_renderers); i++)
+        on_cpu |= strstr(d->gl.capabilities.renderer, cpu_renderers[i]) != NULL;
+    d->workgroup = on_cpu ? 8 : 64;
+    d->lot = on_cpu ? 16 : 1024;
     return SBL_SUCCESS;
 }
 
@@ -3586,8 +3557,7 @@ static int sbl__device_is_made(const sbl__device *d) { return d->gl.GetError && 
 /* Makes the vertex array that all passes share. The caller has saved the host's GL state. */
 static sbl_result sbl__device_start(sbl__device *d) {
     d->gl.doing = "making a vertex array";
-    d->empty_array = sbl__name_make(d, d->gl.GenVertexArrays);
-    return d->empty_array ? sbl__gl_check(&d->gl) : SBL_ERROR_GL;
+    return sbl__name_make(d, d->gl.GenVertexArrays, &d->empty_array) ? sbl__gl_check(&d->gl) : SBL_ERROR_GL;
 }
 
 static void sbl__device_free(sbl__device *d) {
@@ -3608,10 +3578,8 @@ typedef struct sbl__check {
 } sbl__check;
 
 static void sbl__check_start(sbl__check *check, const sbl__base *base, const sbl__device *device, sbl_log_item item) {
-    check->base = base;
-    check->device = device;
-    check->item = item;
-    check->mistakes = 0;
+    const sbl__check start = { base, device, item, 0 };
+    *check = start;
 }
 
 static void sbl__mistake(sbl__check *check, const char *format, ...) {
