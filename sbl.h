@@ -1904,8 +1904,8 @@ static void sbl__free(sbl__base *base, void *pointer) {
 }
 
 /* Enlarges an array if needed, so that it can hold `needed` elements of `size` bytes. array: address of the pointer to
-   the array; *room: its capacity in elements. The capacity at least doubles, so that appending single elements takes
-   constant time on average. Returns 1 on success; returns 0 and changes nothing if memory is exhausted. */
+   it; *room: its capacity in elements, which at least doubles, so that appending takes constant time on average.
+   Returns 1 on success; returns 0 and changes nothing if memory is exhausted. */
 static int sbl__grow(sbl__base *base, void *array, int *room, int needed, size_t size) {
     const int more = needed > INT_MAX / 2 - 1024 ? needed : SBL__MAX(needed, *room * 2 + 1024);
     void *old, *grown;
@@ -1958,8 +1958,7 @@ static void sbl__cross(const double a[3], const double b[3], double out[3]) {
     out[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-/* Computes the cross product of a triangle's edges p[1] - p[0] and p[2] - p[0]. It is perpendicular to the triangle,
-   and its length is twice the triangle's area. */
+/* Computes the cross product of a triangle's edges p[1] - p[0] and p[2] - p[0]. Its length is twice the area. */
 static void sbl__triangle_normal(const float *const p[3], double normal[3]) {
     double a[3], b[3];
     int k;
@@ -1994,8 +1993,7 @@ static void sbl__identity(float m[16]) {
     for (i = 0; i < 16; i++) m[i] = i % 5 == 0 ? 1.0f : 0.0f;
 }
 
-/* Determinant of the upper left 3 x 3 part of a column-major matrix. Returns 0 if that part is singular, or if the
-   matrix is not affine, that is, if its last row is not 0 0 0 1. */
+/* Returns the determinant of a column-major matrix, or 0 if it is not affine (its last row is not 0 0 0 1). */
 static double sbl__affine_determinant(const float m[16]) {
     if (m[3] != 0.0f || m[7] != 0.0f || m[11] != 0.0f || m[15] != 1.0f) return 0;
     return (double)m[0] * ((double)m[5] * m[10] - (double)m[6] * m[9]) -
@@ -2011,9 +2009,8 @@ static uint32_t sbl__hash(uint32_t x) {
     return (word >> 22) ^ word;
 }
 
-/* Continues `hash` over a block of memory. The steps are those of FNV-1a (Fowler, Noll, Vo), but each takes a 32-bit
-   word instead of a byte and is followed by a shift that mixes high bits into low ones. An incomplete last word is
-   padded with zeroes. */
+/* Continues `hash` over a block of memory, with FNV-1a (Fowler, Noll, Vo) over 32-bit words instead of bytes, and a
+   shift after each word that mixes high bits into low ones. An incomplete last word is padded with zeroes. */
 static uint64_t sbl__hash_bytes(uint64_t hash, const void *data, size_t bytes) {
     const unsigned char *at = (const unsigned char *)data;
     size_t i;
@@ -2026,8 +2023,7 @@ static uint64_t sbl__hash_bytes(uint64_t hash, const void *data, size_t bytes) {
     return hash;
 }
 
-/* Converts a finite number to a 16-bit float, rounding to nearest even. Numbers beyond the range of 16-bit floats
-   become the largest finite one (65504) with the same sign. */
+/* Converts a finite number to a 16-bit float, rounding to nearest even. Numbers out of range become 65504 or -65504. */
 static uint16_t sbl__to_half(float value) {
     uint32_t bits, sign, mantissa, rest, half;
     int exponent, shift;
@@ -2068,8 +2064,7 @@ static unsigned char sbl__to_byte(float x) {
 }
 
 /* ======================================================================================================== >>gl
-   Loads the GL functions, reads GL errors, and saves and restores the GL state of the host. The room >>device builds
-   textures, programs and draws on top of this one. No room after >>device calls GL directly. */
+   Loads the GL functions, reads GL errors, and saves and restores the GL state of the host. */
 
 #ifdef _WIN32
   #define SBL__GLAPI __stdcall
@@ -2118,8 +2113,7 @@ static unsigned char sbl__to_byte(float x) {
     X(void, Finish, (void)) \
     X(void, Flush, (void)) \
     X(void, FrontFace, (unsigned direction)) \
-    X(void, FramebufferTexture2D, (unsigned target, unsigned attachment, unsigned kind, unsigned texture, \
-      int level)) \
+    X(void, FramebufferTexture2D, (unsigned target, unsigned attachment, unsigned kind, unsigned texture, int level)) \
     X(void, GenBuffers, (int count, unsigned *names)) \
     X(void, GenFramebuffers, (int count, unsigned *names)) \
     X(void, GenSamplers, (int count, unsigned *names)) \
@@ -2202,10 +2196,8 @@ typedef struct sbl__gl {
     SBL__GL_OPTIONAL_FUNCTIONS(SBL__X)
 #undef SBL__X
     sbl_capabilities capabilities;
-    int viewports;  /* number of viewports in the driver's viewport array (GL 4.1), at most SBL__GUARD_VIEWPORTS;
-                       1 if the driver has no viewport array */
-    int units;      /* number of texture units that a program may use: at most the driver's, and at most those whose
-                       state the guard restores */
+    int viewports;  /* viewports to guard; 1 if the driver has no viewport array (GL 4.1) */
+    int units;      /* texture units that a program may use */
 } sbl__gl;
 
 enum {
@@ -2261,8 +2253,8 @@ enum {
     SBL__GL_LOWER_LEFT = 0x8CA1, SBL__GL_NEGATIVE_ONE_TO_ONE = 0x935E, SBL__GL_ZERO_TO_ONE = 0x935F
 };
 
-/* Reads and clears all GL error flags and logs each error. Returns SBL_SUCCESS if there was none, otherwise
-   SBL_ERROR_OUT_OF_MEMORY if one of them was GL_OUT_OF_MEMORY, otherwise SBL_ERROR_GL. */
+/* Reads, clears and logs all GL errors. Returns SBL_SUCCESS if there was none, SBL_ERROR_OUT_OF_MEMORY if one was
+   GL_OUT_OF_MEMORY, otherwise SBL_ERROR_GL. */
 static sbl_result sbl__gl_check(const sbl__gl *gl) {
     sbl_result result = SBL_SUCCESS;
     int i;
@@ -2302,9 +2294,8 @@ static int sbl__gl_at_least(const sbl__gl *gl, int version) {
     return gl->capabilities.gl_major * 10 + gl->capabilities.gl_minor >= version;
 }
 
-/* Looks up a GL function with the host's loader. Returns NULL if it does not exist. For the functions of GL 1.1,
-   wglGetProcAddress returns NULL or, with some drivers, 1, 2, 3 or -1, because opengl32.dll exports these functions
-   itself. They are then looked up in opengl32.dll, which the host must have loaded. */
+/* Looks up a GL function with the host's loader. Returns NULL if it does not exist. For functions of GL 1.1, which
+   opengl32.dll exports itself, wglGetProcAddress returns NULL or, with some drivers, 1, 2, 3 or -1. */
 static sbl_gl_function sbl__gl_find(const sbl_context_desc *desc, const char *name) {
     const sbl_gl_function found = desc->get_gl_function(name, desc->gl_user);
     if ((intptr_t)found < -1 || (intptr_t)found > 3) return found;
@@ -2378,9 +2369,9 @@ static sbl_result sbl__gl_load(sbl__gl *gl, sbl__base *base, const sbl_context_d
     return SBL_SUCCESS;
 }
 
-/* The state guard saves all GL state that the library changes when the host calls a public function, and restores it
-   before that function returns. sbl__guard_force sets the state that all passes rely on. It runs after the state has
-   been saved, and again after each call of the host's draw callback, which may have changed it. */
+/* The state guard saves all GL state that the library changes at the start of a public function, and restores it
+   before the function returns. sbl__guard_force sets the state that passes rely on, after the state has been saved and
+   after each call of the host's draw callback. */
 
 /* Capabilities of glEnable; needed: the first GL version that has the capability, as 10 * major + minor */
 static const struct { unsigned name; int needed; } sbl__guard_switches[] = {
@@ -2411,8 +2402,7 @@ static const unsigned sbl__guard_image[6] = {
     SBL__GL_IMAGE_BINDING_LAYER, SBL__GL_IMAGE_BINDING_ACCESS, SBL__GL_IMAGE_BINDING_FORMAT
 };
 
-/* Buffer targets, and the names that query their bindings. For TEXTURE_BUFFER and COPY_READ_BUFFER, GL uses the name of
-   the target itself. */
+/* Buffer targets, and the names that query their bindings */
 static const struct { unsigned target, query; } sbl__guard_buffers[] = {
     { SBL__GL_ARRAY_BUFFER, SBL__GL_ARRAY_BUFFER_BINDING }, { SBL__GL_TEXTURE_BUFFER, SBL__GL_TEXTURE_BUFFER },
     { SBL__GL_COPY_READ_BUFFER, SBL__GL_COPY_READ_BUFFER },
@@ -2424,8 +2414,7 @@ typedef struct sbl__guard {
     unsigned char switches[32], blend[SBL__GUARD_DRAW_BUFFERS], color_mask[SBL__GUARD_DRAW_BUFFERS][4], depth_mask;
     int pixel_store[16], polygon_mode[2], front_face, clamp_read, depth_function, clip_origin, clip_depth;
     unsigned char scissor_test[SBL__GUARD_VIEWPORTS];
-    int viewport[4], scissor[4], scissors[SBL__GUARD_VIEWPORTS][4];  /* viewports, scissors, depth_ranges and
-                                                      scissor_test are used if the driver has a viewport array */
+    int viewport[4], scissor[4], scissors[SBL__GUARD_VIEWPORTS][4];
     float viewports[SBL__GUARD_VIEWPORTS][4];
     double depth_range[2], depth_ranges[SBL__GUARD_VIEWPORTS][2];
     int program, vertex_array, buffers[8], draw_framebuffer, read_framebuffer, active_texture;
@@ -2509,22 +2498,14 @@ static void sbl__guard_force(const sbl__gl *gl) {
     gl->ActiveTexture(SBL__GL_TEXTURE0);  /* new textures are bound to the active unit, and the guard restores unit 0 */
 }
 
-static void sbl__guard_switch(const sbl__gl *gl, unsigned name, int on) {
-    if (on) gl->Enable(name); else gl->Disable(name);
-}
-
-static void sbl__guard_switch_indexed(const sbl__gl *gl, unsigned name, int index, int on) {
-    if (on) gl->Enablei(name, (unsigned)index); else gl->Disablei(name, (unsigned)index);
-}
-
 static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
     int i;
     for (i = 0; i < SBL__COUNT(sbl__guard_switches); i++)
         if (sbl__gl_at_least(gl, sbl__guard_switches[i].needed))
-            sbl__guard_switch(gl, sbl__guard_switches[i].name, g->switches[i]);
+            (g->switches[i] ? gl->Enable : gl->Disable)(sbl__guard_switches[i].name);
     for (i = 0; i < SBL__GUARD_DRAW_BUFFERS; i++) {
         const unsigned char *m = g->color_mask[i];
-        sbl__guard_switch_indexed(gl, SBL__GL_BLEND, i, g->blend[i]);
+        (g->blend[i] ? gl->Enablei : gl->Disablei)(SBL__GL_BLEND, (unsigned)i);
         gl->ColorMaski((unsigned)i, m[0], m[1], m[2], m[3]);
     }
     gl->DepthMask(g->depth_mask);
@@ -2536,7 +2517,7 @@ static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
     gl->Viewport(g->viewport[0], g->viewport[1], g->viewport[2], g->viewport[3]);
     gl->Scissor(g->scissor[0], g->scissor[1], g->scissor[2], g->scissor[3]);
     for (i = 0; gl->viewports > 1 && i < gl->viewports; i++) {
-        sbl__guard_switch_indexed(gl, SBL__GL_SCISSOR_TEST, i, g->scissor_test[i]);
+        (g->scissor_test[i] ? gl->Enablei : gl->Disablei)(SBL__GL_SCISSOR_TEST, (unsigned)i);
         gl->ViewportIndexedfv((unsigned)i, g->viewports[i]);
         gl->ScissorIndexedv((unsigned)i, g->scissors[i]);
         gl->DepthRangeIndexed((unsigned)i, g->depth_ranges[i][0], g->depth_ranges[i][1]);
@@ -2566,8 +2547,7 @@ static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
 }
 
 /* ======================================================================================================== >>records
-   Constants and records that C and the shaders share. C fills an array of structs; a shader reads the same bytes from a
-   table, record by record.
+   Constants and records that C and the shaders share. C fills an array of structs; shaders read it from a table.
 
    SBL__NAME(X) lists the fields of a record. From it, SBL__RECORD defines the struct sbl__name and sbl__name_record.
    sbl__write_record then writes GLSL: the declaration of the table's sampler, and a function for each field, such as
@@ -2606,16 +2586,14 @@ typedef struct sbl__record {
     static const sbl__record type##_record = { name, sampler, declaration, first, (int)(sizeof(type) / 16), \
                                                type##_fields, SBL__COUNT(type##_fields) };
 
-/* Declarations of samplers. A table that grows with the scene may be a 2D texture (see tables.glsl); the others are
-   always buffer textures. */
+/* Declarations of samplers: of a table that grows with the scene (see tables.glsl), and of other tables */
 #define SBL__SCENE_TABLE(sampler) "uniform sbl_Texels " sampler ";\n"
 #define SBL__BUFFER_TABLE(sampler) "uniform usamplerBuffer " sampler ";\n"
 
 #define SBL__TEXELS_SHIFT 12       /* GL 3.3 promises textures 1024 wide; all known drivers have at least 4096 */
 #define SBL__TEXELS_ACROSS (1 << SBL__TEXELS_SHIFT)  /* width of a table that is a 2D texture */
 #define SBL__STACK 64              /* size of a ray's stack in the hierarchy */
-#define SBL__LAMPS 256             /* most lamps and clusters that lamps.glsl compares at one sensor; a scene with more
-                                      lamps needs clusters */
+#define SBL__LAMPS 256             /* most lamps and clusters that lamps.glsl compares at a sensor */
 #define SBL__LAMP_PASSES 8         /* most passes in which a sensor traces rays towards lamps */
 #define SBL__TEXTURE_SRGB 1u       /* kinds of textures: 8-bit sRGB; */
 #define SBL__TEXTURE_FLOAT 2u      /* 16-bit float */
@@ -2671,8 +2649,7 @@ typedef struct sbl__record {
 #define SBL__SKY_LEAST 1e-37f          /* smallest sky radiance that may be a divisor */
 #define SBL__CELL_MOST 2e9f            /* largest coordinate of a cell in its grid */
 #define SBL__NORMAL_LEAST 1e-12        /* an interpolated normal whose squared length is not above this is not used */
-#define SBL__GRAZING 0.01              /* least cosine between a shading normal and the direction to the viewer or, in
-                                          >>vertices, the normal of the triangle */
+#define SBL__GRAZING 0.01              /* least cosine between shading normals and the direction to the viewer */
 #define SBL__BELONGS_COSINE 0.8f       /* cosine between two normals up to which points do not belong together; */
 #define SBL__BELONGS_TURN 0.2f         /* how much larger the cosine must be for points that fully belong together */
 #define SBL__BELONGS_OFF 8.0f          /* x = this * distance from the plane / distance of the points. Points belong
@@ -2738,9 +2715,8 @@ static size_t sbl__write_record(char *text, size_t length, const sbl__record *r)
 }
 
 /* ======================================================================================================== >>device
-   GL objects (textures, buffers, targets, programs), uniforms, draws and reads, and the clock that divides work into
-   submissions. Functions that create an object log an error if they fail. Functions that delete an object accept
-   one that was never created. */
+   GL objects (textures, buffers, targets, programs), draws and reads, and the clock that divides work into submissions.
+   Functions that create an object log an error if they fail. Functions that delete an object accept an empty one. */
 
 typedef struct sbl__texture { unsigned id; int width, height; unsigned format; size_t bytes; } sbl__texture;
 typedef struct sbl__buffer { unsigned id; size_t bytes; } sbl__buffer;
@@ -2878,9 +2854,8 @@ static void sbl__buffer_write(const sbl__device *d, const sbl__buffer *b, size_t
     d->gl.BufferSubData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)offset, (ptrdiff_t)bytes, data);
 }
 
-/* A buffer whose texels shaders read by number, as a buffer texture. If one exceeds the driver's limit of buffer
-   textures, all tables of the scene are copied to 2D textures (`wide`, SBL__WIDE). sbl_fetch in tables.glsl reads
-   both. */
+/* A buffer whose texels shaders read by number, as a buffer texture. If a table of the scene exceeds the driver's limit
+   of buffer textures, all of them are copied to 2D textures (`wide`). sbl_fetch in tables.glsl reads both. */
 typedef struct sbl__table { sbl__buffer buffer; sbl__texture texels; } sbl__table;
 
 static void sbl__table_delete(const sbl__device *d, sbl__table *t) {
@@ -2951,8 +2926,7 @@ static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const s
     return result;
 }
 
-/* Reads rows of an attachment. out: as many components per texel as the texture has: uint32_t if its format is one of
-   unsigned integers, otherwise float */
+/* Reads rows of an attachment. out: the components of its texels: uint32_t if the format has integers, else float */
 static sbl_result sbl__target_read(const sbl__device *d, const sbl__target *t, int attachment, int row, int rows,
                                    void *out) {
     const sbl__gl *gl = &d->gl;
@@ -3021,7 +2995,7 @@ static sbl_result sbl__shader_make(const sbl__device *d, unsigned *out, unsigned
     const sbl__gl *gl = &d->gl;
     const char *const *const *shaders = type == SBL__GL_VERTEX_SHADER ? recipe->vertex : recipe->fragment;
     const char *lines[SBL__LINES_MOST];
-    char text[400];
+    char text[400] = "";
     int count = 0, ok = 0, shader, line;
     lines[count++] = type == SBL__GL_COMPUTE_SHADER ? "#version 430 core\n" : "#version 330 core\n";
     lines[count++] = prelude->constants;
@@ -3036,7 +3010,6 @@ static sbl_result sbl__shader_make(const sbl__device *d, unsigned *out, unsigned
         gl->GetShaderiv(*out, SBL__GL_COMPILE_STATUS, &ok);
     }
     if (ok) return SBL_SUCCESS;
-    memset(text, 0, sizeof text);
     if (*out) gl->GetShaderInfoLog(*out, (int)sizeof text - 1, NULL, text);
     sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_SHADER_COMPILE, "the driver refuses the shader \"%s\": %s",
              recipe->name, text);
@@ -3045,7 +3018,7 @@ static sbl_result sbl__shader_make(const sbl__device *d, unsigned *out, unsigned
 
 static sbl_result sbl__program_link(const sbl__device *d, unsigned *out, const unsigned shaders[2], const char *name) {
     const sbl__gl *gl = &d->gl;
-    char text[400];
+    char text[400] = "";
     int ok = 0;
     *out = gl->CreateProgram();
     if (*out) {
@@ -3055,7 +3028,6 @@ static sbl_result sbl__program_link(const sbl__device *d, unsigned *out, const u
         gl->GetProgramiv(*out, SBL__GL_LINK_STATUS, &ok);
     }
     if (ok) return SBL_SUCCESS;
-    memset(text, 0, sizeof text);
     if (*out) gl->GetProgramInfoLog(*out, (int)sizeof text - 1, NULL, text);
     sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_SHADER_LINK, "the driver does not link the program \"%s\": %s", name,
              text);
@@ -3206,9 +3178,9 @@ static void sbl__pass(const sbl__device *d, const sbl__target *t, const int *vie
     if (viewport) gl->Viewport(viewport[0], viewport[1], viewport[2], viewport[3]);
     else gl->Viewport(0, 0, t->width, t->height);
     if (scissor) gl->Scissor(scissor[0], scissor[1], scissor[2], scissor[3]);
-    sbl__guard_switch(gl, SBL__GL_SCISSOR_TEST, scissor != NULL);
-    sbl__guard_switch(gl, SBL__GL_DEPTH_TEST, flags & SBL__PASS_DEPTH);
-    for (i = 0; i < 4; i++) sbl__guard_switch(gl, SBL__GL_CLIP_DISTANCE0 + i, flags & SBL__PASS_CLIP);
+    (scissor ? gl->Enable : gl->Disable)(SBL__GL_SCISSOR_TEST);
+    (flags & SBL__PASS_DEPTH ? gl->Enable : gl->Disable)(SBL__GL_DEPTH_TEST);
+    for (i = 0; i < 4; i++) (flags & SBL__PASS_CLIP ? gl->Enable : gl->Disable)(SBL__GL_CLIP_DISTANCE0 + i);
 }
 
 /* Begins a pass over rows of a target. */
@@ -3261,9 +3233,8 @@ static void sbl__draw_rectangles(const sbl__device *d, unsigned array, int insta
 }
 
 /* Runs the program in use (see carrier.glsl): a compute shader with `count` invocations or, without SBL__COMPUTE, a
-   fragment shader over `rows` rows of the target. Both write the same numbers. Compute is used if the driver has it;
-   timings must not decide, because pictures must not depend on them. Compute is as fast or faster on llvmpipe; on a GPU
-   neither was measured. */
+   fragment shader over `rows` rows of the target. Both write the same numbers. Compute is as fast or faster on
+   llvmpipe; on a GPU neither was measured. */
 static void sbl__invoke(const sbl__device *d, const sbl__target *t, int row, int rows, int count) {
     const sbl__gl *gl = &d->gl;
     int i;
@@ -3479,11 +3450,10 @@ static void sbl__pace_end(const sbl__device *d, sbl__pace *p, double units) {
     p->cost = p->cost > cost ? p->cost + fall * (cost - p->cost) : cost;
 }
 
-/* >>device: stages. Work that takes long is a list of stages, each done in pieces that fit into a slice. A table has
-   one row for each stage, in their order; the stage behind the last row stands for work that is done. A room that
-   must know whether its work has begun leaves row 0 empty. A stage is either a function that does one piece at a
-   time and says when there are no more, or a loop over many small things. To add a stage, add a row and, if other
-   stages refer to it, its name in the room's enum. */
+/* >>device: stages. Long work is a list of stages, each done in pieces that fit into a slice. A table has a row for
+   each stage, in their order; the number of rows stands for work that is done. A room that must know whether its work
+   has begun leaves row 0 empty. A stage is a function that does one piece at a time, or a loop over many small things.
+   To add a stage, add a row and, if other stages refer to it, its name in the room's enum. */
 typedef struct sbl__stage_row {
     sbl_result (*piece)(void *work, sbl__slice *slice);  /* does one piece; SBL_UNFINISHED: the stage needs more pieces;
                                                             NULL: the stage is a loop only, or has no work */
@@ -3606,8 +3576,7 @@ static int sbl__check_canaries(sbl__check *check, const char *name, uint32_t sta
 
 static const float sbl__any[2] = { -FLT_MAX, FLT_MAX }, sbl__positive[2] = { 0, FLT_MAX }, sbl__share[2] = { 0, 1 };
 
-/* Checks that `count` numbers are finite and in range[0] .. range[1]. where: the object that has the field, such as
-   "light 3" */
+/* Checks that numbers are finite and in range[0] .. range[1]. where: the object that has them, such as "light 3" */
 static void sbl__check_range(sbl__check *check, const char *where, const char *name, const float *v, int count,
                              const float range[2]) {
     int k;
@@ -3657,44 +3626,53 @@ static size_t sbl__stream_stride(const sbl_stream *s, int components) {
     return s->stride ? s->stride : sbl__stream_element(s, components);
 }
 
-/* A stream of a mesh and the layout that its elements must have. */
+/* A stream of a mesh and the layout that its elements must have. Single components are indices, the others floats. */
 typedef struct sbl__stream_use {
     const char *name;          /* field of sbl_mesh, for messages */
     const sbl_stream *stream;
     int components, count;     /* components of an element; elements */
-    int is_index;              /* 1: elements are unsigned integers; 0: components are read as floats */
 } sbl__stream_use;
 
-enum { SBL__POSITIONS, SBL__NORMALS, SBL__TEXCOORDS, SBL__COLORS, SBL__LIGHTMAP_TEXCOORDS, SBL__VERTEX_STREAMS };
+enum {
+    SBL__POSITIONS, SBL__NORMALS, SBL__TEXCOORDS, SBL__COLORS, SBL__LIGHTMAP_TEXCOORDS, SBL__INDICES, SBL__STREAMS
+};
 
-/* Describes the vertex streams of a mesh; out is indexed by the enumerators above. */
-static void sbl__vertex_streams(const sbl_mesh *m, sbl__stream_use out[SBL__VERTEX_STREAMS]) {
-    const sbl__stream_use streams[SBL__VERTEX_STREAMS] = {
-        { "positions", &m->positions, 3, m->vertex_count, 0 }, { "normals", &m->normals, 3, m->vertex_count, 0 },
-        { "texcoords", &m->texcoords, 2, m->vertex_count, 0 }, { "colors", &m->colors, 4, m->vertex_count, 0 },
-        { "lightmap_texcoords", &m->lightmap_texcoords, 2, m->vertex_count, 0 }
+/* Describes the streams of a mesh. out is indexed by the enumerators above; those before SBL__INDICES are floats. */
+static void sbl__mesh_streams(const sbl_mesh *m, sbl__stream_use out[SBL__STREAMS]) {
+    const sbl__stream_use streams[SBL__STREAMS] = {
+        { "positions", &m->positions, 3, m->vertex_count }, { "normals", &m->normals, 3, m->vertex_count },
+        { "texcoords", &m->texcoords, 2, m->vertex_count }, { "colors", &m->colors, 4, m->vertex_count },
+        { "lightmap_texcoords", &m->lightmap_texcoords, 2, m->vertex_count },
+        { "indices", &m->indices, 1, m->index_count }
     };
     memcpy(out, streams, sizeof streams);
 }
 
-static sbl__stream_use sbl__index_stream(const sbl_mesh *m) {
-    const sbl__stream_use indices = { "indices", &m->indices, 1, m->index_count, 1 };
-    return indices;
-}
-
-/* Checks that a stream's elements do not overlap and lie inside the address space and, if the stream names a GL buffer,
-   inside that buffer. The buffer is queried for its size but not read. */
-static void sbl__check_stream_extent(sbl__check *check, int mesh, const sbl__stream_use *use) {
+/* Checks that a stream's type fits, and that its elements do not overlap and lie inside the address space and, if the
+   stream names a GL buffer, inside that buffer. Does not read the elements. */
+static void sbl__check_stream(sbl__check *check, int mesh, const sbl__stream_use *use) {
     const sbl_stream *s = use->stream;
-    const size_t element = sbl__stream_element(s, use->components), stride = sbl__stream_stride(s, use->components);
-    const double needed = (double)s->offset + (double)stride * (use->count - 1) + (double)element;
-    double size;
-    if (stride < element) {
-        sbl__mistake(check, "mesh %d: %s.stride is %.0f; it must be at least the %.0f bytes of an element", mesh,
-                     use->name, (double)stride, (double)element);
+    const int type = (int)s->type, is_index = use->components == 1;
+    size_t element, stride;
+    double size, needed;
+    if (!sbl__stream_present(s)) return;
+    if (s->data && s->gl_buffer)
+        sbl__mistake(check, "mesh %d: %s.data and %s.gl_buffer (%u) are both set; give one", mesh, use->name, use->name,
+                     s->gl_buffer);
+    if (type < 0 || type >= SBL_TYPE_COUNT || (type >= (int)SBL_UINT8) != is_index) {
+        sbl__mistake(check, "mesh %d: %s.type is %d; %s", mesh, use->name, type, is_index ?
+                     "it must be SBL_UINT8, SBL_UINT16 or SBL_UINT32" : "it must be a float or normalised type");
         return;
     }
-    if (use->count <= 0) return;
+    if (s->type == SBL_UINT8_NORM && use->components == 3)
+        sbl__mistake(check, "mesh %d: %s.type is %d, SBL_UINT8_NORM; only colours and texture coordinates may have it",
+                     mesh, use->name, type);
+    element = sbl__stream_element(s, use->components);
+    stride = sbl__stream_stride(s, use->components);
+    if (stride < element)
+        sbl__mistake(check, "mesh %d: %s.stride is %.0f; it must be at least the %.0f bytes of an element", mesh,
+                     use->name, (double)stride, (double)element);
+    if (stride < element || use->count <= 0) return;
     if ((size_t)use->count - 1 > (SIZE_MAX / 2 - element) / stride || s->offset > SIZE_MAX / 2) {
         sbl__mistake(check, "mesh %d: %s.offset is %.0f and its stride %.0f; %d elements exceed the address space",
                      mesh, use->name, (double)s->offset, (double)stride, use->count);
@@ -3702,27 +3680,10 @@ static void sbl__check_stream_extent(sbl__check *check, int mesh, const sbl__str
     }
     if (!s->gl_buffer) return;
     size = SBL__MAX(0.0, (double)sbl__host_buffer_bytes(check->device, s->gl_buffer));
-    if (size < needed)
+    needed = (double)stride * (use->count - 1) + (double)element;
+    if (size < (double)s->offset + needed)
         sbl__mistake(check, "mesh %d: %s.gl_buffer %u holds %.0f bytes; its %d elements from offset %.0f on need %.0f",
-                     mesh, use->name, s->gl_buffer, size, use->count, (double)s->offset, needed - (double)s->offset);
-}
-
-static void sbl__check_stream(sbl__check *check, int mesh, const sbl__stream_use *use) {
-    const sbl_stream *s = use->stream;
-    const int type = (int)s->type;
-    if (!sbl__stream_present(s)) return;
-    if (s->data && s->gl_buffer)
-        sbl__mistake(check, "mesh %d: %s.data and %s.gl_buffer (%u) are both set; give one", mesh, use->name, use->name,
-                     s->gl_buffer);
-    if (type < 0 || type >= SBL_TYPE_COUNT || (type >= (int)SBL_UINT8) != use->is_index) {
-        sbl__mistake(check, "mesh %d: %s.type is %d; %s", mesh, use->name, type, use->is_index ?
-                     "it must be SBL_UINT8, SBL_UINT16 or SBL_UINT32" : "it must be a float or normalised type");
-        return;
-    }
-    if (s->type == SBL_UINT8_NORM && use->components == 3)
-        sbl__mistake(check, "mesh %d: %s.type is %d, SBL_UINT8_NORM; only colours and texture coordinates may have it",
-                     mesh, use->name, type);
-    sbl__check_stream_extent(check, mesh, use);
+                     mesh, use->name, s->gl_buffer, size, use->count, (double)s->offset, needed);
 }
 
 static void sbl__check_transform(sbl__check *check, int mesh, const float m[16]) {
@@ -3737,8 +3698,7 @@ static void sbl__check_transform(sbl__check *check, int mesh, const float m[16])
 
 static void sbl__check_mesh(sbl__check *check, const sbl_scene_desc *desc, int number) {
     const sbl_mesh *m = &desc->meshes[number];
-    const sbl__stream_use indices = sbl__index_stream(m);
-    sbl__stream_use streams[SBL__VERTEX_STREAMS];
+    sbl__stream_use streams[SBL__STREAMS];
     const int indexed = sbl__stream_present(&m->indices);
     int i;
     if (m->vertex_count < 0) {
@@ -3748,11 +3708,11 @@ static void sbl__check_mesh(sbl__check *check, const sbl_scene_desc *desc, int n
     if (m->vertex_count > 0 && !sbl__stream_present(&m->positions))
         sbl__mistake(check, "mesh %d: positions are missing (data and gl_buffer are both 0) for vertex_count %d",
                      number, m->vertex_count);
-    sbl__vertex_streams(m, streams);
-    for (i = 0; i < SBL__VERTEX_STREAMS; i++) sbl__check_stream(check, number, &streams[i]);
+    sbl__mesh_streams(m, streams);
+    for (i = 0; i < SBL__INDICES; i++) sbl__check_stream(check, number, &streams[i]);
     if (indexed && (m->index_count < 0 || m->index_count % 3 != 0))
         sbl__mistake(check, "mesh %d: index_count is %d; it must be a multiple of 3", number, m->index_count);
-    else if (indexed) sbl__check_stream(check, number, &indices);
+    else if (indexed) sbl__check_stream(check, number, &streams[SBL__INDICES]);
     else if (m->vertex_count % 3 != 0)
         sbl__mistake(check, "mesh %d: vertex_count is %d; without indices it must be a multiple of 3", number,
                      m->vertex_count);
@@ -3864,21 +3824,20 @@ static void sbl__check_light(sbl__check *check, const sbl_light *l, int number) 
 }
 
 static void sbl__check_environment(sbl__check *check, const sbl_environment *e) {
+    static const int channels[2] = { 0, 4 };
     const sbl_texture *t = &e->picture;
+    const int has_size = t->width || t->height;
     const char *where = "environment";
     if (t->gl_texture)
         sbl__mistake(check, "%s: picture.gl_texture is %u; give pixels in client memory", where, t->gl_texture);
     if (t->pixels && e->radiance)
         sbl__mistake(check, "%s: picture.pixels and radiance are both set; give one", where);
-    if (sbl__check_int(check, where, "picture.format", (int)t->format, sbl__pixel_formats) &&
-        (t->pixels || t->width || t->height || t->channels)) {
-        if (!t->pixels && !e->radiance && (t->width || t->height))
-            sbl__mistake(check, "%s: picture.pixels and radiance are both NULL, but the picture's size is %d x %d; "
-                         "give pixels or a function", where, t->width, t->height);
-        if (t->pixels || t->width || t->height) sbl__check_pixels(check, where, "picture.", t, SBL__SKY_MOST);
-        else if (t->channels < 0 || t->channels > 4)
-            sbl__mistake(check, "%s: picture.channels is %d; it must be 1 to 4, or 0 for 4", where, t->channels);
-    }
+    if (!t->pixels && !e->radiance && has_size)
+        sbl__mistake(check, "%s: picture.pixels and radiance are both NULL, but the picture's size is %d x %d; "
+                     "give pixels or a function", where, t->width, t->height);
+    if (sbl__check_int(check, where, "picture.format", (int)t->format, sbl__pixel_formats) && (t->pixels || has_size))
+        sbl__check_pixels(check, where, "picture.", t, SBL__SKY_MOST);
+    else sbl__check_int(check, where, "picture.channels", t->channels, channels);
     sbl__check_finite(check, where, "scale", &e->scale, 1);
     sbl__check_finite(check, where, "rotation", &e->rotation, 1);
     sbl__check_finite(check, where, "up", e->up, 3);
@@ -4009,14 +3968,10 @@ typedef struct sbl__geometry {
 } sbl__geometry;
 
 static void sbl__geometry_free(const sbl__device *d, sbl__geometry *g) {
-    sbl__free(d->base, g->meshes);
-    sbl__free(d->base, g->positions);
-    sbl__free(d->base, g->normals);
-    sbl__free(d->base, g->lightmap_texcoords);
-    sbl__free(d->base, g->vertices);
-    sbl__free(d->base, g->attributes);
-    sbl__free(d->base, g->indices);
-    sbl__free(d->base, g->objects);
+    void *const arrays[] = { g->meshes, g->positions, g->normals, g->lightmap_texcoords, g->vertices, g->attributes,
+                             g->indices, g->objects };
+    int i;
+    for (i = 0; i < SBL__COUNT(arrays); i++) sbl__free(d->base, arrays[i]);
     sbl__array_delete(d, &g->vertex_array);
     sbl__table_delete(d, &g->position_table);
     sbl__table_delete(d, &g->attribute_table);
@@ -4054,7 +4009,7 @@ static uint32_t sbl__index(const unsigned char *at, sbl_type type) {
     return u32;
 }
 
-/* Reads the elements of a stream that has been checked, as float or, if use->is_index, as uint32_t. */
+/* Reads the elements of a stream that has been checked. out: indices as uint32_t, other components as float */
 static sbl_result sbl__stream_read(const sbl__device *d, const sbl__stream_use *use, void *out) {
     const sbl_stream *s = use->stream;
     const size_t stride = sbl__stream_stride(s, use->components), element = sbl__stream_element(s, use->components);
@@ -4071,7 +4026,7 @@ static sbl_result sbl__stream_read(const sbl__device *d, const sbl__stream_use *
     }
     for (i = 0; i < use->count && result == SBL_SUCCESS; i++) {
         const unsigned char *at = from + stride * (size_t)i;
-        if (use->is_index) ((uint32_t *)out)[i] = sbl__index(at, s->type);
+        if (use->components == 1) ((uint32_t *)out)[i] = sbl__index(at, s->type);
         else
             for (k = 0; k < use->components; k++)
                 ((float *)out)[(size_t)use->components * (size_t)i + (size_t)k] =
@@ -4081,33 +4036,26 @@ static sbl_result sbl__stream_read(const sbl__device *d, const sbl__stream_use *
     return result;
 }
 
-/* A mesh that has been read. Its values are indexed like its streams; they are NULL if the mesh has no such stream.
-   Texture coordinates and colours belong to this struct. The other values and the corners point into the arrays of
-   sbl__geometry. */
+/* A mesh that has been read. The values of a stream are NULL if the mesh does not have it. Texture coordinates and
+   colours belong to this struct. The other values and the corners point into the arrays of sbl__geometry. */
 typedef struct sbl__mesh_data {
-    sbl__stream_use streams[SBL__VERTEX_STREAMS];
-    float *values[SBL__VERTEX_STREAMS];
+    sbl__stream_use streams[SBL__STREAMS];
+    float *values[SBL__INDICES];
     uint32_t *corners;           /* three vertex numbers per triangle, counted from the mesh's first vertex */
     int vertex_count, corner_count;
 } sbl__mesh_data;
 
-static void sbl__mesh_data_free(const sbl__device *d, sbl__mesh_data *m) {
-    sbl__free(d->base, m->values[SBL__TEXCOORDS]);
-    sbl__free(d->base, m->values[SBL__COLORS]);
-}
-
 static sbl_result sbl__mesh_read(const sbl__device *d, const sbl__geometry *g, const sbl_mesh *in, sbl__mesh_data *m) {
     const int indexed = sbl__stream_present(&in->indices);
-    const sbl__stream_use indices = sbl__index_stream(in);
     const size_t first = (size_t)g->vertex_count;
     sbl_result result = SBL_SUCCESS;
     int i;
     memset(m, 0, sizeof *m);
-    sbl__vertex_streams(in, m->streams);
+    sbl__mesh_streams(in, m->streams);
     m->vertex_count = in->vertex_count;
     m->corner_count = indexed ? in->index_count : in->vertex_count;
     m->corners = g->indices + 3 * (size_t)g->triangle_count;
-    for (i = 0; i < SBL__VERTEX_STREAMS && result == SBL_SUCCESS; i++) {
+    for (i = 0; i < SBL__INDICES && result == SBL_SUCCESS; i++) {
         const sbl__stream_use *use = &m->streams[i];
         if (!sbl__stream_present(use->stream)) continue;
         m->values[i] = i == SBL__POSITIONS ? g->positions + 3 * first
@@ -4116,34 +4064,28 @@ static sbl_result sbl__mesh_read(const sbl__device *d, const sbl__geometry *g, c
                      : (float *)sbl__alloc_raw(d->base, (size_t)use->count, 4 * (size_t)use->components);
         result = m->values[i] ? sbl__stream_read(d, use, m->values[i]) : SBL_ERROR_OUT_OF_MEMORY;
     }
-    if (result == SBL_SUCCESS && indexed) result = sbl__stream_read(d, &indices, m->corners);
+    if (result == SBL_SUCCESS && indexed) result = sbl__stream_read(d, &m->streams[SBL__INDICES], m->corners);
     for (i = 0; !indexed && i < m->corner_count; i++) m->corners[i] = (uint32_t)i;
     return result;
 }
 
 /* >>geometry: validating */
 
-/* Reports the first component of a stream that is not finite or lies outside range[0] .. range[1]. */
-static void sbl__mesh_check(sbl__check *check, int mesh, const sbl__stream_use *use, const float *v,
-                            const float range[2]) {
-    char where[64], name[64];
-    int i, k;
-    for (i = 0; i < use->count; i++)
-        for (k = 0; k < use->components; k++) {
-            const float *x = &v[(size_t)use->components * (size_t)i + (size_t)k];
-            if (sbl__between(x, range[0], range[1])) continue;
-            snprintf(where, sizeof where, "mesh %d: %s", mesh, use->name);
-            snprintf(name, sizeof name, "component %d of vertex %d", k, i);
-            sbl__check_range(check, where, name, x, 1, range);
-            return;
-        }
-}
-
+/* Reports the first bad component of each stream, and the first bad index. */
 static void sbl__mesh_validate(sbl__check *check, const sbl__mesh_data *m, int number) {
-    int i;
-    for (i = 0; i < SBL__VERTEX_STREAMS; i++)
-        if (m->values[i])
-            sbl__mesh_check(check, number, &m->streams[i], m->values[i], i == SBL__COLORS ? sbl__share : sbl__any);
+    int s, i;
+    for (s = 0; s < SBL__INDICES; s++) {
+        const sbl__stream_use *use = &m->streams[s];
+        const float *range = s == SBL__COLORS ? sbl__share : sbl__any;
+        char where[64], name[64];
+        for (i = 0; m->values[s] && i < use->count * use->components; i++) {
+            if (sbl__between(&m->values[s][i], range[0], range[1])) continue;
+            snprintf(where, sizeof where, "mesh %d: %s", number, use->name);
+            snprintf(name, sizeof name, "component %d of vertex %d", i % use->components, i / use->components);
+            sbl__check_range(check, where, name, &m->values[s][i], 1, range);
+            break;
+        }
+    }
     for (i = 0; i < m->corner_count; i++)
         if (m->corners[i] >= (uint32_t)m->vertex_count) {
             sbl__mistake(check, "mesh %d: indices: index %d is %u; the mesh has %d vertices", number, i, m->corners[i],
@@ -4197,8 +4139,7 @@ static void sbl__mesh_convert(sbl__geometry *g, const sbl__mesh_data *m, int num
     if (colors) g->colored = 1;
 }
 
-/* Reverses the winding of a mesh's triangles. A transform with a negative determinant (a reflection) reverses it, too,
-   so front faces stay front faces. */
+/* Reverses the winding of a mesh's triangles. This keeps front faces in front after a reflection. */
 static void sbl__mesh_reverse(sbl__geometry *g, const sbl__mesh *mesh) {
     int t;
     for (t = mesh->first_triangle; t < mesh->first_triangle + mesh->triangle_count; t++) {
@@ -4261,7 +4202,8 @@ static sbl_result sbl__geometry_add(const sbl__device *d, sbl__geometry *g, cons
         if (sbl__affine_determinant(mesh->transform) < 0) sbl__mesh_reverse(g, mesh);
         if (!sbl__mesh_transform(d->base, g, number, mesh->transform)) result = SBL_ERROR_INVALID_ARGUMENT;
     }
-    sbl__mesh_data_free(d, &data);
+    sbl__free(d->base, data.values[SBL__TEXCOORDS]);
+    sbl__free(d->base, data.values[SBL__COLORS]);
     return result;
 }
 
@@ -4305,8 +4247,7 @@ static sbl_result sbl__geometry_make(const sbl__device *d, sbl__geometry *g, con
     return result;
 }
 
-/* Computes the scene's bounds and extent. drawn: lowest and highest corner of what the host draws itself; NULL if it
-   draws nothing */
+/* Computes the scene's bounds and extent. drawn: bounds of what the host draws itself; NULL if it draws nothing */
 static void sbl__geometry_measure(sbl__geometry *g, const float (*drawn)[3]) {
     double diagonal = 0, farthest = 0;
     int i, k;
@@ -4377,8 +4318,7 @@ static sbl_result sbl__geometry_upload(const sbl__device *d, sbl__geometry *g) {
     return sbl__gl_check(&d->gl);
 }
 
-/* Gives a mesh another transform, in the arrays and on the GPU. Logs an error, leaves the mesh as it was and returns
-   SBL_ERROR_INVALID_ARGUMENT if a vertex would be too far away (see sbl__mesh_transform). */
+/* Gives a mesh another transform, in the arrays and on the GPU. Changes nothing if sbl__mesh_transform refuses it. */
 static sbl_result sbl__geometry_move(const sbl__device *d, sbl__geometry *g, int number, const float transform[16]) {
     sbl__mesh *mesh = &g->meshes[number];
     const size_t first = (size_t)mesh->first_vertex, count = (size_t)mesh->vertex_count;
