@@ -1823,7 +1823,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 #define SBL__MIN(a, b) ((a) < (b) ? (a) : (b))
 #define SBL__MAX(a, b) ((a) > (b) ? (a) : (b))
 
-/* Time in seconds since an unspecified start. */
+/* Returns the time in seconds since an unspecified start. */
 static double sbl__now(void) {
 #ifdef _WIN32
     int64_t count, frequency;
@@ -1977,7 +1977,7 @@ static int sbl__normalize(double v[3]) {
     return 1;
 }
 
-/* out = a * b; all matrices are column-major. */
+/* Computes out = a * b; all matrices are column-major. */
 static void sbl__multiply(float out[16], const float a[16], const float b[16]) {
     int column, row, k;
     for (column = 0; column < 4; column++)
@@ -3189,7 +3189,7 @@ static void sbl__pass_rows(const sbl__device *d, const sbl__target *t, int row, 
     sbl__pass(d, t, area, NULL, 0);
 }
 
-/* These clear a colour attachment, or the depth, of the pass inside the scissor. */
+/* Clears a colour attachment of the pass, inside the scissor. */
 static void sbl__clear(const sbl__device *d, int attachment, const float value[4]) {
     d->gl.ClearBufferfv(SBL__GL_COLOR, attachment, value);
 }
@@ -3233,16 +3233,15 @@ static void sbl__draw_rectangles(const sbl__device *d, unsigned array, int insta
 }
 
 /* Runs the program in use (see carrier.glsl): a compute shader with `count` invocations or, without SBL__COMPUTE, a
-   fragment shader over `rows` rows of the target. Both write the same numbers. Compute is as fast or faster on
-   llvmpipe; on a GPU neither was measured. */
+   fragment shader over `rows` rows of the target. Both write the same numbers. Compute is used if the driver has it,
+   whatever is faster, so that pictures do not depend on timings; on llvmpipe it is as fast or faster. */
 static void sbl__invoke(const sbl__device *d, const sbl__target *t, int row, int rows, int count) {
     const sbl__gl *gl = &d->gl;
     int i;
     if (d->features & SBL__COMPUTE) {
         for (i = 0; i < t->count; i++)
             gl->BindImageTexture((unsigned)i, t->textures[i], 0, 0, 0, SBL__GL_WRITE_ONLY, SBL__GL_RGBA32F);
-        /* Waits until earlier draws have read what is overwritten here. The parentheses are needed because windows.h
-           has a macro MemoryBarrier. */
+        /* Waits until earlier work has used the images. windows.h has a macro MemoryBarrier, hence the parentheses. */
         (gl->MemoryBarrier)(SBL__GL_SHADER_IMAGE_ACCESS_BARRIER);
         gl->DispatchCompute((unsigned)((count + d->workgroup - 1) / d->workgroup), 1, 1);
         (gl->MemoryBarrier)(SBL__GL_TEXTURE_FETCH_BARRIER | SBL__GL_FRAMEBUFFER_BARRIER);
@@ -3452,15 +3451,14 @@ static void sbl__pace_end(const sbl__device *d, sbl__pace *p, double units) {
 
 /* >>device: stages. Long work is a list of stages, each done in pieces that fit into a slice. A table has a row for
    each stage, in their order; the number of rows stands for work that is done. A room that must know whether its work
-   has begun leaves row 0 empty. A stage is a function that does one piece at a time, or a loop over many small things.
-   To add a stage, add a row and, if other stages refer to it, its name in the room's enum. */
+   has begun leaves row 0 empty. A stage is a function that does one piece at a time, or a loop over many small things;
+   a loop may have a `piece` too, which runs whenever the loop starts or continues. To add a stage, add a row and, if
+   other stages refer to it, its name in the room's enum. */
 typedef struct sbl__stage_row {
-    sbl_result (*piece)(void *work, sbl__slice *slice);  /* does one piece; SBL_UNFINISHED: the stage needs more pieces;
-                                                            NULL: the stage is a loop only, or has no work */
-    int (*next)(void *work);                             /* returns the stage that follows; NULL: the next row */
-    sbl_result (*turn)(void *work, int at);              /* a loop's: does number `at`; NULL: the stage is no loop.
-                                                            `piece` then runs whenever the loop starts or goes on */
-    int (*count)(void *work);                            /* a loop's: returns how many there are, at every turn */
+    sbl_result (*piece)(void *work, sbl__slice *slice);  /* does one piece; returns SBL_UNFINISHED if there are more */
+    int (*next)(void *work);                             /* returns the next stage; NULL: the next row */
+    sbl_result (*turn)(void *work, int at);              /* does turn `at` of a loop; NULL: the stage is no loop */
+    int (*count)(void *work);                            /* returns the number of turns; called before each turn */
 } sbl__stage_row;
 
 /* The progress of staged work. */
@@ -3487,7 +3485,7 @@ static sbl_result sbl__stages_step(sbl__stages *s, const sbl__stage_row *table, 
     return s->stage < row_count ? SBL_UNFINISHED : SBL_SUCCESS;
 }
 
-/* Does stages until one is unfinished, for work that consists of many short stages. */
+/* Does stages until one is unfinished, for work with many short stages. */
 static sbl_result sbl__stages_run(sbl__stages *s, const sbl__stage_row *table, int row_count, void *work,
                                   sbl__slice *slice) {
     sbl_result result;
@@ -3574,7 +3572,8 @@ static int sbl__check_canaries(sbl__check *check, const char *name, uint32_t sta
     return 0;
 }
 
-static const float sbl__any[2] = { -FLT_MAX, FLT_MAX }, sbl__positive[2] = { 0, FLT_MAX }, sbl__share[2] = { 0, 1 };
+static const float sbl__any_range[2] = { -FLT_MAX, FLT_MAX }, sbl__positive_range[2] = { 0, FLT_MAX };
+static const float sbl__unit_range[2] = { 0, 1 };
 
 /* Checks that numbers are finite and in range[0] .. range[1]. where: the object that has them, such as "light 3" */
 static void sbl__check_range(sbl__check *check, const char *where, const char *name, const float *v, int count,
@@ -3591,7 +3590,7 @@ static void sbl__check_range(sbl__check *check, const char *where, const char *n
 }
 
 static void sbl__check_finite(sbl__check *check, const char *where, const char *name, const float *v, int count) {
-    sbl__check_range(check, where, name, v, count, sbl__any);
+    sbl__check_range(check, where, name, v, count, sbl__any_range);
 }
 
 /* Checks that an array and its element count fit together. name: the field that holds the count */
@@ -3730,13 +3729,13 @@ static void sbl__check_material(sbl__check *check, const sbl_scene_desc *desc, i
     char where[32];
     int i;
     snprintf(where, sizeof where, "material %d", number);
-    sbl__check_range(check, where, "albedo", m->albedo, 3, sbl__share);
-    sbl__check_range(check, where, "emission", m->emission, 3, sbl__positive);
+    sbl__check_range(check, where, "albedo", m->albedo, 3, sbl__unit_range);
+    sbl__check_range(check, where, "emission", m->emission, 3, sbl__positive_range);
     for (i = 0; i < 2; i++)
         if (textures[i] < 0 || textures[i] > desc->texture_count)
             sbl__mistake(check, "%s: %s_texture is %d; it must be 0 (none) to %d", where, i ? "emission" : "albedo",
                          textures[i], desc->texture_count);
-    sbl__check_range(check, where, "alpha_cutoff", &m->alpha_cutoff, 1, sbl__share);
+    sbl__check_range(check, where, "alpha_cutoff", &m->alpha_cutoff, 1, sbl__unit_range);
     if (m->flags & ~(uint32_t)SBL_MATERIAL_FLAGS_ALL)
         sbl__mistake(check, "%s: flags is 0x%x; only the bits 0x%x exist", where, m->flags,
                      (unsigned)SBL_MATERIAL_FLAGS_ALL);
@@ -3744,7 +3743,7 @@ static void sbl__check_material(sbl__check *check, const sbl_scene_desc *desc, i
 
 static int sbl__texture_channels(const sbl_texture *t) { return t->channels ? t->channels : 4; }
 
-/* Bytes per pixel in client memory */
+/* Returns the size of a pixel in client memory, in bytes. */
 static size_t sbl__texture_texel(const sbl_texture *t) {
     return (size_t)sbl__texture_channels(t) * (t->format == SBL_PIXELS_FLOAT ? 4u : 1u);
 }
@@ -3807,7 +3806,7 @@ static void sbl__check_light(sbl__check *check, const sbl_light *l, int number) 
     char where[32];
     snprintf(where, sizeof where, "light %d", number);
     if (!sbl__check_int(check, where, "kind", (int)l->kind, kinds)) return;
-    sbl__check_range(check, where, "intensity", l->intensity, 3, sbl__positive);
+    sbl__check_range(check, where, "intensity", l->intensity, 3, sbl__positive_range);
     if (!distant) sbl__check_finite(check, where, "position", l->position, 3);
     if (l->kind != SBL_LIGHT_POINT) {
         sbl__check_finite(check, where, "direction", l->direction, 3);
@@ -3815,7 +3814,7 @@ static void sbl__check_light(sbl__check *check, const sbl_light *l, int number) 
             sbl__mistake(check, "%s: direction is 0 0 0; it must be the direction in which the light travels", where);
     }
     if (distant) sbl__check_range(check, where, "angle (in degrees)", &l->angle, 1, degrees);
-    else sbl__check_range(check, where, "radius", &l->radius, 1, sbl__positive);
+    else sbl__check_range(check, where, "radius", &l->radius, 1, sbl__positive_range);
     if (l->kind != SBL_LIGHT_SPOT) return;
     sbl__check_range(check, where, "cone (in degrees)", &l->cone, 1, degrees);
     if (sbl__finite(&l->cone) && !sbl__between(&l->inner_cone, 0, SBL__CONE(l)))
@@ -3856,14 +3855,14 @@ static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *d
     sbl__check_array(&check, where, "material_count", desc->material_count, desc->materials);
     sbl__check_array(&check, where, "texture_count", desc->texture_count, desc->textures);
     sbl__check_array(&check, where, "light_count", desc->light_count, desc->lights);
-    sbl__check_range(&check, where, "sky", desc->sky, 3, sbl__positive);
+    sbl__check_range(&check, where, "sky", desc->sky, 3, sbl__positive_range);
     for (i = 0; desc->draw && i < 6; i++) {
         const float *low = &desc->draw_bounds[0][i % 3], *x = &desc->draw_bounds[i / 3][i % 3];
         if (!sbl__finite(x) || (sbl__finite(low) && *low > desc->draw_bounds[1][i % 3]))
             sbl__mistake(&check, "%s: draw_bounds[%d][%d] is %g; bounds must be finite, lowest corner first", where,
                          i / 3, i % 3, (double)*x);
     }
-    sbl__check_range(&check, where, "draw_max_radiance", &desc->draw_max_radiance, 1, sbl__positive);
+    sbl__check_range(&check, where, "draw_max_radiance", &desc->draw_max_radiance, 1, sbl__positive_range);
     if (desc->max_bounce_cells)
         sbl__check_int(&check, where, "max_bounce_cells", desc->max_bounce_cells, cells);
     check.item = SBL_LOG_ITEM_INVALID_LIGHT;
@@ -3907,7 +3906,7 @@ static sbl_result sbl__check_context(const sbl__base *base, const sbl_context_de
     if (d->sensor_texture_size)
         sbl__check_int(&check, where, "sensor_texture_size", d->sensor_texture_size, sizes);
     if (d->batch < 0) sbl__mistake(&check, "%s: batch is %d; it cannot be negative", where, d->batch);
-    sbl__check_range(&check, where, "longest_submission", &d->longest_submission, 1, sbl__positive);
+    sbl__check_range(&check, where, "longest_submission", &d->longest_submission, 1, sbl__positive_range);
     return sbl__check_end(&check);
 }
 
@@ -4076,7 +4075,7 @@ static void sbl__mesh_validate(sbl__check *check, const sbl__mesh_data *m, int n
     int s, i;
     for (s = 0; s < SBL__INDICES; s++) {
         const sbl__stream_use *use = &m->streams[s];
-        const float *range = s == SBL__COLORS ? sbl__share : sbl__any;
+        const float *range = s == SBL__COLORS ? sbl__unit_range : sbl__any_range;
         char where[64], name[64];
         for (i = 0; m->values[s] && i < use->count * use->components; i++) {
             if (sbl__between(&m->values[s][i], range[0], range[1])) continue;
