@@ -2295,7 +2295,8 @@ static int sbl__gl_at_least(const sbl__gl *gl, int version) {
 }
 
 /* Looks up a GL function with the host's loader. Returns NULL if it does not exist. For functions of GL 1.1, which
-   opengl32.dll exports itself, wglGetProcAddress returns NULL or, with some drivers, 1, 2, 3 or -1. */
+   opengl32.dll exports itself, wglGetProcAddress returns NULL or, with some drivers, 1, 2, 3 or -1. They are then
+   looked up in opengl32.dll, which the host must have loaded. */
 static sbl_gl_function sbl__gl_find(const sbl_context_desc *desc, const char *name) {
     const sbl_gl_function found = desc->get_gl_function(name, desc->gl_user);
     if ((intptr_t)found < -1 || (intptr_t)found > 3) return found;
@@ -2402,7 +2403,7 @@ static const unsigned sbl__guard_image[6] = {
     SBL__GL_IMAGE_BINDING_LAYER, SBL__GL_IMAGE_BINDING_ACCESS, SBL__GL_IMAGE_BINDING_FORMAT
 };
 
-/* Buffer targets, and the names that query their bindings */
+/* Buffer targets, and the names that query their bindings; for some targets both are equal */
 static const struct { unsigned target, query; } sbl__guard_buffers[] = {
     { SBL__GL_ARRAY_BUFFER, SBL__GL_ARRAY_BUFFER_BINDING }, { SBL__GL_TEXTURE_BUFFER, SBL__GL_TEXTURE_BUFFER },
     { SBL__GL_COPY_READ_BUFFER, SBL__GL_COPY_READ_BUFFER },
@@ -2640,8 +2641,8 @@ typedef struct sbl__record {
 #define SBL__RGBE_BITS 8           /* bits of each of the three numbers */
 
 #define SBL__UNBOUNDED 1e30f           /* length of a ray without a limit; distance of a hit that does not exist */
-#define SBL__FRACTIONS 16777216.0      /* 2^24: of a 32-bit fraction, a float can hold 24 bits */
-#define SBL__COLOR_MOST 65535.0f       /* a component of a vertex colour that stands for 1 */
+#define SBL__FRACTIONS 16777216.0      /* 2^24: the upper 24 bits of a 32-bit fraction are used */
+#define SBL__COLOR_MOST 65535.0f       /* integer that stands for 1 in a vertex colour */
 #define SBL__GUIDE_STEPS 65536.0       /* 2^16: a guide's shares are multiples of 1 / this */
 #define SBL__HARMONIC_0 0.28209479f    /* spherical harmonic of band 0: 1 / sqrt(4 pi) */
 #define SBL__HARMONIC_1 0.48860251f    /* those of band 1: sqrt(3 / (4 pi)), times y, z or x */
@@ -3455,7 +3456,7 @@ static void sbl__pace_end(const sbl__device *d, sbl__pace *p, double units) {
    a loop may have a `piece` too, which runs whenever the loop starts or continues. To add a stage, add a row and, if
    other stages refer to it, its name in the room's enum. */
 typedef struct sbl__stage_row {
-    sbl_result (*piece)(void *work, sbl__slice *slice);  /* does one piece; returns SBL_UNFINISHED if there are more */
+    sbl_result (*piece)(void *work, sbl__slice *slice);  /* does one piece; SBL_UNFINISHED: there are more */
     int (*next)(void *work);                             /* returns the next stage; NULL: the next row */
     sbl_result (*turn)(void *work, int at);              /* does turn `at` of a loop; NULL: the stage is no loop */
     int (*count)(void *work);                            /* returns the number of turns; called before each turn */
@@ -3572,7 +3573,7 @@ static int sbl__check_canaries(sbl__check *check, const char *name, uint32_t sta
     return 0;
 }
 
-static const float sbl__any_range[2] = { -FLT_MAX, FLT_MAX }, sbl__positive_range[2] = { 0, FLT_MAX };
+static const float sbl__any_range[2] = { -FLT_MAX, FLT_MAX }, sbl__not_negative_range[2] = { 0, FLT_MAX };
 static const float sbl__unit_range[2] = { 0, 1 };
 
 /* Checks that numbers are finite and in range[0] .. range[1]. where: the object that has them, such as "light 3" */
@@ -3625,7 +3626,7 @@ static size_t sbl__stream_stride(const sbl_stream *s, int components) {
     return s->stride ? s->stride : sbl__stream_element(s, components);
 }
 
-/* A stream of a mesh and the layout that its elements must have. Single components are indices, the others floats. */
+/* A stream of a mesh and the layout of its elements. A stream with one component holds indices, others hold floats. */
 typedef struct sbl__stream_use {
     const char *name;          /* field of sbl_mesh, for messages */
     const sbl_stream *stream;
@@ -3730,7 +3731,7 @@ static void sbl__check_material(sbl__check *check, const sbl_scene_desc *desc, i
     int i;
     snprintf(where, sizeof where, "material %d", number);
     sbl__check_range(check, where, "albedo", m->albedo, 3, sbl__unit_range);
-    sbl__check_range(check, where, "emission", m->emission, 3, sbl__positive_range);
+    sbl__check_range(check, where, "emission", m->emission, 3, sbl__not_negative_range);
     for (i = 0; i < 2; i++)
         if (textures[i] < 0 || textures[i] > desc->texture_count)
             sbl__mistake(check, "%s: %s_texture is %d; it must be 0 (none) to %d", where, i ? "emission" : "albedo",
@@ -3806,7 +3807,7 @@ static void sbl__check_light(sbl__check *check, const sbl_light *l, int number) 
     char where[32];
     snprintf(where, sizeof where, "light %d", number);
     if (!sbl__check_int(check, where, "kind", (int)l->kind, kinds)) return;
-    sbl__check_range(check, where, "intensity", l->intensity, 3, sbl__positive_range);
+    sbl__check_range(check, where, "intensity", l->intensity, 3, sbl__not_negative_range);
     if (!distant) sbl__check_finite(check, where, "position", l->position, 3);
     if (l->kind != SBL_LIGHT_POINT) {
         sbl__check_finite(check, where, "direction", l->direction, 3);
@@ -3814,7 +3815,7 @@ static void sbl__check_light(sbl__check *check, const sbl_light *l, int number) 
             sbl__mistake(check, "%s: direction is 0 0 0; it must be the direction in which the light travels", where);
     }
     if (distant) sbl__check_range(check, where, "angle (in degrees)", &l->angle, 1, degrees);
-    else sbl__check_range(check, where, "radius", &l->radius, 1, sbl__positive_range);
+    else sbl__check_range(check, where, "radius", &l->radius, 1, sbl__not_negative_range);
     if (l->kind != SBL_LIGHT_SPOT) return;
     sbl__check_range(check, where, "cone (in degrees)", &l->cone, 1, degrees);
     if (sbl__finite(&l->cone) && !sbl__between(&l->inner_cone, 0, SBL__CONE(l)))
@@ -3855,14 +3856,14 @@ static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *d
     sbl__check_array(&check, where, "material_count", desc->material_count, desc->materials);
     sbl__check_array(&check, where, "texture_count", desc->texture_count, desc->textures);
     sbl__check_array(&check, where, "light_count", desc->light_count, desc->lights);
-    sbl__check_range(&check, where, "sky", desc->sky, 3, sbl__positive_range);
+    sbl__check_range(&check, where, "sky", desc->sky, 3, sbl__not_negative_range);
     for (i = 0; desc->draw && i < 6; i++) {
         const float *low = &desc->draw_bounds[0][i % 3], *x = &desc->draw_bounds[i / 3][i % 3];
         if (!sbl__finite(x) || (sbl__finite(low) && *low > desc->draw_bounds[1][i % 3]))
             sbl__mistake(&check, "%s: draw_bounds[%d][%d] is %g; bounds must be finite, lowest corner first", where,
                          i / 3, i % 3, (double)*x);
     }
-    sbl__check_range(&check, where, "draw_max_radiance", &desc->draw_max_radiance, 1, sbl__positive_range);
+    sbl__check_range(&check, where, "draw_max_radiance", &desc->draw_max_radiance, 1, sbl__not_negative_range);
     if (desc->max_bounce_cells)
         sbl__check_int(&check, where, "max_bounce_cells", desc->max_bounce_cells, cells);
     check.item = SBL_LOG_ITEM_INVALID_LIGHT;
@@ -3906,7 +3907,7 @@ static sbl_result sbl__check_context(const sbl__base *base, const sbl_context_de
     if (d->sensor_texture_size)
         sbl__check_int(&check, where, "sensor_texture_size", d->sensor_texture_size, sizes);
     if (d->batch < 0) sbl__mistake(&check, "%s: batch is %d; it cannot be negative", where, d->batch);
-    sbl__check_range(&check, where, "longest_submission", &d->longest_submission, 1, sbl__positive_range);
+    sbl__check_range(&check, where, "longest_submission", &d->longest_submission, 1, sbl__not_negative_range);
     return sbl__check_end(&check);
 }
 
