@@ -1828,7 +1828,7 @@ SBL_API const char *sbl_log_item_string(sbl_log_item item);
 #define SBL__MIN(a, b) ((a) < (b) ? (a) : (b))
 #define SBL__MAX(a, b) ((a) > (b) ? (a) : (b))
 
-/* Time in seconds since an unspecified start. */
+/* Returns the time in seconds since an unspecified start. */
 static double sbl__now(void) {
 #ifdef _WIN32
     int64_t count, frequency;
@@ -1846,7 +1846,7 @@ static double sbl__now(void) {
 typedef struct sbl__base {
     sbl_allocator allocator;
     sbl_logger logger;
-    sbl_memory memory;  /* bytes in use now and at most so far */
+    sbl_memory memory;
 } sbl__base;
 
 static void sbl__log(const sbl__base *base, sbl_log_level level, sbl_log_item item, const char *format, ...) {
@@ -1871,7 +1871,7 @@ static void sbl__default_log(sbl_log_level level, sbl_log_item item, const char 
 static void *sbl__default_alloc(size_t bytes, void *user) { (void)user; return malloc(bytes); }
 static void sbl__default_free(void *pointer, void *user) { (void)user; free(pointer); }
 
-/* Bytes in front of each allocated block. They hold the block's size; 16 of them preserve the alignment of malloc. */
+/* Bytes before each allocated block, which hold its size; 16 preserve the alignment of malloc. */
 #define SBL__ALLOC_PREFIX 16
 
 /* Allocates count * size bytes with undefined contents. Logs an error and returns NULL if the product overflows or
@@ -1909,8 +1909,8 @@ static void sbl__free(sbl__base *base, void *pointer) {
 }
 
 /* Enlarges an array if needed, so that it can hold `needed` elements of `size` bytes. array: address of the pointer to
-   the array; *room: its capacity in elements. The capacity at least doubles, so that appending single elements takes
-   constant time on average. Returns 1 on success; returns 0 and changes nothing if memory is exhausted. */
+   it; *room: its capacity in elements, which at least doubles, so that appending takes constant time on average.
+   Returns 1 on success; returns 0 and changes nothing if memory is exhausted. */
 static int sbl__grow(sbl__base *base, void *array, int *room, int needed, size_t size) {
     const int more = needed > INT_MAX / 2 - 1024 ? needed : SBL__MAX(needed, *room * 2 + 1024);
     void *old, *grown;
@@ -1963,8 +1963,7 @@ static void sbl__cross(const double a[3], const double b[3], double out[3]) {
     out[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-/* Computes the cross product of a triangle's edges p[1] - p[0] and p[2] - p[0]. It is perpendicular to the triangle,
-   and its length is twice the triangle's area. */
+/* Computes the cross product of a triangle's edges p[1] - p[0] and p[2] - p[0]. Its length is twice the area. */
 static void sbl__triangle_normal(const float *const p[3], double normal[3]) {
     double a[3], b[3];
     int k;
@@ -1983,7 +1982,7 @@ static int sbl__normalize(double v[3]) {
     return 1;
 }
 
-/* out = a * b; all matrices are column-major. */
+/* Computes out = a * b; all matrices are column-major. */
 static void sbl__multiply(float out[16], const float a[16], const float b[16]) {
     int column, row, k;
     for (column = 0; column < 4; column++)
@@ -1999,8 +1998,7 @@ static void sbl__identity(float m[16]) {
     for (i = 0; i < 16; i++) m[i] = i % 5 == 0 ? 1.0f : 0.0f;
 }
 
-/* Determinant of the upper left 3 x 3 part of a column-major matrix. Returns 0 if that part is singular, or if the
-   matrix is not affine, that is, if its last row is not 0 0 0 1. */
+/* Returns the determinant of a column-major matrix, or 0 if it is not affine (its last row is not 0 0 0 1). */
 static double sbl__affine_determinant(const float m[16]) {
     if (m[3] != 0.0f || m[7] != 0.0f || m[11] != 0.0f || m[15] != 1.0f) return 0;
     return (double)m[0] * ((double)m[5] * m[10] - (double)m[6] * m[9]) -
@@ -2016,9 +2014,8 @@ static uint32_t sbl__hash(uint32_t x) {
     return (word >> 22) ^ word;
 }
 
-/* Continues `hash` over a block of memory. The steps are those of FNV-1a (Fowler, Noll, Vo), but each takes a 32-bit
-   word instead of a byte and is followed by a shift that mixes high bits into low ones. An incomplete last word is
-   padded with zeroes. */
+/* Continues `hash` over a block of memory, with FNV-1a (Fowler, Noll, Vo) over 32-bit words instead of bytes, and a
+   shift after each word that mixes high bits into low ones. An incomplete last word is padded with zeroes. */
 static uint64_t sbl__hash_bytes(uint64_t hash, const void *data, size_t bytes) {
     const unsigned char *at = (const unsigned char *)data;
     size_t i;
@@ -2031,8 +2028,7 @@ static uint64_t sbl__hash_bytes(uint64_t hash, const void *data, size_t bytes) {
     return hash;
 }
 
-/* Converts a finite number to a 16-bit float, rounding to nearest even. Numbers beyond the range of 16-bit floats
-   become the largest finite one (65504) with the same sign. */
+/* Converts a finite number to a 16-bit float, rounding to nearest even. Numbers out of range become 65504 or -65504. */
 static uint16_t sbl__to_half(float value) {
     uint32_t bits, sign, mantissa, rest, half;
     int exponent, shift;
@@ -2049,7 +2045,7 @@ static uint16_t sbl__to_half(float value) {
     return (uint16_t)(sign | SBL__MIN(half, 0x7bffu));
 }
 
-/* Converts a 16-bit float to a 32-bit float. Infinity and NaN stay what they are. */
+/* Converts a 16-bit float to a 32-bit float. Infinity and NaN are preserved. */
 static float sbl__from_half(uint16_t half) {
     int exponent = (half >> 10) & 31, mantissa = half & 1023;
     const double value = exponent ? ldexp((double)(mantissa + 1024), exponent - 25) : ldexp((double)mantissa, -24);
@@ -2073,8 +2069,7 @@ static unsigned char sbl__to_byte(float x) {
 }
 
 /* ======================================================================================================== >>gl
-   Loads the GL functions, reads GL errors, and saves and restores the GL state of the host. The room >>device builds
-   textures, programs and draws on top of this one. No room after >>device calls GL directly. */
+   Loads the GL functions, reads GL errors, and saves and restores the GL state of the host. */
 
 #ifdef _WIN32
   #define SBL__GLAPI __stdcall
@@ -2115,7 +2110,6 @@ static unsigned char sbl__to_byte(float x) {
     X(void, Disablei, (unsigned capability, unsigned index)) \
     X(void, DrawArrays, (unsigned mode, int first, int count)) \
     X(void, DrawBuffers, (int count, const unsigned *buffers)) \
-    X(void, DrawElements, (unsigned mode, int count, unsigned type, const void *offset)) \
     X(void, DrawArraysInstanced, (unsigned mode, int first, int count, int instances)) \
     X(void, DrawElementsInstanced, (unsigned mode, int count, unsigned type, const void *offset, int instances)) \
     X(void, Enable, (unsigned capability)) \
@@ -2124,8 +2118,7 @@ static unsigned char sbl__to_byte(float x) {
     X(void, Finish, (void)) \
     X(void, Flush, (void)) \
     X(void, FrontFace, (unsigned direction)) \
-    X(void, FramebufferTexture2D, (unsigned target, unsigned attachment, unsigned kind, unsigned texture, \
-      int level)) \
+    X(void, FramebufferTexture2D, (unsigned target, unsigned attachment, unsigned kind, unsigned texture, int level)) \
     X(void, GenBuffers, (int count, unsigned *names)) \
     X(void, GenFramebuffers, (int count, unsigned *names)) \
     X(void, GenSamplers, (int count, unsigned *names)) \
@@ -2208,10 +2201,8 @@ typedef struct sbl__gl {
     SBL__GL_OPTIONAL_FUNCTIONS(SBL__X)
 #undef SBL__X
     sbl_capabilities capabilities;
-    int viewports;  /* number of viewports in the driver's viewport array (GL 4.1), at most SBL__GUARD_VIEWPORTS;
-                       1 if the driver has no viewport array */
-    int units;      /* number of texture units that a program may use: at most the driver's, and at most those whose
-                       state the guard restores */
+    int viewports;  /* viewports to guard; 1 if the driver has no viewport array (GL 4.1) */
+    int units;      /* texture units that a program may use */
 } sbl__gl;
 
 enum {
@@ -2267,8 +2258,8 @@ enum {
     SBL__GL_LOWER_LEFT = 0x8CA1, SBL__GL_NEGATIVE_ONE_TO_ONE = 0x935E, SBL__GL_ZERO_TO_ONE = 0x935F
 };
 
-/* Reads and clears all GL error flags and logs each error. Returns SBL_SUCCESS if there was none, otherwise
-   SBL_ERROR_OUT_OF_MEMORY if one of them was GL_OUT_OF_MEMORY, otherwise SBL_ERROR_GL. */
+/* Reads, clears and logs all GL errors. Returns SBL_SUCCESS if there was none, SBL_ERROR_OUT_OF_MEMORY if one was
+   GL_OUT_OF_MEMORY, otherwise SBL_ERROR_GL. */
 static sbl_result sbl__gl_check(const sbl__gl *gl) {
     sbl_result result = SBL_SUCCESS;
     int i;
@@ -2308,9 +2299,9 @@ static int sbl__gl_at_least(const sbl__gl *gl, int version) {
     return gl->capabilities.gl_major * 10 + gl->capabilities.gl_minor >= version;
 }
 
-/* Looks up a GL function with the host's loader. Returns NULL if it does not exist. For the functions of GL 1.1,
-   wglGetProcAddress returns NULL or, with some drivers, 1, 2, 3 or -1, because opengl32.dll exports these functions
-   itself. They are then looked up in opengl32.dll, which the host must have loaded. */
+/* Looks up a GL function with the host's loader. Returns NULL if it does not exist. For functions of GL 1.1, which
+   opengl32.dll exports itself, wglGetProcAddress returns NULL or, with some drivers, 1, 2, 3 or -1. They are then
+   looked up in opengl32.dll, which the host must have loaded. */
 static sbl_gl_function sbl__gl_find(const sbl_context_desc *desc, const char *name) {
     const sbl_gl_function found = desc->get_gl_function(name, desc->gl_user);
     if ((intptr_t)found < -1 || (intptr_t)found > 3) return found;
@@ -2344,8 +2335,8 @@ static int sbl__gl_load_functions(sbl__gl *gl, const sbl_context_desc *desc) {
     return 1;
 }
 
-/* Loads the GL functions and fills gl->capabilities and gl->viewports: what the driver offers, and which of its
-   optional features the library uses, namely those that desc->disabled does not exclude. */
+/* Loads the GL functions and fills gl->capabilities, gl->units and gl->viewports. The library uses the optional
+   features that the driver has and desc->disabled does not exclude. */
 static sbl_result sbl__gl_load(sbl__gl *gl, sbl__base *base, const sbl_context_desc *desc) {
     sbl_capabilities *c = &gl->capabilities;
     const char *text;
@@ -2384,11 +2375,11 @@ static sbl_result sbl__gl_load(sbl__gl *gl, sbl__base *base, const sbl_context_d
     return SBL_SUCCESS;
 }
 
-/* The state guard saves all GL state that the library changes when the host calls a public function, and restores it
-   before that function returns. sbl__guard_force sets the state that all passes rely on. It runs after the state has
-   been saved, and again after each call of the host's draw callback, which may have changed it. */
+/* The state guard saves all GL state that the library changes at the start of a public function, and restores it
+   before the function returns. sbl__guard_force sets the state that passes rely on, after the state has been saved and
+   after each call of the host's draw callback. */
 
-/* Switches for glEnable; needed: the first GL version that has the switch, as 10 * major + minor */
+/* Capabilities of glEnable; needed: the first GL version that has the capability, as 10 * major + minor */
 static const struct { unsigned name; int needed; } sbl__guard_switches[] = {
     { SBL__GL_CULL_FACE, 33 }, { SBL__GL_DEPTH_TEST, 33 }, { SBL__GL_STENCIL_TEST, 33 }, { SBL__GL_SCISSOR_TEST, 33 },
     { SBL__GL_COLOR_LOGIC_OP, 33 }, { SBL__GL_DITHER, 33 }, { SBL__GL_POLYGON_OFFSET_FILL, 33 },
@@ -2417,8 +2408,7 @@ static const unsigned sbl__guard_image[6] = {
     SBL__GL_IMAGE_BINDING_LAYER, SBL__GL_IMAGE_BINDING_ACCESS, SBL__GL_IMAGE_BINDING_FORMAT
 };
 
-/* Buffer targets, and the names that query their bindings. For TEXTURE_BUFFER and COPY_READ_BUFFER, GL uses the name of
-   the target itself. */
+/* Buffer targets, and the names that query their bindings; for some targets both are equal */
 static const struct { unsigned target, query; } sbl__guard_buffers[] = {
     { SBL__GL_ARRAY_BUFFER, SBL__GL_ARRAY_BUFFER_BINDING }, { SBL__GL_TEXTURE_BUFFER, SBL__GL_TEXTURE_BUFFER },
     { SBL__GL_COPY_READ_BUFFER, SBL__GL_COPY_READ_BUFFER },
@@ -2430,8 +2420,7 @@ typedef struct sbl__guard {
     unsigned char switches[32], blend[SBL__GUARD_DRAW_BUFFERS], color_mask[SBL__GUARD_DRAW_BUFFERS][4], depth_mask;
     int pixel_store[16], polygon_mode[2], front_face, clamp_read, depth_function, clip_origin, clip_depth;
     unsigned char scissor_test[SBL__GUARD_VIEWPORTS];
-    int viewport[4], scissor[4], scissors[SBL__GUARD_VIEWPORTS][4];  /* viewports, scissors, depth_ranges and
-                                                      scissor_test are used if the driver has a viewport array */
+    int viewport[4], scissor[4], scissors[SBL__GUARD_VIEWPORTS][4];
     float viewports[SBL__GUARD_VIEWPORTS][4];
     double depth_range[2], depth_ranges[SBL__GUARD_VIEWPORTS][2];
     int program, vertex_array, buffers[8], draw_framebuffer, read_framebuffer, active_texture;
@@ -2439,9 +2428,10 @@ typedef struct sbl__guard {
     int images[SBL__GUARD_IMAGES][6];
 } sbl__guard;
 
-/* Saves the state that decides how fragments are produced and written. sbl__guard_save saves the rest. */
-static void sbl__guard_save_drawing(const sbl__gl *gl, sbl__guard *g) {
+static void sbl__guard_save(const sbl__gl *gl, sbl__guard *g) {
     int i;
+    memset(g, 0, sizeof *g);
+    sbl__gl_clear_errors(gl);
     for (i = 0; i < SBL__COUNT(sbl__guard_switches); i++)
         if (sbl__gl_at_least(gl, sbl__guard_switches[i].needed))
             g->switches[i] = gl->IsEnabled(sbl__guard_switches[i].name);
@@ -2467,13 +2457,6 @@ static void sbl__guard_save_drawing(const sbl__gl *gl, sbl__guard *g) {
         gl->GetIntegerv(SBL__GL_CLIP_ORIGIN, &g->clip_origin);
         gl->GetIntegerv(SBL__GL_CLIP_DEPTH_MODE, &g->clip_depth);
     }
-}
-
-static void sbl__guard_save(const sbl__gl *gl, sbl__guard *g) {
-    int i;
-    memset(g, 0, sizeof *g);
-    sbl__gl_clear_errors(gl);
-    sbl__guard_save_drawing(gl, g);
     for (i = 0; i < SBL__COUNT(sbl__guard_pixel_store); i++)
         gl->GetIntegerv(sbl__guard_pixel_store[i].name, &g->pixel_store[i]);
     gl->GetIntegerv(SBL__GL_CURRENT_PROGRAM, &g->program);
@@ -2521,22 +2504,14 @@ static void sbl__guard_force(const sbl__gl *gl) {
     gl->ActiveTexture(SBL__GL_TEXTURE0);  /* new textures are bound to the active unit, and the guard restores unit 0 */
 }
 
-static void sbl__guard_switch(const sbl__gl *gl, unsigned name, int on) {
-    if (on) gl->Enable(name); else gl->Disable(name);
-}
-
-static void sbl__guard_switch_indexed(const sbl__gl *gl, unsigned name, int index, int on) {
-    if (on) gl->Enablei(name, (unsigned)index); else gl->Disablei(name, (unsigned)index);
-}
-
-static void sbl__guard_restore_drawing(const sbl__gl *gl, const sbl__guard *g) {
+static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
     int i;
     for (i = 0; i < SBL__COUNT(sbl__guard_switches); i++)
         if (sbl__gl_at_least(gl, sbl__guard_switches[i].needed))
-            sbl__guard_switch(gl, sbl__guard_switches[i].name, g->switches[i]);
+            (g->switches[i] ? gl->Enable : gl->Disable)(sbl__guard_switches[i].name);
     for (i = 0; i < SBL__GUARD_DRAW_BUFFERS; i++) {
         const unsigned char *m = g->color_mask[i];
-        sbl__guard_switch_indexed(gl, SBL__GL_BLEND, i, g->blend[i]);
+        (g->blend[i] ? gl->Enablei : gl->Disablei)(SBL__GL_BLEND, (unsigned)i);
         gl->ColorMaski((unsigned)i, m[0], m[1], m[2], m[3]);
     }
     gl->DepthMask(g->depth_mask);
@@ -2548,18 +2523,13 @@ static void sbl__guard_restore_drawing(const sbl__gl *gl, const sbl__guard *g) {
     gl->Viewport(g->viewport[0], g->viewport[1], g->viewport[2], g->viewport[3]);
     gl->Scissor(g->scissor[0], g->scissor[1], g->scissor[2], g->scissor[3]);
     for (i = 0; gl->viewports > 1 && i < gl->viewports; i++) {
-        sbl__guard_switch_indexed(gl, SBL__GL_SCISSOR_TEST, i, g->scissor_test[i]);
+        (g->scissor_test[i] ? gl->Enablei : gl->Disablei)(SBL__GL_SCISSOR_TEST, (unsigned)i);
         gl->ViewportIndexedfv((unsigned)i, g->viewports[i]);
         gl->ScissorIndexedv((unsigned)i, g->scissors[i]);
         gl->DepthRangeIndexed((unsigned)i, g->depth_ranges[i][0], g->depth_ranges[i][1]);
     }
     if (gl->capabilities.available & SBL_CAPABILITY_CLIP_CONTROL)
         gl->ClipControl((unsigned)g->clip_origin, (unsigned)g->clip_depth);
-}
-
-static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
-    int i;
-    sbl__guard_restore_drawing(gl, g);
     for (i = 0; i < SBL__COUNT(sbl__guard_pixel_store); i++)
         gl->PixelStorei(sbl__guard_pixel_store[i].name, g->pixel_store[i]);
     for (i = 0; i < SBL__GUARD_UNITS; i++) {
@@ -2583,25 +2553,26 @@ static void sbl__guard_restore(const sbl__gl *gl, const sbl__guard *g) {
 }
 
 /* ======================================================================================================== >>records
-   What C and the shaders share, said once: constants, and records that C fills as structs and shaders read by number.
+   Constants and records that C and the shaders share. C fills an array of structs; shaders read it from a table.
 
-   A record is a list of fields, SBL__NAME(X). SBL__RECORD makes of it the struct sbl__name, a multiple of 16 bytes, and
-   sbl__name_record, from which sbl__write_record writes GLSL: the table's sampler and for every field a function, as
+   SBL__NAME(X) lists the fields of a record. From it, SBL__RECORD defines the struct sbl__name and sbl__name_record.
+   sbl__write_record then writes GLSL: the declaration of the table's sampler, and a function for each field, such as
 
        vec3 sbl_object_albedo(int i) { return uintBitsToFloat(sbl_fetch(sbl_objects, 5 * i + 0).xyz); }
 
-   Fields must not straddle 16 bytes. */
+   The size of the struct must be a multiple of 16 bytes, the size of a texel. No field may cross a texel boundary. */
 
 typedef enum sbl__kind { SBL__FLOAT, SBL__VEC3, SBL__UINT, SBL__UVEC2, SBL__UVEC3, SBL__UVEC4 } sbl__kind;
 
+/* word: offset in the record, in 32-bit words */
 typedef struct sbl__field { const char *name; sbl__kind kind; int word; } sbl__field;
 
 typedef struct sbl__record {
-    const char *name;          /* of the functions */
-    const char *sampler;       /* of the table */
-    const char *declaration;   /* of the sampler, or "" where another record of the table has it */
-    const char *first;         /* texel that records start at: a uniform, or NULL */
-    int texels;                /* a record has */
+    const char *name;          /* prefix of the GLSL functions' names */
+    const char *sampler;       /* name of the table's sampler */
+    const char *declaration;   /* GLSL declaration of the sampler; "" if another record of the same table declares it */
+    const char *first;         /* uniform that holds the texel of the first record; NULL: the first record is at 0 */
+    int texels;                /* texels per record */
     const sbl__field *fields;
     int field_count;
 } sbl__record;
@@ -2621,24 +2592,24 @@ typedef struct sbl__record {
     static const sbl__record type##_record = { name, sampler, declaration, first, (int)(sizeof(type) / 16), \
                                                type##_fields, SBL__COUNT(type##_fields) };
 
-/* Tables that grow with the scene are declared so; others are buffers always. */
+/* Declarations of samplers: of a table that grows with the scene (see tables.glsl), and of other tables */
 #define SBL__SCENE_TABLE(sampler) "uniform sbl_Texels " sampler ";\n"
 #define SBL__BUFFER_TABLE(sampler) "uniform usamplerBuffer " sampler ";\n"
 
-#define SBL__TEXELS_SHIFT 12       /* GL 3.3 promises 1024 across, every driver since has four times that or more */
-#define SBL__TEXELS_ACROSS (1 << SBL__TEXELS_SHIFT)  /* of a wide table */
-#define SBL__STACK 64              /* of a ray in the hierarchy */
-#define SBL__LAMPS 256             /* entries that lamps.glsl weighs against each other; so many are taken singly */
-#define SBL__LAMP_PASSES 8         /* that rays towards lamps are traced in, at most: each covers lamps evenly */
-#define SBL__TEXTURE_SRGB 1u       /* kinds of textures: 8-bit sRGB, 16-bit float; 0: none */
-#define SBL__TEXTURE_FLOAT 2u
-#define SBL__TEXTURE_KIND 3u
-#define SBL__TEXTURE_CLAMPS 4u     /* or repeats */
+#define SBL__TEXELS_SHIFT 12       /* GL 3.3 promises textures 1024 wide; all known drivers have at least 4096 */
+#define SBL__TEXELS_ACROSS (1 << SBL__TEXELS_SHIFT)  /* width of a table that is a 2D texture */
+#define SBL__STACK 64              /* size of a ray's stack in the hierarchy */
+#define SBL__LAMPS 256             /* most lamps and clusters that lamps.glsl compares at a sensor */
+#define SBL__LAMP_PASSES 8         /* most passes in which a sensor traces rays towards lamps */
+#define SBL__TEXTURE_SRGB 1u       /* kinds of textures: 8-bit sRGB; */
+#define SBL__TEXTURE_FLOAT 2u      /* 16-bit float */
+#define SBL__TEXTURE_KIND 3u       /* mask of the kind; 0: no texture */
+#define SBL__TEXTURE_CLAMPS 4u     /* flag: coordinates are clamped; otherwise the texture repeats */
 #define SBL__ONE_SIDED_EMISSION ((unsigned)SBL_MATERIAL_ONE_SIDED_EMISSION)
 #define SBL__HIDDEN_FROM_CAMERA ((unsigned)SBL_MATERIAL_HIDDEN_FROM_CAMERA)
 #define SBL__HIDDEN_FROM_SENSORS ((unsigned)SBL_MATERIAL_HIDDEN_FROM_SENSORS)
 #define SBL__NO_SENSORS ((unsigned)SBL_MATERIAL_NO_SENSORS)
-#define SBL__LEAF 0x80000000u      /* children in the hierarchy, see >>bvh */
+#define SBL__LEAF 0x80000000u      /* references to children in the hierarchy, see >>bvh */
 #define SBL__ENTER 0xc0000000u
 #define SBL__LEAVE 0xd0000000u
 #define SBL__END 0xffffffffu
@@ -2648,70 +2619,68 @@ typedef struct sbl__record {
 #define SBL__LAMP_FAR_LIGHT 2u
 #define SBL__LAMP_SKY_TEXEL 3u
 #define SBL__LAMP_KIND_SHIFT 30
-#define SBL__SKY_COLUMN_BITS 15    /* of a sky texel's number */
-#define SBL__FAR_NODE 0x80000000u
-#define SBL__PATCH_BACK 1u         /* a patch's word, see >>store */
+#define SBL__SKY_COLUMN_BITS 15    /* bits of the column in the number of a sky texel; the row follows above them */
+#define SBL__FAR_NODE 0x80000000u  /* flag: all lamps of a node are at infinity */
+#define SBL__PATCH_BACK 1u         /* bits of a patch's word, see >>store */
 #define SBL__PATCH_FLAT 2u
 #define SBL__PATCH_AXIS_SHIFT 2
 #define SBL__PATCH_NEAR 16u
-#define SBL__PATCH_LEVEL 32u       /* times the level */
+#define SBL__PATCH_LEVEL 32u       /* lowest bit of the level of a cell, which has two bits */
 #define SBL__PATCH_SHIFT 7
-#define SBL__NEAR_PART 2           /* of a cell's length, within which a ray starts near it */
-#define SBL__SLOT_TRIES 64         /* in the table of cells */
-#define SBL__CELL_CUT 0x80000000u
-#define SBL__CELL_DEPTH 8          /* splits under a cell */
-#define SBL__LEVELS 3              /* of cells: where there are many, wider ones take over, */
-#define SBL__LEVEL_SHIFT 2         /* each 2^this times as long */
-#define SBL__CAST_NUMBERS 1048576  /* of triangles, that a float tells apart with a sign and more */
-#define SBL__GUIDE_RINGS 16        /* of a guide, see >>guide, */
-#define SBL__GUIDE_SECTORS 32      /* of each, */
-#define SBL__GUIDE_TEXELS 66       /* that hold them, of eight values each, */
-#define SBL__GUIDES_ACROSS 15      /* and guides in a row of the texture */
-#define SBL__LOOK_NUMBER 0x3ffu    /* of a look's word: its number; above it that of its guide */
+#define SBL__NEAR_PART 2           /* a ray that is shorter than a cell's length / this has PATCH_NEAR set */
+#define SBL__SLOT_TRIES 64         /* most slots of the table of cells that a search visits */
+#define SBL__CELL_CUT 0x80000000u  /* flag of a reference: it names a cut, not a leaf */
+#define SBL__CELL_DEPTH 8          /* most cuts between a cell and a leaf */
+#define SBL__LEVELS 3              /* sizes of cells; the store uses larger ones when leaves become scarce */
+#define SBL__LEVEL_SHIFT 2         /* cells of each level are 2^this times as long as those of the level before */
+#define SBL__CAST_NUMBERS 1048576  /* cast.glsl stores a triangle's number as two floats: % this, and / this */
+#define SBL__GUIDE_RINGS 16        /* rings of a guide's histogram, see >>guide */
+#define SBL__GUIDE_SECTORS 32      /* sectors of each ring */
+#define SBL__GUIDE_TEXELS 66       /* texels of a guide; each holds eight values */
+#define SBL__GUIDES_ACROSS 15      /* guides in a row of the guides' texture */
+#define SBL__LOOK_NUMBER 0x3ffu    /* mask of a look's number in its word; the bits above it hold its guide's number */
 #define SBL__LOOK_GUIDE_SHIFT 10
 #define SBL__HASH_FACTOR 0x9e3779b1u
 #define SBL__HASH_SHIFT 15
-#define SBL__RGBE_BIAS 128         /* of the exponent of three numbers that share one, */
-#define SBL__RGBE_BITS 8           /* and the bits of each number */
+#define SBL__RGBE_BIAS 128         /* three numbers share an exponent, to which this bias is added; */
+#define SBL__RGBE_BITS 8           /* bits of each of the three numbers */
 
-/* Floats: shaders get these very words, so that they must be valid in GLSL too. */
-#define SBL__UNBOUNDED 1e30f           /* the distance of what is not there; of a ray that has no limit */
-#define SBL__FRACTIONS 16777216.0      /* values that a 32-bit fraction has as a float: 2^24 */
-#define SBL__COLOR_MOST 65535.0f       /* of a component of a vertex colour: 1 */
-#define SBL__GUIDE_STEPS 65536.0       /* values of a guide's 16-bit shares */
-#define SBL__HARMONIC_0 0.28209479f    /* spherical harmonics of band 0: 1 / sqrt(4 pi); */
-#define SBL__HARMONIC_1 0.48860251f    /* of band 1: sqrt(3 / (4 pi)), times y, z or x */
-#define SBL__BOUNCE_ALBEDO 0.98f       /* share of the light that bounces, at most */
-#define SBL__SKY_LEAST 1e-37f          /* radiance that divides */
-#define SBL__CELL_MOST 2e9f            /* cells along an axis */
-#define SBL__NORMAL_LEAST 1e-12        /* squared length of an interpolated normal that still has a direction */
-#define SBL__GRAZING 0.01              /* cosine that shading normals are kept from the horizon */
-#define SBL__BELONGS_COSINE 0.8f       /* between the normals of points that belong together, at least; */
-#define SBL__BELONGS_TURN 0.2f         /* and what it must be above that for them to belong together fully */
-#define SBL__BELONGS_OFF 8.0f          /* times the distance off the plane, over the distance: 1: not fully, 2: not */
-#define SBL__FILTER_VISIBLE 0.0025f    /* relative difference of light that is as good as none */
-#define SBL__FILTER_FALL 0.25          /* how fast weights fall with the square of a difference over the noise */
-#define SBL__DIVISOR_LEAST 1e-30f
+#define SBL__UNBOUNDED 1e30f           /* length of a ray without a limit; distance of a hit that does not exist */
+#define SBL__FRACTIONS 16777216.0      /* 2^24: the upper 24 bits of a 32-bit fraction are used */
+#define SBL__COLOR_MOST 65535.0f       /* integer that stands for 1 in a vertex colour */
+#define SBL__GUIDE_STEPS 65536.0       /* 2^16: a guide's shares are multiples of 1 / this */
+#define SBL__HARMONIC_0 0.28209479f    /* spherical harmonic of band 0: 1 / sqrt(4 pi) */
+#define SBL__HARMONIC_1 0.48860251f    /* those of band 1: sqrt(3 / (4 pi)), times y, z or x */
+#define SBL__BOUNCE_ALBEDO 0.98f       /* largest albedo that bounced light is computed with */
+#define SBL__SKY_LEAST 1e-37f          /* smallest sky radiance that may be a divisor */
+#define SBL__CELL_MOST 2e9f            /* largest coordinate of a cell in its grid */
+#define SBL__NORMAL_LEAST 1e-12        /* an interpolated normal whose squared length is not above this is not used */
+#define SBL__GRAZING 0.01              /* least cosine between shading normals and the direction to the viewer */
+#define SBL__BELONGS_COSINE 0.8f       /* cosine between two normals up to which points do not belong together; */
+#define SBL__BELONGS_TURN 0.2f         /* how much larger the cosine must be for points that fully belong together */
+#define SBL__BELONGS_OFF 8.0f          /* x = this * distance from the plane / distance of the points. Points belong
+                                          together fully up to x = 1, and not at all from x = 2 on */
+#define SBL__FILTER_VISIBLE 0.0025f    /* relative difference of light that cannot be seen */
+#define SBL__FILTER_FALL 0.25          /* weights are exp(-this * (difference / noise)^2) */
+#define SBL__DIVISOR_LEAST 1e-30f      /* prevents divisions by 0 */
 
-#define SBL__SHARED_INTS(X) \
+/* The constants that shaders get as #defines. FLAGS are enumerators, so their values are written, not their text. */
+#define SBL__SHARED_CONSTANTS(X) \
     X(TEXELS_SHIFT) X(TEXELS_ACROSS) X(STACK) X(LAMPS) X(LAMP_PASSES) X(LAMP_KIND_SHIFT) X(SKY_COLUMN_BITS) \
     X(PATCH_AXIS_SHIFT) X(NEAR_PART) X(SLOT_TRIES) X(CELL_DEPTH) X(LEVELS) X(LEVEL_SHIFT) X(CAST_NUMBERS) \
-    X(GUIDE_RINGS) X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOOK_GUIDE_SHIFT) \
-    X(HASH_SHIFT) X(RGBE_BIAS) X(RGBE_BITS)
-#define SBL__SHARED_BITS(X) \
-    X(TEXTURE_SRGB) X(TEXTURE_KIND) X(TEXTURE_CLAMPS) \
-    X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS) \
-    X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) \
+    X(GUIDE_RINGS) X(GUIDE_SECTORS) X(GUIDE_TEXELS) X(GUIDES_ACROSS) X(LOOK_GUIDE_SHIFT) X(HASH_SHIFT) X(RGBE_BIAS) \
+    X(RGBE_BITS) X(TEXTURE_SRGB) X(TEXTURE_KIND) X(TEXTURE_CLAMPS) X(LEAF) X(ENTER) X(LEAVE) X(END) X(CHILD_NUMBER) \
     X(LAMP_TRIANGLE) X(LAMP_NEAR_LIGHT) X(LAMP_FAR_LIGHT) X(LAMP_SKY_TEXEL) X(FAR_NODE) \
-    X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(LOOK_NUMBER) X(HASH_FACTOR)
-#define SBL__SHARED_FLOATS(X) \
+    X(PATCH_BACK) X(PATCH_NEAR) X(PATCH_FLAT) X(PATCH_LEVEL) X(CELL_CUT) X(LOOK_NUMBER) X(HASH_FACTOR) \
     X(PI) X(LUMINANCE_WEIGHTS) X(UNBOUNDED) X(FRACTIONS) X(COLOR_MOST) X(GUIDE_STEPS) X(HARMONIC_0) X(HARMONIC_1) \
     X(BOUNCE_ALBEDO) X(SKY_LEAST) X(CELL_MOST) X(NORMAL_LEAST) X(GRAZING) X(BELONGS_COSINE) X(BELONGS_TURN) \
     X(BELONGS_OFF) X(FILTER_VISIBLE) X(FILTER_FALL) X(DIVISOR_LEAST)
+#define SBL__SHARED_FLAGS(X) \
+    X(ONE_SIDED_EMISSION) X(HIDDEN_FROM_CAMERA) X(HIDDEN_FROM_SENSORS) X(NO_SENSORS)
 
-#define SBL__PRELUDE_MOST 8192     /* characters that a program's constants and records may have, each */
+#define SBL__PRELUDE_MOST 8192     /* room for the constants of a program, and for its records, in characters */
 
-/* Appends to text of SBL__PRELUDE_MOST characters; returns its length. */
+/* Appends to text, an array of SBL__PRELUDE_MOST characters that holds `length`. Returns the new length. */
 static size_t sbl__write(char *text, size_t length, const char *format, ...) {
     va_list arguments;
     int more;
@@ -2721,24 +2690,20 @@ static size_t sbl__write(char *text, size_t length, const char *format, ...) {
     return SBL__MIN(length + (size_t)SBL__MAX(more, 0), SBL__PRELUDE_MOST - 1);
 }
 
-static size_t sbl__write_constants(char *text, size_t length) {
-#define SBL__X(name) length = sbl__write(text, length, "#define SBL_" #name " %d\n", SBL__##name);
-    SBL__SHARED_INTS(SBL__X)
-#undef SBL__X
+static void sbl__write_constants(char *text, size_t length) {
 #define SBL__X(name) length = sbl__write(text, length, "#define SBL_" #name " %uu\n", SBL__##name);
-    SBL__SHARED_BITS(SBL__X)
+    SBL__SHARED_FLAGS(SBL__X)
 #undef SBL__X
-    /* as they are written, for printf would round them, and write the commas of some locales */
+    /* The text of the macros, because printf would round floats, and write commas in some locales. */
 #define SBL__TEXT(...) #__VA_ARGS__
 #define SBL__TEXT_OF(...) SBL__TEXT(__VA_ARGS__)
 #define SBL__X(name) length = sbl__write(text, length, "#define SBL_" #name " %s\n", SBL__TEXT_OF(SBL__##name));
-    SBL__SHARED_FLOATS(SBL__X)
+    SBL__SHARED_CONSTANTS(SBL__X)
 #undef SBL__X
-    return length;
 }
 
 static size_t sbl__write_record(char *text, size_t length, const sbl__record *r) {
-    static const struct { const char *type; int components, is_float; } kinds[] = {  /* as sbl__kind */
+    static const struct { const char *type; int components, is_float; } kinds[] = {  /* in the order of sbl__kind */
         { "float", 1, 1 }, { "vec3", 3, 1 }, { "uint", 1, 0 }, { "uvec2", 2, 0 }, { "uvec3", 3, 0 }, { "uvec4", 4, 0 }
     };
     int i;
@@ -2756,40 +2721,39 @@ static size_t sbl__write_record(char *text, size_t length, const sbl__record *r)
 }
 
 /* ======================================================================================================== >>device
-   What every pass needs: textures, buffers, targets, programs by recipe and features, uniforms, draws, reads, and the
-   clock that cuts work into submissions. Creation logs and returns what failed; deletion ignores what was never made.
-   d->gl.doing says what is done, for messages. */
+   GL objects (textures, buffers, targets, programs), draws and reads, and the clock that divides work into submissions.
+   Functions that create an object log an error if they fail. Functions that delete an object accept an empty one. */
 
 typedef struct sbl__texture { unsigned id; int width, height; unsigned format; size_t bytes; } sbl__texture;
 typedef struct sbl__buffer { unsigned id; size_t bytes; } sbl__buffer;
 
-/* Where passes draw, and what can be read: colour textures and perhaps depth. */
+/* A framebuffer with `count` colour textures, and a depth texture if the pass needs it. */
 typedef struct sbl__target { unsigned id; int width, height, count; unsigned textures[6], formats[6]; } sbl__target;
 
 typedef struct sbl__program { const struct sbl__recipe *recipe; unsigned features, id; } sbl__program;
 
-#define SBL__PROGRAMS_MOST 256  /* recipes times the features that each knows are fewer */
+#define SBL__PROGRAMS_MOST 256  /* more than all variants of all recipes; test_steps.c counts them */
 
 typedef struct sbl__device {
     sbl__base *base;
     sbl__gl gl;
-    unsigned features;       /* those that all programs have here */
+    unsigned features;       /* features that the driver gives to all programs: SBL__WRITE_DEPTH, SBL__COMPUTE */
     unsigned empty_array;    /* a vertex array without attributes */
-    sbl__program programs[SBL__PROGRAMS_MOST];  /* compiled so far */
+    sbl__program programs[SBL__PROGRAMS_MOST];  /* the programs compiled so far */
     sbl_programs compiled;
     int program_count;
-    unsigned program;        /* in use */
-    int unit;                /* the next texture unit of the program in use */
-    int workgroup;           /* invocations of one of a compute shader */
-    int lot;                 /* invocations that occupy it: fewer take as long */
+    unsigned program;        /* GL name of the program in use */
+    int unit;                /* next free texture unit of the program in use */
+    int workgroup;           /* invocations in a workgroup of a compute shader */
+    int lot;                 /* number of invocations that occupy the whole device; fewer take the same time */
 } sbl__device;
 
-/* A new name, or 0 (logged) where GL gives none: binding that would change the host's default objects. */
-static unsigned sbl__name_make(const sbl__device *d, void (SBL__GLAPI *generate)(int, unsigned *)) {
-    unsigned name = 0;
-    generate(1, &name);
-    if (!name) sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_ERROR, "GL gave no name while %s", d->gl.doing);
-    return name;
+/* Makes *name the name of a new GL object if it is 0. Returns 1 on success. If GL gives no name, logs an error and
+   returns 0; the caller must then not bind *name, because the name 0 belongs to the host's default objects. */
+static int sbl__name_make(const sbl__device *d, void (SBL__GLAPI *generate)(int, unsigned *), unsigned *name) {
+    if (!*name) generate(1, name);
+    if (!*name) sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_GL_ERROR, "GL gave no name while %s", d->gl.doing);
+    return *name != 0;
 }
 
 static void sbl__gpu_account(sbl__base *base, size_t before, size_t after) {
@@ -2797,7 +2761,10 @@ static void sbl__gpu_account(sbl__base *base, size_t before, size_t after) {
     if (base->memory.gpu_bytes > base->memory.gpu_peak_bytes) base->memory.gpu_peak_bytes = base->memory.gpu_bytes;
 }
 
-static const struct { unsigned internal, format, type; int bytes; } sbl__formats[] = {
+/* bytes: size of a texel */
+typedef struct sbl__format { unsigned internal, format, type; size_t bytes; } sbl__format;
+
+static const sbl__format sbl__formats[] = {
     { SBL__GL_R32F, SBL__GL_RED, SBL__GL_FLOAT, 4 },
     { SBL__GL_R32UI, SBL__GL_RED_INTEGER, SBL__GL_UNSIGNED_INT, 4 },
     { SBL__GL_RG32F, SBL__GL_RG, SBL__GL_FLOAT, 8 },
@@ -2809,10 +2776,10 @@ static const struct { unsigned internal, format, type; int bytes; } sbl__formats
     { SBL__GL_DEPTH_COMPONENT32F, SBL__GL_DEPTH_COMPONENT, SBL__GL_FLOAT, 4 }
 };
 
-static int sbl__format(unsigned internal) {
-    int i = 0;
-    while (sbl__formats[i].internal != internal) i++;
-    return i;
+static const sbl__format *sbl__format_of(unsigned internal) {
+    const sbl__format *f = sbl__formats;
+    while (f->internal != internal) f++;
+    return f;
 }
 
 /* >>device: textures and buffers */
@@ -2823,18 +2790,16 @@ static void sbl__texture_delete(const sbl__device *d, sbl__texture *t) {
     memset(t, 0, sizeof *t);
 }
 
-/* Its texels are undefined. Keeps the object where size and format are the same. */
+/* Gives a texture this size and format. Its texels are undefined, unless it has both already: then it is unchanged. */
 static sbl_result sbl__texture_make(const sbl__device *d, sbl__texture *t, int width, int height, unsigned format) {
     const sbl__gl *gl = &d->gl;
-    const int f = sbl__format(format);
+    const sbl__format *f = sbl__format_of(format);
     sbl_result result;
     if (t->id && t->width == width && t->height == height && t->format == format) return SBL_SUCCESS;
     sbl__texture_delete(d, t);
-    t->id = sbl__name_make(d, gl->GenTextures);
-    if (!t->id) return SBL_ERROR_GL;
+    if (!sbl__name_make(d, gl->GenTextures, &t->id)) return SBL_ERROR_GL;
     gl->BindTexture(SBL__GL_TEXTURE_2D, t->id);
-    gl->TexImage2D(SBL__GL_TEXTURE_2D, 0, (int)format, width, height, 0, sbl__formats[f].format, sbl__formats[f].type,
-                   NULL);
+    gl->TexImage2D(SBL__GL_TEXTURE_2D, 0, (int)format, width, height, 0, f->format, f->type, NULL);
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_MIN_FILTER, SBL__GL_NEAREST);
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_MAG_FILTER, SBL__GL_NEAREST);
     gl->TexParameteri(SBL__GL_TEXTURE_2D, SBL__GL_TEXTURE_WRAP_S, SBL__GL_CLAMP_TO_EDGE);
@@ -2843,17 +2808,16 @@ static sbl_result sbl__texture_make(const sbl__device *d, sbl__texture *t, int w
     result = sbl__gl_check(gl);
     if (result != SBL_SUCCESS) { sbl__texture_delete(d, t); return result; }
     t->width = width; t->height = height; t->format = format;
-    t->bytes = (size_t)width * (size_t)height * (size_t)sbl__formats[f].bytes;
+    t->bytes = (size_t)width * (size_t)height * f->bytes;
     sbl__gpu_account(d->base, 0, t->bytes);
     return SBL_SUCCESS;
 }
 
-/* Rows of texels, in the format's own layout. */
+/* Writes rows of texels. from: texels in the layout of the texture's format */
 static sbl_result sbl__texture_write(const sbl__device *d, const sbl__texture *t, int row, int rows, const void *from) {
-    const int f = sbl__format(t->format);
+    const sbl__format *f = sbl__format_of(t->format);
     d->gl.BindTexture(SBL__GL_TEXTURE_2D, t->id);
-    d->gl.TexSubImage2D(SBL__GL_TEXTURE_2D, 0, 0, row, t->width, rows, sbl__formats[f].format, sbl__formats[f].type,
-                        from);
+    d->gl.TexSubImage2D(SBL__GL_TEXTURE_2D, 0, 0, row, t->width, rows, f->format, f->type, from);
     return sbl__gl_check(&d->gl);
 }
 
@@ -2863,13 +2827,13 @@ static void sbl__buffer_delete(const sbl__device *d, sbl__buffer *b) {
     memset(b, 0, sizeof *b);
 }
 
-/* data: NULL leaves it undefined. usage: SBL__GL_STATIC_DRAW or SBL__GL_STREAM_DRAW. */
+/* Gives a buffer this size and content. data: NULL leaves the content undefined. usage: SBL__GL_STATIC_DRAW or
+   SBL__GL_STREAM_DRAW */
 static sbl_result sbl__buffer_make(const sbl__device *d, sbl__buffer *b, size_t bytes, const void *data,
                                    unsigned usage) {
     const sbl__gl *gl = &d->gl;
     sbl_result result;
-    if (!b->id) b->id = sbl__name_make(d, gl->GenBuffers);
-    if (!b->id) return SBL_ERROR_GL;
+    if (!sbl__name_make(d, gl->GenBuffers, &b->id)) return SBL_ERROR_GL;
     gl->BindBuffer(SBL__GL_ARRAY_BUFFER, b->id);
     gl->BufferData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)SBL__MAX(bytes, 16), data && bytes >= 16 ? data : NULL, usage);
     if (data && bytes && bytes < 16) gl->BufferSubData(SBL__GL_ARRAY_BUFFER, 0, (ptrdiff_t)bytes, data);
@@ -2880,8 +2844,8 @@ static sbl_result sbl__buffer_make(const sbl__device *d, sbl__buffer *b, size_t 
     return SBL_SUCCESS;
 }
 
-/* What changes from batch to batch: `bytes` of data in a buffer that has room for all that a batch may have, so that
-   its size tells nothing of the pace. */
+/* Writes the data of a batch to a buffer. room: bytes of the largest batch. The buffer always has this size, so that
+   the memory in use does not depend on the pace. */
 static sbl_result sbl__buffer_stream(const sbl__device *d, sbl__buffer *b, size_t room, const void *data,
                                      size_t bytes) {
     const sbl_result result = sbl__buffer_make(d, b, room, NULL, SBL__GL_STREAM_DRAW);
@@ -2896,8 +2860,8 @@ static void sbl__buffer_write(const sbl__device *d, const sbl__buffer *b, size_t
     d->gl.BufferSubData(SBL__GL_ARRAY_BUFFER, (ptrdiff_t)offset, (ptrdiff_t)bytes, data);
 }
 
-/* A table: a buffer that shaders read by number. Where it is past the driver's limit for buffer textures it is copied
-   into rows of a 2D texture (`wide`; sbl_fetch in scene.glsl knows both). */
+/* A buffer whose texels shaders read by number, as a buffer texture. If a table of the scene exceeds the driver's limit
+   of buffer textures, all of them are copied to 2D textures (`wide`). sbl_fetch in tables.glsl reads both. */
 typedef struct sbl__table { sbl__buffer buffer; sbl__texture texels; } sbl__table;
 
 static void sbl__table_delete(const sbl__device *d, sbl__table *t) {
@@ -2905,16 +2869,15 @@ static void sbl__table_delete(const sbl__device *d, sbl__table *t) {
     sbl__buffer_delete(d, &t->buffer);
 }
 
-/* Shows the buffer's present content to shaders as texels of the format. */
+/* Makes the present content of the table's buffer visible to shaders, as texels of the format. */
 static sbl_result sbl__table_attach(const sbl__device *d, sbl__table *t, unsigned format, int wide) {
     const sbl__gl *gl = &d->gl;
-    const int f = sbl__format(format);
-    const size_t texel = (size_t)sbl__formats[f].bytes, texels = t->buffer.bytes / texel;
+    const sbl__format *f = sbl__format_of(format);
+    const size_t texels = t->buffer.bytes / f->bytes;
     const int rows = (int)(texels / SBL__TEXELS_ACROSS), rest = (int)(texels % SBL__TEXELS_ACROSS);
     sbl_result result;
     if (!wide) {
-        if (!t->texels.id) t->texels.id = sbl__name_make(d, gl->GenTextures);
-        if (!t->texels.id) return SBL_ERROR_GL;
+        if (!sbl__name_make(d, gl->GenTextures, &t->texels.id)) return SBL_ERROR_GL;
         gl->BindTexture(SBL__GL_TEXTURE_BUFFER, t->texels.id);
         gl->TexBuffer(SBL__GL_TEXTURE_BUFFER, format, t->buffer.id);
         return sbl__gl_check(gl);
@@ -2923,10 +2886,9 @@ static sbl_result sbl__table_attach(const sbl__device *d, sbl__table *t, unsigne
     if (result != SBL_SUCCESS) return result;
     gl->BindTexture(SBL__GL_TEXTURE_2D, t->texels.id);
     gl->BindBuffer(SBL__GL_PIXEL_UNPACK_BUFFER, t->buffer.id);
-    if (rows) gl->TexSubImage2D(SBL__GL_TEXTURE_2D, 0, 0, 0, SBL__TEXELS_ACROSS, rows, sbl__formats[f].format,
-                                sbl__formats[f].type, NULL);
-    if (rest) gl->TexSubImage2D(SBL__GL_TEXTURE_2D, 0, 0, rows, rest, 1, sbl__formats[f].format, sbl__formats[f].type,
-                                (const void *)((uintptr_t)rows * SBL__TEXELS_ACROSS * (uintptr_t)texel));
+    if (rows) gl->TexSubImage2D(SBL__GL_TEXTURE_2D, 0, 0, 0, SBL__TEXELS_ACROSS, rows, f->format, f->type, NULL);
+    if (rest) gl->TexSubImage2D(SBL__GL_TEXTURE_2D, 0, 0, rows, rest, 1, f->format, f->type,
+                                (const void *)((uintptr_t)rows * SBL__TEXELS_ACROSS * f->bytes));
     gl->BindBuffer(SBL__GL_PIXEL_UNPACK_BUFFER, 0);
     return sbl__gl_check(gl);
 }
@@ -2938,15 +2900,15 @@ static void sbl__target_delete(const sbl__device *d, sbl__target *t) {
     memset(t, 0, sizeof *t);
 }
 
-/* Makes it, or makes it anew, of `count` textures of one size, and depth where not NULL. */
+/* Attaches `count` textures of the same size to a target, and a depth texture if `depth` is not NULL. Creates the
+   target if it does not exist. */
 static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const sbl__texture *const *colors, int count,
                                    const sbl__texture *depth) {
     const sbl__gl *gl = &d->gl;
     unsigned buffers[6], status;
     sbl_result result;
     int i;
-    if (!t->id) t->id = sbl__name_make(d, gl->GenFramebuffers);
-    if (!t->id) return SBL_ERROR_GL;
+    if (!sbl__name_make(d, gl->GenFramebuffers, &t->id)) return SBL_ERROR_GL;
     gl->BindFramebuffer(SBL__GL_DRAW_FRAMEBUFFER, t->id);
     for (i = 0; i < count; i++) {
         buffers[i] = SBL__GL_COLOR_ATTACHMENT0 + (unsigned)i;
@@ -2970,35 +2932,34 @@ static sbl_result sbl__target_make(const sbl__device *d, sbl__target *t, const s
     return result;
 }
 
-/* Rows of an attachment, in its texture's own components: floats, or unsigned ints. */
+/* Reads rows of an attachment. out: the components of its texels: uint32_t if the format has integers, else float */
 static sbl_result sbl__target_read(const sbl__device *d, const sbl__target *t, int attachment, int row, int rows,
                                    void *out) {
     const sbl__gl *gl = &d->gl;
-    const int f = sbl__format(t->formats[attachment]);
-    const int whole = sbl__formats[f].type == SBL__GL_UNSIGNED_INT;
+    const sbl__format *f = sbl__format_of(t->formats[attachment]);
+    const unsigned type = f->type == SBL__GL_UNSIGNED_INT ? SBL__GL_UNSIGNED_INT : SBL__GL_FLOAT;
     gl->BindFramebuffer(SBL__GL_READ_FRAMEBUFFER, t->id);
     gl->ReadBuffer(SBL__GL_COLOR_ATTACHMENT0 + (unsigned)attachment);
-    gl->ReadPixels(0, row, t->width, rows, sbl__formats[f].format,
-                   whole ? (unsigned)SBL__GL_UNSIGNED_INT : (unsigned)SBL__GL_FLOAT, out);
+    gl->ReadPixels(0, row, t->width, rows, f->format, type, out);
     return sbl__gl_check(gl);
 }
 
 /* >>device: programs. A recipe names the shaders of a program (see shaders_embedded), the records that they read, and
-   the features that make a difference to them; a program is compiled when it is first used with a set of features. */
+   the features that make variants of it. A variant is compiled when it is first used. */
 
 enum {
     SBL__TEXTURED = 1 << 0,     /* the scene has textures, cutouts or vertex colours */
     SBL__WIDE = 1 << 1,         /* tables are 2D textures */
-    SBL__VIEWS = 1 << 2,        /* what the host draws stands in sensors' views only */
-    SBL__INSPECT = 1 << 3,      /* single rays towards lamps are written */
-    SBL__WRITE_DEPTH = 1 << 4,  /* there is no clip control */
-    SBL__COMPUTE = 1 << 5,
-    SBL__BOUNCED = 1 << 6,      /* sensors see light that has bounced, see >>store */
-    SBL__MIXED = 1 << 7,        /* lamps are not just triangles, few enough to be taken singly */
+    SBL__VIEWS = 1 << 2,        /* rays towards lamps also test views, which show what the host draws itself */
+    SBL__INSPECT = 1 << 3,      /* lamps.glsl writes each ray, for sbl_inspect_sensor */
+    SBL__WRITE_DEPTH = 1 << 4,  /* shaders write depth, because the driver has no clip control */
+    SBL__COMPUTE = 1 << 5,      /* programs that can be compute shaders are */
+    SBL__BOUNCED = 1 << 6,      /* sensors see bounced light, see >>store */
+    SBL__MIXED = 1 << 7,        /* some lamp is not a triangle, or there are more than SBL__LAMPS lamps */
     SBL__CUTOUTS = 1 << 8,      /* some materials have holes */
-    SBL__GUIDED = 1 << 9,       /* rays go where guides send them, see >>guide */
-    SBL__LIGHTMAP = 1 << 10,    /* texels of an atlas, not the camera's pixels */
-    SBL__DIRECTIONAL = 1 << 11, /* it is told where light comes from */
+    SBL__GUIDED = 1 << 9,       /* guides choose the directions of rays, see >>guide */
+    SBL__LIGHTMAP = 1 << 10,    /* pixels are the texels of an atlas; otherwise a camera's */
+    SBL__DIRECTIONAL = 1 << 11, /* also store the direction of the light, in channels SH_0 to SH_3 */
     SBL__FEATURES = 12
 };
 
@@ -3006,19 +2967,19 @@ enum {
 
 typedef struct sbl__recipe {
     const char *name;
-    const char *const *vertex[SBL__SHADERS_MOST];    /* in this order */
-    const char *const *fragment[SBL__SHADERS_MOST];  /* or compute, where the recipe knows that feature */
+    const char *const *vertex[SBL__SHADERS_MOST];    /* files that are joined, in this order; NULL ends the list */
+    const char *const *fragment[SBL__SHADERS_MOST];  /* likewise; the compute shader if SBL__COMPUTE is in `features` */
     const sbl__record *records[SBL__SHADERS_MOST];
-    unsigned features;
+    unsigned features;                               /* the features that make variants */
 } sbl__recipe;
 
-#define SBL__LINES_MOST 1500
+#define SBL__LINES_MOST 1500  /* most lines of a shader */
 
 /* >>glsl tables: shaders_embedded/tables.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_tables[] = {
-"// What stands above every shader: how tables are read. Those that grow with the scene are buffer textures or, past\n",
-"// the driver's limit for these, 2D textures (see sbl__table_attach in sbl.h). Above this stand the program's\n",
-"// features and the constants that C shares, below it the functions that read its records (see >>records).\n",
+"// Begins every shader. The #defines of the program's features and of the constants that C shares precede it; the\n",
+"// functions that read records follow it (see >>records in sbl.h). Tables that grow with the scene are buffer\n",
+"// textures or, if they exceed the driver's limit of buffer textures, 2D textures (see sbl__table_attach).\n",
 "#ifdef SBL_WIDE\n",
 "#define sbl_Texels usampler2D\n",
 "#define sbl_fetch(texels, i) texelFetch(texels, ivec2((i) & (SBL_TEXELS_ACROSS - 1), (i) >> SBL_TEXELS_SHIFT), 0)\n",
@@ -3027,8 +2988,9 @@ static const char *const sbl__glsl_tables[] = {
 "#define sbl_fetch(texels, i) texelFetch(texels, i)\n",
 "#endif\n",
 "\n",
-"// Software renderers run both sides of every if, and loops at least once, but leave loops that no lane is in: what\n",
-"// is long and seldom wanted is a loop whose count may be 0, or a feature.\n",
+"// Software renderers execute both branches of an if, and the body of a loop at least once, but they leave a loop\n",
+"// when no lane is in it. Expensive code that is rarely needed is therefore a loop that may have 0 turns, or it\n",
+"// depends on a feature.\n",
 0 };
 /* <<glsl */
 
@@ -3039,7 +3001,7 @@ static sbl_result sbl__shader_make(const sbl__device *d, unsigned *out, unsigned
     const sbl__gl *gl = &d->gl;
     const char *const *const *shaders = type == SBL__GL_VERTEX_SHADER ? recipe->vertex : recipe->fragment;
     const char *lines[SBL__LINES_MOST];
-    char text[400];
+    char text[400] = "";
     int count = 0, ok = 0, shader, line;
     lines[count++] = type == SBL__GL_COMPUTE_SHADER ? "#version 430 core\n" : "#version 330 core\n";
     lines[count++] = prelude->constants;
@@ -3054,7 +3016,6 @@ static sbl_result sbl__shader_make(const sbl__device *d, unsigned *out, unsigned
         gl->GetShaderiv(*out, SBL__GL_COMPILE_STATUS, &ok);
     }
     if (ok) return SBL_SUCCESS;
-    memset(text, 0, sizeof text);
     if (*out) gl->GetShaderInfoLog(*out, (int)sizeof text - 1, NULL, text);
     sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_SHADER_COMPILE, "the driver refuses the shader \"%s\": %s",
              recipe->name, text);
@@ -3063,7 +3024,7 @@ static sbl_result sbl__shader_make(const sbl__device *d, unsigned *out, unsigned
 
 static sbl_result sbl__program_link(const sbl__device *d, unsigned *out, const unsigned shaders[2], const char *name) {
     const sbl__gl *gl = &d->gl;
-    char text[400];
+    char text[400] = "";
     int ok = 0;
     *out = gl->CreateProgram();
     if (*out) {
@@ -3073,14 +3034,13 @@ static sbl_result sbl__program_link(const sbl__device *d, unsigned *out, const u
         gl->GetProgramiv(*out, SBL__GL_LINK_STATUS, &ok);
     }
     if (ok) return SBL_SUCCESS;
-    memset(text, 0, sizeof text);
     if (*out) gl->GetProgramInfoLog(*out, (int)sizeof text - 1, NULL, text);
     sbl__log(d->base, SBL_LOG_ERROR, SBL_LOG_ITEM_SHADER_LINK, "the driver does not link the program \"%s\": %s", name,
              text);
     return SBL_ERROR_GL;
 }
 
-/* Refuses a program that reads more textures than there are units to bind them to. */
+/* Checks that a program reads no more textures than there are texture units. */
 static sbl_result sbl__program_check_textures(const sbl__device *d, unsigned program, const char *name) {
     const sbl__gl *gl = &d->gl;
     int uniforms = 0, textures = 0, i;
@@ -3099,40 +3059,41 @@ static sbl_result sbl__program_check_textures(const sbl__device *d, unsigned pro
     return SBL_ERROR_UNSUPPORTED;
 }
 
-static sbl_result sbl__program_make(const sbl__device *d, unsigned *out, const sbl__recipe *recipe, unsigned features) {
+/* Compiles a program; sets program->id. */
+static sbl_result sbl__program_make(const sbl__device *d, sbl__program *program) {
     static const char *const names[SBL__FEATURES] = {
         "TEXTURED", "WIDE", "VIEWS", "INSPECT", "WRITE_DEPTH", "COMPUTE", "BOUNCED", "MIXED", "CUTOUTS",
         "GUIDED", "LIGHTMAP", "DIRECTIONAL"
     };
     const sbl__gl *gl = &d->gl;
-    const int compute = (features & SBL__COMPUTE) != 0;
+    const sbl__recipe *recipe = program->recipe;
+    const int compute = (program->features & SBL__COMPUTE) != 0;
+    const unsigned last = compute ? SBL__GL_COMPUTE_SHADER : SBL__GL_FRAGMENT_SHADER;
     sbl__prelude prelude = { "", "" };
     unsigned shaders[2] = { 0, 0 };
     size_t length = 0;
     sbl_result result = SBL_SUCCESS;
     int i;
     for (i = 0; i < SBL__FEATURES; i++)
-        if (features >> i & 1) length = sbl__write(prelude.constants, length, "#define SBL_%s\n", names[i]);
+        if (program->features >> i & 1) length = sbl__write(prelude.constants, length, "#define SBL_%s\n", names[i]);
     length = sbl__write(prelude.constants, length, "#define SBL_WORKGROUP %d\n", d->workgroup);
     sbl__write_constants(prelude.constants, length);
     for (i = 0, length = 0; i < SBL__SHADERS_MOST && recipe->records[i]; i++)
         length = sbl__write_record(prelude.records, length, recipe->records[i]);
-    *out = 0;
+    program->id = 0;
     if (!compute) result = sbl__shader_make(d, &shaders[0], SBL__GL_VERTEX_SHADER, recipe, &prelude);
-    if (result == SBL_SUCCESS)
-        result = sbl__shader_make(d, &shaders[1], compute ? SBL__GL_COMPUTE_SHADER : SBL__GL_FRAGMENT_SHADER, recipe,
-                                  &prelude);
-    if (result == SBL_SUCCESS) result = sbl__program_link(d, out, shaders, recipe->name);
+    if (result == SBL_SUCCESS) result = sbl__shader_make(d, &shaders[1], last, recipe, &prelude);
+    if (result == SBL_SUCCESS) result = sbl__program_link(d, &program->id, shaders, recipe->name);
     if (shaders[0]) gl->DeleteShader(shaders[0]);
     if (shaders[1]) gl->DeleteShader(shaders[1]);
-    if (result == SBL_SUCCESS) result = sbl__program_check_textures(d, *out, recipe->name);
+    if (result == SBL_SUCCESS) result = sbl__program_check_textures(d, program->id, recipe->name);
     if (result == SBL_SUCCESS) result = sbl__gl_check(gl);
-    if (result != SBL_SUCCESS && *out) { gl->DeleteProgram(*out); *out = 0; }
+    if (result != SBL_SUCCESS && program->id) gl->DeleteProgram(program->id);
     return result;
 }
 
-/* The program of a recipe with the features that it knows, of those asked for and those of the device; NULL where it
-   has not been compiled. */
+/* Returns a recipe's program for the given features and those of the device, as far as the recipe has them. Returns
+   NULL if it has not been compiled. */
 static const sbl__program *sbl__program_find(const sbl__device *d, const sbl__recipe *recipe, unsigned features) {
     int i;
     features = (features | d->features) & recipe->features;
@@ -3141,26 +3102,26 @@ static const sbl__program *sbl__program_find(const sbl__device *d, const sbl__re
     return NULL;
 }
 
+/* Compiles a recipe's program for these features if it has not been compiled. */
 static sbl_result sbl__program_need(sbl__device *d, const sbl__recipe *recipe, unsigned features) {
     const char *doing = d->gl.doing;
-    sbl__program program;
-    double start = sbl__now();
+    const double start = sbl__now();
+    sbl__program *program = &d->programs[d->program_count];
     sbl_result result;
     if (sbl__program_find(d, recipe, features)) return SBL_SUCCESS;
     if (d->program_count == SBL__PROGRAMS_MOST) return SBL_ERROR_UNSUPPORTED;
-    program.recipe = recipe;
-    program.features = (features | d->features) & recipe->features;
+    program->recipe = recipe;
+    program->features = (features | d->features) & recipe->features;
     d->gl.doing = "making shader programs";
-    result = sbl__program_make(d, &program.id, recipe, program.features);
+    result = sbl__program_make(d, program);
     d->gl.doing = doing;
     if (result != SBL_SUCCESS) return result;
-    d->programs[d->program_count++] = program;
-    d->compiled.count = d->program_count;
+    d->compiled.count = ++d->program_count;
     d->compiled.compile_seconds += sbl__now() - start;
     return SBL_SUCCESS;
 }
 
-/* Makes a program the one that the next uniforms, textures and draws are for. */
+/* Makes a recipe's program the current one; compiles it if needed. */
 static sbl_result sbl__use(sbl__device *d, const sbl__recipe *recipe, unsigned features) {
     const sbl_result result = sbl__program_need(d, recipe, features);
     if (result != SBL_SUCCESS) return result;
@@ -3170,7 +3131,7 @@ static sbl_result sbl__use(sbl__device *d, const sbl__recipe *recipe, unsigned f
     return SBL_SUCCESS;
 }
 
-/* >>device: uniforms and textures of the program in use. What a program does not have is left out. */
+/* >>device: uniforms and textures of the program in use. Names that the program does not have are ignored. */
 
 static int sbl__place(const sbl__device *d, const char *name) { return d->gl.GetUniformLocation(d->program, name); }
 
@@ -3212,9 +3173,10 @@ static void sbl__bind_table(sbl__device *d, const char *name, const sbl__table *
 
 /* >>device: passes and draws */
 
-enum { SBL__PASS_DEPTH = 1, SBL__PASS_CLIP = 2 };  /* with a depth test; with the four clip distances */
+enum { SBL__PASS_DEPTH = 1, SBL__PASS_CLIP = 2 };  /* depth test on; four clip distances on */
 
-/* Directs what follows to a target. viewport, scissor: x, y, width, height; NULL: all of the target, none. */
+/* Begins a pass: the following draws go to the target. viewport: x, y, width, height; NULL: the whole target. scissor:
+   likewise; NULL: none. flags: SBL__PASS_... */
 static void sbl__pass(const sbl__device *d, const sbl__target *t, const int *viewport, const int *scissor, int flags) {
     const sbl__gl *gl = &d->gl;
     unsigned i;
@@ -3222,19 +3184,18 @@ static void sbl__pass(const sbl__device *d, const sbl__target *t, const int *vie
     if (viewport) gl->Viewport(viewport[0], viewport[1], viewport[2], viewport[3]);
     else gl->Viewport(0, 0, t->width, t->height);
     if (scissor) gl->Scissor(scissor[0], scissor[1], scissor[2], scissor[3]);
-    sbl__guard_switch(gl, SBL__GL_SCISSOR_TEST, scissor != NULL);
-    sbl__guard_switch(gl, SBL__GL_DEPTH_TEST, flags & SBL__PASS_DEPTH);
-    for (i = 0; i < 4; i++) sbl__guard_switch(gl, SBL__GL_CLIP_DISTANCE0 + i, flags & SBL__PASS_CLIP);
+    (scissor ? gl->Enable : gl->Disable)(SBL__GL_SCISSOR_TEST);
+    (flags & SBL__PASS_DEPTH ? gl->Enable : gl->Disable)(SBL__GL_DEPTH_TEST);
+    for (i = 0; i < 4; i++) (flags & SBL__PASS_CLIP ? gl->Enable : gl->Disable)(SBL__GL_CLIP_DISTANCE0 + i);
 }
 
-/* Rows of a target. */
+/* Begins a pass over rows of a target. */
 static void sbl__pass_rows(const sbl__device *d, const sbl__target *t, int row, int rows) {
-    int area[4];
-    area[0] = 0; area[1] = row; area[2] = t->width; area[3] = rows;
+    const int area[4] = { 0, row, t->width, rows };
     sbl__pass(d, t, area, NULL, 0);
 }
 
-/* Fills a colour attachment of the pass, or its depth, inside the scissor. */
+/* Clears a colour attachment of the pass, inside the scissor. */
 static void sbl__clear(const sbl__device *d, int attachment, const float value[4]) {
     d->gl.ClearBufferfv(SBL__GL_COLOR, attachment, value);
 }
@@ -3249,47 +3210,44 @@ static void sbl__clear_depth(const sbl__device *d) {
     d->gl.ClearBufferfv(SBL__GL_DEPTH, 0, &zero);
 }
 
-/* One triangle over the whole viewport: fullscreen_vertex.glsl. */
-static void sbl__draw_screen(const sbl__device *d) {
-    d->gl.BindVertexArray(d->empty_array);
-    d->gl.DrawArrays(SBL__GL_TRIANGLES, 0, 3);
-}
-
-/* Triangles whose corners the shader finds by gl_VertexID, from 3 * first on. */
+/* Draws `count` triangles without vertex attributes; gl_VertexID begins at 3 * first. */
 static void sbl__draw_triangles(const sbl__device *d, int first, int count) {
     d->gl.BindVertexArray(d->empty_array);
     d->gl.DrawArrays(SBL__GL_TRIANGLES, 3 * first, 3 * count);
 }
 
-/* Triangles first .. first + count - 1 of an array's indices, many times. */
+/* Draws a triangle that covers the viewport, for fullscreen_vertex.glsl. */
+static void sbl__draw_screen(const sbl__device *d) { sbl__draw_triangles(d, 0, 1); }
+
+/* Draws instances of the triangles first .. first + count - 1 of a vertex array with indices. */
 static void sbl__draw_mesh(const sbl__device *d, unsigned array, int first, int count, int instances) {
     d->gl.BindVertexArray(array);
     d->gl.DrawElementsInstanced(SBL__GL_TRIANGLES, 3 * count, SBL__GL_UNSIGNED_INT,
                                 (const void *)(12 * (uintptr_t)first), instances);
 }
 
-/* The same of triangles whose corners the shader finds by gl_VertexID. */
+/* Like sbl__draw_mesh, but without indices: gl_VertexID begins at 3 * first. */
 static void sbl__draw_numbers(const sbl__device *d, unsigned array, int first, int count, int instances) {
     d->gl.BindVertexArray(array);
     d->gl.DrawArraysInstanced(SBL__GL_TRIANGLES, 3 * first, 3 * count, instances);
 }
 
-/* A rectangle, many times. */
+/* Draws instances of a rectangle. */
 static void sbl__draw_rectangles(const sbl__device *d, unsigned array, int instances) {
     d->gl.BindVertexArray(array);
     d->gl.DrawArraysInstanced(SBL__GL_TRIANGLE_STRIP, 0, 4, instances);
 }
 
-/* One invocation a texel: of rows row .. row + rows - 1 where fragments carry it, `count` from `first` on where compute
-   does (see carrier.glsl). Both write the same. Compute is used wherever it is, so that pictures depend on no
-   stopwatch: it is as fast or faster on llvmpipe; neither was measured on a GPU yet. */
+/* Runs the program in use (see carrier.glsl): a compute shader with `count` invocations or, without SBL__COMPUTE, a
+   fragment shader over `rows` rows of the target. Both write the same numbers. Compute is used if the driver has it,
+   whatever is faster, so that pictures do not depend on timings; on llvmpipe it is as fast or faster. */
 static void sbl__invoke(const sbl__device *d, const sbl__target *t, int row, int rows, int count) {
     const sbl__gl *gl = &d->gl;
     int i;
     if (d->features & SBL__COMPUTE) {
         for (i = 0; i < t->count; i++)
             gl->BindImageTexture((unsigned)i, t->textures[i], 0, 0, 0, SBL__GL_WRITE_ONLY, SBL__GL_RGBA32F);
-        /* what reads the last results must be done; parentheses: windows.h has such a macro */
+        /* Waits until earlier work has used the images. windows.h has a macro MemoryBarrier, hence the parentheses. */
         (gl->MemoryBarrier)(SBL__GL_SHADER_IMAGE_ACCESS_BARRIER);
         gl->DispatchCompute((unsigned)((count + d->workgroup - 1) / d->workgroup), 1, 1);
         (gl->MemoryBarrier)(SBL__GL_TEXTURE_FETCH_BARRIER | SBL__GL_FRAMEBUFFER_BARRIER);
@@ -3299,24 +3257,23 @@ static void sbl__invoke(const sbl__device *d, const sbl__target *t, int row, int
     }
 }
 
-/* `room` items of so many invocations each, to the nearest number of whole lots, and at least one. */
+/* Rounds a number of items to whole lots of invocations, at least one lot. invocations: those of each item */
 static double sbl__whole_lots(const sbl__device *d, double room, int invocations) {
     const double lot = SBL__MAX(d->lot / invocations, 1);
     return SBL__MAX(floor(room / lot + 0.5), 1.0) * lot;
 }
 
-/* An attribute of a vertex array, as it lies in a buffer. */
+/* An attribute of a vertex array, and its place in a buffer. */
 typedef struct sbl__input {
     int location, components;
     unsigned type;
-    int whole;      /* 1: the shader takes it as an integer; normalised otherwise, where it is one */
-    int instances;  /* 1: a value an instance */
+    int whole;      /* 1: the shader reads an integer; 0: it reads a float, and integers are normalised */
+    int instances;  /* 1: one value for each instance; 0: for each vertex */
     size_t stride, offset;
 } sbl__input;
 
 static sbl_result sbl__array_make(const sbl__device *d, unsigned *array, const sbl__buffer *indices) {
-    if (!*array) *array = sbl__name_make(d, d->gl.GenVertexArrays);
-    if (!*array) return SBL_ERROR_GL;
+    if (!sbl__name_make(d, d->gl.GenVertexArrays, array)) return SBL_ERROR_GL;
     d->gl.BindVertexArray(*array);
     d->gl.BindBuffer(SBL__GL_ELEMENT_ARRAY_BUFFER, indices->id);
     d->gl.BindVertexArray(0);
@@ -3346,9 +3303,9 @@ static void sbl__array_delete(const sbl__device *d, unsigned *array) {
     *array = 0;
 }
 
-/* >>device: what is the host's */
+/* >>device: buffers and textures of the host */
 
-/* Bytes of a buffer of the host; -1 where there is no such buffer. */
+/* Returns the size of a buffer in bytes, or -1 if there is no such buffer. */
 static int64_t sbl__host_buffer_bytes(const sbl__device *d, unsigned name) {
     int64_t size = 0;
     if (!d->gl.IsBuffer(name)) return -1;
@@ -3365,7 +3322,7 @@ static sbl_result sbl__host_buffer_read(const sbl__device *d, unsigned name, siz
 
 static int sbl__host_texture_exists(const sbl__device *d, unsigned name) { return d->gl.IsTexture(name) != 0; }
 
-/* Of level 0; GL errors where it is no GL_TEXTURE_2D. */
+/* Gets the width and height of level 0. Returns an error if the texture is not a GL_TEXTURE_2D. */
 static sbl_result sbl__host_texture_size(const sbl__device *d, unsigned name, int size[2]) {
     const sbl__gl *gl = &d->gl;
     gl->ActiveTexture(SBL__GL_TEXTURE0);
@@ -3384,7 +3341,7 @@ static const char *const sbl__glsl_fullscreen_vertex[] = {
 
 /* >>glsl copy: shaders_embedded/copy.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_copy[] = {
-"// Reads a host's texture as sampling it gives it: sRGB decoded, swizzled.\n",
+"// Copies a texture of the host. texelFetch applies the texture's sRGB decoding and swizzle.\n",
 "uniform sampler2D source;\n",
 "layout(location = 0) out vec4 out_color;\n",
 "\n",
@@ -3396,28 +3353,20 @@ static const sbl__recipe sbl__recipe_copy = {
     "copy", { sbl__glsl_fullscreen_vertex }, { sbl__glsl_copy }, { NULL }, 0
 };
 
-/* Level 0 of a texture of the host, as sampling gives it: 4 floats a texel. */
+/* Reads level 0 of a texture as texelFetch returns it (see copy.glsl): 4 floats per texel. */
 static sbl_result sbl__host_texture_read(sbl__device *d, unsigned name, const int size[2], float *out) {
     const sbl__gl *gl = &d->gl;
-    const sbl__texture *color;
-    sbl__texture texture;
-    sbl__target target;
+    sbl__texture texture = { 0, 0, 0, 0, 0 };
+    sbl__target target = { 0, 0, 0, 0, { 0 }, { 0 } };
+    const sbl__texture *color = &texture;
     unsigned sampler = 0;
-    sbl_result result;
-    memset(&texture, 0, sizeof texture);
-    memset(&target, 0, sizeof target);
-    color = &texture;
-    result = sbl__texture_make(d, &texture, size[0], size[1], SBL__GL_RGBA32F);
+    sbl_result result = sbl__texture_make(d, &texture, size[0], size[1], SBL__GL_RGBA32F);
     if (result == SBL_SUCCESS) result = sbl__target_make(d, &target, &color, 1, NULL);
     if (result == SBL_SUCCESS) result = sbl__use(d, &sbl__recipe_copy, 0);
+    if (result == SBL_SUCCESS && !sbl__name_make(d, gl->GenSamplers, &sampler)) result = SBL_ERROR_GL;
     if (result == SBL_SUCCESS) {
         sbl__bind_to(d, "source", SBL__GL_TEXTURE_2D, name);
-        /* a sampler of its own makes the texture complete where it has level 0 only and GL's default filter, which asks
-           for mip maps */
-        sampler = sbl__name_make(d, gl->GenSamplers);
-        if (!sampler) result = SBL_ERROR_GL;
-    }
-    if (result == SBL_SUCCESS) {
+        /* GL's default filter needs mip maps. With this sampler a texture that has level 0 only is complete, too. */
         gl->SamplerParameteri(sampler, SBL__GL_TEXTURE_MIN_FILTER, SBL__GL_NEAREST);
         gl->SamplerParameteri(sampler, SBL__GL_TEXTURE_MAG_FILTER, SBL__GL_NEAREST);
         gl->BindSampler(0, sampler);
@@ -3432,53 +3381,51 @@ static sbl_result sbl__host_texture_read(sbl__device *d, unsigned name, const in
     return result;
 }
 
-/* Lets the host draw into the pass's viewport and scissor; forces all state again afterwards. */
+/* Calls the host's draw callback inside the current pass, then sets the state that passes rely on again. */
 static void sbl__host_draw(const sbl__device *d, sbl_draw_function draw, const sbl_draw_view *view, void *user) {
     draw(view, user);
     sbl__guard_force(&d->gl);
 }
 
-/* >>device: time. Work runs in pieces: loops on the CPU look at the clock now and then, and what goes to the GPU is cut
-   by how long the last submissions of its kind took. Neither ever changes a result. */
+/* >>device: time. Work is done in pieces. Loops on the CPU read the clock now and then. The size of a piece on the GPU
+   is computed from the time that the last pieces of its kind took. Neither may change a result. */
 
-/* What one call of sbl_step may take. */
+/* The time that one call of sbl_step has. */
 typedef struct sbl__slice {
-    double end;      /* when it is over, in sbl__now's seconds */
-    double longest;  /* of one submission, seconds */
-    int turns;       /* of loops on the CPU, since the clock was looked at */
+    double end;      /* end of the slice, on the clock of sbl__now */
+    double longest;  /* longest time of one submission, seconds */
+    int turns;       /* turns of loops on the CPU since the clock was last read */
 } sbl__slice;
 
-/* seconds: 0 or less takes all the time it needs. */
+/* seconds: length of the slice; 0 or less: unlimited */
 static sbl__slice sbl__slice_of(const sbl_context_desc *desc, double seconds) {
-    sbl__slice slice;
-    slice.end = seconds > 0 ? sbl__now() + seconds : DBL_MAX;
-    slice.longest = desc->longest_submission;
-    slice.turns = 0;
+    const sbl__slice slice = { seconds > 0 ? sbl__now() + seconds : DBL_MAX, desc->longest_submission, 0 };
     return slice;
 }
 
-#define SBL__CLOCK_TURNS 64
-
-/* For every turn of a loop on the CPU: is the slice over? */
+/* Returns 1 if the slice is over. Loops on the CPU call it in each turn; it reads the clock in every 64th. */
 static int sbl__late(sbl__slice *s) {
-    if (++s->turns < SBL__CLOCK_TURNS) return 0;
+    if (++s->turns < 64) return 0;
     s->turns = 0;
     return sbl__now() >= s->end;
 }
 
-/* What work of one kind costs: seconds a unit, as seen last; and when the submission under way began. */
+/* The pace of one kind of GPU work. cost: estimated seconds per unit of work, 0 before the first measurement. start:
+   when the current submission began */
 typedef struct sbl__pace { double cost, start; } sbl__pace;
 
-/* Shares of a time that a submission aims at, since some are slower than the last ones were: of a slice's rest, which
-   may be missed now and then, and of the longest that a submission may be, which may not. */
-#define SBL__PACE_MARGIN 0.9
-#define SBL__PACE_CAUTION 0.5
-#define SBL__PACE_FALL 0.1     /* share of the way to a lower cost that is taken at once ... */
-#define SBL__PACE_FAR 0.25     /* ... but where it is this share, as after a driver compiled in the middle of work, */
-#define SBL__PACE_FAR_FALL 0.5 /* ... this one */
-#define SBL__PACE_LEAST 0.001  /* seconds that one aims at in any case: less costs more in waiting than it gives */
+/* A submission is planned to take the smaller of two times, with a reserve for work that is slower than before: */
+#define SBL__PACE_MARGIN 0.9   /* times the rest of the slice; the slice may be overrun now and then */
+#define SBL__PACE_CAUTION 0.5  /* times the longest submission, which must not be exceeded */
+#define SBL__PACE_LEAST 0.001  /* seconds; shorter submissions are not planned, as they lose too much time by waiting */
+/* When work gets cheaper, `cost` moves by PACE_FALL of the difference; by PACE_FAR_FALL if the new cost is less than
+   PACE_FAR times the old one, as it is after the driver compiled a shader during a submission. */
+#define SBL__PACE_FALL 0.1
+#define SBL__PACE_FAR 0.25
+#define SBL__PACE_FAR_FALL 0.5
 
-/* Units that the slice has time for, and at least `least`; `first` of them while nothing is known. */
+/* Starts the clock for a submission and returns how many units it should have: as many as there is time for, and at
+   least `least`. first: the number of units while the cost is unknown */
 static double sbl__pace_begin(sbl__pace *p, const sbl__slice *s, double first, double least) {
     double seconds;
     p->start = sbl__now();
@@ -3487,19 +3434,19 @@ static double sbl__pace_begin(sbl__pace *p, const sbl__slice *s, double first, d
     return SBL__MAX(p->cost > 0 ? seconds / p->cost : first, least);
 }
 
-#define SBL__PACE_PIXELS 16384  /* of a pass over a picture while nothing is known of its pace */
+#define SBL__PACE_PIXELS 16384  /* pixels of the first submission of a pass, while its cost is unknown */
 
-/* Rows of a target from `row` on, for a pass that takes as long for every pixel. */
+/* Like sbl__pace_begin for a pass over a target. The unit is a pixel. Returns a number of rows, beginning at `row`. */
 static int sbl__pace_rows(sbl__pace *p, const sbl__slice *s, const sbl__target *t, int row) {
     const double rows = sbl__pace_begin(p, s, SBL__PACE_PIXELS, t->width) / t->width;
     return rows < t->height - row ? (int)rows : t->height - row;
 }
 
-/* What was sent so far is a submission of its own, which is not waited for. */
+/* Ends a submission without waiting for it. */
 static void sbl__submit(const sbl__device *d) { d->gl.Flush(); }
 
-/* Waits until the GPU has done so many units. Costs rise at once and fall slowly: work gets harder and easier from
-   place to place, and what was easy twice may be hard the third time. */
+/* Waits until the GPU has finished the submission, and updates the cost. units: the work done. A higher cost replaces
+   the old one at once. The cost falls slowly, because work that was cheap a few times can be expensive again. */
 static void sbl__pace_end(const sbl__device *d, sbl__pace *p, double units) {
     double cost, fall;
     d->gl.Finish();
@@ -3508,28 +3455,26 @@ static void sbl__pace_end(const sbl__device *d, sbl__pace *p, double units) {
     p->cost = p->cost > cost ? p->cost + fall * (cost - p->cost) : cost;
 }
 
-/* >>device: stages. Work that takes long is a list of stages, each done in pieces that fit into a slice. A table has
-   one row for each stage, in their order; the stage behind the last row stands for work that is done. A room that
-   must know whether its work has begun leaves row 0 empty. A stage is either a function that does one piece at a
-   time and says when there are no more, or a loop over many small things. To add a stage, add a row and, if other
-   stages refer to it, its name in the room's enum. */
+/* >>device: stages. Long work is a list of stages, each done in pieces that fit into a slice. A table has a row for
+   each stage, in their order; the number of rows stands for work that is done. A room that must know whether its work
+   has begun leaves row 0 empty. A stage is a function that does one piece at a time, or a loop over many small things;
+   a loop may have a `piece` too, which runs whenever the loop starts or continues. To add a stage, add a row and, if
+   other stages refer to it, its name in the room's enum. */
 typedef struct sbl__stage_row {
-    sbl_result (*piece)(void *work, sbl__slice *slice);  /* does one piece; SBL_UNFINISHED: the stage needs more pieces;
-                                                            NULL: the stage is a loop only, or has no work */
-    int (*next)(void *work);                             /* returns the stage that follows; NULL: the next row */
-    sbl_result (*turn)(void *work, int at);              /* a loop's: does number `at`; NULL: the stage is no loop.
-                                                            `piece` then runs whenever the loop starts or goes on */
-    int (*count)(void *work);                            /* a loop's: returns how many there are, at every turn */
+    sbl_result (*piece)(void *work, sbl__slice *slice);  /* does one piece; SBL_UNFINISHED: there are more */
+    int (*next)(void *work);                             /* returns the next stage; NULL: the next row */
+    sbl_result (*turn)(void *work, int at);              /* does turn `at` of a loop; NULL: the stage is no loop */
+    int (*count)(void *work);                            /* returns the number of turns; called before each turn */
 } sbl__stage_row;
 
-/* Where staged work stands. */
+/* The progress of staged work. */
 typedef struct sbl__stages {
     int stage;  /* row of the table */
     int at;     /* next turn of a loop, or a counter for a piece's own use; 0 when the stage begins */
 } sbl__stages;
 
-/* Does one piece of the present stage: of a loop, the turns that there is time for. Returns SBL_SUCCESS when the last
-   stage is done, and from then on. */
+/* Does one piece of the current stage, or as many turns of its loop as there is time for. Returns SBL_UNFINISHED until
+   the last stage is done, then SBL_SUCCESS. */
 static sbl_result sbl__stages_step(sbl__stages *s, const sbl__stage_row *table, int row_count, void *work,
                                    sbl__slice *slice) {
     if (s->stage < row_count) {
@@ -3546,7 +3491,7 @@ static sbl_result sbl__stages_step(sbl__stages *s, const sbl__stage_row *table, 
     return s->stage < row_count ? SBL_UNFINISHED : SBL_SUCCESS;
 }
 
-/* Does stage after stage, for many small ones: until one of them needs more time than the slice has. */
+/* Does stages until one is unfinished, for work with many short stages. */
 static sbl_result sbl__stages_run(sbl__stages *s, const sbl__stage_row *table, int row_count, void *work,
                                   sbl__slice *slice) {
     sbl_result result;
@@ -3558,46 +3503,35 @@ static sbl_result sbl__stages_run(sbl__stages *s, const sbl__stage_row *table, i
     return result;
 }
 
-/* >>device: its life */
-
-/* Invocations of a workgroup, and of a lot. A renderer on the CPU gives a workgroup to a thread as a whole, so that
-   small ones leave fewer threads idle at the end of a submission: on llvmpipe 8, its lanes, make slices of 5 ms 10 to
-   15 % faster than 64. Lots of two lead its pace out of slices in which one thread works: where looks are dear
-   (staircase2, high) slices cost 9 % more than one call, not 75 %. A GPU wants at least a wavefront, which 64 fills
-   everywhere, and some on each of its cores; it was not measured. */
-#define SBL__WORKGROUP_CPU 8
-#define SBL__WORKGROUP_GPU 64
-#define SBL__LOT_CPU 16
-#define SBL__LOT_GPU 1024
-
-static int sbl__renders_on_cpu(const sbl__gl *gl) {
-    static const char *const names[] = { "llvmpipe", "softpipe", "SwiftShader" };
-    int i;
-    for (i = 0; i < SBL__COUNT(names); i++)
-        if (strstr(gl->capabilities.renderer, names[i])) return 1;
-    return 0;
-}
+/* >>device: creation and deletion */
 
 static sbl_result sbl__device_make(sbl__device *d, sbl__base *base, const sbl_context_desc *desc) {
+    static const char *const cpu_renderers[] = { "llvmpipe", "softpipe", "SwiftShader" };
     const sbl_result result = sbl__gl_load(&d->gl, base, desc);
-    const int on_cpu = result == SBL_SUCCESS && sbl__renders_on_cpu(&d->gl);
+    int i, on_cpu = 0;
     d->base = base;
     if (result != SBL_SUCCESS) return result;
     if (!(d->gl.capabilities.used & SBL_CAPABILITY_CLIP_CONTROL)) d->features |= SBL__WRITE_DEPTH;
     if (d->gl.capabilities.used & SBL_CAPABILITY_COMPUTE) d->features |= SBL__COMPUTE;
-    d->workgroup = on_cpu ? SBL__WORKGROUP_CPU : SBL__WORKGROUP_GPU;
-    d->lot = on_cpu ? SBL__LOT_CPU : SBL__LOT_GPU;
+    /* A renderer on the CPU runs each workgroup in one thread, so small workgroups leave fewer threads idle at the end
+       of a submission: on llvmpipe, slices of 5 ms are 10 to 15 % faster with 8 (the width of its vectors) than with
+       64. With lots of two workgroups, the pace does not settle on submissions that keep one thread busy: with
+       expensive looks (staircase2, high), slices take 9 % longer than one call, not 75 %. A GPU needs at least a
+       wavefront, which is at most 64 wide, and several on each core; this was not measured. */
+    for (i = 0; i < SBL__COUNT(cpu_renderers); i++)
+        on_cpu |= strstr(d->gl.capabilities.renderer, cpu_renderers[i]) != NULL;
+    d->workgroup = on_cpu ? 8 : 64;
+    d->lot = on_cpu ? 16 : 1024;
     return SBL_SUCCESS;
 }
 
-/* Is there a GL that it can be freed in? */
+/* Returns 1 if GL was loaded, so that GL objects can be deleted. */
 static int sbl__device_is_made(const sbl__device *d) { return d->gl.GetError && d->gl.capabilities.gl_major; }
 
-/* Makes what all passes share, under the guard. */
+/* Makes the vertex array that all passes share. The caller has saved the host's GL state. */
 static sbl_result sbl__device_start(sbl__device *d) {
     d->gl.doing = "making a vertex array";
-    d->empty_array = sbl__name_make(d, d->gl.GenVertexArrays);
-    return d->empty_array ? sbl__gl_check(&d->gl) : SBL_ERROR_GL;
+    return sbl__name_make(d, d->gl.GenVertexArrays, &d->empty_array) ? sbl__gl_check(&d->gl) : SBL_ERROR_GL;
 }
 
 static void sbl__device_free(sbl__device *d) {
@@ -3618,10 +3552,8 @@ typedef struct sbl__check {
 } sbl__check;
 
 static void sbl__check_start(sbl__check *check, const sbl__base *base, const sbl__device *device, sbl_log_item item) {
-    check->base = base;
-    check->device = device;
-    check->item = item;
-    check->mistakes = 0;
+    const sbl__check start = { base, device, item, 0 };
+    *check = start;
 }
 
 static void sbl__mistake(sbl__check *check, const char *format, ...) {
@@ -3646,20 +3578,25 @@ static int sbl__check_canaries(sbl__check *check, const char *name, uint32_t sta
     return 0;
 }
 
-/* Checks that three numbers are finite and not negative. where: the object that has the field, such as "light 3" */
-static void sbl__check_color(sbl__check *check, const char *where, const char *name, const float color[3]) {
+static const float sbl__any_range[2] = { -FLT_MAX, FLT_MAX }, sbl__not_negative_range[2] = { 0, FLT_MAX };
+static const float sbl__unit_range[2] = { 0, 1 };
+
+/* Checks that numbers are finite and in range[0] .. range[1]. where: the object that has them, such as "light 3" */
+static void sbl__check_range(sbl__check *check, const char *where, const char *name, const float *v, int count,
+                             const float range[2]) {
     int k;
-    for (k = 0; k < 3; k++)
-        if (!sbl__between(&color[k], 0, FLT_MAX))
-            sbl__mistake(check, "%s: %s[%d] is %g; it must be finite and not negative", where, name, k,
-                         (double)color[k]);
+    for (k = 0; k < count; k++) {
+        char index[16] = "", limits[64] = "finite";
+        if (sbl__between(&v[k], range[0], range[1])) continue;
+        if (count > 1) snprintf(index, sizeof index, "[%d]", k);
+        if (range[1] < FLT_MAX) snprintf(limits, sizeof limits, "%g to %g", (double)range[0], (double)range[1]);
+        else if (range[0] >= 0) snprintf(limits, sizeof limits, "finite and not negative");
+        sbl__mistake(check, "%s: %s%s is %g; it must be %s", where, name, index, (double)v[k], limits);
+    }
 }
 
 static void sbl__check_finite(sbl__check *check, const char *where, const char *name, const float *v, int count) {
-    int k;
-    for (k = 0; k < count; k++)
-        if (!sbl__finite(v + k))
-            sbl__mistake(check, "%s: %s[%d] is %g; it must be finite", where, name, k, (double)v[k]);
+    sbl__check_range(check, where, name, v, count, sbl__any_range);
 }
 
 /* Checks that an array and its element count fit together. name: the field that holds the count */
@@ -3669,10 +3606,11 @@ static void sbl__check_array(sbl__check *check, const char *where, const char *n
                      "array", where, name, count, array ? "given" : "NULL");
 }
 
-/* Checks that range[0] <= x <= range[1]. */
-static void sbl__check_int(sbl__check *check, const char *where, const char *name, int x, const int range[2]) {
-    if (x < range[0] || x > range[1])
-        sbl__mistake(check, "%s: %s is %d; it must be %d to %d", where, name, x, range[0], range[1]);
+/* Returns 1 if range[0] <= x <= range[1]. Otherwise reports a mistake and returns 0. */
+static int sbl__check_int(sbl__check *check, const char *where, const char *name, int x, const int range[2]) {
+    if (x >= range[0] && x <= range[1]) return 1;
+    sbl__mistake(check, "%s: %s is %d; it must be %d to %d", where, name, x, range[0], range[1]);
+    return 0;
 }
 
 /* >>check: meshes */
@@ -3693,27 +3631,53 @@ static size_t sbl__stream_stride(const sbl_stream *s, int components) {
     return s->stride ? s->stride : sbl__stream_element(s, components);
 }
 
-/* A stream of a mesh, and how to read it. */
+/* A stream of a mesh and the layout of its elements. A stream with one component holds indices, others hold floats. */
 typedef struct sbl__stream_use {
     const char *name;          /* field of sbl_mesh, for messages */
     const sbl_stream *stream;
     int components, count;     /* components of an element; elements */
-    int is_index;              /* 1: elements are unsigned integers; 0: components are read as floats */
 } sbl__stream_use;
 
-/* Checks that a stream's elements do not overlap and lie inside the address space and, if the stream names a GL buffer,
-   inside that buffer. The buffer is queried for its size but not read. */
-static void sbl__check_stream_extent(sbl__check *check, int mesh, const sbl__stream_use *use) {
+enum {
+    SBL__POSITIONS, SBL__NORMALS, SBL__TEXCOORDS, SBL__COLORS, SBL__LIGHTMAP_TEXCOORDS, SBL__INDICES, SBL__STREAMS
+};
+
+/* Describes the streams of a mesh. out is indexed by the enumerators above; those before SBL__INDICES are floats. */
+static void sbl__mesh_streams(const sbl_mesh *m, sbl__stream_use out[SBL__STREAMS]) {
+    const sbl__stream_use streams[SBL__STREAMS] = {
+        { "positions", &m->positions, 3, m->vertex_count }, { "normals", &m->normals, 3, m->vertex_count },
+        { "texcoords", &m->texcoords, 2, m->vertex_count }, { "colors", &m->colors, 4, m->vertex_count },
+        { "lightmap_texcoords", &m->lightmap_texcoords, 2, m->vertex_count },
+        { "indices", &m->indices, 1, m->index_count }
+    };
+    memcpy(out, streams, sizeof streams);
+}
+
+/* Checks that a stream's type fits, and that its elements do not overlap and lie inside the address space and, if the
+   stream names a GL buffer, inside that buffer. Does not read the elements. */
+static void sbl__check_stream(sbl__check *check, int mesh, const sbl__stream_use *use) {
     const sbl_stream *s = use->stream;
-    const size_t element = sbl__stream_element(s, use->components), stride = sbl__stream_stride(s, use->components);
-    const double needed = (double)s->offset + (double)stride * (use->count - 1) + (double)element;
-    double size;
-    if (stride < element) {
-        sbl__mistake(check, "mesh %d: %s.stride is %.0f; it must be at least the %.0f bytes of an element", mesh,
-                     use->name, (double)stride, (double)element);
+    const int type = (int)s->type, is_index = use->components == 1;
+    size_t element, stride;
+    double size, needed;
+    if (!sbl__stream_present(s)) return;
+    if (s->data && s->gl_buffer)
+        sbl__mistake(check, "mesh %d: %s.data and %s.gl_buffer (%u) are both set; give one", mesh, use->name, use->name,
+                     s->gl_buffer);
+    if (type < 0 || type >= SBL_TYPE_COUNT || (type >= (int)SBL_UINT8) != is_index) {
+        sbl__mistake(check, "mesh %d: %s.type is %d; %s", mesh, use->name, type, is_index ?
+                     "it must be SBL_UINT8, SBL_UINT16 or SBL_UINT32" : "it must be a float or normalised type");
         return;
     }
-    if (use->count <= 0) return;
+    if (s->type == SBL_UINT8_NORM && use->components == 3)
+        sbl__mistake(check, "mesh %d: %s.type is %d, SBL_UINT8_NORM; only colours and texture coordinates may have it",
+                     mesh, use->name, type);
+    element = sbl__stream_element(s, use->components);
+    stride = sbl__stream_stride(s, use->components);
+    if (stride < element)
+        sbl__mistake(check, "mesh %d: %s.stride is %.0f; it must be at least the %.0f bytes of an element", mesh,
+                     use->name, (double)stride, (double)element);
+    if (stride < element || use->count <= 0) return;
     if ((size_t)use->count - 1 > (SIZE_MAX / 2 - element) / stride || s->offset > SIZE_MAX / 2) {
         sbl__mistake(check, "mesh %d: %s.offset is %.0f and its stride %.0f; %d elements exceed the address space",
                      mesh, use->name, (double)s->offset, (double)stride, use->count);
@@ -3721,50 +3685,25 @@ static void sbl__check_stream_extent(sbl__check *check, int mesh, const sbl__str
     }
     if (!s->gl_buffer) return;
     size = SBL__MAX(0.0, (double)sbl__host_buffer_bytes(check->device, s->gl_buffer));
-    if (size < needed)
+    needed = (double)stride * (use->count - 1) + (double)element;
+    if (size < (double)s->offset + needed)
         sbl__mistake(check, "mesh %d: %s.gl_buffer %u holds %.0f bytes; its %d elements from offset %.0f on need %.0f",
-                     mesh, use->name, s->gl_buffer, size, use->count, (double)s->offset, needed - (double)s->offset);
-}
-
-static void sbl__check_stream(sbl__check *check, int mesh, const sbl__stream_use *use) {
-    const sbl_stream *s = use->stream;
-    const int type = (int)s->type;
-    if (!sbl__stream_present(s)) return;
-    if (s->data && s->gl_buffer)
-        sbl__mistake(check, "mesh %d: %s.data and %s.gl_buffer (%u) are both set; give one", mesh, use->name, use->name,
-                     s->gl_buffer);
-    if (type < 0 || type >= SBL_TYPE_COUNT || (type >= (int)SBL_UINT8) != use->is_index) {
-        sbl__mistake(check, "mesh %d: %s.type is %d; %s", mesh, use->name, type, use->is_index ?
-                     "it must be SBL_UINT8, SBL_UINT16 or SBL_UINT32" : "it must be a float or normalised type");
-        return;
-    }
-    if (s->type == SBL_UINT8_NORM && use->components == 3)
-        sbl__mistake(check, "mesh %d: %s.type is %d, SBL_UINT8_NORM; only colours and texture coordinates may have it",
-                     mesh, use->name, type);
-    sbl__check_stream_extent(check, mesh, use);
+                     mesh, use->name, s->gl_buffer, size, use->count, (double)s->offset, needed);
 }
 
 static void sbl__check_transform(sbl__check *check, int mesh, const float m[16]) {
-    int i;
-    for (i = 0; i < 16; i++)
-        if (!sbl__finite(m + i)) {
-            sbl__mistake(check, "mesh %d: transform[%d] is %g; it must be finite", mesh, i, (double)m[i]);
-            return;
-        }
-    if (!sbl__all_zero(m, 16) && sbl__affine_determinant(m) == 0)
-        sbl__mistake(check, "mesh %d: transform is singular or not affine (its last row is %g %g %g %g, its "
-                     "determinant %g); it must be invertible with last row 0 0 0 1", mesh, (double)m[3], (double)m[7],
+    char where[32];
+    snprintf(where, sizeof where, "mesh %d", mesh);
+    if (!sbl__all_finite(m, 16)) sbl__check_finite(check, where, "transform", m, 16);
+    else if (!sbl__all_zero(m, 16) && sbl__affine_determinant(m) == 0)
+        sbl__mistake(check, "%s: transform is singular or not affine (its last row is %g %g %g %g, its determinant "
+                     "%g); it must be invertible with last row 0 0 0 1", where, (double)m[3], (double)m[7],
                      (double)m[11], (double)m[15], sbl__affine_determinant(m));
 }
 
 static void sbl__check_mesh(sbl__check *check, const sbl_scene_desc *desc, int number) {
     const sbl_mesh *m = &desc->meshes[number];
-    const sbl__stream_use streams[] = {
-        { "positions", &m->positions, 3, m->vertex_count, 0 }, { "normals", &m->normals, 3, m->vertex_count, 0 },
-        { "texcoords", &m->texcoords, 2, m->vertex_count, 0 }, { "colors", &m->colors, 4, m->vertex_count, 0 },
-        { "lightmap_texcoords", &m->lightmap_texcoords, 2, m->vertex_count, 0 },
-        { "indices", &m->indices, 1, m->index_count, 1 }
-    };
+    sbl__stream_use streams[SBL__STREAMS];
     const int indexed = sbl__stream_present(&m->indices);
     int i;
     if (m->vertex_count < 0) {
@@ -3774,10 +3713,11 @@ static void sbl__check_mesh(sbl__check *check, const sbl_scene_desc *desc, int n
     if (m->vertex_count > 0 && !sbl__stream_present(&m->positions))
         sbl__mistake(check, "mesh %d: positions are missing (data and gl_buffer are both 0) for vertex_count %d",
                      number, m->vertex_count);
-    for (i = 0; i < 5; i++) sbl__check_stream(check, number, &streams[i]);
+    sbl__mesh_streams(m, streams);
+    for (i = 0; i < SBL__INDICES; i++) sbl__check_stream(check, number, &streams[i]);
     if (indexed && (m->index_count < 0 || m->index_count % 3 != 0))
         sbl__mistake(check, "mesh %d: index_count is %d; it must be a multiple of 3", number, m->index_count);
-    else if (indexed) sbl__check_stream(check, number, &streams[5]);
+    else if (indexed) sbl__check_stream(check, number, &streams[SBL__INDICES]);
     else if (m->vertex_count % 3 != 0)
         sbl__mistake(check, "mesh %d: vertex_count is %d; without indices it must be a multiple of 3", number,
                      m->vertex_count);
@@ -3795,16 +3735,13 @@ static void sbl__check_material(sbl__check *check, const sbl_scene_desc *desc, i
     char where[32];
     int i;
     snprintf(where, sizeof where, "material %d", number);
-    for (i = 0; i < 3; i++)
-        if (!sbl__between(&m->albedo[i], 0, 1))
-            sbl__mistake(check, "%s: albedo[%d] is %g; it must be 0 to 1", where, i, (double)m->albedo[i]);
-    sbl__check_color(check, where, "emission", m->emission);
+    sbl__check_range(check, where, "albedo", m->albedo, 3, sbl__unit_range);
+    sbl__check_range(check, where, "emission", m->emission, 3, sbl__not_negative_range);
     for (i = 0; i < 2; i++)
         if (textures[i] < 0 || textures[i] > desc->texture_count)
             sbl__mistake(check, "%s: %s_texture is %d; it must be 0 (none) to %d", where, i ? "emission" : "albedo",
                          textures[i], desc->texture_count);
-    if (!sbl__between(&m->alpha_cutoff, 0, 1))
-        sbl__mistake(check, "%s: alpha_cutoff is %g; it must be 0 to 1", where, (double)m->alpha_cutoff);
+    sbl__check_range(check, where, "alpha_cutoff", &m->alpha_cutoff, 1, sbl__unit_range);
     if (m->flags & ~(uint32_t)SBL_MATERIAL_FLAGS_ALL)
         sbl__mistake(check, "%s: flags is 0x%x; only the bits 0x%x exist", where, m->flags,
                      (unsigned)SBL_MATERIAL_FLAGS_ALL);
@@ -3812,7 +3749,7 @@ static void sbl__check_material(sbl__check *check, const sbl_scene_desc *desc, i
 
 static int sbl__texture_channels(const sbl_texture *t) { return t->channels ? t->channels : 4; }
 
-/* Bytes per pixel in client memory */
+/* Returns the size of a pixel in client memory, in bytes. */
 static size_t sbl__texture_texel(const sbl_texture *t) {
     return (size_t)sbl__texture_channels(t) * (t->format == SBL_PIXELS_FLOAT ? 4u : 1u);
 }
@@ -3822,14 +3759,12 @@ static size_t sbl__texture_stride(const sbl_texture *t, int width) {
 }
 
 /* Checks the channels, size and stride of pixels in client memory. most: largest width and height. where: the object in
-   messages, such as "texture 2". prefix: stands before the names of fields in messages: "" or "picture." */
+   messages, such as "texture 2". prefix: precedes the names of fields in messages: "" or "picture." */
 static void sbl__check_pixels(sbl__check *check, const char *where, const char *prefix, const sbl_texture *t,
                               int most) {
-    if (t->channels < 0 || t->channels > 4) {
+    if (t->channels < 0 || t->channels > 4)
         sbl__mistake(check, "%s: %schannels is %d; it must be 1 to 4, or 0 for 4", where, prefix, t->channels);
-        return;
-    }
-    if (t->width < 1 || t->height < 1 || t->width > most || t->height > most)
+    else if (t->width < 1 || t->height < 1 || t->width > most || t->height > most)
         sbl__mistake(check, "%s: %ssize is %d x %d; both must be 1 to %d", where, prefix, t->width, t->height, most);
     else if (t->stride && t->stride < (size_t)t->width * sbl__texture_texel(t))
         sbl__mistake(check, "%s: %sstride is %.0f; it must be at least the %.0f bytes of a row", where, prefix,
@@ -3839,22 +3774,17 @@ static void sbl__check_pixels(sbl__check *check, const char *where, const char *
                      (double)t->stride, t->height);
 }
 
-static int sbl__check_format(sbl__check *check, const char *where, const char *prefix, const sbl_texture *t) {
-    if ((int)t->format >= 0 && (int)t->format < SBL_PIXEL_FORMAT_COUNT) return 1;
-    sbl__mistake(check, "%s: %sformat is %d; it must be 0 to %d", where, prefix, (int)t->format,
-                 SBL_PIXEL_FORMAT_COUNT - 1);
-    return 0;
-}
+static const int sbl__pixel_formats[2] = { 0, SBL_PIXEL_FORMAT_COUNT - 1 };
 
 #define SBL__TEXTURE_MOST 65536  /* largest width and height of a texture, in pixels */
 
 static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, int index) {
+    static const int wraps[2] = { 0, SBL_WRAP_COUNT - 1 };
     const sbl_texture *t = &desc->textures[index];
     char where[32];
     snprintf(where, sizeof where, "texture %d", index + 1);  /* sbl_material numbers textures from 1 */
-    if (!sbl__check_format(check, where, "", t)) return;
-    if ((int)t->wrap < 0 || (int)t->wrap >= SBL_WRAP_COUNT)
-        sbl__mistake(check, "%s: wrap is %d; it must be 0 to %d", where, (int)t->wrap, SBL_WRAP_COUNT - 1);
+    if (!sbl__check_int(check, where, "format", (int)t->format, sbl__pixel_formats)) return;
+    sbl__check_int(check, where, "wrap", (int)t->wrap, wraps);
     if (t->pixels && t->gl_texture)
         sbl__mistake(check, "%s: pixels and gl_texture (%u) are both set; give one", where, t->gl_texture);
     else if (!t->pixels && !t->gl_texture)
@@ -3876,51 +3806,45 @@ static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, in
 #define SBL__SKY_MOST 16384
 
 static void sbl__check_light(sbl__check *check, const sbl_light *l, int number) {
+    static const int kinds[2] = { 0, SBL_LIGHT_KIND_COUNT - 1 };
+    static const float degrees[2] = { 0, 180 };
     const int distant = l->kind == SBL_LIGHT_DIRECTIONAL;
     char where[32];
     snprintf(where, sizeof where, "light %d", number);
-    if ((int)l->kind < 0 || (int)l->kind >= SBL_LIGHT_KIND_COUNT) {
-        sbl__mistake(check, "%s: kind is %d; it must be 0 to %d", where, (int)l->kind, SBL_LIGHT_KIND_COUNT - 1);
-        return;
-    }
-    sbl__check_color(check, where, "intensity", l->intensity);
+    if (!sbl__check_int(check, where, "kind", (int)l->kind, kinds)) return;
+    sbl__check_range(check, where, "intensity", l->intensity, 3, sbl__not_negative_range);
     if (!distant) sbl__check_finite(check, where, "position", l->position, 3);
     if (l->kind != SBL_LIGHT_POINT) {
         sbl__check_finite(check, where, "direction", l->direction, 3);
         if (sbl__all_zero(l->direction, 3))
             sbl__mistake(check, "%s: direction is 0 0 0; it must be the direction in which the light travels", where);
     }
-    if (!distant && !sbl__between(&l->radius, 0, FLT_MAX))
-        sbl__mistake(check, "%s: radius is %g; it must be finite and not negative", where, (double)l->radius);
-    if (distant && !sbl__between(&l->angle, 0, 180))
-        sbl__mistake(check, "%s: angle is %g; it must be 0 to 180 degrees", where, (double)l->angle);
+    if (distant) sbl__check_range(check, where, "angle (in degrees)", &l->angle, 1, degrees);
+    else sbl__check_range(check, where, "radius", &l->radius, 1, sbl__not_negative_range);
     if (l->kind != SBL_LIGHT_SPOT) return;
-    if (!sbl__between(&l->cone, 0, 180))
-        sbl__mistake(check, "%s: cone is %g; it must be 0 to 180 degrees", where, (double)l->cone);
-    else if (!sbl__between(&l->inner_cone, 0, SBL__CONE(l)))
+    sbl__check_range(check, where, "cone (in degrees)", &l->cone, 1, degrees);
+    if (sbl__finite(&l->cone) && !sbl__between(&l->inner_cone, 0, SBL__CONE(l)))
         sbl__mistake(check, "%s: inner_cone is %g; it must be 0 to the %g degrees of the cone", where,
                      (double)l->inner_cone, (double)SBL__CONE(l));
 }
 
 static void sbl__check_environment(sbl__check *check, const sbl_environment *e) {
+    static const int channels[2] = { 0, 4 };
     const sbl_texture *t = &e->picture;
+    const int has_size = t->width || t->height;
     const char *where = "environment";
     if (t->gl_texture)
         sbl__mistake(check, "%s: picture.gl_texture is %u; give pixels in client memory", where, t->gl_texture);
     if (t->pixels && e->radiance)
         sbl__mistake(check, "%s: picture.pixels and radiance are both set; give one", where);
-    if (sbl__check_format(check, where, "picture.", t) && (t->pixels || t->width || t->height || t->channels)) {
-        if (!t->pixels && !e->radiance && (t->width || t->height))
-            sbl__mistake(check, "%s: picture.pixels and radiance are both NULL, but the picture's size is %d x %d; "
-                         "give pixels or a function", where, t->width, t->height);
-        if (t->pixels || t->width || t->height) sbl__check_pixels(check, where, "picture.", t, SBL__SKY_MOST);
-        else if (t->channels < 0 || t->channels > 4)
-            sbl__mistake(check, "%s: picture.channels is %d; it must be 1 to 4, or 0 for 4", where, t->channels);
-    }
-    if (!sbl__finite(&e->scale))
-        sbl__mistake(check, "%s: scale is %g; it must be finite", where, (double)e->scale);
-    if (!sbl__finite(&e->rotation))
-        sbl__mistake(check, "%s: rotation is %g; it must be finite", where, (double)e->rotation);
+    if (!t->pixels && !e->radiance && has_size)
+        sbl__mistake(check, "%s: picture.pixels and radiance are both NULL, but the picture's size is %d x %d; "
+                     "give pixels or a function", where, t->width, t->height);
+    if (sbl__check_int(check, where, "picture.format", (int)t->format, sbl__pixel_formats) && (t->pixels || has_size))
+        sbl__check_pixels(check, where, "picture.", t, SBL__SKY_MOST);
+    else sbl__check_int(check, where, "picture.channels", t->channels, channels);
+    sbl__check_finite(check, where, "scale", &e->scale, 1);
+    sbl__check_finite(check, where, "rotation", &e->rotation, 1);
     sbl__check_finite(check, where, "up", e->up, 3);
 }
 
@@ -3930,23 +3854,21 @@ static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *d
     static const int cells[2] = { 1024, 1048576 };
     const char *where = "sbl_scene_desc";
     sbl__check check;
-    int i, k;
+    int i;
     sbl__check_start(&check, d->base, d, SBL_LOG_ITEM_INVALID_SCENE_DESC);
     if (!sbl__check_canaries(&check, where, desc->start_canary, desc->end_canary)) return sbl__check_end(&check);
     sbl__check_array(&check, where, "mesh_count", desc->mesh_count, desc->meshes);
     sbl__check_array(&check, where, "material_count", desc->material_count, desc->materials);
     sbl__check_array(&check, where, "texture_count", desc->texture_count, desc->textures);
     sbl__check_array(&check, where, "light_count", desc->light_count, desc->lights);
-    sbl__check_color(&check, where, "sky", desc->sky);
+    sbl__check_range(&check, where, "sky", desc->sky, 3, sbl__not_negative_range);
     for (i = 0; desc->draw && i < 6; i++) {
         const float *low = &desc->draw_bounds[0][i % 3], *x = &desc->draw_bounds[i / 3][i % 3];
         if (!sbl__finite(x) || (sbl__finite(low) && *low > desc->draw_bounds[1][i % 3]))
             sbl__mistake(&check, "%s: draw_bounds[%d][%d] is %g; bounds must be finite, lowest corner first", where,
                          i / 3, i % 3, (double)*x);
     }
-    if (!sbl__between(&desc->draw_max_radiance, 0, FLT_MAX))
-        sbl__mistake(&check, "%s: draw_max_radiance is %g; it must be finite and not negative", where,
-                     (double)desc->draw_max_radiance);
+    sbl__check_range(&check, where, "draw_max_radiance", &desc->draw_max_radiance, 1, sbl__not_negative_range);
     if (desc->max_bounce_cells)
         sbl__check_int(&check, where, "max_bounce_cells", desc->max_bounce_cells, cells);
     check.item = SBL_LOG_ITEM_INVALID_LIGHT;
@@ -3957,7 +3879,7 @@ static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *d
     check.item = SBL_LOG_ITEM_INVALID_MATERIAL;
     for (i = 0; desc->materials && i < desc->material_count; i++) sbl__check_material(&check, desc, i);
     check.item = SBL_LOG_ITEM_INVALID_TEXTURE;
-    for (k = 0; desc->textures && k < desc->texture_count; k++) sbl__check_texture(&check, desc, k);
+    for (i = 0; desc->textures && i < desc->texture_count; i++) sbl__check_texture(&check, desc, i);
     return sbl__check_end(&check);
 }
 
@@ -3990,9 +3912,7 @@ static sbl_result sbl__check_context(const sbl__base *base, const sbl_context_de
     if (d->sensor_texture_size)
         sbl__check_int(&check, where, "sensor_texture_size", d->sensor_texture_size, sizes);
     if (d->batch < 0) sbl__mistake(&check, "%s: batch is %d; it cannot be negative", where, d->batch);
-    if (!sbl__between(&d->longest_submission, 0, FLT_MAX))
-        sbl__mistake(&check, "%s: longest_submission is %g; it must be finite and not negative", where,
-                     (double)d->longest_submission);
+    sbl__check_range(&check, where, "longest_submission", &d->longest_submission, 1, sbl__not_negative_range);
     return sbl__check_end(&check);
 }
 
@@ -4053,14 +3973,10 @@ typedef struct sbl__geometry {
 } sbl__geometry;
 
 static void sbl__geometry_free(const sbl__device *d, sbl__geometry *g) {
-    sbl__free(d->base, g->meshes);
-    sbl__free(d->base, g->positions);
-    sbl__free(d->base, g->normals);
-    sbl__free(d->base, g->lightmap_texcoords);
-    sbl__free(d->base, g->vertices);
-    sbl__free(d->base, g->attributes);
-    sbl__free(d->base, g->indices);
-    sbl__free(d->base, g->objects);
+    void *const arrays[] = { g->meshes, g->positions, g->normals, g->lightmap_texcoords, g->vertices, g->attributes,
+                             g->indices, g->objects };
+    int i;
+    for (i = 0; i < SBL__COUNT(arrays); i++) sbl__free(d->base, arrays[i]);
     sbl__array_delete(d, &g->vertex_array);
     sbl__table_delete(d, &g->position_table);
     sbl__table_delete(d, &g->attribute_table);
@@ -4080,12 +3996,10 @@ static float sbl__component(const unsigned char *at, sbl_type type) {
     switch (type) {
         case SBL_FLOAT32: memcpy(&f, at, 4); return f;
         case SBL_FLOAT16: memcpy(&u16, at, 2); return sbl__from_half(u16);
-        case SBL_UINT8_NORM: return (float)(*at * sbl__types[type].scale);
-        case SBL_UINT16_NORM: memcpy(&u16, at, 2); return (float)(u16 * sbl__types[type].scale);
+        case SBL_UINT8: case SBL_UINT8_NORM: return (float)(*at * sbl__types[type].scale);
+        case SBL_UINT16: case SBL_UINT16_NORM: memcpy(&u16, at, 2); return (float)(u16 * sbl__types[type].scale);
         case SBL_INT8_NORM: memcpy(&i8, at, 1); return (float)SBL__MAX(-1.0, i8 * sbl__types[type].scale);
         case SBL_INT16_NORM: memcpy(&i16, at, 2); return (float)SBL__MAX(-1.0, i16 * sbl__types[type].scale);
-        case SBL_UINT8: return (float)*at;
-        case SBL_UINT16: memcpy(&u16, at, 2); return (float)u16;
         case SBL_UINT32: memcpy(&u32, at, 4); return (float)u32;
         default: return 0;
     }
@@ -4100,7 +4014,7 @@ static uint32_t sbl__index(const unsigned char *at, sbl_type type) {
     return u32;
 }
 
-/* Reads the elements of a stream that has been checked, as float or, if use->is_index, as uint32_t. */
+/* Reads the elements of a stream that has been checked. out: indices as uint32_t, other components as float */
 static sbl_result sbl__stream_read(const sbl__device *d, const sbl__stream_use *use, void *out) {
     const sbl_stream *s = use->stream;
     const size_t stride = sbl__stream_stride(s, use->components), element = sbl__stream_element(s, use->components);
@@ -4117,7 +4031,7 @@ static sbl_result sbl__stream_read(const sbl__device *d, const sbl__stream_use *
     }
     for (i = 0; i < use->count && result == SBL_SUCCESS; i++) {
         const unsigned char *at = from + stride * (size_t)i;
-        if (use->is_index) ((uint32_t *)out)[i] = sbl__index(at, s->type);
+        if (use->components == 1) ((uint32_t *)out)[i] = sbl__index(at, s->type);
         else
             for (k = 0; k < use->components; k++)
                 ((float *)out)[(size_t)use->components * (size_t)i + (size_t)k] =
@@ -4127,88 +4041,56 @@ static sbl_result sbl__stream_read(const sbl__device *d, const sbl__stream_use *
     return result;
 }
 
-/* A mesh that has been read. positions, normals, lightmap_texcoords and corners point into the arrays of sbl__geometry.
-   texcoords, colors and lightmap_texcoords are NULL if the mesh has none. */
+/* A mesh that has been read. The values of a stream are NULL if the mesh does not have it. Texture coordinates and
+   colours belong to this struct. The other values and the corners point into the arrays of sbl__geometry. */
 typedef struct sbl__mesh_data {
-    float *positions, *normals, *texcoords, *colors;
+    sbl__stream_use streams[SBL__STREAMS];
+    float *values[SBL__INDICES];
     uint32_t *corners;           /* three vertex numbers per triangle, counted from the mesh's first vertex */
     int vertex_count, corner_count;
-    float *lightmap_texcoords;
-    int has_normals;
 } sbl__mesh_data;
 
-static void sbl__mesh_data_free(const sbl__device *d, sbl__mesh_data *m) {
-    sbl__free(d->base, m->texcoords);
-    sbl__free(d->base, m->colors);
-}
-
 static sbl_result sbl__mesh_read(const sbl__device *d, const sbl__geometry *g, const sbl_mesh *in, sbl__mesh_data *m) {
-    const int indexed = sbl__stream_present(&in->indices), vertices = in->vertex_count;
-    const sbl__stream_use positions = { "positions", &in->positions, 3, vertices, 0 };
-    const sbl__stream_use normals = { "normals", &in->normals, 3, vertices, 0 };
-    const sbl__stream_use texcoords = { "texcoords", &in->texcoords, 2, vertices, 0 };
-    const sbl__stream_use lightmap = { "lightmap_texcoords", &in->lightmap_texcoords, 2, vertices, 0 };
-    const sbl__stream_use colors = { "colors", &in->colors, 4, vertices, 0 };
-    const sbl__stream_use indices = { "indices", &in->indices, 1, in->index_count, 1 };
+    const int indexed = sbl__stream_present(&in->indices);
+    const size_t first = (size_t)g->vertex_count;
     sbl_result result = SBL_SUCCESS;
     int i;
     memset(m, 0, sizeof *m);
-    m->vertex_count = vertices;
-    m->corner_count = indexed ? in->index_count : vertices;
-    m->positions = g->positions + 3 * (size_t)g->vertex_count;
-    m->normals = g->normals + 3 * (size_t)g->vertex_count;
+    sbl__mesh_streams(in, m->streams);
+    m->vertex_count = in->vertex_count;
+    m->corner_count = indexed ? in->index_count : in->vertex_count;
     m->corners = g->indices + 3 * (size_t)g->triangle_count;
-    m->has_normals = sbl__stream_present(&in->normals);
-    if (sbl__stream_present(&in->lightmap_texcoords))
-        m->lightmap_texcoords = g->lightmap_texcoords + 2 * (size_t)g->vertex_count;
-    if (sbl__stream_present(&in->texcoords)) m->texcoords = (float *)sbl__alloc_raw(d->base, (size_t)vertices, 8);
-    if (sbl__stream_present(&in->colors)) m->colors = (float *)sbl__alloc_raw(d->base, (size_t)vertices, 16);
-    if ((sbl__stream_present(&in->texcoords) && !m->texcoords) || (sbl__stream_present(&in->colors) && !m->colors))
-        result = SBL_ERROR_OUT_OF_MEMORY;
-    if (result == SBL_SUCCESS && vertices) result = sbl__stream_read(d, &positions, m->positions);
-    if (result == SBL_SUCCESS && m->has_normals) result = sbl__stream_read(d, &normals, m->normals);
-    if (result == SBL_SUCCESS && m->texcoords) result = sbl__stream_read(d, &texcoords, m->texcoords);
-    if (result == SBL_SUCCESS && m->lightmap_texcoords)
-        result = sbl__stream_read(d, &lightmap, m->lightmap_texcoords);
-    if (result == SBL_SUCCESS && m->colors) result = sbl__stream_read(d, &colors, m->colors);
-    if (result == SBL_SUCCESS && indexed) result = sbl__stream_read(d, &indices, m->corners);
+    for (i = 0; i < SBL__INDICES && result == SBL_SUCCESS; i++) {
+        const sbl__stream_use *use = &m->streams[i];
+        if (!sbl__stream_present(use->stream)) continue;
+        m->values[i] = i == SBL__POSITIONS ? g->positions + 3 * first
+                     : i == SBL__NORMALS   ? g->normals + 3 * first
+                     : i == SBL__LIGHTMAP_TEXCOORDS ? g->lightmap_texcoords + 2 * first
+                     : (float *)sbl__alloc_raw(d->base, (size_t)use->count, 4 * (size_t)use->components);
+        result = m->values[i] ? sbl__stream_read(d, use, m->values[i]) : SBL_ERROR_OUT_OF_MEMORY;
+    }
+    if (result == SBL_SUCCESS && indexed) result = sbl__stream_read(d, &m->streams[SBL__INDICES], m->corners);
     for (i = 0; !indexed && i < m->corner_count; i++) m->corners[i] = (uint32_t)i;
     return result;
 }
 
 /* >>geometry: validating */
 
-/* Reports the first component of an attribute that is not finite or lies outside range[0] .. range[1]. */
-static void sbl__mesh_check(sbl__check *check, int mesh, const sbl__stream_use *use, const float *v,
-                            const float range[2]) {
-    int i, k;
-    for (i = 0; i < use->count; i++)
-        for (k = 0; k < use->components; k++) {
-            const float *x = &v[(size_t)use->components * (size_t)i + (size_t)k];
-            if (sbl__between(x, range[0], range[1])) continue;
-            if (range[1] == 1.0f)
-                sbl__mistake(check, "mesh %d: %s: component %d of vertex %d is %g; it must be 0 to 1", mesh, use->name,
-                             k, i, (double)*x);
-            else
-                sbl__mistake(check, "mesh %d: %s: component %d of vertex %d is %g; it must be finite", mesh, use->name,
-                             k, i, (double)*x);
-            return;
-        }
-}
-
+/* Reports the first bad component of each stream, and the first bad index. */
 static void sbl__mesh_validate(sbl__check *check, const sbl__mesh_data *m, int number) {
-    static const float any[2] = { -FLT_MAX, FLT_MAX }, share[2] = { 0, 1 };
-    const sbl__stream_use positions = { "positions", NULL, 3, m->vertex_count, 0 };
-    const sbl__stream_use normals = { "normals", NULL, 3, m->vertex_count, 0 };
-    const sbl__stream_use texcoords = { "texcoords", NULL, 2, m->vertex_count, 0 };
-    const sbl__stream_use lightmap = { "lightmap_texcoords", NULL, 2, m->vertex_count, 0 };
-    const sbl__stream_use colors = { "colors", NULL, 4, m->vertex_count, 0 };
-    int i;
-    sbl__mesh_check(check, number, &positions, m->positions, any);
-    if (m->has_normals) sbl__mesh_check(check, number, &normals, m->normals, any);
-    if (m->texcoords) sbl__mesh_check(check, number, &texcoords, m->texcoords, any);
-    if (m->lightmap_texcoords) sbl__mesh_check(check, number, &lightmap, m->lightmap_texcoords, any);
-    if (m->colors) sbl__mesh_check(check, number, &colors, m->colors, share);
+    int s, i;
+    for (s = 0; s < SBL__INDICES; s++) {
+        const sbl__stream_use *use = &m->streams[s];
+        const float *range = s == SBL__COLORS ? sbl__unit_range : sbl__any_range;
+        char where[64], name[64];
+        for (i = 0; m->values[s] && i < use->count * use->components; i++) {
+            if (sbl__between(&m->values[s][i], range[0], range[1])) continue;
+            snprintf(where, sizeof where, "mesh %d: %s", number, use->name);
+            snprintf(name, sizeof name, "component %d of vertex %d", i % use->components, i / use->components);
+            sbl__check_range(check, where, name, &m->values[s][i], 1, range);
+            break;
+        }
+    }
     for (i = 0; i < m->corner_count; i++)
         if (m->corners[i] >= (uint32_t)m->vertex_count) {
             sbl__mistake(check, "mesh %d: indices: index %d is %u; the mesh has %d vertices", number, i, m->corners[i],
@@ -4226,17 +4108,18 @@ static uint32_t sbl__pack_color(const float *two) {
 /* Fills the attributes and indices of a mesh that has been read and validated. Leaves out triangles without area. */
 static void sbl__mesh_convert(sbl__geometry *g, const sbl__mesh_data *m, int number) {
     static const float white[4] = { 1, 1, 1, 1 };
+    const float *texcoords = m->values[SBL__TEXCOORDS], *colors = m->values[SBL__COLORS];
     sbl__mesh *mesh = &g->meshes[number];
     int v, t, i;
     mesh->first_vertex = g->vertex_count;
     mesh->vertex_count = m->vertex_count;
     mesh->first_triangle = g->triangle_count;
-    mesh->lightmapped = m->lightmap_texcoords != NULL;
+    mesh->lightmapped = m->values[SBL__LIGHTMAP_TEXCOORDS] != NULL;
     for (v = 0; v < m->vertex_count; v++) {
         sbl__attributes *a = &g->attributes[g->vertex_count + v];
-        const float *color = m->colors ? m->colors + 4 * (size_t)v : white;
-        a->u = m->texcoords ? m->texcoords[2 * (size_t)v] : 0;
-        a->v = m->texcoords ? m->texcoords[2 * (size_t)v + 1] : 0;
+        const float *color = colors ? colors + 4 * (size_t)v : white;
+        a->u = texcoords ? texcoords[2 * (size_t)v] : 0;
+        a->v = texcoords ? texcoords[2 * (size_t)v + 1] : 0;
         a->color_rg = sbl__pack_color(color);
         a->color_ba = sbl__pack_color(color + 2);
         a->unused = 0;
@@ -4248,7 +4131,7 @@ static void sbl__mesh_convert(sbl__geometry *g, const sbl__mesh_data *m, int num
         uint32_t corners[3];
         for (i = 0; i < 3; i++) {
             corners[i] = m->corners[3 * (size_t)t + (size_t)i];
-            p[i] = m->positions + 3 * (size_t)corners[i];
+            p[i] = m->values[SBL__POSITIONS] + 3 * (size_t)corners[i];
         }
         sbl__triangle_normal(p, normal);
         if (normal[0] == 0 && normal[1] == 0 && normal[2] == 0) { g->degenerate_count++; continue; }
@@ -4258,11 +4141,10 @@ static void sbl__mesh_convert(sbl__geometry *g, const sbl__mesh_data *m, int num
     }
     mesh->triangle_count = g->triangle_count - mesh->first_triangle;
     g->vertex_count += m->vertex_count;
-    if (m->colors) g->colored = 1;
+    if (colors) g->colored = 1;
 }
 
-/* Reverses the winding of a mesh's triangles. A transform with a negative determinant (a reflection) reverses it, too,
-   so front faces stay front faces. */
+/* Reverses the winding of a mesh's triangles. This keeps front faces in front after a reflection. */
 static void sbl__mesh_reverse(sbl__geometry *g, const sbl__mesh *mesh) {
     int t;
     for (t = mesh->first_triangle; t < mesh->first_triangle + mesh->triangle_count; t++) {
@@ -4325,7 +4207,8 @@ static sbl_result sbl__geometry_add(const sbl__device *d, sbl__geometry *g, cons
         if (sbl__affine_determinant(mesh->transform) < 0) sbl__mesh_reverse(g, mesh);
         if (!sbl__mesh_transform(d->base, g, number, mesh->transform)) result = SBL_ERROR_INVALID_ARGUMENT;
     }
-    sbl__mesh_data_free(d, &data);
+    sbl__free(d->base, data.values[SBL__TEXCOORDS]);
+    sbl__free(d->base, data.values[SBL__COLORS]);
     return result;
 }
 
@@ -4369,8 +4252,7 @@ static sbl_result sbl__geometry_make(const sbl__device *d, sbl__geometry *g, con
     return result;
 }
 
-/* Computes the scene's bounds and extent. drawn: lowest and highest corner of what the host draws itself; NULL if it
-   draws nothing */
+/* Computes the scene's bounds and extent. drawn: bounds of what the host draws itself; NULL if it draws nothing */
 static void sbl__geometry_measure(sbl__geometry *g, const float (*drawn)[3]) {
     double diagonal = 0, farthest = 0;
     int i, k;
@@ -4441,8 +4323,7 @@ static sbl_result sbl__geometry_upload(const sbl__device *d, sbl__geometry *g) {
     return sbl__gl_check(&d->gl);
 }
 
-/* Gives a mesh another transform, in the arrays and on the GPU. Logs an error, leaves the mesh as it was and returns
-   SBL_ERROR_INVALID_ARGUMENT if a vertex would be too far away (see sbl__mesh_transform). */
+/* Gives a mesh another transform, in the arrays and on the GPU. Changes nothing if sbl__mesh_transform refuses it. */
 static sbl_result sbl__geometry_move(const sbl__device *d, sbl__geometry *g, int number, const float transform[16]) {
     sbl__mesh *mesh = &g->meshes[number];
     const size_t first = (size_t)mesh->first_vertex, count = (size_t)mesh->vertex_count;
@@ -4478,7 +4359,7 @@ static void sbl__scene_triangle(const sbl__geometry *g, uint32_t triangle, const
     for (k = 0; k < 3; k++) corners[k] = sbl__triangle_corner(g, triangle, k);
 }
 
-/* Unit; returns its area. */
+/* Computes the unit normal of a triangle, 0 0 0 if it has none; returns the area. */
 static double sbl__scene_normal(const sbl__geometry *g, uint32_t triangle, double normal[3]) {
     const float *corners[3];
     double area;

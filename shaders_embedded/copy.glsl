@@ -1,4 +1,4 @@
-// Reads a host's texture as sampling it gives it: sRGB decoded, swizzled.
+// Copies a texture of the host. texelFetch applies the texture's sRGB decoding and swizzle.
 uniform sampler2D source;
 layout(location = 0) out vec4 out_color;
 

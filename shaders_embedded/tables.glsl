@@ -1,6 +1,6 @@
-// What stands above every shader: how tables are read. Those that grow with the scene are buffer textures or, past
-// the driver's limit for these, 2D textures (see sbl__table_attach in sbl.h). Above this stand the program's
-// features and the constants that C shares, below it the functions that read its records (see >>records).
+// Begins every shader. The #defines of the program's features and of the constants that C shares precede it; the
+// functions that read records follow it (see >>records in sbl.h). Tables that grow with the scene are buffer
+// textures or, if they exceed the driver's limit of buffer textures, 2D textures (see sbl__table_attach).
 #ifdef SBL_WIDE
 #define sbl_Texels usampler2D
 #define sbl_fetch(texels, i) texelFetch(texels, ivec2((i) & (SBL_TEXELS_ACROSS - 1), (i) >> SBL_TEXELS_SHIFT), 0)
@@ -9,5 +9,6 @@
 #define sbl_fetch(texels, i) texelFetch(texels, i)
 #endif
 
-// Software renderers run both sides of every if, and loops at least once, but leave loops that no lane is in: what
-// is long and seldom wanted is a loop whose count may be 0, or a feature.
+// Software renderers execute both branches of an if, and the body of a loop at least once, but they leave a loop
+// when no lane is in it. Expensive code that is rarely needed is therefore a loop that may have 0 turns, or it
+// depends on a feature.
