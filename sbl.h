@@ -14594,24 +14594,21 @@ static double sbl__refine_progress(const sbl__refine *r) {
     return SBL__MIN(SBL__MAX(share, 0.0), 1.0);
 }
 
-/* >>refine: filling in one layer of light, four floats a pixel: light, and the noise of R, which is above 0 where
-   there is a surface. Filling in keeps its own cursor, so that it can run at any time during refinement. */
+/* >>refine: filling in one layer of light. It has its own stages, so that it can run at any time during refinement. */
 
 typedef struct sbl__fill {
-    sbl__refine *refine;
+    sbl__refine *refine;        /* set by the caller, like `layer`; all other fields begin as 0 */
     int layer;
-    sbl__stages stages;         /* stages: tiles, search for orphans, spreading light to orphans; see sbl__fill_step */
-    int row;                    /* row of the current tile that comes next */
-    float *rgba;
-    int *orphans;               /* pixels without light, as no tile covers them */
-    float *found;               /* light and noise that each orphan gets in the current ring */
-    int orphan_count;
+    sbl__stages stages;
+    int row;                    /* next row of the current tile */
+    float *rgba;                /* output, 4 floats per pixel: light; noise of R, above 0 where there is a surface */
+    int orphans;                /* number of pixels that no tile covers */
+    sbl__rings rings;           /* spread light to the orphans */
 } sbl__fill;
 
 static void sbl__fill_free(sbl__base *base, sbl__fill *f) {
     sbl__free(base, f->rgba);
-    sbl__free(base, f->orphans);
-    sbl__free(base, f->found);
+    sbl__rings_free(base, &f->rings);
     memset(f, 0, sizeof *f);
 }
 
@@ -14662,7 +14659,7 @@ static void sbl__fill_row(sbl__fill *f, const sbl__edge *row, const sbl__tile *c
             p->error = sbl__expected(r, p, c->noise2);
         } else {
             sbl__interpolate(r, c, x, y, f->layer, &m);
-            if (!(m.covered > 0)) { f->orphan_count++; continue; }
+            if (!(m.covered > 0)) { f->orphans++; continue; }
             sbl__tile_share(c, x, y, s);
             to[3] = (float)sqrt(m.variance);
             for (k = 0; k < 3; k++) {
@@ -14700,82 +14697,76 @@ static sbl_result sbl__fill_tiles(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* Averages light and noise of those of the eight neighbours that have light (noise above 0) and belong to the same
-   surface as the pixel. Returns 0 if there is no such neighbour. */
-static int sbl__fill_spread(const sbl__fill *f, int index, float out[4]) {
-    const sbl__refine *r = f->refine;
-    const int x = index % r->width, y = index / r->width;
-    const sbl__pixel *pixel = &r->pixels[index];
-    float sum[4] = { 0, 0, 0, 0 }, weights = 0;
-    int i, j, k;
-    for (j = SBL__MAX(y - 1, 0); j <= SBL__MIN(y + 1, r->height - 1); j++)
-        for (i = SBL__MAX(x - 1, 0); i <= SBL__MIN(x + 1, r->width - 1); i++) {
-            const size_t at = (size_t)j * (size_t)r->width + (size_t)i;
-            float weight = f->rgba[4 * at + 3] > 0 ? sbl__belongs(pixel, &r->pixels[at], r->geometry_aware) : 0;
-            for (k = 0; k < 4 && weight > 0; k++) sum[k] += weight * f->rgba[4 * at + (size_t)k];
-            weights += weight;
-        }
-    for (k = 0; k < 4 && weights > 0; k++) out[k] = sum[k] / weights;
-    return weights > 0;
+/* Finds the pixels that wait for light and belong to the surface of the given pixel, among its eight neighbours. */
+static int sbl__fill_neighbour(const sbl__rings *rings, int index, size_t *place) {
+    const sbl__refine *r = ((const sbl__fill *)rings->user)->refine;
+    int other;
+    while ((other = sbl__ring_grid(rings, index, place)) >= 0)
+        if (rings->ring[other] == SBL__RING_WAITS &&
+            sbl__belongs(&r->pixels[other], &r->pixels[index], r->geometry_aware) > 0) break;
+    return other;
 }
 
-/* Lists the orphans: pixels whose own sensor is stuck and that no tile covers. */
-static sbl_result sbl__fill_find_orphans(void *work, sbl__slice *slice) {
+/* Sets light and noise of an orphan to the mean of those neighbours on its surface that earlier rings have reached. */
+static void sbl__fill_mean(void *user, int index) {
+    sbl__fill *f = (sbl__fill *)user;
+    const sbl__refine *r = f->refine;
+    float *out = f->rgba + 4 * (size_t)index, sum[4] = { 0, 0, 0, 0 }, weights = 0;
+    size_t place = 0;
+    int k, other;
+    while ((other = sbl__ring_grid(&f->rings, index, &place)) >= 0) {
+        const float weight = sbl__ring_reached(&f->rings, other)
+                           ? sbl__belongs(&r->pixels[index], &r->pixels[other], r->geometry_aware) : 0;
+        for (k = 0; k < 4 && weight > 0; k++) sum[k] += weight * f->rgba[4 * (size_t)other + (size_t)k];
+        weights += weight;
+    }
+    for (k = 0; k < 4; k++) out[k] = sum[k] / weights;
+}
+
+/* Prepares the rings if there are orphans. Without orphans rings.count stays 0, so that the stages do nothing. */
+static sbl_result sbl__fill_rings(void *work, sbl__slice *slice) {
     sbl__fill *f = (sbl__fill *)work;
     const sbl__refine *r = f->refine;
-    int *at = &f->stages.at;
-    if (*at == 0 && !f->orphan_count) return SBL_SUCCESS;
-    if (*at == 0) {
-        f->orphans = (int *)sbl__alloc_raw(&r->core->base, (size_t)f->orphan_count, sizeof *f->orphans);
-        f->found = (float *)sbl__alloc_raw(&r->core->base, (size_t)f->orphan_count, 4 * sizeof *f->found);
-        if (!f->orphans || !f->found) return SBL_ERROR_OUT_OF_MEMORY;
-        f->orphan_count = 0;
-    }
-    for (; *at < r->width * r->height; ++*at) {
-        if (*at && sbl__late(slice)) return SBL_UNFINISHED;
-        if (r->pixels[*at].id && f->rgba[4 * (size_t)*at + 3] == 0.0f) f->orphans[f->orphan_count++] = *at;
-    }
+    (void)slice;
+    if (!f->orphans || f->rings.ring) return SBL_SUCCESS;
+    f->rings.user = f;
+    f->rings.neighbour = sbl__fill_neighbour;
+    f->rings.mean = sbl__fill_mean;
+    f->rings.width = r->width;
+    f->rings.last = INT_MAX;
+    return sbl__rings_make(&r->core->base, &f->rings, r->width * r->height);
+}
+
+static int sbl__fill_pixels(void *work) { return ((sbl__fill *)work)->rings.count; }
+
+static sbl_result sbl__fill_source(void *work, int index) {
+    sbl__fill *f = (sbl__fill *)work;
+    if (f->rgba[4 * (size_t)index + 3] > 0) f->rings.ring[index] = 0;
     return SBL_SUCCESS;
 }
 
-/* Spreads light over each surface to its orphans, ring by ring. Orphans on a surface without light keep what their
-   stuck sensor saw. */
-static sbl_result sbl__fill_adopt(void *work, sbl__slice *slice) {
+static sbl_result sbl__fill_spread(void *work, sbl__slice *slice) {
+    return sbl__rings_step(&((sbl__fill *)work)->rings, slice);
+}
+
+/* Gives the light of its own stuck sensor to an orphan that no ring has reached. */
+static sbl_result sbl__fill_rest(void *work, int index) {
     sbl__fill *f = (sbl__fill *)work;
-    int *at = &f->stages.at;
-    while (f->orphan_count) {
-        const int before = f->orphan_count;
-        int i;
-        for (; *at < before; ++*at) {
-            float *found = f->found + 4 * (size_t)*at;
-            if (sbl__late(slice)) return SBL_UNFINISHED;
-            if (!sbl__fill_spread(f, f->orphans[*at], found)) found[3] = 0;
-        }
-        *at = 0;
-        for (i = f->orphan_count = 0; i < before; i++) {
-            const float *found = f->found + 4 * (size_t)i;
-            if (found[3] > 0) memcpy(f->rgba + 4 * (size_t)f->orphans[i], found, 4 * sizeof(float));
-            else f->orphans[f->orphan_count++] = f->orphans[i];
-        }
-        if (f->orphan_count < before) continue;
-        for (i = 0; i < f->orphan_count; i++) {
-            const sbl__pixel *p = &f->refine->pixels[f->orphans[i]];
-            float *to = f->rgba + 4 * (size_t)f->orphans[i];
-            memcpy(to, sbl__pixel_light(f->refine, p, f->layer), 3 * sizeof(float));
-            to[3] = SBL__LEAST_NOISE;
-        }
-        f->orphan_count = 0;
-    }
+    const sbl__pixel *p = &f->refine->pixels[index];
+    float *to = f->rgba + 4 * (size_t)index;
+    if (!p->id || to[3] > 0) return SBL_SUCCESS;
+    memcpy(to, sbl__pixel_light(f->refine, p, f->layer), 3 * sizeof(float));
+    to[3] = SBL__LEAST_NOISE;
     return SBL_SUCCESS;
 }
 
-/* Does one bounded piece of filling in. SBL_SUCCESS: f->rgba is filled in. The caller begins with a zeroed sbl__fill
-   whose fields `refine` and `layer` are set. */
+/* Does one bounded piece of filling in. Returns SBL_SUCCESS when f->rgba is filled in. */
 static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__fill_tiles, NULL, NULL, NULL },
-        { sbl__fill_find_orphans, NULL, NULL, NULL },
-        { sbl__fill_adopt, NULL, NULL, NULL }
+        { sbl__fill_rings, NULL, sbl__fill_source, sbl__fill_pixels },
+        { sbl__fill_spread, NULL, NULL, NULL },
+        { NULL, NULL, sbl__fill_rest, sbl__fill_pixels }
     };
     return sbl__stages_step(&f->stages, table, SBL__COUNT(table), f, slice);
 }
