@@ -13383,7 +13383,6 @@ typedef struct sbl__refine {
     int tile_size;            /* width and height of first-level tiles */
     int geometry_aware;       /* 1 except in SBL_MODE_PAPER; the threshold is then relative to the mean */
     float distance_limit;     /* cut-off of distances in the sensors' mean distances; 0: no test for occlusion */
-    int bounced;              /* 1: light bounces, so that only a sensor inside a solid finds no light at all */
     double lit, lit_backs;    /* number of sensors that found light so far; sum of their shares of back faces */
     float threshold;          /* 0: tiles are split by predicted gain */
     float target_error;       /* 0: refine until nothing is left to buy */
@@ -13470,15 +13469,6 @@ static int sbl__connected(const sbl__pixel *a, const sbl__pixel *b, int geometry
     return sbl__usable(a) && sbl__usable(b) && sbl__belongs(a, b, geometry_aware) > 0;
 }
 
-/* Returns the sensor `steps` lengths of an edge beyond its end 0 or 1 if `pixel` may use the sensor's light, else
-   NULL. */
-static const sbl__pixel *sbl__sensor_beyond(const sbl__refine *r, const sbl__pixel *pixel, const sbl__range *e, int end,
-                                            int steps) {
-    const sbl__pixel *p = sbl__pixel_inside(r, e->x[end] + steps * (e->x[end] - e->x[!end]),
-                                            e->y[end] + steps * (e->y[end] - e->y[!end]));
-    return p && sbl__usable(p) && sbl__belongs(pixel, p, r->geometry_aware) > 0 ? p : NULL;
-}
-
 /* >>refine: noise */
 
 /* Returns the rounded-down binary logarithm of a number of looks. */
@@ -13540,14 +13530,30 @@ static int sbl__tile_span(const sbl__tile *c) {
     return SBL__MAX(c->area.x[1] - c->area.x[0], c->area.y[1] - c->area.y[0]);
 }
 
+typedef struct sbl__edge { sbl__range line; const sbl__pixel *ends[2]; } sbl__edge;
+
 /* Returns an edge of a tile; side 0: top, 1: bottom, 2: left, 3: right. */
-static sbl__range sbl__tile_edge(const sbl__tile *c, int side) {
-    sbl__range e = c->area;
-    if (side == 0) e.y[1] = e.y[0];
-    if (side == 1) e.y[0] = e.y[1];
-    if (side == 2) e.x[1] = e.x[0];
-    if (side == 3) e.x[0] = e.x[1];
+static sbl__edge sbl__tile_edge(const sbl__refine *r, const sbl__tile *c, int side) {
+    static const int corners[4][2] = { { 0, 1 }, { 2, 3 }, { 0, 2 }, { 1, 3 } };
+    sbl__edge e;
+    int end;
+    for (end = 0; end < 2; end++) {
+        const int corner = corners[side][end];
+        e.line.x[end] = c->area.x[corner & 1];
+        e.line.y[end] = c->area.y[corner >> 1];
+        e.ends[end] = sbl__tile_corner(r, c, corner);
+    }
     return e;
+}
+
+/* Returns the sensor `steps` lengths of an edge beyond its end 0 or 1 if `pixel` may use the sensor's light, else
+   NULL. */
+static const sbl__pixel *sbl__sensor_beyond(const sbl__refine *r, const sbl__pixel *pixel, const sbl__edge *e, int end,
+                                            int steps) {
+    const int *x = e->line.x, *y = e->line.y;
+    const int dx = x[end] - x[!end], dy = y[end] - y[!end];
+    const sbl__pixel *p = sbl__pixel_inside(r, x[end] + steps * dx, y[end] + steps * dy);
+    return p && sbl__usable(p) && sbl__belongs(pixel, p, r->geometry_aware) > 0 ? p : NULL;
 }
 
 /* Returns the pixels that a tile gives light to. Its right column and bottom row belong to the next tile, except at
@@ -13559,15 +13565,10 @@ static sbl__range sbl__tile_pixels(const sbl__refine *r, const sbl__tile *c) {
     return pixels;
 }
 
-/* Computes the position of a pixel in a tile, 0 to 1 on each axis. */
-static void sbl__tile_share(const sbl__range *a, int x, int y, float share[2]) {
-    share[0] = a->x[1] > a->x[0] ? (float)(x - a->x[0]) / (float)(a->x[1] - a->x[0]) : 0;
-    share[1] = a->y[1] > a->y[0] ? (float)(y - a->y[0]) / (float)(a->y[1] - a->y[0]) : 0;
-}
-
 /* A weighted mean of one layer of light over sensors, with its variance. */
 typedef struct sbl__mix {
     int layer;
+    float share[2];           /* position in the tile, 0 to 1 on each axis */
     float light[3];
     float own;                /* weight of corners that belong to the pixel, 0 to 1 */
     float covered;            /* that weight plus the weight of extrapolated corners; 0: there is no light */
@@ -13591,10 +13592,9 @@ static void sbl__mix_extrapolate(const sbl__refine *r, const sbl__tile *c, int c
     float share;
     int axis;
     for (axis = 0; axis < 2; axis++) {
-        const sbl__range e = sbl__tile_edge(c, axis ? 2 + right : lower);
+        const sbl__edge e = sbl__tile_edge(r, c, axis ? 2 + right : lower);
         const int end = axis ? !lower : !right;
-        const int is_point = e.x[0] == e.x[1] && e.y[0] == e.y[1];
-        adjacent[axis] = is_point ? NULL : sbl__sensor_beyond(r, pixel, &e, end, 0);
+        adjacent[axis] = e.ends[0] == e.ends[1] ? NULL : sbl__sensor_beyond(r, pixel, &e, end, 0);
         beyond[axis] = adjacent[axis] ? sbl__sensor_beyond(r, pixel, &e, end, 1) : NULL;
     }
     share = weight / (adjacent[0] && adjacent[1] ? 2.0f : 1.0f);
@@ -13614,11 +13614,13 @@ static float sbl__clamp_light(int layer, float light) {
 /* Interpolates a layer of light at pixel (x, y) from a tile's corners. */
 static void sbl__interpolate(const sbl__refine *r, const sbl__tile *c, int x, int y, int layer, sbl__mix *m) {
     const sbl__pixel *pixel = sbl__pixel_at(r, x, y);
-    float f[2];
+    const sbl__range *a = &c->area;
+    const float *f = m->share;
     int corner, k;
     memset(m, 0, sizeof *m);
     m->layer = layer;
-    sbl__tile_share(&c->area, x, y, f);
+    if (a->x[1] > a->x[0]) m->share[0] = (float)(x - a->x[0]) / (float)(a->x[1] - a->x[0]);
+    if (a->y[1] > a->y[0]) m->share[1] = (float)(y - a->y[0]) / (float)(a->y[1] - a->y[0]);
     for (corner = 0; corner < 4; corner++) {
         const sbl__pixel *p = sbl__tile_corner(r, c, corner);
         float weight = (corner & 1 ? f[0] : 1 - f[0]) * (corner & 2 ? f[1] : 1 - f[1]), belongs;
@@ -13636,29 +13638,30 @@ static void sbl__interpolate(const sbl__refine *r, const sbl__tile *c, int x, in
 }
 
 /* Second differences of a layer of light at both ends of an edge, each from the two ends and a sensor at equal
-   distance beyond one of them. They are 0 where there is no such sensor. */
-typedef struct sbl__curvature { int known[2]; float at[2][3]; } sbl__curvature;
+   distance beyond one of them. Without such a sensor: the negative of that at the other end. */
+typedef struct sbl__curvature { int known; float at[2][3]; } sbl__curvature;
 
-/* Returns 1 if the ends of the edge have usable sensors that may share light. */
-static int sbl__edge_curvature(const sbl__refine *r, const sbl__range *e, int layer, sbl__curvature *out) {
-    const sbl__pixel *ends[2];
-    const int length = e->x[1] - e->x[0] + e->y[1] - e->y[0];
-    int end, k;
+/* Returns 1 if the ends of the edge have usable sensors that may share light. known: 0 if there is no sensor beyond
+   either end. */
+static int sbl__edge_curvature(const sbl__refine *r, const sbl__edge *e, int layer, sbl__curvature *out) {
+    const int length = e->line.x[1] - e->line.x[0] + e->line.y[1] - e->line.y[0];
+    int known[2] = { 0, 0 }, end, k;
     memset(out, 0, sizeof *out);
-    for (end = 0; end < 2; end++) ends[end] = sbl__pixel_at(r, e->x[end], e->y[end]);
-    if (!sbl__connected(ends[0], ends[1], 1)) return 0;
+    if (!sbl__connected(e->ends[0], e->ends[1], 1)) return 0;
     for (end = 0; end < 2 && length > 1 && r->geometry_aware; end++) {
-        const sbl__pixel *p = sbl__sensor_beyond(r, ends[end], e, end, 1);
-        const float *here = sbl__pixel_light(r, ends[end], layer), *other = sbl__pixel_light(r, ends[!end], layer);
-        out->known[end] = p != NULL;
-        for (k = 0; k < 3 && p; k++) out->at[end][k] = sbl__pixel_light(r, p, layer)[k] - 2 * here[k] + other[k];
+        const sbl__pixel *here = e->ends[end], *p = sbl__sensor_beyond(r, here, e, end, 1);
+        const float *light = sbl__pixel_light(r, here, layer), *other = sbl__pixel_light(r, e->ends[!end], layer);
+        known[end] = p != NULL;
+        for (k = 0; k < 3 && p; k++) out->at[end][k] = sbl__pixel_light(r, p, layer)[k] - 2 * light[k] + other[k];
     }
+    out->known = known[0] || known[1];
+    for (k = 0; k < 3 && known[0] != known[1]; k++) out->at[known[0]][k] = -out->at[!known[0]][k];
     return 1;
 }
 
 /* Computes the second difference that corrects interpolation along an edge: the smaller of those at its two ends
    where their signs agree, else 0, because signs differ at a kink. */
-static void sbl__edge_parabola(const sbl__refine *r, const sbl__range *e, int layer, float out[3]) {
+static void sbl__edge_parabola(const sbl__refine *r, const sbl__edge *e, int layer, float out[3]) {
     sbl__curvature curvature;
     int k;
     sbl__edge_curvature(r, e, layer, &curvature);
@@ -13702,8 +13705,8 @@ static float sbl__distance2(const float a[3], const float b[3]) {
 /* Returns the squared error of extrapolation from an end of an edge into the tile, estimated from the second
    difference beyond that end, and adds to *unseen2 the part for changes of light that may hide between the sensor
    and the border of its surface. */
-static float sbl__extrapolation_bias2(const sbl__refine *r, const sbl__range *e, int end, float *unseen2) {
-    const sbl__pixel *p = sbl__pixel_at(r, e->x[end], e->y[end]), *other = sbl__pixel_at(r, e->x[!end], e->y[!end]);
+static float sbl__extrapolation_bias2(const sbl__refine *r, const sbl__edge *e, int end, float *unseen2) {
+    const sbl__pixel *p = e->ends[end], *other = e->ends[!end];
     const sbl__pixel *next = sbl__sensor_beyond(r, p, e, end, 1), *last = sbl__sensor_beyond(r, p, e, end, 2);
     float difference[3], unseen[3], share = SBL__SILHOUETTE_ERROR;
     int k;
@@ -13726,24 +13729,20 @@ static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *c) {
     float inside = 0, outside = 0, unseen = 0;
     int side, end, k, insides = 0, outsides = 0;
     for (side = 0; side < 4; side++) {
-        const sbl__range e = sbl__tile_edge(c, side);
-        const sbl__pixel *ends[2];
+        const sbl__edge e = sbl__tile_edge(r, c, side);
         sbl__curvature curvature;
-        if (e.x[1] - e.x[0] + e.y[1] - e.y[0] < 1) continue;
-        for (end = 0; end < 2; end++) ends[end] = sbl__pixel_at(r, e.x[end], e.y[end]);
+        if (e.ends[0] == e.ends[1]) continue;
         if (sbl__edge_curvature(r, &e, 0, &curvature)) {
-            const int *known = curvature.known;
             float error[3];
             for (k = 0; k < 3; k++) {
-                const float d = ends[1]->radiance[k] - ends[0]->radiance[k];
-                const float at_0 = known[0] ? curvature.at[0][k] : -curvature.at[1][k];
-                const float at_1 = known[1] ? curvature.at[1][k] : -curvature.at[0][k];
-                error[k] = known[0] || known[1] ? sbl__edge_error(at_0, at_1, d) : SBL__STEP_ERROR * sbl__abs(d);
+                const float d = e.ends[1]->radiance[k] - e.ends[0]->radiance[k];
+                error[k] = curvature.known ? sbl__edge_error(curvature.at[0][k], curvature.at[1][k], d)
+                                           : SBL__STEP_ERROR * sbl__abs(d);
             }
             inside += sbl__squared(r, error);
             insides++;
         } else for (end = 0; end < 2; end++)
-            if (sbl__usable(ends[end])) {
+            if (sbl__usable(e.ends[end])) {
                 outside += sbl__extrapolation_bias2(r, &e, end, &unseen);
                 outsides++;
             }
@@ -13797,14 +13796,23 @@ static float sbl__tile_raw_bias2(const sbl__refine *r, sbl__tile *c) {
 
 /* >>refine: tiles */
 
-/* Returns the fewest looks that any sensor of a tile has taken; 0: the tile has no sensor. */
-static int sbl__tile_looks(const sbl__refine *r, const sbl__tile *c) {
-    int corner, looks = 0;
+/* Summary of the sensors at a tile's corners. */
+typedef struct sbl__corners {
+    int looks;                /* fewest looks that any of them has taken; 0: there is no sensor */
+    int is_new;               /* 1: the last round read one of them */
+    int unread;               /* 1: one of them has not been read yet */
+} sbl__corners;
+
+static sbl__corners sbl__tile_corners(const sbl__refine *r, const sbl__tile *c) {
+    sbl__corners all = { 0, 0, 0 };
+    int corner;
     for (corner = 0; corner < 4; corner++) {
         const sbl__pixel *p = sbl__tile_corner(r, c, corner);
-        if (sbl__usable(p) && p->looks) looks = looks ? SBL__MIN(looks, p->looks) : p->looks;
+        if (sbl__usable(p) && p->looks) all.looks = all.looks ? SBL__MIN(all.looks, p->looks) : p->looks;
+        all.is_new |= p->round == r->rounds - 1;
+        all.unread |= p->id && !p->sensed;
     }
-    return looks;
+    return all;
 }
 
 /* parent: index of the tile of which this one is a part, or -1. New sensors begin with as many looks as the parent's,
@@ -13818,7 +13826,7 @@ static sbl_result sbl__refine_add_tile(sbl__refine *r, const sbl__range *area, i
     c->area = *area;
     c->level = parent < 0 ? 0 : r->tiles[parent].level + 1;
     c->parent = parent;
-    c->looks = parent < 0 ? 1 : SBL__MAX(1, sbl__tile_looks(r, &r->tiles[parent]));
+    c->looks = parent < 0 ? 1 : SBL__MAX(1, sbl__tile_corners(r, &r->tiles[parent]).looks);
     return SBL_SUCCESS;
 }
 
@@ -14018,7 +14026,7 @@ static int sbl__refine_occlusion(sbl__refine *r, const sbl_reading *reading) {
     if (!(r->distance_limit > 0) || !(reading->hit_min > 0)) return 0;
     r->lit += !dark;
     r->lit_backs += dark ? 0 : (double)reading->back_share;
-    if (r->bounced && dark && backs && r->lit_backs <= 0.5 * r->lit) return SBL__HIDDEN;
+    if (r->spec->bounced && dark && backs && r->lit_backs <= 0.5 * r->lit) return SBL__HIDDEN;
     if (reading->hit_share > SBL__HIDDEN_SHARE && reading->hit_mean < SBL__HIDDEN_NEAR * r->distance_limit)
         return SBL__HIDDEN;
     return reading->hit_min < SBL__HIDDEN_TOUCH * r->distance_limit ? SBL__TOUCHED : 0;
@@ -14250,8 +14258,8 @@ static float sbl__tile_smoothing(const sbl__refine *r, const sbl__tile *c, float
     float alike = 0;
     int side, count = 0;
     for (side = 0; side < 4; side++) {
-        const sbl__range e = sbl__tile_edge(c, side);
-        const sbl__pixel *a = sbl__pixel_at(r, e.x[0], e.y[0]), *b = sbl__pixel_at(r, e.x[1], e.y[1]);
+        const sbl__edge e = sbl__tile_edge(r, c, side);
+        const sbl__pixel *a = e.ends[0], *b = e.ends[1];
         if (a == b || !sbl__usable(a) || !sbl__usable(b)) continue;
         count++;
         if (sbl__belongs(a, b, r->geometry_aware) > 0) {
@@ -14291,20 +14299,13 @@ static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
     c->light = sbl__luminance(light) / (float)count;
 }
 
-/* Returns 1 if the last round read a sensor at one of the tile's corners. */
-static int sbl__tile_has_new_reading(const sbl__refine *r, const sbl__tile *c) {
-    int corner, found = 0;
-    for (corner = 0; corner < 4; corner++) found |= sbl__tile_corner(r, c, corner)->round == r->rounds - 1;
-    return found;
-}
-
 /* Updates the error of interpolation in a tile, and marks a tile that must be split. */
 static void sbl__tile_weigh_split(sbl__refine *r, sbl__tile *c, int is_new) {
     const int must_split = is_new && sbl__tile_count(r, c), span = sbl__tile_span(c);
     if (span <= 1) return;
     if (must_split) c->split_worth = FLT_MAX;
     else if (r->threshold > 0) c->split_worth = sbl__tile_differs(r, c) ? FLT_MAX : 0;
-    else if (is_new || sbl__tile_has_new_reading(r, c) || span > SBL__EXTRAPOLATED_SPAN)
+    else if (is_new || sbl__tile_corners(r, c).is_new || span > SBL__EXTRAPOLATED_SPAN)
         c->raw_bias2 = sbl__tile_raw_bias2(r, c);
 }
 
@@ -14316,7 +14317,7 @@ static void sbl__weigh_enter(sbl__refine *r, float worth, float gain, int looks)
 /* Predicts the errors of a tile and enters its offers into the histogram. Splits that must be made come first. */
 static void sbl__tile_weigh(sbl__refine *r, sbl__tile *c, int is_new) {
     float bias2, gain, variance, weight;
-    int looks = sbl__tile_looks(r, c), most, interpolated;
+    int looks = sbl__tile_corners(r, c).looks, most, interpolated;
     sbl__tile_weigh_split(r, c, is_new);
     sbl__tile_noise(r, c);
     interpolated = SBL__MAX(c->pixels - 1, 0);  /* One pixel has a sensor of its own. */
@@ -14374,7 +14375,7 @@ static sbl_result sbl__refine_weigh(void *work, int at) {
 /* Gives a tile's sensors as many more looks as are worth their cost. */
 static void sbl__tile_look_again(sbl__refine *r, const sbl__tile *c) {
     float worth = c->look_worth;
-    int corner, looks = sbl__tile_looks(r, c), growth = 1;
+    int corner, looks = sbl__tile_corners(r, c).looks, growth = 1;
     for (; growth < SBL__LOOKS_GROWTH && worth >= r->least_worth; growth *= 2) worth *= SBL__LOOKS_GAIN_NEXT;
     looks = SBL__MIN(looks * growth, r->spec->looks);
     for (corner = 0; corner < 4; corner++) {
@@ -14525,7 +14526,6 @@ static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__measurement *me
     r->threshold = desc->threshold < 0 ? FLT_MIN : desc->threshold;
     r->target_error = desc->target_error;
     r->geometry_aware = desc->options.mode != SBL_MODE_PAPER;
-    r->bounced = desc->options.mode == SBL_MODE_GI;
     r->harmonics = 3 * (size_t)(sbl__spec_layers(spec) - 1);
     r->smoothing = smoothing;
     sbl__looks_calibrate(r);
@@ -14584,8 +14584,8 @@ typedef struct sbl__fill {
     sbl__stages stages;
     int row;                    /* next row of the current tile */
     float *rgba;                /* output, 4 floats per pixel: light; noise of R, above 0 where there is a surface */
-    int orphans;                /* number of pixels that no tile covers */
-    sbl__rings rings;           /* spread light to the orphans */
+    int orphans;                /* number of pixels whose sensor is stuck and that their tile does not cover */
+    sbl__rings rings;           /* spread light to the orphans over their surface */
 } sbl__fill;
 
 static void sbl__fill_free(sbl__base *base, sbl__fill *f) {
@@ -14597,14 +14597,7 @@ static void sbl__fill_free(sbl__base *base, sbl__fill *f) {
 /* Returns the tile itself or, while refinement is in progress, the smallest tile around it whose sensors have all
    been read. */
 static const sbl__tile *sbl__tile_known(const sbl__refine *r, const sbl__tile *c) {
-    int corner, unread = 1;
-    while (c->parent >= 0 && unread) {
-        for (corner = unread = 0; corner < 4; corner++) {
-            const sbl__pixel *p = sbl__tile_corner(r, c, corner);
-            unread |= p->id && !p->sensed;
-        }
-        if (unread) c = &r->tiles[c->parent];
-    }
+    while (c->parent >= 0 && sbl__tile_corners(r, c).unread) c = &r->tiles[c->parent];
     return c;
 }
 
@@ -14623,56 +14616,34 @@ static float sbl__fill_noise(const sbl__refine *r, const sbl__tile *c, const sbl
 }
 
 /* Fills in a pixel by interpolation in tile c, whose sensors have all been read. parabolas: second differences of the
-   tile's four edges. A pixel that no sensor covers is an orphan and keeps a noise of 0. */
+   tile's four edges. An orphan keeps the light of its own stuck sensor if no ring reaches it. */
 static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, float parabolas[4][3]) {
     sbl__refine *r = f->refine;
     sbl__pixel *p = sbl__pixel_at(r, x, y);
-    float *to = f->rgba + 4 * (p - r->pixels), s[2];
+    float *to = f->rgba + 4 * (p - r->pixels);
     sbl__mix m;
-    int k;
+    int k, lit = sbl__usable(p);
     memset(to, 0, 4 * sizeof *to);
     if (!p->id) return;
     p->error = sbl__pixel_error(r, p, c->bias2 + c->noise2);
-    if (sbl__usable(p)) {
-        memcpy(to, sbl__pixel_light(r, p, f->layer), 3 * sizeof *to);
+    memcpy(to, sbl__pixel_light(r, p, f->layer), 3 * sizeof *to);
+    if (lit) {
         to[3] = sbl__fill_noise(r, c, p);
         p->error = sbl__pixel_error(r, p, c->noise2);
     } else {
         sbl__interpolate(r, c, x, y, f->layer, &m);
-        if (!(m.covered > 0)) { f->orphans++; return; }
-        sbl__tile_share(&c->area, x, y, s);
-        to[3] = (float)sqrt(m.variance);
-        for (k = 0; k < 3; k++) {
-            const float top = parabolas[0][k], left = parabolas[2][k];
+        lit = m.covered > 0;
+        for (k = 0; k < 3 && lit; k++) {
+            const float *s = m.share, top = parabolas[0][k], left = parabolas[2][k];
             const float across = 0.5f * s[0] * (1 - s[0]) * (top + s[1] * (parabolas[1][k] - top));
             const float down = 0.5f * s[1] * (1 - s[1]) * (left + s[0] * (parabolas[3][k] - left));
             to[k] = sbl__clamp_light(f->layer, m.light[k] - m.own * m.own * (across + down));
         }
+        to[3] = (float)sqrt(m.variance);
     }
     to[3] = SBL__MAX(to[3], SBL__LEAST_NOISE);
-}
-
-static sbl_result sbl__fill_tiles(void *work, sbl__slice *slice) {
-    sbl__fill *f = (sbl__fill *)work;
-    const sbl__refine *r = f->refine;
-    int *at = &f->stages.at, x, y, k;
-    if (!f->rgba) f->rgba = (float *)sbl__alloc_raw(&r->core->base, (size_t)r->width * (size_t)r->height, 16);
-    if (!f->rgba) return SBL_ERROR_OUT_OF_MEMORY;
-    for (; *at < r->tile_count; ++*at, f->row = 0) {
-        const sbl__tile *c = &r->tiles[*at], *known = sbl__tile_known(r, c);
-        const sbl__range pixels = sbl__tile_pixels(r, c);
-        float parabolas[4][3];
-        if (c->split) continue;
-        for (k = 0; k < 4; k++) {
-            const sbl__range edge = sbl__tile_edge(known, k);
-            sbl__edge_parabola(r, &edge, f->layer, parabolas[k]);
-        }
-        for (y = pixels.y[0] + f->row; y <= pixels.y[1]; y++, f->row++) {
-            if (sbl__late(slice)) return SBL_UNFINISHED;
-            for (x = pixels.x[0]; x <= pixels.x[1]; x++) sbl__fill_pixel(f, x, y, known, parabolas);
-        }
-    }
-    return SBL_SUCCESS;
+    if (lit) f->rings.ring[p - r->pixels] = 0;
+    else f->orphans++;
 }
 
 /* Finds the pixels that wait for light and belong to the surface of the given pixel, among its eight neighbours. */
@@ -14701,50 +14672,50 @@ static void sbl__fill_mean(void *user, int index) {
     for (k = 0; k < 4; k++) out[k] = sum[k] / weights;
 }
 
-/* Prepares the rings if there are orphans. Without orphans rings.count stays 0, so that the stages do nothing. */
-static sbl_result sbl__fill_rings(void *work, sbl__slice *slice) {
-    sbl__fill *f = (sbl__fill *)work;
+static sbl_result sbl__fill_make(sbl__fill *f) {
     const sbl__refine *r = f->refine;
-    (void)slice;
-    if (!f->orphans || f->rings.ring) return SBL_SUCCESS;
     f->rings.user = f;
     f->rings.neighbour = sbl__fill_neighbour;
     f->rings.mean = sbl__fill_mean;
     f->rings.width = r->width;
     f->rings.last = INT_MAX;
-    return sbl__rings_make(&r->core->base, &f->rings, r->width * r->height);
+    f->rgba = (float *)sbl__alloc_raw(&r->core->base, (size_t)r->width * (size_t)r->height, 16);
+    return f->rgba ? sbl__rings_make(&r->core->base, &f->rings, r->width * r->height) : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-static int sbl__fill_pixels(void *work) { return ((sbl__fill *)work)->rings.count; }
-
-static sbl_result sbl__fill_source(void *work, int index) {
+static sbl_result sbl__fill_tiles(void *work, sbl__slice *slice) {
     sbl__fill *f = (sbl__fill *)work;
-    if (f->rgba[4 * (size_t)index + 3] > 0) f->rings.ring[index] = 0;
+    const sbl__refine *r = f->refine;
+    int *at = &f->stages.at, x, y, k;
+    const sbl_result result = f->rgba ? SBL_SUCCESS : sbl__fill_make(f);
+    if (result != SBL_SUCCESS) return result;
+    for (; *at < r->tile_count; ++*at, f->row = 0) {
+        const sbl__tile *c = &r->tiles[*at], *known = sbl__tile_known(r, c);
+        const sbl__range pixels = sbl__tile_pixels(r, c);
+        float parabolas[4][3];
+        if (c->split) continue;
+        for (k = 0; k < 4; k++) {
+            const sbl__edge edge = sbl__tile_edge(r, known, k);
+            sbl__edge_parabola(r, &edge, f->layer, parabolas[k]);
+        }
+        for (y = pixels.y[0] + f->row; y <= pixels.y[1]; y++, f->row++) {
+            if (sbl__late(slice)) return SBL_UNFINISHED;
+            for (x = pixels.x[0]; x <= pixels.x[1]; x++) sbl__fill_pixel(f, x, y, known, parabolas);
+        }
+    }
     return SBL_SUCCESS;
 }
 
 static sbl_result sbl__fill_spread(void *work, sbl__slice *slice) {
-    return sbl__rings_step(&((sbl__fill *)work)->rings, slice);
-}
-
-/* Gives the light of its own stuck sensor to an orphan that no ring has reached. */
-static sbl_result sbl__fill_rest(void *work, int index) {
     sbl__fill *f = (sbl__fill *)work;
-    const sbl__pixel *p = &f->refine->pixels[index];
-    float *to = f->rgba + 4 * (size_t)index;
-    if (!p->id || to[3] > 0) return SBL_SUCCESS;
-    memcpy(to, sbl__pixel_light(f->refine, p, f->layer), 3 * sizeof(float));
-    to[3] = SBL__LEAST_NOISE;
-    return SBL_SUCCESS;
+    return f->orphans ? sbl__rings_step(&f->rings, slice) : SBL_SUCCESS;
 }
 
 /* Does one bounded piece of filling in. Returns SBL_SUCCESS when f->rgba is filled in. */
 static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__fill_tiles, NULL, NULL, NULL },
-        { sbl__fill_rings, NULL, sbl__fill_source, sbl__fill_pixels },
-        { sbl__fill_spread, NULL, NULL, NULL },
-        { NULL, NULL, sbl__fill_rest, sbl__fill_pixels }
+        { sbl__fill_spread, NULL, NULL, NULL }
     };
     return sbl__stages_step(&f->stages, table, SBL__COUNT(table), f, slice);
 }
