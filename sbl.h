@@ -13306,52 +13306,47 @@ typedef struct sbl__pixel {
 /* Interpolation. Errors are root mean squares. Those along an edge are shares of the second differences at its ends,
    measured on shadows of lamps with tiles of 2 to 16 pixels: STEP for a step of light between the ends, CURVE for a
    parabola after the correction of sbl__edge_parabola. */
-#define SBL__COVERAGE 0.75f       /* a tile is split if less than this share of a pixel's bilinear weight is covered */
-#define SBL__EXTRAPOLATED_SPAN 4  /* widest tile, pixels, in which corners with extrapolated light count as covered */
+#define SBL__COVERAGE 0.75f             /* a tile is split if less of a pixel's bilinear weight is covered */
+#define SBL__EXTRAPOLATED_SPAN 4        /* widest tile, pixels, in which corners with extrapolated light cover pixels */
 #define SBL__STEP_ERROR 0.29f
 #define SBL__CURVE_ERROR 0.1f
 #define SBL__EXTRAPOLATION_ERROR 0.35f  /* of extrapolation by a tile's width, as a share of the difference beyond */
 #define SBL__SILHOUETTE_ERROR 0.05f     /* least error of extrapolation as a share of the light, at a silhouette */
 #define SBL__CONTACT_ERROR 0.12f        /* the same if the other surface is so near that it may cast a shadow there: */
 #define SBL__CONTACT_DISTANCE 2.5f      /* at most this number of distances between sensors away */
-#define SBL__PIXEL_ERROR 0.15f    /* share of the picture's error that each pixel's expected error contains for causes
-                                     without an estimate */
-#define SBL__NOISE_IN_BIAS 0.75f  /* multiple of the sensors' variance that noise adds to the measured bias */
-#define SBL__NOISE_IN_SPLITS 1.25f  /* the same where splits are weighed. It is larger, because more looks will resolve
-                                       a difference that might be noise */
-
+#define SBL__PIXEL_ERROR 0.15f          /* share of the picture's error added to each pixel's for unknown causes */
+#define SBL__NOISE_IN_BIAS 0.75f        /* multiple of the sensors' variance that noise adds to the measured bias */
+#define SBL__NOISE_IN_SPLITS 1.25f      /* the same where splits are weighed; larger, because more looks will resolve a
+                                           difference that might be noise */
 /* Noise. */
-#define SBL__LEAST_NOISE 1e-12f   /* least noise of a surface in the radiance map; 0 marks empty pixels */
-#define SBL__NOISE_WEIGHT 4       /* with a threshold, differences must exceed this multiple of the variance, too */
-#define SBL__LOOKS_GAIN 0.4f      /* factor by which twice as many looks reduce the variance; below 0.5 because looks
-                                     share one Sobol sequence */
+#define SBL__LEAST_NOISE 1e-12f         /* least noise of a surface in the radiance map; 0 marks empty pixels */
+#define SBL__NOISE_WEIGHT 4             /* with a threshold, differences must exceed this multiple of the variance */
+#define SBL__LOOKS_GAIN 0.4f            /* factor by which twice as many looks reduce the variance; below 0.5, because
+                                           looks share one Sobol sequence */
 #define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* gain per look of a doubling, relative to the one before */
-#define SBL__LOOKS_GROWTH 8       /* largest factor by which a sensor's looks grow in one round */
-#define SBL__DOUBLINGS 10         /* number of powers of two that a count of looks can be; 2^9 is SBL__MAX_LOOKS */
-#define SBL__LOOKS_DIFFERENCE 1.1 /* variance of the difference of two means of looks, as a share of the sum of their
-                                     variances. Above 1, because later points of the sequence complement earlier ones */
-#define SBL__LOOKS_COMPARED 64    /* sensors that must have looked again before their differences correct variances, */
-#define SBL__LOOKS_CORRECTION_MIN 0.5  /* by a factor of at least this */
-#define SBL__LOOKS_CORRECTION_MAX 8.0  /* and at most this */
-#define SBL__PARENT_WEIGHT 0.6f   /* weight of the parent's variance in a tile's variance, since few sensors estimate a
-                                     variance badly */
-
-/* Choice of what a round buys. */
-#define SBL__MAX_ROUNDS 40        /* limits the number of transfers between CPU and GPU */
-#define SBL__JOB_LOOKS (1 << 21)  /* approximate number of looks in one job */
-#define SBL__AIM_BELOW 0.9        /* share of the squared target error that a round aims at, */
-#define SBL__AIM_SHARE 0.6        /* but at least this share of the present squared error: new readings may change what
-                                     is worth buying */
-#define SBL__AIM_LEAST 0.7        /* least share of the squared target error that is left for sensors, however uncertain
-                                     stored light is */
-#define SBL__SPLIT_COST 3         /* cost in sensors: a split adds five, but neighbours share most of them */
-#define SBL__SPLIT_GAIN 0.875f    /* share of the squared error of interpolation that a split removes */
-#define SBL__DIFFERENCE_FLOOR 0.02f  /* with a threshold: share of the mean luminance added to light that is compared */
-#define SBL__GAIN_FLOOR 0.1f      /* share of the mean luminance added to a tile's luminance when its gains are divided
-                                     by it: dark places count little in the sum, but their errors are visible */
-#define SBL__GAIN_BINS 512        /* bins of a histogram of gains, four to an octave */
-/* A tile is always split if its error exceeds MAX times the target error, relative to its own luminance plus FLOOR
-   times the mean. Otherwise ragged shadows would be visible. */
+#define SBL__LOOKS_GROWTH 8             /* largest factor by which a sensor's looks grow in one round */
+#define SBL__DOUBLINGS 10               /* number of powers of two up to SBL__MAX_LOOKS, which is 2^9 */
+#define SBL__LOOKS_DIFFERENCE 1.1       /* variance of the difference of two means of looks, as a share of the sum of
+                                           theirs; above 1, because later points complement earlier ones */
+#define SBL__LOOKS_COMPARED 64          /* sensors that must have looked again before their differences correct */
+#define SBL__LOOKS_CORRECTION_MIN 0.5   /* variances, by a factor of at least this */
+#define SBL__LOOKS_CORRECTION_MAX 8.0   /* and at most this */
+#define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent's variance in a tile's, which few sensors estimate */
+/* Choice of what a round buys. Numbers that are added to luminances are shares of the picture's mean luminance. */
+#define SBL__MAX_ROUNDS 40              /* limits the number of transfers between CPU and GPU */
+#define SBL__JOB_LOOKS (1 << 21)        /* approximate number of looks in one job */
+#define SBL__AIM_BELOW 0.9              /* share of the squared target error that a round aims at, */
+#define SBL__AIM_SHARE 0.6              /* but at least this share of the present squared error, since new readings may
+                                           change what is worth buying */
+#define SBL__AIM_LEAST 0.7              /* least share of the squared target error that uncertainty leaves to sensors */
+#define SBL__SPLIT_COST 3               /* cost in sensors: a split adds five, but neighbours share most of them */
+#define SBL__SPLIT_GAIN 0.875f          /* share of the squared error of interpolation that a split removes */
+#define SBL__DIFFERENCE_FLOOR 0.02f     /* added to the light that a threshold is a share of */
+#define SBL__GAIN_FLOOR 0.1f            /* added to a tile's luminance when its gains are divided by it: dark places
+                                           count little in the sum, but their errors are visible */
+#define SBL__GAIN_BINS 512              /* bins of a histogram of gains, four to an octave */
+/* A tile is always split if its error exceeds MAX times the target error, relative to its own luminance plus FLOOR.
+   Otherwise ragged shadows would be visible. */
 #define SBL__TILE_ERROR_MAX 5.0f
 #define SBL__TILE_ERROR_FLOOR 0.1f
 
@@ -13368,10 +13363,8 @@ typedef struct sbl__tile {
     float raw_bias2;          /* squared error of interpolation as estimated from edges and rim, noise included */
     float unseen_bias2;       /* part of raw_bias2 for changes of light that no sensor can see */
     float bias2, noise2;      /* predicted squared errors per pixel */
-    float light, variance;    /* mean luminance of the corners; mean relative variance of one look, blended with the
-                                 parent's */
-    float split_worth, look_worth;  /* gain per look that a split, or more looks, would cost; larger in dark
-                                       tiles; FLT_MAX: the tile must be split */
+    float light, variance;    /* mean luminance of the corners; relative variance of one look */
+    float split_worth, look_worth;  /* gain per look of a split, or of more looks, per luminance; FLT_MAX: must split */
 } sbl__tile;
 
 typedef struct sbl__refine {
@@ -13394,8 +13387,7 @@ typedef struct sbl__refine {
     int tile_count, tile_room;
     int first_new;            /* index of the first tile that has not been weighed yet */
     int weigh_count;          /* number of tiles that the running WEIGH or SPEND stage visits */
-    int rounds;
-    int weighed;              /* 1: errors have been predicted */
+    int rounds, weighed;      /* number of rounds; 1: errors have been predicted */
     int listed;               /* tiles, or guides, with smaller indices have been listed for the round's jobs */
     sbl__site *sites;         /* sites of the job; site i belongs to pixel sites[i].number */
     sbl_reading *readings;
@@ -13406,10 +13398,11 @@ typedef struct sbl__refine {
     float mean[3], luminance; /* mean of R over the picture, and its luminance */
     double sum[3], pixels_summed;  /* sum of R and number of pixels visited in this round; they yield the next mean */
     float weights[3];         /* weights of differences of the channels in errors */
-    float variance_shares[SBL__DOUBLINGS];  /* variance of a mean of 2^k looks as a share of that of one look */
-    double measured2[SBL__DOUBLINGS], expected2[SBL__DOUBLINGS];  /* sums of measured and expected squared differences
-                                                between later looks and 2^k earlier looks of the same sensor */
-    int compared[SBL__DOUBLINGS];  /* number of such differences */
+    /* The index k below stands for 2^k looks. */
+    float variance_shares[SBL__DOUBLINGS];  /* variance of a mean of looks as a share of that of one look */
+    double measured2[SBL__DOUBLINGS];       /* sums of squared differences between later and the first looks, */
+    double expected2[SBL__DOUBLINGS];       /* their expected values, */
+    int compared[SBL__DOUBLINGS];           /* and their number */
     double bias2, noise2;     /* sums of bias and noise over pixels */
     double uncertainty2;      /* sum over pixels of the squared uncertainty of stored light; absolute, not relative */
     double look_variance;     /* relative variance of one look, averaged over the picture */
@@ -13546,8 +13539,7 @@ static sbl__edge sbl__tile_edge(const sbl__refine *r, const sbl__tile *c, int si
     return e;
 }
 
-/* Returns the sensor `steps` lengths of an edge beyond its end 0 or 1 if `pixel` may use the sensor's light, else
-   NULL. */
+/* Returns the sensor `steps` edge lengths beyond an end of an edge, or NULL if `pixel` may not use its light. */
 static const sbl__pixel *sbl__sensor_beyond(const sbl__refine *r, const sbl__pixel *pixel, const sbl__edge *e, int end,
                                             int steps) {
     const int *x = e->line.x, *y = e->line.y;
@@ -13556,8 +13548,8 @@ static const sbl__pixel *sbl__sensor_beyond(const sbl__refine *r, const sbl__pix
     return p && sbl__usable(p) && sbl__belongs(pixel, p, r->geometry_aware) > 0 ? p : NULL;
 }
 
-/* Returns the pixels that a tile gives light to. Its right column and bottom row belong to the next tile, except at
-   the picture's border. */
+/* Returns the pixels that a tile gives light to. Its last column and row belong to the next tile, except at the
+   picture's border. */
 static sbl__range sbl__tile_pixels(const sbl__refine *r, const sbl__tile *c) {
     sbl__range pixels = c->area;
     pixels.x[1] -= pixels.x[1] < r->width - 1;
@@ -13674,8 +13666,8 @@ static void sbl__edge_parabola(const sbl__refine *r, const sbl__edge *e, int lay
 /* >>refine: the error of interpolation */
 
 /* Returns the root mean square error of interpolation along an edge in one channel. at_0, at_1: second differences
-   at its ends; d: difference between its ends. A step between the ends makes second differences as large as d, of
-   opposite signs. The middle of a wide penumbra makes them smaller than d, and the error there is small. */
+   at its ends; d: difference between its ends. Around a step of light, at_0 and at_1 are as large as d, with opposite
+   signs. In the middle of a wide penumbra they are smaller than d, and the error is small. */
 static float sbl__edge_error(float at_0, float at_1, float d) {
     const float a = sbl__abs(at_0), b = sbl__abs(at_1);
     const float most = SBL__MAX(a, b), least = SBL__MIN(a, b);
@@ -13702,9 +13694,8 @@ static float sbl__distance2(const float a[3], const float b[3]) {
     return sbl__dot(d, d);
 }
 
-/* Returns the squared error of extrapolation from an end of an edge into the tile, estimated from the second
-   difference beyond that end, and adds to *unseen2 the part for changes of light that may hide between the sensor
-   and the border of its surface. */
+/* Returns the squared error of extrapolation from an end of an edge into the tile, estimated from the second difference
+   beyond that end. Adds to *unseen2 the part for changes of light between the sensor and the border of its surface. */
 static float sbl__extrapolation_bias2(const sbl__refine *r, const sbl__edge *e, int end, float *unseen2) {
     const sbl__pixel *p = e->ends[end], *other = e->ends[!end];
     const sbl__pixel *next = sbl__sensor_beyond(r, p, e, end, 1), *last = sbl__sensor_beyond(r, p, e, end, 2);
@@ -13753,9 +13744,8 @@ static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *c) {
     return (1 - c->uncovered) * inside + c->uncovered * outside;
 }
 
-/* Returns the next sensor on a tile's rim, put there by the split of a neighbour, from position *at on, or NULL
-   after the last one. *guess: light that the tile interpolates there. Corners are skipped, as interpolation is exact
-   at them. */
+/* Returns the next sensor that splits of neighbours put on a tile's rim, from position *at on, or NULL. Corners are
+   skipped, because interpolation is exact there. *guess: the light that the tile interpolates at the sensor. */
 static const sbl__pixel *sbl__tile_rim_next(const sbl__refine *r, const sbl__tile *c, int *at, sbl__mix *guess) {
     const sbl__range *a = &c->area;
     const int width = a->x[1] - a->x[0], height = a->y[1] - a->y[0];
@@ -13815,7 +13805,7 @@ static sbl__corners sbl__tile_corners(const sbl__refine *r, const sbl__tile *c) 
     return all;
 }
 
-/* parent: index of the tile of which this one is a part, or -1. New sensors begin with as many looks as the parent's,
+/* parent: index of the tile whose split makes this one, or -1. New sensors begin with as many looks as the parent's,
    since with fewer they would be noisier than interpolation. */
 static sbl_result sbl__refine_add_tile(sbl__refine *r, const sbl__range *area, int parent) {
     sbl__tile *c;
@@ -13846,7 +13836,7 @@ static sbl_result sbl__tile_split(sbl__refine *r, int index) {
     return result;
 }
 
-/* Returns the largest absolute difference of any channel of two radiances, and in *sum the largest sum, at least 0. */
+/* Returns the largest absolute difference in any channel of two radiances. *sum: the largest sum in any channel. */
 static float sbl__difference(const float a[3], const float b[3], float *sum) {
     float most = 0;
     int k;
@@ -13858,8 +13848,7 @@ static float sbl__difference(const float a[3], const float b[3], float *sum) {
     return most;
 }
 
-/* Returns 1 if the difference between two radiances is more than the threshold and more than noise of the given
-   variance explains. */
+/* Returns 1 if two radiances differ by more than the threshold and by more than noise of this variance explains. */
 static int sbl__differ(const sbl__refine *r, const float a[3], const float b[3], double variance) {
     float sum, least;
     const float most = sbl__difference(a, b, &sum);
@@ -13867,8 +13856,7 @@ static int sbl__differ(const sbl__refine *r, const float a[3], const float b[3],
     return (double)most * most > (double)least * least + SBL__NOISE_WEIGHT * variance;
 }
 
-/* Returns 1 if corners that belong together differ by more than the threshold, or if a sensor on the rim differs
-   from the interpolated light by more than that. */
+/* Returns 1 if connected corners differ, or if a sensor on the rim differs from the interpolated light. */
 static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
     const sbl__pixel *p;
     sbl__mix guess;
@@ -13884,8 +13872,7 @@ static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
     return 0;
 }
 
-/* Counts the pixels that a tile gives light to. Returns 1 if its corners leave some of them uncovered, so that the
-   tile must be split. */
+/* Counts the pixels that a tile gives light to. Returns 1 if it must be split because corners do not cover all. */
 static int sbl__tile_count(const sbl__refine *r, sbl__tile *c) {
     const int extrapolated = r->geometry_aware && sbl__tile_span(c) <= SBL__EXTRAPOLATED_SPAN && !(r->threshold > 0);
     const sbl__range pixels = sbl__tile_pixels(r, c);
@@ -13911,15 +13898,12 @@ static int sbl__tile_count(const sbl__refine *r, sbl__tile *c) {
 
 /* Returns the pixel where a guide stands, or NULL. */
 static const sbl__pixel *sbl__guide_pixel(const sbl__refine *r, int column, int row) {
-    const sbl__guides *g = &r->guides;
-    const sbl__pixel *p;
-    if (column < 0 || row < 0 || column >= g->columns || row >= g->rows) return NULL;
-    p = sbl__pixel_at(r, column * g->step, row * g->step);
-    return p->id ? p : NULL;
+    const sbl__pixel *p = sbl__pixel_inside(r, column * r->guides.step, row * r->guides.step);
+    return p && p->id ? p : NULL;
 }
 
-/* Returns how well a guide made at one pixel serves another pixel: the weight with which the pixels belong together,
-   or 0 unless the sectors of both guides' rings begin on the same side. */
+/* Returns how well a guide made at one pixel suits another pixel: the weight with which the pixels belong together, or
+   0 unless the sectors of both guides' rings begin on the same side. */
 static float sbl__guide_fits(const sbl__pixel *a, const sbl__pixel *b) {
     const float belongs = sbl__belongs(a, b, 1);
     double right[2][3], up[3];
@@ -14104,8 +14088,7 @@ static void sbl__refine_see(sbl__refine *r) {
     r->spec->guided = guided;
 }
 
-/* Makes all sensors of the first round start again as if they had taken no look. Only the first level exists at this
-   time. */
+/* Makes all sensors of the first round, which are at the corners of first-level tiles, take their looks again. */
 static void sbl__refine_restart(sbl__refine *r) {
     int i, corner;
     for (i = 0; i < r->tile_count; i++)
@@ -14411,8 +14394,7 @@ static void sbl__refine_task(const sbl__refine *r, sbl__task *task) {
     task->guides = &r->guides;
 }
 
-/* Begins the job for the listed sites. A scout is a look with a single ray out of the set of rays that sensors send
-   over the hemisphere. */
+/* Begins the job for the listed sites. A scout is a look with one of the rays that sensors send over the hemisphere. */
 static int sbl__refine_after_list(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     const int scouts = r->stages.stage == SBL__REFINE_COLLECT_SCOUTS;
@@ -14538,8 +14520,7 @@ static sbl_result sbl__refine_make(sbl__refine *r) {
     return r->pixels && r->layers ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Sets the surface that pixel number `index` shows. If shown->sensed is set, the pixel shows stored light and gets
-   no sensor. */
+/* Sets the surface that pixel number `index` shows. shown->sensed: it shows stored light, without a sensor. */
 static void sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel *shown) {
     r->pixels[index] = *shown;
     if (shown->sensed) sbl__refine_even(r, shown, r->layers + r->harmonics * index);
@@ -14594,8 +14575,7 @@ static void sbl__fill_free(sbl__base *base, sbl__fill *f) {
     memset(f, 0, sizeof *f);
 }
 
-/* Returns the tile itself or, while refinement is in progress, the smallest tile around it whose sensors have all
-   been read. */
+/* Returns the tile or, while refinement is in progress, the smallest tile around it whose sensors have been read. */
 static const sbl__tile *sbl__tile_known(const sbl__refine *r, const sbl__tile *c) {
     while (c->parent >= 0 && sbl__tile_corners(r, c).unread) c = &r->tiles[c->parent];
     return c;
@@ -14606,13 +14586,6 @@ static float sbl__pixel_error(const sbl__refine *r, const sbl__pixel *p, float p
     const double unexplained = (double)SBL__PIXEL_ERROR * r->predicted;
     const double uncertainty = (double)p->uncertainty / r->luminance;
     return r->luminance * (float)sqrt((double)predicted2 + unexplained * unexplained + uncertainty * uncertainty);
-}
-
-/* Returns the noise of a sensor for the filter. The tile's variance is the lower bound, because the few rays of a
-   single sensor may agree by chance. */
-static float sbl__fill_noise(const sbl__refine *r, const sbl__tile *c, const sbl__pixel *p) {
-    const float least = r->luminance * (float)sqrt((double)c->variance * (double)sbl__variance_share(r, p->looks));
-    return SBL__MAX(least, sbl__noise(r, p));
 }
 
 /* Fills in a pixel by interpolation in tile c, whose sensors have all been read. parabolas: second differences of the
@@ -14628,7 +14601,8 @@ static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, floa
     p->error = sbl__pixel_error(r, p, c->bias2 + c->noise2);
     memcpy(to, sbl__pixel_light(r, p, f->layer), 3 * sizeof *to);
     if (lit) {
-        to[3] = sbl__fill_noise(r, c, p);
+        const float least = r->luminance * (float)sqrt((double)c->variance * (double)sbl__variance_share(r, p->looks));
+        to[3] = SBL__MAX(least, sbl__noise(r, p));  /* the few rays of a single sensor may agree by chance */
         p->error = sbl__pixel_error(r, p, c->noise2);
     } else {
         sbl__interpolate(r, c, x, y, f->layer, &m);
