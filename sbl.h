@@ -13312,8 +13312,8 @@ typedef struct sbl__pixel {
 #define SBL__CURVE_ERROR 0.1f
 #define SBL__EXTRAPOLATION_ERROR 0.35f  /* of extrapolation by a tile's width, as a share of the difference beyond */
 #define SBL__SILHOUETTE_ERROR 0.05f     /* least error of extrapolation as a share of the light, at a silhouette */
-#define SBL__CONTACT_ERROR 0.12f        /* the same if the other surface is so near that it may cast a shadow there: */
-#define SBL__CONTACT_DISTANCE 2.5f      /* at most this number of distances between sensors away */
+#define SBL__CONTACT_ERROR 0.12f        /* the same if the other surface is near enough to cast a shadow there */
+#define SBL__CONTACT_DISTANCE 2.5f      /* largest distance of such a surface, in distances between sensors */
 #define SBL__PIXEL_ERROR 0.15f          /* share of the picture's error added to each pixel's for unknown causes */
 #define SBL__NOISE_IN_BIAS 0.75f        /* multiple of the sensors' variance that noise adds to the measured bias */
 #define SBL__NOISE_IN_SPLITS 1.25f      /* the same where splits are weighed; larger, because more looks will resolve a
@@ -13328,16 +13328,16 @@ typedef struct sbl__pixel {
 #define SBL__DOUBLINGS 10               /* number of powers of two up to SBL__MAX_LOOKS, which is 2^9 */
 #define SBL__LOOKS_DIFFERENCE 1.1       /* variance of the difference of two means of looks, as a share of the sum of
                                            theirs; above 1, because later points complement earlier ones */
-#define SBL__LOOKS_COMPARED 64          /* sensors that must have looked again before their differences correct */
-#define SBL__LOOKS_CORRECTION_MIN 0.5   /* variances, by a factor of at least this */
-#define SBL__LOOKS_CORRECTION_MAX 8.0   /* and at most this */
-#define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent's variance in a tile's, which few sensors estimate */
+#define SBL__LOOKS_COMPARED 64          /* least number of sensors whose repeated looks may correct variances */
+#define SBL__LOOKS_CORRECTION_MIN 0.5   /* least factor of that correction */
+#define SBL__LOOKS_CORRECTION_MAX 8.0   /* largest factor of that correction */
+#define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent's variance in a tile's, since a tile has few sensors */
 /* Choice of what a round buys. Numbers that are added to luminances are shares of the picture's mean luminance. */
 #define SBL__MAX_ROUNDS 40              /* limits the number of transfers between CPU and GPU */
 #define SBL__JOB_LOOKS (1 << 21)        /* approximate number of looks in one job */
-#define SBL__AIM_BELOW 0.9              /* share of the squared target error that a round aims at, */
-#define SBL__AIM_SHARE 0.6              /* but at least this share of the present squared error, since new readings may
-                                           change what is worth buying */
+#define SBL__AIM_BELOW 0.9              /* a round aims at this share of the squared target error */
+#define SBL__AIM_SHARE 0.6              /* a round aims at no less than this share of the present squared error, since
+                                           new readings may change what is worth buying */
 #define SBL__AIM_LEAST 0.7              /* least share of the squared target error that uncertainty leaves to sensors */
 #define SBL__SPLIT_COST 3               /* cost in sensors: a split adds five, but neighbours share most of them */
 #define SBL__SPLIT_GAIN 0.875f          /* share of the squared error of interpolation that a split removes */
@@ -13398,11 +13398,10 @@ typedef struct sbl__refine {
     float mean[3], luminance; /* mean of R over the picture, and its luminance */
     double sum[3], pixels_summed;  /* sum of R and number of pixels visited in this round; they yield the next mean */
     float weights[3];         /* weights of differences of the channels in errors */
-    /* The index k below stands for 2^k looks. */
-    float variance_shares[SBL__DOUBLINGS];  /* variance of a mean of looks as a share of that of one look */
-    double measured2[SBL__DOUBLINGS];       /* sums of squared differences between later and the first looks, */
-    double expected2[SBL__DOUBLINGS];       /* their expected values, */
-    int compared[SBL__DOUBLINGS];           /* and their number */
+    float variance_shares[SBL__DOUBLINGS];  /* variance of a mean of 2^k looks as a share of that of one look */
+    double measured2[SBL__DOUBLINGS];  /* sum of squared differences between later and 2^k earlier looks of a sensor */
+    double expected2[SBL__DOUBLINGS];  /* expected value of that sum */
+    int compared[SBL__DOUBLINGS];      /* number of terms of that sum */
     double bias2, noise2;     /* sums of bias and noise over pixels */
     double uncertainty2;      /* sum over pixels of the squared uncertainty of stored light; absolute, not relative */
     double look_variance;     /* relative variance of one look, averaged over the picture */
@@ -14026,7 +14025,7 @@ static void sbl__refine_validate(sbl__refine *r, int index, const sbl_reading *r
     p->occlusion = (unsigned char)sbl__refine_occlusion(r, reading);
     if (p->occlusion == SBL__HIDDEN) {
         p->invalid = 1;
-        r->uncertainty2 -= (double)p->uncertainty * p->uncertainty;  /* of light that is not shown */
+        r->uncertainty2 -= (double)p->uncertainty * p->uncertainty;  /* Its own light is not shown. */
         p->uncertainty = 0;
     }
     for (i = 0; i < 9 && p->occlusion; i++) {
