@@ -13080,14 +13080,13 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
    sites for a job (COLLECT), runs the job (SENSE), takes its readings (TAKE) and predicts the error of every tile
    (WEIGH), which has two parts:
 
-       bias    what interpolation misses. It is estimated from second differences of light between sensors, and from
+       bias    the error of interpolation. It is estimated from second differences of light between sensors, and from
                sensors that the split of a neighbour put on the tile's rim
-       noise   what interpolation and the filter leave of the noise at the corners. In a wide tile each sensor stands
-               for many pixels; in a narrow tile the filter takes the mean of many sensors
+       noise   the part of the corners' noise that remains after interpolation and the filter. In a wide tile each
+               sensor stands for many pixels; in a narrow tile the filter takes the mean of many sensors
 
-   The uncertainty of stored light is a third part, which refinement cannot reduce. While the sum exceeds the error that
-   was asked for, SPEND buys what reduces the error most for its cost: splits of tiles, or more looks of sensors. Rays
-   thus go where they reduce the error most, both at a shadow's edge and near a window that few rays find.
+   The uncertainty of stored light is a third part, which refinement cannot reduce. While the sum exceeds the target
+   error, SPEND buys what reduces the error most for its cost: splits of tiles, or more looks of sensors.
    With a threshold (always in SBL_MODE_PAPER) a tile is split where its corners differ by more than the threshold.
 
        +-------+-------+      +---+---+-------+      o sensor of the first level
@@ -13095,9 +13094,10 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
        |       |       |      *   *   *       |        of the right tile is tested against the one on the common edge
        o       o       o      o   *   o       o
 
-   Everything except jobs runs on the CPU, in slices. Errors are relative to the picture's mean luminance, and squared.
-   Later rooms only call functions; they read no field of sbl__refine. */
+   Everything except jobs runs on the CPU, in slices. Errors are relative to the picture's mean luminance. A name that
+   ends in 2 holds a squared error. Later rooms only call functions; they read no field of sbl__refine. */
 
+/* Occlusion of a texel of a lightmap by surfaces that lie on it, see sbl__refine_occlusion. */
 enum { SBL__TOUCHED = 1, SBL__HIDDEN };
 
 typedef struct sbl__pixel {
@@ -13110,156 +13110,134 @@ typedef struct sbl__pixel {
     float uncertainty;        /* standard error of the luminance of R that is due to errors of stored light */
     uint32_t id;              /* number of the surface; 0: the pixel shows no surface */
     int look;                 /* number of the sensor's first look in the job that took it */
-    int looks, wanted;        /* looks that the sensor has taken, and looks that it is to have taken in the end */
+    int looks, wanted;        /* number of looks that the sensor has taken, and that it is to have taken in the end */
     short round;              /* last round in which the sensor was read */
     unsigned char level;      /* 0: the pixel is interpolated; otherwise 1 + level of its sensor */
     unsigned char sensed;     /* 1: radiance holds the light of the pixel's own sensor */
-    unsigned char invalid;    /* 1: the sensor was stuck inside geometry, or the pixel is hidden (see
-                                 sbl__refine_hides) */
-    unsigned char hides;      /* for a texel of a lightmap: SBL__HIDDEN, SBL__TOUCHED, or 0 */
+    unsigned char invalid;    /* 1: the sensor is stuck inside geometry, or occlusion makes its light unfit to show */
+    unsigned char occlusion;  /* texel of a lightmap: SBL__HIDDEN, SBL__TOUCHED, or 0 */
     unsigned char queued;     /* 1: a job that is listed or running takes looks here */
 } sbl__pixel;
 
-#define SBL__COVERAGE 0.75f           /* least share of the bilinear weight from corners that belong to the pixel;
-                                         with less, light is extrapolated */
-#define SBL__CONTINUED 4              /* widest tile in which light is extrapolated instead of splitting the tile,
-                                         pixels */
-#define SBL__HIDDEN_SHARE 0.9f        /* a texel is hidden if its sensor sees surfaces in more than this share of
-                                         directions, */
-#define SBL__HIDDEN_NEAR 0.45f        /* at a mean distance below this share of the distance_limit */
-#define SBL__HIDDEN_REACH 2           /* distance_limit of that test, in widths of a texel */
-#define SBL__HIDDEN_TOUCH 0.15f       /* a surface nearer than this share of the distance_limit touches the texel */
-#define SBL__MAX_ROUNDS 40            /* most rounds of a picture; the limit bounds the number of transfers between
-                                         CPU and GPU */
-#define SBL__FLOOR_SHARE 0.02f        /* share of the picture's mean luminance below which differences do not count */
-#define SBL__LEAST_NOISE 1e-12f       /* least noise of a surface in the radiance map: above 0, which marks empty
-                                         pixels, and too small to matter */
-#define SBL__NOISE_WEIGHT 4           /* multiple of the variance: with a threshold, differences count from twice the
-                                         standard error on */
-#define SBL__LOOKS_GAIN 0.4f          /* factor by which twice as many looks reduce the variance; below 0.5 as looks
-                                         share one Sobol sequence */
-#define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* gain per look of the next doubling of looks, as a share of
-                                                          that of the present doubling */
-#define SBL__DOUBLINGS 10             /* number of powers of two that a count of looks can be; 2^9 is SBL__MAX_LOOKS */
-#define SBL__LOOKS_APART 1.1          /* variance of the difference of two means of looks, as a share of the sum of
-                                         their variances; it exceeds 1 because later points of the Sobol sequence
-                                         complement earlier ones */
-#define SBL__LOOKS_COMPARED 64        /* sensors that must have looked again before their differences correct the
-                                         assumed variance */
-#define SBL__LOOKS_WRONG_LEAST 0.5    /* least factor of that correction */
-#define SBL__LOOKS_WRONG_MOST 8.0     /* largest factor of that correction */
-#define SBL__LOOKS_GROWTH 8           /* largest factor by which a sensor's looks grow in one round */
-#define SBL__AIM_BELOW 0.9            /* share of the squared target error that a round aims at */
-#define SBL__AIM_SHARE 0.6            /* least share of the present squared error that a round aims at: new readings
-                                         may change what is worth buying */
-#define SBL__AIM_LEAST 0.7            /* least share of the squared target error that is left for sensors, however
-                                         uncertain stored light is */
-#define SBL__SPLIT_COST 3             /* cost of a split in sensors: a split adds five sensors, but neighbours share
-                                         most of them */
-#define SBL__SPLIT_GAIN 0.875f        /* share of the squared error of interpolation that a split removes */
-/* The two constants below give the root mean square error of interpolation along an edge as a share of the second
-   differences at its ends. They were measured on shadows of lamps with tiles of 2 to 16 pixels. STEP is for a step
-   between the ends, CURVE for a parabola after the correction of sbl__edge_parabola. */
-#define SBL__MISSED_STEP 0.29f
-#define SBL__MISSED_CURVE 0.1f
-#define SBL__MISSED_BEYOND 0.35f      /* error of extrapolation by the width of a tile, as a share of the known
-                                         difference beyond the edge's end */
-#define SBL__UNKNOWN_BEYOND 0.05f     /* least error of extrapolation as a share of the light itself, at a silhouette */
-#define SBL__UNKNOWN_CONTACT 0.12f    /* the same where the other surface is near enough to cast a shadow into the
-                                         gap */
-#define SBL__CONTACT 2.5f             /* distance, in distances of sensors, up to which the other surface is that
-                                         near */
-#define SBL__NOISE_BENDS 0.75f        /* multiple of the sensors' variance that noise alone adds to the measured
-                                         error of interpolation */
-#define SBL__JOB_LOOKS (1 << 21)      /* approximate number of looks in one job */
-#define SBL__NOISE_UNCERTAINTY 1.25f  /* the multiple of the variance subtracted when splits are weighed; it is
-                                         larger because a difference that might be noise is no reason to split, and
-                                         more looks will resolve it */
-#define SBL__HERITAGE 0.6f            /* weight of the parent's variance in a tile's variance, since few sensors
-                                         estimate a variance badly */
-#define SBL__DARKNESS 0.1f            /* share of the mean luminance added to a tile's luminance when gains are
-                                         divided by it: errors in dark places are visible although the sum of squared
-                                         errors hardly counts them */
-#define SBL__GLARING 5.0f             /* a tile whose error exceeds this multiple of the target error, relative to
-                                         its own luminance plus */
-#define SBL__GLARING_FLOOR 0.1f       /* this share of the mean, is always split; otherwise ragged shadows would be
-                                         visible */
-#define SBL__UNKNOWN_PIXEL 0.15f      /* share of the picture's error that is added to the expected error of each
-                                         pixel for causes without an estimate */
-#define SBL__GAIN_BINS 512            /* bins of a histogram of gains, four to an octave */
+/* Occlusion. The sensor of a hidden texel sees surfaces in more than HIDDEN_SHARE of directions, at a mean distance
+   below HIDDEN_NEAR of the distance_limit. A surface nearer than HIDDEN_TOUCH of the limit touches the texel. */
+#define SBL__HIDDEN_SHARE 0.9f
+#define SBL__HIDDEN_NEAR 0.45f
+#define SBL__HIDDEN_TOUCH 0.15f
+#define SBL__HIDDEN_REACH 2       /* distance_limit, in widths of a texel */
+
+/* Interpolation. Errors are root mean squares. Those along an edge are shares of the second differences at its ends,
+   measured on shadows of lamps with tiles of 2 to 16 pixels: STEP for a step of light between the ends, CURVE for a
+   parabola after the correction of sbl__edge_parabola. */
+#define SBL__COVERAGE 0.75f             /* a tile is split if less of a pixel's bilinear weight is covered */
+#define SBL__EXTRAPOLATED_SPAN 4        /* widest tile, pixels, in which corners with extrapolated light cover pixels */
+#define SBL__STEP_ERROR 0.29f
+#define SBL__CURVE_ERROR 0.1f
+#define SBL__EXTRAPOLATION_ERROR 0.35f  /* of extrapolation by a tile's width, as a share of the difference beyond */
+#define SBL__SILHOUETTE_ERROR 0.05f     /* least error of extrapolation as a share of the light, at a silhouette */
+#define SBL__CONTACT_ERROR 0.12f        /* the same if the other surface is near enough to cast a shadow there */
+#define SBL__CONTACT_DISTANCE 2.5f      /* largest distance of such a surface, in distances between sensors */
+#define SBL__PIXEL_ERROR 0.15f          /* share of the picture's error added to each pixel's for unknown causes */
+#define SBL__NOISE_IN_BIAS 0.75f        /* multiple of the sensors' variance that noise adds to the measured bias */
+#define SBL__NOISE_IN_SPLITS 1.25f      /* the same where splits are weighed; larger, because more looks will resolve a
+                                           difference that might be noise */
+/* Noise. */
+#define SBL__LEAST_NOISE 1e-12f         /* least noise of a surface in the radiance map; 0 marks empty pixels */
+#define SBL__NOISE_WEIGHT 4             /* with a threshold, differences must exceed this multiple of the variance */
+#define SBL__LOOKS_GAIN 0.4f            /* factor by which twice as many looks reduce the variance; below 0.5, because
+                                           looks share one Sobol sequence */
+#define SBL__LOOKS_GAIN_NEXT (0.5f * SBL__LOOKS_GAIN)  /* gain per look of a doubling, relative to the one before */
+#define SBL__LOOKS_GROWTH 8             /* largest factor by which a sensor's looks grow in one round */
+#define SBL__DOUBLINGS 10               /* number of powers of two up to SBL__MAX_LOOKS, which is 2^9 */
+#define SBL__LOOKS_DIFFERENCE 1.1       /* variance of the difference of two means of looks, as a share of the sum of
+                                           theirs; above 1, because later points complement earlier ones */
+#define SBL__LOOKS_COMPARED 64          /* least number of sensors whose repeated looks may correct variances */
+#define SBL__LOOKS_CORRECTION_MIN 0.5   /* least factor of that correction */
+#define SBL__LOOKS_CORRECTION_MAX 8.0   /* largest factor of that correction */
+#define SBL__PARENT_WEIGHT 0.6f         /* weight of the parent's variance in a tile's, since a tile has few sensors */
+/* Choice of what a round buys. Numbers that are added to luminances are shares of the picture's mean luminance. */
+#define SBL__MAX_ROUNDS 40              /* limits the number of transfers between CPU and GPU */
+#define SBL__JOB_LOOKS (1 << 21)        /* approximate number of looks in one job */
+#define SBL__AIM_BELOW 0.9              /* a round aims at this share of the squared target error */
+#define SBL__AIM_SHARE 0.6              /* a round aims at no less than this share of the present squared error, since
+                                           new readings may change what is worth buying */
+#define SBL__AIM_LEAST 0.7              /* least share of the squared target error that uncertainty leaves to sensors */
+#define SBL__SPLIT_COST 3               /* cost in sensors: a split adds five, but neighbours share most of them */
+#define SBL__SPLIT_GAIN 0.875f          /* share of the squared error of interpolation that a split removes */
+#define SBL__DIFFERENCE_FLOOR 0.02f     /* added to the light that a threshold is a share of */
+#define SBL__GAIN_FLOOR 0.1f            /* added to a tile's luminance when its gains are divided by it: dark places
+                                           count little in the sum, but their errors are visible */
+#define SBL__GAIN_BINS 512              /* bins of a histogram of gains, four to an octave */
+/* A tile is always split if its error exceeds MAX times the target error, relative to its own luminance plus FLOOR.
+   Otherwise ragged shadows would be visible. */
+#define SBL__TILE_ERROR_MAX 5.0f
+#define SBL__TILE_ERROR_FLOOR 0.1f
+
+/* Two pixels: the ends of a line, or the upper left and lower right corners of a rectangle. */
+typedef struct sbl__range { int x[2], y[2]; } sbl__range;
 
 typedef struct sbl__tile {
-    int x0, y0, x1, y1, level, split;
+    sbl__range area;
+    int level, split;
     int parent;               /* index of the tile whose split made this one, or -1 */
     int looks;                /* number of looks that new sensors at the tile's corners begin with */
-    int pixels;               /* number of pixels that the tile gives light to; counted when the tile is first
-                                 weighed */
-    float missing;            /* share of those pixels that the tile's corners do not cover */
-    float bends2;             /* squared error of interpolation estimated from edges and rim, noise included */
-    float unknown2;           /* part of bends2 that no measured difference reveals */
-    float bias2, noise2;      /* predicted squared errors per pixel, relative */
-    float light, variance;    /* mean luminance of the corners; mean relative variance of one look, blended with the
-                                 parent's */
-    float split_gain, look_gain;  /* gain per look that a split, or more looks, would cost */
+    int pixels;               /* number of pixels that the tile gives light to; counted by the first WEIGH */
+    float uncovered;          /* share of those pixels' bilinear weight at corners that do not belong to the pixel */
+    float raw_bias2;          /* squared error of interpolation as estimated from edges and rim, noise included */
+    float unseen_bias2;       /* part of raw_bias2 for changes of light that no sensor can see */
+    float bias2, noise2;      /* predicted squared errors per pixel */
+    float light, variance;    /* mean luminance of the corners; relative variance of one look */
+    float split_worth, look_worth;  /* gain per look of a split, or of more looks, per luminance; FLT_MAX: must split */
 } sbl__tile;
 
 typedef struct sbl__refine {
     sbl__core *core;
-    sbl__measurement *measurement;      /* how sensors see; their looks may get more rays after the first round */
+    sbl__measurement *measurement;  /* how sensors see; their looks may get more rays after the first round */
     sbl__spec *spec;
     sbl__stages stages;
-    int width, height, tile;
+    int width, height;
+    int tile_size;            /* width and height of first-level tiles */
     int geometry_aware;       /* 1 except in SBL_MODE_PAPER; the threshold is then relative to the mean */
-    float distance_limit;     /* SBL__HIDDEN_REACH widths of a texel, where the sensors' mean distances are cut off;
-                                 0: pixels are not tested for what hides them */
-    int bounced;              /* 1: light bounces, so that a sensor inside a solid finds no light at all */
+    float distance_limit;     /* cut-off of distances in the sensors' mean distances; 0: no test for occlusion */
     double lit, lit_backs;    /* number of sensors that found light so far; sum of their shares of back faces */
     float threshold;          /* 0: tiles are split by predicted gain */
-    float asked;              /* target error; 0: refine until nothing is left to buy */
+    float target_error;       /* 0: refine until nothing is left to buy */
     float smoothing;          /* number of pixels that the filter averages */
     sbl__pixel *pixels;
-    int layer_count;          /* number of layers of light, see sbl__spec_layers */
-    float *layers;            /* layers 1 and up, 3 floats each, pixel after pixel; layer 0 is the radiance of pixels */
+    size_t harmonics;         /* floats of one pixel in layers 1 and up of light, 3 per layer */
+    float *layers;            /* layers 1 and up, pixel after pixel; layer 0 is the radiance of pixels */
     sbl__tile *tiles;
     int tile_count, tile_room;
-    int fresh;                /* index of the first tile that has not been weighed yet */
-    int judged_end;           /* number of tiles that the running WEIGH or SPEND stage visits */
-    int rounds;
-    int weighed;              /* 1: errors have been predicted */
+    int first_new;            /* index of the first tile that has not been weighed yet */
+    int weigh_count;          /* number of tiles that the running WEIGH or SPEND stage visits */
+    int rounds, weighed;      /* number of rounds; 1: errors have been predicted */
     int listed;               /* tiles, or guides, with smaller indices have been listed for the round's jobs */
     sbl__site *sites;         /* sites of the job; site i belongs to pixel sites[i].number */
-    sbl_reading *readings;    /* layers 1 and up of the readings, 3 floats each, site after site */
-    float *found_layers;
-    int site_count, site_room, reading_room, found_room, look_count;
-    sbl__guides guides;       /* guides for the sensors' rays, used where spec->guided is set */
-    int64_t taken;            /* number of looks taken so far */
-    float mean[3];            /* mean of R over the picture */
-    double sum[3];            /* sum of R over the pixels visited in the current round; divided by pixels_summed it
-                                 becomes the next mean */
-    double pixels_summed;
-    float luminance;          /* luminance of the mean */
+    sbl_reading *readings;
+    float *reading_layers;    /* layers 1 and up of the readings, site after site */
+    int site_count, site_room, reading_room, reading_layer_room, look_count;
+    sbl__guides guides;       /* guides for the sensors' rays, used if spec->guided is set */
+    int64_t looks_taken;
+    float mean[3], luminance; /* mean of R over the picture, and its luminance */
+    double sum[3], pixels_summed;  /* sum of R and number of pixels visited in this round; they yield the next mean */
     float weights[3];         /* weights of differences of the channels in errors */
-    float shares[SBL__DOUBLINGS];  /* variance of a mean of 2^k looks as a share of the variance of one look */
-    double differed2[SBL__DOUBLINGS], expected2[SBL__DOUBLINGS];  /* sums, by the number 2^k of earlier looks, of
-                                                                     measured and expected squared differences
-                                                                     between earlier and later looks */
-    int compared[SBL__DOUBLINGS];
+    float variance_shares[SBL__DOUBLINGS];  /* variance of a mean of 2^k looks as a share of that of one look */
+    double measured2[SBL__DOUBLINGS];  /* sum of squared differences between later and 2^k earlier looks of a sensor */
+    double expected2[SBL__DOUBLINGS];  /* expected value of that sum */
+    int compared[SBL__DOUBLINGS];      /* number of terms of that sum */
     double bias2, noise2;     /* sums of bias and noise over pixels */
     double uncertainty2;      /* sum over pixels of the squared uncertainty of stored light; absolute, not relative */
-    double look2;             /* relative variance of one look, averaged over the picture */
+    double look_variance;     /* relative variance of one look, averaged over the picture */
     double predicted, first_predicted;  /* predicted error of the picture now, and after the first round */
-    double gains[SBL__GAIN_BINS];  /* reductions of the squared error on offer, binned by worth per look */
-    float least_gain;         /* least worth per look that is bought in this round */
+    double gains[SBL__GAIN_BINS];  /* reductions of the squared error on offer, binned by worth */
+    float least_worth;        /* least worth that is bought in this round */
     int bought;               /* number of tiles split and sensors that were given more looks in this round */
 } sbl__refine;
 
 static void sbl__refine_free(const sbl__device *d, sbl__refine *r) {
-    sbl__free(d->base, r->pixels);
-    sbl__free(d->base, r->layers);
-    sbl__free(d->base, r->tiles);
-    sbl__free(d->base, r->sites);
-    sbl__free(d->base, r->readings);
-    sbl__free(d->base, r->found_layers);
+    void *const blocks[] = { r->pixels, r->layers, r->tiles, r->sites, r->readings, r->reading_layers };
+    int i;
+    for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(d->base, blocks[i]);
     sbl__guides_free(d, &r->guides);
     memset(r, 0, sizeof *r);
 }
@@ -13268,13 +13246,19 @@ static sbl__pixel *sbl__pixel_at(const sbl__refine *r, int x, int y) {
     return &r->pixels[(size_t)y * (size_t)r->width + (size_t)x];
 }
 
-/* Returns layer `layer` of a pixel's light: 3 floats. */
-static const float *sbl__pixel_light(const sbl__refine *r, const sbl__pixel *p, int layer) {
-    return layer ? r->layers + 3 * ((size_t)(p - r->pixels) * (size_t)(r->layer_count - 1) + (size_t)layer - 1)
-                 : p->radiance;
+/* Like sbl__pixel_at, but returns NULL outside the picture. */
+static sbl__pixel *sbl__pixel_inside(const sbl__refine *r, int x, int y) {
+    return x >= 0 && y >= 0 && x < r->width && y < r->height ? sbl__pixel_at(r, x, y) : NULL;
 }
 
-/* >>refine: which pixels are alike */
+/* Returns layer `layer` of a pixel's light: 3 floats. */
+static const float *sbl__pixel_light(const sbl__refine *r, const sbl__pixel *p, int layer) {
+    return layer ? r->layers + (size_t)(p - r->pixels) * r->harmonics + 3 * ((size_t)layer - 1) : p->radiance;
+}
+
+static float sbl__abs(float x) { return (float)fabs((double)x); }
+
+/* >>refine: which pixels may share light */
 
 /* CPU version of belongs.glsl: the weight, 0 to 1, with which the light of pixel b may be used for pixel a. */
 static float sbl__belongs(const sbl__pixel *a, const sbl__pixel *b, int geometry_aware) {
@@ -13286,7 +13270,7 @@ static float sbl__belongs(const sbl__pixel *a, const sbl__pixel *b, int geometry
     if (turn <= 0) return 0;
     turn = SBL__MIN(turn, 1.0f);
     for (k = 0; k < 3; k++) d[k] = b->position[k] - a->position[k];
-    off = SBL__MAX((float)fabs((double)sbl__dot(d, a->normal)), (float)fabs((double)sbl__dot(d, b->normal)));
+    off = SBL__MAX(sbl__abs(sbl__dot(d, a->normal)), sbl__abs(sbl__dot(d, b->normal)));
     apart = (float)sqrt((double)sbl__dot(d, d));
     plane = 2 - SBL__BELONGS_OFF * off / SBL__MAX(apart, SBL__DIVISOR_LEAST);
     return turn * turn * SBL__MIN(SBL__MAX(plane, 0.0f), 1.0f);
@@ -13295,12 +13279,9 @@ static float sbl__belongs(const sbl__pixel *a, const sbl__pixel *b, int geometry
 /* Returns 1 if other pixels may use the light of this pixel's sensor. */
 static int sbl__usable(const sbl__pixel *p) { return p->sensed && !p->invalid; }
 
-/* Returns the sensor at (x, y) if `pixel` may use its light, else NULL. */
-static const sbl__pixel *sbl__sensor_for(const sbl__refine *r, const sbl__pixel *pixel, int x, int y) {
-    const sbl__pixel *p;
-    if (x < 0 || y < 0 || x >= r->width || y >= r->height) return NULL;
-    p = sbl__pixel_at(r, x, y);
-    return sbl__usable(p) && sbl__belongs(pixel, p, r->geometry_aware) > 0 ? p : NULL;
+/* Returns 1 if both pixels have usable sensors that may share light. */
+static int sbl__connected(const sbl__pixel *a, const sbl__pixel *b, int geometry_aware) {
+    return sbl__usable(a) && sbl__usable(b) && sbl__belongs(a, b, geometry_aware) > 0;
 }
 
 /* >>refine: noise */
@@ -13312,42 +13293,36 @@ static int sbl__doublings(int looks) {
     return k;
 }
 
-/* Returns the variance of a mean of `looks` looks as a share of the variance of one look. Points of one Sobol
-   sequence do better than independent ones by an amount that depends on the scene, so that it is corrected by how
-   much later looks of sensors differ from their earlier looks. */
-static float sbl__looks_share(const sbl__refine *r, int looks) { return r->shares[sbl__doublings(looks)]; }
-
-static void sbl__looks_begin(sbl__refine *r) {
-    int k;
-    for (k = 0; k < SBL__DOUBLINGS; k++) r->shares[k] = (float)pow((double)SBL__LOOKS_GAIN, k);
-}
-
 /* Records that the mean of `more` new looks differs from the mean of `before` earlier looks of the same sensor by a
-   squared luminance of off2; more >= before. */
-static void sbl__looks_differ(sbl__refine *r, const sbl__pixel *p, int before, int more, double off2) {
+   squared luminance of difference2; more >= before. */
+static void sbl__looks_compare(sbl__refine *r, const sbl__pixel *p, int before, int more, double difference2) {
     const int k = sbl__doublings(before);
     const double gain = (double)SBL__LOOKS_GAIN;
-    r->differed2[k] += off2;
-    r->expected2[k] += SBL__LOOKS_APART * p->variance * (pow(gain, k) + pow(gain, sbl__doublings(more)));
+    r->measured2[k] += difference2;
+    r->expected2[k] += SBL__LOOKS_DIFFERENCE * p->variance * (pow(gain, k) + pow(gain, sbl__doublings(more)));
     r->compared[k]++;
 }
 
-/* Corrects the shares by the recorded differences. Numbers of looks that too few sensors have taken keep the
+/* Computes the shares of variance from SBL__LOOKS_GAIN and the recorded differences, because the advantage of a Sobol
+   sequence over independent points depends on the scene. Numbers of looks that too few sensors have taken keep the
    correction of the next smaller number. */
-static void sbl__looks_learn(sbl__refine *r) {
+static void sbl__looks_calibrate(sbl__refine *r) {
     double times = 1;
     int k;
     for (k = 0; k < SBL__DOUBLINGS; k++) {
         if (r->compared[k] >= SBL__LOOKS_COMPARED && r->expected2[k] > 0)
-            times = SBL__MAX(SBL__MIN(r->differed2[k] / r->expected2[k], SBL__LOOKS_WRONG_MOST),
-                             SBL__LOOKS_WRONG_LEAST);
-        r->shares[k] = (float)(times * pow((double)SBL__LOOKS_GAIN, k));
+            times = SBL__MAX(SBL__MIN(r->measured2[k] / r->expected2[k], SBL__LOOKS_CORRECTION_MAX),
+                             SBL__LOOKS_CORRECTION_MIN);
+        r->variance_shares[k] = (float)(times * pow((double)SBL__LOOKS_GAIN, k));
     }
 }
 
+/* Returns the variance of a mean of `looks` looks as a share of the variance of one look. */
+static float sbl__variance_share(const sbl__refine *r, int looks) { return r->variance_shares[sbl__doublings(looks)]; }
+
 /* Returns the variance of a sensor's mean luminance. */
 static double sbl__variance(const sbl__refine *r, const sbl__pixel *p) {
-    return p->variance * (double)sbl__looks_share(r, p->looks);
+    return p->variance * (double)sbl__variance_share(r, p->looks);
 }
 static float sbl__noise(const sbl__refine *r, const sbl__pixel *p) { return (float)sqrt(sbl__variance(r, p)); }
 
@@ -13360,20 +13335,59 @@ static float sbl__noise_left(const sbl__refine *r, int span) {
 
 /* >>refine: interpolation */
 
-/* Computes the position of a pixel in a tile, 0 to 1 on each axis. */
-static void sbl__tile_share(const sbl__tile *c, int x, int y, float share[2]) {
-    share[0] = c->x1 > c->x0 ? (float)(x - c->x0) / (float)(c->x1 - c->x0) : 0;
-    share[1] = c->y1 > c->y0 ? (float)(y - c->y0) / (float)(c->y1 - c->y0) : 0;
-}
-
+/* Returns the pixel at a tile's upper left (0), upper right (1), lower left (2) or lower right (3) corner. */
 static sbl__pixel *sbl__tile_corner(const sbl__refine *r, const sbl__tile *c, int corner) {
-    return sbl__pixel_at(r, corner & 1 ? c->x1 : c->x0, corner & 2 ? c->y1 : c->y0);
+    return sbl__pixel_at(r, c->area.x[corner & 1], c->area.y[corner >> 1]);
 }
 
-static int sbl__tile_span(const sbl__tile *c) { return SBL__MAX(c->x1 - c->x0, c->y1 - c->y0); }
+/* Returns the larger of a tile's width and height. A tile of span 1 cannot be split. */
+static int sbl__tile_span(const sbl__tile *c) {
+    return SBL__MAX(c->area.x[1] - c->area.x[0], c->area.y[1] - c->area.y[0]);
+}
 
-/* A weighted sum of one layer of light over sensors, with its variance. */
-typedef struct sbl__mix { int layer; float light[3], own, covered; double variance; } sbl__mix;
+typedef struct sbl__edge { sbl__range line; const sbl__pixel *ends[2]; } sbl__edge;
+
+/* Returns an edge of a tile; side 0: top, 1: bottom, 2: left, 3: right. */
+static sbl__edge sbl__tile_edge(const sbl__refine *r, const sbl__tile *c, int side) {
+    static const int corners[4][2] = { { 0, 1 }, { 2, 3 }, { 0, 2 }, { 1, 3 } };
+    sbl__edge e;
+    int end;
+    for (end = 0; end < 2; end++) {
+        const int corner = corners[side][end];
+        e.line.x[end] = c->area.x[corner & 1];
+        e.line.y[end] = c->area.y[corner >> 1];
+        e.ends[end] = sbl__tile_corner(r, c, corner);
+    }
+    return e;
+}
+
+/* Returns the sensor `steps` edge lengths beyond an end of an edge, or NULL if `pixel` may not use its light. */
+static const sbl__pixel *sbl__sensor_beyond(const sbl__refine *r, const sbl__pixel *pixel, const sbl__edge *e, int end,
+                                            int steps) {
+    const int *x = e->line.x, *y = e->line.y;
+    const int dx = x[end] - x[!end], dy = y[end] - y[!end];
+    const sbl__pixel *p = sbl__pixel_inside(r, x[end] + steps * dx, y[end] + steps * dy);
+    return p && sbl__usable(p) && sbl__belongs(pixel, p, r->geometry_aware) > 0 ? p : NULL;
+}
+
+/* Returns the pixels that a tile gives light to. Its last column and row belong to the next tile, except at the
+   picture's border. */
+static sbl__range sbl__tile_pixels(const sbl__refine *r, const sbl__tile *c) {
+    sbl__range pixels = c->area;
+    pixels.x[1] -= pixels.x[1] < r->width - 1;
+    pixels.y[1] -= pixels.y[1] < r->height - 1;
+    return pixels;
+}
+
+/* A weighted mean of one layer of light over sensors, with its variance. */
+typedef struct sbl__mix {
+    int layer;
+    float share[2];           /* position in the tile, 0 to 1 on each axis */
+    float light[3];
+    float own;                /* weight of corners that belong to the pixel, 0 to 1 */
+    float covered;            /* that weight plus the weight of extrapolated corners; 0: there is no light */
+    double variance;
+} sbl__mix;
 
 static void sbl__mix_add(const sbl__refine *r, sbl__mix *m, const sbl__pixel *p, float weight) {
     const float *light = sbl__pixel_light(r, p, m->layer);
@@ -13385,39 +13399,42 @@ static void sbl__mix_add(const sbl__refine *r, sbl__mix *m, const sbl__pixel *p,
 /* Handles a corner that shows another surface than the pixel: estimates the light that the pixel's own surface would
    have there by linear extrapolation from the adjacent corners and from the sensors at equal distance beyond them.
    Without a sensor beyond, the light of the adjacent corner is used as it is. */
-static void sbl__mix_continue(const sbl__refine *r, const sbl__tile *c, int corner, const sbl__pixel *pixel,
-                              float weight, sbl__mix *m) {
-    const sbl__pixel *near_by[2], *beyond[2];
+static void sbl__mix_extrapolate(const sbl__refine *r, const sbl__tile *c, int corner, const sbl__pixel *pixel,
+                                 float weight, sbl__mix *m) {
+    const sbl__pixel *adjacent[2], *beyond[2];
+    const int right = corner & 1, lower = corner >> 1;
     float share;
     int axis;
     for (axis = 0; axis < 2; axis++) {
-        const int beside = corner ^ (axis ? 2 : 1);
-        const int x = corner & 1 ? c->x1 : c->x0, y = corner & 2 ? c->y1 : c->y0;
-        const int x1 = beside & 1 ? c->x1 : c->x0, y1 = beside & 2 ? c->y1 : c->y0;
-        near_by[axis] = x1 == x && y1 == y ? NULL : sbl__sensor_for(r, pixel, x1, y1);
-        beyond[axis] = near_by[axis] ? sbl__sensor_for(r, pixel, 2 * x1 - x, 2 * y1 - y) : NULL;
+        const sbl__edge e = sbl__tile_edge(r, c, axis ? 2 + right : lower);
+        const int end = axis ? !lower : !right;
+        adjacent[axis] = e.ends[0] == e.ends[1] ? NULL : sbl__sensor_beyond(r, pixel, &e, end, 0);
+        beyond[axis] = adjacent[axis] ? sbl__sensor_beyond(r, pixel, &e, end, 1) : NULL;
     }
-    share = weight / (near_by[0] && near_by[1] ? 2.0f : 1.0f);
+    share = weight / (adjacent[0] && adjacent[1] ? 2.0f : 1.0f);
     for (axis = 0; axis < 2; axis++) {
-        if (!near_by[axis]) continue;
-        sbl__mix_add(r, m, near_by[axis], beyond[axis] ? 2 * share : share);
+        if (!adjacent[axis]) continue;
+        sbl__mix_add(r, m, adjacent[axis], beyond[axis] ? 2 * share : share);
         if (beyond[axis]) sbl__mix_add(r, m, beyond[axis], -share);
         m->covered += share;
     }
 }
 
 /* Clamps extrapolated light to 0 or more, except in layers of signed values. */
-static float sbl__lit(int layer, float light) { return sbl__layer_is_signed(layer) ? light : SBL__MAX(light, 0.0f); }
+static float sbl__clamp_light(int layer, float light) {
+    return sbl__layer_is_signed(layer) ? light : SBL__MAX(light, 0.0f);
+}
 
-/* Interpolates a layer of light at pixel (x, y) from a tile's corners. m->own: weight of the corners that belong to
-   the pixel, 0 to 1; m->covered: that weight plus the weight of extrapolated corners; 0: there is no light. */
+/* Interpolates a layer of light at pixel (x, y) from a tile's corners. */
 static void sbl__interpolate(const sbl__refine *r, const sbl__tile *c, int x, int y, int layer, sbl__mix *m) {
     const sbl__pixel *pixel = sbl__pixel_at(r, x, y);
-    float f[2];
+    const sbl__range *a = &c->area;
+    const float *f = m->share;
     int corner, k;
     memset(m, 0, sizeof *m);
     m->layer = layer;
-    sbl__tile_share(c, x, y, f);
+    if (a->x[1] > a->x[0]) m->share[0] = (float)(x - a->x[0]) / (float)(a->x[1] - a->x[0]);
+    if (a->y[1] > a->y[0]) m->share[1] = (float)(y - a->y[0]) / (float)(a->y[1] - a->y[0]);
     for (corner = 0; corner < 4; corner++) {
         const sbl__pixel *p = sbl__tile_corner(r, c, corner);
         float weight = (corner & 1 ? f[0] : 1 - f[0]) * (corner & 2 ? f[1] : 1 - f[1]), belongs;
@@ -13427,88 +13444,66 @@ static void sbl__interpolate(const sbl__refine *r, const sbl__tile *c, int x, in
             sbl__mix_add(r, m, p, weight * belongs);
             m->own += weight * belongs;
             m->covered += weight * belongs;
-        } else if (r->geometry_aware) sbl__mix_continue(r, c, corner, pixel, weight, m);
+        } else if (r->geometry_aware) sbl__mix_extrapolate(r, c, corner, pixel, weight, m);
     }
     if (!(m->covered > 0)) return;
-    for (k = 0; k < 3; k++) m->light[k] = sbl__lit(layer, m->light[k] / m->covered);
+    for (k = 0; k < 3; k++) m->light[k] = sbl__clamp_light(layer, m->light[k] / m->covered);
     m->variance /= (double)m->covered * (double)m->covered;
 }
 
-/* Ends of the pixels that a tile gives light to: its right column and bottom row belong to the next tile, except at
-   the picture's border. */
-static int sbl__tile_end_x(const sbl__refine *r, const sbl__tile *c) {
-    return c->x1 == r->width - 1 ? c->x1 : c->x1 - 1;
-}
-static int sbl__tile_end_y(const sbl__refine *r, const sbl__tile *c) {
-    return c->y1 == r->height - 1 ? c->y1 : c->y1 - 1;
-}
-
-/* A line from one pixel to another, mostly in one row or column. */
-typedef struct sbl__edge { int x0, y0, x1, y1; } sbl__edge;
-
-/* Returns an edge of a tile; side 0: top, 1: bottom, 2: left, 3: right. */
-static sbl__edge sbl__tile_edge(const sbl__tile *c, int side) {
-    sbl__edge e;
-    e.x0 = side == 3 ? c->x1 : c->x0;
-    e.x1 = side == 2 ? c->x0 : c->x1;
-    e.y0 = side == 1 ? c->y1 : c->y0;
-    e.y1 = side == 0 ? c->y0 : c->y1;
-    return e;
-}
-
 /* Second differences of a layer of light at both ends of an edge, each from the two ends and a sensor at equal
-   distance beyond one of them. */
-typedef struct sbl__bends { int known[2]; float differences[2][3]; } sbl__bends;
+   distance beyond one of them. Without such a sensor: the negative of that at the other end. */
+typedef struct sbl__curvature { int known; float at[2][3]; } sbl__curvature;
 
-static void sbl__edge_bends(const sbl__refine *r, const sbl__edge *e, int layer, sbl__bends *out) {
-    const int dx = e->x1 - e->x0, dy = e->y1 - e->y0;
-    const sbl__pixel *a = sbl__pixel_at(r, e->x0, e->y0), *b = sbl__pixel_at(r, e->x1, e->y1);
-    int end, k;
+/* Returns 1 if the ends of the edge have usable sensors that may share light. known: 0 if there is no sensor beyond
+   either end. */
+static int sbl__edge_curvature(const sbl__refine *r, const sbl__edge *e, int layer, sbl__curvature *out) {
+    const int length = e->line.x[1] - e->line.x[0] + e->line.y[1] - e->line.y[0];
+    int known[2] = { 0, 0 }, end, k;
     memset(out, 0, sizeof *out);
-    if (dx + dy <= 1 || !r->geometry_aware || !sbl__usable(a) || !sbl__usable(b) || !(sbl__belongs(a, b, 1) > 0))
-        return;
-    for (end = 0; end < 2; end++) {
-        const sbl__pixel *corner = end ? b : a, *other = end ? a : b;
-        const sbl__pixel *p = sbl__sensor_for(r, corner, end ? e->x1 + dx : e->x0 - dx, end ? e->y1 + dy : e->y0 - dy);
-        const float *there = sbl__pixel_light(r, corner, layer), *along = sbl__pixel_light(r, other, layer), *beyond;
-        if (!p) continue;
-        beyond = sbl__pixel_light(r, p, layer);
-        out->known[end] = 1;
-        for (k = 0; k < 3; k++) out->differences[end][k] = beyond[k] - 2 * there[k] + along[k];
+    if (!sbl__connected(e->ends[0], e->ends[1], 1)) return 0;
+    for (end = 0; end < 2 && length > 1 && r->geometry_aware; end++) {
+        const sbl__pixel *here = e->ends[end], *p = sbl__sensor_beyond(r, here, e, end, 1);
+        const float *light = sbl__pixel_light(r, here, layer), *other = sbl__pixel_light(r, e->ends[!end], layer);
+        known[end] = p != NULL;
+        for (k = 0; k < 3 && p; k++) out->at[end][k] = sbl__pixel_light(r, p, layer)[k] - 2 * light[k] + other[k];
     }
+    out->known = known[0] || known[1];
+    for (k = 0; k < 3 && known[0] != known[1]; k++) out->at[known[0]][k] = -out->at[!known[0]][k];
+    return 1;
 }
 
 /* Computes the second difference that corrects interpolation along an edge: the smaller of those at its two ends
    where their signs agree, else 0, because signs differ at a kink. */
 static void sbl__edge_parabola(const sbl__refine *r, const sbl__edge *e, int layer, float out[3]) {
-    sbl__bends bends;
+    sbl__curvature curvature;
     int k;
-    sbl__edge_bends(r, e, layer, &bends);
+    sbl__edge_curvature(r, e, layer, &curvature);
     for (k = 0; k < 3; k++) {
-        const float a = bends.differences[0][k], b = bends.differences[1][k];
-        out[k] = a * b <= 0 ? 0 : fabs((double)a) < fabs((double)b) ? a : b;
+        const float a = curvature.at[0][k], b = curvature.at[1][k];
+        out[k] = a * b <= 0 ? 0 : sbl__abs(a) < sbl__abs(b) ? a : b;
     }
 }
 
-/* >>refine: what interpolation misses */
+/* >>refine: the error of interpolation */
 
 /* Returns the root mean square error of interpolation along an edge in one channel. at_0, at_1: second differences
-   at its ends; d: difference between its ends. A step between the ends makes second differences as large as d, of
-   opposite signs. The middle of a wide penumbra makes them smaller than d, and interpolation misses little there. */
-static float sbl__bends_missed(float at_0, float at_1, float d) {
-    const float a = (float)fabs((double)at_0), b = (float)fabs((double)at_1);
+   at its ends; d: difference between its ends. Around a step of light, at_0 and at_1 are as large as d, with opposite
+   signs. In the middle of a wide penumbra they are smaller than d, and the error is small. */
+static float sbl__edge_error(float at_0, float at_1, float d) {
+    const float a = sbl__abs(at_0), b = sbl__abs(at_1);
     const float most = SBL__MAX(a, b), least = SBL__MIN(a, b);
-    const float abrupt = SBL__MIN(0.5f * (a + b) / SBL__MAX((float)fabs((double)d), 1e-30f), 1.0f);
-    const float even = at_0 * at_1 < 0 ? SBL__MISSED_STEP * 0.5f * (a + b) * abrupt : SBL__MISSED_CURVE * least;
-    return even + SBL__MISSED_CURVE * (most - least) * abrupt;
+    const float abrupt = SBL__MIN(0.5f * (a + b) / SBL__MAX(sbl__abs(d), 1e-30f), 1.0f);
+    const float even = at_0 * at_1 < 0 ? SBL__STEP_ERROR * 0.5f * (a + b) * abrupt : SBL__CURVE_ERROR * least;
+    return even + SBL__CURVE_ERROR * (most - least) * abrupt;
 }
 
-/* The two functions below convert a variance of luminance, and a difference of two radiances, to a relative squared
-   error. */
+/* Returns the relative squared error for a variance of luminance. */
 static float sbl__relative2(const sbl__refine *r, double variance) {
     return (float)SBL__MIN(variance / r->luminance / r->luminance, 1e30);
 }
 
+/* Returns the relative squared error for a difference of two radiances. */
 static float sbl__squared(const sbl__refine *r, const float difference[3]) {
     float sum = 0;
     int k;
@@ -13521,72 +13516,64 @@ static float sbl__distance2(const float a[3], const float b[3]) {
     return sbl__dot(d, d);
 }
 
-/* Returns the squared error of extrapolation from an end of an edge into the tile, estimated from the second
-   difference beyond that end, and adds to *unknown2 the part for changes of light that may hide between the sensor
-   and the border of its surface. */
-static float sbl__beyond2(const sbl__refine *r, const sbl__edge *e, int end, float *unknown2) {
-    const int dx = e->x1 - e->x0, dy = e->y1 - e->y0, way = end ? 1 : -1;
-    const int x = end ? e->x1 : e->x0, y = end ? e->y1 : e->y0;
-    const sbl__pixel *p = sbl__pixel_at(r, x, y), *next, *last, *other;
-    float difference[3], hidden[3], unknown = SBL__UNKNOWN_BEYOND;
+/* Returns the squared error of extrapolation from an end of an edge into the tile, estimated from the second difference
+   beyond that end. Adds to *unseen2 the part for changes of light between the sensor and the border of its surface. */
+static float sbl__extrapolation_bias2(const sbl__refine *r, const sbl__edge *e, int end, float *unseen2) {
+    const sbl__pixel *p = e->ends[end], *other = e->ends[!end];
+    const sbl__pixel *next = sbl__sensor_beyond(r, p, e, end, 1), *last = sbl__sensor_beyond(r, p, e, end, 2);
+    float difference[3], unseen[3], share = SBL__SILHOUETTE_ERROR;
     int k;
-    next = sbl__sensor_for(r, p, x + way * dx, y + way * dy);
-    last = sbl__sensor_for(r, p, x + 2 * way * dx, y + 2 * way * dy);
-    other = end ? sbl__pixel_at(r, e->x0, e->y0) : sbl__pixel_at(r, e->x1, e->y1);
-    if (other->id && (!next || sbl__distance2(p->position, other->position) <
-                                   SBL__CONTACT * SBL__CONTACT * sbl__distance2(p->position, next->position)))
-        unknown = SBL__UNKNOWN_CONTACT;
+    if (other->id && (!next || sbl__distance2(p->position, other->position) < SBL__CONTACT_DISTANCE *
+                                   SBL__CONTACT_DISTANCE * sbl__distance2(p->position, next->position)))
+        share = SBL__CONTACT_ERROR;
     for (k = 0; k < 3; k++) {
         const double known = next && last ? p->radiance[k] - 2 * next->radiance[k] + last->radiance[k]
                            : next         ? p->radiance[k] - next->radiance[k] : 0;
-        hidden[k] = unknown * SBL__MAX(p->radiance[k], r->mean[k]);
-        difference[k] = SBL__MAX(SBL__MISSED_BEYOND * (float)fabs(known), hidden[k]);
+        unseen[k] = share * SBL__MAX(p->radiance[k], r->mean[k]);
+        difference[k] = SBL__MAX(SBL__EXTRAPOLATION_ERROR * (float)fabs(known), unseen[k]);
     }
-    *unknown2 += sbl__squared(r, hidden);
+    *unseen2 += sbl__squared(r, unseen);
     return sbl__squared(r, difference);
 }
 
 /* Returns the squared error of interpolation in a tile, estimated from its edges, both where corners cover the tile
-   and where light is extrapolated. Sets c->unknown2. */
-static float sbl__tile_bends2(const sbl__refine *r, sbl__tile *c) {
-    float inside = 0, beyond = 0, unknown = 0;
-    int side, end, k, insides = 0, beyonds = 0;
+   and where light is extrapolated. Sets c->unseen_bias2. */
+static float sbl__tile_edge_bias2(const sbl__refine *r, sbl__tile *c) {
+    float inside = 0, outside = 0, unseen = 0;
+    int side, end, k, insides = 0, outsides = 0;
     for (side = 0; side < 4; side++) {
-        const sbl__edge e = sbl__tile_edge(c, side);
-        const sbl__pixel *ends[2];
-        sbl__bends bends;
-        if (e.x1 - e.x0 + e.y1 - e.y0 < 1) continue;
-        ends[0] = sbl__pixel_at(r, e.x0, e.y0);
-        ends[1] = sbl__pixel_at(r, e.x1, e.y1);
-        if (sbl__usable(ends[0]) && sbl__usable(ends[1]) && sbl__belongs(ends[0], ends[1], 1) > 0) {
-            float missed[3];
-            sbl__edge_bends(r, &e, 0, &bends);
+        const sbl__edge e = sbl__tile_edge(r, c, side);
+        sbl__curvature curvature;
+        if (e.ends[0] == e.ends[1]) continue;
+        if (sbl__edge_curvature(r, &e, 0, &curvature)) {
+            float error[3];
             for (k = 0; k < 3; k++) {
-                const float d = ends[1]->radiance[k] - ends[0]->radiance[k];
-                const float at_0 = bends.known[0] ? bends.differences[0][k] : -bends.differences[1][k];
-                const float at_1 = bends.known[1] ? bends.differences[1][k] : -bends.differences[0][k];
-                missed[k] = bends.known[0] || bends.known[1] ? sbl__bends_missed(at_0, at_1, d)
-                                                             : SBL__MISSED_STEP * (float)fabs((double)d);
+                const float d = e.ends[1]->radiance[k] - e.ends[0]->radiance[k];
+                error[k] = curvature.known ? sbl__edge_error(curvature.at[0][k], curvature.at[1][k], d)
+                                           : SBL__STEP_ERROR * sbl__abs(d);
             }
-            inside += sbl__squared(r, missed);
+            inside += sbl__squared(r, error);
             insides++;
         } else for (end = 0; end < 2; end++)
-            if (sbl__usable(ends[end])) { beyond += sbl__beyond2(r, &e, end, &unknown); beyonds++; }
+            if (sbl__usable(e.ends[end])) {
+                outside += sbl__extrapolation_bias2(r, &e, end, &unseen);
+                outsides++;
+            }
     }
     if (insides) inside /= (float)insides;
-    beyond = beyonds ? beyond / (float)beyonds : inside;
-    c->unknown2 = beyonds ? c->missing * unknown / (float)beyonds : 0;
-    return (1 - c->missing) * inside + c->missing * beyond;
+    outside = outsides ? outside / (float)outsides : inside;
+    c->unseen_bias2 = outsides ? c->uncovered * unseen / (float)outsides : 0;
+    return (1 - c->uncovered) * inside + c->uncovered * outside;
 }
 
-/* Returns the next sensor on a tile's rim, put there by the split of a neighbour, from position *at on, or NULL
-   after the last one. *guess: light that the tile interpolates there. Corners are skipped, as interpolation is exact
-   at them. */
+/* Returns the next sensor that splits of neighbours put on a tile's rim, from position *at on, or NULL. Corners are
+   skipped, because interpolation is exact there. *guess: the light that the tile interpolates at the sensor. */
 static const sbl__pixel *sbl__tile_rim_next(const sbl__refine *r, const sbl__tile *c, int *at, sbl__mix *guess) {
-    const int width = c->x1 - c->x0, height = c->y1 - c->y0;
+    const sbl__range *a = &c->area;
+    const int width = a->x[1] - a->x[0], height = a->y[1] - a->y[0];
     while (*at < 2 * (width + height)) {
         const int along = *at < 2 * width, i = along ? *at >> 1 : (*at - 2 * width) >> 1, far_side = *at & 1;
-        const int x = along ? c->x0 + i : far_side ? c->x1 : c->x0, y = !along ? c->y0 + i : far_side ? c->y1 : c->y0;
+        const int x = along ? a->x[0] + i : a->x[far_side], y = along ? a->y[far_side] : a->y[0] + i;
         const sbl__pixel *p = sbl__pixel_at(r, x, y);
         (*at)++;
         if (i == 0 || !sbl__usable(p)) continue;
@@ -13597,7 +13584,7 @@ static const sbl__pixel *sbl__tile_rim_next(const sbl__refine *r, const sbl__til
 }
 
 /* Returns the squared error of interpolation measured at the sensors on a tile's rim. */
-static float sbl__tile_rim2(const sbl__refine *r, const sbl__tile *c) {
+static float sbl__tile_rim_bias2(const sbl__refine *r, const sbl__tile *c) {
     const sbl__pixel *p;
     sbl__mix guess;
     float sum = 0, difference[3];
@@ -13612,77 +13599,86 @@ static float sbl__tile_rim2(const sbl__refine *r, const sbl__tile *c) {
     return count ? sum / (float)count : 0;
 }
 
-/* Returns the squared error of interpolation in a tile. Sensors on the rim stand where neighbours had reason to
-   split, so that the error there exceeds the average of the tile and counts only half. */
-static float sbl__tile_missed2(const sbl__refine *r, sbl__tile *c) {
-    const float bends2 = sbl__tile_bends2(r, c), rim2 = sbl__tile_rim2(r, c);
-    return SBL__MAX(bends2, 0.5f * (bends2 + rim2));
+/* Returns the squared error of interpolation in a tile, noise included. Sensors on the rim stand where neighbours had
+   reason to split, so that the error there exceeds the average of the tile and counts only half. */
+static float sbl__tile_raw_bias2(const sbl__refine *r, sbl__tile *c) {
+    const float edges2 = sbl__tile_edge_bias2(r, c), rim2 = sbl__tile_rim_bias2(r, c);
+    return SBL__MAX(edges2, 0.5f * (edges2 + rim2));
 }
 
 /* >>refine: tiles */
 
-/* Adds the tile between the ends of `diagonal`, its upper left and lower right corners. */
-static sbl_result sbl__refine_add_tile(sbl__refine *r, const sbl__edge *diagonal, int level, int parent, int looks) {
+/* Summary of the sensors at a tile's corners. */
+typedef struct sbl__corners {
+    int looks;                /* fewest looks that any of them has taken; 0: there is no sensor */
+    int is_new;               /* 1: the last round read one of them */
+    int unread;               /* 1: one of them has not been read yet */
+} sbl__corners;
+
+static sbl__corners sbl__tile_corners(const sbl__refine *r, const sbl__tile *c) {
+    sbl__corners all = { 0, 0, 0 };
+    int corner;
+    for (corner = 0; corner < 4; corner++) {
+        const sbl__pixel *p = sbl__tile_corner(r, c, corner);
+        if (sbl__usable(p) && p->looks) all.looks = all.looks ? SBL__MIN(all.looks, p->looks) : p->looks;
+        all.is_new |= p->round == r->rounds - 1;
+        all.unread |= p->id && !p->sensed;
+    }
+    return all;
+}
+
+/* parent: index of the tile whose split makes this one, or -1. New sensors begin with as many looks as the parent's,
+   since with fewer they would be noisier than interpolation. */
+static sbl_result sbl__refine_add_tile(sbl__refine *r, const sbl__range *area, int parent) {
     sbl__tile *c;
     if (!sbl__grow(&r->core->base, &r->tiles, &r->tile_room, r->tile_count + 1, sizeof *r->tiles))
         return SBL_ERROR_OUT_OF_MEMORY;
     c = &r->tiles[r->tile_count++];
     memset(c, 0, sizeof *c);
-    c->x0 = diagonal->x0;
-    c->y0 = diagonal->y0;
-    c->x1 = diagonal->x1;
-    c->y1 = diagonal->y1;
-    c->level = level;
+    c->area = *area;
+    c->level = parent < 0 ? 0 : r->tiles[parent].level + 1;
     c->parent = parent;
-    c->looks = looks;
+    c->looks = parent < 0 ? 1 : SBL__MAX(1, sbl__tile_corners(r, &r->tiles[parent]).looks);
     return SBL_SUCCESS;
 }
 
-static int sbl__tile_is_single(const sbl__tile *c) { return c->x1 - c->x0 <= 1 && c->y1 - c->y0 <= 1; }
-
-/* Returns the fewest looks that any sensor of a tile has taken; 0: the tile has no sensor. */
-static int sbl__tile_looks(const sbl__refine *r, const sbl__tile *c) {
-    int corner, looks = 0;
-    for (corner = 0; corner < 4; corner++) {
-        const sbl__pixel *p = sbl__tile_corner(r, c, corner);
-        if (sbl__usable(p) && p->looks) looks = looks ? SBL__MIN(looks, p->looks) : p->looks;
-    }
-    return looks;
-}
-
 static sbl_result sbl__tile_split(sbl__refine *r, int index) {
-    const sbl__tile c = r->tiles[index];
-    const int looks = SBL__MAX(1, sbl__tile_looks(r, &c));  /* With fewer looks, new sensors would be noisier than
-                                                               interpolation. */
-    const int columns = c.x1 - c.x0 > 1 ? 2 : 1, rows = c.y1 - c.y0 > 1 ? 2 : 1;
-    const int xs[3] = { c.x0, columns == 2 ? (c.x0 + c.x1) / 2 : c.x1, c.x1 };
-    const int ys[3] = { c.y0, rows == 2 ? (c.y0 + c.y1) / 2 : c.y1, c.y1 };
+    const sbl__range a = r->tiles[index].area;
+    const int columns = a.x[1] - a.x[0] > 1 ? 2 : 1, rows = a.y[1] - a.y[0] > 1 ? 2 : 1;
+    const int xs[3] = { a.x[0], columns == 2 ? (a.x[0] + a.x[1]) / 2 : a.x[1], a.x[1] };
+    const int ys[3] = { a.y[0], rows == 2 ? (a.y[0] + a.y[1]) / 2 : a.y[1], a.y[1] };
     sbl_result result = SBL_SUCCESS;
-    int i, j;
+    int i;
     r->tiles[index].split = 1;
-    for (j = 0; j < rows && result == SBL_SUCCESS; j++)
-        for (i = 0; i < columns && result == SBL_SUCCESS; i++) {
-            const sbl__edge diagonal = { xs[i], ys[j], xs[i + 1], ys[j + 1] };
-            result = sbl__refine_add_tile(r, &diagonal, c.level + 1, index, looks);
-        }
+    for (i = 0; i < columns * rows && result == SBL_SUCCESS; i++) {
+        const int column = i % columns, row = i / columns;
+        const sbl__range part = { { xs[column], xs[column + 1] }, { ys[row], ys[row + 1] } };
+        result = sbl__refine_add_tile(r, &part, index);
+    }
     return result;
 }
 
-/* Returns 1 if the difference between two radiances is more than the threshold and more than noise of the given
-   variance explains. */
-static int sbl__differ(const sbl__refine *r, const float a[3], const float b[3], double variance) {
-    float most = 0, mean = 0, least;
+/* Returns the largest absolute difference in any channel of two radiances. *sum: the largest sum in any channel. */
+static float sbl__difference(const float a[3], const float b[3], float *sum) {
+    float most = 0;
     int k;
+    *sum = 0;
     for (k = 0; k < 3; k++) {
         most = SBL__MAX(most, (float)fabs((double)a[k] - b[k]));
-        mean = SBL__MAX(mean, 0.5f * (a[k] + b[k]));
+        *sum = SBL__MAX(*sum, a[k] + b[k]);
     }
-    least = r->threshold * (r->geometry_aware ? mean + SBL__FLOOR_SHARE * r->luminance : 1.0f);
+    return most;
+}
+
+/* Returns 1 if two radiances differ by more than the threshold and by more than noise of this variance explains. */
+static int sbl__differ(const sbl__refine *r, const float a[3], const float b[3], double variance) {
+    float sum, least;
+    const float most = sbl__difference(a, b, &sum);
+    least = r->threshold * (r->geometry_aware ? 0.5f * sum + SBL__DIFFERENCE_FLOOR * r->luminance : 1.0f);
     return (double)most * most > (double)least * least + SBL__NOISE_WEIGHT * variance;
 }
 
-/* Returns 1 if corners that belong together differ by more than the threshold, or if a sensor on the rim differs
-   from the interpolated light by more than that. */
+/* Returns 1 if connected corners differ, or if a sensor on the rim differs from the interpolated light. */
 static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
     const sbl__pixel *p;
     sbl__mix guess;
@@ -13690,7 +13686,7 @@ static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
     for (i = 0; i < 4; i++)
         for (k = i + 1; k < 4; k++) {
             const sbl__pixel *a = sbl__tile_corner(r, c, i), *b = sbl__tile_corner(r, c, k);
-            if (sbl__usable(a) && sbl__usable(b) && sbl__belongs(a, b, r->geometry_aware) > 0 &&
+            if (sbl__connected(a, b, r->geometry_aware) &&
                 sbl__differ(r, a->radiance, b->radiance, sbl__variance(r, a) + sbl__variance(r, b))) return 1;
         }
     while ((p = sbl__tile_rim_next(r, c, &at, &guess)) != NULL)
@@ -13698,41 +13694,38 @@ static int sbl__tile_differs(const sbl__refine *r, const sbl__tile *c) {
     return 0;
 }
 
-/* Counts the pixels that a tile gives light to. Returns 1 if its corners leave some of them uncovered, so that the
-   tile must be split. */
+/* Counts the pixels that a tile gives light to. Returns 1 if it must be split because corners do not cover all. */
 static int sbl__tile_count(const sbl__refine *r, sbl__tile *c) {
-    const int continued = r->geometry_aware && sbl__tile_span(c) <= SBL__CONTINUED && !(r->threshold > 0);
-    float missing = 0;
-    int x, y, bare = 0;
+    const int extrapolated = r->geometry_aware && sbl__tile_span(c) <= SBL__EXTRAPOLATED_SPAN && !(r->threshold > 0);
+    const sbl__range pixels = sbl__tile_pixels(r, c);
+    float uncovered = 0;
+    int x, y, must_split = 0;
     c->pixels = 0;
-    for (y = c->y0; y <= sbl__tile_end_y(r, c); y++)
-        for (x = c->x0; x <= sbl__tile_end_x(r, c); x++) {
+    for (y = pixels.y[0]; y <= pixels.y[1]; y++)
+        for (x = pixels.x[0]; x <= pixels.x[1]; x++) {
             const sbl__pixel *p = sbl__pixel_at(r, x, y);
             sbl__mix m;
             if (!p->id) continue;
             c->pixels++;
             if (p->sensed) continue;
             sbl__interpolate(r, c, x, y, 0, &m);
-            missing += 1 - m.own;
-            bare |= (continued ? m.covered : m.own) < SBL__COVERAGE;
+            uncovered += 1 - m.own;
+            must_split |= (extrapolated ? m.covered : m.own) < SBL__COVERAGE;
         }
-    c->missing = c->pixels ? missing / (float)c->pixels : 0;
-    return bare;
+    c->uncovered = c->pixels ? uncovered / (float)c->pixels : 0;
+    return must_split;
 }
 
 /* >>refine: guides for sensors' rays, see >>guide */
 
 /* Returns the pixel where a guide stands, or NULL. */
 static const sbl__pixel *sbl__guide_pixel(const sbl__refine *r, int column, int row) {
-    const sbl__guides *g = &r->guides;
-    const sbl__pixel *p;
-    if (column < 0 || row < 0 || column >= g->columns || row >= g->rows) return NULL;
-    p = sbl__pixel_at(r, column * g->step, row * g->step);
-    return p->id ? p : NULL;
+    const sbl__pixel *p = sbl__pixel_inside(r, column * r->guides.step, row * r->guides.step);
+    return p && p->id ? p : NULL;
 }
 
-/* Returns how well a guide made at one pixel serves another pixel: the weight with which the pixels belong together,
-   or 0 unless the sectors of both guides' rings begin on the same side. */
+/* Returns how well a guide made at one pixel suits another pixel: the weight with which the pixels belong together, or
+   0 unless the sectors of both guides' rings begin on the same side. */
 static float sbl__guide_fits(const sbl__pixel *a, const sbl__pixel *b) {
     const float belongs = sbl__belongs(a, b, 1);
     double right[2][3], up[3];
@@ -13761,20 +13754,23 @@ static int sbl__guide_for(const sbl__refine *r, int index) {
 
 /* >>refine: rounds, from the sites that are wanted to the readings that are taken */
 
-static int sbl__refine_tiles_across(const sbl__refine *r) { return SBL__MAX(1, (r->width - 2 + r->tile) / r->tile); }
+static int sbl__refine_tiles_along(const sbl__refine *r, int pixels) {
+    return SBL__MAX(1, (pixels - 2 + r->tile_size) / r->tile_size);
+}
 
 /* Returns the number of first-level tiles, which cover the whole picture. */
 static int sbl__refine_tiles(void *work) {
     const sbl__refine *r = (const sbl__refine *)work;
-    return sbl__refine_tiles_across(r) * SBL__MAX(1, (r->height - 2 + r->tile) / r->tile);
+    return sbl__refine_tiles_along(r, r->width) * sbl__refine_tiles_along(r, r->height);
 }
 
 static sbl_result sbl__refine_tile(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
-    const int across = sbl__refine_tiles_across(r), x = at % across * r->tile, y = at / across * r->tile;
-    const int right = SBL__MIN(x + r->tile, r->width - 1), lower = SBL__MIN(y + r->tile, r->height - 1);
-    const sbl__edge diagonal = { x, y, right, lower };
-    return sbl__refine_add_tile(r, &diagonal, 0, -1, 1);
+    const int across = sbl__refine_tiles_along(r, r->width);
+    const int x = at % across * r->tile_size, y = at / across * r->tile_size;
+    const sbl__range area = { { x, SBL__MIN(x + r->tile_size, r->width - 1) },
+                              { y, SBL__MIN(y + r->tile_size, r->height - 1) } };
+    return sbl__refine_add_tile(r, &area, -1);
 }
 
 /* Makes the site of pixel number `index` for looks from number `first` on. */
@@ -13796,11 +13792,10 @@ static int sbl__refine_room(sbl__refine *r, int more) {
     sbl__base *base = &r->core->base;
     return sbl__grow(base, &r->sites, &r->site_room, count, sizeof *r->sites) &&
            sbl__grow(base, &r->readings, &r->reading_room, count, sizeof *r->readings) &&
-           (r->layer_count == 1 || sbl__grow(base, &r->found_layers, &r->found_room, count,
-                                             (size_t)(r->layer_count - 1) * 3 * sizeof(float)));
+           sbl__grow(base, &r->reading_layers, &r->reading_layer_room, count, r->harmonics * sizeof(float));
 }
 
-/* Tells the stage to list tiles as long as the looks of their sites fit into one job. */
+/* Returns how many tiles the stage may list: any number until the looks of their sites fill a job. */
 static int sbl__refine_unlisted(void *work) {
     const sbl__refine *r = (const sbl__refine *)work;
     return r->listed < r->tile_count && r->look_count < SBL__JOB_LOOKS ? INT_MAX : 0;
@@ -13829,55 +13824,48 @@ static sbl_result sbl__refine_list(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Tests whether a texel of a lightmap is hidden, so that no viewer sees it: surfaces lie on it, nearer than the size
-   of a texel, in most directions, or it lies inside a solid, which no bounce reaches. Light of a hidden texel would
-   show beyond the edge of the object that hides it, so the texel takes its neighbours' light instead. A touched
-   texel lies close to such an edge, where light changes within a fraction of a texel; next to a hidden texel it
-   takes its neighbours' light, too. */
-static int sbl__refine_hides(sbl__refine *r, const sbl_reading *reading) {
+/* Returns the occlusion of a texel of a lightmap. A hidden texel is one that no viewer sees: surfaces lie on it, nearer
+   than the size of a texel, in most directions, or it lies inside a solid, which no bounce reaches. A touched texel
+   lies close to the edge of a surface that hides texels, where light changes within a fraction of a texel. */
+static int sbl__refine_occlusion(sbl__refine *r, const sbl_reading *reading) {
     const int dark = sbl__all_zero(reading->radiance, 3), backs = reading->back_share > 0.5f;
     if (!(r->distance_limit > 0) || !(reading->hit_min > 0)) return 0;
     r->lit += !dark;
     r->lit_backs += dark ? 0 : (double)reading->back_share;
-    if (r->bounced && dark && backs && r->lit_backs <= 0.5 * r->lit) return SBL__HIDDEN;
+    if (r->spec->bounced && dark && backs && r->lit_backs <= 0.5 * r->lit) return SBL__HIDDEN;
     if (reading->hit_share > SBL__HIDDEN_SHARE && reading->hit_mean < SBL__HIDDEN_NEAR * r->distance_limit)
         return SBL__HIDDEN;
     return reading->hit_min < SBL__HIDDEN_TOUCH * r->distance_limit ? SBL__TOUCHED : 0;
 }
 
-/* Decides from the first reading of pixel number `index` whether it or one of its neighbours must take the light of
-   others. */
-static void sbl__refine_hide(sbl__refine *r, int index, const sbl_reading *reading) {
-    const int x = index % r->width, y = index / r->width;
+/* Decides from the first reading of pixel number `index` whether its light may be shown. Hidden texels, and touched
+   texels next to them, take their neighbours' light instead, because their own light would show beyond the edge of the
+   object that hides them. */
+static void sbl__refine_validate(sbl__refine *r, int index, const sbl_reading *reading) {
     sbl__pixel *p = &r->pixels[index];
     int i;
     p->invalid = !reading->valid;
-    p->hides = (unsigned char)sbl__refine_hides(r, reading);
-    if (p->hides == SBL__HIDDEN) {
+    p->occlusion = (unsigned char)sbl__refine_occlusion(r, reading);
+    if (p->occlusion == SBL__HIDDEN) {
         p->invalid = 1;
-        r->uncertainty2 -= (double)p->uncertainty * p->uncertainty;  /* The hidden texel's light is not shown, so its
-                                                              uncertainty does not count. */
+        r->uncertainty2 -= (double)p->uncertainty * p->uncertainty;  /* Its own light is not shown. */
         p->uncertainty = 0;
     }
-    for (i = 0; i < 9 && p->hides; i++) {
-        const int x1 = x + i % 3 - 1, y1 = y + i / 3 - 1;
-        sbl__pixel *other;
-        if (x1 < 0 || y1 < 0 || x1 >= r->width || y1 >= r->height) continue;
-        other = sbl__pixel_at(r, x1, y1);
-        if (other->id != p->id) continue;
-        if (p->hides == SBL__TOUCHED && other->hides == SBL__HIDDEN) p->invalid = 1;
-        if (p->hides == SBL__HIDDEN && other->hides == SBL__TOUCHED) other->invalid = 1;
+    for (i = 0; i < 9 && p->occlusion; i++) {
+        sbl__pixel *other = sbl__pixel_inside(r, index % r->width + i % 3 - 1, index / r->width + i / 3 - 1);
+        if (!other || other->id != p->id) continue;
+        if (p->occlusion == SBL__TOUCHED && other->occlusion == SBL__HIDDEN) p->invalid = 1;
+        if (p->occlusion == SBL__HIDDEN && other->occlusion == SBL__TOUCHED) other->invalid = 1;
     }
 }
 
 /* Computes layers 1 and up, which are harmonics, for light that comes evenly from a pixel's whole hemisphere. */
 static void sbl__refine_even(const sbl__refine *r, const sbl__pixel *p, float *out) {
     static const int axes[3] = { 1, 2, 0 };
-    int i, k;
-    for (i = 0; i < r->layer_count - 1; i++)
-        for (k = 0; k < 3; k++)
-            out[3 * i + k] = (float)SBL__PI * p->radiance[k] *
-                             (i ? SBL__HARMONIC_1 * p->normal[axes[i - 1]] : 2 * SBL__HARMONIC_0);
+    size_t i;
+    for (i = 0; i < r->harmonics; i++)
+        out[i] = (float)SBL__PI * p->radiance[i % 3] *
+                 (i < 3 ? 2 * SBL__HARMONIC_0 : SBL__HARMONIC_1 * p->normal[axes[i / 3 - 1]]);
 }
 
 static int sbl__refine_sites(void *work) { return ((sbl__refine *)work)->site_count; }
@@ -13886,27 +13874,27 @@ static int sbl__refine_sites(void *work) { return ((sbl__refine *)work)->site_co
 static sbl_result sbl__refine_take(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl_reading *reading = &r->readings[at];
-    const int looks = r->sites[at].looks, others = 3 * (r->layer_count - 1);
+    const int looks = r->sites[at].looks;
     sbl__pixel *p = &r->pixels[r->sites[at].number];
     sbl_stats *stats = &r->core->stats;
     const float share = (float)looks / (float)(p->looks + looks);
     const double off = (double)sbl__luminance(reading->radiance) - sbl__luminance(p->radiance);
-    float *light = others ? r->layers + (size_t)others * r->sites[at].number : NULL;
-    const float *found = others ? r->found_layers + (size_t)others * (size_t)at : NULL;
-    int k;
-    for (k = 0; k < 3; k++) p->radiance[k] += share * (reading->radiance[k] - p->radiance[k]);
-    for (k = 0; k < others; k++) light[k] += share * (found[k] - light[k]);
+    float *light = r->layers + r->harmonics * r->sites[at].number;
+    const float *found = r->reading_layers + r->harmonics * (size_t)at;
+    size_t i;
+    for (i = 0; i < 3; i++) p->radiance[i] += share * (reading->radiance[i] - p->radiance[i]);
+    for (i = 0; i < r->harmonics; i++) light[i] += share * (found[i] - light[i]);
     p->variance += (double)share * ((double)reading->noise * reading->noise * looks - p->variance);
-    if (p->looks) sbl__looks_differ(r, p, p->looks, looks, off * off);
+    if (p->looks) sbl__looks_compare(r, p, p->looks, looks, off * off);
     p->looks += looks;
-    r->taken += looks;
+    r->looks_taken += looks;
     p->queued = 0;
     p->round = (short)r->rounds;
-    for (k = 0; k < 3 && r->rounds == 0; k++) r->sum[k] += p->radiance[k];
+    for (i = 0; i < 3 && r->rounds == 0; i++) r->sum[i] += p->radiance[i];
     r->pixels_summed += r->rounds == 0;
     if (p->sensed) return SBL_SUCCESS;
     p->sensed = 1;
-    sbl__refine_hide(r, (int)r->sites[at].number, reading);
+    sbl__refine_validate(r, (int)r->sites[at].number, reading);
     stats->sensors.invalid += p->invalid;
     stats->picture.levels[p->level - 1].sensors++;
     stats->picture.level_count = SBL__MAX(stats->picture.level_count, p->level);
@@ -13914,7 +13902,7 @@ static sbl_result sbl__refine_take(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Makes the spec anew after a change of `measuring`, and keeps its `directional` and `guided` flags. */
+/* Makes the spec anew after a change of `measurement`, and keeps its `directional` and `guided` flags. */
 static void sbl__refine_see(sbl__refine *r) {
     const int directional = r->spec->directional, guided = r->spec->guided;
     sbl__spec_make(r->spec, r->measurement, &r->core->scene, &r->core->desc);
@@ -13922,9 +13910,8 @@ static void sbl__refine_see(sbl__refine *r) {
     r->spec->guided = guided;
 }
 
-/* Makes all sensors of the first round start again as if they had taken no look. Only the first level exists at this
-   time. */
-static void sbl__refine_forget(sbl__refine *r) {
+/* Makes all sensors of the first round, which are at the corners of first-level tiles, take their looks again. */
+static void sbl__refine_restart(sbl__refine *r) {
     int i, corner;
     for (i = 0; i < r->tile_count; i++)
         for (corner = 0; corner < 4; corner++) {
@@ -13932,7 +13919,7 @@ static void sbl__refine_forget(sbl__refine *r) {
             p->looks = 0;
             p->wanted = 1;
         }
-    r->rounds = r->fresh = r->weighed = 0;
+    r->rounds = r->first_new = r->weighed = 0;
     memset(r->sum, 0, sizeof r->sum);
     r->pixels_summed = 0;
 }
@@ -13942,11 +13929,14 @@ static void sbl__refine_forget(sbl__refine *r) {
 /* Returns a seed that differs from the sensors' seed, so that scouts and sensors send independent rays. */
 static uint32_t sbl__scouts_seed(const sbl__refine *r) { return sbl__hash(r->spec->seed ^ 0x9e3779b9u); }
 
-/* Chooses the places of guides and allocates memory for them. */
-static sbl_result sbl__guides_begin(sbl__refine *r) {
+/* Chooses the places of guides and allocates memory for them, unless that has been done. */
+static sbl_result sbl__guides_begin(void *work, sbl__slice *slice) {
+    sbl__refine *r = (sbl__refine *)work;
     sbl__guides *g = &r->guides;
     sbl__base *base = &r->core->base;
     size_t rows;
+    (void)slice;
+    if (g->words) return SBL_SUCCESS;
     for (g->step = SBL__GUIDE_STEP / 4; ; g->step *= 2) {
         g->columns = (r->width - 1) / g->step + 1;
         g->rows = (r->height - 1) / g->step + 1;
@@ -13958,34 +13948,23 @@ static sbl_result sbl__guides_begin(sbl__refine *r) {
     return g->found && g->words ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-static sbl_result sbl__scouts_begin(void *work, sbl__slice *slice) {
-    sbl__refine *r = (sbl__refine *)work;
-    (void)slice;
-    return r->guides.words ? SBL_SUCCESS : sbl__guides_begin(r);
-}
-
 static int sbl__scouts_unlisted(void *work) {
     const sbl__refine *r = (const sbl__refine *)work;
     return r->listed < r->guides.columns * r->guides.rows && r->site_count < SBL__SCOUTS_AT_ONCE ? INT_MAX : 0;
 }
 
+/* Lists the scouts of the next guide. */
 static sbl_result sbl__scouts_list(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__guides *g = &r->guides;
     const int column = r->listed % g->columns, row = r->listed / g->columns;
-    sbl__site *site;
     int i;
     (void)at;
     r->listed++;
     if (!sbl__guide_pixel(r, column, row)) return SBL_SUCCESS;
     if (!sbl__refine_room(r, SBL__SCOUTS)) return SBL_ERROR_OUT_OF_MEMORY;
-    site = r->sites + r->site_count;
-    sbl__refine_site(r, row * g->step * r->width + column * g->step, 0, 1, site);
-    for (i = 1; i < SBL__SCOUTS; i++) {
-        site[i] = site[0];
-        site[i].first = i;
-    }
-    r->site_count += SBL__SCOUTS;
+    for (i = 0; i < SBL__SCOUTS; i++)
+        sbl__refine_site(r, (row * r->width + column) * g->step, i, 1, &r->sites[r->site_count++]);
     return SBL_SUCCESS;
 }
 
@@ -14061,14 +14040,12 @@ static int sbl__gain_bin(float gain) {
 }
 
 /* Returns the least gain that falls into a bin. */
-static float sbl__bin_gain(int bin) {
-    return (float)ldexp(0.5 + 0.125 * (bin % 4), bin / 4 - 100);
-}
+static float sbl__bin_gain(int bin) { return (float)ldexp(0.5 + 0.125 * (bin % 4), bin / 4 - 100); }
 
 /* Prepares for weighing all tiles. Errors are relative to the mean that the round before summed up. */
 static void sbl__weigh_begin(sbl__refine *r) {
     int k;
-    sbl__looks_learn(r);
+    sbl__looks_calibrate(r);
     for (k = 0; k < 3 && r->pixels_summed > 0; k++) r->mean[k] = (float)(r->sum[k] / r->pixels_summed);
     r->luminance = SBL__MAX(sbl__luminance(r->mean), 1e-30f);
     for (k = 0; k < 3; k++)
@@ -14076,7 +14053,7 @@ static void sbl__weigh_begin(sbl__refine *r) {
                                     (double)SBL__MAX(r->mean[k], 0.01f * r->luminance));
     memset(r->sum, 0, sizeof r->sum);
     memset(r->gains, 0, sizeof r->gains);
-    r->pixels_summed = r->bias2 = r->noise2 = r->look2 = 0;
+    r->pixels_summed = r->bias2 = r->noise2 = r->look_variance = 0;
     r->bought = 0;
 }
 
@@ -14084,19 +14061,15 @@ static void sbl__weigh_begin(sbl__refine *r) {
    visibly, so the number falls where neighbours differ. */
 static float sbl__tile_smoothing(const sbl__refine *r, const sbl__tile *c, float noise) {
     float alike = 0;
-    int side, k, count = 0;
+    int side, count = 0;
     for (side = 0; side < 4; side++) {
-        const sbl__edge e = sbl__tile_edge(c, side);
-        const sbl__pixel *a = sbl__pixel_at(r, e.x0, e.y0), *b = sbl__pixel_at(r, e.x1, e.y1);
+        const sbl__edge e = sbl__tile_edge(r, c, side);
+        const sbl__pixel *a = e.ends[0], *b = e.ends[1];
         if (a == b || !sbl__usable(a) || !sbl__usable(b)) continue;
         count++;
         if (sbl__belongs(a, b, r->geometry_aware) > 0) {
-            float d = 0, most = 0;
-            for (k = 0; k < 3; k++) {
-                d = SBL__MAX(d, (float)fabs((double)a->radiance[k] - b->radiance[k]));
-                most = SBL__MAX(most, a->radiance[k] + b->radiance[k]);
-            }
-            d /= SBL__MAX(2 * noise + SBL__FILTER_VISIBLE * most, SBL__DIVISOR_LEAST);
+            float sum, d = sbl__difference(a->radiance, b->radiance, &sum);
+            d /= SBL__MAX(2 * noise + SBL__FILTER_VISIBLE * sum, SBL__DIVISOR_LEAST);
             alike += (float)exp(-SBL__FILTER_FALL * d * d);
         }
     }
@@ -14113,40 +14086,32 @@ static void sbl__tile_noise(sbl__refine *r, sbl__tile *c) {
         const sbl__pixel *p = sbl__tile_corner(r, c, corner);
         if (!sbl__usable(p)) continue;
         sum += p->variance;
-        share += sbl__looks_share(r, p->looks);
+        share += sbl__variance_share(r, p->looks);
         for (k = 0; k < 3; k++) light[k] += p->radiance[k];
         count++;
     }
     c->noise2 = 0;
     if (!count) return;
     c->variance = variance = sbl__relative2(r, sum / count);
-    if (c->parent >= 0) c->variance += SBL__HERITAGE * (r->tiles[c->parent].variance - variance);
+    if (c->parent >= 0) c->variance += SBL__PARENT_WEIGHT * (r->tiles[c->parent].variance - variance);
     variance = c->variance * share / (float)count;
     c->noise2 = variance;
-    if (!sbl__tile_is_single(c)) c->noise2 *= sbl__noise_left(r, sbl__tile_span(c));
+    if (sbl__tile_span(c) > 1) c->noise2 *= sbl__noise_left(r, sbl__tile_span(c));
     else c->noise2 /= sbl__tile_smoothing(r, c, r->luminance * (float)sqrt((double)variance));
     for (k = 0; k < 3; k++) r->sum[k] += (double)light[k] * c->pixels / count;
     r->pixels_summed += c->pixels;
-    r->look2 += (double)c->variance * c->pixels;
+    r->look_variance += (double)c->variance * c->pixels;
     c->light = sbl__luminance(light) / (float)count;
 }
 
-/* Returns 1 if the last round read a sensor at one of the tile's corners. */
-static int sbl__tile_has_news(const sbl__refine *r, const sbl__tile *c) {
-    int corner;
-    for (corner = 0; corner < 4; corner++)
-        if (sbl__tile_corner(r, c, corner)->round == r->rounds - 1) return 1;
-    return 0;
-}
-
-/* Updates the error of interpolation in a tile, and marks a tile that must be split with a gain of FLT_MAX. */
-static void sbl__tile_weigh_split(sbl__refine *r, sbl__tile *c, int fresh) {
-    const int bare = fresh && sbl__tile_count(r, c);
-    if (sbl__tile_is_single(c)) return;
-    if (bare) c->split_gain = FLT_MAX;
-    else if (r->threshold > 0) c->split_gain = sbl__tile_differs(r, c) ? FLT_MAX : 0;
-    else if (fresh || sbl__tile_has_news(r, c) || sbl__tile_span(c) > SBL__CONTINUED)
-        c->bends2 = sbl__tile_missed2(r, c);
+/* Updates the error of interpolation in a tile, and marks a tile that must be split. */
+static void sbl__tile_weigh_split(sbl__refine *r, sbl__tile *c, int is_new) {
+    const int must_split = is_new && sbl__tile_count(r, c), span = sbl__tile_span(c);
+    if (span <= 1) return;
+    if (must_split) c->split_worth = FLT_MAX;
+    else if (r->threshold > 0) c->split_worth = sbl__tile_differs(r, c) ? FLT_MAX : 0;
+    else if (is_new || sbl__tile_corners(r, c).is_new || span > SBL__EXTRAPOLATED_SPAN)
+        c->raw_bias2 = sbl__tile_raw_bias2(r, c);
 }
 
 /* Enters an offer into the histogram: each of `looks` looks reduces the sum of squared errors by `gain`. */
@@ -14155,68 +14120,68 @@ static void sbl__weigh_enter(sbl__refine *r, float worth, float gain, int looks)
 }
 
 /* Predicts the errors of a tile and enters its offers into the histogram. Splits that must be made come first. */
-static void sbl__tile_weigh(sbl__refine *r, sbl__tile *c, int fresh) {
-    float bias2, gain, variance, care;
-    int looks = sbl__tile_looks(r, c), most, guessed;
-    sbl__tile_weigh_split(r, c, fresh);
+static void sbl__tile_weigh(sbl__refine *r, sbl__tile *c, int is_new) {
+    float bias2, gain, variance, weight;
+    int looks = sbl__tile_corners(r, c).looks, most, interpolated;
+    sbl__tile_weigh_split(r, c, is_new);
     sbl__tile_noise(r, c);
-    guessed = SBL__MAX(c->pixels - 1, 0);  /* One pixel has a sensor of its own. */
+    interpolated = SBL__MAX(c->pixels - 1, 0);  /* One pixel has a sensor of its own. */
     variance = c->noise2 / sbl__noise_left(r, sbl__tile_span(c));
-    c->bias2 = SBL__MAX(c->bends2 - SBL__NOISE_BENDS * variance, c->unknown2);
-    r->bias2 += (double)c->bias2 * guessed;
+    c->bias2 = SBL__MAX(c->raw_bias2 - SBL__NOISE_IN_BIAS * variance, c->unseen_bias2);
+    r->bias2 += (double)c->bias2 * interpolated;
     r->noise2 += (double)c->noise2 * c->pixels;
-    bias2 = SBL__MAX(c->bends2 - SBL__NOISE_UNCERTAINTY * variance, c->unknown2);
-    care = 1 / (c->light / r->luminance + SBL__DARKNESS);
-    if (!sbl__tile_is_single(c) && !(r->threshold > 0)) {
-        const float glaring = SBL__GLARING * r->asked * (c->light / r->luminance + SBL__GLARING_FLOOR);
+    bias2 = SBL__MAX(c->raw_bias2 - SBL__NOISE_IN_SPLITS * variance, c->unseen_bias2);
+    weight = 1 / (c->light / r->luminance + SBL__GAIN_FLOOR);
+    if (sbl__tile_span(c) > 1 && !(r->threshold > 0)) {
+        const float error_max = SBL__TILE_ERROR_MAX * r->target_error *
+                                (c->light / r->luminance + SBL__TILE_ERROR_FLOOR);
         const int cost = SBL__SPLIT_COST * SBL__MAX(looks, 1);
-        gain = bias2 * SBL__SPLIT_GAIN * (float)guessed / (float)cost;
-        if (c->split_gain < FLT_MAX) c->split_gain = bias2 > glaring * glaring ? FLT_MAX : gain * care;
-        sbl__weigh_enter(r, c->split_gain, gain, cost);
+        gain = bias2 * SBL__SPLIT_GAIN * (float)interpolated / (float)cost;
+        if (c->split_worth < FLT_MAX) c->split_worth = bias2 > error_max * error_max ? FLT_MAX : gain * weight;
+        sbl__weigh_enter(r, c->split_worth, gain, cost);
     }
-    c->look_gain = 0;
+    c->look_worth = 0;
     if (!looks || looks >= r->spec->looks) return;
     gain = c->noise2 * (float)c->pixels * (1 - SBL__LOOKS_GAIN) / (float)looks;
-    c->look_gain = gain * care;
+    c->look_worth = gain * weight;
     most = SBL__MIN(SBL__LOOKS_GROWTH * looks, r->spec->looks);
     for (; looks < most; looks *= 2) {
-        sbl__weigh_enter(r, gain * care, gain, looks);
+        sbl__weigh_enter(r, gain * weight, gain, looks);
         gain *= SBL__LOOKS_GAIN_NEXT;
     }
 }
 
-/* Finds the least worth per look that must be bought to distance_limit the error that was asked for. */
+/* Predicts the picture's error, and finds the least worth that must be bought to reach the target error. */
 static void sbl__weigh_end(sbl__refine *r) {
-    const double pixels = SBL__MAX(r->pixels_summed, 1.0), all2 = (double)r->asked * r->asked;
+    const double pixels = SBL__MAX(r->pixels_summed, 1.0), all2 = (double)r->target_error * r->target_error;
     const double uncertainty2 = r->uncertainty2 / ((double)r->luminance * r->luminance * pixels);
-    const double asked2 = SBL__MAX(all2 - uncertainty2, SBL__AIM_LEAST * all2);
+    const double target2 = SBL__MAX(all2 - uncertainty2, SBL__AIM_LEAST * all2);
     double left = r->bias2 + r->noise2, aim;
     int bin = SBL__GAIN_BINS;
-    r->look2 /= pixels;
+    r->look_variance /= pixels;
     r->predicted = sqrt(left / pixels + uncertainty2);
     if (!r->weighed) r->first_predicted = r->predicted;
     r->weighed = 1;
-    r->least_gain = FLT_MAX;
-    if (left <= asked2 * pixels || r->rounds > SBL__MAX_ROUNDS) return;
-    aim = SBL__MAX(SBL__AIM_BELOW * asked2 * pixels, SBL__AIM_SHARE * left);
+    r->least_worth = FLT_MAX;
+    if (left <= target2 * pixels || r->rounds > SBL__MAX_ROUNDS) return;
+    aim = SBL__MAX(SBL__AIM_BELOW * target2 * pixels, SBL__AIM_SHARE * left);
     while (bin > 1 && left > aim) left -= r->gains[--bin];
-    r->least_gain = sbl__bin_gain(bin);
+    r->least_worth = sbl__bin_gain(bin);
 }
 
-static int sbl__refine_judged(void *work) { return ((sbl__refine *)work)->judged_end; }
+static int sbl__refine_weigh_count(void *work) { return ((sbl__refine *)work)->weigh_count; }
 
 static sbl_result sbl__refine_weigh(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
-    if (!r->tiles[at].split) sbl__tile_weigh(r, &r->tiles[at], at >= r->fresh);
+    if (!r->tiles[at].split) sbl__tile_weigh(r, &r->tiles[at], at >= r->first_new);
     return SBL_SUCCESS;
 }
 
 /* Gives a tile's sensors as many more looks as are worth their cost. */
 static void sbl__tile_look_again(sbl__refine *r, const sbl__tile *c) {
-    float gain = c->look_gain;
-    int corner, looks = sbl__tile_looks(r, c), growth = 1;
-    for (; growth < SBL__LOOKS_GROWTH && gain >= r->least_gain; growth *= 2)
-        gain *= SBL__LOOKS_GAIN_NEXT;
+    float worth = c->look_worth;
+    int corner, looks = sbl__tile_corners(r, c).looks, growth = 1;
+    for (; growth < SBL__LOOKS_GROWTH && worth >= r->least_worth; growth *= 2) worth *= SBL__LOOKS_GAIN_NEXT;
     looks = SBL__MIN(looks * growth, r->spec->looks);
     for (corner = 0; corner < 4; corner++) {
         sbl__pixel *p = sbl__tile_corner(r, c, corner);
@@ -14230,19 +14195,19 @@ static void sbl__tile_look_again(sbl__refine *r, const sbl__tile *c) {
 static sbl_result sbl__refine_spend(void *work, int at) {
     sbl__refine *r = (sbl__refine *)work;
     const sbl__tile *c = &r->tiles[at];
-    sbl_result result = SBL_SUCCESS;
     if (c->split) return SBL_SUCCESS;
-    if (c->split_gain >= r->least_gain && !sbl__tile_is_single(c)) {
-        result = sbl__tile_split(r, at);
+    if (c->split_worth >= r->least_worth && sbl__tile_span(c) > 1) {
         r->bought++;
-    } else if (c->look_gain >= r->least_gain) sbl__tile_look_again(r, c);
-    return result;
+        return sbl__tile_split(r, at);
+    }
+    if (c->look_worth >= r->least_worth) sbl__tile_look_again(r, c);
+    return SBL_SUCCESS;
 }
 
 /* >>refine: stages */
 
-enum { SBL__REFINE_CELLS, SBL__REFINE_COLLECT, SBL__REFINE_SENSE, SBL__REFINE_TAKE, SBL__REFINE_WEIGH,
-       SBL__REFINE_SPEND, SBL__REFINE_SCOUTS, SBL__REFINE_SCOUT, SBL__REFINE_NOTE, SBL__REFINE_GUIDES,
+enum { SBL__REFINE_TILES, SBL__REFINE_COLLECT, SBL__REFINE_SENSE, SBL__REFINE_TAKE, SBL__REFINE_WEIGH,
+       SBL__REFINE_SPEND, SBL__REFINE_COLLECT_SCOUTS, SBL__REFINE_SCOUT, SBL__REFINE_TAKE_SCOUTS, SBL__REFINE_GUIDES,
        SBL__REFINE_SEND, SBL__REFINE_DONE };
 
 static void sbl__refine_task(const sbl__refine *r, sbl__task *task) {
@@ -14251,11 +14216,10 @@ static void sbl__refine_task(const sbl__refine *r, sbl__task *task) {
     task->guides = &r->guides;
 }
 
-/* Begins the job for the listed sites. A scout is a look with a single ray out of the set of rays that sensors send
-   over the hemisphere. */
+/* Begins the job for the listed sites. A scout is a look with one of the rays that sensors send over the hemisphere. */
 static int sbl__refine_after_list(void *work) {
     sbl__refine *r = (sbl__refine *)work;
-    const int scouts = r->stages.stage == SBL__REFINE_SCOUTS;
+    const int scouts = r->stages.stage == SBL__REFINE_COLLECT_SCOUTS;
     sbl__task task;
     sbl__refine_task(r, &task);
     task.spec.distance_limit = r->distance_limit;
@@ -14267,10 +14231,10 @@ static int sbl__refine_after_list(void *work) {
     }
     task.sites = r->sites;
     task.readings = r->readings;
-    task.layers = r->found_layers;
+    task.layers = r->reading_layers;
     task.site_count = r->site_count;
     if (r->site_count) sbl__job_begin(&r->core->job, &r->core->scene, &task);
-    return scouts ? SBL__REFINE_SCOUT : SBL__REFINE_SENSE;
+    return r->stages.stage + 1;
 }
 
 static sbl_result sbl__refine_sense(void *work, sbl__slice *slice) {
@@ -14280,7 +14244,7 @@ static sbl_result sbl__refine_sense(void *work, sbl__slice *slice) {
     return result;
 }
 
-/* Empties the list of sites. Returns 1 if the round has more sites to list. */
+/* Empties the list of sites. Returns 1 if fewer than `all` tiles or guides have been listed in this round. */
 static int sbl__refine_next_job(sbl__refine *r, int all) {
     r->site_count = r->look_count = 0;
     if (r->listed < all) return 1;
@@ -14292,25 +14256,25 @@ static int sbl__refine_after_take(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     if (sbl__refine_next_job(r, r->tile_count)) return SBL__REFINE_COLLECT;
     r->rounds++;
-    r->judged_end = r->tile_count;
+    r->weigh_count = r->tile_count;
     sbl__weigh_begin(r);
     return SBL__REFINE_WEIGH;
 }
 
-/* After the first round, looks of few rays may be too noisy for the error that was asked for. In this case their
-   rays first get guides, provided that sensors see any light; if noise is still too high, looks get more rays. Both
-   changes make all sensors start again. */
+/* After the first round, looks of few rays may be too noisy for the target error. In this case their rays first get
+   guides, provided that sensors see any light; if noise is still too high, looks get more rays. Both changes make all
+   sensors start again. */
 static int sbl__refine_after_weigh(void *work) {
     sbl__refine *r = (sbl__refine *)work;
     int times;
     sbl__weigh_end(r);
-    times = r->rounds == 1 ? sbl__look_growth(r->measurement, r->asked, r->look2) : 1;
+    times = r->rounds == 1 ? sbl__look_growth(r->measurement, r->target_error, r->look_variance) : 1;
     if (times == 1) {
         r->core->stats.picture.expected_error = (float)r->predicted;
         return SBL__REFINE_SPEND;
     }
-    sbl__refine_forget(r);
-    if (!r->spec->guided && !r->spec->no_light) return SBL__REFINE_SCOUTS;
+    sbl__refine_restart(r);
+    if (!r->spec->guided && !r->spec->no_light) return SBL__REFINE_COLLECT_SCOUTS;
     r->measurement->look_rays *= times;
     r->measurement->looks = SBL__MAX(r->measurement->looks / times, 1);
     sbl__refine_see(r);
@@ -14319,34 +14283,35 @@ static int sbl__refine_after_weigh(void *work) {
 
 static int sbl__refine_after_spend(void *work) {
     sbl__refine *r = (sbl__refine *)work;
-    r->fresh = r->judged_end;
+    r->first_new = r->weigh_count;
     return r->bought ? SBL__REFINE_COLLECT : SBL__REFINE_DONE;
 }
 
-static int sbl__refine_after_note(void *work) {
+static int sbl__refine_after_take_scouts(void *work) {
     sbl__refine *r = (sbl__refine *)work;
-    return sbl__refine_next_job(r, r->guides.columns * r->guides.rows) ? SBL__REFINE_SCOUTS : SBL__REFINE_GUIDES;
+    const int unfinished = sbl__refine_next_job(r, r->guides.columns * r->guides.rows);
+    return unfinished ? SBL__REFINE_COLLECT_SCOUTS : SBL__REFINE_GUIDES;
 }
 
-static int sbl__refine_after_guides(void *work) {
+static int sbl__refine_after_send(void *work) {
     ((sbl__refine *)work)->spec->guided = 1;
     return SBL__REFINE_COLLECT;
 }
 
-/* Does one bounded piece of work. SBL_SUCCESS: the picture is as good as was asked for. */
+/* Does one bounded piece of work. Returns SBL_SUCCESS when the target error is reached or nothing is left to buy. */
 static sbl_result sbl__refine_step(sbl__refine *r, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__refine_tile, sbl__refine_tiles },
         { NULL, sbl__refine_after_list, sbl__refine_list, sbl__refine_unlisted },
         { sbl__refine_sense, NULL, NULL, NULL },
         { NULL, sbl__refine_after_take, sbl__refine_take, sbl__refine_sites },
-        { NULL, sbl__refine_after_weigh, sbl__refine_weigh, sbl__refine_judged },
-        { NULL, sbl__refine_after_spend, sbl__refine_spend, sbl__refine_judged },
-        { sbl__scouts_begin, sbl__refine_after_list, sbl__scouts_list, sbl__scouts_unlisted },
+        { NULL, sbl__refine_after_weigh, sbl__refine_weigh, sbl__refine_weigh_count },
+        { NULL, sbl__refine_after_spend, sbl__refine_spend, sbl__refine_weigh_count },
+        { sbl__guides_begin, sbl__refine_after_list, sbl__scouts_list, sbl__scouts_unlisted },
         { sbl__refine_sense, NULL, NULL, NULL },
-        { sbl__scouts_take, sbl__refine_after_note, NULL, NULL },
+        { sbl__scouts_take, sbl__refine_after_take_scouts, NULL, NULL },
         { NULL, NULL, sbl__guides_make, sbl__guides_count },
-        { sbl__guides_send, sbl__refine_after_guides, NULL, NULL }
+        { sbl__guides_send, sbl__refine_after_send, NULL, NULL }
     };
     return sbl__stages_step(&r->stages, table, SBL__COUNT(table), r, slice);
 }
@@ -14361,33 +14326,30 @@ static void sbl__refine_begin(sbl__refine *r, sbl__core *c, sbl__measurement *me
     r->spec = spec;
     r->width = desc->width;
     r->height = desc->height;
-    r->tile = desc->tile;
+    r->tile_size = desc->tile;
     r->threshold = desc->threshold < 0 ? FLT_MIN : desc->threshold;
-    r->asked = desc->target_error;
+    r->target_error = desc->target_error;
     r->geometry_aware = desc->options.mode != SBL_MODE_PAPER;
-    r->bounced = desc->options.mode == SBL_MODE_GI;
-    r->layer_count = sbl__spec_layers(spec);
+    r->harmonics = 3 * (size_t)(sbl__spec_layers(spec) - 1);
     r->smoothing = smoothing;
-    sbl__looks_begin(r);
+    sbl__looks_calibrate(r);
 }
 
 static sbl_result sbl__refine_make(sbl__refine *r) {
     const size_t pixels = (size_t)r->width * (size_t)r->height;
     r->pixels = (sbl__pixel *)sbl__alloc_raw(&r->core->base, pixels, sizeof *r->pixels);
-    if (r->layer_count > 1)
-        r->layers = (float *)sbl__alloc(&r->core->base, pixels, (size_t)(r->layer_count - 1) * 3 * sizeof(float));
-    return r->pixels && (r->layer_count == 1 || r->layers) ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    r->layers = (float *)sbl__alloc(&r->core->base, pixels, r->harmonics * sizeof *r->layers);
+    return r->pixels && r->layers ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Sets the surface that pixel number `index` shows. If shown->sensed is set, the pixel shows stored light and gets
-   no sensor. */
+/* Sets the surface that pixel number `index` shows. shown->sensed: it shows stored light, without a sensor. */
 static void sbl__refine_put(sbl__refine *r, size_t index, const sbl__pixel *shown) {
     r->pixels[index] = *shown;
-    if (shown->sensed && r->layers) sbl__refine_even(r, shown, r->layers + 3 * (size_t)(r->layer_count - 1) * index);
+    if (shown->sensed) sbl__refine_even(r, shown, r->layers + r->harmonics * index);
     r->uncertainty2 += (double)shown->uncertainty * shown->uncertainty;
 }
 
-/* Turns on the test for hidden texels (see sbl__refine_hides). width: of a texel, world units. */
+/* Turns on the test for occlusion (see sbl__refine_occlusion). width: of a texel, world units. */
 static void sbl__refine_hide_within(sbl__refine *r, float width) { r->distance_limit = SBL__HIDDEN_REACH * width; }
 
 static const sbl__pixel *sbl__refine_pixel(const sbl__refine *r, size_t index) { return &r->pixels[index]; }
@@ -14398,7 +14360,7 @@ static double sbl__refine_error(const sbl__refine *r) { return r->weighed ? r->p
 /* Returns the luminance of the picture's mean, to which errors are relative. */
 static float sbl__refine_luminance(const sbl__refine *r) { return r->luminance; }
 
-static int64_t sbl__refine_looks(const sbl__refine *r) { return r->taken; }
+static int64_t sbl__refine_looks(const sbl__refine *r) { return r->looks_taken; }
 
 static int sbl__refine_is_sensing(const sbl__refine *r) {
     return r->stages.stage == SBL__REFINE_SENSE || r->stages.stage == SBL__REFINE_SCOUT;
@@ -14408,197 +14370,148 @@ static int sbl__refine_round_is_over(const sbl__refine *r) { return r->stages.st
 
 /* Estimates the share of work done, 0 to 1, from the logarithm of the error. */
 static double sbl__refine_progress(const sbl__refine *r) {
-    const double first = r->first_predicted, asked = r->asked;
+    const double first = r->first_predicted, target = r->target_error;
     const double sensed = r->stages.stage == SBL__REFINE_SENSE ? (double)sbl__job_progress(&r->core->job) : 0;
     double share = r->weighed ? 0.03 : 0;
-    if (r->weighed && asked > 0 && first > asked)
-        share += 0.97 * log(first / SBL__MAX(r->predicted, asked)) / log(first / asked);
+    if (r->weighed && target > 0 && first > target)
+        share += 0.97 * log(first / SBL__MAX(r->predicted, target)) / log(first / target);
     share += r->weighed ? 0.5 * (1 - share) * sensed : 0.03 * sensed;
     return SBL__MIN(SBL__MAX(share, 0.0), 1.0);
 }
 
-/* >>refine: filling in one layer of light, four floats a pixel: light, and the noise of R, which is above 0 where
-   there is a surface. Filling in keeps its own cursor, so that it can run at any time during refinement. */
+/* >>refine: filling in one layer of light. It has its own stages, so that it can run at any time during refinement. */
 
 typedef struct sbl__fill {
-    sbl__refine *refine;
+    sbl__refine *refine;        /* set by the caller, like `layer`; all other fields begin as 0 */
     int layer;
-    sbl__stages stages;         /* stages: tiles, search for orphans, spreading light to orphans; see sbl__fill_step */
-    int row;                    /* row of the current tile that comes next */
-    float *rgba;
-    int *orphans;               /* pixels without light, as no tile covers them */
-    float *found;               /* light and noise that each orphan gets in the current ring */
-    int orphan_count;
+    sbl__stages stages;
+    int row;                    /* next row of the current tile */
+    float *rgba;                /* output, 4 floats per pixel: light; noise of R, above 0 where there is a surface */
+    int orphans;                /* number of pixels whose sensor is stuck and that their tile does not cover */
+    sbl__rings rings;           /* spread light to the orphans over their surface */
 } sbl__fill;
 
 static void sbl__fill_free(sbl__base *base, sbl__fill *f) {
     sbl__free(base, f->rgba);
-    sbl__free(base, f->orphans);
-    sbl__free(base, f->found);
+    sbl__rings_free(base, &f->rings);
     memset(f, 0, sizeof *f);
 }
 
-/* Returns the tile itself or, while refinement is in progress, the smallest tile around it whose sensors have all
-   been read. */
+/* Returns the tile or, while refinement is in progress, the smallest tile around it whose sensors have been read. */
 static const sbl__tile *sbl__tile_known(const sbl__refine *r, const sbl__tile *c) {
-    int i, known = 0;
-    while (!known && c->parent >= 0) {
-        for (i = 0, known = 1; i < 4; i++) {
-            const sbl__pixel *p = sbl__tile_corner(r, c, i);
-            if (p->id && !p->sensed) known = 0;
-        }
-        if (!known) c = &r->tiles[c->parent];
-    }
+    while (c->parent >= 0 && sbl__tile_corners(r, c).unread) c = &r->tiles[c->parent];
     return c;
 }
 
-/* Returns the standard error of a pixel's luminance. told2: relative squared error that its tile predicts. */
-static float sbl__expected(const sbl__refine *r, const sbl__pixel *p, float told2) {
-    const double unknown = (double)SBL__UNKNOWN_PIXEL * r->predicted;
+/* Returns the standard error of a pixel's luminance. predicted2: relative squared error that its tile predicts. */
+static float sbl__pixel_error(const sbl__refine *r, const sbl__pixel *p, float predicted2) {
+    const double unexplained = (double)SBL__PIXEL_ERROR * r->predicted;
     const double uncertainty = (double)p->uncertainty / r->luminance;
-    return r->luminance * (float)sqrt((double)told2 + unknown * unknown + uncertainty * uncertainty);
+    return r->luminance * (float)sqrt((double)predicted2 + unexplained * unexplained + uncertainty * uncertainty);
 }
 
-/* Returns the noise of a sensor for the filter. The tile's variance is the lower bound, because the few rays of a
-   single sensor may agree by chance. */
-static float sbl__noise_among(const sbl__refine *r, const sbl__tile *c, const sbl__pixel *p) {
-    const float told = r->luminance * (float)sqrt((double)c->variance * (double)sbl__looks_share(r, p->looks));
-    return SBL__MAX(told, sbl__noise(r, p));
-}
-
-/* Fills in a row of a tile by interpolation in tile c, whose sensors have all been read. bends: second differences
-   of the four edges of c. Pixels that no sensor covers keep a noise of 0 and are counted as orphans. */
-static void sbl__fill_row(sbl__fill *f, const sbl__edge *row, const sbl__tile *c, float bends[4][3]) {
+/* Fills in a pixel by interpolation in tile c, whose sensors have all been read. parabolas: second differences of the
+   tile's four edges. An orphan keeps the light of its own stuck sensor if no ring reaches it. */
+static void sbl__fill_pixel(sbl__fill *f, int x, int y, const sbl__tile *c, float parabolas[4][3]) {
     sbl__refine *r = f->refine;
-    const int y = row->y0;
-    int x, k;
-    for (x = row->x0; x <= row->x1; x++) {
-        sbl__pixel *p = sbl__pixel_at(r, x, y);
-        float *to = f->rgba + 4 * ((size_t)y * (size_t)r->width + (size_t)x), s[2];
-        sbl__mix m;
-        to[0] = to[1] = to[2] = to[3] = 0;
-        if (!p->id) continue;
-        p->error = sbl__expected(r, p, c->bias2 + c->noise2);
-        if (sbl__usable(p)) {
-            memcpy(to, sbl__pixel_light(r, p, f->layer), 3 * sizeof(float));
-            to[3] = sbl__noise_among(r, c, p);
-            p->error = sbl__expected(r, p, c->noise2);
-        } else {
-            sbl__interpolate(r, c, x, y, f->layer, &m);
-            if (!(m.covered > 0)) { f->orphan_count++; continue; }
-            sbl__tile_share(c, x, y, s);
-            to[3] = (float)sqrt(m.variance);
-            for (k = 0; k < 3; k++) {
-                const float across = 0.5f * s[0] * (1 - s[0]) * (bends[0][k] + s[1] * (bends[1][k] - bends[0][k]));
-                const float down = 0.5f * s[1] * (1 - s[1]) * (bends[2][k] + s[0] * (bends[3][k] - bends[2][k]));
-                to[k] = sbl__lit(f->layer, m.light[k] - m.own * m.own * (across + down));
-            }
+    sbl__pixel *p = sbl__pixel_at(r, x, y);
+    float *to = f->rgba + 4 * (p - r->pixels);
+    sbl__mix m;
+    int k, lit = sbl__usable(p);
+    memset(to, 0, 4 * sizeof *to);
+    if (!p->id) return;
+    p->error = sbl__pixel_error(r, p, c->bias2 + c->noise2);
+    memcpy(to, sbl__pixel_light(r, p, f->layer), 3 * sizeof *to);
+    if (lit) {
+        const float least = r->luminance * (float)sqrt((double)c->variance * (double)sbl__variance_share(r, p->looks));
+        to[3] = SBL__MAX(least, sbl__noise(r, p));  /* the few rays of a single sensor may agree by chance */
+        p->error = sbl__pixel_error(r, p, c->noise2);
+    } else {
+        sbl__interpolate(r, c, x, y, f->layer, &m);
+        lit = m.covered > 0;
+        for (k = 0; k < 3 && lit; k++) {
+            const float *s = m.share, top = parabolas[0][k], left = parabolas[2][k];
+            const float across = 0.5f * s[0] * (1 - s[0]) * (top + s[1] * (parabolas[1][k] - top));
+            const float down = 0.5f * s[1] * (1 - s[1]) * (left + s[0] * (parabolas[3][k] - left));
+            to[k] = sbl__clamp_light(f->layer, m.light[k] - m.own * m.own * (across + down));
         }
-        to[3] = SBL__MAX(to[3], SBL__LEAST_NOISE);
+        to[3] = (float)sqrt(m.variance);
     }
+    to[3] = SBL__MAX(to[3], SBL__LEAST_NOISE);
+    if (lit) f->rings.ring[p - r->pixels] = 0;
+    else f->orphans++;
+}
+
+/* Finds the pixels that wait for light and belong to the surface of the given pixel, among its eight neighbours. */
+static int sbl__fill_neighbour(const sbl__rings *rings, int index, size_t *place) {
+    const sbl__refine *r = ((const sbl__fill *)rings->user)->refine;
+    int other;
+    while ((other = sbl__ring_grid(rings, index, place)) >= 0)
+        if (rings->ring[other] == SBL__RING_WAITS &&
+            sbl__belongs(&r->pixels[other], &r->pixels[index], r->geometry_aware) > 0) break;
+    return other;
+}
+
+/* Sets light and noise of an orphan to the mean of those neighbours on its surface that earlier rings have reached. */
+static void sbl__fill_mean(void *user, int index) {
+    sbl__fill *f = (sbl__fill *)user;
+    const sbl__refine *r = f->refine;
+    float *out = f->rgba + 4 * (size_t)index, sum[4] = { 0, 0, 0, 0 }, weights = 0;
+    size_t place = 0;
+    int k, other;
+    while ((other = sbl__ring_grid(&f->rings, index, &place)) >= 0) {
+        const float weight = sbl__ring_reached(&f->rings, other)
+                           ? sbl__belongs(&r->pixels[index], &r->pixels[other], r->geometry_aware) : 0;
+        for (k = 0; k < 4 && weight > 0; k++) sum[k] += weight * f->rgba[4 * (size_t)other + (size_t)k];
+        weights += weight;
+    }
+    for (k = 0; k < 4; k++) out[k] = sum[k] / weights;
+}
+
+static sbl_result sbl__fill_make(sbl__fill *f) {
+    const sbl__refine *r = f->refine;
+    f->rings.user = f;
+    f->rings.neighbour = sbl__fill_neighbour;
+    f->rings.mean = sbl__fill_mean;
+    f->rings.width = r->width;
+    f->rings.last = INT_MAX;
+    f->rgba = (float *)sbl__alloc_raw(&r->core->base, (size_t)r->width * (size_t)r->height, 16);
+    return f->rgba ? sbl__rings_make(&r->core->base, &f->rings, r->width * r->height) : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 static sbl_result sbl__fill_tiles(void *work, sbl__slice *slice) {
     sbl__fill *f = (sbl__fill *)work;
     const sbl__refine *r = f->refine;
-    const size_t pixels = (size_t)r->width * (size_t)r->height;
-    int *at = &f->stages.at, k;
-    if (!f->rgba) f->rgba = (float *)sbl__alloc_raw(&r->core->base, pixels, 16);
-    if (!f->rgba) return SBL_ERROR_OUT_OF_MEMORY;
+    int *at = &f->stages.at, x, y, k;
+    const sbl_result result = f->rgba ? SBL_SUCCESS : sbl__fill_make(f);
+    if (result != SBL_SUCCESS) return result;
     for (; *at < r->tile_count; ++*at, f->row = 0) {
-        const sbl__tile *c = &r->tiles[*at], *known;
-        float bends[4][3];
+        const sbl__tile *c = &r->tiles[*at], *known = sbl__tile_known(r, c);
+        const sbl__range pixels = sbl__tile_pixels(r, c);
+        float parabolas[4][3];
         if (c->split) continue;
-        known = sbl__tile_known(r, c);
         for (k = 0; k < 4; k++) {
-            const sbl__edge edge = sbl__tile_edge(known, k);
-            sbl__edge_parabola(r, &edge, f->layer, bends[k]);
+            const sbl__edge edge = sbl__tile_edge(r, known, k);
+            sbl__edge_parabola(r, &edge, f->layer, parabolas[k]);
         }
-        for (; c->y0 + f->row <= sbl__tile_end_y(r, c); f->row++) {
-            const sbl__edge row = { c->x0, c->y0 + f->row, sbl__tile_end_x(r, c), c->y0 + f->row };
+        for (y = pixels.y[0] + f->row; y <= pixels.y[1]; y++, f->row++) {
             if (sbl__late(slice)) return SBL_UNFINISHED;
-            sbl__fill_row(f, &row, known, bends);
+            for (x = pixels.x[0]; x <= pixels.x[1]; x++) sbl__fill_pixel(f, x, y, known, parabolas);
         }
     }
     return SBL_SUCCESS;
 }
 
-/* Averages light and noise of those of the eight neighbours that have light (noise above 0) and belong to the same
-   surface as the pixel. Returns 0 if there is no such neighbour. */
-static int sbl__fill_spread(const sbl__fill *f, int index, float out[4]) {
-    const sbl__refine *r = f->refine;
-    const int x = index % r->width, y = index / r->width;
-    const sbl__pixel *pixel = &r->pixels[index];
-    float sum[4] = { 0, 0, 0, 0 }, weights = 0;
-    int i, j, k;
-    for (j = SBL__MAX(y - 1, 0); j <= SBL__MIN(y + 1, r->height - 1); j++)
-        for (i = SBL__MAX(x - 1, 0); i <= SBL__MIN(x + 1, r->width - 1); i++) {
-            const size_t at = (size_t)j * (size_t)r->width + (size_t)i;
-            float weight = f->rgba[4 * at + 3] > 0 ? sbl__belongs(pixel, &r->pixels[at], r->geometry_aware) : 0;
-            for (k = 0; k < 4 && weight > 0; k++) sum[k] += weight * f->rgba[4 * at + (size_t)k];
-            weights += weight;
-        }
-    for (k = 0; k < 4 && weights > 0; k++) out[k] = sum[k] / weights;
-    return weights > 0;
-}
-
-/* Lists the orphans: pixels whose own sensor is stuck and that no tile covers. */
-static sbl_result sbl__fill_find_orphans(void *work, sbl__slice *slice) {
+static sbl_result sbl__fill_spread(void *work, sbl__slice *slice) {
     sbl__fill *f = (sbl__fill *)work;
-    const sbl__refine *r = f->refine;
-    int *at = &f->stages.at;
-    if (*at == 0 && !f->orphan_count) return SBL_SUCCESS;
-    if (*at == 0) {
-        f->orphans = (int *)sbl__alloc_raw(&r->core->base, (size_t)f->orphan_count, sizeof *f->orphans);
-        f->found = (float *)sbl__alloc_raw(&r->core->base, (size_t)f->orphan_count, 4 * sizeof *f->found);
-        if (!f->orphans || !f->found) return SBL_ERROR_OUT_OF_MEMORY;
-        f->orphan_count = 0;
-    }
-    for (; *at < r->width * r->height; ++*at) {
-        if (*at && sbl__late(slice)) return SBL_UNFINISHED;
-        if (r->pixels[*at].id && f->rgba[4 * (size_t)*at + 3] == 0.0f) f->orphans[f->orphan_count++] = *at;
-    }
-    return SBL_SUCCESS;
+    return f->orphans ? sbl__rings_step(&f->rings, slice) : SBL_SUCCESS;
 }
 
-/* Spreads light over each surface to its orphans, ring by ring. Orphans on a surface without light keep what their
-   stuck sensor saw. */
-static sbl_result sbl__fill_adopt(void *work, sbl__slice *slice) {
-    sbl__fill *f = (sbl__fill *)work;
-    int *at = &f->stages.at;
-    while (f->orphan_count) {
-        const int before = f->orphan_count;
-        int i;
-        for (; *at < before; ++*at) {
-            float *found = f->found + 4 * (size_t)*at;
-            if (sbl__late(slice)) return SBL_UNFINISHED;
-            if (!sbl__fill_spread(f, f->orphans[*at], found)) found[3] = 0;
-        }
-        *at = 0;
-        for (i = f->orphan_count = 0; i < before; i++) {
-            const float *found = f->found + 4 * (size_t)i;
-            if (found[3] > 0) memcpy(f->rgba + 4 * (size_t)f->orphans[i], found, 4 * sizeof(float));
-            else f->orphans[f->orphan_count++] = f->orphans[i];
-        }
-        if (f->orphan_count < before) continue;
-        for (i = 0; i < f->orphan_count; i++) {
-            const sbl__pixel *p = &f->refine->pixels[f->orphans[i]];
-            float *to = f->rgba + 4 * (size_t)f->orphans[i];
-            memcpy(to, sbl__pixel_light(f->refine, p, f->layer), 3 * sizeof(float));
-            to[3] = SBL__LEAST_NOISE;
-        }
-        f->orphan_count = 0;
-    }
-    return SBL_SUCCESS;
-}
-
-/* Does one bounded piece of filling in. SBL_SUCCESS: f->rgba is filled in. The caller begins with a zeroed sbl__fill
-   whose fields `refine` and `layer` are set. */
+/* Does one bounded piece of filling in. Returns SBL_SUCCESS when f->rgba is filled in. */
 static sbl_result sbl__fill_step(sbl__fill *f, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__fill_tiles, NULL, NULL, NULL },
-        { sbl__fill_find_orphans, NULL, NULL, NULL },
-        { sbl__fill_adopt, NULL, NULL, NULL }
+        { sbl__fill_spread, NULL, NULL, NULL }
     };
     return sbl__stages_step(&f->stages, table, SBL__COUNT(table), f, slice);
 }

@@ -42,18 +42,18 @@ inside_weight inside_weigh_corners(int strips, float light) {
     memset(&r, 0, sizeof r);
     memset(&c, 0, sizeof c);
     memset(pixels, 0, sizeof pixels);
-    sbl__looks_begin(&r);
+    sbl__looks_calibrate(&r);
     r.width = r.height = SIDE;
     r.pixels = pixels;
-    r.asked = 0.1f;
+    r.target_error = 0.1f;
     r.luminance = r.smoothing = 1;
     r.spec = &spec;
     for (k = 0; k < 3; k++) r.weights[k] = r.mean[k] = 1;
-    c.x1 = c.y1 = SIDE - 1;
+    c.area.x[1] = c.area.y[1] = SIDE - 1;
     c.parent = -1;
     c.looks = 1;
     c.pixels = SIDE * SIDE;
-    c.missing = strips ? 0.25f : 0;
+    c.uncovered = strips ? 0.25f : 0;
     for (i = 0; i < SIDE * SIDE; i++) {
         sbl__pixel *p = &pixels[i];
         const int x = i % SIDE, y = i / SIDE;
@@ -72,7 +72,7 @@ inside_weight inside_weigh_corners(int strips, float light) {
     weight.noise2 = c.noise2;
     weight.bias2 = c.bias2;
     weight.light = c.light;
-    weight.split_gain = c.split_gain;
+    weight.split_gain = c.split_worth;
     return weight;
 }
 
