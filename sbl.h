@@ -16347,13 +16347,13 @@ static float sbl__gathering_progress(const sbl__core *c, const sbl__gathering *g
 }
 
 /* ======================================================================================================== >>vertices
-   The front end for light at vertices (Kavan, Bargteil and Sloan 2011). A sequence of gathers measures R at points on
-   the triangles. An unknown x is the light at one vertex, or at several vertices that are welded because they share
-   position and normal. Hat functions h interpolate the unknowns over the triangles. Conjugate gradients solve the
-   normal equations that minimise the sum of
+   The front end for light at vertices (Kavan, Bargteil and Sloan 2011). Gathers measure R at points on the triangles.
+   An unknown x is the light at one vertex, or at several vertices that are welded because they share position and
+   normal. Hat functions h interpolate the unknowns over the triangles. Conjugate gradients solve the normal equations
+   that minimise the sum of
 
        weight (sum of x h - R)^2           for each point; weight is the point's share of its triangle's area
-       smoothing area (slope - slope)^2    for each hinge, an edge that two triangles share; it compares the slopes of
+       smoothing area (slope - slope)^2    for each hinge, an edge that two triangles share; the slopes are those of
                                            the light on both sides of the edge, in units of light
 
    Each triangle adds a 3 x 3 matrix, summed over its points; each hinge adds the outer product of its 4 weights. Areas
@@ -16384,7 +16384,8 @@ enum {
     SBL__VERTICES_DONE
 };
 
-/* A mesh that is baked. The parts' vertices and triangles are numbered consecutively, part after part. */
+/* A mesh that is baked. Vertices and triangles are numbered consecutively over all parts, unless a comment says that
+   a number belongs to the scene. */
 typedef struct sbl__vertices_part {
     int mesh, first_vertex, first_triangle;
     double area;
@@ -16395,14 +16396,13 @@ typedef struct sbl__vertices_part {
    weights belong to the corner opposite each side, then to the two ends of the first side. */
 typedef struct sbl__hinge { uint32_t sides[2]; float weights[4]; } sbl__hinge;
 
-/* Point number `point` on a triangle, see sbl__vertices_point. `part` may lag behind `triangle` until
-   sbl__vertices_here is called. */
-typedef struct sbl__vertices_place { int part, triangle, point; } sbl__vertices_place;
+/* Point number `point` on a triangle, see sbl__vertices_point */
+typedef struct sbl__vertices_place { int triangle, point; } sbl__vertices_place;
 
 typedef struct sbl__vertices {
     sbl__stages stages;
     sbl__core *core;
-    int part;                   /* part of the vertex or triangle that the current stage works on */
+    int part;                   /* index of the part that sbl__vertices_part_of found last */
     sbl_vertices_desc desc;     /* defaults filled in */
     sbl__vertices_part *parts;
     int part_count, vertex_count, triangle_count;
@@ -16412,7 +16412,7 @@ typedef struct sbl__vertices {
     int site_count;             /* of the gather under way */
     double points, taken;       /* number of points in all, and in the completed gathers */
     sbl__vertices_place next, first;  /* point that is processed next; point of the current gather's first site */
-    float *normals;             /* per vertex: sum of the normals of its triangles, weighted by area */
+    float *normals;             /* per vertex: sum of the unit normals of its triangles */
     uint32_t *unknowns;         /* per vertex: number of the first vertex that it is welded to, which is the number of
                                    its unknown; SBL__NONE: no triangle uses the vertex */
     sbl__hash_table places, ends;  /* vertices by position; sides by their ends */
@@ -16487,33 +16487,31 @@ static sbl_result sbl__vertices_make_faces(void *work, sbl__slice *slice) {
     return sbl__hash_table_make(base, &s->ends, 3.0 * s->triangle_count);
 }
 
-/* >>vertices: welding. Vertices and triangles are numbered consecutively over all parts, unless a comment says that a
-   number belongs to the scene. */
+/* >>vertices: welding */
 
 static const sbl__geometry *sbl__vertices_geometry(const sbl__vertices *s) { return &s->core->scene.geometry; }
 
-/* Returns the scene's number of a triangle of the part. */
-static uint32_t sbl__vertices_triangle(const sbl__vertices *s, int part, int triangle) {
-    const sbl__vertices_part *p = &s->parts[part];
+/* Returns the scene's number of a triangle of part s->part. */
+static uint32_t sbl__vertices_triangle(const sbl__vertices *s, int triangle) {
+    const sbl__vertices_part *p = &s->parts[s->part];
     return (uint32_t)(sbl__vertices_geometry(s)->meshes[p->mesh].first_triangle + triangle - p->first_triangle);
 }
 
-/* Returns the scene's number of a vertex of the current part. */
+/* Returns the scene's number of a vertex of part s->part. */
 static uint32_t sbl__vertices_vertex(const sbl__vertices *s, uint32_t vertex) {
     const sbl__vertices_part *p = &s->parts[s->part];
     return (uint32_t)sbl__vertices_geometry(s)->meshes[p->mesh].first_vertex + vertex - (uint32_t)p->first_vertex;
 }
 
-/* Finds the part that contains the vertex, or with is_vertex 0 the triangle, that a stage's loop has reached. Loops
-   count upwards from 0, so the search continues from the previous part. */
-static sbl__vertices_part *sbl__vertices_find_part(sbl__vertices *s, int at, int is_vertex) {
-    if (at == 0) s->part = 0;
-    while (s->part + 1 < s->part_count) {
-        const sbl__vertices_part *next = &s->parts[s->part + 1];
-        if (at < (is_vertex ? next->first_vertex : next->first_triangle)) break;
-        s->part++;
-    }
-    return &s->parts[s->part];
+/* Sets s->part to the part that contains a triangle, or with is_vertex 1 a vertex, and returns the part. The search
+   begins at the part that was found last, because most callers ask for ascending numbers. */
+static sbl__vertices_part *sbl__vertices_part_of(sbl__vertices *s, int at, int is_vertex) {
+    const sbl__vertices_part *p = s->parts;
+    int i = s->part;
+    if (at < (is_vertex ? p[i].first_vertex : p[i].first_triangle)) i = 0;
+    while (i + 1 < s->part_count && at >= (is_vertex ? p[i + 1].first_vertex : p[i + 1].first_triangle)) i++;
+    s->part = i;
+    return &s->parts[i];
 }
 
 /* Computes a triangle's area, records its vertices, and adds its normal to theirs. The sums replace the normals that
@@ -16521,8 +16519,8 @@ static sbl__vertices_part *sbl__vertices_find_part(sbl__vertices *s, int at, int
 static sbl_result sbl__vertices_face(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl__geometry *g = sbl__vertices_geometry(s);
-    sbl__vertices_part *part = sbl__vertices_find_part(s, triangle, 0);
-    const uint32_t number = sbl__vertices_triangle(s, s->part, triangle);
+    sbl__vertices_part *part = sbl__vertices_part_of(s, triangle, 0);
+    const uint32_t number = sbl__vertices_triangle(s, triangle);
     double face[3];
     const double area = sbl__scene_normal(g, number, face);
     int i, k;
@@ -16537,12 +16535,11 @@ static sbl_result sbl__vertices_face(void *work, int triangle) {
     return SBL_SUCCESS;
 }
 
-/* Writes a vertex's normal from the scene, or else the normalised mean of its triangles' normals; 0 0 0 if neither
-   exists. */
+/* Gets a vertex's normal in the scene, or else the mean of its triangles' normals; 0 0 0 if neither exists. */
 static void sbl__vertices_normal(const sbl__vertices *s, uint32_t vertex, float out[3]) {
     const float *own = sbl__vertices_geometry(s)->attributes[sbl__vertices_vertex(s, vertex)].normal;
-    const float *mean = s->normals + 3 * (size_t)vertex;
-    double n[3] = { mean[0], mean[1], mean[2] };
+    const float *sum = s->normals + 3 * (size_t)vertex;
+    double n[3] = { sum[0], sum[1], sum[2] };
     int k;
     if (!sbl__normalize(n)) n[0] = n[1] = n[2] = 0;
     for (k = 0; k < 3; k++) out[k] = sbl__all_zero(own, 3) ? (float)n[k] : own[k];
@@ -16564,52 +16561,49 @@ static int sbl__vertices_same(const void *user, uint32_t one, uint32_t other) {
 static sbl_result sbl__vertices_weld(void *work, int at) {
     sbl__vertices *s = (sbl__vertices *)work;
     const uint32_t vertex = (uint32_t)at;
+    uint32_t hash;
     float normal[3];
-    sbl__vertices_find_part(s, at, 1);
+    sbl__vertices_part_of(s, at, 1);
     if (s->unknowns[vertex] == SBL__NONE) return SBL_SUCCESS;
     sbl__vertices_normal(s, vertex, normal);
-    if (!sbl__all_zero(normal, 3))
-        s->unknowns[vertex] = sbl__hash_table_first(
-            &s->places, sbl__place_hash(sbl__vertices_geometry(s), sbl__vertices_vertex(s, vertex)), vertex,
-            sbl__vertices_same, s);
+    if (sbl__all_zero(normal, 3)) return SBL_SUCCESS;
+    hash = sbl__place_hash(sbl__vertices_geometry(s), sbl__vertices_vertex(s, vertex));
+    s->unknowns[vertex] = sbl__hash_table_first(&s->places, hash, vertex, sbl__vertices_same, s);
     return SBL_SUCCESS;
 }
 
-/* Returns the world position of the unknown at a side's first end (0), second end (1) or opposite corner (2). */
-static const float *sbl__vertices_end(const sbl__vertices *s, uint32_t side, uint32_t which) {
-    const uint32_t vertex = sbl__vertices_vertex(s, sbl__side_end(s->corners, side, which));
-    return sbl__vertices_geometry(s)->vertices[vertex].position;
+/* Gets the four unknowns of a hinge in the order of its weights. */
+static void sbl__hinge_unknowns(const sbl__vertices *s, const sbl__hinge *h, size_t out[4]) {
+    int i;
+    for (i = 0; i < 4; i++) out[i] = sbl__side_end(s->corners, h->sides[i == 1], i < 2 ? 2 : (uint32_t)i - 2);
 }
 
 /* Computes the weights of a hinge: the difference between the slopes of the light across the shared edge, with both
    triangles unfolded into one plane. The weighted sum is therefore 0 for linear light. */
 static void sbl__hinge_make(const sbl__vertices *s, sbl__hinge *h) {
-    const float *p = sbl__vertices_end(s, h->sides[0], 0), *q = sbl__vertices_end(s, h->sides[0], 1);
-    double length2 = 0, along[2], height[2], share[2], norm = 0;
-    double w[4] = { 0, 0, 0, 0 };
+    const float *p[4];
+    double edge[3], length2 = 0, along[2] = { 0, 0 }, height[2] = { 0, 0 }, norm = 0, w[4] = { 0, 0, 0, 0 };
+    size_t at[4];
     int i, k;
-    for (k = 0; k < 3; k++) length2 += ((double)q[k] - p[k]) * ((double)q[k] - p[k]);
+    sbl__hinge_unknowns(s, h, at);
+    for (i = 0; i < 4; i++) p[i] = sbl__vertices_geometry(s)->vertices[sbl__vertices_vertex(s, (uint32_t)at[i])].position;
+    for (k = 0; k < 3; k++) edge[k] = (double)p[3][k] - p[2][k];
+    for (k = 0; k < 3; k++) length2 += edge[k] * edge[k];
     for (i = 0; i < 2; i++) {
-        const float *apex = sbl__vertices_end(s, h->sides[i], 2);
-        along[i] = height[i] = 0;
-        for (k = 0; k < 3; k++) along[i] += ((double)apex[k] - p[k]) * ((double)q[k] - p[k]) / length2;
+        for (k = 0; k < 3; k++) along[i] += ((double)p[i][k] - p[2][k]) * edge[k] / length2;
         for (k = 0; k < 3; k++) {
-            const double d = (double)apex[k] - p[k] - along[i] * ((double)q[k] - p[k]);
+            const double d = (double)p[i][k] - p[2][k] - along[i] * edge[k];
             height[i] += d * d;
         }
         height[i] = sqrt(height[i]);
     }
-    if (length2 > 0 && height[0] + height[1] > 0) {
-        for (i = 0; i < 2; i++) share[i] = height[1 - i] / (height[0] + height[1]);
-        for (i = 0; i < 2; i++) {
-            w[i] = share[i];
-            w[2] -= share[i] * (1 - along[i]);
-            w[3] -= share[i] * along[i];
-        }
-        for (i = 0; i < 4; i++) norm += w[i] * w[i];
-        norm = sqrt(SBL__MAX(norm, 1.0));
+    for (i = 0; i < 2 && length2 > 0 && height[0] + height[1] > 0; i++) {
+        w[i] = height[1 - i] / (height[0] + height[1]);
+        w[2] -= w[i] * (1 - along[i]);
+        w[3] -= w[i] * along[i];
     }
-    for (i = 0; i < 4; i++) h->weights[i] = norm > 0 ? (float)(w[i] / norm) : 0;
+    for (i = 0; i < 4; i++) norm += w[i] * w[i];
+    for (i = 0; i < 4; i++) h->weights[i] = (float)(w[i] / sqrt(SBL__MAX(norm, 1.0)));
 }
 
 /* Adds a hinge between a side and the first side with the same ends. An edge of more than two triangles gets a hinge
@@ -16627,9 +16621,6 @@ static sbl_result sbl__vertices_side(sbl__vertices *s, uint32_t side) {
     return SBL_SUCCESS;
 }
 
-static int sbl__vertices_fits(const sbl__vertices *s) { return !s->desc.average; }
-static int sbl__vertices_bends(const sbl__vertices *s) { return sbl__vertices_fits(s) && s->desc.smoothing > 0; }
-
 /* Returns the number of points on a triangle. */
 static int sbl__vertices_samples(const sbl__vertices *s, int triangle) {
     const double wanted = (double)s->areas[triangle] * s->desc.samples + 0.5;
@@ -16639,8 +16630,9 @@ static int sbl__vertices_samples(const sbl__vertices *s, int triangle) {
 
 static sbl_result sbl__vertices_sides(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
-    const sbl__vertices_part *part = sbl__vertices_find_part(s, triangle, 0);
+    const sbl__vertices_part *part = sbl__vertices_part_of(s, triangle, 0);
     const double mean = part->area / SBL__MAX(1, sbl__vertices_geometry(s)->meshes[part->mesh].triangle_count);
+    const int smooth = !s->desc.average && s->desc.smoothing > 0;
     uint32_t *corners = s->corners + 3 * (size_t)triangle;
     sbl_result result = SBL_SUCCESS;
     uint32_t i;
@@ -16648,7 +16640,7 @@ static sbl_result sbl__vertices_sides(void *work, int triangle) {
     s->areas[triangle] = SBL__MAX(s->areas[triangle], SBL__VERTICES_LEAST);
     s->points += sbl__vertices_samples(s, triangle);
     for (i = 0; i < 3; i++) corners[i] = s->unknowns[corners[i]];
-    for (i = 0; i < 3 && sbl__vertices_bends(s) && result == SBL_SUCCESS; i++)
+    for (i = 0; i < 3 && smooth && result == SBL_SUCCESS; i++)
         result = sbl__vertices_side(s, 3 * (uint32_t)triangle + i);
     return result;
 }
@@ -16672,18 +16664,16 @@ static void sbl__vertices_point(int k, double weights[3]) {
 /* Makes the site at a point on the scene's triangle `number`, as surface.glsl does: the front is the side to which the
    interpolated normal points, and that normal is bent to stay above the triangle's horizon. */
 static void sbl__vertices_site(const sbl__geometry *g, uint32_t number, const double weights[3], sbl_site *out) {
-    const float *p[3];
     double face[3], normal[3] = { 0, 0, 0 }, height = 0, length2;
     int i, k;
     memset(out, 0, sizeof *out);
-    sbl__scene_triangle(g, number, p);
-    sbl__triangle_normal(p, face);
-    sbl__normalize(face);
+    sbl__scene_normal(g, number, face);
     for (k = 0; k < 3; k++) {
         double at = 0;
         for (i = 0; i < 3; i++) {
-            at += weights[i] * p[i][k];
-            normal[k] += weights[i] * g->attributes[g->indices[3 * (size_t)number + (size_t)i]].normal[k];
+            const uint32_t vertex = g->indices[3 * (size_t)number + (size_t)i];
+            at += weights[i] * g->vertices[vertex].position[k];
+            normal[k] += weights[i] * g->attributes[vertex].normal[k];
         }
         out->position[k] = (float)at;
         height += normal[k] * face[k];
@@ -16692,8 +16682,7 @@ static void sbl__vertices_site(const sbl__geometry *g, uint32_t number, const do
     length2 = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2];
     if (length2 <= SBL__NORMAL_LEAST || !sbl__normalize(normal)) memcpy(normal, face, sizeof normal);
     height = normal[0] * face[0] + normal[1] * face[1] + normal[2] * face[2];
-    for (k = 0; k < 3 && height < SBL__GRAZING; k++)
-        normal[k] += (SBL__GRAZING - height) * face[k];
+    for (k = 0; k < 3 && height < SBL__GRAZING; k++) normal[k] += (SBL__GRAZING - height) * face[k];
     sbl__normalize(normal);
     for (k = 0; k < 3; k++) {
         out->normal[k] = (float)normal[k];
@@ -16701,28 +16690,23 @@ static void sbl__vertices_site(const sbl__geometry *g, uint32_t number, const do
     }
 }
 
-/* Returns the triangle of the point `next`, and updates next.part to the triangle's part. */
-static int sbl__vertices_here(sbl__vertices *s) {
-    while (s->next.part + 1 < s->part_count && s->next.triangle >= s->parts[s->next.part + 1].first_triangle)
-        s->next.part++;
-    return s->next.triangle;
-}
-
-/* Advances `next` to the following point. */
-static void sbl__vertices_pass(sbl__vertices *s) {
-    if (++s->next.point < sbl__vertices_samples(s, s->next.triangle)) return;
+/* Returns the triangle of the point `next`, gets the point's barycentric weights, sets s->part to the triangle's part,
+   and advances `next` to the following point. */
+static int sbl__vertices_pass(sbl__vertices *s, double weights[3]) {
+    const int triangle = s->next.triangle;
+    sbl__vertices_part_of(s, triangle, 0);
+    sbl__vertices_point(s->next.point, weights);
+    if (++s->next.point < sbl__vertices_samples(s, triangle)) return triangle;
     s->next.point = 0;
     s->next.triangle++;
+    return triangle;
 }
 
 static sbl_result sbl__vertices_ask(void *work, int site) {
     sbl__vertices *s = (sbl__vertices *)work;
-    const int triangle = sbl__vertices_here(s);
-    double weights[3];
-    sbl__vertices_point(s->next.point, weights);
-    sbl__vertices_site(sbl__vertices_geometry(s), sbl__vertices_triangle(s, s->next.part, triangle), weights,
-                       &s->sites[site]);
-    sbl__vertices_pass(s);
+    double h[3];
+    const int triangle = sbl__vertices_pass(s, h);
+    sbl__vertices_site(sbl__vertices_geometry(s), sbl__vertices_triangle(s, triangle), h, &s->sites[site]);
     return SBL_SUCCESS;
 }
 
@@ -16730,20 +16714,19 @@ static sbl_result sbl__vertices_ask(void *work, int site) {
 static sbl_result sbl__vertices_take(void *work, int site) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl_reading *r = &s->readings[site];
-    const int triangle = sbl__vertices_here(s), back_points = r->back_share * r->hit_share > SBL__VERTICES_BACK;
-    const double weight = (double)s->areas[triangle] / sbl__vertices_samples(s, triangle);
+    const int sees_back = r->back_share * r->hit_share > SBL__VERTICES_BACK;
     double h[3];
+    const int triangle = sbl__vertices_pass(s, h);
+    const double weight = (double)s->areas[triangle] / sbl__vertices_samples(s, triangle);
     float *sums;
     int a, b, k;
-    sbl__vertices_point(s->next.point, h);
-    sbl__vertices_pass(s);
     if (!r->valid) return SBL_SUCCESS;
-    s->parts[s->next.part].points += 1;
-    s->parts[s->next.part].back_points += back_points;
-    if (back_points && !s->back_sums)
+    s->parts[s->part].points += 1;
+    s->parts[s->part].back_points += sees_back;
+    if (sees_back && !s->back_sums)
         s->back_sums = (float *)sbl__alloc(&s->core->base, (size_t)s->triangle_count,
-                                        SBL__VERTICES_SUMS * sizeof *s->back_sums);
-    sums = back_points ? s->back_sums : s->sums;
+                                           SBL__VERTICES_SUMS * sizeof *s->back_sums);
+    sums = sees_back ? s->back_sums : s->sums;
     if (!sums) return SBL_ERROR_OUT_OF_MEMORY;
     sums += SBL__VERTICES_SUMS * (size_t)triangle;
     for (a = 0; a < 3; a++)
@@ -16768,34 +16751,26 @@ static void sbl__vertices_weigh(sbl__vertices *s, size_t unknown, double weight)
    replace them, because the remaining points may not determine all three corners. */
 static sbl_result sbl__vertices_mass(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
-    const sbl__vertices_part *part = sbl__vertices_find_part(s, triangle, 0);
+    const sbl__vertices_part *part = sbl__vertices_part_of(s, triangle, 0);
+    const int inside_out = part->back_points > SBL__VERTICES_INSIDE_OUT * part->points;
     const uint32_t *corners = s->corners + 3 * (size_t)triangle;
-    float *sums = s->sums + SBL__VERTICES_SUMS * (size_t)triangle, missing, spring;
-    const float *more = s->back_sums ? s->back_sums + SBL__VERTICES_SUMS * (size_t)triangle : NULL;
+    const size_t first = SBL__VERTICES_SUMS * (size_t)triangle;
+    float *sums = s->sums + first, missing, spring;
     int a, b, k;
-    for (k = 0; k < SBL__VERTICES_SUMS && more && part->back_points > SBL__VERTICES_INSIDE_OUT * part->points; k++)
-        sums[k] += more[k];
+    for (k = 0; k < SBL__VERTICES_SUMS && inside_out; k++) sums[k] += s->back_sums[first + (size_t)k];
     if (!(sums[6] > 0)) return SBL_SUCCESS;
     missing = s->areas[triangle] - sums[6];
     spring = missing > SBL__VERTICES_WHOLE * s->areas[triangle] ? SBL__VERTICES_SPRING * missing / 3 : 0;
     for (a = 0; a < 3; a++) {
         s->rings.ring[corners[a]] = 0;
         for (k = 0; k < 3; k++) s->solver.residual[3 * (size_t)corners[a] + (size_t)k] += sums[7 + 3 * a + k];
-        for (b = 0; b < 3 && !sbl__vertices_fits(s); b++) sbl__vertices_weigh(s, corners[a], sums[sbl__mass_at[a][b]]);
+        for (b = 0; b < 3 && s->desc.average; b++) sbl__vertices_weigh(s, corners[a], sums[sbl__mass_at[a][b]]);
     }
-    for (a = 0; a < 3 && sbl__vertices_fits(s); a++) {
+    for (a = 0; a < 3 && !s->desc.average; a++) {
         for (b = a; b < 3; b++) sums[sbl__mass_at[a][b]] += a == b ? 2 * spring : -spring;
         sbl__vertices_weigh(s, corners[a], sums[sbl__mass_at[a][a]]);
     }
     return SBL_SUCCESS;
-}
-
-/* Writes the four unknowns of a hinge in the order of its weights. */
-static void sbl__hinge_unknowns(const sbl__vertices *s, const sbl__hinge *h, size_t out[4]) {
-    out[0] = sbl__side_end(s->corners, h->sides[0], 2);
-    out[1] = sbl__side_end(s->corners, h->sides[1], 2);
-    out[2] = sbl__side_end(s->corners, h->sides[0], 0);
-    out[3] = sbl__side_end(s->corners, h->sides[0], 1);
 }
 
 /* Scales a hinge's weights by the square root of the smoothing and the smaller area of valid points on its two
@@ -16803,12 +16778,12 @@ static void sbl__hinge_unknowns(const sbl__vertices *s, const sbl__hinge *h, siz
 static sbl_result sbl__vertices_bend(void *work, int hinge) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__hinge *h = &s->hinges[hinge];
-    const float *known[2];
+    float area[2];
     size_t at[4];
     double scale;
     int i;
-    for (i = 0; i < 2; i++) known[i] = s->sums + SBL__VERTICES_SUMS * (size_t)(h->sides[i] / 3) + 6;
-    scale = sqrt((double)s->desc.smoothing * SBL__MIN(*known[0], *known[1]));
+    for (i = 0; i < 2; i++) area[i] = s->sums[SBL__VERTICES_SUMS * (size_t)(h->sides[i] / 3) + 6];
+    scale = sqrt((double)s->desc.smoothing * SBL__MIN(area[0], area[1]));
     sbl__hinge_unknowns(s, h, at);
     for (i = 0; i < 4; i++) {
         h->weights[i] = (float)(h->weights[i] * scale);
@@ -16821,20 +16796,21 @@ static sbl_result sbl__vertices_bend(void *work, int hinge) {
    last. */
 static void sbl__vertices_term(void *user, int term, const double *direction, double *product) {
     const sbl__vertices *s = (const sbl__vertices *)user;
-    const int is_hinge = term >= s->triangle_count;
-    const float *mass = s->sums + SBL__VERTICES_SUMS * (size_t)(is_hinge ? 0 : term);
-    const uint32_t *corners = s->corners + 3 * (size_t)(is_hinge ? 0 : term);
-    const sbl__hinge *h = is_hinge ? &s->hinges[term - s->triangle_count] : NULL;
+    const size_t triangle = (size_t)term;
+    const sbl__hinge *h;
     size_t at[4];
     int a, b, k;
-    for (a = 0; a < 3 && !h; a++)
+    for (a = 0; a < 3 && term < s->triangle_count; a++)
         for (b = 0; b < 3; b++) {
-            const double m = mass[sbl__mass_at[a][b]], *from = direction + 3 * (size_t)corners[b];
-            double *to = product + 3 * (size_t)corners[a];
+            const double m = s->sums[SBL__VERTICES_SUMS * triangle + sbl__mass_at[a][b]];
+            const double *from = direction + 3 * (size_t)s->corners[3 * triangle + (size_t)b];
+            double *to = product + 3 * (size_t)s->corners[3 * triangle + (size_t)a];
             for (k = 0; k < 3; k++) to[k] += m * from[k];
         }
-    if (h) sbl__hinge_unknowns(s, h, at);
-    for (k = 0; k < 3 && h; k++) {
+    if (term < s->triangle_count) return;
+    h = &s->hinges[term - s->triangle_count];
+    sbl__hinge_unknowns(s, h, at);
+    for (k = 0; k < 3; k++) {
         double bend = 0;
         for (a = 0; a < 4; a++) bend += h->weights[a] * direction[3 * at[a] + (size_t)k];
         for (a = 0; a < 4; a++) product[3 * at[a] + (size_t)k] += h->weights[a] * bend;
@@ -16937,7 +16913,7 @@ static sbl_result sbl__vertices_sense(void *work, sbl__slice *slice) {
 
 static sbl_result sbl__vertices_solve(void *work, sbl__slice *slice) {
     sbl__vertices *s = (sbl__vertices *)work;
-    return sbl__vertices_fits(s) ? sbl__solver_step(&s->solver, slice) : SBL_SUCCESS;
+    return s->desc.average ? SBL_SUCCESS : sbl__solver_step(&s->solver, slice);
 }
 
 static sbl_result sbl__vertices_spread(void *work, sbl__slice *slice) {
@@ -16971,7 +16947,7 @@ static int sbl__vertices_after_take(void *work) {
 
 static int sbl__vertices_count(void *work) { return ((sbl__vertices *)work)->vertex_count; }
 static int sbl__vertices_averages(void *work) {
-    return sbl__vertices_fits((sbl__vertices *)work) ? 0 : ((sbl__vertices *)work)->vertex_count;
+    return ((sbl__vertices *)work)->desc.average ? ((sbl__vertices *)work)->vertex_count : 0;
 }
 static int sbl__vertices_triangles(void *work) { return ((sbl__vertices *)work)->triangle_count; }
 static int sbl__vertices_hinges(void *work) { return ((sbl__vertices *)work)->hinge_count; }
