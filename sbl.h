@@ -16581,12 +16581,13 @@ static void sbl__hinge_unknowns(const sbl__vertices *s, const sbl__hinge *h, siz
 /* Computes the weights of a hinge: the difference between the slopes of the light across the shared edge, with both
    triangles unfolded into one plane. The weighted sum is therefore 0 for linear light. */
 static void sbl__hinge_make(const sbl__vertices *s, sbl__hinge *h) {
+    const sbl__vertex *vertices = sbl__vertices_geometry(s)->vertices;
     const float *p[4];
     double edge[3], length2 = 0, along[2] = { 0, 0 }, height[2] = { 0, 0 }, norm = 0, w[4] = { 0, 0, 0, 0 };
     size_t at[4];
     int i, k;
     sbl__hinge_unknowns(s, h, at);
-    for (i = 0; i < 4; i++) p[i] = sbl__vertices_geometry(s)->vertices[sbl__vertices_vertex(s, (uint32_t)at[i])].position;
+    for (i = 0; i < 4; i++) p[i] = vertices[sbl__vertices_vertex(s, (uint32_t)at[i])].position;
     for (k = 0; k < 3; k++) edge[k] = (double)p[3][k] - p[2][k];
     for (k = 0; k < 3; k++) length2 += edge[k] * edge[k];
     for (i = 0; i < 2; i++) {
@@ -16998,39 +16999,42 @@ static float sbl__vertices_progress(const sbl__core *c, const sbl__vertices *s) 
 }
 
 /* ======================================================================================================== >>probes
-   The front end for points in the air: batches of so many. A batch's light is gathered twice over: what lamps give, at
-   sites whose normals lie all over the sphere and face the cube's six sides; and what surfaces and the sky send, along
-   single rays. Where views see, the former sites find all the light, and rays only tell of surfaces. Then those probes
-   that stand inside something try other places, round by round. */
+   The front end for points in the air. Probes are measured in batches, by two kinds of sites. If sensors trace rays,
+   sites of kind FACES measure the light from lamps, with normals all over the sphere and towards the cube's six sides;
+   sites of kind RAYS trace one ray each and measure the light from surfaces and sky. If sensors rasterise views, FACES
+   measure all light, and RAYS only distances. Afterwards, probes that are inside something move and are measured
+   again, round by round. */
 
-#define SBL__PROBES_BATCH 128
-#define SBL__PROBE_RINGS 10        /* of normals, and so many on each: of a point of light 0.4 % of the norm of its */
-#define SBL__PROBE_AROUND 32       /* first four coefficients is left as alias, at most; */
-#define SBL__PROBE_VIEW_RINGS 6    /* where views see: 1.4 % */
+/* Number of rings of normals, and of normals on a ring. With these numbers, the aliasing of a point light is at most
+   0.4 % (rays) or 1.4 % (views) of the norm of its first four coefficients. */
+#define SBL__PROBE_RINGS 10
+#define SBL__PROBE_AROUND 32
+#define SBL__PROBE_VIEW_RINGS 6
 #define SBL__PROBE_VIEW_AROUND 22
-#define SBL__PROBE_LOOKS 4         /* towards lamps, of the cube's sides, whose noise no others average out */
-#define SBL__PROBE_LAMP_SHARE 64   /* of the rays, so small a share is sent to lamps from each normal: */
-#define SBL__PROBE_LAMP_LEAST 32   /* twice what lamps.glsl needs to know what is hidden by a ratio */
-#define SBL__PROBE_LAMP_MOST 256
-#define SBL__PROBE_INSIDE 0.25     /* share of all directions that end on back faces, at most */
-#define SBL__PROBE_BEYOND 0.125    /* of `move`: so far beyond a back face that is gone through, */
-#define SBL__PROBE_BARELY 0.015625 /* and at least so far */
+#define SBL__PROBES_BATCH 128      /* maximum number of probes per batch */
+#define SBL__PROBE_LOOKS 4         /* looks of a site for a side of the cube: no other site averages out its noise */
+#define SBL__PROBE_LAMP_SHARE 64   /* options.rays, divided by the number of rays that a look of FACES sends to lamps */
+#define SBL__PROBE_LAMP_LEAST 32   /* least such number: twice what a ratio estimate needs (SBL_SPARSE in lamps.glsl) */
+#define SBL__PROBE_LAMP_MOST 256   /* greatest such number */
+#define SBL__PROBE_INSIDE 0.25     /* share of directions that see back faces; above it a probe is inside something */
+#define SBL__PROBE_BEYOND 0.125    /* distance that a probe moves beyond a back face, as a share of desc.move */
+#define SBL__PROBE_BARELY 0.015625 /* least such distance, used if desc.move does not reach farther */
 
-enum { SBL__PROBE_FACES, SBL__PROBE_RAYS, SBL__PROBE_KINDS };  /* of sites */
+enum { SBL__PROBE_FACES, SBL__PROBE_RAYS, SBL__PROBE_KINDS };  /* kinds of sites */
 
 enum { SBL__PROBES_IDLE, SBL__PROBES_PREPARE, SBL__PROBES_BEGIN_BATCH, SBL__PROBES_SITES, SBL__PROBES_SENSE,
        SBL__PROBES_TAKE, SBL__PROBES_CLOSE, SBL__PROBES_DONE };
 
-/* A probe of the batch, at one place. */
+/* The measurement of one probe of the batch at one place */
 typedef struct sbl__probe_sum {
-    int number;
-    int overflows;
-    float place[3];
-    double sh[9][3], cube[6][3];
-    double hits, back;             /* rays */
-    double weight[8], distance[8], squared[8];
-    float exits[8][4];             /* towards each octant the nearest back face that was seen from where the probe is
-                                      asked for: direction and distance; 0: none, or it was tried */
+    int number;                    /* index of the probe in desc.probes */
+    int overflows;                 /* 1: a reading is not valid */
+    float place[3];                /* world position */
+    double sh[9][3], cube[6][3];   /* see sbl_probe */
+    double hits, back;             /* numbers of rays that hit surfaces and back faces */
+    double weight[8], distance[8], squared[8];  /* per octant: sums of weights, weighted distances and their squares */
+    float exits[8][4];             /* per octant: direction and distance of the nearest back face as seen from the
+                                      position that was asked for; distance 0: none is seen, or it was tried */
 } sbl__probe_sum;
 
 typedef struct sbl__probes {
@@ -17039,16 +17043,16 @@ typedef struct sbl__probes {
     sbl_probes_desc desc;          /* defaults filled in */
     sbl__measurement measurement;
     sbl__spec specs[SBL__PROBE_KINDS];
-    int apart;                     /* lamps' light and that of surroundings are found apart */
-    int rings, around;             /* normals */
-    double ring[SBL__PROBE_RINGS], ring_weight[SBL__PROBE_RINGS];  /* their height, 0 to 1, and weight, all 1 */
-    uint32_t *sequence;            /* of the rays */
-    sbl__probe_sum *sums;          /* of the batch */
-    sbl__site *sites;              /* of a job */
+    int apart;                     /* 1: sensors trace rays, so FACES measure only the light from lamps */
+    int rings, around;             /* number of rings of normals, and of normals on a ring */
+    double ring[SBL__PROBE_RINGS], ring_weight[SBL__PROBE_RINGS];  /* z of each ring, 0 to 1; weights, whose sum is 1 */
+    uint32_t *sequence;            /* directions of a probe's rays, see sbl__sequence_at */
+    sbl__probe_sum *sums;          /* probes of the batch that are measured in this round */
+    sbl__site *sites;              /* sites of a job */
     sbl_reading *readings;
-    int first, taken;              /* probes: of the batch, and how many it began with */
-    int count, round;              /* those that are still tried */
-    int kind, from;                /* the sites of the job, counted over the batch */
+    int first, taken;              /* first probe of the batch; number of probes that it began with */
+    int count, round;              /* number of entries in sums; number of the round, from 0 */
+    int kind, from;                /* kind of the job's sites; number of its first site among the round's sites */
     float store_share;             /* of progress */
     float progress;
 } sbl__probes;
@@ -17065,9 +17069,7 @@ static int sbl__probes_under_way(const sbl__probes *g) {
     return g->stages.stage != SBL__PROBES_IDLE && g->stages.stage != SBL__PROBES_DONE;
 }
 
-/* The share of a harmonic that a cosine leaves in R. */
-static double sbl__harmonic_share(int i) { return i == 0 ? 1 : i < 4 ? 2 / 3.0 : 0.25; }
-
+/* Evaluates the spherical harmonics of sbl_probe in a unit direction. */
 static void sbl__harmonics_of(const double d[3], double out[9]) {
     const double a = 0.5 / sqrt(SBL__PI), b = a * sqrt(3.0), c = a * sqrt(15.0);
     const double x = d[0], y = d[1], z = d[2];
@@ -17082,10 +17084,8 @@ static void sbl__harmonics_of(const double d[3], double out[9]) {
     out[8] = 0.5 * c * (x * x - y * y);
 }
 
-/* The six sides of a cube. */
-static double sbl__side(const double d[3], int side) { return side & 1 ? -d[side / 2] : d[side / 2]; }
-
-/* The nodes and weights of Gauss and Legendre between 0 and 1: the polynomial's roots, by Newton's method. */
+/* Computes nodes and weights of the Gauss-Legendre quadrature between 0 and 1. The nodes are the roots of the Legendre
+   polynomial of degree `count`, found by Newton's method. */
 static void sbl__gauss_nodes(int count, double *nodes, double *weights) {
     int i, k, step;
     for (i = 0; i < count; i++) {
@@ -17107,14 +17107,15 @@ static void sbl__gauss_nodes(int count, double *nodes, double *weights) {
 
 static int sbl__probe_normals(const sbl__probes *g) { return g->rings * g->around; }
 
-/* Sites of a probe. */
+/* Returns the number of a probe's sites of one kind. */
 static int sbl__probe_sites(const sbl__probes *g, int kind) {
     return kind == SBL__PROBE_RAYS ? g->desc.options.rays : sbl__probe_normals(g) + 6;
 }
 
-/* Normal number i. The even part of R bends where a normal crosses a light's horizon, and needs many axes; its odd part
-   is as smooth as can be. So rings stand on the upper half, where their rule sees no bend at a pole; every other normal
-   is turned round to its antipode, which doubles the axes; and every other ring is turned by half a step. */
+/* Computes normal number i. As a function of the normal, the even part of R has a kink where the normal is
+   perpendicular to the direction of a light, so it needs many axes; the odd part is smooth. Therefore the rings are at
+   z > 0, where the quadrature has no kink at a pole, every other normal is replaced by its antipode, which doubles the
+   number of axes, and every other ring is rotated by half a step. */
 static void sbl__probe_normal(const sbl__probes *g, int i, double out[3]) {
     const int ring = i / g->around, step = i % g->around, sign = (ring + step) & 1 ? -1 : 1;
     const double angle = 2 * SBL__PI * (step + 0.5 * (ring & 1)) / g->around, z = g->ring[ring], r = sqrt(1 - z * z);
@@ -17123,15 +17124,16 @@ static void sbl__probe_normal(const sbl__probes *g, int i, double out[3]) {
     out[2] = sign * z;
 }
 
-/* Where its site number i looks: along a ray; or a normal; or as one of the cube's sides. */
+/* Computes the direction of a probe's site number i: the direction of a ray; or a normal; or, after the normals, that
+   of a side of the cube. */
 static void sbl__probe_direction(const sbl__probes *g, int number, int i, double out[3]) {
-    const int normals = sbl__probe_normals(g);
+    const int side = i - sbl__probe_normals(g);
     double u[2], r;
-    if (g->kind == SBL__PROBE_FACES && i < normals) {
+    if (g->kind == SBL__PROBE_FACES && side < 0) {
         sbl__probe_normal(g, i, out);
     } else if (g->kind == SBL__PROBE_FACES) {
         out[0] = out[1] = out[2] = 0;
-        out[(i - normals) / 2] = (i - normals) & 1 ? -1 : 1;
+        out[side / 2] = side & 1 ? -1 : 1;
     } else {
         sbl__sequence_at(g->sequence, i, sbl__hash((uint32_t)number ^ sbl__hash(g->desc.options.seed)), u);
         out[2] = 1 - 2 * u[0];
@@ -17141,7 +17143,7 @@ static void sbl__probe_direction(const sbl__probes *g, int number, int i, double
     }
 }
 
-/* Where probe number i is asked for. */
+/* Gets the position at which the host wants probe number i. */
 static void sbl__probe_asked(const sbl_probes_desc *d, int i, float out[3]) {
     int k;
     for (k = 0; k < 3; k++) {
@@ -17171,16 +17173,16 @@ static void sbl__probes_begin(sbl__core *c, sbl__probes *g, const sbl_probes_des
     g->stages.stage = SBL__PROBES_PREPARE;
 }
 
-/* How the two kinds of sites see, and memory for a batch. */
+/* Makes the specs of the two kinds of sites and allocates memory for a batch. */
 static sbl_result sbl__probes_setup(sbl__core *c, sbl__probes *g) {
     sbl__spec *faces = &g->specs[SBL__PROBE_FACES], *rays = &g->specs[SBL__PROBE_RAYS];
     const int most = SBL__MAX(sbl__probe_sites(g, SBL__PROBE_FACES), g->desc.options.rays);
     const int batch = SBL__MIN(SBL__PROBES_BATCH, g->desc.probe_count);
+    const int lamp_rays = SBL__MAX(g->desc.options.rays / SBL__PROBE_LAMP_SHARE, SBL__PROBE_LAMP_LEAST);
     const size_t room = (size_t)SBL__MIN(SBL__GATHER_SITES, (double)most * batch);
     sbl__measurement measurement = g->measurement;
-    measurement.options.rays = SBL__MAX(g->desc.options.rays / SBL__PROBE_LAMP_SHARE, SBL__PROBE_LAMP_LEAST);
-    measurement.options.rays = SBL__MIN(measurement.options.rays, SBL__PROBE_LAMP_MOST);
-    if (g->apart) {  /* faces find lamps' light alone */
+    measurement.options.rays = SBL__MIN(lamp_rays, SBL__PROBE_LAMP_MOST);
+    if (g->apart) {
         measurement.options.mode = SBL_MODE_DIRECT;
         measurement.options.epsilon = 0;
     }
@@ -17200,7 +17202,6 @@ static sbl_result sbl__probes_setup(sbl__core *c, sbl__probes *g) {
     return g->sequence && g->sums && g->sites && g->readings ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Prepares the scene. */
 static sbl_result sbl__probes_prepare(void *work, sbl__slice *slice) {
     sbl__probes *g = (sbl__probes *)work;
     const sbl_result result = sbl__prepare(g->core, &g->measurement, slice);
@@ -17211,7 +17212,7 @@ static int sbl__probes_after_prepare(void *work) {
     return ((sbl__probes *)work)->desc.probe_count ? SBL__PROBES_BEGIN_BATCH : SBL__PROBES_DONE;
 }
 
-/* Begins a round of jobs. If nothing is a lamp, rays find all light. */
+/* Begins a round. FACES are left out if sensors trace rays and the scene has no lamps. */
 static int sbl__probes_round(void *work) {
     sbl__probes *g = (sbl__probes *)work;
     const int faces = g->measurement.options.backend != SBL_BACKEND_TRACE || g->core->scene.lights.leaves > 0;
@@ -17220,6 +17221,7 @@ static int sbl__probes_round(void *work) {
     return SBL__PROBES_SITES;
 }
 
+/* Begins a batch with the probes from g->first on. */
 static sbl_result sbl__probes_batch(void *work, sbl__slice *slice) {
     sbl__probes *g = (sbl__probes *)work;
     int i;
@@ -17234,7 +17236,7 @@ static sbl_result sbl__probes_batch(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* Sites of the job. */
+/* Returns the number of the job's sites. */
 static int sbl__probes_job(const sbl__probes *g) {
     return SBL__MIN(SBL__GATHER_SITES, g->count * sbl__probe_sites(g, g->kind) - g->from);
 }
@@ -17257,7 +17259,6 @@ static sbl_result sbl__probes_site(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Begins the job. */
 static int sbl__probes_after_sites(void *work) {
     sbl__probes *g = (sbl__probes *)work;
     sbl__task task;
@@ -17277,9 +17278,12 @@ static sbl_result sbl__probes_sense(void *work, sbl__slice *slice) {
     return result;
 }
 
-/* Adds light from the direction, of its site number `site`: radiance along a ray, or R of a normal. */
+/* Adds the reading of a site to the harmonics: the radiance along a ray, or R at a normal. A ray's radiance is also
+   added to the sides of the cube. site: number of the site among those of its probe; d: its direction */
 static void sbl__probe_add(const sbl__probes *g, sbl__probe_sum *sum, int site, const double d[3],
                            const sbl_reading *r) {
+    /* A_i in the formula for R at sbl_probe */
+    static const double factors[9] = { 1, 2 / 3.0, 2 / 3.0, 2 / 3.0, 0.25, 0.25, 0.25, 0.25, 0.25 };
     const int rays = g->kind == SBL__PROBE_RAYS;
     const double share = rays ? 1.0 / g->desc.options.rays : g->ring_weight[site / g->around] / g->around;
     const double area = 4 * SBL__PI * share;
@@ -17287,20 +17291,20 @@ static void sbl__probe_add(const sbl__probes *g, sbl__probe_sum *sum, int site, 
     int i, k;
     sbl__harmonics_of(d, y);
     for (i = 0; i < 9; i++) {
-        const double weight = area * y[i] / (rays ? 1 : sbl__harmonic_share(i));
+        const double weight = area * y[i] / (rays ? 1 : factors[i]);
         for (k = 0; k < 3; k++) sum->sh[i][k] += weight * (double)r->radiance[k];
     }
     for (i = 0; i < 6 && rays; i++) {
-        const double weight = area / SBL__PI * SBL__MAX(sbl__side(d, i), 0.0);
+        const double cosine = i & 1 ? -d[i / 2] : d[i / 2], weight = area / SBL__PI * SBL__MAX(cosine, 0.0);
         for (k = 0; k < 3; k++) sum->cube[i][k] += weight * (double)r->radiance[k];
     }
 }
 
-/* Adds what a ray met. */
+/* Adds the distance at which a ray met a surface. exits: 1: also remember the nearest back face of each octant */
 static void sbl__probe_meet(sbl__probe_sum *sum, const double d[3], const sbl_reading *r, int exits) {
-    const int here = (d[0] > 0) | (d[1] > 0) << 1 | (d[2] > 0) << 2;
+    const int octant = (d[0] > 0) | (d[1] > 0) << 1 | (d[2] > 0) << 2;
     const double distance = (double)r->hit_mean;
-    float *way = sum->exits[here];
+    float *way = sum->exits[octant];
     int i, k;
     if (!(r->hit_share > 0)) return;
     sum->hits++;
@@ -17318,7 +17322,6 @@ static void sbl__probe_meet(sbl__probe_sum *sum, const double d[3], const sbl_re
     way[3] = r->hit_mean;
 }
 
-/* Takes a reading of the job. */
 static sbl_result sbl__probes_take(void *work, int at) {
     sbl__probes *g = (sbl__probes *)work;
     const int each = sbl__probe_sites(g, g->kind), i = (g->from + at) % each, side = i - sbl__probe_normals(g);
@@ -17338,7 +17341,7 @@ static sbl_result sbl__probes_take(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Goes on with the next job: of the same kind of sites, or of the other. */
+/* Selects the sites of the next job: the rest of the same kind, or the other kind. */
 static int sbl__probes_after_take(void *work) {
     sbl__probes *g = (sbl__probes *)work;
     g->from += sbl__probes_job(g);
@@ -17347,7 +17350,7 @@ static int sbl__probes_after_take(void *work) {
     return ++g->kind < SBL__PROBE_KINDS ? SBL__PROBES_SITES : SBL__PROBES_CLOSE;
 }
 
-/* The probe that the sums make. */
+/* Converts the sums of a probe to the probe that the host gets. */
 static void sbl__probe_make(const sbl__probes *g, const sbl__probe_sum *sum, sbl_probe *out) {
     int i, k, finite;
     memset(out, 0, sizeof *out);
@@ -17366,39 +17369,42 @@ static void sbl__probe_make(const sbl__probes *g, const sbl__probe_sum *sum, sbl
     memcpy(out->position, sum->place, sizeof out->position);
 }
 
-/* Moves it out through the nearest back face that is left. 0: there is none near enough. */
+/* Moves a probe through the nearest back face that was not tried yet, measured from the position that was asked for.
+   Returns 0 if there is none within reach of desc.move. */
 static int sbl__probe_move(const sbl__probes *g, sbl__probe_sum *sum) {
     const double most = (double)g->desc.move;
     float from[3], *way = NULL;
-    double far_off;
+    double distance;
     int i, k;
     for (i = 0; i < 8; i++)
         if (sum->exits[i][3] > 0 && (!way || sum->exits[i][3] < way[3])) way = sum->exits[i];
     if (!way || (double)way[3] > (1 - SBL__PROBE_BARELY) * most) return 0;
-    far_off = SBL__MIN((double)way[3] + SBL__PROBE_BEYOND * most, most);
+    distance = SBL__MIN((double)way[3] + SBL__PROBE_BEYOND * most, most);
     sbl__probe_asked(&g->desc, sum->number, from);
-    for (k = 0; k < 3; k++) sum->place[k] = (float)((double)from[k] + far_off * (double)way[k]);
+    for (k = 0; k < 3; k++) sum->place[k] = (float)((double)from[k] + distance * (double)way[k]);
     way[3] = 0;
     return 1;
 }
 
-/* Tells the host what was found; those that are not valid go on to the next round. */
+/* Ends a round: writes the probes to the host's array, and begins the next round with those that are not valid and can
+   move. A probe that is invalid in every round keeps the result of the first one. */
 static int sbl__probes_close(void *work) {
     sbl__probes *g = (sbl__probes *)work;
     sbl_stats *stats = &g->core->stats;
     int i, left = 0;
     stats->sensors.count += g->count;
     for (i = 0; i < g->count; i++) {
+        const sbl__probe_sum *sum = &g->sums[i];
         sbl__probe_sum next;
         sbl_probe probe;
-        sbl__probe_make(g, &g->sums[i], &probe);
-        if (probe.valid || g->round == 0) g->desc.probes[g->sums[i].number] = probe;
-        stats->sensors.invalid += probe.valid ? g->round == 0 ? 0 : -1 : g->round == 0;
-        if (probe.valid) continue;
+        sbl__probe_make(g, sum, &probe);
+        if (probe.valid || g->round == 0) g->desc.probes[sum->number] = probe;
+        if (g->round == 0) stats->sensors.invalid += !probe.valid;
+        else stats->sensors.invalid -= probe.valid;
         memset(&next, 0, sizeof next);
-        next.number = g->sums[i].number;
-        memcpy(next.exits, g->sums[i].exits, sizeof next.exits);
-        if (sbl__probe_move(g, &next)) g->sums[left++] = next;
+        next.number = sum->number;
+        memcpy(next.exits, sum->exits, sizeof next.exits);
+        if (!probe.valid && sbl__probe_move(g, &next)) g->sums[left++] = next;
     }
     g->count = left;
     g->round++;
@@ -17438,42 +17444,38 @@ static float sbl__probes_progress(const sbl__core *c, const sbl__probes *g) {
 }
 
 /* ======================================================================================================== >>inspect
-   One sensor of a finished picture, looked at from inside: a job of one site, whose batch is read back when it has been
-   drawn, and drawn once more with an invocation for each of its rays. */
+   Measures one sensor of a finished picture again, as a job of one site. The job's sheet is read back after the job has
+   drawn it. The rays are then traced once more, with one invocation per ray. */
 
-#define SBL__INSPECT_ACROSS 64  /* invocations across a target of them */
+#define SBL__INSPECT_ACROSS 64  /* width of the target of the rays towards lamps, texels */
 
-/* What was found, kept for the host. */
+/* The result, which the host may read until the next inspection */
 typedef struct sbl__inspection {
     sbl__job job;               /* its textures are kept for the next inspection */
     sbl_sensor_ray *rays;
     sbl_sensor_lamp *lamps;
-    int *leaves;                /* of the lamps */
-    int ray_count, lamp_count, ray_room, lamp_room, leaf_room;
+    int ray_count, lamp_count, ray_room, lamp_room;
 } sbl__inspection;
 
 typedef struct sbl__inspect_request {
     sbl__core *core;
-    sbl__map *map;              /* of a finished picture */
+    sbl__map *map;              /* map of a finished picture */
     sbl__inspection *found;
-    int pixel;
-    float *radiance, *weights;  /* the sheet, or NULL */
+    int pixel;                  /* index of the pixel in the map's refinement */
+    float *radiance, *weights;  /* the host's arrays for the sheet; NULL: not wanted */
     sbl__site site;
-    sbl__look look;             /* the first one */
-    sbl_reading reading;        /* of it alone, */
-    float layers[3 * (SBL__LAYERS - 1)];  /* and its further layers of light */
-    float from_lamps[3], weight_sum;
+    sbl__look look;             /* the sensor's first look, which is repeated */
+    sbl_reading reading;        /* reading of this look alone */
+    float layers[3 * (SBL__LAYERS - 1)];  /* further layers of light of this look, see sbl__task */
+    float from_lamps[3], weight_sum;      /* see sbl_sensor */
 } sbl__inspect_request;
 
-/* Forgets what was found. */
 static void sbl__inspection_clear(sbl__base *base, sbl__inspection *i) {
     sbl__free(base, i->rays);
     sbl__free(base, i->lamps);
-    sbl__free(base, i->leaves);
     i->rays = NULL;
     i->lamps = NULL;
-    i->leaves = NULL;
-    i->ray_count = i->lamp_count = i->ray_room = i->lamp_room = i->leaf_room = 0;
+    i->ray_count = i->lamp_count = i->ray_room = i->lamp_room = 0;
 }
 
 static void sbl__inspection_free(const sbl__device *d, sbl__inspection *i) {
@@ -17481,6 +17483,7 @@ static void sbl__inspection_free(const sbl__device *d, sbl__inspection *i) {
     sbl__job_free(d, &i->job);
 }
 
+/* Appends a ray over the hemisphere, with all other fields 0. Returns NULL if memory is exhausted. */
 static sbl_sensor_ray *sbl__inspect_add_ray(const sbl__inspect_request *k) {
     sbl__inspection *f = k->found;
     if (!sbl__grow(&k->core->base, &f->rays, &f->ray_room, f->ray_count + 1, sizeof *f->rays)) return NULL;
@@ -17489,79 +17492,93 @@ static sbl_sensor_ray *sbl__inspect_add_ray(const sbl__inspect_request *k) {
     return &f->rays[f->ray_count++];
 }
 
-/* The number of the lamp that has that leaf; -1: out of memory. */
+/* Returns the slot of the look, which is the same as that of the sensor's first look in the picture. */
+static int sbl__inspect_slot(const sbl__job *j) { return j->task.first_look % sbl__job_slots(j)->count; }
+
+/* Returns the index of the lamp of a leaf, which is appended to the lamps if it is new; -1 if memory is exhausted. */
 static int sbl__inspect_lamp(const sbl__inspect_request *k, int leaf) {
     const sbl__geometry *g = &k->core->scene.geometry;
     const uint32_t *name = k->core->scene.lights.names[leaf];
     sbl__inspection *f = k->found;
-    sbl_sensor_lamp *lamp;
+    sbl_sensor_lamp lamp;
     int i;
-    for (i = 0; i < f->lamp_count; i++) if (f->leaves[i] == leaf) return i;
-    if (!sbl__grow(&k->core->base, &f->lamps, &f->lamp_room, i + 1, sizeof *f->lamps) ||
-        !sbl__grow(&k->core->base, &f->leaves, &f->leaf_room, i + 1, sizeof *f->leaves)) return -1;
-    lamp = &f->lamps[f->lamp_count];
-    memset(lamp, 0, sizeof *lamp);
-    lamp->kind = name[0] == SBL__LAMP_TRIANGLE    ? SBL_LAMP_TRIANGLE
-               : name[0] == SBL__LAMP_SKY_TEXEL   ? SBL_LAMP_SKY_TEXEL
-                                                  : SBL_LAMP_LIGHT;
-    lamp->number = (int)name[1];
-    lamp->mesh = -1;
-    if (lamp->kind == SBL_LAMP_TRIANGLE) {
-        lamp->mesh = (int)g->vertices[g->indices[3 * (size_t)name[1]]].object;
-        lamp->number -= g->meshes[lamp->mesh].first_triangle;
+    memset(&lamp, 0, sizeof lamp);
+    lamp.kind = name[0] == SBL__LAMP_TRIANGLE    ? SBL_LAMP_TRIANGLE
+              : name[0] == SBL__LAMP_SKY_TEXEL   ? SBL_LAMP_SKY_TEXEL
+                                                 : SBL_LAMP_LIGHT;
+    lamp.number = (int)name[1];
+    lamp.mesh = -1;
+    if (lamp.kind == SBL_LAMP_TRIANGLE) {
+        lamp.mesh = (int)g->vertices[g->indices[3 * (size_t)name[1]]].object;
+        lamp.number -= g->meshes[lamp.mesh].first_triangle;
     }
-    f->leaves[f->lamp_count++] = leaf;
+    for (i = 0; i < f->lamp_count; i++)
+        if (f->lamps[i].kind == lamp.kind && f->lamps[i].mesh == lamp.mesh && f->lamps[i].number == lamp.number)
+            return i;
+    if (!sbl__grow(&k->core->base, &f->lamps, &f->lamp_room, i + 1, sizeof *f->lamps)) return -1;
+    f->lamps[f->lamp_count++] = lamp;
     return i;
 }
 
-/* Runs a program for the one look, `count` invocations, and reads what they wrote: count floats of each output times
-   four, one output behind the other. The caller frees *out. */
-typedef sbl_result (*sbl__inspect_program)(const sbl__inspect_request *k, const sbl__batch *b);
+static sbl_result sbl__inspect_aim(sbl__device *d, const sbl__job *j, const sbl__batch *b) {
+    const unsigned features = sbl__aim_features(b->scene, b->spec);
+    const sbl_result result = sbl__use(d, &sbl__recipe_lamps, features | SBL__INSPECT);
+    if (result != SBL_SUCCESS) return result;
+    sbl__aim_bind(d, &j->aim, b, b->slots->blocks, 1);
+    if (features & SBL__VIEWS) sbl__raster_bind(d, &j->raster, b->scene->geometry.extent);
+    sbl__set_int(d, "parts", j->aim.parts);
+    sbl__set_int(d, "sheet_slot", features & SBL__VIEWS ? sbl__inspect_slot(j) : 0);
+    sbl__rays_send(d, b, &b->blocks->target, b->slots->blocks);
+    return SBL_SUCCESS;
+}
 
-static sbl_result sbl__inspect_run(const sbl__inspect_request *k, sbl__inspect_program program, const int size[2],
-                                   float **out) {
-    sbl__core *c = k->core;
+/* Runs the program for rays over the hemisphere, or with lamps 1 the program for rays towards lamps, for the look of
+   the request, with size[0] x size[1] invocations. *out: 4 floats of the first output per invocation, then 4 floats of
+   the second output per invocation; the caller frees it, also after an error */
+static sbl_result sbl__inspect_run(const sbl__inspect_request *k, int lamps, const int size[2], float **out) {
+    sbl__device *d = &k->core->device;
+    const sbl__job *j = &k->found->job;
+    const size_t count = (size_t)size[0] * (size_t)size[1];
     sbl__slots slots;
     sbl__blocks blocks;
     sbl__batch b;
     sbl_result result;
-    const size_t count = (size_t)size[0] * (size_t)size[1];
     memset(&blocks, 0, sizeof blocks);
-    memset(&b, 0, sizeof b);
     slots.columns = slots.count = 1;
     slots.blocks[0] = size[0];
     slots.blocks[1] = size[1];
-    b.scene = &c->scene;
-    b.spec = &k->found->job.task.spec;
+    sbl__job_batch(j, j->task.first_look, 1, &b);
     b.slots = &slots;
+    b.slot = 0;
     b.blocks = &blocks;
-    b.looks = &k->look;
-    b.table = &k->found->job.table;
-    b.guides = k->found->job.task.guides;
-    b.count = 1;
-    *out = (float *)sbl__alloc_raw(&c->base, count, 32);
-    result = *out ? sbl__blocks_make(&c->device, &blocks, 2, size[0], size[1]) : SBL_ERROR_OUT_OF_MEMORY;
-    if (result == SBL_SUCCESS) result = program(k, &b);
-    if (result == SBL_SUCCESS) result = sbl__target_read(&c->device, &blocks.target, 0, 0, size[1], *out);
-    if (result == SBL_SUCCESS) result = sbl__target_read(&c->device, &blocks.target, 1, 0, size[1], *out + 4 * count);
-    sbl__blocks_free(&c->device, &blocks);
+    *out = (float *)sbl__alloc_raw(d->base, count, 32);
+    result = *out ? sbl__blocks_make(d, &blocks, 2, size[0], size[1]) : SBL_ERROR_OUT_OF_MEMORY;
+    if (result == SBL_SUCCESS) result = lamps ? sbl__inspect_aim(d, j, &b) : sbl__trace_draw(d, &j->trace, &b, 0, 0);
+    if (result == SBL_SUCCESS) result = sbl__target_read(d, &blocks.target, 0, 0, size[1], *out);
+    if (result == SBL_SUCCESS) result = sbl__target_read(d, &blocks.target, 1, 0, size[1], *out + 4 * count);
+    sbl__blocks_free(d, &blocks);
     return result;
 }
 
-/* >>inspect: rays over the hemisphere, a sheet of one row */
-
-static sbl_result sbl__inspect_trace(const sbl__inspect_request *k, const sbl__batch *b) {
-    return sbl__trace_draw(&k->core->device, &k->found->job.trace, b, 0, 0);
+/* Writes a texel of the sheet to the host's arrays. */
+static void sbl__inspect_texel(const sbl__inspect_request *k, size_t texel, const float radiance[3], float distance,
+                               float weight) {
+    if (k->radiance) {
+        memcpy(k->radiance + 4 * texel, radiance, 3 * sizeof *radiance);
+        k->radiance[4 * texel + 3] = distance;
+    }
+    if (k->weights) k->weights[texel] = weight;
 }
 
+/* Reads the rays over the hemisphere. The sheet is one row with a texel per ray. */
 static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
-    sbl__core *c = k->core;
+    sbl__base *base = &k->core->base;
     const sbl__task *task = &k->found->job.task;
     const int rays = task->spec.rays, size[2] = { 4, (rays + 3) / 4 };
-    uint32_t *sequence = sbl__sequence_make(&c->base, 1, rays, 1);
+    uint32_t *sequence = sbl__sequence_make(base, 1, rays, 1);
     const uint32_t *guide = task->spec.guided ? sbl__guide_words(task->guides, k->look.guide) : NULL;
     float *data = NULL;
-    sbl_result result = sequence ? sbl__inspect_run(k, sbl__inspect_trace, size, &data) : SBL_ERROR_OUT_OF_MEMORY;
+    sbl_result result = sequence ? sbl__inspect_run(k, 0, size, &data) : SBL_ERROR_OUT_OF_MEMORY;
     int i, n;
     for (i = 0; i < rays && result == SBL_SUCCESS; i++) {
         const float *sum = data + 4 * (size_t)i, *hits = sum + 4 * (size_t)(size[0] * size[1]);
@@ -17574,19 +17591,17 @@ static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
         sbl__cosine_direction(k->look.normal, u, ray->direction);
         if (hits[0] > 0) ray->distance = sum[3] > 0 ? -hits[2] : hits[2];
         for (n = 0; n < 3; n++) ray->radiance[n] = sum[n] / weight;
-        for (n = 0; n < 3 && k->radiance; n++) k->radiance[4 * i + n] = ray->radiance[n];
-        if (k->radiance) k->radiance[4 * i + 3] = ray->distance;
-        if (k->weights) k->weights[i] = weight;
+        sbl__inspect_texel(k, (size_t)i, ray->radiance, ray->distance, weight);
         k->weight_sum += weight;
     }
-    sbl__free(&c->base, data);
-    sbl__free(&c->base, sequence);
+    sbl__free(base, data);
+    sbl__free(base, sequence);
     return result;
 }
 
 /* >>inspect: views */
 
-/* The atlas and its weights, as the look left them. */
+/* Reads the sheet of the look from the view texture, and computes the weights of its texels. */
 static sbl_result sbl__inspect_sheet(sbl__inspect_request *k) {
     sbl__core *c = k->core;
     const sbl__job *j = &k->found->job;
@@ -17594,28 +17609,28 @@ static sbl_result sbl__inspect_sheet(sbl__inspect_request *k) {
     const sbl__lens *lens = &r->lenses[SBL__LENS_SITE];
     const sbl__layout *l = &lens->layout;
     const int width = r->target.width, pitch = sbl__layout_pitch(l, 0), height = sbl__layout_pitch(l, 1);
-    float *atlas = (float *)sbl__alloc_raw(&c->base, (size_t)width * (size_t)l->sheet_height, 16);
+    float *rows = (float *)sbl__alloc_raw(&c->base, (size_t)width * (size_t)l->sheet_height, 16);
     float *table = (float *)sbl__alloc(&c->base, (size_t)pitch * (size_t)height, 8);
     int corner[2], x, y, i, face;
     double weights = 0;
-    sbl_result result = atlas && table ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
-    sbl__raster_corner(lens, j->task.first_look % lens->slots.count, corner);
+    sbl_result result = rows && table ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    sbl__raster_corner(lens, sbl__inspect_slot(j), corner);
     for (face = 0; face < l->view_count && result == SBL_SUCCESS; face++)
         for (y = 0; y < l->rects[face][3]; y++) sbl__weights_row(l, j->task.spec.paper, face, y, table);
     if (result == SBL_SUCCESS)
-        result = sbl__target_read(&c->device, &r->target, 0, corner[1], l->sheet_height, atlas);
+        result = sbl__target_read(&c->device, &r->target, 0, corner[1], l->sheet_height, rows);
     for (y = 0; y < l->sheet_height && result == SBL_SUCCESS; y++)
         for (x = 0; x < l->sheet_width; x++) {
-            const float *from = atlas + 4 * ((size_t)y * (size_t)width + (size_t)(corner[0] + x));
+            const float *from = rows + 4 * ((size_t)y * (size_t)width + (size_t)(corner[0] + x));
             const float *weight = table + 2 * ((size_t)y * (size_t)pitch + (size_t)x);
-            const size_t to = (size_t)y * (size_t)l->sheet_width + (size_t)x;
-            for (i = 0; i < 3 && k->radiance; i++) k->radiance[4 * to + (size_t)i] = from[i] / r->radiance_scale;
-            if (k->radiance) k->radiance[4 * to + 3] = from[3] * c->scene.geometry.extent * weight[1];
-            if (k->weights) k->weights[to] = weight[0];
+            const size_t texel = (size_t)y * (size_t)l->sheet_width + (size_t)x;
+            float radiance[3];
+            for (i = 0; i < 3; i++) radiance[i] = from[i] / r->radiance_scale;
+            sbl__inspect_texel(k, texel, radiance, from[3] * c->scene.geometry.extent * weight[1], weight[0]);
             weights += weight[0];
         }
     k->weight_sum = (float)weights;
-    sbl__free(&c->base, atlas);
+    sbl__free(&c->base, rows);
     sbl__free(&c->base, table);
     return result;
 }
@@ -17641,33 +17656,17 @@ static void sbl__inspect_views(const sbl__inspect_request *k, sbl_sensor *out) {
 
 /* >>inspect: rays towards lamps */
 
-static sbl_result sbl__inspect_aim(const sbl__inspect_request *k, const sbl__batch *b) {
-    sbl__core *c = k->core;
-    sbl__device *d = &c->device;
-    const sbl__job *j = &k->found->job;
-    const unsigned features = sbl__aim_features(&c->scene, &j->task.spec);
-    const sbl_result result = sbl__use(d, &sbl__recipe_lamps, features | SBL__INSPECT);
-    if (result != SBL_SUCCESS) return result;
-    sbl__aim_bind(d, &j->aim, b, b->slots->blocks, 1);
-    if (features & SBL__VIEWS) sbl__raster_bind(d, &j->raster, c->scene.geometry.extent);
-    sbl__set_int(d, "parts", j->aim.parts);
-    sbl__set_int(d, "sheet_slot", features & SBL__VIEWS ? j->task.first_look % sbl__job_slots(j)->count : 0);
-    sbl__rays_send(d, b, &b->blocks->target, b->slots->blocks);
-    return SBL_SUCCESS;
-}
-
-/* What an invocation says, see lamps.glsl: number i of the rays, or of the entries. */
-static sbl_result sbl__inspect_take(const sbl__inspect_request *k, const float *said, const float *way, int is_ray) {
-    const int state = (int)said[3], lamp = state ? sbl__inspect_lamp(k, (int)way[3]) : 0;
+/* Evaluates the outputs of an invocation of lamps.glsl: light (out_light) and way (out_way). is_ray: 1: the invocation
+   traced a ray; 0: it describes one of the lamps or clusters that the look chose */
+static sbl_result sbl__inspect_take(const sbl__inspect_request *k, const float *light, const float *way, int is_ray) {
+    const int state = (int)light[3], lamp = state ? sbl__inspect_lamp(k, (int)way[3]) : 0;
     sbl_sensor_lamp *l;
     sbl_sensor_ray *ray;
     if (!state) return SBL_SUCCESS;
     if (lamp < 0) return SBL_ERROR_OUT_OF_MEMORY;
     l = &k->found->lamps[lamp];
     if (!is_ray) {
-        memcpy(l->unhindered, said, sizeof l->unhindered);
-        if (k->core->scene.lights.names[k->found->leaves[lamp]][0] == SBL__LAMP_SKY_TEXEL)
-            memset(l->unhindered, 0, sizeof l->unhindered);
+        if (l->kind != SBL_LAMP_SKY_TEXEL) memcpy(l->unhindered, light, sizeof l->unhindered);
         l->rays += state > 1;
         l->open += state == 2;
         return SBL_SUCCESS;
@@ -17675,55 +17674,53 @@ static sbl_result sbl__inspect_take(const sbl__inspect_request *k, const float *
     ray = sbl__inspect_add_ray(k);
     if (!ray) return SBL_ERROR_OUT_OF_MEMORY;
     memcpy(ray->direction, way, sizeof ray->direction);
-    memcpy(ray->radiance, said, sizeof ray->radiance);
+    memcpy(ray->radiance, light, sizeof ray->radiance);
     ray->lamp = lamp;
     l->rays++;
     l->open += state == 1;
     return SBL_SUCCESS;
 }
 
+/* Reads R from lamps, which the job's rays towards lamps have measured, and the rays themselves. */
 static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
-    sbl__core *c = k->core;
+    sbl__device *d = &k->core->device;
     const sbl__job *j = &k->found->job;
-    const int rays = j->aim.rays, count = rays + SBL__LAMPS;
+    const int rays = j->aim.rays, count = rays + SBL__LAMPS, parts = j->aim.parts;
     const int size[2] = { SBL__INSPECT_ACROSS, (count + SBL__INSPECT_ACROSS - 1) / SBL__INSPECT_ACROSS };
-    const float scale = sbl__job_scale(j);
-    const int columns = sbl__job_slots(j)->columns, slot = j->task.first_look % sbl__job_slots(j)->count;
-    const size_t row = (size_t)columns * 4;
-    float *data = NULL, *light = (float *)sbl__alloc_raw(&c->base, (size_t)columns * (size_t)j->aim.parts, 16);
+    const int columns = sbl__job_slots(j)->columns, slot = sbl__inspect_slot(j);
+    float *data = NULL, *light = (float *)sbl__alloc_raw(d->base, (size_t)columns * (size_t)parts, 16);
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
     int i, n;
-    if (light)
-        result = sbl__target_read(&c->device, &j->aim.target, 0, slot / columns * j->aim.parts, j->aim.parts, light);
-    for (i = 0; i < j->aim.parts && result == SBL_SUCCESS; i++)
+    if (light) result = sbl__target_read(d, &j->aim.target, 0, slot / columns * parts, parts, light);
+    for (i = 0; i < parts && result == SBL_SUCCESS; i++)
         for (n = 0; n < 3; n++)
-            k->from_lamps[n] += light[row * (size_t)i + 4 * (size_t)(slot % columns) + (size_t)n] /
-                                (float)j->aim.parts / scale;
-    sbl__free(&c->base, light);
-    if (result == SBL_SUCCESS) result = sbl__inspect_run(k, sbl__inspect_aim, size, &data);
+            k->from_lamps[n] += light[4 * ((size_t)columns * (size_t)i + (size_t)(slot % columns)) + (size_t)n] /
+                                (float)parts / sbl__job_scale(j);
+    sbl__free(d->base, light);
+    if (result == SBL_SUCCESS) result = sbl__inspect_run(k, 1, size, &data);
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
-        const int from = i < SBL__LAMPS ? rays + i : i - SBL__LAMPS;  /* lamps first: in the order of the entries */
-        const float *said = data + 4 * (size_t)from;
-        result = sbl__inspect_take(k, said, said + 4 * (size_t)(size[0] * size[1]), from < rays);
+        const int from = i < SBL__LAMPS ? rays + i : i - SBL__LAMPS;  /* lamps come first, in the order of the choice */
+        const float *out = data + 4 * (size_t)from;
+        result = sbl__inspect_take(k, out, out + 4 * (size_t)(size[0] * size[1]), from < rays);
     }
-    sbl__free(&c->base, data);
+    sbl__free(d->base, data);
     return result;
 }
 
 /* >>inspect: the job */
 
-/* The pixel that (x, y) of those that are read shows. */
+/* Returns the index, in the map's refinement, of the pixel that the host reads at (x, y). */
 static size_t sbl__inspect_pixel(const sbl__map *m, int x, int y) {
     return sbl__map_shown(m, (size_t)y * (size_t)m->size[0] + (size_t)x);
 }
 
-/* Gathers for the pixel in the slot that its sensor's first look had, so that every rounding is the same. */
+/* Repeats the first look of the pixel's sensor, in the slot that this look had, so that every rounding is the same. */
 static sbl_result sbl__inspect(sbl__inspect_request *k) {
     sbl__core *c = k->core;
     sbl__job *j = &k->found->job;
     sbl__slice slice = sbl__slice_of(&c->desc, 0);
     sbl__task task;
-    int seen = 0;
+    int inspected = 0;
     sbl_result result = SBL_UNFINISHED;
     sbl__refine_task(&k->map->refine, &task);
     task.sites = &k->site;
@@ -17736,8 +17733,8 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
     sbl__job_begin(j, &c->scene, &task);
     while (result == SBL_UNFINISHED) {
         result = sbl__job_step(&c->device, j, &slice);
-        if (result != SBL_UNFINISHED || j->stages.stage != SBL__JOB_READ || seen) continue;
-        seen = 1;  /* before probes draw over it */
+        if (result != SBL_UNFINISHED || j->stages.stage != SBL__JOB_READ || inspected) continue;
+        inspected = 1;  /* now, because stuck tests will draw over the look */
         c->device.gl.doing = "request at a sensor";
         result = sbl__job_layout(j) ? sbl__inspect_sheet(k) : sbl__inspect_rays(k);
         if (result == SBL_SUCCESS && task.spec.lamp_rays) result = sbl__inspect_lamps(k);
@@ -17746,7 +17743,7 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
     return result;
 }
 
-/* What the host is told. */
+/* Fills in the result, except for the size of the sheet. */
 static void sbl__inspect_tell(const sbl__inspect_request *k, sbl_sensor *out) {
     const sbl__pixel *p = sbl__refine_pixel(&k->map->refine, (size_t)k->pixel);
     const sbl_reading *r = &k->reading;
