@@ -17895,12 +17895,8 @@ static sbl_result sbl__trial(sbl__core *c) {
 
 #ifdef SBL_EGL
 
-typedef struct sbl__egl {
-    int owned;           /* 1 if the library has created a context; the other fields are then valid */
-    EGLDisplay display;
-    EGLContext context;
-    EGLSurface surface;
-} sbl__egl;
+/* All fields are 0, that is EGL_NO_..., unless the library has created a context. */
+typedef struct sbl__egl { EGLDisplay display; EGLContext context; EGLSurface surface; } sbl__egl;
 
 /* The host's EGL state, saved while the library's own context is current. */
 typedef struct sbl__egl_before {
@@ -17914,6 +17910,15 @@ typedef struct sbl__egl_before {
 static sbl_gl_function sbl__egl_function(const char *name, void *user) {
     (void)user;
     return (sbl_gl_function)eglGetProcAddress(name);
+}
+
+static void sbl__egl_destroy(sbl__egl *e) {
+    if (e->context == EGL_NO_CONTEXT) return;
+    if (eglGetCurrentContext() == e->context)
+        eglMakeCurrent(e->display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
+    if (e->surface != EGL_NO_SURFACE) eglDestroySurface(e->display, e->surface);
+    eglDestroyContext(e->display, e->context);
+    memset(e, 0, sizeof *e);
 }
 
 /* Tries to create a context on a display and to make it current. pbuffer: 1: with a pbuffer as its surface; 0: without
@@ -17931,15 +17936,12 @@ static int sbl__egl_try(sbl__egl *e, EGLDisplay display, int pbuffer) {
     if (!eglChooseConfig(display, config_attributes, &config, 1, &count) || count < 1) return 0;
     e->context = eglCreateContext(display, config, EGL_NO_CONTEXT, context_attributes);
     if (e->context == EGL_NO_CONTEXT) return 0;
-    e->surface = pbuffer ? eglCreatePbufferSurface(display, config, surface_attributes) : EGL_NO_SURFACE;
-    if ((pbuffer && e->surface == EGL_NO_SURFACE) || !eglMakeCurrent(display, e->surface, e->surface, e->context)) {
-        if (e->surface != EGL_NO_SURFACE) eglDestroySurface(display, e->surface);
-        eglDestroyContext(display, e->context);
-        e->context = EGL_NO_CONTEXT;
-        return 0;
-    }
     e->display = display;
-    return 1;
+    e->surface = pbuffer ? eglCreatePbufferSurface(display, config, surface_attributes) : EGL_NO_SURFACE;
+    if (pbuffer == (e->surface != EGL_NO_SURFACE) && eglMakeCurrent(display, e->surface, e->surface, e->context))
+        return 1;
+    sbl__egl_destroy(e);
+    return 0;
 }
 
 /* Creates a context. Tries Mesa's surfaceless platform, then up to 16 EGL devices, then a pbuffer on the default
@@ -17960,9 +17962,7 @@ static sbl_result sbl__egl_create(sbl__egl *e, const sbl__base *base) {
         query_devices(16, devices, &count))
         for (i = 0; i < count && !made; i++)
             made = sbl__egl_try(e, get_display(EGL_PLATFORM_DEVICE_EXT, devices[i], NULL), 0);
-    if (!made) made = sbl__egl_try(e, eglGetDisplay(EGL_DEFAULT_DISPLAY), 1);
-    e->owned = made;
-    if (made) return SBL_SUCCESS;
+    if (made || sbl__egl_try(e, eglGetDisplay(EGL_DEFAULT_DISPLAY), 1)) return SBL_SUCCESS;
     sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_NO_GL, "no headless OpenGL 3.3 context could be created (tried the "
              "surfaceless platform, all devices and a pbuffer; EGL error 0x%04x); install a GL driver such as Mesa's, "
              "or set get_gl_function in sbl_context_desc", (unsigned)eglGetError());
@@ -17988,7 +17988,7 @@ static sbl_result sbl__egl_open(sbl__egl *e, const sbl__base *base, sbl__egl_bef
 /* Makes the library's own context current, if there is one and it is not current already. */
 static void sbl__egl_enter(const sbl__egl *e, sbl__egl_before *b) {
     b->switched = 0;
-    if (!e->owned || eglGetCurrentContext() == e->context) return;
+    if (e->context == EGL_NO_CONTEXT || eglGetCurrentContext() == e->context) return;
     sbl__egl_save(b);
     eglBindAPI(EGL_OPENGL_API);
     eglMakeCurrent(e->display, e->surface, e->surface, e->context);
@@ -18000,15 +18000,6 @@ static void sbl__egl_leave(const sbl__egl *e, const sbl__egl_before *b) {
     if (e->display != EGL_NO_DISPLAY) eglMakeCurrent(e->display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
     eglBindAPI(b->api);
     if (b->context != EGL_NO_CONTEXT) eglMakeCurrent(b->display, b->draw, b->read, b->context);
-}
-
-static void sbl__egl_destroy(sbl__egl *e) {
-    if (!e->owned) return;
-    if (eglGetCurrentContext() == e->context)
-        eglMakeCurrent(e->display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
-    if (e->surface != EGL_NO_SURFACE) eglDestroySurface(e->display, e->surface);
-    eglDestroyContext(e->display, e->context);
-    e->owned = 0;
 }
 
 #else  /* without SBL_EGL */
