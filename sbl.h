@@ -16359,20 +16359,20 @@ static float sbl__gathering_progress(const sbl__core *c, const sbl__gathering *g
    Each triangle adds a 3 x 3 matrix, summed over its points; each hinge adds the outer product of its 4 weights. Areas
    are relative to the mean triangle area of the mesh. */
 
-#define SBL__VERTICES_POINTS 65536      /* points per gather, as many as one job takes */
-#define SBL__VERTICES_FEW 4             /* least number of points on a triangle, unless `samples` is lower */
-#define SBL__VERTICES_MANY 8            /* greatest number of points on a triangle, as a multiple of `samples` */
+#define SBL__VERTICES_POINTS 65536      /* maximum number of points per gather, so that each gather is one job */
+#define SBL__VERTICES_FEW 4             /* minimum number of points on a triangle, unless `samples` is lower */
+#define SBL__VERTICES_MANY 8            /* maximum number of points on a triangle, as a multiple of `samples` */
 #define SBL__VERTICES_LEAST 1e-9f       /* least relative area; smaller triangles are treated as having this area */
 #define SBL__VERTICES_AGREE 0.99985f    /* least cosine between the normals of welded vertices: 1 degree */
 #define SBL__VERTICES_BACK 0.9f         /* share of a hemisphere with back faces; above it a point is rejected */
 #define SBL__VERTICES_INSIDE_OUT 0.5    /* share of a mesh's points that see back faces; above it the mesh counts as a
                                            room that is modelled inside out, and these points are used after all */
-#define SBL__VERTICES_SUMS 16           /* floats per triangle in sbl__vertices.sums */
+#define SBL__VERTICES_SUMS 16           /* number of floats per triangle in sbl__vertices.sums */
 #define SBL__VERTICES_WHOLE 1e-5f       /* share of a triangle's area that may be missing because of rounding */
 #define SBL__VERTICES_SPRING 0.02f      /* stiffness of the springs between the corners of a triangle with rejected
                                            points, relative to the area of these points */
 #define SBL__VERTICES_PRECISION 1e-6    /* accepted ratio of the residual's norm to its initial norm */
-#define SBL__VERTICES_RINGS 64          /* greatest number of edges over which light spreads to vertices without it */
+#define SBL__VERTICES_RINGS 64          /* maximum number of edges over which light spreads to other vertices */
 
 enum {
     SBL__VERTICES_IDLE,
@@ -16409,12 +16409,12 @@ typedef struct sbl__vertices {
     sbl__gathering gathering;
     sbl_site *sites;
     sbl_reading *readings;
-    int site_count;             /* of the gather under way */
-    double points, taken;       /* number of points in all, and in the completed gathers */
+    int site_count;             /* number of sites of the current gather */
+    double points, taken;       /* number of all points, and of those in the completed gathers */
     sbl__vertices_place next, first;  /* point that is processed next; point of the current gather's first site */
-    float *normals;             /* per vertex: sum of the unit normals of its triangles */
-    uint32_t *unknowns;         /* per vertex: number of the first vertex that it is welded to, which is the number of
-                                   its unknown; SBL__NONE: no triangle uses the vertex */
+    float *normals;             /* per vertex: sum of the unit normals of its triangles; after welding: its normal */
+    uint32_t *unknowns;         /* per vertex: number of its unknown, which is the first vertex that it is welded to;
+                                   SBL__NONE: no triangle uses the vertex */
     sbl__hash_table places, ends;  /* vertices by position; sides by their ends */
     uint32_t *corners;          /* per triangle: three unknowns */
     float *areas;               /* per triangle: area relative to the mean of its mesh */
@@ -16535,40 +16535,32 @@ static sbl_result sbl__vertices_face(void *work, int triangle) {
     return SBL_SUCCESS;
 }
 
-/* Gets a vertex's normal in the scene, or else the mean of its triangles' normals; 0 0 0 if neither exists. */
-static void sbl__vertices_normal(const sbl__vertices *s, uint32_t vertex, float out[3]) {
-    const float *own = sbl__vertices_geometry(s)->attributes[sbl__vertices_vertex(s, vertex)].normal;
-    const float *sum = s->normals + 3 * (size_t)vertex;
-    double n[3] = { sum[0], sum[1], sum[2] };
-    int k;
-    if (!sbl__normalize(n)) n[0] = n[1] = n[2] = 0;
-    for (k = 0; k < 3; k++) out[k] = sbl__all_zero(own, 3) ? (float)n[k] : own[k];
-}
-
 /* Returns whether two vertices are welded: they belong to the same part, have the same position, and their normals
    agree. */
 static int sbl__vertices_same(const void *user, uint32_t one, uint32_t other) {
     const sbl__vertices *s = (const sbl__vertices *)user;
-    float a[3], b[3];
-    if (other < (uint32_t)s->parts[s->part].first_vertex) return 0;
-    if (!sbl__same_place(sbl__vertices_geometry(s), sbl__vertices_vertex(s, one), sbl__vertices_vertex(s, other)))
-        return 0;
-    sbl__vertices_normal(s, one, a);
-    sbl__vertices_normal(s, other, b);
-    return sbl__dot(a, b) >= SBL__VERTICES_AGREE;
+    const float *a = s->normals + 3 * (size_t)one, *b = s->normals + 3 * (size_t)other;
+    return other >= (uint32_t)s->parts[s->part].first_vertex && sbl__dot(a, b) >= SBL__VERTICES_AGREE &&
+           sbl__same_place(sbl__vertices_geometry(s), sbl__vertices_vertex(s, one), sbl__vertices_vertex(s, other));
 }
 
-static sbl_result sbl__vertices_weld(void *work, int at) {
+/* Replaces the sum of a vertex's normals by its normal in the scene, or else by their mean, and welds the vertex.
+   Vertices without triangles or without a normal are not welded. */
+static sbl_result sbl__vertices_weld(void *work, int vertex) {
     sbl__vertices *s = (sbl__vertices *)work;
-    const uint32_t vertex = (uint32_t)at;
-    uint32_t hash;
-    float normal[3];
-    sbl__vertices_part_of(s, at, 1);
+    const sbl__geometry *g = sbl__vertices_geometry(s);
+    float *normal = s->normals + 3 * (size_t)vertex;
+    double mean[3] = { normal[0], normal[1], normal[2] };
+    uint32_t number;
+    int k;
+    sbl__vertices_part_of(s, vertex, 1);
+    number = sbl__vertices_vertex(s, (uint32_t)vertex);
     if (s->unknowns[vertex] == SBL__NONE) return SBL_SUCCESS;
-    sbl__vertices_normal(s, vertex, normal);
-    if (sbl__all_zero(normal, 3)) return SBL_SUCCESS;
-    hash = sbl__place_hash(sbl__vertices_geometry(s), sbl__vertices_vertex(s, vertex));
-    s->unknowns[vertex] = sbl__hash_table_first(&s->places, hash, vertex, sbl__vertices_same, s);
+    if (!sbl__all_zero(g->attributes[number].normal, 3)) memcpy(normal, g->attributes[number].normal, 12);
+    else if (!sbl__normalize(mean)) return SBL_SUCCESS;
+    else for (k = 0; k < 3; k++) normal[k] = (float)mean[k];
+    s->unknowns[vertex] = sbl__hash_table_first(&s->places, sbl__place_hash(g, number), (uint32_t)vertex,
+                                                sbl__vertices_same, s);
     return SBL_SUCCESS;
 }
 
