@@ -16992,10 +16992,9 @@ static float sbl__vertices_progress(const sbl__core *c, const sbl__vertices *s) 
 
 /* ======================================================================================================== >>probes
    The front end for points in the air. Probes are measured in batches, by two kinds of sites. If sensors trace rays,
-   sites of kind FACES measure the light from lamps, with normals all over the sphere and towards the cube's six sides;
-   sites of kind RAYS trace one ray each and measure the light from surfaces and sky. If sensors rasterise views, FACES
-   measure all light, and RAYS only distances. Afterwards, probes that are inside something move and are measured
-   again, round by round. */
+   FACES, whose normals lie all over the sphere and towards the cube's six sides, measure the light from lamps; RAYS,
+   which trace one ray each, measure the light from surfaces and sky. If sensors rasterise views, FACES measure all
+   light, and RAYS only distances. Probes that are inside something then move and are measured again, round by round. */
 
 /* Number of rings of normals, and of normals on a ring. With these numbers, the aliasing of a point light is at most
    0.4 % (rays) or 1.4 % (views) of the norm of its first four coefficients. */
@@ -17019,8 +17018,7 @@ enum { SBL__PROBES_IDLE, SBL__PROBES_PREPARE, SBL__PROBES_BEGIN_BATCH, SBL__PROB
 
 /* The measurement of one probe of the batch at one place */
 typedef struct sbl__probe_sum {
-    int number;                    /* index of the probe in desc.probes */
-    int overflows;                 /* 1: a reading is not valid */
+    int number, overflows;         /* index of the probe in desc.probes; 1: a reading is not valid */
     float place[3];                /* world position */
     double sh[9][3], cube[6][3];   /* see sbl_probe */
     double hits, back;             /* numbers of rays that hit surfaces and back faces */
@@ -17165,7 +17163,7 @@ static void sbl__probes_begin(sbl__core *c, sbl__probes *g, const sbl_probes_des
     g->stages.stage = SBL__PROBES_PREPARE;
 }
 
-/* Makes the specs of the two kinds of sites and allocates memory for a batch. */
+/* Makes the specs of both kinds of sites, and allocates memory for a batch. */
 static sbl_result sbl__probes_setup(sbl__core *c, sbl__probes *g) {
     sbl__spec *faces = &g->specs[SBL__PROBE_FACES], *rays = &g->specs[SBL__PROBE_RAYS];
     const int most = SBL__MAX(sbl__probe_sites(g, SBL__PROBE_FACES), g->desc.options.rays);
@@ -17207,8 +17205,7 @@ static int sbl__probes_after_prepare(void *work) {
 /* Begins a round. FACES are left out if sensors trace rays and the scene has no lamps. */
 static int sbl__probes_round(void *work) {
     sbl__probes *g = (sbl__probes *)work;
-    const int faces = g->measurement.options.backend != SBL_BACKEND_TRACE || g->core->scene.lights.leaves > 0;
-    g->kind = faces ? SBL__PROBE_FACES : SBL__PROBE_RAYS;
+    g->kind = g->apart && !g->core->scene.lights.leaves ? SBL__PROBE_RAYS : SBL__PROBE_FACES;
     g->from = 0;
     return SBL__PROBES_SITES;
 }
@@ -17327,8 +17324,7 @@ static sbl_result sbl__probes_take(void *work, int at) {
         return SBL_SUCCESS;
     }
     sbl__probe_direction(g, sum->number, i, d);
-    if (g->measurement.options.backend == SBL_BACKEND_TRACE || g->kind == SBL__PROBE_FACES)
-        sbl__probe_add(g, sum, i, d, r);
+    if (g->apart || g->kind == SBL__PROBE_FACES) sbl__probe_add(g, sum, i, d, r);
     if (g->kind == SBL__PROBE_RAYS) sbl__probe_meet(sum, d, r, g->round == 0 && g->desc.move > 0);
     return SBL_SUCCESS;
 }
@@ -17348,7 +17344,7 @@ static void sbl__probe_make(const sbl__probes *g, const sbl__probe_sum *sum, sbl
     memset(out, 0, sizeof *out);
     for (i = 0; i < 9; i++) for (k = 0; k < 3; k++) out->sh[i][k] = (float)sum->sh[i][k];
     for (i = 0; i < 6; i++) for (k = 0; k < 3; k++) out->cube[i][k] = (float)sum->cube[i][k];
-    for (i = 0; i < 8 && sum->hits > 0; i++) {
+    for (i = 0; i < 8; i++) {
         out->distance[i] = sum->weight[i] > 0 ? (float)(sum->distance[i] / sum->weight[i]) : 0;
         out->distance_squared[i] = sum->weight[i] > 0 ? (float)(sum->squared[i] / sum->weight[i]) : 0;
     }
@@ -17552,16 +17548,6 @@ static sbl_result sbl__inspect_run(const sbl__inspect_request *k, int lamps, con
     return result;
 }
 
-/* Writes a texel of the sheet to the host's arrays. */
-static void sbl__inspect_texel(const sbl__inspect_request *k, size_t texel, const float radiance[3], float distance,
-                               float weight) {
-    if (k->radiance) {
-        memcpy(k->radiance + 4 * texel, radiance, 3 * sizeof *radiance);
-        k->radiance[4 * texel + 3] = distance;
-    }
-    if (k->weights) k->weights[texel] = weight;
-}
-
 /* Reads the rays over the hemisphere. The sheet is one row with a texel per ray. */
 static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
     sbl__base *base = &k->core->base;
@@ -17583,7 +17569,9 @@ static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
         sbl__cosine_direction(k->look.normal, u, ray->direction);
         if (hits[0] > 0) ray->distance = sum[3] > 0 ? -hits[2] : hits[2];
         for (n = 0; n < 3; n++) ray->radiance[n] = sum[n] / weight;
-        sbl__inspect_texel(k, (size_t)i, ray->radiance, ray->distance, weight);
+        if (k->radiance) memcpy(k->radiance + 4 * i, ray->radiance, sizeof ray->radiance);
+        if (k->radiance) k->radiance[4 * i + 3] = ray->distance;
+        if (k->weights) k->weights[i] = weight;
         k->weight_sum += weight;
     }
     sbl__free(base, data);
@@ -17616,9 +17604,9 @@ static sbl_result sbl__inspect_sheet(sbl__inspect_request *k) {
             const float *from = rows + 4 * ((size_t)y * (size_t)width + (size_t)(corner[0] + x));
             const float *weight = table + 2 * ((size_t)y * (size_t)pitch + (size_t)x);
             const size_t texel = (size_t)y * (size_t)l->sheet_width + (size_t)x;
-            float radiance[3];
-            for (i = 0; i < 3; i++) radiance[i] = from[i] / r->radiance_scale;
-            sbl__inspect_texel(k, texel, radiance, from[3] * c->scene.geometry.extent * weight[1], weight[0]);
+            for (i = 0; i < 3 && k->radiance; i++) k->radiance[4 * texel + (size_t)i] = from[i] / r->radiance_scale;
+            if (k->radiance) k->radiance[4 * texel + 3] = from[3] * c->scene.geometry.extent * weight[1];
+            if (k->weights) k->weights[texel] = weight[0];
             weights += weight[0];
         }
     k->weight_sum = (float)weights;
@@ -17727,7 +17715,7 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
         result = sbl__job_step(&c->device, j, &slice);
         if (result != SBL_UNFINISHED || j->stages.stage != SBL__JOB_READ || inspected) continue;
         inspected = 1;  /* now, because stuck tests will draw over the look */
-        c->device.gl.doing = "request at a sensor";
+        c->device.gl.doing = "inspecting a sensor";
         result = sbl__job_layout(j) ? sbl__inspect_sheet(k) : sbl__inspect_rays(k);
         if (result == SBL_SUCCESS && task.spec.lamp_rays) result = sbl__inspect_lamps(k);
         if (result == SBL_SUCCESS) result = SBL_UNFINISHED;
