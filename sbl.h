@@ -17442,7 +17442,7 @@ typedef struct sbl__inspection {
     sbl__job job;               /* its textures are kept for the next inspection */
     sbl_sensor_ray *rays;
     sbl_sensor_lamp *lamps;
-    int ray_count, lamp_count, ray_room, lamp_room;
+    int ray_count, lamp_count;
 } sbl__inspection;
 
 typedef struct sbl__inspect_request {
@@ -17463,7 +17463,7 @@ static void sbl__inspection_clear(sbl__base *base, sbl__inspection *i) {
     sbl__free(base, i->lamps);
     i->rays = NULL;
     i->lamps = NULL;
-    i->ray_count = i->lamp_count = i->ray_room = i->lamp_room = 0;
+    i->ray_count = i->lamp_count = 0;
 }
 
 static void sbl__inspection_free(const sbl__device *d, sbl__inspection *i) {
@@ -17471,19 +17471,10 @@ static void sbl__inspection_free(const sbl__device *d, sbl__inspection *i) {
     sbl__job_free(d, &i->job);
 }
 
-/* Appends a ray over the hemisphere, with all other fields 0. Returns NULL if memory is exhausted. */
-static sbl_sensor_ray *sbl__inspect_add_ray(const sbl__inspect_request *k) {
-    sbl__inspection *f = k->found;
-    if (!sbl__grow(&k->core->base, &f->rays, &f->ray_room, f->ray_count + 1, sizeof *f->rays)) return NULL;
-    memset(&f->rays[f->ray_count], 0, sizeof *f->rays);
-    f->rays[f->ray_count].lamp = -1;
-    return &f->rays[f->ray_count++];
-}
-
 /* Returns the slot of the look, which is the same as that of the sensor's first look in the picture. */
 static int sbl__inspect_slot(const sbl__job *j) { return j->task.first_look % sbl__job_slots(j)->count; }
 
-/* Returns the index of the lamp of a leaf, which is appended to the lamps if it is new; -1 if memory is exhausted. */
+/* Returns the index of the lamp of a leaf, and appends the lamp if it is new. */
 static int sbl__inspect_lamp(const sbl__inspect_request *k, int leaf) {
     const sbl__geometry *g = &k->core->scene.geometry;
     const uint32_t *name = k->core->scene.lights.names[leaf];
@@ -17503,7 +17494,6 @@ static int sbl__inspect_lamp(const sbl__inspect_request *k, int leaf) {
     for (i = 0; i < f->lamp_count; i++)
         if (f->lamps[i].kind == lamp.kind && f->lamps[i].mesh == lamp.mesh && f->lamps[i].number == lamp.number)
             return i;
-    if (!sbl__grow(&k->core->base, &f->lamps, &f->lamp_room, i + 1, sizeof *f->lamps)) return -1;
     f->lamps[f->lamp_count++] = lamp;
     return i;
 }
@@ -17560,10 +17550,10 @@ static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
     int i, n;
     for (i = 0; i < rays && result == SBL_SUCCESS; i++) {
         const float *sum = data + 4 * (size_t)i, *hits = sum + 4 * (size_t)(size[0] * size[1]);
-        sbl_sensor_ray *ray = sbl__inspect_add_ray(k);
+        sbl_sensor_ray *ray = &k->found->rays[k->found->ray_count++];
         float weight = 1 / (float)rays;
         double u[2];
-        if (!ray) { result = SBL_ERROR_OUT_OF_MEMORY; break; }
+        ray->lamp = -1;
         sbl__sequence_at(sequence, i, k->look.seed, u);
         if (guide) weight *= (float)sbl__guide_warp(guide, u);
         sbl__cosine_direction(k->look.normal, u, ray->direction);
@@ -17638,27 +17628,19 @@ static void sbl__inspect_views(const sbl__inspect_request *k, sbl_sensor *out) {
 
 /* Evaluates the outputs of an invocation of lamps.glsl: light (out_light) and way (out_way). is_ray: 1: the invocation
    traced a ray; 0: it describes one of the lamps or clusters that the look chose */
-static sbl_result sbl__inspect_take(const sbl__inspect_request *k, const float *light, const float *way, int is_ray) {
+static void sbl__inspect_take(const sbl__inspect_request *k, const float *light, const float *way, int is_ray) {
     const int state = (int)light[3], lamp = state ? sbl__inspect_lamp(k, (int)way[3]) : 0;
-    sbl_sensor_lamp *l;
-    sbl_sensor_ray *ray;
-    if (!state) return SBL_SUCCESS;
-    if (lamp < 0) return SBL_ERROR_OUT_OF_MEMORY;
-    l = &k->found->lamps[lamp];
-    if (!is_ray) {
-        if (l->kind != SBL_LAMP_SKY_TEXEL) memcpy(l->unhindered, light, sizeof l->unhindered);
-        l->rays += state > 1;
-        l->open += state == 2;
-        return SBL_SUCCESS;
-    }
-    ray = sbl__inspect_add_ray(k);
-    if (!ray) return SBL_ERROR_OUT_OF_MEMORY;
-    memcpy(ray->direction, way, sizeof ray->direction);
-    memcpy(ray->radiance, light, sizeof ray->radiance);
-    ray->lamp = lamp;
-    l->rays++;
-    l->open += state == 1;
-    return SBL_SUCCESS;
+    sbl_sensor_lamp *l = &k->found->lamps[lamp];
+    if (!state) return;
+    l->rays += is_ray || state > 1;
+    l->open += state == (is_ray ? 1 : 2);
+    if (is_ray) {
+        sbl_sensor_ray *ray = &k->found->rays[k->found->ray_count++];
+        ray->lamp = lamp;
+        memcpy(ray->direction, way, sizeof ray->direction);
+        memcpy(ray->radiance, light, sizeof ray->radiance);
+    } else if (l->kind != SBL_LAMP_SKY_TEXEL)
+        memcpy(l->unhindered, light, sizeof l->unhindered);
 }
 
 /* Reads R from lamps, which the job's rays towards lamps have measured, and the rays themselves. */
@@ -17681,7 +17663,7 @@ static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
         const int from = i < SBL__LAMPS ? rays + i : i - SBL__LAMPS;  /* lamps come first, in the order of the choice */
         const float *out = data + 4 * (size_t)from;
-        result = sbl__inspect_take(k, out, out + 4 * (size_t)(size[0] * size[1]), from < rays);
+        sbl__inspect_take(k, out, out + 4 * (size_t)(size[0] * size[1]), from < rays);
     }
     sbl__free(d->base, data);
     return result;
@@ -17697,12 +17679,17 @@ static size_t sbl__inspect_pixel(const sbl__map *m, int x, int y) {
 /* Repeats the first look of the pixel's sensor, in the slot that this look had, so that every rounding is the same. */
 static sbl_result sbl__inspect(sbl__inspect_request *k) {
     sbl__core *c = k->core;
+    sbl__inspection *f = k->found;
     sbl__job *j = &k->found->job;
     sbl__slice slice = sbl__slice_of(&c->desc, 0);
     sbl__task task;
-    int inspected = 0;
+    int lamp_rays;
     sbl_result result = SBL_UNFINISHED;
     sbl__refine_task(&k->map->refine, &task);
+    lamp_rays = task.spec.lamp_rays;
+    f->rays = (sbl_sensor_ray *)sbl__alloc(&c->base, (size_t)(task.spec.rays + lamp_rays), sizeof *f->rays);
+    f->lamps = (sbl_sensor_lamp *)sbl__alloc(&c->base, (size_t)(SBL__LAMPS + lamp_rays), sizeof *f->lamps);
+    if (!f->rays || !f->lamps) return SBL_ERROR_OUT_OF_MEMORY;
     task.sites = &k->site;
     task.readings = &k->reading;
     task.layers = k->layers;
@@ -17713,11 +17700,10 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
     sbl__job_begin(j, &c->scene, &task);
     while (result == SBL_UNFINISHED) {
         result = sbl__job_step(&c->device, j, &slice);
-        if (result != SBL_UNFINISHED || j->stages.stage != SBL__JOB_READ || inspected) continue;
-        inspected = 1;  /* now, because stuck tests will draw over the look */
-        c->device.gl.doing = "inspecting a sensor";
+        if (result != SBL_UNFINISHED || j->stages.stage != SBL__JOB_READ || j->lens != SBL__LENS_SITE) continue;
+        c->device.gl.doing = "inspecting a sensor";  /* now, because stuck tests will draw over the look */
         result = sbl__job_layout(j) ? sbl__inspect_sheet(k) : sbl__inspect_rays(k);
-        if (result == SBL_SUCCESS && task.spec.lamp_rays) result = sbl__inspect_lamps(k);
+        if (result == SBL_SUCCESS && lamp_rays) result = sbl__inspect_lamps(k);
         if (result == SBL_SUCCESS) result = SBL_UNFINISHED;
     }
     return result;
