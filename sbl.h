@@ -16392,8 +16392,8 @@ typedef struct sbl__vertices_part {
     double points, back_points;  /* number of valid points; number of those that see mostly back faces */
 } sbl__vertices_part;
 
-/* An edge that two triangles share, once as a side of each: 3 * triangle + the corner at which the side begins. The
-   weights belong to the corner opposite each side, then to the two ends of the first side. */
+/* An edge that two triangles share. sides: the edge as a side of each triangle, see >>topology. weights: those of the
+   corner opposite each side, then of the two ends of the first side */
 typedef struct sbl__hinge { uint32_t sides[2]; float weights[4]; } sbl__hinge;
 
 /* Point number `point` on a triangle, see sbl__vertices_point */
@@ -16514,8 +16514,8 @@ static sbl__vertices_part *sbl__vertices_part_of(sbl__vertices *s, int at, int i
     return &s->parts[i];
 }
 
-/* Computes a triangle's area, records its vertices, and adds its normal to theirs. The sums replace the normals that
-   the mesh lacks. */
+/* Computes a triangle's area, records its vertices, and adds its normal to the sums of its vertices, which replace
+   normals that the mesh lacks. */
 static sbl_result sbl__vertices_face(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl__geometry *g = sbl__vertices_geometry(s);
@@ -16621,6 +16621,7 @@ static int sbl__vertices_samples(const sbl__vertices *s, int triangle) {
     return SBL__MAX((int)SBL__MIN(wanted, most), SBL__MIN(SBL__VERTICES_FEW, s->desc.samples));
 }
 
+/* Makes a triangle's area relative, counts its points, replaces its vertices by their unknowns, and adds its hinges. */
 static sbl_result sbl__vertices_sides(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl__vertices_part *part = sbl__vertices_part_of(s, triangle, 0);
@@ -17103,9 +17104,9 @@ static int sbl__probe_sites(const sbl__probes *g, int kind) {
 }
 
 /* Computes normal number i. As a function of the normal, the even part of R has a kink where the normal is
-   perpendicular to the direction of a light, so it needs many axes; the odd part is smooth. Therefore the rings are at
-   z > 0, where the quadrature has no kink at a pole, every other normal is replaced by its antipode, which doubles the
-   number of axes, and every other ring is rotated by half a step. */
+   perpendicular to the direction of a light, so it needs many axes; the odd part is smooth. Therefore the rings fill
+   only the half z > 0, within which a light at a pole causes no kink; every other normal is replaced by its antipode,
+   which doubles the number of axes; and every other ring is rotated by half a step. */
 static void sbl__probe_normal(const sbl__probes *g, int i, double out[3]) {
     const int ring = i / g->around, step = i % g->around, sign = (ring + step) & 1 ? -1 : 1;
     const double angle = 2 * SBL__PI * (step + 0.5 * (ring & 1)) / g->around, z = g->ring[ring], r = sqrt(1 - z * z);
@@ -17432,8 +17433,8 @@ static float sbl__probes_progress(const sbl__core *c, const sbl__probes *g) {
 }
 
 /* ======================================================================================================== >>inspect
-   Measures one sensor of a finished picture again, as a job of one site. The job's sheet is read back after the job has
-   drawn it. The rays are then traced once more, with one invocation per ray. */
+   Measures one sensor of a finished picture again, as a job of one site. Views are read back when the job has drawn
+   them; rays are traced once more, with one invocation per ray. */
 
 #define SBL__INSPECT_ACROSS 64  /* width of the target of the rays towards lamps, texels */
 
@@ -17861,7 +17862,7 @@ static sbl_result sbl__trial(sbl__core *c) {
 
 #ifdef SBL_EGL
 
-/* All fields are 0, that is EGL_NO_..., unless the library has created a context. */
+/* The context that the library has created. If there is none, all fields are 0 (EGL_NO_CONTEXT). */
 typedef struct sbl__egl { EGLDisplay display; EGLContext context; EGLSurface surface; } sbl__egl;
 
 /* The host's EGL state, saved while the library's own context is current. */
