@@ -16253,32 +16253,32 @@ static const sbl__front_end sbl__readings_front_end = {
 };
 
 /* ======================================================================================================== >>vertices
-   The front end for light at vertices (Kavan, Bargteil and Sloan 2011). A sequence of gathers measures R at points on
-   the triangles. An unknown x is the light at one vertex, or at several vertices that are welded because they share
-   position and normal. Hat functions h interpolate the unknowns over the triangles. Conjugate gradients solve the
-   normal equations that minimise the sum of
+   The front end for light at vertices (Kavan, Bargteil and Sloan 2011). Gathers measure R at points on the triangles.
+   An unknown x is the light at one vertex, or at several vertices that are welded because they share position and
+   normal. Hat functions h interpolate the unknowns over the triangles. Conjugate gradients solve the normal equations
+   that minimise the sum of
 
        weight (sum of x h - R)^2           for each point; weight is the point's share of its triangle's area
-       smoothing area (slope - slope)^2    for each hinge, an edge that two triangles share; it compares the slopes of
+       smoothing area (slope - slope)^2    for each hinge, an edge that two triangles share; the slopes are those of
                                            the light on both sides of the edge, in units of light
 
    Each triangle adds a 3 x 3 matrix, summed over its points; each hinge adds the outer product of its 4 weights. Areas
    are relative to the mean triangle area of the mesh. */
 
-#define SBL__VERTICES_POINTS 65536      /* points per gather, as many as one job takes */
-#define SBL__VERTICES_FEW 4             /* least number of points on a triangle, unless `samples` is lower */
-#define SBL__VERTICES_MANY 8            /* greatest number of points on a triangle, as a multiple of `samples` */
+#define SBL__VERTICES_POINTS 65536      /* maximum number of points per gather, so that each gather is one job */
+#define SBL__VERTICES_FEW 4             /* minimum number of points on a triangle, unless `samples` is lower */
+#define SBL__VERTICES_MANY 8            /* maximum number of points on a triangle, as a multiple of `samples` */
 #define SBL__VERTICES_LEAST 1e-9f       /* least relative area; smaller triangles are treated as having this area */
 #define SBL__VERTICES_AGREE 0.99985f    /* least cosine between the normals of welded vertices: 1 degree */
 #define SBL__VERTICES_BACK 0.9f         /* share of a hemisphere with back faces; above it a point is rejected */
 #define SBL__VERTICES_INSIDE_OUT 0.5    /* share of a mesh's points that see back faces; above it the mesh counts as a
                                            room that is modelled inside out, and these points are used after all */
-#define SBL__VERTICES_SUMS 16           /* floats per triangle in sbl__vertices.sums */
+#define SBL__VERTICES_SUMS 16           /* number of floats per triangle in sbl__vertices.sums */
 #define SBL__VERTICES_WHOLE 1e-5f       /* share of a triangle's area that may be missing because of rounding */
 #define SBL__VERTICES_SPRING 0.02f      /* stiffness of the springs between the corners of a triangle with rejected
                                            points, relative to the area of these points */
 #define SBL__VERTICES_PRECISION 1e-6    /* accepted ratio of the residual's norm to its initial norm */
-#define SBL__VERTICES_RINGS 64          /* greatest number of edges over which light spreads to vertices without it */
+#define SBL__VERTICES_RINGS 64          /* maximum number of edges over which light spreads to other vertices */
 
 enum {
     SBL__VERTICES_FACES, SBL__VERTICES_WELD, SBL__VERTICES_SIDES,  /* compute normals and areas; unknowns; hinges */
@@ -16289,36 +16289,36 @@ enum {
     SBL__VERTICES_DONE
 };
 
-/* A mesh that is baked. The parts' vertices and triangles are numbered consecutively, part after part. */
+/* A mesh that is baked. Vertices and triangles are numbered consecutively over all parts, unless a comment says that
+   a number belongs to the scene. */
 typedef struct sbl__vertices_part {
     int mesh, first_vertex, first_triangle;
     double area;
     double points, back_points;  /* number of valid points; number of those that see mostly back faces */
 } sbl__vertices_part;
 
-/* An edge that two triangles share, once as a side of each: 3 * triangle + the corner at which the side begins. The
-   weights belong to the corner opposite each side, then to the two ends of the first side. */
+/* An edge that two triangles share. sides: the edge as a side of each triangle, see >>topology. weights: those of the
+   corner opposite each side, then of the two ends of the first side */
 typedef struct sbl__hinge { uint32_t sides[2]; float weights[4]; } sbl__hinge;
 
-/* Point number `point` on a triangle, see sbl__vertices_point. `part` may lag behind `triangle` until
-   sbl__vertices_here is called. */
-typedef struct sbl__vertices_place { int part, triangle, point; } sbl__vertices_place;
+/* Point number `point` on a triangle, see sbl__vertices_point */
+typedef struct sbl__vertices_place { int triangle, point; } sbl__vertices_place;
 
 typedef struct sbl__vertices {
     sbl__work work;             /* first: see >>work */
-    int part;                   /* part of the vertex or triangle that the current stage works on */
+    int part;                   /* index of the part that sbl__vertices_part_of found last */
     sbl_vertices_desc desc;     /* defaults filled in */
     sbl__vertices_part *parts;
     int part_count, vertex_count, triangle_count;
     sbl__gathering gathering;
     sbl_site *sites;
     sbl_reading *readings;
-    int site_count;             /* of the gather under way */
-    double points, taken;       /* number of points in all, and in the completed gathers */
+    int site_count;             /* number of sites of the current gather */
+    double points, taken;       /* number of all points, and of those in the completed gathers */
     sbl__vertices_place next, first;  /* point that is processed next; point of the current gather's first site */
-    float *normals;             /* per vertex: sum of the normals of its triangles, weighted by area */
-    uint32_t *unknowns;         /* per vertex: number of the first vertex that it is welded to, which is the number of
-                                   its unknown; SBL__NONE: no triangle uses the vertex */
+    float *normals;             /* per vertex: sum of the unit normals of its triangles; after welding: its normal */
+    uint32_t *unknowns;         /* per vertex: number of its unknown, which is the first vertex that it is welded to;
+                                   SBL__NONE: no triangle uses the vertex */
     sbl__hash_table places, ends;  /* vertices by position; sides by their ends */
     uint32_t *corners;          /* per triangle: three unknowns */
     float *areas;               /* per triangle: area relative to the mean of its mesh */
@@ -16405,42 +16405,40 @@ static sbl_result sbl__vertices_make_faces(void *work, sbl__slice *slice) {
     return sbl__hash_table_make(base, &s->ends, 3.0 * s->triangle_count);
 }
 
-/* >>vertices: welding. Vertices and triangles are numbered consecutively over all parts, unless a comment says that a
-   number belongs to the scene. */
+/* >>vertices: welding */
 
 static const sbl__geometry *sbl__vertices_geometry(const sbl__vertices *s) { return &s->work.core->scene.geometry; }
 
-/* Returns the scene's number of a triangle of the part. */
-static uint32_t sbl__vertices_triangle(const sbl__vertices *s, int part, int triangle) {
-    const sbl__vertices_part *p = &s->parts[part];
+/* Returns the scene's number of a triangle of part s->part. */
+static uint32_t sbl__vertices_triangle(const sbl__vertices *s, int triangle) {
+    const sbl__vertices_part *p = &s->parts[s->part];
     return (uint32_t)(sbl__vertices_geometry(s)->meshes[p->mesh].first_triangle + triangle - p->first_triangle);
 }
 
-/* Returns the scene's number of a vertex of the current part. */
+/* Returns the scene's number of a vertex of part s->part. */
 static uint32_t sbl__vertices_vertex(const sbl__vertices *s, uint32_t vertex) {
     const sbl__vertices_part *p = &s->parts[s->part];
     return (uint32_t)sbl__vertices_geometry(s)->meshes[p->mesh].first_vertex + vertex - (uint32_t)p->first_vertex;
 }
 
-/* Finds the part that contains the vertex, or with is_vertex 0 the triangle, that a stage's loop has reached. Loops
-   count upwards from 0, so the search continues from the previous part. */
-static sbl__vertices_part *sbl__vertices_find_part(sbl__vertices *s, int at, int is_vertex) {
-    if (at == 0) s->part = 0;
-    while (s->part + 1 < s->part_count) {
-        const sbl__vertices_part *next = &s->parts[s->part + 1];
-        if (at < (is_vertex ? next->first_vertex : next->first_triangle)) break;
-        s->part++;
-    }
-    return &s->parts[s->part];
+/* Sets s->part to the part that contains a triangle, or with is_vertex 1 a vertex, and returns the part. The search
+   begins at the part that was found last, because most callers ask for ascending numbers. */
+static sbl__vertices_part *sbl__vertices_part_of(sbl__vertices *s, int at, int is_vertex) {
+    const sbl__vertices_part *p = s->parts;
+    int i = s->part;
+    if (at < (is_vertex ? p[i].first_vertex : p[i].first_triangle)) i = 0;
+    while (i + 1 < s->part_count && at >= (is_vertex ? p[i + 1].first_vertex : p[i + 1].first_triangle)) i++;
+    s->part = i;
+    return &s->parts[i];
 }
 
-/* Computes a triangle's area, records its vertices, and adds its normal to theirs. The sums replace the normals that
-   the mesh lacks. */
+/* Computes a triangle's area, records its vertices, and adds its normal to the sums of its vertices, which replace
+   normals that the mesh lacks. */
 static sbl_result sbl__vertices_face(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl__geometry *g = sbl__vertices_geometry(s);
-    sbl__vertices_part *part = sbl__vertices_find_part(s, triangle, 0);
-    const uint32_t number = sbl__vertices_triangle(s, s->part, triangle);
+    sbl__vertices_part *part = sbl__vertices_part_of(s, triangle, 0);
+    const uint32_t number = sbl__vertices_triangle(s, triangle);
     double face[3];
     const double area = sbl__scene_normal(g, number, face);
     int i, k;
@@ -16455,79 +16453,68 @@ static sbl_result sbl__vertices_face(void *work, int triangle) {
     return SBL_SUCCESS;
 }
 
-/* Writes a vertex's normal from the scene, or else the normalised mean of its triangles' normals; 0 0 0 if neither
-   exists. */
-static void sbl__vertices_normal(const sbl__vertices *s, uint32_t vertex, float out[3]) {
-    const float *own = sbl__vertices_geometry(s)->attributes[sbl__vertices_vertex(s, vertex)].normal;
-    const float *mean = s->normals + 3 * (size_t)vertex;
-    double n[3] = { mean[0], mean[1], mean[2] };
-    int k;
-    if (!sbl__normalize(n)) n[0] = n[1] = n[2] = 0;
-    for (k = 0; k < 3; k++) out[k] = sbl__all_zero(own, 3) ? (float)n[k] : own[k];
-}
-
 /* Returns whether two vertices are welded: they belong to the same part, have the same position, and their normals
    agree. */
 static int sbl__vertices_same(const void *user, uint32_t one, uint32_t other) {
     const sbl__vertices *s = (const sbl__vertices *)user;
-    float a[3], b[3];
-    if (other < (uint32_t)s->parts[s->part].first_vertex) return 0;
-    if (!sbl__same_place(sbl__vertices_geometry(s), sbl__vertices_vertex(s, one), sbl__vertices_vertex(s, other)))
-        return 0;
-    sbl__vertices_normal(s, one, a);
-    sbl__vertices_normal(s, other, b);
-    return sbl__dot(a, b) >= SBL__VERTICES_AGREE;
+    const float *a = s->normals + 3 * (size_t)one, *b = s->normals + 3 * (size_t)other;
+    return other >= (uint32_t)s->parts[s->part].first_vertex && sbl__dot(a, b) >= SBL__VERTICES_AGREE &&
+           sbl__same_place(sbl__vertices_geometry(s), sbl__vertices_vertex(s, one), sbl__vertices_vertex(s, other));
 }
 
-static sbl_result sbl__vertices_weld(void *work, int at) {
+/* Replaces the sum of a vertex's normals by its normal in the scene, or else by their mean, and welds the vertex.
+   Vertices without triangles or without a normal are not welded. */
+static sbl_result sbl__vertices_weld(void *work, int vertex) {
     sbl__vertices *s = (sbl__vertices *)work;
-    const uint32_t vertex = (uint32_t)at;
-    float normal[3];
-    sbl__vertices_find_part(s, at, 1);
+    const sbl__geometry *g = sbl__vertices_geometry(s);
+    float *normal = s->normals + 3 * (size_t)vertex;
+    double mean[3] = { normal[0], normal[1], normal[2] };
+    uint32_t number;
+    int k;
+    sbl__vertices_part_of(s, vertex, 1);
+    number = sbl__vertices_vertex(s, (uint32_t)vertex);
     if (s->unknowns[vertex] == SBL__NONE) return SBL_SUCCESS;
-    sbl__vertices_normal(s, vertex, normal);
-    if (!sbl__all_zero(normal, 3))
-        s->unknowns[vertex] = sbl__hash_table_first(
-            &s->places, sbl__place_hash(sbl__vertices_geometry(s), sbl__vertices_vertex(s, vertex)), vertex,
-            sbl__vertices_same, s);
+    if (!sbl__all_zero(g->attributes[number].normal, 3)) memcpy(normal, g->attributes[number].normal, 12);
+    else if (!sbl__normalize(mean)) return SBL_SUCCESS;
+    else for (k = 0; k < 3; k++) normal[k] = (float)mean[k];
+    s->unknowns[vertex] = sbl__hash_table_first(&s->places, sbl__place_hash(g, number), (uint32_t)vertex,
+                                                sbl__vertices_same, s);
     return SBL_SUCCESS;
 }
 
-/* Returns the world position of the unknown at a side's first end (0), second end (1) or opposite corner (2). */
-static const float *sbl__vertices_end(const sbl__vertices *s, uint32_t side, uint32_t which) {
-    const uint32_t vertex = sbl__vertices_vertex(s, sbl__side_end(s->corners, side, which));
-    return sbl__vertices_geometry(s)->vertices[vertex].position;
+/* Gets the four unknowns of a hinge in the order of its weights. */
+static void sbl__hinge_unknowns(const sbl__vertices *s, const sbl__hinge *h, size_t out[4]) {
+    int i;
+    for (i = 0; i < 4; i++) out[i] = sbl__side_end(s->corners, h->sides[i == 1], i < 2 ? 2 : (uint32_t)i - 2);
 }
 
 /* Computes the weights of a hinge: the difference between the slopes of the light across the shared edge, with both
    triangles unfolded into one plane. The weighted sum is therefore 0 for linear light. */
 static void sbl__hinge_make(const sbl__vertices *s, sbl__hinge *h) {
-    const float *p = sbl__vertices_end(s, h->sides[0], 0), *q = sbl__vertices_end(s, h->sides[0], 1);
-    double length2 = 0, along[2], height[2], share[2], norm = 0;
-    double w[4] = { 0, 0, 0, 0 };
+    const sbl__vertex *vertices = sbl__vertices_geometry(s)->vertices;
+    const float *p[4];
+    double edge[3], length2 = 0, along[2] = { 0, 0 }, height[2] = { 0, 0 }, norm = 0, w[4] = { 0, 0, 0, 0 };
+    size_t at[4];
     int i, k;
-    for (k = 0; k < 3; k++) length2 += ((double)q[k] - p[k]) * ((double)q[k] - p[k]);
+    sbl__hinge_unknowns(s, h, at);
+    for (i = 0; i < 4; i++) p[i] = vertices[sbl__vertices_vertex(s, (uint32_t)at[i])].position;
+    for (k = 0; k < 3; k++) edge[k] = (double)p[3][k] - p[2][k];
+    for (k = 0; k < 3; k++) length2 += edge[k] * edge[k];
     for (i = 0; i < 2; i++) {
-        const float *apex = sbl__vertices_end(s, h->sides[i], 2);
-        along[i] = height[i] = 0;
-        for (k = 0; k < 3; k++) along[i] += ((double)apex[k] - p[k]) * ((double)q[k] - p[k]) / length2;
+        for (k = 0; k < 3; k++) along[i] += ((double)p[i][k] - p[2][k]) * edge[k] / length2;
         for (k = 0; k < 3; k++) {
-            const double d = (double)apex[k] - p[k] - along[i] * ((double)q[k] - p[k]);
+            const double d = (double)p[i][k] - p[2][k] - along[i] * edge[k];
             height[i] += d * d;
         }
         height[i] = sqrt(height[i]);
     }
-    if (length2 > 0 && height[0] + height[1] > 0) {
-        for (i = 0; i < 2; i++) share[i] = height[1 - i] / (height[0] + height[1]);
-        for (i = 0; i < 2; i++) {
-            w[i] = share[i];
-            w[2] -= share[i] * (1 - along[i]);
-            w[3] -= share[i] * along[i];
-        }
-        for (i = 0; i < 4; i++) norm += w[i] * w[i];
-        norm = sqrt(SBL__MAX(norm, 1.0));
+    for (i = 0; i < 2 && length2 > 0 && height[0] + height[1] > 0; i++) {
+        w[i] = height[1 - i] / (height[0] + height[1]);
+        w[2] -= w[i] * (1 - along[i]);
+        w[3] -= w[i] * along[i];
     }
-    for (i = 0; i < 4; i++) h->weights[i] = norm > 0 ? (float)(w[i] / norm) : 0;
+    for (i = 0; i < 4; i++) norm += w[i] * w[i];
+    for (i = 0; i < 4; i++) h->weights[i] = (float)(w[i] / sqrt(SBL__MAX(norm, 1.0)));
 }
 
 /* Adds a hinge between a side and the first side with the same ends. An edge of more than two triangles gets a hinge
@@ -16545,9 +16532,6 @@ static sbl_result sbl__vertices_side(sbl__vertices *s, uint32_t side) {
     return SBL_SUCCESS;
 }
 
-static int sbl__vertices_fits(const sbl__vertices *s) { return !s->desc.average; }
-static int sbl__vertices_bends(const sbl__vertices *s) { return sbl__vertices_fits(s) && s->desc.smoothing > 0; }
-
 /* Returns the number of points on a triangle. */
 static int sbl__vertices_samples(const sbl__vertices *s, int triangle) {
     const double wanted = (double)s->areas[triangle] * s->desc.samples + 0.5;
@@ -16555,10 +16539,12 @@ static int sbl__vertices_samples(const sbl__vertices *s, int triangle) {
     return SBL__MAX((int)SBL__MIN(wanted, most), SBL__MIN(SBL__VERTICES_FEW, s->desc.samples));
 }
 
+/* Makes a triangle's area relative, counts its points, replaces its vertices by their unknowns, and adds its hinges. */
 static sbl_result sbl__vertices_sides(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
-    const sbl__vertices_part *part = sbl__vertices_find_part(s, triangle, 0);
+    const sbl__vertices_part *part = sbl__vertices_part_of(s, triangle, 0);
     const double mean = part->area / SBL__MAX(1, sbl__vertices_geometry(s)->meshes[part->mesh].triangle_count);
+    const int smooth = !s->desc.average && s->desc.smoothing > 0;
     uint32_t *corners = s->corners + 3 * (size_t)triangle;
     sbl_result result = SBL_SUCCESS;
     uint32_t i;
@@ -16566,7 +16552,7 @@ static sbl_result sbl__vertices_sides(void *work, int triangle) {
     s->areas[triangle] = SBL__MAX(s->areas[triangle], SBL__VERTICES_LEAST);
     s->points += sbl__vertices_samples(s, triangle);
     for (i = 0; i < 3; i++) corners[i] = s->unknowns[corners[i]];
-    for (i = 0; i < 3 && sbl__vertices_bends(s) && result == SBL_SUCCESS; i++)
+    for (i = 0; i < 3 && smooth && result == SBL_SUCCESS; i++)
         result = sbl__vertices_side(s, 3 * (uint32_t)triangle + i);
     return result;
 }
@@ -16590,18 +16576,16 @@ static void sbl__vertices_point(int k, double weights[3]) {
 /* Makes the site at a point on the scene's triangle `number`, as surface.glsl does: the front is the side to which the
    interpolated normal points, and that normal is bent to stay above the triangle's horizon. */
 static void sbl__vertices_site(const sbl__geometry *g, uint32_t number, const double weights[3], sbl_site *out) {
-    const float *p[3];
     double face[3], normal[3] = { 0, 0, 0 }, height = 0, length2;
     int i, k;
     memset(out, 0, sizeof *out);
-    sbl__scene_triangle(g, number, p);
-    sbl__triangle_normal(p, face);
-    sbl__normalize(face);
+    sbl__scene_normal(g, number, face);
     for (k = 0; k < 3; k++) {
         double at = 0;
         for (i = 0; i < 3; i++) {
-            at += weights[i] * p[i][k];
-            normal[k] += weights[i] * g->attributes[g->indices[3 * (size_t)number + (size_t)i]].normal[k];
+            const uint32_t vertex = g->indices[3 * (size_t)number + (size_t)i];
+            at += weights[i] * g->vertices[vertex].position[k];
+            normal[k] += weights[i] * g->attributes[vertex].normal[k];
         }
         out->position[k] = (float)at;
         height += normal[k] * face[k];
@@ -16610,8 +16594,7 @@ static void sbl__vertices_site(const sbl__geometry *g, uint32_t number, const do
     length2 = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2];
     if (length2 <= SBL__NORMAL_LEAST || !sbl__normalize(normal)) memcpy(normal, face, sizeof normal);
     height = normal[0] * face[0] + normal[1] * face[1] + normal[2] * face[2];
-    for (k = 0; k < 3 && height < SBL__GRAZING; k++)
-        normal[k] += (SBL__GRAZING - height) * face[k];
+    for (k = 0; k < 3 && height < SBL__GRAZING; k++) normal[k] += (SBL__GRAZING - height) * face[k];
     sbl__normalize(normal);
     for (k = 0; k < 3; k++) {
         out->normal[k] = (float)normal[k];
@@ -16619,28 +16602,23 @@ static void sbl__vertices_site(const sbl__geometry *g, uint32_t number, const do
     }
 }
 
-/* Returns the triangle of the point `next`, and updates next.part to the triangle's part. */
-static int sbl__vertices_here(sbl__vertices *s) {
-    while (s->next.part + 1 < s->part_count && s->next.triangle >= s->parts[s->next.part + 1].first_triangle)
-        s->next.part++;
-    return s->next.triangle;
-}
-
-/* Advances `next` to the following point. */
-static void sbl__vertices_pass(sbl__vertices *s) {
-    if (++s->next.point < sbl__vertices_samples(s, s->next.triangle)) return;
+/* Returns the triangle of the point `next`, gets the point's barycentric weights, sets s->part to the triangle's part,
+   and advances `next` to the following point. */
+static int sbl__vertices_pass(sbl__vertices *s, double weights[3]) {
+    const int triangle = s->next.triangle;
+    sbl__vertices_part_of(s, triangle, 0);
+    sbl__vertices_point(s->next.point, weights);
+    if (++s->next.point < sbl__vertices_samples(s, triangle)) return triangle;
     s->next.point = 0;
     s->next.triangle++;
+    return triangle;
 }
 
 static sbl_result sbl__vertices_ask(void *work, int site) {
     sbl__vertices *s = (sbl__vertices *)work;
-    const int triangle = sbl__vertices_here(s);
-    double weights[3];
-    sbl__vertices_point(s->next.point, weights);
-    sbl__vertices_site(sbl__vertices_geometry(s), sbl__vertices_triangle(s, s->next.part, triangle), weights,
-                       &s->sites[site]);
-    sbl__vertices_pass(s);
+    double h[3];
+    const int triangle = sbl__vertices_pass(s, h);
+    sbl__vertices_site(sbl__vertices_geometry(s), sbl__vertices_triangle(s, triangle), h, &s->sites[site]);
     return SBL_SUCCESS;
 }
 
@@ -16648,20 +16626,19 @@ static sbl_result sbl__vertices_ask(void *work, int site) {
 static sbl_result sbl__vertices_take(void *work, int site) {
     sbl__vertices *s = (sbl__vertices *)work;
     const sbl_reading *r = &s->readings[site];
-    const int triangle = sbl__vertices_here(s), back_points = r->back_share * r->hit_share > SBL__VERTICES_BACK;
-    const double weight = (double)s->areas[triangle] / sbl__vertices_samples(s, triangle);
+    const int sees_back = r->back_share * r->hit_share > SBL__VERTICES_BACK;
     double h[3];
+    const int triangle = sbl__vertices_pass(s, h);
+    const double weight = (double)s->areas[triangle] / sbl__vertices_samples(s, triangle);
     float *sums;
     int a, b, k;
-    sbl__vertices_point(s->next.point, h);
-    sbl__vertices_pass(s);
     if (!r->valid) return SBL_SUCCESS;
-    s->parts[s->next.part].points += 1;
-    s->parts[s->next.part].back_points += back_points;
-    if (back_points && !s->back_sums)
+    s->parts[s->part].points += 1;
+    s->parts[s->part].back_points += sees_back;
+    if (sees_back && !s->back_sums)
         s->back_sums = (float *)sbl__alloc(&s->work.core->base, (size_t)s->triangle_count,
-                                        SBL__VERTICES_SUMS * sizeof *s->back_sums);
-    sums = back_points ? s->back_sums : s->sums;
+                                           SBL__VERTICES_SUMS * sizeof *s->back_sums);
+    sums = sees_back ? s->back_sums : s->sums;
     if (!sums) return SBL_ERROR_OUT_OF_MEMORY;
     sums += SBL__VERTICES_SUMS * (size_t)triangle;
     for (a = 0; a < 3; a++)
@@ -16686,34 +16663,26 @@ static void sbl__vertices_weigh(sbl__vertices *s, size_t unknown, double weight)
    replace them, because the remaining points may not determine all three corners. */
 static sbl_result sbl__vertices_mass(void *work, int triangle) {
     sbl__vertices *s = (sbl__vertices *)work;
-    const sbl__vertices_part *part = sbl__vertices_find_part(s, triangle, 0);
+    const sbl__vertices_part *part = sbl__vertices_part_of(s, triangle, 0);
+    const int inside_out = part->back_points > SBL__VERTICES_INSIDE_OUT * part->points;
     const uint32_t *corners = s->corners + 3 * (size_t)triangle;
-    float *sums = s->sums + SBL__VERTICES_SUMS * (size_t)triangle, missing, spring;
-    const float *more = s->back_sums ? s->back_sums + SBL__VERTICES_SUMS * (size_t)triangle : NULL;
+    const size_t first = SBL__VERTICES_SUMS * (size_t)triangle;
+    float *sums = s->sums + first, missing, spring;
     int a, b, k;
-    for (k = 0; k < SBL__VERTICES_SUMS && more && part->back_points > SBL__VERTICES_INSIDE_OUT * part->points; k++)
-        sums[k] += more[k];
+    for (k = 0; k < SBL__VERTICES_SUMS && inside_out; k++) sums[k] += s->back_sums[first + (size_t)k];
     if (!(sums[6] > 0)) return SBL_SUCCESS;
     missing = s->areas[triangle] - sums[6];
     spring = missing > SBL__VERTICES_WHOLE * s->areas[triangle] ? SBL__VERTICES_SPRING * missing / 3 : 0;
     for (a = 0; a < 3; a++) {
         s->rings.ring[corners[a]] = 0;
         for (k = 0; k < 3; k++) s->solver.residual[3 * (size_t)corners[a] + (size_t)k] += sums[7 + 3 * a + k];
-        for (b = 0; b < 3 && !sbl__vertices_fits(s); b++) sbl__vertices_weigh(s, corners[a], sums[sbl__mass_at[a][b]]);
+        for (b = 0; b < 3 && s->desc.average; b++) sbl__vertices_weigh(s, corners[a], sums[sbl__mass_at[a][b]]);
     }
-    for (a = 0; a < 3 && sbl__vertices_fits(s); a++) {
+    for (a = 0; a < 3 && !s->desc.average; a++) {
         for (b = a; b < 3; b++) sums[sbl__mass_at[a][b]] += a == b ? 2 * spring : -spring;
         sbl__vertices_weigh(s, corners[a], sums[sbl__mass_at[a][a]]);
     }
     return SBL_SUCCESS;
-}
-
-/* Writes the four unknowns of a hinge in the order of its weights. */
-static void sbl__hinge_unknowns(const sbl__vertices *s, const sbl__hinge *h, size_t out[4]) {
-    out[0] = sbl__side_end(s->corners, h->sides[0], 2);
-    out[1] = sbl__side_end(s->corners, h->sides[1], 2);
-    out[2] = sbl__side_end(s->corners, h->sides[0], 0);
-    out[3] = sbl__side_end(s->corners, h->sides[0], 1);
 }
 
 /* Scales a hinge's weights by the square root of the smoothing and the smaller area of valid points on its two
@@ -16721,12 +16690,12 @@ static void sbl__hinge_unknowns(const sbl__vertices *s, const sbl__hinge *h, siz
 static sbl_result sbl__vertices_bend(void *work, int hinge) {
     sbl__vertices *s = (sbl__vertices *)work;
     sbl__hinge *h = &s->hinges[hinge];
-    const float *known[2];
+    float area[2];
     size_t at[4];
     double scale;
     int i;
-    for (i = 0; i < 2; i++) known[i] = s->sums + SBL__VERTICES_SUMS * (size_t)(h->sides[i] / 3) + 6;
-    scale = sqrt((double)s->desc.smoothing * SBL__MIN(*known[0], *known[1]));
+    for (i = 0; i < 2; i++) area[i] = s->sums[SBL__VERTICES_SUMS * (size_t)(h->sides[i] / 3) + 6];
+    scale = sqrt((double)s->desc.smoothing * SBL__MIN(area[0], area[1]));
     sbl__hinge_unknowns(s, h, at);
     for (i = 0; i < 4; i++) {
         h->weights[i] = (float)(h->weights[i] * scale);
@@ -16739,20 +16708,21 @@ static sbl_result sbl__vertices_bend(void *work, int hinge) {
    last. */
 static void sbl__vertices_term(void *user, int term, const double *direction, double *product) {
     const sbl__vertices *s = (const sbl__vertices *)user;
-    const int is_hinge = term >= s->triangle_count;
-    const float *mass = s->sums + SBL__VERTICES_SUMS * (size_t)(is_hinge ? 0 : term);
-    const uint32_t *corners = s->corners + 3 * (size_t)(is_hinge ? 0 : term);
-    const sbl__hinge *h = is_hinge ? &s->hinges[term - s->triangle_count] : NULL;
+    const size_t triangle = (size_t)term;
+    const sbl__hinge *h;
     size_t at[4];
     int a, b, k;
-    for (a = 0; a < 3 && !h; a++)
+    for (a = 0; a < 3 && term < s->triangle_count; a++)
         for (b = 0; b < 3; b++) {
-            const double m = mass[sbl__mass_at[a][b]], *from = direction + 3 * (size_t)corners[b];
-            double *to = product + 3 * (size_t)corners[a];
+            const double m = s->sums[SBL__VERTICES_SUMS * triangle + sbl__mass_at[a][b]];
+            const double *from = direction + 3 * (size_t)s->corners[3 * triangle + (size_t)b];
+            double *to = product + 3 * (size_t)s->corners[3 * triangle + (size_t)a];
             for (k = 0; k < 3; k++) to[k] += m * from[k];
         }
-    if (h) sbl__hinge_unknowns(s, h, at);
-    for (k = 0; k < 3 && h; k++) {
+    if (term < s->triangle_count) return;
+    h = &s->hinges[term - s->triangle_count];
+    sbl__hinge_unknowns(s, h, at);
+    for (k = 0; k < 3; k++) {
         double bend = 0;
         for (a = 0; a < 4; a++) bend += h->weights[a] * direction[3 * at[a] + (size_t)k];
         for (a = 0; a < 4; a++) product[3 * at[a] + (size_t)k] += h->weights[a] * bend;
@@ -16855,7 +16825,7 @@ static sbl_result sbl__vertices_sense(void *work, sbl__slice *slice) {
 
 static sbl_result sbl__vertices_solve(void *work, sbl__slice *slice) {
     sbl__vertices *s = (sbl__vertices *)work;
-    return sbl__vertices_fits(s) ? sbl__solver_step(&s->solver, slice) : SBL_SUCCESS;
+    return s->desc.average ? SBL_SUCCESS : sbl__solver_step(&s->solver, slice);
 }
 
 static sbl_result sbl__vertices_spread(void *work, sbl__slice *slice) {
@@ -16889,7 +16859,7 @@ static int sbl__vertices_after_take(void *work) {
 
 static int sbl__vertices_count(void *work) { return ((sbl__vertices *)work)->vertex_count; }
 static int sbl__vertices_averages(void *work) {
-    return sbl__vertices_fits((sbl__vertices *)work) ? 0 : ((sbl__vertices *)work)->vertex_count;
+    return ((sbl__vertices *)work)->desc.average ? ((sbl__vertices *)work)->vertex_count : 0;
 }
 static int sbl__vertices_triangles(void *work) { return ((sbl__vertices *)work)->triangle_count; }
 static int sbl__vertices_hinges(void *work) { return ((sbl__vertices *)work)->hinge_count; }
@@ -16941,55 +16911,56 @@ static const sbl__front_end sbl__vertices_front_end = {
 };
 
 /* ======================================================================================================== >>probes
-   The front end for points in the air: batches of so many. A batch's light is gathered twice over: what lamps give, at
-   sites whose normals lie all over the sphere and face the cube's six sides; and what surfaces and the sky send, along
-   single rays. Where views see, the former sites find all the light, and rays only tell of surfaces. Then those probes
-   that stand inside something try other places, round by round. */
+   The front end for points in the air. Probes are measured in batches, by two kinds of sites. If sensors trace rays,
+   FACES, whose normals lie all over the sphere and towards the cube's six sides, measure the light from lamps; RAYS,
+   which trace one ray each, measure the light from surfaces and sky. If sensors rasterise views, FACES measure all
+   light, and RAYS only distances. Probes that are inside something then move and are measured again, round by round. */
 
-#define SBL__PROBES_BATCH 128
-#define SBL__PROBE_RINGS 10        /* of normals, and so many on each: of a point of light 0.4 % of the norm of its */
-#define SBL__PROBE_AROUND 32       /* first four coefficients is left as alias, at most; */
-#define SBL__PROBE_VIEW_RINGS 6    /* where views see: 1.4 % */
+/* Number of rings of normals, and of normals on a ring. With these numbers, the aliasing of a point light is at most
+   0.4 % (rays) or 1.4 % (views) of the norm of its first four coefficients. */
+#define SBL__PROBE_RINGS 10
+#define SBL__PROBE_AROUND 32
+#define SBL__PROBE_VIEW_RINGS 6
 #define SBL__PROBE_VIEW_AROUND 22
-#define SBL__PROBE_LOOKS 4         /* towards lamps, of the cube's sides, whose noise no others average out */
-#define SBL__PROBE_LAMP_SHARE 64   /* of the rays, so small a share is sent to lamps from each normal: */
-#define SBL__PROBE_LAMP_LEAST 32   /* twice what lamps.glsl needs to know what is hidden by a ratio */
-#define SBL__PROBE_LAMP_MOST 256
-#define SBL__PROBE_INSIDE 0.25     /* share of all directions that end on back faces, at most */
-#define SBL__PROBE_BEYOND 0.125    /* of `move`: so far beyond a back face that is gone through, */
-#define SBL__PROBE_BARELY 0.015625 /* and at least so far */
+#define SBL__PROBES_BATCH 128      /* maximum number of probes per batch */
+#define SBL__PROBE_LOOKS 4         /* looks of a site for a side of the cube: no other site averages out its noise */
+#define SBL__PROBE_LAMP_SHARE 64   /* options.rays, divided by the number of rays that a look of FACES sends to lamps */
+#define SBL__PROBE_LAMP_LEAST 32   /* least such number: twice what a ratio estimate needs (SBL_SPARSE in lamps.glsl) */
+#define SBL__PROBE_LAMP_MOST 256   /* greatest such number */
+#define SBL__PROBE_INSIDE 0.25     /* share of directions that see back faces; above it a probe is inside something */
+#define SBL__PROBE_BEYOND 0.125    /* distance that a probe moves beyond a back face, as a share of desc.move */
+#define SBL__PROBE_BARELY 0.015625 /* least such distance, used if desc.move does not reach farther */
 
-enum { SBL__PROBE_FACES, SBL__PROBE_RAYS, SBL__PROBE_KINDS };  /* of sites */
+enum { SBL__PROBE_FACES, SBL__PROBE_RAYS, SBL__PROBE_KINDS };  /* kinds of sites */
 
 enum { SBL__PROBES_PREPARE, SBL__PROBES_BEGIN_BATCH, SBL__PROBES_SITES, SBL__PROBES_SENSE,
        SBL__PROBES_TAKE, SBL__PROBES_CLOSE, SBL__PROBES_DONE };
 
-/* A probe of the batch, at one place. */
+/* The measurement of one probe of the batch at one place */
 typedef struct sbl__probe_sum {
-    int number;
-    int overflows;
-    float place[3];
-    double sh[9][3], cube[6][3];
-    double hits, back;             /* rays */
-    double weight[8], distance[8], squared[8];
-    float exits[8][4];             /* towards each octant the nearest back face that was seen from where the probe is
-                                      asked for: direction and distance; 0: none, or it was tried */
+    int number, overflows;         /* index of the probe in desc.probes; 1: a reading is not valid */
+    float place[3];                /* world position */
+    double sh[9][3], cube[6][3];   /* see sbl_probe */
+    double hits, back;             /* numbers of rays that hit surfaces and back faces */
+    double weight[8], distance[8], squared[8];  /* per octant: sums of weights, weighted distances and their squares */
+    float exits[8][4];             /* per octant: direction and distance of the nearest back face as seen from the
+                                      position that was asked for; distance 0: none is seen, or it was tried */
 } sbl__probe_sum;
 
 typedef struct sbl__probes {
     sbl__work work;                /* first: see >>work */
     sbl_probes_desc desc;          /* defaults filled in */
     sbl__spec specs[SBL__PROBE_KINDS];
-    int apart;                     /* lamps' light and that of surroundings are found apart */
-    int rings, around;             /* normals */
-    double ring[SBL__PROBE_RINGS], ring_weight[SBL__PROBE_RINGS];  /* their height, 0 to 1, and weight, all 1 */
-    uint32_t *sequence;            /* of the rays */
-    sbl__probe_sum *sums;          /* of the batch */
-    sbl__site *sites;              /* of a job */
+    int apart;                     /* 1: sensors trace rays, so FACES measure only the light from lamps */
+    int rings, around;             /* number of rings of normals, and of normals on a ring */
+    double ring[SBL__PROBE_RINGS], ring_weight[SBL__PROBE_RINGS];  /* z of each ring, 0 to 1; weights, whose sum is 1 */
+    uint32_t *sequence;            /* directions of a probe's rays, see sbl__sequence_at */
+    sbl__probe_sum *sums;          /* probes of the batch that are measured in this round */
+    sbl__site *sites;              /* sites of a job */
     sbl_reading *readings;
-    int first, taken;              /* probes: of the batch, and how many it began with */
-    int count, round;              /* those that are still tried */
-    int kind, from;                /* the sites of the job, counted over the batch */
+    int first, taken;              /* first probe of the batch; number of probes that it began with */
+    int count, round;              /* number of entries in sums; number of the round, from 0 */
+    int kind, from;                /* kind of the job's sites; number of its first site among the round's sites */
 } sbl__probes;
 
 static void sbl__probes_free(void *work) {
@@ -17002,9 +16973,7 @@ static void sbl__probes_free(void *work) {
     memset(g, 0, sizeof *g);
 }
 
-/* The share of a harmonic that a cosine leaves in R. */
-static double sbl__harmonic_share(int i) { return i == 0 ? 1 : i < 4 ? 2 / 3.0 : 0.25; }
-
+/* Evaluates the spherical harmonics of sbl_probe in a unit direction. */
 static void sbl__harmonics_of(const double d[3], double out[9]) {
     const double a = 0.5 / sqrt(SBL__PI), b = a * sqrt(3.0), c = a * sqrt(15.0);
     const double x = d[0], y = d[1], z = d[2];
@@ -17019,10 +16988,8 @@ static void sbl__harmonics_of(const double d[3], double out[9]) {
     out[8] = 0.5 * c * (x * x - y * y);
 }
 
-/* The six sides of a cube. */
-static double sbl__side(const double d[3], int side) { return side & 1 ? -d[side / 2] : d[side / 2]; }
-
-/* The nodes and weights of Gauss and Legendre between 0 and 1: the polynomial's roots, by Newton's method. */
+/* Computes nodes and weights of the Gauss-Legendre quadrature between 0 and 1. The nodes are the roots of the Legendre
+   polynomial of degree `count`, found by Newton's method. */
 static void sbl__gauss_nodes(int count, double *nodes, double *weights) {
     int i, k, step;
     for (i = 0; i < count; i++) {
@@ -17044,14 +17011,15 @@ static void sbl__gauss_nodes(int count, double *nodes, double *weights) {
 
 static int sbl__probe_normals(const sbl__probes *g) { return g->rings * g->around; }
 
-/* Sites of a probe. */
+/* Returns the number of a probe's sites of one kind. */
 static int sbl__probe_sites(const sbl__probes *g, int kind) {
     return kind == SBL__PROBE_RAYS ? g->desc.options.rays : sbl__probe_normals(g) + 6;
 }
 
-/* Normal number i. The even part of R bends where a normal crosses a light's horizon, and needs many axes; its odd part
-   is as smooth as can be. So rings stand on the upper half, where their rule sees no bend at a pole; every other normal
-   is turned round to its antipode, which doubles the axes; and every other ring is turned by half a step. */
+/* Computes normal number i. As a function of the normal, the even part of R has a kink where the normal is
+   perpendicular to the direction of a light, so it needs many axes; the odd part is smooth. Therefore the rings fill
+   only the half z > 0, within which a light at a pole causes no kink; every other normal is replaced by its antipode,
+   which doubles the number of axes; and every other ring is rotated by half a step. */
 static void sbl__probe_normal(const sbl__probes *g, int i, double out[3]) {
     const int ring = i / g->around, step = i % g->around, sign = (ring + step) & 1 ? -1 : 1;
     const double angle = 2 * SBL__PI * (step + 0.5 * (ring & 1)) / g->around, z = g->ring[ring], r = sqrt(1 - z * z);
@@ -17060,15 +17028,16 @@ static void sbl__probe_normal(const sbl__probes *g, int i, double out[3]) {
     out[2] = sign * z;
 }
 
-/* Where its site number i looks: along a ray; or a normal; or as one of the cube's sides. */
+/* Computes the direction of a probe's site number i: the direction of a ray; or a normal; or, after the normals, that
+   of a side of the cube. */
 static void sbl__probe_direction(const sbl__probes *g, int number, int i, double out[3]) {
-    const int normals = sbl__probe_normals(g);
+    const int side = i - sbl__probe_normals(g);
     double u[2], r;
-    if (g->kind == SBL__PROBE_FACES && i < normals) {
+    if (g->kind == SBL__PROBE_FACES && side < 0) {
         sbl__probe_normal(g, i, out);
     } else if (g->kind == SBL__PROBE_FACES) {
         out[0] = out[1] = out[2] = 0;
-        out[(i - normals) / 2] = (i - normals) & 1 ? -1 : 1;
+        out[side / 2] = side & 1 ? -1 : 1;
     } else {
         sbl__sequence_at(g->sequence, i, sbl__hash((uint32_t)number ^ sbl__hash(g->desc.options.seed)), u);
         out[2] = 1 - 2 * u[0];
@@ -17078,7 +17047,7 @@ static void sbl__probe_direction(const sbl__probes *g, int number, int i, double
     }
 }
 
-/* Where probe number i is asked for. */
+/* Gets the position at which the host wants probe number i. */
 static void sbl__probe_asked(const sbl_probes_desc *d, int i, float out[3]) {
     int k;
     for (k = 0; k < 3; k++) {
@@ -17110,16 +17079,16 @@ static sbl_result sbl__probes_begin(void *work, const void *desc) {
     return SBL_SUCCESS;
 }
 
-/* How the two kinds of sites see, and memory for a batch. */
+/* Makes the specs of both kinds of sites, and allocates memory for a batch. */
 static sbl_result sbl__probes_setup(sbl__core *c, sbl__probes *g) {
     sbl__spec *faces = &g->specs[SBL__PROBE_FACES], *rays = &g->specs[SBL__PROBE_RAYS];
     const int most = SBL__MAX(sbl__probe_sites(g, SBL__PROBE_FACES), g->desc.options.rays);
     const int batch = SBL__MIN(SBL__PROBES_BATCH, g->desc.probe_count);
+    const int lamp_rays = SBL__MAX(g->desc.options.rays / SBL__PROBE_LAMP_SHARE, SBL__PROBE_LAMP_LEAST);
     const size_t room = (size_t)SBL__MIN(SBL__GATHER_SITES, (double)most * batch);
     sbl__measurement measurement = g->work.measurement;
-    measurement.options.rays = SBL__MAX(g->desc.options.rays / SBL__PROBE_LAMP_SHARE, SBL__PROBE_LAMP_LEAST);
-    measurement.options.rays = SBL__MIN(measurement.options.rays, SBL__PROBE_LAMP_MOST);
-    if (g->apart) {  /* faces find lamps' light alone */
+    measurement.options.rays = SBL__MIN(lamp_rays, SBL__PROBE_LAMP_MOST);
+    if (g->apart) {
         measurement.options.mode = SBL_MODE_DIRECT;
         measurement.options.epsilon = 0;
     }
@@ -17139,7 +17108,6 @@ static sbl_result sbl__probes_setup(sbl__core *c, sbl__probes *g) {
     return g->sequence && g->sums && g->sites && g->readings ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
-/* Prepares the scene. */
 static sbl_result sbl__probes_prepare(void *work, sbl__slice *slice) {
     sbl__probes *g = (sbl__probes *)work;
     const sbl_result result = sbl__prepare(g->work.core, &g->work.measurement, slice);
@@ -17150,15 +17118,15 @@ static int sbl__probes_after_prepare(void *work) {
     return ((sbl__probes *)work)->desc.probe_count ? SBL__PROBES_BEGIN_BATCH : SBL__PROBES_DONE;
 }
 
-/* Begins a round of jobs. If nothing is a lamp, rays find all light. */
+/* Begins a round. FACES are left out if sensors trace rays and the scene has no lamps. */
 static int sbl__probes_round(void *work) {
     sbl__probes *g = (sbl__probes *)work;
-    const int faces = g->work.measurement.options.backend != SBL_BACKEND_TRACE || g->work.core->scene.lights.leaves > 0;
-    g->kind = faces ? SBL__PROBE_FACES : SBL__PROBE_RAYS;
+    g->kind = g->apart && !g->work.core->scene.lights.leaves ? SBL__PROBE_RAYS : SBL__PROBE_FACES;
     g->from = 0;
     return SBL__PROBES_SITES;
 }
 
+/* Begins a batch with the probes from g->first on. */
 static sbl_result sbl__probes_batch(void *work, sbl__slice *slice) {
     sbl__probes *g = (sbl__probes *)work;
     int i;
@@ -17173,7 +17141,7 @@ static sbl_result sbl__probes_batch(void *work, sbl__slice *slice) {
     return SBL_SUCCESS;
 }
 
-/* Sites of the job. */
+/* Returns the number of the job's sites. */
 static int sbl__probes_job(const sbl__probes *g) {
     return SBL__MIN(SBL__GATHER_SITES, g->count * sbl__probe_sites(g, g->kind) - g->from);
 }
@@ -17196,7 +17164,6 @@ static sbl_result sbl__probes_site(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Begins the job. */
 static int sbl__probes_after_sites(void *work) {
     sbl__probes *g = (sbl__probes *)work;
     sbl__task task;
@@ -17216,9 +17183,12 @@ static sbl_result sbl__probes_sense(void *work, sbl__slice *slice) {
     return result;
 }
 
-/* Adds light from the direction, of its site number `site`: radiance along a ray, or R of a normal. */
+/* Adds the reading of a site to the harmonics: the radiance along a ray, or R at a normal. A ray's radiance is also
+   added to the sides of the cube. site: number of the site among those of its probe; d: its direction */
 static void sbl__probe_add(const sbl__probes *g, sbl__probe_sum *sum, int site, const double d[3],
                            const sbl_reading *r) {
+    /* A_i in the formula for R at sbl_probe */
+    static const double factors[9] = { 1, 2 / 3.0, 2 / 3.0, 2 / 3.0, 0.25, 0.25, 0.25, 0.25, 0.25 };
     const int rays = g->kind == SBL__PROBE_RAYS;
     const double share = rays ? 1.0 / g->desc.options.rays : g->ring_weight[site / g->around] / g->around;
     const double area = 4 * SBL__PI * share;
@@ -17226,20 +17196,20 @@ static void sbl__probe_add(const sbl__probes *g, sbl__probe_sum *sum, int site, 
     int i, k;
     sbl__harmonics_of(d, y);
     for (i = 0; i < 9; i++) {
-        const double weight = area * y[i] / (rays ? 1 : sbl__harmonic_share(i));
+        const double weight = area * y[i] / (rays ? 1 : factors[i]);
         for (k = 0; k < 3; k++) sum->sh[i][k] += weight * (double)r->radiance[k];
     }
     for (i = 0; i < 6 && rays; i++) {
-        const double weight = area / SBL__PI * SBL__MAX(sbl__side(d, i), 0.0);
+        const double cosine = i & 1 ? -d[i / 2] : d[i / 2], weight = area / SBL__PI * SBL__MAX(cosine, 0.0);
         for (k = 0; k < 3; k++) sum->cube[i][k] += weight * (double)r->radiance[k];
     }
 }
 
-/* Adds what a ray met. */
+/* Adds the distance at which a ray met a surface. exits: 1: also remember the nearest back face of each octant */
 static void sbl__probe_meet(sbl__probe_sum *sum, const double d[3], const sbl_reading *r, int exits) {
-    const int here = (d[0] > 0) | (d[1] > 0) << 1 | (d[2] > 0) << 2;
+    const int octant = (d[0] > 0) | (d[1] > 0) << 1 | (d[2] > 0) << 2;
     const double distance = (double)r->hit_mean;
-    float *way = sum->exits[here];
+    float *way = sum->exits[octant];
     int i, k;
     if (!(r->hit_share > 0)) return;
     sum->hits++;
@@ -17257,7 +17227,6 @@ static void sbl__probe_meet(sbl__probe_sum *sum, const double d[3], const sbl_re
     way[3] = r->hit_mean;
 }
 
-/* Takes a reading of the job. */
 static sbl_result sbl__probes_take(void *work, int at) {
     sbl__probes *g = (sbl__probes *)work;
     const int each = sbl__probe_sites(g, g->kind), i = (g->from + at) % each, side = i - sbl__probe_normals(g);
@@ -17271,13 +17240,12 @@ static sbl_result sbl__probes_take(void *work, int at) {
         return SBL_SUCCESS;
     }
     sbl__probe_direction(g, sum->number, i, d);
-    if (g->work.measurement.options.backend == SBL_BACKEND_TRACE || g->kind == SBL__PROBE_FACES)
-        sbl__probe_add(g, sum, i, d, r);
+    if (g->apart || g->kind == SBL__PROBE_FACES) sbl__probe_add(g, sum, i, d, r);
     if (g->kind == SBL__PROBE_RAYS) sbl__probe_meet(sum, d, r, g->round == 0 && g->desc.move > 0);
     return SBL_SUCCESS;
 }
 
-/* Goes on with the next job: of the same kind of sites, or of the other. */
+/* Selects the sites of the next job: the rest of the same kind, or the other kind. */
 static int sbl__probes_after_take(void *work) {
     sbl__probes *g = (sbl__probes *)work;
     g->from += sbl__probes_job(g);
@@ -17286,13 +17254,13 @@ static int sbl__probes_after_take(void *work) {
     return ++g->kind < SBL__PROBE_KINDS ? SBL__PROBES_SITES : SBL__PROBES_CLOSE;
 }
 
-/* The probe that the sums make. */
+/* Converts the sums of a probe to the probe that the host gets. */
 static void sbl__probe_make(const sbl__probes *g, const sbl__probe_sum *sum, sbl_probe *out) {
     int i, k, finite;
     memset(out, 0, sizeof *out);
     for (i = 0; i < 9; i++) for (k = 0; k < 3; k++) out->sh[i][k] = (float)sum->sh[i][k];
     for (i = 0; i < 6; i++) for (k = 0; k < 3; k++) out->cube[i][k] = (float)sum->cube[i][k];
-    for (i = 0; i < 8 && sum->hits > 0; i++) {
+    for (i = 0; i < 8; i++) {
         out->distance[i] = sum->weight[i] > 0 ? (float)(sum->distance[i] / sum->weight[i]) : 0;
         out->distance_squared[i] = sum->weight[i] > 0 ? (float)(sum->squared[i] / sum->weight[i]) : 0;
     }
@@ -17305,39 +17273,42 @@ static void sbl__probe_make(const sbl__probes *g, const sbl__probe_sum *sum, sbl
     memcpy(out->position, sum->place, sizeof out->position);
 }
 
-/* Moves it out through the nearest back face that is left. 0: there is none near enough. */
+/* Moves a probe through the nearest back face that was not tried yet, measured from the position that was asked for.
+   Returns 0 if there is none within reach of desc.move. */
 static int sbl__probe_move(const sbl__probes *g, sbl__probe_sum *sum) {
     const double most = (double)g->desc.move;
     float from[3], *way = NULL;
-    double far_off;
+    double distance;
     int i, k;
     for (i = 0; i < 8; i++)
         if (sum->exits[i][3] > 0 && (!way || sum->exits[i][3] < way[3])) way = sum->exits[i];
     if (!way || (double)way[3] > (1 - SBL__PROBE_BARELY) * most) return 0;
-    far_off = SBL__MIN((double)way[3] + SBL__PROBE_BEYOND * most, most);
+    distance = SBL__MIN((double)way[3] + SBL__PROBE_BEYOND * most, most);
     sbl__probe_asked(&g->desc, sum->number, from);
-    for (k = 0; k < 3; k++) sum->place[k] = (float)((double)from[k] + far_off * (double)way[k]);
+    for (k = 0; k < 3; k++) sum->place[k] = (float)((double)from[k] + distance * (double)way[k]);
     way[3] = 0;
     return 1;
 }
 
-/* Tells the host what was found; those that are not valid go on to the next round. */
+/* Ends a round: writes the probes to the host's array, and begins the next round with those that are not valid and can
+   move. A probe that is invalid in every round keeps the result of the first one. */
 static int sbl__probes_close(void *work) {
     sbl__probes *g = (sbl__probes *)work;
     sbl_stats *stats = &g->work.core->stats;
     int i, left = 0;
     stats->sensors.count += g->count;
     for (i = 0; i < g->count; i++) {
+        const sbl__probe_sum *sum = &g->sums[i];
         sbl__probe_sum next;
         sbl_probe probe;
-        sbl__probe_make(g, &g->sums[i], &probe);
-        if (probe.valid || g->round == 0) g->desc.probes[g->sums[i].number] = probe;
-        stats->sensors.invalid += probe.valid ? g->round == 0 ? 0 : -1 : g->round == 0;
-        if (probe.valid) continue;
+        sbl__probe_make(g, sum, &probe);
+        if (probe.valid || g->round == 0) g->desc.probes[sum->number] = probe;
+        if (g->round == 0) stats->sensors.invalid += !probe.valid;
+        else stats->sensors.invalid -= probe.valid;
         memset(&next, 0, sizeof next);
-        next.number = g->sums[i].number;
-        memcpy(next.exits, g->sums[i].exits, sizeof next.exits);
-        if (sbl__probe_move(g, &next)) g->sums[left++] = next;
+        next.number = sum->number;
+        memcpy(next.exits, sum->exits, sizeof next.exits);
+        if (!probe.valid && sbl__probe_move(g, &next)) g->sums[left++] = next;
     }
     g->count = left;
     g->round++;
@@ -17379,42 +17350,38 @@ static const sbl__front_end sbl__probes_front_end = {
 };
 
 /* ======================================================================================================== >>inspect
-   One sensor of a finished picture, looked at from inside: a job of one site, whose batch is read back when it has been
-   drawn, and drawn once more with an invocation for each of its rays. */
+   Measures one sensor of a finished picture again, as a job of one site. Views are read back when the job has drawn
+   them; rays are traced once more, with one invocation per ray. */
 
-#define SBL__INSPECT_ACROSS 64  /* invocations across a target of them */
+#define SBL__INSPECT_ACROSS 64  /* width of the target of the rays towards lamps, texels */
 
-/* What was found, kept for the host. */
+/* The result, which the host may read until the next inspection */
 typedef struct sbl__inspection {
     sbl__job job;               /* its textures are kept for the next inspection */
     sbl_sensor_ray *rays;
     sbl_sensor_lamp *lamps;
-    int *leaves;                /* of the lamps */
-    int ray_count, lamp_count, ray_room, lamp_room, leaf_room;
+    int ray_count, lamp_count;
 } sbl__inspection;
 
 typedef struct sbl__inspect_request {
     sbl__core *core;
-    sbl__map *map;              /* of a finished picture */
+    sbl__map *map;              /* map of a finished picture */
     sbl__inspection *found;
-    int pixel;
-    float *radiance, *weights;  /* the sheet, or NULL */
+    int pixel;                  /* index of the pixel in the map's refinement */
+    float *radiance, *weights;  /* the host's arrays for the sheet; NULL: not wanted */
     sbl__site site;
-    sbl__look look;             /* the first one */
-    sbl_reading reading;        /* of it alone, */
-    float layers[3 * (SBL__LAYERS - 1)];  /* and its further layers of light */
-    float from_lamps[3], weight_sum;
+    sbl__look look;             /* the sensor's first look, which is repeated */
+    sbl_reading reading;        /* reading of this look alone */
+    float layers[3 * (SBL__LAYERS - 1)];  /* further layers of light of this look, see sbl__task */
+    float from_lamps[3], weight_sum;      /* see sbl_sensor */
 } sbl__inspect_request;
 
-/* Forgets what was found. */
 static void sbl__inspection_clear(sbl__base *base, sbl__inspection *i) {
     sbl__free(base, i->rays);
     sbl__free(base, i->lamps);
-    sbl__free(base, i->leaves);
     i->rays = NULL;
     i->lamps = NULL;
-    i->leaves = NULL;
-    i->ray_count = i->lamp_count = i->ray_room = i->lamp_room = i->leaf_room = 0;
+    i->ray_count = i->lamp_count = 0;
 }
 
 static void sbl__inspection_free(const sbl__device *d, sbl__inspection *i) {
@@ -17422,112 +17389,107 @@ static void sbl__inspection_free(const sbl__device *d, sbl__inspection *i) {
     sbl__job_free(d, &i->job);
 }
 
-static sbl_sensor_ray *sbl__inspect_add_ray(const sbl__inspect_request *k) {
-    sbl__inspection *f = k->found;
-    if (!sbl__grow(&k->core->base, &f->rays, &f->ray_room, f->ray_count + 1, sizeof *f->rays)) return NULL;
-    memset(&f->rays[f->ray_count], 0, sizeof *f->rays);
-    f->rays[f->ray_count].lamp = -1;
-    return &f->rays[f->ray_count++];
-}
+/* Returns the slot of the look, which is the same as that of the sensor's first look in the picture. */
+static int sbl__inspect_slot(const sbl__job *j) { return j->task.first_look % sbl__job_slots(j)->count; }
 
-/* The number of the lamp that has that leaf; -1: out of memory. */
+/* Returns the index of the lamp of a leaf, and appends the lamp if it is new. */
 static int sbl__inspect_lamp(const sbl__inspect_request *k, int leaf) {
     const sbl__geometry *g = &k->core->scene.geometry;
     const uint32_t *name = k->core->scene.lights.names[leaf];
     sbl__inspection *f = k->found;
-    sbl_sensor_lamp *lamp;
+    sbl_sensor_lamp lamp;
     int i;
-    for (i = 0; i < f->lamp_count; i++) if (f->leaves[i] == leaf) return i;
-    if (!sbl__grow(&k->core->base, &f->lamps, &f->lamp_room, i + 1, sizeof *f->lamps) ||
-        !sbl__grow(&k->core->base, &f->leaves, &f->leaf_room, i + 1, sizeof *f->leaves)) return -1;
-    lamp = &f->lamps[f->lamp_count];
-    memset(lamp, 0, sizeof *lamp);
-    lamp->kind = name[0] == SBL__LAMP_TRIANGLE    ? SBL_LAMP_TRIANGLE
-               : name[0] == SBL__LAMP_SKY_TEXEL   ? SBL_LAMP_SKY_TEXEL
-                                                  : SBL_LAMP_LIGHT;
-    lamp->number = (int)name[1];
-    lamp->mesh = -1;
-    if (lamp->kind == SBL_LAMP_TRIANGLE) {
-        lamp->mesh = (int)g->vertices[g->indices[3 * (size_t)name[1]]].object;
-        lamp->number -= g->meshes[lamp->mesh].first_triangle;
+    memset(&lamp, 0, sizeof lamp);
+    lamp.kind = name[0] == SBL__LAMP_TRIANGLE    ? SBL_LAMP_TRIANGLE
+              : name[0] == SBL__LAMP_SKY_TEXEL   ? SBL_LAMP_SKY_TEXEL
+                                                 : SBL_LAMP_LIGHT;
+    lamp.number = (int)name[1];
+    lamp.mesh = -1;
+    if (lamp.kind == SBL_LAMP_TRIANGLE) {
+        lamp.mesh = (int)g->vertices[g->indices[3 * (size_t)name[1]]].object;
+        lamp.number -= g->meshes[lamp.mesh].first_triangle;
     }
-    f->leaves[f->lamp_count++] = leaf;
+    for (i = 0; i < f->lamp_count; i++)
+        if (f->lamps[i].kind == lamp.kind && f->lamps[i].mesh == lamp.mesh && f->lamps[i].number == lamp.number)
+            return i;
+    f->lamps[f->lamp_count++] = lamp;
     return i;
 }
 
-/* Runs a program for the one look, `count` invocations, and reads what they wrote: count floats of each output times
-   four, one output behind the other. The caller frees *out. */
-typedef sbl_result (*sbl__inspect_program)(const sbl__inspect_request *k, const sbl__batch *b);
+static sbl_result sbl__inspect_aim(sbl__device *d, const sbl__job *j, const sbl__batch *b) {
+    const unsigned features = sbl__aim_features(b->scene, b->spec);
+    const sbl_result result = sbl__use(d, &sbl__recipe_lamps, features | SBL__INSPECT);
+    if (result != SBL_SUCCESS) return result;
+    sbl__aim_bind(d, &j->aim, b, b->slots->blocks, 1);
+    if (features & SBL__VIEWS) sbl__raster_bind(d, &j->raster, b->scene->geometry.extent);
+    sbl__set_int(d, "parts", j->aim.parts);
+    sbl__set_int(d, "sheet_slot", features & SBL__VIEWS ? sbl__inspect_slot(j) : 0);
+    sbl__rays_send(d, b, &b->blocks->target, b->slots->blocks);
+    return SBL_SUCCESS;
+}
 
-static sbl_result sbl__inspect_run(const sbl__inspect_request *k, sbl__inspect_program program, const int size[2],
-                                   float **out) {
-    sbl__core *c = k->core;
+/* Runs the program for rays over the hemisphere, or with lamps 1 the program for rays towards lamps, for the look of
+   the request, with size[0] x size[1] invocations. *out: 4 floats of the first output per invocation, then 4 floats of
+   the second output per invocation; the caller frees it, also after an error */
+static sbl_result sbl__inspect_run(const sbl__inspect_request *k, int lamps, const int size[2], float **out) {
+    sbl__device *d = &k->core->device;
+    const sbl__job *j = &k->found->job;
+    const size_t count = (size_t)size[0] * (size_t)size[1];
     sbl__slots slots;
     sbl__blocks blocks;
     sbl__batch b;
     sbl_result result;
-    const size_t count = (size_t)size[0] * (size_t)size[1];
     memset(&blocks, 0, sizeof blocks);
-    memset(&b, 0, sizeof b);
     slots.columns = slots.count = 1;
     slots.blocks[0] = size[0];
     slots.blocks[1] = size[1];
-    b.scene = &c->scene;
-    b.spec = &k->found->job.task.spec;
+    sbl__job_batch(j, j->task.first_look, 1, &b);
     b.slots = &slots;
+    b.slot = 0;
     b.blocks = &blocks;
-    b.looks = &k->look;
-    b.table = &k->found->job.table;
-    b.guides = k->found->job.task.guides;
-    b.count = 1;
-    *out = (float *)sbl__alloc_raw(&c->base, count, 32);
-    result = *out ? sbl__blocks_make(&c->device, &blocks, 2, size[0], size[1]) : SBL_ERROR_OUT_OF_MEMORY;
-    if (result == SBL_SUCCESS) result = program(k, &b);
-    if (result == SBL_SUCCESS) result = sbl__target_read(&c->device, &blocks.target, 0, 0, size[1], *out);
-    if (result == SBL_SUCCESS) result = sbl__target_read(&c->device, &blocks.target, 1, 0, size[1], *out + 4 * count);
-    sbl__blocks_free(&c->device, &blocks);
+    *out = (float *)sbl__alloc_raw(d->base, count, 32);
+    result = *out ? sbl__blocks_make(d, &blocks, 2, size[0], size[1]) : SBL_ERROR_OUT_OF_MEMORY;
+    if (result == SBL_SUCCESS) result = lamps ? sbl__inspect_aim(d, j, &b) : sbl__trace_draw(d, &j->trace, &b, 0, 0);
+    if (result == SBL_SUCCESS) result = sbl__target_read(d, &blocks.target, 0, 0, size[1], *out);
+    if (result == SBL_SUCCESS) result = sbl__target_read(d, &blocks.target, 1, 0, size[1], *out + 4 * count);
+    sbl__blocks_free(d, &blocks);
     return result;
 }
 
-/* >>inspect: rays over the hemisphere, a sheet of one row */
-
-static sbl_result sbl__inspect_trace(const sbl__inspect_request *k, const sbl__batch *b) {
-    return sbl__trace_draw(&k->core->device, &k->found->job.trace, b, 0, 0);
-}
-
+/* Reads the rays over the hemisphere. The sheet is one row with a texel per ray. */
 static sbl_result sbl__inspect_rays(sbl__inspect_request *k) {
-    sbl__core *c = k->core;
+    sbl__base *base = &k->core->base;
     const sbl__task *task = &k->found->job.task;
     const int rays = task->spec.rays, size[2] = { 4, (rays + 3) / 4 };
-    uint32_t *sequence = sbl__sequence_make(&c->base, 1, rays, 1);
+    uint32_t *sequence = sbl__sequence_make(base, 1, rays, 1);
     const uint32_t *guide = task->spec.guided ? sbl__guide_words(task->guides, k->look.guide) : NULL;
     float *data = NULL;
-    sbl_result result = sequence ? sbl__inspect_run(k, sbl__inspect_trace, size, &data) : SBL_ERROR_OUT_OF_MEMORY;
+    sbl_result result = sequence ? sbl__inspect_run(k, 0, size, &data) : SBL_ERROR_OUT_OF_MEMORY;
     int i, n;
     for (i = 0; i < rays && result == SBL_SUCCESS; i++) {
         const float *sum = data + 4 * (size_t)i, *hits = sum + 4 * (size_t)(size[0] * size[1]);
-        sbl_sensor_ray *ray = sbl__inspect_add_ray(k);
+        sbl_sensor_ray *ray = &k->found->rays[k->found->ray_count++];
         float weight = 1 / (float)rays;
         double u[2];
-        if (!ray) { result = SBL_ERROR_OUT_OF_MEMORY; break; }
+        ray->lamp = -1;
         sbl__sequence_at(sequence, i, k->look.seed, u);
         if (guide) weight *= (float)sbl__guide_warp(guide, u);
         sbl__cosine_direction(k->look.normal, u, ray->direction);
         if (hits[0] > 0) ray->distance = sum[3] > 0 ? -hits[2] : hits[2];
         for (n = 0; n < 3; n++) ray->radiance[n] = sum[n] / weight;
-        for (n = 0; n < 3 && k->radiance; n++) k->radiance[4 * i + n] = ray->radiance[n];
+        if (k->radiance) memcpy(k->radiance + 4 * i, ray->radiance, sizeof ray->radiance);
         if (k->radiance) k->radiance[4 * i + 3] = ray->distance;
         if (k->weights) k->weights[i] = weight;
         k->weight_sum += weight;
     }
-    sbl__free(&c->base, data);
-    sbl__free(&c->base, sequence);
+    sbl__free(base, data);
+    sbl__free(base, sequence);
     return result;
 }
 
 /* >>inspect: views */
 
-/* The atlas and its weights, as the look left them. */
+/* Reads the sheet of the look from the view texture, and computes the weights of its texels. */
 static sbl_result sbl__inspect_sheet(sbl__inspect_request *k) {
     sbl__core *c = k->core;
     const sbl__job *j = &k->found->job;
@@ -17535,28 +17497,28 @@ static sbl_result sbl__inspect_sheet(sbl__inspect_request *k) {
     const sbl__lens *lens = &r->lenses[SBL__LENS_SITE];
     const sbl__layout *l = &lens->layout;
     const int width = r->target.width, pitch = sbl__layout_pitch(l, 0), height = sbl__layout_pitch(l, 1);
-    float *atlas = (float *)sbl__alloc_raw(&c->base, (size_t)width * (size_t)l->sheet_height, 16);
+    float *rows = (float *)sbl__alloc_raw(&c->base, (size_t)width * (size_t)l->sheet_height, 16);
     float *table = (float *)sbl__alloc(&c->base, (size_t)pitch * (size_t)height, 8);
     int corner[2], x, y, i, face;
     double weights = 0;
-    sbl_result result = atlas && table ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
-    sbl__raster_corner(lens, j->task.first_look % lens->slots.count, corner);
+    sbl_result result = rows && table ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    sbl__raster_corner(lens, sbl__inspect_slot(j), corner);
     for (face = 0; face < l->view_count && result == SBL_SUCCESS; face++)
         for (y = 0; y < l->rects[face][3]; y++) sbl__weights_row(l, j->task.spec.paper, face, y, table);
     if (result == SBL_SUCCESS)
-        result = sbl__target_read(&c->device, &r->target, 0, corner[1], l->sheet_height, atlas);
+        result = sbl__target_read(&c->device, &r->target, 0, corner[1], l->sheet_height, rows);
     for (y = 0; y < l->sheet_height && result == SBL_SUCCESS; y++)
         for (x = 0; x < l->sheet_width; x++) {
-            const float *from = atlas + 4 * ((size_t)y * (size_t)width + (size_t)(corner[0] + x));
+            const float *from = rows + 4 * ((size_t)y * (size_t)width + (size_t)(corner[0] + x));
             const float *weight = table + 2 * ((size_t)y * (size_t)pitch + (size_t)x);
-            const size_t to = (size_t)y * (size_t)l->sheet_width + (size_t)x;
-            for (i = 0; i < 3 && k->radiance; i++) k->radiance[4 * to + (size_t)i] = from[i] / r->radiance_scale;
-            if (k->radiance) k->radiance[4 * to + 3] = from[3] * c->scene.geometry.extent * weight[1];
-            if (k->weights) k->weights[to] = weight[0];
+            const size_t texel = (size_t)y * (size_t)l->sheet_width + (size_t)x;
+            for (i = 0; i < 3 && k->radiance; i++) k->radiance[4 * texel + (size_t)i] = from[i] / r->radiance_scale;
+            if (k->radiance) k->radiance[4 * texel + 3] = from[3] * c->scene.geometry.extent * weight[1];
+            if (k->weights) k->weights[texel] = weight[0];
             weights += weight[0];
         }
     k->weight_sum = (float)weights;
-    sbl__free(&c->base, atlas);
+    sbl__free(&c->base, rows);
     sbl__free(&c->base, table);
     return result;
 }
@@ -17582,91 +17544,70 @@ static void sbl__inspect_views(const sbl__inspect_request *k, sbl_sensor *out) {
 
 /* >>inspect: rays towards lamps */
 
-static sbl_result sbl__inspect_aim(const sbl__inspect_request *k, const sbl__batch *b) {
-    sbl__core *c = k->core;
-    sbl__device *d = &c->device;
-    const sbl__job *j = &k->found->job;
-    const unsigned features = sbl__aim_features(&c->scene, &j->task.spec);
-    const sbl_result result = sbl__use(d, &sbl__recipe_lamps, features | SBL__INSPECT);
-    if (result != SBL_SUCCESS) return result;
-    sbl__aim_bind(d, &j->aim, b, b->slots->blocks, 1);
-    if (features & SBL__VIEWS) sbl__raster_bind(d, &j->raster, c->scene.geometry.extent);
-    sbl__set_int(d, "parts", j->aim.parts);
-    sbl__set_int(d, "sheet_slot", features & SBL__VIEWS ? j->task.first_look % sbl__job_slots(j)->count : 0);
-    sbl__rays_send(d, b, &b->blocks->target, b->slots->blocks);
-    return SBL_SUCCESS;
+/* Evaluates the outputs of an invocation of lamps.glsl: light (out_light) and way (out_way). is_ray: 1: the invocation
+   traced a ray; 0: it describes one of the lamps or clusters that the look chose */
+static void sbl__inspect_take(const sbl__inspect_request *k, const float *light, const float *way, int is_ray) {
+    const int state = (int)light[3], lamp = state ? sbl__inspect_lamp(k, (int)way[3]) : 0;
+    sbl_sensor_lamp *l = &k->found->lamps[lamp];
+    if (!state) return;
+    l->rays += is_ray || state > 1;
+    l->open += state == (is_ray ? 1 : 2);
+    if (is_ray) {
+        sbl_sensor_ray *ray = &k->found->rays[k->found->ray_count++];
+        ray->lamp = lamp;
+        memcpy(ray->direction, way, sizeof ray->direction);
+        memcpy(ray->radiance, light, sizeof ray->radiance);
+    } else if (l->kind != SBL_LAMP_SKY_TEXEL)
+        memcpy(l->unhindered, light, sizeof l->unhindered);
 }
 
-/* What an invocation says, see lamps.glsl: number i of the rays, or of the entries. */
-static sbl_result sbl__inspect_take(const sbl__inspect_request *k, const float *said, const float *way, int is_ray) {
-    const int state = (int)said[3], lamp = state ? sbl__inspect_lamp(k, (int)way[3]) : 0;
-    sbl_sensor_lamp *l;
-    sbl_sensor_ray *ray;
-    if (!state) return SBL_SUCCESS;
-    if (lamp < 0) return SBL_ERROR_OUT_OF_MEMORY;
-    l = &k->found->lamps[lamp];
-    if (!is_ray) {
-        memcpy(l->unhindered, said, sizeof l->unhindered);
-        if (k->core->scene.lights.names[k->found->leaves[lamp]][0] == SBL__LAMP_SKY_TEXEL)
-            memset(l->unhindered, 0, sizeof l->unhindered);
-        l->rays += state > 1;
-        l->open += state == 2;
-        return SBL_SUCCESS;
-    }
-    ray = sbl__inspect_add_ray(k);
-    if (!ray) return SBL_ERROR_OUT_OF_MEMORY;
-    memcpy(ray->direction, way, sizeof ray->direction);
-    memcpy(ray->radiance, said, sizeof ray->radiance);
-    ray->lamp = lamp;
-    l->rays++;
-    l->open += state == 1;
-    return SBL_SUCCESS;
-}
-
+/* Reads R from lamps, which the job's rays towards lamps have measured, and the rays themselves. */
 static sbl_result sbl__inspect_lamps(sbl__inspect_request *k) {
-    sbl__core *c = k->core;
+    sbl__device *d = &k->core->device;
     const sbl__job *j = &k->found->job;
-    const int rays = j->aim.rays, count = rays + SBL__LAMPS;
+    const int rays = j->aim.rays, count = rays + SBL__LAMPS, parts = j->aim.parts;
     const int size[2] = { SBL__INSPECT_ACROSS, (count + SBL__INSPECT_ACROSS - 1) / SBL__INSPECT_ACROSS };
-    const float scale = sbl__job_scale(j);
-    const int columns = sbl__job_slots(j)->columns, slot = j->task.first_look % sbl__job_slots(j)->count;
-    const size_t row = (size_t)columns * 4;
-    float *data = NULL, *light = (float *)sbl__alloc_raw(&c->base, (size_t)columns * (size_t)j->aim.parts, 16);
+    const int columns = sbl__job_slots(j)->columns, slot = sbl__inspect_slot(j);
+    float *data = NULL, *light = (float *)sbl__alloc_raw(d->base, (size_t)columns * (size_t)parts, 16);
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
     int i, n;
-    if (light)
-        result = sbl__target_read(&c->device, &j->aim.target, 0, slot / columns * j->aim.parts, j->aim.parts, light);
-    for (i = 0; i < j->aim.parts && result == SBL_SUCCESS; i++)
+    if (light) result = sbl__target_read(d, &j->aim.target, 0, slot / columns * parts, parts, light);
+    for (i = 0; i < parts && result == SBL_SUCCESS; i++)
         for (n = 0; n < 3; n++)
-            k->from_lamps[n] += light[row * (size_t)i + 4 * (size_t)(slot % columns) + (size_t)n] /
-                                (float)j->aim.parts / scale;
-    sbl__free(&c->base, light);
-    if (result == SBL_SUCCESS) result = sbl__inspect_run(k, sbl__inspect_aim, size, &data);
+            k->from_lamps[n] += light[4 * ((size_t)columns * (size_t)i + (size_t)(slot % columns)) + (size_t)n] /
+                                (float)parts / sbl__job_scale(j);
+    sbl__free(d->base, light);
+    if (result == SBL_SUCCESS) result = sbl__inspect_run(k, 1, size, &data);
     for (i = 0; i < count && result == SBL_SUCCESS; i++) {
-        const int from = i < SBL__LAMPS ? rays + i : i - SBL__LAMPS;  /* lamps first: in the order of the entries */
-        const float *said = data + 4 * (size_t)from;
-        result = sbl__inspect_take(k, said, said + 4 * (size_t)(size[0] * size[1]), from < rays);
+        const int from = i < SBL__LAMPS ? rays + i : i - SBL__LAMPS;  /* lamps come first, in the order of the choice */
+        const float *out = data + 4 * (size_t)from;
+        sbl__inspect_take(k, out, out + 4 * (size_t)(size[0] * size[1]), from < rays);
     }
-    sbl__free(&c->base, data);
+    sbl__free(d->base, data);
     return result;
 }
 
 /* >>inspect: the job */
 
-/* The pixel that (x, y) of those that are read shows. */
+/* Returns the index, in the map's refinement, of the pixel that the host reads at (x, y). */
 static size_t sbl__inspect_pixel(const sbl__map *m, int x, int y) {
     return sbl__map_shown(m, (size_t)y * (size_t)m->size[0] + (size_t)x);
 }
 
-/* Gathers for the pixel in the slot that its sensor's first look had, so that every rounding is the same. */
+/* Repeats the first look of the pixel's sensor, in the slot that this look had, so that every rounding is the same. */
 static sbl_result sbl__inspect(sbl__inspect_request *k) {
     sbl__core *c = k->core;
+    sbl__inspection *f = k->found;
     sbl__job *j = &k->found->job;
     sbl__slice slice = sbl__slice_of(&c->desc, 0);
     sbl__task task;
-    int seen = 0;
+    int lamp_rays;
     sbl_result result = SBL_UNFINISHED;
     sbl__refine_task(&k->map->refine, &task);
+    lamp_rays = task.spec.lamp_rays;
+    f->rays = (sbl_sensor_ray *)sbl__alloc(&c->base, (size_t)(task.spec.rays + lamp_rays), sizeof *f->rays);
+    f->lamps = (sbl_sensor_lamp *)sbl__alloc(&c->base, (size_t)(SBL__LAMPS + lamp_rays), sizeof *f->lamps);
+    if (!f->rays || !f->lamps) return SBL_ERROR_OUT_OF_MEMORY;
     task.sites = &k->site;
     task.readings = &k->reading;
     task.layers = k->layers;
@@ -17677,17 +17618,16 @@ static sbl_result sbl__inspect(sbl__inspect_request *k) {
     sbl__job_begin(j, &c->scene, &task);
     while (result == SBL_UNFINISHED) {
         result = sbl__job_step(&c->device, j, &slice);
-        if (result != SBL_UNFINISHED || j->stages.stage != SBL__JOB_READ || seen) continue;
-        seen = 1;  /* before probes draw over it */
-        c->device.gl.doing = "request at a sensor";
+        if (result != SBL_UNFINISHED || j->stages.stage != SBL__JOB_READ || j->lens != SBL__LENS_SITE) continue;
+        c->device.gl.doing = "inspecting a sensor";  /* now, because stuck tests will draw over the look */
         result = sbl__job_layout(j) ? sbl__inspect_sheet(k) : sbl__inspect_rays(k);
-        if (result == SBL_SUCCESS && task.spec.lamp_rays) result = sbl__inspect_lamps(k);
+        if (result == SBL_SUCCESS && lamp_rays) result = sbl__inspect_lamps(k);
         if (result == SBL_SUCCESS) result = SBL_UNFINISHED;
     }
     return result;
 }
 
-/* What the host is told. */
+/* Fills in the result, except for the size of the sheet. */
 static void sbl__inspect_tell(const sbl__inspect_request *k, sbl_sensor *out) {
     const sbl__pixel *p = sbl__refine_pixel(&k->map->refine, (size_t)k->pixel);
     const sbl_reading *r = &k->reading;
@@ -17842,12 +17782,8 @@ static sbl_result sbl__trial(sbl__core *c) {
 
 #ifdef SBL_EGL
 
-typedef struct sbl__egl {
-    int owned;           /* 1 if the library has created a context; the other fields are then valid */
-    EGLDisplay display;
-    EGLContext context;
-    EGLSurface surface;
-} sbl__egl;
+/* The context that the library has created. If there is none, all fields are 0 (EGL_NO_CONTEXT). */
+typedef struct sbl__egl { EGLDisplay display; EGLContext context; EGLSurface surface; } sbl__egl;
 
 /* The host's EGL state, saved while the library's own context is current. */
 typedef struct sbl__egl_before {
@@ -17861,6 +17797,15 @@ typedef struct sbl__egl_before {
 static sbl_gl_function sbl__egl_function(const char *name, void *user) {
     (void)user;
     return (sbl_gl_function)eglGetProcAddress(name);
+}
+
+static void sbl__egl_destroy(sbl__egl *e) {
+    if (e->context == EGL_NO_CONTEXT) return;
+    if (eglGetCurrentContext() == e->context)
+        eglMakeCurrent(e->display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
+    if (e->surface != EGL_NO_SURFACE) eglDestroySurface(e->display, e->surface);
+    eglDestroyContext(e->display, e->context);
+    memset(e, 0, sizeof *e);
 }
 
 /* Tries to create a context on a display and to make it current. pbuffer: 1: with a pbuffer as its surface; 0: without
@@ -17878,15 +17823,12 @@ static int sbl__egl_try(sbl__egl *e, EGLDisplay display, int pbuffer) {
     if (!eglChooseConfig(display, config_attributes, &config, 1, &count) || count < 1) return 0;
     e->context = eglCreateContext(display, config, EGL_NO_CONTEXT, context_attributes);
     if (e->context == EGL_NO_CONTEXT) return 0;
-    e->surface = pbuffer ? eglCreatePbufferSurface(display, config, surface_attributes) : EGL_NO_SURFACE;
-    if ((pbuffer && e->surface == EGL_NO_SURFACE) || !eglMakeCurrent(display, e->surface, e->surface, e->context)) {
-        if (e->surface != EGL_NO_SURFACE) eglDestroySurface(display, e->surface);
-        eglDestroyContext(display, e->context);
-        e->context = EGL_NO_CONTEXT;
-        return 0;
-    }
     e->display = display;
-    return 1;
+    e->surface = pbuffer ? eglCreatePbufferSurface(display, config, surface_attributes) : EGL_NO_SURFACE;
+    if (pbuffer == (e->surface != EGL_NO_SURFACE) && eglMakeCurrent(display, e->surface, e->surface, e->context))
+        return 1;
+    sbl__egl_destroy(e);
+    return 0;
 }
 
 /* Creates a context. Tries Mesa's surfaceless platform, then up to 16 EGL devices, then a pbuffer on the default
@@ -17907,9 +17849,7 @@ static sbl_result sbl__egl_create(sbl__egl *e, const sbl__base *base) {
         query_devices(16, devices, &count))
         for (i = 0; i < count && !made; i++)
             made = sbl__egl_try(e, get_display(EGL_PLATFORM_DEVICE_EXT, devices[i], NULL), 0);
-    if (!made) made = sbl__egl_try(e, eglGetDisplay(EGL_DEFAULT_DISPLAY), 1);
-    e->owned = made;
-    if (made) return SBL_SUCCESS;
+    if (made || sbl__egl_try(e, eglGetDisplay(EGL_DEFAULT_DISPLAY), 1)) return SBL_SUCCESS;
     sbl__log(base, SBL_LOG_ERROR, SBL_LOG_ITEM_NO_GL, "no headless OpenGL 3.3 context could be created (tried the "
              "surfaceless platform, all devices and a pbuffer; EGL error 0x%04x); install a GL driver such as Mesa's, "
              "or set get_gl_function in sbl_context_desc", (unsigned)eglGetError());
@@ -17935,7 +17875,7 @@ static sbl_result sbl__egl_open(sbl__egl *e, const sbl__base *base, sbl__egl_bef
 /* Makes the library's own context current, if there is one and it is not current already. */
 static void sbl__egl_enter(const sbl__egl *e, sbl__egl_before *b) {
     b->switched = 0;
-    if (!e->owned || eglGetCurrentContext() == e->context) return;
+    if (e->context == EGL_NO_CONTEXT || eglGetCurrentContext() == e->context) return;
     sbl__egl_save(b);
     eglBindAPI(EGL_OPENGL_API);
     eglMakeCurrent(e->display, e->surface, e->surface, e->context);
@@ -17947,15 +17887,6 @@ static void sbl__egl_leave(const sbl__egl *e, const sbl__egl_before *b) {
     if (e->display != EGL_NO_DISPLAY) eglMakeCurrent(e->display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
     eglBindAPI(b->api);
     if (b->context != EGL_NO_CONTEXT) eglMakeCurrent(b->display, b->draw, b->read, b->context);
-}
-
-static void sbl__egl_destroy(sbl__egl *e) {
-    if (!e->owned) return;
-    if (eglGetCurrentContext() == e->context)
-        eglMakeCurrent(e->display, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
-    if (e->surface != EGL_NO_SURFACE) eglDestroySurface(e->display, e->surface);
-    eglDestroyContext(e->display, e->context);
-    e->owned = 0;
 }
 
 #else  /* without SBL_EGL */
