@@ -3607,9 +3607,9 @@ static void sbl__check_array(sbl__check *check, const char *where, const char *n
 }
 
 /* Returns 1 if range[0] <= x <= range[1]. Otherwise reports a mistake and returns 0. */
-static int sbl__check_int(sbl__check *check, const char *where, const char *name, int x, const int range[2]) {
-    if (x >= range[0] && x <= range[1]) return 1;
-    sbl__mistake(check, "%s: %s is %d; it must be %d to %d", where, name, x, range[0], range[1]);
+static int sbl__check_int(sbl__check *check, const char *where, const char *name, int x, int low, int high) {
+    if (x >= low && x <= high) return 1;
+    sbl__mistake(check, "%s: %s is %d; it must be %d to %d", where, name, x, low, high);
     return 0;
 }
 
@@ -3774,17 +3774,15 @@ static void sbl__check_pixels(sbl__check *check, const char *where, const char *
                      (double)t->stride, t->height);
 }
 
-static const int sbl__pixel_formats[2] = { 0, SBL_PIXEL_FORMAT_COUNT - 1 };
 
 #define SBL__TEXTURE_MOST 65536  /* largest width and height of a texture, in pixels */
 
 static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, int index) {
-    static const int wraps[2] = { 0, SBL_WRAP_COUNT - 1 };
     const sbl_texture *t = &desc->textures[index];
     char where[32];
     snprintf(where, sizeof where, "texture %d", index + 1);  /* sbl_material numbers textures from 1 */
-    if (!sbl__check_int(check, where, "format", (int)t->format, sbl__pixel_formats)) return;
-    sbl__check_int(check, where, "wrap", (int)t->wrap, wraps);
+    if (!sbl__check_int(check, where, "format", (int)t->format, 0, SBL_PIXEL_FORMAT_COUNT - 1)) return;
+    sbl__check_int(check, where, "wrap", (int)t->wrap, 0, SBL_WRAP_COUNT - 1);
     if (t->pixels && t->gl_texture)
         sbl__mistake(check, "%s: pixels and gl_texture (%u) are both set; give one", where, t->gl_texture);
     else if (!t->pixels && !t->gl_texture)
@@ -3806,12 +3804,11 @@ static void sbl__check_texture(sbl__check *check, const sbl_scene_desc *desc, in
 #define SBL__SKY_MOST 16384
 
 static void sbl__check_light(sbl__check *check, const sbl_light *l, int number) {
-    static const int kinds[2] = { 0, SBL_LIGHT_KIND_COUNT - 1 };
     static const float degrees[2] = { 0, 180 };
     const int distant = l->kind == SBL_LIGHT_DIRECTIONAL;
     char where[32];
     snprintf(where, sizeof where, "light %d", number);
-    if (!sbl__check_int(check, where, "kind", (int)l->kind, kinds)) return;
+    if (!sbl__check_int(check, where, "kind", (int)l->kind, 0, SBL_LIGHT_KIND_COUNT - 1)) return;
     sbl__check_range(check, where, "intensity", l->intensity, 3, sbl__not_negative_range);
     if (!distant) sbl__check_finite(check, where, "position", l->position, 3);
     if (l->kind != SBL_LIGHT_POINT) {
@@ -3829,7 +3826,6 @@ static void sbl__check_light(sbl__check *check, const sbl_light *l, int number) 
 }
 
 static void sbl__check_environment(sbl__check *check, const sbl_environment *e) {
-    static const int channels[2] = { 0, 4 };
     const sbl_texture *t = &e->picture;
     const int has_size = t->width || t->height;
     const char *where = "environment";
@@ -3840,9 +3836,10 @@ static void sbl__check_environment(sbl__check *check, const sbl_environment *e) 
     if (!t->pixels && !e->radiance && has_size)
         sbl__mistake(check, "%s: picture.pixels and radiance are both NULL, but the picture's size is %d x %d; "
                      "give pixels or a function", where, t->width, t->height);
-    if (sbl__check_int(check, where, "picture.format", (int)t->format, sbl__pixel_formats) && (t->pixels || has_size))
+    if (sbl__check_int(check, where, "picture.format", (int)t->format, 0, SBL_PIXEL_FORMAT_COUNT - 1) &&
+        (t->pixels || has_size))
         sbl__check_pixels(check, where, "picture.", t, SBL__SKY_MOST);
-    else sbl__check_int(check, where, "picture.channels", t->channels, channels);
+    else sbl__check_int(check, where, "picture.channels", t->channels, 0, 4);
     sbl__check_finite(check, where, "scale", &e->scale, 1);
     sbl__check_finite(check, where, "rotation", &e->rotation, 1);
     sbl__check_finite(check, where, "up", e->up, 3);
@@ -3851,7 +3848,6 @@ static void sbl__check_environment(sbl__check *check, const sbl_environment *e) 
 /* >>check: whole descriptors */
 
 static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *desc) {
-    static const int cells[2] = { 1024, 1048576 };
     const char *where = "sbl_scene_desc";
     sbl__check check;
     int i;
@@ -3870,7 +3866,7 @@ static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *d
     }
     sbl__check_range(&check, where, "draw_max_radiance", &desc->draw_max_radiance, 1, sbl__not_negative_range);
     if (desc->max_bounce_cells)
-        sbl__check_int(&check, where, "max_bounce_cells", desc->max_bounce_cells, cells);
+        sbl__check_int(&check, where, "max_bounce_cells", desc->max_bounce_cells, 1024, 1048576);
     check.item = SBL_LOG_ITEM_INVALID_LIGHT;
     for (i = 0; desc->lights && i < desc->light_count; i++) sbl__check_light(&check, &desc->lights[i], i);
     sbl__check_environment(&check, &desc->environment);
@@ -3898,7 +3894,6 @@ SBL_API sbl_context_desc sbl_context_desc_defaults(const sbl_context_desc *desc)
 }
 
 static sbl_result sbl__check_context(const sbl__base *base, const sbl_context_desc *d) {
-    static const int sizes[2] = { 256, 16384 };
     const char *where = "sbl_context_desc";
     sbl__check check;
     sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_CONTEXT_DESC);
@@ -3910,7 +3905,7 @@ static sbl_result sbl__check_context(const sbl__base *base, const sbl_context_de
         sbl__mistake(&check, "%s: disabled is 0x%x; only the bits 0x%x exist", where, d->disabled,
                      (unsigned)SBL_CAPABILITY_ALL);
     if (d->sensor_texture_size)
-        sbl__check_int(&check, where, "sensor_texture_size", d->sensor_texture_size, sizes);
+        sbl__check_int(&check, where, "sensor_texture_size", d->sensor_texture_size, 256, 16384);
     if (d->batch < 0) sbl__mistake(&check, "%s: batch is %d; it cannot be negative", where, d->batch);
     sbl__check_range(&check, where, "longest_submission", &d->longest_submission, 1, sbl__not_negative_range);
     return sbl__check_end(&check);
@@ -7322,7 +7317,7 @@ static const char *const sbl__glsl_surface[] = {
 
 /* ====================================================================================================== >>options
    The options that all front ends share, and the descriptor of each front end, with defaults and checks side by side.
-   In functions that check a descriptor, d has its defaults filled in, and `given` is what the host wrote, or NULL. */
+   In functions that check a descriptor, d has its defaults filled in. */
 
 /* Until a preset out of range is refused, it counts as the default one. */
 static int sbl__preset_of(const sbl_options *o) {
@@ -7346,18 +7341,16 @@ static const int sbl__sensor_sizes[SBL_PRESET_COUNT] = { 64, 32, 128 };
    callback */
 static void sbl__check_options(sbl__check *check, const char *where, const sbl_options *o, int papers,
                                const int rays[2], int host_draws) {
-    static const int modes[2] = { 0, SBL_MODE_COUNT - 1 }, presets[2] = { 0, SBL_PRESET_COUNT - 1 };
-    static const int backends[2] = { 0, SBL_BACKEND_COUNT - 1 }, sizes[2] = { 4, 512 };
-    sbl__check_int(check, where, "options.mode", (int)o->mode, modes);
+    sbl__check_int(check, where, "options.mode", (int)o->mode, 0, SBL_MODE_COUNT - 1);
     if (o->mode == SBL_MODE_PAPER && !papers)
         sbl__mistake(check, "%s: options.mode is SBL_MODE_PAPER; only pictures and readings have it", where);
-    sbl__check_int(check, where, "options.preset", (int)o->preset, presets);
-    sbl__check_int(check, where, "options.backend", (int)o->backend, backends);
+    sbl__check_int(check, where, "options.preset", (int)o->preset, 0, SBL_PRESET_COUNT - 1);
+    sbl__check_int(check, where, "options.backend", (int)o->backend, 0, SBL_BACKEND_COUNT - 1);
     if (o->backend == SBL_BACKEND_TRACE && (o->mode == SBL_MODE_PAPER || host_draws))
         sbl__mistake(check, "%s: options.backend is SBL_BACKEND_TRACE %s; use SBL_BACKEND_AUTO or SBL_BACKEND_RASTER",
                      where, host_draws ? "in a scene with a draw callback" : "in SBL_MODE_PAPER");
-    if (o->rays) sbl__check_int(check, where, "options.rays", o->rays, rays);
-    sbl__check_int(check, where, "options.sensor_size", o->sensor_size, sizes);
+    if (o->rays) sbl__check_int(check, where, "options.rays", o->rays, rays[0], rays[1]);
+    sbl__check_int(check, where, "options.sensor_size", o->sensor_size, 4, 512);
     if (!sbl__between(&o->epsilon, -FLT_MAX, FLT_MAX))
         sbl__mistake(check, "%s: options.epsilon is %g; it must be finite", where, (double)o->epsilon);
 }
@@ -7371,8 +7364,7 @@ static void sbl__sensor_defaults(sbl_mode mode, sbl_sensor_kind *kind, float *fo
 
 static void sbl__check_sensor_kind(sbl__check *check, const char *where, const sbl_options *o, sbl_sensor_kind kind,
                                    float fov) {
-    static const int kinds[2] = { 0, SBL_SENSOR_KIND_COUNT - 1 };
-    sbl__check_int(check, where, "sensor_kind", (int)kind, kinds);
+    sbl__check_int(check, where, "sensor_kind", (int)kind, 0, SBL_SENSOR_KIND_COUNT - 1);
     if (o->mode == SBL_MODE_PAPER && kind == SBL_SENSOR_HEMICUBE)
         sbl__mistake(check, "%s: sensor_kind is SBL_SENSOR_HEMICUBE in SBL_MODE_PAPER; the paper's sensor is "
                      "SBL_SENSOR_SINGLE", where);
@@ -7454,10 +7446,9 @@ SBL_API sbl_picture_desc sbl_picture_desc_defaults(const sbl_picture_desc *desc)
 
 /* Checks the fields that pictures and lightmaps share. */
 static void sbl__check_refinement(sbl__check *check, const char *where, const sbl_picture_desc *d) {
-    static const int sizes[2] = { 1, 16384 }, tiles[2] = { 1, 1024 };
-    sbl__check_int(check, where, "width", d->width, sizes);
-    sbl__check_int(check, where, "height", d->height, sizes);
-    sbl__check_int(check, where, "tile", d->tile, tiles);
+    sbl__check_int(check, where, "width", d->width, 1, 16384);
+    sbl__check_int(check, where, "height", d->height, 1, 16384);
+    sbl__check_int(check, where, "tile", d->tile, 1, 1024);
     if (!sbl__between(&d->target_error, 0, 1))
         sbl__mistake(check, "%s: target_error is %g; it must be 0 to 1", where, (double)d->target_error);
     if (!sbl__between(&d->threshold, -FLT_MAX, FLT_MAX))
@@ -7466,20 +7457,17 @@ static void sbl__check_refinement(sbl__check *check, const char *where, const sb
         sbl__mistake(check, "%s: filter_radius is %d; it must be at most 32", where, d->filter_radius);
 }
 
-static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_desc *given, const sbl_picture_desc *d,
-                                     int host_draws) {
-    static const int samples[2] = { 1, 64 };
+static sbl_result sbl__check_picture(const sbl__base *base, const sbl_picture_desc *d, int host_draws) {
     const char *where = "sbl_picture_desc";
     sbl__check check;
     sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_PICTURE_DESC);
-    if (given && !sbl__check_canaries(&check, where, given->start_canary, given->end_canary))
-        return sbl__check_end(&check);
+    if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, where, &d->options, 1, sbl__sensor_rays, host_draws);
     sbl__check_sensor_kind(&check, where, &d->options, d->sensor_kind, d->sensor_fov);
     sbl__check_refinement(&check, where, d);
     if (!sbl__between(&d->facet_limit, -FLT_MAX, FLT_MAX))
         sbl__mistake(&check, "%s: facet_limit is %g; it must be finite", where, (double)d->facet_limit);
-    sbl__check_int(&check, where, "samples", d->samples, samples);
+    sbl__check_int(&check, where, "samples", d->samples, 1, 64);
     sbl__check_camera(&check, where, d);
     return sbl__check_end(&check);
 }
@@ -7527,23 +7515,20 @@ SBL_API sbl_lightmap_desc sbl_lightmap_desc_defaults(const sbl_lightmap_desc *de
     return d;
 }
 
-static sbl_result sbl__check_lightmap(const sbl__base *base, const sbl_lightmap_desc *given, const sbl_lightmap_desc *d,
-                                      const sbl__scene *scene) {
-    static const int gutters[2] = { -INT_MAX, 16384 }, supersamples[2] = { 1, 8 }, switches[2] = { 0, 1 };
+static sbl_result sbl__check_lightmap(const sbl__base *base, const sbl_lightmap_desc *d, const sbl__scene *scene) {
     const char *where = "sbl_lightmap_desc";
     const sbl_picture_desc picture = sbl__lightmap_picture(d);
     const sbl__geometry *g = &scene->geometry;
     sbl__check check;
     int i;
     sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_LIGHTMAP_DESC);
-    if (given && !sbl__check_canaries(&check, where, given->start_canary, given->end_canary))
-        return sbl__check_end(&check);
+    if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, where, &d->options, 0, sbl__sensor_rays, scene->draw != NULL);
     sbl__check_refinement(&check, where, &picture);
-    sbl__check_int(&check, where, "gutter", d->gutter, gutters);
-    sbl__check_int(&check, where, "directional", d->directional, switches);
-    sbl__check_int(&check, where, "supersample", d->supersample, supersamples);
-    if (d->supersample > 1 && d->supersample <= supersamples[1] && !sbl__supersample_fits(d))
+    sbl__check_int(&check, where, "gutter", d->gutter, -INT_MAX, 16384);
+    sbl__check_int(&check, where, "directional", d->directional, 0, 1);
+    sbl__check_int(&check, where, "supersample", d->supersample, 1, 8);
+    if (d->supersample > 1 && d->supersample <= 8 && !sbl__supersample_fits(d))
         sbl__mistake(&check, "%s: supersample is %d; times the size, %d x %d, it must be at most 16384", where,
                      d->supersample, d->width, d->height);
     sbl__check_array(&check, where, "mesh_count", d->mesh_count, d->meshes);
@@ -7588,14 +7573,12 @@ static int sbl__check_site(sbl__check *check, const sbl_site *s, int number, int
     return 0;
 }
 
-static sbl_result sbl__check_readings(const sbl__base *base, const sbl_readings_desc *given, const sbl_readings_desc *d,
-                                      int host_draws) {
+static sbl_result sbl__check_readings(const sbl__base *base, const sbl_readings_desc *d, int host_draws) {
     const char *where = "sbl_readings_desc";
     sbl__check check;
     int i, wrong = 0;
     sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_READINGS_DESC);
-    if (given && !sbl__check_canaries(&check, where, given->start_canary, given->end_canary))
-        return sbl__check_end(&check);
+    if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, where, &d->options, 1, sbl__sensor_rays, host_draws);
     sbl__check_sensor_kind(&check, where, &d->options, d->sensor_kind, d->sensor_fov);
     sbl__check_array(&check, where, "site_count", d->site_count, d->sites);
@@ -7631,20 +7614,17 @@ SBL_API sbl_vertices_desc sbl_vertices_desc_defaults(const sbl_vertices_desc *de
 
 #define SBL__VERTICES_SMOOTHEST 1e6f
 
-static sbl_result sbl__check_vertices(const sbl__base *base, const sbl_vertices_desc *given, const sbl_vertices_desc *d,
-                                      const sbl__scene *scene) {
-    static const int samples[2] = { 1, 1024 }, flags[2] = { 0, 1 };
+static sbl_result sbl__check_vertices(const sbl__base *base, const sbl_vertices_desc *d, const sbl__scene *scene) {
     const char *where = "sbl_vertices_desc";
     const sbl__geometry *g = &scene->geometry;
     double vertices = 0, triangles = 0;
     sbl__check check;
     int i;
     sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_VERTICES_DESC);
-    if (given && !sbl__check_canaries(&check, where, given->start_canary, given->end_canary))
-        return sbl__check_end(&check);
+    if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, where, &d->options, 0, sbl__sensor_rays, scene->draw != NULL);
-    sbl__check_int(&check, where, "samples", d->samples, samples);
-    sbl__check_int(&check, where, "average", d->average, flags);
+    sbl__check_int(&check, where, "samples", d->samples, 1, 1024);
+    sbl__check_int(&check, where, "average", d->average, 0, 1);
     if (!sbl__between(&d->smoothing, -FLT_MAX, SBL__VERTICES_SMOOTHEST))
         sbl__mistake(&check, "%s: smoothing is %g; it must be finite and at most %g", where, (double)d->smoothing,
                      (double)SBL__VERTICES_SMOOTHEST);
@@ -7679,7 +7659,6 @@ static int sbl__grid_count(const int grid[3]) {
 }
 
 static void sbl__check_grid(sbl__check *check, const char *where, const sbl_probes_desc *d) {
-    static const int sizes[2] = { 1, 16384 };
     const int given = d->grid[0] || d->grid[1] || d->grid[2], points = sbl__grid_count(d->grid);
     int k;
     if (!given && d->probe_count > 0)
@@ -7687,7 +7666,7 @@ static void sbl__check_grid(sbl__check *check, const char *where, const sbl_prob
     for (k = 0; k < 3 && given; k++) {
         char name[16];
         snprintf(name, sizeof name, "grid[%d]", k);
-        sbl__check_int(check, where, name, d->grid[k], sizes);
+        sbl__check_int(check, where, name, d->grid[k], 1, 16384);
     }
     if (points == INT_MAX) sbl__mistake(check, "%s: grid has more points than an int can count", where);
     else if (points && d->probe_count != points && d->probe_count >= 0)
@@ -7710,15 +7689,13 @@ SBL_API sbl_probes_desc sbl_probes_desc_defaults(const sbl_probes_desc *desc) {
     return d;
 }
 
-static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc *given, const sbl_probes_desc *d,
-                                    int host_draws) {
+static sbl_result sbl__check_probes(const sbl__base *base, const sbl_probes_desc *d, int host_draws) {
     static const int rays[2] = { 64, 65536 };
     const char *where = "sbl_probes_desc";
     sbl__check check;
     int i, wrong = 0;
     sbl__check_start(&check, base, NULL, SBL_LOG_ITEM_INVALID_PROBES_DESC);
-    if (given && !sbl__check_canaries(&check, where, given->start_canary, given->end_canary))
-        return sbl__check_end(&check);
+    if (!sbl__check_canaries(&check, where, d->start_canary, d->end_canary)) return sbl__check_end(&check);
     sbl__check_options(&check, where, &d->options, 0, rays, host_draws);
     if (!sbl__between(&d->move, 0, FLT_MAX))
         sbl__mistake(&check, "%s: move is %g; it must be finite and not negative", where, (double)d->move);
@@ -15698,7 +15675,7 @@ static sbl_picture_desc sbl__picture_desc_of(const sbl__core *c, const sbl_pictu
 
 static sbl_result sbl__picture_check(const sbl__core *c, const void *desc, sbl__measurement *measurement) {
     const sbl_picture_desc *given = (const sbl_picture_desc *)desc, d = sbl__picture_desc_of(c, given);
-    const sbl_result result = sbl__check_picture(&c->base, given, &d, c->scene.draw != NULL);
+    const sbl_result result = sbl__check_picture(&c->base, &d, c->scene.draw != NULL);
     if (result != SBL_SUCCESS) return result;
     return sbl__map_check(c, "sbl_picture_desc", &d, given && given->target_error > 0, measurement);
 }
@@ -15893,7 +15870,7 @@ static void sbl__lightmap_free(void *work) {
 static sbl_result sbl__lightmap_check(const sbl__core *c, const void *desc, sbl__measurement *measurement) {
     const sbl_lightmap_desc *given = (const sbl_lightmap_desc *)desc, d = sbl_lightmap_desc_defaults(given);
     const sbl_picture_desc picture = sbl__lightmap_picture(&d);
-    const sbl_result result = sbl__check_lightmap(&c->base, given, &d, &c->scene);
+    const sbl_result result = sbl__check_lightmap(&c->base, &d, &c->scene);
     if (result != SBL_SUCCESS) return result;
     return sbl__map_check(c, "sbl_lightmap_desc", &picture, given && given->target_error > 0, measurement);
 }
@@ -16138,7 +16115,7 @@ static sbl_result sbl__gathering_check(const sbl__core *c, const void *desc, sbl
     const sbl_readings_desc *given = (const sbl_readings_desc *)desc, d = sbl_readings_desc_defaults(given);
     *measurement = sbl__measurement_of(&d.options, d.sensor_kind, d.sensor_fov);
     measurement->every_ray = given && given->options.rays > 0;
-    return sbl__check_readings(&c->base, given, &d, c->scene.draw != NULL);
+    return sbl__check_readings(&c->base, &d, c->scene.draw != NULL);
 }
 
 static sbl_result sbl__gathering_begin(void *work, const void *desc) {
@@ -16362,7 +16339,7 @@ static sbl_result sbl__vertices_check(const sbl__core *c, const void *desc, sbl_
     const sbl_readings_desc readings = sbl__vertices_readings(&d);
     *measurement = sbl__measurement_of(&readings.options, readings.sensor_kind, readings.sensor_fov);
     measurement->every_ray = given && given->options.rays > 0;
-    return sbl__check_vertices(&c->base, given, &d, &c->scene);
+    return sbl__check_vertices(&c->base, &d, &c->scene);
 }
 
 static sbl_result sbl__vertices_begin(void *work, const void *desc) {
@@ -17059,9 +17036,9 @@ static void sbl__probe_asked(const sbl_probes_desc *d, int i, float out[3]) {
 }
 
 static sbl_result sbl__probes_check(const sbl__core *c, const void *desc, sbl__measurement *measurement) {
-    const sbl_probes_desc *given = (const sbl_probes_desc *)desc, d = sbl_probes_desc_defaults(given);
+    const sbl_probes_desc d = sbl_probes_desc_defaults((const sbl_probes_desc *)desc);
     *measurement = sbl__measurement_of(&d.options, SBL_SENSOR_HEMICUBE, 135);
-    return sbl__check_probes(&c->base, given, &d, c->scene.draw != NULL);
+    return sbl__check_probes(&c->base, &d, c->scene.draw != NULL);
 }
 
 static sbl_result sbl__probes_begin(void *work, const void *desc) {

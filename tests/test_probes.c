@@ -606,7 +606,7 @@ TEST(every_field_is_checked) {
     for (i = 0; i < 60; i++) at[i] = (float)INFINITY;
     d = good;
     CHECK(sbl_begin_probes(context, &d) == SBL_ERROR_INVALID_ARGUMENT &&
-          watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_PROBES_DESC, "4 probes more", NULL, NULL),
+          watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_PROBES_DESC, "4 more probes", NULL, NULL),
           "%s", watch_last(&seen));
     memset(at, 0, sizeof at);
     for (i = 0; i < (int)sizeof probes; i++) if (((unsigned char *)probes)[i] != 0x5a) break;
