@@ -11839,15 +11839,15 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
    hit cut the cell (sbl__store_add_cut). In corners and narrow cells contact rays miss much; therefore an object on a
    flat surface, once hit, cuts all cells along the line where it stands. */
 
-#define SBL__BOUNCE_SEEDS 1.0      /* seeds in the area of one cell, at the first size of cells */
+#define SBL__BOUNCE_SAMPLES 1.0      /* seeds in the area of one cell, at the first size of cells */
 /* least value of that number: 8 in the area of a widest cell */
-#define SBL__BOUNCE_SEEDS_WIDEST (8.0 / (1 << 2 * SBL__LEVEL_SHIFT * (SBL__LEVELS - 1)))
-#define SBL__BOUNCE_SEED_RAYS 4
+#define SBL__BOUNCE_SAMPLES_WIDEST (8.0 / (1 << 2 * SBL__LEVEL_SHIFT * (SBL__LEVELS - 1)))
+#define SBL__BOUNCE_SAMPLE_RAYS 4
 #define SBL__BOUNCE_POINTS 4
 #define SBL__BOUNCE_RAYS 16        /* rays of a point */
 #define SBL__BOUNCE_STRETCHES 4    /* stretches of the sequence, which the points of a leaf use in turn */
 #define SBL__BOUNCE_LAMP_RAYS 8
-#define SBL__BOUNCE_DARK_RAYS 4    /* rays of a point over the hemisphere in the job; they only tell whether the
+#define SBL__BOUNCE_STUCK_RAYS 4    /* rays of a point over the hemisphere in the job; they only tell whether the
                                       point is inside geometry */
 #define SBL__BOUNCE_CONTACTS 8
 #define SBL__CONTACT_STEEP 0.7     /* a surface cuts if the cosine between its normal and the normal at the contact
@@ -11856,31 +11856,31 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
                                       the same plane */
 #define SBL__CONTACT_LEAST 0.25    /* share of a cell's length: shorter lines cut only the leaf whose contact ray
                                       found them */
-#define SBL__CONTACTS_WALKED 1024  /* size of the table of lines that have been walked and need not be walked again */
-#define SBL__BOUNCE_HELD 3.0       /* a warning is due when all light exceeds this multiple of the light from lamps
+#define SBL__CONTACT_CACHE 1024  /* size of the table of lines that have been walked and need not be walked again */
+#define SBL__BOUNCE_BRIGHT 3.0       /* a warning is due when all light exceeds this multiple of the light from lamps
                                       and the environment */
 #define SBL__BOUNCE_SCALED 4       /* number of first rounds whose light is scaled, see sbl__bounce_after_gather */
 #define SBL__BOUNCE_ROUNDS 200
-#define SBL__BOUNCE_REST 2e-4      /* share of the light that may be missing at the end */
+#define SBL__BOUNCE_TOLERANCE 2e-4      /* share of the light that may be missing at the end */
 #define SBL__BOUNCE_GROWTH 1.5     /* least and largest growth of cells' area when the leaves do not suffice */
 #define SBL__BOUNCE_GROWTH_MOST 2.0
 #define SBL__BOUNCE_POOL 16.0      /* limit of the total growth of the area below which patches are pooled; beyond it
                                       there are more meshes than leaves, and places without room stay dark */
-#define SBL__BOUNCE_FIRST 0.3      /* share of all allowed leaves that the rays of seeds may create */
-#define SBL__BOUNCE_FIRST_POWER 2.4  /* measured exponent: growth of cells' area by x^2.4 divides the number of
+#define SBL__FILL_FIRST 0.3      /* share of all allowed leaves that the rays of seeds may create */
+#define SBL__FILL_FIRST_POWER 2.4  /* measured exponent: growth of cells' area by x^2.4 divides the number of
                                         leaves by x */
-#define SBL__BOUNCE_SPARE 0.12     /* with fewer than this share of the allowed leaves, cells are made smaller; */
-#define SBL__BOUNCE_SHRINK 0.03    /* least factor of the cells' area in one such step */
-#define SBL__BOUNCE_WIDER 0.6      /* from this share of the allowed leaves on, new leaves belong to wider cells */
-#define SBL__BOUNCE_WIDEST 0.8     /* from this share on, new leaves belong to the widest cells */
-#define SBL__BOUNCE_AIM 0.35       /* share of the allowed leaves for which the first size of cells is chosen */
+#define SBL__FILL_LEAST 0.12     /* with fewer than this share of the allowed leaves, cells are made smaller; */
+#define SBL__BOUNCE_SHRINK_MOST 0.03    /* least factor of the cells' area in one such step */
+#define SBL__FILL_WIDER 0.6      /* from this share of the allowed leaves on, new leaves belong to wider cells */
+#define SBL__FILL_WIDEST 0.8     /* from this share on, new leaves belong to the widest cells */
+#define SBL__FILL_AIM 0.35       /* share of the allowed leaves for which the first size of cells is chosen */
 #define SBL__UNCERTAINTY_ROUNDS 6
 #define SBL__UNCERTAINTY_STRATA 0.35  /* measured share of the differences among a leaf's points that is error of the
                                       leaf: points and rays come from low-discrepancy sequences, and neighbours
                                       compensate for what one leaf misses */
 #define SBL__UNCERTAINTY_MOST 0.12  /* limit of the uncertainty before that factor is applied, because a few rays that
                                       all hit one leaf exaggerate it */
-#define SBL__BOUNCE_SHARE 0.35f    /* approximate share of a picture's time that filling the store takes, if the
+#define SBL__BOUNCE_TIME 0.35f    /* approximate share of a picture's time that filling the store takes, if the
                                       picture has to fill it */
 #define SBL__AIR_SITES 54          /* six sites at each of nine places */
 #define SBL__AIR_RAYS 512
@@ -11899,7 +11899,7 @@ SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sb
 
 /* The hit of a ray: position, length of the ray, surface. place: triangle << 1 | back, or SBL__NOWHERE; after
    joining, the number of the leaf. share: share of light that the surface reflects, see sbl__share_pack. */
-typedef struct sbl__hit { float position[3], distance; uint32_t place; uint16_t share[4]; } sbl__hit;
+typedef struct sbl__hit { float position[3], distance; uint32_t place; uint16_t albedo[4]; } sbl__hit;
 
 typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* index in its leaf */ } sbl__bounce_point;
 
@@ -11909,18 +11909,18 @@ typedef struct sbl__bounce_leaf { int points, first, valid; } sbl__bounce_leaf;
 
 /* Sums over all leaves in a round of bounces. lit: light from lamps and the environment; before, after: all light
    before and after the round; change: sum of absolute differences. */
-typedef struct sbl__balance { double lit[3], before[3], after[3], change; } sbl__balance;
+typedef struct sbl__balance { double direct[3], before[3], after[3], change; } sbl__balance;
 
 /* The normal and ray offset of the last place, cached because many consecutive rays start at one place. */
-typedef struct sbl__bounce_aimed { int known; uint32_t place; float normal[3], offset; } sbl__bounce_aimed;
+typedef struct sbl__bounce_origin { int known; uint32_t place; float normal[3], offset; } sbl__bounce_origin;
 
 typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
 
 typedef enum sbl__bounce_stage {
-    SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_WORDS, SBL__BOUNCE_SEED, SBL__BOUNCE_SOW,
-    SBL__BOUNCE_PLACE, SBL__BOUNCE_FEEL, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST, SBL__BOUNCE_FIND, SBL__BOUNCE_ORDER,
-    SBL__BOUNCE_SORT, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_JOIN, SBL__BOUNCE_GATHER, SBL__BOUNCE_NOISE,
-    SBL__BOUNCE_CARRY, SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
+    SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_WORDS, SBL__BOUNCE_SAMPLE, SBL__BOUNCE_CAST_SAMPLES,
+    SBL__BOUNCE_PLACE, SBL__BOUNCE_CAST_CONTACTS, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST_POINTS, SBL__BOUNCE_RELOCATE, SBL__BOUNCE_ORDER,
+    SBL__BOUNCE_SORT, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_LINK, SBL__BOUNCE_GATHER, SBL__BOUNCE_NOISE,
+    SBL__BOUNCE_PROPAGATE, SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
 } sbl__bounce_stage;
 
 typedef struct sbl__bounce {
@@ -11933,34 +11933,34 @@ typedef struct sbl__bounce {
     sbl__bounce_leaf *states;        /* states of the leaves */
     int point_count, point_room, state_room;
     sbl__hits hits;                  /* hits of the points' rays, SBL__BOUNCE_RAYS a point */
-    int joined;                      /* number of leaves whose hits have been replaced with numbers of leaves */
+    int linked;                      /* number of leaves whose hits have been replaced with numbers of leaves */
     float progress;
     sbl__patching patching;          /* data on patches; this field and all below are dropped when the store is ready */
-    double spread;                   /* number of seeds due for the triangles visited so far */
-    sbl__hits seeds;                 /* seeds, which are places spread over all surfaces */
+    double samples_due;                   /* number of seeds due for the triangles visited so far */
+    sbl__hits samples;                 /* seeds, which are places spread over all surfaces */
     sbl__hits queue;                 /* places that may become points: a part of seeds, hits or `again` */
-    sbl__hits held, again;           /* places that wait until contact rays have cut their leaf; places that have
+    sbl__hits waiting, released;           /* places that wait until contact rays have cut their leaf; places that have
                                         finished waiting */
     sbl__hits contacts;
-    int fresh;                       /* index of the first leaf that has sent no contact rays yet */
-    int cast;                        /* index of the first point whose rays have not been cast yet */
+    int cut_leaves;                       /* index of the first leaf that has sent no contact rays yet */
+    int points_cast;                        /* index of the first point whose rays have not been cast yet */
     uint32_t *sequence;
-    sbl__bounce_aimed aim;
+    sbl__bounce_origin origin;
     sbl__site *sites;
     sbl_reading *readings;
-    uint32_t *walked;                /* hash table of lines walked recently */
-    int parted;                      /* 1: a line has cut leaves that had points, so all hits must be placed again */
-    float *light;                    /* light of each leaf from lamps and the environment, 3 floats; in the end its
+    uint32_t *recent_lines;                /* hash table of lines walked recently */
+    int recheck;                      /* 1: a line has cut leaves that had points, so all hits must be placed again */
+    float *direct;                    /* light of each leaf from lamps and the environment, 3 floats; in the end its
                                         noise */
     float *solved;                   /* solved light, kept while noise occupies the leaves */
     int *order;                      /* index of each point in the order by leaf */
     double change;                   /* change in the last round */
     sbl__balance balance;            /* sums of the current round */
-    double crowding;                 /* above 0: there are too many cells; factor of their area that would make them
+    double needed_growth;                 /* above 0: there are too many cells; factor of their area that would make them
                                         few enough */
-    double share;                    /* share of the allowed leaves that an earlier attempt with larger cells used */
+    double previous_fill;                    /* share of the allowed leaves that an earlier attempt with larger cells used */
     int rounds;
-    int sown, seen;                  /* 1: seeds have been placed; number of leaves before seeds were placed */
+    int samples_placed, seen_leaves;                  /* 1: seeds have been placed; number of leaves before seeds were placed */
     sbl__table casts;
     sbl__blocks blocks;
     sbl__pace pace;
@@ -12040,7 +12040,7 @@ static void sbl__cast_take(const sbl__cast *ray, const float place[4], const flo
     for (k = 0; k < 3; k++) length2 += ((double)place[k] - ray->origin[k]) * ((double)place[k] - ray->origin[k]);
     out->distance = (float)sqrt(length2);
     out->place = low < 0 ? SBL__NOWHERE : (uint32_t)number << 1 | (place[3] < 0);
-    sbl__share_pack(share, out->share);
+    sbl__share_pack(share, out->albedo);
 }
 
 typedef void (*sbl__cast_make)(sbl__bounce *b, int number, sbl__cast *out);
@@ -12095,7 +12095,7 @@ static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
    was used, unless `patch` is NULL. A place that no surface sees uses the widest cells only, as only points in the
    air may see it. */
 static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32_t *patch) {
-    static const double shares[SBL__LEVELS] = { SBL__BOUNCE_WIDER, SBL__BOUNCE_WIDEST, 1 };
+    static const double shares[SBL__LEVELS] = { SBL__FILL_WIDER, SBL__FILL_WIDEST, 1 };
     uint32_t *reference = NULL, word = sbl__place_patch(s, at);
     int level = at->distance < SBL__UNSEEN ? 0 : SBL__LEVELS - 1, depth;
     word += SBL__PATCH_LEVEL * (uint32_t)level;
@@ -12135,9 +12135,9 @@ static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
     if (b->sequence) return sbl__patching_step(&b->patching, slice);
     sbl__free(base, *patches);
     *patches = (uint32_t *)sbl__alloc(base, (size_t)b->geometry->triangle_count, sizeof **patches);
-    b->walked = (uint32_t *)sbl__alloc(base, SBL__CONTACTS_WALKED, sizeof *b->walked);
+    b->recent_lines = (uint32_t *)sbl__alloc(base, SBL__CONTACT_CACHE, sizeof *b->recent_lines);
     b->sequence = sbl__sequence_make(base, SBL__BOUNCE_STRETCHES, SBL__BOUNCE_RAYS, 1);
-    if (!*patches || !b->walked || !b->sequence) return SBL_ERROR_OUT_OF_MEMORY;
+    if (!*patches || !b->recent_lines || !b->sequence) return SBL_ERROR_OUT_OF_MEMORY;
     result = sbl__patching_begin(base, &b->patching, b->geometry);
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
@@ -12146,7 +12146,7 @@ static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
 static sbl_result sbl__bounce_grid(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     (void)slice;
-    sbl__patch_grid(&b->patching, b->store, SBL__BOUNCE_AIM * b->store->most);
+    sbl__patch_grid(&b->patching, b->store, SBL__FILL_AIM * b->store->most);
     return sbl__store_clear(&b->core->base, b->store, b->store->most);
 }
 
@@ -12166,7 +12166,7 @@ static sbl_result sbl__hits_add(sbl__bounce *b, sbl__hits *to, const sbl__hit *h
 }
 
 /* Adds one seed on each side of a triangle. */
-static sbl_result sbl__bounce_add_seeds(sbl__bounce *b, uint32_t triangle, uint32_t number) {
+static sbl_result sbl__bounce_add_samples(sbl__bounce *b, uint32_t triangle, uint32_t number) {
     const uint32_t hash = sbl__hash(number);
     double u = hash / 4294967296.0, v = sbl__hash(hash) / 4294967296.0;
     const float *p[3];
@@ -12180,24 +12180,24 @@ static sbl_result sbl__bounce_add_seeds(sbl__bounce *b, uint32_t triangle, uint3
         seed.position[k] = (float)(p[0][k] + u * ((double)p[1][k] - p[0][k]) + v * ((double)p[2][k] - p[0][k]));
     for (k = 0; k < 2 && result == SBL_SUCCESS; k++) {
         seed.place = triangle << 1 | (uint32_t)k;
-        result = sbl__hits_add(b, &b->seeds, &seed);
+        result = sbl__hits_add(b, &b->samples, &seed);
     }
     return result;
 }
 
-/* Adds a triangle's seeds, in proportion to its area; b->spread carries fractions of seeds over to the next
+/* Adds a triangle's seeds, in proportion to its area; b->samples_due carries fractions of seeds over to the next
    triangle. */
-static sbl_result sbl__bounce_seed(void *work, int at) {
+static sbl_result sbl__bounce_sample(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const uint32_t triangle = (uint32_t)at;
-    const double density = SBL__MAX(SBL__BOUNCE_SEEDS * b->patching.growth, SBL__BOUNCE_SEEDS_WIDEST);
+    const double density = SBL__MAX(SBL__BOUNCE_SAMPLES * b->patching.growth, SBL__BOUNCE_SAMPLES_WIDEST);
     const double length = (double)b->store->length;
-    double normal[3], k = floor(b->spread);
+    double normal[3], k = floor(b->samples_due);
     sbl_result result = SBL_SUCCESS;
     if (sbl__triangle_object(b->geometry, triangle)->flags & SBL__HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
-    b->spread += density * sbl__scene_normal(b->geometry, triangle, normal) / (length * length);
-    for (; k < floor(b->spread) && result == SBL_SUCCESS; k++)
-        result = sbl__bounce_add_seeds(b, triangle, (uint32_t)k);
+    b->samples_due += density * sbl__scene_normal(b->geometry, triangle, normal) / (length * length);
+    for (; k < floor(b->samples_due) && result == SBL_SUCCESS; k++)
+        result = sbl__bounce_add_samples(b, triangle, (uint32_t)k);
     return result;
 }
 
@@ -12236,10 +12236,10 @@ static sbl_result sbl__bounce_add_leaf(sbl__bounce *b, uint32_t *reference) {
 /* Returns the number of queued places, or 0 once there is no room for more leaves. */
 static int sbl__bounce_queued(void *work) {
     const sbl__bounce *b = (const sbl__bounce *)work;
-    return b->crowding > 0 ? 0 : b->queue.count;
+    return b->needed_growth > 0 ? 0 : b->queue.count;
 }
 
-/* Makes a point of a place that a seed or a ray found, if its leaf needs one. Sets b->crowding if there is no room
+/* Makes a point of a place that a seed or a ray found, if its leaf needs one. Sets b->needed_growth if there is no room
    for a new leaf. */
 static sbl_result sbl__bounce_place(void *work, int number) {
     sbl__bounce *b = (sbl__bounce *)work;
@@ -12251,7 +12251,7 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     reference = sbl__place_find(s, at, NULL);
     if (!reference || (!*reference && s->leaf_count >= s->most)) {
         if (b->patching.pool < SBL__BOUNCE_POOL)
-            b->crowding = SBL__MIN(1.3 * b->queue.count / (number + 1), SBL__BOUNCE_GROWTH_MOST);
+            b->needed_growth = SBL__MIN(1.3 * b->queue.count / (number + 1), SBL__BOUNCE_GROWTH_MOST);
         return SBL_SUCCESS;
     }
     leaf = (int)*reference - 1;
@@ -12259,7 +12259,7 @@ static sbl_result sbl__bounce_place(void *work, int number) {
         const sbl_result result = sbl__bounce_add_leaf(b, reference);
         return result == SBL_SUCCESS ? sbl__bounce_add_point(b, at, s->leaf_count - 1) : result;
     }
-    if (leaf >= b->fresh) return sbl__hits_add(b, &b->held, at);
+    if (leaf >= b->cut_leaves) return sbl__hits_add(b, &b->waiting, at);
     return b->states[leaf].points < SBL__BOUNCE_POINTS ? sbl__bounce_add_point(b, at, leaf) : SBL_SUCCESS;
 }
 
@@ -12272,13 +12272,13 @@ static int sbl__bounce_queue(sbl__bounce *b, sbl__hit *list, int count) {
 
 /* Starts again with an area of cells multiplied by `growth`. Larger cells do not help where patches outnumber
    leaves, so the area below which patches are pooled grows, too. */
-static int sbl__bounce_again(sbl__bounce *b, double growth) {
+static int sbl__bounce_restart(sbl__bounce *b, double growth) {
     sbl__patching *p = &b->patching;
     p->growth *= growth;
     if (growth > 1 || p->pool <= 1) p->pool *= growth;
-    b->spread = b->crowding = 0;
-    b->seeds.count = b->held.count = b->point_count = b->fresh = b->cast = b->parted = b->sown = 0;
-    memset(b->walked, 0, SBL__CONTACTS_WALKED * sizeof *b->walked);
+    b->samples_due = b->needed_growth = 0;
+    b->samples.count = b->waiting.count = b->point_count = b->cut_leaves = b->points_cast = b->recheck = b->samples_placed = 0;
+    memset(b->recent_lines, 0, SBL__CONTACT_CACHE * sizeof *b->recent_lines);
     return SBL__BOUNCE_GRID;
 }
 
@@ -12286,32 +12286,32 @@ static int sbl__bounce_again(sbl__bounce *b, double growth) {
 static int sbl__bounce_after_place(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     const double share = (double)b->store->leaf_count / b->store->most;
-    if (b->crowding > 0) return sbl__bounce_again(b, SBL__MAX(b->crowding, SBL__BOUNCE_GROWTH));
-    if (!b->fresh && share > SBL__BOUNCE_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
+    if (b->needed_growth > 0) return sbl__bounce_restart(b, SBL__MAX(b->needed_growth, SBL__BOUNCE_GROWTH));
+    if (!b->cut_leaves && share > SBL__FILL_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
         /* The surfaces that these leaves see would need too many more leaves. */
-        return sbl__bounce_again(b, pow(share / SBL__BOUNCE_FIRST, SBL__BOUNCE_FIRST_POWER));
-    if (b->store->leaf_count > b->fresh) return SBL__BOUNCE_FEEL;
-    if (b->cast < b->point_count) return SBL__BOUNCE_CAST;
-    if (b->parted) {  /* A cut leaf that had points may lack points on its other side. */
-        b->parted = 0;
+        return sbl__bounce_restart(b, pow(share / SBL__FILL_FIRST, SBL__FILL_FIRST_POWER));
+    if (b->store->leaf_count > b->cut_leaves) return SBL__BOUNCE_CAST_CONTACTS;
+    if (b->points_cast < b->point_count) return SBL__BOUNCE_CAST_POINTS;
+    if (b->recheck) {  /* A cut leaf that had points may lack points on its other side. */
+        b->recheck = 0;
         return sbl__bounce_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
     }
-    if (b->sown && b->seen > 0 && share < SBL__BOUNCE_SPARE && share > 2 * b->share) {
-        b->share = share;  /* Nothing sees much of the scene, so the rest can have more leaves. */
-        return sbl__bounce_again(b, SBL__MAX(share / SBL__BOUNCE_AIM, SBL__BOUNCE_SHRINK));
+    if (b->samples_placed && b->seen_leaves > 0 && share < SBL__FILL_LEAST && share > 2 * b->previous_fill) {
+        b->previous_fill = share;  /* Nothing sees much of the scene, so the rest can have more leaves. */
+        return sbl__bounce_restart(b, SBL__MAX(share / SBL__FILL_AIM, SBL__BOUNCE_SHRINK_MOST));
     }
-    if (b->sown) return SBL__BOUNCE_FIND;
-    b->sown = 1;
-    b->seen = b->store->leaf_count;
-    return sbl__bounce_queue(b, b->seeds.list, b->seeds.count);  /* Seeds come last: they fill places that no ray
+    if (b->samples_placed) return SBL__BOUNCE_RELOCATE;
+    b->samples_placed = 1;
+    b->seen_leaves = b->store->leaf_count;
+    return sbl__bounce_queue(b, b->samples.list, b->samples.count);  /* Seeds come last: they fill places that no ray
                                                                     hit. */
 }
 
 /* >>bounce: contact rays */
 
-static void sbl__bounce_contact(sbl__bounce *b, int number, sbl__cast *out) {
+static void sbl__bounce_contact_ray(sbl__bounce *b, int number, sbl__cast *out) {
     const sbl__store *s = b->store;
-    const int leaf = b->fresh + number / SBL__BOUNCE_CONTACTS;
+    const int leaf = b->cut_leaves + number / SBL__BOUNCE_CONTACTS;
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
     const double share = number % SBL__BOUNCE_CONTACTS + sbl__hash((uint32_t)leaf) / 4294967296.0;
     const float offset = sbl__place_normal(b->geometry, at->place, out->direction);
@@ -12337,13 +12337,13 @@ static void sbl__bounce_contact(sbl__bounce *b, int number, sbl__cast *out) {
 
 static sbl_result sbl__bounce_cast_contacts(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
-    return sbl__bounce_cast(b, sbl__bounce_contact, (b->store->leaf_count - b->fresh) * SBL__BOUNCE_CONTACTS,
+    return sbl__bounce_cast(b, sbl__bounce_contact_ray, (b->store->leaf_count - b->cut_leaves) * SBL__BOUNCE_CONTACTS,
                             &b->contacts, slice);
 }
 
 /* The line along which an object stands on a flat surface. */
 typedef struct sbl__contact {
-    uint32_t patch, what;        /* patch: word of the flat surface; what: the object, as the word of a flat patch
+    uint32_t patch, object;        /* patch: word of the flat surface; what: the object, as the word of a flat patch
                                     with bit 0 set, or as number of a triangle * 2 */
     float normal[3], distance;   /* plane of the object */
     double from[3], along[3];
@@ -12394,7 +12394,7 @@ static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl
         line->along[k] = (t1 - t0) * along[k];
     }
     line->distance = sbl__dot(line->normal, sbl__triangle_corner(g, met->place >> 1, 0));
-    line->what = flat ? other | 1u : met->place & ~1u;
+    line->object = flat ? other | 1u : met->place & ~1u;
     line->patch = patch;
     return 1;
 }
@@ -12412,7 +12412,7 @@ static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, in
     if (*reference < SBL__CELL_CUT) {
         const float *first = *reference ? b->points[b->states[*reference - 1].first].at.position : NULL;
         if (depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
-        if (first && (int)*reference <= b->fresh) b->parted = 1;
+        if (first && (int)*reference <= b->cut_leaves) b->recheck = 1;
         return sbl__store_cut(&b->core->base, s, reference, line->normal, line->distance,
                               first && sbl__dot(line->normal, first) > line->distance);
     }
@@ -12464,8 +12464,8 @@ static sbl_result sbl__contact_walk(sbl__bounce *b, sbl__contact *line) {
 
 /* Cuts all cells along the line at every level and distance, unless the line has been walked recently. */
 static sbl_result sbl__contact_cut(sbl__bounce *b, sbl__contact *line) {
-    const uint32_t patch = line->patch, hash = sbl__hash_step(sbl__hash_step(0, patch), line->what);
-    uint32_t *walked = &b->walked[hash % SBL__CONTACTS_WALKED];
+    const uint32_t patch = line->patch, hash = sbl__hash_step(sbl__hash_step(0, patch), line->object);
+    uint32_t *walked = &b->recent_lines[hash % SBL__CONTACT_CACHE];
     sbl_result result = SBL_SUCCESS;
     int i;
     if (*walked == hash) return SBL_SUCCESS;
@@ -12500,9 +12500,9 @@ static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *met)
     return sbl__store_add_cut(&b->core->base, s, patch, at->position, normal, sbl__dot(normal, met->position));
 }
 
-static int sbl__bounce_fresh_leaves(void *work) {
+static int sbl__bounce_uncut_leaves(void *work) {
     const sbl__bounce *b = (const sbl__bounce *)work;
-    return b->store->leaf_count - b->fresh;
+    return b->store->leaf_count - b->cut_leaves;
 }
 
 static sbl_result sbl__bounce_cuts(void *work, int at) {
@@ -12511,26 +12511,26 @@ static sbl_result sbl__bounce_cuts(void *work, int at) {
     sbl_result result = SBL_SUCCESS;
     int i;
     for (i = 0; i < SBL__BOUNCE_CONTACTS && result == SBL_SUCCESS; i++)
-        if (met[i].place != SBL__NOWHERE) result = sbl__bounce_cut(b, b->fresh + at, &met[i]);
+        if (met[i].place != SBL__NOWHERE) result = sbl__bounce_cut(b, b->cut_leaves + at, &met[i]);
     return result;
 }
 
 /* Queues the places that waited for contact rays. */
 static int sbl__bounce_after_cuts(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const sbl__hits held = b->held;
-    b->fresh = b->store->leaf_count;
-    b->held = b->again;
-    b->held.count = 0;
-    b->again = held;
+    const sbl__hits held = b->waiting;
+    b->cut_leaves = b->store->leaf_count;
+    b->waiting = b->released;
+    b->waiting.count = 0;
+    b->released = held;
     return sbl__bounce_queue(b, held.list, held.count);
 }
 
 /* >>bounce: rays */
 
 /* Makes a cosine-weighted ray over the hemisphere at a place. */
-static void sbl__bounce_aim(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
-    sbl__bounce_aimed *aim = &b->aim;
+static void sbl__bounce_surface_ray(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
+    sbl__bounce_origin *aim = &b->origin;
     int k;
     if (!aim->known || aim->place != at->place) {
         aim->known = 1;
@@ -12546,48 +12546,48 @@ static void sbl__bounce_aim(sbl__bounce *b, const sbl__hit *at, uint32_t seed, i
     out->limit = -SBL__UNBOUNDED;
 }
 
-static void sbl__bounce_seed_ray(sbl__bounce *b, int number, sbl__cast *out) {
-    const int seed = number / SBL__BOUNCE_SEED_RAYS;
-    sbl__bounce_aim(b, &b->seeds.list[seed], sbl__hash((uint32_t)seed), number % SBL__BOUNCE_SEED_RAYS, out);
+static void sbl__bounce_sample_ray(sbl__bounce *b, int number, sbl__cast *out) {
+    const int seed = number / SBL__BOUNCE_SAMPLE_RAYS;
+    sbl__bounce_surface_ray(b, &b->samples.list[seed], sbl__hash((uint32_t)seed), number % SBL__BOUNCE_SAMPLE_RAYS, out);
 }
 
-static sbl_result sbl__bounce_sow(void *work, sbl__slice *slice) {
+static sbl_result sbl__bounce_cast_samples(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
-    return sbl__bounce_cast(b, sbl__bounce_seed_ray, b->seeds.count * SBL__BOUNCE_SEED_RAYS, &b->hits, slice);
+    return sbl__bounce_cast(b, sbl__bounce_sample_ray, b->samples.count * SBL__BOUNCE_SAMPLE_RAYS, &b->hits, slice);
 }
 
 /* Sets the distance from which each seed is seen: the length of its shortest ray, or SBL__UNSEEN if its rays hit
    nothing. */
-static int sbl__bounce_after_sow(void *work) {
+static int sbl__bounce_after_samples(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i, k;
-    for (i = 0; i < b->seeds.count; i++) {
-        const sbl__hit *hits = &b->hits.list[(size_t)i * SBL__BOUNCE_SEED_RAYS];
-        float *distance = &b->seeds.list[i].distance;
+    for (i = 0; i < b->samples.count; i++) {
+        const sbl__hit *hits = &b->hits.list[(size_t)i * SBL__BOUNCE_SAMPLE_RAYS];
+        float *distance = &b->samples.list[i].distance;
         *distance = SBL__UNSEEN;
-        for (k = 0; k < SBL__BOUNCE_SEED_RAYS; k++)
+        for (k = 0; k < SBL__BOUNCE_SAMPLE_RAYS; k++)
             if (hits[k].place != SBL__NOWHERE) *distance = SBL__MIN(*distance, hits[k].distance);
     }
-    return sbl__bounce_queue(b, b->hits.list, b->seeds.count * SBL__BOUNCE_SEED_RAYS);
+    return sbl__bounce_queue(b, b->hits.list, b->samples.count * SBL__BOUNCE_SAMPLE_RAYS);
 }
 
-static void sbl__bounce_ray(sbl__bounce *b, int number, sbl__cast *out) {
+static void sbl__bounce_point_ray(sbl__bounce *b, int number, sbl__cast *out) {
     const sbl__bounce_point *p = &b->points[number / SBL__BOUNCE_RAYS];
     const int stretch = p->number % SBL__BOUNCE_STRETCHES * SBL__BOUNCE_RAYS + number % SBL__BOUNCE_RAYS;
     const uint32_t hash = sbl__hash((uint32_t)p->leaf + 0x10000000u * (uint32_t)(p->number / SBL__BOUNCE_STRETCHES));
-    sbl__bounce_aim(b, &p->at, hash, stretch, out);
+    sbl__bounce_surface_ray(b, &p->at, hash, stretch, out);
 }
 
-static sbl_result sbl__bounce_follow(void *work, sbl__slice *slice) {
+static sbl_result sbl__bounce_cast_points(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
-    b->stages.at = SBL__MAX(b->stages.at, b->cast * SBL__BOUNCE_RAYS);
-    return sbl__bounce_cast(b, sbl__bounce_ray, b->point_count * SBL__BOUNCE_RAYS, &b->hits, slice);
+    b->stages.at = SBL__MAX(b->stages.at, b->points_cast * SBL__BOUNCE_RAYS);
+    return sbl__bounce_cast(b, sbl__bounce_point_ray, b->point_count * SBL__BOUNCE_RAYS, &b->hits, slice);
 }
 
-static int sbl__bounce_after_follow(void *work) {
+static int sbl__bounce_after_rays(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const int first = b->cast * SBL__BOUNCE_RAYS;
-    b->cast = b->point_count;
+    const int first = b->points_cast * SBL__BOUNCE_RAYS;
+    b->points_cast = b->point_count;
     return sbl__bounce_queue(b, b->hits.list + first, b->point_count * SBL__BOUNCE_RAYS - first);
 }
 
@@ -12597,7 +12597,7 @@ static int sbl__bounce_points(void *work) { return ((sbl__bounce *)work)->point_
 static int sbl__bounce_leaves(void *work) { return ((sbl__bounce *)work)->store->leaf_count; }
 
 /* Finds each point's leaf again, because cuts made since may have put the point into another leaf. */
-static sbl_result sbl__bounce_find(void *work, int at) {
+static sbl_result sbl__bounce_relocate(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_point *p = &b->points[at];
     uint32_t *reference = sbl__place_find(b->store, &p->at, NULL);
@@ -12650,7 +12650,7 @@ static sbl_result sbl__bounce_sort(void *work, int at) {
 
 /* >>bounce: light from lamps */
 
-static sbl_result sbl__bounce_room(void *work, sbl__slice *slice) {
+static sbl_result sbl__bounce_allocate(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
     const size_t points = (size_t)b->point_count, leaves = (size_t)b->store->leaf_count;
@@ -12660,9 +12660,9 @@ static sbl_result sbl__bounce_room(void *work, sbl__slice *slice) {
     b->order = NULL;
     b->sites = (sbl__site *)sbl__alloc_raw(base, points, sizeof *b->sites);
     b->readings = (sbl_reading *)sbl__alloc_raw(base, points, sizeof *b->readings);
-    b->light = (float *)sbl__alloc_raw(base, leaves, 3 * sizeof *b->light);
+    b->direct = (float *)sbl__alloc_raw(base, leaves, 3 * sizeof *b->direct);
     b->solved = (float *)sbl__alloc_raw(base, leaves, 3 * sizeof *b->solved);
-    return b->sites && b->readings && b->light && b->solved ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    return b->sites && b->readings && b->direct && b->solved ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 static sbl_result sbl__bounce_site(void *work, int at) {
@@ -12692,7 +12692,7 @@ static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, const sbl__site *
     measurement.options.rays = direct ? SBL__BOUNCE_LAMP_RAYS : SBL__AIR_RAYS;
     sbl__spec_make(&task.spec, &measurement, &c->scene, &c->desc);
     if (direct) {
-        task.spec.rays = SBL__BOUNCE_DARK_RAYS;
+        task.spec.rays = SBL__BOUNCE_STUCK_RAYS;
         task.spec.without_sky = 1;  /* Kept rays that hit nothing bring the light of the environment. */
     }
     task.sites = sites;
@@ -12708,7 +12708,7 @@ static int sbl__bounce_after_sites(void *work) {
     return SBL__BOUNCE_LIGHT;
 }
 
-static sbl_result sbl__bounce_sense(void *work, sbl__slice *slice) {
+static sbl_result sbl__bounce_run_job(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl_stats *stats = &b->core->stats;
     const sbl_result result = sbl__job_step(&b->core->device, &b->job, slice);
@@ -12737,7 +12737,7 @@ static void sbl__bounce_sky(const sbl__bounce *b, int point, float out[3]) {
 }
 
 /* Replaces the places that a point's rays hit with numbers of leaves. */
-static void sbl__bounce_join_point(sbl__bounce *b, int point) {
+static void sbl__bounce_link_point(sbl__bounce *b, int point) {
     sbl__hit *hit = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS], *const end = hit + SBL__BOUNCE_RAYS;
     for (; hit < end; hit++) {
         const uint32_t *reference;
@@ -12749,18 +12749,18 @@ static void sbl__bounce_join_point(sbl__bounce *b, int point) {
 
 /* Replaces the hits of a leaf's points with numbers of leaves, and averages the points' light from lamps and the
    environment. */
-static sbl_result sbl__bounce_join(void *work, int at) {
+static sbl_result sbl__bounce_link(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_leaf *state = &b->states[at];
     sbl__leaf *leaf = &b->store->leaves[at];
-    float *light = b->light + 3 * at, rest[3] = { 0, 0, 0 };
+    float *light = b->direct + 3 * at, rest[3] = { 0, 0, 0 };
     int i, k;
     light[0] = light[1] = light[2] = 0;
     for (i = state->first, state->valid = 0; i < state->first + state->points; i++)
         state->valid += b->readings[i].valid;
     for (i = state->first; i < state->first + state->points; i++) {
         float sky[3];
-        if (at >= b->joined) sbl__bounce_join_point(b, i);
+        if (at >= b->linked) sbl__bounce_link_point(b, i);
         if (!b->readings[i].valid) continue;
         sbl__bounce_sky(b, i, sky);
         for (k = 0; k < 3; k++) rest[k] += sky[k] / (float)state->valid;
@@ -12768,19 +12768,19 @@ static sbl_result sbl__bounce_join(void *work, int at) {
     }
     leaf->lamps = sbl__rgbe(light);
     for (k = 0; k < 3; k++) leaf->light[k] = light[k] += rest[k];
-    b->joined = SBL__MAX(b->joined, at + 1);
+    b->linked = SBL__MAX(b->linked, at + 1);
     return SBL_SUCCESS;
 }
 
-#define SBL__BOUNCE_UNIT (SBL__SHARE_ONE * SBL__BOUNCE_RAYS)  /* unit of the sums of sbl__bounce_add_got */
+#define SBL__BOUNCE_UNIT (SBL__SHARE_ONE * SBL__BOUNCE_RAYS)  /* unit of the sums of sbl__bounce_add_received */
 
 /* Adds the light that a point receives from leaves, at their current values. */
-static void sbl__bounce_add_got(const sbl__bounce *b, int point, float sum[3]) {
+static void sbl__bounce_add_received(const sbl__bounce *b, int point, float sum[3]) {
     const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
     int j;
     for (j = 0; j < SBL__BOUNCE_RAYS; j++)
         if (hits[j].place != SBL__NOWHERE)
-            sbl__add_reflected(hits[j].share, b->store->leaves[hits[j].place].light, sum);
+            sbl__add_reflected(hits[j].albedo, b->store->leaves[hits[j].place].light, sum);
 }
 
 /* Computes one more bounce for a leaf: adds the average light that its points receive from other leaves to its light
@@ -12793,11 +12793,11 @@ static sbl_result sbl__bounce_gather(void *work, int at) {
     int i, k;
     if (at == 0) memset(balance, 0, sizeof *balance);
     for (i = leaf->first; i < leaf->first + leaf->points; i++)
-        if (b->readings[i].valid) sbl__bounce_add_got(b, i, sum);
+        if (b->readings[i].valid) sbl__bounce_add_received(b, i, sum);
     for (k = 0; k < 3; k++) {
-        const float lit = b->light[3 * at + k];
+        const float lit = b->direct[3 * at + k];
         const float next = lit + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
-        balance->lit[k] += (double)lit;
+        balance->direct[k] += (double)lit;
         balance->before[k] += (double)light[k];
         balance->after[k] += (double)next;
         balance->change += fabs((double)next - light[k]);
@@ -12813,11 +12813,11 @@ static void sbl__bounce_warn(const sbl__bounce *b) {
     double lit = 0, all = 0;
     int i, white = 0;
     for (i = 0; i < s->leaf_count; i++) {
-        lit += sbl__sum3(b->light + 3 * i);
+        lit += sbl__sum3(b->direct + 3 * i);
         all += sbl__sum3(s->leaves[i].light);
     }
     for (i = 0; i < g->mesh_count; i++) white += sbl__holds_light(&g->objects[i]);
-    if (!white || !(all > SBL__BOUNCE_HELD * lit) || s->warned) return;
+    if (!white || !(all > SBL__BOUNCE_BRIGHT * lit) || s->warned) return;
     sbl__log(&b->core->base, SBL_LOG_WARNING, SBL_LOG_ITEM_ALBEDO, "%d meshes have albedos above %g and hold much "
              "light; what bounces is that of %g: closed rooms of such walls would never grow dark", white,
              (double)SBL__BOUNCE_ALBEDO, (double)SBL__BOUNCE_ALBEDO);
@@ -12833,19 +12833,19 @@ static int sbl__bounce_after_gather(void *work) {
     double sum = 0, ratio;
     int i, k;
     for (k = 0; k < 3; k++) {
-        const double lit = balance->lit[k], gathered = balance->after[k] - lit;
+        const double lit = balance->direct[k], gathered = balance->after[k] - lit;
         const double lost = 0.5 * (balance->before[k] + balance->after[k]) - gathered;
         const float scale = (float)(lost > 0 ? lit / lost : 1);
         sum += balance->after[k];
         if (b->rounds >= SBL__BOUNCE_SCALED || !(scale > 0)) continue;
         for (i = 0; i < s->leaf_count; i++)
-            s->leaves[i].light[k] = b->light[3 * i + k] + scale * (s->leaves[i].light[k] - b->light[3 * i + k]);
+            s->leaves[i].light[k] = b->direct[3 * i + k] + scale * (s->leaves[i].light[k] - b->direct[3 * i + k]);
     }
     ratio = b->change > 0 ? SBL__MIN(balance->change / b->change, 0.999) : 0.999;
     b->change = balance->change;
     b->rounds++;
     if (b->rounds < SBL__BOUNCE_SCALED + 2 && b->change > 0) return SBL__BOUNCE_GATHER;
-    if (!(b->change * ratio / (1 - ratio) <= SBL__BOUNCE_REST * sum) && b->rounds < SBL__BOUNCE_ROUNDS)
+    if (!(b->change * ratio / (1 - ratio) <= SBL__BOUNCE_TOLERANCE * sum) && b->rounds < SBL__BOUNCE_ROUNDS)
         return SBL__BOUNCE_GATHER;
     sbl__bounce_warn(b);
     return SBL__BOUNCE_NOISE;
@@ -12865,7 +12865,7 @@ static sbl_result sbl__bounce_noise(void *work, int at) {
     for (i = leaf->first; i < leaf->first + leaf->points; i++) {
         float got[3] = { 0, 0, 0 }, sky[3];
         if (!b->readings[i].valid) continue;
-        sbl__bounce_add_got(b, i, got);
+        sbl__bounce_add_received(b, i, got);
         sbl__bounce_sky(b, i, sky);
         for (k = 0; k < 3; k++) {
             const double light = (double)got[k] / SBL__BOUNCE_UNIT + sky[k] + b->readings[i].radiance[k];
@@ -12876,7 +12876,7 @@ static sbl_result sbl__bounce_noise(void *work, int at) {
     for (k = 0; k < 3; k++) {
         const double n = leaf->valid, variance = n > 1 ? (squares[k] - sum[k] * sum[k] / n) / (n - 1) / n
                                                        : 0.25 * sum[k] * sum[k];
-        b->light[3 * at + k] = (float)(variance > 0 ? sqrt(variance) : 0) * (signs >> (8 + k) & 1 ? 1.0f : -1.0f);
+        b->direct[3 * at + k] = (float)(variance > 0 ? sqrt(variance) : 0) * (signs >> (8 + k) & 1 ? 1.0f : -1.0f);
     }
     return SBL_SUCCESS;
 }
@@ -12886,19 +12886,19 @@ static int sbl__bounce_after_noise(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i;
     for (i = 0; i < b->store->leaf_count; i++)
-        memcpy(b->store->leaves[i].light, b->light + 3 * i, 3 * sizeof *b->light);
+        memcpy(b->store->leaves[i].light, b->direct + 3 * i, 3 * sizeof *b->direct);
     b->rounds = 0;
-    return SBL__BOUNCE_CARRY;
+    return SBL__BOUNCE_PROPAGATE;
 }
 
-static int sbl__bounce_after_carry(void *work) {
-    return ++((sbl__bounce *)work)->rounds < SBL__UNCERTAINTY_ROUNDS ? SBL__BOUNCE_CARRY : SBL__BOUNCE_UNCERTAINTY;
+static int sbl__bounce_after_propagate(void *work) {
+    return ++((sbl__bounce *)work)->rounds < SBL__UNCERTAINTY_ROUNDS ? SBL__BOUNCE_PROPAGATE : SBL__BOUNCE_UNCERTAINTY;
 }
 
 /* Restores the light. Noise that has arrived from other leaves, relative to the light, is the leaf's uncertainty. */
 static sbl_result sbl__bounce_uncertainty(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const float *solved = b->solved + 3 * at, *own = b->light + 3 * at;
+    const float *solved = b->solved + 3 * at, *own = b->direct + 3 * at;
     float *light = b->store->leaves[at].light;
     double uncertainty2 = 0;
     int k;
@@ -12959,9 +12959,9 @@ static int sbl__bounce_after_air(void *work) {
 /* >>bounce: beginning, stepping and freeing */
 
 /* Frees everything except points and their hits, which are kept for later changes of lights. */
-static void sbl__bounce_rest(const sbl__device *d, sbl__bounce *b) {
-    void *const blocks[] = { b->seeds.list, b->held.list, b->again.list, b->contacts.list, b->sequence, b->sites,
-                             b->readings, b->walked, b->light, b->solved, b->order };
+static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
+    void *const blocks[] = { b->samples.list, b->waiting.list, b->released.list, b->contacts.list, b->sequence, b->sites,
+                             b->readings, b->recent_lines, b->direct, b->solved, b->order };
     int i;
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(d->base, blocks[i]);
     sbl__patching_free(d->base, &b->patching);
@@ -12975,7 +12975,7 @@ static void sbl__bounce_rest(const sbl__device *d, sbl__bounce *b) {
 static void sbl__bounce_end(sbl__core *c) {
     sbl__bounce *b = c->bounce;
     if (!b) return;
-    sbl__bounce_rest(&c->device, b);
+    sbl__bounce_free_temporary(&c->device, b);
     sbl__free(&c->base, b->points);
     sbl__free(&c->base, b->states);
     sbl__free(&c->base, b->hits.list);
@@ -12985,7 +12985,7 @@ static void sbl__bounce_end(sbl__core *c) {
 
 /* Returns the filling in progress or a new one; NULL: out of memory. If only lights have changed, points and hits
    are kept. */
-static sbl__bounce *sbl__bounce_under_way(sbl__core *c) {
+static sbl__bounce *sbl__bounce_resume(sbl__core *c) {
     sbl__bounce *b;
     if (c->bounce && c->bounce->surfaces != c->scene.surfaces) sbl__bounce_end(c);
     if (!c->bounce) c->bounce = (sbl__bounce *)sbl__alloc(&c->base, 1, sizeof *c->bounce);
@@ -13010,33 +13010,33 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
         { sbl__bounce_patches, NULL, NULL, NULL },
         { sbl__bounce_grid, NULL, NULL, NULL },
         { NULL, NULL, sbl__bounce_word, sbl__bounce_triangles },
-        { NULL, NULL, sbl__bounce_seed, sbl__bounce_triangles },
-        { sbl__bounce_sow, sbl__bounce_after_sow, NULL, NULL },
+        { NULL, NULL, sbl__bounce_sample, sbl__bounce_triangles },
+        { sbl__bounce_cast_samples, sbl__bounce_after_samples, NULL, NULL },
         { NULL, sbl__bounce_after_place, sbl__bounce_place, sbl__bounce_queued },
         { sbl__bounce_cast_contacts, NULL, NULL, NULL },
-        { NULL, sbl__bounce_after_cuts, sbl__bounce_cuts, sbl__bounce_fresh_leaves },
-        { sbl__bounce_follow, sbl__bounce_after_follow, NULL, NULL },
-        { NULL, NULL, sbl__bounce_find, sbl__bounce_points },
+        { NULL, sbl__bounce_after_cuts, sbl__bounce_cuts, sbl__bounce_uncut_leaves },
+        { sbl__bounce_cast_points, sbl__bounce_after_rays, NULL, NULL },
+        { NULL, NULL, sbl__bounce_relocate, sbl__bounce_points },
         { sbl__bounce_order, NULL, NULL, NULL },
         { NULL, NULL, sbl__bounce_sort, sbl__bounce_points },
-        { sbl__bounce_room, sbl__bounce_after_sites, sbl__bounce_site, sbl__bounce_points },
-        { sbl__bounce_sense, NULL, NULL, NULL },
-        { NULL, NULL, sbl__bounce_join, sbl__bounce_leaves },
+        { sbl__bounce_allocate, sbl__bounce_after_sites, sbl__bounce_site, sbl__bounce_points },
+        { sbl__bounce_run_job, NULL, NULL, NULL },
+        { NULL, NULL, sbl__bounce_link, sbl__bounce_leaves },
         { NULL, sbl__bounce_after_gather, sbl__bounce_gather, sbl__bounce_leaves },
         { NULL, sbl__bounce_after_noise, sbl__bounce_noise, sbl__bounce_leaves },
-        { NULL, sbl__bounce_after_carry, sbl__bounce_gather, sbl__bounce_leaves },
+        { NULL, sbl__bounce_after_propagate, sbl__bounce_gather, sbl__bounce_leaves },
         { NULL, NULL, sbl__bounce_uncertainty, sbl__bounce_leaves },
         { sbl__bounce_send, sbl__bounce_after_send, NULL, NULL },
-        { sbl__bounce_sense, sbl__bounce_after_air, NULL, NULL }
+        { sbl__bounce_run_job, sbl__bounce_after_air, NULL, NULL }
     };
     const double start = sbl__now();
     sbl__store *s = &c->scene.store;
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
-    if (!s->ready && sbl__bounce_under_way(c))
+    if (!s->ready && sbl__bounce_resume(c))
         result = sbl__stages_step(&c->bounce->stages, table, SBL__COUNT(table), c->bounce, slice);
     if (s->ready) result = SBL_SUCCESS;
     else if (result == SBL_SUCCESS) {
-        sbl__bounce_rest(&c->device, c->bounce);
+        sbl__bounce_free_temporary(&c->device, c->bounce);
         s->ready = 1;
     } else if (result != SBL_UNFINISHED) sbl__bounce_end(c);
     c->stats.seconds.bounce += sbl__now() - start;
@@ -13050,7 +13050,7 @@ static float sbl__bounce_progress(sbl__core *c) {
     sbl__bounce *b = c->bounce;
     float now;
     if (c->scene.store.ready || !b) return c->scene.store.ready ? 1.0f : 0.0f;
-    now = b->stages.stage < SBL__BOUNCE_SITES  ? 0.5f * (float)b->cast / (float)(SBL__BOUNCE_POINTS * b->store->most)
+    now = b->stages.stage < SBL__BOUNCE_SITES  ? 0.5f * (float)b->points_cast / (float)(SBL__BOUNCE_POINTS * b->store->most)
         : b->stages.stage == SBL__BOUNCE_SITES ? 0.5f
         : b->stages.stage == SBL__BOUNCE_LIGHT ? 0.5f + 0.4f * sbl__job_progress(&b->job)
                                                : 0.9f;
@@ -13061,7 +13061,7 @@ static float sbl__bounce_progress(sbl__core *c) {
 /* Returns the share of the progress of a picture or gather that filling the store takes, or 0 if the store is ready
    or not needed. */
 static float sbl__prepare_share(const sbl__core *c, const sbl__measurement *s) {
-    return s->options.mode == SBL_MODE_GI && !c->scene.store.ready ? SBL__BOUNCE_SHARE : 0;
+    return s->options.mode == SBL_MODE_GI && !c->scene.store.ready ? SBL__BOUNCE_TIME : 0;
 }
 
 /* Makes ready what sensors of that kind need of the scene. SBL_SUCCESS: it is. */
@@ -13122,7 +13122,7 @@ typedef struct sbl__saved_stream {
     uint64_t sum;                      /* hash of all that went through */
 } sbl__saved_stream;
 
-static int sbl__saved_pass(sbl__saved_stream *s, void *data, size_t bytes) {
+static int sbl__saved_transfer(sbl__saved_stream *s, void *data, size_t bytes) {
     if (bytes && (s->get ? s->get(data, bytes, s->user) : s->put(data, bytes, s->user)) != bytes) return 0;
     s->sum = sbl__hash_bytes(s->sum, data, bytes);
     return 1;
@@ -13130,10 +13130,10 @@ static int sbl__saved_pass(sbl__saved_stream *s, void *data, size_t bytes) {
 
 /* The arrays that follow the header. */
 static int sbl__saved_arrays(sbl__saved_stream *stream, const sbl__store *s, int triangles) {
-    return sbl__saved_pass(stream, s->patches, (size_t)triangles * sizeof *s->patches) &&
-           sbl__saved_pass(stream, s->cells, (size_t)s->cell_room * sizeof *s->cells) &&
-           sbl__saved_pass(stream, s->cuts, (size_t)s->cut_count * sizeof *s->cuts) &&
-           sbl__saved_pass(stream, s->leaves, (size_t)s->leaf_count * sizeof *s->leaves);
+    return sbl__saved_transfer(stream, s->patches, (size_t)triangles * sizeof *s->patches) &&
+           sbl__saved_transfer(stream, s->cells, (size_t)s->cell_room * sizeof *s->cells) &&
+           sbl__saved_transfer(stream, s->cuts, (size_t)s->cut_count * sizeof *s->cuts) &&
+           sbl__saved_transfer(stream, s->leaves, (size_t)s->leaf_count * sizeof *s->leaves);
 }
 
 static int sbl__saved_write(const sbl__scene *s, sbl_write_function put, void *user) {
@@ -13152,10 +13152,10 @@ static int sbl__saved_write(const sbl__scene *s, sbl_write_function put, void *u
     memcpy(header.origin, s->store.origin, sizeof header.origin);
     header.length = s->store.length;
     memcpy(header.air, s->store.air, sizeof header.air);
-    if (!sbl__saved_pass(&stream, &header, sizeof header)) return 0;
+    if (!sbl__saved_transfer(&stream, &header, sizeof header)) return 0;
     if (!sbl__saved_arrays(&stream, &s->store, header.triangles)) return 0;
     sum = stream.sum;
-    return sbl__saved_pass(&stream, &sum, sizeof sum);
+    return sbl__saved_transfer(&stream, &sum, sizeof sum);
 }
 
 /* NULL: it is of this scene and this version. */
@@ -13174,17 +13174,17 @@ static const char *sbl__saved_check(const sbl__saved *header, const sbl__scene *
 }
 
 /* Leads a reference to something? Those of cut number `from` only to later ones: no way goes round. */
-static int sbl__saved_leads(const sbl__store *s, uint32_t reference, int from) {
+static int sbl__saved_reference_valid(const sbl__store *s, uint32_t reference, int from) {
     const uint32_t cut = reference & ~SBL__CELL_CUT;
     if (reference < SBL__CELL_CUT) return reference <= (uint32_t)s->leaf_count;
     return cut < (uint32_t)s->cut_count && (from < 0 || cut > (uint32_t)from);
 }
 
-static int sbl__saved_sound(const sbl__store *s) {
+static int sbl__saved_valid(const sbl__store *s) {
     int i, k;
-    for (i = 0; i < s->cell_room; i++) if (!sbl__saved_leads(s, s->cells[i].reference, -1)) return 0;
+    for (i = 0; i < s->cell_room; i++) if (!sbl__saved_reference_valid(s, s->cells[i].reference, -1)) return 0;
     for (i = 0; i < s->cut_count; i++)
-        if (!sbl__saved_leads(s, s->cuts[i].sides[0], i) || !sbl__saved_leads(s, s->cuts[i].sides[1], i) ||
+        if (!sbl__saved_reference_valid(s, s->cuts[i].sides[0], i) || !sbl__saved_reference_valid(s, s->cuts[i].sides[1], i) ||
             !sbl__all_finite(s->cuts[i].normal, 4)) return 0;
     for (i = 0; i < s->leaf_count; i++)
         for (k = 0; k < 3; k++) if (!sbl__between(&s->leaves[i].light[k], 0, FLT_MAX)) return 0;
@@ -13198,7 +13198,7 @@ static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene,
     sbl__saved header;
     uint64_t sum, end;
     *why = "it ends too soon";
-    if (!sbl__saved_pass(&stream, &header, sizeof header)) return SBL_ERROR_INVALID_ARGUMENT;
+    if (!sbl__saved_transfer(&stream, &header, sizeof header)) return SBL_ERROR_INVALID_ARGUMENT;
     *why = sbl__saved_check(&header, scene);
     if (*why) return SBL_ERROR_INVALID_ARGUMENT;
     memcpy(s->origin, header.origin, sizeof s->origin);
@@ -13215,8 +13215,8 @@ static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene,
     *why = "it ends too soon";
     if (!sbl__saved_arrays(&stream, s, header.triangles)) return SBL_ERROR_INVALID_ARGUMENT;
     sum = stream.sum;
-    if (!sbl__saved_pass(&stream, &end, sizeof end)) return SBL_ERROR_INVALID_ARGUMENT;
-    *why = end == sum && sbl__saved_sound(s) ? NULL : "it is damaged";
+    if (!sbl__saved_transfer(&stream, &end, sizeof end)) return SBL_ERROR_INVALID_ARGUMENT;
+    *why = end == sum && sbl__saved_valid(s) ? NULL : "it is damaged";
     return *why ? SBL_ERROR_INVALID_ARGUMENT : SBL_SUCCESS;
 }
 
