@@ -6574,32 +6574,32 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
 }
 
 /* ======================================================================================================== >>store
-   Store of bounced light: R on all surfaces of the scene, cell by cell. Sensors look R up where they see a surface.
-   >>bounce fills the store.
+   Holds the bounced light of the scene: R on all surfaces, cell by cell. >>bounce computes it. Sensors read it at the
+   surfaces that they see.
 
-   Surfaces are divided into patches: neighbouring triangles of a mesh that make one smooth surface. A cell is the part
+   Surfaces are divided into patches: neighbouring triangles of a mesh that form one smooth surface. A cell is the part
    of one side of a patch that lies in one cube of a grid over the scene and faces one of six directions. For a flat
-   patch, whose plane may coincide with a plane of the grid, a column takes the place of the cube. Light therefore does
+   patch, whose plane may coincide with a plane of the grid, a column of cubes replaces the cube. Therefore light does
    not leak through walls, between shelves or around edges; tiny triangles share a cell, and large triangles have many.
-   Where an object stands on a surface, the object's plane cuts the cell (see >>bounce), so that the part behind it is
-   another leaf. All cells have one size, except that wider ones are used for places found last once there are many.
+   Where an object stands on a surface, the plane of the object cuts the cell into two leaves (see >>bounce). Cells
+   have the same size at first; once there are many, new surfaces get wider cells, of level 1 or 2.
 
        triangle -> patch, side \
                                 hash grid -> leaf, or cut -> ... -> leaf: R
-       place    -> cube        /                                                                                  */
+       position -> cube        /                                                                                  */
 
-/* A slot of the hash grid of cells. check: 0 for an empty slot. reference: 0: nothing is known here; number of a
-   leaf + 1; SBL__CELL_CUT | number of a cut. */
+/* A slot of the hash grid. check: a second hash of the cell, 0 for an empty slot. reference: number of a leaf + 1,
+   SBL__CELL_CUT | number of a cut, or 0 if the cell has no light. */
 typedef struct sbl__cell_slot { uint32_t check, reference; } sbl__cell_slot;
 
-/* A plane through a cell, with references to the parts below and above the plane. */
+/* A plane that divides a cell. sides: references to the parts below and above the plane. */
 #define SBL__CUT(X) \
     X(sbl__cut, VEC3, normal) X(sbl__cut, FLOAT, distance) \
     X(sbl__cut, UVEC2, sides) X(sbl__cut, UVEC2, unused)
 SBL__RECORD(sbl__cut, SBL__CUT, "sbl_cut", "sbl_store", SBL__SCENE_TABLE("sbl_store"), "first_cut")
 
 /* light: R; the low eight bits of its blue hold the uncertainty, see sbl__leaf_uncertainty. lamps: the part of R that
-   comes from lamps. */
+   comes directly from lamps, see sbl__rgbe. */
 #define SBL__LEAF_RECORD(X) X(sbl__leaf, VEC3, light) X(sbl__leaf, UINT, lamps)
 SBL__RECORD(sbl__leaf, SBL__LEAF_RECORD, "sbl_leaf", "sbl_store", "", "first_leaf")
 
@@ -6609,15 +6609,14 @@ typedef struct sbl__store {
     float origin[3], length;   /* origin of the grid; length of a cell of level 0 */
     uint32_t *patches;         /* one word per triangle: number << SBL__PATCH_SHIFT | axis | flat | back */
     sbl__cell_slot *cells;
-    int cell_room;             /* a power of two */
+    int cell_room;             /* number of slots, a power of two */
     sbl__cut *cuts;
     sbl__leaf *leaves;
     int cut_count, cut_room, leaf_count, leaf_room;
     int most;                  /* largest allowed number of leaves */
     float brightest;           /* largest channel of R in any leaf */
     float air[6][3];           /* R where the host draws, for surfaces facing +x, -x, +y, -y, +z, -z */
-    sbl__table table;          /* patches, cells, cuts and leaves, one after the other, because few texture units
-                                  exist */
+    sbl__table table;          /* patches, cells, cuts and leaves in one table, because texture units are few */
     int first_cell, first_cut, first_leaf;  /* start of each part in the table, in texels of four words */
 } sbl__store;
 
@@ -6630,32 +6629,25 @@ static void sbl__store_free(const sbl__device *d, sbl__store *s) {
     memset(s, 0, sizeof *s);
 }
 
-/* >>store: uncertainty of light, kept in the low bits of blue; shaders read them as a negligible part of the light */
+/* >>store: the uncertainty, in the low bits of blue. Shaders read these bits as a negligible part of the light. */
 
 #define SBL__UNCERTAINTY_STEPS 16  /* steps in a factor of 2; bits of 0 mean that the uncertainty is unknown */
 #define SBL__UNCERTAINTY_LEAST 1e-30f  /* least blue value that holds such bits */
 
 static void sbl__leaf_set_uncertainty(sbl__leaf *leaf, double uncertainty) {
     const double steps = -SBL__UNCERTAINTY_STEPS * log(SBL__MAX(uncertainty, 1e-9)) / log(2.0);
-    uint32_t bits, step;
-    if (leaf->light[2] < SBL__UNCERTAINTY_LEAST) return;
-    step = (uint32_t)SBL__MIN(SBL__MAX(steps, 1.0), 255.0);
-    memcpy(&bits, &leaf->light[2], sizeof bits);
-    bits = (bits & ~255u) | step;
-    memcpy(&leaf->light[2], &bits, sizeof bits);
+    const uint32_t step = (uint32_t)SBL__MIN(SBL__MAX(steps, 1.0), 255.0);
+    const uint32_t bits = (sbl__float_bits(&leaf->light[2]) & ~255u) | step;
+    if (leaf->light[2] >= SBL__UNCERTAINTY_LEAST) memcpy(&leaf->light[2], &bits, sizeof bits);
 }
 
-/* Returns the uncertainty of light gathered at a place with the given stored light: a standard error as a share of
-   the stored light; 0: unknown. */
+/* Returns the uncertainty of stored light: its standard error divided by the light; 0: unknown. */
 static float sbl__leaf_uncertainty(const float light[3]) {
-    uint32_t bits;
-    if (light[2] < SBL__UNCERTAINTY_LEAST) return 0;
-    memcpy(&bits, &light[2], sizeof bits);
-    bits &= 255u;
-    return bits ? (float)pow(2.0, -(double)bits / SBL__UNCERTAINTY_STEPS) : 0;
+    const uint32_t step = light[2] < SBL__UNCERTAINTY_LEAST ? 0 : sbl__float_bits(&light[2]) & 255u;
+    return step ? (float)pow(2.0, -(double)step / SBL__UNCERTAINTY_STEPS) : 0;
 }
 
-/* >>store: cells. store.glsl repeats this lookup on the GPU. */
+/* >>store: cells. store.glsl finds them in the same way. */
 
 static uint32_t sbl__hash_step(uint32_t hash, uint32_t x) {
     hash = (hash ^ x) * SBL__HASH_FACTOR;
@@ -6667,8 +6659,8 @@ static float sbl__cell_length(const sbl__store *s, uint32_t patch) {
     return s->length * (float)(1 << SBL__LEVEL_SHIFT * level);
 }
 
-/* Computes the cube of the patch's grid that contains a position. patch: word of the triangle, with the bit of the
-   side that is seen. */
+/* Computes the cube of the patch's grid that contains a position. patch: the word of the triangle, with SBL__PATCH_BACK
+   inverted if the back side is meant, and with level and near bit. */
 static void sbl__cell_place(const sbl__store *s, uint32_t patch, const float position[3], uint32_t at[3]) {
     const float per_cell = 1 / sbl__cell_length(s, patch);
     int k;
@@ -6679,30 +6671,27 @@ static void sbl__cell_place(const sbl__store *s, uint32_t patch, const float pos
     if (patch & SBL__PATCH_FLAT) at[patch >> SBL__PATCH_AXIS_SHIFT & 3u] = 0;
 }
 
-/* Returns the slot of a position's cell or, if the cell has none, the free slot for it. Returns NULL if other cells
-   occupy all slots that are probed. */
-static sbl__cell_slot *sbl__store_slot(const sbl__store *s, uint32_t patch, const float position[3], uint32_t *check) {
-    uint32_t at[3], hash;
+/* Returns the reference in the slot of a position's cell, occupying a free slot if the cell has none. Returns NULL if
+   other cells occupy all slots that are probed. */
+static uint32_t *sbl__store_slot(const sbl__store *s, uint32_t patch, const float position[3]) {
+    uint32_t at[3], hash, check;
     int i;
     sbl__cell_place(s, patch, position, at);
     hash = sbl__hash_step(sbl__hash_step(sbl__hash_step(sbl__hash_step(0, patch), at[0]), at[1]), at[2]);
-    *check = sbl__hash_step(sbl__hash_step(sbl__hash_step(hash, at[2]), at[1]), at[0]) | 1u;
+    check = sbl__hash_step(sbl__hash_step(sbl__hash_step(hash, at[2]), at[1]), at[0]) | 1u;
     for (i = 0; i < SBL__SLOT_TRIES; i++) {
         sbl__cell_slot *slot = &s->cells[(hash + (uint32_t)i) & (uint32_t)(s->cell_room - 1)];
-        if (slot->check == *check || slot->check == 0) return slot;
+        if (slot->check == 0) slot->check = check;
+        if (slot->check == check) return &slot->reference;
     }
     return NULL;
 }
 
-/* Returns the reference that leads to the light at a position, adding the cell if necessary; NULL: there is no room.
-   *depth: number of cuts on the way. The pointer is valid until a cut is added. */
+/* Returns the reference to the leaf at a position, adding the cell if necessary; NULL: there is no room. *depth: number
+   of cuts on the way. The pointer is valid until a cut is added. */
 static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const float position[3], int *depth) {
-    uint32_t check, *reference;
-    sbl__cell_slot *slot = sbl__store_slot(s, patch, position, &check);
-    if (!slot) return NULL;
-    slot->check = check;
-    reference = &slot->reference;
-    for (*depth = 0; *reference >= SBL__CELL_CUT; ++*depth) {
+    uint32_t *reference = sbl__store_slot(s, patch, position);
+    for (*depth = 0; reference && *reference >= SBL__CELL_CUT; ++*depth) {
         sbl__cut *cut = &s->cuts[*reference & ~SBL__CELL_CUT];
         reference = &cut->sides[sbl__dot(cut->normal, position) > cut->distance];
     }
@@ -6723,33 +6712,7 @@ static uint32_t sbl__rgbe(const float light[3]) {
     return word;
 }
 
-/* Empties the store and makes room for `leaves` leaves. */
-static sbl_result sbl__store_clear(sbl__base *base, sbl__store *s, int leaves) {
-    int room = 1024;
-    while (room < 2 * leaves) room *= 2;
-    if (room != s->cell_room) {
-        sbl__free(base, s->cells);
-        s->cell_room = 0;
-        s->cells = (sbl__cell_slot *)sbl__alloc_raw(base, (size_t)room, sizeof *s->cells);
-        if (!s->cells) return SBL_ERROR_OUT_OF_MEMORY;
-        s->cell_room = room;
-    }
-    memset(s->cells, 0, (size_t)room * sizeof *s->cells);
-    s->leaf_count = s->cut_count = 0;
-    return SBL_SUCCESS;
-}
-
-/* reference: is set to lead to the new leaf. */
-static sbl_result sbl__store_add_leaf(sbl__base *base, sbl__store *s, uint32_t *reference) {
-    if (!sbl__grow(base, &s->leaves, &s->leaf_room, s->leaf_count + 1, sizeof *s->leaves))
-        return SBL_ERROR_OUT_OF_MEMORY;
-    memset(&s->leaves[s->leaf_count], 0, sizeof *s->leaves);
-    *reference = (uint32_t)++s->leaf_count;
-    return SBL_SUCCESS;
-}
-
-/* Cuts the part of a cell that a reference leads to along a plane. side: the side that keeps the former content of
-   the reference. */
+/* Cuts what a reference leads to along a plane. side: the side that keeps it; the other side is empty. */
 static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *reference, const float normal[3],
                                  float distance, int side) {
     const uint32_t before = *reference;
@@ -6765,52 +6728,32 @@ static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *refer
     return SBL_SUCCESS;
 }
 
-/* Cuts the leaf at a position along a plane; the leaf keeps the side of that position. */
-static sbl_result sbl__store_add_cut(sbl__base *base, sbl__store *s, uint32_t patch, const float position[3],
-                                       const float normal[3], float distance) {
-    int depth;
-    return sbl__store_cut(base, s, sbl__store_find(s, patch, position, &depth), normal, distance,
-                          sbl__dot(normal, position) > distance);
-}
+/* >>store: patches. Two triangles of a mesh are joined if they share an edge, whose ends have equal positions, and meet
+   there at a small angle. */
 
-#define SBL__PATCH_SMOOTH 0.8     /* least cosine between the normals of neighbours in a patch */
-#define SBL__PATCH_EVEN 0.9999    /* least cosine between the normals of a flat patch's triangles */
-#define SBL__PATCH_LEAST 0.25     /* in areas of a cell: a mesh's patches smaller than this are pooled as one patch */
-
-/* >>store: patches. Two triangles of a mesh are joined if they share an edge, which is recognised by the positions
-   of its ends, and meet there at a small angle. */
-
+#define SBL__PATCH_SMOOTH 0.8   /* least cosine between the normals of neighbours in a patch */
+#define SBL__PATCH_EVEN 0.9999  /* least cosine between the normals of a flat patch's triangles */
+#define SBL__PATCH_LEAST 0.25   /* in areas of a cell: a mesh's patches smaller than this are pooled as one patch */
 
 typedef struct sbl__patch { double area; float normal[3]; sbl__box bounds; int flat; } sbl__patch;
 
-typedef struct sbl__patching {  /* data for making patches */
+typedef struct sbl__patching {     /* state of dividing the scene into patches */
     sbl__stages stages;
     const sbl__geometry *geometry;
-    sbl__hash_table places, ends;  /* hash tables of vertices' positions, and of triangles' sides by their ends */
-    uint32_t *welded;           /* for each vertex, the first vertex at the same position */
-    uint32_t *corners;          /* three welded vertices per triangle */
-    uint32_t *parents;          /* union-find forest of triangles; each root stands for a patch, see sbl__root */
-    sbl__patch *patches;        /* patches, indexed by their roots */
-    double area;                /* area of all patches that sensors see */
-    double least;               /* area below which a mesh's patches are pooled */
-    double growth;              /* factor of the cells' area, above or below 1 after earlier sizes gave too many or
-                                   too few leaves */
-    double pool;                /* factor of `least`, above 1 after patches were too many */
+    sbl__hash_table places, ends;  /* finds vertices by their positions, and triangles' sides by their ends */
+    uint32_t *welded;              /* for each vertex, the first vertex at the same position */
+    uint32_t *corners;             /* three welded vertices per triangle */
+    uint32_t *parents;             /* union-find forest of triangles; each root stands for a patch, see sbl__root */
+    sbl__patch *patches;           /* indexed by their roots */
+    double area;                   /* area of all patches that sensors see */
+    double least;                  /* area below which a mesh's patches are pooled */
+    double growth;                 /* factor of the cells' area, changed after a size gave too many or few leaves */
+    double pool;                   /* factor of `least`, above 1 after patches were too many */
 } sbl__patching;
-
-static void sbl__patching_free(sbl__base *base, sbl__patching *p) {
-    sbl__hash_table_free(base, &p->places);
-    sbl__hash_table_free(base, &p->ends);
-    sbl__free(base, p->welded);
-    sbl__free(base, p->corners);
-    sbl__free(base, p->parents);
-    sbl__free(base, p->patches);
-    memset(p, 0, sizeof *p);
-}
 
 static sbl_result sbl__patching_begin(sbl__base *base, sbl__patching *p, const sbl__geometry *g) {
     const size_t triangles = (size_t)g->triangle_count;
-    int i;
+    uint32_t i;
     p->geometry = g;
     p->growth = p->pool = 1;
     p->welded = (uint32_t *)sbl__alloc(base, (size_t)g->vertex_count, sizeof *p->welded);
@@ -6820,7 +6763,7 @@ static sbl_result sbl__patching_begin(sbl__base *base, sbl__patching *p, const s
     if (!p->welded || !p->corners || !p->parents || !p->patches ||
         sbl__hash_table_make(base, &p->places, g->vertex_count) != SBL_SUCCESS ||
         sbl__hash_table_make(base, &p->ends, 3.0 * g->triangle_count) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = 0; i < g->triangle_count; i++) p->parents[i] = (uint32_t)i;
+    for (i = 0; i < triangles; i++) p->parents[i] = i;
     return SBL_SUCCESS;
 }
 
@@ -6856,11 +6799,9 @@ static sbl_result sbl__patch_join(void *work, int at) {
 static sbl_result sbl__patch_measure(void *work, int at) {
     sbl__patching *p = (sbl__patching *)work;
     const sbl__geometry *g = p->geometry;
-    const uint32_t triangle = (uint32_t)at;
-    const uint32_t root = sbl__root(p->parents, triangle);
+    const uint32_t triangle = (uint32_t)at, root = sbl__root(p->parents, triangle);
     sbl__patch *patch = &p->patches[root];
-    const sbl__object *o = sbl__triangle_object(g, triangle);
-    double normal[3], along;
+    double normal[3], cosine = 0;
     const double area = sbl__scene_normal(g, triangle, normal);
     sbl__box box;
     int k;
@@ -6871,27 +6812,16 @@ static sbl_result sbl__patch_measure(void *work, int at) {
     }
     sbl__box_of_triangle(&box, g, triangle);
     sbl__box_add(&patch->bounds, &box);
-    if (!(o->flags & SBL__HIDDEN_FROM_SENSORS)) {
+    if (!(sbl__triangle_object(g, triangle)->flags & SBL__HIDDEN_FROM_SENSORS)) {
         patch->area += area;
         p->area += area;
     }
-    for (k = 0, along = 0; k < 3; k++) along += normal[k] * patch->normal[k];
-    if (along < SBL__PATCH_EVEN) patch->flat = 0;
+    for (k = 0; k < 3; k++) cosine += normal[k] * patch->normal[k];
+    if (cosine < SBL__PATCH_EVEN) patch->flat = 0;
     return SBL_SUCCESS;
 }
 
-/* Places the grid for about `leaves` leaves on both sides of surfaces together, and sets the area below which
-   patches are pooled. In a scene without area, cells have length 1. */
-static void sbl__patch_grid(sbl__patching *p, sbl__store *s, double leaves) {
-    const double cell = 2 * p->area / leaves;
-    int k;
-    p->least = SBL__PATCH_LEAST * p->pool * cell;
-    s->length = (float)sqrt(p->growth * cell);
-    if (!sbl__between(&s->length, FLT_MIN, FLT_MAX)) s->length = 1;
-    for (k = 0; k < 3; k++) s->origin[k] = p->geometry->bounds[0][k] - s->length * (1.37f + 0.21f * (float)k);
-}
-
-/* Returns the patch word of a triangle. */
+/* Returns the patch word of a triangle. Pooled patches have one number for each mesh. */
 static uint32_t sbl__patch_word(sbl__patching *p, uint32_t triangle) {
     const sbl__geometry *g = p->geometry;
     const uint32_t root = sbl__root(p->parents, triangle);
@@ -6907,7 +6837,7 @@ static uint32_t sbl__patch_word(sbl__patching *p, uint32_t triangle) {
            (p->patches[root].flat && !pooled ? SBL__PATCH_FLAT : 0) | (n[axis] < 0 ? SBL__PATCH_BACK : 0);
 }
 
-/* Does one bounded piece of making patches. SBL_SUCCESS: they are ready. */
+/* Finds patches, piece by piece. */
 static sbl_result sbl__patching_step(sbl__patching *p, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__patch_weld, sbl__patching_vertices },
@@ -6918,10 +6848,6 @@ static sbl_result sbl__patching_step(sbl__patching *p, sbl__slice *slice) {
 }
 
 /* >>store: on the GPU */
-
-static void sbl__store_part(const sbl__device *d, const sbl__buffer *b, int texel, const void *data, size_t bytes) {
-    if (bytes) sbl__buffer_write(d, b, 16 * (size_t)texel, bytes, data);
-}
 
 static sbl_result sbl__store_send(const sbl__device *d, sbl__store *s, int triangles, int wide) {
     sbl__buffer *buffer = &s->table.buffer;
@@ -6935,10 +6861,10 @@ static sbl_result sbl__store_send(const sbl__device *d, sbl__store *s, int trian
     result = sbl__buffer_make(d, buffer, 16 * ((size_t)s->first_leaf + (size_t)s->leaf_count), NULL,
                               SBL__GL_STATIC_DRAW);
     if (result != SBL_SUCCESS) return result;
-    sbl__store_part(d, buffer, 0, s->patches, sizeof *s->patches * (size_t)triangles);
-    sbl__store_part(d, buffer, s->first_cell, s->cells, sizeof *s->cells * (size_t)s->cell_room);
-    sbl__store_part(d, buffer, s->first_cut, s->cuts, sizeof *s->cuts * (size_t)s->cut_count);
-    sbl__store_part(d, buffer, s->first_leaf, s->leaves, sizeof *s->leaves * (size_t)s->leaf_count);
+    sbl__buffer_write(d, buffer, 0, sizeof *s->patches * (size_t)triangles, s->patches);
+    sbl__buffer_write(d, buffer, 16 * (size_t)s->first_cell, sizeof *s->cells * (size_t)s->cell_room, s->cells);
+    sbl__buffer_write(d, buffer, 16 * (size_t)s->first_cut, sizeof *s->cuts * (size_t)s->cut_count, s->cuts);
+    sbl__buffer_write(d, buffer, 16 * (size_t)s->first_leaf, sizeof *s->leaves * (size_t)s->leaf_count, s->leaves);
     return sbl__table_attach(d, &s->table, SBL__GL_RGBA32UI, wide);
 }
 
@@ -6955,8 +6881,8 @@ static void sbl__store_bind(sbl__device *d, const sbl__store *s) {
 
 /* >>glsl frame: shaders_embedded/frame.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_frame[] = {
-"// Right-handed orthonormal basis whose third column is the unit vector n: Duff et al. 2017, \"Building an\n",
-"// Orthonormal Basis, Revisited\".\n",
+"// Returns a right-handed orthonormal basis whose third column is the unit vector n (Duff et al. 2017, \"Building\n",
+"// an Orthonormal Basis, Revisited\").\n",
 "mat3 sbl_frame(vec3 n) {\n",
 "    float s = n.z < 0.0 ? -1.0 : 1.0, f = -1.0 / (s + n.z), g = n.x * n.y * f;\n",
 "    return mat3(1.0 + s * n.x * n.x * f, s * g, -s * n.x, g, s + n.y * n.y * f, -n.y, n);\n",
@@ -6975,20 +6901,19 @@ static const char *const sbl__glsl_frame[] = {
 static const char *const sbl__glsl_store[] = {
 "// The store of bounced light (see >>store in sbl.h): R on surfaces, cell by cell.\n",
 "#ifdef SBL_BOUNCED\n",
-"// The table begins with a word a triangle of the scene; then the hash table of cells: check and reference; 0 0:\n",
-"// nothing.\n",
-"uniform int first_cell;   // texel that cells start at, two a texel\n",
-"uniform int cell_mask;    // their slots - 1\n",
-"uniform vec3 cell_origin;\n",
-"uniform float per_cell;   // 1 / length of a cell\n",
+"// The table sbl_store holds the patch words of all triangles, the hash table of cells, cuts, and leaves.\n",
+"uniform int first_cell;    // texel at which the hash table begins; each texel holds two slots (check, reference)\n",
+"uniform int cell_mask;     // number of slots - 1\n",
+"uniform vec3 cell_origin;  // origin of the grid of cells\n",
+"uniform float per_cell;    // 1 / length of a cell of level 0\n",
 "\n",
 "uint sbl_hash_step(uint hash, uint x) {\n",
 "    hash = (hash ^ x) * SBL_HASH_FACTOR;\n",
-"    return hash ^ hash >> 15;\n",
+"    return hash ^ hash >> SBL_HASH_SHIFT;\n",
 "}\n",
 "\n",
-"// 1 + the leaf at a point of triangle number `number` of the scene, on its back side or front, seen from so far\n",
-"// away; 0: there is none.\n",
+"// Returns 1 + the number of the leaf at a position on triangle `number` of the scene, or 0 if there is none.\n",
+"// back: the back side is seen. distance: distance from which the position is seen.\n",
 "int sbl_leaf_at(int number, bool back, vec3 position, float distance) {\n",
 "    uint patch_word = sbl_fetch(sbl_store, number >> 2)[number & 3] ^ (back ? SBL_PATCH_BACK : 0u);\n",
 "    uvec3 at = uvec3(clamp((position - cell_origin) * per_cell, vec3(0), vec3(SBL_CELL_MOST)));\n",
@@ -6998,7 +6923,8 @@ static const char *const sbl__glsl_store[] = {
 "    }\n",
 "    if (distance * per_cell * float(SBL_NEAR_PART) < 1.0) patch_word |= SBL_PATCH_NEAR;\n",
 "    uint reference = 0u;\n",
-"    for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {  // as seen from elsewhere, or wider\n",
+"    // Each level is tried first with the near bit for this distance, then with the other one.\n",
+"    for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {\n",
 "        uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);\n",
 "        uint check = sbl_hash_step(sbl_hash_step(sbl_hash_step(hash, at.z), at.y), at.x) | 1u;\n",
 "        for (int i = 0; i < SBL_SLOT_TRIES; i++) {\n",
@@ -7022,7 +6948,7 @@ static const char *const sbl__glsl_store[] = {
 "    return int(reference);\n",
 "}\n",
 "\n",
-"// R of a leaf, and what of it comes from lamps.\n",
+"// R of a leaf, and the part of it that comes directly from lamps. leaf: as returned by sbl_leaf_at\n",
 "vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : sbl_leaf_light(leaf - 1); }\n",
 "\n",
 "vec3 sbl_lamps_of(int leaf) {\n",
@@ -7031,7 +6957,7 @@ static const char *const sbl__glsl_store[] = {
 "    return vec3(rgbe & 255u, rgbe >> 8 & 255u, rgbe >> 16 & 255u) * exp2(exponent);\n",
 "}\n",
 "\n",
-"// R there.\n",
+"// R at a position; parameters as for sbl_leaf_at.\n",
 "vec3 sbl_stored(int number, bool back, vec3 position, float distance) {\n",
 "    return sbl_light_of(sbl_leaf_at(number, back, position, distance));\n",
 "}\n",
@@ -11819,69 +11745,61 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 }
 
 /* ======================================================================================================== >>bounce
-   Fills the store of bounced light. Points are spread over the scene; the job measures their light from lamps, rays
-   whose hits are kept find the other surfaces that they see, and all bounces are solved from both.
+   Fills the store of bounced light. Points are spread over the scene, and their rays find the surfaces that they see.
+   The job measures the light that points get from lamps; all bounces are then solved from both.
 
-       seeds -> { place -> feel } -> cast -> hits are placed likewise, until nothing new is hit -> light -> solve
-       -> uncertainty
+       surface samples -> { place -> contact rays } -> cast -> place the hits, until nothing new is hit -> light
+       -> solve -> uncertainty
 
-   A leaf has up to SBL__BOUNCE_POINTS points, at places that seeds or rays found; each point sends SBL__BOUNCE_RAYS
-   rays. Ray r of a leaf i hits leaf j, which reflects the share a of its light, so that
-   R_i = L_i + mean over r of a * R_j, where L is light from lamps and the environment; the job measures the lamps'. The
+   A leaf has up to SBL__BOUNCE_POINTS points, at places that samples or rays found; each point sends SBL__BOUNCE_RAYS
+   rays. Ray r of leaf i hits leaf j, which reflects the share a of its light, so that
+   R_i = L_i + mean over r of a * R_j, where L is light from lamps (measured by the job) and from the environment. The
    rays are kept, and the equations are solved by iteration (Kajiya 1986; gathering, as Cohen and Greenberg 1985).
 
-   The uncertainty of the result comes from the few points of a leaf, which differ from each other. An amount of light
-   of that size and random sign is sent from leaf to leaf along the same rays; the amount that arrives is the
-   uncertainty of light gathered there.
+   The uncertainty of the result comes from the differences between the few points of a leaf. An amount of light of
+   that size and random sign is sent from leaf to leaf along the same rays; the amount that arrives is the uncertainty
+   of light gathered there.
 
    Where a surface continues beneath an object that stands on it, one leaf must not receive light on both sides of the
    object. From each leaf's first point contact rays go along its surface to the end of its cell, and planes that they
-   hit cut the cell (sbl__store_add_cut). In corners and narrow cells contact rays miss much; therefore an object on a
-   flat surface, once hit, cuts all cells along the line where it stands. */
+   hit cut the cell. Contact rays miss much in corners and narrow cells; therefore an object that a contact ray hits on
+   a flat surface cuts all cells along its contact line. */
 
-#define SBL__BOUNCE_SAMPLES 1.0      /* seeds in the area of one cell, at the first size of cells */
-/* least value of that number: 8 in the area of a widest cell */
-#define SBL__BOUNCE_SAMPLES_WIDEST (8.0 / (1 << 2 * SBL__LEVEL_SHIFT * (SBL__LEVELS - 1)))
-#define SBL__BOUNCE_SAMPLE_RAYS 4
-#define SBL__BOUNCE_POINTS 4
-#define SBL__BOUNCE_RAYS 16        /* rays of a point */
-#define SBL__BOUNCE_STRETCHES 4    /* stretches of the sequence, which the points of a leaf use in turn */
-#define SBL__BOUNCE_LAMP_RAYS 8
-#define SBL__BOUNCE_STUCK_RAYS 4    /* rays of a point over the hemisphere in the job; they only tell whether the
-                                      point is inside geometry */
-#define SBL__BOUNCE_CONTACTS 8
-#define SBL__CONTACT_STEEP 0.7     /* a surface cuts if the cosine between its normal and the normal at the contact
-                                      ray's origin is below this */
-#define SBL__CONTACT_APART 1e-3    /* share of a cell's length: planes nearer than this to an earlier hit count as
-                                      the same plane */
-#define SBL__CONTACT_LEAST 0.25    /* share of a cell's length: shorter lines cut only the leaf whose contact ray
-                                      found them */
-#define SBL__CONTACT_CACHE 1024  /* size of the table of lines that have been walked and need not be walked again */
-#define SBL__BOUNCE_BRIGHT 3.0       /* a warning is due when all light exceeds this multiple of the light from lamps
-                                      and the environment */
-#define SBL__BOUNCE_SCALED 4       /* number of first rounds whose light is scaled, see sbl__bounce_after_gather */
-#define SBL__BOUNCE_ROUNDS 200
-#define SBL__BOUNCE_TOLERANCE 2e-4      /* share of the light that may be missing at the end */
+/* A fill is a number of leaves divided by the largest allowed number, sbl__store.most. */
+#define SBL__FILL_AIM 0.35         /* fill for which the first size of cells is chosen */
+#define SBL__FILL_FIRST 0.3        /* cells become larger if the rays of surface samples alone fill more than this */
+#define SBL__FILL_FIRST_POWER 2.4  /* measured: growth of the cells' area by x^2.4 divides the number of leaves by x */
+#define SBL__FILL_LEAST 0.12       /* cells become smaller if they fill less than this */
+#define SBL__FILL_WIDER 0.6        /* from this fill on, new leaves belong to wider cells */
+#define SBL__FILL_WIDEST 0.8       /* from this fill on, new leaves belong to the widest cells */
 #define SBL__BOUNCE_GROWTH 1.5     /* least and largest growth of cells' area when the leaves do not suffice */
 #define SBL__BOUNCE_GROWTH_MOST 2.0
-#define SBL__BOUNCE_POOL 16.0      /* limit of the total growth of the area below which patches are pooled; beyond it
-                                      there are more meshes than leaves, and places without room stay dark */
-#define SBL__FILL_FIRST 0.3      /* share of all allowed leaves that the rays of seeds may create */
-#define SBL__FILL_FIRST_POWER 2.4  /* measured exponent: growth of cells' area by x^2.4 divides the number of
-                                        leaves by x */
-#define SBL__FILL_LEAST 0.12     /* with fewer than this share of the allowed leaves, cells are made smaller; */
-#define SBL__BOUNCE_SHRINK_MOST 0.03    /* least factor of the cells' area in one such step */
-#define SBL__FILL_WIDER 0.6      /* from this share of the allowed leaves on, new leaves belong to wider cells */
-#define SBL__FILL_WIDEST 0.8     /* from this share on, new leaves belong to the widest cells */
-#define SBL__FILL_AIM 0.35       /* share of the allowed leaves for which the first size of cells is chosen */
+#define SBL__BOUNCE_SHRINK_MOST 0.03  /* least factor of the cells' area when cells become smaller */
+#define SBL__BOUNCE_POOL 16.0      /* limit of the growth of the area below which patches are pooled; beyond it, meshes
+                                      outnumber leaves, and places without room stay dark */
+/* least number of surface samples per area of a cell of level 0: 8 in the area of a widest cell */
+#define SBL__BOUNCE_SAMPLES_LEAST (8.0 / (1 << 2 * SBL__LEVEL_SHIFT * (SBL__LEVELS - 1)))
+#define SBL__BOUNCE_SAMPLE_RAYS 4
+#define SBL__BOUNCE_POINTS 4       /* points of a leaf */
+#define SBL__BOUNCE_RAYS 16        /* rays of a point */
+#define SBL__BOUNCE_SEQUENCES 4    /* sequences of ray directions, which the points of a leaf use in turn */
+#define SBL__BOUNCE_LAMP_RAYS 8
+#define SBL__BOUNCE_STUCK_RAYS 4   /* rays of a point over the hemisphere in the job, for its stuck test only */
+#define SBL__BOUNCE_CONTACTS 8     /* contact rays of a leaf */
+#define SBL__CONTACT_STEEP 0.7     /* largest cosine between the normals of a surface and of a plane that cuts it */
+#define SBL__CONTACT_APART 1e-3    /* in lengths of a cell: planes nearer to each other than this count as one */
+#define SBL__CONTACT_LEAST 0.25    /* in lengths of a cell: shorter contact lines cut the leaf of the ray only */
+#define SBL__CONTACT_CACHE 1024    /* size of the hash table of contact lines that have cut their cells recently */
+#define SBL__BOUNCE_BRIGHT 3.0     /* a warning is due when all light exceeds this multiple of the direct light */
+#define SBL__BOUNCE_SCALED 4       /* number of first rounds whose light is scaled, see sbl__bounce_after_gather */
+#define SBL__BOUNCE_ROUNDS 200     /* largest number of rounds */
+#define SBL__BOUNCE_TOLERANCE 2e-4 /* share of the light that may be missing at the end */
 #define SBL__UNCERTAINTY_ROUNDS 6
 #define SBL__UNCERTAINTY_STRATA 0.35  /* measured share of the differences among a leaf's points that is error of the
-                                      leaf: points and rays come from low-discrepancy sequences, and neighbours
-                                      compensate for what one leaf misses */
-#define SBL__UNCERTAINTY_MOST 0.12  /* limit of the uncertainty before that factor is applied, because a few rays that
-                                      all hit one leaf exaggerate it */
-#define SBL__BOUNCE_TIME 0.35f    /* approximate share of a picture's time that filling the store takes, if the
-                                      picture has to fill it */
+                                      leaf: points and rays come from low-discrepancy sequences, and neighbouring
+                                      leaves compensate each other's errors */
+#define SBL__UNCERTAINTY_MOST 0.12 /* limit before that factor: a few rays that all hit one leaf exaggerate */
+#define SBL__BOUNCE_TIME 0.35f     /* approximate share of a picture's time that filling the store takes */
 #define SBL__AIR_SITES 54          /* six sites at each of nine places */
 #define SBL__AIR_RAYS 512
 #define SBL__CAST_COLUMNS 256
@@ -11897,30 +11815,24 @@ SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sb
 #define SBL__NOWHERE 0xffffffffu
 #define SBL__UNSEEN FLT_MAX        /* distance of a place that no surface sees */
 
-/* The hit of a ray: position, length of the ray, surface. place: triangle << 1 | back, or SBL__NOWHERE; after
-   joining, the number of the leaf. share: share of light that the surface reflects, see sbl__share_pack. */
+/* The hit of a ray: position, length of the ray, surface. place: triangle << 1 | back, or SBL__NOWHERE; after linking,
+   the number of the leaf. albedo: share of light that the surface reflects, see sbl__share_pack. */
 typedef struct sbl__hit { float position[3], distance; uint32_t place; uint16_t albedo[4]; } sbl__hit;
-
-typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* index in its leaf */ } sbl__bounce_point;
-
-/* State of a leaf while the store is filled. points: their number; first: the first of them, after sorting the start
-   of their range; valid: number of points with a valid reading. */
-typedef struct sbl__bounce_leaf { int points, first, valid; } sbl__bounce_leaf;
-
-/* Sums over all leaves in a round of bounces. lit: light from lamps and the environment; before, after: all light
-   before and after the round; change: sum of absolute differences. */
-typedef struct sbl__balance { double direct[3], before[3], after[3], change; } sbl__balance;
-
-/* The normal and ray offset of the last place, cached because many consecutive rays start at one place. */
-typedef struct sbl__bounce_origin { int known; uint32_t place; float normal[3], offset; } sbl__bounce_origin;
 
 typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
 
+typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* index in its leaf */ } sbl__bounce_point;
+
+/* State of a leaf while the store is filled: number of points, the first one (after sorting: start of their range), and
+   number of points with a valid reading. */
+typedef struct sbl__bounce_leaf { int points, first, valid; } sbl__bounce_leaf;
+
 typedef enum sbl__bounce_stage {
     SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_WORDS, SBL__BOUNCE_SAMPLE, SBL__BOUNCE_CAST_SAMPLES,
-    SBL__BOUNCE_PLACE, SBL__BOUNCE_CAST_CONTACTS, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST_POINTS, SBL__BOUNCE_RELOCATE, SBL__BOUNCE_ORDER,
-    SBL__BOUNCE_SORT, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_LINK, SBL__BOUNCE_GATHER, SBL__BOUNCE_NOISE,
-    SBL__BOUNCE_PROPAGATE, SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
+    SBL__BOUNCE_PLACE, SBL__BOUNCE_CAST_CONTACTS, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST_POINTS, SBL__BOUNCE_RELOCATE,
+    SBL__BOUNCE_ORDER, SBL__BOUNCE_SORT, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_LINK, SBL__BOUNCE_GATHER,
+    SBL__BOUNCE_NOISE, SBL__BOUNCE_PROPAGATE, SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR,
+    SBL__BOUNCE_DONE
 } sbl__bounce_stage;
 
 typedef struct sbl__bounce {
@@ -11932,35 +11844,34 @@ typedef struct sbl__bounce {
     sbl__bounce_point *points;
     sbl__bounce_leaf *states;        /* states of the leaves */
     int point_count, point_room, state_room;
-    sbl__hits hits;                  /* hits of the points' rays, SBL__BOUNCE_RAYS a point */
+    sbl__hits hits;                  /* hits of the points' rays, SBL__BOUNCE_RAYS per point */
     int linked;                      /* number of leaves whose hits have been replaced with numbers of leaves */
     float progress;
-    sbl__patching patching;          /* data on patches; this field and all below are dropped when the store is ready */
-    double samples_due;                   /* number of seeds due for the triangles visited so far */
-    sbl__hits samples;                 /* seeds, which are places spread over all surfaces */
-    sbl__hits queue;                 /* places that may become points: a part of seeds, hits or `again` */
-    sbl__hits waiting, released;           /* places that wait until contact rays have cut their leaf; places that have
-                                        finished waiting */
-    sbl__hits contacts;
-    int cut_leaves;                       /* index of the first leaf that has sent no contact rays yet */
-    int points_cast;                        /* index of the first point whose rays have not been cast yet */
-    uint32_t *sequence;
-    sbl__bounce_origin origin;
+    sbl__patching patching;          /* this field and all below are dropped when the store is ready */
+    double samples_due;              /* number of surface samples due for the triangles visited so far */
+    sbl__hits samples;               /* surface samples: places spread over all surfaces */
+    sbl__hits queue;                 /* places that may become points: a part of samples, hits or `released` */
+    sbl__hits waiting, released;     /* places whose leaf has not been cut yet; places that have finished waiting */
+    sbl__hits contacts;              /* hits of contact rays */
+    int cut_leaves;                  /* number of leaves that contact rays have cut */
+    int points_cast;                 /* number of points whose rays have been cast */
+    uint32_t *sequence;              /* random fractions of ray directions */
+    struct { int known; uint32_t place; float normal[3], offset; } origin;  /* of the last ray; most rays share it with
+                                                                               the ray before */
     sbl__site *sites;
     sbl_reading *readings;
-    uint32_t *recent_lines;                /* hash table of lines walked recently */
-    int recheck;                      /* 1: a line has cut leaves that had points, so all hits must be placed again */
-    float *direct;                    /* light of each leaf from lamps and the environment, 3 floats; in the end its
-                                        noise */
+    uint32_t *recent_lines;          /* hash table of contact lines that have cut their cells recently */
+    int recheck;                     /* 1: a line has cut leaves that had points, so all hits must be placed again */
+    float *direct;                   /* light of each leaf from lamps and environment, 3 floats; at the end its noise */
     float *solved;                   /* solved light, kept while noise occupies the leaves */
     int *order;                      /* index of each point in the order by leaf */
     double change;                   /* change in the last round */
-    sbl__balance balance;            /* sums of the current round */
-    double needed_growth;                 /* above 0: there are too many cells; factor of their area that would make them
-                                        few enough */
-    double previous_fill;                    /* share of the allowed leaves that an earlier attempt with larger cells used */
+    /* sums over all leaves in a round: direct light; all light before and after the round; absolute differences */
+    struct { double direct[3], before[3], after[3], change; } balance;
+    double needed_growth;            /* above 0: there are too many leaves; growth of cells' area that would suffice */
+    double previous_fill;            /* fill that an earlier attempt with larger cells reached */
     int rounds;
-    int samples_placed, seen_leaves;                  /* 1: seeds have been placed; number of leaves before seeds were placed */
+    int samples_placed, seen_leaves; /* 1: surface samples have been placed; number of leaves before that */
     sbl__table casts;
     sbl__blocks blocks;
     sbl__pace pace;
@@ -11973,16 +11884,19 @@ typedef struct sbl__bounce {
 
 /* >>glsl cast: shaders_embedded/cast.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_cast[] = {
-"// Rays in, hits out: what each of some rays meets first. A ray of negative limit goes off a surface somewhere, by\n",
-"// the cosine; its direction is the surface's normal.\n",
-"SBL_OUT(0, out_place);   // where; 1 + the triangle's number, its low bits, negative: of its back side; 0: nothing\n",
-"SBL_OUT(1, out_share);   // the share of light that bounces there; the number's high bits\n",
+"// Finds the first hit of each ray. A ray with a negative limit leaves a surface whose normal is its direction, in a\n",
+"// random direction with cosine distribution.\n",
+"// xyz: position of the hit, far away if nothing was hit; w: 0 if nothing was hit, otherwise 1 + low bits of the\n",
+"// triangle's number, negative for its back side\n",
+"SBL_OUT(0, out_place);\n",
+"// rgb: albedo for bounced light; a: high bits of the triangle's number\n",
+"SBL_OUT(1, out_albedo);\n",
 "\n",
 "void main() {\n",
 "    ivec2 texel = sbl_texel_of_invocation();\n",
 "    int ray = texel.y * columns + texel.x;\n",
 "    if (ray >= count) sbl_leave;\n",
-"    vec3 origin = sbl_cast_origin(ray), direction = sbl_cast_direction(ray), share = vec3(0);\n",
+"    vec3 origin = sbl_cast_origin(ray), direction = sbl_cast_direction(ray), albedo = vec3(0);\n",
 "    float limit = sbl_cast_limit(ray);\n",
 "    uint fractions = sbl_cast_fractions(ray);\n",
 "    vec2 u = (vec2(fractions & 65535u, fractions >> 16) + 0.5) / 65536.0;\n",
@@ -11991,12 +11905,12 @@ static const char *const sbl__glsl_cast[] = {
 "    float low = 0.0, high = 0.0;\n",
 "    if (hit.triangle >= 0) {\n",
 "        int object = int(sbl_triangle_object(hit.triangle));\n",
-"        share = sbl_bounced(sbl_material(object, sbl_attributes_of(hit)));\n",
+"        albedo = sbl_bounced(sbl_material(object, sbl_attributes_of(hit)));\n",
 "        low = (float(hit.number % SBL_CAST_NUMBERS) + 1.0) * (hit.back ? -1.0 : 1.0);\n",
 "        high = float(hit.number / SBL_CAST_NUMBERS);\n",
 "    }\n",
 "    sbl_write(out_place, vec4(origin + direction * hit.distance, low));\n",
-"    sbl_write(out_share, vec4(share, high));\n",
+"    sbl_write(out_albedo, vec4(albedo, high));\n",
 "}\n",
 0 };
 /* <<glsl */
@@ -12031,8 +11945,8 @@ static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int coun
 }
 
 /* Decodes the output of cast.glsl for a ray. */
-static void sbl__cast_take(const sbl__cast *ray, const float place[4], const float share[4], sbl__hit *out) {
-    const double low = fabs((double)place[3]) - 1, number = low + SBL__CAST_NUMBERS * (double)share[3];
+static void sbl__cast_take(const sbl__cast *ray, const float place[4], const float albedo[4], sbl__hit *out) {
+    const double low = fabs((double)place[3]) - 1, number = low + SBL__CAST_NUMBERS * (double)albedo[3];
     double length2 = 0;
     int k;
     memset(out, 0, sizeof *out);
@@ -12040,15 +11954,13 @@ static void sbl__cast_take(const sbl__cast *ray, const float place[4], const flo
     for (k = 0; k < 3; k++) length2 += ((double)place[k] - ray->origin[k]) * ((double)place[k] - ray->origin[k]);
     out->distance = (float)sqrt(length2);
     out->place = low < 0 ? SBL__NOWHERE : (uint32_t)number << 1 | (place[3] < 0);
-    sbl__share_pack(share, out->albedo);
+    sbl__share_pack(albedo, out->albedo);
 }
 
-typedef void (*sbl__cast_make)(sbl__bounce *b, int number, sbl__cast *out);
-
-/* Casts rays number stages.at .. count - 1 into hits, as many at once as time permits. SBL_SUCCESS: all rays have
-   been cast. */
-static sbl_result sbl__bounce_cast(sbl__bounce *b, sbl__cast_make make, int count, sbl__hits *hits,
-                                   const sbl__slice *slice) {
+/* Casts rays number stages.at .. count - 1 into hits, as many at once as time permits. make: computes the ray of a
+   number. SBL_SUCCESS: all rays have been cast. */
+static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, int number, sbl__cast *out), int count,
+                                   sbl__hits *hits, const sbl__slice *slice) {
     enum { MOST = SBL__CAST_COLUMNS * SBL__CAST_ROWS };
     sbl__device *d = &b->core->device;
     const double room = sbl__pace_begin(&b->pace, slice, 1024, 64);
@@ -12056,7 +11968,7 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, sbl__cast_make make, int coun
     const int rows = (some + SBL__CAST_COLUMNS - 1) / SBL__CAST_COLUMNS;
     const size_t texels = (size_t)rows * SBL__CAST_COLUMNS;
     sbl__cast *rays;
-    float *places, *shares;
+    float *places, *albedos;
     sbl_result result;
     int i;
     d->gl.doing = "casting rays between surfaces";
@@ -12065,13 +11977,13 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, sbl__cast_make make, int coun
     rays = (sbl__cast *)sbl__alloc_raw(d->base, texels, sizeof *rays + 32);
     if (!rays) return SBL_ERROR_OUT_OF_MEMORY;
     places = (float *)(rays + texels);
-    shares = places + 4 * texels;
+    albedos = places + 4 * texels;
     for (i = 0; i < some; i++) make(b, at + i, &rays[i]);
     result = sbl__cast_send(b, rays, some);
     if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 0, 0, rows, places);
-    if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 1, 0, rows, shares);
+    if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 1, 0, rows, albedos);
     for (i = 0; i < some && result == SBL_SUCCESS; i++)
-        sbl__cast_take(&rays[i], places + 4 * (size_t)i, shares + 4 * (size_t)i, &hits->list[at + i]);
+        sbl__cast_take(&rays[i], places + 4 * (size_t)i, albedos + 4 * (size_t)i, &hits->list[at + i]);
     sbl__free(d->base, rays);
     if (result != SBL_SUCCESS) return result;
     sbl__pace_end(d, &b->pace, some);
@@ -12090,18 +12002,17 @@ static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
     return patch | (at->distance * SBL__NEAR_PART < s->length ? SBL__PATCH_NEAR : 0);
 }
 
-/* Finds the reference to the leaf of a place: in its cell, or in a wider cell around the place if the cell has no
-   leaf and leaves are becoming scarce. Returns NULL if there is no room. Sets *patch to the word of the cell that
-   was used, unless `patch` is NULL. A place that no surface sees uses the widest cells only, as only points in the
-   air may see it. */
+/* Returns the reference to the leaf of a place: in its cell or, if the cell has no leaf and leaves are becoming scarce,
+   in a wider cell. NULL: there is no room. patch: NULL, or receives the word of the cell that was used. A place that no
+   surface sees uses the widest cells only, because only points in the air may see it. */
 static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32_t *patch) {
-    static const double shares[SBL__LEVELS] = { SBL__FILL_WIDER, SBL__FILL_WIDEST, 1 };
+    static const double fills[SBL__LEVELS] = { SBL__FILL_WIDER, SBL__FILL_WIDEST, 1 };
     uint32_t *reference = NULL, word = sbl__place_patch(s, at);
     int level = at->distance < SBL__UNSEEN ? 0 : SBL__LEVELS - 1, depth;
     word += SBL__PATCH_LEVEL * (uint32_t)level;
     for (; level < SBL__LEVELS; level++, word += SBL__PATCH_LEVEL) {
         reference = sbl__store_find(s, word, at->position, &depth);
-        if (reference && (*reference || s->leaf_count < shares[level] * s->most)) break;
+        if (reference && (*reference || s->leaf_count < fills[level] * s->most)) break;
     }
     if (patch) *patch = word;
     return reference;
@@ -12130,24 +12041,38 @@ static float sbl__place_normal(const sbl__geometry *g, uint32_t place, float nor
 static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
-    uint32_t **patches = &b->store->patches;
+    uint32_t **words = &b->store->patches;
     sbl_result result;
     if (b->sequence) return sbl__patching_step(&b->patching, slice);
-    sbl__free(base, *patches);
-    *patches = (uint32_t *)sbl__alloc(base, (size_t)b->geometry->triangle_count, sizeof **patches);
+    sbl__free(base, *words);
+    *words = (uint32_t *)sbl__alloc(base, (size_t)b->geometry->triangle_count, sizeof **words);
     b->recent_lines = (uint32_t *)sbl__alloc(base, SBL__CONTACT_CACHE, sizeof *b->recent_lines);
-    b->sequence = sbl__sequence_make(base, SBL__BOUNCE_STRETCHES, SBL__BOUNCE_RAYS, 1);
-    if (!*patches || !b->recent_lines || !b->sequence) return SBL_ERROR_OUT_OF_MEMORY;
+    b->sequence = sbl__sequence_make(base, SBL__BOUNCE_SEQUENCES, SBL__BOUNCE_RAYS, 1);
+    if (!*words || !b->recent_lines || !b->sequence) return SBL_ERROR_OUT_OF_MEMORY;
     result = sbl__patching_begin(base, &b->patching, b->geometry);
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
 
-/* Empties the store and sets the size of its cells. */
+/* Empties the store, and sets the sizes of cells and of pooled patches for a fill of about SBL__FILL_AIM by leaves on
+   both sides of surfaces. In a scene without area, cells have length 1. */
 static sbl_result sbl__bounce_grid(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
+    sbl__base *base = &b->core->base;
+    sbl__patching *p = &b->patching;
+    sbl__store *s = b->store;
+    const double area = 2 * p->area / (SBL__FILL_AIM * s->most);
+    int k, room = 1024;
     (void)slice;
-    sbl__patch_grid(&b->patching, b->store, SBL__FILL_AIM * b->store->most);
-    return sbl__store_clear(&b->core->base, b->store, b->store->most);
+    p->least = SBL__PATCH_LEAST * p->pool * area;
+    s->length = (float)sqrt(p->growth * area);
+    if (!sbl__between(&s->length, FLT_MIN, FLT_MAX)) s->length = 1;
+    for (k = 0; k < 3; k++) s->origin[k] = b->geometry->bounds[0][k] - s->length * (1.37f + 0.21f * (float)k);
+    while (room < 2 * s->most) room *= 2;
+    sbl__free(base, s->cells);
+    s->cells = (sbl__cell_slot *)sbl__alloc(base, (size_t)room, sizeof *s->cells);
+    s->cell_room = s->cells ? room : 0;
+    s->leaf_count = s->cut_count = 0;
+    return s->cells ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 static int sbl__bounce_triangles(void *work) { return ((sbl__bounce *)work)->geometry->triangle_count; }
@@ -12165,33 +12090,32 @@ static sbl_result sbl__hits_add(sbl__bounce *b, sbl__hits *to, const sbl__hit *h
     return SBL_SUCCESS;
 }
 
-/* Adds one seed on each side of a triangle. */
+/* Adds one surface sample on each side of a triangle, at a position that `number` chooses. */
 static sbl_result sbl__bounce_add_samples(sbl__bounce *b, uint32_t triangle, uint32_t number) {
     const uint32_t hash = sbl__hash(number);
     double u = hash / 4294967296.0, v = sbl__hash(hash) / 4294967296.0;
     const float *p[3];
-    sbl__hit seed;
+    sbl__hit sample;
     sbl_result result = SBL_SUCCESS;
     int k;
     if (u + v > 1) { u = 1 - u; v = 1 - v; }
     sbl__scene_triangle(b->geometry, triangle, p);
-    memset(&seed, 0, sizeof seed);
+    memset(&sample, 0, sizeof sample);
     for (k = 0; k < 3; k++)
-        seed.position[k] = (float)(p[0][k] + u * ((double)p[1][k] - p[0][k]) + v * ((double)p[2][k] - p[0][k]));
+        sample.position[k] = (float)(p[0][k] + u * ((double)p[1][k] - p[0][k]) + v * ((double)p[2][k] - p[0][k]));
     for (k = 0; k < 2 && result == SBL_SUCCESS; k++) {
-        seed.place = triangle << 1 | (uint32_t)k;
-        result = sbl__hits_add(b, &b->samples, &seed);
+        sample.place = triangle << 1 | (uint32_t)k;
+        result = sbl__hits_add(b, &b->samples, &sample);
     }
     return result;
 }
 
-/* Adds a triangle's seeds, in proportion to its area; b->samples_due carries fractions of seeds over to the next
-   triangle. */
+/* Adds a triangle's surface samples: one per cell's area at the first size of cells. b->samples_due carries fractions
+   over to the next triangle. */
 static sbl_result sbl__bounce_sample(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const uint32_t triangle = (uint32_t)at;
-    const double density = SBL__MAX(SBL__BOUNCE_SAMPLES * b->patching.growth, SBL__BOUNCE_SAMPLES_WIDEST);
-    const double length = (double)b->store->length;
+    const double density = SBL__MAX(b->patching.growth, SBL__BOUNCE_SAMPLES_LEAST), length = (double)b->store->length;
     double normal[3], k = floor(b->samples_due);
     sbl_result result = SBL_SUCCESS;
     if (sbl__triangle_object(b->geometry, triangle)->flags & SBL__HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
@@ -12205,7 +12129,7 @@ static sbl_result sbl__bounce_sample(void *work, int at) {
    off the plane. */
 static sbl_result sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
     sbl__bounce_point *point;
-    const float *p[3];
+    const float *corner = sbl__triangle_corner(b->geometry, at->place >> 1, 0);
     double normal[3], off = 0;
     int k;
     if (!sbl__grow(&b->core->base, &b->points, &b->point_room, b->point_count + 1, sizeof *b->points))
@@ -12214,22 +12138,23 @@ static sbl_result sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int 
     point->at = *at;
     point->leaf = leaf;
     point->number = b->states[leaf].points++;
-    sbl__scene_triangle(b->geometry, at->place >> 1, p);
     sbl__scene_normal(b->geometry, at->place >> 1, normal);
-    for (k = 0; k < 3; k++) off += normal[k] * ((double)at->position[k] - p[0][k]);
+    for (k = 0; k < 3; k++) off += normal[k] * ((double)at->position[k] - corner[k]);
     for (k = 0; k < 3; k++) point->at.position[k] = (float)(at->position[k] - off * normal[k]);
     return SBL_SUCCESS;
 }
 
 /* Adds a leaf without points and lets the reference lead to it. */
 static sbl_result sbl__bounce_add_leaf(sbl__bounce *b, uint32_t *reference) {
-    const int leaf = b->store->leaf_count;
-    const sbl_result result = sbl__store_add_leaf(&b->core->base, b->store, reference);
-    if (result != SBL_SUCCESS) return result;
-    if (!sbl__grow(&b->core->base, &b->states, &b->state_room, leaf + 1, sizeof *b->states))
-        return SBL_ERROR_OUT_OF_MEMORY;
+    sbl__base *base = &b->core->base;
+    sbl__store *s = b->store;
+    const int leaf = s->leaf_count;
+    if (!sbl__grow(base, &s->leaves, &s->leaf_room, leaf + 1, sizeof *s->leaves) ||
+        !sbl__grow(base, &b->states, &b->state_room, leaf + 1, sizeof *b->states)) return SBL_ERROR_OUT_OF_MEMORY;
+    memset(&s->leaves[leaf], 0, sizeof *s->leaves);
     memset(&b->states[leaf], 0, sizeof *b->states);
     b->states[leaf].first = b->point_count;
+    *reference = (uint32_t)++s->leaf_count;
     return SBL_SUCCESS;
 }
 
@@ -12239,8 +12164,8 @@ static int sbl__bounce_queued(void *work) {
     return b->needed_growth > 0 ? 0 : b->queue.count;
 }
 
-/* Makes a point of a place that a seed or a ray found, if its leaf needs one. Sets b->needed_growth if there is no room
-   for a new leaf. */
+/* Makes a point of a place that a surface sample or a ray found, if its leaf needs one. Sets b->needed_growth if there
+   is no room for a new leaf. */
 static sbl_result sbl__bounce_place(void *work, int number) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *at = &b->queue.list[number];
@@ -12270,50 +12195,51 @@ static int sbl__bounce_queue(sbl__bounce *b, sbl__hit *list, int count) {
     return SBL__BOUNCE_PLACE;
 }
 
-/* Starts again with an area of cells multiplied by `growth`. Larger cells do not help where patches outnumber
-   leaves, so the area below which patches are pooled grows, too. */
+/* Starts again with an area of cells multiplied by `growth`. Larger cells do not help where patches outnumber leaves,
+   so the area below which patches are pooled grows, too. */
 static int sbl__bounce_restart(sbl__bounce *b, double growth) {
     sbl__patching *p = &b->patching;
     p->growth *= growth;
     if (growth > 1 || p->pool <= 1) p->pool *= growth;
     b->samples_due = b->needed_growth = 0;
-    b->samples.count = b->waiting.count = b->point_count = b->cut_leaves = b->points_cast = b->recheck = b->samples_placed = 0;
+    b->samples.count = b->waiting.count = b->point_count = b->cut_leaves = b->points_cast = 0;
+    b->recheck = b->samples_placed = 0;
     memset(b->recent_lines, 0, SBL__CONTACT_CACHE * sizeof *b->recent_lines);
     return SBL__BOUNCE_GRID;
 }
 
-/* Sends contact rays from new leaves and casts rays from new points, until there are no new ones. */
+/* Sends contact rays from new leaves and casts rays from new points, until there are no new ones. Surface samples are
+   placed last; they fill the places that no ray hit. */
 static int sbl__bounce_after_place(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const double share = (double)b->store->leaf_count / b->store->most;
+    const double fill = (double)b->store->leaf_count / b->store->most;
     if (b->needed_growth > 0) return sbl__bounce_restart(b, SBL__MAX(b->needed_growth, SBL__BOUNCE_GROWTH));
-    if (!b->cut_leaves && share > SBL__FILL_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
+    if (!b->cut_leaves && fill > SBL__FILL_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
         /* The surfaces that these leaves see would need too many more leaves. */
-        return sbl__bounce_restart(b, pow(share / SBL__FILL_FIRST, SBL__FILL_FIRST_POWER));
+        return sbl__bounce_restart(b, pow(fill / SBL__FILL_FIRST, SBL__FILL_FIRST_POWER));
     if (b->store->leaf_count > b->cut_leaves) return SBL__BOUNCE_CAST_CONTACTS;
     if (b->points_cast < b->point_count) return SBL__BOUNCE_CAST_POINTS;
     if (b->recheck) {  /* A cut leaf that had points may lack points on its other side. */
         b->recheck = 0;
         return sbl__bounce_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
     }
-    if (b->samples_placed && b->seen_leaves > 0 && share < SBL__FILL_LEAST && share > 2 * b->previous_fill) {
-        b->previous_fill = share;  /* Nothing sees much of the scene, so the rest can have more leaves. */
-        return sbl__bounce_restart(b, SBL__MAX(share / SBL__FILL_AIM, SBL__BOUNCE_SHRINK_MOST));
+    if (b->samples_placed && b->seen_leaves > 0 && fill < SBL__FILL_LEAST && fill > 2 * b->previous_fill) {
+        b->previous_fill = fill;  /* Nothing sees much of the scene, so the rest can have more leaves. */
+        return sbl__bounce_restart(b, SBL__MAX(fill / SBL__FILL_AIM, SBL__BOUNCE_SHRINK_MOST));
     }
     if (b->samples_placed) return SBL__BOUNCE_RELOCATE;
     b->samples_placed = 1;
     b->seen_leaves = b->store->leaf_count;
-    return sbl__bounce_queue(b, b->samples.list, b->samples.count);  /* Seeds come last: they fill places that no ray
-                                                                    hit. */
+    return sbl__bounce_queue(b, b->samples.list, b->samples.count);
 }
 
-/* >>bounce: contact rays */
+/* >>bounce: contact rays and contact lines */
 
 static void sbl__bounce_contact_ray(sbl__bounce *b, int number, sbl__cast *out) {
     const sbl__store *s = b->store;
     const int leaf = b->cut_leaves + number / SBL__BOUNCE_CONTACTS;
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
-    const double share = number % SBL__BOUNCE_CONTACTS + sbl__hash((uint32_t)leaf) / 4294967296.0;
+    const double turn = number % SBL__BOUNCE_CONTACTS + sbl__hash((uint32_t)leaf) / 4294967296.0;
     const float offset = sbl__place_normal(b->geometry, at->place, out->direction);
     double right[3], up[3];
     uint32_t cube[3], patch;
@@ -12321,7 +12247,7 @@ static void sbl__bounce_contact_ray(sbl__bounce *b, int number, sbl__cast *out) 
     int k;
     sbl__place_find(s, at, &patch);
     length = sbl__cell_length(s, patch);
-    sbl__frame(out->direction, 2 * SBL__PI / SBL__BOUNCE_CONTACTS * share, right, up);
+    sbl__frame(out->direction, 2 * SBL__PI / SBL__BOUNCE_CONTACTS * turn, right, up);
     sbl__cell_place(s, patch, at->position, cube);
     out->limit = FLT_MAX;
     for (k = 0; k < 3; k++) {
@@ -12343,69 +12269,69 @@ static sbl_result sbl__bounce_cast_contacts(void *work, sbl__slice *slice) {
 
 /* The line along which an object stands on a flat surface. */
 typedef struct sbl__contact {
-    uint32_t patch, object;        /* patch: word of the flat surface; what: the object, as the word of a flat patch
-                                    with bit 0 set, or as number of a triangle * 2 */
+    uint32_t patch;              /* word of the flat surface */
+    uint32_t object;             /* word of the object's flat patch with bit 0 set, or number of its triangle * 2 */
     float normal[3], distance;   /* plane of the object */
-    double from[3], along[3];
-    sbl__cell_slot *slot;        /* slot of the cell that is being walked */
+    double from[3], along[3];    /* one end of the line, and the vector to the other end */
+    uint32_t *reference;         /* reference in the slot of the cell that is being cut */
 } sbl__contact;
 
-static void sbl__contact_place(const sbl__contact *line, double t, float position[3]) {
+static void sbl__contact_position(const sbl__contact *line, double t, float position[3]) {
     int k;
     for (k = 0; k < 3; k++) position[k] = (float)(line->from[k] + t * line->along[k]);
 }
 
-/* Makes the line where a plane that a contact ray hit meets the ray's own surface. The line extends over the common
-   bounds of both: of flat patches or, for the object, of the one triangle. Returns 0 if the line is too short or the
-   surface is not flat. */
-static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl__hit *met, sbl__contact *line) {
+/* Makes the line where the plane that a contact ray from `at` hit meets the surface of `at`. The line extends over the
+   common bounds of the flat patches or, if the object is not flat, of its triangle. Returns 0 if the line is too short
+   or the surface is not flat. */
+static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl__hit *hit, sbl__contact *line) {
     const sbl__store *s = b->store;
     const sbl__geometry *g = b->geometry;
     const sbl__patch *patches = b->patching.patches;
-    const uint32_t patch = sbl__place_patch(s, at) & ~SBL__PATCH_NEAR, other = s->patches[met->place >> 1];
+    const uint32_t patch = sbl__place_patch(s, at) & ~SBL__PATCH_NEAR, other = s->patches[hit->place >> 1];
     const double length = (double)s->length;
     const int flat = (other & SBL__PATCH_FLAT) != 0;
     const sbl__box *own;
-    sbl__box its;
+    sbl__box others;
     float normal[3];
     double along[3], t0 = -1e300, t1 = 1e300, slack;
     int k;
     if (!(patch & SBL__PATCH_FLAT)) return 0;
     own = &patches[patch >> SBL__PATCH_SHIFT].bounds;
-    if (flat) its = patches[other >> SBL__PATCH_SHIFT].bounds;
-    else sbl__box_of_triangle(&its, g, met->place >> 1);
+    if (flat) others = patches[other >> SBL__PATCH_SHIFT].bounds;
+    else sbl__box_of_triangle(&others, g, hit->place >> 1);
     slack = SBL__CONTACT_APART * length + 4 * (double)sbl__place_normal(g, at->place, normal);
-    sbl__place_normal(g, met->place, line->normal);
+    sbl__place_normal(g, hit->place, line->normal);
     for (k = 0; k < 3; k++) {
         const int m = (k + 1) % 3, n = (k + 2) % 3;
         along[k] = (double)normal[m] * line->normal[n] - (double)normal[n] * line->normal[m];
     }
     if (!sbl__normalize(along)) return 0;
     for (k = 0; k < 3; k++) {
-        const float low = SBL__MAX(own->low[k], its.low[k]), high = SBL__MIN(own->high[k], its.high[k]);
-        const double from = (double)low - slack - met->position[k], to = (double)high + slack - met->position[k];
+        const float low = SBL__MAX(own->low[k], others.low[k]), high = SBL__MIN(own->high[k], others.high[k]);
+        const double from = (double)low - slack - hit->position[k], to = (double)high + slack - hit->position[k];
         if (fabs(along[k]) < 1e-6) continue;
         t0 = SBL__MAX(t0, SBL__MIN(from / along[k], to / along[k]));
         t1 = SBL__MIN(t1, SBL__MAX(from / along[k], to / along[k]));
     }
     if (!(t1 - t0 >= SBL__CONTACT_LEAST * length)) return 0;
     for (k = 0; k < 3; k++) {
-        line->from[k] = met->position[k] + t0 * along[k];
+        line->from[k] = hit->position[k] + t0 * along[k];
         line->along[k] = (t1 - t0) * along[k];
     }
-    line->distance = sbl__dot(line->normal, sbl__triangle_corner(g, met->place >> 1, 0));
-    line->object = flat ? other | 1u : met->place & ~1u;
+    line->distance = sbl__dot(line->normal, sbl__triangle_corner(g, hit->place >> 1, 0));
+    line->object = flat ? other | 1u : hit->place & ~1u;
     line->patch = patch;
     return 1;
 }
 
 /* Cuts all leaves that the line crosses below a reference: sides[side] of a cut or, if `cut` is negative, the
-   reference of the slot. range: part of the line that lies there. */
+   reference in the slot. range: part of the line that lies there. */
 static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, int cut, int side,
                                     const double range[2], int depth) {
     sbl__store *s = b->store;
     const double apart = SBL__CONTACT_APART * (double)s->length;
-    uint32_t *reference = cut < 0 ? &line->slot->reference : &s->cuts[cut].sides[side];
+    uint32_t *reference = cut < 0 ? line->reference : &s->cuts[cut].sides[side];
     sbl_result result = SBL_SUCCESS;
     double over[2];
     int i;
@@ -12419,7 +12345,7 @@ static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, in
     cut = (int)(*reference & ~SBL__CELL_CUT);
     for (i = 0; i < 2; i++) {
         float position[3];
-        sbl__contact_place(line, range[i], position);
+        sbl__contact_position(line, range[i], position);
         over[i] = (double)sbl__dot(s->cuts[cut].normal, position) - s->cuts[cut].distance;
     }
     /* A cut along the same line exists already. */
@@ -12450,26 +12376,24 @@ static sbl_result sbl__contact_walk(sbl__bounce *b, sbl__contact *line) {
     while (range[0] < 1 && result == SBL_SUCCESS) {
         const int axis = next[0] <= next[1] && next[0] <= next[2] ? 0 : next[1] <= next[2] ? 1 : 2;
         float middle[3];
-        uint32_t check;
         range[1] = SBL__MIN(next[axis], 1.0);
-        sbl__contact_place(line, 0.5 * (range[0] + range[1]), middle);
-        line->slot = sbl__store_slot(s, line->patch, middle, &check);
-        if (line->slot) line->slot->check = check;
-        if (line->slot) result = sbl__contact_part(b, line, -1, 0, range, 0);
+        sbl__contact_position(line, 0.5 * (range[0] + range[1]), middle);
+        line->reference = sbl__store_slot(s, line->patch, middle);
+        if (line->reference) result = sbl__contact_part(b, line, -1, 0, range, 0);
         range[0] = range[1];
         next[axis] += step[axis];
     }
     return result;
 }
 
-/* Cuts all cells along the line at every level and distance, unless the line has been walked recently. */
+/* Cuts all cells along the line at every level and distance, unless it has done so recently. */
 static sbl_result sbl__contact_cut(sbl__bounce *b, sbl__contact *line) {
     const uint32_t patch = line->patch, hash = sbl__hash_step(sbl__hash_step(0, patch), line->object);
-    uint32_t *walked = &b->recent_lines[hash % SBL__CONTACT_CACHE];
+    uint32_t *recent = &b->recent_lines[hash % SBL__CONTACT_CACHE];
     sbl_result result = SBL_SUCCESS;
     int i;
-    if (*walked == hash) return SBL_SUCCESS;
-    *walked = hash;
+    if (*recent == hash) return SBL_SUCCESS;
+    *recent = hash;
     for (i = 0; i < 2 * SBL__LEVELS && result == SBL_SUCCESS; i++) {
         line->patch = patch | (i & 1 ? SBL__PATCH_NEAR : 0) | SBL__PATCH_LEVEL * (uint32_t)(i >> 1);
         result = sbl__contact_walk(b, line);
@@ -12477,27 +12401,29 @@ static sbl_result sbl__contact_cut(sbl__bounce *b, sbl__contact *line) {
     return result;
 }
 
-/* Cuts a leaf by a plane that one of its contact rays hit, if the plane is steep to the surface and the hit still
-   lies in the same leaf. */
-static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *met) {
+/* Cuts a leaf by a plane that one of its contact rays hit, if the plane is steep to the surface and the hit still lies
+   in the same leaf. On a flat surface, cuts all cells along the contact line instead. */
+static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *hit) {
     sbl__store *s = b->store;
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
-    float before[3], normal[3], own[3], apart;
+    float before[3], normal[3], own[3], apart, distance;
     sbl__contact line;
     uint32_t *reference, patch;
     int k, depth;
     sbl__place_find(s, at, &patch);
     sbl__place_normal(b->geometry, at->place, own);
-    sbl__place_normal(b->geometry, met->place, normal);
-    apart = sbl__dot(normal, at->position) - sbl__dot(normal, met->position);
+    sbl__place_normal(b->geometry, hit->place, normal);
+    distance = sbl__dot(normal, hit->position);
+    apart = sbl__dot(normal, at->position) - distance;
     if (fabs((double)sbl__dot(normal, own)) > SBL__CONTACT_STEEP) return SBL_SUCCESS;
-    if (sbl__contact_make(b, at, met, &line)) return sbl__contact_cut(b, &line);
+    if (sbl__contact_make(b, at, hit, &line)) return sbl__contact_cut(b, &line);
     if (fabs((double)apart) < SBL__CONTACT_APART * (double)s->length) return SBL_SUCCESS;
     for (k = 0; k < 3; k++)  /* a position just behind the hit */
-        before[k] = met->position[k] + (float)SBL__CONTACT_APART * (met->position[k] - at->position[k]);
+        before[k] = hit->position[k] + (float)SBL__CONTACT_APART * (hit->position[k] - at->position[k]);
     reference = sbl__store_find(s, patch, before, &depth);
     if (!reference || *reference != (uint32_t)leaf + 1 || depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
-    return sbl__store_add_cut(&b->core->base, s, patch, at->position, normal, sbl__dot(normal, met->position));
+    reference = sbl__store_find(s, patch, at->position, &depth);
+    return sbl__store_cut(&b->core->base, s, reference, normal, distance, sbl__dot(normal, at->position) > distance);
 }
 
 static int sbl__bounce_uncut_leaves(void *work) {
@@ -12507,48 +12433,50 @@ static int sbl__bounce_uncut_leaves(void *work) {
 
 static sbl_result sbl__bounce_cuts(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const sbl__hit *met = &b->contacts.list[at * SBL__BOUNCE_CONTACTS];
+    const sbl__hit *hits = &b->contacts.list[at * SBL__BOUNCE_CONTACTS];
     sbl_result result = SBL_SUCCESS;
     int i;
     for (i = 0; i < SBL__BOUNCE_CONTACTS && result == SBL_SUCCESS; i++)
-        if (met[i].place != SBL__NOWHERE) result = sbl__bounce_cut(b, b->cut_leaves + at, &met[i]);
+        if (hits[i].place != SBL__NOWHERE) result = sbl__bounce_cut(b, b->cut_leaves + at, &hits[i]);
     return result;
 }
 
 /* Queues the places that waited for contact rays. */
 static int sbl__bounce_after_cuts(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const sbl__hits held = b->waiting;
+    const sbl__hits waiting = b->waiting;
     b->cut_leaves = b->store->leaf_count;
     b->waiting = b->released;
     b->waiting.count = 0;
-    b->released = held;
-    return sbl__bounce_queue(b, held.list, held.count);
+    b->released = waiting;
+    return sbl__bounce_queue(b, waiting.list, waiting.count);
 }
 
 /* >>bounce: rays */
 
-/* Makes a cosine-weighted ray over the hemisphere at a place. */
+/* Makes a cosine-weighted ray over the hemisphere at a place. number: index into b->sequence, which a hash of `seed`
+   scrambles. */
 static void sbl__bounce_surface_ray(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
-    sbl__bounce_origin *aim = &b->origin;
+    const float *normal = b->origin.normal;
     int k;
-    if (!aim->known || aim->place != at->place) {
-        aim->known = 1;
-        aim->place = at->place;
-        aim->offset = sbl__place_normal(b->geometry, at->place, aim->normal);
+    if (!b->origin.known || b->origin.place != at->place) {
+        b->origin.known = 1;
+        b->origin.place = at->place;
+        b->origin.offset = sbl__place_normal(b->geometry, at->place, b->origin.normal);
     }
     out->fractions = (b->sequence[2 * number] ^ sbl__hash(seed)) >> 16 |
                      ((b->sequence[2 * number + 1] ^ sbl__hash(seed + 1u)) & 0xffff0000u);
     for (k = 0; k < 3; k++) {
-        out->direction[k] = aim->normal[k];
-        out->origin[k] = at->position[k] + aim->offset * aim->normal[k];
+        out->direction[k] = normal[k];
+        out->origin[k] = at->position[k] + b->origin.offset * normal[k];
     }
     out->limit = -SBL__UNBOUNDED;
 }
 
 static void sbl__bounce_sample_ray(sbl__bounce *b, int number, sbl__cast *out) {
-    const int seed = number / SBL__BOUNCE_SAMPLE_RAYS;
-    sbl__bounce_surface_ray(b, &b->samples.list[seed], sbl__hash((uint32_t)seed), number % SBL__BOUNCE_SAMPLE_RAYS, out);
+    const int sample = number / SBL__BOUNCE_SAMPLE_RAYS;
+    sbl__bounce_surface_ray(b, &b->samples.list[sample], sbl__hash((uint32_t)sample), number % SBL__BOUNCE_SAMPLE_RAYS,
+                            out);
 }
 
 static sbl_result sbl__bounce_cast_samples(void *work, sbl__slice *slice) {
@@ -12556,8 +12484,8 @@ static sbl_result sbl__bounce_cast_samples(void *work, sbl__slice *slice) {
     return sbl__bounce_cast(b, sbl__bounce_sample_ray, b->samples.count * SBL__BOUNCE_SAMPLE_RAYS, &b->hits, slice);
 }
 
-/* Sets the distance from which each seed is seen: the length of its shortest ray, or SBL__UNSEEN if its rays hit
-   nothing. */
+/* Sets the distance from which each surface sample is seen: the length of its shortest ray, or SBL__UNSEEN if its rays
+   hit nothing. */
 static int sbl__bounce_after_samples(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i, k;
@@ -12573,9 +12501,9 @@ static int sbl__bounce_after_samples(void *work) {
 
 static void sbl__bounce_point_ray(sbl__bounce *b, int number, sbl__cast *out) {
     const sbl__bounce_point *p = &b->points[number / SBL__BOUNCE_RAYS];
-    const int stretch = p->number % SBL__BOUNCE_STRETCHES * SBL__BOUNCE_RAYS + number % SBL__BOUNCE_RAYS;
-    const uint32_t hash = sbl__hash((uint32_t)p->leaf + 0x10000000u * (uint32_t)(p->number / SBL__BOUNCE_STRETCHES));
-    sbl__bounce_surface_ray(b, &p->at, hash, stretch, out);
+    const int index = p->number % SBL__BOUNCE_SEQUENCES * SBL__BOUNCE_RAYS + number % SBL__BOUNCE_RAYS;
+    const uint32_t hash = sbl__hash((uint32_t)p->leaf + 0x10000000u * (uint32_t)(p->number / SBL__BOUNCE_SEQUENCES));
+    sbl__bounce_surface_ray(b, &p->at, hash, index, out);
 }
 
 static sbl_result sbl__bounce_cast_points(void *work, sbl__slice *slice) {
@@ -12596,7 +12524,7 @@ static int sbl__bounce_after_rays(void *work) {
 static int sbl__bounce_points(void *work) { return ((sbl__bounce *)work)->point_count; }
 static int sbl__bounce_leaves(void *work) { return ((sbl__bounce *)work)->store->leaf_count; }
 
-/* Finds each point's leaf again, because cuts made since may have put the point into another leaf. */
+/* Finds each point's leaf again, because later cuts may have put the point into another leaf. */
 static sbl_result sbl__bounce_relocate(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_point *p = &b->points[at];
@@ -12616,13 +12544,9 @@ static sbl_result sbl__bounce_order(void *work, sbl__slice *slice) {
     b->order = (int *)sbl__alloc_raw(&b->core->base, (size_t)b->point_count, sizeof *b->order);
     if (!b->order) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < leaves; i++) b->states[i].points = 0;
-    for (i = 0; i < b->point_count; i++) b->states[b->points[i].leaf].points++;
+    for (i = 0; i < b->point_count; i++) b->order[i] = b->states[b->points[i].leaf].points++;
     for (i = 0; i < leaves; next += b->states[i++].points) b->states[i].first = next;
-    for (i = 0; i < leaves; i++) b->states[i].points = 0;
-    for (i = 0; i < b->point_count; i++) {
-        sbl__bounce_leaf *leaf = &b->states[b->points[i].leaf];
-        b->order[i] = leaf->first + leaf->points++;
-    }
+    for (i = 0; i < b->point_count; i++) b->order[i] += b->states[b->points[i].leaf].first;
     return SBL_SUCCESS;
 }
 
@@ -12656,8 +12580,6 @@ static sbl_result sbl__bounce_allocate(void *work, sbl__slice *slice) {
     const size_t points = (size_t)b->point_count, leaves = (size_t)b->store->leaf_count;
     (void)slice;
     if (b->solved) return SBL_SUCCESS;  /* The memory exists after an earlier solution with other lights. */
-    sbl__free(base, b->order);
-    b->order = NULL;
     b->sites = (sbl__site *)sbl__alloc_raw(base, points, sizeof *b->sites);
     b->readings = (sbl_reading *)sbl__alloc_raw(base, points, sizeof *b->readings);
     b->direct = (float *)sbl__alloc_raw(base, leaves, 3 * sizeof *b->direct);
@@ -12720,7 +12642,7 @@ static sbl_result sbl__bounce_run_job(void *work, sbl__slice *slice) {
 
 /* >>bounce: all bounces at once */
 
-/* Computes the light of the environment that a point's rays bring that hit nothing. */
+/* Computes the light of the environment from those rays of a point that hit nothing. */
 static void sbl__bounce_sky(const sbl__bounce *b, int point, float out[3]) {
     const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
     int i, k;
@@ -12740,9 +12662,7 @@ static void sbl__bounce_sky(const sbl__bounce *b, int point, float out[3]) {
 static void sbl__bounce_link_point(sbl__bounce *b, int point) {
     sbl__hit *hit = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS], *const end = hit + SBL__BOUNCE_RAYS;
     for (; hit < end; hit++) {
-        const uint32_t *reference;
-        if (hit->place == SBL__NOWHERE) continue;
-        reference = sbl__place_find(b->store, hit, NULL);
+        const uint32_t *reference = hit->place == SBL__NOWHERE ? NULL : sbl__place_find(b->store, hit, NULL);
         hit->place = reference && *reference ? *reference - 1 : SBL__NOWHERE;
     }
 }
@@ -12753,21 +12673,20 @@ static sbl_result sbl__bounce_link(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_leaf *state = &b->states[at];
     sbl__leaf *leaf = &b->store->leaves[at];
-    float *light = b->direct + 3 * at, rest[3] = { 0, 0, 0 };
+    float *light = b->direct + 3 * at, sky[3], all_sky[3] = { 0, 0, 0 };
     int i, k;
     light[0] = light[1] = light[2] = 0;
     for (i = state->first, state->valid = 0; i < state->first + state->points; i++)
         state->valid += b->readings[i].valid;
     for (i = state->first; i < state->first + state->points; i++) {
-        float sky[3];
         if (at >= b->linked) sbl__bounce_link_point(b, i);
         if (!b->readings[i].valid) continue;
         sbl__bounce_sky(b, i, sky);
-        for (k = 0; k < 3; k++) rest[k] += sky[k] / (float)state->valid;
+        for (k = 0; k < 3; k++) all_sky[k] += sky[k] / (float)state->valid;
         for (k = 0; k < 3; k++) light[k] += b->readings[i].radiance[k] / (float)state->valid;
     }
     leaf->lamps = sbl__rgbe(light);
-    for (k = 0; k < 3; k++) leaf->light[k] = light[k] += rest[k];
+    for (k = 0; k < 3; k++) leaf->light[k] = light[k] += all_sky[k];
     b->linked = SBL__MAX(b->linked, at + 1);
     return SBL_SUCCESS;
 }
@@ -12783,71 +12702,65 @@ static void sbl__bounce_add_received(const sbl__bounce *b, int point, float sum[
             sbl__add_reflected(hits[j].albedo, b->store->leaves[hits[j].place].light, sum);
 }
 
-/* Computes one more bounce for a leaf: adds the average light that its points receive from other leaves to its light
-   from lamps and the environment. Leaves earlier in the round already have their new light (Gauss-Seidel iteration). */
+/* Computes one more bounce for a leaf: adds the average light that its points receive from other leaves to its direct
+   light. Leaves earlier in the round already have their new light (Gauss-Seidel iteration). */
 static sbl_result sbl__bounce_gather(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
-    sbl__balance *balance = &b->balance;
     float *light = b->store->leaves[at].light, sum[3] = { 0, 0, 0 };
     int i, k;
-    if (at == 0) memset(balance, 0, sizeof *balance);
+    if (at == 0) memset(&b->balance, 0, sizeof b->balance);
     for (i = leaf->first; i < leaf->first + leaf->points; i++)
         if (b->readings[i].valid) sbl__bounce_add_received(b, i, sum);
     for (k = 0; k < 3; k++) {
-        const float lit = b->direct[3 * at + k];
-        const float next = lit + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
-        balance->direct[k] += (double)lit;
-        balance->before[k] += (double)light[k];
-        balance->after[k] += (double)next;
-        balance->change += fabs((double)next - light[k]);
+        const float direct = b->direct[3 * at + k];
+        const float next = direct + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
+        b->balance.direct[k] += (double)direct;
+        b->balance.before[k] += (double)light[k];
+        b->balance.after[k] += (double)next;
+        b->balance.change += fabs((double)next - light[k]);
         light[k] = next;
     }
     return SBL_SUCCESS;
 }
 
-/* Warns once per scene if the clamped albedos of white walls make a visible difference. */
-static void sbl__bounce_warn(const sbl__bounce *b) {
+/* Warns once per scene if the clamped albedos of white walls make a visible difference. direct, all: sums of direct
+   light and of all light. */
+static void sbl__bounce_warn(const sbl__bounce *b, double direct, double all) {
     const sbl__geometry *g = b->geometry;
-    sbl__store *s = b->store;
-    double lit = 0, all = 0;
     int i, white = 0;
-    for (i = 0; i < s->leaf_count; i++) {
-        lit += sbl__sum3(b->direct + 3 * i);
-        all += sbl__sum3(s->leaves[i].light);
-    }
     for (i = 0; i < g->mesh_count; i++) white += sbl__holds_light(&g->objects[i]);
-    if (!white || !(all > SBL__BOUNCE_BRIGHT * lit) || s->warned) return;
-    sbl__log(&b->core->base, SBL_LOG_WARNING, SBL_LOG_ITEM_ALBEDO, "%d meshes have albedos above %g and hold much "
-             "light; what bounces is that of %g: closed rooms of such walls would never grow dark", white,
-             (double)SBL__BOUNCE_ALBEDO, (double)SBL__BOUNCE_ALBEDO);
-    s->warned = 1;
+    if (!white || !(all > SBL__BOUNCE_BRIGHT * direct) || b->store->warned) return;
+    sbl__log(&b->core->base, SBL_LOG_WARNING, SBL_LOG_ITEM_ALBEDO, "%d meshes have albedos above %g in a scene with "
+             "much bounced light; bounced light uses %g instead, because closed rooms with such walls would never grow "
+             "dark", white, (double)SBL__BOUNCE_ALBEDO, (double)SBL__BOUNCE_ALBEDO);
+    b->store->warned = 1;
 }
 
 /* Finishes a round. In the first rounds gathered light is scaled so that emitted and lost light balance, channel by
    channel. This settles the overall brightness of a room, the slowest part of convergence, at once. */
 static int sbl__bounce_after_gather(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const sbl__balance *balance = &b->balance;
     const sbl__store *s = b->store;
-    double sum = 0, ratio;
+    double all_direct = 0, sum = 0, ratio;
     int i, k;
     for (k = 0; k < 3; k++) {
-        const double lit = balance->direct[k], gathered = balance->after[k] - lit;
-        const double lost = 0.5 * (balance->before[k] + balance->after[k]) - gathered;
-        const float scale = (float)(lost > 0 ? lit / lost : 1);
-        sum += balance->after[k];
+        const double direct = b->balance.direct[k], gathered = b->balance.after[k] - direct;
+        const double lost = 0.5 * (b->balance.before[k] + b->balance.after[k]) - gathered;
+        const float scale = (float)(lost > 0 ? direct / lost : 1);
+        all_direct += direct;
+        sum += b->balance.after[k];
         if (b->rounds >= SBL__BOUNCE_SCALED || !(scale > 0)) continue;
         for (i = 0; i < s->leaf_count; i++)
             s->leaves[i].light[k] = b->direct[3 * i + k] + scale * (s->leaves[i].light[k] - b->direct[3 * i + k]);
     }
-    ratio = b->change > 0 ? SBL__MIN(balance->change / b->change, 0.999) : 0.999;
-    b->change = balance->change;
+    ratio = b->change > 0 ? SBL__MIN(b->balance.change / b->change, 0.999) : 0.999;
+    b->change = b->balance.change;
     b->rounds++;
     if (b->rounds < SBL__BOUNCE_SCALED + 2 && b->change > 0) return SBL__BOUNCE_GATHER;
     if (!(b->change * ratio / (1 - ratio) <= SBL__BOUNCE_TOLERANCE * sum) && b->rounds < SBL__BOUNCE_ROUNDS)
         return SBL__BOUNCE_GATHER;
-    sbl__bounce_warn(b);
+    sbl__bounce_warn(b, all_direct, sum);
     return SBL__BOUNCE_NOISE;
 }
 
@@ -12863,12 +12776,12 @@ static sbl_result sbl__bounce_noise(void *work, int at) {
     int i, k;
     memcpy(b->solved + 3 * at, b->store->leaves[at].light, 3 * sizeof *b->solved);
     for (i = leaf->first; i < leaf->first + leaf->points; i++) {
-        float got[3] = { 0, 0, 0 }, sky[3];
+        float received[3] = { 0, 0, 0 }, sky[3];
         if (!b->readings[i].valid) continue;
-        sbl__bounce_add_received(b, i, got);
+        sbl__bounce_add_received(b, i, received);
         sbl__bounce_sky(b, i, sky);
         for (k = 0; k < 3; k++) {
-            const double light = (double)got[k] / SBL__BOUNCE_UNIT + sky[k] + b->readings[i].radiance[k];
+            const double light = (double)received[k] / SBL__BOUNCE_UNIT + sky[k] + b->readings[i].radiance[k];
             sum[k] += light;
             squares[k] += light * light;
         }
@@ -12881,7 +12794,7 @@ static sbl_result sbl__bounce_noise(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Puts the noise in place of the light, so that rounds of bounces carry the noise along the same rays. */
+/* Puts the noise in place of the light, so that rounds of bounces propagate the noise along the same rays. */
 static int sbl__bounce_after_noise(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i;
@@ -12892,7 +12805,8 @@ static int sbl__bounce_after_noise(void *work) {
 }
 
 static int sbl__bounce_after_propagate(void *work) {
-    return ++((sbl__bounce *)work)->rounds < SBL__UNCERTAINTY_ROUNDS ? SBL__BOUNCE_PROPAGATE : SBL__BOUNCE_UNCERTAINTY;
+    const int round = ++((sbl__bounce *)work)->rounds;
+    return round < SBL__UNCERTAINTY_ROUNDS ? SBL__BOUNCE_PROPAGATE : SBL__BOUNCE_UNCERTAINTY;
 }
 
 /* Restores the light. Noise that has arrived from other leaves, relative to the light, is the leaf's uncertainty. */
@@ -12933,8 +12847,8 @@ static int sbl__bounce_after_send(void *work) {
         sbl__site *site = &b->air[i];
         const int place = i / 6, axis = i % 6 / 2;
         for (k = 0; k < 3; k++) {
-            const double share = place == 8 ? 0.5 : place >> k & 1 ? 0.75 : 0.25;
-            site->position[k] = (float)((1 - share) * scene->draw_bounds[0][k] + share * scene->draw_bounds[1][k]);
+            const double t = place == 8 ? 0.5 : place >> k & 1 ? 0.75 : 0.25;
+            site->position[k] = (float)((1 - t) * scene->draw_bounds[0][k] + t * scene->draw_bounds[1][k]);
         }
         site->normal[axis] = site->geometric_normal[axis] = i & 1 ? -1.0f : 1.0f;
         site->number = (uint32_t)i;
@@ -12960,11 +12874,12 @@ static int sbl__bounce_after_air(void *work) {
 
 /* Frees everything except points and their hits, which are kept for later changes of lights. */
 static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
-    void *const blocks[] = { b->samples.list, b->waiting.list, b->released.list, b->contacts.list, b->sequence, b->sites,
-                             b->readings, b->recent_lines, b->direct, b->solved, b->order };
+    const sbl__patching *p = &b->patching;
+    void *const blocks[] = { p->places.slots, p->ends.slots, p->welded, p->corners, p->parents, p->patches,
+                             b->samples.list, b->waiting.list, b->released.list, b->contacts.list, b->sequence,
+                             b->sites, b->readings, b->recent_lines, b->direct, b->solved, b->order };
     int i;
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(d->base, blocks[i]);
-    sbl__patching_free(d->base, &b->patching);
     sbl__table_delete(d, &b->casts);
     sbl__blocks_free(d, &b->blocks);
     sbl__job_free(d, &b->job);
@@ -13044,13 +12959,14 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     return result;
 }
 
-/* Estimates the share of the store that is done, 0 to 1, never less than before. Rays between surfaces make up half
-   of it. */
+/* Estimates how much of the store is done, 0 to 1, never less than before. Rays between surfaces count as half of
+   it. */
 static float sbl__bounce_progress(sbl__core *c) {
     sbl__bounce *b = c->bounce;
     float now;
     if (c->scene.store.ready || !b) return c->scene.store.ready ? 1.0f : 0.0f;
-    now = b->stages.stage < SBL__BOUNCE_SITES  ? 0.5f * (float)b->points_cast / (float)(SBL__BOUNCE_POINTS * b->store->most)
+    now = b->stages.stage < SBL__BOUNCE_SITES
+              ? 0.5f * (float)b->points_cast / (float)(SBL__BOUNCE_POINTS * b->store->most)
         : b->stages.stage == SBL__BOUNCE_SITES ? 0.5f
         : b->stages.stage == SBL__BOUNCE_LIGHT ? 0.5f + 0.4f * sbl__job_progress(&b->job)
                                                : 0.9f;
@@ -13064,7 +12980,8 @@ static float sbl__prepare_share(const sbl__core *c, const sbl__measurement *s) {
     return s->options.mode == SBL_MODE_GI && !c->scene.store.ready ? SBL__BOUNCE_TIME : 0;
 }
 
-/* Makes ready what sensors of that kind need of the scene. SBL_SUCCESS: it is. */
+/* Prepares what a measurement needs of the scene, piece by piece: hierarchy and lamps for rays, the store for bounced
+   light. SBL_SUCCESS: all is ready. */
 static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__slice *slice) {
     const sbl__hierarchy *h = &c->scene.hierarchy;
     const int rays = s->options.mode != SBL_MODE_PAPER;
@@ -13078,25 +12995,24 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__sli
 }
 
 /* ======================================================================================================== >>saved
-   Stored light as a stream: a header, the store's four arrays, a checksum. What is read is believed only where it fits
-   the scene and itself. */
+   Writes the store to a stream and reads it: a header, the store's four arrays, a checksum. Data that is read is used
+   only if it belongs to the scene and is valid. */
 
+#define SBL__SAVED_NAME "sblstore"
 #define SBL__SAVED_VERSION 3u
-#define SBL__SAVED_ORDER 0x01020304u
+#define SBL__SAVED_ORDER 0x01020304u   /* tells the byte order */
 #define SBL__SAVED_SEED 0xcbf29ce484222325u
-#define SBL__SAVED_CELLS (1 << 22)     /* at most; as many cuts, and half as many leaves */
+#define SBL__SAVED_CELLS (1 << 22)     /* largest number of slots and of cuts; half of it for leaves */
 
 typedef struct sbl__saved {
     char name[8];
     uint32_t version, order;
-    uint64_t scene;                    /* hash of what the light depends on */
+    uint64_t scene;                    /* see sbl__saved_scene */
     int32_t triangles, cells, cuts, leaves;
     float origin[3], length, air[6][3];
 } sbl__saved;
 
-static const char sbl__saved_name[8] = { 's', 'b', 'l', 's', 't', 'o', 'r', 'e' };
-
-/* Of all that stored light depends on. */
+/* Returns a hash of everything that stored light depends on. */
 static uint64_t sbl__saved_scene(const sbl__scene *s) {
     const sbl__geometry *g = &s->geometry;
     const sbl__environment *e = &s->environment;
@@ -13114,21 +13030,22 @@ static uint64_t sbl__saved_scene(const sbl__scene *s) {
     return hash;
 }
 
-/* One end of a stream: get or put is the host's function, the other is NULL. */
+/* A stream that the host reads (get) or writes (put); the other function is NULL. */
 typedef struct sbl__saved_stream {
     sbl_read_function get;
     sbl_write_function put;
     void *user;
-    uint64_t sum;                      /* hash of all that went through */
+    uint64_t sum;                      /* hash of all data so far */
 } sbl__saved_stream;
 
+/* Reads or writes a block of data. Returns 0 if the stream has failed or ended. */
 static int sbl__saved_transfer(sbl__saved_stream *s, void *data, size_t bytes) {
     if (bytes && (s->get ? s->get(data, bytes, s->user) : s->put(data, bytes, s->user)) != bytes) return 0;
     s->sum = sbl__hash_bytes(s->sum, data, bytes);
     return 1;
 }
 
-/* The arrays that follow the header. */
+/* Reads or writes the arrays that follow the header. */
 static int sbl__saved_arrays(sbl__saved_stream *stream, const sbl__store *s, int triangles) {
     return sbl__saved_transfer(stream, s->patches, (size_t)triangles * sizeof *s->patches) &&
            sbl__saved_transfer(stream, s->cells, (size_t)s->cell_room * sizeof *s->cells) &&
@@ -13139,9 +13056,8 @@ static int sbl__saved_arrays(sbl__saved_stream *stream, const sbl__store *s, int
 static int sbl__saved_write(const sbl__scene *s, sbl_write_function put, void *user) {
     sbl__saved_stream stream = { NULL, put, user, SBL__SAVED_SEED };
     sbl__saved header;
-    uint64_t sum;
     memset(&header, 0, sizeof header);
-    memcpy(header.name, sbl__saved_name, sizeof header.name);
+    memcpy(header.name, SBL__SAVED_NAME, sizeof header.name);
     header.version = SBL__SAVED_VERSION;
     header.order = SBL__SAVED_ORDER;
     header.scene = sbl__saved_scene(s);
@@ -13152,20 +13068,19 @@ static int sbl__saved_write(const sbl__scene *s, sbl_write_function put, void *u
     memcpy(header.origin, s->store.origin, sizeof header.origin);
     header.length = s->store.length;
     memcpy(header.air, s->store.air, sizeof header.air);
-    if (!sbl__saved_transfer(&stream, &header, sizeof header)) return 0;
-    if (!sbl__saved_arrays(&stream, &s->store, header.triangles)) return 0;
-    sum = stream.sum;
-    return sbl__saved_transfer(&stream, &sum, sizeof sum);
+    return sbl__saved_transfer(&stream, &header, sizeof header) &&
+           sbl__saved_arrays(&stream, &s->store, header.triangles) &&
+           sbl__saved_transfer(&stream, &stream.sum, sizeof stream.sum);
 }
 
-/* NULL: it is of this scene and this version. */
+/* Returns what is wrong with a header, or NULL if it belongs to this scene and this version. */
 static const char *sbl__saved_check(const sbl__saved *header, const sbl__scene *s) {
     const int32_t most = SBL__SAVED_CELLS, cells = header->cells;
-    if (memcmp(header->name, sbl__saved_name, sizeof header->name)) return "it is not stored light of sbl.h";
-    if (header->order != SBL__SAVED_ORDER) return "it comes from a machine of another byte order";
-    if (header->version != SBL__SAVED_VERSION) return "it is of another version of sbl.h";
+    if (memcmp(header->name, SBL__SAVED_NAME, sizeof header->name)) return "it is not stored light of sbl.h";
+    if (header->order != SBL__SAVED_ORDER) return "it was written on a machine with another byte order";
+    if (header->version != SBL__SAVED_VERSION) return "it was written by another version of sbl.h";
     if (header->scene != sbl__saved_scene(s) || header->triangles != s->geometry.triangle_count)
-        return "it is of another scene";
+        return "it belongs to another scene";
     if (cells < 1 || cells > most || (cells & (cells - 1)) || header->cuts < 0 || header->cuts > most ||
         header->leaves < 0 || header->leaves > most / 2 || !sbl__all_finite(header->origin, 3) ||
         !sbl__between(&header->length, FLT_MIN, FLT_MAX) || !sbl__all_finite(&header->air[0][0], 18))
@@ -13173,8 +13088,9 @@ static const char *sbl__saved_check(const sbl__saved *header, const sbl__scene *
     return NULL;
 }
 
-/* Leads a reference to something? Those of cut number `from` only to later ones: no way goes round. */
-static int sbl__saved_reference_valid(const sbl__store *s, uint32_t reference, int from) {
+/* Returns 1 if a reference leads to a leaf or cut that exists. The sides of cut number `from` may only lead to later
+   cuts, so that no cycle exists; other references have `from` -1. */
+static int sbl__saved_leads(const sbl__store *s, uint32_t reference, int from) {
     const uint32_t cut = reference & ~SBL__CELL_CUT;
     if (reference < SBL__CELL_CUT) return reference <= (uint32_t)s->leaf_count;
     return cut < (uint32_t)s->cut_count && (from < 0 || cut > (uint32_t)from);
@@ -13182,16 +13098,18 @@ static int sbl__saved_reference_valid(const sbl__store *s, uint32_t reference, i
 
 static int sbl__saved_valid(const sbl__store *s) {
     int i, k;
-    for (i = 0; i < s->cell_room; i++) if (!sbl__saved_reference_valid(s, s->cells[i].reference, -1)) return 0;
-    for (i = 0; i < s->cut_count; i++)
-        if (!sbl__saved_reference_valid(s, s->cuts[i].sides[0], i) || !sbl__saved_reference_valid(s, s->cuts[i].sides[1], i) ||
-            !sbl__all_finite(s->cuts[i].normal, 4)) return 0;
+    for (i = 0; i < s->cell_room; i++) if (!sbl__saved_leads(s, s->cells[i].reference, -1)) return 0;
+    for (i = 0; i < s->cut_count; i++) {
+        const sbl__cut *cut = &s->cuts[i];
+        if (!sbl__saved_leads(s, cut->sides[0], i) || !sbl__saved_leads(s, cut->sides[1], i)) return 0;
+        if (!sbl__all_finite(cut->normal, 4)) return 0;  /* normal and distance */
+    }
     for (i = 0; i < s->leaf_count; i++)
         for (k = 0; k < 3; k++) if (!sbl__between(&s->leaves[i].light[k], 0, FLT_MAX)) return 0;
     return 1;
 }
 
-/* Reads a store, of which nothing is made yet. *why: what is wrong with the data. */
+/* Reads a store into s, which is empty. *why: receives what is wrong with the data. */
 static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene, sbl__store *s, sbl_read_function get,
                                   void *user, const char **why) {
     sbl__saved_stream stream = { get, NULL, user, SBL__SAVED_SEED };
@@ -13220,7 +13138,7 @@ static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene,
     return *why ? SBL_ERROR_INVALID_ARGUMENT : SBL_SUCCESS;
 }
 
-/* The scene's store, from a stream. On failure it has the one that it had. */
+/* Replaces the scene's store with a store from a stream. On failure the scene keeps its store. */
 static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *user) {
     sbl__scene *scene = &c->scene;
     const int triangles = scene->geometry.triangle_count, wide = scene->geometry.wide;
