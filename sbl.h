@@ -11753,8 +11753,8 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 
    A leaf has up to SBL__BOUNCE_POINTS points, at places that samples or rays found; each point sends SBL__BOUNCE_RAYS
    rays. Ray r of leaf i hits leaf j, which reflects the share a of its light, so that
-   R_i = L_i + mean over r of a * R_j, where L is light from lamps (measured by the job) and from the environment. The
-   rays are kept, and the equations are solved by iteration (Kajiya 1986; gathering, as Cohen and Greenberg 1985).
+   R_i = L_i + mean over r of a * R_j, where L is direct light: from lamps (measured by the job) and the environment.
+   The rays are kept, and the equations are solved by iteration (Kajiya 1986; gathering, as Cohen and Greenberg 1985).
 
    The uncertainty of the result comes from the differences between the few points of a leaf. An amount of light of
    that size and random sign is sent from leaf to leaf along the same rays; the amount that arrives is the uncertainty
@@ -11804,6 +11804,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__AIR_RAYS 512
 #define SBL__CAST_COLUMNS 256
 #define SBL__CAST_ROWS 64
+#define SBL__CAST_MOST (SBL__CAST_COLUMNS * SBL__CAST_ROWS)  /* rays cast at once */
 
 /* A ray, as cast.glsl reads it. limit: length; below 0: the ray leaves a surface with normal `direction` and
    cosine-weighted distribution. fractions: two random numbers of 16 bits each that choose such a ray's direction. */
@@ -11828,11 +11829,10 @@ typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* index in it
 typedef struct sbl__bounce_leaf { int points, first, valid; } sbl__bounce_leaf;
 
 typedef enum sbl__bounce_stage {
-    SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_WORDS, SBL__BOUNCE_SAMPLE, SBL__BOUNCE_CAST_SAMPLES,
-    SBL__BOUNCE_PLACE, SBL__BOUNCE_CAST_CONTACTS, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST_POINTS, SBL__BOUNCE_RELOCATE,
-    SBL__BOUNCE_ORDER, SBL__BOUNCE_SORT, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_LINK, SBL__BOUNCE_GATHER,
-    SBL__BOUNCE_NOISE, SBL__BOUNCE_PROPAGATE, SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR,
-    SBL__BOUNCE_DONE
+    SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_SAMPLE, SBL__BOUNCE_CAST_SAMPLES, SBL__BOUNCE_PLACE,
+    SBL__BOUNCE_CAST_CONTACTS, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST_POINTS, SBL__BOUNCE_RELOCATE, SBL__BOUNCE_ORDER,
+    SBL__BOUNCE_SORT, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_LINK, SBL__BOUNCE_GATHER, SBL__BOUNCE_NOISE,
+    SBL__BOUNCE_PROPAGATE, SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
 } sbl__bounce_stage;
 
 typedef struct sbl__bounce {
@@ -11856,11 +11856,10 @@ typedef struct sbl__bounce {
     int cut_leaves;                  /* number of leaves that contact rays have cut */
     int points_cast;                 /* number of points whose rays have been cast */
     uint32_t *sequence;              /* random fractions of ray directions */
-    struct { int known; uint32_t place; float normal[3], offset; } origin;  /* of the last ray; most rays share it with
-                                                                               the ray before */
-    sbl__site *sites;
+    struct { int known; uint32_t place; float normal[3], offset; } origin;  /* cached: rays of a point share it */
+    sbl__site *sites;                /* the job's sites: points, then places in the air */
     sbl_reading *readings;
-    uint32_t *recent_lines;          /* hash table of contact lines that have cut their cells recently */
+    uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hash table of contact lines that have cut their cells recently */
     int recheck;                     /* 1: a line has cut leaves that had points, so all hits must be placed again */
     float *direct;                   /* light of each leaf from lamps and environment, 3 floats; at the end its noise */
     float *solved;                   /* solved light, kept while noise occupies the leaves */
@@ -11875,16 +11874,14 @@ typedef struct sbl__bounce {
     sbl__table casts;
     sbl__blocks blocks;
     sbl__pace pace;
-    sbl__job job;                    /* measures light at the points, then in the air */
-    sbl__site air[SBL__AIR_SITES];
-    sbl_reading air_readings[SBL__AIR_SITES];
+    sbl__job job;
 } sbl__bounce;
 
 /* >>bounce: casting of rays on the GPU */
 
 /* >>glsl cast: shaders_embedded/cast.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_cast[] = {
-"// Finds the first hit of each ray. A ray with a negative limit leaves a surface whose normal is its direction, in a\n",
+"// Finds the first hit of each ray. A ray with a negative limit leaves a surface, whose normal is `direction`, in a\n",
 "// random direction with cosine distribution.\n",
 "// xyz: position of the hit, far away if nothing was hit; w: 0 if nothing was hit, otherwise 1 + low bits of the\n",
 "// triangle's number, negative for its back side\n",
@@ -11924,12 +11921,12 @@ static const sbl__recipe sbl__recipe_cast = {
 };
 
 static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int count) {
-    const size_t room = SBL__CAST_COLUMNS * SBL__CAST_ROWS;
     const sbl__scene *scene = &b->core->scene;
     sbl__device *d = &b->core->device;
     sbl_result result = sbl__blocks_make(d, &b->blocks, 2, SBL__CAST_COLUMNS, SBL__CAST_ROWS);
     if (result == SBL_SUCCESS)
-        result = sbl__buffer_stream(d, &b->casts.buffer, room * sizeof *rays, rays, (size_t)count * sizeof *rays);
+        result = sbl__buffer_stream(d, &b->casts.buffer, SBL__CAST_MOST * sizeof *rays, rays,
+                                    (size_t)count * sizeof *rays);
     if (result == SBL_SUCCESS) result = sbl__table_attach(d, &b->casts, SBL__GL_RGBA32UI, 0);
     if (result == SBL_SUCCESS) result = sbl__use(d, &sbl__recipe_cast, scene->features);
     if (result != SBL_SUCCESS) return result;
@@ -11961,10 +11958,9 @@ static void sbl__cast_take(const sbl__cast *ray, const float place[4], const flo
    number. SBL_SUCCESS: all rays have been cast. */
 static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, int number, sbl__cast *out), int count,
                                    sbl__hits *hits, const sbl__slice *slice) {
-    enum { MOST = SBL__CAST_COLUMNS * SBL__CAST_ROWS };
     sbl__device *d = &b->core->device;
     const double room = sbl__pace_begin(&b->pace, slice, 1024, 64);
-    const int at = b->stages.at, some = (int)SBL__MIN(SBL__MIN(room, (double)MOST), count - at);
+    const int at = b->stages.at, some = (int)SBL__MIN(SBL__MIN(room, (double)SBL__CAST_MOST), count - at);
     const int rows = (some + SBL__CAST_COLUMNS - 1) / SBL__CAST_COLUMNS;
     const size_t texels = (size_t)rows * SBL__CAST_COLUMNS;
     sbl__cast *rays;
@@ -11995,8 +11991,7 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, 
 
 /* >>bounce: places that may become points */
 
-/* Returns the patch word of a place: the triangle's word with the bits for the place's side and for a ray from near
-   by. */
+/* Returns the patch word of a place: its triangle's word, with the bits of its side and of rays from near by. */
 static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
     const uint32_t patch = s->patches[at->place >> 1] ^ (at->place & 1 ? SBL__PATCH_BACK : 0);
     return patch | (at->distance * SBL__NEAR_PART < s->length ? SBL__PATCH_NEAR : 0);
@@ -12046,9 +12041,8 @@ static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
     if (b->sequence) return sbl__patching_step(&b->patching, slice);
     sbl__free(base, *words);
     *words = (uint32_t *)sbl__alloc(base, (size_t)b->geometry->triangle_count, sizeof **words);
-    b->recent_lines = (uint32_t *)sbl__alloc(base, SBL__CONTACT_CACHE, sizeof *b->recent_lines);
     b->sequence = sbl__sequence_make(base, SBL__BOUNCE_SEQUENCES, SBL__BOUNCE_RAYS, 1);
-    if (!*words || !b->recent_lines || !b->sequence) return SBL_ERROR_OUT_OF_MEMORY;
+    if (!*words || !b->sequence) return SBL_ERROR_OUT_OF_MEMORY;
     result = sbl__patching_begin(base, &b->patching, b->geometry);
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
@@ -12077,12 +12071,6 @@ static sbl_result sbl__bounce_grid(void *work, sbl__slice *slice) {
 
 static int sbl__bounce_triangles(void *work) { return ((sbl__bounce *)work)->geometry->triangle_count; }
 
-static sbl_result sbl__bounce_word(void *work, int triangle) {
-    sbl__bounce *b = (sbl__bounce *)work;
-    b->store->patches[triangle] = sbl__patch_word(&b->patching, (uint32_t)triangle);
-    return SBL_SUCCESS;
-}
-
 static sbl_result sbl__hits_add(sbl__bounce *b, sbl__hits *to, const sbl__hit *hit) {
     if (!sbl__grow(&b->core->base, &to->list, &to->room, to->count + 1, sizeof *to->list))
         return SBL_ERROR_OUT_OF_MEMORY;
@@ -12110,14 +12098,15 @@ static sbl_result sbl__bounce_add_samples(sbl__bounce *b, uint32_t triangle, uin
     return result;
 }
 
-/* Adds a triangle's surface samples: one per cell's area at the first size of cells. b->samples_due carries fractions
-   over to the next triangle. */
+/* Sets a triangle's patch word, and adds its surface samples: one per cell's area at the first size of cells.
+   b->samples_due carries fractions over to the next triangle. */
 static sbl_result sbl__bounce_sample(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const uint32_t triangle = (uint32_t)at;
     const double density = SBL__MAX(b->patching.growth, SBL__BOUNCE_SAMPLES_LEAST), length = (double)b->store->length;
     double normal[3], k = floor(b->samples_due);
     sbl_result result = SBL_SUCCESS;
+    b->store->patches[triangle] = sbl__patch_word(&b->patching, triangle);
     if (sbl__triangle_object(b->geometry, triangle)->flags & SBL__HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
     b->samples_due += density * sbl__scene_normal(b->geometry, triangle, normal) / (length * length);
     for (; k < floor(b->samples_due) && result == SBL_SUCCESS; k++)
@@ -12125,8 +12114,7 @@ static sbl_result sbl__bounce_sample(void *work, int at) {
     return result;
 }
 
-/* Adds a point at a place, projected onto the plane of its triangle, because rounding along a long ray moves hits
-   off the plane. */
+/* Adds a point at a place, projected onto the plane of its triangle: rounding moves hits of long rays off it. */
 static sbl_result sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
     sbl__bounce_point *point;
     const float *corner = sbl__triangle_corner(b->geometry, at->place >> 1, 0);
@@ -12204,7 +12192,7 @@ static int sbl__bounce_restart(sbl__bounce *b, double growth) {
     b->samples_due = b->needed_growth = 0;
     b->samples.count = b->waiting.count = b->point_count = b->cut_leaves = b->points_cast = 0;
     b->recheck = b->samples_placed = 0;
-    memset(b->recent_lines, 0, SBL__CONTACT_CACHE * sizeof *b->recent_lines);
+    memset(b->recent_lines, 0, sizeof b->recent_lines);
     return SBL__BOUNCE_GRID;
 }
 
@@ -12325,8 +12313,8 @@ static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl
     return 1;
 }
 
-/* Cuts all leaves that the line crosses below a reference: sides[side] of a cut or, if `cut` is negative, the
-   reference in the slot. range: part of the line that lies there. */
+/* Cuts all leaves that the line crosses below a reference: sides[side] of a cut or, if `cut` is negative,
+   line->reference. range: part of the line that lies there. */
 static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, int cut, int side,
                                     const double range[2], int depth) {
     sbl__store *s = b->store;
@@ -12479,24 +12467,22 @@ static void sbl__bounce_sample_ray(sbl__bounce *b, int number, sbl__cast *out) {
                             out);
 }
 
+/* Casts rays from surface samples and queues their hits. The distance from which a sample is seen becomes the length of
+   its shortest ray, or SBL__UNSEEN if its rays hit nothing. */
 static sbl_result sbl__bounce_cast_samples(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
-    return sbl__bounce_cast(b, sbl__bounce_sample_ray, b->samples.count * SBL__BOUNCE_SAMPLE_RAYS, &b->hits, slice);
-}
-
-/* Sets the distance from which each surface sample is seen: the length of its shortest ray, or SBL__UNSEEN if its rays
-   hit nothing. */
-static int sbl__bounce_after_samples(void *work) {
-    sbl__bounce *b = (sbl__bounce *)work;
-    int i, k;
-    for (i = 0; i < b->samples.count; i++) {
-        const sbl__hit *hits = &b->hits.list[(size_t)i * SBL__BOUNCE_SAMPLE_RAYS];
-        float *distance = &b->samples.list[i].distance;
-        *distance = SBL__UNSEEN;
-        for (k = 0; k < SBL__BOUNCE_SAMPLE_RAYS; k++)
-            if (hits[k].place != SBL__NOWHERE) *distance = SBL__MIN(*distance, hits[k].distance);
+    const int rays = b->samples.count * SBL__BOUNCE_SAMPLE_RAYS;
+    const sbl_result result = sbl__bounce_cast(b, sbl__bounce_sample_ray, rays, &b->hits, slice);
+    int i;
+    if (result != SBL_SUCCESS) return result;
+    for (i = 0; i < rays; i++) {
+        sbl__hit *sample = &b->samples.list[i / SBL__BOUNCE_SAMPLE_RAYS];
+        if (i % SBL__BOUNCE_SAMPLE_RAYS == 0) sample->distance = SBL__UNSEEN;
+        if (b->hits.list[i].place == SBL__NOWHERE) continue;
+        sample->distance = SBL__MIN(sample->distance, b->hits.list[i].distance);
     }
-    return sbl__bounce_queue(b, b->hits.list, b->samples.count * SBL__BOUNCE_SAMPLE_RAYS);
+    sbl__bounce_queue(b, b->hits.list, rays);
+    return SBL_SUCCESS;
 }
 
 static void sbl__bounce_point_ray(sbl__bounce *b, int number, sbl__cast *out) {
@@ -12577,11 +12563,11 @@ static sbl_result sbl__bounce_sort(void *work, int at) {
 static sbl_result sbl__bounce_allocate(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
-    const size_t points = (size_t)b->point_count, leaves = (size_t)b->store->leaf_count;
+    const size_t sites = (size_t)SBL__MAX(b->point_count, SBL__AIR_SITES), leaves = (size_t)b->store->leaf_count;
     (void)slice;
     if (b->solved) return SBL_SUCCESS;  /* The memory exists after an earlier solution with other lights. */
-    b->sites = (sbl__site *)sbl__alloc_raw(base, points, sizeof *b->sites);
-    b->readings = (sbl_reading *)sbl__alloc_raw(base, points, sizeof *b->readings);
+    b->sites = (sbl__site *)sbl__alloc_raw(base, sites, sizeof *b->sites);
+    b->readings = (sbl_reading *)sbl__alloc_raw(base, sites, sizeof *b->readings);
     b->direct = (float *)sbl__alloc_raw(base, leaves, 3 * sizeof *b->direct);
     b->solved = (float *)sbl__alloc_raw(base, leaves, 3 * sizeof *b->solved);
     return b->sites && b->readings && b->direct && b->solved ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
@@ -12600,9 +12586,8 @@ static sbl_result sbl__bounce_site(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Begins a job for `count` sites that measures light from lamps only (SBL_MODE_DIRECT) or all light. */
-static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, const sbl__site *sites, sbl_reading *readings,
-                                int count) {
+/* Begins a job for the first `count` sites that measures light from lamps only (SBL_MODE_DIRECT) or all light. */
+static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, int count) {
     const int direct = mode == SBL_MODE_DIRECT;
     sbl__core *c = b->core;
     sbl__measurement measurement;
@@ -12617,8 +12602,8 @@ static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, const sbl__site *
         task.spec.rays = SBL__BOUNCE_STUCK_RAYS;
         task.spec.without_sky = 1;  /* Kept rays that hit nothing bring the light of the environment. */
     }
-    task.sites = sites;
-    task.readings = readings;
+    task.sites = b->sites;
+    task.readings = b->readings;
     task.site_count = count;
     memset(&b->job.counts, 0, sizeof b->job.counts);
     sbl__job_begin(&b->job, &c->scene, &task);
@@ -12626,7 +12611,7 @@ static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, const sbl__site *
 
 static int sbl__bounce_after_sites(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
-    sbl__bounce_measure(b, SBL_MODE_DIRECT, b->sites, b->readings, b->point_count);
+    sbl__bounce_measure(b, SBL_MODE_DIRECT, b->point_count);
     return SBL__BOUNCE_LIGHT;
 }
 
@@ -12667,8 +12652,7 @@ static void sbl__bounce_link_point(sbl__bounce *b, int point) {
     }
 }
 
-/* Replaces the hits of a leaf's points with numbers of leaves, and averages the points' light from lamps and the
-   environment. */
+/* Replaces the hits of a leaf's points with numbers of leaves, and averages the points' direct light. */
 static sbl_result sbl__bounce_link(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_leaf *state = &b->states[at];
@@ -12842,9 +12826,9 @@ static int sbl__bounce_after_send(void *work) {
     const sbl__scene *scene = &b->core->scene;
     int i, k;
     if (!scene->draw) return SBL__BOUNCE_DONE;
-    memset(b->air, 0, sizeof b->air);
+    memset(b->sites, 0, SBL__AIR_SITES * sizeof *b->sites);
     for (i = 0; i < SBL__AIR_SITES; i++) {
-        sbl__site *site = &b->air[i];
+        sbl__site *site = &b->sites[i];
         const int place = i / 6, axis = i % 6 / 2;
         for (k = 0; k < 3; k++) {
             const double t = place == 8 ? 0.5 : place >> k & 1 ? 0.75 : 0.25;
@@ -12854,7 +12838,7 @@ static int sbl__bounce_after_send(void *work) {
         site->number = (uint32_t)i;
         site->looks = 1;
     }
-    sbl__bounce_measure(b, SBL_MODE_GI, b->air, b->air_readings, SBL__AIR_SITES);
+    sbl__bounce_measure(b, SBL_MODE_GI, SBL__AIR_SITES);
     return SBL__BOUNCE_AIR;
 }
 
@@ -12863,10 +12847,10 @@ static int sbl__bounce_after_air(void *work) {
     float (*air)[3] = b->store->air;
     int i, k, valid[6] = { 0, 0, 0, 0, 0, 0 };
     memset(air, 0, sizeof b->store->air);
-    for (i = 0; i < SBL__AIR_SITES; i++) valid[i % 6] += b->air_readings[i].valid;
+    for (i = 0; i < SBL__AIR_SITES; i++) valid[i % 6] += b->readings[i].valid;
     for (i = 0; i < SBL__AIR_SITES; i++)
-        for (k = 0; k < 3 && b->air_readings[i].valid; k++)
-            air[i % 6][k] += b->air_readings[i].radiance[k] / (float)valid[i % 6];
+        for (k = 0; k < 3 && b->readings[i].valid; k++)
+            air[i % 6][k] += b->readings[i].radiance[k] / (float)valid[i % 6];
     return SBL__BOUNCE_DONE;
 }
 
@@ -12877,7 +12861,7 @@ static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
     const sbl__patching *p = &b->patching;
     void *const blocks[] = { p->places.slots, p->ends.slots, p->welded, p->corners, p->parents, p->patches,
                              b->samples.list, b->waiting.list, b->released.list, b->contacts.list, b->sequence,
-                             b->sites, b->readings, b->recent_lines, b->direct, b->solved, b->order };
+                             b->sites, b->readings, b->direct, b->solved, b->order };
     int i;
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(d->base, blocks[i]);
     sbl__table_delete(d, &b->casts);
@@ -12898,8 +12882,7 @@ static void sbl__bounce_end(sbl__core *c) {
     c->bounce = NULL;
 }
 
-/* Returns the filling in progress or a new one; NULL: out of memory. If only lights have changed, points and hits
-   are kept. */
+/* Returns the filling in progress or a new one; NULL: out of memory. Points and hits outlive changes of lights. */
 static sbl__bounce *sbl__bounce_resume(sbl__core *c) {
     sbl__bounce *b;
     if (c->bounce && c->bounce->surfaces != c->scene.surfaces) sbl__bounce_end(c);
@@ -12924,9 +12907,8 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__bounce_patches, NULL, NULL, NULL },
         { sbl__bounce_grid, NULL, NULL, NULL },
-        { NULL, NULL, sbl__bounce_word, sbl__bounce_triangles },
         { NULL, NULL, sbl__bounce_sample, sbl__bounce_triangles },
-        { sbl__bounce_cast_samples, sbl__bounce_after_samples, NULL, NULL },
+        { sbl__bounce_cast_samples, NULL, NULL, NULL },
         { NULL, sbl__bounce_after_place, sbl__bounce_place, sbl__bounce_queued },
         { sbl__bounce_cast_contacts, NULL, NULL, NULL },
         { NULL, sbl__bounce_after_cuts, sbl__bounce_cuts, sbl__bounce_uncut_leaves },
@@ -12959,8 +12941,7 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     return result;
 }
 
-/* Estimates how much of the store is done, 0 to 1, never less than before. Rays between surfaces count as half of
-   it. */
+/* Estimates how much of the store is done, 0 to 1, never less than before. Rays between surfaces are half of it. */
 static float sbl__bounce_progress(sbl__core *c) {
     sbl__bounce *b = c->bounce;
     float now;
@@ -12974,8 +12955,7 @@ static float sbl__bounce_progress(sbl__core *c) {
     return b->progress;
 }
 
-/* Returns the share of the progress of a picture or gather that filling the store takes, or 0 if the store is ready
-   or not needed. */
+/* Returns the share of progress that filling the store takes, or 0 if the store is ready or not needed. */
 static float sbl__prepare_share(const sbl__core *c, const sbl__measurement *s) {
     return s->options.mode == SBL_MODE_GI && !c->scene.store.ready ? SBL__BOUNCE_TIME : 0;
 }
@@ -12995,8 +12975,8 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__sli
 }
 
 /* ======================================================================================================== >>saved
-   Writes the store to a stream and reads it: a header, the store's four arrays, a checksum. Data that is read is used
-   only if it belongs to the scene and is valid. */
+   Writes the store to a stream and reads it: a header, the store, a checksum. Data that is read is used only if it
+   belongs to the scene and is valid. */
 
 #define SBL__SAVED_NAME "sblstore"
 #define SBL__SAVED_VERSION 3u
@@ -13009,7 +12989,6 @@ typedef struct sbl__saved {
     uint32_t version, order;
     uint64_t scene;                    /* see sbl__saved_scene */
     int32_t triangles, cells, cuts, leaves;
-    float origin[3], length, air[6][3];
 } sbl__saved;
 
 /* Returns a hash of everything that stored light depends on. */
@@ -13045,15 +13024,18 @@ static int sbl__saved_transfer(sbl__saved_stream *s, void *data, size_t bytes) {
     return 1;
 }
 
-/* Reads or writes the arrays that follow the header. */
-static int sbl__saved_arrays(sbl__saved_stream *stream, const sbl__store *s, int triangles) {
-    return sbl__saved_transfer(stream, s->patches, (size_t)triangles * sizeof *s->patches) &&
+/* Reads or writes what follows the header: the grid, light in the air and the arrays. */
+static int sbl__saved_store(sbl__saved_stream *stream, sbl__store *s, int triangles) {
+    return sbl__saved_transfer(stream, s->origin, sizeof s->origin) &&
+           sbl__saved_transfer(stream, &s->length, sizeof s->length) &&
+           sbl__saved_transfer(stream, s->air, sizeof s->air) &&
+           sbl__saved_transfer(stream, s->patches, (size_t)triangles * sizeof *s->patches) &&
            sbl__saved_transfer(stream, s->cells, (size_t)s->cell_room * sizeof *s->cells) &&
            sbl__saved_transfer(stream, s->cuts, (size_t)s->cut_count * sizeof *s->cuts) &&
            sbl__saved_transfer(stream, s->leaves, (size_t)s->leaf_count * sizeof *s->leaves);
 }
 
-static int sbl__saved_write(const sbl__scene *s, sbl_write_function put, void *user) {
+static int sbl__saved_write(sbl__scene *s, sbl_write_function put, void *user) {
     sbl__saved_stream stream = { NULL, put, user, SBL__SAVED_SEED };
     sbl__saved header;
     memset(&header, 0, sizeof header);
@@ -13065,11 +13047,8 @@ static int sbl__saved_write(const sbl__scene *s, sbl_write_function put, void *u
     header.cells = s->store.cell_room;
     header.cuts = s->store.cut_count;
     header.leaves = s->store.leaf_count;
-    memcpy(header.origin, s->store.origin, sizeof header.origin);
-    header.length = s->store.length;
-    memcpy(header.air, s->store.air, sizeof header.air);
     return sbl__saved_transfer(&stream, &header, sizeof header) &&
-           sbl__saved_arrays(&stream, &s->store, header.triangles) &&
+           sbl__saved_store(&stream, &s->store, header.triangles) &&
            sbl__saved_transfer(&stream, &stream.sum, sizeof stream.sum);
 }
 
@@ -13082,9 +13061,7 @@ static const char *sbl__saved_check(const sbl__saved *header, const sbl__scene *
     if (header->scene != sbl__saved_scene(s) || header->triangles != s->geometry.triangle_count)
         return "it belongs to another scene";
     if (cells < 1 || cells > most || (cells & (cells - 1)) || header->cuts < 0 || header->cuts > most ||
-        header->leaves < 0 || header->leaves > most / 2 || !sbl__all_finite(header->origin, 3) ||
-        !sbl__between(&header->length, FLT_MIN, FLT_MAX) || !sbl__all_finite(&header->air[0][0], 18))
-        return "it is damaged";
+        header->leaves < 0 || header->leaves > most / 2) return "it is damaged";
     return NULL;
 }
 
@@ -13098,6 +13075,8 @@ static int sbl__saved_leads(const sbl__store *s, uint32_t reference, int from) {
 
 static int sbl__saved_valid(const sbl__store *s) {
     int i, k;
+    if (!sbl__all_finite(s->origin, 3) || !sbl__between(&s->length, FLT_MIN, FLT_MAX) ||
+        !sbl__all_finite(&s->air[0][0], 18)) return 0;
     for (i = 0; i < s->cell_room; i++) if (!sbl__saved_leads(s, s->cells[i].reference, -1)) return 0;
     for (i = 0; i < s->cut_count; i++) {
         const sbl__cut *cut = &s->cuts[i];
@@ -13119,9 +13098,6 @@ static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene,
     if (!sbl__saved_transfer(&stream, &header, sizeof header)) return SBL_ERROR_INVALID_ARGUMENT;
     *why = sbl__saved_check(&header, scene);
     if (*why) return SBL_ERROR_INVALID_ARGUMENT;
-    memcpy(s->origin, header.origin, sizeof s->origin);
-    s->length = header.length;
-    memcpy(s->air, header.air, sizeof s->air);
     s->patches = (uint32_t *)sbl__alloc(d->base, (size_t)header.triangles, sizeof *s->patches);
     s->cells = (sbl__cell_slot *)sbl__alloc(d->base, (size_t)header.cells, sizeof *s->cells);
     s->cuts = (sbl__cut *)sbl__alloc(d->base, (size_t)header.cuts, sizeof *s->cuts);
@@ -13131,7 +13107,7 @@ static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene,
     s->cut_count = s->cut_room = header.cuts;
     s->leaf_count = s->leaf_room = header.leaves;
     *why = "it ends too soon";
-    if (!sbl__saved_arrays(&stream, s, header.triangles)) return SBL_ERROR_INVALID_ARGUMENT;
+    if (!sbl__saved_store(&stream, s, header.triangles)) return SBL_ERROR_INVALID_ARGUMENT;
     sum = stream.sum;
     if (!sbl__saved_transfer(&stream, &end, sizeof end)) return SBL_ERROR_INVALID_ARGUMENT;
     *why = end == sum && sbl__saved_valid(s) ? NULL : "it is damaged";

@@ -1,4 +1,4 @@
-// Finds the first hit of each ray. A ray with a negative limit leaves a surface whose normal is its direction, in a
+// Finds the first hit of each ray. A ray with a negative limit leaves a surface, whose normal is `direction`, in a
 // random direction with cosine distribution.
 // xyz: position of the hit, far away if nothing was hit; w: 0 if nothing was hit, otherwise 1 + low bits of the
 // triangle's number, negative for its back side
