@@ -11824,15 +11824,16 @@ typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
 
 typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* index in its leaf */ } sbl__bounce_point;
 
-/* State of a leaf while the store is filled: number of points, the first one (after sorting: start of their range), and
-   number of points with a valid reading. */
+/* State of a leaf while the store is filled. points: their number; first: index of the first point; valid: number of
+   points with a valid reading. */
 typedef struct sbl__bounce_leaf { int points, first, valid; } sbl__bounce_leaf;
 
 typedef enum sbl__bounce_stage {
     SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_SAMPLE, SBL__BOUNCE_CAST_SAMPLES, SBL__BOUNCE_PLACE,
     SBL__BOUNCE_CAST_CONTACTS, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST_POINTS, SBL__BOUNCE_RELOCATE, SBL__BOUNCE_ORDER,
-    SBL__BOUNCE_SORT, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_LINK, SBL__BOUNCE_GATHER, SBL__BOUNCE_NOISE,
-    SBL__BOUNCE_PROPAGATE, SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
+    SBL__BOUNCE_SORT, SBL__BOUNCE_LINK, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_DIRECT, SBL__BOUNCE_GATHER,
+    SBL__BOUNCE_NOISE, SBL__BOUNCE_PROPAGATE, SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR,
+    SBL__BOUNCE_DONE
 } sbl__bounce_stage;
 
 typedef struct sbl__bounce {
@@ -11845,7 +11846,6 @@ typedef struct sbl__bounce {
     sbl__bounce_leaf *states;        /* states of the leaves */
     int point_count, point_room, state_room;
     sbl__hits hits;                  /* hits of the points' rays, SBL__BOUNCE_RAYS per point */
-    int linked;                      /* number of leaves whose hits have been replaced with numbers of leaves */
     float progress;
     sbl__patching patching;          /* this field and all below are dropped when the store is ready */
     double samples_due;              /* number of surface samples due for the triangles visited so far */
@@ -12558,6 +12558,17 @@ static sbl_result sbl__bounce_sort(void *work, int at) {
     return SBL_SUCCESS;
 }
 
+/* Replaces the places that a point's rays hit with numbers of leaves. */
+static sbl_result sbl__bounce_link(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    sbl__hit *hit = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS], *const end = hit + SBL__BOUNCE_RAYS;
+    for (; hit < end; hit++) {
+        const uint32_t *reference = hit->place == SBL__NOWHERE ? NULL : sbl__place_find(b->store, hit, NULL);
+        hit->place = reference && *reference ? *reference - 1 : SBL__NOWHERE;
+    }
+    return SBL_SUCCESS;
+}
+
 /* >>bounce: light from lamps */
 
 static sbl_result sbl__bounce_allocate(void *work, sbl__slice *slice) {
@@ -12643,17 +12654,8 @@ static void sbl__bounce_sky(const sbl__bounce *b, int point, float out[3]) {
     }
 }
 
-/* Replaces the places that a point's rays hit with numbers of leaves. */
-static void sbl__bounce_link_point(sbl__bounce *b, int point) {
-    sbl__hit *hit = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS], *const end = hit + SBL__BOUNCE_RAYS;
-    for (; hit < end; hit++) {
-        const uint32_t *reference = hit->place == SBL__NOWHERE ? NULL : sbl__place_find(b->store, hit, NULL);
-        hit->place = reference && *reference ? *reference - 1 : SBL__NOWHERE;
-    }
-}
-
-/* Replaces the hits of a leaf's points with numbers of leaves, and averages the points' direct light. */
-static sbl_result sbl__bounce_link(void *work, int at) {
+/* Averages the direct light of a leaf's points. */
+static sbl_result sbl__bounce_direct(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_leaf *state = &b->states[at];
     sbl__leaf *leaf = &b->store->leaves[at];
@@ -12663,7 +12665,6 @@ static sbl_result sbl__bounce_link(void *work, int at) {
     for (i = state->first, state->valid = 0; i < state->first + state->points; i++)
         state->valid += b->readings[i].valid;
     for (i = state->first; i < state->first + state->points; i++) {
-        if (at >= b->linked) sbl__bounce_link_point(b, i);
         if (!b->readings[i].valid) continue;
         sbl__bounce_sky(b, i, sky);
         for (k = 0; k < 3; k++) all_sky[k] += sky[k] / (float)state->valid;
@@ -12671,7 +12672,6 @@ static sbl_result sbl__bounce_link(void *work, int at) {
     }
     leaf->lamps = sbl__rgbe(light);
     for (k = 0; k < 3; k++) leaf->light[k] = light[k] += all_sky[k];
-    b->linked = SBL__MAX(b->linked, at + 1);
     return SBL_SUCCESS;
 }
 
@@ -12916,9 +12916,10 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
         { NULL, NULL, sbl__bounce_relocate, sbl__bounce_points },
         { sbl__bounce_order, NULL, NULL, NULL },
         { NULL, NULL, sbl__bounce_sort, sbl__bounce_points },
+        { NULL, NULL, sbl__bounce_link, sbl__bounce_points },
         { sbl__bounce_allocate, sbl__bounce_after_sites, sbl__bounce_site, sbl__bounce_points },
         { sbl__bounce_run_job, NULL, NULL, NULL },
-        { NULL, NULL, sbl__bounce_link, sbl__bounce_leaves },
+        { NULL, NULL, sbl__bounce_direct, sbl__bounce_leaves },
         { NULL, sbl__bounce_after_gather, sbl__bounce_gather, sbl__bounce_leaves },
         { NULL, sbl__bounce_after_noise, sbl__bounce_noise, sbl__bounce_leaves },
         { NULL, sbl__bounce_after_propagate, sbl__bounce_gather, sbl__bounce_leaves },
