@@ -12071,57 +12071,50 @@ static sbl_result sbl__bounce_grid(void *work, sbl__slice *slice) {
 
 static int sbl__bounce_triangles(void *work) { return ((sbl__bounce *)work)->geometry->triangle_count; }
 
-static sbl_result sbl__hits_add(sbl__bounce *b, sbl__hits *to, const sbl__hit *hit) {
-    if (!sbl__grow(&b->core->base, &to->list, &to->room, to->count + 1, sizeof *to->list))
-        return SBL_ERROR_OUT_OF_MEMORY;
+/* Returns 0 if out of memory. */
+static int sbl__hits_add(sbl__bounce *b, sbl__hits *to, const sbl__hit *hit) {
+    if (!sbl__grow(&b->core->base, &to->list, &to->room, to->count + 1, sizeof *to->list)) return 0;
     to->list[to->count++] = *hit;
-    return SBL_SUCCESS;
+    return 1;
 }
 
-/* Adds one surface sample on each side of a triangle, at a position that `number` chooses. */
-static sbl_result sbl__bounce_add_samples(sbl__bounce *b, uint32_t triangle, uint32_t number) {
-    const uint32_t hash = sbl__hash(number);
-    double u = hash / 4294967296.0, v = sbl__hash(hash) / 4294967296.0;
-    const float *p[3];
-    sbl__hit sample;
-    sbl_result result = SBL_SUCCESS;
-    int k;
-    if (u + v > 1) { u = 1 - u; v = 1 - v; }
-    sbl__scene_triangle(b->geometry, triangle, p);
-    memset(&sample, 0, sizeof sample);
-    for (k = 0; k < 3; k++)
-        sample.position[k] = (float)(p[0][k] + u * ((double)p[1][k] - p[0][k]) + v * ((double)p[2][k] - p[0][k]));
-    for (k = 0; k < 2 && result == SBL_SUCCESS; k++) {
-        sample.place = triangle << 1 | (uint32_t)k;
-        result = sbl__hits_add(b, &b->samples, &sample);
-    }
-    return result;
-}
-
-/* Sets a triangle's patch word, and adds its surface samples: one per cell's area at the first size of cells.
-   b->samples_due carries fractions over to the next triangle. */
+/* Sets a triangle's patch word, and adds surface samples at random positions on both sides: one per cell's area at the
+   first size of cells. b->samples_due carries fractions over to the next triangle. */
 static sbl_result sbl__bounce_sample(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const uint32_t triangle = (uint32_t)at;
     const double density = SBL__MAX(b->patching.growth, SBL__BOUNCE_SAMPLES_LEAST), length = (double)b->store->length;
-    double normal[3], k = floor(b->samples_due);
-    sbl_result result = SBL_SUCCESS;
+    const float *p[3];
+    double normal[3], number = floor(b->samples_due);
+    sbl__hit sample;
+    int k;
+    memset(&sample, 0, sizeof sample);
     b->store->patches[triangle] = sbl__patch_word(&b->patching, triangle);
     if (sbl__triangle_object(b->geometry, triangle)->flags & SBL__HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
     b->samples_due += density * sbl__scene_normal(b->geometry, triangle, normal) / (length * length);
-    for (; k < floor(b->samples_due) && result == SBL_SUCCESS; k++)
-        result = sbl__bounce_add_samples(b, triangle, (uint32_t)k);
-    return result;
+    sbl__scene_triangle(b->geometry, triangle, p);
+    for (; number < floor(b->samples_due); number++) {
+        const uint32_t hash = sbl__hash((uint32_t)number);
+        double u = hash / 4294967296.0, v = sbl__hash(hash) / 4294967296.0;
+        if (u + v > 1) { u = 1 - u; v = 1 - v; }
+        for (k = 0; k < 3; k++)
+            sample.position[k] = (float)(p[0][k] + u * ((double)p[1][k] - p[0][k]) + v * ((double)p[2][k] - p[0][k]));
+        for (k = 0; k < 2; k++) {
+            sample.place = triangle << 1 | (uint32_t)k;
+            if (!sbl__hits_add(b, &b->samples, &sample)) return SBL_ERROR_OUT_OF_MEMORY;
+        }
+    }
+    return SBL_SUCCESS;
 }
 
-/* Adds a point at a place, projected onto the plane of its triangle: rounding moves hits of long rays off it. */
-static sbl_result sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
+/* Adds a point at a place, projected onto the plane of its triangle: rounding moves hits of long rays off it. Returns 0
+   if out of memory. */
+static int sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
     sbl__bounce_point *point;
     const float *corner = sbl__triangle_corner(b->geometry, at->place >> 1, 0);
     double normal[3], off = 0;
     int k;
-    if (!sbl__grow(&b->core->base, &b->points, &b->point_room, b->point_count + 1, sizeof *b->points))
-        return SBL_ERROR_OUT_OF_MEMORY;
+    if (!sbl__grow(&b->core->base, &b->points, &b->point_room, b->point_count + 1, sizeof *b->points)) return 0;
     point = &b->points[b->point_count++];
     point->at = *at;
     point->leaf = leaf;
@@ -12129,21 +12122,21 @@ static sbl_result sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int 
     sbl__scene_normal(b->geometry, at->place >> 1, normal);
     for (k = 0; k < 3; k++) off += normal[k] * ((double)at->position[k] - corner[k]);
     for (k = 0; k < 3; k++) point->at.position[k] = (float)(at->position[k] - off * normal[k]);
-    return SBL_SUCCESS;
+    return 1;
 }
 
-/* Adds a leaf without points and lets the reference lead to it. */
-static sbl_result sbl__bounce_add_leaf(sbl__bounce *b, uint32_t *reference) {
+/* Adds a leaf without points and lets the reference lead to it. Returns 0 if out of memory. */
+static int sbl__bounce_add_leaf(sbl__bounce *b, uint32_t *reference) {
     sbl__base *base = &b->core->base;
     sbl__store *s = b->store;
     const int leaf = s->leaf_count;
     if (!sbl__grow(base, &s->leaves, &s->leaf_room, leaf + 1, sizeof *s->leaves) ||
-        !sbl__grow(base, &b->states, &b->state_room, leaf + 1, sizeof *b->states)) return SBL_ERROR_OUT_OF_MEMORY;
+        !sbl__grow(base, &b->states, &b->state_room, leaf + 1, sizeof *b->states)) return 0;
     memset(&s->leaves[leaf], 0, sizeof *s->leaves);
     memset(&b->states[leaf], 0, sizeof *b->states);
     b->states[leaf].first = b->point_count;
     *reference = (uint32_t)++s->leaf_count;
-    return SBL_SUCCESS;
+    return 1;
 }
 
 /* Returns the number of queued places, or 0 once there is no room for more leaves. */
@@ -12159,7 +12152,7 @@ static sbl_result sbl__bounce_place(void *work, int number) {
     const sbl__hit *at = &b->queue.list[number];
     const sbl__store *s = b->store;
     uint32_t *reference;
-    int leaf;
+    int leaf, added, ok = 1;
     if (at->place == SBL__NOWHERE) return SBL_SUCCESS;
     reference = sbl__place_find(s, at, NULL);
     if (!reference || (!*reference && s->leaf_count >= s->most)) {
@@ -12167,13 +12160,12 @@ static sbl_result sbl__bounce_place(void *work, int number) {
             b->needed_growth = SBL__MIN(1.3 * b->queue.count / (number + 1), SBL__BOUNCE_GROWTH_MOST);
         return SBL_SUCCESS;
     }
+    added = *reference == 0;
+    if (added && !sbl__bounce_add_leaf(b, reference)) return SBL_ERROR_OUT_OF_MEMORY;
     leaf = (int)*reference - 1;
-    if (leaf < 0) {
-        const sbl_result result = sbl__bounce_add_leaf(b, reference);
-        return result == SBL_SUCCESS ? sbl__bounce_add_point(b, at, s->leaf_count - 1) : result;
-    }
-    if (leaf >= b->cut_leaves) return sbl__hits_add(b, &b->waiting, at);
-    return b->states[leaf].points < SBL__BOUNCE_POINTS ? sbl__bounce_add_point(b, at, leaf) : SBL_SUCCESS;
+    if (!added && leaf >= b->cut_leaves) ok = sbl__hits_add(b, &b->waiting, at);
+    else if (b->states[leaf].points < SBL__BOUNCE_POINTS) ok = sbl__bounce_add_point(b, at, leaf);
+    return ok ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 /* Sets the places that may become points next. */
@@ -12515,10 +12507,9 @@ static sbl_result sbl__bounce_relocate(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_point *p = &b->points[at];
     uint32_t *reference = sbl__place_find(b->store, &p->at, NULL);
-    sbl_result result = SBL_SUCCESS;
-    if (reference && !*reference) result = sbl__bounce_add_leaf(b, reference);
+    if (reference && !*reference && !sbl__bounce_add_leaf(b, reference)) return SBL_ERROR_OUT_OF_MEMORY;
     if (reference) p->leaf = (int)*reference - 1;
-    return result;
+    return SBL_SUCCESS;
 }
 
 /* Computes an order in which the points of each leaf are consecutive. */
@@ -12630,10 +12621,11 @@ static sbl_result sbl__bounce_run_job(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl_stats *stats = &b->core->stats;
     const sbl_result result = sbl__job_step(&b->core->device, &b->job, slice);
-    if (result != SBL_SUCCESS) return result;
-    stats->sensors.readbacks += b->job.counts.readbacks;
-    stats->store.rays += b->job.counts.rays;
-    return SBL_SUCCESS;
+    if (result == SBL_SUCCESS) {
+        stats->sensors.readbacks += b->job.counts.readbacks;
+        stats->store.rays += b->job.counts.rays;
+    }
+    return result;
 }
 
 /* >>bounce: all bounces at once */
