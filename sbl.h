@@ -11745,22 +11745,18 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 }
 
 /* ======================================================================================================== >>bounce
-   Fills the store of bounced light. Points are spread over the scene, and their rays find the surfaces that they see.
-   The job measures the light that points get from lamps; all bounces are then solved from both.
+   Fills the store of bounced light. Rays from samples of all surfaces find the places that surfaces see, and these
+   become points. Each leaf has up to SBL__BOUNCE_POINTS points, and each point sends SBL__BOUNCE_RAYS rays, whose hits
+   become points of other leaves, until nothing new is hit. Finally surface samples fill the leaves that no ray hit.
 
-       surface samples -> { place -> contact rays } -> cast -> place the hits, until nothing new is hit -> light
-       -> solve -> uncertainty
+   Ray r of leaf i hits leaf j, which reflects the share a of its light, so that R_i = L_i + mean over r of a * R_j,
+   where L is direct light: from lamps (measured by the job) and from the environment (rays that hit nothing). The rays
+   are kept, and the equations are solved by iteration (Kajiya 1986; gathering, as Cohen and Greenberg 1985).
 
-   A leaf has up to SBL__BOUNCE_POINTS points, at places that samples or rays found; each point sends SBL__BOUNCE_RAYS
-   rays. Ray r of leaf i hits leaf j, which reflects the share a of its light, so that
-   R_i = L_i + mean over r of a * R_j, where L is direct light: from lamps (measured by the job) and the environment.
-   The rays are kept, and the equations are solved by iteration (Kajiya 1986; gathering, as Cohen and Greenberg 1985).
+   The differences between the points of a leaf tell its standard error. Light of that amount and of random sign is sent
+   from leaf to leaf along the same rays; the amount that arrives is the uncertainty of light gathered there.
 
-   The uncertainty of the result comes from the differences between the few points of a leaf. An amount of light of
-   that size and random sign is sent from leaf to leaf along the same rays; the amount that arrives is the uncertainty
-   of light gathered there.
-
-   Where a surface continues beneath an object that stands on it, one leaf must not receive light on both sides of the
+   Where a surface continues beneath an object that stands on it, one leaf must not get light on both sides of the
    object. From each leaf's first point contact rays go along its surface to the end of its cell, and planes that they
    hit cut the cell. Contact rays miss much in corners and narrow cells; therefore an object that a contact ray hits on
    a flat surface cuts all cells along its contact line. */
@@ -11798,7 +11794,7 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 #define SBL__UNCERTAINTY_STRATA 0.35  /* measured share of the differences among a leaf's points that is error of the
                                       leaf: points and rays come from low-discrepancy sequences, and neighbouring
                                       leaves compensate each other's errors */
-#define SBL__UNCERTAINTY_MOST 0.12 /* limit before that factor: a few rays that all hit one leaf exaggerate */
+#define SBL__UNCERTAINTY_MOST 0.12 /* limit before that factor; a few rays that all hit one leaf exaggerate it */
 #define SBL__BOUNCE_TIME 0.35f     /* approximate share of a picture's time that filling the store takes */
 #define SBL__AIR_SITES 54          /* six sites at each of nine places */
 #define SBL__AIR_RAYS 512
@@ -11864,7 +11860,7 @@ typedef struct sbl__bounce {
     float *direct;                   /* light of each leaf from lamps and environment, 3 floats; at the end its noise */
     float *solved;                   /* solved light, kept while noise occupies the leaves */
     int *order;                      /* index of each point in the order by leaf */
-    double change;                   /* change in the last round */
+    double change;                   /* balance.change of the round before */
     /* sums over all leaves in a round: direct light; all light before and after the round; absolute differences */
     struct { double direct[3], before[3], after[3], change; } balance;
     double needed_growth;            /* above 0: there are too many leaves; growth of cells' area that would suffice */
