@@ -6455,32 +6455,32 @@ static sbl_result sbl__lights_step(sbl__device *d, const sbl__geometry *g, const
 }
 
 /* ======================================================================================================== >>store
-   Store of bounced light: R on all surfaces of the scene, cell by cell. Sensors look R up where they see a surface.
-   >>bounce fills the store.
+   Holds the bounced light of the scene: R on all surfaces, cell by cell. >>bounce computes it. Sensors read it at the
+   surfaces that they see.
 
-   Surfaces are divided into patches: neighbouring triangles of a mesh that make one smooth surface. A cell is the part
+   Surfaces are divided into patches: neighbouring triangles of a mesh that form one smooth surface. A cell is the part
    of one side of a patch that lies in one cube of a grid over the scene and faces one of six directions. For a flat
-   patch, whose plane may coincide with a plane of the grid, a column takes the place of the cube. Light therefore does
+   patch, whose plane may coincide with a plane of the grid, a column of cubes replaces the cube. Therefore light does
    not leak through walls, between shelves or around edges; tiny triangles share a cell, and large triangles have many.
-   Where an object stands on a surface, the object's plane cuts the cell (see >>bounce), so that the part behind it is
-   another leaf. All cells have one size, except that wider ones are used for places found last once there are many.
+   Where an object stands on a surface, the plane of the object cuts the cell into two leaves (see >>bounce). Cells
+   have the same size at first; once there are many, new surfaces get wider cells, of level 1 or 2.
 
        triangle -> patch, side \
                                 hash grid -> leaf, or cut -> ... -> leaf: R
-       place    -> cube        /                                                                                  */
+       position -> cube        /                                                                                  */
 
-/* A slot of the hash grid of cells. check: 0 for an empty slot. reference: 0: nothing is known here; number of a
-   leaf + 1; SBL__CELL_CUT | number of a cut. */
+/* A slot of the hash grid. check: a second hash of the cell, 0 for an empty slot. reference: number of a leaf + 1,
+   SBL__CELL_CUT | number of a cut, or 0 if the cell has no light. */
 typedef struct sbl__cell_slot { uint32_t check, reference; } sbl__cell_slot;
 
-/* A plane through a cell, with references to the parts below and above the plane. */
+/* A plane that divides a cell. sides: references to the parts below and above the plane. */
 #define SBL__CUT(X) \
     X(sbl__cut, VEC3, normal) X(sbl__cut, FLOAT, distance) \
     X(sbl__cut, UVEC2, sides) X(sbl__cut, UVEC2, unused)
 SBL__RECORD(sbl__cut, SBL__CUT, "sbl_cut", "sbl_store", SBL__SCENE_TABLE("sbl_store"), "first_cut")
 
 /* light: R; the low eight bits of its blue hold the uncertainty, see sbl__leaf_uncertainty. lamps: the part of R that
-   comes from lamps. */
+   comes directly from lamps, see sbl__rgbe. */
 #define SBL__LEAF_RECORD(X) X(sbl__leaf, VEC3, light) X(sbl__leaf, UINT, lamps)
 SBL__RECORD(sbl__leaf, SBL__LEAF_RECORD, "sbl_leaf", "sbl_store", "", "first_leaf")
 
@@ -6490,15 +6490,14 @@ typedef struct sbl__store {
     float origin[3], length;   /* origin of the grid; length of a cell of level 0 */
     uint32_t *patches;         /* one word per triangle: number << SBL__PATCH_SHIFT | axis | flat | back */
     sbl__cell_slot *cells;
-    int cell_room;             /* a power of two */
+    int cell_room;             /* number of slots, a power of two */
     sbl__cut *cuts;
     sbl__leaf *leaves;
     int cut_count, cut_room, leaf_count, leaf_room;
     int most;                  /* largest allowed number of leaves */
     float brightest;           /* largest channel of R in any leaf */
     float air[6][3];           /* R where the host draws, for surfaces facing +x, -x, +y, -y, +z, -z */
-    sbl__table table;          /* patches, cells, cuts and leaves, one after the other, because few texture units
-                                  exist */
+    sbl__table table;          /* patches, cells, cuts and leaves in one table, because texture units are few */
     int first_cell, first_cut, first_leaf;  /* start of each part in the table, in texels of four words */
 } sbl__store;
 
@@ -6511,32 +6510,25 @@ static void sbl__store_free(const sbl__device *d, sbl__store *s) {
     memset(s, 0, sizeof *s);
 }
 
-/* >>store: uncertainty of light, kept in the low bits of blue; shaders read them as a negligible part of the light */
+/* >>store: the uncertainty, in the low bits of blue. Shaders read these bits as a negligible part of the light. */
 
 #define SBL__UNCERTAINTY_STEPS 16  /* steps in a factor of 2; bits of 0 mean that the uncertainty is unknown */
 #define SBL__UNCERTAINTY_LEAST 1e-30f  /* least blue value that holds such bits */
 
 static void sbl__leaf_set_uncertainty(sbl__leaf *leaf, double uncertainty) {
     const double steps = -SBL__UNCERTAINTY_STEPS * log(SBL__MAX(uncertainty, 1e-9)) / log(2.0);
-    uint32_t bits, step;
-    if (leaf->light[2] < SBL__UNCERTAINTY_LEAST) return;
-    step = (uint32_t)SBL__MIN(SBL__MAX(steps, 1.0), 255.0);
-    memcpy(&bits, &leaf->light[2], sizeof bits);
-    bits = (bits & ~255u) | step;
-    memcpy(&leaf->light[2], &bits, sizeof bits);
+    const uint32_t step = (uint32_t)SBL__MIN(SBL__MAX(steps, 1.0), 255.0);
+    const uint32_t bits = (sbl__float_bits(&leaf->light[2]) & ~255u) | step;
+    if (leaf->light[2] >= SBL__UNCERTAINTY_LEAST) memcpy(&leaf->light[2], &bits, sizeof bits);
 }
 
-/* Returns the uncertainty of light gathered at a place with the given stored light: a standard error as a share of
-   the stored light; 0: unknown. */
+/* Returns the uncertainty of stored light: its standard error divided by the light; 0: unknown. */
 static float sbl__leaf_uncertainty(const float light[3]) {
-    uint32_t bits;
-    if (light[2] < SBL__UNCERTAINTY_LEAST) return 0;
-    memcpy(&bits, &light[2], sizeof bits);
-    bits &= 255u;
-    return bits ? (float)pow(2.0, -(double)bits / SBL__UNCERTAINTY_STEPS) : 0;
+    const uint32_t step = light[2] < SBL__UNCERTAINTY_LEAST ? 0 : sbl__float_bits(&light[2]) & 255u;
+    return step ? (float)pow(2.0, -(double)step / SBL__UNCERTAINTY_STEPS) : 0;
 }
 
-/* >>store: cells. store.glsl repeats this lookup on the GPU. */
+/* >>store: cells. store.glsl finds them in the same way. */
 
 static uint32_t sbl__hash_step(uint32_t hash, uint32_t x) {
     hash = (hash ^ x) * SBL__HASH_FACTOR;
@@ -6548,8 +6540,8 @@ static float sbl__cell_length(const sbl__store *s, uint32_t patch) {
     return s->length * (float)(1 << SBL__LEVEL_SHIFT * level);
 }
 
-/* Computes the cube of the patch's grid that contains a position. patch: word of the triangle, with the bit of the
-   side that is seen. */
+/* Computes the cube of the patch's grid that contains a position. patch: the word of the triangle, with SBL__PATCH_BACK
+   inverted if the back side is meant, and with level and near bit. */
 static void sbl__cell_place(const sbl__store *s, uint32_t patch, const float position[3], uint32_t at[3]) {
     const float per_cell = 1 / sbl__cell_length(s, patch);
     int k;
@@ -6560,30 +6552,27 @@ static void sbl__cell_place(const sbl__store *s, uint32_t patch, const float pos
     if (patch & SBL__PATCH_FLAT) at[patch >> SBL__PATCH_AXIS_SHIFT & 3u] = 0;
 }
 
-/* Returns the slot of a position's cell or, if the cell has none, the free slot for it. Returns NULL if other cells
-   occupy all slots that are probed. */
-static sbl__cell_slot *sbl__store_slot(const sbl__store *s, uint32_t patch, const float position[3], uint32_t *check) {
-    uint32_t at[3], hash;
+/* Returns the reference in the slot of a position's cell, occupying a free slot if the cell has none. Returns NULL if
+   other cells occupy all slots that are probed. */
+static uint32_t *sbl__store_slot(const sbl__store *s, uint32_t patch, const float position[3]) {
+    uint32_t at[3], hash, check;
     int i;
     sbl__cell_place(s, patch, position, at);
     hash = sbl__hash_step(sbl__hash_step(sbl__hash_step(sbl__hash_step(0, patch), at[0]), at[1]), at[2]);
-    *check = sbl__hash_step(sbl__hash_step(sbl__hash_step(hash, at[2]), at[1]), at[0]) | 1u;
+    check = sbl__hash_step(sbl__hash_step(sbl__hash_step(hash, at[2]), at[1]), at[0]) | 1u;
     for (i = 0; i < SBL__SLOT_TRIES; i++) {
         sbl__cell_slot *slot = &s->cells[(hash + (uint32_t)i) & (uint32_t)(s->cell_room - 1)];
-        if (slot->check == *check || slot->check == 0) return slot;
+        if (slot->check == 0) slot->check = check;
+        if (slot->check == check) return &slot->reference;
     }
     return NULL;
 }
 
-/* Returns the reference that leads to the light at a position, adding the cell if necessary; NULL: there is no room.
-   *depth: number of cuts on the way. The pointer is valid until a cut is added. */
+/* Returns the reference to the leaf at a position, adding the cell if necessary; NULL: there is no room. *depth: number
+   of cuts on the way. The pointer is valid until a cut is added. */
 static uint32_t *sbl__store_find(const sbl__store *s, uint32_t patch, const float position[3], int *depth) {
-    uint32_t check, *reference;
-    sbl__cell_slot *slot = sbl__store_slot(s, patch, position, &check);
-    if (!slot) return NULL;
-    slot->check = check;
-    reference = &slot->reference;
-    for (*depth = 0; *reference >= SBL__CELL_CUT; ++*depth) {
+    uint32_t *reference = sbl__store_slot(s, patch, position);
+    for (*depth = 0; reference && *reference >= SBL__CELL_CUT; ++*depth) {
         sbl__cut *cut = &s->cuts[*reference & ~SBL__CELL_CUT];
         reference = &cut->sides[sbl__dot(cut->normal, position) > cut->distance];
     }
@@ -6604,33 +6593,7 @@ static uint32_t sbl__rgbe(const float light[3]) {
     return word;
 }
 
-/* Empties the store and makes room for `leaves` leaves. */
-static sbl_result sbl__store_clear(sbl__base *base, sbl__store *s, int leaves) {
-    int room = 1024;
-    while (room < 2 * leaves) room *= 2;
-    if (room != s->cell_room) {
-        sbl__free(base, s->cells);
-        s->cell_room = 0;
-        s->cells = (sbl__cell_slot *)sbl__alloc_raw(base, (size_t)room, sizeof *s->cells);
-        if (!s->cells) return SBL_ERROR_OUT_OF_MEMORY;
-        s->cell_room = room;
-    }
-    memset(s->cells, 0, (size_t)room * sizeof *s->cells);
-    s->leaf_count = s->cut_count = 0;
-    return SBL_SUCCESS;
-}
-
-/* reference: is set to lead to the new leaf. */
-static sbl_result sbl__store_add_leaf(sbl__base *base, sbl__store *s, uint32_t *reference) {
-    if (!sbl__grow(base, &s->leaves, &s->leaf_room, s->leaf_count + 1, sizeof *s->leaves))
-        return SBL_ERROR_OUT_OF_MEMORY;
-    memset(&s->leaves[s->leaf_count], 0, sizeof *s->leaves);
-    *reference = (uint32_t)++s->leaf_count;
-    return SBL_SUCCESS;
-}
-
-/* Cuts the part of a cell that a reference leads to along a plane. side: the side that keeps the former content of
-   the reference. */
+/* Cuts what a reference leads to along a plane. side: the side that keeps it; the other side is empty. */
 static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *reference, const float normal[3],
                                  float distance, int side) {
     const uint32_t before = *reference;
@@ -6646,52 +6609,32 @@ static sbl_result sbl__store_cut(sbl__base *base, sbl__store *s, uint32_t *refer
     return SBL_SUCCESS;
 }
 
-/* Cuts the leaf at a position along a plane; the leaf keeps the side of that position. */
-static sbl_result sbl__store_add_cut(sbl__base *base, sbl__store *s, uint32_t patch, const float position[3],
-                                       const float normal[3], float distance) {
-    int depth;
-    return sbl__store_cut(base, s, sbl__store_find(s, patch, position, &depth), normal, distance,
-                          sbl__dot(normal, position) > distance);
-}
+/* >>store: patches. Two triangles of a mesh are joined if they share an edge, whose ends have equal positions, and meet
+   there at a small angle. */
 
-#define SBL__PATCH_SMOOTH 0.8     /* least cosine between the normals of neighbours in a patch */
-#define SBL__PATCH_EVEN 0.9999    /* least cosine between the normals of a flat patch's triangles */
-#define SBL__PATCH_LEAST 0.25     /* in areas of a cell: a mesh's patches smaller than this are pooled as one patch */
-
-/* >>store: patches. Two triangles of a mesh are joined if they share an edge, which is recognised by the positions
-   of its ends, and meet there at a small angle. */
-
+#define SBL__PATCH_SMOOTH 0.8   /* least cosine between the normals of neighbours in a patch */
+#define SBL__PATCH_EVEN 0.9999  /* least cosine between the normals of a flat patch's triangles */
+#define SBL__PATCH_LEAST 0.25   /* in areas of a cell: a mesh's patches smaller than this are pooled as one patch */
 
 typedef struct sbl__patch { double area; float normal[3]; sbl__box bounds; int flat; } sbl__patch;
 
-typedef struct sbl__patching {  /* data for making patches */
+typedef struct sbl__patching {     /* state of dividing the scene into patches */
     sbl__stages stages;
     const sbl__geometry *geometry;
-    sbl__hash_table places, ends;  /* hash tables of vertices' positions, and of triangles' sides by their ends */
-    uint32_t *welded;           /* for each vertex, the first vertex at the same position */
-    uint32_t *corners;          /* three welded vertices per triangle */
-    uint32_t *parents;          /* union-find forest of triangles; each root stands for a patch, see sbl__root */
-    sbl__patch *patches;        /* patches, indexed by their roots */
-    double area;                /* area of all patches that sensors see */
-    double least;               /* area below which a mesh's patches are pooled */
-    double growth;              /* factor of the cells' area, above or below 1 after earlier sizes gave too many or
-                                   too few leaves */
-    double pool;                /* factor of `least`, above 1 after patches were too many */
+    sbl__hash_table places, ends;  /* finds vertices by their positions, and triangles' sides by their ends */
+    uint32_t *welded;              /* for each vertex, the first vertex at the same position */
+    uint32_t *corners;             /* three welded vertices per triangle */
+    uint32_t *parents;             /* union-find forest of triangles; each root stands for a patch, see sbl__root */
+    sbl__patch *patches;           /* indexed by their roots */
+    double area;                   /* area of all patches that sensors see */
+    double least;                  /* area below which a mesh's patches are pooled */
+    double growth;                 /* factor of the cells' area, changed after a size gave too many or few leaves */
+    double pool;                   /* factor of `least`, above 1 after patches were too many */
 } sbl__patching;
-
-static void sbl__patching_free(sbl__base *base, sbl__patching *p) {
-    sbl__hash_table_free(base, &p->places);
-    sbl__hash_table_free(base, &p->ends);
-    sbl__free(base, p->welded);
-    sbl__free(base, p->corners);
-    sbl__free(base, p->parents);
-    sbl__free(base, p->patches);
-    memset(p, 0, sizeof *p);
-}
 
 static sbl_result sbl__patching_begin(sbl__base *base, sbl__patching *p, const sbl__geometry *g) {
     const size_t triangles = (size_t)g->triangle_count;
-    int i;
+    uint32_t i;
     p->geometry = g;
     p->growth = p->pool = 1;
     p->welded = (uint32_t *)sbl__alloc(base, (size_t)g->vertex_count, sizeof *p->welded);
@@ -6701,7 +6644,7 @@ static sbl_result sbl__patching_begin(sbl__base *base, sbl__patching *p, const s
     if (!p->welded || !p->corners || !p->parents || !p->patches ||
         sbl__hash_table_make(base, &p->places, g->vertex_count) != SBL_SUCCESS ||
         sbl__hash_table_make(base, &p->ends, 3.0 * g->triangle_count) != SBL_SUCCESS) return SBL_ERROR_OUT_OF_MEMORY;
-    for (i = 0; i < g->triangle_count; i++) p->parents[i] = (uint32_t)i;
+    for (i = 0; i < triangles; i++) p->parents[i] = i;
     return SBL_SUCCESS;
 }
 
@@ -6737,11 +6680,9 @@ static sbl_result sbl__patch_join(void *work, int at) {
 static sbl_result sbl__patch_measure(void *work, int at) {
     sbl__patching *p = (sbl__patching *)work;
     const sbl__geometry *g = p->geometry;
-    const uint32_t triangle = (uint32_t)at;
-    const uint32_t root = sbl__root(p->parents, triangle);
+    const uint32_t triangle = (uint32_t)at, root = sbl__root(p->parents, triangle);
     sbl__patch *patch = &p->patches[root];
-    const sbl__object *o = sbl__triangle_object(g, triangle);
-    double normal[3], along;
+    double normal[3], cosine = 0;
     const double area = sbl__scene_normal(g, triangle, normal);
     sbl__box box;
     int k;
@@ -6752,27 +6693,16 @@ static sbl_result sbl__patch_measure(void *work, int at) {
     }
     sbl__box_of_triangle(&box, g, triangle);
     sbl__box_add(&patch->bounds, &box);
-    if (!(o->flags & SBL__HIDDEN_FROM_SENSORS)) {
+    if (!(sbl__triangle_object(g, triangle)->flags & SBL__HIDDEN_FROM_SENSORS)) {
         patch->area += area;
         p->area += area;
     }
-    for (k = 0, along = 0; k < 3; k++) along += normal[k] * patch->normal[k];
-    if (along < SBL__PATCH_EVEN) patch->flat = 0;
+    for (k = 0; k < 3; k++) cosine += normal[k] * patch->normal[k];
+    if (cosine < SBL__PATCH_EVEN) patch->flat = 0;
     return SBL_SUCCESS;
 }
 
-/* Places the grid for about `leaves` leaves on both sides of surfaces together, and sets the area below which
-   patches are pooled. In a scene without area, cells have length 1. */
-static void sbl__patch_grid(sbl__patching *p, sbl__store *s, double leaves) {
-    const double cell = 2 * p->area / leaves;
-    int k;
-    p->least = SBL__PATCH_LEAST * p->pool * cell;
-    s->length = (float)sqrt(p->growth * cell);
-    if (!sbl__between(&s->length, FLT_MIN, FLT_MAX)) s->length = 1;
-    for (k = 0; k < 3; k++) s->origin[k] = p->geometry->bounds[0][k] - s->length * (1.37f + 0.21f * (float)k);
-}
-
-/* Returns the patch word of a triangle. */
+/* Returns the patch word of a triangle. Pooled patches have one number for each mesh. */
 static uint32_t sbl__patch_word(sbl__patching *p, uint32_t triangle) {
     const sbl__geometry *g = p->geometry;
     const uint32_t root = sbl__root(p->parents, triangle);
@@ -6788,7 +6718,7 @@ static uint32_t sbl__patch_word(sbl__patching *p, uint32_t triangle) {
            (p->patches[root].flat && !pooled ? SBL__PATCH_FLAT : 0) | (n[axis] < 0 ? SBL__PATCH_BACK : 0);
 }
 
-/* Does one bounded piece of making patches. SBL_SUCCESS: they are ready. */
+/* Finds patches, piece by piece. */
 static sbl_result sbl__patching_step(sbl__patching *p, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { NULL, NULL, sbl__patch_weld, sbl__patching_vertices },
@@ -6799,10 +6729,6 @@ static sbl_result sbl__patching_step(sbl__patching *p, sbl__slice *slice) {
 }
 
 /* >>store: on the GPU */
-
-static void sbl__store_part(const sbl__device *d, const sbl__buffer *b, int texel, const void *data, size_t bytes) {
-    if (bytes) sbl__buffer_write(d, b, 16 * (size_t)texel, bytes, data);
-}
 
 static sbl_result sbl__store_send(const sbl__device *d, sbl__store *s, int triangles, int wide) {
     sbl__buffer *buffer = &s->table.buffer;
@@ -6816,10 +6742,10 @@ static sbl_result sbl__store_send(const sbl__device *d, sbl__store *s, int trian
     result = sbl__buffer_make(d, buffer, 16 * ((size_t)s->first_leaf + (size_t)s->leaf_count), NULL,
                               SBL__GL_STATIC_DRAW);
     if (result != SBL_SUCCESS) return result;
-    sbl__store_part(d, buffer, 0, s->patches, sizeof *s->patches * (size_t)triangles);
-    sbl__store_part(d, buffer, s->first_cell, s->cells, sizeof *s->cells * (size_t)s->cell_room);
-    sbl__store_part(d, buffer, s->first_cut, s->cuts, sizeof *s->cuts * (size_t)s->cut_count);
-    sbl__store_part(d, buffer, s->first_leaf, s->leaves, sizeof *s->leaves * (size_t)s->leaf_count);
+    sbl__buffer_write(d, buffer, 0, sizeof *s->patches * (size_t)triangles, s->patches);
+    sbl__buffer_write(d, buffer, 16 * (size_t)s->first_cell, sizeof *s->cells * (size_t)s->cell_room, s->cells);
+    sbl__buffer_write(d, buffer, 16 * (size_t)s->first_cut, sizeof *s->cuts * (size_t)s->cut_count, s->cuts);
+    sbl__buffer_write(d, buffer, 16 * (size_t)s->first_leaf, sizeof *s->leaves * (size_t)s->leaf_count, s->leaves);
     return sbl__table_attach(d, &s->table, SBL__GL_RGBA32UI, wide);
 }
 
@@ -6836,8 +6762,8 @@ static void sbl__store_bind(sbl__device *d, const sbl__store *s) {
 
 /* >>glsl frame: shaders_embedded/frame.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_frame[] = {
-"// Right-handed orthonormal basis whose third column is the unit vector n: Duff et al. 2017, \"Building an\n",
-"// Orthonormal Basis, Revisited\".\n",
+"// Returns a right-handed orthonormal basis whose third column is the unit vector n (Duff et al. 2017, \"Building\n",
+"// an Orthonormal Basis, Revisited\").\n",
 "mat3 sbl_frame(vec3 n) {\n",
 "    float s = n.z < 0.0 ? -1.0 : 1.0, f = -1.0 / (s + n.z), g = n.x * n.y * f;\n",
 "    return mat3(1.0 + s * n.x * n.x * f, s * g, -s * n.x, g, s + n.y * n.y * f, -n.y, n);\n",
@@ -6856,20 +6782,19 @@ static const char *const sbl__glsl_frame[] = {
 static const char *const sbl__glsl_store[] = {
 "// The store of bounced light (see >>store in sbl.h): R on surfaces, cell by cell.\n",
 "#ifdef SBL_BOUNCED\n",
-"// The table begins with a word a triangle of the scene; then the hash table of cells: check and reference; 0 0:\n",
-"// nothing.\n",
-"uniform int first_cell;   // texel that cells start at, two a texel\n",
-"uniform int cell_mask;    // their slots - 1\n",
-"uniform vec3 cell_origin;\n",
-"uniform float per_cell;   // 1 / length of a cell\n",
+"// The table sbl_store holds the patch words of all triangles, the hash table of cells, cuts, and leaves.\n",
+"uniform int first_cell;    // texel at which the hash table begins; each texel holds two slots (check, reference)\n",
+"uniform int cell_mask;     // number of slots - 1\n",
+"uniform vec3 cell_origin;  // origin of the grid of cells\n",
+"uniform float per_cell;    // 1 / length of a cell of level 0\n",
 "\n",
 "uint sbl_hash_step(uint hash, uint x) {\n",
 "    hash = (hash ^ x) * SBL_HASH_FACTOR;\n",
-"    return hash ^ hash >> 15;\n",
+"    return hash ^ hash >> SBL_HASH_SHIFT;\n",
 "}\n",
 "\n",
-"// 1 + the leaf at a point of triangle number `number` of the scene, on its back side or front, seen from so far\n",
-"// away; 0: there is none.\n",
+"// Returns 1 + the number of the leaf at a position on triangle `number` of the scene, or 0 if there is none.\n",
+"// back: the back side is seen. distance: distance from which the position is seen.\n",
 "int sbl_leaf_at(int number, bool back, vec3 position, float distance) {\n",
 "    uint patch_word = sbl_fetch(sbl_store, number >> 2)[number & 3] ^ (back ? SBL_PATCH_BACK : 0u);\n",
 "    uvec3 at = uvec3(clamp((position - cell_origin) * per_cell, vec3(0), vec3(SBL_CELL_MOST)));\n",
@@ -6879,7 +6804,8 @@ static const char *const sbl__glsl_store[] = {
 "    }\n",
 "    if (distance * per_cell * float(SBL_NEAR_PART) < 1.0) patch_word |= SBL_PATCH_NEAR;\n",
 "    uint reference = 0u;\n",
-"    for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {  // as seen from elsewhere, or wider\n",
+"    // Each level is tried first with the near bit for this distance, then with the other one.\n",
+"    for (int tries = 0; tries < 2 * SBL_LEVELS && reference == 0u; tries++) {\n",
 "        uint hash = sbl_hash_step(sbl_hash_step(sbl_hash_step(sbl_hash_step(0u, patch_word), at.x), at.y), at.z);\n",
 "        uint check = sbl_hash_step(sbl_hash_step(sbl_hash_step(hash, at.z), at.y), at.x) | 1u;\n",
 "        for (int i = 0; i < SBL_SLOT_TRIES; i++) {\n",
@@ -6903,7 +6829,7 @@ static const char *const sbl__glsl_store[] = {
 "    return int(reference);\n",
 "}\n",
 "\n",
-"// R of a leaf, and what of it comes from lamps.\n",
+"// R of a leaf, and the part of it that comes directly from lamps. leaf: as returned by sbl_leaf_at\n",
 "vec3 sbl_light_of(int leaf) { return leaf == 0 ? vec3(0) : sbl_leaf_light(leaf - 1); }\n",
 "\n",
 "vec3 sbl_lamps_of(int leaf) {\n",
@@ -6912,7 +6838,7 @@ static const char *const sbl__glsl_store[] = {
 "    return vec3(rgbe & 255u, rgbe >> 8 & 255u, rgbe >> 16 & 255u) * exp2(exponent);\n",
 "}\n",
 "\n",
-"// R there.\n",
+"// R at a position; parameters as for sbl_leaf_at.\n",
 "vec3 sbl_stored(int number, bool back, vec3 position, float distance) {\n",
 "    return sbl_light_of(sbl_leaf_at(number, back, position, distance));\n",
 "}\n",
@@ -11619,73 +11545,62 @@ static void sbl__core_begin(sbl__core *c, const sbl__measurement *s) {
 }
 
 /* ======================================================================================================== >>bounce
-   Fills the store of bounced light. Points are spread over the scene; the job measures their light from lamps, rays
-   whose hits are kept find the other surfaces that they see, and all bounces are solved from both.
+   Fills the store of bounced light. Rays from samples of all surfaces find the places that surfaces see, and these
+   become points. Each leaf has up to SBL__BOUNCE_POINTS points, and each point sends SBL__BOUNCE_RAYS rays, whose hits
+   become points of other leaves, until nothing new is hit. Finally surface samples fill the leaves that no ray hit.
 
-       seeds -> { place -> feel } -> cast -> hits are placed likewise, until nothing new is hit -> light -> solve
-       -> uncertainty
+   Ray r of leaf i hits leaf j, which reflects the share a of its light, so that R_i = L_i + mean over r of a * R_j,
+   where L is direct light: from lamps (measured by the job) and from the environment (rays that hit nothing). The rays
+   are kept, and the equations are solved by iteration (Kajiya 1986; gathering, as Cohen and Greenberg 1985).
 
-   A leaf has up to SBL__BOUNCE_POINTS points, at places that seeds or rays found; each point sends SBL__BOUNCE_RAYS
-   rays. Ray r of a leaf i hits leaf j, which reflects the share a of its light, so that
-   R_i = L_i + mean over r of a * R_j, where L is light from lamps and the environment; the job measures the lamps'. The
-   rays are kept, and the equations are solved by iteration (Kajiya 1986; gathering, as Cohen and Greenberg 1985).
+   The differences between the points of a leaf tell its standard error. Light of that amount and of random sign is sent
+   from leaf to leaf along the same rays; the amount that arrives is the uncertainty of light gathered there.
 
-   The uncertainty of the result comes from the few points of a leaf, which differ from each other. An amount of light
-   of that size and random sign is sent from leaf to leaf along the same rays; the amount that arrives is the
-   uncertainty of light gathered there.
-
-   Where a surface continues beneath an object that stands on it, one leaf must not receive light on both sides of the
+   Where a surface continues beneath an object that stands on it, one leaf must not get light on both sides of the
    object. From each leaf's first point contact rays go along its surface to the end of its cell, and planes that they
-   hit cut the cell (sbl__store_add_cut). In corners and narrow cells contact rays miss much; therefore an object on a
-   flat surface, once hit, cuts all cells along the line where it stands. */
+   hit cut the cell. Contact rays miss much in corners and narrow cells; therefore an object that a contact ray hits on
+   a flat surface cuts all cells along its contact line. */
 
-#define SBL__BOUNCE_SEEDS 1.0      /* seeds in the area of one cell, at the first size of cells */
-/* least value of that number: 8 in the area of a widest cell */
-#define SBL__BOUNCE_SEEDS_WIDEST (8.0 / (1 << 2 * SBL__LEVEL_SHIFT * (SBL__LEVELS - 1)))
-#define SBL__BOUNCE_SEED_RAYS 4
-#define SBL__BOUNCE_POINTS 4
-#define SBL__BOUNCE_RAYS 16        /* rays of a point */
-#define SBL__BOUNCE_STRETCHES 4    /* stretches of the sequence, which the points of a leaf use in turn */
-#define SBL__BOUNCE_LAMP_RAYS 8
-#define SBL__BOUNCE_DARK_RAYS 4    /* rays of a point over the hemisphere in the job; they only tell whether the
-                                      point is inside geometry */
-#define SBL__BOUNCE_CONTACTS 8
-#define SBL__CONTACT_STEEP 0.7     /* a surface cuts if the cosine between its normal and the normal at the contact
-                                      ray's origin is below this */
-#define SBL__CONTACT_APART 1e-3    /* share of a cell's length: planes nearer than this to an earlier hit count as
-                                      the same plane */
-#define SBL__CONTACT_LEAST 0.25    /* share of a cell's length: shorter lines cut only the leaf whose contact ray
-                                      found them */
-#define SBL__CONTACTS_WALKED 1024  /* size of the table of lines that have been walked and need not be walked again */
-#define SBL__BOUNCE_HELD 3.0       /* a warning is due when all light exceeds this multiple of the light from lamps
-                                      and the environment */
-#define SBL__BOUNCE_SCALED 4       /* number of first rounds whose light is scaled, see sbl__bounce_after_gather */
-#define SBL__BOUNCE_ROUNDS 200
-#define SBL__BOUNCE_REST 2e-4      /* share of the light that may be missing at the end */
+/* A fill is a number of leaves divided by the largest allowed number, sbl__store.most. */
+#define SBL__FILL_AIM 0.35         /* fill for which the first size of cells is chosen */
+#define SBL__FILL_FIRST 0.3        /* cells become larger if the rays of surface samples alone fill more than this */
+#define SBL__FILL_FIRST_POWER 2.4  /* measured: growth of the cells' area by x^2.4 divides the number of leaves by x */
+#define SBL__FILL_LEAST 0.12       /* cells become smaller if they fill less than this */
+#define SBL__FILL_WIDER 0.6        /* from this fill on, new leaves belong to wider cells */
+#define SBL__FILL_WIDEST 0.8       /* from this fill on, new leaves belong to the widest cells */
 #define SBL__BOUNCE_GROWTH 1.5     /* least and largest growth of cells' area when the leaves do not suffice */
 #define SBL__BOUNCE_GROWTH_MOST 2.0
-#define SBL__BOUNCE_POOL 16.0      /* limit of the total growth of the area below which patches are pooled; beyond it
-                                      there are more meshes than leaves, and places without room stay dark */
-#define SBL__BOUNCE_FIRST 0.3      /* share of all allowed leaves that the rays of seeds may create */
-#define SBL__BOUNCE_FIRST_POWER 2.4  /* measured exponent: growth of cells' area by x^2.4 divides the number of
-                                        leaves by x */
-#define SBL__BOUNCE_SPARE 0.12     /* with fewer than this share of the allowed leaves, cells are made smaller; */
-#define SBL__BOUNCE_SHRINK 0.03    /* least factor of the cells' area in one such step */
-#define SBL__BOUNCE_WIDER 0.6      /* from this share of the allowed leaves on, new leaves belong to wider cells */
-#define SBL__BOUNCE_WIDEST 0.8     /* from this share on, new leaves belong to the widest cells */
-#define SBL__BOUNCE_AIM 0.35       /* share of the allowed leaves for which the first size of cells is chosen */
+#define SBL__BOUNCE_SHRINK_MOST 0.03  /* least factor of the cells' area when cells become smaller */
+#define SBL__BOUNCE_POOL 16.0      /* limit of the growth of the area below which patches are pooled; beyond it, meshes
+                                      outnumber leaves, and places without room stay dark */
+/* least number of surface samples per area of a cell of level 0: 8 in the area of a widest cell */
+#define SBL__BOUNCE_SAMPLES_LEAST (8.0 / (1 << 2 * SBL__LEVEL_SHIFT * (SBL__LEVELS - 1)))
+#define SBL__BOUNCE_SAMPLE_RAYS 4
+#define SBL__BOUNCE_POINTS 4       /* points of a leaf */
+#define SBL__BOUNCE_RAYS 16        /* rays of a point */
+#define SBL__BOUNCE_SEQUENCES 4    /* sequences of ray directions, which the points of a leaf use in turn */
+#define SBL__BOUNCE_LAMP_RAYS 8
+#define SBL__BOUNCE_STUCK_RAYS 4   /* rays of a point over the hemisphere in the job, for its stuck test only */
+#define SBL__BOUNCE_CONTACTS 8     /* contact rays of a leaf */
+#define SBL__CONTACT_STEEP 0.7     /* largest cosine between the normals of a surface and of a plane that cuts it */
+#define SBL__CONTACT_APART 1e-3    /* in lengths of a cell: planes nearer to each other than this count as one */
+#define SBL__CONTACT_LEAST 0.25    /* in lengths of a cell: shorter contact lines cut the leaf of the ray only */
+#define SBL__CONTACT_CACHE 1024    /* size of the hash table of contact lines that have cut their cells recently */
+#define SBL__BOUNCE_BRIGHT 3.0     /* a warning is due when all light exceeds this multiple of the direct light */
+#define SBL__BOUNCE_SCALED 4       /* number of first rounds whose light is scaled, see sbl__bounce_after_gather */
+#define SBL__BOUNCE_ROUNDS 200     /* largest number of rounds */
+#define SBL__BOUNCE_TOLERANCE 2e-4 /* share of the light that may be missing at the end */
 #define SBL__UNCERTAINTY_ROUNDS 6
 #define SBL__UNCERTAINTY_STRATA 0.35  /* measured share of the differences among a leaf's points that is error of the
-                                      leaf: points and rays come from low-discrepancy sequences, and neighbours
-                                      compensate for what one leaf misses */
-#define SBL__UNCERTAINTY_MOST 0.12  /* limit of the uncertainty before that factor is applied, because a few rays that
-                                      all hit one leaf exaggerate it */
-#define SBL__BOUNCE_SHARE 0.35f    /* approximate share of a picture's time that filling the store takes, if the
-                                      picture has to fill it */
+                                      leaf: points and rays come from low-discrepancy sequences, and neighbouring
+                                      leaves compensate each other's errors */
+#define SBL__UNCERTAINTY_MOST 0.12 /* limit before that factor; a few rays that all hit one leaf exaggerate it */
+#define SBL__BOUNCE_TIME 0.35f     /* approximate share of a picture's time that filling the store takes */
 #define SBL__AIR_SITES 54          /* six sites at each of nine places */
 #define SBL__AIR_RAYS 512
 #define SBL__CAST_COLUMNS 256
 #define SBL__CAST_ROWS 64
+#define SBL__CAST_MOST (SBL__CAST_COLUMNS * SBL__CAST_ROWS)  /* rays cast at once */
 
 /* A ray, as cast.glsl reads it. limit: length; below 0: the ray leaves a surface with normal `direction` and
    cosine-weighted distribution. fractions: two random numbers of 16 bits each that choose such a ray's direction. */
@@ -11697,30 +11612,24 @@ SBL__RECORD(sbl__cast, SBL__CAST, "sbl_cast", "sbl_casts", SBL__BUFFER_TABLE("sb
 #define SBL__NOWHERE 0xffffffffu
 #define SBL__UNSEEN FLT_MAX        /* distance of a place that no surface sees */
 
-/* The hit of a ray: position, length of the ray, surface. place: triangle << 1 | back, or SBL__NOWHERE; after
-   joining, the number of the leaf. share: share of light that the surface reflects, see sbl__share_pack. */
-typedef struct sbl__hit { float position[3], distance; uint32_t place; uint16_t share[4]; } sbl__hit;
-
-typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* index in its leaf */ } sbl__bounce_point;
-
-/* State of a leaf while the store is filled. points: their number; first: the first of them, after sorting the start
-   of their range; valid: number of points with a valid reading. */
-typedef struct sbl__bounce_leaf { int points, first, valid; } sbl__bounce_leaf;
-
-/* Sums over all leaves in a round of bounces. lit: light from lamps and the environment; before, after: all light
-   before and after the round; change: sum of absolute differences. */
-typedef struct sbl__balance { double lit[3], before[3], after[3], change; } sbl__balance;
-
-/* The normal and ray offset of the last place, cached because many consecutive rays start at one place. */
-typedef struct sbl__bounce_aimed { int known; uint32_t place; float normal[3], offset; } sbl__bounce_aimed;
+/* The hit of a ray: position, length of the ray, surface. place: triangle << 1 | back, or SBL__NOWHERE; after linking,
+   the number of the leaf. albedo: share of light that the surface reflects, see sbl__share_pack. */
+typedef struct sbl__hit { float position[3], distance; uint32_t place; uint16_t albedo[4]; } sbl__hit;
 
 typedef struct sbl__hits { sbl__hit *list; int count, room; } sbl__hits;
 
+typedef struct sbl__bounce_point { sbl__hit at; int leaf, number; /* index in its leaf */ } sbl__bounce_point;
+
+/* State of a leaf while the store is filled. points: their number; first: index of the first point; valid: number of
+   points with a valid reading. */
+typedef struct sbl__bounce_leaf { int points, first, valid; } sbl__bounce_leaf;
+
 typedef enum sbl__bounce_stage {
-    SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_WORDS, SBL__BOUNCE_SEED, SBL__BOUNCE_SOW,
-    SBL__BOUNCE_PLACE, SBL__BOUNCE_FEEL, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST, SBL__BOUNCE_FIND, SBL__BOUNCE_ORDER,
-    SBL__BOUNCE_SORT, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_JOIN, SBL__BOUNCE_GATHER, SBL__BOUNCE_NOISE,
-    SBL__BOUNCE_CARRY, SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR, SBL__BOUNCE_DONE
+    SBL__BOUNCE_PATCHES, SBL__BOUNCE_GRID, SBL__BOUNCE_SAMPLE, SBL__BOUNCE_CAST_SAMPLES, SBL__BOUNCE_PLACE,
+    SBL__BOUNCE_CAST_CONTACTS, SBL__BOUNCE_CUT, SBL__BOUNCE_CAST_POINTS, SBL__BOUNCE_RELOCATE, SBL__BOUNCE_ORDER,
+    SBL__BOUNCE_SORT, SBL__BOUNCE_LINK, SBL__BOUNCE_SITES, SBL__BOUNCE_LIGHT, SBL__BOUNCE_DIRECT, SBL__BOUNCE_GATHER,
+    SBL__BOUNCE_NOISE, SBL__BOUNCE_PROPAGATE, SBL__BOUNCE_UNCERTAINTY, SBL__BOUNCE_SEND, SBL__BOUNCE_AIR,
+    SBL__BOUNCE_DONE
 } sbl__bounce_stage;
 
 typedef struct sbl__bounce {
@@ -11732,57 +11641,55 @@ typedef struct sbl__bounce {
     sbl__bounce_point *points;
     sbl__bounce_leaf *states;        /* states of the leaves */
     int point_count, point_room, state_room;
-    sbl__hits hits;                  /* hits of the points' rays, SBL__BOUNCE_RAYS a point */
-    int joined;                      /* number of leaves whose hits have been replaced with numbers of leaves */
+    sbl__hits hits;                  /* hits of the points' rays, SBL__BOUNCE_RAYS per point */
     float progress;
-    sbl__patching patching;          /* data on patches; this field and all below are dropped when the store is ready */
-    double spread;                   /* number of seeds due for the triangles visited so far */
-    sbl__hits seeds;                 /* seeds, which are places spread over all surfaces */
-    sbl__hits queue;                 /* places that may become points: a part of seeds, hits or `again` */
-    sbl__hits held, again;           /* places that wait until contact rays have cut their leaf; places that have
-                                        finished waiting */
-    sbl__hits contacts;
-    int fresh;                       /* index of the first leaf that has sent no contact rays yet */
-    int cast;                        /* index of the first point whose rays have not been cast yet */
-    uint32_t *sequence;
-    sbl__bounce_aimed aim;
-    sbl__site *sites;
+    sbl__patching patching;          /* this field and all below are dropped when the store is ready */
+    double samples_due;              /* number of surface samples due for the triangles visited so far */
+    sbl__hits samples;               /* surface samples: places spread over all surfaces */
+    sbl__hits queue;                 /* places that may become points: a part of samples, hits or `released` */
+    sbl__hits waiting, released;     /* places whose leaf has not been cut yet; places that have finished waiting */
+    sbl__hits contacts;              /* hits of contact rays */
+    int cut_leaves;                  /* number of leaves that contact rays have cut */
+    int points_cast;                 /* number of points whose rays have been cast */
+    uint32_t *sequence;              /* random fractions of ray directions */
+    struct { int known; uint32_t place; float normal[3], offset; } origin;  /* cached: rays of a point share it */
+    sbl__site *sites;                /* the job's sites: points, then places in the air */
     sbl_reading *readings;
-    uint32_t *walked;                /* hash table of lines walked recently */
-    int parted;                      /* 1: a line has cut leaves that had points, so all hits must be placed again */
-    float *light;                    /* light of each leaf from lamps and the environment, 3 floats; in the end its
-                                        noise */
+    uint32_t recent_lines[SBL__CONTACT_CACHE];  /* hash table of contact lines that have cut their cells recently */
+    int recheck;                     /* 1: a line has cut leaves that had points, so all hits must be placed again */
+    float *direct;                   /* light of each leaf from lamps and environment, 3 floats; at the end its noise */
     float *solved;                   /* solved light, kept while noise occupies the leaves */
     int *order;                      /* index of each point in the order by leaf */
-    double change;                   /* change in the last round */
-    sbl__balance balance;            /* sums of the current round */
-    double crowding;                 /* above 0: there are too many cells; factor of their area that would make them
-                                        few enough */
-    double share;                    /* share of the allowed leaves that an earlier attempt with larger cells used */
+    double change;                   /* balance.change of the round before */
+    /* sums over all leaves in a round: direct light; all light before and after the round; absolute differences */
+    struct { double direct[3], before[3], after[3], change; } balance;
+    double needed_growth;            /* above 0: there are too many leaves; growth of cells' area that would suffice */
+    double previous_fill;            /* fill that an earlier attempt with larger cells reached */
     int rounds;
-    int sown, seen;                  /* 1: seeds have been placed; number of leaves before seeds were placed */
+    int samples_placed, seen_leaves; /* 1: surface samples have been placed; number of leaves before that */
     sbl__table casts;
     sbl__blocks blocks;
     sbl__pace pace;
-    sbl__job job;                    /* measures light at the points, then in the air */
-    sbl__site air[SBL__AIR_SITES];
-    sbl_reading air_readings[SBL__AIR_SITES];
+    sbl__job job;
 } sbl__bounce;
 
 /* >>bounce: casting of rays on the GPU */
 
 /* >>glsl cast: shaders_embedded/cast.glsl, copied by scripts/embed_shaders */
 static const char *const sbl__glsl_cast[] = {
-"// Rays in, hits out: what each of some rays meets first. A ray of negative limit goes off a surface somewhere, by\n",
-"// the cosine; its direction is the surface's normal.\n",
-"SBL_OUT(0, out_place);   // where; 1 + the triangle's number, its low bits, negative: of its back side; 0: nothing\n",
-"SBL_OUT(1, out_share);   // the share of light that bounces there; the number's high bits\n",
+"// Finds the first hit of each ray. A ray with a negative limit leaves a surface, whose normal is `direction`, in a\n",
+"// random direction with cosine distribution.\n",
+"// xyz: position of the hit, far away if nothing was hit; w: 0 if nothing was hit, otherwise 1 + low bits of the\n",
+"// triangle's number, negative for its back side\n",
+"SBL_OUT(0, out_place);\n",
+"// rgb: albedo for bounced light; a: high bits of the triangle's number\n",
+"SBL_OUT(1, out_albedo);\n",
 "\n",
 "void main() {\n",
 "    ivec2 texel = sbl_texel_of_invocation();\n",
 "    int ray = texel.y * columns + texel.x;\n",
 "    if (ray >= count) sbl_leave;\n",
-"    vec3 origin = sbl_cast_origin(ray), direction = sbl_cast_direction(ray), share = vec3(0);\n",
+"    vec3 origin = sbl_cast_origin(ray), direction = sbl_cast_direction(ray), albedo = vec3(0);\n",
 "    float limit = sbl_cast_limit(ray);\n",
 "    uint fractions = sbl_cast_fractions(ray);\n",
 "    vec2 u = (vec2(fractions & 65535u, fractions >> 16) + 0.5) / 65536.0;\n",
@@ -11791,12 +11698,12 @@ static const char *const sbl__glsl_cast[] = {
 "    float low = 0.0, high = 0.0;\n",
 "    if (hit.triangle >= 0) {\n",
 "        int object = int(sbl_triangle_object(hit.triangle));\n",
-"        share = sbl_bounced(sbl_material(object, sbl_attributes_of(hit)));\n",
+"        albedo = sbl_bounced(sbl_material(object, sbl_attributes_of(hit)));\n",
 "        low = (float(hit.number % SBL_CAST_NUMBERS) + 1.0) * (hit.back ? -1.0 : 1.0);\n",
 "        high = float(hit.number / SBL_CAST_NUMBERS);\n",
 "    }\n",
 "    sbl_write(out_place, vec4(origin + direction * hit.distance, low));\n",
-"    sbl_write(out_share, vec4(share, high));\n",
+"    sbl_write(out_albedo, vec4(albedo, high));\n",
 "}\n",
 0 };
 /* <<glsl */
@@ -11810,12 +11717,12 @@ static const sbl__recipe sbl__recipe_cast = {
 };
 
 static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int count) {
-    const size_t room = SBL__CAST_COLUMNS * SBL__CAST_ROWS;
     const sbl__scene *scene = &b->core->scene;
     sbl__device *d = &b->core->device;
     sbl_result result = sbl__blocks_make(d, &b->blocks, 2, SBL__CAST_COLUMNS, SBL__CAST_ROWS);
     if (result == SBL_SUCCESS)
-        result = sbl__buffer_stream(d, &b->casts.buffer, room * sizeof *rays, rays, (size_t)count * sizeof *rays);
+        result = sbl__buffer_stream(d, &b->casts.buffer, SBL__CAST_MOST * sizeof *rays, rays,
+                                    (size_t)count * sizeof *rays);
     if (result == SBL_SUCCESS) result = sbl__table_attach(d, &b->casts, SBL__GL_RGBA32UI, 0);
     if (result == SBL_SUCCESS) result = sbl__use(d, &sbl__recipe_cast, scene->features);
     if (result != SBL_SUCCESS) return result;
@@ -11831,8 +11738,8 @@ static sbl_result sbl__cast_send(sbl__bounce *b, const sbl__cast *rays, int coun
 }
 
 /* Decodes the output of cast.glsl for a ray. */
-static void sbl__cast_take(const sbl__cast *ray, const float place[4], const float share[4], sbl__hit *out) {
-    const double low = fabs((double)place[3]) - 1, number = low + SBL__CAST_NUMBERS * (double)share[3];
+static void sbl__cast_take(const sbl__cast *ray, const float place[4], const float albedo[4], sbl__hit *out) {
+    const double low = fabs((double)place[3]) - 1, number = low + SBL__CAST_NUMBERS * (double)albedo[3];
     double length2 = 0;
     int k;
     memset(out, 0, sizeof *out);
@@ -11840,23 +11747,20 @@ static void sbl__cast_take(const sbl__cast *ray, const float place[4], const flo
     for (k = 0; k < 3; k++) length2 += ((double)place[k] - ray->origin[k]) * ((double)place[k] - ray->origin[k]);
     out->distance = (float)sqrt(length2);
     out->place = low < 0 ? SBL__NOWHERE : (uint32_t)number << 1 | (place[3] < 0);
-    sbl__share_pack(share, out->share);
+    sbl__share_pack(albedo, out->albedo);
 }
 
-typedef void (*sbl__cast_make)(sbl__bounce *b, int number, sbl__cast *out);
-
-/* Casts rays number stages.at .. count - 1 into hits, as many at once as time permits. SBL_SUCCESS: all rays have
-   been cast. */
-static sbl_result sbl__bounce_cast(sbl__bounce *b, sbl__cast_make make, int count, sbl__hits *hits,
-                                   const sbl__slice *slice) {
-    enum { MOST = SBL__CAST_COLUMNS * SBL__CAST_ROWS };
+/* Casts rays number stages.at .. count - 1 into hits, as many at once as time permits. make: computes the ray of a
+   number. SBL_SUCCESS: all rays have been cast. */
+static sbl_result sbl__bounce_cast(sbl__bounce *b, void (*make)(sbl__bounce *b, int number, sbl__cast *out), int count,
+                                   sbl__hits *hits, const sbl__slice *slice) {
     sbl__device *d = &b->core->device;
     const double room = sbl__pace_begin(&b->pace, slice, 1024, 64);
-    const int at = b->stages.at, some = (int)SBL__MIN(SBL__MIN(room, (double)MOST), count - at);
+    const int at = b->stages.at, some = (int)SBL__MIN(SBL__MIN(room, (double)SBL__CAST_MOST), count - at);
     const int rows = (some + SBL__CAST_COLUMNS - 1) / SBL__CAST_COLUMNS;
     const size_t texels = (size_t)rows * SBL__CAST_COLUMNS;
     sbl__cast *rays;
-    float *places, *shares;
+    float *places, *albedos;
     sbl_result result;
     int i;
     d->gl.doing = "casting rays between surfaces";
@@ -11865,13 +11769,13 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, sbl__cast_make make, int coun
     rays = (sbl__cast *)sbl__alloc_raw(d->base, texels, sizeof *rays + 32);
     if (!rays) return SBL_ERROR_OUT_OF_MEMORY;
     places = (float *)(rays + texels);
-    shares = places + 4 * texels;
+    albedos = places + 4 * texels;
     for (i = 0; i < some; i++) make(b, at + i, &rays[i]);
     result = sbl__cast_send(b, rays, some);
     if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 0, 0, rows, places);
-    if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 1, 0, rows, shares);
+    if (result == SBL_SUCCESS) result = sbl__target_read(d, &b->blocks.target, 1, 0, rows, albedos);
     for (i = 0; i < some && result == SBL_SUCCESS; i++)
-        sbl__cast_take(&rays[i], places + 4 * (size_t)i, shares + 4 * (size_t)i, &hits->list[at + i]);
+        sbl__cast_take(&rays[i], places + 4 * (size_t)i, albedos + 4 * (size_t)i, &hits->list[at + i]);
     sbl__free(d->base, rays);
     if (result != SBL_SUCCESS) return result;
     sbl__pace_end(d, &b->pace, some);
@@ -11883,25 +11787,23 @@ static sbl_result sbl__bounce_cast(sbl__bounce *b, sbl__cast_make make, int coun
 
 /* >>bounce: places that may become points */
 
-/* Returns the patch word of a place: the triangle's word with the bits for the place's side and for a ray from near
-   by. */
+/* Returns the patch word of a place: its triangle's word, with the bits of its side and of rays from near by. */
 static uint32_t sbl__place_patch(const sbl__store *s, const sbl__hit *at) {
     const uint32_t patch = s->patches[at->place >> 1] ^ (at->place & 1 ? SBL__PATCH_BACK : 0);
     return patch | (at->distance * SBL__NEAR_PART < s->length ? SBL__PATCH_NEAR : 0);
 }
 
-/* Finds the reference to the leaf of a place: in its cell, or in a wider cell around the place if the cell has no
-   leaf and leaves are becoming scarce. Returns NULL if there is no room. Sets *patch to the word of the cell that
-   was used, unless `patch` is NULL. A place that no surface sees uses the widest cells only, as only points in the
-   air may see it. */
+/* Returns the reference to the leaf of a place: in its cell or, if the cell has no leaf and leaves are becoming scarce,
+   in a wider cell. NULL: there is no room. patch: NULL, or receives the word of the cell that was used. A place that no
+   surface sees uses the widest cells only, because only points in the air may see it. */
 static uint32_t *sbl__place_find(const sbl__store *s, const sbl__hit *at, uint32_t *patch) {
-    static const double shares[SBL__LEVELS] = { SBL__BOUNCE_WIDER, SBL__BOUNCE_WIDEST, 1 };
+    static const double fills[SBL__LEVELS] = { SBL__FILL_WIDER, SBL__FILL_WIDEST, 1 };
     uint32_t *reference = NULL, word = sbl__place_patch(s, at);
     int level = at->distance < SBL__UNSEEN ? 0 : SBL__LEVELS - 1, depth;
     word += SBL__PATCH_LEVEL * (uint32_t)level;
     for (; level < SBL__LEVELS; level++, word += SBL__PATCH_LEVEL) {
         reference = sbl__store_find(s, word, at->position, &depth);
-        if (reference && (*reference || s->leaf_count < shares[level] * s->most)) break;
+        if (reference && (*reference || s->leaf_count < fills[level] * s->most)) break;
     }
     if (patch) *patch = word;
     return reference;
@@ -11930,137 +11832,136 @@ static float sbl__place_normal(const sbl__geometry *g, uint32_t place, float nor
 static sbl_result sbl__bounce_patches(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
-    uint32_t **patches = &b->store->patches;
+    uint32_t **words = &b->store->patches;
     sbl_result result;
     if (b->sequence) return sbl__patching_step(&b->patching, slice);
-    sbl__free(base, *patches);
-    *patches = (uint32_t *)sbl__alloc(base, (size_t)b->geometry->triangle_count, sizeof **patches);
-    b->walked = (uint32_t *)sbl__alloc(base, SBL__CONTACTS_WALKED, sizeof *b->walked);
-    b->sequence = sbl__sequence_make(base, SBL__BOUNCE_STRETCHES, SBL__BOUNCE_RAYS, 1);
-    if (!*patches || !b->walked || !b->sequence) return SBL_ERROR_OUT_OF_MEMORY;
+    sbl__free(base, *words);
+    *words = (uint32_t *)sbl__alloc(base, (size_t)b->geometry->triangle_count, sizeof **words);
+    b->sequence = sbl__sequence_make(base, SBL__BOUNCE_SEQUENCES, SBL__BOUNCE_RAYS, 1);
+    if (!*words || !b->sequence) return SBL_ERROR_OUT_OF_MEMORY;
     result = sbl__patching_begin(base, &b->patching, b->geometry);
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
 
-/* Empties the store and sets the size of its cells. */
+/* Empties the store, and sets the sizes of cells and of pooled patches for a fill of about SBL__FILL_AIM by leaves on
+   both sides of surfaces. In a scene without area, cells have length 1. */
 static sbl_result sbl__bounce_grid(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
+    sbl__base *base = &b->core->base;
+    sbl__patching *p = &b->patching;
+    sbl__store *s = b->store;
+    const double area = 2 * p->area / (SBL__FILL_AIM * s->most);
+    int k, room = 1024;
     (void)slice;
-    sbl__patch_grid(&b->patching, b->store, SBL__BOUNCE_AIM * b->store->most);
-    return sbl__store_clear(&b->core->base, b->store, b->store->most);
+    p->least = SBL__PATCH_LEAST * p->pool * area;
+    s->length = (float)sqrt(p->growth * area);
+    if (!sbl__between(&s->length, FLT_MIN, FLT_MAX)) s->length = 1;
+    for (k = 0; k < 3; k++) s->origin[k] = b->geometry->bounds[0][k] - s->length * (1.37f + 0.21f * (float)k);
+    while (room < 2 * s->most) room *= 2;
+    sbl__free(base, s->cells);
+    s->cells = (sbl__cell_slot *)sbl__alloc(base, (size_t)room, sizeof *s->cells);
+    s->cell_room = s->cells ? room : 0;
+    s->leaf_count = s->cut_count = 0;
+    return s->cells ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 static int sbl__bounce_triangles(void *work) { return ((sbl__bounce *)work)->geometry->triangle_count; }
 
-static sbl_result sbl__bounce_word(void *work, int triangle) {
-    sbl__bounce *b = (sbl__bounce *)work;
-    b->store->patches[triangle] = sbl__patch_word(&b->patching, (uint32_t)triangle);
-    return SBL_SUCCESS;
-}
-
-static sbl_result sbl__hits_add(sbl__bounce *b, sbl__hits *to, const sbl__hit *hit) {
-    if (!sbl__grow(&b->core->base, &to->list, &to->room, to->count + 1, sizeof *to->list))
-        return SBL_ERROR_OUT_OF_MEMORY;
+/* Returns 0 if out of memory. */
+static int sbl__hits_add(sbl__bounce *b, sbl__hits *to, const sbl__hit *hit) {
+    if (!sbl__grow(&b->core->base, &to->list, &to->room, to->count + 1, sizeof *to->list)) return 0;
     to->list[to->count++] = *hit;
-    return SBL_SUCCESS;
+    return 1;
 }
 
-/* Adds one seed on each side of a triangle. */
-static sbl_result sbl__bounce_add_seeds(sbl__bounce *b, uint32_t triangle, uint32_t number) {
-    const uint32_t hash = sbl__hash(number);
-    double u = hash / 4294967296.0, v = sbl__hash(hash) / 4294967296.0;
-    const float *p[3];
-    sbl__hit seed;
-    sbl_result result = SBL_SUCCESS;
-    int k;
-    if (u + v > 1) { u = 1 - u; v = 1 - v; }
-    sbl__scene_triangle(b->geometry, triangle, p);
-    memset(&seed, 0, sizeof seed);
-    for (k = 0; k < 3; k++)
-        seed.position[k] = (float)(p[0][k] + u * ((double)p[1][k] - p[0][k]) + v * ((double)p[2][k] - p[0][k]));
-    for (k = 0; k < 2 && result == SBL_SUCCESS; k++) {
-        seed.place = triangle << 1 | (uint32_t)k;
-        result = sbl__hits_add(b, &b->seeds, &seed);
-    }
-    return result;
-}
-
-/* Adds a triangle's seeds, in proportion to its area; b->spread carries fractions of seeds over to the next
-   triangle. */
-static sbl_result sbl__bounce_seed(void *work, int at) {
+/* Sets a triangle's patch word, and adds surface samples at random positions on both sides: one per cell's area at the
+   first size of cells. b->samples_due carries fractions over to the next triangle. */
+static sbl_result sbl__bounce_sample(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const uint32_t triangle = (uint32_t)at;
-    const double density = SBL__MAX(SBL__BOUNCE_SEEDS * b->patching.growth, SBL__BOUNCE_SEEDS_WIDEST);
-    const double length = (double)b->store->length;
-    double normal[3], k = floor(b->spread);
-    sbl_result result = SBL_SUCCESS;
+    const double density = SBL__MAX(b->patching.growth, SBL__BOUNCE_SAMPLES_LEAST), length = (double)b->store->length;
+    const float *p[3];
+    double normal[3], number = floor(b->samples_due);
+    sbl__hit sample;
+    int k;
+    memset(&sample, 0, sizeof sample);
+    b->store->patches[triangle] = sbl__patch_word(&b->patching, triangle);
     if (sbl__triangle_object(b->geometry, triangle)->flags & SBL__HIDDEN_FROM_SENSORS) return SBL_SUCCESS;
-    b->spread += density * sbl__scene_normal(b->geometry, triangle, normal) / (length * length);
-    for (; k < floor(b->spread) && result == SBL_SUCCESS; k++)
-        result = sbl__bounce_add_seeds(b, triangle, (uint32_t)k);
-    return result;
+    b->samples_due += density * sbl__scene_normal(b->geometry, triangle, normal) / (length * length);
+    sbl__scene_triangle(b->geometry, triangle, p);
+    for (; number < floor(b->samples_due); number++) {
+        const uint32_t hash = sbl__hash((uint32_t)number);
+        double u = hash / 4294967296.0, v = sbl__hash(hash) / 4294967296.0;
+        if (u + v > 1) { u = 1 - u; v = 1 - v; }
+        for (k = 0; k < 3; k++)
+            sample.position[k] = (float)(p[0][k] + u * ((double)p[1][k] - p[0][k]) + v * ((double)p[2][k] - p[0][k]));
+        for (k = 0; k < 2; k++) {
+            sample.place = triangle << 1 | (uint32_t)k;
+            if (!sbl__hits_add(b, &b->samples, &sample)) return SBL_ERROR_OUT_OF_MEMORY;
+        }
+    }
+    return SBL_SUCCESS;
 }
 
-/* Adds a point at a place, projected onto the plane of its triangle, because rounding along a long ray moves hits
-   off the plane. */
-static sbl_result sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
+/* Adds a point at a place, projected onto the plane of its triangle: rounding moves hits of long rays off it. Returns 0
+   if out of memory. */
+static int sbl__bounce_add_point(sbl__bounce *b, const sbl__hit *at, int leaf) {
     sbl__bounce_point *point;
-    const float *p[3];
+    const float *corner = sbl__triangle_corner(b->geometry, at->place >> 1, 0);
     double normal[3], off = 0;
     int k;
-    if (!sbl__grow(&b->core->base, &b->points, &b->point_room, b->point_count + 1, sizeof *b->points))
-        return SBL_ERROR_OUT_OF_MEMORY;
+    if (!sbl__grow(&b->core->base, &b->points, &b->point_room, b->point_count + 1, sizeof *b->points)) return 0;
     point = &b->points[b->point_count++];
     point->at = *at;
     point->leaf = leaf;
     point->number = b->states[leaf].points++;
-    sbl__scene_triangle(b->geometry, at->place >> 1, p);
     sbl__scene_normal(b->geometry, at->place >> 1, normal);
-    for (k = 0; k < 3; k++) off += normal[k] * ((double)at->position[k] - p[0][k]);
+    for (k = 0; k < 3; k++) off += normal[k] * ((double)at->position[k] - corner[k]);
     for (k = 0; k < 3; k++) point->at.position[k] = (float)(at->position[k] - off * normal[k]);
-    return SBL_SUCCESS;
+    return 1;
 }
 
-/* Adds a leaf without points and lets the reference lead to it. */
-static sbl_result sbl__bounce_add_leaf(sbl__bounce *b, uint32_t *reference) {
-    const int leaf = b->store->leaf_count;
-    const sbl_result result = sbl__store_add_leaf(&b->core->base, b->store, reference);
-    if (result != SBL_SUCCESS) return result;
-    if (!sbl__grow(&b->core->base, &b->states, &b->state_room, leaf + 1, sizeof *b->states))
-        return SBL_ERROR_OUT_OF_MEMORY;
+/* Adds a leaf without points and lets the reference lead to it. Returns 0 if out of memory. */
+static int sbl__bounce_add_leaf(sbl__bounce *b, uint32_t *reference) {
+    sbl__base *base = &b->core->base;
+    sbl__store *s = b->store;
+    const int leaf = s->leaf_count;
+    if (!sbl__grow(base, &s->leaves, &s->leaf_room, leaf + 1, sizeof *s->leaves) ||
+        !sbl__grow(base, &b->states, &b->state_room, leaf + 1, sizeof *b->states)) return 0;
+    memset(&s->leaves[leaf], 0, sizeof *s->leaves);
     memset(&b->states[leaf], 0, sizeof *b->states);
     b->states[leaf].first = b->point_count;
-    return SBL_SUCCESS;
+    *reference = (uint32_t)++s->leaf_count;
+    return 1;
 }
 
 /* Returns the number of queued places, or 0 once there is no room for more leaves. */
 static int sbl__bounce_queued(void *work) {
     const sbl__bounce *b = (const sbl__bounce *)work;
-    return b->crowding > 0 ? 0 : b->queue.count;
+    return b->needed_growth > 0 ? 0 : b->queue.count;
 }
 
-/* Makes a point of a place that a seed or a ray found, if its leaf needs one. Sets b->crowding if there is no room
-   for a new leaf. */
+/* Makes a point of a place that a surface sample or a ray found, if its leaf needs one. Sets b->needed_growth if there
+   is no room for a new leaf. */
 static sbl_result sbl__bounce_place(void *work, int number) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *at = &b->queue.list[number];
     const sbl__store *s = b->store;
     uint32_t *reference;
-    int leaf;
+    int leaf, added, ok = 1;
     if (at->place == SBL__NOWHERE) return SBL_SUCCESS;
     reference = sbl__place_find(s, at, NULL);
     if (!reference || (!*reference && s->leaf_count >= s->most)) {
         if (b->patching.pool < SBL__BOUNCE_POOL)
-            b->crowding = SBL__MIN(1.3 * b->queue.count / (number + 1), SBL__BOUNCE_GROWTH_MOST);
+            b->needed_growth = SBL__MIN(1.3 * b->queue.count / (number + 1), SBL__BOUNCE_GROWTH_MOST);
         return SBL_SUCCESS;
     }
+    added = *reference == 0;
+    if (added && !sbl__bounce_add_leaf(b, reference)) return SBL_ERROR_OUT_OF_MEMORY;
     leaf = (int)*reference - 1;
-    if (leaf < 0) {
-        const sbl_result result = sbl__bounce_add_leaf(b, reference);
-        return result == SBL_SUCCESS ? sbl__bounce_add_point(b, at, s->leaf_count - 1) : result;
-    }
-    if (leaf >= b->fresh) return sbl__hits_add(b, &b->held, at);
-    return b->states[leaf].points < SBL__BOUNCE_POINTS ? sbl__bounce_add_point(b, at, leaf) : SBL_SUCCESS;
+    if (!added && leaf >= b->cut_leaves) ok = sbl__hits_add(b, &b->waiting, at);
+    else if (b->states[leaf].points < SBL__BOUNCE_POINTS) ok = sbl__bounce_add_point(b, at, leaf);
+    return ok ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 /* Sets the places that may become points next. */
@@ -12070,50 +11971,51 @@ static int sbl__bounce_queue(sbl__bounce *b, sbl__hit *list, int count) {
     return SBL__BOUNCE_PLACE;
 }
 
-/* Starts again with an area of cells multiplied by `growth`. Larger cells do not help where patches outnumber
-   leaves, so the area below which patches are pooled grows, too. */
-static int sbl__bounce_again(sbl__bounce *b, double growth) {
+/* Starts again with an area of cells multiplied by `growth`. Larger cells do not help where patches outnumber leaves,
+   so the area below which patches are pooled grows, too. */
+static int sbl__bounce_restart(sbl__bounce *b, double growth) {
     sbl__patching *p = &b->patching;
     p->growth *= growth;
     if (growth > 1 || p->pool <= 1) p->pool *= growth;
-    b->spread = b->crowding = 0;
-    b->seeds.count = b->held.count = b->point_count = b->fresh = b->cast = b->parted = b->sown = 0;
-    memset(b->walked, 0, SBL__CONTACTS_WALKED * sizeof *b->walked);
+    b->samples_due = b->needed_growth = 0;
+    b->samples.count = b->waiting.count = b->point_count = b->cut_leaves = b->points_cast = 0;
+    b->recheck = b->samples_placed = 0;
+    memset(b->recent_lines, 0, sizeof b->recent_lines);
     return SBL__BOUNCE_GRID;
 }
 
-/* Sends contact rays from new leaves and casts rays from new points, until there are no new ones. */
+/* Sends contact rays from new leaves and casts rays from new points, until there are no new ones. Surface samples are
+   placed last; they fill the places that no ray hit. */
 static int sbl__bounce_after_place(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const double share = (double)b->store->leaf_count / b->store->most;
-    if (b->crowding > 0) return sbl__bounce_again(b, SBL__MAX(b->crowding, SBL__BOUNCE_GROWTH));
-    if (!b->fresh && share > SBL__BOUNCE_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
+    const double fill = (double)b->store->leaf_count / b->store->most;
+    if (b->needed_growth > 0) return sbl__bounce_restart(b, SBL__MAX(b->needed_growth, SBL__BOUNCE_GROWTH));
+    if (!b->cut_leaves && fill > SBL__FILL_FIRST && b->patching.pool < SBL__BOUNCE_POOL)
         /* The surfaces that these leaves see would need too many more leaves. */
-        return sbl__bounce_again(b, pow(share / SBL__BOUNCE_FIRST, SBL__BOUNCE_FIRST_POWER));
-    if (b->store->leaf_count > b->fresh) return SBL__BOUNCE_FEEL;
-    if (b->cast < b->point_count) return SBL__BOUNCE_CAST;
-    if (b->parted) {  /* A cut leaf that had points may lack points on its other side. */
-        b->parted = 0;
+        return sbl__bounce_restart(b, pow(fill / SBL__FILL_FIRST, SBL__FILL_FIRST_POWER));
+    if (b->store->leaf_count > b->cut_leaves) return SBL__BOUNCE_CAST_CONTACTS;
+    if (b->points_cast < b->point_count) return SBL__BOUNCE_CAST_POINTS;
+    if (b->recheck) {  /* A cut leaf that had points may lack points on its other side. */
+        b->recheck = 0;
         return sbl__bounce_queue(b, b->hits.list, b->point_count * SBL__BOUNCE_RAYS);
     }
-    if (b->sown && b->seen > 0 && share < SBL__BOUNCE_SPARE && share > 2 * b->share) {
-        b->share = share;  /* Nothing sees much of the scene, so the rest can have more leaves. */
-        return sbl__bounce_again(b, SBL__MAX(share / SBL__BOUNCE_AIM, SBL__BOUNCE_SHRINK));
+    if (b->samples_placed && b->seen_leaves > 0 && fill < SBL__FILL_LEAST && fill > 2 * b->previous_fill) {
+        b->previous_fill = fill;  /* Nothing sees much of the scene, so the rest can have more leaves. */
+        return sbl__bounce_restart(b, SBL__MAX(fill / SBL__FILL_AIM, SBL__BOUNCE_SHRINK_MOST));
     }
-    if (b->sown) return SBL__BOUNCE_FIND;
-    b->sown = 1;
-    b->seen = b->store->leaf_count;
-    return sbl__bounce_queue(b, b->seeds.list, b->seeds.count);  /* Seeds come last: they fill places that no ray
-                                                                    hit. */
+    if (b->samples_placed) return SBL__BOUNCE_RELOCATE;
+    b->samples_placed = 1;
+    b->seen_leaves = b->store->leaf_count;
+    return sbl__bounce_queue(b, b->samples.list, b->samples.count);
 }
 
-/* >>bounce: contact rays */
+/* >>bounce: contact rays and contact lines */
 
-static void sbl__bounce_contact(sbl__bounce *b, int number, sbl__cast *out) {
+static void sbl__bounce_contact_ray(sbl__bounce *b, int number, sbl__cast *out) {
     const sbl__store *s = b->store;
-    const int leaf = b->fresh + number / SBL__BOUNCE_CONTACTS;
+    const int leaf = b->cut_leaves + number / SBL__BOUNCE_CONTACTS;
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
-    const double share = number % SBL__BOUNCE_CONTACTS + sbl__hash((uint32_t)leaf) / 4294967296.0;
+    const double turn = number % SBL__BOUNCE_CONTACTS + sbl__hash((uint32_t)leaf) / 4294967296.0;
     const float offset = sbl__place_normal(b->geometry, at->place, out->direction);
     double right[3], up[3];
     uint32_t cube[3], patch;
@@ -12121,7 +12023,7 @@ static void sbl__bounce_contact(sbl__bounce *b, int number, sbl__cast *out) {
     int k;
     sbl__place_find(s, at, &patch);
     length = sbl__cell_length(s, patch);
-    sbl__frame(out->direction, 2 * SBL__PI / SBL__BOUNCE_CONTACTS * share, right, up);
+    sbl__frame(out->direction, 2 * SBL__PI / SBL__BOUNCE_CONTACTS * turn, right, up);
     sbl__cell_place(s, patch, at->position, cube);
     out->limit = FLT_MAX;
     for (k = 0; k < 3; k++) {
@@ -12137,89 +12039,89 @@ static void sbl__bounce_contact(sbl__bounce *b, int number, sbl__cast *out) {
 
 static sbl_result sbl__bounce_cast_contacts(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
-    return sbl__bounce_cast(b, sbl__bounce_contact, (b->store->leaf_count - b->fresh) * SBL__BOUNCE_CONTACTS,
+    return sbl__bounce_cast(b, sbl__bounce_contact_ray, (b->store->leaf_count - b->cut_leaves) * SBL__BOUNCE_CONTACTS,
                             &b->contacts, slice);
 }
 
 /* The line along which an object stands on a flat surface. */
 typedef struct sbl__contact {
-    uint32_t patch, what;        /* patch: word of the flat surface; what: the object, as the word of a flat patch
-                                    with bit 0 set, or as number of a triangle * 2 */
+    uint32_t patch;              /* word of the flat surface */
+    uint32_t object;             /* word of the object's flat patch with bit 0 set, or number of its triangle * 2 */
     float normal[3], distance;   /* plane of the object */
-    double from[3], along[3];
-    sbl__cell_slot *slot;        /* slot of the cell that is being walked */
+    double from[3], along[3];    /* one end of the line, and the vector to the other end */
+    uint32_t *reference;         /* reference in the slot of the cell that is being cut */
 } sbl__contact;
 
-static void sbl__contact_place(const sbl__contact *line, double t, float position[3]) {
+static void sbl__contact_position(const sbl__contact *line, double t, float position[3]) {
     int k;
     for (k = 0; k < 3; k++) position[k] = (float)(line->from[k] + t * line->along[k]);
 }
 
-/* Makes the line where a plane that a contact ray hit meets the ray's own surface. The line extends over the common
-   bounds of both: of flat patches or, for the object, of the one triangle. Returns 0 if the line is too short or the
-   surface is not flat. */
-static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl__hit *met, sbl__contact *line) {
+/* Makes the line where the plane that a contact ray from `at` hit meets the surface of `at`. The line extends over the
+   common bounds of the flat patches or, if the object is not flat, of its triangle. Returns 0 if the line is too short
+   or the surface is not flat. */
+static int sbl__contact_make(const sbl__bounce *b, const sbl__hit *at, const sbl__hit *hit, sbl__contact *line) {
     const sbl__store *s = b->store;
     const sbl__geometry *g = b->geometry;
     const sbl__patch *patches = b->patching.patches;
-    const uint32_t patch = sbl__place_patch(s, at) & ~SBL__PATCH_NEAR, other = s->patches[met->place >> 1];
+    const uint32_t patch = sbl__place_patch(s, at) & ~SBL__PATCH_NEAR, other = s->patches[hit->place >> 1];
     const double length = (double)s->length;
     const int flat = (other & SBL__PATCH_FLAT) != 0;
     const sbl__box *own;
-    sbl__box its;
+    sbl__box others;
     float normal[3];
     double along[3], t0 = -1e300, t1 = 1e300, slack;
     int k;
     if (!(patch & SBL__PATCH_FLAT)) return 0;
     own = &patches[patch >> SBL__PATCH_SHIFT].bounds;
-    if (flat) its = patches[other >> SBL__PATCH_SHIFT].bounds;
-    else sbl__box_of_triangle(&its, g, met->place >> 1);
+    if (flat) others = patches[other >> SBL__PATCH_SHIFT].bounds;
+    else sbl__box_of_triangle(&others, g, hit->place >> 1);
     slack = SBL__CONTACT_APART * length + 4 * (double)sbl__place_normal(g, at->place, normal);
-    sbl__place_normal(g, met->place, line->normal);
+    sbl__place_normal(g, hit->place, line->normal);
     for (k = 0; k < 3; k++) {
         const int m = (k + 1) % 3, n = (k + 2) % 3;
         along[k] = (double)normal[m] * line->normal[n] - (double)normal[n] * line->normal[m];
     }
     if (!sbl__normalize(along)) return 0;
     for (k = 0; k < 3; k++) {
-        const float low = SBL__MAX(own->low[k], its.low[k]), high = SBL__MIN(own->high[k], its.high[k]);
-        const double from = (double)low - slack - met->position[k], to = (double)high + slack - met->position[k];
+        const float low = SBL__MAX(own->low[k], others.low[k]), high = SBL__MIN(own->high[k], others.high[k]);
+        const double from = (double)low - slack - hit->position[k], to = (double)high + slack - hit->position[k];
         if (fabs(along[k]) < 1e-6) continue;
         t0 = SBL__MAX(t0, SBL__MIN(from / along[k], to / along[k]));
         t1 = SBL__MIN(t1, SBL__MAX(from / along[k], to / along[k]));
     }
     if (!(t1 - t0 >= SBL__CONTACT_LEAST * length)) return 0;
     for (k = 0; k < 3; k++) {
-        line->from[k] = met->position[k] + t0 * along[k];
+        line->from[k] = hit->position[k] + t0 * along[k];
         line->along[k] = (t1 - t0) * along[k];
     }
-    line->distance = sbl__dot(line->normal, sbl__triangle_corner(g, met->place >> 1, 0));
-    line->what = flat ? other | 1u : met->place & ~1u;
+    line->distance = sbl__dot(line->normal, sbl__triangle_corner(g, hit->place >> 1, 0));
+    line->object = flat ? other | 1u : hit->place & ~1u;
     line->patch = patch;
     return 1;
 }
 
-/* Cuts all leaves that the line crosses below a reference: sides[side] of a cut or, if `cut` is negative, the
-   reference of the slot. range: part of the line that lies there. */
+/* Cuts all leaves that the line crosses below a reference: sides[side] of a cut or, if `cut` is negative,
+   line->reference. range: part of the line that lies there. */
 static sbl_result sbl__contact_part(sbl__bounce *b, const sbl__contact *line, int cut, int side,
                                     const double range[2], int depth) {
     sbl__store *s = b->store;
     const double apart = SBL__CONTACT_APART * (double)s->length;
-    uint32_t *reference = cut < 0 ? &line->slot->reference : &s->cuts[cut].sides[side];
+    uint32_t *reference = cut < 0 ? line->reference : &s->cuts[cut].sides[side];
     sbl_result result = SBL_SUCCESS;
     double over[2];
     int i;
     if (*reference < SBL__CELL_CUT) {
         const float *first = *reference ? b->points[b->states[*reference - 1].first].at.position : NULL;
         if (depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
-        if (first && (int)*reference <= b->fresh) b->parted = 1;
+        if (first && (int)*reference <= b->cut_leaves) b->recheck = 1;
         return sbl__store_cut(&b->core->base, s, reference, line->normal, line->distance,
                               first && sbl__dot(line->normal, first) > line->distance);
     }
     cut = (int)(*reference & ~SBL__CELL_CUT);
     for (i = 0; i < 2; i++) {
         float position[3];
-        sbl__contact_place(line, range[i], position);
+        sbl__contact_position(line, range[i], position);
         over[i] = (double)sbl__dot(s->cuts[cut].normal, position) - s->cuts[cut].distance;
     }
     /* A cut along the same line exists already. */
@@ -12250,26 +12152,24 @@ static sbl_result sbl__contact_walk(sbl__bounce *b, sbl__contact *line) {
     while (range[0] < 1 && result == SBL_SUCCESS) {
         const int axis = next[0] <= next[1] && next[0] <= next[2] ? 0 : next[1] <= next[2] ? 1 : 2;
         float middle[3];
-        uint32_t check;
         range[1] = SBL__MIN(next[axis], 1.0);
-        sbl__contact_place(line, 0.5 * (range[0] + range[1]), middle);
-        line->slot = sbl__store_slot(s, line->patch, middle, &check);
-        if (line->slot) line->slot->check = check;
-        if (line->slot) result = sbl__contact_part(b, line, -1, 0, range, 0);
+        sbl__contact_position(line, 0.5 * (range[0] + range[1]), middle);
+        line->reference = sbl__store_slot(s, line->patch, middle);
+        if (line->reference) result = sbl__contact_part(b, line, -1, 0, range, 0);
         range[0] = range[1];
         next[axis] += step[axis];
     }
     return result;
 }
 
-/* Cuts all cells along the line at every level and distance, unless the line has been walked recently. */
+/* Cuts all cells along the line at every level and distance, unless it has done so recently. */
 static sbl_result sbl__contact_cut(sbl__bounce *b, sbl__contact *line) {
-    const uint32_t patch = line->patch, hash = sbl__hash_step(sbl__hash_step(0, patch), line->what);
-    uint32_t *walked = &b->walked[hash % SBL__CONTACTS_WALKED];
+    const uint32_t patch = line->patch, hash = sbl__hash_step(sbl__hash_step(0, patch), line->object);
+    uint32_t *recent = &b->recent_lines[hash % SBL__CONTACT_CACHE];
     sbl_result result = SBL_SUCCESS;
     int i;
-    if (*walked == hash) return SBL_SUCCESS;
-    *walked = hash;
+    if (*recent == hash) return SBL_SUCCESS;
+    *recent = hash;
     for (i = 0; i < 2 * SBL__LEVELS && result == SBL_SUCCESS; i++) {
         line->patch = patch | (i & 1 ? SBL__PATCH_NEAR : 0) | SBL__PATCH_LEVEL * (uint32_t)(i >> 1);
         result = sbl__contact_walk(b, line);
@@ -12277,117 +12177,119 @@ static sbl_result sbl__contact_cut(sbl__bounce *b, sbl__contact *line) {
     return result;
 }
 
-/* Cuts a leaf by a plane that one of its contact rays hit, if the plane is steep to the surface and the hit still
-   lies in the same leaf. */
-static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *met) {
+/* Cuts a leaf by a plane that one of its contact rays hit, if the plane is steep to the surface and the hit still lies
+   in the same leaf. On a flat surface, cuts all cells along the contact line instead. */
+static sbl_result sbl__bounce_cut(sbl__bounce *b, int leaf, const sbl__hit *hit) {
     sbl__store *s = b->store;
     const sbl__hit *at = &b->points[b->states[leaf].first].at;
-    float before[3], normal[3], own[3], apart;
+    float before[3], normal[3], own[3], apart, distance;
     sbl__contact line;
     uint32_t *reference, patch;
     int k, depth;
     sbl__place_find(s, at, &patch);
     sbl__place_normal(b->geometry, at->place, own);
-    sbl__place_normal(b->geometry, met->place, normal);
-    apart = sbl__dot(normal, at->position) - sbl__dot(normal, met->position);
+    sbl__place_normal(b->geometry, hit->place, normal);
+    distance = sbl__dot(normal, hit->position);
+    apart = sbl__dot(normal, at->position) - distance;
     if (fabs((double)sbl__dot(normal, own)) > SBL__CONTACT_STEEP) return SBL_SUCCESS;
-    if (sbl__contact_make(b, at, met, &line)) return sbl__contact_cut(b, &line);
+    if (sbl__contact_make(b, at, hit, &line)) return sbl__contact_cut(b, &line);
     if (fabs((double)apart) < SBL__CONTACT_APART * (double)s->length) return SBL_SUCCESS;
     for (k = 0; k < 3; k++)  /* a position just behind the hit */
-        before[k] = met->position[k] + (float)SBL__CONTACT_APART * (met->position[k] - at->position[k]);
+        before[k] = hit->position[k] + (float)SBL__CONTACT_APART * (hit->position[k] - at->position[k]);
     reference = sbl__store_find(s, patch, before, &depth);
     if (!reference || *reference != (uint32_t)leaf + 1 || depth >= SBL__CELL_DEPTH) return SBL_SUCCESS;
-    return sbl__store_add_cut(&b->core->base, s, patch, at->position, normal, sbl__dot(normal, met->position));
+    reference = sbl__store_find(s, patch, at->position, &depth);
+    return sbl__store_cut(&b->core->base, s, reference, normal, distance, sbl__dot(normal, at->position) > distance);
 }
 
-static int sbl__bounce_fresh_leaves(void *work) {
+static int sbl__bounce_uncut_leaves(void *work) {
     const sbl__bounce *b = (const sbl__bounce *)work;
-    return b->store->leaf_count - b->fresh;
+    return b->store->leaf_count - b->cut_leaves;
 }
 
 static sbl_result sbl__bounce_cuts(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const sbl__hit *met = &b->contacts.list[at * SBL__BOUNCE_CONTACTS];
+    const sbl__hit *hits = &b->contacts.list[at * SBL__BOUNCE_CONTACTS];
     sbl_result result = SBL_SUCCESS;
     int i;
     for (i = 0; i < SBL__BOUNCE_CONTACTS && result == SBL_SUCCESS; i++)
-        if (met[i].place != SBL__NOWHERE) result = sbl__bounce_cut(b, b->fresh + at, &met[i]);
+        if (hits[i].place != SBL__NOWHERE) result = sbl__bounce_cut(b, b->cut_leaves + at, &hits[i]);
     return result;
 }
 
 /* Queues the places that waited for contact rays. */
 static int sbl__bounce_after_cuts(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const sbl__hits held = b->held;
-    b->fresh = b->store->leaf_count;
-    b->held = b->again;
-    b->held.count = 0;
-    b->again = held;
-    return sbl__bounce_queue(b, held.list, held.count);
+    const sbl__hits waiting = b->waiting;
+    b->cut_leaves = b->store->leaf_count;
+    b->waiting = b->released;
+    b->waiting.count = 0;
+    b->released = waiting;
+    return sbl__bounce_queue(b, waiting.list, waiting.count);
 }
 
 /* >>bounce: rays */
 
-/* Makes a cosine-weighted ray over the hemisphere at a place. */
-static void sbl__bounce_aim(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
-    sbl__bounce_aimed *aim = &b->aim;
+/* Makes a cosine-weighted ray over the hemisphere at a place. number: index into b->sequence, which a hash of `seed`
+   scrambles. */
+static void sbl__bounce_surface_ray(sbl__bounce *b, const sbl__hit *at, uint32_t seed, int number, sbl__cast *out) {
+    const float *normal = b->origin.normal;
     int k;
-    if (!aim->known || aim->place != at->place) {
-        aim->known = 1;
-        aim->place = at->place;
-        aim->offset = sbl__place_normal(b->geometry, at->place, aim->normal);
+    if (!b->origin.known || b->origin.place != at->place) {
+        b->origin.known = 1;
+        b->origin.place = at->place;
+        b->origin.offset = sbl__place_normal(b->geometry, at->place, b->origin.normal);
     }
     out->fractions = (b->sequence[2 * number] ^ sbl__hash(seed)) >> 16 |
                      ((b->sequence[2 * number + 1] ^ sbl__hash(seed + 1u)) & 0xffff0000u);
     for (k = 0; k < 3; k++) {
-        out->direction[k] = aim->normal[k];
-        out->origin[k] = at->position[k] + aim->offset * aim->normal[k];
+        out->direction[k] = normal[k];
+        out->origin[k] = at->position[k] + b->origin.offset * normal[k];
     }
     out->limit = -SBL__UNBOUNDED;
 }
 
-static void sbl__bounce_seed_ray(sbl__bounce *b, int number, sbl__cast *out) {
-    const int seed = number / SBL__BOUNCE_SEED_RAYS;
-    sbl__bounce_aim(b, &b->seeds.list[seed], sbl__hash((uint32_t)seed), number % SBL__BOUNCE_SEED_RAYS, out);
+static void sbl__bounce_sample_ray(sbl__bounce *b, int number, sbl__cast *out) {
+    const int sample = number / SBL__BOUNCE_SAMPLE_RAYS;
+    sbl__bounce_surface_ray(b, &b->samples.list[sample], sbl__hash((uint32_t)sample), number % SBL__BOUNCE_SAMPLE_RAYS,
+                            out);
 }
 
-static sbl_result sbl__bounce_sow(void *work, sbl__slice *slice) {
+/* Casts rays from surface samples and queues their hits. The distance from which a sample is seen becomes the length of
+   its shortest ray, or SBL__UNSEEN if its rays hit nothing. */
+static sbl_result sbl__bounce_cast_samples(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
-    return sbl__bounce_cast(b, sbl__bounce_seed_ray, b->seeds.count * SBL__BOUNCE_SEED_RAYS, &b->hits, slice);
-}
-
-/* Sets the distance from which each seed is seen: the length of its shortest ray, or SBL__UNSEEN if its rays hit
-   nothing. */
-static int sbl__bounce_after_sow(void *work) {
-    sbl__bounce *b = (sbl__bounce *)work;
-    int i, k;
-    for (i = 0; i < b->seeds.count; i++) {
-        const sbl__hit *hits = &b->hits.list[(size_t)i * SBL__BOUNCE_SEED_RAYS];
-        float *distance = &b->seeds.list[i].distance;
-        *distance = SBL__UNSEEN;
-        for (k = 0; k < SBL__BOUNCE_SEED_RAYS; k++)
-            if (hits[k].place != SBL__NOWHERE) *distance = SBL__MIN(*distance, hits[k].distance);
+    const int rays = b->samples.count * SBL__BOUNCE_SAMPLE_RAYS;
+    const sbl_result result = sbl__bounce_cast(b, sbl__bounce_sample_ray, rays, &b->hits, slice);
+    int i;
+    if (result != SBL_SUCCESS) return result;
+    for (i = 0; i < rays; i++) {
+        sbl__hit *sample = &b->samples.list[i / SBL__BOUNCE_SAMPLE_RAYS];
+        if (i % SBL__BOUNCE_SAMPLE_RAYS == 0) sample->distance = SBL__UNSEEN;
+        if (b->hits.list[i].place == SBL__NOWHERE) continue;
+        sample->distance = SBL__MIN(sample->distance, b->hits.list[i].distance);
     }
-    return sbl__bounce_queue(b, b->hits.list, b->seeds.count * SBL__BOUNCE_SEED_RAYS);
+    sbl__bounce_queue(b, b->hits.list, rays);
+    return SBL_SUCCESS;
 }
 
-static void sbl__bounce_ray(sbl__bounce *b, int number, sbl__cast *out) {
+static void sbl__bounce_point_ray(sbl__bounce *b, int number, sbl__cast *out) {
     const sbl__bounce_point *p = &b->points[number / SBL__BOUNCE_RAYS];
-    const int stretch = p->number % SBL__BOUNCE_STRETCHES * SBL__BOUNCE_RAYS + number % SBL__BOUNCE_RAYS;
-    const uint32_t hash = sbl__hash((uint32_t)p->leaf + 0x10000000u * (uint32_t)(p->number / SBL__BOUNCE_STRETCHES));
-    sbl__bounce_aim(b, &p->at, hash, stretch, out);
+    const int index = p->number % SBL__BOUNCE_SEQUENCES * SBL__BOUNCE_RAYS + number % SBL__BOUNCE_RAYS;
+    const uint32_t hash = sbl__hash((uint32_t)p->leaf + 0x10000000u * (uint32_t)(p->number / SBL__BOUNCE_SEQUENCES));
+    sbl__bounce_surface_ray(b, &p->at, hash, index, out);
 }
 
-static sbl_result sbl__bounce_follow(void *work, sbl__slice *slice) {
+static sbl_result sbl__bounce_cast_points(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
-    b->stages.at = SBL__MAX(b->stages.at, b->cast * SBL__BOUNCE_RAYS);
-    return sbl__bounce_cast(b, sbl__bounce_ray, b->point_count * SBL__BOUNCE_RAYS, &b->hits, slice);
+    b->stages.at = SBL__MAX(b->stages.at, b->points_cast * SBL__BOUNCE_RAYS);
+    return sbl__bounce_cast(b, sbl__bounce_point_ray, b->point_count * SBL__BOUNCE_RAYS, &b->hits, slice);
 }
 
-static int sbl__bounce_after_follow(void *work) {
+static int sbl__bounce_after_rays(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const int first = b->cast * SBL__BOUNCE_RAYS;
-    b->cast = b->point_count;
+    const int first = b->points_cast * SBL__BOUNCE_RAYS;
+    b->points_cast = b->point_count;
     return sbl__bounce_queue(b, b->hits.list + first, b->point_count * SBL__BOUNCE_RAYS - first);
 }
 
@@ -12396,15 +12298,14 @@ static int sbl__bounce_after_follow(void *work) {
 static int sbl__bounce_points(void *work) { return ((sbl__bounce *)work)->point_count; }
 static int sbl__bounce_leaves(void *work) { return ((sbl__bounce *)work)->store->leaf_count; }
 
-/* Finds each point's leaf again, because cuts made since may have put the point into another leaf. */
-static sbl_result sbl__bounce_find(void *work, int at) {
+/* Finds each point's leaf again, because later cuts may have put the point into another leaf. */
+static sbl_result sbl__bounce_relocate(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_point *p = &b->points[at];
     uint32_t *reference = sbl__place_find(b->store, &p->at, NULL);
-    sbl_result result = SBL_SUCCESS;
-    if (reference && !*reference) result = sbl__bounce_add_leaf(b, reference);
+    if (reference && !*reference && !sbl__bounce_add_leaf(b, reference)) return SBL_ERROR_OUT_OF_MEMORY;
     if (reference) p->leaf = (int)*reference - 1;
-    return result;
+    return SBL_SUCCESS;
 }
 
 /* Computes an order in which the points of each leaf are consecutive. */
@@ -12416,13 +12317,9 @@ static sbl_result sbl__bounce_order(void *work, sbl__slice *slice) {
     b->order = (int *)sbl__alloc_raw(&b->core->base, (size_t)b->point_count, sizeof *b->order);
     if (!b->order) return SBL_ERROR_OUT_OF_MEMORY;
     for (i = 0; i < leaves; i++) b->states[i].points = 0;
-    for (i = 0; i < b->point_count; i++) b->states[b->points[i].leaf].points++;
+    for (i = 0; i < b->point_count; i++) b->order[i] = b->states[b->points[i].leaf].points++;
     for (i = 0; i < leaves; next += b->states[i++].points) b->states[i].first = next;
-    for (i = 0; i < leaves; i++) b->states[i].points = 0;
-    for (i = 0; i < b->point_count; i++) {
-        sbl__bounce_leaf *leaf = &b->states[b->points[i].leaf];
-        b->order[i] = leaf->first + leaf->points++;
-    }
+    for (i = 0; i < b->point_count; i++) b->order[i] += b->states[b->points[i].leaf].first;
     return SBL_SUCCESS;
 }
 
@@ -12448,21 +12345,30 @@ static sbl_result sbl__bounce_sort(void *work, int at) {
     return SBL_SUCCESS;
 }
 
+/* Replaces the places that a point's rays hit with numbers of leaves. */
+static sbl_result sbl__bounce_link(void *work, int at) {
+    sbl__bounce *b = (sbl__bounce *)work;
+    sbl__hit *hit = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS], *const end = hit + SBL__BOUNCE_RAYS;
+    for (; hit < end; hit++) {
+        const uint32_t *reference = hit->place == SBL__NOWHERE ? NULL : sbl__place_find(b->store, hit, NULL);
+        hit->place = reference && *reference ? *reference - 1 : SBL__NOWHERE;
+    }
+    return SBL_SUCCESS;
+}
+
 /* >>bounce: light from lamps */
 
-static sbl_result sbl__bounce_room(void *work, sbl__slice *slice) {
+static sbl_result sbl__bounce_allocate(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__base *base = &b->core->base;
-    const size_t points = (size_t)b->point_count, leaves = (size_t)b->store->leaf_count;
+    const size_t sites = (size_t)SBL__MAX(b->point_count, SBL__AIR_SITES), leaves = (size_t)b->store->leaf_count;
     (void)slice;
     if (b->solved) return SBL_SUCCESS;  /* The memory exists after an earlier solution with other lights. */
-    sbl__free(base, b->order);
-    b->order = NULL;
-    b->sites = (sbl__site *)sbl__alloc_raw(base, points, sizeof *b->sites);
-    b->readings = (sbl_reading *)sbl__alloc_raw(base, points, sizeof *b->readings);
-    b->light = (float *)sbl__alloc_raw(base, leaves, 3 * sizeof *b->light);
+    b->sites = (sbl__site *)sbl__alloc_raw(base, sites, sizeof *b->sites);
+    b->readings = (sbl_reading *)sbl__alloc_raw(base, sites, sizeof *b->readings);
+    b->direct = (float *)sbl__alloc_raw(base, leaves, 3 * sizeof *b->direct);
     b->solved = (float *)sbl__alloc_raw(base, leaves, 3 * sizeof *b->solved);
-    return b->sites && b->readings && b->light && b->solved ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
+    return b->sites && b->readings && b->direct && b->solved ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
 }
 
 static sbl_result sbl__bounce_site(void *work, int at) {
@@ -12478,9 +12384,8 @@ static sbl_result sbl__bounce_site(void *work, int at) {
     return SBL_SUCCESS;
 }
 
-/* Begins a job for `count` sites that measures light from lamps only (SBL_MODE_DIRECT) or all light. */
-static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, const sbl__site *sites, sbl_reading *readings,
-                                int count) {
+/* Begins a job for the first `count` sites that measures light from lamps only (SBL_MODE_DIRECT) or all light. */
+static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, int count) {
     const int direct = mode == SBL_MODE_DIRECT;
     sbl__core *c = b->core;
     sbl__measurement measurement;
@@ -12492,11 +12397,11 @@ static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, const sbl__site *
     measurement.options.rays = direct ? SBL__BOUNCE_LAMP_RAYS : SBL__AIR_RAYS;
     sbl__spec_make(&task.spec, &measurement, &c->scene, &c->desc);
     if (direct) {
-        task.spec.rays = SBL__BOUNCE_DARK_RAYS;
+        task.spec.rays = SBL__BOUNCE_STUCK_RAYS;
         task.spec.without_sky = 1;  /* Kept rays that hit nothing bring the light of the environment. */
     }
-    task.sites = sites;
-    task.readings = readings;
+    task.sites = b->sites;
+    task.readings = b->readings;
     task.site_count = count;
     memset(&b->job.counts, 0, sizeof b->job.counts);
     sbl__job_begin(&b->job, &c->scene, &task);
@@ -12504,23 +12409,24 @@ static void sbl__bounce_measure(sbl__bounce *b, sbl_mode mode, const sbl__site *
 
 static int sbl__bounce_after_sites(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
-    sbl__bounce_measure(b, SBL_MODE_DIRECT, b->sites, b->readings, b->point_count);
+    sbl__bounce_measure(b, SBL_MODE_DIRECT, b->point_count);
     return SBL__BOUNCE_LIGHT;
 }
 
-static sbl_result sbl__bounce_sense(void *work, sbl__slice *slice) {
+static sbl_result sbl__bounce_run_job(void *work, sbl__slice *slice) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl_stats *stats = &b->core->stats;
     const sbl_result result = sbl__job_step(&b->core->device, &b->job, slice);
-    if (result != SBL_SUCCESS) return result;
-    stats->sensors.readbacks += b->job.counts.readbacks;
-    stats->store.rays += b->job.counts.rays;
-    return SBL_SUCCESS;
+    if (result == SBL_SUCCESS) {
+        stats->sensors.readbacks += b->job.counts.readbacks;
+        stats->store.rays += b->job.counts.rays;
+    }
+    return result;
 }
 
 /* >>bounce: all bounces at once */
 
-/* Computes the light of the environment that a point's rays bring that hit nothing. */
+/* Computes the light of the environment from those rays of a point that hit nothing. */
 static void sbl__bounce_sky(const sbl__bounce *b, int point, float out[3]) {
     const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
     int i, k;
@@ -12536,118 +12442,97 @@ static void sbl__bounce_sky(const sbl__bounce *b, int point, float out[3]) {
     }
 }
 
-/* Replaces the places that a point's rays hit with numbers of leaves. */
-static void sbl__bounce_join_point(sbl__bounce *b, int point) {
-    sbl__hit *hit = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS], *const end = hit + SBL__BOUNCE_RAYS;
-    for (; hit < end; hit++) {
-        const uint32_t *reference;
-        if (hit->place == SBL__NOWHERE) continue;
-        reference = sbl__place_find(b->store, hit, NULL);
-        hit->place = reference && *reference ? *reference - 1 : SBL__NOWHERE;
-    }
-}
-
-/* Replaces the hits of a leaf's points with numbers of leaves, and averages the points' light from lamps and the
-   environment. */
-static sbl_result sbl__bounce_join(void *work, int at) {
+/* Averages the direct light of a leaf's points. */
+static sbl_result sbl__bounce_direct(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     sbl__bounce_leaf *state = &b->states[at];
     sbl__leaf *leaf = &b->store->leaves[at];
-    float *light = b->light + 3 * at, rest[3] = { 0, 0, 0 };
+    float *light = b->direct + 3 * at, sky[3], all_sky[3] = { 0, 0, 0 };
     int i, k;
     light[0] = light[1] = light[2] = 0;
     for (i = state->first, state->valid = 0; i < state->first + state->points; i++)
         state->valid += b->readings[i].valid;
     for (i = state->first; i < state->first + state->points; i++) {
-        float sky[3];
-        if (at >= b->joined) sbl__bounce_join_point(b, i);
         if (!b->readings[i].valid) continue;
         sbl__bounce_sky(b, i, sky);
-        for (k = 0; k < 3; k++) rest[k] += sky[k] / (float)state->valid;
+        for (k = 0; k < 3; k++) all_sky[k] += sky[k] / (float)state->valid;
         for (k = 0; k < 3; k++) light[k] += b->readings[i].radiance[k] / (float)state->valid;
     }
     leaf->lamps = sbl__rgbe(light);
-    for (k = 0; k < 3; k++) leaf->light[k] = light[k] += rest[k];
-    b->joined = SBL__MAX(b->joined, at + 1);
+    for (k = 0; k < 3; k++) leaf->light[k] = light[k] += all_sky[k];
     return SBL_SUCCESS;
 }
 
-#define SBL__BOUNCE_UNIT (SBL__SHARE_ONE * SBL__BOUNCE_RAYS)  /* unit of the sums of sbl__bounce_add_got */
+#define SBL__BOUNCE_UNIT (SBL__SHARE_ONE * SBL__BOUNCE_RAYS)  /* unit of the sums of sbl__bounce_add_received */
 
 /* Adds the light that a point receives from leaves, at their current values. */
-static void sbl__bounce_add_got(const sbl__bounce *b, int point, float sum[3]) {
+static void sbl__bounce_add_received(const sbl__bounce *b, int point, float sum[3]) {
     const sbl__hit *hits = &b->hits.list[(size_t)point * SBL__BOUNCE_RAYS];
     int j;
     for (j = 0; j < SBL__BOUNCE_RAYS; j++)
         if (hits[j].place != SBL__NOWHERE)
-            sbl__add_reflected(hits[j].share, b->store->leaves[hits[j].place].light, sum);
+            sbl__add_reflected(hits[j].albedo, b->store->leaves[hits[j].place].light, sum);
 }
 
-/* Computes one more bounce for a leaf: adds the average light that its points receive from other leaves to its light
-   from lamps and the environment. Leaves earlier in the round already have their new light (Gauss-Seidel iteration). */
+/* Computes one more bounce for a leaf: adds the average light that its points receive from other leaves to its direct
+   light. Leaves earlier in the round already have their new light (Gauss-Seidel iteration). */
 static sbl_result sbl__bounce_gather(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__bounce_leaf *leaf = &b->states[at];
-    sbl__balance *balance = &b->balance;
     float *light = b->store->leaves[at].light, sum[3] = { 0, 0, 0 };
     int i, k;
-    if (at == 0) memset(balance, 0, sizeof *balance);
+    if (at == 0) memset(&b->balance, 0, sizeof b->balance);
     for (i = leaf->first; i < leaf->first + leaf->points; i++)
-        if (b->readings[i].valid) sbl__bounce_add_got(b, i, sum);
+        if (b->readings[i].valid) sbl__bounce_add_received(b, i, sum);
     for (k = 0; k < 3; k++) {
-        const float lit = b->light[3 * at + k];
-        const float next = lit + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
-        balance->lit[k] += (double)lit;
-        balance->before[k] += (double)light[k];
-        balance->after[k] += (double)next;
-        balance->change += fabs((double)next - light[k]);
+        const float direct = b->direct[3 * at + k];
+        const float next = direct + (leaf->valid ? sum[k] / (SBL__BOUNCE_UNIT * (float)leaf->valid) : 0);
+        b->balance.direct[k] += (double)direct;
+        b->balance.before[k] += (double)light[k];
+        b->balance.after[k] += (double)next;
+        b->balance.change += fabs((double)next - light[k]);
         light[k] = next;
     }
     return SBL_SUCCESS;
 }
 
-/* Warns once per scene if the clamped albedos of white walls make a visible difference. */
-static void sbl__bounce_warn(const sbl__bounce *b) {
+/* Warns once per scene if the clamped albedos of white walls make a visible difference. direct, all: sums of direct
+   light and of all light. */
+static void sbl__bounce_warn(const sbl__bounce *b, double direct, double all) {
     const sbl__geometry *g = b->geometry;
-    sbl__store *s = b->store;
-    double lit = 0, all = 0;
     int i, white = 0;
-    for (i = 0; i < s->leaf_count; i++) {
-        lit += sbl__sum3(b->light + 3 * i);
-        all += sbl__sum3(s->leaves[i].light);
-    }
     for (i = 0; i < g->mesh_count; i++) white += sbl__holds_light(&g->objects[i]);
-    if (!white || !(all > SBL__BOUNCE_HELD * lit) || s->warned) return;
-    sbl__log(&b->core->base, SBL_LOG_WARNING, SBL_LOG_ITEM_ALBEDO, "%d meshes have albedos above %g and hold much "
-             "light; what bounces is that of %g: closed rooms of such walls would never grow dark", white,
-             (double)SBL__BOUNCE_ALBEDO, (double)SBL__BOUNCE_ALBEDO);
-    s->warned = 1;
+    if (!white || !(all > SBL__BOUNCE_BRIGHT * direct) || b->store->warned) return;
+    sbl__log(&b->core->base, SBL_LOG_WARNING, SBL_LOG_ITEM_ALBEDO, "%d meshes have albedos above %g in a scene with "
+             "much bounced light; bounced light uses %g instead, because closed rooms with such walls would never grow "
+             "dark", white, (double)SBL__BOUNCE_ALBEDO, (double)SBL__BOUNCE_ALBEDO);
+    b->store->warned = 1;
 }
 
 /* Finishes a round. In the first rounds gathered light is scaled so that emitted and lost light balance, channel by
    channel. This settles the overall brightness of a room, the slowest part of convergence, at once. */
 static int sbl__bounce_after_gather(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const sbl__balance *balance = &b->balance;
     const sbl__store *s = b->store;
-    double sum = 0, ratio;
+    double all_direct = 0, sum = 0, ratio;
     int i, k;
     for (k = 0; k < 3; k++) {
-        const double lit = balance->lit[k], gathered = balance->after[k] - lit;
-        const double lost = 0.5 * (balance->before[k] + balance->after[k]) - gathered;
-        const float scale = (float)(lost > 0 ? lit / lost : 1);
-        sum += balance->after[k];
+        const double direct = b->balance.direct[k], gathered = b->balance.after[k] - direct;
+        const double lost = 0.5 * (b->balance.before[k] + b->balance.after[k]) - gathered;
+        const float scale = (float)(lost > 0 ? direct / lost : 1);
+        all_direct += direct;
+        sum += b->balance.after[k];
         if (b->rounds >= SBL__BOUNCE_SCALED || !(scale > 0)) continue;
         for (i = 0; i < s->leaf_count; i++)
-            s->leaves[i].light[k] = b->light[3 * i + k] + scale * (s->leaves[i].light[k] - b->light[3 * i + k]);
+            s->leaves[i].light[k] = b->direct[3 * i + k] + scale * (s->leaves[i].light[k] - b->direct[3 * i + k]);
     }
-    ratio = b->change > 0 ? SBL__MIN(balance->change / b->change, 0.999) : 0.999;
-    b->change = balance->change;
+    ratio = b->change > 0 ? SBL__MIN(b->balance.change / b->change, 0.999) : 0.999;
+    b->change = b->balance.change;
     b->rounds++;
     if (b->rounds < SBL__BOUNCE_SCALED + 2 && b->change > 0) return SBL__BOUNCE_GATHER;
-    if (!(b->change * ratio / (1 - ratio) <= SBL__BOUNCE_REST * sum) && b->rounds < SBL__BOUNCE_ROUNDS)
+    if (!(b->change * ratio / (1 - ratio) <= SBL__BOUNCE_TOLERANCE * sum) && b->rounds < SBL__BOUNCE_ROUNDS)
         return SBL__BOUNCE_GATHER;
-    sbl__bounce_warn(b);
+    sbl__bounce_warn(b, all_direct, sum);
     return SBL__BOUNCE_NOISE;
 }
 
@@ -12663,12 +12548,12 @@ static sbl_result sbl__bounce_noise(void *work, int at) {
     int i, k;
     memcpy(b->solved + 3 * at, b->store->leaves[at].light, 3 * sizeof *b->solved);
     for (i = leaf->first; i < leaf->first + leaf->points; i++) {
-        float got[3] = { 0, 0, 0 }, sky[3];
+        float received[3] = { 0, 0, 0 }, sky[3];
         if (!b->readings[i].valid) continue;
-        sbl__bounce_add_got(b, i, got);
+        sbl__bounce_add_received(b, i, received);
         sbl__bounce_sky(b, i, sky);
         for (k = 0; k < 3; k++) {
-            const double light = (double)got[k] / SBL__BOUNCE_UNIT + sky[k] + b->readings[i].radiance[k];
+            const double light = (double)received[k] / SBL__BOUNCE_UNIT + sky[k] + b->readings[i].radiance[k];
             sum[k] += light;
             squares[k] += light * light;
         }
@@ -12676,29 +12561,30 @@ static sbl_result sbl__bounce_noise(void *work, int at) {
     for (k = 0; k < 3; k++) {
         const double n = leaf->valid, variance = n > 1 ? (squares[k] - sum[k] * sum[k] / n) / (n - 1) / n
                                                        : 0.25 * sum[k] * sum[k];
-        b->light[3 * at + k] = (float)(variance > 0 ? sqrt(variance) : 0) * (signs >> (8 + k) & 1 ? 1.0f : -1.0f);
+        b->direct[3 * at + k] = (float)(variance > 0 ? sqrt(variance) : 0) * (signs >> (8 + k) & 1 ? 1.0f : -1.0f);
     }
     return SBL_SUCCESS;
 }
 
-/* Puts the noise in place of the light, so that rounds of bounces carry the noise along the same rays. */
+/* Puts the noise in place of the light, so that rounds of bounces propagate the noise along the same rays. */
 static int sbl__bounce_after_noise(void *work) {
     sbl__bounce *b = (sbl__bounce *)work;
     int i;
     for (i = 0; i < b->store->leaf_count; i++)
-        memcpy(b->store->leaves[i].light, b->light + 3 * i, 3 * sizeof *b->light);
+        memcpy(b->store->leaves[i].light, b->direct + 3 * i, 3 * sizeof *b->direct);
     b->rounds = 0;
-    return SBL__BOUNCE_CARRY;
+    return SBL__BOUNCE_PROPAGATE;
 }
 
-static int sbl__bounce_after_carry(void *work) {
-    return ++((sbl__bounce *)work)->rounds < SBL__UNCERTAINTY_ROUNDS ? SBL__BOUNCE_CARRY : SBL__BOUNCE_UNCERTAINTY;
+static int sbl__bounce_after_propagate(void *work) {
+    const int round = ++((sbl__bounce *)work)->rounds;
+    return round < SBL__UNCERTAINTY_ROUNDS ? SBL__BOUNCE_PROPAGATE : SBL__BOUNCE_UNCERTAINTY;
 }
 
 /* Restores the light. Noise that has arrived from other leaves, relative to the light, is the leaf's uncertainty. */
 static sbl_result sbl__bounce_uncertainty(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
-    const float *solved = b->solved + 3 * at, *own = b->light + 3 * at;
+    const float *solved = b->solved + 3 * at, *own = b->direct + 3 * at;
     float *light = b->store->leaves[at].light;
     double uncertainty2 = 0;
     int k;
@@ -12728,19 +12614,19 @@ static int sbl__bounce_after_send(void *work) {
     const sbl__scene *scene = &b->core->scene;
     int i, k;
     if (!scene->draw) return SBL__BOUNCE_DONE;
-    memset(b->air, 0, sizeof b->air);
+    memset(b->sites, 0, SBL__AIR_SITES * sizeof *b->sites);
     for (i = 0; i < SBL__AIR_SITES; i++) {
-        sbl__site *site = &b->air[i];
+        sbl__site *site = &b->sites[i];
         const int place = i / 6, axis = i % 6 / 2;
         for (k = 0; k < 3; k++) {
-            const double share = place == 8 ? 0.5 : place >> k & 1 ? 0.75 : 0.25;
-            site->position[k] = (float)((1 - share) * scene->draw_bounds[0][k] + share * scene->draw_bounds[1][k]);
+            const double t = place == 8 ? 0.5 : place >> k & 1 ? 0.75 : 0.25;
+            site->position[k] = (float)((1 - t) * scene->draw_bounds[0][k] + t * scene->draw_bounds[1][k]);
         }
         site->normal[axis] = site->geometric_normal[axis] = i & 1 ? -1.0f : 1.0f;
         site->number = (uint32_t)i;
         site->looks = 1;
     }
-    sbl__bounce_measure(b, SBL_MODE_GI, b->air, b->air_readings, SBL__AIR_SITES);
+    sbl__bounce_measure(b, SBL_MODE_GI, SBL__AIR_SITES);
     return SBL__BOUNCE_AIR;
 }
 
@@ -12749,22 +12635,23 @@ static int sbl__bounce_after_air(void *work) {
     float (*air)[3] = b->store->air;
     int i, k, valid[6] = { 0, 0, 0, 0, 0, 0 };
     memset(air, 0, sizeof b->store->air);
-    for (i = 0; i < SBL__AIR_SITES; i++) valid[i % 6] += b->air_readings[i].valid;
+    for (i = 0; i < SBL__AIR_SITES; i++) valid[i % 6] += b->readings[i].valid;
     for (i = 0; i < SBL__AIR_SITES; i++)
-        for (k = 0; k < 3 && b->air_readings[i].valid; k++)
-            air[i % 6][k] += b->air_readings[i].radiance[k] / (float)valid[i % 6];
+        for (k = 0; k < 3 && b->readings[i].valid; k++)
+            air[i % 6][k] += b->readings[i].radiance[k] / (float)valid[i % 6];
     return SBL__BOUNCE_DONE;
 }
 
 /* >>bounce: beginning, stepping and freeing */
 
 /* Frees everything except points and their hits, which are kept for later changes of lights. */
-static void sbl__bounce_rest(const sbl__device *d, sbl__bounce *b) {
-    void *const blocks[] = { b->seeds.list, b->held.list, b->again.list, b->contacts.list, b->sequence, b->sites,
-                             b->readings, b->walked, b->light, b->solved, b->order };
+static void sbl__bounce_free_temporary(const sbl__device *d, sbl__bounce *b) {
+    const sbl__patching *p = &b->patching;
+    void *const blocks[] = { p->places.slots, p->ends.slots, p->welded, p->corners, p->parents, p->patches,
+                             b->samples.list, b->waiting.list, b->released.list, b->contacts.list, b->sequence,
+                             b->sites, b->readings, b->direct, b->solved, b->order };
     int i;
     for (i = 0; i < SBL__COUNT(blocks); i++) sbl__free(d->base, blocks[i]);
-    sbl__patching_free(d->base, &b->patching);
     sbl__table_delete(d, &b->casts);
     sbl__blocks_free(d, &b->blocks);
     sbl__job_free(d, &b->job);
@@ -12775,7 +12662,7 @@ static void sbl__bounce_rest(const sbl__device *d, sbl__bounce *b) {
 static void sbl__bounce_end(sbl__core *c) {
     sbl__bounce *b = c->bounce;
     if (!b) return;
-    sbl__bounce_rest(&c->device, b);
+    sbl__bounce_free_temporary(&c->device, b);
     sbl__free(&c->base, b->points);
     sbl__free(&c->base, b->states);
     sbl__free(&c->base, b->hits.list);
@@ -12783,9 +12670,8 @@ static void sbl__bounce_end(sbl__core *c) {
     c->bounce = NULL;
 }
 
-/* Returns the filling in progress or a new one; NULL: out of memory. If only lights have changed, points and hits
-   are kept. */
-static sbl__bounce *sbl__bounce_under_way(sbl__core *c) {
+/* Returns the filling in progress or a new one; NULL: out of memory. Points and hits outlive changes of lights. */
+static sbl__bounce *sbl__bounce_resume(sbl__core *c) {
     sbl__bounce *b;
     if (c->bounce && c->bounce->surfaces != c->scene.surfaces) sbl__bounce_end(c);
     if (!c->bounce) c->bounce = (sbl__bounce *)sbl__alloc(&c->base, 1, sizeof *c->bounce);
@@ -12809,34 +12695,34 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     static const sbl__stage_row table[] = {
         { sbl__bounce_patches, NULL, NULL, NULL },
         { sbl__bounce_grid, NULL, NULL, NULL },
-        { NULL, NULL, sbl__bounce_word, sbl__bounce_triangles },
-        { NULL, NULL, sbl__bounce_seed, sbl__bounce_triangles },
-        { sbl__bounce_sow, sbl__bounce_after_sow, NULL, NULL },
+        { NULL, NULL, sbl__bounce_sample, sbl__bounce_triangles },
+        { sbl__bounce_cast_samples, NULL, NULL, NULL },
         { NULL, sbl__bounce_after_place, sbl__bounce_place, sbl__bounce_queued },
         { sbl__bounce_cast_contacts, NULL, NULL, NULL },
-        { NULL, sbl__bounce_after_cuts, sbl__bounce_cuts, sbl__bounce_fresh_leaves },
-        { sbl__bounce_follow, sbl__bounce_after_follow, NULL, NULL },
-        { NULL, NULL, sbl__bounce_find, sbl__bounce_points },
+        { NULL, sbl__bounce_after_cuts, sbl__bounce_cuts, sbl__bounce_uncut_leaves },
+        { sbl__bounce_cast_points, sbl__bounce_after_rays, NULL, NULL },
+        { NULL, NULL, sbl__bounce_relocate, sbl__bounce_points },
         { sbl__bounce_order, NULL, NULL, NULL },
         { NULL, NULL, sbl__bounce_sort, sbl__bounce_points },
-        { sbl__bounce_room, sbl__bounce_after_sites, sbl__bounce_site, sbl__bounce_points },
-        { sbl__bounce_sense, NULL, NULL, NULL },
-        { NULL, NULL, sbl__bounce_join, sbl__bounce_leaves },
+        { NULL, NULL, sbl__bounce_link, sbl__bounce_points },
+        { sbl__bounce_allocate, sbl__bounce_after_sites, sbl__bounce_site, sbl__bounce_points },
+        { sbl__bounce_run_job, NULL, NULL, NULL },
+        { NULL, NULL, sbl__bounce_direct, sbl__bounce_leaves },
         { NULL, sbl__bounce_after_gather, sbl__bounce_gather, sbl__bounce_leaves },
         { NULL, sbl__bounce_after_noise, sbl__bounce_noise, sbl__bounce_leaves },
-        { NULL, sbl__bounce_after_carry, sbl__bounce_gather, sbl__bounce_leaves },
+        { NULL, sbl__bounce_after_propagate, sbl__bounce_gather, sbl__bounce_leaves },
         { NULL, NULL, sbl__bounce_uncertainty, sbl__bounce_leaves },
         { sbl__bounce_send, sbl__bounce_after_send, NULL, NULL },
-        { sbl__bounce_sense, sbl__bounce_after_air, NULL, NULL }
+        { sbl__bounce_run_job, sbl__bounce_after_air, NULL, NULL }
     };
     const double start = sbl__now();
     sbl__store *s = &c->scene.store;
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
-    if (!s->ready && sbl__bounce_under_way(c))
+    if (!s->ready && sbl__bounce_resume(c))
         result = sbl__stages_step(&c->bounce->stages, table, SBL__COUNT(table), c->bounce, slice);
     if (s->ready) result = SBL_SUCCESS;
     else if (result == SBL_SUCCESS) {
-        sbl__bounce_rest(&c->device, c->bounce);
+        sbl__bounce_free_temporary(&c->device, c->bounce);
         s->ready = 1;
     } else if (result != SBL_UNFINISHED) sbl__bounce_end(c);
     c->stats.seconds.bounce += sbl__now() - start;
@@ -12844,13 +12730,13 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     return result;
 }
 
-/* Estimates the share of the store that is done, 0 to 1, never less than before. Rays between surfaces make up half
-   of it. */
+/* Estimates how much of the store is done, 0 to 1, never less than before. Rays between surfaces are half of it. */
 static float sbl__bounce_progress(sbl__core *c) {
     sbl__bounce *b = c->bounce;
     float now;
     if (c->scene.store.ready || !b) return c->scene.store.ready ? 1.0f : 0.0f;
-    now = b->stages.stage < SBL__BOUNCE_SITES  ? 0.5f * (float)b->cast / (float)(SBL__BOUNCE_POINTS * b->store->most)
+    now = b->stages.stage < SBL__BOUNCE_SITES
+              ? 0.5f * (float)b->points_cast / (float)(SBL__BOUNCE_POINTS * b->store->most)
         : b->stages.stage == SBL__BOUNCE_SITES ? 0.5f
         : b->stages.stage == SBL__BOUNCE_LIGHT ? 0.5f + 0.4f * sbl__job_progress(&b->job)
                                                : 0.9f;
@@ -12858,13 +12744,13 @@ static float sbl__bounce_progress(sbl__core *c) {
     return b->progress;
 }
 
-/* Returns the share of the progress of a picture or gather that filling the store takes, or 0 if the store is ready
-   or not needed. */
+/* Returns the share of progress that filling the store takes, or 0 if the store is ready or not needed. */
 static float sbl__prepare_share(const sbl__core *c, const sbl__measurement *s) {
-    return s->options.mode == SBL_MODE_GI && !c->scene.store.ready ? SBL__BOUNCE_SHARE : 0;
+    return s->options.mode == SBL_MODE_GI && !c->scene.store.ready ? SBL__BOUNCE_TIME : 0;
 }
 
-/* Makes ready what sensors of that kind need of the scene. SBL_SUCCESS: it is. */
+/* Prepares what a measurement needs of the scene, piece by piece: hierarchy and lamps for rays, the store for bounced
+   light. SBL_SUCCESS: all is ready. */
 static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__slice *slice) {
     const sbl__hierarchy *h = &c->scene.hierarchy;
     const int rays = s->options.mode != SBL_MODE_PAPER;
@@ -12878,25 +12764,23 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__sli
 }
 
 /* ======================================================================================================== >>saved
-   Stored light as a stream: a header, the store's four arrays, a checksum. What is read is believed only where it fits
-   the scene and itself. */
+   Writes the store to a stream and reads it: a header, the store, a checksum. Data that is read is used only if it
+   belongs to the scene and is valid. */
 
+#define SBL__SAVED_NAME "sblstore"
 #define SBL__SAVED_VERSION 3u
-#define SBL__SAVED_ORDER 0x01020304u
+#define SBL__SAVED_ORDER 0x01020304u   /* tells the byte order */
 #define SBL__SAVED_SEED 0xcbf29ce484222325u
-#define SBL__SAVED_CELLS (1 << 22)     /* at most; as many cuts, and half as many leaves */
+#define SBL__SAVED_CELLS (1 << 22)     /* largest number of slots and of cuts; half of it for leaves */
 
 typedef struct sbl__saved {
     char name[8];
     uint32_t version, order;
-    uint64_t scene;                    /* hash of what the light depends on */
+    uint64_t scene;                    /* see sbl__saved_scene */
     int32_t triangles, cells, cuts, leaves;
-    float origin[3], length, air[6][3];
 } sbl__saved;
 
-static const char sbl__saved_name[8] = { 's', 'b', 'l', 's', 't', 'o', 'r', 'e' };
-
-/* Of all that stored light depends on. */
+/* Returns a hash of everything that stored light depends on. */
 static uint64_t sbl__saved_scene(const sbl__scene *s) {
     const sbl__geometry *g = &s->geometry;
     const sbl__environment *e = &s->environment;
@@ -12914,34 +12798,37 @@ static uint64_t sbl__saved_scene(const sbl__scene *s) {
     return hash;
 }
 
-/* One end of a stream: get or put is the host's function, the other is NULL. */
+/* A stream that the host reads (get) or writes (put); the other function is NULL. */
 typedef struct sbl__saved_stream {
     sbl_read_function get;
     sbl_write_function put;
     void *user;
-    uint64_t sum;                      /* hash of all that went through */
+    uint64_t sum;                      /* hash of all data so far */
 } sbl__saved_stream;
 
-static int sbl__saved_pass(sbl__saved_stream *s, void *data, size_t bytes) {
+/* Reads or writes a block of data. Returns 0 if the stream has failed or ended. */
+static int sbl__saved_transfer(sbl__saved_stream *s, void *data, size_t bytes) {
     if (bytes && (s->get ? s->get(data, bytes, s->user) : s->put(data, bytes, s->user)) != bytes) return 0;
     s->sum = sbl__hash_bytes(s->sum, data, bytes);
     return 1;
 }
 
-/* The arrays that follow the header. */
-static int sbl__saved_arrays(sbl__saved_stream *stream, const sbl__store *s, int triangles) {
-    return sbl__saved_pass(stream, s->patches, (size_t)triangles * sizeof *s->patches) &&
-           sbl__saved_pass(stream, s->cells, (size_t)s->cell_room * sizeof *s->cells) &&
-           sbl__saved_pass(stream, s->cuts, (size_t)s->cut_count * sizeof *s->cuts) &&
-           sbl__saved_pass(stream, s->leaves, (size_t)s->leaf_count * sizeof *s->leaves);
+/* Reads or writes what follows the header: the grid, light in the air and the arrays. */
+static int sbl__saved_store(sbl__saved_stream *stream, sbl__store *s, int triangles) {
+    return sbl__saved_transfer(stream, s->origin, sizeof s->origin) &&
+           sbl__saved_transfer(stream, &s->length, sizeof s->length) &&
+           sbl__saved_transfer(stream, s->air, sizeof s->air) &&
+           sbl__saved_transfer(stream, s->patches, (size_t)triangles * sizeof *s->patches) &&
+           sbl__saved_transfer(stream, s->cells, (size_t)s->cell_room * sizeof *s->cells) &&
+           sbl__saved_transfer(stream, s->cuts, (size_t)s->cut_count * sizeof *s->cuts) &&
+           sbl__saved_transfer(stream, s->leaves, (size_t)s->leaf_count * sizeof *s->leaves);
 }
 
-static int sbl__saved_write(const sbl__scene *s, sbl_write_function put, void *user) {
+static int sbl__saved_write(sbl__scene *s, sbl_write_function put, void *user) {
     sbl__saved_stream stream = { NULL, put, user, SBL__SAVED_SEED };
     sbl__saved header;
-    uint64_t sum;
     memset(&header, 0, sizeof header);
-    memcpy(header.name, sbl__saved_name, sizeof header.name);
+    memcpy(header.name, SBL__SAVED_NAME, sizeof header.name);
     header.version = SBL__SAVED_VERSION;
     header.order = SBL__SAVED_ORDER;
     header.scene = sbl__saved_scene(s);
@@ -12949,61 +12836,57 @@ static int sbl__saved_write(const sbl__scene *s, sbl_write_function put, void *u
     header.cells = s->store.cell_room;
     header.cuts = s->store.cut_count;
     header.leaves = s->store.leaf_count;
-    memcpy(header.origin, s->store.origin, sizeof header.origin);
-    header.length = s->store.length;
-    memcpy(header.air, s->store.air, sizeof header.air);
-    if (!sbl__saved_pass(&stream, &header, sizeof header)) return 0;
-    if (!sbl__saved_arrays(&stream, &s->store, header.triangles)) return 0;
-    sum = stream.sum;
-    return sbl__saved_pass(&stream, &sum, sizeof sum);
+    return sbl__saved_transfer(&stream, &header, sizeof header) &&
+           sbl__saved_store(&stream, &s->store, header.triangles) &&
+           sbl__saved_transfer(&stream, &stream.sum, sizeof stream.sum);
 }
 
-/* NULL: it is of this scene and this version. */
+/* Returns what is wrong with a header, or NULL if it belongs to this scene and this version. */
 static const char *sbl__saved_check(const sbl__saved *header, const sbl__scene *s) {
     const int32_t most = SBL__SAVED_CELLS, cells = header->cells;
-    if (memcmp(header->name, sbl__saved_name, sizeof header->name)) return "it is not stored light of sbl.h";
-    if (header->order != SBL__SAVED_ORDER) return "it comes from a machine of another byte order";
-    if (header->version != SBL__SAVED_VERSION) return "it is of another version of sbl.h";
+    if (memcmp(header->name, SBL__SAVED_NAME, sizeof header->name)) return "it is not stored light of sbl.h";
+    if (header->order != SBL__SAVED_ORDER) return "it was written on a machine with another byte order";
+    if (header->version != SBL__SAVED_VERSION) return "it was written by another version of sbl.h";
     if (header->scene != sbl__saved_scene(s) || header->triangles != s->geometry.triangle_count)
-        return "it is of another scene";
+        return "it belongs to another scene";
     if (cells < 1 || cells > most || (cells & (cells - 1)) || header->cuts < 0 || header->cuts > most ||
-        header->leaves < 0 || header->leaves > most / 2 || !sbl__all_finite(header->origin, 3) ||
-        !sbl__between(&header->length, FLT_MIN, FLT_MAX) || !sbl__all_finite(&header->air[0][0], 18))
-        return "it is damaged";
+        header->leaves < 0 || header->leaves > most / 2) return "it is damaged";
     return NULL;
 }
 
-/* Leads a reference to something? Those of cut number `from` only to later ones: no way goes round. */
+/* Returns 1 if a reference leads to a leaf or cut that exists. The sides of cut number `from` may only lead to later
+   cuts, so that no cycle exists; other references have `from` -1. */
 static int sbl__saved_leads(const sbl__store *s, uint32_t reference, int from) {
     const uint32_t cut = reference & ~SBL__CELL_CUT;
     if (reference < SBL__CELL_CUT) return reference <= (uint32_t)s->leaf_count;
     return cut < (uint32_t)s->cut_count && (from < 0 || cut > (uint32_t)from);
 }
 
-static int sbl__saved_sound(const sbl__store *s) {
+static int sbl__saved_valid(const sbl__store *s) {
     int i, k;
+    if (!sbl__all_finite(s->origin, 3) || !sbl__between(&s->length, FLT_MIN, FLT_MAX) ||
+        !sbl__all_finite(&s->air[0][0], 18)) return 0;
     for (i = 0; i < s->cell_room; i++) if (!sbl__saved_leads(s, s->cells[i].reference, -1)) return 0;
-    for (i = 0; i < s->cut_count; i++)
-        if (!sbl__saved_leads(s, s->cuts[i].sides[0], i) || !sbl__saved_leads(s, s->cuts[i].sides[1], i) ||
-            !sbl__all_finite(s->cuts[i].normal, 4)) return 0;
+    for (i = 0; i < s->cut_count; i++) {
+        const sbl__cut *cut = &s->cuts[i];
+        if (!sbl__saved_leads(s, cut->sides[0], i) || !sbl__saved_leads(s, cut->sides[1], i)) return 0;
+        if (!sbl__all_finite(cut->normal, 4)) return 0;  /* normal and distance */
+    }
     for (i = 0; i < s->leaf_count; i++)
         for (k = 0; k < 3; k++) if (!sbl__between(&s->leaves[i].light[k], 0, FLT_MAX)) return 0;
     return 1;
 }
 
-/* Reads a store, of which nothing is made yet. *why: what is wrong with the data. */
+/* Reads a store into s, which is empty. *why: receives what is wrong with the data. */
 static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene, sbl__store *s, sbl_read_function get,
                                   void *user, const char **why) {
     sbl__saved_stream stream = { get, NULL, user, SBL__SAVED_SEED };
     sbl__saved header;
     uint64_t sum, end;
     *why = "it ends too soon";
-    if (!sbl__saved_pass(&stream, &header, sizeof header)) return SBL_ERROR_INVALID_ARGUMENT;
+    if (!sbl__saved_transfer(&stream, &header, sizeof header)) return SBL_ERROR_INVALID_ARGUMENT;
     *why = sbl__saved_check(&header, scene);
     if (*why) return SBL_ERROR_INVALID_ARGUMENT;
-    memcpy(s->origin, header.origin, sizeof s->origin);
-    s->length = header.length;
-    memcpy(s->air, header.air, sizeof s->air);
     s->patches = (uint32_t *)sbl__alloc(d->base, (size_t)header.triangles, sizeof *s->patches);
     s->cells = (sbl__cell_slot *)sbl__alloc(d->base, (size_t)header.cells, sizeof *s->cells);
     s->cuts = (sbl__cut *)sbl__alloc(d->base, (size_t)header.cuts, sizeof *s->cuts);
@@ -13013,14 +12896,14 @@ static sbl_result sbl__saved_read(const sbl__device *d, const sbl__scene *scene,
     s->cut_count = s->cut_room = header.cuts;
     s->leaf_count = s->leaf_room = header.leaves;
     *why = "it ends too soon";
-    if (!sbl__saved_arrays(&stream, s, header.triangles)) return SBL_ERROR_INVALID_ARGUMENT;
+    if (!sbl__saved_store(&stream, s, header.triangles)) return SBL_ERROR_INVALID_ARGUMENT;
     sum = stream.sum;
-    if (!sbl__saved_pass(&stream, &end, sizeof end)) return SBL_ERROR_INVALID_ARGUMENT;
-    *why = end == sum && sbl__saved_sound(s) ? NULL : "it is damaged";
+    if (!sbl__saved_transfer(&stream, &end, sizeof end)) return SBL_ERROR_INVALID_ARGUMENT;
+    *why = end == sum && sbl__saved_valid(s) ? NULL : "it is damaged";
     return *why ? SBL_ERROR_INVALID_ARGUMENT : SBL_SUCCESS;
 }
 
-/* The scene's store, from a stream. On failure it has the one that it had. */
+/* Replaces the scene's store with a store from a stream. On failure the scene keeps its store. */
 static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *user) {
     sbl__scene *scene = &c->scene;
     const int triangles = scene->geometry.triangle_count, wide = scene->geometry.wide;
