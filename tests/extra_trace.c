@@ -32,6 +32,7 @@ static sbl_picture_desc camera_view(int width, int height) {
     return view;
 }
 
+/* Rays from a thousand visible points hit the same triangles as those of the ray caster. */
 TEST(a_thousand_points_see_the_same_triangles) {
     enum { POINTS = 1000, EACH = 1024 };
     sbl_picture_desc view = camera_view(160, 90);

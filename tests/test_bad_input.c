@@ -231,6 +231,7 @@ TEST(scene_without_mistakes) {
     CHECK(seen.blocks == blocks, "blocks leaked");
 }
 
+/* Each invalid field of sbl_scene_desc is refused with a message that names field and value. */
 TEST(scene_desc) {
     int i, k;
     BAD_SCENE(f.scene.start_canary = 0xabc, SCENE_DESC, "sbl_scene_desc", "start_canary", "abc");
@@ -270,6 +271,7 @@ TEST(scene_desc) {
     usable("bad scene descriptors");
 }
 
+/* Invalid counts and materials of a mesh are refused; the message names the mesh. */
 TEST(mesh_counts_and_material) {
     BAD_SCENE(f.meshes[1].vertex_count = -1, MESH, "mesh 1", "vertex_count", "-1");
     BAD_SCENE(f.meshes[1].vertex_count = INT_MIN, MESH, "mesh 1", "vertex_count", "-2147483648");
@@ -284,6 +286,7 @@ TEST(mesh_counts_and_material) {
     usable("bad meshes");
 }
 
+/* Indices beyond the last vertex are refused; the message names mesh and index. */
 TEST(mesh_indices_past_the_end) {
     BAD_SCENE(f.indices32[4] = 4, MESH, "mesh 0", "index 4", "4");
     BAD_SCENE(f.indices32[4] = 0xffffffffu, MESH, "mesh 0", "index 4", "4294967295");
@@ -372,6 +375,7 @@ TEST(vertices_that_are_no_numbers) {
     usable("vertices that are no numbers");
 }
 
+/* Transforms that are singular, not finite or not affine are refused. */
 TEST(mesh_transforms) {
     int i;
     for (i = 0; i < 16; i++) {
@@ -387,6 +391,7 @@ TEST(mesh_transforms) {
     usable("bad transforms");
 }
 
+/* Each invalid field of sbl_material is refused; the message names the material. */
 TEST(materials) {
     int i;
     for (i = 0; i < 3; i++) {
@@ -414,6 +419,7 @@ TEST(materials) {
     usable("bad materials");
 }
 
+/* Each invalid field of sbl_texture and each invalid pixel is refused; the message names the texture. */
 TEST(textures) {
     int i;
     BAD_SCENE(f.textures[1].pixels = NULL, TEXTURE, "texture 2", "pixels", "0");
@@ -514,6 +520,7 @@ static void glows_wrongly(const float direction[3], float radiance[3], void *use
     radiance[2] = *(const float *)user;
 }
 
+/* Each invalid field, pixel and callback of sbl_environment is refused. */
 TEST(environments) {
     sbl_environment *e = &f.scene.environment;
     float wrong;
@@ -808,6 +815,7 @@ static void bad_picture(const sbl_picture_desc *desc, sbl_result right, sbl_log_
         bad_picture(&d, SBL_ERROR_INVALID_ARGUMENT, SBL_LOG_ITEM_INVALID_PICTURE_DESC, #change, field, value); \
     } while (0)
 
+/* Each invalid field of sbl_picture_desc is refused; the finished picture stays. */
 TEST(picture_desc) {
     int i;
     BAD_PICTURE(d.start_canary = 0xabc, "start_canary", "abc");
@@ -937,6 +945,7 @@ TEST(picture_desc_ends_of_ranges) {
     usable("the ends of ranges");
 }
 
+/* SBL_BACKEND_TRACE is refused if the scene has a draw callback. */
 TEST(rays_with_a_draw_callback) {
     sbl_scene_desc desc = scene_desc(&small);
     desc.draw = draws_nothing;
@@ -1085,7 +1094,7 @@ static void little_room(sbl_backend backend) {
         SAID(sbl_read_channel(context, (sbl_channel)channel, floats, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT,
              "count is 0", NULL);
         for (i = 0; i < SMALL_FLOATS && floats[i] == 7; i++) {}
-        CHECK(i == SMALL_FLOATS, "channel %d: float %d was written though there is too little room", channel, i);
+        CHECK(i == SMALL_FLOATS, "channel %d: float %d was written, but the array is too small", channel, i);
         CHECK(sbl_read_channel(context, (sbl_channel)channel, floats, needed) == SBL_SUCCESS,
               "channel %d: exactly enough room is refused", channel);
         for (i = (int)needed; i < SMALL_FLOATS && floats[i] == 7; i++) {}
@@ -1113,7 +1122,7 @@ static void little_room(sbl_backend backend) {
     SAID(sbl_inspect_sensor(context, 0, 0, &sensor, NULL, NULL, 0), SBL_ERROR_INVALID_ARGUMENT, INVALID_ARGUMENT,
          "sbl_inspect_sensor", "no surface");
     for (i = 0; i < 64 * 64 && weights[i] == 7 && radiance[4 * i] == 7; i++) {}
-    CHECK(i == 64 * 64, "texel %d was written though there is too little room", i);
+    CHECK(i == 64 * 64, "texel %d was written, but the array is too small", i);
     CHECK(sbl_inspect_sensor(context, SMALL_WIDTH / 2, SMALL_HEIGHT - 1, &sensor, radiance, weights, texels) ==
           SBL_SUCCESS,
           "exactly enough room is refused: %s", watch_last(&seen));

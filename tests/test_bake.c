@@ -104,6 +104,7 @@ static const float *texel(const picture *p, int x, int y) { return p->values + 3
 
 /* ---- lightmaps ---- */
 
+/* The lightmap holds Lambert's light within 1 % of the brightest texel; atlas.pfm also fills the gutter. */
 TEST(a_lightmap_holds_lamberts_light) {
     picture light, atlas;
     int x, y, k, wrong = 0, dark = 0, filled = 0;
@@ -426,6 +427,7 @@ TEST(what_is_wrong_is_said) {
           strstr(ran.out, "sbl_bake 0."), "%s", ran.out);
 }
 
+/* A full disk gives a message and leaves no incomplete file. */
 TEST(a_full_disk_is_said) {
     static const char *const arguments[] = { "room.gltf", DIRECT, "-o", "full", NULL };
     write_scene("room.gltf", apart, 1);

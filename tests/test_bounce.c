@@ -367,6 +367,7 @@ static void check_furnace_picture(double rho, int kind) {
     free(final);
 }
 
+/* Boxes and spheres of four albedos have R = 1 everywhere, gathered and in pictures. */
 TEST(furnaces) {
     static const float albedos[] = { 0.2f, 0.5f, 0.8f, 0.95f };
     int kind, i, raster;
@@ -499,8 +500,8 @@ TEST(light_is_neither_made_nor_lost) {
             double absorbed = 0;
             for (i = 0; i < site_count; i++)
                 absorbed += (i < walls ? 1 - rho[k] : 1) * TEST_PI * (double)readings[i].radiance[k] * areas[i];
-            printf("  light %d, albedo %g: %.4f of it is absorbed\n", kind, rho[k], absorbed / emitted);
-            CHECK(fabs(absorbed / emitted - 1) < 0.01, "light %d, albedo %g: %g of it is absorbed", kind, rho[k],
+            printf("  light %d, albedo %g: %.4f of the flux is absorbed\n", kind, rho[k], absorbed / emitted);
+            CHECK(fabs(absorbed / emitted - 1) < 0.01, "light %d, albedo %g: %g of the flux is absorbed", kind, rho[k],
                   absorbed / emitted);
         }
         scene_free(&s);
@@ -547,6 +548,7 @@ static void follow_path(int face, uint32_t *state, double light[3]) {
     }
 }
 
+/* The mean of R on each face agrees with 200,000 random paths per face within 1 %. */
 TEST(a_cube_by_paths) {
     enum { PATHS = 200000, SIDE = 14 };
     test_scene s = { 0 };
@@ -675,6 +677,7 @@ TEST(colours_of_a_wall) {
     }
 }
 
+/* A furnace whose albedo comes from a texture has R = 1. */
 TEST(furnace_of_a_texture) {
     static const unsigned char greys[4] = { 128, 128, 128, 128 };
     test_scene s = { 0 };
@@ -836,6 +839,7 @@ static void trench_by_radiosity(double rho, double r[3 * STRIPS]) {
         }
 }
 
+/* R in the trench agrees with radiosity, although the cells are larger than the trench. */
 TEST(a_trench_narrower_than_cells) {
     static double expected[3 * STRIPS];
     test_scene s = { 0 };
@@ -917,7 +921,7 @@ TEST(a_pleated_sheet) {
 }
 
 /* A furnace with more surfaces than the store can hold in cells of the initial size. Surfaces that are found last get
-   larger cells. R is 1 all the same. */
+   larger cells. R must still be 1. */
 TEST(a_crowd_of_boxes) {
     test_scene s = { 0 };
     double mean, worst;
@@ -1103,13 +1107,13 @@ TEST(drawn_things_are_told_their_light) {
         least = fmin(least, (double)drawn.light[i / 3][i % 3]);
         most = test_max(most, (double)drawn.light[i / 3][i % 3]);
     }
-    printf("  %d views; told %.4f to %.4f; mean off by %.2g, worst %.2g\n", drawn.views, least, most, mean, worst);
+    printf("  %d views; received %.4f to %.4f; mean off by %.2g, worst %.2g\n", drawn.views, least, most, mean, worst);
     CHECK(drawn.views > 54 && least > 0.99 && most < 1.01, "%d views receive %g to %g", drawn.views, least, most);
     CHECK(mean < 0.005 && worst < 0.05, "R is off by %g, at most %g", mean, worst);
     drawn.emission = 0;  /* a dark cube must change R, which shows that it is drawn at all */
     REQUIRE(gather(SBL_MODE_GI, SBL_BACKEND_RASTER, 64), "no light: %s", watch_last(&seen));
     off_one(&mean);
-    CHECK(mean > 0.01, "a dark thing changes R by %g", mean);
+    CHECK(mean > 0.01, "a dark cube changes R by only %g", mean);
     scene_free(&s);
     memset(&s, 0, sizeof s);
     scene_quad(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), -1, -1, -1, -1, -1, 1, 1, -1, 1, 1, -1, -1);

@@ -303,6 +303,7 @@ static void check_gltf(const char *scene) {
     free(albedo.values);
     free(final.values);
 }
+/* Every cell of the wall as .gltf and as .glb has the albedo or emission that its material defines. */
 TEST(gltf_materials_and_camera) { wall_gltf("wall.gltf", 0); check_gltf("wall.gltf"); }
 TEST(glb_materials_and_camera) { wall_gltf("wall.glb", 1); check_gltf("wall.glb"); }
 
@@ -329,6 +330,7 @@ TEST(ids_are_of_uses_of_meshes) {
 
 /* >>cameras */
 
+/* Options give the same picture as an equal camera in the file, and override the file's camera. */
 TEST(options_override_the_files_camera) {
     picture a, b;
     wall_gltf("wall.glb", 1);
@@ -416,6 +418,7 @@ TEST(png_is_the_encoded_pfm) {
     free(p.values);
 }
 
+/* Eight channels can be written as .pfm and .png, and none is of one colour. */
 TEST(every_channel_is_written) {
     static const char *const names[] = { "final", "radiance", "albedo", "normal", "position", "id", "depth",
         "sensors" };
@@ -443,6 +446,7 @@ TEST(every_channel_is_written) {
     }
 }
 
+/* A build with OpenEXR writes .exr; one without says so in one line. */
 TEST(exr_is_written_or_refused) {
     unsigned char head[4] = { 0 };
     FILE *in;
@@ -512,6 +516,7 @@ TEST(statistics_have_every_field) {
     CHECK(!parts_left(), "%d temporary files are left", leftovers);
 }
 
+/* --backend trace casts the given number of rays per sensor; invalid combinations give exit status 2. */
 TEST(rays_can_be_traced) {
     char text[8192];
     int lines;
@@ -617,6 +622,7 @@ static void inspect_with(const char *backend, const char *seen) {
     CHECK(strstr(ran.out, seen), "no %s: %s", seen, ran.out);
 }
 
+/* --inspect prints a sensor for both back ends, and refuses pixels outside of the picture. */
 TEST(a_sensor_can_be_inspected) {
     room_obj();
     inspect_with("trace", " 32 rays\n");
@@ -910,6 +916,7 @@ static void collada_lamps(const double p[3], double r[3]) {
     r[1] = 8 * spot_at(0, 2, 0, down, acos(-1.0) / 6, acos(-1.0) / 4.5, p);
     r[2] = 3 / acos(-1.0);
 }
+/* Lights of a COLLADA file have their closed forms; ambient lights are ignored. */
 TEST(lights_of_other_formats) {
     write_text("lamps.dae", "<?xml version=\"1.0\"?><COLLADA xmlns=\"http://www.collada.org/2005/11/COLLADASchema\" "
                "version=\"1.4.1\"><asset><up_axis>Y_UP</up_axis></asset>"
@@ -1031,6 +1038,7 @@ static int everywhere(int x, int y) { (void)x; (void)y; return 1; }
 static int towards_minus_z(int x, int y) { (void)y; return x < 32; }
 static int above(int x, int y) { (void)x; return y < 16; }
 
+/* A sky picture lights the wall like a constant sky of its mean; scale, order of options and colours count. */
 TEST(sky_pictures) {
     unsigned char grey[2 * 2 * 4];
     double deviation;
@@ -1193,6 +1201,7 @@ TEST(failures_are_one) {
           ran.err);
 }
 
+/* Damaged, truncated and missing sky pictures give exit status 1 and a message with the file's name. */
 TEST(broken_sky_pictures_are_refused) {
     static const struct { const char *name, *text, *words; } files[] = {
         { "empty.hdr", "", "too soon" }, { "text.hdr",
@@ -1232,6 +1241,7 @@ TEST(broken_sky_pictures_are_refused) {
     TOOL("lone.obj", "--sky", "folder.hdr", "-o", "refused.png"); check_refused("a folder", "folder.hdr");
 }
 
+/* Invalid scenes give exit status 1 and one line that names the mistake. */
 TEST(hostile_files_are_refused) {
     static const struct { const char *name, *text, *words;
     } files[] = {
@@ -1305,6 +1315,7 @@ static int try_file(const char *path, const struct stat *info, int kind, struct 
     remove(in_folder("hostile.png"));
     return 0;
 }
+/* Every file of a collection of damaged scenes is rendered or refused, and crashes nothing. */
 TEST(collected_hostile_files) {
     struct stat info;
     if (stat("../shared/scenes/hostile", &info) != 0) SKIP("no ../shared/scenes/hostile beside the repository");
@@ -1392,6 +1403,7 @@ TEST(progress_is_for_terminals) {
     CHECK(run(arguments) == 0 && !ran.err[0], "a progress bar was written to a file: %s", ran.err);
 }
 
+/* --help mentions every option. */
 TEST(help_names_every_option) {
     static const char *const names[] = { "--output",
                                          "-o",
@@ -1437,6 +1449,7 @@ TEST(help_names_every_option) {
           "--version: %s", ran.out);
 }
 
+/* The scene in examples/scenes has a red left, a green right and a white back wall. */
 TEST(the_cornell_box_of_the_repository) {
     picture albedo;
     char text[8192];

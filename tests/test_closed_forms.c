@@ -282,11 +282,13 @@ static void check_weights(sbl_sensor_kind kind, int size, double expected_sum) {
     scene_free(&s);
 }
 
+/* Weights of a hemicube are exact at all sizes, sum to 1, and its views cover the hemisphere once. */
 TEST(weights_of_hemicube) {
     int i;
     for (i = 0; i < SIZES; i++) if (sizes[i] < 512) check_weights(SBL_SENSOR_HEMICUBE, sizes[i], 1);
 }
 
+/* Weights of a single view are exact, and sum to the closed form. */
 TEST(weights_of_single_view) {
     check_weights(SBL_SENSOR_SINGLE, 32, single_view_share(135));
     check_weights(SBL_SENSOR_SINGLE, 5, single_view_share(135));
@@ -484,6 +486,7 @@ static void check_scale(float scale, float away, int holes) {
     }
 }
 
+/* R does not depend on the scale of the scene, from 0.01 to 10,000. */
 TEST(scales) {
     check_scale(0.01f, 0, 0);
     check_scale(1, 0, 0);
@@ -491,6 +494,7 @@ TEST(scales) {
     check_scale(10000, 0, 0);
 }
 
+/* R does not depend on the distance from the origin, up to 1,024 times the scene's size. */
 TEST(far_from_the_origin) {
     check_scale(0.0078125f, 128, 0);
     check_scale(1, 128, 0);
@@ -704,6 +708,7 @@ static double floor_under_lid(test_scene *s, sbl_picture_desc *view, const float
 static const float lid_up[12] = { -1, 1, -1, -1, 1, 1, 1, 1, 1, 1, 1, -1 };    /* counter-clockwise from above */
 static const float lid_down[12] = { -1, 1, -1, 1, 1, -1, 1, 1, 1, -1, 1, 1 };  /* counter-clockwise from below */
 
+/* The floor under a lid sees lid and sky in their closed forms. */
 TEST(lid_and_sky) {
     test_scene s = { 0 };
     sbl_picture_desc view;

@@ -68,6 +68,7 @@ static void check_prediction(const sbl_picture_desc *view, const sbl_stats *stat
     free(id);
 }
 
+/* With default settings, few pixels have sensors, and R has the predicted error, which is at most the target. */
 TEST(refinement_on_the_cornell_box) {
     test_scene s = { 0 };
     sbl_scene_desc desc;

@@ -314,6 +314,7 @@ TEST(capabilities) {
     }
 }
 
+/* The size of the view texture changes rounding only. */
 TEST(atlas_sizes) {
     static const int sizes[] = { 256, 300, 1024, 4096 };
     static picture base, now;
@@ -348,6 +349,7 @@ static void crowd_make(test_scene *s, int slices, int stacks) {
     ball->texcoords.stride = 12;
 }
 
+/* Scenes above the limit of buffer textures give the same pictures, to the bit, also with moved meshes. */
 TEST(past_buffer_textures) {
     static picture pictures[2][2], now;
     static test_scene crowd;
@@ -584,6 +586,7 @@ static void drawn_by_host(int first, uint32_t disabled, int lit) {
     host_geometry_free(&h);
 }
 
+/* Geometry that the host draws gives the same picture as meshes. */
 TEST(draw_callback) {
     int lit;
     for (lit = 0; lit < 2; lit++) {
@@ -593,8 +596,10 @@ TEST(draw_callback) {
     }
 }
 
+/* The same if the host's shaders write depth, without clip control. */
 TEST(draw_callback_writing_depth) { drawn_by_host(6, SBL_CAPABILITY_ALL, 0); }
 
+/* After all tests the counting allocator holds no blocks. */
 TEST(nothing_leaked) {
     CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks, %.0f bytes leaked", seen.blocks, (double)seen.bytes);
 }

@@ -369,6 +369,7 @@ TEST(of_few_bounce_samples) {
     scene_free(&k.scene);
 }
 
+/* In each scene the predicted error is at most the target, and fits the true one as predicted_well requires. */
 TEST(of_penumbrae) { predicted_well(penumbra); }
 TEST(of_sky_through_a_hole) { predicted_well(hole); }
 TEST(of_sky_through_bars) { predicted_well(bars); }

@@ -458,6 +458,7 @@ done:
 
 /* >>mistakes and lack of memory */
 
+/* Invalid descriptors, NULL and calls without a scene are refused and write nothing. */
 TEST(mistakes) {
     test_scene s = { 0 };
     sbl_site site = site_of(0, 0, 0, 0, 1, 0);

@@ -309,6 +309,7 @@ static void every_phase(fake_fault fault, GLenum error, sbl_result right, const 
           fake.live[0], fake.live[1], fake.live[2], fake.live[3], fake.live[4], fake.live[5], fake.strangers);
 }
 
+/* Each kind of fault, at every place in every phase. */
 TEST(allocations) { every_phase(FAKE_NONE, 0, SBL_ERROR_OUT_OF_MEMORY, "allocation", 20); }
 TEST(calls_out_of_memory) {
     every_phase(FAKE_REFUSE, GL_OUT_OF_MEMORY, SBL_ERROR_OUT_OF_MEMORY, "GL_OUT_OF_MEMORY by call", 40);
@@ -384,6 +385,7 @@ static void larger_picture(const test_scene *s, const sbl_picture_desc *view, in
           fake_live());
 }
 
+/* Failing allocations of a larger picture, and of one with sensors inside of geometry. */
 TEST(allocations_of_larger_pictures) {
     const float slope = 3e-5f;
     test_scene gap = { 0 };
@@ -678,6 +680,7 @@ static void every_creation(fake_fault fault, GLenum error, sbl_result right, con
     CHECK(place > least && place < MOST_PLACES, "%s is possible at only %d places", name, place - 1);
 }
 
+/* Each kind of fault at every place in sbl_create. */
 TEST(create_functions_missing) { every_creation(FAKE_LOOKUP, 0, SBL_ERROR_UNSUPPORTED, "function", 80); }
 TEST(create_allocations) { every_creation(FAKE_NONE, 0, SBL_ERROR_OUT_OF_MEMORY, "allocation", 0); }
 TEST(create_no_names) { every_creation(FAKE_NO_NAME, 0, SBL_ERROR_GL, "no name", 1); }
@@ -692,6 +695,7 @@ TEST(create_shaders) {
 
 static sbl_gl_function knows_nothing(const char *name, void *user) { (void)name; ++*(int *)user; return NULL; }
 
+/* If no GL function is found, each one is reported. */
 TEST(create_without_any_function) {
     sbl_context_desc desc = faulty_desc();
     sbl_context *context = NULL;
@@ -712,6 +716,7 @@ static sbl_gl_function answering_proc(const char *name, void *user) {
     return strcmp(name, "glCreateShader") == 0 ? (sbl_gl_function)answer : gl_host_proc(name, user);
 }
 
+/* Small numbers instead of function pointers count as missing functions. */
 TEST(create_with_answers_that_are_no_functions) {
     sbl_context_desc desc = faulty_desc();
     sbl_context *context = NULL;
@@ -736,6 +741,7 @@ static sbl_gl_function idle_proc(const char *name, void *user) {
     return strcmp(name, "glDrawArrays") ? (sbl_gl_function)idle_dispatch : (sbl_gl_function)idle_draw;
 }
 
+/* The trial in sbl_create finds drivers whose draws or dispatches have no effect. */
 TEST(create_with_a_driver_that_draws_nothing) {
     static const struct { const char *function, *words; uint32_t disabled; } ways[] = {
         { "glDrawArrays", "does not draw a known triangle", 0 },
@@ -764,6 +770,7 @@ TEST(create_with_a_driver_that_draws_nothing) {
           fake_live());
 }
 
+/* GL versions below 3.3, and OpenGL ES, are refused. */
 TEST(create_old_gl) {
     static const struct { const char *version; int major, minor;
         } old[] = { { "2.1 Mesa", 2, 1 }, { "3.2 (Core Profile)", 3, 2 }, { "OpenGL ES 3.2 Mesa", 3, 2 },
@@ -793,6 +800,7 @@ static sbl_gl_function losing_proc(const char *name, void *user) {
     return lose && strcmp(name, "glGetError") == 0 ? (sbl_gl_function)lost : gl_host_proc(name, user);
 }
 
+/* A lost GL context is refused and leaks nothing. */
 TEST(context_lost) {
     sbl_context_desc desc = faulty_desc();
     sbl_context *context = NULL;
@@ -889,7 +897,7 @@ int main(void) {
     RUN(too_few_texture_units);
     small_mode = SBL_MODE_AMBIENT;
 wide:
-    printf("traced, the scene past what buffer textures hold:\n");
+    printf("traced, with a scene that exceeds the limit of buffer textures:\n");
     fake.most_texels = 50;
     if (!references(SBL_BACKEND_TRACE)) {
         printf("without faults: %s; %d GL objects made, %d left\n", watch_last(&seen), fake.made, fake_live());

@@ -626,12 +626,14 @@ static void side_by_side(const sbl_context_desc *desc, const char *where) {
     scene_free(&first);
 }
 
+/* Two sbl.h contexts in one GL context do not disturb each other. */
 TEST(two_contexts_in_one_gl_context) {
     sbl_context_desc desc = watch_desc(&seen);
     desc.get_gl_function = gl_host_proc;
     side_by_side(&desc, "in one GL context");
 }
 
+/* Two headless contexts do not disturb each other. */
 TEST(two_headless_contexts) {
     sbl_context_desc desc = watch_desc(&seen);
     side_by_side(&desc, "headless");
@@ -785,6 +787,7 @@ static const char *chapter(void) {
     return end ? start : "";
 }
 
+/* The manual mentions the state that sbl.h does not save. */
 TEST(limits_are_documented) {
     static const char *const words[] = { "conditional render", "transform feedback", "quer" };
     const char *text = chapter();

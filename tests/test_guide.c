@@ -220,7 +220,7 @@ TEST(looks_grow) {
         REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "cannot begin");
         while (!sbl__refine_round_is_over(&context->picture.map.refine))
             REQUIRE(sbl_step(context, 1e-9) == SBL_UNFINISHED, "the picture ended before the first round");
-        printf("  asked for %g %%: looks of %d rays, at most %d looks\n", 100 * (double)asked[i], spec->rays,
+        printf("  target %g %%: looks of %d rays, at most %d looks\n", 100 * (double)asked[i], spec->rays,
                spec->looks);
         if (i == 0)
             CHECK(spec->rays == 16 && spec->looks == SBL__MAX_LOOKS, "looks of %d rays, at most %d looks", spec->rays,
@@ -303,6 +303,7 @@ TEST(guides_are_bounded) {
     sbl__free(&core.base, r.guides.words);
 }
 
+/* Each failing allocation gives an error, and the next picture is the usual one, to the bit. */
 TEST(memory_runs_out) {
     static float expected[3 * PIXELS], now[3 * PIXELS];
     sbl_context_desc desc = watch_desc(&seen);

@@ -719,6 +719,7 @@ TEST(overlaps_are_named_and_shown) {
     free(shared);
 }
 
+/* Charts that leave the map give a warning with mesh and coordinates. */
 TEST(charts_outside_are_named) {
     static const float here[8] = { 0.1f, 0.1f, 0.4f, 0.1f, 0.4f, 0.4f, 0.1f, 0.4f },
         there[8] = { 0.5f, 0.5f, 1.5f, 0.5f, 1.5f, 0.9f, 0.5f, 0.9f };

@@ -269,6 +269,7 @@ static void fully_visible(sbl_backend backend, int plain, double tolerance, doub
 
 /* Without occluders, R of every kind of lamp at every place is within 0.1 % of the closed form. */
 TEST(fully_visible) { fully_visible(SBL_BACKEND_AUTO, 1, 0.001, 0.002); }
+/* The same with default settings, and within 0.3 % with rasterised sensors. */
 TEST(fully_visible_default_settings) { fully_visible(SBL_BACKEND_AUTO, 0, 0.001, 0.002); }
 TEST(fully_visible_raster) { fully_visible(SBL_BACKEND_RASTER, 1, 0.003, 0.003); }
 
@@ -479,6 +480,7 @@ TEST(half_covered_noise_is_known) {
     }
 }
 
+/* Rasterised sensors stay within 1.2 % rms and jumps of 4 %, too. */
 TEST(half_covered_raster) { half_covered(SBL_BACKEND_RASTER, 1, 50, 0.012, 0.04); }
 
 /* >>textures */
@@ -742,6 +744,7 @@ static void sun_in_a_picture(int number, int wall, int plain) {
     scene_free(&s);
 }
 
+/* Suns of 1 to 20 texels, open and behind a wall, with and without default settings. */
 TEST(sun_in_a_picture) {
     int number, way;
     for (number = 0; number < 4; number++)
@@ -860,7 +863,7 @@ static void outside(test_scene *s, int kind) {
     }
 }
 
-/* A closed room of thin or thick walls is dark inside, whatever shines outside, at four scales. */
+/* A closed room of thin or thick walls is dark inside, with any light outside, at four scales. */
 TEST(no_light_under_thin_walls) {
     static const char *const names[OUTSIDE] = { "quad", "ball", "point at a corner", "point at an edge", "spot",
         "sphere light", "sun without diameter", "sun",
@@ -1198,7 +1201,7 @@ TEST(energy_from_afar) {
     }
 }
 
-/* In SBL_MODE_PAPER only emitting surfaces give light; lights give none. */
+/* In SBL_MODE_PAPER only emitting surfaces give light; sbl_lights and sky pictures give none. */
 TEST(none_of_it_in_paper_mode) {
     test_scene s = { 0 };
     sbl_picture_desc view = patch(4, 3, 0.5, 0, 0, 1);

@@ -76,6 +76,7 @@ static sbl_result shade_materials(const float light[3], float texels[3][2 * MATE
     return result;
 }
 
+/* C and GLSL give the same emission, share of bounced light and reflection, to the bit or to rounding. */
 TEST(materials_in_c_and_in_shaders) {
     static const float corners[9] = { 0, 0, 0, 1, 0, 0, 0, 1, 0 }, light[3] = { 0.5f, 3, 1000 };
     static float texels[3][2 * MATERIALS][4];

@@ -229,6 +229,7 @@ TEST(links_stay) {
           (int)info.st_nlink, leftovers);
 }
 
+/* Devices, pipes and links to them are written directly and stay what they are. */
 TEST(devices_and_pipes_are_written_to) {
     static const char *const into_pipe[] = { ROOM, "-o", "pipe.png", NULL };
     static unsigned char bytes[1 << 16];
@@ -396,6 +397,7 @@ TEST(while_the_picture_is_written) {
     }
 }
 
+/* A signal after the picture is written keeps the picture, without statistics. */
 TEST(while_the_statistics_are_written) {
     static const char *const arguments[] = { ROOM, "-o", "out.png", "--stats", "out.json", NULL };
     static const moment m[] = { { RENAMES, 0, NULL }, { OPENS, SIGTERM, NULL } };
@@ -508,6 +510,7 @@ static void run_with(void (*before)(void), const char *const *arguments) {
     in_child = NULL;
 }
 
+/* SIGPIPE does not kill the tool: a broken pipe is ignored for warnings, and a failed write for outputs. */
 TEST(a_broken_pipe_is_a_failed_write) {
     static const char *const warned[] = { "warned.obj", "--size", "24x16", SMALL, "-o", "out.png", NULL };
     static const char *const stats[] = { ROOM, "-o", "out.png", "--stats", "/dev/stdout", NULL };

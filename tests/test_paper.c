@@ -131,6 +131,7 @@ static void turn(test_scene *s, sbl_picture_desc *view, double yaw, double pitch
             view->world_to_view[4 * j + k] = (float)(v[0][k] * m[0][j] + v[1][k] * m[1][j] + v[2][k] * m[2][j]);
 }
 
+/* R of the Cornell box in SBL_MODE_PAPER equals the sums on the CPU, for two sizes and fields of view. */
 TEST(paper_sums) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(20, 20, 37, 278, 273, -800, 278, 273, 0), SBL_MODE_PAPER, 64);
@@ -163,6 +164,7 @@ TEST(paper_sums_on_sphere) {
     scene_free(&s);
 }
 
+/* Axes, field of view and weights of inspected sensors are those of the paper. */
 TEST(paper_frame_and_weights) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(9, 9, 60, 0.1f, 0.2f, 0.1f, 2, 1, -1), SBL_MODE_PAPER, 16);
@@ -237,6 +239,7 @@ static double step_error(const test_scene *s, const sbl_picture_desc *view, int 
     return worst;
 }
 
+/* The filter mixes neither ids nor normals; the paper's filter compares only ids. */
 TEST(filter_stays_on_its_surface) {
     test_scene s = { 0 };
     sbl_picture_desc view = step_view(24, 24);
@@ -521,11 +524,13 @@ static void check_threshold(sbl_mode mode, const float thresholds[3]) {
     scene_free(&s);
 }
 
+/* The threshold of SBL_MODE_DIRECT, relative to the light. */
 TEST(relative_threshold) {
     static const float thresholds[] = { 0.001f, 0.1f, 100 };
     check_threshold(SBL_MODE_DIRECT, thresholds);
 }
 
+/* The threshold of SBL_MODE_PAPER, a radiance. */
 TEST(absolute_threshold) {
     static const float thresholds[] = { 0.0001f, 0.05f, 100 };
     check_threshold(SBL_MODE_PAPER, thresholds);

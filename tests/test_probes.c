@@ -863,6 +863,7 @@ static int calls_back(float done, void *user) {
     return 0;
 }
 
+/* Calls inside of the progress callback are refused, and the bake succeeds. */
 TEST(callbacks_may_not_begin) {
     static test_scene s;
     static const float at[3] = { 0, 1, 0 };

@@ -175,7 +175,7 @@ TEST(an_older_kernel_is_told_of) {
               !strstr(told, "seccomp not to be had") ? 4 : 0);
     }
     waitpid(child, &status, 0);
-    if (WIFEXITED(status) && WEXITSTATUS(status) == 77) SKIP("no seccomp to take them away with");
+    if (WIFEXITED(status) && WEXITSTATUS(status) == 77) SKIP("no seccomp to simulate an older kernel with");
     CHECK(WIFEXITED(status) && WEXITSTATUS(status) == 0, "status %#x: 1 not read, 2 read a file outside, 3 no message "
           "about "
         "Landlock,"
@@ -355,6 +355,7 @@ TEST(the_deadline_stands) {
     }
 }
 
+/* A cancelled load returns nothing, without a message, and its reader has ended. */
 TEST(a_cancelled_reader_is_gone) {
     static volatile sig_atomic_t cancel = 1;
     scene_file_options options;
@@ -408,6 +409,7 @@ TEST(it_does_not_outlive_its_host) {
     if (child && !is_gone(child)) kill(child, SIGKILL);
 }
 
+/* A reader whose host ended before it started ends at once. */
 TEST(a_host_that_is_gone_already) {
     int status = -1;
     pid_t child;
@@ -448,6 +450,7 @@ static void take_the_rest(scene_file *file, const char *path, scene__bytes *byte
     take_all(file, path, bytes);
 }
 
+/* A reader that allocates or shares more than the limit fails, with a message. */
 TEST(memory_is_limited) {
     scene_file_options options;
     scene_file *file;
@@ -473,6 +476,7 @@ TEST(memory_is_limited) {
     scene_file_free(file);
 }
 
+/* Shared pages that are not used any more are returned. */
 TEST(shared_pages_are_limited) {
     scene_file_options options;
     scene_file *file;
@@ -517,6 +521,7 @@ TEST(control_groups_are_heeded) {
         "without control groups there should be no limit");
 }
 
+/* The default limit is half of the physical memory and of ulimit -v; a smaller request is kept. */
 TEST(ulimit_is_heeded) {
     const size_t before = scene__memory_limit(0), mine = scene__memory_limit((size_t)1 << 30);
     int status = -1;

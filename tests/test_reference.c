@@ -136,6 +136,7 @@ TEST(camera_sees_textured_scene) {
     scene_free(&s);
 }
 
+/* Shifted, stretched, orthographic and rolled cameras agree with the ray caster. */
 TEST(cameras) {
     static const char *const names[] = { "off-centre", "oblong pixels", "parallel", "parallel, off-centre",
         "turned upside down" };
@@ -218,6 +219,7 @@ static void check_light(sbl_mode mode, double epsilon) {
     scene_free(&s);
 }
 
+/* R in SBL_MODE_DIRECT and SBL_MODE_AMBIENT agrees with the estimate of the ray caster. */
 TEST(direct_light) { check_light(SBL_MODE_DIRECT, 0); }
 TEST(ambient_light) { check_light(SBL_MODE_AMBIENT, 0.5); }
 
@@ -320,6 +322,7 @@ done:
     scene_free(&s);
 }
 
+/* Texels of sensors agree with single rays, in two modes. */
 TEST(sensors_see_what_rays_see) { check_texels(SBL_MODE_AMBIENT); }
 TEST(sensors_of_the_paper_see_what_rays_see) { check_texels(SBL_MODE_PAPER); }
 

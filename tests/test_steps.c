@@ -130,6 +130,7 @@ static int calls_at(float longest, sbl_backend backend, float *radiance) {
     return count;
 }
 
+/* A lower limit of a submission gives more GL calls and the same picture, to the bit. */
 TEST(submissions_follow_the_limit) {
     static float base[3 * PIXELS], now[3 * PIXELS];
     int b;
@@ -379,7 +380,7 @@ TEST(the_store_is_left_at_any_step) {
 
 /* >>programs */
 
-/* Without compile_ahead at most one program is compiled per step; with it, none later. */
+/* Without compile_ahead at most one program is compiled per step; with it, all are compiled by sbl_create. */
 TEST(programs_compile_when_used_or_ahead) {
     sbl_context_desc desc = watch_desc(&seen);
     sbl_context *context;
@@ -692,6 +693,7 @@ TEST(stats_tell_of_lamps_and_the_hierarchy) {
     sbl_destroy(context);
 }
 
+/* After all tests the counting allocator holds no blocks. */
 TEST(nothing_is_left) {
     CHECK(seen.blocks == 0 && seen.strangers == 0, "%d blocks are not freed, %d were freed twice or never allocated",
           seen.blocks, seen.strangers);

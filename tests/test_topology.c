@@ -30,6 +30,7 @@ TEST(numbers_are_found_in_order) {
     sbl__hash_table_free(&base, &t);
 }
 
+/* 0 and -0 have the same hash and are equal. */
 TEST(zeroes_are_the_same) {
     const float a[3] = { 0, -0.0f, 1 }, b[3] = { -0.0f, 0, 1 }, c[3] = { 0, 0, 2 };
     CHECK(sbl__hash_floats(5, a, 3) == sbl__hash_floats(5, b, 3) && sbl__same_floats(a, b, 3), "0 and -0 differ");
@@ -37,6 +38,7 @@ TEST(zeroes_are_the_same) {
     CHECK(sbl__same_floats(a, c, 2), "the third float is compared");
 }
 
+/* Positions are compared by value, within one mesh only. */
 TEST(places_are_a_meshs) {
     sbl__vertex v[3];
     sbl__geometry g;
@@ -68,6 +70,7 @@ TEST(sides_are_shared) {
     sbl__hash_table_free(&base, &t);
 }
 
+/* The root of a group is its least number, in whatever order its members are joined. */
 TEST(groups_have_their_least_number) {
     enum { COUNT = 1000 };
     static uint32_t parents[COUNT];
@@ -75,7 +78,7 @@ TEST(groups_have_their_least_number) {
     for (i = 0; i < COUNT; i++) parents[i] = i;
     for (i = COUNT - 1; i >= 7; i--) sbl__join(parents, i, i - 7);
     for (i = 0; i < COUNT; i++) wrong += sbl__root(parents, i) != i % 7;
-    CHECK(!wrong, "%u numbers have another root", wrong);
+    CHECK(!wrong, "%u numbers have a wrong root", wrong);
     sbl__join(parents, 996, 5);
     CHECK(sbl__root(parents, 996) == sbl__root(parents, 5), "two joined groups have different roots");
 }
@@ -128,6 +131,7 @@ static void spread(int last) {
     sbl__rings_free(&base, &rings);
 }
 
+/* Values spread to the last column, or to fewer, in rings of equal distance. */
 TEST(values_spread_ring_by_ring) {
     spread(GRID_WIDTH);
     spread(3);
@@ -206,6 +210,7 @@ static void solve(int together, int preconditioned, double identity, int bound) 
     sbl__solver_free(&base, &s);
 }
 
+/* The solver agrees with elimination, with and without preconditioning, fixed unknowns and joint channels. */
 TEST(least_squares_are_solved) {
     solve(0, 1, 0, 0);
     solve(0, 1, 0.1, 1);
@@ -228,6 +233,7 @@ TEST(zero_is_solved_at_once) {
     sbl__solver_free(&base, &s);
 }
 
+/* All memory has been freed. */
 TEST(no_memory_is_left) { CHECK(base.memory.host_bytes == 0, "%.0f bytes are not freed",
 (double)base.memory.host_bytes); }
 

@@ -42,6 +42,7 @@ static void gap_scene(test_scene *s, float gap) {
     scene_box(s, red, -0.9f, 0.5f, -0.9f, 0.9f, 0.6f, 0.9f);
 }
 
+/* Sensors of the floor in the gap are invalid and get light from their neighbours, not from the box. */
 TEST(stuck_sensors_bring_no_light_from_inside) {
     test_scene s = { 0 };
     sbl_picture_desc view = grazing_view(16, 64);
@@ -88,6 +89,7 @@ TEST(stuck_sensors_bring_no_light_from_inside) {
     scene_free(&s);
 }
 
+/* A room that is modelled inside out has the same R as a normal one, and no invalid sensors. */
 TEST(a_room_inside_out_is_valid) {
     test_scene s = { 0 };
     sbl_picture_desc view = plain(scene_view(48, 48, 80, 0.05f, 0.02f, 0.9f, 0.1f, 0.03f, -1), 16);

@@ -394,6 +394,7 @@ static int halves_are_one(double degrees, int of_one_mesh) {
     return one;
 }
 
+/* Vertices of one mesh are joined if position and normal agree within 1 degree. */
 TEST(seams_are_joined) {
     CHECK(halves_are_one(0, 1) == 1 && halves_are_one(0.5, 1) == 1 && halves_are_one(-0.9, 1) == 1,
           "vertices at a seam are not joined");

@@ -56,6 +56,7 @@ static void fill_twice(int mode, int preset, float sign) {
     TWICE(probes, probes, d.probe_count == 27 && (!negative || !ambient || d.options.epsilon < 0));
 }
 
+/* Filling in defaults twice equals filling them in once, for all front ends, modes and presets. */
 TEST(defaults_are_idempotent) {
     sbl_context_desc once = sbl_context_desc_defaults(NULL), again = sbl_context_desc_defaults(&once);
     int mode, preset;
@@ -73,6 +74,7 @@ TEST(defaults_are_idempotent) {
         CHECK(memcmp(&is, &none, sizeof is) == 0, #value " is not all zeroes");  \
     } while (0)
 
+/* Queries of a NULL context return zeroes. */
 TEST(queries_without_a_context_are_zeroes) {
     IS_ZERO(sbl_context_desc, sbl_query_desc(NULL));
     IS_ZERO(sbl_capabilities, sbl_query_capabilities(NULL));
@@ -163,6 +165,7 @@ static double off_the_ball(int facets, float facet_limit, float **normals) {
     return count ? off / count : -1;
 }
 
+/* The default of facet_limit is 2 pixels; a negative one keeps all shading normals. */
 TEST(negative_facet_limit_is_shading_normals_everywhere) {
     static const float limits[4] = { 0, 2, -1, 1 };
     float *normals[4];
@@ -180,6 +183,7 @@ TEST(negative_facet_limit_is_shading_normals_everywhere) {
     for (i = 0; i < 4; i++) free(normals[i]);
 }
 
+/* With a negative scale, the picture equals the one without an environment, to the bit. */
 TEST(negative_scale_is_no_light_of_the_environment) {
     static const float white[4] = { 1, 1, 1, 1 };
     static small_picture without, none, usual;

@@ -133,7 +133,7 @@ static int slabs(const picture *with, const picture *bare) {
                 warmed += (double)a[0] / (a[2] + 1) > 1.1 * b[0] / (b[2] + 1);
             }
         }
-    printf("%d pixels of slabs, green %.1f; %d glow; %d in shadow, %d warmed; %d coloured without them\n",
+    printf("%d pixels of slabs, green %.1f; %d emit; %d in shadow, %d lit by them; %d coloured without them\n",
            teal, teal ? light_of_teal / teal : 0, glowing, shadow, warmed, coloured);
     if (coloured) return fail("a grey room without the slabs");
     if (teal < with->width * with->height / 100) return fail("slabs");
