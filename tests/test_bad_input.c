@@ -1256,8 +1256,8 @@ TEST(giving_up_midway) {
             else if (way == 2) CHECK(sbl_set_mesh_transform(c, 0, matrix) == SBL_SUCCESS, "%s", watch_last(&seen));
             else if (way == 3) CHECK(sbl_begin_picture(c, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
             else sbl_destroy(c);
-            if (way < 3) CHECK(sbl_progress(c) == 0 && sbl_step(c, 0) == SBL_ERROR_STATE,
-            "the abandoned picture continues");
+            if (way < 3)
+                CHECK(sbl_progress(c) == 0 && sbl_step(c, 0) == SBL_ERROR_STATE, "the abandoned picture continues");
             if (way == 4)
                 CHECK(seen.blocks == before, "%d blocks leaked by sbl_destroy after %d steps", seen.blocks - before,
                       steps);

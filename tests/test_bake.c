@@ -377,8 +377,8 @@ TEST(probes_hold_the_lamps_light) {
         double p[3] = { 0, 0, 0 };
         const double expected[3] = { -1.75 + 4 * (i % 2 + 0.5) / 2, -0.5 + 2.5 * (i / 2 + 0.5) / 3, 0 };
         CHECK(sscanf(at, "{\"position\": [%lf, %lf, %lf]", &p[0], &p[1], &p[2]) == 3, "%.50s", at);
-        for (k = 0; k < 3; k++) CHECK(fabs(p[k] - expected[k]) < 1e-5, "point %d: %g, expected %g", i, p[k],
-        expected[k]);
+        for (k = 0; k < 3; k++)
+            CHECK(fabs(p[k] - expected[k]) < 1e-5, "point %d: %g, expected %g", i, p[k], expected[k]);
     }
     CHECK(i == 6 && strstr(text, "\"grid\": [2, 3, 1]"), "%d probes", i);
 }

@@ -327,7 +327,7 @@ TEST(atlas_sizes) {
         if (!plain_picture(&desc, &now)) return;
         d = distance_of(&base, &now);
         printf("  view texture of %d: mean %.2g, rms %.2g, most %.2g, %d pixels\n", sizes[i], d.mean, d.rms, d.most,
-        d.pixels);
+               d.pixels);
         rounding(d, "another size of the view texture");
     }
 }

@@ -213,8 +213,7 @@ static void predicted_well(void (*make)(known *)) {
         if (!scene_render(context, &k.scene, &k.view)) break;
         f = compare(&k, truth);
         printf("  target error %.1f %%: %.2f %% predicted, %.2f %% by pixels, %.2f %% true; %.1f %% of the pixels "
-        "within "
-               "twice their prediction; %lld sensors, %lld rays\n",
+               "within twice their prediction; %lld sensors, %lld rays\n",
                100 * (double)asked[level], 100 * f.predicted, 100 * f.by_pixels, 100 * f.truth, 100 * f.within,
                (long long)sbl_query_stats(context).sensors.count, (long long)sbl_query_stats(context).sensors.rays);
         CHECK(f.predicted <= (double)asked[level] && f.predicted > 0.5 * (double)asked[level],

@@ -70,8 +70,8 @@ TEST(guides_are_densities) {
         if (kind == 0)
             CHECK(fabs(in_bright / count * SBL__GUIDE_BINS - 1) < 0.2, "a uniform guide sends %g of the rays to a bin",
                   in_bright / count);
-        if (kind == 1) CHECK(in_bright / count > 0.08, "%g of the rays go to the bin that has all light",
-        in_bright / count);
+        if (kind == 1)
+            CHECK(in_bright / count > 0.08, "%g of the rays go to the bin that has all light", in_bright / count);
     }
 }
 
@@ -127,7 +127,7 @@ TEST(rays_go_through_the_hole) {
                   (double)s.weight_sum);
         }
     printf("  %d sensors: without guides %.1f %% of the rays would pass through the hole, with them %.1f %% do\n",
-    sensors, 100 * even / sensors,
+           sensors, 100 * even / sensors,
            100 * guided / sensors);
     CHECK(sensors > 100 && wrong == 0 && worst < 1e-3, "%d sensors, %d of %d rays have the wrong radiance; others are "
           "off by up to %g",

@@ -902,7 +902,7 @@ TEST(no_light_under_thin_walls) {
                         CHECK(arrives > 0.3f && arrives < 1e6f, "%s at scale %g: R without walls is %g", names[kind],
                               (double)scale, (double)arrives);
                     } else CHECK(inside <= 1e-4f * arrives, "%s at scale %g%s, %s walls: R inside is %g, without "
-                    "walls %g",
+                                 "walls %g",
                                  names[kind], (double)scale,
                                  way ? ", a sensor a pixel" : "", thick ? "thick" : "thin", (double)inside,
                                      (double)arrives);
@@ -1143,7 +1143,7 @@ TEST(energy_in_a_box) {
         lost = kind == 7 ? swallowed(&s) : 0;
         in = arriving(&s, v3_of(1, 0.8, 0.6), 0, 32);
         printf("    %s: flux %.4f leaves, %.4f reaches other lamps, the walls get %+.3f %% too much\n", names[kind],
-        out, lost,
+               out, lost,
                100 * ((in + lost) / out - 1));
         CHECK(fabs((in + lost) / out - 1) < (kind == 7 ? 0.004 : 0.0007),
               "%s: flux %.5f leaves, %.5f reaches other lamps, %.5f arrives", names[kind], out, lost, in);
@@ -1201,7 +1201,7 @@ TEST(energy_from_afar) {
     }
 }
 
-/* In SBL_MODE_PAPER only emitting surfaces give light; sbl_lights and sky pictures give none. */
+/* In SBL_MODE_PAPER only emitting surfaces give light; sbl_lights and the environment give none. */
 TEST(none_of_it_in_paper_mode) {
     test_scene s = { 0 };
     sbl_picture_desc view = patch(4, 3, 0.5, 0, 0, 1);

@@ -128,9 +128,8 @@ TEST(it_sees_nothing_else) {
     if (syscall(SCENE__LANDLOCK_CREATE, NULL, 0, 1) >= 1)
         CHECK(strstr(told, "Landlock at work"), "the kernel has Landlock, but it is not used: %s", told);
 #ifdef SCENE__MACHINE
-    if (prctl(PR_GET_SECCOMP, 0, 0, 0, 0) >= 0) CHECK(strstr(told, "seccomp at work"),
-    "the kernel has seccomp, but it is not used: %s",
-        told);
+    if (prctl(PR_GET_SECCOMP, 0, 0, 0, 0) >= 0)
+        CHECK(strstr(told, "seccomp at work"), "the kernel has seccomp, but it is not used: %s", told);
 #endif
     scene_file_free(file);
 }

@@ -490,8 +490,11 @@ TEST(each_level_is_sharper) {
         if (result != SBL_UNFINISHED) break;
         for (k = 0; k < 2; k++) {
             const sbl_result is = sbl_read_channel(context, channels[k], now[k], 3 * PIXELS);
-            if (is == SBL_UNFINISHED) { waiting++; CHECK(!seen_before,
-            "a visible picture became unreadable"); continue; }
+            if (is == SBL_UNFINISHED) {
+                waiting++;
+                CHECK(!seen_before, "a visible picture became unreadable");
+                continue;
+            }
             REQUIRE(is == SBL_SUCCESS, "an unfinished picture cannot be read: %s", sbl_result_string(is));
             seen_before = 1;
             if (memcmp(now[k], last[k], sizeof last[k]) == 0) continue;

@@ -234,8 +234,9 @@ TEST(zero_is_solved_at_once) {
 }
 
 /* All memory has been freed. */
-TEST(no_memory_is_left) { CHECK(base.memory.host_bytes == 0, "%.0f bytes are not freed",
-(double)base.memory.host_bytes); }
+TEST(no_memory_is_left) {
+    CHECK(base.memory.host_bytes == 0, "%.0f bytes are not freed", (double)base.memory.host_bytes);
+}
 
 int main(void) {
     base.allocator.alloc = take;

@@ -173,8 +173,7 @@ TEST(negative_facet_limit_is_shading_normals_everywhere) {
     int i;
     for (i = 0; i < 4; i++) REQUIRE((off[i] = off_the_ball(0, limits[i], &normals[i])) >= 0, "%s", watch_last(&seen));
     printf("  normals differ from the ball's by %.5f, with a limit of 2 by %.5f, -1 %.5f, 1 %.5f\n", off[0], off[1],
-    off[2],
-           off[3]);
+           off[2], off[3]);
     CHECK(memcmp(normals[0], normals[1], 64 * 64 * 3 * sizeof(float)) == 0, "the default is not 2 pixels");
     CHECK(memcmp(normals[0], normals[3], 64 * 64 * 3 * sizeof(float)) != 0,
           "limits of 1 and 2 pixels give the same normals");

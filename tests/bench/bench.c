@@ -607,7 +607,7 @@ static int raster_part(int json, int quick) {
            views */
         if (ok && !(fabs(r->light_ratio - 1) < (r->size < 64 ? 0.3 : 0.05))) {
             fprintf(stderr, "bench: at %s %d sbl.h finds %.3f times the light of the plain method; the comparison is "
-            "invalid\n",
+                    "invalid\n",
                     r->hemicube ? "hemicube" : "single", r->size, r->light_ratio);
             ok = 0;
         }

@@ -203,7 +203,7 @@ static int versions_part(int json, int quick) {
 static int versions_part(int json, int quick) {
     (void)quick;
     if (!json) printf("versions: skipped, because git history did not contain the older header when the bench was "
-    "built\n");
+                      "built\n");
     return 1;
 }
 #endif

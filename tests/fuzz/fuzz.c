@@ -562,7 +562,7 @@ static void fuzz_read(fuzz_context *c, int channel, size_t room) {
     snprintf(what, sizeof what, "channel %d", channel);
     if (FUZZ_CALL(c, sbl_read_channel(c->sbl, (sbl_channel)channel, out, less)) == SBL_SUCCESS) {
         FUZZ_CHECK(less == count, "channel %d: %d floats were written into an array of %d", channel, (int)count,
-        (int)less);
+                   (int)less);
         fuzz_numbers(what, out, less);
     }
     free(out);
@@ -615,7 +615,7 @@ static void fuzz_queries(fuzz_bytes *b, fuzz_context *c) {
     sbl_encode_srgb8(bytes, numbers, sizeof bytes, numbers[11]);
     FUZZ_CHECK(sbl_progress(c->sbl) >= 0 && sbl_progress(c->sbl) <= 1, "sbl_progress");
     FUZZ_CHECK(sbl_result_string((sbl_result)number)[0] && sbl_log_item_string((sbl_log_item)number)[0],
-    "a result or log item has no text");
+               "a result or log item has no text");
     FUZZ_CHECK(memory.host_bytes <= memory.host_peak_bytes && memory.gpu_bytes <= memory.gpu_peak_bytes, "peaks");
     FUZZ_CHECK(picture.width && gather.options.rays && stats.sensors.count >= 0, "defaults");
     FUZZ_CHECK(!desc.sensor_texture_size == !c->sbl, "sbl_query_desc does not fit the context");

@@ -109,7 +109,7 @@ static int charts(const picture *p) {
     printf("back wall %d %d %d to %d %d %d; %d black texels between charts\n", left[0], left[1], left[2], right[0],
            right[1], right[2], black);
     if (left[0] * right[1] < 1.1 * left[1] * right[0]) return fail("a back wall that is redder near the red wall, "
-    "greener near the green one");
+                                                                            "greener near the green one");
     if (light(top) < 1.5 * light(lamp) || light(lamp) < 100)
         return fail("a tall block lit by the lamp, and a lamp lit by the room");
     if (black) return fail("charts continued beyond their edges");
