@@ -1,5 +1,5 @@
 /* The error in the Cornell box at 512 x 512 with sensors at every pixel and with default settings, which must be as the
-   README says; the default puts sensors at no more than a fifth of the pixels.
+   examples/MEASUREMENTS.md says; the default puts sensors at no more than a fifth of the pixels.
    The reference is the closed form of the lamp times its visibility, by the ray caster. Sensors at all 262,144 pixels
    would take minutes on a software renderer, so windows spread over the picture are rendered instead: crops of the same
    camera with the same pixels. */

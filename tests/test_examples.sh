@@ -258,7 +258,7 @@ bench_check bench_versions
 
 # >>failures: an exit status that is not 0, and one line on stderr
 
-# fails_in_words PROGRAM ARGUMENTS...
+# fails_in_words PROGRAM ARGUMENTS...: the program must fail with one line on stderr
 fails_in_words() {
     status=0
     "$BUILD_DIR/$@" > "$folder/said" 2> "$folder/errors" || status=$?

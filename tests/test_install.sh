@@ -4,7 +4,7 @@ set -u
 export LC_ALL=C
 cd "$(dirname "$0")/.." || exit 1
 . tests/support/check.sh
-umask 077  # like a strict root; the installed files must be readable by others anyway
+umask 077  # strict, as root's may be; others must be able to read the installed files anyway
 
 prefix="$folder/prefix" stage="$folder/a stage"
 list() { (cd "$1" && find . -type f | sort); }

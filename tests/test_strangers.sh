@@ -7,7 +7,7 @@ cd "$(dirname "$0")/.." || exit 1
 . tests/support/check.sh
 tool="$PWD/${BUILD_DIR:-build}/sbl_render"
 [ "${BUILD_DIR:-build}" = build/sanitize ] && sanitized=1 || sanitized=
-folder=$(cd "$folder" && pwd -P)  # resolved as messages print it
+folder=$(cd "$folder" && pwd -P)  # messages print the resolved path
 
 # >>files: a scene in $folder/scene, and files that it must not read in $folder/secret
 
@@ -63,7 +63,7 @@ write("scene/buffer_home.gltf", gltf("home.bin"))
 write("scene/texture_inside.obj", obj("of_inside.mtl"))
 write("scene/of_inside.mtl", "newmtl m\nmap_Kd inside/picture.png\n")
 write("scene/texture_moved.obj", obj("of_moved.mtl"))
-write("scene/of_moved.mtl", "newmtl m\nmap_Kd %s/secret/moved.png\n" % folder)  # exists there, but here as well
+write("scene/of_moved.mtl", "newmtl m\nmap_Kd %s/secret/moved.png\n" % folder)  # and in the scene's folder
 write("secret/moved.png", picture)
 write("scene/moved.png", picture)
 
@@ -149,7 +149,7 @@ check the_sky_lies_anywhere renders "$folder/scene/few.gltf" --sky "$folder/secr
 ln -s "$folder/scene/few.gltf" "$folder/secret/linked.gltf"
 check a_scene_may_be_a_link renders "$folder/secret/linked.gltf"
 
-# >>the messages about what confines the reader
+# >>messages about the confinement of the reader
 
 is_told() {
     render "$folder/scene/few.gltf" --verbose --quiet

@@ -7,7 +7,7 @@ cd "$(dirname "$0")/.." || exit 1
 . tests/support/check.sh
 warnings='-Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror'
 
-# the programs in that chapter of the manual, each from its first #include on
+# the programs in the manual's chapter ON WINDOWS AND MACOS, each from its first #include on
 awk -v folder="$folder" '
     /^   ON DETERMINISM$/ { exit }
     /^   ON WINDOWS AND MACOS$/ { on = 1 }
