@@ -579,8 +579,8 @@ TEST(environments) {
     usable("bad environments");
 }
 
-/* Lights without light are valid: intensity, power or radiance of 0. The picture must equal the one without lights, to
-   the bit. */
+/* Lights of intensity 0 and a black sky picture are valid, also with extreme directions, angles and rotations. The
+   picture must equal the one without lights, to the bit. */
 TEST(lights_without_light) {
     static small_picture without, with;
     static float black[4 * 4];

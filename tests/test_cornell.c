@@ -1,4 +1,4 @@
-/* The error in the Cornell box at 512 x 512 with sensors at every pixel and with default settings, which must be as the
+/* The error in the Cornell box at 512 x 512 with sensors at every pixel and with default settings, which must be as
    examples/MEASUREMENTS.md says; the default puts sensors at no more than a fifth of the pixels.
    The reference is the closed form of the lamp times its visibility, by the ray caster. Sensors at all 262,144 pixels
    would take minutes on a software renderer, so windows spread over the picture are rendered instead: crops of the same

@@ -419,7 +419,8 @@ static double largest_jump(const float *map, int width, int height) {
     return worst;
 }
 
-/* Lighting of a ball of 32 charts is continuous across all seams, and few texels change much. */
+/* On a ball of 32 charts, making seams equal reduces the largest jump to less than 1 %, and changes texels by less than
+   2 % rms. */
 TEST(seams_of_a_ball) {
     static test_scene s;
     sbl_lightmap_desc desc = map_of(256, 128, SBL_MODE_DIRECT);

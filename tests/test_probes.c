@@ -520,7 +520,7 @@ TEST(moving_out) {
 
 /* >>the descriptor */
 
-/* A grid's probes are in the order x, y, z and have the same light as a list of the same positions. */
+/* A grid's probes are in order, x fastest, and have the same light as a list of the same positions. */
 TEST(grids_in_order) {
     static test_scene s;
     static const float low[3] = { -1, 0, 2 }, high[3] = { 5, 1, 10 };

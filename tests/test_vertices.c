@@ -517,8 +517,8 @@ TEST(meshes_are_chosen) {
 
 /* >>points */
 
-/* The number of points is proportional to the area, at least 4 and at most 8 * `samples` per triangle. Large bakes are
-   gathered in parts of 65,536 points. */
+/* The number of points is proportional to the area, at least 4 (or `samples` if less) and at most 8 * `samples` per
+   triangle. Large bakes are gathered in parts of 65,536 points. */
 TEST(points_follow_area) {
     static const float p[18] = { 0, 0, 0, 0, 0, 1, 1, 0, 0, 5, 0, 0, 5, 0, 3, 6, 0, 0 };
     static const struct { int samples, sensors;
